@@ -1,0 +1,165 @@
+# Pyrovox - one Makefile, no recursion, everything built under $(B).  `make help` lists the targets.
+# SAN=address,undefined | thread, CC=clang, O=-O0 each build in a folder of their own.
+SHELL := /bin/bash
+-include config.mk
+ifeq ($(origin CC),default)
+CC := gcc
+endif
+Q := $(if $(V),,@)
+say = $(if $(V),,@printf '  %-4s %s\n' $(1) $@)
+O   ?= -O2
+SAN ?=
+comma := ,
+VARIANT := $(if $(filter-out gcc cc,$(notdir $(CC))),-$(notdir $(CC)))$(if $(strip $(SAN)),-$(subst $(comma),-,$(strip $(SAN))))$(if $(filter-out -O2,$(O)),$(O))
+B := build$(VARIANT)
+PREFIX ?= /usr/local
+DESTDIR ?=
+VERSION := 0.1.0
+
+# ---- packages ---------------------------------------------------------------------------------
+# What a bare Debian 12 needs to build, run and test.  tests/setup.sh asks dpkg first, so installed
+# packages cost no network, and uses sudo only when not root.
+PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
+  libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev
+PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
+  libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux
+
+PKGS := aravis-0.8 libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd
+# The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
+pkg_cflags = $(eval pkg_cflags := $$(shell pkg-config --cflags $(PKGS)))$(pkg_cflags)
+pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)
+
+WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Wformat=2 \
+  -Wpointer-arith -Wwrite-strings -Wundef
+CPPFLAGS += -I. -Idaemon -D_GNU_SOURCE -DPVX_VERSION='"$(VERSION)"' -MMD -MP
+CFLAGS   += -std=c17 $(O) -g $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
+  $(if $(WERROR),-Werror) $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer)
+CXXFLAGS += -std=c++17 $(O) -g -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
+LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN))
+LDLIBS    = $(pkg_libs) -lpthread -ldl -lm
+
+# ---- sources ----------------------------------------------------------------------------------
+BASE    := $(sort $(wildcard daemon/base/*.c))
+RECON   := $(sort $(wildcard recon/*.c recon/simd/*.c))
+CAPTURE := $(sort $(wildcard capture/*.c))
+PROTO   := $(sort $(wildcard proto/*.c))
+CLIENT  := $(sort $(wildcard proto/clients/*.c))
+DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c)))
+CLI     := $(filter-out daemon/cli/pyrovox.c,$(sort $(wildcard daemon/cli/*.c)))
+obj = $(patsubst %.c,$(B)/%.o,$(1))
+
+LIBS := $(B)/lib/libpyrovox-daemon.a $(B)/lib/libpyrovox-capture.a $(B)/lib/libpyrovox-client.a \
+  $(B)/lib/libpyrovox-proto.a $(B)/lib/libpyrovox-recon.a $(B)/lib/libpyrovox-base.a
+BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
+PLUGINS := $(if $(wildcard capture/opencv_shim.cpp),$(B)/lib/pyrovox-opencv.so)
+
+UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
+FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
+BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
+
+.DEFAULT_GOAL := all
+.PHONY: all help setup setup-test run test test-sanitize bench lint check-layers format-check \
+  fuzz clean install uninstall tests-build
+.DELETE_ON_ERROR:
+.SECONDARY:
+
+all: $(BINS) $(PLUGINS) $(LIBS) ## build build/bin/pyrovox and build/bin/pyrovoxd
+
+help: ## list the targets
+	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo; echo "  Variables: SECONDS=n (make run), SAN=address,undefined|thread, CC=clang, O=-O0, WERROR=1, PREFIX, DESTDIR"
+
+setup:
+	@tests/setup.sh $(PACKAGES_BUILD)
+setup-test:
+	@tests/setup.sh $(PACKAGES_BUILD) $(PACKAGES_TEST)
+
+# SECONDS is bash's own clock unless it is given on make's command line.
+RUN_SECONDS := $(if $(filter command line,$(origin SECONDS)),$(SECONDS),0)
+run: setup ## install what is missing, build, and watch 8 simulated GigE cameras become a flame (SECONDS=n to stop by itself)
+	@$(MAKE) --no-print-directory -s all
+	@exec $(B)/bin/pyrovox demo --seconds $(RUN_SECONDS)
+
+test: setup-test ## install what is missing, build, run every test; ends with "N passed, N failed, N skipped"
+	@$(MAKE) --no-print-directory -j2 all tests-build
+	@tests/run.sh $(B)
+
+test-sanitize: setup-test ## the unit, check, sim and fuzz-corpus tests under ASan+UBSan and TSan
+	@$(MAKE) --no-print-directory -j2 SAN=address,undefined all tests-build
+	@tests/run.sh build-address-undefined --no-system
+	@$(MAKE) --no-print-directory -j2 SAN=thread all tests-build
+	@tests/run.sh build-thread --no-system
+
+tests-build: $(UNIT) $(FUZZ) $(BENCH)
+
+bench: setup-test ## speed against error, stage times over their bounds (writes build/bench/)
+	@$(MAKE) --no-print-directory -j2 all tests-build
+	@tests/bench/run.sh $(B)
+
+fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
+	@$(MAKE) --no-print-directory -j2 CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
+	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
+
+lint: check-layers ## layer check, man pages, shell and format checks
+	@tests/lint.sh
+check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
+	@tests/check-layers.sh
+format-check: ## clang-format --dry-run over the C sources
+	@clang-format --dry-run -Werror $$(git ls-files '*.c' '*.h' '*.cpp')
+
+clean: ## remove everything that was built
+	rm -rf build build-*
+
+# ---- rules ------------------------------------------------------------------------------------
+$(B)/recon/simd/kernels_avx2.o: CFLAGS += -mavx2 -mfma -mf16c
+$(B)/recon/simd/kernels_avx512.o: CFLAGS += -mavx512f -mavx512vl -mfma
+$(B)/capture/%.o $(B)/proto/%.o: CFLAGS += -Wconversion -Wno-sign-conversion
+
+$(B)/%.o: %.c Makefile
+	@mkdir -p $(@D)
+	$(call say,CC)
+	$(Q)$(CC) $(CPPFLAGS) $(CFLAGS) $(pkg_cflags) -c $< -o $@
+
+define lib
+$(B)/lib/libpyrovox-$(1).a: $(call obj,$(2))
+	@mkdir -p $$(@D)
+	@rm -f $$@
+	@ar rcs $$@ $$^
+endef
+$(eval $(call lib,base,$(BASE)))
+$(eval $(call lib,recon,$(RECON)))
+$(eval $(call lib,capture,$(CAPTURE)))
+$(eval $(call lib,proto,$(PROTO)))
+$(eval $(call lib,client,$(CLIENT)))
+$(eval $(call lib,daemon,$(DAEMON)))
+
+# The OpenCV module is C++ and loaded on first use; it is its own shared object.
+$(B)/lib/pyrovox-opencv.so: capture/opencv_shim.cpp capture/opencv_shim.h
+	@mkdir -p $(@D)
+	$(call say,CXX)
+	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio
+
+link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) -Wl,--start-group $(filter %.a,$^) -Wl,--end-group $(LDLIBS)
+$(B)/bin/pyrovox: $(call obj,daemon/cli/pyrovox.c $(CLI)) $(LIBS)
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(link)
+$(B)/bin/pyrovoxd: $(call obj,daemon/main.c) $(LIBS)
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(link)
+
+$(B)/tests/%: $(B)/tests/%.o $(LIBS)
+	$(call say,LD)
+	$(Q)$(link)
+# Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
+$(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
+	$(call say,LD)
+	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
+# The allocation test interposes malloc in the executable.
+-include $(shell test -d $(B) && find $(B) -name '*.d')
+
+install: all ## install programs, man pages, units and headers under DESTDIR/PREFIX
+	@systemd/install.sh "$(B)" "$(DESTDIR)" "$(PREFIX)"
+uninstall: ## remove what install put there
+	@systemd/install.sh --remove "$(DESTDIR)" "$(PREFIX)"

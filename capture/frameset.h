@@ -1,0 +1,49 @@
+/* frameset.h - frames of N cameras grouped by exposure time.
+ *
+ * A set is all frames whose mapped exposure times lie within `tolerance` of each other; never
+ * matched by arrival or by counting.  Open sets are kept in order of time; a set closes when all
+ * cameras that are alive are in, when a newer set completes, or at its deadline (first arrival +
+ * max_wait).  Policy for a set that closes without all: DROP (frames counted UNMATCHED) or PARTIAL
+ * (emitted with a mask).  Sets come out in order of exposure.
+ * Invariant (tested): frames put == frames in emitted sets + late + unmatched + displaced + open.
+ * Threads: one thread (the assembler's).  Allocates nothing after new. */
+#ifndef CAP_FRAMESET_H
+#define CAP_FRAMESET_H
+#include "capture/source.h"
+
+#define CAP_MAX_CAMERAS 64
+enum cap_policy { CAP_POLICY_DROP, CAP_POLICY_PARTIAL };
+
+struct cap_set {
+    uint64_t number;            /* 0, 1, 2 ... as emitted */
+    int64_t t_exposure_ns;      /* mean of the members, host CLOCK_REALTIME */
+    int64_t spread_ns;          /* latest - earliest exposure */
+    int64_t t_last_mono_ns;     /* arrival of the last member, CLOCK_MONOTONIC: latency starts here */
+    uint32_t n;                 /* members */
+    struct cap_frame *frame[CAP_MAX_CAMERAS]; /* NULL = missing */
+};
+void cap_set_release(struct cap_set *s); /* releases its frames; the struct goes back to its pool */
+
+struct cap_assembler_params {
+    uint32_t cameras;
+    int64_t tolerance_ns;   /* 0 = a quarter of the period */
+    int64_t max_wait_ns;    /* default 150 ms */
+    int64_t period_ns;      /* nominal, from fps; 0 = unknown */
+    enum cap_policy policy;
+    uint32_t min_cameras;   /* PARTIAL: fewer are dropped */
+};
+typedef struct cap_assembler cap_assembler;
+PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
+                                         const struct cap_sink *counts, cap_assembler **out);
+void cap_assembler_free(cap_assembler **a);
+/* Takes f.  Any sets that this completes come out of cap_assembler_pop. */
+void cap_assembler_put(cap_assembler *a, struct cap_frame *f);
+/* Tell it which cameras are alive: it does not wait for the others. */
+void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive);
+/* Close what is overdue at mono time `now`. */
+void cap_assembler_tick(cap_assembler *a, int64_t now_mono_ns);
+/* Next finished set or NULL. Caller owns it until cap_set_release. */
+struct cap_set *cap_assembler_pop(cap_assembler *a);
+/* Close everything (end of a replay). */
+void cap_assembler_flush(cap_assembler *a);
+#endif

@@ -1,0 +1,35 @@
+#include "base/clock.h"
+
+#include <errno.h>
+#include <time.h>
+
+static int64_t now(clockid_t id)
+{
+    struct timespec ts;
+    clock_gettime(id, &ts);
+    return (int64_t)ts.tv_sec * PVX_NS_PER_S + ts.tv_nsec;
+}
+
+int64_t pvx_now_mono(void)
+{
+    return now(CLOCK_MONOTONIC);
+}
+
+int64_t pvx_now_real(void)
+{
+    return now(CLOCK_REALTIME);
+}
+
+int64_t pvx_now_thread_cpu(void)
+{
+    return now(CLOCK_THREAD_CPUTIME_ID);
+}
+
+void pvx_sleep_until_mono(int64_t mono_ns)
+{
+    if (mono_ns <= 0)
+        return;
+    struct timespec ts = {.tv_sec = mono_ns / PVX_NS_PER_S, .tv_nsec = mono_ns % PVX_NS_PER_S};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &ts, NULL) == EINTR)
+        ;
+}

@@ -1,0 +1,19 @@
+/* clock.h - the clocks of the product, int64_t nanoseconds each.
+ *
+ * mono = CLOCK_MONOTONIC: durations, deadlines, latency.  real = CLOCK_REALTIME (UTC): what is
+ * written into frames, volumes and files.  Every field that holds a time names its clock. */
+#ifndef PVX_CLOCK_H
+#define PVX_CLOCK_H
+#include <stdint.h>
+
+#define PVX_NS_PER_S 1000000000LL
+#define PVX_NS_PER_MS 1000000LL
+
+int64_t pvx_now_mono(void);
+int64_t pvx_now_real(void);
+/* CPU time of the calling thread, ns. */
+int64_t pvx_now_thread_cpu(void);
+/* Sleep until `mono_ns` of the mono clock; returns early never, at once when it has passed. */
+void pvx_sleep_until_mono(int64_t mono_ns);
+
+#endif

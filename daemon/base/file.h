@@ -1,0 +1,23 @@
+/* file.h - whole-file reading and crash-safe writing. */
+#ifndef PVX_FILE_H
+#define PVX_FILE_H
+#include <stddef.h>
+#include "base/err.h"
+
+/* Read all of `path` (at most `max` bytes) into a fresh buffer with a 0 byte after the end.
+ * Owner: caller, free().  Errors: PVX_ENOENT, PVX_EPERM, PVX_EIO, PVX_ERANGE (too large). */
+PVX_MUST_CHECK pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len,
+                                     struct pvx_diag *d);
+
+/* Write to `path`.tmp.PID, fsync, rename: readers see the old file or the whole new one.  On error
+ * (PVX_ENOSPC, PVX_EPERM, PVX_EIO) the old file is untouched and the temporary is removed. */
+PVX_MUST_CHECK pvx_err pvx_file_write(const char *path, const void *data, size_t len,
+                                      struct pvx_diag *d);
+
+/* mkdir -p, mode 0777 & ~umask. */
+PVX_MUST_CHECK pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d);
+
+/* Directory the running executable lies in ("/usr/bin"), no trailing slash. */
+PVX_MUST_CHECK pvx_err pvx_exe_dir(char *out, size_t size);
+
+#endif

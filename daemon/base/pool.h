@@ -1,0 +1,25 @@
+/* pool.h - fixed pool of worker threads for data-parallel loops.
+ *
+ * Several callers (pipeline stages) may run loops at the same time; each caller works on its own
+ * loop too, so a pool of T threads in all keeps T cores busy and a pool of 1 starts no thread.
+ * The split of the work into tasks is the caller's and must not depend on the number of threads:
+ * then neither do the results. */
+#ifndef PVX_POOL_H
+#define PVX_POOL_H
+#include <stddef.h>
+#include "base/err.h"
+
+typedef struct pvx_pool pvx_pool;
+typedef void (*pvx_task_fn)(void *ctx, size_t task);
+
+/* `threads` in all, counting the caller of pvx_pool_run: 1..256; 0 = one per online CPU.
+ * `name` prefixes the thread names.  Errors: PVX_EINVAL, PVX_ENOMEM, PVX_EIO. */
+PVX_MUST_CHECK pvx_err pvx_pool_new(unsigned threads, const char *name, pvx_pool **out);
+void pvx_pool_free(pvx_pool **p);
+unsigned pvx_pool_threads(const pvx_pool *p);
+
+/* fn(ctx, 0..n-1), in any order and on any thread; returns when all are done.  `p` may be NULL:
+ * then serial on the caller.  Allocates nothing.  Not from inside a task. */
+void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx);
+
+#endif

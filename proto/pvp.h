@@ -1,0 +1,94 @@
+/* pvp.h - Pyrovox wire format: encode and decode one message in memory (PROTOCOL.md is the spec).
+ *
+ * One message = one ZeroMQ frame, little-endian, fixed header with type, version, sequence and
+ * length; a subscriber filters on the first bytes.  Types: start, volume, status, end.
+ * A volume carries only bricks of 8^3 voxels that have an active voxel.
+ * Decoding is bounds-checked and never trusts a length; it allocates nothing: it gives views into
+ * the message, and pvp_volume_unpack writes into the caller's array.
+ * Threads: pure; an encoder belongs to one thread. */
+#ifndef PVP_H
+#define PVP_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "base/err.h"
+
+enum pvp_type { PVP_START = 100, PVP_VOLUME = 200, PVP_STATUS = 300, PVP_END = 400 };
+enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
+enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
+#define PVP_BRICK 8
+
+struct pvp_grid {
+    uint32_t n[3];
+    double min[3], max[3]; /* m */
+    uint32_t basis;        /* 0 box, 1 trilinear */
+    uint32_t channels;     /* 1 or 3 */
+};
+struct pvp_start {
+    struct pvp_grid grid;
+    uint64_t session;      /* differs between runs of the daemon */
+    uint64_t rig_hash;
+    uint32_t n_cameras;
+    double fps;            /* nominal, 0 unknown */
+    char units[32];        /* "1/m" : linear pixel value per metre */
+    char software[32];     /* "pyrovoxd 0.1.0" */
+};
+struct pvp_report {
+    uint32_t status;       /* enum as recon's rec_status: 0 converged 1 max-iter 2 deadline 3 stagnated 4 empty */
+    char solver[16];
+    uint32_t iterations;
+    double rel_residual;
+    uint32_t active_voxels, active_rays;
+    uint64_t entries;
+    int64_t photometry_ns, hull_ns, restrict_ns, solve_ns, total_ns;
+};
+struct pvp_volume {
+    uint64_t session, set; /* set: number of the frame set */
+    int64_t t_exposure_ns; /* host CLOCK_REALTIME (UTC) */
+    int64_t t_publish_ns;  /* same clock */
+    int64_t spread_ns, latency_ns; /* last frame received -> encoded */
+    uint32_t cameras_present; uint64_t camera_mask;
+    struct pvp_grid grid;
+    struct pvp_report report;
+};
+
+/* --- encoding: buffers are sized once for the grid --- */
+typedef struct pvp_encoder pvp_encoder;
+PVX_MUST_CHECK pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample,
+                                       enum pvp_compress comp, pvp_encoder **out);
+void pvp_encoder_free(pvp_encoder **e);
+/* Sparse volume: n voxels, index ascending (x fastest), value [n][stride] of which the first
+ * grid.channels count.  *msg borrowed until the next call.  Non-finite values are refused. */
+PVX_MUST_CHECK pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence,
+                                         const struct pvp_volume *v, uint32_t n,
+                                         const int32_t *index, const float *value, int stride,
+                                         const void **msg, size_t *len);
+PVX_MUST_CHECK pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence,
+                                        const struct pvp_start *s, const void **msg, size_t *len);
+/* JSON text as it is. */
+PVX_MUST_CHECK pvx_err pvp_encode_status(pvp_encoder *e, uint64_t sequence, const char *json,
+                                         const void **msg, size_t *len);
+PVX_MUST_CHECK pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session,
+                                      const char *reason, const void **msg, size_t *len);
+
+/* --- decoding --- */
+struct pvp_header { enum pvp_type type; uint32_t version; uint64_t sequence; size_t body; };
+struct pvp_view { /* a volume message's bricks, borrowed from the message */
+    struct pvp_volume v;
+    enum pvp_sample sample; enum pvp_compress comp;
+    uint32_t n_bricks; const uint8_t *ids; const uint8_t *payload; size_t payload_len;
+};
+PVX_MUST_CHECK pvx_err pvp_decode_header(const void *msg, size_t len, struct pvp_header *h,
+                                         struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_start *s,
+                                        struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out,
+                                         struct pvx_diag *d);
+/* dense [nz][ny][nx][channels] out, zeroed first. */
+PVX_MUST_CHECK pvx_err pvp_volume_unpack(const struct pvp_view *v, float *dense, size_t count,
+                                         struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err pvp_decode_status(const void *msg, size_t len, const char **json,
+                                         size_t *json_len, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session,
+                                      char reason[64], struct pvx_diag *d);
+#endif

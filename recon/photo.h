@@ -1,0 +1,42 @@
+/* photo.h - photometry: binned linear pixels -> right-hand side b and silhouettes.
+ *
+ *     b = gain * (p - black - background),  lit = any channel of b >= threshold          (1)
+ *
+ * p is linear, 1.0 = the sensor's full scale.  NaN/Inf pixels become 0, weight 0, are counted and
+ * count as lit (they say nothing, so they may not carve).  Saturated pixels (>= saturation) keep
+ * their value, weight 0 and lit, and are counted.
+ * Auto threshold: background level and noise sigma are estimated robustly per camera and channel
+ * (median and MAD of the darkest half), threshold = max(floor, auto_k * sigma).
+ * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
+ * threshold is automatic; margin then grows the silhouette.
+ * Threads: one call per camera; different cameras in parallel.  Allocates nothing. */
+#ifndef REC_PHOTO_H
+#define REC_PHOTO_H
+#include <stddef.h>
+#include <stdint.h>
+#include "base/err.h"
+
+struct rec_photo_params {
+    float black;       /* full-scale units, subtracted */
+    float threshold;   /* full-scale units; < 0 = auto */
+    float floor;       /* least automatic threshold, default 0.004 (1/255) */
+    float auto_k;      /* default 4 */
+    float saturation;  /* default 0.998 for integer images; >= 1e30 = off (float images) */
+    int32_t margin;    /* bins, >= 0, default 1: grows silhouettes for calibration error */
+    int despeckle;     /* default 1 */
+};
+extern const struct rec_photo_params rec_photo_defaults;
+
+struct rec_photo_stats {
+    uint32_t lit, saturated, not_finite;
+    float sigma[3];    /* noise estimate per channel, full-scale units */
+    float threshold;   /* used */
+};
+
+/* img [bh][bw][cs] in: binned pixels, out: b.  background [bh][bw][cs] or NULL.  gain [3].
+ * weight [bh*bw] out: 0 or 1.  lit [bh*bw] out: 0/1.  scratch [bh*bw floats]. nch 1 or 3. */
+void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
+                     const float gain[3], const struct rec_photo_params *p, float *weight,
+                     uint8_t *lit, float *scratch, struct rec_photo_stats *out);
+
+#endif

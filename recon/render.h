@@ -1,0 +1,20 @@
+/* render.h - a view of a volume by direct forward projection (paper 5): one traversal per ray. */
+#ifndef REC_RENDER_H
+#define REC_RENDER_H
+#include "base/err.h"
+#include "base/pool.h"
+#include "recon/camera.h"
+#include "recon/grid.h"
+
+/* dense [nz][ny][nx][nch] on g (basis as g says) -> image [h][w][nch] float, unclipped, mean over
+ * sub x sub rays per pixel.  Parallel over rows; same bits for any thread count. PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
+                                  const struct rec_camera *c, int sub, pvx_pool *pool,
+                                  float *image);
+
+/* Camera on a circle about the volume's vertical axis, `angle` rad, looking at the centre, framing
+ * the volume; for turntable pictures. */
+void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, int32_t w,
+                      int32_t h, struct rec_camera *out);
+
+#endif

@@ -1,0 +1,62 @@
+/* solve.h - solvers for the restricted system behind one interface (paper 4.3, DESIGN 5).
+ *
+ *   "cgls-paper"  the paper's literal CGLS: clip a_k, recursions untouched; stop by L-curve corner.
+ *                 The baseline.  Diverges for large k, as paper.md says; returns the chosen iterate.
+ *   "pcg"         minimise 1/2 ||W^(1/2)(A x - b)||^2 + lambda/2 ||D x||^2 over x >= 0, D the
+ *                 differences between neighbouring active voxels: projected preconditioned CG;
+ *                 the objective never rises.  The default.
+ *   "mlem"        maximum-likelihood expectation maximisation (Shepp & Vardi, IEEE TMI 1:113, 1982).
+ * All return the best iterate so far with a report, at the deadline too.  x is finite and >= 0.
+ * Channels are solved together but do not influence each other.
+ * Threads: one solve per workspace.  Allocates nothing after rec_solver_new. */
+#ifndef REC_SOLVE_H
+#define REC_SOLVE_H
+#include <stdint.h>
+#include "recon/subsys.h"
+
+enum rec_stop { REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY, REC_STOP_ITERATIONS };
+enum rec_status { REC_CONVERGED, REC_MAX_ITER, REC_DEADLINE, REC_STAGNATED, REC_EMPTY };
+const char *rec_status_name(enum rec_status s); /* "converged" "max-iter" "deadline" ... */
+
+struct rec_solve_params {
+    const char *solver;   /* NULL or "" = default */
+    enum rec_stop stop;
+    uint32_t iterations;  /* upper bound; 0 = the solver's default */
+    float lambda;         /* relative weight of the smoothness term; < 0 = auto */
+    int64_t deadline_ns;  /* mono clock; 0 = none: return the best iterate by then */
+};
+extern const struct rec_solve_params rec_solve_defaults;
+
+struct rec_solve_report {
+    enum rec_status status;
+    const char *solver;     /* static string */
+    uint32_t iterations;    /* done */
+    uint32_t best;          /* iterate returned */
+    double rel_residual;    /* ||W^(1/2)(A x - b)|| / ||W^(1/2) b|| over A's rows, all channels; 0 for b = 0 */
+    double residual_norm, solution_norm;
+    double objective;       /* of the returned iterate; 0 where the method has none */
+    double lambda;          /* absolute weight used */
+    int64_t time_ns;
+};
+
+typedef struct rec_solver rec_solver; /* work areas for one solve at a time */
+
+/* Names of all solvers, NULL-terminated; the first is the default. */
+const char *const *rec_solver_names(void);
+
+/* Work areas for systems of S with `nch` channels (1 or 3).  Errors: PVX_ENOMEM, PVX_EINVAL. */
+PVX_MUST_CHECK pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out);
+void rec_solver_free(rec_solver **s);
+
+/* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise per pixel (full-scale
+ * units; <= 0 unknown).  x [n][cs]: in: start (zero, or a warm start >= 0), out: result.
+ * trace: called after each iteration with the current iterate (for tests and benches), or NULL.
+ * Errors: PVX_EINVAL (unknown solver); non-finite input is the caller's bug (photo.h cleans it). */
+typedef void (*rec_trace_fn)(void *ctx, uint32_t iteration, const float *x, double objective,
+                             double residual_norm);
+PVX_MUST_CHECK pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b,
+                                 const float *w, double sigma, const struct rec_solve_params *p,
+                                 float *x, rec_trace_fn trace, void *trace_ctx,
+                                 struct rec_solve_report *out);
+
+#endif

@@ -1,0 +1,19 @@
+#!/bin/bash
+# Style checks that need no build: man pages, shell syntax, conventions of STYLE.
+set -u
+cd "$(dirname "$0")/.."
+bad=0
+for s in $(git ls-files '*.sh' '.ci/run'); do bash -n "$s" || bad=1; done
+for m in $(git ls-files '*.[158]'); do
+    [ -f "$m" ] || continue
+    mandoc -Tlint -Wwarning "$m" || bad=1
+done
+if git ls-files '*.c' '*.h' '*.cpp' | xargs -r grep -nE '(^|[^_a-z])(strcpy|strcat|sprintf|gets|setjmp|longjmp)\(' ; then
+    echo "  ^ not used here"; bad=1
+fi
+if git ls-files '*.c' '*.h' '*.cpp' Makefile | grep -v '^tests/lint' | xargs -r grep -n -e '-ffast-math' | grep -v '[Nn]ever'; then bad=1; fi
+if git ls-files '*.c' '*.h' | xargs -r grep -nP '\t| +$'; then echo "  ^ tabs or trailing blanks"; bad=1; fi
+# each header says what it is in its first line
+for h in $(git ls-files '*.h'); do head -1 "$h" | grep -q '^/\* ' || { echo "$h: no opening comment"; bad=1; }; done
+[ $bad = 0 ] && echo "lint: ok"
+exit $bad

@@ -1,0 +1,193 @@
+/* test_base.c - the promises of daemon/base: queue, pool, yaml, hist, numbers. */
+#include "../t.h"
+
+#include <pthread.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/hist.h"
+#include "base/pool.h"
+#include "base/queue.h"
+#include "base/yaml.h"
+
+static void queue_drops_oldest_and_counts(void)
+{
+    pvx_queue *q;
+    int v[5];
+    T_EQ_I(pvx_queue_new(3, &q), PVX_OK);
+    void *gone;
+    for (int i = 0; i < 3; i++) {
+        pvx_queue_put(q, &v[i], &gone);
+        T_OK(gone == NULL);
+    }
+    pvx_queue_put(q, &v[3], &gone);
+    T_OK(gone == &v[0]);
+    void *item;
+    for (int i = 1; i < 4; i++) {
+        T_EQ_I(pvx_queue_take(q, 0, &item), PVX_OK);
+        T_OK(item == &v[i]);
+    }
+    T_EQ_I(pvx_queue_take(q, 1000000, &item), PVX_ETIMEDOUT);
+    pvx_queue_close(q);
+    T_EQ_I(pvx_queue_take(q, -1, &item), PVX_ECLOSED);
+    pvx_queue_put(q, &v[4], &gone);
+    T_OK(gone == &v[4]);
+    T_EQ_I(pvx_queue_put_wait(q, &v[4]), PVX_ECLOSED);
+    pvx_queue_free(&q);
+}
+
+struct traffic { pvx_queue *q; size_t displaced; };
+static void *producer(void *arg)
+{
+    static int items[20000];
+    struct traffic *t = arg;
+    for (int i = 0; i < 20000; i++) {
+        void *gone;
+        pvx_queue_put(t->q, &items[i], &gone);
+        if (gone != NULL)
+            t->displaced++;
+    }
+    pvx_queue_close(t->q);
+    return NULL;
+}
+static void queue_put_equals_taken_plus_displaced(void)
+{
+    struct traffic t = {0};
+    T_EQ_I(pvx_queue_new(8, &t.q), PVX_OK);
+    pthread_t th;
+    pthread_create(&th, NULL, producer, &t);
+    size_t taken = 0;
+    void *item;
+    while (pvx_queue_take(t.q, -1, &item) == PVX_OK)
+        taken++;
+    pthread_join(th, NULL);
+    T_EQ_I(taken + t.displaced, 20000);
+    pvx_queue_free(&t.q);
+}
+
+static void count_task(void *ctx, size_t i)
+{
+    __atomic_fetch_add(&((int *)ctx)[i], 1, __ATOMIC_RELAXED);
+}
+static void pool_runs_each_task_once(void)
+{
+    for (unsigned threads = 1; threads <= 5; threads++) {
+        pvx_pool *p;
+        T_EQ_I(pvx_pool_new(threads, "t", &p), PVX_OK);
+        for (int round = 0; round < 200; round++) {
+            int hits[37] = {0};
+            pvx_pool_run(p, 37, count_task, hits);
+            for (int i = 0; i < 37; i++)
+                T_EQ_I(hits[i], 1);
+        }
+        pvx_pool_free(&p);
+    }
+}
+static void *second_caller(void *arg)
+{
+    for (int round = 0; round < 300; round++) {
+        int hits[11] = {0};
+        pvx_pool_run(arg, 11, count_task, hits);
+        for (int i = 0; i < 11; i++)
+            if (hits[i] != 1)
+                return arg;
+    }
+    return NULL;
+}
+static void pool_serves_two_callers_at_once(void)
+{
+    pvx_pool *p;
+    T_EQ_I(pvx_pool_new(3, "t", &p), PVX_OK);
+    pthread_t th;
+    pthread_create(&th, NULL, second_caller, p);
+    T_OK(second_caller(p) == NULL);
+    void *r;
+    pthread_join(th, &r);
+    T_OK(r == NULL);
+    pvx_pool_free(&p);
+}
+
+static void yaml_names_file_line_key(void)
+{
+    static const char text[] = "a: 1\nb:\n  c: [1, 2, x]\n";
+    pvx_yaml *y;
+    struct pvx_diag d = {""};
+    T_EQ_I(pvx_yaml_parse(text, sizeof text - 1, "f.yaml", &y, &d), PVX_OK);
+    double v[3];
+    size_t n;
+    int c = pvx_yaml_get(y, pvx_yaml_get(y, pvx_yaml_root(y), "b"), "c");
+    T_EQ_I(pvx_yaml_doubles(y, c, "b.c", 3, 3, v, &n, &d), PVX_EFORMAT);
+    T_EQ_S(d.text, "f.yaml:3: b.c: 'x' is not a finite number");
+    d.text[0] = '\0';
+    T_EQ_I(pvx_yaml_known(y, pvx_yaml_root(y), "file", "a", &d), PVX_EFORMAT);
+    T_CONTAINS(d.text, "f.yaml:2: b: unknown key");
+    pvx_yaml_free(&y);
+}
+static void yaml_refuses(void)
+{
+    static const char *const bad[] = {"a: 1\na: 2\n", "a: &x [1]\nb: *x\n", "a: [1\n", "a: 1\n---\nb: 2\n"};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        pvx_yaml *y;
+        struct pvx_diag d = {""};
+        T_EQ_I(pvx_yaml_parse(bad[i], strlen(bad[i]), "f", &y, &d), PVX_EFORMAT);
+        T_CONTAINS(d.text, "f:");
+        T_OK(y == NULL);
+    }
+}
+static void numbers_are_the_whole_token(void)
+{
+    double v;
+    int64_t k;
+    static const char *const bad[] = {"", " 1", "1 ", "1x", "nan", "inf", "0x10", "1e999", "--1", "."};
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
+        T_OK(pvx_parse_double(bad[i], -1e300, 1e300, &v) != PVX_OK);
+    T_EQ_I(pvx_parse_double("-1.5e3", -1e4, 0, &v), PVX_OK);
+    T_NEAR(v, -1500, 0);
+    T_EQ_I(pvx_parse_double("2", 0, 1, &v), PVX_ERANGE);
+    T_EQ_I(pvx_parse_int("12", 0, 100, &k), PVX_OK);
+    T_EQ_I(k, 12);
+    T_EQ_I(pvx_parse_int("1.0", 0, 100, &k), PVX_EFORMAT);
+    T_EQ_I(pvx_parse_int("99999999999999999999", 0, 100, &k), PVX_ERANGE);
+}
+static void hist_quantiles(void)
+{
+    static struct pvx_hist h;
+    for (int i = 1; i <= 1000; i++)
+        pvx_hist_add(&h, i * 100000LL);
+    T_NEAR((double)pvx_hist_quantile(&h, 0.5), 50e6, 0.05 * 50e6);
+    T_NEAR((double)pvx_hist_quantile(&h, 0.99), 99e6, 0.05 * 99e6);
+    T_EQ_I(h.max_ns, 100000000);
+}
+static void file_write_is_atomic_and_reads_back(void)
+{
+    char path[64];
+    snprintf(path, sizeof path, "/tmp/pvx-test-%ld", (long)getpid());
+    struct pvx_diag d = {""};
+    T_EQ_I(pvx_file_write(path, "hello", 5, &d), PVX_OK);
+    char *t;
+    size_t n;
+    T_EQ_I(pvx_file_read(path, 5, &t, &n, &d), PVX_OK);
+    T_EQ_S(t, "hello");
+    free(t);
+    T_EQ_I(pvx_file_read(path, 4, &t, &n, &d), PVX_ERANGE);
+    unlink(path);
+    d.text[0] = '\0';
+    T_EQ_I(pvx_file_read(path, 4, &t, &n, &d), PVX_ENOENT);
+    T_CONTAINS(d.text, path);
+    d.text[0] = '\0';
+    T_EQ_I(pvx_file_write("/dev/full/x", "hello", 5, &d), PVX_ENOENT);
+}
+
+int main(void)
+{
+    T_RUN(queue_drops_oldest_and_counts);
+    T_RUN(queue_put_equals_taken_plus_displaced);
+    T_RUN(pool_runs_each_task_once);
+    T_RUN(pool_serves_two_callers_at_once);
+    T_RUN(yaml_names_file_line_key);
+    T_RUN(yaml_refuses);
+    T_RUN(numbers_are_the_whole_token);
+    T_RUN(hist_quantiles);
+    T_RUN(file_write_is_atomic_and_reads_back);
+    return t_done();
+}
