@@ -1,0 +1,31 @@
+/* cli.h - the commands of `pyrovox`: one file each, cmd_<name>.c, listed in pyrovox.c.
+ *
+ * A command parses its own arguments with argp (--help teaches), prints results on stdout, progress
+ * and errors on stderr, and returns an exit code: 0 done, 1 failed (message printed), 2 wrong usage,
+ * 130 stopped by Ctrl-C. */
+#ifndef CLI_H
+#define CLI_H
+#include <signal.h>
+#include <stdbool.h>
+#include "base/err.h"
+
+struct cli_command {
+    const char *name, *summary;
+    int (*run)(int argc, char **argv); /* argv[0] = "pyrovox NAME" */
+};
+
+/* Set by SIGINT/SIGTERM after cli_catch_stop(); long work polls it. */
+extern volatile sig_atomic_t cli_stop;
+void cli_catch_stop(void);
+
+/* Print "pyrovox: text" on stderr, return 1. */
+int cli_error(const struct pvx_diag *d, pvx_err e);
+
+/* Progress bar on stderr when it is a terminal, else a line every 10 %.  As rec_progress_fn: ctx is
+ * a struct cli_progress; returns false once cli_stop is set. */
+struct cli_progress { const char *label; double last; long long t0; };
+bool cli_progress(void *ctx, double done);
+
+extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,
+    cmd_status, cmd_top, cmd_demo, cmd_cameras;
+#endif

@@ -1,0 +1,45 @@
+/* pyrovox.c - everything a person types: `pyrovox COMMAND [ARGUMENTS]`. */
+#include <stdio.h>
+#include <string.h>
+
+#include "cli/cli.h"
+
+static const struct cli_command *const commands[] = {
+    NULL,
+};
+
+static void help(FILE *f)
+{
+    fputs("Usage: pyrovox COMMAND [ARGUMENTS]\n"
+          "Multi-camera flame capture and tomographic reconstruction.\n\nCommands:\n",
+          f);
+    for (size_t i = 0; commands[i] != NULL; i++)
+        fprintf(f, "  %-12s %s\n", commands[i]->name, commands[i]->summary);
+    fputs("\n`pyrovox COMMAND --help` explains one command.  The daemon itself is pyrovoxd.\n", f);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc < 2) {
+        help(stderr);
+        return 2;
+    }
+    if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
+        strcmp(argv[1], "help") == 0) {
+        help(stdout);
+        return 0;
+    }
+    if (strcmp(argv[1], "--version") == 0) {
+        printf("pyrovox %s\n", PVX_VERSION);
+        return 0;
+    }
+    for (size_t i = 0; commands[i] != NULL; i++)
+        if (strcmp(argv[1], commands[i]->name) == 0) {
+            static char name[80]; /* outlives this call: argp keeps pointers to argv[0] */
+            snprintf(name, sizeof name, "pyrovox %s", argv[1]);
+            argv[1] = name;
+            return commands[i]->run(argc - 1, argv + 1);
+        }
+    fprintf(stderr, "pyrovox: no command '%s'; `pyrovox --help` lists them\n", argv[1]);
+    return 2;
+}
