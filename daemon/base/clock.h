@@ -6,7 +6,7 @@
 #define PVX_CLOCK_H
 #include <stdint.h>
 
-#define PVX_NS_PER_S 1000000000LL
+#define PVX_NS_PER_S  1000000000LL
 #define PVX_NS_PER_MS 1000000LL
 
 int64_t pvx_now_mono(void);

@@ -7,7 +7,7 @@
 #ifndef PVX_ERR_H
 #define PVX_ERR_H
 
-#define PVX_MUST_CHECK __attribute__((warn_unused_result))
+#define PVX_MUST_CHECK   __attribute__((warn_unused_result))
 #define PVX_PRINTF(f, a) __attribute__((format(printf, f, a)))
 
 typedef enum pvx_err {
@@ -39,11 +39,11 @@ const char *pvx_strerror(pvx_err e);
 pvx_err pvx_err_from_errno(int errnum);
 
 /* Return from the calling function when `expr` is not PVX_OK. */
-#define PVX_TRY(expr)                                                                              \
-    do {                                                                                           \
-        pvx_err pvx_try_e_ = (expr);                                                               \
-        if (pvx_try_e_ != PVX_OK)                                                                  \
-            return pvx_try_e_;                                                                     \
+#define PVX_TRY(expr)                \
+    do {                             \
+        pvx_err pvx_try_e_ = (expr); \
+        if (pvx_try_e_ != PVX_OK)    \
+            return pvx_try_e_;       \
     } while (0)
 
 #define PVX_DIAG_MAX 768

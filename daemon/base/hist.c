@@ -3,7 +3,7 @@
 #include <math.h>
 
 #define PER_OCTAVE 16
-#define LOWEST_NS 1000.0
+#define LOWEST_NS  1000.0
 
 void pvx_hist_add(struct pvx_hist *h, int64_t ns)
 {

@@ -34,13 +34,13 @@ int pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held);
 #define LOG_I(topic, ...) pvx_log(PVX_LOG_INFO, TOPIC_##topic, __VA_ARGS__)
 #define LOG_D(topic, ...) pvx_log(PVX_LOG_DEBUG, TOPIC_##topic, __VA_ARGS__)
 /* At most one line a second from this place; `fmt` gets a trailing "(N more like it)" */
-#define LOG_EVERY(level, topic, fmt, ...)                                                          \
-    do {                                                                                           \
-        static struct pvx_log_gate gate_;                                                          \
-        uint64_t held_;                                                                            \
-        if (pvx_log_gate_pass(&gate_, &held_))                                                     \
-            pvx_log(level, TOPIC_##topic, fmt " (%llu more like it held back)", ##__VA_ARGS__,     \
-                    (unsigned long long)held_);                                                    \
+#define LOG_EVERY(level, topic, fmt, ...)                                                      \
+    do {                                                                                       \
+        static struct pvx_log_gate gate_;                                                      \
+        uint64_t held_;                                                                        \
+        if (pvx_log_gate_pass(&gate_, &held_))                                                 \
+            pvx_log(level, TOPIC_##topic, fmt " (%llu more like it held back)", ##__VA_ARGS__, \
+                    (unsigned long long)held_);                                                \
     } while (0)
 
 #endif

@@ -18,10 +18,10 @@ void *pvx_reserve(size_t bytes);
 void pvx_unreserve(void *p, size_t bytes);
 
 /* free(*p); *p = NULL, for any object pointer. */
-#define PVX_FREE(p)                                                                                \
-    do {                                                                                           \
-        free(p);                                                                                   \
-        (p) = NULL;                                                                                \
+#define PVX_FREE(p) \
+    do {            \
+        free(p);    \
+        (p) = NULL; \
     } while (0)
 
 #endif

@@ -45,7 +45,8 @@ static pvx_err scan_events(const char *text, size_t len, const char *name, struc
         size_t line = ev.start_mark.line + 1;
         switch (ev.type) {
         case YAML_ALIAS_EVENT:
-            e = pvx_fail(d, PVX_EFORMAT, "%s:%zu: aliases (*name) are not allowed here", name, line);
+            e = pvx_fail(d, PVX_EFORMAT, "%s:%zu: aliases (*name) are not allowed here", name,
+                         line);
             break;
         case YAML_DOCUMENT_START_EVENT:
             if (++docs > 1)

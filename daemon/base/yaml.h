@@ -21,7 +21,7 @@ void pvx_yaml_free(pvx_yaml **y);
 
 int pvx_yaml_root(const pvx_yaml *y); /* 0 for an empty document */
 enum pvx_yaml_kind pvx_yaml_kind(const pvx_yaml *y, int node);
-unsigned pvx_yaml_line(const pvx_yaml *y, int node); /* 1-based */
+unsigned pvx_yaml_line(const pvx_yaml *y, int node);    /* 1-based */
 const char *pvx_yaml_text(const pvx_yaml *y, int node); /* scalar's text, "" otherwise; borrowed */
 
 size_t pvx_yaml_length(const pvx_yaml *y, int node);           /* items or pairs */

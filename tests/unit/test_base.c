@@ -36,7 +36,10 @@ static void queue_drops_oldest_and_counts(void)
     pvx_queue_free(&q);
 }
 
-struct traffic { pvx_queue *q; size_t displaced; };
+struct traffic {
+    pvx_queue *q;
+    size_t displaced;
+};
 static void *producer(void *arg)
 {
     static int items[20000];
@@ -125,7 +128,8 @@ static void yaml_names_file_line_key(void)
 }
 static void yaml_refuses(void)
 {
-    static const char *const bad[] = {"a: 1\na: 2\n", "a: &x [1]\nb: *x\n", "a: [1\n", "a: 1\n---\nb: 2\n"};
+    static const char *const bad[] = {"a: 1\na: 2\n", "a: &x [1]\nb: *x\n", "a: [1\n",
+                                      "a: 1\n---\nb: 2\n"};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
         pvx_yaml *y;
         struct pvx_diag d = {""};
@@ -138,7 +142,8 @@ static void numbers_are_the_whole_token(void)
 {
     double v;
     int64_t k;
-    static const char *const bad[] = {"", " 1", "1 ", "1x", "nan", "inf", "0x10", "1e999", "--1", "."};
+    static const char *const bad[] = {"",    " 1",   "1 ",    "1x",  "nan",
+                                      "inf", "0x10", "1e999", "--1", "."};
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
         T_OK(pvx_parse_double(bad[i], -1e300, 1e300, &v) != PVX_OK);
     T_EQ_I(pvx_parse_double("-1.5e3", -1e4, 0, &v), PVX_OK);
