@@ -80,7 +80,7 @@ struct cap_scene {
 
 typedef struct cap_source cap_source;
 struct cap_source_ops {
-    const char *scheme, *help;
+    const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
     pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */
@@ -92,7 +92,7 @@ struct cap_source_ops {
 };
 struct cap_source { const struct cap_source_ops *ops; };
 
-/* Backends built in, NULL-terminated; and the one for "scheme:rest" (*rest = after the colon). */
+/* Backends built in (the table is in source.c), NULL-terminated; and the one for "scheme:rest" (*rest = after the colon). */
 const struct cap_source_ops *const *cap_backends(void);
 const struct cap_source_ops *cap_backend_find(const char *uri, const char **rest);
 #endif

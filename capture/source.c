@@ -1,0 +1,44 @@
+#include "capture/source.h"
+
+#include <string.h>
+
+const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
+    [CAP_RECEIVED] = {"received", "frames", "good frames handed over by the driver"},
+    [CAP_INCOMPLETE] = {"incomplete", "frames", "packets missing, file unreadable, or another error"},
+    [CAP_BAD_SIZE] = {"bad_size", "frames", "width, height or bytes are not what is configured"},
+    [CAP_BAD_FORMAT] = {"bad_format", "frames", "pixel format is not what is configured"},
+    [CAP_BAD_STAMP] = {"bad_stamp", "frames", "device time ran backwards or stood still"},
+    [CAP_UNDERRUN] = {"underrun", "frames", "no free buffer: the consumer was too slow"},
+    [CAP_OVERFLOW] = {"overflow", "frames", "a newer frame displaced it before assembly"},
+    [CAP_LATE] = {"late", "frames", "came after its set had been closed"},
+    [CAP_UNMATCHED] = {"unmatched", "frames", "its set was never completed"},
+    [CAP_ID_GAP] = {"id_gap", "frames", "numbered by the camera but never seen"},
+    [CAP_LOST_CAMERA] = {"lost_camera", "times", "the camera stopped answering"},
+};
+
+void cap_frame_release(struct cap_frame *f)
+{
+    if (f != NULL)
+        f->release(f);
+}
+
+static const struct cap_source_ops *const backends[] = {
+    NULL,
+};
+
+const struct cap_source_ops *const *cap_backends(void)
+{
+    return backends;
+}
+
+const struct cap_source_ops *cap_backend_find(const char *uri, const char **rest)
+{
+    for (const struct cap_source_ops *const *b = backends; *b != NULL; b++) {
+        size_t n = strlen((*b)->scheme);
+        if (strncmp(uri, (*b)->scheme, n) == 0 && uri[n] == ':') {
+            *rest = uri + n + 1;
+            return *b;
+        }
+    }
+    return NULL;
+}
