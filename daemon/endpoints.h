@@ -1,0 +1,25 @@
+/* endpoints.h - where the daemon listens and where its clients look when nobody says otherwise.
+ *
+ * Under systemd (RuntimeDirectory=pyrovox): ipc:///run/pyrovox/{volumes,control}.  Started by hand:
+ * ipc:///tmp/pyrovox-UID/{volumes,control}, in a folder of mode 0700 that belongs to the user, so
+ * that two users' daemons do not meet and nobody else can listen in.
+ * Threads: any. */
+#ifndef DMN_ENDPOINTS_H
+#define DMN_ENDPOINTS_H
+#include "base/err.h"
+
+enum dmn_endpoint { DMN_VOLUMES, DMN_CONTROL };
+
+/* The daemon's default.  Static storage. */
+const char *dmn_default_endpoint(enum dmn_endpoint kind);
+
+/* A client's default: the user's own daemon if its socket is there, else the system's if its socket
+ * is there, else the own one (which may still come).  Static storage. */
+const char *dmn_client_endpoint(enum dmn_endpoint kind);
+
+/* Before binding: if `endpoint` lies in the /tmp/pyrovox-UID folder, make that folder (0700).
+ * Anything else is left alone.  PVX_EPERM: the folder belongs to somebody else or others may write
+ * to it (diag names it). */
+PVX_MUST_CHECK pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d);
+
+#endif
