@@ -1,0 +1,117 @@
+#include "cli/opt_rig.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/yaml.h"
+
+enum { OPT_RIG = 0x700, OPT_CAMERAS, OPT_GRID, OPT_BASIS, OPT_BINNING, OPT_RAYS, OPT_THREADS };
+
+static const struct argp_option options[] = {
+    {NULL, 0, NULL, 0, "Rig and system matrix:", 1},
+    {"rig", OPT_RIG, "FILE", 0, "rig.yaml: volume, camera poses and lenses", 1},
+    {"cameras", OPT_CAMERAS, "A,B,...", 0, "use these cameras only", 1},
+    {"grid", OPT_GRID, "N|NX,NY,NZ", 0, "voxels along x, y, z, instead of the rig's", 1},
+    {"basis", OPT_BASIS, "box|trilinear", 0, "basis function, instead of the rig's", 1},
+    {"binning", OPT_BINNING, "N|auto", 0,
+     "raw pixels per bin side; must divide the image sizes (auto: a bin is at most 3/4 of a voxel)",
+     1},
+    {"rays", OPT_RAYS, "N|auto", 0, "N x N rays per bin (auto: 1 for single pixels, else 2)", 1},
+    {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 1},
+    {0},
+};
+
+static bool parse_count(const char *s, int64_t min, int64_t max, int64_t *out)
+{
+    return pvx_parse_int(s, min, max, out) == PVX_OK;
+}
+
+/* "64" or "64,48,96". */
+static bool parse_grid(const char *s, int32_t n[3])
+{
+    char copy[64];
+    if (strlen(s) >= sizeof copy)
+        return false;
+    snprintf(copy, sizeof copy, "%s", s);
+    int got = 0;
+    char *rest = copy, *item;
+    while ((item = strsep(&rest, ",")) != NULL) {
+        int64_t v;
+        if (got == 3 || !parse_count(item, 1, REC_GRID_MAX, &v))
+            return false;
+        n[got++] = (int32_t)v;
+    }
+    if (got == 1)
+        n[1] = n[2] = n[0];
+    return got == 1 || got == 3;
+}
+
+static bool parse_auto(const char *s, int64_t max, int32_t *out)
+{
+    int64_t v = 0;
+    if (strcmp(s, "auto") != 0 && !parse_count(s, 1, max, &v))
+        return false;
+    *out = (int32_t)v;
+    return true;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct opt_rig *o = state->input;
+    int64_t v;
+    switch (key) {
+    case OPT_RIG: o->path = arg; return 0;
+    case OPT_CAMERAS: o->cameras = arg; return 0;
+    case OPT_GRID:
+        if (!parse_grid(arg, o->grid))
+            argp_error(state, "--grid %s: should be N or NX,NY,NZ with 1 to %d voxels each", arg,
+                       REC_GRID_MAX);
+        return 0;
+    case OPT_BASIS:
+        if (strcmp(arg, "box") == 0)
+            o->basis = REC_BOX;
+        else if (strcmp(arg, "trilinear") == 0)
+            o->basis = REC_TRILINEAR;
+        else
+            argp_error(state, "--basis %s: should be box or trilinear", arg);
+        return 0;
+    case OPT_BINNING:
+        if (!parse_auto(arg, 64, &o->matrix.binning))
+            argp_error(state, "--binning %s: should be auto or 1 to 64", arg);
+        return 0;
+    case OPT_RAYS:
+        if (!parse_auto(arg, 16, &o->matrix.rays_per_bin))
+            argp_error(state, "--rays %s: should be auto or 1 to 16", arg);
+        return 0;
+    case OPT_THREADS:
+        if (!parse_count(arg, 0, 256, &v))
+            argp_error(state, "--threads %s: should be 0 to 256", arg);
+        else
+            o->threads = (unsigned)v;
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+const struct argp opt_rig_argp = {.options = options, .parser = parse};
+
+pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_diag *d)
+{
+    memset(out, 0, sizeof *out);
+    if (o->path == NULL)
+        return pvx_fail(d, PVX_EINVAL, "which rig?  Give --rig FILE (a rig.yaml)");
+    PVX_TRY(rec_rig_load(o->path, out, d));
+    for (int a = 0; a < 3; a++)
+        if (o->grid[a] != 0)
+            out->grid.n[a] = o->grid[a];
+    if (o->basis >= 0)
+        out->grid.basis = o->basis;
+    if (o->cameras != NULL) {
+        pvx_err e = rec_rig_select(out, o->cameras, d);
+        if (e != PVX_OK) {
+            rec_rig_fini(out);
+            return e;
+        }
+    }
+    return PVX_OK;
+}

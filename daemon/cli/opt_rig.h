@@ -1,0 +1,31 @@
+/* opt_rig.h - the options that every command working on a rig shares, as an argp child.
+ *
+ *   --rig FILE --cameras A,B --grid N|NX,NY,NZ --basis box|trilinear --binning N|auto --rays N|auto
+ *   --threads N
+ *
+ * A command lists opt_rig_argp among its children and hands over the struct in ARGP_KEY_INIT:
+ *     case ARGP_KEY_INIT: state->child_inputs[0] = &my->rig; return 0;
+ * and after argp_parse calls opt_rig_load.  Strings point into argv. */
+#ifndef OPT_RIG_H
+#define OPT_RIG_H
+#include <argp.h>
+#include "base/pool.h"
+#include "recon/sysmat.h"
+
+struct opt_rig {
+    const char *path;                 /* --rig; NULL when not given */
+    const char *cameras;              /* NULL = all */
+    int32_t grid[3];                  /* 0 = as the rig says */
+    int basis;                        /* enum rec_basis, or -1 = as the rig says */
+    struct rec_sysmat_params matrix;  /* 0 = auto */
+    unsigned threads;                 /* 0 = one per CPU */
+};
+#define OPT_RIG_INIT {.basis = -1}
+
+extern const struct argp opt_rig_argp;
+
+/* Read the rig and apply the options to it.  Errors are the rig's; PVX_EINVAL without --rig. */
+PVX_MUST_CHECK pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out,
+                                    struct pvx_diag *d);
+
+#endif

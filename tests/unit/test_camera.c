@@ -1,0 +1,201 @@
+#include "recon/camera.h"
+
+#include "tests/t.h"
+
+/* Random rotation from a unit quaternion. */
+static void rotation(double R[9])
+{
+    double q[4], n = 0;
+    for (int i = 0; i < 4; i++) {
+        q[i] = t_normal();
+        n += q[i] * q[i];
+    }
+    n = sqrt(n);
+    double w = q[0] / n, x = q[1] / n, y = q[2] / n, z = q[3] / n;
+    double m[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+                   2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                   2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+    memcpy(R, m, sizeof m);
+}
+
+static struct rec_camera camera(const double dist[8])
+{
+    struct rec_camera c = {.width = 640, .height = 480, .fx = 500, .fy = 503, .cx = 322.1,
+                           .cy = 236.7};
+    memcpy(c.dist, dist, sizeof c.dist);
+    rotation(c.R);
+    for (int a = 0; a < 3; a++)
+        c.t[a] = t_uniform(-3, 3);
+    return c;
+}
+
+static const double lenses[][8] = {
+    {0},
+    {-0.05, 0.01, 5e-4, -3e-4},
+    {-0.28, 0.09, 1e-3, 2e-3, -0.01},
+    {0.4, -0.3, -2e-3, 1e-3, 0.2},
+    {-0.35, 0.12, 0, 0, -0.02},
+    {5.1, 3.2, 1e-4, -2e-4, 0.3, 5.4, 4.9, 0.9}, /* rational model with large terms, as fits give */
+    {-0.2, 0.3, -1e-3, 3e-3, -0.05, 0.1, 0.05, 0.01},
+};
+enum { LENSES = sizeof lenses / sizeof lenses[0] };
+
+static void project_inverts_ray(void)
+{
+    for (int l = 0; l < LENSES; l++) {
+        double worst = 0;
+        int lost = 0;
+        for (int i = 0; i < 2000; i++) {
+            struct rec_camera c = camera(lenses[l]);
+            double u = t_uniform(-20, 660), v = t_uniform(-20, 500), o[3], d[3], X[3], uv[2];
+            if (!rec_camera_ray(&c, u, v, o, d)) {
+                lost++;
+                continue;
+            }
+            T_NEAR(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1, 1e-14);
+            double s = t_uniform(0.1, 20);
+            for (int a = 0; a < 3; a++)
+                X[a] = o[a] + s * d[a];
+            if (!rec_camera_project(&c, X, uv)) {
+                lost++;
+                continue;
+            }
+            worst = fmax(worst, fmax(fabs(uv[0] - u), fabs(uv[1] - v)));
+        }
+        T_LE(worst, 1e-9);
+        T_EQ_I(lost, 0);
+    }
+}
+
+/* The model written out a second time, straight from the equations. */
+static void project_follows_the_equations(void)
+{
+    static const double k[8] = {-0.2, 0.3, -1e-3, 3e-3, -0.05, 0.1, 0.05, 0.01};
+    struct rec_camera c = camera(k);
+    for (int i = 0; i < 100; i++) {
+        double x = t_uniform(-0.7, 0.7), y = t_uniform(-0.6, 0.6), Z = t_uniform(0.5, 4);
+        double P[3] = {x * Z - c.t[0], y * Z - c.t[1], Z - c.t[2]}, X[3], uv[2];
+        for (int a = 0; a < 3; a++)
+            X[a] = c.R[a] * P[0] + c.R[3 + a] * P[1] + c.R[6 + a] * P[2];
+        double r2 = x * x + y * y, r4 = r2 * r2, r6 = r4 * r2;
+        double s = (1 + k[0] * r2 + k[1] * r4 + k[4] * r6) / (1 + k[5] * r2 + k[6] * r4 + k[7] * r6);
+        double xd = x * s + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x);
+        double yd = y * s + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y;
+        T_OK(rec_camera_project(&c, X, uv));
+        T_NEAR(uv[0], c.fx * xd + c.cx, 1e-9);
+        T_NEAR(uv[1], c.fy * yd + c.cy, 1e-9);
+    }
+}
+
+static void behind_is_refused(void)
+{
+    struct rec_camera c = camera(lenses[1]);
+    double o[3], d[3], X[3], uv[2] = {-7, -7};
+    T_OK(rec_camera_ray(&c, 320, 240, o, d));
+    for (int a = 0; a < 3; a++)
+        X[a] = o[a] - d[a];
+    T_OK(!rec_camera_project(&c, X, uv));
+    T_EQ_I(uv[0], -7); /* untouched */
+    struct rec_camera id = {.fx = 1, .fy = 1, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    double centre0[3] = {0, 0, 0}, beside[3] = {1, 1, 0};
+    T_OK(!rec_camera_project(&id, centre0, uv));
+    T_OK(!rec_camera_project(&id, beside, uv));
+    double nan3[3] = {NAN, 0, 0}, inf3[3] = {INFINITY, 1, 1};
+    T_OK(!rec_camera_project(&c, nan3, uv));
+    T_OK(!rec_camera_project(&c, inf3, uv));
+}
+
+/* k1 = -0.5: r(1 - r2/2) turns at r2 = 2/3, where it reaches 0.544. */
+static void fold_is_refused(void)
+{
+    struct rec_camera c = {.fx = 100, .fy = 100, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .dist = {-0.5}};
+    double turn = sqrt(2.0 / 3), uv[2], o[3], d[3];
+    double in[3] = {turn * 0.999, 0, 1}, out[3] = {turn * 1.001, 0, 1}, far[3] = {0, 5, 1};
+    T_OK(rec_camera_project(&c, in, uv));
+    T_OK(!rec_camera_project(&c, out, uv));
+    T_OK(!rec_camera_project(&c, far, uv));
+    T_OK(rec_camera_ray(&c, 54.4, 0, o, d));
+    T_NEAR(d[0] / d[2], turn, 0.02);
+    T_LE(d[0] / d[2], turn);
+    T_OK(!rec_camera_ray(&c, 54.5, 0, o, d));
+    T_OK(!rec_camera_ray(&c, 40, 40, o, d));
+    /* falls, then rises again: the second rising part must not be taken for the first */
+    struct rec_camera w = c;
+    w.dist[0] = -1;
+    w.dist[1] = 0.3;
+    double second[3] = {3, 0, 1};
+    T_OK(!rec_camera_project(&w, second, uv));
+    T_OK(!rec_camera_ray(&w, 100 * 3 * (1 - 9 + 0.3 * 81), 0, o, d));
+    /* a pole of the rational model in between: 1 - r2 = 0 at r = 1 */
+    struct rec_camera p = c;
+    p.dist[0] = 0;
+    p.dist[5] = -1;
+    double before[3] = {0.9, 0, 1}, beyond[3] = {1.5, 0, 1};
+    T_OK(rec_camera_project(&p, before, uv));
+    T_OK(!rec_camera_project(&p, beyond, uv));
+}
+
+static void far_pixels_never_give_nan(void)
+{
+    static const double big[] = {1e3, 1e4, 1e6, 1e9, 1e15, 1e100, 1e300, INFINITY, NAN};
+    int refused = 0;
+    for (int l = 0; l < LENSES; l++)
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 4; j++) {
+                struct rec_camera c = camera(lenses[l]);
+                double o[3], d[3], u = j & 1 ? big[i] : -big[i], v = j & 2 ? big[i] : 240;
+                if (!rec_camera_ray(&c, u, v, o, d)) {
+                    refused++;
+                    continue;
+                }
+                T_OK(isfinite(d[0]) && isfinite(d[1]) && isfinite(d[2]));
+                T_OK(isfinite(o[0]) && isfinite(o[1]) && isfinite(o[2]));
+                T_NEAR(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1, 1e-12);
+            }
+    T_OK(refused > 20);
+}
+
+/* Any coefficients at all: an answer is right or absent. */
+static void wild_lenses(void)
+{
+    int answered = 0;
+    for (int i = 0; i < 5000; i++) {
+        double k[8];
+        for (int j = 0; j < 8; j++)
+            k[j] = t_normal() * (j == 2 || j == 3 ? 0.02 : 0.5);
+        struct rec_camera c = camera(k);
+        double u = t_uniform(-100, 740), v = t_uniform(-100, 580), o[3], d[3], X[3], uv[2];
+        if (!rec_camera_ray(&c, u, v, o, d))
+            continue;
+        answered++;
+        for (int a = 0; a < 3; a++)
+            X[a] = o[a] + 2 * d[a];
+        if (!rec_camera_project(&c, X, uv))
+            continue; /* on the very edge of the domain */
+        T_NEAR(uv[0], u, 1e-7);
+        T_NEAR(uv[1], v, 1e-7);
+    }
+    T_OK(answered > 3000);
+}
+
+static void centre_maps_to_origin(void)
+{
+    struct rec_camera c = camera(lenses[0]);
+    double x[3];
+    rec_camera_centre(&c, x);
+    for (int i = 0; i < 3; i++)
+        T_NEAR(c.R[3 * i] * x[0] + c.R[3 * i + 1] * x[1] + c.R[3 * i + 2] * x[2] + c.t[i], 0,
+               1e-12);
+}
+
+int main(void)
+{
+    T_RUN(project_inverts_ray);
+    T_RUN(project_follows_the_equations);
+    T_RUN(behind_is_refused);
+    T_RUN(fold_is_refused);
+    T_RUN(far_pixels_never_give_nan);
+    T_RUN(wild_lenses);
+    T_RUN(centre_maps_to_origin);
+    return t_done();
+}

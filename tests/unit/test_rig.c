@@ -1,0 +1,296 @@
+#include "recon/rig.h"
+
+#include "tests/t.h"
+
+#define CAM(name, rest)                                                                            \
+    "  - name: " name "\n    size: [640, 480]\n    K: [500, 500, 319.5, 239.5]\n"                  \
+    "    R: [1,0,0, 0,1,0, 0,0,1]\n    t: [0, 0, 3]\n" rest
+#define HEAD                                                                                       \
+    "version: 1\n"                                                                                 \
+    "volume: { min: [-0.5,-0.5,0], max: [0.5,0.5,1], voxels: [8,9,10], basis: trilinear }\n"       \
+    "cameras:\n"
+
+static pvx_err parse(const char *text, struct rec_rig *r, struct pvx_diag *d)
+{
+    d->text[0] = '\0';
+    return rec_rig_parse(text, strlen(text), "rig.yaml", r, d);
+}
+
+/* Refused with `e` and a message that has `part` in it. */
+static void refuse(const char *text, pvx_err e, const char *part)
+{
+    struct rec_rig r;
+    struct pvx_diag d;
+    T_EQ_I(parse(text, &r, &d), e);
+    T_CONTAINS(d.text, part);
+    T_OK(r.cameras == NULL);
+    rec_rig_fini(&r);
+}
+
+static void reads_everything(void)
+{
+    struct rec_rig r;
+    struct pvx_diag d;
+    T_EQ_I(parse(HEAD CAM("left", "    distortion: [1,2,3,4,5]\n    gain: [2]\n")
+                     CAM("right-2.b_", "    gain: [1, 2, 0.5]\n    distortion: []\n"),
+                 &r, &d),
+           PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(r.n_cameras, 2);
+    T_EQ_I(r.grid.n[0], 8);
+    T_EQ_I(r.grid.n[1], 9);
+    T_EQ_I(r.grid.n[2], 10);
+    T_EQ_I(r.grid.basis, REC_TRILINEAR);
+    T_NEAR(r.grid.min[1], -0.5, 0);
+    T_NEAR(r.grid.max[2], 1, 0);
+    T_EQ_S(r.cameras[0].name, "left");
+    T_EQ_I(r.cameras[0].width, 640);
+    T_EQ_I(r.cameras[0].height, 480);
+    T_NEAR(r.cameras[0].fx, 500, 0);
+    T_NEAR(r.cameras[0].cy, 239.5, 0);
+    T_NEAR(r.cameras[0].dist[4], 5, 0);
+    T_NEAR(r.cameras[0].dist[5], 0, 0);
+    T_NEAR(r.cameras[0].t[2], 3, 0);
+    T_NEAR(r.cameras[0].gain[2], 2, 0);
+    T_NEAR(r.cameras[1].gain[2], 0.5, 0);
+    T_EQ_I(rec_rig_find(&r, "right-2.b_"), 1);
+    T_EQ_I(rec_rig_find(&r, "middle"), -1);
+    rec_rig_fini(&r);
+    T_EQ_I(parse("version: 1\nvolume: {min: [0,0,0], max: [1,1,1], voxels: [1,1,1]}\ncameras:\n"
+                 CAM("a", ""), &r, &d), PVX_OK);
+    T_EQ_I(r.grid.basis, REC_BOX); /* the default */
+    T_NEAR(r.cameras[0].gain[1], 1, 0);
+    rec_rig_fini(&r);
+}
+
+static void messages_name_the_place(void)
+{
+    refuse("", PVX_EFORMAT, "rig.yaml:1: rig: should be a mapping");
+    refuse("version: 2\nvolume: {}\ncameras: []\n", PVX_EVERSION, "rig.yaml:1: version: 2 is not");
+    refuse("version: 1\ncameras: []\n", PVX_EFORMAT, "rig: the key 'volume' is missing");
+    refuse(HEAD, PVX_EFORMAT, "cameras: should be a list");
+    refuse(HEAD "  []\n", PVX_EFORMAT, "cameras: should be a list");
+    refuse(HEAD CAM("a", "    color: red\n"), PVX_EFORMAT, "rig.yaml:9: color: unknown key");
+    refuse(HEAD CAM("a", "    t: [0,0,0]\n"), PVX_EFORMAT, "rig.yaml:9: t: given twice");
+    refuse(HEAD CAM("a", "") CAM("a", ""), PVX_EINVAL,
+           "rig.yaml:9: cameras[1].name: 'a' is used twice");
+    refuse(HEAD CAM("a/b", ""), PVX_EINVAL, "rig.yaml:4: cameras[0].name: should be");
+    refuse(HEAD CAM("..", ""), PVX_EINVAL, "cameras[0].name");
+    refuse(HEAD CAM("\"\"", ""), PVX_EINVAL, "cameras[0].name");
+    refuse(HEAD CAM("a", "    distortion: [1,2,3]\n"), PVX_EFORMAT,
+           "rig.yaml:9: cameras[0].distortion: should have 0, 4, 5 or 8 numbers");
+    refuse(HEAD CAM("a", "    distortion: [1,2,3,x]\n"), PVX_EFORMAT, "'x' is not a finite number");
+    refuse(HEAD CAM("a", "    distortion: [1,2,3,.nan]\n"), PVX_EFORMAT, "not a finite number");
+    refuse(HEAD CAM("a", "    gain: [1,2]\n"), PVX_EFORMAT, "cameras[0].gain: should have 1 or 3");
+    refuse(HEAD CAM("a", "    gain: [0]\n"), PVX_EINVAL, "cameras[0].gain: 0 is outside");
+}
+
+/* One camera with one of its lines replaced. */
+static void with(const char *size, const char *K, const char *R, pvx_err e, const char *part)
+{
+    char text[2000];
+    snprintf(text, sizeof text, HEAD "  - name: a\n    size: %s\n    K: %s\n    R: %s\n"
+             "    t: [0,0,1]\n", size, K, R);
+    refuse(text, e, part);
+}
+
+static void impossible_cameras(void)
+{
+    const char *I = "[1,0,0,0,1,0,0,0,1]", *K = "[5,5,0,0]", *S = "[4,4]";
+    with("[0,4]", K, I, PVX_EINVAL, "rig.yaml:5: cameras[0].size: 0 is outside");
+    with("[4,16385]", K, I, PVX_EINVAL, "16385 is outside");
+    with("[4]", K, I, PVX_EFORMAT, "cameras[0].size: should be a list of 2 whole numbers");
+    with("[4.5,4]", K, I, PVX_EFORMAT, "'4.5' is not a whole number");
+    with(S, "[0,5,0,0]", I, PVX_EINVAL, "rig.yaml:6: cameras[0].K: the focal lengths");
+    with(S, "[5,-5,0,0]", I, PVX_EINVAL, "cameras[0].K: the focal lengths");
+    with(S, "[5,5,0]", I, PVX_EFORMAT, "cameras[0].K: should be a list of 4 numbers");
+    with(S, K, "[1,0,0,0,1,0,0,0,2]", PVX_EINVAL, "rig.yaml:7: cameras[0].R: is not a rotation");
+    with(S, K, "[1,0,0,0,1,0,0,0,-1]", PVX_EINVAL, "is a mirror image");
+    with(S, K, "[0,0,0,0,0,0,0,0,0]", PVX_EINVAL, "is not a rotation");
+    with(S, K, "[1,0,0,0,1,0,0.002,0,1]", PVX_EINVAL, "is not a rotation");
+}
+
+static void impossible_volumes(void)
+{
+    static const struct { const char *v; pvx_err e; const char *part; } bad[] = {
+        {"{ min: [0,0,0], max: [1,0,1], voxels: [4,4,4] }", PVX_EINVAL, "empty along y"},
+        {"{ min: [0,0,2], max: [1,1,1], voxels: [4,4,4] }", PVX_EINVAL, "empty along z"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [4,0,4] }", PVX_EINVAL, "volume.voxels: 0"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [4,1025,4] }", PVX_EINVAL, "1025 is outside"},
+        {"{ min: [0,0,0], max: [1,1,1e9], voxels: [4,4,4] }", PVX_EINVAL, "1e+09 is outside"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [4,4,4], basis: cubic }", PVX_EINVAL,
+         "volume.basis: should be box or trilinear"},
+        {"[1,2,3]", PVX_EFORMAT, "volume: should be a mapping"},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        char text[2000];
+        snprintf(text, sizeof text, "version: 1\nvolume: %s\ncameras:\n" CAM("a", ""), bad[i].v);
+        refuse(text, bad[i].e, bad[i].part);
+    }
+}
+
+static void too_many_cameras(void)
+{
+    static char text[40000];
+    size_t n = (size_t)snprintf(text, sizeof text, HEAD);
+    for (int i = 0; i < REC_MAX_CAMERAS + 1; i++)
+        n += (size_t)snprintf(text + n, sizeof text - n,
+                              "  - {name: c%d, size: [4,4], K: [5,5,1,1], "
+                              "R: [1,0,0,0,1,0,0,0,1], t: [0,0,1]}\n",
+                              i);
+    refuse(text, PVX_EINVAL, "65 cameras; at most 64");
+}
+
+static void near_rotations_are_repaired(void)
+{
+    struct rec_rig r;
+    struct pvx_diag d;
+    T_EQ_I(parse(HEAD "  - name: a\n    size: [4,4]\n    K: [5,5,1,1]\n    t: [0,0,1]\n"
+                      "    R: [0.8661,-0.5,0, 0.5,0.866,0, 0,0,1.0001]\n",
+                 &r, &d),
+           PVX_OK);
+    const double *R = r.cameras[0].R;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            T_NEAR(R[3 * i] * R[3 * j] + R[3 * i + 1] * R[3 * j + 1] + R[3 * i + 2] * R[3 * j + 2],
+                   i == j, 1e-14);
+    T_NEAR(R[0], 0.866, 3e-4);
+    rec_rig_fini(&r);
+}
+
+static void format_reads_back(void)
+{
+    struct rec_rig a, b;
+    struct pvx_diag d;
+    char *text;
+    size_t len;
+    T_EQ_I(rec_rig_ring(7, 2.2, 641, 479, 33, &a), PVX_OK);
+    a.grid.basis = REC_TRILINEAR;
+    a.grid.min[0] = -1.0 / 3;
+    a.cameras[2].gain[1] = 0.7f;
+    for (int i = 0; i < 8; i++)
+        a.cameras[3].dist[i] = 0.1 / (i + 3);
+    memset(a.cameras[4].dist, 0, sizeof a.cameras[4].dist);
+    T_EQ_I(rec_rig_format(&a, &text, &len), PVX_OK);
+    T_EQ_I(strlen(text), len);
+    T_EQ_I(parse(text, &b, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(b.n_cameras, 7);
+    T_OK(memcmp(&a.grid, &b.grid, sizeof a.grid) == 0);
+    T_OK(memcmp(a.cameras, b.cameras, 7 * sizeof *a.cameras) == 0);
+    T_OK(rec_rig_hash(&a) == rec_rig_hash(&b));
+    free(text);
+    rec_rig_fini(&a);
+    rec_rig_fini(&b);
+}
+
+static void hash_sees_geometry_only(void)
+{
+    struct rec_rig a;
+    T_EQ_I(rec_rig_ring(3, 2, 64, 48, 8, &a), PVX_OK);
+    uint64_t h = rec_rig_hash(&a);
+    a.cameras[1].gain[0] = 3;
+    snprintf(a.cameras[1].name, sizeof a.cameras[1].name, "other");
+    T_OK(rec_rig_hash(&a) == h);
+    double *all[] = {&a.grid.min[1], &a.grid.max[2], &a.cameras[0].fx, &a.cameras[1].cy,
+                     &a.cameras[2].dist[7], &a.cameras[2].R[8], &a.cameras[0].t[1]};
+    for (size_t i = 0; i < sizeof all / sizeof all[0]; i++) {
+        double old = *all[i];
+        *all[i] = old + 1e-9;
+        T_OK(rec_rig_hash(&a) != h);
+        *all[i] = old;
+    }
+    a.grid.basis = REC_TRILINEAR;
+    T_OK(rec_rig_hash(&a) != h);
+    a.grid.basis = REC_BOX;
+    a.cameras[2].width++;
+    T_OK(rec_rig_hash(&a) != h);
+    a.cameras[2].width--;
+    a.grid.min[2] = -0.0;
+    T_OK(rec_rig_hash(&a) == h);
+    rec_rig_fini(&a);
+}
+
+static void select_keeps_rig_order(void)
+{
+    struct rec_rig a, b;
+    struct pvx_diag d = {""};
+    T_EQ_I(rec_rig_ring(5, 2, 64, 48, 8, &a), PVX_OK);
+    T_EQ_I(rec_rig_copy(&a, &b), PVX_OK);
+    T_EQ_I(rec_rig_select(&b, "cam3,cam0", &d), PVX_OK);
+    T_EQ_I(b.n_cameras, 2);
+    T_EQ_S(b.cameras[0].name, "cam0");
+    T_EQ_S(b.cameras[1].name, "cam3");
+    T_EQ_I(a.n_cameras, 5); /* the copy is its own */
+    T_EQ_I(rec_rig_select(&a, "cam1,cam9", &d), PVX_ENOENT);
+    T_CONTAINS(d.text, "no camera 'cam9' in the rig; it has: cam0 cam1");
+    T_EQ_I(a.n_cameras, 5);
+    T_EQ_I(rec_rig_select(&a, "", NULL), PVX_ENOENT);
+    T_EQ_I(rec_rig_select(&a, "cam1,", NULL), PVX_ENOENT);
+    rec_rig_fini(&a);
+    rec_rig_fini(&b);
+}
+
+static void ring_is_a_sound_rig(void)
+{
+    static const struct { size_t n; double r; int32_t w, h; } rigs[] = {
+        {8, 2, 640, 480}, {1, 2, 160, 120}, {2, 3, 48, 64}, {3, 1.6, 20, 20}, {64, 5, 300, 40}};
+    for (size_t k = 0; k < sizeof rigs / sizeof rigs[0]; k++) {
+        struct rec_rig r;
+        T_EQ_I(rec_rig_ring(rigs[k].n, rigs[k].r, rigs[k].w, rigs[k].h, 64, &r), PVX_OK);
+        double lo = 1e9, hi = -1e9, widest = 0;
+        double shorter = rigs[k].w < rigs[k].h ? rigs[k].w : rigs[k].h;
+        for (size_t i = 0; i < r.n_cameras; i++) {
+            const struct rec_camera *c = &r.cameras[i];
+            double x[3], uv[2], top[2], above[3] = {0, 0, 0.6}, mid[3] = {0, 0, 0.5};
+            rec_camera_centre(c, x);
+            T_NEAR(hypot(x[0], x[1]), rigs[k].r, 1e-9);
+            lo = fmin(lo, x[2]);
+            hi = fmax(hi, x[2]);
+            T_OK(rec_camera_project(c, mid, uv) && rec_camera_project(c, above, top));
+            T_NEAR(uv[0], c->cx, 1e-6);
+            T_NEAR(uv[1], c->cy, 1e-6);
+            T_OK(top[1] < uv[1]); /* z is up in the picture */
+            for (int m = 0; m < 8; m++) { /* the whole volume is in the picture */
+                double X[3] = {m & 1 ? .5 : -.5, m & 2 ? .5 : -.5, m & 4 ? 1 : 0};
+                T_OK(rec_camera_project(c, X, uv));
+                T_OK(uv[0] > 0 && uv[0] < c->width - 1 && uv[1] > 0 && uv[1] < c->height - 1);
+                widest = fmax(widest, fmax(fabs(uv[0] - c->cx), fabs(uv[1] - c->cy)));
+            }
+        }
+        T_NEAR(2 * widest / shorter, 0.75, 0.05);
+        if (rigs[k].n > 1)
+            T_NEAR(hi - lo, 0.3, 1e-9);
+        rec_rig_fini(&r);
+    }
+    struct rec_rig r;
+    T_EQ_I(rec_rig_ring(0, 2, 64, 48, 8, &r), PVX_EINVAL);
+    T_EQ_I(rec_rig_ring(65, 2, 64, 48, 8, &r), PVX_EINVAL);
+    T_EQ_I(rec_rig_ring(8, NAN, 64, 48, 8, &r), PVX_EINVAL);
+    T_EQ_I(rec_rig_ring(8, 2, 0, 48, 8, &r), PVX_EINVAL);
+    T_EQ_I(rec_rig_ring(8, 2, 64, 48, 1025, &r), PVX_EINVAL);
+}
+
+static void missing_file(void)
+{
+    struct rec_rig r;
+    struct pvx_diag d = {""};
+    T_EQ_I(rec_rig_load("/nonexistent/rig.yaml", &r, &d), PVX_ENOENT);
+    T_CONTAINS(d.text, "/nonexistent/rig.yaml");
+}
+
+int main(void)
+{
+    T_RUN(reads_everything);
+    T_RUN(messages_name_the_place);
+    T_RUN(impossible_cameras);
+    T_RUN(impossible_volumes);
+    T_RUN(too_many_cameras);
+    T_RUN(near_rotations_are_repaired);
+    T_RUN(format_reads_back);
+    T_RUN(hash_sees_geometry_only);
+    T_RUN(select_keeps_rig_order);
+    T_RUN(ring_is_a_sound_rig);
+    T_RUN(missing_file);
+    return t_done();
+}
