@@ -2,10 +2,25 @@
  *
  * New user + network namespace for the calling process (single-threaded at that time): lo is up and
  * has 127.0.0.2 .. 127.0.0.(1+n).  Sockets inside cannot reach out; ipc:// endpoints (files) can.
- * As root the user namespace is left out.  Errors: PVX_EPERM with the remedy (sysctl, or
- * `ip netns`), PVX_EUNSUP. */
+ * User and group ids stay what they are.  CAP_NET_RAW of the private network is kept for programs
+ * that are run from here, so that GigE streams may use packet sockets as they do for root.
+ * As root the user namespace is left out. */
 #ifndef CAP_NETNS_H
 #define CAP_NETNS_H
+#include <stdbool.h>
 #include "base/err.h"
+
+#define CAP_NETNS_MAX_ADDRESSES 253
+
+/* n_addresses 1..CAP_NETNS_MAX_ADDRESSES.  Errors: PVX_EPERM with the remedy (sysctl, or
+ * `ip netns`), PVX_EINVAL (range, or threads are running), PVX_EUNSUP, PVX_EIO. */
 PVX_MUST_CHECK pvx_err cap_netns_enter(unsigned n_addresses, struct pvx_diag *d);
+
+/* Dotted text of the i-th address after `first` ("127.0.0.2", 3 -> "127.0.0.5").  PVX_EINVAL: not
+ * an IPv4 address, or past its end. */
+PVX_MUST_CHECK pvx_err cap_netns_address(const char *first, unsigned i, char out[16]);
+
+/* True when all n addresses from `first` on belong to interfaces of this host: then no private
+ * network is needed to serve cameras on them. */
+bool cap_netns_have(const char *first, unsigned n);
 #endif
