@@ -2,7 +2,9 @@
  *
  * PUB drops in silence for a subscriber that does not read; so every message carries a sequence
  * number that counts all messages of the session, and clients count gaps.  `start` is repeated every
- * second for late joiners.  Errors: PVX_EBUSY (port in use: says which), PVX_EINVAL (endpoint). */
+ * second for late joiners.  Sending never blocks; a subscriber that does not read costs at most
+ * send_hwm messages of memory.  Nothing of its own is allocated per message (libzmq copies each).
+ * Threads: one at a time; another may have made it. */
 #ifndef PVP_PUB_H
 #define PVP_PUB_H
 #include "proto/pvp.h"
@@ -10,17 +12,24 @@ typedef struct pvp_pub pvp_pub;
 struct pvp_pub_params {
     const char *const *endpoints; /* "ipc:///run/pyrovox/volumes", "tcp://127.0.0.1:5555" */
     size_t n_endpoints;
-    int send_hwm;                 /* messages kept per slow subscriber, default 8 */
+    int send_hwm;                 /* messages kept per slow subscriber, 0 = 8 */
     enum pvp_sample sample; enum pvp_compress comp;
 };
+/* Binds all endpoints and sends the first start.  Errors, diag filled: PVX_EBUSY (an endpoint is in
+ * use: says which and what to do), PVX_EINVAL (not an endpoint, grid), PVX_ENOENT, PVX_EPERM
+ * (folder of an ipc:// endpoint), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct pvp_start *start,
                                    pvp_pub **out, struct pvx_diag *d);
+/* As pvp_encode_volume; the session is the start's, whatever v says.  *bytes = size of the message,
+ * may be NULL.  Repeats start first when it is due. */
 PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, uint32_t n,
                                       const int32_t *index, const float *value, int stride,
                                       size_t *bytes);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
 void pvp_pub_tick(pvp_pub *p);  /* repeats start when a second has passed */
+/* `reason` for people, cut to 63 bytes. */
 PVX_MUST_CHECK pvx_err pvp_pub_end(pvp_pub *p, const char *reason);
+/* Waits at most a quarter of a second for what is still on its way out. */
 void pvp_pub_free(pvp_pub **p);
 uint64_t pvp_pub_sequence(const pvp_pub *p); /* of the next message */
 #endif

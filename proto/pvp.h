@@ -3,9 +3,10 @@
  * One message = one ZeroMQ frame, little-endian, fixed header with type, version, sequence and
  * length; a subscriber filters on the first bytes.  Types: start, volume, status, end.
  * A volume carries only bricks of 8^3 voxels that have an active voxel.
- * Decoding is bounds-checked and never trusts a length; it allocates nothing: it gives views into
- * the message, and pvp_volume_unpack writes into the caller's array.
- * Threads: pure; an encoder belongs to one thread. */
+ * Decoding is bounds-checked and never trusts a length; it gives views into the message, and
+ * pvp_volume_unpack writes into the caller's array.  Only pvp_decoder owns memory: room for one
+ * decompressed volume, grown to the largest seen.
+ * Threads: pure; an encoder or a decoder belongs to one thread. */
 #ifndef PVP_H
 #define PVP_H
 #include <stdbool.h>
@@ -17,6 +18,19 @@ enum pvp_type { PVP_START = 100, PVP_VOLUME = 200, PVP_STATUS = 300, PVP_END = 4
 enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
 enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
 #define PVP_BRICK 8
+#define PVP_GRID_MAX 1024                /* voxels per side */
+#define PVP_STATUS_MAX ((size_t)1 << 20) /* bytes of a status text */
+#define PVP_REASON_MAX 64                /* bytes of an end reason, with the 0 */
+#define PVP_VERSION_MAJOR 1
+#define PVP_VERSION_MINOR 0
+
+/* Header flags.  The lower 16 may be ignored by who does not know them, the upper 16 may not. */
+#define PVP_FLAG_CLAMPED 1u /* volume in f16: some value was beyond +-65504 and was cut to it */
+
+/* What a subscription filters on: all messages, or one type. */
+#define PVP_SUBSCRIBE_ALL "PVX1"
+#define PVP_SUBSCRIBE_LEN 6
+void pvp_subscription(enum pvp_type type, uint8_t prefix[PVP_SUBSCRIBE_LEN]);
 
 struct pvp_grid {
     uint32_t n[3];
@@ -34,7 +48,7 @@ struct pvp_start {
     char software[32];     /* "pyrovoxd 0.1.0" */
 };
 struct pvp_report {
-    uint32_t status;       /* enum as recon's rec_status: 0 converged 1 max-iter 2 deadline 3 stagnated 4 empty */
+    uint32_t status;       /* as recon's rec_status: 0 converged 1 max-iter 2 deadline 3 stagnated 4 empty */
     char solver[16];
     uint32_t iterations;
     double rel_residual;
@@ -52,43 +66,65 @@ struct pvp_volume {
     struct pvp_report report;
 };
 
-/* --- encoding: buffers are sized once for the grid --- */
+/* --- encoding: buffers are sized once for the grid, as reserved address space --- */
 typedef struct pvp_encoder pvp_encoder;
+/* Errors: PVX_EINVAL (grid, sample or compression outside what the format knows), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample,
                                        enum pvp_compress comp, pvp_encoder **out);
 void pvp_encoder_free(pvp_encoder **e);
 /* Sparse volume: n voxels, index ascending (x fastest), value [n][stride] of which the first
- * grid.channels count.  *msg borrowed until the next call.  Non-finite values are refused. */
+ * grid.channels count.  *msg borrowed until the next call.  A payload that compression would not
+ * make smaller goes out uncompressed.  PVX_EINVAL: another grid than the encoder's, index not
+ * ascending or outside, a value that is not finite.  Allocates nothing.
+ * Cost: O(n + 512 * bricks), plus the compression. */
 PVX_MUST_CHECK pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence,
                                          const struct pvp_volume *v, uint32_t n,
                                          const int32_t *index, const float *value, int stride,
                                          const void **msg, size_t *len);
 PVX_MUST_CHECK pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence,
                                         const struct pvp_start *s, const void **msg, size_t *len);
-/* JSON text as it is. */
+/* JSON text as it is; PVX_ERANGE above PVP_STATUS_MAX.  Carries the session of the last start. */
 PVX_MUST_CHECK pvx_err pvp_encode_status(pvp_encoder *e, uint64_t sequence, const char *json,
                                          const void **msg, size_t *len);
 PVX_MUST_CHECK pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session,
                                       const char *reason, const void **msg, size_t *len);
 
 /* --- decoding --- */
-struct pvp_header { enum pvp_type type; uint32_t version; uint64_t sequence; size_t body; };
+struct pvp_header {
+    enum pvp_type type;     /* may be one that this version does not know: ignore the message */
+    uint32_t version;       /* major << 16 | minor */
+    uint32_t flags;         /* PVP_FLAG_* */
+    uint64_t sequence;      /* counts all messages of the session */
+    uint64_t type_sequence; /* counts the messages of this type in the session */
+    uint64_t session;
+    size_t head, body;      /* bytes; the body starts at msg + head */
+};
 struct pvp_view { /* a volume message's bricks, borrowed from the message */
     struct pvp_volume v;
     enum pvp_sample sample; enum pvp_compress comp;
+    bool clamped;
     uint32_t n_bricks; const uint8_t *ids; const uint8_t *payload; size_t payload_len;
+    size_t raw_len; /* bytes of the payload decompressed */
 };
+/* All of them: PVX_EFORMAT (not a message, cut short, a field outside its range), PVX_EVERSION (made
+ * for readers of a later version), PVX_EUNSUP (sample or compression not known here). */
 PVX_MUST_CHECK pvx_err pvp_decode_header(const void *msg, size_t len, struct pvp_header *h,
                                          struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_start *s,
                                         struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out,
                                          struct pvx_diag *d);
-/* dense [nz][ny][nx][channels] out, zeroed first. */
-PVX_MUST_CHECK pvx_err pvp_volume_unpack(const struct pvp_view *v, float *dense, size_t count,
-                                         struct pvx_diag *d);
+typedef struct pvp_decoder pvp_decoder;
+PVX_MUST_CHECK pvx_err pvp_decoder_new(pvp_decoder **out);
+void pvp_decoder_free(pvp_decoder **dec);
+/* Voxels times channels: the `count` that pvp_volume_unpack wants. */
+size_t pvp_grid_count(const struct pvp_grid *g);
+/* dense [nz][ny][nx][channels] out, zeroed first; count must be pvp_grid_count.  Errors: PVX_EINVAL
+ * (count), PVX_ECORRUPT (does not decompress to what it says, not finite), PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *dense,
+                                         size_t count, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_status(const void *msg, size_t len, const char **json,
                                          size_t *json_len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session,
-                                      char reason[64], struct pvx_diag *d);
+                                      char reason[PVP_REASON_MAX], struct pvx_diag *d);
 #endif

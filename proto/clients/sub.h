@@ -1,14 +1,24 @@
 /* sub.h - C client: subscribe to a daemon's volumes (libpyrovox-client).
  *
  * Counts gaps in the sequence (= messages this subscriber lost), survives restarts of the daemon
- * (a new session resets the count), waits for `start` before it gives volumes. */
+ * (a new session resets the count), waits for `start` before it gives volumes.  The daemon need not
+ * be there yet.
+ * Threads: one at a time. */
 #ifndef PVP_SUB_H
 #define PVP_SUB_H
 #include "proto/pvp.h"
 typedef struct pvp_sub pvp_sub;
-struct pvp_sub_stats { uint64_t received, lost, malformed, sessions; };
+struct pvp_sub_stats {
+    uint64_t received;  /* well-formed messages, unknown types included */
+    uint64_t lost;      /* missing in the sequence, since the first message of each session */
+    uint64_t malformed; /* not decodable: not ours, damaged, or of a later major version */
+    uint64_t sessions;  /* runs of the daemon seen */
+};
+/* PVX_EINVAL: not an endpoint. */
 PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, pvp_sub **out, struct pvx_diag *d);
-/* Next message: type and borrowed bytes until the next call.  PVX_ETIMEDOUT. */
+/* Next message of a known type; the bytes are borrowed until the next call.  start, status and end
+ * always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
+ * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran. */
 PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h,
                                     const void **msg, size_t *len);
 /* The latest start message, NULL before the first. */

@@ -1,0 +1,160 @@
+#include "proto/clients/sub.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zmq.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+
+#define RECEIVE_HWM 16
+#define RECONNECT_MS 100
+#define RECONNECT_MAX_MS 1000
+
+struct pvp_sub {
+    void *ctx, *socket;
+    zmq_msg_t msg; /* the last message; what pvp_sub_next lends */
+    bool in_session, have_start;
+    uint64_t session, next_sequence;
+    struct pvp_start start;
+    struct pvp_sub_stats stats;
+};
+
+static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, struct pvx_diag *d)
+{
+    s->ctx = zmq_ctx_new();
+    s->socket = s->ctx != NULL ? zmq_socket(s->ctx, ZMQ_SUB) : NULL;
+    const int hwm = RECEIVE_HWM, linger = 0, ivl = RECONNECT_MS, ivl_max = RECONNECT_MAX_MS;
+    if (s->socket == NULL || zmq_setsockopt(s->socket, ZMQ_RCVHWM, &hwm, sizeof hwm) != 0 ||
+        zmq_setsockopt(s->socket, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
+        zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL, &ivl, sizeof ivl) != 0 ||
+        zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL_MAX, &ivl_max, sizeof ivl_max) != 0 ||
+        zmq_setsockopt(s->socket, ZMQ_SUBSCRIBE, PVP_SUBSCRIBE_ALL,
+                       strlen(PVP_SUBSCRIBE_ALL)) != 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
+    if (zmq_connect(s->socket, endpoint) != 0)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: not an endpoint (%s); write ipc:///run/pyrovox/volumes or "
+                        "tcp://HOST:5555",
+                        endpoint, zmq_strerror(errno));
+    return PVX_OK;
+}
+
+pvx_err pvp_sub_new(const char *endpoint, pvp_sub **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct pvp_sub *s = calloc(1, sizeof *s);
+    if (s == NULL)
+        return PVX_ENOMEM;
+    zmq_msg_init(&s->msg);
+    pvx_err e = connect_socket(s, endpoint, d);
+    if (e != PVX_OK) {
+        pvp_sub_free(&s);
+        return e;
+    }
+    *out = s;
+    return PVX_OK;
+}
+
+void pvp_sub_free(pvp_sub **s)
+{
+    if (*s == NULL)
+        return;
+    zmq_msg_close(&(*s)->msg);
+    if ((*s)->socket != NULL)
+        zmq_close((*s)->socket);
+    if ((*s)->ctx != NULL)
+        while (zmq_ctx_term((*s)->ctx) != 0 && errno == EINTR)
+            continue;
+    PVX_FREE(*s);
+}
+
+/* PVX_OK: s->msg is the next message. */
+static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until)
+{
+    for (;;) {
+        zmq_msg_close(&s->msg);
+        zmq_msg_init(&s->msg);
+        if (zmq_msg_recv(&s->msg, s->socket, ZMQ_DONTWAIT) >= 0)
+            return PVX_OK;
+        if (errno == EINTR)
+            return PVX_ETIMEDOUT;
+        if (errno != EAGAIN)
+            return pvx_err_from_errno(errno);
+        int64_t left = until - pvx_now_mono();
+        if (timeout_ns >= 0 && left <= 0)
+            return PVX_ETIMEDOUT;
+        /* Round up, so that the last fraction of a millisecond does not spin. */
+        long ms = timeout_ns < 0 ? -1 : (long)((left + PVX_NS_PER_MS - 1) / PVX_NS_PER_MS);
+        zmq_pollitem_t item = {.socket = s->socket, .events = ZMQ_POLLIN};
+        if (zmq_poll(&item, 1, ms) < 0)
+            return errno == EINTR ? PVX_ETIMEDOUT : pvx_err_from_errno(errno);
+    }
+}
+
+/* Sequence and session of a good header; false for a repetition. */
+static bool count(struct pvp_sub *s, const struct pvp_header *h)
+{
+    if (!s->in_session || h->session != s->session) {
+        s->in_session = true;
+        s->have_start = false;
+        s->session = h->session;
+        s->next_sequence = h->sequence;
+        s->stats.sessions++;
+    }
+    if (h->sequence < s->next_sequence)
+        return false;
+    s->stats.received++;
+    s->stats.lost += h->sequence - s->next_sequence;
+    s->next_sequence = h->sequence + 1;
+    return true;
+}
+
+/* Is this one for the caller? */
+static bool wanted(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len)
+{
+    struct pvp_start start;
+    switch (h->type) {
+    case PVP_START:
+        if (pvp_decode_start(msg, len, &start, NULL) != PVX_OK) {
+            s->stats.malformed++;
+            return false;
+        }
+        s->start = start;
+        s->have_start = true;
+        return true;
+    case PVP_VOLUME: return s->have_start;
+    case PVP_STATUS:
+    case PVP_END: return true;
+    }
+    return false; /* a type of a later minor version */
+}
+
+pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const void **msg,
+                     size_t *len)
+{
+    int64_t until = timeout_ns >= 0 ? pvx_now_mono() + timeout_ns : 0;
+    for (;;) {
+        PVX_TRY(receive(s, timeout_ns, until));
+        *msg = zmq_msg_data(&s->msg);
+        *len = zmq_msg_size(&s->msg);
+        if (zmq_msg_more(&s->msg) || pvp_decode_header(*msg, *len, h, NULL) != PVX_OK)
+            s->stats.malformed++;
+        else if (count(s, h) && wanted(s, h, *msg, *len))
+            return PVX_OK;
+        /* Nothing but messages that are of no use must not hold the caller for ever. */
+        if (timeout_ns >= 0 && pvx_now_mono() >= until)
+            return PVX_ETIMEDOUT;
+    }
+}
+
+const struct pvp_start *pvp_sub_start(const pvp_sub *s)
+{
+    return s->have_start ? &s->start : NULL;
+}
+
+void pvp_sub_stats(const pvp_sub *s, struct pvp_sub_stats *out)
+{
+    *out = s->stats;
+}
