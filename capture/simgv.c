@@ -19,7 +19,6 @@
 
 #define GVCP_PORT 3956
 #define REG_USER_NAME 0xe8 /* GigE Vision bootstrap register, 16 bytes */
-#define NAME_MAX_CHARS 15
 #define FIRST_ID 65401 /* as the stock fake: the wrap comes soon */
 
 struct cap_simgv {
@@ -236,10 +235,10 @@ static pvx_err check(const struct cap_simgv_config *c, struct pvx_diag *d)
         !(c->ring_fps > 0 && c->ring_fps <= 1000) || !(c->trigger_hz >= 0 && c->trigger_hz <= 1000))
         return pvx_fail(d, PVX_EINVAL, "simulated camera %s: image size 1 to 16384, at least one "
                         "image, rates up to 1000 Hz", c->address);
-    if (c->serial[0] == '\0' || strlen(c->serial) > NAME_MAX_CHARS ||
-        (c->user_name != NULL && strlen(c->user_name) > NAME_MAX_CHARS))
+    if (c->serial[0] == '\0' || strlen(c->serial) > CAP_SIMGV_NAME_MAX ||
+        (c->user_name != NULL && strlen(c->user_name) > CAP_SIMGV_NAME_MAX))
         return pvx_fail(d, PVX_EINVAL, "simulated camera %s: serial and name have at most %d "
-                        "characters", c->address, NAME_MAX_CHARS);
+                        "characters", c->address, CAP_SIMGV_NAME_MAX);
     return PVX_OK;
 }
 

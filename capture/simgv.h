@@ -23,10 +23,12 @@
 #include "base/err.h"
 #include "capture/image.h"
 
+#define CAP_SIMGV_NAME_MAX 15 /* characters */
+
 struct cap_simgv_config {
     const char *address;       /* "127.0.0.2" */
-    const char *serial;        /* "SIM00", at most 15 characters */
-    const char *user_name;     /* "cam0", at most 15 characters; NULL = none */
+    const char *serial;        /* "SIM00", at most CAP_SIMGV_NAME_MAX */
+    const char *user_name;     /* "cam0", likewise; NULL = none */
     enum cap_pixfmt fmt;       /* CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8 */
     int32_t width, height;
     const void *const *ring;   /* [n_ring] images, tightly packed, borrowed */

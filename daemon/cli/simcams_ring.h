@@ -1,0 +1,41 @@
+/* simcams_ring.h - the images that simulated cameras serve: the analytic flame as each camera of a
+ * rig sees it, rendered once for every instant i/fps of one period n/fps, then served for ever.
+ *
+ *     pixel = round(255 (L + noise sigma)), clipped to 0..255                             (1)
+ * L from rec_flame_render; Mono8: mean of the three channels; BayerRG8: each pixel its own colour.
+ * All is a function of rig, n, fps, seed, noise: whoever knows these knows the truth.  Image i shows
+ * rec_flame_at(f, i/fps) of simcams_flame(). */
+#ifndef SIMCAMS_RING_H
+#define SIMCAMS_RING_H
+#include <stdbool.h>
+#include "capture/image.h"
+#include "recon/flame.h"
+#include "recon/rig.h"
+
+struct simcams_ring_params {
+    enum cap_pixfmt fmt; /* CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8 */
+    size_t n;            /* images per camera */
+    double fps;
+    uint32_t seed;
+    double noise; /* standard deviation, share of full scale */
+    int sub;      /* sub x sub rays per pixel */
+};
+
+struct simcams_ring {
+    size_t n_cameras, n;
+    void **image; /* [n_cameras][n], tightly packed */
+};
+
+/* The flame in the rig's volume with the ring's period. */
+void simcams_flame(const struct rec_rig *rig, size_t n, double fps, uint32_t seed,
+                   struct rec_flame *out);
+size_t simcams_ring_bytes(const struct rec_rig *rig, const struct simcams_ring_params *p);
+
+/* Renders on all CPUs.  progress(ctx, 0..1) false = stop: PVX_ECANCELED.  Owner: caller, until
+ * simcams_ring_fini.  Errors: PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err simcams_ring_init(const struct rec_rig *rig,
+                                         const struct simcams_ring_params *p,
+                                         bool (*progress)(void *ctx, double done), void *ctx,
+                                         struct simcams_ring *out);
+void simcams_ring_fini(struct simcams_ring *r);
+#endif
