@@ -1,0 +1,47 @@
+/* Any bytes as a message, of any type; volumes are unpacked as a client would. */
+#include <math.h>
+#include <stdlib.h>
+
+#include "proto/pvp.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static void volume(const uint8_t *data, size_t size)
+{
+    struct pvp_view view;
+    pvp_decoder *dec;
+    if (pvp_decode_volume(data, size, &view, NULL) != PVX_OK)
+        return;
+    size_t count = pvp_grid_count(&view.v.grid);
+    if (count > 1 << 18 || pvp_decoder_new(&dec) != PVX_OK) /* a client's own limit */
+        return;
+    float *dense = malloc(count * sizeof *dense);
+    struct pvx_diag d = {""};
+    if (dense != NULL && pvp_volume_unpack(dec, &view, dense, count, &d) == PVX_OK)
+        for (size_t i = 0; i < count; i++)
+            if (!isfinite(dense[i]))
+                abort();
+    free(dense);
+    pvp_decoder_free(&dec);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    struct pvp_header h;
+    struct pvp_start start;
+    struct pvx_diag d = {""};
+    const char *json;
+    size_t json_len;
+    uint64_t session;
+    char reason[PVP_REASON_MAX];
+    if (pvp_decode_header(data, size, &h, &d) != PVX_OK)
+        return 0;
+    if (pvp_decode_start(data, size, &start, NULL) == PVX_OK && h.type != PVP_START)
+        abort();
+    if (pvp_decode_status(data, size, &json, &json_len, NULL) == PVX_OK && json_len > size)
+        abort();
+    if (pvp_decode_end(data, size, &session, reason, NULL) == PVX_OK && h.type != PVP_END)
+        abort();
+    volume(data, size);
+    return 0;
+}
