@@ -155,7 +155,7 @@ $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
-$(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
+$(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
 	$(call say,LD)
 	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
 # The allocation test interposes malloc in the executable.
