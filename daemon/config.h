@@ -1,0 +1,99 @@
+/* config.h - how the daemon runs: pyrovoxd.yaml, read strictly.
+ *
+ * Refused with "file:line: key: reason": unknown and duplicate keys, wrong types, values outside
+ * their range.  Every key has a default; `rig` and `cameras` must be given to run.
+ *     rig: rig.yaml
+ *     cameras: "aravis:127.0.0.2+"     # all cameras of the rig, in its order: .2, .3, .4 ...
+ * or  cameras: { cam0: "aravis:GV01", cam3: "aravis:GV04" }   # the others of the rig are left out
+ * In a pattern for all, {name} is the camera's name and a trailing + counts the number before it up.
+ * File names are relative to the configuration file.  Threads: constant once read. */
+#ifndef DMN_CONFIG_H
+#define DMN_CONFIG_H
+#include <limits.h>
+#include <stdint.h>
+#include "base/err.h"
+#include "capture/frameset.h"
+#include "daemon/options.h"
+#include "recon/frame.h"
+#include "recon/rig.h"
+
+struct dmn_config {
+    char dir[PATH_MAX]; /* relative names start here */
+    char name[PATH_MAX];
+
+    char rig[DMN_WORD_MAX];
+    struct dmn_pairs cameras;
+    struct dmn_ints grid;
+    int basis;              /* 0 as the rig says, 1 box, 2 trilinear */
+    int channels;           /* 0 auto, 1 one, 2 three */
+    int64_t threads;
+    int log_level;
+
+    double fps;
+    int pixel_format;
+    int trigger;            /* 0 free-run, 1 software */
+    int shared_clock, lossless, loop;
+    int64_t discard_first, buffers, packet_size;
+    double exposure_us, gain;
+    struct dmn_pairs features;
+
+    double tolerance_ms, max_wait_ms;
+    int policy;             /* enum cap_policy */
+    int64_t min_cameras;
+
+    int64_t binning, rays;
+    char cache[DMN_WORD_MAX];
+
+    double black, threshold, floor, auto_k, saturation;
+    int64_t margin;
+    int despeckle;
+
+    int64_t min_views;
+    int keep_partial;
+
+    int solver;
+    int64_t iterations;
+    double lambda;
+    int stop;
+    double deadline_ms;
+    int warm_start;
+
+    struct dmn_texts endpoints;
+    int sample, compress;
+    int64_t hwm;
+    char control[DMN_WORD_MAX];
+
+    int64_t sim_seed;
+    double sim_period_s;
+};
+
+/* All defaults; dir "." */
+void dmn_config_defaults(struct dmn_config *c);
+/* Parse text over the defaults; `name` is what messages call the file. */
+PVX_MUST_CHECK pvx_err dmn_config_parse(const char *text, size_t len, const char *name,
+                                        struct dmn_config *c, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err dmn_config_load(const char *path, struct dmn_config *c, struct pvx_diag *d);
+/* YAML text with every key, explained, that dmn_config_parse reads back to the same values.
+ * Owner: caller, free(); NULL when out of memory. */
+char *dmn_config_format(const struct dmn_config *c);
+
+/* `name` as the daemon opens it: absolute as it is, else under c->dir. */
+void dmn_config_path(const struct dmn_config *c, const char *name, char *out, size_t size);
+/* Source of the camera `name`, number `index` of the rig: "" when it is not in the configuration.
+ * PVX_EINVAL: a pattern that cannot be continued. */
+PVX_MUST_CHECK pvx_err dmn_config_source(const struct dmn_config *c, const char *name,
+                                         size_t index, char *out, size_t size, struct pvx_diag *d);
+
+/* The rig that the configuration names, with its grid and basis overridden and only the cameras
+ * that have a source.  Owner: caller, rec_rig_fini. */
+PVX_MUST_CHECK pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out,
+                                      struct pvx_diag *d);
+enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c);
+/* Channels that are reconstructed, 1 or 3. */
+int dmn_config_channels(const struct dmn_config *c);
+/* What recon is asked to do with each frame set. */
+void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
+/* Solver's time limit after the arrival of the set's last frame, ns; 0 = none. */
+int64_t dmn_config_deadline(const struct dmn_config *c);
+
+#endif

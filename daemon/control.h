@@ -1,0 +1,35 @@
+/* control.h - the control socket: one JSON object in, one out, over ZeroMQ REQ/REP.
+ *
+ *   {"cmd":"ping"}                        {"ok":true,"pong":...}
+ *   {"cmd":"status"}                      the state (state.h)
+ *   {"cmd":"log-level","level":"debug"}   {"ok":true}
+ *   {"cmd":"reset-latency"}               {"ok":true}; the latency statistics start anew
+ *   {"cmd":"stop"}                        {"ok":true}; the daemon drains and ends
+ * Anything else, or more than DMN_REQUEST_MAX bytes: {"error":"..."}.
+ * A lock file beside an ipc socket keeps a second daemon from taking it over.
+ * Threads: a thread of its own; the calls in dmn_control_ops come from it. */
+#ifndef DMN_CONTROL_H
+#define DMN_CONTROL_H
+#include <stddef.h>
+#include "base/err.h"
+
+#define DMN_REQUEST_MAX 4096
+#define DMN_REPLY_MAX (64u << 10)
+
+struct dmn_control_ops {
+    size_t (*status)(void *ctx, char *out, size_t size); /* JSON; 0 = does not fit */
+    void (*reset_latency)(void *ctx);
+    void (*stop)(void *ctx);
+    void *ctx;
+};
+
+/* Answer one request; returns the reply's length (at least 2, 0-terminated beyond).  size >= 256. */
+size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,
+                          char *reply, size_t size);
+
+typedef struct dmn_control dmn_control;
+/* Errors: PVX_EBUSY (in use: says which), PVX_EINVAL (endpoint). */
+PVX_MUST_CHECK pvx_err dmn_control_new(const char *endpoint, const struct dmn_control_ops *ops,
+                                       dmn_control **out, struct pvx_diag *d);
+void dmn_control_free(dmn_control **c);
+#endif

@@ -1,0 +1,131 @@
+#include "daemon/options.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "daemon/config.h"
+
+#define AT(member) offsetof(struct dmn_config, member), sizeof(((struct dmn_config *)0)->member)
+#define BOOL(key, member, def, help) {key, DMN_BOOL, AT(member), def, 0, 0, "", NULL, help}
+#define INT(key, member, def, lo, hi, unit, help)                                                  \
+    {key, DMN_INT, AT(member), def, lo, hi, unit, NULL, help}
+#define REAL(key, member, def, lo, hi, unit, help)                                                 \
+    {key, DMN_REAL, AT(member), def, lo, hi, unit, NULL, help}
+#define TEXT(key, member, help) {key, DMN_TEXT, AT(member), "\"\"", 0, 0, "", NULL, help}
+#define CHOICE(key, member, def, choices, help)                                                    \
+    {key, DMN_CHOICE, AT(member), def, 0, 0, "", choices, help}
+
+const struct dmn_option dmn_options[] = {
+    TEXT("rig", rig, "Calibration file: cameras and reconstruction volume. Must be given."),
+    {"cameras", DMN_CAMERAS, AT(cameras), "\"\"", 0, 0, "", NULL,
+     "Source of each camera, by its name in the rig; or one pattern for all of them, in which "
+     "{name} is the camera's name and a trailing + counts up. Must be given. Sources: "
+     "aravis:ADDRESS-OR-SERIAL, files:PATTERN, sim:."},
+    {"grid", DMN_INTS, AT(grid), "[]", 1, REC_GRID_MAX, "voxels", NULL,
+     "Voxels of the volume, one number (along x, the others in proportion) or three; empty = as "
+     "the rig says."},
+    CHOICE("basis", basis, "rig", "rig|box|trilinear",
+           "How a volume is read between voxel centres: constant in the voxel, or trilinear."),
+    CHOICE("channels", channels, "auto", "auto|1|3",
+           "Colours that are reconstructed. auto = 1 for grey pixel formats, else 3."),
+    INT("threads", threads, "0", 0, 256, "threads",
+        "Threads that share the computing of a stage; 0 = one per processor."),
+    CHOICE("log_level", log_level, "info", "error|warn|info|debug", "Least important message shown."),
+
+    REAL("fps", fps, "20", 0.01, 10000, "Hz", "Nominal frame sets per second."),
+    CHOICE("pixel_format", pixel_format, "auto",
+           "auto|Mono8|Mono16|RGB8|RGB16|BayerRG8|BayerGR8|BayerGB8|BayerBG8",
+           "Pixel format asked of the cameras; auto = what they are set to."),
+    CHOICE("trigger", trigger, "free-run", "free-run|software",
+           "Who starts an exposure: the camera, or one software trigger per period to all."),
+    BOOL("shared_clock", shared_clock, "false",
+         "The cameras' time stamps are the host's UTC already (PTP, simulated cameras), so no clock "
+         "is fitted."),
+    BOOL("lossless", lossless, "false",
+         "Replay: wait instead of dropping, and take files as fast as they can be solved."),
+    BOOL("loop", loop, "false", "Files start over at their end."),
+    INT("discard_first", discard_first, "1", 0, 1000, "frames",
+        "Frames of each camera that are ignored after it has been started; files lose none when "
+        "lossless."),
+    INT("buffers", buffers, "16", 4, 1024, "frames", "Raw frames kept per camera."),
+    INT("packet_size", packet_size, "0", 0, 16384, "bytes",
+        "GigE Vision packet size; 0 = negotiate."),
+    REAL("exposure_us", exposure_us, "-1", -1, 1e9, "us",
+         "Exposure time; negative = leave as the camera has it."),
+    REAL("gain", gain, "-1", -1, 1000, "", "Gain; negative = leave as the camera has it."),
+    {"features", DMN_PAIRS, AT(features), "{}", 0, 0, "", NULL,
+     "GenICam features written to every camera when it is opened, and read back."},
+
+    REAL("sync.tolerance_ms", tolerance_ms, "0", 0, 10000, "ms",
+         "Frames belong together when their exposures differ by no more; 0 = a quarter of the "
+         "period."),
+    REAL("sync.max_wait_ms", max_wait_ms, "150", 1, 60000, "ms",
+         "Longest wait for the missing frames of a set, from its first one."),
+    CHOICE("sync.policy", policy, "drop", "drop|partial",
+           "A set without all cameras is dropped, or used as it is."),
+    INT("sync.min_cameras", min_cameras, "2", 1, CAP_MAX_CAMERAS, "cameras",
+        "With partial: sets with fewer are dropped."),
+
+    INT("binning", binning, "0", 0, 64, "pixels",
+        "Raw pixels per side of a bin; 0 = chosen from the grid."),
+    INT("rays", rays, "0", 0, 16, "rays",
+        "Rays per side of a bin; 0 = 1 without binning, else 2."),
+    TEXT("matrix_cache", cache,
+         "File that keeps the system matrix; empty = under $PYROVOX_CACHE, $XDG_CACHE_HOME or "
+         "~/.cache."),
+
+    REAL("photometry.black", black, "0", 0, 1, "full scale", "Black level, subtracted."),
+    REAL("photometry.threshold", threshold, "-1", -1, 1, "full scale",
+         "Pixels from here on are flame; negative = from the noise."),
+    REAL("photometry.floor", floor, "0.004", 0, 1, "full scale", "Least automatic threshold."),
+    REAL("photometry.auto_k", auto_k, "4", 0, 100, "sigma",
+         "Automatic threshold over the noise."),
+    REAL("photometry.saturation", saturation, "-1", -1, 1000, "full scale",
+         "Pixels from here on are saturated and do not count; negative = 0.998, or off for files of "
+         "floating-point numbers; 0 = off."),
+    INT("photometry.margin", margin, "1", 0, 100, "bins",
+        "Silhouettes are grown by it to cover calibration error."),
+    BOOL("photometry.despeckle", despeckle, "true",
+         "Lit bins without lit neighbours are noise (automatic threshold only)."),
+
+    INT("hull.min_views", min_views, "2", 1, CAP_MAX_CAMERAS, "cameras",
+        "A voxel seen by fewer cameras is empty."),
+    BOOL("hull.keep_partial", keep_partial, "true",
+         "Keep voxels that are only partly inside a silhouette."),
+
+    CHOICE("solver.name", solver, "pcg", "pcg|cgls-paper|mlem", "Method."),
+    INT("solver.iterations", iterations, "0", 0, 100000, "",
+        "Most iterations; 0 = the method's default."),
+    REAL("solver.lambda", lambda, "-1", -1, 1e6, "", "Weight of smoothness; negative = automatic."),
+    CHOICE("solver.stop", stop, "auto", "auto|lcurve|discrepancy|iterations", "When to stop."),
+    REAL("solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
+         "The solver returns its best result by this time after the last frame came; negative = "
+         "one and a half periods (none when lossless); 0 = none."),
+    BOOL("solver.warm_start", warm_start, "false", "Start from the volume before."),
+
+    {"publish.endpoints", DMN_TEXTS, AT(endpoints), "[]", 0, 0, "", NULL,
+     "ZeroMQ endpoints that volumes are published on; empty = ipc in the run folder."},
+    CHOICE("publish.sample", sample, "f16", "f16|f32", "Number format of the voxels."),
+    CHOICE("publish.compress", compress, "none", "none|lz4|zstd", "Compression of the voxels."),
+    INT("publish.hwm", hwm, "8", 1, 100000, "messages",
+        "Messages kept for a slow subscriber; more are lost for it and seen by it as gaps."),
+
+    TEXT("control.endpoint", control,
+         "ZeroMQ endpoint of `pyrovox status`; empty = ipc in the run folder."),
+
+    INT("sim.seed", sim_seed, "1", 0, 4294967295.0, "", "Flame that sim: cameras see."),
+    REAL("sim.period_s", sim_period_s, "2", 0.01, 3600, "s", "The flame's motion repeats."),
+};
+const size_t dmn_n_options = sizeof dmn_options / sizeof dmn_options[0];
+
+void dmn_choice_word(const char *choices, int index, char *out, size_t size)
+{
+    const char *p = choices;
+    for (int i = 0; i < index && p != NULL; i++) {
+        p = strchr(p, '|');
+        if (p != NULL)
+            p++;
+    }
+    size_t n = p == NULL ? 0 : strcspn(p, "|");
+    snprintf(out, size, "%.*s", (int)n, p == NULL ? "" : p);
+}
