@@ -233,14 +233,23 @@ pvx_err dmn_config_load(const char *path, struct dmn_config *c, struct pvx_diag 
 
 /* ---- printing ---- */
 
-/* Double-quoted, so that any text comes back as it was. */
+/* Double-quoted, so that any text comes back as it was; what YAML takes for a line break or does not
+ * allow is escaped.  The text came out of libyaml, so it is UTF-8. */
 static void print_word(FILE *f, const char *w)
 {
     fputc('"', f);
-    for (; *w != '\0'; w++) {
-        if (*w == '"' || *w == '\\')
-            fputc('\\', f);
-        fputc(*w, f);
+    for (const unsigned char *p = (const unsigned char *)w; *p != '\0';) {
+        size_t n = p[0] < 0x80 ? 1 : p[0] < 0xE0 ? 2 : p[0] < 0xF0 ? 3 : 4;
+        unsigned long cp = n == 1 ? p[0] : p[0] & (0x7Fu >> n);
+        for (size_t i = 1; i < n; i++)
+            cp = cp << 6 | (p[i] & 0x3F);
+        if (cp == '"' || cp == '\\')
+            fprintf(f, "\\%c", (int)cp);
+        else if ((cp >= 0x7F && cp < 0xA0) || cp == 0x2028 || cp == 0x2029 || cp >= 0xD800)
+            fprintf(f, "\\U%08lX", cp);
+        else
+            fwrite(p, 1, n, f);
+        p += n;
     }
     fputc('"', f);
 }

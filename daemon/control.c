@@ -2,26 +2,23 @@
 
 #include <cjson/cJSON.h>
 #include <errno.h>
-#include <fcntl.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
-#include <unistd.h>
 #include <zmq.h>
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "daemon/json.h"
+#include "proto/ipc.h"
 
 struct dmn_control {
     struct dmn_control_ops ops;
     void *zmq, *socket;
-    int lock;
-    char socket_path[256];
+    pvp_ipc_claim *claim;
     pthread_t thread;
     bool started;
     atomic_bool quit;
@@ -114,26 +111,6 @@ static void *run(void *arg)
     return NULL;
 }
 
-/* libzmq unlinks an ipc socket that is there before it binds, so a second daemon would silently
- * take over; the lock is what tells a live daemon from what a crashed one left behind. */
-static pvx_err lock_ipc(dmn_control *c, const char *endpoint, struct pvx_diag *d)
-{
-    if (strncmp(endpoint, "ipc://", 6) != 0 || endpoint[6] == '@')
-        return PVX_OK;
-    char path[300];
-    snprintf(c->socket_path, sizeof c->socket_path, "%s", endpoint + 6);
-    snprintf(path, sizeof path, "%s.lock", endpoint + 6);
-    c->lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
-    if (c->lock < 0)
-        return pvx_fail(d, pvx_err_from_errno(errno), "control endpoint %s: %s: %s", endpoint, path,
-                        strerror(errno));
-    if (flock(c->lock, LOCK_EX | LOCK_NB) != 0)
-        return pvx_fail(d, PVX_EBUSY,
-                        "control endpoint %s: another pyrovoxd is using it; stop that one or set "
-                        "control.endpoint", endpoint);
-    return PVX_OK;
-}
-
 static pvx_err bind_socket(dmn_control *c, const char *endpoint, struct pvx_diag *d)
 {
     int64_t max = DMN_REQUEST_MAX * 4; /* above this libzmq closes the connection */
@@ -147,8 +124,7 @@ static pvx_err bind_socket(dmn_control *c, const char *endpoint, struct pvx_diag
     zmq_setsockopt(c->socket, ZMQ_RCVTIMEO, &wait_ms, sizeof wait_ms);
     zmq_setsockopt(c->socket, ZMQ_LINGER, &linger, sizeof linger);
     if (zmq_bind(c->socket, endpoint) != 0)
-        return pvx_fail(d, errno == EADDRINUSE ? PVX_EBUSY : PVX_EINVAL, "control endpoint %s: %s",
-                        endpoint, zmq_strerror(errno));
+        return pvp_bind_fail(endpoint, errno, d);
     return PVX_OK;
 }
 
@@ -160,10 +136,7 @@ pvx_err dmn_control_new(const char *endpoint, const struct dmn_control_ops *ops,
     if (c == NULL)
         return PVX_ENOMEM;
     c->ops = *ops;
-    c->lock = -1;
-    pvx_err e = lock_ipc(c, endpoint, d);
-    if (e != PVX_OK)
-        c->socket_path[0] = '\0'; /* not ours to remove */
+    pvx_err e = pvp_ipc_claim_new(endpoint, &c->claim, d);
     if (e == PVX_OK)
         e = bind_socket(c, endpoint, d);
     if (e == PVX_OK && pthread_create(&c->thread, NULL, run, c) != 0)
@@ -190,13 +163,6 @@ void dmn_control_free(dmn_control **pc)
         zmq_close(c->socket);
     if (c->zmq != NULL)
         zmq_ctx_term(c->zmq);
-    if (c->socket_path[0] != '\0') {
-        char path[300];
-        unlink(c->socket_path);
-        snprintf(path, sizeof path, "%s.lock", c->socket_path);
-        unlink(path);
-    }
-    if (c->lock >= 0)
-        close(c->lock);
+    pvp_ipc_claim_free(&c->claim);
     PVX_FREE(*pc);
 }

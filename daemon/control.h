@@ -6,7 +6,7 @@
  *   {"cmd":"reset-latency"}               {"ok":true}; the latency statistics start anew
  *   {"cmd":"stop"}                        {"ok":true}; the daemon drains and ends
  * Anything else, or more than DMN_REQUEST_MAX bytes: {"error":"..."}.
- * A lock file beside an ipc socket keeps a second daemon from taking it over.
+ * A second daemon on the same endpoint is refused (proto/ipc.h).
  * Threads: a thread of its own; the calls in dmn_control_ops come from it. */
 #ifndef DMN_CONTROL_H
 #define DMN_CONTROL_H

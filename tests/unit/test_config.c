@@ -1,0 +1,269 @@
+/* test_config.c - pyrovoxd.yaml: the option table, strict reading, printing back, sources. */
+#include "../t.h"
+
+#include <unistd.h>
+
+#include "base/file.h"
+#include "daemon/config.h"
+
+static struct dmn_config c;
+static struct pvx_diag d;
+
+static pvx_err parse(const char *text)
+{
+    d.text[0] = '\0';
+    return dmn_config_parse(text, strlen(text), "test.yaml", &c, &d);
+}
+
+static void refused(const char *text, const char *says)
+{
+    T_OK(parse(text) != PVX_OK);
+    T_CONTAINS(d.text, says);
+}
+
+static void every_default_is_read_by_the_reader(void)
+{
+    /* each default alone as a file: the reader accepts it and gives the defaults again */
+    struct dmn_config want;
+    dmn_config_defaults(&want);
+    for (size_t i = 0; i < dmn_n_options; i++) {
+        const struct dmn_option *o = &dmn_options[i];
+        char text[400];
+        const char *dot = strchr(o->key, '.');
+        if (dot != NULL)
+            snprintf(text, sizeof text, "%.*s: {%s: %s}\n", (int)(dot - o->key), o->key, dot + 1,
+                     o->def);
+        else
+            snprintf(text, sizeof text, "%s: %s\n", o->key, o->def);
+        T_EQ_I(parse(text), PVX_OK);
+        T_EQ_S(d.text, "");
+        T_OK(memcmp((char *)&c + o->offset, (char *)&want + o->offset, o->size) == 0);
+        T_OK(strlen(o->help) > 10);
+    }
+    T_NEAR(want.fps, 20, 0);
+    T_NEAR(want.max_wait_ms, 150, 0);
+    T_EQ_I(want.keep_partial, 1);
+    T_EQ_I(want.min_views, 2);
+    T_EQ_I(want.log_level, 2);
+}
+
+static void five_lines_are_enough(void)
+{
+    T_EQ_I(parse("rig: rig.yaml\ncameras: \"sim:\"\nfps: 25\nsync:\n  policy: partial\n"), PVX_OK);
+    T_EQ_S(c.rig, "rig.yaml");
+    T_NEAR(c.fps, 25, 0);
+    T_EQ_I(c.policy, CAP_POLICY_PARTIAL);
+    T_EQ_I(dmn_config_channels(&c), 3);
+    T_EQ_I(dmn_config_deadline(&c), 60000000);
+    T_EQ_I(parse(""), PVX_OK);
+    T_EQ_I(parse("# nothing but a comment\n"), PVX_OK);
+}
+
+static void wrong_files_name_line_key_and_reason(void)
+{
+    refused("rig: a\nfsp: 20\n", "test.yaml:2: fsp: unknown key");
+    refused("sync:\n  policy: drop\n  tolerance: 3\n", "test.yaml:3: sync.tolerance: unknown key");
+    refused("fps: 20\nfps: 21\n", "given twice");
+    refused("sync: {max_wait_ms: 5, max_wait_ms: 6}\n", "given twice");
+    refused("fps: fast\n", "test.yaml:1: fps: 'fast' is not a finite number");
+    refused("fps: 20Hz\n", "test.yaml:1: fps:");
+    refused("fps: nan\n", "test.yaml:1: fps:");
+    refused("fps: 0\n", "test.yaml:1: fps:");
+    refused("threads: 2.5\n", "test.yaml:1: threads: '2.5' is not a whole number");
+    refused("threads: -1\n", "outside 0..256");
+    refused("sync: 5\n", "test.yaml:1: sync: should be a mapping");
+    refused("sync:\n  policy: sometimes\n", "test.yaml:2: sync.policy: 'sometimes' is not one of");
+    refused("lossless: maybe\n", "should be true or false");
+    refused("grid: [64, 64]\n", "one number or three");
+    refused("grid: [64, 64, 2000]\n", "outside 1..1024");
+    refused("cameras: [a, b]\n", "mapping of names to sources");
+    refused("cameras: {\"a b\": \"sim:\"}\n", "letters, digits");
+    refused("cameras: {cam0: \"\"}\n", "cameras.cam0: is empty");
+    refused("features: 3\n", "should be a mapping");
+    refused("publish: {endpoints: [a, b, c, d, e, f, g, h, i]}\n", "more than 8");
+    refused("publish.hwm: 3\n", "unknown key");
+    refused("- rig\n", "should be a mapping");
+    refused("rig: [\n", "not valid YAML");
+    refused("rig: {a: b}\n", "test.yaml:1: rig: should be a word");
+    refused("rig: \"a\\nb\"\n", "control character");
+}
+
+static void printing_gives_back_the_same(void)
+{
+    T_EQ_I(parse("rig: \"a \\\"b\\\" \\\\ c.yaml\"\ncameras: {cam0: \"aravis:GV01\", c.1: 'sim:'}\n"
+                 "grid: [3, 4, 5]\nfps: 29.97002997002997\nfeatures: {GainAuto: 'Off'}\n"
+                 "publish: {endpoints: ['tcp://127.0.0.1:5555', 'ipc:///tmp/x']}\n"
+                 "photometry: {floor: 0.1}\n"),
+           PVX_OK);
+    char *text = dmn_config_format(&c);
+    struct dmn_config first = c;
+    T_EQ_I(parse(text), PVX_OK);
+    T_EQ_S(d.text, "");
+    for (size_t i = 0; i < dmn_n_options; i++)
+        T_OK(memcmp((char *)&c + dmn_options[i].offset, (char *)&first + dmn_options[i].offset,
+                    dmn_options[i].size) == 0);
+    for (const char *line = text; line != NULL && *line != '\0';) {
+        size_t n = strcspn(line, "\n");
+        T_LE(n, 100);
+        line = line[n] == '\n' ? line + n + 1 : NULL;
+    }
+    free(text);
+}
+
+/* One file of the repository; tests run from its top. */
+static char *repo_file(const char *path)
+{
+    char *text = NULL;
+    size_t len;
+    T_EQ_I(pvx_file_read(path, 1 << 20, &text, &len, &d), PVX_OK);
+    return text;
+}
+
+static void the_example_is_what_print_config_prints(void)
+{
+    char *example = repo_file("daemon/pyrovoxd.example.yaml");
+    if (example == NULL)
+        return;
+    T_EQ_I(parse(example), PVX_OK);
+    T_EQ_S(d.text, "");
+    char *text = dmn_config_format(&c);
+    const char *body = strstr(example, "\n\n"); /* its own heading ends with a blank line */
+    T_OK(body != NULL);
+    if (body != NULL)
+        T_EQ_S(body + 2, text);
+    free(text);
+    free(example);
+}
+
+static void the_manual_has_every_key(void)
+{
+    char *man = repo_file("daemon/man/pyrovoxd.yaml.5");
+    if (man == NULL)
+        return;
+    for (size_t i = 0; i < dmn_n_options; i++) {
+        char item[128];
+        snprintf(item, sizeof item, ".It Cm %s", dmn_options[i].key);
+        T_CONTAINS(man, item);
+    }
+    /* and no key that is not in the table */
+    for (const char *p = man; (p = strstr(p, ".It Cm ")) != NULL; p++) {
+        char key[64];
+        T_EQ_I(sscanf(p, ".It Cm %63s", key), 1);
+        int known = 0;
+        for (size_t i = 0; i < dmn_n_options; i++)
+            known |= strcmp(dmn_options[i].key, key) == 0;
+        if (!known)
+            printf("  the manual has %s\n", key);
+        T_OK(known);
+    }
+    free(man);
+}
+
+static void source_is(size_t index, const char *name, const char *want)
+{
+    char uri[DMN_WORD_MAX];
+    d.text[0] = '\0';
+    T_EQ_I(dmn_config_source(&c, name, index, uri, sizeof uri, &d), PVX_OK);
+    T_EQ_S(uri, want);
+}
+
+static void sources(void)
+{
+    char uri[DMN_WORD_MAX];
+    T_EQ_I(parse("cameras: \"aravis:127.0.0.2+\"\n"), PVX_OK);
+    source_is(0, "a", "aravis:127.0.0.2");
+    source_is(7, "h", "aravis:127.0.0.9");
+    T_OK(dmn_config_source(&c, "z", 253, uri, sizeof uri, &d) != PVX_OK);
+    T_CONTAINS(d.text, "runs past .254");
+    T_EQ_I(parse("cameras: \"aravis:GV08+\"\n"), PVX_OK);
+    source_is(3, "a", "aravis:GV11");
+    T_EQ_I(parse("cameras: \"aravis:+\"\n"), PVX_OK);
+    T_OK(dmn_config_source(&c, "a", 0, uri, sizeof uri, &d) != PVX_OK);
+    T_EQ_I(parse("cameras: \"files:/d/{name}/%06d.png\"\n"), PVX_OK);
+    source_is(0, "left", "files:/d/left/%06d.png");
+    T_EQ_I(parse("cameras: {cam1: \"files:rec/cam1/%06d.png\"}\n"), PVX_OK);
+    snprintf(c.dir, sizeof c.dir, "/conf");
+    source_is(1, "cam1", "files:/conf/rec/cam1/%06d.png");
+    source_is(0, "cam0", "");
+    /* a source that grows past its room is refused, not cut */
+    char text[400];
+    snprintf(text, sizeof text, "cameras: \"files:/%0240d/{name}{name}{name}\"\n", 1);
+    T_EQ_I(parse(text), PVX_OK);
+    T_EQ_I(dmn_config_source(&c, "a-camera-with-a-name", 0, uri, sizeof uri, &d), PVX_ERANGE);
+}
+
+static void rig_with_overrides(void)
+{
+    char dir[] = "/tmp/pyrovox-test-XXXXXX", path[64];
+    T_OK(mkdtemp(dir) != NULL);
+    struct rec_rig ring, rig;
+    char *text;
+    size_t len;
+    T_EQ_I(rec_rig_ring(4, 2.0, 64, 48, 16, &ring), PVX_OK);
+    T_EQ_I(rec_rig_format(&ring, &text, &len), PVX_OK);
+    snprintf(path, sizeof path, "%s/rig.yaml", dir);
+    T_EQ_I(pvx_file_write(path, text, len, &d), PVX_OK);
+    T_EQ_I(parse("rig: rig.yaml\ncameras: \"sim:\"\ngrid: 32\nbasis: trilinear\n"), PVX_OK);
+    snprintf(c.dir, sizeof c.dir, "%s", dir);
+    T_EQ_I(dmn_config_rig(&c, &rig, &d), PVX_OK);
+    T_EQ_I(rig.n_cameras, 4);
+    T_EQ_I(rig.grid.n[2], 32);
+    T_EQ_I(rig.grid.basis, REC_TRILINEAR);
+    rec_rig_fini(&rig);
+    char map[300];
+    snprintf(map, sizeof map, "rig: rig.yaml\ncameras: {%s: \"sim:\", %s: \"sim:\"}\n",
+             ring.cameras[3].name, ring.cameras[1].name);
+    T_EQ_I(parse(map), PVX_OK);
+    snprintf(c.dir, sizeof c.dir, "%s", dir);
+    T_EQ_I(dmn_config_rig(&c, &rig, &d), PVX_OK);
+    T_EQ_I(rig.n_cameras, 2);
+    T_EQ_S(rig.cameras[0].name, ring.cameras[1].name);
+    rec_rig_fini(&rig);
+    T_EQ_I(parse("rig: rig.yaml\ncameras: {nobody: \"sim:\"}\n"), PVX_OK);
+    snprintf(c.dir, sizeof c.dir, "%s", dir);
+    T_EQ_I(dmn_config_rig(&c, &rig, &d), PVX_ENOENT);
+    T_CONTAINS(d.text, "cameras.nobody");
+    T_EQ_I(parse("cameras: \"sim:\"\n"), PVX_OK);
+    T_OK(dmn_config_rig(&c, &rig, &d) != PVX_OK);
+    unlink(path);
+    rmdir(dir);
+    free(text);
+    rec_rig_fini(&ring);
+}
+
+static void values_reach_recon(void)
+{
+    struct rec_frame_params p;
+    T_EQ_I(parse("channels: 1\nphotometry: {threshold: 0.25, saturation: 0}\n"
+                 "solver: {name: mlem, stop: iterations, iterations: 7, deadline_ms: 12}\n"),
+           PVX_OK);
+    dmn_config_frame(&c, &p);
+    T_EQ_I(p.nch, 1);
+    T_NEAR(p.photo.threshold, 0.25, 0);
+    T_OK(p.photo.saturation > 1e29f);
+    T_EQ_S(p.solve.solver, "mlem");
+    T_EQ_I(p.solve.stop, REC_STOP_ITERATIONS);
+    T_EQ_I(p.solve.iterations, 7);
+    T_EQ_I(dmn_config_deadline(&c), 12000000);
+    T_EQ_I(parse("lossless: true\ncameras: \"files:a/{name}/%06d.npy\"\n"), PVX_OK);
+    dmn_config_frame(&c, &p);
+    T_OK(p.photo.saturation > 1e29f);
+    T_EQ_I(dmn_config_deadline(&c), 0);
+    T_EQ_I(parse("pixel_format: Mono8\n"), PVX_OK);
+    T_EQ_I(dmn_config_channels(&c), 1);
+    T_EQ_I(dmn_config_pixfmt(&c), CAP_GREY8);
+}
+
+int main(void)
+{
+    T_RUN(every_default_is_read_by_the_reader);
+    T_RUN(five_lines_are_enough);
+    T_RUN(wrong_files_name_line_key_and_reason);
+    T_RUN(printing_gives_back_the_same);
+    T_RUN(the_example_is_what_print_config_prints);
+    T_RUN(the_manual_has_every_key);
+    T_RUN(sources);
+    T_RUN(rig_with_overrides);
+    T_RUN(values_reach_recon);
+    return t_done();
+}
