@@ -1,9 +1,15 @@
 /* capture.h - all cameras of the rig, supervised: what the daemon sees.
  *
- * One supervisor thread per camera opens it, starts it, watches it (no frame for max(1 s, 5 periods)
- * = lost) and reopens it with back-off 0.25 s .. 4 s, while the others go on; one assembler thread
- * maps clocks and groups frames.  Driver callbacks push into a bounded ring per camera (oldest goes
- * first when full, counted).
+ * One supervisor thread per camera opens it, starts it, triggers it (software trigger: all on one
+ * grid of times, in parallel, so that a camera that does not answer holds up no other), watches it
+ * (no frame for max(1 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 4 s, while the
+ * others go on; one assembler thread maps clocks and groups frames.  Driver callbacks push into a
+ * bounded ring per camera (oldest goes first when full, counted).
+ * Live, finished sets wait in a queue of two: the oldest goes first when the consumer is slow.
+ * Lossless, frames are merged in order of exposure and everything waits for the consumer.
+ * After start nothing is allocated on the way of a frame (recorded sources apart: decoders do).
+ * Sum (tested), per camera and after stop: received == in sets given out + late + unmatched +
+ * overflow (+ what was still under way).
  * Threads: next() from one thread, stats() and stop() from any. */
 #ifndef CAP_CAPTURE_H
 #define CAP_CAPTURE_H
@@ -12,13 +18,17 @@
 
 struct cap_capture_config {
     uint32_t n_cameras;
-    struct cap_source_config *camera;  /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2") */
-    struct cap_assembler_params sets;  /* .cameras is filled in */
+    /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, software_trigger, lossless
+     * are filled in, fps too when it is 0.  buffers: at least 4 more than the sets that the
+     * consumer holds at a time; 0 = 12.  Strings and features are copied; scene is borrowed. */
+    const struct cap_source_config *camera;
+    struct cap_assembler_params sets;  /* .cameras is filled in, .period_ns too when it is 0 */
     double fps;                        /* nominal */
     bool software_trigger;             /* one sweep per period to all cameras */
     bool shared_clock;                 /* device clocks are the host's (PTP, simulation): identity */
     bool lossless;                     /* replay: back-pressure instead of dropping */
-    uint32_t discard_first;            /* frames per camera dropped after each start; default 1 */
+    uint32_t discard_first;            /* live frames per camera dropped after each start, uncounted
+                                          (the first is often bad); 1 is a good value */
 };
 
 enum cap_state { CAP_OPENING, CAP_RUNNING, CAP_LOST, CAP_ENDED };
@@ -31,16 +41,23 @@ struct cap_camera_stats {
 };
 struct cap_stats {
     struct cap_camera_stats camera[CAP_MAX_CAMERAS];
-    uint64_t sets_complete, sets_partial, sets_dropped;
+    uint64_t sets_complete, sets_partial; /* assembled: all cameras, some */
+    uint64_t sets_dropped;                /* of these, displaced because the consumer was slow */
+    uint64_t sets_failed;                 /* closed with too few cameras, not given out */
     struct pvx_hist spread;
 };
 
 typedef struct cap_capture cap_capture;
+/* Errors: PVX_EINVAL (a value, an unknown scheme; diag names the camera), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out,
                                        struct pvx_diag *d);
+/* Returns at once: cameras are opened by their threads. Once only. */
 PVX_MUST_CHECK pvx_err cap_capture_start(cap_capture *c, struct pvx_diag *d);
-/* PVX_ETIMEDOUT; PVX_ECLOSED after stop or when every source has ended and all sets are out. */
+/* PVX_ETIMEDOUT; PVX_ECLOSED after stop, or when sources have ended, none is left running and all
+ * sets are out. */
 PVX_MUST_CHECK pvx_err cap_capture_next(cap_capture *c, int64_t timeout_ns, struct cap_set **out);
+/* Returns when no thread touches the caller's data any more, except that a driver stuck in its own
+ * call for over 3 s is left behind (logged) and cleans up after itself when it comes back. */
 void cap_capture_stop(cap_capture *c);
 void cap_capture_free(cap_capture **c);
 void cap_capture_stats(cap_capture *c, struct cap_stats *out);

@@ -2,11 +2,14 @@
  *
  * A set is all frames whose mapped exposure times lie within `tolerance` of each other; never
  * matched by arrival or by counting.  Open sets are kept in order of time; a set closes when all
- * cameras that are alive are in, when a newer set completes, or at its deadline (first arrival +
+ * cameras that are alive are in, when a newer set is given out, or at its deadline (first arrival +
  * max_wait).  Policy for a set that closes without all: DROP (frames counted UNMATCHED) or PARTIAL
  * (emitted with a mask).  Sets come out in order of exposure.
- * Invariant (tested): frames put == frames in emitted sets + late + unmatched + displaced + open.
- * Threads: one thread (the assembler's).  Allocates nothing after new. */
+ * A frame of a set that has been closed, or older, is LATE; a second frame of a camera for the same
+ * set is UNMATCHED; with all set structs in the consumer's hands a frame is an OVERFLOW.  Should
+ * every frame be late for long (clocks stepped back), the order starts anew.
+ * Invariant (tested): frames put == frames in emitted sets + late + unmatched + overflow + open.
+ * Threads: one thread (the assembler's); cap_set_release from any.  Allocates nothing after new. */
 #ifndef CAP_FRAMESET_H
 #define CAP_FRAMESET_H
 #include "capture/source.h"
@@ -26,15 +29,18 @@ void cap_set_release(struct cap_set *s); /* releases its frames; the struct goes
 
 struct cap_assembler_params {
     uint32_t cameras;
-    int64_t tolerance_ns;   /* 0 = a quarter of the period */
-    int64_t max_wait_ns;    /* default 150 ms */
-    int64_t period_ns;      /* nominal, from fps; 0 = unknown */
+    int64_t tolerance_ns;   /* 0 = a quarter of the period; must be less than half of it */
+    int64_t max_wait_ns;    /* 0 = 150 ms */
+    int64_t period_ns;      /* nominal, from fps; 0 = unknown (then tolerance must be given) */
     enum cap_policy policy;
     uint32_t min_cameras;   /* PARTIAL: fewer are dropped */
 };
 typedef struct cap_assembler cap_assembler;
+/* All cameras count as alive at first.  Only counts->count and counts->ctx are used.
+ * Errors: PVX_EINVAL (cameras 1..64, tolerance), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
                                          const struct cap_sink *counts, cap_assembler **out);
+/* Releases open and finished sets; those that the consumer has stay valid. */
 void cap_assembler_free(cap_assembler **a);
 /* Takes f.  Any sets that this completes come out of cap_assembler_pop. */
 void cap_assembler_put(cap_assembler *a, struct cap_frame *f);
@@ -42,8 +48,15 @@ void cap_assembler_put(cap_assembler *a, struct cap_frame *f);
 void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive);
 /* Close what is overdue at mono time `now`. */
 void cap_assembler_tick(cap_assembler *a, int64_t now_mono_ns);
+/* When tick has something to close: mono time, INT64_MAX = nothing is open. */
+int64_t cap_assembler_deadline(const cap_assembler *a);
+/* Replay in order of time: frames from now on are exposed at `t_exposure_ns` or later, so close
+ * every set that none of them can join. */
+void cap_assembler_close_before(cap_assembler *a, int64_t t_exposure_ns);
 /* Next finished set or NULL. Caller owns it until cap_set_release. */
 struct cap_set *cap_assembler_pop(cap_assembler *a);
 /* Close everything (end of a replay). */
 void cap_assembler_flush(cap_assembler *a);
+uint32_t cap_assembler_open(const cap_assembler *a);        /* frames in open sets */
+uint64_t cap_assembler_sets_failed(const cap_assembler *a); /* closed but not given out */
 #endif

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "capture/backends.h"
+
 const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_RECEIVED] = {"received", "frames", "good frames handed over by the driver"},
     [CAP_INCOMPLETE] = {"incomplete", "frames", "packets missing, file unreadable, or another error"},
@@ -9,7 +11,7 @@ const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_BAD_FORMAT] = {"bad_format", "frames", "pixel format is not what is configured"},
     [CAP_BAD_STAMP] = {"bad_stamp", "frames", "device time ran backwards or stood still"},
     [CAP_UNDERRUN] = {"underrun", "frames", "no free buffer: the consumer was too slow"},
-    [CAP_OVERFLOW] = {"overflow", "frames", "a newer frame displaced it before assembly"},
+    [CAP_OVERFLOW] = {"overflow", "frames", "displaced by newer ones: the consumer was too slow"},
     [CAP_LATE] = {"late", "frames", "came after its set had been closed"},
     [CAP_UNMATCHED] = {"unmatched", "frames", "its set was never completed"},
     [CAP_ID_GAP] = {"id_gap", "frames", "numbered by the camera but never seen"},
@@ -23,6 +25,7 @@ void cap_frame_release(struct cap_frame *f)
 }
 
 static const struct cap_source_ops *const backends[] = {
+    &cap_source_sim,
     NULL,
 };
 

@@ -23,6 +23,8 @@ struct cap_frame {
 };
 void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
 
+/* The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself)
+ * and leaves size, format and stamps of good frames to capture.c, which counts all the rest. */
 /* Why a frame did not become part of a set, and what else is counted, per camera. */
 enum cap_count {
     CAP_RECEIVED,     /* good frames handed over by the driver */
@@ -31,7 +33,7 @@ enum cap_count {
     CAP_BAD_FORMAT,   /* pixel format changed under way */
     CAP_BAD_STAMP,    /* device time runs backwards or stands still */
     CAP_UNDERRUN,     /* no free buffer: consumer too slow */
-    CAP_OVERFLOW,     /* newer frame displaced it before assembly */
+    CAP_OVERFLOW,     /* a newer frame or set displaced it before the consumer took it */
     CAP_LATE,         /* came after its set had been closed */
     CAP_UNMATCHED,    /* its set was never completed (partial set dropped) */
     CAP_ID_GAP,       /* frames that the camera numbered but we never saw */
@@ -43,6 +45,8 @@ extern const struct cap_count_def cap_count_defs[CAP_N_COUNT];
 
 enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequence finished */
 
+/* All three may be called from any thread of the source, holding no lock that stop needs: in a
+ * lossless run push waits for room (until the capture stops). */
 struct cap_sink {
     void (*push)(void *ctx, struct cap_frame *f);                 /* takes the frame */
     void (*event)(void *ctx, uint32_t camera, enum cap_event ev);
@@ -81,6 +85,7 @@ struct cap_scene {
 typedef struct cap_source cap_source;
 struct cap_source_ops {
     const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
+    bool recorded; /* stamps follow from frame numbers: no clock to map, no first frame to distrust */
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
     pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */

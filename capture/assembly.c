@@ -1,0 +1,184 @@
+/* assembly.c - the assembler thread: rings to sets.
+ *
+ * Live: frames are taken in order of arrival, deadlines are looked at when the rings are empty (a
+ * frame that is in is never late because this thread was).
+ * Lossless: the cameras are merged in order of exposure, which needs the next frame of each camera
+ * that still may have one; so sets close by order alone and at most one set is open. */
+#include "base/clock.h"
+#include "capture/capture_int.h"
+
+static void release_set(struct cap_capture *cap, struct cap_set *s)
+{
+    pthread_mutex_lock(&cap->lock);
+    cap->sets_dropped++;
+    for (uint32_t i = 0; i < cap->n; i++)
+        cap->camera[i].count[CAP_OVERFLOW] += s->frame[i] != NULL;
+    pthread_mutex_unlock(&cap->lock);
+    cap_set_release(s);
+}
+
+static void hand_over(struct cap_capture *cap)
+{
+    struct cap_set *s;
+    while ((s = cap_assembler_pop(cap->assembler)) != NULL) {
+        pthread_mutex_lock(&cap->lock);
+        if (s->n == cap->n)
+            cap->sets_complete++;
+        else
+            cap->sets_partial++;
+        pvx_hist_add(&cap->spread, s->spread_ns);
+        pthread_mutex_unlock(&cap->lock);
+        if (cap->cfg.lossless) {
+            if (pvx_queue_put_wait(cap->out, s) != PVX_OK)
+                release_set(cap, s); /* stopping */
+            continue;
+        }
+        void *gone;
+        pvx_queue_put(cap->out, s, &gone);
+        if (gone != NULL)
+            release_set(cap, gone);
+    }
+    uint64_t failed = cap_assembler_sets_failed(cap->assembler);
+    pthread_mutex_lock(&cap->lock);
+    cap->sets_failed = failed;
+    pthread_mutex_unlock(&cap->lock);
+}
+
+/* Device time to host time; under the lock for the sake of drift_ppm, which stats() reads. */
+static void map_clock(struct cap_capture *cap, struct cap_frame *f)
+{
+    struct cap_camera *cam = &cap->camera[f->camera];
+    f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_ns);
+    cam->drift_ppm = cam->clock.drift * 1e6;
+}
+
+/* All of these under the lock. */
+static bool may_send(const struct cap_camera *cam)
+{
+    return cam->state == CAP_RUNNING || (cam->state == CAP_OPENING && !cam->tried);
+}
+
+static bool empty(const struct cap_camera *cam)
+{
+    return cam->ring_len == 0 && cam->head == NULL;
+}
+
+/* Nothing more will come: some source has ended, none runs, none has yet to be tried. */
+static bool finished(const struct cap_capture *cap)
+{
+    bool ended = false;
+    for (uint32_t i = 0; i < cap->n; i++) {
+        const struct cap_camera *cam = &cap->camera[i];
+        if (may_send(cam) || !empty(cam))
+            return false;
+        ended |= cam->state == CAP_ENDED;
+    }
+    return ended;
+}
+
+static uint64_t waited_for(const struct cap_capture *cap)
+{
+    uint64_t mask = 0;
+    for (uint32_t i = 0; i < cap->n; i++)
+        if (cap->camera[i].delivering || !empty(&cap->camera[i]))
+            mask |= 1ull << i;
+    return mask;
+}
+
+static struct cap_frame *next_live(struct cap_capture *cap)
+{
+    struct cap_camera *first = NULL;
+    int64_t t = INT64_MAX;
+    for (uint32_t i = 0; i < cap->n; i++) {
+        struct cap_camera *cam = &cap->camera[i];
+        if (cam->ring_len > 0 && cam->ring[cam->ring_head]->t_arrival_mono_ns < t) {
+            t = cam->ring[cam->ring_head]->t_arrival_mono_ns;
+            first = cam;
+        }
+    }
+    if (first == NULL)
+        return NULL;
+    struct cap_frame *f = cap_intake_pop(first);
+    map_clock(cap, f);
+    return f;
+}
+
+static struct cap_frame *next_in_time(struct cap_capture *cap)
+{
+    struct cap_camera *first = NULL;
+    bool wait = false;
+    for (uint32_t i = 0; i < cap->n; i++) {
+        struct cap_camera *cam = &cap->camera[i];
+        if (cam->head == NULL && cam->ring_len > 0) {
+            cam->head = cap_intake_pop(cam);
+            map_clock(cap, cam->head);
+        }
+        if (cam->head == NULL)
+            wait |= may_send(cam);
+        else if (first == NULL || cam->head->t_exposure_ns < first->head->t_exposure_ns)
+            first = cam;
+    }
+    if (wait || first == NULL)
+        return NULL;
+    struct cap_frame *f = first->head;
+    first->head = NULL;
+    return f;
+}
+
+/* Tell the assembler whom to wait for, before the frame is put; sets may close. */
+static void set_alive(struct cap_capture *cap, uint64_t mask)
+{
+    for (uint32_t i = 0; i < cap->n; i++)
+        cap_assembler_alive(cap->assembler, i, mask >> i & 1);
+}
+
+/* Next frame, or NULL: *end tells whether there will be one again.  *alive is of the same moment. */
+static struct cap_frame *take(struct cap_capture *cap, uint64_t *alive, bool *end)
+{
+    struct cap_frame *f = NULL;
+    int64_t deadline = cap->cfg.lossless ? INT64_MAX : cap_assembler_deadline(cap->assembler);
+    uint64_t before;
+    *end = false;
+    pthread_mutex_lock(&cap->lock);
+    before = waited_for(cap);
+    for (;;) {
+        *alive = waited_for(cap);
+        if ((*end = cap->stop))
+            break;
+        f = cap->cfg.lossless ? next_in_time(cap) : next_live(cap);
+        if (f != NULL || (*end = finished(cap)))
+            break;
+        if (*alive != before || pvx_now_mono() >= deadline)
+            break;
+        if (deadline == INT64_MAX)
+            pthread_cond_wait(&cap->work, &cap->lock);
+        else
+            cap_wait_until(&cap->work, &cap->lock, deadline);
+    }
+    pthread_mutex_unlock(&cap->lock);
+    return f;
+}
+
+void *cap_assemble(void *arg)
+{
+    struct cap_capture *cap = arg;
+    bool end;
+    do {
+        uint64_t alive;
+        struct cap_frame *f = take(cap, &alive, &end);
+        set_alive(cap, alive);
+        if (f == NULL) {
+            if (!cap->cfg.lossless)
+                cap_assembler_tick(cap->assembler, pvx_now_mono());
+        } else {
+            if (cap->cfg.lossless)
+                cap_assembler_close_before(cap->assembler, f->t_exposure_ns);
+            cap_assembler_put(cap->assembler, f);
+        }
+        if (end)
+            cap_assembler_flush(cap->assembler);
+        hand_over(cap);
+    } while (!end);
+    pvx_queue_close(cap->out);
+    return NULL;
+}

@@ -1,0 +1,8 @@
+/* backends.h - the sources built in, one file each. */
+#ifndef CAP_BACKENDS_H
+#define CAP_BACKENDS_H
+#include "capture/source.h"
+
+extern const struct cap_source_ops cap_source_sim;   /* src_sim.c */
+
+#endif

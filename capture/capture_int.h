@@ -1,0 +1,92 @@
+/* capture_int.h - what capture.c, intake.c, supervisor.c and assembly.c share.
+ *
+ * Threads: driver threads of the sources (intake.c), a supervisor per camera (supervisor.c), the
+ * assembler (assembly.c), the consumer (capture.c).
+ * Lock order: cap_capture.lock, then any of the leaf locks (buffer pool, set pool, set queue), which
+ * take no further lock.  No call into a source is made under cap_capture.lock.
+ * Stop order: flag and wake all; sources stopped and closed by their supervisors; supervisors
+ * joined; assembler joined; rings and queue emptied.
+ * Lifetime: the caller and each supervisor hold a reference, so a supervisor stuck in a driver can
+ * be left behind. */
+#ifndef CAP_CAPTURE_INT_H
+#define CAP_CAPTURE_INT_H
+#include <pthread.h>
+#include "base/queue.h"
+#include "capture/capture.h"
+#include "capture/clockmap.h"
+
+#define CAP_FPS_BIN_NS 250000000LL
+#define CAP_FPS_BINS 8 /* 2 s */
+
+struct cap_camera {
+    struct cap_capture *cap;
+    /* fixed after new */
+    uint32_t index;
+    struct cap_source_config cfg;
+    char *name, *uri; /* owned; uri with its scheme */
+    struct cap_feature *features;
+    const struct cap_source_ops *ops;
+    int64_t quiet_ns; /* silence that counts as loss */
+
+    /* under cap->lock */
+    enum cap_state state;
+    bool tried;      /* the first attempt to open is over */
+    bool delivering; /* good frames come: sets wait for it */
+    bool ev_lost, ev_end;
+    uint64_t count[CAP_N_COUNT];
+    char error[256];
+    int32_t width, height; /* what is expected; 0 = the first frame says */
+    enum cap_pixfmt fmt;
+    char bad[128]; /* what was wrong with the last bad frame */
+    int64_t last_any_mono_ns, last_good_mono_ns, last_device_ns;
+    uint32_t discard_left;
+    struct { int64_t slot; uint32_t n; } bin[CAP_FPS_BINS + 1];
+    int64_t first_slot; /* of this run */
+    struct cap_frame **ring;
+    size_t ring_size, ring_head, ring_len;
+    double drift_ppm;
+    bool done;             /* supervisor has finished */
+    pthread_cond_t wake;   /* supervisor: event or stop */
+    pthread_cond_t room;   /* lossless push: ring has room, or stop */
+
+    /* the assembler's */
+    struct cap_clockmap clock;
+    struct cap_frame *head; /* lossless: next frame in order of time */
+
+    pthread_t thread;
+    bool started; /* thread exists */
+};
+
+struct cap_capture {
+    struct cap_capture_config cfg;
+    int64_t period_ns; /* 0 = unknown */
+    uint32_t n;
+    struct cap_camera *camera;
+    cap_assembler *assembler; /* the assembler thread's */
+    pvx_queue *out;
+    pthread_t assembler_thread;
+    bool assembler_started;
+
+    pthread_mutex_t lock;
+    pthread_cond_t work;    /* assembler: a frame, a camera's state, or stop */
+    pthread_cond_t changed; /* stop: a supervisor is done, or stop is over */
+    unsigned refs;
+    bool started, stop, stopped;
+    uint64_t sets_complete, sets_partial, sets_dropped, sets_failed;
+    struct pvx_hist spread;
+};
+
+/* intake.c: the sink that sources push into; ctx is the camera. */
+struct cap_sink cap_intake_sink(struct cap_camera *cam);
+/* Make ready for frames of a source that is about to start.  Under the lock. */
+void cap_intake_restart(struct cap_camera *cam);
+/* Oldest frame of the ring, not empty.  Under the lock. */
+struct cap_frame *cap_intake_pop(struct cap_camera *cam);
+
+void *cap_supervise(void *camera); /* thread, supervisor.c */
+void *cap_assemble(void *capture); /* thread, assembly.c */
+
+/* Wait on a condition of CLOCK_MONOTONIC under the lock until `mono_ns` at most. */
+void cap_wait_until(pthread_cond_t *cond, pthread_mutex_t *lock, int64_t mono_ns);
+void cap_capture_unref(struct cap_capture *c);
+#endif

@@ -1,0 +1,149 @@
+/* intake.c - where drivers' threads hand over their frames: check, stamp order, bounded ring.
+ * No logging and no waiting here (except for room in a lossless run). */
+#include <stdio.h>
+
+#include "base/clock.h"
+#include "capture/capture_int.h"
+
+struct cap_frame *cap_intake_pop(struct cap_camera *cam)
+{
+    struct cap_frame *f = cam->ring[cam->ring_head];
+    cam->ring_head = (cam->ring_head + 1) % cam->ring_size;
+    cam->ring_len--;
+    pthread_cond_signal(&cam->room);
+    return f;
+}
+
+void cap_intake_restart(struct cap_camera *cam)
+{
+    cam->ev_lost = cam->ev_end = false;
+    cam->delivering = false;
+    cam->last_any_mono_ns = cam->last_good_mono_ns = pvx_now_mono();
+    cam->last_device_ns = 0;
+    cam->discard_left = cam->ops->recorded ? 0 : cam->cap->cfg.discard_first;
+    cam->first_slot = cam->last_any_mono_ns / CAP_FPS_BIN_NS;
+}
+
+static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
+{
+    if (cam->fmt == CAP_FMT_NONE)
+        cam->fmt = img->fmt;
+    if (cam->width == 0)
+        cam->width = img->width;
+    if (cam->height == 0)
+        cam->height = img->height;
+    if (img->fmt != cam->fmt) {
+        cam->count[CAP_BAD_FORMAT]++;
+        snprintf(cam->bad, sizeof cam->bad, "%s instead of %s", cap_pixfmt_name(img->fmt),
+                 cap_pixfmt_name(cam->fmt));
+        return false;
+    }
+    size_t row = (size_t)cam->width * cap_pixfmt_bytes(cam->fmt);
+    size_t need = img->stride < (ptrdiff_t)row
+                      ? SIZE_MAX
+                      : (size_t)img->stride * (size_t)(cam->height - 1) + row;
+    if (img->width != cam->width || img->height != cam->height || img->size < need) {
+        cam->count[CAP_BAD_SIZE]++;
+        snprintf(cam->bad, sizeof cam->bad, "%dx%d and %zu bytes instead of %dx%d", img->width,
+                 img->height, img->size, cam->width, cam->height);
+        return false;
+    }
+    return true;
+}
+
+static bool stamp_moves_on(struct cap_camera *cam, int64_t t)
+{
+    int64_t last = cam->last_device_ns;
+    cam->last_device_ns = t; /* backwards: a new epoch, the next frame is measured against it */
+    if (t == 0 || last == 0 || t > last)
+        return true;
+    cam->count[CAP_BAD_STAMP]++;
+    snprintf(cam->bad, sizeof cam->bad, "device time %s", t == last ? "stands still" : "ran backwards");
+    return false;
+}
+
+static void tally(struct cap_camera *cam, int64_t now)
+{
+    int64_t slot = now / CAP_FPS_BIN_NS;
+    size_t i = (size_t)(slot % (CAP_FPS_BINS + 1));
+    if (cam->bin[i].slot != slot) {
+        cam->bin[i].slot = slot;
+        cam->bin[i].n = 0;
+    }
+    cam->bin[i].n++;
+}
+
+/* Good and wanted?  Under the lock. */
+static bool accept(struct cap_camera *cam, const struct cap_frame *f)
+{
+    int64_t now = f->t_arrival_mono_ns;
+    cam->last_any_mono_ns = now;
+    if (!same_layout(cam, &f->img) || !stamp_moves_on(cam, f->t_device_ns))
+        return false;
+    if (cam->discard_left > 0) {
+        cam->discard_left--;
+        return false;
+    }
+    cam->last_good_mono_ns = now;
+    cam->count[CAP_RECEIVED]++;
+    tally(cam, now);
+    if (!cam->delivering) {
+        cam->delivering = true;
+        cam->error[0] = '\0';
+        pthread_cond_signal(&cam->wake); /* the supervisor tells it */
+    }
+    return true;
+}
+
+static void push(void *ctx, struct cap_frame *f)
+{
+    struct cap_camera *cam = ctx;
+    struct cap_capture *cap = cam->cap;
+    struct cap_frame *gone = f; /* released at the end: one that displaced, is bad, or comes late */
+    f->camera = cam->index;
+    pthread_mutex_lock(&cap->lock);
+    if (!cap->stop && accept(cam, f)) {
+        while (cap->cfg.lossless && cam->ring_len == cam->ring_size && !cap->stop)
+            pthread_cond_wait(&cam->room, &cap->lock);
+        if (cap->stop) {
+            cam->count[CAP_OVERFLOW]++;
+        } else {
+            gone = NULL;
+            if (cam->ring_len == cam->ring_size) {
+                gone = cap_intake_pop(cam);
+                cam->count[CAP_OVERFLOW]++;
+            }
+            cam->ring[(cam->ring_head + cam->ring_len++) % cam->ring_size] = f;
+            pthread_cond_signal(&cap->work);
+        }
+    }
+    pthread_mutex_unlock(&cap->lock);
+    cap_frame_release(gone);
+}
+
+static void event(void *ctx, uint32_t camera, enum cap_event ev)
+{
+    struct cap_camera *cam = ctx;
+    (void)camera; /* the context says it */
+    pthread_mutex_lock(&cam->cap->lock);
+    if (ev == CAP_EV_END)
+        cam->ev_end = true;
+    else
+        cam->ev_lost = true;
+    pthread_cond_signal(&cam->wake);
+    pthread_mutex_unlock(&cam->cap->lock);
+}
+
+static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    struct cap_camera *cam = ctx;
+    (void)camera;
+    pthread_mutex_lock(&cam->cap->lock);
+    cam->count[what] += n;
+    pthread_mutex_unlock(&cam->cap->lock);
+}
+
+struct cap_sink cap_intake_sink(struct cap_camera *cam)
+{
+    return (struct cap_sink){.push = push, .event = event, .count = count, .ctx = cam};
+}

@@ -1,0 +1,319 @@
+/* src_sim.c - sim: cameras inside the process, on one common grid of exposure times.
+ *
+ * Every camera exposes at the multiples of its period on CLOCK_REALTIME, so equal cameras see the
+ * same instants without talking to each other; frame id = number of the grid point.  The pictures
+ * are the caller's (struct cap_scene).  The options break the camera in the ways that real ones
+ * break, for tests and demonstrations. */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "base/yaml.h"
+#include "capture/backends.h"
+#include "capture/bufpool.h"
+
+struct faults {
+    double skew_us, drift_ppm; /* of the camera's clock against the host's */
+    double drop;               /* share of frames that are never delivered */
+    double jitter_us;          /* each frame is delivered up to this much late */
+    int64_t freeze;            /* 1: same image and stamp for ever */
+    int64_t die_after;         /* frames after each start, then the camera says that it is gone */
+    int64_t silent_after;      /* the same without a word */
+    int64_t short_every;       /* each n-th frame claims fewer bytes than it should have */
+    int64_t end_after;         /* frames, then the sequence is finished */
+    int64_t absent;            /* 1: cannot be opened */
+    double open_ms;            /* opening takes this long */
+    int64_t seed;
+};
+
+struct sim {
+    struct cap_source base;
+    struct faults fault;
+    struct cap_scene scene;
+    uint32_t camera;
+    int32_t width, height;
+    enum cap_pixfmt fmt;
+    int64_t period_ns;
+    bool triggered; /* by software */
+    cap_bufpool *pool;
+    struct cap_sink sink;
+    uint64_t rng;
+    pthread_t thread;
+    bool running;
+    pthread_mutex_t lock; /* the three below */
+    pthread_cond_t wake;
+    bool stop;
+    int64_t trigger_real_ns; /* a trigger not yet served, 0 = none */
+};
+
+/* ---- options ---------------------------------------------------------------------------------- */
+
+struct option {
+    const char *name;
+    size_t offset;
+    bool integer;
+    double min, max;
+};
+#define OPT_D(n, lo, hi) {#n, offsetof(struct faults, n), false, lo, hi}
+#define OPT_I(n, lo, hi) {#n, offsetof(struct faults, n), true, lo, hi}
+static const struct option options[] = {
+    OPT_D(skew_us, -1e15, 1e15), OPT_D(drift_ppm, -1000, 1000), OPT_D(drop, 0, 1),
+    OPT_D(jitter_us, 0, 1e6),    OPT_I(freeze, 0, 1),           OPT_I(die_after, 1, 1e9),
+    OPT_I(silent_after, 1, 1e9), OPT_I(short_every, 1, 1e9),    OPT_I(end_after, 1, 1e9),
+    OPT_I(absent, 0, 1),         OPT_D(open_ms, 0, 1e6),        OPT_I(seed, 0, 1e9),
+};
+#define N_OPTIONS (sizeof options / sizeof options[0])
+
+static pvx_err set_option(struct faults *f, char *text, struct pvx_diag *d)
+{
+    char *value = strchr(text, '=');
+    if (value != NULL)
+        *value++ = '\0';
+    for (size_t i = 0; i < N_OPTIONS; i++) {
+        const struct option *o = &options[i];
+        if (strcmp(text, o->name) != 0)
+            continue;
+        void *at = (char *)f + o->offset;
+        /* a bare word switches on */
+        pvx_err e = value == NULL && !(o->integer && o->max == 1) ? PVX_EINVAL
+                    : o->integer ? pvx_parse_int(value == NULL ? "1" : value, (int64_t)o->min,
+                                                 (int64_t)o->max, at)
+                                 : pvx_parse_double(value, o->min, o->max, at);
+        if (e != PVX_OK)
+            return pvx_fail(d, PVX_EINVAL, "sim: %s needs a%s between %g and %g", o->name,
+                            o->integer ? " whole number" : " number", o->min, o->max);
+        return PVX_OK;
+    }
+    return pvx_fail(d, PVX_EINVAL,
+                    "sim: unknown option \"%s\" (there are skew_us drift_ppm drop jitter_us freeze "
+                    "die_after silent_after short_every end_after absent open_ms seed)",
+                    text);
+}
+
+static pvx_err parse_options(const char *text, struct faults *f, struct pvx_diag *d)
+{
+    char copy[512];
+    if (snprintf(copy, sizeof copy, "%s", text) >= (int)sizeof copy)
+        return pvx_fail(d, PVX_EINVAL, "sim: options are too long");
+    for (char *p = copy; p != NULL && *copy != '\0';) {
+        char *comma = strchr(p, ',');
+        if (comma != NULL)
+            *comma++ = '\0';
+        PVX_TRY(set_option(f, p, d));
+        p = comma;
+    }
+    return PVX_OK;
+}
+
+/* ---- thread ----------------------------------------------------------------------------------- */
+
+static double uniform(struct sim *s) /* xorshift64*, 0..1 */
+{
+    s->rng ^= s->rng >> 12;
+    s->rng ^= s->rng << 25;
+    s->rng ^= s->rng >> 27;
+    return (double)((s->rng * 0x2545F4914F6CDD1Du) >> 11) * 0x1p-53;
+}
+
+/* Sleep until real time `t` or stop; true = go on. */
+static bool sleep_until(struct sim *s, int64_t t)
+{
+    struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
+    pthread_mutex_lock(&s->lock);
+    while (!s->stop && pvx_now_real() < t)
+        pthread_cond_timedwait(&s->wake, &s->lock, &ts);
+    bool go = !s->stop;
+    pthread_mutex_unlock(&s->lock);
+    return go;
+}
+
+/* Wait for a trigger; its time, or 0 = stop. */
+static int64_t wait_trigger(struct sim *s)
+{
+    pthread_mutex_lock(&s->lock);
+    while (!s->stop && s->trigger_real_ns == 0)
+        pthread_cond_wait(&s->wake, &s->lock);
+    int64_t t = s->stop ? 0 : s->trigger_real_ns;
+    s->trigger_real_ns = 0;
+    pthread_mutex_unlock(&s->lock);
+    return t;
+}
+
+static void count(struct sim *s, enum cap_count what, uint64_t n)
+{
+    s->sink.count(s->sink.ctx, s->camera, what, n);
+}
+
+static void expose(struct sim *s, uint64_t id, int64_t t_image, int64_t t_device, bool shortened)
+{
+    struct cap_frame *f = cap_bufpool_take(s->pool);
+    if (f == NULL) {
+        count(s, CAP_UNDERRUN, 1);
+        return;
+    }
+    s->scene.render(s->scene.ctx, s->camera, t_image, s->fmt, s->width, s->height,
+                    cap_bufpool_memory(f));
+    size_t px = cap_pixfmt_bytes(s->fmt);
+    f->img.size = (size_t)s->width * (size_t)s->height * px / (shortened ? 2 : 1);
+    f->img.width = s->width;
+    f->img.height = s->height;
+    f->img.stride = (ptrdiff_t)((size_t)s->width * px);
+    f->img.fmt = s->fmt;
+    f->id = id;
+    f->t_device_ns = t_device;
+    f->t_arrival_ns = pvx_now_real();
+    f->t_arrival_mono_ns = pvx_now_mono();
+    s->sink.push(s->sink.ctx, f);
+}
+
+static void *run(void *arg)
+{
+    struct sim *s = arg;
+    const struct faults *o = &s->fault;
+    int64_t start = pvx_now_real(), frozen = 0;
+    int64_t k = start / s->period_ns + 1; /* next grid point */
+    for (int64_t n = 1;; n++) {
+        int64_t t;
+        if (s->triggered) {
+            if ((t = wait_trigger(s)) == 0)
+                return NULL;
+        } else {
+            t = k * s->period_ns;
+            if (!sleep_until(s, t))
+                return NULL;
+        }
+        if (o->jitter_us > 0) {
+            int64_t late = (int64_t)(uniform(s) * o->jitter_us * 1e3);
+            if (!sleep_until(s, t + late))
+                return NULL;
+        }
+        int64_t t_seen = o->freeze && frozen != 0 ? frozen : t;
+        frozen = t_seen;
+        int64_t t_device = t_seen + (int64_t)(o->skew_us * 1e3) +
+                           (int64_t)(o->drift_ppm * 1e-6 * (double)(t_seen - start));
+        if (o->drop > 0 && uniform(s) < o->drop)
+            count(s, CAP_ID_GAP, 1);
+        else
+            expose(s, (uint64_t)(s->triggered ? n : k), t_seen, t_device,
+                   o->short_every > 0 && n % o->short_every == 0);
+        if (n == o->silent_after)
+            return NULL;
+        if (n == o->die_after || n == o->end_after) {
+            s->sink.event(s->sink.ctx, s->camera, n == o->die_after ? CAP_EV_LOST : CAP_EV_END);
+            return NULL;
+        }
+        /* Grid points that passed while this thread was not allowed to run are lost frames. */
+        int64_t next = pvx_now_real() / s->period_ns;
+        if (!s->triggered && next > k + 1) {
+            count(s, CAP_ID_GAP, (uint64_t)(next - k - 1));
+            k = next;
+        } else {
+            k++;
+        }
+    }
+}
+
+/* ---- operations ------------------------------------------------------------------------------- */
+
+static void sim_close(cap_source **sp)
+{
+    struct sim *s = (struct sim *)*sp;
+    if (s == NULL)
+        return;
+    *sp = NULL;
+    cap_bufpool_unref(&s->pool);
+    pthread_mutex_destroy(&s->lock);
+    pthread_cond_destroy(&s->wake);
+    free(s);
+}
+
+static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct faults fault = {0};
+    PVX_TRY(parse_options(c->uri, &fault, d));
+    if (c->scene == NULL || c->scene->render == NULL)
+        return pvx_fail(d, PVX_EINVAL, "sim: needs a scene to look at");
+    if (c->width < 1 || c->height < 1)
+        return pvx_fail(d, PVX_EINVAL, "sim: needs an image size");
+    if (fault.open_ms > 0)
+        pvx_sleep_until_mono(pvx_now_mono() + (int64_t)(fault.open_ms * 1e6));
+    if (fault.absent)
+        return pvx_fail(d, PVX_ENODEV, "sim: the camera is absent");
+    struct sim *s = pvx_calloc(1, sizeof *s);
+    if (s == NULL)
+        return PVX_ENOMEM;
+    s->base.ops = &cap_source_sim;
+    s->fault = fault;
+    s->scene = *c->scene;
+    s->camera = c->camera;
+    s->width = c->width;
+    s->height = c->height;
+    s->fmt = c->fmt == CAP_FMT_NONE ? CAP_RGB8 : c->fmt;
+    s->period_ns = (int64_t)(1e9 / (c->fps > 0 ? c->fps : 30) + 0.5);
+    s->triggered = c->software_trigger;
+    s->rng = ((uint64_t)fault.seed * 64 + c->camera + 1) * 0x9E3779B97F4A7C15u;
+    pthread_mutex_init(&s->lock, NULL);
+    pthread_cond_init(&s->wake, NULL); /* CLOCK_REALTIME: the grid's clock */
+    size_t bytes = (size_t)c->width * (size_t)c->height * cap_pixfmt_bytes(s->fmt);
+    pvx_err e = cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &s->pool);
+    cap_source *base = &s->base;
+    if (e != PVX_OK)
+        sim_close(&base);
+    *out = base;
+    return e;
+}
+
+static pvx_err sim_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
+{
+    struct sim *s = (struct sim *)base;
+    s->sink = *sink;
+    s->stop = false;
+    s->trigger_real_ns = 0;
+    if (pthread_create(&s->thread, NULL, run, s) != 0)
+        return pvx_fail(d, PVX_EIO, "sim: cannot start a thread");
+    char name[16];
+    snprintf(name, sizeof name, "sim%u", s->camera);
+    pthread_setname_np(s->thread, name);
+    s->running = true;
+    return PVX_OK;
+}
+
+static pvx_err sim_trigger(cap_source *base)
+{
+    struct sim *s = (struct sim *)base;
+    if (!s->triggered)
+        return PVX_EUNSUP;
+    pthread_mutex_lock(&s->lock);
+    s->trigger_real_ns = pvx_now_real(); /* one not yet served is lost, as in a real camera */
+    pthread_cond_broadcast(&s->wake);
+    pthread_mutex_unlock(&s->lock);
+    return PVX_OK;
+}
+
+static void sim_stop(cap_source *base)
+{
+    struct sim *s = (struct sim *)base;
+    if (!s->running)
+        return;
+    pthread_mutex_lock(&s->lock);
+    s->stop = true;
+    pthread_cond_broadcast(&s->wake);
+    pthread_mutex_unlock(&s->lock);
+    pthread_join(s->thread, NULL);
+    s->running = false;
+}
+
+const struct cap_source_ops cap_source_sim = {
+    .scheme = "sim",
+    .help = "camera in the process, looking at the given scene; options to break it: "
+            "skew_us=500,drift_ppm=50,drop=0.01,jitter_us=300,freeze,die_after=100,...",
+    .open = sim_open,
+    .start = sim_start,
+    .trigger = sim_trigger,
+    .stop = sim_stop,
+    .close = sim_close,
+};

@@ -1,0 +1,218 @@
+/* supervisor.c - one camera's life: open, start, trigger, watch, close, again. */
+#include <stdio.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "capture/capture_int.h"
+
+#define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
+#define BACKOFF_MAX_NS (4 * PVX_NS_PER_S)
+#define FIRST_FRAME_NS (3 * PVX_NS_PER_S) /* patience with a camera that has just been started */
+#define LOOK_NS (200 * PVX_NS_PER_MS)
+
+enum fate { FATE_STOP, FATE_LOST, FATE_END };
+
+/* State between two frames that came in order; what has been said is not said again. */
+struct watch {
+    struct cap_camera *cam;
+    char said[256];      /* last trouble that was logged, "" after frames came */
+    bool said_bad;       /* wrong size, format or stamp */
+    int64_t backoff_ns;
+};
+
+static bool stopped(struct cap_capture *cap)
+{
+    pthread_mutex_lock(&cap->lock);
+    bool s = cap->stop;
+    pthread_mutex_unlock(&cap->lock);
+    return s;
+}
+
+static void set_state(struct cap_camera *cam, enum cap_state state)
+{
+    pthread_mutex_lock(&cam->cap->lock);
+    cam->state = state;
+    cam->tried = true;
+    if (state != CAP_RUNNING)
+        cam->delivering = false;
+    pthread_cond_signal(&cam->cap->work);
+    pthread_mutex_unlock(&cam->cap->lock);
+}
+
+static void trouble(struct watch *w, const char *text)
+{
+    struct cap_camera *cam = w->cam;
+    pthread_mutex_lock(&cam->cap->lock);
+    snprintf(cam->error, sizeof cam->error, "%s", text);
+    pthread_mutex_unlock(&cam->cap->lock);
+    if (strncmp(w->said, text, sizeof w->said - 1) == 0)
+        return;
+    snprintf(w->said, sizeof w->said, "%s", text);
+    LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 4 s, the others go on",
+          cam->name, cam->uri, text);
+}
+
+static pvx_err open_source(struct cap_camera *cam, cap_source **src, struct pvx_diag *d)
+{
+    const struct cap_source_ops *ops = cam->ops;
+    PVX_TRY(ops->open(&cam->cfg, src, d));
+    pthread_mutex_lock(&cam->cap->lock);
+    cap_intake_restart(cam);
+    bool stop = cam->cap->stop;
+    pthread_mutex_unlock(&cam->cap->lock);
+    struct cap_sink sink = cap_intake_sink(cam);
+    pvx_err e = stop ? PVX_ECANCELED : ops->start(*src, &sink, d);
+    if (e != PVX_OK)
+        ops->close(src);
+    return e;
+}
+
+/* Something to say about the camera?  Called without the lock, now and then. */
+static void report(struct watch *w)
+{
+    struct cap_camera *cam = w->cam;
+    char bad[sizeof cam->bad];
+    pthread_mutex_lock(&cam->cap->lock);
+    bool delivering = cam->delivering;
+    memcpy(bad, cam->bad, sizeof bad);
+    pthread_mutex_unlock(&cam->cap->lock);
+    if (delivering && w->said[0] != '\0') {
+        LOG_I(CAPTURE, "camera %s (%s): frames come again", cam->name, cam->uri);
+        w->said[0] = '\0';
+        w->said_bad = false;
+    }
+    if (delivering)
+        w->backoff_ns = BACKOFF_MIN_NS;
+    if (bad[0] != '\0' && !w->said_bad) {
+        LOG_W(CAPTURE, "camera %s (%s): frames are left out: %s", cam->name, cam->uri, bad);
+        w->said_bad = true;
+    }
+}
+
+/* Under the lock: is it over?  A camera whose frames come but are all bad is not lost, only no
+ * longer waited for. */
+static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_t size)
+{
+    struct cap_camera *cam = w->cam;
+    *fate = FATE_LOST;
+    if (cam->cap->stop) {
+        *fate = FATE_STOP;
+        return true;
+    }
+    if (cam->ev_end) {
+        *fate = FATE_END;
+        return true;
+    }
+    if (cam->ev_lost) {
+        snprintf(why, size, "connection lost");
+        return true;
+    }
+    if (cam->cap->cfg.lossless || cam->ops->recorded)
+        return false;
+    int64_t quiet = cam->quiet_ns;
+    if (cam->count[CAP_RECEIVED] == 0 || !cam->delivering)
+        quiet = quiet > FIRST_FRAME_NS ? quiet : FIRST_FRAME_NS;
+    if (now - cam->last_any_mono_ns > quiet) {
+        snprintf(why, size, "no frame for %.1f s", (double)quiet * 1e-9);
+        return true;
+    }
+    if (cam->delivering && now - cam->last_good_mono_ns > cam->quiet_ns) {
+        cam->delivering = false;
+        pthread_cond_signal(&cam->cap->work);
+    }
+    return false;
+}
+
+static enum fate watch(struct watch *w, cap_source *src)
+{
+    struct cap_camera *cam = w->cam;
+    struct cap_capture *cap = cam->cap;
+    bool triggers = cam->cfg.software_trigger && cam->ops->trigger != NULL;
+    int64_t period = cap->period_ns;
+    int64_t next = triggers ? (pvx_now_mono() / period + 1) * period : INT64_MAX;
+    char why[128] = "";
+    enum fate fate;
+    for (;;) {
+        pthread_mutex_lock(&cap->lock);
+        int64_t now = pvx_now_mono();
+        int64_t until = now + LOOK_NS < next ? now + LOOK_NS : next;
+        if (!over(w, now, &fate, why, sizeof why) && now < until) {
+            cap_wait_until(&cam->wake, &cap->lock, until);
+            now = pvx_now_mono();
+        }
+        bool ends = over(w, now, &fate, why, sizeof why);
+        pthread_mutex_unlock(&cap->lock);
+        report(w);
+        if (ends)
+            break;
+        if (now >= next) {
+            pvx_err e = cam->ops->trigger(src);
+            if (e != PVX_OK)
+                LOG_EVERY(PVX_LOG_WARN, CAPTURE, "camera %s (%s): software trigger failed: %s",
+                          cam->name, cam->uri, pvx_strerror(e));
+            /* the grid is common to all cameras; points that have passed are left out */
+            next = (pvx_now_mono() / period + 1) * period;
+        }
+    }
+    if (fate == FATE_LOST) {
+        pthread_mutex_lock(&cap->lock);
+        cam->count[CAP_LOST_CAMERA]++;
+        pthread_mutex_unlock(&cap->lock);
+        trouble(w, why);
+    }
+    return fate;
+}
+
+static void back_off(struct watch *w)
+{
+    struct cap_camera *cam = w->cam;
+    int64_t until = pvx_now_mono() + w->backoff_ns;
+    pthread_mutex_lock(&cam->cap->lock);
+    while (!cam->cap->stop && pvx_now_mono() < until)
+        cap_wait_until(&cam->wake, &cam->cap->lock, until);
+    pthread_mutex_unlock(&cam->cap->lock);
+    w->backoff_ns = w->backoff_ns * 2 < BACKOFF_MAX_NS ? w->backoff_ns * 2 : BACKOFF_MAX_NS;
+}
+
+static void live(struct cap_camera *cam)
+{
+    struct watch w = {.cam = cam, .backoff_ns = BACKOFF_MIN_NS};
+    bool ran = false;
+    while (!stopped(cam->cap)) {
+        struct pvx_diag d = {""};
+        cap_source *src = NULL;
+        pvx_err e = open_source(cam, &src, &d);
+        if (e == PVX_ECANCELED)
+            return;
+        if (e != PVX_OK) {
+            trouble(&w, pvx_diag_text(&d, e));
+            set_state(cam, ran ? CAP_LOST : CAP_OPENING);
+        } else {
+            if (!ran)
+                LOG_I(CAPTURE, "camera %s (%s): running", cam->name, cam->uri);
+            ran = true;
+            set_state(cam, CAP_RUNNING);
+            enum fate fate = watch(&w, src);
+            cam->ops->stop(src);
+            cam->ops->close(&src);
+            set_state(cam, fate == FATE_LOST ? CAP_LOST : CAP_ENDED);
+            if (fate != FATE_LOST)
+                return;
+        }
+        back_off(&w);
+    }
+}
+
+void *cap_supervise(void *arg)
+{
+    struct cap_camera *cam = arg;
+    struct cap_capture *cap = cam->cap;
+    live(cam);
+    pthread_mutex_lock(&cap->lock);
+    cam->done = true;
+    pthread_cond_broadcast(&cap->changed);
+    pthread_mutex_unlock(&cap->lock);
+    cap_capture_unref(cap);
+    return NULL;
+}
