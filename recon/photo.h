@@ -25,6 +25,11 @@ struct rec_photo_params {
     int32_t margin;    /* bins, >= 0, default 1: grows silhouettes for calibration error */
     int despeckle;     /* default 1 */
 };
+#define REC_PHOTO_DEFAULTS                                                                         \
+    {                                                                                              \
+        .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = 0.998f,           \
+        .margin = 1, .despeckle = 1                                                                \
+    }
 extern const struct rec_photo_params rec_photo_defaults;
 
 struct rec_photo_stats {

@@ -25,6 +25,7 @@ struct rec_solve_params {
     float lambda;         /* relative weight of the smoothness term; < 0 = auto */
     int64_t deadline_ns;  /* mono clock; 0 = none: return the best iterate by then */
 };
+#define REC_SOLVE_DEFAULTS {.solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1}
 extern const struct rec_solve_params rec_solve_defaults;
 
 struct rec_solve_report {

@@ -1,0 +1,223 @@
+#include "recon/solve.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "recon/solve_impl.h"
+
+const struct rec_solve_params rec_solve_defaults = REC_SOLVE_DEFAULTS;
+
+struct method {
+    const char *name;
+    void (*run)(struct rec_job *j);
+};
+static const struct method methods[] = {
+    {"pcg", rec_solve_pcg}, {"cgls-paper", rec_solve_cgls}, {"mlem", rec_solve_mlem}};
+#define N_METHODS (sizeof methods / sizeof *methods)
+
+const char *rec_status_name(enum rec_status s)
+{
+    static const char *const name[] = {"converged", "max-iter", "deadline", "stagnated", "empty"};
+    return (size_t)s < sizeof name / sizeof *name ? name[s] : "unknown";
+}
+
+const char *const *rec_solver_names(void)
+{
+    static const char *const names[] = {"pcg", "cgls-paper", "mlem", NULL};
+    return names;
+}
+
+pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
+{
+    *out = NULL;
+    if (nch != 1 && nch != 3)
+        return PVX_EINVAL;
+    rec_solver *s = pvx_calloc(1, sizeof *s);
+    if (s == NULL)
+        return PVX_ENOMEM;
+    size_t row0[REC_MAX_CAMERAS + 1];
+    s->S = S;
+    s->nch = nch;
+    s->cs = nch == 3 ? 4 : 1;
+    s->n_max = rec_grid_count(&S->grid);
+    s->rows = rec_rowspace(S, row0);
+    bool ok = true;
+    for (int i = 0; i < N_XVEC; i++)
+        ok = (s->xv[i] = pvx_reserve(s->n_max * (size_t)s->cs * sizeof(float))) != NULL && ok;
+    for (int i = 0; i < N_YVEC; i++)
+        ok = (s->yv[i] = pvx_reserve(s->rows * (size_t)s->cs * sizeof(float))) != NULL && ok;
+    s->weight = pvx_reserve(s->rows * sizeof *s->weight);
+    s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
+    s->nbr = pvx_reserve(s->n_max * sizeof *s->nbr);
+    s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
+    if (!ok || s->weight == NULL || s->diag == NULL || s->nbr == NULL ||
+        s->clipped == NULL) {
+        rec_solver_free(&s);
+        return PVX_ENOMEM;
+    }
+    *out = s;
+    return PVX_OK;
+}
+
+void rec_solver_free(rec_solver **sp)
+{
+    rec_solver *s = *sp;
+    if (s == NULL)
+        return;
+    for (int i = 0; i < N_XVEC; i++)
+        pvx_unreserve(s->xv[i], s->n_max * (size_t)s->cs * sizeof(float));
+    for (int i = 0; i < N_YVEC; i++)
+        pvx_unreserve(s->yv[i], s->rows * (size_t)s->cs * sizeof(float));
+    pvx_unreserve(s->weight, s->rows * sizeof *s->weight);
+    pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
+    pvx_unreserve(s->nbr, s->n_max * sizeof *s->nbr);
+    pvx_unreserve(s->clipped, s->n_max * sizeof *s->clipped);
+    free(s);
+    *sp = NULL;
+}
+
+void rec_job_sum(const struct rec_job *j, size_t n, int what, double out[4])
+{
+    for (int l = 0; l < 4; l++) {
+        double s = 0;
+        for (size_t k = 0; k < n; k++)
+            s += j->s->part[k][what][l];
+        out[l] = s;
+    }
+}
+
+bool rec_job_late(const struct rec_job *j)
+{
+    return j->p->deadline_ns != 0 && pvx_now_mono() >= j->p->deadline_ns;
+}
+
+double rec_job_noise2(const struct rec_job *j)
+{
+    return j->sigma > 0 ? j->sigma * j->sigma * j->m : 0;
+}
+
+double rec_job_norm_x(struct rec_job *j, const float *v)
+{
+    double d[4];
+    rec_dot_x(j->a, v, v, d);
+    return sqrt(d[0] + d[1] + d[2] + d[3]);
+}
+
+struct copy {
+    const struct rec_job *j;
+    float *dst;
+    const float *src;
+};
+static void copy_chunk(void *ctx, size_t k)
+{
+    struct copy *t = ctx;
+    int32_t q0, q1;
+    rec_job_range(t->j, k, &q0, &q1);
+    size_t cs = (size_t)t->j->a->cs, o = (size_t)q0 * cs;
+    memcpy(t->dst + o, t->src + o, (size_t)(q1 - q0) * cs * sizeof *t->dst);
+}
+void rec_job_copy(struct rec_job *j, float *dst, const float *src)
+{
+    struct copy t = {j, dst, src};
+    pvx_pool_run(j->a->pool, rec_job_chunks(j), copy_chunk, &t);
+}
+
+struct residual {
+    struct rec_job *j;
+    const float *x;
+    float *r, *wr;
+};
+static void residual_camera(void *ctx, size_t c)
+{
+    struct residual *t = ctx;
+    const struct rec_subsys *a = t->j->a;
+    size_t i0, i1, cs = (size_t)a->cs;
+    double s[4] = {0};
+    rec_job_rows(t->j, c, &i0, &i1);
+    if (i0 < i1) {
+        for (size_t i = i0 * cs; i < i1 * cs; i++)
+            t->r[i] = -t->j->b[i];
+        (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->S->block[c], a->col, 0, a->n, t->x,
+                                                       t->r + a->row0[c] * cs);
+        for (size_t i = i0; i < i1; i++)
+            for (size_t l = 0; l < cs; l++) {
+                float wr = t->j->s->weight[i] * t->r[i * cs + l];
+                t->wr[i * cs + l] = wr;
+                s[l] += (double)wr * t->r[i * cs + l];
+            }
+    }
+    memcpy(t->j->s->part[c][0], s, sizeof s);
+}
+void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4])
+{
+    struct residual t = {j, x, r, wr};
+    pvx_pool_run(j->a->pool, j->a->S->n_cameras, residual_camera, &t);
+    rec_job_sum(j, j->a->S->n_cameras, 0, out);
+}
+
+struct prepare {
+    struct rec_job *j;
+    const float *w;
+};
+/* Weights of A's rows, ||W^(1/2) b||^2 and the number of measured rows; the work areas may hold
+ * numbers of an earlier solve outside this one's spans, which the kernels may read: finite. */
+static void prepare_camera(void *ctx, size_t c)
+{
+    struct prepare *t = ctx;
+    const struct rec_job *j = t->j;
+    const struct rec_subsys *a = j->a;
+    size_t i0, i1, cs = (size_t)a->cs;
+    double norm = 0, rows = 0;
+    rec_job_rows(j, c, &i0, &i1);
+    for (size_t i = i0; i < i1; i++) {
+        float w = a->touched[i] ? t->w[i] : 0;
+        j->s->weight[i] = w;
+        rows += w > 0;
+        for (size_t l = 0; l < cs; l++)
+            norm += (double)w * j->b[i * cs + l] * j->b[i * cs + l];
+    }
+    j->s->part[c][0][0] = norm;
+    j->s->part[c][0][1] = rows;
+    j->s->part[c][0][2] = j->s->part[c][0][3] = 0;
+}
+
+pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
+                  double sigma, const struct rec_solve_params *p, float *x, rec_trace_fn trace,
+                  void *trace_ctx, struct rec_solve_report *out)
+{
+    const struct method *m = &methods[0];
+    *out = (struct rec_solve_report){.status = REC_EMPTY};
+    if (p->solver != NULL && *p->solver != '\0') {
+        m = NULL;
+        for (size_t i = 0; i < N_METHODS; i++)
+            if (strcmp(methods[i].name, p->solver) == 0)
+                m = &methods[i];
+        if (m == NULL)
+            return PVX_EINVAL;
+    }
+    int64_t start = pvx_now_mono();
+    out->solver = m->name;
+    struct rec_job j = {.s = s, .a = a, .b = b, .sigma = sigma, .p = p, .x = x, .trace = trace,
+                        .trace_ctx = trace_ctx, .out = out};
+    struct prepare t = {&j, w};
+    pvx_pool_run(a->pool, a->S->n_cameras, prepare_camera, &t);
+    double sum[4];
+    rec_job_sum(&j, a->S->n_cameras, 0, sum);
+    j.b_norm2 = sum[0];
+    j.m = sum[1] * s->nch;
+    if (a->n == 0 || a->nnz == 0 || j.m == 0 || j.b_norm2 == 0) {
+        memset(x, 0, (size_t)a->n * (size_t)a->cs * sizeof *x);
+        out->time_ns = pvx_now_mono() - start;
+        return PVX_OK;
+    }
+    m->run(&j);
+    rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
+    out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);
+    out->solution_norm = rec_job_norm_x(&j, x);
+    out->rel_residual = out->residual_norm / sqrt(j.b_norm2);
+    out->time_ns = pvx_now_mono() - start;
+    return PVX_OK;
+}

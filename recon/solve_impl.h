@@ -1,0 +1,77 @@
+/* solve_impl.h - what the solvers share: work areas, the job of one solve, fused passes.
+ * Private to solve*.c. */
+#ifndef REC_SOLVE_IMPL_H
+#define REC_SOLVE_IMPL_H
+#include "recon/lcurve.h"
+#include "recon/solve.h"
+
+#define N_XVEC 6
+#define N_YVEC 2
+
+/* Sized for the worst case (every voxel active) in reserved address space. */
+struct rec_solver {
+    const rec_sysmat *S;
+    int nch, cs;
+    size_t n_max, rows;     /* voxels of the grid; rows of row space */
+    float *xv[N_XVEC];      /* [n_max][cs] */
+    float *yv[N_YVEC];      /* [rows][cs], zero outside the spans of the job */
+    float *weight;          /* [rows] w where a row has an entry, else 0 */
+    float *diag;            /* [n_max] */
+    int32_t (*nbr)[6];      /* [n_max] active index of x-,x+,y-,y+,z-,z+; itself: none */
+    int32_t *clipped;       /* [n_max] columns of a step that met the bound, by chunk */
+    int32_t n_clipped[REC_MAX_CHUNKS];
+    double part[REC_MAX_CHUNKS + REC_MAX_CAMERAS][4][4]; /* partial sums of a fused pass */
+};
+
+struct rec_job {
+    rec_solver *s;
+    const struct rec_subsys *a;
+    const float *b;
+    double sigma;
+    const struct rec_solve_params *p;
+    float *x;
+    rec_trace_fn trace;
+    void *trace_ctx;
+    struct rec_solve_report *out;
+    double b_norm2; /* || W^(1/2) b ||^2 over A's rows, all channels */
+    double m;       /* measured values: rows with weight > 0, times channels */
+};
+
+/* One method: fills x and of the report status, iterations, best, objective, lambda.  Norms and time
+ * are the caller's. */
+void rec_solve_pcg(struct rec_job *j);
+void rec_solve_cgls(struct rec_job *j);
+void rec_solve_mlem(struct rec_job *j);
+
+/* Run fn(job, i) for the chunks of active columns, or for cameras. */
+static inline size_t rec_job_chunks(const struct rec_job *j) { return rec_chunks(j->a->n); }
+
+/* Columns [q0,q1) of chunk k. */
+static inline void rec_job_range(const struct rec_job *j, size_t k, int32_t *q0, int32_t *q1)
+{
+    int32_t c = rec_chunk(j->a->n);
+    *q0 = (int32_t)k * c;
+    *q1 = *q0 + c < j->a->n ? *q0 + c : j->a->n;
+}
+/* Rows of camera c in row space that A touches: [*i0,*i1). */
+static inline void rec_job_rows(const struct rec_job *j, size_t c, size_t *i0, size_t *i1)
+{
+    *i0 = j->a->row0[c] + j->a->span[c].lo;
+    *i1 = j->a->row0[c] + j->a->span[c].hi;
+}
+
+/* Sum slot `what` of the first n partial results, lane by lane, in order. */
+void rec_job_sum(const struct rec_job *j, size_t n, int what, double out[4]);
+
+/* r = A x - b, wr = W r, two different arrays; out = r'Wr per lane. */
+void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4]);
+/* ||v|| over active columns, all lanes. */
+double rec_job_norm_x(struct rec_job *j, const float *v);
+/* dst = src, [n][cs]. */
+void rec_job_copy(struct rec_job *j, float *dst, const float *src);
+
+bool rec_job_late(const struct rec_job *j);
+/* Noise target of the discrepancy principle: sigma^2 m; 0 when sigma is unknown. */
+double rec_job_noise2(const struct rec_job *j);
+
+#endif
