@@ -105,7 +105,8 @@ static bool in_domain(const struct rec_camera *c, double x, double y, const doub
     return J[0] * J[3] - J[1] * J[2] > 0 && before_fold(c, x * x + y * y);
 }
 
-bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2])
+bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
+                             struct rec_projection *out)
 {
     const double *R = c->R;
     double Xc = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + c->t[0];
@@ -113,9 +114,8 @@ bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv
     double Zc = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + c->t[2];
     if (!(Zc > 0))
         return false;
-    double x = Xc / Zc, y = Yc / Zc, p[2] = {x, y};
+    double x = Xc / Zc, y = Yc / Zc, p[2] = {x, y}, J[4] = {1, 0, 0, 1};
     if (has_distortion(c)) {
-        double J[4];
         distort(c, x, y, p, J);
         if (!in_domain(c, x, y, J))
             return false;
@@ -123,8 +123,18 @@ bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv
     double u = c->fx * p[0] + c->cx, v = c->fy * p[1] + c->cy;
     if (!isfinite(u) || !isfinite(v))
         return false;
-    uv[0] = u;
-    uv[1] = v;
+    *out = (struct rec_projection){
+        x, y, u, v, {c->fx * J[0], c->fx * J[1], c->fy * J[2], c->fy * J[3]}};
+    return true;
+}
+
+bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2])
+{
+    struct rec_projection p;
+    if (!rec_camera_project_full(c, X, &p))
+        return false;
+    uv[0] = p.u;
+    uv[1] = p.v;
     return true;
 }
 

@@ -27,6 +27,13 @@ struct rec_camera {
  * far off axis that (2) is past its turning point (the lens model folds back there). */
 bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2]);
 
+/* The same with what lies between: (x,y) of (1) and J = d(u,v)/d(x,y), row major, px. */
+struct rec_projection {
+    double x, y, u, v, J[4];
+};
+bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
+                             struct rec_projection *out);
+
 /* Pixel (u,v), any real numbers -> ray: origin = camera centre [m], dir of unit length, both world.
  * Inverts (3) by Newton iteration to 1e-10 px; false where (3) has no inverse (far outside). */
 bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3],
