@@ -52,7 +52,7 @@ struct dmn_pipeline {
     pvx_queue *idle, *to_solve, *to_publish;
     struct dmn_stage stage[DMN_N_STAGES];
     atomic_bool stopping;
-    char end_reason[64];
+    char end_reason[PVP_REASON_MAX];
 
     /* warm start: a copy of the last volume; belongs to the solve stage */
     int32_t *prev_index;

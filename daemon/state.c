@@ -4,8 +4,8 @@
 
 const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {
     [DMN_DROP_STALE] = {"stale", "sets", "too old when its turn came, and a newer one was there"},
-    [DMN_DROP_SOLVE] = {"solver-busy", "sets", "displaced by a newer set before the solver"},
-    [DMN_DROP_PUBLISH] = {"publisher-busy", "sets", "displaced by a newer set before publishing"},
+    [DMN_DROP_SOLVE] = {"solver_busy", "sets", "displaced by a newer set before the solver"},
+    [DMN_DROP_PUBLISH] = {"publisher_busy", "sets", "displaced by a newer set before publishing"},
     [DMN_DROP_IMAGES] = {"images", "sets", "no image of the set could be used"},
     [DMN_DROP_FAILED] = {"failed", "sets", "solver or publisher refused the set"},
     [DMN_DROP_STOPPED] = {"stopped", "sets", "under way when the daemon was stopped"},

@@ -6,6 +6,8 @@
 
 static const struct cli_command *const commands[] = {
     &cmd_simcams,
+    &cmd_status,
+    &cmd_top,
     NULL,
 };
 

@@ -1,0 +1,16 @@
+/* ask.h - one question to a daemon's control socket. */
+#ifndef ASK_H
+#define ASK_H
+#include <cjson/cJSON.h>
+#include "base/err.h"
+
+/* Send {"cmd":`cmd`} and wait at most timeout_ms for the answer.  Owner of *out: caller, cJSON_Delete.
+ * PVX_ETIMEDOUT: nobody answers there (diag says what to do); PVX_EFORMAT: not JSON;
+ * PVX_EINVAL: the daemon refused (diag has its words). */
+PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *cmd, int timeout_ms, cJSON **out,
+                           struct pvx_diag *d);
+
+/* Number, or text, at path a.b (b may be NULL); 0 or "" when it is not there. */
+double ask_num(const cJSON *j, const char *a, const char *b);
+const char *ask_text(const cJSON *j, const char *a, const char *b);
+#endif
