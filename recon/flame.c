@@ -38,26 +38,28 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
     if (bed) {
         int beats = 1 + g / 5 % 3;
         p = 0.15;
-        life = 0.75 + 0.25 * sin(2 * PI * (beats * turn + start));
-        r = 0.085 * sqrt(reach);
-        z = 0.13 + 0.05 * size;
-        s_xy = 0.036 + 0.012 * size;
-        s_z = 0.036;
-        heat = 0.75 - 0.3 * reach;
+        life = 0.8 + 0.2 * sin(2 * PI * (beats * turn + start));
+        r = 0.13 * sqrt(reach);
+        z = 0.15 + 0.05 * size;
+        s_xy = 0.034 + 0.014 * size;
+        s_z = 0.034;
+        heat = 0.9 - 0.6 * reach;
+        life *= 0.8;
     } else {
         int lives = 1 + g % 2;
         p = lives * turn + start;
         p -= floor(p);
         life = sin(PI * p) * sin(PI * p); /* 0 where the blob jumps back to the base */
         double outer = sqrt(reach);       /* even over the area of a disc */
-        double top = mix(0.86, 0.42, outer * outer * (0.4 + 0.6 * size));
-        z = mix(0.12, top, pow(p, 1.15));
+        life *= 1 + 2 * p;                /* tongues thin out but burn on */
+        double top = mix(1.0, 0.6, outer * (0.4 + 0.6 * size));
+        z = mix(0.10, top, pow(p, 0.85));
         /* narrow at the base, widest at a third of the way, closing to a tip */
-        r = 0.15 * outer * (0.3 + 0.7 * sin(PI * pow(p, 0.65))) * (1 - 0.55 * p);
-        s_xy = mix(0.052, 0.020, p) * (0.7 + 0.6 * size);
-        s_z = s_xy * mix(1.3, 2.4, p);
-        heat = (1 - 0.75 * p) * (1 - 0.7 * outer);
-        angle += 2 * PI * 0.35 * p * (g % 4 < 2 ? 1 : -1);
+        r = 0.25 * outer * (0.35 + 0.65 * sin(PI * pow(p, 0.6))) * (1 - 0.5 * p);
+        s_xy = mix(0.050, 0.030, p) * (0.6 + 0.7 * size);
+        s_z = s_xy * mix(1.4, 2.8, p);
+        heat = 1.25 * (1 - 0.8 * p) * (1 - 0.95 * outer);
+        angle += 2 * PI * 0.3 * p * (g % 4 < 2 ? 1 : -1);
     }
     /* the whole flame leans and licks, more the higher up */
     double lean = 0.09 * z * z;
@@ -70,7 +72,7 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
         double lo = a < 2 ? -0.4 : 0.02, hi = a < 2 ? 0.4 : 0.95;
         b->m[a] = clamp(b->m[a], lo + 3 * b->s[a], hi - 3 * b->s[a]);
     }
-    static const double outer_rgb[3] = {0.80, 0.20, 0.025}, core_rgb[3] = {1.35, 0.95, 0.42};
+    static const double outer_rgb[3] = {0.95, 0.20, 0.012}, core_rgb[3] = {2.2, 1.75, 0.85};
     for (int ch = 0; ch < 3; ch++)
         b->a[ch] = life * mix(outer_rgb[ch], core_rgb[ch], clamp(heat, 0, 1));
 }
