@@ -6,14 +6,18 @@
 #include "recon/camera.h"
 #include "recon/grid.h"
 
+#define REC_RENDER_SUB_MAX 64
+
 /* dense [nz][ny][nx][nch] on g (basis as g says) -> image [h][w][nch] float, unclipped, mean over
- * sub x sub rays per pixel.  Parallel over rows; same bits for any thread count. PVX_ENOMEM. */
+ * sub x sub rays per pixel (1..REC_RENDER_SUB_MAX); what lies behind the camera is not seen.
+ * Parallel over rows; same bits for any thread count.  PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
                                   const struct rec_camera *c, int sub, pvx_pool *pool,
                                   float *image);
 
-/* Camera on a circle about the volume's vertical axis, `angle` rad, looking at the centre, framing
- * the volume; for turntable pictures. */
+/* Ideal camera on a circle about the volume's vertical axis, `angle` rad from +x towards +y,
+ * `elevation` rad above the horizon (to 1.5 either way), looking at the centre, framing the volume
+ * equally for every angle; for turntable pictures. */
 void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, int32_t w,
                       int32_t h, struct rec_camera *out);
 

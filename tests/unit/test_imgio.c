@@ -1,0 +1,279 @@
+/* test_imgio.c - images and arrays in files, through the OpenCV module and without. */
+#include "../t.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "capture/imgio.h"
+
+static char dir[64];
+
+static const char *in_dir(const char *name)
+{
+    static char path[4][256];
+    static int turn;
+    char *p = path[turn++ & 3];
+    snprintf(p, 256, "%s/%s", dir, name);
+    return p;
+}
+
+static void npy_round_trip(void)
+{
+    float v[24], *back;
+    for (int i = 0; i < 24; i++)
+        v[i] = (float)i / 7;
+    size_t shape[4] = {2, 3, 4, 1}, got[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_npy_save(in_dir("a.npy"), v, shape, 3, &d), PVX_OK);
+    T_EQ_I(cap_npy_load(in_dir("a.npy"), &back, got, &ndim, &d), PVX_OK);
+    T_EQ_I(ndim, 3);
+    T_EQ_I(got[0] * 100 + got[1] * 10 + got[2], 234);
+    T_EQ_I(memcmp(back, v, sizeof v), 0);
+    free(back);
+    char *bytes;
+    size_t len;
+    T_EQ_I(pvx_file_read(in_dir("a.npy"), 1 << 20, &bytes, &len, &d), PVX_OK);
+    T_EQ_I((len - sizeof v) % 64, 0); /* data are aligned as NumPy asks */
+    free(bytes);
+}
+
+/* A .npy of the given dictionary and data bytes. */
+static size_t build(char *out, const char *dict, const void *data, size_t n)
+{
+    size_t h = strlen(dict);
+    memcpy(out, "\x93NUMPY\x01\x00", 8);
+    out[8] = (char)h;
+    out[9] = 0;
+    memcpy(out + 10, dict, h);
+    memcpy(out + 10 + h, data, n);
+    return 10 + h + n;
+}
+
+static void npy_types(void)
+{
+    char b[512];
+    float *v;
+    size_t shape[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    const uint16_t half[6] = {0x3c00, 0xc000, 0x0001, 0x7bff, 0xfc00, 0x3555};
+    size_t n = build(b, "{'descr': '<f2', 'fortran_order': False, 'shape': (6,), }", half, 12);
+    T_EQ_I(cap_npy_parse(b, n, "x", &v, shape, &ndim, &d), PVX_OK);
+    T_NEAR(v[0], 1, 0);
+    T_NEAR(v[1], -2, 0);
+    T_NEAR(v[2], 0x1p-24, 0);
+    T_NEAR(v[3], 65504, 0);
+    T_OK(isinf(v[4]) && v[4] < 0);
+    T_NEAR(v[5], 0.333251953125, 0);
+    free(v);
+    const double f8[2] = {0.1, 1e300};
+    n = build(b, "{\"shape\": (2,), 'descr': '<f8', 'fortran_order': True}  \n", f8, 16);
+    T_EQ_I(cap_npy_parse(b, n, "x", &v, shape, &ndim, &d), PVX_OK); /* one dimension has no order */
+    T_OK(v[0] == 0.1f && isinf(v[1]));
+    free(v);
+    n = build(b, "{'descr': '|u1', 'fortran_order': False, 'shape': (1, 2)}", "\x07\xff", 2);
+    T_EQ_I(cap_npy_parse(b, n, "x", &v, shape, &ndim, &d), PVX_OK);
+    T_OK(v[0] == 7 && v[1] == 255 && shape[1] == 2);
+    free(v);
+}
+
+static void npy_refusals(void)
+{
+    static const struct {
+        const char *dict, *says;
+        pvx_err e;
+    } bad[] = {
+        {"{'descr': '>f4', 'fortran_order': False, 'shape': (2,)}", ">f4", PVX_EUNSUP},
+        {"{'descr': '<i4', 'fortran_order': False, 'shape': (2,)}", "<i4", PVX_EUNSUP},
+        {"{'descr': '<f4', 'fortran_order': True, 'shape': (2, 1)}", "Fortran", PVX_EUNSUP},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (3,)}", "need 12 bytes", PVX_EFORMAT},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (1,)}", "file has 8", PVX_EFORMAT},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (0,)}", "empty", PVX_EFORMAT},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': ()}", "0 dimensions", PVX_EUNSUP},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (1,1,1,1,2)}", "5 dim", PVX_EUNSUP},
+        {"{'descr': '<f4', 'fortran_order': False}", "malformed", PVX_EFORMAT},
+        {"{'descr': '<f4', 'descr': '<f4', 'fortran_order': False, 'shape': (2,)}", "malformed",
+         PVX_EFORMAT},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (2,)} x", "malformed", PVX_EFORMAT},
+        {"{'descr': '<f8', 'fortran_order': False, 'shape': (4294967296, 4294967296)}",
+         "does not fit", PVX_EFORMAT},
+        {"{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999999999999,)}", "malformed",
+         PVX_EFORMAT},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        char b[512];
+        float *v, two[2] = {1, 2};
+        size_t shape[4], n = build(b, bad[i].dict, two, 8);
+        int ndim;
+        struct pvx_diag d = {""};
+        T_EQ_I(cap_npy_parse(b, n, "vol.npy", &v, shape, &ndim, &d), bad[i].e);
+        T_OK(v == NULL);
+        T_CONTAINS(d.text, "vol.npy: ");
+        T_CONTAINS(d.text, bad[i].says);
+    }
+}
+
+static void npy_images_keep_their_depth(void)
+{
+    struct cap_loaded l;
+    struct pvx_diag d = {""};
+    char b[512];
+    const uint16_t u2[4] = {1, 2, 3, 65535};
+    size_t n = build(b, "{'descr': '<u2', 'fortran_order': False, 'shape': (2, 2)}", u2, 8);
+    T_EQ_I(pvx_file_write(in_dir("u2.npy"), b, n, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("u2.npy"), &l, &d), PVX_OK);
+    T_EQ_I(l.img.fmt, CAP_GREY16);
+    T_EQ_I(memcmp(l.img.data, u2, 8), 0);
+    cap_loaded_free(&l);
+    float pix[2 * 3 * 3] = {0.5f, -1, 7};
+    T_EQ_I(cap_image_save(in_dir("f.npy"), pix, 3, 2, 3, 2.2, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("f.npy"), &l, &d), PVX_OK);
+    T_EQ_I(l.img.fmt, CAP_RGB_F32);
+    T_EQ_I(l.img.width * 10 + l.img.height, 32);
+    T_EQ_I(memcmp(l.img.data, pix, sizeof pix), 0); /* unclipped, gamma is for .png only */
+    cap_loaded_free(&l);
+    T_EQ_I(cap_npy_save(in_dir("v.npy"), pix, (size_t[3]){3, 3, 2}, 3, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("v.npy"), &l, &d), PVX_EFORMAT);
+    T_CONTAINS(d.text, "[h][w]");
+}
+
+static void png_round_trip(void)
+{
+    enum { W = 5, H = 3 };
+    float pix[W * H * 3];
+    for (int i = 0; i < W * H * 3; i++)
+        pix[i] = (float)(i * 5) / 255;
+    pix[0] = -3;
+    pix[1] = 9;
+    pix[2] = NAN;
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    T_EQ_I(cap_image_save(in_dir("a.png"), pix, W, H, 3, 1, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(cap_image_load(in_dir("a.png"), &l, &d), PVX_OK);
+    if (l.img.data == NULL)
+        return;
+    T_EQ_I(l.img.fmt, CAP_RGB8);
+    T_EQ_I(l.img.width * 10 + l.img.height, W * 10 + H);
+    const uint8_t *px = l.img.data;
+    T_EQ_I(px[0], 0);
+    T_EQ_I(px[1], 255);
+    T_EQ_I(px[2], 0);
+    for (int i = 3; i < W * H * 3; i++)
+        T_EQ_I(px[i], i * 5); /* red first, as written */
+    cap_loaded_free(&l);
+    for (int i = 0; i < W * H; i++)
+        pix[i] = 0.25f;
+    T_EQ_I(cap_image_save(in_dir("g.png"), pix, W, H, 1, 2, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("g.png"), &l, &d), PVX_OK);
+    T_EQ_I(l.img.fmt, CAP_GREY8);
+    T_EQ_I(((const uint8_t *)l.img.data)[7], 128); /* 0.25^(1/2) */
+    cap_loaded_free(&l);
+}
+
+/* A 1x1 RGBA 8-bit and a 2x1 grey 16-bit PNG, as bytes. */
+static void png_alpha_and_16_bit(void)
+{
+    static const uint8_t rgba[] = {
+        0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48,
+        0x44, 0x52, 0x00, 0x00, 0x00, 0x01, 0x00, 0x00, 0x00, 0x01, 0x08, 0x06, 0x00, 0x00,
+        0x00, 0x1f, 0x15, 0xc4, 0x89, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x44, 0x41, 0x54, 0x78,
+        0xda, 0x63, 0xe0, 0x12, 0x91, 0xd3, 0x00, 0x00, 0x00, 0xcd, 0x00, 0x65, 0xb5, 0xc7,
+        0x96, 0x52, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82};
+    static const uint8_t grey16[] = {
+        0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48,
+        0x44, 0x52, 0x00, 0x00, 0x00, 0x02, 0x00, 0x00, 0x00, 0x01, 0x10, 0x00, 0x00, 0x00,
+        0x00, 0x81, 0xd9, 0xfc, 0x15, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x44, 0x41, 0x54, 0x78,
+        0xda, 0x63, 0x10, 0x32, 0xf9, 0xff, 0x1f, 0x00, 0x03, 0xe6, 0x02, 0x45, 0xf1, 0x1c,
+        0x84, 0x65, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82};
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    T_EQ_I(pvx_file_write(in_dir("rgba.png"), rgba, sizeof rgba, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("rgba.png"), &l, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    if (l.img.data != NULL) {
+        T_EQ_I(l.img.fmt, CAP_RGB8);
+        const uint8_t *p = l.img.data;
+        T_EQ_I(p[0] * 1000000 + p[1] * 1000 + p[2], 10020030);
+    }
+    cap_loaded_free(&l);
+    T_EQ_I(pvx_file_write(in_dir("g16.png"), grey16, sizeof grey16, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("g16.png"), &l, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    if (l.img.data != NULL) {
+        T_EQ_I(l.img.fmt, CAP_GREY16);
+        uint16_t v[2];
+        memcpy(v, l.img.data, 4);
+        T_EQ_I(v[0], 0x1234);
+        T_EQ_I(v[1], 65535);
+    }
+    cap_loaded_free(&l);
+}
+
+static void damaged_and_missing(void)
+{
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    T_EQ_I(pvx_file_write(in_dir("bad.png"), "\x89PNG garbage", 12, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("bad.png"), &l, &d), PVX_EFORMAT);
+    T_CONTAINS(d.text, "bad.png");
+    d.text[0] = '\0';
+    T_EQ_I(cap_image_load(in_dir("none.png"), &l, &d), PVX_ENOENT);
+    T_CONTAINS(d.text, "none.png");
+    d.text[0] = '\0';
+    T_EQ_I(cap_image_load(in_dir("x.bmp"), &l, &d), PVX_EUNSUP);
+    T_CONTAINS(d.text, ".npy .png");
+    d.text[0] = '\0';
+    T_EQ_I(cap_image_save(in_dir("x.jpg"), (float[3]){0}, 1, 1, 3, 1, &d), PVX_EUNSUP);
+    cap_video *v;
+    double fps;
+    d.text[0] = '\0';
+    T_EQ_I(cap_video_open(in_dir("none.mp4"), &v, &fps, &d), PVX_ENOENT);
+    T_EQ_I(pvx_file_write(in_dir("bad.mp4"), "not a film", 10, &d), PVX_OK);
+    d.text[0] = '\0';
+    T_EQ_I(cap_video_open(in_dir("bad.mp4"), &v, &fps, &d), PVX_EFORMAT);
+    T_OK(v == NULL);
+    T_CONTAINS(d.text, "bad.mp4");
+}
+
+static void full_disk_is_named(void)
+{
+    struct stat st;
+    if (stat("/dev/full", &st) != 0)
+        T_SKIP("no /dev/full here");
+    /* the temporary beside the target is a link to the full device */
+    char tmp[320];
+    const char *path = in_dir("full.npy");
+    snprintf(tmp, sizeof tmp, "%s.tmp.%ld", path, (long)getpid());
+    T_EQ_I(symlink("/dev/full", tmp), 0);
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_npy_save(path, (float[2]){1, 2}, (size_t[1]){2}, 1, &d), PVX_ENOSPC);
+    T_CONTAINS(d.text, "full.npy");
+    T_OK(access(path, F_OK) != 0);
+}
+
+int main(void)
+{
+    char exe[200], lib[256], cmd[128];
+    if (pvx_exe_dir(exe, sizeof exe) != PVX_OK)
+        return 1;
+    snprintf(lib, sizeof lib, "%s/../../lib", exe);
+    setenv("PYROVOX_LIBDIR", lib, 1);
+    snprintf(dir, sizeof dir, "/tmp/pvx-imgio-%ld", (long)getpid());
+    if (mkdir(dir, 0700) != 0)
+        return 1;
+    T_RUN(npy_round_trip);
+    T_RUN(npy_types);
+    T_RUN(npy_refusals);
+    T_RUN(npy_images_keep_their_depth);
+    T_RUN(png_round_trip);
+    T_RUN(png_alpha_and_16_bit);
+    T_RUN(damaged_and_missing);
+    T_RUN(full_disk_is_named);
+    snprintf(cmd, sizeof cmd, "rm -r %s", dir);
+    if (system(cmd) != 0)
+        return 1;
+    return t_done();
+}
