@@ -187,7 +187,7 @@ static void sources(void)
     source_is(0, "cam0", "");
     /* a source that grows past its room is refused, not cut */
     char text[400];
-    snprintf(text, sizeof text, "cameras: \"files:/%0240d/{name}{name}{name}\"\n", 1);
+    snprintf(text, sizeof text, "cameras: \"files:/%0220d/{name}{name}{name}\"\n", 1);
     T_EQ_I(parse(text), PVX_OK);
     T_EQ_I(dmn_config_source(&c, "a-camera-with-a-name", 0, uri, sizeof uri, &d), PVX_ERANGE);
 }

@@ -1,0 +1,50 @@
+#!/bin/bash
+# Install or remove what `make` built.
+#   install.sh BUILD DESTDIR PREFIX
+#   install.sh --remove DESTDIR PREFIX
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+remove=
+if [ "${1:-}" = --remove ]; then
+    remove=1; shift
+    build=
+else
+    build=$1; shift
+fi
+dest=$1 prefix=$2
+bin=$dest$prefix/bin lib=$dest$prefix/lib inc=$dest$prefix/include/pyrovox
+man=$dest$prefix/share/man doc=$dest$prefix/share/doc/pyrovox
+# units, users and rules are looked for outside /usr/local only in some places: these work for both
+case $prefix in
+    /usr) sys=$dest/usr/lib; units=$sys/systemd/system ;;
+    *) sys=$dest/etc; units=$dest/etc/systemd/system ;;
+esac
+
+put() { # mode, source, target
+    if [ -n "$remove" ]; then rm -f "$3"; else install -D -m "$1" "$2" "$3"; fi
+}
+
+for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
+for l in recon client base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
+if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-opencv.so" ]; then
+    put 0644 "$build/lib/pyrovox-opencv.so" "$lib/pyrovox-opencv.so"
+fi
+for h in recon/*.h proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
+for h in daemon/base/*.h; do put 0644 "$h" "$inc/base/$(basename "$h")"; done
+for m in daemon/man/*.[158]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
+put 0644 daemon/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
+put 0644 systemd/pyrovoxd.sysusers "$sys/sysusers.d/pyrovoxd.conf"
+put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
+put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"
+if [ -n "$remove" ]; then
+    rm -f "$units/pyrovoxd.service"
+    rmdir --ignore-fail-on-non-empty "$inc"/{recon,proto/clients,proto,base} "$inc" "$doc" 2>/dev/null || true
+    exit 0
+fi
+install -d "$units"
+sed "s|@BINDIR@|$prefix/bin|" systemd/pyrovoxd.service > "$units/pyrovoxd.service"
+chmod 0644 "$units/pyrovoxd.service"
+if [ -z "$dest" ]; then
+    echo "installed; next: systemd-sysusers, systemd-tmpfiles --create, then systemd/README.md" >&2
+fi

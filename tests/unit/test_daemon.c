@@ -1,0 +1,219 @@
+/* test_daemon.c - parts of the daemon on their own: JSON writer, control requests, stages, scene. */
+#include "../t.h"
+
+#include <cjson/cJSON.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "daemon/control.h"
+#include "daemon/json.h"
+#include "daemon/scene.h"
+#include "daemon/stage.h"
+#include "daemon/state.h"
+
+static void json_is_valid_and_comes_back(void)
+{
+    char text[600];
+    struct dmn_json j;
+    dmn_json_init(&j, text, sizeof text);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_str(&j, "text", "quote \" back \\ line \n bell \a bad \xff\xc0\x80 good \xc3\xa4");
+    dmn_json_num(&j, "nan", NAN);
+    dmn_json_num(&j, "x", 1.5e-7);
+    dmn_json_int(&j, "i", -5);
+    dmn_json_bool(&j, "b", true);
+    dmn_json_open(&j, "list", '[');
+    dmn_json_int(&j, NULL, 1);
+    dmn_json_int(&j, NULL, 2);
+    dmn_json_close(&j, ']');
+    dmn_json_open(&j, "empty", '{');
+    dmn_json_close(&j, '}');
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    T_EQ_I(n, strlen(text));
+    cJSON *c = cJSON_Parse(text);
+    T_OK(c != NULL);
+    T_EQ_S(cJSON_GetStringValue(cJSON_GetObjectItem(c, "text")),
+           "quote \" back \\ line \n bell \a bad ??? good \xc3\xa4");
+    T_OK(cJSON_IsNull(cJSON_GetObjectItem(c, "nan")));
+    T_NEAR(cJSON_GetObjectItem(c, "x")->valuedouble, 1.5e-7, 1e-15);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(c, "list")), 2);
+    cJSON_Delete(c);
+}
+
+static void json_that_does_not_fit_says_so(void)
+{
+    char text[16] = "", guard = text[15];
+    for (size_t size = 0; size < sizeof text; size++) {
+        struct dmn_json j;
+        dmn_json_init(&j, text, size);
+        dmn_json_open(&j, NULL, '{');
+        dmn_json_str(&j, "key", "value");
+        dmn_json_close(&j, '}');
+        T_EQ_I(dmn_json_end(&j), 0);
+        T_EQ_I(text[15], guard);
+    }
+}
+
+static int stops, resets;
+static size_t fake_status(void *ctx, char *out, size_t size)
+{
+    return *(int *)ctx ? (size_t)snprintf(out, size, "{\"up\":1}") : 0;
+}
+static void fake_stop(void *ctx)
+{
+    (void)ctx;
+    stops++;
+}
+static void fake_reset(void *ctx)
+{
+    (void)ctx;
+    resets++;
+}
+
+static void answer_is(const char *request, const char *part)
+{
+    int fits = 1;
+    char reply[600];
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, &fits};
+    size_t n = dmn_control_handle(&ops, request, strlen(request), reply, sizeof reply);
+    T_EQ_I(n, strlen(reply));
+    T_CONTAINS(reply, part);
+}
+
+static void control_answers(void)
+{
+    answer_is("{\"cmd\":\"ping\"}", "\"ok\":true");
+    answer_is("{\"cmd\":\"status\"}", "{\"up\":1}");
+    answer_is("{\"cmd\":\"stop\"}", "\"ok\":true");
+    T_EQ_I(stops, 1);
+    answer_is("{\"cmd\":\"reset-latency\"}", "\"ok\":true");
+    T_EQ_I(resets, 1);
+    enum pvx_log_level before = pvx_log_get_level();
+    answer_is("{\"cmd\":\"log-level\",\"level\":\"error\"}", "\"ok\":true");
+    T_EQ_I(pvx_log_get_level(), PVX_LOG_ERROR);
+    pvx_log_set_level(before);
+    answer_is("{\"cmd\":\"log-level\",\"level\":\"loud\"}", "error");
+    answer_is("{\"cmd\":\"log-level\"}", "error");
+    answer_is("{\"cmd\":\"fly\"}", "unknown command");
+    answer_is("{\"cmd\":5}", "error");
+    answer_is("{}", "error");
+    answer_is("[]", "error");
+    answer_is("", "error");
+    answer_is("{\"cmd\":\"ping\"", "error");
+    char long_one[DMN_REQUEST_MAX + 2];
+    memset(long_one, ' ', sizeof long_one);
+    long_one[sizeof long_one - 1] = '\0';
+    answer_is(long_one, "longer than");
+    /* a status that does not fit is an answer too */
+    int fits = 0;
+    char reply[300];
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, &fits};
+    dmn_control_handle(&ops, "{\"cmd\":\"status\"}", 16, reply, sizeof reply);
+    T_CONTAINS(reply, "does not fit");
+}
+
+static void the_fullest_state_fits_and_parses(void)
+{
+    static struct dmn_state s;
+    static char text[DMN_STATE_JSON_MAX];
+    memset(&s, 0, sizeof s);
+    s.n_cameras = CAP_MAX_CAMERAS;
+    s.report.solve.solver = "pcg";
+    s.latency_p99_ms = INFINITY;
+    for (size_t c = 0; c < s.n_cameras; c++) {
+        memset(s.camera[c], 'n', sizeof s.camera[c] - 1);
+        memset(s.capture.camera[c].error, 'e', sizeof s.capture.camera[c].error - 1);
+        for (int i = 0; i < CAP_N_COUNT; i++)
+            s.capture.camera[c].count[i] = INT64_MAX;
+    }
+    size_t n = dmn_state_json(&s, text, sizeof text);
+    T_OK(n > 1000);
+    cJSON *j = cJSON_ParseWithLength(text, n);
+    T_OK(j != NULL);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "cameras")), CAP_MAX_CAMERAS);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "drops")), DMN_N_DROP + 1);
+    cJSON_Delete(j);
+    for (int i = 0; i < DMN_N_DROP; i++)
+        T_OK(dmn_drop_defs[i].name != NULL && dmn_drop_defs[i].help != NULL);
+}
+
+static void second_control_socket_is_refused(void)
+{
+    char dir[] = "/tmp/pyrovox-test-XXXXXX", endpoint[64];
+    T_OK(mkdtemp(dir) != NULL);
+    snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
+    int fits = 1;
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, &fits};
+    dmn_control *a = NULL, *b = NULL;
+    struct pvx_diag d = {0};
+    T_EQ_I(dmn_control_new(endpoint, &ops, &a, &d), PVX_OK);
+    T_EQ_I(dmn_control_new(endpoint, &ops, &b, &d), PVX_EBUSY);
+    T_CONTAINS(d.text, endpoint);
+    T_OK(b == NULL);
+    dmn_control_free(&a);
+    d.text[0] = '\0';
+    T_EQ_I(dmn_control_new(endpoint, &ops, &a, &d), PVX_OK); /* free again */
+    dmn_control_free(&a);
+    T_EQ_I(dmn_control_new("nonsense", &ops, &a, &d), PVX_EINVAL);
+    T_EQ_I(rmdir(dir), 0); /* nothing left behind */
+}
+
+static bool count_to_five(void *ctx)
+{
+    return ++*(int *)ctx < 5;
+}
+static void stage_runs_until_it_is_finished(void)
+{
+    struct dmn_stage s = {0};
+    int n = 0;
+    int64_t t0 = pvx_now_mono();
+    T_EQ_I(dmn_stage_start(&s, "count", count_to_five, &n), PVX_OK);
+    dmn_stage_join(&s);
+    T_EQ_I(n, 5);
+    T_OK(atomic_load(&s.done));
+    T_OK(atomic_load(&s.beat_ns) >= t0);
+    dmn_stage_join(&s); /* twice is fine */
+}
+
+static void pictures_in_every_format(void)
+{
+    /* 2x2 pixels: red, green, blue, grey beyond the range */
+    const float image[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 2, -1, 0.5f};
+    uint8_t u8[12];
+    uint16_t u16[12];
+    float f[12];
+    dmn_scene_pack(image, 2, 2, CAP_RGB8, u8);
+    T_EQ_I(u8[0], 255);
+    T_EQ_I(u8[1], 0);
+    T_EQ_I(u8[9], 255);
+    T_EQ_I(u8[10], 0);
+    T_EQ_I(u8[11], 128);
+    dmn_scene_pack(image, 2, 2, CAP_GREY16, u16);
+    T_EQ_I(u16[0], 21845);
+    dmn_scene_pack(image, 2, 2, CAP_RGB_F32, f);
+    T_NEAR(f[9], 2, 0);
+    static const struct { enum cap_pixfmt fmt; uint8_t want[4]; } bayer[] = {
+        {CAP_BAYER_RG8, {255, 255, 0, 128}},
+        {CAP_BAYER_GR8, {0, 0, 255, 0}},
+        {CAP_BAYER_GB8, {0, 0, 0, 0}},
+        {CAP_BAYER_BG8, {0, 255, 0, 255}}};
+    for (size_t i = 0; i < 4; i++) {
+        dmn_scene_pack(image, 2, 2, bayer[i].fmt, u8);
+        for (int k = 0; k < 4; k++)
+            T_EQ_I(u8[k], bayer[i].want[k]);
+    }
+}
+
+int main(void)
+{
+    T_RUN(json_is_valid_and_comes_back);
+    T_RUN(json_that_does_not_fit_says_so);
+    T_RUN(control_answers);
+    T_RUN(the_fullest_state_fits_and_parses);
+    T_RUN(second_control_socket_is_refused);
+    T_RUN(stage_runs_until_it_is_finished);
+    T_RUN(pictures_in_every_format);
+    return t_done();
+}
