@@ -82,7 +82,8 @@ static void distort(const struct rec_camera *c, double x, double y, double out[2
     double D = 1 + r2 * (k[K4] + r2 * (k[K5] + r2 * k[K6]));
     double dN = k[K1] + r2 * (2 * k[K2] + r2 * 3 * k[K3]);
     double dD = k[K4] + r2 * (2 * k[K5] + r2 * 3 * k[K6]);
-    double s = N / D, ds = 2 * (dN - s * dD) / D; /* c and 2 dc/dr2 */
+    double over = D == 1 ? 1 : 1 / D; /* no division for the lenses that have no denominator */
+    double s = N * over, ds = 2 * (dN - s * dD) * over; /* c and 2 dc/dr2 */
     out[0] = s * x + 2 * k[P1] * x * y + k[P2] * (r2 + 2 * x * x);
     out[1] = s * y + k[P1] * (r2 + 2 * y * y) + 2 * k[P2] * x * y;
     J[0] = s + ds * x * x + 2 * k[P1] * y + 6 * k[P2] * x;
@@ -138,25 +139,32 @@ bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv
     return true;
 }
 
+static double px_norm(const struct rec_camera *c, double x, double y)
+{
+    x *= c->fx;
+    y *= c->fy;
+    return sqrt(x * x + y * y);
+}
+
 /* Newton from *x,*y towards distort(x,y) = want, halving steps that do not help.  True when the
  * residual is below 1e-10 px (or at rounding for huge pixel coordinates) and inside the domain. */
 static bool newton(const struct rec_camera *c, const double want[2], double *px, double *py)
 {
     double x = *px, y = *py, got[2], J[4];
     distort(c, x, y, got, J);
-    double ex = want[0] - got[0], ey = want[1] - got[1], err = hypot(ex * c->fx, ey * c->fy);
-    double tol = 1e-10 + 8 * DBL_EPSILON * hypot(want[0] * c->fx, want[1] * c->fy);
-    for (int it = 0; it < 50 && err > 0; it++) {
+    double ex = want[0] - got[0], ey = want[1] - got[1], err = px_norm(c, ex, ey);
+    double tol = 1e-10 + 8 * DBL_EPSILON * px_norm(c, want[0], want[1]);
+    for (int it = 0; it < 50 && !(err <= 0.01 * tol); it++) {
         double det = J[0] * J[3] - J[1] * J[2];
         if (!(fabs(det) > 1e-14))
             return false;
-        double dx = (J[3] * ex - J[1] * ey) / det, dy = (J[0] * ey - J[2] * ex) / det;
-        double best = err, step = 1;
+        double over = 1 / det, best = err, step = 1;
+        double dx = (J[3] * ex - J[1] * ey) * over, dy = (J[0] * ey - J[2] * ex) * over;
         for (int half = 0; half < 20; half++, step *= 0.5) {
             double tx = x + step * dx, ty = y + step * dy;
             distort(c, tx, ty, got, J);
             double fx = want[0] - got[0], fy = want[1] - got[1];
-            err = hypot(fx * c->fx, fy * c->fy);
+            err = px_norm(c, fx, fy);
             if (err < best) {
                 x = tx;
                 y = ty;

@@ -56,8 +56,8 @@ struct range {
 
 static void widen(struct range *r, double v)
 {
-    r->lo = fmin(r->lo, v);
-    r->hi = fmax(r->hi, v);
+    r->lo = v < r->lo ? v : r->lo; /* fmin is a call, and this runs 64 times per voxel */
+    r->hi = v > r->hi ? v : r->hi;
 }
 
 /* Bins of the pixel range [lo,hi], clipped to `n` bins; false when it lies outside. */
@@ -74,9 +74,12 @@ static bool bins(struct range px, int32_t binning, int32_t n, uint16_t *first, u
 /* All corners in front of the camera: the rectangle of the support, grown for the lens. */
 static struct rec_rect rectangle(const struct job *j, const struct point *const corner[8])
 {
-    static const struct range none = {INFINITY, -INFINITY};
-    struct range u = none, v = none, x = none, y = none, J[4] = {none, none, none, none};
-    for (int i = 0; i < 8; i++) {
+    const struct rec_projection *q0 = &corner[0]->p;
+    struct range u = {q0->u, q0->u}, v = {q0->v, q0->v}, x = {q0->x, q0->x}, y = {q0->y, q0->y};
+    struct range J[4];
+    for (int q = 0; q < 4; q++)
+        J[q] = (struct range){q0->J[q], q0->J[q]};
+    for (int i = 1; i < 8; i++) {
         const struct rec_projection *p = &corner[i]->p;
         widen(&u, p->u);
         widen(&v, p->v);
@@ -85,7 +88,7 @@ static struct rec_rect rectangle(const struct job *j, const struct point *const 
         for (int q = 0; q < 4; q++)
             widen(&J[q], p->J[q]);
     }
-    double D = hypot(x.hi - x.lo, y.hi - y.lo);
+    double dx = x.hi - x.lo, dy = y.hi - y.lo, D = sqrt(dx * dx + dy * dy);
     double bend_u = 0.5 * D * (J[0].hi - J[0].lo + J[1].hi - J[1].lo) + 1e-6;
     double bend_v = 0.5 * D * (J[2].hi - J[2].lo + J[3].hi - J[3].lo) + 1e-6;
     u.lo -= bend_u;

@@ -54,14 +54,17 @@ static bool start(const struct rec_grid *g, int32_t extra, const double origin[3
     for (int a = 0; a < 3; a++)
         if (!isfinite(origin[a]) || !isfinite(dir[a]))
             return false;
-    double big = fmax(fabs(dir[0]), fmax(fabs(dir[1]), fabs(dir[2])));
+    double big = 0, d[3] = {dir[0], dir[1], dir[2]};
+    for (int a = 0; a < 3; a++)
+        big = fabs(dir[a]) > big ? fabs(dir[a]) : big;
     if (!(big > 0))
         return false;
-    int exponent;
-    frexp(big, &exponent);
-    double d[3], near[3], far[3];
-    for (int a = 0; a < 3; a++)
-        d[a] = ldexp(dir[a], -exponent); /* largest in [1/2,1): squares neither over- nor underflow */
+    if (big < 1e-3 || big > 1e3) { /* bring it near 1, so that squares neither over- nor underflow */
+        int exponent;
+        frexp(big, &exponent);
+        for (int a = 0; a < 3; a++)
+            d[a] = ldexp(dir[a], -exponent);
+    }
     w->scale = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     w->s0 = 0;
     w->s1 = INFINITY;
@@ -80,10 +83,9 @@ static bool start(const struct rec_grid *g, int32_t extra, const double origin[3
             continue;
         }
         x->c = h / fabs(d[a]);
-        near[a] = crossing(x, 0);
-        far[a] = crossing(x, x->n);
-        w->s0 = fmax(w->s0, near[a]);
-        w->s1 = fmin(w->s1, far[a]);
+        double near = crossing(x, 0), far = crossing(x, x->n);
+        w->s0 = near > w->s0 ? near : w->s0;
+        w->s1 = far < w->s1 ? far : w->s1;
     }
     if (!(w->s0 < w->s1) || !isfinite(w->s1))
         return false;
