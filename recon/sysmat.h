@@ -83,8 +83,8 @@ PVX_MUST_CHECK pvx_err rec_sysmat_build(const struct rec_rig *rig,
 void rec_sysmat_free(rec_sysmat **m);
 
 /* Write / map.  save is atomic (temporary + rename) and reports a full disk as PVX_ENOSPC.
- * load checks magic, version, sizes against the file's length, section checksums (verify=true) and
- * every index range; `key` 0 = any.  Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EVERSION, PVX_ECORRUPT,
+ * load checks magic, version, header checksum and sizes against the file's length, and with
+ * verify=true also the sections' checksums and every index range; `key` 0 = any.  Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EVERSION, PVX_ECORRUPT,
  * PVX_ESTALE (key differs). */
 PVX_MUST_CHECK pvx_err rec_sysmat_save(const rec_sysmat *m, const char *path, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err rec_sysmat_load(const char *path, uint64_t key, bool verify,
@@ -92,8 +92,9 @@ PVX_MUST_CHECK pvx_err rec_sysmat_load(const char *path, uint64_t key, bool veri
 
 /* What a user wants: the cached matrix if it is there, sound and of this rig, else build and cache.
  * `path` NULL = $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file
- * sysmat-<key>.pvxm.  A damaged or stale file is logged and rebuilt; a cache that cannot be written
- * is logged and the matrix used from memory.  *from_cache may be NULL. */
+ * sysmat-<key>.pvxm.  A damaged or stale file is logged and rebuilt (but a file given by `path` that
+ * never was a matrix is not overwritten: PVX_EFORMAT); a cache that cannot be written is logged and
+ * the matrix used from memory.  *from_cache may be NULL. */
 PVX_MUST_CHECK pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_params *p,
                                        const char *path, pvx_pool *pool, rec_progress_fn progress,
                                        void *ctx, rec_sysmat **out, bool *from_cache,
