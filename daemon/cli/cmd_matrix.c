@@ -145,11 +145,16 @@ static int build(const struct options *o, const struct rec_rig *rig)
     if (cached)
         printf("%-18s %.0f ms (found and verified, not built)\n", "cached, opened in", s * 1e3);
     else
-        printf("%-18s %.2f s with %u thread%s, %.1f M entries/s\n", "built in", s, threads,
+        printf("%-18s %.2f s with %u thread%s, %.1f M entries/s\n", "built, saved in", s, threads,
                threads == 1 ? "" : "s", (double)m->nnz / s * 1e-6);
+    uint64_t key = m->key;
     rec_sysmat_free(&m);
-    if (o->out != NULL && access(o->out, R_OK) != 0) /* the log has said why */
-        return 1;
+    if (o->out == NULL)
+        return 0;
+    e = rec_sysmat_load(o->out, key, false, &m, &d); /* the log has said why it is not there */
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    rec_sysmat_free(&m);
     return 0;
 }
 

@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 
 static const struct cli_command *const commands[] = {
+    &cmd_matrix,
     &cmd_simcams,
     &cmd_status,
     &cmd_top,
