@@ -1,0 +1,450 @@
+/* Publisher and subscriber over real sockets.
+ *
+ * `test_pub --publish ENDPOINT VOLUMES SKIP` is the system tests' publisher: it waits for a
+ * subscriber, then sends start, VOLUMES synthetic volumes and end, leaving out every SKIP-th volume
+ * (0 = none) though it takes a sequence number, as a drop on the way would. */
+#include <errno.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <zmq.h>
+
+#include "base/clock.h"
+#include "proto/clients/sub.h"
+#include "proto/pub.h"
+#include "tests/t.h"
+
+static char dir[64];
+static char endpoint[128];
+
+static const struct pvp_grid small = {
+    .n = {10, 9, 8}, .min = {-0.5, -0.5, 0}, .max = {0.5, 0.4, 0.8}, .channels = 1};
+
+static struct pvp_start start_of(uint64_t session)
+{
+    return (struct pvp_start){
+        .grid = small, .session = session, .n_cameras = 8, .fps = 15, .units = "1/m",
+        .software = "test_pub"};
+}
+
+static pvx_err open_pub(const char *at, uint64_t session, pvp_pub **out, struct pvx_diag *d)
+{
+    struct pvp_start s = start_of(session);
+    struct pvp_pub_params p = {
+        .endpoints = &at, .n_endpoints = 1, .sample = PVP_F32, .comp = PVP_RAW};
+    d->text[0] = '\0';
+    return pvp_pub_new(&p, &s, out, d);
+}
+
+static bool exists(const char *suffix)
+{
+    char path[192];
+    struct stat st;
+    snprintf(path, sizeof path, "%s%s", endpoint + 6, suffix);
+    return stat(path, &st) == 0;
+}
+
+/* Ticks until the subscriber has the start message; false after ten seconds. */
+static bool joined(pvp_pub *p, pvp_sub *s)
+{
+    int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
+    while (pvx_now_mono() < until) {
+        struct pvp_header h;
+        const void *msg;
+        size_t len;
+        pvp_pub_tick(p);
+        if (pvp_sub_next(s, 20 * PVX_NS_PER_MS, &h, &msg, &len) == PVX_OK && h.type == PVP_START)
+            return true;
+    }
+    return false;
+}
+
+static pvx_err publish_voxel(pvp_pub *p, uint64_t set, float value)
+{
+    struct pvp_volume v = {.set = set, .grid = small};
+    int32_t index = (int32_t)(set % 720);
+    return pvp_pub_volume(p, &v, 1, &index, &value, 1, NULL);
+}
+
+/* Nobody listened when the first start went out; it comes again. */
+static void late_joiner(void)
+{
+    pvp_pub *p;
+    pvp_sub *s;
+    struct pvx_diag d;
+    struct pvp_header h;
+    const void *msg;
+    size_t len;
+    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK); /* before the daemon is there */
+    T_EQ_I(pvp_sub_next(s, 0, &h, &msg, &len), PVX_ETIMEDOUT);
+    T_OK(pvp_sub_start(s) == NULL);
+    T_EQ_I(open_pub(endpoint, 1, &p, &d), PVX_OK);
+    for (uint64_t i = 0; i < 5; i++)
+        T_EQ_I(publish_voxel(p, i, 1), PVX_OK);
+    T_OK(joined(p, s));
+    T_OK(pvp_sub_start(s) != NULL);
+    if (pvp_sub_start(s) != NULL) {
+        T_EQ_I(pvp_sub_start(s)->session, 1);
+        T_EQ_S(pvp_sub_start(s)->software, "test_pub");
+    }
+    T_EQ_I(publish_voxel(p, 77, 2.5f), PVX_OK);
+    T_EQ_I(pvp_pub_status(p, "{\"a\":1}"), PVX_OK);
+    T_EQ_I(pvp_pub_end(p, "done"), PVX_OK);
+    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len), PVX_OK);
+    T_EQ_I(h.type, PVP_VOLUME);
+    struct pvp_view view;
+    pvp_decoder *dec;
+    static float dense[720];
+    T_EQ_I(pvp_decode_volume(msg, len, &view, NULL), PVX_OK);
+    T_EQ_I(view.v.session, 1); /* the publisher's, though the volume named none */
+    T_EQ_I(view.v.set, 77);
+    T_EQ_I(pvp_decoder_new(&dec), PVX_OK);
+    T_EQ_I(pvp_volume_unpack(dec, &view, dense, 719, NULL), PVX_EINVAL);
+    T_EQ_I(pvp_volume_unpack(dec, &view, dense, 720, NULL), PVX_OK);
+    pvp_decoder_free(&dec);
+    T_NEAR(dense[77], 2.5, 0);
+    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len), PVX_OK);
+    T_EQ_I(h.type, PVP_STATUS);
+    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len), PVX_OK);
+    T_EQ_I(h.type, PVP_END);
+    T_EQ_I(h.sequence + 1, pvp_pub_sequence(p));
+    struct pvp_sub_stats st;
+    pvp_sub_stats(s, &st);
+    T_EQ_I(st.lost, 0); /* what went before we came is not lost */
+    T_EQ_I(st.malformed, 0);
+    pvp_pub_free(&p);
+    T_OK(!exists("") && !exists(".lock"));
+    pvp_sub_free(&s);
+}
+
+/* A restarted daemon is a new session: counting starts anew, and volumes wait for its start. */
+static void restart(void)
+{
+    pvp_pub *p;
+    pvp_sub *s;
+    struct pvx_diag d;
+    struct pvp_sub_stats st;
+    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    for (uint64_t session = 5; session <= 6; session++) {
+        T_EQ_I(open_pub(endpoint, session, &p, &d), PVX_OK);
+        if (session == 5)
+            for (uint64_t i = 0; i < 50; i++)
+                T_EQ_I(publish_voxel(p, i, 1), PVX_OK);
+        T_OK(joined(p, s));
+        T_OK(pvp_sub_start(s) != NULL && pvp_sub_start(s)->session == session);
+        pvp_sub_stats(s, &st);
+        T_EQ_I(st.sessions, session - 4);
+        T_EQ_I(st.lost, 0);
+        pvp_pub_free(&p);
+    }
+    pvp_sub_free(&s);
+}
+
+static long resident_kib(void)
+{
+    long pages = 0, ignored;
+    FILE *f = fopen("/proc/self/statm", "r");
+    if (f == NULL || fscanf(f, "%ld %ld", &ignored, &pages) != 2)
+        pages = 0;
+    if (f != NULL)
+        fclose(f);
+    return pages * (sysconf(_SC_PAGESIZE) / 1024);
+}
+
+/* A subscriber that never reads: the publisher goes on, memory stays bounded, and when the
+ * subscriber wakes up it can tell exactly how much it has missed. */
+static void slow_subscriber(void)
+{
+    enum { SIDE = 32, CELLS = SIDE * SIDE * SIDE, N = 500 };
+    static int32_t index[CELLS];
+    static float value[CELLS];
+    struct pvp_start start = start_of(9);
+    start.grid.n[0] = start.grid.n[1] = start.grid.n[2] = SIDE;
+    const char *at = endpoint;
+    struct pvp_pub_params params = {.endpoints = &at,
+                                    .n_endpoints = 1,
+                                    .send_hwm = 4,
+                                    .sample = PVP_F32,
+                                    .comp = PVP_RAW};
+    struct pvp_volume v = {.grid = start.grid};
+    struct pvx_diag d = {""};
+    pvp_pub *p;
+    pvp_sub *s;
+    for (int i = 0; i < CELLS; i++) {
+        index[i] = i;
+        value[i] = (float)i;
+    }
+    T_EQ_I(pvp_pub_new(&params, &start, &p, &d), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    T_OK(joined(p, s));
+    long before = resident_kib();
+    size_t bytes = 0;
+    for (v.set = 0; v.set < N; v.set++)
+        T_EQ_I(pvp_pub_volume(p, &v, CELLS, index, value, 1, &bytes), PVX_OK);
+    T_LE(CELLS * 4, bytes);
+    long grown = resident_kib() - before;
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+    /* N messages are 64 MiB; the two queues hold 4 + 16, and the sockets a little. */
+    T_LE(grown, 16 * 1024);
+#else
+    T_LE(0, grown + (1 << 30)); /* sanitizers keep freed memory */
+#endif
+    struct pvp_header h;
+    struct pvp_sub_stats st;
+    const void *msg;
+    size_t len;
+    uint64_t last = 0;
+    while (pvp_sub_next(s, 200 * PVX_NS_PER_MS, &h, &msg, &len) == PVX_OK)
+        last = h.sequence;
+    /* The next start tells of the gap even if all volumes after it were dropped. */
+    T_OK(joined(p, s));
+    pvp_sub_stats(s, &st);
+    T_OK(st.lost > 0);
+    T_OK(st.received < N);
+    T_OK(last < pvp_pub_sequence(p));
+    T_LE(st.received + st.lost, pvp_pub_sequence(p));
+    T_LE(N, st.received + st.lost);
+    T_EQ_I(st.malformed, 0);
+    pvp_sub_free(&s);
+    pvp_pub_free(&p);
+}
+
+static void second_publisher(void)
+{
+    pvp_pub *p, *q;
+    pvp_sub *s;
+    struct pvx_diag d;
+    T_EQ_I(open_pub(endpoint, 1, &p, &d), PVX_OK);
+    T_EQ_I(open_pub(endpoint, 2, &q, &d), PVX_EBUSY);
+    T_OK(q == NULL);
+    T_CONTAINS(d.text, endpoint);
+    char pid[32];
+    snprintf(pid, sizeof pid, "process %ld", (long)getpid());
+    T_CONTAINS(d.text, pid);
+    /* ... and the first is untouched */
+    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    T_OK(joined(p, s));
+    T_OK(pvp_sub_start(s) != NULL && pvp_sub_start(s)->session == 1);
+    pvp_sub_free(&s);
+    pvp_pub_free(&p);
+    T_EQ_I(open_pub(endpoint, 2, &p, &d), PVX_OK);
+    pvp_pub_free(&p);
+}
+
+/* The socket's file of a daemon that was killed does not stop the next. */
+static void killed_publisher(void)
+{
+    fflush(stdout);
+    pid_t child = fork();
+    if (child == 0) {
+        pvp_pub *p;
+        struct pvx_diag d;
+        if (open_pub(endpoint, 1, &p, &d) == PVX_OK)
+            raise(SIGKILL);
+        _exit(1);
+    }
+    int status = 0;
+    T_EQ_I(waitpid(child, &status, 0), child);
+    T_OK(WIFSIGNALED(status));
+    T_OK(exists("") && exists(".lock"));
+    pvp_pub *p;
+    struct pvx_diag d;
+    T_EQ_I(open_pub(endpoint, 2, &p, &d), PVX_OK);
+    pvp_pub_free(&p);
+    T_OK(!exists("") && !exists(".lock"));
+}
+
+/* A program that knows nothing of the lock is not cut off either. */
+static void foreign_listener(void)
+{
+    struct sockaddr_un a = {.sun_family = AF_UNIX};
+    snprintf(a.sun_path, sizeof a.sun_path, "%.100s", endpoint + 6);
+    int fd = socket(AF_UNIX, SOCK_STREAM, 0);
+    T_EQ_I(bind(fd, (struct sockaddr *)&a, sizeof a), 0);
+    T_EQ_I(listen(fd, 4), 0);
+    pvp_pub *p;
+    struct pvx_diag d;
+    T_EQ_I(open_pub(endpoint, 1, &p, &d), PVX_EBUSY);
+    T_CONTAINS(d.text, "in use");
+    T_OK(exists("") && !exists(".lock"));
+    close(fd);
+    T_EQ_I(open_pub(endpoint, 1, &p, &d), PVX_OK);
+    pvp_pub_free(&p);
+}
+
+static void port_in_use(void)
+{
+    void *ctx = zmq_ctx_new(), *other = zmq_socket(ctx, ZMQ_REP);
+    char at[64];
+    size_t n = sizeof at;
+    T_EQ_I(zmq_bind(other, "tcp://127.0.0.1:*"), 0);
+    T_EQ_I(zmq_getsockopt(other, ZMQ_LAST_ENDPOINT, at, &n), 0);
+    pvp_pub *p;
+    struct pvx_diag d;
+    T_EQ_I(open_pub(at, 1, &p, &d), PVX_EBUSY);
+    T_OK(p == NULL);
+    T_CONTAINS(d.text, at);
+    T_CONTAINS(d.text, "configure another endpoint");
+    zmq_close(other);
+    zmq_ctx_term(ctx);
+}
+
+static void bad_endpoints(void)
+{
+    static const struct {
+        const char *at, *says;
+        pvx_err e;
+    } bad[] = {
+        {"volumes", "not an endpoint", PVX_EINVAL},
+        {"", "not an endpoint", PVX_EINVAL},
+        {"http://127.0.0.1:5555", "not an endpoint", PVX_EINVAL},
+        {"tcp://127.0.0.1", "not an endpoint", PVX_EINVAL},
+        {"tcp://192.0.2.77:5555", "no network interface", PVX_EINVAL},
+        {"ipc:///nonexistent-folder/volumes", "/nonexistent-folder/volumes", PVX_ENOENT},
+        {"ipc:///tmp/0123456789012345678901234567890123456789012345678901234567890123456789"
+         "0123456789012345678901234567890123456789",
+         "path longer", PVX_EINVAL},
+    };
+    pvp_pub *p;
+    struct pvx_diag d;
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        T_EQ_I(open_pub(bad[i].at, 1, &p, &d), bad[i].e);
+        T_CONTAINS(d.text, bad[i].says);
+    }
+    struct pvp_pub_params none = {.sample = PVP_F32};
+    struct pvp_start s = start_of(1);
+    T_EQ_I(pvp_pub_new(&none, &s, &p, &d), PVX_EINVAL);
+    pvp_sub *sub;
+    d.text[0] = '\0';
+    T_EQ_I(pvp_sub_new("nonsense", &sub, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "nonsense");
+}
+
+/* What is not a message is counted and skipped. */
+static void malformed(void)
+{
+    void *ctx = zmq_ctx_new(), *raw = zmq_socket(ctx, ZMQ_XPUB);
+    T_EQ_I(zmq_bind(raw, endpoint), 0);
+    pvp_sub *s;
+    pvp_encoder *e;
+    struct pvp_header h;
+    const void *msg;
+    size_t len;
+    char hello[64];
+    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    zmq_recv(raw, hello, sizeof hello, 0); /* the subscription */
+    struct pvp_start start = start_of(3);
+    T_EQ_I(pvp_encoder_new(&small, PVP_F32, PVP_RAW, &e), PVX_OK);
+    T_EQ_I(pvp_encode_start(e, 0, &start, &msg, &len), PVX_OK);
+    zmq_send(raw, "PVX1", 4, 0);
+    zmq_send(raw, msg, len - 1, 0);
+    zmq_send(raw, msg, len, ZMQ_SNDMORE);
+    zmq_send(raw, "PVX1", 4, 0);
+    uint8_t later[48];
+    memcpy(later, msg, 48);
+    later[5] = 0x7f; /* a type nobody knows, without a body */
+    memset(later + 40, 0, 8);
+    zmq_send(raw, later, 48, 0);
+    T_EQ_I(pvp_encode_start(e, 4, &start, &msg, &len), PVX_OK);
+    zmq_send(raw, msg, len, 0);
+    int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
+    pvx_err err;
+    while ((err = pvp_sub_next(s, PVX_NS_PER_S, &h, &msg, &len)) != PVX_OK &&
+           pvx_now_mono() < until)
+        continue;
+    T_EQ_I(err, PVX_OK);
+    T_EQ_I(h.sequence, 4);
+    struct pvp_sub_stats st;
+    pvp_sub_stats(s, &st);
+    T_EQ_I(st.malformed, 4); /* two short ones and both parts of the multipart */
+    T_EQ_I(st.received, 2);
+    T_EQ_I(st.lost, 3);
+    pvp_encoder_free(&e);
+    pvp_sub_free(&s);
+    zmq_close(raw);
+    zmq_ctx_term(ctx);
+}
+
+/* --- the system tests' publisher --- */
+static int publish(const char *at, int volumes, int skip)
+{
+    enum { CELLS = 10 * 9 * 8 };
+    int32_t index[CELLS];
+    float value[CELLS * 3];
+    struct pvp_start start = start_of((uint64_t)getpid());
+    start.grid.channels = 3;
+    void *ctx = zmq_ctx_new(), *s = zmq_socket(ctx, ZMQ_XPUB);
+    int hwm = 0; /* nothing is lost but what we leave out */
+    pvp_encoder *e;
+    const void *msg;
+    size_t len;
+    char hello[64];
+    zmq_setsockopt(s, ZMQ_SNDHWM, &hwm, sizeof hwm);
+    if (zmq_bind(s, at) != 0 || pvp_encoder_new(&start.grid, PVP_F16, PVP_LZ4, &e) != PVX_OK) {
+        fprintf(stderr, "%s: %s\n", at, zmq_strerror(errno));
+        return 1;
+    }
+    zmq_recv(s, hello, sizeof hello, 0);
+    uint64_t sequence = 0;
+    if (pvp_encode_start(e, sequence++, &start, &msg, &len) != PVX_OK)
+        return 1;
+    zmq_send(s, msg, len, 0);
+    for (int set = 0; set < volumes; set++) {
+        struct pvp_volume v = {.session = start.session,
+                               .set = (uint64_t)set,
+                               .t_exposure_ns = 1767225600000000000 + set * 66666667LL,
+                               .t_publish_ns = 1767225600020000000 + set * 66666667LL,
+                               .latency_ns = 20000000,
+                               .cameras_present = 8,
+                               .camera_mask = 255,
+                               .grid = start.grid,
+                               .report = {.solver = "mrnsd", .iterations = 12,
+                                          .rel_residual = 0.05, .active_voxels = CELLS / 3}};
+        uint32_t n = 0;
+        for (int i = set % 3; i < CELLS; i += 3, n++) {
+            index[n] = i;
+            for (int c = 0; c < 3; c++)
+                value[n * 3 + (uint32_t)c] = (float)(set % 64) + (float)(i % 8) / 8 + (float)(64 * c);
+        }
+        if (pvp_encode_volume(e, sequence++, &v, n, index, value, 3, &msg, &len) != PVX_OK)
+            return 1;
+        if (skip == 0 || (set + 1) % skip != 0)
+            zmq_send(s, msg, len, 0);
+    }
+    if (pvp_encode_end(e, sequence++, start.session, "all sent", &msg, &len) != PVX_OK)
+        return 1;
+    zmq_send(s, msg, len, 0);
+    zmq_recv(s, hello, sizeof hello, 0); /* the subscriber leaves */
+    pvp_encoder_free(&e);
+    zmq_close(s);
+    zmq_ctx_term(ctx);
+    return 0;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 5 && strcmp(argv[1], "--publish") == 0)
+        return publish(argv[2], atoi(argv[3]), atoi(argv[4]));
+    snprintf(dir, sizeof dir, "/tmp/pvx-test-pub-XXXXXX");
+    if (mkdtemp(dir) == NULL)
+        return 1;
+    snprintf(endpoint, sizeof endpoint, "ipc://%s/volumes", dir);
+    T_RUN(killed_publisher); /* first: forks before there are any threads */
+    T_RUN(late_joiner);
+    T_RUN(restart);
+    T_RUN(slow_subscriber);
+    T_RUN(second_publisher);
+    T_RUN(foreign_listener);
+    T_RUN(port_in_use);
+    T_RUN(bad_endpoints);
+    T_RUN(malformed);
+    rmdir(dir);
+    if (access(dir, F_OK) == 0) {
+        printf("FAIL test_pub: left something in %s\n", dir);
+        return 1;
+    }
+    return t_done();
+}
