@@ -107,7 +107,7 @@ void pvp_pub_free(pvp_pub **pp)
     if (p->ctx != NULL)
         while (zmq_ctx_term(p->ctx) != 0 && errno == EINTR)
             continue;
-    /* Only now has libzmq removed its socket files: the next owner may come. */
+    /* Only now is nobody listening any more: the next owner may come. */
     for (size_t i = 0; p->claims != NULL && i < p->n_claims; i++)
         pvp_ipc_claim_free(&p->claims[i]);
     free(p->claims);

@@ -366,6 +366,7 @@ static void malformed(void)
     pvp_sub_free(&s);
     zmq_close(raw);
     zmq_ctx_term(ctx);
+    unlink(endpoint + 6); /* libzmq leaves it */
 }
 
 /* --- the system tests' publisher --- */
@@ -421,6 +422,8 @@ static int publish(const char *at, int volumes, int skip)
     pvp_encoder_free(&e);
     zmq_close(s);
     zmq_ctx_term(ctx);
+    if (strncmp(at, "ipc://", 6) == 0)
+        unlink(at + 6);
     return 0;
 }
 
