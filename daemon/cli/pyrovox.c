@@ -9,6 +9,7 @@ static const struct cli_command *const commands[] = {
     &cmd_simcams,
     &cmd_status,
     &cmd_top,
+    &cmd_record,
     NULL,
 };
 

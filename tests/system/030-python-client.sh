@@ -1,0 +1,89 @@
+#!/bin/bash
+# The Python client reads the golden messages and a live publisher as the C side wrote them.
+set -u
+cd "$(dirname "$0")/../.."
+b=${PYROVOX_BUILD:-$PWD/build}
+py=
+for p in /usr/bin/python3 python3; do
+    if "$p" -c 'import numpy, zmq' 2>/dev/null; then py=$p; break; fi
+done
+if [ -z "$py" ]; then echo "no python3 with numpy and zmq (apt-get install python3-numpy python3-zmq)"; exit 77; fi
+dir=$(mktemp -d); pub=
+trap 'rm -rf "$dir"; [ -n "$pub" ] && kill "$pub" 2>/dev/null; wait 2>/dev/null' EXIT
+export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=proto/clients
+rc=0
+check() { # name, command...
+    local name=$1; shift
+    if "$@"; then echo "PASS 030:$name"; else echo "FAIL 030:$name"; rc=1; fi
+}
+
+golden() {
+    "$py" - <<'PY'
+import glob, json, sys
+import numpy as np
+import pyrovox_sub as pvx
+bad, names = 0, sorted(glob.glob("proto/vectors/*.bin"))
+for name in names:
+    raw = open(name, "rb").read()
+    got, want = pvx.decode(raw), json.load(open(name[:-4] + ".json"))
+    if want["type"] == "volume":
+        nx, ny, nz = want["n"]
+        dense = np.zeros((nz * ny * nx, want["channels"]), np.float32)
+        for index, *value in want.pop("voxels"):
+            dense[index] = value
+        dense = dense.reshape(nz, ny, nx, -1)
+        have = got.pop("dense")
+        if have.dtype != np.float32 or have.shape != dense.shape or not np.array_equal(have, dense):
+            print(f"{name}: voxels differ"); bad += 1
+    for key in want:
+        if got.get(key) != want[key]:
+            print(f"{name}: {key} = {got.get(key)!r}, want {want[key]!r}"); bad += 1
+    for cut in range(0, len(raw), 7):  # cut short: refused, whatever is missing
+        try:
+            pvx.decode(raw[:cut]); print(f"{name}: {cut} bytes were taken"); bad += 1
+        except pvx.BadMessage:
+            pass
+sys.exit(bad > 0 or len(names) < 9)
+PY
+}
+check golden_messages golden
+
+live() { # volumes, every n-th left out
+    "$b/tests/unit/test_pub" --publish "ipc://$dir/volumes" "$1" "$2" & pub=$!
+    timeout 60 "$py" - "ipc://$dir/volumes" "$1" "$2" <<'PY'
+import sys
+import numpy as np
+import pyrovox_sub as pvx
+endpoint, volumes, skip = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+sets, bad = [], 0
+with pvx.Subscriber(endpoint, 20000) as sub:
+    for m in sub:
+        if m["type"] == "volume":
+            i, s = np.arange(720), m["set"]
+            want = (s % 64 + (i % 8) / 8)[:, None] + 64 * np.arange(3)[None, :]
+            want[i % 3 != s % 3] = 0
+            bad += not np.array_equal(m["dense"], want.reshape(8, 9, 10, 3))
+            sets.append(s)
+        if m["type"] == "end":
+            break
+want = [s for s in range(volumes) if not skip or (s + 1) % skip]
+if sets != want or bad or sub.malformed or sub.lost != volumes - len(want):
+    print(f"{len(sets)} volumes of {len(want)}, {bad} wrong, lost {sub.lost}"); sys.exit(1)
+PY
+    local r=$?
+    wait "$pub" || r=1
+    pub=
+    return $r
+}
+check live_values live 40 0
+check live_gaps live 40 5
+
+saved() {
+    "$b/tests/unit/test_pub" --publish "ipc://$dir/volumes" 6 0 & pub=$!
+    timeout 60 "$py" proto/clients/pyrovox_sub.py "ipc://$dir/volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
+    wait "$pub"; pub=
+    tail -n 1 "$dir/log" | grep -q '^3 volumes, 0 messages lost' || { cat "$dir/log"; return 1; }
+    "$py" -c 'import numpy,sys; a=numpy.load(sys.argv[1]); sys.exit(a.shape != (8,9,10,3))' "$dir/out/000002.npy"
+}
+check program_saves saved
+exit $rc
