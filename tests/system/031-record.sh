@@ -76,6 +76,19 @@ waits() { # nobody publishes: says so, and Ctrl-C ends it
 }
 check waits_and_stops waits
 
+restart() { # the daemon is killed and comes back: its sets count anew, in a folder of their own
+    "$b/tests/unit/test_pub" --publish "$ep" 3 0 no-end & pub=$!
+    record --out "$dir/g" > "$dir/log" 2>&1 & rec=$!
+    for _ in $(seq 100); do [ -e "$dir/g/000002.json" ] && break; sleep 0.1; done
+    kill -KILL "$pub"; wait "$pub" 2>/dev/null
+    publish 5 0
+    wait "$rec"; local r=$?; rec=
+    reap
+    [ $r = 0 ] && grep -q '^8 volumes in .*, 0 messages lost$' "$dir/log" && [ "$(ls "$dir"/g/*.npy | wc -l)" = 3 ] &&
+        [ "$(ls "$dir"/g/session-*/*.npy | wc -l)" = 5 ] || { cat "$dir/log"; ls -R "$dir/g"; return 1; }
+}
+check daemon_restarts restart 2>/dev/null
+
 usage() {
     "$b/bin/pyrovox" record --volumes 0 > "$dir/log" 2>&1 && return 1
     "$b/bin/pyrovox" record --endpoint nonsense --out "$dir/e" > "$dir/log" 2>&1 && return 1

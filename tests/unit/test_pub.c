@@ -1,6 +1,6 @@
 /* Publisher and subscriber over real sockets.
  *
- * `test_pub --publish ENDPOINT VOLUMES SKIP` is the system tests' publisher: it waits for a
+ * `test_pub --publish ENDPOINT VOLUMES SKIP [no-end]` is the system tests' publisher: it waits for a
  * subscriber, then sends start, VOLUMES synthetic volumes and end, leaving out every SKIP-th volume
  * (0 = none) though it takes a sequence number, as a drop on the way would. */
 #include <errno.h>
@@ -370,7 +370,7 @@ static void malformed(void)
 }
 
 /* --- the system tests' publisher --- */
-static int publish(const char *at, int volumes, int skip)
+static int publish(const char *at, int volumes, int skip, bool say_end)
 {
     enum { CELLS = 10 * 9 * 8 };
     int32_t index[CELLS];
@@ -417,7 +417,8 @@ static int publish(const char *at, int volumes, int skip)
     }
     if (pvp_encode_end(e, sequence++, start.session, "all sent", &msg, &len) != PVX_OK)
         return 1;
-    zmq_send(s, msg, len, 0);
+    if (say_end)
+        zmq_send(s, msg, len, 0);
     zmq_recv(s, hello, sizeof hello, 0); /* the subscriber leaves */
     pvp_encoder_free(&e);
     zmq_close(s);
@@ -429,8 +430,8 @@ static int publish(const char *at, int volumes, int skip)
 
 int main(int argc, char **argv)
 {
-    if (argc == 5 && strcmp(argv[1], "--publish") == 0)
-        return publish(argv[2], atoi(argv[3]), atoi(argv[4]));
+    if (argc >= 5 && strcmp(argv[1], "--publish") == 0)
+        return publish(argv[2], atoi(argv[3]), atoi(argv[4]), argc == 5);
     snprintf(dir, sizeof dir, "/tmp/pvx-test-pub-XXXXXX");
     if (mkdtemp(dir) == NULL)
         return 1;
