@@ -1,8 +1,299 @@
 /* main.c - pyrovoxd: arguments and start/stop order only. */
+#include <argp.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
 
-int main(void)
+#include "base/clock.h"
+#include "base/log.h"
+#include "daemon/control.h"
+#include "daemon/endpoints.h"
+#include "daemon/json.h"
+#include "daemon/notify.h"
+#include "daemon/pipeline.h"
+
+#define TICK_NS (200 * PVX_NS_PER_MS)
+#define STUCK_NS (10 * PVX_NS_PER_S) /* a stage without a heartbeat for so long is stuck */
+
+struct args {
+    const char *config, *level;
+    bool check, print;
+};
+
+/* What the control thread may look at; `pipeline` is set once the pipeline runs. */
+struct daemon {
+    _Atomic(dmn_pipeline *) pipeline;
+    _Atomic double matrix_done; /* share of the matrix that is built, while it is */
+    atomic_bool stop;
+    struct dmn_state state;     /* control thread's */
+};
+
+static const char doc[] =
+    "Reconstruct a flame from the cameras of a rig, live, and publish one volume per frame set.\v"
+    "The configuration says which rig, which cameras and how; five lines are enough:\n"
+    "  rig: rig.yaml\n"
+    "  cameras: \"aravis:192.168.10.11+\"\n"
+    "  fps: 20\n\n"
+    "Examples:\n"
+    "  pyrovoxd --config pyrovoxd.yaml --check-config\n"
+    "  pyrovoxd --print-config > pyrovoxd.yaml     every key, explained\n"
+    "  pyrovoxd --config pyrovoxd.yaml\n\n"
+    "`pyrovox status` and `pyrovox top` show how it does; SIGTERM or Ctrl-C ends it.";
+
+static const struct argp_option options[] = {
+    {"config", 'c', "FILE", 0, "Configuration, default /etc/pyrovox/pyrovoxd.yaml", 0},
+    {"check-config", 'k', NULL, 0, "Read configuration and rig, say what is wrong, exit", 0},
+    {"print-config", 'p', NULL, 0,
+     "Print every key with its value and meaning, exit; without --config the defaults", 0},
+    {"log-level", 'l', "LEVEL", 0, "error, warn, info or debug; overrides the configuration", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
 {
-    fprintf(stderr, "pyrovoxd %s\n", PVX_VERSION);
-    return 2;
+    struct args *a = state->input;
+    enum pvx_log_level level;
+    switch (key) {
+    case 'c': a->config = arg; return 0;
+    case 'k': a->check = true; return 0;
+    case 'p': a->print = true; return 0;
+    case 'l':
+        if (pvx_log_level_parse(arg, &level) != PVX_OK)
+            argp_error(state, "--log-level: '%s' is not one of error, warn, info, debug", arg);
+        a->level = arg;
+        return 0;
+    case ARGP_KEY_ARG: argp_error(state, "'%s': the daemon takes options only", arg); return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static int fail(const struct pvx_diag *d, pvx_err e)
+{
+    LOG_E(DAEMON, "%s", pvx_diag_text(d, e));
+    return 1;
+}
+
+/* ---- control ---- */
+
+static size_t control_status(void *ctx, char *out, size_t size)
+{
+    struct daemon *dm = ctx;
+    dmn_pipeline *p = atomic_load(&dm->pipeline);
+    if (p != NULL) {
+        dmn_pipeline_snapshot(p, &dm->state);
+        return dmn_state_json(&dm->state, out, size);
+    }
+    struct dmn_json j;
+    dmn_json_init(&j, out, size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "starting", true);
+    dmn_json_num(&j, "matrix_done", atomic_load(&dm->matrix_done));
+    dmn_json_close(&j, '}');
+    return dmn_json_end(&j);
+}
+
+static void control_reset(void *ctx)
+{
+    struct daemon *dm = ctx;
+    dmn_pipeline *p = atomic_load(&dm->pipeline);
+    if (p != NULL)
+        dmn_pipeline_reset_latency(p);
+}
+
+static void control_stop(void *ctx)
+{
+    struct daemon *dm = ctx;
+    atomic_store(&dm->stop, true);
+}
+
+/* ---- signals ---- */
+
+/* Blocked in every thread and taken here, so no handler interrupts anything. */
+static void block_signals(sigset_t *set)
+{
+    sigemptyset(set);
+    sigaddset(set, SIGINT);
+    sigaddset(set, SIGTERM);
+    pthread_sigmask(SIG_BLOCK, set, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}
+
+static int wait_signal(const sigset_t *set, int64_t ns)
+{
+    struct timespec ts = {.tv_sec = ns / PVX_NS_PER_S, .tv_nsec = ns % PVX_NS_PER_S};
+    return sigtimedwait(set, NULL, &ts);
+}
+
+struct building {
+    struct daemon *dm;
+    const sigset_t *set;
+    double said;
+};
+
+static bool progress(void *ctx, double done)
+{
+    struct building *b = ctx;
+    atomic_store(&b->dm->matrix_done, done);
+    if (done >= b->said + 0.1 || (done >= 1 && b->said < 1)) {
+        b->said = done;
+        LOG_I(RECON, "building the system matrix: %.0f %%", done * 100);
+        dmn_notify_status("building the system matrix: %.0f %%", done * 100);
+    }
+    if (wait_signal(b->set, 0) > 0)
+        atomic_store(&b->dm->stop, true);
+    return !atomic_load(&b->dm->stop);
+}
+
+/* ---- running ---- */
+
+static void log_summary(const struct dmn_state *s)
+{
+    uint64_t dropped = 0;
+    char why[256] = "";
+    size_t n = 0;
+    for (int i = 0; i < DMN_N_DROP; i++) {
+        dropped += s->dropped[i];
+        if (s->dropped[i] > 0 && n < sizeof why)
+            n += (size_t)snprintf(why + n, sizeof why - n, ", %s %llu", dmn_drop_defs[i].name,
+                                  (unsigned long long)s->dropped[i]);
+    }
+    LOG_I(DAEMON, "%.1f s: %llu sets from the cameras, %llu published, %llu dropped%s; %llu more "
+          "were incomplete; latency p50 %.1f ms, p99 %.1f ms, max %.1f ms", s->uptime_s,
+          (unsigned long long)s->produced, (unsigned long long)s->published,
+          (unsigned long long)dropped, why, (unsigned long long)s->capture.sets_dropped,
+          s->latency_p50_ms, s->latency_p99_ms, s->latency_max_ms);
+}
+
+/* Until a signal, a stop command or the end of the recording; says why. */
+static const char *watch(struct daemon *dm, dmn_pipeline *p, const sigset_t *set)
+{
+    static struct dmn_state s;
+    int64_t interval = dmn_notify_watchdog(), next_alive = 0, next_status = 0;
+    for (;;) {
+        int sig = wait_signal(set, TICK_NS);
+        if (sig > 0)
+            return sig == SIGINT ? "interrupted" : "terminated";
+        if (atomic_load(&dm->stop))
+            return "stop command";
+        if (dmn_pipeline_finished(p))
+            return "end of the recording";
+        int64_t now = pvx_now_mono(), stuck = dmn_pipeline_stuck_ns(p);
+        if (stuck > STUCK_NS)
+            LOG_EVERY(PVX_LOG_ERROR, DAEMON, "a stage has not moved for %.0f s",
+                      (double)stuck * 1e-9);
+        else if (interval > 0 && now >= next_alive) {
+            dmn_notify_alive();
+            next_alive = now + interval;
+        }
+        if (now >= next_status) {
+            next_status = now + 2 * PVX_NS_PER_S;
+            dmn_pipeline_snapshot(p, &s);
+            dmn_notify_status("%.1f sets/s, %llu published, latency p99 %.0f ms", s.sets_per_s,
+                              (unsigned long long)s.published, s.latency_p99_ms);
+        }
+    }
+}
+
+static int run(const struct dmn_config *cfg)
+{
+    static struct daemon dm;
+    static struct dmn_state s;
+    struct pvx_diag d = {0};
+    sigset_t set;
+    block_signals(&set);
+    const char *endpoint = cfg->control[0] != '\0' ? cfg->control
+                                                   : dmn_default_endpoint(DMN_CONTROL);
+    struct dmn_control_ops ops = {
+        .status = control_status, .reset_latency = control_reset, .stop = control_stop, .ctx = &dm};
+    dmn_control *control = NULL;
+    dmn_pipeline *p = NULL;
+    pvx_err e = dmn_endpoint_prepare(endpoint, &d);
+    if (e == PVX_OK)
+        e = dmn_control_new(endpoint, &ops, &control, &d);
+    struct building b = {.dm = &dm, .set = &set};
+    if (e == PVX_OK)
+        e = dmn_pipeline_new(cfg, progress, &b, &p, &d);
+    bool started = false;
+    if (e == PVX_OK) {
+        started = true;
+        e = dmn_pipeline_start(p, &d);
+    }
+    if (e == PVX_OK) {
+        atomic_store(&dm.pipeline, p);
+        LOG_I(DAEMON, "ready; control %s", endpoint);
+        dmn_notify_ready("running");
+        const char *why = watch(&dm, p, &set);
+        LOG_I(DAEMON, "stopping: %s", why);
+        dmn_notify_stopping();
+        dmn_pipeline_stop(p, why);
+        dmn_pipeline_snapshot(p, &s);
+        log_summary(&s);
+    } else if (started) {
+        dmn_pipeline_stop(p, "failed to start");
+    }
+    dmn_control_free(&control); /* before what it looks at */
+    dmn_pipeline_free(&p);
+    if (e == PVX_ECANCELED && atomic_load(&dm.stop))
+        return 0;
+    return e == PVX_OK ? 0 : fail(&d, e);
+}
+
+static int check(const struct dmn_config *cfg)
+{
+    struct pvx_diag d = {0};
+    struct rec_rig rig;
+    pvx_err e = dmn_config_rig(cfg, &rig, &d);
+    if (e != PVX_OK)
+        return fail(&d, e);
+    for (size_t i = 0; i < rig.n_cameras && e == PVX_OK; i++) {
+        char uri[DMN_WORD_MAX];
+        const char *rest;
+        e = dmn_config_source(cfg, rig.cameras[i].name, i, uri, sizeof uri, &d);
+        if (e == PVX_OK && cap_backend_find(uri, &rest) == NULL)
+            e = pvx_fail(&d, PVX_ENOENT, "%s: cameras.%s: '%s' is not a source; say aravis:, "
+                         "files: or sim:", cfg->name, rig.cameras[i].name, uri);
+        if (e == PVX_OK)
+            printf("%-16s %s\n", rig.cameras[i].name, uri);
+    }
+    if (e == PVX_OK)
+        printf("%s: ok: %zu cameras, %dx%dx%d voxels\n", cfg->name, rig.n_cameras, rig.grid.n[0],
+               rig.grid.n[1], rig.grid.n[2]);
+    rec_rig_fini(&rig);
+    return e == PVX_OK ? 0 : fail(&d, e);
+}
+
+static int print(const struct dmn_config *cfg)
+{
+    char *text = dmn_config_format(cfg);
+    if (text == NULL)
+        return fail(NULL, PVX_ENOMEM);
+    int bad = fputs(text, stdout) == EOF || fflush(stdout) != 0;
+    free(text);
+    return bad;
+}
+
+int main(int argc, char **argv)
+{
+    argp_program_version = "pyrovoxd " PVX_VERSION;
+    struct args a = {0};
+    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    argp_err_exit_status = 2;
+    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    static struct dmn_config cfg;
+    struct pvx_diag d = {0};
+    dmn_config_defaults(&cfg);
+    if (a.config != NULL || !a.print) {
+        pvx_err e = dmn_config_load(a.config != NULL ? a.config : "/etc/pyrovox/pyrovoxd.yaml",
+                                    &cfg, &d);
+        if (e != PVX_OK)
+            return fail(&d, e);
+    }
+    enum pvx_log_level level = (enum pvx_log_level)cfg.log_level;
+    if (a.level != NULL && pvx_log_level_parse(a.level, &level) != PVX_OK)
+        return 2;
+    pvx_log_set_level(level);
+    return a.print ? print(&cfg) : a.check ? check(&cfg) : run(&cfg);
 }
