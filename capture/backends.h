@@ -4,5 +4,6 @@
 #include "capture/source.h"
 
 extern const struct cap_source_ops cap_source_sim;   /* src_sim.c */
+extern const struct cap_source_ops cap_source_files; /* src_files.c */
 
 #endif

@@ -23,8 +23,9 @@ struct cap_frame {
 };
 void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
 
-/* The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself)
- * and leaves size, format and stamps of good frames to capture.c, which counts all the rest. */
+/* The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself).
+ * Size, format and stamps of the frames that it pushes are checked and counted by capture.c, as all
+ * the rest; a source that cannot even store a frame of another size counts that itself. */
 /* Why a frame did not become part of a set, and what else is counted, per camera. */
 enum cap_count {
     CAP_RECEIVED,     /* good frames handed over by the driver */

@@ -1,0 +1,24 @@
+/* sequence.h - the numbered image files that a name stands for.
+ *
+ *   DIR/cam0/%06d.png   printf pattern, one %d or %0Nd in the last part: all files that fit
+ *   DIR/cam0            folder: all images in it          DIR/cam0/a*.png     glob (* ? [)
+ *   DIR/flame.png       one image
+ * Except with a pattern, a file's number is the last run of digits in its name without extension
+ * (0 for one image without digits).  Missing numbers are gaps, not errors. */
+#ifndef CAP_SEQUENCE_H
+#define CAP_SEQUENCE_H
+#include <stddef.h>
+#include <stdint.h>
+#include "base/err.h"
+
+struct cap_sequence {
+    size_t n;
+    struct cap_sequence_item { int64_t number; char *path; } *item; /* [n] by number, n >= 1 */
+};
+
+/* Owner: caller, cap_sequence_free().  Errors: PVX_EINVAL (pattern; two files of one number),
+ * PVX_ENOENT (no such folder, or no image fits), PVX_EPERM, PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err cap_sequence_find(const char *name, struct cap_sequence *out,
+                                         struct pvx_diag *d);
+void cap_sequence_free(struct cap_sequence *s);
+#endif

@@ -1,0 +1,452 @@
+/* src_files.c - files: image sequences and videos as cameras.
+ *
+ * A frame's number (file name, or place in the video) alone says when it was exposed, so frames of
+ * one number form a set whatever is missing.  Live-like: frames are handed over in real time, one
+ * period apart, and what cannot be loaded in time is left out.  Lossless: as fast as the consumer
+ * takes them, nothing left out.
+ * All files: cameras share one time line: where it begins and, with `loop`, how long one turn is -
+ * the same for all, also when some sequences are shorter or start later, or turn k of one camera
+ * would meet turn k of another with the wrong frames. */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "capture/backends.h"
+#include "capture/bufpool.h"
+#include "capture/imgio.h"
+#include "capture/sequence.h"
+
+#define LEAD_NS (100 * PVX_NS_PER_MS) /* from the first start to the first frame */
+
+/* The time line; lives while any files: source is open. */
+static struct {
+    pthread_mutex_t lock;
+    unsigned users;
+    int64_t first, last; /* numbers of one turn, all cameras */
+    bool known, fixed;   /* any registered; no longer to be changed: somebody is in turn 2 */
+    bool running;
+    int64_t origin;      /* this number is due at: */
+    int64_t start_mono_ns, start_real_ns;
+} line = {.lock = PTHREAD_MUTEX_INITIALIZER};
+
+struct files {
+    struct cap_source base;
+    char *name, *camera_name;
+    struct cap_sequence seq; /* n = 0: a video */
+    cap_video *video;
+    struct cap_image pending; /* first frame of the video, read when it was opened; data NULL = none */
+    size_t next;              /* place in the sequence or video */
+    uint32_t camera;
+    int32_t width, height;
+    enum cap_pixfmt fmt;
+    int64_t period_ns;
+    bool lossless, loop;
+    bool joined; /* the common time line */
+    bool said_unreadable, said_unfit;
+    cap_bufpool *pool;
+    struct cap_sink sink;
+    pthread_t thread;
+    bool running;
+    pthread_mutex_t lock;
+    pthread_cond_t wake;
+    bool stop; /* under lock */
+};
+
+/* ---- the common time line --------------------------------------------------------------------- */
+
+static void line_join(int64_t first, int64_t last)
+{
+    pthread_mutex_lock(&line.lock);
+    if (line.users++ == 0)
+        line.known = line.fixed = line.running = false;
+    if (!line.fixed) {
+        line.first = line.known && line.first < first ? line.first : first;
+        line.last = line.known && line.last > last ? line.last : last;
+        line.known = true;
+    }
+    pthread_mutex_unlock(&line.lock);
+}
+
+static void line_leave(void)
+{
+    pthread_mutex_lock(&line.lock);
+    line.users--;
+    pthread_mutex_unlock(&line.lock);
+}
+
+/* Number over all turns of frame `number` in turn `turn`; -1: not part of a turn. */
+static int64_t line_place(int64_t turn, int64_t number)
+{
+    int64_t place = -1;
+    pthread_mutex_lock(&line.lock);
+    if (turn > 0)
+        line.fixed = true;
+    if (!line.fixed && number > line.last)
+        line.last = number; /* a video that is longer than was known */
+    if (number >= line.first && number <= line.last)
+        place = turn * (line.last - line.first + 1) + number;
+    pthread_mutex_unlock(&line.lock);
+    return place;
+}
+
+static void line_start(int64_t number)
+{
+    pthread_mutex_lock(&line.lock);
+    if (!line.running) {
+        line.running = true;
+        line.origin = number;
+        line.start_mono_ns = pvx_now_mono() + LEAD_NS;
+        line.start_real_ns = pvx_now_real() + LEAD_NS;
+    }
+    pthread_mutex_unlock(&line.lock);
+}
+
+static void line_due(int64_t place, int64_t period, int64_t *mono, int64_t *real)
+{
+    pthread_mutex_lock(&line.lock);
+    *mono = line.start_mono_ns + (place - line.origin) * period;
+    *real = line.start_real_ns + (place - line.origin) * period;
+    pthread_mutex_unlock(&line.lock);
+}
+
+/* ---- reading ---------------------------------------------------------------------------------- */
+
+static bool is_video(const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    return dot != NULL && strpbrk(name, "%*?[") == NULL &&
+           (strcasecmp(dot, ".mp4") == 0 || strcasecmp(dot, ".avi") == 0 ||
+            strcasecmp(dot, ".mkv") == 0);
+}
+
+static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)
+{
+    cap_video_close(&s->video);
+    PVX_TRY(cap_video_open(s->name, &s->video, fps, d));
+    pvx_err e = cap_video_next(s->video, &s->pending, d);
+    return e == PVX_ECLOSED ? pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", s->name) : e;
+}
+
+/* The first image that can be read says what the configuration leaves open. */
+static pvx_err look_at_first(struct files *s, struct pvx_diag *d)
+{
+    if (s->width > 0 && s->height > 0 && s->fmt != CAP_FMT_NONE)
+        return PVX_OK;
+    struct cap_loaded l = {.img = s->pending};
+    pvx_err e = PVX_OK;
+    for (size_t i = 0; i < s->seq.n; i++) {
+        struct pvx_diag each = {""};
+        e = cap_image_load(s->seq.item[i].path, &l, &each);
+        if (e == PVX_OK)
+            break;
+        if (i + 1 == s->seq.n)
+            return pvx_fail(d, e, "%s", pvx_diag_text(&each, e));
+    }
+    if (s->width <= 0)
+        s->width = l.img.width;
+    if (s->height <= 0)
+        s->height = l.img.height;
+    if (s->fmt == CAP_FMT_NONE)
+        s->fmt = l.img.fmt;
+    if (s->seq.n > 0)
+        cap_loaded_free(&l);
+    return e;
+}
+
+static void count(struct files *s, enum cap_count what, uint64_t n)
+{
+    s->sink.count(s->sink.ctx, s->camera, what, n);
+}
+
+static bool stopped(struct files *s)
+{
+    pthread_mutex_lock(&s->lock);
+    bool stop = s->stop;
+    pthread_mutex_unlock(&s->lock);
+    return stop;
+}
+
+/* Until mono time `t` or stop; true = go on. */
+static bool sleep_until(struct files *s, int64_t t)
+{
+    struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
+    pthread_mutex_lock(&s->lock);
+    while (!s->stop && pvx_now_mono() < t)
+        pthread_cond_timedwait(&s->wake, &s->lock, &ts);
+    bool go = !s->stop;
+    pthread_mutex_unlock(&s->lock);
+    return go;
+}
+
+/* A recorded sensor image is grey in its file; only the configuration knows its filter. */
+static bool format_fits(enum cap_pixfmt have, enum cap_pixfmt want)
+{
+    bool bayer = want == CAP_BAYER_RG8 || want == CAP_BAYER_GR8 || want == CAP_BAYER_GB8 ||
+                 want == CAP_BAYER_BG8;
+    return have == want || (bayer && have == CAP_GREY8);
+}
+
+static bool image_fits(struct files *s, const struct cap_image *img, const char *path)
+{
+    bool size = img->width == s->width && img->height == s->height;
+    if (size && format_fits(img->fmt, s->fmt))
+        return true;
+    count(s, size ? CAP_BAD_FORMAT : CAP_BAD_SIZE, 1);
+    if (!s->said_unfit)
+        LOG_W(CAPTURE, "camera %s: %s is %dx%d %s, not %dx%d %s; it and others like it are left out",
+              s->camera_name, path, img->width, img->height, cap_pixfmt_name(img->fmt), s->width,
+              s->height, cap_pixfmt_name(s->fmt));
+    s->said_unfit = true;
+    return false;
+}
+
+static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image *img)
+{
+    struct cap_frame *f = s->lossless ? cap_bufpool_take_wait(s->pool) : cap_bufpool_take(s->pool);
+    if (f == NULL) {
+        if (!s->lossless)
+            count(s, CAP_UNDERRUN, 1);
+        return NULL;
+    }
+    size_t row = (size_t)s->width * cap_pixfmt_bytes(s->fmt);
+    unsigned char *to = cap_bufpool_memory(f);
+    const unsigned char *from = img->data;
+    for (int32_t y = 0; y < s->height; y++)
+        memcpy(to + (size_t)y * row, from + y * img->stride, row);
+    f->img.size = row * (size_t)s->height;
+    f->img.width = s->width;
+    f->img.height = s->height;
+    f->img.stride = (ptrdiff_t)row;
+    f->img.fmt = s->fmt;
+    return f;
+}
+
+static void unreadable(struct files *s, const char *text)
+{
+    count(s, CAP_INCOMPLETE, 1);
+    if (!s->said_unreadable)
+        LOG_W(CAPTURE, "camera %s: %s; it and others like it are left out", s->camera_name, text);
+    s->said_unreadable = true;
+}
+
+/* Load number s->next of the sequence into a buffer; NULL: left out, and counted. */
+static struct cap_frame *load_image(struct files *s, size_t i)
+{
+    const char *path = s->seq.item[i].path;
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    pvx_err e = cap_image_load(path, &l, &d);
+    if (e != PVX_OK) {
+        unreadable(s, pvx_diag_text(&d, e));
+        return NULL;
+    }
+    struct cap_frame *f = image_fits(s, &l.img, path) ? copy_to_buffer(s, &l.img) : NULL;
+    cap_loaded_free(&l);
+    return f;
+}
+
+/* ---- thread ----------------------------------------------------------------------------------- */
+
+/* Hand over at its time; false = stop. */
+static bool deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t due, int64_t real)
+{
+    if (!s->lossless && !sleep_until(s, due)) {
+        cap_frame_release(f);
+        return false;
+    }
+    f->id = (uint64_t)place;
+    /* A replay is the same on every run, so its times count from 1 s after the epoch. */
+    f->t_device_ns = s->lossless ? PVX_NS_PER_S + place * s->period_ns : real;
+    f->t_arrival_ns = pvx_now_real();
+    f->t_arrival_mono_ns = pvx_now_mono();
+    s->sink.push(s->sink.ctx, f);
+    return true;
+}
+
+/* One frame of turn `turn`: *img of a video, or number i of the sequence.  Adds to *good. */
+static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img, size_t i,
+                uint64_t *good)
+{
+    int64_t place = line_place(turn, number), due = 0, real = 0;
+    if (place < 0)
+        return !stopped(s);
+    if (!s->lossless) {
+        line_start(place);
+        line_due(place, s->period_ns, &due, &real);
+        if (pvx_now_mono() > due + 2 * s->period_ns) { /* too slow, or opened later than others */
+            count(s, CAP_ID_GAP, 1);
+            *good += 1;
+            return !stopped(s);
+        }
+    }
+    struct cap_frame *f = img == NULL ? load_image(s, i)
+                          : image_fits(s, img, s->name) ? copy_to_buffer(s, img) : NULL;
+    if (f == NULL)
+        return !stopped(s);
+    *good += 1;
+    return deliver(s, f, place, due, real);
+}
+
+/* A turn through the images; false = stop. */
+static bool turn_images(struct files *s, int64_t turn, uint64_t *good)
+{
+    for (size_t i = 0; i < s->seq.n; i++) {
+        int64_t number = s->seq.item[i].number;
+        if (i > 0)
+            count(s, CAP_ID_GAP, (uint64_t)(number - s->seq.item[i - 1].number - 1));
+        if (!one(s, turn, number, NULL, i, good))
+            return false;
+    }
+    return true;
+}
+
+static bool turn_video(struct files *s, int64_t turn, uint64_t *good)
+{
+    struct pvx_diag d = {""};
+    pvx_err e = PVX_OK;
+    double fps;
+    if (s->pending.data == NULL)
+        e = open_video(s, &fps, &d);
+    for (int64_t number = 0; e == PVX_OK; number++) {
+        struct cap_image img = s->pending;
+        s->pending.data = NULL;
+        if (!one(s, turn, number, &img, 0, good))
+            return false;
+        e = cap_video_next(s->video, &s->pending, &d);
+    }
+    s->pending.data = NULL;
+    if (e != PVX_ECLOSED)
+        unreadable(s, pvx_diag_text(&d, e));
+    return true;
+}
+
+static void *run(void *arg)
+{
+    struct files *s = arg;
+    for (int64_t turn = 0;; turn++) {
+        uint64_t good = 0;
+        if (!(s->seq.n > 0 ? turn_images : turn_video)(s, turn, &good))
+            return NULL;
+        if (!s->loop || good == 0) /* another turn without a frame would be for nothing */
+            break;
+    }
+    s->sink.event(s->sink.ctx, s->camera, CAP_EV_END);
+    return NULL;
+}
+
+/* ---- operations ------------------------------------------------------------------------------- */
+
+static void files_close(cap_source **sp)
+{
+    struct files *s = (struct files *)*sp;
+    if (s == NULL)
+        return;
+    *sp = NULL;
+    if (s->joined)
+        line_leave();
+    cap_sequence_free(&s->seq);
+    cap_video_close(&s->video);
+    cap_bufpool_unref(&s->pool);
+    pthread_mutex_destroy(&s->lock);
+    pthread_cond_destroy(&s->wake);
+    free(s->name);
+    free(s->camera_name);
+    free(s);
+}
+
+static pvx_err set_up(struct files *s, const struct cap_source_config *c, struct pvx_diag *d)
+{
+    double fps = 0;
+    if (s->name == NULL || s->camera_name == NULL)
+        return PVX_ENOMEM;
+    if (is_video(s->name))
+        PVX_TRY(open_video(s, &fps, d));
+    else
+        PVX_TRY(cap_sequence_find(s->name, &s->seq, d));
+    PVX_TRY(look_at_first(s, d));
+    if (c->fps > 0)
+        fps = c->fps;
+    if (!(fps > 1e-3 && fps < 1e5))
+        fps = 30;
+    s->period_ns = (int64_t)(1e9 / fps + 0.5);
+    size_t bytes = (size_t)s->width * (size_t)s->height * cap_pixfmt_bytes(s->fmt);
+    return cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &s->pool);
+}
+
+static pvx_err files_open(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct files *s = pvx_calloc(1, sizeof *s);
+    if (s == NULL)
+        return PVX_ENOMEM;
+    s->base.ops = &cap_source_files;
+    s->name = strdup(c->uri);
+    s->camera_name = strdup(c->name != NULL ? c->name : c->uri);
+    s->camera = c->camera;
+    s->width = c->width;
+    s->height = c->height;
+    s->fmt = c->fmt;
+    s->lossless = c->lossless;
+    s->loop = c->loop;
+    pthread_condattr_t a;
+    pthread_condattr_init(&a);
+    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
+    pthread_mutex_init(&s->lock, NULL);
+    pthread_cond_init(&s->wake, &a);
+    pthread_condattr_destroy(&a);
+    pvx_err e = set_up(s, c, d);
+    cap_source *base = &s->base;
+    if (e == PVX_OK) {
+        size_t n = s->seq.n; /* how long a video is shows at its end */
+        line_join(n > 0 ? s->seq.item[0].number : 0, n > 0 ? s->seq.item[n - 1].number : 0);
+        s->joined = true;
+    } else {
+        files_close(&base);
+    }
+    *out = base;
+    return e;
+}
+
+static pvx_err files_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
+{
+    struct files *s = (struct files *)base;
+    s->sink = *sink;
+    s->stop = false;
+    cap_bufpool_resume(s->pool);
+    if (pthread_create(&s->thread, NULL, run, s) != 0)
+        return pvx_fail(d, PVX_EIO, "files: cannot start a thread");
+    char name[16];
+    snprintf(name, sizeof name, "files%u", s->camera);
+    pthread_setname_np(s->thread, name);
+    s->running = true;
+    return PVX_OK;
+}
+
+static void files_stop(cap_source *base)
+{
+    struct files *s = (struct files *)base;
+    if (!s->running)
+        return;
+    pthread_mutex_lock(&s->lock);
+    s->stop = true;
+    pthread_cond_broadcast(&s->wake);
+    pthread_mutex_unlock(&s->lock);
+    cap_bufpool_cancel(s->pool);
+    pthread_join(s->thread, NULL);
+    s->running = false;
+}
+
+const struct cap_source_ops cap_source_files = {
+    .scheme = "files",
+    .help = "recorded frames: DIR/cam0/%06d.png, a folder, a glob, or a video (.mp4 .avi .mkv)",
+    .recorded = true,
+    .open = files_open,
+    .start = files_start,
+    .stop = files_stop,
+    .close = files_close,
+};

@@ -1,0 +1,124 @@
+/* test_sequence.c - which files a name stands for, and their numbers. */
+#include "../t.h"
+
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "capture/sequence.h"
+
+static char dir[64];
+
+static void touch(const char *name)
+{
+    char path[256];
+    snprintf(path, sizeof path, "%s/%s", dir, name);
+    FILE *f = fopen(path, "w");
+    T_OK(f != NULL);
+    if (f != NULL)
+        fclose(f);
+}
+
+static void clean(void)
+{
+    char cmd[128];
+    snprintf(cmd, sizeof cmd, "rm -rf '%s'", dir);
+    T_EQ_I(system(cmd), 0);
+}
+
+static pvx_err find(const char *what, struct cap_sequence *s, struct pvx_diag *d)
+{
+    char name[256];
+    snprintf(name, sizeof name, "%s%s", dir, what);
+    d->text[0] = '\0';
+    return cap_sequence_find(name, s, d);
+}
+
+static void numbers(const char *what, const char *expected)
+{
+    struct cap_sequence s;
+    struct pvx_diag d;
+    pvx_err e = find(what, &s, &d);
+    char got[256] = "";
+    for (size_t i = 0; i < s.n; i++) {
+        size_t n = strlen(got);
+        snprintf(got + n, sizeof got - n, "%s%lld", i > 0 ? " " : "", (long long)s.item[i].number);
+        T_EQ_I(access(s.item[i].path, R_OK), 0);
+    }
+    T_CHECK_(e == PVX_OK, "%s: %s", what, d.text);
+    T_EQ_S(got, expected);
+    cap_sequence_free(&s);
+    T_OK(s.n == 0 && s.item == NULL);
+}
+
+static void fails(const char *what, pvx_err want, const char *part)
+{
+    struct cap_sequence s;
+    struct pvx_diag d;
+    T_EQ_I(find(what, &s, &d), want);
+    T_CONTAINS(d.text, part);
+    T_OK(s.n == 0 && s.item == NULL);
+}
+
+static void files_are_found_and_sorted(void)
+{
+    snprintf(dir, sizeof dir, "/tmp/pyrovox-seq-XXXXXX");
+    T_OK(mkdtemp(dir) != NULL);
+    touch("000010.png");
+    touch("000002.png");
+    touch("000009.png");
+    touch("1000000.png"); /* wider than the pattern, as printf would write it */
+    touch("0000011.png"); /* printf would not */
+    touch("12.png");
+    touch("notes.txt");
+    touch("x3y.npy");
+    numbers("/%06d.png", "2 9 10 1000000");
+    numbers("/%d.png", "12 1000000");
+    numbers("/x%dy.npy", "3");
+    numbers("/0000*.png", "2 9 10 11");
+    numbers("/12.png", "12");
+    clean();
+}
+
+static void folder_takes_images_only(void)
+{
+    snprintf(dir, sizeof dir, "/tmp/pyrovox-seq-XXXXXX");
+    T_OK(mkdtemp(dir) != NULL);
+    touch("img7.TIF");
+    touch("img_3_005.jpeg");
+    touch("6.npy");
+    touch("4.txt");
+    touch("flame.png"); /* no number: not part of a sequence */
+    numbers("", "5 6 7");
+    numbers("/", "5 6 7");
+    numbers("/flame.png", "0"); /* but an image by itself */
+    clean();
+}
+
+static void bad_names_are_explained(void)
+{
+    snprintf(dir, sizeof dir, "/tmp/pyrovox-seq-XXXXXX");
+    T_OK(mkdtemp(dir) != NULL);
+    fails("", PVX_ENOENT, "no numbered image");
+    touch("5.png");
+    touch("a05.png");
+    fails("", PVX_EINVAL, "same frame number");
+    fails("/nosuch", PVX_ENOENT, "no such file");
+    fails("/nosuch/%06d.png", PVX_ENOENT, "No such file");
+    fails("/b%06d.png", PVX_ENOENT, "no numbered image");
+    fails("/b*.png", PVX_ENOENT, "no numbered image");
+    fails("/%s.png", PVX_EINVAL, "%d");
+    fails("/%06d_%d.png", PVX_EINVAL, "%d");
+    fails("/%.png", PVX_EINVAL, "%d");
+    fails("/%099d.png", PVX_EINVAL, "digits");
+    struct cap_sequence s;
+    T_EQ_I(cap_sequence_find("", &s, NULL), PVX_EINVAL);
+    clean();
+}
+
+int main(void)
+{
+    T_RUN(files_are_found_and_sorted);
+    T_RUN(folder_takes_images_only);
+    T_RUN(bad_names_are_explained);
+    return t_done();
+}
