@@ -30,7 +30,8 @@ struct cap_camera {
 
     /* under cap->lock */
     enum cap_state state;
-    bool tried;      /* the first attempt to open is over */
+    bool tried;      /* the first attempt to open and start is over */
+    bool looked;     /* the first attempt to open is */
     bool delivering; /* good frames come: sets wait for it */
     bool ev_lost, ev_end;
     uint64_t count[CAP_N_COUNT];

@@ -9,6 +9,7 @@
 #define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
 #define BACKOFF_MAX_NS (4 * PVX_NS_PER_S)
 #define FIRST_FRAME_NS (3 * PVX_NS_PER_S) /* patience with a camera that has just been started */
+#define TOGETHER_NS (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
 #define LOOK_NS (200 * PVX_NS_PER_MS)
 
 enum fate { FATE_STOP, FATE_LOST, FATE_END };
@@ -53,14 +54,41 @@ static void trouble(struct watch *w, const char *text)
           cam->name, cam->uri, text);
 }
 
+static bool all_looked_at(const struct cap_capture *cap)
+{
+    for (uint32_t i = 0; i < cap->n; i++)
+        if (cap->camera[i].ops->recorded && !cap->camera[i].looked)
+            return false;
+    return true;
+}
+
+/* Recorded cameras start together: each must know how long the longest is, and none may be in its
+ * second turn when another comes.  Under the lock. */
+static void wait_for_recorded(struct cap_camera *cam)
+{
+    struct cap_capture *cap = cam->cap;
+    if (!cam->ops->recorded)
+        return;
+    if (!cam->looked) {
+        cam->looked = true;
+        for (uint32_t i = 0; i < cap->n; i++)
+            pthread_cond_signal(&cap->camera[i].wake);
+    }
+    int64_t until = pvx_now_mono() + TOGETHER_NS;
+    while (!cap->stop && !all_looked_at(cap) && pvx_now_mono() < until)
+        cap_wait_until(&cam->wake, &cap->lock, until);
+}
+
 static pvx_err open_source(struct cap_camera *cam, cap_source **src, struct pvx_diag *d)
 {
     const struct cap_source_ops *ops = cam->ops;
-    PVX_TRY(ops->open(&cam->cfg, src, d));
+    pvx_err opened = ops->open(&cam->cfg, src, d);
     pthread_mutex_lock(&cam->cap->lock);
+    wait_for_recorded(cam);
     cap_intake_restart(cam);
     bool stop = cam->cap->stop;
     pthread_mutex_unlock(&cam->cap->lock);
+    PVX_TRY(opened);
     struct cap_sink sink = cap_intake_sink(cam);
     pvx_err e = stop ? PVX_ECANCELED : ops->start(*src, &sink, d);
     if (e != PVX_OK)
