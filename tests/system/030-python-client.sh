@@ -48,6 +48,17 @@ PY
 }
 check golden_messages golden
 
+documented() { # the example in PROTOCOL.md is the golden message
+    "$py" - <<'PY'
+import re, sys
+lines = re.findall(r"^([0-9a-f]{4})  ((?:[0-9a-f]{2} ){7,16})", open("proto/PROTOCOL.md").read(), re.M)
+data = bytes.fromhex("".join(x for _, x in lines))
+want = open("proto/vectors/volume-f16-clamped.bin", "rb").read()
+sys.exit(len(data) != 312 or data != want[:312] or [int(a, 16) for a, _ in lines] != list(range(0, 312, 16)))
+PY
+}
+check protocol_example documented
+
 live() { # volumes, every n-th left out
     "$b/tests/unit/test_pub" --publish "ipc://$dir/volumes" "$1" "$2" & pub=$!
     timeout 60 "$py" - "ipc://$dir/volumes" "$1" "$2" <<'PY'
