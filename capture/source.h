@@ -57,6 +57,10 @@ struct cap_sink {
 
 struct cap_feature { char name[64], value[64]; };
 
+/* Ask a GigE camera for lost packets again?  AUTO: when it says that it can.  A frame waits up to
+ * 50 ms for them, and the frames behind it with it. */
+enum cap_resend { CAP_RESEND_AUTO, CAP_RESEND_ALWAYS, CAP_RESEND_NEVER };
+
 struct cap_source_config {
     const char *uri;           /* after the scheme: "127.0.0.2", "GV01", "DIR/cam0/%06d.png" */
     const char *name;          /* camera's name in the rig, for messages */
@@ -67,6 +71,7 @@ struct cap_source_config {
     bool software_trigger;     /* else free run */
     unsigned buffers;          /* frames in the pool, >= 4 */
     int32_t packet_size;       /* GigE: bytes, 0 = negotiate */
+    enum cap_resend resend;    /* GigE */
     double exposure_us, gain;  /* < 0 = leave */
     const struct cap_feature *features; /* GenICam features set at opening, read back */
     size_t n_features;

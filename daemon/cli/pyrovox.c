@@ -11,6 +11,7 @@ static const struct cli_command *const commands[] = {
     &cmd_status,
     &cmd_top,
     &cmd_record,
+    &cmd_cameras,
     NULL,
 };
 

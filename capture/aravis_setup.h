@@ -1,0 +1,30 @@
+/* aravis_setup.h - a camera opened and made what the configuration says (private to src_aravis.c).
+ * Everything that is set is read back; a camera that does otherwise is refused with its own words
+ * and limits. */
+#ifndef CAP_ARAVIS_SETUP_H
+#define CAP_ARAVIS_SETUP_H
+#include <arv.h>
+#include "capture/source.h"
+
+struct aravis_layout {
+    int width, height;
+    enum cap_pixfmt fmt;
+    size_t payload; /* bytes of one frame on the wire, chunks included */
+};
+
+/* Open by "127.0.0.2" (no discovery), serial, user-defined name, or Aravis' device id, and set
+ * region, format, trigger or frame rate, exposure, gain, features and packet size.  Owner: caller,
+ * g_object_unref.  Errors: PVX_ENOENT (nobody answers), PVX_EBUSY (another program controls it),
+ * PVX_EINVAL (refused a value), PVX_EUNSUP (format), PVX_EIO. */
+PVX_MUST_CHECK pvx_err aravis_setup(const struct cap_source_config *c, ArvCamera **out,
+                                    struct aravis_layout *layout, struct pvx_diag *d);
+
+/* True when lost packets are worth asking for again. */
+bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera);
+
+enum cap_pixfmt aravis_pixfmt(ArvPixelFormat f); /* CAP_FMT_NONE: none of ours */
+
+/* "camera NAME (aravis:URI): what: message"; frees *err and clears it.  Returns e. */
+pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *what, GError **err,
+                    struct pvx_diag *d);
+#endif
