@@ -4,6 +4,7 @@
 #include <math.h>
 #include <net/if.h>
 #include <netinet/in.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
@@ -51,22 +52,39 @@ static pvx_err refused(const struct cap_source_config *c, struct pvx_diag *d, co
                     c->name, c->uri, what, want, got, min, max);
 }
 
+/* Aravis knows addresses, user-defined names and its own ids; serial numbers are looked up here, in
+ * a list of devices that is one for the whole process and renewed by whoever looks. */
+static ArvCamera *find_camera(const char *what)
+{
+    static pthread_mutex_t list_lock = PTHREAD_MUTEX_INITIALIZER;
+    char *id = NULL;
+    pthread_mutex_lock(&list_lock);
+    if (!g_hostname_is_ip_address(what)) {
+        arv_update_device_list();
+        for (unsigned i = 0; i < arv_get_n_devices() && id == NULL; i++)
+            if (g_strcmp0(arv_get_device_serial_nbr(i), what) == 0)
+                id = g_strdup(arv_get_device_id(i));
+    }
+    ArvCamera *cam = what[0] != '\0' ? arv_camera_new(id != NULL ? id : what, NULL) : NULL;
+    g_free(id);
+    pthread_mutex_unlock(&list_lock);
+    return cam;
+}
+
 static pvx_err open_camera(const struct cap_source_config *c, ArvCamera **out, struct pvx_diag *d)
 {
-    GError *err = NULL;
-    ArvCamera *cam = arv_camera_new(c->uri[0] != '\0' ? c->uri : NULL, &err);
-    if (cam == NULL) {
-        g_clear_error(&err);
+    ArvCamera *cam = find_camera(c->uri);
+    if (cam == NULL)
         return pvx_fail(d, PVX_ENOENT,
                         "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "
                         "those that do", c->name, c->uri);
-    }
     ArvDevice *dev = arv_camera_get_device(cam);
     if (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev))) {
         g_object_unref(cam);
         return pvx_fail(d, PVX_EBUSY, "camera %s (aravis:%s): another program controls it", c->name,
                         c->uri);
     }
+    arv_camera_set_range_check_policy(cam, ARV_RANGE_CHECK_POLICY_ENABLE);
     *out = cam;
     return PVX_OK;
 }

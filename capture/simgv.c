@@ -128,15 +128,17 @@ static void copy_pixels(struct cap_simgv *s, ArvBuffer *b, ArvPixelFormat want, 
     } known[] = {{CAP_GREY8, ARV_PIXEL_FORMAT_MONO_8, 1},
                  {CAP_RGB8, ARV_PIXEL_FORMAT_RGB_8_PACKED, 3},
                  {CAP_BAYER_RG8, ARV_PIXEL_FORMAT_BAYER_RG_8, 1}};
-    size_t size, px = 0;
-    unsigned char *out = (unsigned char *)(uintptr_t)arv_buffer_get_data(b, &size);
+    size_t px = 0;
+    unsigned char *out = (unsigned char *)(uintptr_t)arv_buffer_get_data(b, NULL);
     int x, y, w, h;
     arv_buffer_get_image_region(b, &x, &y, &w, &h);
+    /* Aravis has made sure that the buffer holds this much. */
+    size_t size = (size_t)w * (size_t)h * ARV_PIXEL_FORMAT_BIT_PER_PIXEL(want) / 8;
     for (size_t i = 0; i < G_N_ELEMENTS(known); i++)
         if (known[i].fmt == s->c.fmt && known[i].arv == want)
             px = known[i].bytes;
     const unsigned char *in = s->ring[(size_t)(index % (int64_t)s->c.n_ring)];
-    if (px != 0 && x == 0 && y == 0 && w == s->c.width && h == s->c.height && size >= s->bytes) {
+    if (px != 0 && x == 0 && y == 0 && w == s->c.width && h == s->c.height) {
         memcpy(out, in, s->bytes);
         return;
     }
@@ -150,10 +152,8 @@ static void copy_pixels(struct cap_simgv *s, ArvBuffer *b, ArvPixelFormat want, 
     }
     int cols = w < s->c.width - x ? w : s->c.width - x;
     for (int r = 0; r < h && r < s->c.height - y && cols > 0; r++)
-        if (((size_t)r * (size_t)w + (size_t)cols) * px <= size)
-            memcpy(out + (size_t)r * (size_t)w * px,
-                   in + ((size_t)(r + y) * (size_t)s->c.width + (size_t)x) * px,
-                   (size_t)cols * px);
+        memcpy(out + (size_t)r * (size_t)w * px,
+               in + ((size_t)(r + y) * (size_t)s->c.width + (size_t)x) * px, (size_t)cols * px);
 }
 
 /* The fake sends whatever comes out of the callback; with every packet lost, nothing is sent. */
