@@ -160,9 +160,8 @@ static int run(int argc, char **argv)
 {
     struct args a = {.view = dmn_strip_defaults};
     a.view.gamma = a.view.exposure = -1; /* not given */
-    error_t wrong = argp_parse(&parser, argc, argv, 0, NULL, &a);
-    if (wrong != 0)
-        return 2;
+    argp_err_exit_status = 2;
+    argp_parse(&parser, argc, argv, 0, NULL, &a);
     size_t n = strlen(a.out);
     bool png = n > 4 && strcmp(a.out + n - 4, ".png") == 0;
     if (a.view.gamma < 0)

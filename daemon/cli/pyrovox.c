@@ -7,6 +7,7 @@
 static const struct cli_command *const commands[] = {
     &cmd_matrix,
     &cmd_reconstruct,
+    &cmd_render,
     &cmd_simcams,
     &cmd_status,
     &cmd_top,
