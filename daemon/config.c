@@ -550,3 +550,8 @@ int64_t dmn_config_deadline(const struct dmn_config *c)
         return (int64_t)(c->deadline_ms * (double)PVX_NS_PER_MS);
     return c->lossless ? 0 : (int64_t)(1.5 / c->fps * (double)PVX_NS_PER_S);
 }
+
+int dmn_config_warm(const struct dmn_config *c)
+{
+    return c->warm_start == 1 || (c->warm_start == 0 && !c->lossless);
+}

@@ -56,7 +56,7 @@ struct dmn_config {
     double lambda;
     int stop;
     double deadline_ms;
-    int warm_start;
+    int warm_start;         /* 0 auto, 1 on, 2 off */
 
     struct dmn_texts endpoints;
     int sample, compress;
@@ -95,5 +95,7 @@ int dmn_config_channels(const struct dmn_config *c);
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
 /* Solver's time limit after the arrival of the set's last frame, ns; 0 = none. */
 int64_t dmn_config_deadline(const struct dmn_config *c);
+/* Whether a solve starts from the volume before. */
+int dmn_config_warm(const struct dmn_config *c);
 
 #endif

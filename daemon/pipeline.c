@@ -46,6 +46,7 @@ struct dmn_pipeline {
     pvp_pub *pub;
     struct pvp_start start;
     int nch;
+    bool warm;
     int64_t deadline_ns, period_ns;
 
     struct slot slot[DMN_N_SLOTS];
@@ -233,20 +234,23 @@ static bool solve(void *ctx)
     struct slot *s = item;
     int64_t t0 = pvx_now_mono(), deadline = 0;
     if (p->deadline_ns > 0) {
-        /* A set that came late still gets half a period: a volume that is published is a solution. */
+        /* Never longer than the stage may take to keep up, and never less than half a period: a
+         * volume that is published is a solution, however late its set came. */
         deadline = s->t_last_mono_ns + p->deadline_ns;
-        if (deadline < t0 + p->period_ns / 2)
-            deadline = t0 + p->period_ns / 2;
+        int64_t most = t0 + p->period_ns * 9 / 10, least = t0 + p->period_ns / 2;
+        if (deadline > most && !p->cfg.lossless)
+            deadline = most;
+        if (deadline < least)
+            deadline = least;
     }
-    bool warm = p->cfg.warm_start && p->prev.grid != NULL;
-    e = rec_frame_solve(s->frame, deadline, warm ? &p->prev : NULL);
+    e = rec_frame_solve(s->frame, deadline, p->prev.grid != NULL ? &p->prev : NULL);
     if (e != PVX_OK) {
         LOG_EVERY(PVX_LOG_ERROR, RECON, "set %llu cannot be solved: %s",
                   (unsigned long long)s->set, pvx_strerror(e));
         drop(p, s, DMN_DROP_FAILED);
         return true;
     }
-    if (p->cfg.warm_start)
+    if (p->warm)
         remember(p, s);
     pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);
     hand_on(p, p->to_publish, s, DMN_DROP_PUBLISH);
@@ -412,7 +416,8 @@ static pvx_err slots_new(dmn_pipeline *p, struct pvx_diag *d)
         PVX_TRY(rec_frame_new(p->S, &p->rig, &fp, p->pool, &p->slot[i].frame, d));
         give_back(p, &p->slot[i]);
     }
-    if (p->cfg.warm_start) {
+    p->warm = dmn_config_warm(&p->cfg);
+    if (p->warm) {
         size_t n = rec_grid_count(&p->rig.grid);
         p->prev_bytes = n * (sizeof(int32_t) + 4 * sizeof(float));
         p->prev_value = pvx_reserve(p->prev_bytes);

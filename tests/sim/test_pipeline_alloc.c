@@ -127,7 +127,7 @@ static void nothing_is_allocated(void)
     snprintf(text, sizeof text,
              "rig: %s/rig.yaml\ncameras: \"sim:\"\nfps: 250\nshared_clock: true\n"
              "matrix_cache: %s/m\npublish: {endpoints: [\"ipc://%s/v\"], compress: lz4}\n"
-             "solver: {warm_start: true}\n", dir, dir, dir);
+             "solver: {warm_start: on}\n", dir, dir, dir);
     T_EQ_I(dmn_config_parse(text, strlen(text), "test", &cfg, &d), PVX_OK);
     T_EQ_S(d.text, "");
     pvx_log_set_level(PVX_LOG_WARN);

@@ -249,6 +249,11 @@ static void values_reach_recon(void)
     dmn_config_frame(&c, &p);
     T_OK(p.photo.saturation > 1e29f);
     T_EQ_I(dmn_config_deadline(&c), 0);
+    T_EQ_I(dmn_config_warm(&c), 0);
+    T_EQ_I(parse("solver: {warm_start: on}\nlossless: true\n"), PVX_OK);
+    T_EQ_I(dmn_config_warm(&c), 1);
+    T_EQ_I(parse("fps: 20\n"), PVX_OK);
+    T_EQ_I(dmn_config_warm(&c), 1);
     T_EQ_I(parse("pixel_format: Mono8\n"), PVX_OK);
     T_EQ_I(dmn_config_channels(&c), 1);
     T_EQ_I(dmn_config_pixfmt(&c), CAP_GREY8);
