@@ -5,6 +5,7 @@
 #include "cli/cli.h"
 
 static const struct cli_command *const commands[] = {
+    &cmd_demo,
     &cmd_matrix,
     &cmd_reconstruct,
     &cmd_render,
