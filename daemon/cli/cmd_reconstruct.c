@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/clock.h"
 #include "base/file.h"
@@ -26,11 +27,11 @@
 
 struct options {
     struct opt_rig rig;
-    const char *frames, *out, *report, *cache;
+    const char *frames, *out, *report, *cache, *background;
     struct rec_frame_params frame;
     uint32_t first, last;
     double deadline_ms;
-    bool grey, warm, quiet;
+    bool grey, warm, quiet, no_hull;
 };
 
 enum {
@@ -49,6 +50,8 @@ enum {
     OPT_BLACK,
     OPT_MIN_VIEWS,
     OPT_STRICT,
+    OPT_NO_HULL,
+    OPT_BACKGROUND,
     OPT_GREY,
     OPT_WARM,
     OPT_CACHE,
@@ -79,6 +82,9 @@ static const struct argp_option option_table[] = {
     {"margin", OPT_MARGIN, "N", 0, "grow silhouettes by N bins (default 1)", 3},
     {"min-views", OPT_MIN_VIEWS, "N", 0, "cameras that must see a voxel (default 2)", 3},
     {"strict-hull", OPT_STRICT, NULL, 0, "drop voxels that are only partly inside", 3},
+    {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 3},
+    {"background", OPT_BACKGROUND, "DIR", 0,
+     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame", 3},
     {0},
 };
 
@@ -166,6 +172,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
         o->frame.hull.min_views = (uint32_t)v;
         return 0;
     case OPT_STRICT: o->frame.hull.keep_partial = 0; return 0;
+    case OPT_NO_HULL: o->no_hull = true; return 0;
+    case OPT_BACKGROUND: o->background = arg; return 0;
     case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
     case ARGP_KEY_END:
         if (o->frames == NULL || o->out == NULL || o->rig.path == NULL)
@@ -181,7 +189,8 @@ struct slot {
     size_t index; /* into the framedir */
     uint32_t present;
     bool failed; /* a file could not be used: named in `problem` */
-    struct pvx_diag problem;
+    struct pvx_diag problem; /* the first */
+    bool have[REC_MAX_CAMERAS];
     int64_t bin_ns;
 };
 
@@ -193,12 +202,33 @@ struct job {
     struct rec_frame_params params;
     pvx_pool *pool;
     struct slot slot[SLOTS];
+    unsigned volumes; /* written */
     pvx_queue *empty, *full;
 };
 
 static bool wanted(const struct options *o, uint32_t number)
 {
     return number >= o->first && number <= o->last;
+}
+
+/* Load an image of camera c and bin it into out; *bin_ns = time for the binning alone. */
+static pvx_err load_binned(const struct job *j, const char *path, size_t c, float *out,
+                           int64_t *bin_ns, struct pvx_diag *d)
+{
+    const struct rec_camera *cam = &j->rig.cameras[c];
+    struct cap_loaded l;
+    PVX_TRY(cap_image_load(path, &l, d));
+    pvx_err e;
+    int64_t t0 = pvx_now_mono();
+    if (l.img.width != cam->width || l.img.height != cam->height)
+        e = pvx_fail(d, PVX_EINVAL, "%s: is %dx%d, but the rig says camera %s takes %dx%d", path,
+                     l.img.width, l.img.height, cam->name, cam->width, cam->height);
+    else if ((e = cap_bin(&l.img, j->S->binning, j->params.nch, 0, j->S->block[c].bh, out)) !=
+             PVX_OK)
+        pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+    *bin_ns = pvx_now_mono() - t0;
+    cap_loaded_free(&l);
+    return e;
 }
 
 /* Load and bin frame `i` of camera `c` into the slot.  A file that is not there is a missing camera;
@@ -208,28 +238,17 @@ static void load_camera(struct job *j, struct slot *s, size_t c)
     char path[4300];
     if (!dmn_framedir_path(&j->dir, &j->rig, s->index, c, path, sizeof path))
         return;
-    const struct rec_camera *cam = &j->rig.cameras[c];
-    struct cap_loaded l;
-    pvx_err e = cap_image_load(path, &l, &s->problem);
+    int64_t t0 = 0;
+    struct pvx_diag why = {""};
+    pvx_err e = load_binned(j, path, c, rec_frame_input(s->frame, c), &t0, &why);
+    s->bin_ns += t0;
     if (e != PVX_OK) {
+        fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&why, e));
+        pvx_fail(&s->problem, e, "%s", pvx_diag_text(&why, e));
         s->failed = true;
         return;
     }
-    int64_t t0 = pvx_now_mono();
-    if (l.img.width != cam->width || l.img.height != cam->height)
-        e = pvx_fail(&s->problem, PVX_EINVAL,
-                     "%s: is %dx%d, but the rig says camera %s takes %dx%d", path, l.img.width,
-                     l.img.height, cam->name, cam->width, cam->height);
-    else
-        e = cap_bin(&l.img, j->S->binning, j->params.nch, 0, j->S->block[c].bh,
-                    rec_frame_input(s->frame, c));
-    s->bin_ns += pvx_now_mono() - t0;
-    cap_loaded_free(&l);
-    if (e != PVX_OK) {
-        pvx_fail(&s->problem, e, "%s: %s", path, pvx_strerror(e));
-        s->failed = true;
-        return;
-    }
+    s->have[c] = true;
     rec_frame_present(s->frame, c, true);
     s->present++;
 }
@@ -247,6 +266,7 @@ static void *reader(void *arg)
         rec_frame_reset(s->frame);
         s->index = i;
         s->present = 0;
+        memset(s->have, 0, sizeof s->have);
         s->failed = false;
         s->problem.text[0] = '\0';
         s->bin_ns = 0;
@@ -276,6 +296,10 @@ static void report_frame(const struct job *j, const struct slot *s, cJSON *list)
     }
     if (s->problem.text[0] != '\0')
         cJSON_AddStringToObject(o, "problem", s->problem.text);
+    cJSON *missing = cJSON_AddArrayToObject(o, "cameras_missing");
+    for (size_t c = 0; c < j->rig.n_cameras; c++)
+        if (!s->have[c])
+            cJSON_AddItemToArray(missing, cJSON_CreateString(j->rig.cameras[c].name));
     cJSON_AddItemToArray(list, o);
 }
 
@@ -284,17 +308,20 @@ static pvx_err do_frame(struct job *j, struct slot *s, struct rec_sparse *prev, 
                         cJSON *list, bool *failed, struct pvx_diag *d)
 {
     uint32_t no = j->dir.number[s->index];
-    if (s->failed) {
-        *failed = true;
-        fprintf(stderr, "pyrovox: %s\n", s->problem.text);
-    }
+    *failed |= s->failed;
     if (s->present == 0) {
         report_frame(j, s, list);
         return PVX_OK;
     }
-    if (s->present < j->rig.n_cameras)
-        fprintf(stderr, "pyrovox: frame %06u: solved from %u of %zu cameras\n", no, s->present,
-                j->rig.n_cameras);
+    if (s->present < j->rig.n_cameras) {
+        char names[600] = "";
+        for (size_t c = 0; c < j->rig.n_cameras && strlen(names) < 500; c++)
+            if (!s->have[c])
+                snprintf(names + strlen(names), sizeof names - strlen(names), " %s",
+                         j->rig.cameras[c].name);
+        fprintf(stderr, "pyrovox: frame %06u: solved from %u of %zu cameras, without%s\n", no,
+                s->present, j->rig.n_cameras, names);
+    }
     rec_frame_carve(s->frame);
     int64_t deadline = 0;
     if (j->o->deadline_ms > 0)
@@ -310,6 +337,7 @@ static pvx_err do_frame(struct job *j, struct slot *s, struct rec_sparse *prev, 
         .grid = j->S->grid, .nch = v.nch, .frame = no, .clock = "frame-number", .report = r};
     PVX_TRY(dmn_volume_save(path, &m, dense, d));
     report_frame(j, s, list);
+    j->volumes++;
     if (j->o->warm)
         *prev = v;
     return PVX_OK;
@@ -353,8 +381,38 @@ static pvx_err look_at_first(struct job *j, struct pvx_diag *d)
                     j->o->last);
 }
 
+/* The background of every camera into every slot. */
+static pvx_err set_background(struct job *j, struct pvx_diag *d)
+{
+    static const char *const ext[] = {"npy", "tif", "tiff", "png"};
+    for (size_t c = 0; c < j->rig.n_cameras; c++) {
+        char path[4300] = "";
+        for (size_t i = 0; i < sizeof ext / sizeof ext[0]; i++) {
+            snprintf(path, sizeof path, "%s/%s.%s", j->o->background, j->rig.cameras[c].name, ext[i]);
+            if (access(path, F_OK) == 0)
+                break;
+        }
+        int64_t ns;
+        float *bins = rec_frame_input(j->slot[0].frame, c);
+        PVX_TRY(load_binned(j, path, c, bins, &ns, d));
+        for (int i = 0; i < SLOTS; i++)
+            PVX_TRY(rec_frame_set_background(j->slot[i].frame, c, bins));
+    }
+    return PVX_OK;
+}
+
+/* Everything is flame: the hull then drops only what no camera sees. */
+static void without_hull(struct rec_frame_params *p)
+{
+    p->photo.threshold = 0;
+    p->photo.margin = 16; /* noise may be below 0 here and there */
+    p->hull.min_views = 1;
+}
+
 static pvx_err prepare(struct job *j, struct pvx_diag *d)
 {
+    if (j->o->no_hull)
+        without_hull(&j->params);
     PVX_TRY(opt_rig_load(&j->o->rig, &j->rig, d));
     PVX_TRY(dmn_framedir_scan(j->o->frames, &j->rig, &j->dir, d));
     PVX_TRY(look_at_first(j, d));
@@ -369,7 +427,7 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
         PVX_TRY(rec_frame_new(j->S, &j->rig, &j->params, j->pool, &j->slot[i].frame, d));
         PVX_TRY(pvx_queue_put_wait(j->empty, &j->slot[i]));
     }
-    return PVX_OK;
+    return j->o->background != NULL ? set_background(j, d) : PVX_OK;
 }
 
 static void finish(struct job *j)
@@ -404,9 +462,13 @@ static pvx_err solve_all(struct job *j, cJSON *list, bool *failed, struct pvx_di
     while (e == PVX_OK && pvx_queue_take(j->full, -1, &item) == PVX_OK) {
         struct slot *s = item;
         e = do_frame(j, s, &prev, dense, list, failed, d);
-        if (kept != NULL && pvx_queue_put_wait(j->empty, kept) != PVX_OK)
+        struct slot *done = s;
+        if (s->present > 0) { /* a set without a volume does not displace the volume before it */
+            done = kept;
+            kept = s;
+        }
+        if (done != NULL && pvx_queue_put_wait(j->empty, done) != PVX_OK)
             break;
-        kept = s;
         if (!j->o->quiet)
             cli_progress(&bar, (double)(s->index + 1) / (double)j->dir.n_frames);
         if (cli_stop)
@@ -435,8 +497,8 @@ static int run(int argc, char **argv)
             "--save-report report.json"};
     struct options o = {.rig = OPT_RIG_INIT, .last = 999999};
     o.frame = rec_frame_defaults;
-    if (argp_parse(&argp, argc, argv, 0, NULL, &o) != 0)
-        return 2;
+    argp_err_exit_status = 2;
+    argp_parse(&argp, argc, argv, 0, NULL, &o);
     cli_catch_stop();
     struct job j = {.o = &o, .params = o.frame};
     struct pvx_diag d = {""};
@@ -455,7 +517,7 @@ static int run(int argc, char **argv)
         }
     }
     if (e == PVX_OK && !o.quiet)
-        fprintf(stderr, "%d volumes in %s\n", cJSON_GetArraySize(list), o.out);
+        fprintf(stderr, "%u volumes in %s\n", j.volumes, o.out);
     cJSON_Delete(root);
     finish(&j);
     if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop)) {

@@ -1,0 +1,315 @@
+/* test_cli_reconstruct.c - `pyrovox reconstruct` and `pyrovox render` as a user runs them: recorded
+ * frames of the analytic flame in, volumes near its truth out, unseen views near the real ones. */
+#include "../t.h"
+
+#include <cjson/cJSON.h>
+#include <stdarg.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "capture/imgio.h"
+#include "recon/flame.h"
+#include "recon/metrics.h"
+#include "recon/rig.h"
+
+enum { W = 160, H = 120, N = 32, CAMERAS = 9, FRAMES = 3 };
+
+static char dir[64], exe[300];
+static struct rec_rig rig;
+static struct rec_flame flame;
+
+static const char *at(const char *fmt, ...) __attribute__((format(printf, 1, 2)));
+static const char *at(const char *fmt, ...)
+{
+    static char path[8][400];
+    static int turn;
+    char *p = path[turn++ & 7];
+    int n = snprintf(p, 400, "%s/", dir);
+    va_list ap;
+    va_start(ap, fmt);
+    vsnprintf(p + n, 400 - (size_t)n, fmt, ap);
+    va_end(ap);
+    return p;
+}
+
+/* Exit code of `pyrovox ARGS`; stderr is left in DIR/err. */
+static int pyrovox(const char *args)
+{
+    char cmd[2000];
+    snprintf(cmd, sizeof cmd, "cd %s && PYROVOX_CACHE=%s/cache %s/pyrovox %s >out.txt 2>err", dir, dir,
+             exe, args);
+    int rc = system(cmd);
+    return WIFEXITED(rc) ? WEXITSTATUS(rc) : -1;
+}
+
+static char *slurp(const char *name)
+{
+    char *t;
+    size_t n;
+    if (pvx_file_read(at("%s", name), 1 << 24, &t, &n, NULL) != PVX_OK)
+        return strdup("");
+    return t;
+}
+
+static void image_of(size_t camera, int frame, float *img)
+{
+    struct rec_flame_pose p;
+    rec_flame_at(&flame, 0.2 * frame, &p);
+    rec_flame_render(&p, &rig.cameras[camera], 2, 0, H, img);
+}
+
+/* Frames of all cameras but the last (cam8 is the unseen view), 1 % noise, .npy or .png. */
+static void record(const char *name, const char *ext)
+{
+    float *img = malloc(W * H * 3 * sizeof *img);
+    struct pvx_diag d = {""};
+    for (size_t c = 0; c + 1 < CAMERAS; c++) {
+        T_EQ_I(pvx_mkdirs(at("%s/cam%zu", name, c), &d), PVX_OK);
+        for (int f = 0; f < FRAMES; f++) {
+            image_of(c, f, img);
+            for (int i = 0; i < W * H * 3; i++)
+                img[i] += 0.008f * (float)t_normal();
+            T_EQ_I(cap_image_save(at("%s/cam%zu/%06d.%s", name, c, f, ext), img, W, H, 3, 1, &d),
+                   PVX_OK);
+            T_EQ_S(d.text, "");
+        }
+    }
+    free(img);
+}
+
+#define EIGHT "--cameras cam0,cam1,cam2,cam3,cam4,cam5,cam6,cam7"
+
+static double volume_error(const char *name, int frame, enum rec_basis basis)
+{
+    float *v, *truth = malloc((size_t)N * N * N * 3 * sizeof *truth);
+    size_t shape[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    double err = 99;
+    if (cap_npy_load(at("%s", name), &v, shape, &ndim, &d) == PVX_OK && ndim == 4 &&
+        shape[0] == N && shape[3] == 3) {
+        struct rec_flame_pose p;
+        struct rec_grid g = rig.grid;
+        g.basis = basis;
+        rec_flame_at(&flame, 0.2 * frame, &p);
+        rec_flame_voxels(&p, &g, 0, N, truth);
+        err = rec_rel_l2(v, truth, (size_t)N * N * N * 3);
+        free(v);
+    }
+    free(truth);
+    return err;
+}
+
+static void flame_comes_back(void)
+{
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out vol --save-report report.json --threads 2"),
+           0);
+    for (int f = 0; f < FRAMES; f++)
+        T_LE(volume_error(f == 0 ? "vol/000000.npy" : f == 1 ? "vol/000001.npy" : "vol/000002.npy",
+                          f, REC_BOX),
+             0.25);
+    char *text = slurp("report.json");
+    cJSON *o = cJSON_Parse(text), *list = cJSON_GetObjectItem(o, "frames");
+    T_EQ_I(cJSON_GetArraySize(list), FRAMES);
+    for (int f = 0; f < cJSON_GetArraySize(list); f++) {
+        cJSON *r = cJSON_GetArrayItem(list, f), *ms = cJSON_GetObjectItem(r, "ms");
+        T_EQ_I(cJSON_GetNumberValue(cJSON_GetObjectItem(r, "frame")), f);
+        T_EQ_S(cJSON_GetStringValue(cJSON_GetObjectItem(r, "solver")), "pcg");
+        T_OK(cJSON_GetStringValue(cJSON_GetObjectItem(r, "status")) != NULL);
+        static const char *const numbers[] = {"iterations", "rel_residual", "active_voxels",
+                                              "active_rays", "entries"};
+        for (size_t i = 0; i < 5; i++)
+            T_OK(cJSON_GetNumberValue(cJSON_GetObjectItem(r, numbers[i])) > 0);
+        static const char *const stages[] = {"photometry", "hull", "restrict", "solve", "total"};
+        for (size_t i = 0; i < 5; i++)
+            T_OK(cJSON_GetNumberValue(cJSON_GetObjectItem(ms, stages[i])) >= 0);
+        T_LE(cJSON_GetNumberValue(cJSON_GetObjectItem(r, "active_voxels")), 0.4 * N * N * N);
+    }
+    cJSON_Delete(o);
+    free(text);
+    text = slurp("vol/000001.json");
+    o = cJSON_Parse(text);
+    T_EQ_S(cJSON_GetStringValue(cJSON_GetObjectItem(o, "basis")), "box");
+    T_NEAR(cJSON_GetNumberValue(cJSON_GetArrayItem(cJSON_GetObjectItem(o, "spacing"), 0)), 1.0 / N,
+           1e-12);
+    T_EQ_I(cJSON_GetNumberValue(cJSON_GetObjectItem(o, "frame")), 1);
+    cJSON_Delete(o);
+    free(text);
+}
+
+static void trilinear_and_other_solvers(void)
+{
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out tri --basis trilinear --last 0 --quiet"),
+           0);
+    T_LE(volume_error("tri/000000.npy", 0, REC_TRILINEAR), 0.25);
+    T_OK(access(at("tri/000001.npy"), F_OK) != 0); /* --last */
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out mlem --solver mlem --iterations 20 --last 0 --quiet"),
+           0);
+    T_LE(volume_error("mlem/000000.npy", 0, REC_BOX), 0.35);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out cgls --solver cgls-paper --stop lcurve --last 0 --quiet"),
+           0);
+    T_LE(volume_error("cgls/000000.npy", 0, REC_BOX), 0.5);
+    /* without the hull it is worse: that is what the hull is for */
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out full --no-hull --solver mlem --iterations 20 --last 0 --quiet"),
+           0);
+    T_LE(volume_error("mlem/000000.npy", 0, REC_BOX), volume_error("full/000000.npy", 0, REC_BOX));
+}
+
+static void unseen_view(void)
+{
+    float *img, *want = malloc(W * H * 3 * sizeof *want);
+    size_t shape[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 vol/000001.npy view.npy"), 0);
+    T_EQ_I(cap_npy_load(at("view.npy"), &img, shape, &ndim, &d), PVX_OK);
+    T_EQ_I(ndim, 3);
+    T_EQ_I(shape[0] * 1000000 + shape[1] * 1000 + shape[2], H * 1000000 + W * 1000 + 3);
+    image_of(8, 1, want);
+    T_LE(rec_mean_abs_255(img, want, W * H * 3), 1.0);
+    free(img);
+    free(want);
+    struct cap_loaded l;
+    T_EQ_I(pyrovox("render --strip 0,120,3 --size 60x80 vol/000001.npy strip.png"), 0);
+    T_EQ_I(cap_image_load(at("strip.png"), &l, &d), PVX_OK);
+    T_EQ_I(l.img.width * 1000 + l.img.height, 180 * 1000 + 80);
+    uint8_t most = 0;
+    for (size_t i = 0; i < l.img.size; i++)
+        most = ((const uint8_t *)l.img.data)[i] > most ? ((const uint8_t *)l.img.data)[i] : most;
+    T_LE(250, most); /* exposed for looking at */
+    cap_loaded_free(&l);
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera camX vol/000001.npy x.npy"), 1);
+    char *err = slurp("err");
+    T_CONTAINS(err, "no camera 'camX'");
+    free(err);
+    T_EQ_I(pyrovox("render vol/000001.npy x.npy"), 2);
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 view.npy x.npy"), 0); /* [h][w][3]: grey cube */
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 take x.npy"), 1);
+}
+
+/* 8-bit files: one missing, one of the wrong size, one not an image; the rest goes on. */
+static void bad_and_missing_frames(void)
+{
+    struct pvx_diag d = {""};
+    record("png", "png");
+    T_EQ_I(unlink(at("png/cam3/000001.png")), 0);
+    float small[8 * 6 * 3] = {0};
+    T_EQ_I(cap_image_save(at("png/cam4/000002.png"), small, 8, 6, 3, 1, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("png/cam5/000002.png"), "hello", 5, &d), PVX_OK);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png " EIGHT
+                   " --out vol8 --save-report r8.json"),
+           1);
+    char *err = slurp("err");
+    T_CONTAINS(err, "frame 000001: solved from 7 of 8 cameras, without cam3");
+    T_CONTAINS(err, "png/cam4/000002.png: is 8x6, but the rig says camera cam4 takes 160x120");
+    T_CONTAINS(err, "png/cam5/000002.png");
+    T_CONTAINS(err, "frame 000002: solved from 6 of 8");
+    free(err);
+    T_LE(volume_error("vol8/000000.npy", 0, REC_BOX), 0.25);
+    T_LE(volume_error("vol8/000001.npy", 1, REC_BOX), 0.3);
+    T_LE(volume_error("vol8/000002.npy", 2, REC_BOX), 0.4);
+    char *text = slurp("r8.json");
+    cJSON *o = cJSON_Parse(text), *f = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "frames"), 2);
+    T_CONTAINS(cJSON_GetStringValue(cJSON_GetObjectItem(f, "problem")), "cam4/000002.png");
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(f, "cameras_missing")), 2);
+    cJSON_Delete(o);
+    free(text);
+}
+
+static void wrong_use(void)
+{
+    static const struct {
+        const char *args, *says;
+        int rc;
+    } cases[] = {
+        {"reconstruct --rig rig.yaml --out x", "--frames", 2},
+        {"reconstruct --rig nope.yaml --frames take --out x", "nope.yaml", 1},
+        {"reconstruct --rig rig.yaml --frames nowhere --out x", "no frames", 1},
+        {"reconstruct --rig rig.yaml --frames take --cameras cam0,camZ --out x", "camZ", 1},
+        {"reconstruct --rig rig.yaml --frames take --out x --grid 0", "--grid", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --solver magic", "magic", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --binning 7", "binning", 1},
+        {"reconstruct --rig rig.yaml --frames take --out x --first 5", "no frames", 1},
+        {"reconstruct --rig rig.yaml --frames take --out rig.yaml", "rig.yaml", 1},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        int rc = pyrovox(cases[i].args);
+        char *err = slurp("err");
+        T_CHECK_(rc == cases[i].rc, "%s: exit %d, want %d", cases[i].args, rc, cases[i].rc);
+        T_CONTAINS(err, cases[i].says);
+        free(err);
+    }
+}
+
+static void grey_and_background(void)
+{
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out grey --grey --last 0 --quiet"),
+           0);
+    float *v;
+    size_t shape[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_npy_load(at("grey/000000.npy"), &v, shape, &ndim, &d), PVX_OK);
+    T_EQ_I(ndim * 10 + (int)shape[3], 41);
+    free(v);
+    /* a lamp in every picture: subtracted, the flame is as good as without it */
+    float *img = malloc(W * H * 3 * sizeof *img);
+    T_EQ_I(pvx_mkdirs(at("bg"), &d), PVX_OK);
+    for (int c = 0; c < CAMERAS - 1; c++) {
+        struct cap_loaded l;
+        T_EQ_I(cap_image_load(at("take/cam%d/000000.npy", c), &l, &d), PVX_OK);
+        memcpy(img, l.img.data, W * H * 3 * sizeof *img);
+        cap_loaded_free(&l);
+        for (int i = 0; i < W * H * 3; i++)
+            img[i] += 0.3f;
+        T_EQ_I(pvx_mkdirs(at("lamp/cam%d", c), &d), PVX_OK);
+        T_EQ_I(cap_image_save(at("lamp/cam%d/000000.npy", c), img, W, H, 3, 1, &d), PVX_OK);
+        for (int i = 0; i < W * H * 3; i++)
+            img[i] = 0.3f;
+        T_EQ_I(cap_image_save(at("bg/cam%d.npy", c), img, W, H, 3, 1, &d), PVX_OK);
+    }
+    free(img);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames lamp " EIGHT
+                   " --out dark --background bg --quiet"),
+           0);
+    T_LE(volume_error("dark/000000.npy", 0, REC_BOX), 0.25);
+}
+
+int main(void)
+{
+    char here[200], lib[256], cmd[128], *text;
+    size_t len;
+    struct pvx_diag d = {""};
+    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
+        return 1;
+    snprintf(exe, sizeof exe, "%s/../../bin", here);
+    snprintf(lib, sizeof lib, "%s/../../lib", here);
+    setenv("PYROVOX_LIBDIR", lib, 1);
+    snprintf(dir, sizeof dir, "/tmp/pvx-cli-%ld", (long)getpid());
+    if (mkdir(dir, 0700) != 0 || rec_rig_ring(CAMERAS, 2.2, W, H, N, &rig) != PVX_OK ||
+        rec_rig_format(&rig, &text, &len) != PVX_OK ||
+        pvx_file_write(at("rig.yaml"), text, len, &d) != PVX_OK)
+        return 1;
+    free(text);
+    rec_flame_init(&flame, &rig.grid, 5);
+    record("take", "npy");
+    T_RUN(flame_comes_back);
+    T_RUN(trilinear_and_other_solvers);
+    T_RUN(unseen_view);
+    T_RUN(bad_and_missing_frames);
+    T_RUN(grey_and_background);
+    T_RUN(wrong_use);
+    rec_rig_fini(&rig);
+    snprintf(cmd, sizeof cmd, "rm -r %s", dir);
+    if (system(cmd) != 0)
+        return 1;
+    return t_done();
+}

@@ -1,0 +1,112 @@
+/* test_render.c - views of volumes with known answers. */
+#include "../t.h"
+
+#include "recon/flame.h"
+#include "recon/metrics.h"
+#include "recon/render.h"
+#include "recon/rig.h"
+
+/* A box full of ones: every ray sees its chord. */
+static void full_box_gives_chords(void)
+{
+    struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {12, 9, 7}, REC_BOX};
+    float *v = malloc(rec_grid_count(&g) * sizeof *v), img[40 * 30];
+    for (size_t i = 0; i < rec_grid_count(&g); i++)
+        v[i] = 1;
+    struct rec_camera c;
+    rec_orbit_camera(&g, 0, 0, 40, 30, &c);
+    T_EQ_I(rec_render(&g, v, 1, &c, 1, NULL, img), PVX_OK);
+    /* the middle of an even image lies between pixels; all four see almost the whole depth */
+    T_NEAR(img[15 * 40 + 20], 1, 2e-3);
+    T_NEAR(img[0], 0, 0); /* corners of the image miss */
+    double o[3], d[3];
+    T_OK(rec_camera_ray(&c, 20, 15, o, d));
+    T_NEAR(img[15 * 40 + 20], 1 / fabs(d[0]), 1e-6);
+    free(v);
+}
+
+/* The turntable camera sees x to the right when it stands at -y, z up, and frames every corner. */
+static void orbit_camera_frames_the_box(void)
+{
+    struct rec_grid g = {{1, 2, 3}, {2, 4, 6}, {4, 4, 4}, REC_BOX};
+    double tight = 1e9;
+    for (int deg = 0; deg < 360; deg += 15)
+        for (int el = -40; el <= 40; el += 40) {
+            struct rec_camera c;
+            rec_orbit_camera(&g, deg * 0.017453292519943295, el * 0.017453292519943295, 120, 200, &c);
+            for (int k = 0; k < 8; k++) {
+                double X[3], uv[2];
+                for (int a = 0; a < 3; a++)
+                    X[a] = k >> a & 1 ? g.max[a] : g.min[a];
+                T_OK(rec_camera_project(&c, X, uv));
+                T_OK(uv[0] > -0.5 && uv[0] < 119.5 && uv[1] > -0.5 && uv[1] < 199.5);
+                tight = fmin(tight, fmin(uv[1] + 0.5, uv[0] + 0.5));
+            }
+        }
+    T_LE(tight, 5); /* and the box does fill the image */
+    struct rec_camera c;
+    double uv0[2], uv1[2], uv2[2];
+    rec_orbit_camera(&g, -1.5707963267948966, 0, 100, 100, &c);
+    T_OK(rec_camera_project(&c, (double[3]){1.5, 3, 4.5}, uv0));
+    T_OK(rec_camera_project(&c, (double[3]){1.6, 3, 4.5}, uv1));
+    T_OK(rec_camera_project(&c, (double[3]){1.5, 3, 4.6}, uv2));
+    T_NEAR(uv0[0], 49.5, 1e-9);
+    T_NEAR(uv0[1], 49.5, 1e-9);
+    T_OK(uv1[0] > uv0[0] + 1 && fabs(uv1[1] - uv0[1]) < 1e-9);
+    T_OK(uv2[1] < uv0[1] - 1);
+}
+
+/* A fine grid of the flame's own voxel values looks like the flame itself, in both bases. */
+static void flame_on_a_grid_looks_like_the_flame(void)
+{
+    struct rec_rig rig;
+    T_EQ_I(rec_rig_ring(3, 2.2, 80, 60, 64, &rig), PVX_OK);
+    struct rec_flame f;
+    struct rec_flame_pose p;
+    rec_flame_init(&f, &rig.grid, 2);
+    rec_flame_at(&f, 0.4, &p);
+    float *v = malloc(rec_grid_count(&rig.grid) * 3 * sizeof *v);
+    float *a = malloc(80 * 60 * 3 * sizeof *a), *b = malloc(80 * 60 * 3 * sizeof *b);
+    for (int basis = 0; basis < 2; basis++) {
+        rig.grid.basis = basis == 0 ? REC_BOX : REC_TRILINEAR;
+        rec_flame_voxels(&p, &rig.grid, 0, 64, v);
+        T_EQ_I(rec_render(&rig.grid, v, 3, &rig.cameras[1], 2, NULL, a), PVX_OK);
+        rec_flame_render(&p, &rig.cameras[1], 2, 0, 60, b);
+        T_LE(rec_rel_l2(a, b, 80 * 60 * 3), 0.03);
+    }
+    free(v);
+    free(a);
+    free(b);
+    rec_rig_fini(&rig);
+}
+
+static void threads_give_the_same_bits(void)
+{
+    struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {16, 16, 16}, REC_TRILINEAR};
+    float *v = malloc(rec_grid_count(&g) * 3 * sizeof *v);
+    for (size_t i = 0; i < rec_grid_count(&g) * 3; i++)
+        v[i] = (float)t_uniform(0, 1);
+    struct rec_camera c;
+    rec_orbit_camera(&g, 1, 0.3, 50, 41, &c);
+    float *a = malloc(50 * 41 * 3 * sizeof *a), *b = malloc(50 * 41 * 3 * sizeof *b);
+    T_EQ_I(rec_render(&g, v, 3, &c, 2, NULL, a), PVX_OK);
+    pvx_pool *pool;
+    T_EQ_I(pvx_pool_new(3, "t", &pool), PVX_OK);
+    T_EQ_I(rec_render(&g, v, 3, &c, 2, pool, b), PVX_OK);
+    pvx_pool_free(&pool);
+    T_EQ_I(memcmp(a, b, 50 * 41 * 3 * sizeof *a), 0);
+    T_EQ_I(rec_render(&g, v, 3, &c, 0, NULL, a), PVX_EINVAL);
+    T_EQ_I(rec_render(&g, v, 4, &c, 1, NULL, a), PVX_EINVAL);
+    free(v);
+    free(a);
+    free(b);
+}
+
+int main(void)
+{
+    T_RUN(full_box_gives_chords);
+    T_RUN(orbit_camera_frames_the_box);
+    T_RUN(flame_on_a_grid_looks_like_the_flame);
+    T_RUN(threads_give_the_same_bits);
+    return t_done();
+}
