@@ -1,0 +1,59 @@
+/* Any bytes as a rig.yaml: refused with a message, or a rig that is sound and reads back the same. */
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "recon/rig.h"
+#include "recon/sysmat.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+#define MUST(cond)                                                                                 \
+    do {                                                                                           \
+        if (!(cond)) {                                                                             \
+            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #cond);                             \
+            abort();                                                                               \
+        }                                                                                          \
+    } while (0)
+
+static void use(const struct rec_rig *r)
+{
+    for (size_t i = 0; i < r->n_cameras; i++) {
+        const struct rec_camera *c = &r->cameras[i];
+        double o[3], d[3], uv[2], X[3];
+        for (int q = 0; q < 4; q++)
+            if (rec_camera_ray(c, q & 1 ? c->width : -0.5, q & 2 ? c->height : -0.5, o, d)) {
+                MUST(isfinite(d[0]) && isfinite(d[1]) && isfinite(d[2]));
+                for (int a = 0; a < 3; a++)
+                    X[a] = o[a] + d[a];
+                if (rec_camera_project(c, X, uv))
+                    MUST(isfinite(uv[0]) && isfinite(uv[1]));
+            }
+    }
+    struct rec_sysmat_params p;
+    MUST(rec_sysmat_resolve(r, &rec_sysmat_defaults, &p, NULL) == PVX_OK);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    struct rec_rig r, again;
+    struct pvx_diag d = {""};
+    pvx_err e = rec_rig_parse((const char *)data, size, "rig.yaml", &r, &d);
+    if (e != PVX_OK) {
+        MUST(d.text[0] != '\0' && strchr(d.text, '\n') == NULL);
+        MUST(r.cameras == NULL);
+        return 0;
+    }
+    use(&r);
+    char *text;
+    size_t len;
+    MUST(rec_rig_format(&r, &text, &len) == PVX_OK);
+    MUST(rec_rig_parse(text, len, "again", &again, &d) == PVX_OK);
+    MUST(rec_rig_hash(&r) == rec_rig_hash(&again));
+    free(text);
+    rec_rig_fini(&again);
+    rec_rig_fini(&r);
+    return 0;
+}
