@@ -39,8 +39,8 @@ struct files {
     char *name, *camera_name;
     struct cap_sequence seq; /* n = 0: a video */
     cap_video *video;
+    int64_t video_frames;     /* 0 = not known */
     struct cap_image pending; /* first frame of the video, read when it was opened; data NULL = none */
-    size_t next;              /* place in the sequence or video */
     uint32_t camera;
     int32_t width, height;
     enum cap_pixfmt fmt;
@@ -87,7 +87,7 @@ static int64_t line_place(int64_t turn, int64_t number)
     if (turn > 0)
         line.fixed = true;
     if (!line.fixed && number > line.last)
-        line.last = number; /* a video that is longer than was known */
+        line.last = number; /* a video whose length is not known */
     if (number >= line.first && number <= line.last)
         place = turn * (line.last - line.first + 1) + number;
     pthread_mutex_unlock(&line.lock);
@@ -130,6 +130,18 @@ static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)
     PVX_TRY(cap_video_open(s->name, &s->video, fps, d));
     pvx_err e = cap_video_next(s->video, &s->pending, d);
     return e == PVX_ECLOSED ? pvx_fail(d, PVX_EFORMAT, "%s: no frame in it", s->name) : e;
+}
+
+/* Length of a video that is to be looped, by reading through it: containers only estimate it, and
+ * turns of different length would shift the cameras against each other. */
+static pvx_err measure_video(struct files *s, struct pvx_diag *d)
+{
+    pvx_err e;
+    double fps;
+    for (s->video_frames = 1; (e = cap_video_next(s->video, &s->pending, d)) == PVX_OK;)
+        s->video_frames++;
+    s->pending.data = NULL;
+    return e == PVX_ECLOSED ? open_video(s, &fps, d) : e;
 }
 
 /* The first image that can be read says what the configuration leaves open. */
@@ -234,7 +246,7 @@ static void unreadable(struct files *s, const char *text)
     s->said_unreadable = true;
 }
 
-/* Load number s->next of the sequence into a buffer; NULL: left out, and counted. */
+/* Load image i of the sequence into a buffer; NULL: left out, and counted. */
 static struct cap_frame *load_image(struct files *s, size_t i)
 {
     const char *path = s->seq.item[i].path;
@@ -364,10 +376,13 @@ static pvx_err set_up(struct files *s, const struct cap_source_config *c, struct
     double fps = 0;
     if (s->name == NULL || s->camera_name == NULL)
         return PVX_ENOMEM;
-    if (is_video(s->name))
+    if (is_video(s->name)) {
         PVX_TRY(open_video(s, &fps, d));
-    else
+        if (c->loop)
+            PVX_TRY(measure_video(s, d));
+    } else {
         PVX_TRY(cap_sequence_find(s->name, &s->seq, d));
+    }
     PVX_TRY(look_at_first(s, d));
     if (c->fps > 0)
         fps = c->fps;
@@ -402,8 +417,10 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
     pvx_err e = set_up(s, c, d);
     cap_source *base = &s->base;
     if (e == PVX_OK) {
-        size_t n = s->seq.n; /* how long a video is shows at its end */
-        line_join(n > 0 ? s->seq.item[0].number : 0, n > 0 ? s->seq.item[n - 1].number : 0);
+        size_t n = s->seq.n;
+        int64_t video_last = s->video_frames > 0 ? s->video_frames - 1 : 0;
+        line_join(n > 0 ? s->seq.item[0].number : 0,
+                  n > 0 ? s->seq.item[n - 1].number : video_last);
         s->joined = true;
     } else {
         files_close(&base);
