@@ -26,7 +26,7 @@
 
 enum {
     OPT_RIG = 0x100, OPT_CAMERAS, OPT_SIZE, OPT_RADIUS, OPT_VOXELS, OPT_ADDRESS, OPT_FORMAT,
-    OPT_FPS, OPT_RING, OPT_SEED, OPT_NOISE, OPT_SUB, OPT_TRIGGER_HZ, OPT_MAX_MEMORY, OPT_WRITE_RIG,
+    OPT_FPS, OPT_RING, OPT_SEED, OPT_BLACK, OPT_NOISE, OPT_SUB, OPT_TRIGGER_HZ, OPT_MAX_MEMORY, OPT_WRITE_RIG,
     OPT_DROP, OPT_LOSS, OPT_DELAY, OPT_SKEW, OPT_DRIFT, /* in the order of simcams_fault_kind */
     OPT_KILL, OPT_FREEZE, OPT_CONTROL, OPT_PRIVATE_NET,
 };
@@ -49,6 +49,7 @@ static const struct argp_option options[] = {
      "images per second of the flame's motion (15); the frame rate itself is the client's to set", 2},
     {"ring", OPT_RING, "N", 0, "images per camera, rendered before and repeated (30)", 2},
     {"seed", OPT_SEED, "N", 0, "another flame (1)", 2},
+    {"black", OPT_BLACK, "PERCENT", 0, "black level, share of full scale (2)", 2},
     {"noise", OPT_NOISE, "PERCENT", 0, "Gaussian noise, share of full scale (0.5)", 2},
     {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (1)", 2},
     {"max-memory", OPT_MAX_MEMORY, "MIB", 0, "refuse to take more for the images (1024)", 2},
@@ -90,7 +91,7 @@ struct args {
     const char *rig, *write_rig, *address;
     int64_t cameras, ring, seed, sub, max_memory, voxels;
     int32_t width, height;
-    double radius, fps, noise, trigger_hz;
+    double radius, fps, black, noise, trigger_hz;
     enum cap_pixfmt fmt;
     bool control, private_net;
     char **command; /* NULL = none */
@@ -172,6 +173,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_MAX_MEMORY: want_int(st, "max-memory", arg, 1, 1 << 24, &a->max_memory); return 0;
     case OPT_RADIUS: want_double(st, "radius", arg, 0.8, 100, &a->radius); return 0;
     case OPT_FPS: want_double(st, "fps", arg, 0.1, 1000, &a->fps); return 0;
+    case OPT_BLACK: want_double(st, "black", arg, 0, 50, &a->black); return 0;
     case OPT_NOISE: want_double(st, "noise", arg, 0, 100, &a->noise); return 0;
     case OPT_TRIGGER_HZ: want_double(st, "trigger-hz", arg, 1, 1000, &a->trigger_hz); return 0;
     case OPT_SIZE: want_size(st, arg, a); return 0;
@@ -234,6 +236,7 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
                                     .n = (size_t)a->ring,
                                     .fps = a->fps,
                                     .seed = (uint32_t)a->seed,
+                                    .black = a->black / 100,
                                     .noise = a->noise / 100,
                                     .sub = (int)a->sub};
     double mib = (double)simcams_ring_bytes(&s->rig, &p) / MIB;
@@ -469,7 +472,7 @@ static int run(int argc, char **argv)
 {
     struct args a = {.address = "127.0.0.2", .cameras = 8, .ring = 30, .seed = 1, .sub = 1,
                      .max_memory = 1024, .voxels = 64, .width = 640, .height = 480, .radius = 2.5,
-                     .fps = 15, .noise = 0.5, .trigger_hz = 500, .fmt = CAP_RGB8};
+                     .fps = 15, .black = 2, .noise = 0.5, .trigger_hz = 500, .fmt = CAP_RGB8};
     const struct argp argp = {
         .options = options, .parser = parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};
     argp_err_exit_status = 2;

@@ -50,23 +50,23 @@ static unsigned char to_byte(float v)
 static void quantise_row(const struct job *j, const float *row, int32_t w, int32_t y,
                          uint32_t noise_at, unsigned char *out)
 {
-    float sigma = (float)j->p->noise;
+    float sigma = (float)j->p->noise, black = (float)j->p->black;
     switch (j->p->fmt) {
     case CAP_RGB8:
         for (int32_t k = 0; k < 3 * w; k++)
-            out[k] = to_byte(row[k] + sigma * j->noise[(noise_at + (uint32_t)k) % NOISE_N]);
+            out[k] = to_byte(black + row[k] + sigma * j->noise[(noise_at + (uint32_t)k) % NOISE_N]);
         break;
     case CAP_BAYER_RG8:
         for (int32_t x = 0; x < w; x++) {
             int ch = (x & 1) + (y & 1); /* R G / G B */
-            out[x] = to_byte(row[3 * x + ch] +
+            out[x] = to_byte(black + row[3 * x + ch] +
                              sigma * j->noise[(noise_at + (uint32_t)x) % NOISE_N]);
         }
         break;
     default:
         for (int32_t x = 0; x < w; x++) {
             float mean = (row[3 * x] + row[3 * x + 1] + row[3 * x + 2]) / 3;
-            out[x] = to_byte(mean + sigma * j->noise[(noise_at + (uint32_t)x) % NOISE_N]);
+            out[x] = to_byte(black + mean + sigma * j->noise[(noise_at + (uint32_t)x) % NOISE_N]);
         }
     }
 }

@@ -1,9 +1,10 @@
 /* simcams_ring.h - the images that simulated cameras serve: the analytic flame as each camera of a
  * rig sees it, rendered once for every instant i/fps of one period n/fps, then served for ever.
  *
- *     pixel = round(255 (L + noise sigma)), clipped to 0..255                             (1)
- * L from rec_flame_render; Mono8: mean of the three channels; BayerRG8: each pixel its own colour.
- * All is a function of rig, n, fps, seed, noise: whoever knows these knows the truth.  Image i shows
+ *     pixel = round(255 (black + L + noise sigma)), clipped to 0..255                     (1)
+ * black: the pedestal that real cameras have, so that noise is not clipped at 0 (a clipped background
+ * has a positive mean, which reconstructs as haze).  L from rec_flame_render; Mono8: mean of the three channels; BayerRG8: each pixel its own colour.
+ * All is a function of rig, n, fps, seed, black, noise: whoever knows these knows the truth.  Image i shows
  * rec_flame_at(f, i/fps) of simcams_flame(). */
 #ifndef SIMCAMS_RING_H
 #define SIMCAMS_RING_H
@@ -17,6 +18,7 @@ struct simcams_ring_params {
     size_t n;            /* images per camera */
     double fps;
     uint32_t seed;
+    double black; /* pedestal, share of full scale */
     double noise; /* standard deviation, share of full scale */
     int sub;      /* sub x sub rays per pixel */
 };
