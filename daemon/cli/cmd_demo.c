@@ -40,7 +40,7 @@ struct args {
 
 struct demo {
     struct args a;
-    char dir[64];              /* run folder */
+    char dir[80];              /* run folder; ipc socket names in it must fit into 107 bytes */
     char bin[PATH_MAX];        /* where the programs are */
     char log[128], volumes[128], control[128];
     long long ring;            /* pictures per camera */
@@ -168,10 +168,16 @@ static pvx_err write_config(struct demo *m, struct pvx_diag *d)
 
 static pvx_err make_folder(struct demo *m, struct pvx_diag *d)
 {
-    snprintf(m->dir, sizeof m->dir, "/tmp/pyrovox-demo-XXXXXX");
+    const char *tmp = getenv("TMPDIR");
+    if (tmp == NULL || tmp[0] == '\0')
+        tmp = "/tmp";
+    if (snprintf(m->dir, sizeof m->dir, "%s/pyrovox-demo-XXXXXX", tmp) >= (int)sizeof m->dir) {
+        m->dir[0] = '\0';
+        return pvx_fail(d, PVX_EINVAL, "TMPDIR=%s: too long a name for sockets in it", tmp);
+    }
     if (mkdtemp(m->dir) == NULL) {
         m->dir[0] = '\0';
-        return pvx_fail(d, pvx_err_from_errno(errno), "/tmp: no folder to be made: %s",
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: no folder to be made: %s", tmp,
                         strerror(errno));
     }
     snprintf(m->log, sizeof m->log, "%s/log", m->dir);

@@ -1,0 +1,38 @@
+#!/bin/bash
+# What is wrong with configuration, rig, sources and endpoints is said with its place, and exit 1.
+name=041
+. "$(dirname "$0")/lib.sh"
+refused() { # text that must be in the message; configuration on standard input
+    local text=$1 got
+    cat > "$dir/bad.yaml"
+    timeout 30 "$pyrovoxd" --config "$dir/bad.yaml" ${2:+$2} > "$dir/out" 2>&1
+    got=$?
+    [ $got = 1 ] && grep -qF -- "$text" "$dir/out" || { echo "  exit $got: $(cat "$dir/out")"; return 1; }
+}
+rig=$PWD/tests/data/rig4.yaml
+check no-file bash -c "! '$pyrovoxd' --config '$dir/none.yaml' 2>'$dir/out' && grep -q none.yaml '$dir/out'"
+check unknown-key refused "bad.yaml:2: fsp: unknown key" <<< $'rig: x\nfsp: 20'
+check wrong-value refused "bad.yaml:1: fps: 'x' is not a finite number" <<< 'fps: x'
+check duplicate-key refused "given twice" <<< $'fps: 20\nfps: 20'
+check not-yaml refused "not valid YAML" <<< 'rig: ['
+check no-rig refused "rig: not given" <<< 'cameras: "sim:"'
+check no-cameras refused "cameras: none given" <<< "rig: $rig"
+check rig-missing refused "nowhere.yaml" <<< $'rig: nowhere.yaml\ncameras: "sim:"'
+check unknown-camera refused "cameras.cam9" <<< "{rig: $rig, cameras: {cam9: \"sim:\"}}"
+check unknown-source refused "cam0" <<< "{rig: $rig, cameras: \"magic:1\"}"
+check unknown-source-in-check refused "magic:1" --check-config <<< "{rig: $rig, cameras: \"magic:1\"}"
+sed 's/  - name: cam1/  - nome: cam1/' "$rig" > "$dir/rig.yaml"
+check broken-rig refused "rig.yaml:$(grep -n nome "$dir/rig.yaml" | cut -d: -f1)" <<< "{rig: rig.yaml, cameras: \"sim:\"}"
+check bad-endpoint refused "not an endpoint" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"nonsense\"]}}"
+check wrong-usage bash -c "'$pyrovoxd' --nonsense 2>/dev/null; [ \$? = 2 ]"
+check good-file bash -c "'$pyrovoxd' --config daemon/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
+
+if "$py" -c 'import zmq' 2>/dev/null; then
+    start port.log timeout 60 "$py" -c 'import sys, time, zmq
+s = zmq.Context().socket(zmq.PUB); print(s.bind_to_random_port("tcp://127.0.0.1"), flush=True); time.sleep(50)'
+    wait_for 10 test -s "$dir/port.log"
+    check port-in-use refused "in use" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"tcp://127.0.0.1:$(cat "$dir/port.log")\"]}}"
+else
+    echo "SKIP $name:port-in-use (no python3-zmq)"
+fi
+exit $rc

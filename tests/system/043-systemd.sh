@@ -1,0 +1,46 @@
+#!/bin/bash
+# What `make install` puts where, that systemd accepts the unit, and that nothing stays after uninstall.
+name=043
+. "$(dirname "$0")/lib.sh"
+check install systemd/install.sh "$b" "$dir/root" /usr
+check programs test -x "$dir/root/usr/bin/pyrovoxd" -a -x "$dir/root/usr/bin/pyrovox"
+check manuals test -f "$dir/root/usr/share/man/man8/pyrovoxd.8" -a -f "$dir/root/usr/share/man/man5/pyrovoxd.yaml.5"
+check unit-is-filled-in grep -q '^ExecStart=/usr/bin/pyrovoxd ' "$dir/root/usr/lib/systemd/system/pyrovoxd.service"
+if command -v systemd-analyze > /dev/null; then
+    # verify looks for the programs on this machine: point it at the ones just built
+    sed "s|/usr/bin/pyrovoxd|$pyrovoxd|" "$dir/root/usr/lib/systemd/system/pyrovoxd.service" > "$dir/pyrovoxd.service"
+    verify() {
+        local out
+        out=$(SYSTEMD_LOG_LEVEL=warning systemd-analyze verify --man=no "$dir/pyrovoxd.service" 2>&1)
+        local code=$?
+        case $out in *"Failed to"*"bus"*|*"not been booted"*) return 77;; esac
+        [ $code = 0 ] && ! grep -q 'pyrovoxd.service' <<< "$out" || { echo "$out"; return 1; }
+    }
+    verify; got=$?
+    if [ $got = 77 ]; then echo "SKIP $name:unit-is-valid (systemd-analyze does not work here)"
+    else check unit-is-valid [ $got = 0 ]; fi
+else
+    echo "SKIP $name:unit-is-valid (no systemd-analyze)"
+fi
+check uninstall systemd/install.sh --remove "$dir/root" /usr
+check nothing-stays [ -z "$(find "$dir/root" -type f)" ]
+
+# the protocol of Type=notify, with a socket of our own
+notified() {
+    timeout 60 "$py" - "$pyrovoxd" "$dir/a.yaml" "$dir/notify" <<'PY'
+import os, socket, subprocess, sys, time
+s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); s.settimeout(20)
+env = dict(os.environ, NOTIFY_SOCKET=sys.argv[3], WATCHDOG_USEC="1000000")
+p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], env=env, stderr=subprocess.DEVNULL)
+seen, end = "", time.time() + 20
+while time.time() < end and not ("READY=1" in seen and "WATCHDOG=1" in seen):
+    seen += s.recv(4096).decode() + "\n"
+p.terminate(); code = p.wait(20)
+while "STOPPING=1" not in seen:
+    seen += s.recv(4096).decode() + "\n"
+assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "STATUS=" in seen, seen
+PY
+}
+config a.yaml <<< $'cameras: "sim:"\nfps: 20'
+check ready-watchdog-stopping notified
+exit $rc

@@ -1,0 +1,55 @@
+# lib.sh - shared by the daemon's system tests: a scratch folder, a daemon in it, waiting with a limit.
+# Sourced; the test sets `name` before.  Everything started here is ended by its id on exit.
+set -u
+cd "$(dirname "${BASH_SOURCE[0]}")/../.."
+b=${PYROVOX_BUILD:-$PWD/build}
+pyrovox=$b/bin/pyrovox pyrovoxd=$b/bin/pyrovoxd
+py=/usr/bin/python3; [ -x "$py" ] || py=python3
+dir=$(mktemp -d /tmp/pyrovox-test-XXXXXX)
+export PYROVOX_CACHE=$dir/cache PYTHONDONTWRITEBYTECODE=1
+control=ipc://$dir/control volumes=ipc://$dir/volumes
+pids=() rc=0
+
+finish() {
+    for p in "${pids[@]:+${pids[@]}}"; do kill "$p" 2>/dev/null; done
+    for p in "${pids[@]:+${pids[@]}}"; do wait "$p" 2>/dev/null; done
+    [ $rc = 0 ] || for l in "$dir"/*.log; do [ -f "$l" ] && { echo "--- ${l##*/}"; tail -n 25 "$l"; }; done
+    rm -rf "$dir"
+}
+trap finish EXIT
+trap 'exit 1' INT TERM
+
+check() { # what, command...
+    local what=$1; shift
+    if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi
+}
+wait_for() { # seconds, command...: until it succeeds
+    local end=$((SECONDS + $1)); shift
+    until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
+}
+config() { # file, then lines on standard input
+    { echo "rig: $PWD/tests/data/rig4.yaml"
+      echo "publish: {endpoints: [\"$volumes\"], sample: f32}"
+      echo "control: {endpoint: \"$control\"}"
+      cat; } > "$dir/$1"
+}
+start() { # log, command...: in the background; its id is $started
+    local log=$1; shift
+    "$@" > "$dir/$log" 2>&1 &
+    started=$!
+    pids+=("$started")
+}
+status() { "$pyrovox" status --endpoint "$control" --json 2>/dev/null; }
+field() { # expression on the status s
+    status | "$py" -c 'import json, sys
+try: s = json.load(sys.stdin)
+except ValueError: sys.exit(1)
+try: sys.exit(0 if eval(sys.argv[1]) else 1)
+except (KeyError, IndexError): sys.exit(1)' "$1"
+}
+published() { field "s['sets']['published'] >= $1"; }
+ended() { # id, expected exit code
+    wait "$1"; local got=$?
+    [ $got = "$2" ] || { echo "  exit $got, want $2"; return 1; }
+}
+gone() { ! kill -0 "$1" 2>/dev/null; }
