@@ -119,6 +119,7 @@ static void block_signals(sigset_t *set)
     sigaddset(set, SIGTERM);
     pthread_sigmask(SIG_BLOCK, set, NULL);
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGINT, SIG_DFL); /* a shell's background job starts with it ignored, and then it is lost */
 }
 
 static int wait_signal(const sigset_t *set, int64_t ns)

@@ -23,6 +23,7 @@
 #define STATUS_EVERY_NS PVX_NS_PER_S
 
 enum { CARVE, SOLVE, PUBLISH }; /* indices of the stages */
+static const char *const stage_names[DMN_N_STAGES] = {"carve", "solve", "publish"};
 
 /* One frame set on its way; who holds the pointer owns it. */
 struct slot {
@@ -517,11 +518,11 @@ pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
 {
     p->t_start_ns = p->rate_t_ns = pvx_now_mono();
     PVX_TRY(cap_capture_start(p->capture, d));
-    pvx_err e = dmn_stage_start(&p->stage[PUBLISH], "publish", publish, p);
+    pvx_err e = dmn_stage_start(&p->stage[PUBLISH], stage_names[PUBLISH], publish, p);
     if (e == PVX_OK)
-        e = dmn_stage_start(&p->stage[SOLVE], "solve", solve, p);
+        e = dmn_stage_start(&p->stage[SOLVE], stage_names[SOLVE], solve, p);
     if (e == PVX_OK)
-        e = dmn_stage_start(&p->stage[CARVE], "carve", carve, p);
+        e = dmn_stage_start(&p->stage[CARVE], stage_names[CARVE], carve, p);
     return e == PVX_OK ? e : pvx_fail(d, e, "no thread to be had for a stage of the pipeline");
 }
 
@@ -577,11 +578,13 @@ static void stage_state(dmn_pipeline *p, int i, struct dmn_stage_state *out)
 {
     struct dmn_stage *s = &p->stage[i];
     pvx_queue *in = i == SOLVE ? p->to_solve : i == PUBLISH ? p->to_publish : NULL;
-    snprintf(out->name, sizeof out->name, "%s", s->name);
-    out->items = s->busy.count;
-    out->mean_ms = out->items == 0 ? 0 : to_ms(s->busy.sum_ns) / (double)out->items;
+    snprintf(out->name, sizeof out->name, "%s", stage_names[i]);
+    /* the stage goes on counting meanwhile: each number is whole, the lot may be one item apart */
+    out->items = __atomic_load_n(&s->busy.count, __ATOMIC_RELAXED);
+    int64_t sum = __atomic_load_n(&s->busy.sum_ns, __ATOMIC_RELAXED);
+    out->mean_ms = out->items == 0 ? 0 : to_ms(sum) / (double)out->items;
     out->p99_ms = to_ms(pvx_hist_quantile(&s->busy, 0.99));
-    out->max_ms = to_ms(s->busy.max_ns);
+    out->max_ms = to_ms(__atomic_load_n(&s->busy.max_ns, __ATOMIC_RELAXED));
     out->beat_age_s = (double)(pvx_now_mono() - atomic_load(&s->beat_ns)) * 1e-9;
     out->queued = in == NULL ? 0 : pvx_queue_length(in);
 }
