@@ -1,0 +1,128 @@
+/* bench_offline.c - from raw 8-bit pixels to volumes: sets per second, and each stage against the time
+ * that moving its bytes would take at the bandwidth measured here. */
+#include "bench.h"
+
+#include "capture/pixfmt.h"
+
+struct input { uint8_t *px[REC_MAX_CAMERAS]; };
+
+struct bin_job {
+    const struct scene *s;
+    const struct input *in;
+    rec_frame *f;
+    int binning;
+};
+
+static void bin_camera(void *ctx, size_t c)
+{
+    const struct bin_job *j = ctx;
+    const struct rec_camera *cam = &j->s->rig.cameras[c];
+    struct cap_image img = {j->in->px[c], (size_t)cam->width * (size_t)cam->height * 3, cam->width,
+                            cam->height, (ptrdiff_t)cam->width * 3, CAP_RGB8};
+    CHECK(cap_bin(&img, j->binning, 3, 0, cam->height / j->binning, rec_frame_input(j->f, c)));
+}
+
+/* Raw 8-bit images with noise of 1 % of the peak. */
+static void make_input(const struct scene *s, struct input *in)
+{
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        size_t n = (size_t)s->rig.cameras[c].width * (size_t)s->rig.cameras[c].height * 3;
+        in->px[c] = malloc(n);
+        for (size_t i = 0; i < n; i++) {
+            double v = 255 * (s->image[c][i] + 0.01 * s->peak * bench_normal());
+            in->px[c][i] = (uint8_t)(v < 0 ? 0 : v > 255 ? 255 : v + 0.5);
+        }
+    }
+}
+
+static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, unsigned threads)
+{
+    pvx_pool *pool;
+    struct scene s;
+    struct input in;
+    rec_sysmat *S;
+    rec_frame *f;
+    CHECK(pvx_pool_new(threads, "bench", &pool));
+    scene_flame(&s, 8, w, h, voxels, REC_BOX, 0.3, pool);
+    make_input(&s, &in);
+    int64_t t0 = pvx_now_mono();
+    CHECK(rec_sysmat_build(&s.rig, &rec_sysmat_defaults, pool, NULL, NULL, &S, NULL));
+    double build_s = (double)(pvx_now_mono() - t0) * 1e-9;
+    CHECK(rec_frame_new(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
+
+    int64_t bin = 0, photo = 0, hull = 0, restricted = 0, solve = 0;
+    int sets = 0;
+    struct rec_frame_report r = {0};
+    int64_t start = pvx_now_mono();
+    for (; sets < 200 && (sets < 5 || pvx_now_mono() - start < 3 * PVX_NS_PER_S); sets++) {
+        rec_frame_reset(f);
+        int64_t t = pvx_now_mono();
+        struct bin_job j = {&s, &in, f, S->binning};
+        pvx_pool_run(pool, 8, bin_camera, &j);
+        for (size_t c = 0; c < 8; c++)
+            rec_frame_present(f, c, true);
+        bin += pvx_now_mono() - t;
+        rec_frame_carve(f);
+        CHECK(rec_frame_solve(f, 0, NULL));
+        r = *rec_frame_get_report(f);
+        photo += r.photo_ns;
+        hull += r.hull_ns;
+        restricted += r.restrict_ns;
+        solve += r.solve_ns;
+    }
+    double rate = sets / ((double)(pvx_now_mono() - start) * 1e-9);
+
+    /* bytes that each stage must move at least once */
+    size_t N = rec_grid_count(&S->grid), bins = 0;
+    for (size_t c = 0; c < 8; c++)
+        bins += (size_t)S->block[c].bw * (size_t)S->block[c].bh;
+    double raw = 8.0 * w * h * 3;
+    double vectors = (double)r.active_voxels * 16 * 4 + (double)bins * 16 * 2;
+    double bytes[] = {raw + (double)bins * 16, (double)bins * (16 + 16 + 4 + 1),
+                      8.0 * (double)N * sizeof(struct rec_rect) + (double)bins * 5,
+                      (double)r.active_voxels * 8 * 12 + (double)r.entries * 4,
+                      r.solve.iterations * (2.0 * (double)r.entries * 8 + vectors)};
+    int64_t ns[] = {bin, photo, hull, restricted, solve};
+    static const char *const stage[] = {"unpack+bin", "photometry", "hull", "restrict", "solve"};
+    double bw = bench_bandwidth((size_t)((double)r.entries * 8 + vectors), pool);
+    printf("\n%d^3 from 8 x %dx%d RGB8, binning %d, %u thread%s: %.1f sets/s (target %.0f), matrix "
+           "%.0f MB in %.1f s\n", voxels, w, h, S->binning, threads, threads > 1 ? "s" : "", rate,
+           want, (double)S->nnz * 8e-6, build_s);
+    printf("  %lld voxels, %lld rays, %.2f M entries, %u iterations (%s); bandwidth of that working "
+           "set %.1f GB/s\n", (long long)r.active_voxels, (long long)r.active_rays,
+           (double)r.entries * 1e-6, r.solve.iterations, rec_status_name(r.solve.status), bw * 1e-9);
+    for (int i = 0; i < 5; i++) {
+        double t = ms(ns[i]) / sets, bound = bytes[i] / bw * 1e3;
+        printf("  %-12s %8.3f ms   bound %7.3f ms   ratio %5.1f\n", stage[i], t, bound, t / bound);
+        fprintf(csv, "%d,%d,%d,%u,%s,%.4f,%.4f,%.2f\n", voxels, w, h, threads, stage[i], t, bound,
+                rate);
+    }
+    struct rec_sparse v;
+    float *dense = bench_floats(N * 3);
+    rec_frame_volume(f, &v);
+    rec_sparse_to_dense(&v, dense);
+    struct quality q = judge(&s, dense, pool);
+    printf("  volume error %.3f, unseen view %.2f of 255, PSNR %.1f dB, SSIM %.3f\n", q.volume,
+           q.view, q.psnr, q.ssim);
+    free(dense);
+    for (size_t c = 0; c < 8; c++)
+        free(in.px[c]);
+    rec_frame_free(&f);
+    rec_sysmat_free(&S);
+    scene_fini(&s);
+    pvx_pool_free(&pool);
+}
+
+int main(int argc, char **argv)
+{
+    FILE *csv = bench_csv(argc, argv, "offline");
+    fprintf(csv, "voxels,width,height,threads,stage,ms,bound_ms,sets_per_s\n");
+    printf("offline: raw pixels to volume, one set after the other\n");
+    run(csv, 64, 160, 120, 60, 1);
+    run(csv, 64, 160, 120, 60, 2);
+    run(csv, 64, 640, 480, 15, 2);
+    run(csv, 128, 320, 240, 8, 1);
+    run(csv, 128, 320, 240, 8, 2);
+    fclose(csv);
+    return 0;
+}
