@@ -23,6 +23,7 @@ PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib
   libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux
+PACKAGES_BENCH := python3-matplotlib
 
 PKGS := aravis-0.8 libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
@@ -93,6 +94,7 @@ test-sanitize: setup-test ## the unit, check, sim and fuzz-corpus tests under AS
 tests-build: $(UNIT) $(FUZZ) $(BENCH)
 
 bench: setup-test ## speed against error, stage times over their bounds (writes build/bench/)
+	@tests/setup.sh $(PACKAGES_BENCH)
 	@$(MAKE) --no-print-directory -j2 all tests-build
 	@tests/bench/run.sh $(B)
 

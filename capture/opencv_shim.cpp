@@ -123,7 +123,9 @@ int video_open(const char *path, struct cap_cv_video **out, double *fps, char *e
     return guarded(err, err_size, [&]() -> int {
         *out = nullptr;
         auto v = std::make_unique<cap_cv_video>();
-        if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path))
+        /* files only: the other backends go looking for cameras */
+        if (!v->capture.open(path, cv::CAP_FFMPEG) &&
+            !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
             return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
         double rate = v->capture.get(cv::CAP_PROP_FPS);
         if (fps != nullptr)
