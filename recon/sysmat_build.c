@@ -20,6 +20,7 @@
 
 #define CHUNK 65536                      /* columns per task while summing */
 #define COUNTS_MAX ((size_t)512 << 20)   /* bytes of band counters at most */
+#define RAYS_MAX ((size_t)256 << 20)     /* bytes of ray directions kept between the two walks */
 #define HUGE_PAGE ((size_t)2 << 20)
 
 /* What one running task needs; there are as many as threads. */
@@ -52,6 +53,7 @@ struct build {
     size_t bands, max_bands;
     uint32_t *at;      /* [bands][N] counts, then the next free place */
     uint64_t *chunk;   /* entries of CHUNK columns, then of all before them */
+    double (*ray)[3];  /* directions of all rays of the camera, or NULL: unprojected twice */
     uint32_t *colptr;
     uint32_t *row;     /* NULL while counting */
     float *val;
@@ -70,12 +72,24 @@ static struct scratch *take_scratch(struct build *b)
             return &b->scratch[i];
 }
 
-static void ray_at(const struct build *b, double u, double v, struct scratch *s, size_t *n)
+/* Entries of sub-ray (i,j) of bin (x,y) in s->index, s->value. */
+static size_t trace(const struct build *b, struct scratch *s, int32_t x, int32_t y, int32_t i,
+                    int32_t j)
 {
-    double o[3], d[3];
-    *n = 0;
-    if (rec_camera_ray(b->c, u, v, o, d)) /* a pixel that the lens cannot reach sees nothing */
-        *n = rec_traverse(&b->m->grid, o, d, s->index, s->value);
+    double o[3], fresh[3] = {0, 0, 0};
+    double *d = fresh;
+    if (b->ray != NULL)
+        d = b->ray[((size_t)y * (size_t)b->bw + (size_t)x) * (size_t)(b->rays * b->rays) +
+                   (size_t)(j * b->rays + i)];
+    if (b->ray == NULL || b->row == NULL) {
+        double step = (double)b->binning / b->rays;
+        double u = (double)x * b->binning - 0.5 + (i + 0.5) * step;
+        double v = (double)y * b->binning - 0.5 + (j + 0.5) * step;
+        if (!rec_camera_ray(b->c, u, v, o, d)) /* the lens does not reach here: sees nothing */
+            d[0] = d[1] = d[2] = 0;
+    }
+    rec_camera_centre(b->c, o);
+    return rec_traverse(&b->m->grid, o, d, s->index, s->value);
 }
 
 /* Add a ray to the bin's table; `used` slots so far. */
@@ -107,10 +121,8 @@ static inline void put(const struct build *b, uint32_t *at, uint32_t row, int32_
 
 static void bin_of_one(const struct build *b, struct scratch *s, int32_t x, int32_t y, uint32_t *at)
 {
-    size_t n;
     uint32_t row = (uint32_t)(y * b->bw + x);
-    double half = 0.5 * (b->binning - 1); /* middle of the bin in raw pixels */
-    ray_at(b, (double)x * b->binning + half, (double)y * b->binning + half, s, &n);
+    size_t n = trace(b, s, x, y, 0, 0);
     if (b->row == NULL)
         for (size_t i = 0; i < n; i++)
             at[s->index[i]]++;
@@ -124,18 +136,13 @@ static void bin_of_many(const struct build *b, struct scratch *s, int32_t x, int
 {
     size_t used = 0;
     uint32_t row = (uint32_t)(y * b->bw + x);
-    double step = (double)b->binning / b->rays;
     if (++s->epoch == 0) {
         memset(s->slot, 0, sizeof *s->slot << b->slot_bits);
         s->epoch = 1;
     }
     for (int32_t j = 0; j < b->rays; j++)
-        for (int32_t i = 0; i < b->rays; i++) {
-            size_t n;
-            ray_at(b, (double)x * b->binning - 0.5 + (i + 0.5) * step,
-                   (double)y * b->binning - 0.5 + (j + 0.5) * step, s, &n);
-            used = merge(b, s, n, used);
-        }
+        for (int32_t i = 0; i < b->rays; i++)
+            used = merge(b, s, trace(b, s, x, y, i, j), used);
     double share = 1.0 / (b->rays * b->rays);
     for (size_t i = 0; i < used; i++) {
         const struct slot *slot = &s->slot[s->order[i]];
@@ -265,6 +272,27 @@ static pvx_err sum_up(struct build *b, pvx_pool *pool, uint64_t *nnz, struct pvx
     return PVX_OK;
 }
 
+/* Count, sum, fill. */
+static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct rec_sysmat_block *out,
+                            struct pvx_diag *d)
+{
+    pvx_pool_run(pool, b->bands, clear_band, b);
+    pvx_pool_run(pool, b->bands, trace_band, b);
+    if (atomic_load(&b->canceled))
+        return PVX_ECANCELED;
+    PVX_TRY(sum_up(b, pool, &out->nnz, d));
+    uint64_t bytes[4];
+    rec_sysmat_section_bytes(b->m, out, bytes);
+    if (!fits(b, bytes[0] + bytes[1] + bytes[2] + bytes[3]))
+        return no_memory(b, bytes[1] + bytes[2], d);
+    out->row = b->row = allocate(bytes[1]);
+    out->val = b->val = allocate(bytes[2]);
+    if (b->row == NULL || b->val == NULL)
+        return no_memory(b, bytes[1] + bytes[2], d);
+    pvx_pool_run(pool, b->bands, trace_band, b);
+    return atomic_load(&b->canceled) ? PVX_ECANCELED : PVX_OK;
+}
+
 static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     struct rec_sysmat_block *out = &b->m->block[b->camera];
@@ -279,22 +307,11 @@ static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     out->fp = fp;
     if (b->colptr == NULL || fp == NULL)
         return no_memory(b, b->N * (sizeof *fp + sizeof *b->colptr), d);
-    pvx_pool_run(pool, b->bands, clear_band, b);
-    pvx_pool_run(pool, b->bands, trace_band, b); /* count */
-    if (atomic_load(&b->canceled))
-        return PVX_ECANCELED;
-    PVX_TRY(sum_up(b, pool, &out->nnz, d));
-    uint64_t bytes[4];
-    rec_sysmat_section_bytes(b->m, out, bytes);
-    if (!fits(b, bytes[0] + bytes[1] + bytes[2] + bytes[3]))
-        return no_memory(b, bytes[1] + bytes[2], d);
-    out->row = b->row = allocate(bytes[1]);
-    out->val = b->val = allocate(bytes[2]);
-    if (b->row == NULL || b->val == NULL)
-        return no_memory(b, bytes[1] + bytes[2], d);
-    pvx_pool_run(pool, b->bands, trace_band, b); /* fill */
-    if (atomic_load(&b->canceled))
-        return PVX_ECANCELED;
+    size_t rays = (size_t)b->bw * (size_t)b->bh * (size_t)(b->rays * b->rays);
+    b->ray = rays <= RAYS_MAX / sizeof *b->ray ? allocate(rays * sizeof *b->ray) : NULL;
+    pvx_err e = trace_camera(b, pool, out, d);
+    PVX_FREE(b->ray);
+    PVX_TRY(e);
     b->m->nnz += out->nnz;
     if (rec_sysmat_footprints(b->m, b->c, out, pool, fp) != PVX_OK)
         return no_memory(b, 0, d);
