@@ -72,7 +72,7 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
         double lo = a < 2 ? -0.4 : 0.02, hi = a < 2 ? 0.4 : 0.95;
         b->m[a] = clamp(b->m[a], lo + 3 * b->s[a], hi - 3 * b->s[a]);
     }
-    static const double outer_rgb[3] = {0.95, 0.20, 0.012}, core_rgb[3] = {2.2, 1.75, 0.85};
+    static const double outer_rgb[3] = {0.95, 0.16, 0.010}, core_rgb[3] = {2.2, 1.40, 0.45};
     for (int ch = 0; ch < 3; ch++)
         b->a[ch] = life * mix(outer_rgb[ch], core_rgb[ch], clamp(heat, 0, 1));
 }
