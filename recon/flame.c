@@ -43,7 +43,7 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
         z = 0.15 + 0.05 * size;
         s_xy = 0.034 + 0.014 * size;
         s_z = 0.034;
-        heat = 0.9 - 0.6 * reach;
+        heat = 0.6 - 0.4 * reach;
         life *= 0.8;
     } else {
         int lives = 1 + g % 2;
