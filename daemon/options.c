@@ -99,9 +99,9 @@ const struct dmn_option dmn_options[] = {
     REAL("solver.lambda", lambda, "-1", -1, 1e6, "", "Weight of smoothness; negative = automatic."),
     CHOICE("solver.stop", stop, "auto", "auto|lcurve|discrepancy|iterations", "When to stop."),
     REAL("solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
-         "The solver returns its best result by this time after the last frame came, and after nine "
-         "tenths of a period, so that it keeps up; negative = one and a half periods (none when "
-         "lossless); 0 = none."),
+         "The solver returns its best result by this time after the last frame came; negative = "
+         "what keeps up with the cameras, and longer only while that does not give a solution (none "
+         "when lossless); 0 = none."),
     CHOICE("solver.warm_start", warm_start, "auto", "auto|on|off",
            "Start from the volume before. auto = live only, so that in a replay no set depends on "
            "another."),

@@ -21,6 +21,8 @@
 
 #define BANDS 4 /* an image is binned in so many pieces */
 #define STATUS_EVERY_NS PVX_NS_PER_S
+#define ITERATIONS_FEW 4 /* fewer than that is not a solution */
+#define PATIENCE_MAX 8
 
 enum { CARVE, SOLVE, PUBLISH }; /* indices of the stages */
 static const char *const stage_names[DMN_N_STAGES] = {"carve", "solve", "publish"};
@@ -56,6 +58,7 @@ struct dmn_pipeline {
     atomic_bool stopping;
     char end_reason[PVP_REASON_MAX];
 
+    int patience; /* periods that a solve may take; belongs to the solve stage */
     /* warm start: a copy of the last volume; belongs to the solve stage */
     int32_t *prev_index;
     float *prev_value;
@@ -221,6 +224,28 @@ static void remember(dmn_pipeline *p, const struct slot *s)
     p->prev.value = p->prev_value;
 }
 
+/* When the solver has to come back, mono clock.  Live, it may not take longer than keeps up, nor
+ * less than half a period however late its set came.  Where that does not buy a solution (another
+ * program has the processors), it gets more, up to PATIENCE_MAX periods: then sets are dropped, but
+ * those that are published are solved. */
+static int64_t solve_until(const dmn_pipeline *p, const struct slot *s, int64_t now)
+{
+    int64_t until = s->t_last_mono_ns + p->deadline_ns;
+    if (p->cfg.deadline_ms >= 0 || p->cfg.lossless)
+        return until;
+    int64_t most = now + p->period_ns * p->patience * 9 / 10;
+    int64_t least = now + p->period_ns * p->patience / 2;
+    return p->patience > 1 || until > most ? most : until < least ? least : until;
+}
+
+static void learn_patience(dmn_pipeline *p, const struct rec_solve_report *r)
+{
+    if (r->status == REC_DEADLINE && r->iterations < ITERATIONS_FEW)
+        p->patience = p->patience * 2 > PATIENCE_MAX ? PATIENCE_MAX : p->patience * 2;
+    else if (p->patience > 1 && (r->status != REC_DEADLINE || r->iterations > 3 * ITERATIONS_FEW))
+        p->patience--;
+}
+
 static bool solve(void *ctx)
 {
     dmn_pipeline *p = ctx;
@@ -234,16 +259,8 @@ static bool solve(void *ctx)
     }
     struct slot *s = item;
     int64_t t0 = pvx_now_mono(), deadline = 0;
-    if (p->deadline_ns > 0) {
-        /* Never longer than the stage may take to keep up, and never less than half a period: a
-         * volume that is published is a solution, however late its set came. */
-        deadline = s->t_last_mono_ns + p->deadline_ns;
-        int64_t most = t0 + p->period_ns * 9 / 10, least = t0 + p->period_ns / 2;
-        if (deadline > most && !p->cfg.lossless)
-            deadline = most;
-        if (deadline < least)
-            deadline = least;
-    }
+    if (p->deadline_ns > 0)
+        deadline = solve_until(p, s, t0);
     e = rec_frame_solve(s->frame, deadline, p->prev.grid != NULL ? &p->prev : NULL);
     if (e != PVX_OK) {
         LOG_EVERY(PVX_LOG_ERROR, RECON, "set %llu cannot be solved: %s",
@@ -251,6 +268,7 @@ static bool solve(void *ctx)
         drop(p, s, DMN_DROP_FAILED);
         return true;
     }
+    learn_patience(p, &rec_frame_get_report(s->frame)->solve);
     if (p->warm)
         remember(p, s);
     pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);
@@ -487,6 +505,7 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
     PVX_TRY(dmn_config_rig(c, &p->rig, d));
     p->period_ns = (int64_t)(1 / c->fps * (double)PVX_NS_PER_S);
     p->deadline_ns = dmn_config_deadline(c);
+    p->patience = 1;
     PVX_TRY(pvx_pool_new((unsigned)c->threads, "work", &p->pool));
     PVX_TRY(dmn_scene_new(&p->rig, (uint32_t)c->sim_seed, c->sim_period_s, &p->scene));
     PVX_TRY(capture_new(p, d)); /* before the matrix: a wrong source is said at once */

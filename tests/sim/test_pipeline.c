@@ -137,9 +137,9 @@ static void too_fast_drops_the_oldest_and_counts(void)
             gone += state.dropped[i];
         T_EQ_I(state.produced, gone);
         T_LE(state.inside, DMN_N_SLOTS + 1);
-    } while ((state.published < 10 || state.dropped[DMN_DROP_SOLVE] == 0) &&
+    } while ((state.published < 3 || state.dropped[DMN_DROP_SOLVE] == 0) &&
              pvx_now_mono() - t0 < 30 * PVX_NS_PER_S);
-    T_OK(state.published >= 10);
+    T_OK(state.published >= 3);
     T_OK(state.dropped[DMN_DROP_SOLVE] > 0);
     finish(&p);
 }
