@@ -217,7 +217,7 @@ static void empty(struct box *b)
 
 static struct cap_source_config config_of(int cam)
 {
-    static const char *const uri[N_CAM] = {"127.0.0.2", "T01", "view2"};
+    static const char *const uri[N_CAM] = {"127.0.0.2", "127.0.0.3", "127.0.0.4"};
     static const char *const name[N_CAM] = {"a", "b", "c"};
     return (struct cap_source_config){.uri = uri[cam], .name = name[cam], .camera = (uint32_t)cam,
                                       .width = W, .height = H, .fmt = formats[cam], .fps = RING_FPS,
@@ -230,7 +230,7 @@ struct session {
     struct box box;
     cap_source *src;
     int cam;
-    uint64_t good, first_id, last_id, id_gap;
+    uint64_t good, first_id, last_id;
     int64_t last_stamp;
     bool any;
 };
@@ -294,16 +294,14 @@ static bool take_good(struct session *s)
     return true;
 }
 
-/* After stop: numbers from the first to the last frame = good ones + all that were counted.  Frames
- * that broke before the first or after the last good one are counted without a number: `slack`. */
-static void check_sum(struct session *s, bool exact)
+/* After stop: numbers from the first to the last good frame = good ones + all that were counted.
+ * Incomplete ones may also have come before the first or after the last, hence the two bounds. */
+static void check_sum(struct session *s)
 {
     while (s->box.n > 0)
         take_good(s);
     uint64_t span = s->last_id - s->first_id + 1;
     uint64_t sum = s->good + s->box.count[CAP_ID_GAP] + s->box.count[CAP_UNDERRUN];
-    if (exact)
-        T_EQ_I(span, sum + s->box.count[CAP_INCOMPLETE]);
     T_LE(span, sum + s->box.count[CAP_INCOMPLETE]);
     T_LE(sum, span);
 }
@@ -317,15 +315,17 @@ static const struct cap_simgv_fault healthy;
 static void pixels_numbers_stamps(void)
 {
     NEED_CAMERAS();
-    for (int c = 0; c < N_CAM; c++) { /* by address, by serial, by name */
+    static const char *const uri[N_CAM] = {"127.0.0.2", "T01", "view2"}; /* address, serial, name */
+    for (int c = 0; c < N_CAM; c++) {
         struct session s;
         struct cap_source_config config = config_of(c);
+        config.uri = uri[c];
         if (begin(&s, &config)) {
             for (int k = 0; k < 12 && take_good(&s); k++)
                 ;
             ops->stop(s.src);
             T_EQ_I(s.last_stamp % (PVX_NS_PER_S / (int64_t)RING_FPS), 0); /* on the ring's grid */
-            check_sum(&s, false);
+            check_sum(&s);
             T_EQ_I(s.box.lost, 0);
         }
         end(&s);
@@ -346,7 +346,7 @@ static void numbers_past_the_wrap(void)
         ops->stop(s.src);
         T_LE(65401, s.first_id);
         T_LE(65560, s.last_id);
-        check_sum(&s, false);
+        check_sum(&s);
     }
     end(&s);
 }
@@ -367,7 +367,7 @@ static void dropped_frames_are_gaps(void)
         T_LE(5, counted(&s.box, CAP_ID_GAP));
         T_LE(5, order(OP_STATS, 1, healthy).stats.dropped);
         ops->stop(s.src);
-        check_sum(&s, false);
+        check_sum(&s);
     }
     end(&s);
 }
@@ -389,7 +389,7 @@ static void lost_packets_are_incomplete_frames(void)
             take_good(&s);
         T_LE(12, counted(&s.box, CAP_INCOMPLETE));
         ops->stop(s.src);
-        check_sum(&s, false);
+        check_sum(&s);
     }
     end(&s);
 }
@@ -458,7 +458,7 @@ static void slow_consumer_is_an_underrun(void)
         for (int k = 0; k < 8 && take_good(&s); k++)
             ;
         ops->stop(s.src);
-        check_sum(&s, false);
+        check_sum(&s);
     }
     end(&s);
 }
@@ -494,11 +494,13 @@ static void frames_outlive_their_source(void)
 
 static void refuse(struct cap_source_config c, pvx_err want, const char *says)
 {
+    char who[64];
+    snprintf(who, sizeof who, "camera a (aravis:%s)", c.uri);
     cap_source *src = NULL;
     struct pvx_diag d = {""};
     T_EQ_I(ops->open(&c, &src, &d), want);
     T_OK(src == NULL);
-    T_CONTAINS(d.text, "camera a (aravis:127.0.0.2)");
+    T_CONTAINS(d.text, who);
     T_CONTAINS(d.text, says);
     if (src != NULL)
         ops->close(&src);
@@ -529,6 +531,10 @@ static void refusals_have_reasons(void)
     refuse(c, PVX_EINVAL, "no feature NoSuchThing");
     c.features = &high;
     refuse(c, PVX_EINVAL, "GainRaw");
+    c.uri = "nobody";
+    refuse(c, PVX_ENOENT, "no camera answers");
+    c = config_of(0);
+    c.n_features = 1;
     c.features = &fine;
     cap_source *first = NULL;
     struct pvx_diag d = {""};
@@ -556,10 +562,9 @@ static void dead_and_back(void)
             pthread_mutex_unlock(&s.box.lock);
         }
         T_EQ_I(lost, 1);
+        order(OP_REVIVE, 0, healthy); /* closing a camera that is dead takes 5 s of asking */
     }
     end(&s);
-    refuse(config, PVX_ENOENT, "no camera answers");
-    order(OP_REVIVE, 0, healthy);
     if (begin(&s, &config))
         for (int k = 0; k < 3; k++)
             take_good(&s);
