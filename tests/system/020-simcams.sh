@@ -1,0 +1,131 @@
+#!/bin/bash
+# pyrovox simcams over real GigE Vision, seen by Aravis' own tool: private network, faults by hand,
+# exit codes, signals.
+set -u
+cd "$(dirname "$0")/../.."
+b=${PYROVOX_BUILD:-$PWD/build}
+sim() { "$b/bin/pyrovox" simcams "$@"; }
+small=(--cameras 4 --size 64x48 --ring 3)
+dir=$(mktemp -d); chmod 755 "$dir"; p=
+trap '[ -n "$p" ] && kill -9 $p 2>/dev/null; wait 2>/dev/null; rm -rf "$dir"' EXIT
+rc=0
+check() { # name, command...
+    local name=$1; shift
+    if "$@"; then echo "PASS 020:$name"; else echo "FAIL 020:$name"; rc=1; fi
+}
+until_true() { # seconds, command...
+    local end=$((SECONDS + $1)); shift
+    until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
+}
+if ! sim --private-net "${small[@]}" -- true > "$dir/out" 2> "$dir/err"; then
+    if grep -q 'private network' "$dir/err"; then tail -n 1 "$dir/err"; exit 77; fi
+    cat "$dir/err"; echo "FAIL 020:serves"; exit 1
+fi
+check says_where grep -qx 'serving 4 cameras on 127.0.0.2..127.0.0.5' "$dir/out"
+
+if command -v arv-tool-0.8 > "$dir/null"; then
+    peer() {
+        sim --private-net "${small[@]}" -- arv-tool-0.8 > "$dir/out" 2> "$dir/err"
+        [ "$(grep -cE '^Aravis-Fake-SIM0[0-3] \(127\.0\.0\.[2-5]\)$' "$dir/out")" = 4 ] || { cat "$dir/out" "$dir/err"; return 1; }
+    }
+    check aravis_tool_lists_them peer
+    registers() {
+        sim --private-net "${small[@]}" --format bayerrg8 -- arv-tool-0.8 -a 127.0.0.4 control Width Height SensorWidth PixelFormat > "$dir/out" 2> "$dir/err"
+        grep -q '^Width = 64' "$dir/out" && grep -q '^Height = 48' "$dir/out" && grep -q '^SensorWidth = 64' "$dir/out" && grep -q "^PixelFormat = BayerRG8" "$dir/out" || { cat "$dir/out" "$dir/err"; return 1; }
+    }
+    check aravis_tool_reads_registers registers
+else
+    echo "SKIP 020:aravis_tool_lists_them (no arv-tool-0.8)"
+fi
+
+lists() {
+    sim --private-net "${small[@]}" -- "$b/bin/pyrovox" cameras > "$dir/out" 2> "$dir/err"
+    [ "$(grep -cE '^  cam[0-3]: "aravis:127\.0\.0\.[2-5]"  # Aravis Fake, serial SIM0[0-3]' "$dir/out")" = 4 ] || { cat "$dir/out"; return 1; }
+}
+check pyrovox_cameras_lists_them lists
+
+exits() { sim --private-net "${small[@]}" -- sh -c 'exit 7' > "$dir/out" 2>&1; [ $? -eq 7 ]; }
+check exits_as_the_command_does exits
+missing() { sim --private-net "${small[@]}" -- "$dir/nothing" > "$dir/out" 2>&1; [ $? -eq 127 ] && grep -q "cannot run $dir/nothing" "$dir/out"; }
+check command_that_is_not_there missing
+
+rig() {
+    sim --private-net "${small[@]}" --write-rig "$dir/rig.yaml" -- true > "$dir/out" 2>&1 &&
+    sim --private-net --rig "$dir/rig.yaml" --ring 2 -- true > "$dir/out" 2>&1 &&
+    grep -qx 'serving 4 cameras on 127.0.0.2..127.0.0.5' "$dir/out"
+}
+check rig_written_and_served rig
+
+refuse() { # exit code, text, arguments...
+    local code=$1 text=$2; shift 2
+    sim "$@" > "$dir/out" 2>&1
+    [ $? -eq "$code" ] && grep -q -e "$text" "$dir/out" || { cat "$dir/out"; return 1; }
+}
+check too_much_memory refuse 1 'max-memory' --ring 5000
+check unknown_camera refuse 1 "no camera 'cam9'" --drop cam9=0.5
+check foreign_address refuse 1 'no interface of this host' --address 203.0.113.2 "${small[@]}"
+check missing_rig refuse 1 "$dir/none.yaml" --rig "$dir/none.yaml"
+check wrong_number refuse 2 'should be a number' --fps fast
+
+if [ "$(id -u)" = 0 ] && setpriv --reuid=65534 --regid=65534 --clear-groups test -x "$b/bin/pyrovox"; then
+    ordinary() {
+        setpriv --reuid=65534 --regid=65534 --clear-groups "$b/bin/pyrovox" simcams --private-net "${small[@]}" -- sh -c 'id -u; "$0" cameras' "$b/bin/pyrovox" > "$dir/out" 2> "$dir/err"
+        if grep -q 'private network' "$dir/err"; then return 77; fi
+        grep -qx 65534 "$dir/out" && [ "$(grep -c aravis: "$dir/out")" = 4 ] || { cat "$dir/out" "$dir/err"; return 1; }
+    }
+    ordinary; case $? in
+        0) echo "PASS 020:ordinary_user";;
+        77) echo "SKIP 020:ordinary_user ($(grep 'private network' "$dir/err" | head -c 200))";;
+        *) echo "FAIL 020:ordinary_user"; rc=1;;
+    esac
+fi
+
+# Faults by hand: what an outsider sees of kill and revive.
+cat > "$dir/watch.sh" <<'W'
+while [ ! -e "$2/stop" ]; do
+    "$1" cameras > "$2/list.new" 2> "$2/list.err"; mv "$2/list.new" "$2/list"
+done
+W
+seen() { [ -f "$dir/list" ] && [ "$(grep -c aravis: "$dir/list")" = "$1" ]; }
+by_hand() {
+    mkfifo "$dir/ctl"
+    "$b/bin/pyrovox" simcams --private-net "${small[@]}" --control -- sh "$dir/watch.sh" "$b/bin/pyrovox" "$dir" < "$dir/ctl" > "$dir/out" 2> "$dir/err" & p=$!
+    exec 5> "$dir/ctl"
+    local ok=0
+    until_true 60 seen 4 && echo "kill cam1" >&5 && until_true 30 seen 3 && ! grep -q 127.0.0.3 "$dir/list" &&
+        echo "nonsense" >&5 && echo "revive cam1" >&5 && until_true 30 seen 4 || ok=1
+    touch "$dir/stop"
+    exec 5>&-
+    wait $p || ok=1; p=
+    grep -q "control: 'nonsense'" "$dir/err" || ok=1
+    [ $ok = 0 ] || cat "$dir/err"
+    return $ok
+}
+check killed_and_revived_by_hand by_hand
+
+signals() { # the command hears TERM, and simcams exits as it does
+    "$b/bin/pyrovox" simcams --private-net "${small[@]}" -- sh -c 'trap "exit 5" TERM; touch "$0"; while :; do sleep 0.05; done' "$dir/up" > "$dir/out" 2>&1 & p=$!
+    until_true 60 test -e "$dir/up" || return 1
+    kill -TERM $p; wait $p; local code=$?; p=
+    [ $code -eq 5 ]
+}
+check passes_signals_on signals
+
+orphan() { # cameras gone: the command goes too
+    rm -f "$dir/up"
+    "$b/bin/pyrovox" simcams --private-net "${small[@]}" -- sh -c 'echo $$ > "$0.pid"; touch "$0"; exec sleep 300' "$dir/up" > "$dir/out" 2>&1 & p=$!
+    until_true 60 test -e "$dir/up" || return 1
+    local child; child=$(cat "$dir/up.pid")
+    kill -9 $p; wait $p 2> "$dir/null"; p=
+    until_true 30 bash -c "! kill -0 $child 2>/dev/null || grep -q '^State:.Z' /proc/$child/status 2>/dev/null"
+}
+check command_ends_with_the_cameras orphan
+
+interrupt() {
+    "$b/bin/pyrovox" simcams --private-net "${small[@]}" > "$dir/out" 2> "$dir/err" & p=$!
+    until_true 60 grep -q '^serving' "$dir/out" || return 1
+    kill -INT $p; wait $p; local code=$?; p=
+    [ $code -eq 130 ] && grep -q 'frames sent' "$dir/err"
+}
+check stops_on_interrupt interrupt
+exit $rc
