@@ -21,7 +21,7 @@
 
 #define BANDS 4 /* an image is binned in so many pieces */
 #define STATUS_EVERY_NS PVX_NS_PER_S
-#define ITERATIONS_FEW 4 /* fewer than that is not a solution */
+#define ITERATIONS_FEW 2 /* fewer than that is not a solution, not even from a warm start */
 #define PATIENCE_MAX 8
 
 enum { CARVE, SOLVE, PUBLISH }; /* indices of the stages */
