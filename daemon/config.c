@@ -467,8 +467,8 @@ pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out, struct p
     if (c->rig[0] == '\0')
         return pvx_fail(d, PVX_EINVAL, "%s: rig: not given; name the calibration file", c->name);
     if (c->cameras.n == 0)
-        return pvx_fail(d, PVX_EINVAL, "%s: cameras: none given; say for instance cameras: \"sim:\"",
-                        c->name);
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: cameras: none given; say for instance cameras: \"sim:\"", c->name);
     char path[PATH_MAX];
     dmn_config_path(c, c->rig, path, sizeof path);
     PVX_TRY(rec_rig_load(path, out, d));

@@ -24,21 +24,21 @@ struct dmn_config {
     char rig[DMN_WORD_MAX];
     struct dmn_pairs cameras;
     struct dmn_ints grid;
-    int basis;              /* 0 as the rig says, 1 box, 2 trilinear */
-    int channels;           /* 0 auto, 1 one, 2 three */
+    int basis;    /* 0 as the rig says, 1 box, 2 trilinear */
+    int channels; /* 0 auto, 1 one, 2 three */
     int64_t threads;
     int log_level;
 
     double fps;
     int pixel_format;
-    int trigger;            /* 0 free-run, 1 software */
+    int trigger; /* 0 free-run, 1 software */
     int shared_clock, lossless, loop;
     int64_t discard_first, buffers, packet_size;
     double exposure_us, gain;
     struct dmn_pairs features;
 
     double tolerance_ms, max_wait_ms;
-    int policy;             /* enum cap_policy */
+    int policy; /* enum cap_policy */
     int64_t min_cameras;
 
     int64_t binning, rays;
@@ -56,7 +56,7 @@ struct dmn_config {
     double lambda;
     int stop;
     double deadline_ms;
-    int warm_start;         /* 0 auto, 1 on, 2 off */
+    int warm_start; /* 0 auto, 1 on, 2 off */
 
     struct dmn_texts endpoints;
     int sample, compress;
@@ -81,8 +81,8 @@ char *dmn_config_format(const struct dmn_config *c);
 void dmn_config_path(const struct dmn_config *c, const char *name, char *out, size_t size);
 /* Source of the camera `name`, number `index` of the rig: "" when it is not in the configuration.
  * PVX_EINVAL: a pattern that cannot be continued. */
-PVX_MUST_CHECK pvx_err dmn_config_source(const struct dmn_config *c, const char *name,
-                                         size_t index, char *out, size_t size, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err dmn_config_source(const struct dmn_config *c, const char *name, size_t index,
+                                         char *out, size_t size, struct pvx_diag *d);
 
 /* The rig that the configuration names, with its grid and basis overridden and only the cameras
  * that have a source.  Owner: caller, rec_rig_fini. */

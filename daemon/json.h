@@ -16,8 +16,8 @@ struct dmn_json {
     bool full, comma;
 };
 void dmn_json_init(struct dmn_json *j, char *text, size_t size);
-void dmn_json_open(struct dmn_json *j, const char *key, char bracket);  /* '{' or '[' */
-void dmn_json_close(struct dmn_json *j, char bracket);                  /* '}' or ']' */
+void dmn_json_open(struct dmn_json *j, const char *key, char bracket); /* '{' or '[' */
+void dmn_json_close(struct dmn_json *j, char bracket);                 /* '}' or ']' */
 void dmn_json_int(struct dmn_json *j, const char *key, long long v);
 void dmn_json_num(struct dmn_json *j, const char *key, double v);
 void dmn_json_bool(struct dmn_json *j, const char *key, bool v);

@@ -16,7 +16,7 @@
 #include "daemon/notify.h"
 #include "daemon/pipeline.h"
 
-#define TICK_NS (200 * PVX_NS_PER_MS)
+#define TICK_NS  (200 * PVX_NS_PER_MS)
 #define STUCK_NS (10 * PVX_NS_PER_S) /* a stage without a heartbeat for so long is stuck */
 
 struct args {
@@ -29,7 +29,7 @@ struct daemon {
     _Atomic(dmn_pipeline *) pipeline;
     _Atomic double matrix_done; /* share of the matrix that is built, while it is */
     atomic_bool stop;
-    struct dmn_state state;     /* control thread's */
+    struct dmn_state state; /* control thread's */
 };
 
 static const char doc[] =
@@ -119,7 +119,8 @@ static void block_signals(sigset_t *set)
     sigaddset(set, SIGTERM);
     pthread_sigmask(SIG_BLOCK, set, NULL);
     signal(SIGPIPE, SIG_IGN);
-    signal(SIGINT, SIG_DFL); /* a shell's background job starts with it ignored, and then it is lost */
+    signal(SIGINT,
+           SIG_DFL); /* a shell's background job starts with it ignored, and then it is lost */
 }
 
 static int wait_signal(const sigset_t *set, int64_t ns)
@@ -161,9 +162,10 @@ static void log_summary(const struct dmn_state *s)
             n += (size_t)snprintf(why + n, sizeof why - n, ", %s %llu", dmn_drop_defs[i].name,
                                   (unsigned long long)s->dropped[i]);
     }
-    LOG_I(DAEMON, "%.1f s: %llu sets from the cameras, %llu published, %llu dropped%s; %llu more "
-          "were incomplete; latency p50 %.1f ms, p99 %.1f ms, max %.1f ms", s->uptime_s,
-          (unsigned long long)s->produced, (unsigned long long)s->published,
+    LOG_I(DAEMON,
+          "%.1f s: %llu sets from the cameras, %llu published, %llu dropped%s; %llu more "
+          "were incomplete; latency p50 %.1f ms, p99 %.1f ms, max %.1f ms",
+          s->uptime_s, (unsigned long long)s->produced, (unsigned long long)s->published,
           (unsigned long long)dropped, why, (unsigned long long)s->capture.sets_dropped,
           s->latency_p50_ms, s->latency_p99_ms, s->latency_max_ms);
 }
@@ -205,8 +207,8 @@ static int run(const struct dmn_config *cfg)
     struct pvx_diag d = {0};
     sigset_t set;
     block_signals(&set);
-    const char *endpoint = cfg->control[0] != '\0' ? cfg->control
-                                                   : dmn_default_endpoint(DMN_CONTROL);
+    const char *endpoint =
+        cfg->control[0] != '\0' ? cfg->control : dmn_default_endpoint(DMN_CONTROL);
     struct dmn_control_ops ops = {
         .status = control_status, .reset_latency = control_reset, .stop = control_stop, .ctx = &dm};
     dmn_control *control = NULL;
@@ -254,8 +256,10 @@ static int check(const struct dmn_config *cfg)
         const char *rest;
         e = dmn_config_source(cfg, rig.cameras[i].name, i, uri, sizeof uri, &d);
         if (e == PVX_OK && cap_backend_find(uri, &rest) == NULL)
-            e = pvx_fail(&d, PVX_ENOENT, "%s: cameras.%s: '%s' is not a source; say aravis:, "
-                         "files: or sim:", cfg->name, rig.cameras[i].name, uri);
+            e = pvx_fail(&d, PVX_ENOENT,
+                         "%s: cameras.%s: '%s' is not a source; say aravis:, "
+                         "files: or sim:",
+                         cfg->name, rig.cameras[i].name, uri);
         if (e == PVX_OK)
             printf("%-16s %s\n", rig.cameras[i].name, uri);
     }
@@ -287,8 +291,8 @@ int main(int argc, char **argv)
     struct pvx_diag d = {0};
     dmn_config_defaults(&cfg);
     if (a.config != NULL || !a.print) {
-        pvx_err e = dmn_config_load(a.config != NULL ? a.config : "/etc/pyrovox/pyrovoxd.yaml",
-                                    &cfg, &d);
+        pvx_err e =
+            dmn_config_load(a.config != NULL ? a.config : "/etc/pyrovox/pyrovoxd.yaml", &cfg, &d);
         if (e != PVX_OK)
             return fail(&d, e);
     }

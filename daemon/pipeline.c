@@ -19,10 +19,10 @@
 #include "daemon/stage.h"
 #include "proto/pub.h"
 
-#define BANDS 4 /* an image is binned in so many pieces */
+#define BANDS           4 /* an image is binned in so many pieces */
 #define STATUS_EVERY_NS PVX_NS_PER_S
-#define ITERATIONS_FEW 2 /* fewer than that is not a solution, not even from a warm start */
-#define PATIENCE_MAX 8
+#define ITERATIONS_FEW  2 /* fewer than that is not a solution, not even from a warm start */
+#define PATIENCE_MAX    8
 
 enum { CARVE, SOLVE, PUBLISH }; /* indices of the stages */
 static const char *const stage_names[DMN_N_STAGES] = {"carve", "solve", "publish"};
@@ -137,7 +137,8 @@ static void bin_piece(void *ctx, size_t task)
     if (f->img.width != b->p->rig.cameras[c].width || f->img.height != b->p->rig.cameras[c].height)
         e = PVX_EFORMAT;
     else if (y0 < y1)
-        e = cap_bin(&f->img, b->p->S->binning, b->p->nch, y0, y1, rec_frame_input(b->slot->frame, c));
+        e = cap_bin(&f->img, b->p->S->binning, b->p->nch, y0, y1,
+                    rec_frame_input(b->slot->frame, c));
     if (e != PVX_OK)
         atomic_store(&b->bad[c], (int)e);
 }
@@ -263,8 +264,8 @@ static bool solve(void *ctx)
         deadline = solve_until(p, s, t0);
     e = rec_frame_solve(s->frame, deadline, p->prev.grid != NULL ? &p->prev : NULL);
     if (e != PVX_OK) {
-        LOG_EVERY(PVX_LOG_ERROR, RECON, "set %llu cannot be solved: %s",
-                  (unsigned long long)s->set, pvx_strerror(e));
+        LOG_EVERY(PVX_LOG_ERROR, RECON, "set %llu cannot be solved: %s", (unsigned long long)s->set,
+                  pvx_strerror(e));
         drop(p, s, DMN_DROP_FAILED);
         return true;
     }
@@ -492,10 +493,12 @@ static pvx_err matrix_open(dmn_pipeline *p, rec_progress_fn progress, void *ctx,
     bool cached = false;
     PVX_TRY(rec_sysmat_open(&p->rig, &mp, p->cfg.cache[0] != '\0' ? path : NULL, p->pool, progress,
                             ctx, &p->S, &cached, d));
-    LOG_I(RECON, "matrix: %zu cameras, %dx%dx%d voxels, binning %d, %d rays per bin side, "
-          "%.1f million entries, %s in %.2f s", p->S->n_cameras, p->S->grid.n[0], p->S->grid.n[1],
-          p->S->grid.n[2], p->S->binning, p->S->rays_per_bin, (double)p->S->nnz * 1e-6,
-          cached ? "read" : "built", (double)(pvx_now_mono() - t0) * 1e-9);
+    LOG_I(RECON,
+          "matrix: %zu cameras, %dx%dx%d voxels, binning %d, %d rays per bin side, "
+          "%.1f million entries, %s in %.2f s",
+          p->S->n_cameras, p->S->grid.n[0], p->S->grid.n[1], p->S->grid.n[2], p->S->binning,
+          p->S->rays_per_bin, (double)p->S->nnz * 1e-6, cached ? "read" : "built",
+          (double)(pvx_now_mono() - t0) * 1e-9);
     return PVX_OK;
 }
 

@@ -25,8 +25,7 @@ typedef struct dmn_pipeline dmn_pipeline;
 /* Reads the rig, builds or maps the matrix (progress in the log), opens the publisher.  `cfg` is
  * copied.  Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_pipeline_new(const struct dmn_config *cfg, rec_progress_fn progress,
-                                        void *progress_ctx, dmn_pipeline **out,
-                                        struct pvx_diag *d);
+                                        void *progress_ctx, dmn_pipeline **out, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d);
 /* End of all sources reached, or stopped, and everything published. */
 bool dmn_pipeline_finished(dmn_pipeline *p);

@@ -56,8 +56,10 @@ static void json_sets(struct dmn_json *j, const struct dmn_state *s)
     for (int i = 0; i < DMN_N_DROP; i++)
         count(j, dmn_drop_defs[i].name, dmn_drop_defs[i].unit, dmn_drop_defs[i].help,
               s->dropped[i]);
-    count(j, "assembly", "sets", "dropped by the assembler: a camera's frame was missing, or the "
-          "queue to the pipeline was full", s->capture.sets_dropped);
+    count(j, "assembly", "sets",
+          "dropped by the assembler: a camera's frame was missing, or the "
+          "queue to the pipeline was full",
+          s->capture.sets_dropped);
     dmn_json_close(j, ']');
 }
 

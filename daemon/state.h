@@ -13,15 +13,17 @@
 
 /* Why a frame set that capture produced did not become a published volume. */
 enum dmn_drop {
-    DMN_DROP_STALE,     /* too old when its turn came, and a newer one was there */
-    DMN_DROP_SOLVE,     /* displaced by a newer one while it waited for the solver */
-    DMN_DROP_PUBLISH,   /* displaced by a newer one while it waited for the publisher */
-    DMN_DROP_IMAGES,    /* no image of it could be used */
-    DMN_DROP_FAILED,    /* solver or publisher refused it */
-    DMN_DROP_STOPPED,   /* under way when the daemon was stopped */
+    DMN_DROP_STALE,   /* too old when its turn came, and a newer one was there */
+    DMN_DROP_SOLVE,   /* displaced by a newer one while it waited for the solver */
+    DMN_DROP_PUBLISH, /* displaced by a newer one while it waited for the publisher */
+    DMN_DROP_IMAGES,  /* no image of it could be used */
+    DMN_DROP_FAILED,  /* solver or publisher refused it */
+    DMN_DROP_STOPPED, /* under way when the daemon was stopped */
     DMN_N_DROP
 };
-struct dmn_count_def { const char *name, *unit, *help; };
+struct dmn_count_def {
+    const char *name, *unit, *help;
+};
 extern const struct dmn_count_def dmn_drop_defs[DMN_N_DROP];
 
 #define DMN_N_STAGES 3 /* carve, solve, publish */

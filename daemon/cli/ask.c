@@ -20,8 +20,10 @@ static pvx_err exchange(void *socket, const char *endpoint, const char *cmd, int
     pvx_err e = PVX_OK;
     if (zmq_send(socket, text, (size_t)n, 0) < 0 || zmq_msg_recv(&reply, socket, 0) < 0) {
         e = errno == EINTR ? PVX_ECANCELED
-                           : pvx_fail(d, PVX_ETIMEDOUT, "%s: no daemon answers; is pyrovoxd running, "
-                                      "and with this control.endpoint?", endpoint);
+                           : pvx_fail(d, PVX_ETIMEDOUT,
+                                      "%s: no daemon answers; is pyrovoxd running, "
+                                      "and with this control.endpoint?",
+                                      endpoint);
     } else {
         *out = cJSON_ParseWithLength(zmq_msg_data(&reply), zmq_msg_size(&reply));
         if (!cJSON_IsObject(*out))
@@ -38,8 +40,7 @@ pvx_err ask(const char *endpoint, const char *cmd, int timeout_ms, cJSON **out, 
     *out = NULL;
     void *zmq = zmq_ctx_new();
     void *socket = zmq == NULL ? NULL : zmq_socket(zmq, ZMQ_REQ);
-    pvx_err e = socket == NULL ? PVX_ENOMEM
-                               : exchange(socket, endpoint, cmd, timeout_ms, out, d);
+    pvx_err e = socket == NULL ? PVX_ENOMEM : exchange(socket, endpoint, cmd, timeout_ms, out, d);
     if (socket != NULL)
         zmq_close(socket);
     if (zmq != NULL)

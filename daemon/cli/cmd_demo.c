@@ -23,13 +23,21 @@
 #include "daemon/strip.h"
 #include "recon/rig.h"
 
-#define SETTLE_S 2.0      /* after the first volume, not part of the rates */
+#define SETTLE_S      2.0 /* after the first volume, not part of the rates */
 #define START_LIMIT_S 300 /* rendering and the matrix take that long at most */
-#define STOP_LIMIT_S 10
-#define SEED 1
+#define STOP_LIMIT_S  10
+#define SEED          1
 
-enum { OPT_SECONDS = 0x100, OPT_FPS, OPT_CAMERAS, OPT_SIZE, OPT_GRID, OPT_FORMAT, OPT_OUT,
-       OPT_KEEP };
+enum {
+    OPT_SECONDS = 0x100,
+    OPT_FPS,
+    OPT_CAMERAS,
+    OPT_SIZE,
+    OPT_GRID,
+    OPT_FORMAT,
+    OPT_OUT,
+    OPT_KEEP
+};
 
 struct args {
     double seconds, fps;
@@ -40,11 +48,11 @@ struct args {
 
 struct demo {
     struct args a;
-    char dir[80];              /* run folder; ipc socket names in it must fit into 107 bytes */
-    char bin[PATH_MAX];        /* where the programs are */
+    char dir[80];       /* run folder; ipc socket names in it must fit into 107 bytes */
+    char bin[PATH_MAX]; /* where the programs are */
     char log[128], volumes[128], control[128];
-    long long ring;            /* pictures per camera */
-    pid_t child;               /* pyrovox simcams, leader of its own process group */
+    long long ring; /* pictures per camera */
+    pid_t child;    /* pyrovox simcams, leader of its own process group */
     struct follow follow;
     bool following;
     struct screen screen;
@@ -68,7 +76,8 @@ static const char doc[] =
     "Starts `pyrovox simcams` and pyrovoxd in a private network, subscribes to the volumes, shows "
     "them against the known flame, and ends with a picture of the flame from viewpoints over 120 "
     "degrees.  The last line is\n"
-    "  result: {\"sets\":..,\"sets_per_s\":..,\"lost\":..,\"latency_ms_p50\":..,\"latency_ms_p99\":..,"
+    "  result: "
+    "{\"sets\":..,\"sets_per_s\":..,\"lost\":..,\"latency_ms_p50\":..,\"latency_ms_p99\":..,"
     "\"rel_error\":..}\n"
     "for the time after everything had started.\n\nExamples:\n"
     "  pyrovox demo\n"
@@ -163,8 +172,9 @@ static int binning(const struct args *a)
  * calibrated exactly, so silhouettes need not be grown: a fifth fewer voxels for the same error. */
 static pvx_err write_config(struct demo *m, struct pvx_diag *d)
 {
-    const char *format = strcmp(m->a.format, "rgb8") == 0 ? "RGB8"
-                         : strcmp(m->a.format, "mono8") == 0 ? "Mono8" : "BayerRG8";
+    const char *format = strcmp(m->a.format, "rgb8") == 0    ? "RGB8"
+                         : strcmp(m->a.format, "mono8") == 0 ? "Mono8"
+                                                             : "BayerRG8";
     char text[1024];
     snprintf(text, sizeof text,
              "rig: rig.yaml\n"
@@ -203,8 +213,8 @@ static pvx_err make_folder(struct demo *m, struct pvx_diag *d)
 
 static void remove_folder(struct demo *m)
 {
-    static const char *const names[] = {"rig.yaml", "pyrovoxd.yaml", "log", "volumes",
-                                        "control", "volumes.lock", "control.lock"};
+    static const char *const names[] = {"rig.yaml", "pyrovoxd.yaml", "log",         "volumes",
+                                        "control",  "volumes.lock",  "control.lock"};
     char path[128];
     if (m->dir[0] == '\0')
         return;
@@ -283,8 +293,8 @@ static size_t read_tail(const struct demo *m, char *text, size_t size)
     struct stat st;
     if (fd < 0)
         return 0;
-    off_t from = fstat(fd, &st) == 0 && st.st_size > (off_t)size - 1 ? st.st_size - (off_t)size + 1
-                                                                    : 0;
+    off_t from =
+        fstat(fd, &st) == 0 && st.st_size > (off_t)size - 1 ? st.st_size - (off_t)size + 1 : 0;
     ssize_t n = pread(fd, text, size - 1, from);
     close(fd);
     text[n < 0 ? 0 : n] = '\0';
@@ -362,9 +372,9 @@ static pvx_err watch(struct demo *m, struct pvx_diag *d)
     follow_mark(&m->follow);
     screen_open(&m->screen);
     pvx_err e = PVX_OK;
-    while (!cli_stop && e == PVX_OK &&
-           (m->a.seconds == 0 ||
-            (double)(pvx_now_mono() - m->follow.mark_ns) * 1e-9 < m->a.seconds)) {
+    while (
+        !cli_stop && e == PVX_OK &&
+        (m->a.seconds == 0 || (double)(pvx_now_mono() - m->follow.mark_ns) * 1e-9 < m->a.seconds)) {
         e = follow_poll(&m->follow, 50 * PVX_NS_PER_MS, d);
         if (child_gone(m))
             e = pvx_fail(d, PVX_EIO, "the cameras or the daemon have ended by themselves");
@@ -423,10 +433,8 @@ static pvx_err play(struct demo *m, char *line, size_t size, struct pvx_diag *d)
         return pvx_fail(d, PVX_ENOMEM, "cannot start a process: %s", strerror(errno));
     if (m->child == 0)
         become(m, parent);
-    struct follow_truth truth = {.known = true,
-                                 .seed = SEED,
-                                 .period_s = (double)m->ring / m->a.fps,
-                                 .ring_fps = m->a.fps};
+    struct follow_truth truth = {
+        .known = true, .seed = SEED, .period_s = (double)m->ring / m->a.fps, .ring_fps = m->a.fps};
     m->following = true;
     PVX_TRY(follow_init(&m->follow, m->volumes, &truth, d));
     PVX_TRY(warm_up(m, d));
@@ -440,8 +448,8 @@ static int run(int argc, char **argv)
     struct demo *m = pvx_calloc(1, sizeof *m);
     if (m == NULL)
         return cli_error(NULL, PVX_ENOMEM);
-    m->a = (struct args){.fps = 20, .cameras = 8, .width = 640, .height = 480, .grid = 64,
-                         .format = "rgb8"};
+    m->a = (struct args){
+        .fps = 20, .cameras = 8, .width = 640, .height = 480, .grid = 64, .format = "rgb8"};
     const struct argp argp = {.options = options, .parser = parse, .doc = doc};
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &m->a);

@@ -17,8 +17,10 @@ struct args {
 };
 
 static const struct argp_option options[] = {
-    {"endpoint", 'e', "ENDPOINT", 0, "the daemon's control.endpoint, default the user's own daemon, "
-     "else the system's", 0},
+    {"endpoint", 'e', "ENDPOINT", 0,
+     "the daemon's control.endpoint, default the user's own daemon, "
+     "else the system's",
+     0},
     {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
     {"stop", OPT_STOP, NULL, 0, "ask the daemon to drain and end", 0},
     {"timeout", OPT_TIMEOUT, "SECONDS", 0, "wait so long for an answer (2)", 0},
@@ -79,12 +81,13 @@ static void print_tables(const cJSON *s)
                ask_num(k, "items", NULL), ask_num(k, "mean_ms", NULL), ask_num(k, "p99_ms", NULL),
                ask_num(k, "max_ms", NULL), ask_num(k, "queued", NULL));
     printf("\n%-16s %-8s %8s %10s  %s\n", "camera", "state", "fps", "drift ppm", "counts");
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras")) {
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras"))
+    {
         printf("%-16s %-8s %8.2f %10.1f ", ask_text(k, "name", NULL), ask_text(k, "state", NULL),
                ask_num(k, "fps", NULL), ask_num(k, "drift_ppm", NULL));
-        cJSON_ArrayForEach(v, cJSON_GetObjectItemCaseSensitive(k, "counts"))
-            if (v->valuedouble != 0)
-                printf(" %s %.0f", v->string, v->valuedouble);
+        cJSON_ArrayForEach(v,
+                           cJSON_GetObjectItemCaseSensitive(k, "counts")) if (v->valuedouble != 0)
+            printf(" %s %.0f", v->string, v->valuedouble);
         printf("\n");
         if (ask_text(k, "error", NULL)[0] != '\0')
             printf("%-16s %s\n", "", ask_text(k, "error", NULL));

@@ -18,10 +18,14 @@ struct args {
 };
 
 static const struct argp_option options[] = {
-    {"endpoint", 'e', "ENDPOINT", 0, "where the volumes are published, default the user's own "
-     "daemon, else the system's", 0},
-    {"truth", OPT_TRUTH, "SEED,PERIOD[,FPS]", 0, "compare with the known flame of sim: cameras "
-     "(sim.seed, sim.period_s) or of `pyrovox simcams` (--seed, --ring/--fps, --fps)", 0},
+    {"endpoint", 'e', "ENDPOINT", 0,
+     "where the volumes are published, default the user's own "
+     "daemon, else the system's",
+     0},
+    {"truth", OPT_TRUTH, "SEED,PERIOD[,FPS]", 0,
+     "compare with the known flame of sim: cameras "
+     "(sim.seed, sim.period_s) or of `pyrovox simcams` (--seed, --ring/--fps, --fps)",
+     0},
     {"seconds", OPT_SECONDS, "N", 0, "end by itself after N seconds; 0 = never (default)", 0},
     {0}};
 

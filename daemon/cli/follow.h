@@ -24,18 +24,18 @@ struct follow_truth {
 struct follow {
     pvp_sub *sub;
     struct follow_truth truth;
-    uint64_t volumes;    /* since follow_mark */
-    uint64_t missing;    /* sets without a volume: gaps in the exposure times */
-    uint64_t lost;       /* messages that this subscriber lost */
-    int64_t mark_ns;     /* mono clock */
+    uint64_t volumes; /* since follow_mark */
+    uint64_t missing; /* sets without a volume: gaps in the exposure times */
+    uint64_t lost;    /* messages that this subscriber lost */
+    int64_t mark_ns;  /* mono clock */
     struct pvx_hist latency;
     double error, error_sum, error_worst; /* relative L2 of the volume; -1 = not known yet */
     uint64_t error_n;
     struct pvp_volume last;
-    cJSON *status;       /* the daemon's latest, or NULL */
+    cJSON *status; /* the daemon's latest, or NULL */
     bool ended;
     char end_reason[PVP_REASON_MAX];
-    float *dense;        /* latest unpacked volume, [nz][ny][nx][channels] */
+    float *dense; /* latest unpacked volume, [nz][ny][nx][channels] */
     bool have_dense;
     /* own */
     pvp_decoder *decoder;

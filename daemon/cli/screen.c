@@ -76,11 +76,10 @@ static void draw_stages(struct page *p, const cJSON *s)
     char text[256] = "";
     size_t n = 0;
     const cJSON *k;
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "stages"))
-        if (n < sizeof text)
-            n += (size_t)snprintf(text + n, sizeof text - n, "  %s %.1f ms (p99 %.1f, %.0f waiting)",
-                                  ask_text(k, "name", NULL), ask_num(k, "mean_ms", NULL),
-                                  ask_num(k, "p99_ms", NULL), ask_num(k, "queued", NULL));
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "stages")) if (n < sizeof text) n +=
+        (size_t)snprintf(text + n, sizeof text - n, "  %s %.1f ms (p99 %.1f, %.0f waiting)",
+                         ask_text(k, "name", NULL), ask_num(k, "mean_ms", NULL),
+                         ask_num(k, "p99_ms", NULL), ask_num(k, "queued", NULL));
     line(p, "stages %s", text);
 }
 
@@ -89,10 +88,9 @@ static void draw_drops(struct page *p, const cJSON *s)
     char text[256] = "";
     size_t n = 0;
     const cJSON *k;
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "drops"))
-        if (n < sizeof text)
-            n += (size_t)snprintf(text + n, sizeof text - n, "  %s %.0f",
-                                  ask_text(k, "name", NULL), ask_num(k, "value", NULL));
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "drops")) if (n < sizeof text) n +=
+        (size_t)snprintf(text + n, sizeof text - n, "  %s %.0f", ask_text(k, "name", NULL),
+                         ask_num(k, "value", NULL));
     line(p, "dropped%s", text);
 }
 
@@ -102,9 +100,8 @@ static void draw_cameras(struct page *p, const cJSON *s)
          "late", "gaps", "lost", "error");
     const cJSON *k;
     cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras"))
-        line(p, "%-16.16s %-8s %8.2f %10.0f %6.0f %6.0f %6.0f %6.0f  %s",
-             ask_text(k, "name", NULL), ask_text(k, "state", NULL), ask_num(k, "fps", NULL),
-             ask_num(k, "counts", "received"),
+        line(p, "%-16.16s %-8s %8.2f %10.0f %6.0f %6.0f %6.0f %6.0f  %s", ask_text(k, "name", NULL),
+             ask_text(k, "state", NULL), ask_num(k, "fps", NULL), ask_num(k, "counts", "received"),
              ask_num(k, "counts", "incomplete") + ask_num(k, "counts", "bad_size"),
              ask_num(k, "counts", "late") + ask_num(k, "counts", "unmatched"),
              ask_num(k, "counts", "id_gap"), ask_num(k, "counts", "lost_camera"),
@@ -149,7 +146,8 @@ static void draw_page(const struct follow *f, const char *title, const char *foo
 static void draw_line(const struct screen *s, const struct follow *f)
 {
     printf("%6.1f s  %6.2f sets/s  %llu sets  missing %llu  lost %llu  latency p50 %.1f p99 %.1f ms"
-           "  hull %u  residual %.4f", (double)(pvx_now_mono() - s->t0_ns) * 1e-9, follow_rate(f),
+           "  hull %u  residual %.4f",
+           (double)(pvx_now_mono() - s->t0_ns) * 1e-9, follow_rate(f),
            (unsigned long long)f->volumes, (unsigned long long)f->missing,
            (unsigned long long)f->lost, ask_num(f->status, "latency_ms", "p50"),
            ask_num(f->status, "latency_ms", "p99"), f->last.report.active_voxels,

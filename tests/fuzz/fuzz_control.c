@@ -21,7 +21,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static char reply[DMN_REPLY_MAX];
-    const struct dmn_control_ops ops = {.status = status, .reset_latency = nothing, .stop = nothing};
+    const struct dmn_control_ops ops = {
+        .status = status, .reset_latency = nothing, .stop = nothing};
     size_t n = dmn_control_handle(&ops, data, size, reply, sizeof reply);
     cJSON *j = cJSON_ParseWithLength(reply, n);
     if (n < 2 || n >= sizeof reply || !cJSON_IsObject(j))

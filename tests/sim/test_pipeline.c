@@ -37,8 +37,8 @@ static dmn_pipeline *make(const char *more)
     dmn_pipeline *p = NULL;
     snprintf(text, sizeof text,
              "rig: %s/rig.yaml\nshared_clock: true\nmatrix_cache: %s/m\n"
-             "publish: {endpoints: [\"ipc://%s/v\"], sample: f32, hwm: 10000}\n%s", dir, dir, dir,
-             more);
+             "publish: {endpoints: [\"ipc://%s/v\"], sample: f32, hwm: 10000}\n%s",
+             dir, dir, dir, more);
     T_EQ_I(dmn_config_parse(text, strlen(text), "test", &cfg, &d), PVX_OK);
     if (d.text[0] == '\0')
         T_EQ_I(dmn_pipeline_new(&cfg, NULL, NULL, &p, &d), PVX_OK);
@@ -121,8 +121,9 @@ static void too_fast_drops_the_oldest_and_counts(void)
 {
     /* far more than can be solved: 200 iterations on every set at 300 Hz */
     make_rig(4, 80, 60, 24);
-    dmn_pipeline *p = make("cameras: \"sim:\"\nfps: 300\nthreads: 1\n"
-                           "solver: {name: mlem, stop: iterations, iterations: 200, deadline_ms: 0}\n");
+    dmn_pipeline *p =
+        make("cameras: \"sim:\"\nfps: 300\nthreads: 1\n"
+             "solver: {name: mlem, stop: iterations, iterations: 200, deadline_ms: 0}\n");
     if (p == NULL)
         return;
     struct pvx_diag d = {0};

@@ -31,7 +31,9 @@ extern void *__libc_realloc(void *p, size_t n);
 extern void *__libc_memalign(size_t align, size_t n);
 extern void __libc_free(void *p);
 
-static struct { uintptr_t lo, hi; } apart[32]; /* code of libzmq and libstdc++ */
+static struct {
+    uintptr_t lo, hi;
+} apart[32]; /* code of libzmq and libstdc++ */
 static int n_apart;
 static atomic_int counting;
 static atomic_ullong allocations, frees, theirs;
@@ -127,7 +129,8 @@ static void nothing_is_allocated(void)
     snprintf(text, sizeof text,
              "rig: %s/rig.yaml\ncameras: \"sim:\"\nfps: 250\nshared_clock: true\n"
              "matrix_cache: %s/m\npublish: {endpoints: [\"ipc://%s/v\"], compress: lz4}\n"
-             "solver: {warm_start: on}\n", dir, dir, dir);
+             "solver: {warm_start: on}\n",
+             dir, dir, dir);
     T_EQ_I(dmn_config_parse(text, strlen(text), "test", &cfg, &d), PVX_OK);
     T_EQ_S(d.text, "");
     pvx_log_set_level(PVX_LOG_WARN);

@@ -194,11 +194,13 @@ static void pictures_in_every_format(void)
     T_EQ_I(u16[0], 21845);
     dmn_scene_pack(image, 2, 2, CAP_RGB_F32, f);
     T_NEAR(f[9], 2, 0);
-    static const struct { enum cap_pixfmt fmt; uint8_t want[4]; } bayer[] = {
-        {CAP_BAYER_RG8, {255, 255, 0, 128}},
-        {CAP_BAYER_GR8, {0, 0, 255, 0}},
-        {CAP_BAYER_GB8, {0, 0, 0, 0}},
-        {CAP_BAYER_BG8, {0, 255, 0, 255}}};
+    static const struct {
+        enum cap_pixfmt fmt;
+        uint8_t want[4];
+    } bayer[] = {{CAP_BAYER_RG8, {255, 255, 0, 128}},
+                 {CAP_BAYER_GR8, {0, 0, 255, 0}},
+                 {CAP_BAYER_GB8, {0, 0, 0, 0}},
+                 {CAP_BAYER_BG8, {0, 255, 0, 255}}};
     for (size_t i = 0; i < 4; i++) {
         dmn_scene_pack(image, 2, 2, bayer[i].fmt, u8);
         for (int k = 0; k < 4; k++)
