@@ -14,16 +14,16 @@
 #include "base/log.h"
 
 #define REG_GVCP_CAPABILITY 0x934 /* GigE Vision bootstrap register */
-#define GVCP_CAN_RESEND 0x4u
-#define JUMBO 9000 /* no larger packets unless asked for */
+#define GVCP_CAN_RESEND     0x4u
+#define JUMBO               9000 /* no larger packets unless asked for */
 
 static const struct {
     enum cap_pixfmt fmt;
     ArvPixelFormat arv;
 } formats[] = {
-    {CAP_GREY8, ARV_PIXEL_FORMAT_MONO_8},          {CAP_GREY16, ARV_PIXEL_FORMAT_MONO_16},
-    {CAP_RGB8, ARV_PIXEL_FORMAT_RGB_8_PACKED},     {CAP_BAYER_RG8, ARV_PIXEL_FORMAT_BAYER_RG_8},
-    {CAP_BAYER_GR8, ARV_PIXEL_FORMAT_BAYER_GR_8},  {CAP_BAYER_GB8, ARV_PIXEL_FORMAT_BAYER_GB_8},
+    {CAP_GREY8, ARV_PIXEL_FORMAT_MONO_8},         {CAP_GREY16, ARV_PIXEL_FORMAT_MONO_16},
+    {CAP_RGB8, ARV_PIXEL_FORMAT_RGB_8_PACKED},    {CAP_BAYER_RG8, ARV_PIXEL_FORMAT_BAYER_RG_8},
+    {CAP_BAYER_GR8, ARV_PIXEL_FORMAT_BAYER_GR_8}, {CAP_BAYER_GB8, ARV_PIXEL_FORMAT_BAYER_GB_8},
     {CAP_BAYER_BG8, ARV_PIXEL_FORMAT_BAYER_BG_8},
 };
 
@@ -77,7 +77,8 @@ static pvx_err open_camera(const struct cap_source_config *c, ArvCamera **out, s
     if (cam == NULL)
         return pvx_fail(d, PVX_ENOENT,
                         "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "
-                        "those that do", c->name, c->uri);
+                        "those that do",
+                        c->name, c->uri);
     ArvDevice *dev = arv_camera_get_device(cam);
     if (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev))) {
         g_object_unref(cam);
@@ -111,10 +112,12 @@ static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
     if (l->fmt == CAP_FMT_NONE)
         return pvx_fail(d, PVX_EUNSUP,
                         "camera %s (aravis:%s): its pixel format 0x%08x is none of Mono8, Mono16, "
-                        "RGB8, Bayer 8 bit: set one of these", c->name, c->uri, (unsigned)got);
+                        "RGB8, Bayer 8 bit: set one of these",
+                        c->name, c->uri, (unsigned)got);
     if (c->fmt != CAP_FMT_NONE && l->fmt != c->fmt)
-        return pvx_fail(d, PVX_EINVAL, "camera %s (aravis:%s): format %s refused: the camera has %s",
-                        c->name, c->uri, cap_pixfmt_name(c->fmt), cap_pixfmt_name(l->fmt));
+        return pvx_fail(d, PVX_EINVAL,
+                        "camera %s (aravis:%s): format %s refused: the camera has %s", c->name,
+                        c->uri, cap_pixfmt_name(c->fmt), cap_pixfmt_name(l->fmt));
     return PVX_OK;
 }
 
@@ -135,10 +138,11 @@ static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
     if (c->width > 0 && c->height > 0 && (l->width != c->width || l->height != c->height)) {
         int w = 0, h = 0;
         arv_camera_get_sensor_size(cam, &w, &h, NULL);
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): image size %dx%d refused: the camera has %dx%d, its "
-                        "sensor %dx%d", c->name, c->uri, c->width, c->height, l->width, l->height,
-                        w, h);
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "camera %s (aravis:%s): image size %dx%d refused: the camera has %dx%d, its "
+            "sensor %dx%d",
+            c->name, c->uri, c->width, c->height, l->width, l->height, w, h);
     }
     return PVX_OK;
 }
@@ -237,8 +241,8 @@ static pvx_err set_feature(const struct cap_source_config *c, ArvCamera *cam,
         return aravis_fail(c, PVX_EINVAL, f->name, &err, d);
     if (!same_value(f->value, got))
         return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): feature %s = %s refused: the camera has %s", c->name,
-                        c->uri, f->name, f->value, got);
+                        "camera %s (aravis:%s): feature %s = %s refused: the camera has %s",
+                        c->name, c->uri, f->name, f->value, got);
     return PVX_OK;
 }
 
@@ -287,10 +291,11 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     int mtu = path_mtu(ARV_GV_DEVICE(arv_camera_get_device(cam)), &loopback);
     int size = c->packet_size;
     if (size > 0 && mtu > 0 && size > mtu)
-        return pvx_fail(d, PVX_EINVAL,
-                        "camera %s (aravis:%s): packet_size %d is more than the interface's MTU %d: "
-                        "raise the MTU (ip link set dev ... mtu 9000) or leave it out", c->name,
-                        c->uri, size, mtu);
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "camera %s (aravis:%s): packet_size %d is more than the interface's MTU %d: "
+            "raise the MTU (ip link set dev ... mtu 9000) or leave it out",
+            c->name, c->uri, size, mtu);
     if (size <= 0 && !loopback) {
         size = (int)arv_camera_gv_auto_packet_size(cam, &err);
         if (err != NULL) /* no test packets: what every network carries */
@@ -324,8 +329,8 @@ bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera)
            (can & GVCP_CAN_RESEND) != 0;
 }
 
-static pvx_err configure(const struct cap_source_config *c, ArvCamera *cam,
-                         struct aravis_layout *l, struct pvx_diag *d)
+static pvx_err configure(const struct cap_source_config *c, ArvCamera *cam, struct aravis_layout *l,
+                         struct pvx_diag *d)
 {
     /* Features first: they may be what makes the rest possible (a user set, a binning mode). */
     for (size_t i = 0; i < c->n_features; i++)

@@ -17,9 +17,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#define REMEDY                                                                                     \
-    "allow it (sysctl kernel.unprivileged_userns_clone=1, user.max_user_namespaces=100, "          \
-    "kernel.apparmor_restrict_unprivileged_userns=0), run as root, or add the addresses by hand "  \
+#define REMEDY                                                                                    \
+    "allow it (sysctl kernel.unprivileged_userns_clone=1, user.max_user_namespaces=100, "         \
+    "kernel.apparmor_restrict_unprivileged_userns=0), run as root, or add the addresses by hand " \
     "(sudo ip addr add 127.0.0.2/8 dev lo, and so on) and leave the private network out"
 
 /* One rtnetlink request with room for a link or an address message and two attributes. */
@@ -62,8 +62,8 @@ static int transact(int fd, struct request *r)
 
 static int lo_up(int fd, int index)
 {
-    struct request r = {.head = {.nlmsg_len = NLMSG_LENGTH(sizeof r.body.link),
-                                 .nlmsg_type = RTM_NEWLINK}};
+    struct request r = {
+        .head = {.nlmsg_len = NLMSG_LENGTH(sizeof r.body.link), .nlmsg_type = RTM_NEWLINK}};
     r.body.link = (struct ifinfomsg){.ifi_index = index, .ifi_flags = IFF_UP, .ifi_change = IFF_UP};
     return transact(fd, &r);
 }

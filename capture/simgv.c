@@ -17,9 +17,9 @@
 #include "capture/netns.h"
 #include "capture/simgv_poll.h"
 
-#define GVCP_PORT 3956
-#define REG_USER_NAME 0xe8 /* GigE Vision bootstrap register, 16 bytes */
-#define FIRST_ID 65401 /* as the stock fake: the wrap comes soon */
+#define GVCP_PORT     3956
+#define REG_USER_NAME 0xe8  /* GigE Vision bootstrap register, 16 bytes */
+#define FIRST_ID      65401 /* as the stock fake: the wrap comes soon */
 
 struct cap_simgv {
     struct cap_simgv_config c;
@@ -36,7 +36,7 @@ struct cap_simgv {
 
     /* The camera's thread alone: */
     uint16_t id;
-    int64_t t0_ns;         /* first frame: drift counts from here */
+    int64_t t0_ns; /* first frame: drift counts from here */
     int64_t last_moment_ns;
     int64_t frozen_index, frozen_stamp_ns;
     bool frozen, warned;
@@ -229,16 +229,22 @@ static void fill(ArvBuffer *b, void *user, guint32 exposure_us, guint32 gain, Ar
 static pvx_err check(const struct cap_simgv_config *c, struct pvx_diag *d)
 {
     if (c->fmt != CAP_GREY8 && c->fmt != CAP_RGB8 && c->fmt != CAP_BAYER_RG8)
-        return pvx_fail(d, PVX_EINVAL, "simulated camera %s: format %s; Mono8, RGB8 and BayerRG8 "
-                        "can be served", c->address, cap_pixfmt_name(c->fmt));
+        return pvx_fail(d, PVX_EINVAL,
+                        "simulated camera %s: format %s; Mono8, RGB8 and BayerRG8 "
+                        "can be served",
+                        c->address, cap_pixfmt_name(c->fmt));
     if (c->width < 1 || c->height < 1 || c->width > 16384 || c->height > 16384 || c->n_ring < 1 ||
         !(c->ring_fps > 0 && c->ring_fps <= 1000) || !(c->trigger_hz >= 0 && c->trigger_hz <= 1000))
-        return pvx_fail(d, PVX_EINVAL, "simulated camera %s: image size 1 to 16384, at least one "
-                        "image, rates up to 1000 Hz", c->address);
+        return pvx_fail(d, PVX_EINVAL,
+                        "simulated camera %s: image size 1 to 16384, at least one "
+                        "image, rates up to 1000 Hz",
+                        c->address);
     if (c->serial[0] == '\0' || strlen(c->serial) > CAP_SIMGV_NAME_MAX ||
         (c->user_name != NULL && strlen(c->user_name) > CAP_SIMGV_NAME_MAX))
-        return pvx_fail(d, PVX_EINVAL, "simulated camera %s: serial and name have at most %d "
-                        "characters", c->address, CAP_SIMGV_NAME_MAX);
+        return pvx_fail(d, PVX_EINVAL,
+                        "simulated camera %s: serial and name have at most %d "
+                        "characters",
+                        c->address, CAP_SIMGV_NAME_MAX);
     return PVX_OK;
 }
 
@@ -250,9 +256,11 @@ static pvx_err probe_port(const char *address, uint32_t *address_be, struct pvx_
         return pvx_fail(d, PVX_EINVAL, "simulated camera: '%s' is not an IPv4 address", address);
     *address_be = sa.sin_addr.s_addr;
     if (!cap_netns_have(address, 1))
-        return pvx_fail(d, PVX_ENOENT, "simulated camera %s: no interface of this host has that "
+        return pvx_fail(d, PVX_ENOENT,
+                        "simulated camera %s: no interface of this host has that "
                         "address; use a private network (--private-net) or `sudo ip addr add %s/8 "
-                        "dev lo`", address, address);
+                        "dev lo`",
+                        address, address);
     int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (fd < 0)
         return pvx_fail(d, PVX_EIO, "simulated camera %s: socket: %s", address, strerror(errno));

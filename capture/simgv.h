@@ -26,15 +26,15 @@
 #define CAP_SIMGV_NAME_MAX 15 /* characters */
 
 struct cap_simgv_config {
-    const char *address;       /* "127.0.0.2" */
-    const char *serial;        /* "SIM00", at most CAP_SIMGV_NAME_MAX */
-    const char *user_name;     /* "cam0", likewise; NULL = none */
-    enum cap_pixfmt fmt;       /* CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8 */
+    const char *address;   /* "127.0.0.2" */
+    const char *serial;    /* "SIM00", at most CAP_SIMGV_NAME_MAX */
+    const char *user_name; /* "cam0", likewise; NULL = none */
+    enum cap_pixfmt fmt;   /* CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8 */
     int32_t width, height;
-    const void *const *ring;   /* [n_ring] images, tightly packed, borrowed */
+    const void *const *ring; /* [n_ring] images, tightly packed, borrowed */
     size_t n_ring;
-    double ring_fps;           /* images per second of scene time */
-    double trigger_hz;         /* how often a software trigger is looked for; 0 = 500 */
+    double ring_fps;   /* images per second of scene time */
+    double trigger_hz; /* how often a software trigger is looked for; 0 = 500 */
 };
 struct cap_simgv_fault {
     double skew_us, drift_ppm; /* of the camera's clock */

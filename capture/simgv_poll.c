@@ -11,7 +11,7 @@
 #include "base/clock.h"
 
 #define GVCP_PORT 3956
-#define CLAMP_MS 100 /* the fake's longest wait, and what the wrapped timeout becomes */
+#define CLAMP_MS  100 /* the fake's longest wait, and what the wrapped timeout becomes */
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static struct simgv_pacer *pacers;

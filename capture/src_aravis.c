@@ -24,10 +24,10 @@
 #include "capture/backends.h"
 #include "capture/bufpool.h"
 
-#define SPARE 2                 /* buffers that always stay with the stream */
-#define RETENTION_US 50000u     /* how long an incomplete frame is waited for */
+#define SPARE         2         /* buffers that always stay with the stream */
+#define RETENTION_US  50000u    /* how long an incomplete frame is waited for */
 #define SOCKET_BUFFER (8 << 20) /* as far as net.core.rmem_max allows */
-#define RT_PRIORITY 10
+#define RT_PRIORITY   10
 
 struct slot {
     struct cap_frame *frame;
@@ -118,8 +118,8 @@ static pvx_err make_buffers(struct source *s)
         slot->frame = cap_bufpool_take(s->pool);
         slot->put_back = slot->frame->release;
         slot->link = l;
-        slot->buffer = arv_buffer_new_full(s->layout.payload, cap_bufpool_memory(slot->frame), slot,
-                                           NULL);
+        slot->buffer =
+            arv_buffer_new_full(s->layout.payload, cap_bufpool_memory(slot->frame), slot, NULL);
         l->n = i + 1;
     }
     return PVX_OK;
@@ -169,8 +169,8 @@ static bool lend(struct slot *slot)
 
 static struct cap_image image_of(ArvBuffer *b)
 {
-    struct cap_image img = {.data = cap_bufpool_memory(
-                                ((const struct slot *)arv_buffer_get_user_data(b))->frame)};
+    struct cap_image img = {
+        .data = cap_bufpool_memory(((const struct slot *)arv_buffer_get_user_data(b))->frame)};
     ArvBufferPayloadType type = arv_buffer_get_payload_type(b);
     if (arv_buffer_get_n_parts(b) == 0 || (type != ARV_BUFFER_PAYLOAD_TYPE_IMAGE &&
                                            type != ARV_BUFFER_PAYLOAD_TYPE_EXTENDED_CHUNK_DATA))

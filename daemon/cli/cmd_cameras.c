@@ -61,5 +61,4 @@ static int run(int argc, char **argv)
     return n > 0 ? 0 : 1;
 }
 
-const struct cli_command cmd_cameras = {
-    "cameras", "list the cameras that can be found", run};
+const struct cli_command cmd_cameras = {"cameras", "list the cameras that can be found", run};

@@ -22,13 +22,34 @@
 #include "cli/simcams_ring.h"
 
 #define MAX_FAULT_OPTIONS 64
-#define MIB 1048576.0
+#define MIB               1048576.0
 
 enum {
-    OPT_RIG = 0x100, OPT_CAMERAS, OPT_SIZE, OPT_RADIUS, OPT_VOXELS, OPT_ADDRESS, OPT_FORMAT,
-    OPT_FPS, OPT_RING, OPT_SEED, OPT_BLACK, OPT_NOISE, OPT_SUB, OPT_TRIGGER_HZ, OPT_MAX_MEMORY, OPT_WRITE_RIG,
-    OPT_DROP, OPT_LOSS, OPT_DELAY, OPT_SKEW, OPT_DRIFT, /* in the order of simcams_fault_kind */
-    OPT_KILL, OPT_FREEZE, OPT_CONTROL, OPT_PRIVATE_NET,
+    OPT_RIG = 0x100,
+    OPT_CAMERAS,
+    OPT_SIZE,
+    OPT_RADIUS,
+    OPT_VOXELS,
+    OPT_ADDRESS,
+    OPT_FORMAT,
+    OPT_FPS,
+    OPT_RING,
+    OPT_SEED,
+    OPT_BLACK,
+    OPT_NOISE,
+    OPT_SUB,
+    OPT_TRIGGER_HZ,
+    OPT_MAX_MEMORY,
+    OPT_WRITE_RIG,
+    OPT_DROP,
+    OPT_LOSS,
+    OPT_DELAY,
+    OPT_SKEW,
+    OPT_DRIFT, /* in the order of simcams_fault_kind */
+    OPT_KILL,
+    OPT_FREEZE,
+    OPT_CONTROL,
+    OPT_PRIVATE_NET,
 };
 
 static const struct argp_option options[] = {
@@ -46,7 +67,8 @@ static const struct argp_option options[] = {
     {NULL, 0, NULL, 0, "Images:", 2},
     {"format", OPT_FORMAT, "FORMAT", 0, "mono8, rgb8 (default) or bayerrg8", 2},
     {"fps", OPT_FPS, "HZ", 0,
-     "images per second of the flame's motion (15); the frame rate itself is the client's to set", 2},
+     "images per second of the flame's motion (15); the frame rate itself is the client's to set",
+     2},
     {"ring", OPT_RING, "N", 0, "images per camera, rendered before and repeated (30)", 2},
     {"seed", OPT_SEED, "N", 0, "another flame (1)", 2},
     {"black", OPT_BLACK, "PERCENT", 0, "black level, share of full scale (2)", 2},
@@ -64,7 +86,8 @@ static const struct argp_option options[] = {
     {"freeze", OPT_FREEZE, "CAM@S[-S]", 0, "image and time stamp stand still from S (until S)", 3},
     {"control", OPT_CONTROL, NULL, 0,
      "read lines on standard input: drop|loss|delay|skew|drift CAM NUMBER, freeze CAM on|off, "
-     "kill CAM, revive CAM; CAM may be all", 3},
+     "kill CAM, revive CAM; CAM may be all",
+     3},
     {0},
 };
 
@@ -84,8 +107,14 @@ static const char doc[] =
     "  pyrovox simcams --rig rig.yaml --drop cam3=0.05 --kill cam1@20 --address 127.0.0.2\n"
     "      a rig of your own, with faults, on addresses that this host has\n";
 
-struct fault_option { enum simcams_fault_kind kind; const char *text; };
-struct plan_option { bool freeze; const char *text; };
+struct fault_option {
+    enum simcams_fault_kind kind;
+    const char *text;
+};
+struct plan_option {
+    bool freeze;
+    const char *text;
+};
 
 struct args {
     const char *rig, *write_rig, *address;
@@ -146,8 +175,10 @@ static void want_size(struct argp_state *st, const char *arg, struct args *a)
 
 static void want_format(struct argp_state *st, const char *arg, struct args *a)
 {
-    static const struct { const char *name; enum cap_pixfmt fmt; } known[] = {
-        {"mono8", CAP_GREY8}, {"rgb8", CAP_RGB8}, {"bayerrg8", CAP_BAYER_RG8}};
+    static const struct {
+        const char *name;
+        enum cap_pixfmt fmt;
+    } known[] = {{"mono8", CAP_GREY8}, {"rgb8", CAP_RGB8}, {"bayerrg8", CAP_BAYER_RG8}};
     for (size_t i = 0; i < sizeof known / sizeof known[0]; i++)
         if (strcasecmp(arg, known[i].name) == 0) {
             a->fmt = known[i].fmt;
@@ -178,13 +209,18 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_TRIGGER_HZ: want_double(st, "trigger-hz", arg, 1, 1000, &a->trigger_hz); return 0;
     case OPT_SIZE: want_size(st, arg, a); return 0;
     case OPT_FORMAT: want_format(st, arg, a); return 0;
-    case OPT_DROP: case OPT_LOSS: case OPT_DELAY: case OPT_SKEW: case OPT_DRIFT:
+    case OPT_DROP:
+    case OPT_LOSS:
+    case OPT_DELAY:
+    case OPT_SKEW:
+    case OPT_DRIFT:
         if (a->n_faults == MAX_FAULT_OPTIONS)
             argp_error(st, "too many fault options");
         a->fault[a->n_faults++] =
             (struct fault_option){(enum simcams_fault_kind)(key - OPT_DROP), arg};
         return 0;
-    case OPT_KILL: case OPT_FREEZE:
+    case OPT_KILL:
+    case OPT_FREEZE:
         if (a->n_plans == MAX_FAULT_OPTIONS)
             argp_error(st, "too many timed faults");
         a->plan[a->n_plans++] = (struct plan_option){key == OPT_FREEZE, arg};
@@ -204,8 +240,8 @@ static pvx_err get_rig(const struct args *a, struct rec_rig *rig, struct pvx_dia
     if (a->rig != NULL)
         PVX_TRY(rec_rig_load(a->rig, rig, d));
     else
-        PVX_TRY(rec_rig_ring((size_t)a->cameras, a->radius, a->width, a->height,
-                             (int32_t)a->voxels, rig));
+        PVX_TRY(rec_rig_ring((size_t)a->cameras, a->radius, a->width, a->height, (int32_t)a->voxels,
+                             rig));
     if (a->write_rig == NULL)
         return PVX_OK;
     char *text;
@@ -221,11 +257,11 @@ static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         s->state[c].alive = true;
     for (size_t k = 0; k < s->a->n_faults; k++)
-        PVX_TRY(simcams_fault_option(&s->rig, s->a->fault[k].kind, s->a->fault[k].text, s->state,
-                                     d));
+        PVX_TRY(
+            simcams_fault_option(&s->rig, s->a->fault[k].kind, s->a->fault[k].text, s->state, d));
     for (size_t k = 0; k < s->a->n_plans; k++)
-        PVX_TRY(simcams_plan_option(&s->rig, s->a->plan[k].freeze, s->a->plan[k].text, &s->plan,
-                                    d));
+        PVX_TRY(
+            simcams_plan_option(&s->rig, s->a->plan[k].freeze, s->a->plan[k].text, &s->plan, d));
     return PVX_OK;
 }
 
@@ -241,10 +277,11 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
                                     .sub = (int)a->sub};
     double mib = (double)simcams_ring_bytes(&s->rig, &p) / MIB;
     if (mib > (double)a->max_memory)
-        return pvx_fail(d, PVX_ENOMEM, "%zu cameras x %lld images take %.0f MiB, more than "
+        return pvx_fail(d, PVX_ENOMEM,
+                        "%zu cameras x %lld images take %.0f MiB, more than "
                         "--max-memory %lld: take fewer images (--ring), smaller ones, mono8 or "
-                        "bayerrg8, or allow more", s->rig.n_cameras, (long long)a->ring, mib,
-                        (long long)a->max_memory);
+                        "bayerrg8, or allow more",
+                        s->rig.n_cameras, (long long)a->ring, mib, (long long)a->max_memory);
     fprintf(stderr, "rendering %zu cameras x %lld images, %.0f MiB\n", s->rig.n_cameras,
             (long long)a->ring, mib);
     struct cli_progress bar = {.label = "flame"};
@@ -470,9 +507,21 @@ static int start_and_serve(struct simcams *s)
 
 static int run(int argc, char **argv)
 {
-    struct args a = {.address = "127.0.0.2", .cameras = 8, .ring = 30, .seed = 1, .sub = 1,
-                     .max_memory = 1024, .voxels = 64, .width = 640, .height = 480, .radius = 2.5,
-                     .fps = 15, .black = 2, .noise = 0.5, .trigger_hz = 500, .fmt = CAP_RGB8};
+    struct args a = {.address = "127.0.0.2",
+                     .cameras = 8,
+                     .ring = 30,
+                     .seed = 1,
+                     .sub = 1,
+                     .max_memory = 1024,
+                     .voxels = 64,
+                     .width = 640,
+                     .height = 480,
+                     .radius = 2.5,
+                     .fps = 15,
+                     .black = 2,
+                     .noise = 0.5,
+                     .trigger_hz = 500,
+                     .fmt = CAP_RGB8};
     const struct argp argp = {
         .options = options, .parser = parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};
     argp_err_exit_status = 2;

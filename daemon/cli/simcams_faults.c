@@ -61,8 +61,8 @@ pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind 
         char *value = strchr(item, '=');
         if (value != NULL)
             *value++ = '\0';
-        PVX_TRY(set(rig, kind, value != NULL ? item : "all", value != NULL ? value : item, state,
-                    d));
+        PVX_TRY(
+            set(rig, kind, value != NULL ? item : "all", value != NULL ? value : item, state, d));
     }
     return PVX_OK;
 }
@@ -129,7 +129,8 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
         !((kill || strcmp(word[0], "revive") == 0) && n == 2))
         return pvx_fail(d, PVX_EINVAL,
                         "'%s': should be drop|loss|delay|skew|drift CAMERA NUMBER, freeze CAMERA "
-                        "on|off, kill CAMERA or revive CAMERA", line);
+                        "on|off, kill CAMERA or revive CAMERA",
+                        line);
     size_t lo, hi;
     PVX_TRY(find(rig, word[1], &lo, &hi, d));
     for (size_t c = lo; c < hi; c++) {

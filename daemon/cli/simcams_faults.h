@@ -19,8 +19,15 @@ struct simcams_state {
 enum simcams_fault_kind { SIMCAMS_DROP, SIMCAMS_LOSS, SIMCAMS_DELAY, SIMCAMS_SKEW, SIMCAMS_DRIFT };
 
 #define SIMCAMS_MAX_EVENTS 64
-struct simcams_event { double at_s; size_t camera; enum { EV_KILL, EV_FREEZE, EV_THAW } what; };
-struct simcams_plan { size_t n; struct simcams_event event[SIMCAMS_MAX_EVENTS]; };
+struct simcams_event {
+    double at_s;
+    size_t camera;
+    enum { EV_KILL, EV_FREEZE, EV_THAW } what;
+};
+struct simcams_plan {
+    size_t n;
+    struct simcams_event event[SIMCAMS_MAX_EVENTS];
+};
 
 /* state [rig->n_cameras].  Errors: PVX_EINVAL, PVX_ENOENT (camera), with the reason in d. */
 PVX_MUST_CHECK pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind kind,

@@ -14,12 +14,12 @@
 #include "capture/simgv.h"
 #include "tests/t.h"
 
-#define N_CAM 3
-#define N_RING 16
-#define W 320
-#define H 240
+#define N_CAM    3
+#define N_RING   16
+#define W        320
+#define H        240
 #define RING_FPS 25.0
-#define KEEP 256
+#define KEEP     256
 
 static const enum cap_pixfmt formats[N_CAM] = {CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8};
 static unsigned char *images[N_CAM][N_RING];
@@ -43,8 +43,15 @@ static void make_images(void)
 /* ---- the child that serves -------------------------------------------------------------------- */
 
 enum op { OP_FAULT, OP_KILL, OP_REVIVE, OP_STATS };
-struct order { enum op op; int cam; struct cap_simgv_fault fault; };
-struct answer { pvx_err e; struct cap_simgv_stats stats; };
+struct order {
+    enum op op;
+    int cam;
+    struct cap_simgv_fault fault;
+};
+struct answer {
+    pvx_err e;
+    struct cap_simgv_stats stats;
+};
 static int to_server[2], from_server[2];
 static pid_t server;
 
@@ -55,9 +62,14 @@ static pvx_err serve_one(int c, cap_simgv **out)
         return PVX_EINVAL;
     snprintf(serial, sizeof serial, "T%02d", c);
     snprintf(name, sizeof name, "view%d", c);
-    struct cap_simgv_config config = {.address = address, .serial = serial, .user_name = name,
-                                      .fmt = formats[c], .width = W, .height = H,
-                                      .ring = (const void *const *)images[c], .n_ring = N_RING,
+    struct cap_simgv_config config = {.address = address,
+                                      .serial = serial,
+                                      .user_name = name,
+                                      .fmt = formats[c],
+                                      .width = W,
+                                      .height = H,
+                                      .ring = (const void *const *)images[c],
+                                      .n_ring = N_RING,
                                       .ring_fps = RING_FPS};
     struct pvx_diag d = {""};
     pvx_err e = cap_simgv_new(&config, out, &d);
@@ -219,9 +231,16 @@ static struct cap_source_config config_of(int cam)
 {
     static const char *const uri[N_CAM] = {"127.0.0.2", "127.0.0.3", "127.0.0.4"};
     static const char *const name[N_CAM] = {"a", "b", "c"};
-    return (struct cap_source_config){.uri = uri[cam], .name = name[cam], .camera = (uint32_t)cam,
-                                      .width = W, .height = H, .fmt = formats[cam], .fps = RING_FPS,
-                                      .buffers = 8, .exposure_us = -1, .gain = -1};
+    return (struct cap_source_config){.uri = uri[cam],
+                                      .name = name[cam],
+                                      .camera = (uint32_t)cam,
+                                      .width = W,
+                                      .height = H,
+                                      .fmt = formats[cam],
+                                      .fps = RING_FPS,
+                                      .buffers = 8,
+                                      .exposure_us = -1,
+                                      .gain = -1};
 }
 
 static const struct cap_source_ops *const ops = &cap_source_aravis;
@@ -306,8 +325,8 @@ static void check_sum(struct session *s)
     T_LE(sum, span);
 }
 
-#define NEED_CAMERAS()                                                                             \
-    if (!usable)                                                                                   \
+#define NEED_CAMERAS() \
+    if (!usable)       \
     T_SKIP("no private network and no addresses 127.0.0.2 to 127.0.0.4 here")
 
 static const struct cap_simgv_fault healthy;
@@ -337,7 +356,7 @@ static void numbers_past_the_wrap(void)
     NEED_CAMERAS();
     struct session s;
     struct cap_source_config config = config_of(0);
-    config.fps = 100; /* four times the ring's rate: stamps are the camera's ticks then */
+    config.fps = 100;           /* four times the ring's rate: stamps are the camera's ticks then */
     order(OP_KILL, 0, healthy); /* a fresh one starts at 65401 */
     order(OP_REVIVE, 0, healthy);
     if (begin(&s, &config)) {
@@ -524,7 +543,8 @@ static void refusals_have_reasons(void)
     c = config_of(0);
     c.packet_size = 100000;
     refuse(c, PVX_EINVAL, "MTU");
-    struct cap_feature none = {"NoSuchThing", "1"}, high = {"GainRaw", "99"}, fine = {"GainRaw", "3"};
+    struct cap_feature none = {"NoSuchThing", "1"}, high = {"GainRaw", "99"},
+                       fine = {"GainRaw", "3"};
     c = config_of(0);
     c.n_features = 1;
     c.features = &none;
@@ -608,10 +628,14 @@ static void sets_of_one_instant(void)
         cameras[c].uri = uri[c];
         cameras[c].buffers = 16;
     }
-    struct cap_capture_config config = {
-        .n_cameras = N_CAM, .camera = cameras, .fps = RING_FPS, .shared_clock = true,
-        .discard_first = 1,
-        .sets = {.max_wait_ns = 500 * PVX_NS_PER_MS, .policy = CAP_POLICY_PARTIAL, .min_cameras = 2}};
+    struct cap_capture_config config = {.n_cameras = N_CAM,
+                                        .camera = cameras,
+                                        .fps = RING_FPS,
+                                        .shared_clock = true,
+                                        .discard_first = 1,
+                                        .sets = {.max_wait_ns = 500 * PVX_NS_PER_MS,
+                                                 .policy = CAP_POLICY_PARTIAL,
+                                                 .min_cameras = 2}};
     cap_capture *cap = NULL;
     struct pvx_diag d = {""};
     T_EQ_I(cap_capture_new(&config, &cap, &d), PVX_OK);

@@ -26,10 +26,14 @@ static void options_for_all_or_some(void)
 
 static void options_that_are_wrong(void)
 {
-    static const struct { const char *text; pvx_err e; const char *says; } bad[] = {
-        {"1.5", PVX_EINVAL, "0 to 1"}, {"cam7=0.1", PVX_ENOENT, "cam7"}, {"cam1=", PVX_EINVAL, "cam1"},
-        {"", PVX_EINVAL, "drop"},      {"0.1,", PVX_EINVAL, "drop"},     {"nan", PVX_EINVAL, "nan"},
-        {"=0.1", PVX_ENOENT, "''"}};
+    static const struct {
+        const char *text;
+        pvx_err e;
+        const char *says;
+    } bad[] = {{"1.5", PVX_EINVAL, "0 to 1"}, {"cam7=0.1", PVX_ENOENT, "cam7"},
+               {"cam1=", PVX_EINVAL, "cam1"}, {"", PVX_EINVAL, "drop"},
+               {"0.1,", PVX_EINVAL, "drop"},  {"nan", PVX_EINVAL, "nan"},
+               {"=0.1", PVX_ENOENT, "''"}};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
         struct simcams_state st[3] = {0};
         struct pvx_diag d = {""};
@@ -73,9 +77,11 @@ static void control_lines(void)
 {
     struct simcams_state st[3] = {{.alive = true}, {.alive = true}, {.alive = true}};
     struct pvx_diag d = {""};
-    static const char *const good[] = {"drop cam1 0.1", "loss cam0 0.5", " delay  cam2 20 ", "",
-                                       "freeze all on", "freeze cam0 off", "kill cam1",
-                                       "skew cam0 10",  "drift all 3",     "   "};
+    static const char *const good[] = {"drop cam1 0.1",    "loss cam0 0.5",
+                                       " delay  cam2 20 ", "",
+                                       "freeze all on",    "freeze cam0 off",
+                                       "kill cam1",        "skew cam0 10",
+                                       "drift all 3",      "   "};
     for (size_t k = 0; k < sizeof good / sizeof good[0]; k++)
         T_EQ_I(simcams_control(&rig, good[k], st, &d), PVX_OK);
     T_NEAR(st[1].fault.drop, 0.1, 0);
@@ -85,9 +91,9 @@ static void control_lines(void)
     T_OK(st[0].alive && !st[1].alive);
     T_EQ_I(simcams_control(&rig, "revive all", st, &d), PVX_OK);
     T_OK(st[1].alive);
-    static const char *const bad[] = {"drop cam1", "drop cam1 2", "freeze cam1", "freeze cam1 maybe",
-                                      "kill", "kill cam9", "explode cam1", "kill cam1 now",
-                                      "drop cam1 0.1 0.2"};
+    static const char *const bad[] = {"drop cam1",         "drop cam1 2",   "freeze cam1",
+                                      "freeze cam1 maybe", "kill",          "kill cam9",
+                                      "explode cam1",      "kill cam1 now", "drop cam1 0.1 0.2"};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
         d.text[0] = '\0';
         T_OK(simcams_control(&rig, bad[k], st, &d) != PVX_OK);

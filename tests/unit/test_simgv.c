@@ -105,8 +105,13 @@ static void refused_configurations(void)
 {
     static const unsigned char pixel[3];
     const void *ring[1] = {pixel};
-    const struct cap_simgv_config good = {.address = "127.0.0.2", .serial = "S", .fmt = CAP_RGB8,
-                                          .width = 1, .height = 1, .ring = ring, .n_ring = 1,
+    const struct cap_simgv_config good = {.address = "127.0.0.2",
+                                          .serial = "S",
+                                          .fmt = CAP_RGB8,
+                                          .width = 1,
+                                          .height = 1,
+                                          .ring = ring,
+                                          .n_ring = 1,
                                           .ring_fps = 10};
     cap_simgv *s;
     struct cap_simgv_config c = good;
@@ -134,8 +139,13 @@ static void one_camera_per_address(void)
         T_SKIP("no address 127.0.0.2 here");
     static const unsigned char pixel[3];
     const void *ring[1] = {pixel};
-    const struct cap_simgv_config c = {.address = "127.0.0.2", .serial = "S", .fmt = CAP_RGB8,
-                                       .width = 1, .height = 1, .ring = ring, .n_ring = 1,
+    const struct cap_simgv_config c = {.address = "127.0.0.2",
+                                       .serial = "S",
+                                       .fmt = CAP_RGB8,
+                                       .width = 1,
+                                       .height = 1,
+                                       .ring = ring,
+                                       .n_ring = 1,
                                        .ring_fps = 10};
     cap_simgv *first = NULL, *second = NULL;
     struct pvx_diag d = {""};
