@@ -27,12 +27,11 @@ struct rec_frame {
     float *b;                 /* [rows][cs] pixels in, right-hand side after carve */
     float *weight;            /* [rows] */
     uint8_t *lit;             /* [rows] */
-    uint8_t *touched;         /* [rows] */
     float *scratch;           /* [rows] */
     int32_t *col;             /* [voxels] */
     float *x;                 /* [voxels][cs] */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
-    struct rec_subsys sub;
+    struct rec_subsys *sub;
     double sigma;
     struct rec_frame_report report;
 };
@@ -62,14 +61,14 @@ pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
     f->b = pvx_calloc(f->rows * (size_t)f->cs, sizeof *f->b);
     f->weight = pvx_calloc(f->rows, sizeof *f->weight);
     f->lit = pvx_calloc(f->rows, 1);
-    f->touched = pvx_calloc(f->rows, 1);
     f->scratch = pvx_calloc(f->rows, sizeof *f->scratch);
     f->col = pvx_reserve(f->voxels * sizeof *f->col);
     f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
     pvx_err e = PVX_ENOMEM;
-    if (f->b != NULL && f->weight != NULL && f->lit != NULL && f->touched != NULL &&
-        f->scratch != NULL && f->col != NULL && f->x != NULL)
+    if (f->b != NULL && f->weight != NULL && f->lit != NULL && f->scratch != NULL && f->col != NULL && f->x != NULL)
         e = rec_hull_new(S, &f->hull);
+    if (e == PVX_OK)
+        e = rec_subsys_new(S, &f->kernels, pool, f->cs, &f->sub);
     if (e == PVX_OK)
         e = rec_solver_new(S, p->nch, &f->solver);
     if (e != PVX_OK) {
@@ -92,11 +91,11 @@ void rec_frame_free(rec_frame **fp)
     free(f->b);
     free(f->weight);
     free(f->lit);
-    free(f->touched);
     free(f->scratch);
     pvx_unreserve(f->col, f->voxels * sizeof *f->col);
     pvx_unreserve(f->x, f->voxels * (size_t)f->cs * sizeof *f->x);
     rec_hull_free(&f->hull);
+    rec_subsys_free(&f->sub);
     rec_solver_free(&f->solver);
     free(f);
     *fp = NULL;
@@ -173,10 +172,10 @@ void rec_frame_carve(rec_frame *f)
     int32_t n = 0;
     rec_hull_carve(f->hull, &f->p.hull, lit, f->present, f->pool, f->col, &n, NULL, &r->hull);
     int64_t t2 = pvx_now_mono();
-    rec_subsys_init(&f->sub, f->S, &f->kernels, f->pool, f->cs, f->col, n, f->present, f->touched);
+    rec_subsys_restrict(f->sub, f->col, n, f->present);
     r->active_voxels = n;
-    r->active_rays = f->sub.rows;
-    r->entries = f->sub.nnz;
+    r->active_rays = f->sub->rows;
+    r->entries = f->sub->nnz;
     r->photo_ns = t1 - t0;
     r->hull_ns = t2 - t1;
     r->restrict_ns = pvx_now_mono() - t2;
@@ -187,7 +186,7 @@ static void warm_start(rec_frame *f, const struct rec_sparse *from)
 {
     int32_t at = 0;
     size_t cs = (size_t)f->cs;
-    for (int32_t q = 0; q < f->sub.n; q++) {
+    for (int32_t q = 0; q < f->sub->n; q++) {
         while (at < from->n && from->index[at] < f->col[q])
             at++;
         float *x = f->x + (size_t)q * cs;
@@ -205,12 +204,12 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
             return PVX_EINVAL;
         warm_start(f, previous);
     } else {
-        memset(f->x, 0, (size_t)f->sub.n * (size_t)f->cs * sizeof *f->x);
+        memset(f->x, 0, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
     }
     struct rec_solve_params p = f->p.solve;
     if (deadline_ns != 0)
         p.deadline_ns = deadline_ns;
-    pvx_err e = rec_solve(f->solver, &f->sub, f->b, f->weight, f->sigma, &p, f->x, NULL, NULL,
+    pvx_err e = rec_solve(f->solver, f->sub, f->b, f->weight, f->sigma, &p, f->x, NULL, NULL,
                           &f->report.solve);
     f->report.solve_ns = pvx_now_mono() - t0;
     return e;
@@ -221,7 +220,7 @@ void rec_frame_volume(const rec_frame *f, struct rec_sparse *out)
     *out = (struct rec_sparse){.grid = &f->S->grid,
                                .nch = f->p.nch,
                                .cs = f->cs,
-                               .n = f->sub.n,
+                               .n = f->sub->n,
                                .index = f->col,
                                .value = f->x};
 }
@@ -233,7 +232,7 @@ const struct rec_frame_report *rec_frame_get_report(const rec_frame *f)
 
 const struct rec_subsys *rec_frame_subsys(const rec_frame *f)
 {
-    return &f->sub;
+    return f->sub;
 }
 
 const float *rec_frame_rhs(const rec_frame *f)
@@ -254,8 +253,8 @@ const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera)
 void rec_frame_reset(rec_frame *f)
 {
     memset(f->present, 0, sizeof f->present);
-    f->sub = (struct rec_subsys){.S = f->S, .k = &f->kernels, .pool = f->pool, .cs = f->cs,
-                                 .col = f->col, .touched = f->touched};
+    f->sub->n = f->sub->rows = 0;
+    f->sub->nnz = 0;
     f->report = (struct rec_frame_report){0};
     f->report.solve.status = REC_EMPTY;
 }

@@ -1,25 +1,27 @@
 /* kernels.h - inner loops with one readable reference and ISA variants (STYLE 2.6).
  *
- * rec_kernels_init fills every slot with the reference (plain C, double accumulators where it
- * reduces), then overwrites with what the CPU and `mask` allow.  Kernels run on one camera block.
- *   scatter: y[row_e][:] += val_e * x[q][:]   for the entries e of columns col[q], q in [q0,q1)
- *   gather:  x[q][:]     += sum_e val_e * y[row_e][:]
- * x [n][cs], y [bw*bh][cs] of this camera; col [n]; cs = 1 or 4. */
+ * rec_kernels_init fills every slot with the reference (plain C, double accumulators), then
+ * overwrites with what the CPU and `mask` allow.
+ *   gather: out[i][:] = sum_e val_e * in[idx_e][:],  e in [ptr[i], ptr[i+1]),  i in [i0, i1)
+ * in, out [..][cs]; cs = 1 (any alignment) or 4 (16-byte aligned).  No over-read.
+ * Both products of the restricted system are this one loop (subsys.h). */
 #ifndef REC_KERNELS_H
 #define REC_KERNELS_H
 #include <stdint.h>
-#include "recon/sysmat.h"
 
 enum { REC_CPU_AVX2 = 1, REC_CPU_AVX512 = 2, REC_CPU_NEON = 4, REC_CPU_ALL = ~0 };
 
-typedef void (*rec_scatter_fn)(const struct rec_sysmat_block *b, const int32_t *col, int32_t q0,
-                               int32_t q1, const float *x, float *y);
-typedef void (*rec_gather_fn)(const struct rec_sysmat_block *b, const int32_t *col, int32_t q0,
-                              int32_t q1, const float *y, float *x);
+struct rec_gather {
+    uint32_t *ptr; /* [outputs + 1], ascending */
+    uint32_t *idx; /* [ptr[outputs]] */
+    float *val;    /* [ptr[outputs]] */
+};
+
+typedef void (*rec_gather_fn)(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,
+                              float *out);
 
 struct rec_kernels {
     const char *name; /* "ref", "avx2", ... */
-    rec_scatter_fn scatter1, scatter4;
     rec_gather_fn gather1, gather4;
 };
 

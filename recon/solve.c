@@ -43,18 +43,17 @@ pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
     s->nch = nch;
     s->cs = nch == 3 ? 4 : 1;
     s->n_max = rec_grid_count(&S->grid);
-    s->rows = rec_rowspace(S, row0);
+    s->rows_max = rec_rowspace(S, row0);
     bool ok = true;
     for (int i = 0; i < N_XVEC; i++)
         ok = (s->xv[i] = pvx_reserve(s->n_max * (size_t)s->cs * sizeof(float))) != NULL && ok;
     for (int i = 0; i < N_YVEC; i++)
-        ok = (s->yv[i] = pvx_reserve(s->rows * (size_t)s->cs * sizeof(float))) != NULL && ok;
-    s->weight = pvx_reserve(s->rows * sizeof *s->weight);
+        ok = (s->yv[i] = pvx_reserve(s->rows_max * (size_t)s->cs * sizeof(float))) != NULL && ok;
+    s->b = pvx_reserve(s->rows_max * (size_t)s->cs * sizeof *s->b);
+    s->weight = pvx_reserve(s->rows_max * sizeof *s->weight);
     s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
     s->nbr = pvx_reserve(s->n_max * sizeof *s->nbr);
-    s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
-    if (!ok || s->weight == NULL || s->diag == NULL || s->nbr == NULL ||
-        s->clipped == NULL) {
+    if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->nbr == NULL) {
         rec_solver_free(&s);
         return PVX_ENOMEM;
     }
@@ -70,20 +69,20 @@ void rec_solver_free(rec_solver **sp)
     for (int i = 0; i < N_XVEC; i++)
         pvx_unreserve(s->xv[i], s->n_max * (size_t)s->cs * sizeof(float));
     for (int i = 0; i < N_YVEC; i++)
-        pvx_unreserve(s->yv[i], s->rows * (size_t)s->cs * sizeof(float));
-    pvx_unreserve(s->weight, s->rows * sizeof *s->weight);
+        pvx_unreserve(s->yv[i], s->rows_max * (size_t)s->cs * sizeof(float));
+    pvx_unreserve(s->b, s->rows_max * (size_t)s->cs * sizeof *s->b);
+    pvx_unreserve(s->weight, s->rows_max * sizeof *s->weight);
     pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
     pvx_unreserve(s->nbr, s->n_max * sizeof *s->nbr);
-    pvx_unreserve(s->clipped, s->n_max * sizeof *s->clipped);
     free(s);
     *sp = NULL;
 }
 
-void rec_job_sum(const struct rec_job *j, size_t n, int what, double out[4])
+void rec_job_sum(const struct rec_job *j, size_t from, size_t to, int what, double out[4])
 {
     for (int l = 0; l < 4; l++) {
         double s = 0;
-        for (size_t k = 0; k < n; k++)
+        for (size_t k = from; k < to; k++)
             s += j->s->part[k][what][l];
         out[l] = s;
     }
@@ -102,7 +101,7 @@ double rec_job_noise2(const struct rec_job *j)
 double rec_job_norm_x(struct rec_job *j, const float *v)
 {
     double d[4];
-    rec_dot_x(j->a, v, v, d);
+    rec_dot(j->a, j->a->n, v, v, d);
     return sqrt(d[0] + d[1] + d[2] + d[3]);
 }
 
@@ -115,7 +114,7 @@ static void copy_chunk(void *ctx, size_t k)
 {
     struct copy *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     size_t cs = (size_t)t->j->a->cs, o = (size_t)q0 * cs;
     memcpy(t->dst + o, t->src + o, (size_t)(q1 - q0) * cs * sizeof *t->dst);
 }
@@ -130,58 +129,58 @@ struct residual {
     const float *x;
     float *r, *wr;
 };
-static void residual_camera(void *ctx, size_t c)
+static void residual_chunk(void *ctx, size_t k)
 {
     struct residual *t = ctx;
     const struct rec_subsys *a = t->j->a;
-    size_t i0, i1, cs = (size_t)a->cs;
+    size_t cs = (size_t)a->cs;
+    int32_t i0, i1;
     double s[4] = {0};
-    rec_job_rows(t->j, c, &i0, &i1);
-    if (i0 < i1) {
-        for (size_t i = i0 * cs; i < i1 * cs; i++)
-            t->r[i] = -t->j->b[i];
-        (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->S->block[c], a->col, 0, a->n, t->x,
-                                                       t->r + a->row0[c] * cs);
-        for (size_t i = i0; i < i1; i++)
-            for (size_t l = 0; l < cs; l++) {
-                float wr = t->j->s->weight[i] * t->r[i * cs + l];
-                t->wr[i * cs + l] = wr;
-                s[l] += (double)wr * t->r[i * cs + l];
-            }
-    }
-    memcpy(t->j->s->part[c][0], s, sizeof s);
+    rec_chunk_range(a->rows, k, &i0, &i1);
+    rec_forward_range(a, t->x, i0, i1, t->r);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        for (size_t l = 0; l < cs; l++) {
+            float r = t->r[i * cs + l] - t->j->b[i * cs + l], wr = t->j->w[i] * r;
+            t->r[i * cs + l] = r;
+            t->wr[i * cs + l] = wr;
+            s[l] += (double)wr * r;
+        }
+    memcpy(t->j->s->part[k][0], s, sizeof s);
 }
 void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4])
 {
     struct residual t = {j, x, r, wr};
-    pvx_pool_run(j->a->pool, j->a->S->n_cameras, residual_camera, &t);
-    rec_job_sum(j, j->a->S->n_cameras, 0, out);
+    pvx_pool_run(j->a->pool, rec_job_row_chunks(j), residual_chunk, &t);
+    rec_job_sum(j, 0, rec_job_row_chunks(j), 0, out);
 }
 
 struct prepare {
     struct rec_job *j;
-    const float *w;
+    const float *b, *w;
 };
-/* Weights of A's rows, ||W^(1/2) b||^2 and the number of measured rows; the work areas may hold
- * numbers of an earlier solve outside this one's spans, which the kernels may read: finite. */
-static void prepare_camera(void *ctx, size_t c)
+/* b and w on A's rows, ||W^(1/2) b||^2 and the number of measured rows. */
+static void prepare_chunk(void *ctx, size_t k)
 {
     struct prepare *t = ctx;
-    const struct rec_job *j = t->j;
-    const struct rec_subsys *a = j->a;
-    size_t i0, i1, cs = (size_t)a->cs;
+    rec_solver *s = t->j->s;
+    const struct rec_subsys *a = t->j->a;
+    size_t cs = (size_t)a->cs;
+    int32_t i0, i1;
     double norm = 0, rows = 0;
-    rec_job_rows(j, c, &i0, &i1);
-    for (size_t i = i0; i < i1; i++) {
-        float w = a->touched[i] ? t->w[i] : 0;
-        j->s->weight[i] = w;
+    rec_chunk_range(a->rows, k, &i0, &i1);
+    for (int32_t i = i0; i < i1; i++) {
+        float w = t->w[a->ray[i]];
+        s->weight[i] = w;
         rows += w > 0;
-        for (size_t l = 0; l < cs; l++)
-            norm += (double)w * j->b[i * cs + l] * j->b[i * cs + l];
+        for (size_t l = 0; l < cs; l++) {
+            float b = t->b[(size_t)a->ray[i] * cs + l];
+            s->b[(size_t)i * cs + l] = b;
+            norm += (double)w * b * b;
+        }
     }
-    j->s->part[c][0][0] = norm;
-    j->s->part[c][0][1] = rows;
-    j->s->part[c][0][2] = j->s->part[c][0][3] = 0;
+    memset(s->part[k][0], 0, sizeof s->part[k][0]);
+    s->part[k][0][0] = norm;
+    s->part[k][0][1] = rows;
 }
 
 pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
@@ -200,12 +199,12 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
     }
     int64_t start = pvx_now_mono();
     out->solver = m->name;
-    struct rec_job j = {.s = s, .a = a, .b = b, .sigma = sigma, .p = p, .x = x, .trace = trace,
+    struct rec_job j = {.s = s, .a = a, .b = s->b, .w = s->weight, .sigma = sigma, .p = p, .x = x, .trace = trace,
                         .trace_ctx = trace_ctx, .out = out};
-    struct prepare t = {&j, w};
-    pvx_pool_run(a->pool, a->S->n_cameras, prepare_camera, &t);
+    struct prepare t = {&j, b, w};
+    pvx_pool_run(a->pool, rec_job_row_chunks(&j), prepare_chunk, &t);
     double sum[4];
-    rec_job_sum(&j, a->S->n_cameras, 0, sum);
+    rec_job_sum(&j, 0, rec_job_row_chunks(&j), 0, sum);
     j.b_norm2 = sum[0];
     j.m = sum[1] * s->nch;
     if (a->n == 0 || a->nnz == 0 || j.m == 0 || j.b_norm2 == 0) {

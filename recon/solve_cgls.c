@@ -10,6 +10,7 @@
  * curve's residual norm is that of the recursion.  Starts at 0 always: with another start (1) would
  * be another method.  Every channel has its own alpha and beta. */
 #include <math.h>
+#include <string.h>
 
 #include "recon/solve_impl.h"
 
@@ -25,50 +26,49 @@ struct cgls {
     double alpha[4], beta[4];
 };
 
-static void start_camera(void *ctx, size_t c)
+static void start_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    size_t i0, i1, cs = (size_t)t->j->a->cs;
-    rec_job_rows(t->j, c, &i0, &i1);
-    for (size_t i = i0; i < i1; i++)
-        for (size_t l = 0; l < cs; l++)
-            t->r[i * cs + l] = sqrtf(t->j->s->weight[i]) * t->j->b[i * cs + l];
+    int32_t i0, i1;
+    size_t cs = (size_t)t->j->a->cs;
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        for (size_t l = 0; l < cs; l++) {
+            t->r[i * cs + l] = sqrtf(t->j->w[i]) * t->j->b[i * cs + l];
+            t->q[i * cs + l] = 0;
+        }
 }
 
 /* q = W^(1/2) S d and its norms. */
-static void forward_camera(void *ctx, size_t c)
+static void forward_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     const struct rec_subsys *a = t->j->a;
-    size_t i0, i1, cs = (size_t)a->cs;
+    int32_t i0, i1;
+    size_t cs = (size_t)a->cs;
     double sum[4] = {0};
-    rec_job_rows(t->j, c, &i0, &i1);
-    if (i0 < i1) {
-        for (size_t i = i0 * cs; i < i1 * cs; i++)
-            t->q[i] = 0;
-        (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->S->block[c], a->col, 0, a->n, t->d,
-                                                       t->q + a->row0[c] * cs);
-    }
-    for (size_t i = i0; i < i1; i++) {
-        float w = sqrtf(t->j->s->weight[i]);
+    rec_chunk_range(a->rows, k, &i0, &i1);
+    rec_forward_range(a, t->d, i0, i1, t->q);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        float w = sqrtf(t->j->w[i]);
         for (size_t l = 0; l < cs; l++) {
             t->q[i * cs + l] *= w;
             sum[l] += (double)t->q[i * cs + l] * t->q[i * cs + l];
         }
     }
-    for (int l = 0; l < 4; l++)
-        t->j->s->part[c][S_Q][l] = sum[l];
+    memcpy(t->j->s->part[k][S_Q], sum, sizeof sum);
 }
 
 /* r -= alpha q, its norm; then q = W^(1/2) r, what the adjoint takes. */
-static void residual_camera(void *ctx, size_t c)
+static void residual_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    size_t i0, i1, cs = (size_t)t->j->a->cs;
+    int32_t i0, i1;
+    size_t cs = (size_t)t->j->a->cs;
     double sum[4] = {0};
-    rec_job_rows(t->j, c, &i0, &i1);
-    for (size_t i = i0; i < i1; i++) {
-        float w = sqrtf(t->j->s->weight[i]);
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        float w = sqrtf(t->j->w[i]);
         for (size_t l = 0; l < cs; l++) {
             float r = t->r[i * cs + l] - (float)t->alpha[l] * t->q[i * cs + l];
             t->r[i * cs + l] = r;
@@ -76,15 +76,14 @@ static void residual_camera(void *ctx, size_t c)
             sum[l] += (double)r * r;
         }
     }
-    for (int l = 0; l < 4; l++)
-        t->j->s->part[c][S_R][l] = sum[l];
+    memcpy(t->j->s->part[k][S_R], sum, sizeof sum);
 }
 
 static void step_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     size_t cs = (size_t)t->j->a->cs;
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         for (size_t l = 0; l < cs; l++) {
@@ -95,23 +94,29 @@ static void step_chunk(void *ctx, size_t k)
         }
 }
 
-/* s = S^T (W^(1/2) r), which residual_camera left in q; norms of s and x. */
+/* s = S^T (W^(1/2) r), which residual_chunk left in q; norms of s and x. */
 static void adjoint_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
-    size_t cs = (size_t)t->j->a->cs, o = (size_t)q0 * cs, n = (size_t)(q1 - q0);
+    size_t cs = (size_t)t->j->a->cs;
+    double gamma[4] = {0}, norm[4] = {0};
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_adjoint_range(t->j->a, t->q, q0, q1, t->s);
-    rec_dot_range(t->s + o, t->s + o, n, (int)cs, t->j->s->part[k][S_GAMMA]);
-    rec_dot_range(t->x + o, t->x + o, n, (int)cs, t->j->s->part[k][S_X]);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
+        for (size_t l = 0; l < cs; l++) {
+            gamma[l] += (double)t->s[i * cs + l] * t->s[i * cs + l];
+            norm[l] += (double)t->x[i * cs + l] * t->x[i * cs + l];
+        }
+    memcpy(t->j->s->part[k][S_GAMMA], gamma, sizeof gamma);
+    memcpy(t->j->s->part[k][S_X], norm, sizeof norm);
 }
 
 static void direction_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     size_t cs = (size_t)t->j->a->cs;
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         for (size_t l = 0; l < cs; l++)
@@ -130,7 +135,7 @@ void rec_solve_cgls(struct rec_job *j)
     struct cgls t = {.j = j, .x = j->x, .prev = s->xv[0], .d = s->xv[1], .s = s->xv[2],
                      .r = s->yv[0], .q = s->yv[1]};
     float *best = s->xv[3];
-    size_t cameras = a->S->n_cameras, chunks = rec_job_chunks(j);
+    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
     bool corner = j->p->stop == REC_STOP_AUTO || j->p->stop == REC_STOP_LCURVE;
     double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
@@ -139,10 +144,10 @@ void rec_solve_cgls(struct rec_job *j)
 
     for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
         t.x[i] = t.d[i] = 0;
-    pvx_pool_run(a->pool, cameras, start_camera, &t);
-    pvx_pool_run(a->pool, cameras, residual_camera, &t); /* alpha is 0 */
+    pvx_pool_run(a->pool, rows, start_chunk, &t);
+    pvx_pool_run(a->pool, rows, residual_chunk, &t); /* alpha is 0 */
     pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
-    rec_job_sum(j, chunks, S_GAMMA, gamma);
+    rec_job_sum(j, 0, chunks, S_GAMMA, gamma);
     pvx_pool_run(a->pool, chunks, direction_chunk, &t); /* beta is 0 */
 
     j->out->status = REC_MAX_ITER;
@@ -151,8 +156,8 @@ void rec_solve_cgls(struct rec_job *j)
             j->out->status = REC_DEADLINE;
             break;
         }
-        pvx_pool_run(a->pool, cameras, forward_camera, &t);
-        rec_job_sum(j, cameras, S_Q, sum);
+        pvx_pool_run(a->pool, rows, forward_chunk, &t);
+        rec_job_sum(j, 0, rows, S_Q, sum);
         bool moving = false;
         for (int l = 0; l < 4; l++) {
             t.alpha[l] = sum[l] > 0 && gamma[l] > 0 ? gamma[l] / sum[l] : 0;
@@ -165,13 +170,13 @@ void rec_solve_cgls(struct rec_job *j)
             break;
         }
         pvx_pool_run(a->pool, chunks, step_chunk, &t);
-        pvx_pool_run(a->pool, cameras, residual_camera, &t);
-        rec_job_sum(j, cameras, S_R, sum);
+        pvx_pool_run(a->pool, rows, residual_chunk, &t);
+        rec_job_sum(j, 0, rows, S_R, sum);
         double residual = sqrt(total(sum));
         pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
         double next[4];
-        rec_job_sum(j, chunks, S_X, sum);
-        rec_job_sum(j, chunks, S_GAMMA, next);
+        rec_job_sum(j, 0, chunks, S_X, sum);
+        rec_job_sum(j, 0, chunks, S_GAMMA, next);
         for (int l = 0; l < 4; l++) {
             t.beta[l] = gamma[l] > 0 ? next[l] / gamma[l] : 0;
             gamma[l] = next[l];

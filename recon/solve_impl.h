@@ -5,28 +5,27 @@
 #include "recon/lcurve.h"
 #include "recon/solve.h"
 
-#define N_XVEC 6
+#define N_XVEC 5
 #define N_YVEC 2
 
 /* Sized for the worst case (every voxel active) in reserved address space. */
 struct rec_solver {
     const rec_sysmat *S;
     int nch, cs;
-    size_t n_max, rows;     /* voxels of the grid; rows of row space */
+    size_t n_max, rows_max; /* voxels of the grid; rows of S */
     float *xv[N_XVEC];      /* [n_max][cs] */
-    float *yv[N_YVEC];      /* [rows][cs], zero outside the spans of the job */
-    float *weight;          /* [rows] w where a row has an entry, else 0 */
+    float *yv[N_YVEC];      /* [rows_max][cs] */
+    float *b;               /* [rows_max][cs] b on A's rows */
+    float *weight;          /* [rows_max] w on A's rows */
     float *diag;            /* [n_max] */
     int32_t (*nbr)[6];      /* [n_max] active index of x-,x+,y-,y+,z-,z+; itself: none */
-    int32_t *clipped;       /* [n_max] columns of a step that met the bound, by chunk */
-    int32_t n_clipped[REC_MAX_CHUNKS];
-    double part[REC_MAX_CHUNKS + REC_MAX_CAMERAS][4][4]; /* partial sums of a fused pass */
+    double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
 
 struct rec_job {
     rec_solver *s;
     const struct rec_subsys *a;
-    const float *b;
+    const float *b, *w; /* on A's rows */
     double sigma;
     const struct rec_solve_params *p;
     float *x;
@@ -43,25 +42,12 @@ void rec_solve_pcg(struct rec_job *j);
 void rec_solve_cgls(struct rec_job *j);
 void rec_solve_mlem(struct rec_job *j);
 
-/* Run fn(job, i) for the chunks of active columns, or for cameras. */
+/* A pass is cut into the chunks of A's rows or columns, or the rows' and then the columns'. */
+static inline size_t rec_job_row_chunks(const struct rec_job *j) { return rec_chunks(j->a->rows); }
 static inline size_t rec_job_chunks(const struct rec_job *j) { return rec_chunks(j->a->n); }
 
-/* Columns [q0,q1) of chunk k. */
-static inline void rec_job_range(const struct rec_job *j, size_t k, int32_t *q0, int32_t *q1)
-{
-    int32_t c = rec_chunk(j->a->n);
-    *q0 = (int32_t)k * c;
-    *q1 = *q0 + c < j->a->n ? *q0 + c : j->a->n;
-}
-/* Rows of camera c in row space that A touches: [*i0,*i1). */
-static inline void rec_job_rows(const struct rec_job *j, size_t c, size_t *i0, size_t *i1)
-{
-    *i0 = j->a->row0[c] + j->a->span[c].lo;
-    *i1 = j->a->row0[c] + j->a->span[c].hi;
-}
-
-/* Sum slot `what` of the first n partial results, lane by lane, in order. */
-void rec_job_sum(const struct rec_job *j, size_t n, int what, double out[4]);
+/* Sum slot `what` of the partial results [from, to), lane by lane, in order. */
+void rec_job_sum(const struct rec_job *j, size_t from, size_t to, int what, double out[4]);
 
 /* r = A x - b, wr = W r, two different arrays; out = r'Wr per lane. */
 void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4]);

@@ -5,6 +5,7 @@
  * x stays >= 0 by itself; from zero (1) can not move, so a cold start is the uniform volume that has
  * the images' total.  Warm starts are lifted off zero for the same reason. */
 #include <math.h>
+#include <string.h>
 
 #include "recon/solve_impl.h"
 
@@ -20,24 +21,24 @@ struct mlem {
 };
 
 /* Totals of w max(b,0) per lane. */
-static void light_camera(void *ctx, size_t c)
+static void light_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
-    size_t i0, i1, cs = (size_t)t->j->a->cs;
+    int32_t i0, i1;
+    size_t cs = (size_t)t->j->a->cs;
     double sum[4] = {0};
-    rec_job_rows(t->j, c, &i0, &i1);
-    for (size_t i = i0; i < i1; i++)
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
         for (size_t l = 0; l < cs; l++)
-            sum[l] += (double)t->j->s->weight[i] * fmaxf(t->j->b[i * cs + l], 0);
-    for (int l = 0; l < 4; l++)
-        t->j->s->part[c][0][l] = sum[l];
+            sum[l] += (double)t->j->w[i] * fmaxf(t->j->b[i * cs + l], 0);
+    memcpy(t->j->s->part[k][0], sum, sizeof sum);
 }
 
 static void start_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     size_t cs = (size_t)t->j->a->cs;
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         for (size_t l = 0; l < cs; l++)
@@ -45,15 +46,16 @@ static void start_chunk(void *ctx, size_t k)
 }
 
 /* ratio = w max(b,0) / A x, where A x = r + b. */
-static void ratio_camera(void *ctx, size_t c)
+static void ratio_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
-    size_t i0, i1, cs = (size_t)t->j->a->cs;
-    rec_job_rows(t->j, c, &i0, &i1);
-    for (size_t i = i0; i < i1; i++)
+    int32_t i0, i1;
+    size_t cs = (size_t)t->j->a->cs;
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
         for (size_t l = 0; l < cs; l++) {
             size_t o = i * cs + l;
-            float b = t->j->b[o], ax = t->r[o] + b, v = t->j->s->weight[i] * fmaxf(b, 0) / ax;
+            float b = t->j->b[o], ax = t->r[o] + b, v = t->j->w[i] * fmaxf(b, 0) / ax;
             t->ratio[o] = ax > 0 && isfinite(v) ? v : 0;
         }
 }
@@ -62,7 +64,7 @@ static void update_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     size_t cs = (size_t)t->j->a->cs;
     rec_adjoint_range(t->j->a, t->ratio, q0, q1, t->up);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
@@ -84,7 +86,7 @@ void rec_solve_mlem(struct rec_job *j)
     struct mlem t = {.j = j, .x = j->x, .up = s->xv[0], .prev = s->xv[1], .r = s->yv[0],
                      .ratio = s->yv[1]};
     float *best = s->xv[2];
-    size_t cameras = a->S->n_cameras, chunks = rec_job_chunks(j);
+    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
     bool corner = j->p->stop == REC_STOP_LCURVE;
     double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
@@ -95,8 +97,8 @@ void rec_solve_mlem(struct rec_job *j)
     rec_column_norms(a, s->weight, NULL, s->diag);
     for (int32_t q = 0; q < a->n; q++)
         weight += s->diag[q];
-    pvx_pool_run(a->pool, cameras, light_camera, &t);
-    rec_job_sum(j, cameras, 0, sum);
+    pvx_pool_run(a->pool, rows, light_chunk, &t);
+    rec_job_sum(j, 0, rows, 0, sum);
     bool warm = rec_job_norm_x(j, t.x) > 0;
     for (int l = 0; l < 4; l++) {
         double even = weight > 0 ? sum[l] / weight : 0;
@@ -126,7 +128,7 @@ void rec_solve_mlem(struct rec_job *j)
                 break;
             }
         }
-        pvx_pool_run(a->pool, cameras, ratio_camera, &t);
+        pvx_pool_run(a->pool, rows, ratio_chunk, &t);
         pvx_pool_run(a->pool, chunks, update_chunk, &t);
         j->out->iterations = j->out->best = k;
         if (j->trace != NULL)

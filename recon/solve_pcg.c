@@ -10,14 +10,15 @@
  *     x  += t s,  t = min(1, -phi's / s'Hs)                                                 (6)
  * H = A'WA + lambda L, M = 1/diag(H).  x + t s is feasible for t in [0,1] because the set is convex,
  * and t minimises f along s, so f never rises.  Where (5) clips nothing, s = alpha d and t = 1: plain
- * CG.  Where it clips, A s = alpha A d + A e with e non-zero only in the clipped columns, so the
- * exact search costs a product with those alone.  When s is no descent direction the lane restarts
+ * CG.  Where it clips, A s is formed.  When s is no descent direction the lane restarts
  * from -M phi.  alpha, beta, t are per channel.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
  * arrangement is our own. */
 #include <math.h>
+#include <string.h>
 
+#include "recon/lanes.h"
 #include "recon/solve_impl.h"
 
 #define DEFAULT_ITERATIONS 30
@@ -27,11 +28,12 @@ enum { S_A, S_B, S_C, S_D };
 
 struct pcg {
     struct rec_job *j;
-    float *x, *phi, *phi_old, *d, *s, *e, *prev; /* x space */
-    float *r, *q;                                /* row space */
+    float *x, *phi, *phi_old, *d, *s, *prev; /* x space */
+    float *r, *q;                            /* row space */
     double alpha[4], beta[4], mu[4], t[4], on_q[4];
     float lambda;
     float axis[3];
+    const float *along; /* d or s, for curvature_task */
     bool keep_prev;
 };
 
@@ -58,7 +60,7 @@ static void neighbours_chunk(void *ctx, size_t k)
     const struct rec_subsys *a = t->j->a;
     const struct rec_grid *g = &a->S->grid;
     int32_t q0, q1, n = a->n;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     const int32_t *col = a->col;
     const int32_t step[6] = {-1, 1, -g->n[0], g->n[0], -g->n[0] * g->n[1], g->n[0] * g->n[1]};
     int32_t at[6];
@@ -77,24 +79,22 @@ static void neighbours_chunk(void *ctx, size_t k)
     }
 }
 
-/* out = (L v) at q, all lanes.  A missing neighbour is q itself: no difference, no penalty. */
-static inline void laplace(const struct pcg *t, const float *v, size_t q, size_t cs, float *out)
+/* (L v) at q.  A missing neighbour is q itself: no difference, no penalty. */
+REC_INLINE rec_f4 laplace(const struct pcg *t, const float *v, size_t q, size_t cs)
 {
     const int32_t *nb = t->j->s->nbr[q];
-    for (size_t l = 0; l < cs; l++)
-        out[l] = 0;
-    for (int f = 0; f < 6; f++) {
-        const float *u = v + (size_t)nb[f] * cs;
-        for (size_t l = 0; l < cs; l++)
-            out[l] += t->axis[f / 2] * (v[q * cs + l] - u[l]);
-    }
+    rec_f4 at = rec_ld(v, q, cs), out = {0};
+    for (int f = 0; f < 6; f += 2)
+        out += rec_splat(t->axis[f / 2]) * ((at - rec_ld(v, (size_t)nb[f], cs)) +
+                                            (at - rec_ld(v, (size_t)nb[f + 1], cs)));
+    return out;
 }
 
 static void precondition_chunk(void *ctx, size_t k)
 {
     struct pcg *t = ctx;
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     float *diag = t->j->s->diag;
     for (int32_t q = q0; q < q1; q++) {
         float h = diag[q];
@@ -106,27 +106,21 @@ static void precondition_chunk(void *ctx, size_t k)
 
 /* ---- passes -------------------------------------------------------------------------------------*/
 
-static inline __attribute__((always_inline)) void direction(struct pcg *t, size_t k, size_t cs)
+REC_INLINE void direction(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     const float *m = t->j->s->diag;
-    double sum[4] = {0};
-    float beta[4], mu[4];
-    for (size_t l = 0; l < 4; l++) {
-        beta[l] = (float)t->beta[l];
-        mu[l] = (float)t->mu[l];
+    rec_f4 beta = rec_coef(t->beta), mu = rec_coef(t->mu), zero = {0};
+    rec_d4 sum = {0};
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 phi = rec_ld(t->phi, i, cs), x = rec_ld(t->x, i, cs);
+        rec_f4 d = beta * rec_ld(t->d, i, cs) - mu * rec_splat(m[i]) * phi;
+        d = rec_select((x > 0) | (phi < 0), d, zero);
+        rec_st(t->d, i, cs, d);
+        rec_add_product(&sum, d, phi);
     }
-    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
-        for (size_t l = 0; l < cs; l++) {
-            size_t o = i * cs + l;
-            float d = beta[l] * t->d[o] - mu[l] * m[i] * t->phi[o];
-            d = t->x[o] > 0 || t->phi[o] < 0 ? d : 0;
-            t->d[o] = d;
-            sum[l] += (double)d * t->phi[o];
-        }
-    for (int l = 0; l < 4; l++)
-        t->j->s->part[k][S_A][l] = sum[l];
+    rec_put(t->j->s->part[k][S_A], &sum);
 }
 static void direction_chunk(void *ctx, size_t k)
 {
@@ -134,88 +128,62 @@ static void direction_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
-/* v'Lv of one chunk, v = d or s. */
-static inline __attribute__((always_inline)) void roughness(struct pcg *t, const float *v, size_t k,
-                                                            size_t cs, double out[4])
+/* v'Lv of one chunk. */
+REC_INLINE void roughness(struct pcg *t, const float *v, size_t k, size_t cs, double out[4])
 {
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
-    double sum[4] = {0};
-    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
-        float lap[4];
-        laplace(t, v, i, cs, lap);
-        for (size_t l = 0; l < cs; l++)
-            sum[l] += (double)lap[l] * v[i * cs + l];
-    }
-    for (int l = 0; l < 4; l++)
-        out[l] = sum[l];
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_d4 sum = {0};
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
+        rec_add_product(&sum, laplace(t, v, i, cs), rec_ld(v, i, cs));
+    rec_put(out, &sum);
 }
 
-/* q'Wq of camera c. */
-static inline __attribute__((always_inline)) void weighted_norm(struct pcg *t, size_t c, size_t cs,
-                                                                double out[4])
+/* q = A v on one chunk of rows and its q'Wq. */
+REC_INLINE void forward(struct pcg *t, const float *v, size_t k, size_t cs, double out[4])
 {
-    size_t i0, i1;
-    rec_job_rows(t->j, c, &i0, &i1);
-    const float *w = t->j->s->weight;
-    double sum[4] = {0};
-    for (size_t i = i0; i < i1; i++)
-        for (size_t l = 0; l < cs; l++)
-            sum[l] += (double)(w[i] * t->q[i * cs + l]) * t->q[i * cs + l];
-    for (int l = 0; l < 4; l++)
-        out[l] = sum[l];
+    int32_t i0, i1;
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    rec_d4 sum = {0};
+    rec_forward_range(t->j->a, v, i0, i1, t->q);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        rec_f4 q = rec_ld(t->q, i, cs);
+        rec_add_product(&sum, rec_splat(t->j->w[i]) * q, q);
+    }
+    rec_put(out, &sum);
 }
 
-/* Cameras: q = A d, q'Wq.  Chunks: d'Ld. */
-static void forward_task(void *ctx, size_t i)
+/* What v'Hv is made of, v = d or s.  Rows: q = A v, q'Wq.  Columns: v'Lv. */
+static void curvature_task(void *ctx, size_t i)
 {
     struct pcg *t = ctx;
-    const struct rec_subsys *a = t->j->a;
-    size_t cameras = a->S->n_cameras, cs = (size_t)a->cs, i0, i1;
+    size_t rows = rec_job_row_chunks(t->j);
     double *out = t->j->s->part[i][S_A];
-    if (i >= cameras) {
-        a->cs == 4 ? roughness(t, t->d, i - cameras, 4, out) : roughness(t, t->d, i - cameras, 1, out);
-        return;
-    }
-    rec_job_rows(t->j, i, &i0, &i1);
-    if (i0 < i1) {
-        for (size_t o = i0 * cs; o < i1 * cs; o++)
-            t->q[o] = 0;
-        (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->S->block[i], a->col, 0, a->n, t->d,
-                                                       t->q + a->row0[i] * cs);
-    }
-    a->cs == 4 ? weighted_norm(t, i, 4, out) : weighted_norm(t, i, 1, out);
+    if (t->j->a->cs == 4)
+        i < rows ? forward(t, t->along, i, 4, out) : roughness(t, t->along, i - rows, 4, out);
+    else
+        i < rows ? forward(t, t->along, i, 1, out) : roughness(t, t->along, i - rows, 1, out);
 }
 
-/* s by (5), phi's, and the clipped columns with their e = s - alpha d. */
-static inline __attribute__((always_inline)) void step(struct pcg *t, size_t k, size_t cs)
+/* s by (5), phi's, and how many entries were clipped. */
+REC_INLINE void step(struct pcg *t, size_t k, size_t cs)
 {
-    int32_t q0, q1, n = 0;
-    rec_job_range(t->j, k, &q0, &q1);
-    double sum[4] = {0}, clips[4] = {0};
-    float alpha[4];
-    for (size_t l = 0; l < 4; l++)
-        alpha[l] = (float)t->alpha[l];
-    for (int32_t q = q0; q < q1; q++) {
-        bool clip = false;
-        for (size_t l = 0; l < cs; l++) {
-            size_t o = (size_t)q * cs + l;
-            float full = alpha[l] * t->d[o], to = t->x[o] + full;
-            float s = to >= 0 ? full : -t->x[o];
-            clip = clip || to < 0;
-            clips[l] += to < 0;
-            t->s[o] = s;
-            t->e[((size_t)q0 + (size_t)n) * cs + l] = s - full;
-            sum[l] += (double)s * t->phi[o];
-        }
-        t->j->s->clipped[q0 + n] = t->j->a->col[q];
-        n += clip;
+    int32_t q0, q1;
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_f4 alpha = rec_coef(t->alpha);
+    rec_d4 sum = {0};
+    rec_i4 clips = {0};
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 x = rec_ld(t->x, i, cs), full = alpha * rec_ld(t->d, i, cs);
+        rec_i4 clip = x + full < 0;
+        rec_f4 s = rec_select(clip, -x, full);
+        clips -= clip;
+        rec_st(t->s, i, cs, s);
+        rec_add_product(&sum, s, rec_ld(t->phi, i, cs));
     }
-    t->j->s->n_clipped[k] = n;
-    for (int l = 0; l < 4; l++) {
-        t->j->s->part[k][S_A][l] = sum[l];
+    rec_put(t->j->s->part[k][S_A], &sum);
+    for (int l = 0; l < 4; l++)
         t->j->s->part[k][S_B][l] = clips[l];
-    }
 }
 static void step_chunk(void *ctx, size_t k)
 {
@@ -223,104 +191,67 @@ static void step_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? step(t, k, 4) : step(t, k, 1);
 }
 
-/* Cameras: q = alpha q + A e = A s, q'Wq.  Chunks: s'Ls. */
-static void clipped_task(void *ctx, size_t i)
+/* Rows: r += on_q q, r'Wr, q = W r for the adjoint.  Columns: x += t s. */
+REC_INLINE void update_rows(struct pcg *t, size_t k, size_t cs)
 {
-    struct pcg *t = ctx;
-    const struct rec_subsys *a = t->j->a;
-    size_t cameras = a->S->n_cameras, cs = (size_t)a->cs, i0, i1, chunks = rec_job_chunks(t->j);
-    double *out = t->j->s->part[i][S_A];
-    if (i >= cameras) {
-        a->cs == 4 ? roughness(t, t->s, i - cameras, 4, out) : roughness(t, t->s, i - cameras, 1, out);
-        return;
+    int32_t i0, i1;
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    rec_f4 on_q = rec_coef(t->on_q);
+    rec_d4 sum = {0};
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        rec_f4 r = rec_ld(t->r, i, cs) + on_q * rec_ld(t->q, i, cs);
+        rec_f4 wr = rec_splat(t->j->w[i]) * r;
+        rec_st(t->r, i, cs, r);
+        rec_st(t->q, i, cs, wr);
+        rec_add_product(&sum, wr, r);
     }
-    rec_job_rows(t->j, i, &i0, &i1);
-    float alpha[4];
-    for (size_t l = 0; l < 4; l++)
-        alpha[l] = (float)t->alpha[l];
-    for (size_t o = i0; o < i1; o++)
-        for (size_t l = 0; l < cs; l++)
-            t->q[o * cs + l] *= alpha[l];
-    for (size_t k = 0; i0 < i1 && k < chunks; k++) {
-        int32_t q0, q1;
-        rec_job_range(t->j, k, &q0, &q1);
-        (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(
-            &a->S->block[i], t->j->s->clipped, q0, q0 + t->j->s->n_clipped[k], t->e,
-            t->q + a->row0[i] * cs);
-    }
-    a->cs == 4 ? weighted_norm(t, i, 4, out) : weighted_norm(t, i, 1, out);
+    rec_put(t->j->s->part[k][S_A], &sum);
 }
-
-/* Cameras: r += on_q q, r'Wr, q = W r for the adjoint.  Chunks: x += t s. */
-static inline __attribute__((always_inline)) void update_rows(struct pcg *t, size_t c, size_t cs)
+REC_INLINE void update_columns(struct pcg *t, size_t k, size_t cs)
 {
-    size_t i0, i1;
-    rec_job_rows(t->j, c, &i0, &i1);
-    const float *w = t->j->s->weight;
-    double sum[4] = {0};
-    float on_q[4];
-    for (size_t l = 0; l < 4; l++)
-        on_q[l] = (float)t->on_q[l];
-    for (size_t i = i0; i < i1; i++)
-        for (size_t l = 0; l < cs; l++) {
-            size_t o = i * cs + l;
-            float r = t->r[o] + on_q[l] * t->q[o], wr = w[i] * r;
-            t->r[o] = r;
-            t->q[o] = wr;
-            sum[l] += (double)wr * r;
-        }
-    for (int l = 0; l < 4; l++)
-        t->j->s->part[c][S_A][l] = sum[l];
+    int32_t q0, q1;
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_f4 on_s = rec_coef(t->t), zero = {0};
+    size_t o0 = (size_t)q0 * cs, o1 = (size_t)q1 * cs;
+    if (t->keep_prev)
+        memcpy(t->prev + o0, t->x + o0, (o1 - o0) * sizeof *t->x);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 x = rec_ld(t->x, i, cs) + on_s * rec_ld(t->s, i, cs);
+        rec_st(t->x, i, cs, rec_select(x > 0, x, zero));
+    }
 }
 static void update_task(void *ctx, size_t i)
 {
     struct pcg *t = ctx;
-    size_t cameras = t->j->a->S->n_cameras, cs = (size_t)t->j->a->cs;
-    if (i < cameras) {
-        cs == 4 ? update_rows(t, i, 4) : update_rows(t, i, 1);
-        return;
-    }
-    int32_t q0, q1;
-    rec_job_range(t->j, i - cameras, &q0, &q1);
-    float on_s[4];
-    for (size_t l = 0; l < 4; l++)
-        on_s[l] = (float)t->t[l];
-    for (size_t q = (size_t)q0; q < (size_t)q1; q++)
-        for (size_t l = 0; l < cs; l++) {
-            size_t o = q * cs + l;
-            if (t->keep_prev)
-                t->prev[o] = t->x[o];
-            float x = t->x[o] + on_s[l] * t->s[o];
-            t->x[o] = x > 0 ? x : 0;
-        }
+    size_t rows = rec_job_row_chunks(t->j);
+    if (t->j->a->cs == 4)
+        i < rows ? update_rows(t, i, 4) : update_columns(t, i - rows, 4);
+    else
+        i < rows ? update_rows(t, i, 1) : update_columns(t, i - rows, 1);
 }
 
 /* phi from q = W r and x by (2), (3).  Sums: phi'M phi, phi'M phi_old, x'Lx, x'x. */
-static inline __attribute__((always_inline)) void gradient(struct pcg *t, size_t k, size_t cs)
+REC_INLINE void gradient(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
-    rec_job_range(t->j, k, &q0, &q1);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
     const float *m = t->j->s->diag;
-    double sum[4][4] = {{0}};
+    rec_f4 lambda = rec_splat(t->lambda), zero = {0};
+    rec_d4 sum[4] = {{0}};
     rec_adjoint_range(t->j->a, t->q, q0, q1, t->phi);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
-        float lap[4];
-        laplace(t, t->x, i, cs, lap);
-        for (size_t l = 0; l < cs; l++) {
-            size_t o = i * cs + l;
-            float g = t->phi[o] + t->lambda * lap[l], x = t->x[o];
-            g = x > 0 || g < 0 ? g : 0;
-            t->phi[o] = g;
-            double mg = (double)m[i] * g;
-            sum[S_A][l] += mg * g;
-            sum[S_B][l] += mg * t->phi_old[o];
-            sum[S_C][l] += (double)lap[l] * x;
-            sum[S_D][l] += (double)x * x;
-        }
+        rec_f4 lap = laplace(t, t->x, i, cs), x = rec_ld(t->x, i, cs);
+        rec_f4 g = rec_ld(t->phi, i, cs) + lambda * lap;
+        g = rec_select((x > 0) | (g < 0), g, zero);
+        rec_st(t->phi, i, cs, g);
+        rec_f4 mg = rec_splat(m[i]) * g;
+        rec_add_product(&sum[S_A], mg, g);
+        rec_add_product(&sum[S_B], mg, rec_ld(t->phi_old, i, cs));
+        rec_add_product(&sum[S_C], lap, x);
+        rec_add_product(&sum[S_D], x, x);
     }
     for (int w = 0; w < 4; w++)
-        for (int l = 0; l < 4; l++)
-            t->j->s->part[k][w][l] = sum[w][l];
+        rec_put(t->j->s->part[k][w], &sum[w]);
 }
 static void gradient_chunk(void *ctx, size_t k)
 {
@@ -349,15 +280,17 @@ static float choose_lambda(const struct rec_job *j, double mean_diag)
     return (float)(rel * mean_diag);
 }
 
-/* v'Hv per lane, after a pass that left q'Wq of the cameras and then v'Lv of the chunks. */
-static void curvature(const struct pcg *t, double out[4])
+/* v'Hv per lane; leaves A v in q. */
+static void curvature(struct pcg *t, const float *v, double out[4])
 {
-    size_t cameras = t->j->a->S->n_cameras;
-    double rows[4], all[4];
-    rec_job_sum(t->j, cameras, S_A, rows);
-    rec_job_sum(t->j, cameras + rec_job_chunks(t->j), S_A, all);
+    size_t rows = rec_job_row_chunks(t->j), all = rows + rec_job_chunks(t->j);
+    double qwq[4], vlv[4];
+    t->along = v;
+    pvx_pool_run(t->j->a->pool, all, curvature_task, t);
+    rec_job_sum(t->j, 0, rows, S_A, qwq);
+    rec_job_sum(t->j, rows, all, S_A, vlv);
     for (int l = 0; l < 4; l++)
-        out[l] = rows[l] + (double)t->lambda * (all[l] - rows[l]);
+        out[l] = qwq[l] + (double)t->lambda * vlv[l];
 }
 
 /* alpha, s, t of one iteration; false: no lane can move any more. */
@@ -365,13 +298,13 @@ static bool line_search(struct pcg *t, const double gamma[4])
 {
     struct rec_job *j = t->j;
     pvx_pool *pool = j->a->pool;
-    size_t cameras = j->a->S->n_cameras, chunks = rec_job_chunks(j);
+    size_t chunks = rec_job_chunks(j);
     double slope[4], curve[4], clips[4];
 
     for (int l = 0; l < 4; l++)
         t->mu[l] = 1;
     pvx_pool_run(pool, chunks, direction_chunk, t);
-    rec_job_sum(j, chunks, S_A, slope);
+    rec_job_sum(j, 0, chunks, S_A, slope);
     bool again = false;
     double keep[4];
     for (int l = 0; l < 4; l++) {
@@ -385,11 +318,10 @@ static bool line_search(struct pcg *t, const double gamma[4])
             t->mu[l] = 1 - keep[l];
         }
         pvx_pool_run(pool, chunks, direction_chunk, t);
-        rec_job_sum(j, chunks, S_A, slope);
+        rec_job_sum(j, 0, chunks, S_A, slope);
     }
 
-    pvx_pool_run(pool, cameras + chunks, forward_task, t);
-    curvature(t, curve);
+    curvature(t, t->d, curve);
     bool moving = false;
     for (int l = 0; l < 4; l++) {
         double alpha = curve[l] > 0 && slope[l] < 0 ? -slope[l] / curve[l] : 0;
@@ -400,16 +332,15 @@ static bool line_search(struct pcg *t, const double gamma[4])
         return false;
 
     pvx_pool_run(pool, chunks, step_chunk, t);
-    rec_job_sum(j, chunks, S_A, slope);
-    rec_job_sum(j, chunks, S_B, clips);
+    rec_job_sum(j, 0, chunks, S_A, slope);
+    rec_job_sum(j, 0, chunks, S_B, clips);
     for (int l = 0; l < 4; l++) {
         t->t[l] = 1;
         t->on_q[l] = t->alpha[l];
     }
     if (total(clips) == 0)
         return true;
-    pvx_pool_run(pool, cameras + chunks, clipped_task, t);
-    curvature(t, curve);
+    curvature(t, t->s, curve);
     for (int l = 0; l < 4; l++) {
         t->on_q[l] = 1; /* q is A s now */
         if (clips[l] == 0)
@@ -425,8 +356,8 @@ void rec_solve_pcg(struct rec_job *j)
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
     struct pcg t = {.j = j, .x = j->x, .phi = s->xv[0], .phi_old = s->xv[1], .d = s->xv[2],
-                    .s = s->xv[3], .e = s->xv[4], .prev = s->xv[5], .r = s->yv[0], .q = s->yv[1]};
-    size_t cameras = a->S->n_cameras, chunks = rec_job_chunks(j);
+                    .s = s->xv[3], .prev = s->xv[4], .r = s->yv[0], .q = s->yv[1]};
+    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
     const struct rec_grid *g = &a->S->grid;
     double h_min = fmin(rec_grid_h(g, 0), fmin(rec_grid_h(g, 1), rec_grid_h(g, 2)));
@@ -449,8 +380,8 @@ void rec_solve_pcg(struct rec_job *j)
     for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
         t.d[i] = t.phi_old[i] = 0;
     pvx_pool_run(a->pool, chunks, gradient_chunk, &t);
-    rec_job_sum(j, chunks, S_A, gamma);
-    rec_job_sum(j, chunks, S_C, xlx);
+    rec_job_sum(j, 0, chunks, S_A, gamma);
+    rec_job_sum(j, 0, chunks, S_C, xlx);
     double f = objective(&t, rwr, xlx);
     j->out->objective = f;
     j->out->status = REC_MAX_ITER;
@@ -463,15 +394,15 @@ void rec_solve_pcg(struct rec_job *j)
             j->out->status = REC_CONVERGED;
             break;
         }
-        pvx_pool_run(a->pool, cameras + chunks, update_task, &t);
-        rec_job_sum(j, cameras, S_A, rwr);
+        pvx_pool_run(a->pool, rows + chunks, update_task, &t);
+        rec_job_sum(j, 0, rows, S_A, rwr);
         float *swap = t.phi;
         t.phi = t.phi_old;
         t.phi_old = swap;
         pvx_pool_run(a->pool, chunks, gradient_chunk, &t);
-        rec_job_sum(j, chunks, S_A, next);
-        rec_job_sum(j, chunks, S_B, cross);
-        rec_job_sum(j, chunks, S_C, xlx);
+        rec_job_sum(j, 0, chunks, S_A, next);
+        rec_job_sum(j, 0, chunks, S_B, cross);
+        rec_job_sum(j, 0, chunks, S_C, xlx);
         for (int l = 0; l < 4; l++) {
             double beta = gamma[l] > 0 ? (next[l] - cross[l]) / gamma[l] : 0;
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;

@@ -1,6 +1,9 @@
 #include "recon/subsys.h"
 
+#include <stdlib.h>
 #include <string.h>
+
+#include "base/mem.h"
 
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0)
 {
@@ -13,64 +16,192 @@ size_t rec_rowspace(const rec_sysmat *S, size_t *row0)
     return rows;
 }
 
-struct init {
-    struct rec_subsys *a;
-    uint8_t *touched;
-    uint64_t nnz[REC_MAX_CAMERAS];
-    int64_t rows[REC_MAX_CAMERAS];
-};
-
-static void init_camera(void *ctx, size_t c)
+static bool reserve_gather(struct rec_gather *g, size_t outputs, size_t nnz)
 {
-    struct init *t = ctx;
-    struct rec_subsys *a = t->a;
-    const struct rec_sysmat_block *b = &a->S->block[c];
-    uint32_t lo = UINT32_MAX, hi = 0;
-    uint64_t nnz = 0;
-    int64_t rows = 0;
-    a->span[c].lo = a->span[c].hi = 0;
-    t->nnz[c] = 0;
-    t->rows[c] = 0;
-    uint8_t *touched = t->touched + a->row0[c];
-    memset(touched, 0, a->row0[c + 1] - a->row0[c]);
-    if (!a->present[c])
-        return;
-    for (int32_t q = 0; q < a->n; q++) {
-        uint32_t e = b->colptr[a->col[q]], end = b->colptr[a->col[q] + 1];
-        if (e == end)
-            continue;
-        nnz += end - e;
-        if (b->row[e] < lo)
-            lo = b->row[e];
-        if (b->row[end - 1] >= hi)
-            hi = b->row[end - 1] + 1;
-        for (; e < end; e++)
-            touched[b->row[e]] = 1;
-    }
-    if (hi == 0)
-        return;
-    for (uint32_t i = lo; i < hi; i++)
-        rows += touched[i];
-    a->span[c].lo = lo;
-    a->span[c].hi = hi;
-    t->nnz[c] = nnz;
-    t->rows[c] = rows;
+    g->ptr = pvx_reserve((outputs + 1) * sizeof *g->ptr);
+    g->idx = pvx_reserve(nnz * sizeof *g->idx);
+    g->val = pvx_reserve(nnz * sizeof *g->val);
+    return g->ptr != NULL && g->idx != NULL && g->val != NULL;
+}
+static void release_gather(struct rec_gather *g, size_t outputs, size_t nnz)
+{
+    pvx_unreserve(g->ptr, (outputs + 1) * sizeof *g->ptr);
+    pvx_unreserve(g->idx, nnz * sizeof *g->idx);
+    pvx_unreserve(g->val, nnz * sizeof *g->val);
 }
 
-void rec_subsys_init(struct rec_subsys *a, const rec_sysmat *S, const struct rec_kernels *k,
-                     pvx_pool *pool, int cs, const int32_t *col, int32_t n, const bool *present,
-                     uint8_t *touched)
+pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int cs,
+                       struct rec_subsys **out)
 {
-    *a = (struct rec_subsys){.S = S, .k = k, .pool = pool, .cs = cs, .n = n, .col = col};
-    a->touched = touched;
-    (void)rec_rowspace(S, a->row0);
-    memcpy(a->present, present, S->n_cameras * sizeof *present);
-    struct init t = {.a = a, .touched = touched};
-    pvx_pool_run(pool, S->n_cameras, init_camera, &t);
-    for (size_t c = 0; c < S->n_cameras; c++) {
-        a->nnz += t.nnz[c];
-        a->rows += t.rows[c];
+    *out = NULL;
+    size_t row0[REC_MAX_CAMERAS + 1];
+    if (S->nnz > UINT32_MAX || rec_rowspace(S, row0) > INT32_MAX)
+        return PVX_ERANGE;
+    struct rec_subsys *a = pvx_calloc(1, sizeof *a);
+    if (a == NULL)
+        return PVX_ENOMEM;
+    a->S = S;
+    a->k = k;
+    a->pool = pool;
+    a->cs = cs;
+    memcpy(a->row0, row0, sizeof row0);
+    size_t rows = row0[S->n_cameras];
+    a->ray = pvx_reserve(rows * sizeof *a->ray);
+    a->number = pvx_reserve(rows * sizeof *a->number);
+    bool ok = reserve_gather(&a->by_row, rows, S->nnz);
+    ok = reserve_gather(&a->by_col, rec_grid_count(&S->grid), S->nnz) && ok;
+    if (!ok || a->ray == NULL || a->number == NULL) {
+        rec_subsys_free(&a);
+        return PVX_ENOMEM;
     }
+    *out = a;
+    return PVX_OK;
+}
+
+void rec_subsys_free(struct rec_subsys **ap)
+{
+    struct rec_subsys *a = *ap;
+    if (a == NULL)
+        return;
+    size_t rows = a->row0[a->S->n_cameras];
+    release_gather(&a->by_row, rows, a->S->nnz);
+    release_gather(&a->by_col, rec_grid_count(&a->S->grid), a->S->nnz);
+    pvx_unreserve(a->ray, rows * sizeof *a->ray);
+    pvx_unreserve(a->number, rows * sizeof *a->number);
+    free(a);
+    *ap = NULL;
+}
+
+struct restriction {
+    struct rec_subsys *a;
+    uint32_t nnz[REC_MAX_CAMERAS], rows[REC_MAX_CAMERAS]; /* of each camera, then first of each */
+    uint32_t chunk_nnz[REC_MAX_CHUNKS];                   /* of each chunk of columns, then first */
+};
+
+/* Tasks are the cameras, then the chunks of columns.
+ * Cameras: number[] = entries per row.  Chunks: by_col.ptr[q] = entries of column q. */
+static void count_task(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    struct rec_subsys *a = t->a;
+    size_t cameras = a->S->n_cameras;
+    if (i < cameras) {
+        const struct rec_sysmat_block *b = &a->S->block[i];
+        uint32_t *count = a->number + a->row0[i], nnz = 0, rows = 0;
+        size_t n = a->row0[i + 1] - a->row0[i];
+        memset(count, 0, n * sizeof *count);
+        for (int32_t q = 0; a->present[i] && q < a->n; q++) {
+            uint32_t end = b->colptr[a->col[q] + 1];
+            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++)
+                count[b->row[e]]++;
+        }
+        for (size_t r = 0; r < n; r++) {
+            nnz += count[r];
+            rows += count[r] > 0;
+        }
+        t->nnz[i] = nnz;
+        t->rows[i] = rows;
+        return;
+    }
+    int32_t q0, q1;
+    uint32_t sum = 0;
+    rec_chunk_range(a->n, i - cameras, &q0, &q1);
+    for (int32_t q = q0; q < q1; q++) {
+        uint32_t n = 0;
+        for (size_t c = 0; c < cameras; c++)
+            if (a->present[c])
+                n += a->S->block[c].colptr[a->col[q] + 1] - a->S->block[c].colptr[a->col[q]];
+        a->by_col.ptr[q] = n;
+        sum += n;
+    }
+    t->chunk_nnz[i - cameras] = sum;
+}
+
+/* Counts -> numbers: rows of camera c get their number in A, by_row.ptr and ray. */
+static void number_camera(void *ctx, size_t c)
+{
+    struct restriction *t = ctx;
+    struct rec_subsys *a = t->a;
+    uint32_t row = t->rows[c], at = t->nnz[c];
+    for (size_t r = a->row0[c]; r < a->row0[c + 1]; r++) {
+        uint32_t count = a->number[r];
+        if (count == 0)
+            continue;
+        a->number[r] = row;
+        a->ray[row] = (uint32_t)r;
+        a->by_row.ptr[row++] = at;
+        at += count;
+    }
+}
+
+/* Cameras: entries by row, columns ascending; by_row.ptr[row] runs on to the row's end, which is the
+ * next row's start, and is put back by shift_rows.  Chunks: entries by column. */
+static void fill_task(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    struct rec_subsys *a = t->a;
+    size_t cameras = a->S->n_cameras;
+    if (i < cameras) {
+        const struct rec_sysmat_block *b = &a->S->block[i];
+        const uint32_t *number = a->number + a->row0[i];
+        struct rec_gather *g = &a->by_row;
+        for (int32_t q = 0; a->present[i] && q < a->n; q++) {
+            uint32_t end = b->colptr[a->col[q] + 1];
+            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++) {
+                uint32_t at = g->ptr[number[b->row[e]]]++;
+                g->idx[at] = (uint32_t)q;
+                g->val[at] = b->val[e];
+            }
+        }
+        return;
+    }
+    int32_t q0, q1;
+    rec_chunk_range(a->n, i - cameras, &q0, &q1);
+    struct rec_gather *g = &a->by_col;
+    uint32_t at = t->chunk_nnz[i - cameras];
+    for (int32_t q = q0; q < q1; q++) {
+        g->ptr[q] = at;
+        for (size_t c = 0; c < cameras; c++) {
+            if (!a->present[c])
+                continue;
+            const struct rec_sysmat_block *b = &a->S->block[c];
+            const uint32_t *number = a->number + a->row0[c];
+            uint32_t end = b->colptr[a->col[q] + 1];
+            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++, at++) {
+                g->idx[at] = number[b->row[e]];
+                g->val[at] = b->val[e];
+            }
+        }
+    }
+}
+
+static uint32_t first_of_each(uint32_t *count, size_t n)
+{
+    uint32_t sum = 0;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t c = count[i];
+        count[i] = sum;
+        sum += c;
+    }
+    return sum;
+}
+
+void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present)
+{
+    size_t cameras = a->S->n_cameras, chunks = rec_chunks(n);
+    a->col = col;
+    a->n = n;
+    memcpy(a->present, present, cameras * sizeof *present);
+    struct restriction t = {.a = a};
+    pvx_pool_run(a->pool, cameras + chunks, count_task, &t);
+    a->nnz = first_of_each(t.nnz, cameras);
+    a->rows = (int32_t)first_of_each(t.rows, cameras);
+    (void)first_of_each(t.chunk_nnz, chunks);
+    pvx_pool_run(a->pool, cameras, number_camera, &t);
+    pvx_pool_run(a->pool, cameras + chunks, fill_task, &t);
+    memmove(a->by_row.ptr + 1, a->by_row.ptr, (size_t)a->rows * sizeof *a->by_row.ptr);
+    a->by_row.ptr[0] = 0;
+    a->by_col.ptr[n] = (uint32_t)a->nnz;
 }
 
 struct product {
@@ -79,48 +210,26 @@ struct product {
     float *out, *out1;
 };
 
-static void forward_camera(void *ctx, size_t c)
+static void forward_chunk(void *ctx, size_t k)
 {
     struct product *t = ctx;
-    const struct rec_subsys *a = t->a;
-    size_t cs = (size_t)a->cs, lo = a->span[c].lo, hi = a->span[c].hi;
-    if (lo >= hi)
-        return;
-    float *y = t->out + a->row0[c] * cs;
-    memset(y + lo * cs, 0, (hi - lo) * cs * sizeof *y);
-    (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->S->block[c], a->col, 0, a->n, t->in, y);
+    int32_t i0, i1;
+    rec_chunk_range(t->a->rows, k, &i0, &i1);
+    rec_forward_range(t->a, t->in, i0, i1, t->out);
 }
 
 void rec_forward(const struct rec_subsys *a, const float *x, float *y)
 {
     struct product t = {.a = a, .in = x, .out = y};
-    pvx_pool_run(a->pool, a->S->n_cameras, forward_camera, &t);
-}
-
-static void chunk_range(const struct rec_subsys *a, size_t k, int32_t *q0, int32_t *q1)
-{
-    int32_t c = rec_chunk(a->n);
-    *q0 = (int32_t)k * c;
-    *q1 = *q0 + c < a->n ? *q0 + c : a->n;
+    pvx_pool_run(a->pool, rec_chunks(a->rows), forward_chunk, &t);
 }
 
 static void adjoint_chunk(void *ctx, size_t k)
 {
     struct product *t = ctx;
-    const struct rec_subsys *a = t->a;
     int32_t q0, q1;
-    chunk_range(a, k, &q0, &q1);
-    rec_adjoint_range(a, t->in, q0, q1, t->out);
-}
-
-void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1, float *x)
-{
-    size_t cs = (size_t)a->cs;
-    memset(x + (size_t)q0 * cs, 0, (size_t)(q1 - q0) * cs * sizeof *x);
-    for (size_t c = 0; c < a->S->n_cameras; c++)
-        if (a->span[c].lo < a->span[c].hi)
-            (a->cs == 4 ? a->k->gather4 : a->k->gather1)(&a->S->block[c], a->col, q0, q1,
-                                                         y + a->row0[c] * cs, x);
+    rec_chunk_range(t->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->a, t->in, q0, q1, t->out);
 }
 
 void rec_adjoint(const struct rec_subsys *a, const float *y, float *x)
@@ -132,21 +241,15 @@ void rec_adjoint(const struct rec_subsys *a, const float *y, float *x)
 static void norms_chunk(void *ctx, size_t k)
 {
     struct product *t = ctx;
-    const struct rec_subsys *a = t->a;
+    const struct rec_gather *g = &t->a->by_col;
     int32_t q0, q1;
-    chunk_range(a, k, &q0, &q1);
+    rec_chunk_range(t->a->n, k, &q0, &q1);
     for (int32_t q = q0; q < q1; q++) {
         double d2 = 0, d1 = 0;
-        for (size_t c = 0; c < a->S->n_cameras; c++) {
-            if (a->span[c].lo >= a->span[c].hi)
-                continue;
-            const struct rec_sysmat_block *b = &a->S->block[c];
-            const float *w = t->in == NULL ? NULL : t->in + a->row0[c];
-            for (uint32_t e = b->colptr[a->col[q]]; e < b->colptr[a->col[q] + 1]; e++) {
-                double v = b->val[e], wv = w == NULL ? v : v * w[b->row[e]];
-                d2 += v * wv;
-                d1 += wv;
-            }
+        for (uint32_t e = g->ptr[q]; e < g->ptr[q + 1]; e++) {
+            double v = g->val[e], wv = t->in == NULL ? v : v * t->in[g->idx[e]];
+            d2 += v * wv;
+            d1 += wv;
         }
         if (t->out != NULL)
             t->out[q] = (float)d2;
@@ -162,61 +265,29 @@ void rec_column_norms(const struct rec_subsys *a, const float *row_weight, float
 }
 
 struct dot {
-    const struct rec_subsys *a;
+    int32_t n;
+    int cs;
     const float *u, *v;
     double part[REC_MAX_CHUNKS][4];
 };
 
-void rec_dot_range(const float *u, const float *v, size_t n, int cs, double out[4])
-{
-    double s[4] = {0};
-    if (cs == 1) {
-        for (size_t i = 0; i < n; i++)
-            s[0] += (double)u[i] * v[i];
-    } else {
-        for (size_t i = 0; i < n; i++)
-            for (int l = 0; l < 4; l++)
-                s[l] += (double)u[i * 4 + l] * v[i * 4 + l];
-    }
-    memcpy(out, s, sizeof s);
-}
-
-void rec_sum_parts(const double (*part)[4], size_t n, double out[4])
-{
-    double s[4] = {0};
-    for (size_t k = 0; k < n; k++)
-        for (int l = 0; l < 4; l++)
-            s[l] += part[k][l];
-    memcpy(out, s, sizeof s);
-}
-
 static void dot_chunk(void *ctx, size_t k)
 {
     struct dot *t = ctx;
-    int32_t q0, q1;
-    chunk_range(t->a, k, &q0, &q1);
-    size_t o = (size_t)q0 * (size_t)t->a->cs;
-    rec_dot_range(t->u + o, t->v + o, (size_t)(q1 - q0), t->a->cs, t->part[k]);
+    int32_t i0, i1;
+    rec_chunk_range(t->n, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        for (int l = 0; l < t->cs; l++)
+            t->part[k][l] += (double)t->u[i * (size_t)t->cs + l] * t->v[i * (size_t)t->cs + l];
 }
 
-void rec_dot_x(const struct rec_subsys *a, const float *u, const float *v, double out[4])
+void rec_dot(const struct rec_subsys *a, int32_t n, const float *u, const float *v, double out[4])
 {
-    struct dot t = {.a = a, .u = u, .v = v};
-    pvx_pool_run(a->pool, rec_chunks(a->n), dot_chunk, &t);
-    rec_sum_parts((const double(*)[4])t.part, rec_chunks(a->n), out);
-}
-
-static void dot_camera(void *ctx, size_t c)
-{
-    struct dot *t = ctx;
-    const struct rec_subsys *a = t->a;
-    size_t o = (a->row0[c] + a->span[c].lo) * (size_t)a->cs;
-    rec_dot_range(t->u + o, t->v + o, a->span[c].hi - a->span[c].lo, a->cs, t->part[c]);
-}
-
-void rec_dot_y(const struct rec_subsys *a, const float *u, const float *v, double out[4])
-{
-    struct dot t = {.a = a, .u = u, .v = v};
-    pvx_pool_run(a->pool, a->S->n_cameras, dot_camera, &t);
-    rec_sum_parts((const double(*)[4])t.part, a->S->n_cameras, out);
+    struct dot t = {.n = n, .cs = a->cs, .u = u, .v = v};
+    pvx_pool_run(a->pool, rec_chunks(n), dot_chunk, &t);
+    for (int l = 0; l < 4; l++) {
+        out[l] = 0;
+        for (size_t k = 0; k < rec_chunks(n); k++)
+            out[l] += t.part[k][l];
+    }
 }

@@ -1,13 +1,17 @@
 /* subsys.h - the restricted system of one frame set: hull columns of S, rows of present cameras.
  *
- *     minimise || W^(1/2) (A x - b) ||,  A = S restricted to columns col[0..n)         (1)
+ *     minimise || W^(1/2) (A x - b) ||,  A = S(rows touched by H, columns H), H = hull       (1)
  *
- * Nothing of S is copied (sysmat.h says why); A is (S, col[]).  All channels at once: a vector in
- * voxel space is x [n][cs], in row space y [rows of camera 0][cs], [rows of camera 1][cs] ... with
- * cs = 1 for one channel and 4 for three (the 4th lane is 0), channel innermost.
- * Only `span` rows of a camera are touched by A; outside them y means nothing, is never changed, but
- * must be finite (kernels.h: over-read).  The 4th lane of x and y is 0 on input and stays 0.
- * Ownership: rec_subsys is a view that borrows S and the arrays of the hull that made it. */
+ * A is copied out of S once per frame set, compact and twice: by rows for A x and by columns for
+ * A^T y.  Why: in S a column has two or three entries per camera, spread over whole images, so every
+ * pass over it is spent on loop ends and cache misses; the solver makes some thirty passes.  In the
+ * copy every output of either product is one short gather, a row vector holds only the rays that
+ * meet the hull, all of it stays in cache, and any split of the outputs over threads gives the same
+ * bits.  The copy costs about three passes.
+ * All channels at once: x [n][cs], y [rows][cs], cs = 1 for one channel and 4 for three (the 4th lane
+ * is 0), channel innermost.  Rows ascend by camera, then by bin.
+ * Memory: 16 bytes per entry of A, in reserved address space of S's size: only what is used costs.
+ * Ownership: the object borrows S, kernels and pool; col is borrowed until the next restrict. */
 #ifndef REC_SUBSYS_H
 #define REC_SUBSYS_H
 #include "base/pool.h"
@@ -21,16 +25,37 @@ struct rec_subsys {
     int cs;                /* lanes per entry: 1 or 4 */
     int32_t n;             /* active columns */
     const int32_t *col;    /* [n] voxel indices, ascending */
+    int32_t rows;          /* rows of A: of present cameras, with at least one entry */
+    uint32_t *ray;         /* [rows] their numbers in S's row space */
     uint64_t nnz;          /* entries of A */
-    int64_t rows;          /* rows of A that have an entry and a present camera */
+    struct rec_gather by_row; /* [rows] outputs, indices are active columns */
+    struct rec_gather by_col; /* [n] outputs, indices are rows of A */
     bool present[REC_MAX_CAMERAS];
-    size_t row0[REC_MAX_CAMERAS + 1];                /* first row of each camera in row space */
-    struct { uint32_t lo, hi; } span[REC_MAX_CAMERAS]; /* touched rows of camera c: [lo,hi) */
-    const uint8_t *touched;                          /* [rowspace] 1: the row has an entry of A */
+    size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera in S's row space */
+    uint32_t *number;                 /* [row space] number in A of a row of S; work area */
 };
 
-/* Loops over active columns are cut into at most REC_MAX_CHUNKS pieces of rec_chunk(n) columns: the
- * cut depends on n alone, so sums that are added up piece by piece do not depend on the threads. */
+/* Rows of S in row space: sum over cameras of bw*bh, camera by camera; fills row0 [n_cameras+1]. */
+size_t rec_rowspace(const rec_sysmat *S, size_t *row0);
+
+/* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM; PVX_ERANGE: S has over 2^32-1 entries or
+ * 2^31-1 rows. */
+PVX_MUST_CHECK pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k,
+                                      pvx_pool *pool, int cs, struct rec_subsys **out);
+void rec_subsys_free(struct rec_subsys **a);
+/* Make it the system of columns col [n] (ascending) and the cameras present.  Parallel; allocates
+ * nothing. */
+void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present);
+
+/* y = A x;  x = A^T y.  Parallel over fixed chunks of the outputs. */
+void rec_forward(const struct rec_subsys *a, const float *x, float *y);
+void rec_adjoint(const struct rec_subsys *a, const float *y, float *x);
+/* Column sums of w v^2 (diagonal of A^T W A) and of w v: d2, d1 [n], either may be NULL;
+ * row_weight [rows] or NULL = 1. */
+void rec_column_norms(const struct rec_subsys *a, const float *row_weight, float *d2, float *d1);
+
+/* Loops over columns or rows are cut into at most REC_MAX_CHUNKS pieces of rec_chunk(n): the cut
+ * depends on n alone, so sums that are added up piece by piece do not depend on the threads. */
 #define REC_MAX_CHUNKS 256
 static inline int32_t rec_chunk(int32_t n)
 {
@@ -42,31 +67,27 @@ static inline size_t rec_chunks(int32_t n)
     int32_t c = rec_chunk(n);
     return (size_t)((n + c - 1) / c);
 }
+static inline void rec_chunk_range(int32_t n, size_t k, int32_t *i0, int32_t *i1)
+{
+    int32_t c = rec_chunk(n);
+    *i0 = (int32_t)k * c;
+    *i1 = n - *i0 < c ? n : *i0 + c;
+}
 
-/* Total rows of S in row space: sum over cameras of bw*bh; fills row0 [n_cameras+1]. */
-size_t rec_rowspace(const rec_sysmat *S, size_t *row0);
+/* Pieces for solvers that fuse passes: outputs [i0,i1) of A x, of A^T y. */
+static inline void rec_forward_range(const struct rec_subsys *a, const float *x, int32_t i0,
+                                     int32_t i1, float *y)
+{
+    (a->cs == 4 ? a->k->gather4 : a->k->gather1)(&a->by_row, i0, i1, x, y);
+}
+static inline void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0,
+                                     int32_t q1, float *x)
+{
+    (a->cs == 4 ? a->k->gather4 : a->k->gather1)(&a->by_col, q0, q1, y, x);
+}
 
-/* Fill the view for columns col [n] (borrowed) and the cameras present: spans, nnz, rows.  touched
- * [rowspace] is filled, borrowed.  Parallel over cameras. */
-void rec_subsys_init(struct rec_subsys *a, const rec_sysmat *S, const struct rec_kernels *k,
-                     pvx_pool *pool, int cs, const int32_t *col, int32_t n, const bool *present,
-                     uint8_t *touched);
-
-/* y = A x.  x [n][cs], y [rowspace][cs] out (spans only).  Parallel over cameras. */
-void rec_forward(const struct rec_subsys *a, const float *x, float *y);
-/* x = A^T y.  Parallel over fixed chunks of columns. */
-void rec_adjoint(const struct rec_subsys *a, const float *y, float *x);
-/* Column sums of squares (diagonal of A^T A) and of entries: d2, d1 [n], either may be NULL. */
-void rec_column_norms(const struct rec_subsys *a, const float *row_weight, float *d2, float *d1);
-
-/* Pieces for solvers that fuse passes: columns [q0,q1) of A^T y; one lane-wise inner product of n
- * entries, serial; sum of n partial results in order. */
-void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1, float *x);
-void rec_dot_range(const float *u, const float *v, size_t n, int cs, double out[4]);
-void rec_sum_parts(const double (*part)[4], size_t n, double out[4]);
-
-/* Inner products in double over fixed chunks, one result per channel lane: out[4]. */
-void rec_dot_x(const struct rec_subsys *a, const float *u, const float *v, double out[4]);
-void rec_dot_y(const struct rec_subsys *a, const float *u, const float *v, double out[4]);
+/* Inner product of two vectors of n entries of a's lanes, in double over fixed chunks, lane by
+ * lane; lanes that are not there give 0. */
+void rec_dot(const struct rec_subsys *a, int32_t n, const float *u, const float *v, double out[4]);
 
 #endif

@@ -1,9 +1,10 @@
 /* kernels_avx2.c - AVX2 + FMA variants.
  *
- * A column has few entries in one camera (a voxel covers some 2x2..3x3 bins) and their number
- * varies, so a loop that ends with the column mispredicts its end nearly every time, which costs
- * more than the work.  So entries are taken in fixed groups of 8; those past the column's end get
- * weight 0.  Groups that would reach past nnz, and the tail of the block, take the plain loop. */
+ * gather4: one 128-bit FMA per entry, the lanes being the channels; four accumulators hide its
+ * latency.  Wider vectors would need as many loads, and loads are what limits it.
+ * gather1: eight scalar loads into a vector are no faster than scalar FMAs; four chains. */
+#include <stddef.h>
+
 #include "recon/simd/simd.h"
 
 #if !defined(__AVX2__) || !defined(__FMA__)
@@ -11,107 +12,49 @@
 #endif
 #include <immintrin.h>
 
-#define GROUP 8
-
-/* Weights of entries e..e+7, 0 where e+i >= end. */
-static inline void weights(const float *val, uint32_t e, uint32_t end, float out[GROUP])
+static inline __m128 fma4(__m128 s, const float *val, const uint32_t *idx, const float *in)
 {
-    const __m256i lane = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
-    __m256i left = _mm256_set1_epi32((int)(end - e));
-    __m256 keep = _mm256_castsi256_ps(_mm256_cmpgt_epi32(left, lane));
-    _mm256_store_ps(out, _mm256_and_ps(_mm256_loadu_ps(val + e), keep));
+    return _mm_fmadd_ps(_mm_broadcast_ss(val), _mm_load_ps(in + (size_t)*idx * 4), s);
 }
 
-static void scatter4(const struct rec_sysmat_block *b, const int32_t *col, int32_t q0, int32_t q1,
-                     const float *x, float *y)
+static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
 {
-    const uint32_t *row = b->row;
-    float v[GROUP] __attribute__((aligned(32)));
-    for (int32_t q = q0; q < q1; q++) {
-        uint32_t e = b->colptr[col[q]], end = b->colptr[col[q] + 1];
-        __m128 xq = _mm_load_ps(x + (size_t)q * 4);
-        for (; e < end && (uint64_t)e + GROUP <= b->nnz; e += GROUP) {
-            weights(b->val, e, end, v);
-            for (int i = 0; i < GROUP; i++) {
-                float *p = y + (size_t)row[e + i] * 4;
-                _mm_store_ps(p, _mm_fmadd_ps(_mm_broadcast_ss(v + i), xq, _mm_load_ps(p)));
-            }
+    const uint32_t *idx = g->idx;
+    const float *val = g->val;
+    uint32_t e = g->ptr[i0];
+    for (int32_t i = i0; i < i1; i++) {
+        uint32_t end = g->ptr[i + 1];
+        __m128 s0 = _mm_setzero_ps(), s1 = s0, s2 = s0, s3 = s0;
+        for (; end - e >= 4; e += 4) {
+            s0 = fma4(s0, val + e, idx + e, in);
+            s1 = fma4(s1, val + e + 1, idx + e + 1, in);
+            s2 = fma4(s2, val + e + 2, idx + e + 2, in);
+            s3 = fma4(s3, val + e + 3, idx + e + 3, in);
         }
-        for (; e < end; e++) {
-            float *p = y + (size_t)row[e] * 4;
-            _mm_store_ps(p, _mm_fmadd_ps(_mm_broadcast_ss(b->val + e), xq, _mm_load_ps(p)));
-        }
+        for (; e < end; e++)
+            s0 = fma4(s0, val + e, idx + e, in);
+        _mm_store_ps(out + (size_t)i * 4, _mm_add_ps(_mm_add_ps(s0, s1), _mm_add_ps(s2, s3)));
     }
 }
 
-static void gather4(const struct rec_sysmat_block *b, const int32_t *col, int32_t q0, int32_t q1,
-                    const float *y, float *x)
+static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
 {
-    const uint32_t *row = b->row;
-    float v[GROUP] __attribute__((aligned(32)));
-    for (int32_t q = q0; q < q1; q++) {
-        uint32_t e = b->colptr[col[q]], end = b->colptr[col[q] + 1];
-        __m128 s0 = _mm_setzero_ps(), s1 = s0;
-        for (; e < end && (uint64_t)e + GROUP <= b->nnz; e += GROUP) {
-            weights(b->val, e, end, v);
-            for (int i = 0; i < GROUP; i += 2) {
-                s0 = _mm_fmadd_ps(_mm_broadcast_ss(v + i), _mm_load_ps(y + (size_t)row[e + i] * 4),
-                                  s0);
-                s1 = _mm_fmadd_ps(_mm_broadcast_ss(v + i + 1),
-                                  _mm_load_ps(y + (size_t)row[e + i + 1] * 4), s1);
-            }
-        }
+    const uint32_t *idx = g->idx;
+    const float *val = g->val;
+    uint32_t e = g->ptr[i0];
+    for (int32_t i = i0; i < i1; i++) {
+        uint32_t end = g->ptr[i + 1];
+        float s[4] = {0};
+        for (; end - e >= 4; e += 4)
+            for (int k = 0; k < 4; k++)
+                s[k] = __builtin_fmaf(val[e + k], in[idx[e + k]], s[k]);
         for (; e < end; e++)
-            s0 = _mm_fmadd_ps(_mm_broadcast_ss(b->val + e), _mm_load_ps(y + (size_t)row[e] * 4),
-                              s0);
-        float *p = x + (size_t)q * 4;
-        _mm_store_ps(p, _mm_add_ps(_mm_load_ps(p), _mm_add_ps(s0, s1)));
-    }
-}
-
-static void scatter1(const struct rec_sysmat_block *b, const int32_t *col, int32_t q0, int32_t q1,
-                     const float *x, float *y)
-{
-    const uint32_t *row = b->row;
-    float v[GROUP] __attribute__((aligned(32)));
-    for (int32_t q = q0; q < q1; q++) {
-        uint32_t e = b->colptr[col[q]], end = b->colptr[col[q] + 1];
-        for (; e < end && (uint64_t)e + GROUP <= b->nnz; e += GROUP) {
-            weights(b->val, e, end, v);
-            for (int i = 0; i < GROUP; i++)
-                y[row[e + i]] = __builtin_fmaf(v[i], x[q], y[row[e + i]]);
-        }
-        for (; e < end; e++)
-            y[row[e]] = __builtin_fmaf(b->val[e], x[q], y[row[e]]);
-    }
-}
-
-static void gather1(const struct rec_sysmat_block *b, const int32_t *col, int32_t q0, int32_t q1,
-                    const float *y, float *x)
-{
-    const uint32_t *row = b->row;
-    float v[GROUP] __attribute__((aligned(32)));
-    for (int32_t q = q0; q < q1; q++) {
-        uint32_t e = b->colptr[col[q]], end = b->colptr[col[q] + 1];
-        float s0 = 0, s1 = 0;
-        for (; e < end && (uint64_t)e + GROUP <= b->nnz; e += GROUP) {
-            weights(b->val, e, end, v);
-            for (int i = 0; i < GROUP; i += 2) {
-                s0 = __builtin_fmaf(v[i], y[row[e + i]], s0);
-                s1 = __builtin_fmaf(v[i + 1], y[row[e + i + 1]], s1);
-            }
-        }
-        for (; e < end; e++)
-            s0 = __builtin_fmaf(b->val[e], y[row[e]], s0);
-        x[q] += s0 + s1;
+            s[0] = __builtin_fmaf(val[e], in[idx[e]], s[0]);
+        out[i] = (s[0] + s[1]) + (s[2] + s[3]);
     }
 }
 
 void rec_kernels_avx2(struct rec_kernels *k)
 {
-    *k = (struct rec_kernels){.name = "avx2",
-                              .scatter1 = scatter1,
-                              .scatter4 = scatter4,
-                              .gather1 = gather1,
-                              .gather4 = gather4};
+    *k = (struct rec_kernels){.name = "avx2", .gather1 = gather1, .gather4 = gather4};
 }

@@ -1,0 +1,51 @@
+/* lanes.h - the channels of one voxel or ray as a vector of four floats, for any CPU.
+ *
+ * GCC and Clang vector extensions; cs = 4: all lanes, cs = 1: lane 0, the others 0.  cs is a constant
+ * where these are used, so each caller compiles to loads of its own width.
+ * Private to the solvers. */
+#ifndef REC_LANES_H
+#define REC_LANES_H
+#include <stddef.h>
+#include <stdint.h>
+
+typedef float rec_f4 __attribute__((vector_size(16), may_alias));
+typedef int32_t rec_i4 __attribute__((vector_size(16), may_alias));
+typedef double rec_d4 __attribute__((vector_size(32)));
+#define REC_INLINE static inline __attribute__((always_inline))
+
+REC_INLINE rec_f4 rec_ld(const float *v, size_t i, size_t cs)
+{
+    return cs == 4 ? *(const rec_f4 *)(v + i * 4) : (rec_f4){v[i], 0, 0, 0};
+}
+REC_INLINE void rec_st(float *v, size_t i, size_t cs, rec_f4 a)
+{
+    if (cs == 4)
+        *(rec_f4 *)(v + i * 4) = a;
+    else
+        v[i] = a[0];
+}
+REC_INLINE rec_f4 rec_splat(float a)
+{
+    return (rec_f4){a, a, a, a};
+}
+REC_INLINE rec_f4 rec_coef(const double a[4])
+{
+    return (rec_f4){(float)a[0], (float)a[1], (float)a[2], (float)a[3]};
+}
+/* a where the mask is all ones, else b; masks are what comparisons give. */
+REC_INLINE rec_f4 rec_select(rec_i4 mask, rec_f4 a, rec_f4 b)
+{
+    return (rec_f4)((mask & (rec_i4)a) | (~mask & (rec_i4)b));
+}
+/* *sum += a b in double.  By pointer: 32-byte vectors by value have no fixed ABI without AVX. */
+REC_INLINE void rec_add_product(rec_d4 *sum, rec_f4 a, rec_f4 b)
+{
+    *sum += __builtin_convertvector(a, rec_d4) * __builtin_convertvector(b, rec_d4);
+}
+REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
+{
+    for (int l = 0; l < 4; l++)
+        out[l] = (*sum)[l];
+}
+
+#endif
