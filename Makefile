@@ -113,6 +113,8 @@ clean: ## remove everything that was built
 	rm -rf build build-*
 
 # ---- rules ------------------------------------------------------------------------------------
+# Four lanes at a time in plain C: at -O2 gcc 12 leaves most of these loops scalar.
+$(B)/recon/%.o: CFLAGS += -O3
 $(B)/recon/simd/kernels_avx2.o: CFLAGS += -mavx2 -mfma -mf16c
 $(B)/recon/simd/kernels_avx512.o: CFLAGS += -mavx512f -mavx512vl -mfma
 # Plain loops written to be vectorised.

@@ -83,7 +83,7 @@ const struct dmn_option dmn_options[] = {
     REAL("photometry.saturation", saturation, "-1", -1, 1000, "full scale",
          "Pixels from here on are saturated and do not count; negative = 0.998, or off for files of "
          "floating-point numbers; 0 = off."),
-    INT("photometry.margin", margin, "1", 0, 100, "bins",
+    INT("photometry.margin", margin, "0", 0, 100, "bins",
         "Silhouettes are grown by it to cover calibration error."),
     BOOL("photometry.despeckle", despeckle, "true",
          "Lit bins without lit neighbours are noise (automatic threshold only)."),

@@ -76,10 +76,12 @@ static bool measure_block(const float *img, int32_t bw, int32_t bh, int cs, cons
 
 /* Noise of one channel: median over the darker half of the blocks.  A camera that clips at black
  * keeps only the upper half of the background's noise; its blocks are then about half filled with
- * the lowest value, and max(0, N(0,s)) has the standard deviation 0.5838 s. */
+ * the lowest value, and max(0, N(0,s)) has the standard deviation 0.5838 s.
+ * *dark: median mean of those blocks, the level that a background clipped at 0 keeps. */
 static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float *weight,
-                   float *scratch)
+                   float *scratch, float *dark)
 {
+    *dark = 0;
     int32_t n = 0, max = bw * bh / 3;
     float low = INFINITY;
     for (int32_t i = 0; i < bw * bh; i++)
@@ -103,6 +105,7 @@ static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float
     float *sorted = mean + n;
     memcpy(sorted, mean, (size_t)n * sizeof *sorted);
     float limit = select_kth(sorted, n, n / 2);
+    *dark = fmaxf(0, select_kth(sorted, n, n / 4));
     for (int32_t i = 0; i < n; i++)
         if (mean[i] <= limit) {
             noise2[half] = noise2[i];
@@ -111,6 +114,35 @@ static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float
     float v = select_kth(noise2, half, half / 2), z = select_kth(zeros, half, half / 2);
     float s = sqrtf(v);
     return z > 0.25f && z < 0.75f ? s / 0.5838f : s;
+}
+
+/* Faint edges: the mean of 3x3 bins has a third of the noise, so it may be judged three times as
+ * sharply, above the level that the dark blocks have (noise clipped at 0 has a positive mean).
+ * Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
+static void light_means(const float *img, int32_t bw, int32_t bh, int nch,
+                        const struct rec_photo_params *p, const float sigma[3],
+                        const float dark[3], uint8_t *lit, float *sums)
+{
+    size_t cs = nch == 3 ? 4 : 1, row = (size_t)bw * cs;
+    float limit[3];
+    if (bw < 3 || bh < 4) /* the work area holds bw*bh floats */
+        return;
+    for (int c = 0; c < nch; c++)
+        limit[c] = 9 * (dark[c] + fmaxf(p->floor, p->auto_k * sigma[c] / 3));
+    for (int32_t y = 1; y + 1 < bh; y++) {
+        const float *at = img + (size_t)y * row;
+        uint8_t *out = lit + (size_t)y * (size_t)bw;
+        for (size_t i = 0; i < row; i++)
+            sums[i] = at[i] + (at - row)[i] + at[i + row];
+        for (size_t x = 1; x + 1 < (size_t)bw; x++) {
+            const float *s = sums + x * cs;
+            bool is = false;
+            for (int c = 0; c < nch; c++)
+                is = is || s[c] + (s - cs)[c] + s[(size_t)c + cs] >= limit[c];
+            if (is && out[x] == UNLIT)
+                out[x] = LIT;
+        }
+    }
 }
 
 /* Bins with fewer than two lit neighbours go out; out of the image counts as unlit. */
@@ -181,9 +213,9 @@ void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *b
         lit[i] = finite && !saturated ? UNLIT : FORCED;
     }
 
-    float limit[3] = {p->threshold, p->threshold, p->threshold};
+    float limit[3] = {p->threshold, p->threshold, p->threshold}, dark[3];
     for (int c = 0; c < nch; c++) {
-        out->sigma[c] = noise(img + c, bw, bh, (int)cs, weight, scratch);
+        out->sigma[c] = noise(img + c, bw, bh, (int)cs, weight, scratch, &dark[c]);
         if (p->threshold < 0)
             limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
         out->threshold = fmaxf(out->threshold, limit[c]);
@@ -192,6 +224,8 @@ void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *b
         for (int c = 0; c < nch; c++)
             if (lit[i] == UNLIT && img[i * cs + c] >= limit[c])
                 lit[i] = LIT;
+    if (p->threshold < 0)
+        light_means(img, bw, bh, nch, p, out->sigma, dark, lit, scratch);
     if (p->threshold < 0 && p->despeckle)
         despeckle(lit, bw, bh, (uint8_t *)scratch);
     grow(lit, bw, bh, p->margin, (uint8_t *)scratch);

@@ -5,8 +5,11 @@
  * p is linear, 1.0 = the sensor's full scale.  NaN/Inf pixels become 0, weight 0, are counted and
  * count as lit (they say nothing, so they may not carve).  Saturated pixels (>= saturation) keep
  * their value, weight 0 and lit, and are counted.
- * Auto threshold: background level and noise sigma are estimated robustly per camera and channel
- * (median and MAD of the darkest half), threshold = max(floor, auto_k * sigma).
+ * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of
+ * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), and for
+ * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the dark blocks' level.  A uniform offset is NOT estimated: an evenly
+ * lit image could not be told from one; that is what black and background are for.
+ * b beyond 1e9 full scales counts as not finite.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
  * threshold is automatic; margin then grows the silhouette.
  * Threads: one call per camera; different cameras in parallel.  Allocates nothing. */
@@ -22,19 +25,19 @@ struct rec_photo_params {
     float floor;       /* least automatic threshold, default 0.004 (1/255) */
     float auto_k;      /* default 4 */
     float saturation;  /* default 0.998 for integer images; >= 1e30 = off (float images) */
-    int32_t margin;    /* bins, >= 0, default 1: grows silhouettes for calibration error */
+    int32_t margin;    /* bins, >= 0, default 0: grows silhouettes for calibration error */
     int despeckle;     /* default 1 */
 };
 #define REC_PHOTO_DEFAULTS                                                                         \
     {                                                                                              \
         .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = 0.998f,           \
-        .margin = 1, .despeckle = 1                                                                \
+        .margin = 0, .despeckle = 1                                                                \
     }
 extern const struct rec_photo_params rec_photo_defaults;
 
 struct rec_photo_stats {
     uint32_t lit, saturated, not_finite;
-    float sigma[3];    /* noise estimate per channel, full-scale units */
+    float sigma[3];    /* noise of b per channel, full-scale units */
     float threshold;   /* used */
 };
 

@@ -49,8 +49,8 @@ const char *const *rec_solver_names(void);
 PVX_MUST_CHECK pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out);
 void rec_solver_free(rec_solver **s);
 
-/* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise per pixel (full-scale
- * units; <= 0 unknown).  x [n][cs]: in: start (zero, or a warm start >= 0), out: result.
+/* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise of b (full-scale units;
+ * 0 = none, < 0 = unknown).  x [n][cs]: in: start (zero, or a warm start >= 0), out: result.
  * trace: called after each iteration with the current iterate (for tests and benches), or NULL.
  * Errors: PVX_EINVAL (unknown solver); non-finite input is the caller's bug (photo.h cleans it). */
 typedef void (*rec_trace_fn)(void *ctx, uint32_t iteration, const float *x, double objective,

@@ -272,12 +272,31 @@ static double objective(const struct pcg *t, const double rwr[4], const double x
     return 0.5 * total(rwr) + 0.5 * (double)t->lambda * total(xlx);
 }
 
-static float choose_lambda(const struct rec_job *j, double mean_diag)
+/* lambda in units of the mean diagonal of A'WA.  Theory gives sigma^2 / var(D x); that variance is not
+ * known, but what it hangs on is: the mean brightness of a ray, sum(b)/rows, and the mean chord of a
+ * ray in voxels, K (the finer the voxels, the less neighbours differ).  The power law was fitted to
+ * the best lambda of 64 cases (two flames, 32..96 voxels a side, images 80..320 wide, 1..2 rays per
+ * bin, 6..12 cameras, noise 0.2..2 %), where it is right to a factor 1.5; the error changes by under
+ * 3 % within a factor 2.  The floor stands for what noise does not explain: the basis. */
+#define LAMBDA_FLOOR 0.1
+#define LAMBDA_CEILING 20.0
+#define LAMBDA_UNKNOWN 0.5 /* when sigma is not known */
+static double auto_lambda(struct rec_job *j)
 {
-    float rel = j->p->lambda;
-    if (rel < 0)
-        rel = 0.05f;
-    return (float)(rel * mean_diag);
+    const struct rec_subsys *a = j->a;
+    const struct rec_grid *g = &a->S->grid;
+    double light = 0, chord = 0, rows = a->rows;
+    if (!(j->sigma > 0))
+        return j->sigma == 0 ? LAMBDA_FLOOR : LAMBDA_UNKNOWN;
+    for (size_t i = 0; i < (size_t)a->rows; i++)
+        for (int l = 0; l < j->s->nch; l++)
+            light += j->b[i * (size_t)a->cs + (size_t)l] / j->s->nch;
+    for (uint64_t e = 0; e < a->nnz; e++)
+        chord += a->by_row.val[e];
+    double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
+    double noise = light > 0 ? j->sigma * rows / light : 1, voxels = chord / rows / h;
+    double rel = LAMBDA_FLOOR + 0.026 * pow(noise, 1.78) * pow(voxels, 2.59);
+    return rel < LAMBDA_CEILING ? rel : LAMBDA_CEILING;
 }
 
 /* v'Hv per lane; leaves A v in q. */
@@ -371,7 +390,7 @@ void rec_solve_pcg(struct rec_job *j)
     double mean = 0;
     for (int32_t q = 0; q < a->n; q++)
         mean += s->diag[q];
-    t.lambda = choose_lambda(j, mean / a->n);
+    t.lambda = (float)(mean / a->n * (j->p->lambda < 0 ? auto_lambda(j) : j->p->lambda));
     j->out->lambda = t.lambda;
     pvx_pool_run(a->pool, chunks, precondition_chunk, &t);
 

@@ -54,7 +54,7 @@ pvx_err rec_sysmat_resolve(const struct rec_rig *rig, const struct rec_sysmat_pa
     if (k < 0 || k > 16)
         return pvx_fail(d, PVX_EINVAL, "%d rays per bin are outside 1..16 (0 = auto)", k);
     if (b == 0) {
-        double largest = 0.75 * voxel_px(rig);
+        double largest = 1.1 * voxel_px(rig);
         for (b = 1; b < 64 && 2 * b <= largest && divides_all(rig, 2 * b, &bad);)
             b *= 2;
     } else if (!divides_all(rig, b, &bad)) {

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/mem.h"
 
 /* A loop lives on its caller's stack and hangs in the pool's list while it has tasks to hand out.
@@ -41,9 +42,26 @@ static void unlink_loop(pvx_pool *p, struct loop *l)
 {
     for (struct loop **q = &p->list; *q != NULL; q = &(*q)->next)
         if (*q == l) {
-            *q = l->next;
+            __atomic_store_n(q, l->next, __ATOMIC_RELAXED); /* spin_for_work looks without the lock */
             return;
         }
+}
+
+/* Loops of one solve follow each other within microseconds, but waking a thread costs some tens: a
+ * worker that has just worked looks for the next loop a little before it sleeps. */
+#define SPIN_NS 30000
+static void spin_for_work(pvx_pool *p)
+{
+    int64_t until = pvx_now_mono() + SPIN_NS;
+    do {
+        for (int i = 0; i < 64; i++) {
+            if (__atomic_load_n(&p->list, __ATOMIC_RELAXED) != NULL)
+                return;
+#if defined(__x86_64__) || defined(__i386__)
+            __builtin_ia32_pause();
+#endif
+        }
+    } while (pvx_now_mono() < until);
 }
 
 static void *worker(void *arg)
@@ -63,6 +81,11 @@ static void *worker(void *arg)
         unlink_loop(p, l);
         if (--l->users == 0)
             pthread_cond_broadcast(&p->idle);
+        if (p->list == NULL && !p->stop) {
+            pthread_mutex_unlock(&p->lock);
+            spin_for_work(p);
+            pthread_mutex_lock(&p->lock);
+        }
     }
     pthread_mutex_unlock(&p->lock);
     return NULL;
@@ -139,7 +162,7 @@ void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx)
     struct loop **tail = &p->list;
     while (*tail != NULL)
         tail = &(*tail)->next;
-    *tail = &l;
+    __atomic_store_n(tail, &l, __ATOMIC_RELAXED);
     pthread_cond_broadcast(&p->work);
     pthread_mutex_unlock(&p->lock);
     drain(&l);

@@ -156,20 +156,7 @@ static pvx_err write_rig(struct demo *m, struct pvx_diag *d)
     return e;
 }
 
-/* The largest power of two that divides the image and leaves 2.5 bins across it for each voxel
- * across the volume.  For 64^3 from 640x480 that is 4: measured against 2, a lower error after the same
- * processor time (0.119 against 0.148 after 110 ms) and when converged (0.070 against 0.082). */
-static int binning(const struct args *a)
-{
-    int b = 1;
-    while (b < 32 && a->width % (2 * b) == 0 && a->height % (2 * b) == 0 &&
-           (double)a->width / (2 * b) >= 2.5 * (double)a->grid)
-        b *= 2;
-    return b;
-}
-
-/* black: the pedestal that `pyrovox simcams` gives its images by default.  margin: this rig is
- * calibrated exactly, so silhouettes need not be grown: a fifth fewer voxels for the same error. */
+/* black: the pedestal that `pyrovox simcams` gives its images by default. */
 static pvx_err write_config(struct demo *m, struct pvx_diag *d)
 {
     const char *format = strcmp(m->a.format, "rgb8") == 0    ? "RGB8"
@@ -182,11 +169,10 @@ static pvx_err write_config(struct demo *m, struct pvx_diag *d)
              "fps: %.17g\n"
              "pixel_format: %s\n"
              "shared_clock: true\n"
-             "binning: %d\n"
-             "photometry: { black: 0.02, margin: 0 }\n"
+             "photometry: { black: 0.02 }\n"
              "publish:\n  endpoints: [\"%s\"]\n"
              "control:\n  endpoint: \"%s\"\n",
-             m->a.fps, format, binning(&m->a), m->volumes, m->control);
+             m->a.fps, format, m->volumes, m->control);
     return write_text(m, "pyrovoxd.yaml", text, d);
 }
 

@@ -79,7 +79,7 @@ static const struct argp_option option_table[] = {
     {"threshold", OPT_THRESHOLD, "X|auto", 0, "flame is >= X of full scale (auto: from the noise)",
      3},
     {"black", OPT_BLACK, "X", 0, "black level, share of full scale (default 0)", 3},
-    {"margin", OPT_MARGIN, "N", 0, "grow silhouettes by N bins (default 1)", 3},
+    {"margin", OPT_MARGIN, "N", 0, "grow silhouettes by N bins, for calibration error (default 0)", 3},
     {"min-views", OPT_MIN_VIEWS, "N", 0, "cameras that must see a voxel (default 2)", 3},
     {"strict-hull", OPT_STRICT, NULL, 0, "drop voxels that are only partly inside", 3},
     {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 3},
