@@ -61,6 +61,7 @@ struct dmn_config {
     struct dmn_texts endpoints;
     int sample, compress;
     int64_t hwm;
+    int wait_subscriber;
     char control[DMN_WORD_MAX];
 
     int64_t sim_seed;

@@ -110,6 +110,8 @@ const struct dmn_option dmn_options[] = {
      "ZeroMQ endpoints that volumes are published on; empty = ipc in the run folder."},
     CHOICE("publish.sample", sample, "f16", "f16|f32", "Number format of the voxels."),
     CHOICE("publish.compress", compress, "none", "none|lz4|zstd", "Compression of the voxels."),
+    BOOL("publish.wait_subscriber", wait_subscriber, "false",
+         "Take no images before somebody subscribes; for replays that are recorded."),
     INT("publish.hwm", hwm, "8", 1, 100000, "messages",
         "Messages kept for a slow subscriber; more are lost for it and seen by it as gaps."),
 

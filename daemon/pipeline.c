@@ -20,6 +20,7 @@
 #include "proto/pub.h"
 
 #define BANDS           4 /* an image is binned in so many pieces */
+#define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
 #define STATUS_EVERY_NS PVX_NS_PER_S
 #define ITERATIONS_FEW  2 /* fewer than that is not a solution, not even from a warm start */
 #define PATIENCE_MAX    8
@@ -49,6 +50,7 @@ struct dmn_pipeline {
     pvp_pub *pub;
     struct pvp_start start;
     int nch;
+    atomic_size_t subscribers;
     bool warm;
     int64_t deadline_ns, period_ns;
 
@@ -182,6 +184,13 @@ static bool carve(void *ctx)
 {
     dmn_pipeline *p = ctx;
     struct cap_set *set;
+    if (p->cfg.wait_subscriber && !atomic_load(&p->stopping)) {
+        if (atomic_load(&p->subscribers) == 0) {
+            pvx_sleep_until_mono(pvx_now_mono() + WAIT_SUBSCRIBER_NS);
+            return true;
+        }
+        p->cfg.wait_subscriber = false; /* from now on it is the subscribers' affair */
+    }
     pvx_err e = cap_capture_next(p->capture, DMN_STAGE_WAIT_NS, &set);
     if (e == PVX_ETIMEDOUT)
         return true;
@@ -337,7 +346,9 @@ static void publish_slot(dmn_pipeline *p, struct slot *s)
 /* Once a second: the rate, the status message, the repeated start message. */
 static void every_second(dmn_pipeline *p)
 {
-    pvp_pub_tick(p->pub);
+    size_t subscribers = pvp_pub_subscribers(p->pub);
+    pvp_pub_tick(p->pub); /* start goes out before anybody is told that subscribers are there */
+    atomic_store(&p->subscribers, subscribers);
     int64_t now = pvx_now_mono();
     if (now < p->next_status_ns)
         return;
@@ -479,7 +490,8 @@ static pvx_err publisher_new(dmn_pipeline *p, struct pvx_diag *d)
                                 .n_endpoints = n,
                                 .send_hwm = (int)c->hwm,
                                 .sample = samples[c->sample],
-                                .comp = comps[c->compress]};
+                                .comp = comps[c->compress],
+                                .lossless = c->lossless};
     return pvp_pub_new(&pp, s, &p->pub, d);
 }
 

@@ -5,10 +5,12 @@
 #include <zmq.h>
 
 #include "base/clock.h"
+#include "base/log.h"
 #include "base/mem.h"
 #include "proto/ipc.h"
 
 #define LINGER_MS 250
+#define LINGER_LOSSLESS_MS 60000
 
 struct pvp_pub {
     void *ctx, *socket;
@@ -16,18 +18,50 @@ struct pvp_pub {
     struct pvp_start start;
     uint64_t sequence;
     int64_t start_due; /* mono */
+    size_t subscribers;
+    bool lossless;
     size_t n_claims;
     pvp_ipc_claim **claims; /* one per endpoint, NULL where none is needed */
 };
 
-/* PUB never blocks and reports no drop: what fails here is the socket itself. */
+static pvx_err set_int(void *socket, int option, int value)
+{
+    return zmq_setsockopt(socket, option, &value, sizeof value) == 0 ? PVX_OK
+                                                                     : pvx_err_from_errno(errno);
+}
+
+/* Live: never blocks and reports no drop, what fails here is the socket itself.  Lossless: waits for
+ * the slowest subscriber; one that has not read for PVP_PUB_PATIENCE_S is no longer waited for. */
 static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
 {
     p->sequence++;
-    while (zmq_send(p->socket, msg, len, ZMQ_DONTWAIT) < 0)
-        if (errno != EINTR)
+    while (zmq_send(p->socket, msg, len, p->lossless ? 0 : ZMQ_DONTWAIT) < 0) {
+        if (errno == EAGAIN && p->lossless) {
+            LOG_W(PROTO, "a subscriber has read nothing for %d s: it is no longer waited for and "
+                  "will miss volumes", PVP_PUB_PATIENCE_S);
+            p->lossless = false;
+            PVX_TRY(set_int(p->socket, ZMQ_XPUB_NODROP, 0));
+        } else if (errno != EINTR) {
             return pvx_err_from_errno(errno);
+        }
+    }
     return PVX_OK;
+}
+
+/* Subscribers send 1 + prefix to subscribe, 0 + prefix to leave; libzmq does so for one that dies. */
+size_t pvp_pub_subscribers(pvp_pub *p)
+{
+    unsigned char m[64];
+    int n;
+    while ((n = zmq_recv(p->socket, m, sizeof m, ZMQ_DONTWAIT)) >= 0) {
+        if (n > 0 && m[0] == 1) {
+            p->subscribers++;
+            p->start_due = 0; /* who has just come needs it now, not in a second */
+        }
+        else if (n > 0 && m[0] == 0 && p->subscribers > 0)
+            p->subscribers--;
+    }
+    return p->subscribers;
 }
 
 static pvx_err send_start(struct pvp_pub *p)
@@ -53,19 +87,23 @@ static pvx_err bind_all(struct pvp_pub *p, const struct pvp_pub_params *params, 
 static pvx_err open_socket(struct pvp_pub *p, int hwm, struct pvx_diag *d)
 {
     p->ctx = zmq_ctx_new();
-    p->socket = p->ctx != NULL ? zmq_socket(p->ctx, ZMQ_PUB) : NULL;
+    p->socket = p->ctx != NULL ? zmq_socket(p->ctx, ZMQ_XPUB) : NULL;
     if (p->socket == NULL)
         return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
     if (hwm <= 0)
         hwm = 8;
-    const int linger = LINGER_MS, keepalive = 1;
+    const int linger = p->lossless ? LINGER_LOSSLESS_MS : LINGER_MS, keepalive = 1;
     const int64_t max_in = 4096; /* subscribers send us subscriptions, nothing bigger */
     if (zmq_setsockopt(p->socket, ZMQ_SNDHWM, &hwm, sizeof hwm) != 0 ||
         zmq_setsockopt(p->socket, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
         zmq_setsockopt(p->socket, ZMQ_TCP_KEEPALIVE, &keepalive, sizeof keepalive) != 0 ||
         zmq_setsockopt(p->socket, ZMQ_MAXMSGSIZE, &max_in, sizeof max_in) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
-    return PVX_OK;
+    PVX_TRY(set_int(p->socket, ZMQ_XPUB_VERBOSER, 1)); /* every subscriber's, not only the first */
+    if (!p->lossless)
+        return PVX_OK;
+    PVX_TRY(set_int(p->socket, ZMQ_XPUB_NODROP, 1));
+    return set_int(p->socket, ZMQ_SNDTIMEO, PVP_PUB_PATIENCE_S * 1000);
 }
 
 pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start *start,
@@ -76,6 +114,7 @@ pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start 
     if (p == NULL)
         return PVX_ENOMEM;
     p->start = *start;
+    p->lossless = params->lossless;
     p->n_claims = params->n_endpoints;
     p->claims = calloc(params->n_endpoints + 1, sizeof(pvp_ipc_claim *));
     pvx_err e = p->claims != NULL ? PVX_OK : PVX_ENOMEM;
@@ -117,6 +156,7 @@ void pvp_pub_free(pvp_pub **pp)
 
 void pvp_pub_tick(pvp_pub *p)
 {
+    pvp_pub_subscribers(p); /* or their messages would pile up */
     /* A start that cannot be encoded was refused in pvp_pub_new; a socket that fails shows in the
      * next volume. */
     if (pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK)

@@ -1,4 +1,4 @@
-/* pub.h - the publisher: one ZeroMQ PUB socket, used by one thread.
+/* pub.h - the publisher: one ZeroMQ XPUB socket (PUB that counts its subscribers), used by one thread.
  *
  * PUB drops in silence for a subscriber that does not read; so every message carries a sequence
  * number that counts all messages of the session, and clients count gaps.  `start` is repeated every
@@ -14,7 +14,9 @@ struct pvp_pub_params {
     size_t n_endpoints;
     int send_hwm;                 /* messages kept per slow subscriber, 0 = 8 */
     enum pvp_sample sample; enum pvp_compress comp;
+    bool lossless;                /* wait for a slow subscriber, up to PVP_PUB_PATIENCE_S per message */
 };
+#define PVP_PUB_PATIENCE_S 5
 /* Binds all endpoints and sends the first start.  Errors, diag filled: PVX_EBUSY (an endpoint is in
  * use: says which and what to do), PVX_EINVAL (not an endpoint, grid), PVX_ENOENT, PVX_EPERM
  * (folder of an ipc:// endpoint), PVX_ENOMEM. */
@@ -27,9 +29,11 @@ PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, ui
                                       size_t *bytes);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
 void pvp_pub_tick(pvp_pub *p);  /* repeats start when a second has passed */
+/* Subscriptions that are open now; allocates nothing. */
+size_t pvp_pub_subscribers(pvp_pub *p);
 /* `reason` for people, cut to 63 bytes. */
 PVX_MUST_CHECK pvx_err pvp_pub_end(pvp_pub *p, const char *reason);
-/* Waits at most a quarter of a second for what is still on its way out. */
+/* Waits at most a quarter of a second (lossless: a minute) for what is still on its way out. */
 void pvp_pub_free(pvp_pub **p);
 uint64_t pvp_pub_sequence(const pvp_pub *p); /* of the next message */
 #endif

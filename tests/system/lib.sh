@@ -27,9 +27,9 @@ wait_for() { # seconds, command...: until it succeeds
     local end=$((SECONDS + $1)); shift
     until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
 }
-config() { # file, then lines on standard input
+config() { # file [more keys of publish], then lines on standard input
     { echo "rig: $PWD/tests/data/rig4.yaml"
-      echo "publish: {endpoints: [\"$volumes\"], sample: f32}"
+      echo "publish: {endpoints: [\"$volumes\"], sample: f32${2:+, $2}}"
       echo "control: {endpoint: \"$control\"}"
       cat; } > "$dir/$1"
 }
