@@ -76,12 +76,10 @@ static bool measure_block(const float *img, int32_t bw, int32_t bh, int cs, cons
 
 /* Noise of one channel: median over the darker half of the blocks.  A camera that clips at black
  * keeps only the upper half of the background's noise; its blocks are then about half filled with
- * the lowest value, and max(0, N(0,s)) has the standard deviation 0.5838 s.
- * *dark: median mean of those blocks, the level that a background clipped at 0 keeps. */
+ * the lowest value, and max(0, N(0,s)) has the standard deviation 0.5838 s. */
 static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float *weight,
-                   float *scratch, float *dark)
+                   float *scratch)
 {
-    *dark = 0;
     int32_t n = 0, max = bw * bh / 3;
     float low = INFINITY;
     for (int32_t i = 0; i < bw * bh; i++)
@@ -105,7 +103,6 @@ static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float
     float *sorted = mean + n;
     memcpy(sorted, mean, (size_t)n * sizeof *sorted);
     float limit = select_kth(sorted, n, n / 2);
-    *dark = fmaxf(0, select_kth(sorted, n, n / 4));
     for (int32_t i = 0; i < n; i++)
         if (mean[i] <= limit) {
             noise2[half] = noise2[i];
@@ -117,18 +114,17 @@ static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float
 }
 
 /* Faint edges: the mean of 3x3 bins has a third of the noise, so it may be judged three times as
- * sharply, above the level that the dark blocks have (noise clipped at 0 has a positive mean).
- * Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
+ * sharply.  Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
 static void light_means(const float *img, int32_t bw, int32_t bh, int nch,
-                        const struct rec_photo_params *p, const float sigma[3],
-                        const float dark[3], uint8_t *lit, float *sums)
+                        const struct rec_photo_params *p, const float sigma[3], uint8_t *lit,
+                        float *sums)
 {
     size_t cs = nch == 3 ? 4 : 1, row = (size_t)bw * cs;
     float limit[3];
     if (bw < 3 || bh < 4) /* the work area holds bw*bh floats */
         return;
     for (int c = 0; c < nch; c++)
-        limit[c] = 9 * (dark[c] + fmaxf(p->floor, p->auto_k * sigma[c] / 3));
+        limit[c] = 9 * fmaxf(p->floor, p->auto_k * sigma[c] / 3);
     for (int32_t y = 1; y + 1 < bh; y++) {
         const float *at = img + (size_t)y * row;
         uint8_t *out = lit + (size_t)y * (size_t)bw;
@@ -213,9 +209,9 @@ void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *b
         lit[i] = finite && !saturated ? UNLIT : FORCED;
     }
 
-    float limit[3] = {p->threshold, p->threshold, p->threshold}, dark[3];
+    float limit[3] = {p->threshold, p->threshold, p->threshold};
     for (int c = 0; c < nch; c++) {
-        out->sigma[c] = noise(img + c, bw, bh, (int)cs, weight, scratch, &dark[c]);
+        out->sigma[c] = noise(img + c, bw, bh, (int)cs, weight, scratch);
         if (p->threshold < 0)
             limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
         out->threshold = fmaxf(out->threshold, limit[c]);
@@ -225,7 +221,7 @@ void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *b
             if (lit[i] == UNLIT && img[i * cs + c] >= limit[c])
                 lit[i] = LIT;
     if (p->threshold < 0)
-        light_means(img, bw, bh, nch, p, out->sigma, dark, lit, scratch);
+        light_means(img, bw, bh, nch, p, out->sigma, lit, scratch);
     if (p->threshold < 0 && p->despeckle)
         despeckle(lit, bw, bh, (uint8_t *)scratch);
     grow(lit, bw, bh, p->margin, (uint8_t *)scratch);
