@@ -7,10 +7,8 @@
 #include "base/clock.h"
 #include "base/mem.h"
 
-const struct rec_frame_params rec_frame_defaults = {.nch = 3,
-                                                    .photo = REC_PHOTO_DEFAULTS,
-                                                    .hull = REC_HULL_DEFAULTS,
-                                                    .solve = REC_SOLVE_DEFAULTS};
+const struct rec_frame_params rec_frame_defaults = {
+    .nch = 3, .photo = REC_PHOTO_DEFAULTS, .hull = REC_HULL_DEFAULTS, .solve = REC_SOLVE_DEFAULTS};
 
 struct rec_frame {
     const rec_sysmat *S;
@@ -24,12 +22,12 @@ struct rec_frame {
     float gain[REC_MAX_CAMERAS][3];
     float *background[REC_MAX_CAMERAS]; /* or NULL */
     bool present[REC_MAX_CAMERAS];
-    float *b;                 /* [rows][cs] pixels in, right-hand side after carve */
-    float *weight;            /* [rows] */
-    uint8_t *lit;             /* [rows] */
-    float *scratch;           /* [rows] */
-    int32_t *col;             /* [voxels] */
-    float *x;                 /* [voxels][cs] */
+    float *b;       /* [rows][cs] pixels in, right-hand side after carve */
+    float *weight;  /* [rows] */
+    uint8_t *lit;   /* [rows] */
+    float *scratch; /* [rows] */
+    int32_t *col;   /* [voxels] */
+    float *x;       /* [voxels][cs] */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
     struct rec_subsys *sub;
     double sigma;
@@ -65,7 +63,8 @@ pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
     f->col = pvx_reserve(f->voxels * sizeof *f->col);
     f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
     pvx_err e = PVX_ENOMEM;
-    if (f->b != NULL && f->weight != NULL && f->lit != NULL && f->scratch != NULL && f->col != NULL && f->x != NULL)
+    if (f->b != NULL && f->weight != NULL && f->lit != NULL && f->scratch != NULL &&
+        f->col != NULL && f->x != NULL)
         e = rec_hull_new(S, &f->hull);
     if (e == PVX_OK)
         e = rec_subsys_new(S, &f->kernels, pool, f->cs, &f->sub);
@@ -73,8 +72,8 @@ pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
         e = rec_solver_new(S, p->nch, &f->solver);
     if (e != PVX_OK) {
         rec_frame_free(&f);
-        return pvx_fail(d, e, "frame: work areas for %zu voxels: %s",
-                        rec_grid_count(&S->grid), pvx_strerror(e));
+        return pvx_fail(d, e, "frame: work areas for %zu voxels: %s", rec_grid_count(&S->grid),
+                        pvx_strerror(e));
     }
     rec_frame_reset(f);
     *out = f;

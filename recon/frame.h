@@ -26,9 +26,9 @@ struct rec_frame_report {
     struct rec_hull_counts hull;
     int64_t active_voxels, active_rays;
     uint64_t entries;
-    uint32_t cameras;                        /* present */
-    uint32_t saturated, not_finite;          /* bins, all cameras */
-    float sigma;                             /* noise estimate, mean over cameras and channels */
+    uint32_t cameras;               /* present */
+    uint32_t saturated, not_finite; /* bins, all cameras */
+    float sigma;                    /* noise estimate, mean over cameras and channels */
     int64_t photo_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
 

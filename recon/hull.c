@@ -17,12 +17,12 @@ struct rec_hull {
     struct rec_rect *brick[REC_MAX_CAMERAS]; /* [bricks]: union of members' footprints, "unseen"
                                                 where a member is unseen: such a camera can not
                                                 drop the brick as a whole */
-    uint32_t *sat[REC_MAX_CAMERAS];          /* [(bh+1)*(bw+1)] lit bins above and left of a corner */
-    uint8_t *keep;                           /* [bricks] */
-    int32_t *col;                            /* [N] kept voxels of each slab, from the slab's start */
-    uint8_t *klass;                          /* [N] their class, 1 or 2 */
-    int32_t *slab_n;                         /* [nb z] */
-    struct rec_hull_counts *slab_counts;     /* [nb z] */
+    uint32_t *sat[REC_MAX_CAMERAS];      /* [(bh+1)*(bw+1)] lit bins above and left of a corner */
+    uint8_t *keep;                       /* [bricks] */
+    int32_t *col;                        /* [N] kept voxels of each slab, from the slab's start */
+    uint8_t *klass;                      /* [N] their class, 1 or 2 */
+    int32_t *slab_n;                     /* [nb z] */
+    struct rec_hull_counts *slab_counts; /* [nb z] */
 };
 
 static struct rec_rect brick_rect(const rec_sysmat *S, size_t c, const int32_t b[3])
@@ -246,8 +246,7 @@ void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t 
                     const bool *present, pvx_pool *pool, int32_t *col, int32_t *n, uint8_t *klass,
                     struct rec_hull_counts *counts)
 {
-    struct carve t = {
-        .h = h, .p = p, .lit = lit, .present = present, .col = col, .klass = klass};
+    struct carve t = {.h = h, .p = p, .lit = lit, .present = present, .col = col, .klass = klass};
     pvx_pool_run(pool, h->S->n_cameras, table_camera, &t);
     pvx_pool_run(pool, (size_t)h->nb[2], carve_slab, &t);
     int32_t total = 0;

@@ -17,10 +17,15 @@ struct rec_hull_params {
     uint32_t min_views; /* default 2 */
     int keep_partial;   /* default 1: conservative */
 };
-#define REC_HULL_DEFAULTS {.min_views = 2, .keep_partial = 1}
+#define REC_HULL_DEFAULTS                 \
+    {                                     \
+        .min_views = 2, .keep_partial = 1 \
+    }
 extern const struct rec_hull_params rec_hull_defaults;
 
-struct rec_hull_counts { int64_t inside, partial, outside; };
+struct rec_hull_counts {
+    int64_t inside, partial, outside;
+};
 
 typedef struct rec_hull rec_hull;
 

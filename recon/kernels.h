@@ -2,7 +2,7 @@
  *
  * rec_kernels_init fills every slot with the reference (plain C, double accumulators), then
  * overwrites with what the CPU and `mask` allow.
- *   gather: out[i][:] = sum_e val_e * in[idx_e][:],  e in [ptr[i], ptr[i+1]),  i in [i0, i1)
+ *   gather: out[i][:] = sum_e e.val * in[e.idx][:],  e in [ptr[i], ptr[i+1]),  i in [i0, i1)
  * in, out [..][cs]; cs = 1 (any alignment) or 4 (16-byte aligned).  No over-read.
  * Both products of the restricted system are this one loop (subsys.h). */
 #ifndef REC_KERNELS_H
@@ -11,10 +11,13 @@
 
 enum { REC_CPU_AVX2 = 1, REC_CPU_AVX512 = 2, REC_CPU_NEON = 4, REC_CPU_ALL = ~0 };
 
+struct rec_entry {
+    uint32_t idx;
+    float val;
+};
 struct rec_gather {
-    uint32_t *ptr; /* [outputs + 1], ascending */
-    uint32_t *idx; /* [ptr[outputs]] */
-    float *val;    /* [ptr[outputs]] */
+    uint32_t *ptr;           /* [outputs + 1], ascending */
+    struct rec_entry *entry; /* [ptr[outputs]] */
 };
 
 typedef void (*rec_gather_fn)(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,

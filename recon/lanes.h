@@ -7,10 +7,16 @@
 #define REC_LANES_H
 #include <stddef.h>
 #include <stdint.h>
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
 
 typedef float rec_f4 __attribute__((vector_size(16), may_alias));
 typedef int32_t rec_i4 __attribute__((vector_size(16), may_alias));
-typedef double rec_d4 __attribute__((vector_size(32)));
+typedef double rec_d2 __attribute__((vector_size(16)));
+typedef struct {
+    rec_d2 lo, hi;
+} rec_d4; /* two registers on any CPU */
 #define REC_INLINE static inline __attribute__((always_inline))
 
 REC_INLINE rec_f4 rec_ld(const float *v, size_t i, size_t cs)
@@ -37,15 +43,31 @@ REC_INLINE rec_f4 rec_select(rec_i4 mask, rec_f4 a, rec_f4 b)
 {
     return (rec_f4)((mask & (rec_i4)a) | (~mask & (rec_i4)b));
 }
-/* *sum += a b in double.  By pointer: 32-byte vectors by value have no fixed ABI without AVX. */
+REC_INLINE void rec_widen(rec_f4 a, rec_d2 *lo, rec_d2 *hi)
+{
+#ifdef __SSE2__ /* what the generic form should compile to, and does not */
+    *lo = _mm_cvtps_pd(a);
+    *hi = _mm_cvtps_pd(_mm_movehl_ps(a, a));
+#else
+    *lo = (rec_d2){a[0], a[1]};
+    *hi = (rec_d2){a[2], a[3]};
+#endif
+}
+/* *sum += a b in double. */
 REC_INLINE void rec_add_product(rec_d4 *sum, rec_f4 a, rec_f4 b)
 {
-    *sum += __builtin_convertvector(a, rec_d4) * __builtin_convertvector(b, rec_d4);
+    rec_d2 alo, ahi, blo, bhi;
+    rec_widen(a, &alo, &ahi);
+    rec_widen(b, &blo, &bhi);
+    sum->lo += alo * blo;
+    sum->hi += ahi * bhi;
 }
 REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
 {
-    for (int l = 0; l < 4; l++)
-        out[l] = (*sum)[l];
+    out[0] = sum->lo[0];
+    out[1] = sum->lo[1];
+    out[2] = sum->hi[0];
+    out[3] = sum->hi[1];
 }
 
 #endif

@@ -14,8 +14,8 @@ struct rec_lcurve {
     double lr[3], lx[3]; /* last three points, logarithms */
     uint32_t k[3];       /* their iteration numbers */
     int n;
-    double best;      /* largest curvature so far */
-    uint32_t best_k;  /* iteration of the corner, 0 = none yet */
+    double best;     /* largest curvature so far */
+    uint32_t best_k; /* iteration of the corner, 0 = none yet */
 };
 
 /* Add the point of iteration k >= 1 (k rising).  true: the PREVIOUS point, c->k[1], is now the

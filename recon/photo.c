@@ -4,10 +4,13 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "recon/lanes.h"
+
 const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
 
-#define BLOCK 8
-#define LIMIT 1e9f /* full scales; more is no measurement, and squares stay finite in float */
+#define BLOCK      8
+#define MAX_BLOCKS 400
+#define LIMIT      1e9f /* full scales; more is no measurement, and squares stay finite in float */
 enum { UNLIT = 0, LIT = 1, FORCED = 2 };
 
 /* k-th smallest of v [n], v is reordered (Hoare's selection, middle pivot). */
@@ -38,105 +41,116 @@ static float select_kth(float *v, int32_t n, int32_t k)
     return v[k];
 }
 
-struct block { float mean, noise2, zeros; };
+/* Noise of up to three channels in one block, and the share of bins at the lowest value.  The mixed
+ * second difference a-b-c+d of 2x2 bins is blind to any linear slope, and its variance is 4 sigma^2
+ * for independent noise.  Sums of at most 64 terms, so float will do.  false: too few bins. */
+struct block {
+    rec_f4 mean, noise2, at_low;
+};
 
-/* Mean, noise variance and share of the most common low value 0 in one block of a channel.  The
- * mixed second difference a-b-c+d of 2x2 bins is blind to any linear slope, and its variance is 4
- * sigma^2 for independent noise.  false: too few measured bins. */
-static bool measure_block(const float *img, int32_t bw, int32_t bh, int cs, const float *weight,
-                          int32_t x0, int32_t y0, float low, struct block *out)
+REC_INLINE bool measure_block(const float *img, int32_t bw, int32_t bh, size_t cs,
+                              const float *weight, int32_t x0, int32_t y0, rec_f4 low,
+                              struct block *out)
 {
     int32_t x1 = x0 + BLOCK < bw ? x0 + BLOCK : bw, y1 = y0 + BLOCK < bh ? y0 + BLOCK : bh;
-    double mean = 0, d2 = 0;
-    int32_t cells = 0, bins = 0, at_low = 0;
+    rec_f4 mean = {0}, d2 = {0};
+    rec_i4 at_low = {0};
+    int32_t cells = 0, bins = 0;
     for (int32_t y = y0; y < y1; y++)
         for (int32_t x = x0; x < x1; x++) {
             size_t i = (size_t)y * (size_t)bw + (size_t)x, j = i + (size_t)bw;
             if (weight[i] == 0)
                 continue;
-            float a = img[i * (size_t)cs];
+            rec_f4 a = rec_ld(img, i, cs);
             mean += a;
+            at_low -= a <= low;
             bins++;
-            at_low += a <= low;
             if (x + 1 == x1 || y + 1 == y1 || weight[i + 1] == 0 || weight[j] == 0 ||
                 weight[j + 1] == 0)
                 continue;
-            double d = (double)a - img[(i + 1) * (size_t)cs] - img[j * (size_t)cs] +
-                       img[(j + 1) * (size_t)cs];
+            rec_f4 d = (a - rec_ld(img, i + 1, cs)) - (rec_ld(img, j, cs) - rec_ld(img, j + 1, cs));
             d2 += d * d;
             cells++;
         }
     if (cells < 4)
         return false;
-    out->mean = (float)(mean / bins);
-    out->noise2 = (float)(d2 / (4.0 * cells));
-    out->zeros = (float)at_low / (float)bins;
+    out->mean = mean / rec_splat((float)bins);
+    out->noise2 = d2 / rec_splat(4 * (float)cells);
+    out->at_low = __builtin_convertvector(at_low, rec_f4) / rec_splat((float)bins);
     return true;
 }
 
-/* Noise of one channel: median over the darker half of the blocks.  A camera that clips at black
- * keeps only the upper half of the background's noise; its blocks are then about half filled with
- * the lowest value, and max(0, N(0,s)) has the standard deviation 0.5838 s. */
-static float noise(const float *img, int32_t bw, int32_t bh, int cs, const float *weight,
-                   float *scratch)
+/* Median over the darker half of n blocks.  A camera that clips at black keeps only the upper half
+ * of the background's noise; its blocks are then about half filled with the lowest value, and
+ * max(0, N(0,s)) has the standard deviation 0.5838 s.
+ * *dark: the lower quartile of the blocks' means, the level that a background clipped at 0 keeps. */
+static float dark_noise(const float *mean, float *noise2, float *at_low, int32_t n, float *sorted,
+                        float *dark)
 {
-    int32_t n = 0, max = bw * bh / 3;
-    float low = INFINITY;
-    for (int32_t i = 0; i < bw * bh; i++)
-        if (weight[i] != 0 && img[(size_t)i * (size_t)cs] < low)
-            low = img[(size_t)i * (size_t)cs];
-    float *mean = scratch, *noise2 = scratch + max, *zeros = scratch + 2 * max;
-    for (int32_t y = 0; y < bh; y += BLOCK)
-        for (int32_t x = 0; x < bw; x += BLOCK) {
-            struct block b;
-            if (n < max && measure_block(img, bw, bh, cs, weight, x, y, low, &b)) {
-                noise2[n] = b.noise2;
-                zeros[n] = b.zeros;
-                mean[n++] = b.mean;
-            }
-        }
-    if (n == 0)
-        return 0;
-    /* Keep the darker half, in place; the selection works on a copy in the unused end of `mean`'s
-     * third, which has room for it: a block is at least 9 bins, three values each. */
     int32_t half = 0;
-    float *sorted = mean + n;
     memcpy(sorted, mean, (size_t)n * sizeof *sorted);
     float limit = select_kth(sorted, n, n / 2);
+    *dark = fmaxf(0, select_kth(sorted, n, n / 4));
     for (int32_t i = 0; i < n; i++)
         if (mean[i] <= limit) {
             noise2[half] = noise2[i];
-            zeros[half++] = zeros[i];
+            at_low[half++] = at_low[i];
         }
-    float v = select_kth(noise2, half, half / 2), z = select_kth(zeros, half, half / 2);
-    float s = sqrtf(v);
+    float s = sqrtf(select_kth(noise2, half, half / 2)), z = select_kth(at_low, half, half / 2);
     return z > 0.25f && z < 0.75f ? s / 0.5838f : s;
 }
 
-/* Faint edges: the mean of 3x3 bins has a third of the noise, so it may be judged three times as
- * sharply.  Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
-static void light_means(const float *img, int32_t bw, int32_t bh, int nch,
-                        const struct rec_photo_params *p, const float sigma[3], uint8_t *lit,
-                        float *sums)
+/* Noise of each channel from at most about MAX_BLOCKS blocks spread over the image. */
+REC_INLINE void noise(const float *img, int32_t bw, int32_t bh, int nch, size_t cs,
+                      const float *weight, float sigma[3], float dark[3])
 {
-    size_t cs = nch == 3 ? 4 : 1, row = (size_t)bw * cs;
-    float limit[3];
+    float mean[3][MAX_BLOCKS], noise2[3][MAX_BLOCKS], at_low[3][MAX_BLOCKS], sorted[MAX_BLOCKS];
+    int32_t across = (bw + BLOCK - 1) / BLOCK, down = (bh + BLOCK - 1) / BLOCK, n = 0;
+    int32_t every = (int32_t)(((int64_t)across * down + MAX_BLOCKS - 1) / MAX_BLOCKS);
+    rec_f4 low = rec_splat(INFINITY);
+    for (size_t i = 0; i < (size_t)bw * (size_t)bh; i++) {
+        rec_f4 v = rec_ld(img, i, cs);
+        low = rec_select((v < low) & (rec_splat(weight[i]) != 0), v, low);
+    }
+    for (int32_t k = 0, skip = 0; k < across * down; k++, skip = skip + 1 < every ? skip + 1 : 0) {
+        struct block b;
+        if (skip != 0 || !measure_block(img, bw, bh, cs, weight, k % across * BLOCK,
+                                        k / across * BLOCK, low, &b))
+            continue;
+        for (int c = 0; c < nch; c++) {
+            mean[c][n] = b.mean[c];
+            noise2[c][n] = b.noise2[c];
+            at_low[c][n] = b.at_low[c];
+        }
+        n++;
+    }
+    for (int c = 0; c < nch; c++)
+        sigma[c] = n == 0 ? 0 : dark_noise(mean[c], noise2[c], at_low[c], n, sorted, &dark[c]);
+}
+
+/* Any of the first nch lanes of a mask. */
+REC_INLINE uint8_t any(rec_i4 m, size_t cs)
+{
+    return (cs == 4 ? m[0] | m[1] | m[2] : m[0]) != 0;
+}
+
+/* Faint edges: the mean of 3x3 bins has a third of the noise, so it may be judged three times as
+ * sharply, above the level that the dark blocks have (noise clipped at 0 has a positive mean).  Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
+REC_INLINE void light_means(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit,
+                            uint8_t *lit, float *sums)
+{
     if (bw < 3 || bh < 4) /* the work area holds bw*bh floats */
         return;
-    for (int c = 0; c < nch; c++)
-        limit[c] = 9 * fmaxf(p->floor, p->auto_k * sigma[c] / 3);
+    limit *= rec_splat(9);
     for (int32_t y = 1; y + 1 < bh; y++) {
-        const float *at = img + (size_t)y * row;
+        const float *at = img + (size_t)y * (size_t)bw * cs, *above = at - (size_t)bw * cs,
+                    *below = at + (size_t)bw * cs;
         uint8_t *out = lit + (size_t)y * (size_t)bw;
-        for (size_t i = 0; i < row; i++)
-            sums[i] = at[i] + (at - row)[i] + at[i + row];
+        for (size_t x = 0; x < (size_t)bw; x++)
+            rec_st(sums, x, cs, rec_ld(at, x, cs) + rec_ld(above, x, cs) + rec_ld(below, x, cs));
         for (size_t x = 1; x + 1 < (size_t)bw; x++) {
-            const float *s = sums + x * cs;
-            bool is = false;
-            for (int c = 0; c < nch; c++)
-                is = is || s[c] + (s - cs)[c] + s[(size_t)c + cs] >= limit[c];
-            if (is && out[x] == UNLIT)
-                out[x] = LIT;
+            rec_f4 s = rec_ld(sums, x - 1, cs) + rec_ld(sums, x, cs) + rec_ld(sums, x + 1, cs);
+            out[x] |= any(s >= limit, cs);
         }
     }
 }
@@ -148,7 +162,7 @@ static void despeckle(uint8_t *lit, int32_t bw, int32_t bh, uint8_t *copy)
     for (int32_t y = 0; y < bh; y++)
         for (int32_t x = 0; x < bw; x++) {
             uint8_t *p = &lit[(size_t)y * (size_t)bw + (size_t)x];
-            if (*p != LIT)
+            if (*p != LIT) /* FORCED stays */
                 continue;
             int count = -1;
             for (int32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < bh; v++)
@@ -159,74 +173,93 @@ static void despeckle(uint8_t *lit, int32_t bw, int32_t bh, uint8_t *copy)
         }
 }
 
-/* Square dilation by `r`, rows then columns, each by a running count. */
+/* Square dilation by `r`: rows by a running count, then columns as the union of 2r+1 rows. */
 static void grow(uint8_t *lit, int32_t bw, int32_t bh, int32_t r, uint8_t *copy)
 {
     if (r <= 0)
         return;
-    for (int pass = 0; pass < 2; pass++) {
-        int32_t len = pass == 0 ? bw : bh, lines = pass == 0 ? bh : bw;
-        size_t step = pass == 0 ? 1 : (size_t)bw, next = pass == 0 ? (size_t)bw : 1;
-        memcpy(copy, lit, (size_t)bw * (size_t)bh);
-        for (int32_t l = 0; l < lines; l++) {
-            const uint8_t *in = copy + (size_t)l * next;
-            uint8_t *out = lit + (size_t)l * next;
-            int32_t inside = 0;
-            for (int32_t i = 0; i < r && i < len; i++)
-                inside += in[(size_t)i * step] != UNLIT;
-            for (int32_t i = 0; i < len; i++) {
-                if (r < len - i)
-                    inside += in[(size_t)(i + r) * step] != UNLIT;
-                if (i > r)
-                    inside -= in[(size_t)(i - r - 1) * step] != UNLIT;
-                out[(size_t)i * step] = inside > 0;
-            }
+    for (int32_t y = 0; y < bh; y++) {
+        const uint8_t *in = lit + (size_t)y * (size_t)bw;
+        uint8_t *out = copy + (size_t)y * (size_t)bw;
+        int32_t inside = 0;
+        for (int32_t x = 0; x < r && x < bw; x++)
+            inside += in[x];
+        for (int32_t x = 0; x < bw; x++) {
+            if (r < bw - x)
+                inside += in[x + r];
+            if (x > r)
+                inside -= in[x - r - 1];
+            out[x] = inside > 0;
         }
     }
+    for (int32_t y = 0; y < bh; y++) {
+        uint8_t *out = lit + (size_t)y * (size_t)bw;
+        int32_t y0 = y > r ? y - r : 0, y1 = r < bh - 1 - y ? y + r : bh - 1;
+        memcpy(out, copy + (size_t)y0 * (size_t)bw, (size_t)bw);
+        for (int32_t v = y0 + 1; v <= y1; v++)
+            for (int32_t x = 0; x < bw; x++)
+                out[x] |= copy[(size_t)v * (size_t)bw + (size_t)x];
+    }
+}
+
+/* Everything of (1) but the growing; returns through `out` what it measured. */
+REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const float *background,
+                      const float gain[3], const struct rec_photo_params *p, float *weight,
+                      uint8_t *lit, float *scratch, struct rec_photo_stats *out)
+{
+    size_t n = (size_t)bw * (size_t)bh;
+    int nch = cs == 4 ? 3 : 1;
+    const rec_i4 lanes = {-1, -1, -1, 0};
+    rec_f4 black = rec_splat(p->black), limit1 = rec_splat(LIMIT), zero = {0};
+    rec_f4 scale = cs == 4 ? (rec_f4){gain[0], gain[1], gain[2], 0} : rec_splat(gain[0]);
+    for (size_t i = 0; i < n; i++) {
+        rec_f4 v = rec_ld(img, i, cs);
+        if (cs == 4) /* whatever is in the 4th lane */
+            v = rec_select(lanes, v, zero);
+        bool saturated = any(v >= rec_splat(p->saturation), cs);
+        v -= black;
+        if (background != NULL)
+            v -= rec_ld(background, i, cs);
+        v = scale * v;
+        bool bad = any(~((v <= limit1) & (v >= -limit1)), cs); /* NaN too */
+        rec_st(img, i, cs, bad ? zero : cs == 4 ? rec_select(lanes, v, zero) : v);
+        out->not_finite += bad;
+        out->saturated += !bad && saturated;
+        weight[i] = !bad && !saturated;
+        lit[i] = bad || saturated ? FORCED : UNLIT;
+    }
+
+    float dark[3] = {0};
+    noise(img, bw, bh, nch, cs, weight, out->sigma, dark);
+    rec_f4 limit = rec_splat(p->threshold), faint = limit;
+    bool automatic = p->threshold < 0;
+    for (int c = 0; c < nch && automatic; c++) {
+        limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
+        faint[c] = dark[c] + fmaxf(p->floor, p->auto_k * out->sigma[c] / 3);
+    }
+    for (int c = 0; c < nch; c++)
+        out->threshold = fmaxf(out->threshold, limit[c]);
+    for (size_t i = 0; i < n; i++)
+        lit[i] |= any(rec_ld(img, i, cs) >= limit, cs);
+    if (automatic)
+        light_means(img, bw, bh, cs, faint, lit, scratch);
 }
 
 void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
                      const float gain[3], const struct rec_photo_params *p, float *weight,
                      uint8_t *lit, float *scratch, struct rec_photo_stats *out)
 {
-    size_t n = (size_t)bw * (size_t)bh, cs = nch == 3 ? 4 : 1;
+    size_t n = (size_t)bw * (size_t)bh;
     *out = (struct rec_photo_stats){0};
-    for (size_t i = 0; i < n; i++) {
-        float *v = img + i * cs;
-        bool finite = true, saturated = false;
-        for (int c = 0; c < nch; c++) {
-            saturated = saturated || v[c] >= p->saturation;
-            v[c] = gain[c] * (v[c] - p->black - (background != NULL ? background[i * cs + c] : 0));
-            finite = finite && fabsf(v[c]) <= LIMIT; /* false for NaN */
-        }
-        if (!finite)
-            memset(v, 0, cs * sizeof *v);
-        else if (cs == 4)
-            v[3] = 0;
-        out->not_finite += !finite;
-        out->saturated += finite && saturated;
-        weight[i] = finite && !saturated;
-        lit[i] = finite && !saturated ? UNLIT : FORCED;
-    }
-
-    float limit[3] = {p->threshold, p->threshold, p->threshold};
-    for (int c = 0; c < nch; c++) {
-        out->sigma[c] = noise(img + c, bw, bh, (int)cs, weight, scratch);
-        if (p->threshold < 0)
-            limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
-        out->threshold = fmaxf(out->threshold, limit[c]);
-    }
-    for (size_t i = 0; i < n; i++)
-        for (int c = 0; c < nch; c++)
-            if (lit[i] == UNLIT && img[i * cs + c] >= limit[c])
-                lit[i] = LIT;
-    if (p->threshold < 0)
-        light_means(img, bw, bh, nch, p, out->sigma, lit, scratch);
+    if (nch == 3)
+        apply(img, bw, bh, 4, background, gain, p, weight, lit, scratch, out);
+    else
+        apply(img, bw, bh, 1, background, gain, p, weight, lit, scratch, out);
     if (p->threshold < 0 && p->despeckle)
         despeckle(lit, bw, bh, (uint8_t *)scratch);
-    grow(lit, bw, bh, p->margin, (uint8_t *)scratch);
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n; i++)
         lit[i] = lit[i] != UNLIT;
+    grow(lit, bw, bh, p->margin, (uint8_t *)scratch);
+    for (size_t i = 0; i < n; i++)
         out->lit += lit[i];
-    }
 }

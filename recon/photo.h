@@ -7,7 +7,7 @@
  * their value, weight 0 and lit, and are counted.
  * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of
  * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), and for
- * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the dark blocks' level.  A uniform offset is NOT estimated: an evenly
+ * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks.  A uniform offset is NOT estimated: an evenly
  * lit image could not be told from one; that is what black and background are for.
  * b beyond 1e9 full scales counts as not finite.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
@@ -20,25 +20,25 @@
 #include "base/err.h"
 
 struct rec_photo_params {
-    float black;       /* full-scale units, subtracted */
-    float threshold;   /* full-scale units; < 0 = auto */
-    float floor;       /* least automatic threshold, default 0.004 (1/255) */
-    float auto_k;      /* default 4 */
-    float saturation;  /* default 0.998 for integer images; >= 1e30 = off (float images) */
-    int32_t margin;    /* bins, >= 0, default 0: grows silhouettes for calibration error */
-    int despeckle;     /* default 1 */
+    float black;      /* full-scale units, subtracted */
+    float threshold;  /* full-scale units; < 0 = auto */
+    float floor;      /* least automatic threshold, default 0.004 (1/255) */
+    float auto_k;     /* default 4 */
+    float saturation; /* default 0.998 for integer images; >= 1e30 = off (float images) */
+    int32_t margin;   /* bins, >= 0, default 0: grows silhouettes for calibration error */
+    int despeckle;    /* default 1 */
 };
-#define REC_PHOTO_DEFAULTS                                                                         \
-    {                                                                                              \
-        .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = 0.998f,           \
-        .margin = 0, .despeckle = 1                                                                \
+#define REC_PHOTO_DEFAULTS                                                               \
+    {                                                                                    \
+        .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = 0.998f, \
+        .margin = 0, .despeckle = 1                                                      \
     }
 extern const struct rec_photo_params rec_photo_defaults;
 
 struct rec_photo_stats {
     uint32_t lit, saturated, not_finite;
-    float sigma[3];    /* noise of b per channel, full-scale units */
-    float threshold;   /* used */
+    float sigma[3];  /* noise of b per channel, full-scale units */
+    float threshold; /* used */
 };
 
 /* img [bh][bw][cs] in: binned pixels, out: b.  background [bh][bw][cs] or NULL.  gain [3].

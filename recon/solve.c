@@ -53,7 +53,9 @@ pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
     s->weight = pvx_reserve(s->rows_max * sizeof *s->weight);
     s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
     s->nbr = pvx_reserve(s->n_max * sizeof *s->nbr);
-    if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->nbr == NULL) {
+    s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
+    if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->nbr == NULL ||
+        s->clipped == NULL) {
         rec_solver_free(&s);
         return PVX_ENOMEM;
     }
@@ -74,6 +76,7 @@ void rec_solver_free(rec_solver **sp)
     pvx_unreserve(s->weight, s->rows_max * sizeof *s->weight);
     pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
     pvx_unreserve(s->nbr, s->n_max * sizeof *s->nbr);
+    pvx_unreserve(s->clipped, s->n_max * sizeof *s->clipped);
     free(s);
     *sp = NULL;
 }
@@ -158,7 +161,7 @@ struct prepare {
     struct rec_job *j;
     const float *b, *w;
 };
-/* b and w on A's rows, ||W^(1/2) b||^2 and the number of measured rows. */
+/* b and w on A's rows, ||W^(1/2) b||^2, the number of measured rows, sum of w b per lane. */
 static void prepare_chunk(void *ctx, size_t k)
 {
     struct prepare *t = ctx;
@@ -166,7 +169,7 @@ static void prepare_chunk(void *ctx, size_t k)
     const struct rec_subsys *a = t->j->a;
     size_t cs = (size_t)a->cs;
     int32_t i0, i1;
-    double norm = 0, rows = 0;
+    double norm = 0, rows = 0, light[4] = {0};
     rec_chunk_range(a->rows, k, &i0, &i1);
     for (int32_t i = i0; i < i1; i++) {
         float w = t->w[a->ray[i]];
@@ -176,11 +179,13 @@ static void prepare_chunk(void *ctx, size_t k)
             float b = t->b[(size_t)a->ray[i] * cs + l];
             s->b[(size_t)i * cs + l] = b;
             norm += (double)w * b * b;
+            light[l] += (double)w * b;
         }
     }
     memset(s->part[k][0], 0, sizeof s->part[k][0]);
     s->part[k][0][0] = norm;
     s->part[k][0][1] = rows;
+    memcpy(s->part[k][1], light, sizeof light);
 }
 
 pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
@@ -199,12 +204,21 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
     }
     int64_t start = pvx_now_mono();
     out->solver = m->name;
-    struct rec_job j = {.s = s, .a = a, .b = s->b, .w = s->weight, .sigma = sigma, .p = p, .x = x, .trace = trace,
-                        .trace_ctx = trace_ctx, .out = out};
+    struct rec_job j = {.s = s,
+                        .a = a,
+                        .b = s->b,
+                        .w = s->weight,
+                        .sigma = sigma,
+                        .p = p,
+                        .x = x,
+                        .trace = trace,
+                        .trace_ctx = trace_ctx,
+                        .out = out};
     struct prepare t = {&j, b, w};
     pvx_pool_run(a->pool, rec_job_row_chunks(&j), prepare_chunk, &t);
     double sum[4];
     rec_job_sum(&j, 0, rec_job_row_chunks(&j), 0, sum);
+    rec_job_sum(&j, 0, rec_job_row_chunks(&j), 1, j.light);
     j.b_norm2 = sum[0];
     j.m = sum[1] * s->nch;
     if (a->n == 0 || a->nnz == 0 || j.m == 0 || j.b_norm2 == 0) {

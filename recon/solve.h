@@ -19,24 +19,28 @@ enum rec_status { REC_CONVERGED, REC_MAX_ITER, REC_DEADLINE, REC_STAGNATED, REC_
 const char *rec_status_name(enum rec_status s); /* "converged" "max-iter" "deadline" ... */
 
 struct rec_solve_params {
-    const char *solver;   /* NULL or "" = default */
+    const char *solver; /* NULL or "" = default */
     enum rec_stop stop;
-    uint32_t iterations;  /* upper bound; 0 = the solver's default */
-    float lambda;         /* relative weight of the smoothness term; < 0 = auto */
-    int64_t deadline_ns;  /* mono clock; 0 = none: return the best iterate by then */
+    uint32_t iterations; /* upper bound; 0 = the solver's default */
+    float lambda;        /* relative weight of the smoothness term; < 0 = auto */
+    int64_t deadline_ns; /* mono clock; 0 = none: return the best iterate by then */
 };
-#define REC_SOLVE_DEFAULTS {.solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1}
+#define REC_SOLVE_DEFAULTS                                                   \
+    {                                                                        \
+        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1 \
+    }
 extern const struct rec_solve_params rec_solve_defaults;
 
 struct rec_solve_report {
     enum rec_status status;
-    const char *solver;     /* static string */
-    uint32_t iterations;    /* done */
-    uint32_t best;          /* iterate returned */
-    double rel_residual;    /* ||W^(1/2)(A x - b)|| / ||W^(1/2) b|| over A's rows, all channels; 0 for b = 0 */
+    const char *solver;  /* static string */
+    uint32_t iterations; /* done */
+    uint32_t best;       /* iterate returned */
+    double
+        rel_residual; /* ||W^(1/2)(A x - b)|| / ||W^(1/2) b|| over A's rows, all channels; 0 for b = 0 */
     double residual_norm, solution_norm;
-    double objective;       /* of the returned iterate; 0 where the method has none */
-    double lambda;          /* absolute weight used */
+    double objective; /* of the returned iterate; 0 where the method has none */
+    double lambda;    /* absolute weight used */
     int64_t time_ns;
 };
 

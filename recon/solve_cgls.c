@@ -15,7 +15,7 @@
 #include "recon/solve_impl.h"
 
 #define DEFAULT_ITERATIONS 40
-#define BEYOND 6 /* points after the corner before it is believed */
+#define BEYOND             6 /* points after the corner before it is believed */
 
 enum { S_GAMMA = 0, S_Q = 0, S_R = 0, S_X = 1 };
 
@@ -132,8 +132,13 @@ void rec_solve_cgls(struct rec_job *j)
 {
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
-    struct cgls t = {.j = j, .x = j->x, .prev = s->xv[0], .d = s->xv[1], .s = s->xv[2],
-                     .r = s->yv[0], .q = s->yv[1]};
+    struct cgls t = {.j = j,
+                     .x = j->x,
+                     .prev = s->xv[0],
+                     .d = s->xv[1],
+                     .s = s->xv[2],
+                     .r = s->yv[0],
+                     .q = s->yv[1]};
     float *best = s->xv[3];
     size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;

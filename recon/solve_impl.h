@@ -5,7 +5,7 @@
 #include "recon/lcurve.h"
 #include "recon/solve.h"
 
-#define N_XVEC 5
+#define N_XVEC 8
 #define N_YVEC 2
 
 /* Sized for the worst case (every voxel active) in reserved address space. */
@@ -19,6 +19,8 @@ struct rec_solver {
     float *weight;          /* [rows_max] w on A's rows */
     float *diag;            /* [n_max] */
     int32_t (*nbr)[6];      /* [n_max] active index of x-,x+,y-,y+,z-,z+; itself: none */
+    int32_t *clipped;       /* [n_max] columns whose step met the bound, chunk by chunk */
+    int32_t n_clipped[REC_MAX_CHUNKS];
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
 
@@ -32,8 +34,9 @@ struct rec_job {
     rec_trace_fn trace;
     void *trace_ctx;
     struct rec_solve_report *out;
-    double b_norm2; /* || W^(1/2) b ||^2 over A's rows, all channels */
-    double m;       /* measured values: rows with weight > 0, times channels */
+    double b_norm2;  /* || W^(1/2) b ||^2 over A's rows, all channels */
+    double light[4]; /* sum of b over A's rows with weight */
+    double m;        /* measured values: rows with weight > 0, times channels */
 };
 
 /* One method: fills x and of the report status, iterations, best, objective, lambda.  Norms and time
@@ -43,8 +46,14 @@ void rec_solve_cgls(struct rec_job *j);
 void rec_solve_mlem(struct rec_job *j);
 
 /* A pass is cut into the chunks of A's rows or columns, or the rows' and then the columns'. */
-static inline size_t rec_job_row_chunks(const struct rec_job *j) { return rec_chunks(j->a->rows); }
-static inline size_t rec_job_chunks(const struct rec_job *j) { return rec_chunks(j->a->n); }
+static inline size_t rec_job_row_chunks(const struct rec_job *j)
+{
+    return rec_chunks(j->a->rows);
+}
+static inline size_t rec_job_chunks(const struct rec_job *j)
+{
+    return rec_chunks(j->a->n);
+}
 
 /* Sum slot `what` of the partial results [from, to), lane by lane, in order. */
 void rec_job_sum(const struct rec_job *j, size_t from, size_t to, int what, double out[4]);

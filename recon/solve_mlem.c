@@ -10,7 +10,7 @@
 #include "recon/solve_impl.h"
 
 #define DEFAULT_ITERATIONS 20
-#define BEYOND 6
+#define BEYOND             6
 
 struct mlem {
     struct rec_job *j;
@@ -83,8 +83,8 @@ void rec_solve_mlem(struct rec_job *j)
 {
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
-    struct mlem t = {.j = j, .x = j->x, .up = s->xv[0], .prev = s->xv[1], .r = s->yv[0],
-                     .ratio = s->yv[1]};
+    struct mlem t = {
+        .j = j, .x = j->x, .up = s->xv[0], .prev = s->xv[1], .r = s->yv[0], .ratio = s->yv[1]};
     float *best = s->xv[2];
     size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;

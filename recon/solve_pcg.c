@@ -10,7 +10,9 @@
  *     x  += t s,  t = min(1, -phi's / s'Hs)                                                 (6)
  * H = A'WA + lambda L, M = 1/diag(H).  x + t s is feasible for t in [0,1] because the set is convex,
  * and t minimises f along s, so f never rises.  Where (5) clips nothing, s = alpha d and t = 1: plain
- * CG.  Where it clips, A s is formed.  When s is no descent direction the lane restarts
+ * CG.  Where it clips, A s = alpha A (d + e), e = s/alpha - d, which is not 0 in the clipped columns
+ * alone: few, so their columns are added to A d (many: A s is formed anew).  Lx follows x by the same
+ * sums.  When s is no descent direction the lane restarts
  * from -M phi.  alpha, beta, t are per channel.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
@@ -22,18 +24,19 @@
 #include "recon/solve_impl.h"
 
 #define DEFAULT_ITERATIONS 30
-#define BEYOND 6
+#define BEYOND             6
 
 enum { S_A, S_B, S_C, S_D };
 
 struct pcg {
     struct rec_job *j;
-    float *x, *phi, *phi_old, *d, *s, *prev; /* x space */
-    float *r, *q;                            /* row space */
+    float *x, *phi, *phi_old, *d, *s, *m, *lx, *lv, *prev; /* x space; lv = L d or L s */
+    float *r, *q;                                          /* row space */
     double alpha[4], beta[4], mu[4], t[4], on_q[4];
-    float lambda;
+    double lambda[4];
     float axis[3];
     const float *along; /* d or s, for curvature_task */
+    bool product;       /* whether curvature_task has to form q = A along, lv = L along */
     bool keep_prev;
 };
 
@@ -84,24 +87,33 @@ REC_INLINE rec_f4 laplace(const struct pcg *t, const float *v, size_t q, size_t 
 {
     const int32_t *nb = t->j->s->nbr[q];
     rec_f4 at = rec_ld(v, q, cs), out = {0};
+#pragma GCC unroll 3
     for (int f = 0; f < 6; f += 2)
-        out += rec_splat(t->axis[f / 2]) * ((at - rec_ld(v, (size_t)nb[f], cs)) +
-                                            (at - rec_ld(v, (size_t)nb[f + 1], cs)));
+        out += rec_splat(t->axis[f / 2]) *
+               ((at - rec_ld(v, (size_t)nb[f], cs)) + (at - rec_ld(v, (size_t)nb[f + 1], cs)));
     return out;
 }
 
+REC_INLINE void precondition(struct pcg *t, size_t k, size_t cs)
+{
+    int32_t q0, q1;
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_f4 lambda = rec_coef(t->lambda), zero = {0}, one = rec_splat(1);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        float degree = 0;
+        for (int f = 0; f < 6; f++)
+            degree += t->j->s->nbr[i][f] != (int32_t)i ? t->axis[f / 2] : 0;
+        rec_f4 h = rec_splat(t->j->s->diag[i]) + lambda * rec_splat(degree);
+        rec_st(t->m, i, cs, rec_select(h > 0, one / h, zero));
+        rec_st(t->d, i, cs, zero);
+        rec_st(t->phi_old, i, cs, zero);
+        rec_st(t->lx, i, cs, laplace(t, t->x, i, cs));
+    }
+}
 static void precondition_chunk(void *ctx, size_t k)
 {
     struct pcg *t = ctx;
-    int32_t q0, q1;
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    float *diag = t->j->s->diag;
-    for (int32_t q = q0; q < q1; q++) {
-        float h = diag[q];
-        for (int f = 0; f < 6; f++)
-            h += t->j->s->nbr[q][f] != q ? t->lambda * t->axis[f / 2] : 0;
-        diag[q] = h > 0 ? 1 / h : 0;
-    }
+    t->j->a->cs == 4 ? precondition(t, k, 4) : precondition(t, k, 1);
 }
 
 /* ---- passes -------------------------------------------------------------------------------------*/
@@ -110,12 +122,11 @@ REC_INLINE void direction(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    const float *m = t->j->s->diag;
     rec_f4 beta = rec_coef(t->beta), mu = rec_coef(t->mu), zero = {0};
-    rec_d4 sum = {0};
+    rec_d4 sum = {{0}, {0}};
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 phi = rec_ld(t->phi, i, cs), x = rec_ld(t->x, i, cs);
-        rec_f4 d = beta * rec_ld(t->d, i, cs) - mu * rec_splat(m[i]) * phi;
+        rec_f4 d = beta * rec_ld(t->d, i, cs) - mu * rec_ld(t->m, i, cs) * phi;
         d = rec_select((x > 0) | (phi < 0), d, zero);
         rec_st(t->d, i, cs, d);
         rec_add_product(&sum, d, phi);
@@ -128,24 +139,33 @@ static void direction_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
-/* v'Lv of one chunk. */
+/* lv = L v on one chunk of columns, or lv as it is, and v'lv. */
 REC_INLINE void roughness(struct pcg *t, const float *v, size_t k, size_t cs, double out[4])
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_d4 sum = {0};
-    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
-        rec_add_product(&sum, laplace(t, v, i, cs), rec_ld(v, i, cs));
+    rec_d4 sum = {{0}, {0}};
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 lap;
+        if (t->product) {
+            lap = laplace(t, v, i, cs);
+            rec_st(t->lv, i, cs, lap);
+        } else {
+            lap = rec_ld(t->lv, i, cs);
+        }
+        rec_add_product(&sum, lap, rec_ld(v, i, cs));
+    }
     rec_put(out, &sum);
 }
 
-/* q = A v on one chunk of rows and its q'Wq. */
+/* q = A v on one chunk of rows, or q as it is, and its q'Wq. */
 REC_INLINE void forward(struct pcg *t, const float *v, size_t k, size_t cs, double out[4])
 {
     int32_t i0, i1;
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_d4 sum = {0};
-    rec_forward_range(t->j->a, v, i0, i1, t->q);
+    rec_d4 sum = {{0}, {0}};
+    if (t->product)
+        rec_forward_range(t->j->a, v, i0, i1, t->q);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
         rec_f4 q = rec_ld(t->q, i, cs);
         rec_add_product(&sum, rec_splat(t->j->w[i]) * q, q);
@@ -165,25 +185,29 @@ static void curvature_task(void *ctx, size_t i)
         i < rows ? forward(t, t->along, i, 1, out) : roughness(t, t->along, i - rows, 1, out);
 }
 
-/* s by (5), phi's, and how many entries were clipped. */
+/* s by (5), phi's, how many entries were clipped and in which columns. */
 REC_INLINE void step(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_f4 alpha = rec_coef(t->alpha);
-    rec_d4 sum = {0};
+    rec_d4 sum = {{0}, {0}};
     rec_i4 clips = {0};
+    int32_t n = 0, *clipped = t->j->s->clipped + q0;
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 x = rec_ld(t->x, i, cs), full = alpha * rec_ld(t->d, i, cs);
         rec_i4 clip = x + full < 0;
         rec_f4 s = rec_select(clip, -x, full);
         clips -= clip;
+        clipped[n] = (int32_t)i;
+        n += (clip[0] | clip[1] | clip[2] | clip[3]) != 0;
         rec_st(t->s, i, cs, s);
         rec_add_product(&sum, s, rec_ld(t->phi, i, cs));
     }
     rec_put(t->j->s->part[k][S_A], &sum);
     for (int l = 0; l < 4; l++)
         t->j->s->part[k][S_B][l] = clips[l];
+    t->j->s->n_clipped[k] = n;
 }
 static void step_chunk(void *ctx, size_t k)
 {
@@ -191,13 +215,42 @@ static void step_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? step(t, k, 4) : step(t, k, 1);
 }
 
-/* Rows: r += on_q q, r'Wr, q = W r for the adjoint.  Columns: x += t s. */
+/* q += A e, lv += L e, e = s/alpha - d in the clipped columns: A s / alpha and L s / alpha.  In a lane that did not clip
+ * there e is 0 exactly. */
+REC_INLINE void add_clipped(struct pcg *t, size_t cs)
+{
+    const struct rec_gather *g = &t->j->a->by_col;
+    rec_f4 inverse = {0};
+    for (int l = 0; l < 4; l++)
+        inverse[l] = t->alpha[l] > 0 ? (float)(1 / t->alpha[l]) : 0;
+    for (size_t k = 0; k < rec_job_chunks(t->j); k++) {
+        int32_t q0, q1;
+        rec_chunk_range(t->j->a->n, k, &q0, &q1);
+        for (int32_t i = 0; i < t->j->s->n_clipped[k]; i++) {
+            size_t c = (size_t)t->j->s->clipped[q0 + i];
+            rec_f4 s = rec_ld(t->s, c, cs), d = rec_ld(t->d, c, cs), zero = {0};
+            rec_f4 e = rec_select(s != rec_coef(t->alpha) * d, s * inverse - d, zero);
+            for (int f = 0; f < 6; f++) {
+                size_t nb = (size_t)t->j->s->nbr[c][f];
+                rec_f4 we = rec_splat(t->axis[f / 2]) * e;
+                rec_st(t->lv, c, cs, rec_ld(t->lv, c, cs) + we);
+                rec_st(t->lv, nb, cs, rec_ld(t->lv, nb, cs) - we);
+            }
+            for (uint32_t at = g->ptr[c]; at < g->ptr[c + 1]; at++) {
+                size_t row = g->entry[at].idx;
+                rec_st(t->q, row, cs, rec_ld(t->q, row, cs) + rec_splat(g->entry[at].val) * e);
+            }
+        }
+    }
+}
+
+/* Rows: r += on_q q, r'Wr, q = W r for the adjoint.  Columns: x += t s, Lx += on_q lv. */
 REC_INLINE void update_rows(struct pcg *t, size_t k, size_t cs)
 {
     int32_t i0, i1;
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     rec_f4 on_q = rec_coef(t->on_q);
-    rec_d4 sum = {0};
+    rec_d4 sum = {{0}, {0}};
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
         rec_f4 r = rec_ld(t->r, i, cs) + on_q * rec_ld(t->q, i, cs);
         rec_f4 wr = rec_splat(t->j->w[i]) * r;
@@ -211,13 +264,14 @@ REC_INLINE void update_columns(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_f4 on_s = rec_coef(t->t), zero = {0};
+    rec_f4 on_s = rec_coef(t->t), on_lv = rec_coef(t->on_q), zero = {0};
     size_t o0 = (size_t)q0 * cs, o1 = (size_t)q1 * cs;
     if (t->keep_prev)
         memcpy(t->prev + o0, t->x + o0, (o1 - o0) * sizeof *t->x);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 x = rec_ld(t->x, i, cs) + on_s * rec_ld(t->s, i, cs);
         rec_st(t->x, i, cs, rec_select(x > 0, x, zero));
+        rec_st(t->lx, i, cs, rec_ld(t->lx, i, cs) + on_lv * rec_ld(t->lv, i, cs));
     }
 }
 static void update_task(void *ctx, size_t i)
@@ -235,16 +289,15 @@ REC_INLINE void gradient(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    const float *m = t->j->s->diag;
-    rec_f4 lambda = rec_splat(t->lambda), zero = {0};
-    rec_d4 sum[4] = {{0}};
+    rec_f4 lambda = rec_coef(t->lambda), zero = {0};
+    rec_d4 sum[4] = {{{0}, {0}}};
     rec_adjoint_range(t->j->a, t->q, q0, q1, t->phi);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
-        rec_f4 lap = laplace(t, t->x, i, cs), x = rec_ld(t->x, i, cs);
+        rec_f4 lap = rec_ld(t->lx, i, cs), x = rec_ld(t->x, i, cs);
         rec_f4 g = rec_ld(t->phi, i, cs) + lambda * lap;
         g = rec_select((x > 0) | (g < 0), g, zero);
         rec_st(t->phi, i, cs, g);
-        rec_f4 mg = rec_splat(m[i]) * g;
+        rec_f4 mg = rec_ld(t->m, i, cs) * g;
         rec_add_product(&sum[S_A], mg, g);
         rec_add_product(&sum[S_B], mg, rec_ld(t->phi_old, i, cs));
         rec_add_product(&sum[S_C], lap, x);
@@ -269,7 +322,10 @@ static double total(const double v[4])
 /* Value of (1) after update_task left r'Wr in `rwr` and gradient_chunk x'Lx in `xlx`. */
 static double objective(const struct pcg *t, const double rwr[4], const double xlx[4])
 {
-    return 0.5 * total(rwr) + 0.5 * (double)t->lambda * total(xlx);
+    double f = 0;
+    for (int l = 0; l < 4; l++)
+        f += 0.5 * rwr[l] + 0.5 * t->lambda[l] * xlx[l];
+    return f;
 }
 
 /* lambda in units of the mean diagonal of A'WA.  Theory gives sigma^2 / var(D x); that variance is not
@@ -278,38 +334,33 @@ static double objective(const struct pcg *t, const double rwr[4], const double x
  * the best lambda of 64 cases (two flames, 32..96 voxels a side, images 80..320 wide, 1..2 rays per
  * bin, 6..12 cameras, noise 0.2..2 %), where it is right to a factor 1.5; the error changes by under
  * 3 % within a factor 2.  The floor stands for what noise does not explain: the basis. */
-#define LAMBDA_FLOOR 0.1
+#define LAMBDA_FLOOR   0.1
 #define LAMBDA_CEILING 20.0
 #define LAMBDA_UNKNOWN 0.5 /* when sigma is not known */
-static double auto_lambda(struct rec_job *j)
+static void auto_lambda(const struct rec_job *j, double chord, double rel[4])
 {
-    const struct rec_subsys *a = j->a;
-    const struct rec_grid *g = &a->S->grid;
-    double light = 0, chord = 0, rows = a->rows;
-    if (!(j->sigma > 0))
-        return j->sigma == 0 ? LAMBDA_FLOOR : LAMBDA_UNKNOWN;
-    for (size_t i = 0; i < (size_t)a->rows; i++)
-        for (int l = 0; l < j->s->nch; l++)
-            light += j->b[i * (size_t)a->cs + (size_t)l] / j->s->nch;
-    for (uint64_t e = 0; e < a->nnz; e++)
-        chord += a->by_row.val[e];
+    const struct rec_grid *g = &j->a->S->grid;
+    double rows = j->a->rows;
     double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
-    double noise = light > 0 ? j->sigma * rows / light : 1, voxels = chord / rows / h;
-    double rel = LAMBDA_FLOOR + 0.026 * pow(noise, 1.78) * pow(voxels, 2.59);
-    return rel < LAMBDA_CEILING ? rel : LAMBDA_CEILING;
+    double voxels = pow(chord / rows / h, 2.59);
+    for (int l = 0; l < 4; l++) {
+        double noise = j->light[l] > 0 ? j->sigma * rows / j->light[l] : 1;
+        double v = LAMBDA_FLOOR + 0.026 * pow(noise, 1.78) * voxels;
+        rel[l] = j->sigma > 0    ? fmin(v, LAMBDA_CEILING)
+                 : j->sigma == 0 ? LAMBDA_FLOOR
+                                 : LAMBDA_UNKNOWN;
+    }
 }
 
-/* v'Hv per lane; leaves A v in q. */
-static void curvature(struct pcg *t, const float *v, double out[4])
+/* q'Wq and v'lv per lane, after forming q = A v and lv = L v when asked to. */
+static void curvature(struct pcg *t, const float *v, bool product, double qwq[4], double vlv[4])
 {
     size_t rows = rec_job_row_chunks(t->j), all = rows + rec_job_chunks(t->j);
-    double qwq[4], vlv[4];
     t->along = v;
+    t->product = product;
     pvx_pool_run(t->j->a->pool, all, curvature_task, t);
     rec_job_sum(t->j, 0, rows, S_A, qwq);
     rec_job_sum(t->j, rows, all, S_A, vlv);
-    for (int l = 0; l < 4; l++)
-        out[l] = qwq[l] + (double)t->lambda * vlv[l];
 }
 
 /* alpha, s, t of one iteration; false: no lane can move any more. */
@@ -318,7 +369,7 @@ static bool line_search(struct pcg *t, const double gamma[4])
     struct rec_job *j = t->j;
     pvx_pool *pool = j->a->pool;
     size_t chunks = rec_job_chunks(j);
-    double slope[4], curve[4], clips[4];
+    double slope[4], clips[4], qwq[4], vlv[4];
 
     for (int l = 0; l < 4; l++)
         t->mu[l] = 1;
@@ -340,10 +391,11 @@ static bool line_search(struct pcg *t, const double gamma[4])
         rec_job_sum(j, 0, chunks, S_A, slope);
     }
 
-    curvature(t, t->d, curve);
+    curvature(t, t->d, true, qwq, vlv);
     bool moving = false;
     for (int l = 0; l < 4; l++) {
-        double alpha = curve[l] > 0 && slope[l] < 0 ? -slope[l] / curve[l] : 0;
+        double curve = qwq[l] + t->lambda[l] * vlv[l];
+        double alpha = curve > 0 && slope[l] < 0 ? -slope[l] / curve : 0;
         t->alpha[l] = isfinite((float)alpha) ? alpha : 0;
         moving = moving || t->alpha[l] > 0;
     }
@@ -359,13 +411,20 @@ static bool line_search(struct pcg *t, const double gamma[4])
     }
     if (total(clips) == 0)
         return true;
-    curvature(t, t->s, curve);
+    int64_t columns = 0;
+    for (size_t k = 0; k < chunks; k++)
+        columns += j->s->n_clipped[k];
+    bool few = columns < j->a->n / 8;
+    if (few)
+        j->a->cs == 4 ? add_clipped(t, 4) : add_clipped(t, 1);
+    curvature(t, t->s, !few, qwq, vlv);
     for (int l = 0; l < 4; l++) {
-        t->on_q[l] = 1; /* q is A s now */
-        if (clips[l] == 0)
-            continue;
-        double best = curve[l] > 0 && slope[l] < 0 ? -slope[l] / curve[l] : 0;
-        t->t[l] = t->on_q[l] = best < 1 ? best : 1;
+        double unit = few ? t->alpha[l] : 1; /* q is A s / unit, lv is L s / unit */
+        double curve = unit * unit * qwq[l] + t->lambda[l] * unit * vlv[l];
+        double best = curve > 0 && slope[l] < 0 ? -slope[l] / curve : 0;
+        if (clips[l] > 0)
+            t->t[l] = best < 1 ? best : 1;
+        t->on_q[l] = t->t[l] * unit; /* of lv too */
     }
     return true;
 }
@@ -374,8 +433,18 @@ void rec_solve_pcg(struct rec_job *j)
 {
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
-    struct pcg t = {.j = j, .x = j->x, .phi = s->xv[0], .phi_old = s->xv[1], .d = s->xv[2],
-                    .s = s->xv[3], .prev = s->xv[4], .r = s->yv[0], .q = s->yv[1]};
+    struct pcg t = {.j = j,
+                    .x = j->x,
+                    .phi = s->xv[0],
+                    .phi_old = s->xv[1],
+                    .d = s->xv[2],
+                    .s = s->xv[3],
+                    .m = s->xv[4],
+                    .lx = s->xv[5],
+                    .lv = s->xv[6],
+                    .prev = s->xv[7],
+                    .r = s->yv[0],
+                    .q = s->yv[1]};
     size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
     const struct rec_grid *g = &a->S->grid;
@@ -386,18 +455,22 @@ void rec_solve_pcg(struct rec_job *j)
     double tol = j->p->stop == REC_STOP_AUTO ? 3e-3 : 1e-7;
 
     pvx_pool_run(a->pool, chunks, neighbours_chunk, &t);
-    rec_column_norms(a, s->weight, s->diag, NULL);
-    double mean = 0;
-    for (int32_t q = 0; q < a->n; q++)
-        mean += s->diag[q];
-    t.lambda = (float)(mean / a->n * (j->p->lambda < 0 ? auto_lambda(j) : j->p->lambda));
-    j->out->lambda = t.lambda;
+    rec_column_norms(a, s->weight, s->diag, t.s); /* t.s: column sums, for a moment */
+    double mean = 0, chord = 0;
+    for (int32_t q = 0; q < a->n; q++) {
+        mean += s->diag[q] / a->n;
+        chord += t.s[q];
+    }
+    if (j->p->lambda < 0)
+        auto_lambda(j, chord, t.lambda);
+    for (int l = 0; l < 4; l++) {
+        t.lambda[l] = mean * (j->p->lambda < 0 ? t.lambda[l] : (double)j->p->lambda);
+        j->out->lambda += l < s->nch ? t.lambda[l] / s->nch : 0;
+    }
     pvx_pool_run(a->pool, chunks, precondition_chunk, &t);
 
     double gamma[4], cross[4], rwr[4], xlx[4], next[4];
     rec_job_residual(j, t.x, t.r, t.q, rwr);
-    for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
-        t.d[i] = t.phi_old[i] = 0;
     pvx_pool_run(a->pool, chunks, gradient_chunk, &t);
     rec_job_sum(j, 0, chunks, S_A, gamma);
     rec_job_sum(j, 0, chunks, S_C, xlx);

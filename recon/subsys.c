@@ -16,18 +16,28 @@ size_t rec_rowspace(const rec_sysmat *S, size_t *row0)
     return rows;
 }
 
+/* Columns are padded with zero entries to a multiple of 4: a column has some ten entries, and a loop
+ * over the rest of a division by 4 would be mispredicted every time. */
+static inline uint32_t padded(uint32_t n)
+{
+    return (n + 3) & ~3u;
+}
+/* The most that columns of S may need. */
+static size_t column_room(const rec_sysmat *S)
+{
+    return S->nnz + 3 * rec_grid_count(&S->grid);
+}
+
 static bool reserve_gather(struct rec_gather *g, size_t outputs, size_t nnz)
 {
     g->ptr = pvx_reserve((outputs + 1) * sizeof *g->ptr);
-    g->idx = pvx_reserve(nnz * sizeof *g->idx);
-    g->val = pvx_reserve(nnz * sizeof *g->val);
-    return g->ptr != NULL && g->idx != NULL && g->val != NULL;
+    g->entry = pvx_reserve(nnz * sizeof *g->entry);
+    return g->ptr != NULL && g->entry != NULL;
 }
 static void release_gather(struct rec_gather *g, size_t outputs, size_t nnz)
 {
     pvx_unreserve(g->ptr, (outputs + 1) * sizeof *g->ptr);
-    pvx_unreserve(g->idx, nnz * sizeof *g->idx);
-    pvx_unreserve(g->val, nnz * sizeof *g->val);
+    pvx_unreserve(g->entry, nnz * sizeof *g->entry);
 }
 
 pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int cs,
@@ -35,7 +45,7 @@ pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
 {
     *out = NULL;
     size_t row0[REC_MAX_CAMERAS + 1];
-    if (S->nnz > UINT32_MAX || rec_rowspace(S, row0) > INT32_MAX)
+    if (column_room(S) > UINT32_MAX || rec_rowspace(S, row0) > INT32_MAX)
         return PVX_ERANGE;
     struct rec_subsys *a = pvx_calloc(1, sizeof *a);
     if (a == NULL)
@@ -49,7 +59,7 @@ pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
     a->ray = pvx_reserve(rows * sizeof *a->ray);
     a->number = pvx_reserve(rows * sizeof *a->number);
     bool ok = reserve_gather(&a->by_row, rows, S->nnz);
-    ok = reserve_gather(&a->by_col, rec_grid_count(&S->grid), S->nnz) && ok;
+    ok = reserve_gather(&a->by_col, rec_grid_count(&S->grid), column_room(S)) && ok;
     if (!ok || a->ray == NULL || a->number == NULL) {
         rec_subsys_free(&a);
         return PVX_ENOMEM;
@@ -65,7 +75,7 @@ void rec_subsys_free(struct rec_subsys **ap)
         return;
     size_t rows = a->row0[a->S->n_cameras];
     release_gather(&a->by_row, rows, a->S->nnz);
-    release_gather(&a->by_col, rec_grid_count(&a->S->grid), a->S->nnz);
+    release_gather(&a->by_col, rec_grid_count(&a->S->grid), column_room(a->S));
     pvx_unreserve(a->ray, rows * sizeof *a->ray);
     pvx_unreserve(a->number, rows * sizeof *a->number);
     free(a);
@@ -79,7 +89,7 @@ struct restriction {
 };
 
 /* Tasks are the cameras, then the chunks of columns.
- * Cameras: number[] = entries per row.  Chunks: by_col.ptr[q] = entries of column q. */
+ * Cameras: number[] = entries per row.  Chunks: room for their columns' entries. */
 static void count_task(void *ctx, size_t i)
 {
     struct restriction *t = ctx;
@@ -111,8 +121,7 @@ static void count_task(void *ctx, size_t i)
         for (size_t c = 0; c < cameras; c++)
             if (a->present[c])
                 n += a->S->block[c].colptr[a->col[q] + 1] - a->S->block[c].colptr[a->col[q]];
-        a->by_col.ptr[q] = n;
-        sum += n;
+        sum += padded(n);
     }
     t->chunk_nnz[i - cameras] = sum;
 }
@@ -149,8 +158,7 @@ static void fill_task(void *ctx, size_t i)
             uint32_t end = b->colptr[a->col[q] + 1];
             for (uint32_t e = b->colptr[a->col[q]]; e < end; e++) {
                 uint32_t at = g->ptr[number[b->row[e]]]++;
-                g->idx[at] = (uint32_t)q;
-                g->val[at] = b->val[e];
+                g->entry[at] = (struct rec_entry){(uint32_t)q, b->val[e]};
             }
         }
         return;
@@ -167,10 +175,13 @@ static void fill_task(void *ctx, size_t i)
             const struct rec_sysmat_block *b = &a->S->block[c];
             const uint32_t *number = a->number + a->row0[c];
             uint32_t end = b->colptr[a->col[q] + 1];
-            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++, at++) {
-                g->idx[at] = number[b->row[e]];
-                g->val[at] = b->val[e];
-            }
+            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++)
+                g->entry[at++] = (struct rec_entry){number[b->row[e]], b->val[e]};
+        }
+        uint32_t end = g->ptr[q] + padded(at - g->ptr[q]);
+        while (at < end) {
+            g->entry[at] = (struct rec_entry){g->entry[at - 1].idx, 0};
+            at++;
         }
     }
 }
@@ -196,12 +207,12 @@ void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, co
     pvx_pool_run(a->pool, cameras + chunks, count_task, &t);
     a->nnz = first_of_each(t.nnz, cameras);
     a->rows = (int32_t)first_of_each(t.rows, cameras);
-    (void)first_of_each(t.chunk_nnz, chunks);
+    uint32_t end = first_of_each(t.chunk_nnz, chunks);
     pvx_pool_run(a->pool, cameras, number_camera, &t);
     pvx_pool_run(a->pool, cameras + chunks, fill_task, &t);
     memmove(a->by_row.ptr + 1, a->by_row.ptr, (size_t)a->rows * sizeof *a->by_row.ptr);
     a->by_row.ptr[0] = 0;
-    a->by_col.ptr[n] = (uint32_t)a->nnz;
+    a->by_col.ptr[n] = end;
 }
 
 struct product {
@@ -247,7 +258,7 @@ static void norms_chunk(void *ctx, size_t k)
     for (int32_t q = q0; q < q1; q++) {
         double d2 = 0, d1 = 0;
         for (uint32_t e = g->ptr[q]; e < g->ptr[q + 1]; e++) {
-            double v = g->val[e], wv = t->in == NULL ? v : v * t->in[g->idx[e]];
+            double v = g->entry[e].val, wv = t->in == NULL ? v : v * t->in[g->entry[e].idx];
             d2 += v * wv;
             d1 += wv;
         }

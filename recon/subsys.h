@@ -22,14 +22,14 @@ struct rec_subsys {
     const rec_sysmat *S;
     const struct rec_kernels *k;
     pvx_pool *pool;
-    int cs;                /* lanes per entry: 1 or 4 */
-    int32_t n;             /* active columns */
-    const int32_t *col;    /* [n] voxel indices, ascending */
-    int32_t rows;          /* rows of A: of present cameras, with at least one entry */
-    uint32_t *ray;         /* [rows] their numbers in S's row space */
-    uint64_t nnz;          /* entries of A */
+    int cs;                   /* lanes per entry: 1 or 4 */
+    int32_t n;                /* active columns */
+    const int32_t *col;       /* [n] voxel indices, ascending */
+    int32_t rows;             /* rows of A: of present cameras, with at least one entry */
+    uint32_t *ray;            /* [rows] their numbers in S's row space */
+    uint64_t nnz;             /* entries of A */
     struct rec_gather by_row; /* [rows] outputs, indices are active columns */
-    struct rec_gather by_col; /* [n] outputs, indices are rows of A */
+    struct rec_gather by_col; /* [n] outputs, indices are rows of A; padded with zero entries */
     bool present[REC_MAX_CAMERAS];
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera in S's row space */
     uint32_t *number;                 /* [row space] number in A of a row of S; work area */

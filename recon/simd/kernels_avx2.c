@@ -12,44 +12,40 @@
 #endif
 #include <immintrin.h>
 
-static inline __m128 fma4(__m128 s, const float *val, const uint32_t *idx, const float *in)
+static inline __m128 fma4(__m128 s, const struct rec_entry *e, const float *in)
 {
-    return _mm_fmadd_ps(_mm_broadcast_ss(val), _mm_load_ps(in + (size_t)*idx * 4), s);
+    return _mm_fmadd_ps(_mm_broadcast_ss(&e->val), _mm_load_ps(in + (size_t)e->idx * 4), s);
 }
 
 static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
 {
-    const uint32_t *idx = g->idx;
-    const float *val = g->val;
-    uint32_t e = g->ptr[i0];
+    const struct rec_entry *e = g->entry + g->ptr[i0];
     for (int32_t i = i0; i < i1; i++) {
-        uint32_t end = g->ptr[i + 1];
+        const struct rec_entry *end = g->entry + g->ptr[i + 1];
         __m128 s0 = _mm_setzero_ps(), s1 = s0, s2 = s0, s3 = s0;
         for (; end - e >= 4; e += 4) {
-            s0 = fma4(s0, val + e, idx + e, in);
-            s1 = fma4(s1, val + e + 1, idx + e + 1, in);
-            s2 = fma4(s2, val + e + 2, idx + e + 2, in);
-            s3 = fma4(s3, val + e + 3, idx + e + 3, in);
+            s0 = fma4(s0, e, in);
+            s1 = fma4(s1, e + 1, in);
+            s2 = fma4(s2, e + 2, in);
+            s3 = fma4(s3, e + 3, in);
         }
         for (; e < end; e++)
-            s0 = fma4(s0, val + e, idx + e, in);
+            s0 = fma4(s0, e, in);
         _mm_store_ps(out + (size_t)i * 4, _mm_add_ps(_mm_add_ps(s0, s1), _mm_add_ps(s2, s3)));
     }
 }
 
 static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
 {
-    const uint32_t *idx = g->idx;
-    const float *val = g->val;
-    uint32_t e = g->ptr[i0];
+    const struct rec_entry *e = g->entry + g->ptr[i0];
     for (int32_t i = i0; i < i1; i++) {
-        uint32_t end = g->ptr[i + 1];
+        const struct rec_entry *end = g->entry + g->ptr[i + 1];
         float s[4] = {0};
         for (; end - e >= 4; e += 4)
             for (int k = 0; k < 4; k++)
-                s[k] = __builtin_fmaf(val[e + k], in[idx[e + k]], s[k]);
+                s[k] = __builtin_fmaf(e[k].val, in[e[k].idx], s[k]);
         for (; e < end; e++)
-            s[0] = __builtin_fmaf(val[e], in[idx[e]], s[0]);
+            s[0] = __builtin_fmaf(e->val, in[e->idx], s[0]);
         out[i] = (s[0] + s[1]) + (s[2] + s[3]);
     }
 }

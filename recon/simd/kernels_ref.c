@@ -8,7 +8,7 @@ static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
     for (int32_t i = i0; i < i1; i++) {
         double s = 0;
         for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
-            s += (double)g->val[e] * in[g->idx[e]];
+            s += (double)g->entry[e].val * in[g->entry[e].idx];
         out[i] = (float)s;
     }
 }
@@ -19,7 +19,7 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
         double s[4] = {0};
         for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
             for (int l = 0; l < 4; l++)
-                s[l] += (double)g->val[e] * in[(size_t)g->idx[e] * 4 + l];
+                s[l] += (double)g->entry[e].val * in[(size_t)g->entry[e].idx * 4 + l];
         for (int l = 0; l < 4; l++)
             out[(size_t)i * 4 + l] = (float)s[l];
     }
