@@ -7,8 +7,9 @@
  * their value, weight 0 and lit, and are counted.
  * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of
  * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), and for
- * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks.  A uniform offset is NOT estimated: an evenly
- * lit image could not be told from one; that is what black and background are for.
+ * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks.  A uniform
+ * offset is NOT estimated: an evenly lit image could not be told from one; black and background are
+ * for that.
  * b beyond 1e9 full scales counts as not finite.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
  * threshold is automatic; margin then grows the silhouette.
