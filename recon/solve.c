@@ -157,6 +157,48 @@ void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, do
     rec_job_sum(j, 0, rec_job_row_chunks(j), 0, out);
 }
 
+/* A start that fits worse than nothing must not come out at a deadline: each lane of it is scaled to
+ * the best fit along its ray,  alpha = max(0, (A x)'W b / (A x)'W (A x)),  so that the residual never
+ * exceeds ||b|| and an old flame of another brightness costs no iterations. */
+static void fit_chunk(void *ctx, size_t k)
+{
+    struct residual *t = ctx;
+    const struct rec_subsys *a = t->j->a;
+    size_t cs = (size_t)a->cs;
+    int32_t i0, i1;
+    double fit[4] = {0}, size[4] = {0};
+    rec_chunk_range(a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        for (size_t l = 0; l < cs; l++) {
+            double b = t->j->b[i * cs + l], ax = (double)t->r[i * cs + l] + b, w = t->j->w[i];
+            fit[l] += w * ax * b;
+            size[l] += w * ax * ax;
+        }
+    memcpy(t->j->s->part[k][0], fit, sizeof fit);
+    memcpy(t->j->s->part[k][1], size, sizeof size);
+}
+static void fit_start(struct rec_job *j)
+{
+    size_t chunks = rec_job_row_chunks(j), cs = (size_t)j->a->cs;
+    struct residual t = {j, j->x, j->s->yv[0], j->s->yv[1]};
+    double fit[4], size[4];
+    if (rec_job_norm_x(j, j->x) == 0)
+        return;
+    rec_job_residual(j, j->x, t.r, t.wr, fit);
+    pvx_pool_run(j->a->pool, chunks, fit_chunk, &t);
+    rec_job_sum(j, 0, chunks, 0, fit);
+    rec_job_sum(j, 0, chunks, 1, size);
+    float alpha[4];
+    for (int l = 0; l < 4; l++) {
+        alpha[l] = size[l] > 0 && fit[l] > 0 ? (float)(fit[l] / size[l]) : 0;
+        if (!isfinite(alpha[l]))
+            alpha[l] = 0;
+    }
+    for (size_t q = 0; q < (size_t)j->a->n; q++)
+        for (size_t l = 0; l < cs; l++)
+            j->x[q * cs + l] *= alpha[l];
+}
+
 struct prepare {
     struct rec_job *j;
     const float *b, *w;
@@ -226,6 +268,7 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
         out->time_ns = pvx_now_mono() - start;
         return PVX_OK;
     }
+    fit_start(&j);
     m->run(&j);
     rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
     out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);
