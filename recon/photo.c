@@ -134,10 +134,17 @@ REC_INLINE uint8_t any(rec_i4 m, size_t cs)
     return (cs == 4 ? m[0] | m[1] | m[2] : m[0]) != 0;
 }
 
+REC_INLINE rec_f4 at_most(rec_f4 v, rec_f4 cap)
+{
+    return rec_select(v < cap, v, cap);
+}
+
 /* Faint edges: the mean of 3x3 bins has a third of the noise, so it may be judged three times as
- * sharply, above the level that the dark blocks have (noise clipped at 0 has a positive mean).  Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
+ * sharply, above the level that the dark blocks have (noise clipped at 0 has a positive mean).  A bin
+ * counts at most `cap`, so that a hot pixel does not light its neighbours.  Bins on the image's
+ * border have no such mean.  `sums`: a row of sums over three rows. */
 REC_INLINE void light_means(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit,
-                            uint8_t *lit, float *sums)
+                            rec_f4 cap, uint8_t *lit, float *sums)
 {
     if (bw < 3 || bh < 4) /* the work area holds bw*bh floats */
         return;
@@ -147,7 +154,9 @@ REC_INLINE void light_means(const float *img, int32_t bw, int32_t bh, size_t cs,
                     *below = at + (size_t)bw * cs;
         uint8_t *out = lit + (size_t)y * (size_t)bw;
         for (size_t x = 0; x < (size_t)bw; x++)
-            rec_st(sums, x, cs, rec_ld(at, x, cs) + rec_ld(above, x, cs) + rec_ld(below, x, cs));
+            rec_st(sums, x, cs,
+                   at_most(rec_ld(at, x, cs), cap) + at_most(rec_ld(above, x, cs), cap) +
+                       at_most(rec_ld(below, x, cs), cap));
         for (size_t x = 1; x + 1 < (size_t)bw; x++) {
             rec_f4 s = rec_ld(sums, x - 1, cs) + rec_ld(sums, x, cs) + rec_ld(sums, x + 1, cs);
             out[x] |= any(s >= limit, cs);
@@ -242,7 +251,7 @@ REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const float
     for (size_t i = 0; i < n; i++)
         lit[i] |= any(rec_ld(img, i, cs) >= limit, cs);
     if (automatic)
-        light_means(img, bw, bh, cs, faint, lit, scratch);
+        light_means(img, bw, bh, cs, faint, limit + limit, lit, scratch);
 }
 
 void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,

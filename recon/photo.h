@@ -42,7 +42,8 @@ struct rec_photo_stats {
     float threshold; /* used */
 };
 
-/* img [bh][bw][cs] in: binned pixels, out: b.  background [bh][bw][cs] or NULL.  gain [3].
+/* img [bh][bw][cs] in: binned pixels, out: b.  background [bh][bw][cs] or NULL.  gain [3].  cs = 4
+ * for 3 channels, then img and background are 16-byte aligned.
  * weight [bh*bw] out: 0 or 1.  lit [bh*bw] out: 0/1.  scratch [bh*bw floats]. nch 1 or 3. */
 void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
                      const float gain[3], const struct rec_photo_params *p, float *weight,

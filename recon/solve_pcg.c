@@ -452,7 +452,7 @@ void rec_solve_pcg(struct rec_job *j)
     for (int i = 0; i < 3; i++)
         t.axis[i] = (float)(h_min * h_min / (rec_grid_h(g, i) * rec_grid_h(g, i)));
     double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
-    double tol = j->p->stop == REC_STOP_AUTO ? 3e-3 : 1e-7;
+    double tol = j->p->stop == REC_STOP_AUTO ? 5e-4 : 1e-7;
 
     pvx_pool_run(a->pool, chunks, neighbours_chunk, &t);
     rec_column_norms(a, s->weight, s->diag, t.s); /* t.s: column sums, for a moment */

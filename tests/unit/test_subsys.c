@@ -1,0 +1,166 @@
+/* The restricted system against S itself, entry by entry, and as a pair of operators. */
+#include "../scene.h"
+
+static struct scene sc;
+
+/* Every third voxel, and a run. */
+static int32_t pick(int32_t *col)
+{
+    int32_t n = 0;
+    for (int32_t i = 0; i < (int32_t)sc.voxels; i++)
+        if (i % 3 == 1 || (i > 500 && i < 640))
+            col[n++] = i;
+    return n;
+}
+
+static struct rec_subsys *make(const struct rec_kernels *k, int cs, const int32_t *col, int32_t n,
+                               const bool *present)
+{
+    struct rec_subsys *a = NULL;
+    if (rec_subsys_new(sc.S, k, sc.pool, cs, &a) != PVX_OK)
+        exit(2);
+    rec_subsys_restrict(a, col, n, present);
+    return a;
+}
+
+static void entries_are_those_of_S(void)
+{
+    struct rec_kernels k;
+    rec_kernels_init(&k, REC_CPU_ALL);
+    int32_t *col = pvx_calloc(sc.voxels, sizeof *col), n = pick(col);
+    bool present[REC_MAX_CAMERAS] = {true, false, true, true};
+    struct rec_subsys *a = make(&k, 4, col, n, present);
+    size_t rows = a->row0[sc.S->n_cameras];
+    double *column = pvx_calloc(rows, sizeof *column);
+    uint64_t nnz = 0;
+    int64_t wrong = 0;
+    for (int32_t q = 0; q < n; q++) {
+        for (size_t c = 0; c < sc.S->n_cameras; c++) {
+            const struct rec_sysmat_block *b = &sc.S->block[c];
+            for (uint32_t e = b->colptr[col[q]]; present[c] && e < b->colptr[col[q] + 1]; e++) {
+                column[a->row0[c] + b->row[e]] = b->val[e];
+                nnz++;
+            }
+        }
+        for (uint32_t e = a->by_col.ptr[q]; e < a->by_col.ptr[q + 1]; e++) {
+            double *at = &column[a->ray[a->by_col.entry[e].idx]];
+            if (a->by_col.entry[e].val == 0)
+                continue; /* padding */
+            wrong += *at != a->by_col.entry[e].val;
+            *at = 0;
+        }
+        for (size_t c = 0; c < sc.S->n_cameras; c++) { /* nothing left over */
+            const struct rec_sysmat_block *b = &sc.S->block[c];
+            for (uint32_t e = b->colptr[col[q]]; e < b->colptr[col[q] + 1]; e++)
+                wrong += column[a->row0[c] + b->row[e]] != 0;
+        }
+    }
+    T_EQ_I(wrong, 0);
+    T_EQ_I(a->nnz, nnz);
+    T_EQ_I(a->by_row.ptr[a->rows], nnz);
+    for (int32_t i = 0; i < a->rows; i++) { /* no empty row, absent camera's rows are out */
+        wrong += a->by_row.ptr[i] == a->by_row.ptr[i + 1];
+        wrong += a->ray[i] >= a->row0[1] && a->ray[i] < a->row0[2];
+        wrong += i > 0 && a->ray[i] <= a->ray[i - 1];
+        for (uint32_t e = a->by_row.ptr[i] + 1; e < a->by_row.ptr[i + 1]; e++)
+            wrong += a->by_row.entry[e].idx <= a->by_row.entry[e - 1].idx;
+    }
+    T_EQ_I(wrong, 0);
+    free(column);
+    free(col);
+    rec_subsys_free(&a);
+}
+
+/* |<Ax,y> - <x,A'y>| <= (n_max+2) u sum |a||x||y| twice, by the bound of the kernels. */
+static void adjoint(int cs, unsigned mask, bool full)
+{
+    struct rec_kernels k;
+    rec_kernels_init(&k, mask);
+    int32_t *col = pvx_calloc(sc.voxels, sizeof *col), n = pick(col);
+    bool present[REC_MAX_CAMERAS];
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        present[c] = true;
+    if (full)
+        for (n = 0; n < (int32_t)sc.voxels; n++)
+            col[n] = n;
+    struct rec_subsys *a = make(&k, cs, col, n, present);
+    size_t w = (size_t)cs;
+    float *x = pvx_calloc((size_t)n * w, 4), *y = pvx_calloc((size_t)a->rows * w, 4);
+    float *ax = pvx_calloc((size_t)a->rows * w, 4), *aty = pvx_calloc((size_t)n * w, 4);
+    for (size_t i = 0; i < (size_t)n * w; i++)
+        x[i] = i % w == 3 ? 0 : (float)t_uniform(-1, 1);
+    for (size_t i = 0; i < (size_t)a->rows * w; i++)
+        y[i] = i % w == 3 ? 0 : (float)t_uniform(-1, 1);
+    rec_forward(a, x, ax);
+    rec_adjoint(a, y, aty);
+    double left[4], right[4], size[4] = {0};
+    uint32_t longest = 0;
+    rec_dot(a, a->rows, ax, y, left);
+    rec_dot(a, n, x, aty, right);
+    for (int32_t i = 0; i < a->rows; i++)
+        for (uint32_t e = a->by_row.ptr[i]; e < a->by_row.ptr[i + 1]; e++) {
+            for (size_t l = 0; l < w; l++)
+                size[l] += fabs((double)a->by_row.entry[e].val *
+                                x[a->by_row.entry[e].idx * w + l] * y[(size_t)i * w + l]);
+            if (a->by_row.ptr[i + 1] - a->by_row.ptr[i] > longest)
+                longest = a->by_row.ptr[i + 1] - a->by_row.ptr[i];
+        }
+    for (int32_t q = 0; q < n; q++)
+        if (a->by_col.ptr[q + 1] - a->by_col.ptr[q] > longest)
+            longest = a->by_col.ptr[q + 1] - a->by_col.ptr[q];
+    for (size_t l = 0; l < w; l++)
+        T_NEAR(left[l], right[l], 2 * (longest + 2) * 0x1p-24 * size[l]);
+    T_OK(size[0] > 0);
+    float *d2 = pvx_calloc((size_t)n, 4), *d1 = pvx_calloc((size_t)n, 4);
+    rec_column_norms(a, NULL, d2, d1);
+    int32_t q = n / 2;
+    double w2 = 0, w1 = 0;
+    for (uint32_t e = a->by_col.ptr[q]; e < a->by_col.ptr[q + 1]; e++) {
+        w1 += a->by_col.entry[e].val;
+        w2 += (double)a->by_col.entry[e].val * a->by_col.entry[e].val;
+    }
+    T_NEAR(d1[q], w1, 1e-6 * w1);
+    T_NEAR(d2[q], w2, 1e-6 * w2);
+    free(d1);
+    free(d2);
+    free(x);
+    free(y);
+    free(ax);
+    free(aty);
+    free(col);
+    rec_subsys_free(&a);
+}
+static void forward_and_adjoint_agree(void)
+{
+    for (int full = 0; full < 2; full++) {
+        adjoint(4, REC_CPU_ALL, full);
+        adjoint(1, REC_CPU_ALL, full);
+        adjoint(4, 0, full);
+        adjoint(1, 0, full);
+    }
+}
+
+static void nothing_active(void)
+{
+    struct rec_kernels k;
+    rec_kernels_init(&k, REC_CPU_ALL);
+    bool present[REC_MAX_CAMERAS] = {true, true, true, true};
+    int32_t col[1] = {0};
+    struct rec_subsys *a = make(&k, 4, col, 0, present);
+    T_EQ_I(a->rows, 0);
+    T_EQ_I(a->nnz, 0);
+    rec_forward(a, NULL, NULL);
+    rec_adjoint(a, NULL, NULL);
+    rec_subsys_free(&a);
+}
+
+int main(void)
+{
+    if (!scene_new(&sc, 4, 48, 14, 2, 2))
+        return 2;
+    T_RUN(entries_are_those_of_S);
+    T_RUN(forward_and_adjoint_agree);
+    T_RUN(nothing_active);
+    scene_free(&sc);
+    return t_done();
+}
