@@ -100,10 +100,23 @@ static void mask_zero_is_the_reference(void)
         T_OK(strcmp(k.name, "ref") != 0);
 }
 
+static void environment_narrows(void)
+{
+    struct rec_kernels k;
+    setenv("PYROVOX_CPU", "ref", 1);
+    rec_kernels_init(&k, (unsigned)REC_CPU_ALL);
+    T_EQ_S(k.name, "ref");
+    setenv("PYROVOX_CPU", "avx2", 1);
+    rec_kernels_init(&k, (unsigned)REC_CPU_ALL);
+    T_EQ_S(k.name, rec_cpu_flags() & REC_CPU_AVX2 ? "avx2" : "ref");
+    unsetenv("PYROVOX_CPU");
+}
+
 int main(void)
 {
     unsetenv("PYROVOX_CPU");
     T_RUN(mask_zero_is_the_reference);
     T_RUN(gather_within_the_derived_bound);
+    T_RUN(environment_narrows);
     return t_done();
 }
