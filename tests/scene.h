@@ -13,8 +13,8 @@ struct scene {
     rec_sysmat *S;
     struct rec_flame_pose pose;
     size_t voxels;
-    float *truth;                   /* [voxels][3] */
-    float *image[REC_MAX_CAMERAS];  /* [bh][bw][4], no noise */
+    float *truth;                  /* [voxels][3] */
+    float *image[REC_MAX_CAMERAS]; /* [bh][bw][4], no noise */
     pvx_pool *pool;
 };
 

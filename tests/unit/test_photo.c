@@ -4,7 +4,8 @@
 
 #define W 64
 #define H 48
-static float img[W * H * 4] __attribute__((aligned(16))), weight[W * H], scratch[W * H], back[W * H * 4] __attribute__((aligned(16)));
+static float img[W * H * 4] __attribute__((aligned(16))), weight[W * H], scratch[W * H],
+    back[W * H * 4] __attribute__((aligned(16)));
 static uint8_t lit[W * H];
 static const float one[3] = {1, 1, 1};
 

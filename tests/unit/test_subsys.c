@@ -100,8 +100,8 @@ static void adjoint(int cs, unsigned mask, bool full)
     for (int32_t i = 0; i < a->rows; i++)
         for (uint32_t e = a->by_row.ptr[i]; e < a->by_row.ptr[i + 1]; e++) {
             for (size_t l = 0; l < w; l++)
-                size[l] += fabs((double)a->by_row.entry[e].val *
-                                x[a->by_row.entry[e].idx * w + l] * y[(size_t)i * w + l]);
+                size[l] += fabs((double)a->by_row.entry[e].val * x[a->by_row.entry[e].idx * w + l] *
+                                y[(size_t)i * w + l]);
             if (a->by_row.ptr[i + 1] - a->by_row.ptr[i] > longest)
                 longest = a->by_row.ptr[i + 1] - a->by_row.ptr[i];
         }

@@ -1,0 +1,364 @@
+/* A frame set from pixels to a sparse volume: partial sets, hard pictures, reuse of a slot, the same
+ * bits for any number of threads. */
+#include "../scene.h"
+
+#include "base/clock.h"
+
+static struct scene sc;
+
+static rec_frame *frame(const struct rec_frame_params *p)
+{
+    rec_frame *f = NULL;
+    struct pvx_diag d = {""};
+    if (rec_frame_new(sc.S, &sc.rig, p, sc.pool, &f, &d) != PVX_OK) {
+        printf("%s\n", d.text);
+        exit(2);
+    }
+    return f;
+}
+static struct rec_frame_params params(void)
+{
+    struct rec_frame_params p = rec_frame_defaults;
+    p.photo.saturation = 1e30f;
+    return p;
+}
+static bool sound(const rec_frame *f)
+{
+    struct rec_sparse v;
+    rec_frame_volume(f, &v);
+    for (int32_t q = 0; q < v.n; q++) {
+        if (q > 0 && v.index[q] <= v.index[q - 1])
+            return false;
+        for (int l = 0; l < v.cs; l++)
+            if (!(v.value[q * v.cs + l] >= 0 && v.value[q * v.cs + l] < 1e12f))
+                return false;
+    }
+    const struct rec_frame_report *r = rec_frame_get_report(f);
+    return isfinite(r->solve.rel_residual) && isfinite(r->solve.objective) && isfinite(r->sigma);
+}
+static void run(rec_frame *f)
+{
+    rec_frame_carve(f);
+    T_OK(rec_frame_solve(f, 0, NULL) == PVX_OK);
+    T_OK(sound(f));
+}
+
+static void flame_comes_out(void)
+{
+    struct rec_frame_params p = params();
+    rec_frame *f = frame(&p);
+    scene_shoot(&sc, f, 0.01);
+    run(f);
+    struct rec_sparse v;
+    rec_frame_volume(f, &v);
+    const struct rec_frame_report *r = rec_frame_get_report(f);
+    T_LE(scene_error(&sc, &v), 0.35); /* a grid this coarse: voxels as large as the flame's blobs */
+    T_EQ_I(r->cameras, sc.rig.n_cameras);
+    T_EQ_I(r->active_voxels, v.n);
+    T_EQ_I(r->entries, rec_frame_subsys(f)->nnz);
+    T_EQ_I(r->active_rays, rec_frame_subsys(f)->rows);
+    T_EQ_I(r->hull.inside + r->hull.partial, v.n);
+    T_EQ_I(r->hull.inside + r->hull.partial + r->hull.outside, sc.voxels);
+    T_NEAR(r->sigma, 0.01, 0.002);
+    T_OK(r->photo_ns > 0 && r->hull_ns > 0 && r->restrict_ns > 0 && r->solve_ns > 0);
+    float *dense = pvx_calloc(sc.voxels * 3, sizeof *dense);
+    memset(dense, 0xff, sc.voxels * 3 * sizeof *dense);
+    rec_sparse_to_dense(&v, dense);
+    double d = 0, sum = 0;
+    for (size_t i = 0; i < sc.voxels * 3; i++)
+        sum += dense[i];
+    for (int32_t q = 0; q < v.n; q++)
+        for (int l = 0; l < 3; l++)
+            d += v.value[q * 4 + l];
+    T_NEAR(sum, d, 1e-9 * d);
+    free(dense);
+    rec_frame_free(&f);
+}
+
+/* A camera that is not there leaves the system: as if the rig had never had it. */
+static void absent_cameras(void)
+{
+    struct rec_frame_params p = params();
+    rec_frame *f = frame(&p);
+    for (int without = 0; without < 2; without++) {
+        scene_shoot(&sc, f, 0);
+        size_t n = (size_t)(sc.S->block[1].bw * sc.S->block[1].bh) * 4;
+        float *in = rec_frame_input(f, 1);
+        for (size_t i = 0; i < n; i++)
+            in[i] = without ? NAN : 1e30f; /* whatever is left in the slot */
+        rec_frame_present(f, 1, false);
+        run(f);
+        const struct rec_subsys *a = rec_frame_subsys(f);
+        for (int32_t i = 0; i < a->rows; i++)
+            if (a->ray[i] >= a->row0[1] && a->ray[i] < a->row0[2])
+                T_OK(!"row of an absent camera");
+        T_EQ_I(rec_frame_get_report(f)->cameras, sc.rig.n_cameras - 1);
+        T_EQ_I(rec_frame_get_report(f)->not_finite, 0);
+        struct rec_sparse v;
+        rec_frame_volume(f, &v);
+        T_LE(scene_error(&sc, &v), 0.4);
+    }
+    for (size_t left = 0; left < 3; left++) { /* 0, 1 and 2 cameras; two must see a voxel */
+        scene_shoot(&sc, f, 0);
+        for (size_t c = left; c < sc.rig.n_cameras; c++)
+            rec_frame_present(f, c, false);
+        run(f);
+        T_EQ_I(rec_frame_get_report(f)->cameras, left);
+        T_EQ_I(rec_frame_get_report(f)->solve.status == REC_EMPTY, left < 2);
+    }
+    rec_frame_free(&f);
+}
+
+enum picture {
+    EMPTY,
+    ONE_PIXEL,
+    ALL_LIT,
+    CONTRADICTION,
+    NOT_FINITE,
+    SATURATED,
+    DENORMAL,
+    BLACK_CAMERA,
+    HOT_PIXELS,
+    NEGATIVE,
+    NOISE_ALONE,
+    N_PICTURES
+};
+
+static void paint(rec_frame *f, enum picture what)
+{
+    scene_shoot(&sc, f, what == NOISE_ALONE ? 0.3 : 0.01);
+    for (size_t c = 0; c < sc.rig.n_cameras; c++) {
+        float *in = rec_frame_input(f, c);
+        size_t n = (size_t)(sc.S->block[c].bw * sc.S->block[c].bh);
+        for (size_t i = 0; i < n * 4; i++) {
+            size_t bin = i / 4;
+            switch (what) {
+            case EMPTY: in[i] = 0; break;
+            case ONE_PIXEL: in[i] = bin == n / 2; break;
+            case ALL_LIT: in[i] = 0.5f; break;
+            case CONTRADICTION: in[i] = (bin < n / 2) == (c % 2 == 0); break;
+            case NOT_FINITE:
+                if (bin % 7 == 0)
+                    in[i] = bin % 3 == 0 ? NAN : bin % 3 == 1 ? INFINITY : -INFINITY;
+                break;
+            case SATURATED: in[i] = in[i] * 4 < 1 ? in[i] * 4 : 1; break;
+            case DENORMAL: in[i] *= 1e-38f; break;
+            case BLACK_CAMERA: in[i] = c == 2 ? 0 : in[i]; break;
+            case HOT_PIXELS: in[i] = bin % 97 == 0 ? 1 : in[i]; break;
+            case NEGATIVE: in[i] = -in[i]; break;
+            default: break;
+            }
+        }
+    }
+}
+
+static void hard_pictures(void)
+{
+    struct rec_frame_params p = params();
+    p.photo.saturation = 0.998f;
+    for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
+        p.solve.solver = *name;
+        for (int threshold = 0; threshold < 2; threshold++) {
+            p.photo.threshold = threshold ? 0 : -1;
+            rec_frame *f = frame(&p);
+            for (int what = 0; what < N_PICTURES; what++) {
+                paint(f, (enum picture)what);
+                run(f);
+                const struct rec_frame_report *r = rec_frame_get_report(f);
+                bool empty = r->solve.status == REC_EMPTY;
+                if (threshold == 0) {
+                    if (what == EMPTY || what == DENORMAL || what == BLACK_CAMERA ||
+                        what == NEGATIVE)
+                        T_OK(empty);
+                    if (what == ALL_LIT) {
+                        T_EQ_I(r->hull.outside, 0);
+                        T_OK(!empty);
+                    }
+                }
+                if (what == NOT_FINITE)
+                    T_OK(r->not_finite > 0 && !empty);
+                if (what == SATURATED)
+                    T_OK(r->saturated > 0 && !empty);
+                if (what == HOT_PIXELS)
+                    T_OK(!empty);
+            }
+            rec_frame_free(&f);
+        }
+    }
+}
+
+/* Silhouettes that meet in one voxel. */
+static void hull_of_one_voxel(void)
+{
+    struct rec_frame_params p = params();
+    p.photo.threshold = 0.5f;
+    rec_frame *f = frame(&p);
+    int32_t j = rec_grid_index(&sc.rig.grid, 6, 5, 7);
+    scene_shoot(&sc, f, 0);
+    for (size_t c = 0; c < sc.rig.n_cameras; c++) {
+        const struct rec_sysmat_block *b = &sc.S->block[c];
+        float *in = rec_frame_input(f, c);
+        memset(in, 0, (size_t)(b->bw * b->bh) * 4 * sizeof *in);
+        for (uint32_t e = b->colptr[j]; e < b->colptr[j + 1]; e++)
+            for (int l = 0; l < 3; l++)
+                in[b->row[e] * 4 + (uint32_t)l] = 0.5f + b->val[e];
+    }
+    run(f);
+    struct rec_sparse v;
+    rec_frame_volume(f, &v);
+    T_OK(v.n >= 1 && v.n < 60);
+    bool found = false;
+    for (int32_t q = 0; q < v.n; q++)
+        found = found || (v.index[q] == j && v.value[q * 4] > 0);
+    T_OK(found);
+    rec_frame_free(&f);
+}
+
+static void same_bits_for_any_number_of_threads(void)
+{
+    struct rec_frame_params p = params();
+    uint64_t state = t_state;
+    float *want = NULL;
+    size_t n = 0;
+    for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
+        p.solve.solver = *name;
+        for (unsigned threads = 1; threads <= 3; threads++) {
+            pvx_pool *pool, *keep = sc.pool;
+            if (pvx_pool_new(threads, "bits", &pool) != PVX_OK)
+                exit(2);
+            sc.pool = pool;
+            rec_frame *f = frame(&p);
+            t_state = state; /* the same noise */
+            scene_shoot(&sc, f, 0.01);
+            run(f);
+            struct rec_sparse v;
+            rec_frame_volume(f, &v);
+            if (threads == 1) {
+                n = (size_t)v.n * 4;
+                want = pvx_calloc(n, sizeof *want);
+                memcpy(want, v.value, n * sizeof *want);
+            } else {
+                T_EQ_I(v.n * 4, n);
+                T_OK(memcmp(want, v.value, n * sizeof *want) == 0);
+            }
+            rec_frame_free(&f);
+            pvx_pool_free(&pool);
+            sc.pool = keep;
+        }
+        free(want);
+    }
+}
+
+/* A slot carries nothing over; a warm start changes how long it takes, not where it ends. */
+static void slots_and_warm_starts(void)
+{
+    struct rec_frame_params p = params();
+    rec_frame *f = frame(&p), *g = frame(&p);
+    uint64_t state = t_state;
+    scene_shoot(&sc, f, 0.01);
+    run(f);
+    paint(g, NOT_FINITE);
+    run(g);
+    paint(g, ALL_LIT);
+    run(g);
+    t_state = state;
+    scene_shoot(&sc, g, 0.01);
+    run(g);
+    struct rec_sparse a, b;
+    rec_frame_volume(f, &a);
+    rec_frame_volume(g, &b);
+    T_EQ_I(a.n, b.n);
+    T_OK(a.n == b.n && memcmp(a.value, b.value, (size_t)a.n * 4 * sizeof *a.value) == 0);
+
+    t_state = state;
+    scene_shoot(&sc, g, 0.01);
+    rec_frame_carve(g);
+    T_OK(rec_frame_solve(g, 0, &a) == PVX_OK);
+    T_LE(rec_frame_get_report(g)->solve.iterations, rec_frame_get_report(f)->solve.iterations / 2);
+    T_LE(rec_frame_get_report(g)->solve.objective,
+         rec_frame_get_report(f)->solve.objective * 1.0001);
+    T_EQ_I(rec_frame_solve(g, 0, &b), PVX_EINVAL); /* its own volume is no start */
+
+    t_state = state; /* no time at all: the start comes back, scaled to fit */
+    scene_shoot(&sc, g, 0.01);
+    rec_frame_carve(g);
+    T_OK(rec_frame_solve(g, pvx_now_mono() - 1, &a) == PVX_OK);
+    T_EQ_I(rec_frame_get_report(g)->solve.status, REC_DEADLINE);
+    T_LE(rec_frame_get_report(g)->solve.rel_residual,
+         rec_frame_get_report(f)->solve.rel_residual * 1.01);
+    T_OK(sound(g));
+    rec_frame_free(&f);
+    rec_frame_free(&g);
+}
+
+static void grey_and_background(void)
+{
+    struct rec_frame_params p = params();
+    p.nch = 1;
+    rec_frame *f = frame(&p);
+    float *bg[REC_MAX_CAMERAS];
+    for (size_t c = 0; c < sc.rig.n_cameras; c++) {
+        size_t n = (size_t)(sc.S->block[c].bw * sc.S->block[c].bh);
+        bg[c] = pvx_calloc(n, sizeof(float));
+        for (size_t i = 0; i < n; i++) {
+            bg[c][i] = 0.2f + 0.1f * (float)(i % 5);
+            rec_frame_input(f, c)[i] = sc.image[c][i * 4] + bg[c][i];
+        }
+        T_OK(rec_frame_set_background(f, c, bg[c]) == PVX_OK);
+        rec_frame_present(f, c, true);
+    }
+    run(f);
+    struct rec_sparse v;
+    rec_frame_volume(f, &v);
+    double e = 0, t = 0;
+    float *dense = pvx_calloc(sc.voxels, sizeof *dense);
+    rec_sparse_to_dense(&v, dense);
+    for (size_t i = 0; i < sc.voxels; i++) {
+        double d = dense[i] - (double)sc.truth[i * 3];
+        e += d * d;
+        t += (double)sc.truth[i * 3] * sc.truth[i * 3];
+    }
+    T_EQ_I(v.cs, 1);
+    T_LE(sqrt(e / t), 0.3);
+    T_EQ_I(rec_frame_set_background(f, 99, bg[0]), PVX_EINVAL);
+    T_OK(rec_frame_set_background(f, 0, NULL) == PVX_OK);
+    for (size_t c = 0; c < sc.rig.n_cameras; c++)
+        free(bg[c]);
+    free(dense);
+    rec_frame_free(&f);
+}
+
+static void refused(void)
+{
+    struct rec_frame_params p = params();
+    struct pvx_diag d = {""};
+    rec_frame *f;
+    p.nch = 2;
+    T_EQ_I(rec_frame_new(sc.S, &sc.rig, &p, sc.pool, &f, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "2 channels");
+    struct rec_rig other;
+    if (rec_rig_ring(3, 2.2, 40, 30, 12, &other) != PVX_OK)
+        exit(2);
+    p.nch = 3;
+    d.text[0] = '\0';
+    T_EQ_I(rec_frame_new(sc.S, &other, &p, sc.pool, &f, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "3 cameras");
+    rec_rig_fini(&other);
+}
+
+int main(void)
+{
+    if (!scene_new(&sc, 6, 48, 14, 2, 2))
+        return 2;
+    (void)t_rand();
+    T_RUN(flame_comes_out);
+    T_RUN(absent_cameras);
+    T_RUN(hard_pictures);
+    T_RUN(hull_of_one_voxel);
+    T_RUN(same_bits_for_any_number_of_threads);
+    T_RUN(slots_and_warm_starts);
+    T_RUN(grey_and_background);
+    T_RUN(refused);
+    scene_free(&sc);
+    return t_done();
+}
