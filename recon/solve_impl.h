@@ -5,7 +5,7 @@
 #include "recon/lcurve.h"
 #include "recon/solve.h"
 
-#define N_XVEC 8
+#define N_XVEC 9
 #define N_YVEC 2
 
 /* Sized for the worst case (every voxel active) in reserved address space. */

@@ -36,7 +36,7 @@ struct pcg {
     double lambda[4];
     float axis[3];
     const float *along; /* d or s, for curvature_task */
-    bool product;       /* whether curvature_task has to form q = A along, lv = L along */
+    bool product;       /* whether curvature_task has to form q = A along */
     bool keep_prev;
 };
 
@@ -139,20 +139,15 @@ static void direction_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
-/* lv = L v on one chunk of columns, or lv as it is, and v'lv. */
+/* lv = L v on one chunk of columns and v'lv. */
 REC_INLINE void roughness(struct pcg *t, const float *v, size_t k, size_t cs, double out[4])
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_d4 sum = {{0}, {0}};
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
-        rec_f4 lap;
-        if (t->product) {
-            lap = laplace(t, v, i, cs);
-            rec_st(t->lv, i, cs, lap);
-        } else {
-            lap = rec_ld(t->lv, i, cs);
-        }
+        rec_f4 lap = laplace(t, v, i, cs);
+        rec_st(t->lv, i, cs, lap);
         rec_add_product(&sum, lap, rec_ld(v, i, cs));
     }
     rec_put(out, &sum);
@@ -185,23 +180,27 @@ static void curvature_task(void *ctx, size_t i)
         i < rows ? forward(t, t->along, i, 1, out) : roughness(t, t->along, i - rows, 1, out);
 }
 
-/* s by (5), phi's, how many entries were clipped and in which columns. */
+/* s of (5); it is formed again where it is needed, which costs less than to keep it. */
+REC_INLINE rec_f4 clipped_step(rec_f4 x, rec_f4 full, rec_i4 *clip)
+{
+    *clip = x + full < 0;
+    return rec_select(*clip, -x, full);
+}
+
+/* phi's, how many entries were clipped and in which columns. */
 REC_INLINE void step(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_f4 alpha = rec_coef(t->alpha);
     rec_d4 sum = {{0}, {0}};
-    rec_i4 clips = {0};
+    rec_i4 clips = {0}, clip;
     int32_t n = 0, *clipped = t->j->s->clipped + q0;
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
-        rec_f4 x = rec_ld(t->x, i, cs), full = alpha * rec_ld(t->d, i, cs);
-        rec_i4 clip = x + full < 0;
-        rec_f4 s = rec_select(clip, -x, full);
+        rec_f4 s = clipped_step(rec_ld(t->x, i, cs), alpha * rec_ld(t->d, i, cs), &clip);
         clips -= clip;
         clipped[n] = (int32_t)i;
         n += (clip[0] | clip[1] | clip[2] | clip[3]) != 0;
-        rec_st(t->s, i, cs, s);
         rec_add_product(&sum, s, rec_ld(t->phi, i, cs));
     }
     rec_put(t->j->s->part[k][S_A], &sum);
@@ -215,21 +214,51 @@ static void step_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? step(t, k, 4) : step(t, k, 1);
 }
 
-/* q += A e, lv += L e, e = s/alpha - d in the clipped columns: A s / alpha and L s / alpha.  In a lane that did not clip
- * there e is 0 exactly. */
-REC_INLINE void add_clipped(struct pcg *t, size_t cs)
+/* s itself, for curvature_task. */
+REC_INLINE void store_step(struct pcg *t, size_t k, size_t cs)
+{
+    int32_t q0, q1;
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_f4 alpha = rec_coef(t->alpha);
+    rec_i4 clip;
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
+        rec_st(t->s, i, cs, clipped_step(rec_ld(t->x, i, cs), alpha * rec_ld(t->d, i, cs), &clip));
+}
+static void store_step_chunk(void *ctx, size_t k)
+{
+    struct pcg *t = ctx;
+    t->j->a->cs == 4 ? store_step(t, k, 4) : store_step(t, k, 1);
+}
+
+/* With e = s/alpha - d, which is 0 but in the few clipped columns: q += A e, lv += L e, so that they
+ * are A s / alpha and L s / alpha; slv = e'Ld + e'L(d+e), what s'Ls / alpha^2 exceeds d'Ld by.  The
+ * values of e are kept in t->s, one after the other.  Serial: the order of the sums is fixed. */
+REC_INLINE void add_clipped(struct pcg *t, size_t cs, double slv[4])
 {
     const struct rec_gather *g = &t->j->a->by_col;
-    rec_f4 inverse = {0};
+    const int32_t *clipped = t->j->s->clipped;
+    rec_f4 alpha = rec_coef(t->alpha), inverse = {0}, zero = {0};
+    rec_d4 sum = {{0}, {0}};
+    size_t chunks = rec_job_chunks(t->j), n = 0;
+    int32_t q0, q1;
     for (int l = 0; l < 4; l++)
         inverse[l] = t->alpha[l] > 0 ? (float)(1 / t->alpha[l]) : 0;
-    for (size_t k = 0; k < rec_job_chunks(t->j); k++) {
-        int32_t q0, q1;
+    for (size_t k = 0; k < chunks; k++) {
         rec_chunk_range(t->j->a->n, k, &q0, &q1);
-        for (int32_t i = 0; i < t->j->s->n_clipped[k]; i++) {
-            size_t c = (size_t)t->j->s->clipped[q0 + i];
-            rec_f4 s = rec_ld(t->s, c, cs), d = rec_ld(t->d, c, cs), zero = {0};
-            rec_f4 e = rec_select(s != rec_coef(t->alpha) * d, s * inverse - d, zero);
+        for (int32_t i = 0; i < t->j->s->n_clipped[k]; i++, n++) {
+            size_t c = (size_t)clipped[q0 + i];
+            rec_f4 x = rec_ld(t->x, c, cs), d = rec_ld(t->d, c, cs);
+            rec_f4 e = rec_select(x + alpha * d < 0, -x * inverse - d, zero);
+            rec_st(t->s, n, cs, e);
+            rec_add_product(&sum, e, rec_ld(t->lv, c, cs));
+        }
+    }
+    n = 0;
+    for (size_t k = 0; k < chunks; k++) {
+        rec_chunk_range(t->j->a->n, k, &q0, &q1);
+        for (int32_t i = 0; i < t->j->s->n_clipped[k]; i++, n++) {
+            size_t c = (size_t)clipped[q0 + i];
+            rec_f4 e = rec_ld(t->s, n, cs);
             for (int f = 0; f < 6; f++) {
                 size_t nb = (size_t)t->j->s->nbr[c][f];
                 rec_f4 we = rec_splat(t->axis[f / 2]) * e;
@@ -242,6 +271,13 @@ REC_INLINE void add_clipped(struct pcg *t, size_t cs)
             }
         }
     }
+    n = 0;
+    for (size_t k = 0; k < chunks; k++) {
+        rec_chunk_range(t->j->a->n, k, &q0, &q1);
+        for (int32_t i = 0; i < t->j->s->n_clipped[k]; i++, n++)
+            rec_add_product(&sum, rec_ld(t->s, n, cs), rec_ld(t->lv, (size_t)clipped[q0 + i], cs));
+    }
+    rec_put(slv, &sum);
 }
 
 /* Rows: r += on_q q, r'Wr, q = W r for the adjoint.  Columns: x += t s, Lx += on_q lv. */
@@ -264,12 +300,15 @@ REC_INLINE void update_columns(struct pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_f4 on_s = rec_coef(t->t), on_lv = rec_coef(t->on_q), zero = {0};
+    rec_f4 on_s = rec_coef(t->t), on_lv = rec_coef(t->on_q), alpha = rec_coef(t->alpha);
+    rec_f4 zero = {0};
+    rec_i4 clip;
     size_t o0 = (size_t)q0 * cs, o1 = (size_t)q1 * cs;
     if (t->keep_prev)
         memcpy(t->prev + o0, t->x + o0, (o1 - o0) * sizeof *t->x);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
-        rec_f4 x = rec_ld(t->x, i, cs) + on_s * rec_ld(t->s, i, cs);
+        rec_f4 x = rec_ld(t->x, i, cs);
+        x += on_s * clipped_step(x, alpha * rec_ld(t->d, i, cs), &clip);
         rec_st(t->x, i, cs, rec_select(x > 0, x, zero));
         rec_st(t->lx, i, cs, rec_ld(t->lx, i, cs) + on_lv * rec_ld(t->lv, i, cs));
     }
@@ -352,15 +391,16 @@ static void auto_lambda(const struct rec_job *j, double chord, double rel[4])
     }
 }
 
-/* q'Wq and v'lv per lane, after forming q = A v and lv = L v when asked to. */
-static void curvature(struct pcg *t, const float *v, bool product, double qwq[4], double vlv[4])
+/* q'Wq and v'Lv per lane, after forming q = A v and lv = L v; v NULL: q'Wq of q as it is alone. */
+static void curvature(struct pcg *t, const float *v, double qwq[4], double vlv[4])
 {
     size_t rows = rec_job_row_chunks(t->j), all = rows + rec_job_chunks(t->j);
     t->along = v;
-    t->product = product;
-    pvx_pool_run(t->j->a->pool, all, curvature_task, t);
+    t->product = v != NULL;
+    pvx_pool_run(t->j->a->pool, v != NULL ? all : rows, curvature_task, t);
     rec_job_sum(t->j, 0, rows, S_A, qwq);
-    rec_job_sum(t->j, rows, all, S_A, vlv);
+    if (v != NULL)
+        rec_job_sum(t->j, rows, all, S_A, vlv);
 }
 
 /* alpha, s, t of one iteration; false: no lane can move any more. */
@@ -369,7 +409,7 @@ static bool line_search(struct pcg *t, const double gamma[4])
     struct rec_job *j = t->j;
     pvx_pool *pool = j->a->pool;
     size_t chunks = rec_job_chunks(j);
-    double slope[4], clips[4], qwq[4], vlv[4];
+    double slope[4], clips[4], qwq[4], vlv[4], more[4];
 
     for (int l = 0; l < 4; l++)
         t->mu[l] = 1;
@@ -391,7 +431,7 @@ static bool line_search(struct pcg *t, const double gamma[4])
         rec_job_sum(j, 0, chunks, S_A, slope);
     }
 
-    curvature(t, t->d, true, qwq, vlv);
+    curvature(t, t->d, qwq, vlv);
     bool moving = false;
     for (int l = 0; l < 4; l++) {
         double curve = qwq[l] + t->lambda[l] * vlv[l];
@@ -415,12 +455,17 @@ static bool line_search(struct pcg *t, const double gamma[4])
     for (size_t k = 0; k < chunks; k++)
         columns += j->s->n_clipped[k];
     bool few = columns < j->a->n / 8;
-    if (few)
-        j->a->cs == 4 ? add_clipped(t, 4) : add_clipped(t, 1);
-    curvature(t, t->s, !few, qwq, vlv);
+    if (few) {
+        j->a->cs == 4 ? add_clipped(t, 4, more) : add_clipped(t, 1, more);
+        curvature(t, NULL, qwq, NULL);
+    } else {
+        pvx_pool_run(pool, chunks, store_step_chunk, t);
+        curvature(t, t->s, qwq, vlv);
+    }
     for (int l = 0; l < 4; l++) {
         double unit = few ? t->alpha[l] : 1; /* q is A s / unit, lv is L s / unit */
-        double curve = unit * unit * qwq[l] + t->lambda[l] * unit * vlv[l];
+        double curve = qwq[l] + t->lambda[l] * (few ? vlv[l] + more[l] : vlv[l]);
+        curve *= unit * unit;
         double best = curve > 0 && slope[l] < 0 ? -slope[l] / curve : 0;
         if (clips[l] > 0)
             t->t[l] = best < 1 ? best : 1;
@@ -451,9 +496,14 @@ void rec_solve_pcg(struct rec_job *j)
     double h_min = fmin(rec_grid_h(g, 0), fmin(rec_grid_h(g, 1), rec_grid_h(g, 2)));
     for (int i = 0; i < 3; i++)
         t.axis[i] = (float)(h_min * h_min / (rec_grid_h(g, i) * rec_grid_h(g, i)));
+    bool corner = j->p->stop == REC_STOP_LCURVE;
+    struct rec_lcurve curve = {0};
+    double best_f = 0;
+    float *best = s->xv[8];
     double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
     double tol = j->p->stop == REC_STOP_AUTO ? 5e-4 : 1e-7;
 
+    t.keep_prev = corner;
     pvx_pool_run(a->pool, chunks, neighbours_chunk, &t);
     rec_column_norms(a, s->weight, s->diag, t.s); /* t.s: column sums, for a moment */
     double mean = 0, chord = 0;
@@ -506,9 +556,26 @@ void rec_solve_pcg(struct rec_job *j)
         j->out->iterations = j->out->best = k;
         if (j->trace != NULL)
             j->trace(j->trace_ctx, k, t.x, f, sqrt(total(rwr)));
+        if (corner) {
+            double norm[4];
+            rec_job_sum(j, 0, chunks, S_D, norm);
+            if (rec_lcurve_add(&curve, k, sqrt(total(rwr)), sqrt(total(norm)))) {
+                rec_job_copy(j, best, t.prev);
+                best_f = now + gain; /* of the iterate before */
+            }
+            if (rec_lcurve_done(&curve, k, BEYOND)) {
+                j->out->status = REC_CONVERGED;
+                break;
+            }
+        }
         if (gain <= tol * f || (noise2 > 0 && total(rwr) <= noise2)) {
             j->out->status = REC_CONVERGED;
             break;
         }
+    }
+    if (corner && curve.best_k > 0) {
+        rec_job_copy(j, t.x, best);
+        j->out->best = curve.best_k;
+        j->out->objective = best_f;
     }
 }
