@@ -8,9 +8,8 @@
  *
  * Each block is stored by COLUMNS: for voxel j the entries [colptr[j], colptr[j+1]) with rows
  * ascending.  Why: restricting S to the visual hull (paper 4.4) keeps a tenth of the columns and all
- * their entries, so the restricted system is a list of column numbers and no entry is ever copied;
- * S^T y is a gather per column; S x is a scatter into one camera's image, which stays in cache, and
- * the cameras' images are disjoint, so threads need no locks and sums have one fixed order.
+ * their entries, so what a frame set needs is found by looking at its columns alone; nothing of the
+ * other nine tenths is read.  Blocks per camera: a camera that is missing is a block left out.
  *
  * Footprint of a column in a camera: the rectangle of bins that the support of basis function j
  * touches (conservative: every bin with a ray through the support is inside it; a support smaller
