@@ -102,7 +102,7 @@ fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
 	@$(MAKE) --no-print-directory -j2 CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
 	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
 
-lint: check-layers ## layer check, man pages, shell and format checks
+lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions
 	@tests/lint.sh
 check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
 	@tests/check-layers.sh

@@ -4,7 +4,7 @@
 #include "capture/source.h"
 
 extern const struct cap_source_ops cap_source_aravis; /* src_aravis.c */
-extern const struct cap_source_ops cap_source_sim;   /* src_sim.c */
-extern const struct cap_source_ops cap_source_files; /* src_files.c */
+extern const struct cap_source_ops cap_source_sim;    /* src_sim.c */
+extern const struct cap_source_ops cap_source_files;  /* src_files.c */
 
 #endif

@@ -11,9 +11,9 @@
 #include "capture/capture_int.h"
 
 #define DEFAULT_BUFFERS 12
-#define QUEUED_SETS 2
-#define MIN_QUIET_NS PVX_NS_PER_S
-#define STUCK_NS (3 * PVX_NS_PER_S)
+#define QUEUED_SETS     2
+#define MIN_QUIET_NS    PVX_NS_PER_S
+#define STUCK_NS        (3 * PVX_NS_PER_S)
 
 void cap_wait_until(pthread_cond_t *cond, pthread_mutex_t *lock, int64_t mono_ns)
 {
@@ -155,9 +155,10 @@ static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
     struct cap_sink counts = {.count = count, .ctx = cap};
     pvx_err e = cap_assembler_new(&p, &counts, &cap->assembler);
     if (e == PVX_EINVAL)
-        return pvx_fail(d, e, "frame sets: a tolerance of %.3f ms with a period of %.3f ms and at "
-                              "least %u of %u cameras is not possible (tolerance: above 0, below "
-                              "half a period)",
+        return pvx_fail(d, e,
+                        "frame sets: a tolerance of %.3f ms with a period of %.3f ms and at "
+                        "least %u of %u cameras is not possible (tolerance: above 0, below "
+                        "half a period)",
                         (double)p.tolerance_ns * 1e-6, (double)p.period_ns * 1e-6, p.min_cameras,
                         cap->n);
     PVX_TRY(e);

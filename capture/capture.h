@@ -22,12 +22,12 @@ struct cap_capture_config {
      * are filled in, fps too when it is 0.  buffers: at least 4 more than the sets that the
      * consumer holds at a time; 0 = 12.  Strings and features are copied; scene is borrowed. */
     const struct cap_source_config *camera;
-    struct cap_assembler_params sets;  /* .cameras is filled in, .period_ns too when it is 0 */
-    double fps;                        /* nominal */
-    bool software_trigger;             /* one sweep per period to all cameras */
-    bool shared_clock;                 /* device clocks are the host's (PTP, simulation): identity */
-    bool lossless;                     /* replay: back-pressure instead of dropping */
-    uint32_t discard_first;            /* live frames per camera dropped after each start, uncounted
+    struct cap_assembler_params sets; /* .cameras is filled in, .period_ns too when it is 0 */
+    double fps;                       /* nominal */
+    bool software_trigger;            /* one sweep per period to all cameras */
+    bool shared_clock;                /* device clocks are the host's (PTP, simulation): identity */
+    bool lossless;                    /* replay: back-pressure instead of dropping */
+    uint32_t discard_first;           /* live frames per camera dropped after each start, uncounted
                                           (the first is often bad); 1 is a good value */
 };
 
@@ -35,9 +35,9 @@ enum cap_state { CAP_OPENING, CAP_RUNNING, CAP_LOST, CAP_ENDED };
 struct cap_camera_stats {
     enum cap_state state;
     uint64_t count[CAP_N_COUNT];
-    double fps;             /* over the last 2 s */
+    double fps; /* over the last 2 s */
     double drift_ppm;
-    char error[256];        /* last reason it could not be opened, "" when fine */
+    char error[256]; /* last reason it could not be opened, "" when fine */
 };
 struct cap_stats {
     struct cap_camera_stats camera[CAP_MAX_CAMERAS];

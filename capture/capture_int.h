@@ -16,7 +16,7 @@
 #include "capture/clockmap.h"
 
 #define CAP_FPS_BIN_NS 250000000LL
-#define CAP_FPS_BINS 8 /* 2 s */
+#define CAP_FPS_BINS   8 /* 2 s */
 
 struct cap_camera {
     struct cap_capture *cap;
@@ -41,14 +41,17 @@ struct cap_camera {
     char bad[128]; /* what was wrong with the last bad frame */
     int64_t last_any_mono_ns, last_good_mono_ns, last_device_ns;
     uint32_t discard_left;
-    struct { int64_t slot; uint32_t n; } bin[CAP_FPS_BINS + 1];
+    struct {
+        int64_t slot;
+        uint32_t n;
+    } bin[CAP_FPS_BINS + 1];
     int64_t first_slot; /* of this run */
     struct cap_frame **ring;
     size_t ring_size, ring_head, ring_len;
     double drift_ppm;
-    bool done;             /* supervisor has finished */
-    pthread_cond_t wake;   /* supervisor: event or stop */
-    pthread_cond_t room;   /* lossless push: ring has room, or stop */
+    bool done;           /* supervisor has finished */
+    pthread_cond_t wake; /* supervisor: event or stop */
+    pthread_cond_t room; /* lossless push: ring has room, or stop */
 
     /* the assembler's */
     struct cap_clockmap clock;

@@ -6,9 +6,9 @@
 #include "base/clock.h"
 
 #define BUCKET_NS PVX_NS_PER_S
-#define JUMP_NS (PVX_NS_PER_S / 2)
+#define JUMP_NS   (PVX_NS_PER_S / 2)
 #define MAX_DRIFT 500e-6
-#define MIN_FIT 3 /* full buckets before a slope is believed */
+#define MIN_FIT   3 /* full buckets before a slope is believed */
 
 void cap_clockmap_init(struct cap_clockmap *m, bool shared)
 {

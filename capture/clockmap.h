@@ -19,16 +19,19 @@
 
 #define CAP_CLOCK_BUCKETS 64
 struct cap_clockmap {
-    bool shared;      /* device clock is the host's: identity */
+    bool shared; /* device clock is the host's: identity */
     bool valid;
-    int64_t dev0, host0;                 /* reference point */
-    double drift;                        /* host seconds per device second - 1 */
-    double offset_ns;                    /* at dev0, relative to host0 - dev0 */
+    int64_t dev0, host0; /* reference point */
+    double drift;        /* host seconds per device second - 1 */
+    double offset_ns;    /* at dev0, relative to host0 - dev0 */
     int64_t last_dev;
     uint64_t jumps;
-    int64_t bucket_end;                  /* device time at which the current bucket is full */
-    struct cap_clock_bucket { int64_t dev; double diff_ns; } current, bucket[CAP_CLOCK_BUCKETS];
-    int n, head;                         /* full buckets, place of the next */
+    int64_t bucket_end; /* device time at which the current bucket is full */
+    struct cap_clock_bucket {
+        int64_t dev;
+        double diff_ns;
+    } current, bucket[CAP_CLOCK_BUCKETS];
+    int n, head; /* full buckets, place of the next */
 };
 void cap_clockmap_init(struct cap_clockmap *m, bool shared);
 /* Feed one frame; returns exposure time on the host clock, ns.  device_ns = 0: arrival is used. */

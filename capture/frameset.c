@@ -6,16 +6,16 @@
 #include "base/clock.h"
 #include "base/mem.h"
 
-#define MAX_OPEN 16
-#define N_SETS 128 /* open + finished + with the consumer */
+#define MAX_OPEN        16
+#define N_SETS          128 /* open + finished + with the consumer */
 #define DEFAULT_WAIT_NS (150 * PVX_NS_PER_MS)
 
 struct slot {
     struct cap_set set; /* first: a set's address is its slot's */
     struct set_pool *pool;
-    struct slot *next;        /* in the free list or among the finished */
-    int64_t lo_ns, hi_ns;     /* earliest and latest exposure of the members */
-    int64_t first_mono_ns;    /* arrival of the first */
+    struct slot *next;     /* in the free list or among the finished */
+    int64_t lo_ns, hi_ns;  /* earliest and latest exposure of the members */
+    int64_t first_mono_ns; /* arrival of the first */
 };
 
 /* Sets are released by the consumer's threads, and may outlive the assembler: as cap_bufpool. */
@@ -182,8 +182,7 @@ static void mark_closed(cap_assembler *a, int64_t lo_ns)
 
 static bool worth_giving_out(const cap_assembler *a, const struct cap_set *s)
 {
-    return s->n == a->p.cameras ||
-           (a->p.policy == CAP_POLICY_PARTIAL && s->n >= a->p.min_cameras);
+    return s->n == a->p.cameras || (a->p.policy == CAP_POLICY_PARTIAL && s->n >= a->p.min_cameras);
 }
 
 /* Close the i-th open set.  One that is given out takes all older ones along, so that the order

@@ -18,22 +18,22 @@
 enum cap_policy { CAP_POLICY_DROP, CAP_POLICY_PARTIAL };
 
 struct cap_set {
-    uint64_t number;            /* 0, 1, 2 ... as emitted */
-    int64_t t_exposure_ns;      /* mean of the members, host CLOCK_REALTIME */
-    int64_t spread_ns;          /* latest - earliest exposure */
-    int64_t t_last_mono_ns;     /* arrival of the last member, CLOCK_MONOTONIC: latency starts here */
-    uint32_t n;                 /* members */
+    uint64_t number;        /* 0, 1, 2 ... as emitted */
+    int64_t t_exposure_ns;  /* mean of the members, host CLOCK_REALTIME */
+    int64_t spread_ns;      /* latest - earliest exposure */
+    int64_t t_last_mono_ns; /* arrival of the last member, CLOCK_MONOTONIC: latency starts here */
+    uint32_t n;             /* members */
     struct cap_frame *frame[CAP_MAX_CAMERAS]; /* NULL = missing */
 };
 void cap_set_release(struct cap_set *s); /* releases its frames; the struct goes back to its pool */
 
 struct cap_assembler_params {
     uint32_t cameras;
-    int64_t tolerance_ns;   /* 0 = a quarter of the period; must be less than half of it */
-    int64_t max_wait_ns;    /* 0 = 150 ms */
-    int64_t period_ns;      /* nominal, from fps; 0 = unknown (then tolerance must be given) */
+    int64_t tolerance_ns; /* 0 = a quarter of the period; must be less than half of it */
+    int64_t max_wait_ns;  /* 0 = 150 ms */
+    int64_t period_ns;    /* nominal, from fps; 0 = unknown (then tolerance must be given) */
     enum cap_policy policy;
-    uint32_t min_cameras;   /* PARTIAL: fewer are dropped */
+    uint32_t min_cameras; /* PARTIAL: fewer are dropped */
 };
 typedef struct cap_assembler cap_assembler;
 /* All cameras count as alive at first.  Only counts->count and counts->ctx are used.

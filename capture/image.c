@@ -7,16 +7,11 @@ static const struct {
     size_t bytes;
     int channels;
 } formats[CAP_N_FMT] = {
-    [CAP_FMT_NONE] = {"none", 0, 0},
-    [CAP_GREY8] = {"Mono8", 1, 1},
-    [CAP_GREY16] = {"Mono16", 2, 1},
-    [CAP_RGB8] = {"RGB8", 3, 3},
-    [CAP_RGB16] = {"RGB16", 6, 3},
-    [CAP_BAYER_RG8] = {"BayerRG8", 1, 3},
-    [CAP_BAYER_GR8] = {"BayerGR8", 1, 3},
-    [CAP_BAYER_GB8] = {"BayerGB8", 1, 3},
-    [CAP_BAYER_BG8] = {"BayerBG8", 1, 3},
-    [CAP_GREY_F32] = {"Mono32f", 4, 1},
+    [CAP_FMT_NONE] = {"none", 0, 0},      [CAP_GREY8] = {"Mono8", 1, 1},
+    [CAP_GREY16] = {"Mono16", 2, 1},      [CAP_RGB8] = {"RGB8", 3, 3},
+    [CAP_RGB16] = {"RGB16", 6, 3},        [CAP_BAYER_RG8] = {"BayerRG8", 1, 3},
+    [CAP_BAYER_GR8] = {"BayerGR8", 1, 3}, [CAP_BAYER_GB8] = {"BayerGB8", 1, 3},
+    [CAP_BAYER_BG8] = {"BayerBG8", 1, 3}, [CAP_GREY_F32] = {"Mono32f", 4, 1},
     [CAP_RGB_F32] = {"RGB32f", 12, 3},
 };
 

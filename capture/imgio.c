@@ -33,8 +33,7 @@ static bool try_module(const char *dir, const char *below)
     void *so = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (so == NULL) {
         const char *text = dlerror();
-        snprintf(module.why, sizeof module.why, "%.700s",
-                 text != NULL ? text : path);
+        snprintf(module.why, sizeof module.why, "%.700s", text != NULL ? text : path);
         return false;
     }
     const struct cap_cv *(*entry)(void);
@@ -104,8 +103,9 @@ static bool known_image(const char *path)
 static enum cap_pixfmt format_of(int channels, int depth)
 {
     bool rgb = channels == 3;
-    return depth == 8 ? (rgb ? CAP_RGB8 : CAP_GREY8)
-                      : depth == 16 ? (rgb ? CAP_RGB16 : CAP_GREY16) : (rgb ? CAP_RGB_F32 : CAP_GREY_F32);
+    return depth == 8    ? (rgb ? CAP_RGB8 : CAP_GREY8)
+           : depth == 16 ? (rgb ? CAP_RGB16 : CAP_GREY16)
+                         : (rgb ? CAP_RGB_F32 : CAP_GREY_F32);
 }
 
 static void describe(struct cap_loaded *l, void *mem, int32_t w, int32_t h, enum cap_pixfmt fmt)
@@ -207,7 +207,8 @@ pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
                        double gamma, struct pvx_diag *d)
 {
     if (w < 1 || h < 1 || (nch != 1 && nch != 3) || !(gamma > 0))
-        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels and a gamma above 0", path);
+        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels and a gamma above 0",
+                        path);
     if (has_extension(path, ".npy"))
         return cap_npy_save(path, pix, (size_t[3]){(size_t)h, (size_t)w, (size_t)nch}, 3, d);
     if (has_extension(path, ".png"))

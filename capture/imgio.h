@@ -8,7 +8,10 @@
 #include "base/err.h"
 #include "capture/image.h"
 
-struct cap_loaded { struct cap_image img; void *mem; };
+struct cap_loaded {
+    struct cap_image img;
+    void *mem;
+};
 
 /* By extension .npy .png .tif .tiff .jpg .jpeg.  .npy: [h][w] or [h][w][1|3], little-endian f4, u1,
  * u2, f8 (narrowed), C order.  Errors name the file and the reason. */

@@ -58,7 +58,8 @@ static bool stamp_moves_on(struct cap_camera *cam, int64_t t)
     if (t == 0 || last == 0 || t > last)
         return true;
     cam->count[CAP_BAD_STAMP]++;
-    snprintf(cam->bad, sizeof cam->bad, "device time %s", t == last ? "stands still" : "ran backwards");
+    snprintf(cam->bad, sizeof cam->bad, "device time %s",
+             t == last ? "stands still" : "ran backwards");
     return false;
 }
 

@@ -11,11 +11,14 @@
 #include "base/mem.h"
 #include "capture/imgio.h"
 
-_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "files are little-endian and mapped as is");
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__,
+               "files are little-endian and mapped as is");
 
 /* ---- the header: a Python dictionary of three known keys ---------------------------------------- */
 
-struct cursor { const char *p, *end; };
+struct cursor {
+    const char *p, *end;
+};
 
 static void skip_space(struct cursor *c)
 {
@@ -171,7 +174,8 @@ pvx_err cap_npy_header(const void *bytes, size_t len, const char *name, struct c
     if (a.ndim < 1 || a.ndim > 4)
         return pvx_fail(d, PVX_EUNSUP, "%s: %d dimensions; 1 to 4 are readable", name, a.ndim);
     if (fortran && a.ndim > 1)
-        return pvx_fail(d, PVX_EUNSUP, "%s: Fortran order; save with numpy.ascontiguousarray", name);
+        return pvx_fail(d, PVX_EUNSUP, "%s: Fortran order; save with numpy.ascontiguousarray",
+                        name);
     size_t need = a.item;
     a.count = 1;
     for (int i = 0; i < a.ndim; i++) {
@@ -219,9 +223,7 @@ void cap_npy_floats(const struct cap_npy *a, float *out)
             memcpy(&f, p, sizeof f);
             out[i] = (float)f;
             break;
-        case CAP_NPY_U1:
-            out[i] = (float)*(const uint8_t *)p;
-            break;
+        case CAP_NPY_U1: out[i] = (float)*(const uint8_t *)p; break;
         default:
             memcpy(&u, p, sizeof u);
             out[i] = a->type == CAP_NPY_U2 ? (float)u : half_to_float(u);
@@ -271,8 +273,8 @@ pvx_err cap_npy_save(const char *path, const float *data, const size_t *shape_in
             return pvx_fail(d, PVX_EINVAL, "%s: array too large", path);
     }
     char head[256];
-    int n = snprintf(head, sizeof head,
-                     "{'descr': '<f4', 'fortran_order': False, 'shape': (%s), }", dims);
+    int n = snprintf(head, sizeof head, "{'descr': '<f4', 'fortran_order': False, 'shape': (%s), }",
+                     dims);
     size_t total = (10 + (size_t)n + 1 + 63) / 64 * 64; /* data starts at a multiple of 64 */
     if (__builtin_mul_overflow(count, sizeof *data, &bytes) ||
         __builtin_add_overflow(bytes, total, &bytes))

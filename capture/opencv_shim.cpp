@@ -20,7 +20,8 @@ struct cap_cv_video {
     cv::Mat frame, rgb;
 };
 
-namespace {
+namespace
+{
 
 int fail(int e, char *err, size_t err_size, const char *text)
 {
@@ -52,14 +53,9 @@ template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
 void to_rgb(const cv::Mat &in, cv::Mat &out)
 {
     switch (in.channels()) {
-    case 3:
-        cv::cvtColor(in, out, cv::COLOR_BGR2RGB);
-        break;
-    case 4:
-        cv::cvtColor(in, out, cv::COLOR_BGRA2RGB);
-        break;
-    default:
-        out = in.isContinuous() ? in : in.clone();
+    case 3: cv::cvtColor(in, out, cv::COLOR_BGR2RGB); break;
+    case 4: cv::cvtColor(in, out, cv::COLOR_BGRA2RGB); break;
+    default: out = in.isContinuous() ? in : in.clone();
     }
 }
 
@@ -73,12 +69,14 @@ int decode(const void *bytes, size_t len, struct cap_cv_image *out, char *err,
         const cv::Mat raw(1, static_cast<int>(len), CV_8UC1, const_cast<void *>(bytes));
         cv::Mat img = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
         if (img.empty())
-            return fail(PVX_EFORMAT, err, err_size, "not an image that OpenCV can read, or damaged");
+            return fail(PVX_EFORMAT, err, err_size,
+                        "not an image that OpenCV can read, or damaged");
         if (img.depth() == CV_64F)
             img.convertTo(img, CV_32F);
         int depth = img.depth() == CV_8U ? 8 : img.depth() == CV_16U ? 16 : 32;
         if (depth == 32 && img.depth() != CV_32F)
-            return fail(PVX_EUNSUP, err, err_size, "pixels are neither 8 or 16 bit unsigned nor float");
+            return fail(PVX_EUNSUP, err, err_size,
+                        "pixels are neither 8 or 16 bit unsigned nor float");
         if (img.channels() == 2 || img.channels() > 4)
             return fail(PVX_EUNSUP, err, err_size, "has neither 1 nor 3 channels (and alpha)");
         cv::Mat rgb;
@@ -124,8 +122,7 @@ int video_open(const char *path, struct cap_cv_video **out, double *fps, char *e
         *out = nullptr;
         auto v = std::make_unique<cap_cv_video>();
         /* files only: the other backends go looking for cameras */
-        if (!v->capture.open(path, cv::CAP_FFMPEG) &&
-            !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
+        if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
             return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
         double rate = v->capture.get(cv::CAP_PROP_FPS);
         if (fps != nullptr)
@@ -169,9 +166,10 @@ const struct cap_cv *cap_cv_module(void) noexcept
 {
     char err[16];
     (void)guarded(err, sizeof err, [&]() -> int { /* errors are returned, not printed */
-        cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-        setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
-        return PVX_OK;
+                                                  cv::utils::logging::setLogLevel(
+                                                      cv::utils::logging::LOG_LEVEL_SILENT);
+                                                  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+                                                  return PVX_OK;
     });
     return &module;
 }

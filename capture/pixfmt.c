@@ -58,13 +58,10 @@ static float full_scale(enum cap_pixfmt f)
 {
     switch (f) {
     case CAP_GREY16:
-    case CAP_RGB16:
-        return 65535;
+    case CAP_RGB16: return 65535;
     case CAP_GREY_F32:
-    case CAP_RGB_F32:
-        return 0; /* none: linear already */
-    default:
-        return 255;
+    case CAP_RGB_F32: return 0; /* none: linear already */
+    default: return 255;
     }
 }
 
@@ -248,7 +245,7 @@ static inline __attribute__((always_inline)) void across_bayer(const uint16_t *c
                                                                const uint8_t *cell, int b,
                                                                size_t bins, int nch, float *out)
 {
-    const float one = 1.0f / ((float)(b * b / 4) * 255.0f);   /* red, blue */
+    const float one = 1.0f / ((float)(b * b / 4) * 255.0f); /* red, blue */
     const float green = 1.0f / ((float)(b * b / 2) * 255.0f);
     /* places of red and blue in the 2x2 cell; blue lies across from red */
     const int red = cell[0] == 0 ? 0 : cell[1] == 0 ? 1 : cell[2] == 0 ? 2 : 3, blue = 3 - red;

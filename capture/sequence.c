@@ -50,7 +50,8 @@ static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_dia
     }
     if (*q != 'd' || strchr(q, '%') != NULL)
         return pvx_fail(d, PVX_EINVAL,
-                        "%s: a pattern has one %%d or %%06d in its last part and no other %%", name);
+                        "%s: a pattern has one %%d or %%06d in its last part and no other %%",
+                        name);
     p->suffix = q + 1;
     p->suffix_len = strlen(p->suffix);
     return PVX_OK;
@@ -127,8 +128,9 @@ static pvx_err from_folder(const char *dir, const char *name, const struct patte
     pvx_err e = PVX_OK;
     struct dirent *f;
     while (e == PVX_OK && (f = readdir(h)) != NULL) {
-        int64_t number = p != NULL ? fits_pattern(f->d_name, name, p)
-                         : is_image(f->d_name) ? last_digits(f->d_name) : -1;
+        int64_t number = p != NULL             ? fits_pattern(f->d_name, name, p)
+                         : is_image(f->d_name) ? last_digits(f->d_name)
+                                               : -1;
         if (number >= 0)
             e = add(s, &room, number, dir, f->d_name);
     }
@@ -143,7 +145,8 @@ static pvx_err from_glob(const char *name, struct cap_sequence *s, struct pvx_di
     if (r == GLOB_NOMATCH)
         return PVX_OK;
     if (r != 0)
-        return pvx_fail(d, r == GLOB_NOSPACE ? PVX_ENOMEM : PVX_EIO, "%s: cannot be searched", name);
+        return pvx_fail(d, r == GLOB_NOSPACE ? PVX_ENOMEM : PVX_EIO, "%s: cannot be searched",
+                        name);
     size_t room = 0;
     pvx_err e = PVX_OK;
     for (size_t i = 0; e == PVX_OK && i < g.gl_pathc; i++) {
@@ -200,8 +203,8 @@ pvx_err cap_sequence_find(const char *name, struct cap_sequence *out, struct pvx
     pvx_err e = *name == '\0' ? pvx_fail(d, PVX_EINVAL, "files: needs a pattern, folder or file")
                               : find(name, out, d);
     if (e == PVX_OK && out->n == 0)
-        e = pvx_fail(d, PVX_ENOENT,
-                     "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)", name);
+        e = pvx_fail(d, PVX_ENOENT, "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)",
+                     name);
     if (e == PVX_OK)
         qsort(out->item, out->n, sizeof *out->item, by_number);
     for (size_t i = 1; e == PVX_OK && i < out->n; i++)

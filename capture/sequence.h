@@ -13,7 +13,10 @@
 
 struct cap_sequence {
     size_t n;
-    struct cap_sequence_item { int64_t number; char *path; } *item; /* [n] by number, n >= 1 */
+    struct cap_sequence_item {
+        int64_t number;
+        char *path;
+    } * item; /* [n] by number, n >= 1 */
 };
 
 /* Owner: caller, cap_sequence_free().  Errors: PVX_EINVAL (pattern; two files of one number),

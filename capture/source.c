@@ -6,7 +6,8 @@
 
 const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_RECEIVED] = {"received", "frames", "good frames handed over by the driver"},
-    [CAP_INCOMPLETE] = {"incomplete", "frames", "packets missing, file unreadable, or another error"},
+    [CAP_INCOMPLETE] = {"incomplete", "frames",
+                        "packets missing, file unreadable, or another error"},
     [CAP_BAD_SIZE] = {"bad_size", "frames", "width, height or bytes are not what is configured"},
     [CAP_BAD_FORMAT] = {"bad_format", "frames", "pixel format is not what is configured"},
     [CAP_BAD_STAMP] = {"bad_stamp", "frames", "device time ran backwards or stood still"},

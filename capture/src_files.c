@@ -30,7 +30,7 @@ static struct {
     int64_t first, last; /* numbers of one turn, all cameras */
     bool known, fixed;   /* any registered; no longer to be changed: somebody is in turn 2 */
     bool running;
-    int64_t origin;      /* this number is due at: */
+    int64_t origin; /* this number is due at: */
     int64_t start_mono_ns, start_real_ns;
 } line = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
@@ -39,8 +39,9 @@ struct files {
     char *name, *camera_name;
     struct cap_sequence seq; /* n = 0: a video */
     cap_video *video;
-    int64_t video_frames;     /* 0 = not known */
-    struct cap_image pending; /* first frame of the video, read when it was opened; data NULL = none */
+    int64_t video_frames; /* 0 = not known */
+    struct cap_image
+        pending; /* first frame of the video, read when it was opened; data NULL = none */
     uint32_t camera;
     int32_t width, height;
     enum cap_pixfmt fmt;
@@ -210,7 +211,8 @@ static bool image_fits(struct files *s, const struct cap_image *img, const char 
         return true;
     count(s, size ? CAP_BAD_FORMAT : CAP_BAD_SIZE, 1);
     if (!s->said_unfit)
-        LOG_W(CAPTURE, "camera %s: %s is %dx%d %s, not %dx%d %s; it and others like it are left out",
+        LOG_W(CAPTURE,
+              "camera %s: %s is %dx%d %s, not %dx%d %s; it and others like it are left out",
               s->camera_name, path, img->width, img->height, cap_pixfmt_name(img->fmt), s->width,
               s->height, cap_pixfmt_name(s->fmt));
     s->said_unfit = true;
@@ -281,8 +283,8 @@ static bool deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t
 }
 
 /* One frame of turn `turn`: *img of a video, or number i of the sequence.  Adds to *good. */
-static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img, size_t i,
-                uint64_t *good)
+static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img,
+                size_t i, uint64_t *good)
 {
     int64_t place = line_place(turn, number), due = 0, real = 0;
     if (place < 0)
@@ -296,8 +298,9 @@ static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_
             return !stopped(s);
         }
     }
-    struct cap_frame *f = img == NULL ? load_image(s, i)
-                          : image_fits(s, img, s->name) ? copy_to_buffer(s, img) : NULL;
+    struct cap_frame *f = img == NULL                   ? load_image(s, i)
+                          : image_fits(s, img, s->name) ? copy_to_buffer(s, img)
+                                                        : NULL;
     if (f == NULL)
         return !stopped(s);
     *good += 1;

@@ -57,8 +57,14 @@ struct option {
     bool integer;
     double min, max;
 };
-#define OPT_D(n, lo, hi) {#n, offsetof(struct faults, n), false, lo, hi}
-#define OPT_I(n, lo, hi) {#n, offsetof(struct faults, n), true, lo, hi}
+#define OPT_D(n, lo, hi)                              \
+    {                                                 \
+#n, offsetof(struct faults, n), false, lo, hi \
+    }
+#define OPT_I(n, lo, hi)                             \
+    {                                                \
+#n, offsetof(struct faults, n), true, lo, hi \
+    }
 static const struct option options[] = {
     OPT_D(skew_us, -1e15, 1e15), OPT_D(drift_ppm, -1000, 1000), OPT_D(drop, 0, 1),
     OPT_D(jitter_us, 0, 1e6),    OPT_I(freeze, 0, 1),           OPT_I(die_after, 1, 1e9),

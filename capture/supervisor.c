@@ -8,17 +8,17 @@
 
 #define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
 #define BACKOFF_MAX_NS (4 * PVX_NS_PER_S)
-#define FIRST_FRAME_NS (3 * PVX_NS_PER_S) /* patience with a camera that has just been started */
-#define TOGETHER_NS (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
-#define LOOK_NS (200 * PVX_NS_PER_MS)
+#define FIRST_FRAME_NS (3 * PVX_NS_PER_S)  /* patience with a camera that has just been started */
+#define TOGETHER_NS    (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
+#define LOOK_NS        (200 * PVX_NS_PER_MS)
 
 enum fate { FATE_STOP, FATE_LOST, FATE_END };
 
 /* State between two frames that came in order; what has been said is not said again. */
 struct watch {
     struct cap_camera *cam;
-    char said[256];      /* last trouble that was logged, "" after frames came */
-    bool said_bad;       /* wrong size, format or stamp */
+    char said[256]; /* last trouble that was logged, "" after frames came */
+    bool said_bad;  /* wrong size, format or stamp */
     int64_t backoff_ns;
 };
 

@@ -6,14 +6,26 @@
 #include "daemon/config.h"
 
 #define AT(member) offsetof(struct dmn_config, member), sizeof(((struct dmn_config *)0)->member)
-#define BOOL(key, member, def, help) {key, DMN_BOOL, AT(member), def, 0, 0, "", NULL, help}
-#define INT(key, member, def, lo, hi, unit, help)                                                  \
-    {key, DMN_INT, AT(member), def, lo, hi, unit, NULL, help}
-#define REAL(key, member, def, lo, hi, unit, help)                                                 \
-    {key, DMN_REAL, AT(member), def, lo, hi, unit, NULL, help}
-#define TEXT(key, member, help) {key, DMN_TEXT, AT(member), "\"\"", 0, 0, "", NULL, help}
-#define CHOICE(key, member, def, choices, help)                                                    \
-    {key, DMN_CHOICE, AT(member), def, 0, 0, "", choices, help}
+#define BOOL(key, member, def, help)                         \
+    {                                                        \
+        key, DMN_BOOL, AT(member), def, 0, 0, "", NULL, help \
+    }
+#define INT(key, member, def, lo, hi, unit, help)               \
+    {                                                           \
+        key, DMN_INT, AT(member), def, lo, hi, unit, NULL, help \
+    }
+#define REAL(key, member, def, lo, hi, unit, help)               \
+    {                                                            \
+        key, DMN_REAL, AT(member), def, lo, hi, unit, NULL, help \
+    }
+#define TEXT(key, member, help)                                 \
+    {                                                           \
+        key, DMN_TEXT, AT(member), "\"\"", 0, 0, "", NULL, help \
+    }
+#define CHOICE(key, member, def, choices, help)                   \
+    {                                                             \
+        key, DMN_CHOICE, AT(member), def, 0, 0, "", choices, help \
+    }
 
 const struct dmn_option dmn_options[] = {
     TEXT("rig", rig, "Calibration file: cameras and reconstruction volume. Must be given."),
@@ -30,7 +42,8 @@ const struct dmn_option dmn_options[] = {
            "Colours that are reconstructed. auto = 1 for grey pixel formats, else 3."),
     INT("threads", threads, "0", 0, 256, "threads",
         "Threads that share the computing of a stage; 0 = one per processor."),
-    CHOICE("log_level", log_level, "info", "error|warn|info|debug", "Least important message shown."),
+    CHOICE("log_level", log_level, "info", "error|warn|info|debug",
+           "Least important message shown."),
 
     REAL("fps", fps, "20", 0.01, 10000, "Hz", "Nominal frame sets per second."),
     CHOICE("pixel_format", pixel_format, "auto",
@@ -38,9 +51,10 @@ const struct dmn_option dmn_options[] = {
            "Pixel format asked of the cameras; auto = what they are set to."),
     CHOICE("trigger", trigger, "free-run", "free-run|software",
            "Who starts an exposure: the camera, or one software trigger per period to all."),
-    BOOL("shared_clock", shared_clock, "false",
-         "The cameras' time stamps are the host's UTC already (PTP, simulated cameras), so no clock "
-         "is fitted."),
+    BOOL(
+        "shared_clock", shared_clock, "false",
+        "The cameras' time stamps are the host's UTC already (PTP, simulated cameras), so no clock "
+        "is fitted."),
     BOOL("lossless", lossless, "false",
          "Replay: wait instead of dropping, and take files as fast as they can be solved."),
     BOOL("loop", loop, "false", "Files start over at their end."),
@@ -68,8 +82,7 @@ const struct dmn_option dmn_options[] = {
 
     INT("binning", binning, "0", 0, 64, "pixels",
         "Raw pixels per side of a bin; 0 = chosen from the grid."),
-    INT("rays", rays, "0", 0, 16, "rays",
-        "Rays per side of a bin; 0 = 1 without binning, else 2."),
+    INT("rays", rays, "0", 0, 16, "rays", "Rays per side of a bin; 0 = 1 without binning, else 2."),
     TEXT("matrix_cache", cache,
          "File that keeps the system matrix; empty = under $PYROVOX_CACHE, $XDG_CACHE_HOME or "
          "~/.cache."),
@@ -78,11 +91,11 @@ const struct dmn_option dmn_options[] = {
     REAL("photometry.threshold", threshold, "-1", -1, 1, "full scale",
          "Pixels from here on are flame; negative = from the noise."),
     REAL("photometry.floor", floor, "0.004", 0, 1, "full scale", "Least automatic threshold."),
-    REAL("photometry.auto_k", auto_k, "4", 0, 100, "sigma",
-         "Automatic threshold over the noise."),
-    REAL("photometry.saturation", saturation, "-1", -1, 1000, "full scale",
-         "Pixels from here on are saturated and do not count; negative = 0.998, or off for files of "
-         "floating-point numbers; 0 = off."),
+    REAL("photometry.auto_k", auto_k, "4", 0, 100, "sigma", "Automatic threshold over the noise."),
+    REAL(
+        "photometry.saturation", saturation, "-1", -1, 1000, "full scale",
+        "Pixels from here on are saturated and do not count; negative = 0.998, or off for files of "
+        "floating-point numbers; 0 = off."),
     INT("photometry.margin", margin, "0", 0, 100, "bins",
         "Silhouettes are grown by it to cover calibration error."),
     BOOL("photometry.despeckle", despeckle, "true",
@@ -98,10 +111,11 @@ const struct dmn_option dmn_options[] = {
         "Most iterations; 0 = the method's default."),
     REAL("solver.lambda", lambda, "-1", -1, 1e6, "", "Weight of smoothness; negative = automatic."),
     CHOICE("solver.stop", stop, "auto", "auto|lcurve|discrepancy|iterations", "When to stop."),
-    REAL("solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
-         "The solver returns its best result by this time after the last frame came; negative = "
-         "what keeps up with the cameras, and longer only while that does not give a solution (none "
-         "when lossless); 0 = none."),
+    REAL(
+        "solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
+        "The solver returns its best result by this time after the last frame came; negative = "
+        "what keeps up with the cameras, and longer only while that does not give a solution (none "
+        "when lossless); 0 = none."),
     CHOICE("solver.warm_start", warm_start, "auto", "auto|on|off",
            "Start from the volume before. auto = live only, so that in a replay no set depends on "
            "another."),

@@ -9,26 +9,34 @@
 #include <stddef.h>
 
 enum dmn_type {
-    DMN_BOOL,    /* int */
-    DMN_INT,     /* int64_t in [min,max] */
-    DMN_REAL,    /* double in [min,max] */
-    DMN_TEXT,    /* char[size] */
-    DMN_CHOICE,  /* int: index into `choices` */
-    DMN_INTS,    /* struct dmn_ints, each in [min,max] */
-    DMN_TEXTS,   /* struct dmn_texts */
-    DMN_PAIRS,   /* struct dmn_pairs: a mapping of words to words */
-    DMN_CAMERAS  /* struct dmn_pairs: a mapping, or one pattern for all (key "") */
+    DMN_BOOL,   /* int */
+    DMN_INT,    /* int64_t in [min,max] */
+    DMN_REAL,   /* double in [min,max] */
+    DMN_TEXT,   /* char[size] */
+    DMN_CHOICE, /* int: index into `choices` */
+    DMN_INTS,   /* struct dmn_ints, each in [min,max] */
+    DMN_TEXTS,  /* struct dmn_texts */
+    DMN_PAIRS,  /* struct dmn_pairs: a mapping of words to words */
+    DMN_CAMERAS /* struct dmn_pairs: a mapping, or one pattern for all (key "") */
 };
 
-#define DMN_WORD_MAX 256
+#define DMN_WORD_MAX  256
 #define DMN_PAIRS_MAX 64
 #define DMN_TEXTS_MAX 8
 
-struct dmn_ints { size_t n; long long v[3]; };
-struct dmn_texts { size_t n; char v[DMN_TEXTS_MAX][DMN_WORD_MAX]; };
+struct dmn_ints {
+    size_t n;
+    long long v[3];
+};
+struct dmn_texts {
+    size_t n;
+    char v[DMN_TEXTS_MAX][DMN_WORD_MAX];
+};
 struct dmn_pairs {
     size_t n;
-    struct { char key[64], value[DMN_WORD_MAX]; } item[DMN_PAIRS_MAX];
+    struct {
+        char key[64], value[DMN_WORD_MAX];
+    } item[DMN_PAIRS_MAX];
 };
 
 struct dmn_option {

@@ -19,11 +19,11 @@
 #include "daemon/stage.h"
 #include "proto/pub.h"
 
-#define BANDS           4 /* an image is binned in so many pieces */
+#define BANDS              4 /* an image is binned in so many pieces */
 #define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
-#define STATUS_EVERY_NS PVX_NS_PER_S
-#define ITERATIONS_FEW  2 /* fewer than that is not a solution, not even from a warm start */
-#define PATIENCE_MAX    8
+#define STATUS_EVERY_NS    PVX_NS_PER_S
+#define ITERATIONS_FEW     2 /* fewer than that is not a solution, not even from a warm start */
+#define PATIENCE_MAX       8
 
 enum { CARVE, SOLVE, PUBLISH }; /* indices of the stages */
 static const char *const stage_names[DMN_N_STAGES] = {"carve", "solve", "publish"};

@@ -8,9 +8,15 @@
 #include "capture/imgio.h"
 #include "recon/render.h"
 
-const struct dmn_strip_params dmn_strip_defaults = {.deg0 = 0, .deg1 = 120, .views = 5, .width = 240,
-                                                    .height = 320, .elevation_deg = 5, .sub = 2,
-                                                    .exposure = 0, .gamma = 2.2};
+const struct dmn_strip_params dmn_strip_defaults = {.deg0 = 0,
+                                                    .deg1 = 120,
+                                                    .views = 5,
+                                                    .width = 240,
+                                                    .height = 320,
+                                                    .elevation_deg = 5,
+                                                    .sub = 2,
+                                                    .exposure = 0,
+                                                    .gamma = 2.2};
 
 /* Box around the voxels above 2 % of the brightest; the whole grid when all are dark. */
 static struct rec_grid lit_box(const struct rec_grid *g, const float *dense, int nch)

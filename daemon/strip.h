@@ -6,13 +6,13 @@
 #include "recon/grid.h"
 
 struct dmn_strip_params {
-    double deg0, deg1;    /* first and last turntable angle */
-    int views;            /* 1..64 */
+    double deg0, deg1;     /* first and last turntable angle */
+    int views;             /* 1..64 */
     int32_t width, height; /* px of one view */
     double elevation_deg;
-    int sub;              /* rays per pixel side */
-    double exposure;      /* factor; 0 = so that the 99.8th percentile of the lit pixels is 1 */
-    double gamma;         /* 2.2 for looking at, 1 = linear (.png only) */
+    int sub;         /* rays per pixel side */
+    double exposure; /* factor; 0 = so that the 99.8th percentile of the lit pixels is 1 */
+    double gamma;    /* 2.2 for looking at, 1 = linear (.png only) */
 };
 extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
 

@@ -16,7 +16,7 @@ static inline uint16_t pvp_half_from_bits(uint32_t bits)
     uint32_t sign = bits >> 16 & 0x8000u, mag = bits & 0x7fffffffu;
     if (mag >= 0x477fe000u) /* 65504 */
         return (uint16_t)(sign | 0x7bffu);
-    if (mag < 0x38800000u) { /* below 2^-14: a subnormal half, in units of 2^-24 */
+    if (mag < 0x38800000u) {    /* below 2^-14: a subnormal half, in units of 2^-24 */
         if (mag <= 0x33000000u) /* 2^-25 and less; the tie goes to even, 0 */
             return (uint16_t)sign;
         uint32_t shift = 126 - (mag >> 23); /* 14..24: value = mant * 2^(e-150) = mant >> shift */

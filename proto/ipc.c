@@ -15,8 +15,8 @@
 
 struct pvp_ipc_claim {
     int fd;
-    char path[sizeof ((struct sockaddr_un *)0)->sun_path];
-    char lock[sizeof ((struct sockaddr_un *)0)->sun_path + sizeof ".lock"];
+    char path[sizeof((struct sockaddr_un *)0)->sun_path];
+    char lock[sizeof((struct sockaddr_un *)0)->sun_path + sizeof ".lock"];
 };
 
 static pvx_err busy(const char *endpoint, long pid, struct pvx_diag *d)
@@ -48,8 +48,8 @@ static pvx_err take_lock(struct pvp_ipc_claim *c, const char *endpoint, struct p
             return busy(endpoint, strtol(pid, NULL, 10), d);
         }
         struct stat mine, named;
-        if (fstat(c->fd, &mine) == 0 && stat(c->lock, &named) == 0 &&
-            mine.st_ino == named.st_ino && mine.st_dev == named.st_dev)
+        if (fstat(c->fd, &mine) == 0 && stat(c->lock, &named) == 0 && mine.st_ino == named.st_ino &&
+            mine.st_dev == named.st_dev)
             return PVX_OK;
         close(c->fd);
     }

@@ -9,7 +9,7 @@
 #include "base/mem.h"
 #include "proto/ipc.h"
 
-#define LINGER_MS 250
+#define LINGER_MS          250
 #define LINGER_LOSSLESS_MS 60000
 
 struct pvp_pub {
@@ -37,8 +37,10 @@ static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
     p->sequence++;
     while (zmq_send(p->socket, msg, len, p->lossless ? 0 : ZMQ_DONTWAIT) < 0) {
         if (errno == EAGAIN && p->lossless) {
-            LOG_W(PROTO, "a subscriber has read nothing for %d s: it is no longer waited for and "
-                  "will miss volumes", PVP_PUB_PATIENCE_S);
+            LOG_W(PROTO,
+                  "a subscriber has read nothing for %d s: it is no longer waited for and "
+                  "will miss volumes",
+                  PVP_PUB_PATIENCE_S);
             p->lossless = false;
             PVX_TRY(set_int(p->socket, ZMQ_XPUB_NODROP, 0));
         } else if (errno != EINTR) {
@@ -57,8 +59,7 @@ size_t pvp_pub_subscribers(pvp_pub *p)
         if (n > 0 && m[0] == 1) {
             p->subscribers++;
             p->start_due = 0; /* who has just come needs it now, not in a second */
-        }
-        else if (n > 0 && m[0] == 0 && p->subscribers > 0)
+        } else if (n > 0 && m[0] == 0 && p->subscribers > 0)
             p->subscribers--;
     }
     return p->subscribers;

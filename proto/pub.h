@@ -12,9 +12,10 @@ typedef struct pvp_pub pvp_pub;
 struct pvp_pub_params {
     const char *const *endpoints; /* "ipc:///run/pyrovox/volumes", "tcp://127.0.0.1:5555" */
     size_t n_endpoints;
-    int send_hwm;                 /* messages kept per slow subscriber, 0 = 8 */
-    enum pvp_sample sample; enum pvp_compress comp;
-    bool lossless;                /* wait for a slow subscriber, up to PVP_PUB_PATIENCE_S per message */
+    int send_hwm; /* messages kept per slow subscriber, 0 = 8 */
+    enum pvp_sample sample;
+    enum pvp_compress comp;
+    bool lossless; /* wait for a slow subscriber, up to PVP_PUB_PATIENCE_S per message */
 };
 #define PVP_PUB_PATIENCE_S 5
 /* Binds all endpoints and sends the first start.  Errors, diag filled: PVX_EBUSY (an endpoint is in
@@ -28,7 +29,7 @@ PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, ui
                                       const int32_t *index, const float *value, int stride,
                                       size_t *bytes);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
-void pvp_pub_tick(pvp_pub *p);  /* repeats start when a second has passed */
+void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
 /* Subscriptions that are open now; allocates nothing. */
 size_t pvp_pub_subscribers(pvp_pub *p);
 /* `reason` for people, cut to 63 bytes. */

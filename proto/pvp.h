@@ -17,10 +17,10 @@
 enum pvp_type { PVP_START = 100, PVP_VOLUME = 200, PVP_STATUS = 300, PVP_END = 400 };
 enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
 enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
-#define PVP_BRICK 8
-#define PVP_GRID_MAX 1024                /* voxels per side */
-#define PVP_STATUS_MAX ((size_t)1 << 20) /* bytes of a status text */
-#define PVP_REASON_MAX 64                /* bytes of an end reason, with the 0 */
+#define PVP_BRICK         8
+#define PVP_GRID_MAX      1024              /* voxels per side */
+#define PVP_STATUS_MAX    ((size_t)1 << 20) /* bytes of a status text */
+#define PVP_REASON_MAX    64                /* bytes of an end reason, with the 0 */
 #define PVP_VERSION_MAJOR 1
 #define PVP_VERSION_MINOR 0
 
@@ -40,15 +40,16 @@ struct pvp_grid {
 };
 struct pvp_start {
     struct pvp_grid grid;
-    uint64_t session;      /* differs between runs of the daemon */
+    uint64_t session; /* differs between runs of the daemon */
     uint64_t rig_hash;
     uint32_t n_cameras;
-    double fps;            /* nominal, 0 unknown */
-    char units[32];        /* "1/m" : linear pixel value per metre */
-    char software[32];     /* "pyrovoxd 0.1.0" */
+    double fps;        /* nominal, 0 unknown */
+    char units[32];    /* "1/m" : linear pixel value per metre */
+    char software[32]; /* "pyrovoxd 0.1.0" */
 };
 struct pvp_report {
-    uint32_t status;       /* as recon's rec_status: 0 converged 1 max-iter 2 deadline 3 stagnated 4 empty */
+    uint32_t
+        status; /* as recon's rec_status: 0 converged 1 max-iter 2 deadline 3 stagnated 4 empty */
     char solver[16];
     uint32_t iterations;
     double rel_residual;
@@ -57,11 +58,12 @@ struct pvp_report {
     int64_t photometry_ns, hull_ns, restrict_ns, solve_ns, total_ns;
 };
 struct pvp_volume {
-    uint64_t session, set; /* set: number of the frame set */
-    int64_t t_exposure_ns; /* host CLOCK_REALTIME (UTC) */
-    int64_t t_publish_ns;  /* same clock */
+    uint64_t session, set;         /* set: number of the frame set */
+    int64_t t_exposure_ns;         /* host CLOCK_REALTIME (UTC) */
+    int64_t t_publish_ns;          /* same clock */
     int64_t spread_ns, latency_ns; /* last frame received -> encoded */
-    uint32_t cameras_present; uint64_t camera_mask;
+    uint32_t cameras_present;
+    uint64_t camera_mask;
     struct pvp_grid grid;
     struct pvp_report report;
 };
@@ -97,13 +99,17 @@ struct pvp_header {
     uint64_t sequence;      /* counts all messages of the session */
     uint64_t type_sequence; /* counts the messages of this type in the session */
     uint64_t session;
-    size_t head, body;      /* bytes; the body starts at msg + head */
+    size_t head, body; /* bytes; the body starts at msg + head */
 };
 struct pvp_view { /* a volume message's bricks, borrowed from the message */
     struct pvp_volume v;
-    enum pvp_sample sample; enum pvp_compress comp;
+    enum pvp_sample sample;
+    enum pvp_compress comp;
     bool clamped;
-    uint32_t n_bricks; const uint8_t *ids; const uint8_t *payload; size_t payload_len;
+    uint32_t n_bricks;
+    const uint8_t *ids;
+    const uint8_t *payload;
+    size_t payload_len;
     size_t raw_len; /* bytes of the payload decompressed */
 };
 /* All of them: PVX_EFORMAT (not a message, cut short, a field outside its range), PVX_EVERSION (made

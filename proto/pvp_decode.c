@@ -198,13 +198,12 @@ pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, str
                         out->n_bricks, bricks);
     in.at = description;
     out->ids = get_bytes(&in, 4 * (size_t)out->n_bricks);
-    size_t want = (size_t)out->n_bricks * WIRE_CELLS * v->grid.channels *
-                  pvp_sample_size(out->sample);
+    size_t want =
+        (size_t)out->n_bricks * WIRE_CELLS * v->grid.channels * pvp_sample_size(out->sample);
     if (raw_len != want || stored > raw_len || (comp == PVP_RAW && stored != raw_len))
-        return pvx_fail(d, PVX_EFORMAT,
-                        "volume message: %u bricks are %zu bytes, it says %llu, stored as %llu",
-                        out->n_bricks, want, (unsigned long long)raw_len,
-                        (unsigned long long)stored);
+        return pvx_fail(
+            d, PVX_EFORMAT, "volume message: %u bricks are %zu bytes, it says %llu, stored as %llu",
+            out->n_bricks, want, (unsigned long long)raw_len, (unsigned long long)stored);
     out->raw_len = want;
     out->payload_len = (size_t)stored;
     out->payload = get_bytes(&in, out->payload_len);
@@ -268,8 +267,7 @@ static pvx_err decompress(struct pvp_decoder *dec, const struct pvp_view *v, con
     }
     if (v->comp == PVP_ZSTD && dec->zstd == NULL && (dec->zstd = ZSTD_createDCtx()) == NULL)
         return PVX_ENOMEM;
-    if (v->raw_len > 0 &&
-        !(v->comp == PVP_ZSTD ? decompress_zstd(dec, v) : decompress_lz4(dec, v)))
+    if (v->raw_len > 0 && !(v->comp == PVP_ZSTD ? decompress_zstd(dec, v) : decompress_lz4(dec, v)))
         return pvx_fail(d, PVX_ECORRUPT, "volume message: %zu bytes do not decompress to %zu",
                         v->payload_len, v->raw_len);
     *raw = dec->raw;

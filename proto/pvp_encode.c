@@ -15,13 +15,13 @@ struct pvp_encoder {
     enum pvp_compress comp;
     uint32_t nb[3], bricks;
     uint64_t session;
-    uint64_t sent[4];   /* messages so far by type: the type sequence */
-    uint8_t *msg;       /* the message under construction */
+    uint64_t sent[4]; /* messages so far by type: the type sequence */
+    uint8_t *msg;     /* the message under construction */
     size_t msg_size;
-    uint8_t *raw;       /* payload before compression; NULL when it is built in msg */
+    uint8_t *raw; /* payload before compression; NULL when it is built in msg */
     size_t raw_size;
-    uint64_t *marked;   /* bit per brick: has an active voxel; all 0 between calls */
-    uint32_t *slot;     /* place of a marked brick in the payload */
+    uint64_t *marked; /* bit per brick: has an active voxel; all 0 between calls */
+    uint32_t *slot;   /* place of a marked brick in the payload */
     void *lz4;
     ZSTD_CCtx *zstd;
 };
@@ -174,8 +174,7 @@ static inline uint32_t walk_to(struct walk *w, uint32_t index, uint32_t *cell)
 
 static struct walk walk_start(const struct pvp_encoder *e)
 {
-    return (struct walk){
-        .nx = e->grid.n[0], .ny = e->grid.n[1], .nbx = e->nb[0], .nby = e->nb[1]};
+    return (struct walk){.nx = e->grid.n[0], .ny = e->grid.n[1], .nbx = e->nb[0], .nby = e->nb[1]};
 }
 
 static bool same_grid(const struct pvp_grid *a, const struct pvp_grid *b)

@@ -18,8 +18,8 @@ size_t pvp_grid_count(const struct pvp_grid *g)
 bool pvp_grid_valid(const struct pvp_grid *g)
 {
     for (int a = 0; a < 3; a++)
-        if (g->n[a] < 1 || g->n[a] > PVP_GRID_MAX || !isfinite(g->min[a]) ||
-            !isfinite(g->max[a]) || !(g->min[a] < g->max[a]))
+        if (g->n[a] < 1 || g->n[a] > PVP_GRID_MAX || !isfinite(g->min[a]) || !isfinite(g->max[a]) ||
+            !(g->min[a] < g->max[a]))
             return false;
     return g->basis <= 1 && (g->channels == 1 || g->channels == 3);
 }

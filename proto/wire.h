@@ -9,11 +9,11 @@
 #include <stdint.h>
 #include <string.h>
 
-#define WIRE_HEADER 48u
-#define WIRE_START 152u
-#define WIRE_VOLUME 248u /* the description, before brick ids and payload */
-#define WIRE_END 64u
-#define WIRE_CELLS 512u  /* voxels of a brick */
+#define WIRE_HEADER     48u
+#define WIRE_START      152u
+#define WIRE_VOLUME     248u /* the description, before brick ids and payload */
+#define WIRE_END        64u
+#define WIRE_CELLS      512u /* voxels of a brick */
 #define WIRE_FLAGS_MUST 0xffff0000u
 
 static inline void wire_store16(uint8_t *p, uint32_t v)

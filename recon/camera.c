@@ -41,8 +41,13 @@ static bool positive_up_to(const double *a, int n, double t)
     if (low > 0)
         return true;
     static const double binom[7][7] = {
-        {1},          {1, 1},           {1, 2, 1},           {1, 3, 3, 1},
-        {1, 4, 6, 4, 1}, {1, 5, 10, 10, 5, 1}, {1, 6, 15, 20, 15, 6, 1},
+        {1},
+        {1, 1},
+        {1, 2, 1},
+        {1, 3, 3, 1},
+        {1, 4, 6, 4, 1},
+        {1, 5, 10, 10, 5, 1},
+        {1, 6, 15, 20, 15, 6, 1},
     };
     double s[7], b[8];
     p = 1;
@@ -189,8 +194,8 @@ static bool radially_beyond(const struct rec_camera *c, double r, double rd)
 {
     const double *k = c->dist;
     double t = r * r;
-    double s = (1 + t * (k[K1] + t * (k[K2] + t * k[K3]))) /
-               (1 + t * (k[K4] + t * (k[K5] + t * k[K6])));
+    double s =
+        (1 + t * (k[K1] + t * (k[K2] + t * k[K3]))) / (1 + t * (k[K4] + t * (k[K5] + t * k[K6])));
     return r * s >= rd || !before_fold(c, t);
 }
 
@@ -213,8 +218,7 @@ static double radial_inverse(const struct rec_camera *c, double rd)
     return lo;
 }
 
-bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3],
-                    double dir[3])
+bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
 {
     double want[2] = {(u - c->cx) / c->fx, (v - c->cy) / c->fy};
     if (!isfinite(want[0]) || !isfinite(want[1]))

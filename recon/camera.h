@@ -15,12 +15,12 @@
 
 struct rec_camera {
     char name[REC_NAME_MAX];
-    int32_t width, height;   /* px */
-    double fx, fy, cx, cy;   /* px */
-    double dist[8];          /* k1 k2 p1 p2 k3 k4 k5 k6; unused ones are 0 */
-    double R[9];             /* world -> camera, row major */
-    double t[3];             /* m */
-    float gain[3];           /* photometric scale per channel; 1 by default */
+    int32_t width, height; /* px */
+    double fx, fy, cx, cy; /* px */
+    double dist[8];        /* k1 k2 p1 p2 k3 k4 k5 k6; unused ones are 0 */
+    double R[9];           /* world -> camera, row major */
+    double t[3];           /* m */
+    float gain[3];         /* photometric scale per channel; 1 by default */
 };
 
 /* World point [m] -> pixel by (1)-(4); false when it is not in front of the camera (Z <= 0) or so

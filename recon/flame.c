@@ -4,7 +4,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-#define PI 3.14159265358979323846
+#define PI  3.14159265358979323846
 #define CUT 5.0 /* sigmas */
 
 static double clamp(double x, double lo, double hi)
@@ -287,7 +287,7 @@ static bool see_blob(const struct rec_blob *b, const struct rec_camera *c, const
  * bits.  Branch-free so that the loop below is vectorised. */
 static inline float exp_half(float q)
 {
-    float t = q * -0.72134752f; /* -log2(e)/2 */
+    float t = q * -0.72134752f;                /* -log2(e)/2 */
     float n = (t + 12582912.0f) - 12582912.0f; /* nearest integer: 1.5 * 2^23 */
     float f = t - n;
     float p = 1.5403530e-4f;

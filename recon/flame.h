@@ -21,8 +21,13 @@
 #include "recon/grid.h"
 
 #define REC_FLAME_MAX_BLOBS 64
-struct rec_blob { double m[3], s[3], a[3]; }; /* centre m, sigma m, amplitude per channel 1/m */
-struct rec_flame_pose { int n; struct rec_blob blob[REC_FLAME_MAX_BLOBS]; };
+struct rec_blob {
+    double m[3], s[3], a[3];
+}; /* centre m, sigma m, amplitude per channel 1/m */
+struct rec_flame_pose {
+    int n;
+    struct rec_blob blob[REC_FLAME_MAX_BLOBS];
+};
 
 struct rec_flame {
     double period_s; /* default 2.0 */

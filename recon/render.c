@@ -60,7 +60,12 @@ pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
 {
     if (nch < 1 || nch > 3 || sub < 1 || sub > REC_RENDER_SUB_MAX)
         return PVX_EINVAL;
-    struct view v = {.g = g, .dense = dense, .nch = nch, .sub = sub, .c = c, .image = image,
+    struct view v = {.g = g,
+                     .dense = dense,
+                     .nch = nch,
+                     .sub = sub,
+                     .c = c,
+                     .image = image,
                      .max = rec_traverse_max(g)};
     v.index = pvx_calloc(v.max * TASKS, sizeof *v.index);
     v.value = pvx_calloc(v.max * TASKS, sizeof *v.value);
@@ -83,8 +88,8 @@ static void place(const struct rec_grid *g, double angle, double elevation, stru
     }
     double distance = 4 * sqrt(reach), ce = cos(elevation), se = sin(elevation);
     double ca = cos(angle), sa = sin(angle);
-    double R[9] = {-sa,      ca,       0,   /* right */
-                   se * ca,  se * sa,  -ce, /* down */
+    double R[9] = {-sa,      ca,       0,    /* right */
+                   se * ca,  se * sa,  -ce,  /* down */
                    -ce * ca, -ce * sa, -se}; /* forward */
     memcpy(out->R, R, sizeof R);
     for (int r = 0; r < 3; r++)
@@ -96,8 +101,8 @@ void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, 
                       int32_t h, struct rec_camera *out)
 {
     elevation = fmax(-1.5, fmin(1.5, elevation));
-    *out = (struct rec_camera){.width = w, .height = h, .cx = (w - 1) / 2.0, .cy = (h - 1) / 2.0,
-                               .gain = {1, 1, 1}};
+    *out = (struct rec_camera){
+        .width = w, .height = h, .cx = (w - 1) / 2.0, .cy = (h - 1) / 2.0, .gain = {1, 1, 1}};
     snprintf(out->name, sizeof out->name, "orbit");
     double f = INFINITY; /* the largest that keeps every corner in the image all the way round */
     for (int turn = 0; turn < 64; turn++) {

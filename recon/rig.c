@@ -11,7 +11,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 
-#define MAX_FILE (4u << 20)
+#define MAX_FILE  (4u << 20)
 #define MAX_COORD 1e6 /* m; keeps every product of coordinates far from overflow */
 
 /* ---- reading ---------------------------------------------------------------------------------- */
@@ -77,7 +77,7 @@ static pvx_err read_volume(const struct reader *r, int root, struct rec_grid *g)
         if (!(g->max[a] - g->min[a] >= 1e-9))
             return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, v, "max"), "volume.max", PVX_EINVAL, r->d,
                                  "the volume is empty along %c: max %g is not above min %g",
-                                 "xyz"[a], g->max[a], g->min[a]);
+                                 "xyz"[a], g -> max[a], g -> min[a]);
     g->basis = REC_BOX;
     if ((basis = pvx_yaml_get(r->y, v, "basis")) != 0) {
         const char *t = pvx_yaml_text(r->y, basis);
@@ -159,8 +159,8 @@ static pvx_err read_lens(const struct reader *r, int m, const char *path, struct
                                  n);
         for (size_t i = 0; i < n; i++)
             if (fabs(c->dist[i]) > 1e6)
-                return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d,
-                                     "%g is outside -1e6..1e6", c->dist[i]);
+                return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d, "%g is outside -1e6..1e6",
+                                     c->dist[i]);
     }
     return PVX_OK;
 }
@@ -484,8 +484,8 @@ pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxe
     if (out->cameras == NULL)
         return PVX_ENOMEM;
     out->n_cameras = n;
-    out->grid = (struct rec_grid){{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {voxels, voxels, voxels},
-                                  REC_BOX};
+    out->grid =
+        (struct rec_grid){{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {voxels, voxels, voxels}, REC_BOX};
     double worst = 0;
     for (size_t i = 0; i < n; i++) {
         struct rec_camera *c = &out->cameras[i];

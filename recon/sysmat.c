@@ -59,10 +59,11 @@ pvx_err rec_sysmat_resolve(const struct rec_rig *rig, const struct rec_sysmat_pa
             b *= 2;
     } else if (!divides_all(rig, b, &bad)) {
         const struct rec_camera *c = &rig->cameras[bad];
-        return pvx_fail(d, PVX_EINVAL,
-                        "binning %d does not divide the %d x %d image of camera %s; choose one that "
-                        "does, or auto",
-                        b, c->width, c->height, c->name);
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "binning %d does not divide the %d x %d image of camera %s; choose one that "
+            "does, or auto",
+            b, c->width, c->height, c->name);
     }
     if (k == 0)
         k = b == 1 ? 1 : 2;

@@ -37,10 +37,13 @@ extern const struct rec_sysmat_params rec_sysmat_defaults; /* {0, 0} */
 struct rec_rect {
     uint16_t x0, y0, x1, y1; /* bins, inclusive; x0 > x1 = not seen by this camera */
 };
-static inline bool rec_rect_seen(struct rec_rect r) { return r.x0 <= r.x1; }
+static inline bool rec_rect_seen(struct rec_rect r)
+{
+    return r.x0 <= r.x1;
+}
 
 struct rec_sysmat_block {
-    int32_t bw, bh;            /* bins across and down; rows = bw*bh, row = y*bw + x */
+    int32_t bw, bh; /* bins across and down; rows = bw*bh, row = y*bw + x */
     uint64_t nnz;
     const uint32_t *colptr;    /* [N+1] */
     const uint32_t *row;       /* [nnz] 0..bw*bh-1 */

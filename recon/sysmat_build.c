@@ -18,10 +18,10 @@
 #include "recon/sysmat_priv.h"
 #include "recon/traverse.h"
 
-#define CHUNK 65536                      /* columns per task while summing */
-#define COUNTS_MAX ((size_t)512 << 20)   /* bytes of band counters at most */
-#define RAYS_MAX ((size_t)256 << 20)     /* bytes of ray directions kept between the two walks */
-#define HUGE_PAGE ((size_t)2 << 20)
+#define CHUNK      65536               /* columns per task while summing */
+#define COUNTS_MAX ((size_t)512 << 20) /* bytes of band counters at most */
+#define RAYS_MAX   ((size_t)256 << 20) /* bytes of ray directions kept between the two walks */
+#define HUGE_PAGE  ((size_t)2 << 20)
 
 /* What one running task needs; there are as many as threads. */
 struct scratch {
@@ -33,7 +33,7 @@ struct scratch {
         int32_t index;
         uint32_t epoch;
         double sum;
-    } *slot;
+    } * slot;
     uint32_t *order; /* slots in the order of their first ray */
     uint32_t epoch;
 };
@@ -51,11 +51,11 @@ struct build {
     const struct rec_camera *c;
     int32_t bw, bh;
     size_t bands, max_bands;
-    uint32_t *at;      /* [bands][N] counts, then the next free place */
-    uint64_t *chunk;   /* entries of CHUNK columns, then of all before them */
-    double (*ray)[3];  /* directions of all rays of the camera, or NULL: unprojected twice */
+    uint32_t *at;     /* [bands][N] counts, then the next free place */
+    uint64_t *chunk;  /* entries of CHUNK columns, then of all before them */
+    double (*ray)[3]; /* directions of all rays of the camera, or NULL: unprojected twice */
     uint32_t *colptr;
-    uint32_t *row;     /* NULL while counting */
+    uint32_t *row; /* NULL while counting */
     float *val;
     /* progress */
     pthread_t caller;
@@ -380,8 +380,12 @@ pvx_err rec_sysmat_build(const struct rec_rig *rig, const struct rec_sysmat_para
                          struct pvx_diag *d)
 {
     struct rec_sysmat_params r;
-    struct build b = {.rig = rig, .N = rec_grid_count(&rig->grid), .caller = pthread_self(),
-                      .progress = progress, .ctx = ctx, .n_scratch = pvx_pool_threads(pool)};
+    struct build b = {.rig = rig,
+                      .N = rec_grid_count(&rig->grid),
+                      .caller = pthread_self(),
+                      .progress = progress,
+                      .ctx = ctx,
+                      .n_scratch = pvx_pool_threads(pool)};
     *out = NULL;
     PVX_TRY(rec_sysmat_resolve(rig, p, &r, d));
     PVX_TRY(rec_sysmat_alloc(rig->n_cameras, &b.m));

@@ -10,7 +10,9 @@
 /* Folder for caches, by the first variable that is set; NULL when none is. */
 static bool cache_dir(char *out, size_t size)
 {
-    static const struct { const char *env, *below; } places[] = {
+    static const struct {
+        const char *env, *below;
+    } places[] = {
         {"PYROVOX_CACHE", ""}, {"XDG_CACHE_HOME", "/pyrovox"}, {"HOME", "/.cache/pyrovox"}};
     for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
         const char *v = getenv(places[i].env);

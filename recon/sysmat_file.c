@@ -33,11 +33,11 @@
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "mapped files are little-endian arrays");
 _Static_assert(sizeof(struct rec_rect) == 8 && sizeof(float) == 4, "as the file has them");
 
-#define MAGIC "PVXMATRX"
-#define VERSION 1u
-#define HEADER 128u
-#define ROW 112u
-#define HASH_AT 120u
+#define MAGIC      "PVXMATRX"
+#define VERSION    1u
+#define HEADER     128u
+#define ROW        112u
+#define HASH_AT    120u
 #define HEADER_MAX (HEADER + ROW * REC_MAX_CAMERAS)
 
 static const char *const section_name[4] = {"column starts", "rows", "values", "footprints"};
@@ -53,8 +53,14 @@ static void put(struct cursor *c, const void *v, size_t n)
     memcpy(c->p, v, n);
     c->p += n;
 }
-static void put_u32(struct cursor *c, uint32_t v) { put(c, &v, 4); }
-static void put_u64(struct cursor *c, uint64_t v) { put(c, &v, 8); }
+static void put_u32(struct cursor *c, uint32_t v)
+{
+    put(c, &v, 4);
+}
+static void put_u64(struct cursor *c, uint64_t v)
+{
+    put(c, &v, 8);
+}
 
 static void get(struct cursor *c, void *v, size_t n)
 {
@@ -155,8 +161,7 @@ static pvx_err fail_errno(struct pvx_diag *d, const char *path, const char *what
     return pvx_fail(d, pvx_err_from_errno(en), "%s: %s: %s", path, what, strerror(en));
 }
 
-static pvx_err write_all(int fd, const void *data, uint64_t n, const char *path,
-                         struct pvx_diag *d)
+static pvx_err write_all(int fd, const void *data, uint64_t n, const char *path, struct pvx_diag *d)
 {
     const uint8_t *p = data;
     while (n > 0) {
@@ -244,8 +249,8 @@ static pvx_err corrupt_camera(const struct loader *l, size_t camera, const char 
 static bool grid_ok(const struct rec_grid *g)
 {
     for (int a = 0; a < 3; a++)
-        if (g->n[a] < 1 || g->n[a] > REC_GRID_MAX || !isfinite(g->min[a]) ||
-            !isfinite(g->max[a]) || !(g->max[a] > g->min[a]))
+        if (g->n[a] < 1 || g->n[a] > REC_GRID_MAX || !isfinite(g->min[a]) || !isfinite(g->max[a]) ||
+            !(g->max[a] > g->min[a]))
             return false;
     return g->basis == REC_BOX || g->basis == REC_TRILINEAR;
 }
@@ -260,9 +265,8 @@ static pvx_err read_header(const struct loader *l, uint64_t key, rec_sysmat **ou
     struct cursor c = {l->base + 8};
     uint32_t version = get_u32(&c);
     if (version != VERSION)
-        return pvx_fail(l->d, PVX_EVERSION,
-                        "%s: matrix format %u, this program reads %u; " REMEDY, l->path, version,
-                        VERSION);
+        return pvx_fail(l->d, PVX_EVERSION, "%s: matrix format %u, this program reads %u; " REMEDY,
+                        l->path, version, VERSION);
     uint32_t head = get_u32(&c);
     c.p = l->base + 112;
     uint32_t cameras = get_u32(&c);

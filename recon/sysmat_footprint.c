@@ -176,8 +176,7 @@ static void slab(void *ctx, size_t task)
 }
 
 pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
-                              const struct rec_sysmat_block *b, pvx_pool *pool,
-                              struct rec_rect *fp)
+                              const struct rec_sysmat_block *b, pvx_pool *pool, struct rec_rect *fp)
 {
     int32_t span = m->grid.basis == REC_TRILINEAR ? 2 : 1;
     struct job j = {m, c, b, fp, span, m->grid.n[0] + span, m->grid.n[1] + span, false};

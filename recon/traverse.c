@@ -59,7 +59,8 @@ static bool start(const struct rec_grid *g, int32_t extra, const double origin[3
         big = fabs(dir[a]) > big ? fabs(dir[a]) : big;
     if (!(big > 0))
         return false;
-    if (big < 1e-3 || big > 1e3) { /* bring it near 1, so that squares neither over- nor underflow */
+    if (big < 1e-3 ||
+        big > 1e3) { /* bring it near 1, so that squares neither over- nor underflow */
         int exponent;
         frexp(big, &exponent);
         for (int a = 0; a < 3; a++)
@@ -162,8 +163,9 @@ static size_t walk_box(const struct rec_grid *g, const double origin[3], const d
  * a corner's number: 0 = the side that the ray leaves behind along axis a, 1 = the side ahead. */
 struct corners {
     double sum[8];
-    int32_t plane[3]; /* lattice plane (= centre) of side 0, in the ray's order; 1..n are in the grid */
-    int32_t index;    /* grid index of corner 0, meaningful for corners in the grid only */
+    int32_t
+        plane[3]; /* lattice plane (= centre) of side 0, in the ray's order; 1..n are in the grid */
+    int32_t index; /* grid index of corner 0, meaningful for corners in the grid only */
     int32_t step[3], n[3];
 };
 

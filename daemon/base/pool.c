@@ -42,7 +42,8 @@ static void unlink_loop(pvx_pool *p, struct loop *l)
 {
     for (struct loop **q = &p->list; *q != NULL; q = &(*q)->next)
         if (*q == l) {
-            __atomic_store_n(q, l->next, __ATOMIC_RELAXED); /* spin_for_work looks without the lock */
+            __atomic_store_n(q, l->next,
+                             __ATOMIC_RELAXED); /* spin_for_work looks without the lock */
             return;
         }
 }

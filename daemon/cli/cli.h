@@ -23,7 +23,11 @@ int cli_error(const struct pvx_diag *d, pvx_err e);
 
 /* Progress bar on stderr when it is a terminal, else a line every 10 %.  As rec_progress_fn: ctx is
  * a struct cli_progress; returns false once cli_stop is set. */
-struct cli_progress { const char *label; double last; long long t0; };
+struct cli_progress {
+    const char *label;
+    double last;
+    long long t0;
+};
 bool cli_progress(void *ctx, double done);
 
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,

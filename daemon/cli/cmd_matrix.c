@@ -37,8 +37,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 
 static const char doc[] =
     "Build the system matrix of a rig, or verify one.\n\n"
-    "The matrix says how much every voxel adds to every pixel.  It depends on the rig alone, so it is "
-    "built once and cached, in $PYROVOX_CACHE, else $XDG_CACHE_HOME/pyrovox, else ~/.cache/pyrovox; "
+    "The matrix says how much every voxel adds to every pixel.  It depends on the rig alone, so it "
+    "is "
+    "built once and cached, in $PYROVOX_CACHE, else $XDG_CACHE_HOME/pyrovox, else "
+    "~/.cache/pyrovox; "
     "every other command finds it there.  Building it beforehand shows its size and time."
     "\vExamples:\n"
     "  pyrovox matrix --rig rig.yaml\n"
@@ -175,5 +177,5 @@ static int run(int argc, char **argv)
     return rc;
 }
 
-const struct cli_command cmd_matrix = {
-    "matrix", "build, cache or verify the system matrix of a rig", run};
+const struct cli_command cmd_matrix = {"matrix",
+                                       "build, cache or verify the system matrix of a rig", run};

@@ -79,7 +79,8 @@ static const struct argp_option option_table[] = {
     {"threshold", OPT_THRESHOLD, "X|auto", 0, "flame is >= X of full scale (auto: from the noise)",
      3},
     {"black", OPT_BLACK, "X", 0, "black level, share of full scale (default 0)", 3},
-    {"margin", OPT_MARGIN, "N", 0, "grow silhouettes by N bins, for calibration error (default 0)", 3},
+    {"margin", OPT_MARGIN, "N", 0, "grow silhouettes by N bins, for calibration error (default 0)",
+     3},
     {"min-views", OPT_MIN_VIEWS, "N", 0, "cameras that must see a voxel (default 2)", 3},
     {"strict-hull", OPT_STRICT, NULL, 0, "drop voxels that are only partly inside", 3},
     {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 3},
@@ -188,7 +189,7 @@ struct slot {
     rec_frame *frame;
     size_t index; /* into the framedir */
     uint32_t present;
-    bool failed; /* a file could not be used: named in `problem` */
+    bool failed;             /* a file could not be used: named in `problem` */
     struct pvx_diag problem; /* the first */
     bool have[REC_MAX_CAMERAS];
     int64_t bin_ns;
@@ -388,7 +389,8 @@ static pvx_err set_background(struct job *j, struct pvx_diag *d)
     for (size_t c = 0; c < j->rig.n_cameras; c++) {
         char path[4300] = "";
         for (size_t i = 0; i < sizeof ext / sizeof ext[0]; i++) {
-            snprintf(path, sizeof path, "%s/%s.%s", j->o->background, j->rig.cameras[c].name, ext[i]);
+            snprintf(path, sizeof path, "%s/%s.%s", j->o->background, j->rig.cameras[c].name,
+                     ext[i]);
             if (access(path, F_OK) == 0)
                 break;
         }

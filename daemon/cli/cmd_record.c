@@ -21,15 +21,15 @@
 struct record {
     const char *endpoint, *out;
     char default_out[64];
-    int64_t volumes;  /* stop after so many; 0 = no limit */
-    double seconds;   /* after the first volume; 0 = no limit */
+    int64_t volumes; /* stop after so many; 0 = no limit */
+    double seconds;  /* after the first volume; 0 = no limit */
     int quiet;
     /* running */
     pvp_sub *sub;
     pvp_decoder *decoder;
     float *dense;
     size_t dense_count;
-    char dir[1024];   /* where this session's volumes go */
+    char dir[1024]; /* where this session's volumes go */
     uint64_t session, written, unreadable, bytes;
     int64_t begun, told; /* mono: first volume, last status line */
     uint64_t told_written;
@@ -217,8 +217,10 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
         if (r->in_session)
             tell(r);
         else if (!r->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
-            fprintf(stderr, "waiting for a daemon at %s (`pyrovox status` tells if one runs); "
-                    "Ctrl-C stops\n", r->endpoint);
+            fprintf(stderr,
+                    "waiting for a daemon at %s (`pyrovox status` tells if one runs); "
+                    "Ctrl-C stops\n",
+                    r->endpoint);
             r->told_waiting = true;
         }
     }
@@ -232,8 +234,10 @@ static void conclude(const struct record *r)
     if (isatty(STDERR_FILENO) && r->in_session && !r->quiet)
         fputc('\n', stderr);
     if (st.lost > 0)
-        fprintf(stderr, "pyrovox: %llu messages were lost on the way: this disk or this machine is "
-                "too slow for the daemon's rate\n", (unsigned long long)st.lost);
+        fprintf(stderr,
+                "pyrovox: %llu messages were lost on the way: this disk or this machine is "
+                "too slow for the daemon's rate\n",
+                (unsigned long long)st.lost);
     if (st.malformed + r->unreadable > 0)
         fprintf(stderr, "pyrovox: %llu messages could not be read (another wire version?)\n",
                 (unsigned long long)(st.malformed + r->unreadable));

@@ -21,8 +21,18 @@ struct args {
     unsigned threads;
 };
 
-enum { OPT_RIG = 0x100, OPT_CAMERA, OPT_ORBIT, OPT_STRIP, OPT_SIZE, OPT_SUB, OPT_GAMMA,
-       OPT_EXPOSURE, OPT_ELEVATION, OPT_THREADS };
+enum {
+    OPT_RIG = 0x100,
+    OPT_CAMERA,
+    OPT_ORBIT,
+    OPT_STRIP,
+    OPT_SIZE,
+    OPT_SUB,
+    OPT_GAMMA,
+    OPT_EXPOSURE,
+    OPT_ELEVATION,
+    OPT_THREADS
+};
 
 static const struct argp_option options[] = {
     {"rig", OPT_RIG, "FILE", 0, "rig.yaml that has the camera (and the box of a bare .npy)", 0},
@@ -39,7 +49,8 @@ static const struct argp_option options[] = {
     {0},
 };
 
-static double number(struct argp_state *state, const char *what, const char *s, double lo, double hi)
+static double number(struct argp_state *state, const char *what, const char *s, double lo,
+                     double hi)
 {
     double v = lo;
     if (pvx_parse_double(s, lo, hi, &v) != PVX_OK)
@@ -77,7 +88,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_STRIP:
         if (split(arg, ',', v, 3) != 3 || v[2] < 1 || v[2] > 64 || v[2] != floor(v[2]))
-            argp_error(state, "--strip %s: should be A0,A1,N: degrees, degrees, 1 to 64 views", arg);
+            argp_error(state, "--strip %s: should be A0,A1,N: degrees, degrees, 1 to 64 views",
+                       arg);
         a->orbit = true;
         a->view.deg0 = v[0];
         a->view.deg1 = v[1];
@@ -90,7 +102,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         a->view.height = (int32_t)v[1];
         a->size_given = 1;
         return 0;
-    case OPT_ELEVATION: a->view.elevation_deg = number(state, "--elevation", arg, -85, 85); return 0;
+    case OPT_ELEVATION:
+        a->view.elevation_deg = number(state, "--elevation", arg, -85, 85);
+        return 0;
     case OPT_SUB: a->view.sub = (int)number(state, "--sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
     case OPT_EXPOSURE:
         a->view.exposure =
@@ -121,13 +135,18 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 }
 
 static const struct argp parser = {
-    options, parse, "VOL.npy OUT.(png|npy)",
+    options,
+    parse,
+    "VOL.npy OUT.(png|npy)",
     "Render a view of a reconstructed volume by direct forward projection.\v"
-    "Box and basis come from the .json beside the .npy, else from the rig.  A .npy image is float32 "
+    "Box and basis come from the .json beside the .npy, else from the rig.  A .npy image is "
+    "float32 "
     "[h][w][channels], unclipped, in the units of the input images; a .png is clipped to 0..1.\n\n"
     "  pyrovox render --rig rig.yaml --camera cam7 out/000000.npy cam7.npy\n"
     "  pyrovox render --strip 0,120,5 out/000000.npy turn.png\n",
-    NULL, NULL, NULL};
+    NULL,
+    NULL,
+    NULL};
 
 /* One camera of the rig. */
 static pvx_err view_of_camera(const struct args *a, const struct rec_rig *rig,
@@ -191,4 +210,5 @@ static int run(int argc, char **argv)
     return e == PVX_OK ? 0 : cli_error(&d, e);
 }
 
-const struct cli_command cmd_render = {"render", "view of a volume from a camera or a turntable", run};
+const struct cli_command cmd_render = {"render", "view of a volume from a camera or a turntable",
+                                       run};

@@ -13,14 +13,17 @@
 #include "recon/sysmat.h"
 
 struct opt_rig {
-    const char *path;                 /* --rig; NULL when not given */
-    const char *cameras;              /* NULL = all */
-    int32_t grid[3];                  /* 0 = as the rig says */
-    int basis;                        /* enum rec_basis, or -1 = as the rig says */
-    struct rec_sysmat_params matrix;  /* 0 = auto */
-    unsigned threads;                 /* 0 = one per CPU */
+    const char *path;                /* --rig; NULL when not given */
+    const char *cameras;             /* NULL = all */
+    int32_t grid[3];                 /* 0 = as the rig says */
+    int basis;                       /* enum rec_basis, or -1 = as the rig says */
+    struct rec_sysmat_params matrix; /* 0 = auto */
+    unsigned threads;                /* 0 = one per CPU */
 };
-#define OPT_RIG_INIT {.basis = -1}
+#define OPT_RIG_INIT \
+    {                \
+        .basis = -1  \
+    }
 
 extern const struct argp opt_rig_argp;
 

@@ -32,11 +32,14 @@ static const char *status_name(uint32_t status)
 
 static void put_report(struct dmn_json *j, const struct pvp_report *r)
 {
-    const struct { const char *key; int64_t ns; } ms[] = {{"photometry", r->photometry_ns},
-                                                          {"hull", r->hull_ns},
-                                                          {"restrict", r->restrict_ns},
-                                                          {"solve", r->solve_ns},
-                                                          {"total", r->total_ns}};
+    const struct {
+        const char *key;
+        int64_t ns;
+    } ms[] = {{"photometry", r->photometry_ns},
+              {"hull", r->hull_ns},
+              {"restrict", r->restrict_ns},
+              {"solve", r->solve_ns},
+              {"total", r->total_ns}};
     dmn_json_open(j, "report", '{');
     dmn_json_str(j, "status", status_name(r->status));
     dmn_json_str(j, "solver", r->solver);
@@ -89,8 +92,8 @@ static size_t describe(const struct pvp_view *view, const struct pvp_start *star
     return dmn_json_end(&j);
 }
 
-pvx_err record_file_save(const char *dir, const struct pvp_view *view, const struct pvp_start *start,
-                         const float *dense, struct pvx_diag *d)
+pvx_err record_file_save(const char *dir, const struct pvp_view *view,
+                         const struct pvp_start *start, const float *dense, struct pvx_diag *d)
 {
     const struct pvp_grid *g = &view->v.grid;
     char path[1100], npy[1100], text[4096];

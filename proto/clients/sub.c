@@ -8,8 +8,8 @@
 #include "base/clock.h"
 #include "base/mem.h"
 
-#define RECEIVE_HWM 16
-#define RECONNECT_MS 100
+#define RECEIVE_HWM      16
+#define RECONNECT_MS     100
 #define RECONNECT_MAX_MS 1000
 
 struct pvp_sub {
@@ -30,8 +30,7 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, struct pv
         zmq_setsockopt(s->socket, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL, &ivl, sizeof ivl) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL_MAX, &ivl_max, sizeof ivl_max) != 0 ||
-        zmq_setsockopt(s->socket, ZMQ_SUBSCRIBE, PVP_SUBSCRIBE_ALL,
-                       strlen(PVP_SUBSCRIBE_ALL)) != 0)
+        zmq_setsockopt(s->socket, ZMQ_SUBSCRIBE, PVP_SUBSCRIBE_ALL, strlen(PVP_SUBSCRIBE_ALL)) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
     if (zmq_connect(s->socket, endpoint) != 0)
         return pvx_fail(d, PVX_EINVAL,

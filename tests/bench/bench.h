@@ -29,12 +29,12 @@
     } while (0)
 
 struct scene {
-    struct rec_rig rig;       /* cameras that are used */
-    struct rec_camera unseen; /* and the one that judges */
+    struct rec_rig rig;            /* cameras that are used */
+    struct rec_camera unseen;      /* and the one that judges */
     float *image[REC_MAX_CAMERAS]; /* [h][w][3], clean */
     float *unseen_image;
-    float *truth;             /* [nz][ny][nx][3] on rig.grid */
-    double peak;              /* brightest value of all images */
+    float *truth; /* [nz][ny][nx][3] on rig.grid */
+    double peak;  /* brightest value of all images */
 };
 
 static inline uint64_t bench_random(void)
@@ -93,8 +93,8 @@ static inline void flame_band(void *ctx, size_t band)
 {
     const struct flame_job *j = ctx;
     int32_t y0 = (int32_t)band * REC_FLAME_BAND, y1 = y0 + REC_FLAME_BAND;
-    rec_flame_render(j->pose, j->camera, 4, y0,
-                     y1 < j->camera->height ? y1 : j->camera->height, j->image);
+    rec_flame_render(j->pose, j->camera, 4, y0, y1 < j->camera->height ? y1 : j->camera->height,
+                     j->image);
 }
 
 static inline float *flame_image(const struct rec_flame_pose *pose, const struct rec_camera *c,
@@ -140,13 +140,16 @@ static inline void scene_fill(const struct scene *s, rec_frame *f, double noise)
         float *in = rec_frame_input(f, c);
         for (size_t i = 0; i < n; i++)
             for (int ch = 0; ch < 3; ch++)
-                in[i * 4 + (size_t)ch] = s->image[c][i * 3 + (size_t)ch] +
-                                         (noise > 0 ? (float)(noise * s->peak * bench_normal()) : 0);
+                in[i * 4 + (size_t)ch] =
+                    s->image[c][i * 3 + (size_t)ch] +
+                    (noise > 0 ? (float)(noise * s->peak * bench_normal()) : 0);
         rec_frame_present(f, c, true);
     }
 }
 
-struct quality { double volume, view, psnr, ssim; };
+struct quality {
+    double volume, view, psnr, ssim;
+};
 
 /* Volume error, and the unseen view against the real one. */
 static inline struct quality judge(const struct scene *s, const float *dense, pvx_pool *pool)
@@ -166,7 +169,10 @@ static inline struct quality judge(const struct scene *s, const float *dense, pv
     return q;
 }
 
-struct triad { float *a, *b, *c; size_t n, chunk; };
+struct triad {
+    float *a, *b, *c;
+    size_t n, chunk;
+};
 
 static inline void triad_task(void *ctx, size_t i)
 {

@@ -35,8 +35,9 @@ static void field_at(const struct field *f, const double x[3], double out[3])
         }
         if (!in)
             continue;
-        const float *v = f->v + (((size_t)k[2] * (size_t)f->n[1] + (size_t)k[1]) * (size_t)f->n[0] +
-                                 (size_t)k[0]) * 3;
+        const float *v =
+            f->v +
+            (((size_t)k[2] * (size_t)f->n[1] + (size_t)k[1]) * (size_t)f->n[0] + (size_t)k[0]) * 3;
         for (int ch = 0; ch < 3; ch++)
             out[ch] += w * v[ch];
     }
@@ -172,8 +173,8 @@ struct trace {
 
 static void to_dense(const struct trace *t, const float *x)
 {
-    struct rec_sparse v = {.grid = &t->a->S->grid, .nch = 3, .cs = 4, .n = t->a->n,
-                           .index = t->a->col, .value = x};
+    struct rec_sparse v = {
+        .grid = &t->a->S->grid, .nch = 3, .cs = 4, .n = t->a->n, .index = t->a->col, .value = x};
     rec_sparse_to_dense(&v, t->dense);
 }
 
@@ -210,7 +211,11 @@ static void one(FILE *table, FILE *curves, const char *scene, const struct scene
     char prefix[128];
     snprintf(prefix, sizeof prefix, "%s,%d,%s,%g,%s", scene, S->grid.n[2],
              rec_basis_name(S->grid.basis), noise, solver);
-    struct trace t = {.s = s, .a = a, .csv = curves, .prefix = prefix, .best = 1e300,
+    struct trace t = {.s = s,
+                      .a = a,
+                      .csv = curves,
+                      .prefix = prefix,
+                      .best = 1e300,
                       .dense = bench_floats(rec_grid_count(&S->grid) * 3)};
     struct rec_solve_params sp = rec_solve_defaults;
     struct rec_solve_report r;
@@ -267,10 +272,11 @@ int main(int argc, char **argv)
     CHECK(pvx_pool_new(2, "bench", &pool));
     fprintf(table, "scene,voxels,basis,noise,solver,ms,volume,view,psnr,ssim,iteration,status\n");
     fprintf(curves, "scene,voxels,basis,noise,solver,iteration,ms,volume,objective,residual\n");
-    printf("\nerror against time, 8 x 160x120 RGB, 2 threads; left: best iterate of 100 and the last; "
-           "right: as returned with the default stop\n"
-           "  scene     grid basis   noise solver     volume error                          | volume "
-           "  view  PSNR   SSIM\n");
+    printf(
+        "\nerror against time, 8 x 160x120 RGB, 2 threads; left: best iterate of 100 and the last; "
+        "right: as returned with the default stop\n"
+        "  scene     grid basis   noise solver     volume error                          | volume "
+        "  view  PSNR   SSIM\n");
     for (int basis = 0; basis < 2; basis++) {
         scene_flame(&s, 8, 160, 120, 64, basis == 0 ? REC_BOX : REC_TRILINEAR, 0.3, pool);
         all_solvers(table, curves, "flame", &s, noise, 3, pool);

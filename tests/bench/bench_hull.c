@@ -2,7 +2,12 @@
  * Targets: at least 10 times faster, less than half the error. */
 #include "bench.h"
 
-struct outcome { double solve_ms; struct quality q; int64_t voxels; uint32_t iterations; };
+struct outcome {
+    double solve_ms;
+    struct quality q;
+    int64_t voxels;
+    uint32_t iterations;
+};
 
 static struct outcome solve(const struct scene *s, const rec_sysmat *S, const char *solver,
                             enum rec_stop stop, uint32_t iterations, bool hull, pvx_pool *pool)
@@ -49,8 +54,8 @@ int main(int argc, char **argv)
     struct rec_sysmat_params mp = {.binning = 1, .rays_per_bin = 1};
     CHECK(rec_sysmat_build(&s.rig, &mp, pool, NULL, NULL, &S, NULL));
     printf("\nrestricted against full solve, 64^3 from 8 x 160x120 RGB, 1 %% noise, 2 threads\n");
-    printf("  %-11s %-24s %9s %8s %5s %8s %8s\n", "solver", "stop", "voxels", "ms", "iter", "volume",
-           "view");
+    printf("  %-11s %-24s %9s %8s %5s %8s %8s\n", "solver", "stop", "voxels", "ms", "iter",
+           "volume", "view");
     fprintf(csv, "solver,stop,hull,voxels,ms,iterations,volume,view,psnr,ssim\n");
     static const struct {
         const char *solver, *stop;
@@ -74,8 +79,9 @@ int main(int argc, char **argv)
                     o[hull].q.ssim);
         }
         printf("  %-11s %.1f times faster (target 10), volume error ratio %.2f, view error ratio "
-               "%.2f (target 0.5)\n", "", o[0].solve_ms / o[1].solve_ms,
-               o[1].q.volume / o[0].q.volume, o[1].q.view / o[0].q.view);
+               "%.2f (target 0.5)\n",
+               "", o[0].solve_ms / o[1].solve_ms, o[1].q.volume / o[0].q.volume,
+               o[1].q.view / o[0].q.view);
     }
     fclose(csv);
     rec_sysmat_free(&S);

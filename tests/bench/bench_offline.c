@@ -4,7 +4,9 @@
 
 #include "capture/pixfmt.h"
 
-struct input { uint8_t *px[REC_MAX_CAMERAS]; };
+struct input {
+    uint8_t *px[REC_MAX_CAMERAS];
+};
 
 struct bin_job {
     const struct scene *s;
@@ -17,8 +19,12 @@ static void bin_camera(void *ctx, size_t c)
 {
     const struct bin_job *j = ctx;
     const struct rec_camera *cam = &j->s->rig.cameras[c];
-    struct cap_image img = {j->in->px[c], (size_t)cam->width * (size_t)cam->height * 3, cam->width,
-                            cam->height, (ptrdiff_t)cam->width * 3, CAP_RGB8};
+    struct cap_image img = {j->in->px[c],
+                            (size_t)cam->width * (size_t)cam->height * 3,
+                            cam->width,
+                            cam->height,
+                            (ptrdiff_t)cam->width * 3,
+                            CAP_RGB8};
     CHECK(cap_bin(&img, j->binning, 3, 0, cam->height / j->binning, rec_frame_input(j->f, c)));
 }
 
@@ -86,11 +92,14 @@ static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, un
     static const char *const stage[] = {"unpack+bin", "photometry", "hull", "restrict", "solve"};
     double bw = bench_bandwidth((size_t)((double)r.entries * 8 + vectors), pool);
     printf("\n%d^3 from 8 x %dx%d RGB8, binning %d, %u thread%s: %.1f sets/s (target %.0f), matrix "
-           "%.0f MB in %.1f s\n", voxels, w, h, S->binning, threads, threads > 1 ? "s" : "", rate,
-           want, (double)S->nnz * 8e-6, build_s);
-    printf("  %lld voxels, %lld rays, %.2f M entries, %u iterations (%s); bandwidth of that working "
-           "set %.1f GB/s\n", (long long)r.active_voxels, (long long)r.active_rays,
-           (double)r.entries * 1e-6, r.solve.iterations, rec_status_name(r.solve.status), bw * 1e-9);
+           "%.0f MB in %.1f s\n",
+           voxels, w, h, S->binning, threads, threads > 1 ? "s" : "", rate, want,
+           (double)S->nnz * 8e-6, build_s);
+    printf(
+        "  %lld voxels, %lld rays, %.2f M entries, %u iterations (%s); bandwidth of that working "
+        "set %.1f GB/s\n",
+        (long long)r.active_voxels, (long long)r.active_rays, (double)r.entries * 1e-6,
+        r.solve.iterations, rec_status_name(r.solve.status), bw * 1e-9);
     for (int i = 0; i < 5; i++) {
         double t = ms(ns[i]) / sets, bound = bytes[i] / bw * 1e3;
         printf("  %-12s %8.3f ms   bound %7.3f ms   ratio %5.1f\n", stage[i], t, bound, t / bound);

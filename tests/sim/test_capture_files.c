@@ -10,9 +10,9 @@
 #include "capture/capture.h"
 #include "capture/imgio.h"
 
-#define N 4
-#define W 8
-#define H 6
+#define N           4
+#define W           8
+#define H           6
 #define PATIENCE_NS (60 * PVX_NS_PER_S)
 
 static char dir[64];
@@ -66,12 +66,20 @@ static void rig_init(struct rig *r, int n, bool lossless)
     for (int i = 0; i < n; i++) {
         snprintf(r->uri[i], sizeof r->uri[i], "files:%s/cam%d/%%06d.npy", dir, i);
         snprintf(r->name[i], sizeof r->name[i], "cam%d", i);
-        r->cam[i] = (struct cap_source_config){.uri = r->uri[i], .name = r->name[i], .width = W,
-                                               .height = H, .fmt = CAP_GREY_F32, .buffers = 4,
-                                               .exposure_us = -1, .gain = -1};
+        r->cam[i] = (struct cap_source_config){.uri = r->uri[i],
+                                               .name = r->name[i],
+                                               .width = W,
+                                               .height = H,
+                                               .fmt = CAP_GREY_F32,
+                                               .buffers = 4,
+                                               .exposure_us = -1,
+                                               .gain = -1};
     }
     r->cfg = (struct cap_capture_config){
-        .n_cameras = (uint32_t)n, .camera = r->cam, .fps = 100, .lossless = lossless,
+        .n_cameras = (uint32_t)n,
+        .camera = r->cam,
+        .fps = 100,
+        .lossless = lossless,
         .discard_first = 1, /* must not touch recorded frames */
         .sets = {.policy = CAP_POLICY_PARTIAL, .min_cameras = 1, .max_wait_ns = PVX_NS_PER_S}};
 }

@@ -9,8 +9,8 @@
 #include "base/log.h"
 #include "capture/capture.h"
 
-#define N 8
-#define PERIOD_NS 10000000LL
+#define N           8
+#define PERIOD_NS   10000000LL
 #define PATIENCE_NS (60 * PVX_NS_PER_S) /* no wait in here should come near */
 
 /* The scene writes the true time of exposure and the camera into the picture. */
@@ -39,12 +39,21 @@ static void rig_init(struct rig *r, uint32_t n, const char *options)
     for (uint32_t i = 0; i < n; i++) {
         snprintf(r->uri[i], sizeof r->uri[i], "sim:%s", options);
         snprintf(r->name[i], sizeof r->name[i], "cam%u", i);
-        r->cam[i] = (struct cap_source_config){.uri = r->uri[i], .name = r->name[i], .width = 16,
-                                               .height = 4, .fmt = CAP_GREY8, .scene = &scene,
-                                               .buffers = 16, .exposure_us = -1, .gain = -1};
+        r->cam[i] = (struct cap_source_config){.uri = r->uri[i],
+                                               .name = r->name[i],
+                                               .width = 16,
+                                               .height = 4,
+                                               .fmt = CAP_GREY8,
+                                               .scene = &scene,
+                                               .buffers = 16,
+                                               .exposure_us = -1,
+                                               .gain = -1};
     }
     r->cfg = (struct cap_capture_config){
-        .n_cameras = n, .camera = r->cam, .fps = 1e9 / PERIOD_NS, .shared_clock = true,
+        .n_cameras = n,
+        .camera = r->cam,
+        .fps = 1e9 / PERIOD_NS,
+        .shared_clock = true,
         .sets = {.policy = CAP_POLICY_PARTIAL, .min_cameras = 2, .max_wait_ns = 2 * PVX_NS_PER_S}};
 }
 
@@ -123,8 +132,7 @@ static void check_sums(cap_capture *c, const struct tally *y, uint32_t n)
     cap_capture_stats(c, &st);
     for (uint32_t i = 0; i < n; i++) {
         const uint64_t *k = st.camera[i].count;
-        T_EQ_I(k[CAP_RECEIVED],
-               y->frames[i] + k[CAP_LATE] + k[CAP_UNMATCHED] + k[CAP_OVERFLOW]);
+        T_EQ_I(k[CAP_RECEIVED], y->frames[i] + k[CAP_LATE] + k[CAP_UNMATCHED] + k[CAP_OVERFLOW]);
     }
     T_EQ_I(st.sets_complete + st.sets_partial, y->sets + st.sets_dropped);
     T_EQ_I(st.spread.count, st.sets_complete + st.sets_partial);

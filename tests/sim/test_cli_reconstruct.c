@@ -38,8 +38,8 @@ static const char *at(const char *fmt, ...)
 static int pyrovox(const char *args)
 {
     char cmd[2000];
-    snprintf(cmd, sizeof cmd, "cd %s && PYROVOX_CACHE=%s/cache %s/pyrovox %s >out.txt 2>err", dir, dir,
-             exe, args);
+    snprintf(cmd, sizeof cmd, "cd %s && PYROVOX_CACHE=%s/cache %s/pyrovox %s >out.txt 2>err", dir,
+             dir, exe, args);
     int rc = system(cmd);
     return WIFEXITED(rc) ? WEXITSTATUS(rc) : -1;
 }
@@ -113,7 +113,9 @@ static void flame_comes_back(void)
                    " --out vol --save-report report.json --threads 2"),
            0);
     for (int f = 0; f < FRAMES; f++)
-        T_LE(volume_error(f == 0 ? "vol/000000.npy" : f == 1 ? "vol/000001.npy" : "vol/000002.npy",
+        T_LE(volume_error(f == 0   ? "vol/000000.npy"
+                          : f == 1 ? "vol/000001.npy"
+                                   : "vol/000002.npy",
                           f, REC_BOX),
              0.25);
     slurp("report.json");
@@ -194,7 +196,8 @@ static void unseen_view(void)
     slurp("err");
     T_CONTAINS(text, "no camera 'camX'");
     T_EQ_I(pyrovox("render vol/000001.npy x.npy"), 2);
-    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 view.npy x.npy"), 0); /* [h][w][3]: grey cube */
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 view.npy x.npy"),
+           0); /* [h][w][3]: grey cube */
     T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 take x.npy"), 1);
 }
 

@@ -20,8 +20,8 @@ static void rotation(double R[9])
 
 static struct rec_camera camera(const double dist[8])
 {
-    struct rec_camera c = {.width = 640, .height = 480, .fx = 500, .fy = 503, .cx = 322.1,
-                           .cy = 236.7};
+    struct rec_camera c = {
+        .width = 640, .height = 480, .fx = 500, .fy = 503, .cx = 322.1, .cy = 236.7};
     memcpy(c.dist, dist, sizeof c.dist);
     rotation(c.R);
     for (int a = 0; a < 3; a++)
@@ -78,7 +78,8 @@ static void project_follows_the_equations(void)
         for (int a = 0; a < 3; a++)
             X[a] = c.R[a] * P[0] + c.R[3 + a] * P[1] + c.R[6 + a] * P[2];
         double r2 = x * x + y * y, r4 = r2 * r2, r6 = r4 * r2;
-        double s = (1 + k[0] * r2 + k[1] * r4 + k[4] * r6) / (1 + k[5] * r2 + k[6] * r4 + k[7] * r6);
+        double s =
+            (1 + k[0] * r2 + k[1] * r4 + k[4] * r6) / (1 + k[5] * r2 + k[6] * r4 + k[7] * r6);
         double xd = x * s + 2 * k[2] * x * y + k[3] * (r2 + 2 * x * x);
         double yd = y * s + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y;
         T_OK(rec_camera_project(&c, X, uv));

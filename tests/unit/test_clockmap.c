@@ -4,8 +4,8 @@
 #include "base/clock.h"
 #include "capture/clockmap.h"
 
-#define S PVX_NS_PER_S
-#define MS PVX_NS_PER_MS
+#define S     PVX_NS_PER_S
+#define MS    PVX_NS_PER_MS
 #define HOST0 1700000000000000000LL
 
 static double exponential(double mean)

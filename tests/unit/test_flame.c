@@ -4,8 +4,7 @@
 #include "recon/flame.h"
 #include "recon/rig.h"
 
-static const struct rec_grid unit_grid = {
-    {-0.5, -0.5, 0}, {0.5, 0.5, 1}, {32, 32, 32}, REC_BOX};
+static const struct rec_grid unit_grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {32, 32, 32}, REC_BOX};
 
 static void ray_is_the_integral_of_point(void)
 {
@@ -144,7 +143,8 @@ static void bands_give_the_same_bits(void)
     float *a = malloc(n * sizeof *a), *b = malloc(n * sizeof *b);
     rec_flame_render(&p, rig.cameras, 2, 0, 90, a);
     for (int32_t y = 0; y < 90; y += REC_FLAME_BAND)
-        rec_flame_render(&p, rig.cameras, 2, y, y + REC_FLAME_BAND < 90 ? y + REC_FLAME_BAND : 90, b);
+        rec_flame_render(&p, rig.cameras, 2, y, y + REC_FLAME_BAND < 90 ? y + REC_FLAME_BAND : 90,
+                         b);
     T_EQ_I(memcmp(a, b, n * sizeof *a), 0);
     free(a);
     free(b);
@@ -219,7 +219,8 @@ static void voxels_are_cell_means(void)
             int32_t idx = (int32_t)t_uniform(0, (double)rec_grid_count(&g));
             double c[3], e[3], want[3] = {0};
             rec_grid_centre(&g, idx, c);
-            int m = basis == 0 ? 8 : 1; /* 8^3 midpoints: second order, error below 1e-3 of the peak */
+            int m =
+                basis == 0 ? 8 : 1; /* 8^3 midpoints: second order, error below 1e-3 of the peak */
             for (int s = 0; s < m * m * m; s++) {
                 double x[3] = {c[0] + ((s % m + 0.5) / m - 0.5) / 32,
                                c[1] + ((s / m % m + 0.5) / m - 0.5) / 32,

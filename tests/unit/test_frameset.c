@@ -5,7 +5,7 @@
 #include "base/clock.h"
 #include "capture/frameset.h"
 
-#define P (10 * PVX_NS_PER_MS) /* period */
+#define P  (10 * PVX_NS_PER_MS) /* period */
 #define T0 1700000000000000000LL
 
 /* Frames of a test: allocated, and counted as they go. */
@@ -24,8 +24,8 @@ static void freed(struct cap_frame *f)
 static struct cap_frame *frame(uint32_t camera, int64_t scene, int64_t t, int64_t mono)
 {
     struct test_frame *x = calloc(1, sizeof *x);
-    x->f = (struct cap_frame){.camera = camera, .t_exposure_ns = t, .t_arrival_mono_ns = mono,
-                              .release = freed};
+    x->f = (struct cap_frame){
+        .camera = camera, .t_exposure_ns = t, .t_arrival_mono_ns = mono, .release = freed};
     x->scene = scene;
     n_alive++;
     return &x->f;
@@ -49,8 +49,8 @@ static uint64_t counted(enum cap_count what)
 static cap_assembler *make(uint32_t cameras, enum cap_policy policy, uint32_t least)
 {
     memset(counts, 0, sizeof counts);
-    struct cap_assembler_params p = {.cameras = cameras, .period_ns = P, .policy = policy,
-                                     .min_cameras = least};
+    struct cap_assembler_params p = {
+        .cameras = cameras, .period_ns = P, .policy = policy, .min_cameras = least};
     struct cap_sink sink = {.count = count};
     cap_assembler *a;
     T_EQ_I(cap_assembler_new(&p, &sink, &a), PVX_OK);

@@ -7,7 +7,10 @@
 
 enum { W = 48, H = 32, PAD = 7 };
 
-struct sample { double value; bool saturated, finite; };
+struct sample {
+    double value;
+    bool saturated, finite;
+};
 
 static int colour_of(enum cap_pixfmt f, int x, int y)
 {
@@ -25,7 +28,9 @@ static bool is_bayer(enum cap_pixfmt f)
 
 static double full_of(enum cap_pixfmt f)
 {
-    return f == CAP_GREY16 || f == CAP_RGB16 ? 65535 : f == CAP_GREY_F32 || f == CAP_RGB_F32 ? 0 : 255;
+    return f == CAP_GREY16 || f == CAP_RGB16       ? 65535
+           : f == CAP_GREY_F32 || f == CAP_RGB_F32 ? 0
+                                                   : 255;
 }
 
 /* Sample s of pixel (x,y). */

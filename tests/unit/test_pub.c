@@ -25,9 +25,12 @@ static const struct pvp_grid small = {
 
 static struct pvp_start start_of(uint64_t session)
 {
-    return (struct pvp_start){
-        .grid = small, .session = session, .n_cameras = 8, .fps = 15, .units = "1/m",
-        .software = "test_pub"};
+    return (struct pvp_start){.grid = small,
+                              .session = session,
+                              .n_cameras = 8,
+                              .fps = 15,
+                              .units = "1/m",
+                              .software = "test_pub"};
 }
 
 static pvx_err open_pub(const char *at, uint64_t session, pvp_pub **out, struct pvx_diag *d)
@@ -164,11 +167,8 @@ static void slow_subscriber(void)
     struct pvp_start start = start_of(9);
     start.grid.n[0] = start.grid.n[1] = start.grid.n[2] = SIDE;
     const char *at = endpoint;
-    struct pvp_pub_params params = {.endpoints = &at,
-                                    .n_endpoints = 1,
-                                    .send_hwm = 4,
-                                    .sample = PVP_F32,
-                                    .comp = PVP_RAW};
+    struct pvp_pub_params params = {
+        .endpoints = &at, .n_endpoints = 1, .send_hwm = 4, .sample = PVP_F32, .comp = PVP_RAW};
     struct pvp_volume v = {.grid = start.grid};
     struct pvx_diag d = {""};
     pvp_pub *p;
@@ -402,13 +402,16 @@ static int publish(const char *at, int volumes, int skip, bool say_end)
                                .cameras_present = 8,
                                .camera_mask = 255,
                                .grid = start.grid,
-                               .report = {.solver = "mrnsd", .iterations = 12,
-                                          .rel_residual = 0.05, .active_voxels = CELLS / 3}};
+                               .report = {.solver = "mrnsd",
+                                          .iterations = 12,
+                                          .rel_residual = 0.05,
+                                          .active_voxels = CELLS / 3}};
         uint32_t n = 0;
         for (int i = set % 3; i < CELLS; i += 3, n++) {
             index[n] = i;
             for (int c = 0; c < 3; c++)
-                value[n * 3 + (uint32_t)c] = (float)(set % 64) + (float)(i % 8) / 8 + (float)(64 * c);
+                value[n * 3 + (uint32_t)c] =
+                    (float)(set % 64) + (float)(i % 8) / 8 + (float)(64 * c);
         }
         if (pvp_encode_volume(e, sequence++, &v, n, index, value, 3, &msg, &len) != PVX_OK)
             return 1;

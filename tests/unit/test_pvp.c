@@ -89,8 +89,8 @@ static uint8_t *encode(const struct sample *s, uint64_t sequence, size_t *len)
     const void *msg;
     *len = 0;
     T_EQ_I(pvp_encoder_new(&s->v.grid, s->sample, s->comp, &e), PVX_OK);
-    T_EQ_I(pvp_encode_volume(e, sequence, &s->v, s->n, s->index, s->value,
-                             (int)s->v.grid.channels, &msg, len),
+    T_EQ_I(pvp_encode_volume(e, sequence, &s->v, s->n, s->index, s->value, (int)s->v.grid.channels,
+                             &msg, len),
            PVX_OK);
     uint8_t *copy = malloc(*len);
     memcpy(copy, msg, *len);
@@ -213,9 +213,9 @@ static void round_trips(void)
             for (int sample = PVP_F32; sample <= PVP_F16; sample++)
                 for (int comp = PVP_RAW; comp <= PVP_ZSTD; comp++) {
                     const uint32_t *n = sizes[g];
-                    struct sample s = sample_new(describe(n[0], n[1], n[2], nch),
-                                                 (enum pvp_sample)sample, (enum pvp_compress)comp,
-                                                 n[0] / 2, 1 + (uint32_t)g);
+                    struct sample s =
+                        sample_new(describe(n[0], n[1], n[2], nch), (enum pvp_sample)sample,
+                                   (enum pvp_compress)comp, n[0] / 2, 1 + (uint32_t)g);
                     size_t len;
                     uint8_t *msg = encode(&s, 5, &len);
                     check_volume(&s, msg, len);
@@ -462,9 +462,9 @@ static void hostile_fields(void)
     T_EQ_I(with_field(&s, body + 232, 0), PVX_EFORMAT);  /* uncompressed size */
     T_EQ_I(with_field(&s, body + 240, 16), PVX_EFORMAT); /* stored size */
     T_EQ_I(with_field(&s, body + 244, 1), PVX_EFORMAT);
-    T_EQ_I(with_field(&s, ids + 4, 0), PVX_EFORMAT); /* a brick twice */
-    T_EQ_I(with_field(&s, ids, 5), PVX_EFORMAT);     /* descending */
-    T_EQ_I(with_field(&s, ids + 20, 6), PVX_EFORMAT); /* outside */
+    T_EQ_I(with_field(&s, ids + 4, 0), PVX_EFORMAT);            /* a brick twice */
+    T_EQ_I(with_field(&s, ids, 5), PVX_EFORMAT);                /* descending */
+    T_EQ_I(with_field(&s, ids + 20, 6), PVX_EFORMAT);           /* outside */
     T_EQ_I(with_field(&s, ids + 24, 0x7c007c00), PVX_ECORRUPT); /* infinity */
     s.sample = PVP_F32;
     T_EQ_I(with_field(&s, ids + 24, 0x7fc00000), PVX_ECORRUPT); /* NaN */
@@ -529,7 +529,7 @@ static struct pvp_start start_sample(void)
                               .software = "pyrovoxd 0.1.0"};
 }
 #define STATUS_JSON "{\"sets\":42,\"lost\":1,\"state\":\"l\xc3\xa4uft\"}"
-#define END_REASON "stopped by SIGTERM"
+#define END_REASON  "stopped by SIGTERM"
 
 static const struct {
     const char *name;
@@ -551,12 +551,11 @@ static struct sample vector_sample(size_t i)
 {
     const uint32_t *n = volume_vectors[i].n;
     struct sample s =
-        sample_new(describe(n[0], n[1], n[2], volume_vectors[i].channels),
-                   volume_vectors[i].sample, volume_vectors[i].comp, volume_vectors[i].x0,
-                   volume_vectors[i].every);
+        sample_new(describe(n[0], n[1], n[2], volume_vectors[i].channels), volume_vectors[i].sample,
+                   volume_vectors[i].comp, volume_vectors[i].x0, volume_vectors[i].every);
     if (strstr(volume_vectors[i].name, "clamped") != NULL) {
         s.value[0] = 1e6f;
-        s.value[1] = -1e-6f; /* a subnormal half */
+        s.value[1] = -1e-6f;         /* a subnormal half */
         s.value[2] = 1.00048828125f; /* a tie */
     }
     return s;
@@ -602,8 +601,7 @@ static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **jso
         for (uint32_t k = 0; k < s.n; k++) {
             fprintf(f, "%s[%d", k > 0 ? ",\n" : "", s.index[k]);
             for (uint32_t c = 0; c < v->grid.channels; c++)
-                fprintf(f, ",%.9g",
-                        (double)as_sent(s.sample, s.value[k * v->grid.channels + c]));
+                fprintf(f, ",%.9g", (double)as_sent(s.sample, s.value[k * v->grid.channels + c]));
             fprintf(f, "]");
         }
         fprintf(f, "]}\n");

@@ -33,7 +33,8 @@ static void orbit_camera_frames_the_box(void)
     for (int deg = 0; deg < 360; deg += 15)
         for (int el = -40; el <= 40; el += 40) {
             struct rec_camera c;
-            rec_orbit_camera(&g, deg * 0.017453292519943295, el * 0.017453292519943295, 120, 200, &c);
+            rec_orbit_camera(&g, deg * 0.017453292519943295, el * 0.017453292519943295, 120, 200,
+                             &c);
             for (int k = 0; k < 8; k++) {
                 double X[3], uv[2];
                 for (int a = 0; a < 3; a++)

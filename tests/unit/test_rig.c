@@ -2,12 +2,12 @@
 
 #include "tests/t.h"
 
-#define CAM(name, rest)                                                                            \
-    "  - name: " name "\n    size: [640, 480]\n    K: [500, 500, 319.5, 239.5]\n"                  \
+#define CAM(name, rest)                                                           \
+    "  - name: " name "\n    size: [640, 480]\n    K: [500, 500, 319.5, 239.5]\n" \
     "    R: [1,0,0, 0,1,0, 0,0,1]\n    t: [0, 0, 3]\n" rest
-#define HEAD                                                                                       \
-    "version: 1\n"                                                                                 \
-    "volume: { min: [-0.5,-0.5,0], max: [0.5,0.5,1], voxels: [8,9,10], basis: trilinear }\n"       \
+#define HEAD                                                                                 \
+    "version: 1\n"                                                                           \
+    "volume: { min: [-0.5,-0.5,0], max: [0.5,0.5,1], voxels: [8,9,10], basis: trilinear }\n" \
     "cameras:\n"
 
 static pvx_err parse(const char *text, struct rec_rig *r, struct pvx_diag *d)
@@ -56,8 +56,11 @@ static void reads_everything(void)
     T_EQ_I(rec_rig_find(&r, "right-2.b_"), 1);
     T_EQ_I(rec_rig_find(&r, "middle"), -1);
     rec_rig_fini(&r);
-    T_EQ_I(parse("version: 1\nvolume: {min: [0,0,0], max: [1,1,1], voxels: [1,1,1]}\ncameras:\n"
-                 CAM("a", ""), &r, &d), PVX_OK);
+    T_EQ_I(
+        parse("version: 1\nvolume: {min: [0,0,0], max: [1,1,1], voxels: [1,1,1]}\ncameras:\n" CAM(
+                  "a", ""),
+              &r, &d),
+        PVX_OK);
     T_EQ_I(r.grid.basis, REC_BOX); /* the default */
     T_NEAR(r.cameras[0].gain[1], 1, 0);
     rec_rig_fini(&r);
@@ -89,8 +92,10 @@ static void messages_name_the_place(void)
 static void with(const char *size, const char *K, const char *R, pvx_err e, const char *part)
 {
     char text[2000];
-    snprintf(text, sizeof text, HEAD "  - name: a\n    size: %s\n    K: %s\n    R: %s\n"
-             "    t: [0,0,1]\n", size, K, R);
+    snprintf(text, sizeof text,
+             HEAD "  - name: a\n    size: %s\n    K: %s\n    R: %s\n"
+                  "    t: [0,0,1]\n",
+             size, K, R);
     refuse(text, e, part);
 }
 
@@ -112,7 +117,11 @@ static void impossible_cameras(void)
 
 static void impossible_volumes(void)
 {
-    static const struct { const char *v; pvx_err e; const char *part; } bad[] = {
+    static const struct {
+        const char *v;
+        pvx_err e;
+        const char *part;
+    } bad[] = {
         {"{ min: [0,0,0], max: [1,0,1], voxels: [4,4,4] }", PVX_EINVAL, "empty along y"},
         {"{ min: [0,0,2], max: [1,1,1], voxels: [4,4,4] }", PVX_EINVAL, "empty along z"},
         {"{ min: [0,0,0], max: [1,1,1], voxels: [4,0,4] }", PVX_EINVAL, "volume.voxels: 0"},
@@ -192,7 +201,7 @@ static void hash_sees_geometry_only(void)
     a.cameras[1].gain[0] = 3;
     snprintf(a.cameras[1].name, sizeof a.cameras[1].name, "other");
     T_OK(rec_rig_hash(&a) == h);
-    double *all[] = {&a.grid.min[1], &a.grid.max[2], &a.cameras[0].fx, &a.cameras[1].cy,
+    double *all[] = {&a.grid.min[1],        &a.grid.max[2],     &a.cameras[0].fx,  &a.cameras[1].cy,
                      &a.cameras[2].dist[7], &a.cameras[2].R[8], &a.cameras[0].t[1]};
     for (size_t i = 0; i < sizeof all / sizeof all[0]; i++) {
         double old = *all[i];
@@ -233,7 +242,11 @@ static void select_keeps_rig_order(void)
 
 static void ring_is_a_sound_rig(void)
 {
-    static const struct { size_t n; double r; int32_t w, h; } rigs[] = {
+    static const struct {
+        size_t n;
+        double r;
+        int32_t w, h;
+    } rigs[] = {
         {8, 2, 640, 480}, {1, 2, 160, 120}, {2, 3, 48, 64}, {3, 1.6, 20, 20}, {64, 5, 300, 40}};
     for (size_t k = 0; k < sizeof rigs / sizeof rigs[0]; k++) {
         struct rec_rig r;
@@ -250,7 +263,7 @@ static void ring_is_a_sound_rig(void)
             T_OK(rec_camera_project(c, mid, uv) && rec_camera_project(c, above, top));
             T_NEAR(uv[0], c->cx, 1e-6);
             T_NEAR(uv[1], c->cy, 1e-6);
-            T_OK(top[1] < uv[1]); /* z is up in the picture */
+            T_OK(top[1] < uv[1]);         /* z is up in the picture */
             for (int m = 0; m < 8; m++) { /* the whole volume is in the picture */
                 double X[3] = {m & 1 ? .5 : -.5, m & 2 ? .5 : -.5, m & 4 ? 1 : 0};
                 T_OK(rec_camera_project(c, X, uv));

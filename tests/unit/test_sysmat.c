@@ -118,7 +118,10 @@ static void row_sums(int32_t binning, int32_t rays)
     rec_sysmat_free(&m);
     rec_rig_fini(&r);
 }
-static void row_sums_are_chords(void) { row_sums(1, 1); }
+static void row_sums_are_chords(void)
+{
+    row_sums(1, 1);
+}
 static void row_sums_of_binned_rows(void)
 {
     row_sums(2, 2);
@@ -239,8 +242,8 @@ static void footprints_hold_their_support(void)
                 rec_grid_centre(&r.grid, j, mid);
                 for (int i = 0; i < 200; i++) {
                     for (int a = 0; a < 3; a++) {
-                        double f = i < 100 && t_rand() % 2 ? (t_rand() % 2 ? 1 : -1)
-                                                           : t_uniform(-1, 1);
+                        double f =
+                            i < 100 && t_rand() % 2 ? (t_rand() % 2 ? 1 : -1) : t_uniform(-1, 1);
                         X[a] = mid[a] + f * reach * rec_grid_h(&r.grid, a) * (1 - 1e-9);
                     }
                     if (!rec_camera_project(&r.cameras[c], X, uv))
@@ -331,10 +334,12 @@ static void camera_that_sees_nothing(void)
 
 static void autos_resolve(void)
 {
-    static const struct { int32_t w, h, voxels, binning, rays; } want[] = {
-        {640, 480, 64, 2, 2},  /* a voxel is 3.6 px */
-        {160, 120, 64, 1, 1},  {640, 480, 16, 8, 2}, {641, 480, 16, 1, 1},
-        {644, 484, 16, 4, 2}, /* 4 is the largest power that divides */
+    static const struct {
+        int32_t w, h, voxels, binning, rays;
+    } want[] = {
+        {640, 480, 64, 2, 2}, /* a voxel is 3.6 px */
+        {160, 120, 64, 1, 1}, {640, 480, 16, 8, 2},
+        {641, 480, 16, 1, 1}, {644, 484, 16, 4, 2}, /* 4 is the largest power that divides */
     };
     for (size_t i = 0; i < sizeof want / sizeof want[0]; i++) {
         struct rec_rig r = ring(8, want[i].w, want[i].h, want[i].voxels, REC_BOX);
@@ -566,36 +571,50 @@ static void every_index_is_checked(void)
     while (colptr[full + 1] < colptr[full] + 2)
         full++;
     uint32_t e = colptr[full];
-#define REFUSED(what, part)                                                                        \
-    do {                                                                                           \
-        struct pvx_diag d_ = {""};                                                                 \
-        rec_sysmat *l_;                                                                            \
-        what;                                                                                      \
-        T_EQ_I(rec_sysmat_save(m, in_dir("forged"), NULL), PVX_OK);                                \
-        T_EQ_I(rec_sysmat_load(in_dir("forged"), 0, true, &l_, &d_), PVX_ECORRUPT);                \
-        T_CONTAINS(d_.text, part);                                                                 \
+#define REFUSED(what, part)                                                         \
+    do {                                                                            \
+        struct pvx_diag d_ = {""};                                                  \
+        rec_sysmat *l_;                                                             \
+        what;                                                                       \
+        T_EQ_I(rec_sysmat_save(m, in_dir("forged"), NULL), PVX_OK);                 \
+        T_EQ_I(rec_sysmat_load(in_dir("forged"), 0, true, &l_, &d_), PVX_ECORRUPT); \
+        T_CONTAINS(d_.text, part);                                                  \
     } while (0)
     uint32_t c1 = colptr[1], c2 = colptr[full + 1], r0 = row[e], r1 = row[e + 1];
     float v = val[e];
     struct rec_rect f = fp[full];
-    REFUSED(colptr[0] = 1, "column starts"); colptr[0] = 0;
-    REFUSED(colptr[full + 1] = UINT32_MAX, "column starts"); colptr[full + 1] = c2;
-    REFUSED(colptr[125] += 1, "column starts"); colptr[125] -= 1;
-    REFUSED(colptr[1] = colptr[2] + 1, "column starts"); colptr[1] = c1;
-    REFUSED(row[e + 1] = 320, "rows: outside"); row[e + 1] = r1;
-    REFUSED(row[e] = r1, "rows: not ascending"); row[e] = r0;
+    REFUSED(colptr[0] = 1, "column starts");
+    colptr[0] = 0;
+    REFUSED(colptr[full + 1] = UINT32_MAX, "column starts");
+    colptr[full + 1] = c2;
+    REFUSED(colptr[125] += 1, "column starts");
+    colptr[125] -= 1;
+    REFUSED(colptr[1] = colptr[2] + 1, "column starts");
+    colptr[1] = c1;
+    REFUSED(row[e + 1] = 320, "rows: outside");
+    row[e + 1] = r1;
+    REFUSED(row[e] = r1, "rows: not ascending");
+    row[e] = r0;
     static const float bad[] = {0, -1, NAN, INFINITY, -INFINITY};
     for (int i = 0; i < 5; i++)
         REFUSED(val[e] = bad[i], "values: not positive");
     val[e] = v;
-    REFUSED(fp[full].x1 = 20, "footprints: outside"); fp[full] = f;
-    REFUSED(fp[full].y1 = 16, "footprints: outside"); fp[full] = f;
-    REFUSED(fp[full] = ((struct rec_rect){1, 1, 0, 0}), "footprints"); fp[full] = f;
-    REFUSED(fp[full] = ((struct rec_rect){1, 5, 2, 4}), "footprints"); fp[full] = f;
-    REFUSED(m->grid.n[0] = 0, "grid"); m->grid.n[0] = 5;
-    REFUSED(m->grid.max[1] = NAN, "grid"); m->grid.max[1] = 0.5;
-    REFUSED(m->nnz += 1, "sizes do not add up"); m->nnz -= 1;
-    REFUSED(m->rays_per_bin = 0, "parameters"); m->rays_per_bin = 1;
+    REFUSED(fp[full].x1 = 20, "footprints: outside");
+    fp[full] = f;
+    REFUSED(fp[full].y1 = 16, "footprints: outside");
+    fp[full] = f;
+    REFUSED(fp[full] = ((struct rec_rect){1, 1, 0, 0}), "footprints");
+    fp[full] = f;
+    REFUSED(fp[full] = ((struct rec_rect){1, 5, 2, 4}), "footprints");
+    fp[full] = f;
+    REFUSED(m->grid.n[0] = 0, "grid");
+    m->grid.n[0] = 5;
+    REFUSED(m->grid.max[1] = NAN, "grid");
+    m->grid.max[1] = 0.5;
+    REFUSED(m->nnz += 1, "sizes do not add up");
+    m->nnz -= 1;
+    REFUSED(m->rays_per_bin = 0, "parameters");
+    m->rays_per_bin = 1;
     rec_sysmat *l;
     T_EQ_I(rec_sysmat_save(m, in_dir("forged"), NULL), PVX_OK); /* all put back */
     T_EQ_I(rec_sysmat_load(in_dir("forged"), 0, true, &l, NULL), PVX_OK);

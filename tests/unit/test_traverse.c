@@ -201,7 +201,7 @@ static double paper_cell(const double v[8], const double p[3], const double r[3]
                 a3 * (px * rz + pz * rx) + a4 * (py * rz + pz * ry) + a5 * rx + a6 * ry + a7 * rz;
     double c0 = a1 * px * py * pz + a2 * px * py + a3 * px * pz + a4 * py * pz + a5 * px + a6 * py +
                 a7 * pz + a8;
-#define F(s) ((s) * (c0 + (s) * (c1 / 2 + (s) * (c2 / 3 + (s) * c3 / 4))))
+#define F(s) ((s) * (c0 + (s) * (c1 / 2 + (s) * (c2 / 3 + (s)*c3 / 4))))
     return F(s2) - F(s1);
 #undef F
 }
@@ -235,8 +235,8 @@ static void trilinear_against_the_paper(void)
                         continue;
                     for (int c = 0; c < 8; c++) {
                         int32_t x = i + (c & 1), y = j + (c >> 1 & 1), z = k + (c >> 2);
-                        bool in = x >= 0 && y >= 0 && z >= 0 && x < g.n[0] && y < g.n[1] &&
-                                  z < g.n[2];
+                        bool in =
+                            x >= 0 && y >= 0 && z >= 0 && x < g.n[0] && y < g.n[1] && z < g.n[2];
                         v[c] = in ? coeff[rec_grid_index(&g, x, y, z)] : 0;
                     }
                     /* start in the cell: (22)'s coefficients grow with the cube of p */
@@ -265,7 +265,8 @@ static void trilinear_row_sums(void)
                 double v = 1;
                 for (int a = 0; a < 3; a++) {
                     double u = (o[a] + (s0 + (s1 - s0) * (q + 0.5) / STEPS) * d[a] - g.min[a]) /
-                                   rec_grid_h(&g, a) + 0.5;
+                                   rec_grid_h(&g, a) +
+                               0.5;
                     v *= fmax(0, fmin(1, fmin(u, g.n[a] + 1 - u)));
                 }
                 want += v;
@@ -294,12 +295,9 @@ static void misses(void)
         {2, 0, 0.5, 0, 1, 0},          /* past */
         {2, 0.5000001, 0.5, -1, 0, 0}, /* just outside a face */
         {2, 0, 0.5, 0, 0, 0},          /* no direction */
-        {2, 2, 0.5, -1, -0.2, 0},
-        {NAN, 0, 0.5, -1, 0, 0},
-        {2, 0, 0.5, -1, NAN, 0},
-        {2, 0, 0.5, -INFINITY, 0, 0},
-        {INFINITY, 0, 0.5, -1, 0, 0},
-        {0.5, 0, 0.5, 1, 0, 0}, /* starts on the face, going out */
+        {2, 2, 0.5, -1, -0.2, 0},      {NAN, 0, 0.5, -1, 0, 0},
+        {2, 0, 0.5, -1, NAN, 0},       {2, 0, 0.5, -INFINITY, 0, 0},
+        {INFINITY, 0, 0.5, -1, 0, 0},  {0.5, 0, 0.5, 1, 0, 0}, /* starts on the face, going out */
     };
     for (size_t i = 0; i < sizeof rays / sizeof rays[0]; i++)
         expect(&unit, rays[i], rays[i] + 3, 0, 0);
@@ -396,7 +394,9 @@ static void tiny_and_huge(void)
         }
     /* a grid far from zero, where planes round: defined, whole, no crash */
     for (int r = 0; r < 300; r++) {
-        struct rec_grid g = {{1e6, -1e6, 1e6}, {1e6 + 1e-9, -1e6 + 1e-9, 1e6 + 1e-9}, {64, 64, 64},
+        struct rec_grid g = {{1e6, -1e6, 1e6},
+                             {1e6 + 1e-9, -1e6 + 1e-9, 1e6 + 1e-9},
+                             {64, 64, 64},
                              r % 2 ? REC_BOX : REC_TRILINEAR};
         double o[3] = {1e6 - 1, -1e6 + 1, 1e6 + 0.5}, d[3];
         for (int a = 0; a < 3; a++)
