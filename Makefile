@@ -78,28 +78,28 @@ setup-test:
 # SECONDS is bash's own clock unless it is given on make's command line.
 RUN_SECONDS := $(if $(filter command line,$(origin SECONDS)),$(SECONDS),0)
 run: setup ## install what is missing, build, and watch 8 simulated GigE cameras become a flame (SECONDS=n to stop by itself)
-	@$(MAKE) --no-print-directory -s all
+	@$(MAKE) --no-print-directory -s -j$$(nproc) all
 	@exec $(B)/bin/pyrovox demo --seconds $(RUN_SECONDS)
 
 test: setup-test ## install what is missing, build, run every test; ends with "N passed, N failed, N skipped"
-	@$(MAKE) --no-print-directory -j2 all tests-build
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests-build
 	@tests/run.sh $(B)
 
 test-sanitize: setup-test ## the unit, check, sim and fuzz-corpus tests under ASan+UBSan and TSan
-	@$(MAKE) --no-print-directory -j2 SAN=address,undefined all tests-build
+	@$(MAKE) --no-print-directory -j$$(nproc) SAN=address,undefined all tests-build
 	@tests/run.sh build-address-undefined --no-system
-	@$(MAKE) --no-print-directory -j2 SAN=thread all tests-build
+	@$(MAKE) --no-print-directory -j$$(nproc) SAN=thread all tests-build
 	@tests/run.sh build-thread --no-system
 
 tests-build: $(UNIT) $(FUZZ) $(BENCH)
 
 bench: setup-test ## speed against error, stage times over their bounds (writes build/bench/)
 	@tests/setup.sh $(PACKAGES_BENCH)
-	@$(MAKE) --no-print-directory -j2 all tests-build
+	@$(MAKE) --no-print-directory -j$$(nproc) all tests-build
 	@tests/bench/run.sh $(B)
 
 fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
-	@$(MAKE) --no-print-directory -j2 CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
+	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
 	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
 
 lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions
