@@ -346,9 +346,8 @@ static void publish_slot(dmn_pipeline *p, struct slot *s)
 /* Once a second: the rate, the status message, the repeated start message. */
 static void every_second(dmn_pipeline *p)
 {
-    size_t subscribers = pvp_pub_subscribers(p->pub);
-    pvp_pub_tick(p->pub); /* start goes out before anybody is told that subscribers are there */
-    atomic_store(&p->subscribers, subscribers);
+    pvp_pub_tick(p->pub);
+    atomic_store(&p->subscribers, pvp_pub_subscribers(p->pub));
     int64_t now = pvx_now_mono();
     if (now < p->next_status_ns)
         return;

@@ -51,7 +51,7 @@ static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
 }
 
 /* Subscribers send 1 + prefix to subscribe, 0 + prefix to leave; libzmq does so for one that dies. */
-size_t pvp_pub_subscribers(pvp_pub *p)
+static void read_subscriptions(struct pvp_pub *p)
 {
     unsigned char m[64];
     int n;
@@ -62,7 +62,6 @@ size_t pvp_pub_subscribers(pvp_pub *p)
         } else if (n > 0 && m[0] == 0 && p->subscribers > 0)
             p->subscribers--;
     }
-    return p->subscribers;
 }
 
 static pvx_err send_start(struct pvp_pub *p)
@@ -157,7 +156,7 @@ void pvp_pub_free(pvp_pub **pp)
 
 void pvp_pub_tick(pvp_pub *p)
 {
-    pvp_pub_subscribers(p); /* or their messages would pile up */
+    read_subscriptions(p);
     /* A start that cannot be encoded was refused in pvp_pub_new; a socket that fails shows in the
      * next volume. */
     if (pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK)
@@ -192,6 +191,11 @@ pvx_err pvp_pub_end(pvp_pub *p, const char *reason)
     size_t len;
     PVX_TRY(pvp_encode_end(p->encoder, p->sequence, p->start.session, reason, &msg, &len));
     return send_message(p, msg, len);
+}
+
+size_t pvp_pub_subscribers(const pvp_pub *p)
+{
+    return p->subscribers;
 }
 
 uint64_t pvp_pub_sequence(const pvp_pub *p)

@@ -30,8 +30,8 @@ PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, ui
                                       size_t *bytes);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
-/* Subscriptions that are open now; allocates nothing. */
-size_t pvp_pub_subscribers(pvp_pub *p);
+/* Subscriptions that were open at the last tick; whoever is counted has been sent start. */
+size_t pvp_pub_subscribers(const pvp_pub *p);
 /* `reason` for people, cut to 63 bytes. */
 PVX_MUST_CHECK pvx_err pvp_pub_end(pvp_pub *p, const char *reason);
 /* Waits at most a quarter of a second (lossless: a minute) for what is still on its way out. */

@@ -20,11 +20,6 @@ int64_t pvx_now_real(void)
     return now(CLOCK_REALTIME);
 }
 
-int64_t pvx_now_thread_cpu(void)
-{
-    return now(CLOCK_THREAD_CPUTIME_ID);
-}
-
 void pvx_sleep_until_mono(int64_t mono_ns)
 {
     if (mono_ns <= 0)

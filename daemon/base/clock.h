@@ -11,8 +11,6 @@
 
 int64_t pvx_now_mono(void);
 int64_t pvx_now_real(void);
-/* CPU time of the calling thread, ns. */
-int64_t pvx_now_thread_cpu(void);
 /* Sleep until `mono_ns` of the mono clock; returns early never, at once when it has passed. */
 void pvx_sleep_until_mono(int64_t mono_ns);
 
