@@ -89,6 +89,25 @@ static double inside_box(const struct ball *b, int n, const struct rec_fit_box *
     return out;
 }
 
+/* Shift the image so that ball b lies just left of it: the camera sees that there is no flame beside
+ * the ball, and nothing of the ball. */
+static void look_past(struct rec_camera *c, const struct ball *b)
+{
+    double right = -1e9;
+    for (int k = 0; k < 4000; k++) {
+        double X[3], uv[2], len = 0;
+        for (int a = 0; a < 3; a++) {
+            X[a] = t_normal();
+            len += X[a] * X[a];
+        }
+        for (int a = 0; a < 3; a++)
+            X[a] = b->m[a] + b->r * X[a] / sqrt(len);
+        if (rec_camera_project(c, X, uv))
+            right = fmax(right, uv[0]);
+    }
+    c->cx += -0.6 - right;
+}
+
 /* Balls anywhere in the volume, cameras anywhere around it, some of which see only a part. */
 static void flame_is_inside(void)
 {
@@ -117,6 +136,9 @@ static void flame_is_inside(void)
             for (int a = 0; a < 3; a++)
                 b[i].m[a] = t_uniform(rig.grid.min[a] + b[i].r, rig.grid.max[a] - b[i].r);
         }
+        if (turn % 4 == 1)
+            for (size_t c = 1; c < n; c++)
+                look_past(&rig.cameras[c], &b[0]);
         /* only flame that min_views cameras see can come back */
         struct rec_fit_params p = {.cells = 24, .binning = binning, .min_views = 0};
         rec_fit *f;
