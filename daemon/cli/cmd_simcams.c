@@ -41,6 +41,7 @@ enum {
     OPT_TRIGGER_HZ,
     OPT_MAX_MEMORY,
     OPT_WRITE_RIG,
+    OPT_WRITE_FRAMES,
     OPT_DROP,
     OPT_LOSS,
     OPT_DELAY,
@@ -60,6 +61,9 @@ static const struct argp_option options[] = {
     {"radius", OPT_RADIUS, "METRES", 0, "without --rig: radius of the ring (2.5)", 1},
     {"voxels", OPT_VOXELS, "N", 0, "without --rig: voxels per side, for --write-rig (64)", 1},
     {"write-rig", OPT_WRITE_RIG, "FILE", 0, "write the rig that is served as rig.yaml", 1},
+    {"write-frames", OPT_WRITE_FRAMES, "DIR", 0,
+     "write the images as DIR/<camera>/<6 digits>.png, for pyrovox reconstruct, and serve nothing",
+     1},
     {"address", OPT_ADDRESS, "IPV4", 0,
      "address of the first camera; the others follow (127.0.0.2)", 1},
     {"private-net", OPT_PRIVATE_NET, NULL, 0,
@@ -105,7 +109,9 @@ static const char doc[] =
     "  pyrovox simcams --private-net -- arv-tool-0.8\n"
     "      what Aravis' own tool sees\n"
     "  pyrovox simcams --rig rig.yaml --drop cam3=0.05 --kill cam1@20 --address 127.0.0.2\n"
-    "      a rig of your own, with faults, on addresses that this host has\n";
+    "      a rig of your own, with faults, on addresses that this host has\n"
+    "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"
+    "      a recording to try pyrovox reconstruct on\n";
 
 struct fault_option {
     enum simcams_fault_kind kind;
@@ -117,7 +123,7 @@ struct plan_option {
 };
 
 struct args {
-    const char *rig, *write_rig, *address;
+    const char *rig, *write_rig, *write_frames, *address;
     int64_t cameras, ring, seed, sub, max_memory, voxels;
     int32_t width, height;
     double radius, fps, black, noise, trigger_hz;
@@ -193,6 +199,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     switch (key) {
     case OPT_RIG: a->rig = arg; return 0;
     case OPT_WRITE_RIG: a->write_rig = arg; return 0;
+    case OPT_WRITE_FRAMES: a->write_frames = arg; return 0;
     case OPT_ADDRESS: a->address = arg; return 0;
     case OPT_CONTROL: a->control = true; return 0;
     case OPT_PRIVATE_NET: a->private_net = true; return 0;
@@ -286,6 +293,25 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
             (long long)a->ring, mib);
     struct cli_progress bar = {.label = "flame"};
     return simcams_ring_init(&s->rig, &p, cli_progress, &bar, &s->ring);
+}
+
+/* The ring on disk instead of on the network. */
+static int write_frames(const struct simcams *s)
+{
+    struct pvx_diag d = {""};
+    struct cli_progress bar = {.label = "frames"};
+    const char *dir = s->a->write_frames;
+    pvx_err e = PVX_OK;
+    for (size_t i = 0; e == PVX_OK && i < s->ring.n; i++) {
+        e = simcams_ring_save(&s->ring, &s->rig, s->a->fmt, i, dir, &d);
+        if (!cli_progress(&bar, (double)(i + 1) / (double)s->ring.n))
+            return 130;
+    }
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    printf("%zu frame sets in %s; they have a black level: reconstruct them with --black %g\n",
+           s->ring.n, dir, s->a->black / 100);
+    return 0;
 }
 
 static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
@@ -540,7 +566,9 @@ static int run(int argc, char **argv)
         e = cap_netns_enter((unsigned)s->rig.n_cameras, &d); /* still one thread */
     if (e == PVX_OK)
         e = get_ring(s, &d);
-    int code = e == PVX_OK ? start_and_serve(s) : e == PVX_ECANCELED ? 130 : cli_error(&d, e);
+    int code = e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;
+    if (e == PVX_OK)
+        code = a.write_frames != NULL ? write_frames(s) : start_and_serve(s);
     simcams_ring_fini(&s->ring);
     rec_rig_fini(&s->rig);
     free(s);

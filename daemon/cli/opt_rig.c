@@ -65,6 +65,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (!parse_grid(arg, o->grid))
             argp_error(state, "--grid %s: should be N or NX,NY,NZ with 1 to %d voxels each", arg,
                        REC_GRID_MAX);
+        o->grid_one = strchr(arg, ',') == NULL;
         return 0;
     case OPT_BASIS:
         if (strcmp(arg, "box") == 0)

@@ -16,6 +16,7 @@ struct opt_rig {
     const char *path;                /* --rig; NULL when not given */
     const char *cameras;             /* NULL = all */
     int32_t grid[3];                 /* 0 = as the rig says */
+    bool grid_one;                   /* one number was given for all three */
     int basis;                       /* enum rec_basis, or -1 = as the rig says */
     struct rec_sysmat_params matrix; /* 0 = auto */
     unsigned threads;                /* 0 = one per CPU */

@@ -1,11 +1,14 @@
 #include "cli/simcams_ring.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "capture/imgio.h"
 
 #define NOISE_N 65536u /* samples in the table of normal deviates; a power of two */
 
@@ -165,6 +168,34 @@ pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_p
     if (e != PVX_OK)
         simcams_ring_fini(out);
     return e;
+}
+
+pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *rig,
+                          enum cap_pixfmt fmt, size_t i, const char *dir, struct pvx_diag *d)
+{
+    int nch = cap_pixfmt_channels(fmt);
+    if (fmt != CAP_GREY8 && fmt != CAP_RGB8)
+        return pvx_fail(d, PVX_EUNSUP, "%s: %s is not written; take mono8 or rgb8", dir,
+                        cap_pixfmt_name(fmt));
+    for (size_t c = 0; c < rig->n_cameras; c++) {
+        const struct rec_camera *cam = &rig->cameras[c];
+        size_t n = (size_t)cam->width * (size_t)cam->height * (size_t)nch;
+        const unsigned char *px = r->image[c * r->n + i];
+        char path[4400];
+        snprintf(path, sizeof path, "%.4000s/%s", dir, cam->name);
+        PVX_TRY(pvx_mkdirs(path, d));
+        snprintf(path, sizeof path, "%.4000s/%s/%06zu.png", dir, cam->name, i);
+        float *pix = pvx_calloc(n, sizeof *pix);
+        if (pix == NULL)
+            return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
+        for (size_t k = 0; k < n; k++)
+            pix[k] = px[k] / 255.0f;
+        pvx_err e = cap_image_save(path, pix, cam->width, cam->height, nch, 1, d);
+        free(pix);
+        if (e != PVX_OK)
+            return e;
+    }
+    return PVX_OK;
 }
 
 void simcams_ring_fini(struct simcams_ring *r)

@@ -9,6 +9,7 @@
 #ifndef SIMCAMS_RING_H
 #define SIMCAMS_RING_H
 #include <stdbool.h>
+#include "base/err.h"
 #include "capture/image.h"
 #include "recon/flame.h"
 #include "recon/rig.h"
@@ -39,5 +40,9 @@ PVX_MUST_CHECK pvx_err simcams_ring_init(const struct rec_rig *rig,
                                          const struct simcams_ring_params *p,
                                          bool (*progress)(void *ctx, double done), void *ctx,
                                          struct simcams_ring *out);
+/* Images i of all cameras to DIR/<camera>/<i, 6 digits>.png.  PVX_EUNSUP: Bayer. */
+PVX_MUST_CHECK pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *rig,
+                                         enum cap_pixfmt fmt, size_t i, const char *dir,
+                                         struct pvx_diag *d);
 void simcams_ring_fini(struct simcams_ring *r);
 #endif

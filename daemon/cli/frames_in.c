@@ -1,0 +1,113 @@
+#include "cli/frames_in.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "capture/pixfmt.h"
+
+#define PATH_ROOM 4300
+
+static bool path_of(const struct frames_in *f, size_t i, size_t c, char path[PATH_ROOM])
+{
+    return dmn_framedir_path(&f->dir, f->rig, f->set[i], c, path, PATH_ROOM);
+}
+
+/* Channels and the meaning of 1.0 come from the first image that can be read. */
+static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
+{
+    struct pvx_diag first = {""};
+    pvx_err bad = PVX_ENOENT;
+    for (size_t i = 0; i < f->n; i++)
+        for (size_t c = 0; c < f->rig->n_cameras; c++) {
+            char path[PATH_ROOM];
+            struct cap_loaded l;
+            if (!path_of(f, i, c, path))
+                continue;
+            pvx_err e = cap_image_load(path, &l, &first);
+            if (e != PVX_OK) {
+                bad = bad == PVX_ENOENT ? e : bad;
+                continue;
+            }
+            f->nch = grey ? 1 : cap_pixfmt_channels(l.img.fmt);
+            f->full_scale = l.img.fmt != CAP_GREY_F32 && l.img.fmt != CAP_RGB_F32;
+            cap_loaded_free(&l);
+            return PVX_OK;
+        }
+    return pvx_fail(d, bad, "%s", pvx_diag_text(&first, bad));
+}
+
+pvx_err frames_in_scan(struct frames_in *f, const struct rec_rig *rig, const char *dir,
+                       uint32_t first, uint32_t last, bool grey, struct pvx_diag *d)
+{
+    *f = (struct frames_in){.rig = rig, .binning = 1};
+    PVX_TRY(dmn_framedir_scan(dir, rig, &f->dir, d));
+    f->set = pvx_calloc(f->dir.n_frames, sizeof *f->set);
+    if (f->set == NULL) {
+        frames_in_fini(f);
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the list of frames", dir);
+    }
+    for (size_t i = 0; i < f->dir.n_frames; i++)
+        if (f->dir.number[i] >= first && f->dir.number[i] <= last)
+            f->set[f->n++] = i;
+    pvx_err e =
+        f->n > 0 ? look_at_first(f, grey, d)
+                 : pvx_fail(d, PVX_ENOENT, "%s: no frames from %06u to %06u; it has %06u to %06u",
+                            dir, first, last, f->dir.number[0], f->dir.number[f->dir.n_frames - 1]);
+    if (e != PVX_OK)
+        frames_in_fini(f);
+    return e;
+}
+
+void frames_in_fini(struct frames_in *f)
+{
+    dmn_framedir_fini(&f->dir);
+    PVX_FREE(f->set);
+    f->n = 0;
+}
+
+static pvx_err load_binned(const struct frames_in *f, const char *path, size_t c, float *out,
+                           int64_t *bin_ns, struct pvx_diag *d)
+{
+    const struct rec_camera *cam = &f->rig->cameras[c];
+    struct cap_loaded l;
+    PVX_TRY(cap_image_load(path, &l, d));
+    pvx_err e;
+    int64_t t0 = pvx_now_mono();
+    if (l.img.width != cam->width || l.img.height != cam->height)
+        e = pvx_fail(d, PVX_EINVAL, "%s: is %dx%d, but the rig says camera %s takes %dx%d", path,
+                     l.img.width, l.img.height, cam->name, cam->width, cam->height);
+    else if ((e = cap_bin(&l.img, f->binning, f->nch, 0, frames_in_bins(f, cam->height), out)) !=
+             PVX_OK)
+        pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+    *bin_ns += pvx_now_mono() - t0;
+    cap_loaded_free(&l);
+    return e;
+}
+
+enum frames_in_got frames_in_load(const struct frames_in *f, size_t i, size_t c, float *out,
+                                  int64_t *bin_ns, struct pvx_diag *d)
+{
+    char path[PATH_ROOM];
+    if (!path_of(f, i, c, path))
+        return FRAMES_MISSING;
+    return load_binned(f, path, c, out, bin_ns, d) == PVX_OK ? FRAMES_LOADED : FRAMES_BAD;
+}
+
+pvx_err frames_in_background(const struct frames_in *f, const char *dir, size_t c, float *out,
+                             struct pvx_diag *d)
+{
+    static const char *const ext[] = {"npy", "tif", "tiff", "png"};
+    const char *name = f->rig->cameras[c].name;
+    for (size_t i = 0; i < sizeof ext / sizeof ext[0]; i++) {
+        char path[PATH_ROOM];
+        int64_t ns = 0;
+        snprintf(path, sizeof path, "%s/%s.%s", dir, name, ext[i]);
+        if (access(path, F_OK) == 0)
+            return load_binned(f, path, c, out, &ns, d);
+    }
+    return pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s", dir,
+                    name, name);
+}

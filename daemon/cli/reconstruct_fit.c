@@ -1,0 +1,253 @@
+#include "cli/reconstruct_fit.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "cli/cli.h"
+
+struct fit {
+    const struct frames_in *in;
+    const struct rec_frame_params *p;
+    size_t set; /* being loaded */
+    bool said;  /* that all is lit */
+    struct eye {
+        int32_t bw, bh;
+        float *img, *weight, *scratch, *background; /* background NULL = none */
+        uint8_t *lit;
+        enum frames_in_got got;
+        struct pvx_diag why;
+        struct rec_photo_stats stats;
+    } eye[REC_MAX_CAMERAS];
+};
+
+static pvx_err set_up(struct fit *f, const char *background, struct pvx_diag *d)
+{
+    size_t cs = f->p->nch == 3 ? 4 : 1;
+    for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
+        struct eye *e = &f->eye[c];
+        e->bw = frames_in_bins(f->in, f->in->rig->cameras[c].width);
+        e->bh = frames_in_bins(f->in, f->in->rig->cameras[c].height);
+        size_t n = (size_t)e->bw * (size_t)e->bh;
+        e->img = pvx_calloc(n * cs, sizeof *e->img);
+        e->weight = pvx_calloc(n, sizeof *e->weight);
+        e->scratch = pvx_calloc(n, sizeof *e->scratch);
+        e->lit = pvx_calloc(n, 1);
+        if (background != NULL)
+            e->background = pvx_calloc(n * cs, sizeof *e->background);
+        if (e->img == NULL || e->weight == NULL || e->scratch == NULL || e->lit == NULL ||
+            (background != NULL && e->background == NULL))
+            return pvx_fail(d, PVX_ENOMEM, "--fit-volume: out of memory for images");
+        if (background != NULL)
+            PVX_TRY(frames_in_background(f->in, background, c, e->background, d));
+    }
+    return PVX_OK;
+}
+
+static void tear_down(struct fit *f)
+{
+    for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
+        free(f->eye[c].img);
+        free(f->eye[c].weight);
+        free(f->eye[c].scratch);
+        free(f->eye[c].background);
+        free(f->eye[c].lit);
+    }
+}
+
+static void look(void *ctx, size_t c)
+{
+    struct fit *f = ctx;
+    struct eye *e = &f->eye[c];
+    int64_t ns = 0;
+    e->why.text[0] = '\0';
+    e->got = frames_in_load(f->in, f->set, c, e->img, &ns, &e->why);
+    if (e->got == FRAMES_LOADED)
+        rec_photo_apply(e->img, e->bw, e->bh, f->p->nch, e->background, f->in->rig->cameras[c].gain,
+                        &f->p->photo, e->weight, e->lit, e->scratch, &e->stats);
+}
+
+/* A set that lacks a camera has a larger hull than it should: such sets count only when there are no
+ * others. */
+static bool complete(const struct frames_in *in, size_t i)
+{
+    const uint8_t *ext = in->dir.ext + in->set[i] * in->dir.n_cameras;
+    for (size_t c = 0; c < in->dir.n_cameras; c++)
+        if (ext[c] == 0)
+            return false;
+    return true;
+}
+
+static size_t candidates(const struct frames_in *in, size_t *set)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < in->n; i++)
+        if (complete(in, i))
+            set[n++] = i;
+    for (size_t i = 0; n == 0 && i < in->n; i++)
+        set[i] = i;
+    return n > 0 ? n : in->n;
+}
+
+/* Up to `most` sets (0 = all) spread over the recording, first and last among them; *with_light =
+ * those in which some camera saw flame. */
+static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool quiet, pvx_pool *pool,
+                            size_t *with_light)
+{
+    size_t *set = pvx_calloc(f->in->n, sizeof *set);
+    if (set == NULL)
+        return PVX_ENOMEM;
+    struct cli_progress bar = {.label = "fit volume"};
+    size_t all = candidates(f->in, set), n = most > 0 && most < all ? most : all;
+    pvx_err err = PVX_OK;
+    for (size_t k = 0; k < n && err == PVX_OK; k++) {
+        const uint8_t *lit[REC_MAX_CAMERAS];
+        bool present[REC_MAX_CAMERAS];
+        uint32_t light = 0;
+        size_t there = 0;
+        f->set = set[n > 1 ? k * (all - 1) / (n - 1) : all / 2];
+        pvx_pool_run(pool, f->in->rig->n_cameras, look, f);
+        for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
+            struct eye *e = &f->eye[c];
+            if (e->got == FRAMES_BAD)
+                fprintf(stderr, "pyrovox: %s\n", e->why.text);
+            lit[c] = e->lit;
+            present[c] = e->got == FRAMES_LOADED;
+            there += present[c];
+            light += present[c] ? e->stats.lit : 0;
+            if (present[c])
+                reconstruct_check_lit(f->in->rig->cameras[c].name, e->stats.lit,
+                                      (size_t)e->bw * (size_t)e->bh, &f->said);
+        }
+        if (there > 0)
+            rec_fit_add(fit, lit, present);
+        *with_light += light > 0;
+        if (!quiet)
+            cli_progress(&bar, (double)(k + 1) / (double)n);
+        if (cli_stop)
+            err = PVX_ECANCELED;
+    }
+    free(set);
+    return err;
+}
+
+void reconstruct_check_lit(const char *camera, size_t lit, size_t bins, bool *said)
+{
+    if (*said || (double)lit < 0.9 * (double)bins)
+        return;
+    *said = true;
+    fprintf(stderr,
+            "pyrovox: %.0f %% of the image of %s count as flame: is there a black level (--black "
+            "X, share of full scale) or a lit scene (--background DIR)?\n",
+            100 * (double)lit / (double)bins, camera);
+}
+
+static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_light,
+                        struct pvx_diag *d)
+{
+    if (with_light == 0)
+        return pvx_fail(d, PVX_ENOENT,
+                        "--fit-volume: no flame in any of the %u frame sets from %06u to %06u; is "
+                        "--threshold too high, or --black or --background brighter than the flame?",
+                        sets, frames_in_number(in, 0), frames_in_number(in, in->n - 1));
+    return pvx_fail(
+        d, PVX_ENOENT,
+        "--fit-volume: %zu of %u frame sets have light, but nowhere in the rig's box do "
+        "the silhouettes of all cameras meet; is the calibration right (a larger "
+        "--margin forgives an error), is the box where the flame is?",
+        with_light, sets);
+}
+
+static void describe(const struct rec_grid *whole, const struct rec_grid *g,
+                     const struct rec_fit_box *box, size_t of, double seconds)
+{
+    double share = 1;
+    for (int a = 0; a < 3; a++)
+        share *= (g->max[a] - g->min[a]) / (whole->max[a] - whole->min[a]);
+    fprintf(
+        stderr,
+        "volume fitted: x %.3g .. %.3g, y %.3g .. %.3g, z %.3g .. %.3g m, %dx%dx%d voxels, %.0f "
+        "%% of the rig's box (from %u of %zu frame sets, %.1f s)\n",
+        g->min[0], g->max[0], g->min[1], g->max[1], g->min[2], g->max[2], g->n[0], g->n[1], g->n[2],
+        100 * share, box->sets, of, seconds);
+    static const char *const side[] = {"min x", "max x", "min y", "max y", "min z", "max z"};
+    char list[64] = "";
+    for (int i = 0; i < 6; i++)
+        if (box->touches >> i & 1)
+            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s",
+                     list[0] != '\0' ? ", " : "", side[i]);
+    if (list[0] != '\0')
+        fprintf(stderr,
+                "note: the flame reaches the side of the rig's box at %s; if it goes on outside, "
+                "enlarge `volume` in the rig\n",
+                list);
+}
+
+/* The rig as it is in its file, all cameras, with the fitted volume. */
+static pvx_err save_rig(const char *from, const char *path, const struct rec_grid *g,
+                        struct pvx_diag *d)
+{
+    struct rec_rig rig;
+    char *text;
+    size_t len;
+    PVX_TRY(rec_rig_load(from, &rig, d));
+    rig.grid = *g;
+    pvx_err e = rec_rig_format(&rig, &text, &len);
+    rec_rig_fini(&rig);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+    e = pvx_file_write(path, text, len, d);
+    free(text);
+    return e;
+}
+
+/* The silhouettes' bins: those that the reconstruction on the rig's own grid would use. */
+static pvx_err choose_binning(const struct reconstruct_options *o, struct frames_in *in,
+                              struct pvx_diag *d)
+{
+    struct rec_sysmat_params got;
+    PVX_TRY(rec_sysmat_resolve(in->rig, &o->rig.matrix, &got, d));
+    in->binning = got.binning;
+    return PVX_OK;
+}
+
+pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *in,
+                        const struct rec_frame_params *p, pvx_pool *pool, struct rec_rig *rig,
+                        struct pvx_diag *d)
+{
+    int64_t t0 = pvx_now_mono();
+    PVX_TRY(choose_binning(o, in, d));
+    struct fit f = {.in = in, .p = p};
+    struct rec_fit_params fp = REC_FIT_DEFAULTS;
+    struct rec_fit_box box;
+    rec_fit *fit = NULL;
+    size_t with_light = 0;
+    fp.binning = in->binning;
+    fp.min_views = p->hull.min_views;
+    pvx_err e = rec_fit_new(rig, &fp, pool, &fit, d);
+    if (e == PVX_OK)
+        e = set_up(&f, o->background, d);
+    if (e == PVX_OK)
+        e = look_at_sets(&f, fit, o->fit_frames, o->quiet, pool, &with_light);
+    if (e == PVX_OK && (e = rec_fit_get(fit, o->fit_margin, &box)) != PVX_OK)
+        e = no_flame(in, box.sets, with_light, d);
+    tear_down(&f);
+    rec_fit_free(&fit);
+    if (e != PVX_OK)
+        return e;
+    int32_t n[3];
+    memcpy(n, o->rig.grid, sizeof n);
+    if (o->rig.grid_one)
+        n[1] = n[2] = 0;
+    struct rec_grid whole = rig->grid;
+    if (rec_fit_grid(&whole, &box, n, &rig->grid) != PVX_OK)
+        return pvx_fail(d, PVX_ERANGE,
+                        "--fit-volume: over %d voxels along an axis; --grid N makes them larger",
+                        REC_GRID_MAX);
+    if (!o->quiet)
+        describe(&whole, &rig->grid, &box, in->n, (double)(pvx_now_mono() - t0) * 1e-9);
+    return o->save_rig != NULL ? save_rig(o->rig.path, o->save_rig, &rig->grid, d) : PVX_OK;
+}

@@ -1,0 +1,280 @@
+#include "cli/reconstruct_options.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/yaml.h"
+
+enum {
+    OPT_FRAMES = 0x100,
+    OPT_OUT,
+    OPT_REPORT,
+    OPT_SOLVER,
+    OPT_ITER,
+    OPT_STOP,
+    OPT_LAMBDA,
+    OPT_DEADLINE,
+    OPT_FIRST,
+    OPT_LAST,
+    OPT_THRESHOLD,
+    OPT_MARGIN,
+    OPT_BLACK,
+    OPT_MIN_VIEWS,
+    OPT_HULL_RULE,
+    OPT_STRICT,
+    OPT_NO_HULL,
+    OPT_SAVE_HULL,
+    OPT_BACKGROUND,
+    OPT_GREY,
+    OPT_START,
+    OPT_WARM,
+    OPT_CACHE,
+    OPT_QUIET,
+    OPT_FIT,
+    OPT_FIT_FRAMES,
+    OPT_SAVE_RIG
+};
+
+static const struct argp_option option_table[] = {
+    {"frames", OPT_FRAMES, "DIR", 0, "DIR/<camera>/<6 digits>.(npy|png|tif)", 0},
+    {"out", OPT_OUT, "DIR", 0, "volumes go to DIR/<6 digits>.npy with a .json beside each", 0},
+    {"save-report", OPT_REPORT, "FILE", 0, "solver and hull report of every frame as JSON", 0},
+    {"first", OPT_FIRST, "N", 0, "first frame number", 0},
+    {"last", OPT_LAST, "N", 0, "last frame number", 0},
+    {"grey", OPT_GREY, NULL, 0, "solve one channel (colour images: their mean)", 0},
+    {"matrix-cache", OPT_CACHE, "FILE", 0, "where the system matrix is kept (default: user cache)",
+     0},
+    {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
+    {NULL, 0, NULL, 0, "Volume fitted to the flame:", 2},
+    {"fit-volume", OPT_FIT, "MARGIN", OPTION_ARG_OPTIONAL,
+     "reconstruct in the tightest box around the flame of the whole recording, found from the "
+     "silhouettes, plus MARGIN metres on every side (default: about 1/48 of the rig's box). Voxels "
+     "keep the rig's size; --grid N puts N along the longest side instead",
+     2},
+    {"fit-frames", OPT_FIT_FRAMES, "N|all", 0,
+     "frame sets to look at for it, evenly spread (default 50)", 2},
+    {"save-rig", OPT_SAVE_RIG, "FILE", 0,
+     "write the rig with the fitted volume, for the daemon; without --out that is all", 2},
+    {NULL, 0, NULL, 0, "Solver:", 3},
+    {"solver", OPT_SOLVER, "NAME", 0, "one of", 3},
+    {"iterations", OPT_ITER, "N", 0, "at most N; without --stop exactly the budget", 3},
+    {"stop", OPT_STOP, "RULE", 0,
+     "auto (default: the solver's own rule), lcurve (corner of the L-curve), discrepancy (residual "
+     "down to the noise, which is measured beside the flame) or iterations (the budget, no less)",
+     3},
+    {"deadline", OPT_DEADLINE, "MS", 0,
+     "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},
+    {"start", OPT_START, "cold|warm", 0,
+     "from zero (default) or from the frame before. Warm needs fewer iterations where the flame "
+     "moves little between frames",
+     3},
+    {"lambda", OPT_LAMBDA, "X", 0, "weight of the smoothness term (default: from the noise)", 3},
+    {NULL, 0, NULL, 0, "Silhouettes and hull:", 4},
+    {"threshold", OPT_THRESHOLD, "X|auto", 0, "flame is >= X of full scale (auto: from the noise)",
+     4},
+    {"black", OPT_BLACK, "X", 0, "black level, share of full scale (default 0)", 4},
+    {"background", OPT_BACKGROUND, "DIR", 0,
+     "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame", 4},
+    {"margin", OPT_MARGIN, "N", 0,
+     "grow silhouettes by N bins (default 0). Raise it by the calibration error in bins: too small "
+     "cuts the flame's rim off, too large costs time and lets light leak outwards",
+     4},
+    {"min-views", OPT_MIN_VIEWS, "N", 0,
+     "cameras that must see a voxel (default 2). Fewer: 1 keeps what one camera alone sees, of "
+     "unknown depth; more: parts of the box that few cameras see stay empty",
+     4},
+    {"hull-rule", OPT_HULL_RULE, "RULE", 0,
+     "conservative (default): keep voxels that are partly inside the silhouettes, no flame is "
+     "lost; "
+     "inside: only those wholly inside in every camera: fewer voxels, faster, but the flame loses "
+     "a rim of about a voxel and thin parts altogether",
+     4},
+    {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 4},
+    {"save-hull", OPT_SAVE_HULL, "DIR", 0,
+     "a picture of each frame's hull, DIR/<6 digits>.png: voxels inside (red), partly inside "
+     "(green), outside (yellow), and the silhouettes they come from",
+     4},
+    /* earlier names */
+    {"strict-hull", OPT_STRICT, NULL, OPTION_HIDDEN, NULL, 4},
+    {"warm-start", OPT_WARM, NULL, OPTION_HIDDEN, NULL, 3},
+    {"deadline-ms", OPT_DEADLINE, "MS", OPTION_HIDDEN, NULL, 3},
+    {0},
+};
+
+static void number(struct argp_state *st, const char *opt, const char *arg, double lo, double hi,
+                   double *out)
+{
+    if (pvx_parse_double(arg, lo, hi, out) != PVX_OK)
+        argp_error(st, "--%s %s: should be a number from %g to %g", opt, arg, lo, hi);
+}
+
+/* Place of `arg` in a NULL-terminated list of names, or -1. */
+static int find(const char *const *names, const char *arg)
+{
+    for (int i = 0; names[i] != NULL; i++)
+        if (strcmp(names[i], arg) == 0)
+            return i;
+    return -1;
+}
+
+static int choice(struct argp_state *st, const char *opt, const char *const *names, const char *arg)
+{
+    int i = find(names, arg);
+    if (i >= 0)
+        return i;
+    char list[300] = "";
+    for (int k = 0; names[k] != NULL; k++)
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", k == 0 ? "" : ", ",
+                 names[k]);
+    argp_error(st, "--%s %s: should be one of %s", opt, arg, list);
+    return 0;
+}
+
+static error_t parse_rest(int key, char *arg, struct argp_state *st)
+{
+    static const char *const stops[] = {"auto", "lcurve", "discrepancy", "iterations", NULL};
+    static const enum rec_stop stop[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
+                                         REC_STOP_ITERATIONS};
+    static const char *const starts[] = {"cold", "warm", NULL};
+    static const char *const rules[] = {"inside", "conservative", NULL};
+    struct reconstruct_options *o = st->input;
+    double v = 0;
+    switch (key) {
+    case OPT_SOLVER:
+        o->frame.solve.solver = rec_solver_names()[choice(st, "solver", rec_solver_names(), arg)];
+        return 0;
+    case OPT_ITER:
+        number(st, "iterations", arg, 1, 1e6, &v);
+        o->frame.solve.iterations = (uint32_t)v;
+        if (o->frame.solve.stop == REC_STOP_AUTO)
+            o->frame.solve.stop = REC_STOP_ITERATIONS;
+        return 0;
+    case OPT_STOP: o->frame.solve.stop = stop[choice(st, "stop", stops, arg)]; return 0;
+    case OPT_LAMBDA:
+        number(st, "lambda", arg, 0, 1e6, &v);
+        o->frame.solve.lambda = (float)v;
+        return 0;
+    case OPT_DEADLINE: number(st, "deadline", arg, 0.01, 1e9, &o->deadline_ms); return 0;
+    case OPT_START: o->warm = choice(st, "start", starts, arg) == 1; return 0;
+    case OPT_WARM: o->warm = true; return 0;
+    case OPT_THRESHOLD:
+        v = -1;
+        if (strcmp(arg, "auto") != 0)
+            number(st, "threshold", arg, 0, 1e6, &v);
+        o->frame.photo.threshold = (float)v;
+        return 0;
+    case OPT_BLACK:
+        number(st, "black", arg, 0, 1, &v);
+        o->frame.photo.black = (float)v;
+        return 0;
+    case OPT_MARGIN:
+        number(st, "margin", arg, 0, 64, &v);
+        o->frame.photo.margin = (int32_t)v;
+        return 0;
+    case OPT_MIN_VIEWS:
+        number(st, "min-views", arg, 1, REC_MAX_CAMERAS, &v);
+        o->frame.hull.min_views = (uint32_t)v;
+        return 0;
+    case OPT_HULL_RULE: o->frame.hull.keep_partial = choice(st, "hull-rule", rules, arg); return 0;
+    case OPT_STRICT: o->frame.hull.keep_partial = 0; return 0;
+    case OPT_NO_HULL: o->no_hull = true; return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    struct reconstruct_options *o = st->input;
+    double v = 0;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = &o->rig; return 0;
+    case OPT_FRAMES: o->frames = arg; return 0;
+    case OPT_OUT: o->out = arg; return 0;
+    case OPT_REPORT: o->report = arg; return 0;
+    case OPT_CACHE: o->cache = arg; return 0;
+    case OPT_FIRST:
+        number(st, "first", arg, 0, 999999, &v);
+        o->first = (uint32_t)v;
+        return 0;
+    case OPT_LAST:
+        number(st, "last", arg, 0, 999999, &v);
+        o->last = (uint32_t)v;
+        return 0;
+    case OPT_GREY: o->grey = true; return 0;
+    case OPT_QUIET: o->quiet = true; return 0;
+    case OPT_BACKGROUND: o->background = arg; return 0;
+    case OPT_SAVE_HULL: o->save_hull = arg; return 0;
+    case OPT_FIT:
+        o->fit = true;
+        if (arg != NULL)
+            number(st, "fit-volume", arg, 0, 1e6, &o->fit_margin);
+        return 0;
+    case OPT_FIT_FRAMES:
+        if (strcmp(arg, "all") != 0)
+            number(st, "fit-frames", arg, 1, 999999, &v);
+        o->fit_frames = (uint32_t)v;
+        return 0;
+    case OPT_SAVE_RIG: o->save_rig = arg; return 0;
+    case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
+    case ARGP_KEY_END:
+        if (o->frames == NULL || o->rig.path == NULL || (o->out == NULL && o->save_rig == NULL))
+            argp_error(st, "needs --rig, --frames and --out");
+        if (o->save_rig != NULL && !o->fit)
+            argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");
+        if (o->fit && o->no_hull)
+            argp_error(st, "--fit-volume comes from the hull: it cannot go with --no-hull");
+        return 0;
+    default: return parse_rest(key, arg, st);
+    }
+}
+
+/* The solvers of this build, in --help. */
+static char *help_text(int key, const char *text, void *input)
+{
+    (void)input;
+    if (key != OPT_SOLVER)
+        return (char *)text;
+    const char *const *names = rec_solver_names();
+    char list[300] = "";
+    for (int i = 0; names[i] != NULL; i++)
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s%s", i == 0 ? "" : ", ",
+                 names[i], i == 0 ? " (default)" : "");
+    return strdup(list);
+}
+
+void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
+{
+    static const struct argp_child children[] = {{&opt_rig_argp, 0, "", 1}, {0}};
+    static const struct argp argp = {
+        .options = option_table,
+        .parser = parse,
+        .children = children,
+        .help_filter = help_text,
+        .doc =
+            "Reconstruct one emission volume per recorded frame set.\v"
+            "Images are linear: 8/16-bit with full scale 1.0, .npy float32 as it is. A frame that "
+            "some camera lacks is solved from the others; a file that cannot be used is named, "
+            "the rest goes on, and the exit code is 1.\n\n"
+            "Examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "
+            "recording "
+            "to try them on, with --black 0.02):\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol\n"
+            "      one volume per frame on the rig's grid\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+            "          --fit-volume --grid 128 --save-report report.json\n"
+            "      128 voxels along the flame's height, none wasted beside it\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take \\\n"
+            "          --fit-volume=0.05 --save-rig tight.yaml\n"
+            "      only find the box, for the daemon\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+            "          --last 9 --save-hull hulls\n"
+            "      is the calibration good?  Look at the hulls of ten frames\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+            "          --start warm --deadline 20\n"
+            "      within 20 ms per frame, each frame from the one before\n"};
+    *o = (struct reconstruct_options){
+        .rig = OPT_RIG_INIT, .last = 999999, .fit_margin = -1, .fit_frames = 50};
+    o->frame = rec_frame_defaults;
+    argp_err_exit_status = 2;
+    argp_parse(&argp, argc, argv, 0, NULL, o);
+}

@@ -1,0 +1,25 @@
+/* reconstruct_options.h - what can be said to `pyrovox reconstruct`. */
+#ifndef RECONSTRUCT_OPTIONS_H
+#define RECONSTRUCT_OPTIONS_H
+#include <argp.h>
+#include "cli/opt_rig.h"
+#include "recon/frame.h"
+
+struct reconstruct_options {
+    struct opt_rig rig;
+    const char *frames, *out, *report, *cache, *background;
+    const char *save_hull; /* folder of pictures, or NULL */
+    bool fit;              /* --fit-volume */
+    double fit_margin;     /* m; < 0 = one coarse cell */
+    uint32_t fit_frames;   /* frame sets to look at; 0 = all */
+    const char *save_rig;  /* or NULL */
+    struct rec_frame_params frame;
+    uint32_t first, last;
+    double deadline_ms; /* 0 = none */
+    bool grey, warm, quiet, no_hull;
+};
+
+/* Exits on wrong usage and on --help. */
+void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o);
+
+#endif
