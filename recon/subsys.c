@@ -7,13 +7,8 @@
 
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0)
 {
-    size_t rows = 0;
-    for (size_t c = 0; c < S->n_cameras; c++) {
-        row0[c] = rows;
-        rows += (size_t)S->block[c].bw * (size_t)S->block[c].bh;
-    }
-    row0[S->n_cameras] = rows;
-    return rows;
+    memcpy(row0, S->row0, (S->n_cameras + 1) * sizeof *row0);
+    return row0[S->n_cameras];
 }
 
 /* Columns are padded with zero entries to a multiple of 4: a column has some ten entries, and a loop
@@ -26,6 +21,33 @@ static inline uint32_t padded(uint32_t n)
 static size_t column_room(const rec_sysmat *S)
 {
     return S->nnz + 3 * rec_grid_count(&S->grid);
+}
+
+/* The columns are cut into strips of as many each, one per thread at most.  Every strip counts its
+ * entries per row in a work area of its own; numbering turns the counts into the places where the
+ * strip's entries of a row go.  That is the order of the columns whatever the strips are, and so is
+ * every other output.
+ * Of the row space only what the hull is seen in is looked at: strips mark the blocks of BLOCK rows
+ * that they count in, and clear just these the next time. */
+#define BLOCK  32
+#define RANGES 16 /* of blocks: tasks of the numbering */
+
+static size_t blocks_of(size_t rows)
+{
+    return (rows + BLOCK - 1) / BLOCK;
+}
+
+static bool reserve_strips(struct rec_subsys *a, size_t rows)
+{
+    bool ok = true;
+    a->strips =
+        pvx_pool_threads(a->pool) < REC_STRIPS_MAX ? pvx_pool_threads(a->pool) : REC_STRIPS_MAX;
+    for (size_t s = 0; s < a->strips; s++) {
+        a->strip[s].place = pvx_reserve(blocks_of(rows) * BLOCK * sizeof *a->strip[s].place);
+        a->strip[s].touched = pvx_reserve(blocks_of(rows));
+        ok = ok && a->strip[s].place != NULL && a->strip[s].touched != NULL;
+    }
+    return ok;
 }
 
 static bool reserve_gather(struct rec_gather *g, size_t outputs, size_t nnz)
@@ -44,8 +66,7 @@ pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
                        struct rec_subsys **out)
 {
     *out = NULL;
-    size_t row0[REC_MAX_CAMERAS + 1];
-    if (column_room(S) > UINT32_MAX || rec_rowspace(S, row0) > INT32_MAX)
+    if (column_room(S) > UINT32_MAX)
         return PVX_ERANGE;
     struct rec_subsys *a = pvx_calloc(1, sizeof *a);
     if (a == NULL)
@@ -54,13 +75,12 @@ pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
     a->k = k;
     a->pool = pool;
     a->cs = cs;
-    memcpy(a->row0, row0, sizeof row0);
-    size_t rows = row0[S->n_cameras];
+    size_t rows = rec_rowspace(S, a->row0);
     a->ray = pvx_reserve(rows * sizeof *a->ray);
-    a->number = pvx_reserve(rows * sizeof *a->number);
-    bool ok = reserve_gather(&a->by_row, rows, S->nnz);
+    bool ok = a->ray != NULL && reserve_strips(a, rows);
+    ok = reserve_gather(&a->by_row, rows, S->nnz) && ok;
     ok = reserve_gather(&a->by_col, rec_grid_count(&S->grid), column_room(S)) && ok;
-    if (!ok || a->ray == NULL || a->number == NULL) {
+    if (!ok) {
         rec_subsys_free(&a);
         return PVX_ENOMEM;
     }
@@ -77,113 +97,178 @@ void rec_subsys_free(struct rec_subsys **ap)
     release_gather(&a->by_row, rows, a->S->nnz);
     release_gather(&a->by_col, rec_grid_count(&a->S->grid), column_room(a->S));
     pvx_unreserve(a->ray, rows * sizeof *a->ray);
-    pvx_unreserve(a->number, rows * sizeof *a->number);
+    for (size_t s = 0; s < a->strips; s++) {
+        pvx_unreserve(a->strip[s].place, blocks_of(rows) * BLOCK * sizeof *a->strip[s].place);
+        pvx_unreserve(a->strip[s].touched, blocks_of(rows));
+    }
     free(a);
     *ap = NULL;
 }
 
 struct restriction {
     struct rec_subsys *a;
-    uint32_t nnz[REC_MAX_CAMERAS], rows[REC_MAX_CAMERAS]; /* of each camera, then first of each */
-    uint32_t chunk_nnz[REC_MAX_CHUNKS];                   /* of each chunk of columns, then first */
+    size_t strips, rows, blocks;
+    uint32_t range_rows[RANGES], range_nnz[RANGES]; /* then the first of each */
+    /* Rows of the present cameras, [lo,hi) ascending, then a sentinel. */
+    uint32_t lo[REC_MAX_CAMERAS + 1], hi[REC_MAX_CAMERAS + 1];
 };
 
-/* Tasks are the cameras, then the chunks of columns.
- * Cameras: number[] = entries per row.  Chunks: room for their columns' entries. */
-static void count_task(void *ctx, size_t i)
+static void strip_range(const struct restriction *t, size_t strip, int32_t *q0, int32_t *q1)
 {
-    struct restriction *t = ctx;
-    struct rec_subsys *a = t->a;
-    size_t cameras = a->S->n_cameras;
-    if (i < cameras) {
-        const struct rec_sysmat_block *b = &a->S->block[i];
-        uint32_t *count = a->number + a->row0[i], nnz = 0, rows = 0;
-        size_t n = a->row0[i + 1] - a->row0[i];
-        memset(count, 0, n * sizeof *count);
-        for (int32_t q = 0; a->present[i] && q < a->n; q++) {
-            uint32_t end = b->colptr[a->col[q] + 1];
-            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++)
-                count[b->row[e]]++;
-        }
-        for (size_t r = 0; r < n; r++) {
-            nnz += count[r];
-            rows += count[r] > 0;
-        }
-        t->nnz[i] = nnz;
-        t->rows[i] = rows;
-        return;
-    }
-    int32_t q0, q1;
-    uint32_t sum = 0;
-    rec_chunk_range(a->n, i - cameras, &q0, &q1);
-    for (int32_t q = q0; q < q1; q++) {
-        uint32_t n = 0;
-        for (size_t c = 0; c < cameras; c++)
-            if (a->present[c])
-                n += a->S->block[c].colptr[a->col[q] + 1] - a->S->block[c].colptr[a->col[q]];
-        sum += padded(n);
-    }
-    t->chunk_nnz[i - cameras] = sum;
+    *q0 = (int32_t)((int64_t)t->a->n * (int64_t)strip / (int64_t)t->strips);
+    *q1 = (int32_t)((int64_t)t->a->n * (int64_t)(strip + 1) / (int64_t)t->strips);
 }
 
-/* Counts -> numbers: rows of camera c get their number in A, by_row.ptr and ray. */
-static void number_camera(void *ctx, size_t c)
+/* Whether row r is of a present camera; k goes along with the rows of a column. */
+static inline bool present(const struct restriction *t, size_t *k, uint32_t r)
 {
-    struct restriction *t = ctx;
-    struct rec_subsys *a = t->a;
-    uint32_t row = t->rows[c], at = t->nnz[c];
-    for (size_t r = a->row0[c]; r < a->row0[c + 1]; r++) {
-        uint32_t count = a->number[r];
-        if (count == 0)
-            continue;
-        a->number[r] = row;
-        a->ray[row] = (uint32_t)r;
-        a->by_row.ptr[row++] = at;
-        at += count;
-    }
+    while (r >= t->hi[*k])
+        ++*k;
+    return r >= t->lo[*k];
 }
 
-/* Cameras: entries by row, columns ascending; by_row.ptr[row] runs on to the row's end, which is the
- * next row's start, and is put back by shift_rows.  Chunks: entries by column. */
-static void fill_task(void *ctx, size_t i)
+static inline void clear_strip(const struct restriction *t, struct rec_strip *s)
 {
-    struct restriction *t = ctx;
-    struct rec_subsys *a = t->a;
-    size_t cameras = a->S->n_cameras;
-    if (i < cameras) {
-        const struct rec_sysmat_block *b = &a->S->block[i];
-        const uint32_t *number = a->number + a->row0[i];
-        struct rec_gather *g = &a->by_row;
-        for (int32_t q = 0; a->present[i] && q < a->n; q++) {
-            uint32_t end = b->colptr[a->col[q] + 1];
-            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++) {
-                uint32_t at = g->ptr[number[b->row[e]]]++;
-                g->entry[at] = (struct rec_entry){(uint32_t)q, b->val[e]};
-            }
-        }
-        return;
-    }
-    int32_t q0, q1;
-    rec_chunk_range(a->n, i - cameras, &q0, &q1);
-    struct rec_gather *g = &a->by_col;
-    uint32_t at = t->chunk_nnz[i - cameras];
+    for (size_t b = 0; b < t->blocks; b++)
+        if (s->touched[b])
+            memset(s->place + b * BLOCK, 0, BLOCK * sizeof *s->place);
+    memset(s->touched, 0, t->blocks);
+}
+
+static inline void count_columns(const struct restriction *t, struct rec_strip *s, int32_t q0,
+                                 int32_t q1, bool all)
+{
+    const struct rec_subsys *a = t->a;
+    const uint32_t *colptr = a->S->colptr, *row = a->S->row;
+    s->room = 0;
     for (int32_t q = q0; q < q1; q++) {
-        g->ptr[q] = at;
-        for (size_t c = 0; c < cameras; c++) {
-            if (!a->present[c])
+        uint32_t e = colptr[a->col[q]], end = colptr[a->col[q] + 1], n = all ? end - e : 0;
+        size_t k = 0;
+        for (; e < end; e++) {
+            if (!all && !present(t, &k, row[e]))
                 continue;
-            const struct rec_sysmat_block *b = &a->S->block[c];
-            const uint32_t *number = a->number + a->row0[c];
-            uint32_t end = b->colptr[a->col[q] + 1];
-            for (uint32_t e = b->colptr[a->col[q]]; e < end; e++)
-                g->entry[at++] = (struct rec_entry){number[b->row[e]], b->val[e]};
+            s->place[row[e]].at++;
+            s->touched[row[e] / BLOCK] = 1;
+            n += !all;
         }
-        uint32_t end = g->ptr[q] + padded(at - g->ptr[q]);
-        while (at < end) {
-            g->entry[at] = (struct rec_entry){g->entry[at - 1].idx, 0};
-            at++;
+        s->room += padded(n);
+    }
+}
+
+static void count_strip(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    int32_t q0, q1;
+    strip_range(t, i, &q0, &q1);
+    clear_strip(t, &t->a->strip[i]);
+    if (t->lo[0] == 0 && t->hi[0] == t->rows)
+        count_columns(t, &t->a->strip[i], q0, q1, true);
+    else
+        count_columns(t, &t->a->strip[i], q0, q1, false);
+}
+
+static void range_blocks(const struct restriction *t, size_t i, size_t *b0, size_t *b1)
+{
+    *b0 = t->blocks * i / RANGES;
+    *b1 = t->blocks * (i + 1) / RANGES;
+}
+
+/* Entries of the rows of block b, over the strips; false when there are none. */
+static inline bool block_counts(const struct restriction *t, size_t b, uint32_t count[BLOCK])
+{
+    bool any = false;
+    memset(count, 0, BLOCK * sizeof *count);
+    for (size_t s = 0; s < t->strips; s++) {
+        const struct rec_strip *strip = &t->a->strip[s];
+        if (!strip->touched[b])
+            continue;
+        any = true;
+        for (size_t r = 0; r < BLOCK; r++)
+            count[r] += strip->place[b * BLOCK + r].at;
+    }
+    return any;
+}
+
+static void sum_range(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    uint32_t rows = 0, nnz = 0, count[BLOCK];
+    size_t b0, b1;
+    range_blocks(t, i, &b0, &b1);
+    for (size_t b = b0; b < b1; b++)
+        if (block_counts(t, b, count))
+            for (size_t r = 0; r < BLOCK; r++) {
+                rows += count[r] > 0;
+                nnz += count[r];
+            }
+    t->range_rows[i] = rows;
+    t->range_nnz[i] = nnz;
+}
+
+/* Counts -> places: rows get their numbers in A, by_row.ptr and ray. */
+static void number_range(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    struct rec_subsys *a = t->a;
+    uint32_t row = t->range_rows[i], at = t->range_nnz[i], count[BLOCK];
+    size_t b0, b1;
+    range_blocks(t, i, &b0, &b1);
+    for (size_t b = b0; b < b1; b++) {
+        if (!block_counts(t, b, count))
+            continue;
+        for (size_t r = 0; r < BLOCK; r++) {
+            if (count[r] == 0)
+                continue;
+            a->ray[row] = (uint32_t)(b * BLOCK + r);
+            a->by_row.ptr[row] = at;
+            for (size_t s = 0; s < t->strips; s++) {
+                struct rec_place *p = &a->strip[s].place[b * BLOCK + r];
+                if (!a->strip[s].touched[b])
+                    continue;
+                uint32_t n = p->at;
+                *p = (struct rec_place){at, row};
+                at += n;
+            }
+            row++;
         }
     }
+}
+
+static inline void fill_columns(const struct restriction *t, struct rec_strip *s, uint32_t at,
+                                int32_t q0, int32_t q1, bool all)
+{
+    const struct rec_subsys *a = t->a;
+    const uint32_t *colptr = a->S->colptr, *row = a->S->row;
+    const uint16_t *val = a->S->val;
+    const float unit = a->S->unit;
+    struct rec_entry *by_row = a->by_row.entry, *by_col = a->by_col.entry;
+    for (int32_t q = q0; q < q1; q++) {
+        uint32_t e = colptr[a->col[q]], end = colptr[a->col[q] + 1];
+        size_t k = 0;
+        a->by_col.ptr[q] = at;
+        for (; e < end; e++) {
+            if (!all && !present(t, &k, row[e]))
+                continue;
+            struct rec_place *p = &s->place[row[e]];
+            float v = unit * (float)val[e];
+            by_row[p->at++] = (struct rec_entry){(uint32_t)q, v};
+            by_col[at++] = (struct rec_entry){p->number, v};
+        }
+        uint32_t full = a->by_col.ptr[q] + padded(at - a->by_col.ptr[q]);
+        for (; at < full; at++)
+            by_col[at] = (struct rec_entry){by_col[at - 1].idx, 0};
+    }
+}
+
+static void fill_strip(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    int32_t q0, q1;
+    strip_range(t, i, &q0, &q1);
+    if (t->lo[0] == 0 && t->hi[0] == t->rows)
+        fill_columns(t, &t->a->strip[i], t->a->strip[i].room, q0, q1, true);
+    else
+        fill_columns(t, &t->a->strip[i], t->a->strip[i].room, q0, q1, false);
 }
 
 static uint32_t first_of_each(uint32_t *count, size_t n)
@@ -197,22 +282,47 @@ static uint32_t first_of_each(uint32_t *count, size_t n)
     return sum;
 }
 
-void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present)
+static void list_present(struct restriction *t)
 {
-    size_t cameras = a->S->n_cameras, chunks = rec_chunks(n);
+    const struct rec_subsys *a = t->a;
+    size_t n = 0;
+    for (size_t c = 0; c < a->S->n_cameras; c++) {
+        if (!a->present[c])
+            continue;
+        uint32_t lo = (uint32_t)a->row0[c], hi = (uint32_t)a->row0[c + 1];
+        if (n > 0 && t->hi[n - 1] == lo) {
+            t->hi[n - 1] = hi;
+            continue;
+        }
+        t->lo[n] = lo;
+        t->hi[n++] = hi;
+    }
+    t->lo[n] = t->hi[n] = UINT32_MAX;
+}
+
+void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present_)
+{
+    struct restriction t = {.a = a, .rows = a->row0[a->S->n_cameras]};
     a->col = col;
     a->n = n;
-    memcpy(a->present, present, cameras * sizeof *present);
-    struct restriction t = {.a = a};
-    pvx_pool_run(a->pool, cameras + chunks, count_task, &t);
-    a->nnz = first_of_each(t.nnz, cameras);
-    a->rows = (int32_t)first_of_each(t.rows, cameras);
-    uint32_t end = first_of_each(t.chunk_nnz, chunks);
-    pvx_pool_run(a->pool, cameras, number_camera, &t);
-    pvx_pool_run(a->pool, cameras + chunks, fill_task, &t);
-    memmove(a->by_row.ptr + 1, a->by_row.ptr, (size_t)a->rows * sizeof *a->by_row.ptr);
-    a->by_row.ptr[0] = 0;
-    a->by_col.ptr[n] = end;
+    memcpy(a->present, present_, a->S->n_cameras * sizeof *a->present);
+    list_present(&t);
+    t.blocks = blocks_of(t.rows);
+    t.strips = a->strips;
+    pvx_pool_run(a->pool, t.strips, count_strip, &t);
+    pvx_pool_run(a->pool, RANGES, sum_range, &t);
+    a->rows = (int32_t)first_of_each(t.range_rows, RANGES);
+    a->nnz = first_of_each(t.range_nnz, RANGES);
+    uint32_t room = 0;
+    for (size_t s = 0; s < t.strips; s++) {
+        uint32_t of_strip = a->strip[s].room;
+        a->strip[s].room = room;
+        room += of_strip;
+    }
+    pvx_pool_run(a->pool, RANGES, number_range, &t);
+    pvx_pool_run(a->pool, t.strips, fill_strip, &t);
+    a->by_row.ptr[a->rows] = (uint32_t)a->nnz;
+    a->by_col.ptr[n] = room;
 }
 
 struct product {

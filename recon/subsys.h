@@ -18,6 +18,17 @@
 #include "recon/kernels.h"
 #include "recon/sysmat.h"
 
+/* Work areas of restrict: of each strip of columns, where its next entry of a row of S goes. */
+#define REC_STRIPS_MAX 8
+struct rec_place {
+    uint32_t at, number; /* in by_row.entry; the row's number in A */
+};
+struct rec_strip {
+    struct rec_place *place; /* [row space] */
+    uint8_t *touched;        /* [blocks of rows] */
+    uint32_t room;           /* its entries of by_col, then the first */
+};
+
 struct rec_subsys {
     const rec_sysmat *S;
     const struct rec_kernels *k;
@@ -32,10 +43,11 @@ struct rec_subsys {
     struct rec_gather by_col; /* [n] outputs, indices are rows of A; padded with zero entries */
     bool present[REC_MAX_CAMERAS];
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera in S's row space */
-    uint32_t *number;                 /* [row space] number in A of a row of S; work area */
+    size_t strips;
+    struct rec_strip strip[REC_STRIPS_MAX];
 };
 
-/* Rows of S in row space: sum over cameras of bw*bh, camera by camera; fills row0 [n_cameras+1]. */
+/* Copies S->row0 [n_cameras+1]; returns the rows in all. */
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0);
 
 /* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM; PVX_ERANGE: S has over 2^32-1 entries or

@@ -9,7 +9,10 @@
 #include "recon/sysmat_priv.h"
 
 /* Raise it when the same rig and parameters give other entries than before: old caches go stale. */
-#define METHOD_VERSION 1u
+#define METHOD_VERSION 2u
+
+#define COARSEST  16 /* voxels along the longest side of the coarsest level, at least */
+#define HUGE_PAGE ((size_t)2 << 20)
 
 const struct rec_sysmat_params rec_sysmat_defaults = {0, 0};
 
@@ -106,14 +109,56 @@ pvx_err rec_sysmat_alloc(size_t n_cameras, rec_sysmat **out)
     return PVX_OK;
 }
 
-void rec_sysmat_section_bytes(const rec_sysmat *m, const struct rec_sysmat_block *b,
-                              uint64_t bytes[4])
+pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d)
 {
-    uint64_t N = rec_grid_count(&m->grid);
-    bytes[0] = (N + 1) * sizeof *b->colptr;
-    bytes[1] = b->nnz * sizeof *b->row;
-    bytes[2] = b->nnz * sizeof *b->val;
-    bytes[3] = N * sizeof *b->fp;
+    uint64_t rows = 0;
+    for (size_t c = 0; c < m->n_cameras; c++) {
+        m->row0[c] = (size_t)rows;
+        rows += (uint64_t)m->block[c].bw * (uint64_t)m->block[c].bh;
+    }
+    m->row0[m->n_cameras] = (size_t)rows;
+    if (rows > INT32_MAX)
+        return pvx_fail(d, PVX_ERANGE,
+                        "%llu bins of all cameras are more than the 2^31-1 of one matrix; use a "
+                        "larger binning or fewer cameras",
+                        (unsigned long long)rows);
+    return PVX_OK;
+}
+
+void *rec_sysmat_array(uint64_t bytes)
+{
+    size_t align = bytes >= 2 * HUGE_PAGE ? HUGE_PAGE : PVX_ALIGN;
+    if (bytes > SIZE_MAX / 2)
+        return NULL;
+    void *p = aligned_alloc(align, ((size_t)bytes + align) & ~(align - 1));
+    if (p != NULL && align == HUGE_PAGE)
+        madvise(p, (size_t)bytes, MADV_HUGEPAGE); /* a wish; refusing it changes nothing */
+    return p;
+}
+
+float rec_sysmat_unit(const struct rec_grid *g)
+{
+    double h[3] = {rec_grid_h(g, 0), rec_grid_h(g, 1), rec_grid_h(g, 2)};
+    return (float)(sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) / 65000);
+}
+
+void rec_sysmat_coarse_grid(const struct rec_grid *fine, struct rec_grid *coarse)
+{
+    *coarse = *fine;
+    for (int a = 0; a < 3; a++) {
+        coarse->n[a] = (fine->n[a] + 1) / 2;
+        if (fine->n[a] & 1) /* the last voxel is half outside */
+            coarse->max[a] = fine->max[a] + rec_grid_h(fine, a);
+    }
+}
+
+size_t rec_sysmat_levels(const struct rec_grid *g)
+{
+    int32_t side = g->n[0] > g->n[1] ? g->n[0] : g->n[1];
+    size_t levels = 1;
+    for (side = side > g->n[2] ? side : g->n[2]; (side + 1) / 2 >= COARSEST; side = (side + 1) / 2)
+        levels++;
+    return levels;
 }
 
 void rec_sysmat_free(rec_sysmat **pm)
@@ -121,16 +166,17 @@ void rec_sysmat_free(rec_sysmat **pm)
     rec_sysmat *m = *pm;
     if (m == NULL)
         return;
+    rec_sysmat_free(&m->coarse);
     struct rec_sysmat_store *s = m->priv;
-    if (s->map != NULL)
+    if (s->map != NULL) {
         munmap(s->map, s->map_bytes);
-    else
-        for (size_t i = 0; i < m->n_cameras; i++) {
-            free((void *)m->block[i].colptr);
-            free((void *)m->block[i].row);
-            free((void *)m->block[i].val);
+    } else if (!s->borrowed) {
+        free((void *)m->colptr);
+        free((void *)m->row);
+        free((void *)m->val);
+        for (size_t i = 0; i < m->n_cameras; i++)
             free((void *)m->block[i].fp);
-        }
+    }
     free(s);
     free(m->block);
     PVX_FREE(*pm);

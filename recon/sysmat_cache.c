@@ -60,7 +60,7 @@ pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_param
     choose_file(path, key, file);
     if (file[0] != '\0') {
         struct pvx_diag why = {""};
-        pvx_err e = rec_sysmat_load(file, key, true, out, &why);
+        pvx_err e = rec_sysmat_load(file, key, true, pool, out, &why);
         if (e == PVX_OK) {
             if (from_cache != NULL)
                 *from_cache = true;
@@ -74,7 +74,7 @@ pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_param
     PVX_TRY(rec_sysmat_build(rig, p, pool, progress, ctx, out, d));
     if (file[0] != '\0') {
         struct pvx_diag why = {""};
-        pvx_err e = rec_sysmat_save(*out, file, &why);
+        pvx_err e = rec_sysmat_save(*out, file, pool, &why);
         if (e != PVX_OK)
             LOG_W(RECON, "the system matrix is not cached: %s", pvx_diag_text(&why, e));
     }

@@ -19,6 +19,7 @@ struct job {
     const rec_sysmat *m;
     const struct rec_camera *c;
     const struct rec_sysmat_block *b;
+    const struct rec_sysmat_part *part;
     struct rec_rect *fp;
     int32_t span;   /* lattice cells per support: 1 box, 2 trilinear */
     int32_t nx, ny; /* lattice points per layer */
@@ -103,23 +104,24 @@ static struct rec_rect rectangle(const struct job *j, const struct point *const 
 }
 
 /* Rectangle with the rows of column `col` added: holds by construction then. */
-static struct rec_rect with_entries(const struct rec_sysmat_block *b, size_t col, struct rec_rect r)
+static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_rect r)
 {
-    uint32_t e0 = b->colptr[col], e1 = b->colptr[col + 1];
+    uint32_t e0 = j->part->colptr[col], e1 = j->part->colptr[col + 1];
+    const uint32_t *row = j->part->row;
     if (e0 == e1)
         return r;
-    uint32_t bw = (uint32_t)b->bw, y = b->row[e0] / bw, base = y * bw;
+    uint32_t bw = (uint32_t)j->b->bw, y = row[e0] / bw, base = y * bw;
     uint32_t x0 = UINT32_MAX, x1 = 0, y0 = y;
     if (rec_rect_seen(r)) {
         x0 = r.x0;
         x1 = r.x1;
     }
     for (uint32_t e = e0; e < e1; e++) {
-        while (b->row[e] - base >= bw) { /* rows ascend: cheaper than dividing */
+        while (row[e] - base >= bw) { /* rows ascend: cheaper than dividing */
             base += bw;
             y++;
         }
-        uint32_t x = b->row[e] - base;
+        uint32_t x = row[e] - base;
         x0 = x < x0 ? x : x0;
         x1 = x > x1 ? x : x1;
     }
@@ -136,9 +138,9 @@ static struct rec_rect footprint(const struct job *j, size_t col, const struct p
     for (int i = 0; i < 8; i++)
         ok += c[i]->ok;
     if (ok == 8)
-        return with_entries(j->b, col, rectangle(j, c));
+        return with_entries(j, col, rectangle(j, c));
     /* partly behind the camera or past the fold of the lens: its outline is not known */
-    if (j->b->colptr[col] == j->b->colptr[col + 1])
+    if (j->part->colptr[col] == j->part->colptr[col + 1])
         return unseen;
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
 }
@@ -176,10 +178,18 @@ static void slab(void *ctx, size_t task)
 }
 
 pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
-                              const struct rec_sysmat_block *b, pvx_pool *pool, struct rec_rect *fp)
+                              const struct rec_sysmat_block *b, const struct rec_sysmat_part *part,
+                              pvx_pool *pool, struct rec_rect *fp)
 {
     int32_t span = m->grid.basis == REC_TRILINEAR ? 2 : 1;
-    struct job j = {m, c, b, fp, span, m->grid.n[0] + span, m->grid.n[1] + span, false};
+    struct job j = {.m = m,
+                    .c = c,
+                    .b = b,
+                    .part = part,
+                    .fp = fp,
+                    .span = span,
+                    .nx = m->grid.n[0] + span,
+                    .ny = m->grid.n[1] + span};
     pvx_pool_run(pool, (size_t)(m->grid.n[2] + SLAB - 1) / SLAB, slab, &j);
     return atomic_load(&j.out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }

@@ -52,16 +52,17 @@ static const struct argp_child children[] = {{&opt_rig_argp, 0, NULL, 0}, {0}};
 static const struct argp argp = {
     .options = options, .parser = parse, .doc = doc, .children = children};
 
-static void print_size(const char *label, double bytes)
+static double bytes_of_level(const rec_sysmat *m)
 {
-    printf("%-18s %.1f MiB\n", label, bytes / (1 << 20));
+    double N = (double)rec_grid_count(&m->grid);
+    return (N + 1) * sizeof *m->colptr + (double)m->nnz * (sizeof *m->row + sizeof *m->val) +
+           N * (double)m->n_cameras * sizeof *m->block[0].fp;
 }
 
 /* names NULL: the file does not hold them. */
-static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
+static void print_cameras(const rec_sysmat *m, const struct rec_rig *names)
 {
     size_t N = rec_grid_count(&m->grid);
-    double bytes = 0, rows = 0;
     printf("%-18s %10s %12s %14s %10s\n", "camera", "bins", "rows", "entries", "seen");
     for (size_t c = 0; c < m->n_cameras; c++) {
         const struct rec_sysmat_block *b = &m->block[c];
@@ -74,19 +75,33 @@ static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
         printf("%-18s %10s %12lld %14llu %8.1f %%\n",
                names == NULL ? index : names->cameras[c].name, size, (long long)b->bw * b->bh,
                (unsigned long long)b->nnz, 100.0 * (double)seen / (double)N);
-        rows += (double)b->bw * b->bh;
-        bytes += (double)(N + 1) * sizeof *b->colptr + (double)N * sizeof *b->fp +
-                 (double)b->nnz * (sizeof *b->row + sizeof *b->val);
     }
+}
+
+static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
+{
+    double bytes = 0, coarse = 0;
+    print_cameras(m, names);
     printf("\n%-18s %zu\n", "cameras", m->n_cameras);
-    printf("%-18s %d x %d x %d = %zu, %s\n", "voxels", m->grid.n[0], m->grid.n[1], m->grid.n[2], N,
-           rec_basis_name(m->grid.basis));
-    printf("%-18s %.0f (binning %d, %d x %d rays per bin)\n", "rows", rows, m->binning,
-           m->rays_per_bin, m->rays_per_bin);
+    printf("%-18s %d x %d x %d = %zu, %s\n", "voxels", m->grid.n[0], m->grid.n[1], m->grid.n[2],
+           rec_grid_count(&m->grid), rec_basis_name(m->grid.basis));
+    printf("%-18s %zu (binning %d, %d x %d rays per bin)\n", "rows", m->row0[m->n_cameras],
+           m->binning, m->rays_per_bin, m->rays_per_bin);
     printf("%-18s %llu\n", "entries", (unsigned long long)m->nnz);
+    printf("%-18s %d x %d x %d", "levels", m->grid.n[0], m->grid.n[1], m->grid.n[2]);
+    for (const rec_sysmat *l = m; l != NULL; l = l->coarse) {
+        bytes += bytes_of_level(l);
+        if (l == m)
+            continue;
+        printf(", %d x %d x %d", l->grid.n[0], l->grid.n[1], l->grid.n[2]);
+        coarse += bytes_of_level(l);
+    }
+    printf("\n");
     if (m->nnz > 0)
-        printf("%-18s %.2f\n", "bytes per entry", bytes / (double)m->nnz);
-    print_size("size", bytes);
+        printf("%-18s %.2f (%zu of the entry, else footprints, column starts, coarser levels)\n",
+               "bytes per entry", bytes / (double)m->nnz, sizeof *m->row + sizeof *m->val);
+    printf("%-18s %.1f MiB, %.1f MiB of it coarser levels\n", "size", bytes / (1 << 20),
+           coarse / (1 << 20));
     printf("%-18s %016llx\n", "key", (unsigned long long)m->key);
 }
 
@@ -95,7 +110,7 @@ static int check(const char *path)
     struct pvx_diag d = {""};
     rec_sysmat *m;
     int64_t t0 = pvx_now_mono();
-    pvx_err e = rec_sysmat_load(path, 0, true, &m, &d);
+    pvx_err e = rec_sysmat_load(path, 0, true, NULL, &m, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
     double s = (double)(pvx_now_mono() - t0) * 1e-9;
@@ -153,7 +168,8 @@ static int build(const struct options *o, const struct rec_rig *rig)
     rec_sysmat_free(&m);
     if (o->out == NULL)
         return 0;
-    e = rec_sysmat_load(o->out, key, false, &m, &d); /* the log has said why it is not there */
+    e = rec_sysmat_load(o->out, key, false, NULL, &m,
+                        &d); /* the log has said why it is not there */
     if (e != PVX_OK)
         return cli_error(&d, e);
     rec_sysmat_free(&m);

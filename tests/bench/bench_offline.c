@@ -94,7 +94,7 @@ static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, un
     printf("\n%d^3 from 8 x %dx%d RGB8, binning %d, %u thread%s: %.1f sets/s (target %.0f), matrix "
            "%.0f MB in %.1f s\n",
            voxels, w, h, S->binning, threads, threads > 1 ? "s" : "", rate, want,
-           (double)S->nnz * 8e-6, build_s);
+           (double)S->nnz * 6e-6, build_s);
     printf(
         "  %lld voxels, %lld rays, %.2f M entries, %u iterations (%s); bandwidth of that working "
         "set %.1f GB/s\n",

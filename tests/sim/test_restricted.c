@@ -81,26 +81,18 @@ static double error_of(struct bed *b)
     return e;
 }
 
-/* y += S x for one lane, straight from the blocks: the definition. */
+/* y += S x for one lane, straight from the entries: the definition. */
 static void plain_forward(const rec_sysmat *S, const double *x, double *y)
 {
-    for (size_t c = 0, row0 = 0; c < S->n_cameras; c++) {
-        const struct rec_sysmat_block *k = &S->block[c];
-        for (size_t j = 0; j < rec_grid_count(&S->grid); j++)
-            for (uint32_t e = k->colptr[j]; e < k->colptr[j + 1]; e++)
-                y[row0 + k->row[e]] += (double)k->val[e] * x[j];
-        row0 += (size_t)k->bw * (size_t)k->bh;
-    }
+    for (size_t j = 0; j < rec_grid_count(&S->grid); j++)
+        for (uint32_t e = S->colptr[j]; e < S->colptr[j + 1]; e++)
+            y[S->row[e]] += rec_sysmat_value(S, e) * x[j];
 }
 static void plain_adjoint(const rec_sysmat *S, const double *y, double *x)
 {
-    for (size_t c = 0, row0 = 0; c < S->n_cameras; c++) {
-        const struct rec_sysmat_block *k = &S->block[c];
-        for (size_t j = 0; j < rec_grid_count(&S->grid); j++)
-            for (uint32_t e = k->colptr[j]; e < k->colptr[j + 1]; e++)
-                x[j] += (double)k->val[e] * y[row0 + k->row[e]];
-        row0 += (size_t)k->bw * (size_t)k->bh;
-    }
+    for (size_t j = 0; j < rec_grid_count(&S->grid); j++)
+        for (uint32_t e = S->colptr[j]; e < S->colptr[j + 1]; e++)
+            x[j] += rec_sysmat_value(S, e) * y[S->row[e]];
 }
 
 static void products_are_those_of_the_full_matrix(void)
@@ -331,10 +323,17 @@ static void same_bits_for_any_number_of_threads(void)
 
 /* Images made by S itself are exact.  A voxel that no ray of some camera meets shows in a real, area-
  * integrating pixel but not in S; so the voxels are taken from those that every seeing camera meets. */
+static bool has_entries(const rec_sysmat *S, size_t c, size_t j)
+{
+    for (uint32_t e = S->colptr[j]; e < S->colptr[j + 1]; e++)
+        if (S->row[e] >= S->row0[c] && S->row[e] < S->row0[c + 1])
+            return true;
+    return false;
+}
 static bool met_by_all(const rec_sysmat *S, size_t j)
 {
     for (size_t c = 0; c < S->n_cameras; c++)
-        if (rec_rect_seen(S->block[c].fp[j]) && S->block[c].colptr[j] == S->block[c].colptr[j + 1])
+        if (rec_rect_seen(S->block[c].fp[j]) && !has_entries(S, c, j))
             return false;
     return true;
 }

@@ -54,7 +54,7 @@ check_damaged() {
     run "$p" matrix --check "$dir/short.pvxm"; says 1 'short.pvxm: damaged' 'delete it' || return 1
     cp "$dir/m.pvxm" "$dir/flip.pvxm"
     printf '\xff' | dd of="$dir/flip.pvxm" bs=1 seek=30000 conv=notrunc status=none
-    run "$p" matrix --check "$dir/flip.pvxm"; says 1 'flip.pvxm: damaged (camera 0' || return 1
+    run "$p" matrix --check "$dir/flip.pvxm"; says 1 'flip.pvxm: damaged (level 0' || return 1
     run "$p" matrix --check "$rig"; says 1 'rig.yaml: not a Pyrovox matrix' || return 1
     run "$p" matrix --check "$dir/absent"; says 1 'absent: cannot open'
 }

@@ -199,9 +199,11 @@ static void hull_of_one_voxel(void)
         const struct rec_sysmat_block *b = &sc.S->block[c];
         float *in = rec_frame_input(f, c);
         memset(in, 0, (size_t)(b->bw * b->bh) * 4 * sizeof *in);
-        for (uint32_t e = b->colptr[j]; e < b->colptr[j + 1]; e++)
-            for (int l = 0; l < 3; l++)
-                in[b->row[e] * 4 + (uint32_t)l] = 0.5f + b->val[e];
+        for (uint32_t e = sc.S->colptr[j]; e < sc.S->colptr[j + 1]; e++)
+            for (size_t l = 0; l < 3; l++)
+                if (sc.S->row[e] >= sc.S->row0[c] && sc.S->row[e] < sc.S->row0[c + 1])
+                    in[(sc.S->row[e] - sc.S->row0[c]) * 4 + l] =
+                        0.5f + (float)rec_sysmat_value(sc.S, e);
     }
     run(f);
     struct rec_sparse v;

@@ -89,24 +89,21 @@ static void dense(const struct system *y, double lambda, double *x)
     const struct rec_grid *g = &sc.rig.grid;
     double *H = pvx_calloc((size_t)n * (size_t)n, sizeof *H), *c = pvx_calloc((size_t)n, sizeof *c);
     double *row = pvx_calloc((size_t)n, sizeof *row);
-    for (size_t cam = 0; cam < sc.S->n_cameras; cam++) {
-        const struct rec_sysmat_block *b = &sc.S->block[cam];
-        for (int32_t i = 0; i < b->bw * b->bh; i++) {
-            bool any = false;
-            for (int32_t q = 0; q < n; q++) {
-                row[q] = 0;
-                for (uint32_t e = b->colptr[y->col[q]]; e < b->colptr[y->col[q] + 1]; e++)
-                    if (b->row[e] == (uint32_t)i)
-                        row[q] = b->val[e];
-                any = any || row[q] != 0;
-            }
-            for (int32_t q = 0; any && q < n; q++) {
-                if (row[q] == 0)
-                    continue;
-                c[q] += row[q] * y->b[(y->a->row0[cam] + (size_t)i) * (size_t)y->cs];
-                for (int32_t p = 0; p < n; p++)
-                    H[q * n + p] += row[q] * row[p];
-            }
+    for (size_t i = 0; i < (size_t)y->rows; i++) {
+        bool any = false;
+        for (int32_t q = 0; q < n; q++) {
+            row[q] = 0;
+            for (uint32_t e = sc.S->colptr[y->col[q]]; e < sc.S->colptr[y->col[q] + 1]; e++)
+                if (sc.S->row[e] == i)
+                    row[q] = rec_sysmat_value(sc.S, e);
+            any = any || row[q] != 0;
+        }
+        for (int32_t q = 0; any && q < n; q++) {
+            if (row[q] == 0)
+                continue;
+            c[q] += row[q] * y->b[i * (size_t)y->cs];
+            for (int32_t p = 0; p < n; p++)
+                H[q * n + p] += row[q] * row[p];
         }
     }
     for (int32_t q = 0; q < n; q++)
