@@ -1,0 +1,172 @@
+/* bench_targets.c - what the reconstruction must reach against the paper's solver, side by side in one
+ * run: error at equal time, time to equal error, and that more iterations do no harm.
+ *
+ * For every flame, basis and noise:
+ *   T, E   time and volume error of cgls-paper's best iterate, chosen with the truth known
+ *   volume error of the default solver at time T, over E                  reach 0.65   aim 0.45
+ *   mean error of the unseen view at time T, over that of the same iterate      0.75       0.6
+ *   time in which the default solver has error E, over T                        1/3       1/10
+ *   its error after 1000 iterations, over that at its automatic stop            1.05       1.0
+ * "At time T": the largest iteration budget whose whole solve takes T or less. */
+#include "curve.h"
+
+enum { VOLUME, VIEW, TIME, LATE, N_TARGETS };
+static const struct target {
+    const char *what, *key;
+    double reach, aim;
+} targets[N_TARGETS] = {
+    {"volume error at cgls-paper's time, over its error", "volume", 0.65, 0.45},
+    {"unseen-view error at the same time, over its error", "view", 0.75, 0.6},
+    {"time to cgls-paper's best error, over its time", "time", 1.0 / 3, 0.1},
+    {"error after 1000 iterations over error at the stop", "late", 1.05, 1.0},
+};
+
+#define MAX_ROWS 64
+static double results[N_TARGETS][MAX_ROWS];
+static int n_results;
+static FILE *csv;
+
+/* Measured values are compared as they are printed, to three digits. */
+static const char *verdict(const struct target *t, double v)
+{
+    return v < t->aim + 5e-4 ? "aim" : v < t->reach + 5e-4 ? "reach" : "no";
+}
+
+/* The iterate of `budget`, with the unseen view. */
+static struct point look_at(const struct course *c, const char *solver, uint32_t budget, bool warm)
+{
+    struct setting set = {.solver = solver,
+                          .stop = REC_STOP_ITERATIONS,
+                          .iterations = budget,
+                          .warm = warm,
+                          .look = true,
+                          .once = true};
+    return measure(c, &set);
+}
+
+static void condition(const char *flame, const struct noise *noise, const struct course *c)
+{
+    const char *ours = rec_solver_names()[0];
+    const char *basis = rec_basis_name(c->S->grid.basis);
+    bool warm = c->n > 1; /* as the daemon does */
+    static struct curve paper, mlem, own;
+    curve_measure(c, "cgls-paper", false, 32, 200, &paper);
+    const struct point *best = &paper.at[paper.best];
+    double T = best->ms, E = best->q.volume, v[N_TARGETS];
+    curve_measure(c, ours, warm, 100, 4 * T, &own);
+    curve_measure(c, "mlem", warm, 32, 2 * T, &mlem);
+
+    int by = curve_by(&own, T), mlem_by = curve_by(&mlem, T);
+    struct point view = look_at(c, "cgls-paper", paper.k[paper.best], false);
+    struct point own_view = {0};
+    if (by >= 0)
+        own_view = look_at(c, ours, own.k[by], warm);
+    struct setting set = {.solver = ours, .stop = REC_STOP_AUTO};
+    struct course last = *c; /* of a sequence the last frame, by itself */
+    last.scene += c->n - 1;
+    last.shot += c->n - 1;
+    last.n = 1;
+    last.from = 0;
+    struct point stop = measure(&last, &set);
+    set = (struct setting){
+        .solver = ours, .stop = REC_STOP_ITERATIONS, .iterations = 1000, .once = true};
+    struct point late = measure(&last, &set);
+
+    v[VOLUME] = by >= 0 ? own.at[by].q.volume / E : INFINITY;
+    v[VIEW] = by >= 0 ? own_view.q.view / view.q.view : INFINITY;
+    v[TIME] = curve_reach(&own, E) / T;
+    v[LATE] = late.q.volume / stop.q.volume;
+    printf("  %-9s %-9s %-9s %6.3f %6.3f %4u %6.2f |", flame, basis, noise->name, E, view.q.view,
+           paper.k[paper.best], T);
+    for (int i = 0; i < N_TARGETS; i++) {
+        printf(" %5.3f %-5s", v[i], verdict(&targets[i], v[i]));
+        results[i][n_results] = v[i];
+        fprintf(csv, "%s,%s,%s,%s,%.4f,%.4f,%.4f,%s\n", targets[i].key, flame, basis, noise->name,
+                v[i], targets[i].reach, targets[i].aim, verdict(&targets[i], v[i]));
+    }
+    n_results++;
+    printf(" | %5.3f after %6.2f ms (%.0f it)\n", stop.q.volume, stop.ms, stop.iterations);
+    if (by < 0)
+        printf("    cgls-paper wins at its time: %s has returned nothing yet\n", ours);
+    else if (own.at[by].q.volume > E)
+        printf("    cgls-paper wins at its time: %.3f against %.3f\n", E, own.at[by].q.volume);
+    if (mlem_by >= 0 && (by < 0 || mlem.at[mlem_by].q.volume < own.at[by].q.volume))
+        printf("    mlem wins over %s at that time: %.3f\n", ours, mlem.at[mlem_by].q.volume);
+    fflush(stdout);
+}
+
+/* n instants `step` apart, one flame; all noise levels and both bases. */
+static void flame(const char *name, enum flame_kind kind, int n, double t0, double step,
+                  pvx_pool *pool)
+{
+    static const struct noise *const noise[] = {&noise_0, &noise_1, &noise_5};
+    struct scene s[8];
+    struct shot shot[8];
+    for (int i = 0; i < n; i++)
+        if (!scene_new(&s[i], kind, &views_8, 160, 120, 64, t0 + i * step, pool))
+            return;
+    for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
+        for (int i = 0; i < n; i++)
+            scene_truth(&s[i], (enum rec_basis)basis, pool);
+        rec_sysmat *S = scene_matrix(&s[0], 2, pool, NULL);
+        for (size_t k = 0; k < sizeof noise / sizeof *noise; k++) {
+            for (int i = 0; i < n; i++)
+                shot_new(&shot[i], &s[i], noise[k], 1 + (uint64_t)i);
+            struct course c = {
+                .scene = s, .shot = shot, .n = n, .from = n > 1 ? 1 : 0, .S = S, .pool = pool};
+            condition(name, noise[k], &c);
+            for (int i = 0; i < n; i++)
+                shot_free(&shot[i]);
+        }
+        rec_sysmat_free(&S);
+    }
+    for (int i = 0; i < n; i++)
+        scene_fini(&s[i]);
+}
+
+static int by_value(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void summary(void)
+{
+    printf("\n  | what, over %d conditions | best | median | worst | reach | aim | reach met | aim "
+           "met |\n  |---|---|---|---|---|---|---|---|\n",
+           n_results);
+    for (int i = 0; i < N_TARGETS; i++) {
+        const struct target *t = &targets[i];
+        double *v = results[i];
+        int reach = 0, aim = 0;
+        qsort(v, (size_t)n_results, sizeof *v, by_value);
+        for (int k = 0; k < n_results; k++) {
+            aim += strcmp(verdict(t, v[k]), "aim") == 0;
+            reach += strcmp(verdict(t, v[k]), "no") != 0;
+        }
+        printf("  | %s | %.3f | %.3f | %.3f | %.3f | %.3f | %d of %d | %d of %d |\n", t->what, v[0],
+               v[n_results / 2], v[n_results - 1], t->reach, t->aim, reach, n_results, aim,
+               n_results);
+    }
+}
+
+int main(int argc, char **argv)
+{
+    pvx_pool *pool;
+    CHECK(pvx_pool_new(2, "bench", &pool));
+    csv = bench_csv(argc, argv, "targets");
+    fprintf(csv, "target,scene,basis,noise,measured,reach,aim,met\n");
+    printf("\ntargets: %s against cgls-paper's best iterate, voxels 1/64, 8 x 160x120, %u threads "
+           "(moving: 4 frames at 20 Hz, warm starts)\n"
+           "  flame     basis     noise     cgls-paper: error, view, it, ms |      volume        "
+           "view        time        late | %s's own stop\n",
+           rec_solver_names()[0], pvx_pool_threads(pool), rec_solver_names()[0]);
+    flame("ring", FLAME_RING, 1, 0.3, 0, pool);
+    flame("campfire", FLAME_CAMPFIRE, 1, 6, 0, pool);
+    flame("gauss40", FLAME_GAUSS40, 1, 0, 0, pool);
+    flame("moving", FLAME_RING, 5, 0.3, 0.05, pool);
+    summary();
+    fclose(csv);
+    pvx_pool_free(&pool);
+    return 0;
+}

@@ -1,0 +1,164 @@
+/* field.h - an emission volume from disk as truth: trilinear between its cell centres, zero outside.
+ *
+ * Line integrals are midpoint sums in quarter-cell steps, never the system matrix. */
+#ifndef BENCH_FIELD_H
+#define BENCH_FIELD_H
+#include <unistd.h>
+
+#include "base.h"
+#include "capture/imgio.h"
+#include "recon/camera.h"
+#include "recon/grid.h"
+
+struct field {
+    float *v; /* [n2][n1][n0][3] */
+    int n[3];
+    double lo[3], hi[3];
+};
+
+/* false: no such file (a file that is there and cannot be read ends the program). */
+static inline bool field_load(struct field *f, const char *path, const double lo[3],
+                              const double hi[3])
+{
+    size_t shape[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    if (access(path, R_OK) != 0)
+        return false;
+    if (cap_npy_load(path, &f->v, shape, &ndim, &d) != PVX_OK || ndim != 4 || shape[3] != 3) {
+        fprintf(stderr, "%s: not a volume [z][y][x][3]: %s\n", path, d.text);
+        exit(1);
+    }
+    for (int a = 0; a < 3; a++) {
+        f->n[a] = (int)shape[2 - a];
+        f->lo[a] = lo[a];
+        f->hi[a] = hi[a];
+    }
+    return true;
+}
+
+static inline void field_at(const struct field *f, const double x[3], double out[3])
+{
+    int i[3];
+    double t[3];
+    out[0] = out[1] = out[2] = 0;
+    for (int a = 0; a < 3; a++) {
+        double u = (x[a] - f->lo[a]) / (f->hi[a] - f->lo[a]) * f->n[a] - 0.5;
+        if (!(u > -1 && u < f->n[a]))
+            return;
+        i[a] = (int)floor(u);
+        t[a] = u - i[a];
+    }
+    for (int c = 0; c < 8; c++) {
+        double w = 1;
+        int k[3];
+        bool in = true;
+        for (int a = 0; a < 3; a++) {
+            k[a] = i[a] + (c >> a & 1);
+            w *= c >> a & 1 ? t[a] : 1 - t[a];
+            in &= k[a] >= 0 && k[a] < f->n[a];
+        }
+        if (!in)
+            continue;
+        const float *v =
+            f->v +
+            (((size_t)k[2] * (size_t)f->n[1] + (size_t)k[1]) * (size_t)f->n[0] + (size_t)k[0]) * 3;
+        for (int ch = 0; ch < 3; ch++)
+            out[ch] += w * v[ch];
+    }
+}
+
+/* Integral along the part of the ray inside the field. */
+static inline void field_ray(const struct field *f, const double o[3], const double d[3],
+                             double out[3])
+{
+    double s0 = 0, s1 = 1e9, cell = 1e9;
+    out[0] = out[1] = out[2] = 0;
+    for (int a = 0; a < 3; a++) {
+        double h = (f->hi[a] - f->lo[a]) / f->n[a], lo = f->lo[a] - h / 2, hi = f->hi[a] + h / 2;
+        cell = fmin(cell, h);
+        if (fabs(d[a]) < 1e-12) {
+            if (o[a] < lo || o[a] > hi)
+                return;
+            continue;
+        }
+        double u = (lo - o[a]) / d[a], v = (hi - o[a]) / d[a];
+        s0 = fmax(s0, fmin(u, v));
+        s1 = fmin(s1, fmax(u, v));
+    }
+    if (s1 <= s0)
+        return;
+    int steps = (int)ceil((s1 - s0) / (cell / 4));
+    double ds = (s1 - s0) / steps;
+    for (int i = 0; i < steps; i++) {
+        double x[3], e[3];
+        for (int a = 0; a < 3; a++)
+            x[a] = o[a] + (s0 + (i + 0.5) * ds) * d[a];
+        field_at(f, x, e);
+        for (int ch = 0; ch < 3; ch++)
+            out[ch] += e[ch] * ds;
+    }
+}
+
+struct field_job {
+    const struct field *f;
+    const struct rec_camera *c;
+    const struct rec_grid *g;
+    float *out;
+};
+
+static inline void field_row(void *ctx, size_t y)
+{
+    const struct field_job *j = ctx;
+    enum { SUB = 2 };
+    for (int32_t x = 0; x < j->c->width; x++)
+        for (int s = 0; s < SUB * SUB; s++) {
+            double o[3], d[3], rgb[3];
+            if (!rec_camera_ray(j->c, x + (s % SUB + 0.5) / SUB - 0.5,
+                                (double)y + (s / SUB + 0.5) / SUB - 0.5, o, d))
+                continue;
+            field_ray(j->f, o, d, rgb);
+            for (int ch = 0; ch < 3; ch++)
+                j->out[(y * (size_t)j->c->width + (size_t)x) * 3 + (size_t)ch] +=
+                    (float)(rgb[ch] / (SUB * SUB));
+        }
+}
+
+/* What camera c sees, [h][w][3]: mean over 2 x 2 rays per pixel.  Owner: caller. */
+static inline float *field_image(const struct field *f, const struct rec_camera *c, pvx_pool *pool)
+{
+    struct field_job j = {f, c, NULL, bench_floats((size_t)c->width * (size_t)c->height * 3)};
+    pvx_pool_run(pool, (size_t)c->height, field_row, &j);
+    return j.out;
+}
+
+static inline void field_slice(void *ctx, size_t k)
+{
+    const struct field_job *j = ctx;
+    const struct rec_grid *g = j->g;
+    size_t slice = (size_t)g->n[0] * (size_t)g->n[1];
+    int m = g->basis == REC_BOX ? 4 : 1;
+    for (size_t i = k * slice; i < (k + 1) * slice; i++) {
+        double c[3], e[3];
+        rec_grid_centre(g, (int32_t)i, c);
+        for (int s = 0; s < m * m * m; s++) {
+            double off[3] = {(s % m + 0.5) / m - 0.5, (s / m % m + 0.5) / m - 0.5,
+                             (s / m / m + 0.5) / m - 0.5};
+            double x[3] = {c[0] + off[0] * rec_grid_h(g, 0), c[1] + off[1] * rec_grid_h(g, 1),
+                           c[2] + off[2] * rec_grid_h(g, 2)};
+            field_at(j->f, x, e);
+            for (int ch = 0; ch < 3; ch++)
+                j->out[i * 3 + (size_t)ch] += (float)(e[ch] / (m * m * m));
+        }
+    }
+}
+
+/* Truth on a grid, [nz][ny][nx][3]: mean over the cell (box) or value at its centre (trilinear). */
+static inline float *field_voxels(const struct field *f, const struct rec_grid *g, pvx_pool *pool)
+{
+    struct field_job j = {f, NULL, g, bench_floats(rec_grid_count(g) * 3)};
+    pvx_pool_run(pool, (size_t)g->n[2], field_slice, &j);
+    return j.out;
+}
+
+#endif
