@@ -58,8 +58,7 @@ static void condition(const struct scene *s, const char *scene, const rec_sysmat
             for (int i = 0; i < v->n; i++)
                 csv_row(curves, scene, S->grid.n[2], S->grid.basis, noise->name, names[k], "budget",
                         &v->at[i]);
-            printf(" %6.3f %4u %7.2f |", v->at[v->best].q.volume, v->k[v->best],
-                   v->at[v->best].ms);
+            printf(" %6.3f %4u %7.2f |", v->at[v->best].q.volume, v->k[v->best], v->at[v->best].ms);
         } else {
             printf(" %6s %4s %7s |", "", "", "");
         }
@@ -90,11 +89,12 @@ static void all_scenes(pvx_pool *pool)
 {
     static const enum flame_kind kinds[] = {FLAME_RING, FLAME_CAMPFIRE, FLAME_GAUSS40};
     static const struct noise *const noise[] = {&noise_0, &noise_1, &noise_5, &noise_8bit};
-    printf("\nerror against time, voxels 1/64, 8 x 160x120, %u threads, 2x2 rays per pixel; left: "
-           "best of all budgets to 100, right: as returned with the default stop\n"
-           "  scene     basis     noise     solver       volume   it      ms | volume   view  PSNR   "
-           "SSIM   it      ms\n",
-           pvx_pool_threads(pool));
+    printf(
+        "\nerror against time, voxels 1/64, 8 x 160x120, %u threads, 2x2 rays per pixel; left: "
+        "best of all budgets to 100, right: as returned with the default stop\n"
+        "  scene     basis     noise     solver       volume   it      ms | volume   view  PSNR   "
+        "SSIM   it      ms\n",
+        pvx_pool_threads(pool));
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
         struct scene s;
         if (!scene_new(&s, kinds[k], &views_8, 160, 120, 64, kinds[k] == FLAME_RING ? 0.3 : 6,
@@ -108,9 +108,10 @@ static void all_scenes(pvx_pool *pool)
             rec_sysmat_free(&S);
         }
         if (kinds[k] == FLAME_GAUSS40)
-            printf("    peers on another flame of this kind, 1 %% noise, a like machine (ms, volume "
-                   "error): CGLS and clip on the hull, box 9, 0.192; MLEM on the hull, box 17, "
-                   "0.130, trilinear 40, 0.105; best CPU toolbox with masks 920, 0.104\n");
+            printf(
+                "    peers on another flame of this kind, 1 %% noise, a like machine (ms, volume "
+                "error): CGLS and clip on the hull, box 9, 0.192; MLEM on the hull, box 17, "
+                "0.130, trilinear 40, 0.105; best CPU toolbox with masks 920, 0.104\n");
         scene_fini(&s);
     }
 }

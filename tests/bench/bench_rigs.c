@@ -18,10 +18,11 @@ int main(int argc, char **argv)
     CHECK(pvx_pool_new(2, "bench", &pool));
     FILE *csv = bench_csv(argc, argv, "rigs");
     fprintf(csv, "rig,scene,basis,solver,voxels,entries,iterations,ms,volume,view,psnr,ssim\n");
-    printf("\nharder rigs, 160x120, voxels 1/64, 1 %% noise, %u threads, default stops (cgls-paper: "
-           "its best budget, knowing the truth)\n"
-           "  rig          flame     basis      voxels entries |",
-           pvx_pool_threads(pool));
+    printf(
+        "\nharder rigs, 160x120, voxels 1/64, 1 %% noise, %u threads, default stops (cgls-paper: "
+        "its best budget, knowing the truth)\n"
+        "  rig          flame     basis      voxels entries |",
+        pvx_pool_threads(pool));
     for (int k = 0; names[k] != NULL; k++)
         printf(" %-11s ", names[k]);
     printf("(volume error / view error of 255)\n");

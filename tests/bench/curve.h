@@ -78,8 +78,8 @@ struct setting {
     enum rec_stop stop;
     uint32_t iterations;
     bool warm;
-    bool look;          /* judge the unseen view too */
-    bool once;          /* the time does not matter */
+    bool look;                                               /* judge the unseen view too */
+    bool once;                                               /* the time does not matter */
     void (*after)(void *ctx, int frame, const float *dense); /* NULL: nothing */
     void *ctx;
 };
@@ -177,10 +177,8 @@ static inline void curve_measure(const struct course *c, const char *solver, boo
 {
     *out = (struct curve){0};
     for (int i = 0; i < N_BUDGETS && budgets[i] <= k_limit; i++) {
-        struct setting set = {.solver = solver,
-                              .stop = REC_STOP_ITERATIONS,
-                              .iterations = budgets[i],
-                              .warm = warm};
+        struct setting set = {
+            .solver = solver, .stop = REC_STOP_ITERATIONS, .iterations = budgets[i], .warm = warm};
         out->k[i] = budgets[i];
         out->at[i] = measure(c, &set);
         out->n = i + 1;

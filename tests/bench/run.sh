@@ -6,6 +6,8 @@ cd "$(dirname "$0")/../.."
 b=$1 filter=${2:-}
 out=$b/bench
 mkdir -p "$out"
+PYROVOX_LIBDIR=$(realpath "$b")/lib # videos are read by a module that lies there
+export PYROVOX_LIBDIR
 rc=0
 {
     echo "machine: $(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1), $(nproc) CPUs"

@@ -1,0 +1,266 @@
+/* bench_scalarflow.c - a real capture with one view left out: ScalarFlow's plume, 5 cameras on an arc
+ * of 114 degrees, real noise, compression and calibration.  Four views reconstruct, the fifth judges.
+ *
+ * Grey, 1080x1920 in bins of 4x4 (270x480).  The box is the data set's own: world = M (scale u),
+ * u in [0,1]^3, axis-parallel with y up; the camera left out is each of the named ones in turn. */
+#include <cjson/cJSON.h>
+
+#include "base/file.h"
+#include "capture/imgio.h"
+#include "capture/pixfmt.h"
+#include "curve.h"
+
+#define FOLDER  "../shared/data/scalarflow"
+#define BIN     4
+#define CAMERAS 5
+
+static const int frames[] = {40, 75, 110};
+#define N_FRAMES ((int)(sizeof frames / sizeof *frames))
+
+static FILE *csv;
+
+/* ---- the data set ------------------------------------------------------------------------------- */
+
+static double number(const cJSON *array, int i)
+{
+    const cJSON *v = cJSON_GetArrayItem(array, i);
+    if (!cJSON_IsNumber(v)) {
+        fprintf(stderr, FOLDER "/cameras_opencv.json: a number is missing\n");
+        exit(1);
+    }
+    return v->valuedouble;
+}
+
+static void read_camera(const cJSON *from, struct rec_camera *c)
+{
+    const cJSON *K = cJSON_GetObjectItem(from, "K"), *R = cJSON_GetObjectItem(from, "R");
+    const cJSON *t = cJSON_GetObjectItem(from, "t"), *file = cJSON_GetObjectItem(from, "file");
+    memset(c, 0, sizeof *c);
+    snprintf(c->name, sizeof c->name, "%s", cJSON_IsString(file) ? file->valuestring : "");
+    c->width = 1080;
+    c->height = 1920;
+    c->fx = number(cJSON_GetArrayItem(K, 0), 0);
+    c->fy = number(cJSON_GetArrayItem(K, 1), 1);
+    c->cx = number(cJSON_GetArrayItem(K, 0), 2);
+    c->cy = number(cJSON_GetArrayItem(K, 1), 2);
+    for (int i = 0; i < 9; i++)
+        c->R[i] = number(cJSON_GetArrayItem(R, i / 3), i % 3);
+    for (int i = 0; i < 3; i++) {
+        c->t[i] = number(t, i);
+        c->gain[i] = 1;
+    }
+}
+
+/* Cameras of the bins: the same lens with pixels four times as wide, pixel (0,0) again a centre. */
+static void bin_camera(struct rec_camera *c)
+{
+    c->width /= BIN;
+    c->height /= BIN;
+    c->fx /= BIN;
+    c->fy /= BIN;
+    c->cx = (c->cx + 0.5) / BIN - 0.5;
+    c->cy = (c->cy + 0.5) / BIN - 0.5;
+}
+
+static bool read_rig(struct rec_camera cam[CAMERAS], struct rec_grid *g)
+{
+    static const char path[] = FOLDER "/cameras_opencv.json";
+    char *text;
+    size_t len;
+    struct pvx_diag d = {""};
+    if (pvx_file_read(path, 1 << 20, &text, &len, &d) != PVX_OK) {
+        printf("\nreal capture: skipped, no " FOLDER " here\n");
+        return false;
+    }
+    cJSON *root = cJSON_ParseWithLength(text, len);
+    const cJSON *list = cJSON_GetObjectItem(root, "cameras");
+    const cJSON *M = cJSON_GetObjectItem(root, "voxel_matrix");
+    const cJSON *scale = cJSON_GetObjectItem(root, "voxel_scale");
+    if (cJSON_GetArraySize(list) != CAMERAS) {
+        fprintf(stderr, "%s: not five cameras\n", path);
+        exit(1);
+    }
+    for (int c = 0; c < CAMERAS; c++) {
+        read_camera(cJSON_GetArrayItem(list, c), &cam[c]);
+        bin_camera(&cam[c]);
+    }
+    for (int a = 0; a < 3; a++) { /* corners u = 0 and u = 1; M turns by quarters */
+        const cJSON *row = cJSON_GetArrayItem(M, a);
+        double p = number(row, 3), q = p;
+        for (int k = 0; k < 3; k++)
+            q += number(row, k) * number(scale, k);
+        g->min[a] = fmin(p, q);
+        g->max[a] = fmax(p, q);
+    }
+    g->n[0] = g->n[2] = 64;
+    g->n[1] = 96;
+    cJSON_Delete(root);
+    free(text);
+    return true;
+}
+
+/* The chosen frames of one camera, grey, [480][270] each; false: no video can be read here. */
+static bool read_video(const struct rec_camera *c, float *out[N_FRAMES])
+{
+    char path[256];
+    cap_video *v;
+    struct cap_image img;
+    struct pvx_diag d = {""};
+    snprintf(path, sizeof path, FOLDER "/%.64s", c->name);
+    if (cap_video_open(path, &v, NULL, &d) != PVX_OK) {
+        printf("\nreal capture: skipped, %s\n", d.text);
+        return false;
+    }
+    for (int at = 0, i = 0; i < N_FRAMES; at++) {
+        if (cap_video_next(v, &img, &d) != PVX_OK || img.width != BIN * c->width ||
+            img.height != BIN * c->height) {
+            fprintf(stderr, "%s: frame %d: %s\n", path, at, d.text);
+            exit(1);
+        }
+        if (at != frames[i])
+            continue;
+        out[i] = bench_floats((size_t)c->width * (size_t)c->height);
+        CHECK(cap_bin(&img, BIN, 1, 0, c->height, out[i++]));
+    }
+    cap_video_close(&v);
+    return true;
+}
+
+/* ---- one view left out -------------------------------------------------------------------------- */
+
+/* Share of the unseen picture's light where the view of the hull is lit. */
+static double covered(const struct scene *s, const rec_frame *f, pvx_pool *pool)
+{
+    const struct rec_subsys *a = rec_frame_subsys(f);
+    size_t n = (size_t)s->unseen.width * (size_t)s->unseen.height;
+    float *dense = bench_floats(rec_grid_count(&s->rig.grid)), *img = bench_floats(n);
+    double all = 0, in = 0;
+    for (int32_t q = 0; q < a->n; q++)
+        dense[a->col[q]] = 1;
+    CHECK(rec_render(&s->rig.grid, dense, 1, &s->unseen, 1, pool, img));
+    for (size_t i = 0; i < n; i++) {
+        all += s->unseen_image[i];
+        in += img[i] > 0 ? s->unseen_image[i] : 0;
+    }
+    free(dense);
+    free(img);
+    return all > 0 ? in / all : 1;
+}
+
+struct sums {
+    double view, psnr, ssim, ms, iterations;
+};
+
+static void solve(const struct scene *s, rec_frame *f, float *const image[], struct sums *sum,
+                  double *cover, pvx_pool *pool)
+{
+    size_t n = (size_t)s->unseen.width * (size_t)s->unseen.height;
+    float *dense = bench_floats(rec_grid_count(&s->rig.grid)), *img = bench_floats(n);
+    struct rec_sparse v;
+    double best = 1e300;
+    rec_frame_reset(f);
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        memcpy(rec_frame_input(f, c), image[c], n * sizeof(float));
+        rec_frame_present(f, c, true);
+    }
+    rec_frame_carve(f);
+    for (int r = 0; r < 2; r++) {
+        int64_t t0 = pvx_now_mono();
+        CHECK(rec_frame_solve(f, 0, NULL));
+        best = fmin(best, ms(pvx_now_mono() - t0));
+    }
+    rec_frame_volume(f, &v);
+    rec_sparse_to_dense(&v, dense);
+    CHECK(rec_render(&s->rig.grid, dense, 1, &s->unseen, 1, pool,
+                     img)); /* bins are a quarter voxel */
+    double peak = 0;
+    for (size_t i = 0; i < n; i++)
+        peak = fmax(peak, s->unseen_image[i]);
+    sum->view += rec_mean_abs_255(img, s->unseen_image, n) / N_FRAMES;
+    sum->psnr += rec_psnr(img, s->unseen_image, n, peak) / N_FRAMES;
+    sum->ssim +=
+        rec_ssim(img, s->unseen_image, s->unseen.width, s->unseen.height, 1, peak) / N_FRAMES;
+    sum->ms += best / N_FRAMES;
+    sum->iterations += (double)rec_frame_get_report(f)->solve.iterations / N_FRAMES;
+    if (cover != NULL)
+        *cover += covered(s, f, pool) / N_FRAMES;
+    free(dense);
+    free(img);
+}
+
+static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_grid *g, int out,
+                      float *image[CAMERAS][N_FRAMES], pvx_pool *pool)
+{
+    struct scene s = {.nch = 1, .unseen = cam[out]};
+    struct rec_camera used[CAMERAS];
+    int from[CAMERAS], n = 0;
+    for (int c = 0; c < CAMERAS; c++)
+        if (c != out) {
+            from[n] = c;
+            used[n++] = cam[c];
+        }
+    s.rig = (struct rec_rig){.grid = *g, .n_cameras = (size_t)n, .cameras = used};
+    for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
+        s.rig.grid.basis = (enum rec_basis)basis;
+        rec_sysmat *S = scene_matrix(&s, 1, pool, NULL);
+        double cover = 0;
+        for (int k = 0; rec_solver_names()[k] != NULL; k++) {
+            struct rec_frame_params p = rec_frame_defaults;
+            rec_frame *f;
+            struct sums sum = {0};
+            p.nch = 1;
+            p.solve.solver = rec_solver_names()[k];
+            CHECK(rec_frame_new(S, &s.rig, &p, pool, &f, NULL));
+            for (int i = 0; i < N_FRAMES; i++) {
+                float *used_image[CAMERAS];
+                for (int c = 0; c < n; c++)
+                    used_image[c] = image[from[c]][i];
+                s.unseen_image = image[out][i];
+                solve(&s, f, used_image, &sum, k == 0 ? &cover : NULL, pool);
+            }
+            const struct rec_frame_report *r = rec_frame_get_report(f);
+            printf("  %-11s %-9s %-11s %6.3f %5.1f %6.4f %4.0f %8.1f | %7lld %6.2fM %5.1f %% "
+                   "%.4f\n",
+                   cam[out].name, rec_basis_name(s.rig.grid.basis), p.solve.solver, sum.view,
+                   sum.psnr, sum.ssim, sum.iterations, sum.ms, (long long)r->active_voxels,
+                   (double)r->entries * 1e-6, 100 * cover, (double)r->sigma);
+            fprintf(csv, "%s,%s,%s,%.4f,%.3f,%.5f,%.1f,%.3f,%lld,%llu,%.4f\n", cam[out].name,
+                    rec_basis_name(s.rig.grid.basis), p.solve.solver, sum.view, sum.psnr, sum.ssim,
+                    sum.iterations, sum.ms, (long long)r->active_voxels,
+                    (unsigned long long)r->entries, cover);
+            fflush(stdout);
+            rec_frame_free(&f);
+        }
+        rec_sysmat_free(&S);
+    }
+}
+
+int main(int argc, char **argv)
+{
+    struct rec_camera cam[CAMERAS];
+    struct rec_grid g;
+    static float *image[CAMERAS][N_FRAMES];
+    pvx_pool *pool;
+    if (!read_rig(cam, &g))
+        return 0;
+    for (int c = 0; c < CAMERAS; c++)
+        if (!read_video(&cam[c], image[c]))
+            return 0;
+    CHECK(pvx_pool_new(2, "bench", &pool));
+    csv = bench_csv(argc, argv, "scalarflow");
+    fprintf(csv, "left_out,basis,solver,view,psnr,ssim,iterations,ms,voxels,entries,covered\n");
+    printf(
+        "\nreal capture (ScalarFlow), grey 270x480, 64x96x64 voxels, 4 views in, the fifth judges; "
+        "mean of %d frames, %u threads, default stops\n"
+        "  left out    basis     solver        view  PSNR   SSIM   it       ms |  voxels entries "
+        "light in hull, sigma\n",
+        N_FRAMES, pvx_pool_threads(pool));
+    leave_out(cam, &g, 2, image, pool); /* the one that the data set keeps for tests */
+    leave_out(cam, &g, 0, image, pool); /* the end of the arc */
+    for (int c = 0; c < CAMERAS; c++)
+        for (int i = 0; i < N_FRAMES; i++)
+            free(image[c][i]);
+    fclose(csv);
+    pvx_pool_free(&pool);
+    return 0;
+}
