@@ -8,7 +8,7 @@
 #include "base/mem.h"
 
 const struct rec_frame_params rec_frame_defaults = {
-    .nch = 3, .photo = REC_PHOTO_DEFAULTS, .hull = REC_HULL_DEFAULTS, .solve = REC_SOLVE_DEFAULTS};
+    .nch = 3, .photo = REC_PHOTO_DEFAULTS, .hull = REC_HULL_DEFAULTS, .solve = REC_SOLVE_DEFAULTS, .coarse_start = true};
 
 struct rec_frame {
     const rec_sysmat *S;
@@ -30,6 +30,7 @@ struct rec_frame {
     float *x;       /* [voxels][cs] */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
     struct rec_subsys *sub;
+    rec_levels *levels; /* or NULL: start from zero or from an earlier volume */
     double sigma;
     struct rec_frame_report report;
 };
@@ -70,6 +71,9 @@ pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
         e = rec_subsys_new(S, &f->kernels, pool, f->cs, &f->sub);
     if (e == PVX_OK)
         e = rec_solver_new(S, p->nch, &f->solver);
+    bool coarse = p->coarse_start && rec_solver_is_default(p->solve.solver);
+    if (e == PVX_OK && coarse)
+        e = rec_levels_new(S, &f->kernels, pool, p->nch, &f->levels);
     if (e != PVX_OK) {
         rec_frame_free(&f);
         return pvx_fail(d, e, "frame: work areas for %zu voxels: %s", rec_grid_count(&S->grid),
@@ -96,6 +100,7 @@ void rec_frame_free(rec_frame **fp)
     rec_hull_free(&f->hull);
     rec_subsys_free(&f->sub);
     rec_solver_free(&f->solver);
+    rec_levels_free(&f->levels);
     free(f);
     *fp = NULL;
 }
@@ -172,6 +177,8 @@ void rec_frame_carve(rec_frame *f)
     rec_hull_carve(f->hull, &f->p.hull, lit, f->present, f->pool, f->col, &n, NULL, &r->hull);
     int64_t t2 = pvx_now_mono();
     rec_subsys_restrict(f->sub, f->col, n, f->present);
+    if (f->levels != NULL)
+        rec_levels_restrict(f->levels, f->sub, f->b, f->weight);
     r->active_voxels = n;
     r->active_rays = f->sub->rows;
     r->entries = f->sub->nnz;
@@ -198,16 +205,23 @@ static void warm_start(rec_frame *f, const struct rec_sparse *from)
 pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_sparse *previous)
 {
     int64_t t0 = pvx_now_mono();
+    struct rec_solve_params p = f->p.solve;
+    double weight[4];
+    if (deadline_ns != 0)
+        p.deadline_ns = deadline_ns;
     if (previous != NULL && previous->n > 0) {
         if (previous->cs != f->cs || previous->value == f->x)
             return PVX_EINVAL;
         warm_start(f, previous);
+    } else if (f->levels != NULL && f->sub->n > 0) {
+        rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight);
+        rec_levels_solve(f->levels, f->sub, weight, p.deadline_ns, f->x,
+                         &f->report.coarse_iterations);
+        p.weight = weight;
+        p.good_start = true;
     } else {
         memset(f->x, 0, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
     }
-    struct rec_solve_params p = f->p.solve;
-    if (deadline_ns != 0)
-        p.deadline_ns = deadline_ns;
     pvx_err e = rec_solve(f->solver, f->sub, f->b, f->weight, f->sigma, &p, f->x, NULL, NULL,
                           &f->report.solve);
     f->report.solve_ns = pvx_now_mono() - t0;

@@ -10,6 +10,7 @@
 #ifndef REC_FRAME_H
 #define REC_FRAME_H
 #include "recon/hull.h"
+#include "recon/levels.h"
 #include "recon/photo.h"
 #include "recon/solve.h"
 
@@ -18,6 +19,7 @@ struct rec_frame_params {
     struct rec_photo_params photo;
     struct rec_hull_params hull;
     struct rec_solve_params solve;
+    bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
 
@@ -29,6 +31,7 @@ struct rec_frame_report {
     uint32_t cameras;               /* present */
     uint32_t saturated, not_finite; /* bins, all cameras */
     float sigma;                    /* noise estimate, mean over cameras and channels */
+    uint32_t coarse_iterations; /* on coarser grids, before those of `solve` */
     int64_t photo_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
 

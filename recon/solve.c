@@ -30,6 +30,11 @@ const char *const *rec_solver_names(void)
     return names;
 }
 
+bool rec_solver_is_default(const char *name)
+{
+    return name == NULL || *name == '\0' || strcmp(name, methods[0].name) == 0;
+}
+
 pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
 {
     *out = NULL;
@@ -52,9 +57,9 @@ pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
     s->b = pvx_reserve(s->rows_max * (size_t)s->cs * sizeof *s->b);
     s->weight = pvx_reserve(s->rows_max * sizeof *s->weight);
     s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
-    s->nbr = pvx_reserve(s->n_max * sizeof *s->nbr);
+    s->near = pvx_reserve(s->n_max * sizeof *s->near);
     s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
-    if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->nbr == NULL ||
+    if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->near == NULL ||
         s->clipped == NULL) {
         rec_solver_free(&s);
         return PVX_ENOMEM;
@@ -75,7 +80,7 @@ void rec_solver_free(rec_solver **sp)
     pvx_unreserve(s->b, s->rows_max * (size_t)s->cs * sizeof *s->b);
     pvx_unreserve(s->weight, s->rows_max * sizeof *s->weight);
     pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
-    pvx_unreserve(s->nbr, s->n_max * sizeof *s->nbr);
+    pvx_unreserve(s->near, s->n_max * sizeof *s->near);
     pvx_unreserve(s->clipped, s->n_max * sizeof *s->clipped);
     free(s);
     *sp = NULL;
@@ -131,6 +136,7 @@ struct residual {
     struct rec_job *j;
     const float *x;
     float *r, *wr;
+    float scale[4];
 };
 static void residual_chunk(void *ctx, size_t k)
 {
@@ -152,7 +158,7 @@ static void residual_chunk(void *ctx, size_t k)
 }
 void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4])
 {
-    struct residual t = {j, x, r, wr};
+    struct residual t = {.j = j, .x = x, .r = r, .wr = wr};
     pvx_pool_run(j->a->pool, rec_job_row_chunks(j), residual_chunk, &t);
     rec_job_sum(j, 0, rec_job_row_chunks(j), 0, out);
 }
@@ -177,26 +183,78 @@ static void fit_chunk(void *ctx, size_t k)
     memcpy(t->j->s->part[k][0], fit, sizeof fit);
     memcpy(t->j->s->part[k][1], size, sizeof size);
 }
-static void fit_start(struct rec_job *j)
+/* Columns: x = alpha x.  Rows: r = alpha (r + b) - b, wr, r'Wr. */
+static void scale_task(void *ctx, size_t i)
 {
-    size_t chunks = rec_job_row_chunks(j), cs = (size_t)j->a->cs;
-    struct residual t = {j, j->x, j->s->yv[0], j->s->yv[1]};
-    double fit[4], size[4];
-    if (rec_job_norm_x(j, j->x) == 0)
+    struct residual *t = ctx;
+    const struct rec_subsys *a = t->j->a;
+    size_t cs = (size_t)a->cs, rows = rec_job_row_chunks(t->j);
+    int32_t i0, i1;
+    double s[4] = {0};
+    if (i >= rows) {
+        rec_chunk_range(a->n, i - rows, &i0, &i1);
+        for (size_t q = (size_t)i0; q < (size_t)i1; q++)
+            for (size_t l = 0; l < cs; l++)
+                t->j->x[q * cs + l] *= t->scale[l];
         return;
+    }
+    rec_chunk_range(a->rows, i, &i0, &i1);
+    for (size_t k = (size_t)i0; k < (size_t)i1; k++)
+        for (size_t l = 0; l < cs; l++) {
+            float b = t->j->b[k * cs + l], r = t->scale[l] * (t->r[k * cs + l] + b) - b;
+            t->r[k * cs + l] = r;
+            t->wr[k * cs + l] = t->j->w[k] * r;
+            s[l] += (double)t->wr[k * cs + l] * r;
+        }
+    memcpy(t->j->s->part[i][0], s, sizeof s);
+}
+static void scale_start(struct rec_job *j)
+{
+    size_t chunks = rec_job_row_chunks(j);
+    struct residual t = {.j = j, .x = j->x, .r = j->s->yv[0], .wr = j->s->yv[1]};
+    double fit[4], size[4];
     rec_job_residual(j, j->x, t.r, t.wr, fit);
     pvx_pool_run(j->a->pool, chunks, fit_chunk, &t);
     rec_job_sum(j, 0, chunks, 0, fit);
     rec_job_sum(j, 0, chunks, 1, size);
-    float alpha[4];
     for (int l = 0; l < 4; l++) {
-        alpha[l] = size[l] > 0 && fit[l] > 0 ? (float)(fit[l] / size[l]) : 0;
-        if (!isfinite(alpha[l]))
-            alpha[l] = 0;
+        t.scale[l] = size[l] > 0 && fit[l] > 0 ? (float)(fit[l] / size[l]) : 0;
+        if (!isfinite(t.scale[l]))
+            t.scale[l] = 0;
     }
-    for (size_t q = 0; q < (size_t)j->a->n; q++)
-        for (size_t l = 0; l < cs; l++)
-            j->x[q * cs + l] *= alpha[l];
+    pvx_pool_run(j->a->pool, chunks + rec_job_chunks(j), scale_task, &t);
+    rec_job_sum(j, 0, chunks, 0, j->start_rwr);
+    j->scaled = true;
+}
+
+static void zero_chunk(void *ctx, size_t k)
+{
+    struct residual *t = ctx;
+    size_t cs = (size_t)t->j->a->cs;
+    int32_t i0, i1;
+    double s[4] = {0};
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        for (size_t l = 0; l < cs; l++) {
+            float r = -t->j->b[i * cs + l];
+            t->r[i * cs + l] = r;
+            t->wr[i * cs + l] = t->j->w[i] * r;
+            s[l] += (double)t->wr[i * cs + l] * r;
+        }
+    memcpy(t->j->s->part[k][0], s, sizeof s);
+}
+
+void rec_job_start(struct rec_job *j, double out[4])
+{
+    struct residual t = {.j = j, .r = j->s->yv[0], .wr = j->s->yv[1]};
+    if (j->scaled) {
+        memcpy(out, j->start_rwr, sizeof j->start_rwr);
+    } else if (j->zero) {
+        pvx_pool_run(j->a->pool, rec_job_row_chunks(j), zero_chunk, &t);
+        rec_job_sum(j, 0, rec_job_row_chunks(j), 0, out);
+    } else {
+        rec_job_residual(j, j->x, t.r, t.wr, out);
+    }
 }
 
 struct prepare {
@@ -230,6 +288,36 @@ static void prepare_chunk(void *ctx, size_t k)
     memcpy(s->part[k][1], light, sizeof light);
 }
 
+/* Fill j's right-hand side; false: there is nothing to solve. */
+static bool prepare(struct rec_job *j)
+{
+    size_t rows = rec_job_row_chunks(j);
+    struct prepare t = {j, j->image, j->image_weight};
+    double sum[4];
+    pvx_pool_run(j->a->pool, rows, prepare_chunk, &t);
+    rec_job_sum(j, 0, rows, 0, sum);
+    rec_job_sum(j, 0, rows, 1, j->light);
+    j->b_norm2 = sum[0];
+    j->m = sum[1] * j->s->nch;
+    return j->a->n > 0 && j->a->nnz > 0 && j->m > 0 && j->b_norm2 > 0;
+}
+
+void rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
+                      double sigma, const struct rec_solve_params *p, double weight[4])
+{
+    struct rec_job j = {.s = s,
+                        .a = a,
+                        .b = s->b,
+                        .w = s->weight,
+                        .image = b,
+                        .image_weight = w,
+                        .sigma = sigma,
+                        .p = p};
+    memset(weight, 0, 4 * sizeof *weight);
+    if (prepare(&j))
+        rec_job_lambda(&j, weight);
+}
+
 pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
                   double sigma, const struct rec_solve_params *p, float *x, rec_trace_fn trace,
                   void *trace_ctx, struct rec_solve_report *out)
@@ -250,25 +338,23 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
                         .a = a,
                         .b = s->b,
                         .w = s->weight,
+                        .image = b,
+                        .image_weight = w,
                         .sigma = sigma,
                         .p = p,
                         .x = x,
                         .trace = trace,
                         .trace_ctx = trace_ctx,
                         .out = out};
-    struct prepare t = {&j, b, w};
-    pvx_pool_run(a->pool, rec_job_row_chunks(&j), prepare_chunk, &t);
     double sum[4];
-    rec_job_sum(&j, 0, rec_job_row_chunks(&j), 0, sum);
-    rec_job_sum(&j, 0, rec_job_row_chunks(&j), 1, j.light);
-    j.b_norm2 = sum[0];
-    j.m = sum[1] * s->nch;
-    if (a->n == 0 || a->nnz == 0 || j.m == 0 || j.b_norm2 == 0) {
+    if (!prepare(&j)) {
         memset(x, 0, (size_t)a->n * (size_t)a->cs * sizeof *x);
         out->time_ns = pvx_now_mono() - start;
         return PVX_OK;
     }
-    fit_start(&j);
+    j.zero = rec_job_norm_x(&j, x) == 0;
+    if (!j.zero && !p->good_start)
+        scale_start(&j);
     m->run(&j);
     rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
     out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);

@@ -2,15 +2,16 @@
  *
  *   "cgls-paper"  the paper's literal CGLS: clip a_k, recursions untouched; stop by L-curve corner.
  *                 The baseline.  Diverges for large k, as paper.md says; returns the chosen iterate.
- *   "pcg"         minimise 1/2 ||W^(1/2)(A x - b)||^2 + lambda/2 ||D x||^2 over x >= 0, D the
- *                 differences between neighbouring active voxels: projected preconditioned CG;
- *                 the objective never rises.  The default.
+ *   "pcg"         minimise 1/2 ||W^(1/2)(A x - b)||^2 + lambda/2 ||L x||^2 over x >= 0, L the
+ *                 second differences of the active voxels: projected preconditioned CG; the
+ *                 objective never rises.  The default.
  *   "mlem"        maximum-likelihood expectation maximisation (Shepp & Vardi, IEEE TMI 1:113, 1982).
  * All return the best iterate so far with a report, at the deadline too.  x is finite and >= 0.
  * Channels are solved together but do not influence each other.
  * Threads: one solve per workspace.  Allocates nothing after rec_solver_new. */
 #ifndef REC_SOLVE_H
 #define REC_SOLVE_H
+#include <stdbool.h>
 #include <stdint.h>
 #include "recon/subsys.h"
 
@@ -22,12 +23,16 @@ struct rec_solve_params {
     const char *solver; /* NULL or "" = default */
     enum rec_stop stop;
     uint32_t iterations; /* upper bound; 0 = the solver's default */
-    float lambda;        /* relative weight of the smoothness term; < 0 = auto */
+    float lambda;        /* weight of the smoothness term over the mean diagonal of A'WA; < 0 = auto */
+    float tolerance;     /* REC_STOP_AUTO: stop when the objective falls by less than this share */
     int64_t deadline_ns; /* mono clock; 0 = none: return the best iterate by then */
+    const double *weight; /* [4] absolute weight of the smoothness term per lane, instead of lambda;
+                             NULL = none given */
+    bool good_start;      /* x fits b already, as a coarser solution does: it is not scaled */
 };
 #define REC_SOLVE_DEFAULTS                                                   \
     {                                                                        \
-        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1 \
+        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1, .tolerance = 2e-3f \
     }
 extern const struct rec_solve_params rec_solve_defaults;
 
@@ -48,10 +53,17 @@ typedef struct rec_solver rec_solver; /* work areas for one solve at a time */
 
 /* Names of all solvers, NULL-terminated; the first is the default. */
 const char *const *rec_solver_names(void);
+bool rec_solver_is_default(const char *name); /* NULL and "" too */
 
 /* Work areas for systems of S with `nch` channels (1 or 3).  Errors: PVX_ENOMEM, PVX_EINVAL. */
 PVX_MUST_CHECK pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out);
 void rec_solver_free(rec_solver **s);
+
+/* The automatic weight of the smoothness term for this system, absolute, per lane: what rec_solve
+ * uses when it is given none.  For the same flame on a grid of voxels twice the size, from pictures
+ * averaged 2x2, it is an eighth. */
+void rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
+                      double sigma, const struct rec_solve_params *p, double weight[4]);
 
 /* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise of b (full-scale units;
  * 0 = none, < 0 = unknown).  x [n][cs]: in: start (zero, or a warm start >= 0), out: result.

@@ -3,6 +3,7 @@
 #ifndef REC_SOLVE_IMPL_H
 #define REC_SOLVE_IMPL_H
 #include "recon/lcurve.h"
+#include "recon/smooth.h"
 #include "recon/solve.h"
 
 #define N_XVEC 9
@@ -18,7 +19,7 @@ struct rec_solver {
     float *b;               /* [rows_max][cs] b on A's rows */
     float *weight;          /* [rows_max] w on A's rows */
     float *diag;            /* [n_max] */
-    int32_t (*nbr)[6];      /* [n_max] active index of x-,x+,y-,y+,z-,z+; itself: none */
+    struct rec_near *near;  /* [n_max] */
     int32_t *clipped;       /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
@@ -27,7 +28,11 @@ struct rec_solver {
 struct rec_job {
     rec_solver *s;
     const struct rec_subsys *a;
-    const float *b, *w; /* on A's rows */
+    const float *b, *w;                 /* on A's rows */
+    const float *image, *image_weight;  /* the same on all rows of S */
+    bool zero;                          /* the start is zero */
+    bool scaled;                        /* yv[0], yv[1], start_rwr hold what rec_job_start gives */
+    double start_rwr[4];
     double sigma;
     const struct rec_solve_params *p;
     float *x;
@@ -60,6 +65,11 @@ void rec_job_sum(const struct rec_job *j, size_t from, size_t to, int what, doub
 
 /* r = A x - b, wr = W r, two different arrays; out = r'Wr per lane. */
 void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4]);
+/* The same for the start x into yv[0] and yv[1], without a product where it is not needed. */
+void rec_job_start(struct rec_job *j, double out[4]);
+/* Weight of the smoothness term per lane, absolute, from the parameters or the data (lambda.c); fills
+ * s->diag with the diagonal of A'WA. */
+void rec_job_lambda(struct rec_job *j, double lambda[4]);
 /* ||v|| over active columns, all lanes. */
 double rec_job_norm_x(struct rec_job *j, const float *v);
 /* dst = src, [n][cs]. */
