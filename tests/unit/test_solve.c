@@ -81,7 +81,7 @@ static bool sound(const struct system *y)
     return true;
 }
 
-/* The minimiser of the same problem with dense matrices in double: H = A'A + lambda L, projected
+/* The minimiser of the same problem with dense matrices in double: H = A'A + lambda L L, projected
  * Gauss-Seidel, which converges for any positive definite H. */
 static void dense(const struct system *y, double lambda, double *x)
 {
@@ -89,6 +89,7 @@ static void dense(const struct system *y, double lambda, double *x)
     const struct rec_grid *g = &sc.rig.grid;
     double *H = pvx_calloc((size_t)n * (size_t)n, sizeof *H), *c = pvx_calloc((size_t)n, sizeof *c);
     double *row = pvx_calloc((size_t)n, sizeof *row);
+    double *L = pvx_calloc((size_t)n * (size_t)n, sizeof *L);
     for (size_t i = 0; i < (size_t)y->rows; i++) {
         bool any = false;
         for (int32_t q = 0; q < n; q++) {
@@ -111,11 +112,13 @@ static void dense(const struct system *y, double lambda, double *x)
             int32_t u[3], v[3];
             rec_grid_ijk(g, y->col[q], u);
             rec_grid_ijk(g, y->col[p], v);
-            if (abs(u[0] - v[0]) + abs(u[1] - v[1]) + abs(u[2] - v[2]) == 1) {
-                H[q * n + q] += lambda;
-                H[q * n + p] -= lambda;
-            }
+            int apart = abs(u[0] - v[0]) + abs(u[1] - v[1]) + abs(u[2] - v[2]);
+            L[q * n + p] = apart == 0 ? 6 : apart == 1 ? -1 : 0;
         }
+    for (int32_t q = 0; q < n; q++)
+        for (int32_t k = 0; k < n; k++)
+            for (int32_t p = 0; L[q * n + k] != 0 && p < n; p++)
+                H[q * n + p] += lambda * L[q * n + k] * L[k * n + p];
     for (int sweep = 0; sweep < 4000; sweep++)
         for (int32_t q = 0; q < n; q++) {
             double r = c[q];
@@ -126,6 +129,7 @@ static void dense(const struct system *y, double lambda, double *x)
     free(H);
     free(c);
     free(row);
+    free(L);
 }
 
 static void pcg_is_the_dense_solution(void)
@@ -136,7 +140,7 @@ static void pcg_is_the_dense_solution(void)
     struct rec_solve_params p = rec_solve_defaults;
     p.stop = REC_STOP_ITERATIONS;
     p.iterations = 400;
-    p.lambda = 0.5f;
+    p.lambda = 0.02f;
     struct rec_solve_report r = solve(&y, &p, NULL, NULL);
     double *want = pvx_calloc((size_t)y.a->n, sizeof *want), e = 0, t = 0;
     int32_t zeros = 0;
