@@ -7,8 +7,11 @@
 #include "base/clock.h"
 #include "base/mem.h"
 
-const struct rec_frame_params rec_frame_defaults = {
-    .nch = 3, .photo = REC_PHOTO_DEFAULTS, .hull = REC_HULL_DEFAULTS, .solve = REC_SOLVE_DEFAULTS, .coarse_start = true};
+const struct rec_frame_params rec_frame_defaults = {.nch = 3,
+                                                    .photo = REC_PHOTO_DEFAULTS,
+                                                    .hull = REC_HULL_DEFAULTS,
+                                                    .solve = REC_SOLVE_DEFAULTS,
+                                                    .coarse_start = true};
 
 struct rec_frame {
     const rec_sysmat *S;

@@ -14,10 +14,10 @@ struct level {
     const rec_sysmat *S;
     struct rec_subsys *sub;
     rec_solver *solver;
-    int32_t *map;  /* [nz+2][ny+2][nx+2] 1 + number of the active column, 0 = not active; the rim
+    int32_t *map;   /* [nz+2][ny+2][nx+2] 1 + number of the active column, 0 = not active; the rim
                       saves every neighbour its bounds check */
-    int32_t *slab; /* [N] columns of each layer of voxels, from the layer's start */
-    int32_t *col;  /* [N] all of them, ascending */
+    int32_t *slab;  /* [N] columns of each layer of voxels, from the layer's start */
+    int32_t *col;   /* [N] all of them, ascending */
     int32_t *first; /* [nz+1] active columns before a layer */
     float *b;       /* [rowspace][cs], filled where sub has rows */
     float *w;       /* [rowspace] */
@@ -109,8 +109,8 @@ struct walk {
     const struct rec_grid *fine;
     const int32_t *col; /* of the finer level */
     int32_t n;
-    float *x;           /* of the finer level */
-    int shift;          /* this level's bins are 2^shift fine bins wide */
+    float *x;                       /* of the finer level */
+    int shift;                      /* this level's bins are 2^shift fine bins wide */
     const struct rec_subsys *image; /* whose bins those are */
     const float *b, *w;
 };
@@ -220,8 +220,13 @@ static void average_chunk(void *ctx, size_t k)
 void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const float *b,
                          const float *w)
 {
-    struct walk t = {.l = l, .col = fine->col, .n = fine->n, .fine = &fine->S->grid,
-                     .image = fine, .b = b, .w = w};
+    struct walk t = {.l = l,
+                     .col = fine->col,
+                     .n = fine->n,
+                     .fine = &fine->S->grid,
+                     .image = fine,
+                     .b = b,
+                     .w = w};
     for (int i = 0; i < l->n; i++) {
         struct level *v = &l->at[i];
         int32_t layers = v->S->grid.n[2];
@@ -336,8 +341,11 @@ void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double
             memset(vx, 0, (size_t)v->sub->n * cs * sizeof *vx);
         *iterations += report.iterations;
         struct level *finer = i > 0 ? &l->at[i - 1] : NULL;
-        struct walk t = {.l = l, .v = v, .fine = finer ? &finer->S->grid : &fine->S->grid,
-                         .col = finer ? finer->col : fine->col, .n = finer ? finer->sub->n : fine->n,
+        struct walk t = {.l = l,
+                         .v = v,
+                         .fine = finer ? &finer->S->grid : &fine->S->grid,
+                         .col = finer ? finer->col : fine->col,
+                         .n = finer ? finer->sub->n : fine->n,
                          .x = finer ? finer->x + cs : x};
         pvx_pool_run(l->pool, (size_t)v->S->grid.n[2], refine_layer, &t);
     }

@@ -23,15 +23,15 @@ struct rec_solve_params {
     const char *solver; /* NULL or "" = default */
     enum rec_stop stop;
     uint32_t iterations; /* upper bound; 0 = the solver's default */
-    float lambda;        /* weight of the smoothness term over the mean diagonal of A'WA; < 0 = auto */
-    float tolerance;     /* REC_STOP_AUTO: stop when the objective falls by less than this share */
-    int64_t deadline_ns; /* mono clock; 0 = none: return the best iterate by then */
+    float lambda;    /* weight of the smoothness term over the mean diagonal of A'WA; < 0 = auto */
+    float tolerance; /* REC_STOP_AUTO: stop when the objective falls by less than this share */
+    int64_t deadline_ns;  /* mono clock; 0 = none: return the best iterate by then */
     const double *weight; /* [4] absolute weight of the smoothness term per lane, instead of lambda;
                              NULL = none given */
     bool good_start;      /* x fits b already, as a coarser solution does: it is not scaled */
 };
-#define REC_SOLVE_DEFAULTS                                                   \
-    {                                                                        \
+#define REC_SOLVE_DEFAULTS                                                                       \
+    {                                                                                            \
         .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1, .tolerance = 2e-3f \
     }
 extern const struct rec_solve_params rec_solve_defaults;

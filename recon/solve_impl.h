@@ -28,10 +28,10 @@ struct rec_solver {
 struct rec_job {
     rec_solver *s;
     const struct rec_subsys *a;
-    const float *b, *w;                 /* on A's rows */
-    const float *image, *image_weight;  /* the same on all rows of S */
-    bool zero;                          /* the start is zero */
-    bool scaled;                        /* yv[0], yv[1], start_rwr hold what rec_job_start gives */
+    const float *b, *w;                /* on A's rows */
+    const float *image, *image_weight; /* the same on all rows of S */
+    bool zero;                         /* the start is zero */
+    bool scaled;                       /* yv[0], yv[1], start_rwr hold what rec_job_start gives */
     double start_rwr[4];
     double sigma;
     const struct rec_solve_params *p;

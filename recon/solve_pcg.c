@@ -53,8 +53,8 @@ static void near_chunk(void *ctx, size_t k)
 /* M at column i. */
 REC_INLINE rec_f4 inverse_diagonal(const struct pcg *t, size_t i, rec_f4 lambda)
 {
-    rec_f4 h = rec_splat(t->j->s->diag[i]) +
-               lambda * rec_splat(t->smooth.diag2[t->smooth.near[i].have]);
+    rec_f4 h =
+        rec_splat(t->j->s->diag[i]) + lambda * rec_splat(t->smooth.diag2[t->smooth.near[i].have]);
     return rec_select(h > 0, rec_splat(1) / h, (rec_f4){0});
 }
 
@@ -162,8 +162,12 @@ REC_INLINE void add_clipped(struct pcg *t, size_t cs)
             rec_f4 x = rec_ld(t->x, (size_t)c, cs), d = rec_ld(t->d, (size_t)c, cs);
             rec_f4 e = rec_select(x + alpha * d < 0, -x * inverse - d, (rec_f4){0}), ae = alpha * e;
             const struct rec_near *nb = &s->near[c];
-            ptrdiff_t to[6] = {c - (ptrdiff_t)(nb->have & 1), c + (ptrdiff_t)(nb->have >> 1 & 1),
-                               c + nb->y[0], c + nb->y[1], c + nb->z[0], c + nb->z[1]};
+            ptrdiff_t to[6] = {c - (ptrdiff_t)(nb->have & 1),
+                               c + (ptrdiff_t)(nb->have >> 1 & 1),
+                               c + nb->y[0],
+                               c + nb->y[1],
+                               c + nb->z[0],
+                               c + nb->z[1]};
             rec_st(t->lx, (size_t)c, cs,
                    rec_ld(t->lx, (size_t)c, cs) + rec_splat(s->centre[nb->have]) * ae);
             for (int f = 0; f < 6; f++) /* to itself where there is none, as centre[] expects */
