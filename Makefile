@@ -56,10 +56,11 @@ PLUGINS := $(if $(wildcard capture/opencv_shim.cpp),$(B)/lib/pyrovox-opencv.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
+STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test test-sanitize bench lint check-layers format-check \
+.PHONY: all help setup setup-test run test test-sanitize bench stability lint check-layers format-check \
   fuzz clean install uninstall tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -97,6 +98,11 @@ bench: setup-test ## speed against error, stage times over their bounds (writes 
 	@tests/setup.sh $(PACKAGES_BENCH)
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests-build
 	@tests/bench/run.sh $(B)
+
+stability: setup-test ## every hard case with its outcome, its error against the truth and the bound it keeps (writes build/stability/)
+	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/stability/stability
+	@mkdir -p $(B)/stability
+	@$(B)/tests/stability/stability $(B)/stability
 
 fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
 	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
@@ -157,6 +163,7 @@ $(B)/bin/pyrovoxd: $(call obj,daemon/main.c) $(LIBS)
 $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
+$(B)/tests/stability/stability $(B)/tests/sim/test_stability: $(STABILITY)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
 	$(call say,LD)
