@@ -41,7 +41,7 @@ struct stab_run {
     }
 #define STAB_QUICK                                                                     \
     {                                                                                  \
-        .voxels = 28, .w = 72, .h = 54, .long_voxels = 20, .long_w = 48, .long_h = 36, \
+        .voxels = 24, .w = 64, .h = 48, .long_voxels = 20, .long_w = 48, .long_h = 36, \
         .long_iterations = 1000, .quick = true                                         \
     }
 
