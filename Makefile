@@ -99,7 +99,7 @@ bench: setup-test ## speed against error, stage times over their bounds (writes 
 	@$(MAKE) --no-print-directory -j$$(nproc) all tests-build
 	@tests/bench/run.sh $(B)
 
-stability: setup-test ## every hard case with its outcome, its error against the truth and the bound it keeps (writes build/stability/)
+stability: setup-test ## every hard case: outcome, error against the truth, bound (writes build/stability/)
 	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/stability/stability
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
