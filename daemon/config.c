@@ -523,7 +523,6 @@ void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)
 {
     static const enum rec_stop stops[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
                                           REC_STOP_ITERATIONS};
-    static const char *const solvers[] = {"pcg", "cgls-paper", "mlem"}; /* as in the table */
     *out = rec_frame_defaults;
     out->nch = dmn_config_channels(c);
     out->photo.black = (float)c->black;
@@ -538,7 +537,7 @@ void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)
         out->photo.saturation = 1e30f;
     out->hull.min_views = (uint32_t)c->min_views;
     out->hull.keep_partial = c->keep_partial;
-    out->solve.solver = solvers[c->solver];
+    out->solve.solver = rec_solver_names()[c->solver]; /* the table lists them in this order */
     out->solve.stop = stops[c->stop];
     out->solve.iterations = (uint32_t)c->iterations;
     out->solve.lambda = (float)c->lambda;

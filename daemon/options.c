@@ -106,7 +106,8 @@ const struct dmn_option dmn_options[] = {
     BOOL("hull.keep_partial", keep_partial, "true",
          "Keep voxels that are only partly inside a silhouette."),
 
-    CHOICE("solver.name", solver, "pcg", "pcg|cgls-paper|mlem", "Method of solution."),
+    CHOICE("solver.name", solver, "pcg", "pcg|cgls-paper|cgls|mlem|osem|sirt|fista|mrnsd",
+           "Method of solution; the others than pcg are for comparison."),
     INT("solver.iterations", iterations, "0", 0, 100000, "",
         "Most iterations; 0 = the method's default."),
     REAL("solver.lambda", lambda, "-1", -1, 1e6, "", "Weight of smoothness; negative = automatic."),

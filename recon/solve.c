@@ -15,7 +15,10 @@ struct method {
     void (*run)(struct rec_job *j);
 };
 static const struct method methods[] = {
-    {"pcg", rec_solve_pcg}, {"cgls-paper", rec_solve_cgls}, {"mlem", rec_solve_mlem}};
+    {"pcg", rec_solve_pcg},     {"cgls-paper", rec_solve_cgls_paper},
+    {"cgls", rec_solve_cgls},   {"mlem", rec_solve_mlem},
+    {"osem", rec_solve_osem},   {"sirt", rec_solve_sirt},
+    {"fista", rec_solve_fista}, {"mrnsd", rec_solve_mrnsd}};
 #define N_METHODS (sizeof methods / sizeof *methods)
 
 const char *rec_status_name(enum rec_status s)
@@ -26,7 +29,8 @@ const char *rec_status_name(enum rec_status s)
 
 const char *const *rec_solver_names(void)
 {
-    static const char *const names[] = {"pcg", "cgls-paper", "mlem", NULL};
+    static const char *const names[] = {"pcg",  "cgls-paper", "cgls",  "mlem", "osem",
+                                        "sirt", "fista",      "mrnsd", NULL};
     return names;
 }
 
@@ -58,9 +62,10 @@ pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
     s->weight = pvx_reserve(s->rows_max * sizeof *s->weight);
     s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
     s->near = pvx_reserve(s->n_max * sizeof *s->near);
+    s->piece = pvx_reserve(s->n_max * sizeof *s->piece);
     s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
     if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->near == NULL ||
-        s->clipped == NULL) {
+        s->piece == NULL || s->clipped == NULL) {
         rec_solver_free(&s);
         return PVX_ENOMEM;
     }
@@ -81,6 +86,7 @@ void rec_solver_free(rec_solver **sp)
     pvx_unreserve(s->weight, s->rows_max * sizeof *s->weight);
     pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
     pvx_unreserve(s->near, s->n_max * sizeof *s->near);
+    pvx_unreserve(s->piece, s->n_max * sizeof *s->piece);
     pvx_unreserve(s->clipped, s->n_max * sizeof *s->clipped);
     free(s);
     *sp = NULL;

@@ -5,7 +5,14 @@
  *   "pcg"         minimise 1/2 ||W^(1/2)(A x - b)||^2 + lambda/2 ||L x||^2 over x >= 0, L the
  *                 second differences of the active voxels: projected preconditioned CG; the
  *                 objective never rises.  The default.
+ * For comparison, without the smoothness term, so that when they stop decides how good they are:
+ *   "cgls"        the paper's iteration without clipping; the result is clipped once.
  *   "mlem"        maximum-likelihood expectation maximisation (Shepp & Vardi, IEEE TMI 1:113, 1982).
+ *   "osem"        the same over subsets of the cameras (Hudson & Larkin, IEEE TMI 13:601, 1994).
+ *   "sirt"        projected Landweber/Cimmino iteration (Gilbert, J. Theor. Biol. 36:105, 1972).
+ *   "fista"       the same with momentum (Beck & Teboulle, SIAM J. Imaging Sci. 2:183, 2009).
+ *   "mrnsd"       modified residual norm steepest descent (Nagy & Strakos, Proc. SPIE 4121, 2000).
+ * stop.h says what the stops mean for them.
  * All return the best iterate so far with a report, at the deadline too.  x is finite and >= 0.
  * Channels are solved together but do not influence each other.
  * Threads: one solve per workspace.  Allocates nothing after rec_solver_new. */

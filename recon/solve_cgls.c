@@ -1,4 +1,5 @@
-/* solve_cgls.c - "cgls-paper": the iteration of paper 4.3, taken literally.
+/* solve_cgls.c - "cgls-paper" and "cgls": the iteration of paper 4.3, taken literally, and without its
+ * clipping.
  *
  *     a_0 = 0, r_0 = p, d_0 = S^T r_0
  *     alpha = ||S^T r||^2 / ||S d||^2,  a = max(0, a + alpha d),  r = r - alpha S d
@@ -7,22 +8,23 @@
  * SIGGRAPH Symposium on Computer Animation 2004, sec. 4.3; CGLS after P. C. Hansen, SIAM 1998.
  * Clipping a_k leaves r_k and d_k to their recursions, so r_k is no longer p - S a_k and the
  * iteration diverges for large k: the stop at the corner of the L-curve is part of the method.  The
- * curve's residual norm is that of the recursion.  Starts at 0 always: with another start (1) would
- * be another method.  Every channel has its own alpha and beta. */
+ * residual norm that stops it is that of the recursion.  Starts at 0 always: with another start (1)
+ * would be another method.  Every channel has its own alpha and beta.
+ * "cgls", for comparison: no max in (1), which is then CGLS itself; its iterates have negative values,
+ * the result is clipped once. */
 #include <math.h>
 #include <string.h>
 
-#include "recon/solve_impl.h"
+#include "recon/stop.h"
 
-#define DEFAULT_ITERATIONS 40
-#define BEYOND             6 /* points after the corner before it is believed */
-
-enum { S_GAMMA = 0, S_Q = 0, S_R = 0, S_X = 1 };
+enum { S_GAMMA };  /* of columns */
+enum { S_Q, S_R }; /* of rows */
 
 struct cgls {
     struct rec_job *j;
-    float *x, *prev, *d, *s; /* x space */
-    float *r, *q;            /* row space; r is W (p - S a) where W is 0/1 */
+    bool clip;
+    float *x, *d, *s; /* x space */
+    float *r, *q;     /* row space; r is W (p - S a) where W is 0/1 */
     double alpha[4], beta[4];
 };
 
@@ -88,28 +90,24 @@ static void step_chunk(void *ctx, size_t k)
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         for (size_t l = 0; l < cs; l++) {
             float x = t->x[i * cs + l];
-            t->prev[i * cs + l] = x;
             x += (float)t->alpha[l] * t->d[i * cs + l];
-            t->x[i * cs + l] = x > 0 ? x : 0;
+            t->x[i * cs + l] = x > 0 || !t->clip ? x : 0;
         }
 }
 
-/* s = S^T (W^(1/2) r), which residual_chunk left in q; norms of s and x. */
+/* s = S^T (W^(1/2) r), which residual_chunk left in q, and its norm. */
 static void adjoint_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
     size_t cs = (size_t)t->j->a->cs;
-    double gamma[4] = {0}, norm[4] = {0};
+    double gamma[4] = {0};
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_adjoint_range(t->j->a, t->q, q0, q1, t->s);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
-        for (size_t l = 0; l < cs; l++) {
+        for (size_t l = 0; l < cs; l++)
             gamma[l] += (double)t->s[i * cs + l] * t->s[i * cs + l];
-            norm[l] += (double)t->x[i * cs + l] * t->x[i * cs + l];
-        }
     memcpy(t->j->s->part[k][S_GAMMA], gamma, sizeof gamma);
-    memcpy(t->j->s->part[k][S_X], norm, sizeof norm);
 }
 
 static void direction_chunk(void *ctx, size_t k)
@@ -123,28 +121,41 @@ static void direction_chunk(void *ctx, size_t k)
             t->d[i * cs + l] = t->s[i * cs + l] + (float)t->beta[l] * t->d[i * cs + l];
 }
 
-static double total(const double v[4])
+static void clip_chunk(void *ctx, size_t k)
 {
-    return v[0] + v[1] + v[2] + v[3];
+    struct cgls *t = ctx;
+    int32_t q0, q1;
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    size_t cs = (size_t)t->j->a->cs;
+    for (size_t i = (size_t)q0 * cs; i < (size_t)q1 * cs; i++)
+        t->x[i] = t->x[i] > 0 ? t->x[i] : 0;
 }
 
-void rec_solve_cgls(struct rec_job *j)
+/* alpha of every lane from ||S^T r||^2 and ||S d||^2; false: none can move. */
+static bool step_lengths(struct cgls *t, const double gamma[4], const double size[4])
+{
+    bool moving = false;
+    for (int l = 0; l < 4; l++) {
+        double alpha = size[l] > 0 && gamma[l] > 0 ? gamma[l] / size[l] : 0;
+        t->alpha[l] = isfinite((float)alpha) ? alpha : 0;
+        moving = moving || t->alpha[l] > 0;
+    }
+    return moving;
+}
+
+static void solve(struct rec_job *j, bool clip, const struct rec_stop_own *own)
 {
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
     struct cgls t = {.j = j,
+                     .clip = clip,
                      .x = j->x,
-                     .prev = s->xv[0],
-                     .d = s->xv[1],
-                     .s = s->xv[2],
+                     .d = s->xv[0],
+                     .s = s->xv[1],
                      .r = s->yv[0],
                      .q = s->yv[1]};
-    float *best = s->xv[3];
     size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
-    uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
-    bool corner = j->p->stop == REC_STOP_AUTO || j->p->stop == REC_STOP_LCURVE;
-    double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
-    struct rec_lcurve curve = {0};
+    struct rec_stopper stop;
     double gamma[4], sum[4];
 
     for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
@@ -154,57 +165,40 @@ void rec_solve_cgls(struct rec_job *j)
     pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
     rec_job_sum(j, 0, chunks, S_GAMMA, gamma);
     pvx_pool_run(a->pool, chunks, direction_chunk, &t); /* beta is 0 */
-
-    j->out->status = REC_MAX_ITER;
-    for (uint32_t k = 1; k <= limit; k++) {
-        if (rec_job_late(j)) {
-            j->out->status = REC_DEADLINE;
-            break;
-        }
+    rec_stop_begin(&stop, j, own, s->xv[2], s->xv[3]);
+    while (rec_stop_next(&stop)) {
         pvx_pool_run(a->pool, rows, forward_chunk, &t);
         rec_job_sum(j, 0, rows, S_Q, sum);
-        bool moving = false;
-        for (int l = 0; l < 4; l++) {
-            t.alpha[l] = sum[l] > 0 && gamma[l] > 0 ? gamma[l] / sum[l] : 0;
-            if (!isfinite((float)t.alpha[l]))
-                t.alpha[l] = 0;
-            moving = moving || t.alpha[l] > 0;
-        }
-        if (!moving) {
+        if (!step_lengths(&t, gamma, sum)) {
             j->out->status = REC_CONVERGED;
             break;
         }
         pvx_pool_run(a->pool, chunks, step_chunk, &t);
         pvx_pool_run(a->pool, rows, residual_chunk, &t);
         rec_job_sum(j, 0, rows, S_R, sum);
-        double residual = sqrt(total(sum));
+        if (rec_stop_after(&stop, t.x, 0, rec_lanes_total(sum)))
+            break;
         pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
-        double next[4];
-        rec_job_sum(j, 0, chunks, S_X, sum);
-        rec_job_sum(j, 0, chunks, S_GAMMA, next);
+        rec_job_sum(j, 0, chunks, S_GAMMA, sum);
         for (int l = 0; l < 4; l++) {
-            t.beta[l] = gamma[l] > 0 ? next[l] / gamma[l] : 0;
-            gamma[l] = next[l];
+            t.beta[l] = gamma[l] > 0 ? sum[l] / gamma[l] : 0;
+            gamma[l] = sum[l];
         }
         pvx_pool_run(a->pool, chunks, direction_chunk, &t);
-        j->out->iterations = j->out->best = k;
-        if (j->trace != NULL)
-            j->trace(j->trace_ctx, k, t.x, 0, residual);
-        if (corner) {
-            if (rec_lcurve_add(&curve, k, residual, sqrt(total(sum))))
-                rec_job_copy(j, best, t.prev);
-            if (rec_lcurve_done(&curve, k, BEYOND)) {
-                j->out->status = REC_CONVERGED;
-                break;
-            }
-        }
-        if (noise2 > 0 && residual * residual <= noise2) {
-            j->out->status = REC_CONVERGED;
-            break;
-        }
     }
-    if (corner && curve.best_k > 0) {
-        rec_job_copy(j, t.x, best);
-        j->out->best = curve.best_k;
-    }
+    rec_stop_end(&stop, j->x);
+    if (!clip)
+        pvx_pool_run(a->pool, chunks, clip_chunk, &t);
+}
+
+void rec_solve_cgls_paper(struct rec_job *j)
+{
+    static const struct rec_stop_own own = {.corner = true, .most = 40, .blind = 8, .stall = 0.01};
+    solve(j, true, &own);
+}
+
+void rec_solve_cgls(struct rec_job *j)
+{
+    static const struct rec_stop_own own = {.most = 40, .blind = 6, .stall = 0.01};
+    solve(j, false, &own);
 }

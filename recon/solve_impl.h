@@ -6,21 +6,23 @@
 #include "recon/smooth.h"
 #include "recon/solve.h"
 
-#define N_XVEC 9
-#define N_YVEC 2
+#define N_XVEC           9
+#define N_YVEC           3
+#define REC_OSEM_SUBSETS 4
 
 /* Sized for the worst case (every voxel active) in reserved address space. */
 struct rec_solver {
     const rec_sysmat *S;
     int nch, cs;
-    size_t n_max, rows_max; /* voxels of the grid; rows of S */
-    float *xv[N_XVEC];      /* [n_max][cs] */
-    float *yv[N_YVEC];      /* [rows_max][cs] */
-    float *b;               /* [rows_max][cs] b on A's rows */
-    float *weight;          /* [rows_max] w on A's rows */
-    float *diag;            /* [n_max] */
-    struct rec_near *near;  /* [n_max] */
-    int32_t *clipped;       /* [n_max] columns whose step met the bound, chunk by chunk */
+    size_t n_max, rows_max;                  /* voxels of the grid; rows of S */
+    float *xv[N_XVEC];                       /* [n_max][cs] */
+    float *yv[N_YVEC];                       /* [rows_max][cs] */
+    float *b;                                /* [rows_max][cs] b on A's rows */
+    float *weight;                           /* [rows_max] w on A's rows */
+    float *diag;                             /* [n_max] */
+    struct rec_near *near;                   /* [n_max] */
+    uint32_t (*piece)[REC_OSEM_SUBSETS + 1]; /* [n_max] where the subsets' entries start (osem) */
+    int32_t *clipped; /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
@@ -47,8 +49,13 @@ struct rec_job {
 /* One method: fills x and of the report status, iterations, best, objective, lambda.  Norms and time
  * are the caller's. */
 void rec_solve_pcg(struct rec_job *j);
+void rec_solve_cgls_paper(struct rec_job *j);
 void rec_solve_cgls(struct rec_job *j);
 void rec_solve_mlem(struct rec_job *j);
+void rec_solve_osem(struct rec_job *j);
+void rec_solve_sirt(struct rec_job *j);
+void rec_solve_fista(struct rec_job *j);
+void rec_solve_mrnsd(struct rec_job *j);
 
 /* A pass is cut into the chunks of A's rows or columns, or the rows' and then the columns'. */
 static inline size_t rec_job_row_chunks(const struct rec_job *j)

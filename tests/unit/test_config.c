@@ -257,6 +257,13 @@ static void values_reach_recon(void)
     T_EQ_I(parse("pixel_format: Mono8\n"), PVX_OK);
     T_EQ_I(dmn_config_channels(&c), 1);
     T_EQ_I(dmn_config_pixfmt(&c), CAP_GREY8);
+    for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
+        char text[64];
+        snprintf(text, sizeof text, "solver: {name: %s}\n", *name);
+        T_EQ_I(parse(text), PVX_OK);
+        dmn_config_frame(&c, &p);
+        T_EQ_S(p.solve.solver, *name);
+    }
 }
 
 int main(void)
