@@ -121,3 +121,48 @@ void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, 
     place(g, angle, elevation, out);
     out->fx = out->fy = f;
 }
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+/* To unit length; false when there is next to none. */
+static bool normalise(double a[3])
+{
+    double n = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    if (!(n > 1e-9) || !isfinite(n))
+        return false;
+    for (int i = 0; i < 3; i++)
+        a[i] /= n;
+    return true;
+}
+
+pvx_err rec_look_at_camera(const double eye[3], const double target[3], const double up[3],
+                           double fov, int32_t w, int32_t h, struct rec_camera *out)
+{
+    double forward[3], upward[3], right[3], down[3];
+    for (int a = 0; a < 3; a++)
+        forward[a] = target[a] - eye[a];
+    memcpy(upward, up, sizeof upward);
+    if (w < 1 || h < 1 || !(fov > 0 && fov < 3.14159) || !normalise(forward) || !normalise(upward))
+        return PVX_EINVAL;
+    cross(forward, upward, right);
+    if (!normalise(right))
+        return PVX_EINVAL;
+    cross(forward, right, down);
+    *out = (struct rec_camera){
+        .width = w, .height = h, .cx = (w - 1) / 2.0, .cy = (h - 1) / 2.0, .gain = {1, 1, 1}};
+    snprintf(out->name, sizeof out->name, "eye");
+    out->fx = out->fy = 0.5 * h / tan(fov / 2);
+    for (int a = 0; a < 3; a++) {
+        out->R[a] = right[a];
+        out->R[3 + a] = down[a];
+        out->R[6 + a] = forward[a];
+    }
+    for (int r = 0; r < 3; r++)
+        out->t[r] =
+            -(out->R[3 * r] * eye[0] + out->R[3 * r + 1] * eye[1] + out->R[3 * r + 2] * eye[2]);
+    return PVX_OK;
+}

@@ -21,4 +21,11 @@ PVX_MUST_CHECK pvx_err rec_render(const struct rec_grid *g, const float *dense, 
 void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, int32_t w,
                       int32_t h, struct rec_camera *out);
 
+/* Ideal camera at `eye` m looking at `target`, `up` (any length) upwards in the image, `fov` rad from
+ * the top of the image to its bottom, (0, pi).  PVX_EINVAL: eye is at target, or up lies along the
+ * line of sight, or fov or size is out of range. */
+PVX_MUST_CHECK pvx_err rec_look_at_camera(const double eye[3], const double target[3],
+                                          const double up[3], double fov, int32_t w, int32_t h,
+                                          struct rec_camera *out);
+
 #endif

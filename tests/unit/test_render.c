@@ -103,8 +103,43 @@ static void threads_give_the_same_bits(void)
     free(b);
 }
 
+static void look_at(void)
+{
+    struct rec_camera c;
+    double eye[3] = {3, -2, 1.5}, target[3] = {0.2, 0.1, 0.5}, up[3] = {0, 0, 2}, uv[2], X[3];
+    T_EQ_I(rec_look_at_camera(eye, target, up, 0.6, 80, 60, &c), PVX_OK);
+    rec_camera_centre(&c, X);
+    for (int a = 0; a < 3; a++)
+        T_NEAR(X[a], eye[a], 1e-12);
+    T_OK(rec_camera_project(&c, target, uv));
+    T_NEAR(uv[0], 39.5, 1e-9);
+    T_NEAR(uv[1], 29.5, 1e-9);
+    X[0] = target[0];
+    X[1] = target[1];
+    X[2] = target[2] + 0.1; /* z is up in the image */
+    T_OK(rec_camera_project(&c, X, uv));
+    T_NEAR(uv[0], 39.5, 1e-9);
+    T_OK(uv[1] < 29);
+    /* the top edge of the image is fov/2 above the middle */
+    double o[3], d[3], cosine = 0;
+    T_OK(rec_camera_ray(&c, 39.5, -0.5, o, d));
+    for (int a = 0; a < 3; a++)
+        cosine += d[a] * c.R[6 + a];
+    T_NEAR(acos(cosine), 0.3, 1e-9);
+    double det = 0;
+    for (int a = 0; a < 3; a++)
+        det += c.R[a] * (c.R[3 + (a + 1) % 3] * c.R[6 + (a + 2) % 3] -
+                         c.R[3 + (a + 2) % 3] * c.R[6 + (a + 1) % 3]);
+    T_NEAR(det, 1, 1e-12);
+    T_EQ_I(rec_look_at_camera(eye, eye, up, 0.6, 80, 60, &c), PVX_EINVAL);
+    T_EQ_I(rec_look_at_camera((double[3]){0, 0, 5}, (double[3]){0, 0, 0}, up, 0.6, 80, 60, &c),
+           PVX_EINVAL);
+    T_EQ_I(rec_look_at_camera(eye, target, up, 0, 80, 60, &c), PVX_EINVAL);
+}
+
 int main(void)
 {
+    T_RUN(look_at);
     T_RUN(full_box_gives_chords);
     T_RUN(orbit_camera_frames_the_box);
     T_RUN(flame_on_a_grid_looks_like_the_flame);
