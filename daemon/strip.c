@@ -18,8 +18,7 @@ const struct dmn_strip_params dmn_strip_defaults = {.deg0 = 0,
                                                     .exposure = 0,
                                                     .gamma = 2.2};
 
-/* Box around the voxels above 2 % of the brightest; the whole grid when all are dark. */
-static struct rec_grid lit_box(const struct rec_grid *g, const float *dense, int nch)
+struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nch)
 {
     size_t n = rec_grid_count(g);
     float most = 0;
@@ -53,13 +52,12 @@ static int rising(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Factor that puts the 99.8th percentile of the values above 1 % of the brightest to 1. */
-static pvx_err auto_exposure(const float *pix, size_t n, double *out)
+pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out)
 {
     float most = 0;
     for (size_t i = 0; i < n; i++)
         most = fmaxf(most, pix[i]);
-    *out = 1;
+    *out = 0;
     if (!(most > 0))
         return PVX_OK;
     float *lit = pvx_calloc(n, sizeof *lit);
@@ -87,7 +85,7 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     float *view = pvx_calloc(row * (size_t)p->height, sizeof *view);
     float *strip = pvx_calloc(n, sizeof *strip);
     pvx_err e = view != NULL && strip != NULL ? PVX_OK : PVX_ENOMEM;
-    struct rec_grid box = lit_box(g, dense, nch);
+    struct rec_grid box = dmn_lit_box(g, dense, nch);
     const double rad = 3.14159265358979323846 / 180;
     for (int v = 0; v < p->views && e == PVX_OK; v++) {
         double share = p->views > 1 ? (double)v / (p->views - 1) : 0;
@@ -101,9 +99,9 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     }
     double factor = p->exposure;
     if (e == PVX_OK && !(factor > 0))
-        e = auto_exposure(strip, n, &factor);
+        e = dmn_auto_exposure(strip, n, &factor);
     for (size_t i = 0; i < n && e == PVX_OK; i++)
-        strip[i] *= (float)factor;
+        strip[i] *= (float)(factor > 0 ? factor : 1);
     if (e != PVX_OK)
         pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     else

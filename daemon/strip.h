@@ -27,4 +27,12 @@ PVX_MUST_CHECK pvx_err dmn_strip_png(const struct rec_grid *g, const float *dens
                                      double deg0, double deg1, int n, int w, int h, pvx_pool *pool,
                                      const char *path, struct pvx_diag *d);
 
+/* Box around the voxels above 2 % of the brightest, with one more all round; the whole grid when all
+ * are dark. */
+struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nch);
+
+/* Factor that puts the 99.8th percentile of the values above 1 % of the brightest to 1; 0 when all
+ * are dark.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out);
+
 #endif

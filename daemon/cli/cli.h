@@ -30,6 +30,10 @@ struct cli_progress {
 };
 bool cli_progress(void *ctx, double done);
 
+/* --cpu NAME: use these kernels (recon/kernels.h) in this process and those it starts.  false: there
+ * are none such; the message is printed. */
+bool cli_use_cpu(const char *name);
+
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,
-    cmd_status, cmd_top, cmd_demo, cmd_cameras;
+    cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_cpu;
 #endif

@@ -5,22 +5,30 @@
 #include "cli/cli.h"
 
 static const struct cli_command *const commands[] = {
-    &cmd_demo,   &cmd_matrix, &cmd_reconstruct, &cmd_render,  &cmd_simcams,
-    &cmd_status, &cmd_top,    &cmd_record,      &cmd_cameras, NULL,
+    &cmd_demo, &cmd_matrix, &cmd_reconstruct, &cmd_render, &cmd_simcams, &cmd_status,
+    &cmd_top,  &cmd_record, &cmd_cameras,     &cmd_cpu,    NULL,
 };
 
 static void help(FILE *f)
 {
-    fputs("Usage: pyrovox COMMAND [ARGUMENTS]\n"
+    fputs("Usage: pyrovox [--cpu NAME] COMMAND [ARGUMENTS]\n"
           "Multi-camera flame capture and tomographic reconstruction.\n\nCommands:\n",
           f);
     for (size_t i = 0; commands[i] != NULL; i++)
         fprintf(f, "  %-12s %s\n", commands[i]->name, commands[i]->summary);
-    fputs("\n`pyrovox COMMAND --help` explains one command.  The daemon itself is pyrovoxd.\n", f);
+    fputs("\n`pyrovox COMMAND --help` explains one command.  The daemon itself is pyrovoxd.\n"
+          "--cpu NAME narrows the inner loops (see `pyrovox cpu`).\n",
+          f);
 }
 
 int main(int argc, char **argv)
 {
+    if (argc > 2 && strcmp(argv[1], "--cpu") == 0) {
+        if (!cli_use_cpu(argv[2]))
+            return 2;
+        argv += 2;
+        argc -= 2;
+    }
     if (argc < 2) {
         help(stderr);
         return 2;

@@ -16,4 +16,3 @@ PVX_MUST_CHECK pvx_err reconstruct_fit(const struct reconstruct_options *o, stru
 void reconstruct_check_lit(const char *camera, size_t lit, size_t bins, bool *said);
 
 #endif
-

@@ -1,0 +1,244 @@
+#include "cli/render_options.h"
+
+#include <argp.h>
+#include <math.h>
+#include <string.h>
+
+#include "base/yaml.h"
+#include "recon/render.h"
+
+enum {
+    OPT_RIG = 0x100,
+    OPT_CAMERA,
+    OPT_EYE,
+    OPT_LOOK_AT,
+    OPT_UP,
+    OPT_FOV,
+    OPT_ANGLE,
+    OPT_STRIP,
+    OPT_ORBIT,
+    OPT_ELEVATION,
+    OPT_SIZE,
+    OPT_SUB,
+    OPT_GAMMA,
+    OPT_EXPOSURE,
+    OPT_FORMAT,
+    OPT_ANEW,
+    OPT_QUIET,
+    OPT_THREADS
+};
+
+static const struct argp_option options[] = {
+    {NULL, 0, NULL, 0, "Viewpoint, one of:", 1},
+    {"camera", OPT_CAMERA, "NAME", 0, "this camera of the rig (--rig), distortion included", 1},
+    {"eye", OPT_EYE, "X,Y,Z", 0, "an ideal camera at this place, metres", 1},
+    {"angle", OPT_ANGLE, "DEG", 0, "turntable view at this angle (0: from +x, 90: from +y)", 1},
+    {"strip", OPT_STRIP, "A0,A1,N", 0, "N turntable views from A0 to A1 degrees side by side", 1},
+    {"orbit", OPT_ORBIT, "N", 0,
+     "animation: N views once round the turntable; with several volumes view i shows volume i, "
+     "from "
+     "the first again after the last",
+     1},
+    {NULL, 0, NULL, 0, "More about it:", 2},
+    {"rig", OPT_RIG, "FILE", 0, "rig.yaml that has the camera (and the box of a bare .npy)", 2},
+    {"look-at", OPT_LOOK_AT, "X,Y,Z", 0, "what --eye looks at (default: middle of the volume)", 2},
+    {"up", OPT_UP, "X,Y,Z", 0, "what is up for --eye (default: 0,0,1)", 2},
+    {"fov", OPT_FOV, "DEG", 0, "--eye: angle from the image's top to its bottom (default 40)", 2},
+    {"elevation", OPT_ELEVATION, "DEG", 0, "turntable camera above the horizon (default 5)", 2},
+    {"size", OPT_SIZE, "WxH", 0,
+     "pixels of a view (default: --eye 640x480, turntable 240x320, a camera its own)", 2},
+    {NULL, 0, NULL, 0, "Pictures:", 3},
+    {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (default 2)", 3},
+    {"exposure", OPT_EXPOSURE, "F|auto", 0,
+     ".png: factor on the values, one for all pictures (default: auto, the brightest frame fills "
+     "the range; --camera: 1, as recorded)",
+     3},
+    {"gamma", OPT_GAMMA, "G", 0, ".png: display gamma (default 2.2; --camera: 1, as recorded)", 3},
+    {"format", OPT_FORMAT, "png|npy|both", 0, "files of an animation (default png)", 3},
+    {"anew", OPT_ANEW, NULL, 0,
+     "trace every picture's rays anew, instead of keeping those of a fixed viewpoint: needs less "
+     "memory, takes longer",
+     3},
+    {"quiet", OPT_QUIET, NULL, 0, "no progress", 3},
+    {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 3},
+    {0},
+};
+
+static double number(struct argp_state *state, const char *what, const char *s, double lo,
+                     double hi)
+{
+    double v = lo;
+    if (pvx_parse_double(s, lo, hi, &v) != PVX_OK)
+        argp_error(state, "%s %s: should be a number from %g to %g", what, s, lo, hi);
+    return v;
+}
+
+/* Up to `max` numbers separated by `sep`; how many, 0 when one is not a number. */
+static int split(const char *s, char sep, double *v, int max)
+{
+    char copy[96];
+    if (strlen(s) >= sizeof copy)
+        return 0;
+    memcpy(copy, s, strlen(s) + 1);
+    const char stop[2] = {sep, '\0'};
+    char *rest = copy, *item;
+    int n = 0;
+    while ((item = strsep(&rest, stop)) != NULL)
+        if (n == max || pvx_parse_double(item, -1e6, 1e6, &v[n++]) != PVX_OK)
+            return 0;
+    return n;
+}
+
+static void point(struct argp_state *state, const char *what, const char *s, double out[3])
+{
+    if (split(s, ',', out, 3) != 3)
+        argp_error(state, "%s %s: should be X,Y,Z, three numbers", what, s);
+}
+
+static void take(struct argp_state *state, enum render_from from)
+{
+    struct render_options *o = state->input;
+    if (o->from != RENDER_NOTHING)
+        argp_error(
+            state,
+            "only one of --camera, --eye, --angle, --strip and --orbit can be the viewpoint");
+    o->from = from;
+}
+
+static void parse_strip(struct argp_state *state, const char *arg)
+{
+    struct render_options *o = state->input;
+    double v[3];
+    if (split(arg, ',', v, 3) != 3 || v[2] < 1 || v[2] > 64 || v[2] != floor(v[2]))
+        argp_error(state, "--strip %s: should be A0,A1,N: degrees, degrees, 1 to 64 views", arg);
+    o->deg0 = v[0];
+    o->deg1 = v[1];
+    o->views = (int)v[2];
+}
+
+static void parse_format(struct argp_state *state, const char *arg)
+{
+    struct render_options *o = state->input;
+    o->png = strcmp(arg, "png") == 0 || strcmp(arg, "both") == 0;
+    o->npy = strcmp(arg, "npy") == 0 || strcmp(arg, "both") == 0;
+    if (!o->png && !o->npy)
+        argp_error(state, "--format %s: should be png, npy or both", arg);
+}
+
+static void check(struct argp_state *state)
+{
+    const struct render_options *o = state->input;
+    if (o->out == NULL || o->n_sources == 0)
+        argp_error(state, "which volume, and where to?  VOL.npy OUT.(png|npy), or VOLDIR OUTDIR");
+    if (o->from == RENDER_NOTHING)
+        argp_error(state, "from where?  One of --camera NAME, --eye X,Y,Z, --angle DEG, --strip "
+                          "A0,A1,N and --orbit N");
+    if (o->from == RENDER_CAMERA && o->rig == NULL)
+        argp_error(state, "--camera needs --rig FILE, which has the camera");
+    if (o->from == RENDER_CAMERA && o->width != 0)
+        argp_error(state, "--size is for ideal cameras; a camera of the rig has its own");
+    if (o->from == RENDER_STRIP && o->n_sources > 1)
+        argp_error(state, "--strip shows one volume; --orbit N steps through several");
+}
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct render_options *o = state->input;
+    double v[2];
+    switch (key) {
+    case OPT_RIG: o->rig = arg; return 0;
+    case OPT_CAMERA:
+        take(state, RENDER_CAMERA);
+        o->camera = arg;
+        return 0;
+    case OPT_EYE:
+        take(state, RENDER_EYE);
+        point(state, "--eye", arg, o->eye);
+        return 0;
+    case OPT_LOOK_AT:
+        o->target_given = true;
+        point(state, "--look-at", arg, o->target);
+        return 0;
+    case OPT_UP: point(state, "--up", arg, o->up); return 0;
+    case OPT_FOV: o->fov_deg = number(state, "--fov", arg, 0.01, 175); return 0;
+    case OPT_ANGLE:
+        take(state, RENDER_ANGLE);
+        o->deg0 = o->deg1 = number(state, "--angle", arg, -3600, 3600);
+        return 0;
+    case OPT_STRIP:
+        take(state, RENDER_STRIP);
+        parse_strip(state, arg);
+        return 0;
+    case OPT_ORBIT:
+        take(state, RENDER_ORBIT);
+        o->views = (int)number(state, "--orbit", arg, 1, 100000);
+        return 0;
+    case OPT_SIZE:
+        if (split(arg, 'x', v, 2) != 2 || v[0] < 1 || v[0] > 8192 || v[1] < 1 || v[1] > 8192)
+            argp_error(state, "--size %s: should be WxH, up to 8192x8192", arg);
+        o->width = (int32_t)v[0];
+        o->height = (int32_t)v[1];
+        return 0;
+    case OPT_ELEVATION: o->elevation_deg = number(state, "--elevation", arg, -85, 85); return 0;
+    case OPT_SUB: o->sub = (int)number(state, "--sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
+    case OPT_EXPOSURE:
+        o->exposure = strcmp(arg, "auto") == 0 ? 0 : number(state, "--exposure", arg, 1e-9, 1e9);
+        return 0;
+    case OPT_GAMMA: o->gamma = number(state, "--gamma", arg, 0.1, 10); return 0;
+    case OPT_FORMAT: parse_format(state, arg); return 0;
+    case OPT_ANEW: o->anew = true; return 0;
+    case OPT_QUIET: o->quiet = true; return 0;
+    case OPT_THREADS: o->threads = (unsigned)number(state, "--threads", arg, 0, 256); return 0;
+    case ARGP_KEY_ARGS: /* all that are left: sources, then where to */
+        o->source = state->argv + state->next;
+        o->n_sources = state->argc - state->next - 1;
+        o->out = state->argv[state->argc - 1];
+        state->next = state->argc;
+        return 0;
+    case ARGP_KEY_END: check(state); return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+void render_parse(int argc, char **argv, struct render_options *o)
+{
+    static const struct argp parser = {
+        .options = options,
+        .parser = parse,
+        .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR",
+        .doc = "Render views of reconstructed volumes by forward projection.\v"
+               "Box and basis come from the .json beside each .npy, else from the rig.  A .npy "
+               "picture "
+               "is float32 [h][w][channels], linear, unclipped, in the units of the input images; "
+               "--exposure and --gamma are for .png alone, which is clipped to 0..1.  A fixed "
+               "viewpoint keeps its rays: each picture after the first is one matrix product.\n\n"
+               "Examples:\n"
+               "  pyrovox render --rig rig.yaml --camera cam7 vol/000000.npy cam7.npy\n"
+               "      what cam7 should have seen, to compare with what it saw\n"
+               "  pyrovox render --strip 0,120,5 vol/000000.npy turn.png\n"
+               "      five sides of one volume in one picture\n"
+               "  pyrovox render --eye 2,-1,0.8 --size 480x640 vol movie\n"
+               "      all volumes of a folder from one place: movie/000000.png ...\n"
+               "  pyrovox render --orbit 120 vol movie\n"
+               "      the flame burns while the camera goes round it\n"
+               "  ffmpeg -framerate 25 -i movie/%06d.png -pix_fmt yuv420p movie.mp4\n"
+               "      pictures into a film\n"};
+    *o = (struct render_options){.up = {0, 0, 1},
+                                 .fov_deg = 40,
+                                 .elevation_deg = 5,
+                                 .sub = 2,
+                                 .exposure = -1,
+                                 .gamma = -1,
+                                 .png = true};
+    argp_err_exit_status = 2;
+    argp_parse(&parser, argc, argv, 0, NULL, o);
+    bool recorded = o->from == RENDER_CAMERA;
+    if (o->gamma < 0)
+        o->gamma = recorded ? 1 : 2.2;
+    if (o->exposure < 0)
+        o->exposure = recorded ? 1 : 0;
+    if (o->width == 0) {
+        o->width = o->from == RENDER_EYE ? 640 : 240;
+        o->height = o->from == RENDER_EYE ? 480 : 320;
+    }
+}
