@@ -101,6 +101,7 @@ static int run(int argc, char **argv)
     printf("kernels   %s", k.name);
     if (env != NULL)
         printf(" (PYROVOX_CPU=%s)", env);
+    unsetenv("PYROVOX_CPU");
     list_kernels(model, sizeof model);
     printf(" in use, of %s\n", model);
     return 0;

@@ -44,6 +44,7 @@ struct job {
     struct slot slot[SLOTS];
     unsigned volumes; /* written */
     bool said_lit;    /* that nearly all of an image is */
+    unsigned dark;    /* of them, without one iteration before the deadline */
     unsigned cut;     /* of them, flame at a side of the fitted box */
     pvx_queue *empty, *full;
 };
@@ -203,6 +204,7 @@ static pvx_err do_frame(struct job *j, struct slot *s, struct rec_sparse *prev, 
     PVX_TRY(dmn_volume_save(path, &m, dense, d));
     report_frame(j, s, warm, list);
     j->volumes++;
+    j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 && !warm;
     j->cut += j->o->fit && reaches_side(j, &v);
     if (j->o->warm)
         *prev = v;
@@ -352,6 +354,11 @@ static pvx_err reconstruct(struct job *j, bool *failed, struct pvx_diag *d)
     cJSON_Delete(root);
     if (e == PVX_OK && !o->quiet)
         fprintf(stderr, "%u volumes in %s\n", j->volumes, o->out);
+    if (j->dark > 0)
+        fprintf(stderr,
+                "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "
+                "empty; allow more than --deadline %g, or make less of it (--grid, --binning)\n",
+                j->dark, j->volumes, o->deadline_ms);
     if (j->cut > 0)
         fprintf(stderr,
                 "pyrovox: in %u of %u volumes the flame reaches a side of the fitted box: look at "

@@ -10,6 +10,7 @@
 
 #include "base/file.h"
 #include "capture/imgio.h"
+#include "daemon/volume_file.h"
 #include "recon/flame.h"
 #include "recon/metrics.h"
 #include "recon/rig.h"
@@ -229,6 +230,265 @@ static void bad_and_missing_frames(void)
     cJSON_Delete(o);
 }
 
+/* Frame 0's volume (box basis) against the flame itself at points of the rig's volume. */
+static double error_of_field(const char *name, struct rec_grid *g)
+{
+    float *v;
+    int nch;
+    struct rec_flame_pose p;
+    struct pvx_diag d = {""};
+    if (dmn_volume_load(at("%s", name), g, &nch, &v, &d) != PVX_OK)
+        return 99;
+    double e = 0, sum = 0;
+    rec_flame_at(&flame, 0, &p);
+    for (int k = 0; k < 20000; k++) {
+        double x[3], want[3];
+        int32_t ijk[3];
+        bool in = true;
+        for (int a = 0; a < 3; a++) {
+            x[a] = t_uniform(rig.grid.min[a], rig.grid.max[a]);
+            double u = (x[a] - g->min[a]) / rec_grid_h(g, a);
+            in = in && u >= 0 && u < g->n[a];
+            ijk[a] = in ? (int32_t)u : 0;
+        }
+        rec_flame_point(&p, x, want);
+        size_t at_voxel = (size_t)rec_grid_index(g, ijk[0], ijk[1], ijk[2]) * 3;
+        for (size_t c = 0; c < 3; c++) {
+            double diff = (in ? v[at_voxel + c] : 0) - want[c];
+            e += diff * diff;
+            sum += want[c] * want[c];
+        }
+    }
+    free(v);
+    return sqrt(e / sum);
+}
+
+static void write_rig(const char *name, const struct rec_rig *r)
+{
+    char *yaml;
+    size_t len;
+    T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
+    T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
+    free(yaml);
+}
+
+/* A rig with a box of eight times the volume: fitted, the same number of voxels gives less error. */
+static void volume_fitted_to_the_flame(void)
+{
+    struct rec_rig wide, tight;
+    struct rec_grid g, fitted;
+    struct pvx_diag d = {""};
+    T_EQ_I(rec_rig_copy(&rig, &wide), PVX_OK);
+    for (int a = 0; a < 3; a++) {
+        wide.grid.min[a] -= 0.5;
+        wide.grid.max[a] += 0.5;
+    }
+    write_rig("wide.yaml", &wide);
+    T_EQ_I(pyrovox("reconstruct --rig wide.yaml --frames take " EIGHT " --out w --last 0"), 0);
+    T_EQ_I(pyrovox("reconstruct --rig wide.yaml --frames take " EIGHT
+                   " --out f --fit-volume --grid 32 --save-rig tight.yaml --save-report f.json"),
+           0);
+    slurp("err");
+    T_CONTAINS(text, "volume fitted: x ");
+    T_CONTAINS(text, "% of the rig's box (from 3 of 3 frame sets");
+    double before = error_of_field("w/000000.npy", &g);
+    double after = error_of_field("f/000000.npy", &fitted);
+    T_LE(rec_grid_count(&fitted), rec_grid_count(&g));
+    printf("  %zu voxels: error %.3f on the rig's box, %.3f on the fitted one\n",
+           rec_grid_count(&g), before, after);
+    T_LE(after, 0.7 * before);
+    /* for the daemon: the fitted volume, and all cameras although eight were used */
+    T_EQ_I(rec_rig_load(at("tight.yaml"), &tight, &d), PVX_OK);
+    T_EQ_I(tight.n_cameras, CAMERAS);
+    for (int a = 0; a < 3; a++) {
+        T_EQ_I(tight.grid.n[a], fitted.n[a]);
+        T_NEAR(tight.grid.min[a], fitted.min[a], 1e-12);
+        T_NEAR(tight.grid.max[a], fitted.max[a], 1e-9);
+        T_OK(fitted.min[a] >= wide.grid.min[a] - 0.05 && fitted.max[a] <= wide.grid.max[a] + 0.05);
+    }
+    slurp("f.json");
+    T_CONTAINS(text, "\"fitted\":\ttrue");
+    /* the rig's voxel size is kept unless said otherwise; no --out: only the box is found */
+    T_EQ_I(pyrovox("reconstruct --rig wide.yaml --frames take " EIGHT
+                   " --fit-volume=0.1 --fit-frames 1 --save-rig same.yaml --quiet"),
+           0);
+    rec_rig_fini(&tight);
+    T_EQ_I(rec_rig_load(at("same.yaml"), &tight, &d), PVX_OK);
+    for (int a = 0; a < 3; a++)
+        T_NEAR(rec_grid_h(&tight.grid, a), rec_grid_h(&wide.grid, a), 1e-12);
+    rec_rig_fini(&tight);
+    for (int a = 0; a < 3; a++) { /* a box beside the flame */
+        wide.grid.min[a] = 5;
+        wide.grid.max[a] = 6;
+    }
+    write_rig("astray.yaml", &wide);
+    T_EQ_I(pyrovox("reconstruct --rig astray.yaml --frames take " EIGHT " --out x --fit-volume"),
+           1);
+    slurp("err");
+    T_CONTAINS(text, "3 of 3 frame sets have light, but nowhere in the rig's box");
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take --out x --fit-volume --threshold 9"),
+           1);
+    slurp("err");
+    T_CONTAINS(text, "no flame in any of the 3 frame sets from 000000 to 000002");
+    rec_rig_fini(&wide);
+}
+
+static double report(const char *file, const char *group, const char *key)
+{
+    slurp(file);
+    cJSON *o = cJSON_Parse(text), *f = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "frames"), 0);
+    cJSON *item = cJSON_GetObjectItem(group != NULL ? cJSON_GetObjectItem(f, group) : f, key);
+    double v = cJSON_IsNumber(item) ? item->valuedouble : -1;
+    cJSON_Delete(o);
+    return v;
+}
+
+/* Both rules of the hull, its counts and its picture. */
+static void hull_is_reported(void)
+{
+    struct cap_loaded l;
+    struct pvx_diag d = {""};
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out h --last 0 --quiet --save-report h.json --save-hull hulls"),
+           0);
+    double inside = report("h.json", "hull", "inside"),
+           partial = report("h.json", "hull", "partial");
+    T_OK(inside > 0 && partial > 0);
+    T_EQ_I(inside + partial + report("h.json", "hull", "outside"), N * N * N);
+    T_EQ_I(report("h.json", NULL, "active_voxels"), inside + partial);
+    T_EQ_I(cap_image_load(at("hulls/000000.png"), &l, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    size_t red = 0, green = 0, yellow = 0;
+    for (size_t i = 0; i + 2 < l.img.size; i += 3) {
+        const uint8_t *p = (const uint8_t *)l.img.data + i;
+        red += p[0] == 255 && p[1] == 51 && p[2] == 31;
+        green += p[0] == 38 && p[1] == 217 && p[2] == 64;
+        yellow += p[0] == 242 && p[1] == 217 && p[2] == 51;
+    }
+    T_OK(red > 1000 && green > 500 && yellow > 500);
+    cap_loaded_free(&l);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out h --last 0 --quiet --save-report h.json --hull-rule inside"),
+           0);
+    T_EQ_I(report("h.json", "hull", "inside"), inside);
+    T_EQ_I(report("h.json", NULL, "active_voxels"), inside);
+}
+
+/* Each rule of stopping does what it says, and the report says which it was. */
+static void stopping_and_starting(void)
+{
+    static const struct {
+        const char *args, *status;
+        int least, most;
+    } cases[] = {
+        {"--iterations 4", "max-iter", 4, 4},
+        {"--stop discrepancy", "converged", 1, 30},
+        {"--stop discrepancy --iterations 2", "max-iter", 2, 2},
+        {"--solver cgls-paper --stop lcurve --iterations 60", "converged", 3, 59},
+        {"--stop iterations --iterations 100 --deadline 0.01", "deadline", 0, 1},
+        {"--deadline 60000 --iterations 3", "max-iter", 3, 3},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char args[300];
+        snprintf(args, sizeof args,
+                 "reconstruct --rig rig.yaml --frames take " EIGHT
+                 " --out s --last 0 --quiet --save-report s.json %s",
+                 cases[i].args);
+        T_EQ_I(pyrovox(args), 0);
+        int k = (int)report("s.json", NULL, "iterations");
+        T_CHECK_(k >= cases[i].least && k <= cases[i].most, "%s: %d iterations", cases[i].args, k);
+        cJSON *o = cJSON_Parse(text), *f = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "frames"), 0);
+        const char *status = cJSON_GetStringValue(cJSON_GetObjectItem(f, "status"));
+        T_EQ_S(status != NULL ? status : "", cases[i].status);
+        cJSON_Delete(o);
+    }
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
+                   " --out s --start warm --save-report s.json"),
+           0);
+    slurp("s.json");
+    cJSON *o = cJSON_Parse(text);
+    for (int i = 0; i < FRAMES; i++) {
+        cJSON *f = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "frames"), i);
+        const char *start = cJSON_GetStringValue(cJSON_GetObjectItem(f, "start"));
+        T_EQ_S(start != NULL ? start : "", i == 0 ? "cold" : "warm");
+    }
+    cJSON_Delete(o);
+    T_LE(volume_error("s/000002.npy", 2, REC_BOX), 0.25);
+}
+
+static double image_difference(const char *a, const char *b)
+{
+    float *x, *y;
+    size_t shape[4], same[4];
+    int ndim;
+    struct pvx_diag d = {""};
+    if (cap_npy_load(at("%s", a), &x, shape, &ndim, &d) != PVX_OK)
+        return 98;
+    if (cap_npy_load(at("%s", b), &y, same, &ndim, &d) != PVX_OK) {
+        free(x);
+        return 97;
+    }
+    double e = memcmp(shape, same, sizeof same) == 0
+                   ? rec_rel_l2(x, y, shape[0] * shape[1] * shape[2])
+                   : 96;
+    free(x);
+    free(y);
+    return e;
+}
+
+/* Folders of pictures: the same as one at a time, one exposure, any viewpoint. */
+static void animations(void)
+{
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 --format both vol movie"), 0);
+    slurp("err");
+    T_CONTAINS(text, "3 pictures in movie, exposure 1; ");
+    T_CONTAINS(text, "ms per picture as a product");
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 vol/000002.npy one.npy"), 0);
+    T_LE(image_difference("movie/000002.npy", "one.npy"), 1e-6);
+    T_OK(access(at("movie/000000.png"), F_OK) == 0 && access(at("movie/000001.png"), F_OK) == 0);
+    T_EQ_I(pyrovox("render --rig rig.yaml --camera cam8 --anew --format npy vol anew"), 0);
+    slurp("err");
+    T_CONTAINS(text, "traced anew");
+    T_LE(image_difference("movie/000001.npy", "anew/000001.npy"), 1e-6);
+    T_OK(access(at("anew/000001.png"), F_OK) != 0);
+    /* cam8 by hand: its centre, what it looks at; an ideal lens is nearly the same */
+    double eye[3];
+    char args[300];
+    rec_camera_centre(&rig.cameras[8], eye);
+    double fov = 2 * atan(H / 2.0 / rig.cameras[8].fy) * 180 / 3.14159265358979;
+    snprintf(args, sizeof args,
+             "render --eye %.9f,%.9f,%.9f --look-at 0,0,0.5 --fov %.9f --size %dx%d "
+             "vol/000001.npy eye.npy",
+             eye[0], eye[1], eye[2], fov, W, H);
+    T_EQ_I(pyrovox(args), 0);
+    T_LE(image_difference("eye.npy", "movie/000001.npy"), 0.15);
+    T_EQ_I(pyrovox("render --orbit 4 --size 40x50 --format both vol orbit"), 0);
+    T_OK(access(at("orbit/000003.png"), F_OK) == 0 && access(at("orbit/000004.png"), F_OK) != 0);
+    T_EQ_I(pyrovox("render --orbit 4 --size 40x50 --format npy vol/000000.npy turn"), 0);
+    double turn = image_difference("turn/000000.npy", "turn/000001.npy");
+    T_OK(turn > 0.05 && turn < 90); /* another side */
+    struct {
+        const char *args, *says;
+        int rc;
+    } wrong[] = {
+        {"render --orbit 4 vol turn.png", "name a folder", 1},
+        {"render --angle 4 vol turn.png", "name a folder", 1},
+        {"render --angle 4 --eye 1,2,3 vol turn", "only one of", 2},
+        {"render --eye 1,2 vol x", "--eye 1,2: should be X,Y,Z", 2},
+        {"render --eye 0,0,3 vol x", "line of sight", 1},
+        {"render --orbit 4 take x", "no volumes", 1},
+        {"render --orbit 4 rig.yaml x", "a volume is a .npy", 1},
+        {"render --orbit 4 vol/nope.npy x", "nope.npy", 1},
+        {"render --rig rig.yaml --camera cam1 --size 4x4 vol x", "has its own", 2},
+    };
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        int rc = pyrovox(wrong[i].args);
+        slurp("err");
+        T_CHECK_(rc == wrong[i].rc, "%s: exit %d, want %d", wrong[i].args, rc, wrong[i].rc);
+        T_CONTAINS(text, wrong[i].says);
+    }
+}
+
 static void wrong_use(void)
 {
     static const struct {
@@ -244,6 +504,13 @@ static void wrong_use(void)
         {"reconstruct --rig rig.yaml --frames take --out x --binning 7", "binning", 1},
         {"reconstruct --rig rig.yaml --frames take --out x --first 5", "no frames", 1},
         {"reconstruct --rig rig.yaml --frames take --out rig.yaml", "rig.yaml", 1},
+        {"reconstruct --rig rig.yaml --frames take --out x --stop never", "discrepancy", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --start hot", "cold, warm", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --hull-rule all", "conservative", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --save-rig y", "--fit-volume", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --fit-volume --no-hull", "hull", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --fit-volume=wide", "--fit-volume", 2},
+        {"reconstruct --rig rig.yaml --frames take --out x --background nope", "nope", 1},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         int rc = pyrovox(cases[i].args);
@@ -309,6 +576,10 @@ int main(void)
     T_RUN(flame_comes_back);
     T_RUN(trilinear_and_other_solvers);
     T_RUN(unseen_view);
+    T_RUN(animations);
+    T_RUN(volume_fitted_to_the_flame);
+    T_RUN(hull_is_reported);
+    T_RUN(stopping_and_starting);
     T_RUN(bad_and_missing_frames);
     T_RUN(grey_and_background);
     T_RUN(wrong_use);
