@@ -28,26 +28,41 @@ static size_t column_room(const rec_sysmat *S)
  * strip's entries of a row go.  That is the order of the columns whatever the strips are, and so is
  * every other output.
  * Of the row space only what the hull is seen in is looked at: strips mark the blocks of BLOCK rows
- * that they count in, and clear just these the next time. */
+ * that they count in.  Counts are zero again when they have been used. */
 #define BLOCK  32
-#define RANGES 16 /* of blocks: tasks of the numbering */
+#define GROUP  8  /* blocks whose marks are read at once */
+#define RANGES 16 /* of groups: tasks of the numbering */
+#define AHEAD  16 /* columns between a prefetch and its use */
 
-static size_t blocks_of(size_t rows)
+static size_t groups_of(size_t rows)
 {
-    return (rows + BLOCK - 1) / BLOCK;
+    return (rows + BLOCK * GROUP - 1) / (BLOCK * GROUP);
 }
 
 static bool reserve_strips(struct rec_subsys *a, size_t rows)
 {
     bool ok = true;
+    size_t groups = groups_of(rows);
     a->strips =
         pvx_pool_threads(a->pool) < REC_STRIPS_MAX ? pvx_pool_threads(a->pool) : REC_STRIPS_MAX;
     for (size_t s = 0; s < a->strips; s++) {
-        a->strip[s].place = pvx_reserve(blocks_of(rows) * BLOCK * sizeof *a->strip[s].place);
-        a->strip[s].touched = pvx_reserve(blocks_of(rows));
-        ok = ok && a->strip[s].place != NULL && a->strip[s].touched != NULL;
+        struct rec_strip *t = &a->strip[s];
+        t->count = pvx_reserve(groups * GROUP * BLOCK * sizeof *t->count);
+        t->place = pvx_reserve(groups * GROUP * BLOCK * sizeof *t->place);
+        t->touched = pvx_reserve(groups * GROUP);
+        ok = ok && t->count != NULL && t->place != NULL && t->touched != NULL;
     }
     return ok;
+}
+static void release_strips(struct rec_subsys *a, size_t rows)
+{
+    size_t groups = groups_of(rows);
+    for (size_t s = 0; s < a->strips; s++) {
+        struct rec_strip *t = &a->strip[s];
+        pvx_unreserve(t->count, groups * GROUP * BLOCK * sizeof *t->count);
+        pvx_unreserve(t->place, groups * GROUP * BLOCK * sizeof *t->place);
+        pvx_unreserve(t->touched, groups * GROUP);
+    }
 }
 
 static bool reserve_gather(struct rec_gather *g, size_t outputs, size_t nnz)
@@ -97,60 +112,71 @@ void rec_subsys_free(struct rec_subsys **ap)
     release_gather(&a->by_row, rows, a->S->nnz);
     release_gather(&a->by_col, rec_grid_count(&a->S->grid), column_room(a->S));
     pvx_unreserve(a->ray, rows * sizeof *a->ray);
-    for (size_t s = 0; s < a->strips; s++) {
-        pvx_unreserve(a->strip[s].place, blocks_of(rows) * BLOCK * sizeof *a->strip[s].place);
-        pvx_unreserve(a->strip[s].touched, blocks_of(rows));
-    }
+    release_strips(a, rows);
     free(a);
     *ap = NULL;
 }
 
 struct restriction {
     struct rec_subsys *a;
-    size_t strips, rows, blocks;
+    size_t groups;
     uint32_t range_rows[RANGES], range_nnz[RANGES]; /* then the first of each */
+    bool all;                                       /* cameras are present */
     /* Rows of the present cameras, [lo,hi) ascending, then a sentinel. */
     uint32_t lo[REC_MAX_CAMERAS + 1], hi[REC_MAX_CAMERAS + 1];
 };
 
-static void strip_range(const struct restriction *t, size_t strip, int32_t *q0, int32_t *q1)
+static void strip_range(const struct rec_subsys *a, size_t strip, int32_t *q0, int32_t *q1)
 {
-    *q0 = (int32_t)((int64_t)t->a->n * (int64_t)strip / (int64_t)t->strips);
-    *q1 = (int32_t)((int64_t)t->a->n * (int64_t)(strip + 1) / (int64_t)t->strips);
+    *q0 = (int32_t)((int64_t)a->n * (int64_t)strip / (int64_t)a->strips);
+    *q1 = (int32_t)((int64_t)a->n * (int64_t)(strip + 1) / (int64_t)a->strips);
 }
 
 /* Whether row r is of a present camera; k goes along with the rows of a column. */
-static inline bool present(const struct restriction *t, size_t *k, uint32_t r)
+static inline bool is_present(const struct restriction *t, size_t *k, uint32_t r)
 {
     while (r >= t->hi[*k])
         ++*k;
     return r >= t->lo[*k];
 }
 
-static inline void clear_strip(const struct restriction *t, struct rec_strip *s)
+static inline void count(struct rec_strip *s, uint32_t row)
 {
-    for (size_t b = 0; b < t->blocks; b++)
-        if (s->touched[b])
-            memset(s->place + b * BLOCK, 0, BLOCK * sizeof *s->place);
-    memset(s->touched, 0, t->blocks);
+    s->count[row]++;
+    s->touched[row / BLOCK] = 1;
 }
 
-static inline void count_columns(const struct restriction *t, struct rec_strip *s, int32_t q0,
-                                 int32_t q1, bool all)
+/* Columns that follow one another in S are one run of entries. */
+static void count_all(const struct rec_subsys *a, struct rec_strip *s, int32_t q0, int32_t q1)
+{
+    const uint32_t *colptr = a->S->colptr, *row = a->S->row;
+    for (int32_t q = q0, next; q < q1; q = next) {
+        uint32_t room = 0, j = (uint32_t)a->col[q], first = colptr[j], last = first;
+        for (next = q; next < q1 && (uint32_t)a->col[next] == j; next++) {
+            uint32_t end = colptr[++j];
+            room += padded(end - last);
+            last = end;
+        }
+        if (next < q1)
+            __builtin_prefetch(&row[colptr[a->col[next]]]);
+        for (uint32_t e = first; e < last; e++)
+            count(s, row[e]);
+        s->room += room;
+    }
+}
+
+static void count_present(const struct restriction *t, struct rec_strip *s, int32_t q0, int32_t q1)
 {
     const struct rec_subsys *a = t->a;
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
-    s->room = 0;
     for (int32_t q = q0; q < q1; q++) {
-        uint32_t e = colptr[a->col[q]], end = colptr[a->col[q] + 1], n = all ? end - e : 0;
+        uint32_t n = 0, end = colptr[a->col[q] + 1];
         size_t k = 0;
-        for (; e < end; e++) {
-            if (!all && !present(t, &k, row[e]))
-                continue;
-            s->place[row[e]].at++;
-            s->touched[row[e] / BLOCK] = 1;
-            n += !all;
-        }
+        for (uint32_t e = colptr[a->col[q]]; e < end; e++)
+            if (is_present(t, &k, row[e])) {
+                count(s, row[e]);
+                n++;
+            }
         s->room += padded(n);
     }
 }
@@ -158,105 +184,146 @@ static inline void count_columns(const struct restriction *t, struct rec_strip *
 static void count_strip(void *ctx, size_t i)
 {
     struct restriction *t = ctx;
+    struct rec_strip *s = &t->a->strip[i];
     int32_t q0, q1;
-    strip_range(t, i, &q0, &q1);
-    clear_strip(t, &t->a->strip[i]);
-    if (t->lo[0] == 0 && t->hi[0] == t->rows)
-        count_columns(t, &t->a->strip[i], q0, q1, true);
+    strip_range(t->a, i, &q0, &q1);
+    s->room = 0;
+    if (t->all)
+        count_all(t->a, s, q0, q1);
     else
-        count_columns(t, &t->a->strip[i], q0, q1, false);
+        count_present(t, s, q0, q1);
 }
 
-static void range_blocks(const struct restriction *t, size_t i, size_t *b0, size_t *b1)
+/* The marks of a group's blocks over all strips, a byte each. */
+static uint64_t marks(const struct rec_subsys *a, size_t group)
 {
-    *b0 = t->blocks * i / RANGES;
-    *b1 = t->blocks * (i + 1) / RANGES;
-}
-
-/* Entries of the rows of block b, over the strips; false when there are none. */
-static inline bool block_counts(const struct restriction *t, size_t b, uint32_t count[BLOCK])
-{
-    bool any = false;
-    memset(count, 0, BLOCK * sizeof *count);
-    for (size_t s = 0; s < t->strips; s++) {
-        const struct rec_strip *strip = &t->a->strip[s];
-        if (!strip->touched[b])
-            continue;
-        any = true;
-        for (size_t r = 0; r < BLOCK; r++)
-            count[r] += strip->place[b * BLOCK + r].at;
+    uint64_t any = 0, m;
+    for (size_t s = 0; s < a->strips; s++) {
+        memcpy(&m, a->strip[s].touched + group * GROUP, sizeof m);
+        any |= m;
     }
     return any;
+}
+
+/* Entries of the rows of a block, over all strips. */
+static void block_counts(const struct rec_subsys *a, size_t block, uint32_t sum[BLOCK])
+{
+    memcpy(sum, a->strip[0].count + block * BLOCK, BLOCK * sizeof *sum);
+    for (size_t s = 1; s < a->strips; s++)
+        for (size_t r = 0; r < BLOCK; r++)
+            sum[r] += a->strip[s].count[block * BLOCK + r];
 }
 
 static void sum_range(void *ctx, size_t i)
 {
     struct restriction *t = ctx;
-    uint32_t rows = 0, nnz = 0, count[BLOCK];
-    size_t b0, b1;
-    range_blocks(t, i, &b0, &b1);
-    for (size_t b = b0; b < b1; b++)
-        if (block_counts(t, b, count))
+    uint32_t rows = 0, nnz = 0, sum[BLOCK];
+    for (size_t g = t->groups * i / RANGES; g < t->groups * (i + 1) / RANGES; g++) {
+        uint64_t m = marks(t->a, g);
+        for (size_t b = g * GROUP; m != 0; b++, m >>= 8) {
+            if ((m & 1) == 0)
+                continue;
+            block_counts(t->a, b, sum);
             for (size_t r = 0; r < BLOCK; r++) {
-                rows += count[r] > 0;
-                nnz += count[r];
+                rows += sum[r] > 0;
+                nnz += sum[r];
             }
+        }
+    }
     t->range_rows[i] = rows;
     t->range_nnz[i] = nnz;
 }
 
-/* Counts -> places: rows get their numbers in A, by_row.ptr and ray. */
+/* Counts -> places: rows get their numbers in A, by_row.ptr and ray.  Returns the next row. */
+static uint32_t number_block(struct rec_subsys *a, size_t block, uint32_t row, uint32_t *nnz)
+{
+    uint32_t sum[BLOCK], at = *nnz;
+    block_counts(a, block, sum);
+    for (size_t r = 0; r < BLOCK; r++) {
+        if (sum[r] == 0)
+            continue;
+        size_t of_s = block * BLOCK + r;
+        a->ray[row] = (uint32_t)of_s;
+        a->by_row.ptr[row] = at;
+        for (size_t s = 0; s < a->strips; s++) {
+            a->strip[s].place[of_s] = (struct rec_place){at, row};
+            at += a->strip[s].count[of_s];
+        }
+        row++;
+    }
+    for (size_t s = 0; s < a->strips; s++)
+        memset(a->strip[s].count + block * BLOCK, 0, BLOCK * sizeof *a->strip[s].count);
+    *nnz = at;
+    return row;
+}
+
 static void number_range(void *ctx, size_t i)
 {
     struct restriction *t = ctx;
-    struct rec_subsys *a = t->a;
-    uint32_t row = t->range_rows[i], at = t->range_nnz[i], count[BLOCK];
-    size_t b0, b1;
-    range_blocks(t, i, &b0, &b1);
-    for (size_t b = b0; b < b1; b++) {
-        if (!block_counts(t, b, count))
+    uint32_t row = t->range_rows[i], nnz = t->range_nnz[i];
+    for (size_t g = t->groups * i / RANGES; g < t->groups * (i + 1) / RANGES; g++) {
+        uint64_t m = marks(t->a, g);
+        if (m == 0)
             continue;
-        for (size_t r = 0; r < BLOCK; r++) {
-            if (count[r] == 0)
-                continue;
-            a->ray[row] = (uint32_t)(b * BLOCK + r);
-            a->by_row.ptr[row] = at;
-            for (size_t s = 0; s < t->strips; s++) {
-                struct rec_place *p = &a->strip[s].place[b * BLOCK + r];
-                if (!a->strip[s].touched[b])
-                    continue;
-                uint32_t n = p->at;
-                *p = (struct rec_place){at, row};
-                at += n;
-            }
-            row++;
-        }
+        for (size_t b = g * GROUP; m != 0; b++, m >>= 8)
+            if (m & 1)
+                row = number_block(t->a, b, row, &nnz);
+        for (size_t s = 0; s < t->a->strips; s++)
+            memset(t->a->strip[s].touched + g * GROUP, 0, GROUP);
     }
 }
 
-static inline void fill_columns(const struct restriction *t, struct rec_strip *s, uint32_t at,
-                                int32_t q0, int32_t q1, bool all)
+/* One entry to both copies.  A row is come back to after many others: what it needs then, its next
+ * cache line, is asked for now. */
+static inline void fill(const struct rec_subsys *a, struct rec_place *p, int32_t q, uint16_t val,
+                        uint32_t at)
+{
+    float v = a->S->unit * (float)val;
+    struct rec_entry *by_row = a->by_row.entry + p->at++;
+    __builtin_prefetch(by_row + 8, 1);
+    *by_row = (struct rec_entry){(uint32_t)q, v};
+    a->by_col.entry[at] = (struct rec_entry){p->number, v};
+}
+
+static void fill_all(const struct rec_subsys *a, const struct rec_strip *s, int32_t q0, int32_t q1)
+{
+    const uint32_t *colptr = a->S->colptr, *row = a->S->row;
+    const uint16_t *val = a->S->val;
+    uint32_t at = s->room;
+    for (int32_t q = q0; q < q1; q++) {
+        uint32_t e = colptr[a->col[q]], end = colptr[a->col[q] + 1];
+        uint32_t full = at + padded(end - e),
+                 ahead = colptr[a->col[q + AHEAD < q1 ? q + AHEAD : q]];
+        __builtin_prefetch(&row[ahead]);
+        __builtin_prefetch(&val[ahead]);
+        a->by_col.ptr[q] = at;
+        if (e == end)
+            continue;
+        /* the padding first: how much it is can not be foreseen, that it is 4 can */
+        struct rec_entry zero = {s->place[row[end - 1]].number, 0};
+        for (uint32_t i = 1; i <= 4; i++)
+            a->by_col.entry[full - i] = zero;
+        for (; e < end; e++)
+            fill(a, &s->place[row[e]], q, val[e], at++);
+        at = full;
+    }
+}
+
+static void fill_present(const struct restriction *t, const struct rec_strip *s, int32_t q0,
+                         int32_t q1)
 {
     const struct rec_subsys *a = t->a;
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
-    const uint16_t *val = a->S->val;
-    const float unit = a->S->unit;
-    struct rec_entry *by_row = a->by_row.entry, *by_col = a->by_col.entry;
+    uint32_t at = s->room;
     for (int32_t q = q0; q < q1; q++) {
-        uint32_t e = colptr[a->col[q]], end = colptr[a->col[q] + 1];
+        uint32_t first = at, end = colptr[a->col[q] + 1];
         size_t k = 0;
-        a->by_col.ptr[q] = at;
-        for (; e < end; e++) {
-            if (!all && !present(t, &k, row[e]))
-                continue;
-            struct rec_place *p = &s->place[row[e]];
-            float v = unit * (float)val[e];
-            by_row[p->at++] = (struct rec_entry){(uint32_t)q, v};
-            by_col[at++] = (struct rec_entry){p->number, v};
-        }
-        uint32_t full = a->by_col.ptr[q] + padded(at - a->by_col.ptr[q]);
-        for (; at < full; at++)
-            by_col[at] = (struct rec_entry){by_col[at - 1].idx, 0};
+        a->by_col.ptr[q] = first;
+        for (uint32_t e = colptr[a->col[q]]; e < end; e++)
+            if (is_present(t, &k, row[e]))
+                fill(a, &s->place[row[e]], q, a->S->val[e], at++);
+        for (; at < first + padded(at - first); at++)
+            a->by_col.entry[at] = (struct rec_entry){a->by_col.entry[at - 1].idx, 0};
     }
 }
 
@@ -264,11 +331,11 @@ static void fill_strip(void *ctx, size_t i)
 {
     struct restriction *t = ctx;
     int32_t q0, q1;
-    strip_range(t, i, &q0, &q1);
-    if (t->lo[0] == 0 && t->hi[0] == t->rows)
-        fill_columns(t, &t->a->strip[i], t->a->strip[i].room, q0, q1, true);
+    strip_range(t->a, i, &q0, &q1);
+    if (t->all)
+        fill_all(t->a, &t->a->strip[i], q0, q1);
     else
-        fill_columns(t, &t->a->strip[i], t->a->strip[i].room, q0, q1, false);
+        fill_present(t, &t->a->strip[i], q0, q1);
 }
 
 static uint32_t first_of_each(uint32_t *count, size_t n)
@@ -285,8 +352,8 @@ static uint32_t first_of_each(uint32_t *count, size_t n)
 static void list_present(struct restriction *t)
 {
     const struct rec_subsys *a = t->a;
-    size_t n = 0;
-    for (size_t c = 0; c < a->S->n_cameras; c++) {
+    size_t n = 0, cameras = a->S->n_cameras;
+    for (size_t c = 0; c < cameras; c++) {
         if (!a->present[c])
             continue;
         uint32_t lo = (uint32_t)a->row0[c], hi = (uint32_t)a->row0[c + 1];
@@ -297,30 +364,29 @@ static void list_present(struct restriction *t)
         t->lo[n] = lo;
         t->hi[n++] = hi;
     }
+    t->all = n == 1 && t->lo[0] == 0 && t->hi[0] == a->row0[cameras];
     t->lo[n] = t->hi[n] = UINT32_MAX;
 }
 
-void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present_)
+void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present)
 {
-    struct restriction t = {.a = a, .rows = a->row0[a->S->n_cameras]};
+    struct restriction t = {.a = a, .groups = groups_of(a->row0[a->S->n_cameras])};
     a->col = col;
     a->n = n;
-    memcpy(a->present, present_, a->S->n_cameras * sizeof *a->present);
+    memcpy(a->present, present, a->S->n_cameras * sizeof *present);
     list_present(&t);
-    t.blocks = blocks_of(t.rows);
-    t.strips = a->strips;
-    pvx_pool_run(a->pool, t.strips, count_strip, &t);
+    pvx_pool_run(a->pool, a->strips, count_strip, &t);
     pvx_pool_run(a->pool, RANGES, sum_range, &t);
     a->rows = (int32_t)first_of_each(t.range_rows, RANGES);
     a->nnz = first_of_each(t.range_nnz, RANGES);
     uint32_t room = 0;
-    for (size_t s = 0; s < t.strips; s++) {
+    for (size_t s = 0; s < a->strips; s++) {
         uint32_t of_strip = a->strip[s].room;
         a->strip[s].room = room;
         room += of_strip;
     }
     pvx_pool_run(a->pool, RANGES, number_range, &t);
-    pvx_pool_run(a->pool, t.strips, fill_strip, &t);
+    pvx_pool_run(a->pool, a->strips, fill_strip, &t);
     a->by_row.ptr[a->rows] = (uint32_t)a->nnz;
     a->by_col.ptr[n] = room;
 }

@@ -3,14 +3,16 @@
  *     minimise || W^(1/2) (A x - b) ||,  A = S(rows touched by H, columns H), H = hull       (1)
  *
  * A is copied out of S once per frame set, compact and twice: by rows for A x and by columns for
- * A^T y.  Why: in S a column has two or three entries per camera, spread over whole images, so every
- * pass over it is spent on loop ends and cache misses; the solver makes some thirty passes.  In the
- * copy every output of either product is one short gather, a row vector holds only the rays that
- * meet the hull, all of it stays in cache, and any split of the outputs over threads gives the same
- * bits.  The copy costs about three passes.
+ * A^T y.  Why: the solver makes some thirty passes.  In the copy every output of either product is
+ * one short gather, a row vector holds only the rays that meet the hull, all of it stays in cache,
+ * and any split of the outputs over threads gives the same bits.
+ * Copying reads the columns' runs of S twice: entries per row are counted, the rows numbered, and
+ * every entry written to both copies: 3 to 6 ns per entry, most of it the 16 bytes written, which is
+ * what three passes of the solver cost.
  * All channels at once: x [n][cs], y [rows][cs], cs = 1 for one channel and 4 for three (the 4th lane
  * is 0), channel innermost.  Rows ascend by camera, then by bin.
- * Memory: 16 bytes per entry of A, in reserved address space of S's size: only what is used costs.
+ * Memory: 16 bytes per entry of A, and 12 per row of S that the hull is seen in and thread, in
+ * reserved address space of S's size: only what is used costs.
  * Ownership: the object borrows S, kernels and pool; col is borrowed until the next restrict. */
 #ifndef REC_SUBSYS_H
 #define REC_SUBSYS_H
@@ -18,15 +20,16 @@
 #include "recon/kernels.h"
 #include "recon/sysmat.h"
 
-/* Work areas of restrict: of each strip of columns, where its next entry of a row of S goes. */
+/* Work areas of restrict, of each strip of columns. */
 #define REC_STRIPS_MAX 8
 struct rec_place {
-    uint32_t at, number; /* in by_row.entry; the row's number in A */
+    uint32_t at, number; /* where the next entry of this row goes in by_row; the row in A */
 };
 struct rec_strip {
+    uint32_t *count;         /* [row space] entries, 0 between two restrictions */
     struct rec_place *place; /* [row space] */
-    uint8_t *touched;        /* [blocks of rows] */
-    uint32_t room;           /* its entries of by_col, then the first */
+    uint8_t *touched;        /* [blocks of the row space] 1: counted in */
+    uint32_t room;           /* entries of by_col, then the first of them */
 };
 
 struct rec_subsys {
@@ -50,13 +53,13 @@ struct rec_subsys {
 /* Copies S->row0 [n_cameras+1]; returns the rows in all. */
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0);
 
-/* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM; PVX_ERANGE: S has over 2^32-1 entries or
- * 2^31-1 rows. */
+/* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM; PVX_ERANGE: S has over 2^32-1 entries when
+ * every column is padded. */
 PVX_MUST_CHECK pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k,
                                       pvx_pool *pool, int cs, struct rec_subsys **out);
 void rec_subsys_free(struct rec_subsys **a);
-/* Make it the system of columns col [n] (ascending) and the cameras present.  Parallel; allocates
- * nothing. */
+/* Make it the system of columns col [n] (ascending) and the cameras present.  Parallel over strips of
+ * columns; same bits for any number of threads; allocates nothing. */
 void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, const bool *present);
 
 /* y = A x;  x = A^T y.  Parallel over fixed chunks of the outputs. */

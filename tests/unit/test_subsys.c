@@ -75,6 +75,79 @@ static void entries_are_those_of_S(void)
     rec_subsys_free(&a);
 }
 
+/* What restrict should give, by its definition. */
+static int64_t differences(const struct rec_subsys *a, const int32_t *col, int32_t n,
+                           const bool *present)
+{
+    const rec_sysmat *S = sc.S;
+    size_t space = S->row0[S->n_cameras];
+    uint32_t *number = pvx_calloc(space, sizeof *number),
+             *next = pvx_calloc(space + 1, sizeof *next);
+    uint32_t rows = 0, nnz = 0, at = 0;
+    int64_t wrong = 0;
+    for (int32_t q = 0; q < n; q++)
+        for (uint32_t e = S->colptr[col[q]]; e < S->colptr[col[q] + 1]; e++)
+            number[S->row[e]] += here(present, S->row[e]);
+    for (uint32_t r = 0; r < space; r++) {
+        if (number[r] == 0)
+            continue;
+        if ((int32_t)rows < a->rows)
+            wrong += a->ray[rows] != r || a->by_row.ptr[rows] != nnz;
+        next[rows] = nnz;
+        nnz += number[r];
+        number[r] = rows++;
+    }
+    wrong += a->n != n || a->rows != (int32_t)rows || a->nnz != nnz || a->by_row.ptr[rows] != nnz;
+    for (int32_t q = 0; q < n && wrong == 0; q++) {
+        wrong += a->by_col.ptr[q] != at;
+        for (uint32_t e = S->colptr[col[q]]; e < S->colptr[col[q] + 1]; e++) {
+            if (!here(present, S->row[e]))
+                continue;
+            uint32_t r = number[S->row[e]], k = next[r]++;
+            float v = S->unit * (float)S->val[e];
+            wrong += a->by_row.entry[k].idx != (uint32_t)q || a->by_row.entry[k].val != v;
+            wrong += a->by_col.entry[at].idx != r || a->by_col.entry[at].val != v;
+            at++;
+        }
+        for (; (at - a->by_col.ptr[q]) % 4 != 0; at++)
+            wrong += a->by_col.entry[at].idx >= rows || a->by_col.entry[at].val != 0;
+    }
+    wrong += a->by_col.ptr[n] != at;
+    free(number);
+    free(next);
+    return wrong;
+}
+
+/* Any columns, any cameras, any number of threads, one frame set after the other. */
+static void any_restriction(void)
+{
+    struct rec_kernels k;
+    rec_kernels_init(&k, REC_CPU_ALL);
+    int32_t *col = pvx_calloc(sc.voxels, sizeof *col);
+    for (unsigned threads = 1; threads <= 4; threads++) {
+        pvx_pool *pool = NULL;
+        struct rec_subsys *a = NULL;
+        T_EQ_I(pvx_pool_new(threads, "t", &pool), PVX_OK);
+        T_EQ_I(rec_subsys_new(sc.S, &k, pool, 4, &a), PVX_OK);
+        for (int trial = 0; trial < 60; trial++) {
+            bool present[REC_MAX_CAMERAS];
+            uint64_t cameras = trial % 3 == 0 ? 15 : t_rand() % 16;
+            for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+                present[c] = cameras >> c & 1;
+            double density = trial % 5 == 0 ? 1 : pow(t_uniform(0, 1), 3);
+            int32_t n = 0;
+            for (int32_t j = 0; j < (int32_t)sc.voxels; j++)
+                if (t_uniform(0, 1) < density)
+                    col[n++] = j;
+            rec_subsys_restrict(a, col, n, present);
+            T_EQ_I(differences(a, col, n, present), 0);
+        }
+        rec_subsys_free(&a);
+        pvx_pool_free(&pool);
+    }
+    free(col);
+}
+
 /* |<Ax,y> - <x,A'y>| <= (n_max+2) u sum |a||x||y| twice, by the bound of the kernels. */
 static void adjoint(int cs, unsigned mask, bool full)
 {
@@ -163,6 +236,7 @@ int main(void)
     if (!scene_new(&sc, 4, 48, 14, 2, 2))
         return 2;
     T_RUN(entries_are_those_of_S);
+    T_RUN(any_restriction);
     T_RUN(forward_and_adjoint_agree);
     T_RUN(nothing_active);
     scene_free(&sc);
