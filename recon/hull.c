@@ -141,6 +141,13 @@ static inline uint32_t area(struct rec_rect r)
     return (uint32_t)(r.x1 - r.x0 + 1) * (uint32_t)(r.y1 - r.y0 + 1);
 }
 
+/* The image's edge may cut the footprint short: what is beside it is not known, so that its being dark
+ * says nothing of the voxel. */
+static inline bool cut_off(const struct rec_sysmat_block *b, struct rec_rect r)
+{
+    return r.x0 == 0 || r.y0 == 0 || r.x1 + 1 == b->bw || r.y1 + 1 == b->bh;
+}
+
 enum { DROP, TEST, INSIDE };
 
 /* Whole brick: DROP when some camera sees all of it and nothing lit there; INSIDE when every present
@@ -159,7 +166,7 @@ static uint8_t brick_class(const struct carve *t, size_t brick)
             continue;
         }
         uint32_t lit = lit_in(h->sat[c], (size_t)h->S->block[c].bw + 1, r);
-        if (lit == 0)
+        if (lit == 0 && !cut_off(&h->S->block[c], r))
             return DROP;
         inside = inside && lit == area(r);
         views++;
@@ -180,8 +187,12 @@ static uint8_t voxel_class(const struct carve *t, int32_t j)
         if (!rec_rect_seen(r))
             continue;
         uint32_t lit = lit_in(t->h->sat[c], (size_t)S->block[c].bw + 1, r);
-        if (lit == 0)
-            return 0;
+        if (lit == 0) {
+            if (!cut_off(&S->block[c], r))
+                return 0;
+            inside = false;
+            continue;
+        }
         inside = inside && lit == area(r);
         views++;
     }

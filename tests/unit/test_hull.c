@@ -24,8 +24,13 @@ static int rule(int32_t j, const bool *present, uint32_t min_views)
         for (int32_t y = r.y0; y <= r.y1; y++)
             for (int32_t x = r.x0; x <= r.x1; x++)
                 count += lit[c][y * sc.S->block[c].bw + x] != 0;
-        if (count == 0)
-            return 0;
+        if (count == 0) {
+            if (r.x0 > 0 && r.y0 > 0 && r.x1 + 1 < sc.S->block[c].bw &&
+                r.y1 + 1 < sc.S->block[c].bh)
+                return 0;
+            inside = false;
+            continue;
+        }
         inside = inside && count == (r.x1 - r.x0 + 1) * (r.y1 - r.y0 + 1);
         views++;
     }
