@@ -15,112 +15,123 @@
 #include <math.h>
 #include <string.h>
 
+#include "recon/lanes.h"
 #include "recon/stop.h"
 
-enum { S_GAMMA };  /* of columns */
-enum { S_Q, S_R }; /* of rows */
+enum { S_GAMMA };      /* of columns */
+enum { S_SIZE, S_RR }; /* of rows */
 
 struct cgls {
     struct rec_job *j;
     bool clip;
-    float *x, *d, *s; /* x space */
-    float *r, *q;     /* row space; r is W (p - S a) where W is 0/1 */
+    float *x, *d, *s;  /* x space; s = S^T W r */
+    float *r, *q, *wr; /* row space; r of the recursion, q = S d, W r */
     double alpha[4], beta[4];
 };
 
-static void start_chunk(void *ctx, size_t k)
+/* q = S d and ||W^(1/2) q||^2. */
+REC_INLINE void forward(struct cgls *t, size_t k, size_t cs)
 {
-    struct cgls *t = ctx;
     int32_t i0, i1;
-    size_t cs = (size_t)t->j->a->cs;
+    rec_d4 size = {{0}, {0}};
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
-        for (size_t l = 0; l < cs; l++) {
-            t->r[i * cs + l] = sqrtf(t->j->w[i]) * t->j->b[i * cs + l];
-            t->q[i * cs + l] = 0;
-        }
+    rec_forward_range(t->j->a, t->d, i0, i1, t->q);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        rec_f4 q = rec_ld(t->q, i, cs);
+        rec_add_product(&size, rec_splat(t->j->w[i]) * q, q);
+    }
+    rec_put(t->j->s->part[k][S_SIZE], &size);
 }
-
-/* q = W^(1/2) S d and its norms. */
 static void forward_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    const struct rec_subsys *a = t->j->a;
-    int32_t i0, i1;
-    size_t cs = (size_t)a->cs;
-    double sum[4] = {0};
-    rec_chunk_range(a->rows, k, &i0, &i1);
-    rec_forward_range(a, t->d, i0, i1, t->q);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        float w = sqrtf(t->j->w[i]);
-        for (size_t l = 0; l < cs; l++) {
-            t->q[i * cs + l] *= w;
-            sum[l] += (double)t->q[i * cs + l] * t->q[i * cs + l];
-        }
-    }
-    memcpy(t->j->s->part[k][S_Q], sum, sizeof sum);
+    t->j->a->cs == 4 ? forward(t, k, 4) : forward(t, k, 1);
 }
 
-/* r -= alpha q, its norm; then q = W^(1/2) r, what the adjoint takes. */
-static void residual_chunk(void *ctx, size_t k)
+/* Rows: r -= alpha q, or r = p at first; ||W^(1/2) r||^2.  Columns: a += alpha d, clipped. */
+REC_INLINE void residual(struct cgls *t, const float *from, size_t k, size_t cs)
 {
-    struct cgls *t = ctx;
     int32_t i0, i1;
-    size_t cs = (size_t)t->j->a->cs;
-    double sum[4] = {0};
+    rec_f4 alpha = rec_coef(t->alpha);
+    rec_d4 rr = {{0}, {0}};
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        float w = sqrtf(t->j->w[i]);
-        for (size_t l = 0; l < cs; l++) {
-            float r = t->r[i * cs + l] - (float)t->alpha[l] * t->q[i * cs + l];
-            t->r[i * cs + l] = r;
-            t->q[i * cs + l] = w * r;
-            sum[l] += (double)r * r;
-        }
+        rec_f4 r = rec_ld(from, i, cs);
+        if (from == t->r)
+            r -= alpha * rec_ld(t->q, i, cs);
+        rec_f4 wr = rec_splat(t->j->w[i]) * r;
+        rec_st(t->r, i, cs, r);
+        rec_st(t->wr, i, cs, wr);
+        rec_add_product(&rr, wr, r);
     }
-    memcpy(t->j->s->part[k][S_R], sum, sizeof sum);
+    rec_put(t->j->s->part[k][S_RR], &rr);
 }
-
-static void step_chunk(void *ctx, size_t k)
+REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
+{
+    int32_t q0, q1;
+    rec_f4 alpha = rec_coef(t->alpha), zero = {0};
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 x = rec_ld(t->x, i, cs) + alpha * rec_ld(t->d, i, cs);
+        rec_st(t->x, i, cs, t->clip ? rec_select(x > 0, x, zero) : x);
+    }
+}
+static void start_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    int32_t q0, q1;
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    size_t cs = (size_t)t->j->a->cs;
-    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
-        for (size_t l = 0; l < cs; l++) {
-            float x = t->x[i * cs + l];
-            x += (float)t->alpha[l] * t->d[i * cs + l];
-            t->x[i * cs + l] = x > 0 || !t->clip ? x : 0;
-        }
+    t->j->a->cs == 4 ? residual(t, t->j->b, k, 4) : residual(t, t->j->b, k, 1);
+}
+static void update_task(void *ctx, size_t i)
+{
+    struct cgls *t = ctx;
+    size_t rows = rec_job_row_chunks(t->j);
+    if (t->j->a->cs == 4)
+        i < rows ? residual(t, t->r, i, 4) : step(t, i - rows, 4);
+    else
+        i < rows ? residual(t, t->r, i, 1) : step(t, i - rows, 1);
 }
 
-/* s = S^T (W^(1/2) r), which residual_chunk left in q, and its norm. */
+REC_INLINE void adjoint(struct cgls *t, size_t k, size_t cs)
+{
+    int32_t q0, q1;
+    rec_d4 gamma = {{0}, {0}};
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->s);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 s = rec_ld(t->s, i, cs);
+        rec_add_product(&gamma, s, s);
+    }
+    rec_put(t->j->s->part[k][S_GAMMA], &gamma);
+}
 static void adjoint_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    int32_t q0, q1;
-    size_t cs = (size_t)t->j->a->cs;
-    double gamma[4] = {0};
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_adjoint_range(t->j->a, t->q, q0, q1, t->s);
-    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
-        for (size_t l = 0; l < cs; l++)
-            gamma[l] += (double)t->s[i * cs + l] * t->s[i * cs + l];
-    memcpy(t->j->s->part[k][S_GAMMA], gamma, sizeof gamma);
+    t->j->a->cs == 4 ? adjoint(t, k, 4) : adjoint(t, k, 1);
 }
 
+REC_INLINE void direction(struct cgls *t, size_t k, size_t cs)
+{
+    int32_t q0, q1;
+    rec_f4 beta = rec_coef(t->beta);
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
+        rec_st(t->d, i, cs, rec_ld(t->s, i, cs) + beta * rec_ld(t->d, i, cs));
+}
 static void direction_chunk(void *ctx, size_t k)
+{
+    struct cgls *t = ctx;
+    t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
+}
+
+static void zero_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    size_t cs = (size_t)t->j->a->cs;
-    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
-        for (size_t l = 0; l < cs; l++)
-            t->d[i * cs + l] = t->s[i * cs + l] + (float)t->beta[l] * t->d[i * cs + l];
+    size_t o = (size_t)q0 * (size_t)t->j->a->cs, n = (size_t)(q1 - q0) * (size_t)t->j->a->cs;
+    memset(t->x + o, 0, n * sizeof *t->x);
+    memset(t->d + o, 0, n * sizeof *t->d);
 }
-
 static void clip_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
@@ -153,29 +164,27 @@ static void solve(struct rec_job *j, bool clip, const struct rec_stop_own *own)
                      .d = s->xv[0],
                      .s = s->xv[1],
                      .r = s->yv[0],
-                     .q = s->yv[1]};
+                     .q = s->yv[1],
+                     .wr = s->yv[2]};
     size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
     struct rec_stopper stop;
     double gamma[4], sum[4];
 
-    for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
-        t.x[i] = t.d[i] = 0;
+    pvx_pool_run(a->pool, chunks, zero_chunk, &t);
     pvx_pool_run(a->pool, rows, start_chunk, &t);
-    pvx_pool_run(a->pool, rows, residual_chunk, &t); /* alpha is 0 */
     pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
     rec_job_sum(j, 0, chunks, S_GAMMA, gamma);
     pvx_pool_run(a->pool, chunks, direction_chunk, &t); /* beta is 0 */
     rec_stop_begin(&stop, j, own, s->xv[2], s->xv[3]);
     while (rec_stop_next(&stop)) {
         pvx_pool_run(a->pool, rows, forward_chunk, &t);
-        rec_job_sum(j, 0, rows, S_Q, sum);
+        rec_job_sum(j, 0, rows, S_SIZE, sum);
         if (!step_lengths(&t, gamma, sum)) {
             j->out->status = REC_CONVERGED;
             break;
         }
-        pvx_pool_run(a->pool, chunks, step_chunk, &t);
-        pvx_pool_run(a->pool, rows, residual_chunk, &t);
-        rec_job_sum(j, 0, rows, S_R, sum);
+        pvx_pool_run(a->pool, rows + chunks, update_task, &t);
+        rec_job_sum(j, 0, rows, S_RR, sum);
         if (rec_stop_after(&stop, t.x, 0, rec_lanes_total(sum)))
             break;
         pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
