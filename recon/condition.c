@@ -12,13 +12,24 @@
 
 struct op {
     const struct rec_subsys *a;
-    double *w;        /* [a->rows] square roots of the weights */
-    int32_t (*up)[3]; /* [n] active index of the neighbour above along x, y, z, or -1; lambda > 0 */
-    double scale[3];  /* sqrt(lambda) h_min / h_axis */
-    size_t rows, n;   /* of K: D has three rows per column, 0 where there is no neighbour */
+    double *w; /* [a->rows] square roots of the weights */
+    int32_t (
+        *near)[6];   /* [n] active index of the neighbours x- x+ y- y+ z- z+, or -1; lambda > 0 */
+    double scale[3]; /* sqrt(lambda) (h_min / h_axis)^2 */
+    size_t rows, n;  /* of K */
 };
 
 /* ---- products ------------------------------------------------------------------------------------*/
+
+/* out += sqrt(lambda) L x, which is symmetric. */
+static void add_smooth(const struct op *k, const double *x, double *out)
+{
+    for (size_t q = 0; k->near != NULL && q < k->n; q++)
+        for (int f = 0; f < 6; f++) {
+            int32_t to = k->near[q][f];
+            out[q] += k->scale[f / 2] * (x[q] - (to < 0 ? 0 : x[to]));
+        }
+}
 
 static void forward(const struct op *k, const double *x, double *y)
 {
@@ -30,31 +41,20 @@ static void forward(const struct op *k, const double *x, double *y)
             s += (double)g->entry[e].val * x[g->entry[e].idx];
         y[i] = k->w[i] * s;
     }
-    for (size_t q = 0; k->up != NULL && q < k->n; q++)
-        for (int axis = 0; axis < 3; axis++) {
-            int32_t up = k->up[q][axis];
-            y[rows + 3 * q + (size_t)axis] = up < 0 ? 0 : k->scale[axis] * (x[up] - x[q]);
-        }
+    memset(y + rows, 0, (k->rows - rows) * sizeof *y);
+    add_smooth(k, x, y + rows);
 }
 
 static void adjoint(const struct op *k, const double *y, double *x)
 {
     const struct rec_gather *g = &k->a->by_col;
-    size_t rows = (size_t)k->a->rows;
     for (size_t q = 0; q < k->n; q++) {
         double s = 0;
         for (uint32_t e = g->ptr[q]; e < g->ptr[q + 1]; e++)
             s += (double)g->entry[e].val * k->w[g->entry[e].idx] * y[g->entry[e].idx];
         x[q] = s;
     }
-    for (size_t q = 0; k->up != NULL && q < k->n; q++)
-        for (int axis = 0; axis < 3; axis++) {
-            int32_t up = k->up[q][axis];
-            double v = up < 0 ? 0 : k->scale[axis] * y[rows + 3 * q + (size_t)axis];
-            x[q] -= v;
-            if (up >= 0)
-                x[up] += v;
-        }
+    add_smooth(k, y + k->a->rows, x);
 }
 
 /* Active index of voxel v, or -1; col ascends. */
@@ -71,20 +71,22 @@ static int32_t find(const int32_t *col, int32_t n, int32_t v)
     return lo < n && col[lo] == v ? lo : -1;
 }
 
-static void differences(struct op *k, double lambda)
+static void find_neighbours(struct op *k, double lambda)
 {
     const struct rec_grid *g = &k->a->S->grid;
     const int32_t stride[3] = {1, g->n[0], g->n[0] * g->n[1]};
     double h = fmin(rec_grid_h(g, 0), fmin(rec_grid_h(g, 1), rec_grid_h(g, 2)));
     for (int axis = 0; axis < 3; axis++)
-        k->scale[axis] = sqrt(lambda) * h / rec_grid_h(g, axis);
+        k->scale[axis] = sqrt(lambda) * h * h / (rec_grid_h(g, axis) * rec_grid_h(g, axis));
     for (size_t q = 0; q < k->n; q++) {
         int32_t ijk[3];
         rec_grid_ijk(g, k->a->col[q], ijk);
-        for (int axis = 0; axis < 3; axis++)
-            k->up[q][axis] = ijk[axis] + 1 < g->n[axis]
-                                 ? find(k->a->col, k->a->n, k->a->col[q] + stride[axis])
-                                 : -1;
+        for (int f = 0; f < 6; f++) {
+            int axis = f / 2, way = f & 1 ? 1 : -1, at = ijk[axis] + way;
+            k->near[q][f] = at < 0 || at >= g->n[axis]
+                                ? -1
+                                : find(k->a->col, k->a->n, k->a->col[q] + way * stride[axis]);
+        }
     }
 }
 
@@ -276,8 +278,8 @@ pvx_err rec_condition(const struct rec_subsys *a, const float *weight,
     pvx_err e = PVX_ENOMEM;
     k.w = pvx_calloc((size_t)a->rows, sizeof *k.w);
     if (p->lambda > 0) {
-        k.rows += 3 * k.n;
-        k.up = pvx_calloc(k.n, sizeof *k.up);
+        k.rows += k.n;
+        k.near = pvx_calloc(k.n, sizeof *k.near);
     }
     t.wide = k.n > k.rows;
     t.n_near = t.wide ? k.rows : k.n;
@@ -290,18 +292,18 @@ pvx_err rec_condition(const struct rec_subsys *a, const float *weight,
     t.d = pvx_calloc((size_t)t.steps * 2, sizeof *t.d);
     t.e = pvx_calloc((size_t)t.steps * 2, sizeof *t.e);
     t.z = pvx_calloc((size_t)t.steps * 2, sizeof *t.z);
-    if (k.w != NULL && (k.up != NULL || !(p->lambda > 0)) && t.near != NULL && t.far != NULL &&
+    if (k.w != NULL && (k.near != NULL || !(p->lambda > 0)) && t.near != NULL && t.far != NULL &&
         t.d != NULL && t.e != NULL && t.z != NULL) {
         out->rows = (int32_t)k.rows;
         for (int32_t i = 0; i < a->rows; i++)
             k.w[i] = weight == NULL ? 1 : sqrt((double)weight[a->ray[i]]);
-        if (k.up != NULL)
-            differences(&k, p->lambda);
+        if (k.near != NULL)
+            find_neighbours(&k, p->lambda);
         measure(&k, &t, p, out);
         e = PVX_OK;
     }
     free(k.w);
-    free(k.up);
+    free(k.near);
     free(t.near);
     free(t.far);
     free(t.d);

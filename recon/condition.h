@@ -1,10 +1,9 @@
 /* condition.h - how well a frame's restricted system determines the flame: its singular values.
  *
- *     K = [ W^(1/2) A ; sqrt(lambda) D ],   K'K = A'WA + lambda D'D                          (1)
+ *     K = [ W^(1/2) A ; sqrt(lambda) L ],   K'K = A'WA + lambda L L                          (1)
  *     sigma_max = max ||K x||,  sigma_min = the min(rows, columns)-th singular value,  ||x|| = 1
  *
- * A restricted system (subsys.h), D differences between face neighbours as in solve_pcg.c; lambda 0
- * leaves A alone.  Method: Golub-Kahan-Lanczos bidiagonalisation K V = U B in double from a random
+ * A restricted system (subsys.h), L the second differences of smooth.h; lambda 0 leaves A alone.  Method: Golub-Kahan-Lanczos bidiagonalisation K V = U B in double from a random
  * unit start on the shorter side, every vector orthogonalised against all before it, twice; the
  * singular values of B are those of the tridiagonal [0 B; B' 0], reordered, by implicit QL.
  * The squared first components of its eigenvectors are the weights of a Gauss rule for the spectrum,

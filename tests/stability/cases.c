@@ -26,7 +26,7 @@ struct hard_case {
     void (*spoil)(struct stab_bed *b);   /* NULL: nothing */
     enum want want;
     double bound[2]; /* default solver: box, trilinear */
-    double others;   /* every other solver, box */
+    double others;   /* every other solver but cgls, box */
 };
 
 static void each(struct stab_bed *b, float (*f)(struct stab_bed *b, float v))
@@ -255,7 +255,7 @@ static void any_value(struct stab_bed *b)
 
 #define RING RIG_RING, 8
 static const struct hard_case cases[] = {
-    {"nothing hard, 1 % noise", RING, NULL, 0.01, NULL, FLAME, {0.2, 0.17}, 0.7},
+    {"nothing hard, 1 % noise", RING, NULL, 0.01, NULL, FLAME, {0.17, 0.15}, 0.35},
     {"empty frame", RING, dark, 0, NULL, NOTHING, {0, 0}, 0},
     {"empty frame, noise alone", RING, dark, 0.01, NULL, FLAME, {0.05, 0.05}, 0.05},
     {"one lit pixel", RING, dark, 0, one_pixel, NOTHING, {0, 0}, 0},
@@ -265,24 +265,24 @@ static const struct hard_case cases[] = {
      0,
      one_pixel_one_camera,
      RESIDUAL,
-     {0.05, 0.3},
+     {0.1, 0.5},
      0.2},
-    {"all pixels lit evenly (residual)", RING, all_lit, 0, NULL, RESIDUAL, {0.35, 0.5}, 0.7},
-    {"all pixels lit: flame behind haze", RING, NULL, 0.01, haze, FLAME, {0.35, 0.6}, 0.9},
-    {"2 views", RIG_RING, 2, NULL, 0.01, NULL, FLAME, {0.7, 0.7}, 0.9},
-    {"3 views", RIG_RING, 3, NULL, 0.01, NULL, FLAME, {0.32, 0.3}, 0.7},
-    {"two cameras almost in one place", RIG_TWINS, 8, NULL, 0.01, NULL, FLAME, {0.21, 0.18}, 0.7},
-    {"all cameras in a plane", RIG_PLANE, 8, NULL, 0.01, NULL, FLAME, {0.2, 0.17}, 0.7},
-    {"camera inside the volume", RIG_INSIDE, 8, NULL, 0.01, NULL, FLAME, {0.26, 0.24}, 1.2},
-    {"rays along faces and edges", RIG_FACES, 8, NULL, 0.01, NULL, FLAME, {0.26, 0.17}, 0.7},
+    {"all pixels lit evenly (residual)", RING, all_lit, 0, NULL, RESIDUAL, {0.35, 0.5}, 0.6},
+    {"all pixels lit: flame behind haze", RING, NULL, 0.01, haze, FLAME, {0.32, 0.4}, 0.65},
+    {"2 views", RIG_RING, 2, NULL, 0.01, NULL, FLAME, {0.75, 0.75}, 0.9},
+    {"3 views", RIG_RING, 3, NULL, 0.01, NULL, FLAME, {0.32, 0.32}, 0.55},
+    {"two cameras almost in one place", RIG_TWINS, 8, NULL, 0.01, NULL, FLAME, {0.19, 0.16}, 0.35},
+    {"all cameras in a plane", RIG_PLANE, 8, NULL, 0.01, NULL, FLAME, {0.17, 0.15}, 0.55},
+    {"camera inside the volume", RIG_INSIDE, 8, NULL, 0.01, NULL, FLAME, {0.25, 0.22}, 0.5},
+    {"rays along faces and edges", RIG_FACES, 8, NULL, 0.01, NULL, FLAME, {0.28, 0.16}, 0.45},
     {"silhouettes contradict: one shifted by a tenth",
      RING,
      NULL,
      0.01,
      shifted,
      FLAME,
-     {1.8, 1.7},
-     2.5},
+     {1.8, 1.6},
+     4.5},
     {"silhouettes contradict: nothing in common", RING, disagree, 0, NULL, NOTHING, {0, 0}, 0},
     {"saturated pixels, exposure doubled",
      RING,
@@ -290,40 +290,40 @@ static const struct hard_case cases[] = {
      0.01,
      saturate,
      FLAME,
-     {0.28, 0.24},
-     0.8},
-    {"hot pixels, 0.5 %", RING, NULL, 0.01, hot_pixels, FLAME, {0.2, 0.17}, 0.7},
-    {"dynamic range 10^6", RING, six_decades, 0, NULL, FLAME, {0.04, 0.03}, 0.1},
-    {"pictures x 10^-6", RING, millionth, 0.01, NULL, FLAME, {0.2, 0.17}, 0.7},
-    {"pictures x 10^6", RING, million, 0.01, NULL, FLAME, {0.2, 0.17}, 0.7},
+     {0.19, 0.17},
+     0.6},
+    {"hot pixels, 0.5 %", RING, NULL, 0.01, hot_pixels, FLAME, {0.17, 0.15}, 0.35},
+    {"dynamic range 10^6", RING, six_decades, 0, NULL, FLAME, {0.04, 0.03}, 0.06},
+    {"pictures x 10^-6", RING, millionth, 0.01, NULL, FLAME, {0.17, 0.15}, 0.35},
+    {"pictures x 10^6", RING, million, 0.01, NULL, FLAME, {0.17, 0.15}, 0.35},
     {"denormal pixels", RING, denormal_below_floor, 0.01, NULL, NOTHING, {1.001, 1.001}, 1.001},
-    {"denormal pixels, threshold as low", RING, denormal, 0.01, NULL, FLAME, {0.26, 0.26}, 0.8},
-    {"NaN, Inf and huge pixels, 1 %", RING, NULL, 0.01, not_finite, FLAME, {0.2, 0.17}, 0.7},
-    {"a camera of NaNs", RING, NULL, 0.01, camera_of_nans, FLAME, {0.2, 0.17}, 0.7},
+    {"denormal pixels, threshold as low", RING, denormal, 0.01, NULL, FLAME, {0.2, 0.19}, 1.3},
+    {"NaN, Inf and huge pixels, 1 %", RING, NULL, 0.01, not_finite, FLAME, {0.17, 0.15}, 0.35},
+    {"a camera of NaNs", RING, NULL, 0.01, camera_of_nans, FLAME, {0.18, 0.15}, 0.35},
     {"a black camera", RING, NULL, 0.01, black_camera, FLAME, {1.001, 1.001}, 1.001},
-    {"a camera missing", RING, NULL, 0.01, camera_missing, FLAME, {0.2, 0.17}, 0.7},
-    {"calibration off by a pixel", RING, off_by_a_pixel, 0.01, NULL, FLAME, {0.7, 0.7}, 0.8},
+    {"a camera missing", RING, NULL, 0.01, camera_missing, FLAME, {0.18, 0.15}, 0.35},
+    {"calibration off by a pixel", RING, off_by_a_pixel, 0.01, NULL, FLAME, {0.9, 0.85}, 1.4},
     {"calibration off by a pixel, margin 1",
      RING,
      off_by_a_pixel_with_margin,
      0.01,
      NULL,
      FLAME,
-     {0.7, 0.7},
-     0.8},
-    {"noise 5 %", RING, NULL, 0.05, any_value, FLAME, {0.32, 0.3}, 0.9},
-    {"noise 10 %", RING, NULL, 0.1, any_value, FLAME, {0.5, 0.45}, 1.5},
-    {"noise 20 %", RING, NULL, 0.2, any_value, FLAME, {0.8, 0.7}, 2.2},
-    {"noise 30 %", RING, NULL, 0.3, any_value, FLAME, {1.2, 1.1}, 2.8},
-    {"8-bit pictures, no noise", RING, NULL, 0, quantised, FLAME, {0.18, 0.12}, 0.7},
+     {0.85, 0.8},
+     1.4},
+    {"noise 5 %", RING, NULL, 0.05, any_value, FLAME, {0.27, 0.27}, 0.75},
+    {"noise 10 %", RING, NULL, 0.1, any_value, FLAME, {0.41, 0.4}, 1.4},
+    {"noise 20 %", RING, NULL, 0.2, any_value, FLAME, {0.72, 0.6}, 2.2},
+    {"noise 30 %", RING, NULL, 0.3, any_value, FLAME, {1, 0.95}, 2.8},
+    {"8-bit pictures, no noise", RING, NULL, 0, quantised, FLAME, {0.16, 0.11}, 0.35},
     {"8-bit pictures, noise 5 % clipped at black",
      RING,
      NULL,
      0.05,
      quantised,
      FLAME,
-     {0.33, 0.32},
-     0.9},
+     {0.29, 0.28},
+     0.75},
 };
 #undef RING
 
@@ -357,7 +357,9 @@ static void run_case(const struct hard_case *c, struct stab_bed *b)
             continue;
         struct stab_result r = stab_reconstruct(b, *s);
         struct stab_row row = row_of(c->name, b, *s, &r);
-        row.bound = standard ? c->bound[!box] : c->others;
+        /* Both forms of cgls follow contradictions wherever they lead: finite, and >= 0. */
+        bool unbound = strncmp(*s, "cgls", 4) == 0 && c->want != NOTHING;
+        row.bound = standard ? c->bound[!box] : unbound ? STAB_NO_BOUND : c->others;
         row.error = c->want == RESIDUAL ? r.report.solve.rel_residual : r.error;
         bool light = r.amount > 0;
         row.sound = row.sound && (c->want != NOTHING || !light) &&
@@ -431,6 +433,7 @@ static void one_voxel(const struct stab_run *run, enum rec_basis basis, int32_t 
     dark(&b);
     b.p.photo.threshold = 1e-6f;
     b.p.photo.despeckle = 0;
+    b.p.solve.lambda = 0; /* a prior would hold x down */
     int32_t *index = malloc(rec_traverse_max(&b.rig.grid) * sizeof *index);
     float *value = malloc(rec_traverse_max(&b.rig.grid) * sizeof *value);
     if (index == NULL || value == NULL)
@@ -498,7 +501,7 @@ void stab_cases(const struct stab_run *run)
             run_case(c, &b);
         }
         stab_bed_free(&b);
-        mid_stream(run, (enum rec_basis)basis, basis == REC_BOX ? 0.2 : 0.17);
+        mid_stream(run, (enum rec_basis)basis, basis == REC_BOX ? 0.17 : 0.15);
         one_voxel(run, (enum rec_basis)basis, 1, 1e-5, 1e-3);
     }
     one_voxel(run, REC_BOX, 8, 1e-4, 1);

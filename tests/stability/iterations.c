@@ -61,7 +61,7 @@ static void look(void *ctx, uint32_t k, const float *x, double objective, double
     if (i == 1)
         t->drift = drift_of(t, x, residual);
     for (size_t q = 0; q < (size_t)t->a->n * (size_t)t->a->cs; q++)
-        t->finite = t->finite && isfinite(x[q]) && x[q] >= 0;
+        t->finite = t->finite && isfinite(x[q]); /* cgls is clipped in the end only */
 }
 
 struct limit {
@@ -96,6 +96,8 @@ static void run_solver(struct watch *t, rec_solver *s, double sigma, const char 
         ns += rep.time_ns;
         runs++;
     }
+    for (size_t q = 0; q < (size_t)t->a->n * 4; q++)
+        t->finite = t->finite && isfinite(x[q]) && x[q] >= 0;
     double drift = isnan(t->drift) ? drift_of(t, x, t->residual) : t->drift;
     double error[2];
     for (int i = 0; i < 2; i++)

@@ -1,7 +1,7 @@
 /* Float against double: the products against plain loops, and the default solver, run to the end,
  * against the exact minimiser of the same problem,
  *
- *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||D x||^2  ->  min,  x >= 0            (1)
+ *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||L x||^2  ->  min,  x >= 0            (1)
  *
  * written out with dense matrices in double and solved by block principal pivoting: a guess at which
  * x are 0 is put right where the conditions of Kuhn and Tucker fail, all of them at once, and one
@@ -77,17 +77,19 @@ static void products(struct stab_bed *b, rec_frame *f)
 
 struct problem {
     size_t n;
-    double *H;      /* [n][n] A'WA + lambda D'D */
+    double *H;      /* [n][n] A'WA + lambda L L */
     double *c;      /* [n] A'W b */
     double half_bb; /* 1/2 b'Wb */
 };
 
-static bool neighbours(const struct rec_grid *g, int32_t u, int32_t v)
+/* Second differences, 0 outside the hull: 6 x minus the neighbours, for cubic voxels. */
+static double smooth(const struct rec_grid *g, int32_t u, int32_t v)
 {
     int32_t a[3], b[3];
     rec_grid_ijk(g, u, a);
     rec_grid_ijk(g, v, b);
-    return abs(a[0] - b[0]) + abs(a[1] - b[1]) + abs(a[2] - b[2]) == 1;
+    int apart = abs(a[0] - b[0]) + abs(a[1] - b[1]) + abs(a[2] - b[2]);
+    return apart == 0 ? 6 : apart == 1 ? -1 : 0;
 }
 
 static void form(const struct rec_subsys *a, const float *b, const float *w, double lambda,
@@ -110,12 +112,13 @@ static void form(const struct rec_subsys *a, const float *b, const float *w, dou
                 p->H[g->entry[e].idx * p->n + g->entry[k].idx] += wv * g->entry[k].val;
         }
     }
-    for (size_t u = 0; u < p->n; u++) /* cubic voxels: every difference has weight 1 */
-        for (size_t v = 0; v < p->n; v++)
-            if (neighbours(&a->S->grid, a->col[u], a->col[v])) {
-                p->H[u * p->n + u] += lambda;
-                p->H[u * p->n + v] -= lambda;
-            }
+    const struct rec_grid *grid = &a->S->grid;
+    for (size_t u = 0; u < p->n; u++)
+        for (size_t k = 0; k < p->n; k++) {
+            double luk = smooth(grid, a->col[u], a->col[k]);
+            for (size_t v = 0; luk != 0 && v < p->n; v++)
+                p->H[u * p->n + v] += lambda * luk * smooth(grid, a->col[k], a->col[v]);
+        }
 }
 
 /* f at x, and its gradient in g. */

@@ -87,30 +87,19 @@ static void jacobi(double *v, size_t m, size_t len, double *sigma)
 static size_t dense(const struct system *y, const float *w, double lambda, double **sigma)
 {
     const struct rec_subsys *a = y->a;
-    size_t n = (size_t)a->n, rows = (size_t)a->rows, all = rows;
-    for (size_t p = 0; lambda > 0 && p < n; p++) /* one row per pair of neighbours */
-        for (size_t q = p + 1; q < n; q++) {
-            int32_t u[3], v[3];
-            rec_grid_ijk(&sc.rig.grid, a->col[p], u);
-            rec_grid_ijk(&sc.rig.grid, a->col[q], v);
-            all += abs(u[0] - v[0]) + abs(u[1] - v[1]) + abs(u[2] - v[2]) == 1;
-        }
+    size_t n = (size_t)a->n, rows = (size_t)a->rows, all = rows + (lambda > 0 ? n : 0);
     double *k = pvx_calloc(all * n, sizeof *k); /* [row][column] */
     for (size_t i = 0; i < rows; i++)
         for (uint32_t e = a->by_row.ptr[i]; e < a->by_row.ptr[i + 1]; e++)
             k[i * n + a->by_row.entry[e].idx] =
                 a->by_row.entry[e].val * sqrt(w == NULL ? 1 : (double)w[a->ray[i]]);
-    size_t at = rows;
     for (size_t p = 0; lambda > 0 && p < n; p++)
-        for (size_t q = p + 1; q < n; q++) {
+        for (size_t q = 0; q < n; q++) {
             int32_t u[3], v[3];
             rec_grid_ijk(&sc.rig.grid, a->col[p], u);
             rec_grid_ijk(&sc.rig.grid, a->col[q], v);
-            if (abs(u[0] - v[0]) + abs(u[1] - v[1]) + abs(u[2] - v[2]) != 1)
-                continue;
-            k[at * n + p] = -sqrt(lambda);
-            k[at * n + q] = sqrt(lambda);
-            at++;
+            int apart = abs(u[0] - v[0]) + abs(u[1] - v[1]) + abs(u[2] - v[2]);
+            k[(rows + p) * n + q] = sqrt(lambda) * (apart == 0 ? 6 : apart == 1 ? -1 : 0);
         }
     size_t m = n < all ? n : all;
     double *v = pvx_calloc(all * n, sizeof *v);
