@@ -12,7 +12,7 @@
 #include "recon/traverse.h"
 
 /* Image rows are dealt out in turn to this many tasks, so that the bright middle is shared evenly. */
-enum { TASKS = 32, BORDER = 2 /* voxels added around the light */ };
+enum { TASKS = 32 };
 
 /* Rows y = task, task + TASKS, ... of the image. */
 struct part {
@@ -148,8 +148,15 @@ static void look_slab(void *ctx, size_t k)
         atomic_store(&t->news, true);
 }
 
-/* lit = lit and all within BORDER voxels along `axis`. */
-static void grow(rec_view *v, int axis)
+/* Voxels added around the light: a flame moves a few per frame, more of them on a finer grid. */
+static int32_t border(const struct rec_grid *g)
+{
+    int32_t most = g->n[0] > g->n[1] ? g->n[0] : g->n[1];
+    return 2 + (most > g->n[2] ? most : g->n[2]) / 32;
+}
+
+/* lit = lit and all within `by` voxels along `axis`. */
+static void grow(rec_view *v, int axis, int32_t by)
 {
     const int32_t *n = v->grid.n;
     size_t stride = axis == 0 ? 1 : axis == 1 ? (size_t)n[0] : (size_t)n[0] * (size_t)n[1];
@@ -158,7 +165,7 @@ static void grow(rec_view *v, int axis)
         if (!v->lit[i])
             continue;
         int32_t at = (int32_t)(i / stride % (size_t)n[axis]);
-        for (int32_t d = -BORDER; d <= BORDER; d++)
+        for (int32_t d = -by; d <= by; d++)
             if (at + d >= 0 && at + d < n[axis])
                 v->grown[(size_t)((int64_t)i + d * (int64_t)stride)] = 1;
     }
@@ -171,7 +178,7 @@ static pvx_err number_columns(rec_view *v, const float *dense, int nch)
     for (size_t i = 0; i < v->voxels; i++)
         v->lit[i] |= has_light(dense, i, nch);
     for (int a = 0; a < 3; a++)
-        grow(v, a);
+        grow(v, a, border(&v->grid));
     for (size_t i = 0; i < v->voxels; i++)
         v->number[i] = v->lit[i] ? n++ : -1;
     v->stats.columns = n;

@@ -88,43 +88,49 @@ static void label(struct paint *p, int i, const char *text)
     paint_text(p, x, y - LABEL + 3, 1, ink, text);
 }
 
-/* The camera with its image, or the window [x0,x1] x [y0,y1] px of it, made to fit a tile. */
-static struct rec_camera tile_camera(const struct rec_camera *c, double x0, double y0, double x1,
-                                     double y1)
+/* Part of an image, in pixels; (0,0) is the centre of the first one. */
+struct window {
+    double x0, y0, x1, y1;
+};
+
+static struct window whole(const struct rec_camera *c)
 {
-    struct rec_camera s = *c;
-    double k = fmin(TILE_W / (x1 - x0), TILE_H / (y1 - y0));
-    s.width = (int32_t)fmin(TILE_W, fmax(1, floor((x1 - x0) * k + 1e-9)));
-    s.height = (int32_t)fmin(TILE_H, fmax(1, floor((y1 - y0) * k + 1e-9)));
-    s.fx *= k;
-    s.fy *= k;
-    s.cx = (c->cx - x0) * k - 0.5;
-    s.cy = (c->cy - y0) * k - 0.5;
-    return s;
+    return (struct window){-0.5, -0.5, c->width - 0.5, c->height - 0.5};
 }
 
-static struct rec_camera whole_camera(const struct rec_camera *c)
+/* Where the camera sees the volume, and `room` times its size all round; the whole image when it has
+ * not all of it before it. */
+static struct window around_volume(const struct rec_camera *c, const struct rec_grid *g,
+                                   double room)
 {
-    return tile_camera(c, -0.5, -0.5, c->width - 0.5, c->height - 0.5);
-}
-
-/* Zoomed to the volume, where the camera has all of it before it. */
-static struct rec_camera zoomed_camera(const struct rec_camera *c, const struct rec_grid *g)
-{
-    double lo[2] = {INFINITY, INFINITY}, hi[2] = {-INFINITY, -INFINITY};
+    struct window w = {INFINITY, INFINITY, -INFINITY, -INFINITY};
     for (int corner = 0; corner < 8; corner++) {
         double X[3], uv[2];
         for (int a = 0; a < 3; a++)
             X[a] = corner >> a & 1 ? g->max[a] : g->min[a];
         if (!rec_camera_project(c, X, uv))
-            return whole_camera(c);
-        for (int i = 0; i < 2; i++) {
-            lo[i] = fmin(lo[i], uv[i]);
-            hi[i] = fmax(hi[i], uv[i]);
-        }
+            return whole(c);
+        w.x0 = fmin(w.x0, uv[0]);
+        w.x1 = fmax(w.x1, uv[0]);
+        w.y0 = fmin(w.y0, uv[1]);
+        w.y1 = fmax(w.y1, uv[1]);
     }
-    double room = 0.04 * fmax(hi[0] - lo[0], hi[1] - lo[1]) + 1;
-    return tile_camera(c, lo[0] - room, lo[1] - room, hi[0] + room, hi[1] + room);
+    double by = room * fmax(w.x1 - w.x0, w.y1 - w.y0) + 1;
+    return (struct window){w.x0 - by, w.y0 - by, w.x1 + by, w.y1 + by};
+}
+
+/* The camera with that part of its image made to fit a tile. */
+static struct rec_camera tile_camera(const struct rec_camera *c, struct window w)
+{
+    struct rec_camera s = *c;
+    double k = fmin(TILE_W / (w.x1 - w.x0), TILE_H / (w.y1 - w.y0));
+    s.width = (int32_t)fmin(TILE_W, fmax(1, floor((w.x1 - w.x0) * k + 1e-9)));
+    s.height = (int32_t)fmin(TILE_H, fmax(1, floor((w.y1 - w.y0) * k + 1e-9)));
+    s.fx *= k;
+    s.fy *= k;
+    s.cx = (c->cx - w.x0) * k - 0.5;
+    s.cy = (c->cy - w.y0) * k - 0.5;
+    return s;
 }
 
 /* Edges of the volume as the camera sees them, cut off at its image. */
@@ -152,7 +158,8 @@ static void draw_box(struct paint *p, const struct rec_grid *g, const struct rec
 /* Hull as light, red and green, from a camera's place. */
 static pvx_err draw_view(hull_picture *h, struct paint *p, int at, size_t camera)
 {
-    struct rec_camera c = zoomed_camera(&h->rig->cameras[camera], &h->S->grid);
+    struct rec_camera c = tile_camera(&h->rig->cameras[camera],
+                                      around_volume(&h->rig->cameras[camera], &h->S->grid, 0.04));
     int32_t x0, y0;
     size_t n = (size_t)c.width * (size_t)c.height * 3;
     float most[2] = {0};
@@ -226,53 +233,94 @@ static float shown(float v, float most)
     return v > 0 ? 0.8f * powf(v / most, 1 / 2.2f) : 0;
 }
 
+/* What of the image a tile shows: the volume's surroundings, or all when there is light elsewhere. */
+static struct window shown_part(const hull_picture *h, size_t c, const uint8_t *lit)
+{
+    const struct rec_camera *cam = &h->rig->cameras[c];
+    const struct rec_sysmat_block *b = &h->S->block[c];
+    struct window all = whole(cam), w = around_volume(cam, &h->S->grid, 0.3);
+    double size = h->S->binning;
+    w.x0 = fmax(w.x0, all.x0);
+    w.y0 = fmax(w.y0, all.y0);
+    w.x1 = fmin(w.x1, all.x1);
+    w.y1 = fmin(w.y1, all.y1);
+    if (!(w.x1 - w.x0 > 2 * size && w.y1 - w.y0 > 2 * size))
+        return all;
+    for (int32_t y = 0; y < b->bh; y++)
+        for (int32_t x = 0; x < b->bw; x++) {
+            double u = (x + 0.5) * size - 0.5, v = (y + 0.5) * size - 0.5;
+            if (lit[(size_t)y * (size_t)b->bw + (size_t)x] &&
+                (u < w.x0 || u > w.x1 || v < w.y0 || v > w.y1))
+                return all;
+        }
+    return w;
+}
+
+/* A tile's pixels on the bins of a camera. */
+struct sight {
+    const struct rec_sysmat_block *b;
+    struct window w;
+    double k; /* tile pixels per raw pixel */
+    int32_t binning;
+    const uint8_t *lit;
+};
+
+/* Bin under pixel (x,y) of the tile, or -1 when it is beside the image. */
+static int64_t bin_at(const struct sight *s, int32_t x, int32_t y)
+{
+    double u = floor((s->w.x0 + (x + 0.5) / s->k + 0.5) / s->binning);
+    double v = floor((s->w.y0 + (y + 0.5) / s->k + 0.5) / s->binning);
+    return u >= 0 && v >= 0 && u < s->b->bw && v < s->b->bh ? (int64_t)v * s->b->bw + (int64_t)u
+                                                            : -1;
+}
+
+static bool lit_at(const struct sight *s, int32_t x, int32_t y)
+{
+    int64_t bin = bin_at(s, x, y);
+    return bin >= 0 && s->lit[bin] != 0;
+}
+
 /* What camera c saw, its silhouette's outline and the volume. */
 static void draw_camera(const hull_picture *h, struct paint *p, const rec_frame *f, size_t c,
                         bool present, float most)
 {
-    const struct rec_sysmat_block *b = &h->S->block[c];
+    const struct rec_camera *cam = &h->rig->cameras[c];
     int at = FIRST_CAMERA + (int)c;
     char text[REC_NAME_MAX + 48];
     int32_t x0, y0;
     tile(at, &x0, &y0);
-    struct rec_camera s = whole_camera(&h->rig->cameras[c]);
-    paint_rect(p, x0, y0, s.width, s.height, panel);
     if (!present) {
-        snprintf(text, sizeof text, "%s: no image", h->rig->cameras[c].name);
+        paint_rect(p, x0, y0, TILE_W, TILE_H, panel);
+        snprintf(text, sizeof text, "%s: no image", cam->name);
         label(p, at, text);
         return;
     }
-    size_t cs = h->nch == 3 ? 4 : 1, bw = (size_t)b->bw, lit_bins = 0;
+    struct sight s = {.b = &h->S->block[c], .binning = h->S->binning, .lit = rec_frame_lit(f, c)};
+    s.w = shown_part(h, c, s.lit);
+    struct rec_camera t = tile_camera(cam, s.w);
+    s.k = t.fx / cam->fx;
+    size_t cs = h->nch == 3 ? 4 : 1, bins = (size_t)s.b->bw * (size_t)s.b->bh, lit_bins = 0;
     const float *light = rec_frame_rhs(f) + h->row0[c] * cs;
-    const uint8_t *lit = rec_frame_lit(f, c);
-    for (size_t i = 0; i < bw * (size_t)b->bh; i++)
-        lit_bins += lit[i] != 0;
-    for (int32_t y = 0; y < s.height; y++)
-        for (int32_t x = 0; x < s.width; x++) {
-            size_t bin = (size_t)((int64_t)y * b->bh / s.height) * bw +
-                         (size_t)((int64_t)x * b->bw / s.width);
-            const float *v = light + bin * cs;
+    for (size_t i = 0; i < bins; i++)
+        lit_bins += s.lit[i] != 0;
+    for (int32_t y = 0; y < t.height; y++)
+        for (int32_t x = 0; x < t.width; x++) {
+            int64_t bin = bin_at(&s, x, y);
+            const float *v = light + (size_t)(bin < 0 ? 0 : bin) * cs;
             struct paint_rgb colour = {shown(v[0], most), shown(v[h->nch == 3 ? 1 : 0], most),
                                        shown(v[h->nch == 3 ? 2 : 0], most)};
-            paint_dot(p, x0 + x, y0 + y, colour);
+            paint_dot(p, x0 + x, y0 + y, bin < 0 ? panel : colour);
         }
-    draw_box(p, &h->S->grid, &s, x0, y0, (struct paint_rgb){0.5f, 0.45f, 0.1f});
-    for (int32_t y = 0; y < s.height; y++)
-        for (int32_t x = 0; x < s.width; x++) {
-            bool edge = false, here = false;
-            for (int k = 0; k < 5; k++) {
-                static const int8_t dx[] = {0, 1, -1, 0, 0}, dy[] = {0, 0, 0, 1, -1};
-                int64_t u = x + dx[k], v = y + dy[k];
-                bool in = u >= 0 && v >= 0 && u < s.width && v < s.height &&
-                          lit[(size_t)(v * b->bh / s.height) * bw + (size_t)(u * b->bw / s.width)];
-                here = k == 0 ? in : here;
-                edge = edge || !in;
-            }
-            if (here && edge)
+    draw_box(p, &h->S->grid, &t, x0, y0, (struct paint_rgb){0.5f, 0.45f, 0.1f});
+    for (int32_t y = 0; y < t.height; y++)
+        for (int32_t x = 0; x < t.width; x++)
+            if (lit_at(&s, x, y) && !(lit_at(&s, x - 1, y) && lit_at(&s, x + 1, y) &&
+                                      lit_at(&s, x, y - 1) && lit_at(&s, x, y + 1)))
                 paint_dot(p, x0 + x, y0 + y, outline);
-        }
-    snprintf(text, sizeof text, "%s: %zu of %zu bins lit", h->rig->cameras[c].name, lit_bins,
-             bw * (size_t)b->bh);
+    snprintf(text, sizeof text, "%s: %zu of %zu bins lit%s", cam->name, lit_bins, bins,
+             s.w.x1 - s.w.x0 < cam->width - 0.1 || s.w.y1 - s.w.y0 < cam->height - 0.1
+                 ? ", part of the image"
+                 : "");
     label(p, at, text);
 }
 

@@ -13,6 +13,7 @@ enum {
     OPT_ITER,
     OPT_STOP,
     OPT_LAMBDA,
+    OPT_TOLERANCE,
     OPT_DEADLINE,
     OPT_FIRST,
     OPT_LAST,
@@ -59,8 +60,13 @@ static const struct argp_option option_table[] = {
     {"solver", OPT_SOLVER, "NAME", 0, "one of", 3},
     {"iterations", OPT_ITER, "N", 0, "at most N; without --stop exactly the budget", 3},
     {"stop", OPT_STOP, "RULE", 0,
-     "auto (default: the solver's own rule), lcurve (corner of the L-curve), discrepancy (residual "
+     "auto (default: pcg, when an iteration gains next to nothing; the others, when the residual "
+     "is "
+     "down to the noise), lcurve (corner of the L-curve), discrepancy (residual "
      "down to the noise, which is measured beside the flame) or iterations (the budget, no less)",
+     3},
+    {"tolerance", OPT_TOLERANCE, "X", 0,
+     "--stop auto of pcg: the share of the objective that an iteration must gain (default 0.002)",
      3},
     {"deadline", OPT_DEADLINE, "MS", 0,
      "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},
@@ -154,6 +160,10 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
         number(st, "lambda", arg, 0, 1e6, &v);
         o->frame.solve.lambda = (float)v;
         return 0;
+    case OPT_TOLERANCE:
+        number(st, "tolerance", arg, 0, 1, &v);
+        o->frame.solve.tolerance = (float)v;
+        return 0;
     case OPT_DEADLINE: number(st, "deadline", arg, 0.01, 1e9, &o->deadline_ms); return 0;
     case OPT_START: o->warm = choice(st, "start", starts, arg) == 1; return 0;
     case OPT_WARM: o->warm = true; return 0;
@@ -239,6 +249,8 @@ static char *help_text(int key, const char *text, void *input)
     for (int i = 0; names[i] != NULL; i++)
         snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s%s", i == 0 ? "" : ", ",
                  names[i], i == 0 ? " (default)" : "");
+    snprintf(list + strlen(list), sizeof list - strlen(list),
+             "; all but the first are for comparison");
     return strdup(list);
 }
 
