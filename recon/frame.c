@@ -216,12 +216,12 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
         if (previous->cs != f->cs || previous->value == f->x)
             return PVX_EINVAL;
         warm_start(f, previous);
-    } else if (f->levels != NULL && f->sub->n > 0) {
-        rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight);
+    } else if (f->levels != NULL &&
+               rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight)) {
         rec_levels_solve(f->levels, f->sub, weight, p.deadline_ns, f->x,
                          &f->report.coarse_iterations);
         p.weight = weight;
-        p.good_start = true;
+        p.good_start = p.prepared = true;
     } else {
         memset(f->x, 0, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
     }

@@ -23,9 +23,12 @@ struct rec_gather {
 typedef void (*rec_gather_fn)(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,
                               float *out);
 
+struct rec_pcg_passes; /* pcg_pass.h */
+
 struct rec_kernels {
     const char *name; /* "ref", "avx2", ... */
     rec_gather_fn gather1, gather4;
+    const struct rec_pcg_passes *pcg; /* the other loops of the default solver */
 };
 
 /* Flags of this CPU. */

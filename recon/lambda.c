@@ -48,7 +48,7 @@ REC_INLINE void measure(const struct rec_job *j, size_t k, size_t cs, double out
     const struct rec_subsys *a = j->a;
     int32_t i0, i1;
     size_t c = 0;
-    rec_d4 first = {{0}, {0}}, second = {{0}, {0}};
+    rec_d4 first = {0}, second = {0};
     double blocks = 0;
     rec_chunk_range(a->rows, k, &i0, &i1);
     for (int32_t i = i0; i < i1; i++) {
@@ -112,6 +112,10 @@ void rec_job_lambda(struct rec_job *j, double lambda[4])
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
     double mean = 0, chord = 0;
+    if (j->have_diag && j->p->weight != NULL) {
+        memcpy(lambda, j->p->weight, 4 * sizeof *lambda);
+        return;
+    }
     rec_column_norms(a, j->w, s->diag, s->xv[0]);
     for (int32_t q = 0; q < a->n; q++) {
         mean += s->diag[q] / a->n;

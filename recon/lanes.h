@@ -5,18 +5,26 @@
  * Private to the solvers. */
 #ifndef REC_LANES_H
 #define REC_LANES_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-#ifdef __SSE2__
+#if defined(__AVX2__)
+#include <immintrin.h>
+#elif defined(__SSE2__)
 #include <emmintrin.h>
 #endif
 
 typedef float rec_f4 __attribute__((vector_size(16), may_alias));
 typedef int32_t rec_i4 __attribute__((vector_size(16), may_alias));
 typedef double rec_d2 __attribute__((vector_size(16)));
+typedef double rec_dv __attribute__((vector_size(32)));
 typedef struct {
-    rec_d2 lo, hi;
-} rec_d4; /* two registers on any CPU */
+#ifdef __AVX2__
+    rec_dv v;
+#else
+    rec_d2 lo, hi; /* two registers on any CPU */
+#endif
+} rec_d4;
 #define REC_INLINE static inline __attribute__((always_inline))
 
 REC_INLINE rec_f4 rec_ld(const float *v, size_t i, size_t cs)
@@ -41,8 +49,41 @@ REC_INLINE rec_f4 rec_coef(const double a[4])
 /* a where the mask is all ones, else b; masks are what comparisons give. */
 REC_INLINE rec_f4 rec_select(rec_i4 mask, rec_f4 a, rec_f4 b)
 {
+#ifdef __AVX2__
+    return _mm_blendv_ps(b, a, (__m128)mask);
+#else
     return (rec_f4)((mask & (rec_i4)a) | (~mask & (rec_i4)b));
+#endif
 }
+/* Whether the mask holds in all four lanes; in any. */
+REC_INLINE bool rec_all(rec_i4 mask)
+{
+#ifdef __SSE2__
+    return _mm_movemask_ps((__m128)mask) == 15;
+#else
+    return (mask[0] & mask[1] & mask[2] & mask[3]) != 0;
+#endif
+}
+REC_INLINE bool rec_any(rec_i4 mask)
+{
+#ifdef __SSE2__
+    return _mm_movemask_ps((__m128)mask) != 0;
+#else
+    return (mask[0] | mask[1] | mask[2] | mask[3]) != 0;
+#endif
+}
+#ifdef __AVX2__
+/* *sum += a b in double. */
+REC_INLINE void rec_add_product(rec_d4 *sum, rec_f4 a, rec_f4 b)
+{
+    sum->v += (rec_dv)_mm256_cvtps_pd(a) * (rec_dv)_mm256_cvtps_pd(b);
+}
+REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
+{
+    for (int l = 0; l < 4; l++)
+        out[l] = sum->v[l];
+}
+#else
 REC_INLINE void rec_widen(rec_f4 a, rec_d2 *lo, rec_d2 *hi)
 {
 #ifdef __SSE2__ /* what the generic form should compile to, and does not */
@@ -69,5 +110,6 @@ REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
     out[2] = sum->hi[0];
     out[3] = sum->hi[1];
 }
+#endif
 
 #endif

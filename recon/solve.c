@@ -305,10 +305,20 @@ static bool prepare(struct rec_job *j)
     rec_job_sum(j, 0, rows, 1, j->light);
     j->b_norm2 = sum[0];
     j->m = sum[1] * j->s->nch;
+    j->s->b_norm2 = j->b_norm2;
+    j->s->m = j->m;
     return j->a->n > 0 && j->a->nnz > 0 && j->m > 0 && j->b_norm2 > 0;
 }
 
-void rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
+/* What rec_solve_weight prepared a moment ago. */
+static void take_back(struct rec_job *j)
+{
+    j->b_norm2 = j->s->b_norm2;
+    j->m = j->s->m;
+    j->have_diag = true;
+}
+
+bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
                       double sigma, const struct rec_solve_params *p, double weight[4])
 {
     struct rec_job j = {.s = s,
@@ -320,8 +330,10 @@ void rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b,
                         .sigma = sigma,
                         .p = p};
     memset(weight, 0, 4 * sizeof *weight);
-    if (prepare(&j))
-        rec_job_lambda(&j, weight);
+    if (!prepare(&j))
+        return false;
+    rec_job_lambda(&j, weight);
+    return true;
 }
 
 pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
@@ -353,7 +365,12 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
                         .trace_ctx = trace_ctx,
                         .out = out};
     double sum[4];
-    if (!prepare(&j)) {
+    bool any = true;
+    if (p->prepared)
+        take_back(&j);
+    else
+        any = prepare(&j);
+    if (!any) {
         memset(x, 0, (size_t)a->n * (size_t)a->cs * sizeof *x);
         out->time_ns = pvx_now_mono() - start;
         return PVX_OK;
@@ -361,9 +378,12 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
     j.zero = rec_job_norm_x(&j, x) == 0;
     if (!j.zero && !p->good_start)
         scale_start(&j);
+    out->residual_norm = -1;
     m->run(&j);
-    rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
-    out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);
+    if (out->residual_norm < 0) {
+        rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
+        out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);
+    }
     out->solution_norm = rec_job_norm_x(&j, x);
     out->rel_residual = out->residual_norm / sqrt(j.b_norm2);
     out->time_ns = pvx_now_mono() - start;

@@ -35,6 +35,7 @@ struct rec_solve_params {
     int64_t deadline_ns;  /* mono clock; 0 = none: return the best iterate by then */
     const double *weight; /* [4] absolute weight of the smoothness term per lane, instead of lambda;
                              NULL = none given */
+    bool prepared;        /* rec_solve_weight was called last, for the same system and `weight` */
     bool good_start;      /* x fits b already, as a coarser solution does: it is not scaled */
 };
 #define REC_SOLVE_DEFAULTS                                                                       \
@@ -68,8 +69,8 @@ void rec_solver_free(rec_solver **s);
 
 /* The automatic weight of the smoothness term for this system, absolute, per lane: what rec_solve
  * uses when it is given none.  For the same flame on a grid of voxels twice the size, from pictures
- * averaged 2x2, it is an eighth. */
-void rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
+ * averaged 2x2, it is an eighth.  false: there is nothing to solve. */
+bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
                       double sigma, const struct rec_solve_params *p, double weight[4]);
 
 /* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise of b (full-scale units;

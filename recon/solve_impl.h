@@ -24,6 +24,7 @@ struct rec_solver {
     uint32_t (*piece)[REC_OSEM_SUBSETS + 1]; /* [n_max] where the subsets' entries start (osem) */
     int32_t *clipped; /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
+    double b_norm2, m; /* of the last rec_solve_weight */
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
 
@@ -32,6 +33,7 @@ struct rec_job {
     const struct rec_subsys *a;
     const float *b, *w;                /* on A's rows */
     const float *image, *image_weight; /* the same on all rows of S */
+    bool have_diag;                    /* s->diag is filled */
     bool zero;                         /* the start is zero */
     bool scaled;                       /* yv[0], yv[1], start_rwr hold what rec_job_start gives */
     double start_rwr[4];
@@ -46,8 +48,8 @@ struct rec_job {
     double m;        /* measured values: rows with weight > 0, times channels */
 };
 
-/* One method: fills x and of the report status, iterations, best, objective, lambda.  Norms and time
- * are the caller's. */
+/* One method: fills x and of the report status, iterations, best, objective, lambda, and
+ * residual_norm where it is known.  Other norms and time are the caller's. */
 void rec_solve_pcg(struct rec_job *j);
 void rec_solve_cgls_paper(struct rec_job *j);
 void rec_solve_cgls(struct rec_job *j);

@@ -5,6 +5,7 @@
  * gather1: eight scalar loads into a vector are no faster than scalar FMAs; four chains. */
 #include <stddef.h>
 
+#include "recon/pcg_pass.h"
 #include "recon/simd/simd.h"
 
 #if !defined(__AVX2__) || !defined(__FMA__)
@@ -52,5 +53,5 @@ static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
 
 void rec_kernels_avx2(struct rec_kernels *k)
 {
-    *k = (struct rec_kernels){.name = "avx2", .gather1 = gather1, .gather4 = gather4};
+    *k = (struct rec_kernels){.name = "avx2", .gather1 = gather1, .gather4 = gather4, .pcg = &rec_pcg_passes_avx2};
 }

@@ -1,6 +1,7 @@
 /* kernels_ref.c - the specification of the kernels in plain C; compiled everywhere. */
 #include <stddef.h>
 
+#include "recon/pcg_pass.h"
 #include "recon/simd/simd.h"
 
 static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
@@ -27,5 +28,5 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
 
 void rec_kernels_ref(struct rec_kernels *k)
 {
-    *k = (struct rec_kernels){.name = "ref", .gather1 = gather1, .gather4 = gather4};
+    *k = (struct rec_kernels){.name = "ref", .gather1 = gather1, .gather4 = gather4, .pcg = &rec_pcg_passes_base};
 }
