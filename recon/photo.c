@@ -100,18 +100,14 @@ static float dark_noise(const float *mean, float *noise2, float *at_low, int32_t
     return z > 0.25f && z < 0.75f ? s / 0.5838f : s;
 }
 
-/* Noise of each channel from at most about MAX_BLOCKS blocks spread over the image. */
+/* Noise of each channel from at most about MAX_BLOCKS blocks spread over the image; `low`: the lowest
+ * value of the bins with weight. */
 REC_INLINE void noise(const float *img, int32_t bw, int32_t bh, int nch, size_t cs,
-                      const float *weight, float sigma[3], float dark[3])
+                      const float *weight, rec_f4 low, float sigma[3], float dark[3])
 {
     float mean[3][MAX_BLOCKS], noise2[3][MAX_BLOCKS], at_low[3][MAX_BLOCKS], sorted[MAX_BLOCKS];
     int32_t across = (bw + BLOCK - 1) / BLOCK, down = (bh + BLOCK - 1) / BLOCK, n = 0;
     int32_t every = (int32_t)(((int64_t)across * down + MAX_BLOCKS - 1) / MAX_BLOCKS);
-    rec_f4 low = rec_splat(INFINITY);
-    for (size_t i = 0; i < (size_t)bw * (size_t)bh; i++) {
-        rec_f4 v = rec_ld(img, i, cs);
-        low = rec_select((v < low) & (rec_splat(weight[i]) != 0), v, low);
-    }
     for (int32_t k = 0, skip = 0; k < across * down; k++, skip = skip + 1 < every ? skip + 1 : 0) {
         struct block b;
         if (skip != 0 || !measure_block(img, bw, bh, cs, weight, k % across * BLOCK,
@@ -128,58 +124,65 @@ REC_INLINE void noise(const float *img, int32_t bw, int32_t bh, int nch, size_t 
         sigma[c] = n == 0 ? 0 : dark_noise(mean[c], noise2[c], at_low[c], n, sorted, &dark[c]);
 }
 
-/* Any of the first nch lanes of a mask. */
-REC_INLINE uint8_t any(rec_i4 m, size_t cs)
-{
-    return (cs == 4 ? m[0] | m[1] | m[2] : m[0]) != 0;
-}
-
 REC_INLINE rec_f4 at_most(rec_f4 v, rec_f4 cap)
 {
     return rec_select(v < cap, v, cap);
 }
 
-/* Faint edges: the mean of 3x3 bins has a third of the noise, so it may be judged three times as
- * sharply, above the level that the dark blocks have (noise clipped at 0 has a positive mean).  A bin
- * counts at most `cap`, so that a hot pixel does not light its neighbours.  Bins on the image's
- * border have no such mean.  `sums`: a row of sums over three rows. */
-REC_INLINE void light_means(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit,
-                            rec_f4 cap, uint8_t *lit, float *sums)
+/* Bins at or above `limit`.  Faint edges: the mean of 3x3 bins has a third of the noise, so it may be
+ * judged three times as sharply, above the level that the dark blocks have (noise clipped at 0 has a
+ * positive mean).  A bin counts at most `cap`, so that a hot pixel does not light its neighbours.
+ * Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
+REC_INLINE void light(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit,
+                      bool means, rec_f4 faint, rec_f4 cap, uint8_t *lit, float *sums)
 {
-    if (bw < 3 || bh < 4) /* the work area holds bw*bh floats */
-        return;
-    limit *= rec_splat(9);
-    for (int32_t y = 1; y + 1 < bh; y++) {
+    means = means && bw >= 3 && bh >= 4; /* the work area holds bw*bh floats */
+    faint *= rec_splat(9);
+    for (int32_t y = 0; y < bh; y++) {
         const float *at = img + (size_t)y * (size_t)bw * cs, *above = at - (size_t)bw * cs,
                     *below = at + (size_t)bw * cs;
         uint8_t *out = lit + (size_t)y * (size_t)bw;
-        for (size_t x = 0; x < (size_t)bw; x++)
+        if (!means || y == 0 || y + 1 == bh) {
+            for (size_t x = 0; x < (size_t)bw; x++)
+                out[x] |= rec_any(rec_ld(at, x, cs) >= limit);
+            continue;
+        }
+        for (size_t x = 0; x < (size_t)bw; x++) {
+            rec_f4 v = rec_ld(at, x, cs);
+            out[x] |= rec_any(v >= limit);
             rec_st(sums, x, cs,
-                   at_most(rec_ld(at, x, cs), cap) + at_most(rec_ld(above, x, cs), cap) +
+                   at_most(v, cap) + at_most(rec_ld(above, x, cs), cap) +
                        at_most(rec_ld(below, x, cs), cap));
+        }
         for (size_t x = 1; x + 1 < (size_t)bw; x++) {
             rec_f4 s = rec_ld(sums, x - 1, cs) + rec_ld(sums, x, cs) + rec_ld(sums, x + 1, cs);
-            out[x] |= any(s >= limit, cs);
+            out[x] |= rec_any(s >= faint);
         }
     }
 }
 
-/* Bins with fewer than two lit neighbours go out; out of the image counts as unlit. */
+/* Bins with fewer than two lit neighbours go out; out of the image counts as unlit.  Rows are summed
+ * over three in bytes, which compilers turn into vectors.  copy: 3 bw*bh bytes. */
 static void despeckle(uint8_t *lit, int32_t bw, int32_t bh, uint8_t *copy)
 {
-    memcpy(copy, lit, (size_t)bw * (size_t)bh);
-    for (int32_t y = 0; y < bh; y++)
-        for (int32_t x = 0; x < bw; x++) {
-            uint8_t *p = &lit[(size_t)y * (size_t)bw + (size_t)x];
-            if (*p != LIT) /* FORCED stays */
-                continue;
-            int count = -1;
-            for (int32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < bh; v++)
-                for (int32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < bw; u++)
-                    count += copy[(size_t)v * (size_t)bw + (size_t)u] != UNLIT;
-            if (count < 2)
-                *p = UNLIT;
+    size_t n = (size_t)bw * (size_t)bh, w = (size_t)bw;
+    uint8_t *sum = copy + n;
+    for (size_t i = 0; i < n; i++)
+        copy[i] = lit[i] != UNLIT;
+    for (size_t y = 0; y < (size_t)bh; y++) {
+        const uint8_t *at = copy + y * w;
+        uint8_t *row = sum + 1, *p = lit + y * w;
+        memcpy(row, at, w);
+        for (size_t x = 0; y > 0 && x < w; x++)
+            row[x] = (uint8_t)(row[x] + at[x - w]);
+        for (size_t x = 0; y + 1 < (size_t)bh && x < w; x++)
+            row[x] = (uint8_t)(row[x] + at[x + w]);
+        sum[0] = row[w] = 0;
+        for (size_t x = 0; x < w; x++) {
+            uint8_t near = (uint8_t)(sum[x] + sum[x + 1] + sum[x + 2]);
+            p[x] = p[x] == LIT && near < 3 ? UNLIT : p[x]; /* FORCED stays */
         }
+    }
 }
 
 /* Square dilation by `r`: rows by a running count, then columns as the union of 2r+1 rows. */
@@ -218,40 +221,42 @@ REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const float
 {
     size_t n = (size_t)bw * (size_t)bh;
     int nch = cs == 4 ? 3 : 1;
-    const rec_i4 lanes = {-1, -1, -1, 0};
+    const rec_i4 lanes = {-1, cs == 4 ? -1 : 0, cs == 4 ? -1 : 0, 0}, none = {0};
+    rec_f4 low = rec_splat(INFINITY);
     rec_f4 black = rec_splat(p->black), limit1 = rec_splat(LIMIT), zero = {0};
     rec_f4 scale = cs == 4 ? (rec_f4){gain[0], gain[1], gain[2], 0} : rec_splat(gain[0]);
     for (size_t i = 0; i < n; i++) {
         rec_f4 v = rec_ld(img, i, cs);
         if (cs == 4) /* whatever is in the 4th lane */
             v = rec_select(lanes, v, zero);
-        bool saturated = any(v >= rec_splat(p->saturation), cs);
+        bool saturated = rec_any(v >= rec_splat(p->saturation));
         v -= black;
         if (background != NULL)
             v -= rec_ld(background, i, cs);
         v = scale * v;
-        bool bad = any(~((v <= limit1) & (v >= -limit1)), cs); /* NaN too */
-        rec_st(img, i, cs, bad ? zero : cs == 4 ? rec_select(lanes, v, zero) : v);
+        bool bad = !rec_all((v <= limit1) & (v >= -limit1)); /* NaN too */
+        v = rec_select(bad ? none : lanes, v, zero);
+        rec_st(img, i, cs, v);
         out->not_finite += bad;
         out->saturated += !bad && saturated;
         weight[i] = !bad && !saturated;
+        low = rec_select((v < low) & (rec_splat(weight[i]) != 0), v, low);
         lit[i] = bad || saturated ? FORCED : UNLIT;
     }
 
     float dark[3] = {0};
-    noise(img, bw, bh, nch, cs, weight, out->sigma, dark);
+    noise(img, bw, bh, nch, cs, weight, low, out->sigma, dark);
     rec_f4 limit = rec_splat(p->threshold), faint = limit;
     bool automatic = p->threshold < 0;
+    for (int c = nch; c < 4; c++) /* lanes that are not there are never lit */
+        limit[c] = faint[c] = INFINITY;
     for (int c = 0; c < nch && automatic; c++) {
         limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
         faint[c] = dark[c] + fmaxf(p->floor, p->auto_k * out->sigma[c] / 3);
     }
     for (int c = 0; c < nch; c++)
         out->threshold = fmaxf(out->threshold, limit[c]);
-    for (size_t i = 0; i < n; i++)
-        lit[i] |= any(rec_ld(img, i, cs) >= limit, cs);
-    if (automatic)
-        light_means(img, bw, bh, cs, faint, limit + limit, lit, scratch);
+    light(img, bw, bh, cs, limit, automatic, faint, limit + limit, lit, scratch);
 }
 
 void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
