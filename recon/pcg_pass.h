@@ -13,7 +13,8 @@ enum { S_A, S_B, S_C, S_D };
 struct rec_pcg {
     struct rec_job *j;
     struct rec_smooth smooth;
-    float *x, *next, *phi, *phi_old, *d, *lx, *ld; /* x space; lx = L x, ld = L d */
+    struct rec_stiff *stiff;                       /* [n] V of (1) */
+    float *x, *next, *phi, *phi_old, *d, *lx, *ld; /* x space; lx = V L x, ld = V L d */
     float *r, *q;                                  /* row space: A x - b; A d, then W r */
     double alpha[4], beta[4], mu[4], back[4];
     double lambda[4];
@@ -24,11 +25,11 @@ struct rec_pcg {
 struct rec_pcg_passes {
     pvx_task_fn near;       /* neighbours */
     pvx_task_fn direction;  /* (4); sum A: d'phi */
-    pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns: ld = L d, sum A: ||ld||^2 */
+    pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns: ld = V L d, sum A: d'L ld */
     pvx_task_fn step;       /* (5): next, lx += alpha ld, the clipped columns */
     pvx_task_fn residual;   /* r += alpha q, q = W r, sum A: r'Wr */
-    pvx_task_fn smoothness; /* lx = L x */
-    pvx_task_fn gradient;   /* (3); sums A phi'M phi, B phi'M phi_old, C ||lx||^2, D ||x||^2 */
+    pvx_task_fn smoothness; /* lx = V L x */
+    pvx_task_fn gradient;   /* (3); sums A phi'M phi, B phi'M phi_old, C x'L lx, D ||x||^2 */
     pvx_task_fn slope;      /* sum A: (next - x)'phi */
     pvx_task_fn retreat;    /* next = x + back (next - x) */
     void (*add_clipped)(struct rec_pcg *t); /* what clipping changes in q and lx; serial */

@@ -133,8 +133,8 @@ REC_INLINE rec_f4 at_most(rec_f4 v, rec_f4 cap)
  * judged three times as sharply, above the level that the dark blocks have (noise clipped at 0 has a
  * positive mean).  A bin counts at most `cap`, so that a hot pixel does not light its neighbours.
  * Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
-REC_INLINE void light(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit,
-                      bool means, rec_f4 faint, rec_f4 cap, uint8_t *lit, float *sums)
+REC_INLINE void light(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit, bool means,
+                      rec_f4 faint, rec_f4 cap, uint8_t *lit, float *sums)
 {
     means = means && bw >= 3 && bh >= 4; /* the work area holds bw*bh floats */
     faint *= rec_splat(9);

@@ -63,9 +63,10 @@ pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
     s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
     s->near = pvx_reserve(s->n_max * sizeof *s->near);
     s->piece = pvx_reserve(s->n_max * sizeof *s->piece);
+    s->stiff = pvx_reserve(s->n_max * sizeof *s->stiff);
     s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
     if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->near == NULL ||
-        s->piece == NULL || s->clipped == NULL) {
+        s->stiff == NULL || s->piece == NULL || s->clipped == NULL) {
         rec_solver_free(&s);
         return PVX_ENOMEM;
     }
@@ -87,6 +88,7 @@ void rec_solver_free(rec_solver **sp)
     pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
     pvx_unreserve(s->near, s->n_max * sizeof *s->near);
     pvx_unreserve(s->piece, s->n_max * sizeof *s->piece);
+    pvx_unreserve(s->stiff, s->n_max * sizeof *s->stiff);
     pvx_unreserve(s->clipped, s->n_max * sizeof *s->clipped);
     free(s);
     *sp = NULL;

@@ -10,6 +10,11 @@
 #define N_YVEC           3
 #define REC_OSEM_SUBSETS 4
 
+/* How strongly the smoothness term holds at a voxel. */
+struct rec_stiff {
+    float by, inverse; /* and 1 / by */
+};
+
 /* Sized for the worst case (every voxel active) in reserved address space. */
 struct rec_solver {
     const rec_sysmat *S;
@@ -21,10 +26,11 @@ struct rec_solver {
     float *weight;                           /* [rows_max] w on A's rows */
     float *diag;                             /* [n_max] */
     struct rec_near *near;                   /* [n_max] */
+    struct rec_stiff *stiff;                 /* [n_max] */
     uint32_t (*piece)[REC_OSEM_SUBSETS + 1]; /* [n_max] where the subsets' entries start (osem) */
     int32_t *clipped; /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
-    double b_norm2, m; /* of the last rec_solve_weight */
+    double b_norm2, m;                     /* of the last rec_solve_weight */
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
 

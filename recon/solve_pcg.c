@@ -1,12 +1,14 @@
 /* solve_pcg.c - "pcg": non-negative regularised least squares by projected preconditioned CG.
  *
- *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||L x||^2  ->  min,  x >= 0             (1)
- *     g = A'W(A x - b) + lambda L L x,   L: smooth.h                                        (2)
+ *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||V^(1/2) L x||^2  ->  min,  x >= 0     (1)
+ *     g = A'W(A x - b) + lambda L V L x,   L: smooth.h                                      (2)
+ *     V = 1 from a start that knows nothing; from a coarser solution, where it is brighter than
+ *         usual less: V_q = (c + y_q / y_mean)^(-1/2), y the start, blurred                 (2a)
  * One iteration:
  *     phi = g where x > 0 or g < 0, else 0          (the bound holds where it should)       (3)
  *     d   = -M phi + beta d,  beta = max(0, phi'M(phi - phi_old) / phi_old'M phi_old)       (4)
  *     x   = max(0, x + alpha d),  alpha = -phi'd / d'Hd                                     (5)
- * H = A'WA + lambda L L, M = 1/diag(H).  Where (5) clips nothing this is plain CG.  Where it clips,
+ * H = A'WA + lambda L V L, M = 1/diag(H).  Where (5) clips nothing this is plain CG.  Where it clips,
  * the step is s = alpha (d + e), and e is not 0 in the clipped columns alone: few, so their columns
  * are added to A d and L d (many: A x and L x are formed anew).  f is known after the step; should it
  * have risen, x goes back along s to the least f there, which is feasible because the set is convex:
@@ -26,6 +28,78 @@
 #define REFRESH            64 /* iterations after which A x and L x are formed anew */
 
 /* ---- the method ---------------------------------------------------------------------------------*/
+
+/* (2a): how much a flame curves goes with how bright it burns.  c keeps the dark parts from being
+ * held more than about three times as firmly as the bright ones. */
+#define DARK 0.09
+
+struct brightness {
+    struct rec_pcg *t;
+    float *at, *blurred; /* [n]: sum over the lanes; its mean over a voxel and its neighbours */
+    double mean;
+};
+
+static void brightness_chunk(void *ctx, size_t k)
+{
+    struct brightness *b = ctx;
+    const struct rec_job *j = b->t->j;
+    size_t cs = (size_t)j->a->cs;
+    int32_t q0, q1;
+    rec_chunk_range(j->a->n, k, &q0, &q1);
+    for (size_t q = (size_t)q0; q < (size_t)q1; q++) {
+        const float *x = j->x + q * cs;
+        b->at[q] = cs == 4 ? (x[0] + x[1]) + (x[2] + x[3]) : x[0];
+    }
+}
+static void blur_chunk(void *ctx, size_t k)
+{
+    struct brightness *b = ctx;
+    const struct rec_smooth *s = &b->t->smooth;
+    double sum = 0, sum2 = 0;
+    int32_t q0, q1;
+    rec_chunk_range(b->t->j->a->n, k, &q0, &q1);
+    for (int32_t q = q0; q < q1; q++) {
+        const struct rec_near *e = &s->near[q];
+        const float *at = b->at + q;
+        float v = 2 * at[0];
+        for (int f = 0; f < 2; f++) /* 0 where there is no neighbour */
+            v += (e->have >> (2 + f) & 1 ? at[e->y[f]] : 0) +
+                 (e->have >> (4 + f) & 1 ? at[e->z[f]] : 0) +
+                 (e->have >> f & 1 ? at[2 * f - 1] : 0);
+        v *= 0.125f;
+        b->blurred[q] = v;
+        sum += v;
+        sum2 += (double)v * v;
+    }
+    b->t->j->s->part[k][S_A][0] = sum;
+    b->t->j->s->part[k][S_A][1] = sum2;
+}
+static void stiff_chunk(void *ctx, size_t k)
+{
+    struct brightness *b = ctx;
+    int32_t q0, q1;
+    rec_chunk_range(b->t->j->a->n, k, &q0, &q1);
+    float scale = b->mean > 0 ? (float)(1 / b->mean) : 0;
+    for (int32_t q = q0; q < q1; q++) {
+        float inverse = b->mean > 0 ? sqrtf((float)DARK + scale * b->blurred[q]) : 1;
+        b->t->stiff[q] = (struct rec_stiff){1 / inverse, inverse};
+    }
+}
+/* V from j->x; two vectors of the method serve as work areas.  The mean is weighted by brightness. */
+static void stiffness(struct rec_pcg *t)
+{
+    struct rec_job *j = t->j;
+    size_t chunks = rec_job_chunks(j);
+    struct brightness b = {.t = t, .at = t->lx, .blurred = t->ld};
+    if (j->p->good_start) {
+        double sum[4];
+        pvx_pool_run(j->a->pool, chunks, brightness_chunk, &b);
+        pvx_pool_run(j->a->pool, chunks, blur_chunk, &b);
+        rec_job_sum(j, 0, chunks, S_A, sum);
+        b.mean = sum[0] > 0 ? sum[1] / sum[0] : 0;
+    }
+    pvx_pool_run(j->a->pool, chunks, stiff_chunk, &b);
+}
 
 static double total(const double v[4])
 {
@@ -156,16 +230,17 @@ void rec_solve_pcg(struct rec_job *j)
     const struct rec_subsys *a = j->a;
     const struct rec_pcg_passes *pass = a->k->pcg;
     struct rec_pcg t = {.j = j,
-                    .smooth.near = s->near,
-                    .x = j->x,
-                    .next = s->xv[0],
-                    .phi = s->xv[1],
-                    .phi_old = s->xv[2],
-                    .d = s->xv[3],
-                    .lx = s->xv[4],
-                    .ld = s->xv[5],
-                    .r = s->yv[0],
-                    .q = s->yv[1]};
+                        .smooth.near = s->near,
+                        .stiff = s->stiff,
+                        .x = j->x,
+                        .next = s->xv[0],
+                        .phi = s->xv[1],
+                        .phi_old = s->xv[2],
+                        .d = s->xv[3],
+                        .lx = s->xv[4],
+                        .ld = s->xv[5],
+                        .r = s->yv[0],
+                        .q = s->yv[1]};
     size_t chunks = rec_job_chunks(j), bytes = (size_t)a->n * (size_t)a->cs * sizeof *j->x;
     uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
     bool corner = j->p->stop == REC_STOP_LCURVE;
@@ -178,6 +253,7 @@ void rec_solve_pcg(struct rec_job *j)
     rec_smooth_init(&t.smooth, &a->S->grid);
     pvx_pool_run(a->pool, chunks, pass->near, &t);
     rec_job_lambda(j, t.lambda);
+    stiffness(&t);
     for (int l = 0; l < s->nch; l++)
         j->out->lambda += t.lambda[l] / s->nch;
     memset(t.d, 0, bytes);

@@ -53,5 +53,6 @@ static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
 
 void rec_kernels_avx2(struct rec_kernels *k)
 {
-    *k = (struct rec_kernels){.name = "avx2", .gather1 = gather1, .gather4 = gather4, .pcg = &rec_pcg_passes_avx2};
+    *k = (struct rec_kernels){
+        .name = "avx2", .gather1 = gather1, .gather4 = gather4, .pcg = &rec_pcg_passes_avx2};
 }

@@ -28,5 +28,6 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
 
 void rec_kernels_ref(struct rec_kernels *k)
 {
-    *k = (struct rec_kernels){.name = "ref", .gather1 = gather1, .gather4 = gather4, .pcg = &rec_pcg_passes_base};
+    *k = (struct rec_kernels){
+        .name = "ref", .gather1 = gather1, .gather4 = gather4, .pcg = &rec_pcg_passes_base};
 }

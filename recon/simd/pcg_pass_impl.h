@@ -15,8 +15,8 @@ static void near_chunk(void *ctx, size_t k)
 /* M at column i. */
 REC_INLINE rec_f4 inverse_diagonal(const struct rec_pcg *t, size_t i, rec_f4 lambda)
 {
-    rec_f4 h =
-        rec_splat(t->j->s->diag[i]) + lambda * rec_splat(t->smooth.diag2[t->smooth.near[i].have]);
+    float smooth = t->stiff[i].by * t->smooth.diag2[t->smooth.near[i].have];
+    rec_f4 h = rec_splat(t->j->s->diag[i]) + lambda * rec_splat(smooth);
     return rec_select(h > 0, rec_splat(1) / h, (rec_f4){0});
 }
 
@@ -42,7 +42,7 @@ static void direction_chunk(void *ctx, size_t k)
     FOR_LANES(t, direction, t, k);
 }
 
-/* ld = L d on one chunk of columns and ||ld||^2; or lx = L x. */
+/* ld = V L d on one chunk of columns and d'L V L d; or lx = V L x. */
 REC_INLINE void second_differences(struct rec_pcg *t, const float *v, float *lv, size_t k,
                                    double out[4], size_t cs)
 {
@@ -50,9 +50,9 @@ REC_INLINE void second_differences(struct rec_pcg *t, const float *v, float *lv,
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_d4 sum = {0};
     for (int32_t i = q0; i < q1; i++) {
-        rec_f4 lap = rec_smooth_at(&t->smooth, v, i, cs);
-        rec_st(lv, (size_t)i, cs, lap);
-        rec_add_product(&sum, lap, lap);
+        rec_f4 lap = rec_smooth_at(&t->smooth, v, i, cs), stiff = rec_splat(t->stiff[i].by) * lap;
+        rec_st(lv, (size_t)i, cs, stiff);
+        rec_add_product(&sum, lap, stiff);
     }
     rec_put(out, &sum);
 }
@@ -71,7 +71,7 @@ REC_INLINE void forward(struct rec_pcg *t, size_t k, double out[4], size_t cs)
     rec_put(out, &sum);
 }
 
-/* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: ld = L d, ||ld||^2. */
+/* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: ld = V L d, d'L ld. */
 static void curvature_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
@@ -106,7 +106,7 @@ static void step_chunk(void *ctx, size_t k)
     FOR_LANES(t, step, t, k);
 }
 
-/* With e = s/alpha - d, not 0 but in the few clipped columns: q += A e, lx += alpha L e.  Serial: the
+/* With e = s/alpha - d, not 0 but in the few clipped columns: q += A e, lx += alpha V L e.  Serial: the
  * order of the sums is fixed. */
 REC_INLINE void clipped_columns(struct rec_pcg *t, size_t cs)
 {
@@ -131,10 +131,12 @@ REC_INLINE void clipped_columns(struct rec_pcg *t, size_t cs)
                                c + nb->z[0],
                                c + nb->z[1]};
             rec_st(t->lx, (size_t)c, cs,
-                   rec_ld(t->lx, (size_t)c, cs) + rec_splat(s->centre[nb->have]) * ae);
+                   rec_ld(t->lx, (size_t)c, cs) +
+                       rec_splat(t->stiff[c].by * s->centre[nb->have]) * ae);
             for (int f = 0; f < 6; f++) /* to itself where there is none, as centre[] expects */
                 rec_st(t->lx, (size_t)to[f], cs,
-                       rec_ld(t->lx, (size_t)to[f], cs) - rec_splat(s->axis[f / 2]) * ae);
+                       rec_ld(t->lx, (size_t)to[f], cs) -
+                           rec_splat(t->stiff[to[f]].by * s->axis[f / 2]) * ae);
             for (uint32_t at = g->ptr[c]; at < g->ptr[c + 1]; at++) {
                 size_t row = g->entry[at].idx;
                 rec_st(t->q, row, cs, rec_ld(t->q, row, cs) + rec_splat(g->entry[at].val) * e);
@@ -177,7 +179,7 @@ static void lx_chunk(void *ctx, size_t k)
     FOR_LANES(t, second_differences, t, t->x, t->lx, k, unused);
 }
 
-/* phi of (3) from q = W r and lx.  Sums: phi'M phi, phi'M phi_old, ||lx||^2, ||x||^2. */
+/* phi of (3) from q = W r and lx.  Sums: phi'M phi, phi'M phi_old, x'L lx, ||x||^2. */
 REC_INLINE void gradient(struct rec_pcg *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
@@ -194,7 +196,7 @@ REC_INLINE void gradient(struct rec_pcg *t, size_t k, size_t cs)
         rec_f4 mg = inverse_diagonal(t, i, lambda) * g;
         rec_add_product(&sum[S_A], mg, g);
         rec_add_product(&sum[S_B], mg, rec_ld(t->phi_old, i, cs));
-        rec_add_product(&sum[S_C], lx, lx);
+        rec_add_product(&sum[S_C], lx, rec_splat(t->stiff[i].inverse) * lx);
         rec_add_product(&sum[S_D], x, x);
     }
     for (int w = 0; w < 4; w++)
