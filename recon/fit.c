@@ -7,8 +7,7 @@
 #include "base/mem.h"
 
 struct rec_fit {
-    struct rec_rig
-        rig; /* the coarse grid; a camera's pixel is a pooled bin, with one more all round */
+    struct rec_rig rig; /* the coarse grid; a camera's pixel is a pooled bin */
     rec_sysmat *S;
     rec_hull *hull;
     pvx_pool *pool;
@@ -17,9 +16,12 @@ struct rec_fit {
         int32_t sw, sh, pool; /* silhouette, and its bins per side of a pooled one */
         uint8_t *lit;
     } camera[REC_MAX_CAMERAS];
-    int32_t *col;         /* [cells] */
-    int32_t lo[3], hi[3]; /* cells of the union so far */
-    uint32_t sets, lit;
+    int32_t *col; /* [cells] */
+    struct extent {
+        int32_t lo[3], hi[3];      /* cells of the union so far */
+        uint32_t lit;              /* sets with a hull */
+    } extent[REC_MAX_CAMERAS + 1]; /* by number of views */
+    uint32_t sets;
 };
 
 /* Raw pixels across one coarse cell in the middle of the volume; 0 when that is not in front. */
@@ -51,10 +53,10 @@ static void pool_camera(rec_fit *f, size_t i, int32_t binning)
     double b = (double)v->pool * binning; /* raw pixels per side of a pooled bin */
     c->fx /= b;
     c->fy /= b;
-    c->cx = (c->cx + 0.5) / b + 0.5;
-    c->cy = (c->cy + 0.5) / b + 0.5;
-    c->width = (v->sw + v->pool - 1) / v->pool + 2;
-    c->height = (v->sh + v->pool - 1) / v->pool + 2;
+    c->cx = (c->cx + 0.5) / b - 0.5;
+    c->cy = (c->cy + 0.5) / b - 0.5;
+    c->width = (v->sw + v->pool - 1) / v->pool;
+    c->height = (v->sh + v->pool - 1) / v->pool;
 }
 
 static pvx_err set_up(rec_fit *f, const struct rec_rig *rig, const struct rec_fit_params *p,
@@ -87,18 +89,21 @@ pvx_err rec_fit_new(const struct rec_rig *rig, const struct rec_fit_params *p, p
                     rec_fit **out, struct pvx_diag *d)
 {
     *out = NULL;
-    if (p->cells < 4 || p->cells > 256 || p->binning < 1 || rig->n_cameras < 1)
-        return pvx_fail(d, PVX_EINVAL, "fit: 4 to 256 cells, binning from 1, a camera");
+    if (p->cells < 4 || p->cells > 256 || p->binning < 1 || rig->n_cameras < 1 ||
+        p->min_views > rig->n_cameras)
+        return pvx_fail(d, PVX_EINVAL,
+                        "fit: 4 to 256 cells, binning from 1, no more views than cameras");
     rec_fit *f = pvx_calloc(1, sizeof *f);
     if (f == NULL)
         return pvx_fail(d, PVX_ENOMEM, "fit: out of memory");
     f->pool = pool;
     f->params = (struct rec_hull_params)REC_HULL_DEFAULTS;
     f->params.min_views = p->min_views;
-    for (int a = 0; a < 3; a++) {
-        f->lo[a] = INT32_MAX;
-        f->hi[a] = -1;
-    }
+    for (int m = 0; m <= REC_MAX_CAMERAS; m++)
+        for (int a = 0; a < 3; a++) {
+            f->extent[m].lo[a] = INT32_MAX;
+            f->extent[m].hi[a] = -1;
+        }
     pvx_err e = set_up(f, rig, p, d);
     if (e != PVX_OK) {
         rec_fit_free(&f);
@@ -129,26 +134,37 @@ struct adding {
     const bool *present;
 };
 
-/* Pooled silhouette of one camera; the frame around the image and bins that reach over its edge stay
- * lit. */
+/* Pooled silhouette of one camera.  Bins that reach over the image's edge know less than the others,
+ * but the hull lets no edge carve. */
 static void pool_silhouette(void *ctx, size_t i)
 {
     const struct adding *t = ctx;
     const struct camera *v = &t->f->camera[i];
     const struct rec_camera *c = &t->f->rig.cameras[i];
-    int32_t w = c->width;
+    size_t w = (size_t)c->width;
     if (!t->present[i])
         return;
-    memset(v->lit, 1, (size_t)w * (size_t)c->height);
-    for (int32_t y = 0; y < v->sh / v->pool; y++)
-        memset(v->lit + (size_t)(y + 1) * (size_t)w + 1, 0, (size_t)(v->sw / v->pool));
+    memset(v->lit, 0, w * (size_t)c->height);
     for (int32_t y = 0; y < v->sh; y++) {
         const uint8_t *in = t->lit[i] + (size_t)y * (size_t)v->sw;
-        uint8_t *out = v->lit + (size_t)(y / v->pool + 1) * (size_t)w + 1;
+        uint8_t *out = v->lit + (size_t)(y / v->pool) * w;
         for (int32_t x = 0; x < v->sw; x++)
             if (in[x] != 0)
                 out[x / v->pool] = 1;
     }
+}
+
+static void add_cells(struct extent *e, const struct rec_grid *g, const int32_t *col, int32_t n)
+{
+    for (int32_t q = 0; q < n; q++) {
+        int32_t v[3];
+        rec_grid_ijk(g, col[q], v);
+        for (int a = 0; a < 3; a++) {
+            e->lo[a] = v[a] < e->lo[a] ? v[a] : e->lo[a];
+            e->hi[a] = v[a] > e->hi[a] ? v[a] : e->hi[a];
+        }
+    }
+    e->lit++;
 }
 
 int32_t rec_fit_add(rec_fit *f, const uint8_t *const *lit, const bool *present)
@@ -158,34 +174,39 @@ int32_t rec_fit_add(rec_fit *f, const uint8_t *const *lit, const bool *present)
     pvx_pool_run(f->pool, f->rig.n_cameras, pool_silhouette, &t);
     for (size_t c = 0; c < f->rig.n_cameras; c++)
         pooled[c] = f->camera[c].lit;
-    int32_t n = 0;
-    rec_hull_carve(f->hull, &f->params, pooled, present, f->pool, f->col, &n, NULL, NULL);
-    for (int32_t q = 0; q < n; q++) {
-        int32_t v[3];
-        rec_grid_ijk(&f->rig.grid, f->col[q], v);
-        for (int a = 0; a < 3; a++) {
-            f->lo[a] = v[a] < f->lo[a] ? v[a] : f->lo[a];
-            f->hi[a] = v[a] > f->hi[a] ? v[a] : f->hi[a];
-        }
+    int32_t kept = 0;
+    for (uint32_t m = f->params.min_views; m <= f->rig.n_cameras; m++) {
+        struct rec_hull_params p = f->params;
+        int32_t n = 0;
+        p.min_views = m;
+        rec_hull_carve(f->hull, &p, pooled, present, f->pool, f->col, &n, NULL, NULL);
+        if (n == 0)
+            break; /* with more views neither */
+        add_cells(&f->extent[m], &f->rig.grid, f->col, n);
+        kept = m == f->params.min_views ? n : kept;
     }
     f->sets++;
-    f->lit += n > 0;
-    return n;
+    return kept;
 }
 
-pvx_err rec_fit_get(const rec_fit *f, double margin, struct rec_fit_box *out)
+pvx_err rec_fit_get(const rec_fit *f, uint32_t views, double margin, struct rec_fit_box *out)
 {
     const struct rec_grid *g = &f->rig.grid;
-    *out = (struct rec_fit_box){.sets = f->sets, .lit = f->lit};
-    if (f->lit == 0)
+    uint32_t m = views == 0 ? f->params.min_views : views;
+    *out = (struct rec_fit_box){.sets = f->sets};
+    if (m < f->params.min_views || m > f->rig.n_cameras)
+        return PVX_EINVAL;
+    const struct extent *e = &f->extent[m];
+    out->lit = e->lit;
+    if (e->lit == 0)
         return PVX_ENOENT;
     for (int a = 0; a < 3; a++) {
-        double h = rec_grid_h(g, a), m = margin < 0 ? h : margin;
+        double h = rec_grid_h(g, a), by = margin < 0 ? h : margin;
         out->cell = fmax(out->cell, h);
-        out->min[a] = fmax(g->min[a], g->min[a] + f->lo[a] * h - m);
-        out->max[a] = fmin(g->max[a], g->min[a] + (f->hi[a] + 1) * h + m);
-        out->touches |= (f->lo[a] == 0 ? 1u : 0u) << 2 * a;
-        out->touches |= (f->hi[a] == g->n[a] - 1 ? 2u : 0u) << 2 * a;
+        out->min[a] = fmax(g->min[a], g->min[a] + e->lo[a] * h - by);
+        out->max[a] = fmin(g->max[a], g->min[a] + (e->hi[a] + 1) * h + by);
+        out->touches |= (e->lo[a] == 0 ? 1u : 0u) << 2 * a;
+        out->touches |= (e->hi[a] == g->n[a] - 1 ? 2u : 0u) << 2 * a;
     }
     return PVX_OK;
 }

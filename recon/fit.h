@@ -4,8 +4,9 @@
  *
  * H_t is the visual hull of set t (hull.h) on a coarse grid over the rig's volume, so B holds the
  * flame as surely as the hull does: a cell goes only when a camera that sees all of it sees it dark.
- * Silhouettes are pooled for it (a pooled bin is lit when any bin of it is), and what lies outside an
- * image counts as lit, because it is not known.
+ * Silhouettes are pooled for it: a pooled bin is lit when any bin of it is.
+ * Where few cameras look, a hull is wide: two silhouettes cross in places where nobody else can say
+ * no.  So B is kept for every number of views that may be asked for (rec_fit_get).
  * Flame outside the rig's volume is not looked for; `touches` says that there may be some.
  * Threads: one call per rec_fit at a time.  rec_fit_add allocates nothing. */
 #ifndef REC_FIT_H
@@ -17,9 +18,9 @@
 #include "recon/rig.h"
 
 struct rec_fit_params {
-    int32_t cells;   /* along the longest side of the rig's volume, 4..256 */
-    int32_t binning; /* raw pixels per bin side of the silhouettes that will be added */
-    uint32_t min_views;
+    int32_t cells;      /* along the longest side of the rig's volume, 4..256 */
+    int32_t binning;    /* raw pixels per bin side of the silhouettes that will be added */
+    uint32_t min_views; /* least that will be asked for */
 };
 #define REC_FIT_DEFAULTS                           \
     {                                              \
@@ -43,8 +44,10 @@ struct rec_fit_box {
     unsigned touches;   /* bit 2a: hull reaches the volume's min along axis a; bit 2a+1: its max */
     uint32_t sets, lit; /* added; with a hull */
 };
-/* (1); margin [m] on every side, < 0 = one coarse cell.  PVX_ENOENT: no set had a hull. */
-PVX_MUST_CHECK pvx_err rec_fit_get(const rec_fit *f, double margin, struct rec_fit_box *out);
+/* (1) of the cells that at least `views` cameras see (min_views .. number of cameras; 0 = min_views).
+ * margin [m] on every side, < 0 = one coarse cell.  PVX_ENOENT: no set had a hull; PVX_EINVAL. */
+PVX_MUST_CHECK pvx_err rec_fit_get(const rec_fit *f, uint32_t views, double margin,
+                                   struct rec_fit_box *out);
 
 /* The grid to reconstruct on.  n = {0,0,0}: voxels of the rig's size, on the rig's lattice;
  * {N,0,0}: cubes, N along the longest side; else just n.  The box grows to whole voxels.

@@ -251,6 +251,11 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
     if (o->no_hull)
         without_hull(&j->params);
     PVX_TRY(opt_rig_load(&as_in_file, &j->rig, d));
+    if (j->params.hull.min_views > j->rig.n_cameras)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "--min-views %u: that many cameras must see a voxel, but there are only %zu",
+            j->params.hull.min_views, j->rig.n_cameras);
     j->whole = j->rig.grid;
     PVX_TRY(frames_in_scan(&j->in, &j->rig, o->frames, o->first, o->last, o->grey, d));
     j->params.nch = j->in.nch;

@@ -1,5 +1,6 @@
 #include "cli/reconstruct_fit.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -161,12 +162,40 @@ static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_l
         with_light, sets);
 }
 
-static void describe(const struct rec_grid *whole, const struct rec_grid *g,
-                     const struct rec_fit_box *box, size_t of, double seconds)
+static double share_of(const double min[3], const double max[3], const struct rec_grid *whole)
 {
     double share = 1;
     for (int a = 0; a < 3; a++)
-        share *= (g->max[a] - g->min[a]) / (whole->max[a] - whole->min[a]);
+        share *= (max[a] - min[a]) / (whole->max[a] - whole->min[a]);
+    return share;
+}
+
+/* Would the box be much smaller without what few cameras see?  Then say so, with the fewest views that
+ * do it. */
+static void advise_views(const rec_fit *fit, double margin, const struct rec_grid *whole,
+                         uint32_t asked, size_t cameras, const struct rec_fit_box *box)
+{
+    double now = share_of(box->min, box->max, whole), least = now;
+    struct rec_fit_box b;
+    for (uint32_t m = asked + 1; m <= cameras; m++)
+        if (rec_fit_get(fit, m, margin, &b) == PVX_OK && b.lit == box->lit)
+            least = fmin(least, share_of(b.min, b.max, whole));
+    for (uint32_t m = asked + 1; m <= cameras && least < 0.7 * now; m++)
+        if (rec_fit_get(fit, m, margin, &b) == PVX_OK &&
+            share_of(b.min, b.max, whole) <= 1.1 * least) {
+            fprintf(
+                stderr,
+                "note: parts of it are held open because few cameras see them; with --min-views "
+                "%u (of %zu) it would be %.0f %% of the rig's box\n",
+                m, cameras, 100 * share_of(b.min, b.max, whole));
+            return;
+        }
+}
+
+static void describe(const struct rec_grid *whole, const struct rec_grid *g,
+                     const struct rec_fit_box *box, size_t of, double seconds)
+{
+    double share = share_of(g->min, g->max, whole);
     fprintf(
         stderr,
         "volume fitted: x %.3g .. %.3g, y %.3g .. %.3g, z %.3g .. %.3g m, %dx%dx%d voxels, %.0f "
@@ -184,6 +213,27 @@ static void describe(const struct rec_grid *whole, const struct rec_grid *g,
                 "note: the flame reaches the side of the rig's box at %s; if it goes on outside, "
                 "enlarge `volume` in the rig\n",
                 list);
+}
+
+/* The grid on the box found, as --grid says, into the rig; and what there is to say about it. */
+static pvx_err use_box(const struct reconstruct_options *o, const rec_fit *fit,
+                       const struct rec_fit_box *box, size_t of, double seconds,
+                       struct rec_rig *rig, struct pvx_diag *d)
+{
+    struct rec_grid whole = rig->grid;
+    int32_t n[3];
+    memcpy(n, o->rig.grid, sizeof n);
+    if (o->rig.grid_one)
+        n[1] = n[2] = 0;
+    if (rec_fit_grid(&whole, box, n, &rig->grid) != PVX_OK)
+        return pvx_fail(d, PVX_ERANGE,
+                        "--fit-volume: over %d voxels along an axis; --grid N makes them larger",
+                        REC_GRID_MAX);
+    if (o->quiet)
+        return PVX_OK;
+    describe(&whole, &rig->grid, box, of, seconds);
+    advise_views(fit, o->fit_margin, &whole, o->frame.hull.min_views, rig->n_cameras, box);
+    return PVX_OK;
 }
 
 /* The rig as it is in its file, all cameras, with the fitted volume. */
@@ -232,22 +282,13 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
         e = set_up(&f, o->background, d);
     if (e == PVX_OK)
         e = look_at_sets(&f, fit, o->fit_frames, o->quiet, pool, &with_light);
-    if (e == PVX_OK && (e = rec_fit_get(fit, o->fit_margin, &box)) != PVX_OK)
+    if (e == PVX_OK && (e = rec_fit_get(fit, 0, o->fit_margin, &box)) != PVX_OK)
         e = no_flame(in, box.sets, with_light, d);
+    if (e == PVX_OK)
+        e = use_box(o, fit, &box, in->n, (double)(pvx_now_mono() - t0) * 1e-9, rig, d);
     tear_down(&f);
     rec_fit_free(&fit);
     if (e != PVX_OK)
         return e;
-    int32_t n[3];
-    memcpy(n, o->rig.grid, sizeof n);
-    if (o->rig.grid_one)
-        n[1] = n[2] = 0;
-    struct rec_grid whole = rig->grid;
-    if (rec_fit_grid(&whole, &box, n, &rig->grid) != PVX_OK)
-        return pvx_fail(d, PVX_ERANGE,
-                        "--fit-volume: over %d voxels along an axis; --grid N makes them larger",
-                        REC_GRID_MAX);
-    if (!o->quiet)
-        describe(&whole, &rig->grid, &box, in->n, (double)(pvx_now_mono() - t0) * 1e-9);
     return o->save_rig != NULL ? save_rig(o->rig.path, o->save_rig, &rig->grid, d) : PVX_OK;
 }

@@ -504,6 +504,7 @@ static void wrong_use(void)
         {"reconstruct --rig rig.yaml --frames take --out x --binning 7", "binning", 1},
         {"reconstruct --rig rig.yaml --frames take --out x --first 5", "no frames", 1},
         {"reconstruct --rig rig.yaml --frames take --out rig.yaml", "rig.yaml", 1},
+        {"reconstruct --rig rig.yaml --frames take --out x --min-views 10", "but there are only 9", 1},
         {"reconstruct --rig rig.yaml --frames take --out x --stop never", "discrepancy", 2},
         {"reconstruct --rig rig.yaml --frames take --out x --start hot", "cold, warm", 2},
         {"reconstruct --rig rig.yaml --frames take --out x --hull-rule all", "conservative", 2},

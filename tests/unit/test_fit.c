@@ -151,7 +151,7 @@ static void flame_is_inside(void)
             present[c] = c != 1 || turn % 5 != 0;
         }
         T_OK(rec_fit_add(f, lit, present) > 0);
-        T_EQ_I(rec_fit_get(f, 0, &box), PVX_OK);
+        T_EQ_I(rec_fit_get(f, 0, 0, &box), PVX_OK);
         double volume = 1, all = 1;
         for (int a = 0; a < 3; a++) {
             T_OK(box.min[a] >= rig.grid.min[a] && box.max[a] <= rig.grid.max[a]);
@@ -161,7 +161,7 @@ static void flame_is_inside(void)
         tightest = fmin(tightest, volume / all);
         T_LE(inside_box(b, balls, &box), 1e-9);
         struct rec_fit_box wider;
-        T_EQ_I(rec_fit_get(f, -1, &wider), PVX_OK);
+        T_EQ_I(rec_fit_get(f, 0, -1, &wider), PVX_OK);
         T_LE(wider.min[0], box.min[0]);
         rec_fit_free(&f);
         rec_rig_fini(&rig);
@@ -201,7 +201,7 @@ static void cube_is_found_exactly(void)
     rec_fit *f;
     T_EQ_I(rec_fit_new(&rig, &p, NULL, &f, NULL), PVX_OK);
     T_OK(rec_fit_add(f, lit, present) > 0);
-    T_EQ_I(rec_fit_get(f, 0, &box), PVX_OK);
+    T_EQ_I(rec_fit_get(f, 0, 0, &box), PVX_OK);
     for (int a = 0; a < 3; a++) { /* within the cell that shares a bin with it */
         T_NEAR(box.min[a], lo[a] - 0.5 / 32, 0.5 / 32 + 1e-3);
         T_NEAR(box.max[a], hi[a] + 0.5 / 32, 0.5 / 32 + 1e-3);
@@ -224,20 +224,20 @@ static void union_and_nothing(void)
     struct rec_fit_box one, two;
     rec_fit *f;
     T_EQ_I(rec_fit_new(&rig, &p, NULL, &f, NULL), PVX_OK);
-    T_EQ_I(rec_fit_get(f, -1, &one), PVX_ENOENT);
+    T_EQ_I(rec_fit_get(f, 0, -1, &one), PVX_ENOENT);
     T_EQ_I(rec_fit_add(f, lit, present), 0); /* dark */
-    T_EQ_I(rec_fit_get(f, -1, &one), PVX_ENOENT);
+    T_EQ_I(rec_fit_get(f, 0, -1, &one), PVX_ENOENT);
     struct ball b[2] = {{{0.2, -0.1, 0.3}, 0.05}, {{-0.3, 0.2, 0.8}, 0.05}};
     for (size_t c = 0; c < 4; c++)
         silhouette(&rig.cameras[c], b, 1, 1, bits[c]);
     T_OK(rec_fit_add(f, lit, present) > 0);
-    T_EQ_I(rec_fit_get(f, 0, &one), PVX_OK);
+    T_EQ_I(rec_fit_get(f, 0, 0, &one), PVX_OK);
     T_LE(inside_box(b, 1, &one), 0);
     T_OK(inside_box(b, 2, &one) > 0.1);
     for (size_t c = 0; c < 4; c++)
         silhouette(&rig.cameras[c], b + 1, 1, 1, bits[c]);
     T_OK(rec_fit_add(f, lit, present) > 0);
-    T_EQ_I(rec_fit_get(f, 0, &two), PVX_OK);
+    T_EQ_I(rec_fit_get(f, 0, 0, &two), PVX_OK);
     T_LE(inside_box(b, 2, &two), 0);
     T_EQ_I(two.sets, 3);
     T_EQ_I(two.lit, 2);
@@ -245,7 +245,7 @@ static void union_and_nothing(void)
     for (size_t c = 0; c < 4; c++)
         memset(bits[c], 1, sizeof bits[c]);
     T_OK(rec_fit_add(f, lit, present) > 0);
-    T_EQ_I(rec_fit_get(f, 0.1, &two), PVX_OK);
+    T_EQ_I(rec_fit_get(f, 0, 0.1, &two), PVX_OK);
     T_EQ_I(two.touches, 63);
     T_NEAR(two.min[2], 0, 0); /* not beyond the rig's box */
     rec_fit_free(&f);
@@ -376,7 +376,7 @@ static void same_voxels_less_error(void)
     }
     free(raw);
     T_OK(rec_fit_add(f, lit, present) > 0);
-    T_EQ_I(rec_fit_get(f, -1, &box), PVX_OK);
+    T_EQ_I(rec_fit_get(f, 0, -1, &box), PVX_OK);
     rec_fit_free(&f);
     double before = error_on(&rig, &pose);
     size_t voxels = rec_grid_count(&rig.grid);
@@ -394,8 +394,46 @@ static void same_voxels_less_error(void)
     rec_rig_fini(&rig);
 }
 
+/* A corner that two of four cameras see: their silhouettes may cross there, and only demanding more
+ * views closes the box. */
+static void few_views_keep_the_box_open(void)
+{
+    enum { SIDE = 64 };
+    static uint8_t bits[4][SIDE * SIDE];
+    const uint8_t *lit[4] = {bits[0], bits[1], bits[2], bits[3]};
+    bool present[4] = {true, true, true, true};
+    struct ball b = {{0, 0, 0.5}, 0.12};
+    struct rec_rig rig;
+    T_EQ_I(rec_rig_ring(4, 2.2, SIDE, SIDE, 24, &rig), PVX_OK);
+    for (int c = 0; c < 4; c++) {
+        double round = 0.7 * c;
+        aim(&rig.cameras[c], (double[3]){2.5 * cos(round), 2.5 * sin(round), 0.6},
+            (double[3]){0, 0, 0.5});
+        rig.cameras[c].fx = rig.cameras[c].fy = c < 2 ? 60 : 400; /* two see the ball alone */
+        silhouette(&rig.cameras[c], &b, 1, 1, bits[c]);
+    }
+    memset(bits[0], 1, sizeof bits[0] / 2); /* light in the upper half of two pictures */
+    memset(bits[1], 1, sizeof bits[1] / 2);
+    struct rec_fit_params p = REC_FIT_DEFAULTS;
+    struct rec_fit_box two, four;
+    rec_fit *f;
+    T_EQ_I(rec_fit_new(&rig, &p, NULL, &f, NULL), PVX_OK);
+    T_OK(rec_fit_add(f, lit, present) > 0);
+    T_EQ_I(rec_fit_get(f, 2, 0, &two), PVX_OK);
+    T_EQ_I(rec_fit_get(f, 4, 0, &four), PVX_OK);
+    T_LE(inside_box(&b, 1, &two), 0);
+    T_LE(inside_box(&b, 1, &four), 0);
+    T_OK(two.max[2] > 0.95);
+    T_LE(four.max[2], 0.8);
+    T_EQ_I(rec_fit_get(f, 1, 0, &two), PVX_EINVAL);
+    T_EQ_I(rec_fit_get(f, 5, 0, &two), PVX_EINVAL);
+    rec_fit_free(&f);
+    rec_rig_fini(&rig);
+}
+
 int main(void)
 {
+    T_RUN(few_views_keep_the_box_open);
     T_RUN(flame_is_inside);
     T_RUN(cube_is_found_exactly);
     T_RUN(union_and_nothing);
