@@ -170,31 +170,36 @@ static void render_camera(void *ctx, size_t i)
         rec_flame_render(&t->b->pose, c, SUB, 0, c->height, t->b->image[i]);
 }
 
+static void measure(struct stab_bed *b)
+{
+    b->peak = b->norm = 0;
+    for (size_t c = 0; c < b->rig.n_cameras; c++)
+        for (size_t i = 0; i < stab_pixels(b, c) * 3; i++)
+            b->peak = fmax(b->peak, b->image[c][i]);
+    for (size_t i = 0; i < b->voxels * 3; i++)
+        b->norm += (double)b->truth[i] * b->truth[i];
+    b->norm = sqrt(b->norm);
+}
+
 void stab_bed_render(struct stab_bed *b, const struct rec_camera *cameras)
 {
     struct picture t = {b, cameras != NULL ? cameras : b->rig.cameras};
     pvx_pool_run(b->run->pool, b->rig.n_cameras, render_camera, &t);
     rec_flame_voxels(&b->pose, &b->rig.grid, 0, b->rig.grid.n[2], b->truth);
-    b->peak = 0;
-    for (size_t c = 0; c < b->rig.n_cameras; c++)
-        for (size_t i = 0; i < stab_pixels(b, c) * 3; i++)
-            b->peak = fmax(b->peak, b->image[c][i]);
+    measure(b);
 }
 
 void stab_bed_reset(struct stab_bed *b)
 {
-    struct rec_flame flame;
-    rec_flame_init(&flame, &b->rig.grid, 1);
-    rec_flame_at(&flame, 0.3, &b->pose);
     b->p = rec_frame_defaults;
     b->rng = 88172645463325252u;
-    for (size_t c = 0; c < b->rig.n_cameras; c++)
+    b->pose = b->pose0;
+    for (size_t c = 0; c < b->rig.n_cameras; c++) {
         b->present[c] = true;
-    stab_bed_render(b, NULL);
-    b->norm = 0;
-    for (size_t i = 0; i < b->voxels * 3; i++)
-        b->norm += (double)b->truth[i] * b->truth[i];
-    b->norm = sqrt(b->norm);
+        memcpy(b->image[c], b->image0[c], stab_pixels(b, c) * 3 * sizeof *b->image[c]);
+    }
+    memcpy(b->truth, b->truth0, b->voxels * 3 * sizeof *b->truth);
+    measure(b);
 }
 
 void stab_bed_noise(struct stab_bed *b, double share)
@@ -218,8 +223,19 @@ void stab_bed_new(struct stab_bed *b, const struct stab_run *run, enum stab_rig 
     CHECK(rec_sysmat_build(&b->rig, &p, run->pool, NULL, NULL, &b->S, NULL));
     b->voxels = rec_grid_count(&b->rig.grid);
     b->truth = checked(pvx_calloc(b->voxels * 3, sizeof *b->truth));
-    for (size_t c = 0; c < cameras; c++)
+    b->truth0 = checked(pvx_calloc(b->voxels * 3, sizeof *b->truth0));
+    for (size_t c = 0; c < cameras; c++) {
         b->image[c] = checked(pvx_calloc(stab_pixels(b, c) * 3, sizeof *b->image[c]));
+        b->image0[c] = checked(pvx_calloc(stab_pixels(b, c) * 3, sizeof *b->image0[c]));
+    }
+    struct rec_flame flame;
+    rec_flame_init(&flame, &b->rig.grid, 1);
+    rec_flame_at(&flame, 0.3, &b->pose0);
+    b->pose = b->pose0;
+    stab_bed_render(b, NULL);
+    for (size_t c = 0; c < cameras; c++)
+        memcpy(b->image0[c], b->image[c], stab_pixels(b, c) * 3 * sizeof *b->image[c]);
+    memcpy(b->truth0, b->truth, b->voxels * 3 * sizeof *b->truth);
     stab_bed_reset(b);
 }
 
@@ -227,7 +243,10 @@ void stab_bed_free(struct stab_bed *b)
 {
     for (size_t c = 0; c < b->rig.n_cameras; c++)
         free(b->image[c]);
+    for (size_t c = 0; c < b->rig.n_cameras; c++)
+        free(b->image0[c]);
     free(b->truth);
+    free(b->truth0);
     rec_sysmat_free(&b->S);
     rec_rig_fini(&b->rig);
 }

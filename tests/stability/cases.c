@@ -1,9 +1,9 @@
 /* The hard cases of DESIGN 7, line by line, through the whole chain: pixels to volume.
  *
  * A case makes the pictures (from another flame, another rig), adds noise, spoils them, and says what
- * must come out.  The error is that of the volume against the flame that was there, relative to the
- * undisturbed flame; bounds are the measured errors with room for other machines' roundings and
- * small changes of a solver (a fifth, at least 0.02), for both sizes of the run. */
+ * must come out.  The error is that of the volume against the flame that was there, relative to it (or
+ * to the flame that is missing); bounds are the larger error of both sizes of the run with room for
+ * other machines' roundings and small changes of a solver, a fifth or more. */
 #include "tests/stability/stab.h"
 
 #include <stdlib.h>
@@ -293,7 +293,7 @@ static const struct hard_case cases[] = {
      {0.19, 0.17},
      0.6},
     {"hot pixels, 0.5 %", RING, NULL, 0.01, hot_pixels, FLAME, {0.17, 0.15}, 0.35},
-    {"dynamic range 10^6", RING, six_decades, 0, NULL, FLAME, {0.04, 0.03}, 0.06},
+    {"dynamic range 10^6", RING, six_decades, 0, NULL, FLAME, {0.21, 0.14}, 0.5},
     {"pictures x 10^-6", RING, millionth, 0.01, NULL, FLAME, {0.17, 0.15}, 0.35},
     {"pictures x 10^6", RING, million, 0.01, NULL, FLAME, {0.17, 0.15}, 0.35},
     {"denormal pixels", RING, denormal_below_floor, 0.01, NULL, NOTHING, {1.001, 1.001}, 1.001},
@@ -342,6 +342,7 @@ static struct stab_row row_of(const char *name, const struct stab_bed *b, const 
                              .ms = r->ms};
 }
 
+/* In a quick run the other solvers do every third case. */
 static void run_case(const struct hard_case *c, struct stab_bed *b)
 {
     bool box = b->rig.grid.basis == REC_BOX;
@@ -353,7 +354,7 @@ static void run_case(const struct hard_case *c, struct stab_bed *b)
         c->spoil(b);
     for (const char *const *s = rec_solver_names(); *s != NULL; s++) {
         bool standard = s == rec_solver_names();
-        if (!standard && !box)
+        if (!standard && (!box || (b->run->quick && (c - cases) % 3 != 0)))
             continue;
         struct stab_result r = stab_reconstruct(b, *s);
         struct stab_row row = row_of(c->name, b, *s, &r);

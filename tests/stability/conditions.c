@@ -25,13 +25,13 @@ struct ring {
 static struct ring rings[] = {
     {.views = 2, .bound = {0.72, 0.7}, .quick = true},
     {.views = 3, .bound = {0.34, 0.32}},
-    {.views = 4, .bound = {0.34, 0.34}, .quick = true},
+    {.views = 4, .bound = {0.34, 0.34}},
     {.views = 5, .bound = {0.24, 0.21}},
     {.views = 6, .bound = {0.26, 0.26}},
     {.views = 8, .bound = {0.23, 0.19}, .quick = true},
     {.views = 10, .bound = {0.2, 0.17}},
     {.views = 12, .bound = {0.17, 0.14}},
-    {.views = 16, .bound = {0.17, 0.13}, .quick = true},
+    {.views = 16, .bound = {0.17, 0.13}},
 };
 #define RINGS (sizeof rings / sizeof *rings)
 

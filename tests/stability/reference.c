@@ -289,7 +289,8 @@ void stab_reference(const struct stab_run *run)
             rec_frame_carve(f);
             products(&b, f);
             if (nch == 1 && rec_frame_subsys(f)->n <= MAX_COLUMNS) {
-                minimisers(&b, f, 0.5f);
+                if (!run->quick)
+                    minimisers(&b, f, 0.5f);
                 minimisers(&b, f, 0.02f);
             }
             rec_frame_free(&f);

@@ -82,12 +82,14 @@ struct stab_bed {
     const struct stab_run *run;
     struct rec_rig rig;
     rec_sysmat *S;
-    size_t voxels;                 /* of the grid */
-    struct rec_flame_pose pose;    /* that the pictures are of */
-    float *truth;                  /* [voxels][3] */
-    float *image[REC_MAX_CAMERAS]; /* [h][w][3] */
+    size_t voxels;                           /* of the grid */
+    struct rec_flame_pose pose;              /* that the pictures are of */
+    struct rec_flame_pose pose0;             /* the flame at t = 0.3 s, ... */
+    float *truth0, *image0[REC_MAX_CAMERAS]; /* ... its truth and its pictures */
+    float *truth;                            /* [voxels][3] */
+    float *image[REC_MAX_CAMERAS];           /* [h][w][3] */
     bool present[REC_MAX_CAMERAS];
-    double norm; /* ||truth|| of the unspoilt flame: errors are relative to it */
+    double norm; /* of the truth as rendered: errors are relative to it */
     double peak; /* brightest pixel */
     struct rec_frame_params p;
     uint64_t rng;
