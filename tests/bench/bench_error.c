@@ -54,7 +54,7 @@ static void condition(const struct scene *s, const char *scene, const rec_sysmat
                names[k]);
         if (with_curves) {
             struct curve *v = &curve[k];
-            curve_measure(&c, names[k], false, 100, 400, v);
+            curve_measure(&c, &(struct setting){.solver = names[k], .look = true}, 100, 400, v);
             for (int i = 0; i < v->n; i++)
                 csv_row(curves, scene, S->grid.n[2], S->grid.basis, noise->name, names[k], "budget",
                         &v->at[i]);

@@ -50,11 +50,11 @@ static void condition(const char *flame, const struct noise *noise, const struct
     const char *basis = rec_basis_name(c->S->grid.basis);
     bool warm = c->n > 1; /* as the daemon does */
     static struct curve paper, mlem, own;
-    curve_measure(c, "cgls-paper", false, 32, 200, &paper);
+    curve_measure(c, &(struct setting){.solver = "cgls-paper"}, 32, 200, &paper);
     const struct point *best = &paper.at[paper.best];
     double T = best->ms, E = best->q.volume, v[N_TARGETS];
-    curve_measure(c, ours, warm, 100, 4 * T, &own);
-    curve_measure(c, "mlem", warm, 32, 2 * T, &mlem);
+    curve_measure(c, &(struct setting){.solver = ours, .warm = warm}, 100, 4 * T, &own);
+    curve_measure(c, &(struct setting){.solver = "mlem", .warm = warm}, 32, T, &mlem);
 
     int by = curve_by(&own, T), mlem_by = curve_by(&mlem, T);
     struct point view = look_at(c, "cgls-paper", paper.k[paper.best], false);

@@ -133,7 +133,7 @@ static inline struct point measure(const struct course *c, const struct setting 
             continue;
         shot_put(&c->shot[i], now);
         rec_frame_carve(now);
-        double patience = set->once || !count ? 0 : c->n > 1 ? 10 : 30;
+        double patience = set->once || !count ? 0 : c->n > 1 ? 1 : 30;
         double t = shortest(now, set->warm && i > 0 ? &volume[(i + 1) % 2] : NULL, patience);
         rec_frame_volume(now, &volume[i % 2]);
         rec_sparse_to_dense(&volume[i % 2], dense);
@@ -171,14 +171,16 @@ struct curve {
     struct point at[N_BUDGETS];
 };
 
-/* Stops at `k_limit` iterations, or past `ms_limit`. */
-static inline void curve_measure(const struct course *c, const char *solver, bool warm,
+/* The solver of `like`, started and judged as it says; stops at `k_limit` iterations, or past
+ * `ms_limit`. */
+static inline void curve_measure(const struct course *c, const struct setting *like,
                                  uint32_t k_limit, double ms_limit, struct curve *out)
 {
+    struct setting set = *like;
     *out = (struct curve){0};
+    set.stop = REC_STOP_ITERATIONS;
     for (int i = 0; i < N_BUDGETS && budgets[i] <= k_limit; i++) {
-        struct setting set = {
-            .solver = solver, .stop = REC_STOP_ITERATIONS, .iterations = budgets[i], .warm = warm};
+        set.iterations = budgets[i];
         out->k[i] = budgets[i];
         out->at[i] = measure(c, &set);
         out->n = i + 1;
