@@ -49,26 +49,29 @@ static void condition(const struct scene *s, const char *scene, const rec_sysmat
     double lowest = INFINITY, first = 0;
     int winner = 0;
     shot_new(&shot, s, noise, 1);
+    course_base(&c);
     for (int k = 0; names[k] != NULL && k < MAX_SOLVERS; k++) {
         printf("  %-9s %-9s %-9s %-11s", scene, rec_basis_name(S->grid.basis), noise->name,
                names[k]);
+        struct setting set = {.solver = names[k], .stop = REC_STOP_AUTO, .look = true};
+        struct point p = measure(&c, &set);
         if (with_curves) {
             struct curve *v = &curve[k];
-            curve_measure(&c, &(struct setting){.solver = names[k], .look = true}, 100, 400, v);
+            curve_measure(&c, &set, 100, 400, v);
+            if (k == 0) /* what it gives when it is stopped early */
+                curve_deadlines(&c, &set, p.ms, v);
             for (int i = 0; i < v->n; i++)
-                csv_row(curves, scene, S->grid.n[2], S->grid.basis, noise->name, names[k], "budget",
-                        &v->at[i]);
-            printf(" %6.3f %4u %7.2f |", v->at[v->best].q.volume, v->k[v->best], v->at[v->best].ms);
+                csv_row(curves, scene, S->grid.n[2], S->grid.basis, noise->name, names[k],
+                        v->k[i] > 0 ? "budget" : "deadline", &v->at[i]);
+            csv_row(curves, scene, S->grid.n[2], S->grid.basis, noise->name, names[k], "auto", &p);
+            printf(" %6.3f %4.0f %7.2f |", v->at[v->best].q.volume, v->at[v->best].iterations,
+                   v->at[v->best].ms);
         } else {
             printf(" %6s %4s %7s |", "", "", "");
         }
-        struct setting set = {.solver = names[k], .stop = REC_STOP_AUTO, .look = true};
-        struct point p = measure(&c, &set);
         printf(" %6.3f %6.3f %5.1f %6.4f %4.0f %7.2f %s\n", p.q.volume, p.q.view, p.q.psnr,
                p.q.ssim, p.iterations, p.ms, rec_status_name(p.status));
         csv_row(table, scene, S->grid.n[2], S->grid.basis, noise->name, names[k], "auto", &p);
-        if (with_curves)
-            csv_row(curves, scene, S->grid.n[2], S->grid.basis, noise->name, names[k], "auto", &p);
         if (p.q.volume < lowest) {
             lowest = p.q.volume;
             winner = k;
@@ -133,6 +136,7 @@ static void all_sizes(pvx_pool *pool)
             scene_truth(&s, (enum rec_basis)basis, pool);
             rec_sysmat *S = scene_matrix(&s, 1, pool, NULL);
             struct course c = {.scene = &s, .shot = &shot, .n = 1, .S = S, .pool = pool};
+            course_base(&c);
             struct setting set = {.solver = rec_solver_names()[0], .look = true};
             struct point p = measure(&c, &set);
             printf("  %4d^3 %-9s %6.3f %6.3f %5.1f %6.4f %4.0f %7.2f\n", sizes[i],

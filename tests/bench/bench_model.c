@@ -17,6 +17,7 @@ static void model(FILE *csv, const char *name, enum flame_kind kind, int binned,
             double build_s;
             rec_sysmat *S = scene_matrix(&s, rays, pool, &build_s);
             struct course c = {.scene = &s, .shot = &shot, .n = 1, .S = S, .pool = pool};
+            course_base(&c);
             struct setting set = {.solver = rec_solver_names()[0], .look = true};
             struct point p = measure(&c, &set);
             printf("  %-9s %3dx%-4d %-9s %dx%d %6.3f %6.3f %5.1f %8.2f %7.2f %7.2f %7.2f %4.0f\n",

@@ -77,6 +77,7 @@ static void sequence(const char *name, struct scene *s, int n, int from, bool ju
             scene_truth(&s[i], (enum rec_basis)basis, pool);
         rec_sysmat *S = scene_matrix(&s[0], 2, pool, NULL);
         struct course c = {.scene = s, .shot = shot, .n = n, .from = from, .S = S, .pool = pool};
+        course_base(&c);
         struct bleed b = {.old = &s[n - 2], .now = &s[n - 1], .frame = n - 1};
         both_ways(name, &c, jump ? &b : NULL);
         rec_sysmat_free(&S);

@@ -38,6 +38,7 @@ int main(int argc, char **argv)
                 scene_truth(&s, (enum rec_basis)basis, pool);
                 rec_sysmat *S = scene_matrix(&s, 2, pool, NULL);
                 struct course c = {.scene = &s, .shot = &shot, .n = 1, .S = S, .pool = pool};
+                course_base(&c);
                 for (int n = 0; names[n] != NULL; n++) {
                     struct setting set = {.solver = names[n], .look = true, .once = true};
                     struct point best = {.q.volume = INFINITY};

@@ -1,8 +1,9 @@
-/* curve.h - error against time, measured from outside: the same call that the daemon makes.
+/* curve.h - error against time, measured from outside: the same calls that the daemon makes.
  *
- * A point of a curve is one iteration budget: the whole of rec_frame_solve with that budget, repeated,
- * its shortest time and the error of what it returned.  So a curve contains everything that a solver
- * does before its first iteration and after its last one, whatever that is, and needs no trace.
+ * A point of a curve is one iteration budget (or one deadline): the whole of rec_frame_solve with it,
+ * repeated, its shortest time and the error of what it returned.  So a curve contains everything that
+ * a solver does before its first iteration and after its last one, and needs no trace.  What a solver
+ * has prepared while the system is restricted, beyond the restriction that all need, is added.
  * Points of a sequence are means over its frames; warm = each frame starts from the volume before. */
 #ifndef BENCH_CURVE_H
 #define BENCH_CURVE_H
@@ -71,12 +72,14 @@ struct course {
     int n, from;               /* frames before `from` are solved, not counted */
     const rec_sysmat *S;
     pvx_pool *pool;
+    double restrict_ms; /* of the restriction alone, mean over frames; course_base */
 };
 
 struct setting {
     const char *solver;
     enum rec_stop stop;
     uint32_t iterations;
+    double deadline_ms; /* from the call on; 0: none */
     bool warm;
     bool look;                                               /* judge the unseen view too */
     bool once;                                               /* the time does not matter */
@@ -85,28 +88,47 @@ struct setting {
 };
 
 struct point {
-    double ms;        /* rec_frame_solve, mean over frames */
+    double ms; /* rec_frame_solve and what was prepared for it, mean over frames */
+    double restrict_ms;
     struct quality q; /* mean over frames; views only if asked for */
     double iterations;
     enum rec_status status; /* of the last frame */
     struct rec_frame_report report;
 };
 
-/* Shortest time of rec_frame_solve on a carved slot.  The first run touches pages that the others
- * find mapped; the solution is the same each time.  Two runs at least (patience_ms 0: one). */
-static inline double shortest(rec_frame *f, const struct rec_sparse *previous, double patience_ms)
+/* Time of rec_frame_solve on a carved slot: the shortest of at least two, as the first one touches
+ * pages that the others find mapped; the solution is the same each time.  patience_ms 0: one.
+ * With a deadline the solution is that of the last of two. */
+static inline double solve_ms(rec_frame *f, const struct rec_sparse *previous,
+                              const struct setting *set, double patience_ms)
 {
     double best = 1e300, spent = 0;
     for (int r = 0; r < 9; r++) {
         int64_t t0 = pvx_now_mono();
-        CHECK(rec_frame_solve(f, 0, previous));
+        CHECK(rec_frame_solve(f, set->deadline_ms > 0 ? t0 + (int64_t)(1e6 * set->deadline_ms) : 0,
+                              previous));
         double t = ms(pvx_now_mono() - t0);
+        if (set->deadline_ms > 0 && r == 1)
+            return t;
         best = fmin(best, t);
         spent += t;
+        if (set->deadline_ms > 0)
+            continue;
         if (patience_ms == 0 || spent > 400 || (r >= 1 && spent > patience_ms))
             break;
     }
     return best;
+}
+
+/* Carve; shortest time of the restriction in *restrict_ms. */
+static inline void carve(const struct shot *shot, rec_frame *f, int repeats, double *restrict_ms)
+{
+    *restrict_ms = 1e300;
+    for (int r = 0; r < repeats; r++) {
+        shot_put(shot, f);
+        rec_frame_carve(f);
+        *restrict_ms = fmin(*restrict_ms, ms(rec_frame_get_report(f)->restrict_ns));
+    }
 }
 
 static inline struct point measure(const struct course *c, const struct setting *set)
@@ -131,10 +153,10 @@ static inline struct point measure(const struct course *c, const struct setting 
         bool count = i >= c->from;
         if (!count && !set->warm)
             continue;
-        shot_put(&c->shot[i], now);
-        rec_frame_carve(now);
+        double restricted;
+        carve(&c->shot[i], now, set->once || !count ? 1 : 3, &restricted);
         double patience = set->once || !count ? 0 : c->n > 1 ? 1 : 30;
-        double t = shortest(now, set->warm && i > 0 ? &volume[(i + 1) % 2] : NULL, patience);
+        double t = solve_ms(now, set->warm && i > 0 ? &volume[(i + 1) % 2] : NULL, set, patience);
         rec_frame_volume(now, &volume[i % 2]);
         rec_sparse_to_dense(&volume[i % 2], dense);
         out.report = *rec_frame_get_report(now);
@@ -147,16 +169,27 @@ static inline struct point measure(const struct course *c, const struct setting 
         if (set->look)
             q = judge(&c->scene[i], dense, c->pool);
         out.ms += t / counted;
+        out.restrict_ms += restricted / counted;
         out.iterations += (double)out.report.solve.iterations / counted;
         out.q.volume += q.volume / counted;
         out.q.view += q.view / counted;
         out.q.psnr += q.psnr / counted;
         out.q.ssim += q.ssim / counted;
     }
+    out.ms += fmax(0, out.restrict_ms - c->restrict_ms);
     for (int i = 0; i < 2; i++)
         rec_frame_free(&f[i]);
     free(dense);
     return out;
+}
+
+/* What the restriction takes when nothing else is prepared with it: cgls-paper needs nothing. */
+static inline void course_base(struct course *c)
+{
+    struct setting set = {.solver = "cgls-paper", .stop = REC_STOP_ITERATIONS, .iterations = 1};
+    c->restrict_ms = 1e300;
+    double a = measure(c, &set).restrict_ms, b = measure(c, &set).restrict_ms;
+    c->restrict_ms = fmin(a, b);
 }
 
 /* ---- curves ------------------------------------------------------------------------------------- */
@@ -164,12 +197,24 @@ static inline struct point measure(const struct course *c, const struct setting 
 static const uint16_t budgets[] = {1,  2,  3,  4,  5,  6,  7,  8,  9,  10, 11,
                                    12, 14, 16, 20, 24, 32, 48, 64, 80, 100};
 #define N_BUDGETS ((int)(sizeof budgets / sizeof *budgets))
+/* Shares of a time. */
+static const double shares[] = {0.1, 0.2, 0.33, 0.5, 0.7, 0.85, 1};
+#define N_SHARES ((int)(sizeof shares / sizeof *shares))
 
 struct curve {
-    int n, best; /* best: smallest volume error */
-    uint32_t k[N_BUDGETS];
-    struct point at[N_BUDGETS];
+    int n, best;                      /* best: smallest volume error */
+    uint32_t k[N_BUDGETS + N_SHARES]; /* budget; 0: a deadline */
+    struct point at[N_BUDGETS + N_SHARES];
 };
+
+static inline void curve_add(struct curve *c, uint32_t k, const struct point *p)
+{
+    c->k[c->n] = k;
+    c->at[c->n] = *p;
+    if (p->q.volume < c->at[c->best].q.volume)
+        c->best = c->n;
+    c->n++;
+}
 
 /* The solver of `like`, started and judged as it says; stops at `k_limit` iterations, or past
  * `ms_limit`. */
@@ -181,13 +226,23 @@ static inline void curve_measure(const struct course *c, const struct setting *l
     set.stop = REC_STOP_ITERATIONS;
     for (int i = 0; i < N_BUDGETS && budgets[i] <= k_limit; i++) {
         set.iterations = budgets[i];
-        out->k[i] = budgets[i];
-        out->at[i] = measure(c, &set);
-        out->n = i + 1;
-        if (out->at[i].q.volume < out->at[out->best].q.volume)
-            out->best = i;
-        if (out->at[i].ms > ms_limit)
+        struct point p = measure(c, &set);
+        curve_add(out, budgets[i], &p);
+        if (p.ms > ms_limit)
             break;
+    }
+}
+
+/* More points: what `like` returns when its deadline is a share of `whole_ms`. */
+static inline void curve_deadlines(const struct course *c, const struct setting *like,
+                                   double whole_ms, struct curve *out)
+{
+    struct setting set = *like;
+    set.stop = REC_STOP_AUTO;
+    for (int i = 0; i < N_SHARES; i++) {
+        set.deadline_ms = shares[i] * whole_ms;
+        struct point p = measure(c, &set);
+        curve_add(out, 0, &p);
     }
 }
 

@@ -1,7 +1,8 @@
 """plot.py BENCH_DIR: error against time from curves.csv as error-time.png.
 
 A row of panels per basis, a panel per flame, a curve per solver: every point is a whole solve with
-another iteration budget.  The star is what the solver returns by itself."""
+another iteration budget; dotted: the default solver stopped by a deadline.  The star is what the
+solver returns by itself."""
 import csv
 import sys
 from collections import defaultdict
@@ -15,7 +16,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 COLOURS = ["#d62728", "#1f77b4", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2", "#7f7f7f"]
 
 folder = sys.argv[1]
-curves, stops, solvers, scenes, bases, noise = defaultdict(list), {}, [], [], [], None
+curves, late, stops = defaultdict(list), defaultdict(list), {}
+solvers, scenes, bases, noise = [], [], [], None
 with open(folder + "/curves.csv", newline="") as f:
     for row in csv.DictReader(f):
         key = row["scene"], row["basis"], row["solver"]
@@ -27,7 +29,7 @@ with open(folder + "/curves.csv", newline="") as f:
         if row["stop"] == "auto":
             stops[key] = point
         else:
-            curves[key].append(point)
+            (late if row["stop"] == "deadline" else curves)[key].append(point)
 
 fig, axes = plt.subplots(len(bases), len(scenes), figsize=(5.2 * len(scenes), 4.2 * len(bases) + 0.6),
                          sharey="col", squeeze=False)
@@ -43,6 +45,9 @@ for r, basis in enumerate(bases):
             colour = COLOURS[i % len(COLOURS)]
             ax.plot(*zip(*points), color=colour, marker="o", markersize=2.5, linewidth=2.2 if i == 0 else 1.2,
                     zorder=3 if i == 0 else 2, label=solver + (" (default)" if i == 0 else ""))
+            if late[scene, basis, solver]:
+                ax.plot(*zip(*sorted(late[scene, basis, solver])), color=colour, linestyle=":", linewidth=1.5,
+                        zorder=3, label=solver + " by deadline")
             if (scene, basis, solver) in stops:
                 ax.plot(*stops[scene, basis, solver], marker="*", markersize=14, color=colour,
                         markeredgecolor="black", markeredgewidth=0.6, linestyle="none", zorder=4)

@@ -18,7 +18,7 @@ rc=0
     done
     # end to end, with simulated cameras
     if [ -f tests/bench/live.sh ] && [[ live == *"$filter"* ]]; then
-        bash tests/bench/live.sh "$b" || { echo "FAIL live.sh: exit $?"; rc=1; }
+        LIVE_SECONDS=${LIVE_SECONDS:-60} bash tests/bench/live.sh "$b" || { echo "FAIL live.sh: exit $?"; rc=1; }
     fi
     if [ -f "$out/curves.csv" ]; then
         /usr/bin/python3 tests/bench/plot.py "$out" || rc=1
