@@ -45,8 +45,10 @@ static uint32_t add_child(const struct job *j, size_t c, uint32_t e, uint32_t en
     const rec_sysmat *f = j->fine;
     uint32_t first = (uint32_t)f->row0[c], last = (uint32_t)f->row0[c + 1];
     uint32_t bw = (uint32_t)f->block[c].bw, coarse_bw = (uint32_t)j->m->block[c].bw;
+    double per_bw = 1.0 / bw;
     for (; e < end && f->row[e] < last; e++) {
-        uint32_t r = f->row[e] - first, fine_y = r / bw;
+        uint32_t r = f->row[e] - first;
+        uint32_t fine_y = (uint32_t)(int32_t)((r + 0.5) * per_bw); /* r / bw, exactly */
         uint32_t x = (r - fine_y * bw) / 2, y = fine_y / 2;
         picture[y * coarse_bw + x] += f->val[e];
         t->x0 = x < t->x0 ? x : t->x0;

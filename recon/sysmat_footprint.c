@@ -23,12 +23,23 @@ struct job {
     struct rec_rect *fp;
     int32_t span;   /* lattice cells per support: 1 box, 2 trilinear */
     int32_t nx, ny; /* lattice points per layer */
+    double per_bin; /* 1 / binning */
     atomic_bool out_of_memory;
 };
 
-struct point {
-    struct rec_projection p;
-    bool ok;
+/* What is known of a projected point: pixel, normalised undistorted coordinates, Jacobian. */
+enum { U, V, X, Y, J0, J1, J2, J3, QUANTITIES };
+
+/* A layer of lattice points, quantity after quantity, so that loops over a row of them are vectors. */
+struct layer {
+    double *q[QUANTITIES]; /* [ny*nx] */
+    uint8_t *hidden;       /* [ny*nx] behind the camera or past the fold of its lens */
+};
+
+/* Least and largest of the corners of the supports that start in one row of the lattice. */
+struct corners {
+    double *lo[QUANTITIES], *hi[QUANTITIES]; /* [nx] */
+    uint8_t *hidden;                         /* [nx] any of them */
 };
 
 static const struct rec_rect unseen = {1, 1, 0, 0};
@@ -40,31 +51,62 @@ static double plane(const struct rec_grid *g, int a, int32_t i)
     return g->min[a] + (g->basis == REC_TRILINEAR ? i - 0.5 : i) * rec_grid_h(g, a);
 }
 
-static void project_layer(const struct job *j, int32_t k, struct point *layer)
+static void project_layer(const struct job *j, int32_t k, struct layer *l)
 {
     const struct rec_grid *g = &j->m->grid;
     for (int32_t y = 0; y < j->ny; y++)
         for (int32_t x = 0; x < j->nx; x++) {
-            struct point *p = &layer[(size_t)y * (size_t)j->nx + (size_t)x];
-            double X[3] = {plane(g, 0, x), plane(g, 1, y), plane(g, 2, k)};
-            p->ok = rec_camera_project_full(j->c, X, &p->p);
+            size_t at = (size_t)y * (size_t)j->nx + (size_t)x;
+            double point[3] = {plane(g, 0, x), plane(g, 1, y), plane(g, 2, k)};
+            struct rec_projection p;
+            l->hidden[at] = !rec_camera_project_full(j->c, point, &p);
+            if (l->hidden[at])
+                continue;
+            double all[QUANTITIES] = {p.u, p.v, p.x, p.y, p.J[0], p.J[1], p.J[2], p.J[3]};
+            for (int q = 0; q < QUANTITIES; q++)
+                l->q[q][at] = all[q];
         }
 }
 
-struct range {
-    double lo, hi;
-};
-
-static void widen(struct range *r, double v)
+static inline double least(double a, double b)
 {
-    r->lo = v < r->lo ? v : r->lo; /* fmin is a call, and this runs 64 times per voxel */
-    r->hi = v > r->hi ? v : r->hi;
+    return a < b ? a : b;
+}
+static inline double most(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+/* Over the four lattice rows of the supports of voxel row y between two layers, then along them. */
+static void gather_corners(const struct job *j, const struct layer *near, const struct layer *far,
+                           int32_t y, struct corners *out)
+{
+    size_t n = (size_t)j->nx, a = (size_t)y * n, b = a + (size_t)j->span * n;
+    size_t span = (size_t)j->span;
+    for (int q = 0; q < QUANTITIES; q++) {
+        const double *na = near->q[q] + a, *nb = near->q[q] + b;
+        const double *fa = far->q[q] + a, *fb = far->q[q] + b;
+        double *restrict lo = out->lo[q], *restrict hi = out->hi[q];
+        for (size_t x = 0; x < n; x++) {
+            lo[x] = least(least(na[x], nb[x]), least(fa[x], fb[x]));
+            hi[x] = most(most(na[x], nb[x]), most(fa[x], fb[x]));
+        }
+        for (size_t x = 0; x + span < n; x++) {
+            lo[x] = least(lo[x], lo[x + span]);
+            hi[x] = most(hi[x], hi[x + span]);
+        }
+    }
+    for (size_t x = 0; x < n; x++)
+        out->hidden[x] =
+            near->hidden[a + x] | near->hidden[b + x] | far->hidden[a + x] | far->hidden[b + x];
+    for (size_t x = 0; x + span < n; x++)
+        out->hidden[x] |= out->hidden[x + span];
 }
 
 /* Bins of the pixel range [lo,hi], clipped to `n` bins; false when it lies outside. */
-static bool bins(struct range px, int32_t binning, int32_t n, uint16_t *first, uint16_t *last)
+static bool bins(double lo, double hi, double per_bin, int32_t n, uint16_t *first, uint16_t *last)
 {
-    double a = floor((px.lo + 0.5) / binning), b = floor((px.hi + 0.5) / binning);
+    double a = (lo + 0.5) * per_bin, b = (hi + 0.5) * per_bin;
     if (!(b >= 0) || !(a < n))
         return false;
     *first = (uint16_t)(a < 0 ? 0 : a);
@@ -73,32 +115,17 @@ static bool bins(struct range px, int32_t binning, int32_t n, uint16_t *first, u
 }
 
 /* All corners in front of the camera: the rectangle of the support, grown for the lens. */
-static struct rec_rect rectangle(const struct job *j, const struct point *const corner[8])
+static struct rec_rect rectangle(const struct job *j, const struct corners *k, size_t x)
 {
-    const struct rec_projection *q0 = &corner[0]->p;
-    struct range u = {q0->u, q0->u}, v = {q0->v, q0->v}, x = {q0->x, q0->x}, y = {q0->y, q0->y};
-    struct range J[4];
-    for (int q = 0; q < 4; q++)
-        J[q] = (struct range){q0->J[q], q0->J[q]};
-    for (int i = 1; i < 8; i++) {
-        const struct rec_projection *p = &corner[i]->p;
-        widen(&u, p->u);
-        widen(&v, p->v);
-        widen(&x, p->x);
-        widen(&y, p->y);
-        for (int q = 0; q < 4; q++)
-            widen(&J[q], p->J[q]);
-    }
-    double dx = x.hi - x.lo, dy = y.hi - y.lo, D = sqrt(dx * dx + dy * dy);
-    double bend_u = 0.5 * D * (J[0].hi - J[0].lo + J[1].hi - J[1].lo) + 1e-6;
-    double bend_v = 0.5 * D * (J[2].hi - J[2].lo + J[3].hi - J[3].lo) + 1e-6;
-    u.lo -= bend_u;
-    u.hi += bend_u;
-    v.lo -= bend_v;
-    v.hi += bend_v;
+    double range[QUANTITIES];
+    for (int q = 0; q < QUANTITIES; q++)
+        range[q] = k->hi[q][x] - k->lo[q][x];
+    double D = sqrt(range[X] * range[X] + range[Y] * range[Y]);
+    double bend_u = 0.5 * D * (range[J0] + range[J1]) + 1e-6;
+    double bend_v = 0.5 * D * (range[J2] + range[J3]) + 1e-6;
     struct rec_rect r;
-    if (!bins(u, j->m->binning, j->b->bw, &r.x0, &r.x1) ||
-        !bins(v, j->m->binning, j->b->bh, &r.y0, &r.y1))
+    if (!bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0, &r.x1) ||
+        !bins(k->lo[V][x] - bend_v, k->hi[V][x] + bend_v, j->per_bin, j->b->bh, &r.y0, &r.y1))
         return unseen;
     return r;
 }
@@ -132,49 +159,68 @@ static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_
     return (struct rec_rect){(uint16_t)x0, (uint16_t)y0, (uint16_t)x1, (uint16_t)y};
 }
 
-static struct rec_rect footprint(const struct job *j, size_t col, const struct point *const c[8])
+static struct rec_rect footprint(const struct job *j, size_t col, const struct corners *k, size_t x)
 {
-    int ok = 0;
-    for (int i = 0; i < 8; i++)
-        ok += c[i]->ok;
-    if (ok == 8)
-        return with_entries(j, col, rectangle(j, c));
+    if (!k->hidden[x])
+        return with_entries(j, col, rectangle(j, k, x));
     /* partly behind the camera or past the fold of the lens: its outline is not known */
     if (j->part->colptr[col] == j->part->colptr[col + 1])
         return unseen;
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
 }
 
+/* The layers that a slab goes through and one row of corners, in one piece of memory. */
+struct work {
+    struct layer ring[3];
+    struct corners corners;
+    void *memory;
+};
+
+static bool new_work(const struct job *j, struct work *w)
+{
+    size_t nx = (size_t)j->nx, layer = nx * (size_t)j->ny;
+    size_t doubles = QUANTITIES * (3 * layer + 2 * nx);
+    double *p = w->memory = pvx_calloc(doubles * sizeof *p + 3 * layer + nx, 1);
+    if (p == NULL)
+        return false;
+    for (int q = 0; q < QUANTITIES; q++) {
+        for (int i = 0; i < 3; i++, p += layer)
+            w->ring[i].q[q] = p;
+        w->corners.lo[q] = p;
+        w->corners.hi[q] = p + nx;
+        p += 2 * nx;
+    }
+    uint8_t *hidden = (uint8_t *)p;
+    for (int i = 0; i < 3; i++, hidden += layer)
+        w->ring[i].hidden = hidden;
+    w->corners.hidden = hidden;
+    return true;
+}
+
 static void slab(void *ctx, size_t task)
 {
     struct job *j = ctx;
     const struct rec_grid *g = &j->m->grid;
-    size_t per_layer = (size_t)j->nx * (size_t)j->ny;
     int32_t planes = j->span + 1, k0 = (int32_t)task * SLAB;
     int32_t k1 = k0 + SLAB < g->n[2] ? k0 + SLAB : g->n[2];
-    struct point *ring = malloc((size_t)planes * per_layer * sizeof *ring);
-    if (ring == NULL) {
+    struct work w;
+    if (!new_work(j, &w)) {
         atomic_store(&j->out_of_memory, true);
         return;
     }
     for (int32_t k = k0; k < k0 + j->span; k++)
-        project_layer(j, k, ring + (size_t)(k % planes) * per_layer);
+        project_layer(j, k, &w.ring[k % planes]);
     for (int32_t k = k0; k < k1; k++) {
         int32_t far = k + j->span;
-        project_layer(j, far, ring + (size_t)(far % planes) * per_layer);
-        for (int32_t y = 0; y < g->n[1]; y++)
-            for (int32_t x = 0; x < g->n[0]; x++) {
-                const struct point *c[8];
-                for (int i = 0; i < 8; i++) {
-                    int32_t cx = x + (i & 1) * j->span, cy = y + (i >> 1 & 1) * j->span;
-                    int32_t cz = (k + (i >> 2) * j->span) % planes;
-                    c[i] = ring + (size_t)cz * per_layer + (size_t)cy * (size_t)j->nx + (size_t)cx;
-                }
-                size_t col = (size_t)rec_grid_index(g, x, y, k);
-                j->fp[col] = footprint(j, col, c);
-            }
+        project_layer(j, far, &w.ring[far % planes]);
+        for (int32_t y = 0; y < g->n[1]; y++) {
+            gather_corners(j, &w.ring[k % planes], &w.ring[far % planes], y, &w.corners);
+            size_t col = (size_t)rec_grid_index(g, 0, y, k);
+            for (size_t x = 0; x < (size_t)g->n[0]; x++)
+                j->fp[col + x] = footprint(j, col + x, &w.corners, x);
+        }
     }
-    free(ring);
+    free(w.memory);
 }
 
 pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
@@ -189,7 +235,8 @@ pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
                     .fp = fp,
                     .span = span,
                     .nx = m->grid.n[0] + span,
-                    .ny = m->grid.n[1] + span};
+                    .ny = m->grid.n[1] + span,
+                    .per_bin = 1.0 / m->binning};
     pvx_pool_run(pool, (size_t)(m->grid.n[2] + SLAB - 1) / SLAB, slab, &j);
     return atomic_load(&j.out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }
