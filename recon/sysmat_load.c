@@ -204,19 +204,21 @@ static enum verdict check_colptr(const rec_sysmat *m, size_t j0, size_t j1)
     return bad ? BAD_ORDER : SOUND;
 }
 
-/* Rows may descend only where a column starts: as many descents as there are at column starts. */
+/* Rows may descend only where a column starts: as many descents as there are at column starts.
+ * Compared as signed numbers, which vectors can; a row number from 2^31 on is seen by its sign. */
 static enum verdict check_rows(const rec_sysmat *m, size_t e0, size_t e1)
 {
-    const uint32_t *row = m->row, *p = m->colptr;
-    uint32_t worst = 0;
-    int64_t descents = 0;
-    for (size_t e = e0; e < e1; e++)
-        worst = row[e] > worst ? row[e] : worst;
-    if (worst >= m->row0[m->n_cameras])
-        return BAD_RANGE;
+    const int32_t *row = (const int32_t *)m->row;
+    const uint32_t *p = m->colptr;
+    const int32_t last = (int32_t)(m->row0[m->n_cameras] - 1);
+    uint32_t outside = row[e0] < 0 || row[e0] > last, descents = 0;
     e0 += e0 == 0;
-    for (size_t e = e0; e < e1; e++)
+    for (size_t e = e0; e < e1; e++) {
+        outside |= (uint32_t) - (row[e] > last) | (uint32_t)row[e] >> 31;
         descents += row[e] <= row[e - 1];
+    }
+    if (outside)
+        return BAD_RANGE;
     size_t j = 0, end = rec_grid_count(&m->grid);
     while (j < end) { /* first column that starts at e0 or later */
         size_t mid = j + (end - j) / 2;
@@ -226,25 +228,25 @@ static enum verdict check_rows(const rec_sysmat *m, size_t e0, size_t e1)
             end = mid;
     }
     for (; p[j] < e1; j++)
-        if (p[j + 1] > p[j])
-            descents -= row[p[j]] <= row[p[j] - 1];
+        descents -= (p[j + 1] > p[j]) & (row[p[j]] <= row[p[j] - 1]);
     return descents == 0 ? SOUND : BAD_ORDER;
 }
 
 static enum verdict check_values(const rec_sysmat *m, size_t e0, size_t e1)
 {
-    bool bad = false;
+    uint16_t zero = 0;
     for (size_t e = e0; e < e1; e++)
-        bad |= m->val[e] == 0;
-    return bad ? BAD_RANGE : SOUND;
+        zero |= (uint16_t) - (m->val[e] == 0);
+    return zero ? BAD_RANGE : SOUND;
 }
 
 static enum verdict check_footprints(const struct rec_sysmat_block *b, size_t j0, size_t j1)
 {
-    bool bad = false;
+    const int32_t bw = b->bw, bh = b->bh;
+    int32_t bad = 0;
     for (size_t j = j0; j < j1; j++) {
         struct rec_rect r = b->fp[j];
-        bad |= (r.x1 >= b->bw) | (r.y1 >= b->bh) | ((r.x0 <= r.x1) & (r.y0 > r.y1));
+        bad |= (r.x1 >= bw) | (r.y1 >= bh) | ((r.x0 <= r.x1) & (r.y0 > r.y1));
     }
     return bad ? BAD_RANGE : SOUND;
 }

@@ -105,15 +105,20 @@ static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
     printf("%-18s %016llx\n", "key", (unsigned long long)m->key);
 }
 
-static int check(const char *path)
+static double seconds_since(int64_t t0)
+{
+    return (double)(pvx_now_mono() - t0) * 1e-9;
+}
+
+static int check(const char *path, pvx_pool *pool)
 {
     struct pvx_diag d = {""};
     rec_sysmat *m;
     int64_t t0 = pvx_now_mono();
-    pvx_err e = rec_sysmat_load(path, 0, true, NULL, &m, &d);
+    pvx_err e = rec_sysmat_load(path, 0, true, pool, &m, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    double s = (double)(pvx_now_mono() - t0) * 1e-9;
+    double s = seconds_since(t0);
     print_matrix(m, NULL);
     printf("%-18s %.0f ms\n%s: sound\n", "checked in", s * 1e3, path);
     rec_sysmat_free(&m);
@@ -133,63 +138,86 @@ static pvx_err check_writable(const char *out, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static int build(const struct options *o, const struct rec_rig *rig)
+/* Progress that notes when building ended and saving began. */
+struct watch {
+    struct cli_progress bar;
+    int64_t built;
+};
+
+static bool watch(void *ctx, double done)
+{
+    struct watch *w = ctx;
+    if (done >= 1)
+        w->built = pvx_now_mono();
+    return cli_progress(&w->bar, done);
+}
+
+static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *pool)
 {
     struct pvx_diag d = {""};
-    struct cli_progress bar = {.label = "system matrix"};
-    pvx_pool *pool;
+    struct watch w = {.bar = {.label = "system matrix"}};
     rec_sysmat *m;
     bool cached;
     pvx_err e = o->out == NULL ? PVX_OK : check_writable(o->out, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    e = pvx_pool_new(o->rig.threads, "matrix", &pool);
-    if (e != PVX_OK)
-        return cli_error(NULL, e);
     cli_catch_stop();
     int64_t t0 = pvx_now_mono();
-    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, cli_progress, &bar, &m, &cached, &d);
-    double s = (double)(pvx_now_mono() - t0) * 1e-9;
-    unsigned threads = pvx_pool_threads(pool);
-    pvx_pool_free(&pool);
+    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, watch, &w, &m, &cached, &d);
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
         return 130;
     }
     if (e != PVX_OK)
         return cli_error(&d, e);
+    double s = seconds_since(t0), saving = seconds_since(w.built);
     print_matrix(m, rig);
-    if (cached)
+    if (cached) {
         printf("%-18s %.0f ms (found and verified, not built)\n", "cached, opened in", s * 1e3);
-    else
-        printf("%-18s %.2f s with %u thread%s, %.1f M entries/s\n", "built, saved in", s, threads,
-               threads == 1 ? "" : "s", (double)m->nnz / s * 1e-6);
+    } else {
+        unsigned threads = pvx_pool_threads(pool);
+        printf("%-18s %.2f s with %u thread%s, %.1f M entries/s\n", "built in", s - saving, threads,
+               threads == 1 ? "" : "s", (double)m->nnz / (s - saving) * 1e-6);
+        printf("%-18s %.2f s\n", "saved in", saving);
+    }
     uint64_t key = m->key;
     rec_sysmat_free(&m);
-    if (o->out == NULL)
+    if (o->out == NULL || cached)
         return 0;
-    e = rec_sysmat_load(o->out, key, false, NULL, &m,
-                        &d); /* the log has said why it is not there */
+    t0 = pvx_now_mono();
+    e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log has said why it is not there */
     if (e != PVX_OK)
         return cli_error(&d, e);
+    printf("%-18s %.0f ms\n", "opened in", seconds_since(t0) * 1e3);
     rec_sysmat_free(&m);
     return 0;
+}
+
+static int run_with(const struct options *o, pvx_pool *pool)
+{
+    struct pvx_diag d = {""};
+    struct rec_rig rig;
+    if (o->check != NULL)
+        return check(o->check, pool);
+    pvx_err e = opt_rig_load(&o->rig, &rig, &d);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    int rc = build(o, &rig, pool);
+    rec_rig_fini(&rig);
+    return rc;
 }
 
 static int run(int argc, char **argv)
 {
     struct options o = {.rig = OPT_RIG_INIT};
-    struct pvx_diag d = {""};
-    struct rec_rig rig;
+    pvx_pool *pool;
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &o);
-    if (o.check != NULL)
-        return check(o.check);
-    pvx_err e = opt_rig_load(&o.rig, &rig, &d);
+    pvx_err e = pvx_pool_new(o.rig.threads, "matrix", &pool);
     if (e != PVX_OK)
-        return cli_error(&d, e);
-    int rc = build(&o, &rig);
-    rec_rig_fini(&rig);
+        return cli_error(NULL, e);
+    int rc = run_with(&o, pool);
+    pvx_pool_free(&pool);
     return rc;
 }
 

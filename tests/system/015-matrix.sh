@@ -33,12 +33,12 @@ YAML
 
 builds() {
     run "$p" matrix --rig "$rig" --threads 2
-    says 0 'left' 'right' '16 x 16 x 16 = 4096, box' 'bytes per entry' 'built' '100 %' &&
+    says 0 'left' 'right' '16 x 16 x 16 = 4096, box' 'bytes per entry' 'levels' 'built in' 'saved in' '100 %' &&
         [ "$(ls "$dir"/cache | grep -c '^sysmat-[0-9a-f]*\.pvxm$')" = 1 ]
 }
 cached() {
     run "$p" matrix --rig "$rig"
-    says 0 'cached, opened in' && ! grep -q 'built, saved' <<< "$out"
+    says 0 'cached, opened in' && ! grep -q 'built in' <<< "$out"
 }
 another_grid_another_file() {
     run "$p" matrix --rig "$rig" --grid 8,9,10 --basis trilinear --cameras right --binning 4 --rays 3
