@@ -273,22 +273,24 @@ static void number_range(void *ctx, size_t i)
     }
 }
 
-/* One entry to both copies.  A row is come back to after many others: what it needs then, its next
- * cache line, is asked for now. */
-static inline void fill(const struct rec_subsys *a, struct rec_place *p, int32_t q, uint16_t val,
-                        uint32_t at)
+/* One entry of column q to both copies.  A row is come back to after many others: what it needs then,
+ * its next cache line, is asked for now. */
+static inline void fill(struct rec_entry *by_row, struct rec_entry *by_col, struct rec_place *p,
+                        int32_t q, float val)
 {
-    float v = a->S->unit * (float)val;
-    struct rec_entry *by_row = a->by_row.entry + p->at++;
-    __builtin_prefetch(by_row + 8, 1);
-    *by_row = (struct rec_entry){(uint32_t)q, v};
-    a->by_col.entry[at] = (struct rec_entry){p->number, v};
+    struct rec_entry *r = by_row + p->at++;
+    __builtin_prefetch(r + 8, 1);
+    *r = (struct rec_entry){(uint32_t)q, val};
+    *by_col = (struct rec_entry){p->number, val};
 }
 
 static void fill_all(const struct rec_subsys *a, const struct rec_strip *s, int32_t q0, int32_t q1)
 {
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
     const uint16_t *val = a->S->val;
+    const float unit = a->S->unit;
+    struct rec_entry *by_row = a->by_row.entry, *by_col = a->by_col.entry;
+    struct rec_place *place = s->place;
     uint32_t at = s->room;
     for (int32_t q = q0; q < q1; q++) {
         uint32_t e = colptr[a->col[q]], end = colptr[a->col[q] + 1];
@@ -300,11 +302,11 @@ static void fill_all(const struct rec_subsys *a, const struct rec_strip *s, int3
         if (e == end)
             continue;
         /* the padding first: how much it is can not be foreseen, that it is 4 can */
-        struct rec_entry zero = {s->place[row[end - 1]].number, 0};
+        struct rec_entry zero = {place[row[end - 1]].number, 0};
         for (uint32_t i = 1; i <= 4; i++)
-            a->by_col.entry[full - i] = zero;
+            by_col[full - i] = zero;
         for (; e < end; e++)
-            fill(a, &s->place[row[e]], q, val[e], at++);
+            fill(by_row, by_col + at++, &place[row[e]], q, unit * (float)val[e]);
         at = full;
     }
 }
@@ -314,6 +316,7 @@ static void fill_present(const struct restriction *t, const struct rec_strip *s,
 {
     const struct rec_subsys *a = t->a;
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
+    struct rec_entry *by_col = a->by_col.entry;
     uint32_t at = s->room;
     for (int32_t q = q0; q < q1; q++) {
         uint32_t first = at, end = colptr[a->col[q] + 1];
@@ -321,9 +324,10 @@ static void fill_present(const struct restriction *t, const struct rec_strip *s,
         a->by_col.ptr[q] = first;
         for (uint32_t e = colptr[a->col[q]]; e < end; e++)
             if (is_present(t, &k, row[e]))
-                fill(a, &s->place[row[e]], q, a->S->val[e], at++);
+                fill(a->by_row.entry, by_col + at++, &s->place[row[e]], q,
+                     a->S->unit * (float)a->S->val[e]);
         for (; at < first + padded(at - first); at++)
-            a->by_col.entry[at] = (struct rec_entry){a->by_col.entry[at - 1].idx, 0};
+            by_col[at] = (struct rec_entry){by_col[at - 1].idx, 0};
     }
 }
 

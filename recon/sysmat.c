@@ -11,8 +11,7 @@
 /* Raise it when the same rig and parameters give other entries than before: old caches go stale. */
 #define METHOD_VERSION 2u
 
-#define COARSEST  16 /* voxels along the longest side of the coarsest level, at least */
-#define HUGE_PAGE ((size_t)2 << 20)
+#define COARSEST 16 /* voxels along the longest side of the coarsest level, at least */
 
 const struct rec_sysmat_params rec_sysmat_defaults = {0, 0};
 
@@ -127,13 +126,9 @@ pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d)
 
 void *rec_sysmat_array(uint64_t bytes)
 {
-    size_t align = bytes >= 2 * HUGE_PAGE ? HUGE_PAGE : PVX_ALIGN;
     if (bytes > SIZE_MAX / 2)
         return NULL;
-    void *p = aligned_alloc(align, ((size_t)bytes + align) & ~(align - 1));
-    if (p != NULL && align == HUGE_PAGE)
-        madvise(p, (size_t)bytes, MADV_HUGEPAGE); /* a wish; refusing it changes nothing */
-    return p;
+    return aligned_alloc(PVX_ALIGN, ((size_t)bytes + PVX_ALIGN) & ~((size_t)PVX_ALIGN - 1));
 }
 
 float rec_sysmat_unit(const struct rec_grid *g)

@@ -325,8 +325,8 @@ static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
             "camera %s: %llu matrix entries are more than the 2^32-1 of one matrix; use "
             "fewer voxels or a larger binning",
             b->c->name, (unsigned long long)out->nnz);
-    out->row = malloc(out->nnz * sizeof *out->row);
-    out->val = malloc(out->nnz * sizeof *out->val);
+    out->row = rec_sysmat_array(out->nnz * sizeof *out->row);
+    out->val = rec_sysmat_array(out->nnz * sizeof *out->val);
     if (out->row == NULL || out->val == NULL)
         return no_memory(b, out->nnz * ENTRY, d);
     size_t chunks = (b->N + CHUNK - 1) / CHUNK;

@@ -28,8 +28,7 @@ PVX_MUST_CHECK pvx_err rec_sysmat_alloc(size_t n_cameras, rec_sysmat **out);
 /* row0 from the blocks' bw, bh.  PVX_ERANGE + diag: more than 2^31-1 rows. */
 PVX_MUST_CHECK pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d);
 
-/* `bytes` from the heap, on huge pages where the system gives them: S is read column by column in
- * any order, which is what small pages are slow at.  free(); NULL when there are none. */
+/* `bytes` from the heap, aligned but not zeroed.  free(); NULL when there are none. */
 void *rec_sysmat_array(uint64_t bytes);
 
 /* Everything of a coarser level but its entries and footprints. */
