@@ -14,7 +14,8 @@
  *
  * Limits: after k steps sigma_max is a lower and sigma_min an UPPER estimate.  The largest converges
  * in some ten steps, the smallest of an ill-posed system late: condition is then a lower estimate.
- * Both are exact, to 1e-14 sigma_max, where `exact` says so.  rank has a spread of about
+ * Both are exact, to 1e-14 sigma_max, where `exact` says so.  rank means something
+ * once sigma_min has come below the limit that it counts from; then it has a spread of about
  * sqrt(min(rows, columns) / probes) / 2.
  * For tools and tests, not for the frame path: allocates 8 (rows + columns) steps bytes, runs on one
  * thread and costs 2 products and 8 (rows + columns) k operations in step k.
