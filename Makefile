@@ -42,6 +42,9 @@ LDLIBS    = $(pkg_libs) -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 BASE    := $(sort $(wildcard daemon/base/*.c))
 RECON   := $(sort $(wildcard recon/*.c recon/simd/*.c))
+ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
+RECON   := $(filter-out %_avx2.c %_avx512.c,$(RECON))
+endif
 CAPTURE := $(sort $(wildcard capture/*.c))
 PROTO   := $(sort $(wildcard proto/*.c))
 CLIENT  := $(sort $(wildcard proto/clients/*.c))
@@ -121,6 +124,7 @@ clean: ## remove everything that was built
 # ---- rules ------------------------------------------------------------------------------------
 # Four lanes at a time in plain C: at -O2 gcc 12 leaves most of these loops scalar.
 $(B)/recon/%.o: CFLAGS += -O3
+$(B)/recon/simd/kernels_avx512.o: CFLAGS += -mavx512f -mavx512vl -mavx2 -mfma
 $(B)/recon/simd/kernels_avx2.o $(B)/recon/simd/pcg_pass_avx2.o: CFLAGS += -mavx2 -mfma -mf16c
 # Plain loops written to be vectorised.
 $(B)/recon/flame.o $(B)/capture/pixfmt.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)

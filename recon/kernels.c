@@ -28,10 +28,14 @@ void rec_kernels_init(struct rec_kernels *k, unsigned mask)
         mask = 0;
     else if (env != NULL && strcmp(env, "avx2") == 0)
         mask &= REC_CPU_AVX2;
+    else if (env != NULL && strcmp(env, "avx512") == 0)
+        mask &= REC_CPU_AVX2 | REC_CPU_AVX512;
     unsigned have = rec_cpu_flags() & mask;
 #if defined(__x86_64__)
     if (have & REC_CPU_AVX2)
         rec_kernels_avx2(k);
+    if (have & REC_CPU_AVX2 && have & REC_CPU_AVX512)
+        rec_kernels_avx512(k);
 #else
     (void)have;
 #endif

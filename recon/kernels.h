@@ -33,7 +33,7 @@ struct rec_kernels {
 
 /* Flags of this CPU. */
 unsigned rec_cpu_flags(void);
-/* Fill the table for cpu & mask; the environment variable PYROVOX_CPU (ref|avx2) narrows it. */
+/* Fill the table for cpu & mask; the environment variable PYROVOX_CPU (ref|avx2|avx512) narrows it. */
 void rec_kernels_init(struct rec_kernels *k, unsigned mask);
 
 #endif
