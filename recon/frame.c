@@ -31,6 +31,7 @@ struct rec_frame {
     float *scratch; /* [rows] */
     int32_t *col;   /* [voxels] */
     float *x;       /* [voxels][cs] */
+    float *start;   /* [voxels][cs] the coarser grids' solution, while x holds an earlier volume */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
     struct rec_subsys *sub;
     rec_levels *levels; /* or NULL: start from zero or from an earlier volume */
@@ -66,9 +67,10 @@ pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
     f->scratch = pvx_calloc(f->rows, sizeof *f->scratch);
     f->col = pvx_reserve(f->voxels * sizeof *f->col);
     f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
+    f->start = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->start);
     pvx_err e = PVX_ENOMEM;
     if (f->b != NULL && f->weight != NULL && f->lit != NULL && f->scratch != NULL &&
-        f->col != NULL && f->x != NULL)
+        f->col != NULL && f->x != NULL && f->start != NULL)
         e = rec_hull_new(S, &f->hull);
     if (e == PVX_OK)
         e = rec_subsys_new(S, &f->kernels, pool, f->cs, &f->sub);
@@ -100,6 +102,7 @@ void rec_frame_free(rec_frame **fp)
     free(f->scratch);
     pvx_unreserve(f->col, f->voxels * sizeof *f->col);
     pvx_unreserve(f->x, f->voxels * (size_t)f->cs * sizeof *f->x);
+    pvx_unreserve(f->start, f->voxels * (size_t)f->cs * sizeof *f->start);
     rec_hull_free(&f->hull);
     rec_subsys_free(&f->sub);
     rec_solver_free(&f->solver);
@@ -205,6 +208,22 @@ static void warm_start(rec_frame *f, const struct rec_sparse *from)
     }
 }
 
+/* x = the coarser grids' solution, or the earlier volume that is there (`warm`), scaled, if it leaves
+ * the smaller residual: after a flame that jumped it does not.  true: it is the earlier volume. */
+static bool coarse_start(rec_frame *f, const struct rec_solve_params *p, bool warm)
+{
+    float *coarse = warm ? f->start : f->x;
+    rec_levels_solve(f->levels, f->sub, p->weight, p->deadline_ns, coarse,
+                     &f->report.coarse_iterations);
+    if (!warm)
+        return false;
+    double earlier = rec_solve_fit(f->solver, f->sub, true, f->x);
+    if (earlier <= rec_solve_fit(f->solver, f->sub, false, coarse))
+        return true;
+    memcpy(f->x, coarse, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
+    return false;
+}
+
 pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_sparse *previous)
 {
     int64_t t0 = pvx_now_mono();
@@ -212,17 +231,17 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     double weight[4];
     if (deadline_ns != 0)
         p.deadline_ns = deadline_ns;
-    if (previous != NULL && previous->n > 0) {
-        if (previous->cs != f->cs || previous->value == f->x)
-            return PVX_EINVAL;
+    bool warm = previous != NULL && previous->n > 0;
+    if (warm && (previous->cs != f->cs || previous->value == f->x))
+        return PVX_EINVAL;
+    if (warm)
         warm_start(f, previous);
-    } else if (f->levels != NULL &&
-               rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight)) {
-        rec_levels_solve(f->levels, f->sub, weight, p.deadline_ns, f->x,
-                         &f->report.coarse_iterations);
+    if (f->levels != NULL &&
+        rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight)) {
         p.weight = weight;
         p.good_start = p.prepared = true;
-    } else {
+        f->report.warm = coarse_start(f, &p, warm);
+    } else if (!warm) {
         memset(f->x, 0, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
     }
     pvx_err e = rec_solve(f->solver, f->sub, f->b, f->weight, f->sigma, &p, f->x, NULL, NULL,

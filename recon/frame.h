@@ -31,6 +31,7 @@ struct rec_frame_report {
     uint32_t cameras;               /* present */
     uint32_t saturated, not_finite; /* bins, all cameras */
     float sigma;                    /* noise estimate, mean over cameras and channels */
+    bool warm;                      /* the earlier volume was the start */
     uint32_t coarse_iterations;     /* on coarser grids, before those of `solve` */
     int64_t photo_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
@@ -59,8 +60,9 @@ void rec_frame_present(rec_frame *f, size_t camera, bool present);
 PVX_MUST_CHECK pvx_err rec_frame_set_background(rec_frame *f, size_t camera, const float *bg);
 
 void rec_frame_carve(rec_frame *f);
-/* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid to start
- * from, or NULL to start from zero. */
+/* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or
+ * NULL.  With coarse_start the solver starts from the coarser grids' solution or from `previous`,
+ * whichever fits better; without from `previous`, or zero. */
 PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
                                        const struct rec_sparse *previous);
 void rec_frame_volume(const rec_frame *f, struct rec_sparse *out);

@@ -338,6 +338,16 @@ bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b,
     return true;
 }
 
+double rec_solve_fit(rec_solver *s, const struct rec_subsys *a, bool scale, float *x)
+{
+    struct rec_job j = {.s = s, .a = a, .b = s->b, .w = s->weight, .x = x};
+    double sum[4];
+    if (scale)
+        scale_start(&j);
+    rec_job_start(&j, sum);
+    return sum[0] + sum[1] + sum[2] + sum[3];
+}
+
 pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
                   double sigma, const struct rec_solve_params *p, float *x, rec_trace_fn trace,
                   void *trace_ctx, struct rec_solve_report *out)

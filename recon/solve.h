@@ -73,6 +73,10 @@ void rec_solver_free(rec_solver **s);
 bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
                       double sigma, const struct rec_solve_params *p, double weight[4]);
 
+/* ||W^(1/2)(A x - b)||^2 of a start for the system that rec_solve_weight saw last; scale: x is scaled
+ * per lane to the least of it first. */
+double rec_solve_fit(rec_solver *s, const struct rec_subsys *a, bool scale, float *x);
+
 /* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise of b (full-scale units;
  * 0 = none, < 0 = unknown).  x [n][cs]: in: start (zero, or a warm start >= 0), out: result.
  * trace: called after each iteration with the current iterate (for tests and benches), or NULL.
