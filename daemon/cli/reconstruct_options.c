@@ -71,8 +71,8 @@ static const struct argp_option option_table[] = {
     {"deadline", OPT_DEADLINE, "MS", 0,
      "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},
     {"start", OPT_START, "cold|warm", 0,
-     "from zero (default) or from the frame before. Warm needs fewer iterations where the flame "
-     "moves little between frames",
+     "by itself (default) or from the frame before. Which is faster depends on the solver and on "
+     "how far the flame moves between frames: compare the iterations in the report",
      3},
     {"lambda", OPT_LAMBDA, "X", 0, "weight of the smoothness term (default: from the noise)", 3},
     {NULL, 0, NULL, 0, "Silhouettes and hull:", 4},
@@ -282,8 +282,8 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
             "          --last 9 --save-hull hulls\n"
             "      is the calibration good?  Look at the hulls of ten frames\n"
             "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --start warm --deadline 20\n"
-            "      within 20 ms per frame, each frame from the one before\n"};
+            "          --deadline 100\n"
+            "      within 100 ms of solving per frame\n"};
     *o = (struct reconstruct_options){
         .rig = OPT_RIG_INIT, .last = 999999, .fit_margin = -1, .fit_frames = 50};
     o->frame = rec_frame_defaults;
