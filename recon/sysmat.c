@@ -68,7 +68,7 @@ pvx_err rec_sysmat_resolve(const struct rec_rig *rig, const struct rec_sysmat_pa
             b, c->width, c->height, c->name);
     }
     if (k == 0)
-        k = b == 1 ? 1 : 2;
+        k = 2;
     *out = (struct rec_sysmat_params){b, k};
     return PVX_OK;
 }

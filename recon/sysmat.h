@@ -47,7 +47,8 @@ struct rec_sysmat_params {
     int32_t binning;      /* raw pixels per bin side, 1..64; 0 = auto: the largest power of two that
                              divides every image's width and height and keeps a bin at or below
                              1.1 voxels as seen at the centre of the volume */
-    int32_t rays_per_bin; /* rays per bin side, 1..16; 0 = auto: 1 where binning is 1, else 2 */
+    int32_t rays_per_bin; /* rays per bin side, 1..16; 0 = auto: 2, the area of a pixel in fewest
+                             rays; 1 is the paper's model */
 };
 extern const struct rec_sysmat_params rec_sysmat_defaults; /* {0, 0} */
 

@@ -483,8 +483,8 @@ static void autos_resolve(void)
         int32_t w, h, voxels, binning, rays;
     } want[] = {
         {640, 480, 64, 2, 2}, /* a voxel is 3.6 px */
-        {160, 120, 64, 1, 1}, {640, 480, 16, 8, 2},
-        {641, 480, 16, 1, 1}, {644, 484, 16, 4, 2}, /* 4 is the largest power that divides */
+        {160, 120, 64, 1, 2}, {640, 480, 16, 8, 2},
+        {641, 480, 16, 1, 2}, {644, 484, 16, 4, 2}, /* 4 is the largest power that divides */
     };
     for (size_t i = 0; i < sizeof want / sizeof want[0]; i++) {
         struct rec_rig r = ring(8, want[i].w, want[i].h, want[i].voxels, REC_BOX);
