@@ -430,6 +430,9 @@ static void one_voxel(const struct stab_run *run, enum rec_basis basis, int32_t 
     struct stab_bed b;
     static const float emission[3] = {0.7f, 0.2f, 0.01f};
     stab_bed_new(&b, run, RIG_RING, 6, basis, grid, run->w, run->h);
+    static const struct rec_sysmat_params one_ray = {.binning = 1, .rays_per_bin = 1}; /* as (1) */
+    rec_sysmat_free(&b.S);
+    CHECK(rec_sysmat_build(&b.rig, &one_ray, run->pool, NULL, NULL, &b.S, NULL));
     int32_t lit = rec_grid_index(&b.rig.grid, grid / 2, grid / 2, grid / 2);
     dark(&b);
     b.p.photo.threshold = 1e-6f;
