@@ -202,12 +202,12 @@ static void solve(struct rec_job *j, bool clip, const struct rec_stop_own *own)
 
 void rec_solve_cgls_paper(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.corner = true, .most = 40, .blind = 8, .stall = 0.01};
+    static const struct rec_stop_own own = {.corner = true, .most = 40, .blind = 8, .stall = 0.02};
     solve(j, true, &own);
 }
 
 void rec_solve_cgls(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.most = 40, .blind = 6, .stall = 0.01};
+    static const struct rec_stop_own own = {.most = 40, .blind = 6, .stall = 0.02};
     solve(j, false, &own);
 }

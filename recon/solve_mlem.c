@@ -59,7 +59,7 @@ static void columns_chunk(void *ctx, size_t k)
 
 void rec_solve_mlem(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.most = 60, .blind = 10, .stall = 0.01};
+    static const struct rec_stop_own own = {.most = 60, .blind = 10, .stall = 0.02};
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
     struct mlem t = {.j = j, .x = j->x, .up = s->xv[0], .ratio = s->yv[0]};

@@ -128,7 +128,7 @@ static bool step_lengths(struct mrnsd *t)
 
 void rec_solve_mrnsd(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.01};
+    static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.02};
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
     struct mrnsd t = {

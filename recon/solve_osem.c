@@ -108,7 +108,7 @@ static void columns_chunk(void *ctx, size_t k)
 
 void rec_solve_osem(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.most = 10, .blind = 2, .stall = 0.04};
+    static const struct rec_stop_own own = {.most = 10, .blind = 2, .stall = 0.08};
     rec_solver *s = j->s;
     struct osem t = {.j = j, .x = j->x, .ratio = s->yv[0], .piece = s->piece};
     struct rec_stopper stop;

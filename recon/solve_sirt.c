@@ -156,12 +156,12 @@ static void solve(struct rec_job *j, bool accelerated, const struct rec_stop_own
 
 void rec_solve_sirt(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.01};
+    static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.02};
     solve(j, false, &own);
 }
 
 void rec_solve_fista(struct rec_job *j)
 {
-    static const struct rec_stop_own own = {.most = 40, .blind = 8, .stall = 0.01};
+    static const struct rec_stop_own own = {.most = 40, .blind = 8, .stall = 0.02};
     solve(j, true, &own);
 }
