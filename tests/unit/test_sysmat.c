@@ -783,6 +783,58 @@ static void every_index_is_checked(void)
     unlink(in_dir("forged"));
 }
 
+/* Sections of several pieces, which several threads check: as many entries as a piece has rows, and
+ * damage on either side of the cut. */
+static void sections_of_many_pieces(void)
+{
+    const uint32_t cut = (1 << 20) / 4;
+    struct rec_rig r;
+    rec_sysmat *m, *l;
+    size_t j;
+    for (int32_t side = 64;; side++) { /* until the cut goes through a column */
+        r = ring(3, 80, 60, side, REC_TRILINEAR);
+        m = build(&r, 1, 1, 2);
+        T_OK(m->nnz > cut + 1 && side < 80);
+        for (j = 0; m->colptr[j + 1] <= cut;)
+            j++;
+        if (m->colptr[j] < cut && cut + 1 < m->colptr[j + 1])
+            break;
+        rec_sysmat_free(&m);
+        rec_rig_fini(&r);
+    }
+    const char *path = in_dir("large");
+    struct pvx_diag d = {""};
+    pvx_pool *pool;
+    T_EQ_I(pvx_pool_new(3, "t", &pool), PVX_OK);
+    T_EQ_I(rec_sysmat_save(m, path, pool, &d), PVX_OK);
+    for (int i = 0; i < 2; i++) {
+        T_EQ_I(rec_sysmat_load(path, m->key, true, i == 0 ? pool : NULL, &l, &d), PVX_OK);
+        T_OK(same(m, l));
+        rec_sysmat_free(&l);
+    }
+    uint32_t *row = (uint32_t *)m->row, *colptr = (uint32_t *)m->colptr;
+    for (uint32_t e = cut; e <= cut + 1; e++) {
+        uint32_t old = row[e];
+        row[e] = row[e - 1];
+        d.text[0] = '\0';
+        T_EQ_I(rec_sysmat_save(m, path, pool, &d), PVX_OK);
+        T_EQ_I(rec_sysmat_load(path, 0, true, pool, &l, &d), PVX_ECORRUPT);
+        T_CONTAINS(d.text, "rows: not ascending");
+        row[e] = old;
+    }
+    uint32_t old = colptr[cut - 1];
+    colptr[cut - 1] = colptr[cut] + 1;
+    d.text[0] = '\0';
+    T_EQ_I(rec_sysmat_save(m, path, pool, &d), PVX_OK);
+    T_EQ_I(rec_sysmat_load(path, 0, true, pool, &l, &d), PVX_ECORRUPT);
+    T_CONTAINS(d.text, "column starts: not ascending");
+    colptr[cut - 1] = old;
+    pvx_pool_free(&pool);
+    rec_sysmat_free(&m);
+    rec_rig_fini(&r);
+    unlink(path);
+}
+
 static void cache_is_used_and_healed(void)
 {
     struct rec_rig r = ring(2, 40, 30, 8, REC_BOX);
@@ -924,6 +976,7 @@ int main(void)
     T_RUN(damage_names_the_section);
     T_RUN(every_length_but_one_is_refused);
     T_RUN(every_index_is_checked);
+    T_RUN(sections_of_many_pieces);
     T_RUN(cache_is_used_and_healed);
     T_RUN(full_disk);
     T_RUN(two_processes_one_cache);
