@@ -1,5 +1,5 @@
-/* solve_cgls.c - "cgls-paper" and "cgls": the iteration of paper 4.3, taken literally, and without its
- * clipping.
+/* solve_cgls.c - "cgls-paper" and "cgls": the iteration of paper 4.3, taken literally, and without
+ * its clipping.
  *
  *     a_0 = 0, r_0 = p, d_0 = S^T r_0
  *     alpha = ||S^T r||^2 / ||S d||^2,  a = max(0, a + alpha d),  r = r - alpha S d
@@ -10,8 +10,8 @@
  * iteration diverges for large k: the stop at the corner of the L-curve is part of the method.  The
  * residual norm that stops it is that of the recursion.  Starts at 0 always: with another start (1)
  * would be another method.  Every channel has its own alpha and beta.
- * "cgls", for comparison: no max in (1), which is then CGLS itself; its iterates have negative values,
- * the result is clipped once. */
+ * "cgls", for comparison: no max in (1), which is then CGLS itself; its iterates have negative
+ * values, the result is clipped once. */
 #include <math.h>
 #include <string.h>
 

@@ -3,11 +3,12 @@
  *     g = A'W (A x - b),  s = -X M g,  X = diag(x),  M = 1/diag(A'W 1)                      (1)
  *     theta = -g's / ||W^(1/2) A s||^2,  alpha = min(theta, min over M g > 0 of 1/(M g))     (2)
  *     x <- x + alpha s,  r <- r + alpha A s                                                 (3)
- * Steepest descent for x = exp(z), whose step stops at the first bound: x + alpha s = x (1 - alpha M g).
- * So x >= 0 without a projection, and ||W^(1/2) r|| never rises.  M, which the source leaves open as a
- * preconditioner, is 7 % of the error with the box basis and nothing with the trilinear.
- * Source: J. Nagy, Z. Strakos, Enforcing nonnegativity in image reconstruction algorithms, Proc. SPIE
- * 4121:182, 2000.  alpha is per channel. */
+ * Steepest descent for x = exp(z), whose step stops at the first bound: x + alpha s is then
+ * x (1 - alpha M g) >= 0 without a projection, and ||W^(1/2) r|| never rises.  M, which the source
+ * leaves open as a preconditioner, takes 7 % off the error with the box basis and nothing with the
+ * trilinear.
+ * Source: J. Nagy, Z. Strakos, Enforcing nonnegativity in image reconstruction algorithms, Proc.
+ * SPIE 4121:182, 2000.  alpha is per channel. */
 #include <math.h>
 
 #include "recon/lanes.h"

@@ -1,15 +1,15 @@
 /* solve_osem.c - "osem": ordered-subset expectation maximisation.
  *
- *     for s = 1..K:  x_j <- x_j / (sum_{i in I_s} w_i A_ij) * sum_{i in I_s} w_i A_ij max(b_i,0) / (A x)_i
- *                                                                                            (1)
+ *     for s = 1..K, j:  x_j <- x_j / (sum_i w_i A_ij) * sum_i w_i A_ij max(b_i,0) / (A x)_i,
+ *                       both sums over i in I_s                                              (1)
  * Source: H. M. Hudson, R. S. Larkin, IEEE Trans. Med. Imag. 13(4):601-609, 1994.
- * I_s are the rows of two or more cameras that follow each other in the rig, K at most 4: with more,
- * a subset says too little about a voxel and the passes over the columns cost more than they bring.
- * One iteration is one pass over all subsets.  Near the solution of mlem it runs in a circle, wider
- * with more noise, so it is a method for few iterations.  A voxel that a subset does not see keeps its
- * value there.
- * The rows of a subset are consecutive, so their entries are a piece of each column (which ascends by
- * row); the ends of the pieces are found once. */
+ * I_s are the rows of two or more cameras that follow each other in the rig, K at most 4: with
+ * more, a subset says too little about a voxel and the passes over the columns cost more than they
+ * bring.  One iteration is one pass over all subsets.  Near the solution of mlem it runs in a
+ * circle, wider with more noise, so it is a method for few iterations.  A voxel that a subset does
+ * not see keeps its value there.
+ * The rows of a subset are consecutive, so their entries are a piece of each column (which ascends
+ * by row); the ends of the pieces are found once. */
 #include <float.h>
 
 #include "recon/lanes.h"

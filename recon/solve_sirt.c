@@ -3,16 +3,17 @@
  *     x <- max(0, y - C A'W (A y - b)),  C = 1/diag(A'W A 1)                                (1)
  *     sirt:   y = x
  *     fista:  y = x + (s - 1)/s_next (x - x_old),  s_next = (1 + sqrt(1 + 4 s^2))/2         (2)
- * (1) is projected gradient descent on f = 1/2 ||W^(1/2) (A x - b)||^2 in the metric of C^-1.  No norm
- * of A is needed: A >= 0, so C^-1 - A'W A is diagonally dominant and (1) with y = x never lets f rise.
- * SIRT in the literature also divides row i by (A 1)_i; that minimises another norm, in which short
- * rays count more than equal noise warrants, and is worse here (NUMERICS.md).
- * (2): A y is the same sum of A x and A x_old, so a step takes one product, and gives the residual at
- * x as well.  Where a step turns back, (y - x)'C^-1 (x - x_old) > 0, the lane starts over with s = 1.
- * Source: P. Gilbert, J. Theor. Biol. 36:105, 1972; J. Gregor, T. Benson, IEEE Trans. Med. Imag.
- * 27(7):918, 2008; C from H. Erdogan, J. Fessler, Phys. Med. Biol. 44:2835, 1999.  (2): A. Beck, M.
- * Teboulle, SIAM J. Imaging Sci. 2(1):183, 2009; the restart: B. O'Donoghue, E. Candes, Found. Comput.
- * Math. 15:715, 2015. */
+ * (1) is projected gradient descent on f = 1/2 ||W^(1/2) (A x - b)||^2 in the metric of C^-1.  No
+ * norm of A is needed: A >= 0, so C^-1 - A'W A is diagonally dominant and (1) with y = x never lets
+ * f rise.  SIRT in the literature also divides row i by (A 1)_i.  That minimises another norm, in
+ * which short rays count more than equal noise warrants: least error on the ring flame with 1 %
+ * noise 0.19 instead of 0.16 (box), 0.21 instead of 0.13 (trilinear).
+ * (2): A y is the same sum of A x and A x_old, so a step takes one product, and gives the residual
+ * at x as well.  Where a step turns back, (y - x)'C^-1 (x - x_old) > 0, the lane starts over: s =
+ * 1. Source: P. Gilbert, J. Theor. Biol. 36:105, 1972; J. Gregor, T. Benson, IEEE Trans. Med.
+ * Imag. 27(7):918, 2008; C from H. Erdogan, J. Fessler, Phys. Med. Biol. 44:2835, 1999.  (2): A.
+ * Beck, M. Teboulle, SIAM J. Imaging Sci. 2(1):183, 2009; the restart: B. O'Donoghue, E. Candes,
+ * Found. Comput. Math. 15:715, 2015. */
 #include <float.h>
 #include <math.h>
 

@@ -2,20 +2,23 @@
  * term.  They are semi-convergent: the error falls, and rises again once they fit the noise.
  *
  *     REC_STOP_DISCREPANCY  the first iterate with  ||W^(1/2) (A x - b)||^2 <= sigma^2 m     (1)
- *     REC_STOP_AUTO         (1), or the first whose residual is within twice the noise and fell by less
- *                           than own.stall of ||..||^2 in an iteration: where the basis can not follow the
- *                           flame (1) may never be met.  For the method that names it: the L-curve
+ *     REC_STOP_AUTO         (1), or the first whose residual is within twice the noise and fell by
+ *                           less than own.stall of ||..||^2 in an iteration: where the basis can
+ *                           not follow the flame (1) may never be met.  For the method that names
+ *                           it: the L-curve
  *     REC_STOP_LCURVE       the corner of lcurve.h, believed 6 iterations later; the iterate there
  *     REC_STOP_ITERATIONS   the last iterate
- * m counts measured values, sigma is their noise: (1) is what the true x would leave.  Without noise
- * (sigma 0) (1) is not met and the bound on the iterations ends it; when sigma is unknown the bound
- * is one that suits a noise of 1 %.  p.iterations, where given, is the bound; the deadline always is.
- * Why: on smooth and ragged flames, both bases, 0 to 5 % noise, more or fewer rays than voxels, AUTO
- * ends within 10 % of the least error on the way for every method here (mlem and osem at 5 %: 24 %).
- * Where details are finer than the voxels it goes on too long, by up to 1.5 times the least error: the
- * fit of what the basis can not show does not look like noise.  The L-curve does worse everywhere:
- * ||x|| hardly rises when x >= 0, so it has no upright arm.  So do rays held out to judge the fit:
- * the cameras that fit see them too, and they want some three times the iterations.
+ * m counts measured values, sigma is their noise: (1) is what the true x would leave.  Without
+ * noise (sigma 0) (1) is not met and the bound on the iterations ends it; when sigma is unknown the
+ * bound is one that suits a noise of 1 %.  p.iterations, where given, is the bound; the deadline
+ * always is.
+ * Why: on smooth and ragged flames, both bases, 0 to 5 % noise, more or fewer rays than
+ * voxels, AUTO ends within 10 % of the least error on the way for every method here (mlem and osem
+ * at 5 %: 24 %). Where details are finer than the voxels it goes on too long, by up to 1.5 times
+ * the least error: the fit of what the basis can not show does not look like noise.  The L-curve
+ * does worse everywhere: ||x|| hardly rises when x >= 0, so it has no upright arm.  So do rays held
+ * out to judge the fit: the cameras that fit see them too, and they want some three times the
+ * iterations.
  * Source: V. A. Morozov, Soviet Math. Dokl. 7:414, 1966.  Private to solve*.c. */
 #ifndef REC_STOP_H
 #define REC_STOP_H
@@ -46,8 +49,8 @@ void rec_stop_begin(struct rec_stopper *t, struct rec_job *j, const struct rec_s
                     float *best, float *prev);
 /* Whether there is to be another iteration; else the report's status says why not. */
 bool rec_stop_next(struct rec_stopper *t);
-/* Iterate number ++k is x, with this objective and ||W^(1/2) (A x - b)||^2; goes into the report and
- * to the trace.  True: it was the last. */
+/* Iterate number ++k is x, with this objective and ||W^(1/2) (A x - b)||^2; goes into the report
+ * and to the trace.  True: it was the last. */
 bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, double residual2);
 /* x becomes the iterate of the rule, its number and objective the report's. */
 void rec_stop_end(struct rec_stopper *t, float *x);
