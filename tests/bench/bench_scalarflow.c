@@ -164,7 +164,7 @@ static void solve(const struct scene *s, rec_frame *f, float *const image[], str
         rec_frame_present(f, c, true);
     }
     rec_frame_carve(f);
-    for (int r = 0; r < 2; r++) {
+    for (int r = 0; r < 2 && (r == 0 || best < 200); r++) { /* the first one touches pages */
         int64_t t0 = pvx_now_mono();
         CHECK(rec_frame_solve(f, 0, NULL));
         best = fmin(best, ms(pvx_now_mono() - t0));
@@ -189,7 +189,7 @@ static void solve(const struct scene *s, rec_frame *f, float *const image[], str
 }
 
 static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_grid *g, int out,
-                      float *image[CAMERAS][N_FRAMES], pvx_pool *pool)
+                      enum rec_basis last, float *image[CAMERAS][N_FRAMES], pvx_pool *pool)
 {
     struct scene s = {.nch = 1, .unseen = cam[out]};
     struct rec_camera used[CAMERAS];
@@ -200,7 +200,7 @@ static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_gri
             used[n++] = cam[c];
         }
     s.rig = (struct rec_rig){.grid = *g, .n_cameras = (size_t)n, .cameras = used};
-    for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
+    for (int basis = REC_BOX; basis <= (int)last; basis++) {
         s.rig.grid.basis = (enum rec_basis)basis;
         rec_sysmat *S = scene_matrix(&s, 1, pool, NULL);
         double cover = 0;
@@ -255,8 +255,9 @@ int main(int argc, char **argv)
         "  left out    basis     solver        view  PSNR   SSIM   it       ms |  voxels entries "
         "light in hull, sigma\n",
         N_FRAMES, pvx_pool_threads(pool));
-    leave_out(cam, &g, 2, image, pool); /* the one that the data set keeps for tests */
-    leave_out(cam, &g, 0, image, pool); /* the end of the arc */
+    leave_out(cam, &g, 2, REC_TRILINEAR, image,
+              pool);                             /* the one that the data set keeps for tests */
+    leave_out(cam, &g, 0, REC_BOX, image, pool); /* the end of the arc */
     for (int c = 0; c < CAMERAS; c++)
         for (int i = 0; i < N_FRAMES; i++)
             free(image[c][i]);
