@@ -8,9 +8,13 @@
 
 const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
 
-#define BLOCK      8
-#define MAX_BLOCKS 400
-#define LIMIT      1e9f /* full scales; more is no measurement, and squares stay finite in float */
+#define BLOCK       8
+#define MAX_BLOCKS  400
+#define LIMIT       1e9f /* full scales; more is no measurement, and squares stay finite in float */
+#define NEAR        3    /* sides of the squares whose means are judged */
+#define WIDE        7    /* where the flame is faint against the noise: */
+#define NOISY       7.5f /* its lit bins' mean over the noise */
+#define WIDE_MARGIN 1.25f /* false alarms of overlapping squares are not lone speckles */
 enum { UNLIT = 0, LIT = 1, FORCED = 2 };
 
 /* k-th smallest of v [n], v is reordered (Hoare's selection, middle pivot). */
@@ -129,36 +133,51 @@ REC_INLINE rec_f4 at_most(rec_f4 v, rec_f4 cap)
     return rec_select(v < cap, v, cap);
 }
 
-/* Bins at or above `limit`.  Faint edges: the mean of 3x3 bins has a third of the noise, so it may be
- * judged three times as sharply, above the level that the dark blocks have (noise clipped at 0 has a
- * positive mean).  A bin counts at most `cap`, so that a hot pixel does not light its neighbours.
- * Bins on the image's border have no such mean.  `sums`: a row of sums over three rows. */
-REC_INLINE void light(const float *img, int32_t bw, int32_t bh, size_t cs, rec_f4 limit, bool means,
-                      rec_f4 faint, rec_f4 cap, uint8_t *lit, float *sums)
+/* Means over squares of `side` bins, odd, that reach `limit`: faint edges.  A mean has 1/side of the
+ * noise and may be judged as much more sharply, above the level that the dark blocks have (noise
+ * clipped at 0 has a positive mean).  A bin counts at most `cap`, so that a hot pixel does not light
+ * its neighbours.  Bins nearer to the image's border than side/2 have no such mean.  `sums`: a row of
+ * sums over `side` rows, aligned. */
+REC_INLINE void light_means(const float *img, int32_t bw, int32_t bh, size_t cs, int32_t side,
+                            rec_f4 limit, rec_f4 cap, uint8_t *lit, float *sums)
 {
-    means = means && bw >= 3 && bh >= 4; /* the work area holds bw*bh floats */
-    faint *= rec_splat(9);
-    for (int32_t y = 0; y < bh; y++) {
-        const float *at = img + (size_t)y * (size_t)bw * cs, *above = at - (size_t)bw * cs,
-                    *below = at + (size_t)bw * cs;
-        uint8_t *out = lit + (size_t)y * (size_t)bw;
-        if (!means || y == 0 || y + 1 == bh) {
-            for (size_t x = 0; x < (size_t)bw; x++)
-                out[x] |= rec_any(rec_ld(at, x, cs) >= limit);
-            continue;
+    int32_t r = side / 2;
+    size_t w = (size_t)bw;
+    limit *= rec_splat((float)(side * side));
+    for (int32_t y = r; y + r < bh; y++) {
+        uint8_t *out = lit + (size_t)y * w;
+        const float *top = img + (size_t)(y - r) * w * cs;
+        for (size_t x = 0; x < w; x++) {
+            rec_f4 s = {0};
+            for (int32_t v = 0; v < side; v++)
+                s += at_most(rec_ld(top, (size_t)v * w + x, cs), cap);
+            rec_st(sums, x, cs, s);
         }
-        for (size_t x = 0; x < (size_t)bw; x++) {
-            rec_f4 v = rec_ld(at, x, cs);
-            out[x] |= rec_any(v >= limit);
-            rec_st(sums, x, cs,
-                   at_most(v, cap) + at_most(rec_ld(above, x, cs), cap) +
-                       at_most(rec_ld(below, x, cs), cap));
-        }
-        for (size_t x = 1; x + 1 < (size_t)bw; x++) {
-            rec_f4 s = rec_ld(sums, x - 1, cs) + rec_ld(sums, x, cs) + rec_ld(sums, x + 1, cs);
-            out[x] |= rec_any(s >= faint);
+        for (int32_t x = r; x + r < bw; x++) {
+            rec_f4 s = {0};
+            for (int32_t u = x - r; u <= x + r; u++)
+                s += rec_ld(sums, (size_t)u, cs);
+            out[x] |= rec_any(s >= limit);
         }
     }
+}
+
+/* Mean of the lit bins over the noise, in the channel where that is most; 0: nothing is lit. */
+REC_INLINE float signal_to_noise(const float *img, size_t n, int nch, size_t cs, const uint8_t *lit,
+                                 const float sigma[3])
+{
+    rec_d4 sum = {0};
+    double total[4], best = 0;
+    uint32_t count = 0;
+    for (size_t i = 0; i < n; i++)
+        if (lit[i] & LIT) {
+            rec_add_product(&sum, rec_ld(img, i, cs), rec_splat(1));
+            count++;
+        }
+    rec_put(total, &sum);
+    for (int c = 0; c < nch && count > 0; c++)
+        best = fmax(best, total[c] / count / fmax((double)sigma[c], 1e-9));
+    return (float)best;
 }
 
 /* Bins with fewer than two lit neighbours go out; out of the image counts as unlit.  Rows are summed
@@ -246,17 +265,27 @@ REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const float
 
     float dark[3] = {0};
     noise(img, bw, bh, nch, cs, weight, low, out->sigma, dark);
-    rec_f4 limit = rec_splat(p->threshold), faint = limit;
+    rec_f4 limit = rec_splat(p->threshold), faint = limit, fainter = limit;
     bool automatic = p->threshold < 0;
-    for (int c = nch; c < 4; c++) /* lanes that are not there are never lit */
-        limit[c] = faint[c] = INFINITY;
     for (int c = 0; c < nch && automatic; c++) {
         limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
-        faint[c] = dark[c] + fmaxf(p->floor, p->auto_k * out->sigma[c] / 3);
+        faint[c] = dark[c] + fmaxf(p->floor, p->auto_k * out->sigma[c] / NEAR);
+        fainter[c] = dark[c] + fmaxf(p->floor, WIDE_MARGIN * p->auto_k * out->sigma[c] / WIDE);
     }
     for (int c = 0; c < nch; c++)
         out->threshold = fmaxf(out->threshold, limit[c]);
-    light(img, bw, bh, cs, limit, automatic, faint, limit + limit, lit, scratch);
+    for (int c = nch; c < 4; c++) /* lanes that are not there are never lit */
+        limit[c] = faint[c] = fainter[c] = INFINITY;
+    for (size_t i = 0; i < n; i++)
+        lit[i] |= rec_any(rec_ld(img, i, cs) >= limit);
+    if (!automatic ||
+        bh < 5) /* the work area holds bw*bh floats; a row of sums needs up to 4 bw + 3 */
+        return;
+    float *sums = (float *)(((uintptr_t)scratch + 15) & ~(uintptr_t)15);
+    light_means(img, bw, bh, cs, NEAR, faint, limit + limit, lit, sums);
+    float snr = signal_to_noise(img, n, nch, cs, lit, out->sigma);
+    if (snr > 0 && snr < NOISY)
+        light_means(img, bw, bh, cs, WIDE, fainter, rec_splat(4) * fainter, lit, sums);
 }
 
 void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,

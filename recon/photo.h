@@ -7,7 +7,9 @@
  * their value, weight 0 and lit, and are counted.
  * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of
  * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), and for
- * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks.  A uniform
+ * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks; where the
+ * lit bins' mean is less than 7.5 sigma, 7x7 bins are judged as well, at 1.25 auto_k sigma / 7: with
+ * noise of 5 % of the peak and more the flame's outskirts would be carved away otherwise.  A uniform
  * offset is NOT estimated: an evenly lit image could not be told from one; black and background are
  * for that.
  * b beyond 1e9 full scales counts as not finite.

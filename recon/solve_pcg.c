@@ -18,6 +18,7 @@
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
  * arrangement is our own.
  * Cost per iteration: A and A' once, some 20 passes over a vector of voxels, one read or write each. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -79,9 +80,10 @@ static void stiff_chunk(void *ctx, size_t k)
     struct brightness *b = ctx;
     int32_t q0, q1;
     rec_chunk_range(b->t->j->a->n, k, &q0, &q1);
-    float scale = b->mean > 0 ? (float)(1 / b->mean) : 0;
+    bool bright = b->mean > 1 / (double)FLT_MAX; /* 1/mean is a float */
+    float scale = bright ? (float)(1 / b->mean) : 0;
     for (int32_t q = q0; q < q1; q++) {
-        float inverse = b->mean > 0 ? sqrtf((float)DARK + scale * b->blurred[q]) : 1;
+        float inverse = bright ? sqrtf((float)DARK + scale * b->blurred[q]) : 1;
         b->t->stiff[q] = (struct rec_stiff){1 / inverse, inverse};
     }
 }
