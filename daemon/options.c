@@ -82,7 +82,8 @@ const struct dmn_option dmn_options[] = {
 
     INT("binning", binning, "0", 0, 64, "pixels",
         "Raw pixels per side of a bin; 0 = chosen from the grid."),
-    INT("rays", rays, "0", 0, 16, "rays", "Rays per side of a bin; 0 = 2, the mean over its area. 1 is faster and less accurate."),
+    INT("rays", rays, "0", 0, 16, "rays",
+        "Rays per side of a bin; 0 = 2, the mean over its area. 1 is faster and less accurate."),
     TEXT("matrix_cache", cache,
          "File that keeps the system matrix; empty = under $PYROVOX_CACHE, $XDG_CACHE_HOME or "
          "~/.cache."),

@@ -15,7 +15,8 @@ static const struct argp_option options[] = {
     {"basis", OPT_BASIS, "box|trilinear", 0, "basis function, instead of the rig's", 1},
     {"binning", OPT_BINNING, "N|auto", 0,
      "raw pixels per bin side; must divide the image sizes (auto: a bin is at most 1.1 voxels)", 1},
-    {"rays", OPT_RAYS, "N|auto", 0, "N x N rays per bin (auto: 2, the mean over its area; 1 is faster and less accurate)", 1},
+    {"rays", OPT_RAYS, "N|auto", 0,
+     "N x N rays per bin (auto: 2, the mean over its area; 1 is faster and less accurate)", 1},
     {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 1},
     {0},
 };
