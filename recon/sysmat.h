@@ -17,7 +17,7 @@
  * (no value exceeds the diagonal, in either basis and on every level).  Along a row, in the order in
  * which its ray meets the voxels, the running sum C is rounded and not the value,
  *     val_k = round(C_k / unit) - round(C_{k-1} / unit),                                     (3)
- * so every value is within one unit and every row's sum within half a unit, 1e-7 of a chord across
+ * so every value is within one unit and every row's sum within half a unit, 2e-7 of a chord across
  * 64 voxels: rounding moves a little of the ray to a neighbour, it loses nothing.  Entries of 0 are
  * not stored.
  *
