@@ -5,7 +5,7 @@
  * wrong volume costs, and how much of it is still there. */
 #include "curve.h"
 
-static const uint16_t steps[] = {1, 2, 3, 4, 6, 8, 12, 16, 24};
+static const uint16_t steps[] = {1, 2, 4, 8, 16};
 #define N_STEPS   ((int)(sizeof steps / sizeof *steps))
 #define MAX_FRAME 12
 
