@@ -74,8 +74,8 @@ void rec_column_norms(const struct rec_subsys *a, const float *row_weight, float
 #define REC_MAX_CHUNKS 256
 static inline int32_t rec_chunk(int32_t n)
 {
-    int32_t c = n / REC_MAX_CHUNKS + 1;
-    return c < 512 ? 512 : c;
+    int32_t c = n / REC_MAX_CHUNKS + 1, least = n / 12 < 64 ? 64 : n / 12 > 512 ? 512 : n / 12;
+    return c < least ? least : c;
 }
 static inline size_t rec_chunks(int32_t n)
 {

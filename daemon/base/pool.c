@@ -2,6 +2,7 @@
 
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -10,14 +11,24 @@
 #include "base/mem.h"
 
 /* A loop lives on its caller's stack and hangs in the pool's list while it has tasks to hand out.
- * `users` counts workers inside it (under the lock), so the caller leaves only when nobody looks. */
+ * `users` counts workers inside it (under the lock), so the caller leaves only when nobody looks.
+ *
+ * Its tasks are cut into as many parts as there are threads; a thread begins with its own part and
+ * then helps the others.  Loop after loop over the same arrays, a thread thus meets the same pieces
+ * of them, and as every other loop goes backwards it begins with what its cache saw last. */
+#define PARTS 8
+struct part {
+    _Alignas(64) atomic_size_t taken;
+    size_t first, n;
+};
 struct loop {
     struct loop *next;
     pvx_task_fn fn;
     void *ctx;
-    size_t n;
-    atomic_size_t taken;
-    unsigned users;
+    unsigned parts;
+    bool backwards;
+    atomic_uint users; /* changed under the lock */
+    struct part part[PARTS];
 };
 
 struct pvx_pool {
@@ -28,46 +39,66 @@ struct pvx_pool {
     int stop;
     unsigned n_threads; /* workers started */
     unsigned total;     /* workers + caller */
-    pthread_t *threads;
+    atomic_uint loops;  /* so far */
+    struct worker {
+        pvx_pool *pool;
+        pthread_t thread;
+        unsigned number; /* 1.. */
+    } * worker;
 };
 
-static void drain(struct loop *l)
+/* Tasks for thread `me`; all parts are handed out when it returns. */
+static void drain(struct loop *l, unsigned me)
 {
-    size_t i;
-    while ((i = atomic_fetch_add(&l->taken, 1)) < l->n)
-        l->fn(l->ctx, i);
+    for (unsigned k = 0; k < l->parts; k++) {
+        struct part *p = &l->part[(me + k) % l->parts];
+        size_t i;
+        while ((i = atomic_fetch_add(&p->taken, 1)) < p->n)
+            l->fn(l->ctx, p->first + (l->backwards ? p->n - 1 - i : i));
+    }
 }
 
 static void unlink_loop(pvx_pool *p, struct loop *l)
 {
     for (struct loop **q = &p->list; *q != NULL; q = &(*q)->next)
         if (*q == l) {
-            __atomic_store_n(q, l->next,
-                             __ATOMIC_RELAXED); /* spin_for_work looks without the lock */
+            __atomic_store_n(q, l->next, __ATOMIC_RELAXED); /* has_work looks without the lock */
             return;
         }
 }
 
-/* Loops of one solve follow each other within microseconds, but waking a thread costs some tens: a
- * worker that has just worked looks for the next loop a little before it sleeps. */
+/* Loops of one solve follow each other within microseconds, but waking a thread costs some tens.  So
+ * a worker that has just worked looks for the next loop a little before it sleeps, and a caller for
+ * the end of its last task. */
 #define SPIN_NS 30000
-static void spin_for_work(pvx_pool *p)
+static bool has_work(const void *pool)
 {
-    int64_t until = pvx_now_mono() + SPIN_NS;
+    const pvx_pool *p = pool;
+    return __atomic_load_n(&p->list, __ATOMIC_RELAXED) != NULL;
+}
+static bool is_left(const void *loop)
+{
+    const struct loop *l = loop;
+    return atomic_load(&l->users) == 0;
+}
+static void spin(bool (*until)(const void *), const void *ctx)
+{
+    int64_t end = pvx_now_mono() + SPIN_NS;
     do {
         for (int i = 0; i < 64; i++) {
-            if (__atomic_load_n(&p->list, __ATOMIC_RELAXED) != NULL)
+            if (until(ctx))
                 return;
 #if defined(__x86_64__) || defined(__i386__)
             __builtin_ia32_pause();
 #endif
         }
-    } while (pvx_now_mono() < until);
+    } while (pvx_now_mono() < end);
 }
 
 static void *worker(void *arg)
 {
-    pvx_pool *p = arg;
+    struct worker *w = arg;
+    pvx_pool *p = w->pool;
     pthread_mutex_lock(&p->lock);
     for (;;) {
         while (p->list == NULL && !p->stop)
@@ -75,16 +106,16 @@ static void *worker(void *arg)
         if (p->stop)
             break;
         struct loop *l = p->list;
-        l->users++;
+        atomic_fetch_add(&l->users, 1);
         pthread_mutex_unlock(&p->lock);
-        drain(l);
+        drain(l, w->number);
         pthread_mutex_lock(&p->lock);
         unlink_loop(p, l);
-        if (--l->users == 0)
+        if (atomic_fetch_sub(&l->users, 1) == 1)
             pthread_cond_broadcast(&p->idle);
         if (p->list == NULL && !p->stop) {
             pthread_mutex_unlock(&p->lock);
-            spin_for_work(p);
+            spin(has_work, p);
             pthread_mutex_lock(&p->lock);
         }
     }
@@ -104,8 +135,8 @@ pvx_err pvx_pool_new(unsigned threads, const char *name, pvx_pool **out)
     pvx_pool *p = pvx_calloc(1, sizeof *p);
     if (p == NULL)
         return PVX_ENOMEM;
-    p->threads = pvx_calloc(threads, sizeof *p->threads);
-    if (p->threads == NULL) {
+    p->worker = pvx_calloc(threads, sizeof *p->worker);
+    if (p->worker == NULL) {
         free(p);
         return PVX_ENOMEM;
     }
@@ -114,14 +145,16 @@ pvx_err pvx_pool_new(unsigned threads, const char *name, pvx_pool **out)
     pthread_cond_init(&p->work, NULL);
     pthread_cond_init(&p->idle, NULL);
     for (unsigned i = 0; i + 1 < threads; i++) {
-        if (pthread_create(&p->threads[i], NULL, worker, p) != 0) {
+        p->worker[i].pool = p;
+        p->worker[i].number = i + 1;
+        if (pthread_create(&p->worker[i].thread, NULL, worker, &p->worker[i]) != 0) {
             pvx_pool_free(&p);
             return PVX_EIO;
         }
         p->n_threads++;
         char tn[16];
         snprintf(tn, sizeof tn, "%.10s%u", name == NULL ? "pool" : name, i);
-        pthread_setname_np(p->threads[i], tn);
+        pthread_setname_np(p->worker[i].thread, tn);
     }
     *out = p;
     return PVX_OK;
@@ -137,11 +170,11 @@ void pvx_pool_free(pvx_pool **pp)
     pthread_cond_broadcast(&p->work);
     pthread_mutex_unlock(&p->lock);
     for (unsigned i = 0; i < p->n_threads; i++)
-        pthread_join(p->threads[i], NULL);
+        pthread_join(p->worker[i].thread, NULL);
     pthread_mutex_destroy(&p->lock);
     pthread_cond_destroy(&p->work);
     pthread_cond_destroy(&p->idle);
-    free(p->threads);
+    free(p->worker);
     free(p);
     *pp = NULL;
 }
@@ -153,12 +186,18 @@ unsigned pvx_pool_threads(const pvx_pool *p)
 
 void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx)
 {
+    bool backwards = p != NULL && n > 1 && atomic_fetch_add(&p->loops, 1) % 2 == 1;
     if (p == NULL || p->n_threads == 0 || n <= 1) {
         for (size_t i = 0; i < n; i++)
-            fn(ctx, i);
+            fn(ctx, backwards ? n - 1 - i : i);
         return;
     }
-    struct loop l = {.fn = fn, .ctx = ctx, .n = n};
+    struct loop l = {.fn = fn, .ctx = ctx, .backwards = backwards};
+    l.parts = p->total < PARTS ? p->total : PARTS;
+    for (unsigned k = 0; k < l.parts; k++) {
+        l.part[k].first = n * k / l.parts;
+        l.part[k].n = n * (k + 1) / l.parts - l.part[k].first;
+    }
     pthread_mutex_lock(&p->lock);
     struct loop **tail = &p->list;
     while (*tail != NULL)
@@ -166,10 +205,15 @@ void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx)
     __atomic_store_n(tail, &l, __ATOMIC_RELAXED);
     pthread_cond_broadcast(&p->work);
     pthread_mutex_unlock(&p->lock);
-    drain(&l);
+    drain(&l, 0);
     pthread_mutex_lock(&p->lock);
     unlink_loop(p, &l);
-    while (l.users > 0)
+    if (!is_left(&l)) {
+        pthread_mutex_unlock(&p->lock);
+        spin(is_left, &l);
+        pthread_mutex_lock(&p->lock);
+    }
+    while (!is_left(&l))
         pthread_cond_wait(&p->idle, &p->lock);
     pthread_mutex_unlock(&p->lock);
 }
