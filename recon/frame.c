@@ -210,11 +210,12 @@ static void warm_start(rec_frame *f, const struct rec_sparse *from)
 
 /* x = the coarser grids' solution, or the earlier volume that is there (`warm`), scaled, if it leaves
  * the smaller residual: after a flame that jumped it does not.  true: it is the earlier volume. */
-static bool coarse_start(rec_frame *f, const struct rec_solve_params *p, bool warm)
+static bool coarse_start(rec_frame *f, const struct rec_solve_params *p, bool warm,
+                         double misfit2[4])
 {
     float *coarse = warm ? f->start : f->x;
     rec_levels_solve(f->levels, f->sub, p->weight, p->deadline_ns, coarse,
-                     &f->report.coarse_iterations);
+                     &f->report.coarse_iterations, misfit2);
     if (!warm)
         return false;
     double earlier = rec_solve_fit(f->solver, f->sub, true, f->x);
@@ -228,7 +229,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
 {
     int64_t t0 = pvx_now_mono();
     struct rec_solve_params p = f->p.solve;
-    double weight[4];
+    double weight[4], noise2[4], misfit2[4] = {0};
     if (deadline_ns != 0)
         p.deadline_ns = deadline_ns;
     bool warm = previous != NULL && previous->n > 0;
@@ -237,10 +238,11 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     if (warm)
         warm_start(f, previous);
     if (f->levels != NULL &&
-        rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight)) {
+        rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight, noise2)) {
         p.weight = weight;
         p.good_start = p.prepared = true;
-        f->report.warm = coarse_start(f, &p, warm);
+        f->report.warm = coarse_start(f, &p, warm, misfit2);
+        rec_solve_weight_for_misfit(noise2, misfit2, weight);
     } else if (!warm) {
         memset(f->x, 0, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
     }

@@ -26,7 +26,9 @@
 #define ON_DENSITY    -0.5
 #define LOWEST        1e-3
 #define HIGHEST       100.0
-#define UNKNOWN       0.3 /* when sigma is not known */
+#define MOST_MISFIT   1e3
+#define ON_MISFIT     0.75 /* part of what the coarser grid misses is its coarseness */
+#define UNKNOWN       0.3  /* when sigma is not known */
 
 /* Mean of the 2x2 bins at `at`; false where one of them has no weight. */
 REC_INLINE bool mean2x2(const struct rec_job *j, size_t at, size_t bw, size_t cs, rec_f4 *out)
@@ -79,7 +81,8 @@ static void measure_chunk(void *ctx, size_t k)
     j->a->cs == 4 ? measure(j, k, 4, j->s->part[k]) : measure(j, k, 1, j->s->part[k]);
 }
 
-static void automatic(const struct rec_job *j, double mean_diag, double chord, double lambda[4])
+static void automatic(const struct rec_job *j, double mean_diag, double chord, double lambda[4],
+                      double noise2[4])
 {
     const struct rec_grid *g = &j->a->S->grid;
     size_t chunks = rec_job_row_chunks(j);
@@ -99,6 +102,7 @@ static void automatic(const struct rec_job *j, double mean_diag, double chord, d
             double g2 = fmax(second[l] / count[0] - 5 * s2, 1e-3 * second[l] / count[0]) / 16;
             double noise = fmax((s2 + FROM_GRADIENT * g1) / (mean * mean), NOISE_FLOOR);
             double rough = fmax(g2 / (mean * mean), NOISE_FLOOR);
+            noise2[l] = s2 + FROM_GRADIENT * g1;
             rel = exp(SCALE + ON_NOISE * log(noise) + ON_ROUGHNESS * log(rough) +
                       ON_CHORD * log(voxels) + ON_DENSITY * log(density));
             rel = rel < LOWEST ? LOWEST : rel < HIGHEST ? rel : HIGHEST; /* NaN: the highest */
@@ -107,7 +111,14 @@ static void automatic(const struct rec_job *j, double mean_diag, double chord, d
     }
 }
 
-void rec_job_lambda(struct rec_job *j, double lambda[4])
+void rec_solve_weight_for_misfit(const double noise2[4], const double misfit2[4], double weight[4])
+{
+    for (int l = 0; l < 4; l++)
+        if (noise2[l] > 0 && misfit2[l] > noise2[l])
+            weight[l] *= fmin(pow(misfit2[l] / noise2[l], ON_MISFIT), MOST_MISFIT);
+}
+
+void rec_job_lambda(struct rec_job *j, double lambda[4], double noise2[4])
 {
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
@@ -124,7 +135,7 @@ void rec_job_lambda(struct rec_job *j, double lambda[4])
     if (j->p->weight != NULL)
         memcpy(lambda, j->p->weight, 4 * sizeof *lambda);
     else if (j->p->lambda < 0)
-        automatic(j, mean, chord, lambda);
+        automatic(j, mean, chord, lambda, noise2);
     else
         for (int l = 0; l < 4; l++)
             lambda[l] = mean * (double)j->p->lambda;

@@ -317,7 +317,7 @@ static void refine_layer(void *ctx, size_t k)
 }
 
 void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double weight[4],
-                      int64_t deadline_ns, float *x, uint32_t *iterations)
+                      int64_t deadline_ns, float *x, uint32_t *iterations, double misfit2[4])
 {
     struct rec_solve_params p = rec_solve_defaults;
     struct rec_solve_report report;
@@ -340,6 +340,7 @@ void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double
         if (e != PVX_OK) /* an unknown solver, which the default is not */
             memset(vx, 0, (size_t)v->sub->n * cs * sizeof *vx);
         *iterations += report.iterations;
+        memcpy(misfit2, report.misfit2, sizeof report.misfit2);
         struct level *finer = i > 0 ? &l->at[i - 1] : NULL;
         struct walk t = {.l = l,
                          .v = v,

@@ -27,8 +27,9 @@ void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const flo
                          const float *w);
 
 /* Solve from the coarsest level down and put the start for `fine` into x [n][cs].  `weight`: that of
- * the fine level (rec_solve_weight).  *iterations: the sum over levels. */
+ * the fine level (rec_solve_weight).  *iterations: the sum over levels.  misfit2: of the
+ * finest of them, as in rec_solve_report. */
 void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double weight[4],
-                      int64_t deadline_ns, float *x, uint32_t *iterations);
+                      int64_t deadline_ns, float *x, uint32_t *iterations, double misfit2[4]);
 
 #endif

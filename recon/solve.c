@@ -321,7 +321,8 @@ static void take_back(struct rec_job *j)
 }
 
 bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
-                      double sigma, const struct rec_solve_params *p, double weight[4])
+                      double sigma, const struct rec_solve_params *p, double weight[4],
+                      double noise2[4])
 {
     struct rec_job j = {.s = s,
                         .a = a,
@@ -332,9 +333,10 @@ bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b,
                         .sigma = sigma,
                         .p = p};
     memset(weight, 0, 4 * sizeof *weight);
+    memset(noise2, 0, 4 * sizeof *noise2);
     if (!prepare(&j))
         return false;
-    rec_job_lambda(&j, weight);
+    rec_job_lambda(&j, weight, noise2);
     return true;
 }
 

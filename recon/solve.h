@@ -54,6 +54,8 @@ struct rec_solve_report {
     double residual_norm, solution_norm;
     double objective; /* of the returned iterate; 0 where the method has none */
     double lambda;    /* absolute weight used */
+    double
+        misfit2[4]; /* mean of w (A x - b)^2 over measured rows, per lane, where the method knows */
     int64_t time_ns;
 };
 
@@ -69,9 +71,14 @@ void rec_solver_free(rec_solver **s);
 
 /* The automatic weight of the smoothness term for this system, absolute, per lane: what rec_solve
  * uses when it is given none.  For the same flame on a grid of voxels twice the size, from pictures
- * averaged 2x2, it is an eighth.  false: there is nothing to solve. */
+ * averaged 2x2, it is an eighth.  noise2: the variance of b about A x that
+ * it was chosen for, per lane; 0 when it was given.  false: there is nothing to solve. */
 bool rec_solve_weight(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
-                      double sigma, const struct rec_solve_params *p, double weight[4]);
+                      double sigma, const struct rec_solve_params *p, double weight[4],
+                      double noise2[4]);
+/* Where a coarser solution misses b by more than that noise, the model is at fault, by calibration or by
+ * what it leaves out, and the noise is at least what it misses: the weight rises with it. */
+void rec_solve_weight_for_misfit(const double noise2[4], const double misfit2[4], double weight[4]);
 
 /* ||W^(1/2)(A x - b)||^2 of a start for the system that rec_solve_weight saw last; scale: x is scaled
  * per lane to the least of it first. */

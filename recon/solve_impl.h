@@ -84,7 +84,7 @@ void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, do
 void rec_job_start(struct rec_job *j, double out[4]);
 /* Weight of the smoothness term per lane, absolute, from the parameters or the data (lambda.c); fills
  * s->diag with the diagonal of A'WA. */
-void rec_job_lambda(struct rec_job *j, double lambda[4]);
+void rec_job_lambda(struct rec_job *j, double lambda[4], double noise2[4]);
 /* ||v|| over active columns, all lanes. */
 double rec_job_norm_x(struct rec_job *j, const float *v);
 /* dst = src, [n][cs]. */

@@ -252,9 +252,10 @@ void rec_solve_pcg(struct rec_job *j)
     double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
     double tol = j->p->stop == REC_STOP_AUTO ? (double)j->p->tolerance : 1e-7;
 
+    double noise[4];
     rec_smooth_init(&t.smooth, &a->S->grid);
     pvx_pool_run(a->pool, chunks, pass->near, &t);
-    rec_job_lambda(j, t.lambda);
+    rec_job_lambda(j, t.lambda, noise);
     stiffness(&t);
     for (int l = 0; l < s->nch; l++)
         j->out->lambda += t.lambda[l] / s->nch;
@@ -321,4 +322,6 @@ void rec_solve_pcg(struct rec_job *j)
     if (t.x != j->x)
         rec_job_copy(j, j->x, t.x);
     j->out->residual_norm = sqrt(total(rwr));
+    for (int l = 0; l < s->nch; l++)
+        j->out->misfit2[l] = rwr[l] * s->nch / j->m;
 }
