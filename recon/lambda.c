@@ -122,15 +122,15 @@ void rec_job_lambda(struct rec_job *j, double lambda[4], double noise2[4])
 {
     rec_solver *s = j->s;
     const struct rec_subsys *a = j->a;
-    double mean = 0, chord = 0;
-    if (j->have_diag && j->p->weight != NULL) {
-        memcpy(lambda, j->p->weight, 4 * sizeof *lambda);
-        return;
-    }
-    rec_column_norms(a, j->w, s->diag, s->xv[0]);
-    for (int32_t q = 0; q < a->n; q++) {
-        mean += s->diag[q] / a->n;
-        chord += s->xv[0][q];
+    double mean = a->sum2 / a->n, chord = a->sum;
+    j->diag = j->whole ? a->norm2 : s->diag;
+    if (!j->whole && !j->have_diag) {
+        rec_column_norms(a, j->w, s->diag, s->xv[0]);
+        mean = chord = 0;
+        for (int32_t q = 0; q < a->n; q++) {
+            mean += s->diag[q] / a->n;
+            chord += s->xv[0][q];
+        }
     }
     if (j->p->weight != NULL)
         memcpy(lambda, j->p->weight, 4 * sizeof *lambda);

@@ -277,12 +277,13 @@ static void prepare_chunk(void *ctx, size_t k)
     const struct rec_subsys *a = t->j->a;
     size_t cs = (size_t)a->cs;
     int32_t i0, i1;
-    double norm = 0, rows = 0, light[4] = {0};
+    double norm = 0, rows = 0, ones = 0, light[4] = {0};
     rec_chunk_range(a->rows, k, &i0, &i1);
     for (int32_t i = i0; i < i1; i++) {
         float w = t->w[a->ray[i]];
         s->weight[i] = w;
         rows += w > 0;
+        ones += w == 1;
         for (size_t l = 0; l < cs; l++) {
             float b = t->b[(size_t)a->ray[i] * cs + l];
             s->b[(size_t)i * cs + l] = b;
@@ -293,6 +294,7 @@ static void prepare_chunk(void *ctx, size_t k)
     memset(s->part[k][0], 0, sizeof s->part[k][0]);
     s->part[k][0][0] = norm;
     s->part[k][0][1] = rows;
+    s->part[k][0][2] = ones;
     memcpy(s->part[k][1], light, sizeof light);
 }
 
@@ -307,8 +309,10 @@ static bool prepare(struct rec_job *j)
     rec_job_sum(j, 0, rows, 1, j->light);
     j->b_norm2 = sum[0];
     j->m = sum[1] * j->s->nch;
+    j->whole = sum[2] == j->a->rows;
     j->s->b_norm2 = j->b_norm2;
     j->s->m = j->m;
+    j->s->whole = j->whole;
     return j->a->n > 0 && j->a->nnz > 0 && j->m > 0 && j->b_norm2 > 0;
 }
 
@@ -317,6 +321,7 @@ static void take_back(struct rec_job *j)
 {
     j->b_norm2 = j->s->b_norm2;
     j->m = j->s->m;
+    j->whole = j->s->whole;
     j->have_diag = true;
 }
 
@@ -393,7 +398,10 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
     if (!j.zero && !p->good_start)
         scale_start(&j);
     out->residual_norm = -1;
-    m->run(&j);
+    if (rec_job_late(&j))
+        out->status = REC_DEADLINE; /* x as it is, and no time for more */
+    else
+        m->run(&j);
     if (out->residual_norm < 0) {
         rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
         out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);

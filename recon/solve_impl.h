@@ -30,6 +30,7 @@ struct rec_solver {
     uint32_t (*piece)[REC_OSEM_SUBSETS + 1]; /* [n_max] where the subsets' entries start (osem) */
     int32_t *clipped; /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
+    bool whole;                            /* as m */
     double b_norm2, m;                     /* of the last rec_solve_weight */
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
 };
@@ -39,7 +40,9 @@ struct rec_job {
     const struct rec_subsys *a;
     const float *b, *w;                /* on A's rows */
     const float *image, *image_weight; /* the same on all rows of S */
+    const float *diag;                 /* diagonal of A'WA, once rec_job_lambda was there */
     bool have_diag;                    /* s->diag is filled */
+    bool whole;                        /* every row has weight 1 */
     bool zero;                         /* the start is zero */
     bool scaled;                       /* yv[0], yv[1], start_rwr hold what rec_job_start gives */
     double start_rwr[4];
@@ -83,7 +86,7 @@ void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, do
 /* The same for the start x into yv[0] and yv[1], without a product where it is not needed. */
 void rec_job_start(struct rec_job *j, double out[4]);
 /* Weight of the smoothness term per lane, absolute, from the parameters or the data (lambda.c); fills
- * s->diag with the diagonal of A'WA. */
+ * j->diag with the diagonal of A'WA. */
 void rec_job_lambda(struct rec_job *j, double lambda[4], double noise2[4]);
 /* ||v|| over active columns, all lanes. */
 double rec_job_norm_x(struct rec_job *j, const float *v);

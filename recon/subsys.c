@@ -92,7 +92,8 @@ pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
     a->cs = cs;
     size_t rows = rec_rowspace(S, a->row0);
     a->ray = pvx_reserve(rows * sizeof *a->ray);
-    bool ok = a->ray != NULL && reserve_strips(a, rows);
+    a->norm2 = pvx_reserve(rec_grid_count(&S->grid) * sizeof *a->norm2);
+    bool ok = a->ray != NULL && a->norm2 != NULL && reserve_strips(a, rows);
     ok = reserve_gather(&a->by_row, rows, S->nnz) && ok;
     ok = reserve_gather(&a->by_col, rec_grid_count(&S->grid), column_room(S)) && ok;
     if (!ok) {
@@ -112,6 +113,7 @@ void rec_subsys_free(struct rec_subsys **ap)
     release_gather(&a->by_row, rows, a->S->nnz);
     release_gather(&a->by_col, rec_grid_count(&a->S->grid), column_room(a->S));
     pvx_unreserve(a->ray, rows * sizeof *a->ray);
+    pvx_unreserve(a->norm2, rec_grid_count(&a->S->grid) * sizeof *a->norm2);
     release_strips(a, rows);
     free(a);
     *ap = NULL;
@@ -284,7 +286,17 @@ static inline void fill(struct rec_entry *by_row, struct rec_entry *by_col, stru
     *by_col = (struct rec_entry){p->number, val};
 }
 
-static void fill_all(const struct rec_subsys *a, const struct rec_strip *s, int32_t q0, int32_t q1)
+/* Norm of column q from the sums of its values and their squares, which are exact in integers; so are
+ * the strip's, whatever the strips are. */
+static inline void add_norm(const struct rec_subsys *a, struct rec_strip *s, int32_t q,
+                            uint64_t sum, uint64_t sum2)
+{
+    a->norm2[q] = (float)((double)a->S->unit * a->S->unit * (double)sum2);
+    s->sum += sum;
+    s->sum2 += sum2;
+}
+
+static void fill_all(const struct rec_subsys *a, struct rec_strip *s, int32_t q0, int32_t q1)
 {
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
     const uint16_t *val = a->S->val;
@@ -298,21 +310,27 @@ static void fill_all(const struct rec_subsys *a, const struct rec_strip *s, int3
                  ahead = colptr[a->col[q + AHEAD < q1 ? q + AHEAD : q]];
         __builtin_prefetch(&row[ahead]);
         __builtin_prefetch(&val[ahead]);
+        uint64_t sum = 0, sum2 = 0;
         a->by_col.ptr[q] = at;
+        a->norm2[q] = 0;
         if (e == end)
             continue;
         /* the padding first: how much it is can not be foreseen, that it is 4 can */
         struct rec_entry zero = {place[row[end - 1]].number, 0};
         for (uint32_t i = 1; i <= 4; i++)
             by_col[full - i] = zero;
-        for (; e < end; e++)
+        for (; e < end; e++) {
+            uint64_t v = val[e];
+            sum += v;
+            sum2 += v * v;
             fill(by_row, by_col + at++, &place[row[e]], q, unit * (float)val[e]);
+        }
+        add_norm(a, s, q, sum, sum2);
         at = full;
     }
 }
 
-static void fill_present(const struct restriction *t, const struct rec_strip *s, int32_t q0,
-                         int32_t q1)
+static void fill_present(const struct restriction *t, struct rec_strip *s, int32_t q0, int32_t q1)
 {
     const struct rec_subsys *a = t->a;
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
@@ -320,12 +338,18 @@ static void fill_present(const struct restriction *t, const struct rec_strip *s,
     uint32_t at = s->room;
     for (int32_t q = q0; q < q1; q++) {
         uint32_t first = at, end = colptr[a->col[q] + 1];
+        uint64_t sum = 0, sum2 = 0;
         size_t k = 0;
         a->by_col.ptr[q] = first;
         for (uint32_t e = colptr[a->col[q]]; e < end; e++)
-            if (is_present(t, &k, row[e]))
+            if (is_present(t, &k, row[e])) {
+                uint64_t v = a->S->val[e];
+                sum += v;
+                sum2 += v * v;
                 fill(a->by_row.entry, by_col + at++, &s->place[row[e]], q,
                      a->S->unit * (float)a->S->val[e]);
+            }
+        add_norm(a, s, q, sum, sum2);
         for (; at < first + padded(at - first); at++)
             by_col[at] = (struct rec_entry){by_col[at - 1].idx, 0};
     }
@@ -336,6 +360,7 @@ static void fill_strip(void *ctx, size_t i)
     struct restriction *t = ctx;
     int32_t q0, q1;
     strip_range(t->a, i, &q0, &q1);
+    t->a->strip[i].sum = t->a->strip[i].sum2 = 0;
     if (t->all)
         fill_all(t->a, &t->a->strip[i], q0, q1);
     else
@@ -393,6 +418,13 @@ void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, co
     pvx_pool_run(a->pool, a->strips, fill_strip, &t);
     a->by_row.ptr[a->rows] = (uint32_t)a->nnz;
     a->by_col.ptr[n] = room;
+    uint64_t sum = 0, sum2 = 0;
+    for (size_t s = 0; s < a->strips; s++) {
+        sum += a->strip[s].sum;
+        sum2 += a->strip[s].sum2;
+    }
+    a->sum = (double)a->S->unit * (double)sum;
+    a->sum2 = (double)a->S->unit * a->S->unit * (double)sum2;
 }
 
 struct product {

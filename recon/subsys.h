@@ -30,6 +30,7 @@ struct rec_strip {
     struct rec_place *place; /* [row space] */
     uint8_t *touched;        /* [blocks of the row space] 1: counted in */
     uint32_t room;           /* entries of by_col, then the first of them */
+    uint64_t sum, sum2;      /* of its entries, in units of S */
 };
 
 struct rec_subsys {
@@ -44,6 +45,8 @@ struct rec_subsys {
     uint64_t nnz;             /* entries of A */
     struct rec_gather by_row; /* [rows] outputs, indices are active columns */
     struct rec_gather by_col; /* [n] outputs, indices are rows of A; padded with zero entries */
+    float *norm2;             /* [n] column sums of squares: the diagonal of A^T A */
+    double sum, sum2;         /* of all entries, of their squares */
     bool present[REC_MAX_CAMERAS];
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera in S's row space */
     size_t strips;

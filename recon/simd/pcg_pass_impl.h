@@ -16,7 +16,7 @@ static void near_chunk(void *ctx, size_t k)
 REC_INLINE rec_f4 inverse_diagonal(const struct rec_pcg *t, size_t i, rec_f4 lambda)
 {
     float smooth = t->stiff[i].by * t->smooth.diag2[t->smooth.near[i].have];
-    rec_f4 h = rec_splat(t->j->s->diag[i]) + lambda * rec_splat(smooth);
+    rec_f4 h = rec_splat(t->j->diag[i]) + lambda * rec_splat(smooth);
     return rec_select(h > 0, rec_splat(1) / h, (rec_f4){0});
 }
 
