@@ -8,6 +8,7 @@
 
 #define MAX_LEVELS 10
 #define ITERATIONS 16
+#define AT_FIRST   6 /* on the coarsest level: it is good enough to start the next, and soon */
 #define TOLERANCE  1e-3f
 
 struct level {
@@ -322,7 +323,6 @@ void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double
     struct rec_solve_params p = rec_solve_defaults;
     struct rec_solve_report report;
     double share[4];
-    p.iterations = ITERATIONS;
     p.tolerance = TOLERANCE;
     p.deadline_ns = deadline_ns;
     p.weight = share;
@@ -336,6 +336,7 @@ void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double
         if (i == l->n - 1)
             memset(vx, 0, (size_t)v->sub->n * cs * sizeof *vx);
         p.good_start = i < l->n - 1;
+        p.iterations = i < l->n - 1 || i == 0 ? ITERATIONS : AT_FIRST;
         pvx_err e = rec_solve(v->solver, v->sub, v->b, v->w, -1, &p, vx, NULL, NULL, &report);
         if (e != PVX_OK) /* an unknown solver, which the default is not */
             memset(vx, 0, (size_t)v->sub->n * cs * sizeof *vx);

@@ -394,7 +394,7 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
         out->time_ns = pvx_now_mono() - start;
         return PVX_OK;
     }
-    j.zero = rec_job_norm_x(&j, x) == 0;
+    j.zero = !p->good_start && rec_job_norm_x(&j, x) == 0;
     if (!j.zero && !p->good_start)
         scale_start(&j);
     out->residual_norm = -1;

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "recon/lanes.h"
 
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0)
 {
@@ -494,14 +495,19 @@ struct dot {
     double part[REC_MAX_CHUNKS][4];
 };
 
+REC_INLINE void dot_lanes(struct dot *t, size_t k, size_t cs)
+{
+    int32_t i0, i1;
+    rec_d4 sum = {0};
+    rec_chunk_range(t->n, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        rec_add_product(&sum, rec_ld(t->u, i, cs), rec_ld(t->v, i, cs));
+    rec_put(t->part[k], &sum);
+}
 static void dot_chunk(void *ctx, size_t k)
 {
     struct dot *t = ctx;
-    int32_t i0, i1;
-    rec_chunk_range(t->n, k, &i0, &i1);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
-        for (int l = 0; l < t->cs; l++)
-            t->part[k][l] += (double)t->u[i * (size_t)t->cs + l] * t->v[i * (size_t)t->cs + l];
+    t->cs == 4 ? dot_lanes(t, k, 4) : dot_lanes(t, k, 1);
 }
 
 void rec_dot(const struct rec_subsys *a, int32_t n, const float *u, const float *v, double out[4])
