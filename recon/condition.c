@@ -33,12 +33,12 @@ static void add_smooth(const struct op *k, const double *x, double *out)
 
 static void forward(const struct op *k, const double *x, double *y)
 {
-    const struct rec_gather *g = &k->a->by_row;
+    const struct rec_packed *g = &k->a->by_row;
     size_t rows = (size_t)k->a->rows;
     for (size_t i = 0; i < rows; i++) {
         double s = 0;
         for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
-            s += (double)g->entry[e].val * x[g->entry[e].idx];
+            s += (double)rec_packed_value(g, e) * x[rec_packed_index(g, e)];
         y[i] = k->w[i] * s;
     }
     memset(y + rows, 0, (k->rows - rows) * sizeof *y);
@@ -47,11 +47,12 @@ static void forward(const struct op *k, const double *x, double *y)
 
 static void adjoint(const struct op *k, const double *y, double *x)
 {
-    const struct rec_gather *g = &k->a->by_col;
+    const struct rec_packed *g = &k->a->by_col;
     for (size_t q = 0; q < k->n; q++) {
         double s = 0;
         for (uint32_t e = g->ptr[q]; e < g->ptr[q + 1]; e++)
-            s += (double)g->entry[e].val * k->w[g->entry[e].idx] * y[g->entry[e].idx];
+            s += (double)rec_packed_value(g, e) * k->w[rec_packed_index(g, e)] *
+                 y[rec_packed_index(g, e)];
         x[q] = s;
     }
     add_smooth(k, y + k->a->rows, x);

@@ -45,7 +45,7 @@ static void choose_subsets(struct osem *t)
 static void pieces_chunk(void *ctx, size_t k)
 {
     struct osem *t = ctx;
-    const struct rec_gather *g = &t->j->a->by_col;
+    const struct rec_packed *g = &t->j->a->by_col;
     int32_t q0, q1;
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     for (int32_t q = q0; q < q1; q++) {
@@ -54,8 +54,8 @@ static void pieces_chunk(void *ctx, size_t k)
         for (int s = 0; s < t->subsets; s++) {
             double sum = 0;
             t->piece[q][s] = e;
-            for (; e < g->ptr[q + 1] && g->entry[e].idx < (uint32_t)t->row[s + 1]; e++)
-                sum += (double)t->j->w[g->entry[e].idx] * g->entry[e].val;
+            for (; e < g->ptr[q + 1] && rec_packed_index(g, e) < (uint32_t)t->row[s + 1]; e++)
+                sum += (double)t->j->w[rec_packed_index(g, e)] * rec_packed_value(g, e);
             t->sens[s][q] = (float)sum;
             all += sum;
         }
@@ -85,7 +85,7 @@ static void rows_chunk(void *ctx, size_t k)
 
 REC_INLINE void columns_pass(struct osem *t, size_t k, size_t cs)
 {
-    const struct rec_entry *entry = t->j->a->by_col.entry;
+    const struct rec_packed *g = &t->j->a->by_col;
     const float *sens = t->sens[t->now];
     int32_t q0, q1;
     rec_f4 zero = {0}, huge = rec_splat(FLT_MAX);
@@ -93,7 +93,7 @@ REC_INLINE void columns_pass(struct osem *t, size_t k, size_t cs)
     for (size_t q = (size_t)q0; q < (size_t)q1; q++) {
         rec_f4 up = {0}, x = rec_ld(t->x, q, cs);
         for (uint32_t e = t->piece[q][t->now]; e < t->piece[q][t->now + 1]; e++)
-            up += rec_splat(entry[e].val) * rec_ld(t->ratio, entry[e].idx, cs);
+            up += rec_splat(rec_packed_value(g, e)) * rec_ld(t->ratio, rec_packed_index(g, e), cs);
         if (!(sens[q] > 0))
             continue;
         x *= up / rec_splat(sens[q]);

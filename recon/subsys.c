@@ -66,23 +66,27 @@ static void release_strips(struct rec_subsys *a, size_t rows)
     }
 }
 
-static bool reserve_gather(struct rec_gather *g, size_t outputs, size_t nnz)
+static bool reserve_gather(struct rec_packed *g, size_t outputs, size_t nnz)
 {
     g->ptr = pvx_reserve((outputs + 1) * sizeof *g->ptr);
     g->entry = pvx_reserve(nnz * sizeof *g->entry);
     return g->ptr != NULL && g->entry != NULL;
 }
-static void release_gather(struct rec_gather *g, size_t outputs, size_t nnz)
+static void release_gather(struct rec_packed *g, size_t outputs, size_t nnz)
 {
     pvx_unreserve(g->ptr, (outputs + 1) * sizeof *g->ptr);
     pvx_unreserve(g->entry, nnz * sizeof *g->entry);
 }
 
+/* Voxels and rows that an index of 26 bits can name; 6 are left for the value. */
+#define MOST ((size_t)1 << 26)
+
 pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int cs,
                        struct rec_subsys **out)
 {
     *out = NULL;
-    if (column_room(S) > UINT32_MAX)
+    if (column_room(S) > UINT32_MAX || rec_grid_count(&S->grid) > MOST ||
+        S->row0[S->n_cameras] > MOST)
         return PVX_ERANGE;
     struct rec_subsys *a = pvx_calloc(1, sizeof *a);
     if (a == NULL)
@@ -278,13 +282,20 @@ static void number_range(void *ctx, size_t i)
 
 /* One entry of column q to both copies.  A row is come back to after many others: what it needs then,
  * its next cache line, is asked for now. */
-static inline void fill(struct rec_entry *by_row, struct rec_entry *by_col, struct rec_place *p,
-                        int32_t q, float val)
+static inline void fill(uint32_t *by_row, uint32_t *by_col, struct rec_place *p, uint32_t q,
+                        uint32_t val)
 {
-    struct rec_entry *r = by_row + p->at++;
-    __builtin_prefetch(r + 8, 1);
-    *r = (struct rec_entry){(uint32_t)q, val};
-    *by_col = (struct rec_entry){p->number, val};
+    uint32_t *r = by_row + p->at++;
+    __builtin_prefetch(r + 16, 1);
+    *r = q | val;
+    *by_col = p->number | val;
+}
+
+/* Value of an entry of S in its place above the index; where that leaves less than 16 bits, rounded. */
+static inline uint32_t packed_value(uint32_t v, uint32_t bits)
+{
+    uint32_t drop = bits - 16, half = (1u << drop) >> 1;
+    return (v + half) >> drop << bits;
 }
 
 /* Norm of column q from the sums of its values and their squares, which are exact in integers; so are
@@ -301,8 +312,8 @@ static void fill_all(const struct rec_subsys *a, struct rec_strip *s, int32_t q0
 {
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
     const uint16_t *val = a->S->val;
-    const float unit = a->S->unit;
-    struct rec_entry *by_row = a->by_row.entry, *by_col = a->by_col.entry;
+    const uint32_t bits = a->by_row.bits;
+    uint32_t *by_row = a->by_row.entry, *by_col = a->by_col.entry;
     struct rec_place *place = s->place;
     uint32_t at = s->room;
     for (int32_t q = q0; q < q1; q++) {
@@ -317,14 +328,14 @@ static void fill_all(const struct rec_subsys *a, struct rec_strip *s, int32_t q0
         if (e == end)
             continue;
         /* the padding first: how much it is can not be foreseen, that it is 4 can */
-        struct rec_entry zero = {place[row[end - 1]].number, 0};
+        uint32_t zero = place[row[end - 1]].number;
         for (uint32_t i = 1; i <= 4; i++)
             by_col[full - i] = zero;
         for (; e < end; e++) {
             uint64_t v = val[e];
             sum += v;
             sum2 += v * v;
-            fill(by_row, by_col + at++, &place[row[e]], q, unit * (float)val[e]);
+            fill(by_row, by_col + at++, &place[row[e]], (uint32_t)q, packed_value(val[e], bits));
         }
         add_norm(a, s, q, sum, sum2);
         at = full;
@@ -335,7 +346,7 @@ static void fill_present(const struct restriction *t, struct rec_strip *s, int32
 {
     const struct rec_subsys *a = t->a;
     const uint32_t *colptr = a->S->colptr, *row = a->S->row;
-    struct rec_entry *by_col = a->by_col.entry;
+    uint32_t *by_col = a->by_col.entry;
     uint32_t at = s->room;
     for (int32_t q = q0; q < q1; q++) {
         uint32_t first = at, end = colptr[a->col[q] + 1];
@@ -347,12 +358,12 @@ static void fill_present(const struct restriction *t, struct rec_strip *s, int32
                 uint64_t v = a->S->val[e];
                 sum += v;
                 sum2 += v * v;
-                fill(a->by_row.entry, by_col + at++, &s->place[row[e]], q,
-                     a->S->unit * (float)a->S->val[e]);
+                fill(a->by_row.entry, by_col + at++, &s->place[row[e]], (uint32_t)q,
+                     packed_value(a->S->val[e], a->by_row.bits));
             }
         add_norm(a, s, q, sum, sum2);
         for (; at < first + padded(at - first); at++)
-            by_col[at] = (struct rec_entry){by_col[at - 1].idx, 0};
+            by_col[at] = rec_packed_index(&a->by_col, at - 1);
     }
 }
 
@@ -416,6 +427,11 @@ void rec_subsys_restrict(struct rec_subsys *a, const int32_t *col, int32_t n, co
         room += of_strip;
     }
     pvx_pool_run(a->pool, RANGES, number_range, &t);
+    uint32_t bits = 16;
+    while (1ull << bits < (uint64_t)(n > a->rows ? n : a->rows))
+        bits++;
+    a->by_row.bits = a->by_col.bits = bits;
+    a->by_row.unit = a->by_col.unit = a->S->unit * (float)(1u << (bits - 16));
     pvx_pool_run(a->pool, a->strips, fill_strip, &t);
     a->by_row.ptr[a->rows] = (uint32_t)a->nnz;
     a->by_col.ptr[n] = room;
@@ -465,13 +481,14 @@ void rec_adjoint(const struct rec_subsys *a, const float *y, float *x)
 static void norms_chunk(void *ctx, size_t k)
 {
     struct product *t = ctx;
-    const struct rec_gather *g = &t->a->by_col;
+    const struct rec_packed *g = &t->a->by_col;
     int32_t q0, q1;
     rec_chunk_range(t->a->n, k, &q0, &q1);
     for (int32_t q = q0; q < q1; q++) {
         double d2 = 0, d1 = 0;
         for (uint32_t e = g->ptr[q]; e < g->ptr[q + 1]; e++) {
-            double v = g->entry[e].val, wv = t->in == NULL ? v : v * t->in[g->entry[e].idx];
+            double v = rec_packed_value(g, e);
+            double wv = t->in == NULL ? v : v * t->in[rec_packed_index(g, e)];
             d2 += v * wv;
             d1 += wv;
         }

@@ -11,7 +11,7 @@
  * what three passes of the solver cost.
  * All channels at once: x [n][cs], y [rows][cs], cs = 1 for one channel and 4 for three (the 4th lane
  * is 0), channel innermost.  Rows ascend by camera, then by bin.
- * Memory: 16 bytes per entry of A, and 12 per row of S that the hull is seen in and thread, in
+ * Memory: 8 bytes per entry of A, and 12 per row of S that the hull is seen in and thread, in
  * reserved address space of S's size: only what is used costs.
  * Ownership: the object borrows S, kernels and pool; col is borrowed until the next restrict. */
 #ifndef REC_SUBSYS_H
@@ -43,8 +43,8 @@ struct rec_subsys {
     int32_t rows;             /* rows of A: of present cameras, with at least one entry */
     uint32_t *ray;            /* [rows] their numbers in S's row space */
     uint64_t nnz;             /* entries of A */
-    struct rec_gather by_row; /* [rows] outputs, indices are active columns */
-    struct rec_gather by_col; /* [n] outputs, indices are rows of A; padded with zero entries */
+    struct rec_packed by_row; /* [rows] outputs, indices are active columns */
+    struct rec_packed by_col; /* [n] outputs, indices are rows of A; padded with zero entries */
     float *norm2;             /* [n] column sums of squares: the diagonal of A^T A */
     double sum, sum2;         /* of all entries, of their squares */
     bool present[REC_MAX_CAMERAS];
@@ -96,12 +96,12 @@ static inline void rec_chunk_range(int32_t n, size_t k, int32_t *i0, int32_t *i1
 static inline void rec_forward_range(const struct rec_subsys *a, const float *x, int32_t i0,
                                      int32_t i1, float *y)
 {
-    (a->cs == 4 ? a->k->gather4 : a->k->gather1)(&a->by_row, i0, i1, x, y);
+    (a->cs == 4 ? a->k->packed4 : a->k->packed1)(&a->by_row, i0, i1, x, y);
 }
 static inline void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0,
                                      int32_t q1, float *x)
 {
-    (a->cs == 4 ? a->k->gather4 : a->k->gather1)(&a->by_col, q0, q1, y, x);
+    (a->cs == 4 ? a->k->packed4 : a->k->packed1)(&a->by_col, q0, q1, y, x);
 }
 
 /* Inner product of two vectors of n entries of a's lanes, in double over fixed chunks, lane by

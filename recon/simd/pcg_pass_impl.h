@@ -110,7 +110,7 @@ static void step_chunk(void *ctx, size_t k)
  * order of the sums is fixed. */
 REC_INLINE void clipped_columns(struct rec_pcg *t, size_t cs)
 {
-    const struct rec_gather *g = &t->j->a->by_col;
+    const struct rec_packed *g = &t->j->a->by_col;
     const struct rec_smooth *s = &t->smooth;
     const int32_t *clipped = t->j->s->clipped;
     rec_f4 alpha = rec_coef(t->alpha), inverse = {0};
@@ -138,8 +138,9 @@ REC_INLINE void clipped_columns(struct rec_pcg *t, size_t cs)
                        rec_ld(t->lx, (size_t)to[f], cs) -
                            rec_splat(t->stiff[to[f]].by * s->axis[f / 2]) * ae);
             for (uint32_t at = g->ptr[c]; at < g->ptr[c + 1]; at++) {
-                size_t row = g->entry[at].idx;
-                rec_st(t->q, row, cs, rec_ld(t->q, row, cs) + rec_splat(g->entry[at].val) * e);
+                size_t row = rec_packed_index(g, at);
+                rec_st(t->q, row, cs,
+                       rec_ld(t->q, row, cs) + rec_splat(rec_packed_value(g, at)) * e);
             }
         }
     }

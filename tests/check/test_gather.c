@@ -76,6 +76,52 @@ static void check_table(const struct rec_kernels *k, enum data d, int cs)
         }
 }
 
+/* The packed form: values are small integers, exact as floats, times `unit` at the end: one more
+ * rounding. */
+static void check_packed(const struct rec_kernels *k, enum data d, int cs, uint32_t bits)
+{
+    size_t total = 0;
+    for (int32_t i = 0; i < N_SIZES; i++)
+        total += (size_t)sizes[i];
+    struct rec_packed g = {.ptr = guarded((size_t)(N_SIZES + 1) * 4),
+                           .entry = guarded(total * 4),
+                           .bits = bits,
+                           .unit = 0.0173f};
+    float *in = guarded((size_t)IN_ROWS * (size_t)cs * 4),
+          *out = guarded((size_t)N_SIZES * (size_t)cs * 4);
+    g.ptr[0] = 0;
+    for (int32_t i = 0; i < N_SIZES; i++)
+        g.ptr[i + 1] = g.ptr[i] + (uint32_t)sizes[i];
+    for (size_t e = 0; e < total; e++)
+        g.entry[e] = (uint32_t)(t_rand() % IN_ROWS) | (uint32_t)t_rand() << bits;
+    g.entry[total - 1] = (IN_ROWS - 1) | UINT32_MAX << bits;
+    for (size_t i = 0; i < (size_t)IN_ROWS * (size_t)cs; i++)
+        in[i] = value(d);
+    for (size_t i = 0; i < (size_t)N_SIZES * (size_t)cs; i++)
+        out[i] = 77;
+    rec_packed_fn fn = cs == 4 ? k->packed4 : k->packed1;
+    fn(&g, 0, 5, in, out);
+    T_OK(out[5 * cs] == 77);
+    fn(&g, 5, N_SIZES, in, out);
+    for (int32_t i = 0; i < N_SIZES; i++)
+        for (int l = 0; l < cs; l++) {
+            double exact = 0, mag = 0, n = sizes[i] + 3, u = 0x1p-24;
+            for (uint32_t e = g.ptr[i]; e < g.ptr[i + 1]; e++) {
+                uint32_t at = g.entry[e] & ((1u << bits) - 1);
+                double p =
+                    (double)g.unit * (g.entry[e] >> bits) * in[at * (uint32_t)cs + (uint32_t)l];
+                exact += p;
+                mag += fabs(p);
+                T_OK(rec_packed_index(&g, e) == at);
+                T_OK(rec_packed_value(&g, e) == g.unit * (float)(g.entry[e] >> bits));
+            }
+            double bound = n * u / (1 - n * u) * mag + n * 0x1p-149;
+            double got = out[i * cs + l];
+            T_CHECK_(fabs(got - exact) <= bound, "%s packed %u cs %d n %d: %.9g, want %.9g +- %.3g",
+                     k->name, bits, cs, sizes[i], got, exact, bound);
+        }
+}
+
 static void gather_within_the_derived_bound(void)
 {
     const unsigned masks[] = {0, REC_CPU_AVX2, (unsigned)REC_CPU_ALL};
@@ -86,6 +132,10 @@ static void gather_within_the_derived_bound(void)
             for (int round = 0; round < 3; round++) {
                 check_table(&k, (enum data)d, 1);
                 check_table(&k, (enum data)d, 4);
+                for (uint32_t bits = 16; bits <= 26; bits += 5) {
+                    check_packed(&k, (enum data)d, 1, bits);
+                    check_packed(&k, (enum data)d, 4, bits);
+                }
             }
     }
 }

@@ -19,7 +19,7 @@
 /* ---- products -----------------------------------------------------------------------------------*/
 
 /* Largest |got - want| over the largest |want|, each output a gather over g in double. */
-static double gather_error(const struct rec_gather *g, int32_t outputs, int cs, const float *in,
+static double gather_error(const struct rec_packed *g, int32_t outputs, int cs, const float *in,
                            const float *got)
 {
     double worst = 0, size = 0;
@@ -27,8 +27,8 @@ static double gather_error(const struct rec_gather *g, int32_t outputs, int cs, 
         for (int l = 0; l < cs; l++) {
             double want = 0;
             for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
-                want +=
-                    (double)g->entry[e].val * in[(size_t)g->entry[e].idx * (size_t)cs + (size_t)l];
+                want += (double)rec_packed_value(g, e) *
+                        in[(size_t)rec_packed_index(g, e) * (size_t)cs + (size_t)l];
             worst = fmax(worst, fabs(got[(size_t)i * (size_t)cs + (size_t)l] - want));
             size = fmax(size, fabs(want));
         }
@@ -101,15 +101,16 @@ static void form(const struct rec_subsys *a, const float *b, const float *w, dou
     p->half_bb = 0;
     if (p->H == NULL || p->c == NULL)
         CHECK(PVX_ENOMEM);
-    const struct rec_gather *g = &a->by_row;
+    const struct rec_packed *g = &a->by_row;
     for (int32_t i = 0; i < a->rows; i++) {
         double wi = w[a->ray[i]], bi = b[a->ray[i]];
         p->half_bb += 0.5 * wi * bi * bi;
         for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++) {
-            double wv = wi * g->entry[e].val;
-            p->c[g->entry[e].idx] += wv * bi;
+            double wv = wi * rec_packed_value(g, e);
+            p->c[rec_packed_index(g, e)] += wv * bi;
             for (uint32_t k = g->ptr[i]; k < g->ptr[i + 1]; k++)
-                p->H[g->entry[e].idx * p->n + g->entry[k].idx] += wv * g->entry[k].val;
+                p->H[rec_packed_index(g, e) * p->n + rec_packed_index(g, k)] +=
+                    wv * rec_packed_value(g, k);
         }
     }
     const struct rec_grid *grid = &a->S->grid;

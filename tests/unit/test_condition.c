@@ -91,8 +91,8 @@ static size_t dense(const struct system *y, const float *w, double lambda, doubl
     double *k = pvx_calloc(all * n, sizeof *k); /* [row][column] */
     for (size_t i = 0; i < rows; i++)
         for (uint32_t e = a->by_row.ptr[i]; e < a->by_row.ptr[i + 1]; e++)
-            k[i * n + a->by_row.entry[e].idx] =
-                a->by_row.entry[e].val * sqrt(w == NULL ? 1 : (double)w[a->ray[i]]);
+            k[i * n + rec_packed_index(&a->by_row, e)] =
+                rec_packed_value(&a->by_row, e) * sqrt(w == NULL ? 1 : (double)w[a->ray[i]]);
     for (size_t p = 0; lambda > 0 && p < n; p++)
         for (size_t q = 0; q < n; q++) {
             int32_t u[3], v[3];

@@ -426,7 +426,7 @@ static double *doubles(size_t n)
 
 static void model_new(struct model *d, const struct system *y)
 {
-    const struct rec_gather *g = &y->a->by_row;
+    const struct rec_packed *g = &y->a->by_row;
     *d = (struct model){.y = y, .m = (size_t)y->a->rows, .n = (size_t)y->a->n};
     d->A = doubles(d->m * d->n);
     d->b = doubles(d->m);
@@ -438,7 +438,7 @@ static void model_new(struct model *d, const struct system *y)
     d->c = doubles(d->n);
     for (size_t i = 0, cam = 0; i < d->m; i++) {
         for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
-            d->A[i * d->n + g->entry[e].idx] += (double)g->entry[e].val;
+            d->A[i * d->n + rec_packed_index(g, e)] += (double)rec_packed_value(g, e);
         d->b[i] = y->b[y->a->ray[i] * (size_t)y->cs];
         d->w[i] = y->w[y->a->ray[i]];
         while (y->a->ray[i] >= y->a->row0[cam + 1])

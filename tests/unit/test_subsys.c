@@ -50,10 +50,10 @@ static void entries_are_those_of_S(void)
                 nnz++;
             }
         for (uint32_t e = a->by_col.ptr[q]; e < a->by_col.ptr[q + 1]; e++) {
-            double *at = &column[a->ray[a->by_col.entry[e].idx]];
-            if (a->by_col.entry[e].val == 0)
+            double *at = &column[a->ray[rec_packed_index(&a->by_col, e)]];
+            if (rec_packed_value(&a->by_col, e) == 0)
                 continue; /* padding */
-            wrong += *at != a->by_col.entry[e].val;
+            wrong += *at != rec_packed_value(&a->by_col, e);
             *at = 0;
         }
         for (uint32_t e = sc.S->colptr[col[q]]; e < sc.S->colptr[col[q] + 1]; e++)
@@ -67,7 +67,7 @@ static void entries_are_those_of_S(void)
         wrong += a->ray[i] >= a->row0[1] && a->ray[i] < a->row0[2];
         wrong += i > 0 && a->ray[i] <= a->ray[i - 1];
         for (uint32_t e = a->by_row.ptr[i] + 1; e < a->by_row.ptr[i + 1]; e++)
-            wrong += a->by_row.entry[e].idx <= a->by_row.entry[e - 1].idx;
+            wrong += rec_packed_index(&a->by_row, e) <= rec_packed_index(&a->by_row, e - 1);
     }
     T_EQ_I(wrong, 0);
     free(column);
@@ -105,12 +105,14 @@ static int64_t differences(const struct rec_subsys *a, const int32_t *col, int32
                 continue;
             uint32_t r = number[S->row[e]], k = next[r]++;
             float v = S->unit * (float)S->val[e];
-            wrong += a->by_row.entry[k].idx != (uint32_t)q || a->by_row.entry[k].val != v;
-            wrong += a->by_col.entry[at].idx != r || a->by_col.entry[at].val != v;
+            wrong += rec_packed_index(&a->by_row, k) != (uint32_t)q ||
+                     rec_packed_value(&a->by_row, k) != v;
+            wrong += rec_packed_index(&a->by_col, at) != r || rec_packed_value(&a->by_col, at) != v;
             at++;
         }
         for (; (at - a->by_col.ptr[q]) % 4 != 0; at++)
-            wrong += a->by_col.entry[at].idx >= rows || a->by_col.entry[at].val != 0;
+            wrong +=
+                rec_packed_index(&a->by_col, at) >= rows || rec_packed_value(&a->by_col, at) != 0;
     }
     wrong += a->by_col.ptr[n] != at;
     free(number);
@@ -177,8 +179,8 @@ static void adjoint(int cs, unsigned mask, bool full)
     for (int32_t i = 0; i < a->rows; i++)
         for (uint32_t e = a->by_row.ptr[i]; e < a->by_row.ptr[i + 1]; e++) {
             for (size_t l = 0; l < w; l++)
-                size[l] += fabs((double)a->by_row.entry[e].val * x[a->by_row.entry[e].idx * w + l] *
-                                y[(size_t)i * w + l]);
+                size[l] += fabs((double)rec_packed_value(&a->by_row, e) *
+                                x[rec_packed_index(&a->by_row, e) * w + l] * y[(size_t)i * w + l]);
             if (a->by_row.ptr[i + 1] - a->by_row.ptr[i] > longest)
                 longest = a->by_row.ptr[i + 1] - a->by_row.ptr[i];
         }
@@ -193,8 +195,8 @@ static void adjoint(int cs, unsigned mask, bool full)
     int32_t q = n / 2;
     double w2 = 0, w1 = 0;
     for (uint32_t e = a->by_col.ptr[q]; e < a->by_col.ptr[q + 1]; e++) {
-        w1 += a->by_col.entry[e].val;
-        w2 += (double)a->by_col.entry[e].val * a->by_col.entry[e].val;
+        w1 += rec_packed_value(&a->by_col, e);
+        w2 += (double)rec_packed_value(&a->by_col, e) * rec_packed_value(&a->by_col, e);
     }
     T_NEAR(d1[q], w1, 1e-6 * w1);
     T_NEAR(d2[q], w2, 1e-6 * w2);
