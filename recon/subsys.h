@@ -7,8 +7,8 @@
  * one short gather, a row vector holds only the rays that meet the hull, all of it stays in cache,
  * and any split of the outputs over threads gives the same bits.
  * Copying reads the columns' runs of S twice: entries per row are counted, the rows numbered, and
- * every entry written to both copies: 3 to 6 ns per entry, most of it the 16 bytes written, which is
- * what three passes of the solver cost.
+ * every entry written to both copies, 4 bytes each: 3 to 5 ns per entry, what some five passes of the
+ * solver cost.
  * All channels at once: x [n][cs], y [rows][cs], cs = 1 for one channel and 4 for three (the 4th lane
  * is 0), channel innermost.  Rows ascend by camera, then by bin.
  * Memory: 8 bytes per entry of A, and 12 per row of S that the hull is seen in and thread, in
@@ -43,7 +43,9 @@ struct rec_subsys {
     int32_t rows;             /* rows of A: of present cameras, with at least one entry */
     uint32_t *ray;            /* [rows] their numbers in S's row space */
     uint64_t nnz;             /* entries of A */
-    struct rec_packed by_row; /* [rows] outputs, indices are active columns */
+    struct rec_packed by_row; /* [rows] outputs, indices are active columns.  Values are those of
+                                 S to 65536 columns and rows; beyond, rounded to the 32 - bits
+                                 that an index leaves */
     struct rec_packed by_col; /* [n] outputs, indices are rows of A; padded with zero entries */
     float *norm2;             /* [n] column sums of squares: the diagonal of A^T A */
     double sum, sum2;         /* of all entries, of their squares */
@@ -57,7 +59,7 @@ struct rec_subsys {
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0);
 
 /* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM; PVX_ERANGE: S has over 2^32-1 entries when
- * every column is padded. */
+ * every column is padded, or over 2^26 voxels or rows. */
 PVX_MUST_CHECK pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k,
                                       pvx_pool *pool, int cs, struct rec_subsys **out);
 void rec_subsys_free(struct rec_subsys **a);
