@@ -259,14 +259,15 @@ static const struct hard_case cases[] = {
     {"empty frame", RING, dark, 0, NULL, NOTHING, {0, 0}, 0},
     {"empty frame, noise alone", RING, dark, 0.01, NULL, FLAME, {0.05, 0.05}, 0.05},
     {"one lit pixel", RING, dark, 0, one_pixel, NOTHING, {0, 0}, 0},
+    /* what the other cameras deny is misfit, and misfit smooths */
     {"one lit pixel, one camera (residual)",
      RING,
      dark,
      0,
      one_pixel_one_camera,
      RESIDUAL,
-     {0.1, 0.5},
-     0.2},
+     {0.6, 0.6},
+     0.3},
     {"all pixels lit evenly (residual)", RING, all_lit, 0, NULL, RESIDUAL, {0.35, 0.5}, 0.6},
     {"all pixels lit: flame behind haze", RING, NULL, 0.01, haze, FLAME, {0.32, 0.4}, 0.65},
     {"2 views", RIG_RING, 2, NULL, 0.01, NULL, FLAME, {0.75, 0.75}, 0.9},
@@ -506,7 +507,7 @@ void stab_cases(const struct stab_run *run)
         }
         stab_bed_free(&b);
         mid_stream(run, (enum rec_basis)basis, basis == REC_BOX ? 0.17 : 0.15);
-        one_voxel(run, (enum rec_basis)basis, 1, 1e-5, 1e-3);
+        one_voxel(run, (enum rec_basis)basis, 1, 1e-4, 1e-3); /* 15-bit values: over 65536 rows */
     }
     one_voxel(run, REC_BOX, 8, 1e-4, 1);
 }
