@@ -248,9 +248,10 @@ static int64_t solve_until(const dmn_pipeline *p, const struct slot *s, int64_t 
     return p->patience > 1 || until > most ? most : until < least ? least : until;
 }
 
-static void learn_patience(dmn_pipeline *p, const struct rec_solve_report *r)
+static void learn_patience(dmn_pipeline *p, const struct rec_frame_report *f)
 {
-    if (r->status == REC_DEADLINE && r->iterations < ITERATIONS_FEW)
+    const struct rec_solve_report *r = &f->solve;
+    if (r->status == REC_DEADLINE && f->coarse_iterations + r->iterations < ITERATIONS_FEW)
         p->patience = p->patience * 2 > PATIENCE_MAX ? PATIENCE_MAX : p->patience * 2;
     else if (p->patience > 1 && (r->status != REC_DEADLINE || r->iterations > 3 * ITERATIONS_FEW))
         p->patience--;
@@ -278,7 +279,7 @@ static bool solve(void *ctx)
         drop(p, s, DMN_DROP_FAILED);
         return true;
     }
-    learn_patience(p, &rec_frame_get_report(s->frame)->solve);
+    learn_patience(p, rec_frame_get_report(s->frame));
     if (p->warm)
         remember(p, s);
     pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);

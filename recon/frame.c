@@ -237,6 +237,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
         return PVX_EINVAL;
     if (warm)
         warm_start(f, previous);
+    f->report.warm = warm;
     if (f->levels != NULL &&
         rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight, noise2)) {
         p.weight = weight;

@@ -31,7 +31,7 @@ struct rec_frame_report {
     uint32_t cameras;               /* present */
     uint32_t saturated, not_finite; /* bins, all cameras */
     float sigma;                    /* noise estimate, mean over cameras and channels */
-    bool warm;                      /* the earlier volume was the start */
+    bool warm;                      /* the start was the earlier volume */
     uint32_t coarse_iterations;     /* on coarser grids, before those of `solve` */
     int64_t photo_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };

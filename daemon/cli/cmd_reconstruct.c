@@ -90,14 +90,14 @@ static void *reader(void *arg)
     return NULL;
 }
 
-static void report_frame(const struct job *j, const struct slot *s, bool warm, cJSON *list)
+static void report_frame(const struct job *j, const struct slot *s, cJSON *list)
 {
     cJSON *o = cJSON_CreateObject();
     cJSON_AddNumberToObject(o, "frame", frames_in_number(&j->in, s->index));
     dmn_report_to_json(o, rec_frame_get_report(s->frame));
     if (s->present == 0)
         cJSON_ReplaceItemInObject(o, "status", cJSON_CreateString("failed"));
-    cJSON_AddStringToObject(o, "start", warm ? "warm" : "cold");
+    cJSON_AddStringToObject(o, "start", rec_frame_get_report(s->frame)->warm ? "warm" : "cold");
     /* unpacking and binning belong to photometry here: total is from raw pixels to volume */
     cJSON *ms = cJSON_GetObjectItem(o, "ms");
     static const char *const with_binning[] = {"photometry", "total"};
@@ -170,7 +170,7 @@ static pvx_err do_frame(struct job *j, struct slot *s, struct rec_sparse *prev, 
     uint32_t no = frames_in_number(&j->in, s->index);
     *failed |= s->failed;
     if (s->present == 0) {
-        report_frame(j, s, false, list);
+        report_frame(j, s, list);
         return PVX_OK;
     }
     if (s->present < j->rig.n_cameras) {
@@ -202,9 +202,10 @@ static pvx_err do_frame(struct job *j, struct slot *s, struct rec_sparse *prev, 
     struct dmn_volume_meta m = {
         .grid = j->S->grid, .nch = v.nch, .frame = no, .clock = "frame-number", .report = r};
     PVX_TRY(dmn_volume_save(path, &m, dense, d));
-    report_frame(j, s, warm, list);
+    report_frame(j, s, list);
     j->volumes++;
-    j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 && !warm;
+    j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
+               r->coarse_iterations == 0 && !r->warm;
     j->cut += j->o->fit && reaches_side(j, &v);
     if (j->o->warm)
         *prev = v;
