@@ -403,8 +403,8 @@ static void stopping_and_starting(void)
         cJSON_Delete(o);
     }
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT
-                   " --out s --start warm --save-report s.json"),
-           0);
+                   " --out s --start warm --solver sirt --save-report s.json"),
+           0); /* has no coarser grids to start from instead */
     slurp("s.json");
     cJSON *o = cJSON_Parse(text);
     for (int i = 0; i < FRAMES; i++) {
@@ -413,6 +413,7 @@ static void stopping_and_starting(void)
         T_EQ_S(start != NULL ? start : "", i == 0 ? "cold" : "warm");
     }
     cJSON_Delete(o);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames take " EIGHT " --out s --start warm"), 0);
     T_LE(volume_error("s/000002.npy", 2, REC_BOX), 0.25);
 }
 
