@@ -71,8 +71,8 @@ static const struct argp_option option_table[] = {
     {"deadline", OPT_DEADLINE, "MS", 0,
      "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},
     {"start", OPT_START, "cold|warm", 0,
-     "by itself (default) or from the frame before. Which is faster depends on the solver and on "
-     "how far the flame moves between frames: compare the iterations in the report",
+     "by itself (default) or from the frame before, where that fits better than what coarser grids "
+     "give; the report says which it was",
      3},
     {"lambda", OPT_LAMBDA, "X", 0, "weight of the smoothness term (default: from the noise)", 3},
     {NULL, 0, NULL, 0, "Silhouettes and hull:", 4},
