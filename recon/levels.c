@@ -7,7 +7,7 @@
 #include "recon/lanes.h"
 
 #define MAX_LEVELS 10
-#define ITERATIONS 16
+#define ITERATIONS 14
 #define AT_FIRST   6 /* on the coarsest level: it is good enough to start the next, and soon */
 #define TOLERANCE  1e-3f
 

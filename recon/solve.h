@@ -40,7 +40,7 @@ struct rec_solve_params {
 };
 #define REC_SOLVE_DEFAULTS                                                                       \
     {                                                                                            \
-        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1, .tolerance = 4e-3f \
+        .solver = NULL, .stop = REC_STOP_AUTO, .iterations = 0, .lambda = -1, .tolerance = 6e-3f \
     }
 extern const struct rec_solve_params rec_solve_defaults;
 
