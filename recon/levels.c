@@ -116,20 +116,6 @@ struct walk {
     const float *b, *w;
 };
 
-/* First index in col whose voxel is >= v. */
-static int32_t lower_bound(const int32_t *col, int32_t n, int32_t v)
-{
-    int32_t lo = 0, hi = n;
-    while (lo < hi) {
-        int32_t mid = lo + (hi - lo) / 2;
-        if (col[mid] < v)
-            lo = mid + 1;
-        else
-            hi = mid;
-    }
-    return lo;
-}
-
 static size_t map_index(const struct rec_grid *g, int32_t i, int32_t j, int32_t k)
 {
     return ((size_t)(k + 1) * (size_t)(g->n[1] + 2) + (size_t)(j + 1)) * (size_t)(g->n[0] + 2) +
@@ -145,8 +131,8 @@ static void mark_layer(void *ctx, size_t task)
     int32_t *map = t->v->map + map_index(g, -1, -1, k), n = 0;
     int32_t *list = t->v->slab + rec_grid_index(g, 0, 0, k);
     memset(map, 0, (size_t)wide * (size_t)(g->n[1] + 2) * sizeof *map);
-    int32_t q = lower_bound(t->col, t->n, 2 * k * layer);
-    int32_t end = 2 * k + 2 >= f->n[2] ? t->n : lower_bound(t->col, t->n, (2 * k + 2) * layer);
+    int32_t q = rec_first_column(t->col, t->n, 2 * k * layer);
+    int32_t end = 2 * k + 2 >= f->n[2] ? t->n : rec_first_column(t->col, t->n, (2 * k + 2) * layer);
     for (int32_t row = -1, base = 0; q < end; q++) {
         if (t->col[q] < row || t->col[q] >= row + f->n[0] || row < 0) { /* another row of voxels */
             int32_t ijk[3];
@@ -286,7 +272,7 @@ REC_INLINE void refine(const struct walk *t, int32_t k, size_t cs)
                 int32_t j = 2 * ijk[1] + (s & 1), z = 2 * k + (s >> 1);
                 bool in = j < f->n[1] && z < f->n[2];
                 start[s] = in ? rec_grid_index(f, 0, j, z) : -1;
-                at[s] = in ? lower_bound(t->col, t->n, start[s]) : t->n;
+                at[s] = in ? rec_first_column(t->col, t->n, start[s]) : t->n;
             }
         }
         int32_t i = v->col[q] - row;

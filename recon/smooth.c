@@ -24,20 +24,6 @@ void rec_smooth_init(struct rec_smooth *s, const struct rec_grid *g)
     }
 }
 
-/* First active index whose voxel is >= v. */
-static int32_t lower_bound(const int32_t *col, int32_t n, int32_t v)
-{
-    int32_t lo = 0, hi = n;
-    while (lo < hi) {
-        int32_t mid = lo + (hi - lo) / 2;
-        if (col[mid] < v)
-            lo = mid + 1;
-        else
-            hi = mid;
-    }
-    return lo;
-}
-
 /* col ascends, so the neighbour at a fixed offset moves forward with q: four cursors, no search. */
 void rec_smooth_near(struct rec_smooth *s, const struct rec_subsys *a, int32_t q0, int32_t q1)
 {
@@ -49,7 +35,7 @@ void rec_smooth_near(struct rec_smooth *s, const struct rec_subsys *a, int32_t q
     if (q0 >= q1)
         return;
     for (int f = 0; f < 4; f++)
-        at[f] = lower_bound(col, n, col[q0] + step[f]);
+        at[f] = rec_first_column(col, n, col[q0] + step[f]);
     for (int32_t q = q0; q < q1; q++) {
         int32_t v = col[q];
         if (v == last + 1 && ijk[0] + 1 < g->n[0]) {

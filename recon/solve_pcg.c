@@ -23,6 +23,7 @@
 #include <string.h>
 
 #include "recon/pcg_pass.h"
+#include "recon/stop.h"
 
 #define DEFAULT_ITERATIONS 30
 #define BEYOND             6
@@ -101,11 +102,6 @@ static void stiffness(struct rec_pcg *t)
         b.mean = sum[0] > 0 ? sum[1] / sum[0] : 0;
     }
     pvx_pool_run(j->a->pool, chunks, stiff_chunk, &b);
-}
-
-static double total(const double v[4])
-{
-    return v[0] + v[1] + v[2] + v[3];
 }
 
 static void swap(float **a, float **b)
@@ -266,7 +262,7 @@ void rec_solve_pcg(struct rec_job *j)
     rec_job_start(j, rwr); /* r and q */
     pvx_pool_run(a->pool, chunks, pass->smoothness, &t);
     evaluate(&t, rwr, f, gamma, cross, norm2);
-    j->out->objective = total(f);
+    j->out->objective = rec_lanes_total(f);
     j->out->status = REC_MAX_ITER;
     for (uint32_t k = 1; k <= limit; k++) {
         if (rec_job_late(j)) {
@@ -291,15 +287,16 @@ void rec_solve_pcg(struct rec_job *j)
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
             gamma[l] = next[l];
         }
-        double gain = total(f) - total(now);
-        double before = total(f);
+        double gain = rec_lanes_total(f) - rec_lanes_total(now);
+        double before = rec_lanes_total(f);
         memcpy(f, now, sizeof f);
-        j->out->objective = total(f);
+        j->out->objective = rec_lanes_total(f);
         j->out->iterations = j->out->best = k;
         if (j->trace != NULL)
-            j->trace(j->trace_ctx, k, t.x, total(f), sqrt(total(rwr)));
+            j->trace(j->trace_ctx, k, t.x, rec_lanes_total(f), sqrt(rec_lanes_total(rwr)));
         if (corner) {
-            if (rec_lcurve_add(&curve, k, sqrt(total(rwr)), sqrt(total(norm2)))) {
+            if (rec_lcurve_add(&curve, k, sqrt(rec_lanes_total(rwr)),
+                               sqrt(rec_lanes_total(norm2)))) {
                 rec_job_copy(j, best, t.next); /* the iterate before */
                 best_f = before;
             }
@@ -308,7 +305,7 @@ void rec_solve_pcg(struct rec_job *j)
                 break;
             }
         }
-        if (gain <= tol * total(f) || (noise2 > 0 && total(rwr) <= noise2)) {
+        if (gain <= tol * rec_lanes_total(f) || (noise2 > 0 && rec_lanes_total(rwr) <= noise2)) {
             j->out->status = REC_CONVERGED;
             break;
         }
@@ -321,7 +318,7 @@ void rec_solve_pcg(struct rec_job *j)
     }
     if (t.x != j->x)
         rec_job_copy(j, j->x, t.x);
-    j->out->residual_norm = sqrt(total(rwr));
+    j->out->residual_norm = sqrt(rec_lanes_total(rwr));
     for (int l = 0; l < s->nch; l++)
         j->out->misfit2[l] = rwr[l] * s->nch / j->m;
 }

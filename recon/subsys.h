@@ -74,6 +74,20 @@ void rec_adjoint(const struct rec_subsys *a, const float *y, float *x);
  * row_weight [rows] or NULL = 1. */
 void rec_column_norms(const struct rec_subsys *a, const float *row_weight, float *d2, float *d1);
 
+/* First of n ascending columns that is >= v; n when none is. */
+static inline int32_t rec_first_column(const int32_t *col, int32_t n, int32_t v)
+{
+    int32_t lo = 0, hi = n;
+    while (lo < hi) {
+        int32_t mid = lo + (hi - lo) / 2;
+        if (col[mid] < v)
+            lo = mid + 1;
+        else
+            hi = mid;
+    }
+    return lo;
+}
+
 /* Loops over columns or rows are cut into at most REC_MAX_CHUNKS pieces of rec_chunk(n): the cut
  * depends on n alone, so sums that are added up piece by piece do not depend on the threads. */
 #define REC_MAX_CHUNKS 256

@@ -74,7 +74,7 @@ static const struct argp_option option_table[] = {
      "by itself (default) or from the frame before, where that fits better than what coarser grids "
      "give; the report says which it was",
      3},
-    {"lambda", OPT_LAMBDA, "X", 0, "weight of the smoothness term (default: from the noise)", 3},
+    {"lambda", OPT_LAMBDA, "X", 0, "weight of the smoothness term (default: from the pictures)", 3},
     {NULL, 0, NULL, 0, "Silhouettes and hull:", 4},
     {"threshold", OPT_THRESHOLD, "X|auto", 0, "flame is >= X of full scale (auto: from the noise)",
      4},
