@@ -23,7 +23,6 @@ struct level {
     float *b;       /* [rowspace][cs], filled where sub has rows */
     float *w;       /* [rowspace] */
     float *x;       /* [1+N][cs]: zero, then the solution, so that map leads to a value always */
-    size_t voxels, rows;
 };
 
 struct rec_levels {
@@ -40,17 +39,15 @@ static size_t map_size(const struct rec_grid *g)
 static pvx_err level_new(struct level *v, const rec_sysmat *S, const struct rec_kernels *k,
                          pvx_pool *pool, int nch, int cs)
 {
-    size_t row0[REC_MAX_CAMERAS + 1];
+    size_t voxels = rec_grid_count(&S->grid), rows = S->row0[S->n_cameras];
     v->S = S;
-    v->voxels = rec_grid_count(&S->grid);
-    v->rows = rec_rowspace(S, row0);
     v->map = pvx_calloc(map_size(&S->grid), sizeof *v->map);
-    v->slab = pvx_calloc(v->voxels, sizeof *v->slab);
-    v->col = pvx_calloc(v->voxels, sizeof *v->col);
+    v->slab = pvx_calloc(voxels, sizeof *v->slab);
+    v->col = pvx_calloc(voxels, sizeof *v->col);
     v->first = pvx_calloc((size_t)S->grid.n[2] + 1, sizeof *v->first);
-    v->b = pvx_calloc(v->rows * (size_t)cs, sizeof *v->b);
-    v->w = pvx_calloc(v->rows, sizeof *v->w);
-    v->x = pvx_calloc((v->voxels + 1) * (size_t)cs, sizeof *v->x);
+    v->b = pvx_calloc(rows * (size_t)cs, sizeof *v->b);
+    v->w = pvx_calloc(rows, sizeof *v->w);
+    v->x = pvx_calloc((voxels + 1) * (size_t)cs, sizeof *v->x);
     if (v->map == NULL || v->slab == NULL || v->col == NULL || v->first == NULL || v->b == NULL ||
         v->w == NULL || v->x == NULL)
         return PVX_ENOMEM;

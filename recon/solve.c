@@ -118,7 +118,7 @@ double rec_job_norm_x(struct rec_job *j, const float *v)
 {
     double d[4];
     rec_dot(j->a, j->a->n, v, v, d);
-    return sqrt(d[0] + d[1] + d[2] + d[3]);
+    return sqrt(rec_lanes_total(d));
 }
 
 struct copy {
@@ -146,6 +146,13 @@ struct residual {
     float *r, *wr;
     float scale[4];
 };
+/* r, wr at one value; what it adds to r'Wr. */
+static inline double set_residual(struct residual *t, size_t at, float w, float r)
+{
+    t->r[at] = r;
+    t->wr[at] = w * r;
+    return (double)t->wr[at] * r;
+}
 static void residual_chunk(void *ctx, size_t k)
 {
     struct residual *t = ctx;
@@ -156,12 +163,8 @@ static void residual_chunk(void *ctx, size_t k)
     rec_chunk_range(a->rows, k, &i0, &i1);
     rec_forward_range(a, t->x, i0, i1, t->r);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++)
-        for (size_t l = 0; l < cs; l++) {
-            float r = t->r[i * cs + l] - t->j->b[i * cs + l], wr = t->j->w[i] * r;
-            t->r[i * cs + l] = r;
-            t->wr[i * cs + l] = wr;
-            s[l] += (double)wr * r;
-        }
+        for (size_t l = 0; l < cs; l++)
+            s[l] += set_residual(t, i * cs + l, t->j->w[i], t->r[i * cs + l] - t->j->b[i * cs + l]);
     memcpy(t->j->s->part[k][0], s, sizeof s);
 }
 void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4])
@@ -210,9 +213,7 @@ static void scale_task(void *ctx, size_t i)
     for (size_t k = (size_t)i0; k < (size_t)i1; k++)
         for (size_t l = 0; l < cs; l++) {
             float b = t->j->b[k * cs + l], r = t->scale[l] * (t->r[k * cs + l] + b) - b;
-            t->r[k * cs + l] = r;
-            t->wr[k * cs + l] = t->j->w[k] * r;
-            s[l] += (double)t->wr[k * cs + l] * r;
+            s[l] += set_residual(t, k * cs + l, t->j->w[k], r);
         }
     memcpy(t->j->s->part[i][0], s, sizeof s);
 }
@@ -243,12 +244,8 @@ static void zero_chunk(void *ctx, size_t k)
     double s[4] = {0};
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++)
-        for (size_t l = 0; l < cs; l++) {
-            float r = -t->j->b[i * cs + l];
-            t->r[i * cs + l] = r;
-            t->wr[i * cs + l] = t->j->w[i] * r;
-            s[l] += (double)t->wr[i * cs + l] * r;
-        }
+        for (size_t l = 0; l < cs; l++)
+            s[l] += set_residual(t, i * cs + l, t->j->w[i], -t->j->b[i * cs + l]);
     memcpy(t->j->s->part[k][0], s, sizeof s);
 }
 
@@ -265,27 +262,23 @@ void rec_job_start(struct rec_job *j, double out[4])
     }
 }
 
-struct prepare {
-    struct rec_job *j;
-    const float *b, *w;
-};
 /* b and w on A's rows, ||W^(1/2) b||^2, the number of measured rows, sum of w b per lane. */
 static void prepare_chunk(void *ctx, size_t k)
 {
-    struct prepare *t = ctx;
-    rec_solver *s = t->j->s;
-    const struct rec_subsys *a = t->j->a;
+    struct rec_job *j = ctx;
+    rec_solver *s = j->s;
+    const struct rec_subsys *a = j->a;
     size_t cs = (size_t)a->cs;
     int32_t i0, i1;
     double norm = 0, rows = 0, ones = 0, light[4] = {0};
     rec_chunk_range(a->rows, k, &i0, &i1);
     for (int32_t i = i0; i < i1; i++) {
-        float w = t->w[a->ray[i]];
+        float w = j->image_weight[a->ray[i]];
         s->weight[i] = w;
         rows += w > 0;
         ones += w == 1;
         for (size_t l = 0; l < cs; l++) {
-            float b = t->b[(size_t)a->ray[i] * cs + l];
+            float b = j->image[(size_t)a->ray[i] * cs + l];
             s->b[(size_t)i * cs + l] = b;
             norm += (double)w * b * b;
             light[l] += (double)w * b;
@@ -302,9 +295,8 @@ static void prepare_chunk(void *ctx, size_t k)
 static bool prepare(struct rec_job *j)
 {
     size_t rows = rec_job_row_chunks(j);
-    struct prepare t = {j, j->image, j->image_weight};
     double sum[4];
-    pvx_pool_run(j->a->pool, rows, prepare_chunk, &t);
+    pvx_pool_run(j->a->pool, rows, prepare_chunk, j);
     rec_job_sum(j, 0, rows, 0, sum);
     rec_job_sum(j, 0, rows, 1, j->light);
     j->b_norm2 = sum[0];
@@ -352,7 +344,7 @@ double rec_solve_fit(rec_solver *s, const struct rec_subsys *a, bool scale, floa
     if (scale)
         scale_start(&j);
     rec_job_start(&j, sum);
-    return sum[0] + sum[1] + sum[2] + sum[3];
+    return rec_lanes_total(sum);
 }
 
 pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, const float *w,
@@ -397,16 +389,17 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
     j.zero = !p->good_start && rec_job_norm_x(&j, x) == 0;
     if (!j.zero && !p->good_start)
         scale_start(&j);
-    out->residual_norm = -1;
+    out->residual_norm = out->solution_norm = -1;
     if (rec_job_late(&j))
         out->status = REC_DEADLINE; /* x as it is, and no time for more */
     else
         m->run(&j);
     if (out->residual_norm < 0) {
         rec_job_residual(&j, x, s->yv[0], s->yv[1], sum);
-        out->residual_norm = sqrt(sum[0] + sum[1] + sum[2] + sum[3]);
+        out->residual_norm = sqrt(rec_lanes_total(sum));
     }
-    out->solution_norm = rec_job_norm_x(&j, x);
+    if (out->solution_norm < 0)
+        out->solution_norm = rec_job_norm_x(&j, x);
     out->rel_residual = out->residual_norm / sqrt(j.b_norm2);
     out->time_ns = pvx_now_mono() - start;
     return PVX_OK;

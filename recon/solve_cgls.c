@@ -30,42 +30,28 @@ struct cgls {
 };
 
 /* q = S d and ||W^(1/2) q||^2. */
-REC_INLINE void forward(struct cgls *t, size_t k, size_t cs)
-{
-    int32_t i0, i1;
-    rec_d4 size = {{0}, {0}};
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_forward_range(t->j->a, t->d, i0, i1, t->q);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 q = rec_ld(t->q, i, cs);
-        rec_add_product(&size, rec_splat(t->j->w[i]) * q, q);
-    }
-    rec_put(t->j->s->part[k][S_SIZE], &size);
-}
 static void forward_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    t->j->a->cs == 4 ? forward(t, k, 4) : forward(t, k, 1);
+    double *out = t->j->s->part[k][S_SIZE];
+    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, t->d, t->q, out)
+                     : rec_rows_product(t->j, k, 1, t->d, t->q, out);
 }
 
-/* Rows: r -= alpha q, or r = p at first; ||W^(1/2) r||^2.  Columns: a += alpha d, clipped. */
-REC_INLINE void residual(struct cgls *t, const float *from, size_t k, size_t cs)
+/* r = p, which is 0 + 1 p; W r. */
+static void start_chunk(void *ctx, size_t k)
 {
+    struct cgls *t = ctx;
+    static const double one[4] = {1, 1, 1, 1};
+    double *out = t->j->s->part[k][S_RR];
+    size_t cs = (size_t)t->j->a->cs;
     int32_t i0, i1;
-    rec_f4 alpha = rec_coef(t->alpha);
-    rec_d4 rr = {{0}, {0}};
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 r = rec_ld(from, i, cs);
-        if (from == t->r)
-            r -= alpha * rec_ld(t->q, i, cs);
-        rec_f4 wr = rec_splat(t->j->w[i]) * r;
-        rec_st(t->r, i, cs, r);
-        rec_st(t->wr, i, cs, wr);
-        rec_add_product(&rr, wr, r);
-    }
-    rec_put(t->j->s->part[k][S_RR], &rr);
+    memset(t->r + (size_t)i0 * cs, 0, (size_t)(i1 - i0) * cs * sizeof *t->r);
+    cs == 4 ? rec_rows_step(t->j, k, 4, one, t->r, t->j->b, t->wr, out)
+            : rec_rows_step(t->j, k, 1, one, t->r, t->j->b, t->wr, out);
 }
+
 REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
@@ -76,25 +62,25 @@ REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
         rec_st(t->x, i, cs, t->clip ? rec_select(x > 0, x, zero) : x);
     }
 }
-static void start_chunk(void *ctx, size_t k)
-{
-    struct cgls *t = ctx;
-    t->j->a->cs == 4 ? residual(t, t->j->b, k, 4) : residual(t, t->j->b, k, 1);
-}
+/* Rows: r -= alpha q, ||W^(1/2) r||^2.  Columns: a += alpha d, clipped. */
 static void update_task(void *ctx, size_t i)
 {
     struct cgls *t = ctx;
-    size_t rows = rec_job_row_chunks(t->j);
-    if (t->j->a->cs == 4)
-        i < rows ? residual(t, t->r, i, 4) : step(t, i - rows, 4);
+    size_t rows = rec_job_row_chunks(t->j), cs = (size_t)t->j->a->cs;
+    double back[4], *out = t->j->s->part[i][S_RR];
+    for (int l = 0; l < 4; l++)
+        back[l] = -t->alpha[l];
+    if (i >= rows)
+        cs == 4 ? step(t, i - rows, 4) : step(t, i - rows, 1);
     else
-        i < rows ? residual(t, t->r, i, 1) : step(t, i - rows, 1);
+        cs == 4 ? rec_rows_step(t->j, i, 4, back, t->r, t->q, t->wr, out)
+                : rec_rows_step(t->j, i, 1, back, t->r, t->q, t->wr, out);
 }
 
 REC_INLINE void adjoint(struct cgls *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
-    rec_d4 gamma = {{0}, {0}};
+    rec_d4 gamma = {0};
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_adjoint_range(t->j->a, t->wr, q0, q1, t->s);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {

@@ -57,8 +57,8 @@ struct rec_job {
     double m;        /* measured values: rows with weight > 0, times channels */
 };
 
-/* One method: fills x and of the report status, iterations, best, objective, lambda, and
- * residual_norm where it is known.  Other norms and time are the caller's. */
+/* One method: fills x and of the report status, iterations, best, objective, lambda, and residual_norm
+ * and solution_norm where they are known (they come as -1).  The rest is the caller's. */
 void rec_solve_pcg(struct rec_job *j);
 void rec_solve_cgls_paper(struct rec_job *j);
 void rec_solve_cgls(struct rec_job *j);
@@ -76,6 +76,43 @@ static inline size_t rec_job_row_chunks(const struct rec_job *j)
 static inline size_t rec_job_chunks(const struct rec_job *j)
 {
     return rec_chunks(j->a->n);
+}
+
+/* Sum of the lanes. */
+static inline double rec_lanes_total(const double v[4])
+{
+    return v[0] + v[1] + v[2] + v[3];
+}
+
+/* q = A d on one chunk of rows; out = q'W q per lane. */
+REC_INLINE void rec_rows_product(const struct rec_job *j, size_t k, size_t cs, const float *d,
+                                 float *q, double out[4])
+{
+    int32_t i0, i1;
+    rec_d4 sum = {0};
+    rec_chunk_range(j->a->rows, k, &i0, &i1);
+    rec_forward_range(j->a, d, i0, i1, q);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        rec_f4 v = rec_ld(q, i, cs);
+        rec_add_product(&sum, rec_splat(j->w[i]) * v, v);
+    }
+    rec_put(out, &sum);
+}
+/* r += alpha q, wr = W r on one chunk of rows; out = r'W r per lane.  wr may be q. */
+REC_INLINE void rec_rows_step(const struct rec_job *j, size_t k, size_t cs, const double alpha[4],
+                              float *r, const float *q, float *wr, double out[4])
+{
+    int32_t i0, i1;
+    rec_f4 by = rec_coef(alpha);
+    rec_d4 sum = {0};
+    rec_chunk_range(j->a->rows, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        rec_f4 v = rec_ld(r, i, cs) + by * rec_ld(q, i, cs), wv = rec_splat(j->w[i]) * v;
+        rec_st(r, i, cs, v);
+        rec_st(wr, i, cs, wv);
+        rec_add_product(&sum, wv, v);
+    }
+    rec_put(out, &sum);
 }
 
 /* Sum slot `what` of the partial results [from, to), lane by lane, in order. */

@@ -22,7 +22,7 @@ REC_INLINE void rows_pass(struct mlem *t, size_t k, size_t cs)
 {
     int32_t i0, i1;
     rec_f4 zero = {0}, huge = rec_splat(FLT_MAX);
-    rec_d4 rr = {{0}, {0}};
+    rec_d4 rr = {0};
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     rec_forward_range(t->j->a, t->x, i0, i1, t->ratio);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {

@@ -29,7 +29,7 @@ REC_INLINE void direction(struct mrnsd *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 most = {0}, zero = {0};
-    rec_d4 gamma = {{0}, {0}};
+    rec_d4 gamma = {0};
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_adjoint_range(t->j->a, t->wr, q0, q1, t->s);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
@@ -51,39 +51,14 @@ static void direction_chunk(void *ctx, size_t k)
     t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
-REC_INLINE void forward(struct mrnsd *t, size_t k, size_t cs)
-{
-    int32_t i0, i1;
-    rec_d4 size = {{0}, {0}};
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_forward_range(t->j->a, t->s, i0, i1, t->q);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 q = rec_ld(t->q, i, cs);
-        rec_add_product(&size, rec_splat(t->j->w[i]) * q, q);
-    }
-    rec_put(t->j->s->part[k][S_SIZE], &size);
-}
 static void forward_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
-    t->j->a->cs == 4 ? forward(t, k, 4) : forward(t, k, 1);
+    double *out = t->j->s->part[k][S_SIZE];
+    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, t->s, t->q, out)
+                     : rec_rows_product(t->j, k, 1, t->s, t->q, out);
 }
 
-REC_INLINE void update_rows(struct mrnsd *t, size_t k, size_t cs)
-{
-    int32_t i0, i1;
-    rec_f4 alpha = rec_coef(t->alpha);
-    rec_d4 rr = {{0}, {0}};
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 r = rec_ld(t->r, i, cs) + alpha * rec_ld(t->q, i, cs);
-        rec_f4 wr = rec_splat(t->j->w[i]) * r;
-        rec_st(t->r, i, cs, r);
-        rec_st(t->wr, i, cs, wr);
-        rec_add_product(&rr, wr, r);
-    }
-    rec_put(t->j->s->part[k][S_RR], &rr);
-}
 REC_INLINE void update_columns(struct mrnsd *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
@@ -97,11 +72,13 @@ REC_INLINE void update_columns(struct mrnsd *t, size_t k, size_t cs)
 static void update_task(void *ctx, size_t i)
 {
     struct mrnsd *t = ctx;
-    size_t rows = rec_job_row_chunks(t->j);
-    if (t->j->a->cs == 4)
-        i < rows ? update_rows(t, i, 4) : update_columns(t, i - rows, 4);
+    size_t rows = rec_job_row_chunks(t->j), cs = (size_t)t->j->a->cs;
+    double *out = t->j->s->part[i][S_RR];
+    if (i >= rows)
+        cs == 4 ? update_columns(t, i - rows, 4) : update_columns(t, i - rows, 1);
     else
-        i < rows ? update_rows(t, i, 1) : update_columns(t, i - rows, 1);
+        cs == 4 ? rec_rows_step(t->j, i, 4, t->alpha, t->r, t->q, t->wr, out)
+                : rec_rows_step(t->j, i, 1, t->alpha, t->r, t->q, t->wr, out);
 }
 
 /* (2) for every lane; false: none can move. */

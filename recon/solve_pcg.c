@@ -26,10 +26,8 @@
 #include "recon/stop.h"
 
 #define DEFAULT_ITERATIONS 30
-#define BEYOND             6
-#define REFRESH            64 /* iterations after which A x and L x are formed anew */
-
-/* ---- the method ---------------------------------------------------------------------------------*/
+#define STILL              1e-7 /* share of the objective below which nothing moves any more */
+#define REFRESH            64   /* iterations after which A x and L x are formed anew */
 
 /* (2a): how much a flame curves goes with how bright it burns.  c keeps the dark parts from being
  * held more than about three times as firmly as the bright ones. */
@@ -103,6 +101,8 @@ static void stiffness(struct rec_pcg *t)
     }
     pvx_pool_run(j->a->pool, chunks, stiff_chunk, &b);
 }
+
+/* ---- the method ---------------------------------------------------------------------------------*/
 
 static void swap(float **a, float **b)
 {
@@ -240,13 +240,11 @@ void rec_solve_pcg(struct rec_job *j)
                         .r = s->yv[0],
                         .q = s->yv[1]};
     size_t chunks = rec_job_chunks(j), bytes = (size_t)a->n * (size_t)a->cs * sizeof *j->x;
-    uint32_t limit = j->p->iterations > 0 ? j->p->iterations : DEFAULT_ITERATIONS;
-    bool corner = j->p->stop == REC_STOP_LCURVE;
-    struct rec_lcurve curve = {0};
-    double best_f = 0;
-    float *best = s->xv[6];
-    double noise2 = j->p->stop == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
-    double tol = j->p->stop == REC_STOP_AUTO ? (double)j->p->tolerance : 1e-7;
+    const struct rec_stop_own own = {.most = DEFAULT_ITERATIONS,
+                                     .blind = DEFAULT_ITERATIONS,
+                                     .gain = j->p->stop == REC_STOP_AUTO ? (double)j->p->tolerance
+                                                                         : STILL};
+    struct rec_stopper stop;
 
     double noise[4];
     rec_smooth_init(&t.smooth, &a->S->grid);
@@ -263,17 +261,13 @@ void rec_solve_pcg(struct rec_job *j)
     pvx_pool_run(a->pool, chunks, pass->smoothness, &t);
     evaluate(&t, rwr, f, gamma, cross, norm2);
     j->out->objective = rec_lanes_total(f);
-    j->out->status = REC_MAX_ITER;
-    for (uint32_t k = 1; k <= limit; k++) {
-        if (rec_job_late(j)) {
-            j->out->status = REC_DEADLINE;
-            break;
-        }
+    rec_stop_begin(&stop, j, &own, s->xv[6], s->xv[7]);
+    while (rec_stop_next(&stop)) {
         if (!line_search(&t, gamma)) {
             j->out->status = REC_CONVERGED;
             break;
         }
-        advance(&t, k % REFRESH == 0, rwr);
+        advance(&t, (stop.k + 1) % REFRESH == 0, rwr);
         evaluate(&t, rwr, now, next, cross, norm2);
         bool rose = false;
         for (int l = 0; l < s->nch; l++)
@@ -287,38 +281,16 @@ void rec_solve_pcg(struct rec_job *j)
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
             gamma[l] = next[l];
         }
-        double gain = rec_lanes_total(f) - rec_lanes_total(now);
-        double before = rec_lanes_total(f);
         memcpy(f, now, sizeof f);
-        j->out->objective = rec_lanes_total(f);
-        j->out->iterations = j->out->best = k;
-        if (j->trace != NULL)
-            j->trace(j->trace_ctx, k, t.x, rec_lanes_total(f), sqrt(rec_lanes_total(rwr)));
-        if (corner) {
-            if (rec_lcurve_add(&curve, k, sqrt(rec_lanes_total(rwr)),
-                               sqrt(rec_lanes_total(norm2)))) {
-                rec_job_copy(j, best, t.next); /* the iterate before */
-                best_f = before;
-            }
-            if (rec_lcurve_done(&curve, k, BEYOND)) {
-                j->out->status = REC_CONVERGED;
-                break;
-            }
-        }
-        if (gain <= tol * rec_lanes_total(f) || (noise2 > 0 && rec_lanes_total(rwr) <= noise2)) {
-            j->out->status = REC_CONVERGED;
+        if (rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)))
             break;
-        }
-    }
-    if (corner && curve.best_k > 0) {
-        rec_job_copy(j, j->x, best);
-        j->out->best = curve.best_k;
-        j->out->objective = best_f;
-        return;
     }
     if (t.x != j->x)
         rec_job_copy(j, j->x, t.x);
+    if (rec_stop_end(&stop, j->x))
+        return;
     j->out->residual_norm = sqrt(rec_lanes_total(rwr));
+    j->out->solution_norm = sqrt(rec_lanes_total(norm2));
     for (int l = 0; l < s->nch; l++)
         j->out->misfit2[l] = rwr[l] * s->nch / j->m;
 }

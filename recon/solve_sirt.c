@@ -59,7 +59,7 @@ REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
 {
     int32_t i0, i1;
     rec_f4 beta = rec_coef(t->beta), zero = {0};
-    rec_d4 rr = {{0}, {0}};
+    rec_d4 rr = {0};
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     rec_forward_range(t->j->a, t->x, i0, i1, t->wr);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
@@ -84,7 +84,7 @@ REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 beta = rec_coef(t->beta), zero = {0}, huge = rec_splat(FLT_MAX);
-    rec_d4 back = {{0}, {0}};
+    rec_d4 back = {0};
     rec_chunk_range(t->j->a->n, k, &q0, &q1);
     rec_adjoint_range(t->j->a, t->wr, q0, q1, t->step);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {

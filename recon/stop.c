@@ -12,11 +12,15 @@ void rec_stop_begin(struct rec_stopper *t, struct rec_job *j, const struct rec_s
     enum rec_stop rule = j->p->stop;
     bool own_rule = rule == REC_STOP_AUTO;
     if (own_rule)
-        rule = own->corner ? REC_STOP_LCURVE : REC_STOP_DISCREPANCY;
+        rule = own->gain > 0 ? REC_STOP_ITERATIONS
+               : own->corner ? REC_STOP_LCURVE
+                             : REC_STOP_DISCREPANCY;
     *t = (struct rec_stopper){.j = j, .best = best, .prev = prev};
     t->corner = rule == REC_STOP_LCURVE;
     t->noise2 = rule == REC_STOP_DISCREPANCY ? rec_job_noise2(j) : 0;
     t->stall = own_rule && t->noise2 > 0 ? own->stall : 0;
+    t->gain = own->gain;
+    t->objective = j->out->objective;
     t->limit = rule == REC_STOP_DISCREPANCY && j->sigma < 0 ? own->blind : own->most;
     if (j->p->iterations > 0)
         t->limit = j->p->iterations;
@@ -54,18 +58,21 @@ bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, dou
         rec_job_copy(j, t->prev, x);
         t->prev_objective = objective;
     }
+    done = done || (t->gain > 0 && t->objective - objective <= t->gain * objective);
+    t->objective = objective;
     if (done)
         j->out->status = REC_CONVERGED;
     return done;
 }
 
-void rec_stop_end(struct rec_stopper *t, float *x)
+bool rec_stop_end(struct rec_stopper *t, float *x)
 {
     if (!t->corner || t->curve.best_k == 0)
-        return;
+        return false;
     rec_job_copy(t->j, x, t->best);
     t->j->out->best = t->curve.best_k;
     t->j->out->objective = t->best_objective;
+    return true;
 }
 
 struct start {

@@ -1,11 +1,12 @@
-/* stop.h - when an iteration ends and which iterate comes out, for the methods without a smoothness
- * term.  They are semi-convergent: the error falls, and rises again once they fit the noise.
+/* stop.h - when an iteration ends and which iterate comes out.  The methods without a smoothness
+ * term are semi-convergent: the error falls, and rises again once they fit the noise.
  *
  *     REC_STOP_DISCREPANCY  the first iterate with  ||W^(1/2) (A x - b)||^2 <= sigma^2 m     (1)
  *     REC_STOP_AUTO         (1), or the first whose residual is within twice the noise and fell by
  *                           less than own.stall of ||..||^2 in an iteration: where the basis can
  *                           not follow the flame (1) may never be met.  For the method that names
- *                           it: the L-curve
+ *                           it: the L-curve, or the first that took less than own.gain of
+ *                           the objective off
  *     REC_STOP_LCURVE       the corner of lcurve.h, believed 6 iterations later; the iterate there
  *     REC_STOP_ITERATIONS   the last iterate
  * m counts measured values, sigma is their noise: (1) is what the true x would leave.  Without
@@ -30,6 +31,8 @@ struct rec_stop_own {
     uint32_t most;  /* bound on the iterations */
     uint32_t blind; /* the same when AUTO has to do without sigma */
     double stall;   /* share of the residual^2 that an iteration has to take off */
+    double gain; /* share of the objective that an iteration has to take off, under any rule; then
+                       AUTO is this alone.  0: not a rule of the method */
 };
 
 struct rec_stopper {
@@ -38,13 +41,16 @@ struct rec_stopper {
     double noise2;     /* right side of (1), 0 = not the rule */
     double last;       /* residual^2 of the iterate before */
     double stall;      /* 0 = not the rule */
+    double gain;       /* 0 = not the rule */
+    double objective;  /* of the iterate before */
     bool corner;
     struct rec_lcurve curve;
     float *best, *prev; /* x space: the iterate at the corner, the one before this */
     double best_objective, prev_objective;
 };
 
-/* best, prev: work areas in x space, used by the L-curve alone. */
+/* best, prev: work areas in x space, used by the L-curve alone.  For own.gain j->out->objective is that
+ * of the start. */
 void rec_stop_begin(struct rec_stopper *t, struct rec_job *j, const struct rec_stop_own *own,
                     float *best, float *prev);
 /* Whether there is to be another iteration; else the report's status says why not. */
@@ -52,14 +58,9 @@ bool rec_stop_next(struct rec_stopper *t);
 /* Iterate number ++k is x, with this objective and ||W^(1/2) (A x - b)||^2; goes into the report
  * and to the trace.  True: it was the last. */
 bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, double residual2);
-/* x becomes the iterate of the rule, its number and objective the report's. */
-void rec_stop_end(struct rec_stopper *t, float *x);
-
-/* Sum of the lanes. */
-static inline double rec_lanes_total(const double v[4])
-{
-    return v[0] + v[1] + v[2] + v[3];
-}
+/* x becomes the iterate of the rule, its number and objective the report's.  true: that is not the last
+ * one. */
+bool rec_stop_end(struct rec_stopper *t, float *x);
 
 /* Start of the multiplicative methods, which never leave zero: cold the uniform volume that has the
  * images' light, warm lifted to a hundredth of it; 0 in voxels without weight.

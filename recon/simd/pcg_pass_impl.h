@@ -57,20 +57,6 @@ REC_INLINE void second_differences(struct rec_pcg *t, const float *v, float *lv,
     rec_put(out, &sum);
 }
 
-/* q = A d on one chunk of rows and q'Wq. */
-REC_INLINE void forward(struct rec_pcg *t, size_t k, double out[4], size_t cs)
-{
-    int32_t i0, i1;
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_d4 sum = {0};
-    rec_forward_range(t->j->a, t->d, i0, i1, t->q);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 q = rec_ld(t->q, i, cs);
-        rec_add_product(&sum, rec_splat(t->j->w[i]) * q, q);
-    }
-    rec_put(out, &sum);
-}
-
 /* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: ld = V L d, d'L ld. */
 static void curvature_task(void *ctx, size_t i)
 {
@@ -78,7 +64,8 @@ static void curvature_task(void *ctx, size_t i)
     size_t rows = rec_job_row_chunks(t->j);
     double *out = t->j->s->part[i][S_A];
     if (i < rows)
-        FOR_LANES(t, forward, t, i, out);
+        t->j->a->cs == 4 ? rec_rows_product(t->j, i, 4, t->d, t->q, out)
+                         : rec_rows_product(t->j, i, 1, t->d, t->q, out);
     else
         FOR_LANES(t, second_differences, t, t->d, t->ld, i - rows, out);
 }
@@ -152,25 +139,12 @@ static void add_clipped(struct rec_pcg *t)
 }
 
 /* r += alpha q, r'Wr, q = W r for the adjoint. */
-REC_INLINE void residual(struct rec_pcg *t, size_t k, size_t cs)
-{
-    int32_t i0, i1;
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_f4 alpha = rec_coef(t->alpha);
-    rec_d4 sum = {0};
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 r = rec_ld(t->r, i, cs) + alpha * rec_ld(t->q, i, cs);
-        rec_f4 wr = rec_splat(t->j->w[i]) * r;
-        rec_st(t->r, i, cs, r);
-        rec_st(t->q, i, cs, wr);
-        rec_add_product(&sum, wr, r);
-    }
-    rec_put(t->j->s->part[k][S_A], &sum);
-}
 static void residual_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    FOR_LANES(t, residual, t, k);
+    double *out = t->j->s->part[k][S_A];
+    t->j->a->cs == 4 ? rec_rows_step(t->j, k, 4, t->alpha, t->r, t->q, t->q, out)
+                     : rec_rows_step(t->j, k, 1, t->alpha, t->r, t->q, t->q, out);
 }
 
 static void lx_chunk(void *ctx, size_t k)
