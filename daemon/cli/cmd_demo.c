@@ -17,6 +17,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "capture/imgio.h"
+#include "cli/arg.h"
 #include "cli/ask.h"
 #include "cli/cli.h"
 #include "cli/screen.h"
@@ -41,7 +42,8 @@ enum {
 
 struct args {
     double seconds, fps;
-    int64_t cameras, width, height, grid;
+    int64_t cameras, grid;
+    int32_t width, height;
     const char *format, *out;
     bool keep;
 };
@@ -83,42 +85,15 @@ static const char doc[] =
     "  pyrovox demo\n"
     "  pyrovox demo --seconds 20 --fps 15 --grid 32 --size 320x240";
 
-static void want_int(struct argp_state *st, const char *name, const char *arg, int64_t lo,
-                     int64_t hi, int64_t *out)
-{
-    if (pvx_parse_int(arg, lo, hi, out) != PVX_OK)
-        argp_error(st, "--%s %s: should be a whole number from %lld to %lld", name, arg,
-                   (long long)lo, (long long)hi);
-}
-
-static void want_size(struct argp_state *st, const char *arg, struct args *a)
-{
-    char copy[32];
-    snprintf(copy, sizeof copy, "%s", arg);
-    char *x = strchr(copy, 'x');
-    if (x != NULL)
-        *x++ = '\0';
-    if (x == NULL || strlen(arg) >= sizeof copy ||
-        pvx_parse_int(copy, 16, 4096, &a->width) != PVX_OK ||
-        pvx_parse_int(x, 16, 4096, &a->height) != PVX_OK)
-        argp_error(st, "--size %s: should be WIDTHxHEIGHT with 16 to 4096 pixels each", arg);
-}
-
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case OPT_SECONDS:
-        if (pvx_parse_double(arg, 0, 1e6, &a->seconds) != PVX_OK)
-            argp_error(st, "--seconds %s: should be a number from 0 to 1000000", arg);
-        return 0;
-    case OPT_FPS:
-        if (pvx_parse_double(arg, 0.5, 200, &a->fps) != PVX_OK)
-            argp_error(st, "--fps %s: should be a number from 0.5 to 200", arg);
-        return 0;
-    case OPT_CAMERAS: want_int(st, "cameras", arg, 2, 64, &a->cameras); return 0;
-    case OPT_GRID: want_int(st, "grid", arg, 4, 256, &a->grid); return 0;
-    case OPT_SIZE: want_size(st, arg, a); return 0;
+    case OPT_SECONDS: cli_arg_double(st, "seconds", arg, 0, 1e6, &a->seconds); return 0;
+    case OPT_FPS: cli_arg_double(st, "fps", arg, 0.5, 200, &a->fps); return 0;
+    case OPT_CAMERAS: cli_arg_int(st, "cameras", arg, 2, 64, &a->cameras); return 0;
+    case OPT_GRID: cli_arg_int(st, "grid", arg, 4, 256, &a->grid); return 0;
+    case OPT_SIZE: cli_arg_size(st, "size", arg, 16, 4096, &a->width, &a->height); return 0;
     case OPT_FORMAT:
         if (strcmp(arg, "rgb8") != 0 && strcmp(arg, "mono8") != 0 && strcmp(arg, "bayerrg8") != 0)
             argp_error(st, "--format %s: should be rgb8, mono8 or bayerrg8", arg);
@@ -145,8 +120,8 @@ static pvx_err write_rig(struct demo *m, struct pvx_diag *d)
     struct rec_rig rig;
     char *text;
     size_t len;
-    PVX_TRY(rec_rig_ring((size_t)m->a.cameras, 2.5, (int32_t)m->a.width, (int32_t)m->a.height,
-                         (int32_t)m->a.grid, &rig));
+    PVX_TRY(
+        rec_rig_ring((size_t)m->a.cameras, 2.5, m->a.width, m->a.height, (int32_t)m->a.grid, &rig));
     pvx_err e = rec_rig_format(&rig, &text, &len);
     rec_rig_fini(&rig);
     if (e != PVX_OK)
@@ -352,9 +327,9 @@ static pvx_err watch(struct demo *m, struct pvx_diag *d)
 {
     char title[160];
     snprintf(title, sizeof title,
-             "pyrovox demo   %lld cameras %lldx%lld %s at %g Hz -> %lld^3 voxels, over GigE Vision",
-             (long long)m->a.cameras, (long long)m->a.width, (long long)m->a.height, m->a.format,
-             m->a.fps, (long long)m->a.grid);
+             "pyrovox demo   %lld cameras %dx%d %s at %g Hz -> %lld^3 voxels, over GigE Vision",
+             (long long)m->a.cameras, m->a.width, m->a.height, m->a.format, m->a.fps,
+             (long long)m->a.grid);
     follow_mark(&m->follow);
     screen_open(&m->screen);
     pvx_err e = PVX_OK;

@@ -17,6 +17,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "capture/netns.h"
+#include "cli/arg.h"
 #include "cli/cli.h"
 #include "cli/simcams_faults.h"
 #include "cli/simcams_ring.h"
@@ -149,36 +150,6 @@ struct simcams {
 
 /* ---- arguments -------------------------------------------------------------------------------- */
 
-static void want_int(struct argp_state *st, const char *name, const char *arg, int64_t min,
-                     int64_t max, int64_t *out)
-{
-    if (pvx_parse_int(arg, min, max, out) != PVX_OK)
-        argp_error(st, "--%s %s: should be a whole number from %lld to %lld", name, arg,
-                   (long long)min, (long long)max);
-}
-
-static void want_double(struct argp_state *st, const char *name, const char *arg, double min,
-                        double max, double *out)
-{
-    if (pvx_parse_double(arg, min, max, out) != PVX_OK)
-        argp_error(st, "--%s %s: should be a number from %g to %g", name, arg, min, max);
-}
-
-static void want_size(struct argp_state *st, const char *arg, struct args *a)
-{
-    char copy[32];
-    int64_t w = 0, h = 0;
-    snprintf(copy, sizeof copy, "%s", arg);
-    char *x = strchr(copy, 'x');
-    if (x != NULL)
-        *x++ = '\0';
-    if (x == NULL || strlen(arg) >= sizeof copy || pvx_parse_int(copy, 8, 16384, &w) != PVX_OK ||
-        pvx_parse_int(x, 8, 16384, &h) != PVX_OK)
-        argp_error(st, "--size %s: should be WIDTHxHEIGHT with 8 to 16384 pixels each", arg);
-    a->width = (int32_t)w;
-    a->height = (int32_t)h;
-}
-
 static void want_format(struct argp_state *st, const char *arg, struct args *a)
 {
     static const struct {
@@ -203,18 +174,18 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_ADDRESS: a->address = arg; return 0;
     case OPT_CONTROL: a->control = true; return 0;
     case OPT_PRIVATE_NET: a->private_net = true; return 0;
-    case OPT_CAMERAS: want_int(st, "cameras", arg, 1, REC_MAX_CAMERAS, &a->cameras); return 0;
-    case OPT_VOXELS: want_int(st, "voxels", arg, 1, REC_GRID_MAX, &a->voxels); return 0;
-    case OPT_RING: want_int(st, "ring", arg, 1, 100000, &a->ring); return 0;
-    case OPT_SEED: want_int(st, "seed", arg, 0, UINT32_MAX, &a->seed); return 0;
-    case OPT_SUB: want_int(st, "sub", arg, 1, 16, &a->sub); return 0;
-    case OPT_MAX_MEMORY: want_int(st, "max-memory", arg, 1, 1 << 24, &a->max_memory); return 0;
-    case OPT_RADIUS: want_double(st, "radius", arg, 0.8, 100, &a->radius); return 0;
-    case OPT_FPS: want_double(st, "fps", arg, 0.1, 1000, &a->fps); return 0;
-    case OPT_BLACK: want_double(st, "black", arg, 0, 50, &a->black); return 0;
-    case OPT_NOISE: want_double(st, "noise", arg, 0, 100, &a->noise); return 0;
-    case OPT_TRIGGER_HZ: want_double(st, "trigger-hz", arg, 1, 1000, &a->trigger_hz); return 0;
-    case OPT_SIZE: want_size(st, arg, a); return 0;
+    case OPT_CAMERAS: cli_arg_int(st, "cameras", arg, 1, REC_MAX_CAMERAS, &a->cameras); return 0;
+    case OPT_VOXELS: cli_arg_int(st, "voxels", arg, 1, REC_GRID_MAX, &a->voxels); return 0;
+    case OPT_RING: cli_arg_int(st, "ring", arg, 1, 100000, &a->ring); return 0;
+    case OPT_SEED: cli_arg_int(st, "seed", arg, 0, UINT32_MAX, &a->seed); return 0;
+    case OPT_SUB: cli_arg_int(st, "sub", arg, 1, 16, &a->sub); return 0;
+    case OPT_MAX_MEMORY: cli_arg_int(st, "max-memory", arg, 1, 1 << 24, &a->max_memory); return 0;
+    case OPT_RADIUS: cli_arg_double(st, "radius", arg, 0.8, 100, &a->radius); return 0;
+    case OPT_FPS: cli_arg_double(st, "fps", arg, 0.1, 1000, &a->fps); return 0;
+    case OPT_BLACK: cli_arg_double(st, "black", arg, 0, 50, &a->black); return 0;
+    case OPT_NOISE: cli_arg_double(st, "noise", arg, 0, 100, &a->noise); return 0;
+    case OPT_TRIGGER_HZ: cli_arg_double(st, "trigger-hz", arg, 1, 1000, &a->trigger_hz); return 0;
+    case OPT_SIZE: cli_arg_size(st, "size", arg, 8, 16384, &a->width, &a->height); return 0;
     case OPT_FORMAT: want_format(st, arg, a); return 0;
     case OPT_DROP:
     case OPT_LOSS:

@@ -3,7 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "base/yaml.h"
+#include "cli/arg.h"
 
 enum {
     OPT_FRAMES = 0x100,
@@ -107,13 +107,6 @@ static const struct argp_option option_table[] = {
     {0},
 };
 
-static void number(struct argp_state *st, const char *opt, const char *arg, double lo, double hi,
-                   double *out)
-{
-    if (pvx_parse_double(arg, lo, hi, out) != PVX_OK)
-        argp_error(st, "--%s %s: should be a number from %g to %g", opt, arg, lo, hi);
-}
-
 /* Place of `arg` in a NULL-terminated list of names, or -1. */
 static int find(const char *const *names, const char *arg)
 {
@@ -150,39 +143,39 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
         o->frame.solve.solver = rec_solver_names()[choice(st, "solver", rec_solver_names(), arg)];
         return 0;
     case OPT_ITER:
-        number(st, "iterations", arg, 1, 1e6, &v);
+        cli_arg_double(st, "iterations", arg, 1, 1e6, &v);
         o->frame.solve.iterations = (uint32_t)v;
         if (o->frame.solve.stop == REC_STOP_AUTO)
             o->frame.solve.stop = REC_STOP_ITERATIONS;
         return 0;
     case OPT_STOP: o->frame.solve.stop = stop[choice(st, "stop", stops, arg)]; return 0;
     case OPT_LAMBDA:
-        number(st, "lambda", arg, 0, 1e6, &v);
+        cli_arg_double(st, "lambda", arg, 0, 1e6, &v);
         o->frame.solve.lambda = (float)v;
         return 0;
     case OPT_TOLERANCE:
-        number(st, "tolerance", arg, 0, 1, &v);
+        cli_arg_double(st, "tolerance", arg, 0, 1, &v);
         o->frame.solve.tolerance = (float)v;
         return 0;
-    case OPT_DEADLINE: number(st, "deadline", arg, 0.01, 1e9, &o->deadline_ms); return 0;
+    case OPT_DEADLINE: cli_arg_double(st, "deadline", arg, 0.01, 1e9, &o->deadline_ms); return 0;
     case OPT_START: o->warm = choice(st, "start", starts, arg) == 1; return 0;
     case OPT_WARM: o->warm = true; return 0;
     case OPT_THRESHOLD:
         v = -1;
         if (strcmp(arg, "auto") != 0)
-            number(st, "threshold", arg, 0, 1e6, &v);
+            cli_arg_double(st, "threshold", arg, 0, 1e6, &v);
         o->frame.photo.threshold = (float)v;
         return 0;
     case OPT_BLACK:
-        number(st, "black", arg, 0, 1, &v);
+        cli_arg_double(st, "black", arg, 0, 1, &v);
         o->frame.photo.black = (float)v;
         return 0;
     case OPT_MARGIN:
-        number(st, "margin", arg, 0, 64, &v);
+        cli_arg_double(st, "margin", arg, 0, 64, &v);
         o->frame.photo.margin = (int32_t)v;
         return 0;
     case OPT_MIN_VIEWS:
-        number(st, "min-views", arg, 1, REC_MAX_CAMERAS, &v);
+        cli_arg_double(st, "min-views", arg, 1, REC_MAX_CAMERAS, &v);
         o->frame.hull.min_views = (uint32_t)v;
         return 0;
     case OPT_HULL_RULE: o->frame.hull.keep_partial = choice(st, "hull-rule", rules, arg); return 0;
@@ -203,11 +196,11 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_REPORT: o->report = arg; return 0;
     case OPT_CACHE: o->cache = arg; return 0;
     case OPT_FIRST:
-        number(st, "first", arg, 0, 999999, &v);
+        cli_arg_double(st, "first", arg, 0, 999999, &v);
         o->first = (uint32_t)v;
         return 0;
     case OPT_LAST:
-        number(st, "last", arg, 0, 999999, &v);
+        cli_arg_double(st, "last", arg, 0, 999999, &v);
         o->last = (uint32_t)v;
         return 0;
     case OPT_GREY: o->grey = true; return 0;
@@ -217,11 +210,11 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_FIT:
         o->fit = true;
         if (arg != NULL)
-            number(st, "fit-volume", arg, 0, 1e6, &o->fit_margin);
+            cli_arg_double(st, "fit-volume", arg, 0, 1e6, &o->fit_margin);
         return 0;
     case OPT_FIT_FRAMES:
         if (strcmp(arg, "all") != 0)
-            number(st, "fit-frames", arg, 1, 999999, &v);
+            cli_arg_double(st, "fit-frames", arg, 1, 999999, &v);
         o->fit_frames = (uint32_t)v;
         return 0;
     case OPT_SAVE_RIG: o->save_rig = arg; return 0;

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/yaml.h"
+#include "cli/arg.h"
 #include "recon/render.h"
 
 enum {
@@ -63,15 +64,6 @@ static const struct argp_option options[] = {
     {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 3},
     {0},
 };
-
-static double number(struct argp_state *state, const char *what, const char *s, double lo,
-                     double hi)
-{
-    double v = lo;
-    if (pvx_parse_double(s, lo, hi, &v) != PVX_OK)
-        argp_error(state, "%s %s: should be a number from %g to %g", what, s, lo, hi);
-    return v;
-}
 
 /* Up to `max` numbers separated by `sep`; how many, 0 when one is not a number. */
 static int split(const char *s, char sep, double *v, int max)
@@ -144,7 +136,7 @@ static void check(struct argp_state *state)
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct render_options *o = state->input;
-    double v[2];
+    double v = 0;
     switch (key) {
     case OPT_RIG: o->rig = arg; return 0;
     case OPT_CAMERA:
@@ -160,10 +152,11 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         point(state, "--look-at", arg, o->target);
         return 0;
     case OPT_UP: point(state, "--up", arg, o->up); return 0;
-    case OPT_FOV: o->fov_deg = number(state, "--fov", arg, 0.01, 175); return 0;
+    case OPT_FOV: cli_arg_double(state, "fov", arg, 0.01, 175, &o->fov_deg); return 0;
     case OPT_ANGLE:
         take(state, RENDER_ANGLE);
-        o->deg0 = o->deg1 = number(state, "--angle", arg, -3600, 3600);
+        cli_arg_double(state, "angle", arg, -3600, 3600, &o->deg0);
+        o->deg1 = o->deg0;
         return 0;
     case OPT_STRIP:
         take(state, RENDER_STRIP);
@@ -171,24 +164,30 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_ORBIT:
         take(state, RENDER_ORBIT);
-        o->views = (int)number(state, "--orbit", arg, 1, 100000);
+        cli_arg_double(state, "orbit", arg, 1, 100000, &v);
+        o->views = (int)v;
         return 0;
-    case OPT_SIZE:
-        if (split(arg, 'x', v, 2) != 2 || v[0] < 1 || v[0] > 8192 || v[1] < 1 || v[1] > 8192)
-            argp_error(state, "--size %s: should be WxH, up to 8192x8192", arg);
-        o->width = (int32_t)v[0];
-        o->height = (int32_t)v[1];
+    case OPT_SIZE: cli_arg_size(state, "size", arg, 1, 8192, &o->width, &o->height); return 0;
+    case OPT_ELEVATION:
+        cli_arg_double(state, "elevation", arg, -85, 85, &o->elevation_deg);
         return 0;
-    case OPT_ELEVATION: o->elevation_deg = number(state, "--elevation", arg, -85, 85); return 0;
-    case OPT_SUB: o->sub = (int)number(state, "--sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
+    case OPT_SUB:
+        cli_arg_double(state, "sub", arg, 1, REC_RENDER_SUB_MAX, &v);
+        o->sub = (int)v;
+        return 0;
     case OPT_EXPOSURE:
-        o->exposure = strcmp(arg, "auto") == 0 ? 0 : number(state, "--exposure", arg, 1e-9, 1e9);
+        o->exposure = 0;
+        if (strcmp(arg, "auto") != 0)
+            cli_arg_double(state, "exposure", arg, 1e-9, 1e9, &o->exposure);
         return 0;
-    case OPT_GAMMA: o->gamma = number(state, "--gamma", arg, 0.1, 10); return 0;
+    case OPT_GAMMA: cli_arg_double(state, "gamma", arg, 0.1, 10, &o->gamma); return 0;
     case OPT_FORMAT: parse_format(state, arg); return 0;
     case OPT_ANEW: o->anew = true; return 0;
     case OPT_QUIET: o->quiet = true; return 0;
-    case OPT_THREADS: o->threads = (unsigned)number(state, "--threads", arg, 0, 256); return 0;
+    case OPT_THREADS:
+        cli_arg_double(state, "threads", arg, 0, 256, &v);
+        o->threads = (unsigned)v;
+        return 0;
     case ARGP_KEY_ARGS: /* all that are left: sources, then where to */
         o->source = state->argv + state->next;
         o->n_sources = state->argc - state->next - 1;

@@ -741,19 +741,30 @@ static void falls_where_theory_says_so(void)
     system_free(&y);
 }
 
+/* b = A x + noise of the scene's truth on the active voxels, which is returned. */
+static float *projected_truth(struct system *y, double noise)
+{
+    size_t n = (size_t)y->a->n * 4;
+    float *truth = pvx_calloc(n, sizeof *truth);
+    float *ax = pvx_calloc((size_t)y->a->rows * 4, sizeof *ax);
+    for (size_t q = 0; q < n; q++)
+        truth[q] = q % 4 == 3 ? 0 : sc.truth[(size_t)y->col[q / 4] * 3 + q % 4];
+    rec_forward(y->a, truth, ax);
+    for (size_t i = 0; i < (size_t)y->a->rows; i++)
+        for (size_t l = 0; l < 3; l++)
+            y->b[(size_t)y->a->ray[i] * 4 + l] =
+                ax[i * 4 + l] + (noise > 0 ? (float)(noise * t_normal()) : 0);
+    free(ax);
+    return truth;
+}
+
 /* b = A x of a non-negative x: the residual can reach 0, and a good start is kept. */
 static void exact_data_are_fitted(void)
 {
     struct system y;
     system_new(&y, 3, 0.4);
     size_t n = (size_t)y.a->n * 4;
-    float *truth = pvx_calloc(n, sizeof *truth);
-    float *ax = pvx_calloc((size_t)y.a->rows * 4, sizeof *ax);
-    for (size_t q = 0; q < n; q++)
-        truth[q] = q % 4 == 3 ? 0 : sc.truth[(size_t)y.col[q / 4] * 3 + q % 4];
-    rec_forward(y.a, truth, ax);
-    for (size_t i = 0; i < (size_t)y.a->rows; i++)
-        memcpy(y.b + (size_t)y.a->ray[i] * 4, ax + i * 4, 4 * sizeof *ax);
+    float *truth = projected_truth(&y, 0);
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
         struct rec_solve_params p = {
             .solver = *name, .stop = REC_STOP_ITERATIONS, .iterations = 300};
@@ -773,7 +784,6 @@ static void exact_data_are_fitted(void)
         T_OK(sound(&y));
     }
     free(truth);
-    free(ax);
     system_free(&y);
 }
 
@@ -785,14 +795,8 @@ static void auto_stop_is_near_the_best(void)
     struct system y;
     system_new(&y, 3, 0.4);
     size_t n = (size_t)y.a->n * 4;
-    float *truth = pvx_calloc(n, sizeof *truth);
+    float *truth = projected_truth(&y, 0.01);
     float *ax = pvx_calloc((size_t)y.a->rows * 4, sizeof *ax);
-    for (size_t q = 0; q < n; q++)
-        truth[q] = q % 4 == 3 ? 0 : sc.truth[(size_t)y.col[q / 4] * 3 + q % 4];
-    rec_forward(y.a, truth, ax);
-    for (size_t i = 0; i < (size_t)y.a->rows; i++)
-        for (size_t l = 0; l < 3; l++)
-            y.b[(size_t)y.a->ray[i] * 4 + l] = ax[i * 4 + l] + (float)(0.01 * t_normal());
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
         if (strncmp(*name, "cgls", 4) == 0 || strcmp(*name, "pcg") == 0)
             continue; /* the L-curve; clipped once at the end; its own rule */
