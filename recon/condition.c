@@ -61,15 +61,8 @@ static void adjoint(const struct op *k, const double *y, double *x)
 /* Active index of voxel v, or -1; col ascends. */
 static int32_t find(const int32_t *col, int32_t n, int32_t v)
 {
-    int32_t lo = 0, hi = n;
-    while (lo < hi) {
-        int32_t mid = lo + (hi - lo) / 2;
-        if (col[mid] < v)
-            lo = mid + 1;
-        else
-            hi = mid;
-    }
-    return lo < n && col[lo] == v ? lo : -1;
+    int32_t at = rec_first_column(col, n, v);
+    return at < n && col[at] == v ? at : -1;
 }
 
 static void find_neighbours(struct op *k, double lambda)
