@@ -20,12 +20,16 @@ VERSION := 0.1.0
 # What a bare Debian 12 needs to build, run and test.  tests/setup.sh asks dpkg first, so installed
 # packages cost no network, and uses sudo only when not root.
 PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
-  libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev
+  libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
+  libturbojpeg0-dev libhdf5-dev libcamera-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
-  libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux
+  libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
+  umockdev libumockdev-dev hdf5-tools python3-h5py
 PACKAGES_BENCH := python3-matplotlib
+# make test-vm: a small virtual machine with a real kernel's camera drivers.
+PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
-PKGS := aravis-0.8 libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd
+PKGS := aravis-0.8 libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
 pkg_cflags = $(eval pkg_cflags := $$(shell pkg-config --cflags $(PKGS)))$(pkg_cflags)
 pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)

@@ -17,22 +17,9 @@
 #define GVCP_CAN_RESEND     0x4u
 #define JUMBO               9000 /* no larger packets unless asked for */
 
-static const struct {
-    enum cap_pixfmt fmt;
-    ArvPixelFormat arv;
-} formats[] = {
-    {CAP_GREY8, ARV_PIXEL_FORMAT_MONO_8},         {CAP_GREY16, ARV_PIXEL_FORMAT_MONO_16},
-    {CAP_RGB8, ARV_PIXEL_FORMAT_RGB_8_PACKED},    {CAP_BAYER_RG8, ARV_PIXEL_FORMAT_BAYER_RG_8},
-    {CAP_BAYER_GR8, ARV_PIXEL_FORMAT_BAYER_GR_8}, {CAP_BAYER_GB8, ARV_PIXEL_FORMAT_BAYER_GB_8},
-    {CAP_BAYER_BG8, ARV_PIXEL_FORMAT_BAYER_BG_8},
-};
-
 enum cap_pixfmt aravis_pixfmt(ArvPixelFormat f)
 {
-    for (size_t i = 0; i < G_N_ELEMENTS(formats); i++)
-        if (formats[i].arv == f)
-            return formats[i].fmt;
-    return CAP_FMT_NONE;
+    return cap_pixfmt_from_pfnc(f);
 }
 
 pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *what, GError **err,
@@ -95,13 +82,11 @@ static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
 {
     GError *err = NULL;
     if (c->fmt != CAP_FMT_NONE) {
-        size_t i = 0;
-        while (i < G_N_ELEMENTS(formats) && formats[i].fmt != c->fmt)
-            i++;
-        if (i == G_N_ELEMENTS(formats))
+        uint32_t pfnc = cap_pixfmt_pfnc(c->fmt);
+        if (pfnc == 0)
             return pvx_fail(d, PVX_EUNSUP, "camera %s (aravis:%s): format %s does not exist there",
                             c->name, c->uri, cap_pixfmt_name(c->fmt));
-        arv_camera_set_pixel_format(cam, formats[i].arv, &err);
+        arv_camera_set_pixel_format(cam, pfnc, &err);
         if (err != NULL)
             return aravis_fail(c, PVX_EINVAL, cap_pixfmt_name(c->fmt), &err, d);
     }
@@ -111,8 +96,8 @@ static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
     l->fmt = aravis_pixfmt(got);
     if (l->fmt == CAP_FMT_NONE)
         return pvx_fail(d, PVX_EUNSUP,
-                        "camera %s (aravis:%s): its pixel format 0x%08x is none of Mono8, Mono16, "
-                        "RGB8, Bayer 8 bit: set one of these",
+                        "camera %s (aravis:%s): its pixel format 0x%08x is not known here: set "
+                        "one that pyrovoxd --print-config lists under pixel_format",
                         c->name, c->uri, (unsigned)got);
     if (c->fmt != CAP_FMT_NONE && l->fmt != c->fmt)
         return pvx_fail(d, PVX_EINVAL,
@@ -344,7 +329,7 @@ static pvx_err configure(const struct cap_source_config *c, ArvCamera *cam, stru
     l->payload = arv_camera_get_payload(cam, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EIO, "payload size", &err, d);
-    size_t pixels = (size_t)l->width * (size_t)l->height * cap_pixfmt_bytes(l->fmt);
+    size_t pixels = cap_pixfmt_image(l->fmt, l->width, l->height);
     if (l->payload < pixels)
         l->payload = pixels;
     return PVX_OK;

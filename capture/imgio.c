@@ -110,9 +110,9 @@ static enum cap_pixfmt format_of(int channels, int depth)
 
 static void describe(struct cap_loaded *l, void *mem, int32_t w, int32_t h, enum cap_pixfmt fmt)
 {
-    size_t row = (size_t)w * cap_pixfmt_bytes(fmt);
+    size_t row = cap_pixfmt_row(fmt, w);
     l->mem = mem;
-    l->img = (struct cap_image){mem, row * (size_t)h, w, h, (ptrdiff_t)row, fmt};
+    l->img = (struct cap_image){mem, row * (size_t)h, w, h, (ptrdiff_t)row, fmt, 0};
 }
 
 static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
@@ -253,7 +253,8 @@ pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d)
         return PVX_ECLOSED;
     if (e != 0)
         return module_error(e, v->path, err, d);
-    *img = (struct cap_image){f.data, f.size, f.width, f.height, (ptrdiff_t)f.width * 3, CAP_RGB8};
+    *img =
+        (struct cap_image){f.data, f.size, f.width, f.height, (ptrdiff_t)f.width * 3, CAP_RGB8, 0};
     return PVX_OK;
 }
 

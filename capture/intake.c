@@ -38,10 +38,10 @@ static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
                  cap_pixfmt_name(cam->fmt));
         return false;
     }
-    size_t row = (size_t)cam->width * cap_pixfmt_bytes(cam->fmt);
-    size_t need = img->stride < (ptrdiff_t)row
-                      ? SIZE_MAX
-                      : (size_t)img->stride * (size_t)(cam->height - 1) + row;
+    size_t row = cap_pixfmt_row(cam->fmt, cam->width), need = 1; /* JPEG: any length */
+    if (row > 0)
+        need = img->stride < (ptrdiff_t)row ? SIZE_MAX
+                                            : (size_t)img->stride * (size_t)(cam->height - 1) + row;
     if (img->width != cam->width || img->height != cam->height || img->size < need) {
         cam->count[CAP_BAD_SIZE]++;
         snprintf(cam->bad, sizeof cam->bad, "%dx%d and %zu bytes instead of %dx%d", img->width,

@@ -45,20 +45,17 @@ static void put_bin(float *out, const float rgb[3], const bool saturated[3], boo
     }
 }
 
-/* Colour (0 R, 1 G, 2 B) of each pixel of the 2x2 cell, row by row. */
-static const uint8_t *bayer_cell(enum cap_pixfmt f)
-{
-    static const uint8_t cell[4][4] = {{0, 1, 1, 2}, {1, 0, 2, 1}, {1, 2, 0, 1}, {2, 1, 1, 0}};
-    return f >= CAP_BAYER_RG8 && f <= CAP_BAYER_BG8 ? cell[f - CAP_BAYER_RG8] : NULL;
-}
-
 /* ---- any format, any binning: the readable way ------------------------------------------------ */
 
 static float full_scale(enum cap_pixfmt f)
 {
     switch (f) {
     case CAP_GREY16:
-    case CAP_RGB16: return 65535;
+    case CAP_RGB16:
+    case CAP_BAYER_RG16:
+    case CAP_BAYER_GR16:
+    case CAP_BAYER_GB16:
+    case CAP_BAYER_BG16: return 65535;
     case CAP_GREY_F32:
     case CAP_RGB_F32: return 0; /* none: linear already */
     default: return 255;
@@ -90,9 +87,9 @@ static void add_sample(struct gather *g, const uint8_t *p, float full)
 static void bin_any(const struct cap_image *img, int binning, int nch, int32_t y0, int32_t y1,
                     float *out)
 {
-    const uint8_t *cell = bayer_cell(img->fmt);
+    const uint8_t *cell = cap_pixfmt_bayer(img->fmt);
     bool grey = cap_pixfmt_channels(img->fmt) == 1;
-    size_t bpp = cap_pixfmt_bytes(img->fmt);
+    size_t bpp = cap_pixfmt_row(img->fmt, 1);
     int samples = cell != NULL || grey ? 1 : 3; /* per pixel */
     size_t sample_bytes = bpp / (size_t)samples;
     float full = full_scale(img->fmt);
@@ -155,7 +152,7 @@ static void convert8(const struct cap_image *img, int nch, int32_t y0, int32_t y
  * samples of that colour (2 beside or above and below, or 4 around). */
 static void demosaic8(const struct cap_image *img, int nch, int32_t y0, int32_t y1, float *out)
 {
-    const uint8_t *cell = bayer_cell(img->fmt);
+    const uint8_t *cell = cap_pixfmt_bayer(img->fmt);
     int32_t w = img->width, h = img->height;
     for (int32_t y = y0; y < y1; y++) {
         const uint8_t *base = img->data;
@@ -271,7 +268,7 @@ static inline __attribute__((always_inline)) void across_bayer(const uint16_t *c
 
 static void bin8(const struct cap_image *img, int b, int nch, int32_t y0, int32_t y1, float *out)
 {
-    const uint8_t *cell = bayer_cell(img->fmt);
+    const uint8_t *cell = cap_pixfmt_bayer(img->fmt);
     int samples = img->fmt == CAP_RGB8 ? 3 : 1;
     size_t row_bytes = (size_t)img->width * (size_t)samples;
     size_t bin_bytes = (size_t)(b * samples), cs = nch == 3 ? 4 : 1;
@@ -310,10 +307,12 @@ static void bin8(const struct cap_image *img, int b, int nch, int32_t y0, int32_
 pvx_err cap_bin(const struct cap_image *img, int binning, int nch, int32_t y0, int32_t y1,
                 float *out)
 {
-    size_t bpp = cap_pixfmt_bytes(img->fmt);
-    if (bpp == 0)
+    size_t bpp = cap_pixfmt_row(img->fmt, 1);
+    enum cap_layout layout = cap_pixfmt_layout(img->fmt);
+    if ((layout != CAP_LAYOUT_8 || img->fmt == CAP_BGR8) && layout != CAP_LAYOUT_F32 &&
+        !(layout == CAP_LAYOUT_16 && cap_pixfmt_depth(img->fmt) == 16))
         return PVX_EUNSUP;
-    bool bayer = bayer_cell(img->fmt) != NULL;
+    bool bayer = cap_pixfmt_bayer(img->fmt) != NULL;
     if (binning < 1 || binning > CAP_BINNING_MAX || (nch != 1 && nch != 3) || img->width < 1 ||
         img->height < 1 || img->width % binning != 0 || img->height % binning != 0 || y0 < 0 ||
         y1 > img->height / binning || (bayer && (img->width < 2 || img->height < 2)))

@@ -300,7 +300,7 @@ static pvx_err copy_config(struct cap_simgv *s, const struct cap_simgv_config *c
     s->c = *c;
     if (s->c.trigger_hz == 0)
         s->c.trigger_hz = 500;
-    s->bytes = (size_t)c->width * (size_t)c->height * cap_pixfmt_bytes(c->fmt);
+    s->bytes = cap_pixfmt_image(c->fmt, c->width, c->height);
     s->ring = pvx_calloc(c->n_ring, sizeof *s->ring);
     s->strings[0] = strdup(c->address);
     s->strings[1] = strdup(c->serial);

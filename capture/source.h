@@ -92,6 +92,13 @@ struct cap_scene {
     void *ctx;
 };
 
+/* A camera that could be used; strings are borrowed for the call. */
+struct cap_found {
+    const char *uri;     /* with its scheme, as in the configuration */
+    const char *text;    /* maker, model, serial ...: one line */
+    const char *formats; /* lines "Mono8 640x480 15 30 Hz", our names; NULL = not asked */
+};
+
 typedef struct cap_source cap_source;
 struct cap_source_ops {
     const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
@@ -102,8 +109,9 @@ struct cap_source_ops {
     pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */
     void (*stop)(cap_source *s);   /* no push after it returns; frames out may still be released */
     void (*close)(cap_source **s); /* waits for no one: outstanding frames keep the pool alive */
-    /* Call cb once per camera that can be found; NULL = cannot list. */
-    pvx_err (*list)(void (*cb)(void *ctx, const char *uri, const char *text), void *ctx,
+    /* Call cb once per camera that can be found, without disturbing one that is in use; NULL = cannot
+     * list. */
+    pvx_err (*list)(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
                     struct pvx_diag *d);
 };
 struct cap_source {

@@ -181,7 +181,7 @@ static struct cap_image image_of(ArvBuffer *b)
     img.width = arv_buffer_get_image_width(b);
     img.height = arv_buffer_get_image_height(b);
     img.fmt = aravis_pixfmt(arv_buffer_get_image_pixel_format(b));
-    img.stride = (ptrdiff_t)img.width * (ptrdiff_t)cap_pixfmt_bytes(img.fmt) + x_pad;
+    img.stride = (ptrdiff_t)cap_pixfmt_row(img.fmt, img.width) + x_pad;
     return img;
 }
 
@@ -412,7 +412,7 @@ static void aravis_stop(cap_source *base)
     end_stream(s);
 }
 
-static pvx_err aravis_list(void (*cb)(void *ctx, const char *uri, const char *text), void *ctx,
+static pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
                            struct pvx_diag *d)
 {
     (void)d;
@@ -428,7 +428,7 @@ static pvx_err aravis_list(void (*cb)(void *ctx, const char *uri, const char *te
         snprintf(text, sizeof text, "%s %s, serial %s, %s", vendor != NULL ? vendor : "?",
                  model != NULL ? model : "?", serial != NULL ? serial : "?",
                  protocol != NULL ? protocol : "?");
-        cb(ctx, uri, text);
+        cb(ctx, &(struct cap_found){uri, text, NULL});
     }
     return PVX_OK;
 }

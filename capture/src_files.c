@@ -227,7 +227,7 @@ static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image 
             count(s, CAP_UNDERRUN, 1);
         return NULL;
     }
-    size_t row = (size_t)s->width * cap_pixfmt_bytes(s->fmt);
+    size_t row = cap_pixfmt_row(s->fmt, s->width);
     unsigned char *to = cap_bufpool_memory(f);
     const unsigned char *from = img->data;
     for (int32_t y = 0; y < s->height; y++)
@@ -392,7 +392,7 @@ static pvx_err set_up(struct files *s, const struct cap_source_config *c, struct
     if (!(fps > 1e-3 && fps < 1e5))
         fps = 30;
     s->period_ns = (int64_t)(1e9 / fps + 0.5);
-    size_t bytes = (size_t)s->width * (size_t)s->height * cap_pixfmt_bytes(s->fmt);
+    size_t bytes = cap_pixfmt_image(s->fmt, s->width, s->height);
     return cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &s->pool);
 }
 

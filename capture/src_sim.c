@@ -162,11 +162,10 @@ static void expose(struct sim *s, uint64_t id, int64_t t_image, int64_t t_device
     }
     s->scene.render(s->scene.ctx, s->camera, t_image, s->fmt, s->width, s->height,
                     cap_bufpool_memory(f));
-    size_t px = cap_pixfmt_bytes(s->fmt);
-    f->img.size = (size_t)s->width * (size_t)s->height * px / (shortened ? 2 : 1);
+    f->img.size = cap_pixfmt_image(s->fmt, s->width, s->height) / (shortened ? 2 : 1);
     f->img.width = s->width;
     f->img.height = s->height;
-    f->img.stride = (ptrdiff_t)((size_t)s->width * px);
+    f->img.stride = (ptrdiff_t)cap_pixfmt_row(s->fmt, s->width);
     f->img.fmt = s->fmt;
     f->id = id;
     f->t_device_ns = t_device;
@@ -264,7 +263,7 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
     s->rng = ((uint64_t)fault.seed * 64 + c->camera + 1) * 0x9E3779B97F4A7C15u;
     pthread_mutex_init(&s->lock, NULL);
     pthread_cond_init(&s->wake, NULL); /* CLOCK_REALTIME: the grid's clock */
-    size_t bytes = (size_t)c->width * (size_t)c->height * cap_pixfmt_bytes(s->fmt);
+    size_t bytes = cap_pixfmt_image(s->fmt, c->width, c->height);
     pvx_err e = cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &s->pool);
     cap_source *base = &s->base;
     if (e != PVX_OK)

@@ -35,8 +35,8 @@ static float sample(const float *p, int ch)
 
 void dmn_scene_pack(const float *image, int32_t w, int32_t h, enum cap_pixfmt fmt, void *data)
 {
-    size_t bytes = cap_pixfmt_bytes(fmt), n = 0;
-    int bayer = fmt >= CAP_BAYER_RG8 && fmt <= CAP_BAYER_BG8;
+    size_t bytes = cap_pixfmt_row(fmt, 1), n = 0;
+    int bayer = cap_pixfmt_bayer(fmt) != NULL;
     int samples = bayer ? 1 : cap_pixfmt_channels(fmt);
     size_t width = bytes / (size_t)samples;
     for (int32_t y = 0; y < h; y++)
@@ -65,7 +65,7 @@ static void render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfm
     int64_t period = (int64_t)(s->flame.period_s * (double)PVX_NS_PER_S);
     rec_flame_at(&s->flame, (double)(t_real_ns % period) * 1e-9, &pose);
     if (w != c->width || h != c->height) {
-        memset(data, 0, cap_pixfmt_bytes(fmt) * (size_t)w * (size_t)h);
+        memset(data, 0, cap_pixfmt_image(fmt, w, h));
         return; /* not the size that the rig was calibrated for */
     }
     rec_flame_render(&pose, c, 1, 0, h, s->image[camera]);

@@ -25,10 +25,10 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     return 0;
 }
 
-static void found(void *ctx, const char *uri, const char *text)
+static void found(void *ctx, const struct cap_found *f)
 {
     unsigned *n = ctx;
-    printf("  cam%u: \"%s\"  # %s\n", (*n)++, uri, text);
+    printf("  cam%u: \"%s\"  # %s\n", (*n)++, f->uri, f->text);
 }
 
 static int run(int argc, char **argv)

@@ -85,7 +85,7 @@ static void task(void *ctx, size_t t)
         return;
     int32_t y1 = y0 + REC_FLAME_BAND < cam->height ? y0 + REC_FLAME_BAND : cam->height;
     rec_flame_render(&j->pose, cam, j->p->sub, y0, y1, j->scratch[c]);
-    size_t px = cap_pixfmt_bytes(j->p->fmt), w = (size_t)cam->width;
+    size_t px = cap_pixfmt_row(j->p->fmt, 1), w = (size_t)cam->width;
     unsigned char *image = j->out->image[c * j->p->n + j->i];
     for (int32_t y = y0; y < y1; y++) {
         uint64_t key = (((uint64_t)j->p->seed * 64 + c) * 65536 + j->i) * 65536 + (uint64_t)y;
@@ -114,7 +114,7 @@ static pvx_err allocate(const struct rec_rig *rig, const struct simcams_ring_par
         if ((j->scratch[c] = pvx_calloc(pixels, 3 * sizeof(float))) == NULL)
             return PVX_ENOMEM;
         for (size_t i = 0; i < p->n; i++)
-            if ((r->image[c * p->n + i] = pvx_calloc(pixels, cap_pixfmt_bytes(p->fmt))) == NULL)
+            if ((r->image[c * p->n + i] = pvx_calloc(pixels, cap_pixfmt_row(p->fmt, 1))) == NULL)
                 return PVX_ENOMEM;
     }
     return PVX_OK;
@@ -132,7 +132,7 @@ size_t simcams_ring_bytes(const struct rec_rig *rig, const struct simcams_ring_p
     size_t pixels = 0;
     for (size_t c = 0; c < rig->n_cameras; c++)
         pixels += (size_t)rig->cameras[c].width * (size_t)rig->cameras[c].height;
-    return pixels * cap_pixfmt_bytes(p->fmt) * p->n;
+    return pixels * cap_pixfmt_row(p->fmt, 1) * p->n;
 }
 
 pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_params *p,

@@ -27,7 +27,7 @@ static bool usable;
 
 static size_t image_bytes(int cam)
 {
-    return (size_t)W * H * cap_pixfmt_bytes(formats[cam]);
+    return cap_pixfmt_image(formats[cam], W, H);
 }
 
 static void make_images(void)
@@ -293,7 +293,7 @@ static bool take_good(struct session *s)
     T_EQ_I(f->img.height, H);
     T_EQ_I(f->img.fmt, formats[s->cam]);
     T_EQ_I(f->img.size, image_bytes(s->cam));
-    T_EQ_I(f->img.stride, W * (int)cap_pixfmt_bytes(formats[s->cam]));
+    T_EQ_I(f->img.stride, (int)cap_pixfmt_row(formats[s->cam], W));
     T_EQ_I(f->camera, s->cam);
     int64_t i = cap_simgv_index(f->t_device_ns, RING_FPS) % N_RING;
     T_OK(f->img.size == image_bytes(s->cam) &&

@@ -143,7 +143,7 @@ static void reference(const struct cap_image *img, int b, int nch, float *out)
 /* Random image of the format, an exact-size block so that a sanitizer sees an over-read. */
 static void *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image *img)
 {
-    size_t row = (size_t)w * cap_pixfmt_bytes(f);
+    size_t row = cap_pixfmt_row(f, w);
     *img = (struct cap_image){.width = w, .height = h, .fmt = f, .stride = (ptrdiff_t)row + pad};
     img->size = (size_t)img->stride * (size_t)(h - 1) + row;
     char *data = malloc(img->size);
@@ -197,7 +197,7 @@ static void matches_the_reference(void)
 /* Rows longer than the block that the fast path works in, and widths that end inside one. */
 static void wide_rows(void)
 {
-    static const enum cap_pixfmt formats[] = {CAP_RGB8, CAP_GREY8, CAP_BAYER_RG8};
+    static const enum cap_pixfmt formats[] = {CAP_RGB8, CAP_GREY8, CAP_BAYER_RG8, 0};
     static const int widths[] = {512, 516, 1536, 1540, 2044};
     for (size_t f = 0; f < 3; f++)
         for (size_t i = 0; i < 5; i++)
@@ -220,7 +220,7 @@ static void one_saturated_sample_shows(void)
     uint8_t px[4 * 4 * 3];
     memset(px, 10, sizeof px);
     px[(1 * 4 + 2) * 3 + 1] = 255;
-    struct cap_image img = {px, sizeof px, 4, 4, 12, CAP_RGB8};
+    struct cap_image img = {px, sizeof px, 4, 4, 12, CAP_RGB8, 0};
     float out[4];
     T_EQ_I(cap_bin(&img, 4, 3, 0, 1, out), PVX_OK);
     T_NEAR(out[0], 10.0 / 255, 1e-7);
@@ -231,7 +231,7 @@ static void one_saturated_sample_shows(void)
     memset(px, 255, sizeof px);
     T_EQ_I(cap_bin(&img, 1, 3, 0, 4, (float[64]){0}), PVX_OK);
     float grey[16];
-    struct cap_image mono = {px, 16, 4, 4, 4, CAP_GREY8};
+    struct cap_image mono = {px, 16, 4, 4, 4, CAP_GREY8, 0};
     T_EQ_I(cap_bin(&mono, 1, 1, 0, 4, grey), PVX_OK);
     T_OK(grey[15] == 1.0f);
 }
@@ -239,7 +239,7 @@ static void one_saturated_sample_shows(void)
 static void not_finite_samples_are_left_out(void)
 {
     float px[4] = {NAN, 0.25f, INFINITY, 2.75f}, out[1];
-    struct cap_image img = {px, sizeof px, 2, 2, 8, CAP_GREY_F32};
+    struct cap_image img = {px, sizeof px, 2, 2, 8, CAP_GREY_F32, 0};
     T_EQ_I(cap_bin(&img, 2, 1, 0, 1, out), PVX_OK);
     T_OK(out[0] == 1.5f); /* floats do not saturate */
     px[1] = px[3] = -INFINITY;
@@ -269,7 +269,7 @@ static void refuses(void)
     T_EQ_I(cap_bin(&ok, 0, 1, 0, 1, out), PVX_EINVAL);
     T_EQ_I(cap_bin(&ok, 2, 2, 0, 1, out), PVX_EINVAL);
     T_EQ_I(cap_bin(&ok, 2, 1, 0, 5, out), PVX_EINVAL);
-    struct cap_image thin = {px, 8, 1, 8, 1, CAP_BAYER_RG8};
+    struct cap_image thin = {px, 8, 1, 8, 1, CAP_BAYER_RG8, 0};
     T_EQ_I(cap_bin(&thin, 1, 3, 0, 8, out), PVX_EINVAL);
 }
 
@@ -280,7 +280,15 @@ static void names(void)
     T_EQ_I(cap_pixfmt_parse("RGB9"), CAP_FMT_NONE);
     T_EQ_S(cap_pixfmt_name(CAP_BAYER_GB8), "BayerGB8");
     T_EQ_I(cap_pixfmt_channels(CAP_BAYER_BG8), 3);
-    T_EQ_I(cap_pixfmt_bytes(CAP_RGB16), 6);
+    T_EQ_I(cap_pixfmt_row(CAP_RGB16, 1), 6);
+    T_EQ_I(cap_pixfmt_row(CAP_BAYER_GR10P, 5), 7); /* 50 bits */
+    T_EQ_I(cap_pixfmt_row(CAP_GREY10PACKED, 5), 9);
+    T_EQ_I(cap_pixfmt_row(CAP_BAYER_RG10CSI, 8), 10);
+    T_EQ_I(cap_pixfmt_row(CAP_YUYV, 3), 8);
+    T_EQ_I(cap_pixfmt_image(CAP_BAYER_BG12, 4, 3), 24);
+    T_EQ_I(cap_pixfmt_from_pfnc(0x010c0059u), CAP_BAYER_RG12P);
+    T_EQ_I(cap_pixfmt_bayer(CAP_BAYER_GB12CSI)[0], 1);
+    T_OK(cap_pixfmt_bayer(CAP_RGB8) == NULL && cap_pixfmt_bayer(CAP_GREY_F32) == NULL);
 }
 
 int main(void)

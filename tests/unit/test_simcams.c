@@ -142,7 +142,7 @@ static void ring_is_the_flame(void)
         T_LE(worst, 1); /* float against double rounding */
         T_LE(60, top);
         T_EQ_I(simcams_ring_bytes(&rig, &p),
-               3 * 6 * (size_t)cam->width * (size_t)cam->height * cap_pixfmt_bytes(fmts[k]));
+               3 * 6 * (size_t)cam->width * (size_t)cam->height * cap_pixfmt_row(fmts[k], 1));
         simcams_ring_fini(&ring);
     }
     free(want);
