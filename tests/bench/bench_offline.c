@@ -24,7 +24,8 @@ static void bin_camera(void *ctx, size_t c)
                             cam->width,
                             cam->height,
                             (ptrdiff_t)cam->width * 3,
-                            CAP_RGB8, 0};
+                            CAP_RGB8,
+                            0};
     CHECK(cap_bin(&img, j->binning, 3, 0, cam->height / j->binning, rec_frame_input(j->f, c)));
 }
 

@@ -532,8 +532,8 @@ static void refusals_have_reasons(void)
     c.width = 4000;
     refuse(c, PVX_EINVAL, "sensor 320x240");
     c = config_of(0);
-    c.fmt = CAP_RGB16;
-    refuse(c, PVX_EUNSUP, "RGB16");
+    c.fmt = CAP_RGB_F32;
+    refuse(c, PVX_EUNSUP, "RGB32f");
     c = config_of(0);
     c.fps = 1e5;
     refuse(c, PVX_EINVAL, "frame rate");

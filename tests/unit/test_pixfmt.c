@@ -251,7 +251,7 @@ static void refuses(void)
 {
     uint8_t px[64] = {0};
     float out[64];
-    struct cap_image ok = {px, 64, 8, 8, 8, CAP_GREY8}, bad = ok;
+    struct cap_image ok = {px, 64, 8, 8, 8, CAP_GREY8, 0}, bad = ok;
     T_EQ_I(cap_bin(&ok, 2, 1, 0, 4, out), PVX_OK);
     bad.size = 63;
     T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EFORMAT);
