@@ -64,10 +64,11 @@ PLUGINS := $(if $(wildcard capture/opencv_shim.cpp),$(B)/lib/pyrovox-opencv.so)
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
+SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test test-sanitize bench stability lint check-layers format-check \
+.PHONY: all help setup setup-test run test test-sanitize bench stability soak lint check-layers format-check \
   fuzz clean install uninstall tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -110,6 +111,10 @@ stability: setup-test ## every hard case: outcome, error against the truth, boun
 	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/stability/stability
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
+
+soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, every set right, what it costs
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak
+	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)
 
 fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
 	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
@@ -172,6 +177,7 @@ $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
 $(B)/tests/stability/stability $(B)/tests/sim/test_stability: $(STABILITY)
+$(B)/tests/soak/soak: $(SOAK)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
 	$(call say,LD)
