@@ -16,6 +16,7 @@
 #include "capture/pixfmt.h"
 #include "daemon/endpoints.h"
 #include "daemon/scene.h"
+#include "daemon/sources.h"
 #include "daemon/stage.h"
 #include "proto/pub.h"
 
@@ -44,9 +45,7 @@ struct dmn_pipeline {
     rec_sysmat *S;
     dmn_scene *scene;
     cap_capture *capture;
-    struct cap_source_config source[REC_MAX_CAMERAS];
-    char uri[REC_MAX_CAMERAS][DMN_WORD_MAX];
-    struct cap_feature feature[DMN_PAIRS_MAX];
+    struct dmn_sources sources;
     pvp_pub *pub;
     struct pvp_start start;
     int nch;
@@ -386,55 +385,6 @@ static bool publish(void *ctx)
 
 /* ---- start and stop ---- */
 
-static pvx_err capture_new(dmn_pipeline *p, struct pvx_diag *d)
-{
-    const struct dmn_config *c = &p->cfg;
-    for (size_t i = 0; i < c->features.n; i++) {
-        struct cap_feature *f = &p->feature[i];
-        snprintf(f->name, sizeof f->name, "%s", c->features.item[i].key);
-        if (snprintf(f->value, sizeof f->value, "%s", c->features.item[i].value) >=
-            (int)sizeof f->value)
-            return pvx_fail(d, PVX_EINVAL, "%s: features.%s: longer than %zu characters", c->name,
-                            f->name, sizeof f->value - 1);
-    }
-    for (size_t i = 0; i < p->rig.n_cameras; i++) {
-        const struct rec_camera *k = &p->rig.cameras[i];
-        PVX_TRY(dmn_config_source(c, k->name, i, p->uri[i], sizeof p->uri[i], d));
-        p->source[i] = (struct cap_source_config){.uri = p->uri[i],
-                                                  .name = k->name,
-                                                  .camera = (uint32_t)i,
-                                                  .width = k->width,
-                                                  .height = k->height,
-                                                  .fmt = dmn_config_pixfmt(c),
-                                                  .fps = c->fps,
-                                                  .software_trigger = c->trigger == 1,
-                                                  .buffers = (unsigned)c->buffers,
-                                                  .packet_size = (int32_t)c->packet_size,
-                                                  .exposure_us = c->exposure_us,
-                                                  .gain = c->gain,
-                                                  .features = p->feature,
-                                                  .n_features = c->features.n,
-                                                  .lossless = c->lossless,
-                                                  .loop = c->loop,
-                                                  .scene = dmn_scene_cap(p->scene)};
-    }
-    struct cap_capture_config cc = {
-        .n_cameras = (uint32_t)p->rig.n_cameras,
-        .camera = p->source,
-        .sets = {.cameras = (uint32_t)p->rig.n_cameras,
-                 .tolerance_ns = (int64_t)(c->tolerance_ms * (double)PVX_NS_PER_MS),
-                 .max_wait_ns = (int64_t)(c->max_wait_ms * (double)PVX_NS_PER_MS),
-                 .period_ns = p->period_ns,
-                 .policy = c->policy == 1 ? CAP_POLICY_PARTIAL : CAP_POLICY_DROP,
-                 .min_cameras = (uint32_t)c->min_cameras},
-        .fps = c->fps,
-        .software_trigger = c->trigger == 1,
-        .shared_clock = c->shared_clock,
-        .lossless = c->lossless,
-        .discard_first = c->lossless ? 0 : (uint32_t)c->discard_first};
-    return cap_capture_new(&cc, &p->capture, d);
-}
-
 static pvx_err slots_new(dmn_pipeline *p, struct pvx_diag *d)
 {
     struct rec_frame_params fp;
@@ -523,7 +473,9 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
     p->patience = 1;
     PVX_TRY(pvx_pool_new((unsigned)c->threads, "work", &p->pool));
     PVX_TRY(dmn_scene_new(&p->rig, (uint32_t)c->sim_seed, c->sim_period_s, &p->scene));
-    PVX_TRY(capture_new(p, d)); /* before the matrix: a wrong source is said at once */
+    PVX_TRY(dmn_sources_init(&p->sources, c, &p->rig, dmn_scene_cap(p->scene), d));
+    /* before the matrix: a wrong source is said at once */
+    PVX_TRY(cap_capture_new(&p->sources.capture, &p->capture, d));
     p->nch = dmn_config_channels(c);
     PVX_TRY(publisher_new(p, d));
     PVX_TRY(matrix_open(p, progress, ctx, d));
