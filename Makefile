@@ -62,13 +62,14 @@ BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
 PLUGINS := $(if $(wildcard capture/opencv_shim.cpp),$(B)/lib/pyrovox-opencv.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
+VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test test-sanitize bench stability soak lint check-layers format-check \
+.PHONY: all help setup setup-test run test test-vm test-sanitize bench stability soak lint check-layers format-check \
   fuzz clean install uninstall tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -100,7 +101,12 @@ test-sanitize: setup-test ## the unit, check, sim and fuzz-corpus tests under AS
 	@$(MAKE) --no-print-directory -j$$(nproc) SAN=thread all tests-build
 	@tests/run.sh build-thread --no-system
 
-tests-build: $(UNIT) $(FUZZ) $(BENCH)
+test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtual machine (fetches Debian's kernel once)
+	@tests/setup.sh $(PACKAGES_VM) || echo "without them most of this cannot run" >&2
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(VM)
+	@tests/vm/test.sh $(B)
+
+tests-build: $(UNIT) $(FUZZ) $(BENCH) $(VM)
 
 bench: setup-test ## speed against error, stage times over their bounds (writes build/bench/)
 	@tests/setup.sh $(PACKAGES_BENCH)
