@@ -48,7 +48,10 @@ static void hand_over(struct cap_capture *cap)
 static void map_clock(struct cap_capture *cap, struct cap_frame *f)
 {
     struct cap_camera *cam = &cap->camera[f->camera];
-    f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_ns);
+    int64_t device = f->t_device_ns;
+    if (device != 0 && cam->ops->clock == CAP_CLOCK_MONO)
+        device += f->t_arrival_ns - f->t_arrival_mono_ns;
+    f->t_exposure_ns = cap_clockmap_add(&cam->clock, device, f->t_arrival_ns);
     cam->drift_ppm = cam->clock.drift * 1e6;
 }
 

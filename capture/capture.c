@@ -123,7 +123,8 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     cam->width = src->width;
     cam->height = src->height;
     cam->fmt = src->fmt;
-    cap_clockmap_init(&cam->clock, cap->cfg.shared_clock || cam->ops->recorded);
+    cap_clockmap_init(&cam->clock, cap->cfg.shared_clock || cam->ops->recorded ||
+                                       cam->ops->clock == CAP_CLOCK_MONO);
     /* Half of the buffers may wait here, the other half is for sets and the driver. */
     cam->ring_size = cam->cfg.buffers / 2;
     cam->ring = pvx_calloc(cam->ring_size, sizeof *cam->ring);

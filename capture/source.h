@@ -14,10 +14,11 @@ struct cap_frame {
     struct cap_image img;
     uint32_t camera;      /* index in the rig */
     uint64_t id;          /* camera's own frame number, widened past wraps; gaps = lost frames */
-    int64_t t_device_ns;  /* camera clock; 0 = the camera has none */
+    int64_t t_device_ns;  /* exposure, on the clock that enum cap_clock names; 0 = not known */
     int64_t t_arrival_ns; /* host CLOCK_REALTIME */
     int64_t t_arrival_mono_ns;
     int64_t t_exposure_ns; /* host CLOCK_REALTIME, filled by the clock map (clockmap.h) */
+    int dmabuf;            /* DMABUF file of the memory that img.data lies in, borrowed; 0 = none */
     void (*release)(struct cap_frame *f);
     void *owner;
 };
@@ -99,11 +100,18 @@ struct cap_found {
     const char *formats; /* lines "Mono8 640x480 15 30 Hz", our names; NULL = not asked */
 };
 
+/* What t_device_ns counts. */
+enum cap_clock {
+    CAP_CLOCK_OWN, /* the camera's own time: mapped to the host's on line (clockmap.h) */
+    CAP_CLOCK_MONO /* the host's CLOCK_MONOTONIC: only its distance to CLOCK_REALTIME is added */
+};
+
 typedef struct cap_source cap_source;
 struct cap_source_ops {
     const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
     bool
         recorded; /* stamps follow from frame numbers: no clock to map, no first frame to distrust */
+    enum cap_clock clock;
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
     pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */

@@ -20,6 +20,19 @@ int64_t pvx_now_real(void)
     return now(CLOCK_REALTIME);
 }
 
+void pvx_now_both(int64_t *real_ns, int64_t *mono_ns)
+{
+    int64_t best = INT64_MAX;
+    for (int i = 0; i < 4 && best > 2000; i++) {
+        int64_t before = pvx_now_mono(), real = pvx_now_real(), after = pvx_now_mono();
+        if (after - before < best) {
+            best = after - before;
+            *real_ns = real;
+            *mono_ns = before + best / 2;
+        }
+    }
+}
+
 void pvx_sleep_until_mono(int64_t mono_ns)
 {
     if (mono_ns <= 0)

@@ -11,6 +11,8 @@
 
 int64_t pvx_now_mono(void);
 int64_t pvx_now_real(void);
+/* Both at one instant (to some us even when the thread is interrupted in between). */
+void pvx_now_both(int64_t *real_ns, int64_t *mono_ns);
 /* Sleep until `mono_ns` of the mono clock; returns early never, at once when it has passed. */
 void pvx_sleep_until_mono(int64_t mono_ns);
 

@@ -4,6 +4,7 @@
 #include <pthread.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/hist.h"
 #include "base/pool.h"
@@ -183,8 +184,19 @@ static void file_write_is_atomic_and_reads_back(void)
     T_EQ_I(pvx_file_write("/dev/full/x", "hello", 5, &d), PVX_ENOENT);
 }
 
+static void both_clocks_at_one_instant(void)
+{
+    for (int i = 0; i < 100; i++) {
+        int64_t before = pvx_now_mono(), real = 0, mono = 0, real0 = pvx_now_real();
+        pvx_now_both(&real, &mono);
+        T_OK(mono >= before && mono <= pvx_now_mono());
+        T_OK(real >= real0 && real <= pvx_now_real());
+    }
+}
+
 int main(void)
 {
+    T_RUN(both_clocks_at_one_instant);
     T_RUN(queue_drops_oldest_and_counts);
     T_RUN(queue_put_equals_taken_plus_displaced);
     T_RUN(pool_runs_each_task_once);
