@@ -19,6 +19,7 @@ struct cap_frame {
     int64_t t_arrival_mono_ns;
     int64_t t_exposure_ns; /* host CLOCK_REALTIME, filled by the clock map (clockmap.h) */
     int dmabuf;            /* DMABUF file of the memory that img.data lies in, borrowed; 0 = none */
+    double exposure_us, gain; /* used for this frame, as the camera says; NAN = it does not */
     void (*release)(struct cap_frame *f);
     void *owner;
 };
@@ -49,34 +50,68 @@ extern const struct cap_count_def cap_count_defs[CAP_N_COUNT];
 
 enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequence finished */
 
-/* All three may be called from any thread of the source, holding no lock that stop needs: in a
- * lossless run push waits for room (until the capture stops). */
+/* All may be called from any thread of the source, holding no lock that stop needs: in a lossless
+ * run push waits for room (until the capture stops).
+ * clock (NULL = not wanted): when the camera's clock, that of t_device_ns, showed device_ns, the
+ * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question. */
 struct cap_sink {
     void (*push)(void *ctx, struct cap_frame *f); /* takes the frame */
     void (*event)(void *ctx, uint32_t camera, enum cap_event ev);
     void (*count)(void *ctx, uint32_t camera, enum cap_count what, uint64_t n);
     void *ctx;
+    void (*clock)(void *ctx, uint32_t camera, int64_t device_ns, int64_t host_mono_ns,
+                  int64_t bound_ns);
 };
 
 struct cap_feature {
     char name[64], value[64];
 };
 
+/* Who starts an exposure: the camera by itself, one command per camera, a cable, or one broadcast
+ * GigE Vision action command to all (trigger.h). */
+enum cap_trigger {
+    CAP_TRIGGER_FREE_RUN,
+    CAP_TRIGGER_SOFTWARE,
+    CAP_TRIGGER_LINE,
+    CAP_TRIGGER_ACTION
+};
+
+/* What a camera must be sent to act: the same device and group key, and a mask that shares a bit. */
+struct cap_action_keys {
+    uint32_t device_key, group_key, group_mask;
+};
+
 /* Ask a GigE camera for lost packets again?  AUTO: when it says that it can.  A frame waits up to
- * 50 ms for them, and the frames behind it with it. */
+ * frame_retention_ms for them, and the frames behind it with it. */
 enum cap_resend { CAP_RESEND_AUTO, CAP_RESEND_ALWAYS, CAP_RESEND_NEVER };
+
+/* All 0 is a good choice. */
+struct cap_gige {
+    int32_t packet_size;  /* bytes, 0 = negotiate */
+    int32_t packet_delay; /* ns between two packets of a frame, 0 = leave */
+    enum cap_resend resend;
+    int32_t socket_buffer;     /* bytes, as far as net.core.rmem_max allows; 0 = 8 MiB */
+    double frame_retention_ms; /* longest wait for the packets of a frame; 0 = 50 */
+    double packet_timeout_ms;  /* a packet that late is asked for again; 0 = 5 */
+    int32_t rt_priority;       /* SCHED_FIFO of the receiving thread; 0 = 10, -1 = none */
+    bool no_packet_socket;     /* plain UDP even where AF_PACKET is allowed */
+};
 
 struct cap_source_config {
     const char *uri;  /* after the scheme: "127.0.0.2", "GV01", "DIR/cam0/%06d.png" */
     const char *name; /* camera's name in the rig, for messages */
     uint32_t camera;
     int32_t width, height;
-    enum cap_pixfmt fmt;                /* CAP_FMT_NONE = the source's choice */
-    double fps;                         /* 0 = the source's */
-    bool software_trigger;              /* else free run */
-    unsigned buffers;                   /* frames in the pool, >= 4 */
-    int32_t packet_size;                /* GigE: bytes, 0 = negotiate */
-    enum cap_resend resend;             /* GigE */
+    enum cap_pixfmt fmt; /* CAP_FMT_NONE = the source's choice */
+    double fps;          /* 0 = the source's */
+    enum cap_trigger trigger;
+    const char *trigger_line;      /* LINE: "Line1"; NULL = that */
+    struct cap_action_keys action; /* ACTION */
+    bool ptp;                      /* camera clocks are to be synchronized (IEEE 1588) */
+    double ptp_offset_us;          /* largest offset from the master; 0 = 10 */
+    bool chunks;                   /* exposure and gain of each frame in its data */
+    unsigned buffers;              /* frames in the pool, >= 4 */
+    struct cap_gige gige;
     double exposure_us, gain;           /* < 0 = leave */
     const struct cap_feature *features; /* GenICam features set at opening, read back */
     size_t n_features;
@@ -84,6 +119,23 @@ struct cap_source_config {
     bool loop;                     /* files: start over at the end */
     const struct cap_scene *scene; /* sim: */
 };
+
+/* How a running camera is; a source that cannot tell leaves cap_health_unknown's value. */
+struct cap_health {
+    double temperature_c; /* NAN = does not say; so for all doubles here */
+    char ptp[16];         /* "Slave", "Master", "Uncalibrated" ...; "" = has none, or it is off */
+    double ptp_offset_ns; /* from the master */
+    double link_mbps;
+    uint64_t packets_resent, packets_missing; /* since start: came when asked again; never came */
+    uint32_t address,
+        broadcast; /* IPv4, host order: the camera's, and where commands to all cameras
+                                    of its network go; 0 = not a network camera */
+    struct {
+        int64_t device_ns, host_mono_ns,
+            bound_ns; /* as cap_sink.clock; bound < 0 = was not measured */
+    } clock;
+};
+extern const struct cap_health cap_health_unknown;
 
 /* Images of a scene for sim: - given by the caller, so that capture needs no reconstruction code. */
 struct cap_scene {
@@ -115,6 +167,10 @@ struct cap_source_ops {
     pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
     pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */
+    bool triggers;                     /* can be set to wait for a line or an action command */
+    /* Between start and stop, from the thread that calls these; answers at once with what a slow loop
+     * of the source saw last.  NULL = knows nothing. */
+    void (*health)(cap_source *s, struct cap_health *out);
     void (*stop)(cap_source *s);   /* no push after it returns; frames out may still be released */
     void (*close)(cap_source **s); /* waits for no one: outstanding frames keep the pool alive */
     /* Call cb once per camera that can be found, without disturbing one that is in use; NULL = cannot
