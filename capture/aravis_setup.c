@@ -31,7 +31,7 @@ pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *wh
     return e;
 }
 
-static pvx_err refused(const struct cap_source_config *c, struct pvx_diag *d, const char *what,
+pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, const char *what,
                        double want, double got, double min, double max)
 {
     return pvx_fail(d, PVX_EINVAL,
@@ -132,33 +132,6 @@ static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
     return PVX_OK;
 }
 
-static pvx_err set_timing(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
-{
-    GError *err = NULL;
-    arv_camera_set_acquisition_mode(cam, ARV_ACQUISITION_MODE_CONTINUOUS, &err);
-    if (err != NULL)
-        return aravis_fail(c, PVX_EINVAL, "continuous acquisition", &err, d);
-    if (c->software_trigger) {
-        arv_camera_set_trigger(cam, "Software", &err);
-        return err == NULL ? PVX_OK : aravis_fail(c, PVX_EINVAL, "software trigger", &err, d);
-    }
-    arv_camera_clear_triggers(cam, &err);
-    if (err != NULL)
-        return aravis_fail(c, PVX_EINVAL, "free run", &err, d);
-    if (c->fps <= 0)
-        return PVX_OK;
-    arv_camera_set_frame_rate(cam, c->fps, &err);
-    g_clear_error(&err);
-    double min = 0, max = 0, got = arv_camera_get_frame_rate(cam, &err);
-    if (err != NULL)
-        return aravis_fail(c, PVX_EINVAL, "frame rate", &err, d);
-    if (fabs(got - c->fps) > 0.01 * c->fps) {
-        arv_camera_get_frame_rate_bounds(cam, &min, &max, NULL);
-        return refused(c, d, "frame rate", c->fps, got, min, max);
-    }
-    return PVX_OK;
-}
-
 static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {
     GError *err = NULL;
@@ -173,7 +146,7 @@ static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, s
             return aravis_fail(c, PVX_EINVAL, "exposure time", &err, d);
         if (fabs(got - c->exposure_us) > 0.01 * c->exposure_us + 1) {
             arv_camera_get_exposure_time_bounds(cam, &min, &max, NULL);
-            return refused(c, d, "exposure time [us]", c->exposure_us, got, min, max);
+            return aravis_refused(c, d, "exposure time [us]", c->exposure_us, got, min, max);
         }
     }
     if (c->gain >= 0) {
@@ -186,7 +159,7 @@ static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, s
             return aravis_fail(c, PVX_EINVAL, "gain", &err, d);
         if (fabs(got - c->gain) > 0.01 * c->gain + 0.05) {
             arv_camera_get_gain_bounds(cam, &min, &max, NULL);
-            return refused(c, d, "gain", c->gain, got, min, max);
+            return aravis_refused(c, d, "gain", c->gain, got, min, max);
         }
     }
     return PVX_OK;
@@ -274,7 +247,7 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
         return PVX_OK;
     arv_camera_gv_set_packet_size_adjustment(cam, ARV_GV_PACKET_SIZE_ADJUSTMENT_NEVER);
     int mtu = path_mtu(ARV_GV_DEVICE(arv_camera_get_device(cam)), &loopback);
-    int size = c->packet_size;
+    int size = c->gige.packet_size;
     if (size > 0 && mtu > 0 && size > mtu)
         return pvx_fail(
             d, PVX_EINVAL,
@@ -296,7 +269,7 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     int got = (int)arv_camera_gv_get_packet_size(cam, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EIO, "packet size", &err, d);
-    if (c->packet_size > 0 && got != size)
+    if (c->gige.packet_size > 0 && got != size)
         return pvx_fail(d, PVX_EINVAL,
                         "camera %s (aravis:%s): packet_size %d refused: the camera has %d", c->name,
                         c->uri, size, got);
@@ -304,11 +277,40 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     return PVX_OK;
 }
 
+/* Length of a tick of the camera's clock. */
+static double packet_tick_ns(ArvCamera *cam)
+{
+    guint64 hz =
+        arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(arv_camera_get_device(cam)), NULL);
+    return hz > 0 ? 1e9 / (double)hz : 1;
+}
+
+static pvx_err set_packet_delay(const struct cap_source_config *c, ArvCamera *cam,
+                                struct pvx_diag *d)
+{
+    GError *err = NULL;
+    if (!arv_camera_is_gv_device(cam) || c->gige.packet_delay <= 0)
+        return PVX_OK;
+    arv_camera_gv_set_packet_delay(cam, c->gige.packet_delay, &err);
+    g_clear_error(&err);
+    gint64 got = arv_camera_gv_get_packet_delay(cam, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EINVAL, "packet delay", &err, d);
+    /* the camera counts in ticks of its own clock, of up to 1 us */
+    if (llabs(got - c->gige.packet_delay) <= 1000)
+        return PVX_OK;
+    gint64 min = 0, max = 0;
+    double tick = packet_tick_ns(cam);
+    arv_camera_get_integer_bounds(cam, "GevSCPD", &min, &max, NULL);
+    return aravis_refused(c, d, "packet delay [ns]", c->gige.packet_delay, (double)got,
+                          (double)min * tick, (double)max * tick);
+}
+
 bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera)
 {
     uint32_t can = 0;
-    if (c->resend != CAP_RESEND_AUTO)
-        return c->resend == CAP_RESEND_ALWAYS;
+    if (c->gige.resend != CAP_RESEND_AUTO)
+        return c->gige.resend == CAP_RESEND_ALWAYS;
     return arv_device_read_register(arv_camera_get_device(camera), REG_GVCP_CAPABILITY, &can,
                                     NULL) &&
            (can & GVCP_CAN_RESEND) != 0;
@@ -322,9 +324,10 @@ static pvx_err configure(const struct cap_source_config *c, ArvCamera *cam, stru
         PVX_TRY(set_feature(c, cam, &c->features[i], d));
     PVX_TRY(set_format(c, cam, l, d));
     PVX_TRY(set_region(c, cam, l, d));
-    PVX_TRY(set_timing(c, cam, d));
+    PVX_TRY(aravis_set_trigger(c, cam, d));
     PVX_TRY(set_exposure(c, cam, d));
     PVX_TRY(set_packet_size(c, cam, d));
+    PVX_TRY(set_packet_delay(c, cam, d));
     GError *err = NULL;
     l->payload = arv_camera_get_payload(cam, &err);
     if (err != NULL)

@@ -27,4 +27,11 @@ enum cap_pixfmt aravis_pixfmt(ArvPixelFormat f); /* CAP_FMT_NONE: none of ours *
 /* "camera NAME (aravis:URI): what: message"; frees *err and clears it.  Returns e. */
 pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *what, GError **err,
                     struct pvx_diag *d);
+/* PVX_EINVAL: "what want refused: the camera has got and offers min to max". */
+pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, const char *what,
+                       double want, double got, double min, double max);
+
+/* aravis_trigger.c: acquisition mode, trigger and, in free run, frame rate. */
+PVX_MUST_CHECK pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam,
+                                          struct pvx_diag *d);
 #endif

@@ -1,5 +1,6 @@
 #include "capture/bufpool.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
@@ -88,8 +89,12 @@ static struct cap_frame *pop(cap_bufpool *p)
     struct slot *s = p->free;
     p->free = s->next;
     p->n_free--;
-    s->frame = (struct cap_frame){
-        .img = {.data = s->mem}, .camera = p->camera, .release = put_back, .owner = p};
+    s->frame = (struct cap_frame){.img = {.data = s->mem},
+                                  .camera = p->camera,
+                                  .exposure_us = NAN,
+                                  .gain = NAN,
+                                  .release = put_back,
+                                  .owner = p};
     return &s->frame;
 }
 

@@ -50,6 +50,7 @@ static void destroy(struct cap_capture *cap)
         free(cam->features);
         free(cam->name);
         free(cam->uri);
+        free(cam->line);
     }
     free(cap->camera);
     pthread_mutex_destroy(&cap->lock);
@@ -84,6 +85,18 @@ static pvx_err known_scheme(struct cap_camera *cam, const char *uri, struct pvx_
                     list);
 }
 
+/* Recorded frames come as they were taken, whatever started them. */
+static pvx_err can_trigger(const struct cap_camera *cam, struct pvx_diag *d)
+{
+    static const char *const by[] = {"", "by software", "by a line", "by action commands"};
+    enum cap_trigger t = cam->cap->cfg.trigger;
+    bool can = t == CAP_TRIGGER_SOFTWARE ? cam->ops->trigger != NULL : cam->ops->triggers;
+    if (t == CAP_TRIGGER_FREE_RUN || cam->ops->recorded || can)
+        return PVX_OK;
+    return pvx_fail(d, PVX_EINVAL, "camera %s (%s): cannot be triggered %s", cam->name, cam->uri,
+                    by[t]);
+}
+
 static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_diag *d)
 {
     struct cap_camera *cam = &cap->camera[i];
@@ -95,7 +108,10 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     cam->cfg = *src;
     cam->name = strdup(src->name != NULL ? src->name : number);
     cam->uri = strdup(src->uri);
-    if (cam->name == NULL || cam->uri == NULL)
+    bool line = src->trigger_line != NULL && src->trigger_line[0] != '\0';
+    cam->cfg.trigger_line = cam->line = strdup(line ? src->trigger_line : "Line1");
+    cam->health = cap_health_unknown;
+    if (cam->name == NULL || cam->uri == NULL || cam->line == NULL)
         return PVX_ENOMEM;
     PVX_TRY(known_scheme(cam, cam->uri, d));
     cam->cfg.name = cam->name;
@@ -107,7 +123,8 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     }
     cam->cfg.features = cam->features;
     cam->cfg.camera = i;
-    cam->cfg.software_trigger = cap->cfg.software_trigger;
+    cam->cfg.trigger = cap->cfg.trigger;
+    cam->cfg.action = cap->cfg.action.keys;
     cam->cfg.lossless = cap->cfg.lossless;
     if (cam->cfg.fps <= 0)
         cam->cfg.fps = cap->cfg.fps;
@@ -116,9 +133,7 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     if (cam->cfg.buffers < 4 || cam->cfg.buffers > 1024)
         return pvx_fail(d, PVX_EINVAL, "camera %s: %u buffers; 4 to 1024 are possible", cam->name,
                         cam->cfg.buffers);
-    if (cap->cfg.software_trigger && cam->ops->trigger == NULL && !cam->ops->recorded)
-        return pvx_fail(d, PVX_EINVAL, "camera %s (%s): cannot be triggered by software", cam->name,
-                        cam->uri);
+    PVX_TRY(can_trigger(cam, d));
     cam->quiet_ns = 5 * cap->period_ns > MIN_QUIET_NS ? 5 * cap->period_ns : MIN_QUIET_NS;
     cam->width = src->width;
     cam->height = src->height;
@@ -145,7 +160,8 @@ static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
     if (!(cfg->fps >= 0) || cfg->fps > 1e5)
         return pvx_fail(d, PVX_EINVAL, "%g frames per second are not possible", cfg->fps);
     cap->period_ns = cfg->fps > 0 ? llrint(1e9 / cfg->fps) : 0;
-    if (cfg->software_trigger && cap->period_ns == 0)
+    bool paced = cfg->trigger == CAP_TRIGGER_SOFTWARE || cfg->trigger == CAP_TRIGGER_ACTION;
+    if (paced && cap->period_ns == 0)
         return pvx_fail(d, PVX_EINVAL, "a software trigger needs a frame rate");
     for (uint32_t i = 0; i < cap->n; i++)
         PVX_TRY(set_up_camera(cap, i, d));
@@ -335,11 +351,14 @@ void cap_capture_stats(cap_capture *cap, struct cap_stats *out)
         memcpy(s->error, cam->error, sizeof s->error);
         s->fps = frame_rate(cam, now);
         s->drift_ppm = cam->drift_ppm;
+        s->health = cam->health;
+        s->action = cam->action;
     }
     out->sets_complete = cap->sets_complete;
     out->sets_partial = cap->sets_partial;
     out->sets_dropped = cap->sets_dropped;
     out->sets_failed = cap->sets_failed;
     out->spread = cap->spread;
+    out->action = cap->action;
     pthread_mutex_unlock(&cap->lock);
 }

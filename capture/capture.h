@@ -16,15 +16,38 @@
 #include "base/hist.h"
 #include "capture/frameset.h"
 
+#define CAP_ACTION_ADDRESSES 8
+/* How action commands go out (trigger.h). */
+struct cap_action_config {
+    struct cap_action_keys keys;
+    /* Where to; IPv4, host order; none = the broadcast address of every network that has a camera. */
+    uint32_t address[CAP_ACTION_ADDRESSES];
+    size_t n_addresses;
+    int64_t lead_ns; /* > 0: scheduled, sent that much ahead of the instant; 0 = acted on at once */
+    bool acknowledge; /* cameras answer; who does not is counted */
+};
+struct cap_action_stats {
+    uint64_t sent;   /* instants for which commands went out */
+    uint64_t late;   /* scheduled instants left out: not enough of the lead was left */
+    uint64_t failed; /* could not be sent, or the cameras' clock is not known yet */
+};
+struct cap_action_answers {
+    uint64_t acknowledged, silent; /* the rest of `sent` was before it ran */
+    uint64_t refused;              /* answered with an error, of these: */
+    uint64_t too_late;             /* the instant had passed when the command came */
+    uint64_t no_clock;             /* the camera's clock is not synchronized */
+};
+
 struct cap_capture_config {
     uint32_t n_cameras;
-    /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, software_trigger, lossless
+    /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, trigger, action, lossless
      * are filled in, fps too when it is 0.  buffers: at least 4 more than the sets that the
      * consumer holds at a time; 0 = 12.  Strings and features are copied; scene is borrowed. */
     const struct cap_source_config *camera;
     struct cap_assembler_params sets; /* .cameras is filled in, .period_ns too when it is 0 */
     double fps;                       /* nominal */
-    bool software_trigger;            /* one sweep per period to all cameras */
+    enum cap_trigger trigger;         /* SOFTWARE: one sweep per period to all cameras */
+    struct cap_action_config action;  /* ACTION: one broadcast per period and network */
     bool shared_clock;                /* device clocks are the host's (PTP, simulation): identity */
     bool lossless;                    /* replay: back-pressure instead of dropping */
     uint32_t discard_first;           /* live frames per camera dropped after each start, uncounted
@@ -37,13 +60,16 @@ struct cap_camera_stats {
     uint64_t count[CAP_N_COUNT];
     double fps; /* over the last 2 s */
     double drift_ppm;
-    char error[256]; /* last reason it could not be opened, "" when fine */
+    char error[256];                  /* last reason it could not be opened, "" when fine */
+    struct cap_health health;         /* as of a second ago at most; unknown when not running */
+    struct cap_action_answers action; /* ACTION with acknowledge */
 };
 struct cap_stats {
     struct cap_camera_stats camera[CAP_MAX_CAMERAS];
     uint64_t sets_complete, sets_partial; /* assembled: all cameras, some */
     uint64_t sets_dropped;                /* of these, displaced because the consumer was slow */
     uint64_t sets_failed;                 /* closed with too few cameras, not given out */
+    struct cap_action_stats action;
     struct pvx_hist spread;
 };
 

@@ -24,6 +24,7 @@ struct cap_camera {
     uint32_t index;
     struct cap_source_config cfg;
     char *name, *uri; /* owned; uri with its scheme */
+    char *line;       /* owned; cfg.trigger_line */
     struct cap_feature *features;
     const struct cap_source_ops *ops;
     int64_t quiet_ns; /* silence that counts as loss */
@@ -49,6 +50,8 @@ struct cap_camera {
     struct cap_frame **ring;
     size_t ring_size, ring_head, ring_len;
     double drift_ppm;
+    struct cap_health health;
+    struct cap_action_answers action;
     bool done;           /* supervisor has finished */
     pthread_cond_t wake; /* supervisor: event or stop */
     pthread_cond_t room; /* lossless push: ring has room, or stop */
@@ -77,6 +80,7 @@ struct cap_capture {
     unsigned refs;
     bool started, stop, stopped;
     uint64_t sets_complete, sets_partial, sets_dropped, sets_failed;
+    struct cap_action_stats action;
     struct pvx_hist spread;
 };
 

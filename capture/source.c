@@ -1,5 +1,6 @@
 #include "capture/source.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "capture/backends.h"
@@ -18,6 +19,9 @@ const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_ID_GAP] = {"id_gap", "frames", "numbered by the camera but never seen"},
     [CAP_LOST_CAMERA] = {"lost_camera", "times", "the camera stopped answering"},
 };
+
+const struct cap_health cap_health_unknown = {
+    .temperature_c = NAN, .ptp_offset_ns = NAN, .link_mbps = NAN, .clock = {.bound_ns = -1}};
 
 void cap_frame_release(struct cap_frame *f)
 {

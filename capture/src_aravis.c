@@ -24,10 +24,12 @@
 #include "capture/backends.h"
 #include "capture/bufpool.h"
 
-#define SPARE         2         /* buffers that always stay with the stream */
-#define RETENTION_US  50000u    /* how long an incomplete frame is waited for */
-#define SOCKET_BUFFER (8 << 20) /* as far as net.core.rmem_max allows */
-#define RT_PRIORITY   10
+#define SPARE 2 /* buffers that always stay with the stream */
+/* what cap_gige says with 0 */
+#define RETENTION_MS      50.0
+#define PACKET_TIMEOUT_MS 5.0
+#define SOCKET_BUFFER     (8 << 20)
+#define RT_PRIORITY       10
 
 struct slot {
     struct cap_frame *frame;
@@ -236,7 +238,9 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
     (void)buffer; /* the one that is done comes out of the queue */
     switch (type) {
     case ARV_STREAM_CALLBACK_TYPE_INIT:
-        if (!arv_make_thread_realtime(RT_PRIORITY))
+        if (s->c.gige.rt_priority >= 0 &&
+            !arv_make_thread_realtime(s->c.gige.rt_priority > 0 ? s->c.gige.rt_priority
+                                                                : RT_PRIORITY))
             LOG_D(CAPTURE, "camera %s: no real-time priority for its thread", s->c.name);
         break;
     case ARV_STREAM_CALLBACK_TYPE_START_BUFFER:
@@ -350,6 +354,18 @@ static void set_active(struct source *s, bool on)
     pthread_mutex_unlock(&s->lock);
 }
 
+static void set_stream(const struct source *s, ArvStream *stream)
+{
+    const struct cap_gige *g = &s->c.gige;
+    double retention = g->frame_retention_ms > 0 ? g->frame_retention_ms : RETENTION_MS;
+    double timeout = g->packet_timeout_ms > 0 ? g->packet_timeout_ms : PACKET_TIMEOUT_MS;
+    g_object_set(stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
+                 g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER, "packet-resend",
+                 s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
+                 "frame-retention", (guint)(retention * 1000), "packet-timeout",
+                 (guint)(timeout * 1000), "initial-packet-timeout", (guint)(timeout * 1000), NULL);
+}
+
 static pvx_err aravis_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
 {
     struct source *s = (struct source *)base;
@@ -358,15 +374,13 @@ static pvx_err aravis_start(cap_source *base, const struct cap_sink *sink, struc
     s->ids = (struct aravis_ids){0};
     s->unnumbered = 0;
     s->lost = false;
+    if (s->c.gige.no_packet_socket && arv_camera_is_gv_device(s->camera))
+        arv_camera_gv_set_stream_options(s->camera, ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
     ArvStream *stream = arv_camera_create_stream(s->camera, on_stream, s, &err);
     if (stream == NULL)
         return aravis_fail(&s->c, PVX_EIO, "stream", &err, d);
     if (ARV_IS_GV_STREAM(stream))
-        g_object_set(stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED,
-                     "socket-buffer-size", SOCKET_BUFFER, "packet-resend",
-                     s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS
-                               : ARV_GV_STREAM_PACKET_RESEND_NEVER,
-                     "frame-retention", RETENTION_US, NULL);
+        set_stream(s, stream);
     pthread_mutex_lock(&s->link->lock);
     s->stream = s->link->stream = stream;
     for (unsigned i = 0; i < s->link->n; i++)
@@ -439,6 +453,7 @@ const struct cap_source_ops cap_source_aravis = {
     .open = aravis_open,
     .start = aravis_start,
     .trigger = aravis_trigger,
+    .triggers = true,
     .stop = aravis_stop,
     .close = aravis_close,
     .list = aravis_list,

@@ -259,7 +259,7 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
     s->height = c->height;
     s->fmt = c->fmt == CAP_FMT_NONE ? CAP_RGB8 : c->fmt;
     s->period_ns = (int64_t)(1e9 / (c->fps > 0 ? c->fps : 30) + 0.5);
-    s->triggered = c->software_trigger;
+    s->triggered = c->trigger == CAP_TRIGGER_SOFTWARE;
     s->rng = ((uint64_t)fault.seed * 64 + c->camera + 1) * 0x9E3779B97F4A7C15u;
     pthread_mutex_init(&s->lock, NULL);
     pthread_cond_init(&s->wake, NULL); /* CLOCK_REALTIME: the grid's clock */

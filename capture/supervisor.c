@@ -11,6 +11,7 @@
 #define FIRST_FRAME_NS (3 * PVX_NS_PER_S)  /* patience with a camera that has just been started */
 #define TOGETHER_NS    (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
 #define LOOK_NS        (200 * PVX_NS_PER_MS)
+#define HEALTH_NS      PVX_NS_PER_S
 
 enum fate { FATE_STOP, FATE_LOST, FATE_END };
 
@@ -35,8 +36,10 @@ static void set_state(struct cap_camera *cam, enum cap_state state)
     pthread_mutex_lock(&cam->cap->lock);
     cam->state = state;
     cam->tried = true;
-    if (state != CAP_RUNNING)
+    if (state != CAP_RUNNING) {
         cam->delivering = false;
+        cam->health = cap_health_unknown;
+    }
     pthread_cond_signal(&cam->cap->work);
     pthread_mutex_unlock(&cam->cap->lock);
 }
@@ -152,16 +155,32 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
     return false;
 }
 
+static void take_health(struct cap_camera *cam, cap_source *src)
+{
+    struct cap_health h = cap_health_unknown;
+    if (cam->ops->health == NULL)
+        return;
+    cam->ops->health(src, &h);
+    pthread_mutex_lock(&cam->cap->lock);
+    cam->health = h;
+    pthread_mutex_unlock(&cam->cap->lock);
+}
+
 static enum fate watch(struct watch *w, cap_source *src)
 {
     struct cap_camera *cam = w->cam;
     struct cap_capture *cap = cam->cap;
-    bool triggers = cam->cfg.software_trigger && cam->ops->trigger != NULL;
+    bool triggers = cam->cfg.trigger == CAP_TRIGGER_SOFTWARE && cam->ops->trigger != NULL;
     int64_t period = cap->period_ns;
     int64_t next = triggers ? (pvx_now_mono() / period + 1) * period : INT64_MAX;
     char why[128] = "";
     enum fate fate;
+    int64_t health = 0;
     for (;;) {
+        if (pvx_now_mono() >= health) {
+            take_health(cam, src);
+            health = pvx_now_mono() + HEALTH_NS;
+        }
         pthread_mutex_lock(&cap->lock);
         int64_t now = pvx_now_mono();
         int64_t until = now + LOOK_NS < next ? now + LOOK_NS : next;

@@ -31,11 +31,25 @@ struct dmn_config {
 
     double fps;
     int pixel_format;
-    int trigger; /* 0 free-run, 1 software */
+    int trigger; /* enum cap_trigger */
+    char trigger_line[DMN_WORD_MAX];
+    int ptp;
+    double ptp_offset_us;
     int shared_clock, lossless, loop;
-    int64_t discard_first, buffers, packet_size;
+    int64_t discard_first, buffers;
     double exposure_us, gain;
-    struct dmn_pairs features;
+    int chunks;
+    struct dmn_pairs features, camera_features;
+
+    int64_t action_device_key, action_group_key, action_group_mask;
+    struct dmn_texts action_addresses;
+    double action_lead_ms;
+    int action_acknowledge;
+
+    int64_t packet_size, packet_delay_ns, socket_buffer, rt_priority;
+    int resend; /* enum cap_resend */
+    double frame_retention_ms, packet_timeout_ms;
+    int packet_socket;
 
     double tolerance_ms, max_wait_ms;
     int policy; /* enum cap_policy */

@@ -49,8 +49,15 @@ const struct dmn_option dmn_options[] = {
     CHOICE("pixel_format", pixel_format, "auto",
            "auto|Mono8|Mono16|RGB8|RGB16|BayerRG8|BayerGR8|BayerGB8|BayerBG8",
            "Pixel format asked of the cameras; auto = what they are set to."),
-    CHOICE("trigger", trigger, "free-run", "free-run|software",
-           "Who starts an exposure: the camera, or one software trigger per period to all."),
+    CHOICE("trigger", trigger, "free-run", "free-run|software|line|action",
+           "Who starts an exposure: the camera, one software command per period to each, a signal "
+           "on a cable, or one GigE Vision action command per period to all (keys under action)."),
+    TEXT("trigger_line", trigger_line, "Input of trigger: line; empty = Line1."),
+    BOOL("ptp", ptp, "false",
+         "Let the cameras synchronize their clocks by PTP (IEEE 1588); frames are taken once they "
+         "have."),
+    REAL("ptp_offset_us", ptp_offset_us, "10", 0.001, 1e6, "us",
+         "Largest offset from the PTP master with which a camera counts as synchronized."),
     BOOL(
         "shared_clock", shared_clock, "false",
         "The cameras' time stamps are the host's UTC already (PTP, simulated cameras), so no clock "
@@ -62,13 +69,48 @@ const struct dmn_option dmn_options[] = {
         "Frames of each camera that are ignored after it has been started; files lose none when "
         "lossless."),
     INT("buffers", buffers, "16", 4, 1024, "frames", "Raw frames kept per camera."),
-    INT("packet_size", packet_size, "0", 0, 16384, "bytes",
-        "GigE Vision packet size; 0 = negotiate."),
     REAL("exposure_us", exposure_us, "-1", -1, 1e9, "us",
          "Exposure time; negative = leave as the camera has it."),
     REAL("gain", gain, "-1", -1, 1000, "", "Gain; negative = leave as the camera has it."),
     {"features", DMN_PAIRS, AT(features), "{}", 0, 0, "", NULL,
      "GenICam features written to every camera when it is opened, and read back."},
+    {"camera_features", DMN_PAIRS, AT(camera_features), "{}", 0, 0, "", NULL,
+     "The same for one camera, as CAMERA.FEATURE: value; written after those for all."},
+    BOOL("chunks", chunks, "false",
+         "Ask GenICam cameras to send exposure time and gain with each frame (chunk data)."),
+
+    INT("action.device_key", action_device_key, "1", 0, 4294967295.0, "",
+        "Key of action commands; the cameras are set to it."),
+    INT("action.group_key", action_group_key, "1", 0, 4294967295.0, "",
+        "Group of action commands; the cameras are set to it."),
+    INT("action.group_mask", action_group_mask, "1", 1, 4294967295.0, "",
+        "Members of the group; the cameras are set to it."),
+    {"action.addresses", DMN_TEXTS, AT(action_addresses), "[]", 0, 0, "", NULL,
+     "IPv4 addresses that action commands are sent to; empty = the broadcast address of every "
+     "network that has a camera."},
+    REAL("action.lead_ms", action_lead_ms, "0", 0, 1000, "ms",
+         "Above 0, commands are scheduled: sent that long before the instant at which all cameras "
+         "act by their own clocks (needs ptp); 0 = they act when the command comes."),
+    BOOL("action.acknowledge", action_acknowledge, "true",
+         "Cameras answer each action command; those that do not are counted."),
+
+    INT("gige.packet_size", packet_size, "0", 0, 16384, "bytes",
+        "GigE Vision packet size; 0 = negotiate."),
+    INT("gige.packet_delay_ns", packet_delay_ns, "0", 0, 1e9, "ns",
+        "Pause of a GigE camera between two packets of a frame, so that cameras that expose "
+        "together share a link; 0 = leave as the camera has it."),
+    CHOICE("gige.resend", resend, "auto", "auto|always|never",
+           "Ask for lost packets again; auto = when the camera says that it can."),
+    INT("gige.socket_buffer", socket_buffer, "8388608", 65536, 1073741824, "bytes",
+        "Receive buffer of each GigE camera, as far as net.core.rmem_max allows."),
+    REAL("gige.frame_retention_ms", frame_retention_ms, "50", 1, 10000, "ms",
+         "Longest wait for the packets of a frame; good frames behind it wait as long."),
+    REAL("gige.packet_timeout_ms", packet_timeout_ms, "5", 0.1, 1000, "ms",
+         "A packet that is late by this is asked for again."),
+    INT("gige.rt_priority", rt_priority, "10", 0, 99, "",
+        "Real-time priority of the threads that receive; 0 = none."),
+    BOOL("gige.packet_socket", packet_socket, "true",
+         "Receive by packet socket where it is allowed (CAP_NET_RAW); false = plain UDP."),
 
     REAL("sync.tolerance_ms", tolerance_ms, "0", 0, 10000, "ms",
          "Frames belong together when their exposures differ by no more; 0 = a quarter of the "

@@ -10,7 +10,8 @@
 struct dmn_sources {
     struct cap_source_config source[REC_MAX_CAMERAS]; /* by the rig's order */
     char uri[REC_MAX_CAMERAS][DMN_WORD_MAX];
-    struct cap_feature feature[DMN_PAIRS_MAX];
+    struct cap_feature feature[DMN_PAIRS_MAX * (REC_MAX_CAMERAS + 1)];
+    size_t n_features;
     struct cap_capture_config capture; /* .camera = source */
 };
 

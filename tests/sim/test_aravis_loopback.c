@@ -190,7 +190,7 @@ static void on_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n
 
 static struct cap_sink sink_of(struct box *b)
 {
-    return (struct cap_sink){on_push, on_event, on_count, b};
+    return (struct cap_sink){.push = on_push, .event = on_event, .count = on_count, .ctx = b};
 }
 
 /* Oldest frame, or NULL after 10 s. */
@@ -396,7 +396,7 @@ static void lost_packets_are_incomplete_frames(void)
     NEED_CAMERAS();
     struct session s;
     struct cap_source_config config = config_of(2);
-    config.packet_size = 1500; /* 53 packets a frame */
+    config.gige.packet_size = 1500; /* 53 packets a frame */
     config.fps = 25;
     if (begin(&s, &config)) {
         take_good(&s);
@@ -447,7 +447,7 @@ static void software_trigger(void)
     NEED_CAMERAS();
     struct session s;
     struct cap_source_config config = config_of(1);
-    config.software_trigger = true;
+    config.trigger = CAP_TRIGGER_SOFTWARE;
     if (begin(&s, &config)) {
         for (int k = 0; k < 8; k++) {
             int64_t before = pvx_now_real();
@@ -541,8 +541,15 @@ static void refusals_have_reasons(void)
     c.exposure_us = 1e9;
     refuse(c, PVX_EINVAL, "exposure time");
     c = config_of(0);
-    c.packet_size = 100000;
+    c.gige.packet_size = 100000;
     refuse(c, PVX_EINVAL, "MTU");
+    c = config_of(0);
+    c.trigger = CAP_TRIGGER_LINE;
+    c.trigger_line = "Line7";
+    refuse(c, PVX_EINVAL, "cannot be triggered by Line7: the trigger sources that it offers are:");
+    c = config_of(0);
+    c.trigger = CAP_TRIGGER_ACTION;
+    refuse(c, PVX_EINVAL, "cannot be triggered by action commands");
     struct cap_feature none = {"NoSuchThing", "1"}, high = {"GainRaw", "99"},
                        fine = {"GainRaw", "3"};
     c = config_of(0);

@@ -335,7 +335,7 @@ static void software_trigger_sweeps_all(void)
 {
     static struct rig r;
     rig_init(&r, 4, "");
-    r.cfg.software_trigger = true;
+    r.cfg.trigger = CAP_TRIGGER_SOFTWARE;
     r.cfg.fps = 20;
     r.cfg.sets.tolerance_ns = 20 * PVX_NS_PER_MS; /* sweeps of a busy machine */
     cap_capture *c = begin(&r);

@@ -1,0 +1,159 @@
+/* aravis_trigger.c - who starts an exposure: free run, software, a line, an action command. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "capture/aravis_setup.h"
+
+static pvx_err set_frame_rate(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
+{
+    GError *err = NULL;
+    if (c->fps <= 0)
+        return PVX_OK;
+    arv_camera_set_frame_rate(cam, c->fps, &err);
+    g_clear_error(&err);
+    double min = 0, max = 0, got = arv_camera_get_frame_rate(cam, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EIO, "frame rate", &err, d);
+    if (fabs(got - c->fps) <= 0.01 * c->fps)
+        return PVX_OK;
+    arv_camera_get_frame_rate_bounds(cam, &min, &max, NULL);
+    return aravis_refused(c, d, "frame rate", c->fps, got, min, max);
+}
+
+static bool offers(const char *const *list, guint n, const char *what)
+{
+    for (guint i = 0; i < n; i++)
+        if (strcmp(list[i], what) == 0)
+            return true;
+    return false;
+}
+
+/* The text for a camera that has no such trigger names those that it has. */
+static pvx_err no_such_trigger(const struct cap_source_config *c, const char *want,
+                               const char *const *list, guint n, struct pvx_diag *d)
+{
+    char have[256] = "none";
+    size_t at = 0;
+    for (guint i = 0; i < n && at < sizeof have; i++)
+        at += (size_t)snprintf(have + at, sizeof have - at, "%s%s", i > 0 ? ", " : "", list[i]);
+    return pvx_fail(d, PVX_EINVAL,
+                    "camera %s (aravis:%s): cannot be triggered by %s: the trigger sources that it "
+                    "offers are: %s",
+                    c->name, c->uri, want, have);
+}
+
+/* Set the source, and see that the camera waits for it. */
+static pvx_err wait_for(const struct cap_source_config *c, ArvCamera *cam, const char *source,
+                        struct pvx_diag *d)
+{
+    GError *err = NULL;
+    arv_camera_set_trigger(cam, source, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EINVAL, source, &err, d);
+    const char *got = arv_camera_get_trigger_source(cam, &err);
+    bool same = err == NULL && got != NULL && strcmp(got, source) == 0;
+    char now[64];
+    snprintf(now, sizeof now, "%s", got != NULL ? got : "nothing");
+    const char *mode = arv_camera_get_string(cam, "TriggerMode", NULL);
+    g_clear_error(&err);
+    if (same && mode != NULL && strcmp(mode, "On") == 0)
+        return PVX_OK;
+    return pvx_fail(d, PVX_EINVAL,
+                    "camera %s (aravis:%s): trigger source %s refused: the camera has %s, trigger "
+                    "mode %s",
+                    c->name, c->uri, source, now, mode != NULL ? mode : "?");
+}
+
+/* The line may also be an output.  Cameras without the choice have fixed ones. */
+static void make_input(ArvCamera *cam, const char *line)
+{
+    if (!arv_camera_is_feature_available(cam, "LineMode", NULL) ||
+        !arv_camera_is_enumeration_entry_available(cam, "LineSelector", line, NULL))
+        return;
+    arv_camera_set_string(cam, "LineSelector", line, NULL);
+    arv_camera_set_string(cam, "LineMode", "Input", NULL);
+}
+
+/* Keys are often write-only; where they can be read, they must be what was written. */
+static pvx_err set_key(const struct cap_source_config *c, ArvCamera *cam, const char *feature,
+                       uint32_t value, struct pvx_diag *d)
+{
+    GError *err = NULL;
+    arv_camera_set_integer(cam, feature, value, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EINVAL, feature, &err, d);
+    if (arv_device_get_feature_access_mode(arv_camera_get_device(cam), feature) ==
+        ARV_GC_ACCESS_MODE_WO)
+        return PVX_OK;
+    gint64 min = 0, max = 0, got = arv_camera_get_integer(cam, feature, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EIO, feature, &err, d);
+    if (got == (gint64)value)
+        return PVX_OK;
+    arv_camera_get_integer_bounds(cam, feature, &min, &max, NULL);
+    return aravis_refused(c, d, feature, value, (double)got, (double)min, (double)max);
+}
+
+/* Cameras number their actions from 0 or from 1; the trigger source and the selector of the keys go
+ * by the same number. */
+static pvx_err set_action(const struct cap_source_config *c, ArvCamera *cam,
+                          const char *const *list, guint n, struct pvx_diag *d)
+{
+    gint64 min = 0, max = 1;
+    char source[16];
+    int k = offers(list, n, "Action1") ? 1 : 0;
+    bool selector = arv_camera_is_feature_available(cam, "ActionSelector", NULL);
+    if (selector)
+        arv_camera_get_integer_bounds(cam, "ActionSelector", &min, &max, NULL);
+    if (k == 1 && max < 1 && offers(list, n, "Action0"))
+        k = 0;
+    snprintf(source, sizeof source, "Action%d", k);
+    if (!offers(list, n, source))
+        return no_such_trigger(c, "action commands", list, n, d);
+    if (selector)
+        PVX_TRY(set_key(c, cam, "ActionSelector",
+                        (uint32_t)(k < min   ? min
+                                   : k > max ? max
+                                             : k),
+                        d));
+    PVX_TRY(set_key(c, cam, "ActionDeviceKey", c->action.device_key, d));
+    PVX_TRY(set_key(c, cam, "ActionGroupKey", c->action.group_key, d));
+    PVX_TRY(set_key(c, cam, "ActionGroupMask", c->action.group_mask, d));
+    return wait_for(c, cam, source, d);
+}
+
+pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
+{
+    GError *err = NULL;
+    arv_camera_set_acquisition_mode(cam, ARV_ACQUISITION_MODE_CONTINUOUS, &err);
+    if (err != NULL)
+        return aravis_fail(c, PVX_EINVAL, "continuous acquisition", &err, d);
+    if (c->trigger == CAP_TRIGGER_FREE_RUN) {
+        arv_camera_clear_triggers(cam, &err);
+        if (err != NULL)
+            return aravis_fail(c, PVX_EINVAL, "free run", &err, d);
+        return set_frame_rate(c, cam, d);
+    }
+    const char *line = c->trigger_line != NULL ? c->trigger_line : "Line1";
+    if (arv_camera_is_feature_available(cam, "TriggerSelector", NULL)) /* sources depend on it */
+        arv_camera_set_string(cam, "TriggerSelector", "FrameStart", NULL);
+    guint n = 0;
+    const char **list = arv_camera_dup_available_trigger_sources(cam, &n, NULL);
+    const char *const *have = list;
+    pvx_err e;
+    if (list == NULL)
+        n = 0;
+    if (c->trigger == CAP_TRIGGER_ACTION) {
+        e = set_action(c, cam, have, n, d);
+    } else {
+        const char *source = c->trigger == CAP_TRIGGER_LINE ? line : "Software";
+        if (c->trigger == CAP_TRIGGER_LINE)
+            make_input(cam, line);
+        e = offers(have, n, source) ? wait_for(c, cam, source, d)
+                                    : no_such_trigger(c, source, have, n, d);
+    }
+    g_free(list);
+    return e;
+}
