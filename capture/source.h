@@ -127,12 +127,11 @@ struct cap_health {
     double ptp_offset_ns; /* from the master */
     double link_mbps;
     uint64_t packets_resent, packets_missing; /* since start: came when asked again; never came */
-    uint32_t address,
-        broadcast; /* IPv4, host order: the camera's, and where commands to all cameras
-                                    of its network go; 0 = not a network camera */
-    struct {
-        int64_t device_ns, host_mono_ns,
-            bound_ns; /* as cap_sink.clock; bound < 0 = was not measured */
+    /* IPv4, host order: the camera's, and where commands to all cameras of its network go; 0 = not a
+     * network camera */
+    uint32_t address, broadcast;
+    struct { /* last reading, as cap_sink.clock gives it; bound < 0 = none */
+        int64_t device_ns, host_mono_ns, bound_ns;
     } clock;
 };
 extern const struct cap_health cap_health_unknown;
