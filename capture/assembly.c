@@ -4,8 +4,12 @@
  * frame that is in is never late because this thread was).
  * Lossless: the cameras are merged in order of exposure, which needs the next frame of each camera
  * that still may have one; so sets close by order alone and at most one set is open. */
+#include <stdlib.h>
+
 #include "base/clock.h"
 #include "capture/capture_int.h"
+
+#define STEP_NS (2 * PVX_NS_PER_MS) /* the time of day was set, not steered */
 
 static void release_set(struct cap_capture *cap, struct cap_set *s)
 {
@@ -44,14 +48,51 @@ static void hand_over(struct cap_capture *cap)
     pthread_mutex_unlock(&cap->lock);
 }
 
-/* Device time to host time; under the lock for the sake of drift_ppm, which stats() reads. */
+/* The host's time of day, as the frames' two arrival stamps show it, against the clock that is never
+ * set.  A thread may be held up between reading the one and the other, so one frame that says otherwise
+ * is no step; three are, or one and our own reading. */
+static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f)
+{
+    struct cap_host_clock *h = &cap->host;
+    int64_t says = f->t_arrival_ns - f->t_arrival_mono_ns;
+    if (!h->known) {
+        h->known = true;
+        h->offset_ns = says;
+    }
+    int64_t off = says - h->offset_ns;
+    if (llabs(off) <= STEP_NS) {
+        h->offset_ns += off / 64;
+        h->n_doubts = 0;
+        return;
+    }
+    h->n_doubts = llabs(says - h->doubt_ns) <= STEP_NS ? h->n_doubts + 1 : 1;
+    h->doubt_ns = says;
+    if (h->n_doubts < 3 && llabs(pvx_now_real() - pvx_now_mono() - says) > STEP_NS)
+        return;
+    h->offset_ns = says;
+    h->n_doubts = 0;
+    h->steps++;
+    h->last_step_ns = off;
+    if (cap->all_show_real)
+        cap_assembler_forget_order(cap->assembler);
+    else
+        cap_assembler_shift(cap->assembler, off);
+}
+
+/* Device time to host time; under the lock for the sake of what stats() reads. */
 static void map_clock(struct cap_capture *cap, struct cap_frame *f)
 {
     struct cap_camera *cam = &cap->camera[f->camera];
-    int64_t device = f->t_device_ns;
-    if (device != 0 && cam->ops->clock == CAP_CLOCK_MONO)
-        device += f->t_arrival_ns - f->t_arrival_mono_ns;
-    f->t_exposure_ns = cap_clockmap_add(&cam->clock, device, f->t_arrival_ns);
+    follow_host_clock(cap, f);
+    for (unsigned i = 0; i < cam->n_readings; i++)
+        cap_clockmap_measure(&cam->clock, cam->reading[i].device_ns, cam->reading[i].mono_ns,
+                             cam->reading[i].bound_ns);
+    cam->n_readings = 0;
+    if (cam->shows_real)
+        f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_ns);
+    else
+        f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_mono_ns) +
+                           cap->host.offset_ns;
     cam->drift_ppm = cam->clock.drift * 1e6;
 }
 

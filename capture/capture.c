@@ -138,8 +138,9 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     cam->width = src->width;
     cam->height = src->height;
     cam->fmt = src->fmt;
-    cap_clockmap_init(&cam->clock, cap->cfg.shared_clock || cam->ops->recorded ||
-                                       cam->ops->clock == CAP_CLOCK_MONO);
+    bool mono = cam->ops->clock == CAP_CLOCK_MONO;
+    cam->shows_real = (cap->cfg.shared_clock && !mono) || cam->ops->recorded;
+    cap_clockmap_init(&cam->clock, cam->shows_real || mono);
     /* Half of the buffers may wait here, the other half is for sets and the driver. */
     cam->ring_size = cam->cfg.buffers / 2;
     cam->ring = pvx_calloc(cam->ring_size, sizeof *cam->ring);
@@ -163,8 +164,11 @@ static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
     bool paced = cfg->trigger == CAP_TRIGGER_SOFTWARE || cfg->trigger == CAP_TRIGGER_ACTION;
     if (paced && cap->period_ns == 0)
         return pvx_fail(d, PVX_EINVAL, "a software trigger needs a frame rate");
-    for (uint32_t i = 0; i < cap->n; i++)
+    cap->all_show_real = true;
+    for (uint32_t i = 0; i < cap->n; i++) {
         PVX_TRY(set_up_camera(cap, i, d));
+        cap->all_show_real &= cap->camera[i].shows_real;
+    }
     struct cap_assembler_params p = cfg->sets;
     p.cameras = cap->n;
     if (p.period_ns == 0)
@@ -360,5 +364,7 @@ void cap_capture_stats(cap_capture *cap, struct cap_stats *out)
     out->sets_failed = cap->sets_failed;
     out->spread = cap->spread;
     out->action = cap->action;
+    out->host_steps = cap->host.steps;
+    out->host_step_ns = cap->host.last_step_ns;
     pthread_mutex_unlock(&cap->lock);
 }

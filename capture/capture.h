@@ -71,6 +71,8 @@ struct cap_stats {
     uint64_t sets_failed;                 /* closed with too few cameras, not given out */
     struct cap_action_stats action;
     struct pvx_hist spread;
+    uint64_t host_steps;  /* times that the host's time of day was set by 2 ms or more */
+    int64_t host_step_ns; /* the last of these */
 };
 
 typedef struct cap_capture cap_capture;

@@ -17,6 +17,7 @@
 
 #define CAP_FPS_BIN_NS 250000000LL
 #define CAP_FPS_BINS   8 /* 2 s */
+#define CAP_READINGS   4
 
 struct cap_camera {
     struct cap_capture *cap;
@@ -28,6 +29,7 @@ struct cap_camera {
     struct cap_feature *features;
     const struct cap_source_ops *ops;
     int64_t quiet_ns; /* silence that counts as loss */
+    bool shows_real;  /* its stamps are the host's time of day */
 
     /* under cap->lock */
     enum cap_state state;
@@ -56,12 +58,27 @@ struct cap_camera {
     pthread_cond_t wake; /* supervisor: event or stop */
     pthread_cond_t room; /* lossless push: ring has room, or stop */
 
+    struct { /* of its clock, for the assembler; the newest when there is no room */
+        int64_t device_ns, mono_ns, bound_ns;
+    } reading[CAP_READINGS];
+    unsigned n_readings;
+
     /* the assembler's */
     struct cap_clockmap clock;
     struct cap_frame *head; /* lossless: next frame in order of time */
 
     pthread_t thread;
     bool started; /* thread exists */
+};
+
+/* CLOCK_REALTIME - CLOCK_MONOTONIC, which changes when the time of day is set. */
+struct cap_host_clock {
+    bool known;
+    int64_t offset_ns;
+    int64_t doubt_ns; /* what the last frames say instead */
+    unsigned n_doubts;
+    uint64_t steps;
+    int64_t last_step_ns;
 };
 
 struct cap_capture {
@@ -73,6 +90,7 @@ struct cap_capture {
     pvx_queue *out;
     pthread_t assembler_thread;
     bool assembler_started;
+    bool all_show_real;
 
     pthread_mutex_t lock;
     pthread_cond_t work;    /* assembler: a frame, a camera's state, or stop */
@@ -82,6 +100,7 @@ struct cap_capture {
     uint64_t sets_complete, sets_partial, sets_dropped, sets_failed;
     struct cap_action_stats action;
     struct pvx_hist spread;
+    struct cap_host_clock host;
 };
 
 /* intake.c: the sink that sources push into; ctx is the camera. */

@@ -6,9 +6,10 @@
 #include "base/clock.h"
 #include "base/mem.h"
 
-#define MAX_OPEN        16
+#define MAX_OPEN        32
 #define N_SETS          128 /* open + finished + with the consumer */
 #define DEFAULT_WAIT_NS (150 * PVX_NS_PER_MS)
+#define PATIENT_WAIT_NS (500 * PVX_NS_PER_MS) /* WAIT */
 
 struct slot {
     struct cap_set set; /* first: a set's address is its slot's */
@@ -34,10 +35,12 @@ struct cap_assembler {
     struct slot *open[MAX_OPEN]; /* by lo_ns, oldest first */
     unsigned n_open;
     struct slot *ready, **ready_tail;
-    uint64_t alive; /* bit per camera */
+    uint64_t alive;                   /* bit per camera */
+    int64_t last_ns[CAP_MAX_CAMERAS]; /* exposure of each camera's last frame */
     bool closed_any;
     int64_t closed_ns; /* lo of the newest closed set: up to tolerance after it frames are late */
     unsigned late_run; /* frames late in a row */
+    uint64_t late_of;  /* whose */
     uint64_t number, failed;
 };
 
@@ -93,7 +96,7 @@ pvx_err cap_assembler_new(const struct cap_assembler_params *params, const struc
     if (p.tolerance_ns == 0)
         p.tolerance_ns = p.period_ns / 4;
     if (p.max_wait_ns == 0)
-        p.max_wait_ns = DEFAULT_WAIT_NS;
+        p.max_wait_ns = p.policy == CAP_POLICY_WAIT ? PATIENT_WAIT_NS : DEFAULT_WAIT_NS;
     if (p.cameras < 1 || p.cameras > CAP_MAX_CAMERAS || p.min_cameras > p.cameras ||
         p.period_ns < 0 || p.tolerance_ns <= 0 || p.max_wait_ns < 0)
         return PVX_EINVAL;
@@ -119,6 +122,8 @@ pvx_err cap_assembler_new(const struct cap_assembler_params *params, const struc
     a->pool = pool;
     a->ready_tail = &a->ready;
     a->alive = p.cameras == 64 ? UINT64_MAX : (1ull << p.cameras) - 1;
+    for (uint32_t c = 0; c < p.cameras; c++)
+        a->last_ns[c] = INT64_MIN;
     *out = a;
     return PVX_OK;
 }
@@ -180,9 +185,21 @@ static void mark_closed(cap_assembler *a, int64_t lo_ns)
     a->closed_any = true;
 }
 
+static bool all_alive_in(const cap_assembler *a, const struct cap_set *s)
+{
+    for (unsigned c = 0; c < a->p.cameras; c++)
+        if ((a->alive >> c & 1) && s->frame[c] == NULL)
+            return false;
+    return true;
+}
+
 static bool worth_giving_out(const cap_assembler *a, const struct cap_set *s)
 {
-    return s->n == a->p.cameras || (a->p.policy == CAP_POLICY_PARTIAL && s->n >= a->p.min_cameras);
+    if (s->n == a->p.cameras)
+        return true;
+    if (a->p.policy == CAP_POLICY_DROP || s->n < a->p.min_cameras)
+        return false;
+    return a->p.policy == CAP_POLICY_PARTIAL || all_alive_in(a, s);
 }
 
 /* Close the i-th open set.  One that is given out takes all older ones along, so that the order
@@ -208,12 +225,34 @@ static void close_set(cap_assembler *a, unsigned i)
     cap_set_release(&s->set);
 }
 
-static bool all_alive_in(const cap_assembler *a, const struct cap_set *s)
+/* Camera c's frame of this set will not come: a later one has.  A stamp far in the future says
+ * nothing: it is the stamp that is wrong. */
+static bool passed_by(const cap_assembler *a, unsigned c, const struct slot *s)
+{
+    int64_t ahead = a->p.max_wait_ns * 2 + a->p.tolerance_ns;
+    return a->last_ns[c] > s->lo_ns + a->p.tolerance_ns && a->last_ns[c] <= s->lo_ns + ahead;
+}
+
+/* Nothing more can come that this set waits for. */
+static bool is_final(const cap_assembler *a, const struct slot *s)
 {
     for (unsigned c = 0; c < a->p.cameras; c++)
-        if ((a->alive >> c & 1) && s->frame[c] == NULL)
+        if ((a->alive >> c & 1) && s->set.frame[c] == NULL && !passed_by(a, c, s))
             return false;
-    return a->alive != 0;
+    return a->alive != 0 || s->set.n == a->p.cameras;
+}
+
+/* Oldest first; one that is closed may take others along. */
+static void close_final(cap_assembler *a)
+{
+    for (unsigned i = 0; i < a->n_open;) {
+        if (is_final(a, a->open[i])) {
+            close_set(a, i);
+            i = 0;
+        } else {
+            i++;
+        }
+    }
 }
 
 /* The open set that t fits, nearest middle first; n_open when none does. */
@@ -234,37 +273,40 @@ static unsigned find_open(const cap_assembler *a, int64_t t)
     return best;
 }
 
-/* Keep open[] sorted after open[i] has become older; returns its new place. */
-static unsigned sink_down(cap_assembler *a, unsigned i)
+/* Keep open[] sorted after open[i] has become older. */
+static void sink_down(cap_assembler *a, unsigned i)
 {
     for (; i > 0 && a->open[i - 1]->lo_ns > a->open[i]->lo_ns; i--) {
         struct slot *s = a->open[i];
         a->open[i] = a->open[i - 1];
         a->open[i - 1] = s;
     }
-    return i;
 }
 
-static bool is_late(cap_assembler *a, int64_t t)
+/* Older than what is out?  When nothing but late frames comes, from all cameras, it is not the frames
+ * that are late: time has been stepped back. */
+static bool is_late(cap_assembler *a, uint32_t camera, int64_t t)
 {
     if (!a->closed_any || t > a->closed_ns + a->p.tolerance_ns) {
         a->late_run = 0;
+        a->late_of = 0;
         return false;
     }
-    if (++a->late_run <= 4 * a->p.cameras)
+    a->late_of |= 1ull << camera;
+    if (++a->late_run <= 4 * a->p.cameras || (a->alive & ~a->late_of) != 0)
         return true;
-    a->closed_any = false; /* not frames are late, time has been stepped back */
-    a->late_run = 0;
+    cap_assembler_forget_order(a);
     return false;
 }
 
-void cap_assembler_put(cap_assembler *a, struct cap_frame *f)
+/* Into its set, or out of the way with a count. */
+static void insert(cap_assembler *a, struct cap_frame *f, int64_t t)
 {
-    int64_t t = f->t_exposure_ns;
     unsigned i = find_open(a, t);
     struct slot *s;
     if (i < a->n_open) {
         a->late_run = 0;
+        a->late_of = 0;
         s = a->open[i];
         if (s->set.frame[f->camera] != NULL) {
             discard(a, f, CAP_UNMATCHED);
@@ -273,7 +315,7 @@ void cap_assembler_put(cap_assembler *a, struct cap_frame *f)
         s->lo_ns = t < s->lo_ns ? t : s->lo_ns;
         s->hi_ns = t > s->hi_ns ? t : s->hi_ns;
     } else {
-        if (is_late(a, t)) {
+        if (is_late(a, f->camera, t)) {
             discard(a, f, CAP_LATE);
             return;
         }
@@ -294,26 +336,49 @@ void cap_assembler_put(cap_assembler *a, struct cap_frame *f)
     s->set.n++;
     if (f->t_arrival_mono_ns > s->set.t_last_mono_ns)
         s->set.t_last_mono_ns = f->t_arrival_mono_ns;
-    i = sink_down(a, i);
-    if (all_alive_in(a, &s->set))
-        close_set(a, i);
+    sink_down(a, i);
 }
 
-/* Close all sets for which all living cameras are in, oldest first. */
+void cap_assembler_put(cap_assembler *a, struct cap_frame *f)
+{
+    int64_t t = f->t_exposure_ns;
+    a->last_ns[f->camera] = t;
+    insert(a, f, t);
+    close_final(a);
+}
+
 void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive)
 {
     uint64_t bit = 1ull << camera;
     if (alive == ((a->alive & bit) != 0))
         return;
     a->alive ^= bit;
-    for (unsigned i = 0; i < a->n_open;) {
-        if (all_alive_in(a, &a->open[i]->set)) {
-            close_set(a, i);
-            i = 0;
-        } else {
-            i++;
-        }
+    close_final(a);
+}
+
+void cap_assembler_shift(cap_assembler *a, int64_t by_ns)
+{
+    a->closed_ns += by_ns;
+    for (unsigned c = 0; c < a->p.cameras; c++)
+        if (a->last_ns[c] != INT64_MIN)
+            a->last_ns[c] += by_ns;
+    for (unsigned i = 0; i < a->n_open; i++) {
+        struct slot *s = a->open[i];
+        s->lo_ns += by_ns;
+        s->hi_ns += by_ns;
+        for (unsigned c = 0; c < a->p.cameras; c++)
+            if (s->set.frame[c] != NULL)
+                s->set.frame[c]->t_exposure_ns += by_ns;
     }
+}
+
+void cap_assembler_forget_order(cap_assembler *a)
+{
+    a->closed_any = false;
+    a->late_run = 0;
+    a->late_of = 0;
+    for (unsigned c = 0; c < a->p.cameras; c++)
+        a->last_ns[c] = INT64_MIN;
 }
 
 void cap_assembler_tick(cap_assembler *a, int64_t now_mono_ns)

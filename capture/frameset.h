@@ -2,9 +2,15 @@
  *
  * A set is all frames whose mapped exposure times lie within `tolerance` of each other; never
  * matched by arrival or by counting.  Open sets are kept in order of time; a set closes when all
- * cameras that are alive are in, when a newer set is given out, or at its deadline (first arrival +
- * max_wait).  Policy for a set that closes without all: DROP (frames counted UNMATCHED) or PARTIAL
- * (emitted with a mask).  Sets come out in order of exposure.
+ * cameras that are alive are in, when a newer set is given out, when every camera it lacks is gone or
+ * has sent a later frame (frames of one camera come in order, so its own will not come any more), or at
+ * its deadline (first arrival + max_wait).  Sets come out in order of exposure.
+ * A set that closes without all cameras:
+ *     DROP     is dropped, its frames are counted UNMATCHED; while a camera is gone nothing comes out
+ *     WAIT     is given out if only cameras that are not alive are missing, else dropped; so as long as a
+ *              camera lives no set lacks it, and slow frames are waited for longer
+ *     PARTIAL  is given out as it is (solve with what is there)
+ * the latter two with at least min_cameras.
  * A frame of a set that has been closed, or older, is LATE; a second frame of a camera for the same
  * set is UNMATCHED; with all set structs in the consumer's hands a frame is an OVERFLOW.  Should
  * every frame be late for long (clocks stepped back), the order starts anew.
@@ -15,7 +21,7 @@
 #include "capture/source.h"
 
 #define CAP_MAX_CAMERAS 64
-enum cap_policy { CAP_POLICY_DROP, CAP_POLICY_PARTIAL };
+enum cap_policy { CAP_POLICY_DROP, CAP_POLICY_PARTIAL, CAP_POLICY_WAIT };
 
 struct cap_set {
     uint64_t number;        /* 0, 1, 2 ... as emitted */
@@ -30,10 +36,11 @@ void cap_set_release(struct cap_set *s); /* releases its frames; the struct goes
 struct cap_assembler_params {
     uint32_t cameras;
     int64_t tolerance_ns; /* 0 = a quarter of the period; must be less than half of it */
-    int64_t max_wait_ns;  /* 0 = 150 ms */
-    int64_t period_ns;    /* nominal, from fps; 0 = unknown (then tolerance must be given) */
+    int64_t
+        max_wait_ns;   /* 0 = 150 ms; WAIT: 500 ms (frames are held meanwhile: mind the buffers) */
+    int64_t period_ns; /* nominal, from fps; 0 = unknown (then tolerance must be given) */
     enum cap_policy policy;
-    uint32_t min_cameras; /* PARTIAL: fewer are dropped */
+    uint32_t min_cameras; /* PARTIAL, WAIT: fewer are dropped */
 };
 typedef struct cap_assembler cap_assembler;
 /* All cameras count as alive at first.  Only counts->count and counts->ctx are used.
@@ -50,6 +57,11 @@ void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive);
 void cap_assembler_tick(cap_assembler *a, int64_t now_mono_ns);
 /* When tick has something to close: mono time, INT64_MAX = nothing is open. */
 int64_t cap_assembler_deadline(const cap_assembler *a);
+/* The clock of the exposure times was stepped by `by_ns`: what is open and what counts as closed is
+ * moved along. */
+void cap_assembler_shift(cap_assembler *a, int64_t by_ns);
+/* The frames' own clocks were stepped: nothing counts as late until the next set is out. */
+void cap_assembler_forget_order(cap_assembler *a);
 /* Replay in order of time: frames from now on are exposed at `t_exposure_ns` or later, so close
  * every set that none of them can join. */
 void cap_assembler_close_before(cap_assembler *a, int64_t t_exposure_ns);

@@ -52,7 +52,7 @@ struct dmn_config {
     int packet_socket;
 
     double tolerance_ms, max_wait_ms;
-    int policy; /* enum cap_policy */
+    int policy; /* enum cap_policy; 3 = CAP_POLICY_PARTIAL too */
     int64_t min_cameras;
 
     int64_t binning, rays;

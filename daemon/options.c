@@ -115,12 +115,15 @@ const struct dmn_option dmn_options[] = {
     REAL("sync.tolerance_ms", tolerance_ms, "0", 0, 10000, "ms",
          "Frames belong together when their exposures differ by no more; 0 = a quarter of the "
          "period."),
-    REAL("sync.max_wait_ms", max_wait_ms, "150", 1, 60000, "ms",
-         "Longest wait for the missing frames of a set, from its first one."),
-    CHOICE("sync.policy", policy, "drop", "drop|partial",
-           "A set without all cameras is dropped, or used as it is."),
+    REAL("sync.max_wait_ms", max_wait_ms, "0", 0, 60000, "ms",
+         "Longest wait for the missing frames of a set, from its first one; 0 = 150, with wait 500. "
+         "Frames are held meanwhile: mind `buffers`."),
+    CHOICE("sync.policy", policy, "drop", "drop|partial|wait|solve-with-what-is-there",
+           "What becomes of a set without all cameras. drop: it is dropped. wait: slow cameras are "
+           "waited for longer, none is left out as long as it lives; those that are gone are. "
+           "solve-with-what-is-there (or partial): it is solved with the cameras that are in it."),
     INT("sync.min_cameras", min_cameras, "2", 1, CAP_MAX_CAMERAS, "cameras",
-        "With partial: sets with fewer are dropped."),
+        "Sets with fewer are dropped, whatever the policy."),
 
     INT("binning", binning, "0", 0, 64, "pixels",
         "Raw pixels per side of a bin; 0 = chosen from the grid."),

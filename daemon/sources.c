@@ -117,6 +117,9 @@ pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                                                   .scene = scene};
         PVX_TRY(features(s, c, k->name, &s->source[i], d));
     }
+    /* in the order of the option's words */
+    static const enum cap_policy policies[] = {CAP_POLICY_DROP, CAP_POLICY_PARTIAL, CAP_POLICY_WAIT,
+                                               CAP_POLICY_PARTIAL};
     s->capture = (struct cap_capture_config){
         .n_cameras = (uint32_t)rig->n_cameras,
         .camera = s->source,
@@ -124,7 +127,7 @@ pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                  .tolerance_ns = (int64_t)(c->tolerance_ms * (double)PVX_NS_PER_MS),
                  .max_wait_ns = (int64_t)(c->max_wait_ms * (double)PVX_NS_PER_MS),
                  .period_ns = (int64_t)(1 / c->fps * (double)PVX_NS_PER_S),
-                 .policy = c->policy == 1 ? CAP_POLICY_PARTIAL : CAP_POLICY_DROP,
+                 .policy = policies[c->policy],
                  .min_cameras = (uint32_t)c->min_cameras},
         .fps = c->fps,
         .trigger = (enum cap_trigger)c->trigger,
