@@ -115,9 +115,10 @@ const struct dmn_option dmn_options[] = {
     REAL("sync.tolerance_ms", tolerance_ms, "0", 0, 10000, "ms",
          "Frames belong together when their exposures differ by no more; 0 = a quarter of the "
          "period."),
-    REAL("sync.max_wait_ms", max_wait_ms, "0", 0, 60000, "ms",
-         "Longest wait for the missing frames of a set, from its first one; 0 = 150, with wait 500. "
-         "Frames are held meanwhile: mind `buffers`."),
+    REAL(
+        "sync.max_wait_ms", max_wait_ms, "0", 0, 60000, "ms",
+        "Longest wait for the missing frames of a set, from its first one; 0 = 150, with wait 500. "
+        "Frames are held meanwhile: mind `buffers`."),
     CHOICE("sync.policy", policy, "drop", "drop|partial|wait|solve-with-what-is-there",
            "What becomes of a set without all cameras. drop: it is dropped. wait: slow cameras are "
            "waited for longer, none is left out as long as it lives; those that are gone are. "
