@@ -14,6 +14,7 @@
 #define FLAG_SCHEDULED 0x80
 #define ACTION_CMD     0x0100u
 #define ACTION_ACK     0x0101u
+#define MOST           256 /* datagrams looked at per call */
 
 struct cap_action_sender {
     int fd;
@@ -98,7 +99,7 @@ int cap_action_sender_fd(const cap_action_sender *s)
 
 pvx_err cap_action_send(cap_action_sender *s, uint32_t address, const uint8_t *p, size_t n)
 {
-    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(CAP_ACTION_PORT)};
     to.sin_addr.s_addr = htonl(address);
     ssize_t sent = sendto(s->fd, p, n, 0, (const struct sockaddr *)&to, sizeof to);
     return sent == (ssize_t)n ? PVX_OK : PVX_EIO;
@@ -106,7 +107,7 @@ pvx_err cap_action_send(cap_action_sender *s, uint32_t address, const uint8_t *p
 
 bool cap_action_answer(cap_action_sender *s, uint32_t *from, struct cap_action_ack *out)
 {
-    for (;;) {
+    for (int i = 0; i < MOST; i++) { /* somebody may send for ever */
         uint8_t p[64];
         struct sockaddr_in sa;
         socklen_t len = sizeof sa;
@@ -118,4 +119,5 @@ bool cap_action_answer(cap_action_sender *s, uint32_t *from, struct cap_action_a
             return true;
         }
     }
+    return false;
 }

@@ -15,7 +15,7 @@
 #include "base/err.h"
 #include "capture/source.h"
 
-#define CAP_GVCP_PORT    3956
+#define CAP_ACTION_PORT  3956
 #define CAP_ACTION_BYTES 28
 
 /* statuses of an answer that have a cause of their own */

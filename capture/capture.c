@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "capture/capture_int.h"
+#include "capture/trigger.h"
 
 #define DEFAULT_BUFFERS 12
 #define QUEUED_SETS     2
@@ -235,6 +236,14 @@ pvx_err cap_capture_start(cap_capture *cap, struct pvx_diag *d)
         return pvx_fail(d, PVX_EIO, "cannot start the assembler's thread");
     cap->assembler_started = true;
     pthread_setname_np(cap->assembler_thread, "assemble");
+    if (cap->cfg.trigger == CAP_TRIGGER_ACTION) {
+        if (pthread_create(&cap->trigger_thread, NULL, cap_trigger_run, cap) != 0) {
+            cap_capture_stop(cap);
+            return pvx_fail(d, PVX_EIO, "cannot start the thread that triggers");
+        }
+        cap->trigger_started = true;
+        pthread_setname_np(cap->trigger_thread, "trigger");
+    }
     for (uint32_t i = 0; i < cap->n; i++) {
         struct cap_camera *cam = &cap->camera[i];
         pthread_mutex_lock(&cap->lock);
@@ -302,6 +311,8 @@ void cap_capture_stop(cap_capture *cap)
     pthread_mutex_unlock(&cap->lock);
     if (cap->out != NULL)
         pvx_queue_close(cap->out);
+    if (cap->trigger_started)
+        pthread_join(cap->trigger_thread, NULL);
     end_supervisors(cap);
     if (cap->assembler_started)
         pthread_join(cap->assembler_thread, NULL);

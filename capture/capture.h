@@ -29,7 +29,7 @@ struct cap_action_config {
 struct cap_action_stats {
     uint64_t sent;   /* instants for which commands went out */
     uint64_t late;   /* scheduled instants left out: not enough of the lead was left */
-    uint64_t failed; /* could not be sent, or the cameras' clock is not known yet */
+    uint64_t failed; /* the host could not send to all networks */
 };
 struct cap_action_answers {
     uint64_t acknowledged, silent; /* the rest of `sent` was before it ran */

@@ -91,6 +91,8 @@ struct cap_capture {
     pthread_t assembler_thread;
     bool assembler_started;
     bool all_show_real;
+    pthread_t trigger_thread;
+    bool trigger_started;
 
     pthread_mutex_t lock;
     pthread_cond_t work;    /* assembler: a frame, a camera's state, or stop */

@@ -60,7 +60,7 @@ static void answers_are_read_strictly(void)
 static int listener(const char *address)
 {
     int on = 1, fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
+    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_ACTION_PORT)};
     inet_pton(AF_INET, address, &sa.sin_addr);
     setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
     if (bind(fd, (const struct sockaddr *)&sa, sizeof sa) == 0)
