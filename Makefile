@@ -142,7 +142,8 @@ $(B)/recon/%.o: CFLAGS += -O3
 $(B)/recon/simd/kernels_avx512.o: CFLAGS += -mavx512f -mavx512vl -mavx2 -mfma -mbmi2
 $(B)/recon/simd/kernels_avx2.o $(B)/recon/simd/pcg_pass_avx2.o: CFLAGS += -mavx2 -mfma -mbmi2
 # Plain loops written to be vectorised.
-$(B)/recon/flame.o $(B)/capture/pixfmt.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
+$(B)/recon/flame.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
+$(B)/capture/pixfmt_%.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/%.o $(B)/proto/%.o: CFLAGS += -Wconversion -Wno-sign-conversion
 
 $(B)/%.o: %.c Makefile

@@ -1,5 +1,6 @@
 #include "capture/image.h"
 
+#include <stdio.h>
 #include <string.h>
 
 static const struct {
@@ -90,7 +91,27 @@ enum cap_pixfmt cap_pixfmt_parse(const char *name)
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
         if (strcmp(formats[f].name, name) == 0)
             return f;
+    static const struct {
+        const char *name;
+        enum cap_pixfmt f;
+    } also[] = {{"YUYV", CAP_YUYV}, {"UYVY", CAP_UYVY}, {"GREY", CAP_GREY8}, {"MJPG", CAP_JPEG}};
+    for (size_t i = 0; i < sizeof also / sizeof also[0]; i++)
+        if (strcmp(also[i].name, name) == 0)
+            return also[i].f;
     return CAP_FMT_NONE;
+}
+
+size_t cap_pixfmt_names(char *out, size_t size)
+{
+    size_t n = 0;
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT && n < size; f++)
+        if (cap_pixfmt_bayer(f) == NULL)
+            n += (size_t)snprintf(out + n, size - n, "%s ", formats[f].name);
+    for (enum cap_pixfmt f = CAP_BAYER_RG8; f <= CAP_BAYER_BG12CSI && n < size; f += 4)
+        n += (size_t)snprintf(out + n, size - n, "%s ", formats[f].name);
+    if (n < size)
+        n += (size_t)snprintf(out + n, size - n, "(and GR, GB, BG in the place of RG)");
+    return n < size ? n : size - 1;
 }
 
 uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f)

@@ -68,8 +68,15 @@ enum cap_layout {
     CAP_LAYOUT_F32
 };
 
-/* What YUV and JPEG samples mean; 0 is what UVC cameras send: BT.601, limited range for YUV. */
-enum cap_yuv { CAP_YUV_601 = 0, CAP_YUV_709 = 1, CAP_YUV_FULL = 2 /* bit: 0..255 */ };
+/* What the samples of a gamma-coded image mean, bits; 0 is what UVC cameras send: BT.601, limited
+ * range for YUV, the transfer function of sRGB (transfer.h). */
+enum cap_yuv {
+    CAP_YUV_601 = 0,
+    CAP_YUV_709 = 1,          /* matrix of BT.709 */
+    CAP_YUV_FULL = 2,         /* 0..255 */
+    CAP_YUV_TRANSFER_709 = 4, /* transfer function of BT.709 */
+    CAP_YUV_CODED = 8         /* RGB or grey samples that came out of a JPEG: gamma-coded too */
+};
 
 struct cap_image {
     const void *data; /* borrowed */
@@ -77,12 +84,15 @@ struct cap_image {
     int32_t width, height;
     ptrdiff_t stride; /* bytes from row to row */
     enum cap_pixfmt fmt;
-    uint8_t yuv; /* enum cap_yuv; YUV only */
+    uint8_t yuv; /* enum cap_yuv */
 };
 
-const char *cap_pixfmt_name(enum cap_pixfmt f);     /* "Mono8" "RGB8" "BayerRG12p" "JPEG" ... */
-enum cap_pixfmt cap_pixfmt_parse(const char *name); /* CAP_FMT_NONE when unknown */
-uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f);        /* GenICam's 32-bit code; 0 = has none */
+const char *cap_pixfmt_name(enum cap_pixfmt f); /* "Mono8" "RGB8" "BayerRG12p" "JPEG" ... */
+/* CAP_FMT_NONE when unknown.  Also "YUYV" "UYVY" "GREY" "MJPG", as V4L2 calls them. */
+enum cap_pixfmt cap_pixfmt_parse(const char *name);
+/* All names in one line, those of Bayer formats once for their four orders; returns its length. */
+size_t cap_pixfmt_names(char *out, size_t size);
+uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f); /* GenICam's 32-bit code; 0 = has none */
 enum cap_pixfmt cap_pixfmt_from_pfnc(uint32_t code);
 int cap_pixfmt_depth(enum cap_pixfmt f);    /* bits per sample: 8 10 12 14 16 32; 0 = NONE */
 int cap_pixfmt_channels(enum cap_pixfmt f); /* 1 or 3: channels of the scene (Bayer: 3) */

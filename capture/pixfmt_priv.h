@@ -1,0 +1,101 @@
+/* pixfmt_priv.h - what the files of cap_convert share: its checked arguments and the ways to do it.
+ *
+ * cap_pix_ref can do everything, sample by sample, and is the specification; the others are fast,
+ * give the same bits (tests/check/test_pixels.c) and do what their comments say. */
+#ifndef CAP_PIXFMT_PRIV_H
+#define CAP_PIXFMT_PRIV_H
+#include <math.h>
+#include <stdbool.h>
+#include "capture/pixfmt.h"
+
+#define CAP_PIX_INLINE static inline __attribute__((always_inline))
+
+/* Equation (2) in integers, R'G'B' of 12 bits: (y (Y - y0) + r|g|b ... + half) >> CAP_YUV_SHIFT. */
+#define CAP_YUV_SHIFT 16
+struct cap_yuv_coef {
+    int32_t y0, y, r_cr, g_cb, g_cr, b_cb;
+};
+
+struct cap_pix {
+    struct cap_image img;
+    int binning, nch;
+    bool rays;             /* Bayer pixels as they are */
+    const uint8_t *cell;   /* Bayer's 2x2 colours, else NULL */
+    int samples;           /* per pixel: 1 or 3 */
+    bool grey, swapped;    /* one channel; blue comes first */
+    unsigned full;         /* of a raw sample; 0 = float */
+    const uint32_t *table; /* light of a raw sample; NULL = linear */
+    float scale_full;      /* what a saturated sample would add: full or CAP_LIGHT_ONE */
+    struct cap_yuv_coef yuv;
+};
+
+/* ---- shared arithmetic ---- */
+
+CAP_PIX_INLINE uint16_t cap_pix_clip12(int32_t v)
+{
+    v >>= CAP_YUV_SHIFT;
+    return (uint16_t)(v < 0 ? 0 : v > 4095 ? 4095 : v);
+}
+
+CAP_PIX_INLINE void cap_pix_yuv(const struct cap_yuv_coef *k, int luma, int cb, int cr,
+                                uint16_t rgb[3])
+{
+    int32_t y = k->y * (luma - k->y0) + (1 << (CAP_YUV_SHIFT - 1));
+    cb -= 128;
+    cr -= 128;
+    rgb[0] = cap_pix_clip12(y + k->r_cr * cr);
+    rgb[1] = cap_pix_clip12(y + k->g_cb * cb + k->g_cr * cr);
+    rgb[2] = cap_pix_clip12(y + k->b_cb * cb);
+}
+void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out);
+
+/* (1 / (count full)) of equation (1). */
+CAP_PIX_INLINE float cap_pix_scale(const struct cap_pix *j, int count)
+{
+    return 1.0f / ((float)count * j->scale_full);
+}
+
+/* Write one bin from its channel means; grey = the image has one channel. */
+CAP_PIX_INLINE void cap_pix_put(float *out, const float rgb[3], const bool saturated[3], bool grey,
+                                int nch)
+{
+    if (nch == 3) {
+        for (int c = 0; c < 3; c++)
+            out[c] = grey ? rgb[0] : rgb[c];
+        out[3] = 0;
+    } else if (grey) {
+        out[0] = rgb[0];
+    } else if (saturated[0] || saturated[1] || saturated[2]) {
+        out[0] = 1;
+    } else {
+        float sum = 0;
+        int n = 0;
+        for (int c = 0; c < 3; c++)
+            if (isfinite(rgb[c])) {
+                sum += rgb[c];
+                n++;
+            }
+        out[0] = n == 3 ? sum * (1.0f / 3.0f) : n > 0 ? sum / (float)n : NAN;
+    }
+}
+
+/* ---- ways ---- */
+
+/* Fills *j; the errors of cap_convert. */
+PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
+                                     const struct cap_convert_params *p, int32_t y0, int32_t y1,
+                                     struct cap_pix *j);
+void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* 8-bit linear samples, grey, RGB or Bayer; binning 2 or 4, RGB and grey 1 as well. */
+void cap_pix_8(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* Integer samples; even binning for Bayer, up to 32. */
+void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* Integer Bayer, binning 1: bilinear, or rays. */
+void cap_pix_bayer(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+
+/* Raw samples of pixels [x, x+n) of row y, as integers, RGB in this order; x even, for 10 bits without
+ * gaps a multiple of 4. */
+void cap_pix_row(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint16_t *out);
+/* One raw sample of an integer format, bit by bit from the format's definition. */
+unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
+#endif

@@ -1,0 +1,132 @@
+/* test_pixels.c - every fast way of cap_convert gives the bits of the reference (pixfmt_ref.c): all
+ * formats, binnings, transfer functions, matrices, odd widths, and blocks of exactly the image's size so
+ * that a sanitizer sees an over-read. */
+#include "../t.h"
+
+#include <stdbool.h>
+
+#include "capture/pixfmt_priv.h"
+
+static uint8_t *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image *img)
+{
+    size_t row = cap_pixfmt_row(f, w);
+    *img = (struct cap_image){.width = w, .height = h, .fmt = f, .stride = (ptrdiff_t)row + pad};
+    img->size = (size_t)img->stride * (size_t)(h - 1) + row;
+    uint8_t *data = malloc(img->size);
+    for (size_t i = 0; i < img->size; i++)
+        data[i] = (uint8_t)(t_rand() >> 40);
+    int depth = cap_pixfmt_depth(f);
+    for (int y = 0; y < h; y++)
+        for (size_t i = 0; i < row; i += 4) {
+            uint8_t *p = data + y * img->stride + i;
+            uint64_t dice = t_rand();
+            if (depth == 32) { /* some not finite */
+                float v = dice >> 60 == 0 ? NAN : (float)t_uniform(-0.5, 3);
+                memcpy(p, &v, 4);
+            } else if (cap_pixfmt_layout(f) == CAP_LAYOUT_16 && dice >> 60 != 0) {
+                uint16_t full = (uint16_t)((1u << depth) - 1);
+                for (size_t k = 0; k < 4 && i + k < row; k += 2) { /* mostly clean upper bits */
+                    uint16_t v = (uint16_t)(dice >> (8 + 16 * k / 2)) & full;
+                    memcpy(p + k, &v, 2);
+                }
+            } else if (dice >> 61 == 0) {
+                *p = 255; /* full scale, as far as one byte makes it */
+            }
+        }
+    img->data = data;
+    return data;
+}
+
+static bool same(const float *a, const float *b, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (memcmp(&a[i], &b[i], 4) != 0 && !(isnan(a[i]) && isnan(b[i]))) {
+            printf("  at %zu: %.9g, want %.9g\n", i, (double)a[i], (double)b[i]);
+            return false;
+        }
+    return true;
+}
+
+static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_params *p, int pad,
+                    uint8_t yuv)
+{
+    struct cap_image img;
+    struct cap_pix j;
+    uint8_t *mem = make(f, w, h, pad, &img);
+    img.yuv = yuv;
+    int bh = h / p->binning;
+    size_t n = (size_t)(w / p->binning) * (size_t)bh * (p->nch == 3 ? 4 : 1);
+    /* no alignment is asked for */
+    float *want = malloc(n * 4 + 4), *got = malloc(n * 4 + 4);
+    T_EQ_I(cap_pix_check(&img, p, 0, bh, &j), PVX_OK);
+    cap_pix_ref(&j, 0, bh, want + 1);
+    T_EQ_I(cap_convert(&img, p, 0, bh / 3, got + 1), PVX_OK);
+    T_EQ_I(cap_convert(&img, p, bh / 3, bh, got + 1), PVX_OK);
+    T_CHECK_(same(got + 1, want + 1, n), "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d",
+             cap_pixfmt_name(f), w, h, p->binning, p->nch, p->transfer, p->mosaic);
+    free(want);
+    free(got);
+    free(mem);
+}
+
+static bool is_integer(enum cap_pixfmt f)
+{
+    return cap_pixfmt_layout(f) != CAP_LAYOUT_JPEG && cap_pixfmt_depth(f) != 32;
+}
+
+static void every_format_and_binning(void)
+{
+    static const int binnings[] = {1, 2, 3, 4, 6, 8, 32, 33, 64};
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
+        for (size_t k = 0; k < 9 && f != CAP_JPEG; k++)
+            for (int nch = 1; nch <= 3; nch += 2) {
+                int b = binnings[k], across = b > 8 ? 1 : 1 + (int)(t_rand() % 13);
+                struct cap_convert_params p = {.binning = b, .nch = nch};
+                if (b == 1)
+                    across += 2;
+                compare(f, across * b, b > 8 ? b : 3 * b, &p, (int)(t_rand() % 3), 0);
+            }
+}
+
+/* Wider than the pieces that the fast ways work in, and ends in all places of a group. */
+static void wide_rows(void)
+{
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
+        for (int b = 1; b <= 4 && f != CAP_JPEG; b++)
+            for (int extra = 0; extra < 3; extra++) {
+                int w = (510 + extra + (int)(t_rand() % 700)) / b * b;
+                compare(f, w, 2 * b, &(struct cap_convert_params){.binning = b, .nch = 3}, 0, 0);
+            }
+}
+
+static void transfers_and_matrices(void)
+{
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
+        for (int b = 1; b <= 4 && is_integer(f); b++)
+            for (int t = CAP_TRANSFER_LINEAR; t <= CAP_TRANSFER_BT709; t++)
+                for (int nch = 1; nch <= 3; nch += 2)
+                    compare(f, 12 * b, 2 * b,
+                            &(struct cap_convert_params){b, nch, (enum cap_transfer)t, 0}, 1,
+                            (uint8_t)(t_rand() >> 60));
+}
+
+static void rays(void)
+{
+    for (enum cap_pixfmt f = CAP_BAYER_RG8; f <= CAP_BAYER_BG12CSI; f++)
+        for (int w = 2; w < 700; w = w * 3 + 1)
+            for (int t = 0; t <= CAP_TRANSFER_SRGB; t++)
+                for (int nch = 1; nch <= 3; nch += 2)
+                    compare(
+                        f, w, 5,
+                        &(struct cap_convert_params){1, nch, (enum cap_transfer)t, CAP_MOSAIC_RAYS},
+                        0, 0);
+}
+
+int main(void)
+{
+    T_RUN(every_format_and_binning);
+    T_RUN(wide_rows);
+    T_RUN(transfers_and_matrices);
+    T_RUN(rays);
+    return t_done();
+}
