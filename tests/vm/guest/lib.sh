@@ -19,3 +19,31 @@ program() { # seconds, name, arguments...
     local got=$?
     [ $got = 0 ] || { rc=1; [ $got = 1 ] || echo "FAIL $name:$t: exit $got"; }
 }
+
+# ---- virtual USB cameras (vm_uvccams); the script needs "# vm-modprobe: vhci-hcd" and "... uvcvideo" ----------
+uvc_nodes() { # /dev/video of camera 0, 1, ... that are there; a camera's second node has no pictures
+    local v
+    for v in /sys/class/video4linux/video*; do
+        [ "$(cat "$v/index" 2>/dev/null)" = 0 ] && echo "$(cat "$v/device/../serial") /dev/${v##*/}"
+    done 2>/dev/null | sort | sed 's/.* //'
+}
+uvc_there() { [ "$(uvc_nodes | wc -l)" = "$1" ]; }
+uvc_start() { # folder of images, number of cameras, options...: until they can be opened
+    local images=$1 n=$2; shift 2
+    rm -f "$dir/orders"; mkfifo "$dir/orders"
+    PYROVOX_LIBDIR=$b/lib "$vm/vm_uvccams" "$@" "$images" < "$dir/orders" > "$dir/uvccams.log" 2>&1 &
+    uvc=$!
+    pids+=("$uvc")
+    exec 8> "$dir/orders"
+    wait_for 60 uvc_there "$n" || { cat "$dir/uvccams.log"; return 1; }
+}
+uvc_order() { # an order to the cameras, until it is answered
+    local before; before=$(grep -cE '^(ok|no)' "$dir/uvccams.log")
+    echo "$*" >&8
+    answered() { [ "$(grep -cE '^(ok|no)' "$dir/uvccams.log")" -gt "$before" ]; }
+    wait_for 20 answered && [ "$(grep -E '^(ok|no)' "$dir/uvccams.log" | tail -n 1)" = ok ]
+}
+uvc_stat() { # camera, word: its number in the statistics
+    uvc_order stats && grep "^camera $1 " "$dir/uvccams.log" | tail -n 1 | sed "s/.* $2 \([0-9-]*\).*/\1/"
+}
+uvc_stop() { exec 8>&-; wait "$uvc"; }
