@@ -32,6 +32,8 @@ static void hand_over(struct cap_capture *cap)
             cap->sets_partial++;
         pvx_hist_add(&cap->spread, s->spread_ns);
         pthread_mutex_unlock(&cap->lock);
+        if (cap->cfg.tap.set != NULL)
+            cap->cfg.tap.set(cap->cfg.tap.ctx, s);
         if (cap->cfg.lossless) {
             if (pvx_queue_put_wait(cap->out, s) != PVX_OK)
                 release_set(cap, s); /* stopping */
@@ -83,6 +85,8 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
 static void map_clock(struct cap_capture *cap, struct cap_frame *f)
 {
     struct cap_camera *cam = &cap->camera[f->camera];
+    if (f->set != 0)
+        return; /* the recording says when it was exposed */
     follow_host_clock(cap, f);
     for (unsigned i = 0; i < cam->n_readings; i++)
         cap_clockmap_measure(&cam->clock, cam->reading[i].device_ns, cam->reading[i].mono_ns,
@@ -147,6 +151,13 @@ static struct cap_frame *next_live(struct cap_capture *cap)
     return f;
 }
 
+static bool earlier(const struct cap_frame *x, const struct cap_frame *y)
+{
+    if (x->set != 0 && y->set != 0)
+        return x->set < y->set;
+    return x->t_exposure_ns < y->t_exposure_ns;
+}
+
 static struct cap_frame *next_in_time(struct cap_capture *cap)
 {
     struct cap_camera *first = NULL;
@@ -159,7 +170,7 @@ static struct cap_frame *next_in_time(struct cap_capture *cap)
         }
         if (cam->head == NULL)
             wait |= may_send(cam);
-        else if (first == NULL || cam->head->t_exposure_ns < first->head->t_exposure_ns)
+        else if (first == NULL || earlier(cam->head, first->head))
             first = cam;
     }
     if (wait || first == NULL)
@@ -215,7 +226,7 @@ void *cap_assemble(void *arg)
             if (!cap->cfg.lossless)
                 cap_assembler_tick(cap->assembler, pvx_now_mono());
         } else {
-            if (cap->cfg.lossless)
+            if (cap->cfg.lossless && f->set == 0)
                 cap_assembler_close_before(cap->assembler, f->t_exposure_ns);
             cap_assembler_put(cap->assembler, f);
         }

@@ -156,6 +156,20 @@ static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
     pthread_mutex_unlock(&cap->lock);
 }
 
+/* What the assembler gives up: the count comes first. */
+static void count_stray(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    struct cap_capture *cap = ctx;
+    cap->stray = what;
+    count(ctx, camera, what, n);
+}
+
+static void push_stray(void *ctx, struct cap_frame *f)
+{
+    struct cap_capture *cap = ctx;
+    cap->cfg.tap.stray(cap->cfg.tap.ctx, f, cap->stray);
+}
+
 static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
 {
     const struct cap_capture_config *cfg = &cap->cfg;
@@ -174,7 +188,8 @@ static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
     p.cameras = cap->n;
     if (p.period_ns == 0)
         p.period_ns = cap->period_ns;
-    struct cap_sink counts = {.count = count, .ctx = cap};
+    struct cap_sink counts = {
+        .count = count_stray, .push = cfg->tap.stray != NULL ? push_stray : NULL, .ctx = cap};
     pvx_err e = cap_assembler_new(&p, &counts, &cap->assembler);
     if (e == PVX_EINVAL)
         return pvx_fail(d, e,

@@ -38,6 +38,15 @@ struct cap_action_answers {
     uint64_t no_clock;             /* the camera's clock is not synchronized */
 };
 
+/* Somebody beside the consumer who wants the frames: a recorder.  Called by the assembler's thread; must
+ * return at once, unless everything may wait (lossless).  Each may be NULL. */
+struct cap_tap {
+    void (*set)(void *ctx, struct cap_set *s); /* is given out next; cap_set_ref to keep it */
+    /* Takes a good frame that is in no set, counted under `why`. */
+    void (*stray)(void *ctx, struct cap_frame *f, enum cap_count why);
+    void *ctx;
+};
+
 struct cap_capture_config {
     uint32_t n_cameras;
     /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, trigger, action, lossless
@@ -50,7 +59,8 @@ struct cap_capture_config {
     struct cap_action_config action;  /* ACTION: one broadcast per period and network */
     bool shared_clock;                /* device clocks are the host's (PTP, simulation): identity */
     bool lossless;                    /* replay: back-pressure instead of dropping */
-    uint32_t discard_first;           /* live frames per camera dropped after each start, uncounted
+    struct cap_tap tap;
+    uint32_t discard_first; /* live frames per camera dropped after each start, uncounted
                                           (the first is often bad); 1 is a good value */
 };
 

@@ -93,6 +93,8 @@ struct cap_capture {
     bool all_show_real;
     pthread_t trigger_thread;
     bool trigger_started;
+    /* why the next frame that the assembler gives up is in no set; its thread's */
+    enum cap_count stray;
 
     pthread_mutex_t lock;
     pthread_cond_t work;    /* assembler: a frame, a camera's state, or stop */

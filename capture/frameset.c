@@ -1,6 +1,7 @@
 #include "capture/frameset.h"
 
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 
 #include "base/clock.h"
@@ -13,10 +14,13 @@
 
 struct slot {
     struct cap_set set; /* first: a set's address is its slot's */
+    atomic_uint refs;
     struct set_pool *pool;
     struct slot *next;     /* in the free list or among the finished */
     int64_t lo_ns, hi_ns;  /* earliest and latest exposure of the members */
     int64_t first_mono_ns; /* arrival of the first */
+    uint64_t recorded;     /* its number + 1 in the recording that it comes from; 0 = live */
+    uint32_t size;         /* of the recorded set */
 };
 
 /* Sets are released by the consumer's threads, and may outlive the assembler: as cap_bufpool. */
@@ -42,6 +46,8 @@ struct cap_assembler {
     unsigned late_run; /* frames late in a row */
     uint64_t late_of;  /* whose */
     uint64_t number, failed;
+    uint64_t recorded;                       /* newest recorded set that is closed */
+    uint64_t last_recorded[CAP_MAX_CAMERAS]; /* set of each camera's last frame */
 };
 
 static struct slot *take_slot(struct set_pool *p)
@@ -56,6 +62,7 @@ static struct slot *take_slot(struct set_pool *p)
     if (s != NULL) {
         s->set = (struct cap_set){0};
         s->next = NULL;
+        atomic_store(&s->refs, 1);
     }
     return s;
 }
@@ -79,9 +86,14 @@ static void put_slot(struct slot *s)
         destroy_pool(p);
 }
 
+void cap_set_ref(struct cap_set *set)
+{
+    atomic_fetch_add(&((struct slot *)set)->refs, 1);
+}
+
 void cap_set_release(struct cap_set *set)
 {
-    if (set == NULL)
+    if (set == NULL || atomic_fetch_sub(&((struct slot *)set)->refs, 1) > 1)
         return;
     for (unsigned c = 0; c < CAP_MAX_CAMERAS; c++)
         cap_frame_release(set->frame[c]);
@@ -152,7 +164,10 @@ void cap_assembler_free(cap_assembler **ap)
 static void discard(cap_assembler *a, struct cap_frame *f, enum cap_count why)
 {
     a->counts.count(a->counts.ctx, f->camera, why, 1);
-    cap_frame_release(f);
+    if (a->counts.push != NULL)
+        a->counts.push(a->counts.ctx, f);
+    else
+        cap_frame_release(f);
 }
 
 static struct slot *remove_open(cap_assembler *a, unsigned i)
@@ -173,6 +188,8 @@ static void emit(cap_assembler *a, struct slot *s)
             sum += (double)(set->frame[c]->t_exposure_ns - s->lo_ns);
     set->t_exposure_ns = s->lo_ns + (int64_t)(sum / set->n + 0.5);
     set->spread_ns = s->hi_ns - s->lo_ns;
+    if (s->recorded != 0)
+        a->number = s->recorded - 1;
     set->number = a->number++;
     *a->ready_tail = s;
     a->ready_tail = &s->next;
@@ -193,9 +210,10 @@ static bool all_alive_in(const cap_assembler *a, const struct cap_set *s)
     return true;
 }
 
-static bool worth_giving_out(const cap_assembler *a, const struct cap_set *s)
+static bool worth_giving_out(const cap_assembler *a, const struct slot *slot)
 {
-    if (s->n == a->p.cameras)
+    const struct cap_set *s = &slot->set;
+    if (s->n == a->p.cameras || (slot->recorded != 0 && s->n == slot->size))
         return true;
     if (a->p.policy == CAP_POLICY_DROP || s->n < a->p.min_cameras)
         return false;
@@ -207,7 +225,9 @@ static bool worth_giving_out(const cap_assembler *a, const struct cap_set *s)
  * neither tear open sets apart nor make all that follows late. */
 static void close_set(cap_assembler *a, unsigned i)
 {
-    if (worth_giving_out(a, &a->open[i]->set)) {
+    if (a->open[i]->recorded > a->recorded)
+        a->recorded = a->open[i]->recorded;
+    if (worth_giving_out(a, a->open[i])) {
         for (; i > 0; i--)
             close_set(a, 0);
         struct slot *s = remove_open(a, 0);
@@ -221,7 +241,8 @@ static void close_set(cap_assembler *a, unsigned i)
     a->failed++;
     for (unsigned c = 0; c < a->p.cameras; c++)
         if (s->set.frame[c] != NULL)
-            a->counts.count(a->counts.ctx, c, CAP_UNMATCHED, 1);
+            discard(a, s->set.frame[c], CAP_UNMATCHED);
+    s->set = (struct cap_set){0};
     cap_set_release(&s->set);
 }
 
@@ -229,6 +250,8 @@ static void close_set(cap_assembler *a, unsigned i)
  * nothing: it is the stamp that is wrong. */
 static bool passed_by(const cap_assembler *a, unsigned c, const struct slot *s)
 {
+    if (s->recorded != 0)
+        return a->last_recorded[c] > s->recorded;
     int64_t ahead = a->p.max_wait_ns * 2 + a->p.tolerance_ns;
     return a->last_ns[c] > s->lo_ns + a->p.tolerance_ns && a->last_ns[c] <= s->lo_ns + ahead;
 }
@@ -236,6 +259,8 @@ static bool passed_by(const cap_assembler *a, unsigned c, const struct slot *s)
 /* Nothing more can come that this set waits for. */
 static bool is_final(const cap_assembler *a, const struct slot *s)
 {
+    if (s->recorded != 0 && s->set.n == s->size)
+        return true;
     for (unsigned c = 0; c < a->p.cameras; c++)
         if ((a->alive >> c & 1) && s->set.frame[c] == NULL && !passed_by(a, c, s))
             return false;
@@ -262,6 +287,8 @@ static unsigned find_open(const cap_assembler *a, int64_t t)
     int64_t best_d = INT64_MAX;
     for (unsigned i = 0; i < a->n_open; i++) {
         int64_t lo = a->open[i]->lo_ns, hi = a->open[i]->hi_ns;
+        if (a->open[i]->recorded != 0)
+            continue;
         if ((t > hi ? t : hi) - (t < lo ? t : lo) > a->p.tolerance_ns)
             continue;
         int64_t d = llabs(t - (lo + (hi - lo) / 2));
@@ -273,10 +300,25 @@ static unsigned find_open(const cap_assembler *a, int64_t t)
     return best;
 }
 
+static unsigned find_recorded(const cap_assembler *a, uint64_t recorded)
+{
+    unsigned i = 0;
+    while (i < a->n_open && a->open[i]->recorded != recorded)
+        i++;
+    return i;
+}
+
+static bool older(const struct slot *x, const struct slot *y)
+{
+    if (x->recorded != 0 && y->recorded != 0)
+        return x->recorded < y->recorded;
+    return x->lo_ns < y->lo_ns;
+}
+
 /* Keep open[] sorted after open[i] has become older. */
 static void sink_down(cap_assembler *a, unsigned i)
 {
-    for (; i > 0 && a->open[i - 1]->lo_ns > a->open[i]->lo_ns; i--) {
+    for (; i > 0 && older(a->open[i], a->open[i - 1]); i--) {
         struct slot *s = a->open[i];
         a->open[i] = a->open[i - 1];
         a->open[i - 1] = s;
@@ -302,7 +344,7 @@ static bool is_late(cap_assembler *a, uint32_t camera, int64_t t)
 /* Into its set, or out of the way with a count. */
 static void insert(cap_assembler *a, struct cap_frame *f, int64_t t)
 {
-    unsigned i = find_open(a, t);
+    unsigned i = f->set != 0 ? find_recorded(a, f->set) : find_open(a, t);
     struct slot *s;
     if (i < a->n_open) {
         a->late_run = 0;
@@ -315,7 +357,7 @@ static void insert(cap_assembler *a, struct cap_frame *f, int64_t t)
         s->lo_ns = t < s->lo_ns ? t : s->lo_ns;
         s->hi_ns = t > s->hi_ns ? t : s->hi_ns;
     } else {
-        if (is_late(a, f->camera, t)) {
+        if (f->set != 0 ? f->set <= a->recorded : is_late(a, f->camera, t)) {
             discard(a, f, CAP_LATE);
             return;
         }
@@ -327,6 +369,8 @@ static void insert(cap_assembler *a, struct cap_frame *f, int64_t t)
             return;
         }
         s->lo_ns = s->hi_ns = t;
+        s->recorded = f->set;
+        s->size = f->set_size;
         s->first_mono_ns = f->t_arrival_mono_ns;
         s->set.t_last_mono_ns = f->t_arrival_mono_ns;
         i = a->n_open++;
@@ -343,6 +387,7 @@ void cap_assembler_put(cap_assembler *a, struct cap_frame *f)
 {
     int64_t t = f->t_exposure_ns;
     a->last_ns[f->camera] = t;
+    a->last_recorded[f->camera] = f->set;
     insert(a, f, t);
     close_final(a);
 }

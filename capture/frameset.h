@@ -14,6 +14,8 @@
  * A frame of a set that has been closed, or older, is LATE; a second frame of a camera for the same
  * set is UNMATCHED; with all set structs in the consumer's hands a frame is an OVERFLOW.  Should
  * every frame be late for long (clocks stepped back), the order starts anew.
+ * Frames of a recording that knows its sets (frame.set) join those and no others: the sets of the
+ * replay are the sets of the recording, with their numbers.
  * Invariant (tested): frames put == frames in emitted sets + late + unmatched + overflow + open.
  * Threads: one thread (the assembler's); cap_set_release from any.  Allocates nothing after new. */
 #ifndef CAP_FRAMESET_H
@@ -31,7 +33,10 @@ struct cap_set {
     uint32_t n;             /* members */
     struct cap_frame *frame[CAP_MAX_CAMERAS]; /* NULL = missing */
 };
-void cap_set_release(struct cap_set *s); /* releases its frames; the struct goes back to its pool */
+/* A set is counted: it comes with one reference; each holder gives back its own.  The last one out
+ * releases the frames, and the struct goes back to its pool. */
+void cap_set_ref(struct cap_set *s);
+void cap_set_release(struct cap_set *s);
 
 struct cap_assembler_params {
     uint32_t cameras;
@@ -43,7 +48,8 @@ struct cap_assembler_params {
     uint32_t min_cameras; /* PARTIAL, WAIT: fewer are dropped */
 };
 typedef struct cap_assembler cap_assembler;
-/* All cameras count as alive at first.  Only counts->count and counts->ctx are used.
+/* All cameras count as alive at first.  Of counts only ctx, count and push are used.  push takes each frame
+ * that did not become part of a set, right after the count that says why; NULL: it is released.
  * Errors: PVX_EINVAL (cameras 1..64, tolerance), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
                                          const struct cap_sink *counts, cap_assembler **out);

@@ -79,7 +79,7 @@ static bool accept(struct cap_camera *cam, const struct cap_frame *f)
 {
     int64_t now = f->t_arrival_mono_ns;
     cam->last_any_mono_ns = now;
-    if (!same_layout(cam, &f->img) || !stamp_moves_on(cam, f->t_device_ns))
+    if (!same_layout(cam, &f->img) || (f->set == 0 && !stamp_moves_on(cam, f->t_device_ns)))
         return false;
     if (cam->discard_left > 0) {
         cam->discard_left--;

@@ -18,7 +18,11 @@ struct cap_frame {
     int64_t t_arrival_ns; /* host CLOCK_REALTIME */
     int64_t t_arrival_mono_ns;
     int64_t t_exposure_ns; /* host CLOCK_REALTIME, filled by the clock map (clockmap.h) */
-    int dmabuf;            /* DMABUF file of the memory that img.data lies in, borrowed; 0 = none */
+    /* From a recording that knows its sets: number of the frame's set + 1, and how many frames it has; then
+     * the times above are the recording's and stay as they are.  0 = grouped by exposure. */
+    uint64_t set;
+    uint32_t set_size;
+    int dmabuf; /* DMABUF file of the memory that img.data lies in, borrowed; 0 = none */
     double exposure_us, gain; /* used for this frame, as the camera says; NAN = it does not */
     void (*release)(struct cap_frame *f);
     void *owner;
