@@ -148,6 +148,8 @@ static pvx_err from_module(const char *bytes, size_t len, const char *path, stru
     if (e != 0)
         return module_error(e, path, err, d);
     describe(out, img.data, img.width, img.height, format_of(img.channels, img.depth));
+    if (has_extension(path, ".jpg") || has_extension(path, ".jpeg"))
+        out->img.yuv = CAP_YUV_CODED;
     return PVX_OK;
 }
 

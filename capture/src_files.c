@@ -196,12 +196,13 @@ static bool sleep_until(struct files *s, int64_t t)
     return go;
 }
 
-/* A recorded sensor image is grey in its file; only the configuration knows its filter. */
+/* A recorded sensor image is grey in its file; only the configuration knows its filter, and how many of
+ * 16 bits are used. */
 static bool format_fits(enum cap_pixfmt have, enum cap_pixfmt want)
 {
-    bool bayer = want == CAP_BAYER_RG8 || want == CAP_BAYER_GR8 || want == CAP_BAYER_GB8 ||
-                 want == CAP_BAYER_BG8;
-    return have == want || (bayer && have == CAP_GREY8);
+    bool single = cap_pixfmt_bayer(want) != NULL || cap_pixfmt_channels(want) == 1;
+    return have == want || (single && cap_pixfmt_layout(have) == cap_pixfmt_layout(want) &&
+                            (have == CAP_GREY8 || have == CAP_GREY16));
 }
 
 static bool image_fits(struct files *s, const struct cap_image *img, const char *path)
@@ -237,6 +238,7 @@ static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image 
     f->img.height = s->height;
     f->img.stride = (ptrdiff_t)row;
     f->img.fmt = s->fmt;
+    f->img.yuv = img->yuv;
     return f;
 }
 

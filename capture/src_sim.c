@@ -244,6 +244,8 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
         return pvx_fail(d, PVX_EINVAL, "sim: needs a scene to look at");
     if (c->width < 1 || c->height < 1)
         return pvx_fail(d, PVX_EINVAL, "sim: needs an image size");
+    if (c->fmt == CAP_JPEG)
+        return pvx_fail(d, PVX_EUNSUP, "sim: cannot make JPEG pictures; any other pixel_format");
     if (fault.open_ms > 0)
         pvx_sleep_until_mono(pvx_now_mono() + (int64_t)(fault.open_ms * 1e6));
     if (fault.absent)

@@ -1,6 +1,7 @@
 #include "daemon/config.h"
 
 #include <ctype.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +11,8 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 
-#define MAX_BYTES (1u << 20)
+#define MAX_BYTES       (1u << 20)
+#define DMN_FORMATS_MAX 600 /* the names of all pixel formats */
 
 static void *member(struct dmn_config *c, const struct dmn_option *o)
 {
@@ -46,6 +48,20 @@ static pvx_err set_choice(const pvx_yaml *y, int node, const struct dmn_option *
             }
     return pvx_yaml_fail(y, node, o->key, PVX_EINVAL, d, "'%.40s' is not one of %s",
                          pvx_yaml_text(y, node), o->choices);
+}
+
+static pvx_err set_format(const pvx_yaml *y, int node, const struct dmn_option *o, int *out,
+                          struct pvx_diag *d)
+{
+    char names[DMN_FORMATS_MAX];
+    bool scalar = pvx_yaml_kind(y, node) == PVX_YAML_SCALAR;
+    const char *word = scalar ? pvx_yaml_text(y, node) : "";
+    *out = (int)cap_pixfmt_parse(word);
+    if (*out != CAP_FMT_NONE || strcmp(word, "auto") == 0)
+        return PVX_OK;
+    cap_pixfmt_names(names, sizeof names);
+    return pvx_yaml_fail(y, node, o->key, PVX_EINVAL, d, "'%.40s' is not auto or one of %s", word,
+                         names);
 }
 
 static pvx_err set_ints(const pvx_yaml *y, int node, const struct dmn_option *o,
@@ -128,6 +144,7 @@ static pvx_err set(const pvx_yaml *y, int node, const struct dmn_option *o, stru
     case DMN_REAL: return pvx_yaml_double(y, node, o->key, o->min, o->max, m, d);
     case DMN_TEXT: return set_word(y, node, o->key, m, o->size, d);
     case DMN_CHOICE: return set_choice(y, node, o, m, d);
+    case DMN_FORMAT: return set_format(y, node, o, m, d);
     case DMN_INTS: return set_ints(y, node, o, m, d);
     case DMN_TEXTS: return set_texts(y, node, o, m, d);
     case DMN_PAIRS:
@@ -277,6 +294,11 @@ static void print_value(FILE *f, const struct dmn_option *o, const void *m, cons
         dmn_choice_word(o->choices, *(const int *)m, word, sizeof word);
         fputs(word, f);
         break;
+    case DMN_FORMAT: {
+        int v = *(const int *)m;
+        fputs(v == CAP_FMT_NONE ? "auto" : cap_pixfmt_name((enum cap_pixfmt)v), f);
+        break;
+    }
     case DMN_INTS: {
         const struct dmn_ints *v = m;
         fputc('[', f);
@@ -494,9 +516,7 @@ pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out, struct p
 
 enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c)
 {
-    char word[32];
-    dmn_choice_word(find("pixel_format")->choices, c->pixel_format, word, sizeof word);
-    return c->pixel_format == 0 ? CAP_FMT_NONE : cap_pixfmt_parse(word);
+    return (enum cap_pixfmt)c->pixel_format;
 }
 
 int dmn_config_channels(const struct dmn_config *c)

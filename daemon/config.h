@@ -30,8 +30,9 @@ struct dmn_config {
     int log_level;
 
     double fps;
-    int pixel_format;
-    int trigger; /* enum cap_trigger */
+    int pixel_format; /* enum cap_pixfmt */
+    int transfer;     /* enum cap_transfer */
+    int trigger;      /* enum cap_trigger */
     char trigger_line[DMN_WORD_MAX];
     int ptp;
     double ptp_offset_us;

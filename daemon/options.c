@@ -46,9 +46,14 @@ const struct dmn_option dmn_options[] = {
            "Least important message shown."),
 
     REAL("fps", fps, "20", 0.01, 10000, "Hz", "Nominal frame sets per second."),
-    CHOICE("pixel_format", pixel_format, "auto",
-           "auto|Mono8|Mono16|RGB8|RGB16|BayerRG8|BayerGR8|BayerGB8|BayerBG8",
-           "Pixel format asked of the cameras; auto = what they are set to."),
+    {"pixel_format", DMN_FORMAT, AT(pixel_format), "auto", 0, 0, "", NULL,
+     "Pixel format asked of the cameras; auto = what they are set to. Mono8 10 12 14 16 10p 12p "
+     "10Packed 12Packed 10csi 12csi, BayerRG, BayerGR, BayerGB and BayerBG likewise, RGB8, BGR8, "
+     "RGB16, YUV422_8 (YUYV), YUV422_8_UYVY (UYVY), JPEG (MJPG), Mono32f, RGB32f. Grey files are "
+     "read as Bayer images when this names a Bayer format of their depth."},
+    CHOICE("transfer", transfer, "auto", "auto|linear|srgb|bt709",
+           "How samples stand for light. auto = linear for grey, RGB and Bayer, files and videos "
+           "too; what the camera says, else sRGB, for YUV and JPEG."),
     CHOICE("trigger", trigger, "free-run", "free-run|software|line|action",
            "Who starts an exposure: the camera, one software command per period to each, a signal "
            "on a cable, or one GigE Vision action command per period to all (keys under action)."),

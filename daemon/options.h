@@ -14,6 +14,7 @@ enum dmn_type {
     DMN_REAL,   /* double in [min,max] */
     DMN_TEXT,   /* char[size] */
     DMN_CHOICE, /* int: index into `choices` */
+    DMN_FORMAT, /* int: enum cap_pixfmt, 0 = auto */
     DMN_INTS,   /* struct dmn_ints, each in [min,max] */
     DMN_TEXTS,  /* struct dmn_texts */
     DMN_PAIRS,  /* struct dmn_pairs: a mapping of words to words */

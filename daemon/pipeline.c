@@ -13,14 +13,13 @@
 #include "base/mem.h"
 #include "base/pool.h"
 #include "base/queue.h"
-#include "capture/pixfmt.h"
 #include "daemon/endpoints.h"
+#include "daemon/images.h"
 #include "daemon/scene.h"
 #include "daemon/sources.h"
 #include "daemon/stage.h"
 #include "proto/pub.h"
 
-#define BANDS              4 /* an image is binned in so many pieces */
 #define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
 #define STATUS_EVERY_NS    PVX_NS_PER_S
 #define ITERATIONS_FEW     2 /* fewer than that is not a solution, not even from a warm start */
@@ -45,6 +44,7 @@ struct dmn_pipeline {
     rec_sysmat *S;
     dmn_scene *scene;
     cap_capture *capture;
+    dmn_images *images;
     struct dmn_sources sources;
     pvp_pub *pub;
     struct pvp_start start;
@@ -117,50 +117,12 @@ static void hand_on(dmn_pipeline *p, pvx_queue *q, struct slot *s, enum dmn_drop
 
 /* ---- carve ---- */
 
-struct binning {
-    dmn_pipeline *p;
-    const struct cap_set *set;
-    struct slot *slot;
-    _Atomic int bad[REC_MAX_CAMERAS]; /* pvx_err of the first piece that failed */
-};
-
-static void bin_piece(void *ctx, size_t task)
+/* How many cameras' images a set must have to be solved. */
+static uint32_t images_needed(const dmn_pipeline *p, const struct cap_set *set)
 {
-    struct binning *b = ctx;
-    size_t c = task / BANDS, band = task % BANDS;
-    const struct cap_frame *f = b->set->frame[c];
-    if (f == NULL)
-        return;
-    const struct rec_sysmat_block *k = &b->p->S->block[c];
-    int32_t y0 = (int32_t)(k->bh * (int64_t)band / BANDS);
-    int32_t y1 = (int32_t)(k->bh * (int64_t)(band + 1) / BANDS);
-    pvx_err e = PVX_OK;
-    if (f->img.width != b->p->rig.cameras[c].width || f->img.height != b->p->rig.cameras[c].height)
-        e = PVX_EFORMAT;
-    else if (y0 < y1)
-        e = cap_bin(&f->img, b->p->S->binning, b->p->nch, y0, y1,
-                    rec_frame_input(b->slot->frame, c));
-    if (e != PVX_OK)
-        atomic_store(&b->bad[c], (int)e);
-}
-
-/* Raw frames -> binned pixels of the slot.  Frames that cannot be used count as missing. */
-static void bin(dmn_pipeline *p, const struct cap_set *set, struct slot *s)
-{
-    struct binning b = {.p = p, .set = set, .slot = s};
-    pvx_pool_run(p->pool, p->rig.n_cameras * BANDS, bin_piece, &b);
-    s->n_present = 0;
-    s->mask = 0;
-    for (size_t c = 0; c < p->rig.n_cameras; c++) {
-        int bad = atomic_load(&b.bad[c]);
-        bool present = set->frame[c] != NULL && bad == PVX_OK;
-        if (bad != PVX_OK)
-            LOG_EVERY(PVX_LOG_WARN, DAEMON, "%s: image cannot be used: %s", p->rig.cameras[c].name,
-                      pvx_strerror((pvx_err)bad));
-        rec_frame_present(s->frame, c, present);
-        s->n_present += present;
-        s->mask |= present ? 1ull << c : 0;
-    }
+    const struct cap_assembler_params *sets = &p->sources.capture.sets;
+    bool all = sets->policy == CAP_POLICY_DROP || set->n < sets->min_cameras;
+    return all ? set->n : sets->min_cameras;
 }
 
 /* Live, a set that is too old makes way for a newer one if there is one. */
@@ -208,9 +170,10 @@ static bool carve(void *ctx)
     s->t_exposure_ns = set->t_exposure_ns;
     s->spread_ns = set->spread_ns;
     s->t_last_mono_ns = set->t_last_mono_ns;
-    bin(p, set, s);
+    s->n_present = dmn_images_bin(p->images, set, s->frame, &s->mask);
+    uint32_t needed = images_needed(p, set);
     cap_set_release(set);
-    if (s->n_present == 0) {
+    if (s->n_present == 0 || s->n_present < needed) {
         drop(p, s, DMN_DROP_IMAGES);
         return true;
     }
@@ -479,6 +442,9 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
     p->nch = dmn_config_channels(c);
     PVX_TRY(publisher_new(p, d));
     PVX_TRY(matrix_open(p, progress, ctx, d));
+    struct dmn_images_params ip = {
+        .nch = p->nch, .fmt = dmn_config_pixfmt(c), .transfer = (enum cap_transfer)c->transfer};
+    PVX_TRY(dmn_images_new(&ip, p->S, &p->rig, p->pool, &p->images, d));
     return slots_new(p, d);
 }
 
@@ -545,6 +511,7 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     pvx_queue_free(&p->to_publish);
     if (p->prev_value != NULL)
         pvx_unreserve(p->prev_value, p->prev_bytes);
+    dmn_images_free(&p->images);
     rec_sysmat_free(&p->S);
     dmn_scene_free(&p->scene);
     pvx_pool_free(&p->pool);
@@ -608,6 +575,7 @@ void dmn_pipeline_snapshot(dmn_pipeline *p, struct dmn_state *out)
     out->n_cameras = p->rig.n_cameras;
     for (size_t c = 0; c < out->n_cameras; c++)
         snprintf(out->camera[c], sizeof out->camera[c], "%s", p->rig.cameras[c].name);
+    dmn_images_counts(p->images, out->images);
     for (int i = 0; i < DMN_N_STAGES; i++)
         stage_state(p, i, &out->stage[i]);
 }

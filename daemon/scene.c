@@ -1,11 +1,13 @@
 #include "daemon/scene.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "capture/pixfmt_pack.h"
 
 struct dmn_scene {
     struct cap_scene cap;
@@ -19,40 +21,60 @@ static float clip(float v)
     return !(v > 0) ? 0.0f : v > 1 ? 1.0f : v;
 }
 
-/* Which channel a Bayer camera measures at (x, y); the name gives the first two pixels of row 0. */
-static int bayer_channel(enum cap_pixfmt fmt, int32_t x, int32_t y)
-{
-    static const int8_t tile[4][2][2] = {
-        {{0, 1}, {1, 2}}, {{1, 0}, {2, 1}}, {{1, 2}, {0, 1}}, {{2, 1}, {1, 0}}};
-    return tile[fmt - CAP_BAYER_RG8][y & 1][x & 1];
-}
-
 /* Radiance of sample `ch` of one pixel; ch < 0 = grey. */
 static float sample(const float *p, int ch)
 {
     return ch < 0 ? (p[0] + p[1] + p[2]) / 3 : p[ch];
 }
 
+/* Light to sRGB's code, 0..1; the opposite of cap_transfer_light. */
+static float coded(float light)
+{
+    return light <= 0.0031308f ? 12.92f * light : 1.055f * powf(light, 1 / 2.4f) - 0.055f;
+}
+
+/* A piece of a row, samples [width][1 or 3]. */
+static void samples_of(const float *image, int32_t width, enum cap_pixfmt fmt, const uint8_t *cell,
+                       uint16_t *out)
+{
+    bool yuv = cap_pixfmt_layout(fmt) == CAP_LAYOUT_YUV;
+    int per = cell != NULL ? 1 : cap_pixfmt_channels(fmt);
+    float full = (float)((1 << cap_pixfmt_depth(fmt)) - 1);
+    for (int32_t x = 0; x < width; x++)
+        for (int s = 0; s < per; s++) {
+            int ch = cell != NULL ? cell[x & 1] : per == 1 ? -1 : s;
+            float v = clip(sample(image + (size_t)x * 3, ch));
+            *out++ = (uint16_t)lrintf((yuv ? coded(v) : v) * full);
+        }
+}
+
+static void floats_of(const float *image, int32_t width, int per, void *row)
+{
+    float *out = row;
+    for (int32_t x = 0; x < width; x++)
+        for (int s = 0; s < per; s++)
+            *out++ = sample(image + (size_t)x * 3, per == 1 ? -1 : s);
+}
+
 void dmn_scene_pack(const float *image, int32_t w, int32_t h, enum cap_pixfmt fmt, void *data)
 {
-    size_t bytes = cap_pixfmt_row(fmt, 1), n = 0;
-    int bayer = cap_pixfmt_bayer(fmt) != NULL;
-    int samples = bayer ? 1 : cap_pixfmt_channels(fmt);
-    size_t width = bytes / (size_t)samples;
-    for (int32_t y = 0; y < h; y++)
-        for (int32_t x = 0; x < w; x++) {
-            const float *p = image + ((size_t)y * (size_t)w + (size_t)x) * 3;
-            for (int s = 0; s < samples; s++, n++) {
-                int ch = bayer ? bayer_channel(fmt, x, y) : samples == 1 ? -1 : s;
-                float v = sample(p, ch);
-                if (width == 4)
-                    ((float *)data)[n] = v;
-                else if (width == 2)
-                    ((uint16_t *)data)[n] = (uint16_t)lrintf(clip(v) * 65535);
-                else
-                    ((uint8_t *)data)[n] = (uint8_t)lrintf(clip(v) * 255);
-            }
+    enum { PIECE = 256 }; /* pixels: whole bytes and groups in every layout */
+    uint16_t s[PIECE * 3];
+    const uint8_t *cell = cap_pixfmt_bayer(fmt);
+    size_t bytes = cap_pixfmt_row(fmt, w);
+    for (int32_t y = 0; y < h; y++) {
+        const float *from = image + (size_t)y * (size_t)w * 3;
+        uint8_t *row = (uint8_t *)data + (size_t)y * bytes;
+        if (cap_pixfmt_layout(fmt) == CAP_LAYOUT_F32) {
+            floats_of(from, w, cap_pixfmt_channels(fmt), row);
+            continue;
         }
+        for (int32_t x = 0; x < w; x += PIECE) {
+            int32_t n = w - x < PIECE ? w - x : PIECE;
+            samples_of(from + (size_t)x * 3, n, fmt, cell == NULL ? NULL : cell + (y & 1) * 2, s);
+            cap_pixfmt_pack_row(fmt, n, s, row + cap_pixfmt_row(fmt, x));
+        }
+    }
 }
 
 static void render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfmt fmt, int32_t w,

@@ -6,9 +6,17 @@ const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {
     [DMN_DROP_STALE] = {"stale", "sets", "too old when its turn came, and a newer one was there"},
     [DMN_DROP_SOLVE] = {"solver_busy", "sets", "displaced by a newer set before the solver"},
     [DMN_DROP_PUBLISH] = {"publisher_busy", "sets", "displaced by a newer set before publishing"},
-    [DMN_DROP_IMAGES] = {"images", "sets", "no image of the set could be used"},
+    [DMN_DROP_IMAGES] = {"images", "sets", "too few images of the set could be used"},
     [DMN_DROP_FAILED] = {"failed", "sets", "solver or publisher refused the set"},
     [DMN_DROP_STOPPED] = {"stopped", "sets", "under way when the daemon was stopped"},
+};
+
+const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {
+    [DMN_IMAGE_SIZE] = {"image_size", "frames", "not of the size that the rig says"},
+    [DMN_IMAGE_FORMAT] = {"image_format", "frames", "in a pixel format that cannot be converted"},
+    [DMN_IMAGE_JPEG_DAMAGED] = {"jpeg_damaged", "frames", "JPEG cut off or damaged"},
+    [DMN_IMAGE_JPEG_SIZE] = {"jpeg_size", "frames", "JPEG of another size than its frame"},
+    [DMN_IMAGE_JPEG_KIND] = {"jpeg_kind", "frames", "JPEG of a kind that cameras do not send"},
 };
 
 const char *dmn_camera_state_name(enum cap_state s)
@@ -109,6 +117,8 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
         dmn_json_open(j, "counts", '{');
         for (int i = 0; i < CAP_N_COUNT; i++)
             dmn_json_int(j, cap_count_defs[i].name, (long long)k->count[i]);
+        for (int i = 0; i < DMN_N_IMAGE; i++)
+            dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
         dmn_json_close(j, '}');
         dmn_json_close(j, '}');
     }

@@ -16,7 +16,7 @@ enum dmn_drop {
     DMN_DROP_STALE,   /* too old when its turn came, and a newer one was there */
     DMN_DROP_SOLVE,   /* displaced by a newer one while it waited for the solver */
     DMN_DROP_PUBLISH, /* displaced by a newer one while it waited for the publisher */
-    DMN_DROP_IMAGES,  /* no image of it could be used */
+    DMN_DROP_IMAGES,  /* too few images of it could be used */
     DMN_DROP_FAILED,  /* solver or publisher refused it */
     DMN_DROP_STOPPED, /* under way when the daemon was stopped */
     DMN_N_DROP
@@ -24,6 +24,16 @@ enum dmn_drop {
 struct dmn_count_def {
     const char *name, *unit, *help;
 };
+/* Why a camera's frame was left out of a set that it had come for. */
+enum dmn_image_fault {
+    DMN_IMAGE_SIZE,         /* not the size that the rig says */
+    DMN_IMAGE_FORMAT,       /* cannot be converted */
+    DMN_IMAGE_JPEG_DAMAGED, /* cut off, damaged or no JPEG at all */
+    DMN_IMAGE_JPEG_SIZE,    /* a JPEG of another size inside */
+    DMN_IMAGE_JPEG_KIND,    /* progressive, CMYK ... */
+    DMN_N_IMAGE
+};
+extern const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE];
 extern const struct dmn_count_def dmn_drop_defs[DMN_N_DROP];
 
 #define DMN_N_STAGES 3 /* carve, solve, publish */
@@ -52,6 +62,7 @@ struct dmn_state {
     uint64_t matrix_entries;
     size_t n_cameras;
     char camera[CAP_MAX_CAMERAS][REC_NAME_MAX];
+    uint64_t images[CAP_MAX_CAMERAS][DMN_N_IMAGE];
     struct cap_stats capture;
     struct dmn_stage_state stage[DMN_N_STAGES];
 };

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
+#include "capture/transfer.h"
 #include "daemon/config.h"
 
 static struct dmn_config c;
@@ -257,6 +258,24 @@ static void values_reach_recon(void)
     T_EQ_I(parse("pixel_format: Mono8\n"), PVX_OK);
     T_EQ_I(dmn_config_channels(&c), 1);
     T_EQ_I(dmn_config_pixfmt(&c), CAP_GREY8);
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++) {
+        char text[64];
+        snprintf(text, sizeof text, "pixel_format: %s\n", cap_pixfmt_name(f));
+        T_EQ_I(parse(text), PVX_OK);
+        T_EQ_I(dmn_config_pixfmt(&c), f);
+        char *printed = dmn_config_format(&c); /* and comes back */
+        T_EQ_I(parse(printed), PVX_OK);
+        T_EQ_I(dmn_config_pixfmt(&c), f);
+        free(printed);
+    }
+    T_EQ_I(parse("pixel_format: YUYV\n"), PVX_OK);
+    T_EQ_I(dmn_config_pixfmt(&c), CAP_YUYV);
+    T_EQ_I(parse("pixel_format: auto\ntransfer: bt709\n"), PVX_OK);
+    T_EQ_I(dmn_config_pixfmt(&c), CAP_FMT_NONE);
+    T_EQ_I(c.transfer, CAP_TRANSFER_BT709);
+    refused("pixel_format: Mono9\n",
+            "test.yaml:1: pixel_format: 'Mono9' is not auto or one of Mono8 ");
+    refused("pixel_format: Mono9\n", "BayerRG12csi (and GR, GB, BG in the place of RG)");
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
         char text[64];
         snprintf(text, sizeof text, "solver: {name: %s}\n", *name);

@@ -6,6 +6,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "capture/pixfmt.h"
 #include "daemon/control.h"
 #include "daemon/json.h"
 #include "daemon/scene.h"
@@ -127,6 +128,8 @@ static void the_fullest_state_fits_and_parses(void)
         memset(s.capture.camera[c].error, 'e', sizeof s.capture.camera[c].error - 1);
         for (int i = 0; i < CAP_N_COUNT; i++)
             s.capture.camera[c].count[i] = INT64_MAX;
+        for (int i = 0; i < DMN_N_IMAGE; i++)
+            s.images[c][i] = INT64_MAX;
     }
     size_t n = dmn_state_json(&s, text, sizeof text);
     T_OK(n > 1000);
@@ -194,6 +197,34 @@ static void pictures_in_every_format(void)
     T_EQ_I(u16[0], 21845);
     dmn_scene_pack(image, 2, 2, CAP_RGB_F32, f);
     T_NEAR(f[9], 2, 0);
+    /* every format that can be packed comes back, within its step, through capture's conversion */
+    enum { W = 258, H = 2 }; /* wider than what is packed at a time */
+    static float big[W * H * 3], back[W * H * 4];
+    for (int i = 0; i < W * H * 3; i++) /* the same in the pairs of YUV */
+        big[i] = (float)fmod((double)(i / 3 % W / 2 * (1 + i % 3)) / (W / 2), 1);
+    for (enum cap_pixfmt fmt = CAP_GREY8; fmt < CAP_N_FMT; fmt++) {
+        if (fmt == CAP_JPEG)
+            continue;
+        size_t n = cap_pixfmt_image(fmt, W, H);
+        void *raw = malloc(n);
+        dmn_scene_pack(big, W, H, fmt, raw);
+        struct cap_image img = {raw, n, W, H, (ptrdiff_t)cap_pixfmt_row(fmt, W), fmt, 0};
+        T_EQ_I(cap_bin(&img, 1, 3, 0, H, back), PVX_OK);
+        const uint8_t *cell = cap_pixfmt_bayer(fmt);
+        double worst = 0;
+        for (int i = 0; i < W * H; i++)
+            for (int k = 0; k < 3; k++) {
+                const float *p = big + i * 3;
+                double want = cap_pixfmt_channels(fmt) == 1 ? (p[0] + p[1] + p[2]) / 3 : p[k];
+                if (cell == NULL || cell[i / W % 2 * 2 + i % W % 2] == k)
+                    worst = fmax(worst, fabs((double)back[i * 4 + k] - want));
+            }
+        bool yuv = cap_pixfmt_layout(fmt) == CAP_LAYOUT_YUV;
+        int bits = cap_pixfmt_depth(fmt) > 16 ? 16 : cap_pixfmt_depth(fmt);
+        T_CHECK_(worst <= (yuv ? 0.03 : 0.5001 / ((1 << bits) - 1)), "%s: %g", cap_pixfmt_name(fmt),
+                 worst);
+        free(raw);
+    }
     static const struct {
         enum cap_pixfmt fmt;
         uint8_t want[4];

@@ -1,0 +1,133 @@
+/* test_images.c - frames of a set become a frame's pixels; each that cannot be used is counted by its
+ * cause and leaves its camera out of this set only. */
+#include "../t.h"
+
+#include <turbojpeg.h>
+
+#include "base/log.h"
+#include "daemon/images.h"
+
+enum { N = 6, W = 64, H = 48, BIN = 2 };
+
+static struct rec_rig rig;
+static pvx_pool *pool;
+static rec_sysmat *S;
+static rec_frame *frame;
+static uint8_t yuyv[W * H * 2];
+static unsigned char *coded[2]; /* a good JPEG, one of another size */
+static unsigned long coded_size[2];
+static struct cap_frame store[N];
+
+static void set_up(void)
+{
+    struct rec_sysmat_params mp = {.binning = BIN, .rays_per_bin = 1};
+    struct rec_frame_params fp = rec_frame_defaults;
+    struct pvx_diag d = {""};
+    pvx_log_set_level(PVX_LOG_ERROR);
+    T_EQ_I(rec_rig_ring(N, 2.5, W, H, 8, &rig), PVX_OK);
+    T_EQ_I(pvx_pool_new(2, "test", &pool), PVX_OK);
+    bool cached;
+    T_EQ_I(rec_sysmat_open(&rig, &mp, NULL, pool, NULL, NULL, &S, &cached, &d), PVX_OK);
+    T_EQ_I(rec_frame_new(S, &rig, &fp, pool, &frame, &d), PVX_OK);
+    for (size_t i = 0; i < sizeof yuyv; i++)
+        yuyv[i] = (uint8_t)(t_rand() >> 40);
+    tjhandle tj = tjInitCompress();
+    for (int k = 0; k < 2; k++) {
+        unsigned char px[W * H * 3];
+        for (int i = 0; i < W * H * 3; i++)
+            px[i] = (unsigned char)(i / 3 % W * 3 + i % 3 * 20);
+        T_EQ_I(tjCompress2(tj, px, W - k * 16, W * 3, H, TJPF_RGB, &coded[k], &coded_size[k],
+                           TJSAMP_422, 90, 0),
+               0);
+    }
+    tjDestroy(tj);
+}
+
+static void tear_down(void)
+{
+    tjFree(coded[0]);
+    tjFree(coded[1]);
+    rec_frame_free(&frame);
+    rec_sysmat_free(&S);
+    pvx_pool_free(&pool);
+    rec_rig_fini(&rig);
+}
+
+static void put(struct cap_set *set, size_t c, const void *data, size_t size, enum cap_pixfmt fmt)
+{
+    store[c].img = (struct cap_image){data, size, W, H, (ptrdiff_t)cap_pixfmt_row(fmt, W), fmt, 0};
+    set->frame[c] = &store[c];
+    set->n++;
+}
+
+static void broken_ones_are_counted_and_left_out(void)
+{
+    dmn_images *im = NULL;
+    struct dmn_images_params p = {.nch = 3};
+    struct cap_set set = {0};
+    uint64_t mask, count[REC_MAX_CAMERAS][DMN_N_IMAGE];
+    T_EQ_I(dmn_images_new(&p, S, &rig, pool, &im, NULL), PVX_OK);
+    put(&set, 0, yuyv, sizeof yuyv, CAP_YUYV);
+    put(&set, 1, coded[0], coded_size[0], CAP_JPEG);
+    put(&set, 2, coded[0], coded_size[0] * 2 / 3, CAP_JPEG);
+    put(&set, 3, coded[1], coded_size[1], CAP_JPEG);
+    put(&set, 4, yuyv, sizeof yuyv - 1, CAP_YUYV); /* camera 5 is missing */
+    T_EQ_I(dmn_images_bin(im, &set, frame, &mask), 2);
+    T_EQ_I(mask, 3);
+    dmn_images_counts(im, count);
+    T_EQ_I(count[2][DMN_IMAGE_JPEG_DAMAGED], 1);
+    T_EQ_I(count[3][DMN_IMAGE_JPEG_SIZE], 1);
+    T_EQ_I(count[4][DMN_IMAGE_FORMAT], 1);
+    uint64_t sum = 0;
+    for (size_t c = 0; c < N; c++)
+        for (int k = 0; k < DMN_N_IMAGE; k++)
+            sum += count[c][k];
+    T_EQ_I(sum, 3);
+
+    /* what came through is what the parts give on their own */
+    static float want[W / BIN * (H / BIN) * 4];
+    T_EQ_I(cap_bin(&store[0].img, BIN, 3, 0, H / BIN, want), PVX_OK);
+    T_EQ_I(memcmp(want, rec_frame_input(frame, 0), sizeof want), 0);
+    T_NEAR(rec_frame_input(frame, 1)[4 * 20], pow((123.0 / 255 + 0.055) / 1.055, 2.4), 0.02);
+
+    /* the next set is none the worse for it */
+    for (size_t c = 0; c < N; c++)
+        put(&set, c, coded[0], coded_size[0], CAP_JPEG);
+    store[5].img.width = W - 2;
+    T_EQ_I(dmn_images_bin(im, &set, frame, &mask), 5);
+    T_EQ_I(mask, 31);
+    dmn_images_counts(im, count);
+    T_EQ_I(count[5][DMN_IMAGE_SIZE], 1);
+    T_EQ_I(count[2][DMN_IMAGE_JPEG_DAMAGED], 1);
+    dmn_images_free(&im);
+    T_OK(im == NULL);
+}
+
+/* A camera that was asked for another format has no decoder, and a JPEG from it does no harm. */
+static void jpeg_that_nobody_asked_for(void)
+{
+    dmn_images *im = NULL;
+    struct dmn_images_params p = {.nch = 3, .fmt = CAP_YUYV, .transfer = CAP_TRANSFER_LINEAR};
+    struct cap_set set = {0};
+    uint64_t mask, count[REC_MAX_CAMERAS][DMN_N_IMAGE];
+    T_EQ_I(dmn_images_new(&p, S, &rig, pool, &im, NULL), PVX_OK);
+    put(&set, 0, yuyv, sizeof yuyv, CAP_YUYV);
+    put(&set, 1, coded[0], coded_size[0], CAP_JPEG);
+    T_EQ_I(dmn_images_bin(im, &set, frame, &mask), 1);
+    dmn_images_counts(im, count);
+    T_EQ_I(count[1][DMN_IMAGE_JPEG_KIND], 1);
+    static float want[W / BIN * (H / BIN) * 4];
+    struct cap_convert_params linear = {BIN, 3, CAP_TRANSFER_LINEAR, 0};
+    T_EQ_I(cap_convert(&store[0].img, &linear, 0, H / BIN, want), PVX_OK);
+    T_EQ_I(memcmp(want, rec_frame_input(frame, 0), sizeof want), 0);
+    dmn_images_free(&im);
+}
+
+int main(void)
+{
+    set_up();
+    T_RUN(broken_ones_are_counted_and_left_out);
+    T_RUN(jpeg_that_nobody_asked_for);
+    tear_down();
+    return t_done();
+}
