@@ -52,7 +52,7 @@ endif
 CAPTURE := $(sort $(wildcard capture/*.c))
 PROTO   := $(sort $(wildcard proto/*.c))
 CLIENT  := $(sort $(wildcard proto/clients/*.c))
-DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c)))
+DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c daemon/doctor/*.c)))
 CLI     := $(filter-out daemon/cli/pyrovox.c,$(sort $(wildcard daemon/cli/*.c)))
 obj = $(patsubst %.c,$(B)/%.o,$(1))
 

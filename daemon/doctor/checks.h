@@ -1,0 +1,47 @@
+/* checks.h - the checks by topic, and how they speak (private to daemon/doctor). */
+#ifndef DOC_CHECKS_H
+#define DOC_CHECKS_H
+#include "doctor/doctor.h"
+#include "doctor/host.h"
+
+/* A new finding; never NULL (with no room left it is counted and forgotten). */
+struct doc_finding *doc_say(struct doctor *d, enum doc_verdict v, int weight, const char *id,
+                            const char *fmt, ...) PVX_PRINTF(5, 6);
+/* What it means for frames. */
+void doc_means(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
+/* Remedies, in the order in which they should be tried. */
+void doc_sysctl(struct doc_finding *f, const char *key, const char *fmt, ...) PVX_PRINTF(3, 4);
+void doc_command(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
+void doc_add_line(struct doc_finding *f, const char *file, const char *fmt, ...) PVX_PRINTF(3, 4);
+void doc_note(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
+
+/* May pyrovoxd have this capability (its number in linux/capability.h)?  Running, by its file, or by
+ * its unit. */
+bool doc_has_cap(struct doctor *d, int cap);
+/* Whose limits and groups count: the running pyrovoxd's /proc folder, else this process'. */
+void doc_subject(struct doctor *d, char *proc, size_t size, const char **title);
+/* Text of the installed unit and its drop-ins; NULL: not installed.  Owner: caller, free(). */
+char *doc_unit_text(struct doctor *d);
+/* Number of a range list as "0-3,6"; 0 when it is none. */
+unsigned doc_count_list(const char *list);
+unsigned doc_cpus(struct doctor *d);
+/* Text in single quotes for a shell, in a static buffer that the next call reuses. */
+const char *doc_quote(const char *s);
+
+void doc_find_links(struct doctor *d); /* links.c: fills link[], says what is wrong with routes */
+
+/* One each; they ask d->load whether they matter. */
+void doc_check_buffers(struct doctor *d);  /* socket buffers, backlog, budget */
+void doc_check_links(struct doctor *d);    /* MTU, speed, ring, pause, interrupts, rp_filter */
+void doc_check_counters(struct doctor *d); /* what was dropped where */
+void doc_check_firewall(struct doctor *d);
+void doc_check_cpu(struct doctor *d); /* number, features, governor, C-states, load */
+void doc_check_irqs(struct doctor *d);
+void doc_check_memory(struct doctor *d); /* swap, huge pages, free memory */
+void doc_check_limits(struct doctor *d); /* rlimits, real-time, capabilities, unit */
+void doc_check_usb(struct doctor *d);
+void doc_check_access(struct doctor *d); /* groups, udev rules, device files */
+void doc_check_time(struct doctor *d);   /* PTP, time daemons, clock */
+void doc_check_disk(struct doctor *d);
+void doc_check_system(struct doctor *d); /* kernel, virtual machine */
+#endif

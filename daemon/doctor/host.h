@@ -1,0 +1,74 @@
+/* host.h - the doctor's view of a host: files under a root, and a few questions to the kernel.
+ *
+ * Files are given by their absolute path and read under `root`.  Answers that no file holds come
+ * through functions, so that tests can give them.  Reading never blocks on hardware.
+ * Threads: as the doctor. */
+#ifndef DOC_HOST_H
+#define DOC_HOST_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "base/err.h"
+
+/* What the driver of a network card says (ethtool); each group may be unknown. */
+struct doc_nic {
+    bool link_known, ring_known, pause_known, coalesce_known, stamp_known, eee_known;
+    uint32_t rx_ring, rx_ring_max;
+    bool rx_pause, tx_pause;
+    bool adaptive_rx;
+    uint32_t rx_usecs, rx_frames;
+    bool hw_stamps; /* transmit and receive time stamps in hardware */
+    int phc;        /* /dev/ptpN, -1 = none */
+    bool eee_active;
+    char driver[32];
+};
+
+struct doc_clock { /* adjtimex(2) */
+    bool known, synchronized;
+    double max_error_s, offset_s;
+};
+
+struct doc_host {
+    const char *root; /* "" = this host */
+    void (*nic)(struct doc_host *h, const char *ifname, struct doc_nic *out);
+    void (*clock)(struct doc_host *h, struct doc_clock *out);
+    /* Standard output of a command, cut to size; PVX_ENOENT: not installed; PVX_EPERM, PVX_EIO:
+     * it failed (diag: its last words). */
+    pvx_err (*run)(struct doc_host *h, const char *const *argv, char *out, size_t size,
+                   struct pvx_diag *d);
+    bool (*space)(struct doc_host *h, const char *path, double *free_bytes);
+    /* Permitted capabilities that an executable file gives; false: none. */
+    bool (*file_caps)(struct doc_host *h, const char *path, uint64_t *permitted);
+    void (*wait)(struct doc_host *h, double seconds);
+    double sample_s;     /* counters are read twice, this far apart; 0 = once */
+    double disk_write;   /* bytes to write as a speed test; 0 = no test */
+    unsigned uid;        /* of this process */
+    const char *exe_dir; /* where pyrovoxd lies, "" = not known */
+    void *ctx;
+};
+void doc_host_init(struct doc_host *h); /* this host */
+/* The functions of this host's struct, in host_real.c. */
+void doc_real_nic(struct doc_host *h, const char *ifname, struct doc_nic *out);
+pvx_err doc_real_run(struct doc_host *h, const char *const *argv, char *out, size_t size,
+                     struct pvx_diag *d);
+
+/* First `size`-1 bytes of a file, trailing white space cut; false: cannot be read. */
+bool doc_text(struct doc_host *h, char *out, size_t size, const char *fmt, ...) PVX_PRINTF(4, 5);
+/* Whole file up to 4 MiB, 0-terminated; NULL: cannot be read.  Owner: caller, free(). */
+char *doc_file(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
+/* A file that holds one whole number. */
+bool doc_int(struct doc_host *h, int64_t *out, const char *fmt, ...) PVX_PRINTF(3, 4);
+bool doc_exists(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
+/* May this process read and write it? */
+bool doc_usable(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
+
+#define DOC_MAX_NAMES 512
+struct doc_names {
+    size_t n;
+    char v[DOC_MAX_NAMES][64]; /* sorted; longer names are left out */
+};
+/* Entries of a folder, without those that begin with a dot.  A folder that is not there has none. */
+void doc_names(struct doc_host *h, struct doc_names *out, const char *fmt, ...) PVX_PRINTF(3, 4);
+/* Is a process of this name (as in /proc/N/comm) running?  *pid may be NULL. */
+bool doc_process(struct doc_host *h, const char *comm, int *pid);
+#endif

@@ -1,0 +1,100 @@
+/* load.c - what the cameras ask of the host. */
+#include <arpa/inet.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "daemon/sources.h"
+#include "doctor/doctor.h"
+
+static void describe(struct doc_load *l, const char *from)
+{
+    static const char *const kinds[] = {"other", "GigE or USB3 Vision", "USB3 Vision", "V4L2"};
+    char list[200] = "";
+    for (int k = 3; k >= 0; k--) {
+        size_t n = doc_load_count(l, (enum doc_kind)k);
+        if (n > 0)
+            snprintf(list + strlen(list), sizeof list - strlen(list), "%s%zu %s",
+                     list[0] != '\0' ? " and " : "", n, kinds[k]);
+    }
+    snprintf(l->source, sizeof l->source,
+             "%s: %s camera%s, up to %.2f MB a frame, %g Hz, %.0f MB/s", from, list,
+             l->n == 1 ? "" : "s", (double)l->frame_bytes * 1e-6, l->fps, l->bytes_per_s * 1e-6);
+}
+
+static void sum(struct doc_load *l)
+{
+    l->frame_bytes = 0;
+    l->bytes_per_s = 0;
+    for (size_t i = 0; i < l->n; i++) {
+        if (l->camera[i].frame_bytes > l->frame_bytes)
+            l->frame_bytes = l->camera[i].frame_bytes;
+        l->bytes_per_s += (double)l->camera[i].frame_bytes * l->fps;
+    }
+}
+
+size_t doc_load_count(const struct doc_load *l, enum doc_kind kind)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < l->n; i++)
+        n += l->camera[i].kind == kind;
+    return n;
+}
+
+void doc_load_assumed(struct doc_load *l)
+{
+    *l = (struct doc_load){.n = 8, .fps = 20, .buffers = 16};
+    for (size_t i = 0; i < l->n; i++) {
+        l->camera[i] = (struct doc_load_camera){
+            .kind = DOC_CAM_GIGE, .frame_bytes = cap_pixfmt_image(CAP_RGB8, 640, 480)};
+        snprintf(l->camera[i].name, sizeof l->camera[i].name, "cam%zu", i);
+    }
+    sum(l);
+    describe(l, "no --config, so assumed");
+}
+
+static void camera_kind(struct doc_load_camera *k, const char *uri)
+{
+    struct in_addr a;
+    if (strncmp(uri, "aravis:", 7) == 0) {
+        k->kind = DOC_CAM_GIGE;
+        if (inet_pton(AF_INET, uri + 7, &a) == 1) {
+            k->address = ntohl(a.s_addr);
+            k->sure = true;
+        } else if (strstr(uri, "U3V") != NULL || strstr(uri, "USB3") != NULL) {
+            k->kind = DOC_CAM_USB3;
+        }
+    } else if (strncmp(uri, "v4l2:", 5) == 0 || strncmp(uri, "libcamera:", 10) == 0) {
+        k->kind = DOC_CAM_V4L2;
+        k->sure = true;
+    }
+}
+
+pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct pvx_diag *d)
+{
+    struct rec_rig rig;
+    PVX_TRY(dmn_config_rig(c, &rig, d));
+    struct dmn_sources *s = pvx_calloc(1, sizeof *s);
+    pvx_err e = s == NULL ? PVX_ENOMEM : dmn_sources_init(s, c, &rig, NULL, d);
+    *l = (struct doc_load){.given = true, .fps = c->fps};
+    l->n = e == PVX_OK ? rig.n_cameras : 0;
+    for (size_t i = 0; i < l->n; i++) {
+        const struct cap_source_config *src = &s->source[i];
+        enum cap_pixfmt fmt = src->fmt != CAP_FMT_NONE ? src->fmt : CAP_RGB8;
+        struct doc_load_camera *k = &l->camera[i];
+        snprintf(k->name, sizeof k->name, "%s", src->name);
+        k->frame_bytes = cap_pixfmt_image(fmt, src->width, src->height);
+        camera_kind(k, src->uri);
+    }
+    l->packet_size = (int)c->packet_size;
+    l->buffers = (unsigned)c->buffers;
+    l->ptp = c->shared_clock;
+    l->triggered = c->trigger != 0;
+    sum(l);
+    if (e == PVX_OK)
+        describe(l, c->name);
+    free(s);
+    rec_rig_fini(&rig);
+    return e;
+}
