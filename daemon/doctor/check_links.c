@@ -18,6 +18,11 @@ static void cable(struct doctor *d, const struct doc_link *l)
     char word[32];
     if (l->loopback)
         return;
+    if (!doc_exists(d->host, "/sys/class/net/%s", l->name)) {
+        doc_say(d, DOC_UNKNOWN, 50, "net.carrier",
+                "%s is not under /sys: this is a container that shows another network's", l->name);
+        return;
+    }
     if (!doc_int(d->host, &carrier, "/sys/class/net/%s/carrier", l->name) || carrier != 1) {
         struct doc_finding *f =
             doc_say(d, DOC_FAIL, 99, "net.carrier", "%s is down or has no cable", l->name);

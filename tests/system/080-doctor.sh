@@ -37,10 +37,11 @@ before=$(cat /proc/sys/net/core/rmem_max /proc/sys/vm/swappiness)
 check script-leaves-the-host-alone [ "$before" = "$(cat /proc/sys/net/core/rmem_max /proc/sys/vm/swappiness)" ]
 
 # Real rules in a real (private) network stack.
-if [ "$(id -u)" != 0 ] || ! unshare -n true 2> "$dir/unshare.log"; then
+if [ "$(id -u)" != 0 ] || ! unshare -nm true 2> "$dir/unshare.log"; then
     echo "SKIP $name:strict-filter-of-a-private-network (needs root to make one)"; exit $rc
 fi
 cat > "$dir/net.sh" <<'N'
+mount -t sysfs none /sys || exit 77 # that of this network
 ip link add cam0 type veth peer name cam0p && ip link add cam1 type veth peer name cam1p || exit 77
 for i in cam0 cam0p cam1 cam1p lo; do ip link set $i up; done
 ip address add 192.168.77.1/24 dev cam0; ip address add 192.168.77.2/24 dev cam1
@@ -55,9 +56,9 @@ if command -v nft > /dev/null && nft add table inet t 2> /dev/null; then
 fi
 N
 config b.yaml <<< $'cameras: "aravis:192.168.77.11+"\nfps: 15\npixel_format: RGB8'
-unshare -n bash "$dir/net.sh" "$pyrovox" "$dir/b.yaml" > "$dir/net.log" 2>&1; code=$?
+unshare -nm bash "$dir/net.sh" "$pyrovox" "$dir/b.yaml" > "$dir/net.log" 2>&1; code=$?
 if [ $code = 77 ]; then
-    echo "SKIP $name:strict-filter-of-a-private-network (no veth or sysctl in a private network here)"; exit $rc
+    echo "SKIP $name:strict-filter-of-a-private-network (no veth, sysctl or sysfs in a private network here)"; exit $rc
 fi
 check strict-filter-with-a-twin-network grep -qE '^FAIL +cam[01] filters by reverse path, and cam[01] has the same' "$dir/net.log"
 check small-packets grep -qE '^WARN +cam[01] has an MTU of 1500: no jumbo frames$' "$dir/net.log"

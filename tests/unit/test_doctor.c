@@ -304,6 +304,10 @@ static void cable_and_speed(void)
     put("/sys/class/net/cam0/carrier", "0\n");
     expect("net.carrier", DOC_FAIL, "cam0", "ip link set cam0 up");
     good_host();
+    put("/proc/net/route",
+        ROUTES_HEAD "inner0\t000AA8C0\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0\n");
+    expect("net.carrier", DOC_UNKNOWN, "container", NULL);
+    good_host();
     put("/sys/class/net/cam0/speed", "100\n");
     expect("net.speed", DOC_FAIL, "100 Mb/s", "lower fps");
     put("/sys/class/net/cam0/speed", "700\n");
