@@ -4,7 +4,6 @@
 #include <math.h>
 #include <net/if.h>
 #include <netinet/in.h>
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
@@ -12,6 +11,8 @@
 #include <unistd.h>
 
 #include "base/log.h"
+#include "capture/aravis_ptp.h"
+#include "capture/aravis_watch.h"
 
 #define REG_GVCP_CAPABILITY 0x934 /* GigE Vision bootstrap register */
 #define GVCP_CAN_RESEND     0x4u
@@ -37,44 +38,6 @@ pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, co
     return pvx_fail(d, PVX_EINVAL,
                     "camera %s (aravis:%s): %s %g refused: the camera has %g and offers %g to %g",
                     c->name, c->uri, what, want, got, min, max);
-}
-
-/* Aravis knows addresses, user-defined names and its own ids; serial numbers are looked up here, in
- * a list of devices that is one for the whole process and renewed by whoever looks. */
-static ArvCamera *find_camera(const char *what)
-{
-    static pthread_mutex_t list_lock = PTHREAD_MUTEX_INITIALIZER;
-    char *id = NULL;
-    pthread_mutex_lock(&list_lock);
-    if (!g_hostname_is_ip_address(what)) {
-        arv_update_device_list();
-        for (unsigned i = 0; i < arv_get_n_devices() && id == NULL; i++)
-            if (g_strcmp0(arv_get_device_serial_nbr(i), what) == 0)
-                id = g_strdup(arv_get_device_id(i));
-    }
-    ArvCamera *cam = what[0] != '\0' ? arv_camera_new(id != NULL ? id : what, NULL) : NULL;
-    g_free(id);
-    pthread_mutex_unlock(&list_lock);
-    return cam;
-}
-
-static pvx_err open_camera(const struct cap_source_config *c, ArvCamera **out, struct pvx_diag *d)
-{
-    ArvCamera *cam = find_camera(c->uri);
-    if (cam == NULL)
-        return pvx_fail(d, PVX_ENOENT,
-                        "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "
-                        "those that do",
-                        c->name, c->uri);
-    ArvDevice *dev = arv_camera_get_device(cam);
-    if (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev))) {
-        g_object_unref(cam);
-        return pvx_fail(d, PVX_EBUSY, "camera %s (aravis:%s): another program controls it", c->name,
-                        c->uri);
-    }
-    arv_camera_set_range_check_policy(cam, ARV_RANGE_CHECK_POLICY_ENABLE);
-    *out = cam;
-    return PVX_OK;
 }
 
 static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
@@ -277,14 +240,6 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     return PVX_OK;
 }
 
-/* Length of a tick of the camera's clock. */
-static double packet_tick_ns(ArvCamera *cam)
-{
-    guint64 hz =
-        arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(arv_camera_get_device(cam)), NULL);
-    return hz > 0 ? 1e9 / (double)hz : 1;
-}
-
 static pvx_err set_packet_delay(const struct cap_source_config *c, ArvCamera *cam,
                                 struct pvx_diag *d)
 {
@@ -300,7 +255,8 @@ static pvx_err set_packet_delay(const struct cap_source_config *c, ArvCamera *ca
     if (llabs(got - c->gige.packet_delay) <= 1000)
         return PVX_OK;
     gint64 min = 0, max = 0;
-    double tick = packet_tick_ns(cam);
+    guint64 hz = aravis_tick_hz(cam);
+    double tick = hz > 0 ? 1e9 / (double)hz : 1;
     arv_camera_get_integer_bounds(cam, "GevSCPD", &min, &max, NULL);
     return aravis_refused(c, d, "packet delay [ns]", c->gige.packet_delay, (double)got,
                           (double)min * tick, (double)max * tick);
@@ -316,16 +272,19 @@ bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera)
            (can & GVCP_CAN_RESEND) != 0;
 }
 
-static pvx_err configure(const struct cap_source_config *c, ArvCamera *cam, struct aravis_layout *l,
-                         struct pvx_diag *d)
+pvx_err aravis_configure(const struct cap_source_config *c, ArvCamera *cam, struct aravis_layout *l,
+                         struct aravis_chunks *chunks, struct pvx_diag *d)
 {
-    /* Features first: they may be what makes the rest possible (a user set, a binning mode). */
+    /* PTP first: it settles while the rest is set.  Then features: they may be what makes the rest
+     * possible (a user set, a binning mode). */
+    PVX_TRY(aravis_ptp_enable(c, cam, d));
     for (size_t i = 0; i < c->n_features; i++)
         PVX_TRY(set_feature(c, cam, &c->features[i], d));
     PVX_TRY(set_format(c, cam, l, d));
     PVX_TRY(set_region(c, cam, l, d));
     PVX_TRY(aravis_set_trigger(c, cam, d));
     PVX_TRY(set_exposure(c, cam, d));
+    PVX_TRY(aravis_chunks_init(chunks, c, cam, d));
     PVX_TRY(set_packet_size(c, cam, d));
     PVX_TRY(set_packet_delay(c, cam, d));
     GError *err = NULL;
@@ -335,19 +294,5 @@ static pvx_err configure(const struct cap_source_config *c, ArvCamera *cam, stru
     size_t pixels = cap_pixfmt_image(l->fmt, l->width, l->height);
     if (l->payload < pixels)
         l->payload = pixels;
-    return PVX_OK;
-}
-
-pvx_err aravis_setup(const struct cap_source_config *c, ArvCamera **out,
-                     struct aravis_layout *layout, struct pvx_diag *d)
-{
-    *out = NULL;
-    ArvCamera *cam = NULL;
-    PVX_TRY(open_camera(c, &cam, d));
-    pvx_err e = configure(c, cam, layout, d);
-    if (e != PVX_OK)
-        g_object_unref(cam);
-    else
-        *out = cam;
-    return e;
+    return aravis_ptp_wait(c, cam, d);
 }

@@ -1,9 +1,10 @@
-/* aravis_setup.h - a camera opened and made what the configuration says (private to src_aravis.c).
+/* aravis_setup.h - a camera made what the configuration says (private to the aravis: files).
  * Everything that is set is read back; a camera that does otherwise is refused with its own words
  * and limits. */
 #ifndef CAP_ARAVIS_SETUP_H
 #define CAP_ARAVIS_SETUP_H
 #include <arv.h>
+#include "capture/aravis_chunk.h"
 #include "capture/source.h"
 
 struct aravis_layout {
@@ -12,12 +13,12 @@ struct aravis_layout {
     size_t payload; /* bytes of one frame on the wire, chunks included */
 };
 
-/* Open by "127.0.0.2" (no discovery), serial, user-defined name, or Aravis' device id, and set
- * region, format, trigger or frame rate, exposure, gain, features and packet size.  Owner: caller,
- * g_object_unref.  Errors: PVX_ENOENT (nobody answers), PVX_EBUSY (another program controls it),
- * PVX_EINVAL (refused a value), PVX_EUNSUP (format), PVX_EIO. */
-PVX_MUST_CHECK pvx_err aravis_setup(const struct cap_source_config *c, ArvCamera **out,
-                                    struct aravis_layout *layout, struct pvx_diag *d);
+/* Set PTP, features, format, region, trigger or frame rate, exposure, gain, chunks and packets; then
+ * wait a second for PTP.  Errors: PVX_EINVAL (refused a value), PVX_EUNSUP (format, PTP), PVX_ETIMEDOUT
+ * (PTP not there yet: open again), PVX_EIO. */
+PVX_MUST_CHECK pvx_err aravis_configure(const struct cap_source_config *c, ArvCamera *cam,
+                                        struct aravis_layout *layout, struct aravis_chunks *chunks,
+                                        struct pvx_diag *d);
 
 /* True when lost packets are worth asking for again. */
 bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera);

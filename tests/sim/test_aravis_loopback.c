@@ -589,12 +589,42 @@ static void dead_and_back(void)
             pthread_mutex_unlock(&s.box.lock);
         }
         T_EQ_I(lost, 1);
-        order(OP_REVIVE, 0, healthy); /* closing a camera that is dead takes 5 s of asking */
+        order(OP_REVIVE, 0, healthy);
     }
     end(&s);
     if (begin(&s, &config))
         for (int k = 0; k < 3; k++)
             take_good(&s);
+    end(&s);
+}
+
+/* Without a word: nobody waits for Aravis to see it, and the camera is usable as soon as it is back. */
+static void silent_and_back(void)
+{
+    NEED_CAMERAS();
+    struct session s;
+    struct cap_source_config config = config_of(1);
+    config.name = "a"; /* as refuse expects */
+    if (begin(&s, &config)) {
+        take_good(&s);
+        order(OP_KILL, 1, healthy);
+    }
+    int64_t before = pvx_now_mono();
+    end(&s);
+    double took = (double)(pvx_now_mono() - before) * 1e-9;
+    printf("  given up in %.2f s\n", took);
+    T_LE(took, 2); /* 5 to 7.5 when Aravis is asked */
+    before = pvx_now_mono();
+    refuse(config, PVX_ENOENT, "no camera answers there");
+    T_LE((double)(pvx_now_mono() - before) * 1e-9, 2);
+    order(OP_REVIVE, 1, healthy);
+    before = pvx_now_mono();
+    if (begin(&s, &config)) /* while the old one is still being given up */
+        for (int k = 0; k < 3; k++)
+            take_good(&s);
+    took = (double)(pvx_now_mono() - before) * 1e-9;
+    printf("  three frames %.2f s after it was back\n", took);
+    T_LE(took, 2);
     end(&s);
 }
 
@@ -688,6 +718,7 @@ int main(void)
     T_RUN(frames_outlive_their_source);
     T_RUN(refusals_have_reasons);
     T_RUN(dead_and_back);
+    T_RUN(silent_and_back);
     T_RUN(sets_of_one_instant);
     if (server > 0)
         stop_server();

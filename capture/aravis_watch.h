@@ -1,0 +1,16 @@
+/* aravis_watch.h - the slow loop of a running camera: every 2 s its clock against the host's, its
+ * temperature, PTP and the packets that were asked for again (private to the aravis: files).
+ *
+ * The clock: the camera is told to latch it (TimestampLatch, GevTimestampControlLatch); it did so
+ * between the command and its answer, which gives the bound.  The best of three counts.
+ * PTP that is lost while running is logged once, and once when it is back. */
+#ifndef CAP_ARAVIS_WATCH_H
+#define CAP_ARAVIS_WATCH_H
+#include <arv.h>
+#include <stdint.h>
+
+/* Ticks of the camera's clock per second; 0 = its stamps are ns. */
+guint64 aravis_tick_hz(ArvCamera *cam);
+/* As Aravis converts stamps; hz 0 = ns already. */
+int64_t aravis_ticks_to_ns(uint64_t ticks, guint64 hz);
+#endif
