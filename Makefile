@@ -29,7 +29,7 @@ PACKAGES_BENCH := python3-matplotlib
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
-PKGS := aravis-0.8 libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5
+PKGS := aravis-0.8 zlib libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
 pkg_cflags = $(eval pkg_cflags := $$(shell pkg-config --cflags $(PKGS)))$(pkg_cflags)
 pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)

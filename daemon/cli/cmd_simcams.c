@@ -19,6 +19,7 @@
 #include "capture/netns.h"
 #include "cli/arg.h"
 #include "cli/cli.h"
+#include "cli/simcams_engine.h"
 #include "cli/simcams_faults.h"
 #include "cli/simcams_ring.h"
 
@@ -43,12 +44,18 @@ enum {
     OPT_MAX_MEMORY,
     OPT_WRITE_RIG,
     OPT_WRITE_FRAMES,
-    OPT_DROP,
-    OPT_LOSS,
-    OPT_DELAY,
-    OPT_SKEW,
-    OPT_DRIFT, /* in the order of simcams_fault_kind */
+    OPT_FAULT, /* + enum simcams_fault_kind */
+    OPT_FAULT_END = OPT_FAULT + SIMCAMS_N_KINDS,
     OPT_KILL,
+    OPT_AT,
+    OPT_ENGINE,
+    OPT_LINE_HZ,
+    OPT_LINK,
+    OPT_TICK_HZ,
+    OPT_PTP_MS,
+    OPT_TAI,
+    OPT_BOOT_CLOCK,
+    OPT_ZIP,
     OPT_FREEZE,
     OPT_CONTROL,
     OPT_PRIVATE_NET,
@@ -80,19 +87,40 @@ static const struct argp_option options[] = {
     {"noise", OPT_NOISE, "PERCENT", 0, "Gaussian noise, share of full scale (0.5)", 2},
     {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (1)", 2},
     {"max-memory", OPT_MAX_MEMORY, "MIB", 0, "refuse to take more for the images (1024)", 2},
-    {"trigger-hz", OPT_TRIGGER_HZ, "HZ", 0, "how often a software trigger is looked for (500)", 2},
-    {NULL, 0, NULL, 0, "Faults (V for all cameras, or cam1=V,cam3=V):", 3},
-    {"drop", OPT_DROP, "V", 0, "share of frames never sent, 0 to 1", 3},
-    {"packet-loss", OPT_LOSS, "V", 0, "share of packets lost, 0 to 1", 3},
-    {"delay-ms", OPT_DELAY, "V", 0, "frames are sent this much late", 3},
-    {"skew-us", OPT_SKEW, "V", 0, "the camera's clock is ahead by this", 3},
-    {"drift-ppm", OPT_DRIFT, "V", 0, "the camera's clock runs faster by this", 3},
-    {"kill", OPT_KILL, "CAM@S", 0, "the camera dies S seconds after the start", 3},
-    {"freeze", OPT_FREEZE, "CAM@S[-S]", 0, "image and time stamp stand still from S (until S)", 3},
-    {"control", OPT_CONTROL, NULL, 0,
-     "read lines on standard input: drop|loss|delay|skew|drift CAM NUMBER, freeze CAM on|off, "
-     "kill CAM, revive CAM; CAM may be all",
+    {NULL, 0, NULL, 0, "Devices:", 3},
+    {"engine", OPT_ENGINE, "NAME", 0,
+     "own (default), or aravis: libaravis' fake camera, a second implementation that can do less",
      3},
+    {"line-hz", OPT_LINE_HZ, "HZ", 0,
+     "pulses on the trigger line that all cameras share (TriggerSource Line1)", 3},
+    {"link", OPT_LINK, "MBIT_S", 0, "the network carries this much and drops the rest", 3},
+    {"tick-hz", OPT_TICK_HZ, "HZ", 0, "of the cameras' clocks without PTP (1e9)", 3},
+    {"boot-clock", OPT_BOOT_CLOCK, NULL, 0, "these clocks count from the start, not from 1970", 3},
+    {"ptp-ms", OPT_PTP_MS, "MS", 0, "from PtpEnable to Slave (2000)", 3},
+    {"tai", OPT_TAI, "SECONDS", 0, "PTP time is ahead of the host's clock by this (0)", 3},
+    {"zip-xml", OPT_ZIP, NULL, 0, "serve the GenICam file zipped", 3},
+    {"trigger-hz", OPT_TRIGGER_HZ, "HZ", 0,
+     "engine aravis: how often a software trigger is looked for (500)", 3},
+    {NULL, 0, NULL, 0, "Faults (V for all cameras, or cam1=V,cam3=V):", 4},
+    {"drop", OPT_FAULT + SIMCAMS_DROP, "V", 0, "share of frames never sent, 0 to 1", 4},
+    {"packet-loss", OPT_FAULT + SIMCAMS_LOSS, "V", 0, "share of packets lost, 0 to 1", 4},
+    {"delay-ms", OPT_FAULT + SIMCAMS_DELAY, "V", 0, "frames are sent this much late", 4},
+    {"jitter-ms", OPT_FAULT + SIMCAMS_JITTER, "V", 0, "and by up to this much more", 4},
+    {"skew-us", OPT_FAULT + SIMCAMS_SKEW, "V", 0, "the camera's clock is ahead by this", 4},
+    {"drift-ppm", OPT_FAULT + SIMCAMS_DRIFT, "V", 0, "the camera's clock runs faster by this", 4},
+    {"ptp-offset-us", OPT_FAULT + SIMCAMS_PTP_OFFSET, "V", 0, "a PTP slave is off by this", 4},
+    {"reorder", OPT_FAULT + SIMCAMS_REORDER, "V", 0, "share of packets that are overtaken", 4},
+    {"duplicate", OPT_FAULT + SIMCAMS_DUPLICATE, "V", 0, "share of packets that come twice", 4},
+    {"wrong-size", OPT_FAULT + SIMCAMS_SIZE, "V", 0,
+     "share of frames with another width announced, or cut short", 4},
+    {"corrupt", OPT_FAULT + SIMCAMS_CORRUPT, "V", 0, "share of frames with a garbled packet", 4},
+    {"miss", OPT_FAULT + SIMCAMS_MISS, "V", 0, "share of triggers ignored", 4},
+    {"hostile", OPT_FAULT + SIMCAMS_HOSTILE, "V", 0,
+     "share of frames and answers that come with malformed packets", 4},
+    {"kill", OPT_KILL, "CAM@S", 0, "the camera dies S seconds after the start", 4},
+    {"freeze", OPT_FREEZE, "CAM@S[-S]", 0, "image and time stamp stand still from S (until S)", 4},
+    {"at", OPT_AT, "S:LINE", 0, "S seconds after the start, what LINE says (see --control)", 4},
+    {"control", OPT_CONTROL, NULL, 0, "read lines on standard input, as listed below", 4},
     {0},
 };
 
@@ -104,6 +132,20 @@ static const char doc[] =
     "\n"
     "Prints one line when they answer: serving 8 cameras on 127.0.0.2..127.0.0.9\n"
     "\n"
+    "Control lines (CAM may be all):\n"
+    "  drop|loss|delay|skew|drift|jitter|reorder|duplicate|size|corrupt|miss|hostile|ptp-offset "
+    "CAM NUMBER\n"
+    "  freeze|stuck|no-ptp CAM on|off     image and stamp, or only the clock, stand still; no PTP "
+    "master\n"
+    "  kill CAM, revive CAM, reboot CAM [SECONDS]\n"
+    "  jump CAM SECONDS                   its clock jumps\n"
+    "  ids CAM                            its frame numbers begin anew\n"
+    "  line HZ, pulse                     trigger line: pulses, or one\n"
+    "  link MBIT_S [KIB]                  what the network carries (0: all), and the switch's "
+    "buffer\n"
+    "  switch SECONDS                     the switch reboots: nothing passes for so long\n"
+    "  stats                              prints the counts: what was really sent, lost, ignored\n"
+    "\n"
     "Examples:\n"
     "  pyrovox simcams --private-net -- pyrovoxd --config my.yaml\n"
     "      eight cameras and a daemon, as an ordinary user\n"
@@ -111,6 +153,9 @@ static const char doc[] =
     "      what Aravis' own tool sees\n"
     "  pyrovox simcams --rig rig.yaml --drop cam3=0.05 --kill cam1@20 --address 127.0.0.2\n"
     "      a rig of your own, with faults, on addresses that this host has\n"
+    "  pyrovox simcams --private-net --line-hz 30 --at 10:'miss cam2 0.1' -- pyrovoxd --config "
+    "my.yaml\n"
+    "      cameras on a trigger line; after 10 s one of them misses a tenth of the pulses\n"
     "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"
     "      a recording to try pyrovox reconstruct on\n";
 
@@ -119,7 +164,7 @@ struct fault_option {
     const char *text;
 };
 struct plan_option {
-    bool freeze;
+    int key;
     const char *text;
 };
 
@@ -128,6 +173,9 @@ struct args {
     int64_t cameras, ring, seed, sub, max_memory, voxels;
     int32_t width, height;
     double radius, fps, black, noise, trigger_hz;
+    double line_hz, link_mbit, tick_hz, ptp_ms, tai_s;
+    enum simcams_kind engine;
+    bool boot_clock, zip;
     enum cap_pixfmt fmt;
     bool control, private_net;
     char **command; /* NULL = none */
@@ -140,9 +188,10 @@ struct simcams {
     const struct args *a;
     struct rec_rig rig;
     struct simcams_ring ring;
-    cap_simgv *cam[REC_MAX_CAMERAS]; /* NULL = dead */
+    struct simcams_engine engine;
+    struct simcams_camera cam[REC_MAX_CAMERAS];
     struct simcams_state state[REC_MAX_CAMERAS];
-    struct cap_simgv_stats total[REC_MAX_CAMERAS]; /* of cameras that were killed */
+    struct cap_gvcam_stats total[REC_MAX_CAMERAS]; /* of cameras that were killed */
     struct simcams_plan plan;
     char line[256]; /* control input so far */
     size_t line_n;
@@ -162,6 +211,21 @@ static void want_format(struct argp_state *st, const char *arg, struct args *a)
             return;
         }
     argp_error(st, "--format %s: should be mono8, rgb8 or bayerrg8", arg);
+}
+
+static void want_engine(struct argp_state *st, const char *arg, struct args *a)
+{
+    if (strcmp(arg, "own") != 0 && strcmp(arg, "aravis") != 0)
+        argp_error(st, "--engine %s: should be own or aravis", arg);
+    a->engine = arg[0] == 'a' ? SIMCAMS_ARAVIS : SIMCAMS_OWN;
+}
+
+static void add_fault(struct argp_state *st, int key, const char *arg, struct args *a)
+{
+    if (a->n_faults == MAX_FAULT_OPTIONS)
+        argp_error(st, "too many fault options");
+    a->fault[a->n_faults++] =
+        (struct fault_option){(enum simcams_fault_kind)(key - OPT_FAULT), arg};
 }
 
 static error_t parse_opt(int key, char *arg, struct argp_state *st)
@@ -187,28 +251,31 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_TRIGGER_HZ: cli_arg_double(st, "trigger-hz", arg, 1, 1000, &a->trigger_hz); return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 8, 16384, &a->width, &a->height); return 0;
     case OPT_FORMAT: want_format(st, arg, a); return 0;
-    case OPT_DROP:
-    case OPT_LOSS:
-    case OPT_DELAY:
-    case OPT_SKEW:
-    case OPT_DRIFT:
-        if (a->n_faults == MAX_FAULT_OPTIONS)
-            argp_error(st, "too many fault options");
-        a->fault[a->n_faults++] =
-            (struct fault_option){(enum simcams_fault_kind)(key - OPT_DROP), arg};
-        return 0;
+    case OPT_ENGINE: want_engine(st, arg, a); return 0;
+    case OPT_BOOT_CLOCK: a->boot_clock = true; return 0;
+    case OPT_ZIP: a->zip = true; return 0;
+    case OPT_LINE_HZ: cli_arg_double(st, "line-hz", arg, 0, 1000, &a->line_hz); return 0;
+    case OPT_LINK: cli_arg_double(st, "link", arg, 0, 1e6, &a->link_mbit); return 0;
+    case OPT_TICK_HZ: cli_arg_double(st, "tick-hz", arg, 1e3, 1e10, &a->tick_hz); return 0;
+    case OPT_PTP_MS: cli_arg_double(st, "ptp-ms", arg, 1, 1e6, &a->ptp_ms); return 0;
+    case OPT_TAI: cli_arg_double(st, "tai", arg, -1e6, 1e6, &a->tai_s); return 0;
+    case OPT_AT:
     case OPT_KILL:
     case OPT_FREEZE:
         if (a->n_plans == MAX_FAULT_OPTIONS)
             argp_error(st, "too many timed faults");
-        a->plan[a->n_plans++] = (struct plan_option){key == OPT_FREEZE, arg};
+        a->plan[a->n_plans++] = (struct plan_option){key, arg};
         return 0;
     case ARGP_KEY_ARG: /* the command and all that follows is not ours to parse */
         a->command = &st->argv[st->next - 1];
         st->next = st->argc;
         return 0;
-    default: return ARGP_ERR_UNKNOWN;
+    default: break;
     }
+    if (key < OPT_FAULT || key >= OPT_FAULT_END)
+        return ARGP_ERR_UNKNOWN;
+    add_fault(st, key, arg, a);
+    return 0;
 }
 
 /* ---- setting up ------------------------------------------------------------------------------- */
@@ -237,9 +304,12 @@ static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)
     for (size_t k = 0; k < s->a->n_faults; k++)
         PVX_TRY(
             simcams_fault_option(&s->rig, s->a->fault[k].kind, s->a->fault[k].text, s->state, d));
-    for (size_t k = 0; k < s->a->n_plans; k++)
-        PVX_TRY(
-            simcams_plan_option(&s->rig, s->a->plan[k].freeze, s->a->plan[k].text, &s->plan, d));
+    for (size_t k = 0; k < s->a->n_plans; k++) {
+        const struct plan_option *p = &s->a->plan[k];
+        PVX_TRY(p->key == OPT_AT
+                    ? simcams_plan_line(&s->rig, p->text, &s->plan, d)
+                    : simcams_plan_option(&s->rig, p->key == OPT_FREEZE, p->text, &s->plan, d));
+    }
     return PVX_OK;
 }
 
@@ -293,31 +363,23 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
                         s->a->address, s->rig.n_cameras);
     snprintf(serial, sizeof serial, "SIM%02zu", c);
     const struct rec_camera *cam = &s->rig.cameras[c];
-    struct cap_simgv_config config = {
+    struct cap_gvcam_config config = {
         .address = address,
         .serial = serial,
-        .user_name = strlen(cam->name) <= CAP_SIMGV_NAME_MAX ? cam->name : NULL,
+        .user_name = strlen(cam->name) <= CAP_GVCAM_NAME_MAX ? cam->name : NULL,
         .fmt = s->a->fmt,
         .width = cam->width,
         .height = cam->height,
         .ring = (const void *const *)(s->ring.image + c * s->ring.n),
         .n_ring = s->ring.n,
         .ring_fps = s->a->fps,
-        .trigger_hz = s->a->trigger_hz};
-    PVX_TRY(cap_simgv_new(&config, &s->cam[c], d));
-    cap_simgv_set_fault(s->cam[c], &s->state[c].fault);
-    return PVX_OK;
-}
-
-static void stop_camera(struct simcams *s, size_t c)
-{
-    struct cap_simgv_stats st;
-    if (s->cam[c] == NULL)
-        return;
-    cap_simgv_stats(s->cam[c], &st);
-    s->total[c].frames += st.frames;
-    s->total[c].dropped += st.dropped;
-    cap_simgv_free(&s->cam[c]);
+        .tick_hz = s->a->tick_hz,
+        .ptp_settle_ms = s->a->ptp_ms,
+        .tai_offset_s = s->a->tai_s,
+        .boot_clock = s->a->boot_clock,
+        .zip = s->a->zip};
+    PVX_TRY(simcams_camera_start(&s->engine, &config, &s->cam[c], d));
+    return simcams_camera_fault(&s->cam[c], &s->state[c].fault, d);
 }
 
 /* Make the cameras what the state says. */
@@ -327,28 +389,74 @@ static void apply(struct simcams *s)
         struct pvx_diag d = {""};
         pvx_err e = PVX_OK;
         if (!s->state[c].alive)
-            stop_camera(s, c);
-        else if (s->cam[c] != NULL)
-            cap_simgv_set_fault(s->cam[c], &s->state[c].fault);
-        else
-            e = start_camera(s, c, &d);
-        if (e != PVX_OK) {
-            LOG_E(SIM, "%s: %s", s->rig.cameras[c].name, pvx_diag_text(&d, e));
+            simcams_camera_stop(&s->cam[c], &s->total[c]);
+        else if (simcams_camera_alive(&s->cam[c]))
+            e = simcams_camera_fault(&s->cam[c], &s->state[c].fault, &d);
+        else if ((e = start_camera(s, c, &d)) != PVX_OK)
             s->state[c].alive = false;
-        }
+        if (e != PVX_OK)
+            LOG_E(SIM, "%s: %s", s->rig.cameras[c].name, pvx_diag_text(&d, e));
     }
 }
 
 /* ---- serving ---------------------------------------------------------------------------------- */
 
+static void print_stats(const struct simcams *s)
+{
+    printf("stats {");
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        struct cap_gvcam_stats st = s->total[c];
+        simcams_camera_stats(&s->cam[c], &st);
+        printf("%s\"%s\": {", c > 0 ? ", " : "", s->rig.cameras[c].name);
+        for (const struct cap_gvcam_stat_def *k = cap_gvcam_stat_defs; k->name != NULL; k++) {
+            uint64_t v;
+            memcpy(&v, (const char *)&st + k->offset, sizeof v);
+            printf("%s\"%s\": %llu", k != cap_gvcam_stat_defs ? ", " : "", k->name,
+                   (unsigned long long)v);
+        }
+        printf("}");
+    }
+    printf("}\n");
+    fflush(stdout);
+}
+
+static void carry_out(struct simcams *s, const struct simcams_order *o)
+{
+    static const enum cap_gvcam_act act[] = {[SIMCAMS_REBOOT] = CAP_GVCAM_REBOOT,
+                                             [SIMCAMS_JUMP] = CAP_GVCAM_CLOCK_JUMP,
+                                             [SIMCAMS_IDS] = CAP_GVCAM_RESTART_IDS};
+    if (s->engine.net == NULL && o->what != SIMCAMS_NOTHING && o->what != SIMCAMS_STATS) {
+        fprintf(stderr, "pyrovox simcams: control: not with --engine aravis\n");
+        return;
+    }
+    switch (o->what) {
+    case SIMCAMS_NOTHING: return;
+    case SIMCAMS_REBOOT:
+    case SIMCAMS_JUMP:
+    case SIMCAMS_IDS:
+        for (size_t c = o->lo; c < o->hi; c++)
+            if (s->cam[c].own != NULL)
+                cap_gvcam_do(s->cam[c].own, act[o->what], o->arg);
+        return;
+    case SIMCAMS_LINE: cap_gvnet_line(s->engine.net, o->arg); return;
+    case SIMCAMS_PULSE: cap_gvnet_pulse(s->engine.net); return;
+    case SIMCAMS_LINK: cap_gvnet_link(s->engine.net, o->arg, (size_t)(o->arg2 * 1024)); return;
+    case SIMCAMS_SWITCH: cap_gvnet_reboot(s->engine.net, o->arg); return;
+    case SIMCAMS_STATS: print_stats(s); return;
+    }
+}
+
 static void control_line(struct simcams *s, const char *line)
 {
     struct pvx_diag d = {""};
-    pvx_err e = simcams_control(&s->rig, line, s->state, &d);
-    if (e != PVX_OK)
+    struct simcams_order order;
+    pvx_err e = simcams_control(&s->rig, line, s->state, &order, &d);
+    if (e != PVX_OK) {
         fprintf(stderr, "pyrovox simcams: control: %s\n", pvx_diag_text(&d, e));
-    else
-        apply(s);
+        return;
+    }
+    apply(s);
+    carry_out(s, &order);
 }
 
 /* False at the end of the input. */
@@ -424,10 +532,8 @@ static int serve(struct simcams *s, int sigfd, pid_t child)
     bool control = s->a->control;
     for (;;) {
         double now_s = (double)(pvx_now_mono() - t0) * 1e-9;
-        for (; next < s->plan.n && s->plan.event[next].at_s <= now_s; next++) {
-            simcams_plan_apply(&s->plan.event[next], s->state);
-            apply(s);
-        }
+        for (; next < s->plan.n && s->plan.event[next].at_s <= now_s; next++)
+            control_line(s, s->plan.event[next].line);
         int timeout = -1;
         if (next < s->plan.n) {
             double left_ms = (s->plan.event[next].at_s - now_s) * 1e3 + 1;
@@ -471,6 +577,14 @@ static int start_and_serve(struct simcams *s)
     sigset_t old;
     int sigfd = open_signals(&old);
     int code = sigfd < 0 ? cli_error(NULL, PVX_EIO) : 0;
+    pvx_err started = simcams_engine_start(&s->engine, s->a->engine, &d);
+    if (code == 0 && started != PVX_OK)
+        code = cli_error(&d, started);
+    s->engine.trigger_hz = s->a->trigger_hz;
+    if (code == 0 && s->engine.net != NULL) {
+        cap_gvnet_line(s->engine.net, s->a->line_hz);
+        cap_gvnet_link(s->engine.net, s->a->link_mbit, 0);
+    }
     for (size_t c = 0; code == 0 && c < s->rig.n_cameras; c++) {
         pvx_err e = start_camera(s, c, &d);
         if (e != PVX_OK)
@@ -492,11 +606,12 @@ static int start_and_serve(struct simcams *s)
     if (code == 0) {
         code = serve(s, sigfd, child);
         for (size_t c = 0; c < s->rig.n_cameras; c++)
-            stop_camera(s, c);
+            simcams_camera_stop(&s->cam[c], &s->total[c]);
         report(s);
     }
     for (size_t c = 0; c < s->rig.n_cameras; c++)
-        stop_camera(s, c);
+        simcams_camera_stop(&s->cam[c], &s->total[c]);
+    simcams_engine_stop(&s->engine);
     if (sigfd >= 0)
         close(sigfd);
     return code;

@@ -5,18 +5,31 @@
 
 #include "base/yaml.h"
 
+#define F(member) offsetof(struct cap_gvcam_fault, member)
 static const struct {
     const char *name;
     double min, max;
     size_t offset;
-} kinds[] = {
-    [SIMCAMS_DROP] = {"drop", 0, 1, offsetof(struct cap_simgv_fault, drop)},
-    [SIMCAMS_LOSS] = {"loss", 0, 1, offsetof(struct cap_simgv_fault, packet_loss)},
-    [SIMCAMS_DELAY] = {"delay", 0, 10000, offsetof(struct cap_simgv_fault, delay_ms)},
-    [SIMCAMS_SKEW] = {"skew", -1e12, 1e12, offsetof(struct cap_simgv_fault, skew_us)},
-    [SIMCAMS_DRIFT] = {"drift", -1000, 1000, offsetof(struct cap_simgv_fault, drift_ppm)},
+} kinds[SIMCAMS_N_KINDS] = {
+    [SIMCAMS_DROP] = {"drop", 0, 1, F(drop)},
+    [SIMCAMS_LOSS] = {"loss", 0, 1, F(packet_loss)},
+    [SIMCAMS_DELAY] = {"delay", 0, 10000, F(delay_ms)},
+    [SIMCAMS_SKEW] = {"skew", -1e12, 1e12, F(skew_us)},
+    [SIMCAMS_DRIFT] = {"drift", -1000, 1000, F(drift_ppm)},
+    [SIMCAMS_JITTER] = {"jitter", 0, 10000, F(jitter_ms)},
+    [SIMCAMS_REORDER] = {"reorder", 0, 1, F(reorder)},
+    [SIMCAMS_DUPLICATE] = {"duplicate", 0, 1, F(duplicate)},
+    [SIMCAMS_SIZE] = {"size", 0, 1, F(wrong_size)},
+    [SIMCAMS_CORRUPT] = {"corrupt", 0, 1, F(corrupt)},
+    [SIMCAMS_MISS] = {"miss", 0, 1, F(miss)},
+    [SIMCAMS_HOSTILE] = {"hostile", 0, 1, F(hostile)},
+    [SIMCAMS_PTP_OFFSET] = {"ptp-offset", -1e9, 1e9, F(ptp_offset_us)},
 };
-#define N_KINDS (sizeof kinds / sizeof kinds[0])
+static const struct {
+    const char *name;
+    size_t offset;
+} flags[] = {{"freeze", F(freeze)}, {"stuck", F(stuck_clock)}, {"no-ptp", F(no_ptp_master)}};
+#undef F
 
 /* Cameras [*lo,*hi) that `name` means. */
 static pvx_err find(const struct rec_rig *rig, const char *name, size_t *lo, size_t *hi,
@@ -67,10 +80,15 @@ pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind 
     return PVX_OK;
 }
 
-static pvx_err add_event(struct simcams_plan *plan, struct simcams_event e, struct pvx_diag *d)
+/* ---- timetable -------------------------------------------------------------------------------- */
+
+static pvx_err add_event(struct simcams_plan *plan, double at_s, const char *line,
+                         struct pvx_diag *d)
 {
     if (plan->n == SIMCAMS_MAX_EVENTS)
         return pvx_fail(d, PVX_ERANGE, "more than %d timed faults", SIMCAMS_MAX_EVENTS);
+    struct simcams_event e = {.at_s = at_s};
+    snprintf(e.line, sizeof e.line, "%s", line);
     size_t k = plan->n++;
     for (; k > 0 && plan->event[k - 1].at_s > e.at_s; k--)
         plan->event[k] = plan->event[k - 1];
@@ -81,7 +99,7 @@ static pvx_err add_event(struct simcams_plan *plan, struct simcams_event e, stru
 pvx_err simcams_plan_option(const struct rec_rig *rig, bool freeze, const char *text,
                             struct simcams_plan *plan, struct pvx_diag *d)
 {
-    char copy[256];
+    char copy[64], line[SIMCAMS_LINE_MAX];
     snprintf(copy, sizeof copy, "%s", text);
     char *at = strrchr(copy, '@'), *until = NULL;
     double t0, t1;
@@ -97,47 +115,124 @@ pvx_err simcams_plan_option(const struct rec_rig *rig, bool freeze, const char *
                         freeze ? " or CAMERA@FROM-UNTIL" : "");
     size_t lo, hi;
     PVX_TRY(find(rig, copy, &lo, &hi, d));
-    for (size_t c = lo; c < hi; c++) {
-        PVX_TRY(add_event(plan, (struct simcams_event){t0, c, freeze ? EV_FREEZE : EV_KILL}, d));
-        if (until != NULL)
-            PVX_TRY(add_event(plan, (struct simcams_event){t1, c, EV_THAW}, d));
-    }
+    snprintf(line, sizeof line, freeze ? "freeze %s on" : "kill %s", copy);
+    PVX_TRY(add_event(plan, t0, line, d));
+    snprintf(line, sizeof line, "freeze %s off", copy);
+    return until != NULL ? add_event(plan, t1, line, d) : PVX_OK;
+}
+
+pvx_err simcams_plan_line(const struct rec_rig *rig, const char *text, struct simcams_plan *plan,
+                          struct pvx_diag *d)
+{
+    char copy[32 + SIMCAMS_LINE_MAX];
+    snprintf(copy, sizeof copy, "%s", text);
+    char *line = strchr(copy, ':');
+    double at_s;
+    if (line != NULL)
+        *line++ = '\0';
+    if (line == NULL || strlen(text) >= sizeof copy || strlen(line) >= SIMCAMS_LINE_MAX ||
+        pvx_parse_double(copy, 0, 1e9, &at_s) != PVX_OK)
+        return pvx_fail(d, PVX_EINVAL, "'%s' should be SECONDS:LINE, the line as for --control",
+                        text);
+    static struct simcams_state scratch[REC_MAX_CAMERAS]; /* only to be refused now, not then */
+    struct simcams_order order;
+    PVX_TRY(simcams_control(rig, line, scratch, &order, d));
+    return add_event(plan, at_s, line, d);
+}
+
+/* ---- lines ------------------------------------------------------------------------------------ */
+
+struct words {
+    int n;
+    char w[3][64];
+};
+
+static pvx_err number(const char *what, const char *text, double min, double max, double *out,
+                      struct pvx_diag *d)
+{
+    if (pvx_parse_double(text, min, max, out) != PVX_OK)
+        return pvx_fail(d, PVX_EINVAL, "%s: '%s' should be a number from %g to %g", what, text, min,
+                        max);
     return PVX_OK;
 }
 
-void simcams_plan_apply(const struct simcams_event *e, struct simcams_state *state)
+static pvx_err set_flag(const struct rec_rig *rig, size_t offset, const struct words *w,
+                        struct simcams_state *state, struct pvx_diag *d)
 {
-    if (e->what == EV_KILL)
-        state[e->camera].alive = false;
-    else
-        state[e->camera].fault.freeze = e->what == EV_FREEZE;
+    size_t lo, hi;
+    bool on = strcmp(w->w[2], "on") == 0;
+    if (!on && strcmp(w->w[2], "off") != 0)
+        return pvx_fail(d, PVX_EINVAL, "%s %s: '%s' should be on or off", w->w[0], w->w[1],
+                        w->w[2]);
+    PVX_TRY(find(rig, w->w[1], &lo, &hi, d));
+    for (size_t c = lo; c < hi; c++)
+        memcpy((char *)&state[c].fault + offset, &on, sizeof on);
+    return PVX_OK;
+}
+
+/* Orders: the word, how many words the line may have, which of them is a camera. */
+static const struct order_def {
+    const char *name;
+    int what, n_min, n_max;
+    bool camera;
+    double min, max; /* of the number after that */
+} orders[] = {
+    {"reboot", SIMCAMS_REBOOT, 2, 3, true, 0, 3600},  {"jump", SIMCAMS_JUMP, 3, 3, true, -1e9, 1e9},
+    {"ids", SIMCAMS_IDS, 2, 2, true, 0, 0},           {"line", SIMCAMS_LINE, 2, 2, false, 0, 1000},
+    {"pulse", SIMCAMS_PULSE, 1, 1, false, 0, 0},      {"link", SIMCAMS_LINK, 2, 3, false, 0, 1e6},
+    {"switch", SIMCAMS_SWITCH, 2, 2, false, 0, 3600}, {"stats", SIMCAMS_STATS, 1, 1, false, 0, 0}};
+
+static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
+                          const struct words *w, struct simcams_order *out, struct pvx_diag *d)
+{
+    int k = 1;
+    struct simcams_order r = {.hi = rig->n_cameras};
+    if (o->camera)
+        PVX_TRY(find(rig, w->w[k++], &r.lo, &r.hi, d));
+    if (k < w->n)
+        PVX_TRY(number(o->name, w->w[k++], o->min, o->max, &r.arg, d));
+    if (k < w->n)
+        PVX_TRY(number(o->name, w->w[k++], 1, 1 << 20, &r.arg2, d));
+    *out = r;
+    memcpy(&out->what, &o->what, sizeof out->what);
+    return PVX_OK;
+}
+
+static pvx_err live_or_die(const struct rec_rig *rig, const struct words *w,
+                           struct simcams_state *state, struct pvx_diag *d)
+{
+    size_t lo, hi;
+    PVX_TRY(find(rig, w->w[1], &lo, &hi, d));
+    for (size_t c = lo; c < hi; c++)
+        state[c].alive = strcmp(w->w[0], "kill") != 0;
+    return PVX_OK;
 }
 
 pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simcams_state *state,
-                        struct pvx_diag *d)
+                        struct simcams_order *order, struct pvx_diag *d)
 {
-    char word[3][64] = {"", "", ""}, extra[2] = "";
-    int n = sscanf(line, "%63s %63s %63s %1s", word[0], word[1], word[2], extra);
-    if (n <= 0)
+    struct words w = {0};
+    char extra[2] = "";
+    *order = (struct simcams_order){.what = SIMCAMS_NOTHING};
+    w.n = sscanf(line, "%63s %63s %63s %1s", w.w[0], w.w[1], w.w[2], extra);
+    if (w.n <= 0)
         return PVX_OK;
-    for (size_t k = 0; k < N_KINDS; k++)
-        if (strcmp(word[0], kinds[k].name) == 0 && n == 3)
-            return set(rig, (enum simcams_fault_kind)k, word[1], word[2], state, d);
-    bool freeze = strcmp(word[0], "freeze") == 0, kill = strcmp(word[0], "kill") == 0;
-    bool on = strcmp(word[2], "on") == 0;
-    if (!(freeze && n == 3 && (on || strcmp(word[2], "off") == 0)) &&
-        !((kill || strcmp(word[0], "revive") == 0) && n == 2))
-        return pvx_fail(d, PVX_EINVAL,
-                        "'%s': should be drop|loss|delay|skew|drift CAMERA NUMBER, freeze CAMERA "
-                        "on|off, kill CAMERA or revive CAMERA",
-                        line);
-    size_t lo, hi;
-    PVX_TRY(find(rig, word[1], &lo, &hi, d));
-    for (size_t c = lo; c < hi; c++) {
-        if (freeze)
-            state[c].fault.freeze = on;
-        else
-            state[c].alive = !kill;
-    }
-    return PVX_OK;
+    for (size_t k = 0; k < SIMCAMS_N_KINDS; k++)
+        if (strcmp(w.w[0], kinds[k].name) == 0 && w.n == 3)
+            return set(rig, (enum simcams_fault_kind)k, w.w[1], w.w[2], state, d);
+    for (size_t k = 0; k < sizeof flags / sizeof flags[0]; k++)
+        if (strcmp(w.w[0], flags[k].name) == 0 && w.n == 3)
+            return set_flag(rig, flags[k].offset, &w, state, d);
+    if (w.n == 2 && (strcmp(w.w[0], "kill") == 0 || strcmp(w.w[0], "revive") == 0))
+        return live_or_die(rig, &w, state, d);
+    for (size_t k = 0; k < sizeof orders / sizeof orders[0]; k++)
+        if (strcmp(w.w[0], orders[k].name) == 0 && w.n >= orders[k].n_min && w.n <= orders[k].n_max)
+            return give_order(rig, &orders[k], &w, order, d);
+    return pvx_fail(
+        d, PVX_EINVAL,
+        "'%s': should be drop|loss|delay|skew|drift|jitter|reorder|duplicate|size|corrupt|"
+        "miss|hostile|ptp-offset CAMERA NUMBER, freeze|stuck|no-ptp CAMERA on|off, "
+        "kill|revive|ids CAMERA, reboot CAMERA [SECONDS], jump CAMERA SECONDS, line HZ, "
+        "pulse, link MBIT_S [KIB], switch SECONDS or stats",
+        line);
 }

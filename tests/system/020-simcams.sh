@@ -26,7 +26,7 @@ check says_where grep -qx 'serving 4 cameras on 127.0.0.2..127.0.0.5' "$dir/out"
 if command -v arv-tool-0.8 > "$dir/null"; then
     peer() {
         sim --private-net "${small[@]}" -- arv-tool-0.8 > "$dir/out" 2> "$dir/err"
-        [ "$(grep -cE '^Aravis-Fake-SIM0[0-3] \(127\.0\.0\.[2-5]\)$' "$dir/out")" = 4 ] || { cat "$dir/out" "$dir/err"; return 1; }
+        [ "$(grep -cE '^Pyrovox-SimCam-SIM0[0-3] \(127\.0\.0\.[2-5]\)$' "$dir/out")" = 4 ] || { cat "$dir/out" "$dir/err"; return 1; }
     }
     check aravis_tool_lists_them peer
     registers() {
@@ -40,7 +40,7 @@ fi
 
 lists() {
     sim --private-net "${small[@]}" -- "$b/bin/pyrovox" cameras > "$dir/out" 2> "$dir/err"
-    [ "$(grep -cE '^  cam[0-3]: "aravis:127\.0\.0\.[2-5]"  # Aravis Fake, serial SIM0[0-3]' "$dir/out")" = 4 ] || { cat "$dir/out"; return 1; }
+    [ "$(grep -cE '^  cam[0-3]: "aravis:127\.0\.0\.[2-5]"  # Pyrovox SimCam, serial SIM0[0-3]' "$dir/out")" = 4 ] || { cat "$dir/out"; return 1; }
 }
 check pyrovox_cameras_lists_them lists
 

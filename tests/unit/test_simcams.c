@@ -45,27 +45,26 @@ static void options_that_are_wrong(void)
 static void timetable_is_in_order(void)
 {
     struct simcams_plan plan = {0};
-    struct simcams_state st[3] = {{.alive = true}, {.alive = true}, {.alive = true}};
     struct pvx_diag d = {""};
     T_EQ_I(simcams_plan_option(&rig, true, "cam0@5-9.5", &plan, &d), PVX_OK);
     T_EQ_I(simcams_plan_option(&rig, false, "cam2@1", &plan, &d), PVX_OK);
     T_EQ_I(simcams_plan_option(&rig, true, "all@7", &plan, &d), PVX_OK);
-    T_EQ_I(plan.n, 6);
-    for (size_t k = 1; k < plan.n; k++)
-        T_LE(plan.event[k - 1].at_s, plan.event[k].at_s);
-    simcams_plan_apply(&plan.event[0], st);
-    T_OK(!st[2].alive && st[0].alive);
-    simcams_plan_apply(&plan.event[1], st);
-    T_OK(st[0].fault.freeze && !st[1].fault.freeze);
-    for (size_t k = 2; k < plan.n; k++)
-        simcams_plan_apply(&plan.event[k], st);
-    T_OK(!st[0].fault.freeze && st[1].fault.freeze && st[2].fault.freeze);
+    T_EQ_I(simcams_plan_line(&rig, "6:reboot cam1 2.5", &plan, &d), PVX_OK);
+    T_EQ_I(plan.n, 5);
+    static const char *const want[] = {"kill cam2", "freeze cam0 on", "reboot cam1 2.5",
+                                       "freeze all on", "freeze cam0 off"};
+    for (size_t k = 0; k < plan.n; k++)
+        T_EQ_S(plan.event[k].line, want[k]);
     static const char *const bad[] = {"cam0", "cam0@", "cam0@x", "@3", "cam9@3", "cam0@-1"};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++)
         T_OK(simcams_plan_option(&rig, false, bad[k], &plan, NULL) != PVX_OK);
+    static const char *const bad_lines[] = {"kill cam0", "x:kill cam0", "3:kill cam9",
+                                            ":",         "-1:pulse",    "3:explode"};
+    for (size_t k = 0; k < sizeof bad_lines / sizeof bad_lines[0]; k++)
+        T_OK(simcams_plan_line(&rig, bad_lines[k], &plan, NULL) != PVX_OK);
     T_OK(simcams_plan_option(&rig, true, "cam0@9-5", &plan, NULL) != PVX_OK);
     T_OK(simcams_plan_option(&rig, false, "cam0@5-9", &plan, NULL) != PVX_OK);
-    T_EQ_I(plan.n, 6);
+    T_EQ_I(plan.n, 5);
     pvx_err e = PVX_OK;
     for (int k = 0; k < 100 && e == PVX_OK; k++)
         e = simcams_plan_option(&rig, false, "cam0@1", &plan, NULL);
@@ -76,28 +75,73 @@ static void timetable_is_in_order(void)
 static void control_lines(void)
 {
     struct simcams_state st[3] = {{.alive = true}, {.alive = true}, {.alive = true}};
+    struct simcams_order order;
     struct pvx_diag d = {""};
     static const char *const good[] = {"drop cam1 0.1",    "loss cam0 0.5",
                                        " delay  cam2 20 ", "",
                                        "freeze all on",    "freeze cam0 off",
                                        "kill cam1",        "skew cam0 10",
-                                       "drift all 3",      "   "};
-    for (size_t k = 0; k < sizeof good / sizeof good[0]; k++)
-        T_EQ_I(simcams_control(&rig, good[k], st, &d), PVX_OK);
+                                       "drift all 3",      "   ",
+                                       "jitter cam0 1.5",  "reorder cam0 0.2",
+                                       "duplicate cam0 1", "size cam1 0.3",
+                                       "corrupt cam1 0.4", "miss cam1 0.6",
+                                       "hostile cam2 0.7", "stuck cam2 on",
+                                       "no-ptp cam1 on",   "ptp-offset cam0 -40"};
+    for (size_t k = 0; k < sizeof good / sizeof good[0]; k++) {
+        T_EQ_I(simcams_control(&rig, good[k], st, &order, &d), PVX_OK);
+        T_EQ_I(order.what, SIMCAMS_NOTHING);
+    }
     T_NEAR(st[1].fault.drop, 0.1, 0);
     T_NEAR(st[0].fault.packet_loss, 0.5, 0);
     T_NEAR(st[2].fault.delay_ms, 20, 0);
     T_OK(!st[0].fault.freeze && st[1].fault.freeze);
     T_OK(st[0].alive && !st[1].alive);
-    T_EQ_I(simcams_control(&rig, "revive all", st, &d), PVX_OK);
+    T_NEAR(st[0].fault.jitter_ms, 1.5, 0);
+    T_NEAR(st[0].fault.reorder, 0.2, 0);
+    T_NEAR(st[0].fault.duplicate, 1, 0);
+    T_NEAR(st[1].fault.wrong_size, 0.3, 0);
+    T_NEAR(st[1].fault.corrupt, 0.4, 0);
+    T_NEAR(st[1].fault.miss, 0.6, 0);
+    T_NEAR(st[2].fault.hostile, 0.7, 0);
+    T_OK(st[2].fault.stuck_clock && !st[1].fault.stuck_clock && st[1].fault.no_ptp_master);
+    T_NEAR(st[0].fault.ptp_offset_us, -40, 0);
+    T_EQ_I(simcams_control(&rig, "revive all", st, &order, &d), PVX_OK);
     T_OK(st[1].alive);
-    static const char *const bad[] = {"drop cam1",         "drop cam1 2",   "freeze cam1",
-                                      "freeze cam1 maybe", "kill",          "kill cam9",
-                                      "explode cam1",      "kill cam1 now", "drop cam1 0.1 0.2"};
+    static const char *const bad[] = {
+        "drop cam1",     "drop cam1 2",  "freeze cam1",   "freeze cam1 maybe", "kill",
+        "kill cam9",     "explode cam1", "kill cam1 now", "drop cam1 0.1 0.2", "reboot",
+        "reboot cam1 x", "jump cam1",    "line",          "line -3",           "link",
+        "link 100 x",    "switch",       "pulse 3",       "stats all",         "ids"};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
         d.text[0] = '\0';
-        T_OK(simcams_control(&rig, bad[k], st, &d) != PVX_OK);
+        T_OK(simcams_control(&rig, bad[k], st, &order, &d) != PVX_OK);
         T_OK(d.text[0] != '\0');
+    }
+}
+
+static void control_orders(void)
+{
+    struct simcams_state st[3] = {0};
+    static const struct {
+        const char *line;
+        struct simcams_order want;
+    } t[] = {{"reboot cam1", {SIMCAMS_REBOOT, 1, 2, 0, 0}},
+             {"reboot all 4", {SIMCAMS_REBOOT, 0, 3, 4, 0}},
+             {"jump cam2 -1.5", {SIMCAMS_JUMP, 2, 3, -1.5, 0}},
+             {"ids cam0", {SIMCAMS_IDS, 0, 1, 0, 0}},
+             {"line 25", {SIMCAMS_LINE, 0, 3, 25, 0}},
+             {"pulse", {SIMCAMS_PULSE, 0, 3, 0, 0}},
+             {"link 1000 256", {SIMCAMS_LINK, 0, 3, 1000, 256}},
+             {"switch 1.5", {SIMCAMS_SWITCH, 0, 3, 1.5, 0}},
+             {"stats", {SIMCAMS_STATS, 0, 3, 0, 0}}};
+    for (size_t k = 0; k < sizeof t / sizeof t[0]; k++) {
+        struct simcams_order o;
+        T_EQ_I(simcams_control(&rig, t[k].line, st, &o, NULL), PVX_OK);
+        T_EQ_I(o.what, t[k].want.what);
+        T_EQ_I(o.lo, t[k].want.lo);
+        T_EQ_I(o.hi, t[k].want.hi);
+        T_NEAR(o.arg, t[k].want.arg, 0);
+        T_NEAR(o.arg2, t[k].want.arg2, 0);
     }
 }
 
@@ -201,6 +245,7 @@ int main(void)
     T_RUN(options_that_are_wrong);
     T_RUN(timetable_is_in_order);
     T_RUN(control_lines);
+    T_RUN(control_orders);
     T_RUN(ring_is_the_flame);
     T_RUN(noise_is_as_asked_and_repeats);
     T_RUN(rendering_can_be_stopped);

@@ -1,0 +1,156 @@
+/* gvcam_pixel.c - the ring's images in the format and region that the client has set. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "capture/gvcam_int.h"
+
+static bool is_bayer(enum cap_pixfmt f)
+{
+    return cap_pixfmt_bayer(f) != NULL;
+}
+
+static bool is_packed(enum cap_pixfmt f)
+{
+    enum cap_layout l = cap_pixfmt_layout(f);
+    return l == CAP_LAYOUT_P || l == CAP_LAYOUT_PACKED;
+}
+
+/* From the ring's format can be made: grey -> grey; a Bayer pattern -> the same; RGB -> all. */
+bool gvcam_offers(const struct cap_gvcam *c, enum cap_pixfmt f)
+{
+    enum cap_layout l = cap_pixfmt_layout(f);
+    enum cap_pixfmt from = c->c.fmt;
+    if (cap_pixfmt_pfnc(f) == 0 || (l != CAP_LAYOUT_8 && l != CAP_LAYOUT_16 && !is_packed(f)))
+        return false;
+    if (is_packed(f) && c->c.width % 4 != 0)
+        return false;
+    if (is_bayer(from))
+        return is_bayer(f) && memcmp(cap_pixfmt_bayer(f), cap_pixfmt_bayer(from), 4) == 0;
+    bool grey = cap_pixfmt_channels(f) == 1;
+    return grey || cap_pixfmt_channels(from) == 3;
+}
+
+size_t gvcam_formats(const struct cap_gvcam *c, enum cap_pixfmt *out, size_t max)
+{
+    size_t n = 0;
+    for (int f = 1; f < CAP_N_FMT && n < max; f++)
+        if (gvcam_offers(c, (enum cap_pixfmt)f))
+            out[n++] = (enum cap_pixfmt)f;
+    return n;
+}
+
+/* Sample of the ring's image as 16 bits; ch only for RGB. */
+static uint16_t ring_sample(const struct cap_gvcam *c, const uint8_t *image, uint32_t x, uint32_t y,
+                            unsigned ch)
+{
+    bool rgb = cap_pixfmt_channels(c->c.fmt) == 3 && !is_bayer(c->c.fmt);
+    size_t at = (size_t)y * (size_t)c->c.width + x;
+    at = rgb ? 3 * at + ch : at;
+    if (cap_pixfmt_depth(c->c.fmt) == 8)
+        return (uint16_t)(image[at] * 257);
+    uint16_t v;
+    memcpy(&v, image + 2 * at, 2);
+    return v;
+}
+
+/* One row of the region as 16-bit samples; the number of them. */
+static size_t row_samples(const struct cap_gvcam *c, const uint8_t *image, uint32_t y,
+                          uint16_t *out)
+{
+    uint32_t w = c->region[0], x0 = c->region[2], sy = y + c->region[3];
+    bool from_rgb = cap_pixfmt_channels(c->c.fmt) == 3 && !is_bayer(c->c.fmt);
+    const uint8_t *cell = cap_pixfmt_bayer(c->fmt);
+    bool to_rgb = cap_pixfmt_channels(c->fmt) == 3 && cell == NULL;
+    unsigned first = c->fmt == CAP_BGR8 ? 2 : 0;
+    for (uint32_t x = 0; x < w; x++) {
+        uint32_t sx = x + x0;
+        if (!from_rgb)
+            out[x] = ring_sample(c, image, sx, sy, 0);
+        else if (to_rgb)
+            for (unsigned ch = 0; ch < 3; ch++)
+                out[3 * x + ch] = ring_sample(c, image, sx, sy, first == 2 ? 2 - ch : ch);
+        else if (cell != NULL)
+            out[x] = ring_sample(c, image, sx, sy, cell[(y & 1) * 2 + (x & 1)]);
+        else
+            out[x] =
+                (uint16_t)((ring_sample(c, image, sx, sy, 0) + ring_sample(c, image, sx, sy, 1) +
+                            ring_sample(c, image, sx, sy, 2)) /
+                           3);
+    }
+    return to_rgb ? 3 * (size_t)w : w;
+}
+
+static void pack_p(const uint16_t *s, size_t n, unsigned depth, uint8_t *out)
+{
+    uint32_t acc = 0;
+    unsigned have = 0;
+    for (size_t k = 0; k < n; k++) {
+        acc |= (uint32_t)(s[k] >> (16 - depth)) << have;
+        for (have += depth; have >= 8; have -= 8, acc >>= 8)
+            *out++ = (uint8_t)acc;
+    }
+    if (have > 0)
+        *out = (uint8_t)acc;
+}
+
+/* GigE Vision 1: high bits in bytes 0 and 2, the low ones shared in byte 1. */
+static void pack_gige(const uint16_t *s, size_t n, unsigned depth, uint8_t *out)
+{
+    unsigned low = depth - 8;
+    for (size_t k = 0; k < n; k += 2, out += 3) {
+        unsigned a = s[k] >> (16 - depth), b = k + 1 < n ? s[k + 1] >> (16 - depth) : 0;
+        out[0] = (uint8_t)(a >> low);
+        out[1] = (uint8_t)((a & ((1u << low) - 1)) | (b & ((1u << low) - 1)) << 4);
+        out[2] = (uint8_t)(b >> low);
+    }
+}
+
+static void pack(enum cap_pixfmt f, const uint16_t *s, size_t n, uint8_t *out)
+{
+    unsigned depth = (unsigned)cap_pixfmt_depth(f);
+    switch (cap_pixfmt_layout(f)) {
+    case CAP_LAYOUT_P: pack_p(s, n, depth, out); break;
+    case CAP_LAYOUT_PACKED: pack_gige(s, n, depth, out); break;
+    case CAP_LAYOUT_8:
+        for (size_t k = 0; k < n; k++)
+            out[k] = (uint8_t)(s[k] >> 8);
+        break;
+    default:
+        for (size_t k = 0; k < n; k++) {
+            uint16_t v = (uint16_t)(s[k] >> (16 - depth));
+            out[2 * k] = (uint8_t)v; /* pixels are little-endian on the wire */
+            out[2 * k + 1] = (uint8_t)(v >> 8);
+        }
+    }
+}
+
+static uint8_t *convert(const struct cap_gvcam *c, const uint8_t *image)
+{
+    size_t row = cap_pixfmt_row(c->fmt, (int32_t)c->region[0]);
+    uint16_t *samples = pvx_calloc(3 * (size_t)c->region[0], sizeof *samples);
+    uint8_t *out = pvx_calloc(c->region[1], row);
+    for (uint32_t y = 0; samples != NULL && out != NULL && y < c->region[1]; y++)
+        pack(c->fmt, samples, row_samples(c, image, y, samples), out + y * row);
+    if (samples == NULL)
+        PVX_FREE(out);
+    free(samples);
+    return out;
+}
+
+const uint8_t *gvcam_image(struct cap_gvcam *c, int64_t index)
+{
+    int64_t n = (int64_t)c->c.n_ring, k = (index % n + n) % n;
+    if (c->fmt == c->c.fmt && c->region[0] == (uint32_t)c->c.width &&
+        c->region[1] == (uint32_t)c->c.height)
+        return c->ring[k];
+    if (c->conv[k] == NULL)
+        c->conv[k] = convert(c, c->ring[k]);
+    return c->conv[k];
+}
+
+void gvcam_images_drop(struct cap_gvcam *c)
+{
+    for (size_t k = 0; k < c->c.n_ring; k++)
+        PVX_FREE(c->conv[k]);
+}

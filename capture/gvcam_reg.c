@@ -1,0 +1,287 @@
+/* gvcam_reg.c - reading and writing the camera's registers, and what that does. */
+#include <math.h>
+#include <string.h>
+
+#include "capture/gvcam_int.h"
+
+static uint32_t bits_of(float f)
+{
+    uint32_t u;
+    memcpy(&u, &f, sizeof u);
+    return u;
+}
+
+float gvcam_float(const struct cap_gvcam *c, enum gvcam_feature f)
+{
+    float v;
+    memcpy(&v, &c->v[f], sizeof v);
+    return v;
+}
+
+/* GVCAM_N_FEATURES: no feature has that address. */
+static unsigned feature_at(uint32_t address)
+{
+    if (address >= GVF_ADDRESS(0) && address < GVF_ADDRESS(GVCAM_N_FEATURES)) {
+        unsigned k = (address - GVF_ADDRESS(0)) / 4;
+        return gvcam_features[k].address == 0 ? k : GVCAM_N_FEATURES;
+    }
+    for (unsigned k = 0; k < GVCAM_N_FEATURES; k++)
+        if (gvcam_features[k].address != 0 && gvcam_features[k].address == address)
+            return k;
+    return GVCAM_N_FEATURES;
+}
+
+void gvcam_reg_reset(struct cap_gvcam *c)
+{
+    for (unsigned k = 0; k < GVCAM_N_FEATURES; k++) {
+        const struct gvcam_feature_def *d = &gvcam_features[k];
+        c->v[k] = d->kind == GVK_FLOAT ? bits_of((float)d->value) : (uint32_t)d->value;
+    }
+    c->v[GVF_SENSOR_WIDTH] = c->v[GVF_WIDTH_MAX] = c->v[GVF_WIDTH] = (uint32_t)c->c.width;
+    c->v[GVF_SENSOR_HEIGHT] = c->v[GVF_HEIGHT_MAX] = c->v[GVF_HEIGHT] = (uint32_t)c->c.height;
+    c->v[GVF_PIXEL_FORMAT] = cap_pixfmt_pfnc(c->c.fmt);
+    c->v[GVF_RATE] = bits_of((float)c->c.ring_fps);
+}
+
+/* ---- reading ---------------------------------------------------------------------------------- */
+
+static uint32_t bytes_at(const void *from, size_t n, size_t at)
+{
+    uint8_t w[4] = {0};
+    if (at < n)
+        memcpy(w, (const uint8_t *)from + at, n - at < 4 ? n - at : 4);
+    return cap_get32(w);
+}
+
+static float temperature(const struct cap_gvcam *c, int64_t now)
+{
+    double minutes = (double)(now % 3600000000000) / 60e9;
+    float sensor = (float)(41.5 + 2.5 * sin(minutes) + (double)(c->addr.s_addr >> 24 & 7) * 0.5);
+    return c->v[GVF_TEMPERATURE_SELECTOR] == 0 ? sensor : sensor - 4;
+}
+
+static uint32_t read_feature(struct cap_gvcam *c, unsigned k, int64_t now)
+{
+    switch (k) {
+    case GVF_TEMPERATURE: return bits_of(temperature(c, now));
+    case GVF_TIMESTAMP_VALUE: return (uint32_t)(c->latched >> 32);
+    case GVF_TIMESTAMP_VALUE_LOW: return (uint32_t)c->latched;
+    case GVF_PTP_STATUS: return c->ptp_status_latched;
+    case GVF_PTP_OFFSET: return (uint32_t)((uint64_t)c->ptp_offset_latched >> 32);
+    case GVF_PTP_OFFSET_LOW: return (uint32_t)c->ptp_offset_latched;
+    case GVF_LINE_STATUS: return c->net->line_level & 1;
+    case GVF_LINE_STATUS_ALL: return c->net->line_level;
+    case GVF_CHUNK_ENABLE: return c->v[GVF_CHUNKS_ON] >> c->v[GVF_CHUNK_SELECTOR] & 1;
+    case GVF_PAYLOAD_SIZE: return gvcam_payload(c);
+    case GVF_RESULTING_RATE: return bits_of((float)gvcam_rate(c));
+    default: return c->v[k];
+    }
+}
+
+static bool read_bootstrap(struct cap_gvcam *c, uint32_t a, uint32_t *out)
+{
+    if (a < GVB_BOOT_END)
+        *out = cap_get32(c->boot + a);
+    else if (a >= GVB_URL_0 && a < GVB_URL_1)
+        *out = bytes_at(c->url, sizeof c->url, a - GVB_URL_0);
+    else if (a >= GVB_XML && a < GVB_XML + ((c->xml_bytes + 511) / 512) * 512)
+        *out = bytes_at(c->xml, c->xml_bytes, a - GVB_XML);
+    else
+        switch (a) {
+        case GVB_INTERFACES:
+        case GVB_STREAM_CHANNELS:
+        case GVB_ACTIVE_LINKS:
+        case GVB_ACTIONS: *out = 1; break;
+        case GVB_LINK_SPEED: *out = 1000; break;
+        case GVB_MESSAGE_CHANNELS:
+        case GVB_GVSP_CAPABILITY:
+        case GVB_MESSAGE_CAPABILITY:
+        case GVB_TIMESTAMP_CONTROL:
+        case GVB_GVCP_CONFIG:
+        case GVB_PENDING_TIMEOUT: *out = 0; break;
+        case GVB_GVCP_CAPABILITY:
+            *out = GVCAM_CAN_CONCATENATE | GVCAM_CAN_WRITEMEM | GVCAM_CAN_RESEND |
+                   GVCAM_CAN_ACTION | GVCAM_CAN_SCHEDULE | GVCAM_CAN_PTP | GVCAM_CAN_SERIAL |
+                   GVCAM_CAN_NAME;
+            break;
+        case GVB_TICKS_HIGH: *out = (uint32_t)(gvcam_clock_hz(c) >> 32); break;
+        case GVB_TICKS_LOW: *out = (uint32_t)gvcam_clock_hz(c); break;
+        case GVB_TIMESTAMP_HIGH: *out = (uint32_t)(c->latched >> 32); break;
+        case GVB_TIMESTAMP_LOW: *out = (uint32_t)c->latched; break;
+        case GVB_CCP: *out = c->ccp; break;
+        case GVB_PRIMARY_PORT: *out = c->ccp != 0 ? ntohs(c->owner.sin_port) : 0; break;
+        case GVB_PRIMARY_IP: *out = c->ccp != 0 ? ntohl(c->owner.sin_addr.s_addr) : 0; break;
+        case GVB_SCPS: *out = c->v[GVF_SCPS] | c->df; break;
+        case GVB_SCSP: *out = c->stream_port; break;
+        default: return a >= GVB_URL_1 && a < GVB_URL_END ? (*out = 0, true) : false;
+        }
+    return true;
+}
+
+uint16_t gvcam_reg_read(struct cap_gvcam *c, uint32_t address, int64_t now, uint32_t *out)
+{
+    *out = 0;
+    if (address % 4 != 0)
+        return CAP_GVCP_BAD_ALIGNMENT;
+    if (read_bootstrap(c, address, out))
+        return CAP_GVCP_OK;
+    unsigned k = feature_at(address);
+    if (k == GVCAM_N_FEATURES)
+        return CAP_GVCP_INVALID_ADDRESS;
+    if (k != GVF_ACTION_DEVICE_KEY) /* a secret */
+        *out = read_feature(c, k, now);
+    return CAP_GVCP_OK;
+}
+
+/* ---- writing ---------------------------------------------------------------------------------- */
+
+static void load_user_set(struct cap_gvcam *c)
+{
+    uint32_t keep[] = {c->v[GVF_SCP_PORT], c->v[GVF_SCDA], c->v[GVF_HEARTBEAT],
+                       c->v[GVF_USER_SET_SELECTOR]};
+    if (c->v[GVF_USER_SET_SELECTOR] == 1 && c->user_set[GVF_WIDTH] != 0)
+        memcpy(c->v, c->user_set, sizeof c->v);
+    else
+        gvcam_reg_reset(c);
+    c->v[GVF_SCP_PORT] = keep[0];
+    c->v[GVF_SCDA] = keep[1];
+    c->v[GVF_HEARTBEAT] = keep[2];
+    c->v[GVF_USER_SET_SELECTOR] = keep[3];
+}
+
+static uint16_t command(struct cap_gvcam *c, unsigned k, int64_t now)
+{
+    switch (k) {
+    case GVF_DEVICE_RESET: gvcam_reboot(c, now, 0); break;
+    case GVF_TIMESTAMP_LATCH: c->latched = gvcam_clock_ticks(c, gvcam_clock_ns(c, now)); break;
+    case GVF_TIMESTAMP_RESET:
+        if (c->clock.ptp_since != 0)
+            return CAP_GVCP_ACCESS_DENIED;
+        gvcam_clock_reset(c, now);
+        break;
+    case GVF_ACQ_START: gvcam_start(c, now); break;
+    case GVF_ACQ_STOP: gvcam_stop(c); break;
+    case GVF_TRIGGER_SOFTWARE: gvcam_trigger(c, GVCAM_SOFTWARE, now); break;
+    case GVF_PTP_LATCH:
+        c->ptp_status_latched = gvcam_ptp_status(c, now);
+        c->ptp_offset_latched = gvcam_ptp_offset_ns(c, now);
+        break;
+    case GVF_USER_SET_LOAD:
+        if (c->acquiring)
+            return CAP_GVCP_ACCESS_DENIED;
+        load_user_set(c);
+        break;
+    case GVF_USER_SET_SAVE:
+        if (c->v[GVF_USER_SET_SELECTOR] == 0)
+            return CAP_GVCP_WRITE_PROTECT;
+        memcpy(c->user_set, c->v, sizeof c->v);
+        break;
+    default: return CAP_GVCP_INVALID_ADDRESS;
+    }
+    return CAP_GVCP_OK;
+}
+
+static bool is_entry(const struct gvcam_entry *e, uint32_t v)
+{
+    for (; e->name != NULL; e++)
+        if (e->value == v)
+            return true;
+    return false;
+}
+
+/* Size and place against each other: the region stays inside the sensor. */
+static bool region_fits(const struct cap_gvcam *c, unsigned k, uint32_t v)
+{
+    uint32_t w = (uint32_t)c->c.width, h = (uint32_t)c->c.height;
+    switch (k) {
+    case GVF_WIDTH: return v >= 1 && v <= w - c->v[GVF_OFFSET_X] && (w % 4 != 0 || v % 4 == 0);
+    case GVF_HEIGHT: return v >= 1 && v <= h - c->v[GVF_OFFSET_Y];
+    case GVF_OFFSET_X: return v % 2 == 0 && v <= w - c->v[GVF_WIDTH];
+    case GVF_OFFSET_Y: return v % 2 == 0 && v <= h - c->v[GVF_HEIGHT];
+    default: return true;
+    }
+}
+
+static bool in_range(const struct cap_gvcam *c, unsigned k, uint32_t v)
+{
+    const struct gvcam_feature_def *d = &gvcam_features[k];
+    float f;
+    switch (d->kind) {
+    case GVK_FLOAT:
+        memcpy(&f, &v, sizeof f);
+        return f >= (float)d->min && f <= (float)d->max; /* false for NaN */
+    case GVK_BOOL: return v <= 1;
+    case GVK_ENUM: return is_entry(d->entry, v);
+    case GVK_FORMAT: return gvcam_offers(c, cap_pixfmt_from_pfnc(v));
+    default:
+        if (d->max_of != NULL)
+            return region_fits(c, k, v);
+        return (double)v >= d->min && (double)v <= d->max;
+    }
+}
+
+static uint16_t write_packet_size(struct cap_gvcam *c, uint32_t v)
+{
+    uint32_t size = v & 0xffff;
+    if (size < GVCAM_PACKET_MIN || size > GVCAM_PACKET_MAX)
+        return CAP_GVCP_INVALID_PARAMETER;
+    if (c->acquiring && size != c->v[GVF_SCPS])
+        return CAP_GVCP_ACCESS_DENIED;
+    c->v[GVF_SCPS] = size - size % 4;
+    c->df = v & GVCAM_SCPS_DF;
+    if ((v & GVCAM_SCPS_FIRE) != 0)
+        gvcam_test_packet(c);
+    return CAP_GVCP_OK;
+}
+
+static uint16_t write_feature(struct cap_gvcam *c, unsigned k, int64_t now, uint32_t v)
+{
+    const struct gvcam_feature_def *d = &gvcam_features[k];
+    if ((d->access & GVA_W) == 0)
+        return CAP_GVCP_WRITE_PROTECT;
+    if (d->access == GVA_LOCKED && c->acquiring)
+        return CAP_GVCP_ACCESS_DENIED;
+    if (d->kind == GVK_COMMAND)
+        return v != 0 ? command(c, k, now) : CAP_GVCP_OK;
+    if (k == GVF_SCPS)
+        return write_packet_size(c, v);
+    if (k == GVF_SCP_PORT)
+        v &= 0xffff;
+    if (!in_range(c, k, v))
+        return CAP_GVCP_INVALID_PARAMETER;
+    if (k == GVF_CHUNK_ENABLE) {
+        uint32_t bit = 1u << c->v[GVF_CHUNK_SELECTOR];
+        c->v[GVF_CHUNKS_ON] = v != 0 ? c->v[GVF_CHUNKS_ON] | bit : c->v[GVF_CHUNKS_ON] & ~bit;
+        return CAP_GVCP_OK;
+    }
+    c->v[k] = v;
+    if (k == GVF_PTP_ENABLE)
+        gvcam_ptp_enable(c, now, v != 0);
+    return CAP_GVCP_OK;
+}
+
+uint16_t gvcam_reg_write(struct cap_gvcam *c, uint32_t address, int64_t now, uint32_t value)
+{
+    if (address % 4 != 0)
+        return CAP_GVCP_BAD_ALIGNMENT;
+    unsigned k = feature_at(address);
+    if (k != GVCAM_N_FEATURES)
+        return write_feature(c, k, now, value);
+    if (address >= GVB_USER_NAME && address < GVB_BOOT_END) {
+        cap_put32(c->boot + address, value);
+        c->boot[GVB_BOOT_END - 1] = 0;
+        return CAP_GVCP_OK;
+    }
+    if (address == GVB_TIMESTAMP_CONTROL) {
+        uint16_t e = CAP_GVCP_OK;
+        if ((value & 2) != 0)
+            e = command(c, GVF_TIMESTAMP_LATCH, now);
+        if ((value & 1) != 0)
+            e = command(c, GVF_TIMESTAMP_RESET, now);
+        return e;
+    }
+    if (address == GVB_GVCP_CONFIG)
+        return CAP_GVCP_OK;
+    uint32_t is;
+    return read_bootstrap(c, address, &is) ? CAP_GVCP_WRITE_PROTECT : CAP_GVCP_INVALID_ADDRESS;
+}

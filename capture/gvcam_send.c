@@ -1,0 +1,330 @@
+/* gvcam_send.c - frames onto the network: packets, delays, losses, and again on request. */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "capture/gvcam_int.h"
+
+/* Packets gathered for one system call. */
+struct batch {
+    struct mmsghdr msg[GVCAM_BATCH];
+    struct iovec iov[GVCAM_BATCH][4];
+    uint8_t head[GVCAM_BATCH][CAP_GVSP_HEAD_WIDE + CAP_GVSP_LEADER];
+    struct sockaddr_in to;
+    unsigned n;
+};
+static const uint8_t garbage[512]; /* what a packet that is too long ends with */
+
+struct sockaddr_in gvcam_target(const struct cap_gvcam *c)
+{
+    return (struct sockaddr_in){.sin_family = AF_INET,
+                                .sin_port = htons((uint16_t)c->v[GVF_SCP_PORT]),
+                                .sin_addr.s_addr = htonl(c->v[GVF_SCDA])};
+}
+
+static uint32_t head_bytes(const struct cap_gvcam *c)
+{
+    return c->wide ? CAP_GVSP_HEAD_WIDE : CAP_GVSP_HEAD;
+}
+
+static uint32_t per_packet(const struct cap_gvcam *c)
+{
+    return c->v[GVF_SCPS] - CAP_GVSP_UDP_IP - head_bytes(c);
+}
+
+uint32_t gvcam_payload(const struct cap_gvcam *c)
+{
+    enum cap_pixfmt f = cap_pixfmt_from_pfnc(c->v[GVF_PIXEL_FORMAT]);
+    size_t n = cap_pixfmt_row(f, (int32_t)c->v[GVF_WIDTH]) * c->v[GVF_HEIGHT];
+    if (c->v[GVF_CHUNK_MODE] != 0)
+        n += gvcam_chunks_max(c);
+    return (uint32_t)n;
+}
+
+void gvcam_forget(struct cap_gvcam *c)
+{
+    c->q_first = c->q_n = 0;
+    c->cur = NULL;
+    for (size_t k = 0; k < GVCAM_HISTORY; k++)
+        c->history[k].used = false;
+}
+
+/* ---- one packet ------------------------------------------------------------------------------- */
+
+static uint16_t payload_type(const struct cap_gvcam *c)
+{
+    return !c->chunks                    ? CAP_GVSP_IMAGE
+           : c->v[GVF_CHUNK_LAYOUT] == 0 ? CAP_GVSP_EXTENDED_CHUNK
+                                         : CAP_GVSP_IMAGE_CHUNK;
+}
+
+static size_t put_leader(const struct cap_gvcam *c, const struct gvcam_sent *s, uint8_t *out)
+{
+    struct cap_gvsp_leader l = {.payload = payload_type(c),
+                                .ticks = s->shot.ticks,
+                                .pixel_format = cap_pixfmt_pfnc(c->fmt),
+                                .width = c->region[0] + (s->shot.wrong == 1 ? 8 : 0),
+                                .height = c->region[1],
+                                .x = c->region[2],
+                                .y = c->region[3]};
+    return cap_gvsp_put_leader(out, &l);
+}
+
+/* The bytes [at, at + n) of image and chunks, as one or two pieces. */
+static unsigned put_data(const struct gvcam_sent *s, size_t at, size_t n, struct iovec *iov)
+{
+    unsigned k = 0;
+    if (at < s->image_bytes) {
+        size_t m = s->image_bytes - at < n ? s->image_bytes - at : n;
+        iov[k++] = (struct iovec){(void *)(uintptr_t)(s->image + at), m};
+        at += m;
+        n -= m;
+    }
+    if (n > 0)
+        iov[k++] = (struct iovec){(void *)(uintptr_t)(s->tail + (at - s->image_bytes)), n};
+    return k;
+}
+
+/* Packet number p of frame s as message k of the batch. */
+static void build(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_t status,
+                  struct batch *b, unsigned k)
+{
+    struct cap_gvsp_head h = {.status = status, .wide = c->wide, .block = s->shot.id, .packet = p};
+    struct iovec *iov = b->iov[k];
+    unsigned n_iov = 1;
+    h.content = p == 0 ? CAP_GVSP_LEAD : p == s->n_data + 1 ? CAP_GVSP_TRAIL : CAP_GVSP_DATA;
+    size_t n = cap_gvsp_put_head(b->head[k], &h);
+    if (p == 0) {
+        n += put_leader(c, s, b->head[k] + n);
+    } else if (p == s->n_data + 1) {
+        n += cap_gvsp_put_trailer(b->head[k] + n, payload_type(c),
+                                  (uint32_t)(s->image_bytes / (c->frame_bytes / c->region[1])),
+                                  (uint32_t)s->tail_bytes);
+    } else {
+        size_t at = (size_t)(p - 1) * per_packet(c), all = s->image_bytes + s->tail_bytes;
+        n_iov += put_data(s, at, all - at < per_packet(c) ? all - at : per_packet(c), iov + 1);
+    }
+    iov[0] = (struct iovec){b->head[k], n};
+    if (s->shot.corrupt != 0 && p == 1 + s->n_data / 2) {
+        if (s->shot.corrupt == 1) { /* another packet's number, far outside, and another kind */
+            b->head[k][4] = (uint8_t)(b->head[k][4] ^ 0x05);
+            b->head[k][5] = 0x7f;
+        } else {
+            iov[n_iov++] = (struct iovec){(void *)(uintptr_t)garbage, sizeof garbage};
+        }
+    }
+    b->msg[k] = (struct mmsghdr){
+        .msg_hdr = {
+            .msg_name = &b->to, .msg_namelen = sizeof b->to, .msg_iov = iov, .msg_iovlen = n_iov}};
+}
+
+static size_t message_bytes(const struct batch *b, unsigned k)
+{
+    size_t n = CAP_GVSP_UDP_IP;
+    for (size_t j = 0; j < b->msg[k].msg_hdr.msg_iovlen; j++)
+        n += b->msg[k].msg_hdr.msg_iov[j].iov_len;
+    return n;
+}
+
+static void flush(struct cap_gvcam *c, struct batch *b)
+{
+    unsigned tries = 0;
+    for (unsigned k = 0; k < b->n;) {
+        int sent = sendmmsg(c->stream, b->msg + k, b->n - k, MSG_DONTWAIT);
+        if (sent > 0) {
+            c->stats.packets += (unsigned)sent;
+            k += (unsigned)sent;
+        } else if ((errno == EAGAIN || errno == EINTR || errno == ENOBUFS) && tries++ < 3) {
+            struct pollfd p = {.fd = c->stream, .events = POLLOUT};
+            (void)poll(&p, 1, 2);
+        } else {
+            c->stats.send_errors++;
+            k++;
+        }
+    }
+    b->n = 0;
+}
+
+/* Lost, cut, or into the batch. */
+static void offer(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_t status,
+                  struct batch *b, int64_t now)
+{
+    build(c, s, p, status, b, b->n);
+    if (gvcam_chance(c, c->fault.packet_loss)) {
+        c->stats.lost++;
+        s->torn = true;
+    } else if (!gvnet_pass(c, message_bytes(b, b->n), now)) {
+        s->torn = true;
+    } else {
+        b->n++;
+    }
+}
+
+/* ---- frames ----------------------------------------------------------------------------------- */
+
+static void prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct gvcam_shot *shot)
+{
+    *s = (struct gvcam_sent){.shot = *shot, .used = true};
+    s->image = gvcam_image(c, shot->index);
+    s->image_bytes = s->image != NULL ? c->frame_bytes : 0;
+    if (shot->wrong == 2) /* a sensor that stopped: the upper half */
+        s->image_bytes = s->image_bytes / c->region[1] * ((c->region[1] + 1) / 2);
+    s->tail_bytes = c->chunks ? gvcam_chunks(c, shot, s->tail) : 0;
+    s->n_data = (uint32_t)((s->image_bytes + s->tail_bytes + per_packet(c) - 1) / per_packet(c));
+}
+
+static bool next_frame(struct cap_gvcam *c, int64_t now)
+{
+    const struct gvcam_shot *shot = &c->queue[c->q_first];
+    if (c->q_n == 0 || shot->send_at > now)
+        return false;
+    c->q_first = (c->q_first + 1) % GVCAM_QUEUE;
+    c->q_n--;
+    c->cur = &c->history[c->h_next];
+    c->h_next = (c->h_next + 1) % GVCAM_HISTORY;
+    prepare(c, c->cur, shot);
+    if (shot->hostile)
+        gvcam_hostile_packets(c, shot);
+    return true;
+}
+
+static void finish(struct cap_gvcam *c)
+{
+    const struct gvcam_sent *s = c->cur;
+    c->stats.frames++;
+    c->stats.torn += s->torn;
+    c->stats.wrong_size += s->shot.wrong != 0;
+    c->stats.corrupt += s->shot.corrupt != 0;
+    c->cur = NULL;
+}
+
+/* The order in which the next n packets of the frame leave: some are overtaken, some come twice. */
+static unsigned order(struct cap_gvcam *c, unsigned n, uint32_t *out)
+{
+    unsigned m = 0;
+    for (unsigned k = 0; k < n; k++) {
+        out[m++] = c->cur->next + k;
+        if (m < GVCAM_BATCH - (n - k) && gvcam_chance(c, c->fault.duplicate)) {
+            out[m++] = c->cur->next + k;
+            c->stats.duplicated++;
+        }
+    }
+    for (unsigned k = 0; k + 1 < m; k++)
+        if (gvcam_chance(c, c->fault.reorder)) {
+            unsigned by = 1 + (unsigned)(gvcam_uniform(c) * 3);
+            by = k + by < m ? by : m - 1 - k;
+            uint32_t late = out[k];
+            memmove(out + k, out + k + 1, by * sizeof out[0]);
+            out[k + by] = late;
+            c->stats.reordered++;
+            k += by;
+        }
+    return m;
+}
+
+/* Some packets of the frame under way. */
+static void send_some(struct cap_gvcam *c, unsigned max, int64_t now)
+{
+    struct batch b;
+    uint32_t which[GVCAM_BATCH];
+    uint32_t left = c->cur->n_data + 2 - c->cur->next;
+    unsigned n = left < max ? left : max;
+    b.to = gvcam_target(c);
+    b.n = 0;
+    unsigned m = order(c, n, which);
+    for (unsigned k = 0; k < m; k++)
+        offer(c, c->cur, which[k], 0, &b, now);
+    flush(c, &b);
+    c->cur->next += n;
+    if (c->cur->next == c->cur->n_data + 2)
+        finish(c);
+}
+
+static int64_t delay_ns(const struct cap_gvcam *c)
+{
+    return (int64_t)((double)c->v[GVF_SCPD] * 1e9 / (double)gvcam_clock_hz(c));
+}
+
+/* The packet delay is never undercut: a late packet does not make the next one early. */
+int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now)
+{
+    if (c->v[GVF_SCP_PORT] == 0) {
+        if (c->q_n > 0 || c->cur != NULL)
+            gvcam_forget(c);
+        return GVCAM_NEVER;
+    }
+    if (c->cur == NULL && !next_frame(c, now))
+        return c->q_n > 0 ? c->queue[c->q_first].send_at : GVCAM_NEVER;
+    int64_t delay = delay_ns(c);
+    if (delay > 0 && now < c->packet_at && c->packet_at - now <= delay)
+        return c->packet_at;
+    send_some(c, delay > 0 ? 1 : GVCAM_BATCH / 2, now);
+    c->packet_at = delay > 0 ? gvcam_now() + delay : 0;
+    return delay > 0 ? c->packet_at : now;
+}
+
+/* ---- on request ------------------------------------------------------------------------------- */
+
+static struct gvcam_sent *remembered(struct cap_gvcam *c, uint64_t id)
+{
+    for (size_t k = 0; k < GVCAM_HISTORY; k++)
+        if (c->history[k].used && c->history[k].shot.id == id)
+            return &c->history[k];
+    return NULL;
+}
+
+/* A packet that says only why there is no packet. */
+static void say_why(struct cap_gvcam *c, uint16_t status, uint64_t block, uint32_t packet)
+{
+    uint8_t p[CAP_GVSP_HEAD_WIDE];
+    struct cap_gvsp_head h = {status, c->wide, CAP_GVSP_DATA, block, packet};
+    struct sockaddr_in to = gvcam_target(c);
+    size_t n = cap_gvsp_put_head(p, &h);
+    if (gvnet_pass(c, n + CAP_GVSP_UDP_IP, gvcam_now()))
+        (void)sendto(c->stream, p, n, MSG_DONTWAIT, (const struct sockaddr *)&to, sizeof to);
+}
+
+void gvcam_resend(struct cap_gvcam *c, const struct cap_gvcp_resend *r)
+{
+    struct gvcam_sent *s = remembered(c, r->block);
+    if (c->v[GVF_SCP_PORT] == 0 || r->first > r->last)
+        return;
+    if (s == NULL) {
+        c->stats.gone += (uint64_t)r->last - r->first + 1 < 65536 ? r->last - r->first + 1 : 1;
+        say_why(c, CAP_GVCP_PACKET_REMOVED, r->block, r->first);
+        return;
+    }
+    struct batch b;
+    b.to = gvcam_target(c);
+    b.n = 0;
+    int64_t now = gvcam_now();
+    for (uint32_t p = r->first; p <= r->last && p < s->n_data + 2; p++) {
+        if (s == c->cur && p >= s->next) {
+            say_why(c, CAP_GVCP_PACKET_NOT_YET, r->block, p);
+            break;
+        }
+        c->stats.resent++;
+        offer(c, s, p, CAP_GVSP_RESENT, &b, now);
+        if (b.n == GVCAM_BATCH)
+            flush(c, &b);
+    }
+    flush(c, &b);
+}
+
+/* As long as a data packet is now, and not to be put into pieces: does it arrive? */
+void gvcam_test_packet(struct cap_gvcam *c)
+{
+    uint8_t p[GVCAM_PACKET_MAX];
+    struct sockaddr_in to = gvcam_target(c);
+    size_t n = c->v[GVF_SCPS] - CAP_GVSP_UDP_IP;
+    if (to.sin_port == 0)
+        return;
+    memset(p, 0, n);
+    int df = IP_PMTUDISC_PROBE, was = IP_PMTUDISC_DONT;
+    (void)setsockopt(c->stream, IPPROTO_IP, IP_MTU_DISCOVER, &df, sizeof df);
+    if (gvnet_pass(c, n + CAP_GVSP_UDP_IP, gvcam_now()) &&
+        sendto(c->stream, p, n, MSG_DONTWAIT, (const struct sockaddr *)&to, sizeof to) < 0)
+        c->stats.send_errors++;
+    (void)setsockopt(c->stream, IPPROTO_IP, IP_MTU_DISCOVER, &was, sizeof was);
+}
