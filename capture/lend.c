@@ -1,5 +1,6 @@
 #include "capture/lend.h"
 
+#include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
 
@@ -106,7 +107,8 @@ struct cap_frame *cap_lend_out(cap_lend *l, unsigned index)
     pthread_mutex_unlock(&l->lock);
     if (!may)
         return NULL;
-    s->frame = (struct cap_frame){.camera = l->camera, .release = release, .owner = l};
+    s->frame = (struct cap_frame){
+        .camera = l->camera, .exposure_us = NAN, .gain = NAN, .release = release, .owner = l};
     return &s->frame;
 }
 

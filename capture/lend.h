@@ -31,7 +31,7 @@ struct cap_lend_ops {
 PVX_MUST_CHECK pvx_err cap_lend_new(unsigned n, unsigned spare, uint32_t camera,
                                     const struct cap_lend_ops *ops, void *ctx, cap_lend **out);
 void cap_lend_run(cap_lend *l, bool on);
-/* The frame of buffer `index`, to be filled in (img, id, times; all zero but camera) and pushed; or
+/* The frame of buffer `index`, to be filled in (img, id, times; all as a pool's frame has it) and pushed; or
  * NULL: too few would stay with the driver. */
 struct cap_frame *cap_lend_out(cap_lend *l, unsigned index);
 /* Back to the driver without having been lent. */

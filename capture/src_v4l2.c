@@ -17,6 +17,7 @@
  * Source: kernel documentation, userspace-api/media/v4l (mmap, dmabuf, buffer). */
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <poll.h>
 #include <pthread.h>
 #include <sched.h>
@@ -60,7 +61,7 @@ struct source {
     char *uri, *name;
     struct v4l_device dev;
     struct v4l_layout layout;
-    int64_t exposure_ns; /* fixed and known, else 0 */
+    double exposure_us, gain; /* fixed and known, else NAN */
     cap_lend *lend;
     struct buffers *buffers; /* of lend */
     cap_bufpool *pool;       /* images are copied into it; NULL: they are lent */
@@ -250,7 +251,7 @@ static int64_t exposure_time(struct source *s, const struct filled *b, int64_t a
         if (good)
             LOG_D(CAPTURE, "camera %s (v4l2:%s): stamps of the %s%s", s->name, s->uri,
                   start ? "start of exposure" : "end of the frame",
-                  !start && s->exposure_ns > 0 ? ", moved back by the exposure" : "");
+                  !start && s->exposure_us > 0 ? ", moved back by the exposure" : "");
         else
             LOG_W(CAPTURE,
                   "camera %s (v4l2:%s): %s: the time of arrival is used, which is late by the "
@@ -261,7 +262,8 @@ static int64_t exposure_time(struct source *s, const struct filled *b, int64_t a
     }
     if (!good)
         return 0;
-    return start ? b->stamp_ns : b->stamp_ns - s->exposure_ns;
+    return start || isnan(s->exposure_us) ? b->stamp_ns
+                                          : b->stamp_ns - llrint(s->exposure_us * 1e3);
 }
 
 /* The frame for a full buffer, or NULL: none is free.  *lent: the buffer went with it. */
@@ -313,6 +315,8 @@ static void take(struct source *s, const struct filled *b)
     f->img.yuv = s->layout.yuv;
     f->id = id;
     f->t_device_ns = exposure;
+    f->exposure_us = s->exposure_us;
+    f->gain = s->gain;
     f->t_arrival_ns = real;
     f->t_arrival_mono_ns = mono;
     s->sink.push(s->sink.ctx, f);
@@ -413,7 +417,8 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
         v4l2_close(&base);
         return e;
     }
-    s->exposure_ns = v4l_fixed_exposure(&s->dev);
+    s->exposure_us = v4l_fixed_exposure_us(&s->dev);
+    s->gain = v4l_fixed_gain(&s->dev);
     LOG_D(CAPTURE, "camera %s (v4l2:%s): %s, %s: %s %dx%d, %.4g Hz, %u buffers%s", s->name, s->uri,
           s->dev.node, s->dev.card, cap_pixfmt_name(s->layout.fmt), s->layout.width,
           s->layout.height, s->layout.fps, s->buffers->n,

@@ -347,17 +347,31 @@ pvx_err v4l_set_controls(const struct cap_source_config *c, const struct v4l_dev
     return PVX_OK;
 }
 
-int64_t v4l_fixed_exposure(const struct v4l_device *dev)
+static bool value_of(const struct v4l_device *dev, uint32_t id, int32_t *out)
 {
     control q;
-    struct v4l2_ext_control x = {.id = V4L2_CID_EXPOSURE_AUTO};
-    if (is_there(dev, V4L2_CID_EXPOSURE_AUTO, &q) &&
-        (transfer(dev, VIDIOC_G_EXT_CTRLS, &x) != 0 ||
-         (x.value != V4L2_EXPOSURE_MANUAL && x.value != V4L2_EXPOSURE_SHUTTER_PRIORITY)))
-        return 0;
-    x = (struct v4l2_ext_control){.id = V4L2_CID_EXPOSURE_ABSOLUTE};
-    if (!is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q) ||
-        transfer(dev, VIDIOC_G_EXT_CTRLS, &x) != 0 || x.value < 0)
-        return 0;
-    return (int64_t)x.value * 100000;
+    struct v4l2_ext_control x = {.id = id};
+    if (!is_there(dev, id, &q) || transfer(dev, VIDIOC_G_EXT_CTRLS, &x) != 0)
+        return false;
+    *out = x.value;
+    return true;
+}
+
+double v4l_fixed_exposure_us(const struct v4l_device *dev)
+{
+    int32_t mode, value;
+    if (value_of(dev, V4L2_CID_EXPOSURE_AUTO, &mode) && mode != V4L2_EXPOSURE_MANUAL &&
+        mode != V4L2_EXPOSURE_SHUTTER_PRIORITY)
+        return NAN;
+    return value_of(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &value) ? value * 100.0 : NAN;
+}
+
+double v4l_fixed_gain(const struct v4l_device *dev)
+{
+    int32_t automatic, value;
+    if (value_of(dev, V4L2_CID_AUTOGAIN, &automatic) && automatic != 0)
+        return NAN;
+    if (value_of(dev, V4L2_CID_GAIN, &value) || value_of(dev, V4L2_CID_ANALOGUE_GAIN, &value))
+        return value;
+    return NAN;
 }

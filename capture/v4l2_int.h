@@ -64,8 +64,9 @@ void v4l_say_all(const struct v4l_device *dev, struct v4l_text *t);
  * range.  Errors: PVX_EINVAL, PVX_EBUSY, PVX_EIO. */
 PVX_MUST_CHECK pvx_err v4l_set_controls(const struct cap_source_config *c,
                                         const struct v4l_device *dev, struct pvx_diag *d);
-/* The exposure time when it is fixed and known in units of time, ns; else 0. */
-int64_t v4l_fixed_exposure(const struct v4l_device *dev);
+/* Exposure time [us] and gain when they are fixed and the camera says them (exposure: in units of time); else NAN. */
+double v4l_fixed_exposure_us(const struct v4l_device *dev);
+double v4l_fixed_gain(const struct v4l_device *dev);
 
 /* ---- v4l2_setup.c ---- */
 struct v4l_layout {

@@ -1,0 +1,909 @@
+/* vm_v4l2.c - the v4l2: backend against the kernel's vivid driver: what it shows is known (colour
+ * bars), and its controls drop, tear off and break things on request.
+ * Needs: vivid n_devs=8 with one webcam input each, the last one multi-planar. */
+#include "../t.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/videodev2.h>
+#include <pthread.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "capture/capture.h"
+#include "capture/pixfmt.h"
+
+#define N           8
+#define PATIENCE_NS (60 * PVX_NS_PER_S) /* no wait in here should come near */
+#define HELD        64
+
+static const struct cap_source_ops *v4l2;
+
+/* ---- a consumer ------------------------------------------------------------------------------- */
+
+static struct box {
+    pthread_mutex_t lock;
+    pthread_cond_t change;
+    bool keep; /* frames are kept until empty_box */
+    struct cap_frame *held[HELD];
+    unsigned n_held;
+    uint64_t n, count[CAP_N_COUNT], first_id, last_id, holes;
+    bool ids_fall;
+    int64_t off_ns; /* t_device - arrival of the last frame */
+    bool stamped;   /* it had a t_device */
+    unsigned lost;
+} box = {.lock = PTHREAD_MUTEX_INITIALIZER, .change = PTHREAD_COND_INITIALIZER};
+
+static void on_push(void *ctx, struct cap_frame *f)
+{
+    (void)ctx;
+    pthread_mutex_lock(&box.lock);
+    if (box.n == 0)
+        box.first_id = f->id;
+    else if (f->id <= box.last_id)
+        box.ids_fall = true;
+    else
+        box.holes += f->id - box.last_id - 1;
+    box.last_id = f->id;
+    box.n++;
+    box.stamped = f->t_device_ns != 0;
+    box.off_ns = f->t_device_ns - f->t_arrival_mono_ns;
+    bool keep = box.keep && box.n_held < HELD;
+    if (keep)
+        box.held[box.n_held++] = f;
+    pthread_cond_broadcast(&box.change);
+    pthread_mutex_unlock(&box.lock);
+    if (!keep)
+        cap_frame_release(f);
+}
+
+static void on_event(void *ctx, uint32_t camera, enum cap_event ev)
+{
+    (void)ctx, (void)camera;
+    pthread_mutex_lock(&box.lock);
+    box.lost += ev == CAP_EV_LOST;
+    pthread_cond_broadcast(&box.change);
+    pthread_mutex_unlock(&box.lock);
+}
+
+static void on_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    (void)ctx, (void)camera;
+    pthread_mutex_lock(&box.lock);
+    box.count[what] += n;
+    pthread_cond_broadcast(&box.change);
+    pthread_mutex_unlock(&box.lock);
+}
+
+static const struct cap_sink sink = {.push = on_push, .event = on_event, .count = on_count};
+
+static void empty_box(void)
+{
+    for (unsigned i = 0; i < box.n_held; i++)
+        cap_frame_release(box.held[i]);
+    box.n_held = 0;
+}
+
+static void reset_box(bool keep)
+{
+    empty_box();
+    pthread_mutex_lock(&box.lock);
+    box.keep = keep;
+    box.n = box.holes = 0;
+    box.lost = 0;
+    box.ids_fall = false;
+    memset(box.count, 0, sizeof box.count);
+    pthread_mutex_unlock(&box.lock);
+}
+
+/* Until *what >= n. */
+static bool wait_count(const uint64_t *what, uint64_t n)
+{
+    int64_t until = pvx_now_mono() + PATIENCE_NS;
+    pthread_mutex_lock(&box.lock);
+    while (*what < n && pvx_now_mono() < until) {
+        struct timespec ts;
+        clock_gettime(CLOCK_REALTIME, &ts);
+        ts.tv_sec++;
+        pthread_cond_timedwait(&box.change, &box.lock, &ts);
+    }
+    bool ok = *what >= n;
+    pthread_mutex_unlock(&box.lock);
+    return ok;
+}
+
+static bool wait_lost(void)
+{
+    int64_t until = pvx_now_mono() + PATIENCE_NS;
+    pthread_mutex_lock(&box.lock);
+    while (box.lost == 0 && pvx_now_mono() < until) {
+        struct timespec ts;
+        clock_gettime(CLOCK_REALTIME, &ts);
+        ts.tv_sec++;
+        pthread_cond_timedwait(&box.change, &box.lock, &ts);
+    }
+    bool ok = box.lost == 1;
+    pthread_mutex_unlock(&box.lock);
+    return ok;
+}
+
+/* ---- sources ---------------------------------------------------------------------------------- */
+
+#define NO_TEXT              \
+    {                        \
+        "osd_text_mode", "2" \
+    }
+
+static struct cap_source_config config(const char *uri)
+{
+    return (struct cap_source_config){.uri = uri,
+                                      .name = "cam0",
+                                      .width = 320,
+                                      .height = 180,
+                                      .fmt = CAP_YUYV,
+                                      .fps = 30,
+                                      .buffers = 6,
+                                      .exposure_us = -1,
+                                      .gain = -1};
+}
+
+static cap_source *opened(const struct cap_source_config *c)
+{
+    cap_source *s;
+    struct pvx_diag d = {""};
+    pvx_err e = v4l2->open(c, &s, &d);
+    T_CHECK_(e == PVX_OK, "%s: %s", c->uri, pvx_diag_text(&d, e));
+    return s;
+}
+
+static bool started(cap_source *s)
+{
+    struct pvx_diag d = {""};
+    pvx_err e = s == NULL ? PVX_EINVAL : v4l2->start(s, &sink, &d);
+    T_CHECK_(e == PVX_OK, "start: %s", pvx_diag_text(&d, e));
+    return e == PVX_OK;
+}
+
+static void ended(cap_source *s)
+{
+    if (s == NULL)
+        return;
+    v4l2->stop(s);
+    v4l2->close(&s);
+    T_OK(s == NULL);
+}
+
+static void refused(const struct cap_source_config *c, pvx_err want, const char *const *parts)
+{
+    cap_source *s;
+    struct pvx_diag d = {""};
+    T_EQ_I(v4l2->open(c, &s, &d), want);
+    T_OK(s == NULL);
+    T_CONTAINS(d.text, "cam0");
+    for (; *parts != NULL; parts++)
+        T_CONTAINS(d.text, *parts);
+    ended(s);
+}
+#define REFUSED(c, e, ...) refused(c, e, (const char *const[]){__VA_ARGS__, NULL})
+
+/* Straight to the driver, past the code under test. */
+static int device(unsigned i)
+{
+    char path[32];
+    snprintf(path, sizeof path, "/dev/video%u", i);
+    return open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC);
+}
+
+static uint32_t control_id(int fd, const char *name)
+{
+    struct v4l2_query_ext_ctrl q = {.id = V4L2_CTRL_FLAG_NEXT_CTRL};
+    while (ioctl(fd, VIDIOC_QUERY_EXT_CTRL, &q) == 0) {
+        if (strcmp(q.name, name) == 0)
+            return q.id;
+        q.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
+    }
+    return 0;
+}
+
+static int64_t control_get(unsigned dev, const char *name)
+{
+    int fd = device(dev);
+    struct v4l2_ext_control x = {.id = control_id(fd, name)};
+    struct v4l2_ext_controls all = {.count = 1, .controls = &x};
+    T_EQ_I(ioctl(fd, VIDIOC_G_EXT_CTRLS, &all), 0);
+    close(fd);
+    return strstr(name, "64") != NULL ? x.value64 : x.value;
+}
+
+static void control_set(unsigned dev, const char *name, int32_t value)
+{
+    int fd = device(dev);
+    struct v4l2_control x = {.id = control_id(fd, name), .value = value};
+    T_CHECK_(ioctl(fd, VIDIOC_S_CTRL, &x) == 0, "%s: %s", name, strerror(errno));
+    close(fd);
+}
+
+static unsigned entries(const char *dir)
+{
+    unsigned n = 0;
+    DIR *d = opendir(dir);
+    while (d != NULL && readdir(d) != NULL)
+        n++;
+    if (d != NULL)
+        closedir(d);
+    return n;
+}
+
+static unsigned mappings(void)
+{
+    unsigned n = 0;
+    char line[512];
+    FILE *f = fopen("/proc/self/maps", "re");
+    while (f != NULL && fgets(line, sizeof line, f) != NULL)
+        n += strstr(line, "/dev/video") != NULL || strstr(line, "dmabuf") != NULL;
+    if (f != NULL)
+        fclose(f);
+    return n;
+}
+
+/* ---- names and lists -------------------------------------------------------------------------- */
+
+static unsigned n_found;
+static char found_uri[N][64];
+static void on_found(void *ctx, const struct cap_found *f)
+{
+    (void)ctx;
+    T_CONTAINS(f->text, "vivid");
+    T_CONTAINS(f->text, "/dev/video");
+    T_CONTAINS(f->formats, "YUV422_8 320x180 1 2 4 5 10 12.5 15 25 30 40 50 60 Hz\n");
+    T_CONTAINS(f->formats, "BayerRG12 640x480 1 2 4 5 10 12.5 15 25 Hz");
+    T_OK(strstr(f->formats, "none") == NULL);
+    if (n_found < N)
+        snprintf(found_uri[n_found], sizeof found_uri[0], "%s", f->uri);
+    n_found++;
+}
+
+static void lists_every_camera_by_a_name_that_opens_it(void)
+{
+    struct pvx_diag d = {""};
+    n_found = 0;
+    T_EQ_I(v4l2->list(on_found, NULL, &d), PVX_OK);
+    T_EQ_I(n_found, N);
+    for (unsigned i = 0; i < N && i < n_found; i++) {
+        char want[64];
+        const char *rest;
+        snprintf(want, sizeof want, "v4l2:platform:vivid-%03u", i);
+        T_EQ_S(found_uri[i], want);
+        T_OK(cap_backend_find(found_uri[i], &rest) == v4l2);
+        struct cap_source_config c = config(rest);
+        ended(opened(&c));
+    }
+}
+
+static void a_name_of_several_cameras_is_refused_with_the_choice(void)
+{
+    struct cap_source_config c = config("vivid");
+    REFUSED(&c, PVX_EINVAL, "8 cameras", "v4l2:platform:vivid-000 (vivid, /dev/video0)",
+            "v4l2:platform:vivid-001");
+    c.uri = "platform:vivid-003#0";
+    ended(opened(&c));
+    c.uri = "platform:vivid-003#1";
+    REFUSED(&c, PVX_ENOENT, "not plugged in");
+    c.uri = "usb-0123";
+    REFUSED(&c, PVX_ENOENT, "not plugged in", "v4l2:platform:vivid-000");
+    c.uri = "/dev/video99";
+    REFUSED(&c, PVX_ENOENT, "/dev/video99");
+    c.uri = "/dev/null";
+    REFUSED(&c, PVX_EUNSUP, "no V4L2 device");
+    c.uri = "";
+    REFUSED(&c, PVX_EINVAL, "needs a name");
+    /* a link as udev makes it */
+    mkdir("/dev/v4l", 0755);
+    mkdir("/dev/v4l/by-id", 0755);
+    T_EQ_I(symlink("../../video5", "/dev/v4l/by-id/usb-Maker_Flame_77-video-index0"), 0);
+    c.uri = "usb-Maker_Flame_77-video-index0";
+    c.features = (const struct cap_feature[]){{"brightness", "99"}};
+    c.n_features = 1;
+    ended(opened(&c));
+    T_EQ_I(control_get(5, "Brightness"), 99);
+}
+
+static void a_camera_in_use_is_busy_and_says_by_whom(void)
+{
+    struct cap_source_config c = config("/dev/video0");
+    cap_source *s = opened(&c);
+    char pid[32];
+    snprintf(pid, sizeof pid, "vm_v4l2 (pid %d", (int)getpid());
+    REFUSED(&c, PVX_EBUSY, "/dev/video0", pid, "is the camera there twice?");
+    ended(s);
+    ended(opened(&c));
+}
+
+/* ---- pixels ----------------------------------------------------------------------------------- */
+
+#define BIN 4
+#define BW  (320 / BIN)
+#define BH  (180 / BIN)
+
+/* 75 % colour bars, in the middle of each. */
+static const double bars[8][3] = {{1, 1, 1}, {1, 1, 0}, {0, 1, 1}, {0, 1, 0},
+                                  {1, 0, 1}, {1, 0, 0}, {0, 0, 1}, {0, 0, 0}};
+
+/* Full scale 1; grey: BT.709 luma. */
+static double bar(int b, int ch, bool grey)
+{
+    double v = grey ? 0.2126 * bars[b][0] + 0.7152 * bars[b][1] + 0.0722 * bars[b][2] : bars[b][ch];
+    return 191.0 / 255 * v;
+}
+
+static void shows_bars(const char *uri, enum cap_pixfmt fmt)
+{
+    static float out[BH][BW][4], grey[BH][BW];
+    struct cap_source_config c = config(uri);
+    c.fmt = fmt;
+    c.features = (const struct cap_feature[]){{"test_pattern", "75% Colorbar"}, NO_TEXT};
+    c.n_features = 2;
+    reset_box(true);
+    cap_source *s = opened(&c);
+    if (!started(s) || !wait_count(&box.n, 2)) {
+        T_CHECK_(false, "no frames of %s", cap_pixfmt_name(fmt));
+        ended(s);
+        return;
+    }
+    v4l2->stop(s);
+    const struct cap_image *img = &box.held[1]->img;
+    T_EQ_I(img->fmt, fmt);
+    T_EQ_I(img->width, 320);
+    T_OK(img->stride >= (ptrdiff_t)cap_pixfmt_row(fmt, 320));
+    bool one = cap_pixfmt_channels(fmt) == 1;
+    pvx_err e = cap_bin(img, BIN, one ? 1 : 3, 0, BH, one ? &grey[0][0] : &out[0][0][0]);
+    T_CHECK_(e == PVX_OK, "%s: %s", cap_pixfmt_name(fmt), pvx_strerror(e));
+    /* RGB and Bayer come as they are; luma and YUV are rounded by vivid (some of its 8 bits), and what
+     * has more bits than 8 has zeros in them. */
+    bool exact = cap_pixfmt_layout(fmt) == CAP_LAYOUT_8 && !one;
+    double tol = exact ? 1.1 / 255 : 3.0 / 255;
+    for (int b = 0; b < 8 && e == PVX_OK; b++) {
+        int x = (2 * b + 1) * BW / 16, y = BH / 2;
+        for (int ch = 0; ch < (one ? 1 : 3); ch++) {
+            double got = one ? grey[y][x] : out[y][x][ch];
+            T_CHECK_(fabs(got - bar(b, ch, one)) <= tol, "%s bar %d channel %d: %.4f, want %.4f",
+                     cap_pixfmt_name(fmt), b, ch, got, bar(b, ch, one));
+        }
+    }
+    empty_box();
+    ended(s);
+}
+
+static void every_format_shows_the_same_bars(void)
+{
+    static const enum cap_pixfmt fmt[] = {
+        CAP_RGB8,       CAP_BGR8,       CAP_YUYV,       CAP_UYVY,       CAP_GREY8,
+        CAP_GREY10,     CAP_GREY12,     CAP_GREY16,     CAP_BAYER_RG8,  CAP_BAYER_GR8,
+        CAP_BAYER_GB8,  CAP_BAYER_BG8,  CAP_BAYER_RG10, CAP_BAYER_GR10, CAP_BAYER_GB10,
+        CAP_BAYER_BG10, CAP_BAYER_RG12, CAP_BAYER_GR12, CAP_BAYER_GB12, CAP_BAYER_BG12,
+        CAP_BAYER_RG16, CAP_BAYER_GR16, CAP_BAYER_GB16, CAP_BAYER_BG16};
+    for (size_t i = 0; i < sizeof fmt / sizeof fmt[0]; i++)
+        shows_bars("platform:vivid-000", fmt[i]);
+}
+
+static void multi_planar_devices_too(void)
+{
+    int fd = device(N - 1);
+    struct v4l2_capability cap = {0};
+    T_EQ_I(ioctl(fd, VIDIOC_QUERYCAP, &cap), 0);
+    T_OK((cap.device_caps & V4L2_CAP_VIDEO_CAPTURE_MPLANE) != 0); /* else this tests nothing */
+    close(fd);
+    shows_bars("platform:vivid-007", CAP_RGB8);
+    shows_bars("platform:vivid-007", CAP_YUYV);
+    shows_bars("platform:vivid-007", CAP_GREY16);
+}
+
+static void yuv_is_read_as_the_driver_says_it_is(void)
+{
+    static const struct {
+        const char *encoding, *range;
+        uint8_t want;
+    } k[] = {{"1", "2", CAP_YUV_601},
+             {"2", "2", CAP_YUV_709},
+             {"1", "1", CAP_YUV_601 | CAP_YUV_FULL},
+             {"2", "1", CAP_YUV_709 | CAP_YUV_FULL}};
+    for (size_t i = 0; i < sizeof k / sizeof k[0]; i++) {
+        control_set(0, "Y'CbCr Encoding", atoi(k[i].encoding));
+        control_set(0, "Quantization", atoi(k[i].range));
+        struct cap_source_config c = config("platform:vivid-000");
+        reset_box(true);
+        cap_source *s = opened(&c);
+        if (started(s) && wait_count(&box.n, 1))
+            T_EQ_I(box.held[0]->img.yuv, k[i].want);
+        empty_box();
+        ended(s);
+        shows_bars("platform:vivid-000", CAP_YUYV);
+    }
+    control_set(0, "Y'CbCr Encoding", 0);
+    control_set(0, "Quantization", 0);
+}
+
+static void what_is_not_offered_is_refused_with_what_is(void)
+{
+    struct cap_source_config c = config("platform:vivid-001");
+    c.fmt = CAP_JPEG;
+    REFUSED(&c, PVX_EINVAL, "JPEG refused", "YUV422_8", "Mono10");
+    c = config("platform:vivid-001");
+    c.width = 333;
+    REFUSED(&c, PVX_EINVAL, "333x180 refused", "320x180", "640x480");
+    c = config("platform:vivid-001");
+    c.width = 640;
+    c.height = 480;
+    REFUSED(&c, PVX_EINVAL, "frame rate 30 refused", "has 25", "640x480", "12.5 15 25 Hz");
+    c.fps = 12.5;
+    ended(opened(&c));
+    c.fps = 0; /* all as it is */
+    c.fmt = CAP_FMT_NONE;
+    c.width = c.height = 0;
+    reset_box(true);
+    cap_source *s = opened(&c);
+    if (started(s) && wait_count(&box.n, 1)) {
+        T_EQ_I(box.held[0]->img.width, 640);
+        T_EQ_I(box.held[0]->img.fmt, CAP_YUYV);
+    }
+    empty_box();
+    ended(s);
+}
+
+/* ---- controls --------------------------------------------------------------------------------- */
+
+static void feature(const char *name, const char *value, int64_t want, const char *driver_name)
+{
+    struct cap_feature f;
+    snprintf(f.name, sizeof f.name, "%s", name);
+    snprintf(f.value, sizeof f.value, "%s", value);
+    struct cap_source_config c = config("platform:vivid-002");
+    c.features = &f;
+    c.n_features = 1;
+    ended(opened(&c));
+    if (driver_name != NULL)
+        T_EQ_I(control_get(2, driver_name), want);
+}
+
+static void no_feature(const char *name, const char *value, const char *part)
+{
+    struct cap_feature f;
+    snprintf(f.name, sizeof f.name, "%s", name);
+    snprintf(f.value, sizeof f.value, "%s", value);
+    struct cap_source_config c = config("platform:vivid-002");
+    c.features = &f;
+    c.n_features = 1;
+    REFUSED(&c, PVX_EINVAL, name, value, part);
+}
+
+static void controls_are_set_and_read_back(void)
+{
+    feature("brightness", "200", 200, "Brightness");
+    feature("Brightness", "201", 201, "Brightness");
+    feature("0x00980900", "0xca", 202, "Brightness");
+    feature("hue", "-20", -20, "Hue");
+    feature("horizontal_flip", "true", 1, "Horizontal Flip");
+    feature("horizontal_flip", "off", 0, "Horizontal Flip");
+    feature("test_pattern", "100% Red", 7, "Test Pattern");
+    feature("test_pattern", "3", 3, "Test Pattern");
+    feature("integer_menu", "5", 5, "Integer Menu");
+    feature("integer_64_bits", "-5000000000", -5000000000LL, "Integer 64 Bits");
+    feature("bitmask", "0x80000010", (int32_t)0x80000010u, "Bitmask");
+    feature("string", "abc", 0, NULL);
+    feature("button", "1", 0, NULL);
+}
+
+static void controls_that_are_refused_say_why(void)
+{
+    no_feature("brightness", "300", "it offers 0 to 255");
+    no_feature("brightness", "-1", "it offers 0 to 255");
+    no_feature("brightness", "bright", "no value of it");
+    no_feature("horizontal_flip", "2", "0 to 1");
+    no_feature("menu", "2", "3 = Menu Item 3");
+    no_feature("menu", "Menu Item 9", "1 = Menu Item 1, 3 = Menu Item 3, 4 = Menu Item 4");
+    no_feature("read_only_integer_32_bits", "3", "it can only be read");
+    no_feature("u16_8x16_matrix", "3", "table");
+    no_feature("string", "abcdefgh", "2 to 4 characters");
+    no_feature("bitmask", "1", "bits of 0x80402010");
+    struct cap_source_config c = config("platform:vivid-002");
+    c.features = (const struct cap_feature[]){{"warp_drive", "1"}};
+    c.n_features = 1;
+    REFUSED(&c, PVX_EINVAL, "no control warp_drive", "v4l2-ctl");
+    c = config("platform:vivid-002");
+    c.exposure_us = 500;
+    REFUSED(&c, PVX_EINVAL, "exposure_us = 500");
+}
+
+static void gain_switches_the_automatic_off(void)
+{
+    control_set(2, "Gain, Automatic", 1);
+    struct cap_source_config c = config("platform:vivid-002");
+    c.gain = 77;
+    reset_box(true);
+    cap_source *s = opened(&c);
+    T_EQ_I(control_get(2, "Gain, Automatic"), 0);
+    T_EQ_I(control_get(2, "Gain"), 77);
+    if (started(s) && wait_count(&box.n, 1)) {
+        T_NEAR(box.held[0]->gain, 77, 0);
+        T_OK(isnan(box.held[0]->exposure_us));
+    }
+    empty_box();
+    ended(s);
+    c.gain = 256;
+    REFUSED(&c, PVX_EINVAL, "gain = 256", "0 to 255");
+    control_set(2, "Gain, Automatic", 1);
+}
+
+/* ---- the stream ------------------------------------------------------------------------------- */
+
+static void a_slow_consumer_costs_frames_not_the_stream(void)
+{
+    struct cap_source_config c = config("platform:vivid-003");
+    c.buffers = 5;
+    reset_box(true);
+    cap_source *s = opened(&c);
+    if (started(s)) {
+        T_OK(wait_count(&box.count[CAP_UNDERRUN], 6));
+        T_EQ_I(box.n_held, 5);
+        T_OK(box.held[0]->img.data != box.held[1]->img.data);
+        uint64_t before = box.n;
+        pthread_mutex_lock(&box.lock);
+        box.keep = false;
+        pthread_mutex_unlock(&box.lock);
+        empty_box();
+        T_OK(wait_count(&box.n, before + 10));
+        T_OK(!box.ids_fall);
+        /* what is missing in our numbers is what we dropped or vivid says it skipped */
+        T_EQ_I(box.holes, box.count[CAP_UNDERRUN] + box.count[CAP_ID_GAP]);
+    }
+    ended(s);
+}
+
+/* More buffers than a driver can have: copies, the driver keeps its own. */
+static void many_buffers_are_copies(void)
+{
+    struct cap_source_config c = config("platform:vivid-003");
+    c.buffers = 40;
+    c.features = (const struct cap_feature[]){{"test_pattern", "0"}, NO_TEXT};
+    c.n_features = 2;
+    reset_box(true);
+    cap_source *s = opened(&c);
+    if (started(s)) {
+        T_OK(wait_count(&box.count[CAP_UNDERRUN], 2));
+        T_EQ_I(box.n_held, 40);
+        T_EQ_I(box.held[39]->dmabuf, 0);
+        T_EQ_I(memcmp(box.held[0]->img.data, box.held[39]->img.data, 320 * 180 * 2), 0);
+    }
+    ended(s);
+    empty_box();
+}
+
+static void dropped_buffers_are_gaps(void)
+{
+    struct cap_source_config c = config("platform:vivid-003");
+    c.features = (const struct cap_feature[]){{"percentage_of_dropped_buffers", "40"}};
+    c.n_features = 1;
+    reset_box(false);
+    cap_source *s = opened(&c);
+    if (started(s)) {
+        T_OK(wait_count(&box.count[CAP_ID_GAP], 8));
+        T_OK(wait_count(&box.n, 5));
+    }
+    ended(s);
+    T_OK(!box.ids_fall);
+    T_EQ_I(box.holes, box.count[CAP_ID_GAP]);
+    T_EQ_I(box.count[CAP_INCOMPLETE], 0);
+    control_set(3, "Percentage of Dropped Buffers", 0);
+}
+
+static void numbers_go_on_past_32_bits(void)
+{
+    struct cap_source_config c = config("platform:vivid-003");
+    c.fps = 60;
+    c.features = (const struct cap_feature[]){{"wrap_sequence_number", "1"}};
+    c.n_features = 1;
+    reset_box(false);
+    cap_source *s = opened(&c);
+    int64_t until = pvx_now_mono() + PATIENCE_NS;
+    if (started(s)) {
+        T_OK(wait_count(&box.n, 1));
+        T_LE(box.first_id, UINT32_MAX);
+        T_OK(box.first_id > UINT32_MAX - 256);
+        while (box.last_id <= (uint64_t)UINT32_MAX + 2 && pvx_now_mono() < until)
+            T_OK(wait_count(&box.n, box.n + 1));
+    }
+    ended(s);
+    T_OK(box.last_id > UINT32_MAX);
+    T_LE(box.last_id, (uint64_t)UINT32_MAX + 1000);
+    T_OK(!box.ids_fall);
+    control_set(3, "Wrap Sequence Number", 0);
+}
+
+static void stamps_are_the_hosts_clock_or_not_used(void)
+{
+    struct cap_source_config c = config("platform:vivid-003");
+    for (int mode = 0; mode < 3; mode++) { /* end of frame, start of exposure, nonsense */
+        char source[8], wrap[8];
+        snprintf(source, sizeof source, "%d", mode == 1);
+        snprintf(wrap, sizeof wrap, "%d", mode == 2);
+        struct cap_feature f[2] = {{"timestamp_source", ""}, {"wrap_timestamp", ""}};
+        snprintf(f[0].value, sizeof f[0].value, "%s", source);
+        snprintf(f[1].value, sizeof f[1].value, "%s", wrap);
+        c.features = f;
+        c.n_features = 2;
+        reset_box(false);
+        cap_source *s = opened(&c);
+        if (started(s))
+            T_OK(wait_count(&box.n, 3));
+        ended(s);
+        T_EQ_I(box.stamped, mode < 2);
+        if (mode < 2)
+            T_LE(llabs(box.off_ns), 10 * PVX_NS_PER_S);
+    }
+    control_set(3, "Wrap Timestamp", 0);
+    control_set(3, "Timestamp Source", 0);
+}
+
+static void errors_of_single_frames_are_counted(void)
+{
+    struct cap_source_config c = config("platform:vivid-003");
+    reset_box(false);
+    cap_source *s = opened(&c);
+    if (started(s)) {
+        T_OK(wait_count(&box.n, 2));
+        for (unsigned k = 1; k <= 3; k++) {
+            control_set(3, "Inject V4L2_BUF_FLAG_ERROR", 1);
+            T_OK(wait_count(&box.count[CAP_INCOMPLETE], k));
+        }
+        T_OK(wait_count(&box.n, box.n + 3));
+        T_EQ_I(box.lost, 0);
+        T_EQ_I(box.holes, box.count[CAP_ID_GAP] + box.count[CAP_INCOMPLETE]);
+        control_set(3, "Inject VIDIOC_QBUF Error",
+                    1); /* the driver refuses a buffer: asked again */
+        T_OK(wait_count(&box.n, box.n + 20));
+    }
+    ended(s);
+}
+
+static void stops_and_starts(void)
+{
+    struct cap_source_config c = config("platform:vivid-004");
+    reset_box(true);
+    cap_source *s = opened(&c);
+    unsigned fds = entries("/proc/self/fd");
+    for (int round = 0; round < 10; round++) {
+        struct cap_frame *old = NULL;
+        if (!started(s) || !wait_count(&box.n, 1 + (uint64_t)(round % 3)))
+            break;
+        v4l2->stop(s);
+        pthread_mutex_lock(&box.lock);
+        uint64_t n = box.n;
+        old = box.n_held > 0 ? box.held[--box.n_held] : NULL; /* comes back while it runs again */
+        pthread_mutex_unlock(&box.lock);
+        usleep(20000);
+        T_EQ_I(box.n, n); /* nothing after stop */
+        reset_box(true);
+        cap_frame_release(old);
+    }
+    T_EQ_I(entries("/proc/self/fd"), fds);
+    ended(s);
+    for (int i = 0; i < 5; i++) /* never started, and closed without stop */
+        ended(opened(&c));
+}
+
+/* ---- lost and found --------------------------------------------------------------------------- */
+
+static uint32_t checksum(const struct cap_frame *f)
+{
+    uint32_t h = 2166136261u;
+    for (size_t i = 0; i < f->img.size; i++)
+        h = (h ^ ((const unsigned char *)f->img.data)[i]) * 16777619u;
+    return h;
+}
+
+static void frames_outlive_their_source_and_do_not_block_the_next(void)
+{
+    struct cap_source_config c = config("platform:vivid-004");
+    c.features = (const struct cap_feature[]){{"osd_text_mode", "0"}}; /* counters: frames differ */
+    c.n_features = 1;
+    reset_box(true);
+    cap_source *s = opened(&c);
+    if (!started(s) || !wait_count(&box.n, 3)) {
+        ended(s);
+        return;
+    }
+    ended(s);
+    uint32_t sum[3];
+    for (int i = 0; i < 3; i++)
+        sum[i] = checksum(box.held[i]);
+    T_OK(sum[0] != sum[1] && sum[1] != sum[2]);
+    struct cap_frame *old[3] = {box.held[0], box.held[1], box.held[2]};
+    for (unsigned i = 3; i < box.n_held; i++)
+        cap_frame_release(box.held[i]);
+    box.n_held = 0;
+    reset_box(false);
+    s = opened(&c);
+    if (started(s))
+        T_OK(wait_count(&box.n, 10));
+    for (int i = 0; i < 3; i++) {
+        T_EQ_I(checksum(old[i]), sum[i]);
+        cap_frame_release(old[i]);
+    }
+    ended(s);
+}
+
+static void buffers_are_exported(void)
+{
+    struct cap_source_config c = config("platform:vivid-004");
+    reset_box(true);
+    cap_source *s = opened(&c);
+    if (started(s) && wait_count(&box.n, 2)) {
+        const struct cap_frame *f = box.held[1];
+        T_OK(f->dmabuf > 0);
+        void *m = mmap(NULL, f->img.size, PROT_READ, MAP_SHARED, f->dmabuf, 0);
+        T_OK(m != MAP_FAILED);
+        if (m != MAP_FAILED) {
+            T_EQ_I(memcmp(m, f->img.data, f->img.size), 0);
+            munmap(m, f->img.size);
+        }
+    }
+    ended(s);
+    empty_box();
+}
+
+static void a_broken_stream_is_lost_at_once(void)
+{
+    struct cap_source_config c = config("platform:vivid-005");
+    static const char *const ways[] = {"Inject Fatal Streaming Error", "Disconnect"};
+    for (int way = 0; way < 2; way++) {
+        reset_box(true);
+        cap_source *s = opened(&c);
+        if (started(s) && wait_count(&box.n, 2)) {
+            control_set(5, ways[way], 1);
+            T_OK(wait_lost());
+            if (way == 1) { /* gone while a frame of it is out, and in use */
+                cap_source *again;
+                struct pvx_diag d = {""};
+                T_OK(v4l2->open(&c, &again, &d) != PVX_OK);
+            }
+        }
+        ended(s);
+        T_EQ_I(box.lost, 1);
+        empty_box();
+        reset_box(false);
+        s = opened(&c); /* the driver brings it back when nobody has it open */
+        if (started(s))
+            T_OK(wait_count(&box.n, 3));
+        ended(s);
+    }
+    control_set(5, "Inject VIDIOC_STREAMON Error", 1);
+    cap_source *s = opened(&c);
+    struct pvx_diag d = {""};
+    T_OK(s != NULL && v4l2->start(s, &sink, &d) != PVX_OK);
+    T_CONTAINS(d.text, "VIDIOC_STREAMON");
+    if (started(s)) /* the next try goes well */
+        T_OK(wait_count(&box.n, 5));
+    ended(s);
+    control_set(5, "Inject VIDIOC_REQBUFS Error", 1);
+    REFUSED(&c, PVX_EINVAL, "VIDIOC_REQBUFS");
+}
+
+/* ---- eight at once ---------------------------------------------------------------------------- */
+
+static bool camera_has(cap_capture *cap, unsigned i, enum cap_count what, uint64_t n)
+{
+    static struct cap_stats st;
+    cap_capture_stats(cap, &st);
+    return st.camera[i].count[what] >= n;
+}
+
+/* Take sets until camera i has counted n; sets with it are counted. */
+static bool run_until(cap_capture *cap, uint64_t *in_sets, unsigned i, enum cap_count what,
+                      uint64_t n)
+{
+    int64_t until = pvx_now_mono() + PATIENCE_NS;
+    while (!camera_has(cap, i, what, n) && pvx_now_mono() < until) {
+        struct cap_set *set;
+        if (cap_capture_next(cap, 100 * PVX_NS_PER_MS, &set) != PVX_OK)
+            continue;
+        T_LE(set->spread_ns, 90 * PVX_NS_PER_MS);
+        for (unsigned k = 0; k < N; k++)
+            in_sets[k] += set->frame[k] != NULL;
+        cap_set_release(set);
+    }
+    return camera_has(cap, i, what, n);
+}
+
+static void eight_at_once_and_one_is_unplugged(void)
+{
+    static struct cap_source_config cam[N];
+    static char name[N][16];
+    static struct cap_stats st;
+    for (unsigned i = 0; i < N; i++) {
+        snprintf(name[i], sizeof name[i], "cam%u", i);
+        cam[i] = config(found_uri[i]);
+        cam[i].name = name[i];
+        cam[i].fps = 5;
+        cam[i].buffers = 8;
+    }
+    struct cap_capture_config cfg = {.n_cameras = N,
+                                     .camera = cam,
+                                     .fps = 5,
+                                     .discard_first = 1,
+                                     .sets = {.policy = CAP_POLICY_PARTIAL,
+                                              .min_cameras = 1,
+                                              .tolerance_ns = 90 * PVX_NS_PER_MS}};
+    cap_capture *cap;
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_capture_new(&cfg, &cap, &d), PVX_OK);
+    if (cap == NULL)
+        return;
+    uint64_t in_sets[N] = {0};
+    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
+    for (unsigned i = 0; i < N; i++)
+        T_OK(run_until(cap, in_sets, i, CAP_RECEIVED, 5));
+    control_set(3, "Disconnect", 1);
+    T_OK(run_until(cap, in_sets, 3, CAP_LOST_CAMERA, 1));
+    cap_capture_stats(cap, &st);
+    T_OK(run_until(cap, in_sets, 3, CAP_RECEIVED, st.camera[3].count[CAP_RECEIVED] + 5));
+    cap_capture_stop(cap);
+    struct cap_set *set;
+    while (cap_capture_next(cap, 0, &set) == PVX_OK) {
+        for (unsigned k = 0; k < N; k++)
+            in_sets[k] += set->frame[k] != NULL;
+        cap_set_release(set);
+    }
+    cap_capture_stats(cap, &st);
+    for (unsigned i = 0; i < N; i++) {
+        const uint64_t *n = st.camera[i].count;
+        T_OK(in_sets[i] > 0);
+        T_EQ_I(n[CAP_RECEIVED], in_sets[i] + n[CAP_LATE] + n[CAP_UNMATCHED] + n[CAP_OVERFLOW]);
+        T_EQ_I(n[CAP_LOST_CAMERA], i == 3);
+        T_EQ_I(n[CAP_BAD_FORMAT] + n[CAP_INCOMPLETE] + n[CAP_UNDERRUN], 0);
+    }
+    cap_capture_free(&cap);
+}
+
+static unsigned fds_at_first;
+static void nothing_is_left_open(void)
+{
+    empty_box();
+    T_EQ_I(entries("/proc/self/fd"), fds_at_first);
+    T_EQ_I(mappings(), 0);
+}
+
+int main(void)
+{
+    const char *rest;
+    pvx_log_set_level(PVX_LOG_ERROR);
+    v4l2 = cap_backend_find("v4l2:", &rest);
+    fds_at_first = entries("/proc/self/fd");
+    T_RUN(lists_every_camera_by_a_name_that_opens_it);
+    T_RUN(a_name_of_several_cameras_is_refused_with_the_choice);
+    T_RUN(a_camera_in_use_is_busy_and_says_by_whom);
+    T_RUN(every_format_shows_the_same_bars);
+    T_RUN(multi_planar_devices_too);
+    T_RUN(yuv_is_read_as_the_driver_says_it_is);
+    T_RUN(what_is_not_offered_is_refused_with_what_is);
+    T_RUN(controls_are_set_and_read_back);
+    T_RUN(controls_that_are_refused_say_why);
+    T_RUN(gain_switches_the_automatic_off);
+    T_RUN(a_slow_consumer_costs_frames_not_the_stream);
+    T_RUN(many_buffers_are_copies);
+    T_RUN(dropped_buffers_are_gaps);
+    T_RUN(numbers_go_on_past_32_bits);
+    T_RUN(stamps_are_the_hosts_clock_or_not_used);
+    T_RUN(errors_of_single_frames_are_counted);
+    T_RUN(stops_and_starts);
+    T_RUN(frames_outlive_their_source_and_do_not_block_the_next);
+    T_RUN(buffers_are_exported);
+    T_RUN(a_broken_stream_is_lost_at_once);
+    T_RUN(eight_at_once_and_one_is_unplugged);
+    T_RUN(nothing_is_left_open);
+    return t_done();
+}
