@@ -66,17 +66,27 @@ struct v4l_fourcc_text v4l_fourcc_text(uint32_t fourcc)
     return t;
 }
 
-/* BT.2020 and SMPTE 240M are nearest to BT.709 among the two that are known. */
-uint8_t v4l_yuv(uint32_t colorspace, uint32_t ycbcr_enc, uint32_t quantization)
+/* BT.2020 and SMPTE 240M are nearest to BT.709 among the matrices and curves that are known here. */
+uint8_t v4l_yuv(enum cap_pixfmt fmt, uint32_t colorspace, uint32_t ycbcr_enc, uint32_t quantization,
+                uint32_t xfer_func)
 {
+    enum cap_layout layout = cap_pixfmt_layout(fmt);
+    if (layout != CAP_LAYOUT_YUV && layout != CAP_LAYOUT_JPEG)
+        return 0;
     if (ycbcr_enc == V4L2_YCBCR_ENC_DEFAULT)
         ycbcr_enc = V4L2_MAP_YCBCR_ENC_DEFAULT(colorspace);
     if (quantization == V4L2_QUANTIZATION_DEFAULT)
         quantization = V4L2_MAP_QUANTIZATION_DEFAULT(0, colorspace, ycbcr_enc);
+    if (xfer_func == V4L2_XFER_FUNC_DEFAULT && colorspace != V4L2_COLORSPACE_DEFAULT)
+        xfer_func = V4L2_MAP_XFER_FUNC_DEFAULT(colorspace);
+    bool tv = xfer_func == V4L2_XFER_FUNC_709 || xfer_func == V4L2_XFER_FUNC_SMPTE240M;
+    uint8_t transfer = tv ? CAP_YUV_TRANSFER_709 : 0;
+    if (layout == CAP_LAYOUT_JPEG) /* the rest is in its own header */
+        return transfer;
     bool is_601 = ycbcr_enc == V4L2_YCBCR_ENC_601 || ycbcr_enc == V4L2_YCBCR_ENC_XV601 ||
                   ycbcr_enc == V4L2_YCBCR_ENC_SYCC;
-    return (uint8_t)((is_601 ? CAP_YUV_601 : CAP_YUV_709) |
-                     (quantization == V4L2_QUANTIZATION_FULL_RANGE ? CAP_YUV_FULL : 0));
+    bool full = quantization == V4L2_QUANTIZATION_FULL_RANGE;
+    return (uint8_t)((is_601 ? CAP_YUV_601 : CAP_YUV_709) | (full ? CAP_YUV_FULL : 0) | transfer);
 }
 
 /* ---- what a device offers --------------------------------------------------------------------- */

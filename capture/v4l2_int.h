@@ -48,7 +48,9 @@ struct v4l_fourcc_text {
     char s[16];
 };
 struct v4l_fourcc_text v4l_fourcc_text(uint32_t fourcc);
-uint8_t v4l_yuv(uint32_t colorspace, uint32_t ycbcr_enc, uint32_t quantization); /* enum cap_yuv */
+/* enum cap_yuv of what a driver says; DEFAULT of each as the kernel's documentation resolves it. */
+uint8_t v4l_yuv(enum cap_pixfmt fmt, uint32_t colorspace, uint32_t ycbcr_enc, uint32_t quantization,
+                uint32_t xfer_func);
 /* Index-th format of the device, 0 = no more. */
 uint32_t v4l_enum_format(const struct v4l_device *dev, unsigned index);
 /* What the device offers: "Mono8 YUV422_8; of no use here: NV12"; "640x480 320x240" of a format;

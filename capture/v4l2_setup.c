@@ -9,7 +9,7 @@
 /* What both forms of the interface say about a picture. */
 struct picture {
     uint32_t fourcc, width, height, field, stride, size;
-    uint32_t colorspace, ycbcr_enc, quantization;
+    uint32_t colorspace, ycbcr_enc, quantization, xfer_func;
 };
 
 static struct picture picture_of(const struct v4l2_format *f)
@@ -24,7 +24,8 @@ static struct picture picture_of(const struct v4l2_format *f)
                                 m->plane_fmt[0].sizeimage,
                                 m->colorspace,
                                 m->ycbcr_enc,
-                                m->quantization};
+                                m->quantization,
+                                m->xfer_func};
     }
     const struct v4l2_pix_format *p = &f->fmt.pix;
     bool extended = p->priv == V4L2_PIX_FMT_PRIV_MAGIC;
@@ -36,7 +37,8 @@ static struct picture picture_of(const struct v4l2_format *f)
                             p->sizeimage,
                             p->colorspace,
                             extended ? p->ycbcr_enc : V4L2_YCBCR_ENC_DEFAULT,
-                            extended ? p->quantization : V4L2_QUANTIZATION_DEFAULT};
+                            extended ? p->quantization : V4L2_QUANTIZATION_DEFAULT,
+                            extended ? p->xfer_func : V4L2_XFER_FUNC_DEFAULT};
 }
 
 static struct v4l2_format format_of(const struct v4l_device *dev, uint32_t fourcc, uint32_t w,
@@ -125,8 +127,7 @@ static pvx_err take_layout(const struct cap_source_config *c, const struct v4l_d
                         "rows are of two instants",
                         c->name, c->uri, p->field);
     enum cap_layout kind = cap_pixfmt_layout(l->fmt);
-    if (kind == CAP_LAYOUT_YUV)
-        l->yuv = v4l_yuv(p->colorspace, p->ycbcr_enc, p->quantization);
+    l->yuv = v4l_yuv(l->fmt, p->colorspace, p->ycbcr_enc, p->quantization, p->xfer_func);
     if (kind == CAP_LAYOUT_JPEG)
         return PVX_OK;
     size_t row = cap_pixfmt_row(l->fmt, l->width);
