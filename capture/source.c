@@ -18,6 +18,14 @@ const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_UNMATCHED] = {"unmatched", "frames", "its set was never completed"},
     [CAP_ID_GAP] = {"id_gap", "frames", "numbered by the camera but never seen"},
     [CAP_LOST_CAMERA] = {"lost_camera", "times", "the camera stopped answering"},
+    [CAP_CLOCK_STUCK] = {"clock_stuck", "times", "device time stood still for several frames"},
+    [CAP_CLOCK_JUMP] = {"clock_jump", "times", "the camera's clock jumped"},
+    [CAP_SLIP] = {"slip", "times", "frame numbers and times disagreed: pictures may be off by one"},
+    [CAP_MISSED_TRIGGER] = {"missed_trigger", "frames", "not taken while the other cameras did"},
+    [CAP_OUT_OF_STEP] = {"out_of_step", "s", "exposed outside the tolerance around the others"},
+    [CAP_PHASE_WALK] = {"phase_walk", "s", "its exposures moved against the others'"},
+    [CAP_RATE] = {"rate", "s", "its frame rate was not what it should be"},
+    [CAP_BANDWIDTH] = {"bandwidth", "s", "several cameras at once sent incomplete frames"},
 };
 
 const struct cap_health cap_health_unknown = {

@@ -45,6 +45,16 @@ enum cap_count {
     CAP_UNMATCHED,   /* its set was never completed (partial set dropped) */
     CAP_ID_GAP,      /* frames that the camera numbered but we never saw */
     CAP_LOST_CAMERA, /* times the camera stopped answering */
+    /* What is below counts no frames that are not counted above: it tells that something is not as it
+     * should be (syncwatch.h, monitor.c). */
+    CAP_CLOCK_STUCK, /* times that device time stood still for several frames */
+    CAP_CLOCK_JUMP,  /* times that the camera's clock jumped */
+    CAP_SLIP,        /* times that frame numbers and times disagreed: pictures may be off by one */
+    CAP_MISSED_TRIGGER, /* pictures that the camera did not take while the others did */
+    CAP_OUT_OF_STEP,    /* seconds in which it exposed outside the tolerance around the others */
+    CAP_PHASE_WALK,     /* seconds in which its exposures moved against the others' */
+    CAP_RATE,           /* seconds in which its frame rate was not what it should be */
+    CAP_BANDWIDTH,      /* seconds in which several cameras at once sent incomplete frames */
     CAP_N_COUNT
 };
 struct cap_count_def {

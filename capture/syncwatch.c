@@ -1,0 +1,362 @@
+#include "capture/syncwatch.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+
+#define MIN_PERIODS 8 /* in a window */
+#define FAR_PERIODS 4 /* a clock that is that far off the others' is another time */
+#define ROUND_OFF   0.25
+#define COARSE      0.2
+#define FINE        0.01
+#define FINEST      400e-6
+#define MIN_WALK    3 /* windows that make a line */
+#define WALK_NS     500e3
+#define RENUMBERED  1000 /* instants: numbers that far off have begun anew */
+#define PI          3.14159265358979323846
+
+void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_params *p,
+                        const struct cap_sink *counts,
+                        void (*detail)(void *ctx, uint32_t camera, enum cap_count what,
+                                       const char *text))
+{
+    memset(w, 0, sizeof *w);
+    w->p = *p;
+    w->counts = *counts;
+    w->detail = detail;
+    w->window_ns =
+        MIN_PERIODS * p->period_ns > PVX_NS_PER_S ? MIN_PERIODS * p->period_ns : PVX_NS_PER_S;
+    for (uint32_t c = 0; c < p->cameras; c++)
+        cap_syncwatch_restart(w, c);
+}
+
+void cap_syncwatch_restart(struct cap_syncwatch *w, uint32_t camera)
+{
+    w->camera[camera] = (struct cap_sync_camera){.phase_ns = NAN, .walk_ns_per_s = NAN, .hz = NAN};
+}
+
+void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns)
+{
+    w->t_set_ns += by_ns;
+    for (uint32_t c = 0; c < w->p.cameras; c++) {
+        struct cap_sync_camera *k = &w->camera[c];
+        k->t_ns += by_ns;
+        k->t0 += by_ns;
+        for (unsigned i = 0; i < CAP_WALK_WINDOWS; i++)
+            k->walk[i].t_ns += by_ns;
+    }
+}
+
+static void found(struct cap_syncwatch *w, uint32_t c, enum cap_count what, uint64_t n,
+                  const char *text)
+{
+    w->counts.count(w->counts.ctx, c, what, n);
+    if (w->detail != NULL)
+        w->detail(w->counts.ctx, c, what, text);
+}
+
+/* ---- numbers ---- */
+
+/* What most members say that this instant is called; *sure = more than half of those who say anything,
+ * or the one of the sayings that the time supports. */
+static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set *s, bool *sure)
+{
+    int64_t say[CAP_MAX_CAMERAS], best = 0;
+    unsigned n = 0, most = 0;
+    for (uint32_t c = 0; c < w->p.cameras; c++)
+        if (s->frame[c] != NULL && w->camera[c].numbered)
+            say[n++] = (int64_t)s->frame[c]->id + w->camera[c].offset;
+    for (unsigned i = 0; i < n; i++) {
+        unsigned votes = 0;
+        for (unsigned j = 0; j < n; j++)
+            votes += say[j] == say[i];
+        if (votes > most) {
+            most = votes;
+            best = say[i];
+        }
+    }
+    *sure = 2 * most > n;
+    if (*sure)
+        return best;
+    double steps = w->p.period_ns > 0
+                       ? (double)(s->t_exposure_ns - w->t_set_ns) / (double)w->p.period_ns
+                       : NAN;
+    int64_t by_time = w->instant + (steps > 0 ? llrint(steps) : 1);
+    if (n == 0)
+        return by_time;
+    for (unsigned i = 0; i < n; i++)
+        *sure |= say[i] == by_time && fabs(steps - rint(steps)) < ROUND_OFF;
+    return *sure ? by_time : best;
+}
+
+static void disagrees(struct cap_syncwatch *w, uint32_t c, int64_t by)
+{
+    struct cap_sync_camera *k = &w->camera[c];
+    char text[96];
+    if (llabs(by) < RENUMBERED) {
+        if (by < 0 && k->away >= -by) {
+            snprintf(text, sizeof text, "it took %lld picture(s) fewer than there were instants",
+                     (long long)-by);
+            found(w, c, CAP_MISSED_TRIGGER, (uint64_t)-by, text);
+        } else {
+            snprintf(text, sizeof text, "its frame numbers went %+lld against its times",
+                     (long long)by);
+            found(w, c, CAP_SLIP, 1, text);
+        }
+    }
+    k->offset -= by;
+}
+
+void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s)
+{
+    bool sure = false;
+    int64_t instant = w->any_set ? name_instant(w, s, &sure) : 0;
+    w->instant = instant;
+    w->t_set_ns = s->t_exposure_ns;
+    w->any_set = true;
+    for (uint32_t c = 0; c < w->p.cameras; c++) {
+        const struct cap_frame *f = s->frame[c];
+        struct cap_sync_camera *k = &w->camera[c];
+        if (f == NULL || f->id == 0) /* a source without numbers */
+            continue;
+        int64_t by = k->numbered ? (int64_t)f->id + k->offset - instant : 0;
+        if (!k->numbered) {
+            k->numbered = true;
+            k->offset = instant - (int64_t)f->id;
+        } else if (by != 0 && sure && by == k->doubt) {
+            disagrees(w, c, by);
+            by = 0;
+        }
+        k->doubt = sure ? by : 0;
+        k->away = instant - k->last_instant - 1;
+        k->last_instant = instant;
+    }
+}
+
+/* ---- phases and rates ---- */
+
+static int ascending(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return x < y ? -1 : x > y;
+}
+
+static double median(double *v, unsigned n)
+{
+    qsort(v, n, sizeof *v, ascending);
+    return n % 2 ? v[n / 2] : (v[n / 2 - 1] + v[n / 2]) / 2;
+}
+
+static double wrapped(double ns, double period)
+{
+    return ns - period * rint(ns / period);
+}
+
+/* This frame's exposure against the others' last.  Of an even number of them the two in the middle may
+ * be half a period apart: then the one that is nearer to zero counts. */
+static void take_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
+{
+    double near[CAP_MAX_CAMERAS], far[CAP_MAX_CAMERAS], period = (double)w->p.period_ns;
+    unsigned n = 0, n_far = 0;
+    for (uint32_t b = 0; b < w->p.cameras; b++) {
+        const struct cap_sync_camera *o = &w->camera[b];
+        if (o == k || !o->any || k->arrival_ns - o->arrival_ns > 2 * w->p.period_ns)
+            continue;
+        double d = (double)(k->t_ns - o->t_ns);
+        if (fabs(d) > FAR_PERIODS * period)
+            far[n_far++] = d;
+        else
+            near[n++] = wrapped(d, period);
+    }
+    if (n + n_far == 0)
+        return;
+    if (n_far > n) {
+        k->far++;
+        k->far_ns = (int64_t)median(far, n_far);
+        return;
+    }
+    qsort(near, n, sizeof *near, ascending);
+    double m = near[n / 2];
+    if (n % 2 == 0 && fabs(near[n / 2 - 1]) < fabs(m))
+        m = near[n / 2 - 1];
+    k->cos += cos(2 * PI * m / period);
+    k->sin += sin(2 * PI * m / period);
+    k->phases++;
+}
+
+/* Straight line through the phases of the windows; true when it is one and leads away. */
+static bool walks(struct cap_syncwatch *w, struct cap_sync_camera *k, double *per_s)
+{
+    unsigned n = k->n_walk;
+    double mx = 0, my = 0, sxx = 0, sxy = 0, rest = 0;
+    int64_t t0 = k->walk[0].t_ns;
+    for (unsigned i = 0; i < n; i++) {
+        mx += (double)(k->walk[i].t_ns - t0) * 1e-9 / n;
+        my += k->walk[i].phase_ns / n;
+    }
+    for (unsigned i = 0; i < n; i++) {
+        double x = (double)(k->walk[i].t_ns - t0) * 1e-9 - mx, y = k->walk[i].phase_ns - my;
+        sxx += x * x;
+        sxy += x * y;
+    }
+    *per_s = sxx > 0 ? sxy / sxx : 0;
+    for (unsigned i = 0; i < n; i++) {
+        double x = (double)(k->walk[i].t_ns - t0) * 1e-9 - mx, y = k->walk[i].phase_ns - my;
+        rest += (y - *per_s * x) * (y - *per_s * x) / n;
+    }
+    double span = n * (double)w->window_ns * 1e-9, change = fabs(*per_s) * span;
+    double least = (double)w->p.period_ns / 20;
+    return n >= MIN_WALK && change > fmax(least, WALK_NS) && change > 6 * sqrt(rest);
+}
+
+static void judge_phase(struct cap_syncwatch *w, uint32_t c)
+{
+    struct cap_sync_camera *k = &w->camera[c];
+    char text[96];
+    double period = (double)w->p.period_ns;
+    if (k->far > k->phases) {
+        snprintf(text, sizeof text, "its clock is %.3f s away from the others'",
+                 (double)k->far_ns * 1e-9);
+        found(w, c, CAP_OUT_OF_STEP, 1, text);
+        k->phase_ns = NAN;
+        k->n_walk = k->walk_head = 0;
+        return;
+    }
+    double length = k->phases > 0 ? hypot(k->cos, k->sin) / k->phases : 0;
+    if (length < 0.5) { /* all phases alike: it runs at another rate, or the others do */
+        k->phase_ns = NAN;
+        k->n_walk = k->walk_head = 0;
+        return;
+    }
+    double phase = atan2(k->sin, k->cos) / (2 * PI) * period;
+    k->phase_ns = phase;
+    if (k->n_walk > 0) {
+        unsigned last = (k->walk_head + CAP_WALK_WINDOWS - 1) % CAP_WALK_WINDOWS;
+        double before = k->walk[last].phase_ns;
+        phase = before + wrapped(phase - before, period);
+    }
+    k->walk[k->walk_head].t_ns = k->t_ns;
+    k->walk[k->walk_head].phase_ns = phase;
+    k->walk_head = (k->walk_head + 1) % CAP_WALK_WINDOWS;
+    k->n_walk += k->n_walk < CAP_WALK_WINDOWS;
+    if (fabs(k->phase_ns) > (double)w->p.tolerance_ns) {
+        snprintf(text, sizeof text, "it exposes %.2f ms %s the others", fabs(k->phase_ns) * 1e-6,
+                 k->phase_ns > 0 ? "after" : "before");
+        found(w, c, CAP_OUT_OF_STEP, 1, text);
+    }
+    if (walks(w, k, &k->walk_ns_per_s)) {
+        snprintf(text, sizeof text, "its exposures move by %.3f ms per second against the others",
+                 k->walk_ns_per_s * 1e-6);
+        found(w, c, CAP_PHASE_WALK, 1, text);
+    }
+}
+
+/* Over the windows of the last while, by rounded intervals; NAN when there are too few. */
+static double long_rate(const struct cap_sync_camera *k)
+{
+    int64_t ns = 0, periods = 0;
+    for (unsigned i = 0; i < k->n_rate; i++) {
+        ns += k->rate[i].ns;
+        periods += k->rate[i].periods;
+    }
+    return k->n_rate < CAP_RATE_WINDOWS ? NAN : (double)periods * 1e9 / (double)ns;
+}
+
+/* Unlike most of the others, as far as they are known; of two, the one that is farther from nominal is
+ * wrong. */
+static bool unlike_the_others(const struct cap_syncwatch *w, const struct cap_sync_camera *k,
+                              double mine, double *theirs)
+{
+    double rate[CAP_MAX_CAMERAS], nominal = 1e9 / (double)w->p.period_ns;
+    unsigned n = 0, unlike = 0;
+    for (uint32_t b = 0; b < w->p.cameras; b++) {
+        double r = long_rate(&w->camera[b]);
+        if (&w->camera[b] == k || !isfinite(r))
+            continue;
+        rate[n++] = r;
+        unlike += fabs(mine / r - 1) > FINEST;
+    }
+    if (2 * unlike <= n)
+        return false;
+    *theirs = median(rate, n);
+    return n > 1 || fabs(mine - nominal) >= fabs(*theirs - nominal);
+}
+
+static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
+{
+    struct cap_sync_camera *k = &w->camera[c];
+    double nominal = 1e9 / (double)w->p.period_ns;
+    char text[96];
+    uint64_t n = k->id > k->id0 ? k->id - k->id0 : k->frames;
+    if (n > 16 * (k->frames + 1)) /* numbered anew */
+        n = k->frames;
+    double by_number = (double)n * 1e9 / (double)ns;
+    double theirs = 0;
+    bool whole = k->periods > 0;
+    k->hz = by_number;
+    if (!w->p.paced_outside && fabs(by_number / nominal - 1) > COARSE) {
+        snprintf(text, sizeof text, "%.2f pictures a second instead of %.2f", by_number, nominal);
+        found(w, c, CAP_RATE, 1, text);
+        k->n_rate = k->rate_head = 0;
+        return;
+    }
+    if (!whole) { /* intervals that are no multiples of the period: triggers that come as they like */
+        k->n_rate = k->rate_head = 0;
+        return;
+    }
+    k->hz = (double)k->periods * 1e9 / (double)ns;
+    k->rate[k->rate_head].ns = ns;
+    k->rate[k->rate_head].periods = k->periods;
+    k->rate_head = (k->rate_head + 1) % CAP_RATE_WINDOWS;
+    k->n_rate += k->n_rate < CAP_RATE_WINDOWS;
+    double slow = long_rate(k);
+    if (fabs(k->hz / nominal - 1) > FINE) {
+        snprintf(text, sizeof text, "%.2f pictures a second instead of %.2f", k->hz, nominal);
+        found(w, c, CAP_RATE, 1, text);
+    } else if (isfinite(slow) && unlike_the_others(w, k, slow, &theirs)) {
+        snprintf(text, sizeof text, "%.3f pictures a second, the others %.3f", slow, theirs);
+        found(w, c, CAP_RATE, 1, text);
+    }
+}
+
+static void begin_window(struct cap_sync_camera *k)
+{
+    k->t0 = k->t_ns;
+    k->id0 = k->id;
+    k->frames = k->far = 0;
+    k->periods = 0;
+    k->phases = 0;
+    k->cos = k->sin = 0;
+}
+
+void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f)
+{
+    struct cap_sync_camera *k = &w->camera[f->camera];
+    bool first = !k->any;
+    int64_t step = f->t_exposure_ns - k->t_ns;
+    k->any = true;
+    k->id = f->id;
+    k->t_ns = f->t_exposure_ns;
+    k->arrival_ns = f->t_arrival_mono_ns;
+    if (w->p.period_ns == 0)
+        return;
+    if (first || step <= 0 || step > 4 * w->window_ns) {
+        begin_window(k); /* after a pause nothing is known of it */
+        return;
+    }
+    k->frames++;
+    double periods = (double)step / (double)w->p.period_ns;
+    if (periods < 0.5 || fabs(periods - rint(periods)) > ROUND_OFF)
+        k->periods = -1;
+    else if (k->periods >= 0)
+        k->periods += llrint(periods);
+    take_phase(w, k);
+    if (k->t_ns - k->t0 < w->window_ns)
+        return;
+    judge_phase(w, f->camera);
+    judge_rate(w, f->camera, k->t_ns - k->t0);
+    begin_window(k);
+}

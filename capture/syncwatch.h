@@ -1,0 +1,102 @@
+/* syncwatch.h - what exposure times and frame numbers tell about how well cameras work together.
+ *
+ * Matching by time (frameset.h) never mixes instants, but it cannot know that a camera is in the wrong
+ * mode; frame numbers can, and so can rates and phases.  Per camera, each in its count of
+ * source.h and with numbers for a message:
+ *
+ * SLIP, MISSED_TRIGGER.  Sets are numbered by their instants: K = what most members' frame numbers say,
+ * each id plus an offset learnt at its first set; where there is no majority, what the time says.  A
+ * member that says otherwise, in two sets in a row: if it has numbered fewer pictures than there were
+ * instants, and it was away for as many, it has missed triggers (there is no gap in its numbers);
+ * everything else is a slip: its numbers and its times disagree, and its pictures may be one instant
+ * off.  Found with the second set.  What cannot be told: a camera without a common clock or readings of
+ * its clock, whose pictures have all been late by one period since its start; time stamps and numbers
+ * then agree.
+ *
+ * OUT_OF_STEP.  Phase = its exposure minus the others' last, modulo the period; median over the others;
+ * mean over windows of max(1 s, 8 periods).  Outside the tolerance, or a clock that is off by more than
+ * four periods against the order of arrival.  Found after one window.
+ *
+ * PHASE_WALK.  The phase moves steadily: line through the last 64 windows, that has changed by more
+ * than max(period / 20, 0.5 ms) and by 6 times its own scatter.  So a camera that runs by itself beside
+ * triggered ones is found before it is out of step: after 3 s at 1000 ppm and 30 Hz, but only after 33 s
+ * at 50 ppm: there is nothing to see earlier.
+ *
+ * RATE.  Over a window: frames by number against the nominal rate, off by 20 %; or periods by rounded
+ * interval, off by 1 %; found after one window.  Over ten windows: rounded intervals against the
+ * median of the other cameras, off by 400 ppm (29.97 Hz beside 30 is 1000): below that it is
+ * clocks, which one second cannot tell apart.
+ *
+ * With two cameras nobody knows which of them is wrong; both are named (RATE: the one farther from
+ * nominal).
+ * The last three count seconds (windows) in which it was so.
+ * Threads: one (the assembler's).  Allocates nothing; cost O(cameras) per frame, O(cameras^2) per set. */
+#ifndef CAP_SYNCWATCH_H
+#define CAP_SYNCWATCH_H
+#include "capture/frameset.h"
+
+#define CAP_WALK_WINDOWS 64
+#define CAP_RATE_WINDOWS 10
+
+struct cap_syncwatch_params {
+    uint32_t cameras;
+    int64_t period_ns; /* 0 = not known: no phases, no rates */
+    int64_t tolerance_ns;
+    bool paced_outside; /* triggers come from elsewhere: the nominal rate is only a rough guess */
+};
+
+struct cap_syncwatch {
+    struct cap_syncwatch_params p;
+    struct cap_sink counts; /* only ->count is called */
+    void (*detail)(void *ctx, uint32_t camera, enum cap_count what, const char *text);
+    int64_t window_ns;
+    bool any_set;
+    int64_t instant, t_set_ns; /* number and time of the last set */
+    struct cap_sync_camera {
+        /* last frame */
+        bool any;
+        uint64_t id;
+        int64_t t_ns, arrival_ns;
+        /* numbers against sets */
+        bool numbered;
+        int64_t offset;       /* instant - id */
+        int64_t last_instant; /* that it was a member of */
+        int64_t doubt;        /* instants that it disagreed by in the last set */
+        int64_t away;         /* instants without it, before it disagreed */
+        /* window: t0 .. t0 + window */
+        int64_t t0;
+        uint64_t id0, frames, far; /* far: its clock is nowhere near the others' */
+        int64_t periods;           /* rounded intervals; -1: one was no multiple */
+        double cos, sin;           /* of the phase */
+        unsigned phases;
+        int64_t far_ns;
+        /* windows gone by */
+        struct {
+            int64_t t_ns;
+            double phase_ns; /* unwrapped */
+        } walk[CAP_WALK_WINDOWS];
+        unsigned n_walk, walk_head;
+        struct {
+            int64_t ns, periods;
+        } rate[CAP_RATE_WINDOWS];
+        unsigned n_rate, rate_head;
+        /* for a report; NAN = not known */
+        double phase_ns, walk_ns_per_s, hz;
+    } camera[CAP_MAX_CAMERAS];
+};
+
+/* detail may be NULL. */
+void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_params *p,
+                        const struct cap_sink *counts,
+                        void (*detail)(void *ctx, uint32_t camera, enum cap_count what,
+                                       const char *text));
+/* Every good frame, its exposure mapped, in order of arrival. */
+void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f);
+/* Every set given out. */
+void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s);
+/* The camera was started anew, or its clock jumped: nothing of before counts. */
+void cap_syncwatch_restart(struct cap_syncwatch *w, uint32_t camera);
+/* The clock of the exposure times was stepped. */
+void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns);
+
+#endif

@@ -1,0 +1,297 @@
+/* test_syncwatch.c - what is wrong with a camera's trigger, rate or numbers is found, in time, in the
+ * right camera, and nothing is found where nothing is wrong. */
+#include "../t.h"
+
+#include "base/clock.h"
+#include "capture/syncwatch.h"
+
+#define S  PVX_NS_PER_S
+#define MS PVX_NS_PER_MS
+#define T0 1700000000000000000LL
+#define N  4
+
+static uint64_t counts[CAP_MAX_CAMERAS][CAP_N_COUNT];
+static char details[CAP_MAX_CAMERAS][CAP_N_COUNT][128];
+static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    (void)ctx;
+    counts[camera][what] += n;
+}
+static void detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
+{
+    (void)ctx;
+    snprintf(details[camera][what], sizeof details[camera][what], "%s", text);
+}
+
+static struct cap_syncwatch w;
+static uint64_t next_id[CAP_MAX_CAMERAS];
+
+static void begin(uint32_t cameras, double hz)
+{
+    memset(counts, 0, sizeof counts);
+    memset(details, 0, sizeof details);
+    for (uint32_t c = 0; c < CAP_MAX_CAMERAS; c++)
+        next_id[c] = 1 + t_rand() % 60000;
+    struct cap_syncwatch_params p = {.cameras = cameras,
+                                     .period_ns = (int64_t)(1e9 / hz),
+                                     .tolerance_ns = (int64_t)(1e9 / hz / 4)};
+    struct cap_sink sink = {.count = count};
+    cap_syncwatch_init(&w, &p, &sink, detail);
+}
+
+static void frame(uint32_t c, double t)
+{
+    struct cap_frame f = {.camera = c,
+                          .id = next_id[c]++,
+                          .t_exposure_ns = T0 + (int64_t)(t * 1e9),
+                          .t_arrival_mono_ns = (int64_t)((t + 0.01 + t_uniform(0, 0.001)) * 1e9)};
+    cap_syncwatch_frame(&w, &f);
+}
+
+/* A set of the cameras in `mask` at t, ids as they are; the frames are seen too. */
+static void set(uint32_t cameras, uint64_t mask, double t)
+{
+    static struct cap_frame f[CAP_MAX_CAMERAS];
+    struct cap_set s = {.t_exposure_ns = T0 + (int64_t)(t * 1e9)};
+    for (uint32_t c = 0; c < cameras; c++)
+        if (mask >> c & 1) {
+            f[c] =
+                (struct cap_frame){.camera = c,
+                                   .id = next_id[c]++,
+                                   .t_exposure_ns = s.t_exposure_ns + (int64_t)t_uniform(-1e5, 1e5),
+                                   .t_arrival_mono_ns = (int64_t)(t * 1e9)};
+            s.frame[c] = &f[c];
+            s.n++;
+            cap_syncwatch_frame(&w, &f[c]);
+        }
+    cap_syncwatch_set(&w, &s);
+}
+
+static uint64_t any(uint32_t c)
+{
+    uint64_t n = 0;
+    for (int i = CAP_CLOCK_STUCK; i < CAP_N_COUNT; i++)
+        n += counts[c][i];
+    return n;
+}
+static uint64_t anything(void)
+{
+    uint64_t n = 0;
+    for (uint32_t c = 0; c < CAP_MAX_CAMERAS; c++)
+        n += any(c);
+    return n;
+}
+
+/* Drops with gaps, jitter of 1 ms, 29.99 Hz instead of 30: nothing is wrong. */
+static void nothing_is_found_where_nothing_is_wrong(void)
+{
+    for (int round = 0; round < 40; round++) {
+        double hz = 30;
+        uint32_t cameras = 2 + (uint32_t)(t_rand() % 7);
+        begin(cameras, hz);
+        for (int k = 0; k < 40 * 30; k++) {
+            static struct cap_frame f[CAP_MAX_CAMERAS];
+            struct cap_set s = {.t_exposure_ns = T0 + (int64_t)(k / 29.99 * 1e9)};
+            for (uint32_t c = 0; c < cameras; c++, next_id[c - 1]++) {
+                if (t_uniform(0, 1) < 0.05)
+                    continue;
+                f[c] = (struct cap_frame){
+                    .camera = c,
+                    .id = next_id[c],
+                    .t_exposure_ns = s.t_exposure_ns + (int64_t)t_uniform(-1e6, 1e6),
+                    .t_arrival_mono_ns = (int64_t)(k / 29.99 * 1e9 + t_uniform(2e6, 4e6))};
+                s.frame[c] = &f[c];
+                s.n++;
+                cap_syncwatch_frame(&w, &f[c]);
+            }
+            if (s.n >= 2)
+                cap_syncwatch_set(&w, &s);
+        }
+        T_CHECK_(anything() == 0, "round %d: %llu findings", round, (unsigned long long)anything());
+    }
+}
+
+static void a_missed_trigger_is_found_at_once(void)
+{
+    begin(N, 30);
+    double t = 0;
+    for (int k = 0; k < 10; k++, t += 1 / 30.)
+        set(N, 15, t);
+    set(N, 15 & ~4u, t); /* camera 2 takes no picture, and its numbers do not tell */
+    t += 1 / 30.;
+    set(N, 15, t);
+    t += 1 / 30.;
+    T_EQ_I(anything(), 0);
+    set(N, 15, t);
+    T_EQ_I(counts[2][CAP_MISSED_TRIGGER], 1);
+    T_EQ_I(anything(), 1);
+    /* a loss that its numbers tell is no missed trigger */
+    t += 1 / 30.;
+    set(N, 15 & ~2u, t);
+    next_id[1]++;
+    for (int k = 0; k < 10; k++)
+        set(N, 15, t += 1 / 30.);
+    T_EQ_I(anything(), 1);
+    /* three at once, while only whole sets are given out */
+    t += 3 / 30.;
+    for (uint32_t c = 0; c < N; c++)
+        next_id[c] += c == 3 ? 0 : 3;
+    for (int k = 0; k < 10; k++)
+        set(N, 15, t += 1 / 30.);
+    T_EQ_I(counts[3][CAP_MISSED_TRIGGER], 3);
+    T_EQ_I(anything(), 4);
+}
+
+static void off_by_one_is_found(void)
+{
+    for (uint32_t cameras = 2; cameras <= 8; cameras++)
+        for (int by = -1; by <= 1; by += 2) {
+            begin(cameras, 30);
+            double t = 0;
+            for (int k = 0; k < 10; k++, t += 1 / 30.)
+                set(cameras, (1u << cameras) - 1, t);
+            next_id[1] +=
+                (uint64_t)by; /* its pictures and its stamps are no longer the same ones */
+            set(cameras, (1u << cameras) - 1, t);
+            set(cameras, (1u << cameras) - 1, t + 1 / 30.);
+            T_EQ_I(counts[1][CAP_SLIP], 1);
+            for (int k = 2; k < 30; k++)
+                set(cameras, (1u << cameras) - 1, t + k / 30.);
+            T_EQ_I(anything(), 1);
+        }
+}
+
+static void numbers_may_begin_anew(void)
+{
+    begin(N, 30);
+    double t = 0;
+    for (int k = 0; k < 10; k++, t += 1 / 30.)
+        set(N, 15, t);
+    next_id[0] = 1;
+    cap_syncwatch_restart(&w, 0);
+    for (int k = 0; k < 30; k++, t += 1 / 30.)
+        set(N, 15, t);
+    next_id[3] = 500000; /* nobody said so */
+    for (int k = 0; k < 30; k++, t += 1 / 30.)
+        set(N, 15, t);
+    T_EQ_I(anything(), 0);
+}
+
+/* Camera `odd` at its own rate and phase beside triggered ones; the time until `what` is counted, s. */
+static double until(uint32_t cameras, uint32_t odd, double hz, double odd_hz, double phase,
+                    enum cap_count what, double most)
+{
+    double next[CAP_MAX_CAMERAS] = {0};
+    begin(cameras, hz);
+    next[odd] = phase;
+    for (;;) {
+        uint32_t c = 0;
+        for (uint32_t b = 1; b < cameras; b++)
+            if (next[b] < next[c])
+                c = b;
+        double t = next[c];
+        if (t > most || counts[odd][what] > 0)
+            return t;
+        frame(c, t + t_uniform(-2e-4, 2e-4));
+        next[c] += 1 / (c == odd ? odd_hz : hz);
+    }
+}
+
+static void only(uint32_t cameras, uint32_t odd)
+{
+    for (uint32_t c = 0; c < cameras; c++)
+        for (int i = CAP_CLOCK_STUCK; c != odd && i < CAP_N_COUNT; i++)
+            T_CHECK_(counts[c][i] == 0, "camera %u: %s: %s", c, cap_count_defs[i].name,
+                     details[c][i]);
+}
+
+static void a_camera_out_of_step_is_found_in_a_second(void)
+{
+    T_LE(until(N, 2, 30, 30, 0.012, CAP_OUT_OF_STEP, 20), 1.2);
+    only(N, 2);
+    T_CONTAINS(details[2][CAP_OUT_OF_STEP], "ms after the others");
+    T_LE(until(8, 7, 100, 100, 0.0072, CAP_OUT_OF_STEP, 20), 1.2);
+    only(8, 7);
+    T_CONTAINS(details[7][CAP_OUT_OF_STEP], "before");
+    /* another time altogether: whole periods away */
+    T_LE(until(3, 0, 30, 30, 0, CAP_OUT_OF_STEP, 3), 3.1);
+    begin(3, 30);
+    for (int k = 0; k < 60; k++)
+        for (uint32_t c = 0; c < 3; c++) {
+            struct cap_frame f = {.camera = c,
+                                  .id = next_id[c]++,
+                                  .t_exposure_ns = T0 + k * S / 30 + (c == 1 ? 3600 * S : 0),
+                                  .t_arrival_mono_ns = k * S / 30 + (int64_t)t_uniform(0, 1e6)};
+            cap_syncwatch_frame(&w, &f);
+        }
+    T_OK(counts[1][CAP_OUT_OF_STEP] > 0);
+    T_CONTAINS(details[1][CAP_OUT_OF_STEP], "3600.0");
+    only(3, 1);
+}
+
+static void a_free_running_camera_is_found_before_it_is_out_of_step(void)
+{
+    static const struct {
+        double ppm, at_most;
+    } row[] = {{1000, 4}, {-1000, 4}, {200, 14}, {50, 45}};
+    for (size_t k = 0; k < sizeof row / sizeof row[0]; k++) {
+        double t = until(N, 1, 30, 30 * (1 + row[k].ppm * 1e-6), 0, CAP_PHASE_WALK, 100);
+        printf("  free running %5.0f ppm off at 30 Hz: found after %.1f s\n", row[k].ppm, t);
+        T_LE(t, row[k].at_most);
+        T_EQ_I(counts[1][CAP_OUT_OF_STEP], 0);
+        only(N, 1);
+    }
+}
+
+static void wrong_rates_are_found(void)
+{
+    static const struct {
+        double hz, at_most;
+    } row[] = {{60, 1.2}, {15, 1.2}, {25, 1.2}, {30.5, 1.2}, {29.97, 11.5}};
+    for (size_t k = 0; k < sizeof row / sizeof row[0]; k++) {
+        double t = until(N, 3, 30, row[k].hz, 0, CAP_RATE, 60);
+        printf("  %.2f Hz instead of 30: found after %.1f s: %s\n", row[k].hz, t,
+               details[3][CAP_RATE]);
+        T_LE(t, row[k].at_most);
+        only(N, 3);
+    }
+    T_LE(until(2, 1, 30, 29.97, 0, CAP_RATE, 60), 11.5); /* of two the one that is not nominal */
+    T_EQ_I(counts[0][CAP_RATE], 0);
+    /* all alike and a little off nominal: an outside trigger, nothing is wrong */
+    begin(N, 30);
+    for (int k = 0; k < 30 * 40; k++)
+        for (uint32_t c = 0; c < N; c++)
+            frame(c, k / 29.97);
+    T_EQ_I(anything(), 0);
+    /* all of them far off: the configuration is */
+    begin(N, 20);
+    for (int k = 0; k < 30 * 2; k++)
+        for (uint32_t c = 0; c < N; c++)
+            frame(c, k / 30.);
+    for (uint32_t c = 0; c < N; c++)
+        T_OK(counts[c][CAP_RATE] > 0);
+}
+
+static void a_set_host_clock_is_no_finding(void)
+{
+    begin(N, 30);
+    for (int k = 0; k < 90; k++)
+        set(N, 15, k / 30.);
+    cap_syncwatch_shift(&w, -1000 * S);
+    for (int k = 90; k < 300; k++)
+        set(N, 15, k / 30. - 1000);
+    T_EQ_I(anything(), 0);
+}
+
+int main(void)
+{
+    T_RUN(nothing_is_found_where_nothing_is_wrong);
+    T_RUN(a_missed_trigger_is_found_at_once);
+    T_RUN(off_by_one_is_found);
+    T_RUN(numbers_may_begin_anew);
+    T_RUN(a_camera_out_of_step_is_found_in_a_second);
+    T_RUN(a_free_running_camera_is_found_before_it_is_out_of_step);
+    T_RUN(wrong_rates_are_found);
+    T_RUN(a_set_host_clock_is_no_finding);
+    return t_done();
+}
