@@ -21,16 +21,41 @@ static void release_set(struct cap_capture *cap, struct cap_set *s)
     cap_set_release(s);
 }
 
+static void count_skew(struct cap_skew_count *k, int64_t ns)
+{
+    unsigned i = 0;
+    while (i < CAP_SKEW_BINS - 1 && ns >= cap_skew_edges_ns[i])
+        i++;
+    k->bin[i]++;
+    k->sum_ns += (double)ns;
+    pvx_hist_add(&k->abs, llabs(ns));
+}
+
+/* What a set says about the cameras.  Under the lock. */
+static void look_at_set(struct cap_capture *cap, const struct cap_set *s)
+{
+    if (s->n == cap->n)
+        cap->sets_complete++;
+    else
+        cap->sets_partial++;
+    pvx_hist_add(&cap->spread, s->spread_ns);
+    unsigned bin = 0;
+    while (bin < CAP_SPREAD_BINS - 1 && s->spread_ns >= cap_skew_edges_ns[CAP_SKEW_BINS / 2 + bin])
+        bin++;
+    cap->spread_bin[bin]++;
+    for (uint32_t i = 0; i < cap->n; i++)
+        if (s->frame[i] != NULL)
+            count_skew(&cap->camera[i].skew, s->frame[i]->t_exposure_ns - s->t_exposure_ns);
+    if (cap->watches)
+        cap_syncwatch_set(&cap->watch, s);
+}
+
 static void hand_over(struct cap_capture *cap)
 {
     struct cap_set *s;
     while ((s = cap_assembler_pop(cap->assembler)) != NULL) {
         pthread_mutex_lock(&cap->lock);
-        if (s->n == cap->n)
-            cap->sets_complete++;
-        else
-            cap->sets_partial++;
-        pvx_hist_add(&cap->spread, s->spread_ns);
+        look_at_set(cap, s);
         pthread_mutex_unlock(&cap->lock);
         if (cap->cfg.tap.set != NULL)
             cap->cfg.tap.set(cap->cfg.tap.ctx, s);
@@ -79,6 +104,23 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
         cap_assembler_forget_order(cap->assembler);
     else
         cap_assembler_shift(cap->assembler, off);
+    cap_syncwatch_shift(&cap->watch, off);
+}
+
+/* Compare the camera with the others.  A clock that jumped says nothing about its trigger. */
+static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const struct cap_frame *f,
+                        uint64_t jumps)
+{
+    if (jumps != 0) {
+        cam->count[CAP_CLOCK_JUMP] += jumps;
+        cam->restarted = true;
+    }
+    if (!cap->watches)
+        return;
+    if (cam->restarted)
+        cap_syncwatch_restart(&cap->watch, cam->index);
+    cam->restarted = false;
+    cap_syncwatch_frame(&cap->watch, f);
 }
 
 /* Device time to host time; under the lock for the sake of what stats() reads. */
@@ -87,6 +129,7 @@ static void map_clock(struct cap_capture *cap, struct cap_frame *f)
     struct cap_camera *cam = &cap->camera[f->camera];
     if (f->set != 0)
         return; /* the recording says when it was exposed */
+    uint64_t jumps = cam->clock.jumps;
     follow_host_clock(cap, f);
     for (unsigned i = 0; i < cam->n_readings; i++)
         cap_clockmap_measure(&cam->clock, cam->reading[i].device_ns, cam->reading[i].mono_ns,
@@ -98,6 +141,7 @@ static void map_clock(struct cap_capture *cap, struct cap_frame *f)
         f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_mono_ns) +
                            cap->host.offset_ns;
     cam->drift_ppm = cam->clock.drift * 1e6;
+    watch_frame(cap, cam, f, cam->clock.jumps - jumps);
 }
 
 /* All of these under the lock. */

@@ -13,8 +13,16 @@
 
 #define DEFAULT_BUFFERS 12
 #define QUEUED_SETS     2
-#define MIN_QUIET_NS    PVX_NS_PER_S
+#define MIN_QUIET_NS    (700 * PVX_NS_PER_MS)
 #define STUCK_NS        (3 * PVX_NS_PER_S)
+
+#define US 1000
+#define MS PVX_NS_PER_MS
+const int64_t cap_skew_edges_ns[CAP_SKEW_BINS - 1] = {
+    -50 * MS,  -20 * MS,  -10 * MS, -5 * MS,  -2 * MS,  -1 * MS,  -500 * US,
+    -200 * US, -100 * US, -50 * US, -20 * US, -10 * US, -5 * US,  -2 * US,
+    2 * US,    5 * US,    10 * US,  20 * US,  50 * US,  100 * US, 200 * US,
+    500 * US,  1 * MS,    2 * MS,   5 * MS,   10 * MS,  20 * MS,  50 * MS};
 
 void cap_wait_until(pthread_cond_t *cond, pthread_mutex_t *lock, int64_t mono_ns)
 {
@@ -57,6 +65,7 @@ static void destroy(struct cap_capture *cap)
     pthread_mutex_destroy(&cap->lock);
     pthread_cond_destroy(&cap->work);
     pthread_cond_destroy(&cap->changed);
+    pthread_cond_destroy(&cap->ending);
     free(cap);
 }
 
@@ -170,6 +179,18 @@ static void push_stray(void *ctx, struct cap_frame *f)
     cap->cfg.tap.stray(cap->cfg.tap.ctx, f, cap->stray);
 }
 
+static void count_locked(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    struct cap_capture *cap = ctx;
+    cap->camera[camera].count[what] += n;
+}
+
+static void detail_locked(void *ctx, uint32_t camera, enum cap_count what, const char *text)
+{
+    struct cap_capture *cap = ctx;
+    snprintf(cap->camera[camera].detail[what], CAP_DETAIL_MAX, "%s", text);
+}
+
 static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
 {
     const struct cap_capture_config *cfg = &cap->cfg;
@@ -201,6 +222,14 @@ static pvx_err set_up(struct cap_capture *cap, struct pvx_diag *d)
     PVX_TRY(e);
     for (uint32_t i = 0; i < cap->n; i++)
         cap_assembler_alive(cap->assembler, i, false);
+    struct cap_syncwatch_params w = {.cameras = cap->n,
+                                     .period_ns = p.period_ns,
+                                     .tolerance_ns =
+                                         p.tolerance_ns != 0 ? p.tolerance_ns : p.period_ns / 4,
+                                     .paced_outside = cfg->trigger == CAP_TRIGGER_LINE};
+    struct cap_sink found = {.count = count_locked, .ctx = cap};
+    cap_syncwatch_init(&cap->watch, &w, &found, detail_locked);
+    cap->watches = !cfg->lossless && cap->n > 1;
     return pvx_queue_new(QUEUED_SETS, &cap->out);
 }
 
@@ -227,6 +256,7 @@ pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out, s
     pthread_mutex_init(&cap->lock, NULL);
     pthread_cond_init(&cap->work, &a);
     pthread_cond_init(&cap->changed, &a);
+    pthread_cond_init(&cap->ending, &a);
     for (uint32_t i = 0; i < cap->n; i++) {
         cap->camera[i].cap = cap;
         cap->camera[i].index = i;
@@ -251,6 +281,12 @@ pvx_err cap_capture_start(cap_capture *cap, struct pvx_diag *d)
         return pvx_fail(d, PVX_EIO, "cannot start the assembler's thread");
     cap->assembler_started = true;
     pthread_setname_np(cap->assembler_thread, "assemble");
+    if (pthread_create(&cap->monitor_thread, NULL, cap_monitor, cap) != 0) {
+        cap_capture_stop(cap);
+        return pvx_fail(d, PVX_EIO, "cannot start the monitor's thread");
+    }
+    cap->monitor_started = true;
+    pthread_setname_np(cap->monitor_thread, "monitor");
     if (cap->cfg.trigger == CAP_TRIGGER_ACTION) {
         if (pthread_create(&cap->trigger_thread, NULL, cap_trigger_run, cap) != 0) {
             cap_capture_stop(cap);
@@ -323,6 +359,7 @@ void cap_capture_stop(cap_capture *cap)
         pthread_cond_broadcast(&cap->camera[i].room);
     }
     pthread_cond_broadcast(&cap->work);
+    pthread_cond_broadcast(&cap->ending);
     pthread_mutex_unlock(&cap->lock);
     if (cap->out != NULL)
         pvx_queue_close(cap->out);
@@ -331,6 +368,8 @@ void cap_capture_stop(cap_capture *cap)
     end_supervisors(cap);
     if (cap->assembler_started)
         pthread_join(cap->assembler_thread, NULL);
+    if (cap->monitor_started)
+        pthread_join(cap->monitor_thread, NULL);
     empty_rings(cap);
     pthread_mutex_lock(&cap->lock);
     cap->stopped = true;
@@ -368,27 +407,48 @@ static double frame_rate(const struct cap_camera *cam, int64_t now)
     return (double)n / ((double)(slot - first) * CAP_FPS_BIN_NS * 1e-9);
 }
 
+static void skew_stats(const struct cap_skew_count *k, struct cap_skew *out)
+{
+    out->n = k->abs.count;
+    out->mean_ns = out->n > 0 ? k->sum_ns / (double)out->n : 0;
+    out->p50_ns = pvx_hist_quantile(&k->abs, 0.5);
+    out->p99_ns = pvx_hist_quantile(&k->abs, 0.99);
+    out->max_ns = k->abs.max_ns;
+    memcpy(out->bin, k->bin, sizeof out->bin);
+}
+
+static void camera_stats(const struct cap_camera *cam, int64_t now, struct cap_camera_stats *s)
+{
+    const struct cap_sync_camera *w = &cam->cap->watch.camera[cam->index];
+    s->state = cam->state;
+    memcpy(s->count, cam->count, sizeof s->count);
+    memcpy(s->error, cam->error, sizeof s->error);
+    s->fps = frame_rate(cam, now);
+    s->drift_ppm = cam->drift_ppm;
+    s->health = cam->health;
+    s->action = cam->action;
+    s->clock_delay_us = cam->clock.n_readings > 0 ? cam->clock.delay_ns * 1e-3 : NAN;
+    s->hz = w->hz;
+    s->phase_us = w->phase_ns * 1e-3;
+    s->walk_us_per_s = w->walk_ns_per_s * 1e-3;
+    skew_stats(&cam->skew, &s->skew);
+    cap_monitor_troubles(cam, s);
+}
+
 void cap_capture_stats(cap_capture *cap, struct cap_stats *out)
 {
     memset(out, 0, sizeof *out);
     int64_t now = pvx_now_mono();
     pthread_mutex_lock(&cap->lock);
-    for (uint32_t i = 0; i < cap->n; i++) {
-        const struct cap_camera *cam = &cap->camera[i];
-        struct cap_camera_stats *s = &out->camera[i];
-        s->state = cam->state;
-        memcpy(s->count, cam->count, sizeof s->count);
-        memcpy(s->error, cam->error, sizeof s->error);
-        s->fps = frame_rate(cam, now);
-        s->drift_ppm = cam->drift_ppm;
-        s->health = cam->health;
-        s->action = cam->action;
-    }
+    for (uint32_t i = 0; i < cap->n; i++)
+        camera_stats(&cap->camera[i], now, &out->camera[i]);
     out->sets_complete = cap->sets_complete;
     out->sets_partial = cap->sets_partial;
     out->sets_dropped = cap->sets_dropped;
     out->sets_failed = cap->sets_failed;
     out->spread = cap->spread;
+    memcpy(out->spread_bin, cap->spread_bin, sizeof out->spread_bin);
+    out->all_gone = cap->times_all_gone;
     out->action = cap->action;
     out->host_steps = cap->host.steps;
     out->host_step_ns = cap->host.last_step_ns;

@@ -2,7 +2,7 @@
  *
  * One supervisor thread per camera opens it, starts it, triggers it (software trigger: all on one
  * grid of times, in parallel, so that a camera that does not answer holds up no other), watches it
- * (no frame for max(1 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 4 s, while the
+ * (no frame for max(0.7 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 1 s, while the
  * others go on; one assembler thread maps clocks and groups frames.  Driver callbacks push into a
  * bounded ring per camera (oldest goes first when full, counted).
  * Live, finished sets wait in a queue of two: the oldest goes first when the consumer is slow.
@@ -64,12 +64,43 @@ struct cap_capture_config {
                                           (the first is often bad); 1 is a good value */
 };
 
+/* Exposure of a camera's frames minus the mean of their set: bin i holds cap_skew_edges_ns[i-1] <= skew <
+ * cap_skew_edges_ns[i], open at both ends; and the same for the spread of sets, from 0 on. */
+#define CAP_SKEW_BINS   29
+#define CAP_SPREAD_BINS 15
+extern const int64_t cap_skew_edges_ns[CAP_SKEW_BINS - 1];
+struct cap_skew {
+    uint64_t n;
+    double mean_ns;
+    int64_t p50_ns, p99_ns, max_ns; /* of the absolute value */
+    uint64_t bin[CAP_SKEW_BINS];
+};
+
+/* What is wrong with a camera now, after it was first seen and until it has not been for a while. */
+#define CAP_TROUBLES_MAX 6
+#define CAP_DETAIL_MAX   112
+struct cap_trouble {
+    enum cap_count cause;
+    uint64_t n; /* since it began, in the cause's unit */
+    char detail[CAP_DETAIL_MAX];
+};
+/* What is wrong, and what to do about it; NULL for counts that are no trouble of their own. */
+struct cap_trouble_def {
+    const char *what, *remedy;
+};
+extern const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT];
+
 enum cap_state { CAP_OPENING, CAP_RUNNING, CAP_LOST, CAP_ENDED };
 struct cap_camera_stats {
     enum cap_state state;
     uint64_t count[CAP_N_COUNT];
     double fps; /* over the last 2 s */
     double drift_ppm;
+    double clock_delay_us; /* least delay of its frames, found by reading its clock; NAN = not read */
+    double hz, phase_us, walk_us_per_s; /* syncwatch.h; NAN = not known */
+    struct cap_skew skew;
+    uint32_t n_troubles;
+    struct cap_trouble trouble[CAP_TROUBLES_MAX];
     char error[256];                  /* last reason it could not be opened, "" when fine */
     struct cap_health health;         /* as of a second ago at most; unknown when not running */
     struct cap_action_answers action; /* ACTION with acknowledge */
@@ -81,6 +112,8 @@ struct cap_stats {
     uint64_t sets_failed;                 /* closed with too few cameras, not given out */
     struct cap_action_stats action;
     struct pvx_hist spread;
+    uint64_t spread_bin[CAP_SPREAD_BINS];
+    uint64_t all_gone;    /* times that all cameras were lost at once */
     uint64_t host_steps;  /* times that the host's time of day was set by 2 ms or more */
     int64_t host_step_ns; /* the last of these */
 };

@@ -1,11 +1,11 @@
 /* capture_int.h - what capture.c, intake.c, supervisor.c and assembly.c share.
  *
  * Threads: driver threads of the sources (intake.c), a supervisor per camera (supervisor.c), the
- * assembler (assembly.c), the consumer (capture.c).
+ * assembler (assembly.c), the monitor (monitor.c), the consumer (capture.c).
  * Lock order: cap_capture.lock, then any of the leaf locks (buffer pool, set pool, set queue), which
  * take no further lock.  No call into a source is made under cap_capture.lock.
  * Stop order: flag and wake all; sources stopped and closed by their supervisors; supervisors
- * joined; assembler joined; rings and queue emptied.
+ * joined; assembler and monitor joined; rings and queue emptied.
  * Lifetime: the caller and each supervisor hold a reference, so a supervisor stuck in a driver can
  * be left behind. */
 #ifndef CAP_CAPTURE_INT_H
@@ -14,10 +14,26 @@
 #include "base/queue.h"
 #include "capture/capture.h"
 #include "capture/clockmap.h"
+#include "capture/syncwatch.h"
 
 #define CAP_FPS_BIN_NS 250000000LL
 #define CAP_FPS_BINS   8 /* 2 s */
 #define CAP_READINGS   4
+
+/* A trouble from its first occurrence until it has not been seen for a while (monitor.c). */
+struct cap_episode {
+    bool on;
+    uint64_t seen;                     /* count at the last look */
+    uint64_t begin;                    /* count before the first occurrence */
+    int64_t begin_ns, last_ns, end_ns; /* mono */
+    int64_t hold_ns;                   /* quiet time that ends it; grows when it comes back soon */
+};
+
+struct cap_skew_count {
+    double sum_ns;
+    struct pvx_hist abs;
+    uint64_t bin[CAP_SKEW_BINS];
+};
 
 struct cap_camera {
     struct cap_capture *cap;
@@ -41,7 +57,11 @@ struct cap_camera {
     char error[256];
     int32_t width, height; /* what is expected; 0 = the first frame says */
     enum cap_pixfmt fmt;
-    char bad[128]; /* what was wrong with the last bad frame */
+    char detail[CAP_N_COUNT][CAP_DETAIL_MAX]; /* the last occurrence in a few words, or "" */
+    unsigned still;                           /* frames in a row with the same stamp */
+    bool restarted;                           /* for the assembler: a source has been started */
+    struct cap_episode episode[CAP_N_COUNT];  /* the monitor's */
+    struct cap_skew_count skew;
     int64_t last_any_mono_ns, last_good_mono_ns, last_device_ns;
     uint32_t discard_left;
     struct {
@@ -88,8 +108,10 @@ struct cap_capture {
     struct cap_camera *camera;
     cap_assembler *assembler; /* the assembler thread's */
     pvx_queue *out;
-    pthread_t assembler_thread;
-    bool assembler_started;
+    pthread_t assembler_thread, monitor_thread;
+    bool assembler_started, monitor_started;
+    bool watches;               /* live: cameras are compared */
+    struct cap_syncwatch watch; /* the assembler's, under the lock */
     bool all_show_real;
     pthread_t trigger_thread;
     bool trigger_started;
@@ -104,6 +126,10 @@ struct cap_capture {
     uint64_t sets_complete, sets_partial, sets_dropped, sets_failed;
     struct cap_action_stats action;
     struct pvx_hist spread;
+    uint64_t spread_bin[CAP_SPREAD_BINS];
+    pthread_cond_t ending; /* monitor: stop */
+    struct cap_episode bandwidth, all_gone;
+    uint64_t times_all_gone;
     struct cap_host_clock host;
 };
 
@@ -116,6 +142,9 @@ struct cap_frame *cap_intake_pop(struct cap_camera *cam);
 
 void *cap_supervise(void *camera); /* thread, supervisor.c */
 void *cap_assemble(void *capture); /* thread, assembly.c */
+void *cap_monitor(void *capture);  /* thread, monitor.c: logs what goes wrong, once */
+/* A camera's troubles that are on, for stats.  Under the lock. */
+void cap_monitor_troubles(const struct cap_camera *cam, struct cap_camera_stats *out);
 
 /* Wait on a condition of CLOCK_MONOTONIC under the lock until `mono_ns` at most. */
 void cap_wait_until(pthread_cond_t *cond, pthread_mutex_t *lock, int64_t mono_ns);

@@ -5,6 +5,8 @@
 #include "base/clock.h"
 #include "capture/capture_int.h"
 
+#define STILL 3 /* equal stamps in a row: not one frame sent twice */
+
 struct cap_frame *cap_intake_pop(struct cap_camera *cam)
 {
     struct cap_frame *f = cam->ring[cam->ring_head];
@@ -20,6 +22,8 @@ void cap_intake_restart(struct cap_camera *cam)
     cam->delivering = false;
     cam->last_any_mono_ns = cam->last_good_mono_ns = pvx_now_mono();
     cam->last_device_ns = 0;
+    cam->still = 0;
+    cam->restarted = true;
     cam->discard_left = cam->ops->recorded ? 0 : cam->cap->cfg.discard_first;
     cam->first_slot = cam->last_any_mono_ns / CAP_FPS_BIN_NS;
 }
@@ -34,8 +38,8 @@ static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
         cam->height = img->height;
     if (img->fmt != cam->fmt) {
         cam->count[CAP_BAD_FORMAT]++;
-        snprintf(cam->bad, sizeof cam->bad, "%s instead of %s", cap_pixfmt_name(img->fmt),
-                 cap_pixfmt_name(cam->fmt));
+        snprintf(cam->detail[CAP_BAD_FORMAT], CAP_DETAIL_MAX, "%s instead of %s",
+                 cap_pixfmt_name(img->fmt), cap_pixfmt_name(cam->fmt));
         return false;
     }
     size_t row = cap_pixfmt_row(cam->fmt, cam->width), need = 1; /* JPEG: any length */
@@ -44,8 +48,8 @@ static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
                                             : (size_t)img->stride * (size_t)(cam->height - 1) + row;
     if (img->width != cam->width || img->height != cam->height || img->size < need) {
         cam->count[CAP_BAD_SIZE]++;
-        snprintf(cam->bad, sizeof cam->bad, "%dx%d and %zu bytes instead of %dx%d", img->width,
-                 img->height, img->size, cam->width, cam->height);
+        snprintf(cam->detail[CAP_BAD_SIZE], CAP_DETAIL_MAX, "%dx%d and %zu bytes instead of %dx%d",
+                 img->width, img->height, img->size, cam->width, cam->height);
         return false;
     }
     return true;
@@ -55,11 +59,16 @@ static bool stamp_moves_on(struct cap_camera *cam, int64_t t)
 {
     int64_t last = cam->last_device_ns;
     cam->last_device_ns = t; /* backwards: a new epoch, the next frame is measured against it */
-    if (t == 0 || last == 0 || t > last)
+    if (t == 0 || last == 0 || t > last) {
+        cam->still = 0;
         return true;
+    }
     cam->count[CAP_BAD_STAMP]++;
-    snprintf(cam->bad, sizeof cam->bad, "device time %s",
-             t == last ? "stands still" : "ran backwards");
+    cam->still = t == last ? cam->still + 1 : 0;
+    if (cam->still >= STILL) {
+        cam->count[CAP_CLOCK_STUCK]++;
+        snprintf(cam->detail[CAP_CLOCK_STUCK], CAP_DETAIL_MAX, "%u frames in a row", cam->still);
+    }
     return false;
 }
 

@@ -25,7 +25,20 @@ struct faults {
     int64_t short_every;       /* each n-th frame claims fewer bytes than it should have */
     int64_t end_after;         /* frames, then the sequence is finished */
     int64_t absent;            /* 1: cannot be opened */
-    double open_ms;            /* opening takes this long */
+    /* Those below, and drop, freeze and short_every, only between these times, s since 1970. */
+    double from, to;
+    double incomplete;   /* share of frames that arrive with parts missing */
+    double rate;         /* of its own, against fps: 0.5 = every other, 0.999 = it runs by itself */
+    double phase_us;     /* exposes that much after the others */
+    double clock_jump_s; /* its clock is that far off */
+    double host_step_s;  /* the host's time of day was set by that */
+    int64_t silent;      /* 1: nothing comes */
+    int64_t gone;        /* 1: connection lost, cannot be opened */
+    int64_t slip;        /* its numbers are so many ahead of its pictures */
+    int64_t miss_every;  /* each n-th picture is not taken, nor numbered */
+    int64_t wide_every;  /* each n-th frame is another size than the camera's */
+    int64_t other_format; /* 1: pixels are said to be of another format */
+    double open_ms;       /* opening takes this long */
     int64_t seed;
 };
 
@@ -36,8 +49,8 @@ struct sim {
     uint32_t camera;
     int32_t width, height;
     enum cap_pixfmt fmt;
-    int64_t period_ns;
-    bool triggered; /* by software */
+    int64_t period_ns, own_period_ps; /* own: in picoseconds, so that rate=0.9999 is what it says */
+    bool triggered;                   /* by software */
     cap_bufpool *pool;
     struct cap_sink sink;
     uint64_t rng;
@@ -66,10 +79,31 @@ struct option {
 #n, offsetof(struct faults, n), true, lo, hi \
     }
 static const struct option options[] = {
-    OPT_D(skew_us, -1e15, 1e15), OPT_D(drift_ppm, -1000, 1000), OPT_D(drop, 0, 1),
-    OPT_D(jitter_us, 0, 1e6),    OPT_I(freeze, 0, 1),           OPT_I(die_after, 1, 1e9),
-    OPT_I(silent_after, 1, 1e9), OPT_I(short_every, 1, 1e9),    OPT_I(end_after, 1, 1e9),
-    OPT_I(absent, 0, 1),         OPT_D(open_ms, 0, 1e6),        OPT_I(seed, 0, 1e9),
+    OPT_D(skew_us, -1e15, 1e15),
+    OPT_D(drift_ppm, -1000, 1000),
+    OPT_D(drop, 0, 1),
+    OPT_D(jitter_us, 0, 1e6),
+    OPT_I(freeze, 0, 1),
+    OPT_I(die_after, 1, 1e9),
+    OPT_I(silent_after, 1, 1e9),
+    OPT_I(short_every, 1, 1e9),
+    OPT_I(end_after, 1, 1e9),
+    OPT_I(absent, 0, 1),
+    OPT_D(open_ms, 0, 1e6),
+    OPT_I(seed, 0, 1e9),
+    OPT_D(from, 0, 1e10),
+    OPT_D(to, 0, 1e10),
+    OPT_D(incomplete, 0, 1),
+    OPT_D(rate, 0.01, 100),
+    OPT_D(phase_us, -1e6, 1e6),
+    OPT_D(clock_jump_s, -1e9, 1e9),
+    OPT_D(host_step_s, -1e9, 1e9),
+    OPT_I(silent, 0, 1),
+    OPT_I(gone, 0, 1),
+    OPT_I(slip, -1000, 1000),
+    OPT_I(miss_every, 1, 1e9),
+    OPT_I(wide_every, 1, 1e9),
+    OPT_I(other_format, 0, 1),
 };
 #define N_OPTIONS (sizeof options / sizeof options[0])
 
@@ -93,10 +127,10 @@ static pvx_err set_option(struct faults *f, char *text, struct pvx_diag *d)
                             o->integer ? " whole number" : " number", o->min, o->max);
         return PVX_OK;
     }
-    return pvx_fail(d, PVX_EINVAL,
-                    "sim: unknown option \"%s\" (there are skew_us drift_ppm drop jitter_us freeze "
-                    "die_after silent_after short_every end_after absent open_ms seed)",
-                    text);
+    char list[512] = "";
+    for (size_t i = 0; i < N_OPTIONS; i++)
+        snprintf(list + strlen(list), sizeof list - strlen(list), " %s", options[i].name);
+    return pvx_fail(d, PVX_EINVAL, "sim: unknown option \"%s\" (there are%s)", text, list);
 }
 
 static pvx_err parse_options(const char *text, struct faults *f, struct pvx_diag *d)
@@ -153,40 +187,99 @@ static void count(struct sim *s, enum cap_count what, uint64_t n)
     s->sink.count(s->sink.ctx, s->camera, what, n);
 }
 
-static void expose(struct sim *s, uint64_t id, int64_t t_image, int64_t t_device, bool shortened)
+/* Between `from` and `to`? */
+static bool now_faulty(const struct faults *o)
 {
+    double now = (double)pvx_now_real() * 1e-9;
+    return now >= o->from && (o->to == 0 || now < o->to);
+}
+
+/* One exposure on its way. */
+struct shot {
+    int64_t t_image, t_device, number; /* number: of this run, from 1 */
+    uint64_t id;
+    bool faulty;
+};
+
+static bool nth(int64_t every, const struct shot *x)
+{
+    return x->faulty && every > 0 && x->number % every == 0;
+}
+
+static void expose(struct sim *s, const struct shot *x)
+{
+    const struct faults *o = &s->fault;
     struct cap_frame *f = cap_bufpool_take(s->pool);
     if (f == NULL) {
         count(s, CAP_UNDERRUN, 1);
         return;
     }
-    s->scene.render(s->scene.ctx, s->camera, t_image, s->fmt, s->width, s->height,
+    s->scene.render(s->scene.ctx, s->camera, x->t_image, s->fmt, s->width, s->height,
                     cap_bufpool_memory(f));
-    f->img.size = cap_pixfmt_image(s->fmt, s->width, s->height) / (shortened ? 2 : 1);
-    f->img.width = s->width;
+    f->img.size = cap_pixfmt_image(s->fmt, s->width, s->height) / (nth(o->short_every, x) ? 2 : 1);
+    f->img.width = s->width / (nth(o->wide_every, x) ? 2 : 1);
     f->img.height = s->height;
     f->img.stride = (ptrdiff_t)cap_pixfmt_row(s->fmt, s->width);
-    f->img.fmt = s->fmt;
-    f->id = id;
-    f->t_device_ns = t_device;
-    f->t_arrival_ns = pvx_now_real();
+    f->img.fmt = !x->faulty || !o->other_format ? s->fmt
+                 : s->fmt == CAP_GREY8          ? CAP_BAYER_RG8
+                                                : CAP_GREY8;
+    f->id = x->id;
+    f->t_device_ns = x->t_device;
+    f->t_arrival_ns = pvx_now_real() + (x->faulty ? (int64_t)(o->host_step_s * 1e9) : 0);
     f->t_arrival_mono_ns = pvx_now_mono();
     s->sink.push(s->sink.ctx, f);
+}
+
+/* Grid point k of a camera that may run by itself; its phase is not part of its grid. */
+static int64_t grid_ns(const struct sim *s, int64_t k)
+{
+    return (int64_t)((__int128)k * s->own_period_ps / 1000);
+}
+
+/* The next grid point after now.  A camera that begins to run by itself does so on a grid of its own. */
+static int64_t next_point(struct sim *s, bool faulty)
+{
+    s->own_period_ps = s->period_ns * 1000;
+    if (faulty && s->fault.rate > 0)
+        s->own_period_ps = (int64_t)((double)s->own_period_ps / s->fault.rate);
+    return (int64_t)((__int128)pvx_now_real() * 1000 / s->own_period_ps) + 1;
+}
+
+static bool lost(struct sim *s, const struct shot *x)
+{
+    const struct faults *o = &s->fault;
+    if (x->faulty && o->incomplete > 0 && uniform(s) < o->incomplete) {
+        count(s, CAP_INCOMPLETE, 1);
+        return true;
+    }
+    if (x->faulty && o->drop > 0 && uniform(s) < o->drop) {
+        count(s, CAP_ID_GAP, 1);
+        return true;
+    }
+    return false;
 }
 
 static void *run(void *arg)
 {
     struct sim *s = arg;
     const struct faults *o = &s->fault;
-    int64_t start = pvx_now_real(), frozen = 0;
-    int64_t k = start / s->period_ns + 1; /* next grid point */
+    int64_t start = pvx_now_real(), frozen = 0, missed = 0;
+    bool was = now_faulty(o);
+    int64_t k = next_point(s, was), renumbered = 0;
     for (int64_t n = 1;; n++) {
+        struct shot x = {.number = n, .faulty = now_faulty(o)};
+        if (x.faulty != was && o->rate > 0) { /* numbers go on */
+            int64_t next = next_point(s, x.faulty);
+            renumbered += k - next;
+            k = next;
+        }
+        was = x.faulty;
         int64_t t;
         if (s->triggered) {
             if ((t = wait_trigger(s)) == 0)
                 return NULL;
         } else {
-            t = k * s->period_ns;
+            t = grid_ns(s, k) + (x.faulty ? (int64_t)(o->phase_us * 1e3) : 0);
             if (!sleep_until(s, t))
                 return NULL;
         }
@@ -195,15 +288,20 @@ static void *run(void *arg)
             if (!sleep_until(s, t + late))
                 return NULL;
         }
-        int64_t t_seen = o->freeze && frozen != 0 ? frozen : t;
-        frozen = t_seen;
-        int64_t t_device = t_seen + (int64_t)(o->skew_us * 1e3) +
-                           (int64_t)(o->drift_ppm * 1e-6 * (double)(t_seen - start));
-        if (o->drop > 0 && uniform(s) < o->drop)
-            count(s, CAP_ID_GAP, 1);
-        else
-            expose(s, (uint64_t)(s->triggered ? n : k), t_seen, t_device,
-                   o->short_every > 0 && n % o->short_every == 0);
+        if (x.faulty && o->gone) {
+            s->sink.event(s->sink.ctx, s->camera, CAP_EV_LOST);
+            return NULL;
+        }
+        x.t_image = x.faulty && o->freeze && frozen != 0 ? frozen : t;
+        frozen = x.t_image;
+        x.t_device = x.t_image + (int64_t)(o->skew_us * 1e3) +
+                     (int64_t)(o->drift_ppm * 1e-6 * (double)(x.t_image - start)) +
+                     (x.faulty ? (int64_t)(o->clock_jump_s * 1e9) : 0);
+        if (nth(o->miss_every, &x))
+            missed++;
+        x.id = (uint64_t)((s->triggered ? n : k) + renumbered - missed + (x.faulty ? o->slip : 0));
+        if (!nth(o->miss_every, &x) && !(x.faulty && o->silent) && !lost(s, &x))
+            expose(s, &x);
         if (n == o->silent_after)
             return NULL;
         if (n == o->die_after || n == o->end_after) {
@@ -211,7 +309,7 @@ static void *run(void *arg)
             return NULL;
         }
         /* Grid points that passed while this thread was not allowed to run are lost frames. */
-        int64_t next = pvx_now_real() / s->period_ns;
+        int64_t next = (int64_t)((__int128)pvx_now_real() * 1000 / s->own_period_ps);
         if (!s->triggered && next > k + 1) {
             count(s, CAP_ID_GAP, (uint64_t)(next - k - 1));
             k = next;
@@ -248,7 +346,7 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
         return pvx_fail(d, PVX_EUNSUP, "sim: cannot make JPEG pictures; any other pixel_format");
     if (fault.open_ms > 0)
         pvx_sleep_until_mono(pvx_now_mono() + (int64_t)(fault.open_ms * 1e6));
-    if (fault.absent)
+    if (fault.absent || (fault.gone && now_faulty(&fault)))
         return pvx_fail(d, PVX_ENODEV, "sim: the camera is absent");
     struct sim *s = pvx_calloc(1, sizeof *s);
     if (s == NULL)
@@ -317,7 +415,8 @@ static void sim_stop(cap_source *base)
 const struct cap_source_ops cap_source_sim = {
     .scheme = "sim",
     .help = "camera in the process, looking at the given scene; options to break it: "
-            "skew_us=500,drift_ppm=50,drop=0.01,jitter_us=300,freeze,die_after=100,...",
+            "skew_us=500,drift_ppm=50,drop=0.01,jitter_us=300,freeze,die_after=100,... "
+            "(a word that it does not know makes it list them)",
     .open = sim_open,
     .start = sim_start,
     .trigger = sim_trigger,

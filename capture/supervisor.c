@@ -7,10 +7,11 @@
 #include "capture/capture_int.h"
 
 #define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
-#define BACKOFF_MAX_NS (4 * PVX_NS_PER_S)
+#define BACKOFF_MAX_NS PVX_NS_PER_S
 #define FIRST_FRAME_NS (3 * PVX_NS_PER_S)  /* patience with a camera that has just been started */
 #define TOGETHER_NS    (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
-#define LOOK_NS        (200 * PVX_NS_PER_MS)
+#define LOOK_NS        (100 * PVX_NS_PER_MS)
+#define OVERSLEPT_NS   (50 * PVX_NS_PER_MS)
 #define HEALTH_NS      PVX_NS_PER_S
 
 enum fate { FATE_STOP, FATE_LOST, FATE_END };
@@ -19,7 +20,6 @@ enum fate { FATE_STOP, FATE_LOST, FATE_END };
 struct watch {
     struct cap_camera *cam;
     char said[256]; /* last trouble that was logged, "" after frames came */
-    bool said_bad;  /* wrong size, format or stamp */
     int64_t backoff_ns;
 };
 
@@ -53,7 +53,7 @@ static void trouble(struct watch *w, const char *text)
     if (strncmp(w->said, text, sizeof w->said - 1) == 0)
         return;
     snprintf(w->said, sizeof w->said, "%s", text);
-    LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 4 s, the others go on",
+    LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 1 s, the others go on",
           cam->name, cam->uri, text);
 }
 
@@ -99,25 +99,30 @@ static pvx_err open_source(struct cap_camera *cam, cap_source **src, struct pvx_
     return e;
 }
 
-/* Something to say about the camera?  Called without the lock, now and then. */
+/* Frames come again?  Called without the lock, now and then. */
 static void report(struct watch *w)
 {
     struct cap_camera *cam = w->cam;
-    char bad[sizeof cam->bad];
     pthread_mutex_lock(&cam->cap->lock);
     bool delivering = cam->delivering;
-    memcpy(bad, cam->bad, sizeof bad);
     pthread_mutex_unlock(&cam->cap->lock);
     if (delivering && w->said[0] != '\0') {
         LOG_I(CAPTURE, "camera %s (%s): frames come again", cam->name, cam->uri);
         w->said[0] = '\0';
-        w->said_bad = false;
     }
     if (delivering)
         w->backoff_ns = BACKOFF_MIN_NS;
-    if (bad[0] != '\0' && !w->said_bad) {
-        LOG_W(CAPTURE, "camera %s (%s): frames are left out: %s", cam->name, cam->uri, bad);
-        w->said_bad = true;
+}
+
+/* Wait until `until`.  Time in which this thread should have run and was not let is no silence of the
+ * camera's: its frames were not let in either.  Under the lock. */
+static void doze(struct cap_camera *cam, int64_t until)
+{
+    cap_wait_until(&cam->wake, &cam->cap->lock, until);
+    int64_t late = pvx_now_mono() - until;
+    if (late > OVERSLEPT_NS) {
+        cam->last_any_mono_ns += late;
+        cam->last_good_mono_ns += late;
     }
 }
 
@@ -136,7 +141,7 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
         return true;
     }
     if (cam->ev_lost) {
-        snprintf(why, size, "connection lost");
+        snprintf(why, size, "connection lost; look at its cable and power");
         return true;
     }
     if (cam->cap->cfg.lossless || cam->ops->recorded)
@@ -145,7 +150,8 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
     if (cam->count[CAP_RECEIVED] == 0 || !cam->delivering)
         quiet = quiet > FIRST_FRAME_NS ? quiet : FIRST_FRAME_NS;
     if (now - cam->last_any_mono_ns > quiet) {
-        snprintf(why, size, "no frame for %.1f s", (double)quiet * 1e-9);
+        snprintf(why, size, "no frame for %.1f s; look at its cable, power and trigger",
+                 (double)quiet * 1e-9);
         return true;
     }
     if (cam->delivering && now - cam->last_good_mono_ns > cam->quiet_ns) {
@@ -185,7 +191,7 @@ static enum fate watch(struct watch *w, cap_source *src)
         int64_t now = pvx_now_mono();
         int64_t until = now + LOOK_NS < next ? now + LOOK_NS : next;
         if (!over(w, now, &fate, why, sizeof why) && now < until) {
-            cap_wait_until(&cam->wake, &cap->lock, until);
+            doze(cam, until);
             now = pvx_now_mono();
         }
         bool ends = over(w, now, &fate, why, sizeof why);

@@ -1,6 +1,7 @@
 #include "daemon/state.h"
 
 #include "daemon/json.h"
+#include "daemon/state_sync.h"
 
 const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {
     [DMN_DROP_STALE] = {"stale", "sets", "too old when its turn came, and a newer one was there"},
@@ -120,6 +121,7 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
         for (int i = 0; i < DMN_N_IMAGE; i++)
             dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
         dmn_json_close(j, '}');
+        dmn_state_sync_camera(j, k);
         dmn_json_close(j, '}');
     }
     dmn_json_close(j, ']');
@@ -173,6 +175,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_int(&j, "entries", (long long)s->matrix_entries);
     dmn_json_close(&j, '}');
     json_cameras(&j, s);
+    dmn_state_sync(&j, &s->capture);
     json_stages(&j, s);
     dmn_json_close(&j, '}');
     return dmn_json_end(&j);

@@ -6,6 +6,7 @@
 #include "base/yaml.h"
 #include "cli/ask.h"
 #include "cli/cli.h"
+#include "cli/skew.h"
 #include "daemon/endpoints.h"
 
 enum { OPT_JSON = 0x100, OPT_STOP, OPT_TIMEOUT };
@@ -26,12 +27,13 @@ static const struct argp_option options[] = {
     {"timeout", OPT_TIMEOUT, "SECONDS", 0, "wait so long for an answer (2)", 0},
     {0}};
 
-static const char doc[] =
-    "Show what a running pyrovoxd does: rate, latency, drops by cause, cameras, stages.\v"
-    "Exits with 1 when no daemon answers.\n\nExamples:\n"
-    "  pyrovox status\n"
-    "  pyrovox status --json | jq .latency_ms\n"
-    "  pyrovox status --endpoint ipc:///run/pyrovox/control";
+static const char doc[] = "Show what a running pyrovoxd does: rate, latency, drops by cause, "
+                          "cameras, what is wrong with them "
+                          "and what to do about it, how far apart they expose, stages.\v"
+                          "Exits with 1 when no daemon answers.\n\nExamples:\n"
+                          "  pyrovox status\n"
+                          "  pyrovox status --json | jq .latency_ms\n"
+                          "  pyrovox status --endpoint ipc:///run/pyrovox/control";
 
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
@@ -118,6 +120,8 @@ static int run(int argc, char **argv)
     } else {
         print_sets(s);
         print_tables(s);
+        troubles_print(s);
+        skew_print(s);
     }
     cJSON_Delete(s);
     return 0;

@@ -94,18 +94,28 @@ static void draw_drops(struct page *p, const cJSON *s)
     line(p, "dropped%s", text);
 }
 
+/* Why it does not run, or else the first thing that is wrong with it. */
+static const char *camera_trouble(const cJSON *camera)
+{
+    const char *error = ask_text(camera, "error", NULL);
+    const cJSON *t = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(camera, "troubles"), 0);
+    if (error[0] != '\0' || t == NULL)
+        return error;
+    const char *detail = ask_text(t, "detail", NULL);
+    return detail[0] != '\0' ? detail : ask_text(t, "text", NULL);
+}
+
 static void draw_cameras(struct page *p, const cJSON *s)
 {
     line(p, "%-16s %-8s %8s %10s %6s %6s %6s %6s  %s", "camera", "state", "fps", "frames", "bad",
          "late", "gaps", "lost", "error");
     const cJSON *k;
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras"))
-        line(p, "%-16.16s %-8s %8.2f %10.0f %6.0f %6.0f %6.0f %6.0f  %s", ask_text(k, "name", NULL),
-             ask_text(k, "state", NULL), ask_num(k, "fps", NULL), ask_num(k, "counts", "received"),
-             ask_num(k, "counts", "incomplete") + ask_num(k, "counts", "bad_size"),
-             ask_num(k, "counts", "late") + ask_num(k, "counts", "unmatched"),
-             ask_num(k, "counts", "id_gap"), ask_num(k, "counts", "lost_camera"),
-             ask_text(k, "error", NULL));
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras")) line(
+        p, "%-16.16s %-8s %8.2f %10.0f %6.0f %6.0f %6.0f %6.0f  %s", ask_text(k, "name", NULL),
+        ask_text(k, "state", NULL), ask_num(k, "fps", NULL), ask_num(k, "counts", "received"),
+        ask_num(k, "counts", "incomplete") + ask_num(k, "counts", "bad_size"),
+        ask_num(k, "counts", "late") + ask_num(k, "counts", "unmatched"),
+        ask_num(k, "counts", "id_gap"), ask_num(k, "counts", "lost_camera"), camera_trouble(k));
 }
 
 static void draw_page(const struct follow *f, const char *title, const char *foot)
