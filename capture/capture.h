@@ -96,7 +96,8 @@ struct cap_camera_stats {
     uint64_t count[CAP_N_COUNT];
     double fps; /* over the last 2 s */
     double drift_ppm;
-    double clock_delay_us; /* least delay of its frames, found by reading its clock; NAN = not read */
+    double
+        clock_delay_us; /* least delay of its frames, found by reading its clock; NAN = not read */
     double hz, phase_us, walk_us_per_s; /* syncwatch.h; NAN = not known */
     struct cap_skew skew;
     uint32_t n_troubles;
