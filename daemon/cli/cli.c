@@ -2,6 +2,7 @@
 
 #include <stdio.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "base/clock.h"
@@ -49,4 +50,12 @@ bool cli_progress(void *ctx, double done)
         fprintf(stderr, "%s: %.0f %%, %.1f s\n", p->label, done * 100, s);
     }
     return !cli_stop;
+}
+
+int cli_columns(int max)
+{
+    struct winsize w;
+    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &w) != 0 || w.ws_col < 40)
+        return max < 100 ? max : 100;
+    return w.ws_col < max ? w.ws_col : max;
 }

@@ -30,6 +30,9 @@ struct cli_progress {
 };
 bool cli_progress(void *ctx, double done);
 
+/* Columns of the terminal on stdout, 40 to `max`; 100 when it is none. */
+int cli_columns(int max);
+
 /* --cpu NAME: use these kernels (recon/kernels.h) in this process and those it starts.  false: there
  * are none such; the message is printed. */
 bool cli_use_cpu(const char *name);

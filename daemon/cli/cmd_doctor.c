@@ -3,7 +3,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -112,14 +111,6 @@ static pvx_err write_script(const char *path, const struct doctor *doctor, struc
     return e;
 }
 
-static int columns(void)
-{
-    struct winsize w;
-    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &w) == 0 && w.ws_col >= 40)
-        return w.ws_col < 120 ? w.ws_col : 120;
-    return 100;
-}
-
 static int run(int argc, char **argv)
 {
     struct args a = {.sample_s = 1};
@@ -140,7 +131,7 @@ static int run(int argc, char **argv)
         const struct doc_style style = {.colour =
                                             isatty(STDOUT_FILENO) && getenv("NO_COLOR") == NULL,
                                         .all = a.all,
-                                        .width = columns()};
+                                        .width = cli_columns(120)};
         bool script_only = a.fix_script != NULL && strcmp(a.fix_script, "-") == 0;
         if (a.json)
             doc_print_json(stdout, doctor);

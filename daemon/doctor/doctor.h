@@ -66,6 +66,8 @@ struct doc_load {
     unsigned buffers;      /* frames per camera */
     bool ptp;              /* the cameras' clocks must be the host's */
     bool triggered;        /* not free running */
+    bool scheduled;        /* by action commands sent ahead of time */
+    size_t socket_buffer;  /* asked for each GigE camera; 0 = not known */
     char record[PATH_MAX]; /* folder of raw recording, "" = none */
 };
 

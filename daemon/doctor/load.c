@@ -89,7 +89,9 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     }
     l->packet_size = (int)c->packet_size;
     l->buffers = (unsigned)c->buffers;
-    l->ptp = c->shared_clock;
+    l->ptp = c->ptp || (c->shared_clock && doc_load_count(l, DOC_CAM_GIGE) > 0);
+    l->scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
+    l->socket_buffer = (size_t)c->socket_buffer;
     l->triggered = c->trigger != 0;
     sum(l);
     if (e == PVX_OK)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "daemon/json.h"
+#include "daemon/wrap.h"
 #include "doctor/doctor.h"
 
 #define JSON_MAX ((size_t)1 << 20)
@@ -14,36 +15,6 @@ static const char *const colours[DOC_N_VERDICT] = {[DOC_OK] = "\033[32m",
                                                    [DOC_WARN] = "\033[33m",
                                                    [DOC_FAIL] = "\033[1;31m",
                                                    [DOC_UNKNOWN] = "\033[36m"};
-
-/* Columns that a text takes: bytes of UTF-8 that begin a character. */
-static size_t columns(const char *s, size_t n)
-{
-    size_t c = 0;
-    for (size_t i = 0; i < n; i++)
-        c += ((unsigned char)s[i] & 0xC0) != 0x80;
-    return c;
-}
-
-/* Text in lines of at most `width` columns, the first after `at` columns, others indented. */
-static void wrap(FILE *f, const char *text, int at, int indent, int width)
-{
-    const char *p = text;
-    bool first = true;
-    while (*p != '\0') {
-        size_t n = strcspn(p, " "), w = columns(p, n);
-        if (!first && at + 1 + (int)w > width) {
-            fprintf(f, "\n%*s", indent, "");
-            at = indent;
-            first = true;
-        }
-        fprintf(f, "%s%.*s", first ? "" : " ", (int)n, p);
-        at += (int)w + !first;
-        first = false;
-        p += n;
-        p += strspn(p, " ");
-    }
-    fputc('\n', f);
-}
 
 /* A command is never broken: it is to be copied. */
 static void print_fix(FILE *f, const struct doc_fix *x, int width)
@@ -62,7 +33,7 @@ static void print_fix(FILE *f, const struct doc_fix *x, int width)
         break;
     case DOC_NOTE:
         fputs("             note  ", f);
-        wrap(f, x->text, 19, 19, width);
+        dmn_wrap(f, x->text, 19, 19, width);
         break;
     }
 }
@@ -71,12 +42,12 @@ static void print_finding(FILE *f, const struct doc_finding *x, const struct doc
 {
     fprintf(f, "%s%-11s%s  ", s->colour ? colours[x->verdict] : "", words[x->verdict],
             s->colour ? "\033[0m" : "");
-    wrap(f, x->what, 13, 13, s->width);
+    dmn_wrap(f, x->what, 13, 13, s->width);
     if (x->verdict == DOC_OK)
         return;
     if (x->means[0] != '\0') {
         fputs("             ", f);
-        wrap(f, x->means, 13, 13, s->width);
+        dmn_wrap(f, x->means, 13, 13, s->width);
     }
     for (size_t i = 0; i < x->n_fix; i++)
         print_fix(f, &x->fix[i], s->width);
@@ -86,7 +57,7 @@ static void print_finding(FILE *f, const struct doc_finding *x, const struct doc
 void doc_print(FILE *f, const struct doctor *d, const struct doc_style *s)
 {
     const struct doc_report *r = &d->report;
-    wrap(f, d->load.source, 0, 2, s->width);
+    dmn_wrap(f, d->load.source, 0, 2, s->width);
     for (size_t i = 0; i < d->n_links; i++)
         fprintf(f, "%s%s%s", i == 0 ? "  network: " : ", ", d->link[i].name,
                 d->link[i].certain ? "" : "?");

@@ -11,7 +11,7 @@
 #include "doctor/firewall.h"
 #include "doctor/host.h"
 #include "doctor/parse.h"
-#include "../t.h"
+#include "tests/t.h"
 
 /* ---- a made-up host --------------------------------------------------------------------------- */
 

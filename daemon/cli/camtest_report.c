@@ -1,0 +1,170 @@
+/* camtest_report.c - a test of cameras as a table and as JSON. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cli/camtest.h"
+#include "daemon/json.h"
+#include "daemon/wrap.h"
+
+#define JSON_MAX ((size_t)1 << 19)
+
+static const char *const words[] = {"OK", "WARN", "FAIL"};
+
+static double share(const struct camtest_camera *c)
+{
+    double bytes = c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz : 0;
+    double mbps = c->stats.health.link_mbps;
+    return isfinite(mbps) && mbps > 0 ? bytes * 8e-6 / mbps : NAN;
+}
+
+static uint64_t lost(const struct camtest_camera *c)
+{
+    uint64_t n = 0;
+    for (int k = CAP_INCOMPLETE; k < CAP_N_COUNT; k++)
+        if (k != CAP_LOST_CAMERA && k != CAP_UNMATCHED)
+            n += c->count[k];
+    return n;
+}
+
+static void print_row(FILE *f, const struct camtest_camera *c, int name)
+{
+    char size[48] = "-", link[16] = "-", temp[16] = "-";
+    if (c->frames > 0)
+        snprintf(size, sizeof size, "%dx%d %s", c->width, c->height, cap_pixfmt_name(c->fmt));
+    if (isfinite(share(c)))
+        snprintf(link, sizeof link, "%.0f%%", share(c) * 100);
+    if (isfinite(c->stats.health.temperature_c))
+        snprintf(temp, sizeof temp, "%.0f", c->stats.health.temperature_c);
+    fprintf(f, "%-*.*s %7.2f %6llu %5llu %6.2f %6.2f %6.2f %6.2f %6.1f %5s %3s  %s\n", name, name,
+            c->name, c->hz, (unsigned long long)c->frames, (unsigned long long)lost(c),
+            camtest_std(&c->device) * 1e3, camtest_worst(&c->device) * 1e3,
+            camtest_std(&c->arrival) * 1e3, camtest_worst(&c->arrival) * 1e3,
+            c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz * 1e-6 : 0, link, temp,
+            size);
+}
+
+static void print_verdict(FILE *f, const struct camtest *t, uint32_t i, int width)
+{
+    const struct camtest_camera *c = &t->camera[i];
+    char line[1024];
+    int n = snprintf(line, sizeof line, "%s: %s", c->name,
+                     c->verdict == CAMTEST_OK ? t->sources.uri[i] : c->what);
+    for (int k = CAP_INCOMPLETE; k < CAP_N_COUNT && n < (int)sizeof line; k++)
+        if (c->count[k] > 0)
+            n += snprintf(line + n, sizeof line - (size_t)n, "; %s %llu", cap_count_defs[k].name,
+                          (unsigned long long)c->count[k]);
+    fprintf(f, "%-5s ", words[c->verdict]);
+    dmn_wrap(f, line, 6, 6, width);
+    if (c->remedy[0] != '\0') {
+        fprintf(f, "      -> ");
+        dmn_wrap(f, c->remedy, 9, 9, width);
+    }
+}
+
+void camtest_print(FILE *f, const struct camtest *t, int width)
+{
+    int name = 6;
+    for (uint32_t i = 0; i < t->n; i++)
+        if ((int)strlen(t->camera[i].name) > name)
+            name = (int)strlen(t->camera[i].name);
+    name = name > 12 ? 12 : name;
+    fprintf(f, "%-*s %7s %6s %5s %-13s %-13s %6s %5s %3s  %s\n", name, "", "", "", "", "stamps, ms",
+            "arrival, ms", "", "", "", "");
+    fprintf(f, "%-*s %7s %6s %5s %6s %6s %6s %6s %6s %5s %3s  %s\n", name, "camera", "Hz", "frames",
+            "lost", "std", "max", "std", "max", "MB/s", "link", "C", "picture");
+    for (uint32_t i = 0; i < t->n; i++)
+        print_row(f, &t->camera[i], name);
+    fprintf(f, "\n%.1f s%s", t->measured_s, t->interrupted ? " (interrupted)" : "");
+    if (t->n > 1) {
+        fprintf(f, ", %llu sets, %llu whole", (unsigned long long)t->sets,
+                (unsigned long long)t->whole);
+        if (t->spread.n > 0)
+            fprintf(f, "; exposures of a set apart by %.3f ms, 95 %% below %.3f, worst %.3f",
+                    t->spread.mean * 1e3, (double)pvx_hist_quantile(&t->spread_hist, 0.95) * 1e-6,
+                    t->spread.max * 1e3);
+    }
+    fputs("\n\n", f);
+    for (uint32_t i = 0; i < t->n; i++)
+        print_verdict(f, t, i, width);
+    if (t->what[0] != '\0') {
+        fprintf(f, "%-5s ", words[t->verdict]);
+        dmn_wrap(f, t->what, 6, 6, width);
+        fprintf(f, "      -> ");
+        dmn_wrap(f, t->remedy, 9, 9, width);
+    }
+}
+
+static void json_series(struct dmn_json *j, const char *key, const struct camtest_series *s)
+{
+    dmn_json_open(j, key, '{');
+    dmn_json_int(j, "n", (long long)s->n);
+    dmn_json_num(j, "mean", s->mean * 1e3);
+    dmn_json_num(j, "std", camtest_std(s) * 1e3);
+    dmn_json_num(j, "max_deviation", camtest_worst(s) * 1e3);
+    dmn_json_close(j, '}');
+}
+
+static void json_camera(struct dmn_json *j, const struct camtest *t, uint32_t i)
+{
+    const struct camtest_camera *c = &t->camera[i];
+    dmn_json_open(j, NULL, '{');
+    dmn_json_str(j, "name", c->name);
+    dmn_json_str(j, "uri", t->sources.uri[i]);
+    dmn_json_str(j, "verdict", words[c->verdict]);
+    dmn_json_str(j, "what", c->what);
+    dmn_json_str(j, "remedy", c->remedy);
+    dmn_json_int(j, "frames", (long long)c->frames);
+    dmn_json_num(j, "hz", c->hz);
+    dmn_json_int(j, "width", c->width);
+    dmn_json_int(j, "height", c->height);
+    dmn_json_str(j, "pixel_format", c->frames > 0 ? cap_pixfmt_name(c->fmt) : "");
+    dmn_json_num(j, "bytes_per_s",
+                 c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz : 0);
+    json_series(j, "stamps_ms", &c->device);
+    json_series(j, "arrival_ms", &c->arrival);
+    json_series(j, "offset_ms", &c->offset);
+    dmn_json_open(j, "counts", '{');
+    for (int k = 0; k < CAP_N_COUNT; k++)
+        dmn_json_int(j, cap_count_defs[k].name, (long long)c->count[k]);
+    dmn_json_close(j, '}');
+    dmn_json_num(j, "temperature_c", c->stats.health.temperature_c);
+    dmn_json_num(j, "link_mbps", c->stats.health.link_mbps);
+    dmn_json_num(j, "link_share", share(c));
+    dmn_json_str(j, "ptp", c->stats.health.ptp);
+    dmn_json_num(j, "ptp_offset_ns", c->stats.health.ptp_offset_ns);
+    dmn_json_str(j, "error", c->stats.error);
+    dmn_json_close(j, '}');
+}
+
+void camtest_print_json(FILE *f, const struct camtest *t)
+{
+    struct dmn_json j;
+    char *text = malloc(JSON_MAX);
+    if (text == NULL)
+        return;
+    dmn_json_init(&j, text, JSON_MAX);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_num(&j, "seconds", t->measured_s);
+    dmn_json_bool(&j, "interrupted", t->interrupted);
+    dmn_json_num(&j, "fps", t->fps);
+    dmn_json_open(&j, "sets", '{');
+    dmn_json_int(&j, "n", (long long)t->sets);
+    dmn_json_int(&j, "whole", (long long)t->whole);
+    dmn_json_num(&j, "spread_mean_ms", t->spread.mean * 1e3);
+    dmn_json_num(&j, "spread_p95_ms", (double)pvx_hist_quantile(&t->spread_hist, 0.95) * 1e-6);
+    dmn_json_num(&j, "spread_max_ms", t->spread.max * 1e3);
+    dmn_json_str(&j, "verdict", words[t->verdict]);
+    dmn_json_str(&j, "what", t->what);
+    dmn_json_str(&j, "remedy", t->remedy);
+    dmn_json_close(&j, '}');
+    dmn_json_open(&j, "cameras", '[');
+    for (uint32_t i = 0; i < t->n; i++)
+        json_camera(&j, t, i);
+    dmn_json_close(&j, ']');
+    dmn_json_close(&j, '}');
+    if (dmn_json_end(&j) > 0)
+        fprintf(f, "%s\n", text);
+    free(text);
+}
