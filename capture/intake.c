@@ -150,6 +150,8 @@ static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
     (void)camera;
     pthread_mutex_lock(&cam->cap->lock);
     cam->count[what] += n;
+    if (what == CAP_INCOMPLETE || what == CAP_UNDERRUN) /* it sends, and it is not its fault */
+        cam->last_any_mono_ns = pvx_now_mono();
     pthread_mutex_unlock(&cam->cap->lock);
 }
 

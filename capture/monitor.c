@@ -16,8 +16,9 @@
 #define HOLD_MIN_NS (3 * PVX_NS_PER_S)
 #define HOLD_MAX_NS (600 * PVX_NS_PER_S)
 #define RELAPSE_NS  (60 * PVX_NS_PER_S)
-#define LOOKS       10 /* in a second */
-#define LINES_MAX   16 /* that one look may say; the rest is said by the next */
+#define SETTLE_NS   (2 * PVX_NS_PER_S) /* after a start */
+#define LOOKS       10                 /* in a second */
+#define LINES_MAX   16                 /* that one look may say; the rest is said by the next */
 #define LINE_CHARS  640
 
 const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
@@ -73,8 +74,8 @@ struct monitor {
     unsigned n_lines;
     uint64_t incomplete[LOOKS][CAP_MAX_CAMERAS]; /* counts of the looks of the last second */
     unsigned look;
-    uint64_t steps; /* of the host's clock that have been told */
-    int64_t next_second;
+    uint64_t steps;                       /* of the host's clock that have been told */
+    int64_t next_second[CAP_MAX_CAMERAS]; /* of bandwidth */
 };
 
 static bool room(const struct monitor *m)
@@ -119,11 +120,16 @@ static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t no
 {
     int64_t hold = 3 * m->cap->watch.window_ns;
     hold = hold > HOLD_MIN_NS ? hold : HOLD_MIN_NS;
+    int64_t settled = cam->first_slot * CAP_FPS_BIN_NS + SETTLE_NS;
     for (int k = 0; k < CAP_N_COUNT && room(m); k++) {
         const struct cap_trouble_def *d = &cap_trouble_defs[k];
         struct cap_episode *e = &cam->episode[k];
         if (d->what == NULL)
             continue;
+        if (k == CAP_LATE && !e->on && now < settled) { /* cameras that start one after the other */
+            e->seen = cam->count[k];
+            continue;
+        }
         enum change c = look_at(e, cam->count[k], now, hold, cam->delivering);
         if (c == SAME || k == CAP_BANDWIDTH) /* of which there is one line for all */
             continue;
@@ -157,10 +163,11 @@ static void look_at_bandwidth(struct monitor *m, int64_t now)
         then[i] = n;
     }
     bool now_so = hit >= 2 && 2 * hit >= running;
-    if (now_so && now >= m->next_second) {
-        m->next_second = now + PVX_NS_PER_S;
-        for (uint32_t i = 0; i < cap->n; i++)
-            cap->camera[i].count[CAP_BANDWIDTH] += mask >> i & 1;
+    for (uint32_t i = 0; i < cap->n && now_so; i++) {
+        if ((mask >> i & 1) == 0 || now < m->next_second[i])
+            continue;
+        m->next_second[i] = now + PVX_NS_PER_S;
+        cap->camera[i].count[CAP_BANDWIDTH]++;
     }
     if (!room(m))
         return;

@@ -21,6 +21,7 @@ struct watch {
     struct cap_camera *cam;
     char said[256]; /* last trouble that was logged, "" after frames came */
     int64_t backoff_ns;
+    bool ran; /* it has been started before */
 };
 
 static bool stopped(struct cap_capture *cap)
@@ -50,7 +51,8 @@ static void trouble(struct watch *w, const char *text)
     pthread_mutex_lock(&cam->cap->lock);
     snprintf(cam->error, sizeof cam->error, "%s", text);
     pthread_mutex_unlock(&cam->cap->lock);
-    if (strncmp(w->said, text, sizeof w->said - 1) == 0)
+    /* One line until it is back; before it ever ran, one per reason. */
+    if (w->said[0] != '\0' && (w->ran || strncmp(w->said, text, sizeof w->said - 1) == 0))
         return;
     snprintf(w->said, sizeof w->said, "%s", text);
     LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 1 s, the others go on",
@@ -231,7 +233,6 @@ static void back_off(struct watch *w)
 static void live(struct cap_camera *cam)
 {
     struct watch w = {.cam = cam, .backoff_ns = BACKOFF_MIN_NS};
-    bool ran = false;
     while (!stopped(cam->cap)) {
         struct pvx_diag d = {""};
         cap_source *src = NULL;
@@ -240,11 +241,11 @@ static void live(struct cap_camera *cam)
             return;
         if (e != PVX_OK) {
             trouble(&w, pvx_diag_text(&d, e));
-            set_state(cam, ran ? CAP_LOST : CAP_OPENING);
+            set_state(cam, w.ran ? CAP_LOST : CAP_OPENING);
         } else {
-            if (!ran)
+            if (!w.ran)
                 LOG_I(CAPTURE, "camera %s (%s): running", cam->name, cam->uri);
-            ran = true;
+            w.ran = true;
             set_state(cam, CAP_RUNNING);
             enum fate fate = watch(&w, src);
             cam->ops->stop(src);
