@@ -59,7 +59,7 @@ obj = $(patsubst %.c,$(B)/%.o,$(1))
 LIBS := $(B)/lib/libpyrovox-daemon.a $(B)/lib/libpyrovox-capture.a $(B)/lib/libpyrovox-client.a \
   $(B)/lib/libpyrovox-proto.a $(B)/lib/libpyrovox-recon.a $(B)/lib/libpyrovox-base.a
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
-PLUGINS := $(if $(wildcard capture/opencv_shim.cpp),$(B)/lib/pyrovox-opencv.so)
+PLUGINS := $(B)/lib/pyrovox-opencv.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
@@ -165,11 +165,16 @@ $(eval $(call lib,proto,$(PROTO)))
 $(eval $(call lib,client,$(CLIENT)))
 $(eval $(call lib,daemon,$(DAEMON)))
 
-# The OpenCV module is C++ and loaded on first use; it is its own shared object.
+# The OpenCV and libcamera modules are C++ and loaded on first use; each is its own shared object.
 $(B)/lib/pyrovox-opencv.so: capture/opencv_shim.cpp capture/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio
+
+$(B)/lib/pyrovox-libcamera.so: capture/libcamera_shim.cpp capture/libcamera_shim.h
+	@mkdir -p $(@D)
+	$(call say,CXX)
+	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -shared -o $@ $< $$(pkg-config --libs libcamera)
 
 link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) -Wl,--start-group $(filter %.a,$^) -Wl,--end-group $(LDLIBS)
 $(B)/bin/pyrovox: $(call obj,daemon/cli/pyrovox.c $(CLI)) $(LIBS)
@@ -192,7 +197,7 @@ $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B
 	$(call say,LD)
 	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
 # The allocation test interposes malloc in the executable.
--include $(shell test -d $(B) && find $(B) -name '*.d')
+-include $(shell test -d $(B) && find $(B) -type f -name '*.d')
 
 install: all ## install programs, man pages, units and headers under DESTDIR/PREFIX
 	@systemd/install.sh "$(B)" "$(DESTDIR)" "$(PREFIX)"

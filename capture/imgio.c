@@ -1,7 +1,5 @@
 #include "capture/imgio.h"
 
-#include <dlfcn.h>
-#include <limits.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdbool.h>
@@ -13,6 +11,7 @@
 
 #include "base/file.h"
 #include "base/mem.h"
+#include "capture/module.h"
 #include "capture/npy.h"
 #include "capture/opencv_shim.h"
 
@@ -24,47 +23,10 @@ static struct {
     char why[PVX_DIAG_MAX]; /* it could not be loaded */
 } module = {.once = PTHREAD_ONCE_INIT};
 
-static bool try_module(const char *dir, const char *below)
-{
-    char path[PATH_MAX];
-    int n = snprintf(path, sizeof path, "%s%s/pyrovox-opencv.so", dir, below);
-    if (n < 0 || (size_t)n >= sizeof path || access(path, R_OK) != 0)
-        return false;
-    void *so = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    if (so == NULL) {
-        const char *text = dlerror();
-        snprintf(module.why, sizeof module.why, "%.700s", text != NULL ? text : path);
-        return false;
-    }
-    const struct cap_cv *(*entry)(void);
-    *(void **)&entry = dlsym(so, "cap_cv_module");
-    const struct cap_cv *cv = entry != NULL ? entry() : NULL;
-    if (cv == NULL || cv->version != CAP_CV_VERSION) {
-        snprintf(module.why, sizeof module.why, "%.700s is of another version of pyrovox", path);
-        dlclose(so);
-        return false;
-    }
-    module.cv = cv;
-    return true;
-}
-
 static void find_module(void)
 {
-    char exe[PATH_MAX] = "";
-    const char *env = getenv("PYROVOX_LIBDIR");
-    if (env != NULL && *env != '\0') {
-        if (try_module(env, ""))
-            return;
-    } else if (pvx_exe_dir(exe, sizeof exe) == PVX_OK &&
-               (try_module(exe, "/../lib") || try_module(exe, "/../lib/pyrovox"))) {
-        return;
-    } else if (try_module("/usr/local/lib/pyrovox", "") || try_module("/usr/lib/pyrovox", "")) {
-        return;
-    }
-    if (module.why[0] == '\0')
-        snprintf(module.why, sizeof module.why,
-                 "pyrovox-opencv.so not found in %.600s (PYROVOX_LIBDIR names its folder)",
-                 env != NULL && *env != '\0' ? env : "../lib and ../lib/pyrovox of the program");
+    module.cv = cap_module_load("pyrovox-opencv.so", "cap_cv_module", CAP_CV_VERSION, module.why,
+                                sizeof module.why);
 }
 
 static pvx_err need_module(const char *path, struct pvx_diag *d)

@@ -27,9 +27,11 @@ put() { # mode, source, target
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
 for l in recon client base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
-if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-opencv.so" ]; then
-    put 0644 "$build/lib/pyrovox-opencv.so" "$lib/pyrovox-opencv.so"
-fi
+for m in opencv libcamera; do
+    if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-$m.so" ]; then
+        put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
+    fi
+done
 for h in recon/*.h proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
 for h in daemon/base/*.h; do put 0644 "$h" "$inc/base/$(basename "$h")"; done
 for m in daemon/man/*.[158]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done

@@ -1,6 +1,7 @@
 #!/bin/bash
 # kernel.sh DIR: Debian's own kernel, unpacked below DIR but never installed; done once per DIR.
-# Prints its version.  DIR/modules holds lib/modules/VERSION with an index, DIR/vmlinux what QEMU boots.
+# Prints its version.  DIR/modules holds lib/modules/VERSION with an index, DIR/vmlinux what QEMU boots,
+# DIR/udev Debian's udevd, without which libcamera sees no camera (containers have none).
 # Exit 77 with one line on standard error when this machine cannot have it.
 set -uo pipefail
 no() { echo "$*" >&2; exit 77; }
@@ -20,13 +21,16 @@ work=$dir/unpack
 rm -rf "$work" "$dir/modules" "$dir/vmlinux" "$dir"/initramfs-*
 mkdir -p "$work/deb" "$dir/modules"
 chmod 777 "$work/deb" # apt fetches as a user of its own
-get() { (cd "$work/deb" && apt-get download -qq "$p" 2>&1); }
+get() { (cd "$work/deb" && apt-get download -qq "$p" udev libsystemd-shared 2>&1); }
+have() { [ "$(find "$work/deb" -name '*.deb' | wc -l)" = 3 ]; }
 said=$(get)
-if ! ls "$work"/deb/*.deb > "$work/list" 2>&1 && [ "$(id -u)" = 0 ]; then # the index may be of last month
+if ! have && [ "$(id -u)" = 0 ]; then # the index may be of last month
     apt-get update -qq >&2; said=$(get)
 fi
-deb=$(echo "$work"/deb/*.deb)
-[ -s "$deb" ] || no "$p cannot be fetched: $(grep '^E:' <<< "$said" | tail -n 1)"
+have || no "$p, udev and libsystemd-shared cannot be fetched: $(grep '^E:' <<< "$said" | tail -n 1)"
+deb=$(echo "$work"/deb/linux-image-*.deb)
+rm -rf "$dir/udev"
+for d in "$work"/deb/udev_*.deb "$work"/deb/libsystemd-shared_*.deb; do dpkg -x "$d" "$dir/udev" || no "$d cannot be unpacked"; done
 # Two thirds of the modules serve hardware that this machine will never have.
 dpkg-deb --fsys-tarfile "$deb" | tar -x -C "$work" --exclude='*/drivers/'{gpu,scsi,infiniband,iio,net/ethernet,net/wireless} \
     --exclude='*/kernel/sound' --exclude='./usr' || no "$deb cannot be unpacked"

@@ -1,6 +1,7 @@
 /* vm_uvccams.c - up to eight virtual USB cameras that see what is on disk.
  *
- *   vm_uvccams [--quality N] DIR      DIR/<camera>/<6 digits>.png, as simcams writes
+ *   vm_uvccams [--quality N] [--rate HZ] DIR      DIR/<camera>/<6 digits>.png, as simcams writes
+ * quality: of the JPEGs (95).  rate: what a host gets that asks for none: 30 (default), 15 or 5.
  * Needs vhci_hcd and root; plugs in one camera per folder of DIR, in the order of their names, and
  * prints "serving N cameras".  Their serial numbers are FLAME000, FLAME001 ...
  * Lines on standard input, each answered with "ok" or "no: why":
@@ -15,6 +16,7 @@
 
 #include "base/mem.h"
 #include "tests/vm/uvc/camera.h"
+#include "tests/vm/uvc/descriptors.h"
 
 #define MAX 8 /* ports of vhci_hcd.0 */
 
@@ -130,11 +132,16 @@ static void on_signal(int sig)
 
 int main(int argc, char **argv)
 {
-    int quality = 95;
-    if (argc == 4 && strcmp(argv[1], "--quality") == 0)
-        quality = atoi(argv[2]);
-    if ((argc != 2 && argc != 4) || quality < 1 || quality > 100) {
-        fprintf(stderr, "usage: vm_uvccams [--quality 1..100] DIR\n");
+    int quality = 95, rate = 30, at = 1;
+    for (; at + 2 < argc; at += 2)
+        if (strcmp(argv[at], "--quality") == 0)
+            quality = atoi(argv[at + 1]);
+        else if (strcmp(argv[at], "--rate") == 0)
+            rate = atoi(argv[at + 1]);
+        else
+            break;
+    if (at != argc - 1 || quality < 1 || quality > 100 || !uvc_set_default_rate(rate)) {
+        fprintf(stderr, "usage: vm_uvccams [--quality 1..100] [--rate 30|15|5] DIR\n");
         return 2;
     }
     struct sigaction sa = {.sa_handler = on_signal}; /* no SA_RESTART */

@@ -6,18 +6,7 @@
 # vm-seconds: 60
 name=010
 . "$(dirname "$0")/lib.sh"
-images() { # 3 cameras, 4 instants: .npy of 160x120 bytes, each picture another
-    "$py" - "$dir/take" << 'PY'
-import os, sys
-for cam in range(3):
-    os.makedirs('%s/cam%d' % (sys.argv[1], cam))
-    for k in range(4):
-        head = b"{'descr': '|u1', 'fortran_order': False, 'shape': (120, 160), }"
-        with open('%s/cam%d/%06d.npy' % (sys.argv[1], cam, k), 'wb') as f:
-            f.write(b'\x93NUMPY\1\0\x76\0' + head.ljust(117) + b'\n' + bytes((x * (cam + 2) + y * (k + 1)) & 255 for y in range(120) for x in range(160)))
-PY
-}
-check images-are-made images
+check images-are-made uvc_pictures "$dir/take" 3
 check cameras-come uvc_start "$dir/take" 3
 v=$(uvc_nodes | sed -n 2p)
 grab() { # format, file

@@ -4,6 +4,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/../../system/lib.sh"
 [ -n "${VM_SLOW:-}" ] || { echo "runs inside the virtual machine: tests/vm/run.sh -- $0"; exit 77; }
 vm=$b/tests/vm # the programs of tests/vm/vm_*.c
+export PYROVOX_LIBDIR=$b/lib
 
 # Emulated, everything takes several times as long as outside; on a busy machine VM_SLOW times that.
 patient() { awk -v s="$1" -v f="$VM_SLOW" 'BEGIN { printf "%d\n", s * f + 0.999 }'; }
@@ -20,7 +21,41 @@ program() { # seconds, name, arguments...
     [ $got = 0 ] || { rc=1; [ $got = 1 ] || echo "FAIL $name:$t: exit $got"; }
 }
 
+# ---- libcamera ----------------------------------------------------------------------------------------------
+# Debian's udevd, unpacked beside the kernel: libcamera lists devices that it has initialised and learns from it
+# what is plugged and pulled.  No rules: they would name links and modes that nothing here needs.
+udevd_start() {
+    local u=$b/vm/udev
+    export LD_LIBRARY_PATH=$u/usr/lib/x86_64-linux-gnu/systemd:$u/lib/x86_64-linux-gnu/systemd
+    mkdir -p /run/udev "$dir/no-rules"
+    mount --bind "$dir/no-rules" /lib/udev/rules.d 2> "$dir/mount.log"
+    cp "$u/bin/udevadm" "$dir/systemd-udevd"
+    start udevd.log "$dir/systemd-udevd" --children-max=4
+    wait_for 20 test -S /run/udev/control
+    "$u/bin/udevadm" trigger --subsystem-match=video4linux --subsystem-match=media --action=add > "$dir/trigger.log" 2>&1
+    unset LD_LIBRARY_PATH
+}
+# libcamera's handler of USB cameras names them after the first ancestor that firmware knows; the virtual
+# controller has none, so the root of /sys gets a name (an overlay of mounts: sysfs itself cannot be written).
+fake_firmware() {
+    local d sys=/run/fake-sys # not below $dir, which is removed at the end
+    mkdir -p "$sys" && mount -t tmpfs sys "$sys" || return 1
+    for d in /sys/*; do mkdir "$sys/${d##*/}" && mount --rbind "$d" "$sys/${d##*/}" || return 1; done
+    mkdir "$sys/firmware_node" && echo '\_SB_.VHCI' > "$sys/firmware_node/path" && mount --rbind "$sys" /sys
+}
+
 # ---- virtual USB cameras (vm_uvccams); the script needs "# vm-modprobe: vhci-hcd" and "... uvcvideo" ----------
+uvc_pictures() { # folder, cameras: 4 pictures of 160x120 grey bytes for each, .npy, all different
+    "$py" - "$1" "$2" << 'PY'
+import os, sys
+head = b"{'descr': '|u1', 'fortran_order': False, 'shape': (120, 160), }"
+for cam in range(int(sys.argv[2])):
+    os.makedirs('%s/cam%d' % (sys.argv[1], cam))
+    for k in range(4):
+        with open('%s/cam%d/%06d.npy' % (sys.argv[1], cam, k), 'wb') as f:
+            f.write(b'\x93NUMPY\1\0\x76\0' + head.ljust(117) + b'\n' + bytes((x * (cam + 2) + y * (k + 1)) & 255 for y in range(120) for x in range(160)))
+PY
+}
 uvc_nodes() { # /dev/video of camera 0, 1, ... that are there; a camera's second node has no pictures
     local v
     for v in /sys/class/video4linux/video*; do
@@ -31,7 +66,7 @@ uvc_there() { [ "$(uvc_nodes | wc -l)" = "$1" ]; }
 uvc_start() { # folder of images, number of cameras, options...: until they can be opened
     local images=$1 n=$2; shift 2
     rm -f "$dir/orders"; mkfifo "$dir/orders"
-    PYROVOX_LIBDIR=$b/lib "$vm/vm_uvccams" "$@" "$images" < "$dir/orders" > "$dir/uvccams.log" 2>&1 &
+    "$vm/vm_uvccams" "$@" "$images" < "$dir/orders" > "$dir/uvccams.log" 2>&1 &
     uvc=$!
     pids+=("$uvc")
     exec 8> "$dir/orders"

@@ -72,6 +72,8 @@ static int64_t period_ns(const struct uvc_camera *c)
 /* Make what the host proposes something that the camera can do. */
 static void settle(const struct uvc_camera *c, uint8_t *p)
 {
+    if (uvc_get32(p + 4) == 0)
+        uvc_put32(p + 4, uvc_default_interval());
     if (p[2] < 1 || p[2] > UVC_N_FORMATS)
         p[2] = UVC_MJPG + 1;
     if (p[3] < 1 || p[3] > UVC_N_SIZES)
@@ -130,7 +132,9 @@ static int video_stream(struct uvc_camera *c, int request, int selector, const u
         memcpy(answer, p, PROBE);
         if (request == GET_DEF)
             answer[2] = answer[3] = 1;
-        if (request != GET_CUR)
+        if (request == GET_DEF)
+            uvc_put32(answer + 4, uvc_default_interval());
+        else if (request != GET_CUR)
             uvc_put32(answer + 4, uvc_intervals[request == GET_MAX ? UVC_N_INTERVALS - 1 : 0]);
         settle(c, answer);
         return PROBE;

@@ -9,6 +9,23 @@ enum { CS_INTERFACE = 0x24 };
 
 const uint32_t uvc_intervals[UVC_N_INTERVALS] = {333333, 666666, 2000000};
 
+static uint32_t default_interval = 333333;
+
+bool uvc_set_default_rate(int hz)
+{
+    for (int k = 0; k < UVC_N_INTERVALS; k++)
+        if (hz > 0 && uvc_intervals[k] == 10000000u / (uint32_t)hz) {
+            default_interval = uvc_intervals[k];
+            return true;
+        }
+    return false;
+}
+
+uint32_t uvc_default_interval(void)
+{
+    return default_interval;
+}
+
 struct writer {
     uint8_t *out;
     int n;
@@ -51,7 +68,7 @@ static void frames(struct writer *w, const struct uvc_images *m, enum uvc_format
         uvc_put32(d + 9, bytes * 8 * 5);   /* dwMinBitRate */
         uvc_put32(d + 13, bytes * 8 * 30); /* dwMaxBitRate */
         uvc_put32(d + 17, bytes);          /* dwMaxVideoFrameBufferSize */
-        uvc_put32(d + 21, uvc_intervals[0]);
+        uvc_put32(d + 21, default_interval);
         d[25] = UVC_N_INTERVALS;
         for (int k = 0; k < UVC_N_INTERVALS; k++)
             uvc_put32(d + 26 + 4 * k, uvc_intervals[k]);

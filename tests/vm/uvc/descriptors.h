@@ -5,11 +5,15 @@
  * with a bulk endpoint; MJPEG, YUY2 and Y800, two sizes each, 30, 15 and 5 Hz. */
 #ifndef VM_UVC_DESCRIPTORS_H
 #define VM_UVC_DESCRIPTORS_H
+#include <stdbool.h>
 #include "tests/vm/uvc/images.h"
 
 enum { UVC_CAMERA_TERMINAL = 1, UVC_OUTPUT_TERMINAL, UVC_PROCESSING_UNIT };
 enum { UVC_N_INTERVALS = 3 };
 extern const uint32_t uvc_intervals[UVC_N_INTERVALS]; /* 100 ns, shortest first */
+/* Frame rate of hosts that ask for none; false: it is not one of them.  Before any camera is plugged. */
+bool uvc_set_default_rate(int hz);
+uint32_t uvc_default_interval(void);
 
 struct uvc_identity {
     const char *maker, *model, *serial;
