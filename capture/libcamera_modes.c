@@ -64,10 +64,14 @@ enum cap_pixfmt lc_pixfmt(struct cap_lc_format f)
     return CAP_FMT_NONE;
 }
 
+/* JPEG is full range by its own standard, whatever is said. */
 uint8_t lc_yuv(const struct cap_lc_layout *l)
 {
+    uint8_t transfer = l->transfer_rec709 ? CAP_YUV_TRANSFER_709 : 0;
+    if (lc_pixfmt(l->mode.format) == CAP_JPEG)
+        return transfer;
     return (uint8_t)((l->rec709 ? CAP_YUV_709 : CAP_YUV_601) |
-                     (l->full_range == CAP_LC_RANGE_FULL ? CAP_YUV_FULL : 0));
+                     (l->full_range == CAP_LC_RANGE_FULL ? CAP_YUV_FULL : 0) | transfer);
 }
 
 /* ---- modes -------------------------------------------------------------------------------------- */

@@ -343,6 +343,8 @@ int configure(cap_lc_camera &c, const cap_lc_config &cfg, cap_lc_layout &layout,
     layout.frame_bytes = s.frameSize;
     layout.rec709 =
         s.colorSpace && s.colorSpace->ycbcrEncoding == ColorSpace::YcbcrEncoding::Rec709;
+    layout.transfer_rec709 =
+        s.colorSpace && s.colorSpace->transferFunction == ColorSpace::TransferFunction::Rec709;
     layout.full_range = !s.colorSpace                                    ? CAP_LC_RANGE_UNKNOWN
                         : s.colorSpace->range == ColorSpace::Range::Full ? CAP_LC_RANGE_FULL
                                                                          : CAP_LC_RANGE_LIMITED;

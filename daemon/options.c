@@ -32,7 +32,8 @@ const struct dmn_option dmn_options[] = {
     {"cameras", DMN_CAMERAS, AT(cameras), "\"\"", 0, 0, "", NULL,
      "Source of each camera, by its name in the rig; or one pattern for all of them, in which "
      "{name} is the camera's name and a trailing + counts up. Must be given. Sources: "
-     "aravis:ADDRESS-OR-SERIAL, v4l2:NAME, files:PATTERN, sim:; `pyrovox cameras` lists them."},
+     "aravis:ADDRESS-OR-SERIAL, v4l2:NAME, libcamera:ID, files:PATTERN, sim:; `pyrovox cameras` "
+     "lists them."},
     {"grid", DMN_INTS, AT(grid), "[]", 1, REC_GRID_MAX, "voxels", NULL,
      "Voxels of the volume, one number (along x, the others in proportion) or three; empty = as "
      "the rig says."},
@@ -78,7 +79,8 @@ const struct dmn_option dmn_options[] = {
          "Exposure time; negative = leave as the camera has it."),
     REAL("gain", gain, "-1", -1, 1000, "", "Gain; negative = leave as the camera has it."),
     {"features", DMN_PAIRS, AT(features), "{}", 0, 0, "", NULL,
-     "GenICam features, or V4L2 controls as v4l2-ctl -L names or numbers them, written to every "
+     "GenICam features, V4L2 controls as v4l2-ctl -L names or numbers them, or libcamera controls "
+     "by name, written to every "
      "camera when it is opened, and read back."},
     {"camera_features", DMN_PAIRS, AT(camera_features), "{}", 0, 0, "", NULL,
      "The same for one camera, as CAMERA.FEATURE: value; written after those for all."},

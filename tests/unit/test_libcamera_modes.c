@@ -39,6 +39,10 @@ static void yuv(void)
            CAP_YUV_709);
     T_EQ_I(lc_yuv(&(struct cap_lc_layout){.full_range = CAP_LC_RANGE_FULL}),
            CAP_YUV_601 | CAP_YUV_FULL);
+    T_EQ_I(lc_yuv(&(struct cap_lc_layout){.rec709 = 1, .transfer_rec709 = 1}),
+           CAP_YUV_709 | CAP_YUV_TRANSFER_709);
+    struct cap_lc_layout jpeg = {.mode.format = code("MJPG", 0), .rec709 = 1, .transfer_rec709 = 1};
+    T_EQ_I(lc_yuv(&jpeg), CAP_YUV_TRANSFER_709);
 }
 
 static void modes(void)
