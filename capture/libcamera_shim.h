@@ -39,9 +39,10 @@ struct cap_lc_mode {
 struct cap_lc_layout {
     struct cap_lc_mode mode;
     uint32_t stride, frame_bytes, buffers;
-    int rec709;       /* the YUV matrix is BT.709's, else BT.601's */
-    int full_range;   /* enum cap_lc_range */
-    int has_duration; /* the frame rate can be set */
+    int rec709;          /* the YUV matrix is BT.709's, else BT.601's */
+    int transfer_rec709; /* gamma of television, else sRGB's */
+    int full_range;      /* enum cap_lc_range */
+    int has_duration;    /* the frame rate can be set */
 };
 struct cap_lc_control {
     const char *name, *value; /* libcamera's name; numbers, several with commas */
