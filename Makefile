@@ -190,6 +190,10 @@ $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
 $(B)/tests/stability/stability $(B)/tests/sim/test_stability: $(STABILITY)
+# A V4L2 device that umockdev answers for.
+$(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/sim/mock_v4l2.o
+$(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0)
+$(B)/tests/sim/mock_v4l2.o: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0)
 $(B)/tests/soak/soak: $(SOAK)
 $(B)/tests/vm/vm_uvccams $(B)/tests/unit/test_usbip: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.

@@ -2,6 +2,7 @@
  * bars), and its controls drop, tear off and break things on request.
  * Needs: vivid n_devs=8 with one webcam input each, the last one multi-planar. */
 #include "../t.h"
+#include "../box.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -18,119 +19,9 @@
 #include "capture/capture.h"
 #include "capture/pixfmt.h"
 
-#define N           8
-#define PATIENCE_NS (60 * PVX_NS_PER_S) /* no wait in here should come near */
-#define HELD        64
+#define N 8
 
 static const struct cap_source_ops *v4l2;
-
-/* ---- a consumer ------------------------------------------------------------------------------- */
-
-static struct box {
-    pthread_mutex_t lock;
-    pthread_cond_t change;
-    bool keep; /* frames are kept until empty_box */
-    struct cap_frame *held[HELD];
-    unsigned n_held;
-    uint64_t n, count[CAP_N_COUNT], first_id, last_id, holes;
-    bool ids_fall;
-    int64_t off_ns; /* t_device - arrival of the last frame */
-    bool stamped;   /* it had a t_device */
-    unsigned lost;
-} box = {.lock = PTHREAD_MUTEX_INITIALIZER, .change = PTHREAD_COND_INITIALIZER};
-
-static void on_push(void *ctx, struct cap_frame *f)
-{
-    (void)ctx;
-    pthread_mutex_lock(&box.lock);
-    if (box.n == 0)
-        box.first_id = f->id;
-    else if (f->id <= box.last_id)
-        box.ids_fall = true;
-    else
-        box.holes += f->id - box.last_id - 1;
-    box.last_id = f->id;
-    box.n++;
-    box.stamped = f->t_device_ns != 0;
-    box.off_ns = f->t_device_ns - f->t_arrival_mono_ns;
-    bool keep = box.keep && box.n_held < HELD;
-    if (keep)
-        box.held[box.n_held++] = f;
-    pthread_cond_broadcast(&box.change);
-    pthread_mutex_unlock(&box.lock);
-    if (!keep)
-        cap_frame_release(f);
-}
-
-static void on_event(void *ctx, uint32_t camera, enum cap_event ev)
-{
-    (void)ctx, (void)camera;
-    pthread_mutex_lock(&box.lock);
-    box.lost += ev == CAP_EV_LOST;
-    pthread_cond_broadcast(&box.change);
-    pthread_mutex_unlock(&box.lock);
-}
-
-static void on_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
-{
-    (void)ctx, (void)camera;
-    pthread_mutex_lock(&box.lock);
-    box.count[what] += n;
-    pthread_cond_broadcast(&box.change);
-    pthread_mutex_unlock(&box.lock);
-}
-
-static const struct cap_sink sink = {.push = on_push, .event = on_event, .count = on_count};
-
-static void empty_box(void)
-{
-    for (unsigned i = 0; i < box.n_held; i++)
-        cap_frame_release(box.held[i]);
-    box.n_held = 0;
-}
-
-static void reset_box(bool keep)
-{
-    empty_box();
-    pthread_mutex_lock(&box.lock);
-    box.keep = keep;
-    box.n = box.holes = 0;
-    box.lost = 0;
-    box.ids_fall = false;
-    memset(box.count, 0, sizeof box.count);
-    pthread_mutex_unlock(&box.lock);
-}
-
-/* Until *what >= n. */
-static bool wait_count(const uint64_t *what, uint64_t n)
-{
-    int64_t until = pvx_now_mono() + PATIENCE_NS;
-    pthread_mutex_lock(&box.lock);
-    while (*what < n && pvx_now_mono() < until) {
-        struct timespec ts;
-        clock_gettime(CLOCK_REALTIME, &ts);
-        ts.tv_sec++;
-        pthread_cond_timedwait(&box.change, &box.lock, &ts);
-    }
-    bool ok = *what >= n;
-    pthread_mutex_unlock(&box.lock);
-    return ok;
-}
-
-static bool wait_lost(void)
-{
-    int64_t until = pvx_now_mono() + PATIENCE_NS;
-    pthread_mutex_lock(&box.lock);
-    while (box.lost == 0 && pvx_now_mono() < until) {
-        struct timespec ts;
-        clock_gettime(CLOCK_REALTIME, &ts);
-        ts.tv_sec++;
-        pthread_cond_timedwait(&box.change, &box.lock, &ts);
-    }
-    bool ok = box.lost == 1;
-    pthread_mutex_unlock(&box.lock);
-    return ok;
-}
 
 /* ---- sources ---------------------------------------------------------------------------------- */
 
@@ -627,7 +518,7 @@ static void numbers_go_on_past_32_bits(void)
     c.n_features = 1;
     reset_box(false);
     cap_source *s = opened(&c);
-    int64_t until = pvx_now_mono() + PATIENCE_NS;
+    int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
     if (started(s)) {
         T_OK(wait_count(&box.n, 1));
         T_LE(box.first_id, UINT32_MAX);
@@ -824,7 +715,7 @@ static bool camera_has(cap_capture *cap, unsigned i, enum cap_count what, uint64
 static bool run_until(cap_capture *cap, uint64_t *in_sets, unsigned i, enum cap_count what,
                       uint64_t n)
 {
-    int64_t until = pvx_now_mono() + PATIENCE_NS;
+    int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
     while (!camera_has(cap, i, what, n) && pvx_now_mono() < until) {
         struct cap_set *set;
         if (cap_capture_next(cap, 100 * PVX_NS_PER_MS, &set) != PVX_OK)
