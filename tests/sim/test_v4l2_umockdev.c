@@ -487,7 +487,7 @@ static void it_is_found_again_under_another_number(void)
         T_OK(again[i].streaming);
         mock_unplug(&again[i]);
         T_OK(until_received(cap, i + 1, CAP_LOST_CAMERA));
-        T_EQ_S(st.camera[0].error, "connection lost");
+        T_CONTAINS(st.camera[0].error, "connection lost");
         /* our mock keeps a file and what umockdev needs for it; no more than that may stay */
         if (i == 1)
             files = open_files();
