@@ -135,6 +135,18 @@ static void timing(const struct camtest *t, struct camtest_camera *c)
             "its link is full: %.0f of %.0f Mb/s", mbps, h->link_mbps);
 }
 
+/* What capture has found out by itself: slips, missed triggers, a wrong clock ... */
+static void troubles(struct camtest_camera *c)
+{
+    for (uint32_t i = 0; i < c->stats.n_troubles && i < CAP_TROUBLES_MAX; i++) {
+        const struct cap_trouble *k = &c->stats.trouble[i];
+        const struct cap_trouble_def *def = &cap_trouble_defs[k->cause];
+        if (def->what != NULL && k->cause >= CAP_CLOCK_STUCK)
+            say(c, CAMTEST_WARN, def->remedy, "%s%s%s", def->what, k->detail[0] != '\0' ? ": " : "",
+                k->detail);
+    }
+}
+
 static void judge_sets(struct camtest *t)
 {
     double tolerance = t->fps > 0 ? 0.25 / t->fps : 0;
@@ -184,6 +196,7 @@ void camtest_judge(struct camtest *t)
             no_frames(t, c);
         else {
             losses(c, c);
+            troubles(c);
             timing(t, c);
         }
     }

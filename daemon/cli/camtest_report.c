@@ -19,28 +19,39 @@ static double share(const struct camtest_camera *c)
     return isfinite(mbps) && mbps > 0 ? bytes * 8e-6 / mbps : NAN;
 }
 
+/* Frames that did not come to us whole and in time. */
 static uint64_t lost(const struct camtest_camera *c)
 {
+    static const enum cap_count causes[] = {CAP_INCOMPLETE, CAP_BAD_SIZE, CAP_BAD_FORMAT,
+                                            CAP_BAD_STAMP,  CAP_UNDERRUN, CAP_OVERFLOW,
+                                            CAP_LATE,       CAP_ID_GAP};
     uint64_t n = 0;
-    for (int k = CAP_INCOMPLETE; k < CAP_N_COUNT; k++)
-        if (k != CAP_LOST_CAMERA && k != CAP_UNMATCHED)
-            n += c->count[k];
+    for (size_t i = 0; i < sizeof causes / sizeof *causes; i++)
+        n += c->count[causes[i]];
     return n;
+}
+
+static const char *jitter(const struct camtest_series *s, char out[32])
+{
+    if (s->n > 1)
+        snprintf(out, 32, "%6.2f %6.2f", camtest_std(s) * 1e3, camtest_worst(s) * 1e3);
+    else
+        snprintf(out, 32, "%6s %6s", "-", "-");
+    return out;
 }
 
 static void print_row(FILE *f, const struct camtest_camera *c, int name)
 {
-    char size[48] = "-", link[16] = "-", temp[16] = "-";
+    char size[48] = "-", link[16] = "-", temp[16] = "-", device[32], arrival[32];
     if (c->frames > 0)
         snprintf(size, sizeof size, "%dx%d %s", c->width, c->height, cap_pixfmt_name(c->fmt));
     if (isfinite(share(c)))
         snprintf(link, sizeof link, "%.0f%%", share(c) * 100);
     if (isfinite(c->stats.health.temperature_c))
         snprintf(temp, sizeof temp, "%.0f", c->stats.health.temperature_c);
-    fprintf(f, "%-*.*s %7.2f %6llu %5llu %6.2f %6.2f %6.2f %6.2f %6.1f %5s %3s  %s\n", name, name,
-            c->name, c->hz, (unsigned long long)c->frames, (unsigned long long)lost(c),
-            camtest_std(&c->device) * 1e3, camtest_worst(&c->device) * 1e3,
-            camtest_std(&c->arrival) * 1e3, camtest_worst(&c->arrival) * 1e3,
+    fprintf(f, "%-*.*s %7.2f %6llu %5llu %s %s %6.1f %5s %3s  %s\n", name, name, c->name, c->hz,
+            (unsigned long long)c->frames, (unsigned long long)lost(c), jitter(&c->device, device),
+            jitter(&c->arrival, arrival),
             c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz * 1e-6 : 0, link, temp,
             size);
 }
@@ -134,6 +145,7 @@ static void json_camera(struct dmn_json *j, const struct camtest *t, uint32_t i)
     dmn_json_num(j, "link_share", share(c));
     dmn_json_str(j, "ptp", c->stats.health.ptp);
     dmn_json_num(j, "ptp_offset_ns", c->stats.health.ptp_offset_ns);
+    dmn_json_num(j, "drift_ppm", c->stats.drift_ppm);
     dmn_json_str(j, "error", c->stats.error);
     dmn_json_close(j, '}');
 }

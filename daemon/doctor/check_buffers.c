@@ -27,10 +27,21 @@ static void rmem_max(struct doctor *d, bool packet_socket)
 {
     int64_t v;
     double frame = (double)d->load.frame_bytes, need = 2 * frame;
-    int64_t want = round_up(need > 32 * MIB ? need : 32 * MIB);
+    double most = need > (double)d->load.socket_buffer ? need : (double)d->load.socket_buffer;
+    int64_t want = round_up(most > 32 * MIB ? most : 32 * MIB);
     if (!doc_int(d->host, &v, "/proc/sys/net/core/rmem_max")) {
         doc_say(d, DOC_UNKNOWN, 60, "net.rmem_max",
                 "largest socket buffer: /proc/sys/net/core/rmem_max cannot be read");
+        return;
+    }
+    if ((double)v >= need && (size_t)v < d->load.socket_buffer) {
+        struct doc_finding *f =
+            doc_say(d, DOC_WARN, 43, "net.rmem_max",
+                    "largest socket buffer is %.1f MiB, gige.socket_buffer asks "
+                    "for %.1f",
+                    (double)v / MIB, (double)d->load.socket_buffer / MIB);
+        doc_means(f, "cameras get less room for bursts than the configuration says");
+        doc_sysctl(f, "net.core.rmem_max", "%lld", (long long)want);
         return;
     }
     if ((double)v >= need) {

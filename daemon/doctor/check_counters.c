@@ -43,7 +43,7 @@ static const struct counter {
      "cable, switch or the card's offload"},
     {FROM_SNMP_IP, "ReasmFails", "net.reasm", "IP fragments that could not be put together",
      "cameras send packets larger than the MTU of a switch or card", NULL, NULL,
-     "same MTU everywhere, or a smaller packet_size"},
+     "same MTU everywhere, or a smaller gige.packet_size"},
     {FROM_SOFTNET, "dropped", "net.softnet", "packets lost because a processor's backlog was full",
      "whole frames are incomplete", "net.core.netdev_max_backlog", "16384", NULL},
     {FROM_SOCKETS, "drops", "net.sockets", "packets lost by UDP sockets that are open now",

@@ -6,6 +6,8 @@
 #include "doctor/checks.h"
 #include "doctor/parse.h"
 
+#define SWITCH_BYTES 500e3 /* what a small switch keeps at least */
+
 /* "(if cameras are on it)" for a card that is only suspected. */
 static const char *maybe(const struct doc_link *l)
 {
@@ -73,14 +75,14 @@ static void mtu(struct doctor *d, const struct doc_link *l)
     if (!doc_int(d->host, &v, "/sys/class/net/%s/mtu", l->name))
         return;
     if (packet > v) {
-        struct doc_finding *f =
-            doc_say(d, DOC_FAIL, 98, "net.mtu", "%s has an MTU of %lld, packet_size asks for %d",
-                    l->name, (long long)v, packet);
+        struct doc_finding *f = doc_say(d, DOC_FAIL, 98, "net.mtu",
+                                        "%s has an MTU of %lld, gige.packet_size asks for %d",
+                                        l->name, (long long)v, packet);
         doc_means(f,
                   "packets are cut in pieces: frames come short although they look complete, and "
                   "one lost piece loses the packet");
         doc_command(f, "ip link set %s mtu 9000", doc_quote(l->name));
-        doc_note(f, "the switch must pass jumbo frames too; or set packet_size: %lld",
+        doc_note(f, "the switch must pass jumbo frames too; or set gige.packet_size: %lld",
                  (long long)v);
         return;
     }
@@ -93,8 +95,9 @@ static void mtu(struct doctor *d, const struct doc_link *l)
                 (long long)v, maybe(l));
     doc_means(f, "six times as many packets, interrupts and processor time as with 9000 bytes");
     doc_command(f, "ip link set %s mtu 9000", doc_quote(l->name));
-    doc_note(f, "switch and cameras must be set to jumbo frames as well; packet_size: 0 then finds "
-                "the largest that passes");
+    doc_note(
+        f, "switch and cameras must be set to jumbo frames as well; gige.packet_size: 0 then finds "
+           "the largest that passes");
 }
 
 static void rp_filter(struct doctor *d, const struct doc_link *l, const struct doc_route *r,
@@ -200,6 +203,40 @@ static void card(struct doctor *d, const struct doc_link *l)
     }
 }
 
+/* Cameras of 1 Gb/s that expose together and share the way to us: the switch keeps what does not pass
+ * at once.  A pause of (n / r - 1) packets between packets lets all share (n cameras, r = link over
+ * camera). */
+static void burst(struct doctor *d, const struct doc_link *l)
+{
+    int64_t speed = 0;
+    int packet = d->load.packet_size > 0 ? d->load.packet_size : 1500;
+    bool together = d->load.triggered || d->load.ptp;
+    if (l->loopback || l->cameras < 2 || !together ||
+        !doc_int(d->host, &speed, "/sys/class/net/%s/speed", l->name) || speed <= 0)
+        return;
+    double share = (double)l->cameras * 1000 / (double)speed;
+    double kept =
+        share > 1 ? (1 - 1 / share) * (double)d->load.frame_bytes * (double)l->cameras : 0;
+    if (kept < SWITCH_BYTES || d->load.packet_delay_ns > 0) {
+        doc_say(d, DOC_OK, 67, "net.burst", "%s: cameras that expose together %s", l->name,
+                kept < SWITCH_BYTES ? "do not flood the switch" : "pause between packets");
+        return;
+    }
+    int delay = (int)((share - 1) * (packet + 38) * 8); /* at 1 bit per ns, with preamble and gap */
+    struct doc_finding *f =
+        doc_say(d, DOC_WARN, 67, "net.burst",
+                "%zu cameras of %s expose together: the switch must keep %.1f MB "
+                "of each set",
+                l->cameras, l->name, kept * 1e-6);
+    doc_means(f,
+              "small switches have 0.5 to 2 MB for all ports; what does not fit is lost, and the "
+              "same cameras lose every time");
+    doc_note(f,
+             "gige.packet_delay_ns: %d in pyrovoxd.yaml (packets of %d bytes, cameras of 1 Gb/s); "
+             "a faster port to this host helps more",
+             delay, packet);
+}
+
 void doc_check_links(struct doctor *d)
 {
     char *text = doc_file(d->host, "/proc/net/route");
@@ -208,6 +245,7 @@ void doc_check_links(struct doctor *d)
     for (size_t i = 0; i < d->n_links; i++) {
         cable(d, &d->link[i]);
         mtu(d, &d->link[i]);
+        burst(d, &d->link[i]);
         if (n > 0)
             rp_filter(d, &d->link[i], r, n);
         card(d, &d->link[i]);

@@ -30,7 +30,7 @@ static void fight(struct doctor *d)
         return;
     }
     struct doc_finding *f =
-        doc_say(d, d->load.ptp ? DOC_FAIL : DOC_WARN, 77, "time.daemons",
+        doc_say(d, d->load.shared_clock ? DOC_FAIL : DOC_WARN, 77, "time.daemons",
                 "%s and %s both set the system clock",
                 phc ? "phc2sys" : "two of chronyd, ntpd and timesyncd", phc ? ntp : "another");
     doc_means(f,
@@ -81,8 +81,13 @@ static void ptp_daemon(struct doctor *d)
         doc_means(f,
                   "with hardware stamps the cameras follow the network card's clock, which is not "
                   "the system's: shared_clock then is wrong by their difference");
-        doc_command(f, "phc2sys -c %s -s CLOCK_REALTIME -O 37 &", doc_quote(link));
+        doc_command(f, "phc2sys -a -rr >/dev/null 2>&1 &");
         doc_note(f, "leave it if ptp4l uses software stamps (-S); see capture/SYNC.md");
+        return;
+    }
+    if (!d->load.shared_clock) {
+        doc_say(d, DOC_OK, 85, "ptp.daemon",
+                "no PTP daemon runs here: a camera or the switch leads, which is enough for sets");
         return;
     }
     struct doc_finding *f = doc_say(d, DOC_FAIL, 85, "ptp.daemon", "no PTP daemon runs");
@@ -90,8 +95,8 @@ static void ptp_daemon(struct doctor *d)
                  "with shared_clock frames are matched by wrong times");
     doc_command(f, "apt-get install -y linuxptp");
     doc_note(f,
-             "ptp4l -i %s -m --priority1=1 --time_stamping=hardware, and phc2sys beside it "
-             "(capture/SYNC.md); another grandmaster on the network will do as well",
+             "ptp4l -i %s --priority1=10, and phc2sys -a -rr beside it (capture/SYNC.md); or "
+             "shared_clock: false: offsets are then fitted, which is nearly as good",
              link);
 }
 

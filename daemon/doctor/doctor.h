@@ -64,7 +64,9 @@ struct doc_load {
     double bytes_per_s;    /* all cameras */
     int packet_size;       /* GigE; 0 = negotiated */
     unsigned buffers;      /* frames per camera */
-    bool ptp;              /* the cameras' clocks must be the host's */
+    bool ptp;              /* the cameras share a clock by PTP */
+    bool shared_clock;     /* and it must be the host's */
+    int packet_delay_ns;   /* GigE, between packets of a frame */
     bool triggered;        /* not free running */
     bool scheduled;        /* by action commands sent ahead of time */
     size_t socket_buffer;  /* asked for each GigE camera; 0 = not known */

@@ -71,6 +71,14 @@ static void camera_kind(struct doc_load_camera *k, const char *uri)
     }
 }
 
+static bool on_a_wire(const struct doc_load *l)
+{
+    for (size_t i = 0; i < l->n; i++)
+        if (l->camera[i].kind == DOC_CAM_GIGE && l->camera[i].address >> 24 != 127)
+            return true;
+    return false;
+}
+
 pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct pvx_diag *d)
 {
     struct rec_rig rig;
@@ -89,8 +97,11 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     }
     l->packet_size = (int)c->packet_size;
     l->buffers = (unsigned)c->buffers;
-    l->ptp = c->ptp || (c->shared_clock && doc_load_count(l, DOC_CAM_GIGE) > 0);
     l->scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
+    bool wire = on_a_wire(l); /* cameras of loopback are simulated: their clock is ours */
+    l->ptp = wire && (c->ptp || l->scheduled || c->shared_clock);
+    l->shared_clock = wire && c->shared_clock;
+    l->packet_delay_ns = (int)c->packet_delay_ns;
     l->socket_buffer = (size_t)c->socket_buffer;
     l->triggered = c->trigger != 0;
     sum(l);

@@ -150,6 +150,18 @@ static void health(void)
     expect(0, CAMTEST_WARN, "147 of 150 Mb/s", "lower fps");
 }
 
+/* What capture found by itself is told with its own remedy. */
+static void troubles_of_capture(void)
+{
+    good();
+    t.camera[1].stats.n_troubles = 1;
+    t.camera[1].stats.trouble[0] =
+        (struct cap_trouble){.cause = CAP_MISSED_TRIGGER, .n = 3, .detail = "3 of 100"};
+    expect(1, CAMTEST_WARN, "misses triggers: 3 of 100", "exposure and readout");
+    t.camera[1].stats.trouble[0].cause = CAP_INCOMPLETE; /* told by its count */
+    expect(1, CAMTEST_OK, "", "");
+}
+
 static void sets(void)
 {
     good();
@@ -192,6 +204,7 @@ int main(void)
     T_RUN(nothing_came);
     T_RUN(rhythm);
     T_RUN(health);
+    T_RUN(troubles_of_capture);
     T_RUN(sets);
     T_RUN(wrapped);
     return t_done();

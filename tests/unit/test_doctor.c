@@ -209,7 +209,8 @@ static void good_host(void)
     doctor.load.bytes_per_s = 4 * 20.0 * 921600;
     for (uint32_t i = 0; i < 4; i++)
         doctor.load.camera[i].address = 0xC0A80A0B + i; /* 192.168.10.11 .. */
-    doctor.load.ptp = true;
+    doctor.load.ptp = doctor.load.shared_clock = true;
+    doctor.load.packet_delay_ns = 40000;
     snprintf(doctor.load.record, sizeof doctor.load.record, "/data");
     doctor.host = &host;
 }
@@ -280,6 +281,10 @@ static void socket_buffers(void)
     put("/etc/systemd/system/pyrovoxd.service",
         "[Service]\nAmbientCapabilities=CAP_NET_RAW CAP_SYS_NICE\n");
     expect("cap.net_raw", DOC_OK, NULL, NULL);
+    put("/proc/sys/net/core/rmem_max", "4194304\n");
+    doctor.load.socket_buffer = 8388608;
+    expect("net.rmem_max", DOC_WARN, "4.0 MiB, gige.socket_buffer asks for 8.0",
+           "rmem_max=33554432");
     cut("/proc/sys/net/core/rmem_max");
     expect("net.rmem_max", DOC_UNKNOWN, "cannot be read", NULL);
     put("/proc/sys/net/ipv4/udp_mem", "100 150 200\n");
@@ -326,9 +331,26 @@ static void packet_size(void)
     put("/sys/class/net/cam0/mtu", "1500\n");
     expect("net.mtu", DOC_WARN, "no jumbo frames", "ip link set cam0 mtu 9000");
     doctor.load.packet_size = 9000;
-    expect("net.mtu", DOC_FAIL, "packet_size asks for 9000", "packet_size: 1500");
+    expect("net.mtu", DOC_FAIL, "packet_size asks for 9000", "gige.packet_size: 1500");
     doctor.load.packet_size = 1500;
     expect("net.mtu", DOC_WARN, NULL, NULL);
+}
+
+static void burst(void)
+{
+    good_host(); /* PTP: they expose together */
+    doctor.load.packet_delay_ns = 0;
+    /* 4 x 921600 bytes at 1 Gb/s each onto 1 Gb/s: 3/4 of a set waits in the switch; a packet of 1500
+     * bytes takes 1538 x 8 ns, each camera pauses for those of the three others */
+    expect("net.burst", DOC_WARN, "must keep 2.8 MB", "gige.packet_delay_ns: 36912 ");
+    doctor.load.packet_delay_ns = 36912;
+    expect("net.burst", DOC_OK, "pause", NULL);
+    doctor.load.packet_delay_ns = 0;
+    put("/sys/class/net/cam0/speed", "10000\n");
+    expect("net.burst", DOC_OK, "do not flood", NULL);
+    put("/sys/class/net/cam0/speed", "1000\n");
+    doctor.load.ptp = false;
+    expect("net.burst", DOC_N_VERDICT, NULL, NULL); /* free running: chance spreads them */
 }
 
 static void the_card(void)
@@ -671,6 +693,8 @@ static void clocks(void)
     expect("ptp.daemon", DOC_WARN, "without phc2sys", NULL);
     cut("/proc/100/comm");
     expect("ptp.daemon", DOC_FAIL, "no PTP daemon", "linuxptp");
+    doctor.load.shared_clock = false;
+    expect("ptp.daemon", DOC_OK, "a camera or the switch leads", NULL);
     doctor.load.ptp = false; /* then nobody asks */
     expect("ptp.daemon", DOC_N_VERDICT, NULL, NULL);
     good_host();
@@ -921,6 +945,7 @@ int main(void)
     T_RUN(backlog_and_budget);
     T_RUN(cable_and_speed);
     T_RUN(packet_size);
+    T_RUN(burst);
     T_RUN(the_card);
     T_RUN(routes);
     T_RUN(counters);
