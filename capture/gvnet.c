@@ -120,7 +120,7 @@ static void broadcast(struct cap_gvnet *n, const uint8_t *p, size_t bytes,
 }
 
 /* Datagrams waiting at fd; cam NULL = a broadcast socket. */
-static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam, int64_t now)
+static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
 {
     uint8_t p[2048];
     for (int k = 0; k < TAKE_AT_ONCE; k++) {
@@ -142,6 +142,7 @@ static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam, int64_t 
         if (m.msg_namelen != sizeof from || from.sin_family != AF_INET)
             continue;
         unsigned ifindex = 0;
+        int64_t now = gvcam_now(); /* of each: a trigger is stamped with it */
         for (struct cmsghdr *h = CMSG_FIRSTHDR(&m); h != NULL; h = CMSG_NXTHDR(&m, h))
             if (h->cmsg_level == IPPROTO_IP && h->cmsg_type == IP_PKTINFO) {
                 struct in_pktinfo info;
@@ -209,16 +210,15 @@ static bool ready(const struct pollfd *p, unsigned n, int fd)
 
 static void serve_sockets(struct cap_gvnet *n, const struct pollfd *p, unsigned n_p)
 {
-    int64_t now = gvcam_now();
     uint64_t count;
     if (p[0].revents != 0 && read(n->wake, &count, sizeof count) < 0 && errno != EAGAIN)
         return;
     for (const struct gvcam_caster *b = n->casters; b != NULL; b = b->next)
         if (ready(p, n_p, b->fd))
-            receive(n, b->fd, NULL, now);
+            receive(n, b->fd, NULL);
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
         if (ready(p, n_p, c->control))
-            receive(n, c->control, c, now);
+            receive(n, c->control, c);
 }
 
 static int64_t earlier(int64_t a, int64_t b)

@@ -105,7 +105,7 @@ __attribute__((unused)) static void bed_fault(int c, struct cap_gvcam_fault f)
 
 /* ---- Aravis as the client --------------------------------------------------------------------- */
 
-static ArvCamera *bed_client(int c)
+__attribute__((unused)) static ArvCamera *bed_client(int c)
 {
     GError *e = NULL;
     ArvCamera *cam = arv_camera_new(bed_address[c], &e);
