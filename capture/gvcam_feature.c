@@ -22,7 +22,7 @@ static const struct gvcam_entry e_chunk[] = {{"Image", GVC_IMAGE},
                                              {"LineStatusAll", GVC_LINES},
                                              {0}};
 static const struct gvcam_entry e_user_set[] = {{"Default", 0}, {"UserSet1", 1}, {0}};
-static const struct gvcam_entry e_layout[] = {{"ExtendedChunk", 0}, {"ImageExtendedChunk", 1}, {0}};
+static const struct gvcam_entry e_layout[] = {{"ImageExtendedChunk", 0}, {"ExtendedChunk", 1}, {0}};
 static const struct gvcam_entry e_ccp[] = {
     {"OpenAccess", 0}, {"ExclusiveAccess", 1}, {"ControlAccess", 2}, {0}};
 
@@ -94,7 +94,7 @@ const struct gvcam_feature_def gvcam_features[] = {
     [GVF_USER_SET_SAVE] = {"UserSetSave", USER, GVK_COMMAND, .access = GVA_W, .selector = "UserSetSelector"},
     [GVF_USER_SET_DEFAULT] = {"UserSetDefault", USER, GVK_ENUM, .access = GVA_RW, .entry = e_user_set, .tip = "Loaded at power-up"},
     [GVF_WIDE_IDS] = {"GevGVSPExtendedIDMode", TL, GVK_ENUM, .access = GVA_LOCKED, .entry = e_on},
-    [GVF_CHUNK_LAYOUT] = {"ChunkPayloadType", CHK, GVK_ENUM, .access = GVA_LOCKED, .entry = e_layout, .tip = "0x0005 of GigE Vision 1.2, or 0x4001 of 2.0"},
+    [GVF_CHUNK_LAYOUT] = {"ChunkPayloadType", CHK, GVK_ENUM, .access = GVA_LOCKED, .entry = e_layout, .tip = "0x4001 of GigE Vision 2.0, or 0x0005 of 1.2, whose chunks Aravis 0.8 does not read"},
     [GVF_PAYLOAD_SIZE] = {"PayloadSize", TL, GVK_INT, .access = GVA_R, .max = 4294967295.0},
     [GVF_STREAM_SELECTOR] = {"GevStreamChannelSelector", TL, GVK_INT, .access = GVA_RW},
     [GVF_CHUNKS_ON] = {NULL, CHK, GVK_INT, .access = GVA_R},

@@ -137,8 +137,11 @@ struct cap_gvcam {
 struct cap_gvnet {
     pthread_t thread;
     pthread_mutex_t lock;
+    pthread_cond_t looked;
     int wake; /* eventfd */
     bool stop;
+    bool polling;   /* the thread waits for sockets, and keeps them open by that */
+    uint64_t polls; /* times that it has waited */
     struct cap_gvcam *cams;
     struct gvcam_caster {
         int fd;

@@ -55,8 +55,8 @@ void gvcam_forget(struct cap_gvcam *c)
 static uint16_t payload_type(const struct cap_gvcam *c)
 {
     return !c->chunks                    ? CAP_GVSP_IMAGE
-           : c->v[GVF_CHUNK_LAYOUT] == 0 ? CAP_GVSP_EXTENDED_CHUNK
-                                         : CAP_GVSP_IMAGE_CHUNK;
+           : c->v[GVF_CHUNK_LAYOUT] == 0 ? CAP_GVSP_IMAGE_CHUNK
+                                         : CAP_GVSP_EXTENDED_CHUNK;
 }
 
 static size_t put_leader(const struct cap_gvcam *c, const struct gvcam_sent *s, uint8_t *out)

@@ -256,10 +256,14 @@ static void *run(void *arg)
         int64_t next = step(n), left = next - gvcam_now();
         unsigned k = list_sockets(n, p);
         left = left < 0 ? 0 : left > IDLE_NS ? IDLE_NS : left;
+        n->polling = true;
         pthread_mutex_unlock(&n->lock);
         struct timespec ts = {left / PVX_NS_PER_S, left % PVX_NS_PER_S};
         int got = ppoll(p, k, &ts, NULL);
         pthread_mutex_lock(&n->lock);
+        n->polling = false;
+        n->polls++;
+        pthread_cond_broadcast(&n->looked);
         if (got > 0)
             serve_sockets(n, p, k);
     }
@@ -272,12 +276,17 @@ void gvnet_lock(cap_gvnet *n)
     pthread_mutex_lock(&n->lock);
 }
 
-void gvnet_unlock(cap_gvnet *n)
+static void wake(cap_gvnet *n)
 {
     uint64_t one = 1;
-    pthread_mutex_unlock(&n->lock);
     if (write(n->wake, &one, sizeof one) < 0)
         return; /* full: it is awake already */
+}
+
+void gvnet_unlock(cap_gvnet *n)
+{
+    pthread_mutex_unlock(&n->lock);
+    wake(n);
 }
 
 pvx_err gvnet_add(cap_gvnet *n, cap_gvcam *c, struct pvx_diag *d)
@@ -304,7 +313,11 @@ void gvnet_remove(cap_gvnet *n, cap_gvcam *c)
             *at = c->next;
             break;
         }
-    gvnet_unlock(n);
+    uint64_t polls = n->polls;
+    wake(n);
+    while (n->polling && n->polls == polls) /* else its address stays in use after close */
+        pthread_cond_wait(&n->looked, &n->lock);
+    pthread_mutex_unlock(&n->lock);
 }
 
 pvx_err cap_gvnet_new(cap_gvnet **out, struct pvx_diag *d)
@@ -314,6 +327,7 @@ pvx_err cap_gvnet_new(cap_gvnet **out, struct pvx_diag *d)
     if (n == NULL)
         return PVX_ENOMEM;
     pthread_mutex_init(&n->lock, NULL);
+    pthread_cond_init(&n->looked, NULL);
     n->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
     if (n->wake < 0 || pthread_create(&n->thread, NULL, run, n) != 0) {
         pvx_fail(d, PVX_EIO, "simulated cameras: thread: %s", strerror(errno));
@@ -343,6 +357,7 @@ void cap_gvnet_free(cap_gvnet **np)
         free(k);
     }
     close(n->wake);
+    pthread_cond_destroy(&n->looked);
     pthread_mutex_destroy(&n->lock);
     free(n);
 }

@@ -71,17 +71,19 @@ static void raw_send(const struct raw *r, const void *p, size_t n)
     T_EQ_I(sendto(r->control, p, n, 0, (const struct sockaddr *)&r->to, sizeof r->to), n);
 }
 
-/* Command and acknowledge; the status, or CAP_GVCP_SILENT. */
+/* Command and acknowledge, asked for again as the protocol has it; the status, or CAP_GVCP_SILENT. */
 static uint16_t raw_command(struct raw *r, uint16_t command, const void *data, size_t n)
 {
     uint8_t p[CAP_GVCP_MAX];
     r->id = r->id == 65535 ? 1 : (uint16_t)(r->id + 1);
-    raw_send(r, p, cap_gvcp_put_command(p, CAP_GVCP_ACK, command, r->id, data, n));
-    if (!raw_ack(r, 10000, NULL))
-        return CAP_GVCP_SILENT;
-    T_EQ_I(r->a.id, r->id);
-    T_EQ_I(r->a.command, command + 1);
-    return r->a.status;
+    size_t bytes = cap_gvcp_put_command(p, CAP_GVCP_ACK, command, r->id, data, n);
+    for (int k = 0; k < 10; k++) {
+        raw_send(r, p, bytes);
+        while (raw_ack(r, 1000, NULL))
+            if (r->a.id == r->id && r->a.command == command + 1)
+                return r->a.status;
+    }
+    return CAP_GVCP_SILENT;
 }
 
 static uint16_t raw_write(struct raw *r, uint32_t address, uint32_t value)

@@ -1,4 +1,5 @@
 /* Frames of our GVSP camera as libaravis receives them: pixels, numbers, stamps, resend, chunks. */
+#include "capture/be.h"
 #include "gvbed.h"
 
 /* ---- what the pixels should be, written down once more and in another way ----------------------- */
@@ -150,12 +151,366 @@ static void software_trigger_is_one_frame(void)
     g_object_unref(cam);
 }
 
+static ArvCamera *rgb_client(int c, guint packet)
+{
+    GError *e = NULL;
+    ArvCamera *cam = bed_client(c);
+    if (cam == NULL)
+        return NULL;
+    arv_camera_set_pixel_format(cam, ARV_PIXEL_FORMAT_RGB_8_PACKED, &e);
+    BED_OK(e);
+    arv_camera_gv_set_packet_size(cam, (gint)packet, &e);
+    BED_OK(e);
+    T_EQ_I(arv_camera_gv_get_packet_size(cam, &e), packet);
+    BED_OK(e);
+    return cam;
+}
+
+/* Good frame: bytes and size are right for its stamp.  Its id. */
+static uint64_t check_frame(int c, ArvBuffer *b)
+{
+    size_t size;
+    const void *data = arv_buffer_get_image_data(b, &size);
+    T_EQ_I(size, BED_W * BED_H * 3);
+    T_OK(size == BED_W * BED_H * 3 &&
+         memcmp(data, bed_truth(c, (int64_t)arv_buffer_get_timestamp(b)), size) == 0);
+    return arv_buffer_get_frame_id(b);
+}
+
+static void lost_packets_are_sent_again(void)
+{
+    NEED_BED();
+    ArvCamera *cam = rgb_client(0, 600); /* 103 packets a frame */
+    if (cam == NULL)
+        return;
+    struct cap_gvcam_stats before = bed_stats(0);
+    ArvStream *s = bed_start(cam, 30, true);
+    /* however busy the machine: what was asked for in time shall not be given up */
+    g_object_set(s, "frame-retention", 5000000u, NULL);
+    bed_fault(0, (struct cap_gvcam_fault){.packet_loss = 0.005});
+    int bad = 0;
+    uint64_t last = 0;
+    for (int k = 0; k < 60; k++) {
+        ArvBuffer *b = bed_next(s, &bad);
+        T_OK(b != NULL);
+        if (b == NULL)
+            break;
+        uint64_t id = check_frame(0, b);
+        if (last != 0)
+            T_EQ_I(id, last == 65535 ? 1 : last + 1);
+        last = id;
+        arv_stream_push_buffer(s, b);
+    }
+    guint64 resent = 0, missing = 0;
+    arv_gv_stream_get_statistics(ARV_GV_STREAM(s), &resent, &missing);
+    bed_stop(cam, &s);
+    bed_fault(0, (struct cap_gvcam_fault){0});
+    struct cap_gvcam_stats after = bed_stats(0);
+    T_EQ_I(bad, 0);
+    T_EQ_I(missing, 0);
+    T_LE(5, after.lost - before.lost);
+    T_LE(5, resent);
+    T_LE(resent, after.resent - before.resent);
+    T_LE(5, after.torn - before.torn);
+    T_EQ_I(after.gone - before.gone, 0);
+    g_object_unref(cam);
+}
+
+static void numbers_skip_zero(void)
+{
+    NEED_BED();
+    struct cap_gvcam_config config = bed_config(0);
+    config.first_id = 65530;
+    bed_restart(0, &config);
+    ArvCamera *cam = rgb_client(0, 9000);
+    if (cam == NULL)
+        return;
+    ArvStream *s = bed_start(cam, 10, false);
+    for (uint64_t want = 65530; want != 12; want = want == 65535 ? 1 : want + 1) {
+        ArvBuffer *b = bed_next(s, NULL);
+        T_OK(b != NULL);
+        if (b == NULL)
+            break;
+        T_EQ_I(check_frame(0, b), want);
+        arv_stream_push_buffer(s, b);
+    }
+    bed_stop(cam, &s);
+    g_object_unref(cam);
+}
+
+static void numbers_of_64_bits_go_on(void)
+{
+    NEED_BED();
+    GError *e = NULL;
+    struct cap_gvcam_config config = bed_config(0);
+    config.first_id = 65534;
+    bed_restart(0, &config);
+    ArvCamera *cam = rgb_client(0, 1000);
+    if (cam == NULL)
+        return;
+    arv_camera_set_string(cam, "GevGVSPExtendedIDMode", "On", &e);
+    BED_OK(e);
+    ArvStream *s = bed_start(cam, 10, true);
+    g_object_set(s, "frame-retention", 5000000u, NULL);
+    bed_fault(0, (struct cap_gvcam_fault){.packet_loss = 0.01}); /* they can be asked for again */
+    int bad = 0;
+    for (uint64_t want = 65534; want < 65534 + 25; want++) {
+        ArvBuffer *b = bed_next(s, &bad);
+        T_OK(b != NULL);
+        if (b == NULL)
+            break;
+        T_EQ_I(check_frame(0, b), want);
+        arv_stream_push_buffer(s, b);
+    }
+    T_EQ_I(bad, 0);
+    T_LE(1, bed_stats(0).resent);
+    bed_stop(cam, &s);
+    bed_fault(0, (struct cap_gvcam_fault){0});
+    arv_camera_set_string(cam, "GevGVSPExtendedIDMode", "Off", &e);
+    BED_OK(e);
+    g_object_unref(cam);
+}
+
+static ArvCamera *chunk_client(const char *layout)
+{
+    GError *e = NULL;
+    ArvCamera *cam = rgb_client(2, 1480);
+    if (cam == NULL)
+        return NULL;
+    arv_camera_set_string(cam, "ChunkPayloadType", layout, &e);
+    BED_OK(e);
+    arv_camera_set_chunks(cam, "Timestamp,ExposureTime,FrameID,FrameCounter,Gain,LineStatusAll",
+                          &e);
+    BED_OK(e);
+    arv_camera_set_exposure_time(cam, 2500, &e);
+    BED_OK(e);
+    arv_camera_set_gain(cam, 6.5, &e);
+    BED_OK(e);
+    T_EQ_I(arv_camera_get_payload(cam, &e), BED_W * BED_H * 3 + 7 * 8 + 8 + 4 + 8 + 4 + 4 + 4);
+    BED_OK(e);
+    return cam;
+}
+
+static gint64 chunk_int(ArvChunkParser *parser, ArvBuffer *b, const char *name)
+{
+    GError *e = NULL;
+    gint64 v = arv_chunk_parser_get_integer_value(parser, b, name, &e);
+    BED_OK(e);
+    return v;
+}
+
+static double chunk_float(ArvChunkParser *parser, ArvBuffer *b, const char *name)
+{
+    GError *e = NULL;
+    double v = arv_chunk_parser_get_float_value(parser, b, name, &e);
+    BED_OK(e);
+    return v;
+}
+
+static void chunks_can_be_parsed(void)
+{
+    NEED_BED();
+    ArvCamera *cam = chunk_client("ImageExtendedChunk");
+    if (cam == NULL)
+        return;
+    ArvChunkParser *parser = arv_camera_create_chunk_parser(cam);
+    ArvStream *s = bed_start(cam, 10, false);
+    for (int n = 0; n < 4; n++) {
+        ArvBuffer *b = bed_next(s, NULL);
+        T_OK(b != NULL);
+        if (b == NULL)
+            break;
+        T_OK(arv_buffer_has_chunks(b));
+        uint64_t stamp = arv_buffer_get_timestamp(b);
+        size_t size;
+        const void *data = arv_buffer_get_image_data(b, &size);
+        T_LE(BED_W * BED_H * 3, size);
+        T_OK(memcmp(data, bed_truth(2, (int64_t)stamp), BED_W * BED_H * 3) == 0);
+        T_EQ_I(chunk_int(parser, b, "ChunkTimestamp"), stamp);
+        T_EQ_I(chunk_int(parser, b, "ChunkFrameID"), arv_buffer_get_frame_id(b));
+        T_EQ_I(chunk_int(parser, b, "ChunkFrameCounter"), n);
+        T_EQ_I(chunk_int(parser, b, "ChunkLineStatusAll"), 0);
+        T_NEAR(chunk_float(parser, b, "ChunkExposureTime"), 2500, 0);
+        T_NEAR(chunk_float(parser, b, "ChunkGain"), 6.5, 0);
+        arv_stream_push_buffer(s, b);
+    }
+    bed_stop(cam, &s);
+    g_object_unref(parser);
+    g_object_unref(cam);
+}
+
+/* Payload type 0x0005, which Aravis 0.8 takes for an image with something after it: by hand. */
+static void chunks_of_the_older_kind(void)
+{
+    NEED_BED();
+    GError *e = NULL;
+    ArvCamera *cam = chunk_client("ExtendedChunk");
+    if (cam == NULL)
+        return;
+    ArvStream *s = bed_start(cam, 4, false);
+    ArvBuffer *b = bed_next(s, NULL);
+    T_OK(b != NULL);
+    if (b != NULL) {
+        static const struct {
+            uint32_t id, bytes;
+        } want[] = {{0x8006, 4},
+                    {0x8005, 4},
+                    {0x8004, 4},
+                    {0x8003, 8},
+                    {0x8002, 4},
+                    {0x8001, 8},
+                    {0x8000, BED_W * BED_H * 3}};
+        size_t size;
+        const uint8_t *data = arv_buffer_get_data(b, &size), *at = data + size;
+        T_EQ_I(arv_buffer_get_payload_type(b), ARV_BUFFER_PAYLOAD_TYPE_EXTENDED_CHUNK_DATA);
+        T_EQ_I(size, arv_camera_get_payload(cam, &e));
+        BED_OK(e);
+        for (size_t k = 0; k < G_N_ELEMENTS(want); k++) { /* read from the end */
+            at -= 8;
+            T_EQ_I(cap_get32(at), want[k].id);
+            T_EQ_I(cap_get32(at + 4), want[k].bytes);
+            at -= want[k].bytes;
+            if (want[k].id == 0x8001)
+                T_EQ_I(cap_get64(at), arv_buffer_get_timestamp(b));
+        }
+        T_OK(at == data);
+        T_OK(memcmp(data, bed_truth(2, (int64_t)arv_buffer_get_timestamp(b)), BED_W * BED_H * 3) ==
+             0);
+        arv_stream_push_buffer(s, b);
+    }
+    bed_stop(cam, &s);
+    arv_camera_set_chunk_mode(cam, FALSE, &e);
+    BED_OK(e);
+    g_object_unref(cam);
+}
+
+/* Test packets with do-not-fragment find the largest that passes: on loopback all do. */
+static void packet_size_is_negotiated(void)
+{
+    NEED_BED();
+    GError *e = NULL;
+    ArvCamera *cam = rgb_client(0, 600);
+    if (cam == NULL)
+        return;
+    guint size = arv_camera_gv_auto_packet_size(cam, &e);
+    BED_OK(e);
+    T_LE(16380, size);
+    T_EQ_I(arv_camera_gv_get_packet_size(cam, &e), size);
+    BED_OK(e);
+    /* a network that swallows the larger ones: the switch has a buffer of so many bytes */
+    cap_gvnet_link(bed_net, 1000, 4000);
+    size = arv_camera_gv_auto_packet_size(cam, &e);
+    BED_OK(e);
+    T_LE(size, 4000);
+    T_LE(3900, size);
+    cap_gvnet_link(bed_net, 0, 0);
+    g_object_unref(cam);
+}
+
+static void part_of_the_sensor(void)
+{
+    NEED_BED();
+    GError *e = NULL;
+    ArvCamera *cam = rgb_client(1, 9000);
+    if (cam == NULL)
+        return;
+    arv_camera_set_region(cam, 20, 10, 64, 48, &e);
+    BED_OK(e);
+    arv_camera_clear_triggers(cam, &e);
+    BED_OK(e);
+    ArvStream *s = bed_start(cam, 4, false);
+    ArvBuffer *b = bed_next(s, NULL);
+    T_OK(b != NULL);
+    if (b != NULL) {
+        const unsigned char *got = arv_buffer_get_image_data(b, NULL);
+        const unsigned char *all = bed_truth(1, (int64_t)arv_buffer_get_timestamp(b));
+        T_EQ_I(arv_buffer_get_image_width(b), 64);
+        T_EQ_I(arv_buffer_get_image_height(b), 48);
+        T_EQ_I(arv_buffer_get_image_x(b), 20);
+        T_EQ_I(arv_buffer_get_image_y(b), 10);
+        for (size_t y = 0; y < 48; y++)
+            T_OK(memcmp(got + y * 64 * 3, all + ((y + 10) * BED_W + 20) * 3, 64 * 3) == 0);
+        arv_stream_push_buffer(s, b);
+    }
+    bed_stop(cam, &s);
+    arv_camera_set_region(cam, 0, 0, BED_W, BED_H, &e);
+    BED_OK(e);
+    g_object_unref(cam);
+}
+
+static void features_are_set_and_read(void)
+{
+    NEED_BED();
+    GError *e = NULL;
+    struct cap_gvcam_config config = bed_config(0);
+    config.zip = true; /* the same from a zipped description */
+    bed_restart(0, &config);
+    ArvCamera *cam = bed_client(0);
+    if (cam == NULL)
+        return;
+    double lo, hi;
+    int w, h;
+    arv_camera_set_frame_rate(cam, 12.5, &e);
+    BED_OK(e);
+    T_NEAR(arv_camera_get_frame_rate(cam, &e), 12.5, 0);
+    BED_OK(e);
+    arv_camera_get_frame_rate_bounds(cam, &lo, &hi, &e);
+    BED_OK(e);
+    T_NEAR(hi, 1000, 0);
+    arv_camera_set_exposure_time(cam, 1234, &e);
+    BED_OK(e);
+    T_NEAR(arv_camera_get_exposure_time(cam, &e), 1234, 0);
+    BED_OK(e);
+    arv_camera_set_gain(cam, 3, &e);
+    BED_OK(e);
+    T_NEAR(arv_camera_get_gain(cam, &e), 3, 0);
+    BED_OK(e);
+    arv_camera_get_sensor_size(cam, &w, &h, &e);
+    BED_OK(e);
+    T_EQ_I(w, BED_W);
+    T_EQ_I(h, BED_H);
+    arv_camera_set_trigger(cam, "Line1", &e);
+    BED_OK(e);
+    T_EQ_S(arv_camera_get_trigger_source(cam, &e), "Line1");
+    BED_OK(e);
+    arv_camera_clear_triggers(cam, &e);
+    BED_OK(e);
+    T_EQ_S(arv_camera_get_string(cam, "TriggerMode", &e), "Off");
+    BED_OK(e);
+    T_EQ_S(arv_camera_get_string(cam, "DeviceUserID", &e), "view0");
+    BED_OK(e);
+    arv_camera_set_boolean(cam, "GevIEEE1588", TRUE, &e);
+    BED_OK(e);
+    T_OK(arv_camera_get_boolean(cam, "PtpEnable", &e)); /* one register, two names */
+    BED_OK(e);
+    arv_camera_set_boolean(cam, "PtpEnable", FALSE, &e);
+    BED_OK(e);
+    arv_camera_set_integer(cam, "GevSCPD", 1000, &e);
+    BED_OK(e);
+    T_EQ_I(arv_camera_gv_get_packet_delay(cam, &e), 1000);
+    BED_OK(e);
+    T_NEAR(arv_camera_get_float(cam, "DeviceTemperature", &e), 42, 10);
+    BED_OK(e);
+    arv_camera_set_integer(cam, "Width", BED_W + 8, &e); /* out of range: refused */
+    T_OK(e != NULL || arv_camera_get_integer(cam, "Width", NULL) == BED_W);
+    g_clear_error(&e);
+    g_object_unref(cam);
+}
+
 int main(void)
 {
     bed_open();
     T_RUN(discovery_names_them_all);
     T_RUN(every_format_bit_for_bit);
     T_RUN(software_trigger_is_one_frame);
+    T_RUN(lost_packets_are_sent_again);
+    T_RUN(numbers_skip_zero);
+    T_RUN(numbers_of_64_bits_go_on);
+    T_RUN(chunks_can_be_parsed);
+    T_RUN(chunks_of_the_older_kind);
+    T_RUN(packet_size_is_negotiated);
+    T_RUN(part_of_the_sensor);
+    T_RUN(features_are_set_and_read);
     bed_close();
     return t_done();
 }
