@@ -11,11 +11,15 @@
 
 #include "base/clock.h"
 
-#define GVCP_PORT  3956
-#define PROBES     2
-#define PROBE_MS   150
-#define ACK_BYTES  (8 + 248)
-#define REMEMBERED 64
+#define GVCP_PORT    3956
+#define PROBES       2
+#define PROBE_MS     150
+#define DISCOVERY    0x02
+#define READREG      0x80
+#define WHO_BYTES    248
+#define MAX_BYTES    576
+#define FIRST_NUMBER 0x0B00
+#define REMEMBERED   64
 
 /* ---- is somebody there? ----------------------------------------------------------------------- */
 
@@ -26,52 +30,75 @@ static void copy_text(char *out, size_t size, const uint8_t *p)
     out[n] = '\0';
 }
 
-/* A DISCOVERY_ACK with our number. */
-static bool is_answer(const uint8_t *p, ssize_t n, uint16_t number)
+/* One question, with or without payload, until it is answered: bytes of the answer's payload at out
+ * (size at most), -1 = none. */
+static int ask(int fd, uint8_t command, uint16_t number, const uint8_t *payload, uint8_t n,
+               uint8_t *out, size_t size)
 {
-    return n >= ACK_BYTES && p[0] == 0 && p[1] == 0 && p[2] == 0 && p[3] == 3 &&
-           p[6] == number >> 8 && p[7] == (number & 255);
-}
-
-static bool ask(int fd, uint16_t number, struct aravis_who *who)
-{
-    const uint8_t cmd[8] = {0x42, 1, 0, 2, 0, 0, (uint8_t)(number >> 8), (uint8_t)number};
-    uint8_t p[ACK_BYTES + 320];
-    if (send(fd, cmd, sizeof cmd, 0) != (ssize_t)sizeof cmd)
-        return false;
+    uint8_t p[MAX_BYTES] = {0x42, 1, 0, command, 0, n, (uint8_t)(number >> 8), (uint8_t)number};
+    if (n > 0)
+        memcpy(p + 8, payload, n);
+    if (send(fd, p, 8u + n, 0) != (ssize_t)(8u + n))
+        return -1;
     int64_t until = pvx_now_mono() + PROBE_MS * PVX_NS_PER_MS;
     for (int64_t left; (left = until - pvx_now_mono()) > 0;) {
         struct pollfd pfd = {.fd = fd, .events = POLLIN};
         if (poll(&pfd, 1, (int)(left / PVX_NS_PER_MS) + 1) <= 0)
             continue;
-        ssize_t n = recv(fd, p, sizeof p, 0);
-        if (n < 0)
-            return false; /* refused: the host is there, the camera is not */
-        if (!is_answer(p, n, number))
+        ssize_t got = recv(fd, p, sizeof p, 0);
+        if (got < 0)
+            return -1; /* refused: the host is there, the camera is not */
+        if (got < 8 || p[0] != 0 || p[1] != 0 || p[2] != 0 || p[3] != command + 1 ||
+            p[6] != number >> 8 || p[7] != (number & 255))
             continue;
-        copy_text(who->vendor, sizeof who->vendor, p + 8 + 72);
-        copy_text(who->model, sizeof who->model, p + 8 + 104);
-        copy_text(who->serial, sizeof who->serial, p + 8 + 216);
-        copy_text(who->name, sizeof who->name, p + 8 + 232);
-        return true;
+        size_t bytes = (size_t)got - 8 < size ? (size_t)got - 8 : size;
+        memcpy(out, p + 8, bytes);
+        return (int)bytes;
     }
-    return false;
+    return -1;
+}
+
+static int ask_address(uint32_t address, uint8_t command, const uint8_t *payload, uint8_t n,
+                       uint8_t *out, size_t size)
+{
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(GVCP_PORT)};
+    to.sin_addr.s_addr = htonl(address);
+    int got = -1, fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (fd < 0)
+        return -1;
+    if (connect(fd, (const struct sockaddr *)&to, sizeof to) == 0)
+        for (uint16_t i = 0; i < PROBES && got < 0; i++)
+            got = ask(fd, command, (uint16_t)(FIRST_NUMBER + i), payload, n, out, size);
+    close(fd);
+    return got;
 }
 
 bool aravis_probe(uint32_t address, struct aravis_who *who)
 {
-    struct aravis_who ignored;
-    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(GVCP_PORT)};
-    to.sin_addr.s_addr = htonl(address);
-    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    bool there = false;
-    if (fd < 0)
+    uint8_t p[WHO_BYTES];
+    if (ask_address(address, DISCOVERY, NULL, 0, p, sizeof p) < WHO_BYTES)
         return false;
-    if (connect(fd, (const struct sockaddr *)&to, sizeof to) == 0)
-        for (uint16_t i = 0; i < PROBES && !there; i++)
-            there = ask(fd, (uint16_t)(0xB00 + i), who != NULL ? who : &ignored);
-    close(fd);
-    return there;
+    if (who != NULL) {
+        copy_text(who->vendor, sizeof who->vendor, p + 72);
+        copy_text(who->model, sizeof who->model, p + 104);
+        copy_text(who->serial, sizeof who->serial, p + 216);
+        copy_text(who->name, sizeof who->name, p + 232);
+    }
+    return true;
+}
+
+bool aravis_controlled(uint32_t address)
+{
+    static const uint8_t channel_privilege[4] = {0, 0, 0x0A, 0};
+    uint8_t p[4];
+    /* a camera in exclusive use need not answer: then it is in use, too */
+    return ask_address(address, READREG, channel_privilege, 4, p, sizeof p) < 4 || (p[3] & 3) != 0;
+}
+
+uint32_t aravis_address(const char *text)
+{
+    struct in_addr a;
+    return inet_pton(AF_INET, text, &a) == 1 ? ntohl(a.s_addr) : 0;
 }
 
 /* ---- the way to it ---------------------------------------------------------------------------- */
@@ -169,16 +196,14 @@ static char *look_up(const char *what, uint32_t *address)
         arv_update_device_list();
     }
     for (unsigned i = 0; i < arv_get_n_devices() && id == NULL; i++) {
-        struct in_addr a;
         struct aravis_who who;
         const char *text = arv_get_device_address(i);
-        bool net = text != NULL && inet_pton(AF_INET, text, &a) == 1;
+        uint32_t a = text != NULL ? aravis_address(text) : 0;
         if (!is_device(i, what) &&
-            !(net && aravis_probe(ntohl(a.s_addr), &who) && strcmp(who.name, what) == 0))
+            !(a != 0 && aravis_probe(a, &who) && strcmp(who.name, what) == 0))
             continue;
         id = g_strdup(arv_get_device_id(i));
-        if (net)
-            *address = ntohl(a.s_addr);
+        *address = a;
     }
     pthread_mutex_unlock(&list_lock);
     return id;
@@ -194,6 +219,16 @@ void aravis_parser_lock(void)
 void aravis_parser_unlock(void)
 {
     pthread_mutex_unlock(&parser_lock);
+}
+
+void aravis_list_lock(void)
+{
+    pthread_mutex_lock(&list_lock);
+}
+
+void aravis_list_unlock(void)
+{
+    pthread_mutex_unlock(&list_lock);
 }
 
 /* ---- opening ---------------------------------------------------------------------------------- */
@@ -215,13 +250,11 @@ static ArvCamera *open_address(const struct aravis_route *r)
 
 static ArvCamera *find_camera(const char *what, struct aravis_route *route)
 {
-    struct in_addr a;
-    uint32_t address = 0;
+    uint32_t address = aravis_address(what);
     char *id = NULL;
     if (what[0] == '\0')
         return NULL;
-    if (inet_pton(AF_INET, what, &a) == 1) {
-        address = ntohl(a.s_addr);
+    if (address != 0) {
         if (!aravis_probe(address, NULL))
             return NULL;
     } else if ((address = remembered(what)) == 0) {

@@ -22,6 +22,14 @@ struct aravis_who {
 /* Is there a camera at the address?  who may be NULL. */
 bool aravis_probe(uint32_t address, struct aravis_who *who);
 
+/* Does a program control the camera at the address? */
+bool aravis_controlled(uint32_t address);
+uint32_t aravis_address(const char *text); /* "127.0.0.2", host order; 0 = no IPv4 address */
+
+/* Around every use of Aravis' list of devices. */
+void aravis_list_lock(void);
+void aravis_list_unlock(void);
+
 /* Around whatever makes Aravis read a GenICam file: its parser has state that all share (seen: two
  * cameras opened at once, documents of neither). */
 void aravis_parser_lock(void);

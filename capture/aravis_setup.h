@@ -23,6 +23,10 @@ PVX_MUST_CHECK pvx_err aravis_configure(const struct cap_source_config *c, ArvCa
 /* True when lost packets are worth asking for again. */
 bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera);
 
+/* aravis_list.c, as cap_source_ops.list. */
+PVX_MUST_CHECK pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
+                                   struct pvx_diag *d);
+
 enum cap_pixfmt aravis_pixfmt(ArvPixelFormat f); /* CAP_FMT_NONE: none of ours */
 
 /* "camera NAME (aravis:URI): what: message"; frees *err and clears it.  Returns e. */

@@ -239,29 +239,6 @@ static void aravis_health(cap_source *base, struct cap_health *out)
     out->packets_missing = missing;
 }
 
-/* ---- list ------------------------------------------------------------------------------------- */
-
-static pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
-                           struct pvx_diag *d)
-{
-    (void)d;
-    arv_update_device_list();
-    unsigned n = arv_get_n_devices();
-    for (unsigned i = 0; i < n; i++) {
-        const char *protocol = arv_get_device_protocol(i), *address = arv_get_device_address(i);
-        const char *vendor = arv_get_device_vendor(i), *model = arv_get_device_model(i);
-        const char *serial = arv_get_device_serial_nbr(i);
-        bool gige = protocol != NULL && strcmp(protocol, "GigEVision") == 0 && address != NULL;
-        char uri[256], text[256];
-        snprintf(uri, sizeof uri, "aravis:%s", gige ? address : arv_get_device_id(i));
-        snprintf(text, sizeof text, "%s %s, serial %s, %s", vendor != NULL ? vendor : "?",
-                 model != NULL ? model : "?", serial != NULL ? serial : "?",
-                 protocol != NULL ? protocol : "?");
-        cb(ctx, &(struct cap_found){uri, text, NULL});
-    }
-    return PVX_OK;
-}
-
 const struct cap_source_ops cap_source_aravis = {
     .scheme = "aravis",
     .help = "GigE Vision or USB3 Vision camera: IP address, serial number, its name or Aravis' id",

@@ -598,6 +598,51 @@ static void dead_and_back(void)
     end(&s);
 }
 
+struct listed {
+    int n, formats, used;
+    char text[N_CAM][512];
+};
+
+static void on_found(void *ctx, const struct cap_found *f)
+{
+    struct listed *l = ctx;
+    unsigned c = 99;
+    if (sscanf(f->uri, "aravis:127.0.0.%u", &c) != 1 || c < 2 || c >= 2 + N_CAM)
+        return;
+    l->n++;
+    l->used += strstr(f->text, "in use") != NULL;
+    l->formats += f->formats != NULL && strstr(f->formats, "Mono8 320x240") != NULL;
+    snprintf(l->text[c - 2], sizeof l->text[0], "%s", f->text);
+}
+
+/* What a listing says, and that it leaves a camera that streams alone. */
+static void listing(void)
+{
+    NEED_CAMERAS();
+    struct session s;
+    struct cap_source_config config = config_of(1);
+    struct listed l = {0};
+    struct pvx_diag d = {""};
+    if (begin(&s, &config)) {
+        take_good(&s);
+        T_EQ_I(ops->list(on_found, &l, &d), PVX_OK);
+        T_EQ_I(l.n, N_CAM);
+        T_EQ_I(l.used, 1);
+        T_EQ_I(l.formats, N_CAM - 1);
+        T_CONTAINS(l.text[0], "serial T00, name view0, GigEVision");
+        T_CONTAINS(l.text[1], "in use");
+        while (s.box.n > 0 && take_good(&s))
+            ;
+        for (int k = 0; k < 10 && take_good(&s); k++)
+            ;
+        T_EQ_I(s.box.lost, 0);
+        ops->stop(s.src);
+        check_sum(&s);
+        T_EQ_I(s.box.count[CAP_INCOMPLETE] + s.box.count[CAP_ID_GAP], 0);
+    }
+    end(&s);
+}
+
 /* Without a word: nobody waits for Aravis to see it, and the camera is usable as soon as it is back. */
 static void silent_and_back(void)
 {
@@ -717,6 +762,7 @@ int main(void)
     T_RUN(slow_consumer_is_an_underrun);
     T_RUN(frames_outlive_their_source);
     T_RUN(refusals_have_reasons);
+    T_RUN(listing);
     T_RUN(dead_and_back);
     T_RUN(silent_and_back);
     T_RUN(sets_of_one_instant);
