@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/clock.h"
 #include "capture/aravis_find.h"
@@ -23,7 +24,7 @@ static bool enable(ArvCamera *cam, const char *selector, const char *feature)
 pvx_err aravis_chunks_init(struct aravis_chunks *k, const struct cap_source_config *c,
                            ArvCamera *cam, struct pvx_diag *d)
 {
-    *k = (struct aravis_chunks){0};
+    memset(k, 0, sizeof *k);
     GError *err = NULL;
     if (!c->chunks) {
         /* left on by another program, they would only cost */
@@ -79,15 +80,18 @@ static bool read_int(const struct aravis_chunks *k, ArvBuffer *b, const char *na
     return ok;
 }
 
-bool aravis_chunks_read(const struct aravis_chunks *k, ArvBuffer *b, struct cap_frame *f,
-                        uint64_t *id)
+bool aravis_chunks_read(struct aravis_chunks *k, ArvBuffer *b, struct cap_frame *f, uint64_t *id)
 {
     int64_t n, t;
     f->exposure_us = f->gain = NAN;
     if (k->parser == NULL)
         return true;
-    if (!arv_buffer_has_chunks(b) ||
-        (k->exposure && !read_float(k, b, "ChunkExposureTime", &f->exposure_us)) ||
+    if (arv_buffer_get_payload_type(b) == ARV_BUFFER_PAYLOAD_TYPE_EXTENDED_CHUNK_DATA &&
+        !arv_buffer_has_chunks(b)) {
+        atomic_store(&k->unread, true);
+        return true;
+    }
+    if ((k->exposure && !read_float(k, b, "ChunkExposureTime", &f->exposure_us)) ||
         (k->gain && !read_float(k, b, "ChunkGain", &f->gain)))
         return false;
     if (k->id) {

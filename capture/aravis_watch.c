@@ -112,6 +112,17 @@ static void watch_ptp(const struct aravis_source *s, const struct cap_health *h,
             s->c.name, s->c.uri, p.state[0] != '\0' ? p.state : "nothing", p.offset_ns * 1e-3);
 }
 
+static void tell_unread_chunks(struct aravis_source *s, bool *told)
+{
+    if (*told || !atomic_load(&s->chunks.unread))
+        return;
+    *told = true;
+    LOG_W(CAPTURE,
+          "camera %s (aravis:%s): its chunk data are of a kind that Aravis does not read (payload "
+          "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown",
+          s->c.name, s->c.uri);
+}
+
 /* ---- the loop --------------------------------------------------------------------------------- */
 
 static bool quits(struct aravis_source *s)
@@ -146,12 +157,13 @@ static void look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
 static void *watch(void *arg)
 {
     struct aravis_source *s = arg;
-    bool bad_ptp = false;
+    bool bad_ptp = false, told = false;
     struct cap_health h = cap_health_unknown;
     h.address = s->route.camera;
     h.broadcast = s->route.broadcast;
     while (!quits(s)) {
         look(s, &h, &bad_ptp);
+        tell_unread_chunks(s, &told);
         int64_t until = pvx_now_mono() + ROUND_NS;
         struct timespec ts = {.tv_sec = until / PVX_NS_PER_S, .tv_nsec = until % PVX_NS_PER_S};
         pthread_mutex_lock(&s->lock);
