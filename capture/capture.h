@@ -61,7 +61,8 @@ struct cap_capture_config {
     bool lossless;                    /* replay: back-pressure instead of dropping */
     struct cap_tap tap;
     uint32_t discard_first; /* live frames per camera dropped after each start, uncounted
-                                          (the first is often bad); 1 is a good value */
+                                          (the first is often bad); 1 is a good value; cameras with
+                                          clocks of their own: up to 8 in any case (intake.c) */
 };
 
 /* Exposure of a camera's frames minus the mean of their set: bin i holds cap_skew_edges_ns[i-1] <= skew <

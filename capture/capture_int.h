@@ -63,7 +63,9 @@ struct cap_camera {
     struct cap_episode episode[CAP_N_COUNT];  /* the monitor's */
     struct cap_skew_count skew;
     int64_t last_any_mono_ns, last_good_mono_ns, last_device_ns;
-    uint32_t discard_left;
+    uint32_t discard, n_settling; /* frames after a start that are left out; so many there were */
+    bool settled;
+    int64_t settling_ns; /* arrival of the first of them */
     struct {
         int64_t slot;
         uint32_t n;

@@ -5,7 +5,9 @@
 #include "base/clock.h"
 #include "capture/capture_int.h"
 
-#define STILL 3 /* equal stamps in a row: not one frame sent twice */
+#define SETTLE_NS     (250 * PVX_NS_PER_MS)
+#define SETTLE_FRAMES 8
+#define STILL         3 /* equal stamps in a row: not one frame sent twice */
 
 struct cap_frame *cap_intake_pop(struct cap_camera *cam)
 {
@@ -24,7 +26,9 @@ void cap_intake_restart(struct cap_camera *cam)
     cam->last_device_ns = 0;
     cam->still = 0;
     cam->restarted = true;
-    cam->discard_left = cam->ops->recorded ? 0 : cam->cap->cfg.discard_first;
+    cam->discard = cam->ops->recorded ? 0 : cam->cap->cfg.discard_first;
+    cam->settled = false;
+    cam->n_settling = 0;
     cam->first_slot = cam->last_any_mono_ns / CAP_FPS_BIN_NS;
 }
 
@@ -83,6 +87,27 @@ static void tally(struct cap_camera *cam, int64_t now)
     cam->bin[i].n++;
 }
 
+/* The first frames after a start are left out: as many as configured, and of a camera whose clock is
+ * mapped those of the first quarter of a second, at most eight, so that one which was held up does not
+ * decide where its pictures belong.  They tell the map what the least delay is. */
+static bool settling(struct cap_camera *cam, const struct cap_frame *f)
+{
+    bool mapped = !cam->clock.shared && f->t_device_ns != 0;
+    if (cam->settled)
+        return false;
+    if (cam->n_settling++ == 0)
+        cam->settling_ns = f->t_arrival_mono_ns;
+    bool early = mapped && cam->n_settling <= SETTLE_FRAMES &&
+                 f->t_arrival_mono_ns - cam->settling_ns < SETTLE_NS;
+    if (cam->n_settling > cam->discard && !early) {
+        cam->settled = true;
+        return false;
+    }
+    if (mapped)
+        (void)cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_mono_ns);
+    return true;
+}
+
 /* Good and wanted?  Under the lock. */
 static bool accept(struct cap_camera *cam, const struct cap_frame *f)
 {
@@ -90,10 +115,8 @@ static bool accept(struct cap_camera *cam, const struct cap_frame *f)
     cam->last_any_mono_ns = now;
     if (!same_layout(cam, &f->img) || (f->set == 0 && !stamp_moves_on(cam, f->t_device_ns)))
         return false;
-    if (cam->discard_left > 0) {
-        cam->discard_left--;
+    if (settling(cam, f))
         return false;
-    }
     cam->last_good_mono_ns = now;
     cam->count[CAP_RECEIVED]++;
     tally(cam, now);
