@@ -15,11 +15,10 @@ static struct box {
     bool keep; /* frames are kept until empty_box */
     struct cap_frame *held[BOX_HELD];
     unsigned n_held;
-    uint64_t n, count[CAP_N_COUNT], first_id, last_id, holes;
+    uint64_t n, count[CAP_N_COUNT], first_id, last_id, holes, lost;
     bool ids_fall;
     int64_t off_ns; /* t_device - arrival of the last frame */
     bool stamped;   /* it had a t_device */
-    unsigned lost;
 } box = {.lock = PTHREAD_MUTEX_INITIALIZER, .change = PTHREAD_COND_INITIALIZER};
 
 static void on_push(void *ctx, struct cap_frame *f)
@@ -68,9 +67,22 @@ __attribute__((unused)) static const struct cap_sink sink = {
 
 __attribute__((unused)) static void empty_box(void)
 {
-    for (unsigned i = 0; i < box.n_held; i++)
-        cap_frame_release(box.held[i]);
+    struct cap_frame *f[BOX_HELD];
+    pthread_mutex_lock(&box.lock);
+    unsigned n = box.n_held;
+    memcpy(f, box.held, sizeof f);
     box.n_held = 0;
+    pthread_mutex_unlock(&box.lock);
+    for (unsigned i = 0; i < n; i++)
+        cap_frame_release(f[i]);
+}
+
+/* Frames that come from now on are kept, or not. */
+__attribute__((unused)) static void keep_box(bool keep)
+{
+    pthread_mutex_lock(&box.lock);
+    box.keep = keep;
+    pthread_mutex_unlock(&box.lock);
 }
 
 __attribute__((unused)) static void reset_box(bool keep)
@@ -85,34 +97,37 @@ __attribute__((unused)) static void reset_box(bool keep)
     pthread_mutex_unlock(&box.lock);
 }
 
-/* Until *what >= n. */
-__attribute__((unused)) static bool wait_count(const uint64_t *what, uint64_t n)
+static bool wait_under_lock(const uint64_t *what, uint64_t n)
 {
     int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
-    pthread_mutex_lock(&box.lock);
     while (*what < n && pvx_now_mono() < until) {
         struct timespec ts;
         clock_gettime(CLOCK_REALTIME, &ts);
         ts.tv_sec++;
         pthread_cond_timedwait(&box.change, &box.lock, &ts);
     }
-    bool ok = *what >= n;
+    return *what >= n;
+}
+
+/* Until one of the box's counts is n, or n more than now. */
+__attribute__((unused)) static bool wait_count(const uint64_t *what, uint64_t n)
+{
+    pthread_mutex_lock(&box.lock);
+    bool ok = wait_under_lock(what, n);
+    pthread_mutex_unlock(&box.lock);
+    return ok;
+}
+
+__attribute__((unused)) static bool wait_more(const uint64_t *what, uint64_t n)
+{
+    pthread_mutex_lock(&box.lock);
+    bool ok = wait_under_lock(what, *what + n);
     pthread_mutex_unlock(&box.lock);
     return ok;
 }
 
 __attribute__((unused)) static bool wait_lost(void)
 {
-    int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
-    pthread_mutex_lock(&box.lock);
-    while (box.lost == 0 && pvx_now_mono() < until) {
-        struct timespec ts;
-        clock_gettime(CLOCK_REALTIME, &ts);
-        ts.tv_sec++;
-        pthread_cond_timedwait(&box.change, &box.lock, &ts);
-    }
-    bool ok = box.lost == 1;
-    pthread_mutex_unlock(&box.lock);
-    return ok;
+    return wait_count(&box.lost, 1);
 }
 #endif
