@@ -77,11 +77,13 @@ pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params
 {
     struct cap_pix j;
     PVX_TRY(cap_pix_check(img, p, y0, y1, &j));
-    int b = j.binning;
-    if (j.full == 0 || b > 32 || (j.cell != NULL && b > 1 && b % 2 != 0))
+    int b = j.binning, most = j.cell != NULL && j.table != NULL ? 16 : 32; /* sums fit 31 bits */
+    if (j.full == 0 || b > most || (j.cell != NULL && b > 1 && b % 2 != 0))
         cap_pix_ref(&j, y0, y1, out);
     else if (j.cell != NULL && b == 1)
         cap_pix_bayer(&j, y0, y1, out);
+    else if (j.cell != NULL)
+        cap_pix_mosaic(&j, y0, y1, out);
     else if (j.full == 255 && j.table == NULL && (b == 1 || b == 2 || b == 4))
         cap_pix_8(&j, y0, y1, out);
     else

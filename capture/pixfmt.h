@@ -4,7 +4,9 @@
  * Full scale is 2^depth - 1 (1023 for 10 bits).  Integer samples are summed as integers and scaled
  * once: (float)sum * (1.0f / (count * full)); gamma-coded ones are made light first, each by itself
  * (transfer.h), and full is then CAP_LIGHT_ONE.
- * Bayer with binning >= 2: each colour's own samples, nothing interpolated.  With binning 1:
+ * Bayer with binning >= 2: green's own samples; each sample of red and blue as far as the 2x2 pixels
+ * about it that it stands for lie in the bin, mirrored at the border - its own samples alone would have
+ * each colour half a pixel beside its bin.  With binning 1:
  * DEMOSAIC = bilinear (mirrored at the border); RAYS = a pixel has the one channel that its filter
  * lets through and NaN in the two others (with nch = 1, which has no such places: as DEMOSAIC).
  * nch = 1 from a colour image: mean of the three channels.  nch = 3 from grey: the value in all three.

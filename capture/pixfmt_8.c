@@ -111,66 +111,26 @@ CAP_PIX_INLINE void across(const uint16_t *sum, const uint8_t *full, int b, int 
     }
 }
 
-/* Bins of a Bayer row from the sums of its even and odd raw rows. */
-CAP_PIX_INLINE void across_bayer(const uint16_t *const sum[2], const uint8_t *const full[2],
-                                 const uint8_t *cell, int b, size_t bins, int nch, float *out)
-{
-    const float one = 1.0f / ((float)(b * b / 4) * 255.0f); /* red, blue */
-    const float green = 1.0f / ((float)(b * b / 2) * 255.0f);
-    /* places of red and blue in the 2x2 cell; blue lies across from red */
-    const int red = cell[0] == 0 ? 0 : cell[1] == 0 ? 1 : cell[2] == 0 ? 2 : 3, blue = 3 - red;
-    const int g1 = red == 0 || red == 3 ? 1 : 0, g2 = 3 - g1;
-    for (size_t X = 0; X < bins; X++) {
-        unsigned q[4] = {0}, m[4] = {0}; /* by place in the cell */
-        for (int k = 0; k < 4; k++)
-            for (int i = k & 1; i < b; i += 2) {
-                q[k] += sum[k >> 1][X * (size_t)b + (size_t)i];
-                m[k] |= full[k >> 1][X * (size_t)b + (size_t)i];
-            }
-        const unsigned s[3] = {q[red], q[g1] + q[g2], q[blue]};
-        const unsigned f[3] = {m[red], m[g1] | m[g2], m[blue]};
-        float rgb[3];
-        bool saturated[3];
-        for (int c = 0; c < 3; c++) {
-            saturated[c] = f[c] != 0;
-            rgb[c] = f[c] != 0 ? 1.0f : (float)s[c] * (c == 1 ? green : one);
-        }
-        cap_pix_put(out + X * (nch == 3 ? 4 : 1), rgb, saturated, false, nch);
-    }
-}
-
 /* Bins of one row of bins, bytes [at, at+n) of its raw rows. */
 static void bins_of(const struct cap_pix *j, const uint8_t *row, size_t n, float *out)
 {
-    uint16_t sum[2][CHUNK];
-    uint8_t full[2][CHUNK];
+    uint16_t sum[CHUNK];
+    uint8_t full[CHUNK];
     int b = j->binning, nch = j->nch;
     size_t bins = n / (size_t)(b * j->samples);
-    ptrdiff_t stride = j->img.stride;
-    if (j->cell != NULL) {
-        down(row, 2 * stride, b / 2, n, sum[0], full[0]);
-        down(row + stride, 2 * stride, b / 2, n, sum[1], full[1]);
-        const uint16_t *const s[2] = {sum[0], sum[1]};
-        const uint8_t *const f[2] = {full[0], full[1]};
-        if (b == 2)
-            across_bayer(s, f, j->cell, 2, bins, nch, out);
-        else
-            across_bayer(s, f, j->cell, 4, bins, nch, out);
-        return;
-    }
-    down(row, stride, b, n, sum[0], full[0]);
+    down(row, j->img.stride, b, n, sum, full);
     if (j->swapped && b == 2)
-        across(sum[0], full[0], 2, 3, 2, bins, nch, out);
+        across(sum, full, 2, 3, 2, bins, nch, out);
     else if (j->swapped)
-        across(sum[0], full[0], 4, 3, 2, bins, nch, out);
+        across(sum, full, 4, 3, 2, bins, nch, out);
     else if (!j->grey && b == 2)
-        across(sum[0], full[0], 2, 3, 0, bins, nch, out);
+        across(sum, full, 2, 3, 0, bins, nch, out);
     else if (!j->grey)
-        across(sum[0], full[0], 4, 3, 0, bins, nch, out);
+        across(sum, full, 4, 3, 0, bins, nch, out);
     else if (b == 2)
-        across(sum[0], full[0], 2, 1, 0, bins, nch, out);
+        across(sum, full, 2, 1, 0, bins, nch, out);
     else
-        across(sum[0], full[0], 4, 1, 0, bins, nch, out);
+        across(sum, full, 4, 1, 0, bins, nch, out);
 }
 
 void cap_pix_8(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)

@@ -86,12 +86,14 @@ PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
                                      const struct cap_convert_params *p, int32_t y0, int32_t y1,
                                      struct cap_pix *j);
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* 8-bit linear samples, grey, RGB or Bayer; binning 2 or 4, RGB and grey 1 as well. */
+/* 8-bit linear samples, grey or RGB; binning 1, 2 or 4. */
 void cap_pix_8(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* Integer samples; even binning for Bayer, up to 32. */
+/* Integer samples but for Bayer; binning to 32. */
 void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* Integer Bayer, binning 1: bilinear, or rays. */
 void cap_pix_bayer(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* Integer Bayer, even binning to 32, with a table to 16. */
+void cap_pix_mosaic(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 
 /* Raw samples of pixels [x, x+n) of row y, as integers, RGB in this order; x even, for 10 bits without
  * gaps a multiple of 4. */

@@ -63,13 +63,19 @@ struct gather {
     bool saturated;
 };
 
+static void add_weighted(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y, int s,
+                         int weight)
+{
+    unsigned v = cap_pix_sample(j, x, y, s);
+    g->saturated |= v >= j->full;
+    g->sum += v >= j->full ? 0 : weight * (double)(j->table != NULL ? j->table[v] : v);
+    g->count += weight;
+}
+
 static void add(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y, int s)
 {
     if (j->full > 0) {
-        unsigned v = cap_pix_sample(j, x, y, s);
-        g->saturated |= v >= j->full;
-        g->sum += v >= j->full ? 0 : j->table != NULL ? j->table[v] : v;
-        g->count++;
+        add_weighted(g, j, x, y, s, 1);
         return;
     }
     float v;
@@ -112,6 +118,30 @@ static void around(const struct cap_pix *j, int32_t x, int32_t y, struct gather 
         }
 }
 
+/* Overlap of the two pixels about sample u with bin X, in half pixels. */
+static int overlap(int32_t u, int32_t X, int b)
+{
+    int32_t lo = 2 * u - 2 > 2 * X * b - 1 ? 2 * u - 2 : 2 * X * b - 1;
+    int32_t hi = 2 * u + 2 < 2 * (X + 1) * b - 1 ? 2 * u + 2 : 2 * (X + 1) * b - 1;
+    return hi > lo ? hi - lo : 0;
+}
+
+/* Bayer, binning >= 2: green's own samples; of red and blue each sample as far as the four pixels that it
+ * stands for lie in the bin. */
+static void mosaic_bin(const struct cap_pix *j, int32_t X, int32_t Y, struct gather g[3])
+{
+    int b = j->binning;
+    for (int32_t y = Y * b - 1; y <= (Y + 1) * b; y++)
+        for (int32_t x = X * b - 1; x <= (X + 1) * b; x++) {
+            int32_t u = mirrored(x, j->img.width), v = mirrored(y, j->img.height);
+            int c = j->cell[(y & 1) * 2 + (x & 1)];
+            bool inside = x / b == X && y / b == Y && x >= 0 && y >= 0;
+            int weight = c == 1 ? inside : overlap(x, X, b) * overlap(y, Y, b);
+            if (weight > 0)
+                add_weighted(&g[c], j, u, v, 0, weight);
+        }
+}
+
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     int b = j->binning;
@@ -121,12 +151,13 @@ void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
             struct gather g[3] = {{0}};
             if (j->cell != NULL && b == 1)
                 around(j, X, Y, g);
+            else if (j->cell != NULL)
+                mosaic_bin(j, X, Y, g);
             else
                 for (int32_t y = Y * b; y < (Y + 1) * b; y++)
                     for (int32_t x = X * b; x < (X + 1) * b; x++)
                         for (int s = 0; s < j->samples; s++)
-                            add(&g[j->cell != NULL ? j->cell[(y & 1) * 2 + (x & 1)] : s], j, x, y,
-                                s);
+                            add(&g[s], j, x, y, s);
             float rgb[3];
             bool saturated[3];
             for (int c = 0; c < 3; c++) {

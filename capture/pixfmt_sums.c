@@ -44,13 +44,13 @@ static void add_row(const struct cap_pix *j, const uint16_t *restrict s, size_t 
         }
 }
 
-/* Rows y, y+step ... (`rows` of them), pixels [x, x+n). */
-static void add_rows(const struct cap_pix *j, int32_t y, int32_t step, int rows, int32_t x,
-                     int32_t n, struct columns *c)
+/* Rows y .. y+rows-1, pixels [x, x+n). */
+static void add_rows(const struct cap_pix *j, int32_t y, int rows, int32_t x, int32_t n,
+                     struct columns *c)
 {
     uint16_t s[SAMPLES];
     for (int r = 0; r < rows; r++) {
-        cap_pix_row(j, y + r * step, x, n, s);
+        cap_pix_row(j, y + r, x, n, s);
         add_row(j, s, (size_t)(n * j->samples), r == 0, c);
     }
 }
@@ -119,7 +119,7 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, fl
     int b = j->binning;
     int32_t bins = n / b;
     float scale = cap_pix_scale(j, b * b);
-    add_rows(j, Y * b, 1, b, x, n, &c);
+    add_rows(j, Y * b, b, x, n, &c);
     c.sum[n * j->samples] = c.sat[n * j->samples] = 0;
     if (j->grey != (j->nch == 1)) {
         across_any(j, &c, bins, scale, out);
@@ -143,44 +143,6 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, fl
     }
 }
 
-/* ---- Bayer, even binning ---- */
-
-/* Bins from the column sums of the even and of the odd raw rows. */
-CAP_PIX_INLINE void across_bayer(const struct cap_pix *j, const struct columns c[2], int b,
-                                 int32_t bins, float *out)
-{
-    const float one = cap_pix_scale(j, b * b / 4), green = cap_pix_scale(j, b * b / 2);
-    for (int32_t X = 0; X < bins; X++) {
-        uint32_t s[3] = {0}, m[3] = {0};
-        for (int k = 0; k < 4; k++)
-            for (int i = k & 1; i < b; i += 2) {
-                s[j->cell[k]] += c[k >> 1].sum[X * b + i];
-                m[j->cell[k]] |= c[k >> 1].sat[X * b + i];
-            }
-        float rgb[3];
-        bool saturated[3];
-        for (int k = 0; k < 3; k++) {
-            saturated[k] = m[k] != 0;
-            rgb[k] = m[k] != 0 ? 1.0f : (float)(int32_t)s[k] * (k == 1 ? green : one);
-        }
-        cap_pix_put(out + X * (j->nch == 3 ? 4 : 1), rgb, saturated, false, j->nch);
-    }
-}
-
-static void bayer_bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, float *out)
-{
-    struct columns c[2];
-    int b = j->binning;
-    add_rows(j, Y * b, 2, b / 2, x, n, &c[0]);
-    add_rows(j, Y * b + 1, 2, b / 2, x, n, &c[1]);
-    if (b == 2)
-        across_bayer(j, c, 2, n / b, out);
-    else if (b == 4)
-        across_bayer(j, c, 4, n / b, out);
-    else
-        across_bayer(j, c, b, n / b, out);
-}
-
 void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     int32_t b = j->binning, w = j->img.width, bw = w / b;
@@ -191,9 +153,6 @@ void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
         for (int32_t x = 0; x < w; x += piece) {
             int32_t n = w - x < piece ? w - x : piece;
             float *o = out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * cs;
-            if (j->cell != NULL)
-                bayer_bins_of(j, Y, x, n, o);
-            else
-                bins_of(j, Y, x, n, o);
+            bins_of(j, Y, x, n, o);
         }
 }

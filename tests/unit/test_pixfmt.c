@@ -144,6 +144,32 @@ static int mirrored(int i, int n)
     return i < 0 ? -i : i >= n ? 2 * n - 2 - i : i;
 }
 
+/* Part of pixel i's pair of pixels, [i-1, i+1], in the bin's [X b - 1/2, (X+1) b - 1/2]. */
+static double covered(int i, int X, int b)
+{
+    return fmax(0, fmin(i + 1, (X + 1) * b - 0.5) - fmax(i - 1, X * b - 0.5));
+}
+
+/* Red or blue of a bin: mean of its samples by area. */
+static float by_area(const struct picture *pic, int b, int X, int Y, int c, bool *saturated)
+{
+    double sum = 0, area = 0;
+    enum cap_pixfmt f = pic->img.fmt;
+    *saturated = false;
+    for (int y = Y * b - 1; y <= (Y + 1) * b; y++)
+        for (int x = X * b - 1; x <= (X + 1) * b; x++) {
+            double part = covered(x, X, b) * covered(y, Y, b);
+            if (part == 0 || colour_of(f, x, y) != c)
+                continue;
+            struct sample s =
+                sample_at(pic, mirrored(x, pic->img.width), mirrored(y, pic->img.height), 0);
+            *saturated |= s.saturated;
+            sum += part * s.value;
+            area += part;
+        }
+    return *saturated ? 1 : (float)(4 * sum) * (1.0f / ((float)(4 * area) * (float)full_of(f)));
+}
+
 /* Binning 1 of a Bayer image: own colour, else the mean of that colour's samples among the 8
  * neighbours, the image continued by mirroring. */
 static float demosaic(const struct picture *pic, int X, int Y, int c, bool *saturated)
@@ -176,8 +202,9 @@ static void reference(const struct picture *pic, int b, int nch, float *out)
             float v[3] = {0};
             bool sat[3] = {false};
             for (int c = 0; c < (grey ? 1 : 3); c++)
-                v[c] = is_bayer(img->fmt) && b == 1 ? demosaic(pic, X, Y, c, &sat[c])
-                                                    : channel(pic, b, X, Y, c, &sat[c]);
+                v[c] = is_bayer(img->fmt) && b == 1   ? demosaic(pic, X, Y, c, &sat[c])
+                       : is_bayer(img->fmt) && c != 1 ? by_area(pic, b, X, Y, c, &sat[c])
+                                                      : channel(pic, b, X, Y, c, &sat[c]);
             float *o = out + (Y * bw + X) * (nch == 3 ? 4 : 1);
             if (nch == 3) {
                 for (int c = 0; c < 3; c++)
