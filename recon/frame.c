@@ -27,11 +27,15 @@ struct rec_frame {
     bool present[REC_MAX_CAMERAS];
     float *b;       /* [rows][cs] pixels in, right-hand side after carve */
     float *weight;  /* [rows] */
-    uint8_t *lit;   /* [rows] */
-    float *scratch; /* [rows] */
-    int32_t *col;   /* [voxels] */
-    float *x;       /* [voxels][cs] */
-    float *start;   /* [voxels][cs] the coarser grids' solution, while x holds an earlier volume */
+    float *weight4; /* [rows][4] of each channel, where cameras have mosaics */
+    float *plane;   /* [rows][4] work area of those */
+    uint8_t cell[REC_MAX_CAMERAS][4];
+    bool mosaic[REC_MAX_CAMERAS], lanes; /* cameras with a mosaic; any present */
+    uint8_t *lit;                        /* [rows] */
+    float *scratch;                      /* [rows] */
+    int32_t *col;                        /* [voxels] */
+    float *x;                            /* [voxels][cs] */
+    float *start; /* [voxels][cs] the coarser grids' solution, while x holds an earlier volume */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
     struct rec_subsys *sub;
     rec_levels *levels; /* or NULL: start from zero or from an earlier volume */
@@ -65,12 +69,14 @@ pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
     f->weight = pvx_calloc(f->rows, sizeof *f->weight);
     f->lit = pvx_calloc(f->rows, 1);
     f->scratch = pvx_calloc(f->rows, sizeof *f->scratch);
+    f->weight4 = pvx_reserve(f->rows * 4 * sizeof *f->weight4);
+    f->plane = pvx_reserve(f->rows * 4 * sizeof *f->plane);
     f->col = pvx_reserve(f->voxels * sizeof *f->col);
     f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
     f->start = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->start);
     pvx_err e = PVX_ENOMEM;
-    if (f->b != NULL && f->weight != NULL && f->lit != NULL && f->scratch != NULL &&
-        f->col != NULL && f->x != NULL && f->start != NULL)
+    if (f->b != NULL && f->weight != NULL && f->weight4 != NULL && f->plane != NULL &&
+        f->lit != NULL && f->scratch != NULL && f->col != NULL && f->x != NULL && f->start != NULL)
         e = rec_hull_new(S, &f->hull);
     if (e == PVX_OK)
         e = rec_subsys_new(S, &f->kernels, pool, f->cs, &f->sub);
@@ -100,6 +106,8 @@ void rec_frame_free(rec_frame **fp)
     free(f->weight);
     free(f->lit);
     free(f->scratch);
+    pvx_unreserve(f->weight4, f->rows * 4 * sizeof *f->weight4);
+    pvx_unreserve(f->plane, f->rows * 4 * sizeof *f->plane);
     pvx_unreserve(f->col, f->voxels * sizeof *f->col);
     pvx_unreserve(f->x, f->voxels * (size_t)f->cs * sizeof *f->x);
     pvx_unreserve(f->start, f->voxels * (size_t)f->cs * sizeof *f->start);
@@ -119,6 +127,13 @@ float *rec_frame_input(rec_frame *f, size_t camera)
 void rec_frame_present(rec_frame *f, size_t camera, bool present)
 {
     f->present[camera] = present;
+}
+
+void rec_frame_mosaic(rec_frame *f, size_t camera, const uint8_t *cell)
+{
+    f->mosaic[camera] = cell != NULL && f->cs == 4;
+    if (cell != NULL)
+        memcpy(f->cell[camera], cell, sizeof f->cell[camera]);
 }
 
 pvx_err rec_frame_set_background(rec_frame *f, size_t camera, const float *bg)
@@ -151,9 +166,36 @@ static void photo_camera(void *ctx, size_t c)
         f->stats[c] = (struct rec_photo_stats){0};
         return;
     }
-    rec_photo_apply(img, b->bw, b->bh, f->p.nch, f->background[c], f->gain[c], &f->p.photo,
-                    f->weight + f->row0[c], f->lit + f->row0[c], f->scratch + f->row0[c],
-                    &f->stats[c]);
+    if (f->mosaic[c])
+        rec_photo_apply_mosaic(img, b->bw, b->bh, f->cell[c], f->background[c], f->gain[c],
+                               &f->p.photo, f->weight + f->row0[c], f->lit + f->row0[c],
+                               f->scratch + f->row0[c], f->plane + f->row0[c] * 4, &f->stats[c]);
+    else
+        rec_photo_apply(img, b->bw, b->bh, f->p.nch, f->background[c], f->gain[c], &f->p.photo,
+                        f->weight + f->row0[c], f->lit + f->row0[c], f->scratch + f->row0[c],
+                        &f->stats[c]);
+}
+
+/* Weights per channel: a mosaic's bin measures its colour. */
+static void spread_weights(void *ctx, size_t c)
+{
+    rec_frame *f = ctx;
+    int32_t bw = f->S->block[c].bw, bh = f->S->block[c].bh;
+    const float *w = f->weight + f->row0[c];
+    float *out = f->weight4 + f->row0[c] * 4;
+    for (int32_t y = 0; y < bh; y++)
+        for (int32_t x = 0; x < bw; x++, w++, out += 4) {
+            for (int l = 0; l < 3; l++)
+                out[l] = f->mosaic[c] ? 0 : *w;
+            if (f->mosaic[c])
+                out[f->cell[c][(y & 1) * 2 + (x & 1)]] = *w;
+            out[3] = 0;
+        }
+}
+
+static const float *weights(const rec_frame *f)
+{
+    return f->lanes ? f->weight4 : f->weight;
 }
 
 void rec_frame_carve(rec_frame *f)
@@ -163,6 +205,11 @@ void rec_frame_carve(rec_frame *f)
     *r = (struct rec_frame_report){0};
     int64_t t0 = pvx_now_mono();
     pvx_pool_run(f->pool, cameras, photo_camera, f);
+    f->lanes = false;
+    for (size_t c = 0; c < cameras; c++)
+        f->lanes |= f->present[c] && f->mosaic[c];
+    if (f->lanes)
+        pvx_pool_run(f->pool, cameras, spread_weights, f);
     double sigma = 0, sigma2 = 0;
     const uint8_t *lit[REC_MAX_CAMERAS];
     for (size_t c = 0; c < cameras; c++) {
@@ -184,7 +231,7 @@ void rec_frame_carve(rec_frame *f)
     int64_t t2 = pvx_now_mono();
     rec_subsys_restrict(f->sub, f->col, n, f->present);
     if (f->levels != NULL)
-        rec_levels_restrict(f->levels, f->sub, f->b, f->weight);
+        rec_levels_restrict(f->levels, f->sub, f->b, weights(f), f->lanes);
     r->active_voxels = n;
     r->active_rays = f->sub->rows;
     r->entries = f->sub->nnz;
@@ -232,6 +279,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     double weight[4], noise2[4], misfit2[4] = {0};
     if (deadline_ns != 0)
         p.deadline_ns = deadline_ns;
+    p.lanes = f->lanes;
     bool warm = previous != NULL && previous->n > 0;
     if (warm && (previous->cs != f->cs || previous->value == f->x))
         return PVX_EINVAL;
@@ -239,7 +287,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
         warm_start(f, previous);
     f->report.warm = warm;
     if (f->levels != NULL &&
-        rec_solve_weight(f->solver, f->sub, f->b, f->weight, f->sigma, &p, weight, noise2)) {
+        rec_solve_weight(f->solver, f->sub, f->b, weights(f), f->sigma, &p, weight, noise2)) {
         p.weight = weight;
         p.good_start = p.prepared = true;
         f->report.warm = coarse_start(f, &p, warm, misfit2);
@@ -247,7 +295,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     } else if (!warm) {
         memset(f->x, 0, (size_t)f->sub->n * (size_t)f->cs * sizeof *f->x);
     }
-    pvx_err e = rec_solve(f->solver, f->sub, f->b, f->weight, f->sigma, &p, f->x, NULL, NULL,
+    pvx_err e = rec_solve(f->solver, f->sub, f->b, weights(f), f->sigma, &p, f->x, NULL, NULL,
                           &f->report.solve);
     f->report.solve_ns = pvx_now_mono() - t0;
     return e;
@@ -291,6 +339,8 @@ const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera)
 void rec_frame_reset(rec_frame *f)
 {
     memset(f->present, 0, sizeof f->present);
+    memset(f->mosaic, 0, sizeof f->mosaic);
+    f->lanes = false;
     f->sub->n = f->sub->rows = 0;
     f->sub->nnz = 0;
     f->report = (struct rec_frame_report){0};

@@ -8,6 +8,7 @@
  *     chord     K = mean chord of a ray in voxels
  *     density   d = mean diagonal of A'WA / h^2, how often a voxel is measured
  *     lambda / mean diagonal = C N^n R^-r K^k d^-e                                         (1)
+ * A channel that only a share of the rows measure (lanes) has that share of the mean diagonal.
  * The exponents were fitted to the weight of least error in random cases (two kinds of flame,
  * 32..96 voxels a side, images 1.5..5 times as wide, 3..12 cameras, noise 0..20 %, both bases):
  * NUMERICS.md has the table. */
@@ -30,11 +31,23 @@
 #define ON_MISFIT     0.75 /* part of what the coarser grid misses is its coarseness */
 #define UNKNOWN       0.3  /* when sigma is not known */
 
-/* Mean of the 2x2 bins at `at`; false where one of them has no weight. */
-REC_INLINE bool mean2x2(const struct rec_job *j, size_t at, size_t bw, size_t cs, rec_f4 *out)
+/* Mean of the 2x2 bins at `at`; false where one of them has no weight.  With lanes, of those bins that
+ * measured a channel; false where one has none. */
+REC_INLINE bool mean2x2(const struct rec_job *j, size_t at, size_t bw, size_t cs, bool lanes,
+                        rec_f4 *out)
 {
     const size_t r[4] = {at, at + 1, at + bw, at + bw + 1};
     rec_f4 s = {0};
+    if (lanes) {
+        rec_f4 weight = {0, 0, 0, 1};
+        for (int i = 0; i < 4; i++) {
+            rec_f4 w = rec_ld(j->image_weight, r[i], 4);
+            s += w * rec_ld(j->image, r[i], 4);
+            weight += w;
+        }
+        *out = s / weight;
+        return rec_all(weight > 0);
+    }
     for (int i = 0; i < 4; i++) {
         if (j->image_weight[r[i]] == 0)
             return false;
@@ -45,7 +58,7 @@ REC_INLINE bool mean2x2(const struct rec_job *j, size_t at, size_t bw, size_t cs
 }
 
 /* Sums of squared first and second differences over the 2x2 blocks of A's rows; how many. */
-REC_INLINE void measure(const struct rec_job *j, size_t k, size_t cs, double out[4][4])
+REC_INLINE void measure(const struct rec_job *j, size_t k, size_t cs, bool lanes, double out[4][4])
 {
     const struct rec_subsys *a = j->a;
     int32_t i0, i1;
@@ -60,9 +73,11 @@ REC_INLINE void measure(const struct rec_job *j, size_t k, size_t cs, double out
         size_t r = a->ray[i] - a->row0[c], y = r / bw, x = r - y * bw;
         rec_f4 v, l, u, d, e;
         if (x % 2 != 0 || y % 2 != 0 || x < 2 || y < 2 || x + 3 >= bw || y + 3 >= bh ||
-            !mean2x2(j, a->ray[i], bw, cs, &v) || !mean2x2(j, a->ray[i] - 2, bw, cs, &l) ||
-            !mean2x2(j, a->ray[i] + 2, bw, cs, &e) || !mean2x2(j, a->ray[i] - 2 * bw, bw, cs, &u) ||
-            !mean2x2(j, a->ray[i] + 2 * bw, bw, cs, &d))
+            !mean2x2(j, a->ray[i], bw, cs, lanes, &v) ||
+            !mean2x2(j, a->ray[i] - 2, bw, cs, lanes, &l) ||
+            !mean2x2(j, a->ray[i] + 2, bw, cs, lanes, &e) ||
+            !mean2x2(j, a->ray[i] - 2 * bw, bw, cs, lanes, &u) ||
+            !mean2x2(j, a->ray[i] + 2 * bw, bw, cs, lanes, &d))
             continue;
         rec_f4 lap = rec_splat(4) * v - l - e - u - d, dx = e - v, dy = d - v;
         rec_add_product(&first, dx, dx);
@@ -78,7 +93,9 @@ REC_INLINE void measure(const struct rec_job *j, size_t k, size_t cs, double out
 static void measure_chunk(void *ctx, size_t k)
 {
     const struct rec_job *j = ctx;
-    j->a->cs == 4 ? measure(j, k, 4, j->s->part[k]) : measure(j, k, 1, j->s->part[k]);
+    j->w4 != NULL   ? measure(j, k, 4, true, j->s->part[k])
+    : j->a->cs == 4 ? measure(j, k, 4, false, j->s->part[k])
+                    : measure(j, k, 1, false, j->s->part[k]);
 }
 
 static void automatic(const struct rec_job *j, double mean_diag, double chord, double lambda[4],
@@ -88,18 +105,20 @@ static void automatic(const struct rec_job *j, double mean_diag, double chord, d
     size_t chunks = rec_job_row_chunks(j);
     double first[4], second[4], count[4], rows = j->a->rows;
     double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
-    double voxels = chord / rows / h, density = mean_diag / (h * h), s2 = j->sigma * j->sigma;
+    double voxels = chord / rows / h, s2 = j->sigma * j->sigma;
     pvx_pool_run(j->a->pool, chunks, measure_chunk, (void *)j);
     rec_job_sum(j, 0, chunks, 0, first);
     rec_job_sum(j, 0, chunks, 1, second);
     rec_job_sum(j, 0, chunks, 2, count);
     for (int l = 0; l < 4; l++) {
-        double rel = UNKNOWN, mean = j->light[l] / rows;
+        double rel = UNKNOWN, density = j->share[l] * mean_diag / (h * h);
+        double mean = j->light[l] / (j->w4 == NULL ? rows : fmax(j->measured[l], 1));
+        double in_mean = s2 / fmin(j->share[l], 1); /* four times the variance of a mean of 2x2 */
         if (j->sigma >= 0 && mean > 0 && count[0] > 0) {
             /* the mean of 2x2 has noise sigma/2, one difference twice its variance, (4v-...) 20
              * times; a block is two bins wide */
-            double g1 = fmax(first[l] / count[0] - s2, 0) / 4;
-            double g2 = fmax(second[l] / count[0] - 5 * s2, 1e-3 * second[l] / count[0]) / 16;
+            double g1 = fmax(first[l] / count[0] - in_mean, 0) / 4;
+            double g2 = fmax(second[l] / count[0] - 5 * in_mean, 1e-3 * second[l] / count[0]) / 16;
             double noise = fmax((s2 + FROM_GRADIENT * g1) / (mean * mean), NOISE_FLOOR);
             double rough = fmax(g2 / (mean * mean), NOISE_FLOOR);
             noise2[l] = s2 + FROM_GRADIENT * g1;
@@ -107,7 +126,7 @@ static void automatic(const struct rec_job *j, double mean_diag, double chord, d
                       ON_CHORD * log(voxels) + ON_DENSITY * log(density));
             rel = rel < LOWEST ? LOWEST : rel < HIGHEST ? rel : HIGHEST; /* NaN: the highest */
         }
-        lambda[l] = mean_diag * rel;
+        lambda[l] = j->share[l] * mean_diag * rel;
     }
 }
 
@@ -138,5 +157,5 @@ void rec_job_lambda(struct rec_job *j, double lambda[4], double noise2[4])
         automatic(j, mean, chord, lambda, noise2);
     else
         for (int l = 0; l < 4; l++)
-            lambda[l] = mean * (double)j->p->lambda;
+            lambda[l] = j->share[l] * mean * (double)j->p->lambda;
 }

@@ -21,13 +21,14 @@ struct level {
     int32_t *col;   /* [N] all of them, ascending */
     int32_t *first; /* [nz+1] active columns before a layer */
     float *b;       /* [rowspace][cs], filled where sub has rows */
-    float *w;       /* [rowspace] */
+    float *w;       /* [rowspace], with lanes [rowspace][4] */
     float *x;       /* [1+N][cs]: zero, then the solution, so that map leads to a value always */
 };
 
 struct rec_levels {
     pvx_pool *pool;
     int cs, n;
+    bool lanes;                  /* as rec_levels_restrict was told */
     struct level at[MAX_LEVELS]; /* 0: twice the voxel size */
 };
 
@@ -46,7 +47,7 @@ static pvx_err level_new(struct level *v, const rec_sysmat *S, const struct rec_
     v->col = pvx_calloc(voxels, sizeof *v->col);
     v->first = pvx_calloc((size_t)S->grid.n[2] + 1, sizeof *v->first);
     v->b = pvx_calloc(rows * (size_t)cs, sizeof *v->b);
-    v->w = pvx_calloc(rows, sizeof *v->w);
+    v->w = pvx_calloc(rows * (size_t)cs, sizeof *v->w);
     v->x = pvx_calloc((voxels + 1) * (size_t)cs, sizeof *v->x);
     if (v->map == NULL || v->slab == NULL || v->col == NULL || v->first == NULL || v->b == NULL ||
         v->w == NULL || v->x == NULL)
@@ -195,15 +196,51 @@ REC_INLINE void average(const struct walk *t, size_t chunk, size_t cs)
         rec_st(t->v->b, a->ray[i], cs, sum);
     }
 }
+/* The same where bins have weights per channel: a mean is that of the bins that measured the channel, its
+ * weight their part of all, as the sum over the bins themselves would have it. */
+static void average_lanes(const struct walk *t, size_t chunk)
+{
+    const struct rec_subsys *a = t->v->sub, *f = t->image;
+    int32_t i0, i1;
+    size_t c = 0;
+    rec_chunk_range(a->rows, chunk, &i0, &i1);
+    for (int32_t i = i0; i < i1; i++) {
+        while (a->ray[i] >= a->row0[c + 1])
+            c++;
+        size_t bw = (size_t)a->S->block[c].bw, fw = (size_t)f->S->block[c].bw,
+               fh = (size_t)f->S->block[c].bh;
+        size_t r = a->ray[i] - a->row0[c], y0 = r / bw << t->shift, x0 = r % bw << t->shift;
+        size_t y1 = y0 + ((size_t)1 << t->shift), x1 = x0 + ((size_t)1 << t->shift);
+        y1 = y1 < fh ? y1 : fh;
+        x1 = x1 < fw ? x1 : fw;
+        rec_f4 sum = {0}, weight = {0}, zero = {0};
+        int measured = 0, bins = (int)((y1 - y0) * (x1 - x0));
+        for (size_t y = y0; y < y1; y++)
+            for (size_t x = x0; x < x1; x++) {
+                size_t at = f->row0[c] + y * fw + x;
+                rec_f4 w = rec_ld(t->w, at, 4);
+                sum += w * rec_ld(t->b, at, 4);
+                weight += w;
+                measured += rec_any(w > 0);
+            }
+        rec_i4 use = (weight > 0) & (2 * measured >= bins ? (rec_i4){-1, -1, -1, -1} : (rec_i4){0});
+        rec_st(t->v->w, a->ray[i], 4, rec_select(use, weight / rec_splat((float)bins), zero));
+        rec_st(t->v->b, a->ray[i], 4, rec_select(use, sum / weight, zero));
+    }
+}
 static void average_chunk(void *ctx, size_t k)
 {
     const struct walk *t = ctx;
-    t->l->cs == 4 ? average(t, k, 4) : average(t, k, 1);
+    if (t->l->lanes)
+        average_lanes(t, k);
+    else
+        t->l->cs == 4 ? average(t, k, 4) : average(t, k, 1);
 }
 
 void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const float *b,
-                         const float *w)
+                         const float *w, bool lanes)
 {
+    l->lanes = lanes;
     struct walk t = {.l = l,
                      .col = fine->col,
                      .n = fine->n,
@@ -309,6 +346,7 @@ void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double
     p.tolerance = TOLERANCE;
     p.deadline_ns = deadline_ns;
     p.weight = share;
+    p.lanes = l->lanes;
     *iterations = 0;
     for (int i = l->n - 1; i >= 0; i--) {
         struct level *v = &l->at[i];

@@ -22,9 +22,9 @@ PVX_MUST_CHECK pvx_err rec_levels_new(const rec_sysmat *S, const struct rec_kern
 void rec_levels_free(rec_levels **l);
 
 /* Columns, right-hand sides and restricted systems of all levels; `fine` is S restricted, b and w are
- * its right-hand side and weights in S's row space. */
+ * its right-hand side and weights in S's row space; lanes: w is [row space][4] (solve.h), and cs 4. */
 void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const float *b,
-                         const float *w);
+                         const float *w, bool lanes);
 
 /* Solve from the coarsest level down and put the start for `fine` into x [n][cs].  `weight`: that of
  * the fine level (rec_solve_weight).  *iterations: the sum over levels.  misfit2: of the

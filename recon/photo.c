@@ -5,11 +5,12 @@
 #include <string.h>
 
 #include "recon/lanes.h"
+#include "recon/photo_mosaic.h"
 
 const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
 
-#define BLOCK       8
-#define MAX_BLOCKS  400
+#define BLOCK       REC_PHOTO_BLOCK
+#define MAX_BLOCKS  REC_PHOTO_BLOCKS
 #define LIMIT       1e9f /* full scales; more is no measurement, and squares stay finite in float */
 #define NEAR        3    /* sides of the squares whose means are judged */
 #define WIDE        7    /* where the flame is faint against the noise: */
@@ -88,8 +89,8 @@ REC_INLINE bool measure_block(const float *img, int32_t bw, int32_t bh, size_t c
  * of the background's noise; its blocks are then about half filled with the lowest value, and
  * max(0, N(0,s)) has the standard deviation 0.5838 s.
  * *dark: the lower quartile of the blocks' means, the level that a background clipped at 0 keeps. */
-static float dark_noise(const float *mean, float *noise2, float *at_low, int32_t n, float *sorted,
-                        float *dark)
+float rec_photo_dark_noise(const float *mean, float *noise2, float *at_low, int32_t n,
+                           float *sorted, float *dark)
 {
     int32_t half = 0;
     memcpy(sorted, mean, (size_t)n * sizeof *sorted);
@@ -125,7 +126,8 @@ REC_INLINE void noise(const float *img, int32_t bw, int32_t bh, int nch, size_t 
         n++;
     }
     for (int c = 0; c < nch; c++)
-        sigma[c] = n == 0 ? 0 : dark_noise(mean[c], noise2[c], at_low[c], n, sorted, &dark[c]);
+        sigma[c] =
+            n == 0 ? 0 : rec_photo_dark_noise(mean[c], noise2[c], at_low[c], n, sorted, &dark[c]);
 }
 
 REC_INLINE rec_f4 at_most(rec_f4 v, rec_f4 cap)
@@ -234,17 +236,25 @@ static void grow(uint8_t *lit, int32_t bw, int32_t bh, int32_t r, uint8_t *copy)
 }
 
 /* Everything of (1) but the growing; returns through `out` what it measured. */
-REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const float *background,
-                      const float gain[3], const struct rec_photo_params *p, float *weight,
-                      uint8_t *lit, float *scratch, struct rec_photo_stats *out)
+REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const uint8_t *cell,
+                      const float *background, const float gain[3],
+                      const struct rec_photo_params *p, float *weight, uint8_t *lit, float *scratch,
+                      float *plane, struct rec_photo_stats *out)
 {
     size_t n = (size_t)bw * (size_t)bh;
     int nch = cs == 4 ? 3 : 1;
-    const rec_i4 lanes = {-1, cs == 4 ? -1 : 0, cs == 4 ? -1 : 0, 0}, none = {0};
+    const rec_i4 all = {-1, cs == 4 ? -1 : 0, cs == 4 ? -1 : 0, 0}, none = {0};
     rec_f4 low = rec_splat(INFINITY);
     rec_f4 black = rec_splat(p->black), limit1 = rec_splat(LIMIT), zero = {0};
     rec_f4 scale = cs == 4 ? (rec_f4){gain[0], gain[1], gain[2], 0} : rec_splat(gain[0]);
+    int32_t x = 0, y = 0;
     for (size_t i = 0; i < n; i++) {
+        rec_i4 lanes = all;
+        if (cell != NULL) {
+            lanes = rec_mosaic_lane(cell, x, y);
+            y += x + 1 == bw;
+            x = x + 1 == bw ? 0 : x + 1;
+        }
         rec_f4 v = rec_ld(img, i, cs);
         if (cs == 4) /* whatever is in the 4th lane */
             v = rec_select(lanes, v, zero);
@@ -259,45 +269,51 @@ REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const float
         out->not_finite += bad;
         out->saturated += !bad && saturated;
         weight[i] = !bad && !saturated;
-        low = rec_select((v < low) & (rec_splat(weight[i]) != 0), v, low);
+        rec_i4 lower = (v < low) & (rec_splat(weight[i]) != 0);
+        low = rec_select(lower & lanes, v, low);
         lit[i] = bad || saturated ? FORCED : UNLIT;
     }
 
+    const float *judged = img;
     float dark[3] = {0};
-    noise(img, bw, bh, nch, cs, weight, low, out->sigma, dark);
+    rec_f4 near = rec_splat(NEAR), wide = rec_splat(WIDE); /* sigma over that of the means */
+    if (cell == NULL) {
+        noise(img, bw, bh, nch, cs, weight, low, out->sigma, dark);
+    } else {
+        rec_mosaic_noise(img, bw, bh, cell, weight, low, out->sigma, dark);
+        rec_mosaic_plane(img, bw, bh, plane);
+        near = rec_mosaic_near;
+        wide = rec_mosaic_wide;
+        judged = plane;
+    }
     rec_f4 limit = rec_splat(p->threshold), faint = limit, fainter = limit;
     bool automatic = p->threshold < 0;
     for (int c = 0; c < nch && automatic; c++) {
         limit[c] = fmaxf(p->floor, p->auto_k * out->sigma[c]);
-        faint[c] = dark[c] + fmaxf(p->floor, p->auto_k * out->sigma[c] / NEAR);
-        fainter[c] = dark[c] + fmaxf(p->floor, WIDE_MARGIN * p->auto_k * out->sigma[c] / WIDE);
+        faint[c] = dark[c] + fmaxf(p->floor, p->auto_k * out->sigma[c] / near[c]);
+        fainter[c] = dark[c] + fmaxf(p->floor, WIDE_MARGIN * p->auto_k * out->sigma[c] / wide[c]);
     }
     for (int c = 0; c < nch; c++)
         out->threshold = fmaxf(out->threshold, limit[c]);
     for (int c = nch; c < 4; c++) /* lanes that are not there are never lit */
         limit[c] = faint[c] = fainter[c] = INFINITY;
     for (size_t i = 0; i < n; i++)
-        lit[i] |= rec_any(rec_ld(img, i, cs) >= limit);
+        lit[i] |= rec_any(rec_ld(img, i, cs) >= limit) ||
+                  (cell != NULL && rec_any(rec_ld(plane, i, cs) >= limit));
     if (!automatic ||
         bh < 5) /* the work area holds bw*bh floats; a row of sums needs up to 4 bw + 3 */
         return;
     float *sums = (float *)(((uintptr_t)scratch + 15) & ~(uintptr_t)15);
-    light_means(img, bw, bh, cs, NEAR, faint, limit + limit, lit, sums);
-    float snr = signal_to_noise(img, n, nch, cs, lit, out->sigma);
+    light_means(judged, bw, bh, cs, NEAR, faint, limit + limit, lit, sums);
+    float snr = signal_to_noise(judged, n, nch, cs, lit, out->sigma);
     if (snr > 0 && snr < NOISY)
-        light_means(img, bw, bh, cs, WIDE, fainter, rec_splat(4) * fainter, lit, sums);
+        light_means(judged, bw, bh, cs, WIDE, fainter, rec_splat(4) * fainter, lit, sums);
 }
 
-void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
-                     const float gain[3], const struct rec_photo_params *p, float *weight,
-                     uint8_t *lit, float *scratch, struct rec_photo_stats *out)
+static void finish(int32_t bw, int32_t bh, const struct rec_photo_params *p, uint8_t *lit,
+                   float *scratch, struct rec_photo_stats *out)
 {
     size_t n = (size_t)bw * (size_t)bh;
-    *out = (struct rec_photo_stats){0};
-    if (nch == 3)
-        apply(img, bw, bh, 4, background, gain, p, weight, lit, scratch, out);
-    else
-        apply(img, bw, bh, 1, background, gain, p, weight, lit, scratch, out);
     if (p->threshold < 0 && p->despeckle)
         despeckle(lit, bw, bh, (uint8_t *)scratch);
     for (size_t i = 0; i < n; i++)
@@ -305,4 +321,26 @@ void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *b
     grow(lit, bw, bh, p->margin, (uint8_t *)scratch);
     for (size_t i = 0; i < n; i++)
         out->lit += lit[i];
+}
+
+void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
+                     const float gain[3], const struct rec_photo_params *p, float *weight,
+                     uint8_t *lit, float *scratch, struct rec_photo_stats *out)
+{
+    *out = (struct rec_photo_stats){0};
+    if (nch == 3)
+        apply(img, bw, bh, 4, NULL, background, gain, p, weight, lit, scratch, NULL, out);
+    else
+        apply(img, bw, bh, 1, NULL, background, gain, p, weight, lit, scratch, NULL, out);
+    finish(bw, bh, p, lit, scratch, out);
+}
+
+void rec_photo_apply_mosaic(float *img, int32_t bw, int32_t bh, const uint8_t cell[4],
+                            const float *background, const float gain[3],
+                            const struct rec_photo_params *p, float *weight, uint8_t *lit,
+                            float *scratch, float *plane, struct rec_photo_stats *out)
+{
+    *out = (struct rec_photo_stats){0};
+    apply(img, bw, bh, 4, cell, background, gain, p, weight, lit, scratch, plane, out);
+    finish(bw, bh, p, lit, scratch, out);
 }

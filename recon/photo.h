@@ -15,6 +15,12 @@
  * b beyond 1e9 full scales counts as not finite.
  * despeckle removes lit bins with fewer than 2 lit neighbours of 8 (noise alone), when the
  * threshold is automatic; margin then grows the silhouette.
+ * A mosaic (Bayer pixels as they are) has one channel per bin, its filter's; the others are NaN coming in
+ * and 0 coming out.  Its noise is estimated from differences between bins of the same colour.  A bin is
+ * lit by its own sample or by one of the others as its neighbours have them,
+ *     plane = 4 K * b for red and blue, 2 K * b for green,  K = [1 2 1]'[1 2 1]/16            (2)
+ * (red and blue: bilinear interpolation); 3x3 and 7x7 means are those of the plane, whose noise is
+ * 0.5 and 0.255 sigma for red and blue, 0.354 and 0.18 sigma for green.
  * Threads: one call per camera; different cameras in parallel.  Allocates nothing. */
 #ifndef REC_PHOTO_H
 #define REC_PHOTO_H
@@ -50,5 +56,11 @@ struct rec_photo_stats {
 void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
                      const float gain[3], const struct rec_photo_params *p, float *weight,
                      uint8_t *lit, float *scratch, struct rec_photo_stats *out);
+/* The same for a mosaic of three channels: cell = colour (0 1 2) of each bin of the 2x2 bins that repeat,
+ * row by row; plane [bh*bw][4] work area, 16-byte aligned.  bw, bh >= 2. */
+void rec_photo_apply_mosaic(float *img, int32_t bw, int32_t bh, const uint8_t cell[4],
+                            const float *background, const float gain[3],
+                            const struct rec_photo_params *p, float *weight, uint8_t *lit,
+                            float *scratch, float *plane, struct rec_photo_stats *out);
 
 #endif

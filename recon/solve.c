@@ -60,13 +60,14 @@ pvx_err rec_solver_new(const rec_sysmat *S, int nch, rec_solver **out)
         ok = (s->yv[i] = pvx_reserve(s->rows_max * (size_t)s->cs * sizeof(float))) != NULL && ok;
     s->b = pvx_reserve(s->rows_max * (size_t)s->cs * sizeof *s->b);
     s->weight = pvx_reserve(s->rows_max * sizeof *s->weight);
+    s->weight4 = pvx_reserve(s->rows_max * 4 * sizeof *s->weight4);
     s->diag = pvx_reserve(s->n_max * sizeof *s->diag);
     s->near = pvx_reserve(s->n_max * sizeof *s->near);
     s->piece = pvx_reserve(s->n_max * sizeof *s->piece);
     s->stiff = pvx_reserve(s->n_max * sizeof *s->stiff);
     s->clipped = pvx_reserve(s->n_max * sizeof *s->clipped);
-    if (!ok || s->b == NULL || s->weight == NULL || s->diag == NULL || s->near == NULL ||
-        s->stiff == NULL || s->piece == NULL || s->clipped == NULL) {
+    if (!ok || s->b == NULL || s->weight == NULL || s->weight4 == NULL || s->diag == NULL ||
+        s->near == NULL || s->stiff == NULL || s->piece == NULL || s->clipped == NULL) {
         rec_solver_free(&s);
         return PVX_ENOMEM;
     }
@@ -85,6 +86,7 @@ void rec_solver_free(rec_solver **sp)
         pvx_unreserve(s->yv[i], s->rows_max * (size_t)s->cs * sizeof(float));
     pvx_unreserve(s->b, s->rows_max * (size_t)s->cs * sizeof *s->b);
     pvx_unreserve(s->weight, s->rows_max * sizeof *s->weight);
+    pvx_unreserve(s->weight4, s->rows_max * 4 * sizeof *s->weight4);
     pvx_unreserve(s->diag, s->n_max * sizeof *s->diag);
     pvx_unreserve(s->near, s->n_max * sizeof *s->near);
     pvx_unreserve(s->piece, s->n_max * sizeof *s->piece);
@@ -146,6 +148,11 @@ struct residual {
     float *r, *wr;
     float scale[4];
 };
+/* Weight of row i in lane l. */
+static inline float weight_of(const struct rec_job *j, size_t i, size_t l)
+{
+    return j->w4 == NULL ? j->w[i] : j->w4[i * 4 + l];
+}
 /* r, wr at one value; what it adds to r'Wr. */
 static inline double set_residual(struct residual *t, size_t at, float w, float r)
 {
@@ -164,7 +171,8 @@ static void residual_chunk(void *ctx, size_t k)
     rec_forward_range(a, t->x, i0, i1, t->r);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++)
         for (size_t l = 0; l < cs; l++)
-            s[l] += set_residual(t, i * cs + l, t->j->w[i], t->r[i * cs + l] - t->j->b[i * cs + l]);
+            s[l] += set_residual(t, i * cs + l, weight_of(t->j, i, l),
+                                 t->r[i * cs + l] - t->j->b[i * cs + l]);
     memcpy(t->j->s->part[k][0], s, sizeof s);
 }
 void rec_job_residual(struct rec_job *j, const float *x, float *r, float *wr, double out[4])
@@ -187,7 +195,8 @@ static void fit_chunk(void *ctx, size_t k)
     rec_chunk_range(a->rows, k, &i0, &i1);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++)
         for (size_t l = 0; l < cs; l++) {
-            double b = t->j->b[i * cs + l], ax = (double)t->r[i * cs + l] + b, w = t->j->w[i];
+            double b = t->j->b[i * cs + l], ax = (double)t->r[i * cs + l] + b;
+            double w = weight_of(t->j, i, l);
             fit[l] += w * ax * b;
             size[l] += w * ax * ax;
         }
@@ -213,7 +222,7 @@ static void scale_task(void *ctx, size_t i)
     for (size_t k = (size_t)i0; k < (size_t)i1; k++)
         for (size_t l = 0; l < cs; l++) {
             float b = t->j->b[k * cs + l], r = t->scale[l] * (t->r[k * cs + l] + b) - b;
-            s[l] += set_residual(t, k * cs + l, t->j->w[k], r);
+            s[l] += set_residual(t, k * cs + l, weight_of(t->j, k, l), r);
         }
     memcpy(t->j->s->part[i][0], s, sizeof s);
 }
@@ -245,7 +254,7 @@ static void zero_chunk(void *ctx, size_t k)
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++)
         for (size_t l = 0; l < cs; l++)
-            s[l] += set_residual(t, i * cs + l, t->j->w[i], -t->j->b[i * cs + l]);
+            s[l] += set_residual(t, i * cs + l, weight_of(t->j, i, l), -t->j->b[i * cs + l]);
     memcpy(t->j->s->part[k][0], s, sizeof s);
 }
 
@@ -262,6 +271,25 @@ void rec_job_start(struct rec_job *j, double out[4])
     }
 }
 
+/* Weight of A's row i from the image's: that of all channels, or of each and the most of them. */
+static float take_weight(struct rec_job *j, size_t i, double measured[4], double sum[4])
+{
+    size_t ray = j->a->ray[i];
+    if (j->w4 == NULL)
+        return j->image_weight[ray];
+    const float *w = j->image_weight + ray * 4;
+    float most = 0;
+    for (size_t l = 0; l < 3; l++) {
+        j->s->weight4[i * 4 + l] = w[l];
+        measured[l] += w[l] > 0;
+        sum[l] += (double)w[l];
+        most = w[l] > most ? w[l] : most;
+    }
+    j->s->weight4[i * 4 + 3] = 0;
+    sum[3] += (double)most;
+    return most;
+}
+
 /* b and w on A's rows, ||W^(1/2) b||^2, the number of measured rows, sum of w b per lane. */
 static void prepare_chunk(void *ctx, size_t k)
 {
@@ -270,18 +298,18 @@ static void prepare_chunk(void *ctx, size_t k)
     const struct rec_subsys *a = j->a;
     size_t cs = (size_t)a->cs;
     int32_t i0, i1;
-    double norm = 0, rows = 0, ones = 0, light[4] = {0};
+    double norm = 0, rows = 0, ones = 0, light[4] = {0}, measured[4] = {0}, sum[4] = {0};
     rec_chunk_range(a->rows, k, &i0, &i1);
     for (int32_t i = i0; i < i1; i++) {
-        float w = j->image_weight[a->ray[i]];
+        float w = take_weight(j, (size_t)i, measured, sum);
         s->weight[i] = w;
         rows += w > 0;
         ones += w == 1;
         for (size_t l = 0; l < cs; l++) {
-            float b = j->image[(size_t)a->ray[i] * cs + l];
+            float b = j->image[(size_t)a->ray[i] * cs + l], wl = weight_of(j, (size_t)i, l);
             s->b[(size_t)i * cs + l] = b;
-            norm += (double)w * b * b;
-            light[l] += (double)w * b;
+            norm += (double)wl * b * b;
+            light[l] += (double)wl * b;
         }
     }
     memset(s->part[k][0], 0, sizeof s->part[k][0]);
@@ -289,22 +317,37 @@ static void prepare_chunk(void *ctx, size_t k)
     s->part[k][0][1] = rows;
     s->part[k][0][2] = ones;
     memcpy(s->part[k][1], light, sizeof light);
+    memcpy(s->part[k][2], measured, sizeof measured);
+    memcpy(s->part[k][3], sum, sizeof sum);
 }
 
 /* Fill j's right-hand side; false: there is nothing to solve. */
 static bool prepare(struct rec_job *j)
 {
     size_t rows = rec_job_row_chunks(j);
-    double sum[4];
+    double sum[4], weight[4];
+    j->w4 = j->p->lanes ? j->s->weight4 : NULL;
     pvx_pool_run(j->a->pool, rows, prepare_chunk, j);
     rec_job_sum(j, 0, rows, 0, sum);
     rec_job_sum(j, 0, rows, 1, j->light);
+    rec_job_sum(j, 0, rows, 2, j->measured);
+    rec_job_sum(j, 0, rows, 3, weight);
     j->b_norm2 = sum[0];
     j->m = sum[1] * j->s->nch;
     j->whole = sum[2] == j->a->rows;
+    for (int l = 0; l < 4; l++)
+        j->share[l] = 1;
+    if (j->w4 != NULL) {
+        j->m = rec_lanes_total(j->measured);
+        for (int l = 0; l < 4 && weight[3] > 0; l++)
+            j->share[l] = l < 3 ? weight[l] / weight[3] : 1;
+    }
     j->s->b_norm2 = j->b_norm2;
     j->s->m = j->m;
     j->s->whole = j->whole;
+    j->s->lanes = j->w4 != NULL;
+    memcpy(j->s->measured, j->measured, sizeof j->measured);
+    memcpy(j->s->share, j->share, sizeof j->share);
     return j->a->n > 0 && j->a->nnz > 0 && j->m > 0 && j->b_norm2 > 0;
 }
 
@@ -314,6 +357,9 @@ static void take_back(struct rec_job *j)
     j->b_norm2 = j->s->b_norm2;
     j->m = j->s->m;
     j->whole = j->s->whole;
+    j->w4 = j->s->lanes ? j->s->weight4 : NULL;
+    memcpy(j->measured, j->s->measured, sizeof j->measured);
+    memcpy(j->share, j->s->share, sizeof j->share);
     j->have_diag = true;
 }
 
@@ -341,6 +387,7 @@ double rec_solve_fit(rec_solver *s, const struct rec_subsys *a, bool scale, floa
 {
     struct rec_job j = {.s = s, .a = a, .b = s->b, .w = s->weight, .x = x};
     double sum[4];
+    take_back(&j);
     if (scale)
         scale_start(&j);
     rec_job_start(&j, sum);
@@ -361,6 +408,8 @@ pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b, con
         if (m == NULL)
             return PVX_EINVAL;
     }
+    if (p->lanes && (m != &methods[0] || s->nch != 3))
+        return PVX_EUNSUP;
     int64_t start = pvx_now_mono();
     out->solver = m->name;
     struct rec_job j = {.s = s,

@@ -36,7 +36,8 @@ struct rec_solve_params {
     const double *weight; /* [4] absolute weight of the smoothness term per lane, instead of lambda;
                              NULL = none given */
     bool prepared;        /* rec_solve_weight was called last, for the same system and `weight` */
-    bool good_start;      /* x fits b already, as a coarser solution does: it is not scaled */
+    bool lanes; /* w is [rowspace][4]: a row measures some channels only, b is 0 in the others */
+    bool good_start; /* x fits b already, as a coarser solution does: it is not scaled */
 };
 #define REC_SOLVE_DEFAULTS                                                                       \
     {                                                                                            \
@@ -84,10 +85,11 @@ void rec_solve_weight_for_misfit(const double noise2[4], const double misfit2[4]
  * per lane to the least of it first. */
 double rec_solve_fit(rec_solver *s, const struct rec_subsys *a, bool scale, float *x);
 
-/* b [rowspace][cs], w [rowspace] (0..1; 0 = row is left out), sigma = noise of b (full-scale units;
+/* b [rowspace][cs], w [rowspace] or with p->lanes [rowspace][4] (0..1; 0 = row is left out; only for
+ * "pcg" and three channels), sigma = noise of b (full-scale units;
  * 0 = none, < 0 = unknown).  x [n][cs]: in: start (zero, or a warm start >= 0), out: result.
  * trace: called after each iteration with the current iterate (for tests and benches), or NULL.
- * Errors: PVX_EINVAL (unknown solver); non-finite input is the caller's bug (photo.h cleans it). */
+ * Errors: PVX_EINVAL (unknown solver), PVX_EUNSUP (lanes with another than pcg or one channel); non-finite input is the caller's bug (photo.h cleans it). */
 typedef void (*rec_trace_fn)(void *ctx, uint32_t iteration, const float *x, double objective,
                              double residual_norm);
 PVX_MUST_CHECK pvx_err rec_solve(rec_solver *s, const struct rec_subsys *a, const float *b,

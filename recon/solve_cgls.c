@@ -34,8 +34,8 @@ static void forward_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     double *out = t->j->s->part[k][S_SIZE];
-    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, t->d, t->q, out)
-                     : rec_rows_product(t->j, k, 1, t->d, t->q, out);
+    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, false, t->d, t->q, out)
+                     : rec_rows_product(t->j, k, 1, false, t->d, t->q, out);
 }
 
 /* r = p, which is 0 + 1 p; W r. */
@@ -48,8 +48,8 @@ static void start_chunk(void *ctx, size_t k)
     int32_t i0, i1;
     rec_chunk_range(t->j->a->rows, k, &i0, &i1);
     memset(t->r + (size_t)i0 * cs, 0, (size_t)(i1 - i0) * cs * sizeof *t->r);
-    cs == 4 ? rec_rows_step(t->j, k, 4, one, t->r, t->j->b, t->wr, out)
-            : rec_rows_step(t->j, k, 1, one, t->r, t->j->b, t->wr, out);
+    cs == 4 ? rec_rows_step(t->j, k, 4, false, one, t->r, t->j->b, t->wr, out)
+            : rec_rows_step(t->j, k, 1, false, one, t->r, t->j->b, t->wr, out);
 }
 
 REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
@@ -73,8 +73,8 @@ static void update_task(void *ctx, size_t i)
     if (i >= rows)
         cs == 4 ? step(t, i - rows, 4) : step(t, i - rows, 1);
     else
-        cs == 4 ? rec_rows_step(t->j, i, 4, back, t->r, t->q, t->wr, out)
-                : rec_rows_step(t->j, i, 1, back, t->r, t->q, t->wr, out);
+        cs == 4 ? rec_rows_step(t->j, i, 4, false, back, t->r, t->q, t->wr, out)
+                : rec_rows_step(t->j, i, 1, false, back, t->r, t->q, t->wr, out);
 }
 
 REC_INLINE void adjoint(struct cgls *t, size_t k, size_t cs)

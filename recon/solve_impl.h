@@ -23,22 +23,24 @@ struct rec_solver {
     float *xv[N_XVEC];                       /* [n_max][cs] */
     float *yv[N_YVEC];                       /* [rows_max][cs] */
     float *b;                                /* [rows_max][cs] b on A's rows */
-    float *weight;                           /* [rows_max] w on A's rows */
+    float *weight;                           /* [rows_max] w on A's rows; the most over channels */
+    float *weight4;                          /* [rows_max][4] with lanes: of each channel */
     float *diag;                             /* [n_max] */
     struct rec_near *near;                   /* [n_max] */
     struct rec_stiff *stiff;                 /* [n_max] */
     uint32_t (*piece)[REC_OSEM_SUBSETS + 1]; /* [n_max] where the subsets' entries start (osem) */
     int32_t *clipped; /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
-    bool whole;                            /* as m */
-    double b_norm2, m;                     /* of the last rec_solve_weight */
-    double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
+    bool whole, lanes;                        /* as m */
+    double b_norm2, m, measured[4], share[4]; /* of the last rec_solve_weight */
+    double part[2 * REC_MAX_CHUNKS][4][4];    /* partial sums of a pass: task, sum, lane */
 };
 
 struct rec_job {
     rec_solver *s;
     const struct rec_subsys *a;
     const float *b, *w;                /* on A's rows */
+    const float *w4;                   /* [rows][4], or NULL: every channel has w */
     const float *image, *image_weight; /* the same on all rows of S */
     const float *diag;                 /* diagonal of A'WA, once rec_job_lambda was there */
     bool have_diag;                    /* s->diag is filled */
@@ -55,6 +57,9 @@ struct rec_job {
     double b_norm2;  /* || W^(1/2) b ||^2 over A's rows, all channels */
     double light[4]; /* sum of b over A's rows with weight */
     double m;        /* measured values: rows with weight > 0, times channels */
+    /* with w4, else m / nch and 1: rows that a channel was measured in; its weight over that of w, which
+     * is what its diagonal of A'WA is over `diag`, nearly */
+    double measured[4], share[4];
 };
 
 /* One method: fills x and of the report status, iterations, best, objective, lambda, and residual_norm
@@ -84,9 +89,15 @@ static inline double rec_lanes_total(const double v[4])
     return v[0] + v[1] + v[2] + v[3];
 }
 
+/* Weight of row i; `lanes` is a constant: j->w4 is there. */
+REC_INLINE rec_f4 rec_job_weight(const struct rec_job *j, size_t i, bool lanes)
+{
+    return lanes ? rec_ld(j->w4, i, 4) : rec_splat(j->w[i]);
+}
+
 /* q = A d on one chunk of rows; out = q'W q per lane. */
-REC_INLINE void rec_rows_product(const struct rec_job *j, size_t k, size_t cs, const float *d,
-                                 float *q, double out[4])
+REC_INLINE void rec_rows_product(const struct rec_job *j, size_t k, size_t cs, bool lanes,
+                                 const float *d, float *q, double out[4])
 {
     int32_t i0, i1;
     rec_d4 sum = {0};
@@ -94,20 +105,21 @@ REC_INLINE void rec_rows_product(const struct rec_job *j, size_t k, size_t cs, c
     rec_forward_range(j->a, d, i0, i1, q);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
         rec_f4 v = rec_ld(q, i, cs);
-        rec_add_product(&sum, rec_splat(j->w[i]) * v, v);
+        rec_add_product(&sum, rec_job_weight(j, i, lanes) * v, v);
     }
     rec_put(out, &sum);
 }
 /* r += alpha q, wr = W r on one chunk of rows; out = r'W r per lane.  wr may be q. */
-REC_INLINE void rec_rows_step(const struct rec_job *j, size_t k, size_t cs, const double alpha[4],
-                              float *r, const float *q, float *wr, double out[4])
+REC_INLINE void rec_rows_step(const struct rec_job *j, size_t k, size_t cs, bool lanes,
+                              const double alpha[4], float *r, const float *q, float *wr,
+                              double out[4])
 {
     int32_t i0, i1;
     rec_f4 by = rec_coef(alpha);
     rec_d4 sum = {0};
     rec_chunk_range(j->a->rows, k, &i0, &i1);
     for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 v = rec_ld(r, i, cs) + by * rec_ld(q, i, cs), wv = rec_splat(j->w[i]) * v;
+        rec_f4 v = rec_ld(r, i, cs) + by * rec_ld(q, i, cs), wv = rec_job_weight(j, i, lanes) * v;
         rec_st(r, i, cs, v);
         rec_st(wr, i, cs, wv);
         rec_add_product(&sum, wv, v);

@@ -55,8 +55,8 @@ static void forward_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
     double *out = t->j->s->part[k][S_SIZE];
-    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, t->s, t->q, out)
-                     : rec_rows_product(t->j, k, 1, t->s, t->q, out);
+    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, false, t->s, t->q, out)
+                     : rec_rows_product(t->j, k, 1, false, t->s, t->q, out);
 }
 
 REC_INLINE void update_columns(struct mrnsd *t, size_t k, size_t cs)
@@ -77,8 +77,8 @@ static void update_task(void *ctx, size_t i)
     if (i >= rows)
         cs == 4 ? update_columns(t, i - rows, 4) : update_columns(t, i - rows, 1);
     else
-        cs == 4 ? rec_rows_step(t->j, i, 4, t->alpha, t->r, t->q, t->wr, out)
-                : rec_rows_step(t->j, i, 1, t->alpha, t->r, t->q, t->wr, out);
+        cs == 4 ? rec_rows_step(t->j, i, 4, false, t->alpha, t->r, t->q, t->wr, out)
+                : rec_rows_step(t->j, i, 1, false, t->alpha, t->r, t->q, t->wr, out);
 }
 
 /* (2) for every lane; false: none can move. */

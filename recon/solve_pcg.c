@@ -292,5 +292,7 @@ void rec_solve_pcg(struct rec_job *j)
     j->out->residual_norm = sqrt(rec_lanes_total(rwr));
     j->out->solution_norm = sqrt(rec_lanes_total(norm2));
     for (int l = 0; l < s->nch; l++)
-        j->out->misfit2[l] = rwr[l] * s->nch / j->m;
+        j->out->misfit2[l] = j->w4 == NULL        ? rwr[l] * s->nch / j->m
+                             : j->measured[l] > 0 ? rwr[l] / j->measured[l]
+                                                  : 0;
 }

@@ -16,7 +16,7 @@ static void near_chunk(void *ctx, size_t k)
 REC_INLINE rec_f4 inverse_diagonal(const struct rec_pcg *t, size_t i, rec_f4 lambda)
 {
     float smooth = t->stiff[i].by * t->smooth.diag2[t->smooth.near[i].have];
-    rec_f4 h = rec_splat(t->j->diag[i]) + lambda * rec_splat(smooth);
+    rec_f4 h = rec_coef(t->j->share) * rec_splat(t->j->diag[i]) + lambda * rec_splat(smooth);
     return rec_select(h > 0, rec_splat(1) / h, (rec_f4){0});
 }
 
@@ -64,8 +64,9 @@ static void curvature_task(void *ctx, size_t i)
     size_t rows = rec_job_row_chunks(t->j);
     double *out = t->j->s->part[i][S_A];
     if (i < rows)
-        t->j->a->cs == 4 ? rec_rows_product(t->j, i, 4, t->d, t->q, out)
-                         : rec_rows_product(t->j, i, 1, t->d, t->q, out);
+        t->j->w4 != NULL   ? rec_rows_product(t->j, i, 4, true, t->d, t->q, out)
+        : t->j->a->cs == 4 ? rec_rows_product(t->j, i, 4, false, t->d, t->q, out)
+                           : rec_rows_product(t->j, i, 1, false, t->d, t->q, out);
     else
         FOR_LANES(t, second_differences, t, t->d, t->ld, i - rows, out);
 }
@@ -143,8 +144,9 @@ static void residual_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
     double *out = t->j->s->part[k][S_A];
-    t->j->a->cs == 4 ? rec_rows_step(t->j, k, 4, t->alpha, t->r, t->q, t->q, out)
-                     : rec_rows_step(t->j, k, 1, t->alpha, t->r, t->q, t->q, out);
+    t->j->w4 != NULL   ? rec_rows_step(t->j, k, 4, true, t->alpha, t->r, t->q, t->q, out)
+    : t->j->a->cs == 4 ? rec_rows_step(t->j, k, 4, false, t->alpha, t->r, t->q, t->q, out)
+                       : rec_rows_step(t->j, k, 1, false, t->alpha, t->r, t->q, t->q, out);
 }
 
 static void lx_chunk(void *ctx, size_t k)

@@ -18,7 +18,7 @@ static bool start(const struct scene *s, rec_frame *f, int64_t deadline, float *
     rec_kernels_init(&k, 0);
     T_EQ_I(rec_levels_new(s->S, &k, s->pool, 3, &l), PVX_OK);
     T_EQ_I(rec_solver_new(s->S, 3, &solver), PVX_OK);
-    rec_levels_restrict(l, a, rec_frame_rhs(f), rec_frame_weight(f));
+    rec_levels_restrict(l, a, rec_frame_rhs(f), rec_frame_weight(f), false);
     bool any = rec_solve_weight(solver, a, rec_frame_rhs(f), rec_frame_weight(f), 0.01,
                                 &rec_solve_defaults, weight, noise2);
     if (any)
