@@ -148,6 +148,13 @@ const uint8_t *cap_pixfmt_bayer(enum cap_pixfmt f)
     return f >= CAP_BAYER_RG8 && f <= CAP_BAYER_BG12CSI ? cell[(f - CAP_BAYER_RG8) % 4] : NULL;
 }
 
+bool cap_pixfmt_fits(enum cap_pixfmt have, enum cap_pixfmt want)
+{
+    bool single = cap_pixfmt_bayer(want) != NULL || cap_pixfmt_channels(want) == 1;
+    return have == want || (single && cap_pixfmt_layout(have) == cap_pixfmt_layout(want) &&
+                            (have == CAP_GREY8 || have == CAP_GREY16));
+}
+
 size_t cap_pixfmt_row(enum cap_pixfmt f, int32_t width)
 {
     size_t w = width > 0 ? (size_t)width : 0;

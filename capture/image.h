@@ -13,6 +13,7 @@
  * Rows begin at a byte; img.stride >= cap_pixfmt_row. */
 #ifndef CAP_IMAGE_H
 #define CAP_IMAGE_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -90,6 +91,7 @@ struct cap_image {
 const char *cap_pixfmt_name(enum cap_pixfmt f); /* "Mono8" "RGB8" "BayerRG12p" "JPEG" ... */
 /* CAP_FMT_NONE when unknown.  Also "YUYV" "UYVY" "GREY" "MJPG", as V4L2 calls them. */
 enum cap_pixfmt cap_pixfmt_parse(const char *name);
+#define CAP_PIXFMT_NAMES_MAX 600
 /* All names in one line, those of Bayer formats once for their four orders; returns its length. */
 size_t cap_pixfmt_names(char *out, size_t size);
 uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f); /* GenICam's 32-bit code; 0 = has none */
@@ -99,6 +101,9 @@ int cap_pixfmt_channels(enum cap_pixfmt f); /* 1 or 3: channels of the scene (Ba
 enum cap_layout cap_pixfmt_layout(enum cap_pixfmt f);
 /* Colour (0 R, 1 G, 2 B) of each pixel of a Bayer format's 2x2 cell, row by row; else NULL. */
 const uint8_t *cap_pixfmt_bayer(enum cap_pixfmt f);
+/* Whether an image whose file says `have` can be taken for `want`: a recorded sensor image is grey in its
+ * file, which knows neither the filter nor how many of 16 bits are used. */
+bool cap_pixfmt_fits(enum cap_pixfmt have, enum cap_pixfmt want);
 /* Bytes of a row of `width` pixels without padding; 0 for NONE and JPEG. */
 size_t cap_pixfmt_row(enum cap_pixfmt f, int32_t width);
 /* Bytes that an image may take: its rows; JPEG: 3 bytes per pixel and 4 KiB. */

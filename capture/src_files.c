@@ -196,19 +196,10 @@ static bool sleep_until(struct files *s, int64_t t)
     return go;
 }
 
-/* A recorded sensor image is grey in its file; only the configuration knows its filter, and how many of
- * 16 bits are used. */
-static bool format_fits(enum cap_pixfmt have, enum cap_pixfmt want)
-{
-    bool single = cap_pixfmt_bayer(want) != NULL || cap_pixfmt_channels(want) == 1;
-    return have == want || (single && cap_pixfmt_layout(have) == cap_pixfmt_layout(want) &&
-                            (have == CAP_GREY8 || have == CAP_GREY16));
-}
-
 static bool image_fits(struct files *s, const struct cap_image *img, const char *path)
 {
     bool size = img->width == s->width && img->height == s->height;
-    if (size && format_fits(img->fmt, s->fmt))
+    if (size && cap_pixfmt_fits(img->fmt, s->fmt))
         return true;
     count(s, size ? CAP_BAD_FORMAT : CAP_BAD_SIZE, 1);
     if (!s->said_unfit)

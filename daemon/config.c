@@ -11,8 +11,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 
-#define MAX_BYTES       (1u << 20)
-#define DMN_FORMATS_MAX 600 /* the names of all pixel formats */
+#define MAX_BYTES (1u << 20)
 
 static void *member(struct dmn_config *c, const struct dmn_option *o)
 {
@@ -53,7 +52,7 @@ static pvx_err set_choice(const pvx_yaml *y, int node, const struct dmn_option *
 static pvx_err set_format(const pvx_yaml *y, int node, const struct dmn_option *o, int *out,
                           struct pvx_diag *d)
 {
-    char names[DMN_FORMATS_MAX];
+    char names[CAP_PIXFMT_NAMES_MAX];
     bool scalar = pvx_yaml_kind(y, node) == PVX_YAML_SCALAR;
     const char *word = scalar ? pvx_yaml_text(y, node) : "";
     *out = (int)cap_pixfmt_parse(word);
@@ -525,6 +524,18 @@ int dmn_config_channels(const struct dmn_config *c)
         return c->channels == 1 ? 1 : 3;
     enum cap_pixfmt f = dmn_config_pixfmt(c);
     return f == CAP_FMT_NONE ? 3 : cap_pixfmt_channels(f);
+}
+
+pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out, struct pvx_diag *d)
+{
+    bool can = rec_solver_is_default(rec_solver_names()[c->solver]) && dmn_config_channels(c) == 3;
+    *out = can && c->bayer != 2 ? CAP_MOSAIC_RAYS : CAP_MOSAIC_DEMOSAIC;
+    if (c->bayer == 1 && !can)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: bayer: rays needs solver.name: %s and three channels; say auto or "
+                        "demosaic",
+                        c->name, rec_solver_names()[0]);
+    return PVX_OK;
 }
 
 /* Files of floating-point numbers are linear radiance without a ceiling. */

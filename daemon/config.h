@@ -13,6 +13,7 @@
 #include <stdint.h>
 #include "base/err.h"
 #include "capture/frameset.h"
+#include "capture/pixfmt.h"
 #include "daemon/options.h"
 #include "recon/frame.h"
 #include "recon/rig.h"
@@ -32,6 +33,7 @@ struct dmn_config {
     double fps;
     int pixel_format; /* enum cap_pixfmt */
     int transfer;     /* enum cap_transfer */
+    int bayer;        /* 0 auto, 1 rays, 2 demosaic */
     int trigger;      /* enum cap_trigger */
     char trigger_line[DMN_WORD_MAX];
     int ptp;
@@ -107,6 +109,10 @@ PVX_MUST_CHECK pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig
 enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c);
 /* Channels that are reconstructed, 1 or 3. */
 int dmn_config_channels(const struct dmn_config *c);
+/* What becomes of Bayer pixels where nothing is binned.  PVX_EINVAL: rays are asked for, and the solver or
+ * the channels cannot have them. */
+PVX_MUST_CHECK pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out,
+                                         struct pvx_diag *d);
 /* What recon is asked to do with each frame set. */
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
 /* Solver's time limit after the arrival of the set's last frame, ns; 0 = none. */

@@ -18,7 +18,7 @@ struct dmn_images_params {
     int nch;
     enum cap_pixfmt fmt; /* what the cameras are asked for; NONE = any, JPEG too */
     enum cap_transfer transfer;
-    enum cap_mosaic mosaic;
+    enum cap_mosaic mosaic; /* of Bayer images when S has binning 1 */
 };
 
 /* Errors: PVX_ENOMEM, PVX_EINVAL (camera too large for a JPEG). */

@@ -52,6 +52,10 @@ const struct dmn_option dmn_options[] = {
      "10Packed 12Packed 10csi 12csi, BayerRG, BayerGR, BayerGB and BayerBG likewise, RGB8, BGR8, "
      "RGB16, YUV422_8 (YUYV), YUV422_8_UYVY (UYVY), JPEG (MJPG), Mono32f, RGB32f. Grey files are "
      "read as Bayer images when this names a Bayer format of their depth."},
+    CHOICE("bayer", bayer, "auto", "auto|rays|demosaic",
+           "Bayer pixels at binning 1. rays: each is a ray of its own colour, nothing is "
+           "interpolated; demosaic: the missing colours are interpolated, which blurs; auto = rays "
+           "where the solver can (pcg, three channels)."),
     CHOICE("transfer", transfer, "auto", "auto|linear|srgb|bt709",
            "How samples stand for light. auto = linear for grey, RGB and Bayer, files and videos "
            "too; what the camera says, else sRGB, for YUV and JPEG."),

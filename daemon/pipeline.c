@@ -430,6 +430,8 @@ static pvx_err matrix_open(dmn_pipeline *p, rec_progress_fn progress, void *ctx,
 static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struct pvx_diag *d)
 {
     const struct dmn_config *c = &p->cfg;
+    enum cap_mosaic mosaic;
+    PVX_TRY(dmn_config_mosaic(c, &mosaic, d));
     PVX_TRY(dmn_config_rig(c, &p->rig, d));
     p->period_ns = (int64_t)(1 / c->fps * (double)PVX_NS_PER_S);
     p->deadline_ns = dmn_config_deadline(c);
@@ -444,6 +446,7 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
     PVX_TRY(matrix_open(p, progress, ctx, d));
     struct dmn_images_params ip = {
         .nch = p->nch, .fmt = dmn_config_pixfmt(c), .transfer = (enum cap_transfer)c->transfer};
+    PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, p->S, &p->rig, p->pool, &p->images, d));
     return slots_new(p, d);
 }

@@ -44,6 +44,8 @@ REC_INLINE bool mean2x2(const struct rec_job *j, size_t at, size_t bw, size_t cs
             rec_f4 w = rec_ld(j->image_weight, r[i], 4);
             s += w * rec_ld(j->image, r[i], 4);
             weight += w;
+            if (!rec_any(w > 0))
+                return false;
         }
         *out = s / weight;
         return rec_all(weight > 0);
@@ -112,7 +114,7 @@ static void automatic(const struct rec_job *j, double mean_diag, double chord, d
     rec_job_sum(j, 0, chunks, 2, count);
     for (int l = 0; l < 4; l++) {
         double rel = UNKNOWN, density = j->share[l] * mean_diag / (h * h);
-        double mean = j->light[l] / (j->w4 == NULL ? rows : fmax(j->measured[l], 1));
+        double mean = j->light[l] / (j->share[l] * rows);
         double in_mean = s2 / fmin(j->share[l], 1); /* four times the variance of a mean of 2x2 */
         if (j->sigma >= 0 && mean > 0 && count[0] > 0) {
             /* the mean of 2x2 has noise sigma/2, one difference twice its variance, (4v-...) 20

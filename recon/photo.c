@@ -263,6 +263,8 @@ REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const uint8
         if (background != NULL)
             v -= rec_ld(background, i, cs);
         v = scale * v;
+        if (cell != NULL) /* a background's other channels */
+            v = rec_select(lanes, v, zero);
         bool bad = !rec_all((v <= limit1) & (v >= -limit1)); /* NaN too */
         v = rec_select(bad ? none : lanes, v, zero);
         rec_st(img, i, cs, v);

@@ -64,6 +64,7 @@ static void load_camera(struct job *j, struct slot *s, size_t c)
     s->have[c] = got == FRAMES_LOADED;
     s->present += s->have[c];
     rec_frame_present(s->frame, c, s->have[c]);
+    rec_frame_mosaic(s->frame, c, frames_in_cell(&j->in));
 }
 
 static void *reader(void *arg)
@@ -258,7 +259,9 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
             "--min-views %u: that many cameras must see a voxel, but there are only %zu",
             j->params.hull.min_views, j->rig.n_cameras);
     j->whole = j->rig.grid;
-    PVX_TRY(frames_in_scan(&j->in, &j->rig, o->frames, o->first, o->last, o->grey, d));
+    struct frames_in_reading how = o->reading;
+    how.mosaic = CAP_MOSAIC_DEMOSAIC; /* until the volume is fitted */
+    PVX_TRY(frames_in_scan(&j->in, &j->rig, o->frames, o->first, o->last, o->grey, &how, d));
     j->params.nch = j->in.nch;
     if (!j->in.full_scale) /* floats have no full scale to run into */
         j->params.photo.saturation = 1e30F;
@@ -279,6 +282,7 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
     PVX_TRY(rec_sysmat_open(&j->rig, &o->rig.matrix, o->cache, j->pool,
                             o->quiet ? NULL : cli_progress, &bar, &j->S, NULL, d));
     j->in.binning = j->S->binning;
+    j->in.how.mosaic = o->reading.mosaic;
     PVX_TRY(pvx_queue_new(SLOTS, &j->empty));
     PVX_TRY(pvx_queue_new(SLOTS, &j->full));
     for (int i = 0; i < SLOTS; i++) {

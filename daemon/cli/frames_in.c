@@ -15,6 +15,25 @@ static bool path_of(const struct frames_in *f, size_t i, size_t c, char path[PAT
     return dmn_framedir_path(&f->dir, f->rig, f->set[i], c, path, PATH_ROOM);
 }
 
+/* The file's image as the user says it is to be read. */
+static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_image *img,
+                       struct pvx_diag *d)
+{
+    if (f->how.fmt == CAP_FMT_NONE)
+        return PVX_OK;
+    if (!cap_pixfmt_fits(img->fmt, f->how.fmt))
+        return pvx_fail(d, PVX_EINVAL, "%s: a %s image cannot be read as %s", path,
+                        cap_pixfmt_name(img->fmt), cap_pixfmt_name(f->how.fmt));
+    img->fmt = f->how.fmt;
+    return PVX_OK;
+}
+
+const uint8_t *frames_in_cell(const struct frames_in *f)
+{
+    bool rays = f->how.mosaic == CAP_MOSAIC_RAYS && f->nch == 3 && f->binning == 1;
+    return rays ? cap_pixfmt_bayer(f->how.fmt) : NULL;
+}
+
 /* Channels and the meaning of 1.0 come from the first image that can be read. */
 static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 {
@@ -27,6 +46,8 @@ static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
             if (!path_of(f, i, c, path))
                 continue;
             pvx_err e = cap_image_load(path, &l, &first);
+            if (e == PVX_OK && (e = read_as(f, path, &l.img, &first)) != PVX_OK)
+                cap_loaded_free(&l);
             if (e != PVX_OK) {
                 bad = bad == PVX_ENOENT ? e : bad;
                 continue;
@@ -40,9 +61,10 @@ static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 }
 
 pvx_err frames_in_scan(struct frames_in *f, const struct rec_rig *rig, const char *dir,
-                       uint32_t first, uint32_t last, bool grey, struct pvx_diag *d)
+                       uint32_t first, uint32_t last, bool grey,
+                       const struct frames_in_reading *how, struct pvx_diag *d)
 {
-    *f = (struct frames_in){.rig = rig, .binning = 1};
+    *f = (struct frames_in){.rig = rig, .binning = 1, .how = *how};
     PVX_TRY(dmn_framedir_scan(dir, rig, &f->dir, d));
     f->set = pvx_calloc(f->dir.n_frames, sizeof *f->set);
     if (f->set == NULL) {
@@ -74,13 +96,15 @@ static pvx_err load_binned(const struct frames_in *f, const char *path, size_t c
     const struct rec_camera *cam = &f->rig->cameras[c];
     struct cap_loaded l;
     PVX_TRY(cap_image_load(path, &l, d));
-    pvx_err e;
+    const struct cap_convert_params p = {
+        .binning = f->binning, .nch = f->nch, .transfer = f->how.transfer, .mosaic = f->how.mosaic};
+    pvx_err e = read_as(f, path, &l.img, d);
     int64_t t0 = pvx_now_mono();
-    if (l.img.width != cam->width || l.img.height != cam->height)
+    if (e == PVX_OK && (l.img.width != cam->width || l.img.height != cam->height))
         e = pvx_fail(d, PVX_EINVAL, "%s: is %dx%d, but the rig says camera %s takes %dx%d", path,
                      l.img.width, l.img.height, cam->name, cam->width, cam->height);
-    else if ((e = cap_bin(&l.img, f->binning, f->nch, 0, frames_in_bins(f, cam->height), out)) !=
-             PVX_OK)
+    if (e == PVX_OK &&
+        (e = cap_convert(&l.img, &p, 0, frames_in_bins(f, cam->height), out)) != PVX_OK)
         pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     *bin_ns += pvx_now_mono() - t0;
     cap_loaded_free(&l);

@@ -3,7 +3,15 @@
 #ifndef FRAMES_IN_H
 #define FRAMES_IN_H
 #include "capture/imgio.h"
+#include "capture/pixfmt.h"
 #include "daemon/framedir.h"
+
+/* What the files do not say. */
+struct frames_in_reading {
+    enum cap_pixfmt fmt; /* what grey files are taken for (cap_pixfmt_fits); NONE = grey */
+    enum cap_transfer transfer;
+    enum cap_mosaic mosaic; /* set it to RAYS once all that loads images knows of mosaics */
+};
 
 struct frames_in {
     const struct rec_rig *rig; /* borrowed */
@@ -13,6 +21,7 @@ struct frames_in {
     int nch;         /* 1 or 3 */
     bool full_scale; /* integers: a value of 1 is saturation */
     int32_t binning; /* raw pixels per bin side; set by the caller before loading */
+    struct frames_in_reading how;
 };
 
 /* Look what is there from frame `first` to `last`; channels and full_scale are those of the first
@@ -20,7 +29,7 @@ struct frames_in {
  * Errors: PVX_ENOENT (says what was looked for), the first image's. */
 PVX_MUST_CHECK pvx_err frames_in_scan(struct frames_in *f, const struct rec_rig *rig,
                                       const char *dir, uint32_t first, uint32_t last, bool grey,
-                                      struct pvx_diag *d);
+                                      const struct frames_in_reading *how, struct pvx_diag *d);
 void frames_in_fini(struct frames_in *f);
 
 static inline uint32_t frames_in_number(const struct frames_in *f, size_t i)
@@ -31,6 +40,9 @@ static inline int32_t frames_in_bins(const struct frames_in *f, int32_t pixels)
 {
     return pixels / f->binning;
 }
+
+/* The colours of the pixels that frames_in_load gives, when each has but one (recon/frame.h); else NULL. */
+const uint8_t *frames_in_cell(const struct frames_in *f);
 
 enum frames_in_got { FRAMES_MISSING, FRAMES_LOADED, FRAMES_BAD };
 /* Frame set i of camera c into out [bins down][bins across][1 or 4].  FRAMES_MISSING: there is no

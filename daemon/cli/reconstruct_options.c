@@ -27,6 +27,9 @@ enum {
     OPT_SAVE_HULL,
     OPT_BACKGROUND,
     OPT_GREY,
+    OPT_FORMAT,
+    OPT_TRANSFER,
+    OPT_BAYER,
     OPT_START,
     OPT_WARM,
     OPT_CACHE,
@@ -43,6 +46,17 @@ static const struct argp_option option_table[] = {
     {"first", OPT_FIRST, "N", 0, "first frame number", 0},
     {"last", OPT_LAST, "N", 0, "last frame number", 0},
     {"grey", OPT_GREY, NULL, 0, "solve one channel (colour images: their mean)", 0},
+    {"pixel-format", OPT_FORMAT, "NAME", 0,
+     "what grey images are: BayerRG8 for raw pictures of a colour camera, Mono12 for 12 bits in 16 "
+     "...",
+     0},
+    {"bayer", OPT_BAYER, "auto|rays|demosaic", 0,
+     "Bayer pixels at binning 1: each a ray of its own colour (rays; auto, where the solver can), "
+     "or "
+     "with the missing colours interpolated",
+     0},
+    {"transfer", OPT_TRANSFER, "auto|linear|srgb|bt709", 0,
+     "how samples stand for light (auto: JPEG files srgb, all others linear)", 0},
     {"matrix-cache", OPT_CACHE, "FILE", 0, "where the system matrix is kept (default: user cache)",
      0},
     {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
@@ -185,8 +199,30 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     }
 }
 
+static enum cap_pixfmt format(struct argp_state *st, const char *arg)
+{
+    char names[CAP_PIXFMT_NAMES_MAX];
+    enum cap_pixfmt f = cap_pixfmt_parse(arg);
+    cap_pixfmt_names(names, sizeof names);
+    if (f == CAP_FMT_NONE)
+        argp_error(st, "--pixel-format %s: should be one of %s", arg, names);
+    return f;
+}
+
+/* Rays, unless they cannot be solved for; then it is an error to ask for them. */
+static void choose_mosaic(struct argp_state *st, struct reconstruct_options *o)
+{
+    bool can = rec_solver_is_default(o->frame.solve.solver) && !o->grey;
+    if (o->bayer == 1 && !can)
+        argp_error(st, "--bayer rays needs the solver %s and three channels",
+                   rec_solver_names()[0]);
+    o->reading.mosaic = can && o->bayer != 2 ? CAP_MOSAIC_RAYS : CAP_MOSAIC_DEMOSAIC;
+}
+
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
+    static const char *const transfers[] = {"auto", "linear", "srgb", "bt709", NULL};
+    static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
     struct reconstruct_options *o = st->input;
     double v = 0;
     switch (key) {
@@ -204,6 +240,11 @@ static error_t parse(int key, char *arg, struct argp_state *st)
         o->last = (uint32_t)v;
         return 0;
     case OPT_GREY: o->grey = true; return 0;
+    case OPT_FORMAT: o->reading.fmt = format(st, arg); return 0;
+    case OPT_TRANSFER:
+        o->reading.transfer = (enum cap_transfer)choice(st, "transfer", transfers, arg);
+        return 0;
+    case OPT_BAYER: o->bayer = choice(st, "bayer", bayers, arg); return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case OPT_BACKGROUND: o->background = arg; return 0;
     case OPT_SAVE_HULL: o->save_hull = arg; return 0;
@@ -226,6 +267,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
             argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");
         if (o->fit && o->no_hull)
             argp_error(st, "--fit-volume comes from the hull: it cannot go with --no-hull");
+        choose_mosaic(st, o);
         return 0;
     default: return parse_rest(key, arg, st);
     }
@@ -274,6 +316,9 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
             "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
             "          --last 9 --save-hull hulls\n"
             "      is the calibration good?  Look at the hulls of ten frames\n"
+            "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
+            "          --pixel-format BayerRG8 --binning 1\n"
+            "      raw pictures of colour cameras, each pixel used as it is\n"
             "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
             "          --deadline 100\n"
             "      within 100 ms of solving per frame\n"};

@@ -2,6 +2,7 @@
 #ifndef RECONSTRUCT_OPTIONS_H
 #define RECONSTRUCT_OPTIONS_H
 #include <argp.h>
+#include "cli/frames_in.h"
 #include "cli/opt_rig.h"
 #include "recon/frame.h"
 
@@ -17,6 +18,8 @@ struct reconstruct_options {
     uint32_t first, last;
     double deadline_ms; /* 0 = none */
     bool grey, warm, quiet, no_hull;
+    int bayer; /* 0 auto, 1 rays, 2 demosaic */
+    struct frames_in_reading reading;
 };
 
 /* Exits on wrong usage and on --help. */
