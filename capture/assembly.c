@@ -120,6 +120,8 @@ static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const s
     if (cam->restarted)
         cap_syncwatch_restart(&cap->watch, cam->index);
     cam->restarted = false;
+    cap->watch.camera[cam->index].unsure =
+        !cam->clock.shared && f->t_device_ns != 0 && cam->clock.n < CAP_CLOCK_KNOWN;
     cap_syncwatch_frame(&cap->watch, f);
 }
 

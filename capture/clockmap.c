@@ -7,6 +7,7 @@
 
 #define BUCKET_NS    PVX_NS_PER_S
 #define MAX_DRIFT    500e-6
+#define EARLY_DRIFT  150e-6
 #define MIN_FIT      3                               /* full buckets before a slope is believed */
 #define MOVED_NS     (5.0 * (double)PVX_NS_PER_MS)   /* off the line: not the same line any more */
 #define JUMP_NS      (100.0 * (double)PVX_NS_PER_MS) /* so far off: the camera's clock, surely */
@@ -69,7 +70,8 @@ static void fit(struct cap_clockmap *m)
     while (k < hull - 1 && x[k] < mean)
         k++;
     double slope = x[k] > x[k - 1] ? (y[k] - y[k - 1]) / (x[k] - x[k - 1]) : 0;
-    m->drift = fmin(fmax(slope, -MAX_DRIFT), MAX_DRIFT);
+    double most = m->n < CAP_CLOCK_KNOWN ? EARLY_DRIFT : MAX_DRIFT;
+    m->drift = fmin(fmax(slope, -most), most);
     m->offset_ns = INFINITY; /* clamped or not, the line lies under all of them */
     for (int i = 0; i < hull; i++)
         m->offset_ns = fmin(m->offset_ns, y[i] - m->drift * x[i]);

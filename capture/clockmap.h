@@ -7,9 +7,10 @@
  * fitted to the lower envelope of (arrival - device): of the smallest difference in each bucket of
  * 1 s, the last 64 full buckets, the lower side of the convex hull; the line is its edge over the mean
  * time.  It lies under all of them and as close as a line can (Moon, Skelly, Towsley, INFOCOM 1999,
- * section 3), so frames that come late do not pull it.  Drift is clamped to +-500 ppm; before three
- * buckets are full it is that of the camera's last life, or 0: then the error grows with the drift, 100
- * us per second at 100 ppm.  A difference below the line lowers the line at once.
+ * section 3), so frames that come late do not pull it.  Drift is clamped to +-500 ppm, to +-150 ppm
+ * before 16 buckets are full (a crystal's is below 100; a few seconds of a busy network look like more).
+ * Before three are full it is that of the camera's last life, or 0: then the error grows with the drift,
+ * 100 us per second at 100 ppm.  A difference below the line lowers the line at once.
  * The constant minimum of the delay cannot be seen from one side and stays in the offset: it is
  * common to equal cameras.  Readings of the camera's clock with a bound (cap_clockmap_measure) take it
  * out.
@@ -29,6 +30,7 @@
 #include <stdint.h>
 
 #define CAP_CLOCK_BUCKETS  64
+#define CAP_CLOCK_KNOWN    16 /* full buckets from which on the drift is known well */
 #define CAP_CLOCK_READINGS 16
 struct cap_clockmap {
     bool shared; /* device clock is the host's: identity */

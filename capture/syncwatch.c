@@ -15,7 +15,8 @@
 #define FINEST      400e-6
 #define MIN_WALK    3 /* windows that make a line */
 #define WALK_NS     500e3
-#define RENUMBERED  1000 /* instants: numbers that far off have begun anew */
+#define UNSURE_NS   600e3 /* per s, that the maps of two clocks may be wrong by at first */
+#define RENUMBERED  1000  /* instants: numbers that far off have begun anew */
 #define PI          3.14159265358979323846
 
 void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_params *p,
@@ -130,8 +131,8 @@ void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s)
             disagrees(w, c, by);
             by = 0;
         }
+        k->away = instant - k->last_instant - 1 + (k->doubt != 0 ? k->away : 0);
         k->doubt = sure ? by : 0;
-        k->away = instant - k->last_instant - 1;
         k->last_instant = instant;
     }
 }
@@ -187,6 +188,15 @@ static void take_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
     k->phases++;
 }
 
+/* Some clock's drift is still being learnt: phases may move because of that. */
+static bool unsure(const struct cap_syncwatch *w)
+{
+    for (uint32_t c = 0; c < w->p.cameras; c++)
+        if (w->camera[c].any && w->camera[c].unsure)
+            return true;
+    return false;
+}
+
 /* Straight line through the phases of the windows; true when it is one and leads away. */
 static bool walks(struct cap_syncwatch *w, struct cap_sync_camera *k, double *per_s)
 {
@@ -209,6 +219,8 @@ static bool walks(struct cap_syncwatch *w, struct cap_sync_camera *k, double *pe
     }
     double span = n * (double)w->window_ns * 1e-9, change = fabs(*per_s) * span;
     double least = (double)w->p.period_ns / 20;
+    if (unsure(w) && fabs(*per_s) < UNSURE_NS)
+        return false;
     return n >= MIN_WALK && change > fmax(least, WALK_NS) && change > 6 * sqrt(rest);
 }
 

@@ -20,7 +20,8 @@
  * PHASE_WALK.  The phase moves steadily: line through the last 64 windows, that has changed by more
  * than max(period / 20, 0.5 ms) and by 6 times its own scatter.  So a camera that runs by itself beside
  * triggered ones is found before it is out of step: after 3 s at 1000 ppm and 30 Hz, but only after 33 s
- * at 50 ppm: there is nothing to see earlier.
+ * at 50 ppm: there is nothing to see earlier.  While a clock's drift is being learnt, only what moves by
+ * more than 0.6 ms per second counts.
  *
  * RATE.  Over a window: frames by number against the nominal rate, off by 20 %; or periods by rounded
  * interval, off by 1 %; found after one window.  Over ten windows: rounded intervals against the
@@ -55,6 +56,7 @@ struct cap_syncwatch {
     struct cap_sync_camera {
         /* last frame */
         bool any;
+        bool unsure; /* in: its clock's drift is not known well yet */
         uint64_t id;
         int64_t t_ns, arrival_ns;
         /* numbers against sets */

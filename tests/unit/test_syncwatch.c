@@ -142,6 +142,21 @@ static void a_missed_trigger_is_found_at_once(void)
     T_EQ_I(anything(), 4);
 }
 
+/* One after the other, with one picture between them: still no slip. */
+static void missed_triggers_close_together(void)
+{
+    begin(N, 30);
+    double t = 0;
+    for (int k = 0; k < 10; k++, t += 1 / 30.)
+        set(N, 15, t);
+    for (int k = 0; k < 6; k++, t += 1 / 30.)
+        set(N, k % 2 == 0 ? 15 & ~4u : 15, t);
+    for (int k = 0; k < 10; k++, t += 1 / 30.)
+        set(N, 15, t);
+    T_EQ_I(counts[2][CAP_MISSED_TRIGGER], 3);
+    T_EQ_I(anything(), 3);
+}
+
 static void off_by_one_is_found(void)
 {
     for (uint32_t cameras = 2; cameras <= 8; cameras++)
@@ -287,6 +302,7 @@ int main(void)
 {
     T_RUN(nothing_is_found_where_nothing_is_wrong);
     T_RUN(a_missed_trigger_is_found_at_once);
+    T_RUN(missed_triggers_close_together);
     T_RUN(off_by_one_is_found);
     T_RUN(numbers_may_begin_anew);
     T_RUN(a_camera_out_of_step_is_found_in_a_second);

@@ -1,0 +1,153 @@
+#!/bin/bash
+# The built daemon before four cameras of the real GigE Vision protocol that go wrong one way after the
+# other while it runs: every fault is found, counted by its cause, told once, and over without a restart;
+# cameras are used again after they are back.  What a test cannot do to a host it shares (set its clock,
+# starve its buffers), and a camera in the wrong trigger mode, is in tests/sim/test_faults.c.
+name=055
+. "$(dirname "$0")/lib.sh"
+if ! timeout 60 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+    echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
+fi
+"$py" -c 'import zmq' 2> "$dir/null" || { echo "no python3-zmq"; exit 77; }
+
+# The cameras' clocks count from their start: the daemon has to map them.
+config run.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\ngige: {resend: never, packet_size: 1400}\nphotometry: {black: 0.02}'
+# On a trigger line.
+config line.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\ntrigger: line\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\nphotometry: {black: 0.02}'
+
+cat > "$dir/faults.py" <<'PY'
+import json, sys, time, zmq
+
+control, fifo, log, what = sys.argv[1:5]
+orders = open(fifo, "w")
+ctx = zmq.Context()
+failed = 0
+
+def order(line):
+    orders.write(line + "\n"); orders.flush()
+
+def status():
+    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 3000; s.connect(control)
+    try:
+        s.send(b'{"cmd":"status"}'); return json.loads(s.recv())
+    finally:
+        s.close()
+
+def until(seconds, true):
+    """Seconds until true(status), or None."""
+    t0 = time.monotonic()
+    while time.monotonic() - t0 < seconds:
+        try:
+            if true(status()): return time.monotonic() - t0
+        except (zmq.Again, KeyError, IndexError): pass
+        time.sleep(0.03)
+    return None
+
+def check(text, ok, more=""):
+    global failed
+    failed += not ok
+    print(("PASS" if ok else "FAIL"), "055:" + text, more, flush=True)
+
+def count(s, cam, cause): return s["cameras"][cam]["counts"][cause]
+def state(s): return [c["state"] for c in s["cameras"]]
+
+def whole_again(before):
+    """Complete sets come, and all cameras run."""
+    return lambda s: s["sets"]["complete"] >= before + 3 and all(x == "running" for x in state(s))
+
+def fault(text, cam, cause, begin, end, least=1, back_after=0.0, tell=None):
+    """Order `begin`; the count must rise; order `end`; whole sets must come again."""
+    s = status(); n0 = count(s, cam, cause)
+    order(begin)
+    found = until(15, lambda s: count(s, cam, cause) >= n0 + least)
+    if end: order(end)
+    t_end = time.monotonic() + back_after
+    done = status()["sets"]["complete"]
+    back = until(15 + back_after, whole_again(done))
+    after = None if back is None else max(0.0, time.monotonic() - t_end)
+    check(text, found is not None and found < 8 and after is not None and after < 8,
+          "(%s: found after %s s, whole sets %s s after its end)" %
+          (cause, "-" if found is None else "%.2f" % found, "-" if after is None else "%.2f" % after))
+
+def told(cam, text, times=1):
+    lines = [l for l in open(log) if text in l and " no more: " not in l and (cam is None or "camera %s " % cam in l)]
+    check("told once: " + text + ("" if cam is None else " (%s)" % cam), len(lines) == times, "" if len(lines) == times else str(lines))
+
+def over(text):
+    check("over: " + text, any(text in l and " info " in l for l in open(log)))
+
+def run():
+    check("starts", until(40, whole_again(20)) is not None)
+    time.sleep(2.5) # clocks are known, the start is forgotten
+    fault("packet loss", 1, "incomplete", "loss cam1 0.05", "loss cam1 0", 2)
+    s = status(); n0 = [count(s, c, "incomplete") for c in range(4)]; done = s["sets"]["complete"]
+    order("reorder cam0 0.3")
+    until(5, lambda s: s["sets"]["complete"] >= done + 30)
+    order("reorder cam0 0")
+    s = status()
+    check("reordered packets harm nothing", s["sets"]["complete"] >= done + 30 and count(s, 0, "incomplete") == n0[0])
+    fault("freeze", 2, "clock_stuck", "freeze cam2 on", "freeze cam2 off")
+    fault("wrong size", 0, "bad_size", "size cam0 0.5", "size cam0 0", 2)
+    fault("lost frames", 3, "id_gap", "drop cam3 0.4", "drop cam3 0", 2)
+    fault("clock jump", 0, "clock_jump", "jump cam0 500", None)
+    fault("camera restarts", 3, "lost_camera", "reboot cam3 1.5", None)
+    # a cable pulled and put back
+    n0 = count(status(), 2, "lost_camera")
+    order("kill cam2")
+    found = until(15, lambda s: count(s, 2, "lost_camera") > n0)
+    done = status()["sets"]["published"]
+    on = until(10, lambda s: s["sets"]["published"] >= done + 20)
+    order("revive cam2")
+    back = until(20, lambda s: state(s)[2] == "running" and s["last"]["cameras"] == 4)
+    check("cable pulled", None not in (found, on, back) and found < 8 and back < 8,
+          "(found after %s s, back %s s after its return; the others went on: %s)" % (found and "%.2f" % found, back and "%.2f" % back, on is not None))
+    fault("bandwidth limit", 1, "bandwidth", "link 5 16", "link 0")
+    # the switch reboots
+    n0 = status()["all_gone"]
+    order("switch 2.5"); t0 = time.monotonic()
+    found = until(15, lambda s: s["all_gone"] > n0)
+    back = until(30, lambda s: all(x == "running" for x in state(s)) and s["last"]["cameras"] == 4)
+    after = time.monotonic() - t0 - 2.5
+    check("switch reboots", None not in (found, back) and after < 10, "(found after %s s, all back %.2f s after its end)" % (found and "%.2f" % found, after))
+    fault("hostile packets", 1, "received", "hostile cam1 0.3", "hostile cam1 0", 20)
+    calm = until(40, lambda s: not any(t["cause"] in ("incomplete", "clock_stuck", "bad_size", "clock_jump", "bandwidth") for c in s["cameras"] for t in c["troubles"]))
+    check("all troubles are over", calm is not None)
+    time.sleep(0.5)
+    told("cam2", "its time stands still"); over("its time stands still")
+    told("cam0", "frames of another size"); over("frames of another size")
+    told("cam0", "its clock jumped"); over("its clock jumped")
+    told("cam3", "frames that it numbered never came")
+    told(None, "cameras send incomplete frames at once"); over("several cameras send incomplete")
+    told(None, "all 4 cameras are gone"); over("all 4 cameras are back")
+    s = status()
+    check("sums", all(c["counts"]["received"] >= c["counts"]["late"] + c["counts"]["unmatched"] + c["counts"]["overflow"] for c in s["cameras"]) and
+          s["sets"]["produced"] == s["sets"]["published"] + s["sets"]["dropped"] + s["sets"]["inside"])
+    check("one life", s["uptime_s"] > 20 and not any("stopping" in l for l in open(log)))
+
+def line():
+    check("starts on the line", until(40, whole_again(20)) is not None)
+    time.sleep(2.5)
+    fault("missed triggers", 2, "missed_trigger", "miss cam2 0.2", "miss cam2 0", 2)
+    s = status()
+    check("nobody else missed any", all(count(s, c, "missed_trigger") == 0 for c in (0, 1, 3)), str([count(s, c, "missed_trigger") for c in range(4)]))
+    check("no slip is seen in it", all(count(s, c, "slip") == 0 for c in range(4)))
+
+run() if what == "run" else line()
+order("")
+sys.exit(failed > 0)
+PY
+
+play() { # what, options of simcams...
+    local what=$1; shift
+    mkfifo "$dir/orders-$what"
+    "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --fps 20 --ring 20 --boot-clock --control "$@" -- \
+        "$pyrovoxd" --config "$dir/$what.yaml" > "$dir/$what.log" 2>&1 < "$dir/orders-$what" &
+    local sim=$!
+    pids+=("$sim")
+    timeout 200 "$py" "$dir/faults.py" "$control" "$dir/orders-$what" "$dir/$what.log" "$what" || rc=1
+    "$pyrovox" status --endpoint "$control" --stop > "$dir/null"
+    check "$what-ends" ended "$sim" 0
+}
+play run
+play line --line-hz 20
+exit $rc
