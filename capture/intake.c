@@ -178,16 +178,15 @@ static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
     pthread_mutex_unlock(&cam->cap->lock);
 }
 
-static void clock_reading(void *ctx, uint32_t camera, int64_t device_ns, int64_t host_ns,
+static void clock_reading(void *ctx, uint32_t camera, int64_t device_ns, int64_t host_mono_ns,
                           int64_t bound_ns)
 {
     struct cap_camera *cam = ctx;
     (void)camera;
-    int64_t mono = host_ns - (pvx_now_real() - pvx_now_mono());
     pthread_mutex_lock(&cam->cap->lock);
     unsigned i = cam->n_readings < CAP_READINGS ? cam->n_readings++ : CAP_READINGS - 1;
     cam->reading[i].device_ns = device_ns;
-    cam->reading[i].mono_ns = mono;
+    cam->reading[i].mono_ns = host_mono_ns;
     cam->reading[i].bound_ns = bound_ns;
     pthread_mutex_unlock(&cam->cap->lock);
 }

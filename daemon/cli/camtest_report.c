@@ -146,6 +146,7 @@ static void json_camera(struct dmn_json *j, const struct camtest *t, uint32_t i)
     dmn_json_str(j, "ptp", c->stats.health.ptp);
     dmn_json_num(j, "ptp_offset_ns", c->stats.health.ptp_offset_ns);
     dmn_json_num(j, "drift_ppm", c->stats.drift_ppm);
+    dmn_json_num(j, "clock_delay_us", c->stats.clock_delay_us);
     dmn_json_str(j, "error", c->stats.error);
     dmn_json_close(j, '}');
 }
