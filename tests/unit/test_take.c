@@ -1,0 +1,654 @@
+/* test_take.c - takes: what is recorded comes back bit for bit, in every pixel format; what is cut off or
+ * wrong is said, and never read past. */
+#include "../t.h"
+
+#include <fcntl.h>
+#include <hdf5.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "capture/take.h"
+
+static char dir[64], path[96], copy[96];
+
+static void no_release(struct cap_frame *f)
+{
+    (void)f;
+}
+
+/* ---- frames that anybody can make again ---- */
+
+static uint64_t mix(uint64_t x)
+{
+    x ^= x >> 33;
+    x *= 0xff51afd7ed558ccdu;
+    x ^= x >> 33;
+    return x * 0xc4ceb9fe1a85ec53u;
+}
+
+struct made {
+    struct cap_frame f;
+    unsigned char *mem;
+};
+
+static size_t jpeg_bytes(uint32_t camera, uint64_t id)
+{
+    return 1 + mix(camera * 1000 + id) % 300;
+}
+
+static struct made make(enum cap_pixfmt fmt, int32_t w, int32_t h, size_t padding, uint32_t camera,
+                        uint64_t id, uint64_t set)
+{
+    struct made m = {0};
+    size_t row = cap_pixfmt_row(fmt, w), stride = row > 0 ? row + padding : 0;
+    size_t bytes = row > 0 ? stride * (size_t)h : jpeg_bytes(camera, id);
+    m.mem = malloc(bytes);
+    for (size_t i = 0; i < bytes; i++)
+        m.mem[i] = (unsigned char)mix(camera * 7919 + id * 104729 + i);
+    m.f = (struct cap_frame){.img = {.data = m.mem,
+                                     .size = bytes,
+                                     .width = w,
+                                     .height = h,
+                                     .stride = (ptrdiff_t)stride,
+                                     .fmt = fmt,
+                                     .yuv = CAP_YUV_709},
+                             .camera = camera,
+                             .id = id,
+                             .t_device_ns = (int64_t)(id * 1000 + camera),
+                             .t_arrival_ns = (int64_t)(id * 1001 + camera),
+                             .t_arrival_mono_ns = (int64_t)(id * 1002 + camera),
+                             .t_exposure_ns = (int64_t)(id * 1003 + camera),
+                             .exposure_us = (double)id,
+                             .gain = NAN,
+                             .release = no_release};
+    (void)set;
+    return m;
+}
+
+static bool same_pixels(const struct cap_image *got, const struct cap_image *want)
+{
+    size_t row = cap_pixfmt_row(want->fmt, want->width);
+    if (got->fmt != want->fmt || got->width != want->width || got->height != want->height ||
+        got->yuv != want->yuv)
+        return false;
+    if (row == 0)
+        return got->size == want->size && memcmp(got->data, want->data, got->size) == 0;
+    for (int32_t y = 0; y < want->height; y++)
+        if (memcmp((const char *)got->data + y * got->stride,
+                   (const char *)want->data + y * want->stride, row) != 0)
+            return false;
+    return true;
+}
+
+/* ---- a take ---- */
+
+#define CAMERAS 3
+
+static const struct cap_take_camera cameras[CAMERAS] = {
+    {.name = "cam0", .uri = "sim:", .settings = "fps: 20\n"},
+    {.name = "north-2", .uri = "aravis:GV01", .settings = ""},
+    {.name = "c.3", .uri = "v4l2:/dev/video0", .settings = "gain: 3\nexposure_us: 100\n"}};
+
+static struct cap_take_head head(void)
+{
+    return (struct cap_take_head){.rig = "version: 1\n",
+                                  .config = "fps: 20\n",
+                                  .software = "test",
+                                  .host = "lab",
+                                  .base = "/etc",
+                                  .session = 0xfedcba9876543210u,
+                                  .t_created_ns = 1700000000123456789,
+                                  .fps = 20,
+                                  .n_cameras = CAMERAS,
+                                  .camera = cameras};
+}
+
+static cap_take_writer *create(void)
+{
+    struct cap_take_head h = head();
+    struct pvx_diag d = {""};
+    cap_take_writer *w = NULL;
+    unlink(path);
+    pvx_err e = cap_take_create(path, &h, &w, &d);
+    T_EQ_I(e, PVX_OK);
+    if (e != PVX_OK)
+        printf("  %s\n", d.text);
+    return w;
+}
+
+/* Set k: all cameras, but camera 1 is missing in every fifth. */
+static bool in_set(uint32_t camera, uint64_t k)
+{
+    return camera != 1 || k % 5 != 4;
+}
+
+static pvx_err put_set(cap_take_writer *w, enum cap_pixfmt fmt, int32_t wd, int32_t ht,
+                       size_t padding, uint64_t k, struct pvx_diag *d)
+{
+    struct made m[CAMERAS];
+    struct cap_set s = {.number = k + 10,
+                        .t_exposure_ns = (int64_t)k * 1003 + 1,
+                        .spread_ns = 2,
+                        .t_last_mono_ns = (int64_t)k};
+    for (uint32_t c = 0; c < CAMERAS; c++) {
+        m[c] = make(fmt, wd, ht, padding, c, k, k + 10);
+        if (in_set(c, k)) {
+            s.frame[c] = &m[c].f;
+            s.n++;
+        }
+    }
+    pvx_err e = cap_take_put_set(w, &s, d);
+    if (e == PVX_OK)
+        e = cap_take_commit(w, d);
+    for (uint32_t c = 0; c < CAMERAS; c++)
+        free(m[c].mem);
+    return e;
+}
+
+static bool same_frame(const cap_take *t, uint32_t c, int64_t row, enum cap_pixfmt fmt, int32_t wd,
+                       int32_t ht, size_t padding, uint64_t k)
+{
+    struct made m = make(fmt, wd, ht, padding, c, k, k + 10);
+    size_t size = cap_take_frame_max(t, c);
+    void *mem = malloc(size);
+    struct cap_image img = {0};
+    const struct cap_take_row *r = cap_take_row(t, c, (uint64_t)row);
+    bool ok = cap_take_read(t, c, (uint64_t)row, mem, size, &img, NULL) == PVX_OK &&
+              same_pixels(&img, &m.f.img) && r->id == m.f.id && r->set == (int64_t)k + 10 &&
+              r->t_device_ns == m.f.t_device_ns && r->t_arrival_ns == m.f.t_arrival_ns &&
+              r->t_arrival_mono_ns == m.f.t_arrival_mono_ns &&
+              r->t_exposure_ns == m.f.t_exposure_ns && r->exposure_us == m.f.exposure_us &&
+              isnan(r->gain);
+    free(mem);
+    free(m.mem);
+    return ok;
+}
+
+/* All sets of the take are as they were put; how many, -1 = one is not. */
+static int64_t whole_sets(const cap_take *t, enum cap_pixfmt fmt, int32_t wd, int32_t ht,
+                          size_t padding)
+{
+    const struct cap_take_info *info = cap_take_info(t);
+    for (uint64_t i = 0; i < info->sets; i++) {
+        const int64_t *member;
+        const struct cap_take_set *s = cap_take_set(t, i, &member);
+        uint64_t k = s->number - 10;
+        if (s->spread_ns != 2 || s->t_exposure_ns != (int64_t)k * 1003 + 1)
+            return -1;
+        for (uint32_t c = 0; c < CAMERAS; c++)
+            if ((member[c] >= 0) != in_set(c, k) ||
+                (member[c] >= 0 && !same_frame(t, c, member[c], fmt, wd, ht, padding, k)))
+                return -1;
+    }
+    return (int64_t)info->sets;
+}
+
+static cap_take *open_take(const char *name)
+{
+    cap_take *t;
+    struct pvx_diag d = {""};
+    pvx_err e = cap_take_open(name, &t, &d);
+    T_CHECK_(e == PVX_OK, "%s", pvx_diag_text(&d, e));
+    return t;
+}
+
+static void round_trip(enum cap_pixfmt fmt, int32_t wd, int32_t ht, size_t padding)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    for (uint64_t k = 0; k < 9; k++)
+        T_CHECK_(put_set(w, fmt, wd, ht, padding, k, &d) == PVX_OK, "%s: %s", cap_pixfmt_name(fmt),
+                 d.text);
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    cap_take *t = open_take(path);
+    if (t == NULL)
+        return;
+    const struct cap_take_info *i = cap_take_info(t);
+    T_OK(i->closed);
+    T_EQ_I(i->sets_lost, 0);
+    T_CHECK_(whole_sets(t, fmt, wd, ht, padding) == 9, "%s %dx%d+%zu: %lld sets came back",
+             cap_pixfmt_name(fmt), wd, ht, padding, (long long)whole_sets(t, fmt, wd, ht, padding));
+    cap_take_free(&t);
+}
+
+static void every_pixel_format_comes_back(void)
+{
+    for (int f = CAP_FMT_NONE + 1; f < CAP_N_FMT; f++) {
+        round_trip((enum cap_pixfmt)f, 16, 6, 0);
+        round_trip((enum cap_pixfmt)f, 20, 3, 12); /* rows padded */
+    }
+    round_trip(CAP_YUYV, 7, 5, 0);
+    round_trip(CAP_GREY8, 1, 1, 0);
+    round_trip(CAP_GREY12P, 3, 1, 5);
+}
+
+static void head_comes_back(void)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    T_EQ_I(put_set(w, CAP_GREY8, 8, 8, 0, 0, &d), PVX_OK);
+    struct made m = make(CAP_GREY8, 8, 8, 0, 2, 77, 0);
+    T_EQ_I(cap_take_put_stray(w, &m.f, CAP_TAKE_LATE, &d), PVX_OK);
+    m.f.img.width = 4; /* does not fit: a gap */
+    T_EQ_I(cap_take_put_stray(w, &m.f, CAP_TAKE_LATE, &d), PVX_OK);
+    free(m.mem);
+    struct cap_take_gap g = {.camera = 1,
+                             .why = CAP_TAKE_QUEUE,
+                             .frames = 4,
+                             .id_first = 5,
+                             .id_last = 9,
+                             .set_first = 6,
+                             .set_last = 10};
+    T_EQ_I(cap_take_put_gap(w, &g, &d), PVX_OK);
+    T_EQ_I(cap_take_bytes(w), 4 * 64);
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    cap_take *t = open_take(path);
+    const struct cap_take_info *i = cap_take_info(t);
+    T_EQ_S(i->head.rig, "version: 1\n");
+    T_EQ_S(i->head.config, "fps: 20\n");
+    T_EQ_S(i->head.software, "test");
+    T_EQ_S(i->head.host, "lab");
+    T_EQ_S(i->head.base, "/etc");
+    T_OK(i->head.session == 0xfedcba9876543210u);
+    T_EQ_I(i->head.t_created_ns, 1700000000123456789);
+    T_NEAR(i->head.fps, 20, 0);
+    T_EQ_I(i->head.n_cameras, CAMERAS);
+    for (uint32_t c = 0; c < CAMERAS; c++) {
+        T_EQ_S(i->head.camera[c].name, cameras[c].name);
+        T_EQ_S(i->head.camera[c].uri, cameras[c].uri);
+        T_EQ_S(i->head.camera[c].settings, cameras[c].settings);
+    }
+    T_EQ_I(i->head.camera[2].frames, 2);
+    T_EQ_I(cap_take_row(t, 2, 1)->set, -1);
+    T_EQ_I(cap_take_row(t, 2, 1)->why, CAP_TAKE_LATE);
+    T_EQ_I(i->gaps, 2);
+    T_EQ_I(cap_take_gap(t, 0)->why, CAP_TAKE_UNFIT);
+    T_EQ_I(cap_take_gap(t, 0)->id_first, 77);
+    T_OK(memcmp(cap_take_gap(t, 1), &g, sizeof g) == 0);
+    T_EQ_I(cap_take_find(t, "c.3"), 2);
+    T_EQ_I(cap_take_find(t, "c"), -1);
+    T_EQ_I(cap_take_find_set(t, 10), 0);
+    T_EQ_I(cap_take_find_set(t, 11), -1);
+    T_EQ_I(cap_take_find_set(t, -1), -1);
+    cap_take_free(&t);
+}
+
+static void camera_that_comes_later(void)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0, 0), n = make(CAP_JPEG, 64, 64, 0, 2, 1, 0);
+    struct cap_set s = {.number = 3, .n = 1, .frame = {&m.f}};
+    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    s.number = 4;
+    s.n = 2;
+    s.frame[2] = &n.f;
+    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    cap_take *t = open_take(path);
+    const struct cap_take_info *i = cap_take_info(t);
+    T_EQ_I(i->sets, 2);
+    T_EQ_I(i->head.camera[0].frames, 2);
+    T_EQ_I(i->head.camera[1].fmt, CAP_FMT_NONE);
+    T_EQ_I(i->head.camera[1].frames, 0);
+    T_EQ_I(i->head.camera[2].fmt, CAP_JPEG);
+    const int64_t *member;
+    T_EQ_I(cap_take_set(t, 1, &member)->mask, 5);
+    T_EQ_I(member[1], -1);
+    char mem[400];
+    struct cap_image img;
+    T_EQ_I(cap_take_read(t, 2, 0, mem, sizeof mem, &img, &d), PVX_OK);
+    T_OK(same_pixels(&img, &n.f.img));
+    T_EQ_I(cap_take_read(t, 2, 0, mem, 0, &img, &d), PVX_ERANGE);
+    T_EQ_I(cap_take_read(t, 2, 1, mem, sizeof mem, &img, NULL), PVX_EINVAL);
+    cap_take_free(&t);
+    free(m.mem);
+    free(n.mem);
+}
+
+/* ---- cut off ---- */
+
+static void copy_cut(long bytes)
+{
+    unlink(copy);
+    int in = open(path, O_RDONLY), out = open(copy, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    struct stat st;
+    if (fstat(in, &st) != 0)
+        T_OK(0);
+    if (bytes < 0 || bytes > st.st_size)
+        bytes = st.st_size;
+    for (long left = bytes; left > 0;) {
+        ssize_t n = copy_file_range(in, NULL, out, NULL, (size_t)left, 0);
+        if (n <= 0)
+            break;
+        left -= n;
+    }
+    close(in);
+    close(out);
+}
+
+#define W 96
+#define H 80
+
+/* A child writes `sets` sets and is killed without closing (close: ends in order). */
+static void write_in_child(int sets, bool close_it, enum cap_pixfmt fmt, int kill_after_us)
+{
+    unlink(path);
+    fflush(stdout);
+    pid_t pid = fork();
+    if (pid == 0) {
+        cap_take_writer *w = create();
+        struct pvx_diag d = {""};
+        for (int k = 0; k < sets; k++)
+            if (put_set(w, fmt, W, H, 0, (uint64_t)k, &d) != PVX_OK)
+                _exit(1);
+        if (close_it && cap_take_close(&w, &d) != PVX_OK)
+            _exit(1);
+        _exit(0);
+    }
+    if (kill_after_us > 0) {
+        usleep((useconds_t)kill_after_us);
+        kill(pid, SIGKILL);
+    }
+    int status;
+    waitpid(pid, &status, 0);
+    if (kill_after_us <= 0)
+        T_EQ_I(status, 0);
+}
+
+/* Sets that the first `cut` bytes can have at most: their pixels alone. */
+static void sweep(bool closed, enum cap_pixfmt fmt, int sets, int cuts)
+{
+    struct stat st;
+    write_in_child(sets, closed, fmt, 0);
+    stat(path, &st);
+    int64_t last = 0;
+    long worst = 0;
+    for (int i = 0; i <= cuts; i++) {
+        long cut = (long)((double)st.st_size * i / cuts);
+        copy_cut(cut);
+        cap_take *t;
+        struct pvx_diag d = {""};
+        pvx_err e = cap_take_open(copy, &t, &d);
+        if (e != PVX_OK) { /* only when the head itself is not there */
+            T_CHECK_(cut < (256 << 10), "cut at %ld: %s", cut, d.text);
+            T_OK(d.text[0] != '\0');
+            continue;
+        }
+        int64_t n = whole_sets(t, fmt, W, H, 0);
+        T_CHECK_(n >= last, "cut at %ld of %ld: %lld sets, but %lld in less", cut, (long)st.st_size,
+                 (long long)n, (long long)last);
+        last = n;
+        if (fmt != CAP_JPEG) {
+            long fit = 0, bytes = 2 * (256 << 10), frame = (long)cap_pixfmt_row(fmt, W) * H;
+            for (; fit < sets; fit++) { /* pixels, rows with room, blocks of metadata */
+                bytes += (frame + 120) * (2 + in_set(1, (uint64_t)fit)) + 120;
+                if (bytes > cut)
+                    break;
+            }
+            worst = fit - n > worst ? fit - n : worst;
+        }
+        cap_take_free(&t);
+    }
+    T_EQ_I(last, sets);
+    T_LE(worst, 1);
+}
+
+static void cut_anywhere_gives_the_sets_before(void)
+{
+    sweep(false, CAP_RGB8, 200, 97);
+    sweep(false, CAP_JPEG, 600, 31); /* a set without camera 1 may outlive one with it */
+}
+
+static void closed_and_cut_gives_the_sets_before(void)
+{
+    sweep(true, CAP_RGB8, 200, 97);
+}
+
+static void killed_at_any_time_gives_the_sets_before(void)
+{
+    int some = 0;
+    for (int i = 0; i < 25; i++) {
+        write_in_child(100000, false, CAP_RGB8, 4000 + 3000 * i);
+        cap_take *t;
+        struct pvx_diag d = {""};
+        if (access(path, F_OK) != 0)
+            continue; /* killed before it began */
+        if (cap_take_open(path, &t, &d) != PVX_OK) {
+            T_CHECK_(some == 0 || i < 5, "killed after %d us: %s", 4000 + 3000 * i, d.text);
+            continue;
+        }
+        T_OK(!cap_take_info(t)->closed);
+        int64_t n = whole_sets(t, CAP_RGB8, W, H, 0);
+        T_CHECK_(n >= 0 && cap_take_info(t)->sets_lost <= 1,
+                 "killed after %d us: %lld sets, %llu lost", 4000 + 3000 * i, (long long)n,
+                 (unsigned long long)cap_take_info(t)->sets_lost);
+        some += n > 0;
+        cap_take_free(&t);
+    }
+    T_LE(5, some);
+}
+
+static void read_while_it_is_written(void)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    for (uint64_t k = 0; k < 70; k++) {
+        T_EQ_I(put_set(w, CAP_RGB8, W, H, 0, k, &d), PVX_OK);
+        if (k % 10 == 9) {
+            copy_cut(-1); /* libhdf5 would share the file itself within one process */
+            cap_take *t = open_take(copy);
+            T_EQ_I(whole_sets(t, CAP_RGB8, W, H, 0), (long long)k + 1);
+            cap_take_free(&t);
+            unlink(copy);
+        }
+    }
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+}
+
+/* ---- wrong ---- */
+
+static void refused(const char *name, pvx_err want, const char *part)
+{
+    cap_take *t;
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_take_open(name, &t, &d), want);
+    T_OK(t == NULL);
+    T_CONTAINS(d.text, part);
+}
+
+static void what_is_no_take_is_refused(void)
+{
+    refused("/nonexistent.h5", PVX_ENOENT, "no such file");
+    refused("/etc/passwd", PVX_EFORMAT, "not HDF5");
+    refused(dir, PVX_EFORMAT, "not HDF5");
+    hid_t f = H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
+    H5Fclose(f);
+    refused(path, PVX_EFORMAT, "another kind");
+}
+
+/* A good take in which one thing is replaced. */
+static void with_change(void (*change)(hid_t f), const char *part)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    for (uint64_t k = 0; k < 3; k++)
+        T_EQ_I(put_set(w, CAP_GREY8, 8, 8, 0, k, &d), PVX_OK);
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT);
+    change(f);
+    H5Fclose(f);
+    if (part != NULL)
+        refused(path, PVX_EFORMAT, part);
+}
+
+static void replace(hid_t f, const char *name, hid_t type, int rank, const hsize_t *dims)
+{
+    H5Ldelete(f, name, H5P_DEFAULT);
+    if (rank == 0)
+        return;
+    hid_t space = H5Screate_simple(rank, dims, NULL), p = H5Pcreate(H5P_DATASET_CREATE);
+    hsize_t chunk[4] = {1, 1, 1, 1};
+    H5Pset_chunk(p, rank, chunk); /* so that huge ones cost nothing */
+    hid_t s = H5Dcreate2(f, name, type, space, H5P_DEFAULT, p, H5P_DEFAULT);
+    H5Dclose(s);
+    H5Pclose(p);
+    H5Sclose(space);
+}
+
+static const hsize_t small[4] = {3, 8, 8, 3}, huge[4] = {1ull << 40, 8, 8, 3};
+static void no_sets(hid_t f)
+{
+    replace(f, "sets", 0, 0, NULL);
+}
+static void sets_are_numbers(hid_t f)
+{
+    replace(f, "sets", H5T_STD_I32LE, 1, small);
+}
+static void members_too_many(hid_t f)
+{
+    hsize_t d[2] = {1ull << 60, CAMERAS};
+    replace(f, "members", H5T_STD_I64LE, 2, d);
+}
+static void members_narrow(hid_t f)
+{
+    replace(f, "members", H5T_STD_I64LE, 2, small);
+}
+static void frames_of_another_shape(hid_t f)
+{
+    replace(f, "cameras/cam0/frames", H5T_STD_U8LE, 4, small);
+}
+static void frames_of_another_type(hid_t f)
+{
+    replace(f, "cameras/cam0/frames", H5T_STD_U16LE, 3, small);
+}
+static void no_index(hid_t f)
+{
+    replace(f, "cameras/cam0/index", 0, 0, NULL);
+}
+static void huge_gaps(hid_t f)
+{
+    hid_t g = H5Dopen2(f, "gaps", H5P_DEFAULT), t = H5Dget_type(g);
+    H5Dclose(g);
+    replace(f, "gaps", t, 1, huge);
+    H5Tclose(t);
+}
+static void set_attribute(hid_t f, const char *name, const void *v)
+{
+    hid_t g = H5Gopen2(f, "cameras/cam0", H5P_DEFAULT), a = H5Aopen(g, name, H5P_DEFAULT);
+    hid_t t = H5Aget_type(a);
+    T_OK(H5Awrite(a, t, v) >= 0);
+    H5Tclose(t);
+    H5Aclose(a);
+    H5Gclose(g);
+}
+static void huge_width(hid_t f)
+{
+    int64_t v = 1ll << 40;
+    set_attribute(f, "width", &v);
+}
+static void unknown_format(hid_t f)
+{
+    set_attribute(f, "pixel_format", "Monk8");
+}
+static void camera_is_a_link(hid_t f)
+{
+    H5Lcreate_soft("/cameras/cam0", f, "/cameras/cam9", H5P_DEFAULT, H5P_DEFAULT);
+}
+static void camera_missing(hid_t f)
+{
+    H5Ldelete(f, "cameras/cam0", H5P_DEFAULT);
+}
+static void rig_is_a_number(hid_t f)
+{
+    replace(f, "rig", H5T_STD_I32LE, 1, small);
+}
+
+static void wrong_contents_are_refused(void)
+{
+    with_change(no_sets, "table of sets");
+    with_change(sets_are_numbers, "table of sets");
+    with_change(members_too_many, "table of sets");
+    with_change(members_narrow, "table of sets");
+    with_change(frames_of_another_shape, "a camera's frames");
+    with_change(frames_of_another_type, "a camera's frames");
+    with_change(no_index, "a camera's index");
+    with_change(huge_gaps, "gaps");
+    with_change(huge_width, "pixel format or size");
+    with_change(unknown_format, "pixel format");
+    with_change(camera_is_a_link, "list of cameras");
+    with_change(camera_missing, "name");
+    with_change(rig_is_a_number, "head");
+}
+
+static void pixels_changed(hid_t f)
+{
+    hid_t s = H5Dopen2(f, "cameras/cam0/frames", H5P_DEFAULT);
+    hsize_t at[3] = {1, 0, 0};
+    unsigned char zero[64] = {0};
+    H5Dwrite_chunk(s, H5P_DEFAULT, 0, at, 64, zero);
+    H5Dclose(s);
+}
+
+static void changed_pixels_are_noticed(void)
+{
+    with_change(pixels_changed, NULL);
+    cap_take *t = open_take(path);
+    char mem[64];
+    struct cap_image img;
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_take_info(t)->sets, 3);
+    T_EQ_I(cap_take_read(t, 0, 0, mem, 64, &img, &d), PVX_OK);
+    T_EQ_I(cap_take_read(t, 0, 1, mem, 64, &img, &d), PVX_ECORRUPT);
+    T_CONTAINS(d.text, "cam0, frame 1");
+    cap_take_free(&t);
+}
+
+static void an_old_file_is_not_written_over(void)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create(), *v;
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    struct cap_take_head h = head();
+    T_EQ_I(cap_take_create(path, &h, &v, &d), PVX_EBUSY);
+    T_OK(v == NULL);
+    T_CONTAINS(d.text, "is there already");
+    d.text[0] = '\0';
+    T_EQ_I(cap_take_create("/proc/self/x.h5", &h, &v, &d) == PVX_OK, 0);
+    T_OK(d.text[0] != '\0');
+    struct cap_take_camera bad = {.name = "a/b"};
+    h.camera = &bad;
+    h.n_cameras = 1;
+    d.text[0] = '\0';
+    T_EQ_I(cap_take_create(copy, &h, &v, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "a/b");
+    cap_take *t = open_take(path); /* empty: no frame ever came */
+    T_EQ_I(cap_take_info(t)->sets, 0);
+    T_OK(cap_take_info(t)->closed);
+    cap_take_free(&t);
+}
+
+int main(void)
+{
+    snprintf(dir, sizeof dir, "/tmp/test_take-XXXXXX");
+    if (mkdtemp(dir) == NULL)
+        return 1;
+    snprintf(path, sizeof path, "%s/take.h5", dir);
+    snprintf(copy, sizeof copy, "%s/copy.h5", dir);
+    T_RUN(every_pixel_format_comes_back);
+    T_RUN(head_comes_back);
+    T_RUN(camera_that_comes_later);
+    T_RUN(cut_anywhere_gives_the_sets_before);
+    T_RUN(closed_and_cut_gives_the_sets_before);
+    T_RUN(killed_at_any_time_gives_the_sets_before);
+    T_RUN(read_while_it_is_written);
+    T_RUN(what_is_no_take_is_refused);
+    T_RUN(wrong_contents_are_refused);
+    T_RUN(changed_pixels_are_noticed);
+    T_RUN(an_old_file_is_not_written_over);
+    unlink(path);
+    unlink(copy);
+    rmdir(dir);
+    return t_done();
+}
