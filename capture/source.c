@@ -38,8 +38,13 @@ void cap_frame_release(struct cap_frame *f)
 }
 
 static const struct cap_source_ops *const backends[] = {
-    &cap_source_aravis, &cap_source_v4l2,  &cap_source_libcamera,
-    &cap_source_sim,    &cap_source_files, NULL,
+    &cap_source_aravis,
+    &cap_source_v4l2,
+    &cap_source_libcamera,
+    &cap_source_sim,
+    &cap_source_files,
+    &cap_source_take,
+    NULL,
 };
 
 const struct cap_source_ops *const *cap_backends(void)

@@ -205,6 +205,13 @@ static pvx_err read_map(const pvx_yaml *y, int map, const char *section, struct 
         if (o != NULL) {
             PVX_TRY(set(y, value, o, c, d));
         } else if (section[0] == '\0' && is_section(word)) {
+            char mode[180];
+            snprintf(mode, sizeof mode, "%s.mode", path);
+            o = find(mode); /* "record: raw" */
+            if (o != NULL && pvx_yaml_kind(y, value) == PVX_YAML_SCALAR) {
+                PVX_TRY(set(y, value, o, c, d));
+                continue;
+            }
             if (pvx_yaml_kind(y, value) != PVX_YAML_MAP)
                 return pvx_yaml_fail(y, value, path, PVX_EFORMAT, d, "should be a mapping");
             PVX_TRY(read_map(y, value, word, c, d));
@@ -244,6 +251,20 @@ pvx_err dmn_config_load(const char *path, struct dmn_config *c, struct pvx_diag 
     const char *slash = strrchr(path, '/');
     if (slash != NULL)
         snprintf(c->dir, sizeof c->dir, "%.*s", (int)(slash == path ? 1 : slash - path), path);
+    return e;
+}
+
+pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value, const char *name,
+                       struct pvx_diag *d)
+{
+    const struct dmn_option *o = find(key);
+    if (o == NULL)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: %.64s: unknown key (`pyrovoxd --print-config` lists them)", name, key);
+    pvx_yaml *y;
+    PVX_TRY(pvx_yaml_parse(value, strlen(value), name, &y, d));
+    pvx_err e = set(y, pvx_yaml_root(y), o, c, d);
+    pvx_yaml_free(&y);
     return e;
 }
 
@@ -422,16 +443,18 @@ static pvx_err count_up(const char *pattern, size_t index, char *out, size_t siz
     return PVX_OK;
 }
 
-/* {name} -> the camera's name; relative files: patterns start at the configuration's folder. */
+/* {name} -> the camera's name; relative files: and take: patterns start at the configuration's folder. */
 static pvx_err expand(const struct dmn_config *c, const char *pattern, const char *name, char *out,
                       size_t size, struct pvx_diag *d)
 {
     char text[PATH_MAX];
     size_t n = 0;
     const char *p = pattern;
-    if (strncmp(p, "files:", 6) == 0 && p[6] != '/' && strcmp(c->dir, ".") != 0) {
-        n = (size_t)snprintf(text, sizeof text, "files:%s/", c->dir);
-        p += 6;
+    const char *colon = strchr(p, ':');
+    bool file = strncmp(p, "files:", 6) == 0 || strncmp(p, "take:", 5) == 0;
+    if (file && colon[1] != '/' && strcmp(c->dir, ".") != 0) {
+        n = (size_t)snprintf(text, sizeof text, "%.*s%s/", (int)(colon + 1 - p), p, c->dir);
+        p = colon + 1;
     }
     for (; *p != '\0' && n + REC_NAME_MAX < sizeof text; p++) {
         if (strncmp(p, "{name}", 6) == 0) {

@@ -81,6 +81,11 @@ struct dmn_config {
     int wait_subscriber;
     char control[DMN_WORD_MAX];
 
+    int record_mode; /* 0 off, 1 raw */
+    char record_path[DMN_WORD_MAX];
+    int64_t record_queue;
+    double record_limit_gb, record_keep_free_gb, record_sync_s;
+
     int64_t sim_seed;
     double sim_period_s;
 };
@@ -91,6 +96,9 @@ void dmn_config_defaults(struct dmn_config *c);
 PVX_MUST_CHECK pvx_err dmn_config_parse(const char *text, size_t len, const char *name,
                                         struct dmn_config *c, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_config_load(const char *path, struct dmn_config *c, struct pvx_diag *d);
+/* One key as a command line gives it: value is YAML, messages begin with `name`. */
+PVX_MUST_CHECK pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value,
+                                      const char *name, struct pvx_diag *d);
 /* YAML text with every key, explained, that dmn_config_parse reads back to the same values.
  * Owner: caller, free(); NULL when out of memory. */
 char *dmn_config_format(const struct dmn_config *c);

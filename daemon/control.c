@@ -41,6 +41,32 @@ static size_t done(char *reply, size_t size)
     return (size_t)snprintf(reply, size, "{\"ok\":true}");
 }
 
+static size_t record(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
+{
+    const char *action = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "action"));
+    const char *path = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "path"));
+    bool start = action != NULL && strcmp(action, "start") == 0;
+    if (!start && (action == NULL || strcmp(action, "stop") != 0))
+        return fail(reply, size, "action should be \"start\" or \"stop\"");
+    if (path != NULL && path[0] != '/')
+        return fail(reply, size, "path should be absolute");
+    if (ops->record == NULL)
+        return fail(reply, size, "recording is not possible here");
+    char where[DMN_REQUEST_MAX] = "";
+    struct pvx_diag d = {""};
+    pvx_err e = ops->record(ops->ctx, start, path, where, sizeof where, &d);
+    if (e != PVX_OK)
+        return fail(reply, size, pvx_diag_text(&d, e));
+    struct dmn_json j;
+    dmn_json_init(&j, reply, size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_str(&j, "path", where);
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    return n > 0 ? n : done(reply, size);
+}
+
 static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
 {
     const char *cmd = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "cmd"));
@@ -65,12 +91,14 @@ static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char 
         ops->reset_latency(ops->ctx);
         return done(reply, size);
     }
+    if (strcmp(cmd, "record") == 0)
+        return record(ops, req, reply, size);
     if (strcmp(cmd, "stop") == 0) {
         ops->stop(ops->ctx);
         return done(reply, size);
     }
     return fail(reply, size,
-                "unknown command; there are ping, status, log-level, reset-latency, stop");
+                "unknown command; there are ping, status, log-level, reset-latency, record, stop");
 }
 
 size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,

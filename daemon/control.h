@@ -4,12 +4,15 @@
  *   {"cmd":"status"}                      the state (state.h)
  *   {"cmd":"log-level","level":"debug"}   {"ok":true}
  *   {"cmd":"reset-latency"}               {"ok":true}; the latency statistics start anew
+ *   {"cmd":"record","action":"start","path":"/data/a.h5"}   {"ok":true,"path":...}; path may be left out
+ *   {"cmd":"record","action":"stop"}      {"ok":true,"path":...}; answers when the take is closed
  *   {"cmd":"stop"}                        {"ok":true}; the daemon drains and ends
  * Anything else, or more than DMN_REQUEST_MAX bytes: {"error":"..."}.
  * A second daemon on the same endpoint is refused (proto/ipc.h).
  * Threads: a thread of its own; the calls in dmn_control_ops come from it. */
 #ifndef DMN_CONTROL_H
 #define DMN_CONTROL_H
+#include <stdbool.h>
 #include <stddef.h>
 #include "base/err.h"
 
@@ -20,6 +23,9 @@ struct dmn_control_ops {
     size_t (*status)(void *ctx, char *out, size_t size); /* JSON; 0 = does not fit */
     void (*reset_latency)(void *ctx);
     void (*stop)(void *ctx);
+    /* Begin (path NULL: as configured) or end a take; where = its file.  NULL = cannot. */
+    pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
+                      struct pvx_diag *d);
     void *ctx;
 };
 

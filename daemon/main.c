@@ -103,6 +103,16 @@ static void control_reset(void *ctx)
         dmn_pipeline_reset_latency(p);
 }
 
+static pvx_err control_record(void *ctx, bool start, const char *path, char *where, size_t size,
+                              struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_pipeline *p = atomic_load(&dm->pipeline);
+    if (p == NULL)
+        return pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+    return dmn_pipeline_record(p, start, path, where, size, d);
+}
+
 static void control_stop(void *ctx)
 {
     struct daemon *dm = ctx;
@@ -209,8 +219,11 @@ static int run(const struct dmn_config *cfg)
     block_signals(&set);
     const char *endpoint =
         cfg->control[0] != '\0' ? cfg->control : dmn_default_endpoint(DMN_CONTROL);
-    struct dmn_control_ops ops = {
-        .status = control_status, .reset_latency = control_reset, .stop = control_stop, .ctx = &dm};
+    struct dmn_control_ops ops = {.status = control_status,
+                                  .reset_latency = control_reset,
+                                  .stop = control_stop,
+                                  .record = control_record,
+                                  .ctx = &dm};
     dmn_control *control = NULL;
     dmn_pipeline *p = NULL;
     pvx_err e = dmn_endpoint_prepare(endpoint, &d);

@@ -192,6 +192,25 @@ const struct dmn_option dmn_options[] = {
     TEXT("control.endpoint", control,
          "ZeroMQ endpoint of `pyrovox status`; empty = ipc in the run folder."),
 
+    CHOICE("record.mode", record_mode, "off", "off|raw",
+           "raw: record the raw frames from the start (a take, HDF5); `record: raw` says the same. "
+           "`pyrovox record --raw start` begins one at any time."),
+    {"record.path", DMN_TEXT, AT(record_path), "takes/%Y%m%d-%H%M%S.h5", 0, 0, "", NULL,
+     "File to record to; % as in strftime(3), local time. An existing file is not written over."},
+    INT("record.queue", record_queue, "8", 0, 256, "sets",
+        "Frame sets that may wait for the disk; each camera gets so many `buffers` more. When it "
+        "is "
+        "full, sets are left out and listed in the take; the live solve never waits. 0 = no "
+        "recording is possible."),
+    REAL("record.limit_gb", record_limit_gb, "0", 0, 1e6, "GB",
+         "A take ends at this size; 0 = no limit."),
+    REAL("record.keep_free_gb", record_keep_free_gb, "1", 0, 1e6, "GB",
+         "A take ends before the disk has less."),
+    REAL(
+        "record.sync_s", record_sync_s, "2", 0, 3600, "s",
+        "How often what is recorded is forced to the disk, against a power cut; 0 = never. The end "
+        "of the daemon, however sudden, loses nothing in either case."),
+
     INT("sim.seed", sim_seed, "1", 0, 4294967295.0, "", "Flame that sim: cameras see."),
     REAL("sim.period_s", sim_period_s, "2", 0.01, 3600, "s", "The flame's motion repeats."),
 };

@@ -14,6 +14,7 @@
 #include "base/pool.h"
 #include "base/queue.h"
 #include "daemon/endpoints.h"
+#include "daemon/recording.h"
 #include "daemon/images.h"
 #include "daemon/scene.h"
 #include "daemon/sources.h"
@@ -46,6 +47,7 @@ struct dmn_pipeline {
     cap_capture *capture;
     dmn_images *images;
     struct dmn_sources sources;
+    dmn_recording *recording; /* NULL = cannot */
     pvp_pub *pub;
     struct pvp_start start;
     int nch;
@@ -392,8 +394,6 @@ static pvx_err publisher_new(dmn_pipeline *p, struct pvx_diag *d)
     }
     s->grid.basis = g->basis == REC_TRILINEAR ? 1 : 0;
     s->grid.channels = (uint32_t)p->nch;
-    if (getrandom(&s->session, sizeof s->session, 0) != (ssize_t)sizeof s->session)
-        s->session = (uint64_t)pvx_now_real();
     s->rig_hash = rec_rig_hash(&p->rig);
     s->n_cameras = (uint32_t)p->rig.n_cameras;
     s->fps = c->fps;
@@ -439,6 +439,10 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
     PVX_TRY(pvx_pool_new((unsigned)c->threads, "work", &p->pool));
     PVX_TRY(dmn_scene_new(&p->rig, (uint32_t)c->sim_seed, c->sim_period_s, &p->scene));
     PVX_TRY(dmn_sources_init(&p->sources, c, &p->rig, dmn_scene_cap(p->scene), d));
+    if (getrandom(&p->start.session, sizeof p->start.session, 0) !=
+        (ssize_t)sizeof p->start.session)
+        p->start.session = (uint64_t)pvx_now_real();
+    PVX_TRY(dmn_recording_new(c, &p->rig, &p->sources, p->start.session, &p->recording, d));
     /* before the matrix: a wrong source is said at once */
     PVX_TRY(cap_capture_new(&p->sources.capture, &p->capture, d));
     p->nch = dmn_config_channels(c);
@@ -472,6 +476,9 @@ pvx_err dmn_pipeline_new(const struct dmn_config *cfg, rec_progress_fn progress,
 pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
 {
     p->t_start_ns = p->rate_t_ns = pvx_now_mono();
+    char where[PATH_MAX];
+    if (p->cfg.record_mode != 0)
+        PVX_TRY(dmn_recording_start(p->recording, NULL, where, sizeof where, d));
     PVX_TRY(cap_capture_start(p->capture, d));
     pvx_err e = dmn_stage_start(&p->stage[PUBLISH], stage_names[PUBLISH], publish, p);
     if (e == PVX_OK)
@@ -498,6 +505,12 @@ void dmn_pipeline_stop(dmn_pipeline *p, const char *reason)
         pvx_queue_close(p->to_publish);
     for (int i = 0; i < DMN_N_STAGES; i++)
         dmn_stage_join(&p->stage[i]);
+    struct cap_recorder_stats s;
+    dmn_recording_stats(p->recording, &s);
+    char where[PATH_MAX];
+    if (s.state != CAP_REC_IDLE &&
+        dmn_recording_stop(p->recording, where, sizeof where, NULL) != PVX_OK)
+        return; /* it has been said when it ended */
 }
 
 void dmn_pipeline_free(dmn_pipeline **pp)
@@ -506,6 +519,7 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     if (p == NULL)
         return;
     cap_capture_free(&p->capture);
+    dmn_recording_free(&p->recording);
     pvp_pub_free(&p->pub);
     for (size_t i = 0; i < DMN_N_SLOTS; i++)
         rec_frame_free(&p->slot[i].frame);
@@ -568,6 +582,7 @@ void dmn_pipeline_snapshot(dmn_pipeline *p, struct dmn_state *out)
     out->report = p->report;
     pthread_mutex_unlock(&p->lock);
     cap_capture_stats(p->capture, &out->capture);
+    dmn_recording_stats(p->recording, &out->record);
     out->spread_p50_ms = to_ms(pvx_hist_quantile(&out->capture.spread, 0.5));
     out->spread_p99_ms = to_ms(pvx_hist_quantile(&out->capture.spread, 0.99));
     for (int a = 0; a < 3; a++)
@@ -581,6 +596,13 @@ void dmn_pipeline_snapshot(dmn_pipeline *p, struct dmn_state *out)
     dmn_images_counts(p->images, out->images);
     for (int i = 0; i < DMN_N_STAGES; i++)
         stage_state(p, i, &out->stage[i]);
+}
+
+pvx_err dmn_pipeline_record(dmn_pipeline *p, bool start, const char *path, char *where, size_t size,
+                            struct pvx_diag *d)
+{
+    return start ? dmn_recording_start(p->recording, path, where, size, d)
+                 : dmn_recording_stop(p->recording, where, size, d);
 }
 
 void dmn_pipeline_reset_latency(dmn_pipeline *p)

@@ -34,6 +34,9 @@ void dmn_pipeline_stop(dmn_pipeline *p, const char *reason);
 void dmn_pipeline_free(dmn_pipeline **p);
 
 void dmn_pipeline_snapshot(dmn_pipeline *p, struct dmn_state *out);
+/* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
+PVX_MUST_CHECK pvx_err dmn_pipeline_record(dmn_pipeline *p, bool start, const char *path,
+                                           char *where, size_t size, struct pvx_diag *d);
 /* The latency statistics start anew with the next volume. */
 void dmn_pipeline_reset_latency(dmn_pipeline *p);
 /* Longest time since a stage's last heartbeat, ns. */

@@ -127,6 +127,23 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_close(j, ']');
 }
 
+static void json_record(struct dmn_json *j, const struct cap_recorder_stats *r)
+{
+    dmn_json_open(j, "record", '{');
+    dmn_json_str(j, "state", cap_recorder_state_names[r->state]);
+    dmn_json_str(j, "path", r->path);
+    dmn_json_num(j, "seconds", r->seconds);
+    dmn_json_int(j, "sets", (long long)r->sets);
+    dmn_json_int(j, "frames", (long long)r->frames);
+    dmn_json_int(j, "frames_in_no_set", (long long)r->strays);
+    dmn_json_int(j, "bytes", (long long)r->bytes);
+    dmn_json_int(j, "sets_missed", (long long)r->sets_missed);
+    dmn_json_int(j, "frames_missed", (long long)r->frames_missed);
+    dmn_json_int(j, "queued", r->queued);
+    dmn_json_str(j, "error", r->error);
+    dmn_json_close(j, '}');
+}
+
 static void json_stages(struct dmn_json *j, const struct dmn_state *s)
 {
     dmn_json_open(j, "stages", '[');
@@ -177,6 +194,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     json_cameras(&j, s);
     dmn_state_sync(&j, &s->capture);
     json_stages(&j, s);
+    json_record(&j, &s->record);
     dmn_json_close(&j, '}');
     return dmn_json_end(&j);
 }

@@ -8,6 +8,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "capture/capture.h"
+#include "capture/recorder.h"
 #include "recon/camera.h"
 #include "recon/frame.h"
 
@@ -64,6 +65,7 @@ struct dmn_state {
     char camera[CAP_MAX_CAMERAS][REC_NAME_MAX];
     uint64_t images[CAP_MAX_CAMERAS][DMN_N_IMAGE];
     struct cap_stats capture;
+    struct cap_recorder_stats record;
     struct dmn_stage_state stage[DMN_N_STAGES];
 };
 

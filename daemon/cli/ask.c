@@ -5,11 +5,10 @@
 #include <string.h>
 #include <zmq.h>
 
-static pvx_err exchange(void *socket, const char *endpoint, const char *cmd, int timeout_ms,
+static pvx_err exchange(void *socket, const char *endpoint, const char *text, int timeout_ms,
                         cJSON **out, struct pvx_diag *d)
 {
-    char text[256];
-    int linger = 0, n = snprintf(text, sizeof text, "{\"cmd\":\"%s\"}", cmd);
+    int linger = 0;
     zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
     zmq_setsockopt(socket, ZMQ_RCVTIMEO, &timeout_ms, sizeof timeout_ms);
     zmq_setsockopt(socket, ZMQ_SNDTIMEO, &timeout_ms, sizeof timeout_ms);
@@ -18,7 +17,7 @@ static pvx_err exchange(void *socket, const char *endpoint, const char *cmd, int
     zmq_msg_t reply;
     zmq_msg_init(&reply);
     pvx_err e = PVX_OK;
-    if (zmq_send(socket, text, (size_t)n, 0) < 0 || zmq_msg_recv(&reply, socket, 0) < 0) {
+    if (zmq_send(socket, text, strlen(text), 0) < 0 || zmq_msg_recv(&reply, socket, 0) < 0) {
         e = errno == EINTR ? PVX_ECANCELED
                            : pvx_fail(d, PVX_ETIMEDOUT,
                                       "%s: no daemon answers; is pyrovoxd running, "
@@ -37,10 +36,19 @@ static pvx_err exchange(void *socket, const char *endpoint, const char *cmd, int
 
 pvx_err ask(const char *endpoint, const char *cmd, int timeout_ms, cJSON **out, struct pvx_diag *d)
 {
+    char text[256];
+    snprintf(text, sizeof text, "{\"cmd\":\"%s\"}", cmd);
+    return ask_request(endpoint, text, timeout_ms, out, d);
+}
+
+pvx_err ask_request(const char *endpoint, const char *request, int timeout_ms, cJSON **out,
+                    struct pvx_diag *d)
+{
     *out = NULL;
     void *zmq = zmq_ctx_new();
     void *socket = zmq == NULL ? NULL : zmq_socket(zmq, ZMQ_REQ);
-    pvx_err e = socket == NULL ? PVX_ENOMEM : exchange(socket, endpoint, cmd, timeout_ms, out, d);
+    pvx_err e =
+        socket == NULL ? PVX_ENOMEM : exchange(socket, endpoint, request, timeout_ms, out, d);
     if (socket != NULL)
         zmq_close(socket);
     if (zmq != NULL)

@@ -9,6 +9,9 @@
  * PVX_EINVAL: the daemon refused (diag has its words). */
 PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *cmd, int timeout_ms, cJSON **out,
                            struct pvx_diag *d);
+/* The same with a whole request, JSON text. */
+PVX_MUST_CHECK pvx_err ask_request(const char *endpoint, const char *request, int timeout_ms,
+                                   cJSON **out, struct pvx_diag *d);
 
 /* Number, or text, at path a.b (b may be NULL); 0 or "" when it is not there. */
 double ask_num(const cJSON *j, const char *a, const char *b);

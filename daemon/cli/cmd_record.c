@@ -13,13 +13,14 @@
 #include "base/yaml.h"
 #include "cli/cli.h"
 #include "cli/record_file.h"
+#include "cli/record_raw.h"
 #include "daemon/endpoints.h"
 #include "proto/clients/sub.h"
 
 #define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
 
 struct record {
-    const char *endpoint, *out;
+    const char *endpoint, *control, *raw, *out;
     char default_out[64];
     int64_t volumes; /* stop after so many; 0 = no limit */
     double seconds;  /* after the first volume; 0 = no limit */
@@ -38,7 +39,14 @@ struct record {
 
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0, "Where the daemon publishes (default: the local daemon)", 0},
-    {"out", 'o', "DIR", 0, "Folder to make and fill (default: volumes-DATE-TIME)", 0},
+    {"out", 'o', "DIR", 0,
+     "Folder to make and fill (default: volumes-DATE-TIME); with --raw start: the take's file "
+     "(default: the daemon's record.path)",
+     0},
+    {"raw", 'r', "start|stop", 0, "Let the daemon begin or end a take of the cameras' raw frames",
+     0},
+    {"control", 'c', "ENDPOINT", 0,
+     "The daemon's control socket, for --raw (default: the local daemon)", 0},
     {"volumes", 'n', "N", 0, "Stop after N volumes", 0},
     {"seconds", 's', "S", 0, "Stop S seconds after the first volume", 0},
     {"quiet", 'q', NULL, 0, "No status line", 0},
@@ -51,6 +59,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case 'e': r->endpoint = arg; return 0;
     case 'o': r->out = arg; return 0;
     case 'q': r->quiet = 1; return 0;
+    case 'c': r->control = arg; return 0;
+    case 'r':
+        if (strcmp(arg, "start") != 0 && strcmp(arg, "stop") != 0)
+            argp_error(state, "--raw %s: should be start or stop", arg);
+        r->raw = arg;
+        return 0;
     case 'n':
         if (pvx_parse_int(arg, 1, INT64_MAX, &r->volumes) != PVX_OK)
             argp_error(state, "--volumes %s: a number of at least 1", arg);
@@ -68,14 +82,21 @@ static const struct argp argp = {
     .options = options,
     .parser = parse,
     .doc =
-        "Write the volumes that a running pyrovoxd publishes to disk.\v"
+        "Write the volumes that a running pyrovoxd publishes to disk, or let it record its raw "
+        "frames."
+        "\v"
         "Each volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels], with SET the number of "
         "its frame set in six digits, and DIR/SET.json with origin, spacing, basis, units, times "
         "and the solver's report.  A file is there whole or not at all.  If the daemon restarts, "
         "its further volumes go to DIR/session-ID, as they count anew.\n\n"
         "Volumes that did not arrive are counted from the gaps in the sequence and reported.\n\n"
+        "With --raw nothing is written here: the daemon records the cameras' frames to an HDF5 "
+        "file "
+        "beside the live solve, until --raw stop, and `pyrovox status` counts what it could not.  "
+        "`pyrovox replay` plays it back.\n\n"
         "Examples:\n"
         "  pyrovox record --seconds 10 --out flame\n"
+        "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
         "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n\n"
         "Exit: 0 done or daemon ended, 1 failed, 130 stopped by Ctrl-C; what was recorded until "
         "then is complete in each case.",
@@ -251,6 +272,9 @@ static int run(int argc, char **argv)
     struct pvx_diag d = {""};
     if (argp_parse(&argp, argc, argv, 0, NULL, &r) != 0)
         return 2;
+    if (r.raw != NULL)
+        return record_raw(r.control != NULL ? r.control : dmn_client_endpoint(DMN_CONTROL), r.raw,
+                          r.out);
     if (r.out == NULL) {
         time_t now = time(NULL);
         struct tm tm;
@@ -279,4 +303,5 @@ static int run(int argc, char **argv)
     return rc;
 }
 
-const struct cli_command cmd_record = {"record", "write a daemon's volumes to disk", run};
+const struct cli_command cmd_record = {"record",
+                                       "write a daemon's volumes to disk, or its raw frames", run};

@@ -69,6 +69,19 @@ static void print_sets(const cJSON *s)
            ask_num(s, "last", "iterations"), ask_num(s, "last", "rel_residual"));
 }
 
+static void print_record(const cJSON *s)
+{
+    if (ask_text(s, "record", "path")[0] == '\0')
+        return;
+    printf(
+        "raw       %s: %s, %.1f s, %.0f sets, %.1f MB; %.0f sets, %.0f frames not recorded%s%s\n",
+        ask_text(s, "record", "state"), ask_text(s, "record", "path"),
+        ask_num(s, "record", "seconds"), ask_num(s, "record", "sets"),
+        ask_num(s, "record", "bytes") * 1e-6, ask_num(s, "record", "sets_missed"),
+        ask_num(s, "record", "frames_missed"),
+        ask_text(s, "record", "error")[0] != '\0' ? "; " : "", ask_text(s, "record", "error"));
+}
+
 static void print_tables(const cJSON *s)
 {
     const cJSON *k, *v;
@@ -119,6 +132,7 @@ static int run(int argc, char **argv)
         printf("starting; system matrix %.0f %%\n", 100 * ask_num(s, "matrix_done", NULL));
     } else {
         print_sets(s);
+        print_record(s);
         print_tables(s);
         troubles_print(s);
         skew_print(s);

@@ -73,11 +73,19 @@ static void fake_reset(void *ctx)
     resets++;
 }
 
+static pvx_err fake_record(void *ctx, bool start, const char *path, char *where, size_t size,
+                           struct pvx_diag *d)
+{
+    (void)ctx;
+    snprintf(where, size, "%s", path != NULL ? path : "/default.h5");
+    return start ? PVX_OK : pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
+}
+
 static void answer_is(const char *request, const char *part)
 {
     int fits = 1;
     char reply[600];
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, &fits};
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
     size_t n = dmn_control_handle(&ops, request, strlen(request), reply, sizeof reply);
     T_EQ_I(n, strlen(reply));
     T_CONTAINS(reply, part);
@@ -97,6 +105,12 @@ static void control_answers(void)
     pvx_log_set_level(before);
     answer_is("{\"cmd\":\"log-level\",\"level\":\"loud\"}", "error");
     answer_is("{\"cmd\":\"log-level\"}", "error");
+    answer_is("{\"cmd\":\"record\",\"action\":\"start\"}", "\"path\":\"/default.h5\"");
+    answer_is("{\"cmd\":\"record\",\"action\":\"start\",\"path\":\"/a.h5\"}", "\"/a.h5\"");
+    answer_is("{\"cmd\":\"record\",\"action\":\"stop\"}", "nothing is being recorded");
+    answer_is("{\"cmd\":\"record\",\"action\":\"start\",\"path\":\"a.h5\"}", "absolute");
+    answer_is("{\"cmd\":\"record\",\"action\":\"go\"}", "should be");
+    answer_is("{\"cmd\":\"record\"}", "should be");
     answer_is("{\"cmd\":\"fly\"}", "unknown command");
     answer_is("{\"cmd\":5}", "error");
     answer_is("{}", "error");
@@ -110,7 +124,7 @@ static void control_answers(void)
     /* a status that does not fit is an answer too */
     int fits = 0;
     char reply[300];
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, &fits};
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
     dmn_control_handle(&ops, "{\"cmd\":\"status\"}", 16, reply, sizeof reply);
     T_CONTAINS(reply, "does not fit");
 }
@@ -148,7 +162,7 @@ static void second_control_socket_is_refused(void)
     T_OK(mkdtemp(dir) != NULL);
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     int fits = 1;
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, &fits};
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
     dmn_control *a = NULL, *b = NULL;
     struct pvx_diag d = {0};
     T_EQ_I(dmn_control_new(endpoint, &ops, &a, &d), PVX_OK);

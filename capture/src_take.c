@@ -1,0 +1,379 @@
+/* src_take.c - take: the frames of a take (take.h) as cameras.
+ *
+ *     take:FILE            the camera of this name, at the original speed
+ *     take:FILE?speed=2    twice as fast
+ * Frames carry their sets' numbers and their original times, so the sets are those of the recording
+ * (frameset.h), whatever the speed.  Lossless: as fast as the consumer takes them, nothing left out.
+ * Frames that were in no set are not played.  All cameras of a file share it and one time line, which
+ * starts with the first of them; with `loop` turn n has numbers and times n times the length of the
+ * take later. */
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/yaml.h"
+#include "capture/backends.h"
+#include "capture/bufpool.h"
+#include "capture/take.h"
+
+#define LEAD_NS   (100 * PVX_NS_PER_MS) /* from the first start to the first frame */
+#define SPEED_MIN 1e-3
+#define SPEED_MAX 1e3
+
+/* A file that is open, and its time line. */
+struct shared {
+    char *path;
+    cap_take *take;
+    unsigned users;
+    bool running;
+    int64_t start_mono_ns;       /* the first set is due */
+    int64_t first_ns, length_ns; /* exposure of the first set; to where the next turn begins */
+    uint64_t first, count;       /* number of the first set; numbers of a turn */
+    struct shared *next;
+};
+static pthread_mutex_t shared_lock = PTHREAD_MUTEX_INITIALIZER;
+static struct shared *shared_list;
+
+struct player {
+    struct cap_source base;
+    struct shared *file;
+    uint32_t camera;
+    int in_take; /* camera's number there */
+    char *name;
+    double speed;
+    bool lossless, loop;
+    bool said_damaged;
+    cap_bufpool *pool;
+    struct cap_sink sink;
+    pthread_t thread;
+    bool running;
+    pthread_mutex_t lock;
+    pthread_cond_t wake;
+    bool stop; /* under lock */
+};
+
+/* ---- the file ---- */
+
+static pvx_err open_shared(struct shared *s, struct pvx_diag *d)
+{
+    PVX_TRY(cap_take_open(s->path, &s->take, d));
+    const struct cap_take_info *info = cap_take_info(s->take);
+    if (info->sets == 0)
+        return pvx_fail(d, PVX_EFORMAT, "%s: holds no complete set", s->path);
+    const struct cap_take_set *a = cap_take_set(s->take, 0, NULL);
+    const struct cap_take_set *b = cap_take_set(s->take, info->sets - 1, NULL);
+    int64_t span = b->t_exposure_ns - a->t_exposure_ns;
+    s->first = a->number;
+    s->count = b->number - a->number + 1;
+    s->first_ns = a->t_exposure_ns;
+    s->length_ns = span + (info->sets > 1 ? span / (int64_t)(info->sets - 1) : PVX_NS_PER_S);
+    if (!info->closed)
+        LOG_W(CAPTURE, "%s: was cut off, or is being recorded: %llu complete sets, %llu lost",
+              s->path, (unsigned long long)info->sets, (unsigned long long)info->sets_lost);
+    return PVX_OK;
+}
+
+static void free_shared(struct shared *s)
+{
+    cap_take_free(&s->take);
+    free(s->path);
+    free(s);
+}
+
+static pvx_err new_shared(const char *path, struct shared **out, struct pvx_diag *d)
+{
+    struct shared *s = pvx_calloc(1, sizeof *s);
+    if (s == NULL)
+        return PVX_ENOMEM;
+    s->path = strdup(path);
+    pvx_err e = s->path != NULL ? open_shared(s, d) : PVX_ENOMEM;
+    if (e != PVX_OK) {
+        free_shared(s);
+        return e;
+    }
+    *out = s;
+    return PVX_OK;
+}
+
+static pvx_err join_shared(const char *path, struct shared **out, struct pvx_diag *d)
+{
+    pvx_err e = PVX_OK;
+    pthread_mutex_lock(&shared_lock);
+    struct shared *s = shared_list;
+    while (s != NULL && strcmp(s->path, path) != 0)
+        s = s->next;
+    if (s == NULL && (e = new_shared(path, &s, d)) == PVX_OK) {
+        s->next = shared_list;
+        shared_list = s;
+    }
+    if (e == PVX_OK)
+        s->users++;
+    pthread_mutex_unlock(&shared_lock);
+    *out = e == PVX_OK ? s : NULL;
+    return e;
+}
+
+static void leave_shared(struct shared *s)
+{
+    if (s == NULL)
+        return;
+    pthread_mutex_lock(&shared_lock);
+    bool last = --s->users == 0;
+    for (struct shared **p = &shared_list; last && *p != NULL; p = &(*p)->next)
+        if (*p == s) {
+            *p = s->next;
+            break;
+        }
+    pthread_mutex_unlock(&shared_lock);
+    if (last)
+        free_shared(s);
+}
+
+static int64_t start_of(struct shared *s)
+{
+    pthread_mutex_lock(&shared_lock);
+    if (!s->running) {
+        s->running = true;
+        s->start_mono_ns = pvx_now_mono() + LEAD_NS;
+    }
+    int64_t t = s->start_mono_ns;
+    pthread_mutex_unlock(&shared_lock);
+    return t;
+}
+
+/* ---- thread ---- */
+
+static void count(struct player *p, enum cap_count what, uint64_t n)
+{
+    if (n > 0)
+        p->sink.count(p->sink.ctx, p->camera, what, n);
+}
+
+static bool stopped(struct player *p)
+{
+    pthread_mutex_lock(&p->lock);
+    bool stop = p->stop;
+    pthread_mutex_unlock(&p->lock);
+    return stop;
+}
+
+/* Until mono time `t` or stop; true = go on. */
+static bool sleep_until(struct player *p, int64_t t)
+{
+    struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
+    pthread_mutex_lock(&p->lock);
+    while (!p->stop && pvx_now_mono() < t)
+        pthread_cond_timedwait(&p->wake, &p->lock, &ts);
+    bool go = !p->stop;
+    pthread_mutex_unlock(&p->lock);
+    return go;
+}
+
+/* Read into a buffer; NULL: left out, and counted, or stopped. */
+static struct cap_frame *load(struct player *p, uint64_t row)
+{
+    struct cap_frame *f = p->lossless ? cap_bufpool_take_wait(p->pool) : cap_bufpool_take(p->pool);
+    if (f == NULL) {
+        count(p, CAP_UNDERRUN, !p->lossless);
+        return NULL;
+    }
+    struct pvx_diag d = {""};
+    pvx_err e = cap_take_read(p->file->take, (uint32_t)p->in_take, row, cap_bufpool_memory(f),
+                              cap_bufpool_bytes(p->pool), &f->img, &d);
+    if (e == PVX_OK)
+        return f;
+    cap_frame_release(f);
+    count(p, CAP_INCOMPLETE, 1);
+    if (!p->said_damaged)
+        LOG_W(CAPTURE, "camera %s: %s; it and others like it are left out", p->name,
+              pvx_diag_text(&d, e));
+    p->said_damaged = true;
+    return NULL;
+}
+
+/* One frame of turn `turn`; false = stop. */
+static bool play(struct player *p, uint64_t turn, uint64_t row, const struct cap_take_set *set,
+                 uint64_t *good)
+{
+    const struct shared *s = p->file;
+    const struct cap_take_row *r = cap_take_row(s->take, (uint32_t)p->in_take, row);
+    int64_t shift = (int64_t)turn * s->length_ns;
+    if (!p->lossless) {
+        double after = (double)(r->t_exposure_ns - s->first_ns + shift) / p->speed;
+        if (!sleep_until(p, start_of(p->file) + (int64_t)after))
+            return false;
+    }
+    struct cap_frame *f = load(p, row);
+    if (f == NULL)
+        return !stopped(p);
+    f->id = r->id + turn * s->count;
+    f->t_device_ns = r->t_device_ns;
+    f->t_exposure_ns = r->t_exposure_ns + shift;
+    f->exposure_us = r->exposure_us;
+    f->gain = r->gain;
+    f->set = set->number + turn * s->count + 1;
+    f->set_size = set->n;
+    f->t_arrival_ns = pvx_now_real();
+    f->t_arrival_mono_ns = pvx_now_mono();
+    *good += 1;
+    p->sink.push(p->sink.ctx, f);
+    return true;
+}
+
+/* A turn through the sets; false = stop. */
+static bool play_all(struct player *p, uint64_t turn, uint64_t *good)
+{
+    const cap_take *t = p->file->take;
+    const struct cap_take_row *last = NULL;
+    for (uint64_t k = 0; k < cap_take_info(t)->sets; k++) {
+        const int64_t *member;
+        const struct cap_take_set *set = cap_take_set(t, k, &member);
+        if (member[p->in_take] < 0)
+            continue;
+        const struct cap_take_row *r =
+            cap_take_row(t, (uint32_t)p->in_take, (uint64_t)member[p->in_take]);
+        if (last != NULL && r->id > last->id)
+            count(p, CAP_ID_GAP, r->id - last->id - 1);
+        last = r;
+        if (!play(p, turn, (uint64_t)member[p->in_take], set, good))
+            return false;
+    }
+    return true;
+}
+
+static void *run(void *arg)
+{
+    struct player *p = arg;
+    for (uint64_t turn = 0;; turn++) {
+        uint64_t good = 0;
+        if (!play_all(p, turn, &good))
+            return NULL;
+        if (!p->loop || good == 0) /* another turn without a frame would be for nothing */
+            break;
+    }
+    p->sink.event(p->sink.ctx, p->camera, CAP_EV_END);
+    return NULL;
+}
+
+/* ---- operations ---- */
+
+static void take_close(cap_source **sp)
+{
+    struct player *p = (struct player *)*sp;
+    if (p == NULL)
+        return;
+    *sp = NULL;
+    leave_shared(p->file);
+    cap_bufpool_unref(&p->pool);
+    pthread_mutex_destroy(&p->lock);
+    pthread_cond_destroy(&p->wake);
+    free(p->name);
+    free(p);
+}
+
+/* "FILE?speed=X" -> FILE in *path (owner: caller) and X. */
+static pvx_err parse_uri(const char *uri, char **path, double *speed, struct pvx_diag *d)
+{
+    const char *q = strstr(uri, "?speed=");
+    *speed = 1;
+    *path = strndup(uri, q != NULL ? (size_t)(q - uri) : strlen(uri));
+    if (*path == NULL)
+        return PVX_ENOMEM;
+    if (q != NULL && pvx_parse_double(q + 7, SPEED_MIN, SPEED_MAX, speed) != PVX_OK)
+        return pvx_fail(d, PVX_EINVAL, "take:%s: the speed should be a number from %g to %g", uri,
+                        SPEED_MIN, SPEED_MAX);
+    return PVX_OK;
+}
+
+static pvx_err set_up(struct player *p, const struct cap_source_config *c, const char *path,
+                      struct pvx_diag *d)
+{
+    PVX_TRY(join_shared(path, &p->file, d));
+    p->in_take = cap_take_find(p->file->take, p->name);
+    if (p->in_take < 0)
+        return pvx_fail(d, PVX_ENOENT, "%s: has no camera %s", path, p->name);
+    const struct cap_take_camera *k = &cap_take_info(p->file->take)->head.camera[p->in_take];
+    if (k->fmt == CAP_FMT_NONE)
+        return cap_bufpool_new(1, 1, c->camera, &p->pool); /* it never sent a frame */
+    if ((c->width > 0 && c->width != k->width) || (c->height > 0 && c->height != k->height))
+        return pvx_fail(d, PVX_EINVAL, "%s: camera %s has %dx%d pixels there, %dx%d in the rig",
+                        path, p->name, k->width, k->height, c->width, c->height);
+    if (c->fmt != CAP_FMT_NONE && c->fmt != k->fmt)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: camera %s sent %s, the configuration says pixel_format: %s", path,
+                        p->name, cap_pixfmt_name(k->fmt), cap_pixfmt_name(c->fmt));
+    size_t bytes = cap_take_frame_max(p->file->take, (uint32_t)p->in_take);
+    return cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &p->pool);
+}
+
+static pvx_err take_open(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct player *p = pvx_calloc(1, sizeof *p);
+    if (p == NULL)
+        return PVX_ENOMEM;
+    char *path = NULL;
+    p->base.ops = &cap_source_take;
+    p->camera = c->camera;
+    p->lossless = c->lossless;
+    p->loop = c->loop;
+    pthread_condattr_t a;
+    pthread_condattr_init(&a);
+    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
+    pthread_mutex_init(&p->lock, NULL);
+    pthread_cond_init(&p->wake, &a);
+    pthread_condattr_destroy(&a);
+    p->name = strdup(c->name != NULL ? c->name : "");
+    pvx_err e = p->name != NULL ? parse_uri(c->uri, &path, &p->speed, d) : PVX_ENOMEM;
+    if (e == PVX_OK)
+        e = set_up(p, c, path, d);
+    free(path);
+    cap_source *base = &p->base;
+    if (e != PVX_OK)
+        take_close(&base);
+    *out = base;
+    return e;
+}
+
+static pvx_err take_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
+{
+    struct player *p = (struct player *)base;
+    p->sink = *sink;
+    p->stop = false;
+    cap_bufpool_resume(p->pool);
+    if (pthread_create(&p->thread, NULL, run, p) != 0)
+        return pvx_fail(d, PVX_EIO, "take: cannot start a thread");
+    char name[16];
+    snprintf(name, sizeof name, "take%u", p->camera);
+    pthread_setname_np(p->thread, name);
+    p->running = true;
+    return PVX_OK;
+}
+
+static void take_stop(cap_source *base)
+{
+    struct player *p = (struct player *)base;
+    if (!p->running)
+        return;
+    pthread_mutex_lock(&p->lock);
+    p->stop = true;
+    pthread_cond_broadcast(&p->wake);
+    pthread_mutex_unlock(&p->lock);
+    cap_bufpool_cancel(p->pool);
+    pthread_join(p->thread, NULL);
+    p->running = false;
+}
+
+const struct cap_source_ops cap_source_take = {
+    .scheme = "take",
+    .help = "a take of raw frames: FILE.h5, or FILE.h5?speed=2 for twice the speed",
+    .recorded = true,
+    .open = take_open,
+    .start = take_start,
+    .stop = take_stop,
+    .close = take_close,
+};
