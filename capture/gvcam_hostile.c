@@ -29,22 +29,32 @@ void gvcam_hostile_acks(struct cap_gvcam *c, const struct cap_gvcp_request *r,
     say(c, c->control, p, 12, to); /* a request instead */
 }
 
+/* One bad packet about the frame that begins.  It may cost that frame, never another. */
 void gvcam_hostile_packets(struct cap_gvcam *c, const struct gvcam_shot *s)
 {
     uint8_t p[512];
     struct sockaddr_in to = gvcam_target(c);
-    struct cap_gvsp_head h = {.wide = c->wide, .content = CAP_GVSP_DATA, .block = s->id};
-    memset(p, 0x5a, sizeof p);
-    h.block = s->id > 2000 ? s->id - 1999 : s->id + 40000; /* of no frame near by */
-    h.packet = 3;
-    cap_gvsp_put_head(p, &h);
-    say(c, c->stream, p, sizeof p, &to);
-    h.block = s->id;
-    h.packet = 0xfffff0; /* far behind the end */
-    cap_gvsp_put_head(p, &h);
-    say(c, c->stream, p, sizeof p, &to);
-    h.packet = 1;
-    h.content = 0x7d; /* of no known kind */
-    cap_gvsp_put_head(p, &h);
-    say(c, c->stream, p, sizeof p, &to);
+    struct cap_gvsp_head h = {
+        .wide = c->wide, .content = CAP_GVSP_DATA, .block = s->id, .packet = 1};
+    size_t n = sizeof p;
+    for (size_t k = 0; k < n; k++)
+        p[k] = (uint8_t)(gvcam_uniform(c) * 256);
+    switch ((int)(gvcam_uniform(c) * 10)) {
+    case 0: n = 0; break;                                           /* empty */
+    case 1: n = 1 + (size_t)(gvcam_uniform(c) * 7); break;          /* not even a head */
+    case 2: h.packet = 0xfffff0; break;                             /* far behind the end */
+    case 3: h.block = s->id > 3000 ? s->id - 2000 : 45000; break;   /* of no frame near by */
+    case 4: h.block = 0; break;                                     /* of no frame ever */
+    case 5: h.content = 0x7d; break;                                /* of no known kind */
+    case 6: n = CAP_GVSP_HEAD; break;                               /* data, but none in it */
+    case 7: h.content = CAP_GVSP_LEAD, h.packet = 0, n = 12; break; /* leader cut short */
+    case 8: h.content = CAP_GVSP_TRAIL, h.packet = 0xfffffe; break;
+    default: h.wide = !c->wide, n = 12; break; /* the other kind of number, and cut short */
+    }
+    if (n >= CAP_GVSP_HEAD) {
+        uint8_t head[CAP_GVSP_HEAD_WIDE];
+        size_t m = cap_gvsp_put_head(head, &h);
+        memcpy(p, head, m < n ? m : n);
+    }
+    say(c, c->stream, p, n, &to);
 }

@@ -95,7 +95,7 @@ static uint16_t raw_write(struct raw *r, uint32_t address, uint32_t value)
 }
 
 /* 0 and a failed check when it cannot be read. */
-static uint32_t raw_read(struct raw *r, uint32_t address)
+__attribute__((unused)) static uint32_t raw_read(struct raw *r, uint32_t address)
 {
     uint8_t d[4];
     cap_put32(d, address);
