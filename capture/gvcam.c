@@ -189,7 +189,7 @@ static pvx_err copy_config(struct cap_gvcam *c, const struct cap_gvcam_config *f
     return PVX_OK;
 }
 
-static void destroy(struct cap_gvcam *c)
+void gvcam_destroy(struct cap_gvcam *c)
 {
     if (c->control >= 0)
         close(c->control);
@@ -205,34 +205,47 @@ static void destroy(struct cap_gvcam *c)
     free(c);
 }
 
-pvx_err cap_gvcam_new(cap_gvnet *net, const struct cap_gvcam_config *config, cap_gvcam **out,
-                      struct pvx_diag *d)
+pvx_err gvcam_build(cap_gvnet *net, const struct cap_gvcam_config *config, struct cap_gvcam **out)
 {
-    *out = NULL;
-    PVX_TRY(check(config, d));
     struct cap_gvcam *c = pvx_calloc(1, sizeof *c);
     if (c == NULL)
         return PVX_ENOMEM;
     c->net = net;
     c->control = c->stream = -1;
+    c->trigger_at = GVCAM_NEVER;
     pvx_err e = copy_config(c, config);
-    if (e == PVX_OK)
-        e = find_interface(c, d);
+    if (e == PVX_OK) {
+        c->id = c->c.first_id;
+        gvcam_reg_reset(c);
+        gvcam_clock_start(c, gvcam_now());
+        c->ptp_status_latched = GVCAM_PTP_DISABLED;
+        e = gvcam_xml_make(c);
+    }
+    if (e != PVX_OK) {
+        gvcam_destroy(c);
+        return e;
+    }
+    *out = c;
+    return PVX_OK;
+}
+
+pvx_err cap_gvcam_new(cap_gvnet *net, const struct cap_gvcam_config *config, cap_gvcam **out,
+                      struct pvx_diag *d)
+{
+    struct cap_gvcam *c;
+    *out = NULL;
+    PVX_TRY(check(config, d));
+    PVX_TRY(gvcam_build(net, config, &c));
+    pvx_err e = find_interface(c, d);
     if (e == PVX_OK)
         e = open_sockets(c, d);
     if (e == PVX_OK) {
         c->rng = 0x9E3779B97F4A7C15u ^ c->addr.s_addr;
-        c->id = c->c.first_id;
-        c->last.id = 0;
         fill_bootstrap(c);
-        gvcam_reg_reset(c);
-        gvcam_clock_start(c, gvcam_now());
-        e = gvcam_xml_make(c);
-    }
-    if (e == PVX_OK)
         e = gvnet_add(net, c, d);
+    }
     if (e != PVX_OK) {
-        destroy(c);
+        gvcam_destroy(c);
         return e;
     }
     *out = c;
@@ -246,7 +259,7 @@ void cap_gvcam_free(cap_gvcam **cp)
         return;
     *cp = NULL;
     gvnet_remove(c->net, c);
-    destroy(c);
+    gvcam_destroy(c);
 }
 
 /* ---- live ------------------------------------------------------------------------------------- */

@@ -164,6 +164,11 @@ static inline bool gvcam_chance(struct cap_gvcam *c, double share)
     return share > 0 && gvcam_uniform(c) < share;
 }
 
+/* gvcam.c: a camera that has no network yet (that is enough to talk to it: the fuzz target). */
+PVX_MUST_CHECK pvx_err gvcam_build(cap_gvnet *net, const struct cap_gvcam_config *config,
+                                   struct cap_gvcam **out);
+void gvcam_destroy(struct cap_gvcam *c);
+
 /* gvcam_clock.c */
 void gvcam_clock_start(struct cap_gvcam *c, int64_t now);
 int64_t gvcam_clock_ns(struct cap_gvcam *c, int64_t now); /* device time */
