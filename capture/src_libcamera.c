@@ -432,7 +432,7 @@ static pvx_err set_up(struct source *s, struct pvx_diag *d)
     if (e == PVX_OK)
         e = open_camera(s, all.id[i], d);
     if (e == PVX_OK && s->c.fps > 0 && !s->layout.has_duration)
-        LOG_W(
+        LOG_I(
             CAPTURE,
             "camera %s (libcamera:%s): its frame rate cannot be set through libcamera %s: it sends "
             "at its own",

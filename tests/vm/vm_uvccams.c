@@ -132,7 +132,7 @@ static void on_signal(int sig)
 
 int main(int argc, char **argv)
 {
-    int quality = 95, rate = 30, at = 1;
+    int quality = UVC_QUALITY, rate = 30, at = 1;
     for (; at + 2 < argc; at += 2)
         if (strcmp(argv[at], "--quality") == 0)
             quality = atoi(argv[at + 1]);

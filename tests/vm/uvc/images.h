@@ -13,6 +13,8 @@
 #include <stdint.h>
 #include "base/err.h"
 
+#define UVC_QUALITY 95 /* of JPEGs, unless said otherwise */
+
 enum uvc_format { UVC_MJPG, UVC_YUYV, UVC_GREY, UVC_N_FORMATS }; /* index + 1 = bFormatIndex */
 enum { UVC_N_SIZES = 2 };                                        /* index + 1 = bFrameIndex */
 
