@@ -12,6 +12,9 @@ check status-is-consistent field \
     "s['sets']['produced'] == s['sets']['published'] + s['sets']['dropped'] + s['sets']['inside']"
 check status-names-cameras field \
     "[c['name'] for c in s['cameras']] == ['cam0','cam1','cam2','cam3'] and all(c['state'] == 'running' for c in s['cameras'])"
+check status-has-skews field \
+    "len(s['skew']['edges_us']) == 28 and all(c['skew']['n'] > 5 and sum(c['skew']['bins']) == c['skew']['n'] and c['troubles'] == [] or c['troubles'] for c in s['cameras'])"
+check skews-for-people grep -q '^spread of a set .*|.*|$' <("$pyrovox" status --endpoint "$control")
 check status-for-people grep -q '^latency' <("$pyrovox" status --endpoint "$control")
 check top-prints-lines grep -q 'sets/s' <("$pyrovox" top --endpoint "$volumes" --truth 1,2 --seconds 3)
 check record "$pyrovox" record --quiet --endpoint "$volumes" --volumes 5 --out "$dir/rec"
