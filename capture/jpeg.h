@@ -9,7 +9,7 @@
  * The pixels are gamma-coded R'G'B' of 8 bits (img.yuv says so; transfer.h): JFIF's matrix is that of
  * BT.601, full range; the library interpolates chroma and rounds R'G'B' once.
  * Memory: the picture's pixels and the decoder are allocated by cap_jpeg_new.  The library takes work
- * memory for each picture and gives it back (4:2:2 of 640x480: 24 blocks, 67 KB); it keeps none and
+ * memory for each picture and gives it back (4:2:2 of 640x480: 8 blocks, 33 KB); it keeps none and
  * has no interface to be given one that reports errors without longjmp.
  * Threads: one call per decoder at a time. */
 #ifndef CAP_JPEG_H

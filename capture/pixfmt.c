@@ -5,15 +5,18 @@
 void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
 {
     double kr = yuv & CAP_YUV_709 ? 0.2126 : 0.299, kb = yuv & CAP_YUV_709 ? 0.0722 : 0.114;
-    double kg = 1 - kr - kb, one = 4095.0 * (1 << CAP_YUV_SHIFT);
+    double kg = 1 - kr - kb;
     bool full = yuv & CAP_YUV_FULL;
-    double y = one / (full ? 255 : 219), c = one / (full ? 255 : 224);
-    *out = (struct cap_yuv_coef){.y0 = full ? 0 : 16,
-                                 .y = (int32_t)lrint(y),
-                                 .r_cr = (int32_t)lrint(c * 2 * (1 - kr)),
-                                 .g_cb = (int32_t)lrint(-c * 2 * kb * (1 - kb) / kg),
-                                 .g_cr = (int32_t)lrint(-c * 2 * kr * (1 - kr) / kg),
-                                 .b_cb = (int32_t)lrint(c * 2 * (1 - kb))};
+    double y = 4095.0 / (full ? 255 : 219), c = 4095.0 / (full ? 255 : 224);
+    double cb[3] = {0, -c * 2 * kb * (1 - kb) / kg, c * 2 * (1 - kb)};
+    double cr[3] = {c * 2 * (1 - kr), -c * 2 * kr * (1 - kr) / kg, 0};
+    *out = (struct cap_yuv_coef){.y = {0}};
+    for (int i = 0; i < 3; i++) {
+        out->y[i] = (float)y;
+        out->cb[i] = (float)cb[i];
+        out->cr[i] = (float)cr[i];
+        out->at0[i] = (float)(0.5 - (full ? 0 : 16 * y) - 128 * (cb[i] + cr[i]));
+    }
 }
 
 static enum cap_transfer curve_of(const struct cap_image *img, enum cap_transfer t)
@@ -78,7 +81,9 @@ pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params
     struct cap_pix j;
     PVX_TRY(cap_pix_check(img, p, y0, y1, &j));
     int b = j.binning, most = j.cell != NULL && j.table != NULL ? 16 : 32; /* sums fit 31 bits */
-    if (j.full == 0 || b > most || (j.cell != NULL && b > 1 && b % 2 != 0))
+    if (j.full == 0 && b == 1 && j.grey == (j.nch == 1))
+        cap_pix_floats(&j, y0, y1, out);
+    else if (j.full == 0 || b > most || (j.cell != NULL && b > 1 && b % 2 != 0))
         cap_pix_ref(&j, y0, y1, out);
     else if (j.cell != NULL && b == 1)
         cap_pix_bayer(&j, y0, y1, out);

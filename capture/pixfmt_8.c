@@ -7,22 +7,19 @@
 
 /* ---- binning 1 ---- */
 
-typedef float f4 __attribute__((vector_size(16), aligned(4), may_alias));
-typedef int32_t i4 __attribute__((vector_size(16)));
-
-CAP_PIX_INLINE f4 light4(i4 v, i4 lanes)
+CAP_PIX_INLINE cap_f4 light4(cap_i4 v, cap_i4 lanes)
 {
-    f4 one = {1, 1, 1, 1}, l = __builtin_convertvector(v, f4) * (1.0f / 255.0f);
-    i4 full = v == 255;
-    return (f4)((((i4)one & full) | ((i4)l & ~full)) & lanes);
+    cap_f4 one = {1, 1, 1, 1}, l = __builtin_convertvector(v, cap_f4) * (1.0f / 255.0f);
+    cap_i4 full = v == 255;
+    return (cap_f4)((((cap_i4)one & full) | ((cap_i4)l & ~full)) & lanes);
 }
 
 /* RGB pixels to 4 lanes; order 0 RGB, 2 BGR. */
 CAP_PIX_INLINE void rgb_row(const uint8_t *p, int32_t w, int order, float *out)
 {
-    const i4 lanes = {-1, -1, -1, 0};
+    const cap_i4 lanes = {-1, -1, -1, 0};
     for (int32_t x = 0; x < w; x++, p += 3, out += 4)
-        *(f4 *)out = light4((i4){p[order], p[1], p[2 - order], 0}, lanes);
+        *(cap_f4 *)out = light4((cap_i4){p[order], p[1], p[2 - order], 0}, lanes);
 }
 
 static void grey_row(const uint8_t *p, int32_t w, int nch, float *restrict out)
@@ -32,9 +29,9 @@ static void grey_row(const uint8_t *p, int32_t w, int nch, float *restrict out)
             out[x] = p[x] == 255 ? 1.0f : (float)p[x] * (1.0f / 255.0f);
         return;
     }
-    const i4 lanes = {-1, -1, -1, 0};
+    const cap_i4 lanes = {-1, -1, -1, 0};
     for (int32_t x = 0; x < w; x++)
-        *(f4 *)(out + (size_t)x * 4) = light4((i4){p[x], p[x], p[x], 0}, lanes);
+        *(cap_f4 *)(out + (size_t)x * 4) = light4((cap_i4){p[x], p[x], p[x], 0}, lanes);
 }
 
 static void mean_row(const struct cap_pix *j, const uint8_t *p, int32_t w, float *out)

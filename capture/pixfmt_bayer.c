@@ -7,9 +7,6 @@
 
 enum { PIECE = 512 }; /* pixels at a time, and one more on each side */
 
-typedef float f4 __attribute__((vector_size(16), aligned(4), may_alias));
-typedef int32_t i4 __attribute__((vector_size(16), aligned(4), may_alias));
-
 /* A piece of a row: values to be added, and whether they are saturated. */
 struct piece {
     uint32_t v[PIECE + 2], sat[PIECE + 2]; /* pixel x is at x - first + 1 */
@@ -76,11 +73,11 @@ CAP_PIX_INLINE void put(float *out, int nch, const uint32_t s[3], const uint32_t
                         const float scale[3])
 {
     if (nch == 3) {
-        const i4 bad = {(int32_t)m[0], (int32_t)m[1], (int32_t)m[2], 0};
-        const i4 sum = {(int32_t)s[0], (int32_t)s[1], (int32_t)s[2], 0};
-        const f4 one = {1, 1, 1, 1}, k = {scale[0], scale[1], scale[2], 0};
-        f4 v = __builtin_convertvector(sum, f4) * k;
-        *(f4 *)out = (f4)(((i4)one & bad) | ((i4)v & ~bad));
+        const cap_i4 bad = {(int32_t)m[0], (int32_t)m[1], (int32_t)m[2], 0};
+        const cap_i4 sum = {(int32_t)s[0], (int32_t)s[1], (int32_t)s[2], 0};
+        const cap_f4 one = {1, 1, 1, 1}, k = {scale[0], scale[1], scale[2], 0};
+        cap_f4 v = __builtin_convertvector(sum, cap_f4) * k;
+        *(cap_f4 *)out = (cap_f4)(((cap_i4)one & bad) | ((cap_i4)v & ~bad));
         return;
     }
     float rgb[3];
@@ -159,11 +156,11 @@ static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float
     const float scale = cap_pix_scale(j, 1);
     const unsigned full = j->full;
     const int first = j->cell[(y & 1) * 2], second = j->cell[(y & 1) * 2 + 1];
-    const f4 none = {NAN, NAN, NAN, 0};
+    const cap_f4 none = {NAN, NAN, NAN, 0};
     cap_pix_row(j, y, x, n, s);
     for (int32_t i = 0; i < n; i++) {
         uint32_t v = j->table == NULL ? s[i] : j->table[s[i] < full ? s[i] : full];
-        *(f4 *)(out + (size_t)i * 4) = none;
+        *(cap_f4 *)(out + (size_t)i * 4) = none;
         out[(size_t)i * 4 + (size_t)(i % 2 == 0 ? first : second)] =
             s[i] >= full ? 1.0f : (float)(int32_t)v * scale;
     }

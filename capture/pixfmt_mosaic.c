@@ -10,9 +10,6 @@
 
 enum { PIECE = 512 }; /* pixels at a time, and one more on each side */
 
-typedef float f4 __attribute__((vector_size(16), aligned(4), may_alias));
-typedef int32_t i4 __attribute__((vector_size(16), aligned(4), may_alias));
-
 /* Pixels x-1 .. x+n of one row; a saturated one is marked and adds nothing. */
 struct line {
     uint32_t v[PIECE + 2], sat[PIECE + 2];
@@ -55,32 +52,36 @@ static void take(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struc
     one_value(j, x + n < w ? x + n : w - 2, y, n + 1, l);
 }
 
-/* Rows of parity p of bin row Y. */
-static void down(const struct cap_pix *j, int32_t Y, int p, int32_t x, int32_t n,
+/* Sums down the rows of one parity of a bin: at its edge, `beyond` the other one, and from row y on those
+ * between. */
+static void down(const struct cap_pix *j, const struct line *restrict edge,
+                 const struct line *restrict beyond, int32_t y, int32_t x, int32_t n,
                  struct columns *restrict c)
 {
     struct line l;
-    int32_t b = j->binning, y0 = Y * b;
-    int32_t edge = p == 0 ? y0 : y0 + b - 1, beyond = p == 0 ? y0 + b : y0 - 1;
-    take(j, edge, x, n, &l);
-    for (int32_t i = 0; i < n + 2; i++) {
-        c->sum[i] = l.v[i];
-        c->sum1[i] = 0u - l.v[i];
-        c->sat[i] = l.sat[i];
+    if (j->binning == 2) {
+        for (int32_t i = 0; i < n + 2; i++) {
+            c->sum[i] = edge->v[i];
+            c->sat[i] = edge->sat[i];
+            c->sum1[i] = 3 * edge->v[i] + beyond->v[i];
+            c->sat1[i] = edge->sat[i] | beyond->sat[i];
+        }
+        return;
     }
-    for (int32_t y = y0 + p; y < y0 + b; y += 2) {
-        if (y == edge)
-            continue;
-        take(j, y, x, n, &l);
+    for (int32_t i = 0; i < n + 2; i++) {
+        c->sum[i] = edge->v[i];
+        c->sat[i] = edge->sat[i];
+    }
+    for (int r = 1; r < j->binning / 2; r++) {
+        take(j, y + 2 * (r - 1), x, n, &l);
         for (int32_t i = 0; i < n + 2; i++) {
             c->sum[i] += l.v[i];
             c->sat[i] |= l.sat[i];
         }
     }
-    take(j, beyond, x, n, &l);
     for (int32_t i = 0; i < n + 2; i++) {
-        c->sum1[i] += 4 * c->sum[i] + l.v[i];
-        c->sat1[i] = c->sat[i] | l.sat[i];
+        c->sum1[i] = 4 * c->sum[i] - edge->v[i] + beyond->v[i];
+        c->sat1[i] = c->sat[i] | beyond->sat[i];
     }
 }
 
@@ -137,15 +138,15 @@ static void put(const struct cap_pix *j, const struct bins *v, int32_t bins, flo
 {
     int b = j->binning;
     const float own = cap_pix_scale(j, 4 * b * b), green = cap_pix_scale(j, b * b / 2);
-    const f4 one = {1, 1, 1, 1}, scale = {own, green, own, 0};
+    const cap_f4 one = {1, 1, 1, 1}, scale = {own, green, own, 0};
     for (int32_t X = 0; X < bins; X++) {
-        const i4 s = {(int32_t)v->sum[0][X], (int32_t)v->sum[1][X], (int32_t)v->sum[2][X], 0};
-        const i4 m = {(int32_t)v->sat[0][X], (int32_t)v->sat[1][X], (int32_t)v->sat[2][X], 0};
-        const i4 bad = m != 0;
-        f4 rgb = __builtin_convertvector(s, f4) * scale;
-        rgb = (f4)(((i4)one & bad) | ((i4)rgb & ~bad));
+        const cap_i4 s = {(int32_t)v->sum[0][X], (int32_t)v->sum[1][X], (int32_t)v->sum[2][X], 0};
+        const cap_i4 m = {(int32_t)v->sat[0][X], (int32_t)v->sat[1][X], (int32_t)v->sat[2][X], 0};
+        const cap_i4 bad = m != 0;
+        cap_f4 rgb = __builtin_convertvector(s, cap_f4) * scale;
+        rgb = (cap_f4)(((cap_i4)one & bad) | ((cap_i4)rgb & ~bad));
         if (j->nch == 3) {
-            *(f4 *)(out + (size_t)X * 4) = rgb;
+            *(cap_f4 *)(out + (size_t)X * 4) = rgb;
         } else {
             const float p[3] = {rgb[0], rgb[1], rgb[2]};
             const bool saturated[3] = {bad[0] != 0, bad[1] != 0, bad[2] != 0};
@@ -154,14 +155,18 @@ static void put(const struct cap_pix *j, const struct bins *v, int32_t bins, flo
     }
 }
 
-static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, float *out)
+/* One piece of a row of bins: first and last of its rows, the last of the bins above, the first of those
+ * below. */
+static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
+                    const struct line *first, const struct line *last, const struct line *above,
+                    const struct line *below, float *out)
 {
     struct columns c[2];
     struct bins v;
     int b = j->binning;
     int32_t bins = n / b;
-    down(j, Y, 0, x, n, &c[0]);
-    down(j, Y, 1, x, n, &c[1]);
+    down(j, first, below, Y * b + 2, x, n, &c[0]);
+    down(j, last, above, Y * b + 1, x, n, &c[1]);
     if (b == 2)
         across(j, c, 2, bins, &v);
     else if (b == 4)
@@ -173,10 +178,24 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, fl
 
 void cap_pix_mosaic(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
+    struct line line[4], *first = &line[0], *below = &line[1], *last = &line[2], *above = &line[3];
     int32_t b = j->binning, w = j->img.width, bw = w / b;
     int32_t unit = b % 4 == 0 ? b : 2 * b, piece = PIECE / unit * unit;
-    for (int32_t Y = y0; Y < y1; Y++)
-        for (int32_t x = 0; x < w; x += piece)
-            bins_of(j, Y, x, w - x < piece ? w - x : piece,
+    for (int32_t x = 0; x < w && y0 < y1; x += piece) {
+        int32_t n = w - x < piece ? w - x : piece;
+        take(j, y0 * b, x, n, below);
+        take(j, y0 * b - 1, x, n, last);
+        for (int32_t Y = y0; Y < y1; Y++) { /* these two rows have been taken for the bins before */
+            struct line *t = first;
+            first = below;
+            below = t;
+            t = above;
+            above = last;
+            last = t;
+            take(j, (Y + 1) * b, x, n, below);
+            take(j, (Y + 1) * b - 1, x, n, last);
+            bins_of(j, Y, x, n, first, last, above, below,
                     out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * (j->nch == 3 ? 4 : 1));
+        }
+    }
 }

@@ -10,10 +10,13 @@
 
 #define CAP_PIX_INLINE static inline __attribute__((always_inline))
 
-/* Equation (2) in integers, R'G'B' of 12 bits: (y (Y - y0) + r|g|b ... + half) >> CAP_YUV_SHIFT. */
-#define CAP_YUV_SHIFT 16
+typedef float cap_f4 __attribute__((vector_size(16), aligned(4), may_alias));
+typedef int32_t cap_i4 __attribute__((vector_size(16), aligned(4), may_alias));
+
+/* Equation (2) in steps of 1/4095, in lanes R' G' B' -:  y Y + cb Cb + cr Cr + at0, cut to an integer (at0
+ * has the half).  In floats: off by less than 0.001 of a step. */
 struct cap_yuv_coef {
-    int32_t y0, y, r_cr, g_cb, g_cr, b_cb;
+    cap_f4 y, cb, cr, at0;
 };
 
 struct cap_pix {
@@ -31,21 +34,19 @@ struct cap_pix {
 
 /* ---- shared arithmetic ---- */
 
-CAP_PIX_INLINE uint16_t cap_pix_clip12(int32_t v)
+/* What a pair's chroma gives both of its pixels, and one of them. */
+CAP_PIX_INLINE cap_f4 cap_pix_chroma(const struct cap_yuv_coef *k, int cb, int cr)
 {
-    v >>= CAP_YUV_SHIFT;
-    return (uint16_t)(v < 0 ? 0 : v > 4095 ? 4095 : v);
+    return k->at0 + (k->cb * (float)cb + k->cr * (float)cr);
 }
-
-CAP_PIX_INLINE void cap_pix_yuv(const struct cap_yuv_coef *k, int luma, int cb, int cr,
-                                uint16_t rgb[3])
+CAP_PIX_INLINE cap_i4 cap_pix_yuv(const struct cap_yuv_coef *k, int luma, cap_f4 chroma)
 {
-    int32_t y = k->y * (luma - k->y0) + (1 << (CAP_YUV_SHIFT - 1));
-    cb -= 128;
-    cr -= 128;
-    rgb[0] = cap_pix_clip12(y + k->r_cr * cr);
-    rgb[1] = cap_pix_clip12(y + k->g_cb * cb + k->g_cr * cr);
-    rgb[2] = cap_pix_clip12(y + k->b_cb * cb);
+    const cap_f4 most = {4095, 4095, 4095, 0};
+    cap_f4 v = k->y * (float)luma + chroma;
+    v = (cap_f4)((cap_i4)v & (v > 0));
+    cap_i4 over = v > most;
+    v = (cap_f4)(((cap_i4)most & over) | ((cap_i4)v & ~over));
+    return __builtin_convertvector(v, cap_i4);
 }
 void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out);
 
@@ -88,6 +89,8 @@ PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* 8-bit linear samples, grey or RGB; binning 1, 2 or 4. */
 void cap_pix_8(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* Floats, binning 1, as many channels as the image has. */
+void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* Integer samples but for Bayer; binning to 32. */
 void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* Integer Bayer, binning 1: bilinear, or rays. */

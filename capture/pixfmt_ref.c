@@ -21,12 +21,9 @@ static unsigned bits(const uint8_t *p, size_t at, int depth)
 
 static unsigned yuv(const struct cap_pix *j, const uint8_t *pair, int x, int s)
 {
-    uint16_t rgb[3];
-    if (j->img.fmt == CAP_YUYV)
-        cap_pix_yuv(&j->yuv, pair[x * 2], pair[1], pair[3], rgb);
-    else
-        cap_pix_yuv(&j->yuv, pair[1 + x * 2], pair[0], pair[2], rgb);
-    return rgb[s];
+    bool uyvy = j->img.fmt == CAP_UYVY;
+    cap_f4 chroma = cap_pix_chroma(&j->yuv, pair[1 - uyvy], pair[3 - uyvy]);
+    return (unsigned)cap_pix_yuv(&j->yuv, pair[x * 2 + uyvy], chroma)[s];
 }
 
 unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s)

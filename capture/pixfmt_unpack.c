@@ -72,16 +72,23 @@ static int32_t packed(const struct cap_pix *j, const uint8_t *row, int32_t x, in
     }
 }
 
+CAP_PIX_INLINE void put3(cap_i4 rgb, uint16_t *out)
+{
+    out[0] = (uint16_t)rgb[0];
+    out[1] = (uint16_t)rgb[1];
+    out[2] = (uint16_t)rgb[2];
+}
+
 CAP_PIX_INLINE void pairs(const struct cap_yuv_coef *coef, const uint8_t *p, int32_t n, bool uyvy,
                           uint16_t *out)
 {
     const struct cap_yuv_coef k = *coef; /* a copy that `out` cannot alias */
-    for (int32_t i = 0; i + 2 <= n; i += 2, p += 4, out += 6) {
-        cap_pix_yuv(&k, p[uyvy], p[1 - uyvy], p[3 - uyvy], out);
-        cap_pix_yuv(&k, p[2 + uyvy], p[1 - uyvy], p[3 - uyvy], out + 3);
+    for (int32_t i = 0; i < n; i += 2, p += 4, out += 6) {
+        cap_f4 chroma = cap_pix_chroma(&k, p[1 - uyvy], p[3 - uyvy]);
+        put3(cap_pix_yuv(&k, p[uyvy], chroma), out);
+        if (i + 1 < n)
+            put3(cap_pix_yuv(&k, p[2 + uyvy], chroma), out + 3);
     }
-    if (n % 2 != 0)
-        cap_pix_yuv(&k, p[uyvy], p[1 - uyvy], p[3 - uyvy], out);
 }
 
 static void bytes(const struct cap_pix *j, const uint8_t *p, size_t n, uint16_t *restrict out)

@@ -1,0 +1,196 @@
+/* bench_pixels.c - raw pixels to float: MB/s of raw bytes for every layout at binning 1, 2 and 4, beside what
+ * copying would take: memcpy of as many bytes as are read and written, in the same run, one thread.  And
+ * the decoding of JPEG pictures: time, and what the library allocates for one. */
+#include <dlfcn.h>
+#include <turbojpeg.h>
+
+#include "base.h"
+#include "capture/jpeg.h"
+#include "capture/pixfmt.h"
+
+enum { W = 640, H = 480, ROUNDS = 30 };
+
+static FILE *csv;
+
+/* ---- allocations, counted by standing in the executable before the C library ---- */
+
+extern void *__libc_malloc(size_t n);
+static size_t blocks, block_bytes;
+
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+void *malloc(size_t n)
+{
+    blocks++;
+    block_bytes += n;
+    return __libc_malloc(n);
+}
+#endif
+
+/* ---- conversion ---- */
+
+/* Best rate of copying `bytes` in and out in all, bytes/s. */
+static double copy_rate(size_t bytes)
+{
+    uint8_t *a = pvx_calloc(bytes / 2 + 1, 1), *b = pvx_calloc(bytes / 2 + 1, 1);
+    double best = INFINITY;
+    for (int r = 0; r < ROUNDS; r++) {
+        int64_t t0 = pvx_now_mono();
+        memcpy(b, a, bytes / 2);
+        best = fmin(best, (double)(pvx_now_mono() - t0));
+        a[r % (int)(bytes / 2)]++;
+        if (b[r % (int)(bytes / 2)] == 1 && r < 0)
+            puts("");
+    }
+    free(a);
+    free(b);
+    return (double)bytes / best * 1e9;
+}
+
+struct way {
+    enum cap_pixfmt fmt;
+    const char *note;
+    enum cap_transfer transfer;
+    enum cap_mosaic mosaic;
+    int nch;
+};
+
+static double convert_ns(const struct cap_image *img, const struct way *w, int binning, float *out)
+{
+    const struct cap_convert_params p = {binning, w->nch, w->transfer, w->mosaic};
+    double best = INFINITY;
+    for (int r = 0; r < ROUNDS; r++) {
+        int64_t t0 = pvx_now_mono();
+        CHECK(cap_convert(img, &p, 0, H / binning, out));
+        best = fmin(best, (double)(pvx_now_mono() - t0));
+    }
+    return best;
+}
+
+static void measure(const struct way *w)
+{
+    size_t n = cap_pixfmt_image(w->fmt, W, H);
+    uint8_t *raw = pvx_calloc(n, 1);
+    float *out = bench_floats((size_t)W * H * 4);
+    unsigned mask = cap_pixfmt_layout(w->fmt) == CAP_LAYOUT_16
+                        ? (1u << (cap_pixfmt_depth(w->fmt) - 8)) - 1
+                        : 255;
+    for (size_t i = 0; i < n; i++)
+        raw[i] = (uint8_t)(bench_random() & (i % 2 ? mask : 255));
+    if (cap_pixfmt_layout(w->fmt) == CAP_LAYOUT_F32)
+        for (size_t i = 0; i < n / 4; i++)
+            ((float *)raw)[i] = (float)bench_even();
+    struct cap_image img = {raw, n, W, H, (ptrdiff_t)cap_pixfmt_row(w->fmt, W), w->fmt, 0};
+    char name[48];
+    snprintf(name, sizeof name, "%s%s", cap_pixfmt_name(w->fmt), w->note);
+    printf("  %-24s", name);
+    for (int b = 1; b <= 4; b *= 2) {
+        double ns = convert_ns(&img, w, b, out);
+        size_t moved = n + (size_t)(W / b) * (size_t)(H / b) * (w->nch == 3 ? 16 : 4);
+        double rate = (double)n / ns * 1e3, over = ns * 1e-9 * copy_rate(moved) / (double)moved;
+        printf(" | %7.0f %5.1f", rate, over);
+        fprintf(csv, "%s,%d,%.0f,%.2f\n", name, b, rate, over);
+    }
+    printf("\n");
+    fflush(stdout);
+    free(raw);
+    free(out);
+}
+
+static void all_formats(void)
+{
+    static const struct way ways[] = {
+        {CAP_GREY8, "", 0, 0, 1},
+        {CAP_GREY10, "", 0, 0, 1},
+        {CAP_GREY12, "", 0, 0, 1},
+        {CAP_GREY14, "", 0, 0, 1},
+        {CAP_GREY16, "", 0, 0, 1},
+        {CAP_GREY10P, "", 0, 0, 1},
+        {CAP_GREY12P, "", 0, 0, 1},
+        {CAP_GREY10PACKED, "", 0, 0, 1},
+        {CAP_GREY12PACKED, "", 0, 0, 1},
+        {CAP_GREY10CSI, "", 0, 0, 1},
+        {CAP_GREY12CSI, "", 0, 0, 1},
+        {CAP_RGB8, "", 0, 0, 3},
+        {CAP_BGR8, "", 0, 0, 3},
+        {CAP_RGB16, "", 0, 0, 3},
+        {CAP_YUYV, "", 0, 0, 3},
+        {CAP_UYVY, "", 0, 0, 3},
+        {CAP_YUYV, " linear", CAP_TRANSFER_LINEAR, 0, 3},
+        {CAP_RGB8, " sRGB (JPEG)", CAP_TRANSFER_SRGB, 0, 3},
+        {CAP_BAYER_RG8, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG8, " bilinear", 0, 0, 3},
+        {CAP_BAYER_RG12, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG12, " bilinear", 0, 0, 3},
+        {CAP_BAYER_RG16, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG10P, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG10P, " bilinear", 0, 0, 3},
+        {CAP_BAYER_RG12P, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG12P, " bilinear", 0, 0, 3},
+        {CAP_BAYER_RG10PACKED, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG12PACKED, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG10CSI, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_BAYER_RG12CSI, " rays", 0, CAP_MOSAIC_RAYS, 3},
+        {CAP_GREY_F32, "", 0, 0, 1},
+        {CAP_RGB_F32, "", 0, 0, 3},
+    };
+    printf(
+        "\npixel conversion, %dx%d, one thread: MB/s of raw bytes, and time over that of copying "
+        "as many bytes as are read and written\n"
+        "  %-24s | %13s | %13s | %13s\n",
+        W, H, "format", "binning 1", "2", "4");
+    for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
+        measure(&ways[i]);
+}
+
+/* ---- JPEG ---- */
+
+static void jpeg(const char *name, int sampling, int quality)
+{
+    unsigned char *px = pvx_calloc((size_t)W * H * 3, 1), *coded = NULL;
+    unsigned long n = 0;
+    for (int y = 0; y < H; y++) /* a bright flame-like spot with some noise */
+        for (int x = 0; x < W; x++) {
+            double r2 = pow((x - W / 2) / 80.0, 2) + pow((y - H / 2) / 150.0, 2);
+            for (int c = 0; c < 3; c++)
+                px[(y * W + x) * 3 + c] =
+                    (unsigned char)(230 * exp(-r2 * (1 + c)) + 8 * bench_even() + 4);
+        }
+    tjhandle tj = tjInitCompress();
+    if (tjCompress2(tj, px, W, 0, H, TJPF_RGB, &coded, &n, sampling, quality, 0) != 0)
+        exit(1);
+    tjDestroy(tj);
+    cap_jpeg *j;
+    struct cap_image in = {coded, n, W, H, 0, CAP_JPEG, 0}, img;
+    double best = INFINITY;
+    size_t each = 0, bytes = 0;
+    CHECK(cap_jpeg_new(W, H, &j));
+    for (int r = 0; r < ROUNDS; r++) {
+        size_t b0 = blocks, s0 = block_bytes;
+        int64_t t0 = pvx_now_mono();
+        CHECK(cap_jpeg_decode(j, &in, &img, NULL));
+        best = fmin(best, (double)(pvx_now_mono() - t0));
+        each = blocks - b0;
+        bytes = block_bytes - s0;
+    }
+    printf("  %-16s %6lu bytes %6.2f ms %5.0f Mpixel/s %6.1f MB/s of JPEG; %zu blocks, %zu bytes "
+           "allocated and freed by the library\n",
+           name, n, best * 1e-6, (double)W * H / best * 1e3, (double)n / best * 1e3, each, bytes);
+    fprintf(csv, "JPEG %s,1,%.0f,\n", name, (double)n / best * 1e3);
+    cap_jpeg_free(&j);
+    tjFree(coded);
+    free(px);
+}
+
+int main(int argc, char **argv)
+{
+    csv = bench_csv(argc, argv, "pixels");
+    fprintf(csv, "format,binning,raw_mb_per_s,time_over_copy\n");
+    all_formats();
+    printf("\nJPEG to pixels, %dx%d\n", W, H);
+    jpeg("4:2:2, quality 85", TJSAMP_422, 85);
+    jpeg("4:2:0, quality 85", TJSAMP_420, 85);
+    jpeg("4:4:4, quality 95", TJSAMP_444, 95);
+    jpeg("grey, quality 85", TJSAMP_GRAY, 85);
+    fclose(csv);
+    return 0;
+}
