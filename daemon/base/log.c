@@ -18,6 +18,7 @@ static const int level_syslog[] = {3, 4, 6, 7};
 
 void pvx_log_set_level(enum pvx_log_level level)
 {
+    tzset(); /* here, so that the first line allocates nothing */
     atomic_store(&current_level, (int)level);
 }
 
