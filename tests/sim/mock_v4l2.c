@@ -271,20 +271,29 @@ static int request_buffers(struct mock_camera *c, struct v4l2_requestbuffers *r)
 
 static int frame_size(const struct mock_camera *c, struct v4l2_frmsizeenum *z)
 {
-    (void)c;
-    if (z->index > 1)
+    if (z->index > (c->ranges ? 0 : 1))
         return EINVAL;
+    if (c->ranges) {
+        z->type = V4L2_FRMSIZE_TYPE_STEPWISE;
+        z->stepwise = (struct v4l2_frmsize_stepwise){160, 320, 16, 120, 240, 8};
+        return 0;
+    }
     z->type = V4L2_FRMSIZE_TYPE_DISCRETE;
     z->discrete.width = z->index == 0 ? 320 : 160;
     z->discrete.height = z->index == 0 ? 240 : 120;
     return 0;
 }
 
-static int frame_rate(struct v4l2_frmivalenum *v)
+static int frame_rate(const struct mock_camera *c, struct v4l2_frmivalenum *v)
 {
     static const uint32_t hz[] = {30, 60};
-    if (v->index > 1)
+    if (v->index > (c->ranges ? 0 : 1))
         return EINVAL;
+    if (c->ranges) {
+        v->type = V4L2_FRMIVAL_TYPE_CONTINUOUS;
+        v->stepwise = (struct v4l2_frmival_stepwise){{1, 120}, {1, 5}, {1, 1}};
+        return 0;
+    }
     v->type = V4L2_FRMIVAL_TYPE_DISCRETE;
     v->discrete = (struct v4l2_fract){1, hz[v->index]};
     return 0;
@@ -415,7 +424,7 @@ static int answer(struct mock_camera *c, unsigned long request, union argument *
         a->desc.pixelformat = c->fourcc[a->desc.index];
         return 0;
     case VIDIOC_ENUM_FRAMESIZES: return frame_size(c, &a->size);
-    case VIDIOC_ENUM_FRAMEINTERVALS: return frame_rate(&a->rate);
+    case VIDIOC_ENUM_FRAMEINTERVALS: return frame_rate(c, &a->rate);
     case VIDIOC_G_FMT: a->fmt = s->fmt; return 0;
     case VIDIOC_S_FMT:
         if (c->s_fmt_errno == 0)

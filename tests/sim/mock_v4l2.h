@@ -25,6 +25,7 @@ struct mock_camera {
     uint32_t substitute;     /* S_FMT silently gives this format */
     uint32_t bytesperline;   /* 0 = tight */
     uint32_t field;          /* 0 = progressive */
+    bool ranges;             /* sizes and rates are from .. to, not lists */
     bool no_parm, no_expbuf; /* ENOTTY */
     bool rate_fixed;         /* S_PARM keeps 30 Hz */
     unsigned max_buffers;    /* REQBUFS gives no more; 0 = 32 */

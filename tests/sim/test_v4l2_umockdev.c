@@ -80,6 +80,17 @@ static void run(const struct cap_source_config *c, uint64_t n)
     ended(s);
 }
 
+static char listed[4][64], listed_formats[512];
+static unsigned n_listed;
+static void on_found(void *ctx, const struct cap_found *f)
+{
+    (void)ctx;
+    if (n_listed < 4)
+        snprintf(listed[n_listed], sizeof listed[0], "%s", f->uri);
+    n_listed++;
+    snprintf(listed_formats, sizeof listed_formats, "%s", f->formats);
+}
+
 /* ---- what goes well --------------------------------------------------------------------------- */
 
 static void frames_are_the_drivers_memory(void)
@@ -209,6 +220,26 @@ static void substitutes_are_refused(void)
     mock_plug(&cam);
     c.fmt = CAP_FMT_NONE;
     REFUSED(&c, PVX_EUNSUP, "nothing", "of no use here: NV12");
+    mock_unplug(&cam);
+}
+
+static void ranges_are_told_as_such(void)
+{
+    struct pvx_diag d = {""};
+    mock_init(&cam, 0, NULL); /* no USB device: the bus is its name */
+    cam.bus = "platform:soc-csi";
+    cam.ranges = true;
+    cam.fourcc[1] = 0;
+    mock_plug(&cam);
+    n_listed = 0;
+    T_EQ_I(v4l2->list(on_found, NULL, &d), PVX_OK);
+    T_EQ_I(n_listed, 1);
+    T_EQ_S(listed[0], "v4l2:platform:soc-csi");
+    T_EQ_S(listed_formats, "YUV422_8 160x120..320x240 in steps of 16x8 5..120 Hz");
+    struct cap_source_config c = config();
+    c.uri = "platform:soc-csi";
+    c.width = 1000;
+    REFUSED(&c, PVX_EINVAL, "it offers 160x120..320x240 in steps of 16x8");
     mock_unplug(&cam);
 }
 
@@ -355,19 +386,6 @@ static void exposure_and_gain(void)
 
 /* ---- names ------------------------------------------------------------------------------------ */
 
-static char listed[4][64];
-static unsigned n_listed;
-static void on_found(void *ctx, const struct cap_found *f)
-{
-    (void)ctx;
-    if (n_listed < 4)
-        snprintf(listed[n_listed], sizeof listed[0], "%s", f->uri);
-    n_listed++;
-    T_EQ_S(f->formats, "YUV422_8 320x240 30 60 Hz\nYUV422_8 160x120 30 60 Hz\n"
-                       "Mono8 320x240 30 60 Hz\nMono8 160x120 30 60 Hz\n"
-                       "JPEG 320x240 30 60 Hz\nJPEG 160x120 30 60 Hz");
-}
-
 static void equal_webcams_are_told_apart(void)
 {
     static struct mock_camera two[2], meta;
@@ -386,6 +404,9 @@ static void equal_webcams_are_told_apart(void)
     T_EQ_I(n_listed, 2); /* the metadata node is no camera */
     T_EQ_S(listed[0], "v4l2:usb-0042");
     T_EQ_S(listed[1], "v4l2:usb-0043");
+    T_EQ_S(listed_formats, "YUV422_8 320x240 30 60 Hz\nYUV422_8 160x120 30 60 Hz\n"
+                           "Mono8 320x240 30 60 Hz\nMono8 160x120 30 60 Hz\n"
+                           "JPEG 320x240 30 60 Hz\nJPEG 160x120 30 60 Hz");
     struct cap_source_config c = config();
     c.uri = "Mock Webcam";
     REFUSED(&c, PVX_EINVAL, "2 cameras", "v4l2:usb-0042 (Mock Webcam, /dev/video0)",
@@ -542,6 +563,7 @@ int main(int argc, char **argv)
     T_RUN(multi_planar);
     T_RUN(rows_may_be_padded);
     T_RUN(substitutes_are_refused);
+    T_RUN(ranges_are_told_as_such);
     T_RUN(refusals_of_the_driver_name_the_remedy);
     T_RUN(bad_frames_are_counted_not_used);
     T_RUN(stamps);
