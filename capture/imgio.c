@@ -167,6 +167,27 @@ static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h
     return r;
 }
 
+pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h, int nch,
+                        int depth, struct pvx_diag *d)
+{
+    if (w < 1 || h < 1 || (nch != 1 && nch != 3) || (depth != 8 && depth != 16))
+        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels of 8 or 16 bits", path);
+    if (!has_extension(path, ".png"))
+        return pvx_fail(d, PVX_EUNSUP, "%s: samples are written as .png", path);
+    PVX_TRY(need_module(path, d));
+    size_t n = (size_t)w * (size_t)h * (size_t)nch * (size_t)(depth / 8);
+    struct cap_cv_image img = {(void *)samples, n, w, h, nch, depth};
+    void *bytes;
+    size_t len;
+    char err[256] = "";
+    int e = module.cv->encode(".png", &img, &bytes, &len, err, sizeof err);
+    if (e != 0)
+        return module_error(e, path, err, d);
+    pvx_err r = pvx_file_write(path, bytes, len, d);
+    free(bytes);
+    return r;
+}
+
 pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h, int nch,
                        double gamma, struct pvx_diag *d)
 {

@@ -23,6 +23,11 @@ void cap_loaded_free(struct cap_loaded *l);
 PVX_MUST_CHECK pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
                                       int nch, double gamma, struct pvx_diag *d);
 
+/* Samples as they are, without loss: 8 or 16 bits (uint8_t, uint16_t), 1 channel or RGB, tightly packed, to
+ * .png; atomic write. */
+PVX_MUST_CHECK pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h,
+                                       int nch, int depth, struct pvx_diag *d);
+
 /* n-dimensional float32 .npy, C order. ndim 1..4; atomic write. */
 PVX_MUST_CHECK pvx_err cap_npy_save(const char *path, const float *data, const size_t *shape,
                                     int ndim, struct pvx_diag *d);

@@ -421,7 +421,9 @@ static void tell(const struct cap_recorder_stats *s)
         (unsigned long long)s->strays, (double)s->bytes * 1e-6,
         s->seconds > 0 ? (double)s->bytes * 1e-6 / s->seconds : 0,
         (unsigned long long)s->sets_missed, (unsigned long long)s->frames_missed,
-        s->frames_missed > 0 ? ": the disk was too slow (`pyrovox replay --info` lists them)" : "");
+        s->frames_missed == 0 ? ""
+        : s->error[0] != '\0' ? ", from the moment that it ended by itself"
+                              : ": the disk was too slow (`pyrovox replay --info` lists them)");
 }
 
 pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d)

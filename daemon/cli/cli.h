@@ -38,5 +38,5 @@ int cli_columns(int max);
 bool cli_use_cpu(const char *name);
 
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,
-    cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_doctor, cmd_cpu;
+    cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_doctor, cmd_cpu, cmd_replay;
 #endif
