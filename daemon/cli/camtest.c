@@ -11,6 +11,7 @@
 #include "capture/pixfmt.h"
 
 #define OPEN_NS (10 * PVX_NS_PER_S) /* patience with cameras that do not open */
+#define SAID_NS (2 * PVX_NS_PER_S)  /* and have said why */
 #define LOOK_NS (50 * PVX_NS_PER_MS)
 
 /* ---- frames ----------------------------------------------------------------------------------- */
@@ -19,6 +20,7 @@
 static void note_frame(struct camtest *t, const struct cap_frame *f)
 {
     struct camtest_camera *c = &t->camera[f->camera];
+    c->seen = true;
     if (!t->measuring)
         return;
     if (c->frames > 0 && f->id == c->last_id + 1) {
@@ -160,7 +162,7 @@ static pvx_err set_up(struct camtest *t, const struct camtest_options *o, struct
     t->fps = c->fps;
     t->seconds = o->seconds;
     t->triggered = c->trigger != CAP_TRIGGER_FREE_RUN;
-    t->shared_clock = c->shared_clock;
+    t->ptp = c->ptp;
     for (uint32_t i = 0; i < t->n; i++)
         snprintf(t->camera[i].name, sizeof t->camera[i].name, "%s", t->rig.cameras[i].name);
     PVX_TRY(dmn_sources_init(&t->sources, c, &t->rig, scene, d));
@@ -192,15 +194,21 @@ pvx_err camtest_new(const struct camtest_options *o, struct camtest **out, struc
 
 /* ---- run -------------------------------------------------------------------------------------- */
 
-/* Every camera delivers, or has said why not. */
-static bool settled(struct camtest *t, struct cap_stats *s)
+/* Every camera gives frames that count; or there is no more patience with those that do not: less with
+ * one that has said what is wrong, unless it only waits for its clock. */
+static bool settled(struct camtest *t, struct cap_stats *s, int64_t waited_ns)
 {
+    bool all = true, all_said = true;
     cap_capture_stats(t->capture, s);
-    for (uint32_t i = 0; i < t->n; i++)
-        if (s->camera[i].error[0] == '\0' && s->camera[i].state != CAP_ENDED &&
-            s->camera[i].count[CAP_RECEIVED] + s->camera[i].count[CAP_INCOMPLETE] == 0)
-            return false;
-    return true;
+    pthread_mutex_lock(&t->lock);
+    for (uint32_t i = 0; i < t->n; i++) {
+        if (t->camera[i].seen || s->camera[i].state == CAP_ENDED)
+            continue;
+        all = false;
+        all_said = all_said && s->camera[i].error[0] != '\0' && !t->ptp;
+    }
+    pthread_mutex_unlock(&t->lock);
+    return all || waited_ns > (all_said ? SAID_NS : OPEN_NS);
 }
 
 /* PVX_ECLOSED: all sources have ended. */
@@ -237,7 +245,7 @@ pvx_err camtest_run(struct camtest *t, struct pvx_diag *d)
         return PVX_ENOMEM;
     pvx_err e = cap_capture_start(t->capture, d);
     int64_t t0 = pvx_now_mono();
-    while (e == PVX_OK && !cli_stop && pvx_now_mono() - t0 < OPEN_NS && !settled(t, s)) {
+    while (e == PVX_OK && !cli_stop && !settled(t, s, pvx_now_mono() - t0)) {
         cli_progress(&opening, (double)(pvx_now_mono() - t0) / (double)OPEN_NS);
         e = take(t);
     }

@@ -25,6 +25,7 @@ double camtest_worst(const struct camtest_series *s); /* farthest from the mean 
 enum camtest_verdict { CAMTEST_OK, CAMTEST_WARN, CAMTEST_FAIL };
 struct camtest_camera {
     char name[REC_NAME_MAX + 1];
+    bool seen; /* it has given a frame, measured or not */
     uint64_t frames, bytes;
     int64_t first_mono_ns, last_mono_ns;
     uint64_t last_id;
@@ -44,7 +45,7 @@ struct camtest_camera {
 struct camtest {
     uint32_t n;
     double fps, seconds, measured_s;
-    bool triggered, shared_clock, measuring, interrupted;
+    bool triggered, ptp, measuring, interrupted;
     struct dmn_sources sources;
     struct rec_rig rig;
     struct rec_camera *made; /* cameras of a rig that was made up */

@@ -81,7 +81,8 @@ static void losses(const struct camtest_camera *in, struct camtest_camera *c)
         say(c, CAMTEST_FAIL, "cable, power, switch; USB: autosuspend (`pyrovox doctor`)",
             "stopped answering %llu times", (unsigned long long)n[CAP_LOST_CAMERA]);
     if (n[CAP_INCOMPLETE] > 0)
-        say(c, n[CAP_INCOMPLETE] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
+        say(c,
+            n[CAP_INCOMPLETE] > 2 && n[CAP_INCOMPLETE] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
             "`pyrovox doctor` looks for the cause; packet_delay_ns where cameras share a link",
             "%llu of %.0f frames incomplete: packets were lost",
             (unsigned long long)n[CAP_INCOMPLETE], all);
@@ -98,7 +99,7 @@ static void losses(const struct camtest_camera *in, struct camtest_camera *c)
             "%llu frames lost here: this program was too slow",
             (unsigned long long)(n[CAP_UNDERRUN] + n[CAP_OVERFLOW]));
     if (n[CAP_ID_GAP] > 0)
-        say(c, n[CAP_ID_GAP] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
+        say(c, n[CAP_ID_GAP] > 2 && n[CAP_ID_GAP] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
             "the camera could not send them: bandwidth limit of the camera or its bus; lower fps "
             "or "
             "another pixel format",

@@ -2,6 +2,7 @@
 #include "tests/t.h"
 #include "daemon/cli/cameras_list.c"
 #include "daemon/cli/camtest_judge.c"
+#include "base/file.h"
 #include "daemon/wrap.h"
 
 static void formats(void)
@@ -183,6 +184,46 @@ static void sets(void)
     T_CONTAINS(t.what, "ms apart");
 }
 
+/* The page for the lab explains everything that the daemon may say. */
+static void every_trouble_is_explained(void)
+{
+    char *page = NULL;
+    size_t len;
+    T_EQ_I(pvx_file_read("capture/SYNC.md", 1 << 20, &page, &len, NULL), PVX_OK);
+    for (int k = 0; k < CAP_N_COUNT && page != NULL; k++) {
+        char word[64];
+        snprintf(word, sizeof word, "`%s`", cap_count_defs[k].name);
+        if (cap_trouble_defs[k].what != NULL)
+            T_CHECK_(strstr(page, word) != NULL, "%s is not in capture/SYNC.md", word);
+    }
+    free(page);
+}
+
+/* What it tells people to write into pyrovoxd.yaml can be read. */
+static void its_configurations_are_read(void)
+{
+    char *page = NULL;
+    size_t len;
+    struct dmn_config *c = calloc(1, sizeof *c);
+    T_EQ_I(pvx_file_read("capture/SYNC.md", 1 << 20, &page, &len, NULL), PVX_OK);
+    int n = 0;
+    for (const char *p = page; p != NULL && (p = strstr(p, "```yaml\n")) != NULL; n++) {
+        p += 8;
+        const char *end = strstr(p, "```");
+        T_OK(end != NULL);
+        if (end == NULL)
+            break;
+        struct pvx_diag d = {""};
+        dmn_config_defaults(c);
+        pvx_err e = dmn_config_parse(p, (size_t)(end - p), "SYNC.md", c, &d);
+        T_CHECK_(e == PVX_OK, "block %d: %s", n, d.text);
+        p = end + 3;
+    }
+    T_LE(6, n);
+    free(c);
+    free(page);
+}
+
 static void wrapped(void)
 {
     char *text = NULL;
@@ -206,6 +247,8 @@ int main(void)
     T_RUN(health);
     T_RUN(troubles_of_capture);
     T_RUN(sets);
+    T_RUN(every_trouble_is_explained);
+    T_RUN(its_configurations_are_read);
     T_RUN(wrapped);
     return t_done();
 }
