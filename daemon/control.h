@@ -17,7 +17,7 @@
 #include "base/err.h"
 
 #define DMN_REQUEST_MAX 4096
-#define DMN_REPLY_MAX   (192u << 10)
+#define DMN_REPLY_MAX   (320u << 10)
 
 struct dmn_control_ops {
     size_t (*status)(void *ctx, char *out, size_t size); /* JSON; 0 = does not fit */

@@ -1,6 +1,7 @@
 #include "daemon/state.h"
 
 #include "daemon/json.h"
+#include "daemon/state_health.h"
 #include "daemon/state_sync.h"
 
 const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {
@@ -122,6 +123,7 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
             dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
         dmn_json_close(j, '}');
         dmn_state_sync_camera(j, k);
+        dmn_state_health(j, k);
         dmn_json_close(j, '}');
     }
     dmn_json_close(j, ']');
@@ -193,6 +195,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_close(&j, '}');
     json_cameras(&j, s);
     dmn_state_sync(&j, &s->capture);
+    dmn_state_action(&j, &s->capture);
     json_stages(&j, s);
     json_record(&j, &s->record);
     dmn_json_close(&j, '}');

@@ -69,7 +69,7 @@ struct dmn_state {
     struct dmn_stage_state stage[DMN_N_STAGES];
 };
 
-#define DMN_STATE_JSON_MAX (192u << 10)
+#define DMN_STATE_JSON_MAX (320u << 10)
 /* JSON text of `s`; returns its length, 0 when it does not fit.  Allocates nothing. */
 size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size);
 const char *dmn_camera_state_name(enum cap_state s);

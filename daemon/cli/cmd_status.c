@@ -6,6 +6,7 @@
 #include "base/yaml.h"
 #include "cli/ask.h"
 #include "cli/cli.h"
+#include "cli/health.h"
 #include "cli/skew.h"
 #include "daemon/endpoints.h"
 
@@ -136,6 +137,7 @@ static int run(int argc, char **argv)
         print_tables(s);
         troubles_print(s);
         skew_print(s);
+        health_print(s);
     }
     cJSON_Delete(s);
     return 0;

@@ -71,6 +71,20 @@ static void camera_kind(struct doc_load_camera *k, const char *uri)
     }
 }
 
+/* Folder of the takes; the time of day may be in the file's name, not before. */
+static void record_folder(const struct dmn_config *c, struct doc_load *l)
+{
+    if (c->record_mode == 0)
+        return;
+    dmn_config_path(c, c->record_path, l->record, sizeof l->record);
+    char *slash = strrchr(l->record, '/');
+    if (slash == NULL || slash == l->record ||
+        (strchr(l->record, '%') != NULL && strchr(l->record, '%') < slash))
+        snprintf(l->record, sizeof l->record, "%s", c->dir);
+    else
+        *slash = '\0';
+}
+
 static bool on_a_wire(const struct doc_load *l)
 {
     for (size_t i = 0; i < l->n; i++)
@@ -97,6 +111,7 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     }
     l->packet_size = (int)c->packet_size;
     l->buffers = (unsigned)c->buffers;
+    record_folder(c, l);
     l->scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
     bool wire = on_a_wire(l); /* cameras of loopback are simulated: their clock is ours */
     l->ptp = wire && (c->ptp || l->scheduled || c->shared_clock);

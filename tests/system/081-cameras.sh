@@ -57,4 +57,15 @@ check gige-clocks-are-read json "$dir/gige.json" "all(c['clock_delay_us'] is not
 check gige-says-how-it-is json "$dir/gige.json" "all(c['temperature_c'] and c['link_mbps'] == 1000 and 0 < c['link_share'] < 1 for c in r['cameras'])"
 simcams --engine aravis --packet-loss cam1=0.05 -- bash -c 'inside "$@"' - "$dir/loss.json" --seconds 3 --fps 20 --size 64x48 --json aravis:127.0.0.2 aravis:127.0.0.3 > "$dir/loss.log" 2>&1
 check lost-packets-are-named json "$dir/loss.json" "r['cameras'][1]['counts']['incomplete'] > 0 and 'doctor' in r['cameras'][1]['remedy']"
+
+# The daemon says the same of its cameras while it runs.
+config d.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 15\npixel_format: RGB8\ntrigger: action\nptp: true\naction: {lead_ms: 20}'
+start sim.log "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --fps 15 --ring 5 --ptp-ms 300 -- "$pyrovoxd" --config "$dir/d.yaml"
+check action-commands-are-counted wait_for 60 field "s['action']['sent'] > 20 and all(c['action']['acknowledged'] > 5 for c in s['cameras'])"
+check health-is-in-the-status field "all(c['health']['ptp'] == 'Slave' and c['health']['temperature_c'] > 20 and c['health']['link_mbps'] > 0 for c in s['cameras'])"
+"$pyrovox" status --endpoint "$control" > "$dir/status.log"
+check for-people-too grep -qE '^cam0 +[0-9]+ +[0-9]+ +Slave ' "$dir/status.log"
+check and-the-commands grep -qE '^action commands: [0-9]+ sent, ' "$dir/status.log"
+"$pyrovox" status --endpoint "$control" --stop > "$dir/stop.log"
+check both-end ended "$started" 0
 exit $rc

@@ -144,6 +144,20 @@ static void the_fullest_state_fits_and_parses(void)
             s.capture.camera[c].count[i] = INT64_MAX;
         for (int i = 0; i < DMN_N_IMAGE; i++)
             s.images[c][i] = INT64_MAX;
+        struct cap_camera_stats *k = &s.capture.camera[c];
+        k->fps = k->drift_ppm = k->hz = k->phase_us = k->walk_us_per_s = k->clock_delay_us =
+            -1e-5 / 3;
+        for (int i = 0; i < CAP_SKEW_BINS; i++)
+            k->skew.bin[i] = INT64_MAX;
+        k->n_troubles = CAP_TROUBLES_MAX;
+        for (int i = 0; i < CAP_TROUBLES_MAX; i++) {
+            k->trouble[i].cause = CAP_BANDWIDTH; /* the longest text */
+            memset(k->trouble[i].detail, 'd', CAP_DETAIL_MAX - 1);
+        }
+        k->health.temperature_c = k->health.link_mbps = k->health.ptp_offset_ns = -1e-5 / 3;
+        memset(k->health.ptp, 'p', sizeof k->health.ptp - 1);
+        k->action =
+            (struct cap_action_answers){INT64_MAX, INT64_MAX, INT64_MAX, INT64_MAX, INT64_MAX};
     }
     size_t n = dmn_state_json(&s, text, sizeof text);
     T_OK(n > 1000);
