@@ -7,8 +7,8 @@
  * and counted as an underrun, because Aravis counts those in packets.
  *
  * Nothing of a buffer without SUCCESS is used: after a lost leader its number and stamp are those of
- * an earlier frame (seen: 31 of 696).  A SUCCESS may still be short (IP fragments): the frame goes
- * out with the bytes that are there, and capture.c sorts it out. */
+ * an earlier frame (seen: 31 of 696).  A SUCCESS may still be short (IP fragments: bytes are missing;
+ * packets that make no sense: no leader, no bytes): then neither are its number and stamp. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -175,11 +175,20 @@ static void count_gap(struct aravis_source *s, bool first, uint64_t before, uint
     s->unnumbered = 0;
 }
 
-static void incomplete(struct aravis_source *s, ArvBuffer *b)
+/* A frame whose number is not known. */
+static void drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
 {
     s->unnumbered++;
-    count(s, CAP_INCOMPLETE, 1);
+    count(s, cause, 1);
     arv_stream_push_buffer(s->stream, b);
+}
+
+/* Fewer bytes than the rows that the frame itself announces. */
+static bool is_short(const struct cap_image *img)
+{
+    size_t row = cap_pixfmt_row(img->fmt, img->width), rows = (size_t)img->height;
+    return img->size == 0 || img->width <= 0 || img->height <= 0 || img->stride < (ptrdiff_t)row ||
+           img->size < (size_t)img->stride * (rows - 1) + row;
 }
 
 static void done(struct aravis_source *s, ArvBuffer *b)
@@ -192,20 +201,25 @@ static void done(struct aravis_source *s, ArvBuffer *b)
         return;
     }
     if (status != ARV_BUFFER_STATUS_SUCCESS) {
-        incomplete(s, b);
+        drop(s, b, CAP_INCOMPLETE);
+        return;
+    }
+    struct cap_image img = image_of(b, s->layout.payload);
+    if (is_short(&img)) {
+        drop(s, b, CAP_BAD_SIZE);
         return;
     }
     struct cap_frame *f = slot->frame;
     uint64_t number = arv_buffer_get_frame_id(b);
     f->t_device_ns = (int64_t)arv_buffer_get_timestamp(b);
     if (!aravis_chunks_read(&s->chunks, b, f, &number)) {
-        incomplete(s, b);
+        drop(s, b, CAP_INCOMPLETE);
         return;
     }
     bool first = !s->ids.any;
     uint64_t before = s->ids.id, id = aravis_ids_next(&s->ids, number);
     count_gap(s, first, before, id);
-    f->img = image_of(b, s->layout.payload);
+    f->img = img;
     f->camera = s->c.camera;
     f->id = id;
     f->t_arrival_ns = real;
@@ -262,11 +276,15 @@ static void set_stream(const struct aravis_source *s, ArvStream *stream)
     const struct cap_gige *g = &s->c.gige;
     double retention = g->frame_retention_ms > 0 ? g->frame_retention_ms : RETENTION_MS;
     double timeout = g->packet_timeout_ms > 0 ? g->packet_timeout_ms : PACKET_TIMEOUT_MS;
-    g_object_set(stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
-                 g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER, "packet-resend",
-                 s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
-                 "frame-retention", (guint)(retention * 1000), "packet-timeout",
-                 (guint)(timeout * 1000), "initial-packet-timeout", (guint)(timeout * 1000), NULL);
+    g_object_set(
+        stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
+        g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER, "packet-resend",
+        s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
+        "frame-retention", (guint)(retention * 1000), "packet-timeout", (guint)(timeout * 1000),
+        "initial-packet-timeout", (guint)(timeout * 1000),
+        /* Every packet of a frame may be asked for once; with Aravis' quarter, a small frame is given up
+         * when one is lost twice. */
+        "packet-request-ratio", 1.0, NULL);
 }
 
 pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_diag *d)

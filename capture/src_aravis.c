@@ -21,6 +21,9 @@
 #include "capture/aravis_int.h"
 #include "capture/backends.h"
 
+#define RELEASE_NS (1500 * PVX_NS_PER_MS)
+#define LOOK_NS    (50 * PVX_NS_PER_MS)
+
 /* ---- events ----------------------------------------------------------------------------------- */
 
 bool aravis_enter(struct aravis_source *s)
@@ -88,9 +91,12 @@ static void unref_closure(void *source, GClosure *closure)
     unref(source);
 }
 
+static atomic_uint giving_up; /* devices that are being left to Aravis */
+
 static void *give_up(void *source)
 {
     struct aravis_source *s = source;
+    atomic_fetch_add(&giving_up, 1);
     aravis_watch_join(s);
     aravis_end_stream(s);
     aravis_drop_buffers(s);
@@ -99,6 +105,7 @@ static void *give_up(void *source)
     g_clear_object(&s->camera); /* ends the heartbeat's thread and leaves control */
     aravis_chunks_fini(&s->chunks);
     unref(s);
+    atomic_fetch_sub(&giving_up, 1);
     return NULL;
 }
 
@@ -145,9 +152,24 @@ static void init_locks(struct aravis_source *s)
     pthread_condattr_destroy(&a);
 }
 
+/* A camera that lost us, but not its power, still belongs to the device that is being given up; that
+ * asks every 0.5 s to be let go. */
+static pvx_err open_in_time(struct aravis_source *s, struct pvx_diag *d)
+{
+    for (int64_t until = pvx_now_mono() + RELEASE_NS;;) {
+        struct pvx_diag why = {""};
+        pvx_err e = aravis_open_camera(&s->c, &s->camera, &s->route, &why);
+        if (e == PVX_EBUSY && atomic_load(&giving_up) > 0 && pvx_now_mono() < until) {
+            pvx_sleep_until_mono(pvx_now_mono() + LOOK_NS);
+            continue;
+        }
+        return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
+    }
+}
+
 static pvx_err set_up(struct aravis_source *s, struct pvx_diag *d)
 {
-    PVX_TRY(aravis_open_camera(&s->c, &s->camera, &s->route, d));
+    PVX_TRY(open_in_time(s, d));
     PVX_TRY(aravis_configure(&s->c, s->camera, &s->layout, &s->chunks, d));
     return aravis_make_buffers(s);
 }

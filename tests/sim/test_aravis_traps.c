@@ -1,0 +1,427 @@
+/* The traps of GigE cameras behind Aravis, each one made to happen by a camera of our own. */
+#include <math.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+
+#include "arvbed.h"
+#include "capture/aravis_ids.h"
+
+/* Frames until so many good ones have come or the time is over; how many. */
+static int take(struct session *s, int n)
+{
+    int k = 0;
+    while (k < n && take_good(s))
+        k++;
+    return k;
+}
+
+static bool set_lo_mtu(int mtu)
+{
+    struct ifreq r = {.ifr_name = "lo"};
+    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    r.ifr_mtu = mtu;
+    bool ok = ioctl(fd, SIOCSIFMTU, &r) == 0;
+    close(fd);
+    return ok;
+}
+
+/* Packets above the MTU go out in fragments; a packet socket sees the first of each only, and Aravis
+ * says SUCCESS for a frame with holes.  Asked for, it is refused; when the MTU falls while the camera
+ * runs, the frames are counted as what they are and none with holes is handed out. */
+static void a_short_buffer_that_says_success(void)
+{
+    NEED_BED();
+    bed_all(25);
+    struct cap_source_config config = bed_source(0);
+    cap_source *src = NULL;
+    struct pvx_diag d = {""};
+    if (!set_lo_mtu(1500))
+        T_SKIP("the MTU of lo cannot be set here");
+    config.gige.packet_size = 9000;
+    T_EQ_I(ops->open(&config, &src, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "packet_size 9000 is more than the interface's MTU 1500");
+    T_OK(set_lo_mtu(65536));
+    static char uri[] = "aravis:127.0.0.2";
+    config.uri = uri;
+    struct cap_capture_config cc = {
+        .n_cameras = 1, .camera = &config, .fps = 25, .sets = {.min_cameras = 1}};
+    cap_capture *cap = NULL;
+    struct cap_stats st = {0};
+    T_EQ_I(cap_capture_new(&cc, &cap, &d), PVX_OK);
+    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
+    int good = 0;
+    uint64_t bad = 0;
+    for (int64_t end = pvx_now_mono() + 20 * PVX_NS_PER_S;
+         (good < 5 || bad < 5) && pvx_now_mono() < end;) {
+        struct cap_set *set;
+        if (good == 5)
+            T_OK(set_lo_mtu(1500));
+        if (cap_capture_next(cap, PVX_NS_PER_S / 10, &set) == PVX_OK) {
+            T_OK(bed_truth(set->frame[0], 0) >= 0); /* to the last byte, always */
+            good++;
+            cap_set_release(set);
+        }
+        cap_capture_stats(cap, &st);
+        bad = st.camera[0].count[CAP_BAD_SIZE] + st.camera[0].count[CAP_INCOMPLETE] +
+              bed_stats(0).send_errors;
+    }
+    T_OK(set_lo_mtu(65536));
+    T_LE(5, good);
+    T_LE(5, bad);
+    printf("  fragments: %d good frames, %llu of the wrong size, %llu incomplete, %llu packets not "
+           "sent "
+           "by the camera's kernel\n",
+           good, (unsigned long long)st.camera[0].count[CAP_BAD_SIZE],
+           (unsigned long long)st.camera[0].count[CAP_INCOMPLETE],
+           (unsigned long long)bed_stats(0).send_errors);
+    cap_capture_stop(cap);
+    cap_capture_free(&cap);
+}
+
+/* Lost leaders leave the numbers and stamps of an earlier frame in the buffer: of bad buffers nothing is
+ * used, so stamps only go up and every number is accounted for. */
+static void stale_stamps_on_bad_buffers(void)
+{
+    NEED_BED();
+    struct session s;
+    bed_all(100);
+    struct cap_source_config config = bed_source(1);
+    config.gige.packet_size = 1500; /* 14 packets a frame */
+    config.gige.resend = CAP_RESEND_NEVER;
+    config.gige.frame_retention_ms = 5;
+    if (begin(&s, &config)) {
+        take(&s, 3);
+        bed_fault(1, (struct cap_gvcam_fault){.packet_loss = 0.05});
+        int64_t end = pvx_now_mono() + 20 * PVX_NS_PER_S;
+        while (counted(&s.box, CAP_INCOMPLETE) < 60 && pvx_now_mono() < end && take_good(&s))
+            ;
+        bed_fault(1, (struct cap_gvcam_fault){0});
+        take(&s, 20);
+        T_LE(60, counted(&s.box, CAP_INCOMPLETE));
+        T_LE(1, bed_stats(1).torn);
+        ops->stop(s.src);
+        while (s.box.n > 0)
+            take_good(&s);
+        /* from the first to the last good frame: nothing is counted twice or not at all */
+        uint64_t span = s.last_id - s.first_id + 1, gaps = s.box.count[CAP_ID_GAP];
+        T_LE(span, s.good + gaps + s.box.count[CAP_INCOMPLETE]);
+        T_LE(s.good + gaps, span);
+    }
+    end(&s);
+}
+
+/* The first frame after the start may be bad: the next ones are not waited for in vain, and what is
+ * discarded is not counted as lost. */
+static void the_bad_first_frame(void)
+{
+    NEED_BED();
+    bed_all(25);
+    bed_fault(0, (struct cap_gvcam_fault){.packet_loss = 0.4});
+    struct cap_source_config config = bed_source(0);
+    static char uri[] = "aravis:127.0.0.2";
+    config.uri = uri;
+    config.gige.packet_size = 1500;
+    config.gige.resend = CAP_RESEND_NEVER;
+    struct cap_capture_config cc = {.n_cameras = 1,
+                                    .camera = &config,
+                                    .fps = 25,
+                                    .discard_first = 1,
+                                    .sets = {.min_cameras = 1}};
+    cap_capture *cap = NULL;
+    struct pvx_diag d = {""};
+    struct cap_stats st = {0};
+    T_EQ_I(cap_capture_new(&cc, &cap, &d), PVX_OK);
+    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
+    for (int64_t end = pvx_now_mono() + 10 * PVX_NS_PER_S;
+         st.camera[0].count[CAP_INCOMPLETE] == 0 && pvx_now_mono() < end;) {
+        usleep(10000);
+        cap_capture_stats(cap, &st);
+    }
+    bed_fault(0, (struct cap_gvcam_fault){0});
+    for (int n = 0; n < 10;) {
+        struct cap_set *set;
+        if (cap_capture_next(cap, 10 * PVX_NS_PER_S, &set) != PVX_OK) {
+            T_OK(!"no more sets");
+            break;
+        }
+        T_OK(bed_truth(set->frame[0], 0) >= 0);
+        cap_set_release(set);
+        n++;
+    }
+    cap_capture_stop(cap);
+    cap_capture_stats(cap, &st);
+    T_LE(1, st.camera[0].count[CAP_INCOMPLETE]);
+    T_EQ_I(st.camera[0].count[CAP_BAD_STAMP], 0);
+    T_EQ_I(st.camera[0].count[CAP_LOST_CAMERA], 0);
+    cap_capture_free(&cap);
+}
+
+/* A camera that loses the packets that it sends again, too, keeps its frame open until the retention is
+ * over, and the good frames behind it with it: not longer. */
+static void good_frames_behind_an_unanswered_resend(void)
+{
+    NEED_BED();
+    bed_all(100);
+    double most[2] = {0, 0};
+    for (int k = 0; k < 2; k++) {
+        struct session s;
+        struct cap_source_config config = bed_source(2);
+        config.gige.packet_size = 1500;
+        config.gige.resend = CAP_RESEND_ALWAYS;
+        config.gige.frame_retention_ms = k == 0 ? 600 : 20;
+        if (begin(&s, &config)) {
+            take(&s, 3);
+            /* Most packets of a few frames: too many to be asked for, so they time out. */
+            bed_fault(2, (struct cap_gvcam_fault){.packet_loss = 0.6});
+            int64_t end = pvx_now_mono() + 10 * PVX_NS_PER_S;
+            while (counted(&s.box, CAP_INCOMPLETE) < 3 && pvx_now_mono() < end)
+                usleep(1000);
+            bed_fault(2, (struct cap_gvcam_fault){0});
+            for (int n = 0; n < 40; n++) {
+                struct cap_frame *f = next_frame(&s.box);
+                T_OK(f != NULL && bed_truth(f, 2) >= 0);
+                if (f == NULL)
+                    break;
+                double held = (double)(f->t_arrival_ns - f->t_device_ns) * 1e-6;
+                most[k] = held > most[k] ? held : most[k];
+                cap_frame_release(f);
+            }
+        }
+        end(&s);
+    }
+    printf("  longest held back: %.0f ms with a retention of 600 ms, %.0f ms with 20\n", most[0],
+           most[1]);
+    T_LE(300, most[0]); /* this is the trap */
+    T_LE(most[1], 400);
+}
+
+static void sixteen_bit_numbers_skip_zero(void)
+{
+    NEED_BED();
+    struct session s;
+    bed_ring_fps = 100;
+    struct cap_gvcam_config k = bed_config(0);
+    k.first_id = 65520;
+    bed_restart(0, &k);
+    struct cap_source_config config = bed_source(0);
+    if (begin(&s, &config)) {
+        T_EQ_I(take(&s, 40), 40);
+        T_EQ_I(counted(&s.box, CAP_ID_GAP), 0); /* 65535 is followed by 1, and that is no gap */
+        T_EQ_I(s.last_id - s.first_id + 1, 40);
+        T_LE(65536, s.last_id);
+    }
+    end(&s);
+    /* 64-bit numbers (GigE Vision 2) do not skip */
+    struct aravis_ids ids = {0};
+    aravis_ids_next(&ids, 65535);
+    T_EQ_I(aravis_ids_next(&ids, 65536), 65536);
+    T_EQ_I(aravis_ids_next(&ids, 65537), 65537);
+}
+
+/* ---- what the network does -------------------------------------------------------------------- */
+
+static void loss_with_resend_loses_nothing(void)
+{
+    NEED_BED();
+    struct session s;
+    bed_all(50);
+    struct cap_source_config config = bed_source(3);
+    config.gige.packet_size = 1500;
+    config.gige.frame_retention_ms = 1000;
+    if (begin(&s, &config)) {
+        take(&s, 2);
+        bed_fault(3, (struct cap_gvcam_fault){.packet_loss = 0.01});
+        T_EQ_I(take(&s, 100), 100);
+        bed_fault(3, (struct cap_gvcam_fault){0});
+        take(&s, 5);
+        T_LE(5, bed_stats(3).lost);
+        T_LE(5, bed_stats(3).resent);
+        T_EQ_I(counted(&s.box, CAP_INCOMPLETE), 0);
+        T_EQ_I(counted(&s.box, CAP_ID_GAP), 0);
+        T_EQ_I(s.last_id - s.first_id + 1, s.good);
+        struct cap_health h;
+        ops->health(s.src, &h);
+        T_LE(5, h.packets_resent);
+        T_EQ_I(h.packets_missing, 0);
+        printf("  %llu packets lost, %llu sent again\n", (unsigned long long)bed_stats(3).lost,
+               (unsigned long long)bed_stats(3).resent);
+    }
+    end(&s);
+}
+
+static void reorder_loses_nothing(void)
+{
+    NEED_BED();
+    struct session s;
+    bed_all(50);
+    struct cap_source_config config = bed_source(1);
+    config.gige.packet_size = 1500;
+    if (begin(&s, &config)) {
+        take(&s, 2);
+        bed_fault(1, (struct cap_gvcam_fault){.reorder = 0.1, .duplicate = 0.05});
+        T_EQ_I(take(&s, 60), 60);
+        bed_fault(1, (struct cap_gvcam_fault){0});
+        T_LE(10, bed_stats(1).reordered);
+        T_LE(10, bed_stats(1).duplicated);
+        T_EQ_I(counted(&s.box, CAP_INCOMPLETE), 0);
+        T_EQ_I(counted(&s.box, CAP_ID_GAP), 0);
+        T_EQ_I(s.last_id - s.first_id + 1, s.good);
+    }
+    end(&s);
+}
+
+/* Malformed GVCP answers and GVSP packets before good frames, from the camera's own address and port.
+ * Aravis 0.8.26 says SUCCESS for what it makes of them (no leader, no bytes, an old stamp), and some cost
+ * the frame that they come before.  None of that is handed out or spoils numbers and stamps of others. */
+static void hostile_packets_disturb_no_good_frame(void)
+{
+    NEED_BED();
+    for (int k = 0; k < 2; k++) {
+        struct session s;
+        bed_all(50);
+        struct cap_source_config config = bed_source(0);
+        config.gige.packet_size = k == 0 ? 0 : 1500;
+        if (begin(&s, &config)) {
+            take(&s, 2);
+            bed_fault(0, (struct cap_gvcam_fault){.hostile = 0.3});
+            T_EQ_I(take(&s, 40), 40); /* to the last byte, numbers and stamps going up */
+            bed_fault(0, (struct cap_gvcam_fault){0});
+            usleep(200000);
+            while (s.box.n > 0 && take_good(&s))
+                ;
+            uint64_t gaps = counted(&s.box, CAP_ID_GAP);
+            T_EQ_I(take(&s, 20), 20);
+            T_EQ_I(counted(&s.box, CAP_ID_GAP), gaps); /* and nothing is left of it */
+            T_EQ_I(s.box.lost, 0);
+            uint64_t hostile = bed_stats(0).hostile, lost = s.last_id - s.first_id + 1 - s.good;
+            printf("  %llu hostile packets: %llu of %llu frames lost\n",
+                   (unsigned long long)hostile, (unsigned long long)lost,
+                   (unsigned long long)(lost + s.good));
+            T_LE(15, hostile);
+            T_LE(lost, hostile / 3); /* three go before a frame */
+        }
+        end(&s);
+    }
+}
+
+/* Frames of another size or cut short, and garbled packets: none is handed out as good. */
+static void wrong_frames_are_counted(void)
+{
+    NEED_BED();
+    bed_all(50);
+    struct cap_source_config config = bed_source(0);
+    static char uri[] = "aravis:127.0.0.2";
+    config.uri = uri;
+    struct cap_capture_config cc = {
+        .n_cameras = 1, .camera = &config, .fps = 50, .sets = {.min_cameras = 1}};
+    cap_capture *cap = NULL;
+    struct pvx_diag d = {""};
+    struct cap_stats st = {0};
+    T_EQ_I(cap_capture_new(&cc, &cap, &d), PVX_OK);
+    bed_fault(0, (struct cap_gvcam_fault){.wrong_size = 0.3, .corrupt = 0.2});
+    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
+    int good = 0;
+    uint64_t bad = 0;
+    for (int64_t end = pvx_now_mono() + 20 * PVX_NS_PER_S;
+         (good < 30 || bad < 20) && pvx_now_mono() < end;) {
+        struct cap_set *set;
+        if (cap_capture_next(cap, PVX_NS_PER_S, &set) == PVX_OK) {
+            T_OK(bed_truth(set->frame[0], 0) >= 0);
+            good++;
+            cap_set_release(set);
+        }
+        cap_capture_stats(cap, &st);
+        bad = st.camera[0].count[CAP_BAD_SIZE] + st.camera[0].count[CAP_INCOMPLETE];
+    }
+    cap_capture_stop(cap);
+    cap_capture_stats(cap, &st);
+    T_LE(30, good);
+    T_LE(1, st.camera[0].count[CAP_BAD_SIZE]);
+    T_LE(20, bad);
+    printf("  %d good, %llu of the wrong size, %llu incomplete\n", good,
+           (unsigned long long)st.camera[0].count[CAP_BAD_SIZE],
+           (unsigned long long)st.camera[0].count[CAP_INCOMPLETE]);
+    cap_capture_free(&cap);
+}
+
+/* ---- gone and back ---------------------------------------------------------------------------- */
+
+/* Seconds from `back_ns` to the first set with all of n cameras. */
+static double all_back(cap_capture *cap, uint32_t n, int64_t back_ns)
+{
+    for (int64_t end = pvx_now_mono() + 20 * PVX_NS_PER_S; pvx_now_mono() < end;) {
+        struct cap_set *set;
+        if (cap_capture_next(cap, PVX_NS_PER_S, &set) != PVX_OK)
+            continue;
+        bool all = set->n == n && set->t_last_mono_ns > back_ns;
+        cap_set_release(set);
+        if (all)
+            return (double)(pvx_now_mono() - back_ns) * 1e-9;
+    }
+    return INFINITY;
+}
+
+static void a_camera_is_back_within_two_seconds(void)
+{
+    NEED_BED();
+    static char uri[2][32] = {"aravis:127.0.0.2", "aravis:T01"}; /* address, serial number */
+    bed_all(25);
+    struct cap_source_config cameras[2] = {bed_source(0), bed_source(1)};
+    for (int c = 0; c < 2; c++)
+        cameras[c].uri = uri[c];
+    struct cap_capture_config cc = {
+        .n_cameras = 2,
+        .camera = cameras,
+        .fps = 25,
+        .sets = {.min_cameras = 1, .policy = CAP_POLICY_PARTIAL, .max_wait_ns = 300 * MS}};
+    cap_capture *cap = NULL;
+    struct pvx_diag d = {""};
+    T_EQ_I(cap_capture_new(&cc, &cap, &d), PVX_OK);
+    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
+    T_OK(isfinite(all_back(cap, 2, 0)));
+    static const double away[] = {1.2, 2.5};
+    for (int c = 0; c < 2; c++) {
+        double took = INFINITY;
+        for (int k = 0; k < 2 && !(took <= 2); k++) { /* once more on a machine that is busy */
+            int64_t back = pvx_now_mono() + (int64_t)(away[c] * 1e9);
+            cap_gvcam_do(bed_cam[c], CAP_GVCAM_REBOOT, away[c]);
+            took = all_back(cap, 2, back);
+        }
+        printf("  camera by %s, away for %.1f s: all frames again %.2f s after it was back\n",
+               uri[c], away[c], took);
+        T_LE(took, 2);
+    }
+    /* the switch: all of them at once, none of which has rebooted */
+    double took = INFINITY;
+    for (int k = 0; k < 2 && !(took <= 2); k++) {
+        int64_t back = pvx_now_mono() + 1800 * MS;
+        cap_gvnet_reboot(bed_net, 1.8);
+        took = all_back(cap, 2, back);
+    }
+    printf("  switch away for 1.8 s: all frames again %.2f s after it was back\n", took);
+    T_LE(took, 2);
+    struct cap_stats st;
+    cap_capture_stop(cap);
+    cap_capture_stats(cap, &st);
+    for (int c = 0; c < 2; c++)
+        T_LE(1, st.camera[c].count[CAP_LOST_CAMERA]);
+    cap_capture_free(&cap);
+}
+
+int main(void)
+{
+    bed_open();
+    T_RUN(a_short_buffer_that_says_success);
+    T_RUN(stale_stamps_on_bad_buffers);
+    T_RUN(the_bad_first_frame);
+    T_RUN(good_frames_behind_an_unanswered_resend);
+    T_RUN(sixteen_bit_numbers_skip_zero);
+    T_RUN(loss_with_resend_loses_nothing);
+    T_RUN(reorder_loses_nothing);
+    T_RUN(hostile_packets_disturb_no_good_frame);
+    T_RUN(wrong_frames_are_counted);
+    T_RUN(a_camera_is_back_within_two_seconds);
+    bed_close();
+    return t_done();
+}
