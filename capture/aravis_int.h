@@ -38,6 +38,7 @@ struct aravis_source {
     /* The stream's thread alone, while it runs: */
     struct aravis_ids ids;
     uint64_t unnumbered; /* incomplete frames since the last good one */
+    bool stamps;         /* the camera stamps its frames */
     struct aravis_chunks chunks;
 
     pthread_mutex_t device;

@@ -8,7 +8,8 @@
  *
  * Nothing of a buffer without SUCCESS is used: after a lost leader its number and stamp are those of
  * an earlier frame (seen: 31 of 696).  A SUCCESS may still be short (IP fragments: bytes are missing;
- * packets that make no sense: no leader, no bytes): then neither are its number and stamp. */
+ * packets that make no sense: no bytes, or no leader and so the stamp of an earlier frame): its number
+ * and stamp are not used either. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -51,9 +52,17 @@ static void link_free(struct aravis_link *l)
     free(l);
 }
 
+/* Aravis leaves the stamp of the last use in a buffer until a leader comes: with 0 in it, a frame
+ * without its own is known. */
+static void push(ArvStream *stream, ArvBuffer *b) /* takes the reference */
+{
+    arv_buffer_set_timestamp(b, 0);
+    arv_stream_push_buffer(stream, b);
+}
+
 static void queue(ArvStream *stream, struct slot *s)
 {
-    arv_stream_push_buffer(stream, g_object_ref(s->buffer)); /* takes the reference */
+    push(stream, g_object_ref(s->buffer));
 }
 
 static void release(struct cap_frame *f)
@@ -180,7 +189,7 @@ static void drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
 {
     s->unnumbered++;
     count(s, cause, 1);
-    arv_stream_push_buffer(s->stream, b);
+    push(s->stream, b);
 }
 
 /* Fewer bytes than the rows that the frame itself announces. */
@@ -197,10 +206,16 @@ static void done(struct aravis_source *s, ArvBuffer *b)
     struct slot *slot = (struct slot *)(uintptr_t)arv_buffer_get_user_data(b);
     ArvBufferStatus status = arv_buffer_get_status(b);
     if (status == ARV_BUFFER_STATUS_ABORTED || status == ARV_BUFFER_STATUS_CLEARED) {
-        arv_stream_push_buffer(s->stream, b); /* the stream is being stopped */
+        push(s->stream, b); /* the stream is being stopped */
         return;
     }
     if (status != ARV_BUFFER_STATUS_SUCCESS) {
+        drop(s, b, CAP_INCOMPLETE);
+        return;
+    }
+    int64_t stamp = (int64_t)arv_buffer_get_timestamp(b);
+    s->stamps = s->stamps || stamp != 0;
+    if (stamp == 0 && s->stamps) {
         drop(s, b, CAP_INCOMPLETE);
         return;
     }
@@ -211,7 +226,7 @@ static void done(struct aravis_source *s, ArvBuffer *b)
     }
     struct cap_frame *f = slot->frame;
     uint64_t number = arv_buffer_get_frame_id(b);
-    f->t_device_ns = (int64_t)arv_buffer_get_timestamp(b);
+    f->t_device_ns = stamp;
     if (!aravis_chunks_read(&s->chunks, b, f, &number)) {
         drop(s, b, CAP_INCOMPLETE);
         return;
@@ -229,7 +244,7 @@ static void done(struct aravis_source *s, ArvBuffer *b)
     f->owner = slot;
     if (!lend(slot)) {
         count(s, CAP_UNDERRUN, 1);
-        arv_stream_push_buffer(s->stream, b);
+        push(s->stream, b);
         return;
     }
     g_object_unref(b); /* the slot's own reference stays */
@@ -261,7 +276,7 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
             done(s, b);
             aravis_leave(s);
         } else {
-            arv_stream_push_buffer(s->stream, b); /* stopping: nobody wants it */
+            push(s->stream, b); /* stopping: nobody wants it */
         }
         break;
     }
@@ -292,6 +307,7 @@ pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_diag *d)
     GError *err = NULL;
     s->ids = (struct aravis_ids){0};
     s->unnumbered = 0;
+    s->stamps = false;
     if (arv_camera_is_gv_device(s->camera))
         arv_camera_gv_set_stream_options(
             s->camera, s->c.gige.no_packet_socket ? ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED
