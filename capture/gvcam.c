@@ -57,7 +57,7 @@ static pvx_err check(const struct cap_gvcam_config *c, struct pvx_diag *d)
                         c->address, cap_pixfmt_name(c->fmt));
     if (c->width < 1 || c->height < 1 || c->width > 16384 || c->height > 16384 || c->n_ring < 1 ||
         !(c->ring_fps > 0 && c->ring_fps <= 1000) || !(c->tick_hz >= 0 && c->tick_hz <= 1e10) ||
-        !(c->ptp_settle_ms >= 0) || !(c->reboot_s >= 0))
+        !(c->link_mbit >= 0) || !(c->ptp_settle_ms >= 0) || !(c->reboot_s >= 0))
         return pvx_fail(d, PVX_EINVAL,
                         "simulated camera %s: image size 1 to 16384, at least one image, rates up "
                         "to 1000 Hz, a clock of at most 1e10 Hz",
@@ -171,6 +171,7 @@ static pvx_err copy_config(struct cap_gvcam *c, const struct cap_gvcam_config *f
     const char *text[3] = {from->address, from->serial, from->user_name};
     c->c = *from;
     c->c.tick_hz = from->tick_hz == 0 ? 1e9 : from->tick_hz;
+    c->c.link_mbit = from->link_mbit == 0 ? 1000 : from->link_mbit;
     c->c.ptp_settle_ms = from->ptp_settle_ms == 0 ? 2000 : from->ptp_settle_ms;
     c->c.reboot_s = from->reboot_s == 0 ? 2 : from->reboot_s;
     c->c.first_id = from->first_id == 0 ? 65401 : from->first_id;

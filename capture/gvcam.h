@@ -18,6 +18,8 @@
  * on, after ptp_settle_ms, host CLOCK_REALTIME + TAI offset to within 100 ns, in ns.
  * Samples of other depth than the ring's: 16-bit value s (v * 257 from 8 bits), s >> (16 - depth);
  * Mono from RGB is (R + G + B) / 3 of the 16-bit values; Bayer from RGB each pixel's own channel.
+ * A camera sends no faster than its cable carries (1 Gbit/s): eight bursts at the speed of loopback
+ * overrun the kernel's queues (net.core.netdev_max_backlog) on a busy machine.
  * Frame ids: 16 bits, 65535 is followed by 1; or 64 bits (feature GevGVSPExtendedIDMode).
  *
  * Faults are live, per camera, and counted: struct cap_gvcam_fault, cap_gvcam_do; the counts are the
@@ -59,6 +61,7 @@ struct cap_gvcam_config {
     size_t n_ring;
     double ring_fps;      /* images per second of scene time */
     double tick_hz;       /* of the device clock without PTP; 0 = 1e9 */
+    double link_mbit;     /* of the camera's own cable; 0 = 1000.  It limits the frame rate too */
     double ptp_settle_ms; /* PtpEnable to Slave; 0 = 2000 */
     double tai_offset_s;  /* of the grandmaster's clock from the host's; 0 */
     double reboot_s;      /* how long DeviceReset takes; 0 = 2 */

@@ -92,7 +92,7 @@ static bool read_bootstrap(struct cap_gvcam *c, uint32_t a, uint32_t *out)
         case GVB_STREAM_CHANNELS:
         case GVB_ACTIVE_LINKS:
         case GVB_ACTIONS: *out = 1; break;
-        case GVB_LINK_SPEED: *out = 1000; break;
+        case GVB_LINK_SPEED: *out = (uint32_t)c->c.link_mbit; break;
         case GVB_MESSAGE_CHANNELS:
         case GVB_GVSP_CAPABILITY:
         case GVB_MESSAGE_CAPABILITY:

@@ -14,7 +14,10 @@ struct batch {
     struct sockaddr_in to;
     unsigned n;
 };
-static const uint8_t garbage[512]; /* what a packet that is too long ends with */
+#define ETHERNET     38                  /* bytes around a packet on the cable */
+#define CATCH_UP_NS  (4 * PVX_NS_PER_MS) /* that a thread which came late may send at once */
+#define MAX_PAUSE_NS (2 * PVX_NS_PER_S)  /* longer is a clock that was set back */
+static const uint8_t garbage[512];       /* what a packet that is too long ends with */
 
 struct sockaddr_in gvcam_target(const struct cap_gvcam *c)
 {
@@ -246,7 +249,14 @@ static int64_t delay_ns(const struct cap_gvcam *c)
     return (int64_t)((double)c->v[GVF_SCPD] * 1e9 / (double)gvcam_clock_hz(c));
 }
 
-/* The packet delay is never undercut: a late packet does not make the next one early. */
+/* How long n packets take on the camera's cable, Ethernet's share included. */
+static int64_t wire_ns(const struct cap_gvcam *c, unsigned n)
+{
+    return (int64_t)((double)n * (c->v[GVF_SCPS] + ETHERNET) * 8e3 / c->c.link_mbit);
+}
+
+/* The packet delay is never undercut: a late packet does not make the next one early.  The cable may
+ * catch up a little. */
 int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now)
 {
     if (c->v[GVF_SCP_PORT] == 0) {
@@ -257,11 +267,15 @@ int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now)
     if (c->cur == NULL && !next_frame(c, now))
         return c->q_n > 0 ? c->queue[c->q_first].send_at : GVCAM_NEVER;
     int64_t delay = delay_ns(c);
-    if (delay > 0 && now < c->packet_at && c->packet_at - now <= delay)
+    if (now < c->packet_at && c->packet_at - now <= MAX_PAUSE_NS)
         return c->packet_at;
     send_some(c, delay > 0 ? 1 : GVCAM_BATCH / 2, now);
-    c->packet_at = delay > 0 ? gvcam_now() + delay : 0;
-    return delay > 0 ? c->packet_at : now;
+    if (delay > 0)
+        c->packet_at = gvcam_now() + delay;
+    else
+        c->packet_at = (c->packet_at > now - CATCH_UP_NS ? c->packet_at : now - CATCH_UP_NS) +
+                       wire_ns(c, GVCAM_BATCH / 2);
+    return c->packet_at;
 }
 
 /* ---- on request ------------------------------------------------------------------------------- */

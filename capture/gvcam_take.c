@@ -12,7 +12,9 @@ double gvcam_rate(const struct cap_gvcam *c)
     double rate = gvcam_float(c, GVF_RATE), exposure = gvcam_float(c, GVF_EXPOSURE);
     if (c->v[GVF_RATE_ENABLE] == 0 || fabs(rate - c->c.ring_fps) < 1e-6 * rate)
         rate = c->c.ring_fps; /* exactly: registers hold single precision */
-    return rate < 1e6 / exposure ? rate : 1e6 / exposure;
+    rate = rate < 1e6 / exposure ? rate : 1e6 / exposure;
+    double frame_s = (double)gvcam_payload(c) * 8 / (c->c.link_mbit * 1e6);
+    return rate < 0.97 / frame_s ? rate : 0.97 / frame_s; /* the rest is heads */
 }
 
 static bool free_running(const struct cap_gvcam *c)

@@ -51,6 +51,7 @@ enum {
     OPT_ENGINE,
     OPT_LINE_HZ,
     OPT_LINK,
+    OPT_CAMERA_LINK,
     OPT_TICK_HZ,
     OPT_PTP_MS,
     OPT_TAI,
@@ -94,6 +95,8 @@ static const struct argp_option options[] = {
     {"line-hz", OPT_LINE_HZ, "HZ", 0,
      "pulses on the trigger line that all cameras share (TriggerSource Line1)", 3},
     {"link", OPT_LINK, "MBIT_S", 0, "the network carries this much and drops the rest", 3},
+    {"camera-link", OPT_CAMERA_LINK, "MBIT_S", 0,
+     "each camera's own cable; limits its frame rate too (1000)", 3},
     {"tick-hz", OPT_TICK_HZ, "HZ", 0, "of the cameras' clocks without PTP (1e9)", 3},
     {"boot-clock", OPT_BOOT_CLOCK, NULL, 0, "these clocks count from the start, not from 1970", 3},
     {"ptp-ms", OPT_PTP_MS, "MS", 0, "from PtpEnable to Slave (2000)", 3},
@@ -173,7 +176,7 @@ struct args {
     int64_t cameras, ring, seed, sub, max_memory, voxels;
     int32_t width, height;
     double radius, fps, black, noise, trigger_hz;
-    double line_hz, link_mbit, tick_hz, ptp_ms, tai_s;
+    double line_hz, link_mbit, camera_mbit, tick_hz, ptp_ms, tai_s;
     enum simcams_kind engine;
     bool boot_clock, zip;
     enum cap_pixfmt fmt;
@@ -256,6 +259,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_ZIP: a->zip = true; return 0;
     case OPT_LINE_HZ: cli_arg_double(st, "line-hz", arg, 0, 1000, &a->line_hz); return 0;
     case OPT_LINK: cli_arg_double(st, "link", arg, 0, 1e6, &a->link_mbit); return 0;
+    case OPT_CAMERA_LINK: cli_arg_double(st, "camera-link", arg, 1, 1e6, &a->camera_mbit); return 0;
     case OPT_TICK_HZ: cli_arg_double(st, "tick-hz", arg, 1e3, 1e10, &a->tick_hz); return 0;
     case OPT_PTP_MS: cli_arg_double(st, "ptp-ms", arg, 1, 1e6, &a->ptp_ms); return 0;
     case OPT_TAI: cli_arg_double(st, "tai", arg, -1e6, 1e6, &a->tai_s); return 0;
@@ -374,6 +378,7 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
         .n_ring = s->ring.n,
         .ring_fps = s->a->fps,
         .tick_hz = s->a->tick_hz,
+        .link_mbit = s->a->camera_mbit,
         .ptp_settle_ms = s->a->ptp_ms,
         .tai_offset_s = s->a->tai_s,
         .boot_clock = s->a->boot_clock,
