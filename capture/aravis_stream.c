@@ -338,5 +338,6 @@ void aravis_end_stream(struct aravis_source *s)
     if (s->stream == NULL)
         return;
     aravis_cut_stream(s);
-    g_clear_object(&s->stream);
+    g_object_unref(s->stream); /* its thread uses the pointer until it has ended */
+    s->stream = NULL;
 }

@@ -135,7 +135,7 @@ static struct cap_source_config bed_source(int c)
                                       .height = BED_H,
                                       .fmt = CAP_GREY8,
                                       .fps = bed_ring_fps,
-                                      .buffers = 16,
+                                      .buffers = 64,
                                       .exposure_us = -1,
                                       .gain = -1};
 }
