@@ -121,13 +121,6 @@ static bool take(dmn_images *i, const struct cap_frame *f, size_t c)
     return i->image[c].data != NULL && f->img.fmt == CAP_JPEG;
 }
 
-/* The colours of the camera's pixels, when each has but one; else NULL. */
-static const uint8_t *mosaic_of(const dmn_images *i, size_t c)
-{
-    bool rays = i->p.mosaic == CAP_MOSAIC_RAYS && i->p.nch == 3 && i->S->binning == 1;
-    return rays ? cap_pixfmt_bayer(i->image[c].fmt) : NULL;
-}
-
 /* Whether camera c's pixels are there; else why not. */
 static bool account(dmn_images *i, const struct cap_frame *f, size_t c)
 {
@@ -160,7 +153,8 @@ uint32_t dmn_images_bin(dmn_images *i, const struct cap_set *set, rec_frame *f, 
     for (size_t c = 0; c < n; c++) {
         bool good = account(i, set->frame[c], c);
         rec_frame_present(f, c, good);
-        rec_frame_mosaic(f, c, good ? mosaic_of(i, c) : NULL);
+        rec_frame_bayer(f, c, good ? cap_pixfmt_bayer(i->image[c].fmt) : NULL,
+                        i->p.mosaic == CAP_MOSAIC_RAYS && i->S->binning == 1);
         present += good;
         *mask |= good ? 1ull << c : 0;
     }

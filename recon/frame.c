@@ -30,11 +30,13 @@ struct rec_frame {
     float *weight4; /* [rows][4] of each channel, where cameras have mosaics */
     float *plane;   /* [rows][4] work area of those */
     uint8_t cell[REC_MAX_CAMERAS][4];
-    bool mosaic[REC_MAX_CAMERAS], lanes; /* cameras with a mosaic; any present */
-    uint8_t *lit;                        /* [rows] */
-    float *scratch;                      /* [rows] */
-    int32_t *col;                        /* [voxels] */
-    float *x;                            /* [voxels][cs] */
+    bool bayer[REC_MAX_CAMERAS],
+        mosaic[REC_MAX_CAMERAS]; /* cameras with a filter; pixels as they are */
+    bool lanes;                  /* any of those present */
+    uint8_t *lit;                /* [rows] */
+    float *scratch;              /* [rows] */
+    int32_t *col;                /* [voxels] */
+    float *x;                    /* [voxels][cs] */
     float *start; /* [voxels][cs] the coarser grids' solution, while x holds an earlier volume */
     struct rec_photo_stats stats[REC_MAX_CAMERAS];
     struct rec_subsys *sub;
@@ -129,9 +131,10 @@ void rec_frame_present(rec_frame *f, size_t camera, bool present)
     f->present[camera] = present;
 }
 
-void rec_frame_mosaic(rec_frame *f, size_t camera, const uint8_t *cell)
+void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are)
 {
-    f->mosaic[camera] = cell != NULL && f->cs == 4;
+    f->bayer[camera] = cell != NULL && f->cs == 4;
+    f->mosaic[camera] = f->bayer[camera] && as_they_are;
     if (cell != NULL)
         memcpy(f->cell[camera], cell, sizeof f->cell[camera]);
 }
@@ -170,6 +173,10 @@ static void photo_camera(void *ctx, size_t c)
         rec_photo_apply_mosaic(img, b->bw, b->bh, f->cell[c], f->background[c], f->gain[c],
                                &f->p.photo, f->weight + f->row0[c], f->lit + f->row0[c],
                                f->scratch + f->row0[c], f->plane + f->row0[c] * 4, &f->stats[c]);
+    else if (f->bayer[c])
+        rec_photo_apply_bayer(img, b->bw, b->bh, f->S->binning, f->background[c], f->gain[c],
+                              &f->p.photo, f->weight + f->row0[c], f->lit + f->row0[c],
+                              f->scratch + f->row0[c], &f->stats[c]);
     else
         rec_photo_apply(img, b->bw, b->bh, f->p.nch, f->background[c], f->gain[c], &f->p.photo,
                         f->weight + f->row0[c], f->lit + f->row0[c], f->scratch + f->row0[c],
@@ -339,6 +346,7 @@ const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera)
 void rec_frame_reset(rec_frame *f)
 {
     memset(f->present, 0, sizeof f->present);
+    memset(f->bayer, 0, sizeof f->bayer);
     memset(f->mosaic, 0, sizeof f->mosaic);
     f->lanes = false;
     f->sub->n = f->sub->rows = 0;

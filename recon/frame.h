@@ -3,7 +3,7 @@
  * A rec_frame is one slot of the pipeline: it owns every work area that one frame set needs, so
  * different slots can be in different stages on different threads at the same time.
  *   1. write pixels of camera c to rec_frame_input(f, c) and rec_frame_present(f, c, true); for Bayer
- *      pixels as they are rec_frame_mosaic
+ *      cameras rec_frame_bayer
  *   2. rec_frame_carve: photometry, silhouettes, hull, restricted system
  *   3. rec_frame_solve
  *   4. read rec_frame_volume; then rec_frame_reset for the next set
@@ -57,10 +57,11 @@ void rec_frame_free(rec_frame **f);
 
 float *rec_frame_input(rec_frame *f, size_t camera); /* [bh][bw][cs], cs = 4 for 3 channels */
 void rec_frame_present(rec_frame *f, size_t camera, bool present);
-/* This set's pixels of the camera are a mosaic: each has the channel of its filter and NaN in the others
- * (photo.h: cell); NULL = all channels.  Only for three channels and the default solver; forgotten by
- * rec_frame_reset. */
-void rec_frame_mosaic(rec_frame *f, size_t camera, const uint8_t *cell);
+/* This set's pixels of the camera come from a Bayer filter; cell = colours of its 2x2 pixels, row by row,
+ * NULL = from none.  as_they_are: each pixel has the channel of its filter and NaN in the others; only for
+ * the default solver.  Else they were binned or interpolated, which matters for their noise (photo.h).
+ * For three channels; forgotten by rec_frame_reset. */
+void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are);
 /* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
 PVX_MUST_CHECK pvx_err rec_frame_set_background(rec_frame *f, size_t camera, const float *bg);
 

@@ -48,13 +48,13 @@ static float select_kth(float *v, int32_t n, int32_t k)
 
 /* Noise of up to three channels in one block, and the share of bins at the lowest value.  The mixed
  * second difference a-b-c+d of 2x2 bins is blind to any linear slope, and its variance is 4 sigma^2
- * for independent noise.  Sums of at most 64 terms, so float will do.  false: too few bins. */
+ * for independent noise; `step` bins lie between them.  Sums of at most 64 terms, so float will do.  false: too few bins. */
 struct block {
     rec_f4 mean, noise2, at_low;
 };
 
 REC_INLINE bool measure_block(const float *img, int32_t bw, int32_t bh, size_t cs,
-                              const float *weight, int32_t x0, int32_t y0, rec_f4 low,
+                              const float *weight, int32_t x0, int32_t y0, int32_t step, rec_f4 low,
                               struct block *out)
 {
     int32_t x1 = x0 + BLOCK < bw ? x0 + BLOCK : bw, y1 = y0 + BLOCK < bh ? y0 + BLOCK : bh;
@@ -63,17 +63,18 @@ REC_INLINE bool measure_block(const float *img, int32_t bw, int32_t bh, size_t c
     int32_t cells = 0, bins = 0;
     for (int32_t y = y0; y < y1; y++)
         for (int32_t x = x0; x < x1; x++) {
-            size_t i = (size_t)y * (size_t)bw + (size_t)x, j = i + (size_t)bw;
+            size_t i = (size_t)y * (size_t)bw + (size_t)x, j = i + (size_t)(step * bw);
+            size_t k = (size_t)step;
             if (weight[i] == 0)
                 continue;
             rec_f4 a = rec_ld(img, i, cs);
             mean += a;
             at_low -= a <= low;
             bins++;
-            if (x + 1 == x1 || y + 1 == y1 || weight[i + 1] == 0 || weight[j] == 0 ||
-                weight[j + 1] == 0)
+            if (x + step >= x1 || y + step >= y1 || weight[i + k] == 0 || weight[j] == 0 ||
+                weight[j + k] == 0)
                 continue;
-            rec_f4 d = (a - rec_ld(img, i + 1, cs)) - (rec_ld(img, j, cs) - rec_ld(img, j + 1, cs));
+            rec_f4 d = (a - rec_ld(img, i + k, cs)) - (rec_ld(img, j, cs) - rec_ld(img, j + k, cs));
             d2 += d * d;
             cells++;
         }
@@ -108,7 +109,7 @@ float rec_photo_dark_noise(const float *mean, float *noise2, float *at_low, int3
 /* Noise of each channel from at most about MAX_BLOCKS blocks spread over the image; `low`: the lowest
  * value of the bins with weight. */
 REC_INLINE void noise(const float *img, int32_t bw, int32_t bh, int nch, size_t cs,
-                      const float *weight, rec_f4 low, float sigma[3], float dark[3])
+                      const float *weight, int32_t step, rec_f4 low, float sigma[3], float dark[3])
 {
     float mean[3][MAX_BLOCKS], noise2[3][MAX_BLOCKS], at_low[3][MAX_BLOCKS], sorted[MAX_BLOCKS];
     int32_t across = (bw + BLOCK - 1) / BLOCK, down = (bh + BLOCK - 1) / BLOCK, n = 0;
@@ -116,7 +117,7 @@ REC_INLINE void noise(const float *img, int32_t bw, int32_t bh, int nch, size_t 
     for (int32_t k = 0, skip = 0; k < across * down; k++, skip = skip + 1 < every ? skip + 1 : 0) {
         struct block b;
         if (skip != 0 || !measure_block(img, bw, bh, cs, weight, k % across * BLOCK,
-                                        k / across * BLOCK, low, &b))
+                                        k / across * BLOCK, step, low, &b))
             continue;
         for (int c = 0; c < nch; c++) {
             mean[c][n] = b.mean[c];
@@ -237,7 +238,7 @@ static void grow(uint8_t *lit, int32_t bw, int32_t bh, int32_t r, uint8_t *copy)
 
 /* Everything of (1) but the growing; returns through `out` what it measured. */
 REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const uint8_t *cell,
-                      const float *background, const float gain[3],
+                      const struct rec_grain *grain, const float *background, const float gain[3],
                       const struct rec_photo_params *p, float *weight, uint8_t *lit, float *scratch,
                       float *plane, struct rec_photo_stats *out)
 {
@@ -279,13 +280,15 @@ REC_INLINE void apply(float *img, int32_t bw, int32_t bh, size_t cs, const uint8
     const float *judged = img;
     float dark[3] = {0};
     rec_f4 near = rec_splat(NEAR), wide = rec_splat(WIDE); /* sigma over that of the means */
+    if (grain != NULL) {
+        near = grain->near;
+        wide = grain->wide;
+    }
     if (cell == NULL) {
-        noise(img, bw, bh, nch, cs, weight, low, out->sigma, dark);
+        noise(img, bw, bh, nch, cs, weight, grain != NULL ? grain->step : 1, low, out->sigma, dark);
     } else {
         rec_mosaic_noise(img, bw, bh, cell, weight, low, out->sigma, dark);
         rec_mosaic_plane(img, bw, bh, plane);
-        near = rec_mosaic_near;
-        wide = rec_mosaic_wide;
         judged = plane;
     }
     rec_f4 limit = rec_splat(p->threshold), faint = limit, fainter = limit;
@@ -331,9 +334,9 @@ void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *b
 {
     *out = (struct rec_photo_stats){0};
     if (nch == 3)
-        apply(img, bw, bh, 4, NULL, background, gain, p, weight, lit, scratch, NULL, out);
+        apply(img, bw, bh, 4, NULL, NULL, background, gain, p, weight, lit, scratch, NULL, out);
     else
-        apply(img, bw, bh, 1, NULL, background, gain, p, weight, lit, scratch, NULL, out);
+        apply(img, bw, bh, 1, NULL, NULL, background, gain, p, weight, lit, scratch, NULL, out);
     finish(bw, bh, p, lit, scratch, out);
 }
 
@@ -343,6 +346,18 @@ void rec_photo_apply_mosaic(float *img, int32_t bw, int32_t bh, const uint8_t ce
                             float *scratch, float *plane, struct rec_photo_stats *out)
 {
     *out = (struct rec_photo_stats){0};
-    apply(img, bw, bh, 4, cell, background, gain, p, weight, lit, scratch, plane, out);
+    apply(img, bw, bh, 4, cell, &rec_grain_mosaic, background, gain, p, weight, lit, scratch, plane,
+          out);
+    finish(bw, bh, p, lit, scratch, out);
+}
+
+void rec_photo_apply_bayer(float *img, int32_t bw, int32_t bh, int32_t binning,
+                           const float *background, const float gain[3],
+                           const struct rec_photo_params *p, float *weight, uint8_t *lit,
+                           float *scratch, struct rec_photo_stats *out)
+{
+    const struct rec_grain grain = rec_grain_bayer(binning);
+    *out = (struct rec_photo_stats){0};
+    apply(img, bw, bh, 4, NULL, &grain, background, gain, p, weight, lit, scratch, NULL, out);
     finish(bw, bh, p, lit, scratch, out);
 }

@@ -21,6 +21,11 @@
  *     plane = 4 K * b for red and blue, 2 K * b for green,  K = [1 2 1]'[1 2 1]/16            (2)
  * (red and blue: bilinear interpolation); 3x3 and 7x7 means are those of the plane, whose noise is
  * 0.5 and 0.255 sigma for red and blue, 0.354 and 0.18 sigma for green.
+ * Where Bayer pixels were binned or interpolated, samples of red and blue count in more than one bin, and
+ * the noise of neighbours is alike: it is estimated from differences over 2 bins (interpolated: 4), and
+ *     sigma over that of n x n means = n^2 (8b - 6) / (8nb - 6)  for red and blue, n for green       (3)
+ * b >= 2 the binning, by the weights 3 4 4 ... 1 of their samples along an axis; interpolated: about 1.5
+ * and 2.9, green 2.2 and 4.4 for n = 3 and 7.
  * Threads: one call per camera; different cameras in parallel.  Allocates nothing. */
 #ifndef REC_PHOTO_H
 #define REC_PHOTO_H
@@ -62,5 +67,10 @@ void rec_photo_apply_mosaic(float *img, int32_t bw, int32_t bh, const uint8_t ce
                             const float *background, const float gain[3],
                             const struct rec_photo_params *p, float *weight, uint8_t *lit,
                             float *scratch, float *plane, struct rec_photo_stats *out);
+/* The same for three channels made from Bayer pixels with this binning, 1 = interpolated. */
+void rec_photo_apply_bayer(float *img, int32_t bw, int32_t bh, int32_t binning,
+                           const float *background, const float gain[3],
+                           const struct rec_photo_params *p, float *weight, uint8_t *lit,
+                           float *scratch, struct rec_photo_stats *out);
 
 #endif

@@ -7,8 +7,14 @@
 #define REC_PHOTO_BLOCK  8   /* bins per side of what noise is measured in */
 #define REC_PHOTO_BLOCKS 400 /* at most about as many, spread over the image */
 
-/* sigma over that of the plane's 3x3 and 7x7 means, equation (2) of photo.h */
-static const rec_f4 rec_mosaic_near = {2, 2.83f, 2, 1}, rec_mosaic_wide = {3.92f, 5.55f, 3.92f, 1};
+/* How the noise of neighbouring bins hangs together. */
+struct rec_grain {
+    int32_t step;      /* bins from one to the next whose noise is its own */
+    rec_f4 near, wide; /* sigma over that of 3x3 and 7x7 means, per channel */
+};
+/* Of a mosaic, equation (2) of photo.h; of bins that were made from Bayer pixels, equation (3). */
+static const struct rec_grain rec_grain_mosaic = {2, {2, 2.83f, 2, 1}, {3.92f, 5.55f, 3.92f, 1}};
+struct rec_grain rec_grain_bayer(int32_t binning);
 
 /* The lane that bin (x,y) measures. */
 REC_INLINE rec_i4 rec_mosaic_lane(const uint8_t cell[4], int32_t x, int32_t y)

@@ -64,7 +64,8 @@ static void load_camera(struct job *j, struct slot *s, size_t c)
     s->have[c] = got == FRAMES_LOADED;
     s->present += s->have[c];
     rec_frame_present(s->frame, c, s->have[c]);
-    rec_frame_mosaic(s->frame, c, frames_in_cell(&j->in));
+    rec_frame_bayer(s->frame, c, cap_pixfmt_bayer(j->in.how.fmt),
+                    j->in.how.mosaic == CAP_MOSAIC_RAYS && j->in.binning == 1);
 }
 
 static void *reader(void *arg)

@@ -28,12 +28,6 @@ static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_i
     return PVX_OK;
 }
 
-const uint8_t *frames_in_cell(const struct frames_in *f)
-{
-    bool rays = f->how.mosaic == CAP_MOSAIC_RAYS && f->nch == 3 && f->binning == 1;
-    return rays ? cap_pixfmt_bayer(f->how.fmt) : NULL;
-}
-
 /* Channels and the meaning of 1.0 come from the first image that can be read. */
 static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 {

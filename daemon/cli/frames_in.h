@@ -41,9 +41,6 @@ static inline int32_t frames_in_bins(const struct frames_in *f, int32_t pixels)
     return pixels / f->binning;
 }
 
-/* The colours of the pixels that frames_in_load gives, when each has but one (recon/frame.h); else NULL. */
-const uint8_t *frames_in_cell(const struct frames_in *f);
-
 enum frames_in_got { FRAMES_MISSING, FRAMES_LOADED, FRAMES_BAD };
 /* Frame set i of camera c into out [bins down][bins across][1 or 4].  FRAMES_MISSING: there is no
  * such file; FRAMES_BAD: it cannot be used, *d says why.  *bin_ns += time for the binning alone. */

@@ -66,7 +66,11 @@ static void look(void *ctx, size_t c)
     int64_t ns = 0;
     e->why.text[0] = '\0';
     e->got = frames_in_load(f->in, f->set, c, e->img, &ns, &e->why);
-    if (e->got == FRAMES_LOADED)
+    if (e->got == FRAMES_LOADED && cap_pixfmt_bayer(f->in->how.fmt) != NULL && f->p->nch == 3)
+        rec_photo_apply_bayer(e->img, e->bw, e->bh, f->in->binning, e->background,
+                              f->in->rig->cameras[c].gain, &f->p->photo, e->weight, e->lit,
+                              e->scratch, &e->stats);
+    else if (e->got == FRAMES_LOADED)
         rec_photo_apply(e->img, e->bw, e->bh, f->p->nch, e->background, f->in->rig->cameras[c].gain,
                         &f->p->photo, e->weight, e->lit, e->scratch, &e->stats);
 }

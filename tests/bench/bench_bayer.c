@@ -41,8 +41,8 @@ static void expose(const struct scene *s, enum way way, double noise, int binnin
             }
         CHECK(cap_convert(&img, &p, 0, H / binning, rec_frame_input(f, c)));
         rec_frame_present(f, c, true);
-        if (way == RAYS)
-            rec_frame_mosaic(f, c, cell);
+        if (way == RAYS || way == BILINEAR || way == BINNED)
+            rec_frame_bayer(f, c, cell, way == RAYS);
     }
 }
 

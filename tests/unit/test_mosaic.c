@@ -50,6 +50,39 @@ static void noise_comes_from_bins_of_one_colour(void)
     }
 }
 
+/* Bins of Bayer pixels share samples of red and blue, so neighbours' noise is alike; the estimate is that of
+ * a bin nevertheless, and dark pictures do not fill with speckles. */
+static void noise_of_binned_and_interpolated_pixels(void)
+{
+    enum { BIG = 4 * W };
+    static uint16_t raw[BIG * BIG];
+    for (int i = 0; i < BIG * BIG; i++)
+        raw[i] = (uint16_t)lrint(10000 + 600 * t_normal());
+    for (int b = 1; b <= 4; b *= 2) {
+        struct rec_photo_params p = rec_photo_defaults;
+        struct rec_photo_stats st;
+        struct cap_image pic = {raw, sizeof raw, W * b, H * b, BIG * 2, CAP_BAYER_GB16, 0};
+        double sum[3] = {0}, sum2[3] = {0};
+        int dark = 0;
+        T_EQ_I(cap_bin(&pic, b, 3, 0, H, img), PVX_OK);
+        for (int i = 0; i < W * H; i++)
+            for (int c = 0; c < 3; c++) {
+                sum[c] += (double)img[i * 4 + c];
+                sum2[c] += (double)img[i * 4 + c] * (double)img[i * 4 + c];
+            }
+        p.black = 10000.0f / 65535;
+        rec_photo_apply_bayer(img, W, H, b, NULL, one, &p, weight, lit, scratch, &st);
+        for (int c = 0; c < 3; c++) {
+            double true_sigma = sqrt(sum2[c] / (W * H) - pow(sum[c] / (W * H), 2));
+            T_CHECK_(fabs((double)st.sigma[c] / true_sigma - 1) < 0.25,
+                     "binning %d channel %d: %g, is %g", b, c, (double)st.sigma[c], true_sigma);
+        }
+        for (int i = 0; i < W * H; i++)
+            dark += lit[i];
+        T_CHECK_(dark <= W * H / 100, "binning %d: %d of %d bins lit", b, dark, W * H);
+    }
+}
+
 /* Whatever the colour of the flame: bins of all colours are lit in it, hardly any beside it. */
 static void silhouettes_have_no_holes(void)
 {
@@ -316,7 +349,7 @@ static void shoot(rec_frame *f, enum cap_mosaic way, const bool *three_chips)
             for (int i = 0; i < W * H * 4; i++)
                 rec_frame_input(f, c)[i] = sc.image[c][i] * (60000.0f / 65535);
         else if (way == CAP_MOSAIC_RAYS)
-            rec_frame_mosaic(f, c, cap_pixfmt_bayer(fmt));
+            rec_frame_bayer(f, c, cap_pixfmt_bayer(fmt), true);
         rec_frame_present(f, c, true);
     }
 }
@@ -407,6 +440,7 @@ int main(void)
     if (!scene_new(&sc, 8, W, 20, 2, 3))
         return 2;
     T_RUN(noise_comes_from_bins_of_one_colour);
+    T_RUN(noise_of_binned_and_interpolated_pixels);
     T_RUN(silhouettes_have_no_holes);
     T_RUN(faint_flames_are_seen);
     T_RUN(saturated_and_broken_bins);
