@@ -34,6 +34,16 @@ if command -v arv-tool-0.8 > "$dir/null"; then
         grep -q '^Width = 64' "$dir/out" && grep -q '^Height = 48' "$dir/out" && grep -q '^SensorWidth = 64' "$dir/out" && grep -q "^PixelFormat = BayerRG8" "$dir/out" || { cat "$dir/out" "$dir/err"; return 1; }
     }
     check aravis_tool_reads_registers registers
+    zipped() { # the description zipped; features set through it and read back
+        sim --private-net "${small[@]}" --zip-xml -- sh -c 'arv-tool-0.8 -a 127.0.0.3 control TriggerSource=Action1 TriggerSource ActionGroupMask=7 ActionGroupMask PtpEnable=true GevIEEE1588 && arv-tool-0.8 -a 127.0.0.3 features' > "$dir/out" 2> "$dir/err"
+        grep -q '^TriggerSource = Action1' "$dir/out" && grep -q '^ActionGroupMask = 7 ' "$dir/out" && grep -q '^GevIEEE1588 = true' "$dir/out" && grep -q "'ChunkTimestamp'" "$dir/out" || { cat "$dir/out" "$dir/err"; return 1; }
+    }
+    check aravis_tool_sets_features zipped
+    other() {
+        sim --private-net "${small[@]}" --engine aravis -- arv-tool-0.8 > "$dir/out" 2> "$dir/err"
+        [ "$(grep -cE '^Aravis-Fake-SIM0[0-3] \(127\.0\.0\.[2-5]\)$' "$dir/out")" = 4 ] || { cat "$dir/out" "$dir/err"; return 1; }
+    }
+    check other_engine_serves_too other
 else
     echo "SKIP 020:aravis_tool_lists_them (no arv-tool-0.8)"
 fi
@@ -61,6 +71,8 @@ refuse() { # exit code, text, arguments...
     sim "$@" > "$dir/out" 2>&1
     [ $? -eq "$code" ] && grep -q -e "$text" "$dir/out" || { cat "$dir/out"; return 1; }
 }
+check timed_line_is_checked refuse 1 "no camera 'cam9'" "${small[@]}" --at 3:"kill cam9"
+check unknown_engine refuse 2 'should be own or aravis' --engine steam
 check too_much_memory refuse 1 'max-memory' --ring 5000
 check unknown_camera refuse 1 "no camera 'cam9'" --drop cam9=0.5
 check foreign_address refuse 1 'no interface of this host' --address 203.0.113.2 "${small[@]}"
@@ -93,11 +105,13 @@ by_hand() {
     exec 5> "$dir/ctl"
     local ok=0
     until_true 60 seen 4 && echo "kill cam1" >&5 && until_true 30 seen 3 && ! grep -q 127.0.0.3 "$dir/list" &&
-        echo "nonsense" >&5 && echo "revive cam1" >&5 && until_true 30 seen 4 || ok=1
+        echo "nonsense" >&5 && echo "revive cam1" >&5 && until_true 30 seen 4 &&
+        echo "reboot cam2 60" >&5 && until_true 30 seen 3 && ! grep -q 127.0.0.4 "$dir/list" &&
+        echo "switch 60" >&5 && until_true 30 seen 0 && echo "stats" >&5 && until_true 10 grep -q '^stats {' "$dir/out" || ok=1
     touch "$dir/stop"
     exec 5>&-
     wait $p || ok=1; p=
-    grep -q "control: 'nonsense'" "$dir/err" || ok=1
+    grep -q "control: 'nonsense'" "$dir/err" && grep -q '"cam2": {"taken": 0, .*"reboots": 1' "$dir/out" || ok=1
     [ $ok = 0 ] || cat "$dir/err"
     return $ok
 }
