@@ -1,0 +1,196 @@
+/* fuzz_take.c - takes whose contents are not what a recorder writes.
+ *
+ * libhdf5's own structures carry checksums, so bytes at random would test those only.  Here a good take is
+ * made once; the input says what is changed in it: 6 bytes each, (kind, place 24 bits, value 16 bits).
+ *     0  a byte anywhere                       1  a byte of a row, the rows' checksums made right again
+ *     2  a byte of the table of members, ditto 3  the file is cut there
+ * Whatever opens is read from end to end; what it says must be consistent. */
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "capture/take_h5.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+#define CAMERAS 2
+#define SETS    3
+#define ROWS    (CAMERAS * SETS)
+
+static unsigned char *base; /* the good take */
+static size_t base_size;
+static size_t row_at[ROWS], set_at[SETS], member_at;
+static int fd = -1;
+static char path[64];
+
+static void no_release(struct cap_frame *f)
+{
+    (void)f;
+}
+
+static void put_set(cap_take_writer *w, uint64_t number)
+{
+    static unsigned char pixels[64];
+    struct cap_frame f[CAMERAS];
+    struct cap_set s = {.number = number, .t_exposure_ns = 0x5555, .n = CAMERAS};
+    for (uint32_t c = 0; c < CAMERAS; c++) {
+        memset(pixels, (int)(number * CAMERAS + c), sizeof pixels);
+        f[c] = (struct cap_frame){.img = {pixels, 60, 8, 6, 8, c == 0 ? CAP_GREY8 : CAP_JPEG, 0},
+                                  .camera = c,
+                                  .id = 0x1122334455660000u + number * CAMERAS + c,
+                                  .release = no_release};
+        s.frame[c] = &f[c];
+    }
+    if (cap_take_put_set(w, &s, NULL) != PVX_OK)
+        abort();
+}
+
+static size_t find(const void *what, size_t n)
+{
+    unsigned char *p = memmem(base, base_size, what, n);
+    if (p == NULL)
+        abort();
+    return (size_t)(p - base);
+}
+
+static void make_base(void)
+{
+    static const struct cap_take_camera cameras[CAMERAS] = {{.name = "a"}, {.name = "b"}};
+    struct cap_take_head h = {.rig = "rig",
+                              .config = "config",
+                              .software = "fuzz",
+                              .host = "",
+                              .base = "/",
+                              .fps = 20,
+                              .n_cameras = CAMERAS,
+                              .camera = cameras};
+    char name[] = "/tmp/fuzz_take-XXXXXX";
+    int tmp = mkstemp(name);
+    cap_take_writer *w;
+    if (tmp < 0 || unlink(name) != 0 || cap_take_create(name, &h, &w, NULL) != PVX_OK)
+        abort();
+    close(tmp);
+    for (uint64_t k = 0; k < SETS; k++)
+        put_set(w, 0x7700 + k);
+    if (cap_take_close(&w, NULL) != PVX_OK)
+        abort();
+    FILE *f = fopen(name, "rb");
+    if (f == NULL)
+        abort();
+    fseek(f, 0, SEEK_END);
+    base_size = (size_t)ftell(f);
+    rewind(f);
+    base = malloc(base_size);
+    if (base == NULL || fread(base, 1, base_size, f) != base_size)
+        abort();
+    fclose(f);
+    unlink(name);
+    for (uint64_t i = 0; i < ROWS; i++) {
+        uint64_t id = 0x1122334455660000u + 0x7700 * CAMERAS + i;
+        row_at[i] = find(&id, sizeof id);
+    }
+    for (uint64_t k = 0; k < SETS; k++) {
+        uint64_t number[2] = {0x7700 + k, 0x5555}; /* and t_exposure_ns */
+        set_at[k] = find(number, sizeof number);
+    }
+    int64_t members[SETS * CAMERAS] = {0, 0, 1, 1, 2, 2};
+    member_at = find(members, sizeof members);
+    fd = memfd_create("take", MFD_CLOEXEC);
+    if (fd < 0)
+        abort();
+    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+}
+
+/* Rows as they are now get the checksums that they should have. */
+static void make_right(unsigned char *file)
+{
+    for (int i = 0; i < ROWS; i++) {
+        struct cap_take_row r;
+        memcpy(&r, file + row_at[i], sizeof r);
+        r.check = take_row_check(&r);
+        memcpy(file + row_at[i], &r, sizeof r);
+    }
+    for (int k = 0; k < SETS; k++) {
+        struct cap_take_set s;
+        int64_t member[CAMERAS];
+        memcpy(&s, file + set_at[k], sizeof s);
+        memcpy(member, file + member_at + (size_t)k * sizeof member, sizeof member);
+        s.check = take_set_check(&s, member, CAMERAS);
+        memcpy(file + set_at[k], &s, sizeof s);
+    }
+}
+
+static size_t change(unsigned char *file, size_t size, const uint8_t *p)
+{
+    size_t place = (size_t)p[1] | (size_t)p[2] << 8 | (size_t)p[3] << 16;
+    switch (p[0] % 4) {
+    case 0: file[place % base_size] = p[4]; return size;
+    case 1: {
+        size_t i = place % (ROWS + SETS), n = i < ROWS ? 104 : 48;
+        file[(i < ROWS ? row_at[i] : set_at[i - ROWS]) + p[5] % n] = p[4];
+        break;
+    }
+    case 2: file[member_at + place % (SETS * CAMERAS * 8)] = p[4]; break;
+    default: return place % (base_size + 1) < size ? place % (base_size + 1) : size;
+    }
+    make_right(file);
+    return size;
+}
+
+static void use(const cap_take *t)
+{
+    const struct cap_take_info *i = cap_take_info(t);
+    if (i->head.n_cameras < 1 || i->head.n_cameras > CAP_MAX_CAMERAS)
+        abort();
+    for (uint64_t k = 0; k < i->sets; k++) {
+        const int64_t *member;
+        const struct cap_take_set *s = cap_take_set(t, k, &member);
+        if (cap_take_find_set(t, (int64_t)s->number) != (int64_t)k)
+            abort();
+        for (uint32_t c = 0; c < i->head.n_cameras; c++)
+            if (member[c] >= 0 &&
+                cap_take_row(t, c, (uint64_t)member[c])->set != (int64_t)s->number)
+                abort();
+    }
+    for (uint64_t g = 0; g < i->gaps; g++)
+        if (cap_take_gap(t, g)->camera >= i->head.n_cameras)
+            abort();
+    for (uint32_t c = 0; c < i->head.n_cameras; c++) {
+        size_t size = cap_take_frame_max(t, c);
+        void *mem = malloc(size > 0 ? size : 1);
+        struct cap_image img;
+        for (uint64_t r = 0; mem != NULL && r < i->head.camera[c].frames; r++)
+            if (cap_take_read(t, c, r, mem, size, &img, NULL) == PVX_OK && img.size > size)
+                abort();
+        free(mem);
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    if (base == NULL)
+        make_base();
+    unsigned char *file = malloc(base_size);
+    if (file == NULL)
+        return 0;
+    memcpy(file, base, base_size);
+    size_t n = base_size;
+    for (size_t i = 0; i + 6 <= size && i < 96; i += 6)
+        n = change(file, n, data + i);
+    if (ftruncate(fd, 0) != 0 || pwrite(fd, file, n, 0) != (ssize_t)n)
+        abort();
+    free(file);
+    cap_take *t;
+    struct pvx_diag d = {""};
+    pvx_err e = cap_take_open(path, &t, &d);
+    if (e == PVX_OK)
+        use(t);
+    else if (t != NULL || d.text[0] == '\0')
+        abort();
+    cap_take_free(&t);
+    return 0;
+}
