@@ -184,8 +184,17 @@ void cameras_formats(const char *formats, char *out, size_t size)
         }
     }
     for (size_t k = 0; k < n && len < size; k++) {
-        len += (size_t)snprintf(out + len, size - len, "%s%s%s%s", k > 0 ? ", " : "", kind[k].name,
-                                kind[k].rest[0] != '\0' ? " " : "", kind[k].rest);
+        if (kind[k].sizes == 0)
+            continue; /* told with an earlier one */
+        len += (size_t)snprintf(out + len, size - len, "%s%s", len > 0 ? "; " : "", kind[k].name);
+        for (size_t i = k + 1; i < n && len < size && kind[k].pixels > 0; i++)
+            if (kind[i].sizes == kind[k].sizes && strcmp(kind[i].rest, kind[k].rest) == 0) {
+                len += (size_t)snprintf(out + len, size - len, ", %s", kind[i].name);
+                kind[i].sizes = 0;
+            }
+        if (len < size)
+            len += (size_t)snprintf(out + len, size - len, "%s%s",
+                                    kind[k].rest[0] != '\0' ? " " : "", kind[k].rest);
         if (kind[k].sizes > 1 && kind[k].pixels > 0 && len < size)
             len += (size_t)snprintf(out + len, size - len, " (+%zu size%s)", kind[k].sizes - 1,
                                     kind[k].sizes == 2 ? "" : "s");

@@ -24,7 +24,8 @@ struct cameras_list {
 void cameras_find(const char *scheme, struct cameras_list *out);
 void cameras_fini(struct cameras_list *l);
 
-/* Formats in few words: of each pixel format the largest picture, its rates and how many sizes more:
- * "YUYV 640x480 15 30 Hz (+3 sizes), JPEG 1920x1080 30 Hz".  Lines of another shape stay as they are. */
+/* Formats in few words: of each pixel format the largest picture, its rates and how many sizes more, and
+ * those that are alike together: "YUYV 640x480 15 30 Hz (+3 sizes); Mono8, RGB8 1920x1080 30 Hz".
+ * Lines of another shape stay as they are. */
 void cameras_formats(const char *formats, char *out, size_t size);
 #endif

@@ -54,10 +54,7 @@ static double made(const struct camtest_camera *c)
 static void no_frames(const struct camtest *t, struct camtest_camera *c)
 {
     if (c->stats.error[0] != '\0' && c->count[CAP_RECEIVED] == 0)
-        say(c, CAMTEST_FAIL,
-            "`pyrovox cameras` lists what can be opened; one program at a time may "
-            "have a camera",
-            "%s", c->stats.error);
+        say(c, CAMTEST_FAIL, "", "%s", c->stats.error); /* which has its remedy */
     else if (c->count[CAP_INCOMPLETE] > 0)
         say(c, CAMTEST_FAIL, "`pyrovox doctor` looks for the cause: MTU, socket buffers, the card",
             "not one whole frame, %llu incomplete", (unsigned long long)c->count[CAP_INCOMPLETE]);

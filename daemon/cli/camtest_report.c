@@ -42,26 +42,30 @@ static const char *jitter(const struct camtest_series *s, char out[32])
 
 static void print_row(FILE *f, const struct camtest_camera *c, int name)
 {
-    char size[48] = "-", link[16] = "-", temp[16] = "-", device[32], arrival[32];
-    if (c->frames > 0)
-        snprintf(size, sizeof size, "%dx%d %s", c->width, c->height, cap_pixfmt_name(c->fmt));
+    char link[16] = "-", temp[16] = "-", device[32], arrival[32];
     if (isfinite(share(c)))
         snprintf(link, sizeof link, "%.0f%%", share(c) * 100);
     if (isfinite(c->stats.health.temperature_c))
         snprintf(temp, sizeof temp, "%.0f", c->stats.health.temperature_c);
-    fprintf(f, "%-*.*s %7.2f %6llu %5llu %s %s %6.1f %5s %3s  %s\n", name, name, c->name, c->hz,
+    fprintf(f, "%-*.*s %7.2f %6llu %5llu %s %s %6.1f %5s %3s\n", name, name, c->name, c->hz,
             (unsigned long long)c->frames, (unsigned long long)lost(c), jitter(&c->device, device),
             jitter(&c->arrival, arrival),
-            c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz * 1e-6 : 0, link, temp,
-            size);
+            c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz * 1e-6 : 0, link, temp);
 }
 
 static void print_verdict(FILE *f, const struct camtest *t, uint32_t i, int width)
 {
     const struct camtest_camera *c = &t->camera[i];
     char line[1024];
-    int n = snprintf(line, sizeof line, "%s: %s", c->name,
-                     c->verdict == CAMTEST_OK ? t->sources.uri[i] : c->what);
+    char own[128], picture[64] = "";
+    snprintf(own, sizeof own, "camera %s ", c->name);
+    bool named = strncmp(c->what, own, strlen(own)) == 0; /* by the source already */
+    if (c->frames > 0)
+        snprintf(picture, sizeof picture, ", %dx%d %s", c->width, c->height,
+                 cap_pixfmt_name(c->fmt));
+    int n = snprintf(line, sizeof line, "%s%s%s%s", named ? "" : c->name, named ? "" : ": ",
+                     c->verdict == CAMTEST_OK ? t->sources.uri[i] : c->what,
+                     c->verdict == CAMTEST_OK ? picture : "");
     for (int k = CAP_INCOMPLETE; k < CAP_N_COUNT && n < (int)sizeof line; k++)
         if (c->count[k] > 0)
             n += snprintf(line + n, sizeof line - (size_t)n, "; %s %llu", cap_count_defs[k].name,
@@ -81,22 +85,25 @@ void camtest_print(FILE *f, const struct camtest *t, int width)
         if ((int)strlen(t->camera[i].name) > name)
             name = (int)strlen(t->camera[i].name);
     name = name > 12 ? 12 : name;
-    fprintf(f, "%-*s %7s %6s %5s %-13s %-13s %6s %5s %3s  %s\n", name, "", "", "", "", "stamps, ms",
-            "arrival, ms", "", "", "", "");
-    fprintf(f, "%-*s %7s %6s %5s %6s %6s %6s %6s %6s %5s %3s  %s\n", name, "camera", "Hz", "frames",
-            "lost", "std", "max", "std", "max", "MB/s", "link", "C", "picture");
+    fprintf(f, "%-*s %7s %6s %5s %13s %13s\n", name, "", "", "", "", "stamps, ms", "arrival, ms");
+    fprintf(f, "%-*s %7s %6s %5s %6s %6s %6s %6s %6s %5s %3s\n", name, "camera", "Hz", "frames",
+            "lost", "std", "max", "std", "max", "MB/s", "link", "C");
     for (uint32_t i = 0; i < t->n; i++)
         print_row(f, &t->camera[i], name);
-    fprintf(f, "\n%.1f s%s", t->measured_s, t->interrupted ? " (interrupted)" : "");
-    if (t->n > 1) {
-        fprintf(f, ", %llu sets, %llu whole", (unsigned long long)t->sets,
-                (unsigned long long)t->whole);
-        if (t->spread.n > 0)
-            fprintf(f, "; exposures of a set apart by %.3f ms, 95 %% below %.3f, worst %.3f",
-                    t->spread.mean * 1e3, (double)pvx_hist_quantile(&t->spread_hist, 0.95) * 1e-6,
-                    t->spread.max * 1e3);
-    }
-    fputs("\n\n", f);
+    char line[400];
+    int n = snprintf(line, sizeof line, "%.1f s%s", t->measured_s,
+                     t->interrupted ? " (interrupted)" : "");
+    if (t->n > 1)
+        n += snprintf(line + n, sizeof line - (size_t)n, ", %llu sets, %llu whole",
+                      (unsigned long long)t->sets, (unsigned long long)t->whole);
+    if (t->n > 1 && t->spread.n > 0)
+        snprintf(line + n, sizeof line - (size_t)n,
+                 "; exposures of a set apart by %.3f ms, 95 %% below %.3f, worst %.3f",
+                 t->spread.mean * 1e3, (double)pvx_hist_quantile(&t->spread_hist, 0.95) * 1e-6,
+                 t->spread.max * 1e3);
+    fputc('\n', f);
+    dmn_wrap(f, line, 0, 0, width);
+    fputc('\n', f);
     for (uint32_t i = 0; i < t->n; i++)
         print_verdict(f, t, i, width);
     if (t->what[0] != '\0') {

@@ -42,8 +42,8 @@ static void number(struct doctor *d)
         doc_say(d, DOC_OK, 58, "cpu.load", "load %.2f on %u processors", load1, n);
         return;
     }
-    struct doc_finding *f = doc_say(d, DOC_WARN, 58, "cpu.load",
-                                    "other programs keep %.1f of %u processors busy", load1, n);
+    struct doc_finding *f =
+        doc_say(d, DOC_WARN, 58, "cpu.load", "other programs want %.1f processors of %u", load1, n);
     doc_means(f, "receiving threads wait for their turn while packets come in");
     doc_note(f, "end them, or give them less (`top` shows which; `systemctl set-property NAME "
                 "CPUQuota=50%%`)");

@@ -69,8 +69,9 @@ void doc_print(FILE *f, const struct doctor *d, const struct doc_style *s)
         fputc('\n', f);
     if (r->lost > 0)
         fprintf(f, "%zu more findings than fit here\n", r->lost);
-    fprintf(f, "%zu failures, %zu warnings, %zu that cannot be told, %zu well%s\n",
-            doc_count(r, DOC_FAIL), doc_count(r, DOC_WARN), doc_count(r, DOC_UNKNOWN),
+    size_t fails = doc_count(r, DOC_FAIL), warns = doc_count(r, DOC_WARN);
+    fprintf(f, "%zu failure%s, %zu warning%s, %zu that cannot be told, %zu well%s\n", fails,
+            fails == 1 ? "" : "s", warns, warns == 1 ? "" : "s", doc_count(r, DOC_UNKNOWN),
             doc_count(r, DOC_OK), s->all ? "" : " (--all shows them)");
 }
 

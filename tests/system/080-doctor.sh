@@ -7,7 +7,7 @@ doctor() { "$pyrovox" doctor "$@"; }
 
 doctor --sample 0 > "$dir/text.log" 2> "$dir/err.log"; code=$?
 check exit-status-is-a-verdict [ $code -le 2 ]
-check counts-what-it-saw grep -qE '^[0-9]+ failures, [0-9]+ warnings, [0-9]+ that cannot be told, [0-9]+ well' "$dir/text.log"
+check counts-what-it-saw grep -qE '^[0-9]+ failures?, [0-9]+ warnings?, [0-9]+ that cannot be told, [0-9]+ well' "$dir/text.log"
 doctor --sample 0 --json > "$dir/report.json"; code=$?
 judge() { "$py" - "$dir/report.json" $code <<'P'
 import json, sys

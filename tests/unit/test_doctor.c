@@ -537,7 +537,7 @@ static void processors(void)
     put("/sys/devices/system/cpu/online", "0\n");
     expect("cpu.count", DOC_WARN, "1 processors", NULL);
     put("/proc/loadavg", "3.50 0.20 0.30 1/200 4000\n");
-    expect("cpu.load", DOC_WARN, "3.5 of 1", NULL);
+    expect("cpu.load", DOC_WARN, "3.5 processors of 1", NULL);
     put("/proc/cpuinfo", "flags\t\t: fpu sse2 avx\n");
     expect("cpu.features", DOC_WARN, "no AVX2", NULL);
     put("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "powersave\n");
