@@ -191,7 +191,10 @@ static pvx_err make_buffers(struct source *s, struct pvx_diag *d)
     }
     LOG_I(CAPTURE, "camera %s (v4l2:%s): %u buffers of the driver for %u frames: images are copied",
           s->name, s->uri, n, want);
-    return cap_bufpool_new(want, bs->at[0].bytes, s->c.camera, &s->pool);
+    size_t most = 0;
+    for (unsigned i = 0; i < n; i++)
+        most = bs->at[i].bytes > most ? bs->at[i].bytes : most;
+    return cap_bufpool_new(want, most, s->c.camera, &s->pool);
 }
 
 /* ---- the camera's thread ---------------------------------------------------------------------- */
