@@ -114,6 +114,8 @@ static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const s
     if (jumps != 0) {
         cam->count[CAP_CLOCK_JUMP] += jumps;
         cam->restarted = true;
+        cam->unsure_left = cam->clock.shared ? 0 : CAP_SETTLE_FRAMES;
+        cam->unsure_until_ns = f->t_arrival_mono_ns + CAP_SETTLE_NS;
     }
     if (!cap->watches)
         return;
@@ -260,6 +262,19 @@ static struct cap_frame *take(struct cap_capture *cap, uint64_t *alive, bool *en
     return f;
 }
 
+/* The camera's clock has jumped a moment ago: the delay of its frames is not known well enough to say
+ * where they belong. */
+static bool untimed(struct cap_capture *cap, const struct cap_frame *f)
+{
+    struct cap_camera *cam = &cap->camera[f->camera];
+    if (cam->unsure_left == 0)
+        return false;
+    cam->unsure_left--;
+    if (f->t_arrival_mono_ns >= cam->unsure_until_ns)
+        cam->unsure_left = 0;
+    return cam->unsure_left > 0;
+}
+
 void *cap_assemble(void *arg)
 {
     struct cap_capture *cap = arg;
@@ -271,6 +286,8 @@ void *cap_assemble(void *arg)
         if (f == NULL) {
             if (!cap->cfg.lossless)
                 cap_assembler_tick(cap->assembler, pvx_now_mono());
+        } else if (untimed(cap, f)) {
+            cap_assembler_refuse(cap->assembler, f);
         } else {
             if (cap->cfg.lossless && f->set == 0)
                 cap_assembler_close_before(cap->assembler, f->t_exposure_ns);

@@ -18,7 +18,10 @@
 
 #define CAP_FPS_BIN_NS 250000000LL
 #define CAP_FPS_BINS   8 /* 2 s */
-#define CAP_READINGS   4
+/* Frames that only tell the map of a clock what the least delay is, after a start or a jump. */
+#define CAP_SETTLE_NS     (250 * PVX_NS_PER_MS)
+#define CAP_SETTLE_FRAMES 8
+#define CAP_READINGS      4
 
 /* A trouble from its first occurrence until it has not been seen for a while (monitor.c). */
 struct cap_episode {
@@ -87,6 +90,8 @@ struct cap_camera {
 
     /* the assembler's */
     struct cap_clockmap clock;
+    unsigned unsure_left; /* after a jump: frames, until unsure_until_ns, that are not matched */
+    int64_t unsure_until_ns;
     struct cap_frame *head; /* lossless: next frame in order of time */
 
     pthread_t thread;

@@ -17,7 +17,8 @@
  * Jumps: a clock that runs backwards, or a difference more than 5 ms below the line, or 5 ms above it
  * throughout three buckets, starts the envelope anew with the old drift.  Those of 0.1 s and more, and
  * all backwards, are counted as jumps of the camera's clock; smaller ones may as well be the network's
- * delay, which changed.
+ * delay, which changed.  After a start or a jump the first frames should only be fed, not used: one
+ * that was held up would be taken for the least delay (capture.c: eight, or a quarter of a second).
  * `shared`: the device clock already is the host's (PTP, simulation, recorded frames): identity,
  * no fit; backwards steps are still counted as jumps.
  * Error, measured by test_clockmap (30 Hz, 5 % lost, 100 ppm, delay 0.2 ms + up to 1 ms at random): at

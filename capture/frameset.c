@@ -392,6 +392,11 @@ void cap_assembler_put(cap_assembler *a, struct cap_frame *f)
     close_final(a);
 }
 
+void cap_assembler_refuse(cap_assembler *a, struct cap_frame *f)
+{
+    discard(a, f, CAP_UNMATCHED);
+}
+
 void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive)
 {
     uint64_t bit = 1ull << camera;

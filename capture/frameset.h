@@ -57,6 +57,8 @@ PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
 void cap_assembler_free(cap_assembler **a);
 /* Takes f.  Any sets that this completes come out of cap_assembler_pop. */
 void cap_assembler_put(cap_assembler *a, struct cap_frame *f);
+/* Takes f, whose time is not known well enough to match it: UNMATCHED. */
+void cap_assembler_refuse(cap_assembler *a, struct cap_frame *f);
 /* Tell it which cameras are alive: it does not wait for the others. */
 void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive);
 /* Close what is overdue at mono time `now`. */

@@ -5,9 +5,7 @@
 #include "base/clock.h"
 #include "capture/capture_int.h"
 
-#define SETTLE_NS     (250 * PVX_NS_PER_MS)
-#define SETTLE_FRAMES 8
-#define STILL         3 /* equal stamps in a row: not one frame sent twice */
+#define STILL 3 /* equal stamps in a row: not one frame sent twice */
 
 struct cap_frame *cap_intake_pop(struct cap_camera *cam)
 {
@@ -97,8 +95,8 @@ static bool settling(struct cap_camera *cam, const struct cap_frame *f)
         return false;
     if (cam->n_settling++ == 0)
         cam->settling_ns = f->t_arrival_mono_ns;
-    bool early = mapped && cam->n_settling <= SETTLE_FRAMES &&
-                 f->t_arrival_mono_ns - cam->settling_ns < SETTLE_NS;
+    bool early = mapped && cam->n_settling <= CAP_SETTLE_FRAMES &&
+                 f->t_arrival_mono_ns - cam->settling_ns < CAP_SETTLE_NS;
     if (cam->n_settling > cam->discard && !early) {
         cam->settled = true;
         return false;

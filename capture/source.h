@@ -51,9 +51,9 @@ enum cap_count {
     CAP_CLOCK_JUMP,  /* times that the camera's clock jumped */
     CAP_SLIP,        /* times that frame numbers and times disagreed: pictures may be off by one */
     CAP_MISSED_TRIGGER, /* pictures that the camera did not take while the others did */
-    CAP_OUT_OF_STEP,    /* seconds in which it exposed outside the tolerance around the others */
-    CAP_PHASE_WALK,     /* seconds in which its exposures moved against the others' */
-    CAP_RATE,           /* seconds in which its frame rate was not what it should be */
+    CAP_OUT_OF_STEP,    /* windows (0.5 s, 8 periods) in which it exposed outside the tolerance */
+    CAP_PHASE_WALK,     /* windows in which its exposures moved against the others' */
+    CAP_RATE,           /* windows in which its frame rate was not what it should be */
     CAP_BANDWIDTH,      /* seconds in which several cameras at once sent incomplete frames */
     CAP_N_COUNT
 };

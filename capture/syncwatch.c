@@ -7,17 +7,19 @@
 
 #include "base/clock.h"
 
-#define MIN_PERIODS 8 /* in a window */
-#define FAR_PERIODS 4 /* a clock that is that far off the others' is another time */
-#define ROUND_OFF   0.25
-#define COARSE      0.2
-#define FINE        0.01
-#define FINEST      400e-6
-#define MIN_WALK    3 /* windows that make a line */
-#define WALK_NS     500e3
-#define UNSURE_NS   600e3 /* per s, that the maps of two clocks may be wrong by at first */
-#define RENUMBERED  1000  /* instants: numbers that far off have begun anew */
-#define PI          3.14159265358979323846
+#define WINDOW_NS     (500 * PVX_NS_PER_MS)
+#define MIN_PERIODS   8    /* in a window */
+#define FAR_PERIODS   4    /* a clock that is that far off the others' is another time */
+#define ROUND_OFF     0.25 /* of an interval, from a multiple, when triggers come as they like */
+#define ROUND_OFF_OWN 0.45
+#define COARSE        0.3
+#define FINE          0.01
+#define FINEST        400e-6
+#define MIN_WALK      4 /* windows that make a line */
+#define WALK_NS       500e3
+#define UNSURE_NS     600e3 /* per s, that the maps of two clocks may be wrong by at first */
+#define RENUMBERED    1000  /* instants: numbers that far off have begun anew */
+#define PI            3.14159265358979323846
 
 void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_params *p,
                         const struct cap_sink *counts,
@@ -28,8 +30,7 @@ void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_para
     w->p = *p;
     w->counts = *counts;
     w->detail = detail;
-    w->window_ns =
-        MIN_PERIODS * p->period_ns > PVX_NS_PER_S ? MIN_PERIODS * p->period_ns : PVX_NS_PER_S;
+    w->window_ns = MIN_PERIODS * p->period_ns > WINDOW_NS ? MIN_PERIODS * p->period_ns : WINDOW_NS;
     for (uint32_t c = 0; c < p->cameras; c++)
         cap_syncwatch_restart(w, c);
 }
@@ -197,31 +198,42 @@ static bool unsure(const struct cap_syncwatch *w)
     return false;
 }
 
-/* Straight line through the phases of the windows; true when it is one and leads away. */
-static bool walks(struct cap_syncwatch *w, struct cap_sync_camera *k, double *per_s)
+/* Straight line through the phases of the last n windows; true when it is one and leads away. */
+static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_camera *k, unsigned n,
+                       double *per_s)
 {
-    unsigned n = k->n_walk;
     double mx = 0, my = 0, sxx = 0, sxy = 0, rest = 0;
-    int64_t t0 = k->walk[0].t_ns;
+    unsigned first = k->walk_head + CAP_WALK_WINDOWS - n;
+    int64_t t0 = k->walk[first % CAP_WALK_WINDOWS].t_ns;
+    double x[CAP_WALK_WINDOWS], y[CAP_WALK_WINDOWS];
     for (unsigned i = 0; i < n; i++) {
-        mx += (double)(k->walk[i].t_ns - t0) * 1e-9 / n;
-        my += k->walk[i].phase_ns / n;
+        x[i] = (double)(k->walk[(first + i) % CAP_WALK_WINDOWS].t_ns - t0) * 1e-9;
+        y[i] = k->walk[(first + i) % CAP_WALK_WINDOWS].phase_ns;
+        mx += x[i] / n;
+        my += y[i] / n;
     }
     for (unsigned i = 0; i < n; i++) {
-        double x = (double)(k->walk[i].t_ns - t0) * 1e-9 - mx, y = k->walk[i].phase_ns - my;
-        sxx += x * x;
-        sxy += x * y;
+        sxx += (x[i] - mx) * (x[i] - mx);
+        sxy += (x[i] - mx) * (y[i] - my);
     }
     *per_s = sxx > 0 ? sxy / sxx : 0;
     for (unsigned i = 0; i < n; i++) {
-        double x = (double)(k->walk[i].t_ns - t0) * 1e-9 - mx, y = k->walk[i].phase_ns - my;
-        rest += (y - *per_s * x) * (y - *per_s * x) / n;
+        double off = y[i] - my - *per_s * (x[i] - mx);
+        rest += off * off / n;
     }
-    double span = n * (double)w->window_ns * 1e-9, change = fabs(*per_s) * span;
-    double least = (double)w->p.period_ns / 20;
-    if (unsure(w) && fabs(*per_s) < UNSURE_NS)
-        return false;
-    return n >= MIN_WALK && change > fmax(least, WALK_NS) && change > 6 * sqrt(rest);
+    double change = fabs(*per_s) * x[n - 1];
+    return change > fmax((double)w->p.period_ns / 20, WALK_NS) && change > 6 * sqrt(rest);
+}
+
+/* Over the last windows, few or many: it may have begun a moment ago, or be slow. */
+static bool walks(const struct cap_syncwatch *w, struct cap_sync_camera *k)
+{
+    double least = unsure(w) ? UNSURE_NS : 0;
+    k->walk_ns_per_s = NAN;
+    for (unsigned n = MIN_WALK; n <= k->n_walk; n += n / 4)
+        if (walks_over(w, k, n, &k->walk_ns_per_s) && fabs(k->walk_ns_per_s) >= least)
+            return true;
+    return false;
 }
 
 static void judge_phase(struct cap_syncwatch *w, uint32_t c)
@@ -259,7 +271,7 @@ static void judge_phase(struct cap_syncwatch *w, uint32_t c)
                  k->phase_ns > 0 ? "after" : "before");
         found(w, c, CAP_OUT_OF_STEP, 1, text);
     }
-    if (walks(w, k, &k->walk_ns_per_s)) {
+    if (walks(w, k)) {
         snprintf(text, sizeof text, "its exposures move by %.3f ms per second against the others",
                  k->walk_ns_per_s * 1e-6);
         found(w, c, CAP_PHASE_WALK, 1, text);
@@ -361,7 +373,8 @@ void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f)
     }
     k->frames++;
     double periods = (double)step / (double)w->p.period_ns;
-    if (periods < 0.5 || fabs(periods - rint(periods)) > ROUND_OFF)
+    double most = w->p.paced_outside ? ROUND_OFF : ROUND_OFF_OWN;
+    if (periods < 0.5 || fabs(periods - rint(periods)) > most)
         k->periods = -1;
     else if (k->periods >= 0)
         k->periods += llrint(periods);

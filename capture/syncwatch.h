@@ -14,30 +14,31 @@
  * then agree.
  *
  * OUT_OF_STEP.  Phase = its exposure minus the others' last, modulo the period; median over the others;
- * mean over windows of max(1 s, 8 periods).  Outside the tolerance, or a clock that is off by more than
- * four periods against the order of arrival.  Found after one window.
+ * mean over windows of max(0.5 s, 8 periods).  Outside the tolerance, or a clock that is off by more than
+ * four periods against the order of arrival.  Found after one to two windows, so within
+ * a second at 16 Hz and above.
  *
- * PHASE_WALK.  The phase moves steadily: line through the last 64 windows, that has changed by more
- * than max(period / 20, 0.5 ms) and by 6 times its own scatter.  So a camera that runs by itself beside
- * triggered ones is found before it is out of step: after 3 s at 1000 ppm and 30 Hz, but only after 33 s
+ * PHASE_WALK.  The phase moves steadily: line through the last windows, 4 to 128 of them, that has
+ * changed by more than max(period / 20, 0.5 ms) and by 6 times its own scatter.  So a camera that runs by itself beside
+ * triggered ones is found before it is out of step: after 2.5 s at 1000 ppm and 30 Hz, but only after 40 s
  * at 50 ppm: there is nothing to see earlier.  While a clock's drift is being learnt, only what moves by
  * more than 0.6 ms per second counts.
  *
- * RATE.  Over a window: frames by number against the nominal rate, off by 20 %; or periods by rounded
- * interval, off by 1 %; found after one window.  Over ten windows: rounded intervals against the
+ * RATE.  Over a window: frames by number against the nominal rate, off by 30 %; or periods by rounded
+ * interval, off by 1 %; found after one to two windows.  Over twenty (10 s): rounded intervals against the
  * median of the other cameras, off by 400 ppm (29.97 Hz beside 30 is 1000): below that it is
  * clocks, which one second cannot tell apart.
  *
  * With two cameras nobody knows which of them is wrong; both are named (RATE: the one farther from
  * nominal).
- * The last three count seconds (windows) in which it was so.
+ * The last three count the windows in which it was so.
  * Threads: one (the assembler's).  Allocates nothing; cost O(cameras) per frame, O(cameras^2) per set. */
 #ifndef CAP_SYNCWATCH_H
 #define CAP_SYNCWATCH_H
 #include "capture/frameset.h"
 
-#define CAP_WALK_WINDOWS 64
-#define CAP_RATE_WINDOWS 10
+#define CAP_WALK_WINDOWS 128
+#define CAP_RATE_WINDOWS 20
 
 struct cap_syncwatch_params {
     uint32_t cameras;

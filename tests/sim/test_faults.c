@@ -75,7 +75,7 @@ static const struct fault faults[] = {
     {"half", "rate=0.5", ONE, CAP_RATE, "its frame rate is wrong",
      "no more: its frame rate is wrong", .last_s = 2},
     {"alone", "rate=1.0015", ONE, CAP_PHASE_WALK, "it runs by itself", "no more: it runs by itself",
-     .last_s = 5, .mixes = true},
+     .last_s = 5, .mixes = true, .noisy = true},
     {"hostclock", "host_step_s=3600", ALL, CAP_N_COUNT, "the host's clock was set by +3600.0",
      "the host's clock was set by -3600.0", .foreign_clocks = true, .no_count = true},
     {"holding", "skew_us=0", ONE, CAP_UNDERRUN, "no buffer was free", "no more: no buffer was free",
