@@ -29,10 +29,11 @@ struct cap_recorder {
     struct cap_recorder_config cfg;
     pthread_mutex_t lock;
     pthread_cond_t filled, room, wake; /* writer; lossless tap; syncer */
-    struct item *ring;
-    unsigned head, len;
-    bool stopping; /* nothing more is taken in; the writer empties the ring */
-    bool written;  /* the writer is through */
+    struct item *ring;                 /* [size] */
+    unsigned size, head, len;
+    unsigned held[CAP_MAX_CAMERAS]; /* frames of each camera that wait; at most cfg.queue */
+    bool stopping;                  /* nothing more is taken in; the writer empties the ring */
+    bool written;                   /* the writer is through */
     struct cap_take_gap run[CAP_MAX_CAMERAS]; /* open: frames > 0 */
     struct cap_take_gap gap[N_GAPS];          /* closed, to be written */
     unsigned n_gaps;
@@ -53,16 +54,38 @@ static bool recording(const cap_recorder *r)
     return r->stats.state == CAP_REC_RUNNING && !r->stopping;
 }
 
-static bool has_room(cap_recorder *r)
+static bool has_camera(const struct item *it, uint32_t c)
 {
-    while (r->cfg.lossless && r->len == r->cfg.queue && recording(r))
+    return it->set != NULL ? it->set->frame[c] != NULL : it->stray->camera == c;
+}
+
+/* A frame without a set takes no place from other cameras. */
+static bool fits(const cap_recorder *r, const struct item *it)
+{
+    for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+        if (has_camera(it, c) && r->held[c] >= r->cfg.queue)
+            return false;
+    return true;
+}
+
+static bool has_room(cap_recorder *r, const struct item *it)
+{
+    while (r->cfg.lossless && !fits(r, it) && recording(r))
         pthread_cond_wait(&r->room, &r->lock);
-    return r->len < r->cfg.queue && recording(r);
+    return fits(r, it) && recording(r);
+}
+
+static void hold(cap_recorder *r, const struct item *it, int by)
+{
+    for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+        if (has_camera(it, c))
+            r->held[c] += (unsigned)by;
 }
 
 static void take_in(cap_recorder *r, struct item it)
 {
-    r->ring[(r->head + r->len++) % r->cfg.queue] = it;
+    r->ring[(r->head + r->len++) % r->size] = it;
+    hold(r, &it, 1);
     pthread_cond_signal(&r->filled);
 }
 
@@ -95,11 +118,12 @@ static void end_gap(cap_recorder *r, uint32_t camera)
 static void tap_set(void *ctx, struct cap_set *s)
 {
     cap_recorder *r = ctx;
+    struct item it = {.set = s};
     bool missed = false;
     pthread_mutex_lock(&r->lock);
-    if (has_room(r)) {
+    if (has_room(r, &it)) {
         cap_set_ref(s);
-        take_in(r, (struct item){.set = s});
+        take_in(r, it);
         for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
             if (s->frame[c] != NULL)
                 end_gap(r, c);
@@ -123,9 +147,10 @@ static void tap_stray(void *ctx, struct cap_frame *f, enum cap_count why)
     enum cap_take_why w = why == CAP_LATE        ? CAP_TAKE_LATE
                           : why == CAP_UNMATCHED ? CAP_TAKE_UNMATCHED
                                                  : CAP_TAKE_OVERFLOW;
+    struct item it = {.stray = f, .why = w};
     pthread_mutex_lock(&r->lock);
-    if (has_room(r)) {
-        take_in(r, (struct item){.stray = f, .why = w});
+    if (has_room(r, &it)) {
+        take_in(r, it);
         end_gap(r, f->camera);
         f = NULL;
     } else if (recording(r)) {
@@ -215,9 +240,9 @@ static bool next(cap_recorder *r, struct item *it)
     while (r->len == 0 && !r->stopping)
         pthread_cond_wait(&r->filled, &r->lock);
     bool any = r->len > 0;
-    if (any) { /* it keeps its place until it is written: that bounds the buffers held */
-        *it = r->ring[r->head];
-    }
+    if (any)
+        *it =
+            r->ring[r->head]; /* it keeps its place until it is written: that bounds the buffers */
     pthread_mutex_unlock(&r->lock);
     return any;
 }
@@ -225,8 +250,9 @@ static bool next(cap_recorder *r, struct item *it)
 static void done_with(cap_recorder *r, struct item it)
 {
     pthread_mutex_lock(&r->lock);
-    r->head = (r->head + 1) % r->cfg.queue;
+    r->head = (r->head + 1) % r->size;
     r->len--;
+    hold(r, &it, -1);
     pthread_cond_signal(&r->room);
     pthread_mutex_unlock(&r->lock);
     give_back(it);
@@ -321,15 +347,16 @@ static void *sync_loop(void *arg)
 pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out)
 {
     *out = NULL;
-    if (c->queue < 1 || c->queue > 256 || c->n_cameras < 1 || c->n_cameras > CAP_MAX_CAMERAS ||
-        c->sync_ns < 0)
+    if (c->queue < 1 || c->queue > CAP_RECORDER_QUEUE_MAX || c->n_cameras < 1 ||
+        c->n_cameras > CAP_MAX_CAMERAS || c->sync_ns < 0)
         return PVX_EINVAL;
     cap_recorder *r = pvx_calloc(1, sizeof *r);
     if (r == NULL)
         return PVX_ENOMEM;
     r->cfg = *c;
     r->fd = -1;
-    r->ring = pvx_calloc(c->queue, sizeof *r->ring);
+    r->size = c->queue * c->n_cameras; /* as many as held[] lets in */
+    r->ring = pvx_calloc(r->size, sizeof *r->ring);
     if (r->ring == NULL) {
         free(r);
         return PVX_ENOMEM;

@@ -1,8 +1,8 @@
 /* recorder.h - takes (take.h) beside a running capture: the capture's tap, a bounded queue, a thread that
  * writes, a thread that syncs.
  *
- * A set waits in the queue by reference, nothing is copied; so a camera may need `queue` + 1 frame
- * buffers more than without.  When the queue is full the newest set is left out and listed in the take
+ * A set waits in the queue by reference, nothing is copied; so a camera needs `queue` frame buffers more
+ * than without.  When the queue is full the newest set is left out and listed in the take
  * as a gap: the live solve never waits for the disk.  Recorded are all sets that are given out, partial
  * ones too, and the good frames that made no set; not the frames that capture itself refuses or loses
  * (enum cap_count: their numbers are missing between the rows).
@@ -16,9 +16,12 @@
 #include "capture/capture.h"
 #include "capture/take.h"
 
+/* Half of the set structs that there are (frameset.c). */
+#define CAP_RECORDER_QUEUE_MAX 64
+
 struct cap_recorder_config {
     uint32_t n_cameras;
-    unsigned queue;           /* sets that may wait, 1..256 */
+    unsigned queue;           /* frames of each camera that may wait, 1..CAP_RECORDER_QUEUE_MAX */
     bool lossless;            /* capture waits for the disk */
     uint64_t limit_bytes;     /* of pixels in one take; 0 = none */
     uint64_t keep_free_bytes; /* end before the disk has less */

@@ -197,7 +197,7 @@ const struct dmn_option dmn_options[] = {
            "`pyrovox record --raw start` begins one at any time."),
     {"record.path", DMN_TEXT, AT(record_path), "takes/%Y%m%d-%H%M%S.h5", 0, 0, "", NULL,
      "File to record to; % as in strftime(3), local time. An existing file is not written over."},
-    INT("record.queue", record_queue, "8", 0, 256, "sets",
+    INT("record.queue", record_queue, "8", 0, 64, "sets",
         "Frame sets that may wait for the disk; each camera gets so many `buffers` more. When it "
         "is "
         "full, sets are left out and listed in the take; the live solve never waits. 0 = no "

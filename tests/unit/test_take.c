@@ -431,6 +431,44 @@ static void killed_at_any_time_gives_the_sets_before(void)
     }
 }
 
+/* A copy that is made meanwhile has its front from earlier than its end. */
+static void copied_while_it_is_written(void)
+{
+    uint64_t most = 0;
+    for (int i = 0; i < 20; i++) {
+        unlink(path);
+        fflush(stdout);
+        int ready[2];
+        char byte;
+        T_EQ_I(pipe(ready), 0);
+        pid_t pid = fork();
+        if (pid == 0) {
+            cap_take_writer *w = create();
+            for (uint64_t k = 0; put_set(w, CAP_RGB8, W, H, 0, k, NULL) == PVX_OK; k++)
+                if (k == 0 && write(ready[1], "", 1) != 1)
+                    break;
+            _exit(1);
+        }
+        close(ready[1]);
+        T_EQ_I(read(ready[0], &byte, 1), 1);
+        close(ready[0]);
+        usleep((useconds_t)(2000 + 1300 * i));
+        copy_cut(-1);
+        kill(pid, SIGKILL);
+        waitpid(pid, NULL, 0);
+        cap_take *t = open_take(copy);
+        if (t == NULL)
+            continue;
+        uint64_t n = cap_take_info(t)->sets;
+        T_CHECK_(n >= 1 && whole_sets(t, CAP_RGB8, W, H, 0) == (int64_t)n,
+                 "copy %d: %lld of %llu sets", i, (long long)whole_sets(t, CAP_RGB8, W, H, 0),
+                 (unsigned long long)n);
+        most = n > most ? n : most;
+        cap_take_free(&t);
+    }
+    T_LE(10, most);
+}
+
 static void read_while_it_is_written(void)
 {
     struct pvx_diag d = {""};
@@ -643,6 +681,7 @@ int main(void)
     T_RUN(cut_anywhere_gives_the_sets_before);
     T_RUN(closed_and_cut_gives_the_sets_before);
     T_RUN(killed_at_any_time_gives_the_sets_before);
+    T_RUN(copied_while_it_is_written);
     T_RUN(read_while_it_is_written);
     T_RUN(what_is_no_take_is_refused);
     T_RUN(wrong_contents_are_refused);
