@@ -2,6 +2,7 @@
 #include "../t.h"
 
 #include <sys/stat.h>
+#include <turbojpeg.h>
 #include <unistd.h>
 
 #include "base/file.h"
@@ -212,6 +213,29 @@ static void png_alpha_and_16_bit(void)
     cap_loaded_free(&l);
 }
 
+/* A JPEG is gamma-coded and says so; other pictures are linear. */
+static void jpeg_files_are_coded(void)
+{
+    struct pvx_diag d = {""};
+    struct cap_loaded l;
+    unsigned char px[16 * 16], *coded = NULL;
+    unsigned long n = 0;
+    memset(px, 100, sizeof px);
+    tjhandle tj = tjInitCompress();
+    T_EQ_I(tjCompress2(tj, px, 16, 0, 16, TJPF_GRAY, &coded, &n, TJSAMP_GRAY, 95, 0), 0);
+    tjDestroy(tj);
+    T_EQ_I(pvx_file_write(in_dir("a.jpg"), coded, n, &d), PVX_OK);
+    tjFree(coded);
+    T_EQ_I(cap_image_load(in_dir("a.jpg"), &l, &d), PVX_OK);
+    T_EQ_I(l.img.yuv, CAP_YUV_CODED);
+    T_NEAR(((const uint8_t *)l.img.data)[0], 100, 1);
+    cap_loaded_free(&l);
+    T_EQ_I(cap_image_save(in_dir("a.png"), (float[3]){0}, 1, 1, 3, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_load(in_dir("a.png"), &l, &d), PVX_OK);
+    T_EQ_I(l.img.yuv, 0);
+    cap_loaded_free(&l);
+}
+
 static void damaged_and_missing(void)
 {
     struct pvx_diag d = {""};
@@ -270,6 +294,7 @@ int main(void)
     T_RUN(npy_images_keep_their_depth);
     T_RUN(png_round_trip);
     T_RUN(png_alpha_and_16_bit);
+    T_RUN(jpeg_files_are_coded);
     T_RUN(damaged_and_missing);
     T_RUN(full_disk_is_named);
     snprintf(cmd, sizeof cmd, "rm -r %s", dir);

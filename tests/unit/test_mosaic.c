@@ -3,6 +3,7 @@
 #include "../scene.h"
 
 #include "capture/pixfmt.h"
+#include "recon/levels.h"
 #include "recon/photo.h"
 #include "recon/photo_mosaic.h"
 
@@ -312,6 +313,41 @@ static void any_processor_gives_the_same(void)
     system_free(&b);
 }
 
+/* On the coarser grids too: weights of 1 per channel give the start that weights of 1 give. */
+static void coarse_levels_agree(void)
+{
+    struct rec_kernels k;
+    struct rec_frame_params fp = rec_frame_defaults;
+    rec_frame *f = NULL;
+    float *x[2];
+    rec_kernels_init(&k, REC_CPU_ALL);
+    fp.photo.saturation = 1e30f;
+    T_EQ_I(rec_frame_new(sc.S, &sc.rig, &fp, sc.pool, &f, NULL), PVX_OK);
+    scene_shoot(&sc, f, 0);
+    rec_frame_carve(f);
+    const struct rec_subsys *a = rec_frame_subsys(f);
+    size_t rows = a->row0[sc.S->n_cameras];
+    float *ones = pvx_calloc(rows * 4, sizeof *ones);
+    for (size_t i = 0; i < rows * 4; i++)
+        ones[i] = i % 4 < 3;
+    for (int lanes = 0; lanes < 2; lanes++) {
+        const double lambda[4] = {1e-4, 1e-4, 1e-4, 1e-4};
+        double misfit2[4];
+        uint32_t iterations;
+        rec_levels *l = NULL;
+        x[lanes] = pvx_calloc((size_t)a->n * 4, sizeof *x[lanes]);
+        T_EQ_I(rec_levels_new(sc.S, &k, sc.pool, 3, &l), PVX_OK);
+        rec_levels_restrict(l, a, rec_frame_rhs(f), lanes ? ones : rec_frame_weight(f), lanes);
+        rec_levels_solve(l, a, lambda, 0, x[lanes], &iterations, misfit2);
+        rec_levels_free(&l);
+    }
+    T_EQ_I(memcmp(x[0], x[1], (size_t)a->n * 16), 0);
+    free(ones);
+    free(x[0]);
+    free(x[1]);
+    rec_frame_free(&f);
+}
+
 static void other_solvers_refuse(void)
 {
     struct system y, mono;
@@ -437,7 +473,7 @@ static void a_reset_forgets_the_mosaic(void)
 
 int main(void)
 {
-    if (!scene_new(&sc, 8, W, 20, 2, 3))
+    if (!scene_new(&sc, 8, W, 32, 2, 3))
         return 2;
     T_RUN(noise_comes_from_bins_of_one_colour);
     T_RUN(noise_of_binned_and_interpolated_pixels);
@@ -448,6 +484,7 @@ int main(void)
     T_RUN(weights_alike_are_one_weight);
     T_RUN(channels_are_systems_of_their_own);
     T_RUN(any_processor_gives_the_same);
+    T_RUN(coarse_levels_agree);
     T_RUN(other_solvers_refuse);
     T_RUN(pixels_as_they_are_beat_interpolated_ones);
     T_RUN(threads_change_nothing);
