@@ -4,6 +4,7 @@
 #define FRAMES_IN_H
 #include "capture/imgio.h"
 #include "capture/pixfmt.h"
+#include "capture/take.h"
 #include "daemon/framedir.h"
 
 /* What the files do not say. */
@@ -16,6 +17,8 @@ struct frames_in_reading {
 struct frames_in {
     const struct rec_rig *rig; /* borrowed */
     struct dmn_framedir dir;
+    cap_take *take; /* the frames are in this file, and dir only lists them; NULL = in files */
+    int take_camera[REC_MAX_CAMERAS];
     size_t n;        /* frame sets wanted */
     size_t *set;     /* [n] their places in dir, ascending */
     int nch;         /* 1 or 3 */
@@ -24,7 +27,8 @@ struct frames_in {
     struct frames_in_reading how;
 };
 
-/* Look what is there from frame `first` to `last`; channels and full_scale are those of the first
+/* dir: a folder, or a take of raw frames (FILE.h5), whose frames are numbered by their sets.
+ * Look what is there from frame `first` to `last`; channels and full_scale are those of the first
  * image that can be read.  grey: one channel whatever the images have.
  * Errors: PVX_ENOENT (says what was looked for), the first image's. */
 PVX_MUST_CHECK pvx_err frames_in_scan(struct frames_in *f, const struct rec_rig *rig,

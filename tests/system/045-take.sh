@@ -94,7 +94,10 @@ check refusals refuses
 exported() {
     "$pyrovox" replay --export "$dir/frames" "$take" > "$dir/export.log" || return 1
     "$pyrovox" reconstruct --rig "$dir/frames/rig.yaml" --frames "$dir/frames" --black 0.02 --out "$dir/offline" --last 3 > "$dir/offline.log" 2>&1 || return 1
-    [ -n "$(ls "$dir/offline"/*.npy)" ]
+    "$pyrovox" reconstruct --rig "$dir/frames/rig.yaml" --frames "$take" --black 0.02 --out "$dir/direct" --last 3 >> "$dir/offline.log" 2>&1 || return 1
+    local v n=0
+    for v in "$dir/offline"/*.npy; do n=$((n + 1)); cmp "$v" "$dir/direct/${v##*/}" || return 1; done
+    [ "$n" -gt 0 ]
 }
 check export_and_reconstruct exported
 
