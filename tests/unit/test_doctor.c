@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
+#include "daemon/config.h"
 #include "doctor/checks.h"
 #include "doctor/doctor.h"
 #include "doctor/firewall.h"
@@ -902,6 +903,48 @@ static void script(void)
     free(conf);
 }
 
+/* What a configuration asks of the host. */
+static void load_of(const char *text, struct doc_load *l)
+{
+    struct dmn_config *c = calloc(1, sizeof *c);
+    struct pvx_diag d = {""};
+    dmn_config_defaults(c);
+    T_EQ_I(dmn_config_parse(text, strlen(text), "my.yaml", c, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(doc_load_config(c, l, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    free(c);
+}
+static void configuration(void)
+{
+    static struct doc_load l;
+    load_of(
+        "rig: tests/data/rig4.yaml\nfps: 10\npixel_format: Mono8\nptp: true\n"
+        "gige: {packet_size: 9000, packet_delay_ns: 500}\nrecord: {mode: raw, path: "
+        "/data/take-%H.h5}\n"
+        "cameras: {cam0: \"aravis:192.168.10.11\", cam1: \"aravis:GV-7\", cam2: \"v4l2:usb-1\", "
+        "cam3: \"files:x/%d.png\"}\n",
+        &l);
+    T_EQ_I(l.n, 4);
+    T_EQ_I(l.camera[0].address, 0xC0A80A0B);
+    T_OK(l.camera[0].sure && !l.camera[1].sure);
+    T_EQ_I(doc_load_count(&l, DOC_CAM_GIGE), 2);
+    T_EQ_I(doc_load_count(&l, DOC_CAM_V4L2), 1);
+    T_EQ_I(doc_load_count(&l, DOC_CAM_OTHER), 1);
+    T_NEAR(l.bytes_per_s, 4 * 10.0 * (double)l.frame_bytes, 1e-6);
+    T_OK(l.ptp && !l.shared_clock && !l.triggered);
+    T_EQ_I(l.packet_size, 9000);
+    T_EQ_I(l.packet_delay_ns, 500);
+    T_EQ_S(l.record, "/data");
+    T_CONTAINS(l.source, "my.yaml: ");
+    /* cameras of loopback are simulated: they need no PTP daemon */
+    load_of("rig: tests/data/rig4.yaml\ncameras: \"aravis:127.0.0.2+\"\nshared_clock: true\n"
+            "trigger: action\n",
+            &l);
+    T_OK(!l.ptp && !l.shared_clock && l.triggered);
+    T_EQ_S(l.record, "");
+}
+
 static void more_than_fits(void)
 {
     good_host();
@@ -965,6 +1008,7 @@ int main(void)
     T_RUN(readers);
     T_RUN(report);
     T_RUN(script);
+    T_RUN(configuration);
     T_RUN(more_than_fits);
     T_RUN(the_real_host);
     remove_root();
