@@ -1,18 +1,19 @@
 #include "capture/gvcam_feature.h"
 
-static const struct gvcam_entry e_temperature[] = {{"Sensor", 0}, {"Mainboard", 1}, {0}};
+static const struct gvcam_entry e_temperature[] = {{"Sensor", 0}, {"Mainboard", 1}, {NULL, 0}};
 static const struct gvcam_entry e_mode[] = {
-    {"Continuous", 0}, {"SingleFrame", 1}, {"MultiFrame", 2}, {0}};
-static const struct gvcam_entry e_on[] = {{"Off", 0}, {"On", 1}, {0}};
-static const struct gvcam_entry e_frame_start[] = {{"FrameStart", 0}, {0}};
-static const struct gvcam_entry e_source[] = {{"Software", 0}, {"Line1", 1}, {"Action1", 2}, {0}};
-static const struct gvcam_entry e_edge[] = {{"RisingEdge", 0}, {0}};
-static const struct gvcam_entry e_timed[] = {{"Timed", 0}, {0}};
-static const struct gvcam_entry e_line[] = {{"Line1", 0}, {0}};
-static const struct gvcam_entry e_input[] = {{"Input", 0}, {0}};
+    {"Continuous", 0}, {"SingleFrame", 1}, {"MultiFrame", 2}, {NULL, 0}};
+static const struct gvcam_entry e_on[] = {{"Off", 0}, {"On", 1}, {NULL, 0}};
+static const struct gvcam_entry e_frame_start[] = {{"FrameStart", 0}, {NULL, 0}};
+static const struct gvcam_entry e_source[] = {
+    {"Software", 0}, {"Line1", 1}, {"Action1", 2}, {NULL, 0}};
+static const struct gvcam_entry e_edge[] = {{"RisingEdge", 0}, {NULL, 0}};
+static const struct gvcam_entry e_timed[] = {{"Timed", 0}, {NULL, 0}};
+static const struct gvcam_entry e_line[] = {{"Line1", 0}, {NULL, 0}};
+static const struct gvcam_entry e_input[] = {{"Input", 0}, {NULL, 0}};
 static const struct gvcam_entry e_ptp[] = {
     {"Initializing", 1}, {"Faulty", 2},  {"Disabled", 3},     {"Listening", 4}, {"PreMaster", 5},
-    {"Master", 6},       {"Passive", 7}, {"Uncalibrated", 8}, {"Slave", 9},     {0}};
+    {"Master", 6},       {"Passive", 7}, {"Uncalibrated", 8}, {"Slave", 9},     {NULL, 0}};
 static const struct gvcam_entry e_chunk[] = {{"Image", GVC_IMAGE},
                                              {"Timestamp", GVC_TIMESTAMP},
                                              {"ExposureTime", GVC_EXPOSURE},
@@ -20,11 +21,12 @@ static const struct gvcam_entry e_chunk[] = {{"Image", GVC_IMAGE},
                                              {"FrameCounter", GVC_FRAME_COUNTER},
                                              {"Gain", GVC_GAIN},
                                              {"LineStatusAll", GVC_LINES},
-                                             {0}};
-static const struct gvcam_entry e_user_set[] = {{"Default", 0}, {"UserSet1", 1}, {0}};
-static const struct gvcam_entry e_layout[] = {{"ImageExtendedChunk", 0}, {"ExtendedChunk", 1}, {0}};
+                                             {NULL, 0}};
+static const struct gvcam_entry e_user_set[] = {{"Default", 0}, {"UserSet1", 1}, {NULL, 0}};
+static const struct gvcam_entry e_layout[] = {
+    {"ImageExtendedChunk", 0}, {"ExtendedChunk", 1}, {NULL, 0}};
 static const struct gvcam_entry e_ccp[] = {
-    {"OpenAccess", 0}, {"ExclusiveAccess", 1}, {"ControlAccess", 2}, {0}};
+    {"OpenAccess", 0}, {"ExclusiveAccess", 1}, {"ControlAccess", 2}, {NULL, 0}};
 
 #define DEV  "DeviceControl"
 #define IMG  "ImageFormatControl"
@@ -111,8 +113,8 @@ const struct gvcam_feature_def gvcam_features[] = {
     {"DeviceSerialNumber", DEV, GVK_STRING, GVB_SERIAL, GVA_R, .bytes = 16},
     {"DeviceID", DEV, GVK_STRING, GVB_SERIAL, GVA_R, .bytes = 16},
     {"DeviceUserID", DEV, GVK_STRING, GVB_USER_NAME, GVA_RW, .bytes = 16},
-    {"GevIEEE1588", PTP, GVK_BOOL, A(GVF_PTP_ENABLE), GVA_RW},
-    {"GevIEEE1588DataSetLatch", PTP, GVK_COMMAND, A(GVF_PTP_LATCH), GVA_W},
+    {"GevIEEE1588", PTP, GVK_BOOL, A(GVF_PTP_ENABLE), .access = GVA_RW},
+    {"GevIEEE1588DataSetLatch", PTP, GVK_COMMAND, A(GVF_PTP_LATCH), .access = GVA_W},
     {"GevIEEE1588Status", PTP, GVK_ENUM, A(GVF_PTP_STATUS), GVA_R, .entry = e_ptp},
     {"GevIEEE1588OffsetFromMaster", PTP, GVK_INT64, A(GVF_PTP_OFFSET), GVA_R, .unit = "ns"},
     {"GevStreamChannelCount", TL, GVK_INT, GVB_STREAM_CHANNELS, GVA_R, .max = 1},
@@ -123,12 +125,12 @@ const struct gvcam_feature_def gvcam_features[] = {
     {"GevCurrentIPAddress", TL, GVK_INT, GVB_IP, GVA_R, .max = 4294967295.0},
     {"GevCurrentSubnetMask", TL, GVK_INT, GVB_MASK, GVA_R, .max = 4294967295.0},
     {"GevCurrentDefaultGateway", TL, GVK_INT, GVB_GATEWAY, GVA_R, .max = 4294967295.0},
-    {"GevMACAddress", TL, GVK_INT64, GVB_MAC_HIGH, GVA_R},
+    {"GevMACAddress", TL, GVK_INT64, GVB_MAC_HIGH, .access = GVA_R},
     {"GevTimestampTickFrequency", TL, GVK_INT64, GVB_TICKS_HIGH, GVA_R, .unit = "Hz"},
     {"GevTimestampControlLatch", TL, GVK_BIT, GVB_TIMESTAMP_CONTROL, GVA_W, .bit = 30},
     {"GevTimestampControlReset", TL, GVK_BIT, GVB_TIMESTAMP_CONTROL, GVA_W, .bit = 31},
     {"GevTimestampValue", TL, GVK_INT64, GVB_TIMESTAMP_HIGH, GVA_R, .unit = "ticks"},
-    {0},
+    {.category = NULL},
 };
 /* clang-format on */
 

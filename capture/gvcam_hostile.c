@@ -40,11 +40,13 @@ void gvcam_hostile_packets(struct cap_gvcam *c, const struct gvcam_shot *s)
     for (size_t k = 0; k < n; k++)
         p[k] = (uint8_t)(gvcam_uniform(c) * 256);
     switch ((int)(gvcam_uniform(c) * 10)) {
-    case 0: n = 0; break;                                           /* empty */
-    case 1: n = 1 + (size_t)(gvcam_uniform(c) * 7); break;          /* not even a head */
-    case 2: h.packet = 0xfffff0; break;                             /* far behind the end */
-    case 3: h.block = s->id > 3000 ? s->id - 2000 : 45000; break;   /* of no frame near by */
-    case 4: h.block = 0; break;                                     /* of no frame ever */
+    case 0: n = 0; break;                                         /* empty */
+    case 1: n = 1 + (size_t)(gvcam_uniform(c) * 7); break;        /* not even a head */
+    case 2: h.packet = 0xfffff0; break;                           /* far behind the end */
+    case 3: h.block = s->id > 3000 ? s->id - 2000 : 45000; break; /* of no frame near by */
+    case 4: /* of no frame ever; but shortly before the wrap Aravis takes the next hundred for late */
+        h.block = !c->wide && s->id > 65400 ? s->id - 2000 : 0;
+        break;
     case 5: h.content = 0x7d; break;                                /* of no known kind */
     case 6: n = CAP_GVSP_HEAD; break;                               /* data, but none in it */
     case 7: h.content = CAP_GVSP_LEAD, h.packet = 0, n = 12; break; /* leader cut short */
