@@ -22,7 +22,7 @@
  * `shared`: the device clock already is the host's (PTP, simulation, recorded frames): identity,
  * no fit; backwards steps are still counted as jumps.
  * Error, measured by test_clockmap (30 Hz, 5 % lost, 100 ppm, delay 0.2 ms + up to 1 ms at random): at
- * most 1 ms in the first second, 0.3 ms until the tenth, 0.08 ms until the sixtieth, then 0.02 ms.
+ * most 1 ms in the first second, 0.3 ms until the tenth, 0.1 ms until the sixtieth, then 0.02 ms.
  * Threads: one camera's map belongs to one thread.  Allocates nothing; cost O(1) per frame, a
  * refit over 64 buckets once a second. */
 #ifndef CAP_CLOCKMAP_H
