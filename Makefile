@@ -24,7 +24,7 @@ PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib
   libturbojpeg0-dev libhdf5-dev libcamera-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
-  umockdev libumockdev-dev hdf5-tools python3-h5py
+  umockdev libumockdev-dev hdf5-tools python3-h5py nftables
 PACKAGES_BENCH := python3-matplotlib
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
