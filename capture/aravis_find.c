@@ -30,16 +30,16 @@ static void copy_text(char *out, size_t size, const uint8_t *p)
     out[n] = '\0';
 }
 
-/* One question, with or without payload, until it is answered: bytes of the answer's payload at out
- * (size at most), -1 = none. */
-static int ask(int fd, uint8_t command, uint16_t number, const uint8_t *payload, uint8_t n,
-               uint8_t *out, size_t size)
+/* One question, with or without payload, until it is answered with at least `size` bytes of payload;
+ * what else comes is passed over. */
+static bool ask(int fd, uint8_t command, uint16_t number, const uint8_t *payload, uint8_t n,
+                uint8_t *out, size_t size)
 {
     uint8_t p[MAX_BYTES] = {0x42, 1, 0, command, 0, n, (uint8_t)(number >> 8), (uint8_t)number};
     if (n > 0)
         memcpy(p + 8, payload, n);
     if (send(fd, p, 8u + n, 0) != (ssize_t)(8u + n))
-        return -1;
+        return false;
     int64_t until = pvx_now_mono() + PROBE_MS * PVX_NS_PER_MS;
     for (int64_t left; (left = until - pvx_now_mono()) > 0;) {
         struct pollfd pfd = {.fd = fd, .events = POLLIN};
@@ -47,27 +47,27 @@ static int ask(int fd, uint8_t command, uint16_t number, const uint8_t *payload,
             continue;
         ssize_t got = recv(fd, p, sizeof p, 0);
         if (got < 0)
-            return -1; /* refused: the host is there, the camera is not */
-        if (got < 8 || p[0] != 0 || p[1] != 0 || p[2] != 0 || p[3] != command + 1 ||
-            p[6] != number >> 8 || p[7] != (number & 255))
+            return false; /* refused: the host is there, the camera is not */
+        if (got < (ssize_t)(8 + size) || p[0] != 0 || p[1] != 0 || p[2] != 0 ||
+            p[3] != command + 1 || p[6] != number >> 8 || p[7] != (number & 255))
             continue;
-        size_t bytes = (size_t)got - 8 < size ? (size_t)got - 8 : size;
-        memcpy(out, p + 8, bytes);
-        return (int)bytes;
+        memcpy(out, p + 8, size);
+        return true;
     }
-    return -1;
+    return false;
 }
 
-static int ask_address(uint32_t address, uint8_t command, const uint8_t *payload, uint8_t n,
-                       uint8_t *out, size_t size)
+static bool ask_address(uint32_t address, uint8_t command, const uint8_t *payload, uint8_t n,
+                        uint8_t *out, size_t size)
 {
     struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(GVCP_PORT)};
     to.sin_addr.s_addr = htonl(address);
-    int got = -1, fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    bool got = false;
+    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (fd < 0)
-        return -1;
+        return false;
     if (connect(fd, (const struct sockaddr *)&to, sizeof to) == 0)
-        for (uint16_t i = 0; i < PROBES && got < 0; i++)
+        for (uint16_t i = 0; i < PROBES && !got; i++)
             got = ask(fd, command, (uint16_t)(FIRST_NUMBER + i), payload, n, out, size);
     close(fd);
     return got;
@@ -76,7 +76,7 @@ static int ask_address(uint32_t address, uint8_t command, const uint8_t *payload
 bool aravis_probe(uint32_t address, struct aravis_who *who)
 {
     uint8_t p[WHO_BYTES];
-    if (ask_address(address, DISCOVERY, NULL, 0, p, sizeof p) < WHO_BYTES)
+    if (!ask_address(address, DISCOVERY, NULL, 0, p, sizeof p))
         return false;
     if (who != NULL) {
         copy_text(who->vendor, sizeof who->vendor, p + 72);
@@ -92,7 +92,7 @@ bool aravis_controlled(uint32_t address)
     static const uint8_t channel_privilege[4] = {0, 0, 0x0A, 0};
     uint8_t p[4];
     /* a camera in exclusive use need not answer: then it is in use, too */
-    return ask_address(address, READREG, channel_privilege, 4, p, sizeof p) < 4 || (p[3] & 3) != 0;
+    return !ask_address(address, READREG, channel_privilege, 4, p, sizeof p) || (p[3] & 3) != 0;
 }
 
 uint32_t aravis_address(const char *text)
@@ -248,7 +248,9 @@ static ArvCamera *open_address(const struct aravis_route *r)
     return cam;
 }
 
-static ArvCamera *find_camera(const char *what, struct aravis_route *route)
+/* NULL: not there, or *busy: somebody controls it, which is seen before Aravis asks for control (and,
+ * where the camera does not answer that, asks again for 5 s with the parser locked). */
+static ArvCamera *find_camera(const char *what, struct aravis_route *route, bool *busy)
 {
     uint32_t address = aravis_address(what);
     char *id = NULL;
@@ -262,9 +264,11 @@ static ArvCamera *find_camera(const char *what, struct aravis_route *route)
         if (id == NULL)
             return NULL;
     }
-    ArvCamera *cam;
+    ArvCamera *cam = NULL;
     if (address != 0) {
-        cam = find_route(address, route) ? open_address(route) : NULL;
+        *busy = aravis_controlled(address);
+        if (!*busy && find_route(address, route))
+            cam = open_address(route);
         if (cam != NULL && id != NULL)
             remember(what, address);
     } else {
@@ -280,15 +284,16 @@ pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
                            struct aravis_route *route, struct pvx_diag *d)
 {
     *route = (struct aravis_route){0};
-    ArvCamera *cam = find_camera(c->uri, route);
-    if (cam == NULL)
+    bool busy = false;
+    ArvCamera *cam = find_camera(c->uri, route, &busy);
+    if (cam == NULL && !busy)
         return pvx_fail(d, PVX_ENOENT,
                         "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "
                         "those that do",
                         c->name, c->uri);
-    ArvDevice *dev = arv_camera_get_device(cam);
-    if (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev))) {
-        g_object_unref(cam);
+    ArvDevice *dev = cam != NULL ? arv_camera_get_device(cam) : NULL;
+    if (busy || (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev)))) {
+        g_clear_object(&cam);
         return pvx_fail(d, PVX_EBUSY, "camera %s (aravis:%s): another program controls it", c->name,
                         c->uri);
     }

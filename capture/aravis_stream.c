@@ -18,7 +18,8 @@
 #include "base/mem.h"
 #include "capture/aravis_int.h"
 
-#define SPARE 2 /* buffers that always stay with the stream */
+#define ASK_AGAIN 4 /* packet timeouts between two requests for the same packet */
+#define SPARE     2 /* buffers that always stay with the stream */
 
 /* what cap_gige says with 0 */
 #define RETENTION_MS      50.0
@@ -295,8 +296,8 @@ static void set_stream(const struct aravis_source *s, ArvStream *stream)
         stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
         g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER, "packet-resend",
         s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
-        "frame-retention", (guint)(retention * 1000), "packet-timeout", (guint)(timeout * 1000),
-        "initial-packet-timeout", (guint)(timeout * 1000),
+        "frame-retention", (guint)(retention * 1000), "packet-timeout",
+        (guint)(ASK_AGAIN * timeout * 1000), "initial-packet-timeout", (guint)(timeout * 1000),
         /* Every packet of a frame may be asked for once; with Aravis' quarter, a small frame is given up
          * when one is lost twice. */
         "packet-request-ratio", 1.0, NULL);

@@ -118,7 +118,7 @@ const struct dmn_option dmn_options[] = {
     REAL("gige.frame_retention_ms", frame_retention_ms, "50", 1, 10000, "ms",
          "Longest wait for the packets of a frame; good frames behind it wait as long."),
     REAL("gige.packet_timeout_ms", packet_timeout_ms, "5", 0.1, 1000, "ms",
-         "A packet that is late by this is asked for again."),
+         "A packet that is late by this is asked for again, and then every four times as long."),
     INT("gige.rt_priority", rt_priority, "10", 0, 99, "",
         "Real-time priority of the threads that receive; 0 = none."),
     BOOL("gige.packet_socket", packet_socket, "true",
