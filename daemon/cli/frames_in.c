@@ -115,6 +115,8 @@ static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
                 bad = bad == PVX_ENOENT ? e : bad;
                 continue;
             }
+            if (f->take != NULL && cap_pixfmt_bayer(l.img.fmt) != NULL)
+                f->how.fmt = l.img.fmt; /* a take says itself what a mosaic is */
             f->nch = grey ? 1 : cap_pixfmt_channels(l.img.fmt);
             f->full_scale = l.img.fmt != CAP_GREY_F32 && l.img.fmt != CAP_RGB_F32;
             cap_loaded_free(&l);
