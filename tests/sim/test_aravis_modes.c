@@ -300,9 +300,14 @@ static void clock_readings_and_ticks(void)
             ;
         int64_t grid = (int64_t)(1e9 / FPS), off = (s.last_stamp - 250 * MS) % grid;
         T_LE(off < grid / 2 ? off : grid - off, 16); /* on the images' grid, to two ticks */
-        for (int64_t end = now_ms() + 10000; s.box.readings == 0 && now_ms() < end;)
+        int readings = 0;
+        for (int64_t end = now_ms() + 10000; readings == 0 && now_ms() < end;) {
             usleep(10000);
-        T_LE(1, s.box.readings);
+            pthread_mutex_lock(&s.box.lock);
+            readings = s.box.readings;
+            pthread_mutex_unlock(&s.box.lock);
+        }
+        T_LE(1, readings);
         int64_t skew = s.box.device_ns - (s.box.mono_ns + pvx_now_real() - pvx_now_mono());
         printf("  clock read to +-%.3f ms\n", (double)s.box.bound_ns * 1e-6);
         T_LE(fabs((double)skew - 250e6), (double)s.box.bound_ns + 100e3);
