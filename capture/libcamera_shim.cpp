@@ -59,7 +59,9 @@ struct cap_lc_camera {
     ControlList controls{controls::controls};
     cap_lc_sink sink{};
     bool running = false;
+    bool gone = false; /* under `calling`: unplugged */
     unsigned seen = 0;
+    std::mutex calling; /* a callback is under way; sink is empty when none may come */
 
     std::mutex lock; /* of text */
     std::string text;
@@ -106,6 +108,7 @@ struct Manager {
     std::mutex lock;
     std::unique_ptr<CameraManager> manager;
     unsigned open = 0;
+    std::vector<cap_lc_camera *> unplugged; /* still open to libcamera */
 
     ~Manager()
     {
@@ -417,7 +420,8 @@ void cap_lc_camera::compare(const ControlList &said)
 
 void cap_lc_camera::done(Request *r)
 {
-    if (r->status() == Request::RequestCancelled || r->buffers().empty())
+    const std::lock_guard<std::mutex> hold_calls(calling);
+    if (r->status() == Request::RequestCancelled || r->buffers().empty() || sink.frame == nullptr)
         return; /* being stopped */
     const FrameMetadata &m = r->buffers().begin()->second->metadata();
     const ControlList &said = r->metadata();
@@ -495,6 +499,16 @@ void lc_close(cap_lc_camera *c) noexcept
     (void)guarded(err, sizeof err, [&]() -> int {
         Manager &m = the_manager();
         const std::lock_guard<std::mutex> hold(m.lock);
+        {
+            /* libcamera does not take the requests of an unplugged camera back (0.0.3: stop() refuses, its video
+             * device keeps pointers to the buffers and may still complete them).  They stay, with the camera, until
+             * the program ends: some 2 MB of address space per time that a cable is pulled. */
+            const std::lock_guard<std::mutex> hold_calls(c->calling);
+            if (c->gone) {
+                m.unplugged.push_back(c);
+                return PVX_OK;
+            }
+        }
         c->request.clear();
         if (c->allocator && c->stream != nullptr)
             c->allocator->free(c->stream);
@@ -566,7 +580,12 @@ int lc_start(cap_lc_camera *c, const cap_lc_sink *sink, char *err, size_t err_si
         c->seen = 0;
         c->used.assign(c->used.size(), false);
         c->camera->requestCompleted.connect(c, [c](Request *r) { c->done(r); });
-        c->camera->disconnected.connect(c, [c]() { c->sink.gone(c->sink.ctx); });
+        c->camera->disconnected.connect(c, [c]() {
+            const std::lock_guard<std::mutex> hold_calls(c->calling);
+            c->gone = true;
+            if (c->sink.gone != nullptr)
+                c->sink.gone(c->sink.ctx);
+        });
         int r = c->camera->start(c->controls.empty() ? nullptr : &c->controls);
         c->running = r == 0;
         if (r == 0)
@@ -610,8 +629,14 @@ void lc_stop(cap_lc_camera *c) noexcept
     char err[64];
     (void)guarded(err, sizeof err, [&]() -> int {
         if (c->running)
-            (void)c->camera->stop(); /* a camera that is gone refuses: nothing is running then */
+            (void)c->camera->stop(); /* one that is gone refuses */
         c->running = false;
+        {
+            const std::lock_guard<std::mutex> hold_calls(c->calling);
+            c->sink = {};
+            if (c->gone)
+                return PVX_OK;
+        }
         c->camera->requestCompleted.disconnect();
         c->camera->disconnected.disconnect();
         return PVX_OK;

@@ -4,7 +4,8 @@
  * and come back (lend.h); with fewer of them than the configuration's `buffers` and the two that
  * stay with the camera, images are copied instead (the handler of USB cameras always has four).
  * libcamera's one thread for all cameras hands over; the C++ is in libcamera_shim.cpp.
- * A camera that libcamera reports as disconnected is lost at once.
+ * A camera that libcamera reports as disconnected is lost at once.  libcamera 0.0.3 crashes, in its own
+ * enumerator of devices, when a USB camera is plugged in again while it runs: v4l2: is for those.
  *
  * Times: SensorTimestamp.  libcamera says that it counts as CLOCK_BOOTTIME does; handlers pass on the
  * kernel's CLOCK_MONOTONIC.  The two differ by the time that the host has slept, so which one it is
@@ -497,6 +498,12 @@ static void libcamera_stop(cap_source *base)
     cap_lend_run(s->lend, false);
     module.lc->stop(s->camera);
     s->started = false;
+    if (s->lost && strncmp(module.lc->library, "0.0.", 4) == 0)
+        LOG_W(
+            CAPTURE,
+            "camera %s (libcamera:%s): stop the daemon before it is plugged in again: libcamera %s "
+            "crashes when a USB camera comes back; v4l2: does not",
+            s->name, s->uri, module.lc->library);
 }
 
 static void libcamera_health(cap_source *base, struct cap_health *out)
