@@ -2,7 +2,7 @@
  *
  * One supervisor thread per camera opens it, starts it, triggers it (software trigger: all on one
  * grid of times, in parallel, so that a camera that does not answer holds up no other), watches it
- * (no frame for max(0.7 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 1 s, while the
+ * (no frame for max(0.7 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 0.5 s, while the
  * others go on; one assembler thread maps clocks and groups frames.  Driver callbacks push into a
  * bounded ring per camera (oldest goes first when full, counted).
  * Live, finished sets wait in a queue of two: the oldest goes first when the consumer is slow.

@@ -66,6 +66,8 @@ struct cap_camera {
     struct cap_episode episode[CAP_N_COUNT];  /* the monitor's */
     struct cap_skew_count skew;
     int64_t last_any_mono_ns, last_good_mono_ns, last_device_ns;
+    int64_t answered_mono_ns;     /* when a camera without frames was still there */
+    bool no_trigger;              /* counted, until a frame comes */
     uint32_t discard, n_settling; /* frames after a start that are left out; so many there were */
     bool settled;
     int64_t settling_ns; /* arrival of the first of them */

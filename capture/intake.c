@@ -21,6 +21,8 @@ void cap_intake_restart(struct cap_camera *cam)
     cam->ev_lost = cam->ev_end = false;
     cam->delivering = false;
     cam->last_any_mono_ns = cam->last_good_mono_ns = pvx_now_mono();
+    cam->answered_mono_ns = 0;
+    cam->no_trigger = false;
     cam->last_device_ns = 0;
     cam->still = 0;
     cam->restarted = true;
@@ -111,6 +113,7 @@ static bool accept(struct cap_camera *cam, const struct cap_frame *f)
 {
     int64_t now = f->t_arrival_mono_ns;
     cam->last_any_mono_ns = now;
+    cam->no_trigger = false;
     if (!same_layout(cam, &f->img) || (f->set == 0 && !stamp_moves_on(cam, f->t_device_ns)))
         return false;
     if (settling(cam, f))

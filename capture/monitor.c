@@ -40,6 +40,9 @@ const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
     [CAP_ID_GAP] = {"frames that it numbered never came",
                     "they were lost in the camera, on the way or in the driver: look at the link's "
                     "load (pyrovox doctor)"},
+    [CAP_NO_TRIGGER] = {"it answers, but no pulse comes on its trigger line",
+                        "start the pulse generator; else look at the cable, at trigger_line and at "
+                        "TriggerActivation"},
     [CAP_CLOCK_JUMP] = {"its clock jumped",
                         "the camera was restarted or its clock was set; its time is mapped anew"},
     [CAP_SLIP] = {"its frame numbers and times disagree",

@@ -18,6 +18,8 @@ const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_UNMATCHED] = {"unmatched", "frames", "its set was never completed"},
     [CAP_ID_GAP] = {"id_gap", "frames", "numbered by the camera but never seen"},
     [CAP_LOST_CAMERA] = {"lost_camera", "times", "the camera stopped answering"},
+    [CAP_NO_TRIGGER] = {"no_trigger", "times",
+                        "the camera answered, but no pulse came on its line"},
     [CAP_CLOCK_STUCK] = {"clock_stuck", "times", "device time stood still for several frames"},
     [CAP_CLOCK_JUMP] = {"clock_jump", "times", "the camera's clock jumped"},
     [CAP_SLIP] = {"slip", "times", "frame numbers and times disagreed: pictures may be off by one"},

@@ -45,6 +45,7 @@ enum cap_count {
     CAP_UNMATCHED,   /* its set was never completed (partial set dropped) */
     CAP_ID_GAP,      /* frames that the camera numbered but we never saw */
     CAP_LOST_CAMERA, /* times the camera stopped answering */
+    CAP_NO_TRIGGER,  /* times that no pulse came on its line although it answers */
     /* What is below counts no frames that are not counted above: it tells that something is not as it
      * should be (syncwatch.h, monitor.c). */
     CAP_CLOCK_STUCK, /* times that device time stood still for several frames */
@@ -181,6 +182,10 @@ struct cap_source_ops {
     pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
     pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */
     bool triggers;                     /* can be set to wait for a line or an action command */
+    /* Is a camera that gives no frame still there, and ours?  Between start and stop, from the
+     * supervisor's thread, some ms, 0.5 s at most; asked of cameras that wait for a line.  NULL =
+     * cannot tell. */
+    bool (*answers)(cap_source *s);
     /* Between start and stop, from the thread that calls these; answers at once with what a slow loop
      * of the source saw last.  NULL = knows nothing. */
     void (*health)(cap_source *s, struct cap_health *out);

@@ -247,6 +247,17 @@ static pvx_err aravis_trigger(cap_source *base)
     return PVX_ENODEV;
 }
 
+static bool aravis_answers(cap_source *base)
+{
+    struct aravis_source *s = (struct aravis_source *)base;
+    pthread_mutex_lock(&s->lock);
+    bool lost = s->lost;
+    pthread_mutex_unlock(&s->lock);
+    /* a USB camera that is gone has been reported; a GigE camera after a restart is nobody's */
+    return !lost && (s->route.camera == 0 ||
+                     (aravis_probe(s->route.camera, NULL) && aravis_controlled(s->route.camera)));
+}
+
 static void aravis_health(cap_source *base, struct cap_health *out)
 {
     struct aravis_source *s = (struct aravis_source *)base;
@@ -268,6 +279,7 @@ const struct cap_source_ops cap_source_aravis = {
     .start = aravis_start,
     .trigger = aravis_trigger,
     .triggers = true,
+    .answers = aravis_answers,
     .health = aravis_health,
     .stop = aravis_stop,
     .close = aravis_close,

@@ -7,7 +7,7 @@
 #include "capture/capture_int.h"
 
 #define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
-#define BACKOFF_MAX_NS PVX_NS_PER_S
+#define BACKOFF_MAX_NS (500 * PVX_NS_PER_MS)
 #define FIRST_FRAME_NS (3 * PVX_NS_PER_S)  /* patience with a camera that has just been started */
 #define TOGETHER_NS    (10 * PVX_NS_PER_S) /* what recorded cameras wait for one that hangs */
 #define LOOK_NS        (100 * PVX_NS_PER_MS)
@@ -55,7 +55,7 @@ static void trouble(struct watch *w, const char *text)
     if (w->said[0] != '\0' && (w->ran || strncmp(w->said, text, sizeof w->said - 1) == 0))
         return;
     snprintf(w->said, sizeof w->said, "%s", text);
-    LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 1 s, the others go on",
+    LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 0.5 s, the others go on",
           cam->name, cam->uri, text);
 }
 
@@ -151,7 +151,12 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
     int64_t quiet = cam->quiet_ns;
     if (cam->count[CAP_RECEIVED] == 0 || !cam->delivering)
         quiet = quiet > FIRST_FRAME_NS ? quiet : FIRST_FRAME_NS;
-    if (now - cam->last_any_mono_ns > quiet) {
+    bool there = cam->answered_mono_ns > cam->last_any_mono_ns;
+    if (there && now - cam->last_any_mono_ns > quiet && !cam->no_trigger) {
+        cam->no_trigger = true;
+        cam->count[CAP_NO_TRIGGER]++;
+    }
+    if (now - (there ? cam->answered_mono_ns : cam->last_any_mono_ns) > quiet) {
         snprintf(why, size, "no frame for %.1f s; look at its cable, power and trigger",
                  (double)quiet * 1e-9);
         return true;
@@ -161,6 +166,26 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
         pthread_cond_signal(&cam->cap->work);
     }
     return false;
+}
+
+/* A camera that waits for pulses on a cable is not lost while it answers.  Asked early enough that a
+ * dead one is found no later. */
+static void ask_silent(struct cap_camera *cam, cap_source *src, int64_t *next)
+{
+    int64_t now = pvx_now_mono();
+    if (cam->cfg.trigger != CAP_TRIGGER_LINE || cam->ops->answers == NULL || now < *next)
+        return;
+    pthread_mutex_lock(&cam->cap->lock);
+    bool silent = now - cam->last_any_mono_ns > cam->quiet_ns / 3;
+    pthread_mutex_unlock(&cam->cap->lock);
+    if (!silent)
+        return;
+    *next = now + cam->quiet_ns / 3;
+    if (!cam->ops->answers(src))
+        return;
+    pthread_mutex_lock(&cam->cap->lock);
+    cam->answered_mono_ns = pvx_now_mono();
+    pthread_mutex_unlock(&cam->cap->lock);
 }
 
 static void take_health(struct cap_camera *cam, cap_source *src)
@@ -183,8 +208,9 @@ static enum fate watch(struct watch *w, cap_source *src)
     int64_t next = triggers ? (pvx_now_mono() / period + 1) * period : INT64_MAX;
     char why[128] = "";
     enum fate fate;
-    int64_t health = 0;
+    int64_t health = 0, ask = 0;
     for (;;) {
+        ask_silent(cam, src, &ask);
         if (pvx_now_mono() >= health) {
             take_health(cam, src);
             health = pvx_now_mono() + HEALTH_NS;

@@ -174,6 +174,50 @@ static void hardware_line(void)
         T_LE(30, bed_stats(c).triggers);
 }
 
+static struct cap_stats stats_when(cap_capture *cap, enum cap_count what)
+{
+    struct cap_stats st;
+    int64_t end = now_ms() + 20000;
+    for (bool all = false; !all && now_ms() < end; usleep(20000)) {
+        cap_capture_stats(cap, &st);
+        all = true;
+        for (int c = 0; c < BED_CAMERAS; c++)
+            all &= st.camera[c].count[what] > 0;
+    }
+    return st;
+}
+
+/* A generator that is switched off is not a camera that is lost: nothing is opened anew, and the first
+ * pulse makes a set again. */
+static void line_without_pulses(void)
+{
+    NEED_BED();
+    bed_all(100);
+    struct cap_source_config cameras[BED_CAMERAS];
+    struct cap_capture_config config = capture_config(cameras);
+    config.trigger = CAP_TRIGGER_LINE;
+    cap_capture *cap = start(&config);
+    if (cap == NULL)
+        return;
+    cap_gvnet_line(bed_net, FPS);
+    sets_of_one_instant(cap, 5, 0, "line");
+    cap_gvnet_line(bed_net, 0);
+    struct cap_stats st = stats_when(cap, CAP_NO_TRIGGER);
+    usleep(1500000); /* twice what silence may last */
+    cap_capture_stats(cap, &st);
+    for (int c = 0; c < BED_CAMERAS; c++) {
+        T_EQ_I(st.camera[c].count[CAP_NO_TRIGGER], 1);
+        T_EQ_I(st.camera[c].count[CAP_LOST_CAMERA], 0);
+        T_EQ_I(st.camera[c].state, CAP_RUNNING);
+        T_EQ_I(st.camera[c].n_troubles, 1);
+        T_EQ_I(st.camera[c].trouble[0].cause, CAP_NO_TRIGGER);
+    }
+    cap_gvnet_line(bed_net, FPS);
+    sets_of_one_instant(cap, 5, 0, "line again");
+    cap_gvnet_line(bed_net, 0);
+    stop(cap, &st);
+}
+
 /* The commands reach one camera after the other: a few of 10 ms may lie between on a busy machine. */
 static void software_to_all(void)
 {
@@ -360,6 +404,7 @@ int main(void)
     T_RUN(free_run_with_ptp);
     T_RUN(without_a_ptp_master_nothing_is_taken);
     T_RUN(hardware_line);
+    T_RUN(line_without_pulses);
     T_RUN(software_to_all);
     T_RUN(action_at_once);
     T_RUN(scheduled_action);
