@@ -122,8 +122,8 @@ static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const s
     if (cam->restarted)
         cap_syncwatch_restart(&cap->watch, cam->index);
     cam->restarted = false;
-    cap->watch.camera[cam->index].unsure =
-        !cam->clock.shared && f->t_device_ns != 0 && cam->clock.n < CAP_CLOCK_KNOWN;
+    cap->watch.camera[cam->index].doubt_ns =
+        f->t_device_ns != 0 ? cap_clockmap_doubt(&cam->clock) : 0;
     cap_syncwatch_frame(&cap->watch, f);
 }
 
@@ -144,7 +144,7 @@ static void map_clock(struct cap_capture *cap, struct cap_frame *f)
     else
         f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_mono_ns) +
                            cap->host.offset_ns;
-    cam->drift_ppm = cam->clock.drift * 1e6;
+    cam->drift_ppm = cap_clockmap_drift(&cam->clock) * 1e6;
     watch_frame(cap, cam, f, cam->clock.jumps - jumps);
 }
 

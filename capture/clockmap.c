@@ -14,6 +14,10 @@
 #define EARLY_NS     (2.0 * (double)PVX_NS_PER_S)    /* the same before there is a line */
 #define MOVED_AFTER  3                               /* buckets that are late throughout */
 #define MAX_BOUND_NS (10 * PVX_NS_PER_MS)
+#define GOOD_DRIFT   50e-6 /* uncertainty below which readings are the line */
+#define MIN_READ     3
+#define STALE_NS     (10 * PVX_NS_PER_S)
+#define UNFIT_NS     100e3 /* a reading farther off, beyond the bounds: the clock has been moved */
 
 void cap_clockmap_init(struct cap_clockmap *m, bool shared)
 {
@@ -27,6 +31,12 @@ static double envelope(const struct cap_clockmap *m, int64_t device_ns)
     return m->offset_ns + m->drift * (double)(device_ns - m->dev0);
 }
 
+static void forget_readings(struct cap_clockmap *m)
+{
+    m->n_readings = m->reading_head = 0;
+    m->read.good = false;
+}
+
 /* The crystal is the same after a jump: the drift stays. */
 static void restart(struct cap_clockmap *m, int64_t device_ns, int64_t arrival_ns)
 {
@@ -36,7 +46,7 @@ static void restart(struct cap_clockmap *m, int64_t device_ns, int64_t arrival_n
     m->offset_ns = 0;
     m->delay_ns = m->delay_bound_ns = 0;
     m->n = m->head = m->above = 0;
-    m->n_readings = m->reading_head = 0;
+    forget_readings(m);
     m->bucket_end = device_ns + BUCKET_NS;
     m->current = (struct cap_clock_bucket){device_ns, 0};
 }
@@ -76,6 +86,46 @@ static void fit(struct cap_clockmap *m)
     for (int i = 0; i < hull; i++)
         m->offset_ns = fmin(m->offset_ns, y[i] - m->drift * x[i]);
     m->offset_ns -= fmax(envelope(m, m->current.dev) - m->current.diff_ns, 0);
+    m->excess_ns = 0;
+    for (int i = 0; i < m->n; i++)
+        m->excess_ns += (m->bucket[i].diff_ns - envelope(m, m->bucket[i].dev)) / m->n;
+}
+
+/* Least squares through the readings, about their weighted mean. */
+static void line_of_readings(struct cap_clockmap *m)
+{
+    double weight = 0, mx = 0, my = 0, sxx = 0, sxy = 0;
+    for (int i = 0; i < m->n_readings; i++) {
+        const struct cap_clock_reading *r = &m->reading[i];
+        double w = 1 / (r->bound_ns * r->bound_ns);
+        weight += w;
+        mx += w * (double)(r->dev - m->dev0);
+        my += w * r->diff_ns;
+    }
+    mx /= weight;
+    my /= weight;
+    for (int i = 0; i < m->n_readings; i++) {
+        const struct cap_clock_reading *r = &m->reading[i];
+        double w = 1 / (r->bound_ns * r->bound_ns), x = (double)(r->dev - m->dev0) - mx;
+        sxx += w * x * x;
+        sxy += w * x * (r->diff_ns - my);
+    }
+    m->read.at = mx;
+    m->read.diff_ns = my;
+    m->read.bound_ns = 1 / sqrt(weight);
+    m->read.drift_bound = sxx > 0 ? 1 / sqrt(sxx) : INFINITY;
+    m->read.drift = sxx > 0 ? fmin(fmax(sxy / sxx, -MAX_DRIFT), MAX_DRIFT) : 0;
+    m->read.good = m->n_readings >= MIN_READ && m->read.drift_bound < GOOD_DRIFT;
+}
+
+static double read_line(const struct cap_clockmap *m, int64_t device_ns)
+{
+    return m->read.diff_ns + m->read.drift * ((double)(device_ns - m->dev0) - m->read.at);
+}
+
+static bool by_readings(const struct cap_clockmap *m, int64_t device_ns)
+{
+    return m->read.good && device_ns - m->read.newest < STALE_NS;
 }
 
 /* delay = envelope - what the readings say, weighted; a delay cannot be negative. */
@@ -99,7 +149,7 @@ static void keep_bucket(struct cap_clockmap *m)
     if (m->above == MOVED_AFTER) {
         m->jumps += by >= JUMP_NS;
         if (by >= JUMP_NS)
-            m->n_readings = m->reading_head = 0;
+            forget_readings(m);
         restart_envelope(m, m->current.dev, m->current.diff_ns);
     }
     m->bucket[m->head] = m->current;
@@ -161,7 +211,24 @@ int64_t cap_clockmap_add(struct cap_clockmap *m, int64_t device_ns, int64_t arri
         restart_envelope(m, device_ns, diff);
     }
     take(m, device_ns, diff);
-    return device_ns + (m->host0 - m->dev0) + llrint(envelope(m, device_ns) - m->delay_ns);
+    double line = envelope(m, device_ns) - m->delay_ns;
+    if (by_readings(m, device_ns)) /* nothing arrives before it was exposed */
+        line = fmin(read_line(m, device_ns), diff);
+    return device_ns + (m->host0 - m->dev0) + llrint(line);
+}
+
+double cap_clockmap_drift(const struct cap_clockmap *m)
+{
+    return by_readings(m, m->last_dev) ? m->read.drift : m->drift;
+}
+
+double cap_clockmap_doubt(const struct cap_clockmap *m)
+{
+    if (m->shared || !m->valid)
+        return 0;
+    if (by_readings(m, m->last_dev))
+        return 6 * m->read.bound_ns;
+    return m->n < CAP_CLOCK_KNOWN ? INFINITY : 6 * m->excess_ns;
 }
 
 void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t host_ns,
@@ -177,10 +244,16 @@ void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t hos
     double off = envelope(m, device_ns) - diff; /* the delay, so far as this reading knows */
     if (fabs(off) > EARLY_NS)
         return; /* of another life of the clock; frames will tell */
+    if (m->read.good && fabs(diff - read_line(m, device_ns)) >
+                            UNFIT_NS + 3 * ((double)bound_ns + m->read.bound_ns) +
+                                3 * m->read.drift_bound * (double)(device_ns - m->read.newest))
+        forget_readings(m);
     m->reading[m->reading_head] =
         (struct cap_clock_reading){device_ns, diff, (double)bound_ns + 1000};
     m->reading_head = (m->reading_head + 1) % CAP_CLOCK_READINGS;
     if (m->n_readings < CAP_CLOCK_READINGS)
         m->n_readings++;
+    m->read.newest = device_ns;
+    line_of_readings(m);
     settle_readings(m);
 }

@@ -12,8 +12,11 @@
  * Before three are full it is that of the camera's last life, or 0: then the error grows with the drift,
  * 100 us per second at 100 ppm.  A difference below the line lowers the line at once.
  * The constant minimum of the delay cannot be seen from one side and stays in the offset: it is
- * common to equal cameras.  Readings of the camera's clock with a bound (cap_clockmap_measure) take it
- * out.
+ * common to equal cameras.
+ * Readings of the camera's clock with a bound (cap_clockmap_measure) see both sides.  Three or more that
+ * give the drift to 50 ppm are the line, by least squares weighted with 1 / bound^2, while the newest
+ * is not older than 10 s: frames that a busy host takes late do not move it.  Fewer take the
+ * delay out of the envelope.  A reading that does not fit the others begins anew.
  * Jumps: a clock that runs backwards, or a difference more than 5 ms below the line, or 5 ms above it
  * throughout three buckets, starts the envelope anew with the old drift.  Those of 0.1 s and more, and
  * all backwards, are counted as jumps of the camera's clock; smaller ones may as well be the network's
@@ -48,19 +51,29 @@ struct cap_clockmap {
         int64_t dev;
         double diff_ns;
     } current, bucket[CAP_CLOCK_BUCKETS];
-    int n, head; /* full buckets, place of the next */
-    int above;   /* full buckets in a row that lie far above the line */
+    int n, head;      /* full buckets, place of the next */
+    int above;        /* full buckets in a row that lie far above the line */
+    double excess_ns; /* mean of the buckets above the envelope: how firmly it lies */
     struct cap_clock_reading {
         int64_t dev;
         double diff_ns, bound_ns;
     } reading[CAP_CLOCK_READINGS];
     int n_readings, reading_head;
+    struct { /* line through the readings */
+        bool good;
+        int64_t newest;
+        double at, diff_ns, drift, drift_bound, bound_ns; /* at: device time - dev0 */
+    } read;
 };
 void cap_clockmap_init(struct cap_clockmap *m, bool shared);
 /* Feed one frame; returns exposure time on the host clock, ns.  device_ns = 0: arrival is used. */
 int64_t cap_clockmap_add(struct cap_clockmap *m, int64_t device_ns, int64_t arrival_ns);
+/* Drift in use, host seconds per device second - 1. */
+double cap_clockmap_drift(const struct cap_clockmap *m);
+/* What mapped times may wander by within some seconds, ns; infinite while the drift is not known well. */
+double cap_clockmap_doubt(const struct cap_clockmap *m);
 /* The camera's clock showed device_ns when the host's was host_ns +- bound_ns (half the round trip of
- * the question).  The last 16 readings count, by 1 / bound^2.  Bounds above 10 ms are ignored. */
+ * the question).  The last 16 readings count.  Bounds above 10 ms are ignored. */
 void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t host_ns,
                           int64_t bound_ns);
 

@@ -17,8 +17,9 @@
 #define HOLD_MAX_NS (600 * PVX_NS_PER_S)
 #define RELAPSE_NS  (60 * PVX_NS_PER_S)
 #define SETTLE_NS   (2 * PVX_NS_PER_S) /* after a start */
-#define LOOKS       10                 /* in a second */
-#define LINES_MAX   16                 /* that one look may say; the rest is said by the next */
+#define BEGIN_NS    (PVX_NS_PER_S / 2)
+#define LOOKS       10 /* in a second */
+#define LINES_MAX   16 /* that one look may say; the rest is said by the next */
 #define LINE_CHARS  640
 
 const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
@@ -124,12 +125,14 @@ static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t no
     int64_t hold = 3 * m->cap->watch.window_ns;
     hold = hold > HOLD_MIN_NS ? hold : HOLD_MIN_NS;
     int64_t settled = cam->first_slot * CAP_FPS_BIN_NS + SETTLE_NS;
+    int64_t begun = settled - SETTLE_NS + BEGIN_NS;
     for (int k = 0; k < CAP_N_COUNT && room(m); k++) {
         const struct cap_trouble_def *d = &cap_trouble_defs[k];
         struct cap_episode *e = &cam->episode[k];
         if (d->what == NULL)
             continue;
-        if (k == CAP_LATE && !e->on && now < settled) { /* cameras that start one after the other */
+        /* cameras that start one after the other; the first frames after a start are often bad */
+        if (!e->on && ((k == CAP_LATE && now < settled) || (k == CAP_INCOMPLETE && now < begun))) {
             e->seen = cam->count[k];
             continue;
         }

@@ -189,18 +189,19 @@ static void take_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
     k->phases++;
 }
 
-/* Some clock's drift is still being learnt: phases may move because of that. */
-static bool unsure(const struct cap_syncwatch *w)
+/* What phases may move by because clocks' maps do; of all cameras: a phase is against the others. */
+static double doubt(const struct cap_syncwatch *w)
 {
+    double most = 0;
     for (uint32_t c = 0; c < w->p.cameras; c++)
-        if (w->camera[c].any && w->camera[c].unsure)
-            return true;
-    return false;
+        if (w->camera[c].any)
+            most = fmax(most, w->camera[c].doubt_ns);
+    return most;
 }
 
 /* Straight line through the phases of the last n windows; true when it is one and leads away. */
 static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_camera *k, unsigned n,
-                       double *per_s)
+                       double doubt_ns, double *per_s)
 {
     double mx = 0, my = 0, sxx = 0, sxy = 0, rest = 0;
     unsigned first = k->walk_head + CAP_WALK_WINDOWS - n;
@@ -222,16 +223,18 @@ static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_came
         rest += off * off / n;
     }
     double change = fabs(*per_s) * x[n - 1];
-    return change > fmax((double)w->p.period_ns / 20, WALK_NS) && change > 6 * sqrt(rest);
+    return change > fmax((double)w->p.period_ns / 20, WALK_NS) + doubt_ns &&
+           change > 6 * sqrt(rest);
 }
 
 /* Over the last windows, few or many: it may have begun a moment ago, or be slow. */
 static bool walks(const struct cap_syncwatch *w, struct cap_sync_camera *k)
 {
-    double least = unsure(w) ? UNSURE_NS : 0;
+    double by = doubt(w), least = isfinite(by) ? 0 : UNSURE_NS;
     k->walk_ns_per_s = NAN;
     for (unsigned n = MIN_WALK; n <= k->n_walk; n += n / 4)
-        if (walks_over(w, k, n, &k->walk_ns_per_s) && fabs(k->walk_ns_per_s) >= least)
+        if (walks_over(w, k, n, isfinite(by) ? by : 0, &k->walk_ns_per_s) &&
+            fabs(k->walk_ns_per_s) >= least)
             return true;
     return false;
 }

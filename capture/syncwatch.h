@@ -57,7 +57,7 @@ struct cap_syncwatch {
     struct cap_sync_camera {
         /* last frame */
         bool any;
-        bool unsure; /* in: its clock's drift is not known well yet */
+        double doubt_ns; /* in: its mapped times may wander by it; infinite: drift not known well */
         uint64_t id;
         int64_t t_ns, arrival_ns;
         /* numbers against sets */

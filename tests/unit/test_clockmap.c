@@ -234,6 +234,43 @@ static void readings_take_out_the_delay(void)
     T_EQ_I(cap_clockmap_add(&m, HOST0, HOST0 + S), HOST0);
 }
 
+/* A host so busy that no frame comes in time: its delays wander by milliseconds over seconds.  The
+ * line of the readings does not, and says how sure it is; it is given up when readings end. */
+static void readings_hold_the_line_on_a_busy_host(void)
+{
+    struct cap_clockmap m;
+    cap_clockmap_init(&m, false);
+    int64_t dev0 = 777 * S;
+    double worst = 0, doubt = 0;
+    for (int64_t i = 0; i < 120 * 30; i++) {
+        double t = (double)i / 30 * 1e9, busy = 3e6 + 3e6 * sin((double)i / 100);
+        int64_t host = HOST0 + (int64_t)t, dev = dev0 + (int64_t)(t * (1 + 80e-6));
+        if (i % 60 == 0 && i < 90 * 30) {
+            double bound = t_uniform(10e3, 60e3), at = t_uniform(-bound, bound);
+            cap_clockmap_measure(&m, dev, host + (int64_t)at, (int64_t)bound);
+        }
+        int64_t got = cap_clockmap_add(&m, dev, host + (int64_t)(busy + t_uniform(0, 4e6)));
+        if (i > 5 * 30 && i < 90 * 30) {
+            worst = fmax(worst, fabs((double)(got - host)));
+            doubt = fmax(doubt, cap_clockmap_doubt(&m));
+        }
+    }
+    T_LE(worst, 100e3);
+    T_LE(doubt, 500e3);
+    T_LE(1e6, cap_clockmap_doubt(&m)); /* the envelope alone again */
+    /* a clock that was steered by half a millisecond is followed with the third reading after it */
+    cap_clockmap_init(&m, false);
+    for (int64_t i = 0; i < 20; i++) {
+        int64_t host = HOST0 + i * 2 * S, dev = dev0 + i * 2 * S + (i >= 10 ? 500000 : 0);
+        cap_clockmap_measure(&m, dev, host, 10000);
+        int64_t got = cap_clockmap_add(&m, dev, host + MS);
+        if (i > 2 && i != 10 && i != 11)
+            T_LE(llabs(got - host), 30000);
+    }
+    T_EQ_I(m.jumps, 0);
+    T_NEAR(cap_clockmap_drift(&m) * 1e6, 0, 1);
+}
+
 /* A start on a busy machine: slow frames for 5 s, then the true delay; followed at once. */
 static void a_slow_start_heals_at_once(void)
 {
@@ -286,6 +323,7 @@ int main(void)
     T_RUN(jumps_restart_the_map);
     T_RUN(errors_are_bounded);
     T_RUN(readings_take_out_the_delay);
+    T_RUN(readings_hold_the_line_on_a_busy_host);
     T_RUN(a_slow_start_heals_at_once);
     T_RUN(small_steps_are_followed);
     T_RUN(shared_clock_is_identity);
