@@ -1,6 +1,6 @@
 /* action.h - GigE Vision action commands: one datagram makes every camera of a network act at once.
  *
- * ACTION_CMD (GigE Vision 2.0; all big-endian), to UDP port 3956:
+ * ACTION_CMD (GigE Vision 2.0; all big-endian; packed by gvcp.h), to UDP port 3956:
  *     0x42 | flags: 0x01 answer, 0x80 scheduled | 0x0100 | length 12 or 20 | number 1..65535
  *     device key | group key | group mask | scheduled: time, 64 bit, on the cameras' clock
  * A camera acts when the device and the group key are its own and the masks share a bit: at once, or
@@ -15,19 +15,16 @@
 #include "base/err.h"
 #include "capture/source.h"
 
-#define CAP_ACTION_PORT  3956
 #define CAP_ACTION_BYTES 28
-
-/* statuses of an answer that have a cause of their own */
-#define CAP_ACTION_NO_REF_TIME 0x8013u /* the camera's clock is not synchronized */
-#define CAP_ACTION_LATE        0x8016u /* the time had passed */
 
 /* Bytes written: 20, or 28 when at_ns, the time on the cameras' clock, is above 0. */
 size_t cap_action_encode(const struct cap_action_keys *k, uint16_t number, int64_t at_ns,
                          bool answer, uint8_t out[CAP_ACTION_BYTES]);
 
 struct cap_action_ack {
-    uint16_t status; /* 0 = done, or will be */
+    /* enum cap_gvcp_status; CAP_GVCP_OK: done, or will be; with a cause of its own:
+     * CAP_GVCP_NO_REFERENCE_TIME: the camera's clock is not synchronized; CAP_GVCP_ACTION_LATE */
+    uint16_t status;
     uint16_t number;
 };
 /* False: not an answer to an action command. */

@@ -87,7 +87,7 @@ struct cap_gvcp_action {
 void cap_gvcp_get_action(const struct cap_gvcp_request *r, struct cap_gvcp_action *out);
 
 /* The client's side, into out [CAP_GVCP_MAX]; bytes of the packet.  data may be NULL when n = 0;
- * n <= CAP_GVCP_MAX - CAP_GVCP_HEAD. */
+ * n <= CAP_GVCP_MAX - CAP_GVCP_HEAD.  put_action: 20 bytes, 28 with a time. */
 size_t cap_gvcp_put_command(uint8_t *out, uint8_t flags, uint16_t command, uint16_t id,
                             const void *data, size_t n);
 size_t cap_gvcp_put_action(uint8_t *out, const struct cap_gvcp_action *a, bool want_ack,

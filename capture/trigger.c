@@ -7,6 +7,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "capture/gvcp.h"
 
 #define LOOK_NS      (100 * PVX_NS_PER_MS) /* how soon a stop is seen */
 #define ANSWER_NS    (200 * PVX_NS_PER_MS)
@@ -107,8 +108,8 @@ static void note_answer(struct run *r, struct cap_trigger_open *o, uint32_t from
             cam->action.acknowledged++;
         else
             cam->action.refused++;
-        cam->action.too_late += status == CAP_ACTION_LATE;
-        cam->action.no_clock += status == CAP_ACTION_NO_REF_TIME;
+        cam->action.too_late += status == CAP_GVCP_ACTION_LATE;
+        cam->action.no_clock += status == CAP_GVCP_NO_REFERENCE_TIME;
         break;
     }
     pthread_mutex_unlock(&cap->lock);
@@ -116,9 +117,9 @@ static void note_answer(struct run *r, struct cap_trigger_open *o, uint32_t from
         LOG_EVERY(PVX_LOG_WARN, CAPTURE,
                   "an action command was refused by %u.%u.%u.%u: %s (0x%04x)", from >> 24,
                   from >> 16 & 255, from >> 8 & 255, from & 255,
-                  status == CAP_ACTION_LATE          ? "it came too late: raise action.lead_ms"
-                  : status == CAP_ACTION_NO_REF_TIME ? "the camera's clock is not synchronized"
-                                                     : "error",
+                  status == CAP_GVCP_ACTION_LATE         ? "it came too late: raise action.lead_ms"
+                  : status == CAP_GVCP_NO_REFERENCE_TIME ? "the camera's clock is not synchronized"
+                                                         : "error",
                   status);
 }
 

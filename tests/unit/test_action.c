@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "capture/action.h"
+#include "capture/gvcp.h"
 
 static const struct cap_action_keys keys = {0x01020304, 0xA1B2C3D4, 0x00000081};
 
@@ -48,7 +49,7 @@ static void answers_are_read_strictly(void)
     p[0] = 0x80;
     p[1] = 0x16;
     T_OK(cap_action_decode(p, 8, &a));
-    T_EQ_I(a.status, CAP_ACTION_LATE);
+    T_EQ_I(a.status, CAP_GVCP_ACTION_LATE);
     p[3] = 0x03; /* answers to other commands */
     T_OK(!cap_action_decode(p, 8, &a));
     memcpy(p, ok, 8);
@@ -60,7 +61,7 @@ static void answers_are_read_strictly(void)
 static int listener(const char *address)
 {
     int on = 1, fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_ACTION_PORT)};
+    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
     inet_pton(AF_INET, address, &sa.sin_addr);
     setsockopt(fd, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
     if (bind(fd, (const struct sockaddr *)&sa, sizeof sa) == 0)
@@ -94,7 +95,7 @@ static void a_command_and_its_answer(void)
     T_EQ_I(poll(&pfd, 1, 5000), 1);
     T_OK(cap_action_answer(s, &who, &a)); /* the noise is passed over */
     T_EQ_I(who, 0x7F00005D);
-    T_EQ_I(a.status, CAP_ACTION_NO_REF_TIME);
+    T_EQ_I(a.status, CAP_GVCP_NO_REFERENCE_TIME);
     T_EQ_I(a.number, 99);
     T_OK(!cap_action_answer(s, &who, &a));
     cap_action_sender_free(&s);
