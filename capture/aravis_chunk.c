@@ -105,7 +105,8 @@ bool aravis_chunks_read(struct aravis_chunks *k, ArvBuffer *b, struct cap_frame 
         /* Some count in ticks, some in ns, some from another moment: only what is near the stamp of
          * the leader is the same clock. */
         t = aravis_ticks_to_ns((uint64_t)t, k->tick_hz);
-        if (f->t_device_ns == 0 || llabs(t - f->t_device_ns) < PVX_NS_PER_S)
+        if (f->t_device_ns == 0 ||
+            (t >= 0 && f->t_device_ns > 0 && llabs(t - f->t_device_ns) < PVX_NS_PER_S))
             f->t_device_ns = t;
     }
     return true;

@@ -272,17 +272,31 @@ bool aravis_wants_resend(const struct cap_source_config *c, ArvCamera *camera)
            (can & GVCP_CAN_RESEND) != 0;
 }
 
+/* Features of triggers and lines have the last word: setting the trigger chooses selectors, and an
+ * edge, for them. */
+static pvx_err set_features(const struct cap_source_config *c, ArvCamera *cam, bool of_trigger,
+                            struct pvx_diag *d)
+{
+    for (size_t i = 0; i < c->n_features; i++) {
+        const char *name = c->features[i].name;
+        bool is = strncmp(name, "Trigger", 7) == 0 || strncmp(name, "Line", 4) == 0;
+        if (is == of_trigger)
+            PVX_TRY(set_feature(c, cam, &c->features[i], d));
+    }
+    return PVX_OK;
+}
+
 pvx_err aravis_configure(const struct cap_source_config *c, ArvCamera *cam, struct aravis_layout *l,
                          struct aravis_chunks *chunks, struct pvx_diag *d)
 {
     /* PTP first: it settles while the rest is set.  Then features: they may be what makes the rest
      * possible (a user set, a binning mode). */
     PVX_TRY(aravis_ptp_enable(c, cam, d));
-    for (size_t i = 0; i < c->n_features; i++)
-        PVX_TRY(set_feature(c, cam, &c->features[i], d));
+    PVX_TRY(set_features(c, cam, false, d));
     PVX_TRY(set_format(c, cam, l, d));
     PVX_TRY(set_region(c, cam, l, d));
     PVX_TRY(aravis_set_trigger(c, cam, d));
+    PVX_TRY(set_features(c, cam, true, d));
     PVX_TRY(set_exposure(c, cam, d));
     PVX_TRY(aravis_chunks_init(chunks, c, cam, d));
     PVX_TRY(set_packet_size(c, cam, d));

@@ -1,6 +1,7 @@
 #include "capture/aravis_watch.h"
 
 #include <math.h>
+#include <sched.h>
 #include <string.h>
 
 #include "base/clock.h"
@@ -69,6 +70,14 @@ static void look_at_clock(struct aravis_source *s, struct cap_health *h)
     }
 }
 
+/* A software trigger must not wait for more than one question. */
+static void let_others(struct aravis_source *s)
+{
+    pthread_mutex_unlock(&s->device);
+    sched_yield();
+    pthread_mutex_lock(&s->device);
+}
+
 static void look_at_device(struct aravis_source *s, struct cap_health *h)
 {
     GError *err = NULL;
@@ -81,12 +90,14 @@ static void look_at_device(struct aravis_source *s, struct cap_health *h)
             h->temperature_c = NAN;
         g_clear_error(&err);
     }
+    let_others(s);
     guint32 mbps = 0;
     if (s->route.camera != 0 &&
         arv_device_read_register(arv_camera_get_device(s->camera), 0x670 /* link speed */, &mbps,
                                  NULL) &&
         mbps > 0)
         h->link_mbps = mbps;
+    let_others(s);
     aravis_ptp_read(s->camera, &ptp);
     pthread_mutex_unlock(&s->device);
     memcpy(h->ptp, ptp.state, sizeof h->ptp);

@@ -234,7 +234,8 @@ double cap_clockmap_doubt(const struct cap_clockmap *m)
 void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t host_ns,
                           int64_t bound_ns)
 {
-    if (m->shared || device_ns == 0 || bound_ns < 0 || bound_ns > MAX_BOUND_NS)
+    if (m->shared || device_ns <= 0 || device_ns > INT64_MAX / 2 || bound_ns < 0 ||
+        bound_ns > MAX_BOUND_NS)
         return;
     if (!m->valid) {
         restart(m, device_ns, host_ns);

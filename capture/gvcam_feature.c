@@ -7,7 +7,7 @@ static const struct gvcam_entry e_on[] = {{"Off", 0}, {"On", 1}, {NULL, 0}};
 static const struct gvcam_entry e_frame_start[] = {{"FrameStart", 0}, {NULL, 0}};
 static const struct gvcam_entry e_source[] = {
     {"Software", 0}, {"Line1", 1}, {"Action1", 2}, {NULL, 0}};
-static const struct gvcam_entry e_edge[] = {{"RisingEdge", 0}, {NULL, 0}};
+static const struct gvcam_entry e_edge[] = {{"RisingEdge", 0}, {"FallingEdge", 1}, {NULL, 0}};
 static const struct gvcam_entry e_timed[] = {{"Timed", 0}, {NULL, 0}};
 static const struct gvcam_entry e_line[] = {{"Line1", 0}, {NULL, 0}};
 static const struct gvcam_entry e_input[] = {{"Input", 0}, {NULL, 0}};

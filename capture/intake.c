@@ -40,7 +40,7 @@ static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
         cam->width = img->width;
     if (cam->height == 0)
         cam->height = img->height;
-    if (img->fmt != cam->fmt) {
+    if (img->fmt == CAP_FMT_NONE || img->fmt != cam->fmt) {
         cam->count[CAP_BAD_FORMAT]++;
         snprintf(cam->detail[CAP_BAD_FORMAT], CAP_DETAIL_MAX, "%s instead of %s",
                  cap_pixfmt_name(img->fmt), cap_pixfmt_name(cam->fmt));
@@ -61,6 +61,10 @@ static bool same_layout(struct cap_camera *cam, const struct cap_image *img)
 
 static bool stamp_moves_on(struct cap_camera *cam, int64_t t)
 {
+    if (t < 0 || t > INT64_MAX / 2) { /* "invalid", or nonsense: differences must not overflow */
+        cam->count[CAP_BAD_STAMP]++;
+        return false;
+    }
     int64_t last = cam->last_device_ns;
     cam->last_device_ns = t; /* backwards: a new epoch, the next frame is measured against it */
     if (t == 0 || last == 0 || t > last) {
@@ -174,7 +178,8 @@ static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
     (void)camera;
     pthread_mutex_lock(&cam->cap->lock);
     cam->count[what] += n;
-    if (what == CAP_INCOMPLETE || what == CAP_UNDERRUN) /* it sends, and it is not its fault */
+    /* it sends, though nothing that can be used */
+    if (what == CAP_INCOMPLETE || what == CAP_UNDERRUN || what == CAP_BAD_SIZE)
         cam->last_any_mono_ns = pvx_now_mono();
     pthread_mutex_unlock(&cam->cap->lock);
 }

@@ -122,6 +122,14 @@ static void aravis_close(cap_source **sp)
         give_up(s);
 }
 
+static bool is_lost(struct aravis_source *s)
+{
+    pthread_mutex_lock(&s->lock);
+    bool lost = s->lost;
+    pthread_mutex_unlock(&s->lock);
+    return lost;
+}
+
 static void aravis_stop(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
@@ -134,7 +142,7 @@ static void aravis_stop(cap_source *base)
     if (s->dead)
         return; /* close has it ended */
     aravis_watch_join(s);
-    if (!s->lost)
+    if (!is_lost(s))
         arv_camera_stop_acquisition(s->camera, NULL);
     aravis_end_stream(s);
 }
@@ -212,7 +220,10 @@ static pvx_err aravis_start(cap_source *base, const struct cap_sink *sink, struc
     aravis_watch_join(s);
     aravis_end_stream(s);
     s->sink = *sink;
-    s->lost = s->dead = false;
+    s->dead = false;
+    pthread_mutex_lock(&s->lock);
+    s->lost = false;
+    pthread_mutex_unlock(&s->lock);
     PVX_TRY(aravis_begin_stream(s, d));
     set_active(s, true);
     arv_camera_start_acquisition(s->camera, &err);
@@ -231,18 +242,23 @@ static pvx_err aravis_trigger(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
     GError *err = NULL;
-    pthread_mutex_lock(&s->lock);
-    bool lost = s->lost;
-    pthread_mutex_unlock(&s->lock);
-    if (lost)
+    if (is_lost(s))
         return PVX_ENODEV;
     pthread_mutex_lock(&s->device);
     arv_camera_software_trigger(s->camera, &err);
     pthread_mutex_unlock(&s->device);
     if (err == NULL)
         return PVX_OK;
-    /* Aravis has asked several times by now: waiting for the next answer would take as long. */
+    /* An answer, if only "busy", is one trigger missed.  Without, Aravis has asked several times by
+     * now: waiting for the next answer would take as long. */
+    bool gone = g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TIMEOUT) ||
+                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TRANSFER_ERROR) ||
+                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONNECTED) ||
+                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONTROLLER) ||
+                err->domain != ARV_DEVICE_ERROR;
     g_clear_error(&err);
+    if (!gone)
+        return PVX_EIO;
     say_lost(s);
     return PVX_ENODEV;
 }
@@ -250,12 +266,9 @@ static pvx_err aravis_trigger(cap_source *base)
 static bool aravis_answers(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
-    pthread_mutex_lock(&s->lock);
-    bool lost = s->lost;
-    pthread_mutex_unlock(&s->lock);
     /* a USB camera that is gone has been reported; a GigE camera after a restart is nobody's */
-    return !lost && (s->route.camera == 0 ||
-                     (aravis_probe(s->route.camera, NULL) && aravis_controlled(s->route.camera)));
+    return !is_lost(s) && (s->route.camera == 0 || (aravis_probe(s->route.camera, NULL) &&
+                                                    aravis_controlled(s->route.camera)));
 }
 
 static void aravis_health(cap_source *base, struct cap_health *out)

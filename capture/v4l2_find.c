@@ -82,7 +82,10 @@ static void say_users(const char *node, struct v4l_text *t)
 static pvx_err forbidden(const struct cap_source_config *c, const char *node, struct pvx_diag *d)
 {
     struct stat st;
-    const struct group *g = stat(node, &st) == 0 ? getgrgid(st.st_gid) : NULL;
+    struct group entry, *g = NULL;
+    char names[1024];
+    if (stat(node, &st) != 0 || getgrgid_r(st.st_gid, &entry, names, sizeof names, &g) != 0)
+        g = NULL;
     const char *group = g != NULL ? g->gr_name : "video";
     return pvx_fail(d, PVX_EPERM,
                     "camera %s (v4l2:%s): %s may not be opened: put the user into the group %s "

@@ -174,10 +174,11 @@ static void log_summary(const struct dmn_state *s)
     }
     LOG_I(DAEMON,
           "%.1f s: %llu sets from the cameras, %llu published, %llu dropped%s; %llu more "
-          "were incomplete; latency p50 %.1f ms, p99 %.1f ms, max %.1f ms",
+          "were incomplete, %llu displaced; latency p50 %.1f ms, p99 %.1f ms, max %.1f ms",
           s->uptime_s, (unsigned long long)s->produced, (unsigned long long)s->published,
-          (unsigned long long)dropped, why, (unsigned long long)s->capture.sets_dropped,
-          s->latency_p50_ms, s->latency_p99_ms, s->latency_max_ms);
+          (unsigned long long)dropped, why, (unsigned long long)s->capture.sets_failed,
+          (unsigned long long)s->capture.sets_dropped, s->latency_p50_ms, s->latency_p99_ms,
+          s->latency_max_ms);
 }
 
 /* Until a signal, a stop command or the end of the recording; says why. */

@@ -32,8 +32,8 @@ const struct dmn_option dmn_options[] = {
     {"cameras", DMN_CAMERAS, AT(cameras), "\"\"", 0, 0, "", NULL,
      "Source of each camera, by its name in the rig; or one pattern for all of them, in which "
      "{name} is the camera's name and a trailing + counts up. Must be given. Sources: "
-     "aravis:ADDRESS-OR-SERIAL, v4l2:NAME, libcamera:ID, files:PATTERN, sim:; `pyrovox cameras` "
-     "lists them."},
+     "aravis:ADDRESS-SERIAL-OR-NAME, v4l2:NAME, libcamera:ID, files:PATTERN, take:FILE, sim:; "
+     "`pyrovox cameras` lists those that can be listed."},
     {"grid", DMN_INTS, AT(grid), "[]", 1, REC_GRID_MAX, "voxels", NULL,
      "Voxels of the volume, one number (along x, the others in proportion) or three; empty = as "
      "the rig says."},
@@ -78,7 +78,7 @@ const struct dmn_option dmn_options[] = {
     INT("discard_first", discard_first, "1", 0, 1000, "frames",
         "Frames of each camera that are ignored after it has been started; files lose none when "
         "lossless."),
-    INT("buffers", buffers, "16", 4, 1024, "frames", "Raw frames kept per camera."),
+    INT("buffers", buffers, "16", 4, 512, "frames", "Raw frames kept per camera."),
     REAL("exposure_us", exposure_us, "-1", -1, 1e9, "us",
          "Exposure time; negative = leave as the camera has it."),
     REAL("gain", gain, "-1", -1, 1000, "", "Gain; negative = leave as the camera has it."),

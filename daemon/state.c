@@ -60,15 +60,16 @@ static void json_sets(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_int(j, "inside", (long long)s->inside);
     dmn_json_int(j, "complete", (long long)s->capture.sets_complete);
     dmn_json_int(j, "partial", (long long)s->capture.sets_partial);
-    dmn_json_int(j, "incomplete_dropped", (long long)s->capture.sets_dropped);
+    dmn_json_int(j, "incomplete_dropped", (long long)s->capture.sets_failed);
+    dmn_json_int(j, "displaced", (long long)s->capture.sets_dropped);
     dmn_json_close(j, '}');
     dmn_json_open(j, "drops", '[');
     for (int i = 0; i < DMN_N_DROP; i++)
         count(j, dmn_drop_defs[i].name, dmn_drop_defs[i].unit, dmn_drop_defs[i].help,
               s->dropped[i]);
-    count(j, "assembly", "sets",
-          "dropped by the assembler: a camera's frame was missing, or the "
-          "queue to the pipeline was full",
+    count(j, "incomplete", "sets", "not used: frames of cameras were missing",
+          s->capture.sets_failed);
+    count(j, "displaced", "sets", "the queue to the pipeline was full: newer ones took their place",
           s->capture.sets_dropped);
     dmn_json_close(j, ']');
 }

@@ -292,7 +292,8 @@ static void show_failure(const struct demo *m)
 /* The daemon's account of sets that did not become volumes. */
 static double not_published(const cJSON *s)
 {
-    return ask_num(s, "sets", "dropped") + ask_num(s, "sets", "incomplete_dropped");
+    return ask_num(s, "sets", "dropped") + ask_num(s, "sets", "incomplete_dropped") +
+           ask_num(s, "sets", "displaced");
 }
 
 /* From the start of the programs to the steady state. */

@@ -40,7 +40,7 @@ enum {
 };
 
 static const struct argp_option option_table[] = {
-    {"frames", OPT_FRAMES, "DIR", 0,
+    {"frames", OPT_FRAMES, "DIR|TAKE.h5", 0,
      "DIR/<camera>/<6 digits>.(npy|png|tif), or a take of raw frames, FILE.h5", 0},
     {"out", OPT_OUT, "DIR", 0, "volumes go to DIR/<6 digits>.npy with a .json beside each", 0},
     {"save-report", OPT_REPORT, "FILE", 0, "solver and hull report of every frame as JSON", 0},

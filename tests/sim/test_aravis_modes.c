@@ -1,5 +1,6 @@
 /* Every way to make cameras expose together, on four GigE cameras of our own over real GVCP/GVSP: the
  * images say from which instant each frame of a set is. */
+#include <arv.h>
 #include <math.h>
 
 #include "arvbed.h"
@@ -185,6 +186,39 @@ static struct cap_stats stats_when(cap_capture *cap, enum cap_count what)
             all &= st.camera[c].count[what] > 0;
     }
     return st;
+}
+
+/* Setting a trigger sets an edge as well: what the configuration says of triggers comes after it. */
+static void trigger_features_have_the_last_word(void)
+{
+    NEED_BED();
+    bed_all(100);
+    struct cap_feature edge = {"TriggerActivation", "FallingEdge"};
+    struct cap_source_config cameras[BED_CAMERAS];
+    struct cap_capture_config config = capture_config(cameras);
+    config.trigger = CAP_TRIGGER_LINE;
+    cameras[1].features = &edge;
+    cameras[1].n_features = 1;
+    cap_capture *cap = start(&config);
+    if (cap == NULL)
+        return;
+    cap_gvnet_line(bed_net, FPS);
+    sets_of_one_instant(cap, 3, 0, "line, one on the falling edge");
+    struct cap_stats now;
+    cap_capture_stats(cap, &now);
+    T_EQ_S(now.camera[1].error, "");
+    for (int c = 0; c < 2; c++) { /* another program may read */
+        ArvCamera *other = arv_camera_new(c == 0 ? "127.0.0.2" : "127.0.0.3", NULL);
+        T_OK(other != NULL);
+        if (other == NULL)
+            continue;
+        T_EQ_S(arv_camera_get_string(other, "TriggerActivation", NULL),
+               c == 0 ? "RisingEdge" : "FallingEdge");
+        g_object_unref(other);
+    }
+    cap_gvnet_line(bed_net, 0);
+    struct cap_stats st;
+    stop(cap, &st);
 }
 
 /* A generator that is switched off is not a camera that is lost: nothing is opened anew, and the first
@@ -405,6 +439,7 @@ int main(void)
     T_RUN(without_a_ptp_master_nothing_is_taken);
     T_RUN(hardware_line);
     T_RUN(line_without_pulses);
+    T_RUN(trigger_features_have_the_last_word);
     T_RUN(software_to_all);
     T_RUN(action_at_once);
     T_RUN(scheduled_action);

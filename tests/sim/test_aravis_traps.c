@@ -321,7 +321,8 @@ static void hostile_packets_spoil_no_other_frame(void)
         cap_capture_stop(cap);
         cap_capture_stats(cap, &st);
         T_LE(st.camera[0].count[CAP_ID_GAP] + st.camera[0].count[CAP_INCOMPLETE], bad + 3);
-        T_LE(st.camera[0].count[CAP_LOST_CAMERA], 1); /* a busy machine may be silent for 1 s */
+        /* Aravis may take good frames for late ones for a second or two: opened anew then */
+        T_LE(st.camera[0].count[CAP_LOST_CAMERA], 5);
         T_LE(15, hostile);
         T_LE((double)taken - 40, 2 * (double)hostile + 10);
         printf("  %llu hostile packets: 40 of %llu frames, %llu of the wrong size, %llu with bad "

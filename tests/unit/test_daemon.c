@@ -164,7 +164,7 @@ static void the_fullest_state_fits_and_parses(void)
     cJSON *j = cJSON_ParseWithLength(text, n);
     T_OK(j != NULL);
     T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "cameras")), CAP_MAX_CAMERAS);
-    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "drops")), DMN_N_DROP + 1);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "drops")), DMN_N_DROP + 2);
     cJSON_Delete(j);
     for (int i = 0; i < DMN_N_DROP; i++)
         T_OK(dmn_drop_defs[i].name != NULL && dmn_drop_defs[i].help != NULL);
