@@ -196,9 +196,10 @@ static void drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
 /* Fewer bytes than the rows that the frame itself announces. */
 static bool is_short(const struct cap_image *img)
 {
-    size_t row = cap_pixfmt_row(img->fmt, img->width), rows = (size_t)img->height;
+    size_t row = cap_pixfmt_row(img->fmt, img->width), rows = (size_t)img->height, need;
     return img->size == 0 || img->width <= 0 || img->height <= 0 || img->stride < (ptrdiff_t)row ||
-           img->size < (size_t)img->stride * (rows - 1) + row;
+           __builtin_mul_overflow((size_t)img->stride, rows - 1, &need) ||
+           __builtin_add_overflow(need, row, &need) || img->size < need;
 }
 
 static void done(struct aravis_source *s, ArvBuffer *b)

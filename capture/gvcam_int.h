@@ -59,6 +59,7 @@ struct gvcam_sent {
     const uint8_t *image;
     size_t image_bytes, tail_bytes;
     uint8_t tail[GVCAM_TAIL];
+    uint32_t per_packet;   /* bytes of it in a data packet; SCPS may be another by now */
     uint32_t n_data, next; /* data packets; next packet to send: 0 leader .. n_data + 1 trailer */
 };
 

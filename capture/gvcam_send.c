@@ -105,8 +105,8 @@ static void build(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_
                                   (uint32_t)(s->image_bytes / (c->frame_bytes / c->region[1])),
                                   (uint32_t)s->tail_bytes);
     } else {
-        size_t at = (size_t)(p - 1) * per_packet(c), all = s->image_bytes + s->tail_bytes;
-        n_iov += put_data(s, at, all - at < per_packet(c) ? all - at : per_packet(c), iov + 1);
+        size_t at = (size_t)(p - 1) * s->per_packet, all = s->image_bytes + s->tail_bytes;
+        n_iov += put_data(s, at, all - at < s->per_packet ? all - at : s->per_packet, iov + 1);
     }
     iov[0] = (struct iovec){b->head[k], n};
     if (s->shot.corrupt != 0 && p == 1 + s->n_data / 2) {
@@ -174,7 +174,8 @@ static void prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct gvca
     if (shot->wrong == 2) /* a sensor that stopped: the upper half */
         s->image_bytes = s->image_bytes / c->region[1] * ((c->region[1] + 1) / 2);
     s->tail_bytes = c->chunks ? gvcam_chunks(c, shot, s->tail) : 0;
-    s->n_data = (uint32_t)((s->image_bytes + s->tail_bytes + per_packet(c) - 1) / per_packet(c));
+    s->per_packet = per_packet(c);
+    s->n_data = (uint32_t)((s->image_bytes + s->tail_bytes + s->per_packet - 1) / s->per_packet);
 }
 
 static bool next_frame(struct cap_gvcam *c, int64_t now)

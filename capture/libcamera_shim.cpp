@@ -427,9 +427,10 @@ void cap_lc_camera::done(Request *r)
     const ControlList &said = r->metadata();
     cap_lc_frame f{};
     f.index = static_cast<uint32_t>(r->cookie());
-    f.data = memory->buffer[f.index].data;
+    const Mapping &map = memory->buffer[f.index];
+    f.data = map.data;
     f.bytes = bytes_used(m);
-    f.dmabuf = memory->buffer[f.index].file;
+    f.dmabuf = map.file;
     cpu_reads(f.dmabuf, DMA_BUF_SYNC_START);
     f.sequence = m.sequence;
     f.stamp_ns = said.get(controls::SensorTimestamp).value_or(static_cast<int64_t>(m.timestamp));
@@ -444,7 +445,7 @@ void cap_lc_camera::done(Request *r)
     if (m.status == FrameMetadata::FrameStartup)
         f.good = -1;
 #endif
-    if (f.bytes > memory->buffer[f.index].bytes)
+    if (f.bytes > map.bytes - static_cast<size_t>(map.data - static_cast<uint8_t *>(map.base)))
         f.good = 0;
     if (++seen == 10)
         compare(said);

@@ -31,6 +31,7 @@ struct cap_recorder {
     pthread_cond_t filled, room, wake; /* writer; lossless tap; syncer */
     struct item *ring;                 /* [size] */
     unsigned size, head, len;
+    unsigned sets;                  /* that wait; at most CAP_RECORDER_QUEUE_MAX */
     unsigned held[CAP_MAX_CAMERAS]; /* frames of each camera that wait; at most cfg.queue */
     bool stopping;                  /* nothing more is taken in; the writer empties the ring */
     bool written;                   /* the writer is through */
@@ -59,9 +60,12 @@ static bool has_camera(const struct item *it, uint32_t c)
     return it->set != NULL ? it->set->frame[c] != NULL : it->stray->camera == c;
 }
 
-/* A frame without a set takes no place from other cameras. */
+/* A frame without a set takes no place from other cameras.  Sets of a few cameras each could wait in
+ * larger numbers than frames of one camera: set structs are the live sets' too. */
 static bool fits(const cap_recorder *r, const struct item *it)
 {
+    if (it->set != NULL && r->sets >= CAP_RECORDER_QUEUE_MAX)
+        return false;
     for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
         if (has_camera(it, c) && r->held[c] >= r->cfg.queue)
             return false;
@@ -77,6 +81,7 @@ static bool has_room(cap_recorder *r, const struct item *it)
 
 static void hold(cap_recorder *r, const struct item *it, int by)
 {
+    r->sets += it->set != NULL ? (unsigned)by : 0;
     for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
         if (has_camera(it, c))
             r->held[c] += (unsigned)by;
@@ -402,6 +407,27 @@ static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* A recording that did not come to run: what the tap has put in meanwhile goes back. */
+static void undo_start(cap_recorder *r, pvx_err e, const struct pvx_diag *d)
+{
+    stop_taking(r);
+    cap_take_close(&r->take, NULL);
+    while (r->len > 0) { /* nobody else takes out, and nothing comes in */
+        struct item it = r->ring[r->head];
+        done_with(r, it);
+    }
+    pthread_mutex_lock(&r->lock);
+    r->stats.state = CAP_REC_FAILED;
+    snprintf(r->stats.error, sizeof r->stats.error, "%.*s", (int)sizeof r->stats.error - 1,
+             pvx_diag_text(d, e));
+    r->t1_mono_ns = pvx_now_mono();
+    r->written = true;
+    pthread_mutex_unlock(&r->lock);
+    if (r->fd >= 0)
+        close(r->fd);
+    r->fd = -1;
+}
+
 pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_take_head *head,
                            struct pvx_diag *d)
 {
@@ -427,10 +453,7 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
     pvx_err e = r->fd < 0 ? pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno))
                           : start_threads(r, d);
     if (e != PVX_OK) {
-        cap_take_close(&r->take, NULL);
-        pthread_mutex_lock(&r->lock);
-        r->stats.state = CAP_REC_FAILED;
-        pthread_mutex_unlock(&r->lock);
+        undo_start(r, e, d);
         return e;
     }
     LOG_I(CAPTURE, "recording raw frames to %s", path);

@@ -21,7 +21,8 @@
 
 struct cap_recorder_config {
     uint32_t n_cameras;
-    unsigned queue;           /* frames of each camera that may wait, 1..CAP_RECORDER_QUEUE_MAX */
+    unsigned queue;           /* frames of each camera that may wait, 1..CAP_RECORDER_QUEUE_MAX; of
+                                 sets, partial ones too, never more than that maximum wait */
     bool lossless;            /* capture waits for the disk */
     uint64_t limit_bytes;     /* of pixels in one take; 0 = none */
     uint64_t keep_free_bytes; /* end before the disk has less */

@@ -4,6 +4,8 @@
  *     take:FILE?speed=2    twice as fast
  * Frames carry their sets' numbers and their original times, so the sets are those of the recording
  * (frameset.h), whatever the speed.  Lossless: as fast as the consumer takes them, nothing left out.
+ * Live, a frame comes as long after the first set's arrival as it came then, by the monotonic clock:
+ * a host clock that was set during the recording is in the frames' times, not in their pace.
  * Frames that were in no set are not played.  All cameras of a file share it and one time line, which
  * starts with the first of them; with `loop` turn n has numbers and times n times the length of the
  * take later. */
@@ -20,6 +22,7 @@
 #include "capture/bufpool.h"
 #include "capture/take.h"
 
+#define FAR_NS    (INT64_MAX / 4)
 #define LEAD_NS   (100 * PVX_NS_PER_MS) /* from the first start to the first frame */
 #define SPEED_MIN 1e-3
 #define SPEED_MAX 1e3
@@ -30,9 +33,10 @@ struct shared {
     cap_take *take;
     unsigned users;
     bool running;
-    int64_t start_mono_ns;       /* the first set is due */
-    int64_t first_ns, length_ns; /* exposure of the first set; to where the next turn begins */
-    uint64_t first, count;       /* number of the first set; numbers of a turn */
+    int64_t start_mono_ns;    /* the first set is due */
+    int64_t came_ns, pace_ns; /* arrival of the first set (mono); of a turn: to the next, > 0 */
+    int64_t length_ns;        /* the same in exposures, > 0 */
+    uint64_t first, count;    /* number of the first set; numbers of a turn */
     struct shared *next;
 };
 static pthread_mutex_t shared_lock = PTHREAD_MUTEX_INITIALIZER;
@@ -58,6 +62,13 @@ struct player {
 
 /* ---- the file ---- */
 
+/* A turn whose sets begin `span` apart lasts one interval more.  Times are at most INT64_MAX / 2, and so
+ * is a span (take_read.c). */
+static int64_t turn_of(int64_t span, uint64_t sets)
+{
+    return span > 0 ? span + span / (int64_t)(sets - 1) : PVX_NS_PER_S;
+}
+
 static pvx_err open_shared(struct shared *s, struct pvx_diag *d)
 {
     PVX_TRY(cap_take_open(s->path, &s->take, d));
@@ -66,11 +77,12 @@ static pvx_err open_shared(struct shared *s, struct pvx_diag *d)
         return pvx_fail(d, PVX_EFORMAT, "%s: holds no complete set", s->path);
     const struct cap_take_set *a = cap_take_set(s->take, 0, NULL);
     const struct cap_take_set *b = cap_take_set(s->take, info->sets - 1, NULL);
-    int64_t span = b->t_exposure_ns - a->t_exposure_ns;
     s->first = a->number;
     s->count = b->number - a->number + 1;
-    s->first_ns = a->t_exposure_ns;
-    s->length_ns = span + (info->sets > 1 ? span / (int64_t)(info->sets - 1) : PVX_NS_PER_S);
+    s->came_ns = a->t_last_mono_ns;
+    s->pace_ns = turn_of(b->t_last_mono_ns - a->t_last_mono_ns, info->sets);
+    int64_t span = b->t_exposure_ns - a->t_exposure_ns; /* not > 0: the clock was set back */
+    s->length_ns = span > 0 ? turn_of(span, info->sets) : s->pace_ns;
     if (!info->closed)
         LOG_W(CAPTURE, "%s: was cut off, or is being recorded: %llu complete sets, %llu lost",
               s->path, (unsigned long long)info->sets, (unsigned long long)info->sets_lost);
@@ -195,6 +207,21 @@ static struct cap_frame *load(struct player *p, uint64_t row)
     return NULL;
 }
 
+/* When a row is due, mono. */
+static int64_t due(struct player *p, const struct cap_take_row *r, int64_t turns_ns)
+{
+    double after = (double)(r->t_arrival_mono_ns - p->file->came_ns + turns_ns) / p->speed;
+    int64_t wait = after < 0 ? 0 : after < (double)FAR_NS ? (int64_t)after : FAR_NS;
+    return start_of(p->file) + wait;
+}
+
+/* Turn `turn` has times that can be told. */
+static bool can_tell(const struct shared *s, uint64_t turn)
+{
+    int64_t most = s->length_ns > s->pace_ns ? s->length_ns : s->pace_ns;
+    return turn <= (uint64_t)(INT64_MAX / 2 / most);
+}
+
 /* One frame of turn `turn`; false = stop. */
 static bool play(struct player *p, uint64_t turn, uint64_t row, const struct cap_take_set *set,
                  uint64_t *good)
@@ -202,11 +229,8 @@ static bool play(struct player *p, uint64_t turn, uint64_t row, const struct cap
     const struct shared *s = p->file;
     const struct cap_take_row *r = cap_take_row(s->take, (uint32_t)p->in_take, row);
     int64_t shift = (int64_t)turn * s->length_ns;
-    if (!p->lossless) {
-        double after = (double)(r->t_exposure_ns - s->first_ns + shift) / p->speed;
-        if (!sleep_until(p, start_of(p->file) + (int64_t)after))
-            return false;
-    }
+    if (!p->lossless && !sleep_until(p, due(p, r, (int64_t)turn * s->pace_ns)))
+        return false;
     struct cap_frame *f = load(p, row);
     if (f == NULL)
         return !stopped(p);
@@ -248,7 +272,7 @@ static bool play_all(struct player *p, uint64_t turn, uint64_t *good)
 static void *run(void *arg)
 {
     struct player *p = arg;
-    for (uint64_t turn = 0;; turn++) {
+    for (uint64_t turn = 0; can_tell(p->file, turn); turn++) {
         uint64_t good = 0;
         if (!play_all(p, turn, &good))
             return NULL;

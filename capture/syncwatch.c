@@ -62,6 +62,17 @@ static void found(struct cap_syncwatch *w, uint32_t c, enum cap_count what, uint
 
 /* ---- numbers ---- */
 
+/* Numbers are what a camera says, all 64 bits of them: they wrap, and so does what is made of them. */
+static int64_t plus(int64_t a, int64_t b)
+{
+    return (int64_t)((uint64_t)a + (uint64_t)b);
+}
+
+static int64_t minus(int64_t a, int64_t b)
+{
+    return (int64_t)((uint64_t)a - (uint64_t)b);
+}
+
 /* What most members say that this instant is called; *sure = more than half of those who say anything,
  * or the one of the sayings that the time supports. */
 static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set *s, bool *sure)
@@ -70,7 +81,7 @@ static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set 
     unsigned n = 0, most = 0;
     for (uint32_t c = 0; c < w->p.cameras; c++)
         if (s->frame[c] != NULL && w->camera[c].numbered)
-            say[n++] = (int64_t)s->frame[c]->id + w->camera[c].offset;
+            say[n++] = plus((int64_t)s->frame[c]->id, w->camera[c].offset);
     for (unsigned i = 0; i < n; i++) {
         unsigned votes = 0;
         for (unsigned j = 0; j < n; j++)
@@ -86,7 +97,7 @@ static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set 
     double steps = w->p.period_ns > 0
                        ? (double)(s->t_exposure_ns - w->t_set_ns) / (double)w->p.period_ns
                        : NAN;
-    int64_t by_time = w->instant + (steps > 0 ? llrint(steps) : 1);
+    int64_t by_time = plus(w->instant, steps > 0 ? llrint(steps) : 1);
     if (n == 0)
         return by_time;
     for (unsigned i = 0; i < n; i++)
@@ -98,7 +109,7 @@ static void disagrees(struct cap_syncwatch *w, uint32_t c, int64_t by)
 {
     struct cap_sync_camera *k = &w->camera[c];
     char text[96];
-    if (llabs(by) < RENUMBERED) {
+    if (by > -RENUMBERED && by < RENUMBERED) {
         if (by < 0 && k->away >= -by) {
             snprintf(text, sizeof text, "it took %lld picture(s) fewer than there were instants",
                      (long long)-by);
@@ -109,7 +120,7 @@ static void disagrees(struct cap_syncwatch *w, uint32_t c, int64_t by)
             found(w, c, CAP_SLIP, 1, text);
         }
     }
-    k->offset -= by;
+    k->offset = minus(k->offset, by);
 }
 
 void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s)
@@ -124,15 +135,15 @@ void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s)
         struct cap_sync_camera *k = &w->camera[c];
         if (f == NULL || f->id == 0) /* a source without numbers */
             continue;
-        int64_t by = k->numbered ? (int64_t)f->id + k->offset - instant : 0;
+        int64_t by = k->numbered ? minus(plus((int64_t)f->id, k->offset), instant) : 0;
         if (!k->numbered) {
             k->numbered = true;
-            k->offset = instant - (int64_t)f->id;
+            k->offset = minus(instant, (int64_t)f->id);
         } else if (by != 0 && sure && by == k->doubt) {
             disagrees(w, c, by);
             by = 0;
         }
-        k->away = instant - k->last_instant - 1 + (k->doubt != 0 ? k->away : 0);
+        k->away = plus(minus(instant, k->last_instant), plus(-1, k->doubt != 0 ? k->away : 0));
         k->doubt = sure ? by : 0;
         k->last_instant = instant;
     }

@@ -4,8 +4,9 @@
 #include <hdf5.h>
 #include "capture/take.h"
 
-#define TAKE_ROWS   64          /* rows per chunk of a table */
-#define TAKE_STREAM (64u << 10) /* bytes per chunk of a stream of JPEGs */
+#define TAKE_ROWS     64          /* rows per chunk of a table */
+#define TAKE_STREAM   (64u << 10) /* bytes per chunk of a stream of JPEGs */
+#define TAKE_SIDE_MAX 65536       /* pixels */
 
 /* Before any other call: errors are not printed, and nothing is done at exit. */
 void take_h5_init(void);

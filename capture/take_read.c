@@ -17,7 +17,6 @@
 #include "capture/take_h5.h"
 
 #define TEXT_MAX  (4u << 20)
-#define SIDE_MAX  65536
 #define SQUEEZE   1100 /* gzip, should somebody have repacked the file, makes no more of a byte */
 #define ROW_SLACK 65536
 
@@ -182,9 +181,16 @@ static pvx_err read_gaps(cap_take *t, struct pvx_diag *d)
 
 /* ---- cameras ---- */
 
+/* Times that can be subtracted from each other, and played in turns (src_take.c). */
+static bool is_time(int64_t ns)
+{
+    return ns >= 0 && ns <= INT64_MAX / 2;
+}
+
 static bool row_fits(const struct camera *k, const struct cap_take_row *r, size_t bytes)
 {
-    if (r->check != take_row_check(r) || r->why > CAP_TAKE_OVERFLOW)
+    if (r->check != take_row_check(r) || r->why > CAP_TAKE_OVERFLOW || !is_time(r->t_exposure_ns) ||
+        !is_time(r->t_arrival_mono_ns))
         return false;
     if (k->rank > 1)
         return r->bytes == bytes && r->offset == 0;
@@ -251,7 +257,7 @@ static pvx_err read_frames(cap_take *t, struct camera *k, hid_t group, struct pv
     free(fmt);
     if (k->c.fmt == CAP_FMT_NONE || !get_int(group, "width", &width) ||
         !get_int(group, "height", &height) || !get_int(group, "yuv", &yuv) || width < 1 ||
-        height < 1 || width > SIDE_MAX || height > SIDE_MAX || yuv < 0 || yuv > 255)
+        height < 1 || width > TAKE_SIDE_MAX || height > TAKE_SIDE_MAX || yuv < 0 || yuv > 255)
         return wrong(t, d, "a camera's pixel format or size");
     k->c.width = (int32_t)width;
     k->c.height = (int32_t)height;
@@ -333,7 +339,8 @@ static pvx_err read_cameras(cap_take *t, struct pvx_diag *d)
 
 static bool set_is_whole(const cap_take *t, const struct cap_take_set *s, const int64_t *member)
 {
-    if (s->check != take_set_check(s, member, t->info.head.n_cameras) || s->number > INT64_MAX)
+    if (s->check != take_set_check(s, member, t->info.head.n_cameras) || s->number > INT64_MAX ||
+        !is_time(s->t_exposure_ns) || !is_time(s->t_last_mono_ns))
         return false;
     uint32_t n = 0;
     uint64_t mask = 0;

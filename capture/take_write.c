@@ -232,7 +232,22 @@ static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
     return ok;
 }
 
-/* The first frame of a camera says what it sends. */
+/* Of a format that is known, with all its rows. */
+static bool is_whole(const struct cap_image *img)
+{
+    enum cap_layout layout = cap_pixfmt_layout(img->fmt);
+    if (layout == CAP_LAYOUT_NONE || img->width < 1 || img->height < 1 ||
+        img->width > TAKE_SIDE_MAX || img->height > TAKE_SIDE_MAX)
+        return false;
+    if (layout == CAP_LAYOUT_JPEG)
+        return img->size > 0;
+    size_t row = cap_pixfmt_row(img->fmt, img->width), need;
+    return img->stride >= (ptrdiff_t)row &&
+           !__builtin_mul_overflow((size_t)img->stride, (size_t)(img->height - 1), &need) &&
+           !__builtin_add_overflow(need, row, &need) && img->size >= need;
+}
+
+/* The first whole frame of a camera says what it sends. */
 static pvx_err make_camera(cap_take_writer *w, struct camera *k, const struct cap_image *img,
                            struct pvx_diag *d)
 {
@@ -427,13 +442,8 @@ static bool append_bytes(struct camera *k, const void *data, size_t bytes)
 
 static bool fits(const struct camera *k, const struct cap_image *img)
 {
-    if (img->fmt != k->fmt || img->width != k->width || img->height != k->height)
-        return false;
-    if (k->rank == 1)
-        return img->size > 0;
-    size_t row = cap_pixfmt_row(k->fmt, k->width);
-    return img->stride >= (ptrdiff_t)row &&
-           img->size >= (size_t)img->stride * (size_t)(k->height - 1) + row;
+    return img->fmt == k->fmt && img->width == k->width && img->height == k->height &&
+           is_whole(img);
 }
 
 static pvx_err unfit(cap_take_writer *w, const struct cap_frame *f, int64_t set, struct pvx_diag *d)
@@ -456,10 +466,10 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
 {
     *place = -1;
     struct camera *k = &w->camera[f->camera];
-    if (!k->made)
+    if (!k->made && is_whole(&f->img))
         PVX_TRY(make_camera(w, k, &f->img, d));
     PVX_TRY(start_swmr(w, d));
-    if (!fits(k, &f->img))
+    if (!k->made || !fits(k, &f->img))
         return unfit(w, f, set, d);
     struct cap_take_row r = {.id = f->id,
                              .set = set,
@@ -491,7 +501,7 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
 static pvx_err make_cameras(cap_take_writer *w, const struct cap_set *s, struct pvx_diag *d)
 {
     for (uint32_t c = 0; c < w->n_cameras; c++)
-        if (s->frame[c] != NULL && !w->camera[c].made)
+        if (s->frame[c] != NULL && !w->camera[c].made && is_whole(&s->frame[c]->img))
             PVX_TRY(make_camera(w, &w->camera[c], &s->frame[c]->img, d));
     return PVX_OK;
 }

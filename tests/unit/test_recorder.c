@@ -366,6 +366,39 @@ static void failing_disk_ends_it(void)
     T_EQ_I(in_child(with_a_failing_disk), 0);
 }
 
+/* Sets of one camera each: frames of every camera would have room, set structs are for all. */
+static void waiting_sets_leave_some_to_the_live_ones(void)
+{
+    struct cap_recorder_config c = plain;
+    c.queue = CAP_RECORDER_QUEUE_MAX;
+    cap_recorder *r = set_up(&c);
+    struct cap_take_head h = head();
+    struct cap_recorder_stats s;
+    cap_assembler_free(&assembler);
+    struct cap_assembler_params p = {
+        .cameras = CAMERAS, .period_ns = P, .policy = CAP_POLICY_PARTIAL, .min_cameras = 1};
+    struct cap_sink sink = {.count = count, .push = push};
+    T_EQ_I(cap_assembler_new(&p, &sink, &assembler), PVX_OK);
+    T_EQ_I(cap_recorder_start(r, path, &h, NULL), PVX_OK);
+    const uint64_t n = 400;
+    uint64_t out = 0;
+    unsigned most = 0;
+    for (uint64_t k = 0; k < n; k++) {
+        put((uint32_t)(k % CAMERAS), k);
+        cap_assembler_tick(assembler, INT64_MAX);
+        out += hand_over();
+        cap_recorder_stats(r, &s);
+        most = s.queued > most ? s.queued : most;
+    }
+    T_EQ_I(out, n);
+    T_EQ_I(strays, 0);
+    T_LE(most, CAP_RECORDER_QUEUE_MAX);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_OK);
+    cap_recorder_stats(r, &s);
+    T_EQ_I(s.sets + s.sets_missed, n);
+    tear_down(&r);
+}
+
 static void nonsense_is_refused(void)
 {
     cap_recorder *r;
@@ -397,6 +430,7 @@ int main(void)
     T_RUN(limit_ends_it_in_order);
     T_RUN(full_disk_ends_it_in_order);
     T_RUN(failing_disk_ends_it);
+    T_RUN(waiting_sets_leave_some_to_the_live_ones);
     T_RUN(nonsense_is_refused);
     rmdir(dir);
     return t_done();

@@ -82,6 +82,26 @@ static uint64_t anything(void)
     return n;
 }
 
+/* A camera may send any 64 bits as a number: nothing overflows (the sanitizer looks on). */
+static void any_numbers_are_borne(void)
+{
+    static const uint64_t odd[] = {1, UINT64_MAX, INT64_MAX, 1ull << 63, (1ull << 63) + 1, 2};
+    begin(3, 100);
+    for (int k = 0; k < 5000; k++) {
+        if (k % 3 == 0)
+            next_id[0] = odd[t_rand() % 6];
+        if (k % 500 > 250)
+            next_id[1] = next_id[2] = odd[k % 6];
+        set(3, 7, k * 0.01);
+    }
+    begin(3, 100); /* and it is itself again afterwards */
+    for (uint32_t c = 0; c < 3; c++)
+        next_id[c] = (uint64_t)INT64_MAX - 50 * c;
+    for (int k = 0; k < 1000; k++)
+        set(3, 7, k * 0.01);
+    T_EQ_I(anything(), 0);
+}
+
 /* Drops with gaps, jitter of 1 ms, 29.99 Hz instead of 30: nothing is wrong. */
 static void nothing_is_found_where_nothing_is_wrong(void)
 {
@@ -300,6 +320,7 @@ static void a_set_host_clock_is_no_finding(void)
 
 int main(void)
 {
+    T_RUN(any_numbers_are_borne);
     T_RUN(nothing_is_found_where_nothing_is_wrong);
     T_RUN(a_missed_trigger_is_found_at_once);
     T_RUN(missed_triggers_close_together);

@@ -274,6 +274,63 @@ static void head_comes_back(void)
     cap_take_free(&t);
 }
 
+/* A first frame that is of no known format or lacks rows costs itself alone, not the take. */
+static void unfit_first_frame_costs_itself_alone(void)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    struct made good = make(CAP_GREY8, 8, 8, 0, 0, 0, 0), bad = make(CAP_GREY8, 8, 8, 0, 2, 0, 0);
+    struct cap_set s = {.n = 2, .frame = {&good.f, NULL, &bad.f}};
+    bad.f.img.fmt = CAP_FMT_NONE;
+    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    bad.f.img.fmt = CAP_GREY8;
+    bad.f.img.width = 0;
+    s.number = 1;
+    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    bad.f.img.width = 8;
+    bad.f.img.size = 63;
+    s.number = 2;
+    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    bad.f.img.size = 64;
+    s.number = 3;
+    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    cap_take *t = open_take(path);
+    const struct cap_take_info *i = cap_take_info(t);
+    T_EQ_I(i->sets, 4);
+    T_EQ_I(i->head.camera[0].frames, 4);
+    T_EQ_I(i->head.camera[2].frames, 1);
+    T_EQ_I(i->gaps, 3);
+    for (uint64_t k = 0; k < i->gaps; k++) {
+        T_EQ_I(cap_take_gap(t, k)->why, CAP_TAKE_UNFIT);
+        T_EQ_I(cap_take_gap(t, k)->camera, 2);
+        T_EQ_I(cap_take_set(t, k, NULL)->mask, 1);
+    }
+    T_EQ_I(cap_take_set(t, 3, NULL)->mask, 5);
+    cap_take_free(&t);
+}
+
+/* Times that cannot be subtracted from each other are not read. */
+static void impossible_times_are_not_read(void)
+{
+    for (int what = 0; what < 2; what++) {
+        struct pvx_diag d = {""};
+        cap_take_writer *w = create();
+        struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0, 0);
+        struct cap_set s = {.n = 1, .frame = {&m.f}, .t_exposure_ns = INT64_MAX / 2};
+        T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+        s.number = 1;
+        *(what == 0 ? &s.t_exposure_ns : &m.f.t_arrival_mono_ns) =
+            what == 0 ? INT64_MAX / 2 + 1 : -1;
+        T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+        T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+        cap_take *t = open_take(path);
+        T_EQ_I(cap_take_info(t)->sets, 1);
+        T_EQ_I(cap_take_info(t)->sets_lost, 1);
+        cap_take_free(&t);
+    }
+}
+
 static void camera_that_comes_later(void)
 {
     struct pvx_diag d = {""};
@@ -684,6 +741,8 @@ int main(void)
     snprintf(copy, sizeof copy, "%s/copy.h5", dir);
     T_RUN(every_pixel_format_comes_back);
     T_RUN(head_comes_back);
+    T_RUN(unfit_first_frame_costs_itself_alone);
+    T_RUN(impossible_times_are_not_read);
     T_RUN(camera_that_comes_later);
     T_RUN(cut_anywhere_gives_the_sets_before);
     T_RUN(closed_and_cut_gives_the_sets_before);
