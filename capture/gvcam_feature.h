@@ -167,12 +167,12 @@ struct gvcam_feature_def {
     enum gvcam_kind kind;
     uint32_t address; /* 0 = GVF_ADDRESS of its number */
     enum gvcam_access access;
-    double value, min, max, inc;        /* value: after power-up; inc 0 = 1 */
-    const char *unit, *min_of, *max_of; /* features that give the limits instead */
-    const char *selector;               /* that this one is selected by */
-    const struct gvcam_entry *entry;    /* ends with a NULL name */
-    uint32_t bytes;                     /* strings */
-    int bit;                            /* GVK_BIT*, from the most significant */
+    double value, min, max, inc;     /* value: after power-up; inc 0 = 1 */
+    const char *unit, *max_of;       /* max_of: feature that gives the limit instead */
+    const char *selector;            /* that this one is selected by */
+    const struct gvcam_entry *entry; /* ends with a NULL name */
+    uint32_t bytes;                  /* strings */
+    int bit;                         /* GVK_BIT*, from the most significant */
     const char *tip;
 };
 /* The first GVCAM_N_FEATURES are those of enum gvcam_feature; more follow, which are other names of

@@ -17,11 +17,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define CAP_GVSP_UDP_IP      28 /* bytes that the packet size counts before GVSP's own head */
-#define CAP_GVSP_HEAD        8
-#define CAP_GVSP_HEAD_WIDE   20 /* 64-bit block ids */
-#define CAP_GVSP_LEADER      36
-#define CAP_GVSP_TRAILER_MAX 16
+#define CAP_GVSP_UDP_IP    28 /* bytes that the packet size counts before GVSP's own head */
+#define CAP_GVSP_HEAD      8
+#define CAP_GVSP_HEAD_WIDE 20 /* 64-bit block ids */
+#define CAP_GVSP_LEADER    36
 
 enum cap_gvsp_content { CAP_GVSP_LEAD = 1, CAP_GVSP_TRAIL = 2, CAP_GVSP_DATA = 3 };
 enum cap_gvsp_payload {

@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "capture/pixfmt_pack.h"
+#include "recon/flame.h"
 
 struct dmn_scene {
     struct cap_scene cap;
@@ -131,9 +132,4 @@ void dmn_scene_free(dmn_scene **s)
 const struct cap_scene *dmn_scene_cap(const dmn_scene *s)
 {
     return &s->cap;
-}
-
-const struct rec_flame *dmn_scene_flame(const dmn_scene *s)
-{
-    return &s->flame;
 }

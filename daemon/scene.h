@@ -6,7 +6,6 @@
 #define DMN_SCENE_H
 #include "base/err.h"
 #include "capture/source.h"
-#include "recon/flame.h"
 #include "recon/rig.h"
 
 typedef struct dmn_scene dmn_scene;
@@ -16,7 +15,6 @@ PVX_MUST_CHECK pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, d
 void dmn_scene_free(dmn_scene **s);
 /* What capture is given; valid as long as the scene. */
 const struct cap_scene *dmn_scene_cap(const dmn_scene *s);
-const struct rec_flame *dmn_scene_flame(const dmn_scene *s);
 
 /* Linear image [h][w][3] float -> raw pixels of format `fmt`, tightly packed; values outside 0..1
  * are clipped, integers rounded. */

@@ -110,16 +110,3 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     free(strip);
     return e;
 }
-
-pvx_err dmn_strip_png(const struct rec_grid *g, const float *dense, int nch, double deg0,
-                      double deg1, int n, int w, int h, pvx_pool *pool, const char *path,
-                      struct pvx_diag *d)
-{
-    struct dmn_strip_params p = dmn_strip_defaults;
-    p.deg0 = deg0;
-    p.deg1 = deg1;
-    p.views = n;
-    p.width = w;
-    p.height = h;
-    return dmn_strip_save(g, dense, nch, &p, pool, path, d);
-}

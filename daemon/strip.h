@@ -22,11 +22,6 @@ PVX_MUST_CHECK pvx_err dmn_strip_save(const struct rec_grid *g, const float *den
                                       const struct dmn_strip_params *p, pvx_pool *pool,
                                       const char *path, struct pvx_diag *d);
 
-/* The same with automatic exposure and gamma 2.2. */
-PVX_MUST_CHECK pvx_err dmn_strip_png(const struct rec_grid *g, const float *dense, int nch,
-                                     double deg0, double deg1, int n, int w, int h, pvx_pool *pool,
-                                     const char *path, struct pvx_diag *d);
-
 /* Box around the voxels above 2 % of the brightest, with one more all round; the whole grid when all
  * are dark. */
 struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nch);

@@ -12,7 +12,7 @@
 
 /* What the driver of a network card says (ethtool); each group may be unknown. */
 struct doc_nic {
-    bool link_known, ring_known, pause_known, coalesce_known, stamp_known, eee_known;
+    bool ring_known, pause_known, coalesce_known, stamp_known, eee_known;
     uint32_t rx_ring, rx_ring_max;
     bool rx_pause, tx_pause;
     bool adaptive_rx;
@@ -25,7 +25,7 @@ struct doc_nic {
 
 struct doc_clock { /* adjtimex(2) */
     bool known, synchronized;
-    double max_error_s, offset_s;
+    double max_error_s;
 };
 
 struct doc_host {

@@ -87,8 +87,7 @@ static void real_clock(struct doc_host *h, struct doc_clock *out)
     *out = (struct doc_clock){.known = state >= 0,
                               .synchronized =
                                   state >= 0 && state != TIME_ERROR && (t.status & STA_UNSYNC) == 0,
-                              .max_error_s = (double)t.maxerror * 1e-6,
-                              .offset_s = (double)t.offset * (t.status & STA_NANO ? 1e-9 : 1e-6)};
+                              .max_error_s = (double)t.maxerror * 1e-6};
 }
 
 /* In the child: its two outputs become the pipes, and only this environment is left. */
