@@ -13,6 +13,7 @@
 #include "base/mem.h"
 #include "capture/gvcam_int.h"
 #include "capture/gvnet.h"
+#include "capture/random.h"
 
 #define S(member)                                         \
     {                                                     \
@@ -30,12 +31,9 @@ int64_t gvcam_now(void)
     return pvx_now_real();
 }
 
-double gvcam_uniform(struct cap_gvcam *c) /* xorshift64*, [0,1) */
+double gvcam_uniform(struct cap_gvcam *c)
 {
-    c->rng ^= c->rng >> 12;
-    c->rng ^= c->rng << 25;
-    c->rng ^= c->rng >> 27;
-    return (double)(c->rng * 0x2545F4914F6CDD1Du >> 11) * 0x1p-53;
+    return cap_uniform(&c->rng);
 }
 
 /* ---- set-up ----------------------------------------------------------------------------------- */

@@ -15,6 +15,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "capture/netns.h"
+#include "capture/random.h"
 #include "capture/simgv_poll.h"
 
 #define GVCP_PORT     3956
@@ -51,14 +52,6 @@ struct shot {
     int64_t stamp_ns;
     int64_t wait_ns; /* before it is sent */
 };
-
-static double uniform(uint64_t *state) /* xorshift64*, [0,1) */
-{
-    *state ^= *state >> 12;
-    *state ^= *state << 25;
-    *state ^= *state >> 27;
-    return (double)(*state * 0x2545F4914F6CDD1Du >> 11) * 0x1p-53;
-}
 
 static uint32_t reg(ArvFakeCamera *cam, uint32_t address)
 {
@@ -212,7 +205,7 @@ static void fill(ArvBuffer *b, void *user, guint32 exposure_us, guint32 gain, Ar
         return;
     }
     s->last_moment_ns = shot.moment_ns;
-    bool dropped = f.drop > 0 && uniform(&s->rng) < f.drop;
+    bool dropped = f.drop > 0 && cap_uniform(&s->rng) < f.drop;
     set_loss(s, dropped ? 1 : f.packet_loss);
     arv_buffer_set_frame_id(b, next_id(s));
     arv_buffer_set_timestamp(b, (guint64)shot.stamp_ns);

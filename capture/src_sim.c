@@ -14,6 +14,7 @@
 #include "base/yaml.h"
 #include "capture/backends.h"
 #include "capture/bufpool.h"
+#include "capture/random.h"
 
 struct faults {
     double skew_us, drift_ppm; /* of the camera's clock against the host's */
@@ -150,14 +151,6 @@ static pvx_err parse_options(const char *text, struct faults *f, struct pvx_diag
 
 /* ---- thread ----------------------------------------------------------------------------------- */
 
-static double uniform(struct sim *s) /* xorshift64*, 0..1 */
-{
-    s->rng ^= s->rng >> 12;
-    s->rng ^= s->rng << 25;
-    s->rng ^= s->rng >> 27;
-    return (double)((s->rng * 0x2545F4914F6CDD1Du) >> 11) * 0x1p-53;
-}
-
 /* Sleep until real time `t` or stop; true = go on. */
 static bool sleep_until(struct sim *s, int64_t t)
 {
@@ -248,11 +241,11 @@ static int64_t next_point(struct sim *s, bool faulty)
 static bool lost(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
-    if (x->faulty && o->incomplete > 0 && uniform(s) < o->incomplete) {
+    if (x->faulty && o->incomplete > 0 && cap_uniform(&s->rng) < o->incomplete) {
         count(s, CAP_INCOMPLETE, 1);
         return true;
     }
-    if (x->faulty && o->drop > 0 && uniform(s) < o->drop) {
+    if (x->faulty && o->drop > 0 && cap_uniform(&s->rng) < o->drop) {
         count(s, CAP_ID_GAP, 1);
         return true;
     }
@@ -284,7 +277,7 @@ static void *run(void *arg)
                 return NULL;
         }
         if (o->jitter_us > 0) {
-            int64_t late = (int64_t)(uniform(s) * o->jitter_us * 1e3);
+            int64_t late = (int64_t)(cap_uniform(&s->rng) * o->jitter_us * 1e3);
             if (!sleep_until(s, t + late))
                 return NULL;
         }
