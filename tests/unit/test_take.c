@@ -8,6 +8,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "base/clock.h"
+#include "capture/backends.h"
 #include "capture/take.h"
 
 static char dir[64], path[96], copy[96];
@@ -295,6 +297,8 @@ static void unfit_first_frame_costs_itself_alone(void)
     s.number = 3;
     T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
     T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    free(good.mem);
+    free(bad.mem);
     cap_take *t = open_take(path);
     const struct cap_take_info *i = cap_take_info(t);
     T_EQ_I(i->sets, 4);
@@ -324,11 +328,67 @@ static void impossible_times_are_not_read(void)
             what == 0 ? INT64_MAX / 2 + 1 : -1;
         T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
         T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+        free(m.mem);
         cap_take *t = open_take(path);
         T_EQ_I(cap_take_info(t)->sets, 1);
         T_EQ_I(cap_take_info(t)->sets_lost, 1);
         cap_take_free(&t);
     }
+}
+
+/* ---- played ---- */
+
+static unsigned played, ends;
+static int64_t played_ns[8];
+static void on_push(void *ctx, struct cap_frame *f)
+{
+    (void)ctx;
+    played_ns[played++ % 8] = f->t_exposure_ns;
+    cap_frame_release(f);
+}
+static void on_event(void *ctx, uint32_t camera, enum cap_event ev)
+{
+    (void)ctx;
+    (void)camera;
+    __atomic_fetch_add(&ends, ev == CAP_EV_END, __ATOMIC_SEQ_CST);
+}
+static void on_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    (void)ctx;
+    (void)camera;
+    (void)what;
+    (void)n;
+}
+
+/* The host clock was set an hour on, then back by two: the frames say so, and come as they came. */
+static void a_set_clock_does_not_pace_the_replay(void)
+{
+    static const int64_t hour[] = {2, 3, 1};
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0, 0);
+    struct cap_set s = {.n = 1, .frame = {&m.f}};
+    for (unsigned k = 0; k < 3; k++) {
+        s.number = m.f.id = k;
+        s.t_exposure_ns = m.f.t_exposure_ns = hour[k] * 3600 * PVX_NS_PER_S + k;
+        s.t_last_mono_ns = m.f.t_arrival_mono_ns = (5 + k) * PVX_NS_PER_MS;
+        T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    }
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    free(m.mem);
+    struct cap_source_config c = {.uri = path, .name = cameras[0].name, .buffers = 4};
+    struct cap_sink sink = {.push = on_push, .event = on_event, .count = on_count};
+    cap_source *src = NULL;
+    T_EQ_I(cap_source_take.open(&c, &src, &d), PVX_OK);
+    T_EQ_I(cap_source_take.start(src, &sink, &d), PVX_OK);
+    for (int i = 0; i < 30000 && __atomic_load_n(&ends, __ATOMIC_SEQ_CST) == 0; i++)
+        usleep(1000);
+    T_EQ_I(__atomic_load_n(&ends, __ATOMIC_SEQ_CST), 1);
+    cap_source_take.stop(src);
+    cap_source_take.close(&src);
+    T_EQ_I(played, 3);
+    for (unsigned k = 0; k < 3; k++)
+        T_EQ_I(played_ns[k], hour[k] * 3600 * PVX_NS_PER_S + k);
 }
 
 static void camera_that_comes_later(void)
@@ -743,6 +803,7 @@ int main(void)
     T_RUN(head_comes_back);
     T_RUN(unfit_first_frame_costs_itself_alone);
     T_RUN(impossible_times_are_not_read);
+    T_RUN(a_set_clock_does_not_pace_the_replay);
     T_RUN(camera_that_comes_later);
     T_RUN(cut_anywhere_gives_the_sets_before);
     T_RUN(closed_and_cut_gives_the_sets_before);
