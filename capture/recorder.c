@@ -15,6 +15,8 @@
 #include "base/queue.h"
 
 #define N_GAPS     1024
+#define STUCK_NS   (10 * PVX_NS_PER_S) /* half of what the service manager waits (TimeoutStopSec) */
+#define LOOK_NS    (5 * PVX_NS_PER_MS)
 #define SPACE_MORE (32u << 20) /* rows, and what others write meanwhile */
 
 const char *const cap_recorder_state_names[] = {"idle", "recording", "ended", "failed"};
@@ -41,8 +43,10 @@ struct cap_recorder {
     struct cap_recorder_stats stats;
     int64_t t0_mono_ns, t1_mono_ns;
     pvx_err error;
-    int fd; /* for syncing and free space */
-    bool threads;
+    int fd;           /* for syncing and free space */
+    bool threads;     /* to be joined */
+    bool stuck;       /* was waited for in vain */
+    bool syncer_done; /* as written, of the other thread */
     pthread_t writer, syncer;
     cap_take_writer *take; /* the writer thread's */
 };
@@ -343,6 +347,7 @@ static void *sync_loop(void *arg)
             LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->stats.path, strerror(errno));
         pthread_mutex_lock(&r->lock);
     }
+    r->syncer_done = true;
     pthread_mutex_unlock(&r->lock);
     return NULL;
 }
@@ -378,17 +383,42 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
     return PVX_OK;
 }
 
-/* The threads of a recording that has ended by itself are still to be joined. */
-static void join(cap_recorder *r)
+/* Both threads are through.  As long as sets are written that is waited for. */
+static bool come_home(cap_recorder *r, int64_t wait_ns)
+{
+    pthread_mutex_lock(&r->lock);
+    unsigned len = r->len;
+    int64_t until = pvx_now_mono() + wait_ns;
+    while (!(r->written && r->syncer_done) && pvx_now_mono() < until) {
+        pthread_mutex_unlock(&r->lock);
+        struct timespec ts = {.tv_nsec = LOOK_NS};
+        nanosleep(&ts, NULL);
+        pthread_mutex_lock(&r->lock);
+        if (r->len != len)
+            until = pvx_now_mono() + wait_ns;
+        len = r->len;
+    }
+    bool home = r->written && r->syncer_done;
+    pthread_mutex_unlock(&r->lock);
+    return home;
+}
+
+/* The threads of a recording that has ended by itself are still to be joined.  false: a disk that does not
+ * answer holds one in the kernel, where nothing reaches it; it keeps what it uses. */
+static bool join(cap_recorder *r)
 {
     if (!r->threads)
-        return;
+        return true;
+    r->stuck = !come_home(r, STUCK_NS);
+    if (r->stuck)
+        return false;
     pthread_join(r->writer, NULL);
     if (r->cfg.sync_ns > 0)
         pthread_join(r->syncer, NULL);
     r->threads = false;
     close(r->fd);
     r->fd = -1;
+    return true;
 }
 
 static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
@@ -438,11 +468,15 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
         return pvx_fail(d, PVX_EBUSY, "%s is being recorded; stop that first", r->stats.path);
     if (strlen(path) >= sizeof r->stats.path || head->n_cameras != r->cfg.n_cameras)
         return pvx_fail(d, PVX_EINVAL, "%.100s: too long a name for a take", path);
-    join(r);
+    if (!join(r))
+        return pvx_fail(d, PVX_EBUSY,
+                        "%s: its disk does not answer; nothing else is recorded before",
+                        r->stats.path);
     PVX_TRY(cap_take_create(path, head, &r->take, d));
     r->fd = open(path, O_RDONLY | O_CLOEXEC);
     pthread_mutex_lock(&r->lock);
     r->stopping = r->written = false;
+    r->syncer_done = r->cfg.sync_ns == 0;
     r->n_gaps = 0;
     memset(r->run, 0, sizeof r->run);
     r->stats = (struct cap_recorder_stats){.state = CAP_REC_RUNNING};
@@ -481,10 +515,13 @@ pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d)
     if (!r->threads)
         return pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
     stop_taking(r);
-    join(r);
+    bool home = join(r);
     struct cap_recorder_stats s;
     cap_recorder_stats(r, &s);
     tell(&s);
+    if (!home)
+        return pvx_fail(d, PVX_ETIMEDOUT,
+                        "%s: the disk does not answer; the take holds what it took before", s.path);
     return r->error == PVX_OK ? PVX_OK : pvx_fail(d, r->error, "%s", s.error);
 }
 
@@ -504,8 +541,12 @@ void cap_recorder_free(cap_recorder **rp)
     if (r == NULL)
         return;
     *rp = NULL;
-    if (r->threads)
+    if (r->threads && (!r->stuck || come_home(r, 0))) /* not twice */
         cap_recorder_stop(r, NULL);
+    if (r->threads) {
+        LOG_W(CAPTURE, "%s: the disk does not answer; what records is left behind", r->stats.path);
+        return;
+    }
     pthread_mutex_destroy(&r->lock);
     pthread_cond_destroy(&r->filled);
     pthread_cond_destroy(&r->room);

@@ -50,8 +50,10 @@ struct cap_tap cap_recorder_tap(cap_recorder *r);
 PVX_MUST_CHECK pvx_err cap_recorder_start(cap_recorder *r, const char *path,
                                           const struct cap_take_head *head, struct pvx_diag *d);
 /* Write what waits, close, say in the log what it came to.  PVX_ENOENT: none is being recorded; PVX_OK
- * when the take is whole; else why it ended by itself. */
+ * when the take is whole; PVX_ETIMEDOUT: the disk took nothing for 10 s (may be called again; until it
+ * answers start is PVX_EBUSY); else why it ended by itself. */
 pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d);
 void cap_recorder_stats(cap_recorder *r, struct cap_recorder_stats *out);
-void cap_recorder_free(cap_recorder **r); /* stops; no tap may come any more */
+void cap_recorder_free(cap_recorder **r); /* stops; no tap may come any more.  A disk that
+                                             does not answer: the memory stays with the threads */
 #endif

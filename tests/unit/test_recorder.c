@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <sched.h>
 #include <signal.h>
+#include <sys/syscall.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -399,6 +400,35 @@ static void waiting_sets_leave_some_to_the_live_ones(void)
     tear_down(&r);
 }
 
+/* In place of libc's: a disk that does not answer. */
+static bool disk_hangs, disk_hung;
+int fdatasync(int fd)
+{
+    while (__atomic_load_n(&disk_hangs, __ATOMIC_SEQ_CST)) {
+        __atomic_store_n(&disk_hung, true, __ATOMIC_SEQ_CST);
+        usleep(1000);
+    }
+    return (int)syscall(SYS_fdatasync, fd);
+}
+
+static void disk_that_does_not_answer_holds_nobody(void)
+{
+    cap_recorder *r = set_up(&plain);
+    struct cap_take_head h = head();
+    struct pvx_diag d = {""};
+    __atomic_store_n(&disk_hangs, true, __ATOMIC_SEQ_CST);
+    T_EQ_I(cap_recorder_start(r, path, &h, &d), PVX_OK);
+    T_EQ_I(send_sets(0, 2), 2);
+    for (int i = 0; i < 20000 && !__atomic_load_n(&disk_hung, __ATOMIC_SEQ_CST); i++)
+        usleep(1000);
+    T_EQ_I(cap_recorder_stop(r, &d), PVX_ETIMEDOUT);
+    T_OK(strstr(d.text, "does not answer") != NULL);
+    __atomic_store_n(&disk_hangs, false, __ATOMIC_SEQ_CST);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_OK); /* it answers again */
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_ENOENT);
+    tear_down(&r);
+}
+
 static void nonsense_is_refused(void)
 {
     cap_recorder *r;
@@ -431,6 +461,7 @@ int main(void)
     T_RUN(full_disk_ends_it_in_order);
     T_RUN(failing_disk_ends_it);
     T_RUN(waiting_sets_leave_some_to_the_live_ones);
+    T_RUN(disk_that_does_not_answer_holds_nobody);
     T_RUN(nonsense_is_refused);
     rmdir(dir);
     return t_done();
