@@ -28,6 +28,7 @@
 #include "capture/libcamera_modes.h"
 #include "capture/libcamera_shim.h"
 #include "capture/module.h"
+#include "capture/frame_number.h"
 
 #define SPARE     2  /* buffers that always stay with the camera */
 #define MAX_IDS   64 /* cameras of one host */
@@ -53,9 +54,7 @@ struct source {
     bool started;
 
     /* libcamera's thread: */
-    bool numbered;
-    uint32_t sequence;
-    uint64_t id, unnumbered; /* last number; bad frames since the last good one */
+    struct cap_numbering sequence;
 
     pthread_mutex_t lock; /* of the rest */
     pthread_cond_t idle;
@@ -267,18 +266,13 @@ static void on_gone(void *ctx)
     leave(s);
 }
 
-/* Widened number of the next good frame; what is missing before it is counted. */
-static uint64_t number(struct source *s, uint32_t sequence)
+/* Number of the next good frame; what is missing before it is counted. */
+static uint64_t number(struct source *s, uint32_t counter)
 {
-    uint32_t step = sequence - s->sequence;
-    uint64_t missing = s->numbered && step > 0 && step < 1u << 31 ? step - 1 : 0;
-    s->id = s->numbered ? s->id + 1 + missing : sequence;
-    if (missing > s->unnumbered)
-        count(s, CAP_ID_GAP, missing - s->unnumbered);
-    s->numbered = true;
-    s->sequence = sequence;
-    s->unnumbered = 0;
-    return s->id;
+    uint64_t gap, id = cap_numbering_next(&s->sequence, counter, &gap);
+    if (gap > 0)
+        count(s, CAP_ID_GAP, gap);
+    return id;
 }
 
 /* On CLOCK_MONOTONIC; 0 = not known. */
@@ -320,7 +314,7 @@ static void take(struct source *s, const struct cap_lc_frame *in)
     pvx_now_both(&real, &mono);
     bool fits = s->pool == NULL || in->bytes <= cap_bufpool_bytes(s->pool);
     if (in->good <= 0 || in->bytes == 0 || !fits) {
-        s->unnumbered++;
+        s->sequence.bad++;
         if (in->good >= 0)
             count(s, CAP_INCOMPLETE, 1);
         cap_lend_back(s->lend, in->index);
@@ -476,8 +470,8 @@ static pvx_err libcamera_start(cap_source *base, const struct cap_sink *sink, st
     struct cap_lc_sink to = {on_frame, on_gone, s};
     char err[256] = "";
     s->sink = *sink;
-    s->numbered = s->lost = s->odd_stamp = false;
-    s->unnumbered = 0;
+    s->lost = s->odd_stamp = false;
+    s->sequence = (struct cap_numbering){0};
     set_active(s, true);
     int e = module.lc->start(s->camera, &to, err, sizeof err);
     if (e != PVX_OK) {

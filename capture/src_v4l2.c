@@ -34,6 +34,7 @@
 #include "capture/backends.h"
 #include "capture/bufpool.h"
 #include "capture/lend.h"
+#include "capture/frame_number.h"
 #include "capture/v4l2_int.h"
 
 #define SPARE       2   /* buffers that always stay with the driver */
@@ -71,9 +72,8 @@ struct source {
     bool streaming;
 
     /* the thread's: */
-    bool numbered, stamped, odd_stamp; /* the first frame came; its stamp was looked at */
-    uint32_t sequence;
-    uint64_t id, unnumbered; /* last number; incomplete frames since the last good one */
+    bool stamped, odd_stamp; /* the first frame's stamp was looked at */
+    struct cap_numbering sequence;
 };
 
 /* A buffer as it comes from the driver, both forms of the interface. */
@@ -227,18 +227,13 @@ static int dequeue(struct source *s, struct filled *out)
     return 0;
 }
 
-/* Widened number of the next good frame; what is missing before it is counted. */
-static uint64_t number(struct source *s, uint32_t sequence)
+/* Number of the next good frame; what is missing before it is counted. */
+static uint64_t number(struct source *s, uint32_t counter)
 {
-    uint32_t step = sequence - s->sequence;
-    uint64_t missing = s->numbered && step > 0 && step < 1u << 31 ? step - 1 : 0;
-    s->id = s->numbered ? s->id + 1 + missing : sequence;
-    if (missing > s->unnumbered)
-        count(s, CAP_ID_GAP, missing - s->unnumbered);
-    s->numbered = true;
-    s->sequence = sequence;
-    s->unnumbered = 0;
-    return s->id;
+    uint64_t gap, id = cap_numbering_next(&s->sequence, counter, &gap);
+    if (gap > 0)
+        count(s, CAP_ID_GAP, gap);
+    return id;
 }
 
 /* Exposure on CLOCK_MONOTONIC, 0 = not known. */
@@ -295,7 +290,7 @@ static void take(struct source *s, const struct filled *b)
     int64_t real = 0, mono = 0;
     pvx_now_both(&real, &mono);
     if ((b->flags & V4L2_BUF_FLAG_ERROR) != 0 || b->bytes == 0) {
-        s->unnumbered++;
+        s->sequence.bad++;
         cap_lend_back(s->lend, b->index);
         count(s, CAP_INCOMPLETE, 1);
         return;
@@ -444,8 +439,8 @@ static pvx_err v4l2_start(cap_source *base, const struct cap_sink *sink, struct 
     int type = (int)s->dev.type;
     uint64_t old;
     s->sink = *sink;
-    s->numbered = s->stamped = s->odd_stamp = false;
-    s->unnumbered = 0;
+    s->stamped = s->odd_stamp = false;
+    s->sequence = (struct cap_numbering){0};
     while (read(s->wake, &old, sizeof old) > 0)
         ;
     cap_lend_run(s->lend, true);
