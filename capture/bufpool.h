@@ -4,7 +4,8 @@
  * allocating, fills it and pushes it; whoever has it last calls cap_frame_release.  The pool is kept
  * alive by its source's reference and by each frame that is out, so a source may be closed while
  * frames of it are still being worked on.
- * A frame taken has img.data = its memory, camera as given at new, all else zero.
+ * A frame taken has img.data = its memory, camera as given at new, exposure_us and gain NAN, release
+ * and owner of the pool, all else zero.
  * Threads: all functions from any thread.  take, put-back: O(1), no allocation. */
 #ifndef CAP_BUFPOOL_H
 #define CAP_BUFPOOL_H

@@ -1,4 +1,5 @@
-/* source.h - one camera, whatever stands behind it (Aravis, files, simulation).
+/* source.h - one camera, whatever stands behind it (Aravis, V4L2, libcamera, files, a
+ * recorded take, simulation).
  *
  * A backend's driver thread only stamps and pushes: the sink takes the frame and returns at once.
  * A frame is lent by the source's fixed buffer pool until cap_frame_release; no buffer free = the
@@ -29,10 +30,10 @@ struct cap_frame {
 };
 void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
 
-/* The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself).
+/* Why a frame did not become part of a set, and what else is counted, per camera.
+ * The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself).
  * Size, format and stamps of the frames that it pushes are checked and counted by capture.c, as all
  * the rest; a source that cannot even store a frame of another size counts that itself. */
-/* Why a frame did not become part of a set, and what else is counted, per camera. */
 enum cap_count {
     CAP_RECEIVED,    /* good frames handed over by the driver */
     CAP_INCOMPLETE,  /* frames with missing packets or another transport error */
@@ -127,8 +128,9 @@ struct cap_source_config {
     bool chunks;                   /* exposure and gain of each frame in its data */
     unsigned buffers;              /* frames in the pool, >= 4 */
     struct cap_gige gige;
-    double exposure_us, gain;           /* < 0 = leave */
-    const struct cap_feature *features; /* GenICam features set at opening, read back */
+    double exposure_us, gain; /* < 0 = leave */
+    /* GenICam features, V4L2 or libcamera controls: set at opening, read back */
+    const struct cap_feature *features;
     size_t n_features;
     bool lossless;                 /* files: wait for room instead of dropping; no pacing */
     bool loop;                     /* files: start over at the end */
