@@ -9,7 +9,7 @@ dir=$1
 [ "$(uname -m)" = x86_64 ] || no "the small virtual machine is written for x86_64, this is $(uname -m)"
 mkdir -p "$dir" || no "$dir: cannot be made"
 exec 9> "$dir/lock" && flock 9
-if [ -s "$dir/version" ]; then cat "$dir/version"; exit; fi
+if [ -s "$dir/version" ] && [ -x "$dir/udev/bin/udevadm" ]; then cat "$dir/version"; exit; fi
 
 # What linux-image-amd64 depends on is the kernel that this release of Debian runs today.
 package() { apt-cache depends linux-image-amd64 2>/dev/null | awk '/Depends: linux-image/ { print $2; exit }'; }
