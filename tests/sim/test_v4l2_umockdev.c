@@ -1,7 +1,7 @@
 /* test_v4l2_umockdev.c - the v4l2: backend on cameras that misbehave as a good driver will not on request:
  * the ioctls are answered by umockdev.  What real drivers do is in tests/vm/vm_v4l2.c. */
 #include "../t.h"
-#include "../box.h"
+#include "../v4l2_bed.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -11,7 +11,6 @@
 #include "capture/capture.h"
 #include "mock_v4l2.h"
 
-static const struct cap_source_ops *v4l2;
 static struct mock_camera cam;
 
 static struct cap_source_config config(void)
@@ -26,43 +25,6 @@ static struct cap_source_config config(void)
                                       .exposure_us = -1,
                                       .gain = -1};
 }
-
-static cap_source *opened(const struct cap_source_config *c)
-{
-    cap_source *s;
-    struct pvx_diag d = {""};
-    pvx_err e = v4l2->open(c, &s, &d);
-    T_CHECK_(e == PVX_OK, "%s: %s", c->uri, pvx_diag_text(&d, e));
-    return s;
-}
-
-static bool started(cap_source *s)
-{
-    struct pvx_diag d = {""};
-    pvx_err e = s == NULL ? PVX_EINVAL : v4l2->start(s, &sink, &d);
-    T_CHECK_(e == PVX_OK, "start: %s", pvx_diag_text(&d, e));
-    return e == PVX_OK;
-}
-
-static void ended(cap_source *s)
-{
-    if (s == NULL)
-        return;
-    v4l2->stop(s);
-    v4l2->close(&s);
-}
-
-static void refused(const struct cap_source_config *c, pvx_err want, const char *const *parts)
-{
-    cap_source *s;
-    struct pvx_diag d = {""};
-    T_EQ_I(v4l2->open(c, &s, &d), want);
-    T_OK(s == NULL);
-    for (; *parts != NULL; parts++)
-        T_CONTAINS(d.text, *parts);
-    ended(s);
-}
-#define REFUSED(c, e, ...) refused(c, e, (const char *const[]){__VA_ARGS__, NULL})
 
 static void plug(void)
 {
