@@ -9,7 +9,8 @@
 #include "base/clock.h"
 #include "capture/capture_int.h"
 
-#define STEP_NS (2 * PVX_NS_PER_MS) /* the time of day was set, not steered */
+#define STEP_NS  (2 * PVX_NS_PER_MS) /* the time of day was set, not steered */
+#define START_NS (5 * PVX_NS_PER_S)  /* patience with a camera that is slow in its first start */
 
 static void release_set(struct cap_capture *cap, struct cap_set *s)
 {
@@ -172,11 +173,19 @@ static bool finished(const struct cap_capture *cap)
     return ended;
 }
 
+/* It is being started for the first time: no set is to lack it only because another was faster. */
+static bool on_its_way(const struct cap_capture *cap, const struct cap_camera *cam, int64_t now)
+{
+    return !cam->given_up && cam->count[CAP_RECEIVED] == 0 && now - cap->started_mono_ns < START_NS;
+}
+
 static uint64_t waited_for(const struct cap_capture *cap)
 {
     uint64_t mask = 0;
+    int64_t now = pvx_now_mono();
     for (uint32_t i = 0; i < cap->n; i++)
-        if (cap->camera[i].delivering || !empty(&cap->camera[i]))
+        if (cap->camera[i].delivering || !empty(&cap->camera[i]) ||
+            on_its_way(cap, &cap->camera[i], now))
             mask |= 1ull << i;
     return mask;
 }

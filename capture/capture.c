@@ -277,6 +277,7 @@ pvx_err cap_capture_start(cap_capture *cap, struct pvx_diag *d)
     if (cap->started)
         return pvx_fail(d, PVX_EINVAL, "capture has been started before");
     cap->started = true;
+    cap->started_mono_ns = pvx_now_mono();
     if (pthread_create(&cap->assembler_thread, NULL, cap_assemble, cap) != 0)
         return pvx_fail(d, PVX_EIO, "cannot start the assembler's thread");
     cap->assembler_started = true;

@@ -55,6 +55,7 @@ struct cap_camera {
     bool tried;      /* the first attempt to open and start is over */
     bool looked;     /* the first attempt to open is */
     bool delivering; /* good frames come: sets wait for it */
+    bool given_up;   /* its first start failed: sets wait for its frames, not for it */
     bool ev_lost, ev_end;
     uint64_t count[CAP_N_COUNT];
     char error[256];
@@ -115,6 +116,7 @@ struct cap_capture {
     int64_t period_ns; /* 0 = unknown */
     uint32_t n;
     struct cap_camera *camera;
+    int64_t started_mono_ns;
     cap_assembler *assembler; /* the assembler thread's */
     pvx_queue *out;
     pthread_t assembler_thread, monitor_thread;

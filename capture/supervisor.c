@@ -39,6 +39,7 @@ static void set_state(struct cap_camera *cam, enum cap_state state)
     cam->tried = true;
     if (state != CAP_RUNNING) {
         cam->delivering = false;
+        cam->given_up = true;
         cam->health = cap_health_unknown;
     }
     pthread_cond_signal(&cam->cap->work);

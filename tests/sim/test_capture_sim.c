@@ -302,6 +302,25 @@ static void absent_camera_is_named_and_not_waited_for(void)
     cap_capture_free(&c);
 }
 
+/* The others have been sending for long when the last one has been opened: wait is wait. */
+static void camera_that_starts_late_is_waited_for(void)
+{
+    static struct rig r;
+    rig_init(&r, N, "");
+    snprintf(r.uri[3], sizeof r.uri[3], "sim:open_ms=300");
+    r.cfg.sets = (struct cap_assembler_params){.policy = CAP_POLICY_WAIT};
+    cap_capture *c = begin(&r);
+    struct tally y = {0};
+    consume(c, &y, N, 10);
+    cap_capture_stop(c);
+    T_OK(y.complete >= 10);
+    T_EQ_I(y.sets, y.complete);
+    rest(c, &y, N);
+    check_pure(&y);
+    check_sums(c, &y, N);
+    cap_capture_free(&c);
+}
+
 static void frozen_and_short_frames_are_left_out(void)
 {
     static struct rig r;
@@ -514,6 +533,7 @@ int main(void)
     T_RUN(camera_that_dies_comes_back);
     T_RUN(silent_camera_is_noticed);
     T_RUN(absent_camera_is_named_and_not_waited_for);
+    T_RUN(camera_that_starts_late_is_waited_for);
     T_RUN(frozen_and_short_frames_are_left_out);
     T_RUN(wrong_format_is_counted_never_given_out);
     T_RUN(software_trigger_sweeps_all);
