@@ -8,7 +8,6 @@
  * the same for all, also when some sequences are shorter or start later, or turn k of one camera
  * would meet turn k of another with the wrong frames. */
 #include <pthread.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -17,8 +16,8 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "capture/backends.h"
-#include "capture/bufpool.h"
 #include "capture/imgio.h"
+#include "capture/player.h"
 #include "capture/sequence.h"
 
 #define LEAD_NS (100 * PVX_NS_PER_MS) /* from the first start to the first frame */
@@ -36,26 +35,19 @@ static struct {
 
 struct files {
     struct cap_source base;
+    struct cap_player player;
     char *name, *camera_name;
     struct cap_sequence seq; /* n = 0: a video */
     cap_video *video;
     int64_t video_frames; /* 0 = not known */
     struct cap_image
         pending; /* first frame of the video, read when it was opened; data NULL = none */
-    uint32_t camera;
     int32_t width, height;
     enum cap_pixfmt fmt;
     int64_t period_ns;
-    bool lossless, loop;
+    bool loop;
     bool joined; /* the common time line */
     bool said_unreadable, said_unfit;
-    cap_bufpool *pool;
-    struct cap_sink sink;
-    pthread_t thread;
-    bool running;
-    pthread_mutex_t lock;
-    pthread_cond_t wake;
-    bool stop; /* under lock */
 };
 
 /* ---- the common time line --------------------------------------------------------------------- */
@@ -171,37 +163,12 @@ static pvx_err look_at_first(struct files *s, struct pvx_diag *d)
     return e;
 }
 
-static void count(struct files *s, enum cap_count what, uint64_t n)
-{
-    s->sink.count(s->sink.ctx, s->camera, what, n);
-}
-
-static bool stopped(struct files *s)
-{
-    pthread_mutex_lock(&s->lock);
-    bool stop = s->stop;
-    pthread_mutex_unlock(&s->lock);
-    return stop;
-}
-
-/* Until mono time `t` or stop; true = go on. */
-static bool sleep_until(struct files *s, int64_t t)
-{
-    struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
-    pthread_mutex_lock(&s->lock);
-    while (!s->stop && pvx_now_mono() < t)
-        pthread_cond_timedwait(&s->wake, &s->lock, &ts);
-    bool go = !s->stop;
-    pthread_mutex_unlock(&s->lock);
-    return go;
-}
-
 static bool image_fits(struct files *s, const struct cap_image *img, const char *path)
 {
     bool size = img->width == s->width && img->height == s->height;
     if (size && cap_pixfmt_fits(img->fmt, s->fmt))
         return true;
-    count(s, size ? CAP_BAD_FORMAT : CAP_BAD_SIZE, 1);
+    cap_player_count(&s->player, size ? CAP_BAD_FORMAT : CAP_BAD_SIZE, 1);
     if (!s->said_unfit)
         LOG_W(CAPTURE,
               "camera %s: %s is %dx%d %s, not %dx%d %s; it and others like it are left out",
@@ -213,12 +180,9 @@ static bool image_fits(struct files *s, const struct cap_image *img, const char 
 
 static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image *img)
 {
-    struct cap_frame *f = s->lossless ? cap_bufpool_take_wait(s->pool) : cap_bufpool_take(s->pool);
-    if (f == NULL) {
-        if (!s->lossless)
-            count(s, CAP_UNDERRUN, 1);
+    struct cap_frame *f = cap_player_take(&s->player);
+    if (f == NULL)
         return NULL;
-    }
     size_t row = cap_pixfmt_row(s->fmt, s->width);
     unsigned char *to = cap_bufpool_memory(f);
     const unsigned char *from = img->data;
@@ -235,7 +199,7 @@ static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image 
 
 static void unreadable(struct files *s, const char *text)
 {
-    count(s, CAP_INCOMPLETE, 1);
+    cap_player_count(&s->player, CAP_INCOMPLETE, 1);
     if (!s->said_unreadable)
         LOG_W(CAPTURE, "camera %s: %s; it and others like it are left out", s->camera_name, text);
     s->said_unreadable = true;
@@ -262,16 +226,16 @@ static struct cap_frame *load_image(struct files *s, size_t i)
 /* Hand over at its time; false = stop. */
 static bool deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t due, int64_t real)
 {
-    if (!s->lossless && !sleep_until(s, due)) {
+    if (!s->player.lossless && !cap_player_wait_until(&s->player, due)) {
         cap_frame_release(f);
         return false;
     }
     f->id = (uint64_t)place;
     /* A replay is the same on every run, so its times count from 1 s after the epoch. */
-    f->t_device_ns = s->lossless ? PVX_NS_PER_S + place * s->period_ns : real;
+    f->t_device_ns = s->player.lossless ? PVX_NS_PER_S + place * s->period_ns : real;
     f->t_arrival_ns = pvx_now_real();
     f->t_arrival_mono_ns = pvx_now_mono();
-    s->sink.push(s->sink.ctx, f);
+    s->player.sink.push(s->player.sink.ctx, f);
     return true;
 }
 
@@ -281,21 +245,21 @@ static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_
 {
     int64_t place = line_place(turn, number), due = 0, real = 0;
     if (place < 0)
-        return !stopped(s);
-    if (!s->lossless) {
+        return !cap_player_stopped(&s->player);
+    if (!s->player.lossless) {
         line_start(place);
         line_due(place, s->period_ns, &due, &real);
         if (pvx_now_mono() > due + 2 * s->period_ns) { /* too slow, or opened later than others */
-            count(s, CAP_ID_GAP, 1);
+            cap_player_count(&s->player, CAP_ID_GAP, 1);
             *good += 1;
-            return !stopped(s);
+            return !cap_player_stopped(&s->player);
         }
     }
     struct cap_frame *f = img == NULL                   ? load_image(s, i)
                           : image_fits(s, img, s->name) ? copy_to_buffer(s, img)
                                                         : NULL;
     if (f == NULL)
-        return !stopped(s);
+        return !cap_player_stopped(&s->player);
     *good += 1;
     return deliver(s, f, place, due, real);
 }
@@ -306,7 +270,8 @@ static bool turn_images(struct files *s, int64_t turn, uint64_t *good)
     for (size_t i = 0; i < s->seq.n; i++) {
         int64_t number = s->seq.item[i].number;
         if (i > 0)
-            count(s, CAP_ID_GAP, (uint64_t)(number - s->seq.item[i - 1].number - 1));
+            cap_player_count(&s->player, CAP_ID_GAP,
+                             (uint64_t)(number - s->seq.item[i - 1].number - 1));
         if (!one(s, turn, number, NULL, i, good))
             return false;
     }
@@ -343,7 +308,7 @@ static void *run(void *arg)
         if (!s->loop || good == 0) /* another turn without a frame would be for nothing */
             break;
     }
-    s->sink.event(s->sink.ctx, s->camera, CAP_EV_END);
+    cap_player_event(&s->player, CAP_EV_END);
     return NULL;
 }
 
@@ -359,9 +324,7 @@ static void files_close(cap_source **sp)
         line_leave();
     cap_sequence_free(&s->seq);
     cap_video_close(&s->video);
-    cap_bufpool_unref(&s->pool);
-    pthread_mutex_destroy(&s->lock);
-    pthread_cond_destroy(&s->wake);
+    cap_player_fini(&s->player);
     free(s->name);
     free(s->camera_name);
     free(s);
@@ -386,7 +349,7 @@ static pvx_err set_up(struct files *s, const struct cap_source_config *c, struct
         fps = 30;
     s->period_ns = (int64_t)(1e9 / fps + 0.5);
     size_t bytes = cap_pixfmt_image(s->fmt, s->width, s->height);
-    return cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &s->pool);
+    return cap_player_make_pool(&s->player, c, bytes);
 }
 
 static pvx_err files_open(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d)
@@ -398,18 +361,11 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
     s->base.ops = &cap_source_files;
     s->name = strdup(c->uri);
     s->camera_name = strdup(c->name != NULL ? c->name : c->uri);
-    s->camera = c->camera;
     s->width = c->width;
     s->height = c->height;
     s->fmt = c->fmt;
-    s->lossless = c->lossless;
     s->loop = c->loop;
-    pthread_condattr_t a;
-    pthread_condattr_init(&a);
-    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
-    pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->wake, &a);
-    pthread_condattr_destroy(&a);
+    cap_player_init(&s->player, c, CLOCK_MONOTONIC);
     pvx_err e = set_up(s, c, d);
     cap_source *base = &s->base;
     if (e == PVX_OK) {
@@ -428,30 +384,12 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
 static pvx_err files_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
 {
     struct files *s = (struct files *)base;
-    s->sink = *sink;
-    s->stop = false;
-    cap_bufpool_resume(s->pool);
-    if (pthread_create(&s->thread, NULL, run, s) != 0)
-        return pvx_fail(d, PVX_EIO, "files: cannot start a thread");
-    char name[16];
-    snprintf(name, sizeof name, "files%u", s->camera);
-    pthread_setname_np(s->thread, name);
-    s->running = true;
-    return PVX_OK;
+    return cap_player_start(&s->player, "files", sink, run, s, d);
 }
 
 static void files_stop(cap_source *base)
 {
-    struct files *s = (struct files *)base;
-    if (!s->running)
-        return;
-    pthread_mutex_lock(&s->lock);
-    s->stop = true;
-    pthread_cond_broadcast(&s->wake);
-    pthread_mutex_unlock(&s->lock);
-    cap_bufpool_cancel(s->pool);
-    pthread_join(s->thread, NULL);
-    s->running = false;
+    cap_player_stop(&((struct files *)base)->player);
 }
 
 const struct cap_source_ops cap_source_files = {

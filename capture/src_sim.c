@@ -13,7 +13,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "capture/backends.h"
-#include "capture/bufpool.h"
+#include "capture/player.h"
 #include "capture/random.h"
 
 struct faults {
@@ -45,22 +45,15 @@ struct faults {
 
 struct sim {
     struct cap_source base;
+    struct cap_player player; /* CLOCK_REALTIME: the grid's clock */
     struct faults fault;
     struct cap_scene scene;
-    uint32_t camera;
     int32_t width, height;
     enum cap_pixfmt fmt;
     int64_t period_ns, own_period_ps; /* own: in picoseconds, so that rate=0.9999 is what it says */
     bool triggered;                   /* by software */
-    cap_bufpool *pool;
-    struct cap_sink sink;
     uint64_t rng;
-    pthread_t thread;
-    bool running;
-    pthread_mutex_t lock; /* the three below */
-    pthread_cond_t wake;
-    bool stop;
-    int64_t trigger_real_ns; /* a trigger not yet served, 0 = none */
+    int64_t trigger_real_ns; /* a trigger not yet served, 0 = none; under the player's lock */
 };
 
 /* ---- options ---------------------------------------------------------------------------------- */
@@ -151,33 +144,17 @@ static pvx_err parse_options(const char *text, struct faults *f, struct pvx_diag
 
 /* ---- thread ----------------------------------------------------------------------------------- */
 
-/* Sleep until real time `t` or stop; true = go on. */
-static bool sleep_until(struct sim *s, int64_t t)
-{
-    struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
-    pthread_mutex_lock(&s->lock);
-    while (!s->stop && pvx_now_real() < t)
-        pthread_cond_timedwait(&s->wake, &s->lock, &ts);
-    bool go = !s->stop;
-    pthread_mutex_unlock(&s->lock);
-    return go;
-}
-
 /* Wait for a trigger; its time, or 0 = stop. */
 static int64_t wait_trigger(struct sim *s)
 {
-    pthread_mutex_lock(&s->lock);
-    while (!s->stop && s->trigger_real_ns == 0)
-        pthread_cond_wait(&s->wake, &s->lock);
-    int64_t t = s->stop ? 0 : s->trigger_real_ns;
+    struct cap_player *p = &s->player;
+    pthread_mutex_lock(&p->lock);
+    while (!p->stop && s->trigger_real_ns == 0)
+        pthread_cond_wait(&p->wake, &p->lock);
+    int64_t t = p->stop ? 0 : s->trigger_real_ns;
     s->trigger_real_ns = 0;
-    pthread_mutex_unlock(&s->lock);
+    pthread_mutex_unlock(&p->lock);
     return t;
-}
-
-static void count(struct sim *s, enum cap_count what, uint64_t n)
-{
-    s->sink.count(s->sink.ctx, s->camera, what, n);
 }
 
 /* Between `from` and `to`? */
@@ -202,12 +179,10 @@ static bool nth(int64_t every, const struct shot *x)
 static void expose(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
-    struct cap_frame *f = cap_bufpool_take(s->pool);
-    if (f == NULL) {
-        count(s, CAP_UNDERRUN, 1);
+    struct cap_frame *f = cap_player_take(&s->player);
+    if (f == NULL)
         return;
-    }
-    s->scene.render(s->scene.ctx, s->camera, x->t_image, s->fmt, s->width, s->height,
+    s->scene.render(s->scene.ctx, s->player.camera, x->t_image, s->fmt, s->width, s->height,
                     cap_bufpool_memory(f));
     f->img.size = cap_pixfmt_image(s->fmt, s->width, s->height) / (nth(o->short_every, x) ? 2 : 1);
     f->img.width = s->width / (nth(o->wide_every, x) ? 2 : 1);
@@ -220,7 +195,7 @@ static void expose(struct sim *s, const struct shot *x)
     f->t_device_ns = x->t_device;
     f->t_arrival_ns = pvx_now_real() + (x->faulty ? (int64_t)(o->host_step_s * 1e9) : 0);
     f->t_arrival_mono_ns = pvx_now_mono();
-    s->sink.push(s->sink.ctx, f);
+    s->player.sink.push(s->player.sink.ctx, f);
 }
 
 /* Grid point k of a camera that may run by itself; its phase is not part of its grid. */
@@ -242,11 +217,11 @@ static bool lost(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
     if (x->faulty && o->incomplete > 0 && cap_uniform(&s->rng) < o->incomplete) {
-        count(s, CAP_INCOMPLETE, 1);
+        cap_player_count(&s->player, CAP_INCOMPLETE, 1);
         return true;
     }
     if (x->faulty && o->drop > 0 && cap_uniform(&s->rng) < o->drop) {
-        count(s, CAP_ID_GAP, 1);
+        cap_player_count(&s->player, CAP_ID_GAP, 1);
         return true;
     }
     return false;
@@ -273,16 +248,16 @@ static void *run(void *arg)
                 return NULL;
         } else {
             t = grid_ns(s, k) + (x.faulty ? (int64_t)(o->phase_us * 1e3) : 0);
-            if (!sleep_until(s, t))
+            if (!cap_player_wait_until(&s->player, t))
                 return NULL;
         }
         if (o->jitter_us > 0) {
             int64_t late = (int64_t)(cap_uniform(&s->rng) * o->jitter_us * 1e3);
-            if (!sleep_until(s, t + late))
+            if (!cap_player_wait_until(&s->player, t + late))
                 return NULL;
         }
         if (x.faulty && o->gone) {
-            s->sink.event(s->sink.ctx, s->camera, CAP_EV_LOST);
+            cap_player_event(&s->player, CAP_EV_LOST);
             return NULL;
         }
         x.t_image = x.faulty && o->freeze && frozen != 0 ? frozen : t;
@@ -298,13 +273,13 @@ static void *run(void *arg)
         if (n == o->silent_after)
             return NULL;
         if (n == o->die_after || n == o->end_after) {
-            s->sink.event(s->sink.ctx, s->camera, n == o->die_after ? CAP_EV_LOST : CAP_EV_END);
+            cap_player_event(&s->player, n == o->die_after ? CAP_EV_LOST : CAP_EV_END);
             return NULL;
         }
         /* Grid points that passed while this thread was not allowed to run are lost frames. */
         int64_t next = (int64_t)((__int128)pvx_now_real() * 1000 / s->own_period_ps);
         if (!s->triggered && next > k + 1) {
-            count(s, CAP_ID_GAP, (uint64_t)(next - k - 1));
+            cap_player_count(&s->player, CAP_ID_GAP, (uint64_t)(next - k - 1));
             k = next;
         } else {
             k++;
@@ -320,9 +295,7 @@ static void sim_close(cap_source **sp)
     if (s == NULL)
         return;
     *sp = NULL;
-    cap_bufpool_unref(&s->pool);
-    pthread_mutex_destroy(&s->lock);
-    pthread_cond_destroy(&s->wake);
+    cap_player_fini(&s->player);
     free(s);
 }
 
@@ -347,17 +320,15 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
     s->base.ops = &cap_source_sim;
     s->fault = fault;
     s->scene = *c->scene;
-    s->camera = c->camera;
     s->width = c->width;
     s->height = c->height;
     s->fmt = c->fmt == CAP_FMT_NONE ? CAP_RGB8 : c->fmt;
     s->period_ns = (int64_t)(1e9 / (c->fps > 0 ? c->fps : 30) + 0.5);
     s->triggered = c->trigger == CAP_TRIGGER_SOFTWARE;
     s->rng = ((uint64_t)fault.seed * 64 + c->camera + 1) * 0x9E3779B97F4A7C15u;
-    pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->wake, NULL); /* CLOCK_REALTIME: the grid's clock */
-    size_t bytes = cap_pixfmt_image(s->fmt, c->width, c->height);
-    pvx_err e = cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &s->pool);
+    cap_player_init(&s->player, c, CLOCK_REALTIME);
+    s->player.lossless = false; /* a camera waits for nobody */
+    pvx_err e = cap_player_make_pool(&s->player, c, cap_pixfmt_image(s->fmt, c->width, c->height));
     cap_source *base = &s->base;
     if (e != PVX_OK)
         sim_close(&base);
@@ -368,16 +339,8 @@ static pvx_err sim_open(const struct cap_source_config *c, cap_source **out, str
 static pvx_err sim_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
 {
     struct sim *s = (struct sim *)base;
-    s->sink = *sink;
-    s->stop = false;
     s->trigger_real_ns = 0;
-    if (pthread_create(&s->thread, NULL, run, s) != 0)
-        return pvx_fail(d, PVX_EIO, "sim: cannot start a thread");
-    char name[16];
-    snprintf(name, sizeof name, "sim%u", s->camera);
-    pthread_setname_np(s->thread, name);
-    s->running = true;
-    return PVX_OK;
+    return cap_player_start(&s->player, "sim", sink, run, s, d);
 }
 
 static pvx_err sim_trigger(cap_source *base)
@@ -385,24 +348,16 @@ static pvx_err sim_trigger(cap_source *base)
     struct sim *s = (struct sim *)base;
     if (!s->triggered)
         return PVX_EUNSUP;
-    pthread_mutex_lock(&s->lock);
+    pthread_mutex_lock(&s->player.lock);
     s->trigger_real_ns = pvx_now_real(); /* one not yet served is lost, as in a real camera */
-    pthread_cond_broadcast(&s->wake);
-    pthread_mutex_unlock(&s->lock);
+    pthread_cond_broadcast(&s->player.wake);
+    pthread_mutex_unlock(&s->player.lock);
     return PVX_OK;
 }
 
 static void sim_stop(cap_source *base)
 {
-    struct sim *s = (struct sim *)base;
-    if (!s->running)
-        return;
-    pthread_mutex_lock(&s->lock);
-    s->stop = true;
-    pthread_cond_broadcast(&s->wake);
-    pthread_mutex_unlock(&s->lock);
-    pthread_join(s->thread, NULL);
-    s->running = false;
+    cap_player_stop(&((struct sim *)base)->player);
 }
 
 const struct cap_source_ops cap_source_sim = {

@@ -10,7 +10,6 @@
  * starts with the first of them; with `loop` turn n has numbers and times n times the length of the
  * take later. */
 #include <pthread.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,7 +18,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "capture/backends.h"
-#include "capture/bufpool.h"
+#include "capture/player.h"
 #include "capture/take.h"
 
 #define FAR_NS    (INT64_MAX / 4)
@@ -42,22 +41,15 @@ struct shared {
 static pthread_mutex_t shared_lock = PTHREAD_MUTEX_INITIALIZER;
 static struct shared *shared_list;
 
-struct player {
+struct source {
     struct cap_source base;
+    struct cap_player player;
     struct shared *file;
-    uint32_t camera;
     int in_take; /* camera's number there */
     char *name;
     double speed;
-    bool lossless, loop;
+    bool loop;
     bool said_damaged;
-    cap_bufpool *pool;
-    struct cap_sink sink;
-    pthread_t thread;
-    bool running;
-    pthread_mutex_t lock;
-    pthread_cond_t wake;
-    bool stop; /* under lock */
 };
 
 /* ---- the file ---- */
@@ -159,47 +151,19 @@ static int64_t start_of(struct shared *s)
 
 /* ---- thread ---- */
 
-static void count(struct player *p, enum cap_count what, uint64_t n)
-{
-    if (n > 0)
-        p->sink.count(p->sink.ctx, p->camera, what, n);
-}
-
-static bool stopped(struct player *p)
-{
-    pthread_mutex_lock(&p->lock);
-    bool stop = p->stop;
-    pthread_mutex_unlock(&p->lock);
-    return stop;
-}
-
-/* Until mono time `t` or stop; true = go on. */
-static bool sleep_until(struct player *p, int64_t t)
-{
-    struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
-    pthread_mutex_lock(&p->lock);
-    while (!p->stop && pvx_now_mono() < t)
-        pthread_cond_timedwait(&p->wake, &p->lock, &ts);
-    bool go = !p->stop;
-    pthread_mutex_unlock(&p->lock);
-    return go;
-}
-
 /* Read into a buffer; NULL: left out, and counted, or stopped. */
-static struct cap_frame *load(struct player *p, uint64_t row)
+static struct cap_frame *load(struct source *p, uint64_t row)
 {
-    struct cap_frame *f = p->lossless ? cap_bufpool_take_wait(p->pool) : cap_bufpool_take(p->pool);
-    if (f == NULL) {
-        count(p, CAP_UNDERRUN, !p->lossless);
+    struct cap_frame *f = cap_player_take(&p->player);
+    if (f == NULL)
         return NULL;
-    }
     struct pvx_diag d = {""};
     pvx_err e = cap_take_read(p->file->take, (uint32_t)p->in_take, row, cap_bufpool_memory(f),
-                              cap_bufpool_bytes(p->pool), &f->img, &d);
+                              cap_bufpool_bytes(p->player.pool), &f->img, &d);
     if (e == PVX_OK)
         return f;
     cap_frame_release(f);
-    count(p, CAP_INCOMPLETE, 1);
+    cap_player_count(&p->player, CAP_INCOMPLETE, 1);
     if (!p->said_damaged)
         LOG_W(CAPTURE, "camera %s: %s; it and others like it are left out", p->name,
               pvx_diag_text(&d, e));
@@ -208,7 +172,7 @@ static struct cap_frame *load(struct player *p, uint64_t row)
 }
 
 /* When a row is due, mono. */
-static int64_t due(struct player *p, const struct cap_take_row *r, int64_t turns_ns)
+static int64_t due(struct source *p, const struct cap_take_row *r, int64_t turns_ns)
 {
     double after = (double)(r->t_arrival_mono_ns - p->file->came_ns + turns_ns) / p->speed;
     int64_t wait = after < 0 ? 0 : after < (double)FAR_NS ? (int64_t)after : FAR_NS;
@@ -223,17 +187,18 @@ static bool can_tell(const struct shared *s, uint64_t turn)
 }
 
 /* One frame of turn `turn`; false = stop. */
-static bool play(struct player *p, uint64_t turn, uint64_t row, const struct cap_take_set *set,
+static bool play(struct source *p, uint64_t turn, uint64_t row, const struct cap_take_set *set,
                  uint64_t *good)
 {
     const struct shared *s = p->file;
     const struct cap_take_row *r = cap_take_row(s->take, (uint32_t)p->in_take, row);
     int64_t shift = (int64_t)turn * s->length_ns;
-    if (!p->lossless && !sleep_until(p, due(p, r, (int64_t)turn * s->pace_ns)))
+    if (!p->player.lossless &&
+        !cap_player_wait_until(&p->player, due(p, r, (int64_t)turn * s->pace_ns)))
         return false;
     struct cap_frame *f = load(p, row);
     if (f == NULL)
-        return !stopped(p);
+        return !cap_player_stopped(&p->player);
     f->id = r->id + turn * s->count;
     f->t_device_ns = r->t_device_ns;
     f->t_exposure_ns = r->t_exposure_ns + shift;
@@ -244,12 +209,12 @@ static bool play(struct player *p, uint64_t turn, uint64_t row, const struct cap
     f->t_arrival_ns = pvx_now_real();
     f->t_arrival_mono_ns = pvx_now_mono();
     *good += 1;
-    p->sink.push(p->sink.ctx, f);
+    p->player.sink.push(p->player.sink.ctx, f);
     return true;
 }
 
 /* A turn through the sets; false = stop. */
-static bool play_all(struct player *p, uint64_t turn, uint64_t *good)
+static bool play_all(struct source *p, uint64_t turn, uint64_t *good)
 {
     const cap_take *t = p->file->take;
     const struct cap_take_row *last = NULL;
@@ -261,7 +226,7 @@ static bool play_all(struct player *p, uint64_t turn, uint64_t *good)
         const struct cap_take_row *r =
             cap_take_row(t, (uint32_t)p->in_take, (uint64_t)member[p->in_take]);
         if (last != NULL && r->id > last->id)
-            count(p, CAP_ID_GAP, r->id - last->id - 1);
+            cap_player_count(&p->player, CAP_ID_GAP, r->id - last->id - 1);
         last = r;
         if (!play(p, turn, (uint64_t)member[p->in_take], set, good))
             return false;
@@ -271,7 +236,7 @@ static bool play_all(struct player *p, uint64_t turn, uint64_t *good)
 
 static void *run(void *arg)
 {
-    struct player *p = arg;
+    struct source *p = arg;
     for (uint64_t turn = 0; can_tell(p->file, turn); turn++) {
         uint64_t good = 0;
         if (!play_all(p, turn, &good))
@@ -279,7 +244,7 @@ static void *run(void *arg)
         if (!p->loop || good == 0) /* another turn without a frame would be for nothing */
             break;
     }
-    p->sink.event(p->sink.ctx, p->camera, CAP_EV_END);
+    cap_player_event(&p->player, CAP_EV_END);
     return NULL;
 }
 
@@ -287,14 +252,12 @@ static void *run(void *arg)
 
 static void take_close(cap_source **sp)
 {
-    struct player *p = (struct player *)*sp;
+    struct source *p = (struct source *)*sp;
     if (p == NULL)
         return;
     *sp = NULL;
     leave_shared(p->file);
-    cap_bufpool_unref(&p->pool);
-    pthread_mutex_destroy(&p->lock);
-    pthread_cond_destroy(&p->wake);
+    cap_player_fini(&p->player);
     free(p->name);
     free(p);
 }
@@ -313,7 +276,7 @@ static pvx_err parse_uri(const char *uri, char **path, double *speed, struct pvx
     return PVX_OK;
 }
 
-static pvx_err set_up(struct player *p, const struct cap_source_config *c, const char *path,
+static pvx_err set_up(struct source *p, const struct cap_source_config *c, const char *path,
                       struct pvx_diag *d)
 {
     PVX_TRY(join_shared(path, &p->file, d));
@@ -322,7 +285,7 @@ static pvx_err set_up(struct player *p, const struct cap_source_config *c, const
         return pvx_fail(d, PVX_ENOENT, "%s: has no camera %s", path, p->name);
     const struct cap_take_camera *k = &cap_take_info(p->file->take)->head.camera[p->in_take];
     if (k->fmt == CAP_FMT_NONE)
-        return cap_bufpool_new(1, 1, c->camera, &p->pool); /* it never sent a frame */
+        return cap_player_make_pool(&p->player, c, 1); /* it never sent a frame */
     if ((c->width > 0 && c->width != k->width) || (c->height > 0 && c->height != k->height))
         return pvx_fail(d, PVX_EINVAL, "%s: camera %s has %dx%d pixels there, %dx%d in the rig",
                         path, p->name, k->width, k->height, c->width, c->height);
@@ -331,26 +294,19 @@ static pvx_err set_up(struct player *p, const struct cap_source_config *c, const
                         "%s: camera %s sent %s, the configuration says pixel_format: %s", path,
                         p->name, cap_pixfmt_name(k->fmt), cap_pixfmt_name(c->fmt));
     size_t bytes = cap_take_frame_max(p->file->take, (uint32_t)p->in_take);
-    return cap_bufpool_new(c->buffers < 4 ? 4 : c->buffers, bytes, c->camera, &p->pool);
+    return cap_player_make_pool(&p->player, c, bytes);
 }
 
 static pvx_err take_open(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d)
 {
     *out = NULL;
-    struct player *p = pvx_calloc(1, sizeof *p);
+    struct source *p = pvx_calloc(1, sizeof *p);
     if (p == NULL)
         return PVX_ENOMEM;
     char *path = NULL;
     p->base.ops = &cap_source_take;
-    p->camera = c->camera;
-    p->lossless = c->lossless;
     p->loop = c->loop;
-    pthread_condattr_t a;
-    pthread_condattr_init(&a);
-    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
-    pthread_mutex_init(&p->lock, NULL);
-    pthread_cond_init(&p->wake, &a);
-    pthread_condattr_destroy(&a);
+    cap_player_init(&p->player, c, CLOCK_MONOTONIC);
     p->name = strdup(c->name != NULL ? c->name : "");
     pvx_err e = p->name != NULL ? parse_uri(c->uri, &path, &p->speed, d) : PVX_ENOMEM;
     if (e == PVX_OK)
@@ -365,31 +321,13 @@ static pvx_err take_open(const struct cap_source_config *c, cap_source **out, st
 
 static pvx_err take_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
 {
-    struct player *p = (struct player *)base;
-    p->sink = *sink;
-    p->stop = false;
-    cap_bufpool_resume(p->pool);
-    if (pthread_create(&p->thread, NULL, run, p) != 0)
-        return pvx_fail(d, PVX_EIO, "take: cannot start a thread");
-    char name[16];
-    snprintf(name, sizeof name, "take%u", p->camera);
-    pthread_setname_np(p->thread, name);
-    p->running = true;
-    return PVX_OK;
+    struct source *p = (struct source *)base;
+    return cap_player_start(&p->player, "take", sink, run, p, d);
 }
 
 static void take_stop(cap_source *base)
 {
-    struct player *p = (struct player *)base;
-    if (!p->running)
-        return;
-    pthread_mutex_lock(&p->lock);
-    p->stop = true;
-    pthread_cond_broadcast(&p->wake);
-    pthread_mutex_unlock(&p->lock);
-    cap_bufpool_cancel(p->pool);
-    pthread_join(p->thread, NULL);
-    p->running = false;
+    cap_player_stop(&((struct source *)base)->player);
 }
 
 const struct cap_source_ops cap_source_take = {
