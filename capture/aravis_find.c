@@ -10,16 +10,14 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "capture/be.h"
+#include "capture/gvcp.h"
 
-#define GVCP_PORT    3956
-#define PROBES       2
-#define PROBE_MS     150
-#define DISCOVERY    0x02
-#define READREG      0x80
-#define WHO_BYTES    248
-#define MAX_BYTES    576
-#define FIRST_NUMBER 0x0B00
-#define REMEMBERED   64
+#define PROBES            2
+#define PROBE_MS          150
+#define FIRST_NUMBER      0x0B00
+#define CHANNEL_PRIVILEGE 0x0A00 /* the register that says who controls */
+#define REMEMBERED        64
 
 /* ---- is somebody there? ----------------------------------------------------------------------- */
 
@@ -30,53 +28,59 @@ static void copy_text(char *out, size_t size, const uint8_t *p)
     out[n] = '\0';
 }
 
-/* One question, with or without payload, until it is answered with at least `size` bytes of payload;
- * what else comes is passed over. */
-static bool ask(int fd, uint8_t command, uint16_t number, const uint8_t *payload, uint8_t n,
-                uint8_t *out, size_t size)
+/* A command to one address. */
+struct question {
+    uint16_t command, number;
+    const void *data; /* n bytes, NULL = none */
+    size_t n;
+};
+
+/* Until it is answered with at least `size` bytes of payload; what else comes is passed over. */
+static bool ask(int fd, const struct question *q, uint8_t *out, size_t size)
 {
-    uint8_t p[MAX_BYTES] = {0x42, 1, 0, command, 0, n, (uint8_t)(number >> 8), (uint8_t)number};
-    if (n > 0)
-        memcpy(p + 8, payload, n);
-    if (send(fd, p, 8u + n, 0) != (ssize_t)(8u + n))
+    uint8_t p[CAP_GVCP_MAX];
+    size_t n = cap_gvcp_put_command(p, CAP_GVCP_ACK, q->command, q->number, q->data, q->n);
+    if (send(fd, p, n, 0) != (ssize_t)n)
         return false;
     int64_t until = pvx_now_mono() + PROBE_MS * PVX_NS_PER_MS;
     for (int64_t left; (left = until - pvx_now_mono()) > 0;) {
         struct pollfd pfd = {.fd = fd, .events = POLLIN};
+        struct cap_gvcp_answer a;
         if (poll(&pfd, 1, (int)(left / PVX_NS_PER_MS) + 1) <= 0)
             continue;
         ssize_t got = recv(fd, p, sizeof p, 0);
         if (got < 0)
             return false; /* refused: the host is there, the camera is not */
-        if (got < (ssize_t)(8 + size) || p[0] != 0 || p[1] != 0 || p[2] != 0 ||
-            p[3] != command + 1 || p[6] != number >> 8 || p[7] != (number & 255))
+        if (!cap_gvcp_parse_ack(p, (size_t)got, &a) || a.status != CAP_GVCP_OK ||
+            a.command != q->command + 1 || a.id != q->number || a.n < size)
             continue;
-        memcpy(out, p + 8, size);
+        memcpy(out, a.data, size);
         return true;
     }
     return false;
 }
 
-static bool ask_address(uint32_t address, uint8_t command, const uint8_t *payload, uint8_t n,
-                        uint8_t *out, size_t size)
+static bool ask_address(uint32_t address, struct question q, uint8_t *out, size_t size)
 {
-    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(GVCP_PORT)};
+    struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
     to.sin_addr.s_addr = htonl(address);
     bool got = false;
     int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (fd < 0)
         return false;
     if (connect(fd, (const struct sockaddr *)&to, sizeof to) == 0)
-        for (uint16_t i = 0; i < PROBES && !got; i++)
-            got = ask(fd, command, (uint16_t)(FIRST_NUMBER + i), payload, n, out, size);
+        for (uint16_t i = 0; i < PROBES && !got; i++) {
+            q.number = (uint16_t)(FIRST_NUMBER + i);
+            got = ask(fd, &q, out, size);
+        }
     close(fd);
     return got;
 }
 
 bool aravis_probe(uint32_t address, struct aravis_who *who)
 {
-    uint8_t p[WHO_BYTES];
-    if (!ask_address(address, DISCOVERY, NULL, 0, p, sizeof p))
+    uint8_t p[CAP_GVCP_DISCOVER];
+    if (!ask_address(address, (struct question){.command = CAP_GVCP_DISCOVERY}, p, sizeof p))
         return false;
     if (who != NULL) {
         copy_text(who->vendor, sizeof who->vendor, p + 72);
@@ -89,10 +93,11 @@ bool aravis_probe(uint32_t address, struct aravis_who *who)
 
 bool aravis_controlled(uint32_t address)
 {
-    static const uint8_t channel_privilege[4] = {0, 0, 0x0A, 0};
-    uint8_t p[4];
+    uint8_t reg[4], value[4];
+    cap_put32(reg, CHANNEL_PRIVILEGE);
+    struct question q = {.command = CAP_GVCP_READREG, .data = reg, .n = sizeof reg};
     /* a camera in exclusive use need not answer: then it is in use, too */
-    return !ask_address(address, READREG, channel_privilege, 4, p, sizeof p) || (p[3] & 3) != 0;
+    return !ask_address(address, q, value, sizeof value) || (cap_get32(value) & 3) != 0;
 }
 
 uint32_t aravis_address(const char *text)
@@ -106,7 +111,7 @@ uint32_t aravis_address(const char *text)
 /* The host's own address towards the camera, as the kernel routes, and that network's broadcast. */
 static bool find_route(uint32_t camera, struct aravis_route *out)
 {
-    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(GVCP_PORT)};
+    struct sockaddr_in sa = {.sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT)};
     socklen_t len = sizeof sa;
     sa.sin_addr.s_addr = htonl(camera);
     int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
