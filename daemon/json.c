@@ -1,8 +1,12 @@
 #include "daemon/json.h"
 
+#include <errno.h>
 #include <math.h>
-#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+#define PRINT_FIRST ((size_t)64 << 10)
+#define PRINT_MAX   ((size_t)64 << 20)
 
 static void put(struct dmn_json *j, const char *s, size_t n)
 {
@@ -120,4 +124,31 @@ void dmn_json_str(struct dmn_json *j, const char *key, const char *v)
 size_t dmn_json_end(struct dmn_json *j)
 {
     return j->full ? 0 : j->len;
+}
+
+static pvx_err print_text(FILE *f, const char *text, struct pvx_diag *d)
+{
+    if (fprintf(f, "%s\n", text) >= 0 && fflush(f) == 0)
+        return PVX_OK;
+    return pvx_fail(d, pvx_err_from_errno(errno), "the JSON cannot be written: %s",
+                    strerror(errno));
+}
+
+pvx_err dmn_json_print(FILE *f, void (*fill)(struct dmn_json *j, const void *what),
+                       const void *what, struct pvx_diag *d)
+{
+    for (size_t size = PRINT_FIRST; size <= PRINT_MAX; size *= 4) {
+        struct dmn_json j;
+        char *text = malloc(size);
+        if (text == NULL)
+            return pvx_fail(d, PVX_ENOMEM, "no memory for %zu bytes of JSON", size);
+        dmn_json_init(&j, text, size);
+        fill(&j, what);
+        bool fits = dmn_json_end(&j) > 0;
+        pvx_err e = fits ? print_text(f, text, d) : PVX_OK;
+        free(text);
+        if (fits)
+            return e;
+    }
+    return pvx_fail(d, PVX_ERANGE, "more than %zu MiB of JSON", PRINT_MAX >> 20);
 }

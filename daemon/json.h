@@ -4,11 +4,14 @@
  *   struct dmn_json j; dmn_json_init(&j, buf, sizeof buf);
  *   dmn_json_open(&j, NULL, '{'); dmn_json_int(&j, "sets", 3); dmn_json_close(&j, '}');
  * `key` is NULL inside arrays and at the top.  Numbers that are not finite become null.  What does
- * not fit is counted: dmn_json_end says so, and the text is then not valid JSON. */
+ * not fit is counted: dmn_json_end says so, and the text is then not valid JSON.
+ * dmn_json_print is for programs that print: it finds the size by itself. */
 #ifndef DMN_JSON_H
 #define DMN_JSON_H
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdio.h>
+#include "base/err.h"
 
 struct dmn_json {
     char *text;
@@ -25,5 +28,10 @@ void dmn_json_bool(struct dmn_json *j, const char *key, bool v);
 void dmn_json_str(struct dmn_json *j, const char *key, const char *v);
 /* Length of the text; 0 when the buffer was too small. */
 size_t dmn_json_end(struct dmn_json *j);
+
+/* Print on f what fill puts, and a newline.  fill is called again with more room (to 64 MiB) until all of it
+ * fits.  Errors: PVX_ENOMEM; PVX_ERANGE, more than that; what writing to f gives. */
+PVX_MUST_CHECK pvx_err dmn_json_print(FILE *f, void (*fill)(struct dmn_json *j, const void *what),
+                                      const void *what, struct pvx_diag *d);
 
 #endif

@@ -80,7 +80,7 @@ void camtest_judge(struct camtest *t);
 /* One picture of each camera that gave one, DIR/NAME.png. */
 PVX_MUST_CHECK pvx_err camtest_save(const struct camtest *t, const char *dir, struct pvx_diag *d);
 void camtest_print(FILE *f, const struct camtest *t, int width);
-void camtest_print_json(FILE *f, const struct camtest *t);
+PVX_MUST_CHECK pvx_err camtest_print_json(FILE *f, const struct camtest *t, struct pvx_diag *d);
 void camtest_free(struct camtest **t);
 
 #endif

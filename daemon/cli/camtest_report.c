@@ -8,8 +8,6 @@
 #include "daemon/json.h"
 #include "daemon/wrap.h"
 
-#define JSON_MAX ((size_t)1 << 19)
-
 static const char *const words[] = {"OK", "WARN", "FAIL"};
 
 static double share(const struct camtest_camera *c)
@@ -158,33 +156,31 @@ static void json_camera(struct dmn_json *j, const struct camtest *t, uint32_t i)
     dmn_json_close(j, '}');
 }
 
-void camtest_print_json(FILE *f, const struct camtest *t)
+static void fill(struct dmn_json *j, const void *what)
 {
-    struct dmn_json j;
-    char *text = malloc(JSON_MAX);
-    if (text == NULL)
-        return;
-    dmn_json_init(&j, text, JSON_MAX);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_num(&j, "seconds", t->measured_s);
-    dmn_json_bool(&j, "interrupted", t->interrupted);
-    dmn_json_num(&j, "fps", t->fps);
-    dmn_json_open(&j, "sets", '{');
-    dmn_json_int(&j, "n", (long long)t->sets);
-    dmn_json_int(&j, "whole", (long long)t->whole);
-    dmn_json_num(&j, "spread_mean_ms", t->spread.mean * 1e3);
-    dmn_json_num(&j, "spread_p95_ms", (double)pvx_hist_quantile(&t->spread_hist, 0.95) * 1e-6);
-    dmn_json_num(&j, "spread_max_ms", t->spread.max * 1e3);
-    dmn_json_str(&j, "verdict", words[t->verdict]);
-    dmn_json_str(&j, "what", t->what);
-    dmn_json_str(&j, "remedy", t->remedy);
-    dmn_json_close(&j, '}');
-    dmn_json_open(&j, "cameras", '[');
+    const struct camtest *t = what;
+    dmn_json_open(j, NULL, '{');
+    dmn_json_num(j, "seconds", t->measured_s);
+    dmn_json_bool(j, "interrupted", t->interrupted);
+    dmn_json_num(j, "fps", t->fps);
+    dmn_json_open(j, "sets", '{');
+    dmn_json_int(j, "n", (long long)t->sets);
+    dmn_json_int(j, "whole", (long long)t->whole);
+    dmn_json_num(j, "spread_mean_ms", t->spread.mean * 1e3);
+    dmn_json_num(j, "spread_p95_ms", (double)pvx_hist_quantile(&t->spread_hist, 0.95) * 1e-6);
+    dmn_json_num(j, "spread_max_ms", t->spread.max * 1e3);
+    dmn_json_str(j, "verdict", words[t->verdict]);
+    dmn_json_str(j, "what", t->what);
+    dmn_json_str(j, "remedy", t->remedy);
+    dmn_json_close(j, '}');
+    dmn_json_open(j, "cameras", '[');
     for (uint32_t i = 0; i < t->n; i++)
-        json_camera(&j, t, i);
-    dmn_json_close(&j, ']');
-    dmn_json_close(&j, '}');
-    if (dmn_json_end(&j) > 0)
-        fprintf(f, "%s\n", text);
-    free(text);
+        json_camera(j, t, i);
+    dmn_json_close(j, ']');
+    dmn_json_close(j, '}');
+}
+
+pvx_err camtest_print_json(FILE *f, const struct camtest *t, struct pvx_diag *d)
+{
+    return dmn_json_print(f, fill, t, d);
 }

@@ -12,8 +12,6 @@
 #include "daemon/json.h"
 #include "daemon/wrap.h"
 
-#define JSON_MAX ((size_t)1 << 20)
-
 enum { OPT_JSON = 0x100 };
 struct args {
     const char *scheme;
@@ -128,41 +126,34 @@ static void json_formats(struct dmn_json *j, const char *formats)
     dmn_json_close(j, ']');
 }
 
-static void print_json(const struct cameras_list *l)
+static void fill(struct dmn_json *j, const void *what)
 {
-    struct dmn_json j;
-    char *text = malloc(JSON_MAX);
-    if (text == NULL)
-        return;
-    dmn_json_init(&j, text, JSON_MAX);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_open(&j, "cameras", '[');
+    const struct cameras_list *l = what;
+    dmn_json_open(j, NULL, '{');
+    dmn_json_open(j, "cameras", '[');
     for (size_t i = 0; i < l->n_backends; i++)
         for (size_t k = l->backend[i].first; k < l->backend[i].first + l->backend[i].n; k++) {
-            dmn_json_open(&j, NULL, '{');
-            dmn_json_str(&j, "backend", l->backend[i].ops->scheme);
-            dmn_json_str(&j, "uri", l->item[k].uri);
-            dmn_json_str(&j, "text", l->item[k].text);
-            json_formats(&j, l->item[k].formats);
-            dmn_json_close(&j, '}');
+            dmn_json_open(j, NULL, '{');
+            dmn_json_str(j, "backend", l->backend[i].ops->scheme);
+            dmn_json_str(j, "uri", l->item[k].uri);
+            dmn_json_str(j, "text", l->item[k].text);
+            json_formats(j, l->item[k].formats);
+            dmn_json_close(j, '}');
         }
-    dmn_json_close(&j, ']');
-    dmn_json_open(&j, "backends", '[');
+    dmn_json_close(j, ']');
+    dmn_json_open(j, "backends", '[');
     for (size_t i = 0; i < l->n_backends; i++) {
         const struct cameras_backend *b = &l->backend[i];
-        dmn_json_open(&j, NULL, '{');
-        dmn_json_str(&j, "scheme", b->ops->scheme);
-        dmn_json_bool(&j, "lists", b->lists);
-        dmn_json_int(&j, "cameras", (long long)b->n);
-        dmn_json_str(&j, "error", b->error.text);
-        dmn_json_str(&j, "why", b->why);
-        dmn_json_close(&j, '}');
+        dmn_json_open(j, NULL, '{');
+        dmn_json_str(j, "scheme", b->ops->scheme);
+        dmn_json_bool(j, "lists", b->lists);
+        dmn_json_int(j, "cameras", (long long)b->n);
+        dmn_json_str(j, "error", b->error.text);
+        dmn_json_str(j, "why", b->why);
+        dmn_json_close(j, '}');
     }
-    dmn_json_close(&j, ']');
-    dmn_json_close(&j, '}');
-    if (dmn_json_end(&j) > 0)
-        printf("%s\n", text);
-    free(text);
+    dmn_json_close(j, ']');
+    dmn_json_close(j, '}');
 }
 
 static int run(int argc, char **argv)
@@ -192,7 +183,10 @@ static int run(int argc, char **argv)
             fprintf(stderr, "  %-10s %s\n", (*b)->scheme, (*b)->help);
         code = 2;
     } else if (a.json) {
-        print_json(l);
+        struct pvx_diag d = {""};
+        pvx_err e = dmn_json_print(stdout, fill, l, &d);
+        if (e != PVX_OK)
+            code = cli_error(&d, e);
     } else {
         print_list(l, &a, cli_columns(120));
         if (l->n == 0)

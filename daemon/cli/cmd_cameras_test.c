@@ -105,14 +105,16 @@ static int test(const struct args *a)
     }
     camtest_judge(t);
     if (a->json)
-        camtest_print_json(stdout, t);
+        e = camtest_print_json(stdout, t, &d);
     else
         camtest_print(stdout, t, cli_columns(120));
     bool bad = t->verdict != CAMTEST_OK;
     for (uint32_t i = 0; i < t->n; i++)
         bad |= t->camera[i].verdict != CAMTEST_OK;
     int code = t->interrupted ? 130 : bad ? 1 : 0;
-    if (a->save != NULL && (e = camtest_save(t, a->save, &d)) != PVX_OK)
+    if (e == PVX_OK && a->save != NULL)
+        e = camtest_save(t, a->save, &d);
+    if (e != PVX_OK)
         code = cli_error(&d, e);
     camtest_free(&t);
     return code;

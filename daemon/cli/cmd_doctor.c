@@ -134,10 +134,10 @@ static int run(int argc, char **argv)
                                         .width = cli_columns(120)};
         bool script_only = a.fix_script != NULL && strcmp(a.fix_script, "-") == 0;
         if (a.json)
-            doc_print_json(stdout, doctor);
+            e = doc_print_json(stdout, doctor, &d);
         else if (!script_only)
             doc_print(stdout, doctor, &style);
-        if (a.fix_script != NULL)
+        if (e == PVX_OK && a.fix_script != NULL)
             e = write_script(a.fix_script, doctor, &d);
         code = doc_exit_status(&doctor->report);
     }

@@ -125,7 +125,10 @@ static int run(int argc, char **argv)
         return cli_error(&d, e);
     if (a.json) {
         char *text = cJSON_Print(s);
-        puts(text == NULL ? "" : text);
+        if (text == NULL)
+            e = PVX_ENOMEM;
+        else
+            puts(text);
         free(text);
     } else if (a.stop) {
         puts("the daemon is stopping");
@@ -140,7 +143,7 @@ static int run(int argc, char **argv)
         health_print(s);
     }
     cJSON_Delete(s);
-    return 0;
+    return e == PVX_OK ? 0 : cli_error(&d, e);
 }
 
 const struct cli_command cmd_status = {"status", "what a running daemon says about itself", run};

@@ -110,7 +110,7 @@ struct doc_style {
     int width;        /* columns */
 };
 void doc_print(FILE *f, const struct doctor *d, const struct doc_style *s);
-void doc_print_json(FILE *f, const struct doctor *d);
+PVX_MUST_CHECK pvx_err doc_print_json(FILE *f, const struct doctor *d, struct pvx_diag *why);
 /* Shell script of all remedies.  Files that it writes lie under $ROOT (empty: the host itself). */
 void doc_script(FILE *f, const struct doctor *d);
 #endif

@@ -7,8 +7,6 @@
 #include "daemon/wrap.h"
 #include "doctor/doctor.h"
 
-#define JSON_MAX ((size_t)1 << 20)
-
 static const char *const words[DOC_N_VERDICT] = {
     [DOC_OK] = "OK", [DOC_WARN] = "WARN", [DOC_FAIL] = "FAIL", [DOC_UNKNOWN] = "CANNOT TELL"};
 static const char *const colours[DOC_N_VERDICT] = {[DOC_OK] = "\033[32m",
@@ -88,41 +86,39 @@ static void json_fix(struct dmn_json *j, const struct doc_fix *x)
     dmn_json_close(j, '}');
 }
 
-void doc_print_json(FILE *f, const struct doctor *d)
+static void fill(struct dmn_json *j, const void *what)
 {
+    const struct doctor *d = what;
     static const char *const lower[DOC_N_VERDICT] = {
         [DOC_OK] = "ok", [DOC_WARN] = "warn", [DOC_FAIL] = "fail", [DOC_UNKNOWN] = "unknown"};
     const struct doc_report *r = &d->report;
-    struct dmn_json j;
-    char *text = malloc(JSON_MAX);
-    if (text == NULL)
-        return;
-    dmn_json_init(&j, text, JSON_MAX);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_str(&j, "load", d->load.source);
-    dmn_json_bool(&j, "configured", d->load.given);
-    dmn_json_open(&j, "counts", '{');
+    dmn_json_open(j, NULL, '{');
+    dmn_json_str(j, "load", d->load.source);
+    dmn_json_bool(j, "configured", d->load.given);
+    dmn_json_open(j, "counts", '{');
     for (int v = 0; v < DOC_N_VERDICT; v++)
-        dmn_json_int(&j, lower[v], (long long)doc_count(r, (enum doc_verdict)v));
-    dmn_json_close(&j, '}');
-    dmn_json_open(&j, "findings", '[');
+        dmn_json_int(j, lower[v], (long long)doc_count(r, (enum doc_verdict)v));
+    dmn_json_close(j, '}');
+    dmn_json_open(j, "findings", '[');
     for (size_t i = 0; i < r->n; i++) {
         const struct doc_finding *x = &r->f[i];
-        dmn_json_open(&j, NULL, '{');
-        dmn_json_str(&j, "id", x->id);
-        dmn_json_str(&j, "verdict", lower[x->verdict]);
-        dmn_json_int(&j, "weight", x->weight);
-        dmn_json_str(&j, "what", x->what);
-        dmn_json_str(&j, "means", x->means);
-        dmn_json_open(&j, "remedies", '[');
+        dmn_json_open(j, NULL, '{');
+        dmn_json_str(j, "id", x->id);
+        dmn_json_str(j, "verdict", lower[x->verdict]);
+        dmn_json_int(j, "weight", x->weight);
+        dmn_json_str(j, "what", x->what);
+        dmn_json_str(j, "means", x->means);
+        dmn_json_open(j, "remedies", '[');
         for (size_t k = 0; k < x->n_fix; k++)
-            json_fix(&j, &x->fix[k]);
-        dmn_json_close(&j, ']');
-        dmn_json_close(&j, '}');
+            json_fix(j, &x->fix[k]);
+        dmn_json_close(j, ']');
+        dmn_json_close(j, '}');
     }
-    dmn_json_close(&j, ']');
-    dmn_json_close(&j, '}');
-    if (dmn_json_end(&j) > 0)
-        fprintf(f, "%s\n", text);
-    free(text);
+    dmn_json_close(j, ']');
+    dmn_json_close(j, '}');
+}
+
+pvx_err doc_print_json(FILE *f, const struct doctor *d, struct pvx_diag *why)
+{
+    return dmn_json_print(f, fill, d, why);
 }

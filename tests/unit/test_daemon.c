@@ -2,6 +2,7 @@
 #include "../t.h"
 
 #include <cjson/cJSON.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include "base/clock.h"
@@ -55,6 +56,66 @@ static void json_that_does_not_fit_says_so(void)
         T_EQ_I(dmn_json_end(&j), 0);
         T_EQ_I(text[15], guard);
     }
+}
+
+/* *what numbers. */
+static void fill_many(struct dmn_json *j, const void *what)
+{
+    dmn_json_open(j, NULL, '[');
+    for (int i = 0; i < *(const int *)what && !j->full; i++)
+        dmn_json_int(j, NULL, i);
+    dmn_json_close(j, ']');
+}
+
+static void json_of_any_length_is_printed(void)
+{
+    for (int n = 1; n <= 1000000; n *= 100) { /* 3 bytes to 6.9 MB */
+        char *text = NULL;
+        size_t len = 0;
+        FILE *f = open_memstream(&text, &len);
+        T_EQ_I(dmn_json_print(f, fill_many, &n, NULL), PVX_OK);
+        fclose(f);
+        T_OK(len > 0 && text[len - 1] == '\n');
+        cJSON *c = cJSON_Parse(text);
+        T_EQ_I(cJSON_GetArraySize(c), n);
+        cJSON_Delete(c);
+        free(text);
+    }
+}
+
+static void json_that_cannot_be_printed_is_an_error(void)
+{
+    struct pvx_diag d = {""};
+    int n = 10, endless = INT32_MAX;
+    FILE *f = fopen("/dev/full", "w");
+    T_EQ_I(dmn_json_print(f, fill_many, &n, &d), PVX_ENOSPC);
+    T_CONTAINS(d.text, "cannot be written");
+    fclose(f);
+    f = fopen("/dev/null", "w");
+    d = (struct pvx_diag){""};
+    T_EQ_I(dmn_json_print(f, fill_many, &endless, &d), PVX_ERANGE);
+    T_CONTAINS(d.text, "64 MiB");
+    fclose(f);
+}
+
+static void json_without_memory_is_an_error(void)
+{
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+    T_SKIP("the sanitizers' allocator ends the program instead of giving NULL");
+#else
+    int n = INT32_MAX; /* to sizes that no heap has lying about */
+    struct pvx_diag d = {""};
+    struct rlimit old, none;
+    FILE *f = fopen("/dev/null", "w");
+    getrlimit(RLIMIT_AS, &old);
+    none = (struct rlimit){.rlim_cur = 1, .rlim_max = old.rlim_max};
+    setrlimit(RLIMIT_AS, &none);
+    pvx_err e = dmn_json_print(f, fill_many, &n, &d);
+    setrlimit(RLIMIT_AS, &old);
+    T_EQ_I(e, PVX_ENOMEM);
+    T_CONTAINS(d.text, "no memory");
+    fclose(f);
+#endif
 }
 
 static int stops, resets;
@@ -271,6 +332,9 @@ int main(void)
 {
     T_RUN(json_is_valid_and_comes_back);
     T_RUN(json_that_does_not_fit_says_so);
+    T_RUN(json_of_any_length_is_printed);
+    T_RUN(json_that_cannot_be_printed_is_an_error);
+    T_RUN(json_without_memory_is_an_error);
     T_RUN(control_answers);
     T_RUN(the_fullest_state_fits_and_parses);
     T_RUN(second_control_socket_is_refused);

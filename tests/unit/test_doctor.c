@@ -805,7 +805,7 @@ static void as_text(FILE *f)
 }
 static void as_json(FILE *f)
 {
-    doc_print_json(f, &doctor);
+    T_EQ_I(doc_print_json(f, &doctor, NULL), PVX_OK);
 }
 static void as_script(FILE *f)
 {
