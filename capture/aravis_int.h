@@ -63,6 +63,11 @@ PVX_MUST_CHECK pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_d
 void aravis_cut_stream(struct aravis_source *s); /* released frames no longer go back to it */
 void aravis_end_stream(struct aravis_source *s); /* seconds, when the camera does not answer */
 
+/* aravis_host.c: the calling thread gets its priority; is there room for what is asked?  A warning, not an
+ * error, when not. */
+void aravis_make_realtime(const struct cap_source_config *c);
+void aravis_check_room(const struct cap_source_config *c, int asked);
+
 /* aravis_watch.c: the slow loop. */
 void aravis_watch_start(struct aravis_source *s);
 void aravis_watch_quit(struct aravis_source *s); /* does not wait */

@@ -25,7 +25,6 @@
 #define RETENTION_MS      50.0
 #define PACKET_TIMEOUT_MS 5.0
 #define SOCKET_BUFFER     (8 << 20)
-#define RT_PRIORITY       10
 
 struct slot {
     struct cap_frame *frame;
@@ -258,12 +257,7 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
     struct aravis_source *s = user;
     (void)buffer; /* the one that is done comes out of the queue */
     switch (type) {
-    case ARV_STREAM_CALLBACK_TYPE_INIT:
-        if (s->c.gige.rt_priority >= 0 &&
-            !arv_make_thread_realtime(s->c.gige.rt_priority > 0 ? s->c.gige.rt_priority
-                                                                : RT_PRIORITY))
-            LOG_D(CAPTURE, "camera %s: no real-time priority for its thread", s->c.name);
-        break;
+    case ARV_STREAM_CALLBACK_TYPE_INIT: aravis_make_realtime(&s->c); break;
     case ARV_STREAM_CALLBACK_TYPE_START_BUFFER:
         /* Aravis' queue gave the buffer; the lock makes what its last user did to it visible here
          * in terms that do not depend on GLib's inside. */
@@ -293,9 +287,11 @@ static void set_stream(const struct aravis_source *s, ArvStream *stream)
     const struct cap_gige *g = &s->c.gige;
     double retention = g->frame_retention_ms > 0 ? g->frame_retention_ms : RETENTION_MS;
     double timeout = g->packet_timeout_ms > 0 ? g->packet_timeout_ms : PACKET_TIMEOUT_MS;
+    int room = g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER;
+    aravis_check_room(&s->c, room);
     g_object_set(
-        stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
-        g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER, "packet-resend",
+        stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size", room,
+        "packet-resend",
         s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
         "frame-retention", (guint)(retention * 1000), "packet-timeout",
         (guint)(ASK_AGAIN * timeout * 1000), "initial-packet-timeout", (guint)(timeout * 1000),

@@ -20,10 +20,10 @@
 #member, offsetof(struct cap_gvcam_stats, member) \
     }
 const struct cap_gvcam_stat_def cap_gvcam_stat_defs[] = {
-    S(taken),    S(frames),    S(dropped),    S(overrun),    S(triggers),    S(missed),
-    S(too_fast), S(packets),   S(lost),       S(cut),        S(resent),      S(gone),
-    S(torn),     S(reordered), S(duplicated), S(wrong_size), S(corrupt),     S(hostile),
-    S(commands), S(refused),   S(heartbeats), S(reboots),    S(send_errors), {NULL, 0}};
+    S(taken),      S(frames),     S(dropped),     S(overrun), S(triggers), S(missed),   S(too_fast),
+    S(packets),    S(lost),       S(cut),         S(asked),   S(resent),   S(gone),     S(torn),
+    S(reordered),  S(duplicated), S(wrong_size),  S(corrupt), S(hostile),  S(commands), S(refused),
+    S(heartbeats), S(reboots),    S(send_errors), {NULL, 0}};
 #undef S
 
 int64_t gvcam_now(void)

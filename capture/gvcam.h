@@ -68,6 +68,7 @@ struct cap_gvcam_config {
     uint16_t first_id;    /* 0 = 65401: the wrap comes soon */
     bool boot_clock;      /* device clock counts from the start of the camera */
     bool zip;             /* GenICam file zipped */
+    bool no_resend;       /* says that it cannot send packets again, and refuses to */
 };
 
 /* "share": 0..1 of the frames, packets or triggers, at random (repeatable per address). */
@@ -106,6 +107,7 @@ struct cap_gvcam_stats {
     uint64_t packets;  /* put on the network, resent ones too */
     uint64_t lost;     /* packets not put there: packet_loss */
     uint64_t cut;      /* packets dropped by the switch: link limit, reboot */
+    uint64_t asked;    /* requests for packets that did not come, granted or not */
     uint64_t resent;   /* packets sent again on request */
     uint64_t gone;     /* packets asked for again that were there no more */
     uint64_t torn;     /* frames sent with at least one packet lost or cut */

@@ -148,6 +148,11 @@ static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
             a->status = CAP_GVCP_ACCESS_DENIED;
             break;
         }
+        c->stats.asked++;
+        if (c->c.no_resend) {
+            a->status = CAP_GVCP_NOT_IMPLEMENTED;
+            break;
+        }
         cap_gvcp_get_resend(r, &resend);
         gvcam_resend(c, &resend);
         break;

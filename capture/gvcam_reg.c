@@ -100,9 +100,9 @@ static bool read_bootstrap(struct cap_gvcam *c, uint32_t a, uint32_t *out)
         case GVB_GVCP_CONFIG:
         case GVB_PENDING_TIMEOUT: *out = 0; break;
         case GVB_GVCP_CAPABILITY:
-            *out = GVCAM_CAN_CONCATENATE | GVCAM_CAN_WRITEMEM | GVCAM_CAN_RESEND |
-                   GVCAM_CAN_ACTION | GVCAM_CAN_SCHEDULE | GVCAM_CAN_PTP | GVCAM_CAN_SERIAL |
-                   GVCAM_CAN_NAME;
+            *out = GVCAM_CAN_CONCATENATE | GVCAM_CAN_WRITEMEM |
+                   (c->c.no_resend ? 0 : GVCAM_CAN_RESEND) | GVCAM_CAN_ACTION | GVCAM_CAN_SCHEDULE |
+                   GVCAM_CAN_PTP | GVCAM_CAN_SERIAL | GVCAM_CAN_NAME;
             break;
         case GVB_TICKS_HIGH: *out = (uint32_t)(gvcam_clock_hz(c) >> 32); break;
         case GVB_TICKS_LOW: *out = (uint32_t)gvcam_clock_hz(c); break;

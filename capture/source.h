@@ -109,7 +109,7 @@ struct cap_gige {
     int32_t socket_buffer;     /* bytes, as far as net.core.rmem_max allows; 0 = 8 MiB */
     double frame_retention_ms; /* longest wait for the packets of a frame; 0 = 50 */
     double packet_timeout_ms;  /* a packet that late is asked for again; 0 = 5 */
-    int32_t rt_priority;       /* SCHED_FIFO of the receiving thread; 0 = 10, -1 = none */
+    int32_t rt_priority;       /* SCHED_RR of the receiving thread; 0 = 10, -1 = none */
     bool no_packet_socket;     /* plain UDP even where AF_PACKET is allowed */
 };
 
