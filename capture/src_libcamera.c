@@ -4,8 +4,8 @@
  * and come back (lend.h); with fewer of them than the configuration's `buffers` and the two that
  * stay with the camera, images are copied instead (the handler of USB cameras always has four).
  * libcamera's one thread for all cameras hands over; the C++ is in libcamera_shim.cpp.
- * A camera that libcamera reports as disconnected is lost at once.  libcamera 0.0.3 crashes, in its own
- * enumerator of devices, when a USB camera is plugged in again while it runs: v4l2: is for those.
+ * A camera that libcamera reports as disconnected is lost at once, and found again by its name when it
+ * is back; libcamera_hold.h says what that takes.
  *
  * Times: SensorTimestamp.  libcamera says that it counts as CLOCK_BOOTTIME does; handlers pass on the
  * kernel's CLOCK_MONOTONIC.  The two differ by the time that the host has slept, so which one it is
@@ -25,6 +25,7 @@
 #include "capture/backends.h"
 #include "capture/bufpool.h"
 #include "capture/lend.h"
+#include "capture/libcamera_hold.h"
 #include "capture/libcamera_modes.h"
 #include "capture/libcamera_shim.h"
 #include "capture/module.h"
@@ -129,6 +130,7 @@ static pvx_err find_ids(struct ids *all, struct pvx_diag *d)
     *all = (struct ids){.n = 0};
     PVX_TRY(need_module(d));
     char err[256] = "";
+    lc_hold();
     int e = module.lc->list(add_id, all, err, sizeof err);
     if (e == PVX_OK)
         return PVX_OK;
@@ -492,12 +494,6 @@ static void libcamera_stop(cap_source *base)
     cap_lend_run(s->lend, false);
     module.lc->stop(s->camera);
     s->started = false;
-    if (s->lost && strncmp(module.lc->library, "0.0.", 4) == 0)
-        LOG_W(
-            CAPTURE,
-            "camera %s (libcamera:%s): stop the daemon before it is plugged in again: libcamera %s "
-            "crashes when a USB camera comes back; v4l2: does not",
-            s->name, s->uri, module.lc->library);
 }
 
 static void libcamera_health(cap_source *base, struct cap_health *out)
