@@ -118,13 +118,15 @@ static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const s
         cam->unsure_left = cam->clock.shared ? 0 : CAP_SETTLE_FRAMES;
         cam->unsure_until_ns = f->t_arrival_mono_ns + CAP_SETTLE_NS;
     }
-    if (!cap->watches)
+    /* while it is not sure whether the clock that it shows was set, the frame says nothing */
+    if (!cap->watches || (cam->shows_real && cap->host.n_doubts > 0))
         return;
     if (cam->restarted)
         cap_syncwatch_restart(&cap->watch, cam->index);
     cam->restarted = false;
     cap->watch.camera[cam->index].doubt_ns =
         f->t_device_ns != 0 ? cap_clockmap_doubt(&cam->clock) : 0;
+    cap->watch.camera[cam->index].host_stamps = cam->ops->clock == CAP_CLOCK_MONO;
     cap_syncwatch_frame(&cap->watch, f);
 }
 
@@ -245,7 +247,7 @@ static void set_alive(struct cap_capture *cap, uint64_t mask)
 }
 
 /* Next frame, or NULL: *end tells whether there will be one again.  *alive is of the same moment. */
-static struct cap_frame *take(struct cap_capture *cap, uint64_t *alive, bool *end)
+static struct cap_frame *take(struct cap_capture *cap, bool wait, uint64_t *alive, bool *end)
 {
     struct cap_frame *f = NULL;
     int64_t deadline = cap->cfg.lossless ? INT64_MAX : cap_assembler_deadline(cap->assembler);
@@ -260,7 +262,7 @@ static struct cap_frame *take(struct cap_capture *cap, uint64_t *alive, bool *en
         f = cap->cfg.lossless ? next_in_time(cap) : next_live(cap);
         if (f != NULL || (*end = finished(cap)))
             break;
-        if (*alive != before || pvx_now_mono() >= deadline)
+        if (!wait || *alive != before || pvx_now_mono() >= deadline)
             break;
         if (deadline == INT64_MAX)
             pthread_cond_wait(&cap->work, &cap->lock);
@@ -284,28 +286,33 @@ static bool untimed(struct cap_capture *cap, const struct cap_frame *f)
     return cam->unsure_left > 0;
 }
 
+bool cap_assemble_some(struct cap_capture *cap, bool wait)
+{
+    bool end;
+    uint64_t alive;
+    struct cap_frame *f = take(cap, wait, &alive, &end);
+    set_alive(cap, alive);
+    if (f == NULL) {
+        if (!cap->cfg.lossless)
+            cap_assembler_tick(cap->assembler, pvx_now_mono());
+    } else if (untimed(cap, f)) {
+        cap_assembler_refuse(cap->assembler, f);
+    } else {
+        if (cap->cfg.lossless && f->set == 0)
+            cap_assembler_close_before(cap->assembler, f->t_exposure_ns);
+        cap_assembler_put(cap->assembler, f);
+    }
+    if (end)
+        cap_assembler_flush(cap->assembler);
+    hand_over(cap);
+    return !end;
+}
+
 void *cap_assemble(void *arg)
 {
     struct cap_capture *cap = arg;
-    bool end;
-    do {
-        uint64_t alive;
-        struct cap_frame *f = take(cap, &alive, &end);
-        set_alive(cap, alive);
-        if (f == NULL) {
-            if (!cap->cfg.lossless)
-                cap_assembler_tick(cap->assembler, pvx_now_mono());
-        } else if (untimed(cap, f)) {
-            cap_assembler_refuse(cap->assembler, f);
-        } else {
-            if (cap->cfg.lossless && f->set == 0)
-                cap_assembler_close_before(cap->assembler, f->t_exposure_ns);
-            cap_assembler_put(cap->assembler, f);
-        }
-        if (end)
-            cap_assembler_flush(cap->assembler);
-        hand_over(cap);
-    } while (!end);
+    while (cap_assemble_some(cap, true))
+        ;
     pvx_queue_close(cap->out);
     return NULL;
 }

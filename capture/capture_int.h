@@ -152,8 +152,11 @@ void cap_intake_restart(struct cap_camera *cam);
 struct cap_frame *cap_intake_pop(struct cap_camera *cam);
 
 void *cap_supervise(void *camera); /* thread, supervisor.c */
-void *cap_assemble(void *capture); /* thread, assembly.c */
-void *cap_monitor(void *capture);  /* thread, monitor.c: logs what goes wrong, once */
+void *cap_assemble(void *capture); /* thread, assembly.c: the next until there is none */
+/* One frame, or, with none there and `wait`, until something happens; false: it was the last.  Its
+ * thread's, and of tests that have time stand still. */
+bool cap_assemble_some(struct cap_capture *cap, bool wait);
+void *cap_monitor(void *capture); /* thread, monitor.c: logs what goes wrong, once */
 /* A camera's troubles that are on, for stats.  Under the lock. */
 void cap_monitor_troubles(const struct cap_camera *cam, struct cap_camera_stats *out);
 

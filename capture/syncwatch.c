@@ -14,8 +14,8 @@
 #define ROUND_OFF_OWN 0.45
 #define COARSE        0.3
 #define FINE          0.01
-#define FINEST        400e-6
-#define MIN_WALK      4 /* windows that make a line */
+#define HOST_NS       (9 * PVX_NS_PER_S) /* before stamps of the host tell a rate */
+#define MIN_WALK      4                  /* windows that make a line */
 #define WALK_NS       500e3
 #define UNSURE_NS     600e3 /* per s, that the maps of two clocks may be wrong by at first */
 #define RENUMBERED    1000  /* instants: numbers that far off have begun anew */
@@ -49,6 +49,7 @@ void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns)
         k->t0 += by_ns;
         for (unsigned i = 0; i < CAP_WALK_WINDOWS; i++)
             k->walk[i].t_ns += by_ns;
+        cap_rate_forget(&k->rate); /* its stamps may be of the clock that was set */
     }
 }
 
@@ -233,19 +234,24 @@ static bool walks_over(const struct cap_syncwatch *w, const struct cap_sync_came
         double off = y[i] - my - *per_s * (x[i] - mx);
         rest += off * off / n;
     }
-    double change = fabs(*per_s) * x[n - 1];
-    return change > fmax((double)w->p.period_ns / 20, WALK_NS) + doubt_ns &&
-           change > 6 * sqrt(rest);
+    double change = fabs(*per_s) * x[n - 1], scatter = sqrt(rest);
+    double known = isfinite(doubt_ns) ? doubt_ns : 0;
+    if (change > fmax((double)w->p.period_ns / 20, WALK_NS) + known && change > 6 * scatter)
+        return true;
+    double error = scatter * sqrt(n / ((n - 2) * sxx)) * x[n - 1];
+    return n <= k->n_sure && change > WALK_NS + known &&
+           change > cap_rate_quantile(n - 2) * error &&
+           change > 8 * scatter; /* of a step it is 6 */
 }
 
 /* Over the last windows, few or many: it may have begun a moment ago, or be slow. */
 static bool walks(const struct cap_syncwatch *w, struct cap_sync_camera *k)
 {
     double by = doubt(w), least = isfinite(by) ? 0 : UNSURE_NS;
+    k->n_sure = isfinite(by) ? k->n_sure + 1 : 0;
     k->walk_ns_per_s = NAN;
     for (unsigned n = MIN_WALK; n <= k->n_walk; n += n / 4)
-        if (walks_over(w, k, n, isfinite(by) ? by : 0, &k->walk_ns_per_s) &&
-            fabs(k->walk_ns_per_s) >= least)
+        if (walks_over(w, k, n, by, &k->walk_ns_per_s) && fabs(k->walk_ns_per_s) >= least)
             return true;
     return false;
 }
@@ -292,35 +298,52 @@ static void judge_phase(struct cap_syncwatch *w, uint32_t c)
     }
 }
 
-/* Over the windows of the last while, by rounded intervals; NAN when there are too few. */
-static double long_rate(const struct cap_sync_camera *k)
-{
-    int64_t ns = 0, periods = 0;
-    for (unsigned i = 0; i < k->n_rate; i++) {
-        ns += k->rate[i].ns;
-        periods += k->rate[i].periods;
-    }
-    return k->n_rate < CAP_RATE_WINDOWS ? NAN : (double)periods * 1e9 / (double)ns;
-}
-
-/* Unlike most of the others, as far as they are known; of two, the one that is farther from nominal is
- * wrong. */
+/* Unlike most of the others, as far as they are known for so long; of two, the one that is farther from
+ * nominal is wrong.  *theirs: pictures per second. */
 static bool unlike_the_others(const struct cap_syncwatch *w, const struct cap_sync_camera *k,
-                              double mine, double *theirs)
+                              unsigned m, double *theirs)
 {
     double rate[CAP_MAX_CAMERAS], nominal = 1e9 / (double)w->p.period_ns;
     unsigned n = 0, unlike = 0;
     for (uint32_t b = 0; b < w->p.cameras; b++) {
-        double r = long_rate(&w->camera[b]);
-        if (&w->camera[b] == k || !isfinite(r))
+        const struct cap_sync_camera *o = &w->camera[b];
+        if (o == k || o->rate.n < m || k->arrival_ns - o->arrival_ns > w->window_ns ||
+            ((k->rate_by_host || o->rate_by_host) && cap_rate_span_ns(&k->rate, m) < HOST_NS))
             continue;
-        rate[n++] = r;
-        unlike += fabs(mine / r - 1) > FINEST;
+        rate[n++] = cap_rate_hz(&o->rate, m, w->p.period_ns);
+        unlike += cap_rate_unlike(&k->rate, &o->rate, m, w->p.period_ns) != 0;
     }
     if (2 * unlike <= n)
         return false;
     *theirs = median(rate, n);
+    double mine = cap_rate_hz(&k->rate, m, w->p.period_ns);
     return n > 1 || fabs(mine - nominal) >= fabs(*theirs - nominal);
+}
+
+static void odd_rate(struct cap_syncwatch *w, uint32_t c, const char *text)
+{
+    w->camera[c].rate_odd_mono_ns = w->camera[c].arrival_ns;
+    found(w, c, CAP_RATE, 1, text);
+}
+
+/* Counted less than a window ago? */
+static bool counted(const struct cap_syncwatch *w, const struct cap_sync_camera *k)
+{
+    return k->rate_odd_mono_ns != 0 && k->arrival_ns - k->rate_odd_mono_ns < w->window_ns * 9 / 10;
+}
+
+/* A block of the camera is full. */
+static void compare_rates(struct cap_syncwatch *w, uint32_t c)
+{
+    struct cap_sync_camera *k = &w->camera[c];
+    char text[96];
+    double theirs = 0;
+    for (unsigned m = CAP_RATE_FEWEST; m <= k->rate.n && !counted(w, k); m += m / 4)
+        if (unlike_the_others(w, k, m, &theirs)) {
+            snprintf(text, sizeof text, "%.3f pictures a second, the others %.3f",
+                     cap_rate_hz(&k->rate, m, w->p.period_ns), theirs);
+            odd_rate(w, c, text);
+        }
 }
 
 static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
@@ -332,32 +355,34 @@ static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
     if (n > 16 * (k->frames + 1)) /* numbered anew */
         n = k->frames;
     double by_number = (double)n * 1e9 / (double)ns;
-    double theirs = 0;
-    bool whole = k->periods > 0;
     k->hz = by_number;
-    if (!w->p.paced_outside && fabs(by_number / nominal - 1) > COARSE) {
-        snprintf(text, sizeof text, "%.2f pictures a second instead of %.2f", by_number, nominal);
-        found(w, c, CAP_RATE, 1, text);
-        k->n_rate = k->rate_head = 0;
+    bool coarse = !w->p.paced_outside && fabs(by_number / nominal - 1) > COARSE;
+    if (!coarse && k->periods > 0) /* else triggers come as they like */
+        k->hz = (double)k->periods * 1e9 / (double)ns;
+    if (counted(w, k) || (!coarse && (k->periods <= 0 || fabs(k->hz / nominal - 1) <= FINE)))
         return;
-    }
-    if (!whole) { /* intervals that are no multiples of the period: triggers that come as they like */
-        k->n_rate = k->rate_head = 0;
-        return;
-    }
-    k->hz = (double)k->periods * 1e9 / (double)ns;
-    k->rate[k->rate_head].ns = ns;
-    k->rate[k->rate_head].periods = k->periods;
-    k->rate_head = (k->rate_head + 1) % CAP_RATE_WINDOWS;
-    k->n_rate += k->n_rate < CAP_RATE_WINDOWS;
-    double slow = long_rate(k);
-    if (fabs(k->hz / nominal - 1) > FINE) {
-        snprintf(text, sizeof text, "%.2f pictures a second instead of %.2f", k->hz, nominal);
-        found(w, c, CAP_RATE, 1, text);
-    } else if (isfinite(slow) && unlike_the_others(w, k, slow, &theirs)) {
-        snprintf(text, sizeof text, "%.3f pictures a second, the others %.3f", slow, theirs);
-        found(w, c, CAP_RATE, 1, text);
-    }
+    snprintf(text, sizeof text, "%.2f pictures a second instead of %.2f", k->hz, nominal);
+    odd_rate(w, c, text);
+}
+
+/* Intervals that are no multiples of the period say nothing about a rate: triggers that come as they
+ * like, or a clock that moved. */
+static void take_rate(struct cap_syncwatch *w, const struct cap_frame *f)
+{
+    struct cap_sync_camera *k = &w->camera[f->camera];
+    int64_t t = f->t_device_ns != 0 ? f->t_device_ns : f->t_exposure_ns;
+    bool host = f->t_device_ns == 0 || k->host_stamps;
+    if (host != k->rate_by_host)
+        cap_rate_forget(&k->rate);
+    k->rate_by_host = host;
+    int64_t step = minus(t, k->rate.t_ns);
+    double periods = (double)step / (double)w->p.period_ns;
+    double most = w->p.paced_outside ? ROUND_OFF : ROUND_OFF_OWN;
+    if (step <= 0 || step > 4 * w->window_ns || periods < 0.5 ||
+        fabs(periods - rint(periods)) > most)
+        cap_rate_forget(&k->rate);
+    if (cap_rate_add(&k->rate, t, llrint(periods), w->p.period_ns))
+        compare_rates(w, f->camera);
 }
 
 static void begin_window(struct cap_sync_camera *k)
@@ -381,6 +406,7 @@ void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f)
     k->arrival_ns = f->t_arrival_mono_ns;
     if (w->p.period_ns == 0)
         return;
+    take_rate(w, f);
     if (first || step <= 0 || step > 4 * w->window_ns) {
         begin_window(k); /* after a pause nothing is known of it */
         return;

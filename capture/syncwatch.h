@@ -19,15 +19,19 @@
  * a second at 16 Hz and above.
  *
  * PHASE_WALK.  The phase moves steadily: line through the last windows, 4 to 128 of them, that has
- * changed by more than max(period / 20, 0.5 ms) and by 6 times its own scatter.  So a camera that runs by itself beside
- * triggered ones is found before it is out of step: after 2.5 s at 1000 ppm and 30 Hz, but only after 40 s
- * at 50 ppm: there is nothing to see earlier.  While a clock's drift is being learnt, only what moves by
- * more than 0.6 ms per second counts.
+ * changed by more than max(period / 20, 0.5 ms) and what the clocks' maps may be off by, and by 6 times
+ * its own scatter; or, once maps are known, by 0.5 ms and that, 8 times its scatter (a step is no walk) and
+ * surely (syncrate.h).  While a map is being learnt, only what moves by more than 0.6 ms per second counts.
+ * So a camera that runs by itself beside triggered ones is found before it is out of step: after 5 s at
+ * 200 ppm, 12 s at 50 ppm (known clocks, stamps good to 0.2 ms, 30 Hz); there is nothing to see much
+ * earlier.
  *
  * RATE.  Over a window: frames by number against the nominal rate, off by 30 %; or periods by rounded
- * interval, off by 1 %; found after one to two windows.  Over twenty (10 s): rounded intervals against the
- * median of the other cameras, off by 400 ppm (29.97 Hz beside 30 is 1000): below that it is
- * clocks, which one second cannot tell apart.
+ * interval, off by 1 %; found after one to two windows.  Against the median of the other cameras, on
+ * each one's own clock: off by more than 400 ppm, surely (syncrate.h): below that it is clocks.  So a camera
+ * that runs freely at 1000 ppm, or at 29.97 Hz beside 30, is found after 0.5 s with stamps good to some
+ * microseconds, after 1.4 s with 0.2 ms, 3.5 s with 1 ms.  Stamps that a driver makes on the host wander
+ * with its load: they are judged over 10 s only.  Counted once a window.
  *
  * With two cameras nobody knows which of them is wrong; both are named (RATE: the one farther from
  * nominal).
@@ -36,9 +40,9 @@
 #ifndef CAP_SYNCWATCH_H
 #define CAP_SYNCWATCH_H
 #include "capture/frameset.h"
+#include "capture/syncrate.h"
 
 #define CAP_WALK_WINDOWS 128
-#define CAP_RATE_WINDOWS 20
 
 struct cap_syncwatch_params {
     uint32_t cameras;
@@ -58,6 +62,7 @@ struct cap_syncwatch {
         /* last frame */
         bool any;
         double doubt_ns; /* in: its mapped times may wander by it; infinite: drift not known well */
+        bool host_stamps; /* in: a driver stamps its frames with the host's clock */
         uint64_t id;
         int64_t t_ns, arrival_ns;
         /* numbers against sets */
@@ -78,11 +83,10 @@ struct cap_syncwatch {
             int64_t t_ns;
             double phase_ns; /* unwrapped */
         } walk[CAP_WALK_WINDOWS];
-        unsigned n_walk, walk_head;
-        struct {
-            int64_t ns, periods;
-        } rate[CAP_RATE_WINDOWS];
-        unsigned n_rate, rate_head;
+        unsigned n_walk, walk_head, n_sure; /* sure: in a row, no map was being learnt */
+        struct cap_rate rate;
+        bool rate_by_host;        /* its stamps are the host's */
+        int64_t rate_odd_mono_ns; /* when its rate was last found odd, by arrival; 0 = never */
         /* for a report; NAN = not known */
         double phase_ns, walk_ns_per_s, hz;
     } camera[CAP_MAX_CAMERAS];

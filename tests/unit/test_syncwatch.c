@@ -5,10 +5,11 @@
 #include "base/clock.h"
 #include "capture/syncwatch.h"
 
-#define S  PVX_NS_PER_S
-#define MS PVX_NS_PER_MS
-#define T0 1700000000000000000LL
-#define N  4
+#define S    PVX_NS_PER_S
+#define MS   PVX_NS_PER_MS
+#define T0   1700000000000000000LL
+#define N    4
+#define BOOT (7 * S) /* what devices' clocks showed at 0 */
 
 static uint64_t counts[CAP_MAX_CAMERAS][CAP_N_COUNT];
 static char details[CAP_MAX_CAMERAS][CAP_N_COUNT][128];
@@ -43,6 +44,7 @@ static void frame(uint32_t c, double t)
 {
     struct cap_frame f = {.camera = c,
                           .id = next_id[c]++,
+                          .t_device_ns = BOOT + (int64_t)(t * 1e9),
                           .t_exposure_ns = T0 + (int64_t)(t * 1e9),
                           .t_arrival_mono_ns = (int64_t)((t + 0.01 + t_uniform(0, 0.001)) * 1e9)};
     cap_syncwatch_frame(&w, &f);
@@ -213,6 +215,7 @@ static void numbers_may_begin_anew(void)
 }
 
 /* Camera `odd` at its own rate and phase beside triggered ones; the time until `what` is counted, s. */
+static double noise = 2e-4; /* s, of stamps, each way */
 static double until(uint32_t cameras, uint32_t odd, double hz, double odd_hz, double phase,
                     enum cap_count what, double most)
 {
@@ -227,7 +230,7 @@ static double until(uint32_t cameras, uint32_t odd, double hz, double odd_hz, do
         double t = next[c];
         if (t > most || counts[odd][what] > 0)
             return t;
-        frame(c, t + t_uniform(-2e-4, 2e-4));
+        frame(c, t + t_uniform(-noise, noise));
         next[c] += 1 / (c == odd ? odd_hz : hz);
     }
 }
@@ -267,22 +270,31 @@ static void a_camera_out_of_step_is_found_in_a_second(void)
 static void a_free_running_camera_is_found_before_it_is_out_of_step(void)
 {
     static const struct {
-        double ppm, at_most;
-    } row[] = {{1000, 4}, {-1000, 4}, {200, 14}, {50, 45}};
+        double ppm, noise;
+        enum cap_count what;
+        double at_most;
+    } row[] = {{1000, 2e-6, CAP_RATE, 0.7},     {-1000, 2e-6, CAP_RATE, 0.7},
+               {450, 2e-6, CAP_RATE, 0.7},      {1000, 2e-4, CAP_RATE, 1.7},
+               {-1000, 2e-4, CAP_RATE, 1.7},    {1000, 1e-3, CAP_RATE, 5},
+               {1000, 2e-4, CAP_PHASE_WALK, 4}, {-1000, 2e-4, CAP_PHASE_WALK, 4},
+               {200, 2e-4, CAP_PHASE_WALK, 7},  {50, 2e-4, CAP_PHASE_WALK, 15}};
     for (size_t k = 0; k < sizeof row / sizeof row[0]; k++) {
-        double t = until(N, 1, 30, 30 * (1 + row[k].ppm * 1e-6), 0, CAP_PHASE_WALK, 100);
-        printf("  free running %5.0f ppm off at 30 Hz: found after %.1f s\n", row[k].ppm, t);
+        noise = row[k].noise;
+        double t = until(N, 1, 30, 30 * (1 + row[k].ppm * 1e-6), 0, row[k].what, 100);
+        printf("  free running %5.0f ppm off at 30 Hz, stamps +-%4.0f us: %-10s after %5.2f s\n",
+               row[k].ppm, noise * 1e6, cap_count_defs[row[k].what].name, t);
         T_LE(t, row[k].at_most);
         T_EQ_I(counts[1][CAP_OUT_OF_STEP], 0);
         only(N, 1);
     }
+    noise = 2e-4;
 }
 
 static void wrong_rates_are_found(void)
 {
     static const struct {
         double hz, at_most;
-    } row[] = {{60, 1.2}, {15, 1.2}, {25, 1.2}, {30.5, 1.2}, {29.97, 11.5}};
+    } row[] = {{60, 1.05}, {15, 1.05}, {25, 1.05}, {30.5, 1.05}, {29.97, 1.7}};
     for (size_t k = 0; k < sizeof row / sizeof row[0]; k++) {
         double t = until(N, 3, 30, row[k].hz, 0, CAP_RATE, 60);
         printf("  %.2f Hz instead of 30: found after %.1f s: %s\n", row[k].hz, t,
@@ -290,7 +302,7 @@ static void wrong_rates_are_found(void)
         T_LE(t, row[k].at_most);
         only(N, 3);
     }
-    T_LE(until(2, 1, 30, 29.97, 0, CAP_RATE, 60), 11.5); /* of two the one that is not nominal */
+    T_LE(until(2, 1, 30, 29.97, 0, CAP_RATE, 60), 1.7); /* of two the one that is not nominal */
     T_EQ_I(counts[0][CAP_RATE], 0);
     /* all alike and a little off nominal: an outside trigger, nothing is wrong */
     begin(N, 30);
