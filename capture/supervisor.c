@@ -56,8 +56,12 @@ static void trouble(struct watch *w, const char *text)
     if (w->said[0] != '\0' && (w->ran || strncmp(w->said, text, sizeof w->said - 1) == 0))
         return;
     snprintf(w->said, sizeof w->said, "%s", text);
-    LOG_W(CAPTURE, "camera %s (%s): %s; trying again every 0.25 to 0.5 s, the others go on",
-          cam->name, cam->uri, text);
+    char who[CAP_DETAIL_MAX * 2];
+    int n = snprintf(who, sizeof who, "camera %s (%s): ", cam->name, cam->uri);
+    bool named =
+        n < (int)sizeof who && strncmp(text, who, (size_t)n) == 0; /* a driver's own words */
+    LOG_W(CAPTURE, "%s%s; trying again every 0.25 to 0.5 s, the others go on", named ? "" : who,
+          text);
 }
 
 static bool all_looked_at(const struct cap_capture *cap)

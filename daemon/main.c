@@ -258,6 +258,7 @@ static int run(const struct dmn_config *cfg)
     return e == PVX_OK ? 0 : fail(&d, e);
 }
 
+/* What the start does, but for the matrix, the sockets and the cameras themselves. */
 static int check(const struct dmn_config *cfg)
 {
     struct pvx_diag d = {0};
@@ -267,19 +268,16 @@ static int check(const struct dmn_config *cfg)
         return fail(&d, e);
     for (size_t i = 0; i < rig.n_cameras && e == PVX_OK; i++) {
         char uri[DMN_WORD_MAX];
-        const char *rest;
         e = dmn_config_source(cfg, rig.cameras[i].name, i, uri, sizeof uri, &d);
-        if (e == PVX_OK && cap_backend_find(uri, &rest) == NULL)
-            e = pvx_fail(&d, PVX_ENOENT,
-                         "%s: cameras.%s: '%s' is not a source; say aravis:, "
-                         "files: or sim:",
-                         cfg->name, rig.cameras[i].name, uri);
         if (e == PVX_OK)
             printf("%-16s %s\n", rig.cameras[i].name, uri);
     }
+    fflush(stdout);
     if (e == PVX_OK)
-        printf("%s: ok: %zu cameras, %dx%dx%d voxels\n", cfg->name, rig.n_cameras, rig.grid.n[0],
-               rig.grid.n[1], rig.grid.n[2]);
+        e = dmn_pipeline_check(cfg, &d);
+    if (e == PVX_OK)
+        printf("%s: ok: %zu camera%s, %dx%dx%d voxels\n", cfg->name, rig.n_cameras,
+               rig.n_cameras == 1 ? "" : "s", rig.grid.n[0], rig.grid.n[1], rig.grid.n[2]);
     rec_rig_fini(&rig);
     return e == PVX_OK ? 0 : fail(&d, e);
 }

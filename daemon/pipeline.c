@@ -427,7 +427,8 @@ static pvx_err matrix_open(dmn_pipeline *p, rec_progress_fn progress, void *ctx,
     return PVX_OK;
 }
 
-static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struct pvx_diag *d)
+/* All that can be wrong in configuration and rig, before anything that takes long. */
+static pvx_err prepare(dmn_pipeline *p, struct pvx_diag *d)
 {
     const struct dmn_config *c = &p->cfg;
     enum cap_mosaic mosaic;
@@ -443,8 +444,16 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
         (ssize_t)sizeof p->start.session)
         p->start.session = (uint64_t)pvx_now_real();
     PVX_TRY(dmn_recording_new(c, &p->rig, &p->sources, p->start.session, &p->recording, d));
-    /* before the matrix: a wrong source is said at once */
     PVX_TRY(cap_capture_new(&p->sources.capture, &p->capture, d));
+    struct rec_sysmat_params mp = {.binning = (int32_t)c->binning,
+                                   .rays_per_bin = (int32_t)c->rays};
+    return rec_sysmat_resolve(&p->rig, &mp, &mp, d);
+}
+
+static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struct pvx_diag *d)
+{
+    const struct dmn_config *c = &p->cfg;
+    PVX_TRY(prepare(p, d));
     p->nch = dmn_config_channels(c);
     PVX_TRY(publisher_new(p, d));
     PVX_TRY(matrix_open(p, progress, ctx, d));
@@ -455,22 +464,36 @@ static pvx_err build(dmn_pipeline *p, rec_progress_fn progress, void *ctx, struc
     return slots_new(p, d);
 }
 
+static dmn_pipeline *empty(const struct dmn_config *cfg)
+{
+    dmn_pipeline *p = pvx_calloc(1, sizeof *p);
+    if (p == NULL)
+        return NULL;
+    p->cfg = *cfg;
+    pthread_mutex_init(&p->lock, NULL);
+    return p;
+}
+
 pvx_err dmn_pipeline_new(const struct dmn_config *cfg, rec_progress_fn progress, void *progress_ctx,
                          dmn_pipeline **out, struct pvx_diag *d)
 {
-    *out = NULL;
-    dmn_pipeline *p = pvx_calloc(1, sizeof *p);
+    dmn_pipeline *p = *out = empty(cfg);
     if (p == NULL)
         return PVX_ENOMEM;
-    p->cfg = *cfg;
-    pthread_mutex_init(&p->lock, NULL);
     pvx_err e = build(p, progress, progress_ctx, d);
-    if (e != PVX_OK) {
-        dmn_pipeline_free(&p);
-        return e;
-    }
-    *out = p;
-    return PVX_OK;
+    if (e != PVX_OK)
+        dmn_pipeline_free(out);
+    return e;
+}
+
+pvx_err dmn_pipeline_check(const struct dmn_config *cfg, struct pvx_diag *d)
+{
+    dmn_pipeline *p = empty(cfg);
+    if (p == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = prepare(p, d);
+    dmn_pipeline_free(&p);
+    return e;
 }
 
 pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)

@@ -26,6 +26,8 @@ typedef struct dmn_pipeline dmn_pipeline;
  * copied.  Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_pipeline_new(const struct dmn_config *cfg, rec_progress_fn progress,
                                         void *progress_ctx, dmn_pipeline **out, struct pvx_diag *d);
+/* All of that which can be wrong in `cfg` and the rig, without matrix, endpoints and cameras. */
+PVX_MUST_CHECK pvx_err dmn_pipeline_check(const struct dmn_config *cfg, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d);
 /* End of all sources reached, or stopped, and everything published. */
 bool dmn_pipeline_finished(dmn_pipeline *p);

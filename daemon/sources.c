@@ -87,15 +87,53 @@ static struct cap_gige gige(const struct dmn_config *c)
                              .no_packet_socket = !c->packet_socket};
 }
 
+/* What only rig and configuration together can tell. */
+static pvx_err fits_the_rig(const struct dmn_config *c, const struct rec_rig *rig,
+                            struct pvx_diag *d)
+{
+    const struct {
+        const char *key;
+        int64_t n;
+    } least[] = {{"sync.min_cameras", c->min_cameras}, {"hull.min_views", c->min_views}};
+    for (size_t i = 0; i < sizeof least / sizeof least[0]; i++)
+        if (least[i].n > (int64_t)rig->n_cameras)
+            return pvx_fail(d, PVX_EINVAL, "%s: %s: %lld, but there %s", c->name, least[i].key,
+                            (long long)least[i].n,
+                            rig->n_cameras == 1 ? "is only one camera: set it to 1"
+                                                : "are not so many cameras");
+    if (c->tolerance_ms * 2e-3 * c->fps >= 1)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: sync.tolerance_ms: %g is not below half a period, %.3f ms at fps: %g",
+                        c->name, c->tolerance_ms, 500 / c->fps, c->fps);
+    return PVX_OK;
+}
+
+/* One camera cannot be two of the rig's; recordings and simulations can. */
+static pvx_err named_once(const struct dmn_config *c, const struct dmn_sources *s,
+                          const struct rec_rig *rig, size_t i, struct pvx_diag *d)
+{
+    static const char *const live[] = {"aravis:", "v4l2:", "libcamera:"};
+    bool is_live = false;
+    for (size_t k = 0; k < sizeof live / sizeof live[0]; k++)
+        is_live |= strncmp(s->uri[i], live[k], strlen(live[k])) == 0;
+    for (size_t k = 0; k < i && is_live; k++)
+        if (strcmp(s->uri[i], s->uri[k]) == 0)
+            return pvx_fail(d, PVX_EINVAL, "%s: cameras.%s: '%s' is %s already", c->name,
+                            rig->cameras[i].name, s->uri[i], rig->cameras[k].name);
+    return PVX_OK;
+}
+
 pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                          const struct rec_rig *rig, const struct cap_scene *scene,
                          struct pvx_diag *d)
 {
     s->n_features = 0;
+    PVX_TRY(fits_the_rig(c, rig, d));
     PVX_TRY(features_have_cameras(c, rig, d));
     for (size_t i = 0; i < rig->n_cameras; i++) {
         const struct rec_camera *k = &rig->cameras[i];
         PVX_TRY(dmn_config_source(c, k->name, i, s->uri[i], sizeof s->uri[i], d));
+        PVX_TRY(named_once(c, s, rig, i, d));
         s->source[i] = (struct cap_source_config){.uri = s->uri[i],
                                                   .name = k->name,
                                                   .camera = (uint32_t)i,

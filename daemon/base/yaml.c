@@ -25,6 +25,14 @@ static yaml_node_t *at(const pvx_yaml *y, int node)
     return node > 0 ? yaml_document_get_node((yaml_document_t *)&y->doc, node) : NULL;
 }
 
+static pvx_err invalid(const yaml_parser_t *p, const char *name, struct pvx_diag *d)
+{
+    const char *why = p->problem == NULL ? "unknown" : p->problem;
+    int colon = strncmp(why, "mapping values", 14) == 0; /* cameras: sim: */
+    return pvx_fail(d, PVX_EFORMAT, "%s:%zu: not valid YAML: %s%s", name, p->problem_mark.line + 1,
+                    why, colon ? "; a value that ends in a colon needs quotes, as \"sim:\"" : "");
+}
+
 /* Aliases would make a graph of the tree and cycles possible: they are refused by a scan of the
  * events before the document is composed, together with over-deep nesting. */
 static pvx_err scan_events(const char *text, size_t len, const char *name, struct pvx_diag *d)
@@ -38,8 +46,7 @@ static pvx_err scan_events(const char *text, size_t len, const char *name, struc
     for (int done = 0; !done && e == PVX_OK;) {
         yaml_event_t ev;
         if (!yaml_parser_parse(&p, &ev)) {
-            e = pvx_fail(d, PVX_EFORMAT, "%s:%zu: not valid YAML: %s", name,
-                         p.problem_mark.line + 1, p.problem == NULL ? "unknown" : p.problem);
+            e = invalid(&p, name, d);
             break;
         }
         size_t line = ev.start_mark.line + 1;
@@ -112,8 +119,7 @@ pvx_err pvx_yaml_parse(const char *text, size_t len, const char *name, pvx_yaml 
     yaml_parser_set_input_string(&p, (const unsigned char *)text, len);
     int ok = yaml_parser_load(&p, &y->doc);
     if (!ok) {
-        pvx_err e = pvx_fail(d, PVX_EFORMAT, "%s:%zu: not valid YAML: %s", name,
-                             p.problem_mark.line + 1, p.problem == NULL ? "unknown" : p.problem);
+        pvx_err e = invalid(&p, name, d);
         yaml_parser_delete(&p);
         free(y);
         return e;

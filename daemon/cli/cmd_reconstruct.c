@@ -364,7 +364,7 @@ static pvx_err reconstruct(struct job *j, bool *failed, struct pvx_diag *d)
     }
     cJSON_Delete(root);
     if (e == PVX_OK && !o->quiet)
-        fprintf(stderr, "%u volumes in %s\n", j->volumes, o->out);
+        fprintf(stderr, "%u volume%s in %s\n", j->volumes, j->volumes == 1 ? "" : "s", o->out);
     if (j->dark > 0)
         fprintf(stderr,
                 "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "

@@ -31,7 +31,7 @@ struct args {
 };
 
 static const struct argp_option options[] = {
-    {"info", OPT_INFO, NULL, 0, "Say what is in the take, and what is not, and exit", 0},
+    {"info", OPT_INFO, NULL, 0, "Say what is in the take and what is not; exit", 0},
     {"export", OPT_EXPORT, "DIR", 0,
      "Write the frames to DIR/CAMERA/SET.png (.npy, .jpg) and the rig to DIR/rig.yaml, and exit",
      0},
@@ -177,6 +177,17 @@ struct folder {
     char dir[256], rig[300], config[300];
 };
 
+/* A take that is recorded of the replay is the user's: not into the folder that is removed. */
+static void record_here(struct dmn_config *c)
+{
+    char here[PATH_MAX], path[sizeof c->record_path];
+    if (c->record_path[0] == '/' || getcwd(here, sizeof here) == NULL || strchr(here, '%') != NULL)
+        return;
+    int n = snprintf(path, sizeof path, "%s/%s", here, c->record_path);
+    if (n < (int)sizeof path)
+        memcpy(c->record_path, path, (size_t)n + 1);
+}
+
 static pvx_err make_folder(struct folder *f, struct dmn_config *c, const cap_take *t,
                            struct pvx_diag *d)
 {
@@ -194,6 +205,7 @@ static pvx_err make_folder(struct folder *f, struct dmn_config *c, const cap_tak
         snprintf(c->rig, sizeof c->rig, "rig.yaml");
         PVX_TRY(pvx_file_write(f->rig, rig, strlen(rig), d));
     }
+    record_here(c);
     char *text = dmn_config_format(c);
     if (text == NULL)
         return PVX_ENOMEM;

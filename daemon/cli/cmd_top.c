@@ -26,7 +26,7 @@ static const struct argp_option options[] = {
      "compare with the known flame of sim: cameras "
      "(sim.seed, sim.period_s) or of `pyrovox simcams` (--seed, --ring/--fps, --fps)",
      0},
-    {"seconds", OPT_SECONDS, "N", 0, "end by itself after N seconds; 0 = never (default)", 0},
+    {"seconds", OPT_SECONDS, "N", 0, "end by itself after N seconds (0: never, the default)", 0},
     {0}};
 
 static const char doc[] =

@@ -21,6 +21,13 @@ check rig-missing refused "nowhere.yaml" <<< $'rig: nowhere.yaml\ncameras: "sim:
 check unknown-camera refused "cameras.cam9" <<< "{rig: $rig, cameras: {cam9: \"sim:\"}}"
 check unknown-source refused "cam0" <<< "{rig: $rig, cameras: \"magic:1\"}"
 check unknown-source-in-check refused "magic:1" --check-config <<< "{rig: $rig, cameras: \"magic:1\"}"
+check unquoted-source refused 'needs quotes, as "sim:"' <<< $'rig: x\ncameras: sim:'
+check too-few-cameras refused "sync.min_cameras: 9, but there are not so many" --check-config <<< "{rig: $rig, cameras: \"sim:\", sync: {min_cameras: 9}}"
+check one-camera refused "hull.min_views: 2, but there is only one camera: set it to 1" --check-config <<< "{rig: $rig, cameras: {cam0: \"sim:\"}, sync: {min_cameras: 1}}"
+check wide-tolerance refused "sync.tolerance_ms: 30 is not below half a period" --check-config <<< "{rig: $rig, cameras: \"sim:\", fps: 30, sync: {tolerance_ms: 30}}"
+check camera-twice refused "cameras.cam1: 'aravis:127.0.0.2' is cam0 already" --check-config <<< "{rig: $rig, cameras: {cam0: \"aravis:127.0.0.2\", cam1: \"aravis:127.0.0.2\"}}"
+check bad-address-in-check refused "action.addresses: '1.2.3'" --check-config <<< "{rig: $rig, cameras: \"sim:\", action: {addresses: [\"1.2.3\"]}}"
+check bad-binning-in-check refused "binning 7 does not divide" --check-config <<< "{rig: $rig, cameras: \"sim:\", binning: 7}"
 sed 's/  - name: cam1/  - nome: cam1/' "$rig" > "$dir/rig.yaml"
 check broken-rig refused "rig.yaml:$(grep -n nome "$dir/rig.yaml" | cut -d: -f1)" <<< "{rig: rig.yaml, cameras: \"sim:\"}"
 check bad-endpoint refused "not an endpoint" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"nonsense\"]}}"
