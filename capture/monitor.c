@@ -139,10 +139,12 @@ static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t no
         enum change c = look_at(e, cam->count[k], now, hold, cam->delivering);
         if (c == SAME || k == CAP_BANDWIDTH) /* of which there is one line for all */
             continue;
-        const char *detail = cam->detail[k];
+        const char *detail = cam->detail[k], *remedy = d->remedy;
+        if (cam->ops->recorded && (k == CAP_INCOMPLETE || k == CAP_ID_GAP))
+            remedy = "the recording lacks them, or its file is damaged (pyrovox replay --info)";
         if (c == BEGINS)
             snprintf(say(m, PVX_LOG_WARN), LINE_CHARS, "camera %s (%s): %s%s%s; %s", cam->name,
-                     cam->uri, d->what, detail[0] != '\0' ? ": " : "", detail, d->remedy);
+                     cam->uri, d->what, detail[0] != '\0' ? ": " : "", detail, remedy);
         else
             snprintf(say(m, PVX_LOG_INFO), LINE_CHARS,
                      "camera %s (%s): no more: %s (%llu %s in %.0f s)", cam->name, cam->uri,
@@ -162,7 +164,7 @@ static void look_at_bandwidth(struct monitor *m, int64_t now)
     for (uint32_t i = 0; i < cap->n; i++) {
         uint64_t n = cap->camera[i].count[CAP_INCOMPLETE];
         running += cap->camera[i].state == CAP_RUNNING;
-        if (m->look > LOOKS && n - then[i] >= 2) {
+        if (m->look > LOOKS && n - then[i] >= 2 && !cap->camera[i].ops->recorded) {
             hit++;
             mask |= 1ull << i;
         }

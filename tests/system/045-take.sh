@@ -149,7 +149,6 @@ at_run_time() { # begun and ended over the control socket, twice; the second is 
     "$pyrovox" status --endpoint "$control" | grep -q "raw *recording: $dir/two.h5" || return 1
     kill -9 "$d"; wait "$d" 2> /dev/null
     kill "$r"; wait "$r"
-    kill "$r"; wait "$r"
     "$pyrovox" replay --info "$dir/two.h5" > "$dir/killed.log" || return 1
     grep -q 'cut off' "$dir/killed.log" && [ "$(sed -n 's/^sets *\([0-9]*\),.*/\1/p' "$dir/killed.log")" -ge 10 ] &&
         grep -Eq '; [01] more are not complete' "$dir/killed.log"
