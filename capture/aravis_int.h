@@ -42,6 +42,7 @@ struct aravis_source {
     struct aravis_chunks chunks;
 
     pthread_mutex_t device;
+    struct aravis_mode mode; /* as it was set; under `device` */
 
     pthread_mutex_t lock;
     pthread_cond_t idle; /* CLOCK_MONOTONIC */
@@ -75,5 +76,7 @@ void aravis_watch_join(struct aravis_source *s);
 
 /* src_aravis.c: true = the sink may be called until leave. */
 bool aravis_enter(struct aravis_source *s);
+/* To be opened anew: it is gone, or cannot be put right while it runs. */
+void aravis_say_lost(struct aravis_source *s);
 void aravis_leave(struct aravis_source *s);
 #endif

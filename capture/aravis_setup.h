@@ -39,4 +39,15 @@ pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, co
 /* aravis_trigger.c: acquisition mode, trigger and, in free run, frame rate. */
 PVX_MUST_CHECK pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam,
                                           struct pvx_diag *d);
+
+/* What starts an exposure, as the camera says; mode "" = it has no TriggerMode, or does not answer. */
+struct aravis_mode {
+    char selector[32], mode[16], source[64];
+};
+/* Of a camera that has just been set up. */
+void aravis_mode_first(ArvCamera *cam, struct aravis_mode *out);
+/* Is it still `want`?  True, too, when there is nothing to compare.  `text` says what is wrong. */
+bool aravis_mode_is(ArvCamera *cam, const struct aravis_mode *want, char *text, size_t size);
+/* Set it again; true when the camera then says so. */
+bool aravis_mode_again(ArvCamera *cam, const struct aravis_mode *want);
 #endif

@@ -1,4 +1,5 @@
-/* aravis_trigger.c - who starts an exposure: free run, software, a line, an action command. */
+/* aravis_trigger.c - who starts an exposure: free run, software, a line, an action command; and whether it
+ * stays so. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -156,4 +157,77 @@ pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam, st
     }
     g_free(list);
     return e;
+}
+
+/* ---- does it stay so? -------------------------------------------------------------------------- */
+
+static void read_string(ArvCamera *cam, const char *feature, char *out, size_t size)
+{
+    GError *err = NULL;
+    const char *v = arv_camera_get_string(cam, feature, &err);
+    snprintf(out, size, "%s", err == NULL && v != NULL ? v : "");
+    g_clear_error(&err);
+}
+
+static void read_mode(ArvCamera *cam, struct aravis_mode *out)
+{
+    read_string(cam, "TriggerMode", out->mode, sizeof out->mode);
+    out->source[0] = '\0';
+    if (strcmp(out->mode, "On") == 0)
+        read_string(cam, "TriggerSource", out->source, sizeof out->source);
+}
+
+void aravis_mode_first(ArvCamera *cam, struct aravis_mode *out)
+{
+    *out = (struct aravis_mode){.mode = ""};
+    if (!arv_camera_is_feature_available(cam, "TriggerMode", NULL))
+        return;
+    if (arv_camera_is_feature_available(cam, "TriggerSelector", NULL)) {
+        if (arv_camera_is_enumeration_entry_available(cam, "TriggerSelector", "FrameStart", NULL))
+            arv_camera_set_string(cam, "TriggerSelector", "FrameStart", NULL);
+        read_string(cam, "TriggerSelector", out->selector, sizeof out->selector);
+    }
+    read_mode(cam, out);
+}
+
+static bool same(const struct aravis_mode *a, const struct aravis_mode *b)
+{
+    return strcmp(a->mode, b->mode) == 0 && strcmp(a->source, b->source) == 0;
+}
+
+static void select_again(ArvCamera *cam, const struct aravis_mode *want)
+{
+    if (want->selector[0] != '\0')
+        arv_camera_set_string(cam, "TriggerSelector", want->selector, NULL);
+}
+
+bool aravis_mode_is(ArvCamera *cam, const struct aravis_mode *want, char *text, size_t size)
+{
+    struct aravis_mode is = {.mode = ""};
+    if (want->mode[0] == '\0')
+        return true;
+    read_mode(cam, &is);
+    if (!same(&is, want)) { /* perhaps another trigger is selected */
+        select_again(cam, want);
+        read_mode(cam, &is);
+    }
+    bool silent = is.mode[0] == '\0' || (strcmp(is.mode, "On") == 0 && is.source[0] == '\0');
+    if (silent || same(&is, want))
+        return true;
+    if (strcmp(is.mode, want->mode) != 0)
+        snprintf(text, size, "TriggerMode is %s instead of %s", is.mode, want->mode);
+    else
+        snprintf(text, size, "TriggerSource is %s instead of %s", is.source, want->source);
+    return false;
+}
+
+bool aravis_mode_again(ArvCamera *cam, const struct aravis_mode *want)
+{
+    struct aravis_mode is = {.mode = ""};
+    select_again(cam, want);
+    if (want->source[0] != '\0')
+        arv_camera_set_string(cam, "TriggerSource", want->source, NULL);
+    arv_camera_set_string(cam, "TriggerMode", want->mode, NULL);
+    read_mode(cam, &is);
+    return same(&is, want);
 }

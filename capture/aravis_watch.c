@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <sched.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "base/clock.h"
@@ -10,8 +11,9 @@
 #include "capture/aravis_int.h"
 #include "capture/aravis_ptp.h"
 
-#define ROUND_NS (2 * PVX_NS_PER_S)
-#define LATCHES  3
+#define MODE_NS (400 * PVX_NS_PER_MS)
+#define ROUND   5 /* of these, and everything is looked at */
+#define LATCHES 3
 
 guint64 aravis_tick_hz(ArvCamera *cam)
 {
@@ -104,6 +106,29 @@ static void look_at_device(struct aravis_source *s, struct cap_health *h)
     h->ptp_offset_ns = ptp.offset_ns;
 }
 
+/* Somebody may have changed what the camera waits for.  It is set again; a camera that cannot do that while
+ * it takes frames is opened anew. */
+static void look_at_mode(struct aravis_source *s)
+{
+    char is[CAP_DETAIL_MAX] = "", text[CAP_DETAIL_MAX];
+    pthread_mutex_lock(&s->device);
+    bool good = aravis_mode_is(s->camera, &s->mode, is, sizeof is);
+    bool again = good || aravis_mode_again(s->camera, &s->mode);
+    pthread_mutex_unlock(&s->device);
+    if (good)
+        return;
+    snprintf(text, sizeof text, "%.70s; %s", is,
+             again ? "it was set again" : "it cannot be set now: opened anew");
+    if (aravis_enter(s)) {
+        if (s->sink.detail != NULL)
+            s->sink.detail(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, text);
+        s->sink.count(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, 1);
+        aravis_leave(s);
+    }
+    if (!again)
+        aravis_say_lost(s);
+}
+
 static void watch_ptp(const struct aravis_source *s, const struct cap_health *h, bool *bad)
 {
     struct aravis_ptp p = {.offset_ns = h->ptp_offset_ns};
@@ -146,9 +171,6 @@ static bool quits(struct aravis_source *s)
 
 static void look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
 {
-    /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
-    if (s->route.camera != 0 && !aravis_probe(s->route.camera, NULL))
-        return;
     look_at_clock(s, h);
     if (!quits(s))
         look_at_device(s, h);
@@ -172,10 +194,15 @@ static void *watch(void *arg)
     struct cap_health h = cap_health_unknown;
     h.address = s->route.camera;
     h.broadcast = s->route.broadcast;
-    while (!quits(s)) {
-        look(s, &h, &bad_ptp);
+    for (unsigned round = 0; !quits(s); round++) {
+        /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
+        bool there = s->route.camera == 0 || aravis_probe(s->route.camera, NULL);
+        if (there)
+            look_at_mode(s);
+        if (there && round % ROUND == 0 && !quits(s))
+            look(s, &h, &bad_ptp);
         tell_unread_chunks(s, &told);
-        int64_t until = pvx_now_mono() + ROUND_NS;
+        int64_t until = pvx_now_mono() + MODE_NS;
         struct timespec ts = {.tv_sec = until / PVX_NS_PER_S, .tv_nsec = until % PVX_NS_PER_S};
         pthread_mutex_lock(&s->lock);
         while (!s->quit && pvx_now_mono() < until)

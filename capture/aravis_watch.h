@@ -1,7 +1,8 @@
 /* aravis_watch.h - ticks of a camera's clock in ns (private to the aravis: files).
  *
- * aravis_watch.c also has the slow loop of a running camera (aravis_int.h): every 2 s its clock
- * against the host's, its temperature, PTP and the packets that were asked for again.
+ * aravis_watch.c also has the slow loop of a running camera (aravis_int.h): every 0.4 s whether it still
+ * waits for what it was set to wait for, every 2 s its clock against the host's, its temperature, PTP and
+ * the packets that were asked for again.
  *
  * The clock: the camera is told to latch it (TimestampLatch, GevTimestampControlLatch); it did so
  * between the command and its answer, which gives the bound.  The best of three counts.

@@ -79,7 +79,6 @@ struct cap_skew {
 
 /* What is wrong with a camera now, after it was first seen and until it has not been for a while. */
 #define CAP_TROUBLES_MAX 6
-#define CAP_DETAIL_MAX   112
 struct cap_trouble {
     enum cap_count cause;
     uint64_t n; /* since it began, in the cause's unit */

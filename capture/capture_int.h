@@ -139,7 +139,7 @@ struct cap_capture {
     struct pvx_hist spread;
     uint64_t spread_bin[CAP_SPREAD_BINS];
     pthread_cond_t ending; /* monitor: stop */
-    struct cap_episode bandwidth, all_gone;
+    struct cap_episode bandwidth, all_gone, ptp_masters;
     uint64_t times_all_gone;
     struct cap_host_clock host;
 };

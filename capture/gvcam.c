@@ -296,6 +296,7 @@ void cap_gvcam_do(cap_gvcam *c, enum cap_gvcam_act act, double arg)
     case CAP_GVCAM_REBOOT: gvcam_reboot(c, now, arg); break;
     case CAP_GVCAM_CLOCK_JUMP: gvcam_clock_jump(c, now, (int64_t)(arg * 1e9)); break;
     case CAP_GVCAM_RESTART_IDS: c->id = 1; break;
+    case CAP_GVCAM_TRIGGER_MODE: c->v[GVF_TRIGGER_MODE] = arg != 0; break;
     }
     gvnet_unlock(c->net);
 }

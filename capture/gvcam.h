@@ -88,12 +88,15 @@ struct cap_gvcam_fault {
     bool freeze;               /* the same image and stamp again and again */
     bool stuck_clock;          /* the device clock stands still, stamps too */
     bool no_ptp_master;        /* PTP gets no further than Listening, or falls back to it */
+    bool ptp_master;           /* it hears no other and is PTP master itself, by its own clock */
+    bool lock_trigger; /* TriggerMode and TriggerSource refuse to be set while it takes frames */
 };
 
 enum cap_gvcam_act {
-    CAP_GVCAM_REBOOT,      /* silent for arg seconds (0 = reboot_s), then as after power-up */
-    CAP_GVCAM_CLOCK_JUMP,  /* the device clock goes forward by arg seconds (may be negative) */
-    CAP_GVCAM_RESTART_IDS, /* the next frame has number 1 */
+    CAP_GVCAM_REBOOT,       /* silent for arg seconds (0 = reboot_s), then as after power-up */
+    CAP_GVCAM_CLOCK_JUMP,   /* the device clock goes forward by arg seconds (may be negative) */
+    CAP_GVCAM_RESTART_IDS,  /* the next frame has number 1 */
+    CAP_GVCAM_TRIGGER_MODE, /* becomes Off (arg 0) or On, whoever has control */
 };
 
 struct cap_gvcam_stats {

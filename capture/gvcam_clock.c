@@ -35,6 +35,8 @@ enum gvcam_ptp gvcam_ptp_status(const struct cap_gvcam *c, int64_t now)
         return GVCAM_PTP_INITIALIZING;
     if (t < whole / 2 || c->fault.no_ptp_master)
         return GVCAM_PTP_LISTENING;
+    if (c->fault.ptp_master)
+        return GVCAM_PTP_MASTER;
     return t < whole ? GVCAM_PTP_UNCALIBRATED : GVCAM_PTP_SLAVE;
 }
 
@@ -78,7 +80,8 @@ int64_t gvcam_clock_ns(struct cap_gvcam *c, int64_t now)
 
 int64_t gvcam_ptp_offset_ns(struct cap_gvcam *c, int64_t now)
 {
-    return running_ns(c, now) - master_ns(c, now);
+    int64_t off = running_ns(c, now) - master_ns(c, now);
+    return gvcam_ptp_status(c, now) == GVCAM_PTP_MASTER ? 0 : off;
 }
 
 uint64_t gvcam_clock_hz(const struct cap_gvcam *c)

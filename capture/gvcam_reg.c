@@ -239,7 +239,8 @@ static uint16_t write_feature(struct cap_gvcam *c, unsigned k, int64_t now, uint
     const struct gvcam_feature_def *d = &gvcam_features[k];
     if ((d->access & GVA_W) == 0)
         return CAP_GVCP_WRITE_PROTECT;
-    if (d->access == GVA_LOCKED && c->acquiring)
+    bool trigger = k == GVF_TRIGGER_MODE || k == GVF_TRIGGER_SOURCE;
+    if ((d->access == GVA_LOCKED || (trigger && c->fault.lock_trigger)) && c->acquiring)
         return CAP_GVCP_ACCESS_DENIED;
     if (d->kind == GVK_COMMAND)
         return v != 0 ? command(c, k, now) : CAP_GVCP_OK;

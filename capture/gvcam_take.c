@@ -184,7 +184,8 @@ uint16_t gvcam_action(struct cap_gvcam *c, const struct cap_gvcp_action *a, int6
         return CAP_GVCP_OK;
     int64_t dev = gvcam_clock_ns(c, now);
     if (a->scheduled && a->time > 0 && a->time <= INT64_MAX && (int64_t)a->time > dev) {
-        if (gvcam_ptp_status(c, now) != GVCAM_PTP_SLAVE)
+        enum gvcam_ptp ptp = gvcam_ptp_status(c, now);
+        if (ptp != GVCAM_PTP_SLAVE && ptp != GVCAM_PTP_MASTER)
             return CAP_GVCP_NO_REFERENCE_TIME;
         if (c->n_actions == GVCAM_ACTIONS)
             return CAP_GVCP_OVERFLOW;

@@ -197,8 +197,21 @@ static void clock_reading(void *ctx, uint32_t camera, int64_t device_ns, int64_t
     pthread_mutex_unlock(&cam->cap->lock);
 }
 
+static void detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
+{
+    struct cap_camera *cam = ctx;
+    (void)camera;
+    pthread_mutex_lock(&cam->cap->lock);
+    snprintf(cam->detail[what], CAP_DETAIL_MAX, "%s", text);
+    pthread_mutex_unlock(&cam->cap->lock);
+}
+
 struct cap_sink cap_intake_sink(struct cap_camera *cam)
 {
-    return (struct cap_sink){
-        .push = push, .event = event, .count = count, .ctx = cam, .clock = clock_reading};
+    return (struct cap_sink){.push = push,
+                             .event = event,
+                             .count = count,
+                             .ctx = cam,
+                             .clock = clock_reading,
+                             .detail = detail};
 }

@@ -7,6 +7,7 @@
  * A camera that is lost is the supervisor's to report; its troubles wait until it is back. */
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -19,6 +20,7 @@
 #define SETTLE_NS   (2 * PVX_NS_PER_S) /* after a start */
 #define BEGIN_NS    (PVX_NS_PER_S / 2)
 #define LOOKS       10 /* in a second */
+#define MASTERS_NS  (PVX_NS_PER_S / 2)
 #define LINES_MAX   16 /* that one look may say; the rest is said by the next */
 #define LINE_CHARS  640
 
@@ -52,6 +54,10 @@ const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
     [CAP_MISSED_TRIGGER] = {"it misses triggers",
                             "exposure and readout must end before the next trigger; look at its "
                             "trigger line"},
+    [CAP_TRIGGER_MODE] =
+        {"its trigger mode is not the one that was set",
+         "look for what else changes the camera: another program, a user set, a button; "
+         "`trigger` says what it should wait for"},
     [CAP_OUT_OF_STEP] =
         {"it is out of step",
          "is it running freely while the others are triggered, without its cable, or "
@@ -61,10 +67,14 @@ const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT] = {
                         "(ptp)"},
     [CAP_RATE] = {"its frame rate is wrong",
                   "fps, the camera's own rate and the trigger's must be the same, and the exposure "
-                  "must fit into it"},
+                  "must fit into it; does it run freely while the others are triggered?"},
     [CAP_BANDWIDTH] = {"it sends incomplete frames together with others",
                        "the link they share is at its limit: lower fps or image size, let the "
                        "cameras pause between packets (gige.packet_delay_ns), use jumbo frames"},
+    [CAP_PTP_MASTERS] =
+        {"it keeps PTP time by itself, and another camera too",
+         "their clocks are not one time: let PTP's messages (224.0.1.129, UDP 319 and 320) pass "
+         "between all cameras, in one PTP domain, or give all one master (capture/SYNC.md)"},
 };
 
 struct line {
@@ -80,6 +90,8 @@ struct monitor {
     unsigned look;
     uint64_t steps;                       /* of the host's clock that have been told */
     int64_t next_second[CAP_MAX_CAMERAS]; /* of bandwidth */
+    int64_t masters_since;                /* more than one, without a break; 0 = not now */
+    int64_t next_master_second;
 };
 
 static bool room(const struct monitor *m)
@@ -137,7 +149,7 @@ static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t no
             continue;
         }
         enum change c = look_at(e, cam->count[k], now, hold, cam->delivering);
-        if (c == SAME || k == CAP_BANDWIDTH) /* of which there is one line for all */
+        if (c == SAME || k == CAP_BANDWIDTH || k == CAP_PTP_MASTERS) /* one line for all */
             continue;
         const char *detail = cam->detail[k], *remedy = d->remedy;
         if (cam->ops->recorded && (k == CAP_INCOMPLETE || k == CAP_ID_GAP))
@@ -191,6 +203,47 @@ static void look_at_bandwidth(struct monitor *m, int64_t now)
                  (double)(cap->bandwidth.last_ns - cap->bandwidth.begin_ns) * 1e-9);
 }
 
+static bool is_master(const struct cap_camera *cam)
+{
+    return cam->state == CAP_RUNNING && cam->cfg.ptp && strcasecmp(cam->health.ptp, "Master") == 0;
+}
+
+/* Cameras elect one master among them, which may take a moment; two that stay are two times. */
+static void look_at_masters(struct monitor *m, int64_t now)
+{
+    struct cap_capture *cap = m->cap;
+    struct cap_episode *e = &cap->ptp_masters;
+    char names[128] = "";
+    size_t at = 0;
+    unsigned n = 0;
+    for (uint32_t i = 0; i < cap->n; i++)
+        if (is_master(&cap->camera[i])) {
+            if (at < sizeof names)
+                at += (size_t)snprintf(names + at, sizeof names - at, "%s%s", n > 0 ? ", " : "",
+                                       cap->camera[i].name);
+            n++;
+        }
+    if (n < 2)
+        m->masters_since = 0;
+    else if (m->masters_since == 0)
+        m->masters_since = now;
+    bool now_so = n >= 2 && now - m->masters_since >= MASTERS_NS;
+    for (uint32_t i = 0; i < cap->n && now_so && now >= m->next_master_second; i++)
+        cap->camera[i].count[CAP_PTP_MASTERS] += is_master(&cap->camera[i]);
+    if (now_so && now >= m->next_master_second)
+        m->next_master_second = now + PVX_NS_PER_S;
+    if (!room(m))
+        return;
+    enum change c = look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
+    if (c == BEGINS)
+        snprintf(say(m, PVX_LOG_WARN), LINE_CHARS, "%u cameras are PTP masters at once (%s); %s", n,
+                 names, cap_trouble_defs[CAP_PTP_MASTERS].remedy);
+    else if (c == ENDS)
+        snprintf(say(m, PVX_LOG_INFO), LINE_CHARS,
+                 "no more: several cameras are PTP masters at once (%.0f s)",
+                 (double)(e->last_ns - e->begin_ns) * 1e-9);
+}
+
 /* All of several cameras gone: that is not the cameras. */
 static void look_at_all(struct monitor *m, int64_t now)
 {
@@ -233,6 +286,7 @@ static void look(struct monitor *m, int64_t now)
     for (uint32_t i = 0; i < m->cap->n; i++)
         look_at_camera(m, &m->cap->camera[i], now);
     look_at_bandwidth(m, now);
+    look_at_masters(m, now);
     look_at_all(m, now);
     look_at_host_clock(m);
 }

@@ -24,11 +24,14 @@ const struct cap_count_def cap_count_defs[CAP_N_COUNT] = {
     [CAP_CLOCK_JUMP] = {"clock_jump", "times", "the camera's clock jumped"},
     [CAP_SLIP] = {"slip", "times", "frame numbers and times disagreed: pictures may be off by one"},
     [CAP_MISSED_TRIGGER] = {"missed_trigger", "frames", "not taken while the other cameras did"},
+    [CAP_TRIGGER_MODE] = {"trigger_mode", "times",
+                          "it was in another trigger mode than it had been set to"},
     [CAP_OUT_OF_STEP] = {"out_of_step", "windows",
                          "exposed outside the tolerance around the others"},
     [CAP_PHASE_WALK] = {"phase_walk", "windows", "its exposures moved against the others'"},
     [CAP_RATE] = {"rate", "windows", "its frame rate was not what it should be"},
     [CAP_BANDWIDTH] = {"bandwidth", "s", "several cameras at once sent incomplete frames"},
+    [CAP_PTP_MASTERS] = {"ptp_masters", "s", "it was PTP master beside another camera"},
 };
 
 const struct cap_health cap_health_unknown = {

@@ -53,10 +53,12 @@ enum cap_count {
     CAP_CLOCK_JUMP,  /* times that the camera's clock jumped */
     CAP_SLIP,        /* times that frame numbers and times disagreed: pictures may be off by one */
     CAP_MISSED_TRIGGER, /* pictures that the camera did not take while the others did */
-    CAP_OUT_OF_STEP,    /* windows (0.5 s, 8 periods) in which it exposed outside the tolerance */
-    CAP_PHASE_WALK,     /* windows in which its exposures moved against the others' */
-    CAP_RATE,           /* windows in which its frame rate was not what it should be */
-    CAP_BANDWIDTH,      /* seconds in which several cameras at once sent incomplete frames */
+    CAP_TRIGGER_MODE, /* times that it was found in another trigger mode than it had been set to */
+    CAP_OUT_OF_STEP,  /* windows (0.5 s, 8 periods) in which it exposed outside the tolerance */
+    CAP_PHASE_WALK,   /* windows in which its exposures moved against the others' */
+    CAP_RATE,         /* windows in which its frame rate was not what it should be */
+    CAP_BANDWIDTH,    /* seconds in which several cameras at once sent incomplete frames */
+    CAP_PTP_MASTERS,  /* seconds in which it was PTP master beside another camera */
     CAP_N_COUNT
 };
 struct cap_count_def {
@@ -69,7 +71,9 @@ enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequenc
 /* All may be called from any thread of the source, holding no lock that stop needs: in a lossless
  * run push waits for room (until the capture stops).
  * clock (NULL = not wanted): when the camera's clock, that of t_device_ns, showed device_ns, the
- * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question. */
+ * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question.
+ * detail (NULL = not wanted): what is counted next, in a few words for a message; copied. */
+#define CAP_DETAIL_MAX 112
 struct cap_sink {
     void (*push)(void *ctx, struct cap_frame *f); /* takes the frame */
     void (*event)(void *ctx, uint32_t camera, enum cap_event ev);
@@ -77,6 +81,7 @@ struct cap_sink {
     void *ctx;
     void (*clock)(void *ctx, uint32_t camera, int64_t device_ns, int64_t host_mono_ns,
                   int64_t bound_ns);
+    void (*detail)(void *ctx, uint32_t camera, enum cap_count what, const char *text);
 };
 
 struct cap_feature {

@@ -53,7 +53,7 @@ static void set_active(struct aravis_source *s, bool on)
     pthread_mutex_unlock(&s->lock);
 }
 
-static void say_lost(struct aravis_source *s)
+void aravis_say_lost(struct aravis_source *s)
 {
     pthread_mutex_lock(&s->lock);
     bool tell = s->active && !s->lost;
@@ -68,7 +68,7 @@ static void say_lost(struct aravis_source *s)
 static void on_control_lost(ArvDevice *device, void *user)
 {
     (void)device;
-    say_lost(user);
+    aravis_say_lost(user);
 }
 
 /* ---- end -------------------------------------------------------------------------------------- */
@@ -226,6 +226,9 @@ static pvx_err aravis_start(cap_source *base, const struct cap_sink *sink, struc
     pthread_mutex_unlock(&s->lock);
     PVX_TRY(aravis_begin_stream(s, d));
     set_active(s, true);
+    pthread_mutex_lock(&s->device);
+    aravis_mode_first(s->camera, &s->mode);
+    pthread_mutex_unlock(&s->device);
     arv_camera_start_acquisition(s->camera, &err);
     if (err != NULL) {
         set_active(s, false);
@@ -259,7 +262,7 @@ static pvx_err aravis_trigger(cap_source *base)
     g_clear_error(&err);
     if (!gone)
         return PVX_EIO;
-    say_lost(s);
+    aravis_say_lost(s);
     return PVX_ENODEV;
 }
 

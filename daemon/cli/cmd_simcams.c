@@ -183,7 +183,8 @@ static void carry_out(struct simcams *s, const struct simcams_order *o)
 {
     static const enum cap_gvcam_act act[] = {[SIMCAMS_REBOOT] = CAP_GVCAM_REBOOT,
                                              [SIMCAMS_JUMP] = CAP_GVCAM_CLOCK_JUMP,
-                                             [SIMCAMS_IDS] = CAP_GVCAM_RESTART_IDS};
+                                             [SIMCAMS_IDS] = CAP_GVCAM_RESTART_IDS,
+                                             [SIMCAMS_MODE] = CAP_GVCAM_TRIGGER_MODE};
     if (s->engine.net == NULL && o->what != SIMCAMS_NOTHING && o->what != SIMCAMS_STATS) {
         fprintf(stderr, "pyrovox simcams: control: not with --engine aravis\n");
         return;
@@ -193,6 +194,7 @@ static void carry_out(struct simcams *s, const struct simcams_order *o)
     case SIMCAMS_REBOOT:
     case SIMCAMS_JUMP:
     case SIMCAMS_IDS:
+    case SIMCAMS_MODE:
         for (size_t c = o->lo; c < o->hi; c++)
             if (s->cam[c].own != NULL)
                 cap_gvcam_do(s->cam[c].own, act[o->what], o->arg);

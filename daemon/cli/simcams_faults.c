@@ -28,7 +28,11 @@ static const struct {
 static const struct {
     const char *name;
     size_t offset;
-} flags[] = {{"freeze", F(freeze)}, {"stuck", F(stuck_clock)}, {"no-ptp", F(no_ptp_master)}};
+} flags[] = {{"freeze", F(freeze)},
+             {"stuck", F(stuck_clock)},
+             {"no-ptp", F(no_ptp_master)},
+             {"ptp-master", F(ptp_master)},
+             {"lock-trigger", F(lock_trigger)}};
 #undef F
 
 /* Cameras [*lo,*hi) that `name` means. */
@@ -176,11 +180,15 @@ static const struct order_def {
     int what, n_min, n_max;
     bool camera;
     double min, max; /* of the number after that */
-} orders[] = {
-    {"reboot", SIMCAMS_REBOOT, 2, 3, true, 0, 3600},  {"jump", SIMCAMS_JUMP, 3, 3, true, -1e9, 1e9},
-    {"ids", SIMCAMS_IDS, 2, 2, true, 0, 0},           {"line", SIMCAMS_LINE, 2, 2, false, 0, 1000},
-    {"pulse", SIMCAMS_PULSE, 1, 1, false, 0, 0},      {"link", SIMCAMS_LINK, 2, 3, false, 0, 1e6},
-    {"switch", SIMCAMS_SWITCH, 2, 2, false, 0, 3600}, {"stats", SIMCAMS_STATS, 1, 1, false, 0, 0}};
+} orders[] = {{"reboot", SIMCAMS_REBOOT, 2, 3, true, 0, 3600},
+              {"jump", SIMCAMS_JUMP, 3, 3, true, -1e9, 1e9},
+              {"ids", SIMCAMS_IDS, 2, 2, true, 0, 0},
+              {"trigger-mode", SIMCAMS_MODE, 3, 3, true, 0, 1},
+              {"line", SIMCAMS_LINE, 2, 2, false, 0, 1000},
+              {"pulse", SIMCAMS_PULSE, 1, 1, false, 0, 0},
+              {"link", SIMCAMS_LINK, 2, 3, false, 0, 1e6},
+              {"switch", SIMCAMS_SWITCH, 2, 2, false, 0, 3600},
+              {"stats", SIMCAMS_STATS, 1, 1, false, 0, 0}};
 
 static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
                           const struct words *w, struct simcams_order *out, struct pvx_diag *d)
@@ -231,8 +239,9 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
     return pvx_fail(
         d, PVX_EINVAL,
         "'%s': should be drop|loss|delay|skew|drift|jitter|reorder|duplicate|size|corrupt|"
-        "miss|hostile|ptp-offset CAMERA NUMBER, freeze|stuck|no-ptp CAMERA on|off, "
-        "kill|revive|ids CAMERA, reboot CAMERA [SECONDS], jump CAMERA SECONDS, line HZ, "
+        "miss|hostile|ptp-offset CAMERA NUMBER, freeze|stuck|no-ptp|ptp-master|lock-trigger CAMERA "
+        "on|off, kill|revive|ids CAMERA, reboot CAMERA [SECONDS], jump CAMERA SECONDS, "
+        "trigger-mode CAMERA 0|1, line HZ, "
         "pulse, link MBIT_S [KIB], switch SECONDS or stats",
         line);
 }

@@ -6,9 +6,10 @@
  * By hand   one line each; CAMERA may be "all":
  *           drop|loss|delay|skew|drift|jitter|reorder|duplicate|size|corrupt|miss|hostile|ptp-offset
  *                                     CAMERA NUMBER
- *           freeze|stuck|no-ptp       CAMERA on|off
+ *           freeze|stuck|no-ptp|ptp-master|lock-trigger
+ *                                     CAMERA on|off
  *           kill|revive|ids           CAMERA
- *           reboot CAMERA [SECONDS]   jump CAMERA SECONDS
+ *           reboot CAMERA [SECONDS]   jump CAMERA SECONDS   trigger-mode CAMERA 0|1
  *           line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats */
 #ifndef SIMCAMS_FAULTS_H
 #define SIMCAMS_FAULTS_H
@@ -45,6 +46,7 @@ struct simcams_order {
         SIMCAMS_REBOOT,
         SIMCAMS_JUMP,
         SIMCAMS_IDS,
+        SIMCAMS_MODE,
         SIMCAMS_LINE,
         SIMCAMS_PULSE,
         SIMCAMS_LINK,

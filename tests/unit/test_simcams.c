@@ -77,16 +77,17 @@ static void control_lines(void)
     struct simcams_state st[3] = {{.alive = true}, {.alive = true}, {.alive = true}};
     struct simcams_order order;
     struct pvx_diag d = {""};
-    static const char *const good[] = {"drop cam1 0.1",    "loss cam0 0.5",
-                                       " delay  cam2 20 ", "",
-                                       "freeze all on",    "freeze cam0 off",
-                                       "kill cam1",        "skew cam0 10",
-                                       "drift all 3",      "   ",
-                                       "jitter cam0 1.5",  "reorder cam0 0.2",
-                                       "duplicate cam0 1", "size cam1 0.3",
-                                       "corrupt cam1 0.4", "miss cam1 0.6",
-                                       "hostile cam2 0.7", "stuck cam2 on",
-                                       "no-ptp cam1 on",   "ptp-offset cam0 -40"};
+    static const char *const good[] = {"drop cam1 0.1",      "loss cam0 0.5",
+                                       " delay  cam2 20 ",   "",
+                                       "freeze all on",      "freeze cam0 off",
+                                       "kill cam1",          "skew cam0 10",
+                                       "drift all 3",        "   ",
+                                       "jitter cam0 1.5",    "reorder cam0 0.2",
+                                       "duplicate cam0 1",   "size cam1 0.3",
+                                       "corrupt cam1 0.4",   "miss cam1 0.6",
+                                       "hostile cam2 0.7",   "stuck cam2 on",
+                                       "no-ptp cam1 on",     "ptp-offset cam0 -40",
+                                       "ptp-master cam1 on", "lock-trigger all on"};
     for (size_t k = 0; k < sizeof good / sizeof good[0]; k++) {
         T_EQ_I(simcams_control(&rig, good[k], st, &order, &d), PVX_OK);
         T_EQ_I(order.what, SIMCAMS_NOTHING);
@@ -104,14 +105,32 @@ static void control_lines(void)
     T_NEAR(st[1].fault.miss, 0.6, 0);
     T_NEAR(st[2].fault.hostile, 0.7, 0);
     T_OK(st[2].fault.stuck_clock && !st[1].fault.stuck_clock && st[1].fault.no_ptp_master);
+    T_OK(st[1].fault.ptp_master && !st[0].fault.ptp_master && st[0].fault.lock_trigger);
     T_NEAR(st[0].fault.ptp_offset_us, -40, 0);
     T_EQ_I(simcams_control(&rig, "revive all", st, &order, &d), PVX_OK);
     T_OK(st[1].alive);
-    static const char *const bad[] = {
-        "drop cam1",     "drop cam1 2",  "freeze cam1",   "freeze cam1 maybe", "kill",
-        "kill cam9",     "explode cam1", "kill cam1 now", "drop cam1 0.1 0.2", "reboot",
-        "reboot cam1 x", "jump cam1",    "line",          "line -3",           "link",
-        "link 100 x",    "switch",       "pulse 3",       "stats all",         "ids"};
+    static const char *const bad[] = {"drop cam1",
+                                      "drop cam1 2",
+                                      "freeze cam1",
+                                      "freeze cam1 maybe",
+                                      "kill",
+                                      "kill cam9",
+                                      "explode cam1",
+                                      "kill cam1 now",
+                                      "drop cam1 0.1 0.2",
+                                      "reboot",
+                                      "reboot cam1 x",
+                                      "jump cam1",
+                                      "line",
+                                      "line -3",
+                                      "link",
+                                      "link 100 x",
+                                      "switch",
+                                      "pulse 3",
+                                      "stats all",
+                                      "ids",
+                                      "trigger-mode cam1",
+                                      "trigger-mode cam1 2"};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
         d.text[0] = '\0';
         T_OK(simcams_control(&rig, bad[k], st, &order, &d) != PVX_OK);
@@ -129,6 +148,7 @@ static void control_orders(void)
              {"reboot all 4", {SIMCAMS_REBOOT, 0, 3, 4, 0}},
              {"jump cam2 -1.5", {SIMCAMS_JUMP, 2, 3, -1.5, 0}},
              {"ids cam0", {SIMCAMS_IDS, 0, 1, 0, 0}},
+             {"trigger-mode cam1 1", {SIMCAMS_MODE, 1, 2, 1, 0}},
              {"line 25", {SIMCAMS_LINE, 0, 3, 25, 0}},
              {"pulse", {SIMCAMS_PULSE, 0, 3, 0, 0}},
              {"link 1000 256", {SIMCAMS_LINK, 0, 3, 1000, 256}},
