@@ -195,7 +195,7 @@ $(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/sim/mock_v4l2.o
 $(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0)
 $(B)/tests/sim/mock_v4l2.o: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0)
 $(B)/tests/soak/soak: $(SOAK)
-$(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/unit/test_usbip: $(VM_UVC)
+$(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/tests/unit/test_usbip: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
 	$(call say,LD)

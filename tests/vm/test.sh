@@ -56,7 +56,7 @@ one() { # script
         f=1; text+=$'\n'"FAIL $n: says neither PASS nor FAIL nor SKIP"
     fi
     pass=$((pass + p)); fail=$((fail + f)); skip=$((skip + k))
-    if [ "$f" -gt 0 ]; then tail -n 80 <<< "$text"; else grep -E '^(PASS|SKIP) ' <<< "$text"; fi
+    if [ "$f" -gt 0 ]; then tail -n 80 <<< "$text"; else grep -E '^(PASS|SKIP|figures) ' <<< "$text"; fi
     echo "     $n: $((SECONDS - t0)) s"
 }
 for s in "${scripts[@]}"; do one "$s"; done

@@ -4,6 +4,7 @@
  *   vm_flame FROM TO         FROM/<camera>/<6 digits>.png of `pyrovox simcams --write-frames`: the bytes
  *   vm_flame FROM TO yuyv    RGB -> YUYV (the camera's, uvc/images.c) -> RGB by the formulas of BT.601 in double,
  *                            one chroma for two pixels, clipped to 0..1; float32
+ *   vm_flame FROM TO bayer   RGB -> the byte of each pixel's own colour behind an RGGB filter
  *   vm_flame FROM TO mjpg    RGB -> JPEG (the camera's) -> RGB by OpenCV; bytes */
 #include <dirent.h>
 #include <stdio.h>
@@ -63,6 +64,24 @@ static pvx_err save_yuyv(const char *path, const struct cap_image *m, const stru
     return e;
 }
 
+/* Rows of R G R G and G B G B; as a grey picture, which the configuration says is none. */
+static pvx_err save_bayer(const char *path, const struct cap_image *m, struct pvx_diag *d)
+{
+    static const int colour[2][2] = {{0, 1}, {1, 2}};
+    struct cap_image like = *m;
+    const uint8_t *rgb = m->data;
+    uint8_t *raw = malloc((size_t)m->width * (size_t)m->height);
+    if (raw == NULL)
+        return PVX_ENOMEM;
+    for (int32_t y = 0, i = 0; y < m->height; y++)
+        for (int32_t x = 0; x < m->width; x++, i++)
+            raw[i] = rgb[3 * i + colour[y % 2][x % 2]];
+    like.fmt = CAP_GREY8;
+    pvx_err e = save(path, "|u1", raw, 1, &like, d);
+    free(raw);
+    return e;
+}
+
 static pvx_err save_mjpg(const char *path, const struct uvc_bytes *jpeg, struct pvx_diag *d)
 {
     char name[4200];
@@ -82,11 +101,13 @@ static pvx_err one(const char *from, const char *to, struct pvx_diag *d)
     struct uvc_images cam = {0};
     PVX_TRY(cap_image_load(from, &l, d));
     pvx_err e = PVX_OK;
-    if (l.img.fmt != CAP_GREY8 && l.img.fmt != CAP_RGB8)
-        e = pvx_fail(d, PVX_EUNSUP, "%s: not of 8 bits", from);
+    if (l.img.fmt != CAP_RGB8 && (l.img.fmt != CAP_GREY8 || strcmp(loss, "bayer") == 0))
+        e = pvx_fail(d, PVX_EUNSUP, "%s: not of 8 bits, or without colours for bayer", from);
     else if (*loss == '\0')
         e = save(to, "|u1", l.img.data, 1, &l.img, d);
-    else if ((e = uvc_images_load(from, UVC_QUALITY, &cam, d)) == PVX_OK)
+    else if (strcmp(loss, "bayer") == 0)
+        e = save_bayer(to, &l.img, d);
+    else if ((e = uvc_images_load(from, UVC_ALL_FORMATS, UVC_QUALITY, &cam, d)) == PVX_OK)
         e = strcmp(loss, "yuyv") == 0 ? save_yuyv(to, &l.img, &cam.frame[UVC_YUYV][0][0], d)
                                       : save_mjpg(to, &cam.frame[UVC_MJPG][0][0], d);
     uvc_images_free(&cam);
@@ -115,9 +136,9 @@ int main(int argc, char **argv)
     pvx_err e = PVX_OK;
     if (argc == 4)
         loss = argv[3];
-    DIR *all = argc == 3 || (argc == 4 && strchr("ym", *loss) != NULL) ? opendir(argv[1]) : NULL;
+    DIR *all = argc == 3 || (argc == 4 && strchr("ymb", *loss) != NULL) ? opendir(argv[1]) : NULL;
     if (all == NULL) {
-        fprintf(stderr, "usage: vm_flame FROM TO [yuyv|mjpg]\n");
+        fprintf(stderr, "usage: vm_flame FROM TO [yuyv|bayer|mjpg]\n");
         return 2;
     }
     for (struct dirent *c; e == PVX_OK && (c = readdir(all)) != NULL;) {

@@ -53,7 +53,7 @@ static pvx_err load(const char *dir, int quality, struct pvx_diag *d)
         if (e == PVX_OK && rig.n < MAX && stat(path, &st) == 0 && S_ISDIR(st.st_mode)) {
             snprintf(rig.name[rig.n], sizeof rig.name[0], "Flame %.40s", list[i]->d_name);
             snprintf(rig.serial[rig.n], sizeof rig.serial[0], "FLAME%03u", rig.n);
-            e = uvc_images_load(path, quality, &rig.images[rig.n], d);
+            e = uvc_images_load(path, UVC_ALL_FORMATS, quality, &rig.images[rig.n], d);
             rig.n++;
         }
         free(list[i]);

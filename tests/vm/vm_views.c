@@ -1,57 +1,75 @@
 /* vm_views.c - all virtual USB cameras at once through a backend of Pyrovox.
  *
- *   vm_views v4l2|libcamera N DIR    DIR/cam0/%06d.npy ...: what camera i must be showing, grey
- * Cameras are opened by the addresses that the backend lists.  Every frame must be one of its
- * camera's pictures, byte for byte; numbers grow, stamps lie shortly before the arrival, and frames
- * of one instant show the same picture number in all cameras. */
+ *   vm_views v4l2|libcamera N DIR [FORMAT [HZ [FRAMES]]]      Mono8 5 12
+ * DIR/cam0/%06d.npy ...: what camera i must be showing.  Cameras are opened by the addresses that the
+ * backend lists.  Every frame must be one of its camera's pictures in the format, byte for byte; numbers
+ * grow, stamps lie shortly before the arrival, and without HZ frames of one instant show the same
+ * picture number in all cameras (busier, an emulated machine stamps too late to tell).
+ * At the end it prints "figures ..." with the rate, and per camera "camera 3 taken 12 missing 0": what
+ * was received, and what the backend says was lost. */
 #include <pthread.h>
 #include <stdlib.h>
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "capture/imgio.h"
 #include "capture/source.h"
-#include "capture/sequence.h"
 #include "tests/t.h"
+#include "tests/vm/uvc/images.h"
 
-#define MAX    8
-#define FRAMES 12 /* looked at per camera */
+#define MAX        8
+#define MAX_FRAMES 4096
 
 struct seen {
     int64_t stamp;
     size_t picture;
 };
 struct camera {
-    char uri[256];
     cap_source *source;
-    struct cap_loaded picture[16];
-    size_t n_pictures, n;
-    struct seen seen[FRAMES];
+    struct uvc_images picture;
+    size_t n;
+    struct seen seen[MAX_FRAMES]; /* the first of them */
+    int64_t begin, end;           /* CLOCK_MONOTONIC of the first and last frame looked at */
     uint64_t last_id, count[CAP_N_COUNT];
     bool odd; /* a frame was not what it should be; why says what */
     char why[128];
 };
 static struct camera cam[MAX];
+static char uris[MAX][256];
 static const struct cap_source_ops *ops;
 static unsigned n_cams, n_listed;
 static const char *dir;
+static enum cap_pixfmt fmt = CAP_GREY8;
+static enum uvc_format uvc_fmt = UVC_GREY;
+static double rate = 5;
+static size_t frames = 12; /* looked at per camera */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+
+static const struct {
+    enum cap_pixfmt fmt;
+    enum uvc_format uvc;
+} formats[] = {{CAP_JPEG, UVC_MJPG},       {CAP_YUYV, UVC_YUYV},
+               {CAP_GREY8, UVC_GREY},      {CAP_BAYER_RG8, UVC_RGGB},
+               {CAP_BAYER_RG16, UVC_RG16}, {CAP_BAYER_RG10CSI, UVC_RW10}};
 
 static void found(void *ctx, const struct cap_found *f)
 {
     (void)ctx;
-    const char *wanted[] = {"Mono8 160x120", "YUV422_8 160x120", "JPEG 160x120", "Mono8 80x60"};
-    for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
-        T_CONTAINS(f->formats != NULL ? f->formats : "", wanted[i]);
+    for (size_t i = 0; i < sizeof formats / sizeof formats[0]; i++)
+        for (int k = 0; k < UVC_N_SIZES; k++) {
+            char wanted[64];
+            snprintf(wanted, sizeof wanted, "%s %dx%d", cap_pixfmt_name(formats[i].fmt),
+                     cam[0].picture.size[k].width, cam[0].picture.size[k].height);
+            T_CONTAINS(f->formats != NULL ? f->formats : "", wanted);
+        }
     T_CONTAINS(f->text, "Flame cam");
     if (n_listed < MAX)
-        snprintf(cam[n_listed].uri, sizeof cam[0].uri, "%s", f->uri);
+        snprintf(uris[n_listed], sizeof uris[0], "%s", f->uri);
     n_listed++;
 }
 
-static int by_uri(const void *a, const void *b)
+static int by_text(const void *a, const void *b)
 {
-    return strcmp(((const struct camera *)a)->uri, ((const struct camera *)b)->uri);
+    return strcmp(a, b);
 }
 
 static void listed(void)
@@ -60,24 +78,18 @@ static void listed(void)
     T_EQ_I(ops->list(found, NULL, &d), PVX_OK);
     T_EQ_S(d.text, "");
     T_EQ_I(n_listed, n_cams);
-    qsort(cam, n_cams, sizeof cam[0], by_uri);
+    qsort(uris, n_cams, sizeof uris[0], by_text);
 }
 
-static void load_pictures(struct camera *c, unsigned i)
+static void load_pictures(void)
 {
-    char name[512];
-    struct cap_sequence seq;
-    struct pvx_diag d = {""};
-    snprintf(name, sizeof name, "%s/cam%u", dir, i);
-    if (cap_sequence_find(name, &seq, &d) != PVX_OK) {
-        T_EQ_S(d.text, "");
-        return;
+    for (unsigned i = 0; i < n_cams; i++) {
+        char name[512];
+        struct pvx_diag d = {""};
+        snprintf(name, sizeof name, "%s/cam%u", dir, i);
+        pvx_err e = uvc_images_load(name, 1u << uvc_fmt, UVC_QUALITY, &cam[i].picture, &d);
+        T_EQ_S(e == PVX_OK ? "" : pvx_diag_text(&d, e), "");
     }
-    for (size_t k = 0; k < seq.n && k < 16; k++)
-        if (cap_image_load(seq.item[k].path, &c->picture[k], &d) == PVX_OK)
-            c->n_pictures++;
-    T_EQ_I(c->n_pictures, seq.n);
-    cap_sequence_free(&seq);
 }
 
 static void odd(struct camera *c, const char *why, double v)
@@ -92,10 +104,12 @@ static void push(void *ctx, struct cap_frame *f)
     (void)ctx;
     struct camera *c = &cam[f->camera];
     pthread_mutex_lock(&lock);
-    if (c->n < FRAMES) {
+    c->count[CAP_RECEIVED]++;
+    if (c->n < frames) {
         const struct cap_image *m = &f->img;
+        const struct uvc_size *size = &c->picture.size[0];
         int64_t age = f->t_arrival_mono_ns - f->t_device_ns;
-        if (m->width != 160 || m->height != 120 || m->fmt != CAP_GREY8 || m->size != 160 * 120)
+        if (m->width != size->width || m->height != size->height || m->fmt != fmt)
             odd(c, "format or size", (double)m->size);
         if (c->n > 0 && f->id <= c->last_id)
             odd(c, "numbers do not grow", (double)f->id);
@@ -104,12 +118,14 @@ static void push(void *ctx, struct cap_frame *f)
         if (age < 0 || age > 5 * PVX_NS_PER_S) /* s, not ms: an emulated machine may be starved */
             odd(c, "stamp is no recent time", (double)age);
         size_t k = 0;
-        while (k < c->n_pictures && !c->odd &&
-               memcmp(m->data, c->picture[k].img.data, m->size) != 0)
+        const struct uvc_bytes *b = c->picture.frame[uvc_fmt][0];
+        while (k < c->picture.n && (b[k].n != m->size || memcmp(m->data, b[k].data, m->size) != 0))
             k++;
-        if (k == c->n_pictures)
+        if (k == c->picture.n)
             odd(c, "none of its pictures", (double)f->id);
         c->last_id = f->id;
+        c->begin = c->n == 0 ? f->t_arrival_mono_ns : c->begin;
+        c->end = f->t_arrival_mono_ns;
         c->seen[c->n++] = (struct seen){f->t_device_ns, k};
     }
     pthread_mutex_unlock(&lock);
@@ -137,7 +153,7 @@ static bool enough(void)
     bool all = true;
     pthread_mutex_lock(&lock);
     for (unsigned i = 0; i < n_cams; i++)
-        all &= cam[i].n == FRAMES;
+        all &= cam[i].n == frames;
     pthread_mutex_unlock(&lock);
     return all;
 }
@@ -152,15 +168,14 @@ static void streamed(void)
     for (unsigned i = 0; i < n_cams; i++) {
         const char *rest;
         struct pvx_diag d = {""};
-        load_pictures(&cam[i], i);
-        T_OK(cap_backend_find(cam[i].uri, &rest) == ops);
+        T_OK(cap_backend_find(uris[i], &rest) == ops);
         struct cap_source_config c = {.uri = rest,
                                       .name = "cam",
                                       .camera = i,
-                                      .width = 160,
-                                      .height = 120,
-                                      .fmt = CAP_GREY8,
-                                      .fps = 5,
+                                      .width = cam[i].picture.size[0].width,
+                                      .height = cam[i].picture.size[0].height,
+                                      .fmt = fmt,
+                                      .fps = rate,
                                       .buffers = 6,
                                       .exposure_us = -1,
                                       .gain = -1};
@@ -169,7 +184,8 @@ static void streamed(void)
             e = ops->start(cam[i].source, &sink, &d);
         T_EQ_S(e == PVX_OK ? "" : pvx_diag_text(&d, e), "");
     }
-    int64_t end = pvx_now_mono() + (int64_t)(60e9 * (slow != NULL ? atof(slow) : 1));
+    double wait_s = (30 + 3 * (double)frames / rate) * (slow != NULL ? atof(slow) : 1);
+    int64_t end = pvx_now_mono() + (int64_t)(1e9 * wait_s);
     while (!enough() && pvx_now_mono() < end)
         usleep(20000);
     for (unsigned i = 0; i < n_cams; i++) {
@@ -181,7 +197,7 @@ static void streamed(void)
         T_EQ_I(cam[i].n, n); /* no push after stop */
         ops->close(&cam[i].source);
         T_EQ_S(cam[i].why, "");
-        T_EQ_I(cam[i].n, FRAMES);
+        T_EQ_I(cam[i].n, frames);
         T_EQ_I(cam[i].count[CAP_INCOMPLETE], 0);
     }
 }
@@ -200,23 +216,59 @@ static void in_step(void)
     T_OK(n_cams == 1 || pairs > 0);
 }
 
-int main(int argc, char **argv)
+static void figures(void)
+{
+    double hz = 0, slowest = 1e9;
+    for (unsigned i = 0; i < n_cams; i++) {
+        const struct camera *c = &cam[i];
+        double own = c->n > 1 ? (double)(c->n - 1) * 1e9 / (double)(c->end - c->begin) : 0;
+        hz += own / n_cams;
+        slowest = own < slowest ? own : slowest;
+        printf("camera %u taken %llu missing %llu\n", i, (unsigned long long)c->count[CAP_RECEIVED],
+               (unsigned long long)(c->count[CAP_ID_GAP] + c->count[CAP_UNDERRUN]));
+    }
+    printf("figures %u cameras %dx%d %s, asked %g Hz, got %.2f (slowest camera %.2f), %zu frames "
+           "each\n",
+           n_cams, cam[0].picture.size[0].width, cam[0].picture.size[0].height,
+           cap_pixfmt_name(fmt), rate, hz, slowest, frames);
+}
+
+static bool options(int argc, char **argv)
 {
     char scheme[32];
     const char *rest;
-    if (argc != 4)
-        return 2;
+    if (argc < 4 || argc > 7)
+        return false;
     snprintf(scheme, sizeof scheme, "%s:", argv[1]);
     ops = cap_backend_find(scheme, &rest);
     n_cams = (unsigned)atoi(argv[2]);
     dir = argv[3];
-    if (ops == NULL || n_cams < 1 || n_cams > MAX)
+    if (argc > 4) {
+        fmt = cap_pixfmt_parse(argv[4]);
+        uvc_fmt = UVC_N_FORMATS;
+        for (size_t i = 0; i < sizeof formats / sizeof formats[0]; i++)
+            if (formats[i].fmt == fmt)
+                uvc_fmt = formats[i].uvc;
+    }
+    if (argc > 5)
+        rate = atof(argv[5]);
+    if (argc > 6)
+        frames = strtoul(argv[6], NULL, 10);
+    return ops != NULL && n_cams >= 1 && n_cams <= MAX && uvc_fmt != UVC_N_FORMATS && rate > 0 &&
+           frames > 0 && frames <= MAX_FRAMES;
+}
+
+int main(int argc, char **argv)
+{
+    if (!options(argc, argv))
         return 2;
+    T_RUN(load_pictures);
     T_RUN(listed);
     T_RUN(streamed);
-    T_RUN(in_step);
+    if (argc <= 5)
+        T_RUN(in_step);
+    figures();
     for (unsigned i = 0; i < n_cams; i++)
-        for (size_t k = 0; k < cam[i].n_pictures; k++)
-            cap_loaded_free(&cam[i].picture[k]);
+        uvc_images_free(&cam[i].picture);
     return t_done();
 }

@@ -12,7 +12,7 @@ v=$(uvc_nodes | sed -n 2p)
 grab() { # format, file
     v4l2-ctl -d "$v" --set-fmt-video=width=160,height=120,pixelformat="$1" --set-parm=15 --stream-mmap --stream-count=8 --stream-to="$2" > "$dir/grab.log" 2>&1
 }
-formats() { v4l2-ctl -d "$v" --list-formats-ext | tr -d '\t' > "$dir/formats"; [ "$(grep -cE "'(MJPG|YUYV|GREY)'|Size: Discrete (160x120|80x60)|\((30|15|5)\.000 fps\)" "$dir/formats")" = 27 ]; }
+formats() { v4l2-ctl -d "$v" --list-formats-ext | tr -d '\t' > "$dir/formats"; [ "$(grep -cE "'(MJPG|YUYV|GREY|RGGB|RG16|pRAA)'|Size: Discrete (160x120|80x60)|\((30|15|5)\.000 fps\)" "$dir/formats")" = 54 ]; }
 check offers-formats formats
 grey() { grab GREY "$dir/grey" && [ "$(stat -c %s "$dir/grey")" = $((8 * 160 * 120)) ]; }
 check streams-grey grey

@@ -77,11 +77,12 @@ static void frames(struct writer *w, const struct uvc_images *m, enum uvc_format
 }
 
 static void uncompressed(struct writer *w, const struct uvc_images *m, enum uvc_format f,
-                         const char fourcc[4], uint8_t bits)
+                         const char fourcc[4])
 {
-    uint8_t *p = PUT(w, 27, CS_INTERFACE, 4, (uint8_t)(f + 1), UVC_N_SIZES, 0, 0, 0, 0, 0x00, 0x00,
-                     0x10, 0x00, 0x80, 0x00, 0x00, 0xaa, 0x00, 0x38, 0x9b, 0x71, bits, 1, 0, 0, 0,
-                     0); /* guidFormat: fourcc and the rest of every such GUID */
+    uint8_t *p =
+        PUT(w, 27, CS_INTERFACE, 4, (uint8_t)(f + 1), UVC_N_SIZES, 0, 0, 0, 0, 0x00, 0x00, 0x10,
+            0x00, 0x80, 0x00, 0x00, 0xaa, 0x00, 0x38, 0x9b, 0x71, (uint8_t)uvc_bits[f], 1, 0, 0, 0,
+            0); /* guidFormat: fourcc and the rest of every such GUID */
     memcpy(p + 5, fourcc, 4);
     frames(w, m, f);
 }
@@ -91,11 +92,16 @@ static void streaming_interface(struct writer *w, const struct uvc_images *m)
     PUT(w, 9, 4, 1, 0, 1, 0x0e, 2, 0, 0); /* interface 1: video streaming, one endpoint */
     int start = w->n;
     uint8_t *head = PUT(w, 13 + UVC_N_FORMATS, CS_INTERFACE, 1, UVC_N_FORMATS, 0, 0, /* total */
-                        0x81, 0, UVC_OUTPUT_TERMINAL, 0, 0, 0, 1, 0, 0, 0);
+                        0x81, 0, UVC_OUTPUT_TERMINAL, 0, 0, 0, 1);
+    static const uint8_t no_controls[UVC_N_FORMATS]; /* of each format */
+    put(w, no_controls, sizeof no_controls);
     PUT(w, 11, CS_INTERFACE, 6, UVC_MJPG + 1, UVC_N_SIZES, 0, 1, 0, 0, 0, 0);
     frames(w, m, UVC_MJPG);
-    uncompressed(w, m, UVC_YUYV, "YUY2", 16);
-    uncompressed(w, m, UVC_GREY, "Y800", 8);
+    uncompressed(w, m, UVC_YUYV, "YUY2");
+    uncompressed(w, m, UVC_GREY, "Y800");
+    uncompressed(w, m, UVC_RGGB, "RGGB");
+    uncompressed(w, m, UVC_RG16, "RG16");
+    uncompressed(w, m, UVC_RW10, "RW10");
     PUT(w, 6, CS_INTERFACE, 13, 1, 1, 4); /* colour: BT.709 primaries, BT.601 matrix */
     uvc_put16(head + 4, (unsigned)(w->n - start));
     PUT(w, 7, 5, 0x81, 2, 0x00, 0x02, 0); /* endpoint 1 IN: bulk, 512 bytes */

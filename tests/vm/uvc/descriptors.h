@@ -2,7 +2,8 @@
  *
  * USB Device Class Definition for Video Devices 1.0: one control interface (camera terminal with
  * exposure, processing unit with brightness and gain, output terminal) and one streaming interface
- * with a bulk endpoint; MJPEG, YUY2 and Y800, two sizes each, 30, 15 and 5 Hz. */
+ * with a bulk endpoint; MJPEG, YUY2, Y800 and the kernel's names for raw Bayer (RGGB, RG16, RW10), two
+ * sizes each, 30, 15 and 5 Hz. */
 #ifndef VM_UVC_DESCRIPTORS_H
 #define VM_UVC_DESCRIPTORS_H
 #include <stdbool.h>

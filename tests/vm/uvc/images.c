@@ -10,6 +10,14 @@
 #include "capture/imgio.h"
 #include "capture/sequence.h"
 
+const unsigned uvc_bits[UVC_N_FORMATS] = {[UVC_MJPG] = 16, [UVC_YUYV] = 16, [UVC_GREY] = 8,
+                                          [UVC_RGGB] = 8,  [UVC_RG16] = 16, [UVC_RW10] = 10};
+
+struct order {
+    unsigned formats;
+    int quality;
+};
+
 /* 8 bit, rows without padding. */
 struct raw {
     const uint8_t *px;
@@ -58,6 +66,31 @@ static void to_grey(const struct raw *m, uint8_t *out)
     }
 }
 
+static void to_rggb(const struct raw *m, uint8_t *out)
+{
+    for (int32_t y = 0; y < m->h; y++)
+        for (int32_t x = 0; x < m->w; x++) {
+            size_t i = (size_t)y * (size_t)m->w + (size_t)x;
+            out[i] = m->rgb ? m->px[3 * i + (size_t)(x % 2 + y % 2)] : m->px[i];
+        }
+}
+
+static void to_rg16(const uint8_t *rggb, size_t n, uint8_t *out)
+{
+    for (size_t i = 0; i < n; i++)
+        out[2 * i] = out[2 * i + 1] = rggb[i];
+}
+
+static void to_rw10(const uint8_t *rggb, size_t n, uint8_t *out)
+{
+    for (size_t i = 0; i < n; i += 4, out += 5) {
+        memcpy(out, rggb + i, 4);
+        out[4] = 0;
+        for (int k = 0; k < 4; k++)
+            out[4] |= (uint8_t)(rggb[i + (size_t)k] >> 6 << 2 * k);
+    }
+}
+
 static pvx_err to_jpeg(const struct raw *m, int quality, struct uvc_bytes *out, struct pvx_diag *d)
 {
     tjhandle tj = tjInitCompress();
@@ -79,23 +112,39 @@ static pvx_err to_jpeg(const struct raw *m, int quality, struct uvc_bytes *out, 
     return e;
 }
 
-static pvx_err encode(const struct raw *m, int quality, int size, size_t at, struct uvc_images *out,
-                      struct pvx_diag *d)
+static pvx_err encode(const struct raw *m, const struct order *o, int size, size_t at,
+                      struct uvc_images *out, struct pvx_diag *d)
 {
     size_t n = (size_t)m->w * (size_t)m->h;
-    struct uvc_bytes *yuyv = &out->frame[UVC_YUYV][size][at];
-    struct uvc_bytes *grey = &out->frame[UVC_GREY][size][at];
-    *yuyv = (struct uvc_bytes){malloc(2 * n), 2 * n};
-    *grey = (struct uvc_bytes){malloc(n), n};
-    if (yuyv->data == NULL || grey->data == NULL)
-        return PVX_ENOMEM;
-    to_yuyv(m, yuyv->data);
-    to_grey(m, grey->data);
-    return to_jpeg(m, quality, &out->frame[UVC_MJPG][size][at], d);
+    unsigned raw = 1u << UVC_RG16 | 1u << UVC_RW10; /* made of the 8-bit one */
+    unsigned formats = o->formats | (o->formats & raw ? 1u << UVC_RGGB : 0);
+    uint8_t *to[UVC_N_FORMATS] = {NULL};
+    for (int f = 0; f < UVC_N_FORMATS; f++) {
+        struct uvc_bytes *b = &out->frame[f][size][at];
+        if (f == UVC_MJPG || (formats >> f & 1) == 0)
+            continue;
+        b->n = uvc_images_max(out, (enum uvc_format)f, size);
+        to[f] = b->data = malloc(b->n);
+        if (to[f] == NULL)
+            return PVX_ENOMEM;
+    }
+    if (to[UVC_YUYV] != NULL)
+        to_yuyv(m, to[UVC_YUYV]);
+    if (to[UVC_GREY] != NULL)
+        to_grey(m, to[UVC_GREY]);
+    if (to[UVC_RGGB] != NULL)
+        to_rggb(m, to[UVC_RGGB]);
+    if (to[UVC_RG16] != NULL)
+        to_rg16(to[UVC_RGGB], n, to[UVC_RG16]);
+    if (to[UVC_RW10] != NULL)
+        to_rw10(to[UVC_RGGB], n, to[UVC_RW10]);
+    if ((formats >> UVC_MJPG & 1) == 0)
+        return PVX_OK;
+    return to_jpeg(m, o->quality, &out->frame[UVC_MJPG][size][at], d);
 }
 
-static pvx_err encode_half(const struct raw *m, int quality, size_t at, struct uvc_images *out,
-                           struct pvx_diag *d)
+static pvx_err encode_half(const struct raw *m, const struct order *o, size_t at,
+                           struct uvc_images *out, struct pvx_diag *d)
 {
     int c = m->rgb ? 3 : 1;
     struct raw half = {.w = m->w / 2, .h = m->h / 2, .rgb = m->rgb};
@@ -111,12 +160,12 @@ static pvx_err encode_half(const struct raw *m, int quality, size_t at, struct u
                     (uint8_t)((p[0] + p[c] + p[row] + p[row + c] + 2) / 4);
             }
     half.px = px;
-    pvx_err e = encode(&half, quality, 1, at, out, d);
+    pvx_err e = encode(&half, o, 1, at, out, d);
     free(px);
     return e;
 }
 
-static pvx_err load_one(const char *path, int quality, size_t at, struct uvc_images *out,
+static pvx_err load_one(const char *path, const struct order *o, size_t at, struct uvc_images *out,
                         struct pvx_diag *d)
 {
     struct cap_loaded l;
@@ -129,18 +178,20 @@ static pvx_err load_one(const char *path, int quality, size_t at, struct uvc_ima
     }
     if (l.img.fmt != CAP_RGB8 && l.img.fmt != CAP_GREY8)
         e = pvx_fail(d, PVX_EUNSUP, "%s: %s; should be 8 bit", path, cap_pixfmt_name(l.img.fmt));
-    else if (m.w % 4 != 0 || m.h % 4 != 0 || m.w != out->size[0].width ||
+    else if (m.w % 8 != 0 || m.h % 8 != 0 || m.w != out->size[0].width ||
              m.h != out->size[0].height)
-        e = pvx_fail(d, PVX_EUNSUP, "%s: %dx%d; all images have one size, in multiples of 4", path,
+        e = pvx_fail(d, PVX_EUNSUP, "%s: %dx%d; all images have one size, in multiples of 8", path,
                      m.w, m.h);
-    else if ((e = encode(&m, quality, 0, at, out, d)) == PVX_OK)
-        e = encode_half(&m, quality, at, out, d);
+    else if ((e = encode(&m, o, 0, at, out, d)) == PVX_OK)
+        e = encode_half(&m, o, at, out, d);
     cap_loaded_free(&l);
     return e;
 }
 
-pvx_err uvc_images_load(const char *name, int quality, struct uvc_images *out, struct pvx_diag *d)
+pvx_err uvc_images_load(const char *name, unsigned formats, int quality, struct uvc_images *out,
+                        struct pvx_diag *d)
 {
+    struct order o = {formats, quality};
     *out = (struct uvc_images){0};
     struct cap_sequence seq;
     PVX_TRY(cap_sequence_find(name, &seq, d));
@@ -151,7 +202,7 @@ pvx_err uvc_images_load(const char *name, int quality, struct uvc_images *out, s
             if ((out->frame[f][s] = pvx_calloc(seq.n, sizeof *out->frame[f][s])) == NULL)
                 e = PVX_ENOMEM;
     for (size_t i = 0; e == PVX_OK && i < seq.n; i++)
-        e = load_one(seq.item[i].path, quality, i, out, d);
+        e = load_one(seq.item[i].path, &o, i, out, d);
     cap_sequence_free(&seq);
     if (e != PVX_OK)
         uvc_images_free(out);
@@ -172,5 +223,5 @@ void uvc_images_free(struct uvc_images *m)
 size_t uvc_images_max(const struct uvc_images *m, enum uvc_format f, int size)
 {
     size_t n = (size_t)m->size[size].width * (size_t)m->size[size].height;
-    return f == UVC_GREY ? n : 2 * n;
+    return uvc_bits[f] * n / 8;
 }
