@@ -174,7 +174,7 @@ $(B)/lib/pyrovox-opencv.so: capture/opencv_shim.cpp capture/opencv_shim.h
 $(B)/lib/pyrovox-libcamera.so: capture/libcamera_shim.cpp capture/libcamera_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -shared -o $@ $< $$(pkg-config --libs libcamera)
+	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -std=c++20 -shared -o $@ $< $$(pkg-config --libs libcamera)
 
 link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) -Wl,--start-group $(filter %.a,$^) -Wl,--end-group $(LDLIBS)
 $(B)/bin/pyrovox: $(call obj,daemon/cli/pyrovox.c $(CLI)) $(LIBS)

@@ -24,10 +24,6 @@
 
 #include "base/err.h"
 
-#define VERSION_AT_LEAST(major, minor)    \
-    (LIBCAMERA_VERSION_MAJOR > (major) || \
-     (LIBCAMERA_VERSION_MAJOR == (major) && LIBCAMERA_VERSION_MINOR >= (minor)))
-
 using namespace libcamera;
 
 /* One buffer mapped; data is where its first plane begins. */
@@ -188,6 +184,15 @@ bool parse_numbers(const char *text, std::vector<double> &out)
     return !out.empty();
 }
 
+/* The library's own span: libcamera::Span, or std::span in what follows 0.7. */
+template <typename> struct span_rebound;
+template <template <typename, size_t> class S, typename T, size_t N> struct span_rebound<S<T, N>> {
+    template <typename U> using of = S<U, static_cast<size_t>(-1)>; /* dynamic_extent of both */
+};
+template <typename U>
+using LibSpan =
+    typename span_rebound<decltype(std::declval<const ControlValue &>().data())>::template of<U>;
+
 template <typename T> ControlValue value_of(const std::vector<double> &v)
 {
     std::vector<T> all;
@@ -195,7 +200,7 @@ template <typename T> ControlValue value_of(const std::vector<double> &v)
         all.push_back(static_cast<T>(x));
     if (all.size() == 1)
         return ControlValue(all[0]);
-    return ControlValue(Span<const T>(all.data(), all.size()));
+    return ControlValue(LibSpan<const T>(all.data(), all.size()));
 }
 
 bool make_value(ControlType type, const std::vector<double> &v, ControlValue &out)
@@ -258,7 +263,7 @@ int set_controls(cap_lc_camera &c, const cap_lc_config &cfg, cap_lc_layout &layo
     layout.has_duration = has(c, "FrameDurationLimits");
     if (cfg.frame_us > 0 && layout.has_duration) {
         std::array<int64_t, 2> both{cfg.frame_us, cfg.frame_us};
-        c.controls.set(controls::FrameDurationLimits, Span<const int64_t, 2>(both));
+        c.controls.set(controls::FrameDurationLimits, both);
     }
     /* Since 0.5 exposure and gain have an automatic of their own each, before they share one. */
     if (cfg.exposure_us >= 0 && has(c, "ExposureTimeMode"))
@@ -392,6 +397,16 @@ void cpu_reads(int file, uint64_t when)
     (void)ioctl(file, DMA_BUF_IOCTL_SYNC, &sync);
 }
 
+/* A frame that the sensor needs to start with; a status that later libcameras have. */
+template <typename M> auto starting(const M &m, int) -> decltype(M::FrameStartup, true)
+{
+    return m.status == M::FrameStartup;
+}
+template <typename M> bool starting(const M &, long)
+{
+    return false;
+}
+
 /* Of the first plane; images of several are not asked for. */
 size_t bytes_used(const FrameMetadata &m)
 {
@@ -441,10 +456,8 @@ void cap_lc_camera::done(Request *r)
     f.gain = gain ? *gain : NAN;
     f.temperature_c = temperature ? *temperature : NAN;
     f.good = m.status == FrameMetadata::FrameSuccess;
-#if VERSION_AT_LEAST(0, 6)
-    if (m.status == FrameMetadata::FrameStartup)
+    if (starting(m, 0))
         f.good = -1;
-#endif
     if (f.bytes > map.bytes - static_cast<size_t>(map.data - static_cast<uint8_t *>(map.base)))
         f.good = 0;
     if (++seen == 10)

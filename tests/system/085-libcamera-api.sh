@@ -57,11 +57,23 @@ change controls.h 'std::string name_;
 change controls.h ': ControlId(id, name, details' ': ControlId(id, name, "libcamera", details'
 compiles() { # include folder, more arguments
     local inc=$1; shift
-    g++ -std=c++17 -fsyntax-only -Wall -Wextra -Werror -I. -Idaemon -isystem "$inc" "$@" capture/libcamera_shim.cpp
+    g++ -std=c++20 -fsyntax-only -Wall -Wextra -Werror -I. -Idaemon -isystem "$inc" "$@" capture/libcamera_shim.cpp
 }
 check() { local what=$1; shift; if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi; }
 check compiles-against-0.0.3 compiles "$from"
 check compiles-against-the-double-of-0.7.2 compiles "$dir/new"
+# after 0.7 libcamera has no span of its own, but C++20's
+cp -r "$dir/new" "$dir/span"
+sed -i 's/\bSpan</std::span</g' "$dir"/span/libcamera/*.h
+cat > "$dir/span/libcamera/base/span.h" << 'CPP'
+#pragma once
+#include <span>
+namespace libcamera::details {
+template <typename T> struct is_span : std::false_type {};
+template <typename T, std::size_t N> struct is_span<std::span<T, N>> : std::true_type {};
+}
+CPP
+check compiles-with-the-span-of-c++20 compiles "$dir/span"
 # it is the double that is compiled, and the branch for it that is taken
 sees() { compiles "$dir/new" -include "$dir/assert.h"; }
 printf '#include <libcamera/libcamera.h>\nstatic_assert(LIBCAMERA_VERSION_MINOR == 7 && libcamera::FrameMetadata::FrameStartup > 0);\n' > "$dir/assert.h"
