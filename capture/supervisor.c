@@ -60,8 +60,9 @@ static void trouble(struct watch *w, const char *text)
     int n = snprintf(who, sizeof who, "camera %s (%s): ", cam->name, cam->uri);
     bool named =
         n < (int)sizeof who && strncmp(text, who, (size_t)n) == 0; /* a driver's own words */
-    LOG_W(CAPTURE, "%s%s; trying again every 0.25 to 0.5 s, the others go on", named ? "" : who,
-          text);
+    bool held = cam->cap->cfg.sets.policy == CAP_POLICY_DROP;
+    LOG_W(CAPTURE, "%s%s; trying again every 0.25 to 0.5 s, %s", named ? "" : who, text,
+          held ? "no set is whole until it is back (sync.policy: drop)" : "the others go on");
 }
 
 static bool all_looked_at(const struct cap_capture *cap)
