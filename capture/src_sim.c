@@ -16,6 +16,8 @@
 #include "capture/player.h"
 #include "capture/random.h"
 
+#define HOLD_MAX 64
+
 struct faults {
     double skew_us, drift_ppm; /* of the camera's clock against the host's */
     double drop;               /* share of frames that are never delivered */
@@ -39,6 +41,7 @@ struct faults {
     int64_t miss_every;  /* each n-th picture is not taken, nor numbered */
     int64_t wide_every;  /* each n-th frame is another size than the camera's */
     int64_t other_format; /* 1: pixels are said to be of another format */
+    int64_t hold;         /* so many of its buffers are held, as by a consumer that is too slow */
     double open_ms;       /* opening takes this long */
     int64_t seed;
 };
@@ -53,6 +56,8 @@ struct sim {
     int64_t period_ns, own_period_ps; /* own: in picoseconds, so that rate=0.9999 is what it says */
     bool triggered;                   /* by software */
     uint64_t rng;
+    struct cap_frame *held[HOLD_MAX];
+    int64_t n_held;
     int64_t trigger_real_ns; /* a trigger not yet served, 0 = none; under the player's lock */
 };
 
@@ -98,6 +103,7 @@ static const struct option options[] = {
     OPT_I(miss_every, 1, 1e9),
     OPT_I(wide_every, 1, 1e9),
     OPT_I(other_format, 0, 1),
+    OPT_I(hold, 1, HOLD_MAX),
 };
 #define N_OPTIONS (sizeof options / sizeof options[0])
 
@@ -227,6 +233,15 @@ static bool lost(struct sim *s, const struct shot *x)
     return false;
 }
 
+static void hold(struct sim *s, int64_t n)
+{
+    struct cap_frame *f;
+    while (s->n_held < n && (f = cap_bufpool_take(s->player.pool)) != NULL)
+        s->held[s->n_held++] = f;
+    while (s->n_held > n)
+        cap_frame_release(s->held[--s->n_held]);
+}
+
 static void *run(void *arg)
 {
     struct sim *s = arg;
@@ -242,6 +257,7 @@ static void *run(void *arg)
             k = next;
         }
         was = x.faulty;
+        hold(s, x.faulty ? o->hold : 0);
         int64_t t;
         if (s->triggered) {
             if ((t = wait_trigger(s)) == 0)
@@ -357,7 +373,9 @@ static pvx_err sim_trigger(cap_source *base)
 
 static void sim_stop(cap_source *base)
 {
-    cap_player_stop(&((struct sim *)base)->player);
+    struct sim *s = (struct sim *)base;
+    cap_player_stop(&s->player);
+    hold(s, 0);
 }
 
 const struct cap_source_ops cap_source_sim = {

@@ -78,6 +78,8 @@ static const struct fault faults[] = {
      .last_s = 5, .mixes = true, .noisy = true},
     {"hostclock", "host_step_s=3600", ALL, CAP_N_COUNT, "the host's clock was set by +3600.0",
      "the host's clock was set by -3600.0", .foreign_clocks = true, .no_count = true},
+    {"starved", "hold=16", ONE, CAP_UNDERRUN, "no buffer was free", "no more: no buffer was free",
+     .last_s = 2},
     {"holding", "skew_us=0", ONE, CAP_UNDERRUN, "no buffer was free", "no more: no buffer was free",
      .holds_sets = true},
 };

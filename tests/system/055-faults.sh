@@ -1,8 +1,8 @@
 #!/bin/bash
 # The built daemon before four cameras of the real GigE Vision protocol that go wrong one way after the
 # other while it runs: every fault is found, counted by its cause, told once, and over without a restart;
-# cameras are used again after they are back.  What a test cannot do to a host it shares (set its clock,
-# starve its buffers), and a camera in the wrong trigger mode, is in tests/sim/test_faults.c.
+# cameras are used again after they are back.  What a test cannot do to a host it shares, sim: cameras do:
+# their frames arrive as if its clock had been set, or find no buffer as if it were too slow.
 name=055
 . "$(dirname "$0")/lib.sh"
 if ! timeout 60 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
@@ -12,14 +12,14 @@ fi
 
 # The cameras' clocks count from their start: the daemon has to map them.
 config run.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\ngige: {resend: never, packet_size: 1400}\nphotometry: {black: 0.02}'
-# On a trigger line.
-config line.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\ntrigger: line\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\nphotometry: {black: 0.02}'
+# On a trigger line, with PTP clocks.
+config line.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\ntrigger: line\nptp: true\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\nphotometry: {black: 0.02}'
 
 cat > "$dir/faults.py" <<'PY'
 import json, sys, time, zmq
 
-control, fifo, log, what = sys.argv[1:5]
-orders = open(fifo, "w")
+control, log, what = sys.argv[1:4]
+orders = open(sys.argv[4], "w") if what in ("run", "line") else None
 ctx = zmq.Context()
 failed = 0
 
@@ -77,6 +77,11 @@ def told(cam, text, times=1):
 def over(text):
     check("over: " + text, any(text in l and " info " in l for l in open(log)))
 
+def calm(*causes):
+    ok = until(40, lambda s: not any(t["cause"] in causes for c in s["cameras"] for t in c["troubles"]))
+    check("all troubles are over", ok is not None)
+    time.sleep(1.5) # the last lines
+
 def run():
     check("starts", until(40, whole_again(20)) is not None)
     time.sleep(2.5) # clocks are known, the start is forgotten
@@ -111,9 +116,7 @@ def run():
     after = time.monotonic() - t0 - 2.5
     check("switch reboots", None not in (found, back) and after < 10, "(found after %s s, all back %.2f s after its end)" % (found and "%.2f" % found, after))
     fault("hostile packets", 1, "received", "hostile cam1 0.3", "hostile cam1 0", 20)
-    calm = until(40, lambda s: not any(t["cause"] in ("incomplete", "clock_stuck", "bad_size", "clock_jump", "bandwidth") for c in s["cameras"] for t in c["troubles"]))
-    check("all troubles are over", calm is not None)
-    time.sleep(0.5)
+    calm("incomplete", "clock_stuck", "bad_size", "clock_jump", "bandwidth")
     told("cam2", "its time stands still"); over("its time stands still")
     told("cam0", "frames of another size"); over("frames of another size")
     told("cam0", "its clock jumped"); over("its clock jumped")
@@ -132,9 +135,50 @@ def line():
     s = status()
     check("nobody else missed any", all(count(s, c, "missed_trigger") == 0 for c in (0, 1, 3)), str([count(s, c, "missed_trigger") for c in range(4)]))
     check("no slip is seen in it", all(count(s, c, "slip") == 0 for c in range(4)))
+    fault("wrong trigger mode", 1, "trigger_mode", "trigger-mode cam1 0", None)
+    s = status()
+    check("and in one camera", [count(s, c, "trigger_mode") for c in range(4)] == [0, 1, 0, 0] and count(s, 1, "lost_camera") == 0)
+    fault("two PTP masters", None, "ptp_masters", "ptp-master cam0 on\nptp-master cam3 on", "ptp-master all off", 2)
+    s = status()
+    check("and in two cameras", count(s, 1, "ptp_masters") == count(s, 2, "ptp_masters") == 0 and count(s, 0, "ptp_masters") > 0 < count(s, 3, "ptp_masters"))
+    calm("trigger_mode", "ptp_masters", "missed_trigger")
+    told("cam2", "it misses triggers")
+    told("cam1", "its trigger mode is not the one that was set: TriggerMode is Off instead of On; it was set again")
+    over("its trigger mode is not the one")
+    told(None, "2 cameras are PTP masters at once"); over("several cameras are PTP masters at once")
 
-run() if what == "run" else line()
-order("")
+def sim(cause, found):
+    """A fault of sim: cameras, between two times."""
+    t0, t1 = float(sys.argv[4]), float(sys.argv[5])
+    started = until(60, whole_again(10)) is not None
+    if started and time.time() > t0 - 1: sys.exit(9) # the fault was there first: again, with more time
+    check("starts", started)
+    check("nothing is wrong yet", not found(status()))
+    t = until(max(0, t0 - time.time()) + 10, found)
+    after = None if t is None else time.time() - t0
+    time.sleep(max(0, t1 - time.time()))
+    done = status()["sets"]["complete"]
+    back = until(15, whole_again(done))
+    check(what, after is not None and after < 8 and back is not None,
+          "(%s: found after %s s, whole sets %s s after its end)" % (cause, after and "%.2f" % after, back and "%.2f" % back))
+
+def host():
+    sim("host_clock", lambda s: s["host_clock"]["steps"] > 0)
+    check("set back", until(10, lambda s: s["host_clock"]["steps"] == 2 and abs(s["host_clock"]["last_step_s"] + 3600) < 1) is not None)
+    time.sleep(0.5)
+    told(None, "the host's clock was set by +3600.0"); told(None, "the host's clock was set by -3600.0")
+    s = status()
+    check("no camera is blamed", not any(count(s, None, k) for k in ("clock_jump", "slip", "out_of_step", "rate")))
+
+def starved():
+    sim("underrun", lambda s: count(s, 2, "underrun") > 0)
+    calm("underrun")
+    s = status()
+    check("in one camera, which is not lost", all(count(s, c, "underrun") == 0 for c in (0, 1, 3)) and count(s, 2, "lost_camera") == 0)
+    told("cam2", "no buffer was free for its frames"); over("no buffer was free for its frames")
+
+{"run": run, "line": line, "host": host, "starved": starved}[what]()
+if orders: order("")
 sys.exit(failed > 0)
 PY
 
@@ -145,10 +189,30 @@ play() { # what, options of simcams...
         "$pyrovoxd" --config "$dir/$what.yaml" > "$dir/$what.log" 2>&1 < "$dir/orders-$what" &
     local sim=$!
     pids+=("$sim")
-    timeout 200 "$py" "$dir/faults.py" "$control" "$dir/orders-$what" "$dir/$what.log" "$what" || rc=1
+    timeout 200 "$py" "$dir/faults.py" "$control" "$dir/$what.log" "$what" "$dir/orders-$what" || rc=1
     "$pyrovox" status --endpoint "$control" --stop > "$dir/null"
     check "$what-ends" ended "$sim" 0
 }
+play_sim() { # what, options of the broken cameras, cameras...: they break for 3 s, when all has begun
+    local what=$1 options=$2 lead t0 all c code; shift 2
+    for lead in 8 30 100; do
+        t0=$(($(date +%s) + lead)) all=""
+        for c in cam0 cam1 cam2 cam3; do
+            all+="$c: \"sim:skew_us=${c#cam}000000,drift_ppm=1${c#cam}"
+            [[ " $* " != *" $c "* ]] || all+=",$options,from=$t0,to=$((t0 + 3))"
+            all+="\", "
+        done
+        config "$what.yaml" <<< "cameras: {${all%, }}"$'\nfps: 20\nsync: {policy: solve-with-what-is-there, min_cameras: 1}'
+        start "$what.log" "$pyrovoxd" --config "$dir/$what.yaml"
+        timeout 250 "$py" "$dir/faults.py" "$control" "$dir/$what.log" "$what" "$t0" $((t0 + 3)); code=$?
+        "$pyrovox" status --endpoint "$control" --stop > "$dir/null"
+        check "$what-ends" ended "$started" 0
+        [ $code = 9 ] || break
+    done
+    [ $code = 0 ] || rc=1
+}
 play run
-play line --line-hz 20
+play line --line-hz 20 --ptp-ms 200
+play_sim host host_step_s=3600 cam0 cam1 cam2 cam3
+play_sim starved hold=64 cam2
 exit $rc
