@@ -50,6 +50,11 @@ ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 RECON   := $(filter-out %_avx2.c %_avx512.c,$(RECON))
 endif
 CAPTURE := $(sort $(wildcard capture/*.c))
+# The fast ways from pixels to floats (capture/pixfmt_fast.h): once for any processor, once for AVX2.
+PIX_FAST := $(addprefix capture/pixfmt_,unpack sums bayer mosaic finish)
+ifeq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
+PIX_AVX2 := $(patsubst %,$(B)/%_avx2.o,$(PIX_FAST))
+endif
 PROTO   := $(sort $(wildcard proto/*.c))
 CLIENT  := $(sort $(wildcard proto/clients/*.c))
 DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c daemon/doctor/*.c)))
@@ -152,6 +157,11 @@ $(B)/%.o: %.c Makefile
 	$(call say,CC)
 	$(Q)$(CC) $(CPPFLAGS) $(CFLAGS) $(pkg_cflags) -c $< -o $@
 
+$(PIX_AVX2): $(B)/%_avx2.o: %.c Makefile
+	@mkdir -p $(@D)
+	$(call say,CC)
+	$(Q)$(CC) $(CPPFLAGS) -DCAP_PIX_AVX2 $(CFLAGS) -mavx2 $(pkg_cflags) -c $< -o $@
+
 define lib
 $(B)/lib/libpyrovox-$(1).a: $(call obj,$(2))
 	@mkdir -p $$(@D)
@@ -161,6 +171,7 @@ endef
 $(eval $(call lib,base,$(BASE)))
 $(eval $(call lib,recon,$(RECON)))
 $(eval $(call lib,capture,$(CAPTURE)))
+$(B)/lib/libpyrovox-capture.a: $(PIX_AVX2)
 $(eval $(call lib,proto,$(PROTO)))
 $(eval $(call lib,client,$(CLIENT)))
 $(eval $(call lib,daemon,$(DAEMON)))

@@ -1,5 +1,9 @@
 #include "capture/pixfmt.h"
 
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
 #include "capture/pixfmt_priv.h"
 
 void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
@@ -75,24 +79,45 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
     return PVX_OK;
 }
 
+const struct cap_pix_ways *cap_pix_ways(void)
+{
+    static _Atomic(const struct cap_pix_ways *) chosen;
+    const struct cap_pix_ways *w = atomic_load_explicit(&chosen, memory_order_acquire);
+    if (w != NULL)
+        return w;
+    w = &cap_pix_plain;
+#if defined(__x86_64__)
+    const char *env = getenv("PYROVOX_CPU");
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && (env == NULL || strcmp(env, "ref") != 0))
+        w = &cap_pix_avx2;
+#endif
+    atomic_store_explicit(&chosen, w, memory_order_release);
+    return w;
+}
+
+void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+                 float *out)
+{
+    int b = j->binning, most = j->cell != NULL && j->table != NULL ? 16 : 32; /* sums fit 31 bits */
+    if (j->full == 0 && b == 1 && j->grey == (j->nch == 1))
+        cap_pix_floats(j, y0, y1, out);
+    else if (j->full == 0 || b > most || (j->cell != NULL && b > 1 && b % 2 != 0))
+        cap_pix_ref(j, y0, y1, out);
+    else if (j->cell == NULL)
+        w->sums(j, y0, y1, out);
+    else if (b == 1)
+        w->bayer(j, y0, y1, out);
+    else
+        w->mosaic(j, y0, y1, out);
+}
+
 pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params *p, int32_t y0,
                     int32_t y1, float *out)
 {
     struct cap_pix j;
     PVX_TRY(cap_pix_check(img, p, y0, y1, &j));
-    int b = j.binning, most = j.cell != NULL && j.table != NULL ? 16 : 32; /* sums fit 31 bits */
-    if (j.full == 0 && b == 1 && j.grey == (j.nch == 1))
-        cap_pix_floats(&j, y0, y1, out);
-    else if (j.full == 0 || b > most || (j.cell != NULL && b > 1 && b % 2 != 0))
-        cap_pix_ref(&j, y0, y1, out);
-    else if (j.cell != NULL && b == 1)
-        cap_pix_bayer(&j, y0, y1, out);
-    else if (j.cell != NULL)
-        cap_pix_mosaic(&j, y0, y1, out);
-    else if (j.full == 255 && j.table == NULL && (b == 1 || b == 2 || b == 4))
-        cap_pix_8(&j, y0, y1, out);
-    else
-        cap_pix_sums(&j, y0, y1, out);
+    cap_pix_run(cap_pix_ways(), &j, y0, y1, out);
     return PVX_OK;
 }
 

@@ -87,20 +87,25 @@ PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
                                      const struct cap_convert_params *p, int32_t y0, int32_t y1,
                                      struct cap_pix *j);
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* 8-bit linear samples, grey or RGB; binning 1, 2 or 4. */
-void cap_pix_8(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* Floats, binning 1, as many channels as the image has. */
 void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* Integer samples but for Bayer; binning to 32. */
-void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* Integer Bayer, binning 1: bilinear, or rays. */
-void cap_pix_bayer(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* Integer Bayer, even binning to 32, with a table to 16. */
-void cap_pix_mosaic(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-
-/* Raw samples of pixels [x, x+n) of row y, as integers, RGB in this order; x even, for 10 bits without
- * gaps a multiple of 4. */
-void cap_pix_row(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint16_t *out);
 /* One raw sample of an integer format, bit by bit from the format's definition. */
 unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
+
+/* The fast ways: the same sources compiled for any processor and for AVX2 (pixfmt_fast.h). */
+struct cap_pix_ways {
+    const char *name;
+    /* Integer samples but for Bayer; binning to 32. */
+    void (*sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+    /* Integer Bayer, binning 1: bilinear, or rays. */
+    void (*bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+    /* Integer Bayer, even binning to 32, with a table to 16. */
+    void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+};
+extern const struct cap_pix_ways cap_pix_plain, cap_pix_avx2;
+/* Those for this processor; PYROVOX_CPU=ref keeps to plain C.  Decided once. */
+const struct cap_pix_ways *cap_pix_ways(void);
+/* The way for *j, of these or those that fit any processor. */
+void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+                 float *out);
 #endif

@@ -1,190 +1,129 @@
-/* pixfmt_sums.c - binning of integer samples of any depth: unpack a piece of a raw row, add it to the
- * sums of its bins' columns, then add across.  All but the unpacking are plain loops over 32-bit words
- * that vectorise; a piece stays in the first-level cache. */
-#include "capture/pixfmt_priv.h"
+/* pixfmt_sums.c - integer samples of any depth but Bayer's: the sums of columns of a piece of a row of
+ * bins, then across.  While the binning has a factor of 2 neighbours are added in pairs. */
+#include <string.h>
 
-enum { SAMPLES = 768 }; /* of a row at a time: pixels or thirds of them */
+#include "capture/pixfmt_fast.h"
 
-/* Column sums of raw rows: sum [n], and sat [n] != 0 where any sample was saturated. */
-struct columns {
-    uint32_t sum[SAMPLES + 1], sat[SAMPLES + 1]; /* +1: whole vectors are read at the last pixel */
+enum {
+    SAMPLES = 1152, /* of a row at a time: of one plane, or a third of each of three */
+    THIRD = SAMPLES / 3,
 };
 
-static void add_row(const struct cap_pix *j, const uint16_t *restrict s, size_t n, bool first,
-                    struct columns *restrict c)
+/* Sums and greatest samples of planes; plane c starts at c*(THIRD + CAP_PIX_SLACK). */
+enum { PITCH = THIRD + CAP_PIX_SLACK };
+struct sums {
+    uint32_t sum[3 * PITCH];
+    uint16_t top[3 * PITCH];
+};
+
+static void widen(const uint16_t *restrict s, const uint32_t *table, int32_t n,
+                  uint32_t *restrict sum)
 {
-    const uint32_t *table = j->table;
-    const uint32_t full = j->full;
-    uint32_t light[SAMPLES];
     if (table != NULL)
-        for (size_t i = 0; i < n; i++)
-            light[i] = table[s[i] < full ? s[i] : full];
-    if (first && table == NULL)
-        for (size_t i = 0; i < n; i++) {
-            c->sum[i] = s[i];
-            c->sat[i] = s[i] >= full;
-        }
-    else if (first)
-        for (size_t i = 0; i < n; i++) {
-            c->sum[i] = light[i];
-            c->sat[i] = s[i] >= full;
-        }
-    else if (table == NULL)
-        for (size_t i = 0; i < n; i++) {
-            c->sum[i] += s[i];
-            c->sat[i] |= s[i] >= full;
-        }
+        for (int32_t i = 0; i < n; i++)
+            sum[i] = table[s[i]];
     else
-        for (size_t i = 0; i < n; i++) {
-            c->sum[i] += light[i];
-            c->sat[i] |= s[i] >= full;
-        }
+        for (int32_t i = 0; i < n; i++)
+            sum[i] = s[i];
 }
 
-/* Rows y .. y+rows-1, pixels [x, x+n). */
-static void add_rows(const struct cap_pix *j, int32_t y, int rows, int32_t x, int32_t n,
-                     struct columns *c)
+static void add(const uint16_t *restrict s, const uint32_t *table, int32_t n,
+                uint32_t *restrict sum, uint16_t *restrict top)
 {
-    uint16_t s[SAMPLES];
-    for (int r = 0; r < rows; r++) {
-        cap_pix_row(j, y + r, x, n, s);
-        add_row(j, s, (size_t)(n * j->samples), r == 0, c);
+    if (table != NULL)
+        for (int32_t i = 0; i < n; i++)
+            sum[i] += table[s[i]];
+    else
+        for (int32_t i = 0; i < n; i++)
+            sum[i] += s[i];
+    for (int32_t i = 0; i < n; i++)
+        top[i] = top[i] > s[i] ? top[i] : s[i];
+}
+
+/* Rows y .. y+binning-1, pixels [x, x+n). */
+static void down(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct sums *c)
+{
+    uint16_t s[3 * PITCH];
+    CAP_PIX(row)(j, y, x, n, c->top, PITCH);
+    for (size_t k = 0; k < (size_t)j->samples; k++)
+        widen(c->top + k * PITCH, j->table, n, c->sum + k * PITCH);
+    for (int r = 1; r < j->binning; r++) {
+        CAP_PIX(row)(j, y + r, x, n, s, PITCH);
+        for (size_t k = 0; k < (size_t)j->samples; k++)
+            add(s + k * PITCH, j->table, n, c->sum + k * PITCH, c->top + k * PITCH);
     }
 }
 
-CAP_PIX_INLINE cap_i4 four(const uint32_t *p)
+static void pairs(const uint32_t *restrict sum, const uint16_t *restrict top, int32_t n,
+                  uint32_t *restrict sum2, uint16_t *restrict top2)
 {
-    return *(const cap_i4 *)p;
+    for (int32_t i = 0; i < n; i++)
+        sum2[i] = sum[2 * i] + sum[2 * i + 1];
+    for (int32_t i = 0; i < n; i++)
+        top2[i] = top[2 * i] > top[2 * i + 1] ? top[2 * i] : top[2 * i + 1];
 }
 
-/* Bins of RGB to 4 lanes. */
-CAP_PIX_INLINE void across_rgb(const struct columns *c, int b, int32_t bins, float scale,
-                               float *out)
+CAP_PIX_INLINE void groups(const uint32_t *restrict sum, const uint16_t *restrict top, int b,
+                           int32_t n, uint32_t *restrict sums, uint16_t *restrict tops)
 {
-    const cap_i4 lanes = {-1, -1, -1, 0};
-    const cap_f4 one = {1, 1, 1, 1};
-    for (int32_t X = 0; X < bins; X++) {
-        cap_i4 s = {0}, m = {0};
-        for (int i = 0; i < b; i++) {
-            s += four(c->sum + (X * b + i) * 3);
-            m |= four(c->sat + (X * b + i) * 3);
+    for (int32_t i = 0; i < n; i++) {
+        uint32_t s = 0;
+        uint16_t t = 0;
+        for (int k = 0; k < b; k++) {
+            s += sum[i * b + k];
+            t = top[i * b + k] > t ? top[i * b + k] : t;
         }
-        cap_i4 bad = m != 0;
-        cap_f4 v = __builtin_convertvector(s, cap_f4) * scale;
-        *(cap_f4 *)(out + (size_t)X * 4) =
-            (cap_f4)((((cap_i4)one & bad) | ((cap_i4)v & ~bad)) & lanes);
+        sums[i] = s;
+        tops[i] = t;
     }
 }
 
-CAP_PIX_INLINE void across_grey(const struct columns *c, int b, int32_t bins, float scale,
-                                float *restrict out)
+/* Plane c of a, n columns, to bins; in which of the two they are then. */
+static struct sums *across(int b, int32_t n, size_t c, struct sums *from, struct sums *to)
 {
-    for (int32_t X = 0; X < bins; X++) {
-        uint32_t s = 0, m = 0;
-        for (int i = 0; i < b; i++) {
-            s += c->sum[X * b + i];
-            m |= c->sat[X * b + i];
-        }
-        float v = (float)(int32_t)s * scale;
-        out[X] = m != 0 ? 1.0f : v;
+    size_t at = c * PITCH;
+    for (; b % 2 == 0; b /= 2) {
+        struct sums *t = from;
+        n /= 2;
+        pairs(from->sum + at, from->top + at, n, to->sum + at, to->top + at);
+        from = to;
+        to = t;
     }
-}
-
-/* The rest: grey to 3 lanes, colour to one. */
-static void across_any(const struct cap_pix *j, const struct columns *c, int32_t bins, float scale,
-                       float *out)
-{
-    int b = j->binning;
-    for (int32_t X = 0; X < bins; X++) {
-        float rgb[3] = {0};
-        bool saturated[3] = {false};
-        for (int k = 0; k < j->samples; k++) {
-            uint32_t s = 0, m = 0;
-            for (int i = 0; i < b; i++) {
-                s += c->sum[(X * b + i) * j->samples + k];
-                m |= c->sat[(X * b + i) * j->samples + k];
-            }
-            saturated[k] = m != 0;
-            rgb[k] = m != 0 ? 1.0f : (float)(int32_t)s * scale;
-        }
-        cap_pix_put(out + X * (j->nch == 3 ? 4 : 1), rgb, saturated, j->grey, j->nch);
-    }
+    if (b == 1)
+        return from;
+    if (b == 3)
+        groups(from->sum + at, from->top + at, 3, n / 3, to->sum + at, to->top + at);
+    else if (b == 5)
+        groups(from->sum + at, from->top + at, 5, n / 5, to->sum + at, to->top + at);
+    else
+        groups(from->sum + at, from->top + at, b, n / b, to->sum + at, to->top + at);
+    return to;
 }
 
 static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, float *out)
 {
-    struct columns c;
-    int b = j->binning;
-    int32_t bins = n / b;
-    float scale = cap_pix_scale(j, b * b);
-    add_rows(j, Y * b, b, x, n, &c);
-    c.sum[n * j->samples] = c.sat[n * j->samples] = 0;
-    if (j->grey != (j->nch == 1)) {
-        across_any(j, &c, bins, scale, out);
-    } else if (j->grey) {
-        if (b == 2)
-            across_grey(&c, 2, bins, scale, out);
-        else if (b == 4)
-            across_grey(&c, 4, bins, scale, out);
-        else
-            across_grey(&c, b, bins, scale, out);
-    } else if (b == 2) {
-        across_rgb(&c, 2, bins, scale, out);
-    } else if (b == 4) {
-        across_rgb(&c, 4, bins, scale, out);
-    } else {
-        across_rgb(&c, b, bins, scale, out);
+    struct sums a, b, *done = NULL;
+    const float scale = cap_pix_scale(j, j->binning * j->binning);
+    struct cap_pix_bins v = {.sum = {NULL}};
+    down(j, Y * j->binning, x, n, &a);
+    for (size_t c = 0; c < (size_t)j->samples; c++) {
+        done = across(j->binning, n, c, &a, &b);
+        v.sum[c] = done->sum + c * PITCH;
+        v.top[c] = done->top + c * PITCH;
+        v.scale[c][0] = v.scale[c][1] = scale;
     }
+    CAP_PIX(finish)(j, &v, n / j->binning, out);
 }
 
-typedef uint16_t four16 __attribute__((vector_size(8), aligned(2), may_alias));
-
-/* Binning 1: each sample is its own sum. */
-static void one_to_one(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, float *out)
-{
-    uint16_t s[SAMPLES + 1]; /* +1: whole vectors are read at the last pixel */
-    s[n * j->samples] = 0;
-    const uint32_t full = j->full, *table = j->table;
-    const float scale = cap_pix_scale(j, 1);
-    cap_pix_row(j, y, x, n, s);
-    if (j->grey && table == NULL) {
-        for (int32_t i = 0; i < n; i++)
-            out[i] = s[i] >= full ? 1.0f : (float)(int32_t)s[i] * scale;
-    } else if (j->grey) {
-        for (int32_t i = 0; i < n; i++)
-            out[i] = s[i] >= full ? 1.0f : (float)(int32_t)table[s[i]] * scale;
-    } else {
-        const cap_f4 one = {1, 1, 1, 1};
-        const cap_i4 lanes = {-1, -1, -1, 0};
-        const cap_i4 most = {(int32_t)full, (int32_t)full, (int32_t)full, 1};
-        for (int32_t i = 0; i < n; i++) {
-            const uint16_t *p = s + i * 3;
-            cap_i4 raw = __builtin_convertvector(*(const four16 *)p, cap_i4) & lanes;
-            cap_i4 bad = raw >= most, v = raw;
-            if (table != NULL)
-                v = (cap_i4){(int32_t)table[p[0] < full ? p[0] : full],
-                             (int32_t)table[p[1] < full ? p[1] : full],
-                             (int32_t)table[p[2] < full ? p[2] : full], 0};
-            cap_f4 light = __builtin_convertvector(v, cap_f4) * scale;
-            *(cap_f4 *)(out + (size_t)i * 4) =
-                (cap_f4)(((cap_i4)one & bad) | ((cap_i4)light & ~bad));
-        }
-    }
-}
-
-void cap_pix_sums(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     int32_t b = j->binning, w = j->img.width, bw = w / b;
     int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b; /* whole bins and whole fours */
-    int32_t piece = SAMPLES / j->samples / unit * unit;
+    int32_t piece = (j->samples == 1 ? SAMPLES : THIRD) / unit * unit;
     size_t cs = j->nch == 3 ? 4 : 1;
     for (int32_t Y = y0; Y < y1; Y++)
         for (int32_t x = 0; x < w; x += piece) {
             int32_t n = w - x < piece ? w - x : piece;
-            float *o = out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * cs;
-            if (b == 1 && j->grey == (j->nch == 1))
-                one_to_one(j, Y, x, n, o);
-            else
-                bins_of(j, Y, x, n, o);
+            bins_of(j, Y, x, n, out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * cs);
         }
 }
