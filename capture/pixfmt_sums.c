@@ -27,8 +27,14 @@ static void widen(const uint16_t *restrict s, const uint32_t *table, int32_t n,
             sum[i] = s[i];
 }
 
+static void greatest(const uint16_t *restrict s, int32_t n, uint16_t *restrict top)
+{
+    for (int32_t i = 0; i < n; i++)
+        top[i] = top[i] > s[i] ? top[i] : s[i];
+}
+
 static void add(const uint16_t *restrict s, const uint32_t *table, int32_t n,
-                uint32_t *restrict sum, uint16_t *restrict top)
+                uint32_t *restrict sum)
 {
     if (table != NULL)
         for (int32_t i = 0; i < n; i++)
@@ -36,8 +42,12 @@ static void add(const uint16_t *restrict s, const uint32_t *table, int32_t n,
     else
         for (int32_t i = 0; i < n; i++)
             sum[i] += s[i];
+}
+
+static void add16(const uint16_t *restrict s, int32_t n, uint16_t *restrict sum)
+{
     for (int32_t i = 0; i < n; i++)
-        top[i] = top[i] > s[i] ? top[i] : s[i];
+        sum[i] = (uint16_t)(sum[i] + s[i]);
 }
 
 /* Rows y .. y+binning-1, pixels [x, x+n). */
@@ -49,8 +59,67 @@ static void down(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struc
         widen(c->top + k * PITCH, j->table, n, c->sum + k * PITCH);
     for (int r = 1; r < j->binning; r++) {
         CAP_PIX(row)(j, y + r, x, n, s, PITCH);
-        for (size_t k = 0; k < (size_t)j->samples; k++)
-            add(s + k * PITCH, j->table, n, c->sum + k * PITCH, c->top + k * PITCH);
+        for (size_t k = 0; k < (size_t)j->samples; k++) {
+            add(s + k * PITCH, j->table, n, c->sum + k * PITCH);
+            greatest(s + k * PITCH, n, c->top + k * PITCH);
+        }
+    }
+}
+
+/* The same where sums of samples fit 16 bits. */
+static void down16(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct sums *c)
+{
+    uint16_t s[3 * PITCH], sum[3 * PITCH];
+    CAP_PIX(row)(j, y, x, n, c->top, PITCH);
+    for (size_t k = 0; k < (size_t)j->samples; k++)
+        memcpy(sum + k * PITCH, c->top + k * PITCH, (size_t)n * sizeof *sum);
+    for (int r = 1; r < j->binning; r++) {
+        CAP_PIX(row)(j, y + r, x, n, s, PITCH);
+        for (size_t k = 0; k < (size_t)j->samples; k++) {
+            add16(s + k * PITCH, n, sum + k * PITCH);
+            greatest(s + k * PITCH, n, c->top + k * PITCH);
+        }
+    }
+    for (size_t k = 0; k < (size_t)j->samples; k++)
+        widen(sum + k * PITCH, NULL, n, c->sum + k * PITCH);
+}
+
+/* Sums and greatest of n bytes in `rows` rows. */
+static void add_bytes(const uint8_t *p, ptrdiff_t pitch, int rows, int32_t n,
+                      uint16_t *restrict sum, uint8_t *restrict top)
+{
+    for (int32_t i = 0; i < n; i++)
+        sum[i] = p[i];
+    memcpy(top, p, (size_t)n);
+    for (int r = 1; r < rows; r++) {
+        const uint8_t *restrict q = p + r * pitch;
+        for (int32_t i = 0; i < n; i++)
+            sum[i] = (uint16_t)(sum[i] + q[i]);
+        for (int32_t i = 0; i < n; i++)
+            top[i] = top[i] > q[i] ? top[i] : q[i];
+    }
+}
+
+/* The same for linear bytes: RGB become planes after the sum. */
+static void down8(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct sums *c)
+{
+    uint16_t sum[SAMPLES];
+    uint8_t top[SAMPLES];
+    const uint8_t *p = (const uint8_t *)j->img.data + y * j->img.stride + (ptrdiff_t)x * j->samples;
+    add_bytes(p, j->img.stride, j->binning, n * j->samples, sum, top);
+    if (j->samples == 1) {
+        widen(sum, NULL, n, c->sum);
+        for (int32_t i = 0; i < n; i++)
+            c->top[i] = top[i];
+        return;
+    }
+    for (size_t k = 0; k < 3; k++) {
+        uint32_t *restrict s = c->sum + (j->swapped ? 2 - k : k) * PITCH;
+        uint16_t *restrict t = c->top + (j->swapped ? 2 - k : k) * PITCH;
+        for (size_t i = 0; i < (size_t)n; i++)
+            s[i] = sum[i * 3 + k];
+        for (size_t i = 0; i < (size_t)n; i++)
+            t[i] = top[i * 3 + k];
     }
 }
 
@@ -105,7 +174,12 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, fl
     struct sums a, b, *done = NULL;
     const float scale = cap_pix_scale(j, j->binning * j->binning);
     struct cap_pix_bins v = {.sum = {NULL}};
-    down(j, Y * j->binning, x, n, &a);
+    if (j->binning > 1 && j->table == NULL && j->full == 255)
+        down8(j, Y * j->binning, x, n, &a);
+    else if (j->binning > 2 && j->table == NULL && j->full * (unsigned)j->binning <= UINT16_MAX)
+        down16(j, Y * j->binning, x, n, &a);
+    else
+        down(j, Y * j->binning, x, n, &a);
     for (size_t c = 0; c < (size_t)j->samples; c++) {
         done = across(j->binning, n, c, &a, &b);
         v.sum[c] = done->sum + c * PITCH;

@@ -1,73 +1,8 @@
-/* pixfmt_unpack.c - raw rows to planes of 16-bit samples.  Packed layouts: four samples at a time, moved
- * from one 64-bit word into the quarters of another, or sixteen with byte shuffles; the end of a row, where
- * a word would reach over its last byte, sample by sample. */
+/* pixfmt_unpack.c - raw rows to planes of 16-bit samples.  Packed layouts: sixteen samples at a time with byte
+ * shuffles, or four moved from one 64-bit word into the quarters of another. */
 #include <string.h>
 
 #include "capture/pixfmt_fast.h"
-
-static uint64_t load(const uint8_t *p)
-{
-    uint64_t w;
-    memcpy(&w, p, sizeof w);
-    return w;
-}
-
-/* a..b: bits lo..hi of w, moved up by `up` (0 when negative is not needed). */
-#define BITS(w, lo, n, to)                                                                  \
-    ((to) >= (lo)                                                                           \
-         ? ((w) & ((((uint64_t)1 << (n)) - 1) << (lo))) << ((to) >= (lo) ? (to) - (lo) : 0) \
-         : ((w) & ((((uint64_t)1 << (n)) - 1) << (lo))) >> ((to) < (lo) ? (lo) - (to) : 0))
-
-/* The four samples at the start of w, each in 16 bits, the first lowest. */
-CAP_PIX_INLINE uint64_t four(uint64_t w, enum cap_layout layout, int depth)
-{
-    if (layout == CAP_LAYOUT_P && depth == 10)
-        return BITS(w, 0, 10, 0) | BITS(w, 10, 10, 16) | BITS(w, 20, 10, 32) | BITS(w, 30, 10, 48);
-    if (layout == CAP_LAYOUT_P)
-        return BITS(w, 0, 12, 0) | BITS(w, 12, 12, 16) | BITS(w, 24, 12, 32) | BITS(w, 36, 12, 48);
-    if (layout == CAP_LAYOUT_PACKED && depth == 10)
-        return BITS(w, 0, 8, 2) | BITS(w, 8, 2, 0) | BITS(w, 16, 8, 18) | BITS(w, 12, 2, 16) |
-               BITS(w, 24, 8, 34) | BITS(w, 32, 2, 32) | BITS(w, 40, 8, 50) | BITS(w, 36, 2, 48);
-    if (layout == CAP_LAYOUT_PACKED)
-        return BITS(w, 0, 8, 4) | BITS(w, 8, 4, 0) | BITS(w, 16, 8, 20) | BITS(w, 12, 4, 16) |
-               BITS(w, 24, 8, 36) | BITS(w, 32, 4, 32) | BITS(w, 40, 8, 52) | BITS(w, 36, 4, 48);
-    if (depth == 10)
-        return BITS(w, 0, 8, 2) | BITS(w, 32, 2, 0) | BITS(w, 8, 8, 18) | BITS(w, 34, 2, 16) |
-               BITS(w, 16, 8, 34) | BITS(w, 36, 2, 32) | BITS(w, 24, 8, 50) | BITS(w, 38, 2, 48);
-    return BITS(w, 0, 8, 4) | BITS(w, 16, 4, 0) | BITS(w, 8, 8, 20) | BITS(w, 20, 4, 16) |
-           BITS(w, 24, 8, 36) | BITS(w, 40, 4, 32) | BITS(w, 32, 8, 52) | BITS(w, 44, 4, 48);
-}
-
-/* As many of n samples as can be taken without reading past `end`; returns how many. */
-CAP_PIX_INLINE int32_t fours(const uint8_t *p, const uint8_t *end, int32_t n,
-                             enum cap_layout layout, int depth, uint16_t *out)
-{
-    const ptrdiff_t step = layout == CAP_LAYOUT_PACKED || depth == 12 ? 6 : 5;
-    int32_t most = (int32_t)((end - p - 8) / step + 1) * 4, i;
-    if (end - p < 8)
-        return 0;
-    for (i = 0; i + 4 <= n && i < most; i += 4, p += step) {
-        uint64_t q = four(load(p), layout, depth);
-        memcpy(out + i, &q, sizeof q);
-    }
-    return i;
-}
-
-static int32_t fours_of(const uint8_t *p, const uint8_t *end, int32_t n, enum cap_layout layout,
-                        bool ten, uint16_t *out)
-{
-    switch (layout) {
-    case CAP_LAYOUT_P:
-        return ten ? fours(p, end, n, CAP_LAYOUT_P, 10, out)
-                   : fours(p, end, n, CAP_LAYOUT_P, 12, out);
-    case CAP_LAYOUT_PACKED:
-        return ten ? fours(p, end, n, CAP_LAYOUT_PACKED, 10, out)
-                   : fours(p, end, n, CAP_LAYOUT_PACKED, 12, out);
-    default:
-        return ten ? fours(p, end, n, CAP_LAYOUT_CSI, 10, out)
-                   : fours(p, end, n, CAP_LAYOUT_CSI, 12, out);
-    }
-}
 
 #if defined(CAP_PIX_AVX2)
 /* Eight samples from 16 bytes:  (bytes `low` of them * times) >> (16 - depth of low) | bytes `high` << it.
@@ -148,8 +83,9 @@ static int32_t sixteens(const uint8_t *p, const uint8_t *end, int32_t n, const s
     return i;
 }
 
-/* As many of n RGB pixels as come in eights without reading past their end. */
-static int32_t rgb_by_eight(const uint8_t *p, int32_t n, uint16_t *r, uint16_t *g, uint16_t *b)
+/* As many of n RGB pixels as come in eights without reading past `end`. */
+static int32_t rgb_by_eight(const uint8_t *p, const uint8_t *end, int32_t n, uint16_t *r,
+                            uint16_t *g, uint16_t *b)
 {
     /* four pixels in each half: R and G as words, then B */
     const __m256i rg = _mm256_setr_epi8(0, -1, 3, -1, 6, -1, 9, -1, 1, -1, 4, -1, 7, -1, 10, -1, 0,
@@ -158,7 +94,7 @@ static int32_t rgb_by_eight(const uint8_t *p, int32_t n, uint16_t *r, uint16_t *
         _mm256_setr_epi8(2, -1, 5, -1, 8, -1, 11, -1, -1, -1, -1, -1, -1, -1, -1, -1, 2, -1, 5, -1,
                          8, -1, 11, -1, -1, -1, -1, -1, -1, -1, -1, -1);
     int32_t i = 0;
-    for (; i + 8 <= n - 2; i += 8, p += 24) { /* 28 bytes are read */
+    for (; i + 8 <= n && end - p >= 28; i += 8, p += 24) {
         __m256i v = twice(p, p + 12);
         __m256i q = _mm256_permute4x64_epi64(_mm256_shuffle_epi8(v, rg), 0xD8);
         __m256i s = _mm256_permute4x64_epi64(_mm256_shuffle_epi8(v, bb), 0xD8);
@@ -168,30 +104,109 @@ static int32_t rgb_by_eight(const uint8_t *p, int32_t n, uint16_t *r, uint16_t *
     }
     return i;
 }
+#else
+static uint64_t load(const uint8_t *p)
+{
+    uint64_t w;
+    memcpy(&w, p, sizeof w);
+    return w;
+}
+
+/* a..b: bits lo..hi of w, moved up by `up` (0 when negative is not needed). */
+#define BITS(w, lo, n, to)                                                                  \
+    ((to) >= (lo)                                                                           \
+         ? ((w) & ((((uint64_t)1 << (n)) - 1) << (lo))) << ((to) >= (lo) ? (to) - (lo) : 0) \
+         : ((w) & ((((uint64_t)1 << (n)) - 1) << (lo))) >> ((to) < (lo) ? (lo) - (to) : 0))
+
+/* The four samples at the start of w, each in 16 bits, the first lowest. */
+CAP_PIX_INLINE uint64_t four(uint64_t w, enum cap_layout layout, int depth)
+{
+    if (layout == CAP_LAYOUT_P && depth == 10)
+        return BITS(w, 0, 10, 0) | BITS(w, 10, 10, 16) | BITS(w, 20, 10, 32) | BITS(w, 30, 10, 48);
+    if (layout == CAP_LAYOUT_P)
+        return BITS(w, 0, 12, 0) | BITS(w, 12, 12, 16) | BITS(w, 24, 12, 32) | BITS(w, 36, 12, 48);
+    if (layout == CAP_LAYOUT_PACKED && depth == 10)
+        return BITS(w, 0, 8, 2) | BITS(w, 8, 2, 0) | BITS(w, 16, 8, 18) | BITS(w, 12, 2, 16) |
+               BITS(w, 24, 8, 34) | BITS(w, 32, 2, 32) | BITS(w, 40, 8, 50) | BITS(w, 36, 2, 48);
+    if (layout == CAP_LAYOUT_PACKED)
+        return BITS(w, 0, 8, 4) | BITS(w, 8, 4, 0) | BITS(w, 16, 8, 20) | BITS(w, 12, 4, 16) |
+               BITS(w, 24, 8, 36) | BITS(w, 32, 4, 32) | BITS(w, 40, 8, 52) | BITS(w, 36, 4, 48);
+    if (depth == 10)
+        return BITS(w, 0, 8, 2) | BITS(w, 32, 2, 0) | BITS(w, 8, 8, 18) | BITS(w, 34, 2, 16) |
+               BITS(w, 16, 8, 34) | BITS(w, 36, 2, 32) | BITS(w, 24, 8, 50) | BITS(w, 38, 2, 48);
+    return BITS(w, 0, 8, 4) | BITS(w, 16, 4, 0) | BITS(w, 8, 8, 20) | BITS(w, 20, 4, 16) |
+           BITS(w, 24, 8, 36) | BITS(w, 40, 4, 32) | BITS(w, 32, 8, 52) | BITS(w, 44, 4, 48);
+}
+
+/* As many of n samples as can be taken without reading past `end`; returns how many. */
+CAP_PIX_INLINE int32_t fours(const uint8_t *p, const uint8_t *end, int32_t n,
+                             enum cap_layout layout, int depth, uint16_t *out)
+{
+    const ptrdiff_t step = layout == CAP_LAYOUT_PACKED || depth == 12 ? 6 : 5;
+    int32_t most = (int32_t)((end - p - 8) / step + 1) * 4, i;
+    if (end - p < 8)
+        return 0;
+    for (i = 0; i + 4 <= n && i < most; i += 4, p += step) {
+        uint64_t q = four(load(p), layout, depth);
+        memcpy(out + i, &q, sizeof q);
+    }
+    return i;
+}
+
+static int32_t fours_of(const uint8_t *p, const uint8_t *end, int32_t n, enum cap_layout layout,
+                        bool ten, uint16_t *out)
+{
+    switch (layout) {
+    case CAP_LAYOUT_P:
+        return ten ? fours(p, end, n, CAP_LAYOUT_P, 10, out)
+                   : fours(p, end, n, CAP_LAYOUT_P, 12, out);
+    case CAP_LAYOUT_PACKED:
+        return ten ? fours(p, end, n, CAP_LAYOUT_PACKED, 10, out)
+                   : fours(p, end, n, CAP_LAYOUT_PACKED, 12, out);
+    default:
+        return ten ? fours(p, end, n, CAP_LAYOUT_CSI, 10, out)
+                   : fours(p, end, n, CAP_LAYOUT_CSI, 12, out);
+    }
+}
 #endif
 
-/* As many of the n packed samples at p as can be taken without reading past `end`. */
-static int32_t packed(const struct cap_pix *j, const uint8_t *p, const uint8_t *end, int32_t n,
-                      uint16_t *out)
+/* As many of n packed samples as can be taken without reading past `end`. */
+static int32_t groups_of(const struct cap_pix *j, const uint8_t *p, const uint8_t *end, int32_t n,
+                         uint16_t *out)
 {
     enum cap_layout layout = cap_pixfmt_layout(j->img.fmt);
     int depth = cap_pixfmt_depth(j->img.fmt);
-    int32_t done = 0;
 #if defined(CAP_PIX_AVX2)
-    const struct spread *k = spread_of(layout, depth);
-    done = sixteens(p, end, n, k, out);
-    p += done / 8 * k->step;
+    return sixteens(p, end, n, spread_of(layout, depth), out);
+#else
+    return fours_of(p, end, n, layout, depth == 10, out);
 #endif
-    return done + fours_of(p, end, n - done, layout, depth == 10, out + done);
 }
 
-static void rgb8(const uint8_t *p, int32_t n, bool swapped, uint16_t *out, size_t pitch)
+/* The n packed samples at p, and up to 15 more of the row; what is left of it where a whole group would
+ * reach over `end` comes from a copy. */
+static void packed(const struct cap_pix *j, const uint8_t *p, const uint8_t *end, int32_t n,
+                   uint16_t *out)
+{
+    uint8_t rest[96] = {0};
+    int32_t done = groups_of(j, p, end, (n + 15) & ~15, out);
+    if (done >= n)
+        return;
+    p += cap_pixfmt_row(j->img.fmt, done);
+    memcpy(rest, p, (size_t)(end - p) < 48 ? (size_t)(end - p) : 48);
+    groups_of(j, rest, rest + sizeof rest, (n - done + 15) & ~15, out + done);
+}
+
+static void rgb8(const uint8_t *p, const uint8_t *end, int32_t n, bool swapped, uint16_t *out,
+                 size_t pitch)
 {
     uint16_t *r = out + (swapped ? 2 * pitch : 0), *g = out + pitch;
     uint16_t *b = out + (swapped ? 0 : 2 * pitch);
     int32_t i = 0;
 #if defined(CAP_PIX_AVX2)
-    i = rgb_by_eight(p, n, r, g, b);
+    i = rgb_by_eight(p, end, (n + 7) & ~7, r, g, b);
+#else
+    (void)end;
 #endif
     for (; i < n; i++) {
         r[i] = p[i * 3];
@@ -251,11 +266,11 @@ void CAP_PIX(row)(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint
 {
     const uint8_t *row = (const uint8_t *)j->img.data + y * j->img.stride;
     const uint8_t *p = row + cap_pixfmt_row(j->img.fmt, x);
-    int32_t done;
+    const uint8_t *end = row + cap_pixfmt_row(j->img.fmt, j->img.width);
     switch (cap_pixfmt_layout(j->img.fmt)) {
     case CAP_LAYOUT_8:
         if (j->samples == 3)
-            rgb8(p, n, j->swapped, out, pitch);
+            rgb8(p, end, n, j->swapped, out, pitch);
         else
             for (int32_t i = 0; i < n; i++)
                 out[i] = p[i];
@@ -272,9 +287,6 @@ void CAP_PIX(row)(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint
         else
             pairs(&j->yuv, p, n, false, out, pitch);
         return;
-    default: break;
+    default: packed(j, p, end, n, out);
     }
-    done = packed(j, p, row + cap_pixfmt_row(j->img.fmt, j->img.width), n, out);
-    for (; done < n; done++)
-        out[done] = (uint16_t)cap_pix_sample(j, x + done, y, 0);
 }

@@ -1,6 +1,6 @@
-/* test_pixels.c - every fast way of cap_convert gives the bits of the reference (pixfmt_ref.c): all
- * formats, binnings, transfer functions, matrices, odd widths, and blocks of exactly the image's size so
- * that a sanitizer sees an over-read. */
+/* test_pixels.c - every fast way of cap_convert, in plain C and for AVX2, gives the bits of the reference
+ * (pixfmt_ref.c): all formats, binnings, transfer functions, matrices, odd widths, and blocks of exactly the
+ * image's size so that a sanitizer sees an over-read. */
 #include "../t.h"
 
 #include <stdbool.h>
@@ -60,10 +60,15 @@ static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_pa
     float *want = malloc(n * 4 + 4), *got = malloc(n * 4 + 4);
     T_EQ_I(cap_pix_check(&img, p, 0, bh, &j), PVX_OK);
     cap_pix_ref(&j, 0, bh, want + 1);
-    T_EQ_I(cap_convert(&img, p, 0, bh / 3, got + 1), PVX_OK);
-    T_EQ_I(cap_convert(&img, p, bh / 3, bh, got + 1), PVX_OK);
-    T_CHECK_(same(got + 1, want + 1, n), "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d",
-             cap_pixfmt_name(f), w, h, p->binning, p->nch, p->transfer, p->mosaic);
+    for (int k = 0; k < 2; k++) { /* in plain C, and what this processor gets */
+        const struct cap_pix_ways *ways = k == 0 ? &cap_pix_plain : cap_pix_ways();
+        memset(got, 0xA5, n * 4 + 4);
+        cap_pix_run(ways, &j, 0, bh / 3, got + 1);
+        cap_pix_run(ways, &j, bh / 3, bh, got + 1);
+        T_CHECK_(same(got + 1, want + 1, n),
+                 "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d, %s", cap_pixfmt_name(f),
+                 w, h, p->binning, p->nch, p->transfer, p->mosaic, ways->name);
+    }
     free(want);
     free(got);
     free(mem);
@@ -76,9 +81,9 @@ static bool is_integer(enum cap_pixfmt f)
 
 static void every_format_and_binning(void)
 {
-    static const int binnings[] = {1, 2, 3, 4, 6, 8, 32, 33, 64};
+    static const int binnings[] = {1, 2, 3, 4, 5, 6, 7, 8, 32, 33, 64};
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
-        for (size_t k = 0; k < 9 && f != CAP_JPEG; k++)
+        for (size_t k = 0; k < sizeof binnings / sizeof *binnings && f != CAP_JPEG; k++)
             for (int nch = 1; nch <= 3; nch += 2) {
                 int b = binnings[k], across = b > 8 ? 1 : 1 + (int)(t_rand() % 13);
                 struct cap_convert_params p = {.binning = b, .nch = nch};
@@ -92,7 +97,7 @@ static void every_format_and_binning(void)
 static void wide_rows(void)
 {
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
-        for (int b = 1; b <= 4 && f != CAP_JPEG; b++)
+        for (int b = 1; b <= 5 && f != CAP_JPEG; b++)
             for (int extra = 0; extra < 3; extra++) {
                 int w = (510 + extra + (int)(t_rand() % 700)) / b * b;
                 compare(f, w, 2 * b, &(struct cap_convert_params){.binning = b, .nch = 3}, 0, 0);
@@ -122,11 +127,25 @@ static void rays(void)
                         0, 0);
 }
 
+/* PYROVOX_CPU=ref keeps to plain C; else the processor decides. */
+static void the_processor_decides(void)
+{
+    const char *env = getenv("PYROVOX_CPU");
+    bool plain = env != NULL && strcmp(env, "ref") == 0;
+#if defined(__x86_64__)
+    plain |= !__builtin_cpu_supports("avx2");
+#else
+    plain = true;
+#endif
+    T_EQ_S(cap_pix_ways()->name, plain ? "ref" : "avx2");
+}
+
 int main(void)
 {
     T_RUN(every_format_and_binning);
     T_RUN(wide_rows);
     T_RUN(transfers_and_matrices);
     T_RUN(rays);
+    T_RUN(the_processor_decides);
     return t_done();
 }
