@@ -100,9 +100,9 @@ void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t 
                  float *out)
 {
     int b = j->binning, most = j->cell != NULL && j->table != NULL ? 16 : 32; /* sums fit 31 bits */
-    if (j->full == 0 && b == 1 && j->grey == (j->nch == 1))
+    if (j->full == 0)
         cap_pix_floats(j, y0, y1, out);
-    else if (j->full == 0 || b > most || (j->cell != NULL && b > 1 && b % 2 != 0))
+    else if (b > most)
         cap_pix_ref(j, y0, y1, out);
     else if (j->cell == NULL)
         w->sums(j, y0, y1, out);

@@ -1,11 +1,12 @@
-/* pixfmt_mosaic.c - Bayer images at even binning b.
+/* pixfmt_mosaic.c - Bayer images binned, binning b >= 2.
  *
- * Green: the bin's own samples, whose centre of gravity is the bin's.  Red's and blue's would be half a
- * pixel off, so each of their samples counts as far as the 2x2 pixels that it stands for lie in the bin:
- * along each axis, in half pixels, 4 inside, 3 for the sample at the bin's edge and 1 for the next one
- * beyond the other edge,
- *     weighted sum = 4 (sum of the bin's own) - the one at the edge + the one beyond                (1)
- * with weights (2b)^2 in all.  Down the rows first, for all columns, then across. */
+ * Green: the bin's own samples, whose centre of gravity is the bin's, or nearly.  Red's and blue's would be
+ * half a pixel off, so each of their samples counts as far as the 2x2 pixels that it stands for lie in the
+ * bin: along each axis, in half pixels, 4 inside, 3 for the sample at an edge of the bin and 1 for the one
+ * just beyond an edge,
+ *     weighted sum = 4 (sum of the bin's own) - those at the edges + those beyond                   (1)
+ * with weights (2b)^2 in all; at each edge one of the two is of the colour.  Down the rows first, for all
+ * columns, then across. */
 #include <string.h>
 
 #include "capture/pixfmt_fast.h"
@@ -66,61 +67,96 @@ static void add_line(const struct line *restrict l, int32_t n, struct columns *r
         c->top[i] = greater(c->top[i], l->top[i]);
 }
 
-/* Sums down the rows of one parity of a bin: at its edge, `beyond` the other one, and from row y on those
- * between. */
-static void down(const struct cap_pix *j, const struct line *restrict edge,
-                 const struct line *restrict beyond, int32_t y, int32_t x, int32_t n,
-                 struct columns *restrict c)
+/* Add, or take as the first one. */
+static void own(const struct line *restrict l, int32_t n, bool first, struct columns *restrict c)
+{
+    if (first) {
+        memcpy(c->sum, l->v, (size_t)n * sizeof c->sum[0]);
+        memcpy(c->top, l->top, (size_t)n * sizeof c->top[0]);
+    } else {
+        add_line(l, n, c);
+    }
+}
+
+/* (1) down the rows: at each edge a row is the bin's own or (beyond) not. */
+static void weigh(const struct line *restrict lo, bool beyond_lo, const struct line *restrict hi,
+                  bool beyond_hi, int32_t n, struct columns *restrict c)
+{
+    const uint32_t a = beyond_lo ? 0 : ~0u, b = beyond_hi ? 0 : ~0u; /* (v ^ ~0) - ~0 = -v */
+    for (int32_t i = 0; i < n; i++)
+        c->sum1[i] = 4 * c->sum[i] + ((lo->v[i] ^ a) - a) + ((hi->v[i] ^ b) - b);
+    for (int32_t i = 0; i < n; i++)
+        c->top1[i] = greater(c->top[i], greater(lo->top[i], hi->top[i]));
+}
+
+/* A row of bins and the rows at its edges: the last one of the bins above, its own first and last, the first
+ * one of those below. */
+struct edges {
+    struct line *above, *first, *last, *below;
+};
+
+/* Sums down the rows of bins Y, of even rows and of odd ones. */
+static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
+                 struct columns c[2])
 {
     struct line l;
-    memcpy(c->sum, edge->v, (size_t)(n + 2) * sizeof c->sum[0]);
-    memcpy(c->top, edge->top, (size_t)(n + 2) * sizeof c->top[0]);
-    for (int r = 1; r < j->binning / 2; r++) {
-        take(j, y + 2 * (r - 1), x, n, &l);
-        add_line(&l, n + 2, c);
+    const int b = j->binning, p = (Y * b) & 1, q = (p + b - 1) & 1; /* parities of first and last */
+    own(e->first, n + 2, true, &c[p]);
+    for (int r = 1; r < b - 1; r++) {
+        take(j, Y * b + r, x, n, &l);
+        own(&l, n + 2, r == 1, &c[(p + r) & 1]);
     }
-    for (int32_t i = 0; i < n + 2; i++)
-        c->sum1[i] = 4 * c->sum[i] - edge->v[i] + beyond->v[i];
-    for (int32_t i = 0; i < n + 2; i++)
-        c->top1[i] = greater(c->top[i], beyond->top[i]);
+    own(e->last, n + 2, b == 2, &c[q]);
+    for (int k = 0; k < 2; k++)
+        weigh(p == k ? e->first : e->above, p != k, q == k ? e->last : e->below, q != k, n + 2,
+              &c[k]);
 }
 
 /* (1) along the row for red or blue at the columns of parity q. */
 CAP_PIX_INLINE void across_one(const struct columns *c, int b, int q, int32_t bins,
                                uint32_t *restrict sum, uint16_t *restrict top)
 {
-    const int32_t edge = q == 0 ? 0 : b - 1, beyond = q == 0 ? b : -1;
     const uint32_t *restrict v = c->sum1 + 1;
     const uint16_t *restrict m = c->top1 + 1;
     for (int32_t X = 0; X < bins; X++) {
+        const int p = (q + (b & X)) & 1,
+                  last = (b - 1 - p) & 1; /* of the bin's columns; 0 = its own */
         uint32_t s = 0;
-        for (int i = q; i < b; i += 2)
+        for (int i = p; i < b; i += 2)
             s += v[X * b + i];
-        sum[X] = 4 * s - v[X * b + edge] + v[X * b + beyond];
+        s = 4 * s + (p == 0 ? 0 - v[X * b] : v[X * b - 1]);
+        sum[X] = s + (last == 0 ? 0 - v[X * b + b - 1] : v[X * b + b]);
     }
     for (int32_t X = 0; X < bins; X++) {
-        uint16_t t = m[X * b + beyond];
-        for (int i = q; i < b; i += 2)
+        const int p = (q + (b & X)) & 1, last = (b - 1 - p) & 1;
+        uint16_t t = greater(m[X * b - p], m[X * b + b - 1 + last]);
+        for (int i = p; i < b; i += 2)
             t = greater(t, m[X * b + i]);
         top[X] = t;
     }
 }
 
-/* Green, at the columns of parity q of this row's and 1-q of the other's. */
+/* Green, at the columns of parity q of the even rows and 1-q of the odd ones. */
 CAP_PIX_INLINE void across_green(const struct columns *restrict c0,
                                  const struct columns *restrict c1, int b, int q, int32_t bins,
                                  uint32_t *restrict sum, uint16_t *restrict top)
 {
     for (int32_t X = 0; X < bins; X++) {
+        const int p = (q + (b & X)) & 1;
         uint32_t s = 0;
-        for (int i = 0; i < b; i += 2)
-            s += c0->sum[1 + X * b + i + q] + c1->sum[1 + X * b + i + 1 - q];
+        for (int i = p; i < b; i += 2)
+            s += c0->sum[1 + X * b + i];
+        for (int i = 1 - p; i < b; i += 2)
+            s += c1->sum[1 + X * b + i];
         sum[X] = s;
     }
     for (int32_t X = 0; X < bins; X++) {
+        const int p = (q + (b & X)) & 1;
         uint16_t t = 0;
-        for (int i = 0; i < b; i += 2)
-            t = greater(t, greater(c0->top[1 + X * b + i + q], c1->top[1 + X * b + i + 1 - q]));
+        for (int i = p; i < b; i += 2)
+            t = greater(t, c0->top[1 + X * b + i]);
+        for (int i = 1 - p; i < b; i += 2)
+            t = greater(t, c1->top[1 + X * b + i]);
         top[X] = t;
     }
 }
@@ -141,58 +177,61 @@ CAP_PIX_INLINE void across(const struct cap_pix *j, const struct columns c[2], i
     }
 }
 
-static void put(const struct cap_pix *j, const struct bins *v, int32_t bins, float *out)
+/* Bins of row Y, the first one's number even. */
+static void put(const struct cap_pix *j, int32_t Y, const struct bins *v, int32_t bins, float *out)
 {
     const int b = j->binning;
-    const float own = cap_pix_scale(j, 4 * b * b), green = cap_pix_scale(j, b * b / 2);
-    const struct cap_pix_bins p = {
+    const float own = cap_pix_scale(j, 4 * b * b);
+    struct cap_pix_bins p = {
         {v->sum[0], v->sum[1], v->sum[2]},
         {v->top[0], v->top[1], v->top[2]},
-        {{own, own}, {green, green}, {own, own}},
+        {{own, own}, {0}, {own, own}},
     };
+    for (int k = 0; k < 2;
+         k++) { /* of an odd number of pixels one more if the first one is green */
+        const bool green = ((Y + k) % 2 == 0) == (j->cell[0] == 1);
+        p.scale[1][k] = cap_pix_scale(j, (b * b + (b % 2 != 0 && green)) / 2);
+    }
     CAP_PIX(finish)(j, &p, bins, out);
 }
 
-/* One piece of a row of bins: first and last of its rows, the last of the bins above, the first of those
- * below. */
-static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
-                    const struct line *first, const struct line *last, const struct line *above,
-                    const struct line *below, float *out)
+/* One piece of a row of bins. */
+static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
+                    float *out)
 {
     struct columns c[2];
     struct bins v;
-    int b = j->binning;
-    int32_t bins = n / b;
-    down(j, first, below, Y * b + 2, x, n, &c[0]);
-    down(j, last, above, Y * b + 1, x, n, &c[1]);
+    const int b = j->binning;
+    const int32_t bins = n / b;
+    down(j, Y, x, n, e, c);
     if (b == 2)
         across(j, c, 2, bins, &v);
+    else if (b == 3)
+        across(j, c, 3, bins, &v);
     else if (b == 4)
         across(j, c, 4, bins, &v);
+    else if (b == 5)
+        across(j, c, 5, bins, &v);
     else
         across(j, c, b, bins, &v);
-    put(j, &v, bins, out);
+    put(j, Y, &v, bins, out);
 }
 
 void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
-    struct line line[4], *first = &line[0], *below = &line[1], *last = &line[2], *above = &line[3];
+    struct line line[4];
+    struct edges e = {&line[0], &line[1], &line[2], &line[3]};
     int32_t b = j->binning, w = j->img.width, bw = w / b;
-    int32_t unit = b % 4 == 0 ? b : 2 * b, piece = PIECE / unit * unit;
+    int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b, piece = PIECE / unit * unit;
     for (int32_t x = 0; x < w && y0 < y1; x += piece) {
         int32_t n = w - x < piece ? w - x : piece;
-        take(j, y0 * b, x, n, below);
-        take(j, y0 * b - 1, x, n, last);
+        take(j, y0 * b, x, n, e.below);
+        take(j, y0 * b - 1, x, n, e.last);
         for (int32_t Y = y0; Y < y1; Y++) { /* these two rows have been taken for the bins before */
-            struct line *t = first;
-            first = below;
-            below = t;
-            t = above;
-            above = last;
-            last = t;
-            take(j, (Y + 1) * b, x, n, below);
-            take(j, (Y + 1) * b - 1, x, n, last);
-            bins_of(j, Y, x, n, first, last, above, below,
+            e = (struct edges){e.last, e.below, e.above, e.first};
+            take(j, (Y + 1) * b, x, n, e.below);
+            take(j, (Y + 1) * b - 1, x, n, e.last);
+            bins_of(j, Y, x, n, &e,
                     out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * (j->nch == 3 ? 4 : 1));
         }
     }

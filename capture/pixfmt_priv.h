@@ -87,7 +87,7 @@ PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
                                      const struct cap_convert_params *p, int32_t y0, int32_t y1,
                                      struct cap_pix *j);
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-/* Floats, binning 1, as many channels as the image has. */
+/* Floats. */
 void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* One raw sample of an integer format, bit by bit from the format's definition. */
 unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
@@ -99,7 +99,7 @@ struct cap_pix_ways {
     void (*sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
     /* Integer Bayer, binning 1: bilinear, or rays. */
     void (*bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-    /* Integer Bayer, even binning to 32, with a table to 16. */
+    /* Integer Bayer, binning 2 to 32, with a table to 16. */
     void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 };
 extern const struct cap_pix_ways cap_pix_plain, cap_pix_avx2;
