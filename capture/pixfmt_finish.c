@@ -68,22 +68,37 @@ static int32_t lanes_by_eight(const struct cap_pix_bins *v, unsigned full, int32
 }
 #endif
 
+typedef uint16_t four16 __attribute__((vector_size(8), aligned(2), may_alias));
+
+CAP_PIX_INLINE cap_f4 four(const uint32_t *sum, const uint16_t *top, cap_f4 scale, int32_t full)
+{
+    const cap_f4 one = {1, 1, 1, 1};
+    cap_f4 v = __builtin_convertvector(*(const cap_i4 *)sum, cap_f4) * scale;
+    cap_i4 bad = __builtin_convertvector(*(const four16 *)top, cap_i4) >= full;
+    return (cap_f4)(((cap_i4)one & bad) | ((cap_i4)v & ~bad));
+}
+
 /* Three channels to lanes R G B 0. */
 static void lanes(const struct cap_pix_bins *v, unsigned full, int32_t n, float *out)
 {
     int32_t i = 0;
-    const cap_f4 one = {1, 1, 1, 1};
-    const cap_i4 most = {(int32_t)full, (int32_t)full, (int32_t)full, 1};
-    const cap_f4 scale[2] = {{v->scale[0][0], v->scale[1][0], v->scale[2][0], 0},
-                             {v->scale[0][1], v->scale[1][1], v->scale[2][1], 0}};
+    const cap_i4 low = {0, 4, 1, 5}, high = {2, 6, 3, 7}, first = {0, 1, 4, 5}, last = {2, 3, 6, 7};
+    cap_f4 scale[3];
 #if defined(CAP_PIX_AVX2)
     i = lanes_by_eight(v, full, n, out);
 #endif
-    for (; i < n; i++) {
-        const cap_i4 s = {(int32_t)v->sum[0][i], (int32_t)v->sum[1][i], (int32_t)v->sum[2][i], 0};
-        const cap_i4 bad = (cap_i4){v->top[0][i], v->top[1][i], v->top[2][i], 0} >= most;
-        cap_f4 light = __builtin_convertvector(s, cap_f4) * scale[i & 1];
-        *(cap_f4 *)(out + (size_t)i * 4) = (cap_f4)(((cap_i4)one & bad) | ((cap_i4)light & ~bad));
+    for (int c = 0; c < 3; c++)
+        scale[c] = (cap_f4){v->scale[c][0], v->scale[c][1], v->scale[c][0], v->scale[c][1]};
+    for (; i < n; i += 4) { /* planes may be read beyond their end */
+        cap_f4 r = four(v->sum[0] + i, v->top[0] + i, scale[0], (int32_t)full);
+        cap_f4 g = four(v->sum[1] + i, v->top[1] + i, scale[1], (int32_t)full);
+        cap_f4 b = four(v->sum[2] + i, v->top[2] + i, scale[2], (int32_t)full), zero = {0};
+        cap_f4 rg = __builtin_shuffle(r, g, low), b0 = __builtin_shuffle(b, zero, low);
+        cap_f4 rg2 = __builtin_shuffle(r, g, high), b2 = __builtin_shuffle(b, zero, high);
+        cap_f4 px[4] = {__builtin_shuffle(rg, b0, first), __builtin_shuffle(rg, b0, last),
+                        __builtin_shuffle(rg2, b2, first), __builtin_shuffle(rg2, b2, last)};
+        for (int32_t k = 0; k < 4 && i + k < n; k++)
+            *(cap_f4 *)(out + (size_t)(i + k) * 4) = px[k];
     }
 }
 

@@ -112,52 +112,75 @@ static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const
               &c[k]);
 }
 
-/* (1) along the row for red or blue at the columns of parity q. */
-CAP_PIX_INLINE void across_one(const struct columns *c, int b, int q, int32_t bins,
-                               uint32_t *restrict sum, uint16_t *restrict top)
+/* (1) along the row for red or blue, every step-th bin from `first` on; the colour's columns are those of
+ * parity p in these bins. */
+CAP_PIX_INLINE void some(const struct columns *c, int b, int p, int32_t first, int32_t step,
+                         int32_t bins, uint32_t *restrict sum, uint16_t *restrict top)
 {
-    const uint32_t *restrict v = c->sum1 + 1;
-    const uint16_t *restrict m = c->top1 + 1;
-    for (int32_t X = 0; X < bins; X++) {
-        const int p = (q + (b & X)) & 1,
-                  last = (b - 1 - p) & 1; /* of the bin's columns; 0 = its own */
+    const int last =
+        (b - 1 - p) & 1; /* at the right edge the bin's own column, or (1) the one beyond */
+    for (int32_t X = first; X < bins; X += step) {
+        const uint32_t *v = c->sum1 + 1 + (ptrdiff_t)X * b;
         uint32_t s = 0;
         for (int i = p; i < b; i += 2)
-            s += v[X * b + i];
-        s = 4 * s + (p == 0 ? 0 - v[X * b] : v[X * b - 1]);
-        sum[X] = s + (last == 0 ? 0 - v[X * b + b - 1] : v[X * b + b]);
+            s += v[i];
+        s = 4 * s + (p == 0 ? 0 - v[0] : v[-1]);
+        sum[X] = s + (last == 0 ? 0 - v[b - 1] : v[b]);
     }
-    for (int32_t X = 0; X < bins; X++) {
-        const int p = (q + (b & X)) & 1, last = (b - 1 - p) & 1;
-        uint16_t t = greater(m[X * b - p], m[X * b + b - 1 + last]);
+    for (int32_t X = first; X < bins; X += step) {
+        const uint16_t *m = c->top1 + 1 + (ptrdiff_t)X * b;
+        uint16_t t = greater(m[-p], m[b - 1 + last]);
         for (int i = p; i < b; i += 2)
-            t = greater(t, m[X * b + i]);
+            t = greater(t, m[i]);
         top[X] = t;
     }
 }
 
-/* Green, at the columns of parity q of the even rows and 1-q of the odd ones. */
-CAP_PIX_INLINE void across_green(const struct columns *restrict c0,
-                                 const struct columns *restrict c1, int b, int q, int32_t bins,
-                                 uint32_t *restrict sum, uint16_t *restrict top)
+/* Green: in these bins the columns of parity p of one row and of 1-p of the other. */
+CAP_PIX_INLINE void some_green(const struct columns *c0, const struct columns *c1, int b, int p,
+                               int32_t first, int32_t step, int32_t bins, uint32_t *restrict sum,
+                               uint16_t *restrict top)
 {
-    for (int32_t X = 0; X < bins; X++) {
-        const int p = (q + (b & X)) & 1;
+    for (int32_t X = first; X < bins; X += step) {
+        const uint32_t *v0 = c0->sum + 1 + (ptrdiff_t)X * b, *v1 = c1->sum + 1 + (ptrdiff_t)X * b;
         uint32_t s = 0;
         for (int i = p; i < b; i += 2)
-            s += c0->sum[1 + X * b + i];
+            s += v0[i];
         for (int i = 1 - p; i < b; i += 2)
-            s += c1->sum[1 + X * b + i];
+            s += v1[i];
         sum[X] = s;
     }
-    for (int32_t X = 0; X < bins; X++) {
-        const int p = (q + (b & X)) & 1;
+    for (int32_t X = first; X < bins; X += step) {
+        const uint16_t *m0 = c0->top + 1 + (ptrdiff_t)X * b, *m1 = c1->top + 1 + (ptrdiff_t)X * b;
         uint16_t t = 0;
         for (int i = p; i < b; i += 2)
-            t = greater(t, c0->top[1 + X * b + i]);
+            t = greater(t, m0[i]);
         for (int i = 1 - p; i < b; i += 2)
-            t = greater(t, c1->top[1 + X * b + i]);
+            t = greater(t, m1[i]);
         top[X] = t;
+    }
+}
+
+/* All bins; with b odd the parities change from bin to bin. */
+CAP_PIX_INLINE void across_one(const struct columns *c, int b, int q, int32_t bins, uint32_t *sum,
+                               uint16_t *top)
+{
+    if (b % 2 == 0) {
+        some(c, b, q, 0, 1, bins, sum, top);
+    } else {
+        some(c, b, q, 0, 2, bins, sum, top);
+        some(c, b, 1 - q, 1, 2, bins, sum, top);
+    }
+}
+
+CAP_PIX_INLINE void across_green(const struct columns *c0, const struct columns *c1, int b, int q,
+                                 int32_t bins, uint32_t *sum, uint16_t *top)
+{
+    if (b % 2 == 0) {
+        some_green(c0, c1, b, q, 0, 1, bins, sum, top);
+    } else {
+        some_green(c0, c1, b, q, 0, 2, bins, sum, top);
+        some_green(c0, c1, b, 1 - q, 1, 2, bins, sum, top);
     }
 }
 
