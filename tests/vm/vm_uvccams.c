@@ -78,11 +78,11 @@ static void stats(void)
         struct uvc_camera_stats s;
         uvc_camera_stats(rig.camera[i], &s);
         printf("camera %u %s sent %llu dropped %llu cut %llu busy %llu started %llu unlinked %llu "
-               "exposure %d gain %d brightness %d\n",
+               "exposure %d gain %d brightness %d turned %llu turned_at %llu\n",
                i, s.plugged ? "plugged" : "unplugged", (unsigned long long)s.sent,
                (unsigned long long)s.dropped, (unsigned long long)s.cut, (unsigned long long)s.busy,
                (unsigned long long)s.started, (unsigned long long)s.unlinked, s.exposure_100us,
-               s.gain, s.brightness);
+               s.gain, s.brightness, (unsigned long long)s.turned, (unsigned long long)s.turned_at);
     }
 }
 

@@ -67,7 +67,18 @@ check v4l2-control-by-name is 2 brightness 7 # of the camera that came back
 
 daemon libcamera '{cam0: "libcamera:VHCI-1:", cam1: "libcamera:VHCI-2:", cam2: "libcamera:VHCI-3:", cam3: "libcamera:VHCI-4:"}' \
     'exposure_us: 10000
+gain: 2
 features: {Brightness: 0.5}'
+# libcamera takes controls with requests only, for these cameras: they go with the first one of each buffer, reach the camera
+# at the start, and are not said again with every frame.
+check libcamera-starts wait_for 20 complete 6
+turned=$(uvc_stat 1 turned)
+# automatic exposure off, time, gain, brightness
+check libcamera-controls-are-said [ "$turned" -ge 4 ]
+check libcamera-controls-are-said-at-the-start [ "$(uvc_stat 1 turned_at)" -le 6 ]
+check libcamera-goes-on wait_for 20 complete 16
+check libcamera-controls-are-not-said-again is 1 turned "$turned"
+check libcamera-gain is 1 gain 40
 pulled libcamera
 plugged libcamera
 # again, and another one twice: each time the camera has other numbers

@@ -52,6 +52,7 @@ struct uvc_camera {
     int knob[N_KNOBS];
     bool streaming, fid, zero_packet;
     int64_t due;
+    uint64_t sent;    /* since the start */
     uint8_t *payload; /* [room] */
     size_t room, payload_n, payload_at;
     uint64_t random;
@@ -92,6 +93,7 @@ static void start_streaming(struct uvc_camera *c)
 {
     int64_t now = pvx_now_mono(), period = period_ns(c);
     c->streaming = true;
+    c->sent = 0;
     c->due = (now / period + 1) * period;
     c->payload_n = 0;
     c->zero_packet = false;
@@ -181,6 +183,10 @@ static int turn_knob(struct uvc_camera *c, int request, int unit, int selector, 
             return -EPIPE;
         c->knob[i] = get_number(data, k->bytes);
         say_knobs(c);
+        pthread_mutex_lock(&c->lock);
+        c->stats.turned++;
+        c->stats.turned_at = c->sent;
+        pthread_mutex_unlock(&c->lock);
         return 0;
     case GET_CUR: return put_number(c->knob[i], k->bytes, answer);
     case GET_MIN: return put_number(k->min, k->bytes, answer);
@@ -278,6 +284,7 @@ static void next_frame(struct uvc_camera *c)
     c->stats.sent += !drop && !busy && !cut;
     c->stats.unlinked = c->usb.unlinked;
     pthread_mutex_unlock(&c->lock);
+    c->sent += !drop && !busy;
     if (!drop && !busy)
         fill_payload(c, due, now, cut);
 }

@@ -19,6 +19,8 @@ struct uvc_camera_stats {
     uint64_t sent, dropped, cut, busy; /* busy: the host had not taken the frame before */
     uint64_t started, unlinked;
     int exposure_100us, gain, brightness; /* as the host has set them */
+    uint64_t turned;                      /* how many times it has set one */
+    uint64_t turned_at;                   /* frames sent since the start when it did last */
     bool plugged;
 };
 enum uvc_fault {
