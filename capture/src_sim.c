@@ -182,9 +182,19 @@ static bool nth(int64_t every, const struct shot *x)
     return x->faulty && every > 0 && x->number % every == 0;
 }
 
+static void hold(struct sim *s, int64_t n)
+{
+    struct cap_frame *f;
+    while (s->n_held < n && (f = cap_bufpool_take(s->player.pool)) != NULL)
+        s->held[s->n_held++] = f;
+    while (s->n_held > n)
+        cap_frame_release(s->held[--s->n_held]);
+}
+
 static void expose(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
+    hold(s, x->faulty ? o->hold : 0);
     struct cap_frame *f = cap_player_take(&s->player);
     if (f == NULL)
         return;
@@ -233,15 +243,6 @@ static bool lost(struct sim *s, const struct shot *x)
     return false;
 }
 
-static void hold(struct sim *s, int64_t n)
-{
-    struct cap_frame *f;
-    while (s->n_held < n && (f = cap_bufpool_take(s->player.pool)) != NULL)
-        s->held[s->n_held++] = f;
-    while (s->n_held > n)
-        cap_frame_release(s->held[--s->n_held]);
-}
-
 static void *run(void *arg)
 {
     struct sim *s = arg;
@@ -257,7 +258,6 @@ static void *run(void *arg)
             k = next;
         }
         was = x.faulty;
-        hold(s, x.faulty ? o->hold : 0);
         int64_t t;
         if (s->triggered) {
             if ((t = wait_trigger(s)) == 0)
