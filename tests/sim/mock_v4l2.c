@@ -12,6 +12,7 @@
 #include "base/clock.h"
 
 #define PRELOAD "libumockdev-preload.so.0"
+#define NUMBERS 16
 #define PAGE    4096
 
 struct mock_state {
@@ -520,8 +521,23 @@ static void plug_usb(struct mock_camera *c)
                                             "usb_interface", NULL);
 }
 
+/* umockdev's wrapper of open() ends the program when it finds a node of which nobody answers the ioctls (yet,
+ * or any more).  So a node has its name only while somebody does, and its listener is kept until the
+ * number is used again: an open() that has just begun finds it. */
+static char listening[NUMBERS][64];
+
+static void stop_listening(unsigned number)
+{
+    if (listening[number][0] != '\0')
+        umockdev_testbed_detach_ioctl(testbed, listening[number], NULL);
+    listening[number][0] = '\0';
+}
+
 void mock_plug(struct mock_camera *c)
 {
+    if (c->number >= NUMBERS)
+        abort();
+    stop_listening(c->number);
     struct mock_state *s = c->state = calloc(1, sizeof *s);
     char name[32], index[8];
     snprintf(name, sizeof name, "video%u", c->number);
@@ -539,7 +555,9 @@ void mock_plug(struct mock_camera *c)
             abort();
     }
     snprintf(s->file, sizeof s->file, "%s%s", s->root, s->node);
-    s->fd = open(s->file, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    char unnamed[600];
+    snprintf(unnamed, sizeof unnamed, "%s/node", s->root);
+    s->fd = open(unnamed, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     struct v4l2_format f = {.type = type_of(c)};
     set_format(c, &f);
     s->period = (struct v4l2_fract){1, 30};
@@ -548,7 +566,8 @@ void mock_plug(struct mock_camera *c)
     s->handler = umockdev_ioctl_base_new();
     g_signal_connect(s->handler, "handle-ioctl", G_CALLBACK(on_ioctl), c);
     GError *err = NULL;
-    if (!umockdev_testbed_attach_ioctl(testbed, s->node, s->handler, &err))
+    if (!umockdev_testbed_attach_ioctl(testbed, s->node, s->handler, &err) ||
+        rename(unnamed, s->file) != 0)
         abort();
 }
 
@@ -558,8 +577,8 @@ void mock_unplug(struct mock_camera *c)
     mock_lock();
     s->gone = true;
     mock_unlock();
-    umockdev_testbed_detach_ioctl(testbed, s->node, NULL);
     unlink(s->file);
+    snprintf(listening[c->number], sizeof listening[0], "%s", s->node);
     for (int i = 2; i >= 0; i--)
         if (s->sys[i] != NULL)
             umockdev_testbed_remove_device(testbed, s->sys[i]);
@@ -596,6 +615,8 @@ void mock_start(void)
 
 void mock_stop(void)
 {
+    for (unsigned i = 0; i < NUMBERS; i++)
+        stop_listening(i);
     g_main_loop_quit(loop);
     g_thread_join(thread);
     g_main_loop_unref(loop);

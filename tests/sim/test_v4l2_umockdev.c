@@ -436,9 +436,9 @@ static bool until_received(cap_capture *cap, uint64_t n, enum cap_count what)
     return st.camera[0].count[what] >= n;
 }
 
-static unsigned open_files(void)
+static int open_files(void)
 {
-    unsigned n = 0;
+    int n = 0;
     for (int fd = 0; fd < 1024; fd++)
         n += fcntl(fd, F_GETFD) != -1;
     return n;
@@ -456,7 +456,7 @@ static void it_is_found_again_under_another_number(void)
     cap_capture *cap;
     struct pvx_diag d = {""};
     static struct mock_camera again[4];
-    unsigned files = 0;
+    int files = 0, now;
     T_EQ_I(cap_capture_new(&cfg, &cap, &d), PVX_OK);
     T_EQ_I(cap_capture_start(cap, &d), PVX_OK); /* not there yet */
     for (unsigned i = 0; i < 4; i++) {
@@ -467,12 +467,18 @@ static void it_is_found_again_under_another_number(void)
         T_OK(again[i].streaming);
         mock_unplug(&again[i]);
         T_OK(until_received(cap, i + 1, CAP_LOST_CAMERA));
-        T_CONTAINS(st.camera[0].error, "connection lost");
+        /* or, on a busy machine, what the first look for it has said since */
+        T_OK(strstr(st.camera[0].error, "connection lost") != NULL ||
+             strstr(st.camera[0].error, "not plugged in") != NULL);
         /* our mock keeps a file and what umockdev needs for it; no more than that may stay */
         if (i == 1)
             files = open_files();
     }
-    T_LE(open_files() - files, 2 * 4);
+    int64_t until =
+        pvx_now_mono() + BOX_PATIENCE_NS; /* the camera given up last is still closing */
+    while ((now = open_files()) - files > 2 * 4 && pvx_now_mono() < until)
+        pvx_sleep_until_mono(pvx_now_mono() + 20 * PVX_NS_PER_MS);
+    T_LE(now - files, 2 * 4);
     T_EQ_I(st.camera[0].count[CAP_LOST_CAMERA], 4);
     T_EQ_I(st.camera[0].count[CAP_BAD_SIZE] + st.camera[0].count[CAP_INCOMPLETE], 0);
     cap_capture_free(&cap);
