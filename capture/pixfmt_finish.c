@@ -82,7 +82,6 @@ CAP_PIX_INLINE cap_f4 four(const uint32_t *sum, const uint16_t *top, cap_f4 scal
 static void lanes(const struct cap_pix_bins *v, unsigned full, int32_t n, float *out)
 {
     int32_t i = 0;
-    const cap_i4 low = {0, 4, 1, 5}, high = {2, 6, 3, 7}, first = {0, 1, 4, 5}, last = {2, 3, 6, 7};
     cap_f4 scale[3];
 #if defined(CAP_PIX_AVX2)
     i = lanes_by_eight(v, full, n, out);
@@ -93,10 +92,14 @@ static void lanes(const struct cap_pix_bins *v, unsigned full, int32_t n, float 
         cap_f4 r = four(v->sum[0] + i, v->top[0] + i, scale[0], (int32_t)full);
         cap_f4 g = four(v->sum[1] + i, v->top[1] + i, scale[1], (int32_t)full);
         cap_f4 b = four(v->sum[2] + i, v->top[2] + i, scale[2], (int32_t)full), zero = {0};
-        cap_f4 rg = __builtin_shuffle(r, g, low), b0 = __builtin_shuffle(b, zero, low);
-        cap_f4 rg2 = __builtin_shuffle(r, g, high), b2 = __builtin_shuffle(b, zero, high);
-        cap_f4 px[4] = {__builtin_shuffle(rg, b0, first), __builtin_shuffle(rg, b0, last),
-                        __builtin_shuffle(rg2, b2, first), __builtin_shuffle(rg2, b2, last)};
+        cap_f4 rg = __builtin_shufflevector(r, g, 0, 4, 1, 5),
+               b0 = __builtin_shufflevector(b, zero, 0, 4, 1, 5);
+        cap_f4 rg2 = __builtin_shufflevector(r, g, 2, 6, 3, 7),
+               b2 = __builtin_shufflevector(b, zero, 2, 6, 3, 7);
+        cap_f4 px[4] = {__builtin_shufflevector(rg, b0, 0, 1, 4, 5),
+                        __builtin_shufflevector(rg, b0, 2, 3, 6, 7),
+                        __builtin_shufflevector(rg2, b2, 0, 1, 4, 5),
+                        __builtin_shufflevector(rg2, b2, 2, 3, 6, 7)};
         for (int32_t k = 0; k < 4 && i + k < n; k++)
             *(cap_f4 *)(out + (size_t)(i + k) * 4) = px[k];
     }
