@@ -17,6 +17,7 @@
 #include "capture/aravis_ids.h"
 #include "capture/aravis_setup.h"
 #include "capture/bufpool.h"
+#include "capture/gate.h"
 #include "capture/source.h"
 
 struct aravis_link;
@@ -45,12 +46,10 @@ struct aravis_source {
     struct aravis_mode mode; /* as it was set; under `device` */
 
     pthread_mutex_t lock;
-    pthread_cond_t idle; /* CLOCK_MONOTONIC */
+    pthread_cond_t wake; /* of the slow loop, CLOCK_MONOTONIC */
+    struct cap_gate gate;
     gulong lost_handler;
-    bool active;         /* the sink may be called */
-    bool lost;           /* was said */
     bool dead;           /* did not answer when it was stopped */
-    unsigned busy;       /* calls of the sink under way */
     bool watching, quit; /* the slow loop has a thread; it should end */
     pthread_t watch;
     struct cap_health health;
@@ -74,9 +73,6 @@ void aravis_watch_start(struct aravis_source *s);
 void aravis_watch_quit(struct aravis_source *s); /* does not wait */
 void aravis_watch_join(struct aravis_source *s);
 
-/* src_aravis.c: true = the sink may be called until leave. */
-bool aravis_enter(struct aravis_source *s);
-/* To be opened anew: it is gone, or cannot be put right while it runs. */
+/* src_aravis.c: to be opened anew: it is gone, or cannot be put right while it runs. */
 void aravis_say_lost(struct aravis_source *s);
-void aravis_leave(struct aravis_source *s);
 #endif

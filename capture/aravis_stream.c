@@ -268,9 +268,9 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
         ArvBuffer *b = arv_stream_try_pop_buffer(s->stream);
         if (b == NULL)
             break;
-        if (aravis_enter(s)) {
+        if (cap_gate_enter(&s->gate)) {
             done(s, b);
-            aravis_leave(s);
+            cap_gate_leave(&s->gate);
         } else {
             push(s->stream, b); /* stopping: nobody wants it */
         }

@@ -119,11 +119,11 @@ static void look_at_mode(struct aravis_source *s)
         return;
     snprintf(text, sizeof text, "%.70s; %s", is,
              again ? "it was set again" : "it cannot be set now: opened anew");
-    if (aravis_enter(s)) {
+    if (cap_gate_enter(&s->gate)) {
         if (s->sink.detail != NULL)
             s->sink.detail(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, text);
         s->sink.count(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, 1);
-        aravis_leave(s);
+        cap_gate_leave(&s->gate);
     }
     if (!again)
         aravis_say_lost(s);
@@ -176,10 +176,10 @@ static void look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
         look_at_device(s, h);
     if (quits(s))
         return;
-    if (h->clock.bound_ns >= 0 && s->sink.clock != NULL && aravis_enter(s)) {
+    if (h->clock.bound_ns >= 0 && s->sink.clock != NULL && cap_gate_enter(&s->gate)) {
         s->sink.clock(s->sink.ctx, s->c.camera, h->clock.device_ns, h->clock.host_mono_ns,
                       h->clock.bound_ns);
-        aravis_leave(s);
+        cap_gate_leave(&s->gate);
     }
     watch_ptp(s, h, bad_ptp);
     pthread_mutex_lock(&s->lock);
@@ -206,7 +206,7 @@ static void *watch(void *arg)
         struct timespec ts = {.tv_sec = until / PVX_NS_PER_S, .tv_nsec = until % PVX_NS_PER_S};
         pthread_mutex_lock(&s->lock);
         while (!s->quit && pvx_now_mono() < until)
-            pthread_cond_timedwait(&s->idle, &s->lock, &ts);
+            pthread_cond_timedwait(&s->wake, &s->lock, &ts);
         pthread_mutex_unlock(&s->lock);
     }
     return NULL;
@@ -233,7 +233,7 @@ void aravis_watch_quit(struct aravis_source *s)
 {
     pthread_mutex_lock(&s->lock);
     s->quit = true;
-    pthread_cond_broadcast(&s->idle);
+    pthread_cond_broadcast(&s->wake);
     pthread_mutex_unlock(&s->lock);
 }
 

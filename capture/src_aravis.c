@@ -26,43 +26,9 @@
 
 /* ---- events ----------------------------------------------------------------------------------- */
 
-bool aravis_enter(struct aravis_source *s)
-{
-    pthread_mutex_lock(&s->lock);
-    bool may = s->active;
-    s->busy += may;
-    pthread_mutex_unlock(&s->lock);
-    return may;
-}
-
-void aravis_leave(struct aravis_source *s)
-{
-    pthread_mutex_lock(&s->lock);
-    s->busy--;
-    if (!s->active)
-        pthread_cond_broadcast(&s->idle);
-    pthread_mutex_unlock(&s->lock);
-}
-
-static void set_active(struct aravis_source *s, bool on)
-{
-    pthread_mutex_lock(&s->lock);
-    s->active = on;
-    while (!on && s->busy > 0)
-        pthread_cond_wait(&s->idle, &s->lock);
-    pthread_mutex_unlock(&s->lock);
-}
-
 void aravis_say_lost(struct aravis_source *s)
 {
-    pthread_mutex_lock(&s->lock);
-    bool tell = s->active && !s->lost;
-    s->lost = true;
-    pthread_mutex_unlock(&s->lock);
-    if (!tell || !aravis_enter(s))
-        return;
-    s->sink.event(s->sink.ctx, s->c.camera, CAP_EV_LOST);
-    aravis_leave(s);
+    cap_gate_lost(&s->gate, &s->sink, s->c.camera);
 }
 
 static void on_control_lost(ArvDevice *device, void *user)
@@ -78,8 +44,9 @@ static void unref(struct aravis_source *s)
     if (atomic_fetch_sub(&s->refs, 1) > 1)
         return;
     pthread_mutex_destroy(&s->device);
+    cap_gate_fini(&s->gate);
     pthread_mutex_destroy(&s->lock);
-    pthread_cond_destroy(&s->idle);
+    pthread_cond_destroy(&s->wake);
     free(s->uri);
     free(s->name);
     free(s);
@@ -122,27 +89,19 @@ static void aravis_close(cap_source **sp)
         give_up(s);
 }
 
-static bool is_lost(struct aravis_source *s)
-{
-    pthread_mutex_lock(&s->lock);
-    bool lost = s->lost;
-    pthread_mutex_unlock(&s->lock);
-    return lost;
-}
-
 static void aravis_stop(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
     if (s->stream == NULL)
         return;
     aravis_watch_quit(s);
-    set_active(s, false);
+    cap_gate_shut(&s->gate);
     s->dead = s->route.camera != 0 && !aravis_probe(s->route.camera, NULL);
     aravis_cut_stream(s);
     if (s->dead)
         return; /* close has it ended */
     aravis_watch_join(s);
-    if (!is_lost(s))
+    if (!cap_gate_is_lost(&s->gate))
         arv_camera_stop_acquisition(s->camera, NULL);
     aravis_end_stream(s);
 }
@@ -156,8 +115,9 @@ static void init_locks(struct aravis_source *s)
     pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
     pthread_mutex_init(&s->device, NULL);
     pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->idle, &a);
+    pthread_cond_init(&s->wake, &a);
     pthread_condattr_destroy(&a);
+    cap_gate_init(&s->gate);
 }
 
 /* A camera that lost us, but not its power, still belongs to the device that is being given up; that
@@ -221,17 +181,14 @@ static pvx_err aravis_start(cap_source *base, const struct cap_sink *sink, struc
     aravis_end_stream(s);
     s->sink = *sink;
     s->dead = false;
-    pthread_mutex_lock(&s->lock);
-    s->lost = false;
-    pthread_mutex_unlock(&s->lock);
     PVX_TRY(aravis_begin_stream(s, d));
-    set_active(s, true);
+    cap_gate_open(&s->gate);
     pthread_mutex_lock(&s->device);
     aravis_mode_first(s->camera, &s->mode);
     pthread_mutex_unlock(&s->device);
     arv_camera_start_acquisition(s->camera, &err);
     if (err != NULL) {
-        set_active(s, false);
+        cap_gate_shut(&s->gate);
         aravis_end_stream(s);
         return aravis_fail(&s->c, PVX_EIO, "start of acquisition", &err, d);
     }
@@ -245,7 +202,7 @@ static pvx_err aravis_trigger(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
     GError *err = NULL;
-    if (is_lost(s))
+    if (cap_gate_is_lost(&s->gate))
         return PVX_ENODEV;
     pthread_mutex_lock(&s->device);
     arv_camera_software_trigger(s->camera, &err);
@@ -270,8 +227,9 @@ static bool aravis_answers(cap_source *base)
 {
     struct aravis_source *s = (struct aravis_source *)base;
     /* a USB camera that is gone has been reported; a GigE camera after a restart is nobody's */
-    return !is_lost(s) && (s->route.camera == 0 || (aravis_probe(s->route.camera, NULL) &&
-                                                    aravis_controlled(s->route.camera)));
+    return !cap_gate_is_lost(&s->gate) &&
+           (s->route.camera == 0 ||
+            (aravis_probe(s->route.camera, NULL) && aravis_controlled(s->route.camera)));
 }
 
 static void aravis_health(cap_source *base, struct cap_health *out)

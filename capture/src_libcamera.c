@@ -24,6 +24,7 @@
 #include "base/mem.h"
 #include "capture/backends.h"
 #include "capture/bufpool.h"
+#include "capture/gate.h"
 #include "capture/lend.h"
 #include "capture/libcamera_hold.h"
 #include "capture/libcamera_modes.h"
@@ -57,10 +58,9 @@ struct source {
     /* libcamera's thread: */
     struct cap_numbering sequence;
 
+    struct cap_gate gate;
     pthread_mutex_t lock; /* of the rest */
-    pthread_cond_t idle;
-    bool active, lost, odd_stamp;
-    unsigned busy; /* callbacks under way */
+    bool odd_stamp;
     double temperature_c;
 };
 
@@ -229,43 +229,10 @@ static void count(struct source *s, enum cap_count what, uint64_t n)
     s->sink.count(s->sink.ctx, s->c.camera, what, n);
 }
 
-/* May a callback go on?  Then leave() follows. */
-static bool enter(struct source *s)
-{
-    pthread_mutex_lock(&s->lock);
-    bool may = s->active;
-    s->busy += may;
-    pthread_mutex_unlock(&s->lock);
-    return may;
-}
-
-static void leave(struct source *s)
-{
-    pthread_mutex_lock(&s->lock);
-    s->busy--;
-    pthread_cond_broadcast(&s->idle);
-    pthread_mutex_unlock(&s->lock);
-}
-
-static void set_active(struct source *s, bool on)
-{
-    pthread_mutex_lock(&s->lock);
-    s->active = on;
-    while (!on && s->busy > 0)
-        pthread_cond_wait(&s->idle, &s->lock);
-    pthread_mutex_unlock(&s->lock);
-}
-
 static void on_gone(void *ctx)
 {
     struct source *s = ctx;
-    if (!enter(s))
-        return;
-    bool tell = !s->lost;
-    s->lost = true;
-    if (tell)
-        s->sink.event(s->sink.ctx, s->c.camera, CAP_EV_LOST);
-    leave(s);
+    cap_gate_lost(&s->gate, &s->sink, s->c.camera);
 }
 
 /* Number of the next good frame; what is missing before it is counted. */
@@ -348,7 +315,7 @@ static void take(struct source *s, const struct cap_lc_frame *in)
 static void on_frame(void *ctx, const struct cap_lc_frame *in)
 {
     struct source *s = ctx;
-    if (!enter(s))
+    if (!cap_gate_enter(&s->gate))
         return; /* its buffer is queued again at the next start */
     if (!isnan(in->temperature_c)) {
         pthread_mutex_lock(&s->lock);
@@ -356,7 +323,7 @@ static void on_frame(void *ctx, const struct cap_lc_frame *in)
         pthread_mutex_unlock(&s->lock);
     }
     take(s, in);
-    leave(s);
+    cap_gate_leave(&s->gate);
 }
 
 /* ---- operations --------------------------------------------------------------------------------- */
@@ -372,8 +339,8 @@ static void libcamera_close(cap_source **sp)
         module.lc->close(s->camera);
     cap_lend_close(&s->lend);
     cap_bufpool_unref(&s->pool);
+    cap_gate_fini(&s->gate);
     pthread_mutex_destroy(&s->lock);
-    pthread_cond_destroy(&s->idle);
     free(s->uri);
     free(s->name);
     free(s);
@@ -451,7 +418,7 @@ static pvx_err libcamera_open(const struct cap_source_config *c, cap_source **ou
         return PVX_ENOMEM;
     s->base.ops = &cap_source_libcamera;
     pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->idle, NULL);
+    cap_gate_init(&s->gate);
     s->temperature_c = NAN;
     s->c = *c;
     s->c.uri = s->uri = strdup(c->uri);
@@ -472,12 +439,12 @@ static pvx_err libcamera_start(cap_source *base, const struct cap_sink *sink, st
     struct cap_lc_sink to = {on_frame, on_gone, s};
     char err[256] = "";
     s->sink = *sink;
-    s->lost = s->odd_stamp = false;
+    s->odd_stamp = false;
     s->sequence = (struct cap_numbering){0};
-    set_active(s, true);
+    cap_gate_open(&s->gate);
     int e = module.lc->start(s->camera, &to, err, sizeof err);
     if (e != PVX_OK) {
-        set_active(s, false);
+        cap_gate_shut(&s->gate);
         return refused(s, e, err, d);
     }
     s->started = true;
@@ -490,7 +457,7 @@ static void libcamera_stop(cap_source *base)
     struct source *s = (struct source *)base;
     if (!s->started)
         return;
-    set_active(s, false);
+    cap_gate_shut(&s->gate);
     cap_lend_run(s->lend, false);
     module.lc->stop(s->camera);
     s->started = false;
