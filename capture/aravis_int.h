@@ -16,11 +16,11 @@
 #include "capture/aravis_find.h"
 #include "capture/aravis_ids.h"
 #include "capture/aravis_setup.h"
-#include "capture/bufpool.h"
 #include "capture/gate.h"
+#include "capture/lend.h"
 #include "capture/source.h"
 
-struct aravis_link;
+struct aravis_buffers;
 
 struct aravis_source {
     struct cap_source base;
@@ -30,8 +30,8 @@ struct aravis_source {
     ArvCamera *camera;
     struct aravis_layout layout;
     struct aravis_route route;
-    cap_bufpool *pool;
-    struct aravis_link *link;
+    cap_lend *lend;
+    struct aravis_buffers *buffers; /* of lend */
     bool resend;
     struct cap_sink sink;
     ArvStream *stream;
@@ -57,8 +57,6 @@ struct aravis_source {
 
 /* aravis_stream.c */
 PVX_MUST_CHECK pvx_err aravis_make_buffers(struct aravis_source *s);
-/* Frames that are out keep the pool's memory. */
-void aravis_drop_buffers(struct aravis_source *s);
 PVX_MUST_CHECK pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_diag *d);
 void aravis_cut_stream(struct aravis_source *s); /* released frames no longer go back to it */
 void aravis_end_stream(struct aravis_source *s); /* seconds, when the camera does not answer */

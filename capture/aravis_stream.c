@@ -1,131 +1,82 @@
 /* aravis_stream.c - frames of an aravis: camera, from Aravis' receiving thread.
  *
- * Zero copy: each frame of the pool has one ArvBuffer around its memory.  The buffer is queued in
- * the stream until it is full; then its frame is handed out, and the release of the frame queues the
- * buffer again (or, when the stream has gone, gives the frame back to the pool).
- * Two buffers always stay with the stream: a frame that would take the last but one is dropped here
- * and counted as an underrun, because Aravis counts those in packets.
+ * Zero copy: the ArvBuffers are lent out as frames and come back (lend.h).  Two always stay with the
+ * stream: a frame that would take the last but one is dropped here and counted as an underrun, because
+ * Aravis counts those in packets.
  *
  * Nothing of a buffer without SUCCESS is used: after a lost leader its number and stamp are those of
  * an earlier frame (seen: 31 of 696).  A SUCCESS may still be short (IP fragments: bytes are missing;
  * packets that make no sense: no bytes, or no leader and so the stamp of an earlier frame): its number
  * and stamp are not used either. */
-#include <math.h>
 #include <stdlib.h>
 
 #include "base/clock.h"
-#include "base/log.h"
 #include "base/mem.h"
 #include "capture/aravis_int.h"
 
-#define ASK_AGAIN 4 /* packet timeouts between two requests for the same packet */
-#define SPARE     2 /* buffers that always stay with the stream */
+#define ASK_AGAIN   4 /* packet timeouts between two requests for the same packet */
+#define SPARE       2 /* buffers that always stay with the stream */
+#define PAYLOAD_MAX ((size_t)1 << 32)
 
 /* what cap_gige says with 0 */
 #define RETENTION_MS      50.0
 #define PACKET_TIMEOUT_MS 5.0
 #define SOCKET_BUFFER     (8 << 20)
 
-struct slot {
-    struct cap_frame *frame;
-    void (*put_back)(struct cap_frame *f); /* the pool's own release */
-    ArvBuffer *buffer;
-    struct aravis_link *link;
-    bool out; /* with the consumer */
-};
-
-/* What frames that are out need after their source has been closed. */
-struct aravis_link {
-    pthread_mutex_t lock;
-    ArvStream *stream; /* NULL: not streaming, or stopping */
-    bool closed;
-    unsigned n, n_out;
-    struct slot *slot; /* [n] */
+/* Live until the last frame of them is back, longer than the source maybe. */
+struct aravis_buffers {
+    ArvStream *stream; /* while they are lent out: between cap_lend_run(true) and (false) */
+    unsigned n;
+    unsigned char *memory; /* of all; buffer i at i * step */
+    size_t step;
+    ArvBuffer *buffer[]; /* [n], a reference each; user data: its index */
 };
 
 /* ---- buffers ---------------------------------------------------------------------------------- */
 
-static void link_free(struct aravis_link *l)
-{
-    pthread_mutex_destroy(&l->lock);
-    free(l->slot);
-    free(l);
-}
-
 /* Aravis leaves the stamp of the last use in a buffer until a leader comes: with 0 in it, a frame
  * without its own is known. */
-static void push(ArvStream *stream, ArvBuffer *b) /* takes the reference */
+static bool queue(void *ctx, unsigned index)
 {
-    arv_buffer_set_timestamp(b, 0);
-    arv_stream_push_buffer(stream, b);
+    struct aravis_buffers *bs = ctx;
+    arv_buffer_set_timestamp(bs->buffer[index], 0);
+    arv_stream_push_buffer(bs->stream, g_object_ref(bs->buffer[index]));
+    return true;
 }
 
-static void queue(ArvStream *stream, struct slot *s)
+static void free_buffers(void *ctx)
 {
-    push(stream, g_object_ref(s->buffer));
+    struct aravis_buffers *bs = ctx;
+    for (unsigned i = 0; i < bs->n; i++)
+        g_object_unref(bs->buffer[i]);
+    free(bs->memory);
+    free(bs);
 }
 
-static void release(struct cap_frame *f)
-{
-    struct slot *s = f->owner;
-    struct aravis_link *l = s->link;
-    pthread_mutex_lock(&l->lock);
-    s->out = false;
-    l->n_out--;
-    bool closed = l->closed, last = closed && l->n_out == 0;
-    if (l->stream != NULL)
-        queue(l->stream, s);
-    void (*put_back)(struct cap_frame *) = s->put_back;
-    pthread_mutex_unlock(&l->lock);
-    if (closed)
-        put_back(f);
-    if (last)
-        link_free(l);
-}
+static const struct cap_lend_ops lend_ops = {queue, free_buffers};
 
 pvx_err aravis_make_buffers(struct aravis_source *s)
 {
     unsigned n = (s->c.buffers < 4 ? 4 : s->c.buffers) + SPARE;
-    PVX_TRY(cap_bufpool_new(n, s->layout.payload, s->c.camera, &s->pool));
-    struct aravis_link *l = pvx_calloc(1, sizeof *l);
-    if (l == NULL)
+    size_t bytes = s->layout.payload;
+    if (bytes == 0 || bytes > PAYLOAD_MAX)
+        return PVX_EINVAL;
+    struct aravis_buffers *bs = pvx_calloc(1, sizeof *bs + n * sizeof bs->buffer[0]);
+    if (bs == NULL)
         return PVX_ENOMEM;
-    pthread_mutex_init(&l->lock, NULL);
-    s->link = l;
-    l->slot = pvx_calloc(n, sizeof *l->slot);
-    if (l->slot == NULL)
-        return PVX_ENOMEM;
-    for (unsigned i = 0; i < n; i++) {
-        struct slot *slot = &l->slot[i];
-        slot->frame = cap_bufpool_take(s->pool);
-        slot->put_back = slot->frame->release;
-        slot->link = l;
-        slot->buffer =
-            arv_buffer_new_full(s->layout.payload, cap_bufpool_memory(slot->frame), slot, NULL);
-        l->n = i + 1;
+    bs->step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
+    bs->memory = pvx_calloc(n, bs->step);
+    pvx_err e = bs->memory == NULL ? PVX_ENOMEM
+                                   : cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend);
+    if (e != PVX_OK) {
+        free_buffers(bs);
+        return e;
     }
+    for (; bs->n < n; bs->n++)
+        bs->buffer[bs->n] = arv_buffer_new_full(bytes, bs->memory + bs->n * bs->step,
+                                                GUINT_TO_POINTER(bs->n), NULL);
+    s->buffers = bs;
     return PVX_OK;
-}
-
-/* Frames that are out keep the pool's memory and the link. */
-void aravis_drop_buffers(struct aravis_source *s)
-{
-    struct aravis_link *l = s->link;
-    s->link = NULL;
-    if (l != NULL) {
-        pthread_mutex_lock(&l->lock);
-        l->closed = true;
-        for (unsigned i = 0; i < l->n; i++) {
-            g_object_unref(l->slot[i].buffer);
-            if (!l->slot[i].out)
-                l->slot[i].put_back(l->slot[i].frame);
-        }
-        bool last = l->n_out == 0;
-        pthread_mutex_unlock(&l->lock);
-        if (last)
-            link_free(l);
-    }
-    cap_bufpool_unref(&s->pool);
 }
 
 /* ---- the stream's thread ---------------------------------------------------------------------- */
@@ -135,25 +86,9 @@ static void count(struct aravis_source *s, enum cap_count what, uint64_t n)
     s->sink.count(s->sink.ctx, s->c.camera, what, n);
 }
 
-/* Mark the slot as handed out, unless the stream would be left with too few buffers. */
-static bool lend(struct slot *slot)
-{
-    struct aravis_link *l = slot->link;
-    pthread_mutex_lock(&l->lock);
-    bool may = l->n - l->n_out > SPARE;
-    if (may) {
-        slot->out = true;
-        l->n_out++;
-    }
-    pthread_mutex_unlock(&l->lock);
-    return may;
-}
-
 /* What the leader says about the size may be wrong: no more than what the buffer has. */
-static struct cap_image image_of(ArvBuffer *b, size_t payload)
+static struct cap_image image_of(ArvBuffer *b, const unsigned char *mem, size_t payload)
 {
-    const unsigned char *mem =
-        cap_bufpool_memory(((const struct slot *)arv_buffer_get_user_data(b))->frame);
     struct cap_image img = {.data = mem};
     ArvBufferPayloadType type = arv_buffer_get_payload_type(b);
     bool image = type == ARV_BUFFER_PAYLOAD_TYPE_IMAGE ||
@@ -184,12 +119,25 @@ static void count_gap(struct aravis_source *s, bool first, uint64_t before, uint
     s->unnumbered = 0;
 }
 
+static unsigned index_of(ArvBuffer *b)
+{
+    return GPOINTER_TO_UINT(arv_buffer_get_user_data(b));
+}
+
+/* To the stream again, or, when that is being stopped, to nobody. */
+static void give_back(struct aravis_source *s, ArvBuffer *b)
+{
+    unsigned i = index_of(b);
+    g_object_unref(b); /* the stream's reference; ours stays */
+    cap_lend_back(s->lend, i);
+}
+
 /* A frame whose number is not known. */
 static void drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
 {
     s->unnumbered++;
     count(s, cause, 1);
-    push(s->stream, b);
+    give_back(s, b);
 }
 
 /* Fewer bytes than the rows that the frame itself announces. */
@@ -204,10 +152,9 @@ static bool is_short(const struct cap_image *img)
 static void done(struct aravis_source *s, ArvBuffer *b)
 {
     int64_t real = pvx_now_real(), mono = pvx_now_mono();
-    struct slot *slot = (struct slot *)(uintptr_t)arv_buffer_get_user_data(b);
     ArvBufferStatus status = arv_buffer_get_status(b);
     if (status == ARV_BUFFER_STATUS_ABORTED || status == ARV_BUFFER_STATUS_CLEARED) {
-        push(s->stream, b); /* the stream is being stopped */
+        give_back(s, b); /* the stream is being stopped */
         return;
     }
     if (status != ARV_BUFFER_STATUS_SUCCESS) {
@@ -220,35 +167,35 @@ static void done(struct aravis_source *s, ArvBuffer *b)
         drop(s, b, CAP_INCOMPLETE);
         return;
     }
-    struct cap_image img = image_of(b, s->layout.payload);
+    const unsigned char *mem = s->buffers->memory + index_of(b) * s->buffers->step;
+    struct cap_image img = image_of(b, mem, s->layout.payload);
     if (is_short(&img)) {
         drop(s, b, CAP_BAD_SIZE);
         return;
     }
-    struct cap_frame *f = slot->frame;
     uint64_t number = arv_buffer_get_frame_id(b);
-    f->t_device_ns = stamp;
-    if (!aravis_chunks_read(&s->chunks, b, f, &number)) {
+    struct cap_frame said = {.t_device_ns = stamp};
+    if (!aravis_chunks_read(&s->chunks, b, &said, &number)) {
         drop(s, b, CAP_INCOMPLETE);
         return;
     }
     bool first = !s->ids.any;
     uint64_t before = s->ids.id, id = aravis_ids_next(&s->ids, number);
     count_gap(s, first, before, id);
-    f->img = img;
-    f->camera = s->c.camera;
-    f->id = id;
-    f->t_arrival_ns = real;
-    f->t_arrival_mono_ns = mono;
-    f->t_exposure_ns = 0;
-    f->release = release;
-    f->owner = slot;
-    if (!lend(slot)) {
+    struct cap_frame *f = cap_lend_out(s->lend, index_of(b));
+    if (f == NULL) {
         count(s, CAP_UNDERRUN, 1);
-        push(s->stream, b);
+        give_back(s, b);
         return;
     }
-    g_object_unref(b); /* the slot's own reference stays */
+    g_object_unref(b); /* the stream's reference */
+    f->img = img;
+    f->id = id;
+    f->t_device_ns = said.t_device_ns;
+    f->t_arrival_ns = real;
+    f->t_arrival_mono_ns = mono;
+    f->exposure_us = said.exposure_us;
+    f->gain = said.gain;
     s->sink.push(s->sink.ctx, f);
 }
 
@@ -259,10 +206,9 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
     switch (type) {
     case ARV_STREAM_CALLBACK_TYPE_INIT: aravis_make_realtime(&s->c); break;
     case ARV_STREAM_CALLBACK_TYPE_START_BUFFER:
-        /* Aravis' queue gave the buffer; the lock makes what its last user did to it visible here
-         * in terms that do not depend on GLib's inside. */
-        pthread_mutex_lock(&s->link->lock);
-        pthread_mutex_unlock(&s->link->lock);
+        /* Aravis' queue gave the buffer; the lender's lock makes what its last user did to it visible
+         * here in terms that do not depend on GLib's inside. */
+        cap_lend_n_out(s->lend);
         break;
     case ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE: {
         ArvBuffer *b = arv_stream_try_pop_buffer(s->stream);
@@ -272,7 +218,7 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
             done(s, b);
             cap_gate_leave(&s->gate);
         } else {
-            push(s->stream, b); /* stopping: nobody wants it */
+            give_back(s, b); /* stopping: nobody wants it */
         }
         break;
     }
@@ -315,20 +261,14 @@ pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_diag *d)
         return aravis_fail(&s->c, PVX_EIO, "stream", &err, d);
     if (ARV_IS_GV_STREAM(stream))
         set_stream(s, stream);
-    pthread_mutex_lock(&s->link->lock);
-    s->stream = s->link->stream = stream;
-    for (unsigned i = 0; i < s->link->n; i++)
-        if (!s->link->slot[i].out)
-            queue(stream, &s->link->slot[i]);
-    pthread_mutex_unlock(&s->link->lock);
+    s->stream = s->buffers->stream = stream;
+    cap_lend_run(s->lend, true);
     return PVX_OK;
 }
 
 void aravis_cut_stream(struct aravis_source *s)
 {
-    pthread_mutex_lock(&s->link->lock);
-    s->link->stream = NULL;
-    pthread_mutex_unlock(&s->link->lock);
+    cap_lend_run(s->lend, false);
 }
 
 void aravis_end_stream(struct aravis_source *s)

@@ -139,12 +139,6 @@ void *cap_bufpool_memory(const struct cap_frame *f)
     return ((const struct slot *)f)->mem;
 }
 
-unsigned cap_bufpool_index(const struct cap_frame *f)
-{
-    const struct slot *s = (const struct slot *)f;
-    return (unsigned)(s - s->pool->slots);
-}
-
 size_t cap_bufpool_bytes(const cap_bufpool *p)
 {
     return p->bytes;

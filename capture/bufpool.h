@@ -25,10 +25,8 @@ struct cap_frame *cap_bufpool_take_wait(cap_bufpool *p);
 void cap_bufpool_cancel(cap_bufpool *p);
 void cap_bufpool_resume(cap_bufpool *p);
 
-/* A taken frame's pixel memory, writable (img.data is the const view of it), and its fixed number
- * 0..n-1, for SDKs that need one object of their own per buffer. */
+/* A taken frame's pixel memory, writable (img.data is the const view of it). */
 void *cap_bufpool_memory(const struct cap_frame *f);
-unsigned cap_bufpool_index(const struct cap_frame *f);
 size_t cap_bufpool_bytes(const cap_bufpool *p); /* per frame */
 unsigned cap_bufpool_free_count(cap_bufpool *p);
 

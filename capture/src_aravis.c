@@ -66,7 +66,7 @@ static void *give_up(void *source)
     atomic_fetch_add(&giving_up, 1);
     aravis_watch_join(s);
     aravis_end_stream(s);
-    aravis_drop_buffers(s);
+    cap_lend_close(&s->lend); /* frames that are out keep its memory */
     if (s->lost_handler != 0)
         g_signal_handler_disconnect(arv_camera_get_device(s->camera), s->lost_handler);
     g_clear_object(&s->camera); /* ends the heartbeat's thread and leaves control */

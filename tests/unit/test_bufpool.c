@@ -10,7 +10,6 @@ static void takes_all_then_none(void)
     cap_bufpool *p;
     T_EQ_I(cap_bufpool_new(3, 100, 5, &p), PVX_OK);
     struct cap_frame *f[3];
-    unsigned seen = 0;
     for (int i = 0; i < 3; i++) {
         f[i] = cap_bufpool_take(p);
         T_OK(f[i] != NULL);
@@ -18,9 +17,8 @@ static void takes_all_then_none(void)
         T_OK(f[i]->img.data == cap_bufpool_memory(f[i]));
         T_EQ_I((uintptr_t)f[i]->img.data % 64, 0);
         memset(cap_bufpool_memory(f[i]), i, 100);
-        seen |= 1u << cap_bufpool_index(f[i]);
     }
-    T_EQ_I(seen, 7);
+    T_EQ_I(((const unsigned char *)f[2]->img.data)[99], 2);
     T_EQ_I(((const unsigned char *)f[0]->img.data)[99], 0);
     T_EQ_I(((const unsigned char *)f[1]->img.data)[0], 1);
     T_OK(cap_bufpool_take(p) == NULL);
