@@ -437,11 +437,12 @@ static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* A recording that did not come to run: what the tap has put in meanwhile goes back. */
+/* A recording that did not come to run: what the tap has put in meanwhile goes back, the file goes. */
 static void undo_start(cap_recorder *r, pvx_err e, const struct pvx_diag *d)
 {
     stop_taking(r);
     cap_take_close(&r->take, NULL);
+    unlink(r->stats.path);
     while (r->len > 0) { /* nobody else takes out, and nothing comes in */
         struct item it = r->ring[r->head];
         done_with(r, it);

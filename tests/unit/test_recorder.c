@@ -3,6 +3,7 @@
 #include "../t.h"
 
 #include <fcntl.h>
+#include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <sys/syscall.h>
@@ -429,6 +430,33 @@ static void disk_that_does_not_answer_holds_nobody(void)
     tear_down(&r);
 }
 
+static void start_that_fails_leaves_nothing(void)
+{
+    cap_recorder *r = set_up(&plain);
+    struct cap_take_head h = head();
+    struct pvx_diag d = {""};
+    struct cap_recorder_stats s;
+    pthread_attr_t old, huge;
+    T_EQ_I(pthread_getattr_default_np(&old), 0);
+    pthread_attr_init(&huge);
+    T_EQ_I(pthread_attr_setstacksize(&huge, (size_t)1 << 60), 0); /* no memory has room for it */
+    T_EQ_I(pthread_setattr_default_np(&huge), 0);
+    pvx_err e = cap_recorder_start(r, path, &h, &d);
+    T_EQ_I(pthread_setattr_default_np(&old), 0);
+    pthread_attr_destroy(&huge);
+    pthread_attr_destroy(&old);
+    T_EQ_I(e, PVX_EIO);
+    T_CONTAINS(d.text, "no thread");
+    T_OK(access(path, F_OK) != 0);
+    cap_recorder_stats(r, &s);
+    T_EQ_I(s.state, CAP_REC_FAILED);
+    T_EQ_I(cap_recorder_start(r, path, &h, NULL), PVX_OK); /* the name is free */
+    T_EQ_I(send_sets(0, 2), 2);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_OK);
+    T_EQ_I(access(path, F_OK), 0);
+    tear_down(&r);
+}
+
 static void nonsense_is_refused(void)
 {
     cap_recorder *r;
@@ -462,6 +490,7 @@ int main(void)
     T_RUN(failing_disk_ends_it);
     T_RUN(waiting_sets_leave_some_to_the_live_ones);
     T_RUN(disk_that_does_not_answer_holds_nobody);
+    T_RUN(start_that_fails_leaves_nothing);
     T_RUN(nonsense_is_refused);
     rmdir(dir);
     return t_done();
