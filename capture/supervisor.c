@@ -280,6 +280,8 @@ static void live(struct cap_camera *cam)
             w.ran = true;
             set_state(cam, CAP_RUNNING);
             enum fate fate = watch(&w, src);
+            if (fate == FATE_LOST) /* known now, whatever the driver still takes to let go */
+                set_state(cam, CAP_LOST);
             cam->ops->stop(src);
             cam->ops->close(&src);
             set_state(cam, fate == FATE_LOST ? CAP_LOST : CAP_ENDED);
