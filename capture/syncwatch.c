@@ -1,3 +1,4 @@
+/* syncwatch.c - phases and rates; numbers are in syncnumber.c. */
 #include "capture/syncwatch.h"
 
 #include <math.h>
@@ -6,11 +7,12 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "capture/syncwatch_int.h"
 
 #define WINDOW_NS     (500 * PVX_NS_PER_MS)
-#define MIN_PERIODS   8    /* in a window */
-#define FAR_PERIODS   4    /* a clock that is that far off the others' is another time */
-#define ROUND_OFF     0.25 /* of an interval, from a multiple, when triggers come as they like */
+#define MIN_PERIODS   8 /* in a window */
+#define FAR_PERIODS   4 /* a clock that is that far off the others' is another time */
+#define ROUND_OFF     CAP_SYNC_ROUND_OFF /* of an interval, when triggers come as they like */
 #define ROUND_OFF_OWN 0.45
 #define COARSE        0.3
 #define FINE          0.01
@@ -18,7 +20,6 @@
 #define MIN_WALK      4                  /* windows that make a line */
 #define WALK_NS       500e3
 #define UNSURE_NS     600e3 /* per s, that the maps of two clocks may be wrong by at first */
-#define RENUMBERED    1000  /* instants: numbers that far off have begun anew */
 #define PI            3.14159265358979323846
 
 void cap_syncwatch_init(struct cap_syncwatch *w, const struct cap_syncwatch_params *p,
@@ -53,104 +54,13 @@ void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns)
     }
 }
 
-static void found(struct cap_syncwatch *w, uint32_t c, enum cap_count what, uint64_t n,
-                  const char *text)
+void cap_sync_found(struct cap_syncwatch *w, uint32_t c, enum cap_count what, uint64_t n,
+                    const char *text)
 {
     w->counts.count(w->counts.ctx, c, what, n);
     if (w->detail != NULL)
         w->detail(w->counts.ctx, c, what, text);
 }
-
-/* ---- numbers ---- */
-
-/* Numbers are what a camera says, all 64 bits of them: they wrap, and so does what is made of them. */
-static int64_t plus(int64_t a, int64_t b)
-{
-    return (int64_t)((uint64_t)a + (uint64_t)b);
-}
-
-static int64_t minus(int64_t a, int64_t b)
-{
-    return (int64_t)((uint64_t)a - (uint64_t)b);
-}
-
-/* What most members say that this instant is called; *sure = more than half of those who say anything,
- * or the one of the sayings that the time supports. */
-static int64_t name_instant(const struct cap_syncwatch *w, const struct cap_set *s, bool *sure)
-{
-    int64_t say[CAP_MAX_CAMERAS], best = 0;
-    unsigned n = 0, most = 0;
-    for (uint32_t c = 0; c < w->p.cameras; c++)
-        if (s->frame[c] != NULL && w->camera[c].numbered)
-            say[n++] = plus((int64_t)s->frame[c]->id, w->camera[c].offset);
-    for (unsigned i = 0; i < n; i++) {
-        unsigned votes = 0;
-        for (unsigned j = 0; j < n; j++)
-            votes += say[j] == say[i];
-        if (votes > most) {
-            most = votes;
-            best = say[i];
-        }
-    }
-    *sure = 2 * most > n;
-    if (*sure)
-        return best;
-    double steps = w->p.period_ns > 0
-                       ? (double)(s->t_exposure_ns - w->t_set_ns) / (double)w->p.period_ns
-                       : NAN;
-    int64_t by_time = plus(w->instant, steps > 0 ? llrint(steps) : 1);
-    if (n == 0)
-        return by_time;
-    for (unsigned i = 0; i < n; i++)
-        *sure |= say[i] == by_time && fabs(steps - rint(steps)) < ROUND_OFF;
-    return *sure ? by_time : best;
-}
-
-static void disagrees(struct cap_syncwatch *w, uint32_t c, int64_t by)
-{
-    struct cap_sync_camera *k = &w->camera[c];
-    char text[96];
-    if (by > -RENUMBERED && by < RENUMBERED) {
-        if (by < 0 && k->away >= -by) {
-            snprintf(text, sizeof text, "it took %lld picture(s) fewer than there were instants",
-                     (long long)-by);
-            found(w, c, CAP_MISSED_TRIGGER, (uint64_t)-by, text);
-        } else {
-            snprintf(text, sizeof text, "its frame numbers went %+lld against its times",
-                     (long long)by);
-            found(w, c, CAP_SLIP, 1, text);
-        }
-    }
-    k->offset = minus(k->offset, by);
-}
-
-void cap_syncwatch_set(struct cap_syncwatch *w, const struct cap_set *s)
-{
-    bool sure = false;
-    int64_t instant = w->any_set ? name_instant(w, s, &sure) : 0;
-    w->instant = instant;
-    w->t_set_ns = s->t_exposure_ns;
-    w->any_set = true;
-    for (uint32_t c = 0; c < w->p.cameras; c++) {
-        const struct cap_frame *f = s->frame[c];
-        struct cap_sync_camera *k = &w->camera[c];
-        if (f == NULL || f->id == 0) /* a source without numbers */
-            continue;
-        int64_t by = k->numbered ? minus(plus((int64_t)f->id, k->offset), instant) : 0;
-        if (!k->numbered) {
-            k->numbered = true;
-            k->offset = minus(instant, (int64_t)f->id);
-        } else if (by != 0 && sure && by == k->doubt) {
-            disagrees(w, c, by);
-            by = 0;
-        }
-        k->away = plus(minus(instant, k->last_instant), plus(-1, k->doubt != 0 ? k->away : 0));
-        k->doubt = sure ? by : 0;
-        k->last_instant = instant;
-    }
-}
-
-/* ---- phases and rates ---- */
 
 static int ascending(const void *a, const void *b)
 {
@@ -264,7 +174,7 @@ static void judge_phase(struct cap_syncwatch *w, uint32_t c)
     if (k->far > k->phases) {
         snprintf(text, sizeof text, "its clock is %.3f s away from the others'",
                  (double)k->far_ns * 1e-9);
-        found(w, c, CAP_OUT_OF_STEP, 1, text);
+        cap_sync_found(w, c, CAP_OUT_OF_STEP, 1, text);
         k->phase_ns = NAN;
         k->n_walk = k->walk_head = 0;
         return;
@@ -289,12 +199,12 @@ static void judge_phase(struct cap_syncwatch *w, uint32_t c)
     if (fabs(k->phase_ns) > (double)w->p.tolerance_ns) {
         snprintf(text, sizeof text, "it exposes %.2f ms %s the others", fabs(k->phase_ns) * 1e-6,
                  k->phase_ns > 0 ? "after" : "before");
-        found(w, c, CAP_OUT_OF_STEP, 1, text);
+        cap_sync_found(w, c, CAP_OUT_OF_STEP, 1, text);
     }
     if (walks(w, k)) {
         snprintf(text, sizeof text, "its exposures move by %.3f ms per second against the others",
                  k->walk_ns_per_s * 1e-6);
-        found(w, c, CAP_PHASE_WALK, 1, text);
+        cap_sync_found(w, c, CAP_PHASE_WALK, 1, text);
     }
 }
 
@@ -323,7 +233,7 @@ static bool unlike_the_others(const struct cap_syncwatch *w, const struct cap_sy
 static void odd_rate(struct cap_syncwatch *w, uint32_t c, const char *text)
 {
     w->camera[c].rate_odd_mono_ns = w->camera[c].arrival_ns;
-    found(w, c, CAP_RATE, 1, text);
+    cap_sync_found(w, c, CAP_RATE, 1, text);
 }
 
 /* Counted less than a window ago? */
@@ -375,7 +285,7 @@ static void take_rate(struct cap_syncwatch *w, const struct cap_frame *f)
     if (host != k->rate_by_host)
         cap_rate_forget(&k->rate);
     k->rate_by_host = host;
-    int64_t step = minus(t, k->rate.t_ns);
+    int64_t step = cap_sync_minus(t, k->rate.t_ns);
     double periods = (double)step / (double)w->p.period_ns;
     double most = w->p.paced_outside ? ROUND_OFF : ROUND_OFF_OWN;
     if (step <= 0 || step > 4 * w->window_ns || periods < 0.5 ||

@@ -66,7 +66,7 @@ struct bed {
 
 static void open_bed(struct bed *b, const struct rig *r)
 {
-    static char name[MAX][8];
+    static char name[MAX][16];
     static struct cap_source_config cam[MAX];
     *b = (struct bed){.r = *r, .mono0 = pvx_now_mono() + 3600 * S, .found = -1};
     b->real_off = pvx_now_real() - pvx_now_mono();
