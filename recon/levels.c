@@ -164,77 +164,83 @@ static void number_layer(void *ctx, size_t task)
 
 /* ---- pictures -----------------------------------------------------------------------------------*/
 
-/* Means over 2^shift squared fine bins for the rows of a chunk; a bin that was not measured is left
- * out, and a mean of fewer than half of its bins does not count. */
-REC_INLINE void average(const struct walk *t, size_t chunk, size_t cs)
+/* The fine bins of a coarse one, fewer at the image's border: rows of `wide`, `pitch` apart. */
+struct patch {
+    size_t first, wide, high, pitch;
+};
+REC_INLINE struct patch patch_of(const struct walk *t, size_t c, uint32_t ray)
 {
     const struct rec_subsys *a = t->v->sub, *f = t->image;
-    int32_t i0, i1;
-    size_t c = 0;
-    rec_chunk_range(a->rows, chunk, &i0, &i1);
-    for (int32_t i = i0; i < i1; i++) {
-        while (a->ray[i] >= a->row0[c + 1])
-            c++;
-        size_t bw = (size_t)a->S->block[c].bw, fw = (size_t)f->S->block[c].bw,
-               fh = (size_t)f->S->block[c].bh;
-        size_t r = a->ray[i] - a->row0[c], y0 = r / bw << t->shift, x0 = r % bw << t->shift;
-        size_t y1 = y0 + ((size_t)1 << t->shift), x1 = x0 + ((size_t)1 << t->shift);
-        y1 = y1 < fh ? y1 : fh;
-        x1 = x1 < fw ? x1 : fw;
-        rec_f4 sum = {0};
-        float weight = 0;
-        for (size_t y = y0; y < y1; y++)
-            for (size_t x = x0; x < x1; x++) {
-                size_t at = f->row0[c] + y * fw + x;
-                sum += rec_splat(t->w[at]) * rec_ld(t->b, at, cs);
-                weight += t->w[at];
-            }
-        float share = weight / (float)((y1 - y0) * (x1 - x0));
-        bool use = share >= 0.5f;
-        t->v->w[a->ray[i]] = use ? share : 0;
-        sum *= rec_splat(use ? 1 / weight : 0);
-        rec_st(t->v->b, a->ray[i], cs, sum);
-    }
+    size_t bw = (size_t)a->S->block[c].bw, fw = (size_t)f->S->block[c].bw;
+    size_t fh = (size_t)f->S->block[c].bh, side = (size_t)1 << t->shift;
+    size_t r = ray - a->row0[c], y0 = r / bw << t->shift, x0 = r % bw << t->shift;
+    return (struct patch){.first = f->row0[c] + y0 * fw + x0,
+                          .wide = x0 + side < fw ? side : fw - x0,
+                          .high = y0 + side < fh ? side : fh - y0,
+                          .pitch = fw};
+}
+
+/* Mean of a patch, which is row `ray` of the level; a bin that was not measured is left out, and a mean of
+ * fewer than half of its bins does not count. */
+REC_INLINE void average(const struct walk *t, const struct patch *p, uint32_t ray, size_t cs)
+{
+    rec_f4 sum = {0};
+    float weight = 0;
+    for (size_t y = 0; y < p->high; y++)
+        for (size_t x = 0; x < p->wide; x++) {
+            size_t at = p->first + y * p->pitch + x;
+            sum += rec_splat(t->w[at]) * rec_ld(t->b, at, cs);
+            weight += t->w[at];
+        }
+    float share = weight / (float)(p->wide * p->high);
+    bool use = share >= 0.5f;
+    t->v->w[ray] = use ? share : 0;
+    sum *= rec_splat(use ? 1 / weight : 0);
+    rec_st(t->v->b, ray, cs, sum);
 }
 /* The same where bins have weights per channel: a mean is that of the bins that measured the channel, its
  * weight their part of all, as the sum over the bins themselves would have it. */
-static void average_lanes(const struct walk *t, size_t chunk)
+REC_INLINE void average_lanes(const struct walk *t, const struct patch *p, uint32_t ray)
 {
-    const struct rec_subsys *a = t->v->sub, *f = t->image;
+    rec_f4 sum = {0}, weight = {0}, zero = {0};
+    int measured = 0, bins = (int)(p->wide * p->high);
+    for (size_t y = 0; y < p->high; y++)
+        for (size_t x = 0; x < p->wide; x++) {
+            size_t at = p->first + y * p->pitch + x;
+            rec_f4 w = rec_ld(t->w, at, 4);
+            sum += w * rec_ld(t->b, at, 4);
+            weight += w;
+            measured += rec_any(w > 0);
+        }
+    rec_i4 use = (weight > 0) & (2 * measured >= bins ? (rec_i4){-1, -1, -1, -1} : (rec_i4){0});
+    rec_st(t->v->w, ray, 4, rec_select(use, weight / rec_splat((float)bins), zero));
+    rec_st(t->v->b, ray, 4, rec_select(use, sum / weight, zero));
+}
+
+/* The rows of a chunk; with `lanes` of weights per channel. */
+REC_INLINE void averages(const struct walk *t, size_t chunk, size_t cs, bool lanes)
+{
+    const struct rec_subsys *a = t->v->sub;
     int32_t i0, i1;
     size_t c = 0;
     rec_chunk_range(a->rows, chunk, &i0, &i1);
     for (int32_t i = i0; i < i1; i++) {
         while (a->ray[i] >= a->row0[c + 1])
             c++;
-        size_t bw = (size_t)a->S->block[c].bw, fw = (size_t)f->S->block[c].bw,
-               fh = (size_t)f->S->block[c].bh;
-        size_t r = a->ray[i] - a->row0[c], y0 = r / bw << t->shift, x0 = r % bw << t->shift;
-        size_t y1 = y0 + ((size_t)1 << t->shift), x1 = x0 + ((size_t)1 << t->shift);
-        y1 = y1 < fh ? y1 : fh;
-        x1 = x1 < fw ? x1 : fw;
-        rec_f4 sum = {0}, weight = {0}, zero = {0};
-        int measured = 0, bins = (int)((y1 - y0) * (x1 - x0));
-        for (size_t y = y0; y < y1; y++)
-            for (size_t x = x0; x < x1; x++) {
-                size_t at = f->row0[c] + y * fw + x;
-                rec_f4 w = rec_ld(t->w, at, 4);
-                sum += w * rec_ld(t->b, at, 4);
-                weight += w;
-                measured += rec_any(w > 0);
-            }
-        rec_i4 use = (weight > 0) & (2 * measured >= bins ? (rec_i4){-1, -1, -1, -1} : (rec_i4){0});
-        rec_st(t->v->w, a->ray[i], 4, rec_select(use, weight / rec_splat((float)bins), zero));
-        rec_st(t->v->b, a->ray[i], 4, rec_select(use, sum / weight, zero));
+        const struct patch p = patch_of(t, c, a->ray[i]);
+        if (lanes)
+            average_lanes(t, &p, a->ray[i]);
+        else
+            average(t, &p, a->ray[i], cs);
     }
 }
 static void average_chunk(void *ctx, size_t k)
 {
     const struct walk *t = ctx;
     if (t->l->lanes)
-        average_lanes(t, k);
+        averages(t, k, 4, true);
     else
-        t->l->cs == 4 ? average(t, k, 4) : average(t, k, 1);
+        t->l->cs == 4 ? averages(t, k, 4, false) : averages(t, k, 1, false);
 }
 
 void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const float *b,
