@@ -155,6 +155,7 @@ static pvx_err set_up(struct camtest *t, const struct camtest_options *o, struct
         scene = dmn_scene_cap(t->scene);
     } else {
         dmn_config_defaults(c);
+        c->min_cameras = c->min_views = 1; /* one camera may be judged alone */
         PVX_TRY(override(o, c, d));
         PVX_TRY(make_rig(t, o, c, d));
     }

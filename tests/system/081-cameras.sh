@@ -22,6 +22,8 @@ check good-one-is-good json "$dir/sim.json" "r['cameras'][0]['frames'] > 20 and 
 check lost-ones-by-cause json "$dir/sim.json" "r['cameras'][1]['verdict'] == 'FAIL' and r['cameras'][1]['counts']['id_gap'] > 0"
 check absent-one-says-so json "$dir/sim.json" "r['cameras'][2]['verdict'] == 'FAIL' and 'absent' in r['cameras'][2]['error'] and r['cameras'][2]['frames'] == 0"
 check pictures-were-written "$py" -c 'import sys; [open(sys.argv[1] + f, "rb").read(4) == b"\x89PNG" or sys.exit(1) for f in ("/cam0.png", "/cam1.png")]' "$dir/look"
+"$pyrovox" cameras test --seconds 1 --json sim: > "$dir/one.json" 2> "$dir/one.err"
+check one-camera-alone json "$dir/one.json" "len(r['cameras']) == 1 and r['cameras'][0]['frames'] > 3"
 check none-of-the-absent test ! -e "$dir/look/cam2.png"
 
 "$pyrovox" cameras test --seconds 30 sim: sim: > "$dir/int.log" 2> "$dir/int.err" & p=$!
