@@ -45,19 +45,19 @@ LDLIBS    = $(pkg_libs) -lpthread -ldl -lm
 
 # ---- sources ----------------------------------------------------------------------------------
 BASE    := $(sort $(wildcard daemon/base/*.c))
-RECON   := $(sort $(wildcard recon/*.c recon/simd/*.c))
+RECON   := $(sort $(wildcard recon/*.c recon/*/*.c recon/*/*/*.c))
 ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 RECON   := $(filter-out %_avx2.c %_avx512.c,$(RECON))
 endif
-CAPTURE := $(sort $(wildcard capture/*.c))
-# The fast ways from pixels to floats (capture/pixfmt_fast.h): once for any processor, once for AVX2.
-PIX_FAST := $(addprefix capture/pixfmt_,unpack sums bayer mosaic finish)
+CAPTURE := $(sort $(wildcard capture/*.c capture/*/*.c))
+# The fast ways from pixels to floats (capture/pixel/pixfmt_fast.h): once for any processor, once for AVX2.
+PIX_FAST := $(addprefix capture/pixel/pixfmt_,unpack sums bayer mosaic finish)
 ifeq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 PIX_AVX2 := $(patsubst %,$(B)/%_avx2.o,$(PIX_FAST))
 endif
 PROTO   := $(sort $(wildcard proto/*.c))
 CLIENT  := $(sort $(wildcard proto/clients/*.c))
-DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c daemon/doctor/*.c)))
+DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c $(addprefix daemon/,$(addsuffix /*.c,config control pipeline doctor)))))
 CLI     := $(filter-out daemon/cli/pyrovox.c,$(sort $(wildcard daemon/cli/*.c)))
 obj = $(patsubst %.c,$(B)/%.o,$(1))
 
@@ -146,10 +146,10 @@ clean: ## remove everything that was built
 # Four lanes at a time in plain C: at -O2 gcc 12 leaves most of these loops scalar.
 $(B)/recon/%.o: CFLAGS += -O3
 $(B)/recon/simd/kernels_avx512.o: CFLAGS += -mavx512f -mavx512vl -mavx2 -mfma -mbmi2
-$(B)/recon/simd/kernels_avx2.o $(B)/recon/simd/pcg_pass_avx2.o: CFLAGS += -mavx2 -mfma -mbmi2
+$(B)/recon/simd/kernels_avx2.o $(B)/recon/solve/passes/pcg_pass_avx2.o: CFLAGS += -mavx2 -mfma -mbmi2
 # Plain loops written to be vectorised.
-$(B)/recon/flame.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
-$(B)/capture/pixfmt_%.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
+$(B)/recon/view/flame.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
+$(B)/capture/pixel/pixfmt_%.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/%.o $(B)/proto/%.o: CFLAGS += -Wconversion -Wno-sign-conversion
 
 $(B)/%.o: %.c Makefile
@@ -177,12 +177,12 @@ $(eval $(call lib,client,$(CLIENT)))
 $(eval $(call lib,daemon,$(DAEMON)))
 
 # The OpenCV and libcamera modules are C++ and loaded on first use; each is its own shared object.
-$(B)/lib/pyrovox-opencv.so: capture/opencv_shim.cpp capture/opencv_shim.h
+$(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio
 
-$(B)/lib/pyrovox-libcamera.so: capture/libcamera_shim.cpp capture/libcamera_shim.h
+$(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -std=c++20 -shared -o $@ $< $$(pkg-config --libs libcamera)

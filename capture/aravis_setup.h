@@ -4,8 +4,8 @@
 #ifndef CAP_ARAVIS_SETUP_H
 #define CAP_ARAVIS_SETUP_H
 #include <arv.h>
-#include "capture/aravis_chunk.h"
-#include "capture/source.h"
+#include "capture/gev/chunk.h"
+#include "capture/source/source.h"
 
 struct aravis_layout {
     int width, height;

@@ -1,7 +1,7 @@
 /* backends.h - the sources built in, one file each. */
 #ifndef CAP_BACKENDS_H
 #define CAP_BACKENDS_H
-#include "capture/source.h"
+#include "capture/source/source.h"
 
 extern const struct cap_source_ops cap_source_aravis;    /* src_aravis.c */
 extern const struct cap_source_ops cap_source_libcamera; /* src_libcamera.c */

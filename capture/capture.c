@@ -1,4 +1,4 @@
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -9,7 +9,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "capture/capture_int.h"
-#include "capture/trigger.h"
+#include "capture/rig/trigger.h"
 
 #define DEFAULT_BUFFERS 12
 #define QUEUED_SETS     2

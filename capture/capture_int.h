@@ -12,9 +12,9 @@
 #define CAP_CAPTURE_INT_H
 #include <pthread.h>
 #include "base/queue.h"
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 #include "capture/clockmap.h"
-#include "capture/syncwatch.h"
+#include "capture/sync/syncwatch.h"
 
 #define CAP_FPS_BIN_NS 250000000LL
 #define CAP_FPS_BINS   8 /* 2 s */

@@ -7,11 +7,11 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-#include "capture/be.h"
-#include "capture/gvcam.h"
+#include "capture/wire/be.h"
+#include "capture/gevsim/gvcam.h"
 #include "capture/gvcam_feature.h"
-#include "capture/gvcp.h"
-#include "capture/gvsp.h"
+#include "capture/wire/gvcp.h"
+#include "capture/wire/gvsp.h"
 
 #define GVCAM_QUEUE      1024 /* frames taken, waiting to be sent */
 #define GVCAM_HISTORY    8    /* frames sent that can be asked for again */

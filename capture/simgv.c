@@ -14,7 +14,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "capture/netns.h"
+#include "capture/gevsim/netns.h"
 #include "capture/random.h"
 #include "capture/simgv_poll.h"
 

@@ -21,7 +21,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include "base/err.h"
-#include "capture/image.h"
+#include "capture/pixel/image.h"
 
 #define CAP_SIMGV_NAME_MAX 15 /* characters */
 

@@ -1,4 +1,4 @@
-#include "capture/source.h"
+#include "capture/source/source.h"
 
 #include <math.h>
 #include <string.h>

@@ -4,7 +4,7 @@
 #define DMN_FRAMEDIR_H
 #include <stdbool.h>
 #include "base/err.h"
-#include "recon/rig.h"
+#include "recon/geom/rig.h"
 
 struct dmn_framedir {
     char dir[4096];

@@ -7,10 +7,10 @@
  * After new nothing is allocated here; libjpeg-turbo takes work memory for each picture (jpeg.h). */
 #ifndef DMN_IMAGES_H
 #define DMN_IMAGES_H
-#include "capture/frameset.h"
-#include "capture/pixfmt.h"
-#include "daemon/state.h"
-#include "recon/frame.h"
+#include "capture/sync/frameset.h"
+#include "capture/pixel/pixfmt.h"
+#include "daemon/control/state.h"
+#include "recon/frame/frame.h"
 
 typedef struct dmn_images dmn_images;
 

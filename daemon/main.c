@@ -10,9 +10,9 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "daemon/control.h"
-#include "daemon/endpoints.h"
-#include "daemon/json.h"
+#include "daemon/control/control.h"
+#include "daemon/config/endpoints.h"
+#include "daemon/control/json.h"
 #include "daemon/notify.h"
 #include "daemon/pipeline.h"
 

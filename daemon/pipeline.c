@@ -13,12 +13,12 @@
 #include "base/mem.h"
 #include "base/pool.h"
 #include "base/queue.h"
-#include "daemon/endpoints.h"
-#include "daemon/recording.h"
+#include "daemon/config/endpoints.h"
+#include "daemon/pipeline/recording.h"
 #include "daemon/images.h"
-#include "daemon/scene.h"
-#include "daemon/sources.h"
-#include "daemon/stage.h"
+#include "daemon/pipeline/scene.h"
+#include "daemon/pipeline/sources.h"
+#include "daemon/pipeline/stage.h"
 #include "proto/pub.h"
 
 #define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)

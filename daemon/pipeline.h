@@ -13,8 +13,8 @@
  * Threads: new/start/stop/free from one thread, the rest from any. */
 #ifndef DMN_PIPELINE_H
 #define DMN_PIPELINE_H
-#include "daemon/config.h"
-#include "daemon/state.h"
+#include "daemon/config/config.h"
+#include "daemon/control/state.h"
 
 /* One being carved, one waiting and one in the solver, one waiting and one in the publisher, and one
  * more so that carve never waits for a slot while older sets could be given up. */

@@ -1,8 +1,8 @@
 /* state_health.h - how cameras are, and what became of action commands, as JSON for the status. */
 #ifndef DMN_STATE_HEALTH_H
 #define DMN_STATE_HEALTH_H
-#include "capture/capture.h"
-#include "daemon/json.h"
+#include "capture/rig/capture.h"
+#include "daemon/control/json.h"
 
 /* Inside a camera's object: "health" {temperature_c, link_mbps, ptp, ptp_offset_ns, packets_resent,
  * packets_missing} and "action" {acknowledged, silent, refused, too_late, no_clock}. */

@@ -1,4 +1,4 @@
-#include "recon/frame.h"
+#include "recon/frame/frame.h"
 
 #include <math.h>
 #include <stdlib.h>

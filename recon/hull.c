@@ -1,4 +1,4 @@
-#include "recon/hull.h"
+#include "recon/carve/hull.h"
 
 #include <stdlib.h>
 #include <string.h>

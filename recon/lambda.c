@@ -15,7 +15,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "recon/lanes.h"
+#include "recon/simd/lanes.h"
 #include "recon/solve_impl.h"
 
 #define FROM_GRADIENT 0.03

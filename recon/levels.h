@@ -12,7 +12,7 @@
  * Threads: one frame set per object at a time.  Allocates nothing after rec_levels_new. */
 #ifndef REC_LEVELS_H
 #define REC_LEVELS_H
-#include "recon/solve.h"
+#include "recon/solve/solve.h"
 
 typedef struct rec_levels rec_levels;
 

@@ -1,11 +1,11 @@
-#include "recon/photo.h"
+#include "recon/carve/photo.h"
 
 #include <math.h>
 #include <stdbool.h>
 #include <string.h>
 
-#include "recon/lanes.h"
-#include "recon/photo_mosaic.h"
+#include "recon/simd/lanes.h"
+#include "recon/carve/photo_mosaic.h"
 
 const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
 

@@ -1,4 +1,4 @@
-#include "recon/photo_mosaic.h"
+#include "recon/carve/photo_mosaic.h"
 
 #define BLOCK  REC_PHOTO_BLOCK
 #define BLOCKS REC_PHOTO_BLOCKS

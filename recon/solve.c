@@ -1,4 +1,4 @@
-#include "recon/solve.h"
+#include "recon/solve/solve.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -2,9 +2,9 @@
  * Private to solve*.c. */
 #ifndef REC_SOLVE_IMPL_H
 #define REC_SOLVE_IMPL_H
-#include "recon/lcurve.h"
-#include "recon/smooth.h"
-#include "recon/solve.h"
+#include "recon/solve/lcurve.h"
+#include "recon/solve/smooth.h"
+#include "recon/solve/solve.h"
 
 #define N_XVEC           9
 #define N_YVEC           3

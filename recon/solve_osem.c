@@ -12,8 +12,8 @@
  * by row); the ends of the pieces are found once. */
 #include <float.h>
 
-#include "recon/lanes.h"
-#include "recon/stop.h"
+#include "recon/simd/lanes.h"
+#include "recon/solve/stop.h"
 
 struct osem {
     struct rec_job *j;

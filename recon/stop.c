@@ -1,4 +1,4 @@
-#include "recon/stop.h"
+#include "recon/solve/stop.h"
 
 #include <math.h>
 #include <string.h>

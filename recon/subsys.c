@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/lanes.h"
+#include "recon/simd/lanes.h"
 
 size_t rec_rowspace(const rec_sysmat *S, size_t *row0)
 {

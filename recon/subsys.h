@@ -18,7 +18,7 @@
 #define REC_SUBSYS_H
 #include "base/pool.h"
 #include "recon/kernels.h"
-#include "recon/sysmat.h"
+#include "recon/matrix/sysmat.h"
 
 /* Work areas of restrict, of each strip of columns. */
 #define REC_STRIPS_MAX 8

@@ -35,7 +35,7 @@ done
 for h in recon/*.h proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
 for h in daemon/base/*.h; do put 0644 "$h" "$inc/base/$(basename "$h")"; done
 for m in daemon/man/*.[158]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
-put 0644 daemon/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
+put 0644 daemon/config/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
 put 0644 systemd/pyrovoxd.sysusers "$sys/sysusers.d/pyrovoxd.conf"
 put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"

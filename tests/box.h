@@ -4,7 +4,7 @@
 #define BOX_H
 #include <pthread.h>
 #include "base/clock.h"
-#include "capture/source.h"
+#include "capture/source/source.h"
 
 #define BOX_PATIENCE_NS (60 * PVX_NS_PER_S) /* no wait in here should come near */
 #define BOX_HELD        64

@@ -13,7 +13,7 @@ deny daemon/base 'capture/|recon/|proto/|daemon/|cli/'
 deny capture 'recon/|proto/|daemon/|cli/'
 deny recon 'capture/|proto/|daemon/|cli/'
 deny proto 'capture/|recon/|daemon/|cli/'
-for f in recon/*.c recon/simd/*.c; do
+for f in recon/*.c recon/*/*.c; do
     [ -f "$f" ] || continue
     if grep -nE '<(sys/socket|netinet/|arpa/|zmq|arv)' "$f"; then echo "$f: recon opens no socket or camera"; bad=1; fi
 done

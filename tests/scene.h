@@ -4,8 +4,8 @@
 #define SCENE_H
 #include "base/mem.h"
 #include "base/pool.h"
-#include "recon/flame.h"
-#include "recon/frame.h"
+#include "recon/view/flame.h"
+#include "recon/frame/frame.h"
 #include "t.h"
 
 struct scene {

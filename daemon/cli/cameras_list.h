@@ -1,7 +1,7 @@
 /* cameras_list.h - what every backend sees, and why one that sees nothing may not. */
 #ifndef CAMERAS_LIST_H
 #define CAMERAS_LIST_H
-#include "capture/source.h"
+#include "capture/source/source.h"
 
 #define CAMERAS_MAX 512
 struct cameras_list {

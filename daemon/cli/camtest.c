@@ -6,9 +6,9 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "capture/imgio.h"
-#include "capture/jpeg.h"
-#include "capture/pixfmt.h"
+#include "capture/files/imgio.h"
+#include "capture/pixel/jpeg.h"
+#include "capture/pixel/pixfmt.h"
 
 #define OPEN_NS (10 * PVX_NS_PER_S) /* patience with cameras that do not open */
 #define SAID_NS (2 * PVX_NS_PER_S)  /* and have said why */

@@ -10,8 +10,8 @@
 #include <pthread.h>
 #include <stdio.h>
 #include "cli/cli.h"
-#include "daemon/scene.h"
-#include "daemon/sources.h"
+#include "daemon/pipeline/scene.h"
+#include "daemon/pipeline/sources.h"
 
 /* Welford's mean and variance, and the extremes; seconds. */
 struct camtest_series {

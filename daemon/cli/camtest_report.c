@@ -5,8 +5,8 @@
 #include <unistd.h>
 
 #include "cli/camtest.h"
-#include "daemon/json.h"
-#include "daemon/wrap.h"
+#include "daemon/control/json.h"
+#include "daemon/doctor/wrap.h"
 
 static const char *const words[] = {"OK", "WARN", "FAIL"};
 

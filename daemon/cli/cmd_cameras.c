@@ -9,8 +9,8 @@
 #include "cli/cameras_list.h"
 #include "cli/cli.h"
 #include "cli/cmd_cameras_test.h"
-#include "daemon/json.h"
-#include "daemon/wrap.h"
+#include "daemon/control/json.h"
+#include "daemon/doctor/wrap.h"
 
 enum { OPT_JSON = 0x100 };
 struct args {

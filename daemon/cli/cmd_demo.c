@@ -16,13 +16,13 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/yaml.h"
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 #include "cli/arg.h"
 #include "cli/ask.h"
 #include "cli/cli.h"
 #include "cli/screen.h"
-#include "daemon/strip.h"
-#include "recon/rig.h"
+#include "daemon/cli/strip.h"
+#include "recon/geom/rig.h"
 
 #define SETTLE_S      2.0 /* after the first volume, not part of the rates */
 #define START_LIMIT_S 300 /* rendering and the matrix take that long at most */

@@ -10,7 +10,7 @@
 #include "base/mem.h"
 #include "cli/arg.h"
 #include "cli/cli.h"
-#include "daemon/config.h"
+#include "daemon/config/config.h"
 #include "doctor/doctor.h"
 #include "doctor/host.h"
 

@@ -17,7 +17,7 @@
 #include "cli/hull_picture.h"
 #include "cli/reconstruct_fit.h"
 #include "cli/reconstruct_options.h"
-#include "volume_file.h"
+#include "pipeline/volume_file.h"
 
 #define SLOTS 3
 

@@ -14,7 +14,7 @@
 #include "cli/cli.h"
 #include "cli/record_file.h"
 #include "cli/record_raw.h"
-#include "daemon/endpoints.h"
+#include "daemon/config/endpoints.h"
 #include "proto/clients/sub.h"
 
 #define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */

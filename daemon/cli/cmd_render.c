@@ -7,12 +7,12 @@
 #include <sys/stat.h>
 
 #include "base/mem.h"
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 #include "cli/cli.h"
 #include "cli/render_movie.h"
-#include "daemon/strip.h"
-#include "daemon/volume_file.h"
-#include "recon/render.h"
+#include "daemon/cli/strip.h"
+#include "daemon/pipeline/volume_file.h"
+#include "recon/view/render.h"
 
 /* Paths of the volumes to show, in order. */
 struct sources {

@@ -16,7 +16,7 @@
 #include "base/mem.h"
 #include "cli/arg.h"
 #include "cli/replay.h"
-#include "daemon/config.h"
+#include "daemon/config/config.h"
 
 #define SETS_MAX 64
 

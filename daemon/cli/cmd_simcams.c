@@ -15,7 +15,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/yaml.h"
-#include "capture/netns.h"
+#include "capture/gevsim/netns.h"
 #include "cli/cli.h"
 #include "cli/simcams_options.h"
 #include "cli/simcams_ring.h"

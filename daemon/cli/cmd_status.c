@@ -8,7 +8,7 @@
 #include "cli/cli.h"
 #include "cli/health.h"
 #include "cli/skew.h"
-#include "daemon/endpoints.h"
+#include "daemon/config/endpoints.h"
 
 enum { OPT_JSON = 0x100, OPT_STOP, OPT_TIMEOUT };
 

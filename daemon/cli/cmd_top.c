@@ -7,7 +7,7 @@
 #include "base/yaml.h"
 #include "cli/cli.h"
 #include "cli/screen.h"
-#include "daemon/endpoints.h"
+#include "daemon/config/endpoints.h"
 
 enum { OPT_TRUTH = 0x100, OPT_SECONDS };
 

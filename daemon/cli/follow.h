@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include "base/hist.h"
 #include "proto/clients/sub.h"
-#include "recon/flame.h"
+#include "recon/view/flame.h"
 
 #define FOLLOW_UNPACK_NS 500000000LL
 

@@ -7,7 +7,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "capture/pixfmt.h"
+#include "capture/pixel/pixfmt.h"
 
 #define PATH_ROOM 4300
 

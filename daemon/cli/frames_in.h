@@ -2,9 +2,9 @@
  * Threads: everything but scan may be called for different cameras at the same time. */
 #ifndef FRAMES_IN_H
 #define FRAMES_IN_H
-#include "capture/imgio.h"
-#include "capture/pixfmt.h"
-#include "capture/take.h"
+#include "capture/files/imgio.h"
+#include "capture/pixel/pixfmt.h"
+#include "capture/take/take.h"
 #include "daemon/framedir.h"
 
 /* What the files do not say. */

@@ -6,9 +6,9 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 #include "cli/paint.h"
-#include "recon/render.h"
+#include "recon/view/render.h"
 
 enum { TILE_W = 320, TILE_H = 240, LABEL = 14, GAP = 8, TOP = 34, COLUMNS = 5, FIRST_CAMERA = 5 };
 

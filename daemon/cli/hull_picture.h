@@ -4,7 +4,7 @@
  * Threads: one picture at a time per object.  Used by: cmd_reconstruct.c. */
 #ifndef HULL_PICTURE_H
 #define HULL_PICTURE_H
-#include "recon/frame.h"
+#include "recon/frame/frame.h"
 
 typedef struct hull_picture hull_picture;
 

@@ -10,7 +10,7 @@
 #define OPT_RIG_H
 #include <argp.h>
 #include "base/pool.h"
-#include "recon/sysmat.h"
+#include "recon/matrix/sysmat.h"
 
 struct opt_rig {
     const char *path;                /* --rig; NULL when not given */

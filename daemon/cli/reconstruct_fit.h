@@ -3,7 +3,7 @@
 #define RECONSTRUCT_FIT_H
 #include "cli/frames_in.h"
 #include "cli/reconstruct_options.h"
-#include "recon/fit.h"
+#include "recon/carve/fit.h"
 
 /* Look at the recording, say on stderr what was found, put the grid to use into rig->grid (the --grid
  * of the options counts for the fitted box) and write --save-rig.

@@ -4,7 +4,7 @@
 #include <argp.h>
 #include "cli/frames_in.h"
 #include "cli/opt_rig.h"
-#include "recon/frame.h"
+#include "recon/frame/frame.h"
 
 struct reconstruct_options {
     struct opt_rig rig;

@@ -4,9 +4,9 @@
 #include <unistd.h>
 
 #include "base/file.h"
-#include "capture/imgio.h"
-#include "daemon/json.h"
-#include "recon/solve.h"
+#include "capture/files/imgio.h"
+#include "daemon/control/json.h"
+#include "recon/solve/solve.h"
 
 static void triple(struct dmn_json *j, const char *key, const double v[3])
 {

@@ -9,12 +9,12 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 #include "cli/cli.h"
-#include "daemon/strip.h"
-#include "daemon/volume_file.h"
-#include "recon/render.h"
-#include "recon/view.h"
+#include "daemon/cli/strip.h"
+#include "daemon/pipeline/volume_file.h"
+#include "recon/view/render.h"
+#include "recon/view/view.h"
 
 enum { SAMPLES = 8, SMALL = 160 /* px across of a picture that only finds the exposure */ };
 static const double pi = 3.14159265358979323846;

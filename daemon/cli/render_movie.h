@@ -4,7 +4,7 @@
 #include <stddef.h>
 #include "base/pool.h"
 #include "cli/render_options.h"
-#include "recon/rig.h"
+#include "recon/geom/rig.h"
 
 /* vol [n]: paths of the volumes in order.  rig: its box is that of volumes without description; camera
  * of the rig, or NULL where the viewpoint is not one.  Says at the end what a picture took.

@@ -6,7 +6,7 @@
 
 #include "base/yaml.h"
 #include "cli/arg.h"
-#include "recon/render.h"
+#include "recon/view/render.h"
 
 enum {
     OPT_RIG = 0x100,

@@ -2,7 +2,7 @@
  * Exit codes as commands (cli.h). */
 #ifndef REPLAY_H
 #define REPLAY_H
-#include "capture/take.h"
+#include "capture/take/take.h"
 #include "cli/cli.h"
 
 int replay_info(const char *path, const cap_take *t);

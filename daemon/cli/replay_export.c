@@ -12,8 +12,8 @@
 
 #include "base/file.h"
 #include "base/mem.h"
-#include "capture/imgio.h"
-#include "capture/pixfmt.h"
+#include "capture/files/imgio.h"
+#include "capture/pixel/pixfmt.h"
 #include "cli/replay.h"
 
 struct export

@@ -1,8 +1,8 @@
-/* simcams_engine.h - what serves the cameras: our own (capture/gvcam.h), or Aravis' fake
+/* simcams_engine.h - what serves the cameras: our own (capture/gevsim/gvcam.h), or Aravis' fake
  * (capture/simgv.h), a second and independent one that can do less. */
 #ifndef SIMCAMS_ENGINE_H
 #define SIMCAMS_ENGINE_H
-#include "capture/gvcam.h"
+#include "capture/gevsim/gvcam.h"
 #include "capture/simgv.h"
 
 enum simcams_kind { SIMCAMS_OWN, SIMCAMS_ARAVIS };

@@ -14,8 +14,8 @@
 #ifndef SIMCAMS_FAULTS_H
 #define SIMCAMS_FAULTS_H
 #include "base/err.h"
-#include "capture/gvcam.h"
-#include "recon/rig.h"
+#include "capture/gevsim/gvcam.h"
+#include "recon/geom/rig.h"
 
 struct simcams_state {
     struct cap_gvcam_fault fault;

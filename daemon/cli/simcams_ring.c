@@ -8,7 +8,7 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/pool.h"
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 
 #define NOISE_N 65536u /* samples in the table of normal deviates; a power of two */
 

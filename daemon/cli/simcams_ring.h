@@ -10,9 +10,9 @@
 #define SIMCAMS_RING_H
 #include <stdbool.h>
 #include "base/err.h"
-#include "capture/image.h"
-#include "recon/flame.h"
-#include "recon/rig.h"
+#include "capture/pixel/image.h"
+#include "recon/view/flame.h"
+#include "recon/geom/rig.h"
 
 struct simcams_ring_params {
     enum cap_pixfmt fmt; /* CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8 */

@@ -14,7 +14,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include "base/err.h"
-#include "capture/frameset.h"
+#include "capture/sync/frameset.h"
 
 struct dmn_config;
 struct doc_host;

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "daemon/sources.h"
+#include "daemon/pipeline/sources.h"
 #include "doctor/doctor.h"
 
 static void describe(struct doc_load *l, const char *from)

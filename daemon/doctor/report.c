@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "daemon/json.h"
-#include "daemon/wrap.h"
+#include "daemon/control/json.h"
+#include "daemon/doctor/wrap.h"
 #include "doctor/doctor.h"
 
 static const char *const words[DOC_N_VERDICT] = {

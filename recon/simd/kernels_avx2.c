@@ -5,7 +5,7 @@
  * gather1: eight scalar loads into a vector are no faster than scalar FMAs; four chains. */
 #include <stddef.h>
 
-#include "recon/pcg_pass.h"
+#include "recon/solve/passes/pcg_pass.h"
 #include "recon/simd/simd.h"
 
 #if !defined(__AVX2__) || !defined(__FMA__) || !defined(__BMI2__)

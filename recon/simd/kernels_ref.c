@@ -1,7 +1,7 @@
 /* kernels_ref.c - the specification of the kernels in plain C; compiled everywhere. */
 #include <stddef.h>
 
-#include "recon/pcg_pass.h"
+#include "recon/solve/passes/pcg_pass.h"
 #include "recon/simd/simd.h"
 
 static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)

@@ -1,5 +1,5 @@
 /* The code of pcg_pass.h; the including file names the table, PASSES. */
-#include "recon/pcg_pass.h"
+#include "recon/solve/passes/pcg_pass.h"
 
 #define FOR_LANES(t, fn, ...) \
     ((t)->j->a->cs == 4 ? fn(__VA_ARGS__, (size_t)4) : fn(__VA_ARGS__, (size_t)1))

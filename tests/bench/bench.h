@@ -2,9 +2,9 @@
 #ifndef BENCH_H
 #define BENCH_H
 #include "base.h"
-#include "recon/frame.h"
+#include "recon/frame/frame.h"
 #include "recon/metrics.h"
-#include "recon/render.h"
+#include "recon/view/render.h"
 #include "scenes.h"
 
 /* Write noisy pixels (sigma as a share of the peak) into a frame slot; binning must be 1. */

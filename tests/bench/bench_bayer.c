@@ -2,7 +2,7 @@
  * averaging each colour over 2x2 pixels, and against cameras with three sensors as the upper bound.
  * The way of the pixels is the daemon's: 12-bit raw samples, cap_convert, rec_frame. */
 #include "bench.h"
-#include "capture/pixfmt.h"
+#include "capture/pixel/pixfmt.h"
 
 enum { W = 160, H = 120, FULL = 4095 };
 enum way { THREE_CHIPS, RAYS, BILINEAR, BINNED, THREE_CHIPS_BINNED, N_WAYS };

@@ -2,7 +2,7 @@
  * that moving its bytes would take at the bandwidth measured here. */
 #include "bench.h"
 
-#include "capture/pixfmt.h"
+#include "capture/pixel/pixfmt.h"
 
 struct input {
     uint8_t *px[REC_MAX_CAMERAS];

@@ -6,8 +6,8 @@
 #include <turbojpeg.h>
 
 #include "base.h"
-#include "capture/jpeg.h"
-#include "capture/pixfmt.h"
+#include "capture/pixel/jpeg.h"
+#include "capture/pixel/pixfmt.h"
 
 enum { W = 640, H = 480, ROUNDS = 30 };
 

@@ -6,8 +6,8 @@
 #include <cjson/cJSON.h>
 
 #include "base/file.h"
-#include "capture/imgio.h"
-#include "capture/pixfmt.h"
+#include "capture/files/imgio.h"
+#include "capture/pixel/pixfmt.h"
 #include "curve.h"
 
 #define FOLDER  "../shared/data/scalarflow"

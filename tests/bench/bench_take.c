@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "base.h"
-#include "capture/take.h"
+#include "capture/take/take.h"
 
 enum { CAMERAS = 8, W = 640, H = 480, FRAME = W * H * 3, SETS = 120, ROUNDS = 3 };
 #define MB (1e-6 * FRAME * CAMERAS * SETS)

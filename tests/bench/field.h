@@ -6,9 +6,9 @@
 #include <unistd.h>
 
 #include "base.h"
-#include "capture/imgio.h"
-#include "recon/camera.h"
-#include "recon/grid.h"
+#include "capture/files/imgio.h"
+#include "recon/geom/camera.h"
+#include "recon/geom/grid.h"
 
 struct field {
     float *v; /* [n2][n1][n0][3] */

@@ -1,6 +1,6 @@
 /* scenes.h - flames with known truth, the cameras that see them and one more that judges.
  *
- *     ring      analytic flame in motion (recon/flame.h)
+ *     ring      analytic flame in motion (recon/view/flame.h)
  *     campfire  a fluid simulation's fire, volumes in ../shared/data/campfire (12 frames)
  *     gauss40   40 Gaussians in an ellipsoid, one channel: smooth, convex
  *     ragged    64 thin streaks in five tongues: full of holes, detail below a voxel
@@ -10,8 +10,8 @@
 #define BENCH_SCENES_H
 #include "base.h"
 #include "field.h"
-#include "recon/flame.h"
-#include "recon/rig.h"
+#include "recon/view/flame.h"
+#include "recon/geom/rig.h"
 
 enum flame_kind { FLAME_RING, FLAME_CAMPFIRE, FLAME_GAUSS40, FLAME_RAGGED };
 #define CAMPFIRE        "../shared/data/campfire"

@@ -5,7 +5,7 @@
 
 #include <stdbool.h>
 
-#include "capture/pixfmt_priv.h"
+#include "capture/pixel/pixfmt_priv.h"
 
 static uint8_t *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image *img)
 {

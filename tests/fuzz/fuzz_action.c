@@ -1,5 +1,5 @@
 /* Answers to action commands: anything may come in on the port. */
-#include "capture/action.h"
+#include "capture/wire/action.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

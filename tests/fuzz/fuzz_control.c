@@ -5,7 +5,7 @@
 #include <stdlib.h>
 
 #include "base/log.h"
-#include "daemon/control.h"
+#include "daemon/control/control.h"
 
 static size_t status(void *ctx, char *out, size_t size)
 {

@@ -3,8 +3,8 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "capture/jpeg.h"
-#include "capture/pixfmt.h"
+#include "capture/pixel/jpeg.h"
+#include "capture/pixel/pixfmt.h"
 
 enum { W = 32, H = 16 };
 

@@ -2,7 +2,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

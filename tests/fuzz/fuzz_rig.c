@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "recon/rig.h"
-#include "recon/sysmat.h"
+#include "recon/geom/rig.h"
+#include "recon/matrix/sysmat.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -11,7 +11,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "recon/sysmat.h"
+#include "recon/matrix/sysmat.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -13,7 +13,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-#include "capture/take_h5.h"
+#include "capture/take/h5.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 

@@ -8,9 +8,9 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "capture/backends.h"
-#include "capture/capture.h"
-#include "capture/gvcam.h"
-#include "capture/netns.h"
+#include "capture/rig/capture.h"
+#include "capture/gevsim/gvcam.h"
+#include "capture/gevsim/netns.h"
 #include "tests/t.h"
 
 #define BED_CAMERAS 4

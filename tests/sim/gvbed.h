@@ -7,8 +7,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/gvcam.h"
-#include "capture/netns.h"
+#include "capture/gevsim/gvcam.h"
+#include "capture/gevsim/netns.h"
 #include "tests/t.h"
 
 #define BED_CAMERAS 3

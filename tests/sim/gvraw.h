@@ -6,10 +6,10 @@
 #include <poll.h>
 #include <sys/socket.h>
 
-#include "capture/be.h"
+#include "capture/wire/be.h"
 #include "capture/gvcam_feature.h"
-#include "capture/gvcp.h"
-#include "capture/gvsp.h"
+#include "capture/wire/gvcp.h"
+#include "capture/wire/gvsp.h"
 #include "gvbed.h"
 
 struct raw {

@@ -9,8 +9,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "capture/backends.h"
-#include "capture/capture.h"
-#include "capture/netns.h"
+#include "capture/rig/capture.h"
+#include "capture/gevsim/netns.h"
 #include "capture/simgv.h"
 #include "tests/t.h"
 

@@ -5,7 +5,7 @@
 #include <sys/socket.h>
 
 #include "arvbed.h"
-#include "capture/aravis_ids.h"
+#include "capture/gev/ids.h"
 
 /* Frames until so many good ones have come or the time is over; how many. */
 static int take(struct session *s, int n)

@@ -7,8 +7,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/capture.h"
-#include "capture/imgio.h"
+#include "capture/rig/capture.h"
+#include "capture/files/imgio.h"
 
 #define N           4
 #define W           8

@@ -7,7 +7,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 
 #define N           8
 #define PERIOD_NS   10000000LL

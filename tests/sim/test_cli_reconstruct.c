@@ -9,11 +9,11 @@
 #include <unistd.h>
 
 #include "base/file.h"
-#include "capture/imgio.h"
-#include "daemon/volume_file.h"
-#include "recon/flame.h"
+#include "capture/files/imgio.h"
+#include "daemon/pipeline/volume_file.h"
+#include "recon/view/flame.h"
 #include "recon/metrics.h"
-#include "recon/rig.h"
+#include "recon/geom/rig.h"
 
 enum { W = 160, H = 120, N = 32, CAMERAS = 9, FRAMES = 3 };
 

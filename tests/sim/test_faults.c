@@ -10,7 +10,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 
 #define N           4
 #define FPS         50

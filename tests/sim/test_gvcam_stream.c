@@ -1,5 +1,5 @@
 /* Frames of our GVSP camera as libaravis receives them: pixels, numbers, stamps, resend, chunks. */
-#include "capture/be.h"
+#include "capture/wire/be.h"
 #include "gvbed.h"
 
 /* ---- what the pixels should be, written down once more and in another way ----------------------- */
@@ -31,7 +31,7 @@ static unsigned bits(const unsigned char *p, size_t at, int n)
     return v;
 }
 
-/* Sample number k of a row, by the layouts of capture/image.h. */
+/* Sample number k of a row, by the layouts of capture/pixel/image.h. */
 static unsigned sample(enum cap_pixfmt f, const unsigned char *row, size_t k)
 {
     int depth = cap_pixfmt_depth(f), low = depth - 8;

@@ -9,7 +9,7 @@
 
 #include "base/clock.h"
 #include "capture/clockmap.h"
-#include "capture/frameset.h"
+#include "capture/sync/frameset.h"
 
 #define S     PVX_NS_PER_S
 #define MS    PVX_NS_PER_MS

@@ -10,7 +10,7 @@
 #include "base/log.h"
 #include "daemon/pipeline.h"
 #include "proto/clients/sub.h"
-#include "recon/flame.h"
+#include "recon/view/flame.h"
 #include "recon/metrics.h"
 
 #define CAMERAS   8

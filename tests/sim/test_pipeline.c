@@ -9,7 +9,7 @@
 #include "base/log.h"
 #include "daemon/pipeline.h"
 #include "proto/clients/sub.h"
-#include "recon/flame.h"
+#include "recon/view/flame.h"
 #include "recon/metrics.h"
 
 static char dir[32];

@@ -3,8 +3,8 @@
 #include "../t.h"
 
 #include "base/mem.h"
-#include "recon/flame.h"
-#include "recon/frame.h"
+#include "recon/view/flame.h"
+#include "recon/frame/frame.h"
 #include "recon/metrics.h"
 
 #define CAMERAS 6

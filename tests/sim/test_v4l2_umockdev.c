@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "base/log.h"
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 #include "mock_v4l2.h"
 
 static struct mock_camera cam;

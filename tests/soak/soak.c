@@ -9,7 +9,7 @@
 #include <time.h>
 
 #include "base/clock.h"
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 #include "tests/soak/floor.h"
 #include "tests/soak/truth.h"
 

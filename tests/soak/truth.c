@@ -6,7 +6,7 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 
 static uint64_t hash_image(const struct cap_image *img)
 {

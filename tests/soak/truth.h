@@ -3,7 +3,7 @@
 #ifndef SOAK_TRUTH_H
 #define SOAK_TRUTH_H
 #include "base/err.h"
-#include "capture/frameset.h"
+#include "capture/sync/frameset.h"
 
 struct truth {
     uint32_t n_cameras, n; /* images per camera */

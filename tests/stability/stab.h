@@ -11,9 +11,9 @@
 #include <stdio.h>
 
 #include "base/pool.h"
-#include "recon/flame.h"
-#include "recon/frame.h"
-#include "recon/traverse.h"
+#include "recon/view/flame.h"
+#include "recon/frame/frame.h"
+#include "recon/geom/traverse.h"
 
 /* The harness's own errors end the program: there is nothing to measure then. */
 #define CHECK(expr)                                                                                \

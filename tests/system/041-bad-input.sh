@@ -32,7 +32,7 @@ sed 's/  - name: cam1/  - nome: cam1/' "$rig" > "$dir/rig.yaml"
 check broken-rig refused "rig.yaml:$(grep -n nome "$dir/rig.yaml" | cut -d: -f1)" <<< "{rig: rig.yaml, cameras: \"sim:\"}"
 check bad-endpoint refused "not an endpoint" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"nonsense\"]}}"
 check wrong-usage bash -c "'$pyrovoxd' --nonsense 2>/dev/null; [ \$? = 2 ]"
-check good-file bash -c "'$pyrovoxd' --config daemon/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
+check good-file bash -c "'$pyrovoxd' --config daemon/config/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
 
 if "$py" -c 'import zmq' 2>/dev/null; then
     start port.log timeout 60 "$py" -c 'import sys, time, zmq

@@ -57,7 +57,7 @@ change controls.h 'std::string name_;
 change controls.h ': ControlId(id, name, details' ': ControlId(id, name, "libcamera", details'
 compiles() { # include folder, more arguments
     local inc=$1; shift
-    g++ -std=c++20 -fsyntax-only -Wall -Wextra -Werror -I. -Idaemon -isystem "$inc" "$@" capture/libcamera_shim.cpp
+    g++ -std=c++20 -fsyntax-only -Wall -Wextra -Werror -I. -Idaemon -isystem "$inc" "$@" capture/libcamera/shim.cpp
 }
 check() { local what=$1; shift; if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi; }
 check compiles-against-0.0.3 compiles "$from"

@@ -7,8 +7,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "capture/action.h"
-#include "capture/gvcp.h"
+#include "capture/wire/action.h"
+#include "capture/wire/gvcp.h"
 
 static const struct cap_action_keys keys = {0x01020304, 0xA1B2C3D4, 0x00000081};
 

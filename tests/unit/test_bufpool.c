@@ -3,7 +3,7 @@
 
 #include <pthread.h>
 
-#include "capture/bufpool.h"
+#include "capture/source/bufpool.h"
 
 static void takes_all_then_none(void)
 {

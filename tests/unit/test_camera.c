@@ -1,4 +1,4 @@
-#include "recon/camera.h"
+#include "recon/geom/camera.h"
 
 #include "tests/t.h"
 

@@ -3,7 +3,7 @@
 #include "daemon/cli/cameras_list.c"
 #include "daemon/cli/camtest_judge.c"
 #include "base/file.h"
-#include "daemon/wrap.h"
+#include "daemon/doctor/wrap.h"
 
 static void formats(void)
 {

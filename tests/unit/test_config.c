@@ -4,8 +4,8 @@
 #include <unistd.h>
 
 #include "base/file.h"
-#include "capture/transfer.h"
-#include "daemon/config.h"
+#include "capture/pixel/transfer.h"
+#include "daemon/config/config.h"
 
 static struct dmn_config c;
 static struct pvx_diag d;
@@ -122,7 +122,7 @@ static char *repo_file(const char *path)
 
 static void the_example_is_what_print_config_prints(void)
 {
-    char *example = repo_file("daemon/pyrovoxd.example.yaml");
+    char *example = repo_file("daemon/config/pyrovoxd.example.yaml");
     if (example == NULL)
         return;
     T_EQ_I(parse(example), PVX_OK);

@@ -7,12 +7,12 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/pixfmt.h"
-#include "daemon/control.h"
-#include "daemon/json.h"
-#include "daemon/scene.h"
-#include "daemon/stage.h"
-#include "daemon/state.h"
+#include "capture/pixel/pixfmt.h"
+#include "daemon/control/control.h"
+#include "daemon/control/json.h"
+#include "daemon/pipeline/scene.h"
+#include "daemon/pipeline/stage.h"
+#include "daemon/control/state.h"
 
 static void json_is_valid_and_comes_back(void)
 {

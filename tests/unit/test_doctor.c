@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
-#include "daemon/config.h"
+#include "daemon/config/config.h"
 #include "doctor/checks.h"
 #include "doctor/doctor.h"
 #include "doctor/firewall.h"

@@ -2,9 +2,9 @@
 #include "../t.h"
 
 #include "base/mem.h"
-#include "recon/fit.h"
-#include "recon/flame.h"
-#include "recon/frame.h"
+#include "recon/carve/fit.h"
+#include "recon/view/flame.h"
+#include "recon/frame/frame.h"
 
 struct ball {
     double m[3], r;

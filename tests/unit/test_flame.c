@@ -1,8 +1,8 @@
 /* test_flame.c - the analytic flame: integrals, period, extent, images and voxel truth. */
 #include "../t.h"
 
-#include "recon/flame.h"
-#include "recon/rig.h"
+#include "recon/view/flame.h"
+#include "recon/geom/rig.h"
 
 static const struct rec_grid unit_grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {32, 32, 32}, REC_BOX};
 

@@ -3,7 +3,7 @@
 #include "../t.h"
 
 #include "base/clock.h"
-#include "capture/frameset.h"
+#include "capture/sync/frameset.h"
 
 #define P  (10 * PVX_NS_PER_MS) /* period */
 #define T0 1700000000000000000LL

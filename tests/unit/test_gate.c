@@ -5,7 +5,7 @@
 #include <stdatomic.h>
 
 #include "base/clock.h"
-#include "capture/gate.h"
+#include "capture/source/gate.h"
 
 #define THREADS 4
 #define RUNS    200

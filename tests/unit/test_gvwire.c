@@ -1,8 +1,8 @@
 /* GVCP and GVSP on the wire, byte for byte against the tables of the protocol. */
-#include "capture/be.h"
+#include "capture/wire/be.h"
 #include "capture/gvcam_feature.h"
-#include "capture/gvcp.h"
-#include "capture/gvsp.h"
+#include "capture/wire/gvcp.h"
+#include "capture/wire/gvsp.h"
 #include "tests/t.h"
 
 /* The bytes of `hex`, spaces left out. */

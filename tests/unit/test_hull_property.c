@@ -3,7 +3,7 @@
 #include "../t.h"
 
 #include "base/mem.h"
-#include "recon/hull.h"
+#include "recon/carve/hull.h"
 
 enum { W = 48, H = 36, TURNS = 60, VOXELS = 3, POINTS = 15 };
 

@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 
 static char dir[64];
 

@@ -4,8 +4,8 @@
 
 #include <turbojpeg.h>
 
-#include "capture/jpeg.h"
-#include "capture/pixfmt.h"
+#include "capture/pixel/jpeg.h"
+#include "capture/pixel/pixfmt.h"
 
 enum { W = 64, H = 48 };
 

@@ -1,7 +1,7 @@
 /* The corner of the L-curve, point by point. */
 #include "../t.h"
 
-#include "recon/lcurve.h"
+#include "recon/solve/lcurve.h"
 
 /* Residual falls to 1e-3 while the norm hardly moves, then the norm rises at a constant residual. */
 static void corner_of_an_L(void)

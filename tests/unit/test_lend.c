@@ -3,7 +3,7 @@
 
 #include <pthread.h>
 
-#include "capture/lend.h"
+#include "capture/source/lend.h"
 
 #define N 6
 

@@ -4,7 +4,7 @@
 #include "../scene.h"
 
 #include "recon/levels.h"
-#include "recon/pcg_pass.h"
+#include "recon/solve/passes/pcg_pass.h"
 
 /* Start of a carved frame into x [n][4]; false: there is nothing to solve. */
 static bool start(const struct scene *s, rec_frame *f, int64_t deadline, float *x,

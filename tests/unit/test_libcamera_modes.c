@@ -1,6 +1,6 @@
 /* test_libcamera_modes.c - libcamera's formats in our names; the mode and the camera that a configuration
  * means.  No libcamera is needed here; the real one runs in tests/vm. */
-#include "capture/libcamera_modes.h"
+#include "capture/libcamera/modes.h"
 #include "tests/t.h"
 
 static struct cap_lc_format code(const char *fourcc, uint64_t modifier)

@@ -2,10 +2,10 @@
  * the default solver, a frame set from such pictures. */
 #include "../scene.h"
 
-#include "capture/pixfmt.h"
+#include "capture/pixel/pixfmt.h"
 #include "recon/levels.h"
-#include "recon/photo.h"
-#include "recon/photo_mosaic.h"
+#include "recon/carve/photo.h"
+#include "recon/carve/photo_mosaic.h"
 
 enum { W = 64, H = 48 };
 static struct scene sc;

@@ -1,6 +1,6 @@
 #include "../t.h"
 
-#include "recon/photo.h"
+#include "recon/carve/photo.h"
 
 #define W 64
 #define H 48

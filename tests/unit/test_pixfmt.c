@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-#include "capture/pixfmt.h"
+#include "capture/pixel/pixfmt.h"
 
 enum { W = 48, H = 32, PAD = 7 };
 

@@ -4,7 +4,7 @@
 #include <stdatomic.h>
 
 #include "base/clock.h"
-#include "capture/player.h"
+#include "capture/source/player.h"
 
 #define FRAMES 4
 

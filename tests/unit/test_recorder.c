@@ -15,8 +15,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/bufpool.h"
-#include "capture/recorder.h"
+#include "capture/source/bufpool.h"
+#include "capture/take/recorder.h"
 
 #define CAMERAS 3
 #define P       (10 * PVX_NS_PER_MS)

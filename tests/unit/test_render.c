@@ -1,10 +1,10 @@
 /* test_render.c - views of volumes with known answers. */
 #include "../t.h"
 
-#include "recon/flame.h"
+#include "recon/view/flame.h"
 #include "recon/metrics.h"
-#include "recon/render.h"
-#include "recon/rig.h"
+#include "recon/view/render.h"
+#include "recon/geom/rig.h"
 
 /* A box full of ones: every ray sees its chord. */
 static void full_box_gives_chords(void)

@@ -1,4 +1,4 @@
-#include "recon/rig.h"
+#include "recon/geom/rig.h"
 
 #include "tests/t.h"
 

@@ -4,7 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "capture/sequence.h"
+#include "capture/files/sequence.h"
 
 static char dir[64];
 

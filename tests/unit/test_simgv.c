@@ -1,8 +1,8 @@
 /* Parts of the simulated cameras and of the aravis: source that need no network. */
 #include <unistd.h>
 
-#include "capture/aravis_ids.h"
-#include "capture/netns.h"
+#include "capture/gev/ids.h"
+#include "capture/gevsim/netns.h"
 #include "capture/simgv.h"
 #include "tests/t.h"
 

@@ -1,8 +1,8 @@
 /* test_sources.c - what the configuration says about cameras arrives at capture. */
 #include "../t.h"
 
-#include "capture/capture.h"
-#include "daemon/sources.h"
+#include "capture/rig/capture.h"
+#include "daemon/pipeline/sources.h"
 
 static struct dmn_config c;
 static struct dmn_sources s;

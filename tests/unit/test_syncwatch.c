@@ -3,7 +3,7 @@
 #include "../t.h"
 
 #include "base/clock.h"
-#include "capture/syncwatch.h"
+#include "capture/sync/syncwatch.h"
 
 #define S    PVX_NS_PER_S
 #define MS   PVX_NS_PER_MS

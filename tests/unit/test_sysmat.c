@@ -1,4 +1,4 @@
-#include "recon/sysmat.h"
+#include "recon/matrix/sysmat.h"
 
 #include <signal.h>
 #include <stdbool.h>
@@ -7,7 +7,7 @@
 #include <unistd.h>
 #include "base/file.h"
 #include "base/log.h"
-#include "recon/traverse.h"
+#include "recon/geom/traverse.h"
 #include "tests/t.h"
 
 static char dir[] = "/tmp/pyrovox-sysmat-XXXXXX";

@@ -10,7 +10,7 @@
 
 #include "base/clock.h"
 #include "capture/backends.h"
-#include "capture/take.h"
+#include "capture/take/take.h"
 
 static char dir[64], path[96], copy[96];
 

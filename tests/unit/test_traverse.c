@@ -1,4 +1,4 @@
-#include "recon/traverse.h"
+#include "recon/geom/traverse.h"
 
 #include <stdbool.h>
 #include "tests/t.h"

@@ -1,7 +1,7 @@
 /* test_v4l2_formats.c - the kernel's four-letter codes and colour fields, as its documentation has them. */
 #include "../t.h"
 
-#include "capture/v4l2_int.h"
+#include "capture/v4l2/v4l2.h"
 
 static uint32_t code(const char *s)
 {

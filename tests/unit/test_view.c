@@ -3,10 +3,10 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "recon/flame.h"
-#include "recon/render.h"
-#include "recon/rig.h"
-#include "recon/view.h"
+#include "recon/view/flame.h"
+#include "recon/view/render.h"
+#include "recon/geom/rig.h"
+#include "recon/view/view.h"
 
 enum { W = 72, H = 50 };
 

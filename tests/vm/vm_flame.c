@@ -12,8 +12,8 @@
 #include <string.h>
 
 #include "base/file.h"
-#include "capture/imgio.h"
-#include "capture/sequence.h"
+#include "capture/files/imgio.h"
+#include "capture/files/sequence.h"
 #include "tests/vm/uvc/images.h"
 
 static const char *loss = "";

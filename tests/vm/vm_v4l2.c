@@ -16,8 +16,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/capture.h"
-#include "capture/pixfmt.h"
+#include "capture/rig/capture.h"
+#include "capture/pixel/pixfmt.h"
 
 #define N 8
 

@@ -7,7 +7,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/capture.h"
+#include "capture/rig/capture.h"
 
 #define PATIENCE_NS (120 * PVX_NS_PER_S) /* no wait in here should come near */
 #define MAX         8

@@ -12,7 +12,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "capture/source.h"
+#include "capture/source/source.h"
 #include "tests/t.h"
 #include "tests/vm/uvc/images.h"
 

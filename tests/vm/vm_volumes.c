@@ -8,7 +8,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-#include "capture/imgio.h"
+#include "capture/files/imgio.h"
 #include "tests/t.h"
 
 #define MAX_REFS 16

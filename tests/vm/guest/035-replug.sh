@@ -1,6 +1,6 @@
 #!/bin/bash
 # A USB cable is pulled and plugged again while the daemon runs, through V4L2 and through libcamera (which hears of it
-# from udevd, and would crash without capture/libcamera_hold.h).
+# from udevd, and would crash without capture/libcamera/hold.h).
 # Exposure, gain and controls by name reach the cameras.
 # vm-modprobe: vhci-hcd
 # vm-modprobe: uvcvideo

@@ -7,8 +7,8 @@
 #include <turbojpeg.h>
 
 #include "base/mem.h"
-#include "capture/imgio.h"
-#include "capture/sequence.h"
+#include "capture/files/imgio.h"
+#include "capture/files/sequence.h"
 
 const unsigned uvc_bits[UVC_N_FORMATS] = {[UVC_MJPG] = 16, [UVC_YUYV] = 16, [UVC_GREY] = 8,
                                           [UVC_RGGB] = 8,  [UVC_RG16] = 16, [UVC_RW10] = 10};

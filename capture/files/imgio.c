@@ -1,0 +1,254 @@
+#include "capture/files/imgio.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/source/module.h"
+#include "capture/files/npy.h"
+#include "capture/files/opencv_shim.h"
+
+/* ---- the OpenCV module: found and loaded once, never unloaded ----------------------------------- */
+
+static struct {
+    pthread_once_t once;
+    const struct cap_cv *cv;
+    char why[PVX_DIAG_MAX]; /* it could not be loaded */
+} module = {.once = PTHREAD_ONCE_INIT};
+
+static void find_module(void)
+{
+    module.cv = cap_module_load("pyrovox-opencv.so", "cap_cv_module", CAP_CV_VERSION, module.why,
+                                sizeof module.why);
+}
+
+static pvx_err need_module(const char *path, struct pvx_diag *d)
+{
+    pthread_once(&module.once, find_module);
+    if (module.cv != NULL)
+        return PVX_OK;
+    return pvx_fail(d, PVX_EUNSUP, "%s: image module cannot be loaded: %.500s; .npy works without",
+                    path, module.why);
+}
+
+/* The module's error, with the file's name in front. */
+static pvx_err module_error(int e, const char *path, const char *err, struct pvx_diag *d)
+{
+    return e > 0 && e < PVX_N_ERR ? pvx_fail(d, (pvx_err)e, "%s: %s", path, err) : PVX_EIO;
+}
+
+/* ---- images ------------------------------------------------------------------------------------- */
+
+static bool has_extension(const char *path, const char *ext)
+{
+    const char *dot = strrchr(path, '.');
+    return dot != NULL && strcasecmp(dot, ext) == 0;
+}
+
+static bool known_image(const char *path)
+{
+    static const char *const ext[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg"};
+    for (size_t i = 0; i < sizeof ext / sizeof ext[0]; i++)
+        if (has_extension(path, ext[i]))
+            return true;
+    return false;
+}
+
+/* Format of `channels` channels (1 or 3) of the given depth in bits. */
+static enum cap_pixfmt format_of(int channels, int depth)
+{
+    bool rgb = channels == 3;
+    return depth == 8    ? (rgb ? CAP_RGB8 : CAP_GREY8)
+           : depth == 16 ? (rgb ? CAP_RGB16 : CAP_GREY16)
+                         : (rgb ? CAP_RGB_F32 : CAP_GREY_F32);
+}
+
+static void describe(struct cap_loaded *l, void *mem, int32_t w, int32_t h, enum cap_pixfmt fmt)
+{
+    size_t row = cap_pixfmt_row(fmt, w);
+    l->mem = mem;
+    l->img = (struct cap_image){mem, row * (size_t)h, w, h, (ptrdiff_t)row, fmt, 0};
+}
+
+static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
+                        struct pvx_diag *d)
+{
+    struct cap_npy a;
+    PVX_TRY(cap_npy_header(bytes, len, path, &a, d));
+    size_t channels = a.ndim == 3 ? a.shape[2] : 1;
+    if ((a.ndim != 2 && a.ndim != 3) || (channels != 1 && channels != 3))
+        return pvx_fail(d, PVX_EFORMAT, "%s: an image is [h][w] or [h][w][1 or 3]", path);
+    if (a.shape[0] > 1 << 20 || a.shape[1] > 1 << 20)
+        return pvx_fail(d, PVX_ERANGE, "%s: %zu x %zu pixels are too many", path, a.shape[1],
+                        a.shape[0]);
+    int depth = a.type == CAP_NPY_U1 ? 8 : a.type == CAP_NPY_U2 ? 16 : 32;
+    void *mem = pvx_calloc(a.count, (size_t)depth / 8);
+    if (mem == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
+    if (depth == 32)
+        cap_npy_floats(&a, mem);
+    else
+        memcpy(mem, a.data, a.count * a.item);
+    describe(out, mem, (int32_t)a.shape[1], (int32_t)a.shape[0], format_of((int)channels, depth));
+    return PVX_OK;
+}
+
+static pvx_err from_module(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
+                           struct pvx_diag *d)
+{
+    PVX_TRY(need_module(path, d));
+    struct cap_cv_image img;
+    char err[256] = "";
+    int e = module.cv->decode(bytes, len, &img, err, sizeof err);
+    if (e != 0)
+        return module_error(e, path, err, d);
+    describe(out, img.data, img.width, img.height, format_of(img.channels, img.depth));
+    if (has_extension(path, ".jpg") || has_extension(path, ".jpeg"))
+        out->img.yuv = CAP_YUV_CODED;
+    return PVX_OK;
+}
+
+pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d)
+{
+    *out = (struct cap_loaded){0};
+    bool npy = has_extension(path, ".npy");
+    if (!npy && !known_image(path))
+        return pvx_fail(d, PVX_EUNSUP,
+                        "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
+    char *bytes;
+    size_t len;
+    PVX_TRY(pvx_file_read(path, (size_t)1 << 32, &bytes, &len, d));
+    pvx_err e = npy ? from_npy(bytes, len, path, out, d) : from_module(bytes, len, path, out, d);
+    free(bytes);
+    return e;
+}
+
+void cap_loaded_free(struct cap_loaded *l)
+{
+    free(l->mem);
+    *l = (struct cap_loaded){0};
+}
+
+static uint8_t to_byte(float v, double gamma)
+{
+    if (!(v > 0)) /* NaN too */
+        return 0;
+    double x = v < 1 ? v : 1;
+    return (uint8_t)lrint(255 * (gamma == 1 ? x : pow(x, 1 / gamma)));
+}
+
+static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h, int nch,
+                        double gamma, struct pvx_diag *d)
+{
+    PVX_TRY(need_module(path, d));
+    size_t n = (size_t)w * (size_t)h * (size_t)nch;
+    uint8_t *px = pvx_calloc(n, 1);
+    if (px == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
+    for (size_t i = 0; i < n; i++)
+        px[i] = to_byte(pix[i], gamma);
+    struct cap_cv_image img = {px, n, w, h, nch, 8};
+    void *bytes;
+    size_t len;
+    char err[256] = "";
+    int e = module.cv->encode(".png", &img, &bytes, &len, err, sizeof err);
+    free(px);
+    if (e != 0)
+        return module_error(e, path, err, d);
+    pvx_err r = pvx_file_write(path, bytes, len, d);
+    free(bytes);
+    return r;
+}
+
+pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h, int nch,
+                        int depth, struct pvx_diag *d)
+{
+    if (w < 1 || h < 1 || (nch != 1 && nch != 3) || (depth != 8 && depth != 16))
+        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels of 8 or 16 bits", path);
+    if (!has_extension(path, ".png"))
+        return pvx_fail(d, PVX_EUNSUP, "%s: samples are written as .png", path);
+    PVX_TRY(need_module(path, d));
+    size_t n = (size_t)w * (size_t)h * (size_t)nch * (size_t)(depth / 8);
+    struct cap_cv_image img = {(void *)samples, n, w, h, nch, depth};
+    void *bytes;
+    size_t len;
+    char err[256] = "";
+    int e = module.cv->encode(".png", &img, &bytes, &len, err, sizeof err);
+    if (e != 0)
+        return module_error(e, path, err, d);
+    pvx_err r = pvx_file_write(path, bytes, len, d);
+    free(bytes);
+    return r;
+}
+
+pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h, int nch,
+                       double gamma, struct pvx_diag *d)
+{
+    if (w < 1 || h < 1 || (nch != 1 && nch != 3) || !(gamma > 0))
+        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels and a gamma above 0",
+                        path);
+    if (has_extension(path, ".npy"))
+        return cap_npy_save(path, pix, (size_t[3]){(size_t)h, (size_t)w, (size_t)nch}, 3, d);
+    if (has_extension(path, ".png"))
+        return save_png(path, pix, w, h, nch, gamma, d);
+    return pvx_fail(d, PVX_EUNSUP, "%s: images are written as .png or .npy", path);
+}
+
+/* ---- video -------------------------------------------------------------------------------------- */
+
+struct cap_video {
+    struct cap_cv_video *cv;
+    char *path;
+};
+
+pvx_err cap_video_open(const char *path, cap_video **out, double *fps, struct pvx_diag *d)
+{
+    *out = NULL;
+    if (access(path, R_OK) != 0)
+        return pvx_fail(d, PVX_ENOENT, "%s: no such video file, or not readable", path);
+    PVX_TRY(need_module(path, d));
+    cap_video *v = pvx_calloc(1, sizeof *v);
+    if (v == NULL || (v->path = strdup(path)) == NULL) {
+        free(v);
+        return PVX_ENOMEM;
+    }
+    char err[256] = "";
+    int e = module.cv->video_open(path, &v->cv, fps, err, sizeof err);
+    if (e != 0) {
+        cap_video_close(&v);
+        return module_error(e, path, err, d);
+    }
+    *out = v;
+    return PVX_OK;
+}
+
+pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d)
+{
+    struct cap_cv_image f;
+    char err[256] = "";
+    int e = module.cv->video_next(v->cv, &f, err, sizeof err);
+    if (e == PVX_ECLOSED)
+        return PVX_ECLOSED;
+    if (e != 0)
+        return module_error(e, v->path, err, d);
+    *img =
+        (struct cap_image){f.data, f.size, f.width, f.height, (ptrdiff_t)f.width * 3, CAP_RGB8, 0};
+    return PVX_OK;
+}
+
+void cap_video_close(cap_video **v)
+{
+    if (*v == NULL)
+        return;
+    if ((*v)->cv != NULL)
+        module.cv->video_close((*v)->cv);
+    free((*v)->path);
+    PVX_FREE(*v);
+}

@@ -1,0 +1,48 @@
+/* imgio.h - images and arrays in files: PNG/TIFF/JPEG (8, 16 bit, float) and video through OpenCV,
+ * .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (lib/pyrovox-opencv.so
+ * beside ../ of the executable, or $PYROVOX_LIBDIR), so that programs that need no image file start
+ * fast and run without it.
+ * Samples are taken to be linear, those of JPEG files gamma-coded (img.yuv says so).
+ * Ownership: cap_loaded is caller's, freed by cap_loaded_free. */
+#ifndef CAP_IMGIO_H
+#define CAP_IMGIO_H
+#include "base/err.h"
+#include "capture/pixel/image.h"
+
+struct cap_loaded {
+    struct cap_image img;
+    void *mem;
+};
+
+/* By extension .npy .png .tif .tiff .jpg .jpeg.  .npy: [h][w] or [h][w][1|3], little-endian f4, u1,
+ * u2, f8 (narrowed), C order.  Errors name the file and the reason. */
+PVX_MUST_CHECK pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d);
+void cap_loaded_free(struct cap_loaded *l);
+
+/* .png (8-bit, values clipped to 0..1, optional gamma for looking at: 1 = linear) or .npy float32. */
+PVX_MUST_CHECK pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
+                                      int nch, double gamma, struct pvx_diag *d);
+
+/* Samples as they are, without loss: 8 or 16 bits (uint8_t, uint16_t), 1 channel or RGB, tightly packed, to
+ * .png; atomic write. */
+PVX_MUST_CHECK pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h,
+                                       int nch, int depth, struct pvx_diag *d);
+
+/* n-dimensional float32 .npy, C order. ndim 1..4; atomic write. */
+PVX_MUST_CHECK pvx_err cap_npy_save(const char *path, const float *data, const size_t *shape,
+                                    int ndim, struct pvx_diag *d);
+/* Any supported dtype to float32; owner: caller, free(). shape[4], unused = 1. */
+PVX_MUST_CHECK pvx_err cap_npy_load(const char *path, float **data, size_t shape[4], int *ndim,
+                                    struct pvx_diag *d);
+/* The same on bytes in memory (fuzzed). */
+PVX_MUST_CHECK pvx_err cap_npy_parse(const void *bytes, size_t len, const char *name, float **data,
+                                     size_t shape[4], int *ndim, struct pvx_diag *d);
+
+/* Video file, frame by frame, RGB8. */
+typedef struct cap_video cap_video;
+PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out, double *fps,
+                                      struct pvx_diag *d);
+/* PVX_ECLOSED at the end.  img borrowed until the next call. */
+PVX_MUST_CHECK pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d);
+void cap_video_close(cap_video **v);
+#endif

@@ -1,0 +1,175 @@
+#include "capture/files/opencv_shim.h"
+
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <new>
+
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+
+#include "base/err.h"
+
+struct cap_cv_video {
+    cv::VideoCapture capture;
+    cv::Mat frame, rgb;
+};
+
+namespace
+{
+
+int fail(int e, char *err, size_t err_size, const char *text)
+{
+    snprintf(err, err_size, "%s", text);
+    for (char *p = err; *p != '\0'; p++) /* OpenCV's texts may have several lines */
+        if (*p == '\n')
+            *p = ' ';
+    return e;
+}
+
+/* Run f() and turn whatever it throws into an error. */
+template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
+{
+    try {
+        return f();
+    } catch (const std::bad_alloc &) {
+        return fail(PVX_ENOMEM, err, err_size, "out of memory");
+    } catch (const cv::Exception &e) {
+        return e.code == cv::Error::StsNoMem ? fail(PVX_ENOMEM, err, err_size, "out of memory")
+                                             : fail(PVX_EFORMAT, err, err_size, e.err.c_str());
+    } catch (const std::exception &e) {
+        return fail(PVX_EIO, err, err_size, e.what());
+    } catch (...) {
+        return fail(PVX_EIO, err, err_size, "unknown failure in OpenCV");
+    }
+}
+
+/* Grey, BGR or BGRA -> grey or RGB. */
+void to_rgb(const cv::Mat &in, cv::Mat &out)
+{
+    switch (in.channels()) {
+    case 3: cv::cvtColor(in, out, cv::COLOR_BGR2RGB); break;
+    case 4: cv::cvtColor(in, out, cv::COLOR_BGRA2RGB); break;
+    default: out = in.isContinuous() ? in : in.clone();
+    }
+}
+
+int decode(const void *bytes, size_t len, struct cap_cv_image *out, char *err,
+           size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        *out = {};
+        if (len > INT32_MAX)
+            return fail(PVX_ERANGE, err, err_size, "larger than 2 GiB");
+        const cv::Mat raw(1, static_cast<int>(len), CV_8UC1, const_cast<void *>(bytes));
+        cv::Mat img = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
+        if (img.empty())
+            return fail(PVX_EFORMAT, err, err_size,
+                        "not an image that OpenCV can read, or damaged");
+        if (img.depth() == CV_64F)
+            img.convertTo(img, CV_32F);
+        int depth = img.depth() == CV_8U ? 8 : img.depth() == CV_16U ? 16 : 32;
+        if (depth == 32 && img.depth() != CV_32F)
+            return fail(PVX_EUNSUP, err, err_size,
+                        "pixels are neither 8 or 16 bit unsigned nor float");
+        if (img.channels() == 2 || img.channels() > 4)
+            return fail(PVX_EUNSUP, err, err_size, "has neither 1 nor 3 channels (and alpha)");
+        cv::Mat rgb;
+        to_rgb(img, rgb);
+        size_t size = rgb.total() * rgb.elemSize();
+        void *data = malloc(size);
+        if (data == nullptr)
+            return fail(PVX_ENOMEM, err, err_size, "out of memory");
+        memcpy(data, rgb.data, size);
+        *out = {data, size, rgb.cols, rgb.rows, rgb.channels(), depth};
+        return PVX_OK;
+    });
+}
+
+int encode(const char *ext, const struct cap_cv_image *img, void **out, size_t *len, char *err,
+           size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        *out = nullptr;
+        int type = CV_MAKETYPE(img->depth == 16 ? CV_16U : CV_8U, img->channels);
+        const cv::Mat rgb(img->height, img->width, type, img->data);
+        cv::Mat bgr;
+        if (img->channels == 3)
+            cv::cvtColor(rgb, bgr, cv::COLOR_RGB2BGR);
+        else
+            bgr = rgb;
+        std::vector<uchar> bytes;
+        if (!cv::imencode(ext, bgr, bytes))
+            return fail(PVX_EIO, err, err_size, "OpenCV could not encode the image");
+        *out = malloc(bytes.size());
+        if (*out == nullptr)
+            return fail(PVX_ENOMEM, err, err_size, "out of memory");
+        memcpy(*out, bytes.data(), bytes.size());
+        *len = bytes.size();
+        return PVX_OK;
+    });
+}
+
+int video_open(const char *path, struct cap_cv_video **out, double *fps, char *err,
+               size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        *out = nullptr;
+        auto v = std::make_unique<cap_cv_video>();
+        /* files only: the other backends go looking for cameras */
+        if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
+            return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
+        double rate = v->capture.get(cv::CAP_PROP_FPS);
+        if (fps != nullptr)
+            *fps = rate > 0 && rate < 1e6 ? rate : 0;
+        *out = v.release();
+        return PVX_OK;
+    });
+}
+
+int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
+               size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        if (!v->capture.read(v->frame) || v->frame.empty())
+            return PVX_ECLOSED;
+        if (v->frame.depth() != CV_8U)
+            return fail(PVX_EUNSUP, err, err_size, "video frames are not 8 bit");
+        if (v->frame.channels() == 1)
+            cv::cvtColor(v->frame, v->rgb, cv::COLOR_GRAY2RGB);
+        else
+            to_rgb(v->frame, v->rgb);
+        *borrowed = {v->rgb.data, v->rgb.total() * 3, v->rgb.cols, v->rgb.rows, 3, 8};
+        return PVX_OK;
+    });
+}
+
+void video_close(struct cap_cv_video *v) noexcept
+{
+    char err[16];
+    (void)guarded(err, sizeof err, [&]() -> int {
+        delete v;
+        return PVX_OK;
+    });
+}
+
+const struct cap_cv module = {CAP_CV_VERSION, decode, encode, video_open, video_next, video_close};
+
+} // namespace
+
+const struct cap_cv *cap_cv_module(void) noexcept
+{
+    char err[16];
+    (void)guarded(err, sizeof err, [&]() -> int { /* errors are returned, not printed */
+                                                  cv::utils::logging::setLogLevel(
+                                                      cv::utils::logging::LOG_LEVEL_SILENT);
+                                                  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+                                                  return PVX_OK;
+    });
+    return &module;
+}

@@ -1,0 +1,225 @@
+#include "capture/files/sequence.h"
+
+#include <ctype.h>
+#include <dirent.h>
+#include <errno.h>
+#include <glob.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+
+#include "base/mem.h"
+
+#define MAX_DIGITS 12 /* of a frame number */
+
+/* "flame_%04d.png" taken apart; a plain folder has no such thing. */
+struct pattern {
+    const char *suffix;
+    size_t prefix_len, suffix_len;
+    int width; /* 0 = %d */
+};
+
+static const char *last_part(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash != NULL ? slash + 1 : path;
+}
+
+static bool is_image(const char *name)
+{
+    static const char *const ext[] = {".npy", ".png", ".tif", ".tiff", ".jpg", ".jpeg"};
+    const char *dot = strrchr(name, '.');
+    for (size_t i = 0; dot != NULL && i < sizeof ext / sizeof ext[0]; i++)
+        if (strcasecmp(dot, ext[i]) == 0)
+            return true;
+    return false;
+}
+
+static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_diag *d)
+{
+    const char *at = strchr(name, '%'), *q = at + 1;
+    p->prefix_len = (size_t)(at - name);
+    p->width = 0;
+    if (*q == '0' && isdigit((unsigned char)q[1])) {
+        p->width = (int)strtol(q, (char **)&q, 10);
+        if (p->width < 1 || p->width > MAX_DIGITS)
+            return pvx_fail(d, PVX_EINVAL, "%s: 1 to %d digits are possible", name, MAX_DIGITS);
+    }
+    if (*q != 'd' || strchr(q, '%') != NULL)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: a pattern has one %%d or %%06d in its last part and no other %%",
+                        name);
+    p->suffix = q + 1;
+    p->suffix_len = strlen(p->suffix);
+    return PVX_OK;
+}
+
+/* Number of n digits at s, or -1. */
+static int64_t digits(const char *s, size_t n)
+{
+    int64_t v = 0;
+    if (n < 1 || n > MAX_DIGITS)
+        return -1;
+    for (size_t i = 0; i < n; i++) {
+        if (!isdigit((unsigned char)s[i]))
+            return -1;
+        v = v * 10 + (s[i] - '0');
+    }
+    return v;
+}
+
+/* What printf would have made of one number, and only that: %06d gives no "12" and no "0000012". */
+static int64_t fits_pattern(const char *file, const char *name, const struct pattern *p)
+{
+    size_t len = strlen(file);
+    if (len <= p->prefix_len + p->suffix_len || strncmp(file, name, p->prefix_len) != 0 ||
+        strcmp(file + len - p->suffix_len, p->suffix) != 0)
+        return -1;
+    const char *s = file + p->prefix_len;
+    size_t n = len - p->prefix_len - p->suffix_len;
+    size_t least = p->width > 0 ? (size_t)p->width : 1;
+    if (n < least || (n > least && s[0] == '0'))
+        return -1;
+    return digits(s, n);
+}
+
+static int64_t last_digits(const char *file)
+{
+    const char *end = strrchr(file, '.');
+    if (end == NULL)
+        end = file + strlen(file);
+    while (end > file && !isdigit((unsigned char)end[-1]))
+        end--;
+    const char *s = end;
+    while (s > file && isdigit((unsigned char)s[-1]))
+        s--;
+    return digits(s, (size_t)(end - s));
+}
+
+static pvx_err add(struct cap_sequence *s, size_t *room, int64_t number, const char *dir,
+                   const char *file)
+{
+    if (s->n == *room) {
+        size_t more = *room == 0 ? 64 : *room * 2;
+        void *item = realloc(s->item, more * sizeof *s->item);
+        if (item == NULL)
+            return PVX_ENOMEM;
+        s->item = item;
+        *room = more;
+    }
+    char *path;
+    if (asprintf(&path, "%s%s", dir, file) < 0)
+        return PVX_ENOMEM;
+    s->item[s->n++] = (struct cap_sequence_item){number, path};
+    return PVX_OK;
+}
+
+/* All images of folder `dir` ("" or with its slash) that fit `p`, or all when it is NULL. */
+static pvx_err from_folder(const char *dir, const char *name, const struct pattern *p,
+                           struct cap_sequence *s, struct pvx_diag *d)
+{
+    DIR *h = opendir(*dir != '\0' ? dir : ".");
+    if (h == NULL)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
+    size_t room = 0;
+    pvx_err e = PVX_OK;
+    struct dirent *f;
+    while (e == PVX_OK && (f = readdir(h)) != NULL) {
+        int64_t number = p != NULL             ? fits_pattern(f->d_name, name, p)
+                         : is_image(f->d_name) ? last_digits(f->d_name)
+                                               : -1;
+        if (number >= 0)
+            e = add(s, &room, number, dir, f->d_name);
+    }
+    closedir(h);
+    return e;
+}
+
+static pvx_err from_glob(const char *name, struct cap_sequence *s, struct pvx_diag *d)
+{
+    glob_t g;
+    int r = glob(name, GLOB_NOSORT, NULL, &g);
+    if (r == GLOB_NOMATCH)
+        return PVX_OK;
+    if (r != 0)
+        return pvx_fail(d, r == GLOB_NOSPACE ? PVX_ENOMEM : PVX_EIO, "%s: cannot be searched",
+                        name);
+    size_t room = 0;
+    pvx_err e = PVX_OK;
+    for (size_t i = 0; e == PVX_OK && i < g.gl_pathc; i++) {
+        const char *file = last_part(g.gl_pathv[i]);
+        int64_t number = is_image(file) ? last_digits(file) : -1;
+        if (number >= 0)
+            e = add(s, &room, number, "", g.gl_pathv[i]);
+    }
+    globfree(&g);
+    return e;
+}
+
+static pvx_err find(const char *name, struct cap_sequence *s, struct pvx_diag *d)
+{
+    const char *last = last_part(name);
+    struct stat st;
+    bool there = stat(name, &st) == 0;
+    char dir[4096];
+    int n;
+    if (there && S_ISDIR(st.st_mode)) {
+        n = snprintf(dir, sizeof dir, "%s%s", name, *last == '\0' ? "" : "/");
+        if (n >= (int)sizeof dir)
+            return pvx_fail(d, PVX_EINVAL, "%.80s...: name too long", name);
+        return from_folder(dir, NULL, NULL, s, d);
+    }
+    if (there) { /* one image, also with a * in its name */
+        size_t room = 0;
+        int64_t number = last_digits(last);
+        return add(s, &room, number < 0 ? 0 : number, "", name);
+    }
+    if (strchr(last, '%') != NULL) {
+        struct pattern p;
+        PVX_TRY(parse_pattern(last, &p, d));
+        n = snprintf(dir, sizeof dir, "%.*s", (int)(last - name), name);
+        if (n >= (int)sizeof dir)
+            return pvx_fail(d, PVX_EINVAL, "%.80s...: name too long", name);
+        return from_folder(dir, last, &p, s, d);
+    }
+    if (strpbrk(name, "*?[") != NULL)
+        return from_glob(name, s, d);
+    return pvx_fail(d, PVX_ENOENT, "%s: no such file or folder", name);
+}
+
+static int by_number(const void *a, const void *b)
+{
+    int64_t x = ((const struct cap_sequence_item *)a)->number;
+    int64_t y = ((const struct cap_sequence_item *)b)->number;
+    return x < y ? -1 : x > y;
+}
+
+pvx_err cap_sequence_find(const char *name, struct cap_sequence *out, struct pvx_diag *d)
+{
+    *out = (struct cap_sequence){0};
+    pvx_err e = *name == '\0' ? pvx_fail(d, PVX_EINVAL, "files: needs a pattern, folder or file")
+                              : find(name, out, d);
+    if (e == PVX_OK && out->n == 0)
+        e = pvx_fail(d, PVX_ENOENT, "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)",
+                     name);
+    if (e == PVX_OK)
+        qsort(out->item, out->n, sizeof *out->item, by_number);
+    for (size_t i = 1; e == PVX_OK && i < out->n; i++)
+        if (out->item[i].number == out->item[i - 1].number)
+            e = pvx_fail(d, PVX_EINVAL, "%.300s and %.300s have the same frame number",
+                         out->item[i - 1].path, out->item[i].path);
+    if (e != PVX_OK)
+        cap_sequence_free(out);
+    return e;
+}
+
+void cap_sequence_free(struct cap_sequence *s)
+{
+    for (size_t i = 0; i < s->n; i++)
+        free(s->item[i].path);
+    free(s->item);
+    *s = (struct cap_sequence){0};
+}

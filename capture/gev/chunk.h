@@ -1,0 +1,30 @@
+/* aravis_chunk.h - exposure time, gain, number and time that a camera sends with each frame (private to
+ * the aravis: files).
+ *
+ * Aravis 0.8.26 reads the chunk data of GigE Vision 2 and USB3 Vision, not those of payload type 5
+ * (GigE Vision 1.2): such frames are as good, but exposure and gain stay unknown, which is said once.
+ * Threads: set up before the stream starts, then the stream's thread alone.  The parser is one of its
+ * own, so that the camera's features are not touched. */
+#ifndef CAP_ARAVIS_CHUNK_H
+#define CAP_ARAVIS_CHUNK_H
+#include <arv.h>
+#include <stdatomic.h>
+#include "capture/source/source.h"
+
+struct aravis_chunks {
+    ArvChunkParser *parser; /* NULL = off */
+    bool exposure, gain, id, time;
+    guint64 tick_hz;    /* of ChunkTimestamp; 0 = ns */
+    atomic_bool unread; /* frames came with chunk data that Aravis does not read */
+};
+/* Switch on those that the camera has; PVX_EINVAL: it has no chunks, or neither exposure nor gain.
+ * Owner: caller, aravis_chunks_fini. */
+PVX_MUST_CHECK pvx_err aravis_chunks_init(struct aravis_chunks *k,
+                                          const struct cap_source_config *c, ArvCamera *cam,
+                                          struct pvx_diag *d);
+void aravis_chunks_fini(struct aravis_chunks *k);
+/* Fill f's exposure_us and gain (NAN where there is none), the time of exposure when it agrees with
+ * the frame's stamp, and *id, when the camera numbers in 64 bits.  False: chunk data that was asked for is not
+ * there or makes no sense, so neither may be the rest of the frame. */
+bool aravis_chunks_read(struct aravis_chunks *k, ArvBuffer *b, struct cap_frame *f, uint64_t *id);
+#endif

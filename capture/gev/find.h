@@ -1,0 +1,41 @@
+/* aravis_find.h - which camera is meant, does it answer, and opening it (private to the aravis: files).
+ *
+ * Cameras can only be opened one after the other, and Aravis asks one that does not answer for 3 s; so
+ * addresses are asked first whether somebody is there: a discovery command to that address alone,
+ * answered in a millisecond, given up after 0.3 s.
+ * Serial numbers and names are looked up in Aravis' list of devices, one list for all threads that
+ * want one at a time; the address that it gave is remembered and tried first the next time.
+ * Threads: any. */
+#ifndef CAP_ARAVIS_FIND_H
+#define CAP_ARAVIS_FIND_H
+#include <arv.h>
+#include "capture/source/source.h"
+
+/* Where a GigE camera is; IPv4, host order; all 0 for others. */
+struct aravis_route {
+    uint32_t camera, host, broadcast;
+};
+
+struct aravis_who {
+    char vendor[33], model[33], serial[17], name[17];
+};
+/* Is there a camera at the address?  who may be NULL. */
+bool aravis_probe(uint32_t address, struct aravis_who *who);
+
+/* Does a program control the camera at the address? */
+bool aravis_controlled(uint32_t address);
+uint32_t aravis_address(const char *text); /* "127.0.0.2", host order; 0 = no IPv4 address */
+
+/* Around every use of Aravis' list of devices. */
+void aravis_list_lock(void);
+void aravis_list_unlock(void);
+
+/* Around whatever makes Aravis read a GenICam file: its parser has state that all share (seen: two
+ * cameras opened at once, documents of neither). */
+void aravis_parser_lock(void);
+void aravis_parser_unlock(void);
+
+/* Owner: caller, g_object_unref.  PVX_ENOENT: nobody answers; PVX_EBUSY: another program controls it. */
+PVX_MUST_CHECK pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
+                                          struct aravis_route *route, struct pvx_diag *d);
+#endif

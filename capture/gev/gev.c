@@ -1,0 +1,261 @@
+/* src_aravis.c - aravis: GigE Vision and USB3 Vision cameras.
+ *
+ * aravis_find.c which camera, aravis_setup.c what it is set to (aravis_trigger.c, aravis_ptp.c,
+ * aravis_chunk.c), aravis_stream.c its frames, aravis_watch.c the slow loop; threads and locks are in
+ * aravis_int.h.
+ *
+ * A camera that has gone silent is not waited for: Aravis asks for seconds at each access and when
+ * the device is given up.  Stop asks once by itself, and when there is no answer the device is left to
+ * a thread of its own, so that the camera can be opened anew as soon as it is back.
+ *
+ * USB3 Vision cameras go the same way through Aravis; that was not exercised, for want of one. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "capture/gev/find.h"
+#include "capture/gev/gev.h"
+#include "capture/backends.h"
+
+#define RELEASE_NS (1500 * PVX_NS_PER_MS)
+#define LOOK_NS    (50 * PVX_NS_PER_MS)
+
+/* ---- events ----------------------------------------------------------------------------------- */
+
+void aravis_say_lost(struct aravis_source *s)
+{
+    cap_gate_lost(&s->gate, &s->sink, s->c.camera);
+}
+
+static void on_control_lost(ArvDevice *device, void *user)
+{
+    (void)device;
+    aravis_say_lost(user);
+}
+
+/* ---- end -------------------------------------------------------------------------------------- */
+
+static void unref(struct aravis_source *s)
+{
+    if (atomic_fetch_sub(&s->refs, 1) > 1)
+        return;
+    pthread_mutex_destroy(&s->device);
+    cap_gate_fini(&s->gate);
+    pthread_mutex_destroy(&s->lock);
+    pthread_cond_destroy(&s->wake);
+    free(s->uri);
+    free(s->name);
+    free(s);
+}
+
+static void unref_closure(void *source, GClosure *closure)
+{
+    (void)closure;
+    unref(source);
+}
+
+static atomic_uint giving_up; /* devices that are being left to Aravis */
+
+static void *give_up(void *source)
+{
+    struct aravis_source *s = source;
+    atomic_fetch_add(&giving_up, 1);
+    aravis_watch_join(s);
+    aravis_end_stream(s);
+    cap_lend_close(&s->lend); /* frames that are out keep its memory */
+    if (s->lost_handler != 0)
+        g_signal_handler_disconnect(arv_camera_get_device(s->camera), s->lost_handler);
+    g_clear_object(&s->camera); /* ends the heartbeat's thread and leaves control */
+    aravis_chunks_fini(&s->chunks);
+    unref(s);
+    atomic_fetch_sub(&giving_up, 1);
+    return NULL;
+}
+
+static void aravis_close(cap_source **sp)
+{
+    struct aravis_source *s = (struct aravis_source *)*sp;
+    pthread_t thread;
+    if (s == NULL)
+        return;
+    *sp = NULL;
+    if (s->dead && pthread_create(&thread, NULL, give_up, s) == 0)
+        pthread_detach(thread);
+    else
+        give_up(s);
+}
+
+static void aravis_stop(cap_source *base)
+{
+    struct aravis_source *s = (struct aravis_source *)base;
+    if (s->stream == NULL)
+        return;
+    aravis_watch_quit(s);
+    cap_gate_shut(&s->gate);
+    s->dead = s->route.camera != 0 && !aravis_probe(s->route.camera, NULL);
+    aravis_cut_stream(s);
+    if (s->dead)
+        return; /* close has it ended */
+    aravis_watch_join(s);
+    if (!cap_gate_is_lost(&s->gate))
+        arv_camera_stop_acquisition(s->camera, NULL);
+    aravis_end_stream(s);
+}
+
+/* ---- begin ------------------------------------------------------------------------------------ */
+
+static void init_locks(struct aravis_source *s)
+{
+    pthread_condattr_t a;
+    pthread_condattr_init(&a);
+    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
+    pthread_mutex_init(&s->device, NULL);
+    pthread_mutex_init(&s->lock, NULL);
+    pthread_cond_init(&s->wake, &a);
+    pthread_condattr_destroy(&a);
+    cap_gate_init(&s->gate);
+}
+
+/* A camera that lost us, but not its power, still belongs to the device that is being given up; that
+ * asks every 0.5 s to be let go. */
+static pvx_err open_in_time(struct aravis_source *s, struct pvx_diag *d)
+{
+    for (int64_t until = pvx_now_mono() + RELEASE_NS;;) {
+        struct pvx_diag why = {""};
+        pvx_err e = aravis_open_camera(&s->c, &s->camera, &s->route, &why);
+        if (e == PVX_EBUSY && atomic_load(&giving_up) > 0 && pvx_now_mono() < until) {
+            pvx_sleep_until_mono(pvx_now_mono() + LOOK_NS);
+            continue;
+        }
+        return e == PVX_OK ? e : pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
+    }
+}
+
+static pvx_err set_up(struct aravis_source *s, struct pvx_diag *d)
+{
+    PVX_TRY(open_in_time(s, d));
+    PVX_TRY(aravis_configure(&s->c, s->camera, &s->layout, &s->chunks, d));
+    return aravis_make_buffers(s);
+}
+
+static pvx_err aravis_open(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct aravis_source *s = pvx_calloc(1, sizeof *s);
+    if (s == NULL)
+        return PVX_ENOMEM;
+    s->base.ops = &cap_source_aravis;
+    atomic_init(&s->refs, 1);
+    init_locks(s);
+    s->c = *c;
+    s->c.uri = s->uri = strdup(c->uri);
+    s->c.name = s->name = strdup(c->name != NULL ? c->name : "?");
+    pvx_err e = s->uri == NULL || s->name == NULL ? PVX_ENOMEM : set_up(s, d);
+    s->c.features = NULL; /* borrowed for the call */
+    s->c.n_features = 0;
+    s->c.trigger_line = NULL;
+    cap_source *base = &s->base;
+    if (e != PVX_OK) {
+        s->dead = s->route.camera != 0 && !aravis_probe(s->route.camera, NULL);
+        aravis_close(&base);
+        return e;
+    }
+    s->resend = arv_camera_is_gv_device(s->camera) && aravis_wants_resend(&s->c, s->camera);
+    atomic_fetch_add(&s->refs, 1);
+    s->lost_handler =
+        g_signal_connect_data(arv_camera_get_device(s->camera), "control-lost",
+                              G_CALLBACK(on_control_lost), s, unref_closure, (GConnectFlags)0);
+    *out = base;
+    return PVX_OK;
+}
+
+static pvx_err aravis_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
+{
+    struct aravis_source *s = (struct aravis_source *)base;
+    GError *err = NULL;
+    aravis_watch_join(s);
+    aravis_end_stream(s);
+    s->sink = *sink;
+    s->dead = false;
+    PVX_TRY(aravis_begin_stream(s, d));
+    cap_gate_open(&s->gate);
+    pthread_mutex_lock(&s->device);
+    aravis_mode_first(s->camera, &s->mode);
+    pthread_mutex_unlock(&s->device);
+    arv_camera_start_acquisition(s->camera, &err);
+    if (err != NULL) {
+        cap_gate_shut(&s->gate);
+        aravis_end_stream(s);
+        return aravis_fail(&s->c, PVX_EIO, "start of acquisition", &err, d);
+    }
+    aravis_watch_start(s);
+    return PVX_OK;
+}
+
+/* ---- while it runs ---------------------------------------------------------------------------- */
+
+static pvx_err aravis_trigger(cap_source *base)
+{
+    struct aravis_source *s = (struct aravis_source *)base;
+    GError *err = NULL;
+    if (cap_gate_is_lost(&s->gate))
+        return PVX_ENODEV;
+    pthread_mutex_lock(&s->device);
+    arv_camera_software_trigger(s->camera, &err);
+    pthread_mutex_unlock(&s->device);
+    if (err == NULL)
+        return PVX_OK;
+    /* An answer, if only "busy", is one trigger missed.  Without, Aravis has asked several times by
+     * now: waiting for the next answer would take as long. */
+    bool gone = g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TIMEOUT) ||
+                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TRANSFER_ERROR) ||
+                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONNECTED) ||
+                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONTROLLER) ||
+                err->domain != ARV_DEVICE_ERROR;
+    g_clear_error(&err);
+    if (!gone)
+        return PVX_EIO;
+    aravis_say_lost(s);
+    return PVX_ENODEV;
+}
+
+static bool aravis_answers(cap_source *base)
+{
+    struct aravis_source *s = (struct aravis_source *)base;
+    /* a USB camera that is gone has been reported; a GigE camera after a restart is nobody's */
+    return !cap_gate_is_lost(&s->gate) &&
+           (s->route.camera == 0 ||
+            (aravis_probe(s->route.camera, NULL) && aravis_controlled(s->route.camera)));
+}
+
+static void aravis_health(cap_source *base, struct cap_health *out)
+{
+    struct aravis_source *s = (struct aravis_source *)base;
+    pthread_mutex_lock(&s->lock);
+    *out = s->health;
+    pthread_mutex_unlock(&s->lock);
+    if (!ARV_IS_GV_STREAM(s->stream))
+        return;
+    guint64 resent = 0, missing = 0;
+    arv_gv_stream_get_statistics(ARV_GV_STREAM(s->stream), &resent, &missing);
+    out->packets_resent = resent;
+    out->packets_missing = missing;
+}
+
+const struct cap_source_ops cap_source_aravis = {
+    .scheme = "aravis",
+    .help = "GigE Vision or USB3 Vision camera: IP address, serial number, its name or Aravis' id",
+    .open = aravis_open,
+    .start = aravis_start,
+    .trigger = aravis_trigger,
+    .triggers = true,
+    .answers = aravis_answers,
+    .health = aravis_health,
+    .stop = aravis_stop,
+    .close = aravis_close,
+    .list = aravis_list,
+};

@@ -1,0 +1,281 @@
+/* aravis_stream.c - frames of an aravis: camera, from Aravis' receiving thread.
+ *
+ * Zero copy: the ArvBuffers are lent out as frames and come back (lend.h).  Two always stay with the
+ * stream: a frame that would take the last but one is dropped here and counted as an underrun, because
+ * Aravis counts those in packets.
+ *
+ * Nothing of a buffer without SUCCESS is used: after a lost leader its number and stamp are those of
+ * an earlier frame (seen: 31 of 696).  A SUCCESS may still be short (IP fragments: bytes are missing;
+ * packets that make no sense: no bytes, or no leader and so the stamp of an earlier frame): its number
+ * and stamp are not used either. */
+#include <stdlib.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "capture/gev/gev.h"
+
+#define ASK_AGAIN   4 /* packet timeouts between two requests for the same packet */
+#define SPARE       2 /* buffers that always stay with the stream */
+#define PAYLOAD_MAX ((size_t)1 << 32)
+
+/* what cap_gige says with 0 */
+#define RETENTION_MS      50.0
+#define PACKET_TIMEOUT_MS 5.0
+#define SOCKET_BUFFER     (8 << 20)
+
+/* Live until the last frame of them is back, longer than the source maybe. */
+struct aravis_buffers {
+    ArvStream *stream; /* while they are lent out: between cap_lend_run(true) and (false) */
+    unsigned n;
+    unsigned char *memory; /* of all; buffer i at i * step */
+    size_t step;
+    ArvBuffer *buffer[]; /* [n], a reference each; user data: its index */
+};
+
+/* ---- buffers ---------------------------------------------------------------------------------- */
+
+/* Aravis leaves the stamp of the last use in a buffer until a leader comes: with 0 in it, a frame
+ * without its own is known. */
+static bool queue(void *ctx, unsigned index)
+{
+    struct aravis_buffers *bs = ctx;
+    arv_buffer_set_timestamp(bs->buffer[index], 0);
+    arv_stream_push_buffer(bs->stream, g_object_ref(bs->buffer[index]));
+    return true;
+}
+
+static void free_buffers(void *ctx)
+{
+    struct aravis_buffers *bs = ctx;
+    for (unsigned i = 0; i < bs->n; i++)
+        g_object_unref(bs->buffer[i]);
+    free(bs->memory);
+    free(bs);
+}
+
+static const struct cap_lend_ops lend_ops = {queue, free_buffers};
+
+pvx_err aravis_make_buffers(struct aravis_source *s)
+{
+    unsigned n = (s->c.buffers < 4 ? 4 : s->c.buffers) + SPARE;
+    size_t bytes = s->layout.payload;
+    if (bytes == 0 || bytes > PAYLOAD_MAX)
+        return PVX_EINVAL;
+    struct aravis_buffers *bs = pvx_calloc(1, sizeof *bs + n * sizeof bs->buffer[0]);
+    if (bs == NULL)
+        return PVX_ENOMEM;
+    bs->step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
+    bs->memory = pvx_calloc(n, bs->step);
+    pvx_err e = bs->memory == NULL ? PVX_ENOMEM
+                                   : cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend);
+    if (e != PVX_OK) {
+        free_buffers(bs);
+        return e;
+    }
+    for (; bs->n < n; bs->n++)
+        bs->buffer[bs->n] = arv_buffer_new_full(bytes, bs->memory + bs->n * bs->step,
+                                                GUINT_TO_POINTER(bs->n), NULL);
+    s->buffers = bs;
+    return PVX_OK;
+}
+
+/* ---- the stream's thread ---------------------------------------------------------------------- */
+
+static void count(struct aravis_source *s, enum cap_count what, uint64_t n)
+{
+    s->sink.count(s->sink.ctx, s->c.camera, what, n);
+}
+
+/* What the leader says about the size may be wrong: no more than what the buffer has. */
+static struct cap_image image_of(ArvBuffer *b, const unsigned char *mem, size_t payload)
+{
+    struct cap_image img = {.data = mem};
+    ArvBufferPayloadType type = arv_buffer_get_payload_type(b);
+    bool image = type == ARV_BUFFER_PAYLOAD_TYPE_IMAGE ||
+                 type == ARV_BUFFER_PAYLOAD_TYPE_EXTENDED_CHUNK_DATA;
+    if (arv_buffer_get_n_parts(b) == 0 || !image)
+        return img; /* no picture in it: CAP_FMT_NONE */
+    int x_pad = 0, y_pad = 0;
+    arv_buffer_get_image_padding(b, &x_pad, &y_pad);
+    img.data = arv_buffer_get_image_data(b, &img.size);
+    size_t before = (size_t)((const unsigned char *)img.data - mem);
+    if (img.data == NULL || before >= payload)
+        return (struct cap_image){.data = mem};
+    if (img.size > payload - before)
+        img.size = payload - before;
+    img.width = arv_buffer_get_image_width(b);
+    img.height = arv_buffer_get_image_height(b);
+    img.fmt = aravis_pixfmt(arv_buffer_get_image_pixel_format(b));
+    img.stride = (ptrdiff_t)cap_pixfmt_row(img.fmt, img.width) + x_pad;
+    return img;
+}
+
+/* Numbers missing before `id`, less those that came as incomplete frames. */
+static void count_gap(struct aravis_source *s, bool first, uint64_t before, uint64_t id)
+{
+    uint64_t gap = first ? 0 : id - before - 1;
+    if (gap > s->unnumbered)
+        count(s, CAP_ID_GAP, gap - s->unnumbered);
+    s->unnumbered = 0;
+}
+
+static unsigned index_of(ArvBuffer *b)
+{
+    return GPOINTER_TO_UINT(arv_buffer_get_user_data(b));
+}
+
+/* To the stream again, or, when that is being stopped, to nobody. */
+static void give_back(struct aravis_source *s, ArvBuffer *b)
+{
+    unsigned i = index_of(b);
+    g_object_unref(b); /* the stream's reference; ours stays */
+    cap_lend_back(s->lend, i);
+}
+
+/* A frame whose number is not known. */
+static void drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
+{
+    s->unnumbered++;
+    count(s, cause, 1);
+    give_back(s, b);
+}
+
+/* Fewer bytes than the rows that the frame itself announces. */
+static bool is_short(const struct cap_image *img)
+{
+    size_t row = cap_pixfmt_row(img->fmt, img->width), rows = (size_t)img->height, need;
+    return img->size == 0 || img->width <= 0 || img->height <= 0 || img->stride < (ptrdiff_t)row ||
+           __builtin_mul_overflow((size_t)img->stride, rows - 1, &need) ||
+           __builtin_add_overflow(need, row, &need) || img->size < need;
+}
+
+static void done(struct aravis_source *s, ArvBuffer *b)
+{
+    int64_t real = pvx_now_real(), mono = pvx_now_mono();
+    ArvBufferStatus status = arv_buffer_get_status(b);
+    if (status == ARV_BUFFER_STATUS_ABORTED || status == ARV_BUFFER_STATUS_CLEARED) {
+        give_back(s, b); /* the stream is being stopped */
+        return;
+    }
+    if (status != ARV_BUFFER_STATUS_SUCCESS) {
+        drop(s, b, CAP_INCOMPLETE);
+        return;
+    }
+    int64_t stamp = (int64_t)arv_buffer_get_timestamp(b);
+    s->stamps = s->stamps || stamp != 0;
+    if (stamp == 0 && s->stamps) {
+        drop(s, b, CAP_INCOMPLETE);
+        return;
+    }
+    const unsigned char *mem = s->buffers->memory + index_of(b) * s->buffers->step;
+    struct cap_image img = image_of(b, mem, s->layout.payload);
+    if (is_short(&img)) {
+        drop(s, b, CAP_BAD_SIZE);
+        return;
+    }
+    uint64_t number = arv_buffer_get_frame_id(b);
+    struct cap_frame said = {.t_device_ns = stamp};
+    if (!aravis_chunks_read(&s->chunks, b, &said, &number)) {
+        drop(s, b, CAP_INCOMPLETE);
+        return;
+    }
+    bool first = !s->ids.any;
+    uint64_t before = s->ids.id, id = aravis_ids_next(&s->ids, number);
+    count_gap(s, first, before, id);
+    struct cap_frame *f = cap_lend_out(s->lend, index_of(b));
+    if (f == NULL) {
+        count(s, CAP_UNDERRUN, 1);
+        give_back(s, b);
+        return;
+    }
+    g_object_unref(b); /* the stream's reference */
+    f->img = img;
+    f->id = id;
+    f->t_device_ns = said.t_device_ns;
+    f->t_arrival_ns = real;
+    f->t_arrival_mono_ns = mono;
+    f->exposure_us = said.exposure_us;
+    f->gain = said.gain;
+    s->sink.push(s->sink.ctx, f);
+}
+
+static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
+{
+    struct aravis_source *s = user;
+    (void)buffer; /* the one that is done comes out of the queue */
+    switch (type) {
+    case ARV_STREAM_CALLBACK_TYPE_INIT: aravis_make_realtime(&s->c); break;
+    case ARV_STREAM_CALLBACK_TYPE_START_BUFFER:
+        /* Aravis' queue gave the buffer; the lender's lock makes what its last user did to it visible
+         * here in terms that do not depend on GLib's inside. */
+        cap_lend_n_out(s->lend);
+        break;
+    case ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE: {
+        ArvBuffer *b = arv_stream_try_pop_buffer(s->stream);
+        if (b == NULL)
+            break;
+        if (cap_gate_enter(&s->gate)) {
+            done(s, b);
+            cap_gate_leave(&s->gate);
+        } else {
+            give_back(s, b); /* stopping: nobody wants it */
+        }
+        break;
+    }
+    case ARV_STREAM_CALLBACK_TYPE_EXIT: break;
+    }
+}
+
+/* ---- start and end ---------------------------------------------------------------------------- */
+
+static void set_stream(const struct aravis_source *s, ArvStream *stream)
+{
+    const struct cap_gige *g = &s->c.gige;
+    double retention = g->frame_retention_ms > 0 ? g->frame_retention_ms : RETENTION_MS;
+    double timeout = g->packet_timeout_ms > 0 ? g->packet_timeout_ms : PACKET_TIMEOUT_MS;
+    int room = g->socket_buffer > 0 ? g->socket_buffer : SOCKET_BUFFER;
+    aravis_check_room(&s->c, room);
+    g_object_set(
+        stream, "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size", room,
+        "packet-resend",
+        s->resend ? ARV_GV_STREAM_PACKET_RESEND_ALWAYS : ARV_GV_STREAM_PACKET_RESEND_NEVER,
+        "frame-retention", (guint)(retention * 1000), "packet-timeout",
+        (guint)(ASK_AGAIN * timeout * 1000), "initial-packet-timeout", (guint)(timeout * 1000),
+        /* Every packet of a frame may be asked for once; with Aravis' quarter, a small frame is given up
+         * when one is lost twice. */
+        "packet-request-ratio", 1.0, NULL);
+}
+
+pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_diag *d)
+{
+    GError *err = NULL;
+    s->ids = (struct aravis_ids){0};
+    s->unnumbered = 0;
+    s->stamps = false;
+    if (arv_camera_is_gv_device(s->camera))
+        arv_camera_gv_set_stream_options(
+            s->camera, s->c.gige.no_packet_socket ? ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED
+                                                  : ARV_GV_STREAM_OPTION_NONE);
+    ArvStream *stream = arv_camera_create_stream(s->camera, on_stream, s, &err);
+    if (stream == NULL)
+        return aravis_fail(&s->c, PVX_EIO, "stream", &err, d);
+    if (ARV_IS_GV_STREAM(stream))
+        set_stream(s, stream);
+    s->stream = s->buffers->stream = stream;
+    cap_lend_run(s->lend, true);
+    return PVX_OK;
+}
+
+void aravis_cut_stream(struct aravis_source *s)
+{
+    cap_lend_run(s->lend, false);
+}
+
+void aravis_end_stream(struct aravis_source *s)
+{
+    if (s->stream == NULL)
+        return;
+    aravis_cut_stream(s);
+    g_object_unref(s->stream); /* its thread uses the pointer until it has ended */
+    s->stream = NULL;
+}

@@ -1,0 +1,245 @@
+#include "capture/aravis_watch.h"
+
+#include <math.h>
+#include <sched.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "capture/gev/find.h"
+#include "capture/gev/gev.h"
+#include "capture/gev/ptp.h"
+
+#define MODE_NS (400 * PVX_NS_PER_MS)
+#define ROUND   5 /* of these, and everything is looked at */
+#define LATCHES 3
+
+guint64 aravis_tick_hz(ArvCamera *cam)
+{
+    if (!arv_camera_is_gv_device(cam))
+        return 0;
+    return arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(arv_camera_get_device(cam)),
+                                                      NULL);
+}
+
+int64_t aravis_ticks_to_ns(uint64_t ticks, guint64 hz)
+{
+    if (hz == 0 || hz == 1000000000u)
+        return (int64_t)ticks;
+    uint64_t s = ticks / hz, rest = ticks % hz;
+    return (int64_t)(s * 1000000000u + (uint64_t)((double)rest * 1e9 / (double)hz));
+}
+
+/* ---- one look at each thing ------------------------------------------------------------------- */
+
+static bool latch_once(struct aravis_source *s, const char *latch, const char *value, guint64 hz,
+                       struct cap_health *h)
+{
+    GError *err = NULL;
+    pthread_mutex_lock(&s->device);
+    int64_t before = pvx_now_mono();
+    arv_camera_execute_command(s->camera, latch, &err);
+    int64_t after = pvx_now_mono();
+    gint64 ticks = err == NULL ? arv_camera_get_integer(s->camera, value, &err) : 0;
+    pthread_mutex_unlock(&s->device);
+    bool ok = err == NULL && ticks != 0;
+    g_clear_error(&err);
+    if (ok && (h->clock.bound_ns < 0 || (after - before) / 2 < h->clock.bound_ns)) {
+        h->clock.device_ns = aravis_ticks_to_ns((uint64_t)ticks, hz);
+        h->clock.host_mono_ns = before + (after - before) / 2;
+        h->clock.bound_ns = (after - before) / 2 + 1;
+    }
+    return ok;
+}
+
+static void look_at_clock(struct aravis_source *s, struct cap_health *h)
+{
+    static const char *const names[][2] = {{"GevTimestampControlLatch", "GevTimestampValue"},
+                                           {"TimestampLatch", "TimestampLatchValue"}};
+    h->clock.bound_ns = -1;
+    for (size_t i = 0; i < 2; i++) {
+        pthread_mutex_lock(&s->device);
+        bool has = arv_camera_is_feature_available(s->camera, names[i][0], NULL) &&
+                   arv_camera_is_feature_available(s->camera, names[i][1], NULL);
+        guint64 hz = has ? aravis_tick_hz(s->camera) : 0;
+        pthread_mutex_unlock(&s->device);
+        if (!has)
+            continue;
+        for (int k = 0; k < LATCHES && latch_once(s, names[i][0], names[i][1], hz, h); k++)
+            ;
+        return;
+    }
+}
+
+/* A software trigger must not wait for more than one question. */
+static void let_others(struct aravis_source *s)
+{
+    pthread_mutex_unlock(&s->device);
+    sched_yield();
+    pthread_mutex_lock(&s->device);
+}
+
+static void look_at_device(struct aravis_source *s, struct cap_health *h)
+{
+    GError *err = NULL;
+    struct aravis_ptp ptp;
+    h->temperature_c = h->link_mbps = NAN;
+    pthread_mutex_lock(&s->device);
+    if (arv_camera_is_feature_available(s->camera, "DeviceTemperature", NULL)) {
+        h->temperature_c = arv_camera_get_float(s->camera, "DeviceTemperature", &err);
+        if (err != NULL)
+            h->temperature_c = NAN;
+        g_clear_error(&err);
+    }
+    let_others(s);
+    guint32 mbps = 0;
+    if (s->route.camera != 0 &&
+        arv_device_read_register(arv_camera_get_device(s->camera), 0x670 /* link speed */, &mbps,
+                                 NULL) &&
+        mbps > 0)
+        h->link_mbps = mbps;
+    let_others(s);
+    aravis_ptp_read(s->camera, &ptp);
+    pthread_mutex_unlock(&s->device);
+    memcpy(h->ptp, ptp.state, sizeof h->ptp);
+    h->ptp_offset_ns = ptp.offset_ns;
+}
+
+/* Somebody may have changed what the camera waits for.  It is set again; a camera that cannot do that while
+ * it takes frames is opened anew. */
+static void look_at_mode(struct aravis_source *s)
+{
+    char is[CAP_DETAIL_MAX] = "", text[CAP_DETAIL_MAX];
+    pthread_mutex_lock(&s->device);
+    bool good = aravis_mode_is(s->camera, &s->mode, is, sizeof is);
+    bool again = good || aravis_mode_again(s->camera, &s->mode);
+    pthread_mutex_unlock(&s->device);
+    if (good)
+        return;
+    snprintf(text, sizeof text, "%.70s; %s", is,
+             again ? "it was set again" : "it cannot be set now: opened anew");
+    if (cap_gate_enter(&s->gate)) {
+        if (s->sink.detail != NULL)
+            s->sink.detail(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, text);
+        s->sink.count(s->sink.ctx, s->c.camera, CAP_TRIGGER_MODE, 1);
+        cap_gate_leave(&s->gate);
+    }
+    if (!again)
+        aravis_say_lost(s);
+}
+
+static void watch_ptp(const struct aravis_source *s, const struct cap_health *h, bool *bad)
+{
+    struct aravis_ptp p = {.offset_ns = h->ptp_offset_ns};
+    memcpy(p.state, h->ptp, sizeof p.state);
+    bool good = aravis_ptp_good(&p, s->c.ptp_offset_us);
+    if (!s->c.ptp || good != *bad)
+        return;
+    *bad = !good;
+    if (good)
+        LOG_I(CAPTURE, "camera %s (aravis:%s): its clock is synchronized again", s->c.name,
+              s->c.uri);
+    else
+        LOG_W(
+            CAPTURE,
+            "camera %s (aravis:%s): its clock is no longer synchronized: PTP says %s, offset %.3g "
+            "us; its exposures drift away from the others'",
+            s->c.name, s->c.uri, p.state[0] != '\0' ? p.state : "nothing", p.offset_ns * 1e-3);
+}
+
+static void tell_unread_chunks(struct aravis_source *s, bool *told)
+{
+    if (*told || !atomic_load(&s->chunks.unread))
+        return;
+    *told = true;
+    LOG_W(CAPTURE,
+          "camera %s (aravis:%s): its chunk data are of a kind that Aravis does not read (payload "
+          "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown",
+          s->c.name, s->c.uri);
+}
+
+/* ---- the loop --------------------------------------------------------------------------------- */
+
+static bool quits(struct aravis_source *s)
+{
+    pthread_mutex_lock(&s->lock);
+    bool q = s->quit;
+    pthread_mutex_unlock(&s->lock);
+    return q;
+}
+
+static void look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
+{
+    look_at_clock(s, h);
+    if (!quits(s))
+        look_at_device(s, h);
+    if (quits(s))
+        return;
+    if (h->clock.bound_ns >= 0 && s->sink.clock != NULL && cap_gate_enter(&s->gate)) {
+        s->sink.clock(s->sink.ctx, s->c.camera, h->clock.device_ns, h->clock.host_mono_ns,
+                      h->clock.bound_ns);
+        cap_gate_leave(&s->gate);
+    }
+    watch_ptp(s, h, bad_ptp);
+    pthread_mutex_lock(&s->lock);
+    s->health = *h;
+    pthread_mutex_unlock(&s->lock);
+}
+
+static void *watch(void *arg)
+{
+    struct aravis_source *s = arg;
+    bool bad_ptp = false, told = false;
+    struct cap_health h = cap_health_unknown;
+    h.address = s->route.camera;
+    h.broadcast = s->route.broadcast;
+    for (unsigned round = 0; !quits(s); round++) {
+        /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
+        bool there = s->route.camera == 0 || aravis_probe(s->route.camera, NULL);
+        if (there)
+            look_at_mode(s);
+        if (there && round % ROUND == 0 && !quits(s))
+            look(s, &h, &bad_ptp);
+        tell_unread_chunks(s, &told);
+        int64_t until = pvx_now_mono() + MODE_NS;
+        struct timespec ts = {.tv_sec = until / PVX_NS_PER_S, .tv_nsec = until % PVX_NS_PER_S};
+        pthread_mutex_lock(&s->lock);
+        while (!s->quit && pvx_now_mono() < until)
+            pthread_cond_timedwait(&s->wake, &s->lock, &ts);
+        pthread_mutex_unlock(&s->lock);
+    }
+    return NULL;
+}
+
+void aravis_watch_start(struct aravis_source *s)
+{
+    pthread_mutex_lock(&s->lock);
+    s->quit = false;
+    s->health = cap_health_unknown;
+    s->health.address = s->route.camera;
+    s->health.broadcast = s->route.broadcast;
+    pthread_mutex_unlock(&s->lock);
+    if (pthread_create(&s->watch, NULL, watch, s) != 0) {
+        LOG_W(CAPTURE, "camera %s (aravis:%s): no thread to watch its clock with", s->c.name,
+              s->c.uri);
+        return;
+    }
+    s->watching = true;
+    pthread_setname_np(s->watch, "camwatch");
+}
+
+void aravis_watch_quit(struct aravis_source *s)
+{
+    pthread_mutex_lock(&s->lock);
+    s->quit = true;
+    pthread_cond_broadcast(&s->wake);
+    pthread_mutex_unlock(&s->lock);
+}
+
+void aravis_watch_join(struct aravis_source *s)
+{
+    if (s->watching)
+        pthread_join(s->watch, NULL);
+    s->watching = false;
+}

@@ -1,0 +1,363 @@
+/* gvnet.c - one thread for all cameras: sockets, timers, the trigger line, the switch. */
+#include "capture/gevsim/gvnet.h"
+
+#include <arpa/inet.h>
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/eventfd.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "capture/gvcam_int.h"
+
+#define MAX_SOCKETS  600
+#define IDLE_NS      PVX_NS_PER_S /* looks around at least so often */
+#define LINK_BUFFER  (512u << 10)
+#define TAKE_AT_ONCE 64 /* datagrams per socket before the others have their turn */
+
+/* ---- switch ----------------------------------------------------------------------------------- */
+
+bool gvnet_silent(const struct cap_gvnet *n, int64_t now)
+{
+    return now < n->silent_until;
+}
+
+/* A leaky bucket: what is in the switch's buffer drains at the rate of the link. */
+bool gvnet_pass(struct cap_gvcam *c, size_t bytes, int64_t now)
+{
+    struct cap_gvnet *n = c->net;
+    bool ok = !gvnet_silent(n, now);
+    if (ok && n->link_bytes_per_ns > 0) {
+        int64_t t = gvcam_now(); /* a batch takes a while */
+        n->link_level -= (double)(t - n->link_at) * n->link_bytes_per_ns;
+        n->link_level = n->link_level > 0 ? n->link_level : 0;
+        n->link_at = t;
+        ok = n->link_level + (double)bytes <= (double)n->link_buffer;
+        if (ok)
+            n->link_level += (double)bytes;
+    }
+    if (!ok)
+        c->stats.cut++;
+    return ok;
+}
+
+void cap_gvnet_link(cap_gvnet *n, double mbit_s, size_t buffer_bytes)
+{
+    gvnet_lock(n);
+    n->link_bytes_per_ns = mbit_s > 0 ? mbit_s * 1e6 / 8 / 1e9 : 0;
+    n->link_buffer = buffer_bytes > 0 ? buffer_bytes : LINK_BUFFER;
+    n->link_level = 0;
+    n->link_at = gvcam_now();
+    gvnet_unlock(n);
+}
+
+void cap_gvnet_reboot(cap_gvnet *n, double seconds)
+{
+    gvnet_lock(n);
+    n->silent_until = gvcam_now() + (int64_t)(seconds * 1e9);
+    gvnet_unlock(n);
+}
+
+/* ---- trigger line ------------------------------------------------------------------------------ */
+
+static void edge(struct cap_gvnet *n, int64_t at)
+{
+    n->line_level = 1; /* the pulse lasts until the frame has been described */
+    for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
+        gvcam_trigger(c, GVCAM_LINE1, at);
+    n->line_level = 0;
+}
+
+static int64_t pulse_ns(int64_t k, double hz)
+{
+    return (int64_t)llroundl((long double)k * 1e9L / hz);
+}
+
+static int64_t line_step(struct cap_gvnet *n, int64_t now)
+{
+    if (n->line_hz <= 0)
+        return GVCAM_NEVER;
+    if (now - pulse_ns(n->line_tick, n->line_hz) > PVX_NS_PER_S)
+        n->line_tick = (int64_t)((long double)now * n->line_hz / 1e9L);
+    while (pulse_ns(n->line_tick + 1, n->line_hz) <= now)
+        edge(n, pulse_ns(++n->line_tick, n->line_hz));
+    return pulse_ns(n->line_tick + 1, n->line_hz);
+}
+
+void cap_gvnet_line(cap_gvnet *n, double hz)
+{
+    gvnet_lock(n);
+    n->line_hz = hz;
+    n->line_tick = (int64_t)((long double)gvcam_now() * hz / 1e9L);
+    gvnet_unlock(n);
+}
+
+void cap_gvnet_pulse(cap_gvnet *n)
+{
+    gvnet_lock(n);
+    edge(n, gvcam_now());
+    gvnet_unlock(n);
+}
+
+/* ---- sockets ---------------------------------------------------------------------------------- */
+
+static void broadcast(struct cap_gvnet *n, const uint8_t *p, size_t bytes,
+                      const struct sockaddr_in *from, unsigned ifindex, int64_t now)
+{
+    struct cap_gvcp_request r;
+    if (cap_gvcp_parse(p, bytes, &r) == CAP_GVCP_SILENT ||
+        (r.command != CAP_GVCP_DISCOVERY && r.command != CAP_GVCP_FORCEIP &&
+         r.command != CAP_GVCP_ACTION))
+        return; /* nothing else may be said to all */
+    for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
+        if (ifindex == 0 || ifindex == c->ifindex)
+            gvcam_control_datagram(c, p, bytes, from, now);
+}
+
+/* Datagrams waiting at fd; cam NULL = a broadcast socket. */
+static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
+{
+    uint8_t p[2048];
+    for (int k = 0; k < TAKE_AT_ONCE; k++) {
+        struct sockaddr_in from;
+        char control[CMSG_SPACE(sizeof(struct in_pktinfo))];
+        struct iovec iov = {p, sizeof p};
+        struct msghdr m = {.msg_name = &from,
+                           .msg_namelen = sizeof from,
+                           .msg_iov = &iov,
+                           .msg_iovlen = 1,
+                           .msg_control = control,
+                           .msg_controllen = sizeof control};
+        ssize_t got = recvmsg(fd, &m, MSG_DONTWAIT);
+        if (got < 0) {
+            if (errno == ECONNREFUSED || errno == EINTR)
+                continue; /* somebody whom we answered has gone */
+            return;
+        }
+        if (m.msg_namelen != sizeof from || from.sin_family != AF_INET)
+            continue;
+        unsigned ifindex = 0;
+        int64_t now = gvcam_now(); /* of each: a trigger is stamped with it */
+        for (struct cmsghdr *h = CMSG_FIRSTHDR(&m); h != NULL; h = CMSG_NXTHDR(&m, h))
+            if (h->cmsg_level == IPPROTO_IP && h->cmsg_type == IP_PKTINFO) {
+                struct in_pktinfo info;
+                memcpy(&info, CMSG_DATA(h), sizeof info);
+                ifindex = (unsigned)info.ipi_ifindex;
+            }
+        if (cam != NULL)
+            gvcam_control_datagram(cam, p, (size_t)got, &from, now);
+        else
+            broadcast(n, p, (size_t)got, &from, ifindex, now);
+    }
+}
+
+/* A socket that hears what is sent to a broadcast address; others may hear it too. */
+static pvx_err add_caster(struct cap_gvnet *n, struct in_addr addr, struct pvx_diag *d)
+{
+    for (const struct gvcam_caster *k = n->casters; k != NULL; k = k->next)
+        if (k->addr.s_addr == addr.s_addr)
+            return PVX_OK;
+    struct gvcam_caster *k = pvx_calloc(1, sizeof *k);
+    if (k == NULL)
+        return PVX_ENOMEM;
+    struct sockaddr_in sa = {
+        .sin_family = AF_INET, .sin_port = htons(CAP_GVCP_PORT), .sin_addr = addr};
+    int yes = 1;
+    k->addr = addr;
+    k->fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (k->fd < 0 || setsockopt(k->fd, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) != 0 ||
+        setsockopt(k->fd, IPPROTO_IP, IP_PKTINFO, &yes, sizeof yes) != 0 ||
+        bind(k->fd, (struct sockaddr *)&sa, sizeof sa) != 0) {
+        int e = errno;
+        char text[INET_ADDRSTRLEN];
+        if (k->fd >= 0)
+            close(k->fd);
+        free(k);
+        return pvx_fail(d, e == EADDRINUSE ? PVX_EBUSY : pvx_err_from_errno(e),
+                        "simulated cameras: broadcast address %s, UDP port %d: %s",
+                        inet_ntop(AF_INET, &addr, text, sizeof text), CAP_GVCP_PORT, strerror(e));
+    }
+    k->next = n->casters;
+    n->casters = k;
+    return PVX_OK;
+}
+
+/* ---- thread ----------------------------------------------------------------------------------- */
+
+static unsigned list_sockets(struct cap_gvnet *n, struct pollfd *p)
+{
+    unsigned k = 0;
+    p[k++] = (struct pollfd){.fd = n->wake, .events = POLLIN};
+    for (const struct gvcam_caster *b = n->casters; b != NULL && k < MAX_SOCKETS; b = b->next)
+        p[k++] = (struct pollfd){.fd = b->fd, .events = POLLIN};
+    for (const struct cap_gvcam *c = n->cams; c != NULL && k < MAX_SOCKETS; c = c->next)
+        p[k++] = (struct pollfd){.fd = c->control, .events = POLLIN};
+    return k;
+}
+
+static bool ready(const struct pollfd *p, unsigned n, int fd)
+{
+    for (unsigned k = 0; k < n; k++)
+        if (p[k].fd == fd)
+            return p[k].revents != 0;
+    return false;
+}
+
+static void serve_sockets(struct cap_gvnet *n, const struct pollfd *p, unsigned n_p)
+{
+    uint64_t count;
+    if (p[0].revents != 0 && read(n->wake, &count, sizeof count) < 0 && errno != EAGAIN)
+        return;
+    for (const struct gvcam_caster *b = n->casters; b != NULL; b = b->next)
+        if (ready(p, n_p, b->fd))
+            receive(n, b->fd, NULL);
+    for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
+        if (ready(p, n_p, c->control))
+            receive(n, c->control, c);
+}
+
+static int64_t earlier(int64_t a, int64_t b)
+{
+    return a < b ? a : b;
+}
+
+/* Everything that is due; the time of the next thing. */
+static int64_t step(struct cap_gvnet *n)
+{
+    int64_t now = gvcam_now(), next = line_step(n, now);
+    for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next) {
+        if (c->gone_until != 0) {
+            next = earlier(next, c->gone_until);
+            if (now < c->gone_until)
+                continue;
+            c->gone_until = 0;
+            gvcam_clock_start(c, now);
+        }
+        next = earlier(next, gvcam_control_step(c, now));
+        next = earlier(next, gvcam_take_step(c, now));
+        next = earlier(next, gvcam_send_step(c, gvcam_now()));
+    }
+    return next;
+}
+
+static void *run(void *arg)
+{
+    struct cap_gvnet *n = arg;
+    struct pollfd p[MAX_SOCKETS];
+    pthread_setname_np(pthread_self(), "simcams");
+    prctl(PR_SET_TIMERSLACK, 1000UL);
+    pthread_mutex_lock(&n->lock);
+    while (!n->stop) {
+        int64_t next = step(n), left = next - gvcam_now();
+        unsigned k = list_sockets(n, p);
+        left = left < 0 ? 0 : left > IDLE_NS ? IDLE_NS : left;
+        n->polling = true;
+        pthread_mutex_unlock(&n->lock);
+        struct timespec ts = {left / PVX_NS_PER_S, left % PVX_NS_PER_S};
+        int got = ppoll(p, k, &ts, NULL);
+        pthread_mutex_lock(&n->lock);
+        n->polling = false;
+        n->polls++;
+        pthread_cond_broadcast(&n->looked);
+        if (got > 0)
+            serve_sockets(n, p, k);
+    }
+    pthread_mutex_unlock(&n->lock);
+    return NULL;
+}
+
+void gvnet_lock(cap_gvnet *n)
+{
+    pthread_mutex_lock(&n->lock);
+}
+
+static void wake(cap_gvnet *n)
+{
+    uint64_t one = 1;
+    if (write(n->wake, &one, sizeof one) < 0)
+        return; /* full: it is awake already */
+}
+
+void gvnet_unlock(cap_gvnet *n)
+{
+    pthread_mutex_unlock(&n->lock);
+    wake(n);
+}
+
+pvx_err gvnet_add(cap_gvnet *n, cap_gvcam *c, struct pvx_diag *d)
+{
+    struct in_addr all = {htonl(INADDR_BROADCAST)};
+    struct in_addr subnet = {c->addr.s_addr | ~c->mask.s_addr};
+    gvnet_lock(n);
+    pvx_err e = add_caster(n, all, d);
+    if (e == PVX_OK && subnet.s_addr != c->addr.s_addr)
+        e = add_caster(n, subnet, d);
+    if (e == PVX_OK) {
+        c->next = n->cams;
+        n->cams = c;
+    }
+    gvnet_unlock(n);
+    return e;
+}
+
+void gvnet_remove(cap_gvnet *n, cap_gvcam *c)
+{
+    gvnet_lock(n);
+    for (struct cap_gvcam **at = &n->cams; *at != NULL; at = &(*at)->next)
+        if (*at == c) {
+            *at = c->next;
+            break;
+        }
+    uint64_t polls = n->polls;
+    wake(n);
+    while (n->polling && n->polls == polls) /* else its address stays in use after close */
+        pthread_cond_wait(&n->looked, &n->lock);
+    pthread_mutex_unlock(&n->lock);
+}
+
+pvx_err cap_gvnet_new(cap_gvnet **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct cap_gvnet *n = pvx_calloc(1, sizeof *n);
+    if (n == NULL)
+        return PVX_ENOMEM;
+    pthread_mutex_init(&n->lock, NULL);
+    pthread_cond_init(&n->looked, NULL);
+    n->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    if (n->wake < 0 || pthread_create(&n->thread, NULL, run, n) != 0) {
+        pvx_fail(d, PVX_EIO, "simulated cameras: thread: %s", strerror(errno));
+        if (n->wake >= 0)
+            close(n->wake);
+        free(n);
+        return PVX_EIO;
+    }
+    *out = n;
+    return PVX_OK;
+}
+
+void cap_gvnet_free(cap_gvnet **np)
+{
+    struct cap_gvnet *n = *np;
+    if (n == NULL)
+        return;
+    *np = NULL;
+    gvnet_lock(n);
+    n->stop = true;
+    gvnet_unlock(n);
+    pthread_join(n->thread, NULL);
+    while (n->casters != NULL) {
+        struct gvcam_caster *k = n->casters;
+        n->casters = k->next;
+        close(k->fd);
+        free(k);
+    }
+    close(n->wake);
+    pthread_cond_destroy(&n->looked);
+    pthread_mutex_destroy(&n->lock);
+    free(n);
+}

@@ -1,0 +1,129 @@
+#include "capture/pixel/pixfmt.h"
+
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "capture/pixel/pixfmt_priv.h"
+
+void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
+{
+    double kr = yuv & CAP_YUV_709 ? 0.2126 : 0.299, kb = yuv & CAP_YUV_709 ? 0.0722 : 0.114;
+    double kg = 1 - kr - kb;
+    bool full = yuv & CAP_YUV_FULL;
+    double y = 4095.0 / (full ? 255 : 219), c = 4095.0 / (full ? 255 : 224);
+    double cb[3] = {0, -c * 2 * kb * (1 - kb) / kg, c * 2 * (1 - kb)};
+    double cr[3] = {c * 2 * (1 - kr), -c * 2 * kr * (1 - kr) / kg, 0};
+    *out = (struct cap_yuv_coef){.y = {0}};
+    for (int i = 0; i < 3; i++) {
+        out->y[i] = (float)y;
+        out->cb[i] = (float)cb[i];
+        out->cr[i] = (float)cr[i];
+        out->at0[i] = (float)(0.5 - (full ? 0 : 16 * y) - 128 * (cb[i] + cr[i]));
+    }
+}
+
+static enum cap_transfer curve_of(const struct cap_image *img, enum cap_transfer t)
+{
+    if (t != CAP_TRANSFER_AUTO)
+        return t;
+    if (cap_pixfmt_layout(img->fmt) != CAP_LAYOUT_YUV && !(img->yuv & CAP_YUV_CODED))
+        return CAP_TRANSFER_LINEAR;
+    return img->yuv & CAP_YUV_TRANSFER_709 ? CAP_TRANSFER_BT709 : CAP_TRANSFER_SRGB;
+}
+
+static pvx_err check_size(const struct cap_image *img, int binning, int32_t y0, int32_t y1)
+{
+    if (binning < 1 || binning > CAP_BINNING_MAX || img->width < 1 || img->height < 1 ||
+        img->width % binning != 0 || img->height % binning != 0 || y0 < 0 ||
+        y1 > img->height / binning)
+        return PVX_EINVAL;
+    size_t row = cap_pixfmt_row(img->fmt, img->width), need;
+    if (img->stride < 0 || (size_t)img->stride < row)
+        return PVX_EINVAL;
+    if (__builtin_mul_overflow((size_t)img->stride, (size_t)(img->height - 1), &need) ||
+        __builtin_add_overflow(need, row, &need) || img->data == NULL || img->size < need)
+        return PVX_EFORMAT;
+    return PVX_OK;
+}
+
+pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_params *p, int32_t y0,
+                      int32_t y1, struct cap_pix *j)
+{
+    enum cap_layout layout = cap_pixfmt_layout(img->fmt);
+    enum cap_transfer curve = curve_of(img, p->transfer);
+    if (layout == CAP_LAYOUT_NONE || layout == CAP_LAYOUT_JPEG ||
+        (layout == CAP_LAYOUT_F32 && curve != CAP_TRANSFER_LINEAR))
+        return PVX_EUNSUP;
+    if (p->nch != 1 && p->nch != 3)
+        return PVX_EINVAL;
+    PVX_TRY(check_size(img, p->binning, y0, y1));
+    int bits = layout == CAP_LAYOUT_YUV ? 12 : cap_pixfmt_depth(img->fmt);
+    bool grey = cap_pixfmt_channels(img->fmt) == 1;
+    *j = (struct cap_pix){.img = *img,
+                          .binning = p->binning,
+                          .nch = p->nch,
+                          .cell = cap_pixfmt_bayer(img->fmt),
+                          .grey = grey,
+                          .swapped = img->fmt == CAP_BGR8,
+                          .full = bits == 32 ? 0 : (1u << bits) - 1};
+    j->samples = grey || j->cell != NULL ? 1 : 3;
+    j->rays = p->mosaic == CAP_MOSAIC_RAYS && p->nch == 3;
+    if (j->cell != NULL && (img->width < 2 || img->height < 2))
+        return PVX_EINVAL;
+    if (curve != CAP_TRANSFER_LINEAR)
+        j->table = cap_transfer_table(curve, bits);
+    j->scale_full = (float)(j->table != NULL ? CAP_LIGHT_ONE : j->full);
+    if (layout == CAP_LAYOUT_YUV)
+        cap_pix_yuv_coef(img->yuv, &j->yuv);
+    return PVX_OK;
+}
+
+const struct cap_pix_ways *cap_pix_ways(void)
+{
+    static _Atomic(const struct cap_pix_ways *) chosen;
+    const struct cap_pix_ways *w = atomic_load_explicit(&chosen, memory_order_acquire);
+    if (w != NULL)
+        return w;
+    w = &cap_pix_plain;
+#if defined(__x86_64__)
+    const char *env = getenv("PYROVOX_CPU");
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx2") && (env == NULL || strcmp(env, "ref") != 0))
+        w = &cap_pix_avx2;
+#endif
+    atomic_store_explicit(&chosen, w, memory_order_release);
+    return w;
+}
+
+void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+                 float *out)
+{
+    int b = j->binning, most = j->cell != NULL && j->table != NULL ? 16 : 32; /* sums fit 31 bits */
+    if (j->full == 0)
+        cap_pix_floats(j, y0, y1, out);
+    else if (b > most)
+        cap_pix_ref(j, y0, y1, out);
+    else if (j->cell == NULL)
+        w->sums(j, y0, y1, out);
+    else if (b == 1)
+        w->bayer(j, y0, y1, out);
+    else
+        w->mosaic(j, y0, y1, out);
+}
+
+pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params *p, int32_t y0,
+                    int32_t y1, float *out)
+{
+    struct cap_pix j;
+    PVX_TRY(cap_pix_check(img, p, y0, y1, &j));
+    cap_pix_run(cap_pix_ways(), &j, y0, y1, out);
+    return PVX_OK;
+}
+
+pvx_err cap_bin(const struct cap_image *img, int binning, int nch, int32_t y0, int32_t y1,
+                float *out)
+{
+    return cap_convert(img, &(struct cap_convert_params){.binning = binning, .nch = nch}, y0, y1,
+                       out);
+}

@@ -1,0 +1,180 @@
+/* pixfmt_bayer.c - Bayer images at binning 1: bilinear interpolation, or each pixel as it is.
+ *
+ * A row's pixels alternate between the row's own colour (red or blue) and green.  At a pixel with
+ *     h = left + right,  v = above + below,  x = the four diagonal ones
+ * the missing colours are (h + v)/4 and x/4 at red and blue, h/2 and v/2 at green. */
+#include "capture/pixel/pixfmt_fast.h"
+
+enum { PIECE = 512 }; /* pixels at a time, and one more on each side */
+enum { ROOM = PIECE + CAP_PIX_SLACK };
+
+/* A piece of a row: values to be added, and the samples; pixel x is at x - first + 1. */
+struct piece {
+    uint32_t v[ROOM + 2];
+    uint16_t top[ROOM + 2];
+};
+
+static void one_value(const struct cap_pix *j, int32_t x, int32_t y, int32_t at, struct piece *p)
+{
+    unsigned v = cap_pix_sample(j, x, y, 0);
+    v = v < j->full ? v : j->full;
+    p->top[at] = (uint16_t)v;
+    p->v[at] = j->table == NULL ? v : j->table[v];
+}
+
+static void values(const uint16_t *restrict s, const uint32_t *table, int32_t n,
+                   uint32_t *restrict v)
+{
+    if (table != NULL)
+        for (int32_t i = 0; i < n; i++)
+            v[i] = table[s[i]];
+    else
+        for (int32_t i = 0; i < n; i++)
+            v[i] = s[i];
+}
+
+/* Pixels x-1 .. x+n of row y, mirrored at the image's border. */
+static void take(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct piece *p)
+{
+    int32_t w = j->img.width;
+    CAP_PIX(row)(j, y, x, n, p->top + 1, 0);
+    values(p->top + 1, j->table, n, p->v + 1);
+    one_value(j, x > 0 ? x - 1 : 1, y, 0, p);
+    one_value(j, x + n < w ? x + n : w - 2, y, n + 1, p);
+}
+
+/* Colour planes of a piece. */
+struct planes {
+    uint32_t sum[3][ROOM];
+    uint16_t top[3][ROOM];
+};
+
+CAP_PIX_INLINE uint16_t greater(uint16_t a, uint16_t b)
+{
+    return a > b ? a : b;
+}
+
+/* The row's own colour, green and the far colour at its pixels: green ones are the odd places, or
+ * (green_first) the even ones. */
+CAP_PIX_INLINE void mix(const struct piece *restrict up, const struct piece *restrict mid,
+                        const struct piece *restrict down, int32_t n, bool green_first,
+                        uint32_t *restrict own, uint32_t *restrict green, uint32_t *restrict far)
+{
+    for (int32_t i = 0; i < n; i++) {
+        const uint32_t is_green = 0u - ((uint32_t)(i + green_first) & 1u);
+        uint32_t h = mid->v[i] + mid->v[i + 2], v = up->v[i + 1] + down->v[i + 1];
+        uint32_t x = up->v[i] + up->v[i + 2] + down->v[i] + down->v[i + 2], at = mid->v[i + 1];
+        own[i] = (h & is_green) | (at & ~is_green);
+        far[i] = (v & is_green) | (x & ~is_green);
+        green[i] = (at & is_green) | ((h + v) & ~is_green);
+    }
+}
+
+CAP_PIX_INLINE void mix_tops(const struct piece *restrict up, const struct piece *restrict mid,
+                             const struct piece *restrict down, int32_t n, bool green_first,
+                             uint16_t *restrict own, uint16_t *restrict green,
+                             uint16_t *restrict far)
+{
+    for (int32_t i = 0; i < n; i++) {
+        const uint16_t is_green = (uint16_t)(0u - ((uint32_t)(i + green_first) & 1u));
+        const uint16_t is_own = (uint16_t)~is_green;
+        uint16_t h = greater(mid->top[i], mid->top[i + 2]);
+        uint16_t v = greater(up->top[i + 1], down->top[i + 1]), at = mid->top[i + 1];
+        uint16_t x =
+            greater(greater(up->top[i], up->top[i + 2]), greater(down->top[i], down->top[i + 2]));
+        own[i] = (uint16_t)((h & is_green) | (at & is_own));
+        far[i] = (uint16_t)((v & is_green) | (x & is_own));
+        green[i] = (uint16_t)((at & is_green) | (greater(h, v) & is_own));
+    }
+}
+
+static void mix_row(const struct cap_pix *j, const struct piece *up, const struct piece *mid,
+                    const struct piece *down, int32_t n, int32_t y, float *out)
+{
+    struct planes p;
+    const uint8_t *c = j->cell + (y & 1) * 2;
+    const bool green_first = c[0] == 1;
+    const int own = green_first ? c[1] : c[0], far = 2 - own;
+    const float one = cap_pix_scale(j, 1), two = cap_pix_scale(j, 2), four = cap_pix_scale(j, 4);
+    struct cap_pix_bins v = {{p.sum[0], p.sum[1], p.sum[2]}, {p.top[0], p.top[1], p.top[2]}, {{0}}};
+    mix(up, mid, down, n, green_first, p.sum[own], p.sum[1], p.sum[far]);
+    mix_tops(up, mid, down, n, green_first, p.top[own], p.top[1], p.top[far]);
+    v.scale[own][!green_first] = v.scale[far][!green_first] = two;
+    v.scale[1][!green_first] = v.scale[own][green_first] = one;
+    v.scale[1][green_first] = v.scale[far][green_first] = four;
+    CAP_PIX(finish)(j, &v, n, out);
+}
+
+static void demosaic(const struct cap_pix *j, int32_t x, int32_t n, int32_t y0, int32_t y1,
+                     float *out)
+{
+    struct piece row[3]; /* above, at and below, in turn */
+    int32_t w = j->img.width, h = j->img.height;
+    take(j, y0 > 0 ? y0 - 1 : 1, x, n, &row[(y0 + 2) % 3]);
+    take(j, y0, x, n, &row[y0 % 3]);
+    for (int32_t y = y0; y < y1; y++) {
+        take(j, y + 1 < h ? y + 1 : h - 2, x, n, &row[(y + 1) % 3]);
+        mix_row(j, &row[(y + 2) % 3], &row[y % 3], &row[(y + 1) % 3], n, y,
+                out + ((size_t)y * (size_t)w + (size_t)x) * (j->nch == 3 ? 4 : 1));
+    }
+}
+
+#if defined(CAP_PIX_AVX2)
+/* As many of n values as come in eights, each in lane `first` or, at odd places, `second`. */
+static int32_t rays_by_eight(const float *light, int32_t n, int first, int second, float *out)
+{
+    const __m256i places = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1);
+    float none[8] = {NAN, NAN, NAN, 0, NAN, NAN, NAN, 0};
+    int32_t own[8] = {0}, i = 0;
+    own[first] = own[4 + second] = -1;
+    const __m256 rest = _mm256_loadu_ps(none);
+    const __m256 mask = _mm256_castsi256_ps(_mm256_loadu_si256((const __m256i *)own));
+    for (; i + 8 <= n; i += 8) {
+        __m256 v = _mm256_loadu_ps(light + i);
+        for (int k = 0; k < 4; k++) {
+            __m256i at = _mm256_add_epi32(places, _mm256_set1_epi32(2 * k));
+            _mm256_storeu_ps(out + (size_t)i * 4 + (size_t)k * 8,
+                             _mm256_blendv_ps(rest, _mm256_permutevar8x32_ps(v, at), mask));
+        }
+    }
+    return i;
+}
+#endif
+
+/* Each pixel in the lane of its colour. */
+static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float *out)
+{
+    uint16_t s[ROOM];
+    uint32_t v[PIECE];
+    float light[PIECE];
+    const float scale = cap_pix_scale(j, 1);
+    const int32_t full = (int32_t)j->full;
+    const int first = j->cell[(y & 1) * 2], second = j->cell[(y & 1) * 2 + 1];
+    const cap_f4 none = {NAN, NAN, NAN, 0};
+    int32_t i = 0;
+    CAP_PIX(row)(j, y, x, n, s, 0);
+    values(s, j->table, n, v);
+    for (int32_t k = 0; k < n; k++)
+        light[k] = cap_pix_value((float)(int32_t)v[k] * scale, s[k] >= full);
+#if defined(CAP_PIX_AVX2)
+    i = rays_by_eight(light, n, first, second, out);
+#endif
+    for (; i < n; i++) {
+        *(cap_f4 *)(out + (size_t)i * 4) = none;
+        out[(size_t)i * 4 + (size_t)(i % 2 == 0 ? first : second)] = light[i];
+    }
+}
+
+void CAP_PIX(bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+{
+    int32_t w = j->img.width;
+    if (!j->rays) {
+        for (int32_t x = 0; x < w && y0 < y1; x += PIECE)
+            demosaic(j, x, w - x < PIECE ? w - x : PIECE, y0, y1, out);
+        return;
+    }
+    for (int32_t y = y0; y < y1; y++)
+        for (int32_t x = 0; x < w; x += PIECE)
+            rays(j, x, w - x < PIECE ? w - x : PIECE, y,
+                 out + ((size_t)y * (size_t)w + (size_t)x) * 4);
+}

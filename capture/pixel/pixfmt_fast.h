@@ -1,0 +1,52 @@
+/* pixfmt_fast.h - what the fast ways share: raw rows to planes of samples, sums of samples to floats.
+ *
+ * The files that include this are compiled twice, for any processor and (CAP_PIX_AVX2, see the Makefile)
+ * for AVX2.  Most of them are plain loops that the compiler turns into vectors of either width; what it
+ * would not is written out under CAP_PIX_AVX2.  Planes - one per channel, a Bayer image one in all - are
+ * taken a piece of a row at a time, which stays in the first-level cache with the table. */
+#ifndef CAP_PIXFMT_FAST_H
+#define CAP_PIXFMT_FAST_H
+#include <string.h>
+
+#include "capture/pixel/pixfmt_priv.h"
+
+#if defined(CAP_PIX_AVX2)
+#include <immintrin.h>
+#define CAP_PIX(name) cap_pix_##name##_avx2
+#else
+#define CAP_PIX(name) cap_pix_##name##_plain
+#endif
+
+/* Samples behind a plane's end that may be written. */
+enum { CAP_PIX_SLACK = 16 };
+
+/* v, or 1 if saturated; without a branch, which would keep a loop from becoming one of vectors. */
+CAP_PIX_INLINE float cap_pix_value(float v, bool saturated)
+{
+    const int32_t one = 0x3F800000, mask = -(int32_t)saturated;
+    int32_t bits;
+    memcpy(&bits, &v, sizeof bits);
+    bits = (bits & ~mask) | (one & mask);
+    memcpy(&v, &bits, sizeof v);
+    return v;
+}
+
+/* Raw samples of pixels [x, x+n) of row y, cut to full scale; channel c (0 R, 1 G, 2 B; of grey and Bayer
+ * images the only one) at out + c*pitch.  x even, for 10 bits without gaps a multiple of 4. */
+void CAP_PIX(row)(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint16_t *out,
+                  size_t pitch);
+
+/* Sums of light, < 2^31, and the greatest raw sample in each, per channel; of a grey image the first.
+ * Those at even and odd places may have scales of their own. */
+struct cap_pix_bins {
+    const uint32_t *sum[3];
+    const uint16_t *top[3];
+    float scale[3][2];
+};
+/* n of them to floats as cap_convert gives them. */
+void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out);
+
+void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+void CAP_PIX(bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+#endif

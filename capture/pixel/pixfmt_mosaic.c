@@ -1,0 +1,261 @@
+/* pixfmt_mosaic.c - Bayer images binned, binning b >= 2.
+ *
+ * Green: the bin's own samples, whose centre of gravity is the bin's, or nearly.  Red's and blue's would be
+ * half a pixel off, so each of their samples counts as far as the 2x2 pixels that it stands for lie in the
+ * bin: along each axis, in half pixels, 4 inside, 3 for the sample at an edge of the bin and 1 for the one
+ * just beyond an edge,
+ *     weighted sum = 4 (sum of the bin's own) - those at the edges + those beyond                   (1)
+ * with weights (2b)^2 in all; at each edge one of the two is of the colour.  Down the rows first, for all
+ * columns, then across. */
+#include <string.h>
+
+#include "capture/pixel/pixfmt_fast.h"
+
+enum { PIECE = 512 }; /* pixels at a time, and one more on each side */
+enum { ROOM = PIECE + CAP_PIX_SLACK };
+
+/* Pixels x-1 .. x+n of one row: values to be added, and the samples. */
+struct line {
+    uint32_t v[ROOM + 2];
+    uint16_t top[ROOM + 2];
+};
+/* Sums down the rows of one parity and greatest samples: own rows of the bin, and (1). */
+struct columns {
+    uint32_t sum[PIECE + 2], sum1[PIECE + 2];
+    uint16_t top[PIECE + 2], top1[PIECE + 2];
+};
+/* Bins: sums and greatest samples per channel. */
+struct bins {
+    uint32_t sum[3][PIECE / 2 + CAP_PIX_SLACK];
+    uint16_t top[3][PIECE / 2 + CAP_PIX_SLACK];
+};
+
+CAP_PIX_INLINE uint16_t greater(uint16_t a, uint16_t b)
+{
+    return a > b ? a : b;
+}
+
+static void one_value(const struct cap_pix *j, int32_t x, int32_t y, int32_t at, struct line *l)
+{
+    unsigned v = cap_pix_sample(j, x, y, 0);
+    v = v < j->full ? v : j->full;
+    l->top[at] = (uint16_t)v;
+    l->v[at] = j->table == NULL ? v : j->table[v];
+}
+
+static void take(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct line *restrict l)
+{
+    const uint32_t *table = j->table;
+    int32_t w = j->img.width, h = j->img.height;
+    y = y < 0 ? -y : y >= h ? 2 * h - 2 - y : y;
+    CAP_PIX(row)(j, y, x, n, l->top + 1, 0);
+    if (table == NULL)
+        for (int32_t i = 1; i <= n; i++)
+            l->v[i] = l->top[i];
+    else
+        for (int32_t i = 1; i <= n; i++)
+            l->v[i] = table[l->top[i]];
+    one_value(j, x > 0 ? x - 1 : 1, y, 0, l);
+    one_value(j, x + n < w ? x + n : w - 2, y, n + 1, l);
+}
+
+static void add_line(const struct line *restrict l, int32_t n, struct columns *restrict c)
+{
+    for (int32_t i = 0; i < n; i++)
+        c->sum[i] += l->v[i];
+    for (int32_t i = 0; i < n; i++)
+        c->top[i] = greater(c->top[i], l->top[i]);
+}
+
+/* Add, or take as the first one. */
+static void own(const struct line *restrict l, int32_t n, bool first, struct columns *restrict c)
+{
+    if (first) {
+        memcpy(c->sum, l->v, (size_t)n * sizeof c->sum[0]);
+        memcpy(c->top, l->top, (size_t)n * sizeof c->top[0]);
+    } else {
+        add_line(l, n, c);
+    }
+}
+
+/* (1) down the rows: at each edge a row is the bin's own or (beyond) not. */
+static void weigh(const struct line *restrict lo, bool beyond_lo, const struct line *restrict hi,
+                  bool beyond_hi, int32_t n, struct columns *restrict c)
+{
+    const uint32_t a = beyond_lo ? 0 : ~0u, b = beyond_hi ? 0 : ~0u; /* (v ^ ~0) - ~0 = -v */
+    for (int32_t i = 0; i < n; i++)
+        c->sum1[i] = 4 * c->sum[i] + ((lo->v[i] ^ a) - a) + ((hi->v[i] ^ b) - b);
+    for (int32_t i = 0; i < n; i++)
+        c->top1[i] = greater(c->top[i], greater(lo->top[i], hi->top[i]));
+}
+
+/* A row of bins and the rows at its edges: the last one of the bins above, its own first and last, the first
+ * one of those below. */
+struct edges {
+    struct line *above, *first, *last, *below;
+};
+
+/* Sums down the rows of bins Y, of even rows and of odd ones. */
+static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
+                 struct columns c[2])
+{
+    struct line l;
+    const int b = j->binning, p = (Y * b) & 1, q = (p + b - 1) & 1; /* parities of first and last */
+    own(e->first, n + 2, true, &c[p]);
+    for (int r = 1; r < b - 1; r++) {
+        take(j, Y * b + r, x, n, &l);
+        own(&l, n + 2, r == 1, &c[(p + r) & 1]);
+    }
+    own(e->last, n + 2, b == 2, &c[q]);
+    for (int k = 0; k < 2; k++)
+        weigh(p == k ? e->first : e->above, p != k, q == k ? e->last : e->below, q != k, n + 2,
+              &c[k]);
+}
+
+/* (1) along the row for red or blue, every step-th bin from `first` on; the colour's columns are those of
+ * parity p in these bins. */
+CAP_PIX_INLINE void some(const struct columns *c, int b, int p, int32_t first, int32_t step,
+                         int32_t bins, uint32_t *restrict sum, uint16_t *restrict top)
+{
+    const int last =
+        (b - 1 - p) & 1; /* at the right edge the bin's own column, or (1) the one beyond */
+    for (int32_t X = first; X < bins; X += step) {
+        const uint32_t *v = c->sum1 + 1 + (ptrdiff_t)X * b;
+        uint32_t s = 0;
+        for (int i = p; i < b; i += 2)
+            s += v[i];
+        s = 4 * s + (p == 0 ? 0 - v[0] : v[-1]);
+        sum[X] = s + (last == 0 ? 0 - v[b - 1] : v[b]);
+    }
+    for (int32_t X = first; X < bins; X += step) {
+        const uint16_t *m = c->top1 + 1 + (ptrdiff_t)X * b;
+        uint16_t t = greater(m[-p], m[b - 1 + last]);
+        for (int i = p; i < b; i += 2)
+            t = greater(t, m[i]);
+        top[X] = t;
+    }
+}
+
+/* Green: in these bins the columns of parity p of one row and of 1-p of the other. */
+CAP_PIX_INLINE void some_green(const struct columns *c0, const struct columns *c1, int b, int p,
+                               int32_t first, int32_t step, int32_t bins, uint32_t *restrict sum,
+                               uint16_t *restrict top)
+{
+    for (int32_t X = first; X < bins; X += step) {
+        const uint32_t *v0 = c0->sum + 1 + (ptrdiff_t)X * b, *v1 = c1->sum + 1 + (ptrdiff_t)X * b;
+        uint32_t s = 0;
+        for (int i = p; i < b; i += 2)
+            s += v0[i];
+        for (int i = 1 - p; i < b; i += 2)
+            s += v1[i];
+        sum[X] = s;
+    }
+    for (int32_t X = first; X < bins; X += step) {
+        const uint16_t *m0 = c0->top + 1 + (ptrdiff_t)X * b, *m1 = c1->top + 1 + (ptrdiff_t)X * b;
+        uint16_t t = 0;
+        for (int i = p; i < b; i += 2)
+            t = greater(t, m0[i]);
+        for (int i = 1 - p; i < b; i += 2)
+            t = greater(t, m1[i]);
+        top[X] = t;
+    }
+}
+
+/* All bins; with b odd the parities change from bin to bin. */
+CAP_PIX_INLINE void across_one(const struct columns *c, int b, int q, int32_t bins, uint32_t *sum,
+                               uint16_t *top)
+{
+    if (b % 2 == 0) {
+        some(c, b, q, 0, 1, bins, sum, top);
+    } else {
+        some(c, b, q, 0, 2, bins, sum, top);
+        some(c, b, 1 - q, 1, 2, bins, sum, top);
+    }
+}
+
+CAP_PIX_INLINE void across_green(const struct columns *c0, const struct columns *c1, int b, int q,
+                                 int32_t bins, uint32_t *sum, uint16_t *top)
+{
+    if (b % 2 == 0) {
+        some_green(c0, c1, b, q, 0, 1, bins, sum, top);
+    } else {
+        some_green(c0, c1, b, q, 0, 2, bins, sum, top);
+        some_green(c0, c1, b, 1 - q, 1, 2, bins, sum, top);
+    }
+}
+
+CAP_PIX_INLINE void across(const struct cap_pix *j, const struct columns c[2], int b, int32_t bins,
+                           struct bins *out)
+{
+    /* where the rows' own colours are; a green pixel comes first in the other case */
+    const uint8_t *at = j->cell;
+    if (at[0] != 1) {
+        across_one(&c[0], b, 0, bins, out->sum[at[0]], out->top[at[0]]);
+        across_one(&c[1], b, 1, bins, out->sum[at[3]], out->top[at[3]]);
+        across_green(&c[0], &c[1], b, 1, bins, out->sum[1], out->top[1]);
+    } else {
+        across_one(&c[0], b, 1, bins, out->sum[at[1]], out->top[at[1]]);
+        across_one(&c[1], b, 0, bins, out->sum[at[2]], out->top[at[2]]);
+        across_green(&c[0], &c[1], b, 0, bins, out->sum[1], out->top[1]);
+    }
+}
+
+/* Bins of row Y, the first one's number even. */
+static void put(const struct cap_pix *j, int32_t Y, const struct bins *v, int32_t bins, float *out)
+{
+    const int b = j->binning;
+    const float own = cap_pix_scale(j, 4 * b * b);
+    struct cap_pix_bins p = {
+        {v->sum[0], v->sum[1], v->sum[2]},
+        {v->top[0], v->top[1], v->top[2]},
+        {{own, own}, {0}, {own, own}},
+    };
+    for (int k = 0; k < 2;
+         k++) { /* of an odd number of pixels one more if the first one is green */
+        const bool green = ((Y + k) % 2 == 0) == (j->cell[0] == 1);
+        p.scale[1][k] = cap_pix_scale(j, (b * b + (b % 2 != 0 && green)) / 2);
+    }
+    CAP_PIX(finish)(j, &p, bins, out);
+}
+
+/* One piece of a row of bins. */
+static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
+                    float *out)
+{
+    struct columns c[2];
+    struct bins v;
+    const int b = j->binning;
+    const int32_t bins = n / b;
+    down(j, Y, x, n, e, c);
+    if (b == 2)
+        across(j, c, 2, bins, &v);
+    else if (b == 3)
+        across(j, c, 3, bins, &v);
+    else if (b == 4)
+        across(j, c, 4, bins, &v);
+    else if (b == 5)
+        across(j, c, 5, bins, &v);
+    else
+        across(j, c, b, bins, &v);
+    put(j, Y, &v, bins, out);
+}
+
+void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+{
+    struct line line[4];
+    struct edges e = {&line[0], &line[1], &line[2], &line[3]};
+    int32_t b = j->binning, w = j->img.width, bw = w / b;
+    int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b, piece = PIECE / unit * unit;
+    for (int32_t x = 0; x < w && y0 < y1; x += piece) {
+        int32_t n = w - x < piece ? w - x : piece;
+        take(j, y0 * b, x, n, e.below);
+        take(j, y0 * b - 1, x, n, e.last);
+        for (int32_t Y = y0; Y < y1; Y++) { /* these two rows have been taken for the bins before */
+            e = (struct edges){e.last, e.below, e.above, e.first};
+            take(j, (Y + 1) * b, x, n, e.below);
+            take(j, (Y + 1) * b - 1, x, n, e.last);
+            bins_of(j, Y, x, n, &e,
+                    out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * (j->nch == 3 ? 4 : 1));
+        }
+    }
+}

@@ -1,0 +1,111 @@
+/* pixfmt_priv.h - what the files of cap_convert share: its checked arguments and the ways to do it.
+ *
+ * cap_pix_ref can do everything, sample by sample, and is the specification; the others are fast,
+ * give the same bits (tests/check/test_pixels.c) and do what their comments say. */
+#ifndef CAP_PIXFMT_PRIV_H
+#define CAP_PIXFMT_PRIV_H
+#include <math.h>
+#include <stdbool.h>
+#include "capture/pixel/pixfmt.h"
+
+#define CAP_PIX_INLINE static inline __attribute__((always_inline))
+
+typedef float cap_f4 __attribute__((vector_size(16), aligned(4), may_alias));
+typedef int32_t cap_i4 __attribute__((vector_size(16), aligned(4), may_alias));
+
+/* Equation (2) in steps of 1/4095, in lanes R' G' B' -:  y Y + cb Cb + cr Cr + at0, cut to an integer (at0
+ * has the half).  In floats: off by less than 0.001 of a step. */
+struct cap_yuv_coef {
+    cap_f4 y, cb, cr, at0;
+};
+
+struct cap_pix {
+    struct cap_image img;
+    int binning, nch;
+    bool rays;             /* Bayer pixels as they are */
+    const uint8_t *cell;   /* Bayer's 2x2 colours, else NULL */
+    int samples;           /* per pixel: 1 or 3 */
+    bool grey, swapped;    /* one channel; blue comes first */
+    unsigned full;         /* of a raw sample; 0 = float */
+    const uint32_t *table; /* light of a raw sample; NULL = linear */
+    float scale_full;      /* what a saturated sample would add: full or CAP_LIGHT_ONE */
+    struct cap_yuv_coef yuv;
+};
+
+/* ---- shared arithmetic ---- */
+
+/* What a pair's chroma gives both of its pixels, and one of them. */
+CAP_PIX_INLINE cap_f4 cap_pix_chroma(const struct cap_yuv_coef *k, int cb, int cr)
+{
+    return k->at0 + (k->cb * (float)cb + k->cr * (float)cr);
+}
+CAP_PIX_INLINE cap_i4 cap_pix_yuv(const struct cap_yuv_coef *k, int luma, cap_f4 chroma)
+{
+    const cap_f4 most = {4095, 4095, 4095, 0};
+    cap_f4 v = k->y * (float)luma + chroma;
+    v = (cap_f4)((cap_i4)v & (v > 0));
+    cap_i4 over = v > most;
+    v = (cap_f4)(((cap_i4)most & over) | ((cap_i4)v & ~over));
+    return __builtin_convertvector(v, cap_i4);
+}
+void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out);
+
+/* (1 / (count full)) of equation (1). */
+CAP_PIX_INLINE float cap_pix_scale(const struct cap_pix *j, int count)
+{
+    return 1.0f / ((float)count * j->scale_full);
+}
+
+/* Write one bin from its channel means; grey = the image has one channel. */
+CAP_PIX_INLINE void cap_pix_put(float *out, const float rgb[3], const bool saturated[3], bool grey,
+                                int nch)
+{
+    if (nch == 3) {
+        for (int c = 0; c < 3; c++)
+            out[c] = grey ? rgb[0] : rgb[c];
+        out[3] = 0;
+    } else if (grey) {
+        out[0] = rgb[0];
+    } else if (saturated[0] || saturated[1] || saturated[2]) {
+        out[0] = 1;
+    } else {
+        float sum = 0;
+        int n = 0;
+        for (int c = 0; c < 3; c++)
+            if (isfinite(rgb[c])) {
+                sum += rgb[c];
+                n++;
+            }
+        out[0] = n == 3 ? sum * (1.0f / 3.0f) : n > 0 ? sum / (float)n : NAN;
+    }
+}
+
+/* ---- ways ---- */
+
+/* Fills *j; the errors of cap_convert. */
+PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
+                                     const struct cap_convert_params *p, int32_t y0, int32_t y1,
+                                     struct cap_pix *j);
+void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* Floats. */
+void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* One raw sample of an integer format, bit by bit from the format's definition. */
+unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
+
+/* The fast ways: the same sources compiled for any processor and for AVX2 (pixfmt_fast.h). */
+struct cap_pix_ways {
+    const char *name;
+    /* Integer samples but for Bayer; binning to 32. */
+    void (*sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+    /* Integer Bayer, binning 1: bilinear, or rays. */
+    void (*bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+    /* Integer Bayer, binning 2 to 32, with a table to 16. */
+    void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+};
+extern const struct cap_pix_ways cap_pix_plain, cap_pix_avx2;
+/* Those for this processor; PYROVOX_CPU=ref keeps to plain C.  Decided once. */
+const struct cap_pix_ways *cap_pix_ways(void);
+/* The way for *j, of these or those that fit any processor. */
+void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+                 float *out);
+#endif

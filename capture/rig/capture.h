@@ -1,0 +1,136 @@
+/* capture.h - all cameras of the rig, supervised: what the daemon sees.
+ *
+ * One supervisor thread per camera opens it, starts it, triggers it (software trigger: all on one
+ * grid of times, in parallel, so that a camera that does not answer holds up no other), watches it
+ * (no frame for max(0.7 s, 5 periods) = lost) and reopens it with back-off 0.25 s .. 0.5 s, while the
+ * others go on; one assembler thread maps clocks and groups frames.  Driver callbacks push into a
+ * bounded ring per camera (oldest goes first when full, counted).
+ * Live, finished sets wait in a queue of two: the oldest goes first when the consumer is slow.
+ * Lossless, frames are merged in order of exposure and everything waits for the consumer.
+ * After start nothing is allocated on the way of a frame (recorded sources apart: decoders do).
+ * Sum (tested), per camera and after stop: received == in sets given out + late + unmatched +
+ * overflow (+ what was still under way).
+ * Threads: next() from one thread, stats() and stop() from any. */
+#ifndef CAP_CAPTURE_H
+#define CAP_CAPTURE_H
+#include "base/hist.h"
+#include "capture/sync/frameset.h"
+
+#define CAP_ACTION_ADDRESSES 8
+/* How action commands go out (trigger.h). */
+struct cap_action_config {
+    struct cap_action_keys keys;
+    /* Where to; IPv4, host order; none = the broadcast address of every network that has a camera. */
+    uint32_t address[CAP_ACTION_ADDRESSES];
+    size_t n_addresses;
+    int64_t lead_ns; /* > 0: scheduled, sent that much ahead of the instant; 0 = acted on at once */
+    bool acknowledge; /* cameras answer; who does not is counted */
+};
+struct cap_action_stats {
+    uint64_t sent;   /* instants for which commands went out */
+    uint64_t late;   /* scheduled instants left out: not enough of the lead was left */
+    uint64_t failed; /* the host could not send to all networks */
+};
+struct cap_action_answers {
+    uint64_t acknowledged, silent; /* the rest of `sent` was before it ran */
+    uint64_t refused;              /* answered with an error, of these: */
+    uint64_t too_late;             /* the instant had passed when the command came */
+    uint64_t no_clock;             /* the camera's clock is not synchronized */
+};
+
+/* Somebody beside the consumer who wants the frames: a recorder.  Called by the assembler's thread; must
+ * return at once, unless everything may wait (lossless).  Each may be NULL. */
+struct cap_tap {
+    void (*set)(void *ctx, struct cap_set *s); /* is given out next; cap_set_ref to keep it */
+    /* Takes a good frame that is in no set, counted under `why`. */
+    void (*stray)(void *ctx, struct cap_frame *f, enum cap_count why);
+    void *ctx;
+};
+
+struct cap_capture_config {
+    uint32_t n_cameras;
+    /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, trigger, action, lossless
+     * are filled in, fps too when it is 0.  buffers: at least 4 more than the sets that the
+     * consumer holds at a time; 0 = 12.  Strings and features are copied; scene is borrowed. */
+    const struct cap_source_config *camera;
+    struct cap_assembler_params sets; /* .cameras is filled in, .period_ns too when it is 0 */
+    double fps;                       /* nominal */
+    enum cap_trigger trigger;         /* SOFTWARE: one sweep per period to all cameras */
+    struct cap_action_config action;  /* ACTION: one broadcast per period and network */
+    bool shared_clock;                /* device clocks are the host's (PTP, simulation): identity */
+    bool lossless;                    /* replay: back-pressure instead of dropping */
+    struct cap_tap tap;
+    uint32_t discard_first; /* live frames per camera dropped after each start, uncounted
+                                          (the first is often bad); 1 is a good value; cameras with
+                                          clocks of their own: up to 8 in any case (intake.c) */
+};
+
+/* Exposure of a camera's frames minus the mean of their set: bin i holds cap_skew_edges_ns[i-1] <= skew <
+ * cap_skew_edges_ns[i], open at both ends; and the same for the spread of sets, from 0 on. */
+#define CAP_SKEW_BINS   29
+#define CAP_SPREAD_BINS 15
+extern const int64_t cap_skew_edges_ns[CAP_SKEW_BINS - 1];
+struct cap_skew {
+    uint64_t n;
+    double mean_ns;
+    int64_t p50_ns, p99_ns, max_ns; /* of the absolute value */
+    uint64_t bin[CAP_SKEW_BINS];
+};
+
+/* What is wrong with a camera now, after it was first seen and until it has not been for a while. */
+#define CAP_TROUBLES_MAX 6
+struct cap_trouble {
+    enum cap_count cause;
+    uint64_t n; /* since it began, in the cause's unit */
+    char detail[CAP_DETAIL_MAX];
+};
+/* What is wrong, and what to do about it; NULL for counts that are no trouble of their own. */
+struct cap_trouble_def {
+    const char *what, *remedy;
+};
+extern const struct cap_trouble_def cap_trouble_defs[CAP_N_COUNT];
+
+enum cap_state { CAP_OPENING, CAP_RUNNING, CAP_LOST, CAP_ENDED };
+struct cap_camera_stats {
+    enum cap_state state;
+    uint64_t count[CAP_N_COUNT];
+    double fps; /* over the last 2 s */
+    double drift_ppm;
+    double
+        clock_delay_us; /* least delay of its frames, found by reading its clock; NAN = not read */
+    double hz, phase_us, walk_us_per_s; /* syncwatch.h; NAN = not known */
+    struct cap_skew skew;
+    uint32_t n_troubles;
+    struct cap_trouble trouble[CAP_TROUBLES_MAX];
+    char error[256];                  /* last reason it could not be opened, "" when fine */
+    struct cap_health health;         /* as of a second ago at most; unknown when not running */
+    struct cap_action_answers action; /* ACTION with acknowledge */
+};
+struct cap_stats {
+    struct cap_camera_stats camera[CAP_MAX_CAMERAS];
+    uint64_t sets_complete, sets_partial; /* assembled: all cameras, some */
+    uint64_t sets_dropped;                /* of these, displaced because the consumer was slow */
+    uint64_t sets_failed;                 /* closed with too few cameras, not given out */
+    struct cap_action_stats action;
+    struct pvx_hist spread;
+    uint64_t spread_bin[CAP_SPREAD_BINS];
+    uint64_t all_gone;    /* times that all cameras were lost at once */
+    uint64_t host_steps;  /* times that the host's time of day was set by 2 ms or more */
+    int64_t host_step_ns; /* the last of these */
+};
+
+typedef struct cap_capture cap_capture;
+/* Errors: PVX_EINVAL (a value, an unknown scheme; diag names the camera), PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out,
+                                       struct pvx_diag *d);
+/* Returns at once: cameras are opened by their threads. Once only. */
+PVX_MUST_CHECK pvx_err cap_capture_start(cap_capture *c, struct pvx_diag *d);
+/* PVX_ETIMEDOUT; PVX_ECLOSED after stop, or when sources have ended, none is left running and all
+ * sets are out. */
+PVX_MUST_CHECK pvx_err cap_capture_next(cap_capture *c, int64_t timeout_ns, struct cap_set **out);
+/* Returns when no thread touches the caller's data any more, except that a driver stuck in its own
+ * call for over 3 s is left behind (logged) and cleans up after itself when it comes back. */
+void cap_capture_stop(cap_capture *c);
+void cap_capture_free(cap_capture **c);
+void cap_capture_stats(cap_capture *c, struct cap_stats *out);
+#endif

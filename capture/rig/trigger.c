@@ -1,0 +1,281 @@
+#include "capture/rig/trigger.h"
+
+#include <errno.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "capture/wire/gvcp.h"
+
+#define LOOK_NS      (100 * PVX_NS_PER_MS) /* how soon a stop is seen */
+#define ANSWER_NS    (200 * PVX_NS_PER_MS)
+#define NEW_GRID_NS  PVX_NS_PER_S
+#define READING_NS   (10 * PVX_NS_PER_S) /* older readings of a clock do not count */
+#define MOST_ANSWERS 256                 /* per look */
+
+struct run {
+    struct cap_capture *cap;
+    cap_action_sender *sender;
+    uint16_t number;
+    struct cap_trigger_open open[CAP_TRIGGER_OPEN];
+    unsigned next_open;
+    uint64_t silent; /* cameras that were said to be */
+};
+
+/* Where to send, and who should answer. */
+struct targets {
+    uint32_t address[CAP_MAX_CAMERAS];
+    size_t n;
+    uint64_t cameras;
+    bool clock;        /* offset is known */
+    int64_t offset_ns; /* cameras' clock - CLOCK_MONOTONIC */
+};
+
+static void add_address(struct targets *t, uint32_t address)
+{
+    for (size_t i = 0; i < t->n; i++)
+        if (t->address[i] == address)
+            return;
+    if (address != 0 && t->n < CAP_MAX_CAMERAS)
+        t->address[t->n++] = address;
+}
+
+static void look_at_cameras(struct cap_capture *cap, struct targets *t)
+{
+    const struct cap_action_config *a = &cap->cfg.action;
+    int64_t now = pvx_now_mono(), best = INT64_MAX;
+    memset(t, 0, sizeof *t);
+    if (cap->cfg.shared_clock) {
+        t->clock = true;
+        t->offset_ns = pvx_now_real() - now;
+    }
+    for (size_t i = 0; i < a->n_addresses; i++)
+        add_address(t, a->address[i]);
+    pthread_mutex_lock(&cap->lock);
+    for (uint32_t i = 0; i < cap->n; i++) {
+        const struct cap_camera *cam = &cap->camera[i];
+        const struct cap_health *h = &cam->health;
+        if (cam->state != CAP_RUNNING || h->address == 0)
+            continue;
+        t->cameras |= UINT64_C(1) << i;
+        if (a->n_addresses == 0)
+            add_address(t, h->broadcast);
+        bool fresh = h->clock.bound_ns >= 0 && now - h->clock.host_mono_ns < READING_NS;
+        if (fresh && !cap->cfg.shared_clock && h->clock.bound_ns < best) {
+            best = h->clock.bound_ns;
+            t->clock = true;
+            t->offset_ns = h->clock.device_ns - h->clock.host_mono_ns;
+        }
+    }
+    pthread_mutex_unlock(&cap->lock);
+}
+
+/* ---- answers ---------------------------------------------------------------------------------- */
+
+static void close_open(struct run *r, struct cap_trigger_open *o)
+{
+    struct cap_capture *cap = r->cap;
+    uint64_t silent = o->expected & ~o->answered;
+    o->number = 0;
+    pthread_mutex_lock(&cap->lock);
+    for (uint32_t i = 0; i < cap->n; i++)
+        cap->camera[i].action.silent += silent >> i & 1;
+    pthread_mutex_unlock(&cap->lock);
+    for (uint32_t i = 0; i < cap->n; i++) {
+        uint64_t bit = UINT64_C(1) << i;
+        if ((silent & bit) != 0 && (r->silent & bit) == 0)
+            LOG_W(CAPTURE,
+                  "camera %s (%s): does not acknowledge action commands: wrong keys, another "
+                  "network, or a camera that never does (action.acknowledge: false)",
+                  cap->camera[i].name, cap->camera[i].uri);
+    }
+    r->silent = (r->silent | silent) & ~o->answered;
+}
+
+static void note_answer(struct run *r, struct cap_trigger_open *o, uint32_t from, uint16_t status)
+{
+    struct cap_capture *cap = r->cap;
+    pthread_mutex_lock(&cap->lock);
+    for (uint32_t i = 0; i < cap->n; i++) {
+        struct cap_camera *cam = &cap->camera[i];
+        uint64_t bit = UINT64_C(1) << i;
+        if (cam->health.address != from || (o->expected & ~o->answered & bit) == 0)
+            continue;
+        o->answered |= bit;
+        if (status == 0)
+            cam->action.acknowledged++;
+        else
+            cam->action.refused++;
+        cam->action.too_late += status == CAP_GVCP_ACTION_LATE;
+        cam->action.no_clock += status == CAP_GVCP_NO_REFERENCE_TIME;
+        break;
+    }
+    pthread_mutex_unlock(&cap->lock);
+    if (status != 0)
+        LOG_EVERY(PVX_LOG_WARN, CAPTURE,
+                  "an action command was refused by %u.%u.%u.%u: %s (0x%04x)", from >> 24,
+                  from >> 16 & 255, from >> 8 & 255, from & 255,
+                  status == CAP_GVCP_ACTION_LATE         ? "it came too late: raise action.lead_ms"
+                  : status == CAP_GVCP_NO_REFERENCE_TIME ? "the camera's clock is not synchronized"
+                                                         : "error",
+                  status);
+}
+
+static void take_answers(struct run *r)
+{
+    struct cap_action_ack a;
+    uint32_t from;
+    for (int n = 0; n < MOST_ANSWERS && cap_action_answer(r->sender, &from, &a); n++)
+        for (int i = 0; i < CAP_TRIGGER_OPEN; i++)
+            if (r->open[i].number == a.number)
+                note_answer(r, &r->open[i], from, a.status);
+    int64_t now = pvx_now_mono();
+    for (int i = 0; i < CAP_TRIGGER_OPEN; i++)
+        if (r->open[i].number != 0 && now >= r->open[i].until_mono_ns)
+            close_open(r, &r->open[i]);
+}
+
+/* Wait until then, taking answers; false = stop. */
+static bool wait_until(struct run *r, int64_t mono_ns)
+{
+    for (;;) {
+        pthread_mutex_lock(&r->cap->lock);
+        bool stop = r->cap->stop;
+        pthread_mutex_unlock(&r->cap->lock);
+        if (stop)
+            return false;
+        take_answers(r);
+        int64_t left = mono_ns - pvx_now_mono();
+        if (left <= 0)
+            return true;
+        if (left > LOOK_NS)
+            left = LOOK_NS;
+        struct timespec ts = {.tv_sec = 0, .tv_nsec = (long)left};
+        struct pollfd p = {.fd = cap_action_sender_fd(r->sender), .events = POLLIN};
+        ppoll(&p, 1, &ts, NULL);
+    }
+}
+
+/* ---- sending ---------------------------------------------------------------------------------- */
+
+enum outcome { SENT, LATE, FAILED };
+
+static void count(struct run *r, enum outcome o, uint64_t n)
+{
+    struct cap_action_stats *s = &r->cap->action;
+    pthread_mutex_lock(&r->cap->lock);
+    s->sent += o == SENT ? n : 0;
+    s->late += o == LATE ? n : 0;
+    s->failed += o == FAILED ? n : 0;
+    pthread_mutex_unlock(&r->cap->lock);
+}
+
+static void expect_answers(struct run *r, uint64_t cameras)
+{
+    struct cap_trigger_open *o = &r->open[r->next_open++ % CAP_TRIGGER_OPEN];
+    if (o->number != 0)
+        close_open(r, o);
+    *o = (struct cap_trigger_open){
+        .number = r->number, .expected = cameras, .until_mono_ns = pvx_now_mono() + ANSWER_NS};
+}
+
+static enum outcome send_to_all(struct run *r, const struct targets *t, int64_t at_ns)
+{
+    const struct cap_action_config *a = &r->cap->cfg.action;
+    uint8_t p[CAP_ACTION_BYTES];
+    size_t failed = 0;
+    r->number = r->number == UINT16_MAX ? 1 : (uint16_t)(r->number + 1);
+    size_t n = cap_action_encode(&a->keys, r->number, at_ns, a->acknowledge, p);
+    if (a->acknowledge)
+        expect_answers(r, t->cameras);
+    for (size_t i = 0; i < t->n; i++) {
+        if (cap_action_send(r->sender, t->address[i], p, n) == PVX_OK)
+            continue;
+        failed++;
+        LOG_EVERY(PVX_LOG_WARN, CAPTURE, "action command to %u.%u.%u.%u could not be sent: %s",
+                  t->address[i] >> 24, t->address[i] >> 16 & 255, t->address[i] >> 8 & 255,
+                  t->address[i] & 255, strerror(errno));
+    }
+    return failed == 0 ? SENT : FAILED;
+}
+
+static void run_at_once(struct run *r)
+{
+    int64_t period = r->cap->period_ns;
+    for (;;) {
+        /* points of the grid that have passed are left out */
+        if (!wait_until(r, (pvx_now_mono() / period + 1) * period))
+            return;
+        struct targets t;
+        look_at_cameras(r->cap, &t);
+        if (t.n > 0 && t.cameras != 0)
+            count(r, send_to_all(r, &t, 0), 1);
+    }
+}
+
+/* The instant of the grid after `last` whose command is still to be sent; those that were missed on
+ * the way are late.  A clock that was set starts a new grid. */
+static int64_t next_instant(struct run *r, const struct targets *t, int64_t last)
+{
+    int64_t period = r->cap->period_ns, lead = r->cap->cfg.action.lead_ns;
+    int64_t at = ((pvx_now_mono() + t->offset_ns + lead) / period + 1) * period;
+    if (last == 0 || llabs(at - last) > NEW_GRID_NS + period)
+        return at;
+    if (at <= last)
+        return last + period;
+    count(r, LATE, (uint64_t)((at - last) / period - 1));
+    return at;
+}
+
+static void run_scheduled(struct run *r)
+{
+    int64_t lead = r->cap->cfg.action.lead_ns, last = 0;
+    for (;;) {
+        struct targets t;
+        look_at_cameras(r->cap, &t);
+        if (t.n == 0 || t.cameras == 0 || !t.clock) {
+            last = 0;
+            if (t.n > 0 && t.cameras != 0)
+                LOG_EVERY(PVX_LOG_WARN, CAPTURE,
+                          "no scheduled action commands: no camera tells its time (time-stamp "
+                          "latch), and shared_clock is off");
+            if (!wait_until(r, pvx_now_mono() + LOOK_NS))
+                return;
+            continue;
+        }
+        last = next_instant(r, &t, last);
+        if (!wait_until(r, last - t.offset_ns - lead))
+            return;
+        if (last - t.offset_ns - pvx_now_mono() >= lead / 2) {
+            count(r, send_to_all(r, &t, last), 1);
+            continue;
+        }
+        count(r, LATE, 1);
+        LOG_EVERY(PVX_LOG_WARN, CAPTURE,
+                  "an action command was left out: the host was too busy to send it %.1f ms ahead; "
+                  "raise action.lead_ms",
+                  (double)lead * 0.5e-6);
+    }
+}
+
+void *cap_trigger_run(void *arg)
+{
+    struct run r = {.cap = arg};
+    struct pvx_diag d = {""};
+    pvx_err e = cap_action_sender_new(&r.sender, &d);
+    if (e != PVX_OK) {
+        LOG_E(CAPTURE, "no action commands: %s", pvx_diag_text(&d, e));
+        return NULL;
+    }
+    if (r.cap->cfg.action.lead_ns > 0)
+        run_scheduled(&r);
+    else
+        run_at_once(&r);
+    for (int i = 0; i < CAP_TRIGGER_OPEN; i++)
+        if (r.open[i].number != 0)
+            close_open(&r, &r.open[i]);
+    cap_action_sender_free(&r.sender);
+    return NULL;
+}

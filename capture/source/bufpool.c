@@ -1,0 +1,167 @@
+#include "capture/source/bufpool.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+
+struct slot {
+    struct cap_frame frame; /* first: a frame's address is its slot's */
+    struct cap_bufpool *pool;
+    struct slot *next; /* in the free list */
+    void *mem;
+};
+
+struct cap_bufpool {
+    pthread_mutex_t lock;
+    pthread_cond_t freed; /* a slot came back, or canceled */
+    struct slot *free;
+    unsigned n, n_free;
+    bool canceled, orphan; /* orphan: the source has let go */
+    uint32_t camera;
+    size_t bytes;
+    struct slot *slots;
+    unsigned char *pixels;
+};
+
+static void destroy(cap_bufpool *p)
+{
+    pthread_mutex_destroy(&p->lock);
+    pthread_cond_destroy(&p->freed);
+    free(p->pixels);
+    free(p->slots);
+    free(p);
+}
+
+static void put_back(struct cap_frame *f)
+{
+    struct slot *s = (struct slot *)f;
+    cap_bufpool *p = s->pool;
+    pthread_mutex_lock(&p->lock);
+    s->next = p->free;
+    p->free = s;
+    p->n_free++;
+    bool last = p->orphan && p->n_free == p->n;
+    pthread_cond_signal(&p->freed);
+    pthread_mutex_unlock(&p->lock);
+    if (last)
+        destroy(p);
+}
+
+pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool **out)
+{
+    *out = NULL;
+    if (n < 1 || n > 1024 || bytes == 0 || bytes > (size_t)1 << 32)
+        return PVX_EINVAL;
+    size_t step = (bytes + PVX_ALIGN - 1) & ~(size_t)(PVX_ALIGN - 1);
+    cap_bufpool *p = pvx_calloc(1, sizeof *p);
+    if (p == NULL)
+        return PVX_ENOMEM;
+    p->slots = pvx_calloc(n, sizeof *p->slots);
+    p->pixels = pvx_calloc(n, step);
+    if (p->slots == NULL || p->pixels == NULL) {
+        free(p->slots);
+        free(p->pixels);
+        free(p);
+        return PVX_ENOMEM;
+    }
+    pthread_mutex_init(&p->lock, NULL);
+    pthread_cond_init(&p->freed, NULL);
+    p->n = p->n_free = n;
+    p->bytes = bytes;
+    p->camera = camera;
+    for (unsigned i = n; i-- > 0;) {
+        struct slot *s = &p->slots[i];
+        s->pool = p;
+        s->mem = p->pixels + i * step;
+        s->next = p->free;
+        p->free = s;
+    }
+    *out = p;
+    return PVX_OK;
+}
+
+/* Under the lock, with the free list not empty. */
+static struct cap_frame *pop(cap_bufpool *p)
+{
+    struct slot *s = p->free;
+    p->free = s->next;
+    p->n_free--;
+    s->frame = (struct cap_frame){.img = {.data = s->mem},
+                                  .camera = p->camera,
+                                  .exposure_us = NAN,
+                                  .gain = NAN,
+                                  .release = put_back,
+                                  .owner = p};
+    return &s->frame;
+}
+
+struct cap_frame *cap_bufpool_take(cap_bufpool *p)
+{
+    pthread_mutex_lock(&p->lock);
+    struct cap_frame *f = p->free != NULL ? pop(p) : NULL;
+    pthread_mutex_unlock(&p->lock);
+    return f;
+}
+
+struct cap_frame *cap_bufpool_take_wait(cap_bufpool *p)
+{
+    pthread_mutex_lock(&p->lock);
+    while (p->free == NULL && !p->canceled)
+        pthread_cond_wait(&p->freed, &p->lock);
+    struct cap_frame *f = p->canceled ? NULL : pop(p);
+    pthread_mutex_unlock(&p->lock);
+    return f;
+}
+
+static void set_canceled(cap_bufpool *p, bool on)
+{
+    pthread_mutex_lock(&p->lock);
+    p->canceled = on;
+    pthread_cond_broadcast(&p->freed);
+    pthread_mutex_unlock(&p->lock);
+}
+
+void cap_bufpool_cancel(cap_bufpool *p)
+{
+    set_canceled(p, true);
+}
+
+void cap_bufpool_resume(cap_bufpool *p)
+{
+    set_canceled(p, false);
+}
+
+void *cap_bufpool_memory(const struct cap_frame *f)
+{
+    return ((const struct slot *)f)->mem;
+}
+
+size_t cap_bufpool_bytes(const cap_bufpool *p)
+{
+    return p->bytes;
+}
+
+unsigned cap_bufpool_free_count(cap_bufpool *p)
+{
+    pthread_mutex_lock(&p->lock);
+    unsigned n = p->n_free;
+    pthread_mutex_unlock(&p->lock);
+    return n;
+}
+
+void cap_bufpool_unref(cap_bufpool **pp)
+{
+    cap_bufpool *p = *pp;
+    if (p == NULL)
+        return;
+    *pp = NULL;
+    pthread_mutex_lock(&p->lock);
+    p->orphan = true;
+    bool last = p->n_free == p->n;
+    pthread_mutex_unlock(&p->lock);
+    if (last)
+        destroy(p);
+}

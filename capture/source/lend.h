@@ -1,0 +1,43 @@
+/* lend.h - frames around buffers that belong to a driver (mmap, DMA): zero copy.
+ *
+ * The driver fills its own n buffers; the source takes a full one out of the driver's queue, lends
+ * its frame to the consumer, and the release of the frame gives the buffer back to the driver - or,
+ * when the source has stopped or been closed meanwhile, to nobody.  `spare` buffers never leave:
+ * a driver without any stops, or worse, so a frame that would take one of them is refused (count an
+ * underrun and give its buffer back at once).
+ *
+ *     open    cap_lend_new         a frame per buffer
+ *     start   cap_lend_run(true)   requeue() is called for each buffer that is not out
+ *             cap_lend_out         driver thread: buffer i is full; NULL = refused
+ *     stop    cap_lend_run(false)  no requeue() is under way or comes any more
+ *     close   cap_lend_close       destroy() when no frame is out (maybe here, maybe much later)
+ *
+ * Threads: all functions from any thread; releases too.  Nothing is allocated after new. */
+#ifndef CAP_LEND_H
+#define CAP_LEND_H
+#include "capture/source/source.h"
+
+typedef struct cap_lend cap_lend;
+
+struct cap_lend_ops {
+    /* Give buffer `index` back to the driver.  Called under the lender's lock, between run(true) and
+     * run(false) only; false = the driver refused, ask for it again with cap_lend_retry. */
+    bool (*requeue)(void *ctx, unsigned index);
+    void (*destroy)(void *ctx); /* unmap and free: no frame of it is out any more */
+};
+
+/* n (1..1024) buffers, at least spare + 1.  ctx must live until destroy().
+ * Errors: PVX_EINVAL, PVX_ENOMEM; then destroy is not called. */
+PVX_MUST_CHECK pvx_err cap_lend_new(unsigned n, unsigned spare, uint32_t camera,
+                                    const struct cap_lend_ops *ops, void *ctx, cap_lend **out);
+void cap_lend_run(cap_lend *l, bool on);
+/* The frame of buffer `index`, to be filled in (img, id, times; all as a pool's frame has it) and pushed; or
+ * NULL: too few would stay with the driver. */
+struct cap_frame *cap_lend_out(cap_lend *l, unsigned index);
+/* Back to the driver without having been lent. */
+void cap_lend_back(cap_lend *l, unsigned index);
+/* Ask again for the buffers that the driver refused; how many it still refuses. */
+unsigned cap_lend_retry(cap_lend *l);
+unsigned cap_lend_n_out(cap_lend *l);
+void cap_lend_close(cap_lend **l);
+#endif

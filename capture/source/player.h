@@ -1,0 +1,50 @@
+/* player.h - the thread of a source that makes its frames itself (files:, take:, sim:): started, paced,
+ * stopped; and the pool that it takes them from.
+ *
+ *     open    cap_player_init       a source's struct has a player in it; pool may come later
+ *     start   cap_player_start      run(arg) in a thread of its own
+ *             cap_player_wait_until, _take, _count, _event: by run()
+ *     stop    cap_player_stop       wakes run() from all of these, and waits for it
+ *     close   cap_player_fini       frames that are out keep the pool's memory
+ *
+ * Threads: start, stop and fini from one thread at a time, the rest from any.  `lock` and `wake` are also
+ * for what the source has to guard; a wait on `wake` has to look at `stop`. */
+#ifndef CAP_PLAYER_H
+#define CAP_PLAYER_H
+#include <pthread.h>
+#include <time.h>
+#include "capture/source/bufpool.h"
+
+struct cap_player {
+    uint32_t camera;
+    bool lossless;
+    cap_bufpool *pool; /* owner: the player; NULL until the source makes it */
+    struct cap_sink sink;
+    clockid_t clock;
+    pthread_mutex_t lock;
+    pthread_cond_t wake; /* of that clock */
+    bool stop;           /* under lock */
+    bool running;        /* there is a thread to be joined */
+    pthread_t thread;
+};
+
+/* clock: CLOCK_MONOTONIC or CLOCK_REALTIME, that of wait_until.  Of c: camera, lossless. */
+void cap_player_init(struct cap_player *p, const struct cap_source_config *c, clockid_t clock);
+/* The pool, of at least 4 frames.  Errors: cap_bufpool_new's. */
+PVX_MUST_CHECK pvx_err cap_player_make_pool(struct cap_player *p, const struct cap_source_config *c,
+                                            size_t bytes);
+/* scheme: the thread is called that and the camera's number. */
+PVX_MUST_CHECK pvx_err cap_player_start(struct cap_player *p, const char *scheme,
+                                        const struct cap_sink *sink, void *(*run)(void *arg),
+                                        void *arg, struct pvx_diag *d);
+void cap_player_stop(struct cap_player *p);
+void cap_player_fini(struct cap_player *p);
+
+bool cap_player_stopped(struct cap_player *p);
+/* Until the clock shows `t` or stop; true = go on. */
+bool cap_player_wait_until(struct cap_player *p, int64_t t);
+/* A frame of the pool.  Lossless: waits for one.  NULL: there was none, which is counted, or stopped. */
+struct cap_frame *cap_player_take(struct cap_player *p);
+void cap_player_count(struct cap_player *p, enum cap_count what, uint64_t n);
+void cap_player_event(struct cap_player *p, enum cap_event ev);
+#endif

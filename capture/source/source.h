@@ -1,0 +1,213 @@
+/* source.h - one camera, whatever stands behind it (Aravis, V4L2, libcamera, files, a
+ * recorded take, simulation).
+ *
+ * A backend's driver thread only stamps and pushes: the sink takes the frame and returns at once.
+ * A frame is lent by the source's fixed buffer pool until cap_frame_release; no buffer free = the
+ * source counts an underrun and drops its newest frame.
+ * Times: t_device on the camera's clock (0 = none), t_arrival when the driver's callback ran. */
+#ifndef CAP_SOURCE_H
+#define CAP_SOURCE_H
+#include <stdbool.h>
+#include "base/err.h"
+#include "capture/pixel/image.h"
+
+struct cap_frame {
+    struct cap_image img;
+    uint32_t camera;      /* index in the rig */
+    uint64_t id;          /* camera's own frame number, widened past wraps; gaps = lost frames */
+    int64_t t_device_ns;  /* exposure, on the clock that enum cap_clock names; 0 = not known */
+    int64_t t_arrival_ns; /* host CLOCK_REALTIME */
+    int64_t t_arrival_mono_ns;
+    int64_t t_exposure_ns; /* host CLOCK_REALTIME, filled by the clock map (clockmap.h) */
+    /* From a recording that knows its sets: number of the frame's set + 1, and how many frames it has; then
+     * the times above are the recording's and stay as they are.  0 = grouped by exposure. */
+    uint64_t set;
+    uint32_t set_size;
+    int dmabuf; /* DMABUF file of the memory that img.data lies in, borrowed; 0 = none */
+    double exposure_us, gain; /* used for this frame, as the camera says; NAN = it does not */
+    void (*release)(struct cap_frame *f);
+    void *owner;
+};
+void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
+
+/* Why a frame did not become part of a set, and what else is counted, per camera.
+ * The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself).
+ * Size, format and stamps of the frames that it pushes are checked and counted by capture.c, as all
+ * the rest; a source that cannot even store a frame of another size counts that itself. */
+enum cap_count {
+    CAP_RECEIVED,    /* good frames handed over by the driver */
+    CAP_INCOMPLETE,  /* frames with missing packets or another transport error */
+    CAP_BAD_SIZE,    /* width, height or bytes are not what was configured (also short SUCCESS) */
+    CAP_BAD_FORMAT,  /* pixel format changed under way */
+    CAP_BAD_STAMP,   /* device time runs backwards or stands still */
+    CAP_UNDERRUN,    /* no free buffer: consumer too slow */
+    CAP_OVERFLOW,    /* a newer frame or set displaced it before the consumer took it */
+    CAP_LATE,        /* came after its set had been closed */
+    CAP_UNMATCHED,   /* its set was never completed (partial set dropped) */
+    CAP_ID_GAP,      /* frames that the camera numbered but we never saw */
+    CAP_LOST_CAMERA, /* times the camera stopped answering */
+    CAP_NO_TRIGGER,  /* times that no pulse came on its line although it answers */
+    /* What is below counts no frames that are not counted above: it tells that something is not as it
+     * should be (syncwatch.h, monitor.c). */
+    CAP_CLOCK_STUCK, /* times that device time stood still for several frames */
+    CAP_CLOCK_JUMP,  /* times that the camera's clock jumped */
+    CAP_SLIP,        /* times that frame numbers and times disagreed: pictures may be off by one */
+    CAP_MISSED_TRIGGER, /* pictures that the camera did not take while the others did */
+    CAP_TRIGGER_MODE, /* times that it was found in another trigger mode than it had been set to */
+    CAP_OUT_OF_STEP,  /* windows (0.5 s, 8 periods) in which it exposed outside the tolerance */
+    CAP_PHASE_WALK,   /* windows in which its exposures moved against the others' */
+    CAP_RATE,         /* windows in which its frame rate was not what it should be */
+    CAP_BANDWIDTH,    /* seconds in which several cameras at once sent incomplete frames */
+    CAP_PTP_MASTERS,  /* seconds in which it was PTP master beside another camera */
+    CAP_N_COUNT
+};
+struct cap_count_def {
+    const char *name, *unit, *help;
+};
+extern const struct cap_count_def cap_count_defs[CAP_N_COUNT];
+
+enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequence finished */
+
+/* All may be called from any thread of the source, holding no lock that stop needs: in a lossless
+ * run push waits for room (until the capture stops).
+ * clock (NULL = not wanted): when the camera's clock, that of t_device_ns, showed device_ns, the
+ * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question.
+ * detail (NULL = not wanted): what is counted next, in a few words for a message; copied. */
+#define CAP_DETAIL_MAX 112
+struct cap_sink {
+    void (*push)(void *ctx, struct cap_frame *f); /* takes the frame */
+    void (*event)(void *ctx, uint32_t camera, enum cap_event ev);
+    void (*count)(void *ctx, uint32_t camera, enum cap_count what, uint64_t n);
+    void *ctx;
+    void (*clock)(void *ctx, uint32_t camera, int64_t device_ns, int64_t host_mono_ns,
+                  int64_t bound_ns);
+    void (*detail)(void *ctx, uint32_t camera, enum cap_count what, const char *text);
+};
+
+struct cap_feature {
+    char name[64], value[64];
+};
+
+/* Who starts an exposure: the camera by itself, one command per camera, a cable, or one broadcast
+ * GigE Vision action command to all (trigger.h). */
+enum cap_trigger {
+    CAP_TRIGGER_FREE_RUN,
+    CAP_TRIGGER_SOFTWARE,
+    CAP_TRIGGER_LINE,
+    CAP_TRIGGER_ACTION
+};
+
+/* What a camera must be sent to act: the same device and group key, and a mask that shares a bit. */
+struct cap_action_keys {
+    uint32_t device_key, group_key, group_mask;
+};
+
+/* Ask a GigE camera for lost packets again?  AUTO: when it says that it can.  A frame waits up to
+ * frame_retention_ms for them, and the frames behind it with it. */
+enum cap_resend { CAP_RESEND_AUTO, CAP_RESEND_ALWAYS, CAP_RESEND_NEVER };
+
+/* All 0 is a good choice. */
+struct cap_gige {
+    int32_t packet_size;  /* bytes, 0 = negotiate */
+    int32_t packet_delay; /* ns between two packets of a frame, 0 = leave */
+    enum cap_resend resend;
+    int32_t socket_buffer;     /* bytes, as far as net.core.rmem_max allows; 0 = 8 MiB */
+    double frame_retention_ms; /* longest wait for the packets of a frame; 0 = 50 */
+    double packet_timeout_ms;  /* a packet that late is asked for again; 0 = 5 */
+    int32_t rt_priority;       /* SCHED_RR of the receiving thread; 0 = 10, -1 = none */
+    bool no_packet_socket;     /* plain UDP even where AF_PACKET is allowed */
+};
+
+struct cap_source_config {
+    const char *uri;  /* after the scheme: "127.0.0.2", "GV01", "DIR/cam0/%06d.png" */
+    const char *name; /* camera's name in the rig, for messages */
+    uint32_t camera;
+    int32_t width, height;
+    enum cap_pixfmt fmt; /* CAP_FMT_NONE = the source's choice */
+    double fps;          /* 0 = the source's */
+    enum cap_trigger trigger;
+    const char *trigger_line;      /* LINE: "Line1"; NULL = that */
+    struct cap_action_keys action; /* ACTION */
+    bool ptp;                      /* camera clocks are to be synchronized (IEEE 1588) */
+    double ptp_offset_us;          /* largest offset from the master; 0 = 10 */
+    bool chunks;                   /* exposure and gain of each frame in its data */
+    unsigned buffers;              /* frames in the pool, >= 4 */
+    struct cap_gige gige;
+    double exposure_us, gain; /* < 0 = leave */
+    /* GenICam features, V4L2 or libcamera controls: set at opening, read back */
+    const struct cap_feature *features;
+    size_t n_features;
+    bool lossless;                 /* files: wait for room instead of dropping; no pacing */
+    bool loop;                     /* files: start over at the end */
+    const struct cap_scene *scene; /* sim: */
+};
+
+/* How a running camera is; a source that cannot tell leaves cap_health_unknown's value. */
+struct cap_health {
+    double temperature_c; /* NAN = does not say; so for all doubles here */
+    char ptp[16];         /* "Slave", "Master", "Uncalibrated" ...; "" = has none, or it is off */
+    double ptp_offset_ns; /* from the master */
+    double link_mbps;
+    uint64_t packets_resent, packets_missing; /* since start: came when asked again; never came */
+    /* IPv4, host order: the camera's, and where commands to all cameras of its network go; 0 = not a
+     * network camera */
+    uint32_t address, broadcast;
+    struct { /* last reading, as cap_sink.clock gives it; bound < 0 = none */
+        int64_t device_ns, host_mono_ns, bound_ns;
+    } clock;
+};
+extern const struct cap_health cap_health_unknown;
+
+/* Images of a scene for sim: - given by the caller, so that capture needs no reconstruction code. */
+struct cap_scene {
+    /* Fill data (format fmt, tightly packed) with what camera sees at time t. Any thread. */
+    void (*render)(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfmt fmt, int32_t w,
+                   int32_t h, void *data);
+    void *ctx;
+};
+
+/* A camera that could be used; strings are borrowed for the call. */
+struct cap_found {
+    const char *uri;     /* with its scheme, as in the configuration */
+    const char *text;    /* maker, model, serial ...: one line */
+    const char *formats; /* lines "Mono8 640x480 15 30 Hz", our names; NULL = not asked */
+};
+
+/* What t_device_ns counts. */
+enum cap_clock {
+    CAP_CLOCK_OWN, /* the camera's own time: mapped to the host's on line (clockmap.h) */
+    CAP_CLOCK_MONO /* the host's CLOCK_MONOTONIC: only its distance to CLOCK_REALTIME is added */
+};
+
+typedef struct cap_source cap_source;
+struct cap_source_ops {
+    const char *scheme, *help; /* "sim" without the colon; what may follow it, one line */
+    bool
+        recorded; /* stamps follow from frame numbers: no clock to map, no first frame to distrust */
+    enum cap_clock clock;
+    pvx_err (*open)(const struct cap_source_config *c, cap_source **out, struct pvx_diag *d);
+    pvx_err (*start)(cap_source *s, const struct cap_sink *sink, struct pvx_diag *d);
+    pvx_err (*trigger)(cap_source *s); /* software trigger; NULL = cannot */
+    bool triggers;                     /* can be set to wait for a line or an action command */
+    /* Is a camera that gives no frame still there, and ours?  Between start and stop, from the
+     * supervisor's thread, some ms, 0.5 s at most; asked of cameras that wait for a line.  NULL =
+     * cannot tell. */
+    bool (*answers)(cap_source *s);
+    /* Between start and stop, from the thread that calls these; answers at once with what a slow loop
+     * of the source saw last.  NULL = knows nothing. */
+    void (*health)(cap_source *s, struct cap_health *out);
+    void (*stop)(cap_source *s);   /* no push after it returns; frames out may still be released */
+    void (*close)(cap_source **s); /* waits for no one: outstanding frames keep the pool alive */
+    /* Call cb once per camera that can be found, without disturbing one that is in use; NULL = cannot
+     * list. */
+    pvx_err (*list)(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
+                    struct pvx_diag *d);
+};
+struct cap_source {
+    const struct cap_source_ops *ops;
+};
+
+/* Backends built in (the table is in source.c), NULL-terminated; and the one for "scheme:rest" (*rest = after the colon). */
+const struct cap_source_ops *const *cap_backends(void);
+const struct cap_source_ops *cap_backend_find(const char *uri, const char **rest);
+#endif

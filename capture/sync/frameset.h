@@ -1,0 +1,82 @@
+/* frameset.h - frames of N cameras grouped by exposure time.
+ *
+ * A set is all frames whose mapped exposure times lie within `tolerance` of each other; never
+ * matched by arrival or by counting.  Open sets are kept in order of time; a set closes when all
+ * cameras that are alive are in, when a newer set is given out, when every camera it lacks is gone or
+ * has sent a later frame (frames of one camera come in order, so its own will not come any more), or at
+ * its deadline (first arrival + max_wait).  Sets come out in order of exposure.
+ * A set that closes without all cameras:
+ *     DROP     is dropped, its frames are counted UNMATCHED; while a camera is gone nothing comes out
+ *     WAIT     is given out if only cameras that are not alive are missing, else dropped; so as long as a
+ *              camera lives no set lacks it, and slow frames are waited for longer
+ *     PARTIAL  is given out as it is (solve with what is there)
+ * the latter two with at least min_cameras.
+ * A frame of a set that has been closed, or older, is LATE; a second frame of a camera for the same
+ * set is UNMATCHED; with all set structs in the consumer's hands a frame is an OVERFLOW.  Should
+ * every frame be late for long (clocks stepped back), the order starts anew.
+ * Frames of a recording that knows its sets (frame.set) join those and no others: the sets of the
+ * replay are the sets of the recording, with their numbers.
+ * Invariant (tested): frames put == frames in emitted sets + late + unmatched + overflow + open.
+ * Threads: one thread (the assembler's); cap_set_release from any.  Allocates nothing after new. */
+#ifndef CAP_FRAMESET_H
+#define CAP_FRAMESET_H
+#include "capture/source/source.h"
+
+#define CAP_MAX_CAMERAS 64
+enum cap_policy { CAP_POLICY_DROP, CAP_POLICY_PARTIAL, CAP_POLICY_WAIT };
+
+struct cap_set {
+    uint64_t number;        /* 0, 1, 2 ... as emitted */
+    int64_t t_exposure_ns;  /* mean of the members, host CLOCK_REALTIME */
+    int64_t spread_ns;      /* latest - earliest exposure */
+    int64_t t_last_mono_ns; /* arrival of the last member, CLOCK_MONOTONIC: latency starts here */
+    uint32_t n;             /* members */
+    struct cap_frame *frame[CAP_MAX_CAMERAS]; /* NULL = missing */
+};
+/* A set is counted: it comes with one reference; each holder gives back its own.  The last one out
+ * releases the frames, and the struct goes back to its pool. */
+void cap_set_ref(struct cap_set *s);
+void cap_set_release(struct cap_set *s);
+
+struct cap_assembler_params {
+    uint32_t cameras;
+    int64_t tolerance_ns; /* 0 = a quarter of the period; must be less than half of it */
+    int64_t
+        max_wait_ns;   /* 0 = 150 ms; WAIT: 500 ms (frames are held meanwhile: mind the buffers) */
+    int64_t period_ns; /* nominal, from fps; 0 = unknown (then tolerance must be given) */
+    enum cap_policy policy;
+    uint32_t min_cameras; /* PARTIAL, WAIT: fewer are dropped */
+};
+typedef struct cap_assembler cap_assembler;
+/* All cameras count as alive at first.  Of counts only ctx, count and push are used.  push takes each frame
+ * that did not become part of a set, right after the count that says why; NULL: it is released.
+ * Errors: PVX_EINVAL (cameras 1..64, tolerance), PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err cap_assembler_new(const struct cap_assembler_params *p,
+                                         const struct cap_sink *counts, cap_assembler **out);
+/* Releases open and finished sets; those that the consumer has stay valid. */
+void cap_assembler_free(cap_assembler **a);
+/* Takes f.  Any sets that this completes come out of cap_assembler_pop. */
+void cap_assembler_put(cap_assembler *a, struct cap_frame *f);
+/* Takes f, whose time is not known well enough to match it: UNMATCHED. */
+void cap_assembler_refuse(cap_assembler *a, struct cap_frame *f);
+/* Tell it which cameras are alive: it does not wait for the others. */
+void cap_assembler_alive(cap_assembler *a, uint32_t camera, bool alive);
+/* Close what is overdue at mono time `now`. */
+void cap_assembler_tick(cap_assembler *a, int64_t now_mono_ns);
+/* When tick has something to close: mono time, INT64_MAX = nothing is open. */
+int64_t cap_assembler_deadline(const cap_assembler *a);
+/* The clock of the exposure times was stepped by `by_ns`: what is open and what counts as closed is
+ * moved along. */
+void cap_assembler_shift(cap_assembler *a, int64_t by_ns);
+/* The frames' own clocks were stepped: nothing counts as late until the next set is out. */
+void cap_assembler_forget_order(cap_assembler *a);
+/* Replay in order of time: frames from now on are exposed at `t_exposure_ns` or later, so close
+ * every set that none of them can join. */
+void cap_assembler_close_before(cap_assembler *a, int64_t t_exposure_ns);
+/* Next finished set or NULL. Caller owns it until cap_set_release. */
+struct cap_set *cap_assembler_pop(cap_assembler *a);
+/* Close everything (end of a replay). */
+void cap_assembler_flush(cap_assembler *a);
+uint32_t cap_assembler_open(const cap_assembler *a);        /* frames in open sets */
+uint64_t cap_assembler_sets_failed(const cap_assembler *a); /* closed but not given out */
+#endif

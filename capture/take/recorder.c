@@ -1,0 +1,557 @@
+#include "capture/take/recorder.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/queue.h"
+
+#define N_GAPS     1024
+#define STUCK_NS   (10 * PVX_NS_PER_S) /* half of what the service manager waits (TimeoutStopSec) */
+#define LOOK_NS    (5 * PVX_NS_PER_MS)
+#define SPACE_MORE (32u << 20) /* rows, and what others write meanwhile */
+
+const char *const cap_recorder_state_names[] = {"idle", "recording", "ended", "failed"};
+
+struct item {
+    struct cap_set *set;     /* or */
+    struct cap_frame *stray; /* this one */
+    enum cap_take_why why;
+};
+
+struct cap_recorder {
+    struct cap_recorder_config cfg;
+    pthread_mutex_t lock;
+    pthread_cond_t filled, room, wake; /* writer; lossless tap; syncer */
+    struct item *ring;                 /* [size] */
+    unsigned size, head, len;
+    unsigned sets;                  /* that wait; at most CAP_RECORDER_QUEUE_MAX */
+    unsigned held[CAP_MAX_CAMERAS]; /* frames of each camera that wait; at most cfg.queue */
+    bool stopping;                  /* nothing more is taken in; the writer empties the ring */
+    bool written;                   /* the writer is through */
+    struct cap_take_gap run[CAP_MAX_CAMERAS]; /* open: frames > 0 */
+    struct cap_take_gap gap[N_GAPS];          /* closed, to be written */
+    unsigned n_gaps;
+    struct cap_recorder_stats stats;
+    int64_t t0_mono_ns, t1_mono_ns;
+    pvx_err error;
+    int fd;           /* for syncing and free space */
+    bool threads;     /* to be joined */
+    bool stuck;       /* was waited for in vain */
+    bool syncer_done; /* as written, of the other thread */
+    pthread_t writer, syncer;
+    cap_take_writer *take; /* the writer thread's */
+};
+
+/* ---- the tap: the assembler's thread ---- */
+
+/* All of these under the lock. */
+static bool recording(const cap_recorder *r)
+{
+    return r->stats.state == CAP_REC_RUNNING && !r->stopping;
+}
+
+static bool has_camera(const struct item *it, uint32_t c)
+{
+    return it->set != NULL ? it->set->frame[c] != NULL : it->stray->camera == c;
+}
+
+/* A frame without a set takes no place from other cameras.  Sets of a few cameras each could wait in
+ * larger numbers than frames of one camera: set structs are the live sets' too. */
+static bool fits(const cap_recorder *r, const struct item *it)
+{
+    if (it->set != NULL && r->sets >= CAP_RECORDER_QUEUE_MAX)
+        return false;
+    for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+        if (has_camera(it, c) && r->held[c] >= r->cfg.queue)
+            return false;
+    return true;
+}
+
+static bool has_room(cap_recorder *r, const struct item *it)
+{
+    while (r->cfg.lossless && !fits(r, it) && recording(r))
+        pthread_cond_wait(&r->room, &r->lock);
+    return fits(r, it) && recording(r);
+}
+
+static void hold(cap_recorder *r, const struct item *it, int by)
+{
+    r->sets += it->set != NULL ? (unsigned)by : 0;
+    for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+        if (has_camera(it, c))
+            r->held[c] += (unsigned)by;
+}
+
+static void take_in(cap_recorder *r, struct item it)
+{
+    r->ring[(r->head + r->len++) % r->size] = it;
+    hold(r, &it, 1);
+    pthread_cond_signal(&r->filled);
+}
+
+/* Frames of a camera that are left out one after the other are one gap. */
+static void miss(cap_recorder *r, const struct cap_frame *f, int64_t set)
+{
+    struct cap_take_gap *g = &r->run[f->camera];
+    if (g->frames++ == 0) {
+        g->camera = f->camera;
+        g->why = CAP_TAKE_QUEUE;
+        g->id_first = f->id;
+        g->set_first = set;
+        g->t_first_ns = f->t_exposure_ns;
+    }
+    g->id_last = f->id;
+    g->set_last = set;
+    g->t_last_ns = f->t_exposure_ns;
+    r->stats.frames_missed++;
+}
+
+/* A frame of the camera is recorded again.  With no room in the list the gap stays open. */
+static void end_gap(cap_recorder *r, uint32_t camera)
+{
+    if (r->run[camera].frames == 0 || r->n_gaps == N_GAPS)
+        return;
+    r->gap[r->n_gaps++] = r->run[camera];
+    r->run[camera] = (struct cap_take_gap){0};
+}
+
+static void tap_set(void *ctx, struct cap_set *s)
+{
+    cap_recorder *r = ctx;
+    struct item it = {.set = s};
+    bool missed = false;
+    pthread_mutex_lock(&r->lock);
+    if (has_room(r, &it)) {
+        cap_set_ref(s);
+        take_in(r, it);
+        for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+            if (s->frame[c] != NULL)
+                end_gap(r, c);
+    } else if (recording(r)) {
+        missed = true;
+        r->stats.sets_missed++;
+        for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+            if (s->frame[c] != NULL)
+                miss(r, s->frame[c], (int64_t)s->number);
+    }
+    pthread_mutex_unlock(&r->lock);
+    if (missed)
+        LOG_EVERY(PVX_LOG_WARN, CAPTURE,
+                  "set %llu is not recorded: the disk is slower than the cameras",
+                  (unsigned long long)s->number);
+}
+
+static void tap_stray(void *ctx, struct cap_frame *f, enum cap_count why)
+{
+    cap_recorder *r = ctx;
+    enum cap_take_why w = why == CAP_LATE        ? CAP_TAKE_LATE
+                          : why == CAP_UNMATCHED ? CAP_TAKE_UNMATCHED
+                                                 : CAP_TAKE_OVERFLOW;
+    struct item it = {.stray = f, .why = w};
+    pthread_mutex_lock(&r->lock);
+    if (has_room(r, &it)) {
+        take_in(r, it);
+        end_gap(r, f->camera);
+        f = NULL;
+    } else if (recording(r)) {
+        miss(r, f, -1);
+    }
+    pthread_mutex_unlock(&r->lock);
+    cap_frame_release(f);
+}
+
+struct cap_tap cap_recorder_tap(cap_recorder *r)
+{
+    return (struct cap_tap){.set = tap_set, .stray = tap_stray, .ctx = r};
+}
+
+/* ---- the writer's thread ---- */
+
+static void give_back(struct item it)
+{
+    cap_set_release(it.set);
+    cap_frame_release(it.stray);
+}
+
+static size_t bytes_of(const struct item *it, uint32_t n_cameras)
+{
+    size_t n = it->stray != NULL ? it->stray->img.size : 0;
+    for (uint32_t c = 0; c < n_cameras && it->set != NULL; c++)
+        n += it->set->frame[c] != NULL ? it->set->frame[c]->img.size : 0;
+    return n;
+}
+
+/* Looked at before a set is written, so that the take can still be ended in order. */
+static pvx_err has_space(const cap_recorder *r, size_t bytes, struct pvx_diag *d)
+{
+    if (r->cfg.limit_bytes > 0 && cap_take_bytes(r->take) + bytes > r->cfg.limit_bytes)
+        return pvx_fail(d, PVX_ERANGE, "%s: has reached its limit of %.3g GB", r->stats.path,
+                        (double)r->cfg.limit_bytes * 1e-9);
+    struct statvfs v;
+    if (fstatvfs(r->fd, &v) != 0)
+        return PVX_OK;
+    uint64_t have = (uint64_t)v.f_bavail * v.f_frsize;
+    if (have >= bytes + SPACE_MORE + r->cfg.keep_free_bytes)
+        return PVX_OK;
+    return pvx_fail(d, PVX_ENOSPC, "%s: the disk is full: %.0f MB are left, %.0f stay free",
+                    r->stats.path, (double)have * 1e-6,
+                    (double)(r->cfg.keep_free_bytes + SPACE_MORE) * 1e-6);
+}
+
+static pvx_err write_gaps(cap_recorder *r, struct pvx_diag *d)
+{
+    for (;;) {
+        struct cap_take_gap g;
+        pthread_mutex_lock(&r->lock);
+        bool any = r->n_gaps > 0;
+        if (any) {
+            g = r->gap[0];
+            memmove(&r->gap[0], &r->gap[1], --r->n_gaps * sizeof g);
+        }
+        pthread_mutex_unlock(&r->lock);
+        if (!any)
+            return PVX_OK;
+        PVX_TRY(cap_take_put_gap(r->take, &g, d));
+    }
+}
+
+static pvx_err write_item(cap_recorder *r, const struct item *it, struct pvx_diag *d)
+{
+    PVX_TRY(has_space(r, bytes_of(it, r->cfg.n_cameras), d));
+    if (it->set != NULL)
+        PVX_TRY(cap_take_put_set(r->take, it->set, d));
+    else
+        PVX_TRY(cap_take_put_stray(r->take, it->stray, it->why, d));
+    PVX_TRY(write_gaps(r, d));
+    PVX_TRY(cap_take_commit(r->take, d));
+    pthread_mutex_lock(&r->lock);
+    r->stats.sets += it->set != NULL;
+    r->stats.strays += it->stray != NULL;
+    r->stats.frames += it->set != NULL ? it->set->n : 1;
+    r->stats.bytes = cap_take_bytes(r->take);
+    pthread_mutex_unlock(&r->lock);
+    return PVX_OK;
+}
+
+/* Next item; false: there will be none. */
+static bool next(cap_recorder *r, struct item *it)
+{
+    pthread_mutex_lock(&r->lock);
+    while (r->len == 0 && !r->stopping)
+        pthread_cond_wait(&r->filled, &r->lock);
+    bool any = r->len > 0;
+    if (any)
+        *it =
+            r->ring[r->head]; /* it keeps its place until it is written: that bounds the buffers */
+    pthread_mutex_unlock(&r->lock);
+    return any;
+}
+
+static void done_with(cap_recorder *r, struct item it)
+{
+    pthread_mutex_lock(&r->lock);
+    r->head = (r->head + 1) % r->size;
+    r->len--;
+    hold(r, &it, -1);
+    pthread_cond_signal(&r->room);
+    pthread_mutex_unlock(&r->lock);
+    give_back(it);
+}
+
+/* Nothing more comes in; gaps that are still open end here. */
+static void stop_taking(cap_recorder *r)
+{
+    pthread_mutex_lock(&r->lock);
+    r->stopping = true;
+    for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
+        end_gap(r, c);
+    pthread_cond_broadcast(&r->filled);
+    pthread_cond_broadcast(&r->room);
+    pthread_mutex_unlock(&r->lock);
+}
+
+static void finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
+{
+    pvx_err gap_error = write_gaps(r, d);
+    if (e == PVX_OK)
+        e = gap_error;
+    pvx_err close_error = cap_take_close(&r->take, d); /* text of the first cause stays */
+    if (e == PVX_OK)
+        e = close_error;
+    pthread_mutex_lock(&r->lock);
+    r->t1_mono_ns = pvx_now_mono();
+    r->error = e;
+    r->stats.state = e == PVX_OK || e == PVX_ERANGE ? CAP_REC_ENDED : CAP_REC_FAILED;
+    snprintf(r->stats.error, sizeof r->stats.error, "%.*s", (int)sizeof r->stats.error - 1,
+             e == PVX_OK ? "" : pvx_diag_text(d, e));
+    r->written = true;
+    pthread_cond_broadcast(&r->wake);
+    pthread_mutex_unlock(&r->lock);
+    if (e != PVX_OK)
+        LOG_E(CAPTURE, "recording ends: %s; the take holds what was recorded before",
+              pvx_diag_text(d, e));
+}
+
+/* Frames that waited when the recording ended by itself: the take says so as far as it still can. */
+static void lose(cap_recorder *r, const struct item *it)
+{
+    pthread_mutex_lock(&r->lock);
+    r->stats.sets_missed += it->set != NULL;
+    if (it->stray != NULL)
+        miss(r, it->stray, -1);
+    for (uint32_t c = 0; c < r->cfg.n_cameras && it->set != NULL; c++)
+        if (it->set->frame[c] != NULL)
+            miss(r, it->set->frame[c], (int64_t)it->set->number);
+    pthread_mutex_unlock(&r->lock);
+}
+
+static void *write_loop(void *arg)
+{
+    cap_recorder *r = arg;
+    struct pvx_diag d = {""};
+    pvx_err e = PVX_OK;
+    struct item it;
+    while (next(r, &it)) {
+        if (e == PVX_OK && (e = write_item(r, &it, &d)) != PVX_OK)
+            stop_taking(r);
+        if (e != PVX_OK)
+            lose(r, &it);
+        done_with(r, it);
+    }
+    stop_taking(r);
+    finish(r, e, &d);
+    return NULL;
+}
+
+/* Writing back is begun all the time, so that the disk is never far behind, in a thread that may wait. */
+static void *sync_loop(void *arg)
+{
+    cap_recorder *r = arg;
+    pthread_mutex_lock(&r->lock);
+    while (!r->written) {
+        int64_t t = pvx_now_mono() + r->cfg.sync_ns;
+        struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
+        if (pthread_cond_timedwait(&r->wake, &r->lock, &ts) != ETIMEDOUT)
+            continue;
+        pthread_mutex_unlock(&r->lock);
+        if (fdatasync(r->fd) != 0)
+            LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->stats.path, strerror(errno));
+        pthread_mutex_lock(&r->lock);
+    }
+    r->syncer_done = true;
+    pthread_mutex_unlock(&r->lock);
+    return NULL;
+}
+
+/* ---- from outside ---- */
+
+pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out)
+{
+    *out = NULL;
+    if (c->queue < 1 || c->queue > CAP_RECORDER_QUEUE_MAX || c->n_cameras < 1 ||
+        c->n_cameras > CAP_MAX_CAMERAS || c->sync_ns < 0)
+        return PVX_EINVAL;
+    cap_recorder *r = pvx_calloc(1, sizeof *r);
+    if (r == NULL)
+        return PVX_ENOMEM;
+    r->cfg = *c;
+    r->fd = -1;
+    r->size = c->queue * c->n_cameras; /* as many as held[] lets in */
+    r->ring = pvx_calloc(r->size, sizeof *r->ring);
+    if (r->ring == NULL) {
+        free(r);
+        return PVX_ENOMEM;
+    }
+    pthread_condattr_t a;
+    pthread_condattr_init(&a);
+    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
+    pthread_mutex_init(&r->lock, NULL);
+    pthread_cond_init(&r->filled, &a);
+    pthread_cond_init(&r->room, &a);
+    pthread_cond_init(&r->wake, &a);
+    pthread_condattr_destroy(&a);
+    *out = r;
+    return PVX_OK;
+}
+
+/* Both threads are through.  As long as sets are written that is waited for. */
+static bool come_home(cap_recorder *r, int64_t wait_ns)
+{
+    pthread_mutex_lock(&r->lock);
+    unsigned len = r->len;
+    int64_t until = pvx_now_mono() + wait_ns;
+    while (!(r->written && r->syncer_done) && pvx_now_mono() < until) {
+        pthread_mutex_unlock(&r->lock);
+        struct timespec ts = {.tv_nsec = LOOK_NS};
+        nanosleep(&ts, NULL);
+        pthread_mutex_lock(&r->lock);
+        if (r->len != len)
+            until = pvx_now_mono() + wait_ns;
+        len = r->len;
+    }
+    bool home = r->written && r->syncer_done;
+    pthread_mutex_unlock(&r->lock);
+    return home;
+}
+
+/* The threads of a recording that has ended by itself are still to be joined.  false: a disk that does not
+ * answer holds one in the kernel, where nothing reaches it; it keeps what it uses. */
+static bool join(cap_recorder *r)
+{
+    if (!r->threads)
+        return true;
+    r->stuck = !come_home(r, STUCK_NS);
+    if (r->stuck)
+        return false;
+    pthread_join(r->writer, NULL);
+    if (r->cfg.sync_ns > 0)
+        pthread_join(r->syncer, NULL);
+    r->threads = false;
+    close(r->fd);
+    r->fd = -1;
+    return true;
+}
+
+static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
+{
+    if (pthread_create(&r->writer, NULL, write_loop, r) != 0)
+        return pvx_fail(d, PVX_EIO, "recording: no thread to be had");
+    pthread_setname_np(r->writer, "record");
+    if (r->cfg.sync_ns > 0 && pthread_create(&r->syncer, NULL, sync_loop, r) != 0) {
+        stop_taking(r);
+        pthread_join(r->writer, NULL);
+        return pvx_fail(d, PVX_EIO, "recording: no thread to be had");
+    }
+    if (r->cfg.sync_ns > 0)
+        pthread_setname_np(r->syncer, "record-sync");
+    r->threads = true;
+    return PVX_OK;
+}
+
+/* A recording that did not come to run: what the tap has put in meanwhile goes back, the file goes. */
+static void undo_start(cap_recorder *r, pvx_err e, const struct pvx_diag *d)
+{
+    stop_taking(r);
+    cap_take_close(&r->take, NULL);
+    unlink(r->stats.path);
+    while (r->len > 0) { /* nobody else takes out, and nothing comes in */
+        struct item it = r->ring[r->head];
+        done_with(r, it);
+    }
+    pthread_mutex_lock(&r->lock);
+    r->stats.state = CAP_REC_FAILED;
+    snprintf(r->stats.error, sizeof r->stats.error, "%.*s", (int)sizeof r->stats.error - 1,
+             pvx_diag_text(d, e));
+    r->t1_mono_ns = pvx_now_mono();
+    r->written = true;
+    pthread_mutex_unlock(&r->lock);
+    if (r->fd >= 0)
+        close(r->fd);
+    r->fd = -1;
+}
+
+pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_take_head *head,
+                           struct pvx_diag *d)
+{
+    pthread_mutex_lock(&r->lock);
+    bool busy = r->stats.state == CAP_REC_RUNNING;
+    pthread_mutex_unlock(&r->lock);
+    if (busy)
+        return pvx_fail(d, PVX_EBUSY, "%s is being recorded; stop that first", r->stats.path);
+    if (strlen(path) >= sizeof r->stats.path || head->n_cameras != r->cfg.n_cameras)
+        return pvx_fail(d, PVX_EINVAL, "%.100s: too long a name for a take", path);
+    if (!join(r))
+        return pvx_fail(d, PVX_EBUSY,
+                        "%s: its disk does not answer; nothing else is recorded before",
+                        r->stats.path);
+    PVX_TRY(cap_take_create(path, head, &r->take, d));
+    r->fd = open(path, O_RDONLY | O_CLOEXEC);
+    pthread_mutex_lock(&r->lock);
+    r->stopping = r->written = false;
+    r->syncer_done = r->cfg.sync_ns == 0;
+    r->n_gaps = 0;
+    memset(r->run, 0, sizeof r->run);
+    r->stats = (struct cap_recorder_stats){.state = CAP_REC_RUNNING};
+    snprintf(r->stats.path, sizeof r->stats.path, "%s", path);
+    r->t0_mono_ns = pvx_now_mono();
+    r->error = PVX_OK;
+    pthread_mutex_unlock(&r->lock);
+    pvx_err e = r->fd < 0 ? pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno))
+                          : start_threads(r, d);
+    if (e != PVX_OK) {
+        undo_start(r, e, d);
+        return e;
+    }
+    LOG_I(CAPTURE, "recording raw frames to %s", path);
+    return PVX_OK;
+}
+
+static void tell(const struct cap_recorder_stats *s)
+{
+    enum pvx_log_level level = s->frames_missed > 0 ? PVX_LOG_WARN : PVX_LOG_INFO;
+    pvx_log(
+        level, TOPIC_CAPTURE,
+        "%s: %.1f s, %llu sets, %llu frames (%llu in no set), %.1f MB, %.1f MB/s; %llu sets and "
+        "%llu frames could not be recorded%s",
+        s->path, s->seconds, (unsigned long long)s->sets, (unsigned long long)s->frames,
+        (unsigned long long)s->strays, (double)s->bytes * 1e-6,
+        s->seconds > 0 ? (double)s->bytes * 1e-6 / s->seconds : 0,
+        (unsigned long long)s->sets_missed, (unsigned long long)s->frames_missed,
+        s->frames_missed == 0 ? ""
+        : s->error[0] != '\0' ? ", from the moment that it ended by itself"
+                              : ": the disk was too slow (`pyrovox replay --info` lists them)");
+}
+
+pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d)
+{
+    if (!r->threads)
+        return pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
+    stop_taking(r);
+    bool home = join(r);
+    struct cap_recorder_stats s;
+    cap_recorder_stats(r, &s);
+    tell(&s);
+    if (!home)
+        return pvx_fail(d, PVX_ETIMEDOUT,
+                        "%s: the disk does not answer; the take holds what it took before", s.path);
+    return r->error == PVX_OK ? PVX_OK : pvx_fail(d, r->error, "%s", s.error);
+}
+
+void cap_recorder_stats(cap_recorder *r, struct cap_recorder_stats *out)
+{
+    pthread_mutex_lock(&r->lock);
+    *out = r->stats;
+    out->queued = r->len;
+    int64_t end = r->written ? r->t1_mono_ns : pvx_now_mono();
+    out->seconds = r->stats.state == CAP_REC_IDLE ? 0 : (double)(end - r->t0_mono_ns) * 1e-9;
+    pthread_mutex_unlock(&r->lock);
+}
+
+void cap_recorder_free(cap_recorder **rp)
+{
+    cap_recorder *r = *rp;
+    if (r == NULL)
+        return;
+    *rp = NULL;
+    if (r->threads && (!r->stuck || come_home(r, 0))) /* not twice */
+        cap_recorder_stop(r, NULL);
+    if (r->threads) {
+        LOG_W(CAPTURE, "%s: the disk does not answer; what records is left behind", r->stats.path);
+        return;
+    }
+    pthread_mutex_destroy(&r->lock);
+    pthread_cond_destroy(&r->filled);
+    pthread_cond_destroy(&r->room);
+    pthread_cond_destroy(&r->wake);
+    free(r->ring);
+    free(r);
+}

@@ -1,0 +1,59 @@
+/* recorder.h - takes (take.h) beside a running capture: the capture's tap, a bounded queue, a thread that
+ * writes, a thread that syncs.
+ *
+ * A set waits in the queue by reference, nothing is copied; so a camera needs `queue` frame buffers more
+ * than without.  When the queue is full the newest set is left out and listed in the take
+ * as a gap: the live solve never waits for the disk.  Recorded are all sets that are given out, partial
+ * ones too, and the good frames that made no set; not the frames that capture itself refuses or loses
+ * (enum cap_count: their numbers are missing between the rows).
+ * Every set is committed: it survives the end of the process at any moment.  What has been synced, which
+ * is begun every sync_ns, survives a power cut too.
+ * A full disk, a limit or an error ends the recording in order and says so; capture goes on.
+ * Threads: start and stop from one thread at a time, stats from any.  The tap allocates nothing and
+ * waits for nobody (lossless: for room in the queue). */
+#ifndef CAP_RECORDER_H
+#define CAP_RECORDER_H
+#include "capture/rig/capture.h"
+#include "capture/take/take.h"
+
+/* Half of the set structs that there are (frameset.c). */
+#define CAP_RECORDER_QUEUE_MAX 64
+
+struct cap_recorder_config {
+    uint32_t n_cameras;
+    unsigned queue;           /* frames of each camera that may wait, 1..CAP_RECORDER_QUEUE_MAX; of
+                                 sets, partial ones too, never more than that maximum wait */
+    bool lossless;            /* capture waits for the disk */
+    uint64_t limit_bytes;     /* of pixels in one take; 0 = none */
+    uint64_t keep_free_bytes; /* end before the disk has less */
+    int64_t sync_ns;          /* 0 = never */
+};
+enum cap_recorder_state { CAP_REC_IDLE, CAP_REC_RUNNING, CAP_REC_ENDED, CAP_REC_FAILED };
+extern const char *const cap_recorder_state_names[];
+
+struct cap_recorder_stats {
+    enum cap_recorder_state state;
+    char path[512];
+    uint64_t sets, frames, strays; /* written; strays: of these, frames in no set */
+    uint64_t bytes;                /* of pixels */
+    uint64_t sets_missed;          /* not recorded: queue full */
+    uint64_t frames_missed;
+    unsigned queued;
+    double seconds;  /* of the recording, so far */
+    char error[512]; /* why it ended by itself, "" = it did not */
+};
+
+typedef struct cap_recorder cap_recorder;
+PVX_MUST_CHECK pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out);
+struct cap_tap cap_recorder_tap(cap_recorder *r);
+/* Begin a take; head is read during the call.  PVX_EBUSY: one is being recorded; else cap_take_create's. */
+PVX_MUST_CHECK pvx_err cap_recorder_start(cap_recorder *r, const char *path,
+                                          const struct cap_take_head *head, struct pvx_diag *d);
+/* Write what waits, close, say in the log what it came to.  PVX_ENOENT: none is being recorded; PVX_OK
+ * when the take is whole; PVX_ETIMEDOUT: the disk took nothing for 10 s (may be called again; until it
+ * answers start is PVX_EBUSY); else why it ended by itself. */
+pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d);
+void cap_recorder_stats(cap_recorder *r, struct cap_recorder_stats *out);
+void cap_recorder_free(cap_recorder **r); /* stops; no tap may come any more.  A disk that
+                                             does not answer: the memory stays with the threads */
+#endif

@@ -1,0 +1,585 @@
+/* take_write.c - the writing half of take.h.
+ *
+ * A camera's datasets are made when its first frame comes: only then its format is known.  That leaves
+ * SWMR mode for some milliseconds (close, open, make, start again); the rest of the time all tables only
+ * grow.  Metadata is given out in blocks of META bytes, so that rows and chunk indices lie before the
+ * pixels that they speak of, and a file that is cut anywhere still tells of all that is left. */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/take/h5.h"
+
+#define META  (256u << 10)
+#define ATTRS 64 /* so many are kept with their group, in one piece */
+
+struct camera {
+    char *name, *uri, *settings;
+    bool made;
+    enum cap_pixfmt fmt;
+    int32_t width, height;
+    uint8_t yuv;
+    hsize_t dims[4]; /* of a chunk of frames */
+    int rank;
+    size_t bytes;
+    hid_t frames, index;
+    uint64_t n, stream; /* rows; bytes of JPEG */
+};
+
+struct cap_take_writer {
+    char *path;
+    hid_t file, sets, members, gaps, row_type, set_type, gap_type, one;
+    bool swmr;
+    uint32_t n_cameras;
+    struct camera *camera;
+    uint64_t n_sets, n_gaps, n_frames, bytes;
+    unsigned char *tight; /* rows without padding, for frames that have some */
+    size_t tight_size;
+    int64_t *member;
+};
+
+static pvx_err fail(cap_take_writer *w, const char *what, struct pvx_diag *d)
+{
+    return take_h5_fail(d, PVX_EIO, w->path, what);
+}
+
+/* ---- making ---- */
+
+static bool put_attr(hid_t at, const char *name, hid_t type, const void *value)
+{
+    hid_t space = H5Screate(H5S_SCALAR);
+    hid_t a = H5Aexists(at, name) > 0 ? H5Aopen(at, name, H5P_DEFAULT)
+                                      : H5Acreate2(at, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = a >= 0 && H5Awrite(a, type, value) >= 0;
+    H5Aclose(a);
+    H5Sclose(space);
+    return ok;
+}
+
+static bool put_int(hid_t at, const char *name, int64_t v)
+{
+    return put_attr(at, name, H5T_STD_I64LE, &v);
+}
+
+static hid_t text_type(const char *text)
+{
+    hid_t t = H5Tcopy(H5T_C_S1);
+    H5Tset_size(t, strlen(text) + 1);
+    H5Tset_cset(t, H5T_CSET_UTF8);
+    return t;
+}
+
+static bool put_text(hid_t at, const char *name, const char *text)
+{
+    hid_t t = text_type(text);
+    bool ok = put_attr(at, name, t, text);
+    H5Tclose(t);
+    return ok;
+}
+
+/* Long texts are datasets: an attribute may hold 64 KiB only. */
+static bool put_long_text(hid_t at, const char *name, const char *text)
+{
+    hid_t t = text_type(text), space = H5Screate(H5S_SCALAR);
+    hid_t s = H5Dcreate2(at, name, t, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = s >= 0 && H5Dwrite(s, t, H5S_ALL, H5S_ALL, H5P_DEFAULT, text) >= 0;
+    H5Dclose(s);
+    H5Sclose(space);
+    H5Tclose(t);
+    return ok;
+}
+
+/* A dataset that grows along its first dimension, `chunk` of it at a time. */
+static bool make_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *chunk,
+                       hid_t *out)
+{
+    hsize_t now[4], most[4];
+    for (int i = 0; i < rank; i++)
+        now[i] = most[i] = chunk[i];
+    now[0] = 0;
+    most[0] = H5S_UNLIMITED;
+    hid_t space = H5Screate_simple(rank, now, most), p = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_chunk(p, rank, chunk);
+    *out = H5Dcreate2(at, name, type, space, H5P_DEFAULT, p, H5P_DEFAULT);
+    H5Pclose(p);
+    H5Sclose(space);
+    return *out >= 0;
+}
+
+static bool open_tables(cap_take_writer *w)
+{
+    w->sets = H5Dopen2(w->file, "sets", H5P_DEFAULT);
+    w->members = H5Dopen2(w->file, "members", H5P_DEFAULT);
+    w->gaps = H5Dopen2(w->file, "gaps", H5P_DEFAULT);
+    bool ok = w->sets >= 0 && w->members >= 0 && w->gaps >= 0;
+    for (uint32_t c = 0; c < w->n_cameras && ok; c++) {
+        struct camera *k = &w->camera[c];
+        char name[CAP_TAKE_NAME_MAX + 24];
+        if (!k->made)
+            continue;
+        snprintf(name, sizeof name, "cameras/%s/frames", k->name);
+        k->frames = H5Dopen2(w->file, name, H5P_DEFAULT);
+        snprintf(name, sizeof name, "cameras/%s/index", k->name);
+        k->index = H5Dopen2(w->file, name, H5P_DEFAULT);
+        ok = k->frames >= 0 && k->index >= 0;
+    }
+    return ok;
+}
+
+static hid_t access_list(void)
+{
+    hid_t fapl = H5Pcreate(H5P_FILE_ACCESS);
+    H5Pset_libver_bounds(fapl, H5F_LIBVER_V110, H5F_LIBVER_V110);
+    H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG); /* closes what is open in it */
+    H5Pset_meta_block_size(fapl, META);
+    return fapl;
+}
+
+static bool close_file(cap_take_writer *w)
+{
+    bool ok = w->file < 0 || H5Fclose(w->file) >= 0;
+    w->file = -1;
+    w->swmr = false;
+    return ok;
+}
+
+static bool reopen(cap_take_writer *w)
+{
+    hid_t fapl = access_list();
+    if (!close_file(w)) {
+        H5Pclose(fapl);
+        return false;
+    }
+    w->file = H5Fopen(w->path, H5F_ACC_RDWR, fapl);
+    H5Pclose(fapl);
+    return w->file >= 0 && open_tables(w);
+}
+
+static pvx_err start_swmr(cap_take_writer *w, struct pvx_diag *d)
+{
+    if (w->swmr)
+        return PVX_OK;
+    if (H5Fstart_swmr_write(w->file) < 0)
+        return fail(w, "cannot begin to append", d);
+    w->swmr = true;
+    return PVX_OK;
+}
+
+static bool make_attributes(cap_take_writer *w, const struct cap_take_head *h)
+{
+    return put_text(w->file, "format", "pyrovox take") &&
+           put_int(w->file, "version", CAP_TAKE_FORMAT) &&
+           put_int(w->file, "t_created_ns", h->t_created_ns) &&
+           put_attr(w->file, "session", H5T_STD_U64LE, &h->session) &&
+           put_attr(w->file, "fps", H5T_IEEE_F64LE, &h->fps) &&
+           put_text(w->file, "host", h->host) && put_text(w->file, "software", h->software) &&
+           put_text(w->file, "base", h->base) &&
+           /* overwritten at the end: a new one would lie behind all pixels, and be cut off first */
+           put_int(w->file, "closed", 0) && put_int(w->file, "t_closed_ns", 0) &&
+           put_int(w->file, "n_sets", -1) && put_int(w->file, "n_frames", -1) &&
+           put_int(w->file, "n_gaps", -1) && put_long_text(w->file, "rig", h->rig) &&
+           put_long_text(w->file, "config", h->config);
+}
+
+static bool make_groups(cap_take_writer *w)
+{
+    hid_t p = H5Pcreate(H5P_GROUP_CREATE);
+    H5Pset_attr_phase_change(p, ATTRS, 0);
+    hid_t g = H5Gcreate2(w->file, "cameras", H5P_DEFAULT, p, H5P_DEFAULT);
+    bool ok = g >= 0;
+    H5Gclose(g);
+    for (uint32_t c = 0; c < w->n_cameras && ok; c++) {
+        struct camera *k = &w->camera[c];
+        char name[CAP_TAKE_NAME_MAX + 24];
+        snprintf(name, sizeof name, "cameras/%s", k->name);
+        g = H5Gcreate2(w->file, name, H5P_DEFAULT, p, H5P_DEFAULT);
+        ok = g >= 0 && put_int(g, "number", c) && put_text(g, "uri", k->uri) &&
+             put_long_text(g, "settings", k->settings);
+        H5Gclose(g);
+    }
+    H5Pclose(p);
+    return ok;
+}
+
+static bool make_root(cap_take_writer *w, const struct cap_take_head *h)
+{
+    hsize_t rows = TAKE_ROWS, members[2] = {TAKE_ROWS, w->n_cameras};
+    return make_attributes(w, h) && make_groups(w) &&
+           make_table(w->file, "sets", w->set_type, 1, &rows, &w->sets) &&
+           make_table(w->file, "members", H5T_STD_I64LE, 2, members, &w->members) &&
+           make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps);
+}
+
+static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
+{
+    char name[CAP_TAKE_NAME_MAX + 24];
+    hsize_t rows = TAKE_ROWS;
+    snprintf(name, sizeof name, "cameras/%s", k->name);
+    hid_t g = H5Gopen2(w->file, name, H5P_DEFAULT);
+    bool ok = g >= 0 && put_text(g, "pixel_format", cap_pixfmt_name(k->fmt)) &&
+              put_int(g, "width", k->width) && put_int(g, "height", k->height) &&
+              put_int(g, "yuv", k->yuv) &&
+              make_table(g, "index", w->row_type, 1, &rows, &k->index) &&
+              make_table(g, "frames", type, k->rank, k->dims, &k->frames);
+    H5Gclose(g);
+    k->made = ok;
+    return ok;
+}
+
+/* Of a format that is known, with all its rows. */
+static bool is_whole(const struct cap_image *img)
+{
+    enum cap_layout layout = cap_pixfmt_layout(img->fmt);
+    if (layout == CAP_LAYOUT_NONE || img->width < 1 || img->height < 1 ||
+        img->width > TAKE_SIDE_MAX || img->height > TAKE_SIDE_MAX)
+        return false;
+    if (layout == CAP_LAYOUT_JPEG)
+        return img->size > 0;
+    size_t row = cap_pixfmt_row(img->fmt, img->width), need;
+    return img->stride >= (ptrdiff_t)row &&
+           !__builtin_mul_overflow((size_t)img->stride, (size_t)(img->height - 1), &need) &&
+           !__builtin_add_overflow(need, row, &need) && img->size >= need;
+}
+
+/* The first whole frame of a camera says what it sends. */
+static pvx_err make_camera(cap_take_writer *w, struct camera *k, const struct cap_image *img,
+                           struct pvx_diag *d)
+{
+    hid_t type;
+    k->fmt = img->fmt;
+    k->width = img->width;
+    k->height = img->height;
+    k->yuv = img->yuv;
+    k->rank = take_h5_shape(k->fmt, k->width, k->height, k->dims, &type);
+    if (k->rank == 0)
+        return pvx_fail(d, PVX_EUNSUP, "%s: camera %s: %s cannot be recorded", w->path, k->name,
+                        cap_pixfmt_name(img->fmt));
+    k->bytes = cap_pixfmt_row(k->fmt, k->width) * (size_t)k->height;
+    if (w->swmr && !reopen(w))
+        return fail(w, "cannot be opened again for another camera", d);
+    return make_datasets(w, k, type) ? PVX_OK : fail(w, "cannot make a camera's tables", d);
+}
+
+static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_take_writer **out)
+{
+    cap_take_writer *w = *out = pvx_calloc(1, sizeof *w);
+    if (w == NULL)
+        return PVX_ENOMEM;
+    w->file = -1;
+    hsize_t one = 1;
+    w->one = H5Screate_simple(1, &one, NULL);
+    w->row_type = take_h5_row_type();
+    w->set_type = take_h5_set_type();
+    w->gap_type = take_h5_gap_type();
+    w->path = strdup(path);
+    w->camera = pvx_calloc(h->n_cameras, sizeof *w->camera);
+    w->member = pvx_calloc(h->n_cameras, sizeof *w->member);
+    if (w->path == NULL || w->camera == NULL || w->member == NULL)
+        return PVX_ENOMEM;
+    w->n_cameras = h->n_cameras;
+    for (uint32_t c = 0; c < h->n_cameras; c++) {
+        struct camera *k = &w->camera[c];
+        const struct cap_take_camera *from = &h->camera[c];
+        k->frames = k->index = -1;
+        k->name = strdup(from->name);
+        k->uri = strdup(from->uri != NULL ? from->uri : "");
+        k->settings = strdup(from->settings != NULL ? from->settings : "");
+        if (k->name == NULL || k->uri == NULL || k->settings == NULL)
+            return PVX_ENOMEM;
+    }
+    return PVX_OK;
+}
+
+static void free_writer(cap_take_writer *w)
+{
+    close_file(w);
+    H5Sclose(w->one);
+    H5Tclose(w->row_type);
+    H5Tclose(w->set_type);
+    H5Tclose(w->gap_type);
+    for (uint32_t c = 0; c < w->n_cameras; c++) {
+        free(w->camera[c].name);
+        free(w->camera[c].uri);
+        free(w->camera[c].settings);
+    }
+    free(w->camera);
+    free(w->member);
+    free(w->tight);
+    free(w->path);
+    free(w);
+}
+
+static pvx_err make_folder(const char *path, struct pvx_diag *d)
+{
+    char *dir = strdup(path);
+    if (dir == NULL)
+        return PVX_ENOMEM;
+    char *slash = strrchr(dir, '/');
+    pvx_err e = PVX_OK;
+    if (slash != NULL && slash != dir) {
+        *slash = '\0';
+        e = pvx_mkdirs(dir, d);
+    }
+    free(dir);
+    return e;
+}
+
+static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
+{
+    PVX_TRY(make_folder(w->path, d));
+    if (access(w->path, F_OK) == 0)
+        return pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", w->path);
+    hid_t fapl = access_list(), fcpl = H5Pcreate(H5P_FILE_CREATE);
+    H5Pset_attr_phase_change(fcpl, ATTRS, 0);
+    w->file = H5Fcreate(w->path, H5F_ACC_EXCL, fcpl, fapl);
+    H5Pclose(fcpl);
+    H5Pclose(fapl);
+    return w->file >= 0 ? PVX_OK : fail(w, "cannot be made", d);
+}
+
+pvx_err cap_take_create(const char *path, const struct cap_take_head *head, cap_take_writer **out,
+                        struct pvx_diag *d)
+{
+    take_h5_init();
+    *out = NULL;
+    if (head->n_cameras < 1 || head->n_cameras > CAP_MAX_CAMERAS)
+        return pvx_fail(d, PVX_EINVAL, "%s: a take of %u cameras; 1 to %d are possible", path,
+                        head->n_cameras, CAP_MAX_CAMERAS);
+    for (uint32_t c = 0; c < head->n_cameras; c++)
+        if (head->camera[c].name[0] == '\0' || strlen(head->camera[c].name) >= CAP_TAKE_NAME_MAX ||
+            strchr(head->camera[c].name, '/') != NULL || head->camera[c].name[0] == '.')
+            return pvx_fail(d, PVX_EINVAL, "%s: '%s' cannot be a camera's name in a take", path,
+                            head->camera[c].name);
+    cap_take_writer *w;
+    pvx_err e = new_writer(path, head, &w);
+    if (e == PVX_OK)
+        e = create_file(w, d);
+    if (e == PVX_OK && !make_root(w, head)) {
+        e = fail(w, "cannot be begun", d);
+        close_file(w);
+        unlink(path);
+    }
+    if (e != PVX_OK && w != NULL) {
+        free_writer(w);
+        return e;
+    }
+    *out = w;
+    return e;
+}
+
+/* ---- appending ---- */
+
+static bool append_row(hid_t table, hid_t type, hid_t one, uint64_t n, const void *row)
+{
+    hsize_t size = n + 1, at = n, count = 1;
+    if (H5Dset_extent(table, &size) < 0)
+        return false;
+    hid_t space = H5Dget_space(table);
+    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, &at, NULL, &count, NULL) >= 0 &&
+              H5Dwrite(table, type, one, space, H5P_DEFAULT, row) >= 0;
+    H5Sclose(space);
+    return ok;
+}
+
+static bool append_members(cap_take_writer *w)
+{
+    hsize_t size[2] = {w->n_sets + 1, w->n_cameras}, at[2] = {w->n_sets, 0};
+    hsize_t count[2] = {1, w->n_cameras};
+    if (H5Dset_extent(w->members, size) < 0)
+        return false;
+    hid_t space = H5Dget_space(w->members), mem = H5Screate_simple(2, count, NULL);
+    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, count, NULL) >= 0 &&
+              H5Dwrite(w->members, H5T_NATIVE_INT64, mem, space, H5P_DEFAULT, w->member) >= 0;
+    H5Sclose(mem);
+    H5Sclose(space);
+    return ok;
+}
+
+/* The pixels without padding between rows; NULL = no memory for them. */
+static const void *tight_pixels(cap_take_writer *w, const struct camera *k,
+                                const struct cap_image *img)
+{
+    size_t row = cap_pixfmt_row(k->fmt, k->width);
+    if (img->stride == (ptrdiff_t)row)
+        return img->data;
+    if (w->tight_size < k->bytes) {
+        free(w->tight);
+        w->tight = malloc(k->bytes);
+        w->tight_size = w->tight != NULL ? k->bytes : 0;
+    }
+    for (int32_t y = 0; y < k->height && w->tight != NULL; y++)
+        memcpy(w->tight + (size_t)y * row, (const unsigned char *)img->data + y * img->stride, row);
+    return w->tight;
+}
+
+static bool append_image(struct camera *k, const void *pixels)
+{
+    hsize_t size[4], at[4] = {k->n, 0, 0, 0};
+    memcpy(size, k->dims, sizeof size);
+    size[0] = k->n + 1;
+    return H5Dset_extent(k->frames, size) >= 0 &&
+           H5Dwrite_chunk(k->frames, H5P_DEFAULT, 0, at, k->bytes, pixels) >= 0;
+}
+
+static bool append_bytes(struct camera *k, const void *data, size_t bytes)
+{
+    hsize_t size = k->stream + bytes, at = k->stream, count = bytes;
+    if (H5Dset_extent(k->frames, &size) < 0)
+        return false;
+    hid_t space = H5Dget_space(k->frames), mem = H5Screate_simple(1, &count, NULL);
+    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, &at, NULL, &count, NULL) >= 0 &&
+              H5Dwrite(k->frames, H5T_NATIVE_UINT8, mem, space, H5P_DEFAULT, data) >= 0;
+    H5Sclose(mem);
+    H5Sclose(space);
+    return ok;
+}
+
+static bool fits(const struct camera *k, const struct cap_image *img)
+{
+    return img->fmt == k->fmt && img->width == k->width && img->height == k->height &&
+           is_whole(img);
+}
+
+static pvx_err unfit(cap_take_writer *w, const struct cap_frame *f, int64_t set, struct pvx_diag *d)
+{
+    struct cap_take_gap g = {.camera = f->camera,
+                             .why = CAP_TAKE_UNFIT,
+                             .frames = 1,
+                             .id_first = f->id,
+                             .id_last = f->id,
+                             .set_first = set,
+                             .set_last = set,
+                             .t_first_ns = f->t_exposure_ns,
+                             .t_last_ns = f->t_exposure_ns};
+    return cap_take_put_gap(w, &g, d);
+}
+
+/* *row = its place in the camera's list, -1 = did not fit. */
+static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t set, uint32_t why,
+                         int64_t *place, struct pvx_diag *d)
+{
+    *place = -1;
+    struct camera *k = &w->camera[f->camera];
+    if (!k->made && is_whole(&f->img))
+        PVX_TRY(make_camera(w, k, &f->img, d));
+    PVX_TRY(start_swmr(w, d));
+    if (!k->made || !fits(k, &f->img))
+        return unfit(w, f, set, d);
+    struct cap_take_row r = {.id = f->id,
+                             .set = set,
+                             .t_device_ns = f->t_device_ns,
+                             .t_arrival_ns = f->t_arrival_ns,
+                             .t_arrival_mono_ns = f->t_arrival_mono_ns,
+                             .t_exposure_ns = f->t_exposure_ns,
+                             .exposure_us = f->exposure_us,
+                             .gain = f->gain,
+                             .why = why};
+    const void *pixels = k->rank == 1 ? f->img.data : tight_pixels(w, k, &f->img);
+    if (pixels == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a frame of camera %s", w->path, k->name);
+    r.bytes = k->rank == 1 ? f->img.size : k->bytes;
+    r.offset = k->rank == 1 ? k->stream : 0;
+    r.xxh3 = XXH3_64bits(pixels, r.bytes);
+    r.check = take_row_check(&r);
+    if (!(k->rank == 1 ? append_bytes(k, pixels, r.bytes) : append_image(k, pixels)) ||
+        !append_row(k->index, w->row_type, w->one, k->n, &r))
+        return fail(w, "cannot be written", d);
+    k->stream += k->rank == 1 ? r.bytes : 0;
+    *place = (int64_t)k->n++;
+    w->n_frames++;
+    w->bytes += r.bytes;
+    return PVX_OK;
+}
+
+/* All cameras of a set before its first row: making one leaves SWMR mode. */
+static pvx_err make_cameras(cap_take_writer *w, const struct cap_set *s, struct pvx_diag *d)
+{
+    for (uint32_t c = 0; c < w->n_cameras; c++)
+        if (s->frame[c] != NULL && !w->camera[c].made && is_whole(&s->frame[c]->img))
+            PVX_TRY(make_camera(w, &w->camera[c], &s->frame[c]->img, d));
+    return PVX_OK;
+}
+
+pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s, struct pvx_diag *d)
+{
+    take_h5_init();
+    PVX_TRY(make_cameras(w, s, d));
+    struct cap_take_set row = {.number = s->number,
+                               .t_exposure_ns = s->t_exposure_ns,
+                               .spread_ns = s->spread_ns,
+                               .t_last_mono_ns = s->t_last_mono_ns};
+    for (uint32_t c = 0; c < w->n_cameras; c++) {
+        w->member[c] = -1;
+        if (s->frame[c] == NULL)
+            continue;
+        PVX_TRY(put_frame(w, s->frame[c], (int64_t)s->number, CAP_TAKE_IN_SET, &w->member[c], d));
+        if (w->member[c] >= 0) {
+            row.mask |= 1ull << c;
+            row.n++;
+        }
+    }
+    row.check = take_set_check(&row, w->member, w->n_cameras);
+    if (!append_members(w) || !append_row(w->sets, w->set_type, w->one, w->n_sets, &row))
+        return fail(w, "cannot be written", d);
+    w->n_sets++;
+    return PVX_OK;
+}
+
+pvx_err cap_take_put_stray(cap_take_writer *w, const struct cap_frame *f, enum cap_take_why why,
+                           struct pvx_diag *d)
+{
+    take_h5_init();
+    int64_t place;
+    return put_frame(w, f, -1, why, &place, d);
+}
+
+pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g, struct pvx_diag *d)
+{
+    take_h5_init();
+    PVX_TRY(start_swmr(w, d));
+    if (!append_row(w->gaps, w->gap_type, w->one, w->n_gaps, g))
+        return fail(w, "cannot be written", d);
+    w->n_gaps++;
+    return PVX_OK;
+}
+
+pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d)
+{
+    take_h5_init();
+    return H5Fflush(w->file, H5F_SCOPE_LOCAL) >= 0 ? PVX_OK : fail(w, "cannot be written", d);
+}
+
+/* The totals are written when the file has been closed once: it is whole whether they come or not. */
+static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
+{
+    if (!reopen(w))
+        return fail(w, "cannot be closed", d);
+    bool ok = put_int(w->file, "n_sets", (int64_t)w->n_sets) &&
+              put_int(w->file, "n_frames", (int64_t)w->n_frames) &&
+              put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
+              put_int(w->file, "t_closed_ns", pvx_now_real()) && put_int(w->file, "closed", 1);
+    return close_file(w) && ok ? PVX_OK : fail(w, "cannot be closed", d);
+}
+
+pvx_err cap_take_close(cap_take_writer **wp, struct pvx_diag *d)
+{
+    cap_take_writer *w = *wp;
+    if (w == NULL)
+        return PVX_OK;
+    *wp = NULL;
+    take_h5_init();
+    pvx_err e = put_totals(w, d);
+    free_writer(w);
+    return e;
+}
+
+uint64_t cap_take_bytes(const cap_take_writer *w)
+{
+    return w->bytes;
+}

@@ -1,0 +1,94 @@
+#include "capture/wire/gvsp.h"
+
+#include <string.h>
+
+#include "capture/wire/be.h"
+
+size_t cap_gvsp_put_head(uint8_t *out, const struct cap_gvsp_head *h)
+{
+    cap_put16(out, h->status);
+    if (!h->wide) {
+        cap_put16(out + 2, (uint16_t)h->block);
+        cap_put32(out + 4, (uint32_t)h->content << 24 | (h->packet & 0xffffffu));
+        return CAP_GVSP_HEAD;
+    }
+    cap_put16(out + 2, 0);
+    cap_put32(out + 4, (0x80u | h->content) << 24);
+    cap_put64(out + 8, h->block);
+    cap_put32(out + 16, h->packet);
+    return CAP_GVSP_HEAD_WIDE;
+}
+
+size_t cap_gvsp_get_head(const void *packet, size_t bytes, struct cap_gvsp_head *out)
+{
+    const uint8_t *p = packet;
+    memset(out, 0, sizeof *out);
+    if (bytes < CAP_GVSP_HEAD)
+        return 0;
+    out->status = cap_get16(p);
+    out->wide = (p[4] & 0x80) != 0;
+    out->content = p[4] & 0x7f;
+    if (!out->wide) {
+        out->block = cap_get16(p + 2);
+        out->packet = cap_get32(p + 4) & 0xffffffu;
+        return CAP_GVSP_HEAD;
+    }
+    if (bytes < CAP_GVSP_HEAD_WIDE)
+        return 0;
+    out->block = cap_get64(p + 8);
+    out->packet = cap_get32(p + 16);
+    return CAP_GVSP_HEAD_WIDE;
+}
+
+size_t cap_gvsp_put_leader(uint8_t *out, const struct cap_gvsp_leader *l)
+{
+    cap_put16(out, 0);
+    cap_put16(out + 2, l->payload);
+    cap_put64(out + 4, l->ticks);
+    cap_put32(out + 12, l->pixel_format);
+    cap_put32(out + 16, l->width);
+    cap_put32(out + 20, l->height);
+    cap_put32(out + 24, l->x);
+    cap_put32(out + 28, l->y);
+    cap_put32(out + 32, 0);
+    return CAP_GVSP_LEADER;
+}
+
+bool cap_gvsp_get_leader(const void *body, size_t bytes, struct cap_gvsp_leader *out)
+{
+    const uint8_t *p = body;
+    memset(out, 0, sizeof *out);
+    if (bytes < CAP_GVSP_LEADER)
+        return false;
+    out->payload = cap_get16(p + 2);
+    out->ticks = cap_get64(p + 4);
+    out->pixel_format = cap_get32(p + 12);
+    out->width = cap_get32(p + 16);
+    out->height = cap_get32(p + 20);
+    out->x = cap_get32(p + 24);
+    out->y = cap_get32(p + 28);
+    return true;
+}
+
+size_t cap_gvsp_put_trailer(uint8_t *out, uint16_t payload, uint32_t rows, uint32_t chunk_bytes)
+{
+    cap_put16(out, 0);
+    cap_put16(out + 2, payload);
+    if (payload == CAP_GVSP_EXTENDED_CHUNK) { /* 1.2 has them in this order */
+        cap_put32(out + 4, chunk_bytes);
+        cap_put32(out + 8, rows);
+    } else {
+        cap_put32(out + 4, rows);
+        cap_put32(out + 8, chunk_bytes);
+    }
+    cap_put32(out + 12, 0);
+    return payload == CAP_GVSP_IMAGE ? 8 : 16;
+}
+
+uint64_t cap_gvsp_next(uint64_t block, bool wide)
+{
+    uint64_t next = block + 1;
+    if (!wide)
+        next &= 0xffff;
+    return next == 0 ? 1 : next;
+}

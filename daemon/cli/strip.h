@@ -1,0 +1,33 @@
+/* strip.h - several views of a volume side by side in one PNG, for people to look at. */
+#ifndef DMN_STRIP_H
+#define DMN_STRIP_H
+#include "base/err.h"
+#include "base/pool.h"
+#include "recon/geom/grid.h"
+
+struct dmn_strip_params {
+    double deg0, deg1;     /* first and last turntable angle */
+    int views;             /* 1..64 */
+    int32_t width, height; /* px of one view */
+    double elevation_deg;
+    int sub;         /* rays per pixel side */
+    double exposure; /* factor; 0 = so that the 99.8th percentile of the lit pixels is 1 */
+    double gamma;    /* 2.2 for looking at, 1 = linear (.png only) */
+};
+extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
+
+/* dense [nz][ny][nx][nch] on g; the camera frames what is lit (more than 2 % of the brightest
+ * voxel), not the whole box.  path .png or .npy.  Errors: PVX_EINVAL, PVX_ENOMEM, the file's. */
+PVX_MUST_CHECK pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
+                                      const struct dmn_strip_params *p, pvx_pool *pool,
+                                      const char *path, struct pvx_diag *d);
+
+/* Box around the voxels above 2 % of the brightest, with one more all round; the whole grid when all
+ * are dark. */
+struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nch);
+
+/* Factor that puts the 99.8th percentile of the values above 1 % of the brightest to 1; 0 when all
+ * are dark.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out);
+
+#endif

@@ -1,0 +1,75 @@
+#include "daemon/config/endpoints.h"
+
+#include <errno.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+/* A socket's path has 107 bytes at most; longer ones are refused by bind with a clear message. */
+#define ENDPOINT_MAX 256
+
+static const char *const names[] = {[DMN_VOLUMES] = "volumes", [DMN_CONTROL] = "control"};
+static char own_dir[64];
+static char service[2][ENDPOINT_MAX]; /* $RUNTIME_DIRECTORY, "" when not under systemd */
+static char own[2][ENDPOINT_MAX];
+static char installed[2][ENDPOINT_MAX];
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+
+static void fill(void)
+{
+    snprintf(own_dir, sizeof own_dir, "/tmp/pyrovox-%lu", (unsigned long)geteuid());
+    const char *run = getenv("RUNTIME_DIRECTORY"); /* several are separated by colons */
+    int n = run != NULL ? (int)strcspn(run, ":") : 0;
+    for (int k = 0; k < 2; k++) {
+        if (n > 0 && n < 128 && run[0] == '/')
+            snprintf(service[k], ENDPOINT_MAX, "ipc://%.*s/%s", n, run, names[k]);
+        snprintf(own[k], ENDPOINT_MAX, "ipc://%s/%s", own_dir, names[k]);
+        snprintf(installed[k], ENDPOINT_MAX, "ipc:///run/pyrovox/%s", names[k]);
+    }
+}
+
+const char *dmn_default_endpoint(enum dmn_endpoint kind)
+{
+    pthread_once(&once, fill);
+    return service[kind][0] != '\0' ? service[kind] : own[kind];
+}
+
+static int is_there(const char *endpoint)
+{
+    struct stat st;
+    return stat(endpoint + strlen("ipc://"), &st) == 0 && S_ISSOCK(st.st_mode);
+}
+
+const char *dmn_client_endpoint(enum dmn_endpoint kind)
+{
+    pthread_once(&once, fill);
+    if (service[kind][0] != '\0')
+        return service[kind];
+    if (!is_there(own[kind]) && is_there(installed[kind]))
+        return installed[kind];
+    return own[kind];
+}
+
+pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
+{
+    pthread_once(&once, fill);
+    size_t n = strlen(own_dir);
+    if (strncmp(endpoint, "ipc://", 6) != 0 || strncmp(endpoint + 6, own_dir, n) != 0 ||
+        endpoint[6 + n] != '/')
+        return PVX_OK;
+    if (mkdir(own_dir, 0700) != 0 && errno != EEXIST)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: cannot create directory: %s", own_dir,
+                        strerror(errno));
+    /* /tmp is everybody's: somebody else may have made the folder, or a link to elsewhere, first. */
+    struct stat st;
+    if (lstat(own_dir, &st) != 0 || !S_ISDIR(st.st_mode) || st.st_uid != geteuid() ||
+        (st.st_mode & 022) != 0)
+        return pvx_fail(d, PVX_EPERM,
+                        "%s: not a directory that only this user can write to; remove it or give "
+                        "other endpoints",
+                        own_dir);
+    return PVX_OK;
+}

@@ -1,0 +1,196 @@
+#include "daemon/control/control.h"
+
+#include <cjson/cJSON.h>
+#include <errno.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zmq.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "daemon/control/json.h"
+#include "proto/ipc.h"
+
+struct dmn_control {
+    struct dmn_control_ops ops;
+    void *zmq, *socket;
+    pvp_ipc_claim *claim;
+    pthread_t thread;
+    bool started;
+    atomic_bool quit;
+    char request[DMN_REQUEST_MAX];
+    char reply[DMN_REPLY_MAX];
+};
+
+static size_t fail(char *reply, size_t size, const char *text)
+{
+    struct dmn_json j;
+    dmn_json_init(&j, reply, size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_str(&j, "error", text);
+    dmn_json_close(&j, '}');
+    return dmn_json_end(&j);
+}
+
+static size_t done(char *reply, size_t size)
+{
+    return (size_t)snprintf(reply, size, "{\"ok\":true}");
+}
+
+static size_t record(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
+{
+    const char *action = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "action"));
+    const char *path = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "path"));
+    bool start = action != NULL && strcmp(action, "start") == 0;
+    if (!start && (action == NULL || strcmp(action, "stop") != 0))
+        return fail(reply, size, "action should be \"start\" or \"stop\"");
+    if (path != NULL && path[0] != '/')
+        return fail(reply, size, "path should be absolute");
+    if (ops->record == NULL)
+        return fail(reply, size, "recording is not possible here");
+    char where[DMN_REQUEST_MAX] = "";
+    struct pvx_diag d = {""};
+    pvx_err e = ops->record(ops->ctx, start, path, where, sizeof where, &d);
+    if (e != PVX_OK)
+        return fail(reply, size, pvx_diag_text(&d, e));
+    struct dmn_json j;
+    dmn_json_init(&j, reply, size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_str(&j, "path", where);
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    return n > 0 ? n : done(reply, size);
+}
+
+static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
+{
+    const char *cmd = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "cmd"));
+    if (cmd == NULL)
+        return fail(reply, size, "the request has no text \"cmd\"");
+    if (strcmp(cmd, "ping") == 0)
+        return (size_t)snprintf(reply, size, "{\"ok\":true,\"pong\":%lld}",
+                                (long long)pvx_now_real());
+    if (strcmp(cmd, "status") == 0) {
+        size_t n = ops->status(ops->ctx, reply, size);
+        return n > 0 ? n : fail(reply, size, "the status does not fit into a reply");
+    }
+    if (strcmp(cmd, "log-level") == 0) {
+        const char *word = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "level"));
+        enum pvx_log_level level;
+        if (word == NULL || pvx_log_level_parse(word, &level) != PVX_OK)
+            return fail(reply, size, "level should be \"error\", \"warn\", \"info\" or \"debug\"");
+        pvx_log_set_level(level);
+        return done(reply, size);
+    }
+    if (strcmp(cmd, "reset-latency") == 0) {
+        ops->reset_latency(ops->ctx);
+        return done(reply, size);
+    }
+    if (strcmp(cmd, "record") == 0)
+        return record(ops, req, reply, size);
+    if (strcmp(cmd, "stop") == 0) {
+        ops->stop(ops->ctx);
+        return done(reply, size);
+    }
+    return fail(reply, size,
+                "unknown command; there are ping, status, log-level, reset-latency, record, stop");
+}
+
+size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,
+                          char *reply, size_t size)
+{
+    if (len > DMN_REQUEST_MAX)
+        return fail(reply, size, "the request is longer than 4096 bytes");
+    cJSON *req = cJSON_ParseWithLength(request, len);
+    size_t n = cJSON_IsObject(req) ? command(ops, req, reply, size)
+                                   : fail(reply, size, "the request is not a JSON object");
+    cJSON_Delete(req);
+    return n;
+}
+
+static void *run(void *arg)
+{
+    dmn_control *c = arg;
+    while (!atomic_load(&c->quit)) {
+        int n = zmq_recv(c->socket, c->request, sizeof c->request, 0);
+        if (n < 0) {
+            if (errno == EAGAIN || errno == EINTR)
+                continue;
+            LOG_E(DAEMON, "control socket: %s; it is closed now", zmq_strerror(errno));
+            break;
+        }
+        int more = 0;
+        for (size_t s = sizeof more;
+             zmq_getsockopt(c->socket, ZMQ_RCVMORE, &more, &s) == 0 && more;) {
+            char rest[64];
+            if (zmq_recv(c->socket, rest, sizeof rest, 0) < 0)
+                break;
+        }
+        /* zmq_recv cuts, and tells the true length. */
+        size_t len = dmn_control_handle(&c->ops, c->request, (size_t)n, c->reply, sizeof c->reply);
+        if (zmq_send(c->socket, c->reply, len, ZMQ_DONTWAIT) < 0)
+            LOG_EVERY(PVX_LOG_WARN, DAEMON, "control reply not sent: %s", zmq_strerror(errno));
+    }
+    return NULL;
+}
+
+static pvx_err bind_socket(dmn_control *c, const char *endpoint, struct pvx_diag *d)
+{
+    int64_t max = DMN_REQUEST_MAX * 4; /* above this libzmq closes the connection */
+    int wait_ms = 100, linger = 200;
+    c->zmq = zmq_ctx_new();
+    if (c->zmq != NULL)
+        c->socket = zmq_socket(c->zmq, ZMQ_REP);
+    if (c->socket == NULL)
+        return pvx_fail(d, PVX_EIO, "control socket: %s", zmq_strerror(errno));
+    zmq_setsockopt(c->socket, ZMQ_MAXMSGSIZE, &max, sizeof max);
+    zmq_setsockopt(c->socket, ZMQ_RCVTIMEO, &wait_ms, sizeof wait_ms);
+    zmq_setsockopt(c->socket, ZMQ_LINGER, &linger, sizeof linger);
+    if (zmq_bind(c->socket, endpoint) != 0)
+        return pvp_bind_fail(endpoint, errno, d);
+    return PVX_OK;
+}
+
+pvx_err dmn_control_new(const char *endpoint, const struct dmn_control_ops *ops, dmn_control **out,
+                        struct pvx_diag *d)
+{
+    *out = NULL;
+    dmn_control *c = pvx_calloc(1, sizeof *c);
+    if (c == NULL)
+        return PVX_ENOMEM;
+    c->ops = *ops;
+    pvx_err e = pvp_ipc_claim_new(endpoint, &c->claim, d);
+    if (e == PVX_OK)
+        e = bind_socket(c, endpoint, d);
+    if (e == PVX_OK && pthread_create(&c->thread, NULL, run, c) != 0)
+        e = pvx_fail(d, PVX_EIO, "control: no thread to be had");
+    if (e != PVX_OK) {
+        dmn_control_free(&c);
+        return e;
+    }
+    c->started = true;
+    pthread_setname_np(c->thread, "control");
+    *out = c;
+    return PVX_OK;
+}
+
+void dmn_control_free(dmn_control **pc)
+{
+    dmn_control *c = *pc;
+    if (c == NULL)
+        return;
+    atomic_store(&c->quit, true);
+    if (c->started)
+        pthread_join(c->thread, NULL);
+    if (c->socket != NULL)
+        zmq_close(c->socket);
+    if (c->zmq != NULL)
+        zmq_ctx_term(c->zmq);
+    pvp_ipc_claim_free(&c->claim);
+    PVX_FREE(*pc);
+}

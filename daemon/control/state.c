@@ -1,0 +1,204 @@
+#include "daemon/control/state.h"
+
+#include "daemon/control/json.h"
+#include "daemon/state_health.h"
+#include "daemon/control/state_sync.h"
+
+const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {
+    [DMN_DROP_STALE] = {"stale", "sets", "too old when its turn came, and a newer one was there"},
+    [DMN_DROP_SOLVE] = {"solver_busy", "sets", "displaced by a newer set before the solver"},
+    [DMN_DROP_PUBLISH] = {"publisher_busy", "sets", "displaced by a newer set before publishing"},
+    [DMN_DROP_IMAGES] = {"images", "sets", "too few images of the set could be used"},
+    [DMN_DROP_FAILED] = {"failed", "sets", "solver or publisher refused the set"},
+    [DMN_DROP_STOPPED] = {"stopped", "sets", "under way when the daemon was stopped"},
+};
+
+const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {
+    [DMN_IMAGE_SIZE] = {"image_size", "frames", "not of the size that the rig says"},
+    [DMN_IMAGE_FORMAT] = {"image_format", "frames", "in a pixel format that cannot be converted"},
+    [DMN_IMAGE_JPEG_DAMAGED] = {"jpeg_damaged", "frames", "JPEG cut off or damaged"},
+    [DMN_IMAGE_JPEG_SIZE] = {"jpeg_size", "frames", "JPEG of another size than its frame"},
+    [DMN_IMAGE_JPEG_KIND] = {"jpeg_kind", "frames", "JPEG of a kind that cameras do not send"},
+};
+
+const char *dmn_camera_state_name(enum cap_state s)
+{
+    switch (s) {
+    case CAP_OPENING: return "opening";
+    case CAP_RUNNING: return "running";
+    case CAP_LOST: return "lost";
+    case CAP_ENDED: return "ended";
+    }
+    return "unknown";
+}
+
+static void ms(struct dmn_json *j, const char *key, int64_t ns)
+{
+    dmn_json_num(j, key, (double)ns * 1e-6);
+}
+
+static void count(struct dmn_json *j, const char *name, const char *unit, const char *help,
+                  uint64_t value)
+{
+    dmn_json_open(j, NULL, '{');
+    dmn_json_str(j, "name", name);
+    dmn_json_int(j, "value", (long long)value);
+    dmn_json_str(j, "unit", unit);
+    dmn_json_str(j, "help", help);
+    dmn_json_close(j, '}');
+}
+
+static void json_sets(struct dmn_json *j, const struct dmn_state *s)
+{
+    uint64_t dropped = 0;
+    for (int i = 0; i < DMN_N_DROP; i++)
+        dropped += s->dropped[i];
+    dmn_json_open(j, "sets", '{');
+    dmn_json_int(j, "produced", (long long)s->produced);
+    dmn_json_int(j, "published", (long long)s->published);
+    dmn_json_int(j, "dropped", (long long)dropped);
+    dmn_json_int(j, "inside", (long long)s->inside);
+    dmn_json_int(j, "complete", (long long)s->capture.sets_complete);
+    dmn_json_int(j, "partial", (long long)s->capture.sets_partial);
+    dmn_json_int(j, "incomplete_dropped", (long long)s->capture.sets_failed);
+    dmn_json_int(j, "displaced", (long long)s->capture.sets_dropped);
+    dmn_json_close(j, '}');
+    dmn_json_open(j, "drops", '[');
+    for (int i = 0; i < DMN_N_DROP; i++)
+        count(j, dmn_drop_defs[i].name, dmn_drop_defs[i].unit, dmn_drop_defs[i].help,
+              s->dropped[i]);
+    count(j, "incomplete", "sets", "not used: frames of cameras were missing",
+          s->capture.sets_failed);
+    count(j, "displaced", "sets", "the queue to the pipeline was full: newer ones took their place",
+          s->capture.sets_dropped);
+    dmn_json_close(j, ']');
+}
+
+static void json_report(struct dmn_json *j, const struct dmn_state *s)
+{
+    const struct rec_frame_report *r = &s->report;
+    dmn_json_open(j, "last", '{');
+    dmn_json_int(j, "set", (long long)s->last_set);
+    dmn_json_int(j, "t_exposure_ns", s->last_exposure_ns);
+    dmn_json_int(j, "cameras", r->cameras);
+    dmn_json_str(j, "status", r->solve.solver == NULL ? "none" : rec_status_name(r->solve.status));
+    dmn_json_str(j, "solver", r->solve.solver == NULL ? "" : r->solve.solver);
+    dmn_json_int(j, "iterations", r->solve.iterations);
+    dmn_json_num(j, "rel_residual", r->solve.rel_residual);
+    dmn_json_int(j, "active_voxels", r->active_voxels);
+    dmn_json_int(j, "active_rays", r->active_rays);
+    dmn_json_int(j, "entries", (long long)r->entries);
+    dmn_json_int(j, "saturated", r->saturated);
+    dmn_json_int(j, "not_finite", r->not_finite);
+    dmn_json_num(j, "sigma", (double)r->sigma);
+    dmn_json_int(j, "bytes", (long long)s->bytes);
+    dmn_json_open(j, "hull", '{');
+    dmn_json_int(j, "inside", r->hull.inside);
+    dmn_json_int(j, "partial", r->hull.partial);
+    dmn_json_int(j, "outside", r->hull.outside);
+    dmn_json_close(j, '}');
+    dmn_json_open(j, "ms", '{');
+    ms(j, "photometry", r->photo_ns);
+    ms(j, "hull", r->hull_ns);
+    ms(j, "restrict", r->restrict_ns);
+    ms(j, "solve", r->solve_ns);
+    dmn_json_close(j, '}');
+    dmn_json_close(j, '}');
+}
+
+static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
+{
+    dmn_json_open(j, "cameras", '[');
+    for (size_t c = 0; c < s->n_cameras; c++) {
+        const struct cap_camera_stats *k = &s->capture.camera[c];
+        dmn_json_open(j, NULL, '{');
+        dmn_json_str(j, "name", s->camera[c]);
+        dmn_json_str(j, "state", dmn_camera_state_name(k->state));
+        dmn_json_num(j, "fps", k->fps);
+        dmn_json_num(j, "drift_ppm", k->drift_ppm);
+        dmn_json_str(j, "error", k->error);
+        dmn_json_open(j, "counts", '{');
+        for (int i = 0; i < CAP_N_COUNT; i++)
+            dmn_json_int(j, cap_count_defs[i].name, (long long)k->count[i]);
+        for (int i = 0; i < DMN_N_IMAGE; i++)
+            dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
+        dmn_json_close(j, '}');
+        dmn_state_sync_camera(j, k);
+        dmn_state_health(j, k);
+        dmn_json_close(j, '}');
+    }
+    dmn_json_close(j, ']');
+}
+
+static void json_record(struct dmn_json *j, const struct cap_recorder_stats *r)
+{
+    dmn_json_open(j, "record", '{');
+    dmn_json_str(j, "state", cap_recorder_state_names[r->state]);
+    dmn_json_str(j, "path", r->path);
+    dmn_json_num(j, "seconds", r->seconds);
+    dmn_json_int(j, "sets", (long long)r->sets);
+    dmn_json_int(j, "frames", (long long)r->frames);
+    dmn_json_int(j, "frames_in_no_set", (long long)r->strays);
+    dmn_json_int(j, "bytes", (long long)r->bytes);
+    dmn_json_int(j, "sets_missed", (long long)r->sets_missed);
+    dmn_json_int(j, "frames_missed", (long long)r->frames_missed);
+    dmn_json_int(j, "queued", r->queued);
+    dmn_json_str(j, "error", r->error);
+    dmn_json_close(j, '}');
+}
+
+static void json_stages(struct dmn_json *j, const struct dmn_state *s)
+{
+    dmn_json_open(j, "stages", '[');
+    for (int i = 0; i < DMN_N_STAGES; i++) {
+        const struct dmn_stage_state *t = &s->stage[i];
+        dmn_json_open(j, NULL, '{');
+        dmn_json_str(j, "name", t->name);
+        dmn_json_int(j, "items", (long long)t->items);
+        dmn_json_num(j, "mean_ms", t->mean_ms);
+        dmn_json_num(j, "p99_ms", t->p99_ms);
+        dmn_json_num(j, "max_ms", t->max_ms);
+        dmn_json_num(j, "beat_age_s", t->beat_age_s);
+        dmn_json_int(j, "queued", (long long)t->queued);
+        dmn_json_close(j, '}');
+    }
+    dmn_json_close(j, ']');
+}
+
+size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
+{
+    struct dmn_json j;
+    dmn_json_init(&j, out, size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_str(&j, "software", "pyrovoxd " PVX_VERSION);
+    dmn_json_num(&j, "uptime_s", s->uptime_s);
+    dmn_json_num(&j, "sets_per_s", s->sets_per_s);
+    json_sets(&j, s);
+    dmn_json_open(&j, "latency_ms", '{');
+    dmn_json_int(&j, "n", (long long)s->latency_n);
+    dmn_json_num(&j, "p50", s->latency_p50_ms);
+    dmn_json_num(&j, "p99", s->latency_p99_ms);
+    dmn_json_num(&j, "max", s->latency_max_ms);
+    dmn_json_close(&j, '}');
+    dmn_json_open(&j, "spread_ms", '{');
+    dmn_json_num(&j, "p50", s->spread_p50_ms);
+    dmn_json_num(&j, "p99", s->spread_p99_ms);
+    dmn_json_close(&j, '}');
+    json_report(&j, s);
+    dmn_json_open(&j, "matrix", '{');
+    dmn_json_open(&j, "voxels", '[');
+    for (int a = 0; a < 3; a++)
+        dmn_json_int(&j, NULL, s->voxels[a]);
+    dmn_json_close(&j, ']');
+    dmn_json_int(&j, "binning", s->binning);
+    dmn_json_int(&j, "rays", s->rays);
+    dmn_json_int(&j, "entries", (long long)s->matrix_entries);
+    dmn_json_close(&j, '}');
+    json_cameras(&j, s);
+    dmn_state_sync(&j, &s->capture);
+    dmn_state_action(&j, &s->capture);
+    json_stages(&j, s);
+    json_record(&j, &s->record);
+    dmn_json_close(&j, '}');
+    return dmn_json_end(&j);
+}

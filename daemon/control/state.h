@@ -1,0 +1,76 @@
+/* state.h - what the daemon knows about itself at one moment, and its JSON.
+ *
+ * A snapshot is a copy: filled by the pipeline, read by the control socket, the status message and
+ * the summary at the end.  Every count has a name, a unit and a meaning in a table.
+ * Invariant (tested): produced == published + sum(dropped) + inside. */
+#ifndef DMN_STATE_H
+#define DMN_STATE_H
+#include <stddef.h>
+#include <stdint.h>
+#include "capture/rig/capture.h"
+#include "capture/take/recorder.h"
+#include "recon/geom/camera.h"
+#include "recon/frame/frame.h"
+
+/* Why a frame set that capture produced did not become a published volume. */
+enum dmn_drop {
+    DMN_DROP_STALE,   /* too old when its turn came, and a newer one was there */
+    DMN_DROP_SOLVE,   /* displaced by a newer one while it waited for the solver */
+    DMN_DROP_PUBLISH, /* displaced by a newer one while it waited for the publisher */
+    DMN_DROP_IMAGES,  /* too few images of it could be used */
+    DMN_DROP_FAILED,  /* solver or publisher refused it */
+    DMN_DROP_STOPPED, /* under way when the daemon was stopped */
+    DMN_N_DROP
+};
+struct dmn_count_def {
+    const char *name, *unit, *help;
+};
+/* Why a camera's frame was left out of a set that it had come for. */
+enum dmn_image_fault {
+    DMN_IMAGE_SIZE,         /* not the size that the rig says */
+    DMN_IMAGE_FORMAT,       /* cannot be converted */
+    DMN_IMAGE_JPEG_DAMAGED, /* cut off, damaged or no JPEG at all */
+    DMN_IMAGE_JPEG_SIZE,    /* a JPEG of another size inside */
+    DMN_IMAGE_JPEG_KIND,    /* progressive, CMYK ... */
+    DMN_N_IMAGE
+};
+extern const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE];
+extern const struct dmn_count_def dmn_drop_defs[DMN_N_DROP];
+
+#define DMN_N_STAGES 3 /* carve, solve, publish */
+struct dmn_stage_state {
+    char name[16];
+    uint64_t items;
+    double mean_ms, p99_ms, max_ms; /* work per item, without waiting */
+    double beat_age_s;              /* since its last heartbeat */
+    size_t queued;                  /* items that wait for it */
+};
+
+struct dmn_state {
+    double uptime_s;
+    uint64_t session;
+    uint64_t produced, published, inside, dropped[DMN_N_DROP];
+    double sets_per_s; /* published, over the last second or two */
+    uint64_t latency_n;
+    double latency_p50_ms, latency_p99_ms, latency_max_ms; /* last frame received -> sent */
+    double spread_p50_ms, spread_p99_ms;                   /* exposures within a set */
+    uint64_t bytes;                                        /* of the last volume message */
+    uint64_t last_set;
+    int64_t last_exposure_ns; /* UTC */
+    struct rec_frame_report report;
+    int32_t voxels[3];
+    int32_t binning, rays;
+    uint64_t matrix_entries;
+    size_t n_cameras;
+    char camera[CAP_MAX_CAMERAS][REC_NAME_MAX];
+    uint64_t images[CAP_MAX_CAMERAS][DMN_N_IMAGE];
+    struct cap_stats capture;
+    struct cap_recorder_stats record;
+    struct dmn_stage_state stage[DMN_N_STAGES];
+};
+
+#define DMN_STATE_JSON_MAX (320u << 10)
+/* JSON text of `s`; returns its length, 0 when it does not fit.  Allocates nothing. */
+size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size);
+const char *dmn_camera_state_name(enum cap_state s);
+#endif

@@ -1,0 +1,169 @@
+#include "daemon/images.h"
+
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/mem.h"
+#include "capture/pixel/jpeg.h"
+
+#define BANDS 4 /* an image is converted in so many pieces */
+
+struct dmn_images {
+    struct dmn_images_params p;
+    const rec_sysmat *S;
+    const struct rec_rig *rig;
+    pvx_pool *pool;
+    cap_jpeg *decoder[REC_MAX_CAMERAS]; /* NULL: no JPEG will come */
+    /* one set: */
+    struct cap_image image[REC_MAX_CAMERAS]; /* data NULL = missing or bad */
+    struct pvx_diag why[REC_MAX_CAMERAS];
+    int fault[REC_MAX_CAMERAS]; /* enum dmn_image_fault, DMN_N_IMAGE = none */
+    _Atomic int bad[REC_MAX_CAMERAS];
+    rec_frame *frame;
+
+    atomic_uint_fast64_t count[REC_MAX_CAMERAS][DMN_N_IMAGE];
+};
+
+pvx_err dmn_images_new(const struct dmn_images_params *p, const rec_sysmat *S,
+                       const struct rec_rig *rig, pvx_pool *pool, dmn_images **out,
+                       struct pvx_diag *d)
+{
+    *out = NULL;
+    dmn_images *i = pvx_calloc(1, sizeof *i);
+    if (i == NULL)
+        return PVX_ENOMEM;
+    *i = (dmn_images){.p = *p, .S = S, .rig = rig, .pool = pool};
+    bool jpeg = p->fmt == CAP_FMT_NONE || p->fmt == CAP_JPEG;
+    for (size_t c = 0; c < rig->n_cameras && jpeg; c++) {
+        const struct rec_camera *k = &rig->cameras[c];
+        pvx_err e = cap_jpeg_new(k->width, k->height, &i->decoder[c]);
+        if (e == PVX_EINVAL && p->fmt == CAP_FMT_NONE)
+            continue; /* larger than a JPEG can be: then none comes */
+        if (e != PVX_OK) {
+            dmn_images_free(&i);
+            return pvx_fail(d, e, "camera %s: no JPEG decoder for %dx%d pixels: %s", k->name,
+                            k->width, k->height, pvx_strerror(e));
+        }
+    }
+    *out = i;
+    return PVX_OK;
+}
+
+void dmn_images_free(dmn_images **ip)
+{
+    if (*ip == NULL)
+        return;
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        cap_jpeg_free(&(*ip)->decoder[c]);
+    PVX_FREE(*ip);
+}
+
+/* ---- one set ---- */
+
+static enum dmn_image_fault fault_of(pvx_err e)
+{
+    return e == PVX_ERANGE   ? DMN_IMAGE_JPEG_SIZE
+           : e == PVX_EUNSUP ? DMN_IMAGE_JPEG_KIND
+                             : DMN_IMAGE_JPEG_DAMAGED;
+}
+
+static void decode_piece(void *ctx, size_t c)
+{
+    dmn_images *i = ctx;
+    struct cap_image *img = &i->image[c];
+    if (img->data == NULL || img->fmt != CAP_JPEG)
+        return;
+    const struct cap_image coded = *img;
+    pvx_err e = i->decoder[c] == NULL ? PVX_EUNSUP
+                                      : cap_jpeg_decode(i->decoder[c], &coded, img, &i->why[c]);
+    if (e != PVX_OK) {
+        i->fault[c] = (int)fault_of(e);
+        img->data = NULL;
+    }
+}
+
+static void bin_piece(void *ctx, size_t task)
+{
+    dmn_images *i = ctx;
+    size_t c = task / BANDS, band = task % BANDS;
+    const struct cap_image *img = &i->image[c];
+    if (img->data == NULL)
+        return;
+    const struct cap_convert_params p = {.binning = i->S->binning,
+                                         .nch = i->p.nch,
+                                         .transfer = i->p.transfer,
+                                         .mosaic = i->p.mosaic};
+    int64_t rows = i->S->block[c].bh;
+    int32_t y0 = (int32_t)(rows * (int64_t)band / BANDS);
+    int32_t y1 = (int32_t)(rows * (int64_t)(band + 1) / BANDS);
+    pvx_err e = y0 < y1 ? cap_convert(img, &p, y0, y1, rec_frame_input(i->frame, c)) : PVX_OK;
+    if (e != PVX_OK)
+        atomic_store(&i->bad[c], (int)e);
+}
+
+/* The frame of camera c as it came; false: no JPEG. */
+static bool take(dmn_images *i, const struct cap_frame *f, size_t c)
+{
+    const struct rec_camera *k = &i->rig->cameras[c];
+    i->why[c].text[0] = '\0';
+    i->fault[c] = DMN_N_IMAGE;
+    atomic_store(&i->bad[c], PVX_OK);
+    i->image[c] = f != NULL ? f->img : (struct cap_image){0};
+    if (f != NULL && (f->img.width != k->width || f->img.height != k->height)) {
+        i->fault[c] = DMN_IMAGE_SIZE;
+        snprintf(i->why[c].text, sizeof i->why[c].text, "%dx%d instead of %dx%d", f->img.width,
+                 f->img.height, k->width, k->height);
+        i->image[c].data = NULL;
+    }
+    return i->image[c].data != NULL && f->img.fmt == CAP_JPEG;
+}
+
+/* Whether camera c's pixels are there; else why not. */
+static bool account(dmn_images *i, const struct cap_frame *f, size_t c)
+{
+    pvx_err e = (pvx_err)atomic_load(&i->bad[c]);
+    if (e != PVX_OK) {
+        i->fault[c] = DMN_IMAGE_FORMAT;
+        snprintf(i->why[c].text, sizeof i->why[c].text, "%s image: %s",
+                 cap_pixfmt_name(i->image[c].fmt), pvx_strerror(e));
+    }
+    if (f == NULL || i->fault[c] == DMN_N_IMAGE)
+        return f != NULL;
+    atomic_fetch_add(&i->count[c][i->fault[c]], 1);
+    LOG_EVERY(PVX_LOG_WARN, DAEMON, "camera %s: image cannot be used: %s", i->rig->cameras[c].name,
+              pvx_diag_text(&i->why[c], PVX_EUNSUP));
+    return false;
+}
+
+uint32_t dmn_images_bin(dmn_images *i, const struct cap_set *set, rec_frame *f, uint64_t *mask)
+{
+    size_t n = i->rig->n_cameras;
+    bool jpeg = false;
+    uint32_t present = 0;
+    for (size_t c = 0; c < n; c++)
+        jpeg |= take(i, set->frame[c], c);
+    i->frame = f;
+    if (jpeg)
+        pvx_pool_run(i->pool, n, decode_piece, i);
+    pvx_pool_run(i->pool, n * BANDS, bin_piece, i);
+    *mask = 0;
+    for (size_t c = 0; c < n; c++) {
+        bool good = account(i, set->frame[c], c);
+        rec_frame_present(f, c, good);
+        rec_frame_bayer(f, c, good ? cap_pixfmt_bayer(i->image[c].fmt) : NULL,
+                        i->p.mosaic == CAP_MOSAIC_RAYS && i->S->binning == 1);
+        present += good;
+        *mask |= good ? 1ull << c : 0;
+    }
+    return present;
+}
+
+void dmn_images_counts(dmn_images *i, uint64_t out[][DMN_N_IMAGE])
+{
+    for (size_t c = 0; c < i->rig->n_cameras; c++)
+        for (int k = 0; k < DMN_N_IMAGE; k++)
+            out[c][k] = atomic_load(&i->count[c][k]);
+}

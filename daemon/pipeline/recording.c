@@ -1,0 +1,187 @@
+#include "daemon/pipeline/recording.h"
+
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+
+#define GB 1e9
+
+struct dmn_recording {
+    pthread_mutex_t lock; /* one start or stop at a time */
+    cap_recorder *recorder;
+    char pattern[DMN_WORD_MAX];
+    char *rig, *config, *settings[REC_MAX_CAMERAS];
+    char base[PATH_MAX], host[256];
+    char name[REC_MAX_CAMERAS][REC_NAME_MAX], uri[REC_MAX_CAMERAS][DMN_WORD_MAX];
+    struct cap_take_camera camera[REC_MAX_CAMERAS];
+    struct cap_take_head head;
+};
+
+/* What the camera is asked for, a "name: value" on each line. */
+static char *settings_text(const struct cap_source_config *s)
+{
+    static const char *const triggers[] = {"free-run", "software", "line", "action"};
+    char *text = NULL;
+    size_t len;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return NULL;
+    fprintf(f, "pixel_format: %s\nfps: %.17g\ntrigger: %s\n",
+            s->fmt == CAP_FMT_NONE ? "auto" : cap_pixfmt_name(s->fmt), s->fps,
+            triggers[s->trigger]);
+    if (s->exposure_us >= 0)
+        fprintf(f, "exposure_us: %.17g\n", s->exposure_us);
+    if (s->gain >= 0)
+        fprintf(f, "gain: %.17g\n", s->gain);
+    for (size_t i = 0; i < s->n_features; i++)
+        fprintf(f, "features.%s: %s\n", s->features[i].name, s->features[i].value);
+    if (fclose(f) != 0)
+        PVX_FREE(text);
+    return text;
+}
+
+static pvx_err describe(dmn_recording *r, const struct dmn_config *c, const struct rec_rig *rig,
+                        const struct dmn_sources *s, uint64_t session)
+{
+    size_t len;
+    PVX_TRY(rec_rig_format(rig, &r->rig, &len));
+    r->config = dmn_config_format(c);
+    if (r->config == NULL)
+        return PVX_ENOMEM;
+    if (realpath(c->dir, r->base) == NULL)
+        snprintf(r->base, sizeof r->base, "%s", c->dir);
+    if (gethostname(r->host, sizeof r->host - 1) != 0)
+        r->host[0] = '\0';
+    for (size_t i = 0; i < rig->n_cameras; i++) {
+        r->settings[i] = settings_text(&s->source[i]);
+        if (r->settings[i] == NULL)
+            return PVX_ENOMEM;
+        snprintf(r->name[i], sizeof r->name[i], "%s", rig->cameras[i].name);
+        snprintf(r->uri[i], sizeof r->uri[i], "%s", s->uri[i]);
+        r->camera[i] = (struct cap_take_camera){
+            .name = r->name[i], .uri = r->uri[i], .settings = r->settings[i]};
+    }
+    r->head = (struct cap_take_head){.rig = r->rig,
+                                     .config = r->config,
+                                     .software = "pyrovoxd " PVX_VERSION,
+                                     .host = r->host,
+                                     .base = r->base,
+                                     .session = session,
+                                     .fps = c->fps,
+                                     .n_cameras = (uint32_t)rig->n_cameras,
+                                     .camera = r->camera};
+    return PVX_OK;
+}
+
+pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
+                          struct dmn_sources *sources, uint64_t session, dmn_recording **out,
+                          struct pvx_diag *d)
+{
+    *out = NULL;
+    if (c->record_queue == 0)
+        return c->record_mode == 0
+                   ? PVX_OK
+                   : pvx_fail(d, PVX_EINVAL, "%s: record.queue: 0, so nothing can be recorded",
+                              c->name);
+    dmn_recording *r = pvx_calloc(1, sizeof *r);
+    if (r == NULL)
+        return PVX_ENOMEM;
+    pthread_mutex_init(&r->lock, NULL);
+    snprintf(r->pattern, sizeof r->pattern, "%s", c->record_path);
+    struct cap_recorder_config rc = {.n_cameras = (uint32_t)rig->n_cameras,
+                                     .queue = (unsigned)c->record_queue,
+                                     .lossless = c->lossless,
+                                     .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
+                                     .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
+                                     .sync_ns = (int64_t)(c->record_sync_s * 1e9)};
+    pvx_err e = describe(r, c, rig, sources, session);
+    if (e == PVX_OK)
+        e = cap_recorder_new(&rc, &r->recorder);
+    if (e != PVX_OK) {
+        dmn_recording_free(&r);
+        return pvx_fail(d, e, "recording: %s", pvx_strerror(e));
+    }
+    sources->capture.tap = cap_recorder_tap(r->recorder);
+    for (size_t i = 0; i < rig->n_cameras; i++)
+        sources->source[i].buffers += rc.queue;
+    *out = r;
+    return PVX_OK;
+}
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wformat-nonliteral" /* the user's, for strftime: it cannot harm */
+/* "%Y%m%d-%H%M%S" and the like, in local time as other files of the user are named. */
+static pvx_err name_file(const dmn_recording *r, char *out, size_t size, struct pvx_diag *d)
+{
+    time_t now = time(NULL);
+    struct tm tm;
+    char name[1024];
+    localtime_r(&now, &tm);
+    if (r->pattern[0] == '\0' || strftime(name, sizeof name, r->pattern, &tm) == 0)
+        return pvx_fail(d, PVX_EINVAL, "record.path: '%s' makes no name for a file", r->pattern);
+    int n = name[0] == '/' ? snprintf(out, size, "%s", name)
+                           : snprintf(out, size, "%s/%s", r->base, name);
+    return n < (int)size ? PVX_OK : pvx_fail(d, PVX_ERANGE, "record.path: '%s' is too long", name);
+}
+#pragma GCC diagnostic pop
+
+pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where, size_t size,
+                            struct pvx_diag *d)
+{
+    if (r == NULL)
+        return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
+    char name[PATH_MAX];
+    if (path == NULL) {
+        PVX_TRY(name_file(r, name, sizeof name, d));
+        path = name;
+    }
+    pthread_mutex_lock(&r->lock);
+    r->head.t_created_ns = pvx_now_real();
+    pvx_err e = cap_recorder_start(r->recorder, path, &r->head, d);
+    pthread_mutex_unlock(&r->lock);
+    snprintf(where, size, "%s", path);
+    return e;
+}
+
+pvx_err dmn_recording_stop(dmn_recording *r, char *where, size_t size, struct pvx_diag *d)
+{
+    if (r == NULL)
+        return pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
+    struct cap_recorder_stats s;
+    pthread_mutex_lock(&r->lock);
+    pvx_err e = cap_recorder_stop(r->recorder, d);
+    pthread_mutex_unlock(&r->lock);
+    cap_recorder_stats(r->recorder, &s);
+    snprintf(where, size, "%s", s.path);
+    return e;
+}
+
+void dmn_recording_stats(dmn_recording *r, struct cap_recorder_stats *out)
+{
+    if (r == NULL)
+        *out = (struct cap_recorder_stats){0};
+    else
+        cap_recorder_stats(r->recorder, out);
+}
+
+void dmn_recording_free(dmn_recording **rp)
+{
+    dmn_recording *r = *rp;
+    if (r == NULL)
+        return;
+    *rp = NULL;
+    cap_recorder_free(&r->recorder);
+    for (size_t i = 0; i < REC_MAX_CAMERAS; i++)
+        free(r->settings[i]);
+    free(r->rig);
+    free(r->config);
+    pthread_mutex_destroy(&r->lock);
+    free(r);
+}

@@ -1,0 +1,25 @@
+/* recording.h - raw recording as the daemon does it: what goes into a take beside the frames (rig,
+ * configuration, cameras' settings), where it goes, on and off at run time.
+ * Threads: start and stop from any, one at a time; the rest as cap_recorder. */
+#ifndef DMN_RECORDING_H
+#define DMN_RECORDING_H
+#include "capture/take/recorder.h"
+#include "daemon/config/config.h"
+#include "daemon/pipeline/sources.h"
+
+typedef struct dmn_recording dmn_recording;
+/* Makes the recorder and puts its tap and its buffers into `sources`, before the capture is made of them.
+ * With record.queue: 0, *out = NULL.  Everything is copied. */
+PVX_MUST_CHECK pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
+                                         struct dmn_sources *sources, uint64_t session,
+                                         dmn_recording **out, struct pvx_diag *d);
+/* path NULL: record.path.  where: the file's name.  r may be NULL: PVX_EUNSUP. */
+PVX_MUST_CHECK pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where,
+                                           size_t size, struct pvx_diag *d);
+/* As cap_recorder_stop; where = the take that was ended. */
+PVX_MUST_CHECK pvx_err dmn_recording_stop(dmn_recording *r, char *where, size_t size,
+                                          struct pvx_diag *d);
+void dmn_recording_stats(dmn_recording *r, struct cap_recorder_stats *out);
+/* After the capture has been stopped; ends a take that is still going on. */
+void dmn_recording_free(dmn_recording **r);
+#endif

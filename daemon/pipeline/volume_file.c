@@ -1,0 +1,181 @@
+#include "daemon/pipeline/volume_file.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "capture/files/imgio.h"
+
+static double ms(int64_t ns)
+{
+    return (double)(ns / 1000) * 1e-3; /* whole microseconds */
+}
+
+void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
+{
+    cJSON_AddStringToObject(o, "solver", r->solve.solver != NULL ? r->solve.solver : "");
+    cJSON_AddStringToObject(o, "status", rec_status_name(r->solve.status));
+    cJSON_AddNumberToObject(o, "iterations", r->solve.iterations);
+    cJSON_AddNumberToObject(o, "coarse_iterations", r->coarse_iterations);
+    cJSON_AddNumberToObject(o, "best_iteration", r->solve.best);
+    cJSON_AddNumberToObject(o, "rel_residual", r->solve.rel_residual);
+    cJSON_AddNumberToObject(o, "lambda", r->solve.lambda);
+    cJSON_AddNumberToObject(o, "active_voxels", (double)r->active_voxels);
+    cJSON_AddNumberToObject(o, "active_rays", (double)r->active_rays);
+    cJSON_AddNumberToObject(o, "entries", (double)r->entries);
+    cJSON_AddNumberToObject(o, "cameras", r->cameras);
+    cJSON_AddNumberToObject(o, "sigma", r->sigma);
+    cJSON_AddNumberToObject(o, "saturated", r->saturated);
+    cJSON_AddNumberToObject(o, "not_finite", r->not_finite);
+    cJSON *hull = cJSON_AddObjectToObject(o, "hull");
+    cJSON_AddNumberToObject(hull, "inside", (double)r->hull.inside);
+    cJSON_AddNumberToObject(hull, "partial", (double)r->hull.partial);
+    cJSON_AddNumberToObject(hull, "outside", (double)r->hull.outside);
+    cJSON *t = cJSON_AddObjectToObject(o, "ms");
+    cJSON_AddNumberToObject(t, "photometry", ms(r->photo_ns));
+    cJSON_AddNumberToObject(t, "hull", ms(r->hull_ns));
+    cJSON_AddNumberToObject(t, "restrict", ms(r->restrict_ns));
+    cJSON_AddNumberToObject(t, "solve", ms(r->solve_ns));
+    cJSON_AddNumberToObject(t, "total",
+                            ms(r->photo_ns + r->hull_ns + r->restrict_ns + r->solve_ns));
+}
+
+/* "x.npy" -> "x.json". */
+static pvx_err sidecar(const char *path, char *out, size_t size, struct pvx_diag *d)
+{
+    size_t n = strlen(path);
+    if (n < 5 || strcmp(path + n - 4, ".npy") != 0)
+        return pvx_fail(d, PVX_EINVAL, "%s: a volume's file name ends in .npy", path);
+    if (n + 2 > size)
+        return pvx_fail(d, PVX_EINVAL, "%s: path too long", path);
+    memcpy(out, path, n - 4);
+    memcpy(out + n - 4, ".json", 6);
+    return PVX_OK;
+}
+
+static cJSON *describe(const char *path, const struct dmn_volume_meta *m)
+{
+    const struct rec_grid *g = &m->grid;
+    const char *slash = strrchr(path, '/');
+    double spacing[3] = {rec_grid_h(g, 0), rec_grid_h(g, 1), rec_grid_h(g, 2)};
+    int shape[4] = {g->n[2], g->n[1], g->n[0], m->nch};
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddStringToObject(o, "format", "pyrovox volume");
+    cJSON_AddNumberToObject(o, "version", 1);
+    cJSON_AddStringToObject(o, "file", slash != NULL ? slash + 1 : path);
+    cJSON_AddItemToObject(o, "shape", cJSON_CreateIntArray(shape, 4));
+    cJSON_AddStringToObject(o, "axes", "z y x channel");
+    cJSON_AddItemToObject(o, "origin", cJSON_CreateDoubleArray(g->min, 3));
+    cJSON_AddItemToObject(o, "spacing", cJSON_CreateDoubleArray(spacing, 3));
+    cJSON_AddItemToObject(o, "min", cJSON_CreateDoubleArray(g->min, 3));
+    cJSON_AddItemToObject(o, "max", cJSON_CreateDoubleArray(g->max, 3));
+    cJSON_AddStringToObject(o, "basis", rec_basis_name(g->basis));
+    cJSON_AddStringToObject(o, "units",
+                            "emission per metre; 1.0 over 1 m is a pixel at full scale");
+    cJSON_AddNumberToObject(o, "frame", (double)m->frame);
+    char time[24]; /* as text: a double would lose nanoseconds */
+    snprintf(time, sizeof time, "%lld", (long long)m->time_ns);
+    cJSON_AddRawToObject(o, "time_ns", time);
+    cJSON_AddStringToObject(o, "clock", m->clock);
+    if (m->report != NULL)
+        dmn_report_to_json(cJSON_AddObjectToObject(o, "solver"), m->report);
+    return o;
+}
+
+pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const float *dense,
+                        struct pvx_diag *d)
+{
+    char json[PATH_MAX];
+    PVX_TRY(sidecar(path, json, sizeof json, d));
+    cJSON *o = describe(path, m);
+    char *text = cJSON_Print(o);
+    cJSON_Delete(o);
+    if (text == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: out of memory", json);
+    pvx_err e = pvx_file_write(json, text, strlen(text), d);
+    cJSON_free(text);
+    if (e != PVX_OK)
+        return e;
+    size_t shape[4] = {(size_t)m->grid.n[2], (size_t)m->grid.n[1], (size_t)m->grid.n[0],
+                       (size_t)m->nch};
+    return cap_npy_save(path, dense, shape, 4, d);
+}
+
+static bool numbers(const cJSON *array, double out[3])
+{
+    if (cJSON_GetArraySize(array) != 3)
+        return false;
+    for (int a = 0; a < 3; a++) {
+        const cJSON *v = cJSON_GetArrayItem(array, a);
+        if (!cJSON_IsNumber(v) || !isfinite(v->valuedouble))
+            return false;
+        out[a] = v->valuedouble;
+    }
+    return true;
+}
+
+/* Box and basis from the description; the grid keeps its own when the file is not there. */
+static pvx_err read_sidecar(const char *json, const double shape[3], struct rec_grid *g,
+                            struct pvx_diag *d)
+{
+    char *text;
+    size_t len;
+    pvx_err e = pvx_file_read(json, 1 << 20, &text, &len, NULL);
+    if (e == PVX_ENOENT)
+        return PVX_OK;
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: %s", json, pvx_strerror(e));
+    cJSON *o = cJSON_ParseWithLength(text, len);
+    free(text);
+    double h[3];
+    const char *basis = cJSON_GetStringValue(cJSON_GetObjectItem(o, "basis"));
+    bool ok = numbers(cJSON_GetObjectItem(o, "origin"), g->min) &&
+              numbers(cJSON_GetObjectItem(o, "spacing"), h) && basis != NULL &&
+              (strcmp(basis, "box") == 0 || strcmp(basis, "trilinear") == 0) && h[0] > 0 &&
+              h[1] > 0 && h[2] > 0;
+    if (ok) {
+        g->basis = strcmp(basis, "box") == 0 ? REC_BOX : REC_TRILINEAR;
+        for (int a = 0; a < 3; a++)
+            g->max[a] = g->min[a] + h[a] * shape[a];
+        /* the shape counts in the .npy; where the .json gives one too, they must agree */
+        const cJSON *s = cJSON_GetObjectItem(o, "shape");
+        for (int a = 0; a < 3 && cJSON_GetArraySize(s) >= 3; a++)
+            ok &= cJSON_GetNumberValue(cJSON_GetArrayItem(s, 2 - a)) == shape[a];
+    }
+    cJSON_Delete(o);
+    return ok ? PVX_OK
+              : pvx_fail(d, PVX_EFORMAT,
+                         "%s: does not describe the .npy beside it (origin, spacing, basis, shape)",
+                         json);
+}
+
+pvx_err dmn_volume_load(const char *path, struct rec_grid *grid, int *nch, float **dense,
+                        struct pvx_diag *d)
+{
+    char json[PATH_MAX];
+    size_t shape[4];
+    int ndim;
+    PVX_TRY(sidecar(path, json, sizeof json, d));
+    PVX_TRY(cap_npy_load(path, dense, shape, &ndim, d));
+    pvx_err e = PVX_OK;
+    if (ndim < 3 || (shape[3] != 1 && shape[3] != 3))
+        e = pvx_fail(d, PVX_EFORMAT, "%s: a volume is [nz][ny][nx] or [nz][ny][nx][1 or 3]", path);
+    for (int a = 0; a < 3 && e == PVX_OK; a++)
+        if (shape[a] > REC_GRID_MAX)
+            e = pvx_fail(d, PVX_ERANGE, "%s: %zu voxels along an axis; %d is the most", path,
+                         shape[a], REC_GRID_MAX);
+    if (e == PVX_OK) {
+        for (int a = 0; a < 3; a++)
+            grid->n[a] = (int32_t)shape[2 - a];
+        *nch = (int)shape[3];
+        e = read_sidecar(json, (double[3]){grid->n[0], grid->n[1], grid->n[2]}, grid, d);
+    }
+    if (e != PVX_OK) {
+        free(*dense);
+        *dense = NULL;
+    }
+    return e;
+}

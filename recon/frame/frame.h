@@ -1,0 +1,86 @@
+/* frame.h - one frame set from binned pixels to a sparse volume: what daemon and CLI both call.
+ *
+ * A rec_frame is one slot of the pipeline: it owns every work area that one frame set needs, so
+ * different slots can be in different stages on different threads at the same time.
+ *   1. write pixels of camera c to rec_frame_input(f, c) and rec_frame_present(f, c, true); for Bayer
+ *      cameras rec_frame_bayer
+ *   2. rec_frame_carve: photometry, silhouettes, hull, restricted system
+ *   3. rec_frame_solve
+ *   4. read rec_frame_volume; then rec_frame_reset for the next set
+ * After rec_frame_new nothing allocates.  Owner: caller.  S, pool are borrowed. */
+#ifndef REC_FRAME_H
+#define REC_FRAME_H
+#include "recon/carve/hull.h"
+#include "recon/levels.h"
+#include "recon/carve/photo.h"
+#include "recon/solve/solve.h"
+
+struct rec_frame_params {
+    int nch; /* 1 or 3 */
+    struct rec_photo_params photo;
+    struct rec_hull_params hull;
+    struct rec_solve_params solve;
+    bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
+};
+extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
+
+struct rec_frame_report {
+    struct rec_solve_report solve;
+    struct rec_hull_counts hull;
+    int64_t active_voxels, active_rays;
+    uint64_t entries;
+    uint32_t cameras;               /* present */
+    uint32_t saturated, not_finite; /* bins, all cameras */
+    float sigma;                    /* noise estimate, mean over cameras and channels */
+    bool warm;                      /* the start was the earlier volume */
+    uint32_t coarse_iterations;     /* on coarser grids, before those of `solve` */
+    int64_t photo_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
+};
+
+/* Sparse volume: values [n][cs] (cs = 1 or 4, first nch lanes count) at voxels index[n] ascending;
+ * all others are 0.  Emission per metre in units of linear pixel value. */
+struct rec_sparse {
+    const struct rec_grid *grid;
+    int nch, cs;
+    int32_t n;
+    const int32_t *index;
+    const float *value;
+};
+
+typedef struct rec_frame rec_frame;
+
+/* rig gives the gains and must have S's cameras in S's order.  Errors: PVX_EINVAL, PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
+                                     const struct rec_frame_params *p, pvx_pool *pool,
+                                     rec_frame **out, struct pvx_diag *d);
+void rec_frame_free(rec_frame **f);
+
+float *rec_frame_input(rec_frame *f, size_t camera); /* [bh][bw][cs], cs = 4 for 3 channels */
+void rec_frame_present(rec_frame *f, size_t camera, bool present);
+/* This set's pixels of the camera come from a Bayer filter; cell = colours of its 2x2 pixels, row by row,
+ * NULL = from none.  as_they_are: each pixel has the channel of its filter and NaN in the others; only for
+ * the default solver.  Else they were binned or interpolated, which matters for their noise (photo.h).
+ * For three channels; forgotten by rec_frame_reset. */
+void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are);
+/* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
+PVX_MUST_CHECK pvx_err rec_frame_set_background(rec_frame *f, size_t camera, const float *bg);
+
+void rec_frame_carve(rec_frame *f);
+/* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or
+ * NULL.  With coarse_start the solver starts from the coarser grids' solution or from `previous`,
+ * whichever fits better; without from `previous`, or zero. */
+PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
+                                       const struct rec_sparse *previous);
+void rec_frame_volume(const rec_frame *f, struct rec_sparse *out);
+const struct rec_frame_report *rec_frame_get_report(const rec_frame *f);
+/* Restricted system and right-hand side of the carved frame, for tests and benches. */
+const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
+const float *rec_frame_rhs(const rec_frame *f);
+const float *rec_frame_weight(const rec_frame *f);
+const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera);
+void rec_frame_reset(rec_frame *f);
+
+/* dense [nz][ny][nx][nch] out; zeroed first. */
+void rec_sparse_to_dense(const struct rec_sparse *v, float *dense);
+
+#endif

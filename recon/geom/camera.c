@@ -1,0 +1,254 @@
+#include "recon/geom/camera.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+enum { K1, K2, P1, P2, K3, K4, K5, K6 };
+
+/* Is the polynomial sum a[i] t^i above 0 on all of [0,t]?  First the bound that keeps the negative
+ * terms only, which decides nearly every point; then Bernstein coefficients: all positive proves
+ * it, a value <= 0 at an end refutes it, else halve.  A root of even order (the curve touches zero)
+ * counts as not positive, which is what a turning point needs. */
+static bool bernstein_positive(const double *b, int n, int depth)
+{
+    bool all = true;
+    for (int i = 0; i <= n; i++)
+        all = all && b[i] > 0;
+    if (all)
+        return true;
+    if (!(b[0] > 0) || !(b[n] > 0) || depth == 0)
+        return false;
+    double left[8], right[8]; /* de Casteljau at 1/2 */
+    memcpy(right, b, (size_t)(n + 1) * sizeof *b);
+    for (int k = 0; k <= n; k++) {
+        left[k] = right[0];
+        for (int i = 0; i < n - k; i++)
+            right[i] = 0.5 * (right[i] + right[i + 1]);
+    }
+    /* after the loop right[i] holds the i-th coefficient of the right half */
+    return bernstein_positive(left, n, depth - 1) && bernstein_positive(right, n, depth - 1);
+}
+
+static bool positive_up_to(const double *a, int n, double t)
+{
+    double low = a[0], p = 1;
+    for (int i = 1; i <= n; i++) {
+        p *= t;
+        if (a[i] < 0)
+            low += a[i] * p;
+    }
+    if (low > 0)
+        return true;
+    static const double binom[7][7] = {
+        {1},
+        {1, 1},
+        {1, 2, 1},
+        {1, 3, 3, 1},
+        {1, 4, 6, 4, 1},
+        {1, 5, 10, 10, 5, 1},
+        {1, 6, 15, 20, 15, 6, 1},
+    };
+    double s[7], b[8];
+    p = 1;
+    for (int i = 0; i <= n; i++, p *= t)
+        s[i] = a[i] * p; /* in units of [0,1] */
+    for (int j = 0; j <= n; j++) {
+        b[j] = 0;
+        for (int i = 0; i <= j; i++)
+            b[j] += binom[j][i] / binom[n][i] * s[i];
+    }
+    return bernstein_positive(b, n, 40);
+}
+
+/* Does r c(r2) of (2) rise all the way from 0 to r?  With N, D numerator and denominator in t = r2,
+ * d(r c)/dr = (N D + 2 t (N' D - N D')) / D^2; both that numerator and D must stay positive. */
+static bool before_fold(const struct rec_camera *c, double t)
+{
+    const double *k = c->dist;
+    double N[4] = {1, k[K1], k[K2], k[K3]}, D[4] = {1, k[K4], k[K5], k[K6]};
+    if (k[K4] == 0 && k[K5] == 0 && k[K6] == 0) {
+        double g[4] = {1, 3 * k[K1], 5 * k[K2], 7 * k[K3]};
+        return positive_up_to(g, 3, t);
+    }
+    double g[7] = {0};
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++)
+            g[i + j] += (1 + 2 * (i - j)) * N[i] * D[j];
+    return positive_up_to(D, 3, t) && positive_up_to(g, 6, t);
+}
+
+/* (2), (3) and the Jacobian J = d(x',y')/d(x,y), row major. */
+static void distort(const struct rec_camera *c, double x, double y, double out[2], double J[4])
+{
+    const double *k = c->dist;
+    double r2 = x * x + y * y;
+    double N = 1 + r2 * (k[K1] + r2 * (k[K2] + r2 * k[K3]));
+    double D = 1 + r2 * (k[K4] + r2 * (k[K5] + r2 * k[K6]));
+    double dN = k[K1] + r2 * (2 * k[K2] + r2 * 3 * k[K3]);
+    double dD = k[K4] + r2 * (2 * k[K5] + r2 * 3 * k[K6]);
+    double over = D == 1 ? 1 : 1 / D; /* no division for the lenses that have no denominator */
+    double s = N * over, ds = 2 * (dN - s * dD) * over; /* c and 2 dc/dr2 */
+    out[0] = s * x + 2 * k[P1] * x * y + k[P2] * (r2 + 2 * x * x);
+    out[1] = s * y + k[P1] * (r2 + 2 * y * y) + 2 * k[P2] * x * y;
+    J[0] = s + ds * x * x + 2 * k[P1] * y + 6 * k[P2] * x;
+    J[1] = ds * x * y + 2 * k[P1] * x + 2 * k[P2] * y;
+    J[2] = J[1];
+    J[3] = s + ds * y * y + 6 * k[P1] * y + 2 * k[P2] * x;
+}
+
+static bool has_distortion(const struct rec_camera *c)
+{
+    for (int i = 0; i < 8; i++)
+        if (c->dist[i] != 0)
+            return true;
+    return false;
+}
+
+/* The lens model is one-to-one from the axis out to (x,y). */
+static bool in_domain(const struct rec_camera *c, double x, double y, const double J[4])
+{
+    return J[0] * J[3] - J[1] * J[2] > 0 && before_fold(c, x * x + y * y);
+}
+
+bool rec_camera_project_full(const struct rec_camera *c, const double X[3],
+                             struct rec_projection *out)
+{
+    const double *R = c->R;
+    double Xc = R[0] * X[0] + R[1] * X[1] + R[2] * X[2] + c->t[0];
+    double Yc = R[3] * X[0] + R[4] * X[1] + R[5] * X[2] + c->t[1];
+    double Zc = R[6] * X[0] + R[7] * X[1] + R[8] * X[2] + c->t[2];
+    if (!(Zc > 0))
+        return false;
+    double x = Xc / Zc, y = Yc / Zc, p[2] = {x, y}, J[4] = {1, 0, 0, 1};
+    if (has_distortion(c)) {
+        distort(c, x, y, p, J);
+        if (!in_domain(c, x, y, J))
+            return false;
+    }
+    double u = c->fx * p[0] + c->cx, v = c->fy * p[1] + c->cy;
+    if (!isfinite(u) || !isfinite(v))
+        return false;
+    *out = (struct rec_projection){
+        x, y, u, v, {c->fx * J[0], c->fx * J[1], c->fy * J[2], c->fy * J[3]}};
+    return true;
+}
+
+bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2])
+{
+    struct rec_projection p;
+    if (!rec_camera_project_full(c, X, &p))
+        return false;
+    uv[0] = p.u;
+    uv[1] = p.v;
+    return true;
+}
+
+static double px_norm(const struct rec_camera *c, double x, double y)
+{
+    x *= c->fx;
+    y *= c->fy;
+    return sqrt(x * x + y * y);
+}
+
+/* Newton from *x,*y towards distort(x,y) = want, halving steps that do not help.  True when the
+ * residual is below 1e-10 px (or at rounding for huge pixel coordinates) and inside the domain. */
+static bool newton(const struct rec_camera *c, const double want[2], double *px, double *py)
+{
+    double x = *px, y = *py, got[2], J[4];
+    distort(c, x, y, got, J);
+    double ex = want[0] - got[0], ey = want[1] - got[1], err = px_norm(c, ex, ey);
+    double tol = 1e-10 + 8 * DBL_EPSILON * px_norm(c, want[0], want[1]);
+    for (int it = 0; it < 50 && !(err <= 0.01 * tol); it++) {
+        double det = J[0] * J[3] - J[1] * J[2];
+        if (!(fabs(det) > 1e-14))
+            return false;
+        double over = 1 / det, best = err, step = 1;
+        double dx = (J[3] * ex - J[1] * ey) * over, dy = (J[0] * ey - J[2] * ex) * over;
+        for (int half = 0; half < 20; half++, step *= 0.5) {
+            double tx = x + step * dx, ty = y + step * dy;
+            distort(c, tx, ty, got, J);
+            double fx = want[0] - got[0], fy = want[1] - got[1];
+            err = px_norm(c, fx, fy);
+            if (err < best) {
+                x = tx;
+                y = ty;
+                ex = fx;
+                ey = fy;
+                break;
+            }
+        }
+        if (!(err < best)) { /* at rounding, or stuck */
+            err = best;
+            distort(c, x, y, got, J);
+            break;
+        }
+    }
+    *px = x;
+    *py = y;
+    return err <= tol && in_domain(c, x, y, J);
+}
+
+/* At radius r the radial model (2) has reached rd, or has already turned back. */
+static bool radially_beyond(const struct rec_camera *c, double r, double rd)
+{
+    const double *k = c->dist;
+    double t = r * r;
+    double s =
+        (1 + t * (k[K1] + t * (k[K2] + t * k[K3]))) / (1 + t * (k[K4] + t * (k[K5] + t * k[K6])));
+    return r * s >= rd || !before_fold(c, t);
+}
+
+/* The radius that (2) maps to rd, or the turning point when it does not reach so far: a start for
+ * Newton that cannot lie on the wrong branch. */
+static double radial_inverse(const struct rec_camera *c, double rd)
+{
+    double lo = 0, hi = rd;
+    for (int i = 0; i < 60 && !radially_beyond(c, hi, rd); i++) {
+        lo = hi;
+        hi *= 2;
+    }
+    for (int i = 0; i < 100 && hi - lo > 4 * DBL_EPSILON * hi; i++) {
+        double mid = 0.5 * (lo + hi);
+        if (radially_beyond(c, mid, rd))
+            hi = mid;
+        else
+            lo = mid;
+    }
+    return lo;
+}
+
+bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origin[3], double dir[3])
+{
+    double want[2] = {(u - c->cx) / c->fx, (v - c->cy) / c->fy};
+    if (!isfinite(want[0]) || !isfinite(want[1]))
+        return false;
+    double x = want[0], y = want[1];
+    if (has_distortion(c) && !newton(c, want, &x, &y)) {
+        double rd = hypot(want[0], want[1]), r = radial_inverse(c, rd);
+        x = rd > 0 ? want[0] * (r / rd) : 0;
+        y = rd > 0 ? want[1] * (r / rd) : 0;
+        if (!newton(c, want, &x, &y))
+            return false;
+    }
+    const double *R = c->R;
+    double d[3], n2 = 0;
+    for (int a = 0; a < 3; a++) { /* R^T (x, y, 1) */
+        d[a] = R[a] * x + R[3 + a] * y + R[6 + a];
+        n2 += d[a] * d[a];
+    }
+    double n = sqrt(n2);
+    if (!(n > 0) || !isfinite(n))
+        return false;
+    for (int a = 0; a < 3; a++)
+        dir[a] = d[a] / n;
+    rec_camera_centre(c, origin);
+    return true;
+}
+
+void rec_camera_centre(const struct rec_camera *c, double x[3])
+{
+    const double *R = c->R, *t = c->t;
+    for (int a = 0; a < 3; a++)
+        x[a] = -(R[a] * t[0] + R[3 + a] * t[1] + R[6 + a] * t[2]);
+}

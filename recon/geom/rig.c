@@ -1,0 +1,515 @@
+#include "recon/geom/rig.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "base/yaml.h"
+
+#define MAX_FILE  (4u << 20)
+#define MAX_COORD 1e6 /* m; keeps every product of coordinates far from overflow */
+
+/* ---- reading ---------------------------------------------------------------------------------- */
+
+struct reader {
+    const pvx_yaml *y;
+    struct pvx_diag *d;
+};
+
+static pvx_err need(const struct reader *r, int map, const char *path, const char *key, int *node)
+{
+    *node = pvx_yaml_get(r->y, map, key);
+    if (*node == 0)
+        return pvx_yaml_fail(r->y, map, path, PVX_EFORMAT, r->d, "the key '%s' is missing", key);
+    return PVX_OK;
+}
+
+/* `n` numbers in [min,max] under a key that must be there. */
+static pvx_err numbers(const struct reader *r, int map, const char *path, const char *key, size_t n,
+                       double limit, double *out)
+{
+    char full[96];
+    snprintf(full, sizeof full, "%s.%s", path, key);
+    int node;
+    size_t got;
+    PVX_TRY(need(r, map, path, key, &node));
+    PVX_TRY(pvx_yaml_doubles(r->y, node, full, n, n, out, &got, r->d));
+    for (size_t i = 0; i < n; i++)
+        if (fabs(out[i]) > limit)
+            return pvx_yaml_fail(r->y, pvx_yaml_item(r->y, node, i), full, PVX_EINVAL, r->d,
+                                 "%g is outside %g..%g", out[i], -limit, limit);
+    return PVX_OK;
+}
+
+/* `n` whole numbers in [min,max] under a key that must be there. */
+static pvx_err integers(const struct reader *r, int map, const char *path, const char *key,
+                        size_t n, int64_t min, int64_t max, int32_t *out)
+{
+    char full[96];
+    snprintf(full, sizeof full, "%s.%s", path, key);
+    int node;
+    PVX_TRY(need(r, map, path, key, &node));
+    if (pvx_yaml_kind(r->y, node) != PVX_YAML_SEQ || pvx_yaml_length(r->y, node) != n)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                             "should be a list of %zu whole numbers", n);
+    for (size_t i = 0; i < n; i++) {
+        int64_t v;
+        PVX_TRY(pvx_yaml_int(r->y, pvx_yaml_item(r->y, node, i), full, min, max, &v, r->d));
+        out[i] = (int32_t)v;
+    }
+    return PVX_OK;
+}
+
+static pvx_err read_volume(const struct reader *r, int root, struct rec_grid *g)
+{
+    int v, basis;
+    PVX_TRY(need(r, root, "rig", "volume", &v));
+    PVX_TRY(pvx_yaml_known(r->y, v, "volume", "min max voxels basis", r->d));
+    PVX_TRY(numbers(r, v, "volume", "min", 3, MAX_COORD, g->min));
+    PVX_TRY(numbers(r, v, "volume", "max", 3, MAX_COORD, g->max));
+    PVX_TRY(integers(r, v, "volume", "voxels", 3, 1, REC_GRID_MAX, g->n));
+    for (int a = 0; a < 3; a++)
+        if (!(g->max[a] - g->min[a] >= 1e-9))
+            return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, v, "max"), "volume.max", PVX_EINVAL, r->d,
+                                 "the volume is empty along %c: max %g is not above min %g",
+                                 "xyz"[a], g -> max[a], g -> min[a]);
+    g->basis = REC_BOX;
+    if ((basis = pvx_yaml_get(r->y, v, "basis")) != 0) {
+        const char *t = pvx_yaml_text(r->y, basis);
+        if (strcmp(t, "trilinear") == 0)
+            g->basis = REC_TRILINEAR;
+        else if (strcmp(t, "box") != 0)
+            return pvx_yaml_fail(r->y, basis, "volume.basis", PVX_EINVAL, r->d,
+                                 "should be box or trilinear");
+    }
+    return PVX_OK;
+}
+
+static double det3(const double m[9])
+{
+    return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
+           m[2] * (m[3] * m[7] - m[4] * m[6]);
+}
+
+/* Largest |R R^T - I| entry. */
+static double off_rotation(const double R[9])
+{
+    double worst = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double s = i == j ? -1 : 0;
+            for (int k = 0; k < 3; k++)
+                s += R[3 * i + k] * R[3 * j + k];
+            worst = fmax(worst, fabs(s));
+        }
+    return worst;
+}
+
+/* Nearest rotation (polar factor) by Newton's iteration R <- (R + R^-T)/2, which converges
+ * quadratically; Higham, SIAM J. Sci. Stat. Comput. 7:1160, 1986. */
+static void orthonormalise(double R[9])
+{
+    for (int it = 0; it < 20 && off_rotation(R) > 1e-15; it++) {
+        double det = det3(R), C[9];
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) {
+                int i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+                C[3 * i + j] = R[3 * i1 + j1] * R[3 * i2 + j2] - R[3 * i1 + j2] * R[3 * i2 + j1];
+            }
+        for (int i = 0; i < 9; i++) /* cofactors / det = R^-T */
+            R[i] = 0.5 * (R[i] + C[i] / det);
+    }
+}
+
+static bool name_ok(const char *s)
+{
+    if (*s == '\0' || strlen(s) >= REC_NAME_MAX || strcmp(s, ".") == 0 || strcmp(s, "..") == 0)
+        return false;
+    return s[strspn(s, "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789._-")] ==
+           '\0';
+}
+
+static pvx_err read_lens(const struct reader *r, int m, const char *path, struct rec_camera *c)
+{
+    double K[4];
+    int node;
+    PVX_TRY(numbers(r, m, path, "K", 4, 1e7, K));
+    char full[96];
+    snprintf(full, sizeof full, "%s.K", path);
+    if (!(K[0] >= 1e-3) || !(K[1] >= 1e-3))
+        return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, m, "K"), full, PVX_EINVAL, r->d,
+                             "the focal lengths fx, fy must be positive (pixels)");
+    c->fx = K[0];
+    c->fy = K[1];
+    c->cx = K[2];
+    c->cy = K[3];
+    if ((node = pvx_yaml_get(r->y, m, "distortion")) != 0) {
+        size_t n;
+        snprintf(full, sizeof full, "%s.distortion", path);
+        PVX_TRY(pvx_yaml_doubles(r->y, node, full, 0, 8, c->dist, &n, r->d));
+        if (n != 0 && n != 4 && n != 5 && n != 8)
+            return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
+                                 "should have 0, 4, 5 or 8 numbers "
+                                 "(k1 k2 p1 p2 [k3 [k4 k5 k6]]), not %zu",
+                                 n);
+        for (size_t i = 0; i < n; i++)
+            if (fabs(c->dist[i]) > 1e6)
+                return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d, "%g is outside -1e6..1e6",
+                                     c->dist[i]);
+    }
+    return PVX_OK;
+}
+
+static pvx_err read_pose(const struct reader *r, int m, const char *path, struct rec_camera *c)
+{
+    char full[96];
+    snprintf(full, sizeof full, "%s.R", path);
+    PVX_TRY(numbers(r, m, path, "R", 9, 10, c->R));
+    PVX_TRY(numbers(r, m, path, "t", 3, MAX_COORD, c->t));
+    int node = pvx_yaml_get(r->y, m, "R");
+    double off = off_rotation(c->R), det = det3(c->R);
+    if (fabs(det + 1) <= 1e-2)
+        return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d,
+                             "is a mirror image (det = %.4g); a rotation has det = 1. "
+                             "Camera axes are x right, y down, z forward",
+                             det);
+    if (!(off <= 1e-3) || !(fabs(det - 1) <= 1e-3))
+        return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d,
+                             "is not a rotation: |R R^T - I| = %.3g, det = %.4g (row by row, world "
+                             "to camera)",
+                             off, det);
+    if (off > 1e-12) /* numbers that were written in full stay as they are */
+        orthonormalise(c->R);
+    return PVX_OK;
+}
+
+static pvx_err read_gain(const struct reader *r, int m, const char *path, struct rec_camera *c)
+{
+    char full[96];
+    double g[3];
+    size_t n;
+    c->gain[0] = c->gain[1] = c->gain[2] = 1;
+    int node = pvx_yaml_get(r->y, m, "gain");
+    if (node == 0)
+        return PVX_OK;
+    snprintf(full, sizeof full, "%s.gain", path);
+    PVX_TRY(pvx_yaml_doubles(r->y, node, full, 1, 3, g, &n, r->d));
+    if (n == 2)
+        return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d, "should have 1 or 3 numbers");
+    for (size_t i = 0; i < n; i++)
+        if (!(g[i] >= 1e-6 && g[i] <= 1e6))
+            return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d, "%g is outside 1e-6..1e6",
+                                 g[i]);
+    for (size_t i = 0; i < 3; i++)
+        c->gain[i] = (float)g[n == 1 ? 0 : i];
+    return PVX_OK;
+}
+
+static pvx_err read_camera(const struct reader *r, int m, size_t index, const struct rec_rig *rig,
+                           struct rec_camera *c)
+{
+    char path[48];
+    int node;
+    int32_t size[2];
+    snprintf(path, sizeof path, "cameras[%zu]", index);
+    PVX_TRY(pvx_yaml_known(r->y, m, path, "name size K distortion R t gain", r->d));
+    PVX_TRY(need(r, m, path, "name", &node));
+    const char *name = pvx_yaml_text(r->y, node);
+    snprintf(path, sizeof path, "cameras[%zu].name", index);
+    if (!name_ok(name))
+        return pvx_yaml_fail(r->y, node, path, PVX_EINVAL, r->d,
+                             "should be 1 to %d of A-Z a-z 0-9 . _ - (it names a folder)",
+                             REC_NAME_MAX - 1);
+    snprintf(c->name, sizeof c->name, "%s", name);
+    if (rec_rig_find(rig, name) >= 0)
+        return pvx_yaml_fail(r->y, node, path, PVX_EINVAL, r->d, "'%s' is used twice", name);
+    snprintf(path, sizeof path, "cameras[%zu]", index);
+    PVX_TRY(integers(r, m, path, "size", 2, 1, 16384, size));
+    c->width = size[0];
+    c->height = size[1];
+    PVX_TRY(read_lens(r, m, path, c));
+    PVX_TRY(read_pose(r, m, path, c));
+    return read_gain(r, m, path, c);
+}
+
+static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
+{
+    int root = pvx_yaml_root(r->y), node;
+    int64_t version;
+    PVX_TRY(pvx_yaml_known(r->y, root, "rig", "version volume cameras", r->d));
+    PVX_TRY(need(r, root, "rig", "version", &node));
+    PVX_TRY(pvx_yaml_int(r->y, node, "version", 0, INT32_MAX, &version, r->d));
+    if (version != 1)
+        return pvx_yaml_fail(r->y, node, "version", PVX_EVERSION, r->d,
+                             "%lld is not known here; this program reads version 1",
+                             (long long)version);
+    PVX_TRY(read_volume(r, root, &rig->grid));
+    PVX_TRY(need(r, root, "rig", "cameras", &node));
+    size_t n = pvx_yaml_length(r->y, node);
+    if (pvx_yaml_kind(r->y, node) != PVX_YAML_SEQ || n == 0)
+        return pvx_yaml_fail(r->y, node, "cameras", PVX_EFORMAT, r->d,
+                             "should be a list of at least one camera (- name: ...)");
+    if (n > REC_MAX_CAMERAS)
+        return pvx_yaml_fail(r->y, node, "cameras", PVX_EINVAL, r->d,
+                             "%zu cameras; at most %d are supported", n, REC_MAX_CAMERAS);
+    rig->cameras = pvx_calloc(n, sizeof *rig->cameras);
+    if (rig->cameras == NULL)
+        return PVX_ENOMEM;
+    for (; rig->n_cameras < n; rig->n_cameras++) /* find() sees the finished ones */
+        PVX_TRY(read_camera(r, pvx_yaml_item(r->y, node, rig->n_cameras), rig->n_cameras, rig,
+                            &rig->cameras[rig->n_cameras]));
+    return PVX_OK;
+}
+
+pvx_err rec_rig_parse(const char *text, size_t len, const char *name, struct rec_rig *out,
+                      struct pvx_diag *d)
+{
+    pvx_yaml *y;
+    memset(out, 0, sizeof *out);
+    PVX_TRY(pvx_yaml_parse(text, len, name, &y, d));
+    struct reader r = {y, d};
+    pvx_err e = read_rig(&r, out);
+    if (e != PVX_OK)
+        rec_rig_fini(out);
+    pvx_yaml_free(&y);
+    return e;
+}
+
+pvx_err rec_rig_load(const char *path, struct rec_rig *out, struct pvx_diag *d)
+{
+    char *text;
+    size_t len;
+    memset(out, 0, sizeof *out);
+    PVX_TRY(pvx_file_read(path, MAX_FILE, &text, &len, d));
+    pvx_err e = rec_rig_parse(text, len, path, out, d);
+    free(text);
+    return e;
+}
+
+/* ---- writing ---------------------------------------------------------------------------------- */
+
+static void put_list(FILE *f, const char *key, const double *v, int n, const char *end)
+{
+    fprintf(f, "%s: [", key);
+    for (int i = 0; i < n; i++)
+        fprintf(f, "%s%.17g", i == 0 ? "" : ", ", v[i]);
+    fprintf(f, "]%s", end);
+}
+
+pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
+{
+    *out = NULL;
+    *len = 0;
+    FILE *f = open_memstream(out, len);
+    if (f == NULL)
+        return PVX_ENOMEM;
+    const struct rec_grid *g = &r->grid;
+    fputs("version: 1\nvolume:\n", f);
+    put_list(f, "  min", g->min, 3, "  # metres\n");
+    put_list(f, "  max", g->max, 3, "\n");
+    fprintf(f, "  voxels: [%d, %d, %d]\n  basis: %s\ncameras:\n", g->n[0], g->n[1], g->n[2],
+            rec_basis_name(g->basis));
+    for (size_t i = 0; i < r->n_cameras; i++) {
+        const struct rec_camera *c = &r->cameras[i];
+        double K[4] = {c->fx, c->fy, c->cx, c->cy};
+        double gain[3] = {c->gain[0], c->gain[1], c->gain[2]};
+        int nd = 8;
+        while (nd > 0 && c->dist[nd - 1] == 0)
+            nd--;
+        nd = nd == 0 ? 0 : nd <= 4 ? 4 : nd == 5 ? 5 : 8;
+        fprintf(f, "  - name: %s\n    size: [%d, %d]\n", c->name, c->width, c->height);
+        put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
+        put_list(f, "    distortion", c->dist, nd, "\n");
+        put_list(f, "    R", c->R, 9, "\n");
+        put_list(f, "    t", c->t, 3, "\n");
+        if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
+            put_list(f, "    gain", gain, 3, "\n");
+    }
+    bool bad = ferror(f) != 0;
+    if (fclose(f) != 0 || bad) {
+        PVX_FREE(*out);
+        return PVX_ENOMEM;
+    }
+    return PVX_OK;
+}
+
+/* ---- handling --------------------------------------------------------------------------------- */
+
+void rec_rig_fini(struct rec_rig *r)
+{
+    PVX_FREE(r->cameras);
+    r->n_cameras = 0;
+}
+
+pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out)
+{
+    struct rec_camera *c = pvx_calloc(r->n_cameras, sizeof *c);
+    if (c == NULL)
+        return PVX_ENOMEM;
+    memcpy(c, r->cameras, r->n_cameras * sizeof *c);
+    *out = *r;
+    out->cameras = c;
+    return PVX_OK;
+}
+
+int rec_rig_find(const struct rec_rig *r, const char *name)
+{
+    for (size_t i = 0; i < r->n_cameras; i++)
+        if (strcmp(r->cameras[i].name, name) == 0)
+            return (int)i;
+    return -1;
+}
+
+static pvx_err fail_unknown(const struct rec_rig *r, const char *name, int len, struct pvx_diag *d)
+{
+    char list[400] = "";
+    size_t n = 0;
+    for (size_t i = 0; i < r->n_cameras && n + REC_NAME_MAX + 2 < sizeof list; i++)
+        n += (size_t)snprintf(list + n, sizeof list - n, " %s", r->cameras[i].name);
+    return pvx_fail(d, PVX_ENOENT, "no camera '%.*s' in the rig; it has:%s", len, name, list);
+}
+
+pvx_err rec_rig_select(struct rec_rig *r, const char *comma_list, struct pvx_diag *d)
+{
+    bool keep[REC_MAX_CAMERAS] = {false};
+    for (const char *p = comma_list;; p++) {
+        size_t n = strcspn(p, ",");
+        char name[REC_NAME_MAX] = "";
+        if (n < sizeof name)
+            memcpy(name, p, n);
+        int i = n == 0 ? -1 : rec_rig_find(r, name);
+        if (i < 0)
+            return fail_unknown(r, p, n > REC_NAME_MAX ? REC_NAME_MAX : (int)n, d);
+        keep[i] = true;
+        p += n;
+        if (*p == '\0')
+            break;
+    }
+    size_t n = 0;
+    for (size_t i = 0; i < r->n_cameras; i++)
+        if (keep[i])
+            r->cameras[n++] = r->cameras[i];
+    r->n_cameras = n;
+    return PVX_OK;
+}
+
+static void hash_doubles(XXH3_state_t *h, const double *v, size_t n)
+{
+    for (size_t i = 0; i < n; i++) {
+        double x = v[i] + 0.0; /* -0 and 0 are the same place */
+        uint64_t u;
+        uint8_t le[8];
+        memcpy(&u, &x, 8);
+        for (int b = 0; b < 8; b++)
+            le[b] = (uint8_t)(u >> (8 * b));
+        XXH3_64bits_update(h, le, 8);
+    }
+}
+
+uint64_t rec_rig_hash(const struct rec_rig *r)
+{
+    XXH3_state_t h;
+    const struct rec_grid *g = &r->grid;
+    double head[] = {g->n[0], g->n[1], g->n[2], g->basis, (double)r->n_cameras};
+    XXH3_64bits_reset(&h);
+    hash_doubles(&h, head, 5);
+    hash_doubles(&h, g->min, 3);
+    hash_doubles(&h, g->max, 3);
+    for (size_t i = 0; i < r->n_cameras; i++) {
+        const struct rec_camera *c = &r->cameras[i];
+        double k[] = {c->width, c->height, c->fx, c->fy, c->cx, c->cy};
+        hash_doubles(&h, k, 6);
+        hash_doubles(&h, c->dist, 8);
+        hash_doubles(&h, c->R, 9);
+        hash_doubles(&h, c->t, 3);
+    }
+    return XXH3_64bits_digest(&h);
+}
+
+/* ---- the simulated rig ------------------------------------------------------------------------ */
+
+/* Camera at `at` looking at `to`, image upright with respect to z. */
+static void look_at(const double at[3], const double to[3], struct rec_camera *c)
+{
+    double z[3], x[3], n = 0;
+    for (int a = 0; a < 3; a++) {
+        z[a] = to[a] - at[a];
+        n += z[a] * z[a];
+    }
+    n = sqrt(n);
+    for (int a = 0; a < 3; a++)
+        z[a] /= n;
+    double m = hypot(z[0], z[1]); /* right = forward x up, normalised; down = forward x right */
+    x[0] = z[1] / m;
+    x[1] = -z[0] / m;
+    x[2] = 0;
+    double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
+    for (int a = 0; a < 3; a++) {
+        c->R[a] = x[a];
+        c->R[3 + a] = y[a];
+        c->R[6 + a] = z[a];
+    }
+    for (int i = 0; i < 3; i++)
+        c->t[i] = -(c->R[3 * i] * at[0] + c->R[3 * i + 1] * at[1] + c->R[3 * i + 2] * at[2]);
+}
+
+/* Largest |x| or |y| (tangent of the angle off axis) of the volume's corners in this camera. */
+static double spread(const struct rec_grid *g, const struct rec_camera *c, double least_depth)
+{
+    double worst = 0;
+    for (int i = 0; i < 8; i++) {
+        double p[3], X[3] = {i & 1 ? g->max[0] : g->min[0], i & 2 ? g->max[1] : g->min[1],
+                             i & 4 ? g->max[2] : g->min[2]};
+        for (int a = 0; a < 3; a++)
+            p[a] = c->R[3 * a] * X[0] + c->R[3 * a + 1] * X[1] + c->R[3 * a + 2] * X[2] + c->t[a];
+        double depth = fmax(p[2], least_depth);
+        worst = fmax(worst, fmax(fabs(p[0]), fabs(p[1])) / depth);
+    }
+    return worst;
+}
+
+pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxels,
+                     struct rec_rig *out)
+{
+    memset(out, 0, sizeof *out);
+    if (n < 1 || n > REC_MAX_CAMERAS || !(radius > 1e-3 && radius < 1e5) || w < 1 || w > 16384 ||
+        h < 1 || h > 16384 || voxels < 1 || voxels > REC_GRID_MAX)
+        return PVX_EINVAL;
+    out->cameras = pvx_calloc(n, sizeof *out->cameras);
+    if (out->cameras == NULL)
+        return PVX_ENOMEM;
+    out->n_cameras = n;
+    out->grid =
+        (struct rec_grid){{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {voxels, voxels, voxels}, REC_BOX};
+    double worst = 0;
+    for (size_t i = 0; i < n; i++) {
+        struct rec_camera *c = &out->cameras[i];
+        /* Uneven steps, as in a rig set up by hand: with even ones and an even n every view would
+         * have an opposite one that sees almost the same rays. */
+        double golden = 0.6180339887498949 * (double)i;
+        double angle = 6.283185307179586 * ((double)i + 0.3 * (golden - floor(golden))) / (double)n;
+        double at[3] = {radius * cos(angle), radius * sin(angle), i % 2 == 0 ? 0.65 : 0.35};
+        static const double aim[3] = {0, 0, 0.5};
+        snprintf(c->name, sizeof c->name, "cam%zu", i);
+        look_at(at, aim, c);
+        c->width = w;
+        c->height = h;
+        static const double dist[8] = {-0.05, 0.01, 5e-4, -3e-4};
+        memcpy(c->dist, dist, sizeof dist);
+        c->gain[0] = c->gain[1] = c->gain[2] = 1;
+        worst = fmax(worst, spread(&out->grid, c, 0.25 * radius));
+    }
+    for (size_t i = 0; i < n; i++) {
+        struct rec_camera *c = &out->cameras[i];
+        c->fx = 0.75 * 0.5 * (w < h ? w : h) / worst;
+        c->fy = c->fx * 1.001;
+        c->cx = 0.5 * (w - 1) + 0.003 * w;
+        c->cy = 0.5 * (h - 1) - 0.004 * h;
+    }
+    return PVX_OK;
+}

@@ -1,0 +1,50 @@
+/* rig.h - the calibrated rig: reconstruction volume and cameras, read from rig.yaml (DESIGN 4).
+ *
+ *   version: 1
+ *   volume: { min: [..3], max: [..3], voxels: [..3], basis: box|trilinear }
+ *   cameras: - { name, size: [w,h], K: [fx,fy,cx,cy], distortion: [0,4,5 or 8 numbers],
+ *                R: [9], t: [3], gain: [1 or 3 numbers, optional] }
+ * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
+ * |det - 1| > 1e-3; nearer ones are re-orthonormalised), empty or inverted volume, duplicate names,
+ * names that are not [A-Za-z0-9._-]+, more than REC_MAX_CAMERAS, sizes outside 1..16384.
+ * Ownership: struct is the caller's memory; init by load/parse/ring, fini frees the cameras. */
+#ifndef REC_RIG_H
+#define REC_RIG_H
+#include <stddef.h>
+#include "base/err.h"
+#include "recon/geom/camera.h"
+#include "recon/geom/grid.h"
+
+#define REC_MAX_CAMERAS 64
+
+struct rec_rig {
+    struct rec_grid grid;
+    size_t n_cameras;
+    struct rec_camera *cameras; /* [n_cameras] */
+};
+
+PVX_MUST_CHECK pvx_err rec_rig_load(const char *path, struct rec_rig *out, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err rec_rig_parse(const char *text, size_t len, const char *name,
+                                     struct rec_rig *out, struct pvx_diag *d);
+/* YAML text that rec_rig_parse reads back to the same numbers (%.17g).  Owner: caller, free(). */
+PVX_MUST_CHECK pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len);
+void rec_rig_fini(struct rec_rig *r);
+PVX_MUST_CHECK pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out);
+
+/* Index of the camera called `name`, or -1. */
+int rec_rig_find(const struct rec_rig *r, const char *name);
+/* Keep only the named cameras ("cam0,cam3"), in rig order.  PVX_ENOENT names the missing one. */
+PVX_MUST_CHECK pvx_err rec_rig_select(struct rec_rig *r, const char *comma_list,
+                                      struct pvx_diag *d);
+
+/* The standard simulated rig: `n` cameras on a ring of radius `radius` m about the z axis, aimed at
+ * (0,0,0.5) from heights that alternate slightly, 360 degrees, volume [-0.5,0.5]^2 x [0,1], image
+ * w x h, focal length so that the volume fills about 3/4 of the shorter image side, mild
+ * distortion (k1 about -0.05) so that nothing works by accident only without. */
+PVX_MUST_CHECK pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxels,
+                                    struct rec_rig *out);
+
+/* XXH3-64 over every number of the rig that geometry depends on (gain and names excluded). */
+uint64_t rec_rig_hash(const struct rec_rig *r);
+
+#endif

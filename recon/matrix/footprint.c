@@ -1,0 +1,242 @@
+/* Footprints: where the support of each basis function can appear in a camera's image.
+ *
+ * The support is a box whose corners are planes of one lattice, so the lattice is projected once and
+ * every box looks up its eight corners.  A pinhole maps the box into the hull of its corners; a lens
+ * bends that hull's edges.  For f with second derivatives up to M, a point inside a polygon of
+ * diameter D has f <= max over the corners + M D^2/4 (interpolate along a chord to two edge points,
+ * then along the edges); M D is bounded by what the Jacobian changes over the corners, times 2 for
+ * what the corners do not show. */
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+
+#include "base/mem.h"
+#include "recon/matrix/priv.h"
+
+#define SLAB 8 /* layers of voxels per task */
+
+struct job {
+    const rec_sysmat *m;
+    const struct rec_camera *c;
+    const struct rec_sysmat_block *b;
+    const struct rec_sysmat_part *part;
+    struct rec_rect *fp;
+    int32_t span;   /* lattice cells per support: 1 box, 2 trilinear */
+    int32_t nx, ny; /* lattice points per layer */
+    double per_bin; /* 1 / binning */
+    atomic_bool out_of_memory;
+};
+
+/* What is known of a projected point: pixel, normalised undistorted coordinates, Jacobian. */
+enum { U, V, X, Y, J0, J1, J2, J3, QUANTITIES };
+
+/* A layer of lattice points, quantity after quantity, so that loops over a row of them are vectors. */
+struct layer {
+    double *q[QUANTITIES]; /* [ny*nx] */
+    uint8_t *hidden;       /* [ny*nx] behind the camera or past the fold of its lens */
+};
+
+/* Least and largest of the corners of the supports that start in one row of the lattice. */
+struct corners {
+    double *lo[QUANTITIES], *hi[QUANTITIES]; /* [nx] */
+    uint8_t *hidden;                         /* [nx] any of them */
+};
+
+static const struct rec_rect unseen = {1, 1, 0, 0};
+
+/* Lattice plane i along an axis: the faces of the cells, or for trilinear the centres with one more
+ * at either end. */
+static double plane(const struct rec_grid *g, int a, int32_t i)
+{
+    return g->min[a] + (g->basis == REC_TRILINEAR ? i - 0.5 : i) * rec_grid_h(g, a);
+}
+
+static void project_layer(const struct job *j, int32_t k, struct layer *l)
+{
+    const struct rec_grid *g = &j->m->grid;
+    for (int32_t y = 0; y < j->ny; y++)
+        for (int32_t x = 0; x < j->nx; x++) {
+            size_t at = (size_t)y * (size_t)j->nx + (size_t)x;
+            double point[3] = {plane(g, 0, x), plane(g, 1, y), plane(g, 2, k)};
+            struct rec_projection p;
+            l->hidden[at] = !rec_camera_project_full(j->c, point, &p);
+            if (l->hidden[at])
+                continue;
+            double all[QUANTITIES] = {p.u, p.v, p.x, p.y, p.J[0], p.J[1], p.J[2], p.J[3]};
+            for (int q = 0; q < QUANTITIES; q++)
+                l->q[q][at] = all[q];
+        }
+}
+
+static inline double least(double a, double b)
+{
+    return a < b ? a : b;
+}
+static inline double most(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+/* Over the four lattice rows of the supports of voxel row y between two layers, then along them. */
+static void gather_corners(const struct job *j, const struct layer *near, const struct layer *far,
+                           int32_t y, struct corners *out)
+{
+    size_t n = (size_t)j->nx, a = (size_t)y * n, b = a + (size_t)j->span * n;
+    size_t span = (size_t)j->span;
+    for (int q = 0; q < QUANTITIES; q++) {
+        const double *na = near->q[q] + a, *nb = near->q[q] + b;
+        const double *fa = far->q[q] + a, *fb = far->q[q] + b;
+        double *restrict lo = out->lo[q], *restrict hi = out->hi[q];
+        for (size_t x = 0; x < n; x++) {
+            lo[x] = least(least(na[x], nb[x]), least(fa[x], fb[x]));
+            hi[x] = most(most(na[x], nb[x]), most(fa[x], fb[x]));
+        }
+        for (size_t x = 0; x + span < n; x++) {
+            lo[x] = least(lo[x], lo[x + span]);
+            hi[x] = most(hi[x], hi[x + span]);
+        }
+    }
+    for (size_t x = 0; x < n; x++)
+        out->hidden[x] =
+            near->hidden[a + x] | near->hidden[b + x] | far->hidden[a + x] | far->hidden[b + x];
+    for (size_t x = 0; x + span < n; x++)
+        out->hidden[x] |= out->hidden[x + span];
+}
+
+/* Bins of the pixel range [lo,hi], clipped to `n` bins; false when it lies outside. */
+static bool bins(double lo, double hi, double per_bin, int32_t n, uint16_t *first, uint16_t *last)
+{
+    double a = (lo + 0.5) * per_bin, b = (hi + 0.5) * per_bin;
+    if (!(b >= 0) || !(a < n))
+        return false;
+    *first = (uint16_t)(a < 0 ? 0 : a);
+    *last = (uint16_t)(b > n - 1 ? n - 1 : b);
+    return true;
+}
+
+/* All corners in front of the camera: the rectangle of the support, grown for the lens. */
+static struct rec_rect rectangle(const struct job *j, const struct corners *k, size_t x)
+{
+    double range[QUANTITIES];
+    for (int q = 0; q < QUANTITIES; q++)
+        range[q] = k->hi[q][x] - k->lo[q][x];
+    double D = sqrt(range[X] * range[X] + range[Y] * range[Y]);
+    double bend_u = 0.5 * D * (range[J0] + range[J1]) + 1e-6;
+    double bend_v = 0.5 * D * (range[J2] + range[J3]) + 1e-6;
+    struct rec_rect r;
+    if (!bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0, &r.x1) ||
+        !bins(k->lo[V][x] - bend_v, k->hi[V][x] + bend_v, j->per_bin, j->b->bh, &r.y0, &r.y1))
+        return unseen;
+    return r;
+}
+
+/* Rectangle with the rows of column `col` added: holds by construction then. */
+static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_rect r)
+{
+    uint32_t e0 = j->part->colptr[col], e1 = j->part->colptr[col + 1];
+    const uint32_t *row = j->part->row;
+    if (e0 == e1)
+        return r;
+    uint32_t bw = (uint32_t)j->b->bw, y = row[e0] / bw, base = y * bw;
+    uint32_t x0 = UINT32_MAX, x1 = 0, y0 = y;
+    if (rec_rect_seen(r)) {
+        x0 = r.x0;
+        x1 = r.x1;
+    }
+    for (uint32_t e = e0; e < e1; e++) {
+        while (row[e] - base >= bw) { /* rows ascend: cheaper than dividing */
+            base += bw;
+            y++;
+        }
+        uint32_t x = row[e] - base;
+        x0 = x < x0 ? x : x0;
+        x1 = x > x1 ? x : x1;
+    }
+    if (rec_rect_seen(r)) {
+        y0 = r.y0 < y0 ? r.y0 : y0;
+        y = r.y1 > y ? r.y1 : y;
+    }
+    return (struct rec_rect){(uint16_t)x0, (uint16_t)y0, (uint16_t)x1, (uint16_t)y};
+}
+
+static struct rec_rect footprint(const struct job *j, size_t col, const struct corners *k, size_t x)
+{
+    if (!k->hidden[x])
+        return with_entries(j, col, rectangle(j, k, x));
+    /* partly behind the camera or past the fold of the lens: its outline is not known */
+    if (j->part->colptr[col] == j->part->colptr[col + 1])
+        return unseen;
+    return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
+}
+
+/* The layers that a slab goes through and one row of corners, in one piece of memory. */
+struct work {
+    struct layer ring[3];
+    struct corners corners;
+    void *memory;
+};
+
+static bool new_work(const struct job *j, struct work *w)
+{
+    size_t nx = (size_t)j->nx, layer = nx * (size_t)j->ny;
+    size_t doubles = QUANTITIES * (3 * layer + 2 * nx);
+    double *p = w->memory = pvx_calloc(doubles * sizeof *p + 3 * layer + nx, 1);
+    if (p == NULL)
+        return false;
+    for (int q = 0; q < QUANTITIES; q++) {
+        for (int i = 0; i < 3; i++, p += layer)
+            w->ring[i].q[q] = p;
+        w->corners.lo[q] = p;
+        w->corners.hi[q] = p + nx;
+        p += 2 * nx;
+    }
+    uint8_t *hidden = (uint8_t *)p;
+    for (int i = 0; i < 3; i++, hidden += layer)
+        w->ring[i].hidden = hidden;
+    w->corners.hidden = hidden;
+    return true;
+}
+
+static void slab(void *ctx, size_t task)
+{
+    struct job *j = ctx;
+    const struct rec_grid *g = &j->m->grid;
+    int32_t planes = j->span + 1, k0 = (int32_t)task * SLAB;
+    int32_t k1 = k0 + SLAB < g->n[2] ? k0 + SLAB : g->n[2];
+    struct work w;
+    if (!new_work(j, &w)) {
+        atomic_store(&j->out_of_memory, true);
+        return;
+    }
+    for (int32_t k = k0; k < k0 + j->span; k++)
+        project_layer(j, k, &w.ring[k % planes]);
+    for (int32_t k = k0; k < k1; k++) {
+        int32_t far = k + j->span;
+        project_layer(j, far, &w.ring[far % planes]);
+        for (int32_t y = 0; y < g->n[1]; y++) {
+            gather_corners(j, &w.ring[k % planes], &w.ring[far % planes], y, &w.corners);
+            size_t col = (size_t)rec_grid_index(g, 0, y, k);
+            for (size_t x = 0; x < (size_t)g->n[0]; x++)
+                j->fp[col + x] = footprint(j, col + x, &w.corners, x);
+        }
+    }
+    free(w.memory);
+}
+
+pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
+                              const struct rec_sysmat_block *b, const struct rec_sysmat_part *part,
+                              pvx_pool *pool, struct rec_rect *fp)
+{
+    int32_t span = m->grid.basis == REC_TRILINEAR ? 2 : 1;
+    struct job j = {.m = m,
+                    .c = c,
+                    .b = b,
+                    .part = part,
+                    .fp = fp,
+                    .span = span,
+                    .nx = m->grid.n[0] + span,
+                    .ny = m->grid.n[1] + span,
+                    .per_bin = 1.0 / m->binning};
+    pvx_pool_run(pool, (size_t)(m->grid.n[2] + SLAB - 1) / SLAB, slab, &j);
+    return atomic_load(&j.out_of_memory) ? PVX_ENOMEM : PVX_OK;
+}

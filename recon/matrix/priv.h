@@ -1,0 +1,54 @@
+/* sysmat_priv.h - what the files of sysmat.h share: where a matrix's memory is, and the parts of its
+ * construction.  Not for other modules. */
+#ifndef REC_SYSMAT_PRIV_H
+#define REC_SYSMAT_PRIV_H
+#include "recon/matrix/sysmat.h"
+
+#define REC_SYSMAT_LEVELS_MAX 8 /* 1024 voxels a side have 7 */
+
+/* rec_sysmat.priv: a mapped file (of the finest level: all its levels), or (map NULL) every array
+ * from the heap, unless it is in the mapping of a finer level. */
+struct rec_sysmat_store {
+    void *map;
+    size_t map_bytes;
+    bool borrowed;
+};
+
+/* The entries of one camera while S is built: its own columns, rows without row0. */
+struct rec_sysmat_part {
+    uint32_t *colptr; /* [N+1] */
+    uint32_t *row;
+    uint16_t *val;
+    uint64_t nnz;
+};
+
+/* An empty matrix with `n_cameras` blocks, all arrays NULL.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_sysmat_alloc(size_t n_cameras, rec_sysmat **out);
+
+/* row0 from the blocks' bw, bh.  PVX_ERANGE + diag: more than 2^31-1 rows. */
+PVX_MUST_CHECK pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d);
+
+/* `bytes` from the heap, aligned but not zeroed.  free(); NULL when there are none. */
+void *rec_sysmat_array(uint64_t bytes);
+
+/* Everything of a coarser level but its entries and footprints. */
+void rec_sysmat_coarse_frame(const rec_sysmat *fine, rec_sysmat *coarse);
+
+/* (2) for a grid; twice the finer grid's, exactly, on a coarser one. */
+float rec_sysmat_unit(const struct rec_grid *g);
+
+/* The cameras' parts, end to end within each column, into m (grid, cameras and blocks set); the
+ * parts' arrays are freed on the way, so that there is about one copy of the entries at any time. */
+PVX_MUST_CHECK pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_sysmat_part *part, pvx_pool *pool,
+                                        struct pvx_diag *d);
+
+/* All coarser levels of m, each into ->coarse of the finer one. */
+PVX_MUST_CHECK pvx_err rec_sysmat_add_levels(rec_sysmat *m, pvx_pool *pool, struct pvx_diag *d);
+
+/* Footprints of all columns of camera c from its lens, widened to every entry that is there.
+ * fp [N] out.  Parallel over slabs of voxels, same bits for any thread count.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
+                                             const struct rec_sysmat_block *b,
+                                             const struct rec_sysmat_part *part, pvx_pool *pool,
+                                             struct rec_rect *fp);
+#endif

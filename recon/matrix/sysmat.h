@@ -1,0 +1,143 @@
+/* sysmat.h - the system matrix S of a rig: built once, cached on disk, memory-mapped (paper (4)).
+ *
+ *     p = S a,   S = [S_0; S_1; ...; S_{C-1}]   one block of rows per camera           (1)
+ *
+ * A row of S_c is one bin of camera c: binning x binning raw sensor pixels; its entries are the mean
+ * of the ray integrals of rays_per_bin^2 rays spread evenly over the bin (each traced through the
+ * distorted lens; no image is ever resampled).  rays_per_bin = 1, binning = 1 is the paper's model.
+ * Rows are numbered in one row space: row = row0[c] + y*bw + x, camera by camera.
+ *
+ * S is stored by COLUMNS: the entries of voxel j are [colptr[j], colptr[j+1]), rows ascending, all
+ * cameras in one run.  Why: restricting S to the visual hull (paper 4.4) keeps a tenth of the columns
+ * and all their entries, so what a frame set needs is read as a few thousand runs of ten to thirty
+ * entries; nothing of the other nine tenths is touched.
+ *
+ * An entry is 6 bytes, a row number and a 16-bit value:
+ *     S_ij = unit * val,   unit = diagonal of a voxel / 65000                                (2)
+ * (no value exceeds the diagonal, in either basis and on every level).  Along a row, in the order in
+ * which its ray meets the voxels, the running sum C is rounded and not the value,
+ *     val_k = round(C_k / unit) - round(C_{k-1} / unit),                                     (3)
+ * so every value is within one unit and every row's sum within half a unit, 2e-7 of a chord across
+ * 64 voxels: rounding moves a little of the ray to a neighbour, it loses nothing.  Entries of 0 are
+ * not stored.
+ *
+ * Coarser levels: S->coarse is S on the grid of half as many voxels (rounded up) of twice the size,
+ * with bins of 2 x 2 bins, by Galerkin's rule
+ *     A_c = R A P,  P: a voxel's coefficient to its 8 children,  R: mean of a bin's children (4)
+ * (at an odd edge of the image of those that it has).  For the box basis that is the matrix of the
+ * coarser grid.  It has its own coarse level, until the longest side would be under 16 voxels.
+ *
+ * Footprint of a column in a camera: the rectangle of bins that the support of basis function j
+ * touches (conservative: every bin with a ray through the support is inside it; a support smaller
+ * than a bin still has one).  seen = some part of it is in the image; behind or outside = unseen.
+ * On coarser levels: the children's together.
+ * Files: little-endian, one version, header and sections with XXH3-64 checksums, key = hash of all
+ * that S depends on, all levels in one file.
+ * Ownership: the object owns its memory or mapping and its coarser levels; blocks are borrowed. */
+#ifndef REC_SYSMAT_H
+#define REC_SYSMAT_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include "base/err.h"
+#include "base/pool.h"
+#include "recon/geom/rig.h"
+
+struct rec_sysmat_params {
+    int32_t binning;      /* raw pixels per bin side, 1..64; 0 = auto: the largest power of two that
+                             divides every image's width and height and keeps a bin at or below
+                             1.1 voxels as seen at the centre of the volume */
+    int32_t rays_per_bin; /* rays per bin side, 1..16; 0 = auto: 2, the area of a pixel in fewest
+                             rays; 1 is the paper's model */
+};
+extern const struct rec_sysmat_params rec_sysmat_defaults; /* {0, 0} */
+
+struct rec_rect {
+    uint16_t x0, y0, x1, y1; /* bins, inclusive; x0 > x1 = not seen by this camera */
+};
+static inline bool rec_rect_seen(struct rec_rect r)
+{
+    return r.x0 <= r.x1;
+}
+
+/* What there is for each camera. */
+struct rec_sysmat_block {
+    int32_t bw, bh;            /* bins across and down; rows row0[c] + y*bw + x */
+    uint64_t nnz;              /* entries of its rows */
+    const struct rec_rect *fp; /* [N] footprints */
+};
+
+typedef struct rec_sysmat rec_sysmat;
+struct rec_sysmat {
+    struct rec_grid grid;
+    size_t n_cameras;
+    int32_t binning, rays_per_bin; /* resolved, never 0; both double from level to level */
+    uint64_t key;
+    float unit;                       /* m */
+    uint64_t nnz;                     /* < 2^32 */
+    const uint32_t *colptr;           /* [N+1] */
+    const uint32_t *row;              /* [nnz] in row space, ascending within a column */
+    const uint16_t *val;              /* [nnz] > 0, in units of `unit` */
+    struct rec_sysmat_block *block;   /* [n_cameras] */
+    size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera; [n_cameras] = rows in all */
+    rec_sysmat *coarse;               /* or NULL */
+    void *priv;                       /* mapping or heap */
+};
+
+static inline double rec_sysmat_value(const rec_sysmat *m, size_t entry)
+{
+    return (double)m->unit * m->val[entry];
+}
+
+/* Progress of long work: called from the calling thread only, `done` in 0..1; return false to
+ * cancel (the build then gives PVX_ECANCELED and leaves nothing behind).  May be NULL. */
+typedef bool (*rec_progress_fn)(void *ctx, double done);
+
+/* Resolve the autos of `p` for this rig into *out.  PVX_EINVAL + diag when a bin size does not
+ * divide an image. */
+PVX_MUST_CHECK pvx_err rec_sysmat_resolve(const struct rec_rig *rig,
+                                          const struct rec_sysmat_params *p,
+                                          struct rec_sysmat_params *out, struct pvx_diag *d);
+
+/* Key of the matrix that rig + params give (params resolved inside). */
+PVX_MUST_CHECK pvx_err rec_sysmat_key(const struct rec_rig *rig, const struct rec_sysmat_params *p,
+                                      uint64_t *key, struct pvx_diag *d);
+
+/* Build in memory with all coarser levels, in parallel over row bands; same bits for any number of
+ * threads.  Errors: PVX_EINVAL, PVX_ENOMEM (diag: how much), PVX_ERANGE (over 2^32-1 entries or
+ * 2^31-1 rows), PVX_ECANCELED.  Cost: O(rays * (nx+ny+nz)). */
+PVX_MUST_CHECK pvx_err rec_sysmat_build(const struct rec_rig *rig,
+                                        const struct rec_sysmat_params *p, pvx_pool *pool,
+                                        rec_progress_fn progress, void *ctx, rec_sysmat **out,
+                                        struct pvx_diag *d);
+void rec_sysmat_free(rec_sysmat **m);
+
+/* (4): the next coarser level of `fine`, which is not changed, on its own.  Exact but for the
+ * rounding (3), which here goes along a row in the order of the columns.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, pvx_pool *pool, rec_sysmat **out,
+                                          struct pvx_diag *d);
+/* Grid of (4). */
+void rec_sysmat_coarse_grid(const struct rec_grid *fine, struct rec_grid *coarse);
+/* Levels that a matrix on this grid has, itself included. */
+size_t rec_sysmat_levels(const struct rec_grid *g);
+
+/* Write / map.  save is atomic (temporary + rename) and reports a full disk as PVX_ENOSPC.
+ * load checks magic, version, header checksum and sizes against the file's length, and with
+ * verify=true also the sections' checksums and every index range, in parallel; `key` 0 = any.
+ * Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EVERSION, PVX_ECORRUPT, PVX_ESTALE (key differs). */
+PVX_MUST_CHECK pvx_err rec_sysmat_save(const rec_sysmat *m, const char *path, pvx_pool *pool,
+                                       struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err rec_sysmat_load(const char *path, uint64_t key, bool verify, pvx_pool *pool,
+                                       rec_sysmat **out, struct pvx_diag *d);
+
+/* What a user wants: the cached matrix if it is there, sound and of this rig, else build and cache.
+ * `path` NULL = $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file
+ * sysmat-<key>.pvxm.  A damaged or stale file is logged and rebuilt (but a file given by `path` that
+ * never was a matrix is not overwritten: PVX_EFORMAT); a cache that cannot be written is logged and
+ * the matrix used from memory.  *from_cache may be NULL. */
+PVX_MUST_CHECK pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_params *p,
+                                       const char *path, pvx_pool *pool, rec_progress_fn progress,
+                                       void *ctx, rec_sysmat **out, bool *from_cache,
+                                       struct pvx_diag *d);
+
+#endif

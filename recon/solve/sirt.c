@@ -1,0 +1,168 @@
+/* solve_sirt.c - "sirt" and "fista": simultaneous iterative reconstruction, plain and accelerated.
+ *
+ *     x <- max(0, y - C A'W (A y - b)),  C = 1/diag(A'W A 1)                                (1)
+ *     sirt:   y = x
+ *     fista:  y = x + (s - 1)/s_next (x - x_old),  s_next = (1 + sqrt(1 + 4 s^2))/2         (2)
+ * (1) is projected gradient descent on f = 1/2 ||W^(1/2) (A x - b)||^2 in the metric of C^-1.  No
+ * norm of A is needed: A >= 0, so C^-1 - A'W A is diagonally dominant and (1) with y = x never lets
+ * f rise.  SIRT in the literature also divides row i by (A 1)_i.  That minimises another norm, in
+ * which short rays count more than equal noise warrants: least error on the ring flame with 1 %
+ * noise 0.19 instead of 0.16 (box), 0.21 instead of 0.13 (trilinear).
+ * (2): A y is the same sum of A x and A x_old, so a step takes one product, and gives the residual
+ * at x as well.  Where a step turns back, (y - x)'C^-1 (x - x_old) > 0, the lane starts over: s =
+ * 1. Source: P. Gilbert, J. Theor. Biol. 36:105, 1972; J. Gregor, T. Benson, IEEE Trans. Med.
+ * Imag. 27(7):918, 2008; C from H. Erdogan, J. Fessler, Phys. Med. Biol. 44:2835, 1999.  (2): A.
+ * Beck, M. Teboulle, SIAM J. Imaging Sci. 2(1):183, 2009; the restart: B. O'Donoghue, E. Candes,
+ * Found. Comput. Math. 15:715, 2015. */
+#include <float.h>
+#include <math.h>
+
+#include "recon/simd/lanes.h"
+#include "recon/solve/stop.h"
+
+enum { S_RR };   /* of rows */
+enum { S_BACK }; /* of columns */
+
+struct sirt {
+    struct rec_job *j;
+    bool momentum;
+    float *x, *old, *step; /* x space: this iterate, the one before (fista), A'W (A y - b) */
+    float *r, *wr;         /* row space: A x - b (fista), W (A y - b) */
+    float *c_inv;          /* [n] 1/C */
+    double beta[4];        /* y = x + beta (x - old); 0 at first, when old and r hold nothing */
+};
+
+/* W A 1, all lanes alike. */
+static void ones_chunk(void *ctx, size_t k)
+{
+    struct sirt *t = ctx;
+    int32_t i0, i1;
+    size_t cs = (size_t)t->j->a->cs;
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    rec_forward_range(t->j->a, t->step, i0, i1, t->wr);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        for (size_t l = 0; l < cs; l++)
+            t->wr[i * cs + l] *= t->j->w[i];
+}
+static void scale_chunk(void *ctx, size_t k)
+{
+    struct sirt *t = ctx;
+    int32_t q0, q1;
+    size_t cs = (size_t)t->j->a->cs;
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->step);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
+        t->c_inv[i] = t->step[i * cs];
+}
+
+REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
+{
+    int32_t i0, i1;
+    rec_f4 beta = rec_coef(t->beta), zero = {0};
+    rec_d4 rr = {0};
+    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
+    rec_forward_range(t->j->a, t->x, i0, i1, t->wr);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
+        rec_f4 w = rec_splat(t->j->w[i]);
+        rec_f4 r = rec_ld(t->wr, i, cs) - rec_ld(t->j->b, i, cs), ry = r;
+        if (t->momentum) {
+            ry += rec_select(beta > 0, beta * (r - rec_ld(t->r, i, cs)), zero);
+            rec_st(t->r, i, cs, r);
+        }
+        rec_st(t->wr, i, cs, w * ry);
+        rec_add_product(&rr, w * r, r);
+    }
+    rec_put(t->j->s->part[k][S_RR], &rr);
+}
+static void rows_chunk(void *ctx, size_t k)
+{
+    struct sirt *t = ctx;
+    t->j->a->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
+}
+
+REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
+{
+    int32_t q0, q1;
+    rec_f4 beta = rec_coef(t->beta), zero = {0}, huge = rec_splat(FLT_MAX);
+    rec_d4 back = {0};
+    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->step);
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
+        rec_f4 x = rec_ld(t->x, i, cs), y = x, c_inv = rec_splat(t->c_inv[i]);
+        if (t->momentum) {
+            y += rec_select(beta > 0, beta * (x - rec_ld(t->old, i, cs)), zero);
+            rec_st(t->old, i, cs, x);
+        }
+        rec_f4 next = y - rec_ld(t->step, i, cs) / c_inv;
+        next = rec_select((c_inv > 0) & (next > 0) & (next <= huge), next, zero);
+        rec_st(t->x, i, cs, next);
+        if (t->momentum)
+            rec_add_product(&back, (y - next) * c_inv, next - x);
+    }
+    rec_put(t->j->s->part[k][S_BACK], &back);
+}
+static void columns_chunk(void *ctx, size_t k)
+{
+    struct sirt *t = ctx;
+    t->j->a->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
+}
+
+/* beta of the next y, lane by lane; age is s of (2). */
+static void momentum(struct sirt *t, double age[4])
+{
+    double back[4];
+    rec_job_sum(t->j, 0, rec_job_chunks(t->j), S_BACK, back);
+    for (int l = 0; l < 4; l++) {
+        if (back[l] > 0)
+            age[l] = 1;
+        double next = (1 + sqrt(1 + 4 * age[l] * age[l])) / 2;
+        t->beta[l] = (age[l] - 1) / next;
+        age[l] = next;
+    }
+}
+
+static void solve(struct rec_job *j, bool accelerated, const struct rec_stop_own *own)
+{
+    rec_solver *s = j->s;
+    const struct rec_subsys *a = j->a;
+    struct sirt t = {.j = j,
+                     .momentum = accelerated,
+                     .x = j->x,
+                     .old = s->xv[0],
+                     .step = s->xv[1],
+                     .r = s->yv[0],
+                     .wr = s->yv[1],
+                     .c_inv = s->diag};
+    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
+    struct rec_stopper stop;
+    double rr[4], age[4] = {1, 1, 1, 1};
+
+    for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
+        t.step[i] = 1;
+    pvx_pool_run(a->pool, rows, ones_chunk, &t);
+    pvx_pool_run(a->pool, chunks, scale_chunk, &t);
+    rec_stop_begin(&stop, j, own, s->xv[2], s->xv[3]);
+    pvx_pool_run(a->pool, rows, rows_chunk, &t);
+    while (rec_stop_next(&stop)) {
+        pvx_pool_run(a->pool, chunks, columns_chunk, &t);
+        if (accelerated)
+            momentum(&t, age);
+        pvx_pool_run(a->pool, rows, rows_chunk, &t);
+        rec_job_sum(j, 0, rows, S_RR, rr);
+        if (rec_stop_after(&stop, t.x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
+            break;
+    }
+    rec_stop_end(&stop, j->x);
+}
+
+void rec_solve_sirt(struct rec_job *j)
+{
+    static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.02};
+    solve(j, false, &own);
+}
+
+void rec_solve_fista(struct rec_job *j)
+{
+    static const struct rec_stop_own own = {.most = 40, .blind = 8, .stall = 0.02};
+    solve(j, true, &own);
+}

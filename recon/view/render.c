@@ -1,0 +1,168 @@
+#include "recon/view/render.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/geom/traverse.h"
+
+/* Rows are dealt out in turn to this many tasks, so that the bright middle is shared evenly; each
+ * task has its own room for one ray's entries. */
+enum { TASKS = 32 };
+
+struct view {
+    const struct rec_grid *g;
+    const float *dense;
+    int nch, sub;
+    const struct rec_camera *c;
+    float *image;
+    size_t max;
+    int32_t *index; /* [TASKS][max] */
+    float *value;   /* [TASKS][max] */
+};
+
+static void add_ray(const struct view *v, size_t task, double px, double py, double sum[3])
+{
+    double o[3], d[3];
+    if (!rec_camera_ray(v->c, px, py, o, d))
+        return;
+    int32_t *index = v->index + task * v->max;
+    float *value = v->value + task * v->max;
+    size_t n = rec_traverse(v->g, o, d, index, value);
+    for (size_t e = 0; e < n; e++) {
+        const float *a = v->dense + (size_t)index[e] * (size_t)v->nch;
+        for (int ch = 0; ch < v->nch; ch++)
+            sum[ch] += (double)value[e] * a[ch];
+    }
+}
+
+static void render_rows(void *ctx, size_t task)
+{
+    const struct view *v = ctx;
+    int32_t w = v->c->width;
+    for (int32_t y = (int32_t)task; y < v->c->height; y += TASKS)
+        for (int32_t x = 0; x < w; x++) {
+            double sum[3] = {0};
+            for (int s = 0; s < v->sub * v->sub; s++)
+                add_ray(v, task, x + (s % v->sub + 0.5) / v->sub - 0.5,
+                        y + (s / v->sub + 0.5) / v->sub - 0.5, sum);
+            float *out = v->image + ((size_t)y * (size_t)w + (size_t)x) * (size_t)v->nch;
+            for (int ch = 0; ch < v->nch; ch++)
+                out[ch] = (float)(sum[ch] / (v->sub * v->sub));
+        }
+}
+
+pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
+                   const struct rec_camera *c, int sub, pvx_pool *pool, float *image)
+{
+    if (nch < 1 || nch > 3 || sub < 1 || sub > REC_RENDER_SUB_MAX)
+        return PVX_EINVAL;
+    struct view v = {.g = g,
+                     .dense = dense,
+                     .nch = nch,
+                     .sub = sub,
+                     .c = c,
+                     .image = image,
+                     .max = rec_traverse_max(g)};
+    v.index = pvx_calloc(v.max * TASKS, sizeof *v.index);
+    v.value = pvx_calloc(v.max * TASKS, sizeof *v.value);
+    pvx_err e = v.index != NULL && v.value != NULL ? PVX_OK : PVX_ENOMEM;
+    if (e == PVX_OK)
+        pvx_pool_run(pool, TASKS, render_rows, &v);
+    free(v.index);
+    free(v.value);
+    return e;
+}
+
+/* Pose on the circle; K is left alone. */
+static void place(const struct rec_grid *g, double angle, double elevation, struct rec_camera *out)
+{
+    double centre[3], reach = 0;
+    for (int a = 0; a < 3; a++) {
+        double half = (g->max[a] - g->min[a]) / 2;
+        centre[a] = g->min[a] + half;
+        reach += half * half;
+    }
+    double distance = 4 * sqrt(reach), ce = cos(elevation), se = sin(elevation);
+    double ca = cos(angle), sa = sin(angle);
+    double R[9] = {-sa,      ca,       0,    /* right */
+                   se * ca,  se * sa,  -ce,  /* down */
+                   -ce * ca, -ce * sa, -se}; /* forward */
+    memcpy(out->R, R, sizeof R);
+    for (int r = 0; r < 3; r++)
+        out->t[r] = -(R[3 * r] * centre[0] + R[3 * r + 1] * centre[1] + R[3 * r + 2] * centre[2]);
+    out->t[2] += distance; /* the camera stands back along its own axis */
+}
+
+void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, int32_t w,
+                      int32_t h, struct rec_camera *out)
+{
+    elevation = fmax(-1.5, fmin(1.5, elevation));
+    *out = (struct rec_camera){
+        .width = w, .height = h, .cx = (w - 1) / 2.0, .cy = (h - 1) / 2.0, .gain = {1, 1, 1}};
+    snprintf(out->name, sizeof out->name, "orbit");
+    double f = INFINITY; /* the largest that keeps every corner in the image all the way round */
+    for (int turn = 0; turn < 64; turn++) {
+        place(g, 2 * 3.14159265358979323846 * turn / 64, elevation, out);
+        for (int corner = 0; corner < 8; corner++) {
+            double X[3], Y[3];
+            for (int a = 0; a < 3; a++)
+                X[a] = corner >> a & 1 ? g->max[a] : g->min[a];
+            for (int r = 0; r < 3; r++)
+                Y[r] = out->R[3 * r] * X[0] + out->R[3 * r + 1] * X[1] + out->R[3 * r + 2] * X[2] +
+                       out->t[r];
+            f = fmin(f, fmin(0.49 * w * Y[2] / fmax(fabs(Y[0]), 1e-12),
+                             0.49 * h * Y[2] / fmax(fabs(Y[1]), 1e-12)));
+        }
+    }
+    place(g, angle, elevation, out);
+    out->fx = out->fy = f;
+}
+
+static void cross(const double a[3], const double b[3], double out[3])
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
+}
+
+/* To unit length; false when there is next to none. */
+static bool normalise(double a[3])
+{
+    double n = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    if (!(n > 1e-9) || !isfinite(n))
+        return false;
+    for (int i = 0; i < 3; i++)
+        a[i] /= n;
+    return true;
+}
+
+pvx_err rec_look_at_camera(const double eye[3], const double target[3], const double up[3],
+                           double fov, int32_t w, int32_t h, struct rec_camera *out)
+{
+    double forward[3], upward[3], right[3], down[3];
+    for (int a = 0; a < 3; a++)
+        forward[a] = target[a] - eye[a];
+    memcpy(upward, up, sizeof upward);
+    if (w < 1 || h < 1 || !(fov > 0 && fov < 3.14159) || !normalise(forward) || !normalise(upward))
+        return PVX_EINVAL;
+    cross(forward, upward, right);
+    if (!normalise(right))
+        return PVX_EINVAL;
+    cross(forward, right, down);
+    *out = (struct rec_camera){
+        .width = w, .height = h, .cx = (w - 1) / 2.0, .cy = (h - 1) / 2.0, .gain = {1, 1, 1}};
+    snprintf(out->name, sizeof out->name, "eye");
+    out->fx = out->fy = 0.5 * h / tan(fov / 2);
+    for (int a = 0; a < 3; a++) {
+        out->R[a] = right[a];
+        out->R[3 + a] = down[a];
+        out->R[6 + a] = forward[a];
+    }
+    for (int r = 0; r < 3; r++)
+        out->t[r] =
+            -(out->R[3 * r] * eye[0] + out->R[3 * r + 1] * eye[1] + out->R[3 * r + 2] * eye[2]);
+    return PVX_OK;
+}
