@@ -24,7 +24,7 @@ PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib
   libturbojpeg0-dev libhdf5-dev libcamera-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
-  umockdev libumockdev-dev hdf5-tools python3-h5py nftables
+  umockdev libumockdev-dev hdf5-tools python3-h5py nftables liblapacke-dev libopenblas0-serial
 PACKAGES_BENCH := python3-matplotlib
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
@@ -44,26 +44,22 @@ LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN))
 LDLIBS    = $(pkg_libs) -lpthread -ldl -lm
 
 # ---- sources ----------------------------------------------------------------------------------
-BASE    := $(sort $(wildcard daemon/base/*.c))
-RECON   := $(sort $(wildcard recon/*.c recon/*/*.c recon/*/*/*.c))
+# One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
+ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
+MAINS := daemon/main.c daemon/cli/pyrovox.c
 ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
-RECON   := $(filter-out %_avx2.c %_avx512.c,$(RECON))
+FOREIGN := %_avx2.c %_avx512.c
 endif
-CAPTURE := $(sort $(wildcard capture/*.c capture/*/*.c))
-# The fast ways from pixels to floats (capture/pixel/pixfmt_fast.h): once for any processor, once for AVX2.
-PIX_FAST := $(addprefix capture/pixel/pixfmt_,unpack sums bayer mosaic finish)
-ifeq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
-PIX_AVX2 := $(patsubst %,$(B)/%_avx2.o,$(PIX_FAST))
-endif
-PROTO   := $(sort $(wildcard proto/*.c))
-CLIENT  := $(sort $(wildcard proto/clients/*.c))
-DAEMON  := $(filter-out daemon/main.c,$(sort $(wildcard daemon/*.c $(addprefix daemon/,$(addsuffix /*.c,config control pipeline doctor)))))
-CLI     := $(filter-out daemon/cli/pyrovox.c,$(sort $(wildcard daemon/cli/*.c)))
 obj = $(patsubst %.c,$(B)/%.o,$(1))
-
-LIBS := $(B)/lib/libpyrovox-daemon.a $(B)/lib/libpyrovox-capture.a $(B)/lib/libpyrovox-client.a \
-  $(B)/lib/libpyrovox-proto.a $(B)/lib/libpyrovox-recon.a $(B)/lib/libpyrovox-base.a
+# Folders inside a room belong to it (proto/clients is a room of its own).
+room_obj = $(call obj,$(filter-out $(MAINS) $(FOREIGN),$(sort $(wildcard $(1)/*.c $(if $(findstring /,$(1)),$(1)/*/*.c)))))
+# The fast ways from pixels to floats (capture/pixel/pixfmt_fast.h): once for any processor, once for AVX2.
+ifndef FOREIGN
+PIX_AVX2 := $(addprefix $(B)/capture/pixel/pixfmt_,$(addsuffix _avx2.o,unpack sums bayer mosaic finish))
+endif
+LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
+INSTALLED := $(addprefix $(B)/lib/libpyrovox-,base.a recon.a client.a)
 PLUGINS := $(B)/lib/pyrovox-opencv.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
@@ -72,15 +68,17 @@ VM_UVC := $(call obj,$(sort $(wildcard tests/vm/uvc/*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
+# A stamp beside each object, made after it: a header that changed makes both anew.
+TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c),$(wildcard */*.c */*/*.c */*/*/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test test-vm test-sanitize bench stability soak lint check-layers format-check \
+.PHONY: all help setup setup-test run test test-vm test-sanitize bench fit stability soak lint check-layers format-check tidy \
   fuzz clean install uninstall tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
-all: $(BINS) $(PLUGINS) $(LIBS) ## build build/bin/pyrovox and build/bin/pyrovoxd
+all: $(BINS) $(PLUGINS) $(INSTALLED) ## build build/bin/pyrovox and build/bin/pyrovoxd
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -103,39 +101,51 @@ test: setup-test ## install what is missing, build, run every test; ends with "N
 
 test-sanitize: setup-test ## the unit, check, sim and fuzz-corpus tests under ASan+UBSan and TSan
 	@$(MAKE) --no-print-directory -j$$(nproc) SAN=address,undefined all tests-build
-	@tests/run.sh build-address-undefined --no-system
-	@$(MAKE) --no-print-directory -j$$(nproc) SAN=thread all tests-build
-	@tests/run.sh build-thread --no-system
+	@tests/run.sh build-address-undefined --no-system; asan=$$?; \
+	$(MAKE) --no-print-directory -j$$(nproc) SAN=thread all tests-build && \
+	tests/run.sh build-thread --no-system && exit $$asan
 
-test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtual machine (fetches Debian's kernel once)
+test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtual machine (fetches Debian's kernel once); QUICK=1: three scripts
 	@tests/setup.sh $(PACKAGES_VM) || echo "without them most of this cannot run" >&2
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(VM)
-	@tests/vm/test.sh $(B)
+	@tests/vm/test.sh $(B) $(if $(QUICK),--quick)
 
-tests-build: $(UNIT) $(FUZZ) $(BENCH) $(VM)
+tests-build: $(UNIT) $(FUZZ) $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability
 
-bench: setup-test ## speed against error, stage times over their bounds (writes build/bench/)
+bench: setup-test ## all figures (build/bench/, tests/bench/RESULTS.md); ONLY=REGEX: these; AGAINST=DIR: beside another built checkout, in turns
 	@tests/setup.sh $(PACKAGES_BENCH)
-	@$(MAKE) --no-print-directory -j$$(nproc) all tests-build
-	@tests/bench/run.sh $(B)
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(BENCH) $(B)/tests/bench/record
+	@$(if $(AGAINST),/usr/bin/python3 tests/bench/against.py $(B) $(AGAINST)/build,tests/bench/run.sh $(B) '$(ONLY)')
+
+fit: setup-test ## fit the automatic weight's exponents anew from random cases (CASES=n), beside those in the code
+	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/fit/fit
+	@mkdir -p $(B)/fit
+	@$(B)/tests/fit/fit $(B)/fit $(CASES)
+	@/usr/bin/python3 tests/fit/fit.py $(B)/fit/fit.csv
 
 stability: setup-test ## every hard case: outcome, error against the truth, bound (writes build/stability/)
 	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/stability/stability
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
 
-soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, every set right, what it costs
+soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, every set right, what it costs; FAULTS=1: FAULTS_N=n (1000) faults
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak
+ifdef FAULTS
+	@tests/soak/faults.sh $(B) $(or $(FAULTS_N),1000)
+else
 	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)
+endif
 
 fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
 	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
 	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
 
-lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions
+lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy
 	@tests/lint.sh
+	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy
 check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
 	@tests/check-layers.sh
+tidy: $(TIDY) ## clang-tidy (.clang-tidy) over what changed since it was last clean
 format-check: ## clang-format --dry-run over the C sources
 	@clang-format --dry-run -Werror $$(git ls-files '*.c' '*.h' '*.cpp')
 
@@ -145,8 +155,9 @@ clean: ## remove everything that was built
 # ---- rules ------------------------------------------------------------------------------------
 # Four lanes at a time in plain C: at -O2 gcc 12 leaves most of these loops scalar.
 $(B)/recon/%.o: CFLAGS += -O3
-$(B)/recon/simd/kernels_avx512.o: CFLAGS += -mavx512f -mavx512vl -mavx2 -mfma -mbmi2
-$(B)/recon/simd/kernels_avx2.o $(B)/recon/solve/passes/pcg_pass_avx2.o: CFLAGS += -mavx2 -mfma -mbmi2
+$(B)/recon/simd/kernels_avx512.% $(B)/recon/simd/windows_avx512.%: CFLAGS += -mavx512f -mavx512vl -mavx2 -mfma -mbmi2
+$(B)/recon/carve/photo_pass_avx2.%: CFLAGS += -mavx2
+$(B)/recon/simd/kernels_avx2.% $(B)/recon/simd/windows_avx2.% $(B)/recon/solve/passes/pcg_pass_avx2.%: CFLAGS += -mavx2 -mfma -mbmi2
 # Plain loops written to be vectorised.
 $(B)/recon/view/flame.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/pixel/pixfmt_%.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
@@ -157,24 +168,28 @@ $(B)/%.o: %.c Makefile
 	$(call say,CC)
 	$(Q)$(CC) $(CPPFLAGS) $(CFLAGS) $(pkg_cflags) -c $< -o $@
 
+$(B)/%.tidy: %.c $(B)/%.o .clang-tidy
+	$(call say,TIDY)
+	$(Q)clang-tidy --quiet $< -- $(filter-out -MMD -MP,$(CPPFLAGS)) $(CFLAGS) $(pkg_cflags) 2> $@.log || { cat $@.log; exit 1; }
+	@touch $@
+
 $(PIX_AVX2): $(B)/%_avx2.o: %.c Makefile
 	@mkdir -p $(@D)
 	$(call say,CC)
 	$(Q)$(CC) $(CPPFLAGS) -DCAP_PIX_AVX2 $(CFLAGS) -mavx2 $(pkg_cflags) -c $< -o $@
 
-define lib
-$(B)/lib/libpyrovox-$(1).a: $(call obj,$(2))
-	@mkdir -p $$(@D)
-	@rm -f $$@
-	@ar rcs $$@ $$^
+archive = @rm -f $@ && mkdir -p $(@D) && ar qcs $@ $^
+define room
+$(B)/$(1)/room.a: $(call room_obj,$(1))
+	$$(archive)
 endef
-$(eval $(call lib,base,$(BASE)))
-$(eval $(call lib,recon,$(RECON)))
-$(eval $(call lib,capture,$(CAPTURE)))
-$(B)/lib/libpyrovox-capture.a: $(PIX_AVX2)
-$(eval $(call lib,proto,$(PROTO)))
-$(eval $(call lib,client,$(CLIENT)))
-$(eval $(call lib,daemon,$(DAEMON)))
+$(foreach r,$(ROOMS),$(eval $(call room,$(r))))
+$(B)/capture/pixel/room.a: $(PIX_AVX2)
+$(B)/lib/libpyrovox-base.a: $(call room_obj,daemon/base)
+$(B)/lib/libpyrovox-recon.a: $(foreach r,$(filter recon/%,$(ROOMS)),$(call room_obj,$(r)))
+$(B)/lib/libpyrovox-client.a: $(call room_obj,proto/clients)
+$(INSTALLED):
+	$(archive)
 
 # The OpenCV and libcamera modules are C++ and loaded on first use; each is its own shared object.
 $(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/opencv_shim.h
@@ -187,12 +202,10 @@ $(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -std=c++20 -shared -o $@ $< $$(pkg-config --libs libcamera)
 
-link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) -Wl,--start-group $(filter %.a,$^) -Wl,--end-group $(LDLIBS)
-$(B)/bin/pyrovox: $(call obj,daemon/cli/pyrovox.c $(CLI)) $(LIBS)
-	@mkdir -p $(@D)
-	$(call say,LD)
-	$(Q)$(link)
-$(B)/bin/pyrovoxd: $(call obj,daemon/main.c) $(LIBS)
+link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) $(filter %.a,$^) $(LDLIBS)
+$(B)/bin/pyrovox: $(B)/daemon/cli/pyrovox.o $(LIBS)
+$(B)/bin/pyrovoxd: $(B)/daemon/main.o $(LIBS)
+$(BINS):
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(link)
@@ -200,11 +213,15 @@ $(B)/bin/pyrovoxd: $(call obj,daemon/main.c) $(LIBS)
 $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(call say,LD)
 	$(Q)$(link)
+$(UNIT): $(B)/tests/lib/main.o
 $(B)/tests/stability/stability $(B)/tests/sim/test_stability: $(STABILITY)
+$(B)/tests/stability/stability $(B)/tests/sim/test_stability: LDLIBS += -llapacke
+# libaravis' fake camera, the peer that is not of our own making.
+$(B)/tests/unit/test_simgv $(B)/tests/sim/test_aravis_loopback: $(B)/tests/lib/simgv.o $(B)/tests/lib/simgv_poll.o
 # A V4L2 device that umockdev answers for.
-$(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/sim/mock_v4l2.o
+$(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/lib/mock_v4l2.o
 $(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0)
-$(B)/tests/sim/mock_v4l2.o: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0)
+$(B)/tests/lib/mock_v4l2.%: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0)
 $(B)/tests/soak/soak: $(SOAK)
 $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/tests/unit/test_usbip: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.

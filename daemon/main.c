@@ -5,16 +5,17 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
+#include <systemd/sd-daemon.h>
 #include <time.h>
 
 #include "base/clock.h"
+#include "base/cpu.h"
 #include "base/log.h"
 #include "daemon/control/control.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/control/json.h"
-#include "daemon/notify.h"
-#include "daemon/pipeline.h"
+#include "daemon/control/survive.h"
+#include "daemon/pipeline/live.h"
 
 #define TICK_NS  (200 * PVX_NS_PER_MS)
 #define STUCK_NS (10 * PVX_NS_PER_S) /* a stage without a heartbeat for so long is stuck */
@@ -26,7 +27,7 @@ struct args {
 
 /* What the control thread may look at; `pipeline` is set once the pipeline runs. */
 struct daemon {
-    _Atomic(dmn_pipeline *) pipeline;
+    _Atomic(dmn_live *) pipeline;
     _Atomic double matrix_done; /* share of the matrix that is built, while it is */
     atomic_bool stop;
     struct dmn_state state; /* control thread's */
@@ -81,9 +82,9 @@ static int fail(const struct pvx_diag *d, pvx_err e)
 static size_t control_status(void *ctx, char *out, size_t size)
 {
     struct daemon *dm = ctx;
-    dmn_pipeline *p = atomic_load(&dm->pipeline);
+    dmn_live *p = atomic_load(&dm->pipeline);
     if (p != NULL) {
-        dmn_pipeline_snapshot(p, &dm->state);
+        dmn_live_snapshot(p, &dm->state);
         return dmn_state_json(&dm->state, out, size);
     }
     struct dmn_json j;
@@ -98,19 +99,22 @@ static size_t control_status(void *ctx, char *out, size_t size)
 static void control_reset(void *ctx)
 {
     struct daemon *dm = ctx;
-    dmn_pipeline *p = atomic_load(&dm->pipeline);
+    dmn_live *p = atomic_load(&dm->pipeline);
     if (p != NULL)
-        dmn_pipeline_reset_latency(p);
+        dmn_live_reset_latency(p);
 }
 
 static pvx_err control_record(void *ctx, bool start, const char *path, char *where, size_t size,
                               struct pvx_diag *d)
 {
     struct daemon *dm = ctx;
-    dmn_pipeline *p = atomic_load(&dm->pipeline);
+    dmn_live *p = atomic_load(&dm->pipeline);
     if (p == NULL)
         return pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
-    return dmn_pipeline_record(p, start, path, where, size, d);
+    pvx_err e = dmn_live_record(p, start, path, where, size, d);
+    if (e == PVX_OK || !start)
+        dmn_remember_recording(start);
+    return e;
 }
 
 static void control_stop(void *ctx)
@@ -128,7 +132,6 @@ static void block_signals(sigset_t *set)
     sigaddset(set, SIGINT);
     sigaddset(set, SIGTERM);
     pthread_sigmask(SIG_BLOCK, set, NULL);
-    signal(SIGPIPE, SIG_IGN);
     signal(SIGINT,
            SIG_DFL); /* a shell's background job starts with it ignored, and then it is lost */
 }
@@ -152,7 +155,7 @@ static bool progress(void *ctx, double done)
     if (done >= b->said + 0.1 || (done >= 1 && b->said < 1)) {
         b->said = done;
         LOG_I(RECON, "building the system matrix: %.0f %%", done * 100);
-        dmn_notify_status("building the system matrix: %.0f %%", done * 100);
+        sd_notifyf(0, "STATUS=building the system matrix: %.0f %%", done * 100);
     }
     if (wait_signal(b->set, 0) > 0)
         atomic_store(&b->dm->stop, true);
@@ -181,32 +184,48 @@ static void log_summary(const struct dmn_state *s)
           s->latency_max_ms);
 }
 
+/* It was ended while it recorded: what came since is lost, what comes is not. */
+static void record_again(dmn_live *p)
+{
+    char where[512];
+    struct pvx_diag d = {""};
+    if (!dmn_was_recording())
+        return;
+    pvx_err e = dmn_live_record(p, true, NULL, where, sizeof where, &d);
+    if (e == PVX_OK)
+        LOG_W(DAEMON, "the last run ended while it recorded: recording goes on in %s", where);
+    else if (e != PVX_EBUSY) /* it records as its configuration says */
+        LOG_W(DAEMON, "the last run ended while it recorded: %s", pvx_diag_text(&d, e));
+}
+
 /* Until a signal, a stop command or the end of the recording; says why. */
-static const char *watch(struct daemon *dm, dmn_pipeline *p, const sigset_t *set)
+static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
 {
     static struct dmn_state s;
-    int64_t interval = dmn_notify_watchdog(), next_alive = 0, next_status = 0;
+    uint64_t usec = 0; /* WatchdogSec, of which half may pass without a sign of life */
+    int64_t next_alive = 0, next_status = 0;
+    int64_t interval = sd_watchdog_enabled(0, &usec) > 0 ? (int64_t)usec * 1000 / 2 : 0;
     for (;;) {
         int sig = wait_signal(set, TICK_NS);
         if (sig > 0)
             return sig == SIGINT ? "interrupted" : "terminated";
         if (atomic_load(&dm->stop))
             return "stop command";
-        if (dmn_pipeline_finished(p))
+        if (dmn_live_finished(p))
             return "end of the recording";
-        int64_t now = pvx_now_mono(), stuck = dmn_pipeline_stuck_ns(p);
+        int64_t now = pvx_now_mono(), stuck = dmn_live_stuck_ns(p);
         if (stuck > STUCK_NS)
             LOG_EVERY(PVX_LOG_ERROR, DAEMON, "a stage has not moved for %.0f s",
                       (double)stuck * 1e-9);
         else if (interval > 0 && now >= next_alive) {
-            dmn_notify_alive();
+            sd_notify(0, "WATCHDOG=1");
             next_alive = now + interval;
         }
         if (now >= next_status) {
             next_status = now + 2 * PVX_NS_PER_S;
-            dmn_pipeline_snapshot(p, &s);
-            dmn_notify_status("%.1f sets/s, %llu published, latency p99 %.0f ms", s.sets_per_s,
-                              (unsigned long long)s.published, s.latency_p99_ms);
+            dmn_live_snapshot(p, &s);
+            sd_notifyf(0, "STATUS=%.1f sets/s, %llu published, latency p99 %.0f ms", s.sets_per_s,
+                       (unsigned long long)s.published, s.latency_p99_ms);
         }
     }
 }
@@ -218,6 +237,7 @@ static int run(const struct dmn_config *cfg)
     struct pvx_diag d = {0};
     sigset_t set;
     block_signals(&set);
+    dmn_survive();
     const char *endpoint =
         cfg->control[0] != '\0' ? cfg->control : dmn_default_endpoint(DMN_CONTROL);
     struct dmn_control_ops ops = {.status = control_status,
@@ -226,33 +246,36 @@ static int run(const struct dmn_config *cfg)
                                   .record = control_record,
                                   .ctx = &dm};
     dmn_control *control = NULL;
-    dmn_pipeline *p = NULL;
+    dmn_live *p = NULL;
     pvx_err e = dmn_endpoint_prepare(endpoint, &d);
     if (e == PVX_OK)
         e = dmn_control_new(endpoint, &ops, &control, &d);
     struct building b = {.dm = &dm, .set = &set};
     if (e == PVX_OK)
-        e = dmn_pipeline_new(cfg, progress, &b, &p, &d);
+        e = dmn_live_new(cfg, progress, &b, &p, &d);
     bool started = false;
     if (e == PVX_OK) {
         started = true;
-        e = dmn_pipeline_start(p, &d);
+        e = dmn_live_start(p, &d);
     }
     if (e == PVX_OK) {
+        record_again(p);
         atomic_store(&dm.pipeline, p);
         LOG_I(DAEMON, "ready; control %s", endpoint);
-        dmn_notify_ready("running");
+        sd_notify(0, "READY=1\nSTATUS=running");
         const char *why = watch(&dm, p, &set);
         LOG_I(DAEMON, "stopping: %s", why);
-        dmn_notify_stopping();
-        dmn_pipeline_stop(p, why);
-        dmn_pipeline_snapshot(p, &s);
+        sd_notify(0, "STOPPING=1");
+        dmn_live_stop(p, why);
+        dmn_live_snapshot(p, &s);
         log_summary(&s);
     } else if (started) {
-        dmn_pipeline_stop(p, "failed to start");
+        dmn_live_stop(p, "failed to start");
     }
     dmn_control_free(&control); /* before what it looks at */
-    dmn_pipeline_free(&p);
+    if (started && e == PVX_OK) /* nobody can begin a recording any more */
+        dmn_remember_recording(false);
+    dmn_live_free(&p);
     if (e == PVX_ECANCELED && atomic_load(&dm.stop))
         return 0;
     return e == PVX_OK ? 0 : fail(&d, e);
@@ -274,7 +297,7 @@ static int check(const struct dmn_config *cfg)
     }
     fflush(stdout);
     if (e == PVX_OK)
-        e = dmn_pipeline_check(cfg, &d);
+        e = dmn_live_check(cfg, &d);
     if (e == PVX_OK)
         printf("%s: ok: %zu camera%s, %dx%dx%d voxels\n", cfg->name, rig.n_cameras,
                rig.n_cameras == 1 ? "" : "s", rig.grid.n[0], rig.grid.n[1], rig.grid.n[2]);
@@ -301,6 +324,10 @@ int main(int argc, char **argv)
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     static struct dmn_config cfg;
     struct pvx_diag d = {0};
+    if (pvx_cpu_use(NULL, &d) != PVX_OK) {
+        LOG_E(DAEMON, "PYROVOX_CPU: %s", d.text);
+        return 1;
+    }
     dmn_config_defaults(&cfg);
     if (a.config != NULL || !a.print) {
         pvx_err e =

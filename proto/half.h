@@ -8,8 +8,6 @@
 #include <stdint.h>
 #include <string.h>
 
-#define PVP_HALF_MAX 65504.0f
-
 /* `bits`: of a finite float. */
 static inline uint16_t pvp_half_from_bits(uint32_t bits)
 {

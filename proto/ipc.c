@@ -2,7 +2,6 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,7 +29,7 @@ static pvx_err busy(const char *endpoint, long pid, struct pvx_diag *d)
 
 /* Opens and locks c->lock.  The former owner removes the file while it holds the lock, so the file
  * that was locked may no longer be the one under that name: then once more. */
-static pvx_err take_lock(struct pvp_ipc_claim *c, const char *endpoint, struct pvx_diag *d)
+static pvx_err get_lock(struct pvp_ipc_claim *c, const char *endpoint, struct pvx_diag *d)
 {
     for (;;) {
         c->fd = open(c->lock, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
@@ -86,7 +85,7 @@ pvx_err pvp_ipc_claim_new(const char *endpoint, pvp_ipc_claim **out, struct pvx_
     }
     memcpy(c->path, path, strlen(path) + 1);
     snprintf(c->lock, sizeof c->lock, "%s.lock", path);
-    pvx_err e = take_lock(c, endpoint, d);
+    pvx_err e = get_lock(c, endpoint, d);
     if (e != PVX_OK) {
         free(c);
         return e;

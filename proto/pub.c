@@ -163,15 +163,15 @@ void pvp_pub_tick(pvp_pub *p)
         return;
 }
 
-pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, uint32_t n, const int32_t *index,
-                       const float *value, int stride, size_t *bytes)
+pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, const struct pvp_voxels *x,
+                       size_t *bytes)
 {
     const void *msg;
     size_t len;
     struct pvp_volume mine = *v;
     mine.session = p->start.session;
     pvp_pub_tick(p);
-    PVX_TRY(pvp_encode_volume(p->encoder, p->sequence, &mine, n, index, value, stride, &msg, &len));
+    PVX_TRY(pvp_encode_volume(p->encoder, p->sequence, &mine, x, &msg, &len));
     if (bytes != NULL)
         *bytes = len;
     return send_message(p, msg, len);

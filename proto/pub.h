@@ -25,9 +25,8 @@ PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct 
                                    pvp_pub **out, struct pvx_diag *d);
 /* As pvp_encode_volume; the session is the start's, whatever v says.  *bytes = size of the message,
  * may be NULL.  Repeats start first when it is due. */
-PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, uint32_t n,
-                                      const int32_t *index, const float *value, int stride,
-                                      size_t *bytes);
+PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
+                                      const struct pvp_voxels *x, size_t *bytes);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
 /* Subscriptions that were open at the last tick; whoever is counted has been sent start. */

@@ -27,10 +27,8 @@ enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
 /* Header flags.  The lower 16 may be ignored by who does not know them, the upper 16 may not. */
 #define PVP_FLAG_CLAMPED 1u /* volume in f16: some value was beyond +-65504 and was cut to it */
 
-/* What a subscription filters on: all messages, or one type. */
+/* What a subscription to all messages filters on; with the type's two bytes after it, to one type. */
 #define PVP_SUBSCRIBE_ALL "PVX1"
-#define PVP_SUBSCRIBE_LEN 6
-void pvp_subscription(enum pvp_type type, uint8_t prefix[PVP_SUBSCRIBE_LEN]);
 
 struct pvp_grid {
     uint32_t n[3];
@@ -48,8 +46,7 @@ struct pvp_start {
     char software[32]; /* "pyrovoxd 0.1.0" */
 };
 struct pvp_report {
-    uint32_t
-        status; /* as recon's rec_status: 0 converged 1 max-iter 2 deadline 3 stagnated 4 empty */
+    uint32_t status; /* as recon's rec_status: 0 converged 1 max-iter 2 deadline 4 empty */
     char solver[16];
     uint32_t iterations;
     double rel_residual;
@@ -74,14 +71,18 @@ typedef struct pvp_encoder pvp_encoder;
 PVX_MUST_CHECK pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample,
                                        enum pvp_compress comp, pvp_encoder **out);
 void pvp_encoder_free(pvp_encoder **e);
-/* Sparse volume: n voxels, index ascending (x fastest), value [n][stride] of which the first
- * grid.channels count.  *msg borrowed until the next call.  A payload that compression would not
+struct pvp_voxels {
+    uint32_t n;
+    const int32_t *index; /* [n] ascending, x fastest */
+    const float *value;   /* [n][stride], of which the first grid.channels count */
+    int stride;
+};
+/* Sparse volume.  *msg borrowed until the next call.  A payload that compression would not
  * make smaller goes out uncompressed.  PVX_EINVAL: another grid than the encoder's, index not
  * ascending or outside, a value that is not finite.  Allocates nothing.
  * Cost: O(n + 512 * bricks), plus the compression. */
 PVX_MUST_CHECK pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence,
-                                         const struct pvp_volume *v, uint32_t n,
-                                         const int32_t *index, const float *value, int stride,
+                                         const struct pvp_volume *v, const struct pvp_voxels *x,
                                          const void **msg, size_t *len);
 PVX_MUST_CHECK pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence,
                                         const struct pvp_start *s, const void **msg, size_t *len);

@@ -4,27 +4,18 @@
 #include <zstd.h>
 
 #include "base/mem.h"
+#include "proto/fields.h"
 #include "proto/half.h"
-#include "proto/pvp.h"
-#include "proto/pvp_grid.h"
-#include "proto/wire.h"
 
 pvx_err pvp_decode_header(const void *msg, size_t len, struct pvp_header *h, struct pvx_diag *d)
 {
-    struct wire_in in = {.p = msg, .len = len};
+    struct wire w = {.in = msg, .len = len, .at = 4};
+    uint64_t body;
     *h = (struct pvp_header){0};
     if (len < WIRE_HEADER || memcmp(msg, PVP_SUBSCRIBE_ALL, 4) != 0)
         return pvx_fail(d, PVX_EFORMAT, "not a Pyrovox message (%zu bytes)", len);
-    in.at = 4;
-    h->type = (enum pvp_type)get_u16(&in);
-    h->head = get_u16(&in);
-    uint32_t major = get_u16(&in), minor = get_u16(&in);
-    h->version = major << 16 | minor;
-    h->flags = get_u32(&in);
-    h->sequence = get_u64(&in);
-    h->type_sequence = get_u64(&in);
-    h->session = get_u64(&in);
-    uint64_t body = get_u64(&in);
+    pvp_header_fields(&w, h, &body);
+    uint32_t major = h->version >> 16, minor = h->version & 0xffff;
     if (major != PVP_VERSION_MAJOR)
         return pvx_fail(d, PVX_EVERSION, "message of wire version %u.%u, this reader knows %d.x",
                         major, minor, PVP_VERSION_MAJOR);
@@ -39,30 +30,14 @@ pvx_err pvp_decode_header(const void *msg, size_t len, struct pvp_header *h, str
 
 /* Header of a message that must be of `type`; *in = its body. */
 static pvx_err open_body(const void *msg, size_t len, enum pvp_type type, struct pvp_header *h,
-                         struct wire_in *in, struct pvx_diag *d)
+                         struct wire *in, struct pvx_diag *d)
 {
     PVX_TRY(pvp_decode_header(msg, len, h, d));
     if (h->type != type)
         return pvx_fail(d, PVX_EFORMAT, "message of type %u where %u was expected",
                         (unsigned)h->type, (unsigned)type);
-    *in = (struct wire_in){.p = (const uint8_t *)msg + h->head, .len = h->body};
+    *in = (struct wire){.in = (const uint8_t *)msg + h->head, .len = h->body};
     return PVX_OK;
-}
-
-static void get_grid(struct wire_in *in, struct pvp_grid *g)
-{
-    for (int a = 0; a < 3; a++)
-        g->n[a] = get_u32(in);
-    g->basis = get_u32(in);
-    g->channels = get_u32(in);
-}
-
-static void get_box(struct wire_in *in, struct pvp_grid *g)
-{
-    for (int a = 0; a < 3; a++)
-        g->min[a] = get_f64(in);
-    for (int a = 0; a < 3; a++)
-        g->max[a] = get_f64(in);
 }
 
 static pvx_err bad_grid(const struct pvp_grid *g, struct pvx_diag *d)
@@ -76,17 +51,11 @@ static pvx_err bad_grid(const struct pvp_grid *g, struct pvx_diag *d)
 pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_start *s, struct pvx_diag *d)
 {
     struct pvp_header h;
-    struct wire_in in = {0};
+    struct wire in = {0};
     *s = (struct pvp_start){0};
     PVX_TRY(open_body(msg, len, PVP_START, &h, &in, d));
     s->session = h.session;
-    get_grid(&in, &s->grid);
-    s->n_cameras = get_u32(&in);
-    get_box(&in, &s->grid);
-    s->rig_hash = get_u64(&in);
-    s->fps = get_f64(&in);
-    get_text(&in, s->units, sizeof s->units);
-    get_text(&in, s->software, sizeof s->software);
+    pvp_start_fields(&in, s);
     if (in.bad)
         return pvx_fail(d, PVX_EFORMAT, "start message is cut short or has a bad text field");
     if (!pvp_grid_valid(&s->grid))
@@ -100,13 +69,13 @@ pvx_err pvp_decode_status(const void *msg, size_t len, const char **json, size_t
                           struct pvx_diag *d)
 {
     struct pvp_header h;
-    struct wire_in in = {0};
+    struct wire in = {0};
     *json = "";
     *json_len = 0;
     PVX_TRY(open_body(msg, len, PVP_STATUS, &h, &in, d));
     if (h.body > PVP_STATUS_MAX)
         return pvx_fail(d, PVX_EFORMAT, "status text of %zu bytes", h.body);
-    *json = (const char *)in.p;
+    *json = (const char *)in.in;
     *json_len = h.body;
     return PVX_OK;
 }
@@ -115,31 +84,15 @@ pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session, char reas
                        struct pvx_diag *d)
 {
     struct pvp_header h;
-    struct wire_in in = {0};
+    struct wire in = {0};
     *session = 0;
     reason[0] = '\0';
     PVX_TRY(open_body(msg, len, PVP_END, &h, &in, d));
     *session = h.session;
-    get_text(&in, reason, WIRE_END);
+    wire_text(&in, reason, WIRE_END);
     if (in.bad)
         return pvx_fail(d, PVX_EFORMAT, "end message is cut short or has a bad text field");
     return PVX_OK;
-}
-
-static void get_report(struct wire_in *in, struct pvp_report *r)
-{
-    r->status = get_u32(in);
-    r->iterations = get_u32(in);
-    get_text(in, r->solver, sizeof r->solver);
-    r->rel_residual = get_f64(in);
-    r->active_voxels = get_u32(in);
-    r->active_rays = get_u32(in);
-    r->entries = get_u64(in);
-    r->photometry_ns = get_i64(in);
-    r->hull_ns = get_i64(in);
-    r->restrict_ns = get_i64(in);
-    r->solve_ns = get_i64(in);
-    r->total_ns = get_i64(in);
 }
 
 /* The ids ascend and lie inside the grid: then bricks are unique and unpacking stays inside. */
@@ -160,53 +113,41 @@ static pvx_err check_ids(const struct pvp_view *v, uint32_t bricks, struct pvx_d
 pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, struct pvx_diag *d)
 {
     struct pvp_header h;
-    struct wire_in in = {0};
+    struct wire in = {0};
     *out = (struct pvp_view){0};
     PVX_TRY(open_body(msg, len, PVP_VOLUME, &h, &in, d));
     struct pvp_volume *v = &out->v;
     v->session = h.session;
     out->clamped = (h.flags & PVP_FLAG_CLAMPED) != 0;
-    uint32_t description = get_u32(&in);
-    uint32_t sample = get_u32(&in), comp = get_u32(&in), side = get_u32(&in);
-    v->set = get_u64(&in);
-    v->t_exposure_ns = get_i64(&in);
-    v->t_publish_ns = get_i64(&in);
-    v->spread_ns = get_i64(&in);
-    v->latency_ns = get_i64(&in);
-    v->camera_mask = get_u64(&in);
-    v->cameras_present = get_u32(&in);
-    get_grid(&in, &v->grid);
-    get_box(&in, &v->grid);
-    get_report(&in, &v->report);
-    out->n_bricks = get_u32(&in);
-    get_u32(&in);
-    uint64_t raw_len = get_u64(&in), stored = get_u64(&in);
-    if (in.bad || description < WIRE_VOLUME || description > in.len)
+    struct pvp_payload p;
+    pvp_volume_fields(&in, v, &p);
+    if (in.bad || p.description < WIRE_VOLUME || p.description > in.len)
         return pvx_fail(d, PVX_EFORMAT, "volume message is cut short or has a bad text field");
-    if ((sample != PVP_F32 && sample != PVP_F16) || comp > PVP_ZSTD || side != PVP_BRICK)
+    if ((p.sample != PVP_F32 && p.sample != PVP_F16) || p.comp > PVP_ZSTD || p.side != PVP_BRICK)
         return pvx_fail(d, PVX_EUNSUP,
                         "volume message with sample format %u, compression %u, bricks of %u: not "
                         "known to this reader",
-                        sample, comp, side);
+                        p.sample, p.comp, p.side);
     if (!pvp_grid_valid(&v->grid))
         return bad_grid(&v->grid, d);
-    out->sample = (enum pvp_sample)sample;
-    out->comp = (enum pvp_compress)comp;
+    out->sample = (enum pvp_sample)p.sample;
+    out->comp = (enum pvp_compress)p.comp;
+    out->n_bricks = p.n_bricks;
     uint32_t nb[3], bricks = pvp_grid_bricks(&v->grid, nb);
     if (out->n_bricks > bricks)
         return pvx_fail(d, PVX_EFORMAT, "volume message with %u bricks in a grid of %u",
                         out->n_bricks, bricks);
-    in.at = description;
-    out->ids = get_bytes(&in, 4 * (size_t)out->n_bricks);
+    in.at = p.description;
+    out->ids = wire_read(&in, 4 * (size_t)out->n_bricks);
     size_t want =
         (size_t)out->n_bricks * WIRE_CELLS * v->grid.channels * pvp_sample_size(out->sample);
-    if (raw_len != want || stored > raw_len || (comp == PVP_RAW && stored != raw_len))
+    if (p.raw_len != want || p.stored > p.raw_len || (p.comp == PVP_RAW && p.stored != p.raw_len))
         return pvx_fail(
             d, PVX_EFORMAT, "volume message: %u bricks are %zu bytes, it says %llu, stored as %llu",
-            out->n_bricks, want, (unsigned long long)raw_len, (unsigned long long)stored);
+            out->n_bricks, want, (unsigned long long)p.raw_len, (unsigned long long)p.stored);
     out->raw_len = want;
-    out->payload_len = (size_t)stored;
-    out->payload = get_bytes(&in, out->payload_len);
+    out->payload_len = (size_t)p.stored;
+    out->payload = wire_read(&in, out->payload_len);
     if (in.bad)
         return pvx_fail(d, PVX_EFORMAT, "volume message is cut short");
     return check_ids(out, bricks, d);

@@ -1,12 +1,12 @@
 #include <lz4.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <zstd.h>
 
 #include "base/mem.h"
+#include "proto/fields.h"
 #include "proto/half.h"
-#include "proto/pvp.h"
-#include "proto/pvp_grid.h"
 #include "proto/wire.h"
 
 struct pvp_encoder {
@@ -76,40 +76,18 @@ void pvp_encoder_free(pvp_encoder **e)
     PVX_FREE(*e);
 }
 
-/* Header in front of `body` bytes that are in place already; counts the message. */
-static void finish(struct pvp_encoder *e, enum pvp_type type, uint64_t sequence, uint64_t session,
-                   uint32_t flags, size_t body, const void **msg, size_t *len)
+/* Header in front of h.body bytes that are in place already; counts the message. */
+static void finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, size_t *len)
 {
-    struct wire_out o = {.p = e->msg};
-    memcpy(o.p, PVP_SUBSCRIBE_ALL, 4);
-    o.at = 4;
-    put_u16(&o, (uint32_t)type);
-    put_u16(&o, WIRE_HEADER);
-    put_u16(&o, PVP_VERSION_MAJOR);
-    put_u16(&o, PVP_VERSION_MINOR);
-    put_u32(&o, flags);
-    put_u64(&o, sequence);
-    put_u64(&o, e->sent[type / 100 - 1]++);
-    put_u64(&o, session);
-    put_u64(&o, body);
+    struct wire w = {.out = e->msg};
+    uint64_t body = h.body;
+    memcpy(wire_write(&w, 4), PVP_SUBSCRIBE_ALL, 4);
+    h.head = WIRE_HEADER;
+    h.version = PVP_VERSION_MAJOR << 16 | PVP_VERSION_MINOR;
+    h.type_sequence = e->sent[h.type / 100 - 1]++;
+    pvp_header_fields(&w, &h, &body);
     *msg = e->msg;
-    *len = WIRE_HEADER + body;
-}
-
-static void put_grid(struct wire_out *o, const struct pvp_grid *g)
-{
-    for (int a = 0; a < 3; a++)
-        put_u32(o, g->n[a]);
-    put_u32(o, g->basis);
-    put_u32(o, g->channels);
-}
-
-static void put_box(struct wire_out *o, const struct pvp_grid *g)
-{
-    for (int a = 0; a < 3; a++)
-        put_f64(o, g->min[a]);
-    for (int a = 0; a < 3; a++)
-        put_f64(o, g->max[a]);
+    *len = WIRE_HEADER + h.body;
 }
 
 pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence, const struct pvp_start *s,
@@ -117,16 +95,14 @@ pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence, const struct pvp_sta
 {
     if (!pvp_grid_valid(&s->grid) || !isfinite(s->fps) || s->fps < 0)
         return PVX_EINVAL;
-    struct wire_out o = {.p = e->msg, .at = WIRE_HEADER};
-    put_grid(&o, &s->grid);
-    put_u32(&o, s->n_cameras);
-    put_box(&o, &s->grid);
-    put_u64(&o, s->rig_hash);
-    put_f64(&o, s->fps);
-    put_text(&o, s->units, sizeof s->units);
-    put_text(&o, s->software, sizeof s->software);
+    struct wire w = {.out = e->msg, .at = WIRE_HEADER};
+    struct pvp_start fields = *s;
+    pvp_start_fields(&w, &fields);
     e->session = s->session;
-    finish(e, PVP_START, sequence, s->session, 0, WIRE_START, msg, len);
+    finish(e,
+           (struct pvp_header){PVP_START, .sequence = sequence, .session = s->session,
+                               .body = WIRE_START},
+           msg, len);
     return PVX_OK;
 }
 
@@ -137,16 +113,22 @@ pvx_err pvp_encode_status(pvp_encoder *e, uint64_t sequence, const char *json, c
     if (n > PVP_STATUS_MAX)
         return PVX_ERANGE;
     memcpy(e->msg + WIRE_HEADER, json, n);
-    finish(e, PVP_STATUS, sequence, e->session, 0, n, msg, len);
+    finish(e,
+           (struct pvp_header){PVP_STATUS, .sequence = sequence, .session = e->session, .body = n},
+           msg, len);
     return PVX_OK;
 }
 
 pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session, const char *reason,
                        const void **msg, size_t *len)
 {
-    struct wire_out o = {.p = e->msg, .at = WIRE_HEADER};
-    put_text(&o, reason, WIRE_END);
-    finish(e, PVP_END, sequence, session, 0, WIRE_END, msg, len);
+    struct wire w = {.out = e->msg, .at = WIRE_HEADER};
+    char text[WIRE_END];
+    snprintf(text, sizeof text, "%.*s", (int)sizeof text - 1, reason);
+    wire_text(&w, text, sizeof text);
+    finish(e,
+           (struct pvp_header){PVP_END, .sequence = sequence, .session = session, .body = WIRE_END},
+           msg, len);
     return PVX_OK;
 }
 
@@ -205,14 +187,14 @@ static pvx_err mark_bricks(struct pvp_encoder *e, uint32_t n, const int32_t *ind
 }
 
 /* Brick ids, ascending, and their slots; clears the marks.  Returns how many. */
-static uint32_t put_ids(struct pvp_encoder *e, struct wire_out *o)
+static uint32_t put_ids(struct pvp_encoder *e, struct wire *w)
 {
     uint32_t n = 0;
     for (uint32_t word = 0; word < (e->bricks + 63) / 64; word++) {
         for (uint64_t m = e->marked[word]; m != 0; m &= m - 1) {
             uint32_t id = word * 64 + (uint32_t)__builtin_ctzll(m);
             e->slot[id] = n++;
-            put_u32(o, id);
+            wire_u32(w, &id);
         }
         e->marked[word] = 0;
     }
@@ -220,14 +202,15 @@ static uint32_t put_ids(struct pvp_encoder *e, struct wire_out *o)
 }
 
 /* The voxels' values into zeroed bricks at `p`. */
-static pvx_err put_values(const struct pvp_encoder *e, uint32_t n, const int32_t *index,
-                          const float *value, int stride, uint8_t *p, bool *clamped)
+static pvx_err put_values(const struct pvp_encoder *e, const struct pvp_voxels *x, uint8_t *p,
+                          bool *clamped)
 {
+    const float *value = x->value;
     uint32_t nch = e->grid.channels;
     uint32_t cut = 0, unfit = 0;
     struct walk w = walk_start(e);
-    for (uint32_t v = 0; v < n; v++, value += stride) {
-        uint32_t cell, brick = walk_to(&w, (uint32_t)index[v], &cell);
+    for (uint32_t v = 0; v < x->n; v++, value += x->stride) {
+        uint32_t cell, brick = walk_to(&w, (uint32_t)x->index[v], &cell);
         size_t at = ((size_t)e->slot[brick] * WIRE_CELLS + cell) * nch;
         for (uint32_t c = 0; c < nch; c++) {
             uint32_t bits;
@@ -237,7 +220,7 @@ static pvx_err put_values(const struct pvp_encoder *e, uint32_t n, const int32_t
             if (e->sample == PVP_F32) {
                 wire_store32(p + 4 * (at + c), bits);
             } else {
-                cut |= mag > 0x477fe000u; /* PVP_HALF_MAX */
+                cut |= mag > 0x477fe000u; /* 65504, the largest half */
                 wire_store16(p + 2 * (at + c), pvp_half_from_bits(bits));
             }
         }
@@ -262,37 +245,20 @@ static size_t compress(struct pvp_encoder *e, size_t raw_len, uint8_t *dst)
     return ZSTD_isError(n) ? 0 : n;
 }
 
-static void put_report(struct wire_out *o, const struct pvp_report *r)
+pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_volume *v,
+                          const struct pvp_voxels *x, const void **msg, size_t *len)
 {
-    put_u32(o, r->status);
-    put_u32(o, r->iterations);
-    put_text(o, r->solver, sizeof r->solver);
-    put_f64(o, r->rel_residual);
-    put_u32(o, r->active_voxels);
-    put_u32(o, r->active_rays);
-    put_u64(o, r->entries);
-    put_i64(o, r->photometry_ns);
-    put_i64(o, r->hull_ns);
-    put_i64(o, r->restrict_ns);
-    put_i64(o, r->solve_ns);
-    put_i64(o, r->total_ns);
-}
-
-pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_volume *v, uint32_t n,
-                          const int32_t *index, const float *value, int stride, const void **msg,
-                          size_t *len)
-{
-    if (!same_grid(&v->grid, &e->grid) || (n > 0 && stride < (int)e->grid.channels))
+    if (!same_grid(&v->grid, &e->grid) || (x->n > 0 && x->stride < (int)e->grid.channels))
         return PVX_EINVAL;
-    PVX_TRY(mark_bricks(e, n, index));
-    struct wire_out ids = {.p = e->msg, .at = WIRE_HEADER + WIRE_VOLUME};
+    PVX_TRY(mark_bricks(e, x->n, x->index));
+    struct wire ids = {.out = e->msg, .at = WIRE_HEADER + WIRE_VOLUME};
     uint32_t n_bricks = put_ids(e, &ids);
     size_t raw_len = (size_t)n_bricks * WIRE_CELLS * e->grid.channels * pvp_sample_size(e->sample);
     uint8_t *payload = e->msg + ids.at;
     uint8_t *raw = e->comp == PVP_RAW ? payload : e->raw;
     bool clamped;
     memset(raw, 0, raw_len);
-    PVX_TRY(put_values(e, n, index, value, stride, raw, &clamped));
+    PVX_TRY(put_values(e, x, raw, &clamped));
     enum pvp_compress comp = e->comp;
     size_t stored = comp == PVP_RAW ? raw_len : compress(e, raw_len, payload);
     if (comp != PVP_RAW && stored == 0) {
@@ -300,26 +266,15 @@ pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_vo
         stored = raw_len;
         memcpy(payload, raw, raw_len);
     }
-    struct wire_out o = {.p = e->msg, .at = WIRE_HEADER};
-    put_u32(&o, WIRE_VOLUME);
-    put_u32(&o, (uint32_t)e->sample);
-    put_u32(&o, (uint32_t)comp);
-    put_u32(&o, PVP_BRICK);
-    put_u64(&o, v->set);
-    put_i64(&o, v->t_exposure_ns);
-    put_i64(&o, v->t_publish_ns);
-    put_i64(&o, v->spread_ns);
-    put_i64(&o, v->latency_ns);
-    put_u64(&o, v->camera_mask);
-    put_u32(&o, v->cameras_present);
-    put_grid(&o, &v->grid);
-    put_box(&o, &v->grid);
-    put_report(&o, &v->report);
-    put_u32(&o, n_bricks);
-    put_u32(&o, 0); /* reserved: keeps what follows aligned to 8 */
-    put_u64(&o, raw_len);
-    put_u64(&o, stored);
-    finish(e, PVP_VOLUME, sequence, v->session, clamped ? PVP_FLAG_CLAMPED : 0,
-           ids.at - WIRE_HEADER + stored, msg, len);
+    struct wire w = {.out = e->msg, .at = WIRE_HEADER};
+    struct pvp_volume fields = *v;
+    struct pvp_payload p = {
+        WIRE_VOLUME, (uint32_t)e->sample, (uint32_t)comp, PVP_BRICK, n_bricks, raw_len, stored};
+    pvp_volume_fields(&w, &fields, &p);
+    finish(e,
+           (struct pvp_header){PVP_VOLUME, .flags = clamped ? PVP_FLAG_CLAMPED : 0,
+                               .sequence = sequence, .session = v->session,
+                               .body = ids.at - WIRE_HEADER + stored},
+           msg, len);
     return PVX_OK;
 }

@@ -1,7 +1,7 @@
-/* wire.h - cursors over little-endian bytes, and the numbers of the layout (private to proto).
+/* wire.h - a cursor over little-endian bytes, and the numbers of the layout (private to proto).
  *
- * The writer trusts its caller to have made room (the encoder's buffer is sized for the largest
- * message).  The reader trusts nothing: past the end it gives zeros and remembers it in `bad`. */
+ * Writing trusts its caller to have made room (the encoder's buffer is sized for the largest
+ * message).  Reading trusts nothing: past the end it gives zeros and remembers it in `bad`. */
 #ifndef PVP_WIRE_H
 #define PVP_WIRE_H
 #include <stdbool.h>
@@ -46,89 +46,81 @@ static inline uint64_t wire_load64(const uint8_t *p)
     return (uint64_t)wire_load32(p) | (uint64_t)wire_load32(p + 4) << 32;
 }
 
-struct wire_out {
-    uint8_t *p;
-    size_t at;
-};
-static inline void put_u16(struct wire_out *o, uint32_t v)
-{
-    wire_store16(o->p + o->at, v);
-    o->at += 2;
-}
-static inline void put_u32(struct wire_out *o, uint32_t v)
-{
-    wire_store32(o->p + o->at, v);
-    o->at += 4;
-}
-static inline void put_u64(struct wire_out *o, uint64_t v)
-{
-    wire_store64(o->p + o->at, v);
-    o->at += 8;
-}
-static inline void put_i64(struct wire_out *o, int64_t v)
-{
-    put_u64(o, (uint64_t)v);
-}
-static inline void put_f64(struct wire_out *o, double v)
-{
-    uint64_t u;
-    memcpy(&u, &v, sizeof u);
-    put_u64(o, u);
-}
-/* `size` bytes: the text, then zeros, at least one. */
-static inline void put_text(struct wire_out *o, const char *s, size_t size)
-{
-    size_t n = strnlen(s, size - 1);
-    memcpy(o->p + o->at, s, n);
-    memset(o->p + o->at + n, 0, size - n);
-    o->at += size;
-}
-
-struct wire_in {
-    const uint8_t *p;
+/* Writes the fields of a message, or reads them: who says their order says it for both. */
+struct wire {
+    uint8_t *out;
+    const uint8_t *in; /* [len]; NULL = writes */
     size_t len, at;
     bool bad;
 };
-static inline const uint8_t *get_bytes(struct wire_in *in, size_t n)
+/* The next n bytes of a message that is read, NULL past its end. */
+static inline const uint8_t *wire_read(struct wire *w, size_t n)
 {
-    if (in->bad || n > in->len - in->at) {
-        in->bad = true;
+    if (w->bad || n > w->len - w->at) {
+        w->bad = true;
         return NULL;
     }
-    const uint8_t *p = in->p + in->at;
-    in->at += n;
-    return p;
+    w->at += n;
+    return w->in + w->at - n;
 }
-static inline uint32_t get_u16(struct wire_in *in)
+/* Room for n bytes of a message that is written. */
+static inline uint8_t *wire_write(struct wire *w, size_t n)
 {
-    const uint8_t *p = get_bytes(in, 2);
-    return p != NULL ? wire_load16(p) : 0;
+    w->at += n;
+    return w->out + w->at - n;
 }
-static inline uint32_t get_u32(struct wire_in *in)
+static inline void wire_u16(struct wire *w, uint32_t *v)
 {
-    const uint8_t *p = get_bytes(in, 4);
-    return p != NULL ? wire_load32(p) : 0;
+    if (w->in == NULL) {
+        wire_store16(wire_write(w, 2), *v);
+        return;
+    }
+    const uint8_t *p = wire_read(w, 2);
+    *v = p != NULL ? wire_load16(p) : 0;
 }
-static inline uint64_t get_u64(struct wire_in *in)
+static inline void wire_u32(struct wire *w, uint32_t *v)
 {
-    const uint8_t *p = get_bytes(in, 8);
-    return p != NULL ? wire_load64(p) : 0;
+    if (w->in == NULL) {
+        wire_store32(wire_write(w, 4), *v);
+        return;
+    }
+    const uint8_t *p = wire_read(w, 4);
+    *v = p != NULL ? wire_load32(p) : 0;
 }
-static inline int64_t get_i64(struct wire_in *in)
+static inline void wire_u64(struct wire *w, uint64_t *v)
 {
-    return (int64_t)get_u64(in);
+    if (w->in == NULL) {
+        wire_store64(wire_write(w, 8), *v);
+        return;
+    }
+    const uint8_t *p = wire_read(w, 8);
+    *v = p != NULL ? wire_load64(p) : 0;
 }
-static inline double get_f64(struct wire_in *in)
+static inline void wire_i64(struct wire *w, int64_t *v)
 {
-    uint64_t u = get_u64(in);
-    double v;
-    memcpy(&v, &u, sizeof v);
-    return v;
+    uint64_t u = (uint64_t)*v;
+    wire_u64(w, &u);
+    *v = (int64_t)u;
 }
-/* A text field: it ends inside, and nothing in it can move a terminal's cursor. */
-static inline void get_text(struct wire_in *in, char *s, size_t size)
+static inline void wire_f64(struct wire *w, double *v)
 {
-    const uint8_t *p = get_bytes(in, size);
+    uint64_t u;
+    memcpy(&u, v, sizeof u);
+    wire_u64(w, &u);
+    memcpy(v, &u, sizeof u);
+}
+/* `size` bytes: the text, then zeros, at least one.  Read, it ends inside, and nothing in it can move a
+ * terminal's cursor. */
+static inline void wire_text(struct wire *w, char *s, size_t size)
+{
+    if (w->in == NULL) {
+        uint8_t *to = wire_write(w, size);
+        size_t n = strnlen(s, size - 1);
+        memcpy(to, s, n);
+        memset(to + n, 0, size - n);
+        return;
+    }
+    const uint8_t *p = wire_read(w, size);
     s[0] = '\0';
     if (p == NULL)
         return;
@@ -136,10 +128,9 @@ static inline void get_text(struct wire_in *in, char *s, size_t size)
     bool ok = n < size;
     for (size_t i = 0; i < n; i++)
         ok = ok && p[i] >= 0x20 && p[i] != 0x7f;
-    if (!ok) {
-        in->bad = true;
-        return;
-    }
-    memcpy(s, p, n + 1);
+    if (ok)
+        memcpy(s, p, n + 1);
+    else
+        w->bad = true;
 }
 #endif

@@ -32,7 +32,7 @@ for m in opencv libcamera; do
         put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
     fi
 done
-for h in recon/*.h proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
+for h in recon/*/*.h proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
 for h in daemon/base/*.h; do put 0644 "$h" "$inc/base/$(basename "$h")"; done
 for m in daemon/man/*.[158]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
 put 0644 daemon/config/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
@@ -41,7 +41,7 @@ put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"
 if [ -n "$remove" ]; then
     rm -f "$units/pyrovoxd.service"
-    rmdir --ignore-fail-on-non-empty "$inc"/{recon,proto/clients,proto,base} "$inc" "$doc" 2>/dev/null || true
+    rmdir --ignore-fail-on-non-empty "$inc"/recon/{geom,simd,matrix,carve,solve,frame,view} "$inc"/{recon,proto/clients,proto,base} "$inc" "$doc" 2>/dev/null || true
     exit 0
 fi
 install -d "$units"

@@ -1,21 +1,23 @@
 #!/bin/bash
-# Dependencies one way: daemon/base <- {capture, recon, proto} <- daemon.  Greps the #includes.
+# Every #include goes from a room to itself or to one further up in tests/rooms.txt.
 set -u
 cd "$(dirname "$0")/.."
-bad=0
-deny() { # folder, pattern of forbidden includes
-    local hits
-    hits=$(grep -rnE "^#include \"($2)" "$1" --include='*.c' --include='*.h' --include='*.cpp' 2>/dev/null)
-    [ "$1" = daemon ] && hits=$(grep -v '^daemon/base' <<< "$hits")
-    if [ -n "$hits" ]; then echo "$hits"; echo "  ^ $1 must not include these"; bad=1; fi
+git ls-files --cached --others --exclude-standard '*.c' '*.h' '*.cpp' | grep -v ^tests/ | xargs awk '
+# The folder, down to two levels: what lies deeper is part of its room.
+function room(f, p, n) { n = split(f, p, "/"); return n > 2 ? p[1] "/" p[2] : p[1] }
+function house(r) { sub(/\/.*/, "", r); return r }
+FILENAME == "tests/rooms.txt" { if ($0 ~ /^[a-z]/) order[$1] = ++n; next }
+FNR == 1 && !(room(FILENAME) in order) { print FILENAME ": its room is not in tests/rooms.txt"; bad = 1 }
+/^#include "/ {
+    split($0, part, "\""); to = part[2]
+    if (to ~ /^base\//) to = "daemon/" to
+    from = room(FILENAME); at = room(to)
+    if (!(at in order)) { print FILENAME ":" FNR ": " to " is in no room: write its path from the top"; bad = 1 }
+    else if (order[at] > order[from]) { print FILENAME ":" FNR ": " from " must not include " to ", which is further down"; bad = 1 }
+    else if (house(at) != house(from) && house(from) != "daemon" && at != "daemon/base") {
+        print FILENAME ":" FNR ": " house(from) " must not know " to; bad = 1 }
 }
-deny daemon/base 'capture/|recon/|proto/|daemon/|cli/'
-deny capture 'recon/|proto/|daemon/|cli/'
-deny recon 'capture/|proto/|daemon/|cli/'
-deny proto 'capture/|recon/|daemon/|cli/'
-for f in recon/*.c recon/*/*.c; do
-    [ -f "$f" ] || continue
-    if grep -nE '<(sys/socket|netinet/|arpa/|zmq|arv)' "$f"; then echo "$f: recon opens no socket or camera"; bad=1; fi
-done
-[ $bad = 0 ] && echo "layers: ok"
-exit $bad
+/^#include <(sys\/socket|netinet\/|arpa\/|zmq|arv)/ && house(room(FILENAME)) == "recon" {
+    print FILENAME ":" FNR ": recon opens no socket or camera"; bad = 1 }
+END { exit bad }' tests/rooms.txt || exit 1
+echo "layers: ok"

@@ -1,8 +1,8 @@
 /* t.h - the test harness: named cases, checks that print both values, PASS/FAIL/SKIP lines.
  *
- *   static void rays_on_faces(void) { T_EQ_I(count, 3); T_NEAR(sum, 1.0, 1e-6); }
- *   int main(int argc, char **argv) { T_RUN(rays_on_faces); return t_done(); }
+ *   T_CASE(rays_on_faces) { T_EQ_I(count, 3); T_NEAR(sum, 1.0, 1e-6); }
  *
+ * tests/lib/main.c runs them; T_MAIN(begin, end) where something is set up before and cleared away after them.
  * One line per case: "PASS test_x:case" / "FAIL ..." / "SKIP ... (reason)"; exit 1 when any failed.
  * Random data comes from t_rand(), seeded by T_SEED (printed on failure). */
 #ifndef T_H
@@ -13,22 +13,23 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int t_fails, t_case_fails, t_cases, t_skipped;
-static const char *t_skip_reason;
+#include "base/random.h"
+
+__attribute__((unused)) static int t_fails, t_case_fails;
+__attribute__((unused)) static const char *t_skip_reason;
+/* Set before t_run: why no case of this program can be run here. */
+__attribute__((unused)) static const char *t_skip_all;
 static uint64_t t_state;
 static uint64_t t_seed;
 
-__attribute__((unused)) static uint64_t t_rand(void) /* xorshift64*, never 0 */
+__attribute__((unused)) static uint64_t t_rand(void)
 {
     if (t_state == 0) {
         const char *s = getenv("T_SEED");
         t_seed = s != NULL ? strtoull(s, NULL, 0) : 1;
         t_state = t_seed * 0x9E3779B97F4A7C15u + 1;
     }
-    t_state ^= t_state >> 12;
-    t_state ^= t_state << 25;
-    t_state ^= t_state >> 27;
-    return t_state * 0x2545F4914F6CDD1Du;
+    return pvx_random(&t_state);
 }
 __attribute__((unused)) static double t_uniform(double lo, double hi)
 {
@@ -39,10 +40,15 @@ __attribute__((unused)) static double t_normal(void)
     return sqrt(-2 * log(t_uniform(1e-300, 1))) * cos(6.283185307179586 * t_uniform(0, 1));
 }
 
+#ifdef __clang_analyzer__ /* what comes after a failed check is not judged */
+#define T_FAILED_() abort()
+#else
+#define T_FAILED_() (t_case_fails++)
+#endif
 #define T_CHECK_(ok, ...)                            \
     do {                                             \
         if (!(ok)) {                                 \
-            t_case_fails++;                          \
+            T_FAILED_();                             \
             printf("  %s:%d: ", __FILE__, __LINE__); \
             printf(__VA_ARGS__);                     \
             printf("\n");                            \
@@ -59,10 +65,11 @@ __attribute__((unused)) static double t_normal(void)
         const char *a_ = (a), *b_ = (b);                                       \
         T_CHECK_(strcmp(a_, b_) == 0, "%s = \"%s\", want \"%s\"", #a, a_, b_); \
     } while (0)
-#define T_CONTAINS(text, part)                                                      \
-    do {                                                                            \
-        const char *a_ = (text), *b_ = (part);                                      \
-        T_CHECK_(strstr(a_, b_) != NULL, "\"%s\" does not contain \"%s\"", a_, b_); \
+#define T_CONTAINS(text, part)                                                           \
+    do {                                                                                 \
+        const char *a_ = (text), *b_ = (part);                                           \
+        T_CHECK_(a_ != NULL && strstr(a_, b_) != NULL, "\"%s\" does not contain \"%s\"", \
+                 a_ != NULL ? a_ : "nothing", b_);                                       \
     } while (0)
 #define T_NEAR(a, b, tol)                                                                       \
     do {                                                                                        \
@@ -79,27 +86,57 @@ __attribute__((unused)) static double t_normal(void)
         t_skip_reason = (reason); \
         return;                   \
     } while (0)
-#define T_RUN(fn)                                                                         \
-    do {                                                                                  \
-        t_case_fails = 0;                                                                 \
-        t_skip_reason = NULL;                                                             \
-        t_cases++;                                                                        \
-        fn();                                                                             \
-        const char *base_ = strrchr(__FILE__, '/');                                       \
-        base_ = base_ != NULL ? base_ + 1 : __FILE__;                                     \
-        if (t_case_fails > 0) {                                                           \
-            t_fails++;                                                                    \
-            printf("FAIL %s:%s (T_SEED=%llu)\n", base_, #fn, (unsigned long long)t_seed); \
-        } else if (t_skip_reason != NULL) {                                               \
-            t_skipped++;                                                                  \
-            printf("SKIP %s:%s (%s)\n", base_, #fn, t_skip_reason);                       \
-        } else {                                                                          \
-            printf("PASS %s:%s\n", base_, #fn);                                           \
-        }                                                                                 \
-        fflush(stdout);                                                                   \
-    } while (0)
+
+/* A case is run because it is written: no list to keep. */
+struct t_case {
+    const char *name;
+    void (*fn)(void);
+    struct t_case *next;
+};
+__attribute__((unused)) static struct t_case *t_first, **t_end = &t_first;
+#define T_CASE(name_)                                               \
+    static void name_(void);                                        \
+    __attribute__((constructor)) static void t_enlist_##name_(void) \
+    {                                                               \
+        static struct t_case c_ = {#name_, name_, NULL};            \
+        *t_end = &c_;                                               \
+        t_end = &c_.next;                                           \
+    }                                                               \
+    static void name_(void)
+
 __attribute__((unused)) static int t_done(void)
 {
     return t_fails > 0 ? 1 : 0;
 }
+/* All cases, in the order in which they are written. */
+int t_run(void);
+int t_run(void)
+{
+    const char *slash = strrchr(__BASE_FILE__, '/'),
+               *base = slash != NULL ? slash + 1 : __BASE_FILE__;
+    for (const struct t_case *c = t_first; c != NULL; c = c->next) {
+        t_case_fails = 0;
+        t_skip_reason = t_skip_all;
+        if (t_skip_all == NULL)
+            c->fn();
+        if (t_case_fails > 0) {
+            t_fails++;
+            printf("FAIL %s:%s (T_SEED=%llu)\n", base, c->name, (unsigned long long)t_seed);
+        } else if (t_skip_reason != NULL) {
+            printf("SKIP %s:%s (%s)\n", base, c->name, t_skip_reason);
+        } else {
+            printf("PASS %s:%s\n", base, c->name);
+        }
+        fflush(stdout);
+    }
+    return t_done();
+}
+#define T_MAIN(begin, end) \
+    int main(void)         \
+    {                      \
+        begin;             \
+        t_run();           \
+        end;               \
+        return t_done();   \
+    }
 #endif

@@ -1,4 +1,4 @@
-/* src_files.c - files: image sequences and videos as cameras.
+/* files.c - files: image sequences and videos as cameras.
  *
  * A frame's number (file name, or place in the video) alone says when it was exposed, so frames of
  * one number form a set whatever is missing.  Live-like: frames are handed over in real time, one
@@ -15,12 +15,13 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "capture/backends.h"
+#include "capture/source/backends.h"
 #include "capture/files/imgio.h"
 #include "capture/source/player.h"
 #include "capture/files/sequence.h"
 
-#define LEAD_NS (100 * PVX_NS_PER_MS) /* from the first start to the first frame */
+#define LEAD_NS (100 * PVX_NS_PER_MS)          /* from the first start to the first frame */
+#define FAR_NS  (INT64_MAX / 2 - PVX_NS_PER_S) /* no time is further off */
 
 /* The time line; lives while any files: source is open. */
 static struct {
@@ -99,12 +100,30 @@ static void line_start(int64_t number)
     pthread_mutex_unlock(&line.lock);
 }
 
+/* How long `numbers` periods are: a number may be a date, and then there are many. */
+static int64_t lasts(int64_t numbers, int64_t period)
+{
+    int64_t most = FAR_NS / period;
+    return numbers > most ? FAR_NS : numbers < -most ? -FAR_NS : numbers * period;
+}
+
 static void line_due(int64_t place, int64_t period, int64_t *mono, int64_t *real)
 {
     pthread_mutex_lock(&line.lock);
-    *mono = line.start_mono_ns + (place - line.origin) * period;
-    *real = line.start_real_ns + (place - line.origin) * period;
+    int64_t after = lasts(place - line.origin, period);
+    *mono = line.start_mono_ns + after;
+    *real = line.start_real_ns + after;
     pthread_mutex_unlock(&line.lock);
+}
+
+/* A replay is the same on every run, so its times count from 1 s after the epoch, which is number 0's; or
+ * the first one's, where numbers are too large for that. */
+static int64_t line_time(int64_t place, int64_t period)
+{
+    pthread_mutex_lock(&line.lock);
+    int64_t from = line.last > FAR_NS / period ? line.first : 0;
+    pthread_mutex_unlock(&line.lock);
+    return PVX_NS_PER_S + lasts(place - from, period);
 }
 
 /* ---- reading ---------------------------------------------------------------------------------- */
@@ -180,7 +199,7 @@ static bool image_fits(struct files *s, const struct cap_image *img, const char 
 
 static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image *img)
 {
-    struct cap_frame *f = cap_player_take(&s->player);
+    struct cap_frame *f = cap_player_get(&s->player);
     if (f == NULL)
         return NULL;
     size_t row = cap_pixfmt_row(s->fmt, s->width);
@@ -231,8 +250,7 @@ static bool deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t
         return false;
     }
     f->id = (uint64_t)place;
-    /* A replay is the same on every run, so its times count from 1 s after the epoch. */
-    f->t_device_ns = s->player.lossless ? PVX_NS_PER_S + place * s->period_ns : real;
+    f->t_device_ns = s->player.lossless ? line_time(place, s->period_ns) : real;
     f->t_arrival_ns = pvx_now_real();
     f->t_arrival_mono_ns = pvx_now_mono();
     s->player.sink.push(s->player.sink.ctx, f);

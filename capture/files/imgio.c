@@ -3,7 +3,6 @@
 #include <math.h>
 #include <pthread.h>
 #include <stdbool.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -14,6 +13,7 @@
 #include "capture/source/module.h"
 #include "capture/files/npy.h"
 #include "capture/files/opencv_shim.h"
+#include "capture/files/sequence.h"
 
 /* ---- the OpenCV module: found and loaded once, never unloaded ----------------------------------- */
 
@@ -50,15 +50,6 @@ static bool has_extension(const char *path, const char *ext)
 {
     const char *dot = strrchr(path, '.');
     return dot != NULL && strcasecmp(dot, ext) == 0;
-}
-
-static bool known_image(const char *path)
-{
-    static const char *const ext[] = {".png", ".tif", ".tiff", ".jpg", ".jpeg"};
-    for (size_t i = 0; i < sizeof ext / sizeof ext[0]; i++)
-        if (has_extension(path, ext[i]))
-            return true;
-    return false;
 }
 
 /* Format of `channels` channels (1 or 3) of the given depth in bits. */
@@ -119,7 +110,7 @@ pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag
 {
     *out = (struct cap_loaded){0};
     bool npy = has_extension(path, ".npy");
-    if (!npy && !known_image(path))
+    if (!cap_is_image(path))
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
     char *bytes;
@@ -144,6 +135,19 @@ static uint8_t to_byte(float v, double gamma)
     return (uint8_t)lrint(255 * (gamma == 1 ? x : pow(x, 1 / gamma)));
 }
 
+static pvx_err write_png(const char *path, const struct cap_cv_image *img, struct pvx_diag *d)
+{
+    void *bytes;
+    size_t len;
+    char err[256] = "";
+    int e = module.cv->encode(".png", img, &bytes, &len, err, sizeof err);
+    if (e != 0)
+        return module_error(e, path, err, d);
+    pvx_err r = pvx_file_write(path, bytes, len, d);
+    free(bytes);
+    return r;
+}
+
 static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h, int nch,
                         double gamma, struct pvx_diag *d)
 {
@@ -155,16 +159,9 @@ static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h
     for (size_t i = 0; i < n; i++)
         px[i] = to_byte(pix[i], gamma);
     struct cap_cv_image img = {px, n, w, h, nch, 8};
-    void *bytes;
-    size_t len;
-    char err[256] = "";
-    int e = module.cv->encode(".png", &img, &bytes, &len, err, sizeof err);
+    pvx_err e = write_png(path, &img, d);
     free(px);
-    if (e != 0)
-        return module_error(e, path, err, d);
-    pvx_err r = pvx_file_write(path, bytes, len, d);
-    free(bytes);
-    return r;
+    return e;
 }
 
 pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h, int nch,
@@ -177,15 +174,7 @@ pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_
     PVX_TRY(need_module(path, d));
     size_t n = (size_t)w * (size_t)h * (size_t)nch * (size_t)(depth / 8);
     struct cap_cv_image img = {(void *)samples, n, w, h, nch, depth};
-    void *bytes;
-    size_t len;
-    char err[256] = "";
-    int e = module.cv->encode(".png", &img, &bytes, &len, err, sizeof err);
-    if (e != 0)
-        return module_error(e, path, err, d);
-    pvx_err r = pvx_file_write(path, bytes, len, d);
-    free(bytes);
-    return r;
+    return write_png(path, &img, d);
 }
 
 pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h, int nch,

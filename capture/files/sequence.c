@@ -4,14 +4,11 @@
 #include <dirent.h>
 #include <errno.h>
 #include <glob.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
-
-#include "base/mem.h"
 
 #define MAX_DIGITS 12 /* of a frame number */
 
@@ -28,10 +25,10 @@ static const char *last_part(const char *path)
     return slash != NULL ? slash + 1 : path;
 }
 
-static bool is_image(const char *name)
+bool cap_is_image(const char *path)
 {
     static const char *const ext[] = {".npy", ".png", ".tif", ".tiff", ".jpg", ".jpeg"};
-    const char *dot = strrchr(name, '.');
+    const char *dot = strrchr(path, '.');
     for (size_t i = 0; dot != NULL && i < sizeof ext / sizeof ext[0]; i++)
         if (strcasecmp(dot, ext[i]) == 0)
             return true;
@@ -128,9 +125,9 @@ static pvx_err from_folder(const char *dir, const char *name, const struct patte
     pvx_err e = PVX_OK;
     struct dirent *f;
     while (e == PVX_OK && (f = readdir(h)) != NULL) {
-        int64_t number = p != NULL             ? fits_pattern(f->d_name, name, p)
-                         : is_image(f->d_name) ? last_digits(f->d_name)
-                                               : -1;
+        int64_t number = p != NULL                 ? fits_pattern(f->d_name, name, p)
+                         : cap_is_image(f->d_name) ? last_digits(f->d_name)
+                                                   : -1;
         if (number >= 0)
             e = add(s, &room, number, dir, f->d_name);
     }
@@ -151,7 +148,7 @@ static pvx_err from_glob(const char *name, struct cap_sequence *s, struct pvx_di
     pvx_err e = PVX_OK;
     for (size_t i = 0; e == PVX_OK && i < g.gl_pathc; i++) {
         const char *file = last_part(g.gl_pathv[i]);
-        int64_t number = is_image(file) ? last_digits(file) : -1;
+        int64_t number = cap_is_image(file) ? last_digits(file) : -1;
         if (number >= 0)
             e = add(s, &room, number, "", g.gl_pathv[i]);
     }

@@ -7,6 +7,7 @@
  * (0 for one image without digits).  Missing numbers are gaps, not errors. */
 #ifndef CAP_SEQUENCE_H
 #define CAP_SEQUENCE_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/err.h"
@@ -24,4 +25,6 @@ struct cap_sequence {
 PVX_MUST_CHECK pvx_err cap_sequence_find(const char *name, struct cap_sequence *out,
                                          struct pvx_diag *d);
 void cap_sequence_free(struct cap_sequence *s);
+/* By its extension: .npy .png .tif .tiff .jpg .jpeg, in any case. */
+bool cap_is_image(const char *path);
 #endif

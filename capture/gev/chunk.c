@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "capture/gev/err.h"
 #include "capture/gev/find.h"
-#include "capture/aravis_setup.h"
-#include "capture/aravis_watch.h"
+#include "capture/gev/ticks.h"
 
 static bool enable(ArvCamera *cam, const char *selector, const char *feature)
 {

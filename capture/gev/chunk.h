@@ -1,4 +1,4 @@
-/* aravis_chunk.h - exposure time, gain, number and time that a camera sends with each frame (private to
+/* chunk.h - exposure time, gain, number and time that a camera sends with each frame (private to
  * the aravis: files).
  *
  * Aravis 0.8.26 reads the chunk data of GigE Vision 2 and USB3 Vision, not those of payload type 5

@@ -5,11 +5,15 @@
 #include <poll.h>
 #include <pthread.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "capture/gev/err.h"
+#include "capture/gev/last.h"
 #include "capture/wire/be.h"
 #include "capture/wire/gvcp.h"
 
@@ -18,6 +22,9 @@
 #define FIRST_NUMBER      0x0B00
 #define CHANNEL_PRIVILEGE 0x0A00 /* the register that says who controls */
 #define REMEMBERED        64
+#define XML_URL           0x0200 /* the registers that say where the GenICam file lies: this and the next */
+#define XML_URL_SIZE      512
+#define XML_MAX           (64u << 20)
 
 /* ---- is somebody there? ----------------------------------------------------------------------- */
 
@@ -98,6 +105,27 @@ bool aravis_controlled(uint32_t address)
     struct question q = {.command = CAP_GVCP_READREG, .data = reg, .n = sizeof reg};
     /* a camera in exclusive use need not answer: then it is in use, too */
     return !ask_address(address, q, value, sizeof value) || (cap_get32(value) & 3) != 0;
+}
+
+/* Aravis takes memory for the file before it reads it, and GLib ends the process when there is not as much
+ * as the camera says ("Local:name.xml;ADDRESS;SIZE"). */
+static bool announces_nonsense(uint32_t address)
+{
+    for (uint32_t i = 0; i < 2; i++) {
+        uint8_t what[8], got[4 + XML_URL_SIZE];
+        char url[XML_URL_SIZE + 1];
+        cap_put32(what, XML_URL + i * XML_URL_SIZE);
+        cap_put32(what + 4, XML_URL_SIZE);
+        struct question q = {.command = CAP_GVCP_READMEM, .data = what, .n = sizeof what};
+        if (!ask_address(address, q, got, sizeof got))
+            continue; /* nor will it tell Aravis */
+        copy_text(url, sizeof url, got + 4);
+        const char *size = strrchr(url, ';');
+        if (strncasecmp(url, "local:", 6) == 0 && size != NULL &&
+            strtoull(size + 1, NULL, 16) > XML_MAX)
+            return true;
+    }
+    return false;
 }
 
 uint32_t aravis_address(const char *text)
@@ -247,16 +275,21 @@ static ArvCamera *open_address(const struct aravis_route *r)
     ArvDevice *dev = arv_gv_device_new(from, to, NULL);
     ArvCamera *cam = dev != NULL ? arv_camera_new_with_device(dev, NULL) : NULL;
     aravis_parser_unlock();
-    g_clear_object(&dev);
+    if (dev != NULL && cam == NULL)
+        aravis_unref_last(dev);
+    else
+        g_clear_object(&dev); /* the camera has it */
     g_object_unref(to);
     g_object_unref(from);
     return cam;
 }
 
-/* NULL: not there, or *busy: somebody controls it, which is seen before Aravis asks for control (and,
- * where the camera does not answer that, asks again for 5 s with the parser locked). */
-static ArvCamera *find_camera(const char *what, struct aravis_route *route, bool *busy)
+/* NULL and *why: PVX_ENOENT, it is not there; PVX_EBUSY, somebody controls it, which is seen before Aravis
+ * asks for control (and, where the camera does not answer that, asks again for 5 s with the parser locked);
+ * PVX_ECORRUPT, its GenICam file cannot be. */
+static ArvCamera *find_camera(const char *what, struct aravis_route *route, pvx_err *why)
 {
+    *why = PVX_ENOENT;
     uint32_t address = aravis_address(what);
     char *id = NULL;
     if (what[0] == '\0')
@@ -271,8 +304,11 @@ static ArvCamera *find_camera(const char *what, struct aravis_route *route, bool
     }
     ArvCamera *cam = NULL;
     if (address != 0) {
-        *busy = aravis_controlled(address);
-        if (!*busy && find_route(address, route))
+        if (aravis_controlled(address))
+            *why = PVX_EBUSY;
+        else if (announces_nonsense(address))
+            *why = PVX_ECORRUPT;
+        else if (find_route(address, route))
             cam = open_address(route);
         if (cam != NULL && id != NULL)
             remember(what, address);
@@ -288,17 +324,25 @@ static ArvCamera *find_camera(const char *what, struct aravis_route *route, bool
 pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
                            struct aravis_route *route, struct pvx_diag *d)
 {
+    aravis_log_messages();
     *route = (struct aravis_route){0};
-    bool busy = false;
-    ArvCamera *cam = find_camera(c->uri, route, &busy);
-    if (cam == NULL && !busy)
+    pvx_err why;
+    ArvCamera *cam = find_camera(c->uri, route, &why);
+    if (cam == NULL && why == PVX_ECORRUPT)
+        return pvx_fail(
+            d, why,
+            "camera %s (aravis:%s): announces a GenICam file of more than %u MiB; restore "
+            "its firmware",
+            c->name, c->uri, XML_MAX >> 20);
+    if (cam == NULL && why == PVX_ENOENT)
         return pvx_fail(d, PVX_ENOENT,
                         "camera %s (aravis:%s): no camera answers there; `pyrovox cameras` lists "
                         "those that do",
                         c->name, c->uri);
     ArvDevice *dev = cam != NULL ? arv_camera_get_device(cam) : NULL;
-    if (busy || (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev)))) {
-        g_clear_object(&cam);
+    if (cam == NULL ||
+        (ARV_IS_GV_DEVICE(dev) && !arv_gv_device_is_controller(ARV_GV_DEVICE(dev)))) {
+        aravis_close_camera(&cam);
         return pvx_fail(d, PVX_EBUSY, "camera %s (aravis:%s): another program controls it", c->name,
                         c->uri);
     }

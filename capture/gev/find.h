@@ -1,4 +1,4 @@
-/* aravis_find.h - which camera is meant, does it answer, and opening it (private to the aravis: files).
+/* find.h - which camera is meant, does it answer, and opening it (private to the aravis: files).
  *
  * Cameras can only be opened one after the other, and Aravis asks one that does not answer for 3 s; so
  * addresses are asked first whether somebody is there: a discovery command to that address alone,
@@ -35,7 +35,12 @@ void aravis_list_unlock(void);
 void aravis_parser_lock(void);
 void aravis_parser_unlock(void);
 
-/* Owner: caller, g_object_unref.  PVX_ENOENT: nobody answers; PVX_EBUSY: another program controls it. */
+/* list.c, as cap_source_ops.list. */
+PVX_MUST_CHECK pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
+                                   struct pvx_diag *d);
+
+/* Owner: caller, aravis_close_camera.  PVX_ENOENT: nobody answers; PVX_EBUSY: another program controls it;
+ * PVX_ECORRUPT: it says what cannot be. */
 PVX_MUST_CHECK pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
                                           struct aravis_route *route, struct pvx_diag *d);
 #endif

@@ -1,48 +1,33 @@
-/* src_aravis.c - aravis: GigE Vision and USB3 Vision cameras.
+/* gev.c - aravis: GigE Vision and USB3 Vision cameras.
  *
- * aravis_find.c which camera, aravis_setup.c what it is set to (aravis_trigger.c, aravis_ptp.c,
- * aravis_chunk.c), aravis_stream.c its frames, aravis_watch.c the slow loop; threads and locks are in
- * aravis_int.h.
+ * find.c which camera, setup.c what it is set to (trigger.c, ptp.c,
+ * chunk.c), stream.c its frames, watch.c the slow loop; threads and locks are in
+ * gev.h.
  *
  * A camera that has gone silent is not waited for: Aravis asks for seconds at each access and when
  * the device is given up.  Stop asks once by itself, and when there is no answer the device is left to
  * a thread of its own, so that the camera can be opened anew as soon as it is back.
  *
  * USB3 Vision cameras go the same way through Aravis; that was not exercised, for want of one. */
-#include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "capture/gev/err.h"
 #include "capture/gev/find.h"
 #include "capture/gev/gev.h"
-#include "capture/backends.h"
+#include "capture/gev/last.h"
+#include "capture/source/backends.h"
 
 #define RELEASE_NS (1500 * PVX_NS_PER_MS)
 #define LOOK_NS    (50 * PVX_NS_PER_MS)
 
-/* ---- events ----------------------------------------------------------------------------------- */
-
-void aravis_say_lost(struct aravis_source *s)
-{
-    cap_gate_lost(&s->gate, &s->sink, s->c.camera);
-}
-
-static void on_control_lost(ArvDevice *device, void *user)
-{
-    (void)device;
-    aravis_say_lost(user);
-}
-
 /* ---- end -------------------------------------------------------------------------------------- */
 
-static void unref(struct aravis_source *s)
+static void free_source(struct aravis_source *s)
 {
-    if (atomic_fetch_sub(&s->refs, 1) > 1)
-        return;
     pthread_mutex_destroy(&s->device);
     cap_gate_fini(&s->gate);
     pthread_mutex_destroy(&s->lock);
@@ -50,12 +35,6 @@ static void unref(struct aravis_source *s)
     free(s->uri);
     free(s->name);
     free(s);
-}
-
-static void unref_closure(void *source, GClosure *closure)
-{
-    (void)closure;
-    unref(source);
 }
 
 static atomic_uint giving_up; /* devices that are being left to Aravis */
@@ -66,14 +45,18 @@ static void *give_up(void *source)
     atomic_fetch_add(&giving_up, 1);
     aravis_watch_join(s);
     aravis_end_stream(s);
-    cap_lend_close(&s->lend); /* frames that are out keep its memory */
-    if (s->lost_handler != 0)
-        g_signal_handler_disconnect(arv_camera_get_device(s->camera), s->lost_handler);
-    g_clear_object(&s->camera); /* ends the heartbeat's thread and leaves control */
+    cap_lend_close(&s->lend);        /* frames that are out keep its memory */
+    aravis_close_camera(&s->camera); /* ends the heartbeat's thread and leaves control */
     aravis_chunks_fini(&s->chunks);
-    unref(s);
+    free_source(s);
     atomic_fetch_sub(&giving_up, 1);
     return NULL;
+}
+
+/* The camera is silent, or Aravis has its device in hand. */
+static bool is_slow_to_close(const struct aravis_source *s)
+{
+    return s->dead || (s->camera != NULL && !aravis_is_last(arv_camera_get_device(s->camera)));
 }
 
 static void aravis_close(cap_source **sp)
@@ -83,7 +66,7 @@ static void aravis_close(cap_source **sp)
     if (s == NULL)
         return;
     *sp = NULL;
-    if (s->dead && pthread_create(&thread, NULL, give_up, s) == 0)
+    if (is_slow_to_close(s) && pthread_create(&thread, NULL, give_up, s) == 0)
         pthread_detach(thread);
     else
         give_up(s);
@@ -110,13 +93,9 @@ static void aravis_stop(cap_source *base)
 
 static void init_locks(struct aravis_source *s)
 {
-    pthread_condattr_t a;
-    pthread_condattr_init(&a);
-    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
     pthread_mutex_init(&s->device, NULL);
     pthread_mutex_init(&s->lock, NULL);
-    pthread_cond_init(&s->wake, &a);
-    pthread_condattr_destroy(&a);
+    pvx_cond_init(&s->wake, CLOCK_MONOTONIC);
     cap_gate_init(&s->gate);
 }
 
@@ -149,7 +128,6 @@ static pvx_err aravis_open(const struct cap_source_config *c, cap_source **out, 
     if (s == NULL)
         return PVX_ENOMEM;
     s->base.ops = &cap_source_aravis;
-    atomic_init(&s->refs, 1);
     init_locks(s);
     s->c = *c;
     s->c.uri = s->uri = strdup(c->uri);
@@ -165,10 +143,6 @@ static pvx_err aravis_open(const struct cap_source_config *c, cap_source **out, 
         return e;
     }
     s->resend = arv_camera_is_gv_device(s->camera) && aravis_wants_resend(&s->c, s->camera);
-    atomic_fetch_add(&s->refs, 1);
-    s->lost_handler =
-        g_signal_connect_data(arv_camera_get_device(s->camera), "control-lost",
-                              G_CALLBACK(on_control_lost), s, unref_closure, (GConnectFlags)0);
     *out = base;
     return PVX_OK;
 }
@@ -211,11 +185,7 @@ static pvx_err aravis_trigger(cap_source *base)
         return PVX_OK;
     /* An answer, if only "busy", is one trigger missed.  Without, Aravis has asked several times by
      * now: waiting for the next answer would take as long. */
-    bool gone = g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TIMEOUT) ||
-                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_TRANSFER_ERROR) ||
-                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONNECTED) ||
-                g_error_matches(err, ARV_DEVICE_ERROR, ARV_DEVICE_ERROR_NOT_CONTROLLER) ||
-                err->domain != ARV_DEVICE_ERROR;
+    bool gone = aravis_means_gone(err);
     g_clear_error(&err);
     if (!gone)
         return PVX_EIO;

@@ -1,13 +1,15 @@
-/* aravis_host.c - what the host grants to the threads that receive: priority, and room for packets.
+/* host.c - what the host grants to the threads that receive: priority, and room for packets.
  *
  * Neither can be had by force, and without them cameras work, until the machine is busy.  So a refusal
  * is a warning with its remedy; once in a process, for it is the same for all of its cameras. */
+#include "capture/gev/host.h"
+
+#include <arv.h>
 #include <stdatomic.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "base/log.h"
-#include "capture/gev/gev.h"
 
 #define RT_PRIORITY 10 /* what cap_gige says with 0 */
 

@@ -1,4 +1,4 @@
-/* aravis_ids.h - frame numbers of a stream, widened past their wrap (private to aravis_stream.c).
+/* ids.h - frame numbers of a stream, widened past their wrap (private to stream.c).
  *
  * GigE Vision 1: 16 bit, 1..65535, 0 is never sent.  GigE Vision 2 and USB3 Vision: 64 bit.  Which
  * one is not announced; a camera whose numbers go past 65535 is of the second kind. */

@@ -1,4 +1,4 @@
-/* aravis_list.c - the cameras that Aravis sees.
+/* list.c - the cameras that Aravis sees.
  *
  * Maker, model, serial number and address come from the discovery, which no camera minds.  Formats are
  * in the camera's features, and Aravis takes control of a GigE camera to read them: done only where the
@@ -9,7 +9,7 @@
 
 #include "base/mem.h"
 #include "capture/gev/find.h"
-#include "capture/aravis_setup.h"
+#include "capture/gev/last.h"
 
 #define MAX_TEXT 4096
 
@@ -40,7 +40,7 @@ static void describe_formats(ArvCamera *cam, char *out, size_t size)
     gint64 *list = arv_camera_dup_available_pixel_formats(cam, &n, NULL);
     out[0] = '\0';
     for (guint i = 0; list != NULL && i < n; i++) {
-        enum cap_pixfmt fmt = aravis_pixfmt((ArvPixelFormat)list[i]);
+        enum cap_pixfmt fmt = cap_pixfmt_from_pfnc((ArvPixelFormat)list[i]);
         char line[96];
         if (fmt == CAP_FMT_NONE)
             continue;
@@ -83,7 +83,7 @@ static void tell(const struct entry *e, void (*cb)(void *ctx, const struct cap_f
     if (cam != NULL)
         describe_formats(cam, formats, sizeof formats);
     cb(ctx, &(struct cap_found){uri, text, cam != NULL && formats[0] != '\0' ? formats : NULL});
-    g_clear_object(&cam);
+    aravis_close_camera(&cam);
 }
 
 pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx, struct pvx_diag *d)

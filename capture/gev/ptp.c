@@ -6,7 +6,7 @@
 #include <strings.h>
 
 #include "base/clock.h"
-#include "capture/aravis_setup.h"
+#include "capture/gev/err.h"
 
 #define WAIT_NS PVX_NS_PER_S
 #define LOOK_NS (50 * PVX_NS_PER_MS)

@@ -1,7 +1,7 @@
-/* aravis_ptp.h - IEEE 1588 in a camera, by its features: SFNC 2 (PtpEnable, PtpStatus, PtpDataSetLatch,
+/* ptp.h - IEEE 1588 in a camera, by its features: SFNC 2 (PtpEnable, PtpStatus, PtpDataSetLatch,
  * PtpOffsetFromMaster) or the older names (GevIEEE1588...) (private to the aravis: files).
  *
- * Threads: the caller holds the camera's features (aravis_int.h). */
+ * Threads: the caller holds the camera's features (gev.h). */
 #ifndef CAP_ARAVIS_PTP_H
 #define CAP_ARAVIS_PTP_H
 #include <arv.h>

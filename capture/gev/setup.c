@@ -1,4 +1,4 @@
-#include "capture/aravis_setup.h"
+#include "capture/gev/setup.h"
 
 #include <ifaddrs.h>
 #include <math.h>
@@ -11,34 +11,14 @@
 #include <unistd.h>
 
 #include "base/log.h"
+#include "capture/gev/err.h"
 #include "capture/gev/ptp.h"
-#include "capture/aravis_watch.h"
+#include "capture/gev/ticks.h"
+#include "capture/gev/trigger.h"
 
 #define REG_GVCP_CAPABILITY 0x934 /* GigE Vision bootstrap register */
 #define GVCP_CAN_RESEND     0x4u
 #define JUMBO               9000 /* no larger packets unless asked for */
-
-enum cap_pixfmt aravis_pixfmt(ArvPixelFormat f)
-{
-    return cap_pixfmt_from_pfnc(f);
-}
-
-pvx_err aravis_fail(const struct cap_source_config *c, pvx_err e, const char *what, GError **err,
-                    struct pvx_diag *d)
-{
-    pvx_fail(d, e, "camera %s (aravis:%s): %s: %s", c->name, c->uri, what,
-             *err != NULL ? (*err)->message : pvx_strerror(e));
-    g_clear_error(err);
-    return e;
-}
-
-pvx_err aravis_refused(const struct cap_source_config *c, struct pvx_diag *d, const char *what,
-                       double want, double got, double min, double max)
-{
-    return pvx_fail(d, PVX_EINVAL,
-                    "camera %s (aravis:%s): %s %g refused: the camera has %g and offers %g to %g",
-                    c->name, c->uri, what, want, got, min, max);
-}
 
 static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
                           struct aravis_layout *l, struct pvx_diag *d)
@@ -56,11 +36,11 @@ static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
     ArvPixelFormat got = arv_camera_get_pixel_format(cam, &err);
     if (err != NULL)
         return aravis_fail(c, PVX_EIO, "pixel format", &err, d);
-    l->fmt = aravis_pixfmt(got);
+    l->fmt = cap_pixfmt_from_pfnc(got);
     if (l->fmt == CAP_FMT_NONE)
         return pvx_fail(d, PVX_EUNSUP,
-                        "camera %s (aravis:%s): its pixel format 0x%08x is not known here: set "
-                        "one that pyrovoxd --print-config lists under pixel_format",
+                        "camera %s (aravis:%s): its pixel format 0x%08x is not known here: set one "
+                        "that pyrovoxd --print-config lists under pixel_format",
                         c->name, c->uri, (unsigned)got);
     if (c->fmt != CAP_FMT_NONE && l->fmt != c->fmt)
         return pvx_fail(d, PVX_EINVAL,
@@ -86,11 +66,10 @@ static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
     if (c->width > 0 && c->height > 0 && (l->width != c->width || l->height != c->height)) {
         int w = 0, h = 0;
         arv_camera_get_sensor_size(cam, &w, &h, NULL);
-        return pvx_fail(
-            d, PVX_EINVAL,
-            "camera %s (aravis:%s): image size %dx%d refused: the camera has %dx%d, its "
-            "sensor %dx%d",
-            c->name, c->uri, c->width, c->height, l->width, l->height, w, h);
+        return pvx_fail(d, PVX_EINVAL,
+                        "camera %s (aravis:%s): image size %dx%d refused: the camera has %dx%d, "
+                        "its sensor %dx%d",
+                        c->name, c->uri, c->width, c->height, l->width, l->height, w, h);
     }
     return PVX_OK;
 }
@@ -212,11 +191,10 @@ static pvx_err set_packet_size(const struct cap_source_config *c, ArvCamera *cam
     int mtu = path_mtu(ARV_GV_DEVICE(arv_camera_get_device(cam)), &loopback);
     int size = c->gige.packet_size;
     if (size > 0 && mtu > 0 && size > mtu)
-        return pvx_fail(
-            d, PVX_EINVAL,
-            "camera %s (aravis:%s): packet_size %d is more than the interface's MTU %d: "
-            "raise the MTU (ip link set dev ... mtu 9000) or leave it out",
-            c->name, c->uri, size, mtu);
+        return pvx_fail(d, PVX_EINVAL,
+                        "camera %s (aravis:%s): packet_size %d is more than the interface's MTU "
+                        "%d: raise the MTU (ip link set dev ... mtu 9000) or leave it out",
+                        c->name, c->uri, size, mtu);
     if (size <= 0 && !loopback) {
         size = (int)arv_camera_gv_auto_packet_size(cam, &err);
         if (err != NULL) /* no test packets: what every network carries */

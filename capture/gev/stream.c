@@ -1,4 +1,4 @@
-/* aravis_stream.c - frames of an aravis: camera, from Aravis' receiving thread.
+/* stream.c - frames of an aravis: camera, from Aravis' receiving thread.
  *
  * Zero copy: the ArvBuffers are lent out as frames and come back (lend.h).  Two always stay with the
  * stream: a frame that would take the last but one is dropped here and counted as an underrun, because
@@ -12,7 +12,11 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "capture/gev/err.h"
 #include "capture/gev/gev.h"
+#include "capture/gev/host.h"
+#include "capture/gev/last.h"
+#include "capture/gev/ring.h"
 
 #define ASK_AGAIN   4 /* packet timeouts between two requests for the same packet */
 #define SPARE       2 /* buffers that always stay with the stream */
@@ -105,7 +109,7 @@ static struct cap_image image_of(ArvBuffer *b, const unsigned char *mem, size_t 
         img.size = payload - before;
     img.width = arv_buffer_get_image_width(b);
     img.height = arv_buffer_get_image_height(b);
-    img.fmt = aravis_pixfmt(arv_buffer_get_image_pixel_format(b));
+    img.fmt = cap_pixfmt_from_pfnc(arv_buffer_get_image_pixel_format(b));
     img.stride = (ptrdiff_t)cap_pixfmt_row(img.fmt, img.width) + x_pad;
     return img;
 }
@@ -199,10 +203,24 @@ static void done(struct aravis_source *s, ArvBuffer *b)
     s->sink.push(s->sink.ctx, f);
 }
 
+/* All that are out: Aravis 0.8.26 does not announce a buffer that it spent on a packet of an unknown kind,
+ * and each one left there would hold back every later frame by one. */
+static void pop_done(struct aravis_source *s)
+{
+    ArvBuffer *b;
+    while ((b = arv_stream_try_pop_buffer(s->stream)) != NULL)
+        if (cap_gate_enter(&s->gate)) {
+            done(s, b);
+            cap_gate_leave(&s->gate);
+        } else {
+            give_back(s, b); /* stopping: nobody wants it */
+        }
+}
+
 static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
 {
     struct aravis_source *s = user;
-    (void)buffer; /* the one that is done comes out of the queue */
+    (void)buffer; /* those that are done come out of the queue */
     switch (type) {
     case ARV_STREAM_CALLBACK_TYPE_INIT: aravis_make_realtime(&s->c); break;
     case ARV_STREAM_CALLBACK_TYPE_START_BUFFER:
@@ -210,18 +228,7 @@ static void on_stream(void *user, ArvStreamCallbackType type, ArvBuffer *buffer)
          * here in terms that do not depend on GLib's inside. */
         cap_lend_n_out(s->lend);
         break;
-    case ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE: {
-        ArvBuffer *b = arv_stream_try_pop_buffer(s->stream);
-        if (b == NULL)
-            break;
-        if (cap_gate_enter(&s->gate)) {
-            done(s, b);
-            cap_gate_leave(&s->gate);
-        } else {
-            give_back(s, b); /* stopping: nobody wants it */
-        }
-        break;
-    }
+    case ARV_STREAM_CALLBACK_TYPE_BUFFER_DONE: pop_done(s); break;
     case ARV_STREAM_CALLBACK_TYPE_EXIT: break;
     }
 }
@@ -259,8 +266,16 @@ pvx_err aravis_begin_stream(struct aravis_source *s, struct pvx_diag *d)
     ArvStream *stream = arv_camera_create_stream(s->camera, on_stream, s, &err);
     if (stream == NULL)
         return aravis_fail(&s->c, PVX_EIO, "stream", &err, d);
-    if (ARV_IS_GV_STREAM(stream))
+    if (ARV_IS_GV_STREAM(stream)) {
+        if (!aravis_ring_settle(stream)) {
+            aravis_unref_last(stream);
+            return pvx_fail(d, PVX_ETIMEDOUT,
+                            "camera %s: its receiving thread did not get to run for 10 s: the "
+                            "machine is too busy to capture",
+                            s->c.name);
+        }
         set_stream(s, stream);
+    }
     s->stream = s->buffers->stream = stream;
     cap_lend_run(s->lend, true);
     return PVX_OK;
@@ -276,6 +291,6 @@ void aravis_end_stream(struct aravis_source *s)
     if (s->stream == NULL)
         return;
     aravis_cut_stream(s);
-    g_object_unref(s->stream); /* its thread uses the pointer until it has ended */
+    aravis_unref_last(s->stream); /* its thread uses the pointer until it has ended */
     s->stream = NULL;
 }

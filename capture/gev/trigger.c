@@ -1,11 +1,11 @@
-/* aravis_trigger.c - who starts an exposure: free run, software, a line, an action command; and whether it
- * stays so. */
+#include "capture/gev/trigger.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "base/log.h"
-#include "capture/aravis_setup.h"
+#include "capture/gev/err.h"
 
 static pvx_err set_frame_rate(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
 {

@@ -1,5 +1,10 @@
-#include "capture/aravis_watch.h"
-
+/* watch.c - the slow loop of a running camera (gev.h): every 0.4 s whether it is still ours and waits for
+ * what it was set to wait for, every 2 s its clock against the host's, its temperature, PTP and the
+ * packets that were asked for again.
+ *
+ * The clock: the camera is told to latch it (TimestampLatch, GevTimestampControlLatch); it did so
+ * between the command and its answer, which gives the bound.  The best of three counts.
+ * PTP that is lost while running is logged once, and once when it is back. */
 #include <math.h>
 #include <sched.h>
 #include <stdio.h>
@@ -7,29 +12,14 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/gev/find.h"
+#include "capture/gev/err.h"
 #include "capture/gev/gev.h"
 #include "capture/gev/ptp.h"
+#include "capture/gev/ticks.h"
 
 #define MODE_NS (400 * PVX_NS_PER_MS)
 #define ROUND   5 /* of these, and everything is looked at */
 #define LATCHES 3
-
-guint64 aravis_tick_hz(ArvCamera *cam)
-{
-    if (!arv_camera_is_gv_device(cam))
-        return 0;
-    return arv_gv_device_get_timestamp_tick_frequency(ARV_GV_DEVICE(arv_camera_get_device(cam)),
-                                                      NULL);
-}
-
-int64_t aravis_ticks_to_ns(uint64_t ticks, guint64 hz)
-{
-    if (hz == 0 || hz == 1000000000u)
-        return (int64_t)ticks;
-    uint64_t s = ticks / hz, rest = ticks % hz;
-    return (int64_t)(s * 1000000000u + (uint64_t)((double)rest * 1e9 / (double)hz));
-}
 
 /* ---- one look at each thing ------------------------------------------------------------------- */
 
@@ -129,6 +119,21 @@ static void look_at_mode(struct aravis_source *s)
         aravis_say_lost(s);
 }
 
+/* What Aravis' signal "control-lost" would say (last.h). */
+static bool is_ours(struct aravis_source *s)
+{
+    ArvDevice *device = arv_camera_get_device(s->camera);
+    if (ARV_IS_GV_DEVICE(device))
+        return arv_gv_device_is_controller(ARV_GV_DEVICE(device));
+    GError *err = NULL;
+    pthread_mutex_lock(&s->device);
+    arv_camera_get_payload(s->camera, &err);
+    pthread_mutex_unlock(&s->device);
+    bool ours = err == NULL || !aravis_means_gone(err);
+    g_clear_error(&err);
+    return ours;
+}
+
 static void watch_ptp(const struct aravis_source *s, const struct cap_health *h, bool *bad)
 {
     struct aravis_ptp p = {.offset_ns = h->ptp_offset_ns};
@@ -197,6 +202,8 @@ static void *watch(void *arg)
     for (unsigned round = 0; !quits(s); round++) {
         /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
         bool there = s->route.camera == 0 || aravis_probe(s->route.camera, NULL);
+        if (!is_ours(s))
+            aravis_say_lost(s);
         if (there)
             look_at_mode(s);
         if (there && round % ROUND == 0 && !quits(s))

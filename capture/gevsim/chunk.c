@@ -1,7 +1,7 @@
-/* gvcam_chunk.c - chunk data: what else a frame carries, after its image. */
+/* chunk.c - chunk data: what else a frame carries, after its image. */
 #include <string.h>
 
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 static size_t put_mark(uint8_t *out, uint32_t id, size_t bytes)
 {
@@ -10,8 +10,7 @@ static size_t put_mark(uint8_t *out, uint32_t id, size_t bytes)
     return 8;
 }
 
-static void put_value(const struct cap_gvcam *c, enum gvcam_chunk which, const struct gvcam_shot *s,
-                      uint8_t *out)
+static void put_value(enum gvcam_chunk which, const struct gvcam_shot *s, uint8_t *out)
 {
     uint32_t bits;
     switch (which) {
@@ -22,22 +21,21 @@ static void put_value(const struct cap_gvcam *c, enum gvcam_chunk which, const s
     case GVC_EXPOSURE: memcpy(&bits, &s->exposure_us, 4); break;
     default: memcpy(&bits, &s->gain, 4); break;
     }
-    (void)c;
     cap_put32(out, bits);
 }
 
 static bool enabled(const struct cap_gvcam *c, unsigned k)
 {
-    return k == GVC_IMAGE || (c->v[GVF_CHUNKS_ON] >> k & 1) != 0;
+    return k == GVC_IMAGE || (c->reg.v[GVF_CHUNKS_ON] >> k & 1) != 0;
 }
 
 /* The image's own mark comes first: its bytes lie before. */
 size_t gvcam_chunks(const struct cap_gvcam *c, const struct gvcam_shot *s, uint8_t *out)
 {
-    size_t n = put_mark(out, gvcam_chunk_defs[GVC_IMAGE].id, c->frame_bytes);
+    size_t n = put_mark(out, gvcam_chunk_defs[GVC_IMAGE].id, c->image.frame_bytes);
     for (unsigned k = GVC_IMAGE + 1; k < GVCAM_N_CHUNKS; k++)
         if (enabled(c, k)) {
-            put_value(c, (enum gvcam_chunk)k, s, out + n);
+            put_value((enum gvcam_chunk)k, s, out + n);
             n += gvcam_chunk_defs[k].bytes;
             n += put_mark(out + n, gvcam_chunk_defs[k].id, gvcam_chunk_defs[k].bytes);
         }

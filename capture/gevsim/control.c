@@ -1,8 +1,8 @@
-/* gvcam_control.c - answering GVCP: who may do what, registers, memory, actions, resend. */
+/* control.c - answering GVCP: who may do what, registers, memory, actions, resend. */
 #include <string.h>
 
 #include "base/clock.h"
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 static bool same_peer(const struct sockaddr_in *a, const struct sockaddr_in *b)
 {
@@ -11,20 +11,31 @@ static bool same_peer(const struct sockaddr_in *a, const struct sockaddr_in *b)
 
 static bool owns(const struct cap_gvcam *c, const struct sockaddr_in *from)
 {
-    return c->ccp != 0 && same_peer(&c->owner, from);
+    return c->control.ccp != 0 && same_peer(&c->control.owner, from);
 }
 
-static void reply(struct cap_gvcam *c, const uint8_t *p, size_t n, const struct sockaddr_in *to)
+static void reply(const struct cap_gvcam *c, const uint8_t *p, size_t n,
+                  const struct sockaddr_in *to)
 {
-    if (!gvnet_silent(c->net, gvcam_now()))
-        (void)sendto(c->control, p, n, MSG_DONTWAIT, (const struct sockaddr *)to, sizeof *to);
+    if (!gvcam_link_silent(c->link, pvx_now_real()))
+        (void)sendto(c->control.fd, p, n, MSG_DONTWAIT, (const struct sockaddr *)to, sizeof *to);
 }
 
-void gvcam_control_release(struct cap_gvcam *c)
+static void release(struct cap_gvcam *c)
 {
-    c->ccp = 0;
-    gvcam_stop(c);
-    c->v[GVF_SCP_PORT] = 0;
+    c->control.ccp = 0;
+    gvcam_expose_stop(c);
+    (void)gvcam_reg_write(c, GVB_SCP, 0, 0);
+}
+
+void gvcam_control_reboot(struct cap_gvcam *c, int64_t now, double seconds)
+{
+    release(c);
+    gvcam_reg_reboot(c);
+    gvcam_expose_restart_ids(c);
+    c->control.last.id = 0;
+    c->stats.reboots++;
+    c->control.gone_until = now + (int64_t)((seconds > 0 ? seconds : c->c.reboot_s) * 1e9);
 }
 
 /* Control privilege: anybody may take it when nobody has it, its owner may change or give it back. */
@@ -32,15 +43,15 @@ static uint16_t write_ccp(struct cap_gvcam *c, const struct sockaddr_in *from, i
                           uint32_t v)
 {
     v &= GVCAM_CCP_EXCLUSIVE | GVCAM_CCP_CONTROL;
-    if (c->ccp != 0 && !owns(c, from))
+    if (c->control.ccp != 0 && !owns(c, from))
         return CAP_GVCP_ACCESS_DENIED;
     if (v == 0) {
-        gvcam_control_release(c);
+        release(c);
         return CAP_GVCP_OK;
     }
-    c->ccp = v;
-    c->owner = *from;
-    c->heartbeat_at = now;
+    c->control.ccp = v;
+    c->control.owner = *from;
+    c->control.heartbeat_at = now;
     return CAP_GVCP_OK;
 }
 
@@ -51,13 +62,29 @@ static uint16_t write_one(struct cap_gvcam *c, const struct sockaddr_in *from, i
         return write_ccp(c, from, now, value);
     if (!owns(c, from))
         return CAP_GVCP_ACCESS_DENIED;
-    return gvcam_reg_write(c, address, now, value);
+    uint16_t status = gvcam_reg_write(c, address, now, value);
+    if (c->reg.reset)
+        gvcam_control_reboot(c, now, 0);
+    return status;
+}
+
+static uint16_t read_one(struct cap_gvcam *c, int64_t now, uint32_t address, uint32_t *out)
+{
+    const struct gvcam_control *k = &c->control;
+    switch (address) {
+    case GVB_CCP: *out = k->ccp; return CAP_GVCP_OK;
+    case GVB_PRIMARY_PORT: *out = k->ccp != 0 ? ntohs(k->owner.sin_port) : 0; return CAP_GVCP_OK;
+    case GVB_PRIMARY_IP:
+        *out = k->ccp != 0 ? ntohl(k->owner.sin_addr.s_addr) : 0;
+        return CAP_GVCP_OK;
+    default: return gvcam_reg_read(c, address, now, out);
+    }
 }
 
 /* Exclusive: others may not even read. */
 static bool may_read(const struct cap_gvcam *c, const struct sockaddr_in *from)
 {
-    return (c->ccp & GVCAM_CCP_EXCLUSIVE) == 0 || owns(c, from);
+    return (c->control.ccp & GVCAM_CCP_EXCLUSIVE) == 0 || owns(c, from);
 }
 
 struct answer {
@@ -71,7 +98,7 @@ static void read_registers(struct cap_gvcam *c, const struct cap_gvcp_request *r
 {
     for (size_t k = 0; k + 4 <= r->n && a->status == CAP_GVCP_OK; k += 4) {
         uint32_t v;
-        a->status = gvcam_reg_read(c, cap_get32(r->data + k), now, &v);
+        a->status = read_one(c, now, cap_get32(r->data + k), &v);
         if (a->status == CAP_GVCP_OK) {
             cap_put32(a->out + k, v);
             a->n = k + 4;
@@ -101,7 +128,7 @@ static void read_memory(struct cap_gvcam *c, const struct cap_gvcp_request *r, i
         a->status = CAP_GVCP_INVALID_PARAMETER;
     for (uint32_t k = 0; k < n && a->status == CAP_GVCP_OK; k += 4) {
         uint32_t v;
-        a->status = gvcam_reg_read(c, address + k, now, &v);
+        a->status = read_one(c, now, address + k, &v);
         cap_put32(a->out + 4 + k, v);
     }
     cap_put32(a->out, address);
@@ -128,8 +155,8 @@ static void write_memory(struct cap_gvcam *c, const struct cap_gvcp_request *r,
  * simulation's to choose. */
 static uint16_t force_ip(const struct cap_gvcam *c, const struct cap_gvcp_request *r)
 {
-    return memcmp(r->data + 2, c->boot + GVB_MAC_HIGH + 2, 6) == 0 ? CAP_GVCP_ACCESS_DENIED
-                                                                   : CAP_GVCP_SILENT;
+    return memcmp(r->data + 2, c->reg.boot + GVB_MAC_HIGH + 2, 6) == 0 ? CAP_GVCP_ACCESS_DENIED
+                                                                       : CAP_GVCP_SILENT;
 }
 
 static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
@@ -139,12 +166,12 @@ static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
     struct cap_gvcp_action action;
     switch (r->command) {
     case CAP_GVCP_DISCOVERY:
-        memcpy(a->out, c->boot, CAP_GVCP_DISCOVER);
+        memcpy(a->out, c->reg.boot, CAP_GVCP_DISCOVER);
         a->n = CAP_GVCP_DISCOVER;
         break;
     case CAP_GVCP_FORCEIP: a->status = force_ip(c, r); break;
     case CAP_GVCP_RESEND: /* comes from the stream's own socket; from the owner's host at least */
-        if (c->ccp == 0 || c->owner.sin_addr.s_addr != from->sin_addr.s_addr) {
+        if (c->control.ccp == 0 || c->control.owner.sin_addr.s_addr != from->sin_addr.s_addr) {
             a->status = CAP_GVCP_ACCESS_DENIED;
             break;
         }
@@ -154,7 +181,7 @@ static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
             break;
         }
         cap_gvcp_get_resend(r, &resend);
-        gvcam_resend(c, &resend);
+        gvcam_send_again(c, &resend);
         break;
     case CAP_GVCP_ACTION:
         cap_gvcp_get_action(r, &action);
@@ -183,8 +210,8 @@ static bool changes(uint16_t command)
 static bool again(struct cap_gvcam *c, const struct cap_gvcp_request *r,
                   const struct sockaddr_in *from)
 {
-    return changes(r->command) && c->last.id == r->id && c->last.command == r->command &&
-           same_peer(&c->last.from, from);
+    return changes(r->command) && c->control.last.id == r->id &&
+           c->control.last.command == r->command && same_peer(&c->control.last.from, from);
 }
 
 void gvcam_control_datagram(struct cap_gvcam *c, const uint8_t *p, size_t n,
@@ -192,14 +219,14 @@ void gvcam_control_datagram(struct cap_gvcam *c, const uint8_t *p, size_t n,
 {
     struct cap_gvcp_request r;
     uint8_t out[CAP_GVCP_MAX + 8];
-    if (c->gone_until != 0 || gvnet_silent(c->net, now))
+    if (c->control.gone_until != 0 || gvcam_link_silent(c->link, now))
         return;
     struct answer a = {.status = cap_gvcp_parse(p, n, &r), .out = out + CAP_GVCP_HEAD};
     if (owns(c, from))
-        c->heartbeat_at = now;
+        c->control.heartbeat_at = now;
     if (a.status == CAP_GVCP_OK && again(c, &r, from)) {
-        if (c->last.n > 0)
-            reply(c, c->last.ack, c->last.n, from);
+        if (c->control.last.n > 0)
+            reply(c, c->control.last.ack, c->control.last.n, from);
         return;
     }
     if (a.status == CAP_GVCP_OK)
@@ -211,11 +238,11 @@ void gvcam_control_datagram(struct cap_gvcam *c, const uint8_t *p, size_t n,
     bool wanted = ((r.flags & CAP_GVCP_ACK) != 0 || r.command == CAP_GVCP_DISCOVERY) &&
                   r.command != CAP_GVCP_RESEND;
     if (changes(r.command)) {
-        c->last.from = *from;
-        c->last.id = r.id;
-        c->last.command = r.command;
-        c->last.n = wanted ? bytes : 0;
-        memcpy(c->last.ack, out, bytes);
+        c->control.last.from = *from;
+        c->control.last.id = r.id;
+        c->control.last.command = r.command;
+        c->control.last.n = wanted ? bytes : 0;
+        memcpy(c->control.last.ack, out, bytes);
     }
     if (!wanted)
         return;
@@ -226,12 +253,18 @@ void gvcam_control_datagram(struct cap_gvcam *c, const uint8_t *p, size_t n,
 
 int64_t gvcam_control_step(struct cap_gvcam *c, int64_t now)
 {
-    if (c->ccp == 0)
+    if (c->control.gone_until != 0) {
+        if (now < c->control.gone_until)
+            return c->control.gone_until;
+        c->control.gone_until = 0;
+        gvcam_clock_start(&c->clock, &c->c, now);
+    }
+    if (c->control.ccp == 0)
         return GVCAM_NEVER;
-    int64_t end = c->heartbeat_at + (int64_t)c->v[GVF_HEARTBEAT] * PVX_NS_PER_MS;
+    int64_t end = c->control.heartbeat_at + (int64_t)c->reg.v[GVF_HEARTBEAT] * PVX_NS_PER_MS;
     if (now < end)
         return end;
     c->stats.heartbeats++;
-    gvcam_control_release(c);
+    release(c);
     return GVCAM_NEVER;
 }

@@ -1,16 +1,16 @@
-/* gvcam_take.c - when a frame is exposed, and what it shows and says. */
+/* expose.c - when a frame is exposed, and what it shows and says. */
 #include <math.h>
 #include <string.h>
 
 #include "base/clock.h"
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 #define CATCH_UP_NS PVX_NS_PER_S /* a thread that is further behind than this leaves frames out */
 
-double gvcam_rate(const struct cap_gvcam *c)
+double gvcam_expose_rate(const struct cap_gvcam *c)
 {
     double rate = gvcam_float(c, GVF_RATE), exposure = gvcam_float(c, GVF_EXPOSURE);
-    if (c->v[GVF_RATE_ENABLE] == 0 || fabs(rate - c->c.ring_fps) < 1e-6 * rate)
+    if (c->reg.v[GVF_RATE_ENABLE] == 0 || fabs(rate - c->c.ring_fps) < 1e-6 * rate)
         rate = c->c.ring_fps; /* exactly: registers hold single precision */
     rate = rate < 1e6 / exposure ? rate : 1e6 / exposure;
     double frame_s = (double)gvcam_payload(c) * 8 / (c->c.link_mbit * 1e6);
@@ -19,7 +19,7 @@ double gvcam_rate(const struct cap_gvcam *c)
 
 static bool free_running(const struct cap_gvcam *c)
 {
-    return c->v[GVF_TRIGGER_MODE] == 0;
+    return c->reg.v[GVF_TRIGGER_MODE] == 0;
 }
 
 static int64_t tick_ns(int64_t tick, double rate)
@@ -37,123 +37,111 @@ static int64_t tick_at(int64_t t, double rate)
     return k;
 }
 
-void gvcam_start(struct cap_gvcam *c, int64_t now)
+void gvcam_expose_start(struct cap_gvcam *c, int64_t now)
 {
-    if (c->acquiring)
+    if (c->expose.acquiring)
         return;
-    gvcam_forget(c);
-    gvcam_images_drop(c);
-    c->fmt = cap_pixfmt_from_pfnc(c->v[GVF_PIXEL_FORMAT]);
-    c->region[0] = c->v[GVF_WIDTH];
-    c->region[1] = c->v[GVF_HEIGHT];
-    c->region[2] = c->v[GVF_OFFSET_X];
-    c->region[3] = c->v[GVF_OFFSET_Y];
-    c->frame_bytes = cap_pixfmt_row(c->fmt, (int32_t)c->region[0]) * c->region[1];
-    c->wide = c->v[GVF_WIDE_IDS] != 0;
-    c->chunks = c->v[GVF_CHUNK_MODE] != 0;
-    c->frames_left = c->v[GVF_ACQ_MODE] == 0   ? UINT32_MAX
-                     : c->v[GVF_ACQ_MODE] == 1 ? 1
-                                               : c->v[GVF_ACQ_COUNT];
-    c->tick = tick_at(now, gvcam_rate(c));
-    c->tick_rate = gvcam_rate(c);
-    c->trigger_at = GVCAM_NEVER;
-    c->busy_until = c->frame_count = 0;
-    c->last_moment = INT64_MIN;
-    c->n_actions = 0;
-    c->acquiring = true;
+    gvcam_send_start(c);
+    gvcam_image_start(c);
+    c->expose.frames_left = c->reg.v[GVF_ACQ_MODE] == 0   ? UINT32_MAX
+                            : c->reg.v[GVF_ACQ_MODE] == 1 ? 1
+                                                          : c->reg.v[GVF_ACQ_COUNT];
+    c->expose.tick = tick_at(now, gvcam_expose_rate(c));
+    c->expose.tick_rate = gvcam_expose_rate(c);
+    c->expose.trigger_at = GVCAM_NEVER;
+    c->expose.busy_until = c->expose.frame_count = 0;
+    c->expose.last_moment = INT64_MIN;
+    c->expose.n_actions = 0;
+    c->expose.acquiring = true;
 }
 
-void gvcam_stop(struct cap_gvcam *c)
+void gvcam_expose_stop(struct cap_gvcam *c)
 {
-    c->acquiring = false;
-    c->n_actions = 0;
-    c->trigger_at = GVCAM_NEVER;
-    gvcam_forget(c);
+    c->expose.acquiring = false;
+    c->expose.n_actions = 0;
+    c->expose.trigger_at = GVCAM_NEVER;
+    gvcam_send_forget(c);
 }
 
 /* What is seen at host time `moment` as image `index`. */
-static void take(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t now)
+static void frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t now)
 {
     const struct cap_gvcam_fault *f = &c->fault;
-    if (moment <= c->last_moment && c->last_moment - moment < 10 * PVX_NS_PER_S)
+    if (moment <= c->expose.last_moment && c->expose.last_moment - moment < 10 * PVX_NS_PER_S)
         return; /* the ring has no newer image */
-    c->last_moment = moment;
-    struct gvcam_shot s = {.id = c->id,
+    c->expose.last_moment = moment;
+    struct gvcam_shot s = {.id = c->expose.id,
                            .index = index,
-                           .ticks = gvcam_clock_ticks(c, gvcam_clock_ns(c, moment)),
-                           .line = c->net->line_level,
-                           .count = c->frame_count++,
+                           .ticks = gvcam_clock_ticks(&c->clock, gvcam_clock_ns(&c->clock, moment)),
+                           .line = c->link->line_level,
+                           .count = c->expose.frame_count++,
                            .exposure_us = gvcam_float(c, GVF_EXPOSURE),
                            .gain = gvcam_float(c, GVF_GAIN)};
-    c->id = cap_gvsp_next(c->id, c->wide);
-    c->stats.taken++;
-    c->busy_until = moment + (int64_t)((double)s.exposure_us * 1e3);
-    if (f->freeze && !c->frozen) {
-        c->frozen_index = s.index;
-        c->frozen_ticks = s.ticks;
+    c->expose.id = cap_gvsp_next(c->expose.id, c->send.wide);
+    c->stats.exposed++;
+    c->expose.busy_until = moment + (int64_t)((double)s.exposure_us * 1e3);
+    if (f->freeze && !c->expose.frozen) {
+        c->expose.frozen_index = s.index;
+        c->expose.frozen_ticks = s.ticks;
     }
-    c->frozen = f->freeze;
-    if (c->frozen) {
-        s.index = c->frozen_index;
-        s.ticks = c->frozen_ticks;
+    c->expose.frozen = f->freeze;
+    if (c->expose.frozen) {
+        s.index = c->expose.frozen_index;
+        s.ticks = c->expose.frozen_ticks;
     }
-    if (c->frames_left != UINT32_MAX && --c->frames_left == 0)
-        c->acquiring = false; /* what is queued still goes out */
+    if (c->expose.frames_left != UINT32_MAX && --c->expose.frames_left == 0)
+        c->expose.acquiring = false; /* what is queued still goes out */
     if (gvcam_chance(c, f->drop)) {
         c->stats.dropped++;
         return;
     }
-    if (c->q_n == GVCAM_QUEUE) {
-        c->stats.overrun++;
-        return;
-    }
-    double late_ms = f->delay_ms + (f->jitter_ms > 0 ? f->jitter_ms * gvcam_uniform(c) : 0);
+    double late_ms = f->delay_ms + (f->jitter_ms > 0 ? f->jitter_ms * pvx_uniform(&c->rng) : 0);
     s.send_at = (moment < now ? moment : now) + (int64_t)(late_ms * 1e6);
     if (gvcam_chance(c, f->wrong_size))
-        s.wrong = gvcam_uniform(c) < 0.5 ? 1 : 2;
+        s.wrong = pvx_uniform(&c->rng) < 0.5 ? 1 : 2;
     if (gvcam_chance(c, f->corrupt))
-        s.corrupt = gvcam_uniform(c) < 0.5 ? 1 : 2;
+        s.corrupt = pvx_uniform(&c->rng) < 0.5 ? 1 : 2;
     s.hostile = gvcam_chance(c, f->hostile);
-    c->queue[(c->q_first + c->q_n++) % GVCAM_QUEUE] = s;
+    c->stats.overrun += !gvcam_send_queue(c, &s);
 }
 
-static void take_tick(struct cap_gvcam *c, int64_t t, double rate, int64_t now)
+static void expose_tick(struct cap_gvcam *c, int64_t t, double rate, int64_t now)
 {
     double ring = c->c.ring_fps;
     if (rate > ring * 1.001) { /* faster than the ring: images more than once */
-        take(c, t, cap_simgv_index(t, ring), now);
+        frame(c, t, cap_gvcam_index(t, ring), now);
         return;
     }
     int64_t index = (int64_t)floorl((long double)t * (long double)ring / 1e9L + 1e-6L);
-    take(c, tick_ns(index, ring), index, now);
+    frame(c, tick_ns(index, ring), index, now);
 }
 
 static int64_t free_run_step(struct cap_gvcam *c, int64_t now)
 {
-    double rate = gvcam_rate(c);
-    if (rate != c->tick_rate || now - tick_ns(c->tick, rate) > CATCH_UP_NS) {
-        c->tick = tick_at(now, rate);
-        c->tick_rate = rate;
+    double rate = gvcam_expose_rate(c);
+    if (rate != c->expose.tick_rate || now - tick_ns(c->expose.tick, rate) > CATCH_UP_NS) {
+        c->expose.tick = tick_at(now, rate);
+        c->expose.tick_rate = rate;
     }
-    while (c->acquiring && tick_ns(c->tick + 1, rate) <= now)
-        take_tick(c, tick_ns(++c->tick, rate), rate, now);
-    return c->acquiring ? tick_ns(c->tick + 1, rate) : GVCAM_NEVER;
+    while (c->expose.acquiring && tick_ns(c->expose.tick + 1, rate) <= now)
+        expose_tick(c, tick_ns(++c->expose.tick, rate), rate, now);
+    return c->expose.acquiring ? tick_ns(c->expose.tick + 1, rate) : GVCAM_NEVER;
 }
 
 /* ---- triggers --------------------------------------------------------------------------------- */
 
 static bool waits_for(const struct cap_gvcam *c, enum gvcam_trigger source)
 {
-    return c->acquiring && !free_running(c) && c->v[GVF_TRIGGER_SOURCE] == (uint32_t)source &&
-           c->gone_until == 0;
+    return c->expose.acquiring && !free_running(c) &&
+           c->reg.v[GVF_TRIGGER_SOURCE] == (uint32_t)source;
 }
 
 static void expose(struct cap_gvcam *c, int64_t at, int64_t now)
 {
-    if (at < c->busy_until)
+    if (at < c->expose.busy_until)
         c->stats.too_fast++;
     else
-        take(c, at, cap_simgv_index(at, c->c.ring_fps), now);
+        frame(c, at, cap_gvcam_index(at, c->c.ring_fps), now);
 }
 
 void gvcam_trigger(struct cap_gvcam *c, enum gvcam_trigger source, int64_t at)
@@ -168,31 +156,31 @@ void gvcam_trigger(struct cap_gvcam *c, enum gvcam_trigger source, int64_t at)
     int64_t delay = (int64_t)((double)gvcam_float(c, GVF_TRIGGER_DELAY) * 1e3);
     if (delay == 0)
         expose(c, at, at);
-    else if (c->trigger_at != GVCAM_NEVER)
+    else if (c->expose.trigger_at != GVCAM_NEVER)
         c->stats.too_fast++; /* one trigger at a time waits */
     else
-        c->trigger_at = at + delay;
+        c->expose.trigger_at = at + delay;
 }
 
 uint16_t gvcam_action(struct cap_gvcam *c, const struct cap_gvcp_action *a, int64_t now)
 {
-    if (a->device_key != c->v[GVF_ACTION_DEVICE_KEY] ||
-        a->group_key != c->v[GVF_ACTION_GROUP_KEY] ||
-        (a->group_mask & c->v[GVF_ACTION_GROUP_MASK]) == 0)
+    if (a->device_key != c->reg.v[GVF_ACTION_DEVICE_KEY] ||
+        a->group_key != c->reg.v[GVF_ACTION_GROUP_KEY] ||
+        (a->group_mask & c->reg.v[GVF_ACTION_GROUP_MASK]) == 0)
         return CAP_GVCP_SILENT; /* not for us */
     if (!waits_for(c, GVCAM_ACTION1))
         return CAP_GVCP_OK;
-    int64_t dev = gvcam_clock_ns(c, now);
+    int64_t dev = gvcam_clock_ns(&c->clock, now);
     if (a->scheduled && a->time > 0 && a->time <= INT64_MAX && (int64_t)a->time > dev) {
-        enum gvcam_ptp ptp = gvcam_ptp_status(c, now);
+        enum gvcam_ptp ptp = gvcam_ptp_status(&c->clock, now);
         if (ptp != GVCAM_PTP_SLAVE && ptp != GVCAM_PTP_MASTER)
             return CAP_GVCP_NO_REFERENCE_TIME;
-        if (c->n_actions == GVCAM_ACTIONS)
+        if (c->expose.n_actions == GVCAM_ACTIONS)
             return CAP_GVCP_OVERFLOW;
-        size_t k = c->n_actions++; /* earliest first */
-        for (; k > 0 && c->action[k - 1] > (int64_t)a->time; k--)
-            c->action[k] = c->action[k - 1];
-        c->action[k] = (int64_t)a->time;
+        size_t k = c->expose.n_actions++; /* earliest first */
+        for (; k > 0 && c->expose.action[k - 1] > (int64_t)a->time; k--)
+            c->expose.action[k] = c->expose.action[k - 1];
+        c->expose.action[k] = (int64_t)a->time;
     } else {
         gvcam_trigger(c, GVCAM_ACTION1, now);
     }
@@ -202,27 +190,33 @@ uint16_t gvcam_action(struct cap_gvcam *c, const struct cap_gvcp_action *a, int6
 /* Actions whose time has come.  The frame is stamped with the scheduled time. */
 static int64_t action_step(struct cap_gvcam *c, int64_t now)
 {
-    int64_t dev = gvcam_clock_ns(c, now);
-    while (c->n_actions > 0 && c->action[0] <= dev) {
-        int64_t at = now + (c->action[0] - dev);
-        c->n_actions--;
-        memmove(c->action, c->action + 1, c->n_actions * sizeof c->action[0]);
+    int64_t dev = gvcam_clock_ns(&c->clock, now);
+    while (c->expose.n_actions > 0 && c->expose.action[0] <= dev) {
+        int64_t at = now + (c->expose.action[0] - dev);
+        c->expose.n_actions--;
+        memmove(c->expose.action, c->expose.action + 1,
+                c->expose.n_actions * sizeof c->expose.action[0]);
         gvcam_trigger(c, GVCAM_ACTION1, at);
     }
-    return c->n_actions > 0 ? now + (c->action[0] - dev) : GVCAM_NEVER;
+    return c->expose.n_actions > 0 ? now + (c->expose.action[0] - dev) : GVCAM_NEVER;
 }
 
-int64_t gvcam_take_step(struct cap_gvcam *c, int64_t now)
+int64_t gvcam_expose_step(struct cap_gvcam *c, int64_t now)
 {
-    if (!c->acquiring)
+    if (!c->expose.acquiring)
         return GVCAM_NEVER;
     if (free_running(c))
         return free_run_step(c, now);
-    int64_t next = c->n_actions > 0 ? action_step(c, now) : GVCAM_NEVER;
-    if (c->trigger_at <= now) {
-        int64_t at = c->trigger_at;
-        c->trigger_at = GVCAM_NEVER;
+    int64_t next = c->expose.n_actions > 0 ? action_step(c, now) : GVCAM_NEVER;
+    if (c->expose.trigger_at <= now) {
+        int64_t at = c->expose.trigger_at;
+        c->expose.trigger_at = GVCAM_NEVER;
         expose(c, at, now);
     }
-    return c->trigger_at < next ? c->trigger_at : next;
+    return c->expose.trigger_at < next ? c->expose.trigger_at : next;
+}
+
+void gvcam_expose_restart_ids(struct cap_gvcam *c)
+{
+    c->expose.id = 1;
 }

@@ -6,35 +6,23 @@
 #include <net/if.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 #include "capture/gevsim/gvnet.h"
-#include "capture/random.h"
 
 #define S(member)                                         \
     {                                                     \
 #member, offsetof(struct cap_gvcam_stats, member) \
     }
 const struct cap_gvcam_stat_def cap_gvcam_stat_defs[] = {
-    S(taken),      S(frames),     S(dropped),     S(overrun), S(triggers), S(missed),   S(too_fast),
+    S(exposed),    S(frames),     S(dropped),     S(overrun), S(triggers), S(missed),   S(too_fast),
     S(packets),    S(lost),       S(cut),         S(asked),   S(resent),   S(gone),     S(torn),
     S(reordered),  S(duplicated), S(wrong_size),  S(corrupt), S(hostile),  S(commands), S(refused),
     S(heartbeats), S(reboots),    S(send_errors), {NULL, 0}};
 #undef S
-
-int64_t gvcam_now(void)
-{
-    return pvx_now_real();
-}
-
-double gvcam_uniform(struct cap_gvcam *c)
-{
-    return cap_uniform(&c->rng);
-}
 
 /* ---- set-up ----------------------------------------------------------------------------------- */
 
@@ -117,36 +105,36 @@ static int udp_socket(struct in_addr addr, uint16_t port)
 
 static pvx_err open_sockets(struct cap_gvcam *c, struct pvx_diag *d)
 {
-    struct sockaddr_in sa;
+    struct sockaddr_in sa = {0};
     socklen_t n = sizeof sa;
-    c->control = udp_socket(c->addr, CAP_GVCP_PORT);
-    if (c->control < 0) {
+    c->control.fd = udp_socket(c->addr, CAP_GVCP_PORT);
+    if (c->control.fd < 0) {
         int e = errno;
         return pvx_fail(d, e == EADDRINUSE ? PVX_EBUSY : pvx_err_from_errno(e),
                         "simulated camera %s: UDP port %d: %s%s", c->c.address, CAP_GVCP_PORT,
                         strerror(e),
                         e == EADDRINUSE ? " (another camera or simulation is there)" : "");
     }
-    c->stream = udp_socket(c->addr, 0);
-    if (c->stream < 0 || getsockname(c->stream, (struct sockaddr *)&sa, &n) != 0)
+    c->send.fd = udp_socket(c->addr, 0);
+    if (c->send.fd < 0 || getsockname(c->send.fd, (struct sockaddr *)&sa, &n) != 0)
         return pvx_fail(d, PVX_EIO, "simulated camera %s: stream socket: %s", c->c.address,
                         strerror(errno));
-    c->stream_port = ntohs(sa.sin_port);
+    c->send.port = ntohs(sa.sin_port);
     int room = 4 << 20;
-    (void)setsockopt(c->stream, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
+    (void)setsockopt(c->send.fd, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
     return PVX_OK;
 }
 
 static void put_text(struct cap_gvcam *c, enum gvcam_bootstrap at, size_t room, const char *text)
 {
     size_t n = strlen(text);
-    memset(c->boot + at, 0, room);
-    memcpy(c->boot + at, text, n < room ? n : room - 1);
+    memset(c->reg.boot + at, 0, room);
+    memcpy(c->reg.boot + at, text, n < room ? n : room - 1);
 }
 
 static void fill_bootstrap(struct cap_gvcam *c)
 {
-    uint8_t *b = c->boot;
+    uint8_t *b = c->reg.boot;
     uint32_t ip = ntohl(c->addr.s_addr);
     cap_put32(b + GVB_VERSION, 0x00020000);
     cap_put32(b + GVB_MODE, 0x80000001); /* big-endian, UTF-8 */
@@ -180,8 +168,8 @@ static pvx_err copy_config(struct cap_gvcam *c, const struct cap_gvcam_config *f
     c->c.serial = c->strings[1];
     c->c.user_name = c->strings[2];
     c->ring = pvx_calloc(from->n_ring, sizeof *c->ring);
-    c->conv = pvx_calloc(from->n_ring, sizeof *c->conv);
-    if (c->ring == NULL || c->conv == NULL)
+    c->image.conv = pvx_calloc(from->n_ring, sizeof *c->image.conv);
+    if (c->ring == NULL || c->image.conv == NULL)
         return PVX_ENOMEM;
     memcpy(c->ring, from->ring, from->n_ring * sizeof *c->ring);
     c->c.ring = c->ring;
@@ -190,34 +178,35 @@ static pvx_err copy_config(struct cap_gvcam *c, const struct cap_gvcam_config *f
 
 void gvcam_destroy(struct cap_gvcam *c)
 {
-    if (c->control >= 0)
-        close(c->control);
-    if (c->stream >= 0)
-        close(c->stream);
-    if (c->conv != NULL)
-        gvcam_images_drop(c);
-    free(c->conv);
+    if (c->control.fd >= 0)
+        close(c->control.fd);
+    if (c->send.fd >= 0)
+        close(c->send.fd);
+    if (c->image.conv != NULL)
+        gvcam_image_drop(c);
+    free(c->image.conv);
     free(c->ring);
-    free(c->xml);
+    free(c->reg.xml);
     for (size_t k = 0; k < 3; k++)
         free(c->strings[k]);
     free(c);
 }
 
-pvx_err gvcam_build(cap_gvnet *net, const struct cap_gvcam_config *config, struct cap_gvcam **out)
+pvx_err gvcam_build(struct gvcam_link *link, const struct cap_gvcam_config *config,
+                    struct cap_gvcam **out)
 {
     struct cap_gvcam *c = pvx_calloc(1, sizeof *c);
     if (c == NULL)
         return PVX_ENOMEM;
-    c->net = net;
-    c->control = c->stream = -1;
-    c->trigger_at = GVCAM_NEVER;
+    c->link = link;
+    c->control.fd = c->send.fd = -1;
+    c->expose.trigger_at = GVCAM_NEVER;
     pvx_err e = copy_config(c, config);
     if (e == PVX_OK) {
-        c->id = c->c.first_id;
+        c->expose.id = c->c.first_id;
         gvcam_reg_reset(c);
-        gvcam_clock_start(c, gvcam_now());
-        c->ptp_status_latched = GVCAM_PTP_DISABLED;
+        gvcam_clock_start(&c->clock, &c->c, pvx_now_real());
+        c->reg.ptp_status_latched = GVCAM_PTP_DISABLED;
         e = gvcam_xml_make(c);
     }
     if (e != PVX_OK) {
@@ -234,12 +223,14 @@ pvx_err cap_gvcam_new(cap_gvnet *net, const struct cap_gvcam_config *config, cap
     struct cap_gvcam *c;
     *out = NULL;
     PVX_TRY(check(config, d));
-    PVX_TRY(gvcam_build(net, config, &c));
+    PVX_TRY(gvcam_build(gvnet_link(net), config, &c));
+    c->net = net;
     pvx_err e = find_interface(c, d);
     if (e == PVX_OK)
         e = open_sockets(c, d);
     if (e == PVX_OK) {
         c->rng = 0x9E3779B97F4A7C15u ^ c->addr.s_addr;
+        c->clock.seed = c->addr.s_addr;
         fill_bootstrap(c);
         e = gvnet_add(net, c, d);
     }
@@ -266,37 +257,20 @@ void cap_gvcam_free(cap_gvcam **cp)
 void cap_gvcam_set_fault(cap_gvcam *c, const struct cap_gvcam_fault *f)
 {
     gvnet_lock(c->net);
-    gvcam_clock_faults(c, f, gvcam_now());
+    gvcam_clock_faults(&c->clock, f, pvx_now_real());
     c->fault = *f;
     gvnet_unlock(c->net);
-}
-
-/* Everything is as after power-up, once it is back. */
-void gvcam_reboot(struct cap_gvcam *c, int64_t now, double seconds)
-{
-    gvcam_control_release(c);
-    gvcam_reg_reset(c);
-    if (c->v[GVF_USER_SET_DEFAULT] == 1 && c->user_set[GVF_WIDTH] != 0)
-        memcpy(c->v, c->user_set, sizeof c->v);
-    c->id = 1;
-    c->df = 0;
-    c->last.id = 0;
-    c->latched = 0;
-    c->ptp_status_latched = GVCAM_PTP_DISABLED;
-    c->ptp_offset_latched = 0;
-    c->stats.reboots++;
-    c->gone_until = now + (int64_t)((seconds > 0 ? seconds : c->c.reboot_s) * 1e9);
 }
 
 void cap_gvcam_do(cap_gvcam *c, enum cap_gvcam_act act, double arg)
 {
     gvnet_lock(c->net);
-    int64_t now = gvcam_now();
+    int64_t now = pvx_now_real();
     switch (act) {
-    case CAP_GVCAM_REBOOT: gvcam_reboot(c, now, arg); break;
-    case CAP_GVCAM_CLOCK_JUMP: gvcam_clock_jump(c, now, (int64_t)(arg * 1e9)); break;
-    case CAP_GVCAM_RESTART_IDS: c->id = 1; break;
-    case CAP_GVCAM_TRIGGER_MODE: c->v[GVF_TRIGGER_MODE] = arg != 0; break;
+    case CAP_GVCAM_REBOOT: gvcam_control_reboot(c, now, arg); break;
+    case CAP_GVCAM_CLOCK_JUMP: gvcam_clock_jump(&c->clock, now, (int64_t)(arg * 1e9)); break;
+    case CAP_GVCAM_RESTART_IDS: gvcam_expose_restart_ids(c); break;
+    case CAP_GVCAM_TRIGGER_MODE: c->reg.v[GVF_TRIGGER_MODE] = arg != 0; break;
     }
     gvnet_unlock(c->net);
 }

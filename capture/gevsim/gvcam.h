@@ -7,13 +7,13 @@
  * packet resend, software, line and action trigger (also scheduled), time-stamp latch, PTP, chunks.
  *
  * What a frame shows (all cameras of a host show the same instant):
- *     free run    frames are taken at multiples T of the frame period (host CLOCK_REALTIME), image
+ *     free run    frames are exposed at multiples T of the frame period (host CLOCK_REALTIME), image
  *                 floor(T ring_fps) of the ring, stamped with that image's own instant i/ring_fps,
  *                 so that what the stamp says about the scene is exact.  A camera set faster than
  *                 the ring shows images more than once, stamped T.
  *     triggered   the image of the instant of the trigger, stamped with that instant: the edge of the
  *                 line, the arrival of the command, the time that an action was scheduled for.
- * cap_simgv_index (simgv.h) gives the image for a stamp in both cases.
+ * cap_gvcam_index gives the image for a stamp in both cases.
  * Device clock: host CLOCK_REALTIME + skew, drifting, or from 0 at the start (boot_clock); with PTP
  * on, after ptp_settle_ms, host CLOCK_REALTIME + TAI offset to within 100 ns, in ns.
  * Samples of other depth than the ring's: 16-bit value s (v * 257 from 8 bits), s >> (16 - depth);
@@ -23,16 +23,16 @@
  * Frame ids: 16 bits, 65535 is followed by 1; or 64 bits (feature GevGVSPExtendedIDMode).
  *
  * Faults are live, per camera, and counted: struct cap_gvcam_fault, cap_gvcam_do; the counts are the
- * truth that a receiver's own are compared with.  See gvcam_feature.c for the features.
+ * truth that a receiver's own are compared with.  See feature.c for the features.
  * Addresses must belong to an interface: netns.h has a private network for an ordinary user.
  * Threads: any thread may call anything; a net must outlive its cameras.
  * Cost: a packet without conversion is sent from the ring, by sendmmsg. */
 #ifndef CAP_GVCAM_H
 #define CAP_GVCAM_H
+#include <math.h>
 #include <stdbool.h>
 #include "base/err.h"
 #include "capture/pixel/image.h"
-#include "capture/simgv.h" /* cap_simgv_index */
 
 #define CAP_GVCAM_NAME_MAX 15 /* characters */
 
@@ -100,7 +100,7 @@ enum cap_gvcam_act {
 };
 
 struct cap_gvcam_stats {
-    uint64_t taken;    /* frames exposed: = sent + dropped + overrun + still queued or flushed */
+    uint64_t exposed;  /* frames: = sent + dropped + overrun + still queued or flushed */
     uint64_t frames;   /* sent, to the last packet */
     uint64_t dropped;  /* numbered but not sent: drop */
     uint64_t overrun;  /* numbered but not sent: the camera's queue was full */
@@ -135,4 +135,11 @@ void cap_gvcam_set_fault(cap_gvcam *cam, const struct cap_gvcam_fault *f);
 void cap_gvcam_do(cap_gvcam *cam, enum cap_gvcam_act act, double arg);
 void cap_gvcam_stats(cap_gvcam *cam, struct cap_gvcam_stats *out);
 void cap_gvcam_free(cap_gvcam **cam); /* = kill: stops answering at once */
+
+/* Number (not yet modulo n_ring) of the ring image that belongs to stamp t.  A quarter of the ring
+ * period of tolerance below, three quarters above, for stamps that went through a clock map. */
+static inline int64_t cap_gvcam_index(int64_t t_ns, double ring_fps)
+{
+    return (int64_t)floorl((long double)t_ns * (long double)ring_fps / 1e9L + 0.25L);
+}
 #endif

@@ -4,6 +4,8 @@
 #include <arpa/inet.h>
 #include <errno.h>
 #include <math.h>
+#include <poll.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -13,53 +15,53 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 #define MAX_SOCKETS  600
 #define IDLE_NS      PVX_NS_PER_S /* looks around at least so often */
 #define LINK_BUFFER  (512u << 10)
-#define TAKE_AT_ONCE 64 /* datagrams per socket before the others have their turn */
+#define READ_AT_ONCE 64 /* datagrams per socket before the others have their turn */
+
+struct cap_gvnet {
+    pthread_t thread;
+    pthread_mutex_t lock;
+    pthread_cond_t looked;
+    int wake; /* eventfd */
+    bool stop;
+    bool polling;   /* the thread waits for sockets, and keeps them open by that */
+    uint64_t polls; /* times that it has waited */
+    struct cap_gvcam *cams;
+    struct caster {
+        int fd;
+        struct in_addr addr;
+        struct caster *next;
+    } * casters; /* sockets for broadcasts */
+    struct gvcam_link link;
+    double line_hz;
+    int64_t line_tick;
+};
+
+struct gvcam_link *gvnet_link(cap_gvnet *n)
+{
+    return &n->link;
+}
 
 /* ---- switch ----------------------------------------------------------------------------------- */
-
-bool gvnet_silent(const struct cap_gvnet *n, int64_t now)
-{
-    return now < n->silent_until;
-}
-
-/* A leaky bucket: what is in the switch's buffer drains at the rate of the link. */
-bool gvnet_pass(struct cap_gvcam *c, size_t bytes, int64_t now)
-{
-    struct cap_gvnet *n = c->net;
-    bool ok = !gvnet_silent(n, now);
-    if (ok && n->link_bytes_per_ns > 0) {
-        int64_t t = gvcam_now(); /* a batch takes a while */
-        n->link_level -= (double)(t - n->link_at) * n->link_bytes_per_ns;
-        n->link_level = n->link_level > 0 ? n->link_level : 0;
-        n->link_at = t;
-        ok = n->link_level + (double)bytes <= (double)n->link_buffer;
-        if (ok)
-            n->link_level += (double)bytes;
-    }
-    if (!ok)
-        c->stats.cut++;
-    return ok;
-}
 
 void cap_gvnet_link(cap_gvnet *n, double mbit_s, size_t buffer_bytes)
 {
     gvnet_lock(n);
-    n->link_bytes_per_ns = mbit_s > 0 ? mbit_s * 1e6 / 8 / 1e9 : 0;
-    n->link_buffer = buffer_bytes > 0 ? buffer_bytes : LINK_BUFFER;
-    n->link_level = 0;
-    n->link_at = gvcam_now();
+    n->link.bytes_per_ns = mbit_s > 0 ? mbit_s * 1e6 / 8 / 1e9 : 0;
+    n->link.buffer = buffer_bytes > 0 ? buffer_bytes : LINK_BUFFER;
+    n->link.level = 0;
+    n->link.at = pvx_now_real();
     gvnet_unlock(n);
 }
 
 void cap_gvnet_reboot(cap_gvnet *n, double seconds)
 {
     gvnet_lock(n);
-    n->silent_until = gvcam_now() + (int64_t)(seconds * 1e9);
+    n->link.silent_until = pvx_now_real() + (int64_t)(seconds * 1e9);
     gvnet_unlock(n);
 }
 
@@ -67,10 +69,10 @@ void cap_gvnet_reboot(cap_gvnet *n, double seconds)
 
 static void edge(struct cap_gvnet *n, int64_t at)
 {
-    n->line_level = 1; /* the pulse lasts until the frame has been described */
+    n->link.line_level = 1; /* the pulse lasts until the frame has been described */
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
         gvcam_trigger(c, GVCAM_LINE1, at);
-    n->line_level = 0;
+    n->link.line_level = 0;
 }
 
 static int64_t pulse_ns(int64_t k, double hz)
@@ -93,14 +95,14 @@ void cap_gvnet_line(cap_gvnet *n, double hz)
 {
     gvnet_lock(n);
     n->line_hz = hz;
-    n->line_tick = (int64_t)((long double)gvcam_now() * hz / 1e9L);
+    n->line_tick = (int64_t)((long double)pvx_now_real() * hz / 1e9L);
     gvnet_unlock(n);
 }
 
 void cap_gvnet_pulse(cap_gvnet *n)
 {
     gvnet_lock(n);
-    edge(n, gvcam_now());
+    edge(n, pvx_now_real());
     gvnet_unlock(n);
 }
 
@@ -123,7 +125,7 @@ static void broadcast(struct cap_gvnet *n, const uint8_t *p, size_t bytes,
 static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
 {
     uint8_t p[2048];
-    for (int k = 0; k < TAKE_AT_ONCE; k++) {
+    for (int k = 0; k < READ_AT_ONCE; k++) {
         struct sockaddr_in from;
         char control[CMSG_SPACE(sizeof(struct in_pktinfo))];
         struct iovec iov = {p, sizeof p};
@@ -142,7 +144,7 @@ static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
         if (m.msg_namelen != sizeof from || from.sin_family != AF_INET)
             continue;
         unsigned ifindex = 0;
-        int64_t now = gvcam_now(); /* of each: a trigger is stamped with it */
+        int64_t now = pvx_now_real(); /* of each: a trigger is stamped with it */
         for (struct cmsghdr *h = CMSG_FIRSTHDR(&m); h != NULL; h = CMSG_NXTHDR(&m, h))
             if (h->cmsg_level == IPPROTO_IP && h->cmsg_type == IP_PKTINFO) {
                 struct in_pktinfo info;
@@ -159,10 +161,10 @@ static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
 /* A socket that hears what is sent to a broadcast address; others may hear it too. */
 static pvx_err add_caster(struct cap_gvnet *n, struct in_addr addr, struct pvx_diag *d)
 {
-    for (const struct gvcam_caster *k = n->casters; k != NULL; k = k->next)
+    for (const struct caster *k = n->casters; k != NULL; k = k->next)
         if (k->addr.s_addr == addr.s_addr)
             return PVX_OK;
-    struct gvcam_caster *k = pvx_calloc(1, sizeof *k);
+    struct caster *k = pvx_calloc(1, sizeof *k);
     if (k == NULL)
         return PVX_ENOMEM;
     struct sockaddr_in sa = {
@@ -193,10 +195,10 @@ static unsigned list_sockets(struct cap_gvnet *n, struct pollfd *p)
 {
     unsigned k = 0;
     p[k++] = (struct pollfd){.fd = n->wake, .events = POLLIN};
-    for (const struct gvcam_caster *b = n->casters; b != NULL && k < MAX_SOCKETS; b = b->next)
+    for (const struct caster *b = n->casters; b != NULL && k < MAX_SOCKETS; b = b->next)
         p[k++] = (struct pollfd){.fd = b->fd, .events = POLLIN};
     for (const struct cap_gvcam *c = n->cams; c != NULL && k < MAX_SOCKETS; c = c->next)
-        p[k++] = (struct pollfd){.fd = c->control, .events = POLLIN};
+        p[k++] = (struct pollfd){.fd = c->control.fd, .events = POLLIN};
     return k;
 }
 
@@ -213,12 +215,12 @@ static void serve_sockets(struct cap_gvnet *n, const struct pollfd *p, unsigned 
     uint64_t count;
     if (p[0].revents != 0 && read(n->wake, &count, sizeof count) < 0 && errno != EAGAIN)
         return;
-    for (const struct gvcam_caster *b = n->casters; b != NULL; b = b->next)
+    for (const struct caster *b = n->casters; b != NULL; b = b->next)
         if (ready(p, n_p, b->fd))
             receive(n, b->fd, NULL);
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
-        if (ready(p, n_p, c->control))
-            receive(n, c->control, c);
+        if (ready(p, n_p, c->control.fd))
+            receive(n, c->control.fd, c);
 }
 
 static int64_t earlier(int64_t a, int64_t b)
@@ -229,18 +231,13 @@ static int64_t earlier(int64_t a, int64_t b)
 /* Everything that is due; the time of the next thing. */
 static int64_t step(struct cap_gvnet *n)
 {
-    int64_t now = gvcam_now(), next = line_step(n, now);
+    int64_t now = pvx_now_real(), next = line_step(n, now);
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next) {
-        if (c->gone_until != 0) {
-            next = earlier(next, c->gone_until);
-            if (now < c->gone_until)
-                continue;
-            c->gone_until = 0;
-            gvcam_clock_start(c, now);
-        }
         next = earlier(next, gvcam_control_step(c, now));
-        next = earlier(next, gvcam_take_step(c, now));
-        next = earlier(next, gvcam_send_step(c, gvcam_now()));
+        if (c->control.gone_until != 0)
+            continue;
+        next = earlier(next, gvcam_expose_step(c, now));
+        next = earlier(next, gvcam_send_step(c, pvx_now_real()));
     }
     return next;
 }
@@ -253,7 +250,7 @@ static void *run(void *arg)
     prctl(PR_SET_TIMERSLACK, 1000UL);
     pthread_mutex_lock(&n->lock);
     while (!n->stop) {
-        int64_t next = step(n), left = next - gvcam_now();
+        int64_t next = step(n), left = next - pvx_now_real();
         unsigned k = list_sockets(n, p);
         left = left < 0 ? 0 : left > IDLE_NS ? IDLE_NS : left;
         n->polling = true;
@@ -351,7 +348,7 @@ void cap_gvnet_free(cap_gvnet **np)
     gvnet_unlock(n);
     pthread_join(n->thread, NULL);
     while (n->casters != NULL) {
-        struct gvcam_caster *k = n->casters;
+        struct caster *k = n->casters;
         n->casters = k->next;
         close(k->fd);
         free(k);

@@ -3,15 +3,12 @@
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <ifaddrs.h>
 #include <linux/capability.h>
-#include <linux/if_addr.h>
-#include <linux/netlink.h>
-#include <linux/rtnetlink.h>
 #include <net/if.h>
 #include <sched.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
 #include <sys/syscall.h>
@@ -21,66 +18,6 @@
     "allow it (sysctl kernel.unprivileged_userns_clone=1, user.max_user_namespaces=100, "         \
     "kernel.apparmor_restrict_unprivileged_userns=0), run as root, or add the addresses by hand " \
     "(sudo ip addr add 127.0.0.2/8 dev lo, and so on) and leave the private network out"
-
-/* One rtnetlink request with room for a link or an address message and two attributes. */
-struct request {
-    struct nlmsghdr head;
-    union {
-        struct ifinfomsg link;
-        struct ifaddrmsg addr;
-    } body;
-    unsigned char attrs[64];
-};
-
-static void add_attr(struct request *r, unsigned short type, const void *data, unsigned short len)
-{
-    struct rtattr *a = (struct rtattr *)((char *)r + NLMSG_ALIGN(r->head.nlmsg_len));
-    a->rta_type = type;
-    a->rta_len = (unsigned short)RTA_LENGTH(len);
-    memcpy(RTA_DATA(a), data, len);
-    r->head.nlmsg_len = NLMSG_ALIGN(r->head.nlmsg_len) + (uint32_t)RTA_ALIGN(a->rta_len);
-}
-
-/* Send and wait for the kernel's answer; 0 or an errno value. */
-static int transact(int fd, struct request *r)
-{
-    struct {
-        struct nlmsghdr head;
-        struct nlmsgerr err;
-        unsigned char more[512];
-    } answer;
-    r->head.nlmsg_flags |= NLM_F_REQUEST | NLM_F_ACK;
-    if (send(fd, r, r->head.nlmsg_len, 0) < 0)
-        return errno;
-    ssize_t n = recv(fd, &answer, sizeof answer, 0);
-    if (n < 0)
-        return errno;
-    if ((size_t)n < NLMSG_LENGTH(sizeof answer.err) || answer.head.nlmsg_type != NLMSG_ERROR)
-        return EPROTO;
-    return -answer.err.error;
-}
-
-static int lo_up(int fd, int index)
-{
-    struct request r = {
-        .head = {.nlmsg_len = NLMSG_LENGTH(sizeof r.body.link), .nlmsg_type = RTM_NEWLINK}};
-    r.body.link = (struct ifinfomsg){.ifi_index = index, .ifi_flags = IFF_UP, .ifi_change = IFF_UP};
-    return transact(fd, &r);
-}
-
-static int lo_add(int fd, int index, uint32_t address_be)
-{
-    struct request r = {.head = {.nlmsg_len = NLMSG_LENGTH(sizeof r.body.addr),
-                                 .nlmsg_type = RTM_NEWADDR,
-                                 .nlmsg_flags = NLM_F_CREATE}};
-    r.body.addr = (struct ifaddrmsg){.ifa_family = AF_INET,
-                                     .ifa_prefixlen = 8,
-                                     .ifa_scope = RT_SCOPE_HOST,
-                                     .ifa_index = (uint32_t)index};
-    add_attr(&r, IFA_LOCAL, &address_be, sizeof address_be);
-    add_attr(&r, IFA_ADDRESS, &address_be, sizeof address_be);
-    return transact(fd, &r);
-}
 
 static int put_file(const char *path, const char *text)
 {
@@ -148,15 +85,21 @@ static pvx_err enter_namespaces(struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* Each address by an alias, lo:1 and so on: the mask is that of 127.0.0.0/8, the scope the host. */
 static pvx_err set_up_lo(unsigned n, struct pvx_diag *d)
 {
-    int fd = socket(AF_NETLINK, SOCK_RAW | SOCK_CLOEXEC, NETLINK_ROUTE);
+    int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (fd < 0)
-        return refuse(d, "netlink socket", errno);
-    int index = (int)if_nametoindex("lo");
-    int e = index == 0 ? errno : lo_up(fd, index);
-    for (unsigned i = 0; e == 0 && i < n; i++)
-        e = lo_add(fd, index, htonl(INADDR_LOOPBACK + 1 + i));
+        return refuse(d, "socket", errno);
+    struct ifreq r = {.ifr_name = "lo", .ifr_flags = IFF_UP};
+    int e = ioctl(fd, SIOCSIFFLAGS, &r) == 0 ? 0 : errno;
+    for (unsigned i = 0; e == 0 && i < n; i++) {
+        struct sockaddr_in a = {.sin_family = AF_INET,
+                                .sin_addr.s_addr = htonl(INADDR_LOOPBACK + 1 + i)};
+        snprintf(r.ifr_name, sizeof r.ifr_name, "lo:%u", i + 1);
+        memcpy(&r.ifr_addr, &a, sizeof a);
+        e = ioctl(fd, SIOCSIFADDR, &r) == 0 ? 0 : errno;
+    }
     close(fd);
     return e == 0 ? PVX_OK : refuse(d, "addresses of lo", e);
 }
@@ -180,34 +123,4 @@ pvx_err cap_netns_address(const char *first, unsigned i, char out[16])
         return PVX_EINVAL;
     a.s_addr = htonl(host + i);
     return inet_ntop(AF_INET, &a, out, 16) != NULL ? PVX_OK : PVX_EINVAL;
-}
-
-static bool on_interface(const struct ifaddrs *list, const char *text)
-{
-    struct in_addr want;
-    if (inet_pton(AF_INET, text, &want) != 1)
-        return false;
-    for (const struct ifaddrs *p = list; p != NULL; p = p->ifa_next) {
-        if (p->ifa_addr == NULL || p->ifa_addr->sa_family != AF_INET)
-            continue;
-        struct sockaddr_in sa;
-        memcpy(&sa, p->ifa_addr, sizeof sa);
-        if (sa.sin_addr.s_addr == want.s_addr)
-            return true;
-    }
-    return false;
-}
-
-bool cap_netns_have(const char *first, unsigned n)
-{
-    struct ifaddrs *list;
-    if (getifaddrs(&list) != 0)
-        return false;
-    bool all = true;
-    for (unsigned i = 0; all && i < n; i++) {
-        char text[16];
-        all = cap_netns_address(first, i, text) == PVX_OK && on_interface(list, text);
-    }
-    freeifaddrs(list);
-    return all;
 }

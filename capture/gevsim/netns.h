@@ -7,7 +7,6 @@
  * As root the user namespace is left out. */
 #ifndef CAP_NETNS_H
 #define CAP_NETNS_H
-#include <stdbool.h>
 #include "base/err.h"
 
 #define CAP_NETNS_MAX_ADDRESSES 253
@@ -19,8 +18,4 @@ PVX_MUST_CHECK pvx_err cap_netns_enter(unsigned n_addresses, struct pvx_diag *d)
 /* Dotted text of the i-th address after `first` ("127.0.0.2", 3 -> "127.0.0.5").  PVX_EINVAL: not
  * an IPv4 address, or past its end. */
 PVX_MUST_CHECK pvx_err cap_netns_address(const char *first, unsigned i, char out[16]);
-
-/* True when all n addresses from `first` on belong to interfaces of this host: then no private
- * network is needed to serve cameras on them. */
-bool cap_netns_have(const char *first, unsigned n);
 #endif

@@ -1,9 +1,9 @@
-/* gvcam_pixel.c - the ring's images in the format and region that the client has set. */
+/* pixel.c - the ring's images in the format and region that the client has set. */
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/mem.h"
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 static bool is_bayer(enum cap_pixfmt f)
 {
@@ -58,11 +58,11 @@ static uint16_t ring_sample(const struct cap_gvcam *c, const uint8_t *image, uin
 static size_t row_samples(const struct cap_gvcam *c, const uint8_t *image, uint32_t y,
                           uint16_t *out)
 {
-    uint32_t w = c->region[0], x0 = c->region[2], sy = y + c->region[3];
+    uint32_t w = c->image.region[0], x0 = c->image.region[2], sy = y + c->image.region[3];
     bool from_rgb = cap_pixfmt_channels(c->c.fmt) == 3 && !is_bayer(c->c.fmt);
-    const uint8_t *cell = cap_pixfmt_bayer(c->fmt);
-    bool to_rgb = cap_pixfmt_channels(c->fmt) == 3 && cell == NULL;
-    unsigned first = c->fmt == CAP_BGR8 ? 2 : 0;
+    const uint8_t *cell = cap_pixfmt_bayer(c->image.fmt);
+    bool to_rgb = cap_pixfmt_channels(c->image.fmt) == 3 && cell == NULL;
+    unsigned first = c->image.fmt == CAP_BGR8 ? 2 : 0;
     for (uint32_t x = 0; x < w; x++) {
         uint32_t sx = x + x0;
         if (!from_rgb)
@@ -127,30 +127,42 @@ static void pack(enum cap_pixfmt f, const uint16_t *s, size_t n, uint8_t *out)
 
 static uint8_t *convert(const struct cap_gvcam *c, const uint8_t *image)
 {
-    size_t row = cap_pixfmt_row(c->fmt, (int32_t)c->region[0]);
-    uint16_t *samples = pvx_calloc(3 * (size_t)c->region[0], sizeof *samples);
-    uint8_t *out = pvx_calloc(c->region[1], row);
-    for (uint32_t y = 0; samples != NULL && out != NULL && y < c->region[1]; y++)
-        pack(c->fmt, samples, row_samples(c, image, y, samples), out + y * row);
+    size_t row = cap_pixfmt_row(c->image.fmt, (int32_t)c->image.region[0]);
+    uint16_t *samples = pvx_calloc(3 * (size_t)c->image.region[0], sizeof *samples);
+    uint8_t *out = pvx_calloc(c->image.region[1], row);
+    for (uint32_t y = 0; samples != NULL && out != NULL && y < c->image.region[1]; y++)
+        pack(c->image.fmt, samples, row_samples(c, image, y, samples), out + y * row);
     if (samples == NULL)
         PVX_FREE(out);
     free(samples);
     return out;
 }
 
-const uint8_t *gvcam_image(struct cap_gvcam *c, int64_t index)
+const uint8_t *gvcam_image_of(struct cap_gvcam *c, int64_t index)
 {
     int64_t n = (int64_t)c->c.n_ring, k = (index % n + n) % n;
-    if (c->fmt == c->c.fmt && c->region[0] == (uint32_t)c->c.width &&
-        c->region[1] == (uint32_t)c->c.height)
+    if (c->image.fmt == c->c.fmt && c->image.region[0] == (uint32_t)c->c.width &&
+        c->image.region[1] == (uint32_t)c->c.height)
         return c->ring[k];
-    if (c->conv[k] == NULL)
-        c->conv[k] = convert(c, c->ring[k]);
-    return c->conv[k];
+    if (c->image.conv[k] == NULL)
+        c->image.conv[k] = convert(c, c->ring[k]);
+    return c->image.conv[k];
 }
 
-void gvcam_images_drop(struct cap_gvcam *c)
+void gvcam_image_start(struct cap_gvcam *c)
+{
+    struct gvcam_image *m = &c->image;
+    gvcam_image_drop(c);
+    m->fmt = cap_pixfmt_from_pfnc(c->reg.v[GVF_PIXEL_FORMAT]);
+    m->region[0] = c->reg.v[GVF_WIDTH];
+    m->region[1] = c->reg.v[GVF_HEIGHT];
+    m->region[2] = c->reg.v[GVF_OFFSET_X];
+    m->region[3] = c->reg.v[GVF_OFFSET_Y];
+    m->frame_bytes = cap_pixfmt_row(m->fmt, (int32_t)m->region[0]) * m->region[1];
+}
+
+void gvcam_image_drop(struct cap_gvcam *c)
 {
     for (size_t k = 0; k < c->c.n_ring; k++)
-        PVX_FREE(c->conv[k]);
+        PVX_FREE(c->image.conv[k]);
 }

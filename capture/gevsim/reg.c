@@ -1,21 +1,14 @@
-/* gvcam_reg.c - reading and writing the camera's registers, and what that does. */
+/* reg.c - reading and writing the camera's registers, and what that does. */
 #include <math.h>
 #include <string.h>
 
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 static uint32_t bits_of(float f)
 {
     uint32_t u;
     memcpy(&u, &f, sizeof u);
     return u;
-}
-
-float gvcam_float(const struct cap_gvcam *c, enum gvcam_feature f)
-{
-    float v;
-    memcpy(&v, &c->v[f], sizeof v);
-    return v;
 }
 
 /* GVCAM_N_FEATURES: no feature has that address. */
@@ -35,12 +28,14 @@ void gvcam_reg_reset(struct cap_gvcam *c)
 {
     for (unsigned k = 0; k < GVCAM_N_FEATURES; k++) {
         const struct gvcam_feature_def *d = &gvcam_features[k];
-        c->v[k] = d->kind == GVK_FLOAT ? bits_of((float)d->value) : (uint32_t)d->value;
+        c->reg.v[k] = d->kind == GVK_FLOAT ? bits_of((float)d->value) : (uint32_t)d->value;
     }
-    c->v[GVF_SENSOR_WIDTH] = c->v[GVF_WIDTH_MAX] = c->v[GVF_WIDTH] = (uint32_t)c->c.width;
-    c->v[GVF_SENSOR_HEIGHT] = c->v[GVF_HEIGHT_MAX] = c->v[GVF_HEIGHT] = (uint32_t)c->c.height;
-    c->v[GVF_PIXEL_FORMAT] = cap_pixfmt_pfnc(c->c.fmt);
-    c->v[GVF_RATE] = bits_of((float)c->c.ring_fps);
+    c->reg.v[GVF_SENSOR_WIDTH] = c->reg.v[GVF_WIDTH_MAX] = c->reg.v[GVF_WIDTH] =
+        (uint32_t)c->c.width;
+    c->reg.v[GVF_SENSOR_HEIGHT] = c->reg.v[GVF_HEIGHT_MAX] = c->reg.v[GVF_HEIGHT] =
+        (uint32_t)c->c.height;
+    c->reg.v[GVF_PIXEL_FORMAT] = cap_pixfmt_pfnc(c->c.fmt);
+    c->reg.v[GVF_RATE] = bits_of((float)c->c.ring_fps);
 }
 
 /* ---- reading ---------------------------------------------------------------------------------- */
@@ -57,35 +52,35 @@ static float temperature(const struct cap_gvcam *c, int64_t now)
 {
     double minutes = (double)(now % 3600000000000) / 60e9;
     float sensor = (float)(41.5 + 2.5 * sin(minutes) + (double)(c->addr.s_addr >> 24 & 7) * 0.5);
-    return c->v[GVF_TEMPERATURE_SELECTOR] == 0 ? sensor : sensor - 4;
+    return c->reg.v[GVF_TEMPERATURE_SELECTOR] == 0 ? sensor : sensor - 4;
 }
 
 static uint32_t read_feature(struct cap_gvcam *c, unsigned k, int64_t now)
 {
     switch (k) {
     case GVF_TEMPERATURE: return bits_of(temperature(c, now));
-    case GVF_TIMESTAMP_VALUE: return (uint32_t)(c->latched >> 32);
-    case GVF_TIMESTAMP_VALUE_LOW: return (uint32_t)c->latched;
-    case GVF_PTP_STATUS: return c->ptp_status_latched;
-    case GVF_PTP_OFFSET: return (uint32_t)((uint64_t)c->ptp_offset_latched >> 32);
-    case GVF_PTP_OFFSET_LOW: return (uint32_t)c->ptp_offset_latched;
-    case GVF_LINE_STATUS: return c->net->line_level & 1;
-    case GVF_LINE_STATUS_ALL: return c->net->line_level;
-    case GVF_CHUNK_ENABLE: return c->v[GVF_CHUNKS_ON] >> c->v[GVF_CHUNK_SELECTOR] & 1;
+    case GVF_TIMESTAMP_VALUE: return (uint32_t)(c->reg.latched >> 32);
+    case GVF_TIMESTAMP_VALUE_LOW: return (uint32_t)c->reg.latched;
+    case GVF_PTP_STATUS: return c->reg.ptp_status_latched;
+    case GVF_PTP_OFFSET: return (uint32_t)((uint64_t)c->reg.ptp_offset_latched >> 32);
+    case GVF_PTP_OFFSET_LOW: return (uint32_t)c->reg.ptp_offset_latched;
+    case GVF_LINE_STATUS: return c->link->line_level & 1;
+    case GVF_LINE_STATUS_ALL: return c->link->line_level;
+    case GVF_CHUNK_ENABLE: return c->reg.v[GVF_CHUNKS_ON] >> c->reg.v[GVF_CHUNK_SELECTOR] & 1;
     case GVF_PAYLOAD_SIZE: return gvcam_payload(c);
-    case GVF_RESULTING_RATE: return bits_of((float)gvcam_rate(c));
-    default: return c->v[k];
+    case GVF_RESULTING_RATE: return bits_of((float)gvcam_expose_rate(c));
+    default: return c->reg.v[k];
     }
 }
 
 static bool read_bootstrap(struct cap_gvcam *c, uint32_t a, uint32_t *out)
 {
     if (a < GVB_BOOT_END)
-        *out = cap_get32(c->boot + a);
+        *out = cap_get32(c->reg.boot + a);
     else if (a >= GVB_URL_0 && a < GVB_URL_1)
-        *out = bytes_at(c->url, sizeof c->url, a - GVB_URL_0);
-    else if (a >= GVB_XML && a < GVB_XML + ((c->xml_bytes + 511) / 512) * 512)
-        *out = bytes_at(c->xml, c->xml_bytes, a - GVB_XML);
+        *out = bytes_at(c->reg.url, sizeof c->reg.url, a - GVB_URL_0);
+    else if (a >= GVB_XML && a < GVB_XML + ((c->reg.xml_bytes + 511) / 512) * 512)
+        *out = bytes_at(c->reg.xml, c->reg.xml_bytes, a - GVB_XML);
     else
         switch (a) {
         case GVB_INTERFACES:
@@ -98,21 +93,20 @@ static bool read_bootstrap(struct cap_gvcam *c, uint32_t a, uint32_t *out)
         case GVB_MESSAGE_CAPABILITY:
         case GVB_TIMESTAMP_CONTROL:
         case GVB_GVCP_CONFIG:
+        case GVB_PRIMARY_PORT:
+        case GVB_PRIMARY_IP:
         case GVB_PENDING_TIMEOUT: *out = 0; break;
         case GVB_GVCP_CAPABILITY:
             *out = GVCAM_CAN_CONCATENATE | GVCAM_CAN_WRITEMEM |
                    (c->c.no_resend ? 0 : GVCAM_CAN_RESEND) | GVCAM_CAN_ACTION | GVCAM_CAN_SCHEDULE |
                    GVCAM_CAN_PTP | GVCAM_CAN_SERIAL | GVCAM_CAN_NAME;
             break;
-        case GVB_TICKS_HIGH: *out = (uint32_t)(gvcam_clock_hz(c) >> 32); break;
-        case GVB_TICKS_LOW: *out = (uint32_t)gvcam_clock_hz(c); break;
-        case GVB_TIMESTAMP_HIGH: *out = (uint32_t)(c->latched >> 32); break;
-        case GVB_TIMESTAMP_LOW: *out = (uint32_t)c->latched; break;
-        case GVB_CCP: *out = c->ccp; break;
-        case GVB_PRIMARY_PORT: *out = c->ccp != 0 ? ntohs(c->owner.sin_port) : 0; break;
-        case GVB_PRIMARY_IP: *out = c->ccp != 0 ? ntohl(c->owner.sin_addr.s_addr) : 0; break;
-        case GVB_SCPS: *out = c->v[GVF_SCPS] | c->df; break;
-        case GVB_SCSP: *out = c->stream_port; break;
+        case GVB_TICKS_HIGH: *out = (uint32_t)(gvcam_clock_hz(&c->clock) >> 32); break;
+        case GVB_TICKS_LOW: *out = (uint32_t)gvcam_clock_hz(&c->clock); break;
+        case GVB_TIMESTAMP_HIGH: *out = (uint32_t)(c->reg.latched >> 32); break;
+        case GVB_TIMESTAMP_LOW: *out = (uint32_t)c->reg.latched; break;
+        case GVB_SCPS: *out = c->reg.v[GVF_SCPS] | c->reg.df; break;
+        case GVB_SCSP: *out = c->send.port; break;
         default: return a >= GVB_URL_1 && a < GVB_URL_END ? (*out = 0, true) : false;
         }
     return true;
@@ -135,46 +129,54 @@ uint16_t gvcam_reg_read(struct cap_gvcam *c, uint32_t address, int64_t now, uint
 
 /* ---- writing ---------------------------------------------------------------------------------- */
 
+/* As the client has saved it; false: it has not. */
+static bool load_saved(struct cap_gvcam *c)
+{
+    bool saved = c->reg.user_set[GVF_WIDTH] != 0;
+    if (saved)
+        memcpy(c->reg.v, c->reg.user_set, sizeof c->reg.v);
+    return saved;
+}
+
 static void load_user_set(struct cap_gvcam *c)
 {
-    uint32_t keep[] = {c->v[GVF_SCP_PORT], c->v[GVF_SCDA], c->v[GVF_HEARTBEAT],
-                       c->v[GVF_USER_SET_SELECTOR]};
-    if (c->v[GVF_USER_SET_SELECTOR] == 1 && c->user_set[GVF_WIDTH] != 0)
-        memcpy(c->v, c->user_set, sizeof c->v);
-    else
+    uint32_t keep[] = {c->reg.v[GVF_SCP_PORT], c->reg.v[GVF_SCDA], c->reg.v[GVF_HEARTBEAT],
+                       c->reg.v[GVF_USER_SET_SELECTOR]};
+    if (c->reg.v[GVF_USER_SET_SELECTOR] != 1 || !load_saved(c))
         gvcam_reg_reset(c);
-    c->v[GVF_SCP_PORT] = keep[0];
-    c->v[GVF_SCDA] = keep[1];
-    c->v[GVF_HEARTBEAT] = keep[2];
-    c->v[GVF_USER_SET_SELECTOR] = keep[3];
+    c->reg.v[GVF_SCP_PORT] = keep[0];
+    c->reg.v[GVF_SCDA] = keep[1];
+    c->reg.v[GVF_HEARTBEAT] = keep[2];
+    c->reg.v[GVF_USER_SET_SELECTOR] = keep[3];
 }
 
 static uint16_t command(struct cap_gvcam *c, unsigned k, int64_t now)
 {
     switch (k) {
-    case GVF_DEVICE_RESET: gvcam_reboot(c, now, 0); break;
-    case GVF_TIMESTAMP_LATCH: c->latched = gvcam_clock_ticks(c, gvcam_clock_ns(c, now)); break;
-    case GVF_TIMESTAMP_RESET:
-        if (c->clock.ptp_since != 0)
-            return CAP_GVCP_ACCESS_DENIED;
-        gvcam_clock_reset(c, now);
+    case GVF_DEVICE_RESET: c->reg.reset = true; break;
+    case GVF_TIMESTAMP_LATCH:
+        c->reg.latched = gvcam_clock_ticks(&c->clock, gvcam_clock_ns(&c->clock, now));
         break;
-    case GVF_ACQ_START: gvcam_start(c, now); break;
-    case GVF_ACQ_STOP: gvcam_stop(c); break;
+    case GVF_TIMESTAMP_RESET:
+        if (!gvcam_clock_reset(&c->clock, now))
+            return CAP_GVCP_ACCESS_DENIED;
+        break;
+    case GVF_ACQ_START: gvcam_expose_start(c, now); break;
+    case GVF_ACQ_STOP: gvcam_expose_stop(c); break;
     case GVF_TRIGGER_SOFTWARE: gvcam_trigger(c, GVCAM_SOFTWARE, now); break;
     case GVF_PTP_LATCH:
-        c->ptp_status_latched = gvcam_ptp_status(c, now);
-        c->ptp_offset_latched = gvcam_ptp_offset_ns(c, now);
+        c->reg.ptp_status_latched = gvcam_ptp_status(&c->clock, now);
+        c->reg.ptp_offset_latched = gvcam_ptp_offset_ns(&c->clock, now);
         break;
     case GVF_USER_SET_LOAD:
-        if (c->acquiring)
+        if (c->expose.acquiring)
             return CAP_GVCP_ACCESS_DENIED;
         load_user_set(c);
         break;
     case GVF_USER_SET_SAVE:
-        if (c->v[GVF_USER_SET_SELECTOR] == 0)
+        if (c->reg.v[GVF_USER_SET_SELECTOR] == 0)
             return CAP_GVCP_WRITE_PROTECT;
-        memcpy(c->user_set, c->v, sizeof c->v);
+        memcpy(c->reg.user_set, c->reg.v, sizeof c->reg.v);
         break;
     default: return CAP_GVCP_INVALID_ADDRESS;
     }
@@ -194,10 +196,10 @@ static bool region_fits(const struct cap_gvcam *c, unsigned k, uint32_t v)
 {
     uint32_t w = (uint32_t)c->c.width, h = (uint32_t)c->c.height;
     switch (k) {
-    case GVF_WIDTH: return v >= 1 && v <= w - c->v[GVF_OFFSET_X] && (w % 4 != 0 || v % 4 == 0);
-    case GVF_HEIGHT: return v >= 1 && v <= h - c->v[GVF_OFFSET_Y];
-    case GVF_OFFSET_X: return v % 2 == 0 && v <= w - c->v[GVF_WIDTH];
-    case GVF_OFFSET_Y: return v % 2 == 0 && v <= h - c->v[GVF_HEIGHT];
+    case GVF_WIDTH: return v >= 1 && v <= w - c->reg.v[GVF_OFFSET_X] && (w % 4 != 0 || v % 4 == 0);
+    case GVF_HEIGHT: return v >= 1 && v <= h - c->reg.v[GVF_OFFSET_Y];
+    case GVF_OFFSET_X: return v % 2 == 0 && v <= w - c->reg.v[GVF_WIDTH];
+    case GVF_OFFSET_Y: return v % 2 == 0 && v <= h - c->reg.v[GVF_HEIGHT];
     default: return true;
     }
 }
@@ -225,12 +227,12 @@ static uint16_t write_packet_size(struct cap_gvcam *c, uint32_t v)
     uint32_t size = v & 0xffff;
     if (size < GVCAM_PACKET_MIN || size > GVCAM_PACKET_MAX)
         return CAP_GVCP_INVALID_PARAMETER;
-    if (c->acquiring && size != c->v[GVF_SCPS])
+    if (c->expose.acquiring && size != c->reg.v[GVF_SCPS])
         return CAP_GVCP_ACCESS_DENIED;
-    c->v[GVF_SCPS] = size - size % 4;
-    c->df = v & GVCAM_SCPS_DF;
+    c->reg.v[GVF_SCPS] = size - size % 4;
+    c->reg.df = v & GVCAM_SCPS_DF;
     if ((v & GVCAM_SCPS_FIRE) != 0)
-        gvcam_test_packet(c);
+        gvcam_send_test(c);
     return CAP_GVCP_OK;
 }
 
@@ -240,7 +242,7 @@ static uint16_t write_feature(struct cap_gvcam *c, unsigned k, int64_t now, uint
     if ((d->access & GVA_W) == 0)
         return CAP_GVCP_WRITE_PROTECT;
     bool trigger = k == GVF_TRIGGER_MODE || k == GVF_TRIGGER_SOURCE;
-    if ((d->access == GVA_LOCKED || (trigger && c->fault.lock_trigger)) && c->acquiring)
+    if ((d->access == GVA_LOCKED || (trigger && c->fault.lock_trigger)) && c->expose.acquiring)
         return CAP_GVCP_ACCESS_DENIED;
     if (d->kind == GVK_COMMAND)
         return v != 0 ? command(c, k, now) : CAP_GVCP_OK;
@@ -251,13 +253,14 @@ static uint16_t write_feature(struct cap_gvcam *c, unsigned k, int64_t now, uint
     if (!in_range(c, k, v))
         return CAP_GVCP_INVALID_PARAMETER;
     if (k == GVF_CHUNK_ENABLE) {
-        uint32_t bit = 1u << c->v[GVF_CHUNK_SELECTOR];
-        c->v[GVF_CHUNKS_ON] = v != 0 ? c->v[GVF_CHUNKS_ON] | bit : c->v[GVF_CHUNKS_ON] & ~bit;
+        uint32_t bit = 1u << c->reg.v[GVF_CHUNK_SELECTOR];
+        c->reg.v[GVF_CHUNKS_ON] =
+            v != 0 ? c->reg.v[GVF_CHUNKS_ON] | bit : c->reg.v[GVF_CHUNKS_ON] & ~bit;
         return CAP_GVCP_OK;
     }
-    c->v[k] = v;
+    c->reg.v[k] = v;
     if (k == GVF_PTP_ENABLE)
-        gvcam_ptp_enable(c, now, v != 0);
+        gvcam_ptp_enable(&c->clock, now, v != 0);
     return CAP_GVCP_OK;
 }
 
@@ -269,8 +272,8 @@ uint16_t gvcam_reg_write(struct cap_gvcam *c, uint32_t address, int64_t now, uin
     if (k != GVCAM_N_FEATURES)
         return write_feature(c, k, now, value);
     if (address >= GVB_USER_NAME && address < GVB_BOOT_END) {
-        cap_put32(c->boot + address, value);
-        c->boot[GVB_BOOT_END - 1] = 0;
+        cap_put32(c->reg.boot + address, value);
+        c->reg.boot[GVB_BOOT_END - 1] = 0;
         return CAP_GVCP_OK;
     }
     if (address == GVB_TIMESTAMP_CONTROL) {
@@ -285,4 +288,16 @@ uint16_t gvcam_reg_write(struct cap_gvcam *c, uint32_t address, int64_t now, uin
         return CAP_GVCP_OK;
     uint32_t is;
     return read_bootstrap(c, address, &is) ? CAP_GVCP_WRITE_PROTECT : CAP_GVCP_INVALID_ADDRESS;
+}
+
+void gvcam_reg_reboot(struct cap_gvcam *c)
+{
+    gvcam_reg_reset(c);
+    if (c->reg.v[GVF_USER_SET_DEFAULT] == 1)
+        (void)load_saved(c);
+    c->reg.df = 0;
+    c->reg.latched = 0;
+    c->reg.ptp_status_latched = GVCAM_PTP_DISABLED;
+    c->reg.ptp_offset_latched = 0;
+    c->reg.reset = false;
 }

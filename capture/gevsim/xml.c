@@ -1,12 +1,11 @@
-/* gvcam_xml.c - the GenICam description of the camera's registers, written from the feature table. */
-#include <stdarg.h>
+/* xml.c - the GenICam description of the camera's registers, written from the feature table. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
 
 #include "base/mem.h"
-#include "capture/gvcam_int.h"
+#include "capture/gevsim/gevsim.h"
 
 struct text {
     FILE *f;
@@ -40,18 +39,11 @@ static void open_register(FILE *f, const char *kind, const char *name, uint32_t 
 
 static void put_int_register(FILE *f, const struct gvcam_feature_def *d, uint32_t address)
 {
-    if (d->kind == GVK_BIT || d->kind == GVK_BIT_BOOL) {
+    bool one = d->kind == GVK_BIT || d->kind == GVK_BIT_BOOL;
+    if (one || d->bit > 0) { /* that bit, or from it down to the least significant */
         open_register(f, "MaskedIntReg", d->name, address, 4, d->access & 3, "Device");
-        fprintf(f,
-                "<Bit>%d</Bit><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess>"
-                "</MaskedIntReg>\n",
-                d->bit);
-    } else if (d->bit > 0) { /* from that bit down to the least significant */
-        open_register(f, "MaskedIntReg", d->name, address, 4, d->access & 3, "Device");
-        fprintf(f,
-                "<LSB>31</LSB><MSB>%d</MSB><Sign>Unsigned</Sign><Endianess>BigEndian</Endianess>"
-                "</MaskedIntReg>\n",
-                d->bit);
+        fprintf(f, one ? "<Bit>%d</Bit>" : "<LSB>31</LSB><MSB>%d</MSB>", d->bit);
+        fprintf(f, "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></MaskedIntReg>\n");
     } else {
         open_register(f, "IntReg", d->name, address, d->kind == GVK_INT64 ? 8 : 4, d->access & 3,
                       "Device");
@@ -96,7 +88,8 @@ static void put_head(FILE *f, const char *node, const struct gvcam_feature_def *
 static void put_selected(FILE *f, const char *name)
 {
     for (const struct gvcam_feature_def *d = gvcam_features; d->category != NULL; d++)
-        if (d->selector != NULL && d->name != NULL && strcmp(d->selector, name) == 0)
+        if (d->selector != NULL && d->name != NULL && name != NULL &&
+            strcmp(d->selector, name) == 0)
             fprintf(f, "<pSelected>%s</pSelected>", d->name);
 }
 
@@ -295,15 +288,16 @@ pvx_err gvcam_xml_make(struct cap_gvcam *c)
     char *text = NULL;
     size_t n = 0;
     PVX_TRY(write_text(c, &text, &n));
-    c->xml = (uint8_t *)text;
-    c->xml_bytes = n;
+    c->reg.xml = (uint8_t *)text;
+    c->reg.xml_bytes = n;
     if (c->c.zip) {
-        pvx_err e = zip("pyrovox_simcam.xml", (const uint8_t *)text, n, &c->xml, &c->xml_bytes);
+        pvx_err e =
+            zip("pyrovox_simcam.xml", (const uint8_t *)text, n, &c->reg.xml, &c->reg.xml_bytes);
         if (e != PVX_OK)
             return e;
         free(text);
     }
-    snprintf(c->url, sizeof c->url, "Local:pyrovox_simcam.%s;%x;%zx", c->c.zip ? "zip" : "xml",
-             GVB_XML, c->xml_bytes);
+    snprintf(c->reg.url, sizeof c->reg.url, "Local:pyrovox_simcam.%s;%x;%zx",
+             c->c.zip ? "zip" : "xml", GVB_XML, c->reg.xml_bytes);
     return PVX_OK;
 }

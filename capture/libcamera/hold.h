@@ -1,5 +1,5 @@
-/* libcamera_hold.h - keeps libcamera alive when a USB camera is plugged in again (private to
- * src_libcamera.c).
+/* hold.h - keeps libcamera alive when a USB camera is plugged in again (private to
+ * libcamera.c).
  *
  * libcamera's enumerator (0.0.3, DeviceEnumeratorUdev) notes under the number of a video device that
  * a media device waits for it, and never takes the note back, though what it points to is freed.

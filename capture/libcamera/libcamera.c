@@ -1,11 +1,11 @@
-/* src_libcamera.c - libcamera: cameras on a CSI bus (Raspberry Pi, laptops) and USB.
+/* libcamera.c - libcamera: cameras on a CSI bus (Raspberry Pi, laptops) and USB.
  *
  * Zero copy: the buffers that libcamera's handler allocates are mapped once and go to the consumer
  * and come back (lend.h); with fewer of them than the configuration's `buffers` and the two that
  * stay with the camera, images are copied instead (the handler of USB cameras always has four).
- * libcamera's one thread for all cameras hands over; the C++ is in libcamera_shim.cpp.
+ * libcamera's one thread for all cameras hands over; the C++ is in shim.cpp.
  * A camera that libcamera reports as disconnected is lost at once, and found again by its name when it
- * is back; libcamera_hold.h says what that takes.
+ * is back; hold.h says what that takes.
  *
  * Times: SensorTimestamp.  libcamera says that it counts as CLOCK_BOOTTIME does; handlers pass on the
  * kernel's CLOCK_MONOTONIC.  The two differ by the time that the host has slept, so which one it is
@@ -22,7 +22,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "capture/backends.h"
+#include "capture/source/backends.h"
 #include "capture/source/bufpool.h"
 #include "capture/source/gate.h"
 #include "capture/source/lend.h"
@@ -271,13 +271,13 @@ static struct cap_frame *frame_for(struct source *s, const struct cap_lc_frame *
         }
         return f;
     }
-    f = cap_bufpool_take(s->pool);
+    f = cap_bufpool_get(s->pool);
     if (f != NULL && in->bytes <= cap_bufpool_bytes(s->pool))
         memcpy(cap_bufpool_memory(f), in->data, in->bytes);
     return f;
 }
 
-static void take(struct source *s, const struct cap_lc_frame *in)
+static void deliver(struct source *s, const struct cap_lc_frame *in)
 {
     int64_t real = 0, mono = 0;
     pvx_now_both(&real, &mono);
@@ -322,7 +322,7 @@ static void on_frame(void *ctx, const struct cap_lc_frame *in)
         s->temperature_c = in->temperature_c;
         pthread_mutex_unlock(&s->lock);
     }
-    take(s, in);
+    deliver(s, in);
     cap_gate_leave(&s->gate);
 }
 

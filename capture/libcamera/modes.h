@@ -1,5 +1,5 @@
-/* libcamera_modes.h - which of a libcamera camera's modes fits the configuration, and which camera a name
- * means (private to src_libcamera.c; knows no libcamera).
+/* modes.h - which of a libcamera camera's modes fits the configuration, and which camera a name
+ * means (private to libcamera.c; knows no libcamera).
  *
  * libcamera takes its formats' names from DRM, which counts from the least significant bit of a
  * little-endian word: its RGB888 is B, G, R in memory (CAP_BGR8), its BGR888 R, G, B (CAP_RGB8).

@@ -1,6 +1,6 @@
-/* libcamera_shim.h - what the libcamera module (lib/pyrovox-libcamera.so) offers, as plain C.
+/* shim.h - what the libcamera module (lib/pyrovox-libcamera.so) offers, as plain C.
  *
- * The module is C++ and is loaded with dlopen by src_libcamera.c on first use, so that the program runs where
+ * The module is C++ and is loaded with dlopen by libcamera.c on first use, so that the program runs where
  * there is no libcamera; it exports one function, cap_lc_module.  Nothing throws across this border:
  * fallible entries return a pvx_err value as int and put a line into `err` when that is not 0.
  * It compiles against libcamera 0.0.3 (Debian 12) and the current API; what differs is guarded by

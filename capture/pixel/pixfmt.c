@@ -1,12 +1,8 @@
 #include "capture/pixel/pixfmt.h"
 
-#include <stdatomic.h>
-#include <stdlib.h>
-#include <string.h>
-
 #include "capture/pixel/pixfmt_priv.h"
 
-void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
+static void yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
 {
     double kr = yuv & CAP_YUV_709 ? 0.2126 : 0.299, kb = yuv & CAP_YUV_709 ? 0.0722 : 0.114;
     double kg = 1 - kr - kb;
@@ -75,25 +71,19 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
         j->table = cap_transfer_table(curve, bits);
     j->scale_full = (float)(j->table != NULL ? CAP_LIGHT_ONE : j->full);
     if (layout == CAP_LAYOUT_YUV)
-        cap_pix_yuv_coef(img->yuv, &j->yuv);
+        yuv_coef(img->yuv, &j->yuv);
     return PVX_OK;
 }
 
-const struct cap_pix_ways *cap_pix_ways(void)
+void cap_pix_ways_init(struct cap_pix_ways *w, enum pvx_cpu most)
 {
-    static _Atomic(const struct cap_pix_ways *) chosen;
-    const struct cap_pix_ways *w = atomic_load_explicit(&chosen, memory_order_acquire);
-    if (w != NULL)
-        return w;
-    w = &cap_pix_plain;
+    cap_pix_ways_plain(w);
 #if defined(__x86_64__)
-    const char *env = getenv("PYROVOX_CPU");
-    __builtin_cpu_init();
-    if (__builtin_cpu_supports("avx2") && (env == NULL || strcmp(env, "ref") != 0))
-        w = &cap_pix_avx2;
+    if (most >= PVX_CPU_AVX2 && pvx_cpu() >= PVX_CPU_AVX2)
+        cap_pix_ways_avx2(w);
+#else
+    (void)most;
 #endif
-    atomic_store_explicit(&chosen, w, memory_order_release);
-    return w;
 }
 
 void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
@@ -116,8 +106,10 @@ pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params
                     int32_t y1, float *out)
 {
     struct cap_pix j;
+    struct cap_pix_ways w;
     PVX_TRY(cap_pix_check(img, p, y0, y1, &j));
-    cap_pix_run(cap_pix_ways(), &j, y0, y1, out);
+    cap_pix_ways_init(&w, PVX_CPU_BEST);
+    cap_pix_run(&w, &j, y0, y1, out);
     return PVX_OK;
 }
 

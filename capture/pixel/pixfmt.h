@@ -39,7 +39,7 @@ struct cap_convert_params {
 };
 
 /* img.width = bw*binning, img.height = bh*binning; out [bh][bw][cs], cs = 1 (nch 1) or 4 (nch 3,
- * 4th lane 0).  Errors: PVX_EINVAL (sizes; a Bayer image less than 2 pixels wide or high),
+ * 4th float 0).  Errors: PVX_EINVAL (sizes; a Bayer image less than 2 pixels wide or high),
  * PVX_EUNSUP (format; another transfer than linear for floats), PVX_EFORMAT (img.size too small:
  * stride*(height-1) + one row of pixels). */
 PVX_MUST_CHECK pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params *p,

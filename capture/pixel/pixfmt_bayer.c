@@ -5,43 +5,7 @@
  * the missing colours are (h + v)/4 and x/4 at red and blue, h/2 and v/2 at green. */
 #include "capture/pixel/pixfmt_fast.h"
 
-enum { PIECE = 512 }; /* pixels at a time, and one more on each side */
-enum { ROOM = PIECE + CAP_PIX_SLACK };
-
-/* A piece of a row: values to be added, and the samples; pixel x is at x - first + 1. */
-struct piece {
-    uint32_t v[ROOM + 2];
-    uint16_t top[ROOM + 2];
-};
-
-static void one_value(const struct cap_pix *j, int32_t x, int32_t y, int32_t at, struct piece *p)
-{
-    unsigned v = cap_pix_sample(j, x, y, 0);
-    v = v < j->full ? v : j->full;
-    p->top[at] = (uint16_t)v;
-    p->v[at] = j->table == NULL ? v : j->table[v];
-}
-
-static void values(const uint16_t *restrict s, const uint32_t *table, int32_t n,
-                   uint32_t *restrict v)
-{
-    if (table != NULL)
-        for (int32_t i = 0; i < n; i++)
-            v[i] = table[s[i]];
-    else
-        for (int32_t i = 0; i < n; i++)
-            v[i] = s[i];
-}
-
-/* Pixels x-1 .. x+n of row y, mirrored at the image's border. */
-static void take(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct piece *p)
-{
-    int32_t w = j->img.width;
-    CAP_PIX(row)(j, y, x, n, p->top + 1, 0);
-    values(p->top + 1, j->table, n, p->v + 1);
-    one_value(j, x > 0 ? x - 1 : 1, y, 0, p);
-    one_value(j, x + n < w ? x + n : w - 2, y, n + 1, p);
-}
+enum { PIECE = CAP_PIX_PIECE, ROOM = PIECE + CAP_PIX_SLACK };
 
 /* Colour planes of a piece. */
 struct planes {
@@ -49,15 +13,12 @@ struct planes {
     uint16_t top[3][ROOM];
 };
 
-CAP_PIX_INLINE uint16_t greater(uint16_t a, uint16_t b)
-{
-    return a > b ? a : b;
-}
-
 /* The row's own colour, green and the far colour at its pixels: green ones are the odd places, or
- * (green_first) the even ones. */
-CAP_PIX_INLINE void mix(const struct piece *restrict up, const struct piece *restrict mid,
-                        const struct piece *restrict down, int32_t n, bool green_first,
+ * (green_first) the even ones.  Rows by name and restrict, or the loops would not be vectorised.
+ * NOLINTNEXTLINE(readability-function-size) */
+CAP_PIX_INLINE void mix(const struct cap_pix_line *restrict up,
+                        const struct cap_pix_line *restrict mid,
+                        const struct cap_pix_line *restrict down, int32_t n, bool green_first,
                         uint32_t *restrict own, uint32_t *restrict green, uint32_t *restrict far)
 {
     for (int32_t i = 0; i < n; i++) {
@@ -70,26 +31,29 @@ CAP_PIX_INLINE void mix(const struct piece *restrict up, const struct piece *res
     }
 }
 
-CAP_PIX_INLINE void mix_tops(const struct piece *restrict up, const struct piece *restrict mid,
-                             const struct piece *restrict down, int32_t n, bool green_first,
+/* As above.  NOLINTNEXTLINE(readability-function-size) */
+CAP_PIX_INLINE void mix_tops(const struct cap_pix_line *restrict up,
+                             const struct cap_pix_line *restrict mid,
+                             const struct cap_pix_line *restrict down, int32_t n, bool green_first,
                              uint16_t *restrict own, uint16_t *restrict green,
                              uint16_t *restrict far)
 {
     for (int32_t i = 0; i < n; i++) {
         const uint16_t is_green = (uint16_t)(0u - ((uint32_t)(i + green_first) & 1u));
         const uint16_t is_own = (uint16_t)~is_green;
-        uint16_t h = greater(mid->top[i], mid->top[i + 2]);
-        uint16_t v = greater(up->top[i + 1], down->top[i + 1]), at = mid->top[i + 1];
-        uint16_t x =
-            greater(greater(up->top[i], up->top[i + 2]), greater(down->top[i], down->top[i + 2]));
+        uint16_t h = cap_pix_greater(mid->top[i], mid->top[i + 2]);
+        uint16_t v = cap_pix_greater(up->top[i + 1], down->top[i + 1]), at = mid->top[i + 1];
+        uint16_t x = cap_pix_greater(cap_pix_greater(up->top[i], up->top[i + 2]),
+                                     cap_pix_greater(down->top[i], down->top[i + 2]));
         own[i] = (uint16_t)((h & is_green) | (at & is_own));
         far[i] = (uint16_t)((v & is_green) | (x & is_own));
-        green[i] = (uint16_t)((at & is_green) | (greater(h, v) & is_own));
+        green[i] = (uint16_t)((at & is_green) | (cap_pix_greater(h, v) & is_own));
     }
 }
 
-static void mix_row(const struct cap_pix *j, const struct piece *up, const struct piece *mid,
-                    const struct piece *down, int32_t n, int32_t y, float *out)
+static void mix_row(const struct cap_pix *j, const struct cap_pix_line *up,
+                    const struct cap_pix_line *mid, const struct cap_pix_line *down, int32_t n,
+                    int32_t y, float *out)
 {
     struct planes p;
     const uint8_t *c = j->cell + (y & 1) * 2;
@@ -108,12 +72,12 @@ static void mix_row(const struct cap_pix *j, const struct piece *up, const struc
 static void demosaic(const struct cap_pix *j, int32_t x, int32_t n, int32_t y0, int32_t y1,
                      float *out)
 {
-    struct piece row[3]; /* above, at and below, in turn */
+    struct cap_pix_line row[3]; /* above, at and below, in turn */
     int32_t w = j->img.width, h = j->img.height;
-    take(j, y0 > 0 ? y0 - 1 : 1, x, n, &row[(y0 + 2) % 3]);
-    take(j, y0, x, n, &row[y0 % 3]);
+    cap_pix_fetch(j, y0 > 0 ? y0 - 1 : 1, x, n, &row[(y0 + 2) % 3]);
+    cap_pix_fetch(j, y0, x, n, &row[y0 % 3]);
     for (int32_t y = y0; y < y1; y++) {
-        take(j, y + 1 < h ? y + 1 : h - 2, x, n, &row[(y + 1) % 3]);
+        cap_pix_fetch(j, y + 1 < h ? y + 1 : h - 2, x, n, &row[(y + 1) % 3]);
         mix_row(j, &row[(y + 2) % 3], &row[y % 3], &row[(y + 1) % 3], n, y,
                 out + ((size_t)y * (size_t)w + (size_t)x) * (j->nch == 3 ? 4 : 1));
     }
@@ -153,7 +117,7 @@ static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float
     const cap_f4 none = {NAN, NAN, NAN, 0};
     int32_t i = 0;
     CAP_PIX(row)(j, y, x, n, s, 0);
-    values(s, j->table, n, v);
+    cap_pix_light(s, j->table, n, v);
     for (int32_t k = 0; k < n; k++)
         light[k] = cap_pix_value((float)(int32_t)v[k] * scale, s[k] >= full);
 #if defined(CAP_PIX_AVX2)

@@ -133,8 +133,9 @@ void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int3
         mean(v, (int32_t)j->full, false, n, out);
 }
 
-#if defined(CAP_PIX_AVX2)
-const struct cap_pix_ways cap_pix_avx2 = {"avx2", CAP_PIX(sums), CAP_PIX(bayer), CAP_PIX(mosaic)};
-#else
-const struct cap_pix_ways cap_pix_plain = {"ref", CAP_PIX(sums), CAP_PIX(bayer), CAP_PIX(mosaic)};
-#endif
+void CAP_PIX(ways)(struct cap_pix_ways *w)
+{
+    w->sums = CAP_PIX(sums);
+    w->bayer = CAP_PIX(bayer);
+    w->mosaic = CAP_PIX(mosaic);
+}

@@ -11,14 +11,8 @@
 
 #include "capture/pixel/pixfmt_fast.h"
 
-enum { PIECE = 512 }; /* pixels at a time, and one more on each side */
-enum { ROOM = PIECE + CAP_PIX_SLACK };
+enum { PIECE = CAP_PIX_PIECE };
 
-/* Pixels x-1 .. x+n of one row: values to be added, and the samples. */
-struct line {
-    uint32_t v[ROOM + 2];
-    uint16_t top[ROOM + 2];
-};
 /* Sums down the rows of one parity and greatest samples: own rows of the bin, and (1). */
 struct columns {
     uint32_t sum[PIECE + 2], sum1[PIECE + 2];
@@ -30,45 +24,17 @@ struct bins {
     uint16_t top[3][PIECE / 2 + CAP_PIX_SLACK];
 };
 
-CAP_PIX_INLINE uint16_t greater(uint16_t a, uint16_t b)
-{
-    return a > b ? a : b;
-}
-
-static void one_value(const struct cap_pix *j, int32_t x, int32_t y, int32_t at, struct line *l)
-{
-    unsigned v = cap_pix_sample(j, x, y, 0);
-    v = v < j->full ? v : j->full;
-    l->top[at] = (uint16_t)v;
-    l->v[at] = j->table == NULL ? v : j->table[v];
-}
-
-static void take(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct line *restrict l)
-{
-    const uint32_t *table = j->table;
-    int32_t w = j->img.width, h = j->img.height;
-    y = y < 0 ? -y : y >= h ? 2 * h - 2 - y : y;
-    CAP_PIX(row)(j, y, x, n, l->top + 1, 0);
-    if (table == NULL)
-        for (int32_t i = 1; i <= n; i++)
-            l->v[i] = l->top[i];
-    else
-        for (int32_t i = 1; i <= n; i++)
-            l->v[i] = table[l->top[i]];
-    one_value(j, x > 0 ? x - 1 : 1, y, 0, l);
-    one_value(j, x + n < w ? x + n : w - 2, y, n + 1, l);
-}
-
-static void add_line(const struct line *restrict l, int32_t n, struct columns *restrict c)
+static void add_line(const struct cap_pix_line *restrict l, int32_t n, struct columns *restrict c)
 {
     for (int32_t i = 0; i < n; i++)
         c->sum[i] += l->v[i];
     for (int32_t i = 0; i < n; i++)
-        c->top[i] = greater(c->top[i], l->top[i]);
+        c->top[i] = cap_pix_greater(c->top[i], l->top[i]);
 }
 
 /* Add, or take as the first one. */
-static void own(const struct line *restrict l, int32_t n, bool first, struct columns *restrict c)
+static void own(const struct cap_pix_line *restrict l, int32_t n, bool first,
+                struct columns *restrict c)
 {
     if (first) {
         memcpy(c->sum, l->v, (size_t)n * sizeof c->sum[0]);
@@ -79,31 +45,32 @@ static void own(const struct line *restrict l, int32_t n, bool first, struct col
 }
 
 /* (1) down the rows: at each edge a row is the bin's own or (beyond) not. */
-static void weigh(const struct line *restrict lo, bool beyond_lo, const struct line *restrict hi,
-                  bool beyond_hi, int32_t n, struct columns *restrict c)
+static void weigh(const struct cap_pix_line *restrict lo, bool beyond_lo,
+                  const struct cap_pix_line *restrict hi, bool beyond_hi, int32_t n,
+                  struct columns *restrict c)
 {
     const uint32_t a = beyond_lo ? 0 : ~0u, b = beyond_hi ? 0 : ~0u; /* (v ^ ~0) - ~0 = -v */
     for (int32_t i = 0; i < n; i++)
         c->sum1[i] = 4 * c->sum[i] + ((lo->v[i] ^ a) - a) + ((hi->v[i] ^ b) - b);
     for (int32_t i = 0; i < n; i++)
-        c->top1[i] = greater(c->top[i], greater(lo->top[i], hi->top[i]));
+        c->top1[i] = cap_pix_greater(c->top[i], cap_pix_greater(lo->top[i], hi->top[i]));
 }
 
 /* A row of bins and the rows at its edges: the last one of the bins above, its own first and last, the first
  * one of those below. */
 struct edges {
-    struct line *above, *first, *last, *below;
+    struct cap_pix_line *above, *first, *last, *below;
 };
 
 /* Sums down the rows of bins Y, of even rows and of odd ones. */
 static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
                  struct columns c[2])
 {
-    struct line l;
+    struct cap_pix_line l;
     const int b = j->binning, p = (Y * b) & 1, q = (p + b - 1) & 1; /* parities of first and last */
     own(e->first, n + 2, true, &c[p]);
     for (int r = 1; r < b - 1; r++) {
-        take(j, Y * b + r, x, n, &l);
+        cap_pix_fetch(j, Y * b + r, x, n, &l);
         own(&l, n + 2, r == 1, &c[(p + r) & 1]);
     }
     own(e->last, n + 2, b == 2, &c[q]);
@@ -113,7 +80,8 @@ static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const
 }
 
 /* (1) along the row for red or blue, every step-th bin from `first` on; the colour's columns are those of
- * parity p in these bins. */
+ * parity p in these bins.  b, p and step are constants where it is inlined.
+ * NOLINTNEXTLINE(readability-function-size) */
 CAP_PIX_INLINE void some(const struct columns *c, int b, int p, int32_t first, int32_t step,
                          int32_t bins, uint32_t *restrict sum, uint16_t *restrict top)
 {
@@ -129,14 +97,15 @@ CAP_PIX_INLINE void some(const struct columns *c, int b, int p, int32_t first, i
     }
     for (int32_t X = first; X < bins; X += step) {
         const uint16_t *m = c->top1 + 1 + (ptrdiff_t)X * b;
-        uint16_t t = greater(m[-p], m[b - 1 + last]);
+        uint16_t t = cap_pix_greater(m[-p], m[b - 1 + last]);
         for (int i = p; i < b; i += 2)
-            t = greater(t, m[i]);
+            t = cap_pix_greater(t, m[i]);
         top[X] = t;
     }
 }
 
-/* Green: in these bins the columns of parity p of one row and of 1-p of the other. */
+/* Green: in these bins the columns of parity p of one row and of 1-p of the other.  As above.
+ * NOLINTNEXTLINE(readability-function-size) */
 CAP_PIX_INLINE void some_green(const struct columns *c0, const struct columns *c1, int b, int p,
                                int32_t first, int32_t step, int32_t bins, uint32_t *restrict sum,
                                uint16_t *restrict top)
@@ -154,9 +123,9 @@ CAP_PIX_INLINE void some_green(const struct columns *c0, const struct columns *c
         const uint16_t *m0 = c0->top + 1 + (ptrdiff_t)X * b, *m1 = c1->top + 1 + (ptrdiff_t)X * b;
         uint16_t t = 0;
         for (int i = p; i < b; i += 2)
-            t = greater(t, m0[i]);
+            t = cap_pix_greater(t, m0[i]);
         for (int i = 1 - p; i < b; i += 2)
-            t = greater(t, m1[i]);
+            t = cap_pix_greater(t, m1[i]);
         top[X] = t;
     }
 }
@@ -242,18 +211,19 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, co
 
 void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
-    struct line line[4];
+    struct cap_pix_line line[4];
     struct edges e = {&line[0], &line[1], &line[2], &line[3]};
     int32_t b = j->binning, w = j->img.width, bw = w / b;
     int32_t unit = b % 4 == 0 ? b : b % 2 == 0 ? 2 * b : 4 * b, piece = PIECE / unit * unit;
     for (int32_t x = 0; x < w && y0 < y1; x += piece) {
         int32_t n = w - x < piece ? w - x : piece;
-        take(j, y0 * b, x, n, e.below);
-        take(j, y0 * b - 1, x, n, e.last);
-        for (int32_t Y = y0; Y < y1; Y++) { /* these two rows have been taken for the bins before */
+        cap_pix_fetch(j, y0 * b, x, n, e.below);
+        cap_pix_fetch(j, y0 * b - 1, x, n, e.last);
+        for (int32_t Y = y0; Y < y1;
+             Y++) { /* these two rows have been fetched for the bins before */
             e = (struct edges){e.last, e.below, e.above, e.first};
-            take(j, (Y + 1) * b, x, n, e.below);
-            take(j, (Y + 1) * b - 1, x, n, e.last);
+            cap_pix_fetch(j, (Y + 1) * b, x, n, e.below);
+            cap_pix_fetch(j, (Y + 1) * b - 1, x, n, e.last);
             bins_of(j, Y, x, n, &e,
                     out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * (j->nch == 3 ? 4 : 1));
         }

@@ -6,6 +6,7 @@
 #define CAP_PIXFMT_PRIV_H
 #include <math.h>
 #include <stdbool.h>
+#include "base/cpu.h"
 #include "capture/pixel/pixfmt.h"
 
 #define CAP_PIX_INLINE static inline __attribute__((always_inline))
@@ -48,7 +49,6 @@ CAP_PIX_INLINE cap_i4 cap_pix_yuv(const struct cap_yuv_coef *k, int luma, cap_f4
     v = (cap_f4)(((cap_i4)most & over) | ((cap_i4)v & ~over));
     return __builtin_convertvector(v, cap_i4);
 }
-void cap_pix_yuv_coef(uint8_t yuv, struct cap_yuv_coef *out);
 
 /* (1 / (count full)) of equation (1). */
 CAP_PIX_INLINE float cap_pix_scale(const struct cap_pix *j, int count)
@@ -94,7 +94,6 @@ unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s);
 
 /* The fast ways: the same sources compiled for any processor and for AVX2 (pixfmt_fast.h). */
 struct cap_pix_ways {
-    const char *name;
     /* Integer samples but for Bayer; binning to 32. */
     void (*sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
     /* Integer Bayer, binning 1: bilinear, or rays. */
@@ -102,9 +101,11 @@ struct cap_pix_ways {
     /* Integer Bayer, binning 2 to 32, with a table to 16. */
     void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 };
-extern const struct cap_pix_ways cap_pix_plain, cap_pix_avx2;
-/* Those for this processor; PYROVOX_CPU=ref keeps to plain C.  Decided once. */
-const struct cap_pix_ways *cap_pix_ways(void);
+/* Overwrite what they have: everything. */
+void cap_pix_ways_plain(struct cap_pix_ways *w);
+void cap_pix_ways_avx2(struct cap_pix_ways *w);
+/* Those for pvx_cpu(), and no more than `most`. */
+void cap_pix_ways_init(struct cap_pix_ways *w, enum pvx_cpu most);
 /* The way for *j, of these or those that fit any processor. */
 void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
                  float *out);

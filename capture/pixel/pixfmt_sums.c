@@ -16,17 +16,6 @@ struct sums {
     uint16_t top[3 * PITCH];
 };
 
-static void widen(const uint16_t *restrict s, const uint32_t *table, int32_t n,
-                  uint32_t *restrict sum)
-{
-    if (table != NULL)
-        for (int32_t i = 0; i < n; i++)
-            sum[i] = table[s[i]];
-    else
-        for (int32_t i = 0; i < n; i++)
-            sum[i] = s[i];
-}
-
 static void greatest(const uint16_t *restrict s, int32_t n, uint16_t *restrict top)
 {
     for (int32_t i = 0; i < n; i++)
@@ -56,7 +45,7 @@ static void down(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struc
     uint16_t s[3 * PITCH];
     CAP_PIX(row)(j, y, x, n, c->top, PITCH);
     for (size_t k = 0; k < (size_t)j->samples; k++)
-        widen(c->top + k * PITCH, j->table, n, c->sum + k * PITCH);
+        cap_pix_light(c->top + k * PITCH, j->table, n, c->sum + k * PITCH);
     for (int r = 1; r < j->binning; r++) {
         CAP_PIX(row)(j, y + r, x, n, s, PITCH);
         for (size_t k = 0; k < (size_t)j->samples; k++) {
@@ -81,7 +70,7 @@ static void down16(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, str
         }
     }
     for (size_t k = 0; k < (size_t)j->samples; k++)
-        widen(sum + k * PITCH, NULL, n, c->sum + k * PITCH);
+        cap_pix_light(sum + k * PITCH, NULL, n, c->sum + k * PITCH);
 }
 
 /* Sums and greatest of n bytes in `rows` rows. */
@@ -108,7 +97,7 @@ static void down8(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, stru
     const uint8_t *p = (const uint8_t *)j->img.data + y * j->img.stride + (ptrdiff_t)x * j->samples;
     add_bytes(p, j->img.stride, j->binning, n * j->samples, sum, top);
     if (j->samples == 1) {
-        widen(sum, NULL, n, c->sum);
+        cap_pix_light(sum, NULL, n, c->sum);
         for (int32_t i = 0; i < n; i++)
             c->top[i] = top[i];
         return;
@@ -117,6 +106,7 @@ static void down8(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, stru
         uint32_t *restrict s = c->sum + (j->swapped ? 2 - k : k) * PITCH;
         uint16_t *restrict t = c->top + (j->swapped ? 2 - k : k) * PITCH;
         for (size_t i = 0; i < (size_t)n; i++)
+            /* NOLINTNEXTLINE(clang-analyzer-core.uninitialized.Assign): add_bytes wrote 3 n of them */
             s[i] = sum[i * 3 + k];
         for (size_t i = 0; i < (size_t)n; i++)
             t[i] = top[i * 3 + k];

@@ -138,7 +138,7 @@ CAP_PIX_INLINE uint64_t four(uint64_t w, enum cap_layout layout, int depth)
            BITS(w, 24, 8, 36) | BITS(w, 40, 4, 32) | BITS(w, 32, 8, 52) | BITS(w, 44, 4, 48);
 }
 
-/* As many of n samples as can be taken without reading past `end`; returns how many. */
+/* As many of n samples as can be read without reading past `end`; returns how many. */
 CAP_PIX_INLINE int32_t fours(const uint8_t *p, const uint8_t *end, int32_t n,
                              enum cap_layout layout, int depth, uint16_t *out)
 {
@@ -170,7 +170,7 @@ static int32_t fours_of(const uint8_t *p, const uint8_t *end, int32_t n, enum ca
 }
 #endif
 
-/* As many of n packed samples as can be taken without reading past `end`. */
+/* As many of n packed samples as can be read without reading past `end`. */
 static int32_t groups_of(const struct cap_pix *j, const uint8_t *p, const uint8_t *end, int32_t n,
                          uint16_t *out)
 {

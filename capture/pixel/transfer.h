@@ -17,7 +17,6 @@ enum cap_transfer { CAP_TRANSFER_AUTO, CAP_TRANSFER_LINEAR, CAP_TRANSFER_SRGB, C
 
 #define CAP_LIGHT_ONE 0xFFFFFu /* L = 1 */
 
-double cap_transfer_light(enum cap_transfer t, double v); /* L of V; LINEAR: V itself */
 /* [2^bits] round(L CAP_LIGHT_ONE), bits 8 to 16; t SRGB or BT709.  Computed on first use (at 16 bits
  * 2 ms), static storage. */
 const uint32_t *cap_transfer_table(enum cap_transfer t, int bits);

@@ -5,20 +5,21 @@
  * Lossless: the cameras are merged in order of exposure, which needs the next frame of each camera
  * that still may have one; so sets close by order alone and at most one set is open. */
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/clock.h"
-#include "capture/capture_int.h"
+#include "capture/rig/capture_int.h"
 
 #define STEP_NS  (2 * PVX_NS_PER_MS) /* the time of day was set, not steered */
 #define START_NS (5 * PVX_NS_PER_S)  /* patience with a camera that is slow in its first start */
 
 static void release_set(struct cap_capture *cap, struct cap_set *s)
 {
-    pthread_mutex_lock(&cap->lock);
+    pthread_mutex_lock(&cap->figures);
     cap->sets_dropped++;
+    pthread_mutex_unlock(&cap->figures);
     for (uint32_t i = 0; i < cap->n; i++)
         cap->camera[i].count[CAP_OVERFLOW] += s->frame[i] != NULL;
-    pthread_mutex_unlock(&cap->lock);
     cap_set_release(s);
 }
 
@@ -32,7 +33,7 @@ static void count_skew(struct cap_skew_count *k, int64_t ns)
     pvx_hist_add(&k->abs, llabs(ns));
 }
 
-/* What a set says about the cameras.  Under the lock. */
+/* What a set says about the cameras.  Under figures. */
 static void look_at_set(struct cap_capture *cap, const struct cap_set *s)
 {
     if (s->n == cap->n)
@@ -46,7 +47,8 @@ static void look_at_set(struct cap_capture *cap, const struct cap_set *s)
     cap->spread_bin[bin]++;
     for (uint32_t i = 0; i < cap->n; i++)
         if (s->frame[i] != NULL)
-            count_skew(&cap->camera[i].skew, s->frame[i]->t_exposure_ns - s->t_exposure_ns);
+            count_skew(&cap->camera[i].assembly.skew,
+                       s->frame[i]->t_exposure_ns - s->t_exposure_ns);
     if (cap->watches)
         cap_syncwatch_set(&cap->watch, s);
 }
@@ -55,9 +57,9 @@ static void hand_over(struct cap_capture *cap)
 {
     struct cap_set *s;
     while ((s = cap_assembler_pop(cap->assembler)) != NULL) {
-        pthread_mutex_lock(&cap->lock);
+        pthread_mutex_lock(&cap->figures);
         look_at_set(cap, s);
-        pthread_mutex_unlock(&cap->lock);
+        pthread_mutex_unlock(&cap->figures);
         if (cap->cfg.tap.set != NULL)
             cap->cfg.tap.set(cap->cfg.tap.ctx, s);
         if (cap->cfg.lossless) {
@@ -71,9 +73,9 @@ static void hand_over(struct cap_capture *cap)
             release_set(cap, gone);
     }
     uint64_t failed = cap_assembler_sets_failed(cap->assembler);
-    pthread_mutex_lock(&cap->lock);
+    pthread_mutex_lock(&cap->figures);
     cap->sets_failed = failed;
-    pthread_mutex_unlock(&cap->lock);
+    pthread_mutex_unlock(&cap->figures);
 }
 
 /* The host's time of day, as the frames' two arrival stamps show it, against the clock that is never
@@ -88,6 +90,9 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
         h->offset_ns = says;
     }
     int64_t off = says - h->offset_ns;
+    if (f->t_arrival_mono_ns <
+        h->since_ns) /* from before the step, in the ring of another camera */
+        return;
     if (llabs(off) <= STEP_NS) {
         h->offset_ns += off / 64;
         h->n_doubts = 0;
@@ -101,6 +106,7 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
     h->n_doubts = 0;
     h->steps++;
     h->last_step_ns = off;
+    h->since_ns = f->t_arrival_mono_ns;
     if (cap->all_show_real)
         cap_assembler_forget_order(cap->assembler);
     else
@@ -112,57 +118,76 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
 static void watch_frame(struct cap_capture *cap, struct cap_camera *cam, const struct cap_frame *f,
                         uint64_t jumps)
 {
+    struct cap_assembly *a = &cam->assembly;
+    struct cap_sync_camera *k = &cap->watch.camera[cam->index];
+    unsigned starts = cam->intake.starts;
     if (jumps != 0) {
         cam->count[CAP_CLOCK_JUMP] += jumps;
-        cam->restarted = true;
-        cam->unsure_left = cam->clock.shared ? 0 : CAP_SETTLE_FRAMES;
-        cam->unsure_until_ns = f->t_arrival_mono_ns + CAP_SETTLE_NS;
+        a->starts = starts - 1; /* as good as a start */
+        a->unsure_left = cam->own_clock ? CAP_SETTLE_FRAMES : 0;
+        a->unsure_until_ns = f->t_arrival_mono_ns + CAP_SETTLE_NS;
     }
     /* while it is not sure whether the clock that it shows was set, the frame says nothing */
     if (!cap->watches || (cam->shows_real && cap->host.n_doubts > 0))
         return;
-    if (cam->restarted)
+    if (a->starts != starts)
         cap_syncwatch_restart(&cap->watch, cam->index);
-    cam->restarted = false;
-    cap->watch.camera[cam->index].doubt_ns =
-        f->t_device_ns != 0 ? cap_clockmap_doubt(&cam->clock) : 0;
-    cap->watch.camera[cam->index].host_stamps = cam->ops->clock == CAP_CLOCK_MONO;
+    a->starts = starts;
+    k->doubt_ns = f->t_device_ns != 0 ? cap_clockmap_doubt(&a->clock) : 0;
+    k->host_stamps = cam->ops->clock == CAP_CLOCK_MONO;
     cap_syncwatch_frame(&cap->watch, f);
 }
 
-/* Device time to host time; under the lock for the sake of what stats() reads. */
+/* What has been learnt of the camera's clock beside its frames. */
+static unsigned pop_readings(struct cap_readings *r, struct cap_reading out[CAP_READINGS])
+{
+    pthread_mutex_lock(&r->lock);
+    unsigned n = r->n;
+    memcpy(out, r->reading, n * sizeof *out);
+    r->n = 0;
+    pthread_mutex_unlock(&r->lock);
+    return n;
+}
+
+/* Device time to host time. */
 static void map_clock(struct cap_capture *cap, struct cap_frame *f)
 {
     struct cap_camera *cam = &cap->camera[f->camera];
+    struct cap_clockmap *clock = &cam->assembly.clock;
+    struct cap_reading r[CAP_READINGS];
     if (f->set != 0)
         return; /* the recording says when it was exposed */
-    uint64_t jumps = cam->clock.jumps;
+    unsigned n = pop_readings(&cam->readings, r);
+    pthread_mutex_lock(&cap->figures);
     follow_host_clock(cap, f);
-    for (unsigned i = 0; i < cam->n_readings; i++)
-        cap_clockmap_measure(&cam->clock, cam->reading[i].device_ns, cam->reading[i].mono_ns,
-                             cam->reading[i].bound_ns);
-    cam->n_readings = 0;
+    for (unsigned i = 0; i < n; i++)
+        if (r[i].bound_ns < 0)
+            (void)cap_clockmap_add(clock, r[i].device_ns, r[i].mono_ns);
+        else
+            cap_clockmap_measure(clock, r[i].device_ns, r[i].mono_ns, r[i].bound_ns);
+    uint64_t jumps = clock->jumps;
     if (cam->shows_real)
-        f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_ns);
+        f->t_exposure_ns = cap_clockmap_add(clock, f->t_device_ns, f->t_arrival_ns);
     else
-        f->t_exposure_ns = cap_clockmap_add(&cam->clock, f->t_device_ns, f->t_arrival_mono_ns) +
-                           cap->host.offset_ns;
-    cam->drift_ppm = cap_clockmap_drift(&cam->clock) * 1e6;
-    watch_frame(cap, cam, f, cam->clock.jumps - jumps);
+        f->t_exposure_ns =
+            cap_clockmap_add(clock, f->t_device_ns, f->t_arrival_mono_ns) + cap->host.offset_ns;
+    watch_frame(cap, cam, f, clock->jumps - jumps);
+    pthread_mutex_unlock(&cap->figures);
 }
 
-/* All of these under the lock. */
 static bool may_send(const struct cap_camera *cam)
 {
-    return cam->state == CAP_RUNNING || (cam->state == CAP_OPENING && !cam->tried);
+    enum cap_state state = cam->life.state;
+    return state == CAP_RUNNING || (state == CAP_OPENING && !cam->life.tried);
 }
 
 static bool empty(const struct cap_camera *cam)
 {
-    return cam->ring_len == 0 && cam->head == NULL;
+    return cam->assembly.head == NULL && pvx_ring_length(cam->intake.ring) == 0;
 }
 
-/* Nothing more will come: some source has ended, none runs, none has yet to be tried. */
+/* Nothing more will come: some source has ended, none runs, none has yet to be tried.  State before
+ * ring: a source that has ended has pushed before. */
 static bool finished(const struct cap_capture *cap)
 {
     bool ended = false;
@@ -170,7 +195,7 @@ static bool finished(const struct cap_capture *cap)
         const struct cap_camera *cam = &cap->camera[i];
         if (may_send(cam) || !empty(cam))
             return false;
-        ended |= cam->state == CAP_ENDED;
+        ended |= cam->life.state == CAP_ENDED;
     }
     return ended;
 }
@@ -178,7 +203,8 @@ static bool finished(const struct cap_capture *cap)
 /* It is being started for the first time: no set is to lack it only because another was faster. */
 static bool on_its_way(const struct cap_capture *cap, const struct cap_camera *cam, int64_t now)
 {
-    return !cam->given_up && cam->count[CAP_RECEIVED] == 0 && now - cap->started_mono_ns < START_NS;
+    return !cam->life.given_up && cam->count[CAP_RECEIVED] == 0 &&
+           now - cap->started_mono_ns < START_NS;
 }
 
 static uint64_t waited_for(const struct cap_capture *cap)
@@ -186,28 +212,10 @@ static uint64_t waited_for(const struct cap_capture *cap)
     uint64_t mask = 0;
     int64_t now = pvx_now_mono();
     for (uint32_t i = 0; i < cap->n; i++)
-        if (cap->camera[i].delivering || !empty(&cap->camera[i]) ||
+        if (cap_delivers(&cap->camera[i]) || !empty(&cap->camera[i]) ||
             on_its_way(cap, &cap->camera[i], now))
             mask |= 1ull << i;
     return mask;
-}
-
-static struct cap_frame *next_live(struct cap_capture *cap)
-{
-    struct cap_camera *first = NULL;
-    int64_t t = INT64_MAX;
-    for (uint32_t i = 0; i < cap->n; i++) {
-        struct cap_camera *cam = &cap->camera[i];
-        if (cam->ring_len > 0 && cam->ring[cam->ring_head]->t_arrival_mono_ns < t) {
-            t = cam->ring[cam->ring_head]->t_arrival_mono_ns;
-            first = cam;
-        }
-    }
-    if (first == NULL)
-        return NULL;
-    struct cap_frame *f = cap_intake_pop(first);
-    map_clock(cap, f);
-    return f;
 }
 
 static bool earlier(const struct cap_frame *x, const struct cap_frame *y)
@@ -217,25 +225,31 @@ static bool earlier(const struct cap_frame *x, const struct cap_frame *y)
     return x->t_exposure_ns < y->t_exposure_ns;
 }
 
-static struct cap_frame *next_in_time(struct cap_capture *cap)
+/* The next frame of each camera, and of these the first: live to arrive, lossless to be exposed, for
+ * which all that may send must have one. */
+static struct cap_frame *next_frame(struct cap_capture *cap)
 {
-    struct cap_camera *first = NULL;
-    bool wait = false;
+    bool lossless = cap->cfg.lossless, wait = false;
+    struct cap_frame **first = NULL;
     for (uint32_t i = 0; i < cap->n; i++) {
         struct cap_camera *cam = &cap->camera[i];
-        if (cam->head == NULL && cam->ring_len > 0) {
-            cam->head = cap_intake_pop(cam);
-            map_clock(cap, cam->head);
-        }
-        if (cam->head == NULL)
-            wait |= may_send(cam);
-        else if (first == NULL || earlier(cam->head, first->head))
-            first = cam;
+        struct cap_frame **head = &cam->assembly.head;
+        bool more = may_send(cam); /* before the ring is looked into */
+        if (*head == NULL && (*head = cap_intake_pop(cam)) != NULL && lossless)
+            map_clock(cap, *head);
+        if (*head == NULL)
+            wait |= lossless && more;
+        else if (first == NULL ||
+                 (lossless ? earlier(*head, *first)
+                           : (*head)->t_arrival_mono_ns < (*first)->t_arrival_mono_ns))
+            first = head;
     }
     if (wait || first == NULL)
         return NULL;
-    struct cap_frame *f = first->head;
-    first->head = NULL;
+    struct cap_frame *f = *first;
+    *first = NULL;
+    if (!lossless)
+        map_clock(cap, f);
     return f;
 }
 
@@ -246,66 +260,77 @@ static void set_alive(struct cap_capture *cap, uint64_t mask)
         cap_assembler_alive(cap->assembler, i, mask >> i & 1);
 }
 
-/* Next frame, or NULL: *end tells whether there will be one again.  *alive is of the same moment. */
-static struct cap_frame *take(struct cap_capture *cap, bool wait, uint64_t *alive, bool *end)
+/* Next frame, or NULL: *end tells whether there will be one again, and all that came until *now has been
+ * given out.  *alive is of the moment before it was taken, when its camera had it. */
+static struct cap_frame *wait_for_frame(struct cap_capture *cap, bool wait, uint64_t *alive,
+                                        bool *end, int64_t *now)
 {
-    struct cap_frame *f = NULL;
     int64_t deadline = cap->cfg.lossless ? INT64_MAX : cap_assembler_deadline(cap->assembler);
-    uint64_t before;
-    *end = false;
-    pthread_mutex_lock(&cap->lock);
-    before = waited_for(cap);
+    uint64_t before = waited_for(cap);
     for (;;) {
         *alive = waited_for(cap);
+        *now = pvx_now_mono();
         if ((*end = cap->stop))
-            break;
-        f = cap->cfg.lossless ? next_in_time(cap) : next_live(cap);
+            return NULL;
+        struct cap_frame *f = next_frame(cap);
+        if (f != NULL)
+            *alive |= 1ull << f->camera;
         if (f != NULL || (*end = finished(cap)))
-            break;
-        if (!wait || *alive != before || pvx_now_mono() >= deadline)
-            break;
-        if (deadline == INT64_MAX)
-            pthread_cond_wait(&cap->work, &cap->lock);
-        else
-            cap_wait_until(&cap->work, &cap->lock, deadline);
+            return f;
+        if (!wait || *alive != before || *now >= deadline)
+            return NULL;
+        pvx_bell_wait(&cap->work, deadline);
     }
-    pthread_mutex_unlock(&cap->lock);
-    return f;
 }
 
 /* The camera's clock has jumped a moment ago: the delay of its frames is not known well enough to say
  * where they belong. */
 static bool untimed(struct cap_capture *cap, const struct cap_frame *f)
 {
-    struct cap_camera *cam = &cap->camera[f->camera];
-    if (cam->unsure_left == 0)
+    struct cap_assembly *a = &cap->camera[f->camera].assembly;
+    if (a->unsure_left == 0)
         return false;
-    cam->unsure_left--;
-    if (f->t_arrival_mono_ns >= cam->unsure_until_ns)
-        cam->unsure_left = 0;
-    return cam->unsure_left > 0;
+    a->unsure_left--;
+    if (f->t_arrival_mono_ns >= a->unsure_until_ns)
+        a->unsure_left = 0;
+    return a->unsure_left > 0;
 }
 
 bool cap_assemble_some(struct cap_capture *cap, bool wait)
 {
     bool end;
     uint64_t alive;
-    struct cap_frame *f = take(cap, wait, &alive, &end);
+    int64_t now;
+    struct cap_frame *f = wait_for_frame(cap, wait, &alive, &end, &now);
     set_alive(cap, alive);
     if (f == NULL) {
         if (!cap->cfg.lossless)
-            cap_assembler_tick(cap->assembler, pvx_now_mono());
+            cap_assembler_tick(cap->assembler, now);
     } else if (untimed(cap, f)) {
         cap_assembler_refuse(cap->assembler, f);
     } else {
-        if (cap->cfg.lossless && f->set == 0)
-            cap_assembler_close_before(cap->assembler, f->t_exposure_ns);
+        if (cap->cfg.lossless)
+            cap_assembler_close_before(cap->assembler, f);
         cap_assembler_put(cap->assembler, f);
     }
     if (end)
         cap_assembler_flush(cap->assembler);
     hand_over(cap);
     return !end;
+}
+
+void cap_assemble_nothing(struct cap_capture *cap)
+{
+    for (uint32_t i = 0; i < cap->n; i++) {
+        struct cap_camera *cam = &cap->camera[i];
+        struct cap_frame *f = cam->assembly.head;
+        if (cam->intake.ring == NULL) /* set-up has failed */
+            break;
+        for (cam->assembly.head = NULL; f != NULL || (f = cap_intake_pop(cam)) != NULL; f = NULL) {
+            cam->count[CAP_OVERFLOW]++;
+            cap_frame_release(f);
+        }
+    }
 }
 
 void *cap_assemble(void *arg)

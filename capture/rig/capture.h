@@ -38,15 +38,6 @@ struct cap_action_answers {
     uint64_t no_clock;             /* the camera's clock is not synchronized */
 };
 
-/* Somebody beside the consumer who wants the frames: a recorder.  Called by the assembler's thread; must
- * return at once, unless everything may wait (lossless).  Each may be NULL. */
-struct cap_tap {
-    void (*set)(void *ctx, struct cap_set *s); /* is given out next; cap_set_ref to keep it */
-    /* Takes a good frame that is in no set, counted under `why`. */
-    void (*stray)(void *ctx, struct cap_frame *f, enum cap_count why);
-    void *ctx;
-};
-
 struct cap_capture_config {
     uint32_t n_cameras;
     /* [n_cameras]; .uri with its scheme ("aravis:127.0.0.2").  camera, trigger, action, lossless

@@ -4,7 +4,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/capture_int.h"
+#include "capture/rig/capture_int.h"
 
 #define BACKOFF_MIN_NS (250 * PVX_NS_PER_MS)
 #define BACKOFF_MAX_NS (500 * PVX_NS_PER_MS)
@@ -16,42 +16,58 @@
 
 enum fate { FATE_STOP, FATE_LOST, FATE_END };
 
-/* State between two frames that came in order; what has been said is not said again. */
-struct watch {
-    struct cap_camera *cam;
-    char said[256]; /* last trouble that was logged, "" after frames came */
-    int64_t backoff_ns;
-    bool ran; /* it has been started before */
+/* When a camera was last heard of; time in which this thread should have run and was not let is no
+ * silence of the camera's: its frames were not let in either. */
+struct heard {
+    int64_t said_ns; /* by intake */
+    int64_t at_ns;   /* and later by what was overslept since */
 };
 
-static bool stopped(struct cap_capture *cap)
+struct watch {
+    struct cap_camera *cam;
+    /* what has been said is not said again until frames come */
+    char said[256]; /* last trouble that was logged, "" after frames came */
+    bool error;     /* others read of one */
+    int64_t backoff_ns;
+    bool ran; /* it has been started before */
+    /* of this run */
+    struct heard any, good;
+    int64_t answered_ns;   /* when a camera without frames was still there */
+    int64_t no_trigger_of; /* any.said_ns when NO_TRIGGER was counted: once until a frame comes */
+};
+
+static void hear(struct heard *h, int64_t said_ns)
 {
-    pthread_mutex_lock(&cap->lock);
-    bool s = cap->stop;
-    pthread_mutex_unlock(&cap->lock);
-    return s;
+    if (h->said_ns != said_ns)
+        h->at_ns = h->said_ns = said_ns;
+}
+
+static void listen(struct watch *w)
+{
+    hear(&w->any, w->cam->intake.any_ns);
+    hear(&w->good, w->cam->intake.good_ns);
 }
 
 static void set_state(struct cap_camera *cam, enum cap_state state)
 {
-    pthread_mutex_lock(&cam->cap->lock);
-    cam->state = state;
-    cam->tried = true;
+    struct cap_life *life = &cam->life;
+    life->state = state;
+    life->tried = true;
     if (state != CAP_RUNNING) {
-        cam->delivering = false;
-        cam->given_up = true;
-        cam->health = cap_health_unknown;
+        life->silent_at = cam->count[CAP_RECEIVED];
+        life->given_up = true;
+        pvx_board_write(&life->health, &cap_health_unknown, sizeof cap_health_unknown);
     }
-    pthread_cond_signal(&cam->cap->work);
-    pthread_mutex_unlock(&cam->cap->lock);
+    pvx_bell_ring(&cam->cap->work);
 }
 
 static void trouble(struct watch *w, const char *text)
 {
     struct cap_camera *cam = w->cam;
-    pthread_mutex_lock(&cam->cap->lock);
-    snprintf(cam->error, sizeof cam->error, "%s", text);
-    pthread_mutex_unlock(&cam->cap->lock);
+    char error[PVX_BOARD_BYTES];
+    snprintf(error, sizeof error, "%s", text);
+    pvx_board_write(&cam->life.error, error, sizeof error);
+    w->error = true;
     /* One line until it is back; before it ever ran, one per reason. */
     if (w->said[0] != '\0' && (w->ran || strncmp(w->said, text, sizeof w->said - 1) == 0))
         return;
@@ -68,74 +84,68 @@ static void trouble(struct watch *w, const char *text)
 static bool all_looked_at(const struct cap_capture *cap)
 {
     for (uint32_t i = 0; i < cap->n; i++)
-        if (cap->camera[i].ops->recorded && !cap->camera[i].looked)
+        if (cap->camera[i].ops->recorded && !cap->camera[i].life.looked)
             return false;
     return true;
 }
 
 /* Recorded cameras start together: each must know how long the longest is, and none may be in its
- * second turn when another comes.  Under the lock. */
+ * second turn when another comes. */
 static void wait_for_recorded(struct cap_camera *cam)
 {
     struct cap_capture *cap = cam->cap;
     if (!cam->ops->recorded)
         return;
-    if (!cam->looked) {
-        cam->looked = true;
-        for (uint32_t i = 0; i < cap->n; i++)
-            pthread_cond_signal(&cap->camera[i].wake);
-    }
+    cam->life.looked = true;
+    for (uint32_t i = 0; i < cap->n; i++)
+        pvx_bell_ring(&cap->camera[i].life.wake);
     int64_t until = pvx_now_mono() + TOGETHER_NS;
     while (!cap->stop && !all_looked_at(cap) && pvx_now_mono() < until)
-        cap_wait_until(&cam->wake, &cap->lock, until);
+        pvx_bell_wait(&cam->life.wake, until);
 }
 
 static pvx_err open_source(struct cap_camera *cam, cap_source **src, struct pvx_diag *d)
 {
     const struct cap_source_ops *ops = cam->ops;
     pvx_err opened = ops->open(&cam->cfg, src, d);
-    pthread_mutex_lock(&cam->cap->lock);
     wait_for_recorded(cam);
     cap_intake_restart(cam);
-    bool stop = cam->cap->stop;
-    pthread_mutex_unlock(&cam->cap->lock);
     PVX_TRY(opened);
     struct cap_sink sink = cap_intake_sink(cam);
-    pvx_err e = stop ? PVX_ECANCELED : ops->start(*src, &sink, d);
+    pvx_err e = cam->cap->stop ? PVX_ECANCELED : ops->start(*src, &sink, d);
     if (e != PVX_OK)
         ops->close(src);
     return e;
 }
 
-/* Frames come again?  Called without the lock, now and then. */
+/* Frames come again? */
 static void report(struct watch *w)
 {
     struct cap_camera *cam = w->cam;
-    pthread_mutex_lock(&cam->cap->lock);
-    bool delivering = cam->delivering;
-    pthread_mutex_unlock(&cam->cap->lock);
-    if (delivering && w->said[0] != '\0') {
+    if (!cap_delivers(cam))
+        return;
+    if (w->error)
+        pvx_board_write(&cam->life.error, "", 1);
+    w->error = false;
+    if (w->said[0] != '\0')
         LOG_I(CAPTURE, "camera %s (%s): frames come again", cam->name, cam->uri);
-        w->said[0] = '\0';
-    }
-    if (delivering)
-        w->backoff_ns = BACKOFF_MIN_NS;
+    w->said[0] = '\0';
+    w->backoff_ns = BACKOFF_MIN_NS;
 }
 
-/* Wait until `until`.  Time in which this thread should have run and was not let is no silence of the
- * camera's: its frames were not let in either.  Under the lock. */
-static void doze(struct cap_camera *cam, int64_t until)
+/* Wait until `until`, or until something happens. */
+static void doze(struct watch *w, int64_t until)
 {
-    cap_wait_until(&cam->wake, &cam->cap->lock, until);
+    pvx_bell_wait(&w->cam->life.wake, until);
     int64_t late = pvx_now_mono() - until;
+    listen(w);
     if (late > OVERSLEPT_NS) {
-        cam->last_any_mono_ns += late;
-        cam->last_good_mono_ns += late;
+        w->any.at_ns += late;
+        w->good.at_ns += late;
     }
 }
 
-/* Under the lock: is it over?  A camera whose frames come but are all bad is not lost, only no
- * longer waited for. */
+/* Is it over?  A camera whose frames come but are all bad is not lost, only no longer waited for. */
 static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_t size)
 {
     struct cap_camera *cam = w->cam;
@@ -144,92 +154,88 @@ static bool over(struct watch *w, int64_t now, enum fate *fate, char *why, size_
         *fate = FATE_STOP;
         return true;
     }
-    if (cam->ev_end) {
+    if (cam->intake.ended) {
         *fate = FATE_END;
         return true;
     }
-    if (cam->ev_lost) {
+    if (cam->intake.lost) {
         snprintf(why, size, "connection lost; look at its cable and power");
         return true;
     }
     if (cam->cap->cfg.lossless || cam->ops->recorded)
         return false;
+    /* read before the time of the last good frame: one that comes meanwhile is not taken for silence */
+    uint64_t received = cam->count[CAP_RECEIVED];
+    bool delivers = received != cam->life.silent_at;
+    listen(w);
     int64_t quiet = cam->quiet_ns;
-    if (cam->count[CAP_RECEIVED] == 0 || !cam->delivering)
+    if (received == 0 || !delivers)
         quiet = quiet > FIRST_FRAME_NS ? quiet : FIRST_FRAME_NS;
-    bool there = cam->answered_mono_ns > cam->last_any_mono_ns;
-    if (there && now - cam->last_any_mono_ns > quiet && !cam->no_trigger) {
-        cam->no_trigger = true;
+    bool there = w->answered_ns > w->any.at_ns;
+    if (there && now - w->any.at_ns > quiet && w->no_trigger_of != w->any.said_ns) {
+        w->no_trigger_of = w->any.said_ns;
         cam->count[CAP_NO_TRIGGER]++;
     }
-    if (now - (there ? cam->answered_mono_ns : cam->last_any_mono_ns) > quiet) {
+    if (now - (there ? w->answered_ns : w->any.at_ns) > quiet) {
         snprintf(why, size, "no frame for %.1f s; look at its cable, power and trigger",
                  (double)quiet * 1e-9);
         return true;
     }
-    if (cam->delivering && now - cam->last_good_mono_ns > cam->quiet_ns) {
-        cam->delivering = false;
-        pthread_cond_signal(&cam->cap->work);
+    if (delivers && now - w->good.at_ns > cam->quiet_ns) {
+        cam->life.silent_at = received;
+        pvx_bell_ring(&cam->cap->work);
     }
     return false;
 }
 
 /* A camera that waits for pulses on a cable is not lost while it answers.  Asked early enough that a
  * dead one is found no later. */
-static void ask_silent(struct cap_camera *cam, cap_source *src, int64_t *next)
+static void ask_silent(struct watch *w, cap_source *src, int64_t *next)
 {
+    struct cap_camera *cam = w->cam;
     int64_t now = pvx_now_mono();
     if (cam->cfg.trigger != CAP_TRIGGER_LINE || cam->ops->answers == NULL || now < *next)
         return;
-    pthread_mutex_lock(&cam->cap->lock);
-    bool silent = now - cam->last_any_mono_ns > cam->quiet_ns / 3;
-    pthread_mutex_unlock(&cam->cap->lock);
-    if (!silent)
+    listen(w);
+    if (now - w->any.at_ns <= cam->quiet_ns / 3)
         return;
     *next = now + cam->quiet_ns / 3;
-    if (!cam->ops->answers(src))
-        return;
-    pthread_mutex_lock(&cam->cap->lock);
-    cam->answered_mono_ns = pvx_now_mono();
-    pthread_mutex_unlock(&cam->cap->lock);
+    if (cam->ops->answers(src))
+        w->answered_ns = pvx_now_mono();
 }
 
-static void take_health(struct cap_camera *cam, cap_source *src)
+static void read_health(struct cap_camera *cam, cap_source *src)
 {
     struct cap_health h = cap_health_unknown;
     if (cam->ops->health == NULL)
         return;
     cam->ops->health(src, &h);
-    pthread_mutex_lock(&cam->cap->lock);
-    cam->health = h;
-    pthread_mutex_unlock(&cam->cap->lock);
+    pvx_board_write(&cam->life.health, &h, sizeof h);
 }
 
 static enum fate watch(struct watch *w, cap_source *src)
 {
     struct cap_camera *cam = w->cam;
-    struct cap_capture *cap = cam->cap;
     bool triggers = cam->cfg.trigger == CAP_TRIGGER_SOFTWARE && cam->ops->trigger != NULL;
-    int64_t period = cap->period_ns;
+    int64_t period = cam->cap->period_ns;
     int64_t next = triggers ? (pvx_now_mono() / period + 1) * period : INT64_MAX;
     char why[128] = "";
     enum fate fate;
     int64_t health = 0, ask = 0;
+    w->answered_ns = w->no_trigger_of = 0;
     for (;;) {
-        ask_silent(cam, src, &ask);
+        ask_silent(w, src, &ask);
         if (pvx_now_mono() >= health) {
-            take_health(cam, src);
+            read_health(cam, src);
             health = pvx_now_mono() + HEALTH_NS;
         }
-        pthread_mutex_lock(&cap->lock);
         int64_t now = pvx_now_mono();
         int64_t until = now + LOOK_NS < next ? now + LOOK_NS : next;
         if (!over(w, now, &fate, why, sizeof why) && now < until) {
-            doze(cam, until);
+            doze(w, until);
             now = pvx_now_mono();
         }
         bool ends = over(w, now, &fate, why, sizeof why);
-        pthread_mutex_unlock(&cap->lock);
         report(w);
         if (ends)
             break;
@@ -243,9 +249,7 @@ static enum fate watch(struct watch *w, cap_source *src)
         }
     }
     if (fate == FATE_LOST) {
-        pthread_mutex_lock(&cap->lock);
         cam->count[CAP_LOST_CAMERA]++;
-        pthread_mutex_unlock(&cap->lock);
         trouble(w, why);
     }
     return fate;
@@ -255,17 +259,15 @@ static void back_off(struct watch *w)
 {
     struct cap_camera *cam = w->cam;
     int64_t until = pvx_now_mono() + w->backoff_ns;
-    pthread_mutex_lock(&cam->cap->lock);
     while (!cam->cap->stop && pvx_now_mono() < until)
-        cap_wait_until(&cam->wake, &cam->cap->lock, until);
-    pthread_mutex_unlock(&cam->cap->lock);
+        pvx_bell_wait(&cam->life.wake, until);
     w->backoff_ns = w->backoff_ns * 2 < BACKOFF_MAX_NS ? w->backoff_ns * 2 : BACKOFF_MAX_NS;
 }
 
 static void live(struct cap_camera *cam)
 {
     struct watch w = {.cam = cam, .backoff_ns = BACKOFF_MIN_NS};
-    while (!stopped(cam->cap)) {
+    while (!cam->cap->stop) {
         struct pvx_diag d = {""};
         cap_source *src = NULL;
         pvx_err e = open_source(cam, &src, &d);
@@ -297,10 +299,8 @@ void *cap_supervise(void *arg)
     struct cap_camera *cam = arg;
     struct cap_capture *cap = cam->cap;
     live(cam);
-    pthread_mutex_lock(&cap->lock);
-    cam->done = true;
-    pthread_cond_broadcast(&cap->changed);
-    pthread_mutex_unlock(&cap->lock);
+    cam->life.done = true;
+    pvx_bell_ring(&cap->home);
     cap_capture_unref(cap);
     return NULL;
 }

@@ -22,6 +22,9 @@ struct run {
     struct cap_trigger_open open[CAP_TRIGGER_OPEN];
     unsigned next_open;
     uint64_t silent; /* cameras that were said to be */
+    /* shown to others on their boards */
+    struct cap_action_stats stats;
+    struct cap_action_answers answers[CAP_MAX_CAMERAS];
 };
 
 /* Where to send, and who should answer. */
@@ -53,39 +56,43 @@ static void look_at_cameras(struct cap_capture *cap, struct targets *t)
     }
     for (size_t i = 0; i < a->n_addresses; i++)
         add_address(t, a->address[i]);
-    pthread_mutex_lock(&cap->lock);
     for (uint32_t i = 0; i < cap->n; i++) {
         const struct cap_camera *cam = &cap->camera[i];
-        const struct cap_health *h = &cam->health;
-        if (cam->state != CAP_RUNNING || h->address == 0)
+        struct cap_health h;
+        pvx_board_read(&cam->life.health, &h, sizeof h);
+        if (cam->life.state != CAP_RUNNING || h.address == 0)
             continue;
         t->cameras |= UINT64_C(1) << i;
         if (a->n_addresses == 0)
-            add_address(t, h->broadcast);
-        bool fresh = h->clock.bound_ns >= 0 && now - h->clock.host_mono_ns < READING_NS;
-        if (fresh && !cap->cfg.shared_clock && h->clock.bound_ns < best) {
-            best = h->clock.bound_ns;
+            add_address(t, h.broadcast);
+        bool fresh = h.clock.bound_ns >= 0 && now - h.clock.host_mono_ns < READING_NS;
+        if (fresh && !cap->cfg.shared_clock && h.clock.bound_ns < best) {
+            best = h.clock.bound_ns;
             t->clock = true;
-            t->offset_ns = h->clock.device_ns - h->clock.host_mono_ns;
+            t->offset_ns = h.clock.device_ns - h.clock.host_mono_ns;
         }
     }
-    pthread_mutex_unlock(&cap->lock);
 }
 
 /* ---- answers ---------------------------------------------------------------------------------- */
+
+static void show_answers(struct run *r, uint32_t i)
+{
+    pvx_board_write(&r->cap->camera[i].answers, &r->answers[i], sizeof r->answers[i]);
+}
 
 static void close_open(struct run *r, struct cap_trigger_open *o)
 {
     struct cap_capture *cap = r->cap;
     uint64_t silent = o->expected & ~o->answered;
     o->number = 0;
-    pthread_mutex_lock(&cap->lock);
-    for (uint32_t i = 0; i < cap->n; i++)
-        cap->camera[i].action.silent += silent >> i & 1;
-    pthread_mutex_unlock(&cap->lock);
     for (uint32_t i = 0; i < cap->n; i++) {
         uint64_t bit = UINT64_C(1) << i;
-        if ((silent & bit) != 0 && (r->silent & bit) == 0)
+        if ((silent & bit) == 0)
+            continue;
+        r->answers[i].silent++;
+        show_answers(r, i);
+        if ((r->silent & bit) == 0)
             LOG_W(CAPTURE,
                   "camera %s (%s): does not acknowledge action commands: wrong keys, another "
                   "network, or a camera that never does (action.acknowledge: false)",
@@ -97,22 +104,21 @@ static void close_open(struct run *r, struct cap_trigger_open *o)
 static void note_answer(struct run *r, struct cap_trigger_open *o, uint32_t from, uint16_t status)
 {
     struct cap_capture *cap = r->cap;
-    pthread_mutex_lock(&cap->lock);
     for (uint32_t i = 0; i < cap->n; i++) {
-        struct cap_camera *cam = &cap->camera[i];
+        struct cap_action_answers *a = &r->answers[i];
         uint64_t bit = UINT64_C(1) << i;
-        if (cam->health.address != from || (o->expected & ~o->answered & bit) == 0)
+        struct cap_health h;
+        pvx_board_read(&cap->camera[i].life.health, &h, sizeof h);
+        if (h.address != from || (o->expected & ~o->answered & bit) == 0)
             continue;
         o->answered |= bit;
-        if (status == 0)
-            cam->action.acknowledged++;
-        else
-            cam->action.refused++;
-        cam->action.too_late += status == CAP_GVCP_ACTION_LATE;
-        cam->action.no_clock += status == CAP_GVCP_NO_REFERENCE_TIME;
+        a->acknowledged += status == 0;
+        a->refused += status != 0;
+        a->too_late += status == CAP_GVCP_ACTION_LATE;
+        a->no_clock += status == CAP_GVCP_NO_REFERENCE_TIME;
+        show_answers(r, i);
         break;
     }
-    pthread_mutex_unlock(&cap->lock);
     if (status != 0)
         LOG_EVERY(PVX_LOG_WARN, CAPTURE,
                   "an action command was refused by %u.%u.%u.%u: %s (0x%04x)", from >> 24,
@@ -123,7 +129,7 @@ static void note_answer(struct run *r, struct cap_trigger_open *o, uint32_t from
                   status);
 }
 
-static void take_answers(struct run *r)
+static void read_answers(struct run *r)
 {
     struct cap_action_ack a;
     uint32_t from;
@@ -141,12 +147,9 @@ static void take_answers(struct run *r)
 static bool wait_until(struct run *r, int64_t mono_ns)
 {
     for (;;) {
-        pthread_mutex_lock(&r->cap->lock);
-        bool stop = r->cap->stop;
-        pthread_mutex_unlock(&r->cap->lock);
-        if (stop)
+        if (r->cap->stop)
             return false;
-        take_answers(r);
+        read_answers(r);
         int64_t left = mono_ns - pvx_now_mono();
         if (left <= 0)
             return true;
@@ -164,12 +167,11 @@ enum outcome { SENT, LATE, FAILED };
 
 static void count(struct run *r, enum outcome o, uint64_t n)
 {
-    struct cap_action_stats *s = &r->cap->action;
-    pthread_mutex_lock(&r->cap->lock);
+    struct cap_action_stats *s = &r->stats;
     s->sent += o == SENT ? n : 0;
     s->late += o == LATE ? n : 0;
     s->failed += o == FAILED ? n : 0;
-    pthread_mutex_unlock(&r->cap->lock);
+    pvx_board_write(&r->cap->action, s, sizeof *s);
 }
 
 static void expect_answers(struct run *r, uint64_t cameras)

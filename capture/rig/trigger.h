@@ -10,7 +10,7 @@
 #ifndef CAP_TRIGGER_H
 #define CAP_TRIGGER_H
 #include "capture/wire/action.h"
-#include "capture/capture_int.h"
+#include "capture/rig/capture_int.h"
 
 void *cap_trigger_run(void *capture); /* thread, until stop */
 

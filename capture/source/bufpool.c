@@ -3,7 +3,6 @@
 #include <math.h>
 #include <pthread.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 
@@ -98,7 +97,7 @@ static struct cap_frame *pop(cap_bufpool *p)
     return &s->frame;
 }
 
-struct cap_frame *cap_bufpool_take(cap_bufpool *p)
+struct cap_frame *cap_bufpool_get(cap_bufpool *p)
 {
     pthread_mutex_lock(&p->lock);
     struct cap_frame *f = p->free != NULL ? pop(p) : NULL;
@@ -106,7 +105,7 @@ struct cap_frame *cap_bufpool_take(cap_bufpool *p)
     return f;
 }
 
-struct cap_frame *cap_bufpool_take_wait(cap_bufpool *p)
+struct cap_frame *cap_bufpool_get_wait(cap_bufpool *p)
 {
     pthread_mutex_lock(&p->lock);
     while (p->free == NULL && !p->canceled)
@@ -142,14 +141,6 @@ void *cap_bufpool_memory(const struct cap_frame *f)
 size_t cap_bufpool_bytes(const cap_bufpool *p)
 {
     return p->bytes;
-}
-
-unsigned cap_bufpool_free_count(cap_bufpool *p)
-{
-    pthread_mutex_lock(&p->lock);
-    unsigned n = p->n_free;
-    pthread_mutex_unlock(&p->lock);
-    return n;
 }
 
 void cap_bufpool_unref(cap_bufpool **pp)

@@ -4,7 +4,7 @@
  * allocating, fills it and pushes it; whoever has it last calls cap_frame_release.  The pool is kept
  * alive by its source's reference and by each frame that is out, so a source may be closed while
  * frames of it are still being worked on.
- * A frame taken has img.data = its memory, camera as given at new, exposure_us and gain NAN, release
+ * A frame that is got has img.data = its memory, camera as given at new, exposure_us and gain NAN, release
  * and owner of the pool, all else zero.
  * Threads: all functions from any thread.  take, put-back: O(1), no allocation. */
 #ifndef CAP_BUFPOOL_H
@@ -18,17 +18,16 @@ typedef struct cap_bufpool cap_bufpool;
 PVX_MUST_CHECK pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera,
                                        cap_bufpool **out);
 /* A free frame, or NULL: none is free (count an underrun). */
-struct cap_frame *cap_bufpool_take(cap_bufpool *p);
+struct cap_frame *cap_bufpool_get(cap_bufpool *p);
 /* The same, waiting until one is free; NULL only after cap_bufpool_cancel. */
-struct cap_frame *cap_bufpool_take_wait(cap_bufpool *p);
+struct cap_frame *cap_bufpool_get_wait(cap_bufpool *p);
 /* Waiters leave with NULL, now and until cap_bufpool_resume. */
 void cap_bufpool_cancel(cap_bufpool *p);
 void cap_bufpool_resume(cap_bufpool *p);
 
-/* A taken frame's pixel memory, writable (img.data is the const view of it). */
+/* A frame's pixel memory, writable (img.data is the const view of it). */
 void *cap_bufpool_memory(const struct cap_frame *f);
 size_t cap_bufpool_bytes(const cap_bufpool *p); /* per frame */
-unsigned cap_bufpool_free_count(cap_bufpool *p);
 
 /* Give up the source's reference; memory goes with the last frame that is out. */
 void cap_bufpool_unref(cap_bufpool **p);

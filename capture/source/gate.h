@@ -6,7 +6,7 @@
  *             cap_gate_lost       callback, trigger: the camera is gone
  *     stop    cap_gate_shut       when it returns no call of the sink is under way, nor comes any more
  *
- * A source with one thread of its own, joined by stop, needs none (player.h, src_v4l2.c).
+ * A source with one thread of its own, joined by stop, needs none (player.h, v4l2/v4l2.c).
  * Threads: all functions from any thread; shut not from within enter and leave. */
 #ifndef CAP_GATE_H
 #define CAP_GATE_H

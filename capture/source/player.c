@@ -9,12 +9,8 @@
 void cap_player_init(struct cap_player *p, const struct cap_source_config *c, clockid_t clock)
 {
     *p = (struct cap_player){.camera = c->camera, .lossless = c->lossless, .clock = clock};
-    pthread_condattr_t a;
-    pthread_condattr_init(&a);
-    pthread_condattr_setclock(&a, clock);
     pthread_mutex_init(&p->lock, NULL);
-    pthread_cond_init(&p->wake, &a);
-    pthread_condattr_destroy(&a);
+    pvx_cond_init(&p->wake, clock);
 }
 
 pvx_err cap_player_make_pool(struct cap_player *p, const struct cap_source_config *c, size_t bytes)
@@ -82,11 +78,11 @@ bool cap_player_wait_until(struct cap_player *p, int64_t t)
     return go;
 }
 
-struct cap_frame *cap_player_take(struct cap_player *p)
+struct cap_frame *cap_player_get(struct cap_player *p)
 {
     if (p->lossless)
-        return cap_bufpool_take_wait(p->pool);
-    struct cap_frame *f = cap_bufpool_take(p->pool);
+        return cap_bufpool_get_wait(p->pool);
+    struct cap_frame *f = cap_bufpool_get(p->pool);
     if (f == NULL)
         cap_player_count(p, CAP_UNDERRUN, 1);
     return f;

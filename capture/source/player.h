@@ -3,7 +3,7 @@
  *
  *     open    cap_player_init       a source's struct has a player in it; pool may come later
  *     start   cap_player_start      run(arg) in a thread of its own
- *             cap_player_wait_until, _take, _count, _event: by run()
+ *             cap_player_wait_until, _get, _count, _event: by run()
  *     stop    cap_player_stop       wakes run() from all of these, and waits for it
  *     close   cap_player_fini       frames that are out keep the pool's memory
  *
@@ -44,7 +44,7 @@ bool cap_player_stopped(struct cap_player *p);
 /* Until the clock shows `t` or stop; true = go on. */
 bool cap_player_wait_until(struct cap_player *p, int64_t t);
 /* A frame of the pool.  Lossless: waits for one.  NULL: there was none, which is counted, or stopped. */
-struct cap_frame *cap_player_take(struct cap_player *p);
+struct cap_frame *cap_player_get(struct cap_player *p);
 void cap_player_count(struct cap_player *p, enum cap_count what, uint64_t n);
 void cap_player_event(struct cap_player *p, enum cap_event ev);
 #endif

@@ -1,4 +1,4 @@
-/* src_sim.c - sim: cameras inside the process, on one common grid of exposure times.
+/* sim.c - sim: cameras inside the process, on one common grid of exposure times.
  *
  * Every camera exposes at the multiples of its period on CLOCK_REALTIME, so equal cameras see the
  * same instants without talking to each other; frame id = number of the grid point.  The pictures
@@ -12,9 +12,9 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "base/yaml.h"
-#include "capture/backends.h"
+#include "capture/source/backends.h"
 #include "capture/source/player.h"
-#include "capture/random.h"
+#include "base/random.h"
 
 #define HOLD_MAX 64
 
@@ -38,7 +38,7 @@ struct faults {
     int64_t silent;      /* 1: nothing comes */
     int64_t gone;        /* 1: connection lost, cannot be opened */
     int64_t slip;        /* its numbers are so many ahead of its pictures */
-    int64_t miss_every;  /* each n-th picture is not taken, nor numbered */
+    int64_t miss_every;  /* each n-th picture is not exposed, nor numbered */
     int64_t wide_every;  /* each n-th frame is another size than the camera's */
     int64_t other_format; /* 1: pixels are said to be of another format */
     int64_t hold;         /* so many of its buffers are held, as by a consumer that is too slow */
@@ -185,7 +185,7 @@ static bool nth(int64_t every, const struct shot *x)
 static void hold(struct sim *s, int64_t n)
 {
     struct cap_frame *f;
-    while (s->n_held < n && (f = cap_bufpool_take(s->player.pool)) != NULL)
+    while (s->n_held < n && (f = cap_bufpool_get(s->player.pool)) != NULL)
         s->held[s->n_held++] = f;
     while (s->n_held > n)
         cap_frame_release(s->held[--s->n_held]);
@@ -195,7 +195,7 @@ static void expose(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
     hold(s, x->faulty ? o->hold : 0);
-    struct cap_frame *f = cap_player_take(&s->player);
+    struct cap_frame *f = cap_player_get(&s->player);
     if (f == NULL)
         return;
     s->scene.render(s->scene.ctx, s->player.camera, x->t_image, s->fmt, s->width, s->height,
@@ -209,7 +209,7 @@ static void expose(struct sim *s, const struct shot *x)
                                                 : CAP_GREY8;
     f->id = x->id;
     f->t_device_ns = x->t_device;
-    f->t_arrival_ns = pvx_now_real() + (x->faulty ? (int64_t)(o->host_step_s * 1e9) : 0);
+    f->t_arrival_ns = pvx_now_real() + (now_faulty(o) ? (int64_t)(o->host_step_s * 1e9) : 0);
     f->t_arrival_mono_ns = pvx_now_mono();
     s->player.sink.push(s->player.sink.ctx, f);
 }
@@ -232,11 +232,11 @@ static int64_t next_point(struct sim *s, bool faulty)
 static bool lost(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
-    if (x->faulty && o->incomplete > 0 && cap_uniform(&s->rng) < o->incomplete) {
+    if (x->faulty && o->incomplete > 0 && pvx_uniform(&s->rng) < o->incomplete) {
         cap_player_count(&s->player, CAP_INCOMPLETE, 1);
         return true;
     }
-    if (x->faulty && o->drop > 0 && cap_uniform(&s->rng) < o->drop) {
+    if (x->faulty && o->drop > 0 && pvx_uniform(&s->rng) < o->drop) {
         cap_player_count(&s->player, CAP_ID_GAP, 1);
         return true;
     }
@@ -268,7 +268,7 @@ static void *run(void *arg)
                 return NULL;
         }
         if (o->jitter_us > 0) {
-            int64_t late = (int64_t)(cap_uniform(&s->rng) * o->jitter_us * 1e3);
+            int64_t late = (int64_t)(pvx_uniform(&s->rng) * o->jitter_us * 1e3);
             if (!cap_player_wait_until(&s->player, t + late))
                 return NULL;
         }

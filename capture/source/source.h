@@ -32,35 +32,39 @@ void cap_frame_release(struct cap_frame *f); /* any thread; NULL is fine */
 
 /* Why a frame did not become part of a set, and what else is counted, per camera.
  * The source counts INCOMPLETE, UNDERRUN and ID_GAP (only it knows which numbers it dropped itself).
- * Size, format and stamps of the frames that it pushes are checked and counted by capture.c, as all
- * the rest; a source that cannot even store a frame of another size counts that itself. */
-enum cap_count {
-    CAP_RECEIVED,    /* good frames handed over by the driver */
-    CAP_INCOMPLETE,  /* frames with missing packets or another transport error */
-    CAP_BAD_SIZE,    /* width, height or bytes are not what was configured (also short SUCCESS) */
-    CAP_BAD_FORMAT,  /* pixel format changed under way */
-    CAP_BAD_STAMP,   /* device time runs backwards or stands still */
-    CAP_UNDERRUN,    /* no free buffer: consumer too slow */
-    CAP_OVERFLOW,    /* a newer frame or set displaced it before the consumer took it */
-    CAP_LATE,        /* came after its set had been closed */
-    CAP_UNMATCHED,   /* its set was never completed (partial set dropped) */
-    CAP_ID_GAP,      /* frames that the camera numbered but we never saw */
-    CAP_LOST_CAMERA, /* times the camera stopped answering */
-    CAP_NO_TRIGGER,  /* times that no pulse came on its line although it answers */
-    /* What is below counts no frames that are not counted above: it tells that something is not as it
-     * should be (syncwatch.h, monitor.c). */
-    CAP_CLOCK_STUCK, /* times that device time stood still for several frames */
-    CAP_CLOCK_JUMP,  /* times that the camera's clock jumped */
-    CAP_SLIP,        /* times that frame numbers and times disagreed: pictures may be off by one */
-    CAP_MISSED_TRIGGER, /* pictures that the camera did not take while the others did */
-    CAP_TRIGGER_MODE, /* times that it was found in another trigger mode than it had been set to */
-    CAP_OUT_OF_STEP,  /* windows (0.5 s, 8 periods) in which it exposed outside the tolerance */
-    CAP_PHASE_WALK,   /* windows in which its exposures moved against the others' */
-    CAP_RATE,         /* windows in which its frame rate was not what it should be */
-    CAP_BANDWIDTH,    /* seconds in which several cameras at once sent incomplete frames */
-    CAP_PTP_MASTERS,  /* seconds in which it was PTP master beside another camera */
-    CAP_N_COUNT
-};
+ * Size, format and stamps of the frames that it pushes are checked and counted by rig/intake.c, as all
+ * the rest; a source that cannot even store a frame of another size counts that itself.
+ * BAD_SIZE: a frame that the driver calls good but that is too short, too.
+ * From CAP_CLOCK_STUCK on no frames are counted that are not counted before: these tell that something is
+ * not as it should be (syncwatch.h, monitor.c).  A window is 0.5 s, or 8 periods. */
+#define CAP_COUNTS(M)                                                                              \
+    M(CAP_RECEIVED, "received", "frames", "good frames handed over by the driver")                 \
+    M(CAP_INCOMPLETE, "incomplete", "frames",                                                      \
+      "packets missing, file unreadable, or another error")                                        \
+    M(CAP_BAD_SIZE, "bad_size", "frames", "width, height or bytes are not what is configured")     \
+    M(CAP_BAD_FORMAT, "bad_format", "frames", "pixel format is not what is configured")            \
+    M(CAP_BAD_STAMP, "bad_stamp", "frames", "device time ran backwards or stood still")            \
+    M(CAP_UNDERRUN, "underrun", "frames", "no free buffer: the consumer was too slow")             \
+    M(CAP_OVERFLOW, "overflow", "frames", "displaced by newer ones: the consumer was too slow")    \
+    M(CAP_LATE, "late", "frames", "came after its set had been closed")                            \
+    M(CAP_UNMATCHED, "unmatched", "frames", "its set was never completed")                         \
+    M(CAP_ID_GAP, "id_gap", "frames", "numbered by the camera but never seen")                     \
+    M(CAP_LOST_CAMERA, "lost_camera", "times", "the camera stopped answering")                     \
+    M(CAP_NO_TRIGGER, "no_trigger", "times", "the camera answered, but no pulse came on its line") \
+    M(CAP_CLOCK_STUCK, "clock_stuck", "times", "device time stood still for several frames")       \
+    M(CAP_CLOCK_JUMP, "clock_jump", "times", "the camera's clock jumped")                          \
+    M(CAP_SLIP, "slip", "times", "frame numbers and times disagreed: pictures may be off by one")  \
+    M(CAP_MISSED_TRIGGER, "missed_trigger", "frames", "not exposed while the other cameras did")   \
+    M(CAP_TRIGGER_MODE, "trigger_mode", "times",                                                   \
+      "it was in another trigger mode than it had been set to")                                    \
+    M(CAP_OUT_OF_STEP, "out_of_step", "windows",                                                   \
+      "exposed outside the tolerance around the others")                                           \
+    M(CAP_PHASE_WALK, "phase_walk", "windows", "its exposures moved against the others'")          \
+    M(CAP_RATE, "rate", "windows", "its frame rate was not what it should be")                     \
+    M(CAP_BANDWIDTH, "bandwidth", "s", "several cameras at once sent incomplete frames")           \
+    M(CAP_PTP_MASTERS, "ptp_masters", "s", "it was PTP master beside another camera")
+#define CAP_COUNT_NUMBER(number, ...) number,
+enum cap_count { CAP_COUNTS(CAP_COUNT_NUMBER) CAP_N_COUNT };
 struct cap_count_def {
     const char *name, *unit, *help;
 };
@@ -68,8 +72,8 @@ extern const struct cap_count_def cap_count_defs[CAP_N_COUNT];
 
 enum cap_event { CAP_EV_LOST, CAP_EV_END }; /* camera gone (reopen it) / sequence finished */
 
-/* All may be called from any thread of the source, holding no lock that stop needs: in a lossless
- * run push waits for room (until the capture stops).
+/* All may be called from any thread of the source, push from one at a time, holding no lock that stop needs:
+ * in a lossless run push waits for room (until the capture stops); else it waits for nobody.
  * clock (NULL = not wanted): when the camera's clock, that of t_device_ns, showed device_ns, the
  * host's CLOCK_MONOTONIC was host_mono_ns +- bound_ns: half the round trip of the question.
  * detail (NULL = not wanted): what is counted next, in a few words for a message; copied. */
@@ -206,8 +210,4 @@ struct cap_source_ops {
 struct cap_source {
     const struct cap_source_ops *ops;
 };
-
-/* Backends built in (the table is in source.c), NULL-terminated; and the one for "scheme:rest" (*rest = after the colon). */
-const struct cap_source_ops *const *cap_backends(void);
-const struct cap_source_ops *cap_backend_find(const char *uri, const char **rest);
 #endif

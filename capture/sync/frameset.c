@@ -50,7 +50,7 @@ struct cap_assembler {
     uint64_t last_recorded[CAP_MAX_CAMERAS]; /* set of each camera's last frame */
 };
 
-static struct slot *take_slot(struct set_pool *p)
+static struct slot *get_slot(struct set_pool *p)
 {
     pthread_mutex_lock(&p->lock);
     struct slot *s = p->free;
@@ -363,7 +363,7 @@ static void insert(cap_assembler *a, struct cap_frame *f, int64_t t)
         }
         if (a->n_open == MAX_OPEN)
             close_set(a, 0);
-        s = take_slot(a->pool);
+        s = get_slot(a->pool);
         if (s == NULL) {
             discard(a, f, CAP_OVERFLOW);
             return;
@@ -452,9 +452,16 @@ int64_t cap_assembler_deadline(const cap_assembler *a)
     return first == INT64_MAX ? first : first + a->p.max_wait_ns;
 }
 
-void cap_assembler_close_before(cap_assembler *a, int64_t t_exposure_ns)
+static bool is_before(const cap_assembler *a, const struct slot *s, const struct cap_frame *next)
 {
-    while (a->n_open > 0 && a->open[0]->lo_ns + a->p.tolerance_ns < t_exposure_ns)
+    if (next->set != 0)
+        return s->recorded != 0 && s->recorded < next->set;
+    return s->lo_ns + a->p.tolerance_ns < next->t_exposure_ns;
+}
+
+void cap_assembler_close_before(cap_assembler *a, const struct cap_frame *next)
+{
+    while (a->n_open > 0 && is_before(a, a->open[0], next))
         close_set(a, 0);
 }
 

@@ -38,6 +38,15 @@ struct cap_set {
 void cap_set_ref(struct cap_set *s);
 void cap_set_release(struct cap_set *s);
 
+/* Somebody beside the consumer who wants the frames: a recorder.  Called by the assembler's thread; must
+ * return at once, unless everything may wait (lossless).  Each may be NULL. */
+struct cap_tap {
+    void (*set)(void *ctx, struct cap_set *s); /* is given out next; cap_set_ref to keep it */
+    /* Takes a good frame that is in no set, counted under `why`. */
+    void (*stray)(void *ctx, struct cap_frame *f, enum cap_count why);
+    void *ctx;
+};
+
 struct cap_assembler_params {
     uint32_t cameras;
     int64_t tolerance_ns; /* 0 = a quarter of the period; must be less than half of it */
@@ -70,9 +79,9 @@ int64_t cap_assembler_deadline(const cap_assembler *a);
 void cap_assembler_shift(cap_assembler *a, int64_t by_ns);
 /* The frames' own clocks were stepped: nothing counts as late until the next set is out. */
 void cap_assembler_forget_order(cap_assembler *a);
-/* Replay in order of time: frames from now on are exposed at `t_exposure_ns` or later, so close
- * every set that none of them can join. */
-void cap_assembler_close_before(cap_assembler *a, int64_t t_exposure_ns);
+/* Replay in order: frames from now on are exposed when `next` was or later, or are of its recorded set or
+ * later ones, so close every set that none of them can join. */
+void cap_assembler_close_before(cap_assembler *a, const struct cap_frame *next);
 /* Next finished set or NULL. Caller owns it until cap_set_release. */
 struct cap_set *cap_assembler_pop(cap_assembler *a);
 /* Close everything (end of a replay). */

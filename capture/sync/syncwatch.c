@@ -57,9 +57,9 @@ void cap_syncwatch_shift(struct cap_syncwatch *w, int64_t by_ns)
 void cap_sync_found(struct cap_syncwatch *w, uint32_t c, enum cap_count what, uint64_t n,
                     const char *text)
 {
-    w->counts.count(w->counts.ctx, c, what, n);
     if (w->detail != NULL)
         w->detail(w->counts.ctx, c, what, text);
+    w->counts.count(w->counts.ctx, c, what, n);
 }
 
 static int ascending(const void *a, const void *b)
@@ -81,7 +81,7 @@ static double wrapped(double ns, double period)
 
 /* This frame's exposure against the others' last.  Of an even number of them the two in the middle may
  * be half a period apart: then the one that is nearer to zero counts. */
-static void take_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
+static void note_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
 {
     double near[CAP_MAX_CAMERAS], far[CAP_MAX_CAMERAS], period = (double)w->p.period_ns;
     unsigned n = 0, n_far = 0;
@@ -277,7 +277,7 @@ static void judge_rate(struct cap_syncwatch *w, uint32_t c, int64_t ns)
 
 /* Intervals that are no multiples of the period say nothing about a rate: triggers that come as they
  * like, or a clock that moved. */
-static void take_rate(struct cap_syncwatch *w, const struct cap_frame *f)
+static void note_rate(struct cap_syncwatch *w, const struct cap_frame *f)
 {
     struct cap_sync_camera *k = &w->camera[f->camera];
     int64_t t = f->t_device_ns != 0 ? f->t_device_ns : f->t_exposure_ns;
@@ -316,7 +316,7 @@ void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f)
     k->arrival_ns = f->t_arrival_mono_ns;
     if (w->p.period_ns == 0)
         return;
-    take_rate(w, f);
+    note_rate(w, f);
     if (first || step <= 0 || step > 4 * w->window_ns) {
         begin_window(k); /* after a pause nothing is known of it */
         return;
@@ -328,7 +328,7 @@ void cap_syncwatch_frame(struct cap_syncwatch *w, const struct cap_frame *f)
         k->periods = -1;
     else if (k->periods >= 0)
         k->periods += llrint(periods);
-    take_phase(w, k);
+    note_phase(w, k);
     if (k->t_ns - k->t0 < w->window_ns)
         return;
     judge_phase(w, f->camera);

@@ -4,38 +4,15 @@
  * mode; frame numbers can, and so can rates and phases.  Per camera, each in its count of
  * source.h and with numbers for a message:
  *
- * SLIP, MISSED_TRIGGER.  Sets are numbered by their instants: K = what most members' frame numbers say,
- * each id plus an offset learnt at its first set; where there is no majority, what the time says.  A
- * member that says otherwise, in two sets in a row: if it has numbered fewer pictures than there were
- * instants, and it was away for as many, it has missed triggers (there is no gap in its numbers);
- * everything else is a slip: its numbers and its times disagree, and its pictures may be one instant
- * off.  Found with the second set.  What cannot be told: a camera without a common clock or readings of
- * its clock, whose pictures have all been late by one period since its start; time stamps and numbers
- * then agree.
+ *     SLIP, MISSED_TRIGGER   frame number + an offset learnt = number of the instant, by most members (1)
+ *     OUT_OF_STEP            |phase| <= tolerance; phase = exposure - the others' last, modulo the
+ *                            period: median over them, mean over a window of max(0.5 s, 8 periods)  (2)
+ *     PHASE_WALK             phase = constant: line through 4 to 128 windows                        (3)
+ *     RATE                   frames a second = nominal to 1 %, and = the others' to 400 ppm (syncrate.h)
  *
- * OUT_OF_STEP.  Phase = its exposure minus the others' last, modulo the period; median over the others;
- * mean over windows of max(0.5 s, 8 periods).  Outside the tolerance, or a clock that is off by more than
- * four periods against the order of arrival.  Found after one to two windows, so within
- * a second at 16 Hz and above.
- *
- * PHASE_WALK.  The phase moves steadily: line through the last windows, 4 to 128 of them, that has
- * changed by more than max(period / 20, 0.5 ms) and what the clocks' maps may be off by, and by 6 times
- * its own scatter; or, once maps are known, by 0.5 ms and that, 8 times its scatter (a step is no walk) and
- * surely (syncrate.h).  While a map is being learnt, only what moves by more than 0.6 ms per second counts.
- * So a camera that runs by itself beside triggered ones is found before it is out of step: after 5 s at
- * 200 ppm, 12 s at 50 ppm (known clocks, stamps good to 0.2 ms, 30 Hz); there is nothing to see much
- * earlier.
- *
- * RATE.  Over a window: frames by number against the nominal rate, off by 30 %; or periods by rounded
- * interval, off by 1 %; found after one to two windows.  Against the median of the other cameras, on
- * each one's own clock: off by more than 400 ppm, surely (syncrate.h): below that it is clocks.  So a camera
- * that runs freely at 1000 ppm, or at 29.97 Hz beside 30, is found after 0.5 s with stamps good to some
- * microseconds, after 1.4 s with 0.2 ms, 3.5 s with 1 ms.  Stamps that a driver makes on the host wander
- * with its load: they are judged over 10 s only.  Counted once a window.
- *
- * With two cameras nobody knows which of them is wrong; both are named (RATE: the one farther from
- * nominal).
- * The last three count the windows in which it was so.
+ * The last three count the windows in which it was not so.  With two cameras nobody knows which of them is
+ * wrong; both are named (RATE: the one farther from nominal).  Bounds, times to finding, and what cannot be
+ * found: SYNC.md section 10.
  * Threads: one (the assembler's).  Allocates nothing; cost O(cameras) per frame, O(cameras^2) per set. */
 #ifndef CAP_SYNCWATCH_H
 #define CAP_SYNCWATCH_H

@@ -1,4 +1,4 @@
-/* take_h5.h - what take_write.c and take_read.c share: names, types, the text of libhdf5's errors. */
+/* h5.h - what write.c and read.c share: names, types, the text of libhdf5's errors. */
 #ifndef CAP_TAKE_H5_H
 #define CAP_TAKE_H5_H
 #include <hdf5.h>

@@ -1,11 +1,10 @@
-/* take_read.c - the reading half of take.h.
+/* read.c - the reading half of take.h.
  *
  * Nothing that the file says is believed: types, ranks and sizes are compared with what they must be
  * before a byte is read into memory, tables are read a chunk at a time up to the first that cannot be
  * read, rows count only with their checksum, sets only with all their frames.  What libhdf5 itself makes
  * of a hostile file is beyond this. */
 #include <math.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,8 +20,7 @@
 #define ROW_SLACK 65536
 
 struct camera {
-    struct cap_take_camera c;
-    char *name, *uri, *settings;
+    struct cap_take_camera c; /* its strings are owned here */
     struct cap_take_row *row;
     hid_t frames;
     int rank;
@@ -37,7 +35,6 @@ struct cap_take {
     hid_t file;
     uint64_t file_bytes;
     struct cap_take_info info;
-    char *rig, *config, *software, *host, *base;
     struct camera *camera;
     struct cap_take_camera *cameras; /* for info.head */
     struct cap_take_set *set;
@@ -181,7 +178,7 @@ static pvx_err read_gaps(cap_take *t, struct pvx_diag *d)
 
 /* ---- cameras ---- */
 
-/* Times that can be subtracted from each other, and played in turns (src_take.c). */
+/* Times that can be subtracted from each other, and played in turns (source.c). */
 static bool is_time(int64_t ns)
 {
     return ns >= 0 && ns <= INT64_MAX / 2;
@@ -290,10 +287,10 @@ static herr_t list_camera(hid_t group, const char *name, const H5L_info_t *info,
     }
     hid_t g = H5Gopen2(group, name, H5P_DEFAULT);
     if (g >= 0 && get_int(g, "number", &number) && number >= 0 && number < CAP_MAX_CAMERAS &&
-        t->camera[number].name == NULL) {
-        t->camera[number].name = strdup(name);
-        t->camera[number].uri = get_text(g, "uri", false);
-        t->camera[number].settings = get_text(g, "settings", true);
+        t->camera[number].c.name == NULL) {
+        t->camera[number].c.name = strdup(name);
+        t->camera[number].c.uri = get_text(g, "uri", false);
+        t->camera[number].c.settings = get_text(g, "settings", true);
         l->n++;
     } else {
         l->bad = true;
@@ -316,19 +313,16 @@ static pvx_err read_cameras(cap_take *t, struct pvx_diag *d)
     t->info.head.n_cameras = l.n;
     for (uint32_t c = 0; c < l.n && e == PVX_OK; c++) {
         struct camera *k = &t->camera[c];
-        if (k->name == NULL || k->uri == NULL || k->settings == NULL) {
+        if (k->c.name == NULL || k->c.uri == NULL || k->c.settings == NULL) {
             e = wrong(t, d, "a camera's name, source or settings");
             break;
         }
-        hid_t g = H5Gopen2(cameras, k->name, H5P_DEFAULT);
+        hid_t g = H5Gopen2(cameras, k->c.name, H5P_DEFAULT);
         if (H5Lexists(g, "frames", H5P_DEFAULT) > 0)
             e = read_frames(t, k, g, d);
         if (e == PVX_OK)
             e = leave_out_cut_frames(t, c, d);
         H5Gclose(g);
-        k->c.name = k->name;
-        k->c.uri = k->uri;
-        k->c.settings = k->settings;
         t->cameras[c] = k->c;
     }
     H5Gclose(cameras);
@@ -447,21 +441,16 @@ static pvx_err read_head(cap_take *t, struct pvx_diag *d)
     if (version != CAP_TAKE_FORMAT)
         return pvx_fail(d, PVX_EVERSION, "%s: version %lld of the layout; this program reads %d",
                         t->path, (long long)version, CAP_TAKE_FORMAT);
-    t->rig = get_text(t->file, "rig", true);
-    t->config = get_text(t->file, "config", true);
-    t->software = get_text(t->file, "software", false);
-    t->host = get_text(t->file, "host", false);
-    t->base = get_text(t->file, "base", false);
-    if (t->rig == NULL || t->config == NULL || t->software == NULL || t->host == NULL ||
-        t->base == NULL || !get_int(t->file, "t_created_ns", &h->t_created_ns) ||
+    h->rig = get_text(t->file, "rig", true);
+    h->config = get_text(t->file, "config", true);
+    h->software = get_text(t->file, "software", false);
+    h->host = get_text(t->file, "host", false);
+    h->base = get_text(t->file, "base", false);
+    if (h->rig == NULL || h->config == NULL || h->software == NULL || h->host == NULL ||
+        h->base == NULL || !get_int(t->file, "t_created_ns", &h->t_created_ns) ||
         !get_attr(t->file, "session", H5T_NATIVE_UINT64, 8, &h->session) ||
         !get_attr(t->file, "fps", H5T_NATIVE_DOUBLE, 8, &h->fps) || !isfinite(h->fps))
         return wrong(t, d, "an attribute of the head");
-    h->rig = t->rig;
-    h->config = t->config;
-    h->software = t->software;
-    h->host = t->host;
-    h->base = t->base;
     h->camera = t->cameras;
     t->info.closed = get_int(t->file, "closed", &closed) && closed == 1;
     return PVX_OK;
@@ -516,18 +505,18 @@ void cap_take_free(cap_take **tp)
     if (t->file >= 0)
         H5Fclose(t->file);
     for (int c = 0; t->camera != NULL && c < CAP_MAX_CAMERAS; c++) {
-        free(t->camera[c].name);
-        free(t->camera[c].uri);
-        free(t->camera[c].settings);
+        free((char *)t->camera[c].c.name);
+        free((char *)t->camera[c].c.uri);
+        free((char *)t->camera[c].c.settings);
         free(t->camera[c].row);
     }
     free(t->camera);
     free(t->cameras);
-    free(t->rig);
-    free(t->config);
-    free(t->software);
-    free(t->host);
-    free(t->base);
+    free((char *)t->info.head.rig);
+    free((char *)t->info.head.config);
+    free((char *)t->info.head.software);
+    free((char *)t->info.head.host);
+    free((char *)t->info.head.base);
     free(t->set);
     free(t->member);
     free(t->gap);
@@ -545,7 +534,7 @@ const struct cap_take_info *cap_take_info(const cap_take *t)
 int cap_take_find(const cap_take *t, const char *camera)
 {
     for (uint32_t c = 0; c < t->info.head.n_cameras; c++)
-        if (strcmp(t->camera[c].name, camera) == 0)
+        if (strcmp(t->camera[c].c.name, camera) == 0)
             return (int)c;
     return -1;
 }
@@ -611,16 +600,16 @@ pvx_err cap_take_read(const cap_take *t, uint32_t camera, uint64_t row, void *me
     take_h5_init();
     const struct camera *k = &t->camera[camera];
     if (row >= k->c.frames)
-        return pvx_fail(d, PVX_EINVAL, "%s: camera %s has no frame in place %llu", t->path, k->name,
-                        (unsigned long long)row);
+        return pvx_fail(d, PVX_EINVAL, "%s: camera %s has no frame in place %llu", t->path,
+                        k->c.name, (unsigned long long)row);
     const struct cap_take_row *r = &k->row[row];
     if (r->bytes > size)
         return pvx_fail(d, PVX_ERANGE, "%s: a frame of camera %s has %llu bytes, room is for %zu",
-                        t->path, k->name, (unsigned long long)r->bytes, size);
+                        t->path, k->c.name, (unsigned long long)r->bytes, size);
     if (!read_pixels(k, r, row, mem) || XXH3_64bits(mem, r->bytes) != r->xxh3)
         return pvx_fail(d, PVX_ECORRUPT,
                         "%s: camera %s, frame %llu (place %llu): its pixels are cut off or damaged",
-                        t->path, k->name, (unsigned long long)r->id, (unsigned long long)row);
+                        t->path, k->c.name, (unsigned long long)r->id, (unsigned long long)row);
     *img = (struct cap_image){.data = mem,
                               .size = r->bytes,
                               .width = k->c.width,

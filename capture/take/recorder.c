@@ -16,6 +16,7 @@
 
 #define N_GAPS     1024
 #define STUCK_NS   (10 * PVX_NS_PER_S) /* half of what the service manager waits (TimeoutStopSec) */
+#define HURRY_NS   (5 * PVX_NS_PER_S)  /* the capture stops first: both must fit */
 #define LOOK_NS    (5 * PVX_NS_PER_MS)
 #define SPACE_MORE (32u << 20) /* rows, and what others write meanwhile */
 
@@ -35,7 +36,8 @@ struct cap_recorder {
     unsigned size, head, len;
     unsigned sets;                  /* that wait; at most CAP_RECORDER_QUEUE_MAX */
     unsigned held[CAP_MAX_CAMERAS]; /* frames of each camera that wait; at most cfg.queue */
-    bool stopping;                  /* nothing more is taken in; the writer empties the ring */
+    int64_t until_ns;               /* lossless: so long the tap waits for room, mono */
+    bool stopping;                  /* nothing more is let in; the writer empties the ring */
     bool written;                   /* the writer is through */
     struct cap_take_gap run[CAP_MAX_CAMERAS]; /* open: frames > 0 */
     struct cap_take_gap gap[N_GAPS];          /* closed, to be written */
@@ -78,8 +80,12 @@ static bool fits(const cap_recorder *r, const struct item *it)
 
 static bool has_room(cap_recorder *r, const struct item *it)
 {
-    while (r->cfg.lossless && !fits(r, it) && recording(r))
-        pthread_cond_wait(&r->room, &r->lock);
+    while (r->cfg.lossless && !fits(r, it) && recording(r)) {
+        struct timespec ts = {.tv_sec = r->until_ns / PVX_NS_PER_S,
+                              .tv_nsec = r->until_ns % PVX_NS_PER_S};
+        if (pthread_cond_timedwait(&r->room, &r->lock, &ts) == ETIMEDOUT)
+            break;
+    }
     return fits(r, it) && recording(r);
 }
 
@@ -91,7 +97,7 @@ static void hold(cap_recorder *r, const struct item *it, int by)
             r->held[c] += (unsigned)by;
 }
 
-static void take_in(cap_recorder *r, struct item it)
+static void let_in(cap_recorder *r, struct item it)
 {
     r->ring[(r->head + r->len++) % r->size] = it;
     hold(r, &it, 1);
@@ -132,7 +138,7 @@ static void tap_set(void *ctx, struct cap_set *s)
     pthread_mutex_lock(&r->lock);
     if (has_room(r, &it)) {
         cap_set_ref(s);
-        take_in(r, it);
+        let_in(r, it);
         for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
             if (s->frame[c] != NULL)
                 end_gap(r, c);
@@ -159,7 +165,7 @@ static void tap_stray(void *ctx, struct cap_frame *f, enum cap_count why)
     struct item it = {.stray = f, .why = w};
     pthread_mutex_lock(&r->lock);
     if (has_room(r, &it)) {
-        take_in(r, it);
+        let_in(r, it);
         end_gap(r, f->camera);
         f = NULL;
     } else if (recording(r)) {
@@ -268,7 +274,7 @@ static void done_with(cap_recorder *r, struct item it)
 }
 
 /* Nothing more comes in; gaps that are still open end here. */
-static void stop_taking(cap_recorder *r)
+static void shut(cap_recorder *r)
 {
     pthread_mutex_lock(&r->lock);
     r->stopping = true;
@@ -322,12 +328,12 @@ static void *write_loop(void *arg)
     struct item it;
     while (next(r, &it)) {
         if (e == PVX_OK && (e = write_item(r, &it, &d)) != PVX_OK)
-            stop_taking(r);
+            shut(r);
         if (e != PVX_OK)
             lose(r, &it);
         done_with(r, it);
     }
-    stop_taking(r);
+    shut(r);
     finish(r, e, &d);
     return NULL;
 }
@@ -364,6 +370,7 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
     if (r == NULL)
         return PVX_ENOMEM;
     r->cfg = *c;
+    r->until_ns = INT64_MAX;
     r->fd = -1;
     r->size = c->queue * c->n_cameras; /* as many as held[] lets in */
     r->ring = pvx_calloc(r->size, sizeof *r->ring);
@@ -371,14 +378,10 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
         free(r);
         return PVX_ENOMEM;
     }
-    pthread_condattr_t a;
-    pthread_condattr_init(&a);
-    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
     pthread_mutex_init(&r->lock, NULL);
-    pthread_cond_init(&r->filled, &a);
-    pthread_cond_init(&r->room, &a);
-    pthread_cond_init(&r->wake, &a);
-    pthread_condattr_destroy(&a);
+    pvx_cond_init(&r->filled, CLOCK_MONOTONIC);
+    pvx_cond_init(&r->room, CLOCK_MONOTONIC);
+    pvx_cond_init(&r->wake, CLOCK_MONOTONIC);
     *out = r;
     return PVX_OK;
 }
@@ -427,7 +430,7 @@ static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
         return pvx_fail(d, PVX_EIO, "recording: no thread to be had");
     pthread_setname_np(r->writer, "record");
     if (r->cfg.sync_ns > 0 && pthread_create(&r->syncer, NULL, sync_loop, r) != 0) {
-        stop_taking(r);
+        shut(r);
         pthread_join(r->writer, NULL);
         return pvx_fail(d, PVX_EIO, "recording: no thread to be had");
     }
@@ -440,7 +443,7 @@ static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
 /* A recording that did not come to run: what the tap has put in meanwhile goes back, the file goes. */
 static void undo_start(cap_recorder *r, pvx_err e, const struct pvx_diag *d)
 {
-    stop_taking(r);
+    shut(r);
     cap_take_close(&r->take, NULL);
     unlink(r->stats.path);
     while (r->len > 0) { /* nobody else takes out, and nothing comes in */
@@ -511,11 +514,19 @@ static void tell(const struct cap_recorder_stats *s)
                               : ": the disk was too slow (`pyrovox replay --info` lists them)");
 }
 
+void cap_recorder_hurry(cap_recorder *r)
+{
+    pthread_mutex_lock(&r->lock);
+    r->until_ns = pvx_now_mono() + HURRY_NS;
+    pthread_cond_broadcast(&r->room);
+    pthread_mutex_unlock(&r->lock);
+}
+
 pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d)
 {
     if (!r->threads)
         return pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
-    stop_taking(r);
+    shut(r);
     bool home = join(r);
     struct cap_recorder_stats s;
     cap_recorder_stats(r, &s);

@@ -9,11 +9,11 @@
  * Every set is committed: it survives the end of the process at any moment.  What has been synced, which
  * is begun every sync_ns, survives a power cut too.
  * A full disk, a limit or an error ends the recording in order and says so; capture goes on.
- * Threads: start and stop from one thread at a time, stats from any.  The tap allocates nothing and
+ * Threads: start and stop from one thread at a time, stats and hurry from any.  The tap allocates nothing and
  * waits for nobody (lossless: for room in the queue). */
 #ifndef CAP_RECORDER_H
 #define CAP_RECORDER_H
-#include "capture/rig/capture.h"
+#include "capture/sync/frameset.h"
 #include "capture/take/take.h"
 
 /* Half of the set structs that there are (frameset.c). */
@@ -49,6 +49,9 @@ struct cap_tap cap_recorder_tap(cap_recorder *r);
 /* Begin a take; head is read during the call.  PVX_EBUSY: one is being recorded; else cap_take_create's. */
 PVX_MUST_CHECK pvx_err cap_recorder_start(cap_recorder *r, const char *path,
                                           const struct cap_take_head *head, struct pvx_diag *d);
+/* Lossless, before the capture is stopped, which waits for the tap: from now on that waits for room no longer
+ * than 5 s in all, so that a disk that does not answer holds nobody. */
+void cap_recorder_hurry(cap_recorder *r);
 /* Write what waits, close, say in the log what it came to.  PVX_ENOENT: none is being recorded; PVX_OK
  * when the take is whole; PVX_ETIMEDOUT: the disk took nothing for 10 s (may be called again; until it
  * answers start is PVX_EBUSY); else why it ended by itself. */

@@ -1,4 +1,4 @@
-/* src_take.c - take: the frames of a take (take.h) as cameras.
+/* source.c - take: the frames of a take (take.h) as cameras.
  *
  *     take:FILE            the camera of this name, at the original speed
  *     take:FILE?speed=2    twice as fast
@@ -17,7 +17,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/yaml.h"
-#include "capture/backends.h"
+#include "capture/source/backends.h"
 #include "capture/source/player.h"
 #include "capture/take/take.h"
 
@@ -55,7 +55,7 @@ struct source {
 /* ---- the file ---- */
 
 /* A turn whose sets begin `span` apart lasts one interval more.  Times are at most INT64_MAX / 2, and so
- * is a span (take_read.c). */
+ * is a span (read.c). */
 static int64_t turn_of(int64_t span, uint64_t sets)
 {
     return span > 0 ? span + span / (int64_t)(sets - 1) : PVX_NS_PER_S;
@@ -154,7 +154,7 @@ static int64_t start_of(struct shared *s)
 /* Read into a buffer; NULL: left out, and counted, or stopped. */
 static struct cap_frame *load(struct source *p, uint64_t row)
 {
-    struct cap_frame *f = cap_player_take(&p->player);
+    struct cap_frame *f = cap_player_get(&p->player);
     if (f == NULL)
         return NULL;
     struct pvx_diag d = {""};

@@ -1,10 +1,11 @@
-/* take_write.c - the writing half of take.h.
+/* write.c - the writing half of take.h.
  *
  * A camera's datasets are made when its first frame comes: only then its format is known.  That leaves
  * SWMR mode for some milliseconds (close, open, make, start again); the rest of the time all tables only
  * grow.  Metadata is given out in blocks of META bytes, so that rows and chunk indices lie before the
  * pixels that they speak of, and a file that is cut anywhere still tells of all that is left. */
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,7 +18,8 @@
 #include "capture/take/h5.h"
 
 #define META  (256u << 10)
-#define ATTRS 64 /* so many are kept with their group, in one piece */
+#define ATTRS 64         /* so many are kept with their group, in one piece */
+#define ROOM  (4u << 20) /* for all metadata between two reservations, and for closing */
 
 struct camera {
     char *name, *uri, *settings;
@@ -34,7 +36,9 @@ struct camera {
 
 struct cap_take_writer {
     char *path;
-    hid_t file, sets, members, gaps, row_type, set_type, gap_type, one;
+    int fd;            /* of the same file */
+    uint64_t reserved; /* bytes from its start that the disk has promised */
+    hid_t file, sets, members, gaps, row_type, set_type, gap_type;
     bool swmr;
     uint32_t n_cameras;
     struct camera *camera;
@@ -47,6 +51,26 @@ struct cap_take_writer {
 static pvx_err fail(cap_take_writer *w, const char *what, struct pvx_diag *d)
 {
     return take_h5_fail(d, PVX_EIO, w->path, what);
+}
+
+/* libhdf5 (1.10.8) crashes when it closes a dataset that it cannot write: on a full disk, in H5D_close.  So
+ * the disk gives room before libhdf5 knows of what is to come. */
+static pvx_err reserve(cap_take_writer *w, uint64_t bytes, struct pvx_diag *d)
+{
+    hsize_t now = 0;
+    H5Fget_filesize(w->file, &now); /* with what it has not written yet */
+    uint64_t want = now + bytes + ROOM;
+    if (want <= w->reserved)
+        return PVX_OK;
+    if (fallocate(w->fd, FALLOC_FL_KEEP_SIZE, (off_t)w->reserved,
+                  (off_t)(want + ROOM - w->reserved)) != 0 &&
+        errno != EOPNOTSUPP) {
+        pvx_err e = pvx_err_from_errno(errno);
+        return pvx_fail(d, e, "%s: cannot be written: %s", w->path,
+                        e == PVX_ENOSPC ? "the disk is full" : strerror(errno));
+    }
+    w->reserved = want + ROOM;
+    return PVX_OK;
 }
 
 /* ---- making ---- */
@@ -271,9 +295,7 @@ static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_t
     cap_take_writer *w = *out = pvx_calloc(1, sizeof *w);
     if (w == NULL)
         return PVX_ENOMEM;
-    w->file = -1;
-    hsize_t one = 1;
-    w->one = H5Screate_simple(1, &one, NULL);
+    w->file = w->fd = -1;
     w->row_type = take_h5_row_type();
     w->set_type = take_h5_set_type();
     w->gap_type = take_h5_gap_type();
@@ -299,7 +321,8 @@ static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_t
 static void free_writer(cap_take_writer *w)
 {
     close_file(w);
-    H5Sclose(w->one);
+    if (w->fd >= 0)
+        close(w->fd);
     H5Tclose(w->row_type);
     H5Tclose(w->set_type);
     H5Tclose(w->gap_type);
@@ -317,15 +340,11 @@ static void free_writer(cap_take_writer *w)
 
 static pvx_err make_folder(const char *path, struct pvx_diag *d)
 {
-    char *dir = strdup(path);
-    if (dir == NULL)
-        return PVX_ENOMEM;
-    char *slash = strrchr(dir, '/');
-    pvx_err e = PVX_OK;
-    if (slash != NULL && slash != dir) {
-        *slash = '\0';
-        e = pvx_mkdirs(dir, d);
-    }
+    const char *slash = strrchr(path, '/');
+    if (slash == NULL || slash == path)
+        return PVX_OK;
+    char *dir = strndup(path, (size_t)(slash - path));
+    pvx_err e = dir != NULL ? pvx_mkdirs(dir, d) : PVX_ENOMEM;
     free(dir);
     return e;
 }
@@ -340,7 +359,13 @@ static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
     w->file = H5Fcreate(w->path, H5F_ACC_EXCL, fcpl, fapl);
     H5Pclose(fcpl);
     H5Pclose(fapl);
-    return w->file >= 0 ? PVX_OK : fail(w, "cannot be made", d);
+    if (w->file < 0)
+        return fail(w, "cannot be made", d);
+    w->fd = open(w->path, O_RDWR | O_CLOEXEC);
+    pvx_err e = w->fd >= 0 ? reserve(w, 0, d) : fail(w, "cannot be made", d);
+    if (e != PVX_OK)
+        unlink(w->path);
+    return e;
 }
 
 pvx_err cap_take_create(const char *path, const struct cap_take_head *head, cap_take_writer **out,
@@ -375,27 +400,17 @@ pvx_err cap_take_create(const char *path, const struct cap_take_head *head, cap_
 
 /* ---- appending ---- */
 
-static bool append_row(hid_t table, hid_t type, hid_t one, uint64_t n, const void *row)
+/* `count` rows behind the `n` that a table has; width 0 = it has one column and rank 1. */
+static bool append(hid_t table, hid_t type, hsize_t width, uint64_t n, hsize_t count,
+                   const void *rows)
 {
-    hsize_t size = n + 1, at = n, count = 1;
-    if (H5Dset_extent(table, &size) < 0)
+    int rank = width > 0 ? 2 : 1;
+    hsize_t all[2] = {n + count, width}, at[2] = {n, 0}, size[2] = {count, width};
+    if (H5Dset_extent(table, all) < 0)
         return false;
-    hid_t space = H5Dget_space(table);
-    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, &at, NULL, &count, NULL) >= 0 &&
-              H5Dwrite(table, type, one, space, H5P_DEFAULT, row) >= 0;
-    H5Sclose(space);
-    return ok;
-}
-
-static bool append_members(cap_take_writer *w)
-{
-    hsize_t size[2] = {w->n_sets + 1, w->n_cameras}, at[2] = {w->n_sets, 0};
-    hsize_t count[2] = {1, w->n_cameras};
-    if (H5Dset_extent(w->members, size) < 0)
-        return false;
-    hid_t space = H5Dget_space(w->members), mem = H5Screate_simple(2, count, NULL);
-    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, count, NULL) >= 0 &&
-              H5Dwrite(w->members, H5T_NATIVE_INT64, mem, space, H5P_DEFAULT, w->member) >= 0;
+    hid_t space = H5Dget_space(table), mem = H5Screate_simple(rank, size, NULL);
+    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, size, NULL) >= 0 &&
+              H5Dwrite(table, type, mem, space, H5P_DEFAULT, rows) >= 0;
     H5Sclose(mem);
     H5Sclose(space);
     return ok;
@@ -425,19 +440,6 @@ static bool append_image(struct camera *k, const void *pixels)
     size[0] = k->n + 1;
     return H5Dset_extent(k->frames, size) >= 0 &&
            H5Dwrite_chunk(k->frames, H5P_DEFAULT, 0, at, k->bytes, pixels) >= 0;
-}
-
-static bool append_bytes(struct camera *k, const void *data, size_t bytes)
-{
-    hsize_t size = k->stream + bytes, at = k->stream, count = bytes;
-    if (H5Dset_extent(k->frames, &size) < 0)
-        return false;
-    hid_t space = H5Dget_space(k->frames), mem = H5Screate_simple(1, &count, NULL);
-    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, &at, NULL, &count, NULL) >= 0 &&
-              H5Dwrite(k->frames, H5T_NATIVE_UINT8, mem, space, H5P_DEFAULT, data) >= 0;
-    H5Sclose(mem);
-    H5Sclose(space);
-    return ok;
 }
 
 static bool fits(const struct camera *k, const struct cap_image *img)
@@ -487,8 +489,9 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
     r.offset = k->rank == 1 ? k->stream : 0;
     r.xxh3 = XXH3_64bits(pixels, r.bytes);
     r.check = take_row_check(&r);
-    if (!(k->rank == 1 ? append_bytes(k, pixels, r.bytes) : append_image(k, pixels)) ||
-        !append_row(k->index, w->row_type, w->one, k->n, &r))
+    if (!(k->rank == 1 ? append(k->frames, H5T_NATIVE_UINT8, 0, k->stream, r.bytes, pixels)
+                       : append_image(k, pixels)) ||
+        !append(k->index, w->row_type, 0, k->n, 1, &r))
         return fail(w, "cannot be written", d);
     k->stream += k->rank == 1 ? r.bytes : 0;
     *place = (int64_t)k->n++;
@@ -509,6 +512,10 @@ static pvx_err make_cameras(cap_take_writer *w, const struct cap_set *s, struct 
 pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s, struct pvx_diag *d)
 {
     take_h5_init();
+    uint64_t bytes = 0;
+    for (uint32_t c = 0; c < w->n_cameras; c++)
+        bytes += s->frame[c] != NULL ? s->frame[c]->img.size : 0;
+    PVX_TRY(reserve(w, bytes, d));
     PVX_TRY(make_cameras(w, s, d));
     struct cap_take_set row = {.number = s->number,
                                .t_exposure_ns = s->t_exposure_ns,
@@ -525,7 +532,8 @@ pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s, struct pvx
         }
     }
     row.check = take_set_check(&row, w->member, w->n_cameras);
-    if (!append_members(w) || !append_row(w->sets, w->set_type, w->one, w->n_sets, &row))
+    if (!append(w->members, H5T_NATIVE_INT64, w->n_cameras, w->n_sets, 1, w->member) ||
+        !append(w->sets, w->set_type, 0, w->n_sets, 1, &row))
         return fail(w, "cannot be written", d);
     w->n_sets++;
     return PVX_OK;
@@ -536,14 +544,16 @@ pvx_err cap_take_put_stray(cap_take_writer *w, const struct cap_frame *f, enum c
 {
     take_h5_init();
     int64_t place;
+    PVX_TRY(reserve(w, f->img.size, d));
     return put_frame(w, f, -1, why, &place, d);
 }
 
 pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g, struct pvx_diag *d)
 {
     take_h5_init();
+    PVX_TRY(reserve(w, 0, d));
     PVX_TRY(start_swmr(w, d));
-    if (!append_row(w->gaps, w->gap_type, w->one, w->n_gaps, g))
+    if (!append(w->gaps, w->gap_type, 0, w->n_gaps, 1, g))
         return fail(w, "cannot be written", d);
     w->n_gaps++;
     return PVX_OK;

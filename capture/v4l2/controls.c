@@ -1,4 +1,4 @@
-/* v4l2_controls.c - what the configuration says about the camera's controls: set and read back. */
+/* controls.c - what the configuration says about the camera's controls: set and read back. */
 #include <ctype.h>
 #include <errno.h>
 #include <math.h>

@@ -1,4 +1,4 @@
-/* v4l2_find.c - which camera a name means, also after it has been plugged in elsewhere. */
+/* find.c - which camera a name means, also after it has been plugged in elsewhere. */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -8,13 +8,13 @@
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/stat.h>
+#include <systemd/sd-device.h>
 #include <unistd.h>
 
 #include "base/mem.h"
 #include "capture/v4l2/v4l2.h"
 
 #define MAX_NODES 256
-#define CLASS     "/sys/class/video4linux"
 #define LIST_TEXT 16384
 
 struct node {
@@ -125,21 +125,6 @@ pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char
 
 /* ---- nodes ------------------------------------------------------------------------------------ */
 
-/* One line of a file under the node's folder in sysfs, "" when it is not there. */
-static void attribute(unsigned number, const char *name, char *out, size_t size)
-{
-    char path[128];
-    out[0] = '\0';
-    snprintf(path, sizeof path, CLASS "/video%u/%s", number, name);
-    FILE *f = fopen(path, "re");
-    if (f == NULL)
-        return;
-    if (fgets(out, (int)size, f) == NULL)
-        out[0] = '\0';
-    out[strcspn(out, "\n")] = '\0';
-    fclose(f);
-}
-
 /* Open and ask what it is; *capture: images can be streamed from it.  errno on failure. */
 static bool look(const char *path, struct v4l_device *dev, bool *capture)
 {
@@ -171,38 +156,51 @@ static int by_number(const void *a, const void *b)
     return (x->number > y->number) - (x->number < y->number);
 }
 
+/* What sysfs says of the node, also where no udevd runs. */
+static void describe(sd_device *dev, struct node *k)
+{
+    sd_device *usb;
+    const char *text;
+    if (sd_device_get_sysnum(dev, &text) >= 0)
+        k->number = (unsigned)strtoul(text, NULL, 10);
+    if (sd_device_get_sysattr_value(dev, "index", &text) >= 0)
+        k->index = (unsigned)strtoul(text, NULL, 10);
+    if (sd_device_get_parent_with_subsystem_devtype(dev, "usb", "usb_device", &usb) >= 0 &&
+        sd_device_get_sysattr_value(usb, "serial", &text) >= 0)
+        snprintf(k->serial, sizeof k->serial, "%s", text);
+}
+
 /* The capture nodes there are, in order.  Owner: caller, free(at). */
 static pvx_err scan(struct nodes *out)
 {
-    *out = (struct nodes){0};
-    out->at = pvx_calloc(MAX_NODES, sizeof *out->at);
-    if (out->at == NULL)
+    sd_device_enumerator *all = NULL;
+    *out = (struct nodes){.at = pvx_calloc(MAX_NODES, sizeof *out->at)};
+    if (out->at == NULL || sd_device_enumerator_new(&all) < 0 ||
+        sd_device_enumerator_allow_uninitialized(all) < 0 ||
+        sd_device_enumerator_add_match_subsystem(all, "video4linux", true) < 0 ||
+        sd_device_enumerator_add_match_sysname(all, "video*") < 0) {
+        sd_device_enumerator_unref(all);
+        free(out->at);
         return PVX_ENOMEM;
-    DIR *dir = opendir(CLASS);
-    for (const struct dirent *e; dir != NULL && (e = readdir(dir)) != NULL;) {
-        unsigned number;
-        char path[32], text[16], end;
-        if (out->n == MAX_NODES || sscanf(e->d_name, "video%u%c", &number, &end) != 1)
-            continue;
-        snprintf(path, sizeof path, "/dev/video%u", number);
+    }
+    for (sd_device *dev = sd_device_enumerator_get_device_first(all);
+         dev != NULL && out->n < MAX_NODES; dev = sd_device_enumerator_get_device_next(all)) {
         struct node *k = &out->at[out->n];
+        const char *path;
         bool capture = false;
+        if (sd_device_get_devname(dev, &path) < 0)
+            continue;
         if (!look(path, &k->dev, &capture)) {
             out->forbidden += errno == EACCES || errno == EPERM;
             continue;
         }
         v4l_close(&k->dev);
-        if (!capture)
-            continue;
-        k->number = number;
-        attribute(number, "index", text, sizeof text);
-        k->index = (unsigned)strtoul(text, NULL, 10);
-        /* device = the interface of a USB device, its parent the device itself */
-        attribute(number, "device/../serial", k->serial, sizeof k->serial);
-        out->n++;
+        if (capture) {
+            describe(dev, k);
+            out->n++;
+        }
     }
-    if (dir != NULL)
-        closedir(dir);
+    sd_device_enumerator_unref(all);
     qsort(out->at, out->n, sizeof *out->at, by_number);
     return PVX_OK;
 }

@@ -1,7 +1,4 @@
-#include <errno.h>
 #include <math.h>
-#include <stdio.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "capture/v4l2/v4l2.h"
@@ -108,7 +105,7 @@ static pvx_err check_size(const struct cap_source_config *c, const struct v4l_de
                     cap_pixfmt_name(v4l_pixfmt(p->fourcc)), offered);
 }
 
-static pvx_err take_layout(const struct cap_source_config *c, const struct v4l_device *dev,
+static pvx_err read_layout(const struct cap_source_config *c, const struct v4l_device *dev,
                            const struct picture *p, struct v4l_layout *l, struct pvx_diag *d)
 {
     *l = (struct v4l_layout){.width = (int32_t)p->width,
@@ -161,7 +158,7 @@ static pvx_err set_format(const struct cap_source_config *c, const struct v4l_de
                         c->name, c->uri, v4l_fourcc_text(*code).s, f.fmt.pix_mp.num_planes);
     struct picture p = picture_of(&f);
     *code = p.fourcc;
-    return take_layout(c, dev, &p, l, d);
+    return read_layout(c, dev, &p, l, d);
 }
 
 /* As a fraction that drivers' tables have: whole rates exactly, others to 1/1000 Hz. */
@@ -207,7 +204,7 @@ static pvx_err set_rate(const struct cap_source_config *c, const struct v4l_devi
 pvx_err v4l_set_layout(const struct cap_source_config *c, const struct v4l_device *dev,
                        struct v4l_layout *l, struct pvx_diag *d)
 {
-    uint32_t code;
+    uint32_t code = 0;
     PVX_TRY(set_format(c, dev, l, &code, d));
     return set_rate(c, dev, code, l, d);
 }

@@ -1,4 +1,4 @@
-/* src_v4l2.c - v4l2: webcams and other cameras of the kernel's Video for Linux.
+/* v4l2.c - v4l2: webcams and other cameras of the kernel's Video for Linux.
  *
  * Zero copy: the driver's own mapped buffers go to the consumer and come back (lend.h).  When the
  * driver has fewer of them than the configuration's `buffers` and the two it always keeps, images
@@ -31,7 +31,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "capture/backends.h"
+#include "capture/source/backends.h"
 #include "capture/source/bufpool.h"
 #include "capture/source/lend.h"
 #include "capture/source/frame_number.h"
@@ -271,7 +271,7 @@ static struct cap_frame *frame_for(struct source *s, const struct filled *b, boo
     struct cap_frame *f;
     *lent = false;
     if (s->pool != NULL) {
-        f = cap_bufpool_take(s->pool);
+        f = cap_bufpool_get(s->pool);
         if (f != NULL)
             memcpy(cap_bufpool_memory(f), data, b->bytes);
     } else {
@@ -285,7 +285,7 @@ static struct cap_frame *frame_for(struct source *s, const struct filled *b, boo
     return f;
 }
 
-static void take(struct source *s, const struct filled *b)
+static void deliver(struct source *s, const struct filled *b)
 {
     int64_t real = 0, mono = 0;
     pvx_now_both(&real, &mono);
@@ -323,12 +323,12 @@ static void take(struct source *s, const struct filled *b)
 /* All that is ready; 0 when the device goes on, else why not. */
 static int drain(struct source *s, bool *any)
 {
-    struct filled b;
+    struct filled b = {0};
     int err;
     *any = false;
     while ((err = dequeue(s, &b)) == 0) {
         *any = true;
-        take(s, &b);
+        deliver(s, &b);
         struct pollfd stop = {.fd = s->wake, .events = POLLIN};
         if (poll(&stop, 1, 0) > 0)
             return 0;

@@ -1,4 +1,4 @@
-/* v4l2_int.h - what the files of the v4l2: backend share (private to src_v4l2.c and v4l2_*.c).
+/* v4l2.h - what the files of the v4l2: backend share (private to v4l2.c and v4l2_*.c).
  *
  * Source for the interface: the kernel's "Video for Linux API" (userspace-api/media/v4l). */
 #ifndef CAP_V4L2_INT_H
@@ -31,7 +31,7 @@ struct v4l_text {
 };
 void v4l_say(struct v4l_text *t, const char *fmt, ...) PVX_PRINTF(2, 3);
 
-/* ---- v4l2_find.c ---- */
+/* ---- find.c ---- */
 /* Open the camera that c->uri names (source's help).  Owner: caller, v4l_close.
  * Errors: PVX_ENOENT (none; diag lists those there are), PVX_EINVAL (more than one; diag lists what
  * tells them apart), PVX_EPERM, PVX_EUNSUP (no capture device), PVX_EBUSY, PVX_ENODEV, PVX_EIO. */
@@ -41,7 +41,7 @@ void v4l_close(struct v4l_device *dev);
 PVX_MUST_CHECK pvx_err v4l_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
                                 struct pvx_diag *d);
 
-/* ---- v4l2_formats.c ---- */
+/* ---- formats.c ---- */
 enum cap_pixfmt v4l_pixfmt(uint32_t fourcc); /* CAP_FMT_NONE: none of ours */
 /* "YUYV"; big-endian codes end in "-BE". */
 struct v4l_fourcc_text {
@@ -61,7 +61,7 @@ void v4l_say_rates(const struct v4l_device *dev, uint32_t fourcc, uint32_t w, ui
                    struct v4l_text *t);
 void v4l_say_all(const struct v4l_device *dev, struct v4l_text *t);
 
-/* ---- v4l2_controls.c ---- */
+/* ---- controls.c ---- */
 /* Features, exposure and gain of the configuration: set, read back, refused with the camera's own
  * range.  Errors: PVX_EINVAL, PVX_EBUSY, PVX_EIO. */
 PVX_MUST_CHECK pvx_err v4l_set_controls(const struct cap_source_config *c,
@@ -70,7 +70,7 @@ PVX_MUST_CHECK pvx_err v4l_set_controls(const struct cap_source_config *c,
 double v4l_fixed_exposure_us(const struct v4l_device *dev);
 double v4l_fixed_gain(const struct v4l_device *dev);
 
-/* ---- v4l2_setup.c ---- */
+/* ---- setup.c ---- */
 struct v4l_layout {
     int32_t width, height;
     enum cap_pixfmt fmt;

@@ -82,7 +82,7 @@ bool cap_action_answer(cap_action_sender *s, uint32_t *from, struct cap_action_a
 {
     for (int i = 0; i < MOST; i++) { /* somebody may send for ever */
         uint8_t p[64];
-        struct sockaddr_in sa;
+        struct sockaddr_in sa = {0};
         socklen_t len = sizeof sa;
         ssize_t n = recvfrom(s->fd, p, sizeof p, 0, (struct sockaddr *)&sa, &len);
         if (n < 0 && errno != EINTR && errno != ECONNREFUSED)

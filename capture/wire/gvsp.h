@@ -38,8 +38,6 @@ struct cap_gvsp_head {
     uint32_t packet;
 };
 size_t cap_gvsp_put_head(uint8_t *out, const struct cap_gvsp_head *h); /* bytes written */
-/* Bytes of the head, 0 = too short to be one. */
-size_t cap_gvsp_get_head(const void *packet, size_t bytes, struct cap_gvsp_head *out);
 
 struct cap_gvsp_leader {
     uint16_t payload;
@@ -47,7 +45,6 @@ struct cap_gvsp_leader {
     uint32_t pixel_format, width, height, x, y;
 };
 size_t cap_gvsp_put_leader(uint8_t *out, const struct cap_gvsp_leader *l); /* CAP_GVSP_LEADER */
-bool cap_gvsp_get_leader(const void *body, size_t bytes, struct cap_gvsp_leader *out);
 /* chunk_bytes: of the chunk data (image's own chunk included); only with a chunk payload. */
 size_t cap_gvsp_put_trailer(uint8_t *out, uint16_t payload, uint32_t rows, uint32_t chunk_bytes);
 

@@ -41,3 +41,12 @@ void pvx_sleep_until_mono(int64_t mono_ns)
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &ts, NULL) == EINTR)
         ;
 }
+
+void pvx_cond_init(pthread_cond_t *cond, clockid_t clock)
+{
+    pthread_condattr_t a;
+    pthread_condattr_init(&a);
+    pthread_condattr_setclock(&a, clock);
+    pthread_cond_init(cond, &a);
+    pthread_condattr_destroy(&a);
+}

@@ -4,6 +4,7 @@
  * written into frames, volumes and files.  Every field that holds a time names its clock. */
 #ifndef PVX_CLOCK_H
 #define PVX_CLOCK_H
+#include <pthread.h>
 #include <stdint.h>
 
 #define PVX_NS_PER_S  1000000000LL
@@ -15,5 +16,7 @@ int64_t pvx_now_real(void);
 void pvx_now_both(int64_t *real_ns, int64_t *mono_ns);
 /* Sleep until `mono_ns` of the mono clock; returns early never, at once when it has passed. */
 void pvx_sleep_until_mono(int64_t mono_ns);
+/* A condition whose timed waits are by `clock`. */
+void pvx_cond_init(pthread_cond_t *cond, clockid_t clock);
 
 #endif

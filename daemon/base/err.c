@@ -63,7 +63,7 @@ pvx_err pvx_err_from_errno(int errnum)
     }
 }
 
-pvx_err pvx_fail(struct pvx_diag *d, pvx_err e, const char *fmt, ...)
+pvx_err(pvx_fail)(struct pvx_diag *d, pvx_err e, const char *fmt, ...)
 {
     if (d == NULL || d->text[0] != '\0')
         return e;

@@ -54,6 +54,9 @@ struct pvx_diag {
 /* Set the text (first cause wins: a diag that already has text is left alone) and return `e`.
  * `d` may be NULL. */
 pvx_err pvx_fail(struct pvx_diag *d, pvx_err e, const char *fmt, ...) PVX_PRINTF(3, 4);
+#ifdef __clang_analyzer__ /* reads one file at a time: what is returned must stand here */
+#define pvx_fail(d, e, ...) (pvx_fail(d, e, __VA_ARGS__), (e))
+#endif
 
 /* The diag's text, or pvx_strerror(e) when it has none. */
 const char *pvx_diag_text(const struct pvx_diag *d, pvx_err e);

@@ -18,7 +18,7 @@
  * of them, and as every other loop goes backwards it begins with what its cache saw last. */
 #define PARTS 8
 struct part {
-    _Alignas(64) atomic_size_t taken;
+    _Alignas(64) atomic_size_t claimed;
     size_t first, n;
 };
 struct loop {
@@ -53,7 +53,7 @@ static void drain(struct loop *l, unsigned me)
     for (unsigned k = 0; k < l->parts; k++) {
         struct part *p = &l->part[(me + k) % l->parts];
         size_t i;
-        while ((i = atomic_fetch_add(&p->taken, 1)) < p->n)
+        while ((i = atomic_fetch_add(&p->claimed, 1)) < p->n)
             l->fn(l->ctx, p->first + (l->backwards ? p->n - 1 - i : i));
     }
 }

@@ -26,13 +26,9 @@ pvx_err pvx_queue_new(size_t capacity, pvx_queue **out)
     if (q == NULL)
         return PVX_ENOMEM;
     q->cap = capacity;
-    pthread_condattr_t a;
-    pthread_condattr_init(&a);
-    pthread_condattr_setclock(&a, CLOCK_MONOTONIC);
     pthread_mutex_init(&q->lock, NULL);
-    pthread_cond_init(&q->filled, &a);
-    pthread_cond_init(&q->room, &a);
-    pthread_condattr_destroy(&a);
+    pvx_cond_init(&q->filled, CLOCK_MONOTONIC);
+    pvx_cond_init(&q->room, CLOCK_MONOTONIC);
     *out = q;
     return PVX_OK;
 }
@@ -90,7 +86,7 @@ pvx_err pvx_queue_put_wait(pvx_queue *q, void *item)
     return e;
 }
 
-pvx_err pvx_queue_take(pvx_queue *q, int64_t timeout_ns, void **item)
+pvx_err pvx_queue_pop(pvx_queue *q, int64_t timeout_ns, void **item)
 {
     pvx_err e = PVX_OK;
     *item = NULL;

@@ -2,7 +2,7 @@
  *
  * Live: pvx_queue_put drops the OLDEST item when full and gives it back, so that the caller frees
  * and counts it.  Replay: pvx_queue_put_wait blocks until there is room (back-pressure, no loss).
- * Invariant (tested): put == taken + displaced + still inside. */
+ * Invariant (tested): put == popped + displaced + still inside. */
 #ifndef PVX_QUEUE_H
 #define PVX_QUEUE_H
 #include <stddef.h>
@@ -22,8 +22,8 @@ void pvx_queue_put(pvx_queue *q, void *item, void **displaced);
 PVX_MUST_CHECK pvx_err pvx_queue_put_wait(pvx_queue *q, void *item);
 /* Take the oldest, waiting at most `timeout_ns` (<0: for ever; 0: poll).
  * PVX_ETIMEDOUT, or PVX_ECLOSED once closed and empty; *item is then NULL. */
-PVX_MUST_CHECK pvx_err pvx_queue_take(pvx_queue *q, int64_t timeout_ns, void **item);
-/* No more puts; waiters wake; what is inside can still be taken. */
+PVX_MUST_CHECK pvx_err pvx_queue_pop(pvx_queue *q, int64_t timeout_ns, void **item);
+/* No more puts; waiters wake; what is inside can still be popped. */
 void pvx_queue_close(pvx_queue *q);
 size_t pvx_queue_length(pvx_queue *q);
 

@@ -213,8 +213,8 @@ int pvx_yaml_get(const pvx_yaml *y, int map, const char *key)
     return 0;
 }
 
-pvx_err pvx_yaml_fail(const pvx_yaml *y, int node, const char *key, pvx_err e, struct pvx_diag *d,
-                      const char *fmt, ...)
+pvx_err(pvx_yaml_fail)(const pvx_yaml *y, int node, const char *key, pvx_err e, struct pvx_diag *d,
+                       const char *fmt, ...)
 {
     char reason[400];
     va_list ap;
@@ -323,7 +323,7 @@ pvx_err pvx_yaml_bool(const pvx_yaml *y, int node, const char *key, int *out, st
 }
 
 pvx_err pvx_yaml_doubles(const pvx_yaml *y, int node, const char *key, size_t n_min, size_t n_max,
-                         double *out, size_t *n, struct pvx_diag *d)
+                         double *out, struct pvx_diag *d)
 {
     size_t len = pvx_yaml_length(y, node);
     if (pvx_yaml_kind(y, node) != PVX_YAML_SEQ || len < n_min || len > n_max) {
@@ -335,6 +335,5 @@ pvx_err pvx_yaml_doubles(const pvx_yaml *y, int node, const char *key, size_t n_
     }
     for (size_t i = 0; i < len; i++)
         PVX_TRY(pvx_yaml_double(y, pvx_yaml_item(y, node, i), key, -1e300, 1e300, &out[i], d));
-    *n = len;
     return PVX_OK;
 }

@@ -33,6 +33,9 @@ int pvx_yaml_value(const pvx_yaml *y, int map, size_t i);
 /* "name:line: key: text", returns e.  `key` is a path for people, as "cameras[2].K". */
 pvx_err pvx_yaml_fail(const pvx_yaml *y, int node, const char *key, pvx_err e, struct pvx_diag *d,
                       const char *fmt, ...) PVX_PRINTF(6, 7);
+#ifdef __clang_analyzer__ /* as pvx_fail in err.h */
+#define pvx_yaml_fail(y, node, key, e, d, ...) (pvx_yaml_fail(y, node, key, e, d, __VA_ARGS__), (e))
+#endif
 
 /* Refuse keys of `map` that are not in `known` (space-separated); `map` must be a mapping. */
 PVX_MUST_CHECK pvx_err pvx_yaml_known(const pvx_yaml *y, int map, const char *path,
@@ -45,9 +48,9 @@ PVX_MUST_CHECK pvx_err pvx_yaml_int(const pvx_yaml *y, int node, const char *key
                                     int64_t max, int64_t *out, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvx_yaml_bool(const pvx_yaml *y, int node, const char *key, int *out,
                                      struct pvx_diag *d);
-/* `n_min..n_max` numbers in a sequence; *n = how many. */
+/* `n_min..n_max` numbers in a sequence, pvx_yaml_length of them. */
 PVX_MUST_CHECK pvx_err pvx_yaml_doubles(const pvx_yaml *y, int node, const char *key, size_t n_min,
-                                        size_t n_max, double *out, size_t *n, struct pvx_diag *d);
+                                        size_t n_max, double *out, struct pvx_diag *d);
 
 /* The same strictness for command lines: the whole of `s` is a finite number in [min,max]. */
 PVX_MUST_CHECK pvx_err pvx_parse_double(const char *s, double min, double max, double *out);

@@ -1,4 +1,4 @@
-#include "cli/arg.h"
+#include "daemon/cli/arg.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -13,11 +13,13 @@ void cli_arg_int(struct argp_state *st, const char *name, const char *text, int6
                    (long long)lo, (long long)hi);
 }
 
-void cli_arg_double(struct argp_state *st, const char *name, const char *text, double lo, double hi,
-                    double *out)
+double cli_arg_double(struct argp_state *st, const char *name, const char *text, double lo,
+                      double hi)
 {
-    if (pvx_parse_double(text, lo, hi, out) != PVX_OK)
+    double v = lo;
+    if (pvx_parse_double(text, lo, hi, &v) != PVX_OK)
         argp_error(st, "--%s %s: should be a number from %.10g to %.10g", name, text, lo, hi);
+    return v;
 }
 
 void cli_arg_size(struct argp_state *st, const char *name, const char *text, int32_t lo, int32_t hi,

@@ -1,7 +1,7 @@
 /* arg.h - values of options, for the parsers of argp.
  *
- * Each reads `text`, the value of option --name, into *out, or ends the program as argp_error does:
- * with what the value should be, and exit code 2.  Limits are inclusive. */
+ * Each reads `text`, the value of option --name, or ends the program as argp_error does: with what
+ * the value should be, and exit code 2.  Limits are inclusive. */
 #ifndef CLI_ARG_H
 #define CLI_ARG_H
 #include <argp.h>
@@ -9,8 +9,8 @@
 
 void cli_arg_int(struct argp_state *st, const char *name, const char *text, int64_t lo, int64_t hi,
                  int64_t *out);
-void cli_arg_double(struct argp_state *st, const char *name, const char *text, double lo, double hi,
-                    double *out);
+double cli_arg_double(struct argp_state *st, const char *name, const char *text, double lo,
+                      double hi);
 /* "640x480": pixels across and down, lo to hi each. */
 void cli_arg_size(struct argp_state *st, const char *name, const char *text, int32_t lo, int32_t hi,
                   int32_t *width, int32_t *height);

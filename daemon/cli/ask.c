@@ -1,4 +1,4 @@
-#include "cli/ask.h"
+#include "daemon/cli/ask.h"
 
 #include <errno.h>
 #include <stdio.h>

@@ -1,11 +1,13 @@
-#include "cli/cameras_list.h"
+#include "daemon/cli/cameras_list.h"
 
 #include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/host.h"
+#include "capture/rig/backends.h"
+#include "daemon/doctor/host.h"
+#include "daemon/doctor/parse.h"
 
 struct collector {
     struct cameras_list *list;
@@ -34,13 +36,10 @@ static void found(void *ctx, const struct cap_found *f)
 
 static size_t count_devices(struct doc_host *h, const char *prefix, size_t *usable)
 {
-    struct doc_names *names = malloc(sizeof *names);
+    struct doc_names *names = doc_names(h, "/dev");
     size_t n = 0;
     *usable = 0;
-    if (names == NULL)
-        return 0;
-    doc_names(h, names, "/dev");
-    for (size_t i = 0; i < names->n; i++)
+    for (size_t i = 0; names != NULL && i < names->n; i++)
         if (strncmp(names->v[i], prefix, strlen(prefix)) == 0 &&
             isdigit((unsigned char)names->v[i][strlen(prefix)])) {
             n++;
@@ -52,14 +51,10 @@ static size_t count_devices(struct doc_host *h, const char *prefix, size_t *usab
 
 static void why_network(struct doc_host *h, char *out, size_t size)
 {
-    struct doc_names *names = malloc(sizeof *names);
+    struct doc_names *names = doc_names(h, "/sys/class/net");
     char up[128] = "";
-    for (size_t i = 0; names != NULL; i++) {
+    for (size_t i = 0; names != NULL && i < names->n; i++) {
         int64_t carrier;
-        if (i == 0)
-            doc_names(h, names, "/sys/class/net");
-        if (i >= names->n)
-            break;
         if (strcmp(names->v[i], "lo") != 0 && strlen(up) + strlen(names->v[i]) + 2 < sizeof up &&
             doc_int(h, &carrier, "/sys/class/net/%s/carrier", names->v[i]) && carrier == 1) {
             size_t len = strlen(up);
@@ -161,12 +156,11 @@ void cameras_formats(const char *formats, char *out, size_t size)
     struct kind *kind = calloc(MAX_KINDS, sizeof *kind);
     size_t n = 0, len = 0;
     out[0] = '\0';
-    for (const char *p = formats; kind != NULL && *p != '\0';) {
-        char line[160], name[48] = "";
+    char line[160];
+    while (kind != NULL && doc_line_next(&formats, line, sizeof line)) {
+        char name[48] = "";
         int w = 0, h = 0;
-        size_t end = strcspn(p, "\n"), k;
-        snprintf(line, sizeof line, "%.*s", (int)(end < 159 ? end : 159), p);
-        p += end + (p[end] == '\n');
+        size_t k;
         if (line[0] == '\0')
             continue;
         bool plain = sscanf(line, "%47s %5dx%5d", name, &w, &h) == 3;

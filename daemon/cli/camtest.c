@@ -1,4 +1,4 @@
-#include "cli/camtest.h"
+#include "daemon/cli/camtest.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -62,8 +62,7 @@ static void note_set(struct camtest *t, struct cap_set *s)
         if (t->measuring && s->n > 1)
             camtest_add(&c->offset, (double)(f->t_exposure_ns - s->t_exposure_ns) * 1e-9);
         cap_set_ref(s);
-        if (c->last != NULL)
-            cap_set_release(c->last);
+        cap_set_release(c->last);
         c->last = s;
     }
     if (t->measuring) {
@@ -151,7 +150,8 @@ static pvx_err set_up(struct camtest *t, const struct camtest_options *o, struct
         PVX_TRY(dmn_config_load(o->config, c, d));
         PVX_TRY(override(o, c, d));
         PVX_TRY(dmn_config_rig(c, &t->rig, d));
-        PVX_TRY(dmn_scene_new(&t->rig, (uint32_t)c->sim_seed, c->sim_period_s, &t->scene));
+        if (dmn_config_simulated(c))
+            PVX_TRY(dmn_scene_new(&t->rig, (uint32_t)c->sim_seed, c->sim_period_s, &t->scene));
         scene = dmn_scene_cap(t->scene);
     } else {
         dmn_config_defaults(c);
@@ -213,7 +213,7 @@ static bool settled(struct camtest *t, struct cap_stats *s, int64_t waited_ns)
 }
 
 /* PVX_ECLOSED: all sources have ended. */
-static pvx_err take(struct camtest *t)
+static pvx_err next_set(struct camtest *t)
 {
     struct cap_set *s = NULL;
     pvx_err e = cap_capture_next(t->capture, LOOK_NS, &s);
@@ -248,7 +248,7 @@ pvx_err camtest_run(struct camtest *t, struct pvx_diag *d)
     int64_t t0 = pvx_now_mono();
     while (e == PVX_OK && !cli_stop && !settled(t, s, pvx_now_mono() - t0)) {
         cli_progress(&opening, (double)(pvx_now_mono() - t0) / (double)OPEN_NS);
-        e = take(t);
+        e = next_set(t);
     }
     if (e == PVX_OK || e == PVX_ECLOSED) {
         cli_progress(&opening, 1);
@@ -260,7 +260,7 @@ pvx_err camtest_run(struct camtest *t, struct pvx_diag *d)
         t0 = pvx_now_mono();
         double done = 0;
         while (e == PVX_OK && done < 1 && !cli_stop) {
-            e = take(t);
+            e = next_set(t);
             done = (double)(pvx_now_mono() - t0) * 1e-9 / t->seconds;
             if (done < 1)
                 cli_progress(&watching, done);
@@ -285,8 +285,7 @@ void camtest_free(struct camtest **tp)
         return;
     *tp = NULL;
     for (uint32_t i = 0; i < t->n; i++)
-        if (t->camera[i].last != NULL)
-            cap_set_release(t->camera[i].last);
+        cap_set_release(t->camera[i].last);
     cap_capture_free(&t->capture);
     dmn_scene_free(&t->scene);
     if (t->made == NULL)
@@ -313,7 +312,7 @@ static pvx_err save(const struct cap_image *raw, const char *path, struct pvx_di
     float *pix = e == PVX_OK ? pvx_calloc(pixels * 4, sizeof *pix) : NULL;
     if (e == PVX_OK)
         e = pix == NULL ? PVX_ENOMEM : cap_bin(&img, 1, nch, 0, img.height, pix);
-    for (size_t i = 0; e == PVX_OK && nch == 3 && i < pixels; i++) /* four lanes to three */
+    for (size_t i = 0; e == PVX_OK && nch == 3 && i < pixels; i++) /* four floats to three */
         memmove(pix + 3 * i, pix + 4 * i, 3 * sizeof *pix);
     if (e == PVX_OK)
         e = cap_image_save(path, pix, img.width, img.height, nch, 2.2, d);

@@ -9,7 +9,7 @@
 #define CAMTEST_H
 #include <pthread.h>
 #include <stdio.h>
-#include "cli/cli.h"
+#include "daemon/cli/cli.h"
 #include "daemon/pipeline/scene.h"
 #include "daemon/pipeline/sources.h"
 

@@ -1,10 +1,8 @@
 /* camtest_judge.c - what the numbers of a test say about each camera, and what to do. */
 #include <math.h>
 #include <stdarg.h>
-#include <string.h>
 
-#include "base/clock.h"
-#include "cli/camtest.h"
+#include "daemon/cli/camtest.h"
 
 void camtest_add(struct camtest_series *s, double v)
 {
@@ -60,13 +58,13 @@ static void no_frames(const struct camtest *t, struct camtest_camera *c)
             "not one whole frame, %llu incomplete", (unsigned long long)c->count[CAP_INCOMPLETE]);
     else if (t->triggered)
         say(c, CAMTEST_FAIL,
-            "does the trigger reach it? try --trigger free-run; capture/SYNC.md has "
-            "the wiring and keys",
+            "does the trigger reach it? try --trigger free-run; capture/SYNC.md has the wiring and "
+            "keys",
             "opened, but no frame came: it waits for a trigger");
     else
         say(c, CAMTEST_FAIL,
-            "a firewall lets cameras be found but keeps streams out: `pyrovox doctor`; "
-            "or the camera waits for a trigger (features: TriggerMode: \"Off\")",
+            "a firewall lets cameras be found but keeps streams out: `pyrovox doctor`; or the "
+            "camera waits for a trigger (features: TriggerMode: \"Off\")",
             "opened, but no frame came");
 }
 
@@ -86,7 +84,7 @@ static void losses(const struct camtest_camera *in, struct camtest_camera *c)
     if (n[CAP_BAD_SIZE] + n[CAP_BAD_FORMAT] > 0)
         say(c, CAMTEST_FAIL, "another program changes the camera, or packets are cut (MTU)",
             "%llu frames of another size or format",
-            (unsigned long long)(n[CAP_BAD_SIZE] + n[CAP_BAD_FORMAT]));
+            (unsigned long long)n[CAP_BAD_SIZE] + n[CAP_BAD_FORMAT]);
     if (n[CAP_BAD_STAMP] > 0)
         say(c, CAMTEST_FAIL, "the camera's clock is set while it runs: two PTP masters?",
             "%llu frames with a clock that ran backwards or stood still",
@@ -94,12 +92,11 @@ static void losses(const struct camtest_camera *in, struct camtest_camera *c)
     if (n[CAP_UNDERRUN] + n[CAP_OVERFLOW] > 0)
         say(c, CAMTEST_WARN, "this machine is busy with other things; more `buffers`",
             "%llu frames lost here: this program was too slow",
-            (unsigned long long)(n[CAP_UNDERRUN] + n[CAP_OVERFLOW]));
+            (unsigned long long)n[CAP_UNDERRUN] + n[CAP_OVERFLOW]);
     if (n[CAP_ID_GAP] > 0)
         say(c, n[CAP_ID_GAP] > 2 && n[CAP_ID_GAP] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
             "the camera could not send them: bandwidth limit of the camera or its bus; lower fps "
-            "or "
-            "another pixel format",
+            "or another pixel format",
             "%llu of %.0f frames numbered by the camera never came",
             (unsigned long long)n[CAP_ID_GAP], all);
 }
@@ -110,8 +107,8 @@ static void timing(const struct camtest *t, struct camtest_camera *c)
     const struct cap_health *h = &c->stats.health;
     if (t->fps > 0 && c->frames > 10 && c->hz < 0.97 * t->fps)
         say(c, CAMTEST_WARN,
-            "exposure longer than the period, a format too large for the link, or a "
-            "rate that the camera does not have (`pyrovox cameras -l`)",
+            "exposure longer than the period, a format too large for the link, or a rate that the "
+            "camera does not have (`pyrovox cameras -l`)",
             "%.2f Hz instead of %.2f", c->hz, t->fps);
     if (t->fps > 0 && c->frames > 10 && c->hz > 1.03 * t->fps)
         say(c, CAMTEST_WARN,
@@ -162,20 +159,19 @@ static void judge_sets(struct camtest *t)
     if (missing > 0.02) {
         t->verdict = missing > 0.5 ? CAMTEST_FAIL : CAMTEST_WARN;
         snprintf(t->what, sizeof t->what, "%.0f %% of the sets lack a camera", missing * 100);
-        snprintf(t->remedy, sizeof t->remedy,
-                 missing > 0.5
-                     ? "the cameras do not expose together: set a trigger or PTP up "
-                       "(capture/SYNC.md)"
-                     : "frames were lost (above), or cameras drift apart: capture/SYNC.md");
+        snprintf(
+            t->remedy, sizeof t->remedy,
+            missing > 0.5
+                ? "the cameras do not expose together: set a trigger or PTP up (capture/SYNC.md)"
+                : "frames were lost (above), or cameras drift apart: capture/SYNC.md");
     } else if (t->spread.n > 0 && t->spread.mean > 0.5 * tolerance) {
         t->verdict = CAMTEST_WARN;
         snprintf(t->what, sizeof t->what,
                  "exposures of a set lie %.1f ms apart, a quarter of the period is %.1f",
                  t->spread.mean * 1e3, tolerance * 1e3);
-        snprintf(
-            t->remedy, sizeof t->remedy,
-            "cameras run freely: synchronize them (capture/SYNC.md), or live with a flame that "
-            "moves meanwhile");
+        snprintf(t->remedy, sizeof t->remedy,
+                 "cameras run freely: synchronize them (capture/SYNC.md), or live with a flame "
+                 "that moves meanwhile");
     }
 }
 

@@ -1,10 +1,9 @@
 /* camtest_report.c - a test of cameras as a table and as JSON. */
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/camtest.h"
+#include "daemon/cli/camtest.h"
 #include "daemon/control/json.h"
 #include "daemon/doctor/wrap.h"
 

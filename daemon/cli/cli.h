@@ -13,6 +13,10 @@ struct cli_command {
     const char *name, *summary;
     int (*run)(int argc, char **argv); /* argv[0] = "pyrovox NAME" */
 };
+int cmd_cameras_test(int argc, char **argv); /* `pyrovox cameras test`, likewise */
+/* `pyrovox record --raw`: a running daemon begins or ends a take of raw frames.  action "start" or "stop";
+ * out: the take's file, NULL = as the daemon is configured.  Exit code. */
+int record_raw(const char *control, const char *action, const char *out);
 
 /* Set by SIGINT/SIGTERM after cli_catch_stop(); long work polls it. */
 extern volatile sig_atomic_t cli_stop;
@@ -32,10 +36,6 @@ bool cli_progress(void *ctx, double done);
 
 /* Columns of the terminal on stdout, 40 to `max`; 100 when it is none. */
 int cli_columns(int max);
-
-/* --cpu NAME: use these kernels (recon/kernels.h) in this process and those it starts.  false: there
- * are none such; the message is printed. */
-bool cli_use_cpu(const char *name);
 
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,
     cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_doctor, cmd_cpu, cmd_replay;

@@ -6,10 +6,11 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "cli/cameras_list.h"
-#include "cli/cli.h"
-#include "cli/cmd_cameras_test.h"
+#include "capture/rig/backends.h"
+#include "daemon/cli/cameras_list.h"
+#include "daemon/cli/cli.h"
 #include "daemon/control/json.h"
+#include "daemon/doctor/parse.h"
 #include "daemon/doctor/wrap.h"
 
 enum { OPT_JSON = 0x100 };
@@ -24,13 +25,11 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "List the cameras that can be found, or those of one backend (aravis, ...).\v"
-    "Each line can be copied under \"cameras:\" of pyrovoxd.yaml; the name on the left must be one "
-    "of the rig's.  Below it stand its formats, each with the largest size.  Nothing is changed, "
-    "and a "
-    "camera in use is listed too.  A backend that fails hides no other; one that finds nothing "
-    "says "
-    "why that may be.\n"
+    "List the cameras that can be found, or those of one backend (aravis, ...).\vEach line can be "
+    "copied under \"cameras:\" of pyrovoxd.yaml; the name on the left must be one of the rig's.  "
+    "Below it stand its formats, each with the largest size.  Nothing is changed, and a camera in "
+    "use is listed too.  A backend that fails hides no other; one that finds nothing says why that "
+    "may be.\n"
     "\n"
     "`pyrovox cameras test` grabs from cameras and judges them (see its own --help).\n"
     "\n"
@@ -115,14 +114,10 @@ static void print_list(const struct cameras_list *l, const struct args *a, int w
 static void json_formats(struct dmn_json *j, const char *formats)
 {
     dmn_json_open(j, "formats", '[');
-    for (const char *p = formats != NULL ? formats : ""; *p != '\0';) {
-        char line[256];
-        size_t n = strcspn(p, "\n");
-        snprintf(line, sizeof line, "%.*s", (int)(n < 255 ? n : 255), p);
-        if (n > 0)
+    char line[256];
+    for (const char *p = formats; p != NULL && doc_line_next(&p, line, sizeof line);)
+        if (line[0] != '\0')
             dmn_json_str(j, NULL, line);
-        p += n + (p[n] == '\n');
-    }
     dmn_json_close(j, ']');
 }
 
@@ -169,7 +164,6 @@ static int run(int argc, char **argv)
                               .parser = parse_opt,
                               .args_doc = "[BACKEND]\ntest [OPTION...] [SOURCE...]",
                               .doc = doc};
-    argp_err_exit_status = 2;
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     struct cameras_list *l = pvx_calloc(1, sizeof *l);

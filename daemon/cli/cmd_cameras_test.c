@@ -1,15 +1,13 @@
 /* cmd_cameras_test.c - `pyrovox cameras test`: what cameras really give, and whether together. */
-#include "cli/cmd_cameras_test.h"
-
 #include <argp.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
-#include "cli/arg.h"
-#include "cli/cameras_list.h"
-#include "cli/camtest.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/cameras_list.h"
+#include "daemon/cli/camtest.h"
+#include "daemon/cli/cli.h"
 
 enum { OPT_JSON = 0x100, OPT_SECONDS, OPT_FPS, OPT_FORMAT, OPT_SIZE, OPT_TRIGGER, OPT_SAVE };
 
@@ -32,13 +30,11 @@ static const struct argp_option options[] = {
     {0}};
 
 static const char doc[] =
-    "Open cameras, all together, grab for some seconds and judge each.\v"
-    "Without SOURCE or --config all cameras that can be found are tested.  Columns: rate; good "
-    "frames; "
-    "frames lost (by cause below the table); jitter of the intervals between frames, standard "
-    "deviation and worst, by the camera's own stamps and by arrival here; bytes a second; share of "
-    "its "
-    "link and temperature where the camera says them.\n"
+    "Open cameras, all together, grab for some seconds and judge each.\vWithout SOURCE or --config "
+    "all cameras that can be found are tested.  Columns: rate; good frames; frames lost (by cause "
+    "below the table); jitter of the intervals between frames, standard deviation and worst, by "
+    "the camera's own stamps and by arrival here; bytes a second; share of its link and "
+    "temperature where the camera says them.\n"
     "\n"
     "Of several cameras also: how far apart the exposures of a set lie.  Clocks that are not "
     "synchronized are mapped to the host's, which is right to 1 ms in the first seconds.\n"
@@ -58,8 +54,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     switch (key) {
     case 'c': a->o.config = arg; return 0;
     case OPT_JSON: a->json = true; return 0;
-    case OPT_SECONDS: cli_arg_double(st, "seconds", arg, 0.1, 1e6, &a->o.seconds); return 0;
-    case OPT_FPS: cli_arg_double(st, "fps", arg, 0.01, 10000, &a->o.fps); return 0;
+    case OPT_SECONDS: a->o.seconds = cli_arg_double(st, "seconds", arg, 0.1, 1e6); return 0;
+    case OPT_FPS: a->o.fps = cli_arg_double(st, "fps", arg, 0.01, 10000); return 0;
     case OPT_FORMAT: a->o.pixel_format = arg; return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 1, 16384, &a->o.width, &a->o.height); return 0;
     case OPT_TRIGGER: a->o.trigger = arg; return 0;
@@ -86,9 +82,8 @@ static bool find_all(struct args *a, struct cameras_list *l)
     for (size_t i = 0; i < l->n && a->o.n < REC_MAX_CAMERAS; i++)
         a->uri[a->o.n++] = l->item[i].uri;
     if (a->o.n == 0)
-        fprintf(stderr,
-                "pyrovox cameras test: no camera found (`pyrovox cameras` says why); name one, "
-                "as sim:\n");
+        fprintf(stderr, "pyrovox cameras test: no camera found (`pyrovox cameras` says why); name "
+                        "one, as sim:\n");
     return a->o.n > 0;
 }
 
@@ -125,7 +120,6 @@ int cmd_cameras_test(int argc, char **argv)
     struct args a = {.o = {.seconds = 5}};
     const struct argp argp = {
         .options = options, .parser = parse, .args_doc = "[SOURCE...]", .doc = doc};
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     a.o.uri = a.uri;
     struct cameras_list *l = calloc(1, sizeof *l);

@@ -17,10 +17,10 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "capture/files/imgio.h"
-#include "cli/arg.h"
-#include "cli/ask.h"
-#include "cli/cli.h"
-#include "cli/screen.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/ask.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/screen.h"
 #include "daemon/cli/strip.h"
 #include "recon/geom/rig.h"
 
@@ -89,8 +89,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
-    case OPT_SECONDS: cli_arg_double(st, "seconds", arg, 0, 1e6, &a->seconds); return 0;
-    case OPT_FPS: cli_arg_double(st, "fps", arg, 0.5, 200, &a->fps); return 0;
+    case OPT_SECONDS: a->seconds = cli_arg_double(st, "seconds", arg, 0, 1e6); return 0;
+    case OPT_FPS: a->fps = cli_arg_double(st, "fps", arg, 0.5, 200); return 0;
     case OPT_CAMERAS: cli_arg_int(st, "cameras", arg, 2, 64, &a->cameras); return 0;
     case OPT_GRID: cli_arg_int(st, "grid", arg, 4, 256, &a->grid); return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 16, 4096, &a->width, &a->height); return 0;
@@ -252,6 +252,7 @@ static size_t read_tail(const struct demo *m, char *text, size_t size)
 {
     int fd = open(m->log, O_RDONLY);
     struct stat st;
+    text[0] = '\0';
     if (fd < 0)
         return 0;
     off_t from =
@@ -413,7 +414,6 @@ static int run(int argc, char **argv)
     m->a = (struct args){
         .fps = 20, .cameras = 8, .width = 640, .height = 480, .grid = 64, .format = "rgb8"};
     const struct argp argp = {.options = options, .parser = parse, .doc = doc};
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &m->a);
     m->ring = (long long)(2 * m->a.fps + 0.5); /* two seconds of flame */
     cli_catch_stop();

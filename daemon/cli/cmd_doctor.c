@@ -3,16 +3,15 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/file.h"
 #include "base/mem.h"
-#include "cli/arg.h"
-#include "cli/cli.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/cli.h"
 #include "daemon/config/config.h"
-#include "doctor/doctor.h"
-#include "doctor/host.h"
+#include "daemon/doctor/doctor.h"
+#include "daemon/doctor/host.h"
 
 enum { OPT_JSON = 0x100, OPT_FIX, OPT_SAMPLE, OPT_RECORD, OPT_DISK };
 
@@ -62,9 +61,9 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case 'a': a->all = true; return 0;
     case OPT_JSON: a->json = true; return 0;
     case OPT_FIX: a->fix_script = arg; return 0;
-    case OPT_SAMPLE: cli_arg_double(st, "sample", arg, 0, 3600, &a->sample_s); return 0;
+    case OPT_SAMPLE: a->sample_s = cli_arg_double(st, "sample", arg, 0, 3600); return 0;
     case OPT_RECORD: a->record = arg; return 0;
-    case OPT_DISK: cli_arg_double(st, "disk-test", arg, 1, 1e6, &a->disk_mb); return 0;
+    case OPT_DISK: a->disk_mb = cli_arg_double(st, "disk-test", arg, 1, 1e6); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->disk_mb > 0 && a->record == NULL)

@@ -1,11 +1,10 @@
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "cli/cli.h"
-#include "cli/opt_rig.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/opt_rig.h"
 
 struct options {
     struct opt_rig rig;
@@ -38,11 +37,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const char doc[] =
     "Build the system matrix of a rig, or verify one.\n\n"
     "The matrix says how much every voxel adds to every pixel.  It depends on the rig alone, so it "
-    "is "
-    "built once and cached, in $PYROVOX_CACHE, else $XDG_CACHE_HOME/pyrovox, else "
-    "~/.cache/pyrovox; "
-    "every other command finds it there.  Building it beforehand shows its size and time."
-    "\vExamples:\n"
+    "is built once and cached, in $PYROVOX_CACHE, else $XDG_CACHE_HOME/pyrovox, else "
+    "~/.cache/pyrovox; every other command finds it there.  Building it beforehand shows its size "
+    "and time.\vExamples:\n"
     "  pyrovox matrix --rig rig.yaml\n"
     "  pyrovox matrix --rig rig.yaml --grid 128 --basis trilinear --binning 2\n"
     "  pyrovox matrix --rig rig.yaml --cameras cam0,cam3 --out two.pvxm\n"
@@ -55,20 +52,23 @@ static const struct argp argp = {
 static double bytes_of_level(const rec_sysmat *m)
 {
     double N = (double)rec_grid_count(&m->grid);
-    return (N + 1) * sizeof *m->colptr + (double)m->nnz * (sizeof *m->row + sizeof *m->val) +
+    double window = (double)(sizeof *m->win.at + rec_window_size(&m->win));
+    return N * m->win.slots * window + (double)m->win.n_more * sizeof *m->win.more +
            N * (double)m->n_cameras * sizeof *m->block[0].fp;
 }
 
-/* names NULL: the file does not hold them. */
-static void print_cameras(const rec_sysmat *m, const struct rec_rig *names)
+/* names NULL: the file does not hold them.  Footprints that are seen, in all. */
+static double print_cameras(const rec_sysmat *m, const struct rec_rig *names)
 {
     size_t N = rec_grid_count(&m->grid);
+    double all = 0;
     printf("%-18s %10s %12s %14s %10s\n", "camera", "bins", "rows", "entries", "seen");
     for (size_t c = 0; c < m->n_cameras; c++) {
         const struct rec_sysmat_block *b = &m->block[c];
         size_t seen = 0;
         for (size_t j = 0; j < N; j++)
             seen += rec_rect_seen(b->fp[j]);
+        all += (double)seen;
         char index[24], size[32];
         snprintf(index, sizeof index, "%zu", c);
         snprintf(size, sizeof size, "%dx%d", b->bw, b->bh);
@@ -76,12 +76,12 @@ static void print_cameras(const rec_sysmat *m, const struct rec_rig *names)
                names == NULL ? index : names->cameras[c].name, size, (long long)b->bw * b->bh,
                (unsigned long long)b->nnz, 100.0 * (double)seen / (double)N);
     }
+    return all;
 }
 
 static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
 {
-    double bytes = 0, coarse = 0;
-    print_cameras(m, names);
+    double bytes = 0, coarse = 0, seen = print_cameras(m, names);
     printf("\n%-18s %zu\n", "cameras", m->n_cameras);
     printf("%-18s %d x %d x %d = %zu, %s\n", "voxels", m->grid.n[0], m->grid.n[1], m->grid.n[2],
            rec_grid_count(&m->grid), rec_basis_name(m->grid.basis));
@@ -98,8 +98,10 @@ static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
     }
     printf("\n");
     if (m->nnz > 0)
-        printf("%-18s %.2f (%zu of the entry, else footprints, column starts, coarser levels)\n",
-               "bytes per entry", bytes / (double)m->nnz, sizeof *m->row + sizeof *m->val);
+        printf("%-18s %.2f (windows, footprints, coarser levels)\n", "bytes per entry",
+               bytes / (double)m->nnz);
+    printf("%-18s %d x %d bins; %.2f %% of what is seen needs more than one\n", "windows",
+           m->win.wide, m->win.high, 100 * (double)m->win.n_more / (seen > 0 ? seen : 1));
     printf("%-18s %.1f MiB, %.1f MiB of it coarser levels\n", "size", bytes / (1 << 20),
            coarse / (1 << 20));
     printf("%-18s %016llx\n", "key", (unsigned long long)m->key);
@@ -157,13 +159,13 @@ static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *p
     struct pvx_diag d = {""};
     struct watch w = {.bar = {.label = "system matrix"}};
     rec_sysmat *m;
-    bool cached;
     pvx_err e = o->out == NULL ? PVX_OK : check_writable(o->out, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
     cli_catch_stop();
     int64_t t0 = pvx_now_mono();
-    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, watch, &w, &m, &cached, &d);
+    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, (struct rec_progress){watch, &w}, &m,
+                        &d);
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
         return 130;
@@ -172,7 +174,7 @@ static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *p
         return cli_error(&d, e);
     double s = seconds_since(t0), saving = seconds_since(w.built);
     print_matrix(m, rig);
-    if (cached) {
+    if (m->cached) {
         printf("%-18s %.0f ms (found and verified, not built)\n", "cached, opened in", s * 1e3);
     } else {
         unsigned threads = pvx_pool_threads(pool);
@@ -181,8 +183,9 @@ static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *p
         printf("%-18s %.2f s\n", "saved in", saving);
     }
     uint64_t key = m->key;
+    bool done = o->out == NULL || m->cached;
     rec_sysmat_free(&m);
-    if (o->out == NULL || cached)
+    if (done)
         return 0;
     t0 = pvx_now_mono();
     e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log has said why it is not there */
@@ -211,7 +214,6 @@ static int run(int argc, char **argv)
 {
     struct options o = {.rig = OPT_RIG_INIT};
     pvx_pool *pool;
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &o);
     pvx_err e = pvx_pool_new(o.rig.threads, "matrix", &pool);
     if (e != PVX_OK)

@@ -1,36 +1,18 @@
-/* cmd_reconstruct.c - recorded frames in, one volume per frame set out (DESIGN 4).
- *
- * A reader thread loads and bins frame set k+1 while set k is solved; two slots circulate, nothing is
- * dropped. */
+/* cmd_reconstruct.c - recorded frames in, one volume per frame set out (DESIGN 4): the daemon's pipeline,
+ * lossless, between frames_in.h and the files that are written here. */
 #include <cjson/cJSON.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "base/queue.h"
-#include "cli/cli.h"
-#include "cli/frames_in.h"
-#include "cli/hull_picture.h"
-#include "cli/reconstruct_fit.h"
-#include "cli/reconstruct_options.h"
-#include "pipeline/volume_file.h"
-
-#define SLOTS 3
-
-/* One slot: a frame set on its way from the reader to the solver. */
-struct slot {
-    rec_frame *frame;
-    size_t index; /* of the set in job.in */
-    uint32_t present;
-    bool failed;             /* a file could not be used: named in `problem` */
-    struct pvx_diag problem; /* the first */
-    bool have[REC_MAX_CAMERAS];
-    int64_t bin_ns;
-};
+#include "daemon/cli/cli.h"
+#include "daemon/cli/frames_in.h"
+#include "daemon/cli/hull_picture.h"
+#include "daemon/cli/reconstruct_fit.h"
+#include "daemon/cli/reconstruct_options.h"
+#include "daemon/pipeline/volume_file.h"
 
 struct job {
     const struct reconstruct_options *o;
@@ -40,64 +22,36 @@ struct job {
     struct frames_in in;
     struct rec_frame_params params;
     pvx_pool *pool;
+    dmn_pipeline *pipeline;
+
+    /* the sink's: */
     hull_picture *picture; /* NULL = none wanted */
-    struct slot slot[SLOTS];
+    float *dense;
+    cJSON *list; /* of frames, in the report */
+    struct cli_progress bar;
+    size_t sets;      /* that came */
     unsigned volumes; /* written */
     bool said_lit;    /* that nearly all of an image is */
     unsigned dark;    /* of them, without one iteration before the deadline */
     unsigned cut;     /* of them, flame at a side of the fitted box */
-    pvx_queue *empty, *full;
+    bool failed;      /* something went wrong, but the others went on */
+    pvx_err error;    /* what ended it */
+    struct pvx_diag why;
 };
 
-/* Load and bin camera `c` of the slot's set.  A file that is not there is a missing camera; one that
- * cannot be used is a failure, but the other cameras still count. */
-static void load_camera(struct job *j, struct slot *s, size_t c)
+/* ---- one set to files ---- */
+
+static bool has(const struct dmn_slot *s, size_t c)
 {
-    struct pvx_diag why = {""};
-    float *in = rec_frame_input(s->frame, c);
-    enum frames_in_got got = frames_in_load(&j->in, s->index, c, in, &s->bin_ns, &why);
-    if (got == FRAMES_BAD) {
-        fprintf(stderr, "pyrovox: %s\n", why.text);
-        pvx_fail(&s->problem, PVX_EINVAL, "%s", why.text);
-        s->failed = true;
-    }
-    s->have[c] = got == FRAMES_LOADED;
-    s->present += s->have[c];
-    rec_frame_present(s->frame, c, s->have[c]);
-    rec_frame_bayer(s->frame, c, cap_pixfmt_bayer(j->in.how.fmt),
-                    j->in.how.mosaic == CAP_MOSAIC_RAYS && j->in.binning == 1);
+    return s->mask >> c & 1;
 }
 
-static void *reader(void *arg)
-{
-    struct job *j = arg;
-    for (size_t i = 0; i < j->in.n && !cli_stop; i++) {
-        void *item;
-        if (pvx_queue_take(j->empty, -1, &item) != PVX_OK)
-            break;
-        struct slot *s = item;
-        rec_frame_reset(s->frame);
-        s->index = i;
-        s->present = 0;
-        memset(s->have, 0, sizeof s->have);
-        s->failed = false;
-        s->problem.text[0] = '\0';
-        s->bin_ns = 0;
-        for (size_t c = 0; c < j->rig.n_cameras; c++)
-            load_camera(j, s, c);
-        if (pvx_queue_put_wait(j->full, s) != PVX_OK)
-            break;
-    }
-    pvx_queue_close(j->full);
-    return NULL;
-}
-
-static void report_frame(const struct job *j, const struct slot *s, cJSON *list)
+static void report_frame(const struct job *j, const struct dmn_slot *s)
 {
     cJSON *o = cJSON_CreateObject();
-    cJSON_AddNumberToObject(o, "frame", frames_in_number(&j->in, s->index));
+    cJSON_AddNumberToObject(o, "frame", (double)s->set);
     dmn_report_to_json(o, rec_frame_get_report(s->frame));
-    if (s->present == 0)
+    if (s->why != DMN_N_DROP)
         cJSON_ReplaceItemInObject(o, "status", cJSON_CreateString("failed"));
     cJSON_AddStringToObject(o, "start", rec_frame_get_report(s->frame)->warm ? "warm" : "cold");
     /* unpacking and binning belong to photometry here: total is from raw pixels to volume */
@@ -112,9 +66,9 @@ static void report_frame(const struct job *j, const struct slot *s, cJSON *list)
         cJSON_AddStringToObject(o, "problem", s->problem.text);
     cJSON *missing = cJSON_AddArrayToObject(o, "cameras_missing");
     for (size_t c = 0; c < j->rig.n_cameras; c++)
-        if (!s->have[c])
+        if (!has(s, c))
             cJSON_AddItemToArray(missing, cJSON_CreateString(j->rig.cameras[c].name));
-    cJSON_AddItemToArray(list, o);
+    cJSON_AddItemToArray(j->list, o);
 }
 
 static void describe_volume(cJSON *root, const struct job *j)
@@ -151,68 +105,81 @@ static bool reaches_side(const struct job *j, const struct rec_sparse *v)
     return false;
 }
 
-static void check_lit(struct job *j, const struct slot *s)
+static void check_lit(struct job *j, const struct dmn_slot *s)
 {
     for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++) {
-        const struct rec_camera *cam = &j->rig.cameras[c];
-        size_t bins = (size_t)frames_in_bins(&j->in, cam->width) *
-                      (size_t)frames_in_bins(&j->in, cam->height),
-               lit = 0;
+        const struct rec_sysmat_block *b = &j->S->block[c];
+        size_t bins = (size_t)b->bw * (size_t)b->bh, lit = 0;
         const uint8_t *at = rec_frame_lit(s->frame, c);
-        for (size_t i = 0; s->have[c] && i < bins; i++)
+        for (size_t i = 0; has(s, c) && i < bins; i++)
             lit += at[i] != 0;
-        reconstruct_check_lit(cam->name, lit, bins, &j->said_lit);
+        reconstruct_check_lit(j->rig.cameras[c].name, lit, bins, &j->said_lit);
     }
 }
 
-/* Carve, solve and save one frame set; *failed is set when something about it went wrong. */
-static pvx_err do_frame(struct job *j, struct slot *s, struct rec_sparse *prev, float *dense,
-                        cJSON *list, bool *failed, struct pvx_diag *d)
+static void say_missing(const struct job *j, const struct dmn_slot *s)
 {
-    uint32_t no = frames_in_number(&j->in, s->index);
-    *failed |= s->failed;
-    if (s->present == 0) {
-        report_frame(j, s, list);
-        return PVX_OK;
-    }
-    if (s->present < j->rig.n_cameras) {
-        char names[600] = "";
-        for (size_t c = 0; c < j->rig.n_cameras && strlen(names) < 500; c++)
-            if (!s->have[c])
-                snprintf(names + strlen(names), sizeof names - strlen(names), " %s",
-                         j->rig.cameras[c].name);
-        fprintf(stderr, "pyrovox: frame %06u: solved from %u of %zu cameras, without%s\n", no,
-                s->present, j->rig.n_cameras, names);
-    }
-    rec_frame_carve(s->frame);
-    check_lit(j, s);
+    char names[600] = "";
+    for (size_t c = 0; c < j->rig.n_cameras && strlen(names) < 500; c++)
+        if (!has(s, c))
+            snprintf(names + strlen(names), sizeof names - strlen(names), " %s",
+                     j->rig.cameras[c].name);
+    if (names[0] != '\0')
+        fprintf(stderr, "pyrovox: frame %06llu: solved from %u of %zu cameras, without%s\n",
+                (unsigned long long)s->set, s->n_present, j->rig.n_cameras, names);
+}
+
+static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
+{
+    uint32_t no = (uint32_t)s->set;
     char path[4300];
+    say_missing(j, s);
+    check_lit(j, s);
     if (j->picture != NULL) {
+        bool have[REC_MAX_CAMERAS];
+        for (size_t c = 0; c < j->rig.n_cameras; c++)
+            have[c] = has(s, c);
         snprintf(path, sizeof path, "%s/%06u.png", j->o->save_hull, no);
-        PVX_TRY(hull_picture_save(j->picture, s->frame, s->have, no, path, d));
+        PVX_TRY(hull_picture_save(j->picture, s->frame, have, no, path, d));
     }
-    bool warm = prev->grid != NULL && prev->n > 0;
-    int64_t deadline = 0;
-    if (j->o->deadline_ms > 0)
-        deadline = pvx_now_mono() + (int64_t)(j->o->deadline_ms * 1e6);
-    PVX_TRY(rec_frame_solve(s->frame, deadline, warm ? prev : NULL));
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
     struct rec_sparse v;
     rec_frame_volume(s->frame, &v);
-    rec_sparse_to_dense(&v, dense);
+    rec_sparse_to_dense(&v, j->dense);
     snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
     struct dmn_volume_meta m = {
         .grid = j->S->grid, .nch = v.nch, .frame = no, .clock = "frame-number", .report = r};
-    PVX_TRY(dmn_volume_save(path, &m, dense, d));
-    report_frame(j, s, list);
+    PVX_TRY(dmn_volume_save(path, &m, j->dense, d));
     j->volumes++;
     j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
                r->coarse_iterations == 0 && !r->warm;
     j->cut += j->o->fit && reaches_side(j, &v);
-    if (j->o->warm)
-        *prev = v;
     return PVX_OK;
 }
+
+/* The sink.  After an error the source is told to end, and nothing more is written. */
+static bool put(void *ctx, const struct dmn_slot *s)
+{
+    struct job *j = ctx;
+    if (j->error != PVX_OK)
+        return false;
+    j->failed |= s->problem.text[0] != '\0';
+    if (s->why == DMN_N_DROP)
+        j->error = save(j, s, &j->why);
+    else if (s->why != DMN_DROP_IMAGES)
+        j->error = pvx_fail(&j->why, PVX_EINVAL, "frame %06llu: cannot be solved",
+                            (unsigned long long)s->set);
+    if (j->error == PVX_OK)
+        report_frame(j, s);
+    else
+        atomic_store(&j->in.stop, true);
+    j->sets++;
+    if (!j->o->quiet)
+        cli_progress(&j->bar, (double)j->sets / (double)j->in.n);
+    return j->error == PVX_OK && s->why == DMN_N_DROP;
+}
+
+/* ---- all ---- */
 
 static pvx_err save_report(const char *path, cJSON *root, struct pvx_diag *d)
 {
@@ -222,18 +189,6 @@ static pvx_err save_report(const char *path, cJSON *root, struct pvx_diag *d)
     pvx_err e = pvx_file_write(path, text, strlen(text), d);
     cJSON_free(text);
     return e;
-}
-
-/* The background of every camera into every slot. */
-static pvx_err set_background(struct job *j, struct pvx_diag *d)
-{
-    for (size_t c = 0; c < j->rig.n_cameras; c++) {
-        float *bins = rec_frame_input(j->slot[0].frame, c);
-        PVX_TRY(frames_in_background(&j->in, j->o->background, c, bins, d));
-        for (int i = 0; i < SLOTS; i++)
-            PVX_TRY(rec_frame_set_background(j->slot[i].frame, c, bins));
-    }
-    return PVX_OK;
 }
 
 /* Everything is flame: the hull then drops only what no camera sees. */
@@ -249,8 +204,10 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     struct opt_rig as_in_file = o->rig;
-    if (o->fit) /* --grid is then for the fitted box */
+    if (o->fit) { /* --grid is then for the fitted box */
         memset(as_in_file.grid, 0, sizeof as_in_file.grid);
+        as_in_file.grid_auto = false;
+    }
     if (o->no_hull)
         without_hull(&j->params);
     PVX_TRY(opt_rig_load(&as_in_file, &j->rig, d));
@@ -260,14 +217,36 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
             "--min-views %u: that many cameras must see a voxel, but there are only %zu",
             j->params.hull.min_views, j->rig.n_cameras);
     j->whole = j->rig.grid;
-    struct frames_in_reading how = o->reading;
-    how.mosaic = CAP_MOSAIC_DEMOSAIC; /* until the volume is fitted */
-    PVX_TRY(frames_in_scan(&j->in, &j->rig, o->frames, o->first, o->last, o->grey, &how, d));
-    j->params.nch = j->in.nch;
-    if (!j->in.full_scale) /* floats have no full scale to run into */
-        j->params.photo.saturation = 1e30F;
     PVX_TRY(pvx_pool_new(o->rig.threads, "solve", &j->pool));
+    j->in = (struct frames_in){.rig = &j->rig, .pool = j->pool, .how = o->reading};
+    PVX_TRY(frames_in_open(&j->in, o->frames, o->first, o->last, o->grey, d));
+    j->params.nch = j->in.nch;
     return o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK;
+}
+
+/* The pipeline between the frames and their volumes. */
+static pvx_err connect_all(struct job *j, struct pvx_diag *d)
+{
+    const struct reconstruct_options *o = j->o;
+    float *background[REC_MAX_CAMERAS] = {0};
+    struct dmn_pipeline_params p = {.S = j->S,
+                                    .rig = &j->rig,
+                                    .pool = j->pool,
+                                    .frame = j->params,
+                                    .background = o->background != NULL ? background : NULL,
+                                    .lossless = true,
+                                    .warm = o->warm,
+                                    .deadline = {.limit_ns = (int64_t)(o->deadline_ms * 1e6)},
+                                    .source = frames_in_source(&j->in),
+                                    .sink = {.name = "save", .put = put, .ctx = j}};
+    pvx_err e = PVX_OK;
+    if (o->background != NULL)
+        e = frames_in_background(&j->in, o->background, background, d);
+    if (e == PVX_OK)
+        e = dmn_pipeline_new(&p, &j->pipeline, d);
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        free(background[c]);
+    return e;
 }
 
 static pvx_err prepare(struct job *j, struct pvx_diag *d)
@@ -281,86 +260,45 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
         PVX_TRY(pvx_mkdirs(o->save_hull, d));
     struct cli_progress bar = {.label = "system matrix"};
     PVX_TRY(rec_sysmat_open(&j->rig, &o->rig.matrix, o->cache, j->pool,
-                            o->quiet ? NULL : cli_progress, &bar, &j->S, NULL, d));
-    j->in.binning = j->S->binning;
-    j->in.how.mosaic = o->reading.mosaic;
-    PVX_TRY(pvx_queue_new(SLOTS, &j->empty));
-    PVX_TRY(pvx_queue_new(SLOTS, &j->full));
-    for (int i = 0; i < SLOTS; i++) {
-        PVX_TRY(rec_frame_new(j->S, &j->rig, &j->params, j->pool, &j->slot[i].frame, d));
-        PVX_TRY(pvx_queue_put_wait(j->empty, &j->slot[i]));
-    }
+                            (struct rec_progress){o->quiet ? NULL : cli_progress, &bar}, &j->S, d));
+    PVX_TRY(frames_in_begin(&j->in, j->S->binning, o->reading.mosaic, d));
     if (o->save_hull != NULL)
         PVX_TRY(hull_picture_new(j->S, &j->rig, j->params.nch, j->params.hull.min_views, j->pool,
                                  &j->picture));
-    return o->background != NULL ? set_background(j, d) : PVX_OK;
+    j->dense = pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
+    if (j->dense == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
+    return connect_all(j, d);
 }
 
 static void finish(struct job *j)
 {
-    for (int i = 0; i < SLOTS; i++)
-        rec_frame_free(&j->slot[i].frame);
-    pvx_queue_free(&j->empty);
-    pvx_queue_free(&j->full);
+    dmn_pipeline_free(&j->pipeline);
+    free(j->dense);
     hull_picture_free(&j->picture);
+    frames_in_close(&j->in);
     rec_sysmat_free(&j->S);
     pvx_pool_free(&j->pool);
-    frames_in_fini(&j->in);
     rec_rig_fini(&j->rig);
 }
 
-/* The previous volume lives in its slot, so the slot goes back to the reader only when the next volume
- * has been made. */
-static pvx_err solve_all(struct job *j, cJSON *list, bool *failed, struct pvx_diag *d)
-{
-    float *dense = pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *dense);
-    if (dense == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
-    pthread_t th;
-    if (pthread_create(&th, NULL, reader, j) != 0) {
-        free(dense);
-        return pvx_fail(d, PVX_EIO, "cannot start the reader thread");
-    }
-    struct cli_progress bar = {.label = "reconstruct"};
-    struct rec_sparse prev = {0};
-    struct slot *kept = NULL;
-    pvx_err e = PVX_OK;
-    void *item;
-    while (e == PVX_OK && pvx_queue_take(j->full, -1, &item) == PVX_OK) {
-        struct slot *s = item;
-        e = do_frame(j, s, &prev, dense, list, failed, d);
-        struct slot *done = s;
-        if (s->present > 0) { /* a set without a volume does not displace the volume before it */
-            done = kept;
-            kept = s;
-        }
-        if (done != NULL && pvx_queue_put_wait(j->empty, done) != PVX_OK)
-            break;
-        if (!j->o->quiet)
-            cli_progress(&bar, (double)(s->index + 1) / (double)j->in.n);
-        if (cli_stop)
-            break;
-    }
-    pvx_queue_close(j->empty);
-    pvx_queue_close(j->full);
-    pthread_join(th, NULL);
-    free(dense);
-    return e;
-}
-
 /* After an error or Ctrl-C too the report is written for what was done. */
-static pvx_err reconstruct(struct job *j, bool *failed, struct pvx_diag *d)
+static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     cJSON *root = cJSON_CreateObject();
     describe_volume(root, j);
-    cJSON *list = cJSON_AddArrayToObject(root, "frames");
-    pvx_err e = solve_all(j, list, failed, d);
+    j->list = cJSON_AddArrayToObject(root, "frames");
+    j->bar.label = "reconstruct";
+    pvx_err e = dmn_pipeline_start(j->pipeline, d);
+    dmn_pipeline_join(j->pipeline);
+    if (e == PVX_OK && (e = j->error) != PVX_OK)
+        *d = j->why;
     struct pvx_diag dr = {""};
     pvx_err er = o->report == NULL ? PVX_OK : save_report(o->report, root, &dr);
     if (er != PVX_OK) {
         cli_error(&dr, er);
-        *failed = true;
+        j->failed = true;
     }
     cJSON_Delete(root);
     if (e == PVX_OK && !o->quiet)
@@ -385,10 +323,9 @@ static int run(int argc, char **argv)
     cli_catch_stop();
     struct job j = {.o = &o, .params = o.frame};
     struct pvx_diag d = {""};
-    bool failed = false;
     pvx_err e = prepare(&j, &d);
     if (e == PVX_OK && o.out != NULL)
-        e = reconstruct(&j, &failed, &d);
+        e = reconstruct(&j, &d);
     finish(&j);
     if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop)) {
         fprintf(stderr, "pyrovox: stopped\n");
@@ -396,7 +333,7 @@ static int run(int argc, char **argv)
     }
     if (e != PVX_OK)
         return cli_error(&d, e);
-    return failed ? 1 : 0;
+    return j.failed ? 1 : 0;
 }
 
 const struct cli_command cmd_reconstruct = {

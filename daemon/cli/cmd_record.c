@@ -10,10 +10,9 @@
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "base/yaml.h"
-#include "cli/cli.h"
-#include "cli/record_file.h"
-#include "cli/record_raw.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/record_file.h"
 #include "daemon/config/endpoints.h"
 #include "proto/clients/sub.h"
 
@@ -65,14 +64,8 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--raw %s: should be start or stop", arg);
         r->raw = arg;
         return 0;
-    case 'n':
-        if (pvx_parse_int(arg, 1, INT64_MAX, &r->volumes) != PVX_OK)
-            argp_error(state, "--volumes %s: a number of at least 1", arg);
-        return 0;
-    case 's':
-        if (pvx_parse_double(arg, 0.001, 1e9, &r->seconds) != PVX_OK)
-            argp_error(state, "--seconds %s: a number of seconds, at least 0.001", arg);
-        return 0;
+    case 'n': cli_arg_int(state, "volumes", arg, 1, INT64_MAX, &r->volumes); return 0;
+    case 's': r->seconds = cli_arg_double(state, "seconds", arg, 0.001, 1e9); return 0;
     case ARGP_KEY_ARG: argp_error(state, "'%s' is not expected here", arg); return EINVAL;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -81,25 +74,21 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 static const struct argp argp = {
     .options = options,
     .parser = parse,
-    .doc =
-        "Write the volumes that a running pyrovoxd publishes to disk, or let it record its raw "
-        "frames."
-        "\v"
-        "Each volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels], with SET the number of "
-        "its frame set in six digits, and DIR/SET.json with origin, spacing, basis, units, times "
-        "and the solver's report.  A file is there whole or not at all.  If the daemon restarts, "
-        "its further volumes go to DIR/session-ID, as they count anew.\n\n"
-        "Volumes that did not arrive are counted from the gaps in the sequence and reported.\n\n"
-        "With --raw nothing is written here: the daemon records the cameras' frames to an HDF5 "
-        "file "
-        "beside the live solve, until --raw stop, and `pyrovox status` counts what it could not.  "
-        "`pyrovox replay` plays it back.\n\n"
-        "Examples:\n"
-        "  pyrovox record --seconds 10 --out flame\n"
-        "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
-        "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n\n"
-        "Exit: 0 done or daemon ended, 1 failed, 130 stopped by Ctrl-C; what was recorded until "
-        "then is complete in each case.",
+    .doc = "Write the volumes that a running pyrovoxd publishes to disk, or let it record its raw "
+           "frames.\vEach volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels], with SET the "
+           "number of its frame set in six digits, and DIR/SET.json with origin, spacing, basis, "
+           "units, times and the solver's report.  A file is there whole or not at all.  If the "
+           "daemon restarts, its further volumes go to DIR/session-ID, as they count anew.\n\n"
+           "Volumes that did not arrive are counted from the gaps in the sequence and reported.\n\n"
+           "With --raw nothing is written here: the daemon records the cameras' frames to an HDF5 "
+           "file beside the live solve, until --raw stop, and `pyrovox status` counts what it "
+           "could not.  `pyrovox replay` plays it back.\n\n"
+           "Examples:\n"
+           "  pyrovox record --seconds 10 --out flame\n"
+           "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
+           "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n\n"
+           "Exit: 0 done or daemon ended, 1 failed, 130 stopped by Ctrl-C; what was recorded until "
+           "then is complete in each case.",
 };
 
 /* An earlier recording is not written over, nor mixed with. */
@@ -194,8 +183,8 @@ static void tell(struct record *r)
     r->told_written = r->written;
 }
 
-static pvx_err take(struct record *r, const struct pvp_header *h, const void *msg, size_t len,
-                    struct pvx_diag *d)
+static pvx_err record_message(struct record *r, const struct pvp_header *h, const void *msg,
+                              size_t len, struct pvx_diag *d)
 {
     char reason[PVP_REASON_MAX];
     uint64_t session;
@@ -231,17 +220,17 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
         size_t len;
         pvx_err e = pvp_sub_next(r->sub, WAIT_NS, &h, &msg, &len);
         if (e == PVX_OK)
-            e = take(r, &h, msg, len, d);
+            e = record_message(r, &h, msg, len, d);
         else if (e == PVX_ETIMEDOUT)
             e = PVX_OK;
         PVX_TRY(e);
         if (r->in_session)
             tell(r);
         else if (!r->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
-            fprintf(stderr,
-                    "waiting for a daemon at %s (`pyrovox status` tells if one runs); "
-                    "Ctrl-C stops\n",
-                    r->endpoint);
+            fprintf(
+                stderr,
+                "waiting for a daemon at %s (`pyrovox status` tells if one runs); Ctrl-C stops\n",
+                r->endpoint);
             r->told_waiting = true;
         }
     }
@@ -256,12 +245,12 @@ static void conclude(const struct record *r)
         fputc('\n', stderr);
     if (st.lost > 0)
         fprintf(stderr,
-                "pyrovox: %llu messages were lost on the way: this disk or this machine is "
-                "too slow for the daemon's rate\n",
+                "pyrovox: %llu messages were lost on the way: this disk or this machine is too "
+                "slow for the daemon's rate\n",
                 (unsigned long long)st.lost);
     if (st.malformed + r->unreadable > 0)
         fprintf(stderr, "pyrovox: %llu messages could not be read (another wire version?)\n",
-                (unsigned long long)(st.malformed + r->unreadable));
+                (unsigned long long)st.malformed + r->unreadable);
     printf("%llu volumes in %s, %llu messages lost\n", (unsigned long long)r->written, r->out,
            (unsigned long long)st.lost);
 }

@@ -8,8 +8,8 @@
 
 #include "base/mem.h"
 #include "capture/files/imgio.h"
-#include "cli/cli.h"
-#include "cli/render_movie.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/render_movie.h"
 #include "daemon/cli/strip.h"
 #include "daemon/pipeline/volume_file.h"
 #include "recon/view/render.h"
@@ -17,7 +17,7 @@
 /* Paths of the volumes to show, in order. */
 struct sources {
     char **path;
-    size_t n, room;
+    size_t n;
 };
 
 static bool ends_in(const char *s, const char *end)
@@ -34,45 +34,35 @@ static bool is_folder(const char *path)
 
 static pvx_err add(struct sources *s, const char *dir, const char *name)
 {
-    if (s->n == s->room) {
-        size_t room = s->room * 2 + 64;
-        char **path = realloc(s->path, room * sizeof *path);
-        if (path == NULL)
-            return PVX_ENOMEM;
-        s->path = path;
-        s->room = room;
-    }
-    size_t size = strlen(dir) + strlen(name) + 2;
-    char *path = malloc(size);
+    char **path = realloc(s->path, (s->n + 1) * sizeof *path);
     if (path == NULL)
         return PVX_ENOMEM;
-    snprintf(path, size, "%s%s%s", dir, *dir != '\0' ? "/" : "", name);
-    s->path[s->n++] = path;
+    s->path = path;
+    if (asprintf(&path[s->n], "%s%s%s", dir, *dir != '\0' ? "/" : "", name) < 0)
+        return PVX_ENOMEM;
+    s->n++;
     return PVX_OK;
 }
 
-static int by_name(const void *a, const void *b)
+static int is_volume(const struct dirent *entry)
 {
-    return strcmp(*(char *const *)a, *(char *const *)b);
+    return ends_in(entry->d_name, ".npy");
 }
 
 /* All .npy of a folder, by name. */
 static pvx_err add_folder(struct sources *s, const char *dir, struct pvx_diag *d)
 {
-    size_t before = s->n;
-    DIR *h = opendir(dir);
-    if (h == NULL)
+    struct dirent **entry;
+    int n = scandir(dir, &entry, is_volume, alphasort);
+    if (n < 0)
         return pvx_fail(d, PVX_EPERM, "%s: cannot be read", dir);
-    pvx_err e = PVX_OK;
-    struct dirent *entry;
-    while (e == PVX_OK && (entry = readdir(h)) != NULL)
-        if (ends_in(entry->d_name, ".npy"))
-            e = add(s, dir, entry->d_name);
-    closedir(h);
-    if (e == PVX_OK && s->n == before)
-        return pvx_fail(d, PVX_ENOENT, "%s: no volumes (.npy) in it", dir);
-    if (s->n > before)
-        qsort(s->path + before, s->n - before, sizeof *s->path, by_name);
+    pvx_err e = n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volumes (.npy) in it", dir);
+    for (int i = 0; i < n; i++) {
+        if (e == PVX_OK)
+            e = add(s, dir, entry[i]->d_name);
+        free(entry[i]);
+    }
+    free(entry);
     return e;
 }
 
@@ -177,7 +167,7 @@ static pvx_err render(const struct render_options *o, const struct rec_rig *rig,
     const struct rec_camera *camera;
     PVX_TRY(find_camera(o, rig, &camera, d));
     bool file = ends_in(o->out, ".png") || ends_in(o->out, ".npy");
-    bool many = s->n > 1 || o->from == RENDER_ORBIT;
+    bool many = s->n != 1 || o->from == RENDER_ORBIT;
     if (o->from == RENDER_STRIP && s->n > 1)
         return pvx_fail(d, PVX_EINVAL,
                         "--strip shows one volume, %s has %zu; --orbit N steps "

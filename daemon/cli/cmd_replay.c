@@ -14,8 +14,8 @@
 
 #include "base/file.h"
 #include "base/mem.h"
-#include "cli/arg.h"
-#include "cli/replay.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/replay.h"
 #include "daemon/config/config.h"
 
 #define SETS_MAX 64
@@ -65,7 +65,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     switch (key) {
     case OPT_INFO: a->info = true; return 0;
     case OPT_EXPORT: a->export_dir = arg; return 0;
-    case OPT_SPEED: cli_arg_double(st, "speed", arg, 0.001, 1000, &a->speed); return 0;
+    case OPT_SPEED: a->speed = cli_arg_double(st, "speed", arg, 0.001, 1000); return 0;
     case OPT_LOSSLESS: a->lossless = true; return 0;
     case OPT_LOOP: a->loop = true; return 0;
     case OPT_CONFIG: a->config = arg; return 0;
@@ -108,17 +108,8 @@ static void make_absolute(const char *base, char *name, size_t size)
         snprintf(name, size, "%s", path);
 }
 
-static bool has_floats(const struct cap_take_head *h)
-{
-    for (uint32_t c = 0; c < h->n_cameras; c++)
-        if (cap_pixfmt_layout(h->camera[c].fmt) == CAP_LAYOUT_F32)
-            return true;
-    return false;
-}
-
 /* What playing changes. */
-static pvx_err play_take(const struct args *a, const cap_take *t, struct dmn_config *c,
-                         struct pvx_diag *d)
+static pvx_err play_take(const struct args *a, struct dmn_config *c, struct pvx_diag *d)
 {
     char path[PATH_MAX];
     if (realpath(a->take, path) == NULL)
@@ -144,8 +135,6 @@ static pvx_err play_take(const struct args *a, const cap_take *t, struct dmn_con
         c->deadline_ms = 0; /* a clock has no say in it */
     else
         c->fps *= a->speed;
-    if (c->saturation < 0 && has_floats(&cap_take_info(t)->head))
-        c->saturation = 0; /* as with files of floats */
     return PVX_OK;
 }
 
@@ -167,7 +156,7 @@ static pvx_err make_config(const struct args *a, const cap_take *t, struct dmn_c
     }
     make_absolute(base, c->rig, sizeof c->rig);
     make_absolute(base, c->cache, sizeof c->cache);
-    PVX_TRY(play_take(a, t, c, d));
+    PVX_TRY(play_take(a, c, d));
     return apply_sets(a, c, d);
 }
 
@@ -283,7 +272,6 @@ static int run(int argc, char **argv)
 {
     struct args a = {.speed = 1};
     const struct argp argp = {.options = options, .parser = parse, .args_doc = "TAKE", .doc = doc};
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     struct pvx_diag d = {""};
     cap_take *t;

@@ -16,9 +16,9 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "capture/gevsim/netns.h"
-#include "cli/cli.h"
-#include "cli/simcams_options.h"
-#include "cli/simcams_ring.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/simcams_options.h"
+#include "daemon/cli/simcams_ring.h"
 
 #define MIB 1048576.0
 
@@ -26,8 +26,8 @@ struct simcams {
     const struct simcams_args *a;
     struct rec_rig rig;
     struct simcams_ring ring;
-    struct simcams_engine engine;
-    struct simcams_camera cam[REC_MAX_CAMERAS];
+    cap_gvnet *net;
+    cap_gvcam *cam[REC_MAX_CAMERAS]; /* NULL = dead */
     struct simcams_state state[REC_MAX_CAMERAS];
     struct cap_gvcam_stats total[REC_MAX_CAMERAS]; /* of cameras that were killed */
     struct simcams_plan plan;
@@ -137,8 +137,26 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
         .tai_offset_s = s->a->tai_s,
         .boot_clock = s->a->boot_clock,
         .zip = s->a->zip};
-    PVX_TRY(simcams_camera_start(&s->engine, &config, &s->cam[c], d));
-    return simcams_camera_fault(&s->cam[c], &s->state[c].fault, d);
+    PVX_TRY(cap_gvcam_new(s->net, &config, &s->cam[c], d));
+    cap_gvcam_set_fault(s->cam[c], &s->state[c].fault);
+    return PVX_OK;
+}
+
+/* What camera c has counted, in all its lives. */
+static struct cap_gvcam_stats stats_of(const struct simcams *s, size_t c)
+{
+    struct cap_gvcam_stats sum = s->total[c], st = {0};
+    if (s->cam[c] != NULL)
+        cap_gvcam_stats(s->cam[c], &st);
+    for (size_t k = 0; k < sizeof sum / sizeof(uint64_t); k++) /* counts, all of them */
+        ((uint64_t *)&sum)[k] += ((uint64_t *)&st)[k];
+    return sum;
+}
+
+static void stop_camera(struct simcams *s, size_t c)
+{
+    s->total[c] = stats_of(s, c);
+    cap_gvcam_free(&s->cam[c]);
 }
 
 /* Make the cameras what the state says. */
@@ -148,13 +166,13 @@ static void apply(struct simcams *s)
         struct pvx_diag d = {""};
         pvx_err e = PVX_OK;
         if (!s->state[c].alive)
-            simcams_camera_stop(&s->cam[c], &s->total[c]);
-        else if (simcams_camera_alive(&s->cam[c]))
-            e = simcams_camera_fault(&s->cam[c], &s->state[c].fault, &d);
-        else if ((e = start_camera(s, c, &d)) != PVX_OK)
+            stop_camera(s, c);
+        else if (s->cam[c] != NULL)
+            cap_gvcam_set_fault(s->cam[c], &s->state[c].fault);
+        else if ((e = start_camera(s, c, &d)) != PVX_OK) {
             s->state[c].alive = false;
-        if (e != PVX_OK)
             LOG_E(SIM, "%s: %s", s->rig.cameras[c].name, pvx_diag_text(&d, e));
+        }
     }
 }
 
@@ -164,8 +182,7 @@ static void print_stats(const struct simcams *s)
 {
     printf("stats {");
     for (size_t c = 0; c < s->rig.n_cameras; c++) {
-        struct cap_gvcam_stats st = s->total[c];
-        simcams_camera_stats(&s->cam[c], &st);
+        struct cap_gvcam_stats st = stats_of(s, c);
         printf("%s\"%s\": {", c > 0 ? ", " : "", s->rig.cameras[c].name);
         for (const struct cap_gvcam_stat_def *k = cap_gvcam_stat_defs; k->name != NULL; k++) {
             uint64_t v;
@@ -185,10 +202,6 @@ static void carry_out(struct simcams *s, const struct simcams_order *o)
                                              [SIMCAMS_JUMP] = CAP_GVCAM_CLOCK_JUMP,
                                              [SIMCAMS_IDS] = CAP_GVCAM_RESTART_IDS,
                                              [SIMCAMS_MODE] = CAP_GVCAM_TRIGGER_MODE};
-    if (s->engine.net == NULL && o->what != SIMCAMS_NOTHING && o->what != SIMCAMS_STATS) {
-        fprintf(stderr, "pyrovox simcams: control: not with --engine aravis\n");
-        return;
-    }
     switch (o->what) {
     case SIMCAMS_NOTHING: return;
     case SIMCAMS_REBOOT:
@@ -196,13 +209,13 @@ static void carry_out(struct simcams *s, const struct simcams_order *o)
     case SIMCAMS_IDS:
     case SIMCAMS_MODE:
         for (size_t c = o->lo; c < o->hi; c++)
-            if (s->cam[c].own != NULL)
-                cap_gvcam_do(s->cam[c].own, act[o->what], o->arg);
+            if (s->cam[c] != NULL)
+                cap_gvcam_do(s->cam[c], act[o->what], o->arg);
         return;
-    case SIMCAMS_LINE: cap_gvnet_line(s->engine.net, o->arg); return;
-    case SIMCAMS_PULSE: cap_gvnet_pulse(s->engine.net); return;
-    case SIMCAMS_LINK: cap_gvnet_link(s->engine.net, o->arg, (size_t)(o->arg2 * 1024)); return;
-    case SIMCAMS_SWITCH: cap_gvnet_reboot(s->engine.net, o->arg); return;
+    case SIMCAMS_LINE: cap_gvnet_line(s->net, o->arg); return;
+    case SIMCAMS_PULSE: cap_gvnet_pulse(s->net); return;
+    case SIMCAMS_LINK: cap_gvnet_link(s->net, o->arg, (size_t)(o->arg2 * 1024)); return;
+    case SIMCAMS_SWITCH: cap_gvnet_reboot(s->net, o->arg); return;
     case SIMCAMS_STATS: print_stats(s); return;
     }
 }
@@ -338,13 +351,12 @@ static int start_and_serve(struct simcams *s)
     sigset_t old;
     int sigfd = open_signals(&old);
     int code = sigfd < 0 ? cli_error(NULL, PVX_EIO) : 0;
-    pvx_err started = simcams_engine_start(&s->engine, s->a->engine, &d);
+    pvx_err started = cap_gvnet_new(&s->net, &d);
     if (code == 0 && started != PVX_OK)
         code = cli_error(&d, started);
-    s->engine.trigger_hz = s->a->trigger_hz;
-    if (code == 0 && s->engine.net != NULL) {
-        cap_gvnet_line(s->engine.net, s->a->line_hz);
-        cap_gvnet_link(s->engine.net, s->a->link_mbit, 0);
+    if (code == 0) {
+        cap_gvnet_line(s->net, s->a->line_hz);
+        cap_gvnet_link(s->net, s->a->link_mbit, 0);
     }
     for (size_t c = 0; code == 0 && c < s->rig.n_cameras; c++) {
         pvx_err e = start_camera(s, c, &d);
@@ -367,12 +379,12 @@ static int start_and_serve(struct simcams *s)
     if (code == 0) {
         code = serve(s, sigfd, child);
         for (size_t c = 0; c < s->rig.n_cameras; c++)
-            simcams_camera_stop(&s->cam[c], &s->total[c]);
+            stop_camera(s, c);
         report(s);
     }
     for (size_t c = 0; c < s->rig.n_cameras; c++)
-        simcams_camera_stop(&s->cam[c], &s->total[c]);
-    simcams_engine_stop(&s->engine);
+        stop_camera(s, c);
+    cap_gvnet_free(&s->net);
     if (sigfd >= 0)
         close(sigfd);
     return code;

@@ -3,11 +3,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "base/yaml.h"
-#include "cli/ask.h"
-#include "cli/cli.h"
-#include "cli/health.h"
-#include "cli/skew.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/ask.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/status_cameras.h"
 #include "daemon/config/endpoints.h"
 
 enum { OPT_JSON = 0x100, OPT_STOP, OPT_TIMEOUT };
@@ -20,21 +19,19 @@ struct args {
 
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0,
-     "the daemon's control.endpoint, default the user's own daemon, "
-     "else the system's",
-     0},
+     "the daemon's control.endpoint, default the user's own daemon, else the system's", 0},
     {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
     {"stop", OPT_STOP, NULL, 0, "ask the daemon to drain and end", 0},
     {"timeout", OPT_TIMEOUT, "SECONDS", 0, "wait so long for an answer (2)", 0},
     {0}};
 
-static const char doc[] = "Show what a running pyrovoxd does: rate, latency, drops by cause, "
-                          "cameras, what is wrong with them "
-                          "and what to do about it, how far apart they expose, stages.\v"
-                          "Exits with 1 when no daemon answers.\n\nExamples:\n"
-                          "  pyrovox status\n"
-                          "  pyrovox status --json | jq .latency_ms\n"
-                          "  pyrovox status --endpoint ipc:///run/pyrovox/control";
+static const char doc[] =
+    "Show what a running pyrovoxd does: rate, latency, drops by cause, cameras, what is wrong with "
+    "them and what to do about it, how far apart they expose, stages.\vExits with 1 when no daemon "
+    "answers.\n\nExamples:\n"
+    "  pyrovox status\n"
+    "  pyrovox status --json | jq .latency_ms\n"
+    "  pyrovox status --endpoint ipc:///run/pyrovox/control";
 
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
@@ -43,10 +40,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case 'e': a->endpoint = arg; return 0;
     case OPT_JSON: a->json = true; return 0;
     case OPT_STOP: a->stop = true; return 0;
-    case OPT_TIMEOUT:
-        if (pvx_parse_double(arg, 0.01, 3600, &a->timeout_s) != PVX_OK)
-            argp_error(st, "--timeout %s: should be a number of seconds from 0.01 to 3600", arg);
-        return 0;
+    case OPT_TIMEOUT: a->timeout_s = cli_arg_double(st, "timeout", arg, 0.01, 3600); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -114,7 +108,6 @@ static int run(int argc, char **argv)
 {
     struct args a = {.timeout_s = 2};
     const struct argp argp = {.options = options, .parser = parse, .doc = doc};
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);

@@ -5,8 +5,9 @@
 
 #include "base/clock.h"
 #include "base/yaml.h"
-#include "cli/cli.h"
-#include "cli/screen.h"
+#include "daemon/cli/arg.h"
+#include "daemon/cli/cli.h"
+#include "daemon/cli/screen.h"
 #include "daemon/config/endpoints.h"
 
 enum { OPT_TRUTH = 0x100, OPT_SECONDS };
@@ -19,20 +20,18 @@ struct args {
 
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0,
-     "where the volumes are published, default the user's own "
-     "daemon, else the system's",
-     0},
+     "where the volumes are published, default the user's own daemon, else the system's", 0},
     {"truth", OPT_TRUTH, "SEED,PERIOD[,FPS]", 0,
-     "compare with the known flame of sim: cameras "
-     "(sim.seed, sim.period_s) or of `pyrovox simcams` (--seed, --ring/--fps, --fps)",
+     "compare with the known flame of sim: cameras (sim.seed, sim.period_s) or of `pyrovox "
+     "simcams` (--seed, --ring/--fps, --fps)",
      0},
     {"seconds", OPT_SECONDS, "N", 0, "end by itself after N seconds (0: never, the default)", 0},
     {0}};
 
 static const char doc[] =
-    "Watch a running pyrovoxd: rate, latency, drops, cameras, hull, residual.\v"
-    "On a terminal the picture is redrawn in place, elsewhere it is a line a second.  Ctrl-C ends "
-    "it; the daemon does not notice.\n\nExamples:\n"
+    "Watch a running pyrovoxd: rate, latency, drops, cameras, hull, residual.\vOn a terminal the "
+    "picture is redrawn in place, elsewhere it is a line a second.  Ctrl-C ends it; the daemon "
+    "does not notice.\n\nExamples:\n"
     "  pyrovox top\n"
     "  pyrovox top --truth 1,2 --endpoint tcp://127.0.0.1:5555";
 
@@ -40,14 +39,11 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     char copy[96], *part[3] = {0}, *save = NULL;
-    int64_t seed;
+    int64_t seed = 0;
     size_t n = 0;
     switch (key) {
     case 'e': a->endpoint = arg; return 0;
-    case OPT_SECONDS:
-        if (pvx_parse_double(arg, 0, 1e9, &a->seconds) != PVX_OK)
-            argp_error(st, "--seconds %s: should be a number of seconds", arg);
-        return 0;
+    case OPT_SECONDS: a->seconds = cli_arg_double(st, "seconds", arg, 0, 1e9); return 0;
     case OPT_TRUTH:
         snprintf(copy, sizeof copy, "%s", arg);
         for (char *p = strtok_r(copy, ",", &save); p != NULL; p = strtok_r(NULL, ",", &save))
@@ -70,7 +66,6 @@ static int run(int argc, char **argv)
 {
     struct args a = {0};
     const struct argp argp = {.options = options, .parser = parse, .doc = doc};
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_VOLUMES);

@@ -1,4 +1,4 @@
-#include "cli/follow.h"
+#include "daemon/cli/follow.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -6,8 +6,8 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "capture/simgv.h"
-#include "recon/metrics.h"
+#include "capture/gevsim/gvcam.h"
+#include "recon/view/metrics.h"
 
 pvx_err follow_init(struct follow *f, const char *endpoint, const struct follow_truth *truth,
                     struct pvx_diag *d)
@@ -74,7 +74,7 @@ static double scene_time(const struct follow_truth *t, int64_t t_ns)
 {
     if (t->ring_fps > 0) {
         int64_t n = llround(t->period_s * t->ring_fps);
-        return (double)(cap_simgv_index(t_ns, t->ring_fps) % n) / t->ring_fps;
+        return (double)(cap_gvcam_index(t_ns, t->ring_fps) % n) / t->ring_fps;
     }
     return (double)(t_ns % (int64_t)(t->period_s * (double)PVX_NS_PER_S)) * 1e-9;
 }
@@ -126,7 +126,7 @@ static void count_missing(struct follow *f, const struct pvp_volume *v)
     f->last_exposure_ns = v->t_exposure_ns;
 }
 
-static pvx_err take_volume(struct follow *f, const void *msg, size_t len, struct pvx_diag *d)
+static pvx_err got_volume(struct follow *f, const void *msg, size_t len, struct pvx_diag *d)
 {
     struct pvp_view v;
     PVX_TRY(pvp_decode_volume(msg, len, &v, d));
@@ -149,14 +149,14 @@ static pvx_err take_volume(struct follow *f, const void *msg, size_t len, struct
     return f->truth.known ? compare(f, &g, (int)v.v.grid.channels, v.v.t_exposure_ns) : PVX_OK;
 }
 
-static pvx_err take(struct follow *f, const struct pvp_header *h, const void *msg, size_t len,
-                    struct pvx_diag *d)
+static pvx_err got_message(struct follow *f, const struct pvp_header *h, const void *msg,
+                           size_t len, struct pvx_diag *d)
 {
     const char *json;
     size_t n;
     uint64_t session;
     switch (h->type) {
-    case PVP_VOLUME: return take_volume(f, msg, len, d);
+    case PVP_VOLUME: return got_volume(f, msg, len, d);
     case PVP_STATUS:
         PVX_TRY(pvp_decode_status(msg, len, &json, &n, d));
         cJSON_Delete(f->status);
@@ -182,7 +182,7 @@ pvx_err follow_poll(struct follow *f, int64_t timeout_ns, struct pvx_diag *d)
             break;
         if (e != PVX_OK)
             return e;
-        PVX_TRY(take(f, &h, msg, len, d));
+        PVX_TRY(got_message(f, &h, msg, len, d));
         timeout_ns = 0;
     }
     struct pvp_sub_stats st;

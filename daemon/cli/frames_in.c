@@ -1,4 +1,4 @@
-#include "cli/frames_in.h"
+#include "daemon/cli/frames_in.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,207 +7,356 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "capture/pixel/pixfmt.h"
+#include "capture/files/sequence.h"
+#include "daemon/cli/cli.h"
 
 #define PATH_ROOM 4300
 
-/* A take's frame gets a name for messages. */
-static bool path_of(const struct frames_in *f, size_t i, size_t c, char path[PATH_ROOM])
+static const char *const exts[] = {"npy", "png", "tif", "tiff", "jpg"}; /* the first counts */
+#define N_EXT (sizeof exts / sizeof exts[0])
+
+/* ---- what is there ---- */
+
+static bool there(const struct frames_in *f, size_t i, size_t c)
 {
-    if (f->take != NULL) {
-        snprintf(path, PATH_ROOM, "%s: set %u, camera %s", f->dir.dir, f->dir.number[f->set[i]],
-                 f->rig->cameras[c].name);
-        return f->dir.ext[f->set[i] * f->dir.n_cameras + c] != 0;
-    }
-    return dmn_framedir_path(&f->dir, f->rig, f->set[i], c, path, PATH_ROOM);
+    size_t at = i * f->rig->n_cameras + c;
+    return f->take != NULL ? f->row[at] >= 0 : f->path[at] != NULL;
 }
 
-/* The file's image as the user says it is to be read. */
-static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_image *img,
-                       struct pvx_diag *d)
+/* A take's frame gets a name for messages. */
+static const char *name_of(const struct frames_in *f, size_t i, size_t c, char room[PATH_ROOM])
 {
-    if (f->how.fmt == CAP_FMT_NONE)
-        return PVX_OK;
-    if (!cap_pixfmt_fits(img->fmt, f->how.fmt))
-        return pvx_fail(d, PVX_EINVAL, "%s: a %s image cannot be read as %s", path,
-                        cap_pixfmt_name(img->fmt), cap_pixfmt_name(f->how.fmt));
-    img->fmt = f->how.fmt;
+    if (f->take == NULL)
+        return f->path[i * f->rig->n_cameras + c];
+    snprintf(room, PATH_ROOM, "%s: set %u, camera %s", f->dir, f->number[i],
+             f->rig->cameras[c].name);
+    return room;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* The numbers found, `all` of them in number[], in order and each once, from `first` to `last`. */
+static pvx_err choose(struct frames_in *f, size_t all, uint32_t first, uint32_t last,
+                      struct pvx_diag *d)
+{
+    qsort(f->number, all, sizeof *f->number, by_number);
+    uint32_t least = f->number[0], most = f->number[all - 1];
+    for (size_t k = 0; k < all; k++)
+        if (f->number[k] >= first && f->number[k] <= last &&
+            (f->n == 0 || f->number[f->n - 1] != f->number[k]))
+            f->number[f->n++] = f->number[k];
+    return f->n > 0
+               ? PVX_OK
+               : pvx_fail(d, PVX_ENOENT, "%s: no frames from %06u to %06u; it has %06u to %06u",
+                          f->dir, first, last, least, most);
+}
+
+/* Of a file; what is beyond what can be asked for stays so. */
+static uint32_t number_of(const struct cap_sequence_item *item)
+{
+    return item->number > UINT32_MAX ? UINT32_MAX : (uint32_t)item->number;
+}
+
+static size_t place(const struct frames_in *f, uint32_t number)
+{
+    uint32_t *at = bsearch(&number, f->number, f->n, sizeof number, by_number);
+    return at == NULL ? f->n : (size_t)(at - f->number);
+}
+
+static pvx_err scan_folder(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
+{
+    size_t cams = f->rig->n_cameras, all = 0, k = 0;
+    struct cap_sequence *seq = pvx_calloc(cams * N_EXT, sizeof *seq);
+    if (seq == NULL)
+        return PVX_ENOMEM;
+    for (size_t s = 0; s < cams * N_EXT; s++) {
+        char pattern[PATH_ROOM];
+        snprintf(pattern, sizeof pattern, "%s/%s/%%06d.%s", f->dir, f->rig->cameras[s / N_EXT].name,
+                 exts[s % N_EXT]);
+        if (cap_sequence_find(pattern, &seq[s], NULL) == PVX_OK)
+            all += seq[s].n; /* else that camera has none */
+    }
+    pvx_err e =
+        all > 0
+            ? PVX_OK
+            : pvx_fail(d, PVX_ENOENT,
+                       "%s: no frames for the rig's cameras; looked for %s/%s/000000.(npy|png|tif)",
+                       f->dir, f->dir, f->rig->cameras[0].name);
+    if (e == PVX_OK && (f->number = pvx_calloc(all, sizeof *f->number)) == NULL)
+        e = PVX_ENOMEM;
+    for (size_t s = 0; s < cams * N_EXT && e == PVX_OK; s++)
+        for (size_t i = 0; i < seq[s].n; i++)
+            f->number[k++] = number_of(&seq[s].item[i]);
+    if (e == PVX_OK)
+        e = choose(f, all, first, last, d);
+    if (e == PVX_OK && (f->path = pvx_calloc(f->n * cams, sizeof *f->path)) == NULL)
+        e = PVX_ENOMEM;
+    for (size_t s = 0; s < cams * N_EXT; s++) {
+        for (size_t i = 0; i < seq[s].n && e == PVX_OK; i++) {
+            size_t at = place(f, number_of(&seq[s].item[i]));
+            char **path = at < f->n ? &f->path[at * cams + s / N_EXT] : NULL;
+            if (path == NULL || *path != NULL)
+                continue;
+            *path = seq[s].item[i].path;
+            seq[s].item[i].path = NULL;
+        }
+        cap_sequence_free(&seq[s]);
+    }
+    free(seq);
+    return e;
+}
+
+static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
+{
+    PVX_TRY(cap_take_open(f->dir, &f->take, d));
+    uint64_t sets = cap_take_info(f->take)->sets;
+    size_t cams = f->rig->n_cameras;
+    bool any = false;
+    for (size_t c = 0; c < cams; c++) {
+        f->take_camera[c] = cap_take_find(f->take, f->rig->cameras[c].name);
+        any = any || f->take_camera[c] >= 0;
+    }
+    if (sets == 0 || !any)
+        return pvx_fail(d, PVX_ENOENT, "%s: %s", f->dir,
+                        any ? "no complete set in it" : "none of the rig's cameras is in it");
+    if (cap_take_set(f->take, sets - 1, NULL)->number > FRAMES_IN_LAST)
+        return pvx_fail(d, PVX_ERANGE, "%s: its sets' numbers are too large", f->dir);
+    f->number = pvx_calloc(sets, sizeof *f->number);
+    if (f->number == NULL)
+        return PVX_ENOMEM;
+    for (uint64_t k = 0; k < sets; k++)
+        f->number[k] = (uint32_t)cap_take_set(f->take, k, NULL)->number;
+    PVX_TRY(choose(f, sets, first, last, d));
+    f->row = pvx_calloc(f->n * cams, sizeof *f->row);
+    if (f->row == NULL)
+        return PVX_ENOMEM;
+    for (size_t i = 0; i < f->n; i++) {
+        const int64_t *member;
+        int64_t k = cap_take_find_set(f->take, f->number[i]);
+        cap_take_set(f->take, (uint64_t)k, &member);
+        for (size_t c = 0; c < cams; c++)
+            f->row[i * cams + c] = f->take_camera[c] >= 0 ? member[f->take_camera[c]] : -1;
+    }
     return PVX_OK;
 }
 
-static pvx_err load_from_take(const struct frames_in *f, size_t i, size_t c, const char *path,
-                              struct cap_loaded *l, struct pvx_diag *d)
+/* ---- one set ---- */
+
+static pvx_err load_from_take(const struct frames_in *f, size_t i, size_t c, struct cap_loaded *l,
+                              struct pvx_diag *d)
 {
-    const int64_t *member;
     uint32_t camera = (uint32_t)f->take_camera[c];
     size_t size = cap_take_frame_max(f->take, camera);
-    cap_take_set(f->take, f->set[i], &member);
     *l = (struct cap_loaded){.mem = malloc(size)};
     if (l->mem == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a frame", path);
-    pvx_err e = cap_take_read(f->take, camera, (uint64_t)member[camera], l->mem, size, &l->img, d);
-    if (e == PVX_OK && l->img.fmt == CAP_JPEG)
-        e = pvx_fail(d, PVX_EUNSUP, "%s: is a JPEG; `pyrovox replay --export` makes files of them",
-                     path);
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a frame", f->dir);
+    uint64_t row = (uint64_t)f->row[i * f->rig->n_cameras + c];
+    pvx_err e = cap_take_read(f->take, camera, row, l->mem, size, &l->img, d);
     if (e != PVX_OK)
         cap_loaded_free(l);
     return e;
 }
 
-static pvx_err load(const struct frames_in *f, size_t i, size_t c, const char *path,
-                    struct cap_loaded *l, struct pvx_diag *d)
+/* A loaded image as the user says it is to be read; else it is given up. */
+static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_loaded *l,
+                       struct pvx_diag *d)
 {
-    return f->take != NULL ? load_from_take(f, i, c, path, l, d) : cap_image_load(path, l, d);
+    if (f->how.fmt == CAP_FMT_NONE)
+        return PVX_OK;
+    pvx_err e = PVX_OK;
+    if (!cap_pixfmt_fits(l->img.fmt, f->how.fmt))
+        e = pvx_fail(d, PVX_EINVAL, "%s: a %s image cannot be read as %s", path,
+                     cap_pixfmt_name(l->img.fmt), cap_pixfmt_name(f->how.fmt));
+    l->img.fmt = f->how.fmt;
+    if (e != PVX_OK)
+        cap_loaded_free(l);
+    return e;
 }
 
-static pvx_err scan_take(struct frames_in *f, const char *path, struct pvx_diag *d)
+static pvx_err load(const struct frames_in *f, size_t i, size_t c, struct cap_loaded *l,
+                    struct pvx_diag *d)
 {
-    PVX_TRY(cap_take_open(path, &f->take, d));
-    uint64_t sets = cap_take_info(f->take)->sets;
-    size_t n = f->rig->n_cameras;
-    bool any = false;
-    for (size_t c = 0; c < n; c++) {
-        f->take_camera[c] = cap_take_find(f->take, f->rig->cameras[c].name);
-        any = any || f->take_camera[c] >= 0;
+    char room[PATH_ROOM];
+    const char *name = name_of(f, i, c, room);
+    PVX_TRY(f->take != NULL ? load_from_take(f, i, c, l, d) : cap_image_load(name, l, d));
+    return read_as(f, name, l, d);
+}
+
+static void load_piece(void *ctx, size_t c)
+{
+    struct frames_in *f = ctx;
+    f->image[c] = NULL;
+    f->why[c].text[0] = '\0';
+    f->loaded[c] = (struct cap_loaded){0};
+    if (there(f, f->at, c) && load(f, f->at, c, &f->loaded[c], &f->why[c]) == PVX_OK)
+        f->image[c] = &f->loaded[c].img;
+}
+
+/* After a set: what could not be used is told, the first of it in *first, and the images are let go. */
+static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
+{
+    for (size_t c = 0; c < f->rig->n_cameras; c++) {
+        char room[PATH_ROOM];
+        struct pvx_diag *why = &f->why[c];
+        if (f->image[c] != NULL && !(mask >> c & 1))
+            pvx_fail(why, PVX_EINVAL, "%s: %s", name_of(f, f->at, c, room),
+                     dmn_images_why(f->images, c));
+        if (why->text[0] != '\0') {
+            fprintf(stderr, "pyrovox: %s\n", why->text);
+            if (first->text[0] == '\0')
+                *first = *why;
+        }
+        cap_loaded_free(&f->loaded[c]);
     }
-    if (sets == 0 || !any)
-        return pvx_fail(d, PVX_ENOENT, "%s: %s", path,
-                        any ? "no complete set in it" : "none of the rig's cameras is in it");
-    if (cap_take_set(f->take, sets - 1, NULL)->number > UINT32_MAX)
-        return pvx_fail(d, PVX_ERANGE, "%s: its sets' numbers are too large", path);
-    snprintf(f->dir.dir, sizeof f->dir.dir, "%s", path);
-    f->dir.n_frames = sets;
-    f->dir.n_cameras = n;
-    f->dir.number = pvx_calloc(sets, sizeof *f->dir.number);
-    f->dir.ext = pvx_calloc(sets * n, 1);
-    if (f->dir.number == NULL || f->dir.ext == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the list of frames", path);
-    for (uint64_t k = 0; k < sets; k++) {
-        const int64_t *member;
-        f->dir.number[k] = (uint32_t)cap_take_set(f->take, k, &member)->number;
-        for (size_t c = 0; c < n; c++)
-            f->dir.ext[k * n + c] = f->take_camera[c] >= 0 && member[f->take_camera[c]] >= 0;
-    }
+}
+
+uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out)
+{
+    uint64_t mask;
+    struct pvx_diag first = {""};
+    f->at = i;
+    pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
+    dmn_images_bin(f->images, f->image, out, &mask);
+    let_go(f, mask, &first);
+    return mask;
+}
+
+static pvx_err next(void *ctx, struct dmn_slot *s)
+{
+    struct frames_in *f = ctx;
+    if (f->at == f->n || cli_stop || atomic_load(&f->stop))
+        return PVX_ECLOSED;
+    pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
+    int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
+    s->set = f->number[f->at];
+    s->n_present = dmn_images_bin_frame(f->images, f->image, s->frame, &s->mask);
+    s->bin_ns = pvx_now_mono() - t0;
+    let_go(f, s->mask, &s->problem);
+    if (s->n_present == 0)
+        s->why = DMN_DROP_IMAGES;
+    f->at++;
     return PVX_OK;
 }
 
-static bool is_take(const char *name)
+struct dmn_source frames_in_source(struct frames_in *f)
 {
-    size_t n = strlen(name);
-    return n > 3 && strcmp(name + n - 3, ".h5") == 0;
+    f->at = 0;
+    return (struct dmn_source){.next = next, .ctx = f};
 }
 
-/* Channels and the meaning of 1.0 come from the first image that can be read. */
+float *frames_in_room(const struct frames_in *f, size_t c)
+{
+    const struct rec_camera *k = &f->rig->cameras[c];
+    size_t bins = (size_t)(k->width / f->binning) * (size_t)(k->height / f->binning);
+    return pvx_calloc(bins * (f->nch == 3 ? 4 : 1), sizeof(float));
+}
+
+pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, struct pvx_diag *d)
+{
+    static const char *const ext[] = {"npy", "tif", "tiff", "png"};
+    char path[PATH_ROOM];
+    pvx_err e = PVX_OK;
+    size_t n = 0;
+    uint64_t mask;
+    for (; n < f->rig->n_cameras && e == PVX_OK; n++) {
+        const char *name = f->rig->cameras[n].name;
+        size_t i = 0;
+        f->loaded[n] = (struct cap_loaded){0};
+        do
+            snprintf(path, sizeof path, "%s/%s.%s", dir, name, ext[i]);
+        while (access(path, F_OK) != 0 && ++i < sizeof ext / sizeof ext[0]);
+        if (i == sizeof ext / sizeof ext[0])
+            e = pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s",
+                         dir, name, name);
+        if (e == PVX_OK)
+            e = cap_image_load(path, &f->loaded[n], d);
+        if (e == PVX_OK)
+            e = read_as(f, path, &f->loaded[n], d);
+        f->image[n] = &f->loaded[n].img;
+        out[n] = frames_in_room(f, n);
+        if (e == PVX_OK && out[n] == NULL)
+            e = pvx_fail(d, PVX_ENOMEM, "%s: no memory for backgrounds", dir);
+    }
+    if (e == PVX_OK)
+        dmn_images_bin(f->images, f->image, out, &mask);
+    for (size_t c = 0; c < n; c++) {
+        if (e == PVX_OK && !(mask >> c & 1))
+            e = pvx_fail(d, PVX_EINVAL, "%s/%s: %s", dir, f->rig->cameras[c].name,
+                         dmn_images_why(f->images, c));
+        cap_loaded_free(&f->loaded[c]);
+    }
+    return e;
+}
+
+/* ---- open and close ---- */
+
+/* As many channels as the first image that can be read. */
 static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 {
     struct pvx_diag first = {""};
     pvx_err bad = PVX_ENOENT;
     for (size_t i = 0; i < f->n; i++)
         for (size_t c = 0; c < f->rig->n_cameras; c++) {
-            char path[PATH_ROOM];
             struct cap_loaded l;
-            if (!path_of(f, i, c, path))
+            if (!there(f, i, c))
                 continue;
-            pvx_err e = load(f, i, c, path, &l, &first);
-            if (e == PVX_OK && (e = read_as(f, path, &l.img, &first)) != PVX_OK)
-                cap_loaded_free(&l);
+            pvx_err e = load(f, i, c, &l, &first);
             if (e != PVX_OK) {
                 bad = bad == PVX_ENOENT ? e : bad;
                 continue;
             }
-            if (f->take != NULL && cap_pixfmt_bayer(l.img.fmt) != NULL)
-                f->how.fmt = l.img.fmt; /* a take says itself what a mosaic is */
             f->nch = grey ? 1 : cap_pixfmt_channels(l.img.fmt);
-            f->full_scale = l.img.fmt != CAP_GREY_F32 && l.img.fmt != CAP_RGB_F32;
             cap_loaded_free(&l);
             return PVX_OK;
         }
     return pvx_fail(d, bad, "%s", pvx_diag_text(&first, bad));
 }
 
-pvx_err frames_in_scan(struct frames_in *f, const struct rec_rig *rig, const char *dir,
-                       uint32_t first, uint32_t last, bool grey,
-                       const struct frames_in_reading *how, struct pvx_diag *d)
+pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uint32_t last,
+                       bool grey, struct pvx_diag *d)
 {
-    *f = (struct frames_in){.rig = rig, .binning = 1, .how = *how};
-    pvx_err scanned = is_take(dir) ? scan_take(f, dir, d) : dmn_framedir_scan(dir, rig, &f->dir, d);
-    if (scanned != PVX_OK) {
-        frames_in_fini(f);
-        return scanned;
-    }
-    f->set = pvx_calloc(f->dir.n_frames, sizeof *f->set);
-    if (f->set == NULL) {
-        frames_in_fini(f);
-        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the list of frames", dir);
-    }
-    for (size_t i = 0; i < f->dir.n_frames; i++)
-        if (f->dir.number[i] >= first && f->dir.number[i] <= last)
-            f->set[f->n++] = i;
-    pvx_err e =
-        f->n > 0 ? look_at_first(f, grey, d)
-                 : pvx_fail(d, PVX_ENOENT, "%s: no frames from %06u to %06u; it has %06u to %06u",
-                            dir, first, last, f->dir.number[0], f->dir.number[f->dir.n_frames - 1]);
-    if (e != PVX_OK)
-        frames_in_fini(f);
-    return e;
+    size_t n = strlen(dir);
+    f->dir = dir;
+    pvx_err e = n > 3 && strcmp(dir + n - 3, ".h5") == 0 ? scan_take(f, first, last, d)
+                                                         : scan_folder(f, first, last, d);
+    if (e == PVX_ENOMEM)
+        pvx_fail(d, e, "%s: no memory for the list of frames", dir);
+    return e == PVX_OK ? look_at_first(f, grey, d) : e;
 }
 
-void frames_in_fini(struct frames_in *f)
+void frames_in_close(struct frames_in *f)
 {
-    dmn_framedir_fini(&f->dir);
+    for (size_t i = 0; f->path != NULL && i < f->n * f->rig->n_cameras; i++)
+        free(f->path[i]);
+    PVX_FREE(f->path);
+    PVX_FREE(f->row);
+    PVX_FREE(f->number);
     cap_take_free(&f->take);
-    PVX_FREE(f->set);
-    f->n = 0;
+    dmn_images_free(&f->images);
 }
 
-/* l is given up. */
-static pvx_err bin_loaded(const struct frames_in *f, struct cap_loaded l, const char *path,
-                          size_t c, float *out, int64_t *bin_ns, struct pvx_diag *d)
+pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mosaic,
+                        struct pvx_diag *d)
 {
-    const struct rec_camera *cam = &f->rig->cameras[c];
-    const struct cap_convert_params p = {
-        .binning = f->binning, .nch = f->nch, .transfer = f->how.transfer, .mosaic = f->how.mosaic};
-    pvx_err e = read_as(f, path, &l.img, d);
-    int64_t t0 = pvx_now_mono();
-    if (e == PVX_OK && (l.img.width != cam->width || l.img.height != cam->height))
-        e = pvx_fail(d, PVX_EINVAL, "%s: is %dx%d, but the rig says camera %s takes %dx%d", path,
-                     l.img.width, l.img.height, cam->name, cam->width, cam->height);
-    if (e == PVX_OK &&
-        (e = cap_convert(&l.img, &p, 0, frames_in_bins(f, cam->height), out)) != PVX_OK)
-        pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
-    *bin_ns += pvx_now_mono() - t0;
-    cap_loaded_free(&l);
-    return e;
+    const struct dmn_images_params p = {.nch = f->nch,
+                                        .binning = binning,
+                                        /* files come decoded */
+                                        .fmt = f->take != NULL ? CAP_FMT_NONE : CAP_GREY8,
+                                        .transfer = f->how.transfer,
+                                        .mosaic = mosaic};
+    dmn_images_free(&f->images);
+    f->binning = binning;
+    return dmn_images_new(&p, f->rig, f->pool, &f->images, d);
 }
 
-enum frames_in_got frames_in_load(const struct frames_in *f, size_t i, size_t c, float *out,
-                                  int64_t *bin_ns, struct pvx_diag *d)
+bool frames_in_complete(const struct frames_in *f, size_t i)
 {
-    char path[PATH_ROOM];
-    if (!path_of(f, i, c, path))
-        return FRAMES_MISSING;
-    struct cap_loaded l;
-    return load(f, i, c, path, &l, d) == PVX_OK &&
-                   bin_loaded(f, l, path, c, out, bin_ns, d) == PVX_OK
-               ? FRAMES_LOADED
-               : FRAMES_BAD;
-}
-
-pvx_err frames_in_background(const struct frames_in *f, const char *dir, size_t c, float *out,
-                             struct pvx_diag *d)
-{
-    static const char *const ext[] = {"npy", "tif", "tiff", "png"};
-    const char *name = f->rig->cameras[c].name;
-    for (size_t i = 0; i < sizeof ext / sizeof ext[0]; i++) {
-        char path[PATH_ROOM];
-        int64_t ns = 0;
-        snprintf(path, sizeof path, "%s/%s.%s", dir, name, ext[i]);
-        if (access(path, F_OK) == 0) {
-            struct cap_loaded l;
-            PVX_TRY(cap_image_load(path, &l, d));
-            return bin_loaded(f, l, path, c, out, &ns, d);
-        }
-    }
-    return pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s", dir,
-                    name, name);
+    for (size_t c = 0; c < f->rig->n_cameras; c++)
+        if (!there(f, i, c))
+            return false;
+    return true;
 }

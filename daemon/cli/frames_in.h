@@ -1,57 +1,70 @@
-/* frames_in.h - recorded frame sets, loaded and binned: what `pyrovox reconstruct` reads.
- * Threads: everything but scan may be called for different cameras at the same time. */
+/* frames_in.h - the offline source of the pipeline: recorded frames, from a folder
+ * DIR/<camera name>/<frame number, 6 digits or more>.(npy|png|tif|tiff|jpg) or a take of raw frames (FILE.h5), whose
+ * frames are numbered by their sets.
+ *
+ * A frame that a camera lacks is missing from its set; one that cannot be used is told on stderr, and
+ * missing too.
+ * Ownership: the struct is the caller's; it may not be moved once used as a source.  Threads: one. */
 #ifndef FRAMES_IN_H
 #define FRAMES_IN_H
+#include <stdatomic.h>
 #include "capture/files/imgio.h"
-#include "capture/pixel/pixfmt.h"
 #include "capture/take/take.h"
-#include "daemon/framedir.h"
+#include "daemon/pipeline/images.h"
+#include "daemon/pipeline/pipeline.h"
+
+#define FRAMES_IN_LAST (UINT32_MAX - 1) /* the largest frame number; 20 a second for 6 years */
 
 /* What the files do not say. */
 struct frames_in_reading {
     enum cap_pixfmt fmt; /* what grey files are taken for (cap_pixfmt_fits); NONE = grey */
     enum cap_transfer transfer;
-    enum cap_mosaic mosaic; /* set it to RAYS once all that loads images knows of mosaics */
+    enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
 };
 
 struct frames_in {
-    const struct rec_rig *rig; /* borrowed */
-    struct dmn_framedir dir;
-    cap_take *take; /* the frames are in this file, and dir only lists them; NULL = in files */
-    int take_camera[REC_MAX_CAMERAS];
-    size_t n;        /* frame sets wanted */
-    size_t *set;     /* [n] their places in dir, ascending */
-    int nch;         /* 1 or 3 */
-    bool full_scale; /* integers: a value of 1 is saturation */
-    int32_t binning; /* raw pixels per bin side; set by the caller before loading */
+    const struct rec_rig *rig; /* borrowed, as the pool */
+    pvx_pool *pool;
+    const char *dir;
     struct frames_in_reading how;
+    size_t n;         /* frame sets wanted */
+    uint32_t *number; /* [n] ascending */
+    char **path;      /* [n][cameras] NULL = that camera has no such frame */
+    cap_take *take;   /* instead of paths: */
+    int64_t *row;     /* [n][cameras] place among the take's frames, -1 = none */
+    int take_camera[REC_MAX_CAMERAS];
+    int nch; /* 1 or 3 */
+    atomic_bool stop;
+
+    int32_t binning;
+    size_t at;          /* the set that is read next */
+    dmn_images *images; /* NULL before frames_in_begin */
+    struct cap_loaded loaded[REC_MAX_CAMERAS];
+    const struct cap_image *image[REC_MAX_CAMERAS]; /* NULL = missing */
+    struct pvx_diag why[REC_MAX_CAMERAS];           /* "" = it is just not there */
 };
 
-/* dir: a folder, or a take of raw frames (FILE.h5), whose frames are numbered by their sets.
- * Look what is there from frame `first` to `last`; channels and full_scale are those of the first
- * image that can be read.  grey: one channel whatever the images have.
+/* Look what is there from frame `first` to `last`; channels are those of the first image
+ * that can be read.  grey: one channel whatever the images have.
  * Errors: PVX_ENOENT (says what was looked for), the first image's. */
-PVX_MUST_CHECK pvx_err frames_in_scan(struct frames_in *f, const struct rec_rig *rig,
-                                      const char *dir, uint32_t first, uint32_t last, bool grey,
-                                      const struct frames_in_reading *how, struct pvx_diag *d);
-void frames_in_fini(struct frames_in *f);
+PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first,
+                                      uint32_t last, bool grey, struct pvx_diag *d);
+void frames_in_close(struct frames_in *f);
 
-static inline uint32_t frames_in_number(const struct frames_in *f, size_t i)
-{
-    return f->dir.number[f->set[i]];
-}
-static inline int32_t frames_in_bins(const struct frames_in *f, int32_t pixels)
-{
-    return pixels / f->binning;
-}
-
-enum frames_in_got { FRAMES_MISSING, FRAMES_LOADED, FRAMES_BAD };
-/* Frame set i of camera c into out [bins down][bins across][1 or 4].  FRAMES_MISSING: there is no
- * such file; FRAMES_BAD: it cannot be used, *d says why.  *bin_ns += time for the binning alone. */
-enum frames_in_got frames_in_load(const struct frames_in *f, size_t i, size_t c, float *out,
-                                  int64_t *bin_ns, struct pvx_diag *d);
-/* DIR/<camera>.(npy|tif|tiff|png) of camera c, the same way. */
-PVX_MUST_CHECK pvx_err frames_in_background(const struct frames_in *f, const char *dir, size_t c,
-                                            float *out, struct pvx_diag *d);
+/* Raw pixels per bin side, before loading; may be called again.  Bayer images at binning 1 as `mosaic`. */
+PVX_MUST_CHECK pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mosaic,
+                                       struct pvx_diag *d);
+/* Whether set i lacks no camera. */
+bool frames_in_complete(const struct frames_in *f, size_t i);
+/* Room for the bins of camera c; owner: caller, free(). */
+float *frames_in_room(const struct frames_in *f, size_t c);
+/* Set i into out[camera] [bins down][bins across][1 or 4]; the cameras that are in it. */
+uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
+/* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way.  Owner of each out[camera]: caller, free(),
+ * after an error too. */
+PVX_MUST_CHECK pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out,
+                                            struct pvx_diag *d);
+/* All sets, until `stop` or Ctrl-C. */
+struct dmn_source frames_in_source(struct frames_in *f);
 
 #endif

@@ -1,4 +1,4 @@
-#include "cli/hull_picture.h"
+#include "daemon/cli/hull_picture.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -7,7 +7,7 @@
 
 #include "base/mem.h"
 #include "capture/files/imgio.h"
-#include "cli/paint.h"
+#include "daemon/cli/paint.h"
 #include "recon/view/render.h"
 
 enum { TILE_W = 320, TILE_H = 240, LABEL = 14, GAP = 8, TOP = 34, COLUMNS = 5, FIRST_CAMERA = 5 };
@@ -28,7 +28,7 @@ struct hull_picture {
     int32_t *col;   /* [N] */
     uint8_t *klass; /* [N] */
     float *dense;   /* [N][3] inside and partial as light */
-    float *view;    /* [TILE_H][TILE_W][3] */
+    float view[TILE_H * TILE_W * 3];
 };
 
 pvx_err hull_picture_new(const rec_sysmat *S, const struct rec_rig *rig, int nch,
@@ -44,13 +44,12 @@ pvx_err hull_picture_new(const rec_sysmat *S, const struct rec_rig *rig, int nch
     h->pool = pool;
     h->nch = nch;
     h->params = (struct rec_hull_params){.min_views = min_views, .keep_partial = 1};
-    rec_rowspace(S, h->row0);
+    memcpy(h->row0, S->row0, (S->n_cameras + 1) * sizeof *h->row0);
     h->col = pvx_calloc(n, sizeof *h->col);
     h->klass = pvx_calloc(n, 1);
     h->dense = pvx_calloc(n * 3, sizeof *h->dense);
-    h->view = pvx_calloc(TILE_W * TILE_H * 3, sizeof *h->view);
     pvx_err e = PVX_ENOMEM;
-    if (h->col != NULL && h->klass != NULL && h->dense != NULL && h->view != NULL)
+    if (h->col != NULL && h->klass != NULL && h->dense != NULL)
         e = rec_hull_new(S, &h->hull);
     if (e != PVX_OK) {
         hull_picture_free(&h);
@@ -69,7 +68,6 @@ void hull_picture_free(hull_picture **hp)
     free(h->col);
     free(h->klass);
     free(h->dense);
-    free(h->view);
     free(h);
     *hp = NULL;
 }
@@ -204,12 +202,9 @@ static void draw_slice(const hull_picture *h, struct paint *p, int at, int a, in
             ijk[u] = (int32_t)((int64_t)x * g->n[u] / w);
             ijk[v] = g->n[v] - 1 - (int32_t)((int64_t)y * g->n[v] / hh);
             uint8_t c = h->klass[rec_grid_index(g, ijk[0], ijk[1], ijk[2])];
-            paint_dot(p, x0 + x, y0 + y, c == 2 ? inside : c == 1 ? partial : fog);
+            bool rim = x == 0 || y == 0 || x == w - 1 || y == hh - 1;
+            paint_dot(p, x0 + x, y0 + y, rim ? outside : c == 2 ? inside : c == 1 ? partial : fog);
         }
-    paint_line(p, x0, y0, x0 + w - 1, y0, outside);
-    paint_line(p, x0, y0 + hh - 1, x0 + w - 1, y0 + hh - 1, outside);
-    paint_line(p, x0, y0, x0, y0 + hh - 1, outside);
-    paint_line(p, x0 + w - 1, y0, x0 + w - 1, y0 + hh - 1, outside);
     char text[64];
     snprintf(text, sizeof text, "%s = %.3f m", plane[a], g->min[a] + (k + 0.5) * rec_grid_h(g, a));
     label(p, at, text);
@@ -370,13 +365,14 @@ static void classify(hull_picture *h, const rec_frame *f, const bool *present,
                      struct rec_hull_counts *counts, int32_t middle[3])
 {
     const uint8_t *lit[REC_MAX_CAMERAS];
-    int32_t n = 0;
+    struct rec_hull_kept kept = {.col = h->col, .klass = h->klass};
     double sum[3] = {0};
     for (size_t c = 0; c < h->S->n_cameras; c++)
         lit[c] = rec_frame_lit(f, c);
-    rec_hull_carve(h->hull, &h->params, lit, present, h->pool, h->col, &n, h->klass, counts);
+    rec_hull_carve(h->hull, &h->params, lit, present, h->pool, &kept);
+    *counts = kept.counts;
     memset(h->dense, 0, rec_grid_count(&h->S->grid) * 3 * sizeof *h->dense);
-    for (int32_t q = 0; q < n; q++) {
+    for (int32_t q = 0; q < kept.n; q++) {
         int32_t ijk[3];
         rec_grid_ijk(&h->S->grid, h->col[q], ijk);
         for (int a = 0; a < 3; a++)
@@ -384,7 +380,7 @@ static void classify(hull_picture *h, const rec_frame *f, const bool *present,
         h->dense[(size_t)h->col[q] * 3 + (h->klass[h->col[q]] == 2 ? 0 : 1)] = 1;
     }
     for (int a = 0; a < 3; a++)
-        middle[a] = n > 0 ? (int32_t)lrint(sum[a] / n) : h->S->grid.n[a] / 2;
+        middle[a] = kept.n > 0 ? (int32_t)lrint(sum[a] / kept.n) : h->S->grid.n[a] / 2;
 }
 
 pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *present, uint32_t number,

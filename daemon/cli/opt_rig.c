@@ -1,9 +1,10 @@
-#include "cli/opt_rig.h"
+#include "daemon/cli/opt_rig.h"
 
 #include <stdio.h>
 #include <string.h>
 
 #include "base/yaml.h"
+#include "daemon/cli/arg.h"
 
 enum { OPT_RIG = 0x700, OPT_CAMERAS, OPT_GRID, OPT_BASIS, OPT_BINNING, OPT_RAYS, OPT_THREADS };
 
@@ -11,8 +12,12 @@ static const struct argp_option options[] = {
     {NULL, 0, NULL, 0, "Rig and system matrix:", 1},
     {"rig", OPT_RIG, "FILE", 0, "rig.yaml: volume, camera poses and lenses", 1},
     {"cameras", OPT_CAMERAS, "A,B,...", 0, "use these cameras only", 1},
-    {"grid", OPT_GRID, "N|NX,NY,NZ", 0, "voxels along x, y, z, instead of the rig's", 1},
-    {"basis", OPT_BASIS, "box|trilinear", 0, "basis function, instead of the rig's", 1},
+    {"grid", OPT_GRID, "N|NX,NY,NZ|auto", 0,
+     "voxels along x, y, z, instead of the rig's (auto: the finest that the pictures hold: no "
+     "voxel under 0.7 pixels, at most 20 unknowns to a measured value, at most 256 voxels)",
+     1},
+    {"basis", OPT_BASIS, "box|trilinear", 0,
+     "basis function, instead of the rig's (one that says nothing: trilinear; box is faster)", 1},
     {"binning", OPT_BINNING, "N|auto", 0,
      "raw pixels per bin side; must divide the image sizes (auto: a bin is at most 1.1 voxels)", 1},
     {"rays", OPT_RAYS, "N|auto", 0,
@@ -20,11 +25,6 @@ static const struct argp_option options[] = {
     {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 1},
     {0},
 };
-
-static bool parse_count(const char *s, int64_t min, int64_t max, int64_t *out)
-{
-    return pvx_parse_int(s, min, max, out) == PVX_OK;
-}
 
 /* "64" or "64,48,96". */
 static bool parse_grid(const char *s, int32_t n[3])
@@ -37,7 +37,7 @@ static bool parse_grid(const char *s, int32_t n[3])
     char *rest = copy, *item;
     while ((item = strsep(&rest, ",")) != NULL) {
         int64_t v;
-        if (got == 3 || !parse_count(item, 1, REC_GRID_MAX, &v))
+        if (got == 3 || pvx_parse_int(item, 1, REC_GRID_MAX, &v) != PVX_OK)
             return false;
         n[got++] = (int32_t)v;
     }
@@ -49,7 +49,7 @@ static bool parse_grid(const char *s, int32_t n[3])
 static bool parse_auto(const char *s, int64_t max, int32_t *out)
 {
     int64_t v = 0;
-    if (strcmp(s, "auto") != 0 && !parse_count(s, 1, max, &v))
+    if (strcmp(s, "auto") != 0 && pvx_parse_int(s, 1, max, &v) != PVX_OK)
         return false;
     *out = (int32_t)v;
     return true;
@@ -58,14 +58,17 @@ static bool parse_auto(const char *s, int64_t max, int32_t *out)
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct opt_rig *o = state->input;
-    int64_t v;
+    int64_t v = 0;
     switch (key) {
     case OPT_RIG: o->path = arg; return 0;
     case OPT_CAMERAS: o->cameras = arg; return 0;
     case OPT_GRID:
-        if (!parse_grid(arg, o->grid))
-            argp_error(state, "--grid %s: should be N or NX,NY,NZ with 1 to %d voxels each", arg,
-                       REC_GRID_MAX);
+        o->grid_auto = strcmp(arg, "auto") == 0;
+        if (o->grid_auto)
+            memset(o->grid, 0, sizeof o->grid);
+        else if (!parse_grid(arg, o->grid))
+            argp_error(state, "--grid %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each",
+                       arg, REC_GRID_MAX);
         o->grid_one = strchr(arg, ',') == NULL;
         return 0;
     case OPT_BASIS:
@@ -85,16 +88,23 @@ static error_t parse(int key, char *arg, struct argp_state *state)
             argp_error(state, "--rays %s: should be auto or 1 to 16", arg);
         return 0;
     case OPT_THREADS:
-        if (!parse_count(arg, 0, 256, &v))
-            argp_error(state, "--threads %s: should be 0 to 256", arg);
-        else
-            o->threads = (unsigned)v;
+        cli_arg_int(state, "threads", arg, 0, 256, &v);
+        o->threads = (unsigned)v;
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }
 
 const struct argp opt_rig_argp = {.options = options, .parser = parse};
+
+pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *rig, struct pvx_diag *d)
+{
+    int32_t binning = o->matrix.binning > 0 ? o->matrix.binning : 1;
+    if (rec_rig_finest(rig, binning, rig->grid.n) != PVX_OK)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--grid auto: no camera has the middle of the volume in front of it");
+    return PVX_OK;
+}
 
 pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_diag *d)
 {
@@ -107,12 +117,10 @@ pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_di
             out->grid.n[a] = o->grid[a];
     if (o->basis >= 0)
         out->grid.basis = o->basis;
-    if (o->cameras != NULL) {
-        pvx_err e = rec_rig_select(out, o->cameras, d);
-        if (e != PVX_OK) {
-            rec_rig_fini(out);
-            return e;
-        }
-    }
-    return PVX_OK;
+    pvx_err e = o->cameras != NULL ? rec_rig_select(out, o->cameras, d) : PVX_OK;
+    if (e == PVX_OK && o->grid_auto)
+        e = opt_rig_finest(o, out, d);
+    if (e != PVX_OK)
+        rec_rig_fini(out);
+    return e;
 }

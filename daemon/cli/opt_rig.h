@@ -1,6 +1,6 @@
 /* opt_rig.h - the options that every command working on a rig shares, as an argp child.
  *
- *   --rig FILE --cameras A,B --grid N|NX,NY,NZ --basis box|trilinear --binning N|auto --rays N|auto
+ *   --rig FILE --cameras A,B --grid N|NX,NY,NZ|auto --basis box|trilinear --binning N|auto --rays N|auto
  *   --threads N
  *
  * A command lists opt_rig_argp among its children and hands over the struct in ARGP_KEY_INIT:
@@ -17,6 +17,7 @@ struct opt_rig {
     const char *cameras;             /* NULL = all */
     int32_t grid[3];                 /* 0 = as the rig says */
     bool grid_one;                   /* one number was given for all three */
+    bool grid_auto;                  /* the finest that the pictures hold; grid is 0 */
     int basis;                       /* enum rec_basis, or -1 = as the rig says */
     struct rec_sysmat_params matrix; /* 0 = auto */
     unsigned threads;                /* 0 = one per CPU */
@@ -27,6 +28,10 @@ struct opt_rig {
     }
 
 extern const struct argp opt_rig_argp;
+
+/* The finest grid that the pictures hold into rig->grid, over the box that is there.  PVX_EINVAL. */
+PVX_MUST_CHECK pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *rig,
+                                      struct pvx_diag *d);
 
 /* Read the rig and apply the options to it.  Errors are the rig's; PVX_EINVAL without --rig. */
 PVX_MUST_CHECK pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out,

@@ -1,9 +1,8 @@
-#include "cli/paint.h"
+#include "daemon/cli/paint.h"
 
 #include <ctype.h>
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 

@@ -1,8 +1,11 @@
 /* pyrovox.c - everything a person types: `pyrovox COMMAND [ARGUMENTS]`. */
+#include <argp.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
-#include "cli/cli.h"
+#include "base/cpu.h"
+#include "daemon/cli/cli.h"
 
 static const struct cli_command *const commands[] = {
     &cmd_demo,   &cmd_matrix, &cmd_reconstruct, &cmd_render, &cmd_simcams, &cmd_status, &cmd_top,
@@ -24,10 +27,14 @@ static void help(FILE *f)
 int main(int argc, char **argv)
 {
     if (argc > 2 && strcmp(argv[1], "--cpu") == 0) {
-        if (!cli_use_cpu(argv[2]))
-            return 2;
+        setenv("PYROVOX_CPU", argv[2], 1); /* for the programs that this one starts too */
         argv += 2;
         argc -= 2;
+    }
+    struct pvx_diag d = {""};
+    if (pvx_cpu_use(NULL, &d) != PVX_OK) {
+        fprintf(stderr, "pyrovox: --cpu or PYROVOX_CPU: %s\n", d.text);
+        return 2;
     }
     if (argc < 2) {
         help(stderr);
@@ -42,6 +49,7 @@ int main(int argc, char **argv)
         printf("pyrovox %s\n", PVX_VERSION);
         return 0;
     }
+    argp_err_exit_status = 2;
     for (size_t i = 0; commands[i] != NULL; i++)
         if (strcmp(argv[1], commands[i]->name) == 0) {
             static char name[80]; /* outlives this call: argp keeps pointers to argv[0] */

@@ -1,4 +1,4 @@
-#include "cli/reconstruct_fit.h"
+#include "daemon/cli/reconstruct_fit.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -8,89 +8,86 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
-#include "cli/cli.h"
+#include "daemon/cli/cli.h"
 
 struct fit {
-    const struct frames_in *in;
+    struct frames_in *in;
     const struct rec_frame_params *p;
-    size_t set; /* being loaded */
-    bool said;  /* that all is lit */
+    uint64_t mask; /* cameras of the set that is looked at */
+    bool said;     /* that all is lit */
+    float *img[REC_MAX_CAMERAS], *background[REC_MAX_CAMERAS]; /* background NULL = none */
     struct eye {
         int32_t bw, bh;
-        float *img, *weight, *scratch, *background; /* background NULL = none */
+        float *weight;
         uint8_t *lit;
-        enum frames_in_got got;
-        struct pvx_diag why;
+        struct rec_photo_work *work;
         struct rec_photo_stats stats;
+        struct rec_photo_params params;
     } eye[REC_MAX_CAMERAS];
+    struct rec_photo_image image[REC_MAX_CAMERAS];
 };
 
 static pvx_err set_up(struct fit *f, const char *background, struct pvx_diag *d)
 {
-    size_t cs = f->p->nch == 3 ? 4 : 1;
     for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
         struct eye *e = &f->eye[c];
-        e->bw = frames_in_bins(f->in, f->in->rig->cameras[c].width);
-        e->bh = frames_in_bins(f->in, f->in->rig->cameras[c].height);
+        e->bw = f->in->rig->cameras[c].width / f->in->binning;
+        e->bh = f->in->rig->cameras[c].height / f->in->binning;
         size_t n = (size_t)e->bw * (size_t)e->bh;
-        e->img = pvx_calloc(n * cs, sizeof *e->img);
+        f->img[c] = frames_in_room(f->in, c);
         e->weight = pvx_calloc(n, sizeof *e->weight);
-        e->scratch = pvx_calloc(n, sizeof *e->scratch);
         e->lit = pvx_calloc(n, 1);
-        if (background != NULL)
-            e->background = pvx_calloc(n * cs, sizeof *e->background);
-        if (e->img == NULL || e->weight == NULL || e->scratch == NULL || e->lit == NULL ||
-            (background != NULL && e->background == NULL))
+        e->work = rec_photo_work_new(e->bw, e->bh);
+        if (f->img[c] == NULL || e->weight == NULL || e->lit == NULL || e->work == NULL)
             return pvx_fail(d, PVX_ENOMEM, "--fit-volume: out of memory for images");
-        if (background != NULL)
-            PVX_TRY(frames_in_background(f->in, background, c, e->background, d));
     }
-    return PVX_OK;
+    return background != NULL ? frames_in_background(f->in, background, f->background, d) : PVX_OK;
 }
 
 static void tear_down(struct fit *f)
 {
     for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
-        free(f->eye[c].img);
+        free(f->img[c]);
+        free(f->background[c]);
         free(f->eye[c].weight);
-        free(f->eye[c].scratch);
-        free(f->eye[c].background);
         free(f->eye[c].lit);
+        free(f->eye[c].work);
     }
 }
 
-static void look(void *ctx, size_t c)
+/* The silhouettes of the set that is loaded. */
+static void look(struct fit *f, pvx_pool *pool)
 {
-    struct fit *f = ctx;
-    struct eye *e = &f->eye[c];
-    int64_t ns = 0;
-    e->why.text[0] = '\0';
-    e->got = frames_in_load(f->in, f->set, c, e->img, &ns, &e->why);
-    if (e->got == FRAMES_LOADED && cap_pixfmt_bayer(f->in->how.fmt) != NULL && f->p->nch == 3)
-        rec_photo_apply_bayer(e->img, e->bw, e->bh, f->in->binning, e->background,
-                              f->in->rig->cameras[c].gain, &f->p->photo, e->weight, e->lit,
-                              e->scratch, &e->stats);
-    else if (e->got == FRAMES_LOADED)
-        rec_photo_apply(e->img, e->bw, e->bh, f->p->nch, e->background, f->in->rig->cameras[c].gain,
-                        &f->p->photo, e->weight, e->lit, e->scratch, &e->stats);
+    for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
+        struct eye *e = &f->eye[c];
+        bool bayer = dmn_images_bayer(f->in->images, c) != NULL;
+        e->params = f->p->photo;
+        if (dmn_images_floats(f->in->images, c) && e->params.saturation < 0)
+            e->params.saturation = REC_PHOTO_UNSATURATED;
+        f->image[c] = (struct rec_photo_image){.absent = !(f->mask >> c & 1),
+                                               .img = f->img[c],
+                                               .bw = e->bw,
+                                               .bh = e->bh,
+                                               .nch = f->p->nch,
+                                               .bayer = bayer ? f->in->binning : 0,
+                                               .background = f->background[c],
+                                               .gain = f->in->rig->cameras[c].gain,
+                                               .params = &e->params,
+                                               .weight = e->weight,
+                                               .lit = e->lit,
+                                               .stats = &e->stats,
+                                               .work = e->work};
+    }
+    rec_photo_apply(f->image, f->in->rig->n_cameras, pool);
 }
 
 /* A set that lacks a camera has a larger hull than it should: such sets count only when there are no
  * others. */
-static bool complete(const struct frames_in *in, size_t i)
-{
-    const uint8_t *ext = in->dir.ext + in->set[i] * in->dir.n_cameras;
-    for (size_t c = 0; c < in->dir.n_cameras; c++)
-        if (ext[c] == 0)
-            return false;
-    return true;
-}
-
 static size_t candidates(const struct frames_in *in, size_t *set)
 {
     size_t n = 0;
     for (size_t i = 0; i < in->n; i++)
-        if (complete(in, i))
+        if (frames_in_complete(in, i))
             set[n++] = i;
     for (size_t i = 0; n == 0 && i < in->n; i++)
         set[i] = i;
@@ -113,14 +110,12 @@ static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool qui
         bool present[REC_MAX_CAMERAS];
         uint32_t light = 0;
         size_t there = 0;
-        f->set = set[n > 1 ? k * (all - 1) / (n - 1) : all / 2];
-        pvx_pool_run(pool, f->in->rig->n_cameras, look, f);
+        f->mask = frames_in_load(f->in, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], f->img);
+        look(f, pool);
         for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
             struct eye *e = &f->eye[c];
-            if (e->got == FRAMES_BAD)
-                fprintf(stderr, "pyrovox: %s\n", e->why.text);
             lit[c] = e->lit;
-            present[c] = e->got == FRAMES_LOADED;
+            present[c] = f->mask >> c & 1;
             there += present[c];
             light += present[c] ? e->stats.lit : 0;
             if (present[c])
@@ -157,13 +152,12 @@ static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_l
         return pvx_fail(d, PVX_ENOENT,
                         "--fit-volume: no flame in any of the %u frame sets from %06u to %06u; is "
                         "--threshold too high, or --black or --background brighter than the flame?",
-                        sets, frames_in_number(in, 0), frames_in_number(in, in->n - 1));
-    return pvx_fail(
-        d, PVX_ENOENT,
-        "--fit-volume: %zu of %u frame sets have light, but nowhere in the rig's box do "
-        "the silhouettes of all cameras meet; is the calibration right (a larger "
-        "--margin forgives an error), is the box where the flame is?",
-        with_light, sets);
+                        sets, in->number[0], in->number[in->n - 1]);
+    return pvx_fail(d, PVX_ENOENT,
+                    "--fit-volume: %zu of %u frame sets have light, but nowhere in the rig's box "
+                    "do the silhouettes of all cameras meet; is the calibration right (a larger "
+                    "--margin forgives an error), is the box where the flame is?",
+                    with_light, sets);
 }
 
 static double share_of(const double min[3], const double max[3], const struct rec_grid *whole)
@@ -187,11 +181,10 @@ static void advise_views(const rec_fit *fit, double margin, const struct rec_gri
     for (uint32_t m = asked + 1; m <= cameras && least < 0.7 * now; m++)
         if (rec_fit_get(fit, m, margin, &b) == PVX_OK &&
             share_of(b.min, b.max, whole) <= 1.1 * least) {
-            fprintf(
-                stderr,
-                "note: parts of it are held open because few cameras see them; with --min-views "
-                "%u (of %zu) it would be %.0f %% of the rig's box\n",
-                m, cameras, 100 * share_of(b.min, b.max, whole));
+            fprintf(stderr,
+                    "note: parts of it are held open because few cameras see them; with "
+                    "--min-views %u (of %zu) it would be %.0f %% of the rig's box\n",
+                    m, cameras, 100 * share_of(b.min, b.max, whole));
             return;
         }
 }
@@ -200,12 +193,11 @@ static void describe(const struct rec_grid *whole, const struct rec_grid *g,
                      const struct rec_fit_box *box, size_t of, double seconds)
 {
     double share = share_of(g->min, g->max, whole);
-    fprintf(
-        stderr,
-        "volume fitted: x %.3g .. %.3g, y %.3g .. %.3g, z %.3g .. %.3g m, %dx%dx%d voxels, %.0f "
-        "%% of the rig's box (from %u of %zu frame sets, %.1f s)\n",
-        g->min[0], g->max[0], g->min[1], g->max[1], g->min[2], g->max[2], g->n[0], g->n[1], g->n[2],
-        100 * share, box->sets, of, seconds);
+    fprintf(stderr,
+            "volume fitted: x %.3g .. %.3g, y %.3g .. %.3g, z %.3g .. %.3g m, %dx%dx%d voxels, "
+            "%.0f %% of the rig's box (from %u of %zu frame sets, %.1f s)\n",
+            g->min[0], g->max[0], g->min[1], g->max[1], g->min[2], g->max[2], g->n[0], g->n[1],
+            g->n[2], 100 * share, box->sets, of, seconds);
     static const char *const side[] = {"min x", "max x", "min y", "max y", "min z", "max z"};
     char list[64] = "";
     for (int i = 0; i < 6; i++)
@@ -229,6 +221,12 @@ static pvx_err use_box(const struct reconstruct_options *o, const rec_fit *fit,
     memcpy(n, o->rig.grid, sizeof n);
     if (o->rig.grid_one)
         n[1] = n[2] = 0;
+    if (o->rig.grid_auto) {
+        memcpy(rig->grid.min, box->min, sizeof box->min);
+        memcpy(rig->grid.max, box->max, sizeof box->max);
+        PVX_TRY(opt_rig_finest(&o->rig, rig, d));
+        memcpy(n, rig->grid.n, sizeof n);
+    }
     if (rec_fit_grid(&whole, box, n, &rig->grid) != PVX_OK)
         return pvx_fail(d, PVX_ERANGE,
                         "--fit-volume: over %d voxels along an axis; --grid N makes them larger",
@@ -264,8 +262,7 @@ static pvx_err choose_binning(const struct reconstruct_options *o, struct frames
 {
     struct rec_sysmat_params got;
     PVX_TRY(rec_sysmat_resolve(in->rig, &o->rig.matrix, &got, d));
-    in->binning = got.binning;
-    return PVX_OK;
+    return frames_in_begin(in, got.binning, CAP_MOSAIC_DEMOSAIC, d);
 }
 
 pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *in,

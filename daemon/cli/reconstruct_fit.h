@@ -1,8 +1,8 @@
 /* reconstruct_fit.h - `pyrovox reconstruct --fit-volume`: the box that the flame of a recording fills. */
 #ifndef RECONSTRUCT_FIT_H
 #define RECONSTRUCT_FIT_H
-#include "cli/frames_in.h"
-#include "cli/reconstruct_options.h"
+#include "daemon/cli/frames_in.h"
+#include "daemon/cli/reconstruct_options.h"
 #include "recon/carve/fit.h"
 
 /* Look at the recording, say on stderr what was found, put the grid to use into rig->grid (the --grid

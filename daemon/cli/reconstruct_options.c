@@ -1,9 +1,10 @@
-#include "cli/reconstruct_options.h"
+#include "daemon/cli/reconstruct_options.h"
 
 #include <stdio.h>
 #include <string.h>
 
-#include "cli/arg.h"
+#include "daemon/cli/arg.h"
+#include "daemon/config/config.h"
 
 enum {
     OPT_FRAMES = 0x100,
@@ -53,8 +54,7 @@ static const struct argp_option option_table[] = {
      0},
     {"bayer", OPT_BAYER, "auto|rays|demosaic", 0,
      "Bayer pixels at binning 1: each a ray of its own colour (rays; auto, where the solver can), "
-     "or "
-     "with the missing colours interpolated",
+     "or with the missing colours interpolated",
      0},
     {"transfer", OPT_TRANSFER, "auto|linear|srgb|bt709", 0,
      "how samples stand for light (auto: JPEG files srgb, all others linear)", 0},
@@ -65,7 +65,8 @@ static const struct argp_option option_table[] = {
     {"fit-volume", OPT_FIT, "MARGIN", OPTION_ARG_OPTIONAL,
      "reconstruct in the tightest box around the flame of the whole recording, found from the "
      "silhouettes, plus MARGIN metres on every side (default: about 1/48 of the rig's box). Voxels "
-     "keep the rig's size; --grid N puts N along the longest side instead",
+     "keep the rig's size; --grid N puts N along the longest side instead, --grid auto "
+     "the finest that the pictures hold",
      2},
     {"fit-frames", OPT_FIT_FRAMES, "N|all", 0,
      "frame sets to look at for it, evenly spread (default 50)", 2},
@@ -76,12 +77,11 @@ static const struct argp_option option_table[] = {
     {"iterations", OPT_ITER, "N", 0, "at most N; without --stop exactly the budget", 3},
     {"stop", OPT_STOP, "RULE", 0,
      "auto (default: pcg, when an iteration gains next to nothing; the others, when the residual "
-     "is "
-     "down to the noise), lcurve (corner of the L-curve), discrepancy (residual "
-     "down to the noise, which is measured beside the flame) or iterations (the budget, no less)",
+     "is down to the noise), lcurve (corner of the L-curve), discrepancy (residual down to the "
+     "noise, which is measured beside the flame) or iterations (the budget, no less)",
      3},
     {"tolerance", OPT_TOLERANCE, "X", 0,
-     "--stop auto of pcg: the share of the objective that an iteration must gain (default 0.002)",
+     "--stop auto of pcg: the share of the objective that an iteration must gain (default 0.006)",
      3},
     {"deadline", OPT_DEADLINE, "MS", 0,
      "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},
@@ -106,9 +106,8 @@ static const struct argp_option option_table[] = {
      4},
     {"hull-rule", OPT_HULL_RULE, "RULE", 0,
      "conservative (default): keep voxels that are partly inside the silhouettes, no flame is "
-     "lost; "
-     "inside: only those wholly inside in every camera: fewer voxels, faster, but the flame loses "
-     "a rim of about a voxel and thin parts altogether",
+     "lost; inside: only those wholly inside in every camera: fewer voxels, faster, but the flame "
+     "loses a rim of about a voxel and thin parts altogether",
      4},
     {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 4},
     {"save-hull", OPT_SAVE_HULL, "DIR", 0,
@@ -122,24 +121,16 @@ static const struct argp_option option_table[] = {
     {0},
 };
 
-/* Place of `arg` in a NULL-terminated list of names, or -1. */
-static int find(const char *const *names, const char *arg)
-{
-    for (int i = 0; names[i] != NULL; i++)
-        if (strcmp(names[i], arg) == 0)
-            return i;
-    return -1;
-}
-
+/* Place of `arg` in a NULL-terminated list of names. */
 static int choice(struct argp_state *st, const char *opt, const char *const *names, const char *arg)
 {
-    int i = find(names, arg);
-    if (i >= 0)
-        return i;
     char list[300] = "";
-    for (int k = 0; names[k] != NULL; k++)
+    for (int k = 0; names[k] != NULL; k++) {
+        if (strcmp(names[k], arg) == 0)
+            return k;
         snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", k == 0 ? "" : ", ",
                  names[k]);
+    }
     argp_error(st, "--%s %s: should be one of %s", opt, arg, list);
     return 0;
 }
@@ -152,49 +143,37 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     static const char *const starts[] = {"cold", "warm", NULL};
     static const char *const rules[] = {"inside", "conservative", NULL};
     struct reconstruct_options *o = st->input;
-    double v = 0;
+    struct rec_solve_params *solve = &o->frame.solve;
+    struct rec_photo_params *photo = &o->frame.photo;
+    struct rec_hull_params *hull = &o->frame.hull;
     switch (key) {
     case OPT_SOLVER:
-        o->frame.solve.solver = rec_solver_names()[choice(st, "solver", rec_solver_names(), arg)];
+        solve->solver = rec_solver_names()[choice(st, "solver", rec_solver_names(), arg)];
         return 0;
     case OPT_ITER:
-        cli_arg_double(st, "iterations", arg, 1, 1e6, &v);
-        o->frame.solve.iterations = (uint32_t)v;
-        if (o->frame.solve.stop == REC_STOP_AUTO)
-            o->frame.solve.stop = REC_STOP_ITERATIONS;
+        solve->iterations = (uint32_t)cli_arg_double(st, "iterations", arg, 1, 1e6);
+        if (solve->stop == REC_STOP_AUTO)
+            solve->stop = REC_STOP_ITERATIONS;
         return 0;
-    case OPT_STOP: o->frame.solve.stop = stop[choice(st, "stop", stops, arg)]; return 0;
-    case OPT_LAMBDA:
-        cli_arg_double(st, "lambda", arg, 0, 1e6, &v);
-        o->frame.solve.lambda = (float)v;
-        return 0;
+    case OPT_STOP: solve->stop = stop[choice(st, "stop", stops, arg)]; return 0;
+    case OPT_LAMBDA: solve->lambda = (float)cli_arg_double(st, "lambda", arg, 0, 1e6); return 0;
     case OPT_TOLERANCE:
-        cli_arg_double(st, "tolerance", arg, 0, 1, &v);
-        o->frame.solve.tolerance = (float)v;
+        solve->tolerance = (float)cli_arg_double(st, "tolerance", arg, 0, 1);
         return 0;
-    case OPT_DEADLINE: cli_arg_double(st, "deadline", arg, 0.01, 1e9, &o->deadline_ms); return 0;
+    case OPT_DEADLINE: o->deadline_ms = cli_arg_double(st, "deadline", arg, 0.01, 1e9); return 0;
     case OPT_START: o->warm = choice(st, "start", starts, arg) == 1; return 0;
     case OPT_WARM: o->warm = true; return 0;
     case OPT_THRESHOLD:
-        v = -1;
-        if (strcmp(arg, "auto") != 0)
-            cli_arg_double(st, "threshold", arg, 0, 1e6, &v);
-        o->frame.photo.threshold = (float)v;
+        photo->threshold =
+            strcmp(arg, "auto") == 0 ? -1 : (float)cli_arg_double(st, "threshold", arg, 0, 1e6);
         return 0;
-    case OPT_BLACK:
-        cli_arg_double(st, "black", arg, 0, 1, &v);
-        o->frame.photo.black = (float)v;
-        return 0;
-    case OPT_MARGIN:
-        cli_arg_double(st, "margin", arg, 0, 64, &v);
-        o->frame.photo.margin = (int32_t)v;
-        return 0;
+    case OPT_BLACK: photo->black = (float)cli_arg_double(st, "black", arg, 0, 1); return 0;
+    case OPT_MARGIN: photo->margin = (int32_t)cli_arg_double(st, "margin", arg, 0, 64); return 0;
     case OPT_MIN_VIEWS:
-        cli_arg_double(st, "min-views", arg, 1, REC_MAX_CAMERAS, &v);
-        o->frame.hull.min_views = (uint32_t)v;
+        hull->min_views = (uint32_t)cli_arg_double(st, "min-views", arg, 1, REC_MAX_CAMERAS);
         return 0;
-    case OPT_HULL_RULE: o->frame.hull.keep_partial = choice(st, "hull-rule", rules, arg); return 0;
-    case OPT_STRICT: o->frame.hull.keep_partial = 0; return 0;
+    case OPT_HULL_RULE: hull->keep_partial = choice(st, "hull-rule", rules, arg); return 0;
+    case OPT_STRICT: hull->keep_partial = 0; return 0;
     case OPT_NO_HULL: o->no_hull = true; return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -210,22 +189,11 @@ static enum cap_pixfmt format(struct argp_state *st, const char *arg)
     return f;
 }
 
-/* Rays, unless they cannot be solved for; then it is an error to ask for them. */
-static void choose_mosaic(struct argp_state *st, struct reconstruct_options *o)
-{
-    bool can = rec_solver_is_default(o->frame.solve.solver) && !o->grey;
-    if (o->bayer == 1 && !can)
-        argp_error(st, "--bayer rays needs the solver %s and three channels",
-                   rec_solver_names()[0]);
-    o->reading.mosaic = can && o->bayer != 2 ? CAP_MOSAIC_RAYS : CAP_MOSAIC_DEMOSAIC;
-}
-
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
     static const char *const transfers[] = {"auto", "linear", "srgb", "bt709", NULL};
     static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
     struct reconstruct_options *o = st->input;
-    double v = 0;
     switch (key) {
     case ARGP_KEY_INIT: st->child_inputs[0] = &o->rig; return 0;
     case OPT_FRAMES: o->frames = arg; return 0;
@@ -233,13 +201,9 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_REPORT: o->report = arg; return 0;
     case OPT_CACHE: o->cache = arg; return 0;
     case OPT_FIRST:
-        cli_arg_double(st, "first", arg, 0, 999999, &v);
-        o->first = (uint32_t)v;
+        o->first = (uint32_t)cli_arg_double(st, "first", arg, 0, FRAMES_IN_LAST);
         return 0;
-    case OPT_LAST:
-        cli_arg_double(st, "last", arg, 0, 999999, &v);
-        o->last = (uint32_t)v;
-        return 0;
+    case OPT_LAST: o->last = (uint32_t)cli_arg_double(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
     case OPT_GREY: o->grey = true; return 0;
     case OPT_FORMAT: o->reading.fmt = format(st, arg); return 0;
     case OPT_TRANSFER:
@@ -252,12 +216,12 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_FIT:
         o->fit = true;
         if (arg != NULL)
-            cli_arg_double(st, "fit-volume", arg, 0, 1e6, &o->fit_margin);
+            o->fit_margin = cli_arg_double(st, "fit-volume", arg, 0, 1e6);
         return 0;
     case OPT_FIT_FRAMES:
-        if (strcmp(arg, "all") != 0)
-            cli_arg_double(st, "fit-frames", arg, 1, 999999, &v);
-        o->fit_frames = (uint32_t)v;
+        o->fit_frames = strcmp(arg, "all") == 0
+                            ? 0
+                            : (uint32_t)cli_arg_double(st, "fit-frames", arg, 1, 999999);
         return 0;
     case OPT_SAVE_RIG: o->save_rig = arg; return 0;
     case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
@@ -268,7 +232,10 @@ static error_t parse(int key, char *arg, struct argp_state *st)
             argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");
         if (o->fit && o->no_hull)
             argp_error(st, "--fit-volume comes from the hull: it cannot go with --no-hull");
-        choose_mosaic(st, o);
+        if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
+                               &o->reading.mosaic))
+            argp_error(st, "--bayer rays needs the solver %s and three channels",
+                       rec_solver_names()[0]);
         return 0;
     default: return parse_rest(key, arg, st);
     }
@@ -298,34 +265,31 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
         .parser = parse,
         .children = children,
         .help_filter = help_text,
-        .doc =
-            "Reconstruct one emission volume per recorded frame set.\v"
-            "Images are linear: 8/16-bit with full scale 1.0, .npy float32 as it is. A frame that "
-            "some camera lacks is solved from the others; a file that cannot be used is named, "
-            "the rest goes on, and the exit code is 1.\n\n"
-            "Examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "
-            "recording "
-            "to try them on, with --black 0.02):\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol\n"
-            "      one volume per frame on the rig's grid\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --fit-volume --grid 128 --save-report report.json\n"
-            "      128 voxels along the flame's height, none wasted beside it\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take \\\n"
-            "          --fit-volume=0.05 --save-rig tight.yaml\n"
-            "      only find the box, for the daemon\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --last 9 --save-hull hulls\n"
-            "      is the calibration good?  Look at the hulls of ten frames\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
-            "          --pixel-format BayerRG8 --binning 1\n"
-            "      raw pictures of colour cameras, each pixel used as it is\n"
-            "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
-            "          --deadline 100\n"
-            "      within 100 ms of solving per frame\n"};
+        .doc = "Reconstruct one emission volume per recorded frame set.\vImages are linear: "
+               "8/16-bit with full scale 1.0, .npy float32 as it is. A frame that some camera "
+               "lacks is solved from the others; a file that cannot be used is named, the rest "
+               "goes on, and the exit code is 1.\n\n"
+               "Examples (`pyrovox simcams --write-rig rig.yaml --write-frames take` makes a "
+               "recording to try them on, with --black 0.02):\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol\n"
+               "      one volume per frame on the rig's grid\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+               "          --fit-volume --grid 128 --save-report report.json\n"
+               "      128 voxels along the flame's height, none wasted beside it\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames take \\\n"
+               "          --fit-volume=0.05 --save-rig tight.yaml\n"
+               "      only find the box, for the daemon\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+               "          --last 9 --save-hull hulls\n"
+               "      is the calibration good?  Look at the hulls of ten frames\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
+               "          --pixel-format BayerRG8 --binning 1\n"
+               "      raw pictures of colour cameras, each pixel used as it is\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
+               "          --deadline 100\n"
+               "      within 100 ms of solving per frame\n"};
     *o = (struct reconstruct_options){
-        .rig = OPT_RIG_INIT, .last = 999999, .fit_margin = -1, .fit_frames = 50};
+        .rig = OPT_RIG_INIT, .last = FRAMES_IN_LAST, .fit_margin = -1, .fit_frames = 50};
     o->frame = rec_frame_defaults;
-    argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, o);
 }

@@ -2,8 +2,8 @@
 #ifndef RECONSTRUCT_OPTIONS_H
 #define RECONSTRUCT_OPTIONS_H
 #include <argp.h>
-#include "cli/frames_in.h"
-#include "cli/opt_rig.h"
+#include "daemon/cli/frames_in.h"
+#include "daemon/cli/opt_rig.h"
 #include "recon/frame/frame.h"
 
 struct reconstruct_options {

@@ -1,4 +1,4 @@
-#include "cli/record_file.h"
+#include "daemon/cli/record_file.h"
 
 #include <stdio.h>
 #include <unistd.h>

@@ -1,12 +1,11 @@
-#include "cli/record_raw.h"
-
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "cli/ask.h"
+#include "daemon/cli/ask.h"
+#include "daemon/cli/cli.h"
 
 #define TIMEOUT_MS 60000 /* the daemon answers a stop when all that waits is written */
 

@@ -1,4 +1,4 @@
-#include "cli/render_movie.h"
+#include "daemon/cli/render_movie.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -10,7 +10,7 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "capture/files/imgio.h"
-#include "cli/cli.h"
+#include "daemon/cli/cli.h"
 #include "daemon/cli/strip.h"
 #include "daemon/pipeline/volume_file.h"
 #include "recon/view/render.h"
@@ -164,7 +164,7 @@ static pvx_err set_up(struct movie *m, struct pvx_diag *d)
 }
 
 /* The picture of the loaded volume into m->image. */
-static pvx_err take_picture(struct movie *m)
+static pvx_err draw_picture(struct movie *m)
 {
     if (m->view != NULL) {
         pvx_err e = rec_view_render(m->view, &m->grid, m->dense, m->nch, m->image);
@@ -209,7 +209,7 @@ static pvx_err save(struct movie *m, size_t i, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err take_all(struct movie *m, struct pvx_diag *d)
+static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
     size_t all = o->from == RENDER_ORBIT ? (size_t)o->views : m->n;
@@ -221,7 +221,7 @@ static pvx_err take_all(struct movie *m, struct pvx_diag *d)
         if (o->from == RENDER_ORBIT)
             rec_orbit_camera(&m->box, (o->deg0 + 360.0 * (double)i / (double)all) * pi / 180,
                              o->elevation_deg * pi / 180, o->width, o->height, &m->at);
-        pvx_err e = take_picture(m);
+        pvx_err e = draw_picture(m);
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", m->vol[i % m->n], pvx_strerror(e));
         PVX_TRY(save(m, i, d));
@@ -263,7 +263,7 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
     if (e == PVX_OK)
         e = set_up(&m, d);
     if (e == PVX_OK)
-        e = take_all(&m, d);
+        e = draw_all(&m, d);
     if (!o->quiet && (e == PVX_OK || e == PVX_ECANCELED))
         say_how_fast(&m);
     rec_view_free(&m.view);

@@ -3,7 +3,7 @@
 #define RENDER_MOVIE_H
 #include <stddef.h>
 #include "base/pool.h"
-#include "cli/render_options.h"
+#include "daemon/cli/render_options.h"
 #include "recon/geom/rig.h"
 
 /* vol [n]: paths of the volumes in order.  rig: its box is that of volumes without description; camera

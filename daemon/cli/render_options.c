@@ -1,11 +1,11 @@
-#include "cli/render_options.h"
+#include "daemon/cli/render_options.h"
 
 #include <argp.h>
 #include <math.h>
 #include <string.h>
 
 #include "base/yaml.h"
-#include "cli/arg.h"
+#include "daemon/cli/arg.h"
 #include "recon/view/render.h"
 
 enum {
@@ -37,8 +37,7 @@ static const struct argp_option options[] = {
     {"strip", OPT_STRIP, "A0,A1,N", 0, "N turntable views from A0 to A1 degrees side by side", 1},
     {"orbit", OPT_ORBIT, "N", 0,
      "animation: N views once round the turntable; with several volumes view i shows volume i, "
-     "from "
-     "the first again after the last",
+     "from the first again after the last",
      1},
     {NULL, 0, NULL, 0, "More about it:", 2},
     {"rig", OPT_RIG, "FILE", 0, "rig.yaml that has the camera (and the box of a bare .npy)", 2},
@@ -87,7 +86,7 @@ static void point(struct argp_state *state, const char *what, const char *s, dou
         argp_error(state, "%s %s: should be X,Y,Z, three numbers", what, s);
 }
 
-static void take(struct argp_state *state, enum render_from from)
+static void seen_from(struct argp_state *state, enum render_from from)
 {
     struct render_options *o = state->input;
     if (o->from != RENDER_NOTHING)
@@ -100,7 +99,7 @@ static void take(struct argp_state *state, enum render_from from)
 static void parse_strip(struct argp_state *state, const char *arg)
 {
     struct render_options *o = state->input;
-    double v[3];
+    double v[3] = {0};
     if (split(arg, ',', v, 3) != 3 || v[2] < 1 || v[2] > 64 || v[2] != floor(v[2]))
         argp_error(state, "--strip %s: should be A0,A1,N: degrees, degrees, 1 to 64 views", arg);
     o->deg0 = v[0];
@@ -136,15 +135,14 @@ static void check(struct argp_state *state)
 static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct render_options *o = state->input;
-    double v = 0;
     switch (key) {
     case OPT_RIG: o->rig = arg; return 0;
     case OPT_CAMERA:
-        take(state, RENDER_CAMERA);
+        seen_from(state, RENDER_CAMERA);
         o->camera = arg;
         return 0;
     case OPT_EYE:
-        take(state, RENDER_EYE);
+        seen_from(state, RENDER_EYE);
         point(state, "--eye", arg, o->eye);
         return 0;
     case OPT_LOOK_AT:
@@ -152,41 +150,36 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         point(state, "--look-at", arg, o->target);
         return 0;
     case OPT_UP: point(state, "--up", arg, o->up); return 0;
-    case OPT_FOV: cli_arg_double(state, "fov", arg, 0.01, 175, &o->fov_deg); return 0;
+    case OPT_FOV: o->fov_deg = cli_arg_double(state, "fov", arg, 0.01, 175); return 0;
     case OPT_ANGLE:
-        take(state, RENDER_ANGLE);
-        cli_arg_double(state, "angle", arg, -3600, 3600, &o->deg0);
+        seen_from(state, RENDER_ANGLE);
+        o->deg0 = cli_arg_double(state, "angle", arg, -3600, 3600);
         o->deg1 = o->deg0;
         return 0;
     case OPT_STRIP:
-        take(state, RENDER_STRIP);
+        seen_from(state, RENDER_STRIP);
         parse_strip(state, arg);
         return 0;
     case OPT_ORBIT:
-        take(state, RENDER_ORBIT);
-        cli_arg_double(state, "orbit", arg, 1, 100000, &v);
-        o->views = (int)v;
+        seen_from(state, RENDER_ORBIT);
+        o->views = (int)cli_arg_double(state, "orbit", arg, 1, 100000);
         return 0;
     case OPT_SIZE: cli_arg_size(state, "size", arg, 1, 8192, &o->width, &o->height); return 0;
     case OPT_ELEVATION:
-        cli_arg_double(state, "elevation", arg, -85, 85, &o->elevation_deg);
+        o->elevation_deg = cli_arg_double(state, "elevation", arg, -85, 85);
         return 0;
-    case OPT_SUB:
-        cli_arg_double(state, "sub", arg, 1, REC_RENDER_SUB_MAX, &v);
-        o->sub = (int)v;
-        return 0;
+    case OPT_SUB: o->sub = (int)cli_arg_double(state, "sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
     case OPT_EXPOSURE:
         o->exposure = 0;
         if (strcmp(arg, "auto") != 0)
-            cli_arg_double(state, "exposure", arg, 1e-9, 1e9, &o->exposure);
+            o->exposure = cli_arg_double(state, "exposure", arg, 1e-9, 1e9);
         return 0;
-    case OPT_GAMMA: cli_arg_double(state, "gamma", arg, 0.1, 10, &o->gamma); return 0;
+    case OPT_GAMMA: o->gamma = cli_arg_double(state, "gamma", arg, 0.1, 10); return 0;
     case OPT_FORMAT: parse_format(state, arg); return 0;
     case OPT_ANEW: o->anew = true; return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case OPT_THREADS:
-        cli_arg_double(state, "threads", arg, 0, 256, &v);
-        o->threads = (unsigned)v;
+        o->threads = (unsigned)cli_arg_double(state, "threads", arg, 0, 256);
         return 0;
     case ARGP_KEY_ARGS: /* all that are left: sources, then where to */
         o->source = state->argv + state->next;
@@ -205,12 +198,11 @@ void render_parse(int argc, char **argv, struct render_options *o)
         .options = options,
         .parser = parse,
         .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR",
-        .doc = "Render views of reconstructed volumes by forward projection.\v"
-               "Box and basis come from the .json beside each .npy, else from the rig.  A .npy "
-               "picture "
-               "is float32 [h][w][channels], linear, unclipped, in the units of the input images; "
-               "--exposure and --gamma are for .png alone, which is clipped to 0..1.  A fixed "
-               "viewpoint keeps its rays: each picture after the first is one matrix product.\n\n"
+        .doc = "Render views of reconstructed volumes by forward projection.\vBox and basis come "
+               "from the .json beside each .npy, else from the rig.  A .npy picture is float32 "
+               "[h][w][channels], linear, unclipped, in the units of the input images; --exposure "
+               "and --gamma are for .png alone, which is clipped to 0..1.  A fixed viewpoint keeps "
+               "its rays: each picture after the first is one matrix product.\n\n"
                "Examples:\n"
                "  pyrovox render --rig rig.yaml --camera cam7 vol/000000.npy cam7.npy\n"
                "      what cam7 should have seen, to compare with what it saw\n"
@@ -229,7 +221,6 @@ void render_parse(int argc, char **argv, struct render_options *o)
                                  .exposure = -1,
                                  .gamma = -1,
                                  .png = true};
-    argp_err_exit_status = 2;
     argp_parse(&parser, argc, argv, 0, NULL, o);
     bool recorded = o->from == RENDER_CAMERA;
     if (o->gamma < 0)

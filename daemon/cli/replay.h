@@ -3,7 +3,7 @@
 #ifndef REPLAY_H
 #define REPLAY_H
 #include "capture/take/take.h"
-#include "cli/cli.h"
+#include "daemon/cli/cli.h"
 
 int replay_info(const char *path, const cap_take *t);
 /* DIR/<camera>/<set, 6 digits>.png, .npy or .jpg, and DIR/rig.yaml: what `pyrovox reconstruct` reads. */

@@ -14,7 +14,7 @@
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "capture/pixel/pixfmt.h"
-#include "cli/replay.h"
+#include "daemon/cli/replay.h"
 
 struct export
 {

@@ -2,7 +2,7 @@
 #include <stdio.h>
 #include <time.h>
 
-#include "cli/replay.h"
+#include "daemon/cli/replay.h"
 
 #define GAPS_SHOWN 20
 

@@ -1,4 +1,4 @@
-#include "cli/screen.h"
+#include "daemon/cli/screen.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "cli/ask.h"
+#include "daemon/cli/ask.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
 

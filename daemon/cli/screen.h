@@ -5,7 +5,7 @@
 #ifndef SCREEN_H
 #define SCREEN_H
 #include <stdbool.h>
-#include "cli/follow.h"
+#include "daemon/cli/follow.h"
 
 struct screen {
     bool tty, open;

@@ -1,30 +1,17 @@
-#include "cli/simcams_faults.h"
+#include "daemon/cli/simcams_faults.h"
 
 #include <stdio.h>
 #include <string.h>
 
 #include "base/yaml.h"
 
-#define F(member) offsetof(struct cap_gvcam_fault, member)
+#define F(member)                           offsetof(struct cap_gvcam_fault, member)
+#define ROW(number, name, min, max, member) [number] = {name, min, max, F(member)},
 static const struct {
     const char *name;
     double min, max;
     size_t offset;
-} kinds[SIMCAMS_N_KINDS] = {
-    [SIMCAMS_DROP] = {"drop", 0, 1, F(drop)},
-    [SIMCAMS_LOSS] = {"loss", 0, 1, F(packet_loss)},
-    [SIMCAMS_DELAY] = {"delay", 0, 10000, F(delay_ms)},
-    [SIMCAMS_SKEW] = {"skew", -1e12, 1e12, F(skew_us)},
-    [SIMCAMS_DRIFT] = {"drift", -1000, 1000, F(drift_ppm)},
-    [SIMCAMS_JITTER] = {"jitter", 0, 10000, F(jitter_ms)},
-    [SIMCAMS_REORDER] = {"reorder", 0, 1, F(reorder)},
-    [SIMCAMS_DUPLICATE] = {"duplicate", 0, 1, F(duplicate)},
-    [SIMCAMS_SIZE] = {"size", 0, 1, F(wrong_size)},
-    [SIMCAMS_CORRUPT] = {"corrupt", 0, 1, F(corrupt)},
-    [SIMCAMS_MISS] = {"miss", 0, 1, F(miss)},
-    [SIMCAMS_HOSTILE] = {"hostile", 0, 1, F(hostile)},
-    [SIMCAMS_PTP_OFFSET] = {"ptp-offset", -1e9, 1e9, F(ptp_offset_us)},
-};
+} kinds[SIMCAMS_N_KINDS] = {SIMCAMS_FAULTS(ROW)};
 static const struct {
     const char *name;
     size_t offset;
@@ -160,35 +147,33 @@ static pvx_err number(const char *what, const char *text, double min, double max
     return PVX_OK;
 }
 
-static pvx_err set_flag(const struct rec_rig *rig, size_t offset, const struct words *w,
+static pvx_err set_bool(const struct rec_rig *rig, const char *camera, size_t offset, bool on,
                         struct simcams_state *state, struct pvx_diag *d)
 {
     size_t lo, hi;
+    PVX_TRY(find(rig, camera, &lo, &hi, d));
+    for (size_t c = lo; c < hi; c++)
+        memcpy((char *)&state[c] + offset, &on, sizeof on);
+    return PVX_OK;
+}
+
+static pvx_err set_flag(const struct rec_rig *rig, size_t offset, const struct words *w,
+                        struct simcams_state *state, struct pvx_diag *d)
+{
     bool on = strcmp(w->w[2], "on") == 0;
     if (!on && strcmp(w->w[2], "off") != 0)
         return pvx_fail(d, PVX_EINVAL, "%s %s: '%s' should be on or off", w->w[0], w->w[1],
                         w->w[2]);
-    PVX_TRY(find(rig, w->w[1], &lo, &hi, d));
-    for (size_t c = lo; c < hi; c++)
-        memcpy((char *)&state[c].fault + offset, &on, sizeof on);
-    return PVX_OK;
+    return set_bool(rig, w->w[1], offsetof(struct simcams_state, fault) + offset, on, state, d);
 }
 
-/* Orders: the word, how many words the line may have, which of them is a camera. */
+#define ORDER(number, name, ...) {name, number, __VA_ARGS__},
 static const struct order_def {
     const char *name;
     int what, n_min, n_max;
     bool camera;
     double min, max; /* of the number after that */
-} orders[] = {{"reboot", SIMCAMS_REBOOT, 2, 3, true, 0, 3600},
-              {"jump", SIMCAMS_JUMP, 3, 3, true, -1e9, 1e9},
-              {"ids", SIMCAMS_IDS, 2, 2, true, 0, 0},
-              {"trigger-mode", SIMCAMS_MODE, 3, 3, true, 0, 1},
-              {"line", SIMCAMS_LINE, 2, 2, false, 0, 1000},
-              {"pulse", SIMCAMS_PULSE, 1, 1, false, 0, 0},
-              {"link", SIMCAMS_LINK, 2, 3, false, 0, 1e6},
-              {"switch", SIMCAMS_SWITCH, 2, 2, false, 0, 3600},
-              {"stats", SIMCAMS_STATS, 1, 1, false, 0, 0}};
+} orders[] = {SIMCAMS_ORDERS(ORDER)};
 
 static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
                           const struct words *w, struct simcams_order *out, struct pvx_diag *d)
@@ -203,16 +188,6 @@ static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
         PVX_TRY(number(o->name, w->w[k++], 1, 1 << 20, &r.arg2, d));
     *out = r;
     memcpy(&out->what, &o->what, sizeof out->what);
-    return PVX_OK;
-}
-
-static pvx_err live_or_die(const struct rec_rig *rig, const struct words *w,
-                           struct simcams_state *state, struct pvx_diag *d)
-{
-    size_t lo, hi;
-    PVX_TRY(find(rig, w->w[1], &lo, &hi, d));
-    for (size_t c = lo; c < hi; c++)
-        state[c].alive = strcmp(w->w[0], "kill") != 0;
     return PVX_OK;
 }
 
@@ -232,7 +207,8 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
         if (strcmp(w.w[0], flags[k].name) == 0 && w.n == 3)
             return set_flag(rig, flags[k].offset, &w, state, d);
     if (w.n == 2 && (strcmp(w.w[0], "kill") == 0 || strcmp(w.w[0], "revive") == 0))
-        return live_or_die(rig, &w, state, d);
+        return set_bool(rig, w.w[1], offsetof(struct simcams_state, alive),
+                        strcmp(w.w[0], "revive") == 0, state, d);
     for (size_t k = 0; k < sizeof orders / sizeof orders[0]; k++)
         if (strcmp(w.w[0], orders[k].name) == 0 && w.n >= orders[k].n_min && w.n <= orders[k].n_max)
             return give_order(rig, &orders[k], &w, order, d);

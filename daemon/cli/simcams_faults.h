@@ -22,37 +22,40 @@ struct simcams_state {
     bool alive; /* wanted: a killed camera can be revived */
 };
 
-enum simcams_fault_kind {
-    SIMCAMS_DROP,
-    SIMCAMS_LOSS,
-    SIMCAMS_DELAY,
-    SIMCAMS_SKEW,
-    SIMCAMS_DRIFT,
-    SIMCAMS_JITTER,
-    SIMCAMS_REORDER,
-    SIMCAMS_DUPLICATE,
-    SIMCAMS_SIZE,
-    SIMCAMS_CORRUPT,
-    SIMCAMS_MISS,
-    SIMCAMS_HOSTILE,
-    SIMCAMS_PTP_OFFSET,
-    SIMCAMS_N_KINDS
-};
+/* Faults that are a number: what it may be, and which member of struct cap_gvcam_fault it is. */
+#define SIMCAMS_FAULTS(M)                              \
+    M(SIMCAMS_DROP, "drop", 0, 1, drop)                \
+    M(SIMCAMS_LOSS, "loss", 0, 1, packet_loss)         \
+    M(SIMCAMS_DELAY, "delay", 0, 10000, delay_ms)      \
+    M(SIMCAMS_SKEW, "skew", -1e12, 1e12, skew_us)      \
+    M(SIMCAMS_DRIFT, "drift", -1000, 1000, drift_ppm)  \
+    M(SIMCAMS_JITTER, "jitter", 0, 10000, jitter_ms)   \
+    M(SIMCAMS_REORDER, "reorder", 0, 1, reorder)       \
+    M(SIMCAMS_DUPLICATE, "duplicate", 0, 1, duplicate) \
+    M(SIMCAMS_SIZE, "size", 0, 1, wrong_size)          \
+    M(SIMCAMS_CORRUPT, "corrupt", 0, 1, corrupt)       \
+    M(SIMCAMS_MISS, "miss", 0, 1, miss)                \
+    M(SIMCAMS_HOSTILE, "hostile", 0, 1, hostile)       \
+    M(SIMCAMS_PTP_OFFSET, "ptp-offset", -1e9, 1e9, ptp_offset_us)
+#define SIMCAMS_NUMBER(number, ...) number,
+enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
+
+/* Orders: the word, how many words the line may have, which of them is a camera, least and most of the number
+ * after that. */
+#define SIMCAMS_ORDERS(M)                             \
+    M(SIMCAMS_REBOOT, "reboot", 2, 3, true, 0, 3600)  \
+    M(SIMCAMS_JUMP, "jump", 3, 3, true, -1e9, 1e9)    \
+    M(SIMCAMS_IDS, "ids", 2, 2, true, 0, 0)           \
+    M(SIMCAMS_MODE, "trigger-mode", 3, 3, true, 0, 1) \
+    M(SIMCAMS_LINE, "line", 2, 2, false, 0, 1000)     \
+    M(SIMCAMS_PULSE, "pulse", 1, 1, false, 0, 0)      \
+    M(SIMCAMS_LINK, "link", 2, 3, false, 0, 1e6)      \
+    M(SIMCAMS_SWITCH, "switch", 2, 2, false, 0, 3600) \
+    M(SIMCAMS_STATS, "stats", 1, 1, false, 0, 0)
 
 /* What a line wants done at once, beyond the state. */
 struct simcams_order {
-    enum {
-        SIMCAMS_NOTHING,
-        SIMCAMS_REBOOT,
-        SIMCAMS_JUMP,
-        SIMCAMS_IDS,
-        SIMCAMS_MODE,
-        SIMCAMS_LINE,
-        SIMCAMS_PULSE,
-        SIMCAMS_LINK,
-        SIMCAMS_SWITCH,
-        SIMCAMS_STATS
-    } what;
+    enum { SIMCAMS_NOTHING, SIMCAMS_ORDERS(SIMCAMS_NUMBER) } what;
     size_t lo, hi; /* cameras [lo,hi) */
     double arg, arg2;
 };

@@ -1,9 +1,9 @@
-#include "cli/simcams_options.h"
+#include "daemon/cli/simcams_options.h"
 
 #include <argp.h>
 #include <string.h>
 
-#include "cli/arg.h"
+#include "daemon/cli/arg.h"
 
 enum {
     OPT_RIG = 0x100,
@@ -19,7 +19,6 @@ enum {
     OPT_BLACK,
     OPT_NOISE,
     OPT_SUB,
-    OPT_TRIGGER_HZ,
     OPT_MAX_MEMORY,
     OPT_WRITE_RIG,
     OPT_WRITE_FRAMES,
@@ -27,7 +26,6 @@ enum {
     OPT_FAULT_END = OPT_FAULT + SIMCAMS_N_KINDS,
     OPT_KILL,
     OPT_AT,
-    OPT_ENGINE,
     OPT_LINE_HZ,
     OPT_LINK,
     OPT_CAMERA_LINK,
@@ -68,9 +66,6 @@ static const struct argp_option options[] = {
     {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (1)", 2},
     {"max-memory", OPT_MAX_MEMORY, "MIB", 0, "refuse to take more for the images (1024)", 2},
     {NULL, 0, NULL, 0, "Devices:", 3},
-    {"engine", OPT_ENGINE, "NAME", 0,
-     "own (default), or aravis: libaravis' fake camera, a second implementation that can do less",
-     3},
     {"line-hz", OPT_LINE_HZ, "HZ", 0,
      "pulses on the trigger line that all cameras share (TriggerSource Line1)", 3},
     {"link", OPT_LINK, "MBIT_S", 0, "the network carries this much and drops the rest", 3},
@@ -81,8 +76,6 @@ static const struct argp_option options[] = {
     {"ptp-ms", OPT_PTP_MS, "MS", 0, "from PtpEnable to Slave (2000)", 3},
     {"tai", OPT_TAI, "SECONDS", 0, "PTP time is ahead of the host's clock by this (0)", 3},
     {"zip-xml", OPT_ZIP, NULL, 0, "serve the GenICam file zipped", 3},
-    {"trigger-hz", OPT_TRIGGER_HZ, "HZ", 0,
-     "engine aravis: how often a software trigger is looked for (500)", 3},
     {NULL, 0, NULL, 0, "Faults (V for all cameras, or cam1=V,cam3=V):", 4},
     {"drop", OPT_FAULT + SIMCAMS_DROP, "V", 0, "share of frames never sent, 0 to 1", 4},
     {"packet-loss", OPT_FAULT + SIMCAMS_LOSS, "V", 0, "share of packets lost, 0 to 1", 4},
@@ -122,7 +115,7 @@ static const char doc[] =
     "  no-ptp CAM on|off       it hears no PTP master\n"
     "  ptp-master CAM on|off   it is PTP master itself\n"
     "  trigger-mode CAM 0|1    TriggerMode is changed behind the client's back\n"
-    "  lock-trigger CAM on|off and cannot be set while frames are taken\n"
+    "  lock-trigger CAM on|off and cannot be set during acquisition\n"
     "  kill CAM, revive CAM, reboot CAM [SECONDS]\n"
     "  jump CAM SECONDS        its clock jumps\n"
     "  ids CAM                 its frame numbers begin anew\n"
@@ -159,13 +152,6 @@ static void want_format(struct argp_state *st, const char *arg, struct simcams_a
     argp_error(st, "--format %s: should be mono8, rgb8 or bayerrg8", arg);
 }
 
-static void want_engine(struct argp_state *st, const char *arg, struct simcams_args *a)
-{
-    if (strcmp(arg, "own") != 0 && strcmp(arg, "aravis") != 0)
-        argp_error(st, "--engine %s: should be own or aravis", arg);
-    a->engine = arg[0] == 'a' ? SIMCAMS_ARAVIS : SIMCAMS_OWN;
-}
-
 static void add_fault(struct argp_state *st, int key, const char *arg, struct simcams_args *a)
 {
     if (a->n_faults == SIMCAMS_MAX_OPTIONS)
@@ -190,22 +176,20 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_SEED: cli_arg_int(st, "seed", arg, 0, UINT32_MAX, &a->seed); return 0;
     case OPT_SUB: cli_arg_int(st, "sub", arg, 1, 16, &a->sub); return 0;
     case OPT_MAX_MEMORY: cli_arg_int(st, "max-memory", arg, 1, 1 << 24, &a->max_memory); return 0;
-    case OPT_RADIUS: cli_arg_double(st, "radius", arg, 0.8, 100, &a->radius); return 0;
-    case OPT_FPS: cli_arg_double(st, "fps", arg, 0.1, 1000, &a->fps); return 0;
-    case OPT_BLACK: cli_arg_double(st, "black", arg, 0, 50, &a->black); return 0;
-    case OPT_NOISE: cli_arg_double(st, "noise", arg, 0, 100, &a->noise); return 0;
-    case OPT_TRIGGER_HZ: cli_arg_double(st, "trigger-hz", arg, 1, 1000, &a->trigger_hz); return 0;
+    case OPT_RADIUS: a->radius = cli_arg_double(st, "radius", arg, 0.8, 100); return 0;
+    case OPT_FPS: a->fps = cli_arg_double(st, "fps", arg, 0.1, 1000); return 0;
+    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 50); return 0;
+    case OPT_NOISE: a->noise = cli_arg_double(st, "noise", arg, 0, 100); return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 8, 16384, &a->width, &a->height); return 0;
     case OPT_FORMAT: want_format(st, arg, a); return 0;
-    case OPT_ENGINE: want_engine(st, arg, a); return 0;
     case OPT_BOOT_CLOCK: a->boot_clock = true; return 0;
     case OPT_ZIP: a->zip = true; return 0;
-    case OPT_LINE_HZ: cli_arg_double(st, "line-hz", arg, 0, 1000, &a->line_hz); return 0;
-    case OPT_LINK: cli_arg_double(st, "link", arg, 0, 1e6, &a->link_mbit); return 0;
-    case OPT_CAMERA_LINK: cli_arg_double(st, "camera-link", arg, 1, 1e6, &a->camera_mbit); return 0;
-    case OPT_TICK_HZ: cli_arg_double(st, "tick-hz", arg, 1e3, 1e10, &a->tick_hz); return 0;
-    case OPT_PTP_MS: cli_arg_double(st, "ptp-ms", arg, 1, 1e6, &a->ptp_ms); return 0;
-    case OPT_TAI: cli_arg_double(st, "tai", arg, -1e6, 1e6, &a->tai_s); return 0;
+    case OPT_LINE_HZ: a->line_hz = cli_arg_double(st, "line-hz", arg, 0, 1000); return 0;
+    case OPT_LINK: a->link_mbit = cli_arg_double(st, "link", arg, 0, 1e6); return 0;
+    case OPT_CAMERA_LINK: a->camera_mbit = cli_arg_double(st, "camera-link", arg, 1, 1e6); return 0;
+    case OPT_TICK_HZ: a->tick_hz = cli_arg_double(st, "tick-hz", arg, 1e3, 1e10); return 0;
+    case OPT_PTP_MS: a->ptp_ms = cli_arg_double(st, "ptp-ms", arg, 1, 1e6); return 0;
+    case OPT_TAI: a->tai_s = cli_arg_double(st, "tai", arg, -1e6, 1e6); return 0;
     case OPT_AT:
     case OPT_KILL:
     case OPT_FREEZE:
@@ -244,10 +228,8 @@ bool simcams_options(int argc, char **argv, struct simcams_args *a)
                                .fps = 15,
                                .black = 2,
                                .noise = 0.5,
-                               .trigger_hz = 500,
                                .fmt = CAP_RGB8};
     const struct argp argp = {
         .options = options, .parser = parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};
-    argp_err_exit_status = 2;
     return argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, a) == 0;
 }

@@ -1,8 +1,7 @@
 /* simcams_options.h - the command line of `pyrovox simcams`. */
 #ifndef SIMCAMS_OPTIONS_H
 #define SIMCAMS_OPTIONS_H
-#include "cli/simcams_engine.h"
-#include "cli/simcams_faults.h"
+#include "daemon/cli/simcams_faults.h"
 
 #define SIMCAMS_MAX_OPTIONS 64
 
@@ -19,9 +18,8 @@ struct simcams_args {
     const char *rig, *write_rig, *write_frames, *address;
     int64_t cameras, ring, seed, sub, max_memory, voxels;
     int32_t width, height;
-    double radius, fps, black, noise, trigger_hz;
+    double radius, fps, black, noise;
     double line_hz, link_mbit, camera_mbit, tick_hz, ptp_ms, tai_s;
-    enum simcams_kind engine;
     bool boot_clock, zip;
     enum cap_pixfmt fmt;
     bool control, private_net;

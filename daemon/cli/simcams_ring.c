@@ -1,4 +1,4 @@
-#include "cli/simcams_ring.h"
+#include "daemon/cli/simcams_ring.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -179,21 +179,12 @@ pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *ri
                         cap_pixfmt_name(fmt));
     for (size_t c = 0; c < rig->n_cameras; c++) {
         const struct rec_camera *cam = &rig->cameras[c];
-        size_t n = (size_t)cam->width * (size_t)cam->height * (size_t)nch;
         const unsigned char *px = r->image[c * r->n + i];
         char path[4400];
         snprintf(path, sizeof path, "%.4000s/%s", dir, cam->name);
         PVX_TRY(pvx_mkdirs(path, d));
         snprintf(path, sizeof path, "%.4000s/%s/%06zu.png", dir, cam->name, i);
-        float *pix = pvx_calloc(n, sizeof *pix);
-        if (pix == NULL)
-            return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
-        for (size_t k = 0; k < n; k++)
-            pix[k] = px[k] / 255.0f;
-        pvx_err e = cap_image_save(path, pix, cam->width, cam->height, nch, 1, d);
-        free(pix);
-        if (e != PVX_OK)
-            return e;
+        PVX_TRY(cap_image_write(path, px, cam->width, cam->height, nch, 8, d));
     }
     return PVX_OK;
 }

@@ -8,7 +8,6 @@
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "base/mem.h"
 #include "base/yaml.h"
 
 #define MAX_BYTES (1u << 20)
@@ -536,6 +535,14 @@ pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out, struct p
     return e;
 }
 
+bool dmn_config_simulated(const struct dmn_config *c)
+{
+    for (size_t i = 0; i < c->cameras.n; i++)
+        if (strncmp(c->cameras.item[i].value, "sim:", 4) == 0)
+            return true;
+    return false;
+}
+
 enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c)
 {
     return (enum cap_pixfmt)c->pixel_format;
@@ -549,28 +556,22 @@ int dmn_config_channels(const struct dmn_config *c)
     return f == CAP_FMT_NONE ? 3 : cap_pixfmt_channels(f);
 }
 
-pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out, struct pvx_diag *d)
+bool dmn_choose_mosaic(int bayer, const char *solver, int channels, enum cap_mosaic *out)
 {
-    bool can = rec_solver_is_default(rec_solver_names()[c->solver]) && dmn_config_channels(c) == 3;
-    *out = can && c->bayer != 2 ? CAP_MOSAIC_RAYS : CAP_MOSAIC_DEMOSAIC;
-    if (c->bayer == 1 && !can)
-        return pvx_fail(d, PVX_EINVAL,
-                        "%s: bayer: rays needs solver.name: %s and three channels; say auto or "
-                        "demosaic",
-                        c->name, rec_solver_names()[0]);
-    return PVX_OK;
+    bool can = rec_solver_is_default(solver) && channels == 3;
+    *out = can && bayer != 2 ? CAP_MOSAIC_RAYS : CAP_MOSAIC_DEMOSAIC;
+    return can || bayer != 1;
 }
 
-/* Files of floating-point numbers are linear radiance without a ceiling. */
-static int float_files(const struct dmn_config *c)
+pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out, struct pvx_diag *d)
 {
-    for (size_t i = 0; i < c->cameras.n; i++) {
-        const char *v = c->cameras.item[i].value;
-        size_t n = strlen(v);
-        if (strncmp(v, "files:", 6) != 0 || n < 4 || strcmp(v + n - 4, ".npy") != 0)
-            return 0;
-    }
-    return c->cameras.n > 0;
+    const char *const *solvers = rec_solver_names();
+    if (dmn_choose_mosaic(c->bayer, solvers[c->solver], dmn_config_channels(c), out))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EINVAL,
+                    "%s: bayer: rays needs solver.name: %s and three channels; say auto or "
+                    "demosaic",
+                    c->name, solvers[0]);
 }
 
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)
@@ -585,10 +586,7 @@ void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out)
     out->photo.auto_k = (float)c->auto_k;
     out->photo.margin = (int32_t)c->margin;
     out->photo.despeckle = c->despeckle;
-    if (c->saturation > 0)
-        out->photo.saturation = (float)c->saturation;
-    else if (c->saturation == 0 || float_files(c))
-        out->photo.saturation = 1e30f;
+    out->photo.saturation = c->saturation == 0 ? REC_PHOTO_UNSATURATED : (float)c->saturation;
     out->hull.min_views = (uint32_t)c->min_views;
     out->hull.keep_partial = c->keep_partial;
     out->solve.solver = rec_solver_names()[c->solver]; /* the table lists them in this order */

@@ -10,6 +10,7 @@
 #ifndef DMN_CONFIG_H
 #define DMN_CONFIG_H
 #include <limits.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include "base/err.h"
 #include "capture/sync/frameset.h"
@@ -114,16 +115,21 @@ PVX_MUST_CHECK pvx_err dmn_config_source(const struct dmn_config *c, const char 
  * that have a source.  Owner: caller, rec_rig_fini. */
 PVX_MUST_CHECK pvx_err dmn_config_rig(const struct dmn_config *c, struct rec_rig *out,
                                       struct pvx_diag *d);
+/* Whether a camera is simulated (sim:) and so looks at a scene. */
+bool dmn_config_simulated(const struct dmn_config *c);
 enum cap_pixfmt dmn_config_pixfmt(const struct dmn_config *c);
 /* Channels that are reconstructed, 1 or 3. */
 int dmn_config_channels(const struct dmn_config *c);
+/* How Bayer pixels at binning 1 are taken; bayer: 0 auto, 1 rays, 2 demosaic.  Auto is rays where they can
+ * be solved for.  false: rays are asked for, and cannot. */
+bool dmn_choose_mosaic(int bayer, const char *solver, int channels, enum cap_mosaic *out);
 /* What becomes of Bayer pixels where nothing is binned.  PVX_EINVAL: rays are asked for, and the solver or
  * the channels cannot have them. */
 PVX_MUST_CHECK pvx_err dmn_config_mosaic(const struct dmn_config *c, enum cap_mosaic *out,
                                          struct pvx_diag *d);
 /* What recon is asked to do with each frame set. */
 void dmn_config_frame(const struct dmn_config *c, struct rec_frame_params *out);
-/* Solver's time limit after the arrival of the set's last frame, ns; 0 = none. */
+/* Solver's time limit after the arrival of the set's last frame (lossless: after it began), ns; 0 = none. */
 int64_t dmn_config_deadline(const struct dmn_config *c);
 /* Whether a solve starts from the volume before. */
 int dmn_config_warm(const struct dmn_config *c);

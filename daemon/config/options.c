@@ -27,6 +27,8 @@
         key, DMN_CHOICE, AT(member), def, 0, 0, "", choices, help \
     }
 
+#define ONE_MORE(name, run) "|" name
+
 const struct dmn_option dmn_options[] = {
     TEXT("rig", rig, "Calibration file: cameras and reconstruction volume. Must be given."),
     {"cameras", DMN_CAMERAS, AT(cameras), "\"\"", 0, 0, "", NULL,
@@ -38,7 +40,8 @@ const struct dmn_option dmn_options[] = {
      "Voxels of the volume, one number (along x, the others in proportion) or three; empty = as "
      "the rig says."},
     CHOICE("basis", basis, "rig", "rig|box|trilinear",
-           "How a volume is read between voxel centres: constant in the voxel, or trilinear."),
+           "How a volume is read between voxel centres: constant in the voxel, which is faster, or "
+           "trilinear; rig = as the rig says, trilinear where it says nothing."),
     CHOICE("channels", channels, "auto", "auto|1|3",
            "Colours that are reconstructed. auto = 1 for grey pixel formats, else 3."),
     INT("threads", threads, "0", 0, 256, "threads",
@@ -64,14 +67,13 @@ const struct dmn_option dmn_options[] = {
            "on a cable, or one GigE Vision action command per period to all (keys under action)."),
     TEXT("trigger_line", trigger_line, "Input of trigger: line; empty = Line1."),
     BOOL("ptp", ptp, "false",
-         "Let the cameras synchronize their clocks by PTP (IEEE 1588); frames are taken once they "
+         "Let the cameras synchronize their clocks by PTP (IEEE 1588); frames are used once they "
          "have."),
     REAL("ptp_offset_us", ptp_offset_us, "10", 0.001, 1e6, "us",
          "Largest offset from the PTP master with which a camera counts as synchronized."),
-    BOOL(
-        "shared_clock", shared_clock, "false",
-        "The cameras' time stamps are the host's UTC already (PTP, simulated cameras), so no clock "
-        "is fitted."),
+    BOOL("shared_clock", shared_clock, "false",
+         "The cameras' time stamps are the host's UTC already (PTP, simulated cameras), so no "
+         "clock is fitted."),
     BOOL("lossless", lossless, "false",
          "Replay: wait instead of dropping, and take files as fast as they can be solved."),
     BOOL("loop", loop, "false", "Files start over at their end."),
@@ -84,8 +86,7 @@ const struct dmn_option dmn_options[] = {
     REAL("gain", gain, "-1", -1, 1000, "", "Gain; negative = leave as the camera has it."),
     {"features", DMN_PAIRS, AT(features), "{}", 0, 0, "", NULL,
      "GenICam features, V4L2 controls as v4l2-ctl -L names or numbers them, or libcamera controls "
-     "by name, written to every "
-     "camera when it is opened, and read back."},
+     "by name, written to every camera when it is opened, and read back."},
     {"camera_features", DMN_PAIRS, AT(camera_features), "{}", 0, 0, "", NULL,
      "The same for one camera, as CAMERA.FEATURE: value; written after those for all."},
     BOOL("chunks", chunks, "false",
@@ -127,10 +128,9 @@ const struct dmn_option dmn_options[] = {
     REAL("sync.tolerance_ms", tolerance_ms, "0", 0, 10000, "ms",
          "Frames belong together when their exposures differ by no more; 0 = a quarter of the "
          "period."),
-    REAL(
-        "sync.max_wait_ms", max_wait_ms, "0", 0, 60000, "ms",
-        "Longest wait for the missing frames of a set, from its first one; 0 = 150, with wait 500. "
-        "Frames are held meanwhile: mind `buffers`."),
+    REAL("sync.max_wait_ms", max_wait_ms, "0", 0, 60000, "ms",
+         "Longest wait for the missing frames of a set, from its first one; 0 = 150, with wait "
+         "500. Frames are held meanwhile: mind `buffers`."),
     CHOICE("sync.policy", policy, "drop", "drop|partial|wait|solve-with-what-is-there",
            "What becomes of a set without all cameras. drop: it is dropped. wait: slow cameras are "
            "waited for longer, none is left out as long as it lives; those that are gone are. "
@@ -151,10 +151,9 @@ const struct dmn_option dmn_options[] = {
          "Pixels from here on are flame; negative = from the noise."),
     REAL("photometry.floor", floor, "0.004", 0, 1, "full scale", "Least automatic threshold."),
     REAL("photometry.auto_k", auto_k, "4", 0, 100, "sigma", "Automatic threshold over the noise."),
-    REAL(
-        "photometry.saturation", saturation, "-1", -1, 1000, "full scale",
-        "Pixels from here on are saturated and do not count; negative = 0.998, or off for files of "
-        "floating-point numbers; 0 = off."),
+    REAL("photometry.saturation", saturation, "-1", -1, 1000, "full scale",
+         "Pixels from here on are saturated and do not count; negative = 0.998, or off for images "
+         "of floating-point numbers; 0 = off."),
     INT("photometry.margin", margin, "0", 0, 100, "bins",
         "Silhouettes are grown by it to cover calibration error."),
     BOOL("photometry.despeckle", despeckle, "true",
@@ -165,17 +164,16 @@ const struct dmn_option dmn_options[] = {
     BOOL("hull.keep_partial", keep_partial, "true",
          "Keep voxels that are only partly inside a silhouette."),
 
-    CHOICE("solver.name", solver, "pcg", "pcg|cgls-paper|cgls|mlem|osem|sirt|fista|mrnsd",
+    CHOICE("solver.name", solver, "pcg", &(REC_SOLVERS(ONE_MORE))[1],
            "Method of solution; the others than pcg are for comparison."),
     INT("solver.iterations", iterations, "0", 0, 100000, "",
         "Most iterations; 0 = the method's default."),
     REAL("solver.lambda", lambda, "-1", -1, 1e6, "", "Weight of smoothness; negative = automatic."),
     CHOICE("solver.stop", stop, "auto", "auto|lcurve|discrepancy|iterations", "When to stop."),
-    REAL(
-        "solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
-        "The solver returns its best result by this time after the last frame came; negative = "
-        "what keeps up with the cameras, and longer only while that does not give a solution (none "
-        "when lossless); 0 = none."),
+    REAL("solver.deadline_ms", deadline_ms, "-1", -1, 1e6, "ms",
+         "The solver returns its best result by this time after the last frame came (lossless: "
+         "after it began); negative = what keeps up with the cameras, and longer only while that "
+         "does not give a solution (none when lossless); 0 = none."),
     CHOICE("solver.warm_start", warm_start, "auto", "auto|on|off",
            "Start from the volume before. auto = live only, so that in a replay no set depends on "
            "another."),
@@ -199,17 +197,15 @@ const struct dmn_option dmn_options[] = {
      "File to record to; % as in strftime(3), local time. An existing file is not written over."},
     INT("record.queue", record_queue, "8", 0, 64, "sets",
         "Frame sets that may wait for the disk; each camera gets so many `buffers` more. When it "
-        "is "
-        "full, sets are left out and listed in the take; the live solve never waits. 0 = no "
+        "is full, sets are left out and listed in the take; the live solve never waits. 0 = no "
         "recording is possible."),
     REAL("record.limit_gb", record_limit_gb, "0", 0, 1e6, "GB",
          "A take ends at this size; 0 = no limit."),
     REAL("record.keep_free_gb", record_keep_free_gb, "1", 0, 1e6, "GB",
          "A take ends before the disk has less."),
-    REAL(
-        "record.sync_s", record_sync_s, "2", 0, 3600, "s",
-        "How often what is recorded is forced to the disk, against a power cut; 0 = never. The end "
-        "of the daemon, however sudden, loses nothing in either case."),
+    REAL("record.sync_s", record_sync_s, "2", 0, 3600, "s",
+         "How often what is recorded is forced to the disk, against a power cut; 0 = never. The "
+         "end of the daemon, however sudden, loses nothing in either case."),
 
     INT("sim.seed", sim_seed, "1", 0, 4294967295.0, "", "Flame that sim: cameras see."),
     REAL("sim.period_s", sim_period_s, "2", 0.01, 3600, "s", "The flame's motion repeats."),

@@ -1,25 +1,11 @@
 #include "daemon/control/state.h"
 
 #include "daemon/control/json.h"
-#include "daemon/state_health.h"
 #include "daemon/control/state_sync.h"
 
-const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {
-    [DMN_DROP_STALE] = {"stale", "sets", "too old when its turn came, and a newer one was there"},
-    [DMN_DROP_SOLVE] = {"solver_busy", "sets", "displaced by a newer set before the solver"},
-    [DMN_DROP_PUBLISH] = {"publisher_busy", "sets", "displaced by a newer set before publishing"},
-    [DMN_DROP_IMAGES] = {"images", "sets", "too few images of the set could be used"},
-    [DMN_DROP_FAILED] = {"failed", "sets", "solver or publisher refused the set"},
-    [DMN_DROP_STOPPED] = {"stopped", "sets", "under way when the daemon was stopped"},
-};
-
-const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {
-    [DMN_IMAGE_SIZE] = {"image_size", "frames", "not of the size that the rig says"},
-    [DMN_IMAGE_FORMAT] = {"image_format", "frames", "in a pixel format that cannot be converted"},
-    [DMN_IMAGE_JPEG_DAMAGED] = {"jpeg_damaged", "frames", "JPEG cut off or damaged"},
-    [DMN_IMAGE_JPEG_SIZE] = {"jpeg_size", "frames", "JPEG of another size than its frame"},
-    [DMN_IMAGE_JPEG_KIND] = {"jpeg_kind", "frames", "JPEG of a kind that cameras do not send"},
-};
+#define ROW(number, ...) [number] = {__VA_ARGS__},
+const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {DMN_DROPS(ROW)};
+const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {DMN_IMAGE_FAULTS(ROW)};
 
 const char *dmn_camera_state_name(enum cap_state s)
 {

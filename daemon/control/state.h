@@ -12,28 +12,28 @@
 #include "recon/geom/camera.h"
 #include "recon/frame/frame.h"
 
+#define DMN_NUMBER(number, ...) number,
 /* Why a frame set that capture produced did not become a published volume. */
-enum dmn_drop {
-    DMN_DROP_STALE,   /* too old when its turn came, and a newer one was there */
-    DMN_DROP_SOLVE,   /* displaced by a newer one while it waited for the solver */
-    DMN_DROP_PUBLISH, /* displaced by a newer one while it waited for the publisher */
-    DMN_DROP_IMAGES,  /* too few images of it could be used */
-    DMN_DROP_FAILED,  /* solver or publisher refused it */
-    DMN_DROP_STOPPED, /* under way when the daemon was stopped */
-    DMN_N_DROP
-};
+#define DMN_DROPS(M)                                                                            \
+    M(DMN_DROP_STALE, "stale", "sets", "too old when its turn came, and a newer one was there") \
+    M(DMN_DROP_SOLVE, "solver_busy", "sets", "displaced by a newer set before the solver")      \
+    M(DMN_DROP_PUBLISH, "publisher_busy", "sets", "displaced by a newer set before publishing") \
+    M(DMN_DROP_IMAGES, "images", "sets", "too few images of the set could be used")             \
+    M(DMN_DROP_FAILED, "failed", "sets", "solver or publisher refused the set")                 \
+    M(DMN_DROP_STOPPED, "stopped", "sets", "under way when the daemon was stopped")
+enum dmn_drop { DMN_DROPS(DMN_NUMBER) DMN_N_DROP };
 struct dmn_count_def {
     const char *name, *unit, *help;
 };
-/* Why a camera's frame was left out of a set that it had come for. */
-enum dmn_image_fault {
-    DMN_IMAGE_SIZE,         /* not the size that the rig says */
-    DMN_IMAGE_FORMAT,       /* cannot be converted */
-    DMN_IMAGE_JPEG_DAMAGED, /* cut off, damaged or no JPEG at all */
-    DMN_IMAGE_JPEG_SIZE,    /* a JPEG of another size inside */
-    DMN_IMAGE_JPEG_KIND,    /* progressive, CMYK ... */
-    DMN_N_IMAGE
-};
+/* Why a camera's frame was left out of a set that it had come for.  No JPEG at all is a
+ * damaged one; a kind that cameras do not send is progressive, CMYK ... */
+#define DMN_IMAGE_FAULTS(M)                                                                     \
+    M(DMN_IMAGE_SIZE, "image_size", "frames", "not of the size that the rig says")              \
+    M(DMN_IMAGE_FORMAT, "image_format", "frames", "in a pixel format that cannot be converted") \
+    M(DMN_IMAGE_JPEG_DAMAGED, "jpeg_damaged", "frames", "JPEG cut off or damaged")              \
+    M(DMN_IMAGE_JPEG_SIZE, "jpeg_size", "frames", "JPEG of another size than its frame")        \
+    M(DMN_IMAGE_JPEG_KIND, "jpeg_kind", "frames", "JPEG of a kind that cameras do not send")
+enum dmn_image_fault { DMN_IMAGE_FAULTS(DMN_NUMBER) DMN_N_IMAGE };
 extern const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE];
 extern const struct dmn_count_def dmn_drop_defs[DMN_N_DROP];
 

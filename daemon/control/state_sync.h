@@ -1,4 +1,5 @@
-/* state_sync.h - JSON of how well the cameras work together: skews, troubles (part of state.c). */
+/* state_sync.h - JSON of how the cameras are and how well they work together: health, action commands,
+ * skews, troubles (part of state.c). */
 #ifndef DMN_STATE_SYNC_H
 #define DMN_STATE_SYNC_H
 #include "capture/rig/capture.h"
@@ -8,5 +9,9 @@
 void dmn_state_sync_camera(struct dmn_json *j, const struct cap_camera_stats *k);
 /* "skew" (edges of the histograms, and that of the spread) and "host_clock" of the whole. */
 void dmn_state_sync(struct dmn_json *j, const struct cap_stats *s);
-
+/* Inside a camera's object: "health" {temperature_c, link_mbps, ptp, ptp_offset_ns, packets_resent,
+ * packets_missing} and "action" {acknowledged, silent, refused, too_late, no_clock}. */
+void dmn_state_health(struct dmn_json *j, const struct cap_camera_stats *k);
+/* At the top: "action" {sent, late, failed}. */
+void dmn_state_action(struct dmn_json *j, const struct cap_stats *s);
 #endif

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 /* Number of a group in /etc/group; -1: there is none. */
 static long group_id(struct doctor *d, const char *name)
@@ -43,10 +43,9 @@ static void membership(struct doctor *d, const char *group, const char *what)
     free(status);
     long g = group_id(d, group);
     snprintf(want, sizeof want, "%ld", g);
-    if (uid == 0 || (g >= 0 && doc_has_word(list, want))) {
-        doc_say(d, DOC_OK, 70, id, "%s may open %s", title, what);
+    if (doc_settled(uid == 0 || (g >= 0 && doc_has_word(list, want)), d, DOC_OK, 70, id,
+                    "%s may open %s", title, what))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_FAIL, 87, id, "%s is not in the group %s", title, group);
     doc_means(f, "%s cannot be opened", what);
     doc_command(f, "adduser \"${SUDO_USER:-$USER}\" %s", group);
@@ -55,12 +54,11 @@ static void membership(struct doctor *d, const char *group, const char *what)
 
 static void video_files(struct doctor *d)
 {
-    struct doc_names *names = malloc(sizeof *names);
+    struct doc_names *names = doc_names(d->host, "/dev");
     size_t n = 0, shut = 0;
     char first[80] = "";
     if (names == NULL)
         return;
-    doc_names(d->host, names, "/dev");
     for (size_t i = 0; i < names->n; i++) {
         const char *v = names->v[i];
         if (strncmp(v, "video", 5) != 0 || !isdigit((unsigned char)v[5]))
@@ -98,23 +96,21 @@ static void udev_rule(struct doctor *d)
 {
     static const char *const dirs[] = {"/etc/udev/rules.d", "/usr/lib/udev/rules.d",
                                        "/lib/udev/rules.d"};
-    struct doc_names *names = malloc(sizeof *names);
     bool found = false;
-    for (size_t k = 0; names != NULL && k < 3 && !found; k++) {
-        doc_names(d->host, names, "%s", dirs[k]);
-        for (size_t i = 0; i < names->n && !found; i++) {
+    for (size_t k = 0; k < 3 && !found; k++) {
+        struct doc_names *names = doc_names(d->host, "%s", dirs[k]);
+        for (size_t i = 0; names != NULL && i < names->n && !found; i++) {
             if (strstr(names->v[i], "aravis") == NULL && strstr(names->v[i], "pyrovox") == NULL)
                 continue;
             char *text = doc_file(d->host, "%s/%s", dirs[k], names->v[i]);
             found = text != NULL && strstr(text, "ef05") != NULL;
             free(text);
         }
+        free(names);
     }
-    free(names);
-    if (found) {
-        doc_say(d, DOC_OK, 60, "access.udev", "a udev rule gives USB3 Vision cameras to a group");
+    if (doc_settled(found, d, DOC_OK, 60, "access.udev",
+                    "a udev rule gives USB3 Vision cameras to a group"))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_FAIL, 83, "access.udev", "no udev rule for USB3 Vision cameras");
     doc_means(f, "only root can open them");

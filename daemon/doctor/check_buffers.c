@@ -4,12 +4,10 @@
  * buffer (net.core.rmem_*), all sockets together under net.ipv4.udp_mem, and on interfaces without
  * NAPI before that in the backlog of a processor. */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
 
 #define CAP_NET_RAW_BIT 13
 #define MIB             1048576.0
@@ -29,27 +27,23 @@ static void rmem_max(struct doctor *d, bool packet_socket)
     double frame = (double)d->load.frame_bytes, need = 2 * frame;
     double most = need > (double)d->load.socket_buffer ? need : (double)d->load.socket_buffer;
     int64_t want = round_up(most > 32 * MIB ? most : 32 * MIB);
-    if (!doc_int(d->host, &v, "/proc/sys/net/core/rmem_max")) {
-        doc_say(d, DOC_UNKNOWN, 60, "net.rmem_max",
-                "largest socket buffer: /proc/sys/net/core/rmem_max cannot be read");
+    if (doc_settled(!doc_int(d->host, &v, "/proc/sys/net/core/rmem_max"), d, DOC_UNKNOWN, 60,
+                    "net.rmem_max",
+                    "largest socket buffer: /proc/sys/net/core/rmem_max cannot be read"))
         return;
-    }
     if ((double)v >= need && (size_t)v < d->load.socket_buffer) {
         struct doc_finding *f =
             doc_say(d, DOC_WARN, 43, "net.rmem_max",
-                    "largest socket buffer is %.1f MiB, gige.socket_buffer asks "
-                    "for %.1f",
+                    "largest socket buffer is %.1f MiB, gige.socket_buffer asks for %.1f",
                     (double)v / MIB, (double)d->load.socket_buffer / MIB);
         doc_means(f, "cameras get less room for bursts than the configuration says");
         doc_sysctl(f, "net.core.rmem_max", "%lld", (long long)want);
         return;
     }
-    if ((double)v >= need) {
-        doc_say(d, DOC_OK, 90, "net.rmem_max",
-                "largest socket buffer %.1f MiB, two frames take %.1f", (double)v / MIB,
-                need / MIB);
+    if (doc_settled((double)v >= need, d, DOC_OK, 90, "net.rmem_max",
+                    "largest socket buffer %.1f MiB, two frames take %.1f", (double)v / MIB,
+                    need / MIB))
         return;
-    }
     bool fail = (double)v < frame && !packet_socket;
     struct doc_finding *f =
         doc_say(d, fail ? DOC_FAIL : DOC_WARN, 95, "net.rmem_max",
@@ -70,18 +64,16 @@ static void rmem_default(struct doctor *d, bool packet_socket)
     double frame = (double)d->load.frame_bytes;
     if (!doc_int(d->host, &v, "/proc/sys/net/core/rmem_default"))
         return;
-    if ((double)v >= frame) {
-        doc_say(d, DOC_OK, 40, "net.rmem_default", "first socket buffer %.1f MiB", (double)v / MIB);
+    if (doc_settled((double)v >= frame, d, DOC_OK, 40, "net.rmem_default",
+                    "first socket buffer %.1f MiB", (double)v / MIB))
         return;
-    }
     /* Only SO_RCVBUF set after the first leader helps later frames. */
     struct doc_finding *f = doc_say(d, packet_socket ? DOC_OK : DOC_WARN, 45, "net.rmem_default",
                                     "first socket buffer is %.2f MiB, a frame takes %.2f",
                                     (double)v / MIB, frame / MIB);
     doc_means(f,
               "the buffer is made larger only when the first frame has begun, so the first frame "
-              "of each camera after a start is often incomplete (discard_first: 1 leaves it "
-              "out)");
+              "of each camera after a start is often incomplete (discard_first: 1 leaves it out)");
     if (!packet_socket)
         doc_sysctl(f, "net.core.rmem_default", "%lld", (long long)round_up(frame));
 }
@@ -95,11 +87,10 @@ static void udp_mem(struct doctor *d)
     if (!doc_text(d->host, text, sizeof text, "/proc/sys/net/ipv4/udp_mem") ||
         sscanf(text, "%lld %lld %lld", &low, &pressure, &high) != 3)
         return;
-    if ((double)high * page >= need) {
-        doc_say(d, DOC_OK, 50, "net.udp_mem", "all UDP sockets may hold %.0f MiB, need %.0f",
-                (double)high * page / MIB, need / MIB);
+    if (doc_settled((double)high * page >= need, d, DOC_OK, 50, "net.udp_mem",
+                    "all UDP sockets may hold %.0f MiB, need %.0f", (double)high * page / MIB,
+                    need / MIB))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_FAIL, 85, "net.udp_mem",
                 "all UDP sockets together may hold %.1f MiB, two frames of every camera take %.1f",
@@ -138,20 +129,18 @@ static void backlog(struct doctor *d)
     double need = set_packets(d);
     if (!doc_int(d->host, &v, "/proc/sys/net/core/netdev_max_backlog"))
         return;
-    if (!uses_backlog(d, which, sizeof which)) {
-        doc_say(d, DOC_OK, 30, "net.backlog",
-                "backlog of %lld packets; the cards here do not use it", (long long)v);
+    if (doc_settled(!uses_backlog(d, which, sizeof which), d, DOC_OK, 30, "net.backlog",
+                    "backlog of %lld packets; the cards here do not use it", (long long)v))
         return;
-    }
     if ((double)v >= need) {
         doc_say(d, DOC_OK, 30, "net.backlog", "backlog of %lld packets, a set has %.0f",
                 (long long)v, need);
         return;
     }
-    struct doc_finding *f = doc_say(d, DOC_WARN, 60, "net.backlog",
-                                    "%s queues at most %lld packets per processor, a set of all "
-                                    "cameras has %.0f",
-                                    which, (long long)v, need);
+    struct doc_finding *f =
+        doc_say(d, DOC_WARN, 60, "net.backlog",
+                "%s queues at most %lld packets per processor, a set of all cameras has %.0f",
+                which, (long long)v, need);
     doc_means(f, "when the cameras expose together their packets come together; those past the "
                  "backlog are lost");
     doc_sysctl(f, "net.core.netdev_max_backlog", "%lld", (long long)round_up(2 * need));
@@ -163,11 +152,10 @@ static void budget(struct doctor *d)
     if (!doc_int(d->host, &packets, "/proc/sys/net/core/netdev_budget") ||
         !doc_int(d->host, &usecs, "/proc/sys/net/core/netdev_budget_usecs"))
         return;
-    if (packets >= 300 && usecs >= 2000) {
-        doc_say(d, DOC_OK, 20, "net.budget", "%lld packets or %lld us per round of receiving",
-                (long long)packets, (long long)usecs);
+    if (doc_settled(packets >= 300 && usecs >= 2000, d, DOC_OK, 20, "net.budget",
+                    "%lld packets or %lld us per round of receiving", (long long)packets,
+                    (long long)usecs))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_WARN, 50, "net.budget",
                                     "the kernel receives only %lld packets or %lld us at a time",
                                     (long long)packets, (long long)usecs);

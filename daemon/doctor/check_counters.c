@@ -2,12 +2,11 @@
  *
  * Counters are since boot; they are read twice, host.sample_s apart: what grows now is a failure,
  * what grew some time ago a warning. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 enum source { FROM_LINK, FROM_SNMP_UDP, FROM_SNMP_IP, FROM_SOFTNET, FROM_SOCKETS };
 
@@ -73,9 +72,7 @@ static bool read_counter(struct doctor *d, const struct counter *c, const char *
         *out = s.dropped;
         ok = s.cpus > 0;
     } else if (c->from == FROM_SOCKETS) {
-        struct doc_udp u;
-        doc_parse_udp(text, &u);
-        *out = u.drops;
+        *out = doc_parse_udp(text);
     } else {
         ok = doc_parse_snmp(text, c->from == FROM_SNMP_IP ? "Ip" : "Udp", c->name, out);
     }
@@ -88,10 +85,8 @@ static void judge(struct doctor *d, const struct counter *c, const char *link, u
 {
     uint64_t grown = now > before ? now - before : 0;
     const char *on = link[0] != '\0' ? " on " : "";
-    if (now == 0) {
-        doc_say(d, DOC_OK, 10, c->id, "no %s%s%s", c->what, on, link);
+    if (doc_settled(now == 0, d, DOC_OK, 10, c->id, "no %s%s%s", c->what, on, link))
         return;
-    }
     /* rx_dropped counts unknown protocols as well: by itself no sign of trouble */
     bool vague = strcmp(c->name, "rx_dropped") == 0;
     struct doc_finding *f =
@@ -112,10 +107,9 @@ static void judge(struct doctor *d, const struct counter *c, const char *link, u
 static void squeezed(struct doctor *d, const struct doc_softnet *s)
 {
     double share = s->processed > 0 ? (double)s->squeezed / (double)s->processed : 0;
-    if (s->squeezed < 100 || share < 1e-5) {
-        doc_say(d, DOC_OK, 10, "net.squeeze", "the kernel keeps up with receiving");
+    if (doc_settled(s->squeezed < 100 || share < 1e-5, d, DOC_OK, 10, "net.squeeze",
+                    "the kernel keeps up with receiving"))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_WARN, 50, "net.squeeze",
                                     "the kernel ended receiving early %llu times since boot, once "
                                     "in %.0f packets",

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 #define WAKE_MAX_US 200 /* a processor that takes longer to wake lets the ring fill up */
 
@@ -38,10 +38,9 @@ static void number(struct doctor *d)
     if (!doc_text(d->host, text, sizeof text, "/proc/loadavg") ||
         sscanf(text, "%lf", &load1) != 1 || !isfinite(load1))
         return;
-    if (load1 <= 0.7 * n || doc_process(d->host, "pyrovoxd", NULL)) {
-        doc_say(d, DOC_OK, 58, "cpu.load", "load %.2f on %u processors", load1, n);
+    if (doc_settled(load1 <= 0.7 * n || doc_process(d->host, "pyrovoxd", NULL), d, DOC_OK, 58,
+                    "cpu.load", "load %.2f on %u processors", load1, n))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 58, "cpu.load", "other programs want %.1f processors of %u", load1, n);
     doc_means(f, "receiving threads wait for their turn while packets come in");
@@ -72,12 +71,12 @@ static void features(struct doctor *d)
 static void governor(struct doctor *d)
 {
     char gov[64], epp[64] = "";
-    if (!doc_text(d->host, gov, sizeof gov,
-                  "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")) {
-        doc_say(d, DOC_OK, 50, "cpu.governor", "no frequency scaling to be seen here%s",
-                doc_exists(d->host, "/sys/class/dmi") ? "" : " (a virtual machine's host decides)");
+    if (doc_settled(!doc_text(d->host, gov, sizeof gov,
+                              "/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor"),
+                    d, DOC_OK, 50, "cpu.governor", "no frequency scaling to be seen here%s",
+                    doc_exists(d->host, "/sys/class/dmi") ? ""
+                                                          : " (a virtual machine's host decides)"))
         return;
-    }
     bool has_epp = doc_text(d->host, epp, sizeof epp,
                             "/sys/devices/system/cpu/cpu0/cpufreq/energy_performance_preference");
     if (strcmp(gov, "performance") != 0) {
@@ -121,11 +120,9 @@ static void sleep_states(struct doctor *d)
     int32_t asked = INT32_MAX;
     if (doc_text(d->host, qos, sizeof qos, "/dev/cpu_dma_latency"))
         memcpy(&asked, qos, sizeof asked);
-    if (worst <= WAKE_MAX_US || asked <= WAKE_MAX_US) {
-        doc_say(d, DOC_OK, 52, "cpu.sleep", "processors wake within %lld us",
-                (long long)(asked < worst ? asked : worst));
+    if (doc_settled(worst <= WAKE_MAX_US || asked <= WAKE_MAX_US, d, DOC_OK, 52, "cpu.sleep",
+                    "processors wake within %lld us", (long long)(asked < worst ? asked : worst)))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 52, "cpu.sleep", "a sleeping processor takes %lld us to wake (%s)",
                 (long long)worst, deepest);

@@ -1,13 +1,12 @@
 /* check_disk.c - room and speed for recordings of raw frames. */
 #include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "doctor/checks.h"
+#include "daemon/doctor/checks.h"
 
 #define CHUNK ((size_t)1 << 20)
 
@@ -22,11 +21,9 @@ static void room(struct doctor *d, const char *dir)
         return;
     }
     double s = d->load.bytes_per_s > 0 ? have / d->load.bytes_per_s : 1e9;
-    if (s >= 600) {
-        doc_say(d, DOC_OK, 54, "disk.space", "%s: %.0f GB free, %.0f minutes of raw frames", dir,
-                have * 1e-9, s / 60);
+    if (doc_settled(s >= 600, d, DOC_OK, 54, "disk.space",
+                    "%s: %.0f GB free, %.0f minutes of raw frames", dir, have * 1e-9, s / 60))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, s < 60 ? DOC_FAIL : DOC_WARN, 69, "disk.space",
                 "%s: %.1f GB free, enough for %.0f s of raw frames", dir, have * 1e-9, s);
@@ -70,10 +67,9 @@ static void speed(struct doctor *d, const char *dir)
 {
     char err[128] = "";
     double rate = write_rate(dir, d->host->disk_write, err, sizeof err);
-    if (rate == 0) {
-        doc_say(d, DOC_UNKNOWN, 40, "disk.speed", "%s: cannot be written to: %s", dir, err);
+    if (doc_settled(rate == 0, d, DOC_UNKNOWN, 40, "disk.speed", "%s: cannot be written to: %s",
+                    dir, err))
         return;
-    }
     if (rate >= 1.5 * d->load.bytes_per_s) {
         doc_say(d, DOC_OK, 51, "disk.speed", "%s: takes %.0f MB/s, cameras give %.0f", dir,
                 rate * 1e-6, d->load.bytes_per_s * 1e-6);

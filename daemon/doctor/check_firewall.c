@@ -1,12 +1,11 @@
 /* check_firewall.c - do the host's rules let streams and replies of cameras in? */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/firewall.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/firewall.h"
 
-#define RULES_MAX 262144
+#define RULES_MAX (1 << 20)
 
 typedef enum doc_pass reader(const char *text, const struct doc_stream *s, char *why, char *chain,
                              size_t size);
@@ -14,10 +13,9 @@ typedef enum doc_pass reader(const char *text, const struct doc_stream *s, char 
 static void judge(struct doctor *d, const char *tool, enum doc_pass pass, const char *link,
                   const char *why, const char *chain)
 {
-    if (pass == DOC_PASS_YES) {
-        doc_say(d, DOC_OK, 96, "net.firewall", "%s lets cameras' packets in on %s", tool, link);
+    if (doc_settled(pass == DOC_PASS_YES, d, DOC_OK, 96, "net.firewall",
+                    "%s lets cameras' packets in on %s", tool, link))
         return;
-    }
     bool nft = strcmp(tool, "nftables") == 0;
     struct doc_finding *f =
         pass == DOC_PASS_NO
@@ -66,7 +64,7 @@ static bool rules(struct doctor *d, const char *tool, const char *const *argv, r
 
 void doc_check_firewall(struct doctor *d)
 {
-    static const char *const nft[] = {"nft", "list", "ruleset", NULL};
+    static const char *const nft[] = {"nft", "-j", "list", "ruleset", NULL};
     static const char *const ipt[] = {"iptables-save", NULL};
     char names[256] = "";
     struct pvx_diag a = {""}, b = {""};
@@ -81,10 +79,9 @@ void doc_check_firewall(struct doctor *d)
         told = true;
     if (told)
         return;
-    if (!have_nf && !tables && doc_exists(d->host, "/proc/net/ip_tables_names")) {
-        doc_say(d, DOC_OK, 96, "net.firewall", "no firewall rules are loaded");
+    if (doc_settled(!have_nf && !tables && doc_exists(d->host, "/proc/net/ip_tables_names"), d,
+                    DOC_OK, 96, "net.firewall", "no firewall rules are loaded"))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_UNKNOWN, 60, "net.firewall", "firewall: %s; %s",
                                     a.text[0] != '\0' ? a.text : "nft gave nothing",
                                     b.text[0] != '\0' ? b.text : "iptables-save gave nothing");

@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 #define CAP_NET_RAW_BIT  13
 #define CAP_SYS_NICE_BIT 23
@@ -28,11 +28,8 @@ char *doc_unit_text(struct doctor *d)
     char *unit = NULL;
     for (size_t i = 0; i < sizeof dirs / sizeof *dirs && unit == NULL; i++)
         unit = doc_file(d->host, "%s/pyrovoxd.service", dirs[i]);
-    struct doc_names *names = unit != NULL ? malloc(sizeof *names) : NULL;
-    if (names == NULL)
-        return unit;
-    doc_names(d->host, names, "/etc/systemd/system/pyrovoxd.service.d");
-    for (size_t i = 0; i < names->n && unit != NULL; i++) {
+    struct doc_names *names = doc_names(d->host, "/etc/systemd/system/pyrovoxd.service.d");
+    for (size_t i = 0; names != NULL && i < names->n && unit != NULL; i++) {
         char *more = doc_file(d->host, "/etc/systemd/system/pyrovoxd.service.d/%s", names->v[i]);
         size_t a = strlen(unit), b = more != NULL ? strlen(more) : 0;
         char *joined = b > 0 ? realloc(unit, a + b + 2) : NULL;
@@ -77,10 +74,9 @@ static void raw_sockets(struct doctor *d)
 {
     if (doc_load_count(&d->load, DOC_CAM_GIGE) == 0)
         return;
-    if (doc_has_cap(d, CAP_NET_RAW_BIT)) {
-        doc_say(d, DOC_OK, 68, "cap.net_raw", "pyrovoxd may read packets past the socket buffers");
+    if (doc_settled(doc_has_cap(d, CAP_NET_RAW_BIT), d, DOC_OK, 68, "cap.net_raw",
+                    "pyrovoxd may read packets past the socket buffers"))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_WARN, 68, "cap.net_raw",
                                     "pyrovoxd may not read packets past the socket buffers "
                                     "(CAP_NET_RAW)");
@@ -102,10 +98,10 @@ static void realtime(struct doctor *d, const char *limits, const char *title)
         doc_means(f, "receiving threads with real-time priority never run");
         doc_sysctl(f, "kernel.sched_rt_runtime_us", "950000");
     }
-    if (limits == NULL || !doc_parse_limit(limits, "Max realtime priority", &soft, &hard)) {
-        doc_say(d, DOC_UNKNOWN, 30, "limit.rtprio", "limits of %s cannot be read", title);
+    if (doc_settled(limits == NULL ||
+                        !doc_parse_limit(limits, "Max realtime priority", &soft, &hard),
+                    d, DOC_UNKNOWN, 30, "limit.rtprio", "limits of %s cannot be read", title))
         return;
-    }
     if (nice || soft >= 10) {
         doc_say(d, DOC_OK, 62, "limit.rtprio", "%s may run in real time", title);
         return;
@@ -126,10 +122,9 @@ static void locked_memory(struct doctor *d, const char *limits, const char *titl
     double need = (double)d->load.frame_bytes * (double)d->load.n * d->load.buffers;
     if (limits == NULL || !doc_parse_limit(limits, "Max locked memory", &soft, &hard))
         return;
-    if (soft == DOC_UNLIMITED || (double)soft >= need) {
-        doc_say(d, DOC_OK, 28, "limit.memlock", "%s may lock its frames in memory", title);
+    if (doc_settled(soft == DOC_UNLIMITED || (double)soft >= need, d, DOC_OK, 28, "limit.memlock",
+                    "%s may lock its frames in memory", title))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_WARN, 28, "limit.memlock",
                                     "%s may lock only %.1f MB in memory, its frames take %.0f",
                                     title, (double)soft * 1e-6, need * 1e-6);
@@ -142,10 +137,9 @@ static void open_files(struct doctor *d, const char *limits, const char *title)
     uint64_t soft = 0, hard = 0, need = 128 + 16 * (uint64_t)d->load.n;
     if (limits == NULL || !doc_parse_limit(limits, "Max open files", &soft, &hard))
         return;
-    if (soft >= need) {
-        doc_say(d, DOC_OK, 20, "limit.nofile", "%s may have enough files open", title);
+    if (doc_settled(soft >= need, d, DOC_OK, 20, "limit.nofile", "%s may have enough files open",
+                    title))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_FAIL, 60, "limit.nofile", "%s may have only %llu files open, it needs %llu",
                 title, (unsigned long long)soft, (unsigned long long)need);
@@ -169,10 +163,8 @@ static void unit(struct doctor *d)
         {"SupplementaryGroups", "plugdev", "USB3 Vision cameras cannot be opened", true},
     };
     char *text = doc_unit_text(d), value[512];
-    if (text == NULL) {
-        doc_say(d, DOC_OK, 12, "unit", "pyrovoxd is not installed as a service");
+    if (doc_settled(text == NULL, d, DOC_OK, 12, "unit", "pyrovoxd is not installed as a service"))
         return;
-    }
     size_t bad = 0;
     for (size_t i = 0; i < sizeof line / sizeof *line; i++) {
         bool set = doc_parse_unit(text, line[i].key, value, sizeof value);

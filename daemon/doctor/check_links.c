@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 #define SWITCH_BYTES 500e3 /* what a small switch keeps at least */
 
@@ -20,11 +20,10 @@ static void cable(struct doctor *d, const struct doc_link *l)
     char word[32];
     if (l->loopback)
         return;
-    if (!doc_exists(d->host, "/sys/class/net/%s", l->name)) {
-        doc_say(d, DOC_UNKNOWN, 50, "net.carrier",
-                "%s is not under /sys: this is a container that shows another network's", l->name);
+    if (doc_settled(
+            !doc_exists(d->host, "/sys/class/net/%s", l->name), d, DOC_UNKNOWN, 50, "net.carrier",
+            "%s is not under /sys: this is a container that shows another network's", l->name))
         return;
-    }
     if (!doc_int(d->host, &carrier, "/sys/class/net/%s/carrier", l->name) || carrier != 1) {
         struct doc_finding *f =
             doc_say(d, DOC_FAIL, 99, "net.carrier", "%s is down or has no cable", l->name);
@@ -47,17 +46,15 @@ static void cable(struct doctor *d, const struct doc_link *l)
         doc_command(f, "ethtool -s %s autoneg on", doc_quote(l->name));
         doc_note(f, "another cable (Cat 5e or better) and another port of the switch");
     }
-    if (!doc_int(d->host, &speed, "/sys/class/net/%s/speed", l->name) || speed <= 0) {
-        doc_say(d, DOC_UNKNOWN, 20, "net.speed", "%s does not say how fast it is", l->name);
+    if (doc_settled(!doc_int(d->host, &speed, "/sys/class/net/%s/speed", l->name) || speed <= 0, d,
+                    DOC_UNKNOWN, 20, "net.speed", "%s does not say how fast it is", l->name))
         return;
-    }
     double need = (l->certain ? l->bytes_per_s : d->load.bytes_per_s) * 8e-6 * 1.05;
     double share = need / (double)speed;
-    if (share <= 0.8) {
-        doc_say(d, DOC_OK, 88, "net.speed", "%s: %lld Mb/s, the cameras need %.0f (%.0f %%)",
-                l->name, (long long)speed, need, share * 100);
+    if (doc_settled(share <= 0.8, d, DOC_OK, 88, "net.speed",
+                    "%s: %lld Mb/s, the cameras need %.0f (%.0f %%)", l->name, (long long)speed,
+                    need, share * 100))
         return;
-    }
     bool fail = share > 0.97 && l->certain;
     struct doc_finding *f = doc_say(d, fail ? DOC_FAIL : DOC_WARN, 94, "net.speed",
                                     "%s carries %lld Mb/s, the cameras need %.0f (%.0f %%)%s",
@@ -78,26 +75,23 @@ static void mtu(struct doctor *d, const struct doc_link *l)
         struct doc_finding *f = doc_say(d, DOC_FAIL, 98, "net.mtu",
                                         "%s has an MTU of %lld, gige.packet_size asks for %d",
                                         l->name, (long long)v, packet);
-        doc_means(f,
-                  "packets are cut in pieces: frames come short although they look complete, and "
-                  "one lost piece loses the packet");
+        doc_means(f, "packets are cut in pieces: frames come short although they look complete, "
+                     "and one lost piece loses the packet");
         doc_command(f, "ip link set %s mtu 9000", doc_quote(l->name));
         doc_note(f, "the switch must pass jumbo frames too; or set gige.packet_size: %lld",
                  (long long)v);
         return;
     }
-    if (v >= 8000 || l->loopback) {
-        doc_say(d, DOC_OK, 70, "net.mtu", "%s: MTU %lld", l->name, (long long)v);
+    if (doc_settled(v >= 8000 || l->loopback, d, DOC_OK, 70, "net.mtu", "%s: MTU %lld", l->name,
+                    (long long)v))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 70, "net.mtu", "%s has an MTU of %lld: no jumbo frames%s", l->name,
                 (long long)v, maybe(l));
     doc_means(f, "six times as many packets, interrupts and processor time as with 9000 bytes");
     doc_command(f, "ip link set %s mtu 9000", doc_quote(l->name));
-    doc_note(
-        f, "switch and cameras must be set to jumbo frames as well; gige.packet_size: 0 then finds "
-           "the largest that passes");
+    doc_note(f, "switch and cameras must be set to jumbo frames as well; gige.packet_size: 0 then "
+                "finds the largest that passes");
 }
 
 static void rp_filter(struct doctor *d, const struct doc_link *l, const struct doc_route *r,
@@ -116,13 +110,12 @@ static void rp_filter(struct doctor *d, const struct doc_link *l, const struct d
                 r[i].mask != 0 && r[k].mask != 0 &&
                 ((r[i].dest ^ r[k].dest) & r[i].mask & r[k].mask) == 0)
                 twin = r[k].iface;
-    if (v != 1 || (twin == NULL && l->certain)) {
-        doc_say(d, DOC_OK, 65, "net.rp_filter", "%s: reverse-path filter %s", l->name,
-                v == 0   ? "off"
-                : v == 2 ? "loose"
-                         : "strict, and the only way to its cameras");
+    if (doc_settled(v != 1 || (twin == NULL && l->certain), d, DOC_OK, 65, "net.rp_filter",
+                    "%s: reverse-path filter %s", l->name,
+                    v == 0   ? "off"
+                    : v == 2 ? "loose"
+                             : "strict, and the only way to its cameras"))
         return;
-    }
     struct doc_finding *f =
         twin != NULL
             ? doc_say(d, DOC_FAIL, 90, "net.rp_filter",
@@ -144,15 +137,13 @@ static void rp_filter(struct doctor *d, const struct doc_link *l, const struct d
 
 static void ring(struct doctor *d, const struct doc_link *l, const struct doc_nic *nic)
 {
-    if (!nic->ring_known) {
-        doc_say(d, DOC_UNKNOWN, 10, "net.ring", "%s does not say how large its ring is", l->name);
+    if (doc_settled(!nic->ring_known, d, DOC_UNKNOWN, 10, "net.ring",
+                    "%s does not say how large its ring is", l->name))
         return;
-    }
     uint32_t want = nic->rx_ring_max < 4096 ? nic->rx_ring_max : 4096;
-    if (nic->rx_ring >= want || nic->rx_ring >= 2048) {
-        doc_say(d, DOC_OK, 75, "net.ring", "%s: receive ring of %u packets", l->name, nic->rx_ring);
+    if (doc_settled(nic->rx_ring >= want || nic->rx_ring >= 2048, d, DOC_OK, 75, "net.ring",
+                    "%s: receive ring of %u packets", l->name, nic->rx_ring))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 75, "net.ring", "%s has a receive ring of %u packets, it could be %u",
                 l->name, nic->rx_ring, nic->rx_ring_max);
@@ -217,20 +208,17 @@ static void burst(struct doctor *d, const struct doc_link *l)
     double share = (double)l->cameras * 1000 / (double)speed;
     double kept =
         share > 1 ? (1 - 1 / share) * (double)d->load.frame_bytes * (double)l->cameras : 0;
-    if (kept < SWITCH_BYTES || d->load.packet_delay_ns > 0) {
-        doc_say(d, DOC_OK, 67, "net.burst", "%s: cameras that expose together %s", l->name,
-                kept < SWITCH_BYTES ? "do not flood the switch" : "pause between packets");
+    if (doc_settled(kept < SWITCH_BYTES || d->load.packet_delay_ns > 0, d, DOC_OK, 67, "net.burst",
+                    "%s: cameras that expose together %s", l->name,
+                    kept < SWITCH_BYTES ? "do not flood the switch" : "pause between packets"))
         return;
-    }
     int delay = (int)((share - 1) * (packet + 38) * 8); /* at 1 bit per ns, with preamble and gap */
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 67, "net.burst",
-                "%zu cameras of %s expose together: the switch must keep %.1f MB "
-                "of each set",
+                "%zu cameras of %s expose together: the switch must keep %.1f MB of each set",
                 l->cameras, l->name, kept * 1e-6);
-    doc_means(f,
-              "small switches have 0.5 to 2 MB for all ports; what does not fit is lost, and the "
-              "same cameras lose every time");
+    doc_means(f, "small switches have 0.5 to 2 MB for all ports; what does not fit is lost, and "
+                 "the same cameras lose every time");
     doc_note(f,
              "gige.packet_delay_ns: %d in pyrovoxd.yaml (packets of %d bytes, cameras of 1 Gb/s); "
              "a faster port to this host helps more",

@@ -1,10 +1,9 @@
 /* check_memory.c - memory that is there when a frame needs it. */
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 static void swap(struct doctor *d, const char *meminfo)
 {
@@ -13,10 +12,9 @@ static void swap(struct doctor *d, const char *meminfo)
     if (!doc_parse_key_int(meminfo, "SwapTotal", 10, &total) ||
         !doc_int(d->host, &v, "/proc/sys/vm/swappiness"))
         return;
-    if (total == 0 || v <= 10) {
-        doc_say(d, DOC_OK, 30, "mem.swap", total == 0 ? "no swap" : "swap is the last resort");
+    if (doc_settled(total == 0 || v <= 10, d, DOC_OK, 30, "mem.swap",
+                    total == 0 ? "no swap" : "swap is the last resort"))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, DOC_WARN, 42, "mem.swap", "memory is swapped out early (vm.swappiness %lld)",
                 (long long)v);
@@ -31,11 +29,9 @@ static void free_memory(struct doctor *d, const char *meminfo)
         return;
     double need = (double)d->load.frame_bytes * (double)d->load.n * d->load.buffers;
     double have = (double)kib * 1024;
-    if (have >= 2 * need) {
-        doc_say(d, DOC_OK, 48, "mem.free", "%.1f GB of memory free, frames take %.2f", have * 1e-9,
-                need * 1e-9);
+    if (doc_settled(have >= 2 * need, d, DOC_OK, 48, "mem.free",
+                    "%.1f GB of memory free, frames take %.2f", have * 1e-9, need * 1e-9))
         return;
-    }
     struct doc_finding *f = doc_say(d, have < need ? DOC_FAIL : DOC_WARN, 78, "mem.free",
                                     "%.2f GB of memory are free, frames alone take %.2f "
                                     "(%u of each camera)",
@@ -53,10 +49,9 @@ static void huge_pages(struct doctor *d)
     if (!doc_text(d->host, list, sizeof list, "/sys/kernel/mm/transparent_hugepage/defrag"))
         return;
     doc_bracketed(list, defrag, sizeof defrag);
-    if (strcmp(enabled, "always") != 0 || strcmp(defrag, "always") != 0) {
-        doc_say(d, DOC_OK, 15, "mem.hugepages", "huge pages `%s`, made `%s`", enabled, defrag);
+    if (doc_settled(strcmp(enabled, "always") != 0 || strcmp(defrag, "always") != 0, d, DOC_OK, 15,
+                    "mem.hugepages", "huge pages `%s`, made `%s`", enabled, defrag))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_WARN, 22, "mem.hugepages",
                                     "programs stop and wait while huge pages are made");
     doc_means(f, "a stall of milliseconds now and then, when memory is fragmented");

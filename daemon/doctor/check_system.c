@@ -3,26 +3,24 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 static void kernel(struct doctor *d)
 {
     char version[128];
     int major = 0, minor = 0;
-    if (!doc_text(d->host, version, sizeof version, "/proc/sys/kernel/osrelease") ||
-        sscanf(version, "%d.%d", &major, &minor) != 2) {
-        doc_say(d, DOC_UNKNOWN, 10, "kernel", "the kernel's version cannot be read");
+    if (doc_settled(!doc_text(d->host, version, sizeof version, "/proc/sys/kernel/osrelease") ||
+                        sscanf(version, "%d.%d", &major, &minor) != 2,
+                    d, DOC_UNKNOWN, 10, "kernel", "the kernel's version cannot be read"))
         return;
-    }
     if (major > 5 || (major == 5 && minor >= 10)) {
         doc_say(d, DOC_OK, 26, "kernel", "Linux %s", version);
         return;
     }
-    struct doc_finding *f = doc_say(d, DOC_WARN, 26, "kernel",
-                                    "Linux %s is older than any that "
-                                    "Pyrovox is tried with (5.10)",
-                                    version);
+    struct doc_finding *f =
+        doc_say(d, DOC_WARN, 26, "kernel",
+                "Linux %s is older than any that Pyrovox is tried with (5.10)", version);
     doc_means(f, "drivers of cameras and cards may have faults that were mended since");
     doc_command(f, "apt-get update && apt-get install -y linux-image-amd64");
 }
@@ -37,19 +35,14 @@ static void machine(struct doctor *d)
     free(flags);
     (void)doc_text(d->host, vendor, sizeof vendor, "/sys/class/dmi/id/sys_vendor");
     (void)doc_text(d->host, product, sizeof product, "/sys/class/dmi/id/product_name");
-    if (!guest) {
-        doc_say(d, DOC_OK, 32, "machine", "not a virtual machine");
+    if (doc_settled(!guest, d, DOC_OK, 32, "machine", "not a virtual machine"))
         return;
-    }
-    struct doc_finding *f = doc_say(d, DOC_WARN, 32, "machine", "a virtual machine%s%s%s%s",
+    struct doc_finding *f = doc_say(d, DOC_WARN, 32, "machine", "a virtual machine%s%s%s%s%s",
                                     vendor[0] != '\0' ? " (" : "", vendor,
                                     vendor[0] != '\0' && product[0] != '\0' ? ", " : "",
-                                    vendor[0] != '\0' ? product : "");
-    if (vendor[0] != '\0' && strlen(f->what) + 1 < sizeof f->what)
-        snprintf(f->what + strlen(f->what), 2, ")");
-    doc_means(f,
-              "it stands still whenever its host does something else: packets and frames are lost "
-              "and times jitter without any sign of it here");
+                                    vendor[0] != '\0' ? product : "", vendor[0] != '\0' ? ")" : "");
+    doc_means(f, "it stands still whenever its host does something else: packets and frames are "
+                 "lost and times jitter without any sign of it here");
     doc_note(f, "for measurements use the machine itself; else pass the network card or USB "
                 "controller through and give the guest processors of its own");
 }

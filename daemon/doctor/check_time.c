@@ -1,9 +1,7 @@
 /* check_time.c - one clock for all cameras: PTP, and who else turns the host's. */
-#include <math.h>
-#include <stdio.h>
 #include <string.h>
 
-#include "doctor/checks.h"
+#include "daemon/doctor/checks.h"
 
 static bool runs(struct doctor *d, const char *comm)
 {
@@ -23,19 +21,16 @@ static void fight(struct doctor *d)
         }
     /* timemaster starts chronyd or ntpd itself and feeds it: one hand on the clock */
     bool master = runs(d, "timemaster"), phc = runs(d, "phc2sys") && !master;
-    if (n + phc < 2) {
-        doc_say(d, DOC_OK, 46, "time.daemons", "%s",
-                n + phc == 0 ? "no program sets the system clock"
-                             : "one program sets the system clock");
+    if (doc_settled(n + phc < 2, d, DOC_OK, 46, "time.daemons", "%s",
+                    n + phc == 0 ? "no program sets the system clock"
+                                 : "one program sets the system clock"))
         return;
-    }
     struct doc_finding *f =
         doc_say(d, d->load.shared_clock ? DOC_FAIL : DOC_WARN, 77, "time.daemons",
                 "%s and %s both set the system clock",
                 phc ? "phc2sys" : "two of chronyd, ntpd and timesyncd", phc ? ntp : "another");
-    doc_means(f,
-              "the clock is pushed to and fro: exposure times jump against each other and frames "
-              "do not find their sets");
+    doc_means(f, "the clock is pushed to and fro: exposure times jump against each other and "
+                 "frames do not find their sets");
     if (phc)
         doc_command(f, "systemctl disable --now %s",
                     strcmp(ntp, "chronyd") == 0 ? "chrony"
@@ -58,10 +53,9 @@ static void synchronized(struct doctor *d)
     } else {
         struct doc_finding *f = doc_say(d, DOC_WARN, d->load.ptp ? 74 : 18, "time.sync",
                                         "system clock is not synchronized to anything");
-        doc_means(f, d->load.ptp
-                         ? "as PTP's source it gives the cameras a time that drifts; sets are "
-                           "right among themselves, their date is not"
-                         : "dates of volumes are not comparable with other machines");
+        doc_means(f, d->load.ptp ? "as PTP's source it gives the cameras a time that drifts; sets "
+                                   "are right among themselves, their date is not"
+                                 : "dates of volumes are not comparable with other machines");
         doc_command(f, "apt-get install -y chrony");
     }
 }
@@ -70,26 +64,23 @@ static void ptp_daemon(struct doctor *d)
 {
     bool ptp4l = runs(d, "ptp4l"), phc2sys = runs(d, "phc2sys"), master = runs(d, "timemaster");
     const char *link = d->n_links > 0 ? d->link[0].name : "INTERFACE";
-    if (ptp4l && (phc2sys || master)) {
-        doc_say(d, DOC_OK, 85, "ptp.daemon", "ptp4l and %s run", master ? "timemaster" : "phc2sys");
+    if (doc_settled(ptp4l && (phc2sys || master), d, DOC_OK, 85, "ptp.daemon", "ptp4l and %s run",
+                    master ? "timemaster" : "phc2sys"))
         return;
-    }
     if (ptp4l) {
         /* right with software stamps, where ptp4l steers or serves the system clock itself */
         struct doc_finding *f =
             doc_say(d, DOC_WARN, 73, "ptp.daemon", "ptp4l runs without phc2sys");
-        doc_means(f,
-                  "with hardware stamps the cameras follow the network card's clock, which is not "
-                  "the system's: shared_clock then is wrong by their difference");
+        doc_means(f, "with hardware stamps the cameras follow the network card's clock, which is "
+                     "not the system's: shared_clock then is wrong by their difference");
         doc_command(f, "phc2sys -a -rr >/dev/null 2>&1 &");
         doc_note(f, "leave it if ptp4l uses software stamps (-S); see capture/SYNC.md");
         return;
     }
-    if (!d->load.shared_clock) {
-        doc_say(d, DOC_OK, 85, "ptp.daemon",
-                "no PTP daemon runs here: a camera or the switch leads, which is enough for sets");
+    if (doc_settled(
+            !d->load.shared_clock, d, DOC_OK, 85, "ptp.daemon",
+            "no PTP daemon runs here: a camera or the switch leads, which is enough for sets"))
         return;
-    }
     struct doc_finding *f = doc_say(d, DOC_FAIL, 85, "ptp.daemon", "no PTP daemon runs");
     doc_means(f, "the cameras elect one of themselves as master, and their time is not the host's: "
                  "with shared_clock frames are matched by wrong times");
@@ -119,9 +110,8 @@ static void stamps(struct doctor *d)
                 doc_say(d, DOC_WARN, 53, "ptp.stamps", "%s cannot stamp packets in hardware", name);
             doc_means(f, "PTP is right to some 10 to 100 us instead of under 1 us; enough to match "
                          "frames, not to measure fast flames");
-            doc_note(f,
-                     "a card with a PTP clock (Intel i210, i225 and others), or a camera or switch "
-                     "as grandmaster");
+            doc_note(f, "a card with a PTP clock (Intel i210, i225 and others), or a camera or "
+                        "switch as grandmaster");
         }
     }
 }

@@ -4,8 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
 
 #define SYS_USB  "/sys/bus/usb/devices"
 #define MAX_CAMS 64
@@ -20,12 +19,9 @@ struct usb_camera {
 /* Interfaces "2-1.4:1.0" say what a device is: video is class 0e, USB3 Vision is ef/05. */
 static size_t find_cameras(struct doctor *d, struct usb_camera *out)
 {
-    struct doc_names *names = malloc(sizeof *names);
+    struct doc_names *names = doc_names(d->host, SYS_USB);
     size_t n = 0;
-    if (names == NULL)
-        return 0;
-    doc_names(d->host, names, SYS_USB);
-    for (size_t i = 0; i < names->n && n < MAX_CAMS; i++) {
+    for (size_t i = 0; names != NULL && i < names->n && n < MAX_CAMS; i++) {
         char class[16], sub[16] = "";
         const char *name = names->v[i];
         size_t len = strcspn(name, ":");
@@ -52,12 +48,11 @@ static void usbfs_memory(struct doctor *d, size_t cameras)
 {
     int64_t mb;
     double need = (double)cameras * (double)d->load.frame_bytes * d->load.buffers / 1048576.0;
-    if (!doc_int(d->host, &mb, "/sys/module/usbcore/parameters/usbfs_memory_mb")) {
-        doc_say(d, DOC_UNKNOWN, 40, "usb.memory",
-                "usbcore.usbfs_memory_mb cannot be read: no USB "
-                "in this kernel?");
+    if (doc_settled(!doc_int(d->host, &mb, "/sys/module/usbcore/parameters/usbfs_memory_mb"), d,
+                    DOC_UNKNOWN, 40, "usb.memory",
+                    "usbcore.usbfs_memory_mb cannot be read: no USB "
+                    "in this kernel?"))
         return;
-    }
     if (mb == 0 || (double)mb >= need) {
         doc_say(d, DOC_OK, 86, "usb.memory", "USB transfers may take %lld MiB, need %.0f",
                 (long long)mb, need);

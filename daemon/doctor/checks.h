@@ -1,19 +1,23 @@
 /* checks.h - the checks by topic, and how they speak (private to daemon/doctor). */
 #ifndef DOC_CHECKS_H
 #define DOC_CHECKS_H
-#include "doctor/doctor.h"
-#include "doctor/host.h"
+#include "daemon/doctor/doctor.h"
+#include "daemon/doctor/host.h"
 
 /* A new finding; never NULL (with no room left it is counted and forgotten). */
 struct doc_finding *doc_say(struct doctor *d, enum doc_verdict v, int weight, const char *id,
                             const char *fmt, ...) PVX_PRINTF(5, 6);
+/* If `cond` holds that is the finding, and all there is to say: true. */
+#define doc_settled(cond, ...) ((cond) && doc_say(__VA_ARGS__) != NULL)
 /* What it means for frames. */
 void doc_means(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
-/* Remedies, in the order in which they should be tried. */
-void doc_sysctl(struct doc_finding *f, const char *key, const char *fmt, ...) PVX_PRINTF(3, 4);
-void doc_command(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
-void doc_add_line(struct doc_finding *f, const char *file, const char *fmt, ...) PVX_PRINTF(3, 4);
-void doc_note(struct doc_finding *f, const char *fmt, ...) PVX_PRINTF(2, 3);
+/* Remedies, in the order in which they should be tried.  `file`: a sysctl's key, or whose line it is. */
+void doc_fix(struct doc_finding *f, enum doc_fix_kind kind, const char *file, const char *fmt, ...)
+    PVX_PRINTF(4, 5);
+#define doc_sysctl(f, key, ...)    doc_fix(f, DOC_SYSCTL, key, __VA_ARGS__)
+#define doc_command(f, ...)        doc_fix(f, DOC_COMMAND, "", __VA_ARGS__)
+#define doc_add_line(f, file, ...) doc_fix(f, DOC_LINE, file, __VA_ARGS__)
+#define doc_note(f, ...)           doc_fix(f, DOC_NOTE, "", __VA_ARGS__)
 
 /* May pyrovoxd have this capability (its number in linux/capability.h)?  Running, by its file, or by
  * its unit. */

@@ -1,10 +1,10 @@
 /* doctor.c - the examination from end to end. */
-#include "doctor/doctor.h"
+#include "daemon/doctor/doctor.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
+#include "daemon/doctor/checks.h"
 
 static int rank(enum doc_verdict v)
 {

@@ -54,7 +54,6 @@ struct doc_load {
     size_t n;
     struct doc_load_camera {
         enum doc_kind kind;
-        bool sure; /* kind is certain: an address, not a serial number that may be either */
         char name[64];
         uint32_t address; /* GigE, host order; 0 = not known */
         size_t frame_bytes;
@@ -68,7 +67,6 @@ struct doc_load {
     bool shared_clock;     /* and it must be the host's */
     int packet_delay_ns;   /* GigE, between packets of a frame */
     bool triggered;        /* not free running */
-    bool scheduled;        /* by action commands sent ahead of time */
     size_t socket_buffer;  /* asked for each GigE camera; 0 = not known */
     char record[PATH_MAX]; /* folder of raw recording, "" = none */
 };

@@ -1,5 +1,5 @@
 /* firewall.c - conditions that nftables and iptables have in common. */
-#include "doctor/firewall.h"
+#include "daemon/doctor/firewall.h"
 
 #include <arpa/inet.h>
 #include <stdio.h>

@@ -4,7 +4,7 @@
  * interface; connection tracking does not know it (the camera speaks first), so rules for
  * established connections do not let it in.  Rules are walked in their order; a condition that is
  * not understood makes the rule a "perhaps".  Pure, for any bytes (fuzzed).
- * Formats: nft(8) `list ruleset`, iptables-save(8). */
+ * Formats: `nft -j list ruleset` (libnftables-json(5)), iptables-save(8). */
 #ifndef DOC_FIREWALL_H
 #define DOC_FIREWALL_H
 #include <stddef.h>

@@ -3,8 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "doctor/firewall.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/firewall.h"
+#include "daemon/doctor/parse.h"
 
 static bool is(const char *a, const char *b)
 {

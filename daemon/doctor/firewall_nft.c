@@ -1,103 +1,22 @@
-/* firewall_nft.c - the rules as `nft list ruleset` prints them. */
+/* firewall_nft.c - the rules as `nft -j list ruleset` prints them (libnftables-json(5)). */
+#include <cjson/cJSON.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "doctor/firewall.h"
-#include "doctor/parse.h"
-
-#define MAX_TOKENS 64
+#include "daemon/doctor/firewall.h"
 
 enum end { END_NONE, END_ACCEPT, END_DROP, END_CHAIN, END_RETURN };
 
-struct rule {
-    size_t n, i;
-    char *t[MAX_TOKENS];
-    enum doc_match match;
-    enum end end;
-};
-
-/* Cut a line into words; what stands in quotes is one, without them. */
-static void tokens(char *line, struct rule *r)
+static const cJSON *get(const cJSON *j, const char *key)
 {
-    char *p = line;
-    r->n = r->i = 0;
-    while (r->n < MAX_TOKENS) {
-        p += strspn(p, " \t");
-        if (*p == '\0' || *p == '#')
-            break;
-        char *end;
-        if (*p == '"') {
-            r->t[r->n++] = ++p;
-            end = p + strcspn(p, "\"");
-        } else {
-            r->t[r->n++] = p;
-            end = p + strcspn(p, " \t");
-        }
-        if (*end == '\0')
-            break;
-        *end = '\0';
-        p = end + 1;
-    }
+    return cJSON_GetObjectItemCaseSensitive(j, key);
 }
 
-static const char *next(struct rule *r)
+static const char *text(const cJSON *j, const char *key)
 {
-    return r->i < r->n ? r->t[r->i++] : "";
-}
-
-typedef enum doc_match match_fn(const char *value, const struct doc_stream *s);
-static enum doc_match is_iface(const char *v, const struct doc_stream *s)
-{
-    return doc_match_iface(v, s->iface);
-}
-static enum doc_match is_source(const char *v, const struct doc_stream *s)
-{
-    return v[0] == '@' ? DOC_MATCH_PERHAPS : doc_match_net(v, s->address);
-}
-static enum doc_match is_port(const char *v, const struct doc_stream *s)
-{
-    (void)s;
-    return doc_match_ports(v);
-}
-static enum doc_match is_udp(const char *v, const struct doc_stream *s)
-{
-    (void)s;
-    return strcmp(v, "udp") == 0 || strcmp(v, "17") == 0 ? DOC_MATCH_YES : DOC_MATCH_NO;
-}
-static enum doc_match is_new(const char *v, const struct doc_stream *s)
-{
-    (void)s;
-    return strstr(v, "new") != NULL || strcmp(v, "0x8") == 0 || strcmp(v, "8") == 0 ? DOC_MATCH_YES
-                                                                                    : DOC_MATCH_NO;
-}
-static enum doc_match is_ipv4(const char *v, const struct doc_stream *s)
-{
-    (void)s;
-    return strcmp(v, "ipv4") == 0 || strcmp(v, "ip") == 0 || strcmp(v, "2") == 0 ? DOC_MATCH_YES
-                                                                                 : DOC_MATCH_NO;
-}
-
-/* [!=] value, or [!=] { value, value } */
-static enum doc_match values(struct rule *r, match_fn *is, const struct doc_stream *s)
-{
-    const char *v = next(r);
-    bool negated = strcmp(v, "!=") == 0;
-    if (negated)
-        v = next(r);
-    enum doc_match m = DOC_MATCH_NO;
-    if (strcmp(v, "{") != 0) {
-        m = is(v, s);
-    } else {
-        while (*(v = next(r)) != '\0' && strcmp(v, "}") != 0) {
-            char one[64];
-            snprintf(one, sizeof one, "%.*s", (int)strcspn(v, ","), v);
-            enum doc_match k = is(one, s);
-            if (k == DOC_MATCH_YES || m == DOC_MATCH_NO)
-                m = k;
-        }
-    }
-    return negated ? doc_match_not(m) : m;
+    const char *s = cJSON_GetStringValue(get(j, key));
+    return s != NULL ? s : "";
 }
 
 static bool is(const char *a, const char *b)
@@ -105,153 +24,237 @@ static bool is(const char *a, const char *b)
     return strcmp(a, b) == 0;
 }
 
-/* One condition or statement of the rule, which begins with word w. */
-static enum doc_match condition(struct rule *r, const char *w, const struct doc_stream *s)
+static bool any(const char *word, const char *const *list)
 {
-    if (is(w, "iif") || is(w, "iifname"))
-        return values(r, is_iface, s);
-    if (is(w, "counter") || is(w, "comment") || is(w, "log") || is(w, "packets") ||
-        is(w, "bytes") || is(w, "prefix") || is(w, "level")) {
-        if (!is(w, "counter") && !is(w, "log"))
-            next(r);
-        return DOC_MATCH_YES;
-    }
-    if (is(w, "tcp") || is(w, "icmp") || is(w, "icmpv6") || is(w, "ip6") || is(w, "sctp"))
-        return DOC_MATCH_NO;
-    if (is(w, "udp")) {
-        const char *what = next(r);
-        return is(what, "dport")   ? values(r, is_port, s)
-               : is(what, "sport") ? doc_match_and(values(r, is_port, s), DOC_MATCH_PERHAPS)
-                                   : DOC_MATCH_PERHAPS;
-    }
-    if (is(w, "ct")) {
-        const char *what = next(r);
-        return is(what, "state") ? values(r, is_new, s) : DOC_MATCH_PERHAPS;
-    }
-    if (is(w, "ip") || is(w, "meta")) {
-        const char *what = next(r);
-        if (is(what, "saddr"))
-            return values(r, is_source, s);
-        if (is(what, "protocol") || is(what, "l4proto"))
-            return is(w, "meta") && is(what, "protocol") ? values(r, is_ipv4, s)
-                                                         : values(r, is_udp, s);
-        if (is(what, "iif") || is(what, "iifname"))
-            return values(r, is_iface, s);
-        if (is(what, "nfproto"))
-            return values(r, is_ipv4, s);
+    while (*list != NULL && !is(word, *list))
+        list++;
+    return *list != NULL;
+}
+
+/* ---- conditions ------------------------------------------------------------------------------- */
+
+static enum doc_match yes_if(bool yes)
+{
+    return yes ? DOC_MATCH_YES : DOC_MATCH_NO;
+}
+
+enum field { NOT_KNOWN, IFACE, SOURCE, PORT, FROM_PORT, PROTOCOL, STATE, FAMILY };
+
+static const struct known {
+    const char *name;
+    enum field field;
+} all_known[] = {
+    {"meta iif", IFACE},       {"meta iifname", IFACE},  {"meta l4proto", PROTOCOL},
+    {"meta protocol", FAMILY}, {"meta nfproto", FAMILY}, {"ct state", STATE},
+    {"udp sport", FROM_PORT},  {"udp dport", PORT},      {"ip saddr", SOURCE},
+    {"ip protocol", PROTOCOL},
+};
+
+static enum doc_match matches(enum field field, const char *v, const struct doc_stream *s)
+{
+    switch (field) {
+    case IFACE: return doc_match_iface(v, s->iface);
+    case SOURCE: return doc_match_net(v, s->address);
+    case PORT: return doc_match_ports(v);
+    case FROM_PORT: return doc_match_and(doc_match_ports(v), DOC_MATCH_PERHAPS);
+    case PROTOCOL: return yes_if(is(v, "udp"));
+    case STATE: return yes_if(is(v, "new"));
+    case FAMILY: return yes_if(is(v, "ipv4") || is(v, "ip"));
+    case NOT_KNOWN: break;
     }
     return DOC_MATCH_PERHAPS;
 }
 
-static void evaluate(struct rule *r, const struct doc_stream *s)
+/* What the left side of a condition asks: {"meta": {"key": "iifname"}} and the like.  false: a
+ * packet of the stream has no such field; *out NOT_KNOWN: it is not understood. */
+static bool asks(const cJSON *left, enum field *out)
 {
-    r->match = DOC_MATCH_YES;
-    r->end = END_NONE;
-    while (r->i < r->n && r->end == END_NONE) {
-        const char *w = next(r);
-        if (is(w, "accept"))
-            r->end = END_ACCEPT;
-        else if (is(w, "drop") || is(w, "reject"))
-            r->end = END_DROP;
-        else if (is(w, "jump") || is(w, "goto") || is(w, "queue") || is(w, "vmap"))
-            r->end = END_CHAIN;
-        else if (is(w, "return"))
-            r->end = END_RETURN;
-        else
-            r->match = doc_match_and(r->match, condition(r, w, s));
+    static const char *const others[] = {"tcp", "icmp", "icmpv6", "ip6", "sctp", NULL};
+    const cJSON *what = left != NULL ? left->child : NULL;
+    const char *group = what != NULL ? what->string : "", *field = text(what, "key");
+    char name[64];
+    *out = NOT_KNOWN;
+    if (is(group, "payload")) {
+        group = text(what, "protocol");
+        field = text(what, "field");
     }
+    if (any(group, others))
+        return false;
+    snprintf(name, sizeof name, "%s %s", group, field);
+    for (size_t i = 0; i < sizeof all_known / sizeof all_known[0]; i++)
+        if (is(name, all_known[i].name))
+            *out = all_known[i].field;
+    return true;
 }
 
-/* State of the walk through one chain. */
-struct walk {
-    bool base;    /* packets from outside come through here */
-    bool decided; /* a rule that surely applies has ended it */
-    bool drop;    /* by policy */
-    bool perhaps_accept, perhaps_drop;
-    enum doc_pass result;
-    char why[256], table[128], name[128];
-};
-
-static void rule(struct walk *w, const char *line, const struct doc_stream *s)
+/* A word, a number, {"prefix": {"addr", "len"}} or {"range": [first, last]}; "@set" is not known. */
+static enum doc_match value(const cJSON *v, enum field field, const struct doc_stream *s)
 {
-    struct rule r;
-    char copy[1024];
-    snprintf(copy, sizeof copy, "%s", line);
-    tokens(copy, &r);
-    evaluate(&r, s);
-    if (w->decided || r.match == DOC_MATCH_NO || r.end == END_NONE)
-        return;
-    bool drop = r.end == END_DROP, sure = r.match == DOC_MATCH_YES;
-    if (r.end == END_CHAIN) {
-        w->perhaps_accept = w->perhaps_drop = true;
-        snprintf(w->why, sizeof w->why, "%s", line);
-    } else if (!sure) {
-        w->perhaps_drop |= drop;
-        w->perhaps_accept |= r.end == END_ACCEPT || r.end == END_RETURN;
-        snprintf(w->why, sizeof w->why, "%s", line);
-    } else {
-        w->decided = true;
-        if (r.end == END_RETURN)
-            drop = w->drop;
-        w->result = drop ? (w->perhaps_accept ? DOC_PASS_UNSURE : DOC_PASS_NO)
-                         : (w->perhaps_drop ? DOC_PASS_UNSURE : DOC_PASS_YES);
-        if (drop && !w->perhaps_accept)
-            snprintf(w->why, sizeof w->why, "%s", line);
-    }
+    char one[64];
+    const cJSON *prefix = get(v, "prefix"), *range = get(v, "range");
+    const cJSON *lo = cJSON_GetArrayItem(range, 0), *hi = cJSON_GetArrayItem(range, 1);
+    const cJSON *len = get(prefix, "len");
+    if (cJSON_IsString(v) && v->valuestring[0] != '@')
+        return matches(field, v->valuestring, s);
+    if (cJSON_IsNumber(v))
+        snprintf(one, sizeof one, "%d", v->valueint);
+    else if (cJSON_IsNumber(len))
+        snprintf(one, sizeof one, "%s/%d", text(prefix, "addr"), len->valueint);
+    else if (cJSON_IsNumber(lo) && cJSON_IsNumber(hi))
+        snprintf(one, sizeof one, "%d-%d", lo->valueint, hi->valueint);
+    else
+        return DOC_MATCH_PERHAPS;
+    return matches(field, one, s);
 }
 
-static void end_chain(struct walk *w, enum doc_pass *all, char *why, char *chain, size_t size)
+static enum doc_match condition(const cJSON *match, const struct doc_stream *s)
 {
-    if (w->base && !w->decided) {
-        w->result = w->drop ? (w->perhaps_accept ? DOC_PASS_UNSURE : DOC_PASS_NO)
-                            : (w->perhaps_drop ? DOC_PASS_UNSURE : DOC_PASS_YES);
-        if (w->result == DOC_PASS_NO)
-            snprintf(w->why, sizeof w->why, "policy drop");
-    }
-    /* NO beats UNSURE beats YES */
-    if (w->base &&
-        (w->result == DOC_PASS_NO || (w->result == DOC_PASS_UNSURE && *all == DOC_PASS_YES))) {
-        if (*all != DOC_PASS_NO) {
-            snprintf(why, size, "%s", w->why);
-            snprintf(chain, size, "%s %s", w->table, w->name);
+    const char *op = text(match, "op");
+    const cJSON *right = get(match, "right"), *set = get(right, "set"), *v;
+    enum field field;
+    if (!asks(get(match, "left"), &field))
+        return DOC_MATCH_NO;
+    if (field == NOT_KNOWN || (!is(op, "==") && !is(op, "!=") && !is(op, "in")))
+        return DOC_MATCH_PERHAPS;
+    const cJSON *list = set != NULL ? set : right;
+    enum doc_match m = DOC_MATCH_NO;
+    if (cJSON_IsArray(list))
+        cJSON_ArrayForEach(v, list)
+        {
+            enum doc_match k = value(v, field, s);
+            if (k == DOC_MATCH_YES || m == DOC_MATCH_NO)
+                m = k;
         }
-        *all = w->result;
-    }
-    *w = (struct walk){.result = DOC_PASS_YES};
+    else
+        m = value(right, field, s);
+    return is(op, "!=") ? doc_match_not(m) : m;
 }
 
-enum doc_pass doc_firewall_nft(const char *text, const struct doc_stream *s, char *why, char *chain,
-                               size_t size)
+/* ---- rules ------------------------------------------------------------------------------------ */
+
+static enum end verdict(const char *word)
 {
-    char line[1024], table[128] = "";
+    static const char *const drops[] = {"drop", "reject", NULL};
+    static const char *const chains[] = {"jump", "goto", "queue", NULL};
+    return is(word, "accept")   ? END_ACCEPT
+           : any(word, drops)   ? END_DROP
+           : any(word, chains)  ? END_CHAIN
+           : is(word, "return") ? END_RETURN
+                                : END_NONE;
+}
+
+/* {"vmap": {"key", "data": {"set": [[value, verdict], ...]}}} */
+static enum end mapped(const cJSON *vmap, const struct doc_stream *s)
+{
+    const cJSON *set = get(get(vmap, "data"), "set"), *pair;
+    enum field field;
+    if (!asks(get(vmap, "key"), &field))
+        return END_NONE;
+    if (field == NOT_KNOWN || !cJSON_IsArray(set))
+        return END_CHAIN;
+    cJSON_ArrayForEach(pair, set)
+    {
+        const cJSON *to = cJSON_GetArrayItem(pair, 1);
+        enum doc_match m = value(cJSON_GetArrayItem(pair, 0), field, s);
+        if (m != DOC_MATCH_NO)
+            return m == DOC_MATCH_YES && cJSON_IsObject(to) && to->child != NULL
+                       ? verdict(to->child->string)
+                       : END_CHAIN;
+    }
+    return END_NONE;
+}
+
+/* How the rule ends for a packet of the stream, if its conditions (*m) hold; *by: the statement. */
+static enum end evaluate(const cJSON *rule, const struct doc_stream *s, enum doc_match *m,
+                         const cJSON **by)
+{
+    static const char *const nothing[] = {"counter", "log", "vmap", NULL};
+    const cJSON *statement;
+    *m = DOC_MATCH_YES;
+    cJSON_ArrayForEach(statement, get(rule, "expr"))
+    {
+        const cJSON *what = statement->child;
+        const char *word = what != NULL && what->string != NULL ? what->string : "";
+        enum end end = is(word, "vmap") ? mapped(what, s) : verdict(word);
+        *by = what;
+        if (end != END_NONE)
+            return end;
+        if (is(word, "match"))
+            *m = doc_match_and(*m, condition(what, s));
+        else if (!any(word, nothing))
+            *m = doc_match_and(*m, DOC_MATCH_PERHAPS);
+    }
+    return END_NONE;
+}
+
+static bool of_chain(const cJSON *rule, const cJSON *chain)
+{
+    return is(text(rule, "family"), text(chain, "family")) &&
+           is(text(rule, "table"), text(chain, "table")) &&
+           is(text(rule, "chain"), text(chain, "name"));
+}
+
+static enum doc_pass walk(const cJSON *list, const cJSON *chain, const struct doc_stream *s,
+                          char *why, size_t size)
+{
+    bool drop = is(text(chain, "policy"), "drop"), decided = false;
+    bool perhaps_accept = false, perhaps_drop = false;
+    const cJSON *item, *by = NULL;
+    why[0] = '\0';
+    cJSON_ArrayForEach(item, list)
+    {
+        const cJSON *rule = get(item, "rule");
+        enum doc_match m;
+        if (decided || rule == NULL || !of_chain(rule, chain))
+            continue;
+        enum end end = evaluate(rule, s, &m, &by);
+        if (end == END_NONE || m == DOC_MATCH_NO)
+            continue;
+        decided = m == DOC_MATCH_YES && end != END_CHAIN;
+        if (decided) {
+            drop = end == END_RETURN ? drop : end == END_DROP;
+        } else {
+            perhaps_drop |= end == END_DROP || end == END_CHAIN;
+            perhaps_accept |= end != END_DROP;
+        }
+        const cJSON *handle = get(rule, "handle");
+        const char *target = text(by, "target");
+        if (!decided || (drop && !perhaps_accept))
+            snprintf(why, size, "%s%s%s (handle %d in `nft -a list ruleset`)", by->string,
+                     target[0] != '\0' ? " " : "", target, handle != NULL ? handle->valueint : 0);
+    }
+    if (drop && !perhaps_accept && !decided)
+        snprintf(why, size, "policy drop");
+    return drop ? (perhaps_accept ? DOC_PASS_UNSURE : DOC_PASS_NO)
+                : (perhaps_drop ? DOC_PASS_UNSURE : DOC_PASS_YES);
+}
+
+enum doc_pass doc_firewall_nft(const char *rules, const struct doc_stream *s, char *why,
+                               char *chain, size_t size)
+{
+    static const char *const ways_in[] = {"input", "prerouting", "ingress", NULL};
+    cJSON *root = cJSON_Parse(rules);
+    const cJSON *list = get(root, "nftables"), *item;
     enum doc_pass all = DOC_PASS_YES;
-    struct walk w = {.result = DOC_PASS_YES};
-    bool in_chain = false;
     why[0] = chain[0] = '\0';
-    while (doc_line_next(&text, line, sizeof line)) {
-        char *p = line + strspn(line, " \t");
-        size_t n = strlen(p);
-        if (strncmp(p, "table ", 6) == 0) {
-            snprintf(table, sizeof table, "%.*s", (int)strcspn(p + 6, "{"), p + 6);
-            for (n = strlen(table); n > 0 && table[n - 1] == ' ';)
-                table[--n] = '\0';
-        } else if (strncmp(p, "chain ", 6) == 0) {
-            end_chain(&w, &all, why, chain, size);
-            snprintf(w.table, sizeof w.table, "%s", table);
-            snprintf(w.name, sizeof w.name, "%.*s", (int)strcspn(p + 6, " {"), p + 6);
-            in_chain = true;
-        } else if (in_chain && strcmp(p, "}") == 0) {
-            end_chain(&w, &all, why, chain, size);
-            in_chain = false;
-        } else if (in_chain && strncmp(p, "type ", 5) == 0) {
-            bool way_in = strstr(p, "hook input") != NULL || strstr(p, "hook prerouting") != NULL ||
-                          strstr(p, "hook ingress") != NULL;
-            w.base = strncmp(p, "type filter", 11) == 0 && way_in;
-            w.drop = strstr(p, "policy drop") != NULL;
-        } else if (in_chain && w.base && n > 0) {
-            rule(&w, p, s);
-        }
+    if (!cJSON_IsArray(list)) {
+        snprintf(why, size, "an answer of nft that is not its JSON");
+        all = DOC_PASS_UNSURE;
     }
-    end_chain(&w, &all, why, chain, size);
+    cJSON_ArrayForEach(item, list)
+    {
+        const cJSON *c = get(item, "chain");
+        char reason[256];
+        if (!is(text(c, "type"), "filter") || !any(text(c, "hook"), ways_in))
+            continue;
+        enum doc_pass p = walk(list, c, s, reason, sizeof reason);
+        /* NO beats UNSURE beats YES */
+        if (all == DOC_PASS_NO || p == DOC_PASS_YES || p == all)
+            continue;
+        snprintf(why, size, "%s", reason);
+        snprintf(chain, size, "%s %s %s", text(c, "family"), text(c, "table"), text(c, "name"));
+        all = p;
+    }
+    cJSON_Delete(root);
     return all;
 }

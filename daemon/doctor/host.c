@@ -1,8 +1,7 @@
-#include "doctor/host.h"
+#include "daemon/doctor/host.h"
 
 #include <ctype.h>
 #include <dirent.h>
-#include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
 #include <stdarg.h>
@@ -16,15 +15,24 @@
 
 #define MAX_FILE ((size_t)4 << 20)
 
-/* root + formatted path; false when it does not fit. */
-static bool full_path(const struct doc_host *h, char out[PATH_MAX], const char *fmt, va_list ap)
+/* root + formatted path; "", which no file has, when it does not fit. */
+PVX_PRINTF(3, 0)
+static void full_path(const struct doc_host *h, char out[PATH_MAX], const char *fmt, va_list ap)
 {
     int n = snprintf(out, PATH_MAX, "%s", h->root);
-    if (n < 0 || n >= PATH_MAX)
-        return false;
-    int m = vsnprintf(out + n, PATH_MAX - (size_t)n, fmt, ap);
-    return m >= 0 && m < PATH_MAX - n;
+    int m = n < PATH_MAX ? vsnprintf(out + n, PATH_MAX - (size_t)n, fmt, ap) : PATH_MAX;
+    if (n + m >= PATH_MAX)
+        out[0] = '\0';
 }
+
+/* The same in a function with the arguments (h, ..., fmt, ...). */
+#define FULL_PATH(path)               \
+    do {                              \
+        va_list ap_;                  \
+        va_start(ap_, fmt);           \
+        full_path(h, path, fmt, ap_); \
+        va_end(ap_);                  \
+    } while (0)
 
 static void trim(char *s)
 {
@@ -55,23 +63,16 @@ static bool read_text(const char *path, char *out, size_t size)
 bool doc_text(struct doc_host *h, char *out, size_t size, const char *fmt, ...)
 {
     char path[PATH_MAX];
-    va_list ap;
-    va_start(ap, fmt);
-    bool ok = full_path(h, path, fmt, ap);
-    va_end(ap);
-    out[0] = '\0';
-    return ok && read_text(path, out, size);
+    FULL_PATH(path);
+    return read_text(path, out, size);
 }
 
 char *doc_file(struct doc_host *h, const char *fmt, ...)
 {
     char path[PATH_MAX], *text = NULL;
-    va_list ap;
-    va_start(ap, fmt);
-    bool ok = full_path(h, path, fmt, ap);
-    va_end(ap);
+    FULL_PATH(path);
     size_t len;
-    if (!ok || pvx_file_read(path, MAX_FILE, &text, &len, NULL) != PVX_OK)
+    if (pvx_file_read(path, MAX_FILE, &text, &len, NULL) != PVX_OK)
         return NULL;
     return text;
 }
@@ -79,37 +80,16 @@ char *doc_file(struct doc_host *h, const char *fmt, ...)
 bool doc_int(struct doc_host *h, int64_t *out, const char *fmt, ...)
 {
     char path[PATH_MAX], text[64];
-    va_list ap;
-    va_start(ap, fmt);
-    bool ok = full_path(h, path, fmt, ap);
-    va_end(ap);
-    return ok && read_text(path, text, sizeof text) &&
+    FULL_PATH(path);
+    return read_text(path, text, sizeof text) &&
            pvx_parse_int(text, INT64_MIN / 2, INT64_MAX / 2, out) == PVX_OK;
 }
 
-static bool accessible(const char *path, int mode)
+bool doc_access(struct doc_host *h, int mode, const char *fmt, ...)
 {
+    char path[PATH_MAX];
+    FULL_PATH(path);
     return access(path, mode) == 0;
-}
-
-bool doc_exists(struct doc_host *h, const char *fmt, ...)
-{
-    char path[PATH_MAX];
-    va_list ap;
-    va_start(ap, fmt);
-    bool ok = full_path(h, path, fmt, ap);
-    va_end(ap);
-    return ok && accessible(path, F_OK);
-}
-
-bool doc_usable(struct doc_host *h, const char *fmt, ...)
-{
-    char path[PATH_MAX];
-    va_list ap;
-    va_start(ap, fmt);
-    bool ok = full_path(h, path, fmt, ap);
-    va_end(ap);
-    return ok && accessible(path, R_OK | W_OK);
 }
 
 static int by_name(const void *a, const void *b)
@@ -117,23 +97,23 @@ static int by_name(const void *a, const void *b)
     return strcmp(a, b);
 }
 
-void doc_names(struct doc_host *h, struct doc_names *out, const char *fmt, ...)
+struct doc_names *doc_names(struct doc_host *h, const char *fmt, ...)
 {
     char path[PATH_MAX];
-    va_list ap;
-    va_start(ap, fmt);
-    bool ok = full_path(h, path, fmt, ap);
-    va_end(ap);
-    out->n = 0;
-    DIR *dir = ok ? opendir(path) : NULL;
+    FULL_PATH(path);
+    struct doc_names *out = malloc(sizeof *out);
+    DIR *dir = out != NULL ? opendir(path) : NULL;
+    if (out != NULL)
+        out->n = 0;
     if (dir == NULL)
-        return;
+        return out;
     struct dirent *e;
     while ((e = readdir(dir)) != NULL && out->n < DOC_MAX_NAMES)
         if (e->d_name[0] != '.' && strlen(e->d_name) < sizeof out->v[0])
             snprintf(out->v[out->n++], sizeof out->v[0], "%s", e->d_name);
     closedir(dir);
     qsort(out->v, out->n, sizeof out->v[0], by_name);
+    return out;
 }
 
 bool doc_process(struct doc_host *h, const char *comm, int *pid)

@@ -8,19 +8,19 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <unistd.h>
 #include "base/err.h"
 
 /* What the driver of a network card says (ethtool); each group may be unknown. */
 struct doc_nic {
     bool ring_known, pause_known, coalesce_known, stamp_known, eee_known;
     uint32_t rx_ring, rx_ring_max;
-    bool rx_pause, tx_pause;
+    bool tx_pause;
     bool adaptive_rx;
     uint32_t rx_usecs, rx_frames;
     bool hw_stamps; /* transmit and receive time stamps in hardware */
     int phc;        /* /dev/ptpN, -1 = none */
     bool eee_active;
-    char driver[32];
 };
 
 struct doc_clock { /* adjtimex(2) */
@@ -42,7 +42,6 @@ struct doc_host {
     void (*wait)(struct doc_host *h, double seconds);
     double sample_s;     /* counters are read twice, this far apart; 0 = once */
     double disk_write;   /* bytes to write as a speed test; 0 = no test */
-    unsigned uid;        /* of this process */
     const char *exe_dir; /* where pyrovoxd lies, "" = not known */
     void *ctx;
 };
@@ -58,17 +57,19 @@ bool doc_text(struct doc_host *h, char *out, size_t size, const char *fmt, ...) 
 char *doc_file(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
 /* A file that holds one whole number. */
 bool doc_int(struct doc_host *h, int64_t *out, const char *fmt, ...) PVX_PRINTF(3, 4);
-bool doc_exists(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
-/* May this process read and write it? */
-bool doc_usable(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
+/* As access(2).  Is it there?  May this process read and write it? */
+bool doc_access(struct doc_host *h, int mode, const char *fmt, ...) PVX_PRINTF(3, 4);
+#define doc_exists(h, ...) doc_access(h, F_OK, __VA_ARGS__)
+#define doc_usable(h, ...) doc_access(h, R_OK | W_OK, __VA_ARGS__)
 
 #define DOC_MAX_NAMES 512
 struct doc_names {
     size_t n;
     char v[DOC_MAX_NAMES][64]; /* sorted; longer names are left out */
 };
-/* Entries of a folder, without those that begin with a dot.  A folder that is not there has none. */
-void doc_names(struct doc_host *h, struct doc_names *out, const char *fmt, ...) PVX_PRINTF(3, 4);
+/* Entries of a folder, without those that begin with a dot.  A folder that is not there has none.  NULL: no
+ * memory.  Owner: caller, free(). */
+struct doc_names *doc_names(struct doc_host *h, const char *fmt, ...) PVX_PRINTF(2, 3);
 /* Is a process of this name (as in /proc/N/comm) running?  *pid may be NULL. */
 bool doc_process(struct doc_host *h, const char *comm, int *pid);
 #endif

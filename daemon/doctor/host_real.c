@@ -1,6 +1,8 @@
 /* host_real.c - answers of this host that stand in no file. */
+#include <endian.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <linux/capability.h>
 #include <linux/ethtool.h>
 #include <linux/net_tstamp.h>
 #include <linux/sockios.h>
@@ -8,7 +10,6 @@
 #include <poll.h>
 #include <signal.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/prctl.h>
@@ -17,12 +18,11 @@
 #include <sys/timex.h>
 #include <sys/wait.h>
 #include <sys/xattr.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "doctor/host.h"
+#include "daemon/doctor/host.h"
 
 #define RUN_NS (5 * PVX_NS_PER_S) /* patience with a command */
 
@@ -41,9 +41,6 @@ void doc_real_nic(struct doc_host *h, const char *ifname, struct doc_nic *out)
     int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
     if (fd < 0)
         return;
-    struct ethtool_drvinfo drv = {.cmd = ETHTOOL_GDRVINFO};
-    if (ask(fd, ifname, &drv))
-        snprintf(out->driver, sizeof out->driver, "%.31s", drv.driver);
     struct ethtool_ringparam ring = {.cmd = ETHTOOL_GRINGPARAM};
     if (ask(fd, ifname, &ring) && ring.rx_max_pending > 0) {
         out->ring_known = true;
@@ -53,7 +50,6 @@ void doc_real_nic(struct doc_host *h, const char *ifname, struct doc_nic *out)
     struct ethtool_pauseparam pause_ = {.cmd = ETHTOOL_GPAUSEPARAM};
     if (ask(fd, ifname, &pause_)) {
         out->pause_known = true;
-        out->rx_pause = pause_.rx_pause;
         out->tx_pause = pause_.tx_pause;
     }
     struct ethtool_coalesce co = {.cmd = ETHTOOL_GCOALESCE};
@@ -183,27 +179,20 @@ static bool real_space(struct doc_host *h, const char *path, double *free_bytes)
     return true;
 }
 
-/* The value of security.capability (linux/capability.h, vfs_cap_data): magic, then pairs of
- * permitted and inheritable, 32 bits at a time, little endian. */
 static bool real_file_caps(struct doc_host *h, const char *path, uint64_t *permitted)
 {
     (void)h;
-    unsigned char v[32];
-    ssize_t n = getxattr(path, "security.capability", v, sizeof v);
-    if (n < 20)
+    struct vfs_ns_cap_data v; /* the longest; its end may be missing */
+    if (getxattr(path, "security.capability", &v, sizeof v) < (ssize_t)XATTR_CAPS_SZ_2)
         return false;
-    *permitted = 0;
-    for (int i = 0; i < 2; i++)
-        for (int b = 0; b < 4; b++)
-            *permitted |= (uint64_t)v[4 + 8 * i + b] << (32 * i + 8 * b);
+    *permitted = (uint64_t)le32toh(v.data[1].permitted) << 32 | le32toh(v.data[0].permitted);
     return true;
 }
 
 static void real_wait(struct doc_host *h, double seconds)
 {
     (void)h;
-    struct timespec t = {(time_t)seconds, (long)((seconds - (double)(time_t)seconds) * 1e9)};
-    nanosleep(&t, NULL);
+    pvx_sleep_until_mono(pvx_now_mono() + (int64_t)(seconds * 1e9));
 }
 
 void doc_host_init(struct doc_host *h)
@@ -219,6 +208,5 @@ void doc_host_init(struct doc_host *h)
                            .file_caps = real_file_caps,
                            .wait = real_wait,
                            .sample_s = 1,
-                           .uid = (unsigned)geteuid(),
                            .exe_dir = dir};
 }

@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
-#include "doctor/parse.h"
+#include "daemon/doctor/checks.h"
+#include "daemon/doctor/parse.h"
 
 #define MAX_ROUTES 256
 
@@ -61,10 +61,9 @@ static void place(struct doctor *d, const struct doc_load_camera *k, const struc
 /* Cameras known by name only may be on any card that has a cable in it. */
 static void all_cards(struct doctor *d)
 {
-    struct doc_names *names = malloc(sizeof *names);
+    struct doc_names *names = doc_names(d->host, "/sys/class/net");
     if (names == NULL)
         return;
-    doc_names(d->host, names, "/sys/class/net");
     for (size_t i = 0; i < names->n; i++) {
         int64_t type, carrier;
         if (doc_int(d->host, &type, "/sys/class/net/%s/type", names->v[i]) && type == 1 &&

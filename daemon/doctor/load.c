@@ -6,7 +6,7 @@
 
 #include "base/mem.h"
 #include "daemon/pipeline/sources.h"
-#include "doctor/doctor.h"
+#include "daemon/doctor/doctor.h"
 
 static void describe(struct doc_load *l, const char *from)
 {
@@ -59,15 +59,12 @@ static void camera_kind(struct doc_load_camera *k, const char *uri)
     struct in_addr a;
     if (strncmp(uri, "aravis:", 7) == 0) {
         k->kind = DOC_CAM_GIGE;
-        if (inet_pton(AF_INET, uri + 7, &a) == 1) {
+        if (inet_pton(AF_INET, uri + 7, &a) == 1)
             k->address = ntohl(a.s_addr);
-            k->sure = true;
-        } else if (strstr(uri, "U3V") != NULL || strstr(uri, "USB3") != NULL) {
+        else if (strstr(uri, "U3V") != NULL || strstr(uri, "USB3") != NULL)
             k->kind = DOC_CAM_USB3;
-        }
     } else if (strncmp(uri, "v4l2:", 5) == 0 || strncmp(uri, "libcamera:", 10) == 0) {
         k->kind = DOC_CAM_V4L2;
-        k->sure = true;
     }
 }
 
@@ -112,9 +109,9 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     l->packet_size = (int)c->packet_size;
     l->buffers = (unsigned)c->buffers;
     record_folder(c, l);
-    l->scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
+    bool scheduled = c->trigger == CAP_TRIGGER_ACTION && c->action_lead_ms > 0;
     bool wire = on_a_wire(l); /* cameras of loopback are simulated: their clock is ours */
-    l->ptp = wire && (c->ptp || l->scheduled || c->shared_clock);
+    l->ptp = wire && (c->ptp || scheduled || c->shared_clock);
     l->shared_clock = wire && c->shared_clock;
     l->packet_delay_ns = (int)c->packet_delay_ns;
     l->socket_buffer = (size_t)c->socket_buffer;

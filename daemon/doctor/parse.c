@@ -1,5 +1,6 @@
-#include "doctor/parse.h"
+#include "daemon/doctor/parse.h"
 
+#include <arpa/inet.h>
 #include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -143,30 +144,22 @@ void doc_parse_softnet(const char *text, struct doc_softnet *out)
     }
 }
 
-void doc_parse_udp(const char *text, struct doc_udp *out)
+uint64_t doc_parse_udp(const char *text)
 {
     char line[512];
-    *out = (struct doc_udp){0};
+    uint64_t all = 0;
     while (doc_line_next(&text, line, sizeof line)) {
         unsigned port;
-        char *last = strrchr(line, ' ');
         /* "sl: local:port remote:port st ..." and drops at the end */
-        for (size_t n = strlen(line); n > 0 && line[n - 1] == ' ';) {
+        for (size_t n = strlen(line); n > 0 && line[n - 1] == ' ';)
             line[--n] = '\0';
-            last = strrchr(line, ' ');
-        }
-        const char *p = last;
+        const char *p = strrchr(line, ' ');
         uint64_t drops;
-        if (last == NULL || sscanf(line, " %*u: %*8x:%4x", &port) != 1 || !number(&p, 10, &drops) ||
-            *p != '\0' || drops == 0)
-            continue;
-        out->drops += drops;
-        out->sockets++;
-        if (drops > out->worst) {
-            out->worst = drops;
-            out->port = port;
-        }
+        if (p != NULL && sscanf(line, " %*u: %*8x:%4x", &port) == 1 && number(&p, 10, &drops) &&
+            *p == '\0')
+            all += drops;
     }
+    return all;
 }
 
 size_t doc_parse_routes(const char *text, struct doc_route *out, size_t max)
@@ -180,12 +173,9 @@ size_t doc_parse_routes(const char *text, struct doc_route *out, size_t max)
                    &mask) != 5 ||
             (flags & 1) == 0)
             continue;
-        r.dest = __builtin_bswap32(dest); /* the file has them as they lie in memory */
-        r.mask = __builtin_bswap32(mask);
-        r.gateway = __builtin_bswap32(gateway);
-#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
-        r.dest = dest, r.mask = mask, r.gateway = gateway;
-#endif
+        r.dest = ntohl(dest); /* the file has them as they lie in memory */
+        r.mask = ntohl(mask);
+        r.gateway = ntohl(gateway);
         out[n++] = r;
     }
     return n;

@@ -31,13 +31,8 @@ struct doc_softnet {
 };
 void doc_parse_softnet(const char *text, struct doc_softnet *out);
 
-struct doc_udp {
-    uint64_t drops; /* packets, of sockets that exist now */
-    size_t sockets; /* that have lost any */
-    unsigned port;  /* of the one that lost most */
-    uint64_t worst;
-};
-void doc_parse_udp(const char *text, struct doc_udp *out);
+/* /proc/net/udp: packets that sockets which exist now have lost. */
+uint64_t doc_parse_udp(const char *text);
 
 struct doc_route {
     char iface[16];

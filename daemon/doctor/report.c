@@ -1,11 +1,10 @@
 /* report.c - the report as text for a person and as JSON. */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "daemon/control/json.h"
 #include "daemon/doctor/wrap.h"
-#include "doctor/doctor.h"
+#include "daemon/doctor/doctor.h"
 
 static const char *const words[DOC_N_VERDICT] = {
     [DOC_OK] = "OK", [DOC_WARN] = "WARN", [DOC_FAIL] = "FAIL", [DOC_UNKNOWN] = "CANNOT TELL"};

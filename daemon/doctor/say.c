@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "doctor/checks.h"
+#include "daemon/doctor/checks.h"
 
 #define FILL(to)                               \
     do {                                       \
@@ -37,35 +37,11 @@ void doc_means(struct doc_finding *f, const char *fmt, ...)
     FILL(f->means);
 }
 
-static struct doc_fix *fix(struct doc_finding *f, enum doc_fix_kind kind, const char *file)
+void doc_fix(struct doc_finding *f, enum doc_fix_kind kind, const char *file, const char *fmt, ...)
 {
     struct doc_fix *x = &f->fix[f->n_fix < DOC_MAX_FIX ? f->n_fix++ : DOC_MAX_FIX - 1];
     x->kind = kind;
     snprintf(x->file, sizeof x->file, "%s", file);
-    return x;
-}
-
-void doc_sysctl(struct doc_finding *f, const char *key, const char *fmt, ...)
-{
-    struct doc_fix *x = fix(f, DOC_SYSCTL, key);
-    FILL(x->text);
-}
-
-void doc_command(struct doc_finding *f, const char *fmt, ...)
-{
-    struct doc_fix *x = fix(f, DOC_COMMAND, "");
-    FILL(x->text);
-}
-
-void doc_add_line(struct doc_finding *f, const char *file, const char *fmt, ...)
-{
-    struct doc_fix *x = fix(f, DOC_LINE, file);
-    FILL(x->text);
-}
-
-void doc_note(struct doc_finding *f, const char *fmt, ...)
-{
-    struct doc_fix *x = fix(f, DOC_NOTE, "");
     FILL(x->text);
 }
 
@@ -99,11 +75,10 @@ unsigned doc_cpus(struct doctor *d)
 const char *doc_quote(const char *s)
 {
     static char out[300];
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                                "._-/:@+,=";
     size_t n = 0;
-    bool plain = *s != '\0';
-    for (const char *p = s; *p != '\0'; p++)
-        plain &= isalnum((unsigned char)*p) || strchr("._-/:@+,=", *p) != NULL;
-    if (plain) {
+    if (*s != '\0' && s[strspn(s, plain)] == '\0') {
         snprintf(out, sizeof out, "%s", s);
         return out;
     }

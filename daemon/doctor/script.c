@@ -2,7 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "doctor/doctor.h"
+#include "daemon/doctor/doctor.h"
 
 /* Was the same remedy there before?  For sysctl the same key: the first finding is the weightiest. */
 static bool seen_before(const struct doctor *d, size_t finding, size_t fix)
@@ -42,15 +42,21 @@ static const char *largest(const struct doctor *d, const char *key, const char *
 
 typedef void emit(FILE *f, const struct doctor *d, const struct doc_finding *x,
                   const struct doc_fix *fix);
-static void each(FILE *f, const struct doctor *d, enum doc_fix_kind kind, emit *e)
+/* e NULL = only count them. */
+static size_t each(FILE *f, const struct doctor *d, enum doc_fix_kind kind, emit *e)
 {
+    size_t n = 0;
     for (size_t i = 0; i < d->report.n; i++) {
         const struct doc_finding *x = &d->report.f[i];
         for (size_t k = 0; k < x->n_fix; k++)
             if ((x->verdict == DOC_WARN || x->verdict == DOC_FAIL) && x->fix[k].kind == kind &&
-                !seen_before(d, i, k))
-                e(f, d, x, &x->fix[k]);
+                !seen_before(d, i, k)) {
+                n++;
+                if (e != NULL)
+                    e(f, d, x, &x->fix[k]);
+            }
     }
+    return n;
 }
 
 static void sysctl_line(FILE *f, const struct doctor *d, const struct doc_finding *x,
@@ -91,25 +97,6 @@ static void note_line(FILE *f, const struct doctor *d, const struct doc_finding 
     fprintf(f, "# %s:\n#     %s\n", x->what, fix->text);
 }
 
-static void nothing(FILE *f, const struct doctor *d, const struct doc_finding *x,
-                    const struct doc_fix *fix)
-{
-    (void)d, (void)x, (void)fix;
-    (void)fputc('x', f);
-}
-
-static bool any_sysctl(const struct doctor *d)
-{
-    char buf[4];
-    FILE *f = fmemopen(buf, sizeof buf, "w");
-    if (f == NULL)
-        return true;
-    each(f, d, DOC_SYSCTL, nothing);
-    bool any = ftell(f) > 0;
-    (void)fclose(f);
-    return any;
-}
-
 void doc_script(FILE *f, const struct doctor *d)
 {
     fputs(
@@ -137,7 +124,7 @@ void doc_script(FILE *f, const struct doctor *d)
         "    echo \"$file: $text\"\n"
         "}\n",
         f);
-    if (any_sysctl(d)) {
+    if (each(f, d, DOC_SYSCTL, NULL) > 0) {
         fputs("\nmkdir -p \"${ROOT:-}/etc/sysctl.d\" || exit 1\n"
               "cat > \"${ROOT:-}/etc/sysctl.d/90-pyrovox.conf\" <<'END'\n",
               f);

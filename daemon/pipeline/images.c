@@ -1,11 +1,9 @@
-#include "daemon/images.h"
+#include "daemon/pipeline/images.h"
 
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
-#include "base/log.h"
 #include "base/mem.h"
 #include "capture/pixel/jpeg.h"
 
@@ -13,7 +11,6 @@
 
 struct dmn_images {
     struct dmn_images_params p;
-    const rec_sysmat *S;
     const struct rec_rig *rig;
     pvx_pool *pool;
     cap_jpeg *decoder[REC_MAX_CAMERAS]; /* NULL: no JPEG will come */
@@ -22,20 +19,19 @@ struct dmn_images {
     struct pvx_diag why[REC_MAX_CAMERAS];
     int fault[REC_MAX_CAMERAS]; /* enum dmn_image_fault, DMN_N_IMAGE = none */
     _Atomic int bad[REC_MAX_CAMERAS];
-    rec_frame *frame;
+    float *const *out;
 
     atomic_uint_fast64_t count[REC_MAX_CAMERAS][DMN_N_IMAGE];
 };
 
-pvx_err dmn_images_new(const struct dmn_images_params *p, const rec_sysmat *S,
-                       const struct rec_rig *rig, pvx_pool *pool, dmn_images **out,
-                       struct pvx_diag *d)
+pvx_err dmn_images_new(const struct dmn_images_params *p, const struct rec_rig *rig, pvx_pool *pool,
+                       dmn_images **out, struct pvx_diag *d)
 {
     *out = NULL;
     dmn_images *i = pvx_calloc(1, sizeof *i);
     if (i == NULL)
         return PVX_ENOMEM;
-    *i = (dmn_images){.p = *p, .S = S, .rig = rig, .pool = pool};
+    *i = (dmn_images){.p = *p, .rig = rig, .pool = pool};
     bool jpeg = p->fmt == CAP_FMT_NONE || p->fmt == CAP_JPEG;
     for (size_t c = 0; c < rig->n_cameras && jpeg; c++) {
         const struct rec_camera *k = &rig->cameras[c];
@@ -92,37 +88,36 @@ static void bin_piece(void *ctx, size_t task)
     const struct cap_image *img = &i->image[c];
     if (img->data == NULL)
         return;
-    const struct cap_convert_params p = {.binning = i->S->binning,
-                                         .nch = i->p.nch,
-                                         .transfer = i->p.transfer,
-                                         .mosaic = i->p.mosaic};
-    int64_t rows = i->S->block[c].bh;
+    const struct cap_convert_params p = {
+        .binning = i->p.binning, .nch = i->p.nch, .transfer = i->p.transfer, .mosaic = i->p.mosaic};
+    int64_t rows = i->rig->cameras[c].height / i->p.binning;
     int32_t y0 = (int32_t)(rows * (int64_t)band / BANDS);
     int32_t y1 = (int32_t)(rows * (int64_t)(band + 1) / BANDS);
-    pvx_err e = y0 < y1 ? cap_convert(img, &p, y0, y1, rec_frame_input(i->frame, c)) : PVX_OK;
+    pvx_err e = y0 < y1 ? cap_convert(img, &p, y0, y1, i->out[c]) : PVX_OK;
     if (e != PVX_OK)
         atomic_store(&i->bad[c], (int)e);
 }
 
-/* The frame of camera c as it came; false: no JPEG. */
-static bool take(dmn_images *i, const struct cap_frame *f, size_t c)
+/* The image of camera c as it came; false: no JPEG. */
+static bool look_at(dmn_images *i, const struct cap_image *img, size_t c)
 {
     const struct rec_camera *k = &i->rig->cameras[c];
     i->why[c].text[0] = '\0';
     i->fault[c] = DMN_N_IMAGE;
     atomic_store(&i->bad[c], PVX_OK);
-    i->image[c] = f != NULL ? f->img : (struct cap_image){0};
-    if (f != NULL && (f->img.width != k->width || f->img.height != k->height)) {
+    i->image[c] = img != NULL ? *img : (struct cap_image){0};
+    if (img != NULL && (img->width != k->width || img->height != k->height)) {
         i->fault[c] = DMN_IMAGE_SIZE;
-        snprintf(i->why[c].text, sizeof i->why[c].text, "%dx%d instead of %dx%d", f->img.width,
-                 f->img.height, k->width, k->height);
+        snprintf(i->why[c].text, sizeof i->why[c].text,
+                 "is %dx%d, but the rig says camera %s takes %dx%d", img->width, img->height,
+                 k->name, k->width, k->height);
         i->image[c].data = NULL;
     }
-    return i->image[c].data != NULL && f->img.fmt == CAP_JPEG;
+    return i->image[c].data != NULL && img->fmt == CAP_JPEG;
 }
 
 /* Whether camera c's pixels are there; else why not. */
-static bool account(dmn_images *i, const struct cap_frame *f, size_t c)
+static bool account(dmn_images *i, bool came, size_t c)
 {
     pvx_err e = (pvx_err)atomic_load(&i->bad[c]);
     if (e != PVX_OK) {
@@ -130,35 +125,63 @@ static bool account(dmn_images *i, const struct cap_frame *f, size_t c)
         snprintf(i->why[c].text, sizeof i->why[c].text, "%s image: %s",
                  cap_pixfmt_name(i->image[c].fmt), pvx_strerror(e));
     }
-    if (f == NULL || i->fault[c] == DMN_N_IMAGE)
-        return f != NULL;
-    atomic_fetch_add(&i->count[c][i->fault[c]], 1);
-    LOG_EVERY(PVX_LOG_WARN, DAEMON, "camera %s: image cannot be used: %s", i->rig->cameras[c].name,
-              pvx_diag_text(&i->why[c], PVX_EUNSUP));
-    return false;
+    if (came && i->fault[c] != DMN_N_IMAGE)
+        atomic_fetch_add(&i->count[c][i->fault[c]], 1);
+    return came && i->fault[c] == DMN_N_IMAGE;
 }
 
-uint32_t dmn_images_bin(dmn_images *i, const struct cap_set *set, rec_frame *f, uint64_t *mask)
+uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, float *const *out,
+                        uint64_t *mask)
 {
     size_t n = i->rig->n_cameras;
     bool jpeg = false;
     uint32_t present = 0;
     for (size_t c = 0; c < n; c++)
-        jpeg |= take(i, set->frame[c], c);
-    i->frame = f;
+        jpeg |= look_at(i, image[c], c);
+    i->out = out;
     if (jpeg)
         pvx_pool_run(i->pool, n, decode_piece, i);
     pvx_pool_run(i->pool, n * BANDS, bin_piece, i);
     *mask = 0;
     for (size_t c = 0; c < n; c++) {
-        bool good = account(i, set->frame[c], c);
-        rec_frame_present(f, c, good);
-        rec_frame_bayer(f, c, good ? cap_pixfmt_bayer(i->image[c].fmt) : NULL,
-                        i->p.mosaic == CAP_MOSAIC_RAYS && i->S->binning == 1);
+        bool good = account(i, image[c] != NULL, c);
         present += good;
         *mask |= good ? 1ull << c : 0;
     }
     return present;
+}
+
+uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *image, rec_frame *f,
+                              uint64_t *mask)
+{
+    float *out[REC_MAX_CAMERAS] = {0};
+    size_t n = i->rig->n_cameras;
+    for (size_t c = 0; c < n; c++)
+        out[c] = rec_frame_input(f, c);
+    uint32_t present = dmn_images_bin(i, image, out, mask);
+    for (size_t c = 0; c < n; c++) {
+        bool good = *mask >> c & 1;
+        rec_frame_present(f, c, good);
+        rec_frame_floats(f, c, good && dmn_images_floats(i, c));
+        rec_frame_bayer(f, c, good ? dmn_images_bayer(i, c) : NULL,
+                        i->p.mosaic == CAP_MOSAIC_RAYS && i->p.binning == 1);
+    }
+    return present;
+}
+
+const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c)
+{
+    return cap_pixfmt_bayer(i->image[c].fmt);
+}
+
+bool dmn_images_floats(const dmn_images *i, size_t c)
+{
+    return cap_pixfmt_layout(i->image[c].fmt) == CAP_LAYOUT_F32;
+}
+
+const char *dmn_images_why(const dmn_images *i, size_t c)
+{
+    return pvx_diag_text(&i->why[c], PVX_EUNSUP);
 }
 
 void dmn_images_counts(dmn_images *i, uint64_t out[][DMN_N_IMAGE])

@@ -1,10 +1,8 @@
 #include "daemon/pipeline/recording.h"
 
-#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -148,6 +146,12 @@ pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where, siz
     pthread_mutex_unlock(&r->lock);
     snprintf(where, size, "%s", path);
     return e;
+}
+
+void dmn_recording_hurry(dmn_recording *r)
+{
+    if (r != NULL)
+        cap_recorder_hurry(r->recorder);
 }
 
 pvx_err dmn_recording_stop(dmn_recording *r, char *where, size_t size, struct pvx_diag *d)

@@ -16,6 +16,8 @@ PVX_MUST_CHECK pvx_err dmn_recording_new(const struct dmn_config *c, const struc
 /* path NULL: record.path.  where: the file's name.  r may be NULL: PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where,
                                            size_t size, struct pvx_diag *d);
+/* As cap_recorder_hurry. */
+void dmn_recording_hurry(dmn_recording *r);
 /* As cap_recorder_stop; where = the take that was ended. */
 PVX_MUST_CHECK pvx_err dmn_recording_stop(dmn_recording *r, char *where, size_t size,
                                           struct pvx_diag *d);

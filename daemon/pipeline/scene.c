@@ -28,7 +28,7 @@ static float sample(const float *p, int ch)
     return ch < 0 ? (p[0] + p[1] + p[2]) / 3 : p[ch];
 }
 
-/* Light to sRGB's code, 0..1; the opposite of cap_transfer_light. */
+/* Light to sRGB's code, 0..1; the opposite of capture/pixel/transfer.h. */
 static float coded(float light)
 {
     return light <= 0.0031308f ? 12.92f * light : 1.055f * powf(light, 1 / 2.4f) - 0.055f;
@@ -131,5 +131,5 @@ void dmn_scene_free(dmn_scene **s)
 
 const struct cap_scene *dmn_scene_cap(const dmn_scene *s)
 {
-    return &s->cap;
+    return s == NULL ? NULL : &s->cap;
 }

@@ -177,13 +177,13 @@ int32_t rec_fit_add(rec_fit *f, const uint8_t *const *lit, const bool *present)
     int32_t kept = 0;
     for (uint32_t m = f->params.min_views; m <= f->rig.n_cameras; m++) {
         struct rec_hull_params p = f->params;
-        int32_t n = 0;
+        struct rec_hull_kept k = {.col = f->col};
         p.min_views = m;
-        rec_hull_carve(f->hull, &p, pooled, present, f->pool, f->col, &n, NULL, NULL);
-        if (n == 0)
+        rec_hull_carve(f->hull, &p, pooled, present, f->pool, &k);
+        if (k.n == 0)
             break; /* with more views neither */
-        add_cells(&f->extent[m], &f->rig.grid, f->col, n);
-        kept = m == f->params.min_views ? n : kept;
+        add_cells(&f->extent[m], &f->rig.grid, f->col, k.n);
+        kept = m == f->params.min_views ? k.n : kept;
     }
     f->sets++;
     return kept;

@@ -8,8 +8,9 @@
  * rest.  keep_partial = 0 keeps inside only (the strict rule).
  * Source: A. Laurentini, IEEE TPAMI 16(2):150-162, 1994, on footprints instead of points.
  * Method: summed-area table of each silhouette (4 look-ups per footprint), bricks of 4^3 voxels
- * first, so empty space costs next to nothing.
- * Threads: one carve per rec_hull at a time; parallel inside over fixed slabs. Allocates nothing. */
+ * first, so empty space costs next to nothing, and voxels look only where their brick is cut.
+ * Threads: one carve per rec_hull at a time; parallel inside over bands of pictures, rows of
+ * bricks and layers of voxels.  Allocates nothing. */
 #ifndef REC_HULL_H
 #define REC_HULL_H
 #include "base/pool.h"
@@ -23,7 +24,6 @@ struct rec_hull_params {
     {                                     \
         .min_views = 2, .keep_partial = 1 \
     }
-extern const struct rec_hull_params rec_hull_defaults;
 
 struct rec_hull_counts {
     int64_t inside, partial, outside;
@@ -35,11 +35,14 @@ typedef struct rec_hull rec_hull;
 PVX_MUST_CHECK pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out);
 void rec_hull_free(rec_hull **h);
 
-/* lit[c] [bh*bw] silhouettes; present[c] false: camera c neither carves nor counts.
- * col [N] out: kept voxels ascending, *n their number.  klass [N] or NULL out: 0 outside, 1 partial,
- * 2 inside. */
+struct rec_hull_kept {
+    int32_t *col;   /* [n], room for [N]: kept voxels, ascending */
+    uint8_t *klass; /* [N] or NULL: 0 outside, 1 partial, 2 inside */
+    int32_t n;
+    struct rec_hull_counts counts;
+};
+/* lit[c] [bh*bw] silhouettes, 0/1; present[c] false: camera c neither carves nor counts. */
 void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
-                    const bool *present, pvx_pool *pool, int32_t *col, int32_t *n, uint8_t *klass,
-                    struct rec_hull_counts *counts);
+                    const bool *present, pvx_pool *pool, struct rec_hull_kept *out);
 
 #endif

@@ -26,26 +26,31 @@
  *     sigma over that of n x n means = n^2 (8b - 6) / (8nb - 6)  for red and blue, n for green       (3)
  * b >= 2 the binning, by the weights 3 4 4 ... 1 of their samples along an axis; interpolated: about 1.5
  * and 2.9, green 2.2 and 4.4 for n = 3 and 7.
- * Threads: one call per camera; different cameras in parallel.  Allocates nothing. */
+ * Threads: one call per work area; parallel inside over bands of rows, with the same result for any
+ * number of threads and any instruction set.  Allocates nothing. */
 #ifndef REC_PHOTO_H
 #define REC_PHOTO_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include "base/err.h"
+#include "base/pool.h"
+
+#define REC_PHOTO_UNSATURATED 1e30f
 
 struct rec_photo_params {
     float black;      /* full-scale units, subtracted */
     float threshold;  /* full-scale units; < 0 = auto */
     float floor;      /* least automatic threshold, default 0.004 (1/255) */
     float auto_k;     /* default 4 */
-    float saturation; /* default 0.998 for integer images; >= 1e30 = off (float images) */
+    float saturation; /* < 0, the default = 0.998; REC_PHOTO_UNSATURATED = off */
     int32_t margin;   /* bins, >= 0, default 0: grows silhouettes for calibration error */
     int despeckle;    /* default 1 */
 };
-#define REC_PHOTO_DEFAULTS                                                               \
-    {                                                                                    \
-        .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = 0.998f, \
-        .margin = 0, .despeckle = 1                                                      \
+#define REC_PHOTO_DEFAULTS                                                                        \
+    {                                                                                             \
+        .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = -1, .margin = 0, \
+        .despeckle = 1                                                                            \
     }
 extern const struct rec_photo_params rec_photo_defaults;
 
@@ -55,22 +60,29 @@ struct rec_photo_stats {
     float threshold; /* used */
 };
 
-/* img [bh][bw][cs] in: binned pixels, out: b.  background [bh][bw][cs] or NULL.  gain [3].  cs = 4
- * for 3 channels, then img and background are 16-byte aligned.
- * weight [bh*bw] out: 0 or 1.  lit [bh*bw] out: 0/1.  scratch [bh*bw floats]. nch 1 or 3. */
-void rec_photo_apply(float *img, int32_t bw, int32_t bh, int nch, const float *background,
-                     const float gain[3], const struct rec_photo_params *p, float *weight,
-                     uint8_t *lit, float *scratch, struct rec_photo_stats *out);
-/* The same for a mosaic of three channels: cell = colour (0 1 2) of each bin of the 2x2 bins that repeat,
- * row by row; plane [bh*bw][4] work area, 16-byte aligned.  bw, bh >= 2. */
-void rec_photo_apply_mosaic(float *img, int32_t bw, int32_t bh, const uint8_t cell[4],
-                            const float *background, const float gain[3],
-                            const struct rec_photo_params *p, float *weight, uint8_t *lit,
-                            float *scratch, float *plane, struct rec_photo_stats *out);
-/* The same for three channels made from Bayer pixels with this binning, 1 = interpolated. */
-void rec_photo_apply_bayer(float *img, int32_t bw, int32_t bh, int32_t binning,
-                           const float *background, const float gain[3],
-                           const struct rec_photo_params *p, float *weight, uint8_t *lit,
-                           float *scratch, struct rec_photo_stats *out);
+/* Work area of a picture of this size, free with free(); NULL: out of memory. */
+struct rec_photo_work *rec_photo_work_new(int32_t bw, int32_t bh);
+
+/* One camera's picture; cs = 4 for 3 channels, then img and background are 16-byte aligned. */
+struct rec_photo_image {
+    bool absent; /* no picture: img, weight and lit become 0 */
+    float *img;  /* [bh][bw][cs] in: binned pixels, out: b */
+    int32_t bw, bh;
+    int nch;       /* 1 or 3 */
+    int32_t bayer; /* channels made from Bayer pixels: with this binning, 1 = interpolated; or 0 */
+    const uint8_t *cell; /* a mosaic: colour (0 1 2) of each bin of the 2x2 bins that repeat, row by
+                                row; nch 3, bw, bh >= 2; or NULL */
+    const float *background; /* [bh][bw][cs] or NULL */
+    const float *gain;       /* [3] */
+    const struct rec_photo_params *params;
+    float *weight;  /* [bh*bw] out: 0 or 1 */
+    float *weight4; /* [bh*bw][4] out: of each channel, 16-byte aligned; or NULL */
+    uint8_t *lit;   /* [bh*bw] out: 0/1 */
+    struct rec_photo_stats *stats;
+    struct rec_photo_work *work;
+    float *plane; /* [bh*bw][4] work area of a mosaic, 16-byte aligned */
+};
+/* All cameras of a frame set, n <= REC_MAX_CAMERAS. */
+void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool);
 
 #endif

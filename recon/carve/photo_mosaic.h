@@ -2,17 +2,16 @@
  * Private to photo*.c. */
 #ifndef REC_PHOTO_MOSAIC_H
 #define REC_PHOTO_MOSAIC_H
+#include "recon/carve/photo.h"
 #include "recon/simd/lanes.h"
-
-#define REC_PHOTO_BLOCK  8   /* bins per side of what noise is measured in */
-#define REC_PHOTO_BLOCKS 400 /* at most about as many, spread over the image */
 
 /* How the noise of neighbouring bins hangs together. */
 struct rec_grain {
     int32_t step;      /* bins from one to the next whose noise is its own */
     rec_f4 near, wide; /* sigma over that of 3x3 and 7x7 means, per channel */
 };
-/* Of a mosaic, equation (2) of photo.h; of bins that were made from Bayer pixels, equation (3). */
+/* Of bins that are independent; of a mosaic, equation (2) of photo.h; of bins that were made from Bayer pixels, equation (3). */
+static const struct rec_grain rec_grain_none = {1, {3, 3, 3, 3}, {7, 7, 7, 7}};
 static const struct rec_grain rec_grain_mosaic = {2, {2, 2.83f, 2, 1}, {3.92f, 5.55f, 3.92f, 1}};
 struct rec_grain rec_grain_bayer(int32_t binning);
 
@@ -23,13 +22,4 @@ REC_INLINE rec_i4 rec_mosaic_lane(const uint8_t cell[4], int32_t x, int32_t y)
     return lane[cell[(y & 1) * 2 + (x & 1)]];
 }
 
-/* Median over the darker half of the blocks (photo.c). */
-float rec_photo_dark_noise(const float *mean, float *noise2, float *at_low, int32_t n,
-                           float *sorted, float *dark);
-
-/* Noise and dark level of each channel, from bins of the same colour; other lanes of img are 0. */
-void rec_mosaic_noise(const float *img, int32_t bw, int32_t bh, const uint8_t cell[4],
-                      const float *weight, rec_f4 low, float sigma[3], float dark[3]);
-/* Equation (2) of photo.h, mirrored at the border. */
-void rec_mosaic_plane(const float *img, int32_t bw, int32_t bh, float *plane);
 #endif

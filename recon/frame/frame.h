@@ -1,18 +1,21 @@
 /* frame.h - one frame set from binned pixels to a sparse volume: what daemon and CLI both call.
  *
- * A rec_frame is one slot of the pipeline: it owns every work area that one frame set needs, so
- * different slots can be in different stages on different threads at the same time.
+ * Stages own workspaces, slots own data.  A rec_carver and a rec_solver are there once for each stage
+ * thread and hold what is static and all work areas; a rec_frame is the slot that travels from one
+ * to the other: {pixels, lit, A on every level, x, report}.
  *   1. write pixels of camera c to rec_frame_input(f, c) and rec_frame_present(f, c, true); for Bayer
  *      cameras rec_frame_bayer
  *   2. rec_frame_carve: photometry, silhouettes, hull, restricted system
  *   3. rec_frame_solve
  *   4. read rec_frame_volume; then rec_frame_reset for the next set
- * After rec_frame_new nothing allocates.  Owner: caller.  S, pool are borrowed. */
+ * Threads: one slot at a time in each of 2 and 3; different slots may be in different steps.
+ * After the three ..._new nothing allocates.  Owner: caller.  S and pool are borrowed, a slot borrows its
+ * carver and its solver. */
 #ifndef REC_FRAME_H
 #define REC_FRAME_H
 #include "recon/carve/hull.h"
-#include "recon/levels.h"
 #include "recon/carve/photo.h"
+#include "recon/geom/rig.h"
 #include "recon/solve/solve.h"
 
 struct rec_frame_params {
@@ -47,13 +50,28 @@ struct rec_sparse {
     const float *value;
 };
 
-typedef struct rec_frame rec_frame;
-
 /* rig gives the gains and must have S's cameras in S's order.  Errors: PVX_EINVAL, PVX_ENOMEM. */
-PVX_MUST_CHECK pvx_err rec_frame_new(const rec_sysmat *S, const struct rec_rig *rig,
-                                     const struct rec_frame_params *p, pvx_pool *pool,
-                                     rec_frame **out, struct pvx_diag *d);
+typedef struct rec_carver rec_carver;
+PVX_MUST_CHECK pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
+                                      const struct rec_frame_params *p, pvx_pool *pool,
+                                      rec_carver **out, struct pvx_diag *d);
+void rec_carver_free(rec_carver **k);
+/* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
+PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg);
+
+/* Errors: PVX_EINVAL, PVX_ENOMEM. */
+typedef struct rec_solver rec_solver;
+PVX_MUST_CHECK pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p,
+                                      rec_solver **out, struct pvx_diag *d);
+void rec_solver_free(rec_solver **s);
+
+/* A slot for these two, which were made from one matrix and the same params.  Errors: PVX_ENOMEM, those of
+ * rec_subsys_new. */
+typedef struct rec_frame rec_frame;
+PVX_MUST_CHECK pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out,
+                                     struct pvx_diag *d);
 void rec_frame_free(rec_frame **f);
+void rec_frame_reset(rec_frame *f);
 
 float *rec_frame_input(rec_frame *f, size_t camera); /* [bh][bw][cs], cs = 4 for 3 channels */
 void rec_frame_present(rec_frame *f, size_t camera, bool present);
@@ -62,8 +80,9 @@ void rec_frame_present(rec_frame *f, size_t camera, bool present);
  * the default solver.  Else they were binned or interpolated, which matters for their noise (photo.h).
  * For three channels; forgotten by rec_frame_reset. */
 void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are);
-/* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
-PVX_MUST_CHECK pvx_err rec_frame_set_background(rec_frame *f, size_t camera, const float *bg);
+/* This set's pixels of the camera were floating-point numbers: they have no full scale to run into, so an
+ * automatic saturation does not count.  Forgotten by rec_frame_reset. */
+void rec_frame_floats(rec_frame *f, size_t camera, bool floats);
 
 void rec_frame_carve(rec_frame *f);
 /* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or
@@ -71,6 +90,7 @@ void rec_frame_carve(rec_frame *f);
  * whichever fits better; without from `previous`, or zero. */
 PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
                                        const struct rec_sparse *previous);
+
 void rec_frame_volume(const rec_frame *f, struct rec_sparse *out);
 const struct rec_frame_report *rec_frame_get_report(const rec_frame *f);
 /* Restricted system and right-hand side of the carved frame, for tests and benches. */
@@ -78,7 +98,6 @@ const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
 const float *rec_frame_rhs(const rec_frame *f);
 const float *rec_frame_weight(const rec_frame *f);
 const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera);
-void rec_frame_reset(rec_frame *f);
 
 /* dense [nz][ny][nx][nch] out; zeroed first. */
 void rec_sparse_to_dense(const struct rec_sparse *v, float *dense);

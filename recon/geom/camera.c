@@ -252,3 +252,27 @@ void rec_camera_centre(const struct rec_camera *c, double x[3])
     for (int a = 0; a < 3; a++)
         x[a] = -(R[a] * t[0] + R[3 + a] * t[1] + R[6 + a] * t[2]);
 }
+
+void rec_camera_look(const double at[3], const double to[3], struct rec_camera *c)
+{
+    double z[3], x[3], n = 0;
+    for (int a = 0; a < 3; a++) {
+        z[a] = to[a] - at[a];
+        n += z[a] * z[a];
+    }
+    n = sqrt(n);
+    for (int a = 0; a < 3; a++)
+        z[a] /= n;
+    double m = hypot(z[0], z[1]); /* right = forward x up, normalised; down = forward x right */
+    x[0] = z[1] / m;
+    x[1] = -z[0] / m;
+    x[2] = 0;
+    double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
+    for (int a = 0; a < 3; a++) {
+        c->R[a] = x[a];
+        c->R[3 + a] = y[a];
+        c->R[6 + a] = z[a];
+    }
+    for (int i = 0; i < 3; i++)
+        c->t[i] = -(c->R[3 * i] * at[0] + c->R[3 * i + 1] * at[1] + c->R[3 * i + 2] * at[2]);
+}

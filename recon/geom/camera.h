@@ -42,4 +42,7 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
 /* Camera centre -R^T t [m]. */
 void rec_camera_centre(const struct rec_camera *c, double x[3]);
 
+/* Pose of a camera at `at` m looking at `to`, not straight up or down; z is up in the image. */
+void rec_camera_look(const double at[3], const double to[3], struct rec_camera *c);
+
 #endif

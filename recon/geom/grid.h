@@ -11,6 +11,10 @@
 #include <stdint.h>
 
 enum rec_basis { REC_BOX, REC_TRILINEAR };
+/* Where nobody says: of sharp flames the steps of a box between voxels limit the error, not noise
+ * (tests/bench/RESULTS.md). */
+#define REC_BASIS_DEFAULT REC_TRILINEAR
+
 #define REC_GRID_MAX 1024 /* voxels per side */
 
 struct rec_grid {
@@ -37,13 +41,6 @@ static inline void rec_grid_ijk(const struct rec_grid *g, int32_t index, int32_t
     ijk[0] = index % g->n[0];
     ijk[1] = index / g->n[0] % g->n[1];
     ijk[2] = index / g->n[0] / g->n[1];
-}
-static inline void rec_grid_centre(const struct rec_grid *g, int32_t index, double x[3])
-{
-    int32_t c[3];
-    rec_grid_ijk(g, index, c);
-    for (int a = 0; a < 3; a++)
-        x[a] = g->min[a] + (c[a] + 0.5) * rec_grid_h(g, a);
 }
 static inline const char *rec_basis_name(enum rec_basis b)
 {

@@ -36,9 +36,8 @@ static pvx_err numbers(const struct reader *r, int map, const char *path, const 
     char full[96];
     snprintf(full, sizeof full, "%s.%s", path, key);
     int node;
-    size_t got;
     PVX_TRY(need(r, map, path, key, &node));
-    PVX_TRY(pvx_yaml_doubles(r->y, node, full, n, n, out, &got, r->d));
+    PVX_TRY(pvx_yaml_doubles(r->y, node, full, n, n, out, r->d));
     for (size_t i = 0; i < n; i++)
         if (fabs(out[i]) > limit)
             return pvx_yaml_fail(r->y, pvx_yaml_item(r->y, node, i), full, PVX_EINVAL, r->d,
@@ -46,9 +45,9 @@ static pvx_err numbers(const struct reader *r, int map, const char *path, const 
     return PVX_OK;
 }
 
-/* `n` whole numbers in [min,max] under a key that must be there. */
+/* `n` whole numbers in [1,max] under a key that must be there. */
 static pvx_err integers(const struct reader *r, int map, const char *path, const char *key,
-                        size_t n, int64_t min, int64_t max, int32_t *out)
+                        size_t n, int64_t max, int32_t *out)
 {
     char full[96];
     snprintf(full, sizeof full, "%s.%s", path, key);
@@ -59,7 +58,7 @@ static pvx_err integers(const struct reader *r, int map, const char *path, const
                              "should be a list of %zu whole numbers", n);
     for (size_t i = 0; i < n; i++) {
         int64_t v;
-        PVX_TRY(pvx_yaml_int(r->y, pvx_yaml_item(r->y, node, i), full, min, max, &v, r->d));
+        PVX_TRY(pvx_yaml_int(r->y, pvx_yaml_item(r->y, node, i), full, 1, max, &v, r->d));
         out[i] = (int32_t)v;
     }
     return PVX_OK;
@@ -67,23 +66,32 @@ static pvx_err integers(const struct reader *r, int map, const char *path, const
 
 static pvx_err read_volume(const struct reader *r, int root, struct rec_grid *g)
 {
-    int v, basis;
+    int v, voxels, basis;
     PVX_TRY(need(r, root, "rig", "volume", &v));
     PVX_TRY(pvx_yaml_known(r->y, v, "volume", "min max voxels basis", r->d));
     PVX_TRY(numbers(r, v, "volume", "min", 3, MAX_COORD, g->min));
     PVX_TRY(numbers(r, v, "volume", "max", 3, MAX_COORD, g->max));
-    PVX_TRY(integers(r, v, "volume", "voxels", 3, 1, REC_GRID_MAX, g->n));
+    PVX_TRY(need(r, v, "volume", "voxels", &voxels));
+    if (strcmp(pvx_yaml_text(r->y, voxels), "auto") == 0)
+        memset(g->n, 0, sizeof g->n); /* once the cameras are known */
+    else if (pvx_yaml_kind(r->y, voxels) != PVX_YAML_SEQ)
+        return pvx_yaml_fail(r->y, voxels, "volume.voxels", PVX_EFORMAT, r->d,
+                             "should be a list of 3 whole numbers or auto");
+    else
+        PVX_TRY(integers(r, v, "volume", "voxels", 3, REC_GRID_MAX, g->n));
     for (int a = 0; a < 3; a++)
         if (!(g->max[a] - g->min[a] >= 1e-9))
             return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, v, "max"), "volume.max", PVX_EINVAL, r->d,
                                  "the volume is empty along %c: max %g is not above min %g",
                                  "xyz"[a], g -> max[a], g -> min[a]);
-    g->basis = REC_BOX;
+    g->basis = REC_BASIS_DEFAULT;
     if ((basis = pvx_yaml_get(r->y, v, "basis")) != 0) {
         const char *t = pvx_yaml_text(r->y, basis);
-        if (strcmp(t, "trilinear") == 0)
+        if (strcmp(t, "box") == 0)
+            g->basis = REC_BOX;
+        else if (strcmp(t, "trilinear") == 0)
             g->basis = REC_TRILINEAR;
-        else if (strcmp(t, "box") != 0)
+        else
             return pvx_yaml_fail(r->y, basis, "volume.basis", PVX_EINVAL, r->d,
                                  "should be box or trilinear");
     }
@@ -149,9 +157,9 @@ static pvx_err read_lens(const struct reader *r, int m, const char *path, struct
     c->cx = K[2];
     c->cy = K[3];
     if ((node = pvx_yaml_get(r->y, m, "distortion")) != 0) {
-        size_t n;
         snprintf(full, sizeof full, "%s.distortion", path);
-        PVX_TRY(pvx_yaml_doubles(r->y, node, full, 0, 8, c->dist, &n, r->d));
+        PVX_TRY(pvx_yaml_doubles(r->y, node, full, 0, 8, c->dist, r->d));
+        size_t n = pvx_yaml_length(r->y, node);
         if (n != 0 && n != 4 && n != 5 && n != 8)
             return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
                                  "should have 0, 4, 5 or 8 numbers "
@@ -192,13 +200,13 @@ static pvx_err read_gain(const struct reader *r, int m, const char *path, struct
 {
     char full[96];
     double g[3];
-    size_t n;
     c->gain[0] = c->gain[1] = c->gain[2] = 1;
     int node = pvx_yaml_get(r->y, m, "gain");
     if (node == 0)
         return PVX_OK;
     snprintf(full, sizeof full, "%s.gain", path);
-    PVX_TRY(pvx_yaml_doubles(r->y, node, full, 1, 3, g, &n, r->d));
+    PVX_TRY(pvx_yaml_doubles(r->y, node, full, 1, 3, g, r->d));
+    size_t n = pvx_yaml_length(r->y, node);
     if (n == 2)
         return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d, "should have 1 or 3 numbers");
     for (size_t i = 0; i < n; i++)
@@ -229,7 +237,7 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     if (rec_rig_find(rig, name) >= 0)
         return pvx_yaml_fail(r->y, node, path, PVX_EINVAL, r->d, "'%s' is used twice", name);
     snprintf(path, sizeof path, "cameras[%zu]", index);
-    PVX_TRY(integers(r, m, path, "size", 2, 1, 16384, size));
+    PVX_TRY(integers(r, m, path, "size", 2, 16384, size));
     c->width = size[0];
     c->height = size[1];
     PVX_TRY(read_lens(r, m, path, c));
@@ -263,6 +271,10 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
     for (; rig->n_cameras < n; rig->n_cameras++) /* find() sees the finished ones */
         PVX_TRY(read_camera(r, pvx_yaml_item(r->y, node, rig->n_cameras), rig->n_cameras, rig,
                             &rig->cameras[rig->n_cameras]));
+    if (rig->grid.n[0] == 0 && rec_rig_finest(rig, 1, rig->grid.n) != PVX_OK)
+        return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, pvx_yaml_get(r->y, root, "volume"), "voxels"),
+                             "volume.voxels", PVX_EINVAL, r->d,
+                             "auto: no camera has the middle of the volume in front of it");
     return PVX_OK;
 }
 
@@ -365,6 +377,37 @@ int rec_rig_find(const struct rec_rig *r, const char *name)
     return -1;
 }
 
+pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, int32_t n[3])
+{
+    const struct rec_grid *g = &r->grid;
+    double side[3], density = 0, cameras = 0;
+    for (size_t i = 0; i < r->n_cameras; i++) {
+        const struct rec_camera *c = &r->cameras[i];
+        double z = c->t[2];
+        for (int a = 0; a < 3; a++)
+            z += c->R[6 + a] * 0.5 * (g->min[a] + g->max[a]);
+        if (!(z > 0))
+            continue;
+        density += c->fx * c->fy / (z * z) / ((double)binning * binning);
+        cameras++;
+    }
+    if (cameras == 0)
+        return PVX_EINVAL;
+    for (int a = 0; a < 3; a++)
+        side[a] = g->max[a] - g->min[a];
+    double mean = cbrt(side[0] * side[1] * side[2]);
+    double longest = fmax(side[0], fmax(side[1], side[2]));
+    double h = fmax(0.7 * sqrt(cameras / density), cbrt(mean / (30 * density)));
+    h = fmax(h, longest / REC_GRID_FINEST);
+    for (int a = 0; a < 3; a++) {
+        int32_t most = (int32_t)fmax(1, floor(side[a] / h + 1e-6)), step = 1;
+        while (32 * step <= most)
+            step *= 2;
+        n[a] = most - most % step;
+    }
+    return PVX_OK;
+}
+
 static pvx_err fail_unknown(const struct rec_rig *r, const char *name, int len, struct pvx_diag *d)
 {
     char list[400] = "";
@@ -433,31 +476,6 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
 
 /* ---- the simulated rig ------------------------------------------------------------------------ */
 
-/* Camera at `at` looking at `to`, image upright with respect to z. */
-static void look_at(const double at[3], const double to[3], struct rec_camera *c)
-{
-    double z[3], x[3], n = 0;
-    for (int a = 0; a < 3; a++) {
-        z[a] = to[a] - at[a];
-        n += z[a] * z[a];
-    }
-    n = sqrt(n);
-    for (int a = 0; a < 3; a++)
-        z[a] /= n;
-    double m = hypot(z[0], z[1]); /* right = forward x up, normalised; down = forward x right */
-    x[0] = z[1] / m;
-    x[1] = -z[0] / m;
-    x[2] = 0;
-    double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
-    for (int a = 0; a < 3; a++) {
-        c->R[a] = x[a];
-        c->R[3 + a] = y[a];
-        c->R[6 + a] = z[a];
-    }
-    for (int i = 0; i < 3; i++)
-        c->t[i] = -(c->R[3 * i] * at[0] + c->R[3 * i + 1] * at[1] + c->R[3 * i + 2] * at[2]);
-}
-
 /* Largest |x| or |y| (tangent of the angle off axis) of the volume's corners in this camera. */
 static double spread(const struct rec_grid *g, const struct rec_camera *c, double least_depth)
 {
@@ -496,7 +514,7 @@ pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxe
         double at[3] = {radius * cos(angle), radius * sin(angle), i % 2 == 0 ? 0.65 : 0.35};
         static const double aim[3] = {0, 0, 0.5};
         snprintf(c->name, sizeof c->name, "cam%zu", i);
-        look_at(at, aim, c);
+        rec_camera_look(at, aim, c);
         c->width = w;
         c->height = h;
         static const double dist[8] = {-0.05, 0.01, 5e-4, -3e-4};

@@ -1,7 +1,8 @@
 /* rig.h - the calibrated rig: reconstruction volume and cameras, read from rig.yaml (DESIGN 4).
  *
  *   version: 1
- *   volume: { min: [..3], max: [..3], voxels: [..3], basis: box|trilinear }
+ *   volume: { min: [..3], max: [..3], voxels: [..3] or auto (rec_rig_finest),
+ *             basis: box|trilinear (optional: REC_BASIS_DEFAULT) }
  *   cameras: - { name, size: [w,h], K: [fx,fy,cx,cy], distortion: [0,4,5 or 8 numbers],
  *                R: [9], t: [3], gain: [1 or 3 numbers, optional] }
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
@@ -37,8 +38,20 @@ int rec_rig_find(const struct rec_rig *r, const char *name);
 PVX_MUST_CHECK pvx_err rec_rig_select(struct rec_rig *r, const char *comma_list,
                                       struct pvx_diag *d);
 
+/* The finest grid that the pictures hold, over the box of r->grid, in near cubes of side
+ *     h = max( 0.7 (C / D)^(1/2), (L / 30 D)^(1/3) ),   D = sum of (f / z)^2 / binning^2          (1)
+ * D: bins per square metre at the middle of the box, of the C cameras in front of which it lies.  First
+ * limit: a voxel is not smaller than half a bin's diagonal.  Second: where a flame fills the box (L:
+ * geometric mean of its sides) as an ellipsoid, a measured value has 20 unknowns at most:
+ * 3/2 D h^3 / L >= 1/20.  Both were chosen by measurement (NUMERICS.md, 1).  n[3] is set, at most
+ * REC_GRID_FINEST along the longest side, whose matrix a workstation can still hold; each is a number
+ * that halves to 16..31 without a rest, so no coarser level has half a voxel too many.
+ * PVX_EINVAL: no camera has the middle of the box in front of it. */
+#define REC_GRID_FINEST 256
+PVX_MUST_CHECK pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, int32_t n[3]);
+
 /* The standard simulated rig: `n` cameras on a ring of radius `radius` m about the z axis, aimed at
- * (0,0,0.5) from heights that alternate slightly, 360 degrees, volume [-0.5,0.5]^2 x [0,1], image
+ * (0,0,0.5) from heights that alternate slightly, 360 degrees, volume [-0.5,0.5]^2 x [0,1] in boxes, image
  * w x h, focal length so that the volume fills about 3/4 of the shorter image side, mild
  * distortion (k1 about -0.05) so that nothing works by accident only without. */
 PVX_MUST_CHECK pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxels,

@@ -75,6 +75,7 @@ static bool start(const struct rec_grid *g, int32_t extra, const double origin[3
         double first = g->min[a] - pad, last = g->max[a] + pad;
         bool parallel = fabs(d[a]) < 1e-100; /* moves by less than a rounding over any grid */
         x->n = g->n[a] + extra;
+        x->m = 1;
         x->A = d[a] < 0 && !parallel ? (last - origin[a]) / h : (origin[a] - first) / h;
         x->B = parallel ? 0 : fabs(d[a]) / h;
         if (parallel) {

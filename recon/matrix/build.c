@@ -8,7 +8,6 @@
  * No two tasks write to one place, and the rows of a column ascend because strips and bins do, so the
  * result does not depend on how many bands, strips or threads there are. */
 #include <float.h>
-#include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -22,11 +21,11 @@
 #define CHUNK      65536 /* columns per task while summing */
 #define STRIPS_MAX 16
 #define BANDS_MAX  256
-#define ENTRY      (sizeof(uint32_t) + sizeof(uint16_t))
+#define ENTRY      (sizeof(uint32_t) + sizeof(uint8_t))
 
 /* What one running task needs; there are as many as threads. */
 struct scratch {
-    atomic_flag taken;
+    atomic_flag in_use;
     int32_t *index; /* of one ray */
     float *value;
     /* Merging the rays of a bin: open addressing by voxel, emptied by starting a new epoch. */
@@ -42,7 +41,7 @@ struct scratch {
 /* Entries of some rows of an image, row by row. */
 struct band {
     uint32_t *col;
-    uint16_t *val;
+    uint8_t *val;
     size_t n, room;
 };
 
@@ -57,7 +56,7 @@ struct build {
     struct scratch *scratch;
     size_t n_scratch;
     struct band band[BANDS_MAX];
-    struct rec_sysmat_part *part; /* [cameras] */
+    struct rec_entries *part; /* [cameras] */
     /* the camera in work */
     size_t camera;
     const struct rec_camera *c;
@@ -75,10 +74,10 @@ struct build {
     atomic_bool canceled, out_of_memory;
 };
 
-static struct scratch *take_scratch(struct build *b)
+static struct scratch *get_scratch(struct build *b)
 {
     for (size_t i = 0;; i = (i + 1) % b->n_scratch) /* never more tasks at a time than scratches */
-        if (!atomic_flag_test_and_set(&b->scratch[i].taken))
+        if (!atomic_flag_test_and_set(&b->scratch[i].in_use))
             return &b->scratch[i];
 }
 
@@ -122,10 +121,10 @@ static inline size_t put(struct band *out, size_t n, struct row *r, int32_t inde
 {
     r->sum += units;
     int64_t now = (int64_t)r->sum, q = now - r->done;
-    q = q < UINT16_MAX ? q : UINT16_MAX;
+    q = q < UINT8_MAX ? q : UINT8_MAX;
     r->done += q;
     out->col[n] = (uint32_t)index;
-    out->val[n] = (uint16_t)q;
+    out->val[n] = (uint8_t)q;
     return n + (q > 0);
 }
 
@@ -177,7 +176,7 @@ static bool grow(const struct build *b, struct band *out)
     uint32_t *col = realloc(out->col, room * sizeof *col);
     if (col != NULL)
         out->col = col;
-    uint16_t *val = realloc(out->val, room * sizeof *val);
+    uint8_t *val = realloc(out->val, room * sizeof *val);
     if (val != NULL)
         out->val = val;
     if (col == NULL || val == NULL)
@@ -194,7 +193,7 @@ static int32_t first_row(const struct build *b, size_t band)
 static void trace_band(void *ctx, size_t task)
 {
     struct build *b = ctx;
-    struct scratch *s = take_scratch(b);
+    struct scratch *s = get_scratch(b);
     struct band *out = &b->band[task];
     out->n = 0;
     for (int32_t y = first_row(b, task); y < first_row(b, task + 1); y++) {
@@ -212,7 +211,7 @@ static void trace_band(void *ctx, size_t task)
         atomic_fetch_add(&b->rows_done, 1);
         tell(b);
     }
-    atomic_flag_clear(&s->taken);
+    atomic_flag_clear(&s->in_use);
 }
 
 static void count_strip(void *ctx, size_t task)
@@ -258,7 +257,7 @@ static void fill_strip(void *ctx, size_t task)
 {
     struct build *b = ctx;
     uint32_t *at = b->at + task * b->N, *row = b->part[b->camera].row;
-    uint16_t *val = b->part[b->camera].val;
+    uint8_t *val = b->part[b->camera].val;
     for (size_t k = b->strip[task]; k < b->strip[task + 1]; k++) {
         const struct band *in = &b->band[k];
         uint32_t end = (uint32_t)(first_row(b, k + 1) * b->bw);
@@ -312,7 +311,7 @@ static uint64_t cut_strips(struct build *b)
 
 static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
-    struct rec_sysmat_part *out = &b->part[b->camera];
+    struct rec_entries *out = &b->part[b->camera];
     pvx_pool_run(pool, b->bands, trace_band, b);
     if (atomic_load(&b->canceled))
         return PVX_ECANCELED;
@@ -347,7 +346,7 @@ static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     struct rec_sysmat_block *block = &b->m->block[b->camera];
-    struct rec_sysmat_part *out = &b->part[b->camera];
+    struct rec_entries *out = &b->part[b->camera];
     size_t rows = (size_t)block->bw * (size_t)block->bh;
     b->bw = block->bw;
     b->bh = block->bh;
@@ -439,16 +438,15 @@ static pvx_err build_all(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     b->part = pvx_calloc(m->n_cameras, sizeof *b->part);
     pvx_err e = b->part == NULL ? PVX_ENOMEM : build_cameras(b, pool, d);
     free_scratch(b);
+    struct rec_entries all = {0};
     if (e == PVX_OK)
-        e = rec_sysmat_merge(m, b->part, pool, d);
-    for (size_t c = 0; b->part != NULL && c < m->n_cameras; c++) {
-        free(b->part[c].colptr);
-        free(b->part[c].row);
-        free(b->part[c].val);
-    }
+        e = rec_sysmat_merge(m, b->part, pool, &all, d);
+    for (size_t c = 0; b->part != NULL && c < m->n_cameras; c++)
+        rec_entries_free(&b->part[c]);
     free(b->part);
     if (e == PVX_OK)
-        e = rec_sysmat_add_levels(m, pool, d);
+        e = rec_sysmat_add_levels(m, &all, pool, d);
+    rec_entries_free(&all);
     if (e == PVX_OK && b->progress != NULL && !b->progress(b->ctx, 1))
         e = PVX_ECANCELED;
     return e;

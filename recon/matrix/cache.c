@@ -1,7 +1,6 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/file.h"
 #include "base/log.h"
@@ -48,22 +47,19 @@ static void choose_file(const char *path, uint64_t key, char out[PATH_MAX])
 }
 
 pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_params *p,
-                        const char *path, pvx_pool *pool, rec_progress_fn progress, void *ctx,
-                        rec_sysmat **out, bool *from_cache, struct pvx_diag *d)
+                        const char *path, pvx_pool *pool, struct rec_progress progress,
+                        rec_sysmat **out, struct pvx_diag *d)
 {
     char file[PATH_MAX];
     uint64_t key;
     *out = NULL;
-    if (from_cache != NULL)
-        *from_cache = false;
     PVX_TRY(rec_sysmat_key(rig, p, &key, d));
     choose_file(path, key, file);
     if (file[0] != '\0') {
         struct pvx_diag why = {""};
         pvx_err e = rec_sysmat_load(file, key, true, pool, out, &why);
         if (e == PVX_OK) {
-            if (from_cache != NULL)
-                *from_cache = true;
+            (*out)->cached = true;
             return PVX_OK;
         }
         if (e == PVX_EFORMAT && path != NULL)
@@ -71,7 +67,7 @@ pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_param
         if (e != PVX_ENOENT)
             LOG_W(RECON, "building the system matrix anew: %s", pvx_diag_text(&why, e));
     }
-    PVX_TRY(rec_sysmat_build(rig, p, pool, progress, ctx, out, d));
+    PVX_TRY(rec_sysmat_build(rig, p, pool, progress.call, progress.ctx, out, d));
     if (file[0] != '\0') {
         struct pvx_diag why = {""};
         pvx_err e = rec_sysmat_save(*out, file, pool, &why);

@@ -5,13 +5,13 @@
  *   round    along every row in the order of the columns, one thread: an eighth of S's entries */
 #include <stdatomic.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/mem.h"
 #include "recon/matrix/priv.h"
 
 struct job {
     const rec_sysmat *fine;
+    const struct rec_entries *e; /* of the finer level */
     rec_sysmat *m;
     size_t layer;       /* coarse columns of one layer */
     size_t picture_max; /* coarse bins of the largest image */
@@ -46,11 +46,11 @@ static uint32_t add_child(const struct job *j, size_t c, uint32_t e, uint32_t en
     uint32_t first = (uint32_t)f->row0[c], last = (uint32_t)f->row0[c + 1];
     uint32_t bw = (uint32_t)f->block[c].bw, coarse_bw = (uint32_t)j->m->block[c].bw;
     double per_bw = 1.0 / bw;
-    for (; e < end && f->row[e] < last; e++) {
-        uint32_t r = f->row[e] - first;
+    for (; e < end && j->e->row[e] < last; e++) {
+        uint32_t r = j->e->row[e] - first;
         uint32_t fine_y = (uint32_t)(int32_t)((r + 0.5) * per_bw); /* r / bw, exactly */
         uint32_t x = (r - fine_y * bw) / 2, y = fine_y / 2;
-        picture[y * coarse_bw + x] += f->val[e];
+        picture[y * coarse_bw + x] += j->e->val[e];
         t->x0 = x < t->x0 ? x : t->x0;
         t->y0 = y < t->y0 ? y : t->y0;
         t->x1 = x > t->x1 ? x : t->x1;
@@ -60,8 +60,8 @@ static uint32_t add_child(const struct job *j, size_t c, uint32_t e, uint32_t en
 }
 
 /* What the picture has gathered goes to j->row[at], j->eighths[at] ...; it is zero again after. */
-static size_t take(const struct job *j, size_t c, uint32_t *picture, const struct touched *t,
-                   size_t at)
+static size_t unload(const struct job *j, size_t c, uint32_t *picture, const struct touched *t,
+                     size_t at)
 {
     const struct rec_sysmat_block *f = &j->fine->block[c], *b = &j->m->block[c];
     uint32_t bw = (uint32_t)b->bw, odd_x = f->bw & 1 ? bw - 1 : bw;
@@ -88,7 +88,7 @@ static void sum_layer(void *ctx, size_t k)
         atomic_store(&j->out_of_memory, true);
         return;
     }
-    size_t at = f->colptr[2 * k * (size_t)fg->n[0] * (size_t)fg->n[1]];
+    size_t at = j->e->colptr[2 * k * (size_t)fg->n[0] * (size_t)fg->n[1]];
     for (size_t J = k * j->layer; J < (k + 1) * j->layer; J++) {
         int32_t ijk[3];
         size_t child[8], before = at;
@@ -96,12 +96,12 @@ static void sum_layer(void *ctx, size_t k)
         rec_grid_ijk(g, (int32_t)J, ijk);
         size_t n = children(fg, ijk, child);
         for (size_t i = 0; i < n; i++)
-            e[i] = f->colptr[child[i]];
+            e[i] = j->e->colptr[child[i]];
         for (size_t c = 0; c < f->n_cameras; c++) {
             struct touched t = {UINT32_MAX, UINT32_MAX, 0, 0};
             for (size_t i = 0; i < n; i++)
-                e[i] = add_child(j, c, e[i], f->colptr[child[i] + 1], picture, &t);
-            at = take(j, c, picture, &t, at);
+                e[i] = add_child(j, c, e[i], j->e->colptr[child[i] + 1], picture, &t);
+            at = unload(j, c, picture, &t, at);
         }
         j->count[J] = (uint32_t)(at - before);
     }
@@ -109,34 +109,33 @@ static void sum_layer(void *ctx, size_t k)
 }
 
 /* Exact sums -> entries, column after column; carry [rows] is what rounding has left over. */
-static void round_all(const struct job *j, uint32_t *colptr, uint32_t *row, uint16_t *val,
-                      int32_t *carry)
+static void round_all(const struct job *j, struct rec_entries *out, int32_t *carry)
 {
     const rec_sysmat *f = j->fine;
     rec_sysmat *m = j->m;
-    uint32_t out = 0;
+    uint32_t n = 0;
     for (size_t k = 0; k < (size_t)m->grid.n[2]; k++) {
-        size_t at = f->colptr[2 * k * (size_t)f->grid.n[0] * (size_t)f->grid.n[1]];
+        size_t at = j->e->colptr[2 * k * (size_t)f->grid.n[0] * (size_t)f->grid.n[1]];
         for (size_t J = k * j->layer; J < (k + 1) * j->layer; J++) {
-            colptr[J] = out;
+            out->colptr[J] = n;
             size_t c = 0;
             for (size_t end = at + j->count[J]; at < end; at++) {
                 uint32_t r = j->row[at];
                 int32_t exact = carry[r] + (int32_t)j->eighths[at], q = (exact + 4) >> 3;
-                q = q > UINT16_MAX ? UINT16_MAX : q;
+                q = q > UINT8_MAX ? UINT8_MAX : q;
                 carry[r] = exact - 8 * q;
                 if (q <= 0)
                     continue;
                 while (r >= m->row0[c + 1])
                     c++;
                 m->block[c].nnz++;
-                row[out] = r;
-                val[out++] = (uint16_t)q;
+                out->row[n] = r;
+                out->val[n++] = (uint8_t)q;
             }
         }
     }
-    colptr[rec_grid_count(&m->grid)] = out;
-    m->nnz = out;
+    out->colptr[rec_grid_count(&m->grid)] = n;
+    out->nnz = m->nnz = n;
 }
 
 static void union_layer(void *ctx, size_t k)
@@ -169,7 +168,7 @@ static void union_layer(void *ctx, size_t k)
     }
 }
 
-static pvx_err fill(struct job *j, pvx_pool *pool)
+static pvx_err fill(struct job *j, pvx_pool *pool, struct rec_entries *out)
 {
     rec_sysmat *m = j->m;
     size_t N = rec_grid_count(&m->grid), rows = m->row0[m->n_cameras],
@@ -184,25 +183,24 @@ static pvx_err fill(struct job *j, pvx_pool *pool)
     uint64_t most = 0;
     for (size_t J = 0; J < N; J++)
         most += j->count[J];
-    uint32_t *colptr = rec_sysmat_array((N + 1) * sizeof *colptr);
-    uint32_t *row = rec_sysmat_array(most * sizeof *row);
-    uint16_t *val = rec_sysmat_array(most * sizeof *val);
+    out->colptr = rec_sysmat_array((N + 1) * sizeof *out->colptr);
+    out->row = rec_sysmat_array(most * sizeof *out->row);
+    out->val = rec_sysmat_array(most * sizeof *out->val);
     int32_t *carry = pvx_calloc(rows, sizeof *carry);
-    m->colptr = colptr;
-    m->row = row;
-    m->val = val;
-    if (colptr == NULL || row == NULL || val == NULL || carry == NULL) {
+    if (out->colptr == NULL || out->row == NULL || out->val == NULL || carry == NULL) {
         free(carry);
         return PVX_ENOMEM;
     }
-    round_all(j, colptr, row, val, carry);
+    round_all(j, out, carry);
     free(carry);
     return PVX_OK;
 }
 
-static pvx_err coarsen(const rec_sysmat *f, rec_sysmat *m, pvx_pool *pool)
+static pvx_err coarsen(const rec_sysmat *f, const struct rec_entries *e, rec_sysmat *m,
+                       pvx_pool *pool, struct rec_entries *out)
 {
-    struct job j = {.fine = f, .m = m, .layer = (size_t)m->grid.n[0] * (size_t)m->grid.n[1]};
+    struct job j = {
+        .fine = f, .e = e, .m = m, .layer = (size_t)m->grid.n[0] * (size_t)m->grid.n[1]};
     for (size_t c = 0; c < m->n_cameras; c++) {
         size_t bins = (size_t)m->block[c].bw * (size_t)m->block[c].bh;
         j.picture_max = bins > j.picture_max ? bins : j.picture_max;
@@ -210,11 +208,12 @@ static pvx_err coarsen(const rec_sysmat *f, rec_sysmat *m, pvx_pool *pool)
     j.row = pvx_reserve(f->nnz * sizeof *j.row);
     j.eighths = pvx_reserve(f->nnz * sizeof *j.eighths);
     j.count = pvx_calloc(rec_grid_count(&m->grid), sizeof *j.count);
-    pvx_err e = j.row == NULL || j.eighths == NULL || j.count == NULL ? PVX_ENOMEM : fill(&j, pool);
+    pvx_err err =
+        j.row == NULL || j.eighths == NULL || j.count == NULL ? PVX_ENOMEM : fill(&j, pool, out);
     pvx_unreserve(j.row, f->nnz * sizeof *j.row);
     pvx_unreserve(j.eighths, f->nnz * sizeof *j.eighths);
     free(j.count);
-    return e;
+    return err;
 }
 
 void rec_sysmat_coarse_frame(const rec_sysmat *fine, rec_sysmat *coarse)
@@ -233,27 +232,49 @@ void rec_sysmat_coarse_frame(const rec_sysmat *fine, rec_sysmat *coarse)
             coarse->row0[c] + (size_t)coarse->block[c].bw * (size_t)coarse->block[c].bh;
 }
 
-pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, pvx_pool *pool, rec_sysmat **out,
-                           struct pvx_diag *d)
+pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, const struct rec_entries *e, pvx_pool *pool,
+                           rec_sysmat **coarse, struct rec_entries *out, struct pvx_diag *d)
 {
-    rec_sysmat *m;
-    *out = NULL;
-    pvx_err e = rec_sysmat_alloc(fine->n_cameras, &m);
-    if (e != PVX_OK)
-        return pvx_fail(d, e, "out of memory for a coarser level of the system matrix");
-    rec_sysmat_coarse_frame(fine, m);
-    e = coarsen(fine, m, pool);
-    if (e != PVX_OK) {
-        rec_sysmat_free(&m);
-        return pvx_fail(d, e, "out of memory for a coarser level of the system matrix");
+    *coarse = NULL;
+    *out = (struct rec_entries){0};
+    pvx_err err = rec_sysmat_alloc(fine->n_cameras, coarse);
+    if (err == PVX_OK) {
+        rec_sysmat_coarse_frame(fine, *coarse);
+        err = coarsen(fine, e, *coarse, pool, out);
     }
-    *out = m;
+    if (err != PVX_OK) {
+        rec_entries_free(out);
+        rec_sysmat_free(coarse);
+        return pvx_fail(d, err, "out of memory for a coarser level of the system matrix");
+    }
     return PVX_OK;
 }
 
-pvx_err rec_sysmat_add_levels(rec_sysmat *m, pvx_pool *pool, struct pvx_diag *d)
+/* The windows of one level, and what there is to say when it has none. */
+static pvx_err make_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool *pool,
+                            struct pvx_diag *d)
 {
-    for (size_t n = rec_sysmat_levels(&m->grid); n > 1; n--, m = m->coarse)
-        PVX_TRY(rec_sysmat_coarsen(m, pool, &m->coarse, d));
-    return PVX_OK;
+    pvx_err err = rec_sysmat_windows(m, e, pool);
+    if (err == PVX_ERANGE)
+        return pvx_fail(d, err,
+                        "the voxels are far larger than the bins: their windows are more "
+                        "than the 2^32-1 of one matrix; use a larger binning");
+    return err == PVX_OK ? err : pvx_fail(d, err, "out of memory for the system matrix");
+}
+
+pvx_err rec_sysmat_add_levels(rec_sysmat *m, struct rec_entries *e, pvx_pool *pool,
+                              struct pvx_diag *d)
+{
+    struct rec_entries now = *e, coarser;
+    *e = (struct rec_entries){0};
+    pvx_err err = make_windows(m, &now, pool, d);
+    for (size_t n = rec_sysmat_levels(&m->grid); err == PVX_OK && n > 1; n--, m = m->coarse) {
+        err = rec_sysmat_coarsen(m, &now, pool, &m->coarse, &coarser, d);
+        rec_entries_free(&now);
+        now = coarser;
+        if (err == PVX_OK)
+            err = make_windows(m->coarse, &now, pool, d);
+    }
+    rec_entries_free(&now);
+    return err;
 }

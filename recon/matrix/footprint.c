@@ -19,7 +19,7 @@ struct job {
     const rec_sysmat *m;
     const struct rec_camera *c;
     const struct rec_sysmat_block *b;
-    const struct rec_sysmat_part *part;
+    const struct rec_entries *part;
     struct rec_rect *fp;
     int32_t span;   /* lattice cells per support: 1 box, 2 trilinear */
     int32_t nx, ny; /* lattice points per layer */
@@ -224,7 +224,7 @@ static void slab(void *ctx, size_t task)
 }
 
 pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
-                              const struct rec_sysmat_block *b, const struct rec_sysmat_part *part,
+                              const struct rec_sysmat_block *b, const struct rec_entries *part,
                               pvx_pool *pool, struct rec_rect *fp)
 {
     int32_t span = m->grid.basis == REC_TRILINEAR ? 2 : 1;

@@ -1,8 +1,8 @@
-/* sysmat_format.h - the matrix on disk.  Not for other modules.  Little-endian throughout:
+/* format.h - the matrix on disk.  Not for other modules.  Little-endian throughout:
  *
  *   header, 128 bytes
  *     0  u8[8]  "PVXMATRX"          88  i32[3] voxels n
- *     8  u32    format version 2   100  u32    basis: 0 box, 1 trilinear
+ *     8  u32    format version 3   100  u32    basis: 0 box, 1 trilinear
  *    12  u32    header + table     104  i32    binning
  *    16  u64    key                108  i32    rays per bin side
  *    24  u64    bytes of the file  112  f32    unit of the values
@@ -11,8 +11,9 @@
  *    40  f64[3] min, f64[3] max
  *   table
  *     per camera: u32 bw, u32 bh
- *     per level, finest first: u64 entries of each camera; then for colptr, row, val and each camera's
- *     footprints: u64 offset, u64 bytes, u64 checksum
+ *     per level, finest first: u64 entries of each camera; u32 rows and u32 columns of a window; then
+ *     for at, w (with its padding) and more (recon/simd/windows.h) and each camera's footprints:
+ *     u64 offset, u64 bytes, u64 checksum
  *   sections, in the table's order, each at a multiple of 64 with zeros before it
  *
  * Grid, images and unit of a coarser level follow from the finer one (sysmat.h (4)).
@@ -28,16 +29,17 @@
 #include "recon/matrix/priv.h"
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "mapped files are little-endian arrays");
-_Static_assert(sizeof(struct rec_rect) == 8 && sizeof(float) == 4, "as the file has them");
+_Static_assert(sizeof(struct rec_rect) == 8 && sizeof(float) == 4 && sizeof(struct rec_more) == 28,
+               "as the file has them");
 
 #define MAGIC    "PVXMATRX"
-#define VERSION  2u
+#define VERSION  3u
 #define HEADER   128u
 #define HASH_AT  120u
 #define PIECE    ((uint64_t)1 << 20)
 #define SECTIONS (3 + REC_MAX_CAMERAS) /* of a level, at most */
 
-enum { SECTION_COLPTR, SECTION_ROW, SECTION_VAL, SECTION_FP };
+enum { SECTION_AT, SECTION_W, SECTION_MORE, SECTION_FP };
 
 struct section {
     const void *data;
@@ -95,11 +97,11 @@ static inline uint64_t piece_hash(const struct section *s, uint64_t piece)
 /* Header and table. */
 static inline size_t head_bytes(size_t cameras, size_t levels)
 {
-    return HEADER + cameras * 8 + levels * (cameras * 8 + (3 + cameras) * 24);
+    return HEADER + cameras * 8 + levels * (cameras * 8 + 8 + (3 + cameras) * 24);
 }
 #define HEAD_MAX                    \
     (HEADER + REC_MAX_CAMERAS * 8 + \
-     REC_SYSMAT_LEVELS_MAX * (REC_MAX_CAMERAS * 8 + (3 + REC_MAX_CAMERAS) * 24))
+     REC_SYSMAT_LEVELS_MAX * (REC_MAX_CAMERAS * 8 + 8 + (3 + REC_MAX_CAMERAS) * 24))
 
 static inline uint64_t head_hash(const uint8_t *head, size_t bytes)
 {
@@ -112,13 +114,15 @@ static inline uint64_t head_hash(const uint8_t *head, size_t bytes)
     return XXH3_64bits_digest(&h);
 }
 
-/* Bytes of the sections of one level, whose grid and nnz are known; returns how many there are. */
+/* Bytes of the sections of one level, whose grid and shape of windows are known, but for `more`, of which
+ * there are any number; returns how many sections there are. */
 static inline size_t section_sizes(const rec_sysmat *m, struct section *s)
 {
     uint64_t N = rec_grid_count(&m->grid);
-    s[SECTION_COLPTR].bytes = (N + 1) * sizeof *m->colptr;
-    s[SECTION_ROW].bytes = m->nnz * sizeof *m->row;
-    s[SECTION_VAL].bytes = m->nnz * sizeof *m->val;
+    uint64_t windows = N * (uint64_t)m->win.slots;
+    s[SECTION_AT].bytes = windows * sizeof *m->win.at;
+    s[SECTION_W].bytes = windows * rec_window_size(&m->win) + REC_WINDOWS_PAD;
+    s[SECTION_MORE].bytes = (uint64_t)m->win.n_more * sizeof *m->win.more;
     for (size_t c = 0; c < m->n_cameras; c++)
         s[SECTION_FP + c].bytes = N * sizeof *m->block[c].fp;
     return SECTION_FP + m->n_cameras;

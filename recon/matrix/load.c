@@ -35,7 +35,7 @@ static pvx_err corrupt(const struct loader *l, const char *what)
 
 static pvx_err corrupt_section(const struct loader *l, size_t level, size_t s, const char *what)
 {
-    static const char *const name[] = {"column starts", "rows", "values"};
+    static const char *const name[] = {"windows", "weights", "further windows"};
     char camera[48];
     snprintf(camera, sizeof camera, "footprints of camera %zu", s - SECTION_FP);
     return pvx_fail(l->d, PVX_ECORRUPT, "%s: damaged (level %zu, %s: %s); " REMEDY, l->path, level,
@@ -145,21 +145,32 @@ static pvx_err read_level(struct loader *l, size_t level, struct cursor *c, uint
     }
     if (m->nnz > UINT32_MAX)
         return corrupt(l, "impossible number of entries");
+    rec_sysmat_window_frame(m);
+    uint32_t high = get_u32(c), wide = get_u32(c);
+    if (high < 2 || high > 4 || (wide != 4 && (wide != 2 || high != 2)))
+        return corrupt(l, "impossible shape of windows");
+    m->win.high = (int32_t)high;
+    m->win.wide = (int32_t)wide;
     size_t n = section_sizes(m, s);
     for (size_t i = 0; i < n; i++) {
         uint64_t want = s[i].bytes;
         s[i].offset = get_u64(c);
         s[i].bytes = get_u64(c);
         s[i].hash = get_u64(c);
+        if (i == SECTION_MORE && s[i].bytes % sizeof(struct rec_more) == 0 &&
+            s[i].bytes / sizeof(struct rec_more) <= UINT32_MAX) {
+            want = s[i].bytes;
+            m->win.n_more = (uint32_t)(want / sizeof(struct rec_more));
+        }
         if (s[i].offset != align64(*at) || s[i].bytes != want || s[i].offset > l->bytes ||
             want > l->bytes - s[i].offset)
             return corrupt_section(l, level, i, "does not lie where it should");
         *at = s[i].offset + want;
         s[i].data = l->base + s[i].offset;
     }
-    m->colptr = s[SECTION_COLPTR].data;
-    m->row = s[SECTION_ROW].data;
-    m->val = s[SECTION_VAL].data;
+    m->win.at = (uint32_t *)s[SECTION_AT].data;
+    m->win.w = (uint8_t *)s[SECTION_W].data;
+    m->win.more = (struct rec_more *)s[SECTION_MORE].data;
     for (size_t i = 0; i < m->n_cameras; i++)
         m->block[i].fp = s[SECTION_FP + i].data;
     return PVX_OK;
@@ -183,61 +194,105 @@ static pvx_err read_levels(struct loader *l)
 enum verdict { SOUND, BAD_RANGE, BAD_ORDER };
 static const char *const verdict_text[] = {"", "outside what there is", "not ascending"};
 
-/* Two passes over pieces: column starts, which the others are then judged by, and the others. */
+/* Two passes over pieces: where windows are, which their weights are then judged by, and the others. */
 struct check {
     const struct loader *l;
     struct piece {
         uint32_t level, section;
-        uint64_t index, hash;
+        uint64_t index, hash, nnz; /* weights that are not 0 */
         enum verdict verdict;
     } * piece;
     size_t n;
+    uint64_t *hash; /* of the pieces of one section */
 };
 
-static enum verdict check_colptr(const rec_sysmat *m, size_t j0, size_t j1)
+/* Windows of 1 to `size` weights that begin in a section's bytes [a,b); the last may end behind b. */
+static void windows_in(uint64_t a, uint64_t b, size_t size, size_t *w0, size_t *w1)
 {
-    const uint32_t *p = m->colptr;
-    size_t N = rec_grid_count(&m->grid);
-    bool bad = (j0 == 0 && p[0] != 0) || (j1 == N + 1 && p[N] != m->nnz);
-    for (size_t j = j0 == 0 ? 1 : j0; j < j1; j++)
-        bad |= p[j] < p[j - 1];
-    return bad ? BAD_ORDER : SOUND;
+    *w0 = (size_t)((a + size - 1) / size);
+    *w1 = (size_t)((b + size - 1) / size);
 }
 
-/* Rows may descend only where a column starts: as many descents as there are at column starts.
- * Compared as signed numbers, which vectors can; a row number from 2^31 on is seen by its sign. */
-static enum verdict check_rows(const rec_sysmat *m, size_t e0, size_t e1)
+static uint64_t count(const uint8_t *w, size_t n)
 {
-    const int32_t *row = (const int32_t *)m->row;
-    const uint32_t *p = m->colptr;
-    const int32_t last = (int32_t)(m->row0[m->n_cameras] - 1);
-    uint32_t outside = row[e0] < 0 || row[e0] > last, descents = 0;
-    e0 += e0 == 0;
-    for (size_t e = e0; e < e1; e++) {
-        outside |= (uint32_t) - (row[e] > last) | (uint32_t)row[e] >> 31;
-        descents += row[e] <= row[e - 1];
-    }
-    if (outside)
-        return BAD_RANGE;
-    size_t j = 0, end = rec_grid_count(&m->grid);
-    while (j < end) { /* first column that starts at e0 or later */
-        size_t mid = j + (end - j) / 2;
-        if (p[mid] < e0)
-            j = mid + 1;
-        else
-            end = mid;
-    }
-    for (; p[j] < e1; j++)
-        descents -= (p[j + 1] > p[j]) & (row[p[j]] <= row[p[j] - 1]);
-    return descents == 0 ? SOUND : BAD_ORDER;
+    uint64_t not_zero = 0;
+    for (size_t i = 0; i < n; i++)
+        not_zero += w[i] != 0;
+    return not_zero;
+}
+static bool is_zero(const uint8_t *w, size_t n)
+{
+    uint8_t any = 0;
+    for (size_t i = 0; i < n; i++)
+        any |= w[i];
+    return any == 0;
 }
 
-static enum verdict check_values(const rec_sysmat *m, size_t e0, size_t e1)
+/* A window begins in its camera's image or nowhere. */
+static bool begins_right(const rec_sysmat *m, size_t slot, uint32_t at)
 {
-    uint16_t zero = 0;
-    for (size_t e = e0; e < e1; e++)
-        zero |= (uint16_t) - (m->val[e] == 0);
-    return zero ? BAD_RANGE : SOUND;
+    return slot < m->n_cameras && at >= m->row0[slot] && at < m->row0[slot + 1];
+}
+/* What hangs over the end of the camera's bins is 0: nothing is written behind all of them. */
+static bool ends_right(const rec_sysmat *m, size_t slot, uint32_t at, const uint8_t *w)
+{
+    size_t pitch = (size_t)m->win.pitch[slot], wide = (size_t)m->win.wide;
+    size_t end = m->row0[slot + 1], high = (size_t)m->win.high;
+    if (at + (high - 1) * pitch + wide <= end)
+        return true;
+    for (size_t r = 0; r < high; r++)
+        for (size_t k = 0; k < wide; k++)
+            if (at + r * pitch + k >= end && w[r * wide + k] != 0)
+                return false;
+    return true;
+}
+
+static enum verdict check_at(const rec_sysmat *m, size_t w0, size_t w1)
+{
+    size_t slots = (size_t)m->win.slots, slot = w0 % slots;
+    bool bad = false;
+    for (size_t i = w0; i < w1; i++) {
+        bad |= m->win.at[i] != m->win.nowhere && !begins_right(m, slot, m->win.at[i]);
+        slot = slot + 1 == slots ? 0 : slot + 1;
+    }
+    return bad ? BAD_RANGE : SOUND;
+}
+
+/* `at` is sound. */
+static enum verdict check_weights(const rec_sysmat *m, uint64_t a, uint64_t b, uint64_t *nnz)
+{
+    size_t size = rec_window_size(&m->win), slots = (size_t)m->win.slots, w0, w1;
+    size_t all = rec_grid_count(&m->grid) * slots;
+    windows_in(a, b, size, &w0, &w1);
+    if (w1 > all) {
+        w1 = all;
+        if (!is_zero(m->win.w + all * size, REC_WINDOWS_PAD))
+            return BAD_RANGE;
+    }
+    *nnz = w0 < w1 ? count(m->win.w + w0 * size, (w1 - w0) * size) : 0;
+    for (size_t i = w0; i < w1; i++) {
+        const uint8_t *w = m->win.w + i * size;
+        uint32_t at = m->win.at[i];
+        if (at == m->win.nowhere ? !is_zero(w, size) : !ends_right(m, i % slots, at, w))
+            return BAD_RANGE;
+    }
+    return SOUND;
+}
+
+static enum verdict check_more(const rec_sysmat *m, uint64_t a, uint64_t b, uint64_t *nnz)
+{
+    size_t size = rec_window_size(&m->win), N = rec_grid_count(&m->grid), w0, w1;
+    windows_in(a, b, sizeof *m->win.more, &w0, &w1);
+    for (size_t i = w0; i < w1; i++) {
+        const struct rec_more *k = &m->win.more[i];
+        if (k->column >= N || !begins_right(m, k->slot, k->at) ||
+            !ends_right(m, k->slot, k->at, k->w) || !is_zero(k->w + size, sizeof k->w - size))
+            return BAD_RANGE;
+        if (i > 0 && k[-1].column > k->column)
+            return BAD_ORDER;
+        *nnz += count(k->w, size);
+    }
+    return SOUND;
 }
 
 static enum verdict check_footprints(const struct rec_sysmat_block *b, size_t j0, size_t j1)
@@ -260,16 +315,16 @@ static void check_piece(void *ctx, size_t task)
     uint64_t a = p->index * PIECE, b = a + PIECE < s->bytes ? a + PIECE : s->bytes;
     p->hash = piece_hash(s, p->index);
     switch (p->section) {
-    case SECTION_COLPTR: p->verdict = check_colptr(m, a / 4, b / 4); break;
-    case SECTION_ROW: p->verdict = check_rows(m, a / 4, b / 4); break;
-    case SECTION_VAL: p->verdict = check_values(m, a / 2, b / 2); break;
+    case SECTION_AT: p->verdict = check_at(m, a / 4, b / 4); break;
+    case SECTION_W: p->verdict = check_weights(m, a, b, &p->nnz); break;
+    case SECTION_MORE: p->verdict = check_more(m, a, b, &p->nnz); break;
     default: p->verdict = check_footprints(&m->block[p->section - SECTION_FP], a / 8, b / 8);
     }
 }
 
 static pvx_err judge(const struct check *k)
 {
-    uint64_t hash[((uint64_t)16 << 30) / PIECE]; /* pieces of the largest section, 2^32 rows */
+    uint64_t *hash = k->hash;
     for (size_t i = 0; i < k->n;) {
         const struct piece *p = &k->piece[i];
         const struct section *s = &k->l->section[p->level * SECTIONS + p->section];
@@ -288,13 +343,24 @@ static pvx_err judge(const struct check *k)
     return PVX_OK;
 }
 
-static void list_pieces(struct check *k, bool column_starts)
+static pvx_err check_counts(const struct check *k)
+{
+    uint64_t nnz[REC_SYSMAT_LEVELS_MAX] = {0};
+    for (size_t i = 0; i < k->n; i++)
+        nnz[k->piece[i].level] += k->piece[i].nnz;
+    for (size_t level = 0; level < k->l->levels; level++)
+        if (nnz[level] != k->l->level[level]->nnz)
+            return corrupt_section(k->l, level, SECTION_W, "number of entries");
+    return PVX_OK;
+}
+
+static void list_pieces(struct check *k, bool places)
 {
     k->n = 0;
     for (uint32_t level = 0; level < k->l->levels; level++)
         for (uint32_t s = 0; s < SECTION_FP + k->l->level[0]->n_cameras; s++)
             for (uint64_t i = 0; i < pieces(k->l->section[level * SECTIONS + s].bytes); i++)
-                if ((s == SECTION_COLPTR) == column_starts)
+                if ((s == SECTION_AT) == places)
                     k->piece[k->n++] = (struct piece){.level = level, .section = s, .index = i};
 }
 
@@ -305,15 +371,19 @@ static pvx_err check_contents(const struct loader *l, pvx_pool *pool)
     for (size_t i = 0; i < l->levels * SECTIONS; i++)
         n += pieces(l->section[i].bytes);
     k.piece = pvx_calloc(n, sizeof *k.piece);
-    if (k.piece == NULL)
-        return pvx_fail(l->d, PVX_ENOMEM, "%s: out of memory", l->path);
+    k.hash = pvx_calloc(n, sizeof *k.hash);
     pvx_err e = PVX_OK;
+    if (k.piece == NULL || k.hash == NULL)
+        e = pvx_fail(l->d, PVX_ENOMEM, "%s: out of memory", l->path);
     for (int pass = 0; pass < 2 && e == PVX_OK; pass++) {
         list_pieces(&k, pass == 0);
         pvx_pool_run(pool, k.n, check_piece, &k);
         e = judge(&k);
     }
+    if (e == PVX_OK)
+        e = check_counts(&k);
     free(k.piece);
+    free(k.hash);
     return e;
 }
 

@@ -13,10 +13,10 @@
 
 struct job {
     rec_sysmat *m;
-    const struct rec_sysmat_part *part;
+    const struct rec_entries *part;
     size_t N, first; /* columns; first chunk of the slice */
     uint32_t *colptr, *row;
-    uint16_t *val;
+    uint8_t *val;
 };
 
 static void merge_chunk(void *ctx, size_t task)
@@ -30,7 +30,7 @@ static void merge_chunk(void *ctx, size_t task)
     for (size_t col = j0; col < j1; col++) {
         j->colptr[col] = at;
         for (size_t c = 0; c < cameras; c++) {
-            const struct rec_sysmat_part *p = &j->part[c];
+            const struct rec_entries *p = &j->part[c];
             uint32_t row0 = (uint32_t)j->m->row0[c], end = p->colptr[col + 1], e = next[c];
             for (; e < end; e++, at++) {
                 j->row[at] = row0 + p->row[e];
@@ -39,6 +39,14 @@ static void merge_chunk(void *ctx, size_t task)
             next[c] = end;
         }
     }
+}
+
+void rec_entries_free(struct rec_entries *e)
+{
+    free(e->colptr);
+    free(e->row);
+    free(e->val);
+    *e = (struct rec_entries){0};
 }
 
 /* Whole pages of [base + from, base + to) are not needed any more. */
@@ -56,17 +64,18 @@ static void merge_slice(struct job *j, size_t first, size_t end, pvx_pool *pool)
     pvx_pool_run(pool, end - first, merge_chunk, j);
     size_t j0 = first * CHUNK, j1 = end * CHUNK < j->N ? end * CHUNK : j->N;
     for (size_t c = 0; c < j->m->n_cameras; c++) {
-        const struct rec_sysmat_part *p = &j->part[c];
+        const struct rec_entries *p = &j->part[c];
         give_back(p->row, p->colptr[j0] * sizeof *p->row, p->colptr[j1] * sizeof *p->row);
         give_back(p->val, p->colptr[j0] * sizeof *p->val, p->colptr[j1] * sizeof *p->val);
     }
 }
 
-pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_sysmat_part *part, pvx_pool *pool,
-                         struct pvx_diag *d)
+pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_entries *part, pvx_pool *pool,
+                         struct rec_entries *out, struct pvx_diag *d)
 {
     struct job j = {.m = m, .part = part, .N = rec_grid_count(&m->grid)};
     m->nnz = 0;
+    *out = (struct rec_entries){0};
     for (size_t c = 0; c < m->n_cameras; c++)
         m->nnz += m->block[c].nnz = part[c].nnz;
     if (m->nnz > UINT32_MAX)
@@ -74,9 +83,9 @@ pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_sysmat_part *part, pvx_pool *
                         "%llu matrix entries are more than the 2^32-1 of one matrix; use fewer "
                         "voxels or a larger binning",
                         (unsigned long long)m->nnz);
-    m->colptr = j.colptr = rec_sysmat_array((j.N + 1) * sizeof *j.colptr);
-    m->row = j.row = rec_sysmat_array(m->nnz * sizeof *j.row);
-    m->val = j.val = rec_sysmat_array(m->nnz * sizeof *j.val);
+    out->colptr = j.colptr = rec_sysmat_array((j.N + 1) * sizeof *j.colptr);
+    out->row = j.row = rec_sysmat_array(m->nnz * sizeof *j.row);
+    out->val = j.val = rec_sysmat_array(m->nnz * sizeof *j.val);
     if (j.colptr == NULL || j.row == NULL || j.val == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory: the system matrix has %llu MiB",
                         (unsigned long long)(m->nnz * (sizeof *j.row + sizeof *j.val) >> 20));
@@ -84,10 +93,8 @@ pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_sysmat_part *part, pvx_pool *
     for (size_t s = 0; s < SLICES; s++)
         merge_slice(&j, chunks * s / SLICES, chunks * (s + 1) / SLICES, pool);
     j.colptr[j.N] = (uint32_t)m->nnz;
-    for (size_t c = 0; c < m->n_cameras; c++) {
-        PVX_FREE(part[c].colptr);
-        PVX_FREE(part[c].row);
-        PVX_FREE(part[c].val);
-    }
+    out->nnz = m->nnz;
+    for (size_t c = 0; c < m->n_cameras; c++)
+        rec_entries_free(&part[c]);
     return PVX_OK;
 }

@@ -1,4 +1,4 @@
-/* sysmat_priv.h - what the files of sysmat.h share: where a matrix's memory is, and the parts of its
+/* priv.h - what the files of sysmat.h share: where a matrix's memory is, and the parts of its
  * construction.  Not for other modules. */
 #ifndef REC_SYSMAT_PRIV_H
 #define REC_SYSMAT_PRIV_H
@@ -14,13 +14,15 @@ struct rec_sysmat_store {
     bool borrowed;
 };
 
-/* The entries of one camera while S is built: its own columns, rows without row0. */
-struct rec_sysmat_part {
+/* A level while S is built, by columns: the entries of column j are [colptr[j],colptr[j+1]), rows
+ * ascending, values > 0 in units.  Of one camera: its own columns, rows without row0. */
+struct rec_entries {
     uint32_t *colptr; /* [N+1] */
     uint32_t *row;
-    uint16_t *val;
+    uint8_t *val;
     uint64_t nnz;
 };
+void rec_entries_free(struct rec_entries *e);
 
 /* An empty matrix with `n_cameras` blocks, all arrays NULL.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_sysmat_alloc(size_t n_cameras, rec_sysmat **out);
@@ -37,18 +39,30 @@ void rec_sysmat_coarse_frame(const rec_sysmat *fine, rec_sysmat *coarse);
 /* (2) for a grid; twice the finer grid's, exactly, on a coarser one. */
 float rec_sysmat_unit(const struct rec_grid *g);
 
-/* The cameras' parts, end to end within each column, into m (grid, cameras and blocks set); the
- * parts' arrays are freed on the way, so that there is about one copy of the entries at any time. */
-PVX_MUST_CHECK pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_sysmat_part *part, pvx_pool *pool,
-                                        struct pvx_diag *d);
+/* The cameras' parts, end to end within each column (m: grid, cameras and blocks set); the parts'
+ * arrays are freed on the way, so that there is about one copy of the entries at any time. */
+PVX_MUST_CHECK pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_entries *part, pvx_pool *pool,
+                                        struct rec_entries *out, struct pvx_diag *d);
 
-/* All coarser levels of m, each into ->coarse of the finer one. */
-PVX_MUST_CHECK pvx_err rec_sysmat_add_levels(rec_sysmat *m, pvx_pool *pool, struct pvx_diag *d);
+/* m->win but its arrays and shape, from the blocks. */
+void rec_sysmat_window_frame(rec_sysmat *m);
+/* m->win from all entries of m.  PVX_ENOMEM; PVX_ERANGE: 2^32 windows or more do not fit theirs. */
+PVX_MUST_CHECK pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e,
+                                          pvx_pool *pool);
+
+/* (4) of sysmat.h: the level below `fine`, whose entries these are; the coarser one's into *out.
+ * Exact but for the rounding (3), which here goes along a row in the order of the columns. */
+PVX_MUST_CHECK pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, const struct rec_entries *e,
+                                          pvx_pool *pool, rec_sysmat **coarse,
+                                          struct rec_entries *out, struct pvx_diag *d);
+/* Windows of m and all coarser levels, each into ->coarse of the finer one; takes m's entries. */
+PVX_MUST_CHECK pvx_err rec_sysmat_add_levels(rec_sysmat *m, struct rec_entries *e, pvx_pool *pool,
+                                             struct pvx_diag *d);
 
 /* Footprints of all columns of camera c from its lens, widened to every entry that is there.
  * fp [N] out.  Parallel over slabs of voxels, same bits for any thread count.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
                                              const struct rec_sysmat_block *b,
-                                             const struct rec_sysmat_part *part, pvx_pool *pool,
+                                             const struct rec_entries *part, pvx_pool *pool,
                                              struct rec_rect *fp);
 #endif

@@ -31,9 +31,9 @@ static uint64_t lay_out(struct writer *w, const rec_sysmat *finest, size_t head)
     for (const rec_sysmat *m = finest; m != NULL; m = m->coarse) {
         struct section *s = w->section + w->n;
         size_t n = section_sizes(m, s);
-        s[SECTION_COLPTR].data = m->colptr;
-        s[SECTION_ROW].data = m->row;
-        s[SECTION_VAL].data = m->val;
+        s[SECTION_AT].data = m->win.at;
+        s[SECTION_W].data = m->win.w;
+        s[SECTION_MORE].data = m->win.more;
         for (size_t c = 0; c < m->n_cameras; c++)
             s[SECTION_FP + c].data = m->block[c].fp;
         for (size_t i = 0; i < n; i++) {
@@ -100,6 +100,8 @@ static void encode_head(const struct writer *w, const rec_sysmat *m, size_t leve
     for (const rec_sysmat *l = m; l != NULL; l = l->coarse) {
         for (size_t i = 0; i < l->n_cameras; i++)
             put_u64(&c, l->block[i].nnz);
+        put_u32(&c, (uint32_t)l->win.high);
+        put_u32(&c, (uint32_t)l->win.wide);
         for (size_t i = 0; i < SECTION_FP + l->n_cameras; i++, s++) {
             put_u64(&c, s->offset);
             put_u64(&c, s->bytes);
@@ -129,8 +131,8 @@ static pvx_err write_matrix(struct writer *w, const rec_sysmat *m, int fd, pvx_p
 {
     static const uint8_t zeros[64];
     uint8_t head[HEAD_MAX];
-    size_t levels = 0;
-    for (const rec_sysmat *l = m; l != NULL; l = l->coarse)
+    size_t levels = 1;
+    for (const rec_sysmat *l = m->coarse; l != NULL; l = l->coarse)
         levels++;
     uint64_t at = head_bytes(m->n_cameras, levels), total = lay_out(w, m, at);
     /* a disk that is too full says so now, not after gigabytes; file systems without it go on */

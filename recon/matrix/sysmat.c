@@ -9,7 +9,7 @@
 #include "recon/matrix/priv.h"
 
 /* Raise it when the same rig and parameters give other entries than before: old caches go stale. */
-#define METHOD_VERSION 2u
+#define METHOD_VERSION 3u
 
 #define COARSEST 16 /* voxels along the longest side of the coarsest level, at least */
 
@@ -134,7 +134,7 @@ void *rec_sysmat_array(uint64_t bytes)
 float rec_sysmat_unit(const struct rec_grid *g)
 {
     double h[3] = {rec_grid_h(g, 0), rec_grid_h(g, 1), rec_grid_h(g, 2)};
-    return (float)(sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) / 65000);
+    return (float)(sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2]) / 254);
 }
 
 void rec_sysmat_coarse_grid(const struct rec_grid *fine, struct rec_grid *coarse)
@@ -166,9 +166,9 @@ void rec_sysmat_free(rec_sysmat **pm)
     if (s->map != NULL) {
         munmap(s->map, s->map_bytes);
     } else if (!s->borrowed) {
-        free((void *)m->colptr);
-        free((void *)m->row);
-        free((void *)m->val);
+        free(m->win.at);
+        free(m->win.w);
+        free(m->win.more);
         for (size_t i = 0; i < m->n_cameras; i++)
             free((void *)m->block[i].fp);
     }

@@ -7,19 +7,20 @@
  * distorted lens; no image is ever resampled).  rays_per_bin = 1, binning = 1 is the paper's model.
  * Rows are numbered in one row space: row = row0[c] + y*bw + x, camera by camera.
  *
- * S is stored by COLUMNS: the entries of voxel j are [colptr[j], colptr[j+1]), rows ascending, all
- * cameras in one run.  Why: restricting S to the visual hull (paper 4.4) keeps a tenth of the columns
- * and all their entries, so what a frame set needs is read as a few thousand runs of ten to thirty
- * entries; nothing of the other nine tenths is touched.
+ * S is stored by COLUMNS, as windows of bins (recon/simd/windows.h): what a voxel's basis function
+ * touches in a camera is a handful of neighbouring bins.  Why by columns: restricting S to the visual
+ * hull (paper 4.4) keeps a tenth of them, as a few thousand runs that are copied as they are; nothing
+ * of the other nine tenths is touched.  Why windows: a bin takes one byte where a row number and a
+ * value take six, one copy does for both products, and rows need no numbers of their own.
  *
- * An entry is 6 bytes, a row number and a 16-bit value:
- *     S_ij = unit * val,   unit = diagonal of a voxel / 65000                                (2)
+ * An entry is a byte,
+ *     S_ij = unit * val,   unit = diagonal of a voxel / 254                                  (2)
  * (no value exceeds the diagonal, in either basis and on every level).  Along a row, in the order in
  * which its ray meets the voxels, the running sum C is rounded and not the value,
  *     val_k = round(C_k / unit) - round(C_{k-1} / unit),                                     (3)
- * so every value is within one unit and every row's sum within half a unit, 2e-7 of a chord across
- * 64 voxels: rounding moves a little of the ray to a neighbour, it loses nothing.  Entries of 0 are
- * not stored.
+ * so every value is within one unit and every row's sum within half a unit, 5e-5 of a chord across
+ * 64 voxels: rounding moves a little of the ray to a neighbour, it loses nothing.  (Error of the
+ * ring flame at 16, 8, 7 and 6 bits: 0.0671, 0.0672, 0.0673, 0.0679.)
  *
  * Coarser levels: S->coarse is S on the grid of half as many voxels (rounded up) of twice the size,
  * with bins of 2 x 2 bins, by Galerkin's rule
@@ -42,6 +43,11 @@
 #include "base/err.h"
 #include "base/pool.h"
 #include "recon/geom/rig.h"
+#include "recon/simd/windows.h"
+
+/* Bins that follow one another in a row of an image and are handled together; a vector over rows has
+ * whole blocks. */
+#define REC_ROW_BLOCK 8
 
 struct rec_sysmat_params {
     int32_t binning;      /* raw pixels per bin side, 1..64; 0 = auto: the largest power of two that
@@ -74,24 +80,23 @@ struct rec_sysmat {
     int32_t binning, rays_per_bin; /* resolved, never 0; both double from level to level */
     uint64_t key;
     float unit;                       /* m */
-    uint64_t nnz;                     /* < 2^32 */
-    const uint32_t *colptr;           /* [N+1] */
-    const uint32_t *row;              /* [nnz] in row space, ascending within a column */
-    const uint16_t *val;              /* [nnz] > 0, in units of `unit` */
+    uint64_t nnz;                     /* entries that are not 0, < 2^32 */
+    struct rec_windows win;           /* of all columns; not to be written to */
     struct rec_sysmat_block *block;   /* [n_cameras] */
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera; [n_cameras] = rows in all */
     rec_sysmat *coarse;               /* or NULL */
+    bool cached;                      /* rec_sysmat_open found it */
     void *priv;                       /* mapping or heap */
 };
-
-static inline double rec_sysmat_value(const rec_sysmat *m, size_t entry)
-{
-    return (double)m->unit * m->val[entry];
-}
 
 /* Progress of long work: called from the calling thread only, `done` in 0..1; return false to
  * cancel (the build then gives PVX_ECANCELED and leaves nothing behind).  May be NULL. */
 typedef bool (*rec_progress_fn)(void *ctx, double done);
+
+struct rec_progress {
+    rec_progress_fn call;
+    void *ctx;
+};
 
 /* Resolve the autos of `p` for this rig into *out.  PVX_EINVAL + diag when a bin size does not
  * divide an image. */
@@ -112,10 +117,6 @@ PVX_MUST_CHECK pvx_err rec_sysmat_build(const struct rec_rig *rig,
                                         struct pvx_diag *d);
 void rec_sysmat_free(rec_sysmat **m);
 
-/* (4): the next coarser level of `fine`, which is not changed, on its own.  Exact but for the
- * rounding (3), which here goes along a row in the order of the columns.  PVX_ENOMEM. */
-PVX_MUST_CHECK pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, pvx_pool *pool, rec_sysmat **out,
-                                          struct pvx_diag *d);
 /* Grid of (4). */
 void rec_sysmat_coarse_grid(const struct rec_grid *fine, struct rec_grid *coarse);
 /* Levels that a matrix on this grid has, itself included. */
@@ -134,10 +135,10 @@ PVX_MUST_CHECK pvx_err rec_sysmat_load(const char *path, uint64_t key, bool veri
  * `path` NULL = $PYROVOX_CACHE or $XDG_CACHE_HOME/pyrovox or ~/.cache/pyrovox, file
  * sysmat-<key>.pvxm.  A damaged or stale file is logged and rebuilt (but a file given by `path` that
  * never was a matrix is not overwritten: PVX_EFORMAT); a cache that cannot be written is logged and
- * the matrix used from memory.  *from_cache may be NULL. */
+ * the matrix used from memory. */
 PVX_MUST_CHECK pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct rec_sysmat_params *p,
-                                       const char *path, pvx_pool *pool, rec_progress_fn progress,
-                                       void *ctx, rec_sysmat **out, bool *from_cache,
+                                       const char *path, pvx_pool *pool,
+                                       struct rec_progress progress, rec_sysmat **out,
                                        struct pvx_diag *d);
 
 #endif

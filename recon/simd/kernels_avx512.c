@@ -6,7 +6,7 @@
  * gather1 and the other loops are those of AVX2. */
 #include <stddef.h>
 
-#include "recon/simd/simd.h"
+#include "recon/simd/kernels.h"
 
 #if !defined(__AVX512F__) || !defined(__AVX512VL__)
 #error "kernels_avx512.c needs -mavx512f -mavx512vl"
@@ -53,51 +53,7 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
     }
 }
 
-static inline __m128 at4(const float *in, const uint32_t *e, uint32_t bits)
-{
-    return _mm_load_ps(in + (size_t)_bzhi_u32(*e, bits) * 4);
-}
-
-static inline __m512 packed16(__m512 s, const uint32_t *e, const float *in, uint32_t bits,
-                              __m128i shift)
-{
-    const __m512i spread = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
-    __m512 x = _mm512_castps128_ps512(at4(in, e, bits));
-    x = _mm512_insertf32x4(x, at4(in, e + 1, bits), 1);
-    x = _mm512_insertf32x4(x, at4(in, e + 2, bits), 2);
-    x = _mm512_insertf32x4(x, at4(in, e + 3, bits), 3);
-    __m128i four = _mm_loadu_si128((const __m128i *)(const void *)e);
-    __m512 v = _mm512_castps128_ps512(_mm_cvtepi32_ps(_mm_srl_epi32(four, shift)));
-    return _mm512_fmadd_ps(_mm512_permutexvar_ps(spread, v), x, s);
-}
-
-static void packed4(const struct rec_packed *g, int32_t i0, int32_t i1, const float *in, float *out)
-{
-    const uint32_t *e = g->entry + g->ptr[i0], bits = g->bits;
-    const __m128i shift = _mm_cvtsi32_si128((int)bits);
-    const __m128 unit = _mm_set1_ps(g->unit);
-    for (int32_t i = i0; i < i1; i++) {
-        const uint32_t *end = g->entry + g->ptr[i + 1];
-        __m512 s0 = _mm512_setzero_ps(), s1 = s0;
-        __m128 s = _mm_setzero_ps();
-        for (; end - e >= 8; e += 8) {
-            s0 = packed16(s0, e, in, bits, shift);
-            s1 = packed16(s1, e + 4, in, bits, shift);
-        }
-        if (end - e >= 4) {
-            s0 = packed16(s0, e, in, bits, shift);
-            e += 4;
-        }
-        for (; e < end; e++)
-            s = _mm_fmadd_ps(_mm_set1_ps((float)(*e >> bits)), at4(in, e, bits), s);
-        s = _mm_add_ps(s, fold(_mm512_add_ps(s0, s1)));
-        _mm_store_ps(out + (size_t)i * 4, _mm_mul_ps(unit, s));
-    }
-}
-
 void rec_kernels_avx512(struct rec_kernels *k)
 {
-    k->name = "avx512";
     k->gather4 = gather4;
-    k->packed4 = packed4;
 }

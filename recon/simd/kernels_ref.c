@@ -1,8 +1,7 @@
 /* kernels_ref.c - the specification of the kernels in plain C; compiled everywhere. */
 #include <stddef.h>
 
-#include "recon/solve/passes/pcg_pass.h"
-#include "recon/simd/simd.h"
+#include "recon/simd/kernels.h"
 
 static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
 {
@@ -26,35 +25,71 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
     }
 }
 
-static void packed1(const struct rec_packed *g, int32_t i0, int32_t i1, const float *in, float *out)
+/* One window, at bin y: sum of w y, or y += w x. */
+static inline void gather_window(const struct rec_windows *m, int32_t slot, const uint8_t *w,
+                                 const float *y, int cs, double sum[4])
 {
-    for (int32_t i = i0; i < i1; i++) {
-        double s = 0;
-        for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
-            s += (double)(g->entry[e] >> g->bits) * in[rec_packed_index(g, e)];
-        out[i] = (float)(g->unit * s);
+    for (int32_t r = 0; r < m->high; r++)
+        for (int32_t k = 0; k < m->wide; k++, w++)
+            for (int l = 0; l < cs; l++)
+                sum[l] += (double)*w * y[(r * m->pitch[slot] + k) * cs + l];
+}
+static inline void scatter_window(const struct rec_windows *m, int32_t slot, const uint8_t *w,
+                                  const float *x, int cs, float *y)
+{
+    for (int32_t r = 0; r < m->high; r++)
+        for (int32_t k = 0; k < m->wide; k++, w++)
+            for (int l = 0; l < cs; l++)
+                y[(r * m->pitch[slot] + k) * cs + l] += (float)*w * x[l];
+}
+
+static inline void adjoint(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                           const float *y, float *x, int cs)
+{
+    size_t size = rec_window_size(m);
+    for (int32_t q = q0; q < q1; q++) {
+        double sum[4] = {0};
+        for (int32_t c = s.s0; c < s.s1; c++) {
+            size_t at = (size_t)q * (size_t)m->slots + (size_t)c;
+            gather_window(m, c, m->w + at * size, y + (size_t)m->at[at] * (size_t)cs, cs, sum);
+        }
+        for (int l = 0; l < cs; l++)
+            x[q * cs + l] = (float)(m->unit * sum[l]);
+    }
+}
+static inline void scatter(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                           const float *x, float *y, int cs)
+{
+    size_t size = rec_window_size(m);
+    for (int32_t q = q0; q < q1; q++) {
+        for (int32_t c = s.s0; c < s.s1; c++) {
+            size_t at = (size_t)q * (size_t)m->slots + (size_t)c;
+            scatter_window(m, c, m->w + at * size, x + (size_t)q * (size_t)cs, cs,
+                           y + (size_t)m->at[at] * (size_t)cs);
+        }
     }
 }
 
-static void packed4(const struct rec_packed *g, int32_t i0, int32_t i1, const float *in, float *out)
-{
-    for (int32_t i = i0; i < i1; i++) {
-        double s[4] = {0};
-        for (uint32_t e = g->ptr[i]; e < g->ptr[i + 1]; e++)
-            for (int l = 0; l < 4; l++)
-                s[l] += (double)(g->entry[e] >> g->bits) *
-                        in[(size_t)rec_packed_index(g, e) * 4 + (size_t)l];
-        for (int l = 0; l < 4; l++)
-            out[(size_t)i * 4 + (size_t)l] = (float)(g->unit * s[l]);
+#define WITH_CHANNELS(cs)                                                                \
+    static void adjoint##cs(const struct rec_windows *m, struct rec_slots s, int32_t q0, \
+                            int32_t q1, const float *y, float *x)                        \
+    {                                                                                    \
+        adjoint(m, s, q0, q1, y, x, cs);                                                 \
+    }                                                                                    \
+    static void scatter##cs(const struct rec_windows *m, struct rec_slots s, int32_t q0, \
+                            int32_t q1, const float *x, float *y)                        \
+    {                                                                                    \
+        scatter(m, s, q0, q1, x, y, cs);                                                 \
     }
-}
+WITH_CHANNELS(1)
+WITH_CHANNELS(4)
 
 void rec_kernels_ref(struct rec_kernels *k)
 {
-    *k = (struct rec_kernels){.name = "ref",
-                              .gather1 = gather1,
-                              .gather4 = gather4,
-                              .packed1 = packed1,
-                              .packed4 = packed4,
-                              .pcg = &rec_pcg_passes_base};
+    k->gather1 = gather1;
+    k->gather4 = gather4;
+    k->adjoint1 = adjoint1;
+    k->adjoint4 = adjoint4;
+    k->scatter1 = scatter1;
+    k->scatter4 = scatter4;
 }

@@ -1,7 +1,8 @@
 /* lanes.h - the channels of one voxel or ray as a vector of four floats, for any CPU.
  *
- * GCC and Clang vector extensions; cs = 4: all lanes, cs = 1: lane 0, the others 0.  cs is a constant
- * where these are used, so each caller compiles to loads of its own width.
+ * GCC and Clang vector extensions; cs = 4: all lanes, cs = 1: lane 0, the others 0; cs = REC_QUAD: four
+ * voxels or rays of one channel, element i the first of them.  cs is a constant where these are used, so
+ * each caller compiles to loads of its own width.
  * Private to the solvers. */
 #ifndef REC_LANES_H
 #define REC_LANES_H
@@ -15,6 +16,7 @@
 #endif
 
 typedef float rec_f4 __attribute__((vector_size(16), may_alias));
+typedef float rec_f4u __attribute__((vector_size(16), aligned(4), may_alias));
 typedef int32_t rec_i4 __attribute__((vector_size(16), may_alias));
 typedef double rec_d2 __attribute__((vector_size(16)));
 typedef double rec_dv __attribute__((vector_size(32)));
@@ -26,15 +28,20 @@ typedef struct {
 #endif
 } rec_d4;
 #define REC_INLINE static inline __attribute__((always_inline))
+#define REC_QUAD   ((size_t)16)
 
 REC_INLINE rec_f4 rec_ld(const float *v, size_t i, size_t cs)
 {
-    return cs == 4 ? *(const rec_f4 *)(v + i * 4) : (rec_f4){v[i], 0, 0, 0};
+    return cs == 4          ? *(const rec_f4 *)(v + i * 4)
+           : cs == REC_QUAD ? (rec_f4) * (const rec_f4u *)(v + i)
+                            : (rec_f4){v[i], 0, 0, 0};
 }
 REC_INLINE void rec_st(float *v, size_t i, size_t cs, rec_f4 a)
 {
     if (cs == 4)
         *(rec_f4 *)(v + i * 4) = a;
+    else if (cs == REC_QUAD)
+        *(rec_f4u *)(v + i) = (rec_f4u)a;
     else
         v[i] = a[0];
 }
@@ -45,6 +52,15 @@ REC_INLINE rec_f4 rec_splat(float a)
 REC_INLINE rec_f4 rec_coef(const double a[4])
 {
     return (rec_f4){(float)a[0], (float)a[1], (float)a[2], (float)a[3]};
+}
+/* What there is one of for all lanes of an element, and for a channel. */
+REC_INLINE rec_f4 rec_of_each(const float *v, size_t i, size_t cs)
+{
+    return cs == REC_QUAD ? rec_ld(v, i, cs) : rec_splat(v[i]);
+}
+REC_INLINE rec_f4 rec_of_lanes(const double a[4], size_t cs)
+{
+    return cs == REC_QUAD ? rec_splat((float)a[0]) : rec_coef(a);
 }
 /* a where the mask is all ones, else b; masks are what comparisons give. */
 REC_INLINE rec_f4 rec_select(rec_i4 mask, rec_f4 a, rec_f4 b)
@@ -111,5 +127,14 @@ REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
     out[3] = sum->hi[1];
 }
 #endif
+
+/* Sums of single elements, and of those that were added four at a time. */
+REC_INLINE void rec_put_both(double out[4], const rec_d4 *sum, const rec_d4 *quads)
+{
+    double q[4];
+    rec_put(out, sum);
+    rec_put(q, quads);
+    out[0] += (q[0] + q[1]) + (q[2] + q[3]);
+}
 
 #endif

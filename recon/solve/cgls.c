@@ -1,4 +1,4 @@
-/* solve_cgls.c - "cgls-paper" and "cgls": the iteration of paper 4.3, taken literally, and without
+/* cgls.c - "cgls-paper" and "cgls": the iteration of paper 4.3, taken literally, and without
  * its clipping.
  *
  *     a_0 = 0, r_0 = p, d_0 = S^T r_0
@@ -22,7 +22,7 @@ enum { S_GAMMA };      /* of columns */
 enum { S_SIZE, S_RR }; /* of rows */
 
 struct cgls {
-    struct rec_job *j;
+    rec_problem *pb;
     bool clip;
     float *x, *d, *s;  /* x space; s = S^T W r */
     float *r, *q, *wr; /* row space; r of the recursion, q = S d, W r */
@@ -33,9 +33,9 @@ struct cgls {
 static void forward_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    double *out = t->j->s->part[k][S_SIZE];
-    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, false, t->d, t->q, out)
-                     : rec_rows_product(t->j, k, 1, false, t->d, t->q, out);
+    double *out = t->pb->part[k][S_SIZE];
+    t->pb->cs == 4 ? rec_rows_product(t->pb, k, 4, false, t->q, out)
+                   : rec_rows_product(t->pb, k, 1, false, t->q, out);
 }
 
 /* r = p, which is 0 + 1 p; W r. */
@@ -43,20 +43,19 @@ static void start_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     static const double one[4] = {1, 1, 1, 1};
-    double *out = t->j->s->part[k][S_RR];
-    size_t cs = (size_t)t->j->a->cs;
-    int32_t i0, i1;
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    memset(t->r + (size_t)i0 * cs, 0, (size_t)(i1 - i0) * cs * sizeof *t->r);
-    cs == 4 ? rec_rows_step(t->j, k, 4, false, one, t->r, t->j->b, t->wr, out)
-            : rec_rows_step(t->j, k, 1, false, one, t->r, t->j->b, t->wr, out);
+    double *out = t->pb->part[k][S_RR];
+    size_t cs = (size_t)t->pb->cs;
+    REC_FOR_ROWS (i, t->pb->a, k)
+        memset(t->r + i * cs, 0, cs * sizeof *t->r);
+    cs == 4 ? rec_rows_step(t->pb, k, 4, false, one, t->r, t->pb->b, t->wr, out)
+            : rec_rows_step(t->pb, k, 1, false, one, t->r, t->pb->b, t->wr, out);
 }
 
 REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 alpha = rec_coef(t->alpha), zero = {0};
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 x = rec_ld(t->x, i, cs) + alpha * rec_ld(t->d, i, cs);
         rec_st(t->x, i, cs, t->clip ? rec_select(x > 0, x, zero) : x);
@@ -66,55 +65,55 @@ REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
 static void update_task(void *ctx, size_t i)
 {
     struct cgls *t = ctx;
-    size_t rows = rec_job_row_chunks(t->j), cs = (size_t)t->j->a->cs;
-    double back[4], *out = t->j->s->part[i][S_RR];
+    size_t rows = rec_row_chunks(t->pb), cs = (size_t)t->pb->cs;
+    double back[4], *out = t->pb->part[i][S_RR];
     for (int l = 0; l < 4; l++)
         back[l] = -t->alpha[l];
     if (i >= rows)
         cs == 4 ? step(t, i - rows, 4) : step(t, i - rows, 1);
     else
-        cs == 4 ? rec_rows_step(t->j, i, 4, false, back, t->r, t->q, t->wr, out)
-                : rec_rows_step(t->j, i, 1, false, back, t->r, t->q, t->wr, out);
+        cs == 4 ? rec_rows_step(t->pb, i, 4, false, back, t->r, t->q, t->wr, out)
+                : rec_rows_step(t->pb, i, 1, false, back, t->r, t->q, t->wr, out);
 }
 
 REC_INLINE void adjoint(struct cgls *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_d4 gamma = {0};
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->s);
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->pb->a, t->wr, q0, q1, t->s);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 s = rec_ld(t->s, i, cs);
         rec_add_product(&gamma, s, s);
     }
-    rec_put(t->j->s->part[k][S_GAMMA], &gamma);
+    rec_put(t->pb->part[k][S_GAMMA], &gamma);
 }
 static void adjoint_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    t->j->a->cs == 4 ? adjoint(t, k, 4) : adjoint(t, k, 1);
+    t->pb->cs == 4 ? adjoint(t, k, 4) : adjoint(t, k, 1);
 }
 
 REC_INLINE void direction(struct cgls *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 beta = rec_coef(t->beta);
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         rec_st(t->d, i, cs, rec_ld(t->s, i, cs) + beta * rec_ld(t->d, i, cs));
 }
 static void direction_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
-    t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
+    t->pb->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
 static void zero_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    size_t o = (size_t)q0 * (size_t)t->j->a->cs, n = (size_t)(q1 - q0) * (size_t)t->j->a->cs;
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    size_t o = (size_t)q0 * (size_t)t->pb->cs, n = (size_t)(q1 - q0) * (size_t)t->pb->cs;
     memset(t->x + o, 0, n * sizeof *t->x);
     memset(t->d + o, 0, n * sizeof *t->d);
 }
@@ -122,8 +121,8 @@ static void clip_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    size_t cs = (size_t)t->j->a->cs;
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    size_t cs = (size_t)t->pb->cs;
     for (size_t i = (size_t)q0 * cs; i < (size_t)q1 * cs; i++)
         t->x[i] = t->x[i] > 0 ? t->x[i] : 0;
 }
@@ -140,60 +139,67 @@ static bool step_lengths(struct cgls *t, const double gamma[4], const double siz
     return moving;
 }
 
-static void solve(struct rec_job *j, bool clip, const struct rec_stop_own *own)
+struct variant {
+    bool clip;
+    struct rec_stop_own own;
+};
+static void solve(rec_problem *pb, const struct variant *v, const struct rec_solve_params *p,
+                  float *x, struct rec_solve_report *out)
 {
-    rec_solver *s = j->s;
-    const struct rec_subsys *a = j->a;
-    struct cgls t = {.j = j,
-                     .clip = clip,
-                     .x = j->x,
-                     .d = s->xv[0],
-                     .s = s->xv[1],
-                     .r = s->yv[0],
-                     .q = s->yv[1],
-                     .wr = s->yv[2]};
-    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
+    struct cgls t = {.pb = pb,
+                     .clip = v->clip,
+                     .x = x,
+                     .d = pb->xv[0],
+                     .s = pb->xv[1],
+                     .r = pb->yv[0],
+                     .q = pb->yv[1],
+                     .wr = pb->yv[2]};
+    pvx_pool *pool = pb->a->pool;
+    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     struct rec_stopper stop;
     double gamma[4], sum[4];
 
-    pvx_pool_run(a->pool, chunks, zero_chunk, &t);
-    pvx_pool_run(a->pool, rows, start_chunk, &t);
-    pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
-    rec_job_sum(j, 0, chunks, S_GAMMA, gamma);
-    pvx_pool_run(a->pool, chunks, direction_chunk, &t); /* beta is 0 */
-    rec_stop_begin(&stop, j, own, s->xv[2], s->xv[3]);
+    pvx_pool_run(pool, chunks, zero_chunk, &t);      /* a = d = 0 */
+    pvx_pool_run(pool, rows, start_chunk, &t);       /* r = p */
+    pvx_pool_run(pool, chunks, adjoint_chunk, &t);   /* s = S^T r, gamma = ||s||^2 */
+    pvx_pool_run(pool, chunks, direction_chunk, &t); /* d = s: beta is 0 */
+    rec_sum(pb, 0, chunks, S_GAMMA, gamma);
+    rec_stop_begin(&stop, pb, &v->own, p, out);
     while (rec_stop_next(&stop)) {
-        pvx_pool_run(a->pool, rows, forward_chunk, &t);
-        rec_job_sum(j, 0, rows, S_SIZE, sum);
-        if (!step_lengths(&t, gamma, sum)) {
-            j->out->status = REC_CONVERGED;
+        rec_start_product(pb, t.d);
+        pvx_pool_run(pool, rows, forward_chunk, &t); /* q = S d */
+        rec_sum(pb, 0, rows, S_SIZE, sum);
+        if (!step_lengths(&t, gamma, sum)) { /* alpha = gamma / ||q||^2 */
+            out->status = REC_CONVERGED;
             break;
         }
-        pvx_pool_run(a->pool, rows + chunks, update_task, &t);
-        rec_job_sum(j, 0, rows, S_RR, sum);
+        pvx_pool_run(pool, rows + chunks, update_task, &t); /* a += alpha d, r -= alpha q */
+        rec_sum(pb, 0, rows, S_RR, sum);
         if (rec_stop_after(&stop, t.x, 0, rec_lanes_total(sum)))
             break;
-        pvx_pool_run(a->pool, chunks, adjoint_chunk, &t);
-        rec_job_sum(j, 0, chunks, S_GAMMA, sum);
+        pvx_pool_run(pool, chunks, adjoint_chunk, &t); /* s = S^T r */
+        rec_sum(pb, 0, chunks, S_GAMMA, sum);
         for (int l = 0; l < 4; l++) {
             t.beta[l] = gamma[l] > 0 ? sum[l] / gamma[l] : 0;
             gamma[l] = sum[l];
         }
-        pvx_pool_run(a->pool, chunks, direction_chunk, &t);
+        pvx_pool_run(pool, chunks, direction_chunk, &t); /* d = s + beta d */
     }
-    rec_stop_end(&stop, j->x);
-    if (!clip)
-        pvx_pool_run(a->pool, chunks, clip_chunk, &t);
+    rec_stop_end(&stop, x);
+    if (!v->clip)
+        pvx_pool_run(pool, chunks, clip_chunk, &t);
 }
 
-void rec_solve_cgls_paper(struct rec_job *j)
+void rec_solve_cgls_paper(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                          struct rec_solve_report *out)
 {
-    static const struct rec_stop_own own = {.corner = true, .most = 40, .blind = 8, .stall = 0.02};
-    solve(j, true, &own);
+    static const struct variant v = {true, {.corner = true, .most = 40, .blind = 8, .stall = 0.02}};
+    solve(pb, &v, p, x, out);
 }
 
-void rec_solve_cgls(struct rec_job *j)
+void rec_solve_cgls(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                    struct rec_solve_report *out)
 {
-    static const struct rec_stop_own own = {.most = 40, .blind = 6, .stall = 0.02};
-    solve(j, false, &own);
+    static const struct variant v = {false, {.most = 40, .blind = 6, .stall = 0.02}};
+    solve(pb, &v, p, x, out);
 }

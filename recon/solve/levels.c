@@ -1,34 +1,32 @@
-#include "recon/levels.h"
+#include "recon/solve/levels.h"
 
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/simd/lanes.h"
+#include "recon/solve/impl.h"
+#include "recon/solve/start.h"
 
 #define MAX_LEVELS 10
-#define ITERATIONS 14
+#define ITERATIONS 24
 #define AT_FIRST   6 /* on the coarsest level: it is good enough to start the next, and soon */
-#define TOLERANCE  1e-3f
+#define TOLERANCE  2e-3f
 
 struct level {
     const rec_sysmat *S;
     struct rec_subsys *sub;
-    rec_solver *solver;
     int32_t *map;   /* [nz+2][ny+2][nx+2] 1 + number of the active column, 0 = not active; the rim
                       saves every neighbour its bounds check */
-    int32_t *slab;  /* [N] columns of each layer of voxels, from the layer's start */
-    int32_t *col;   /* [N] all of them, ascending */
+    int32_t *col;   /* [N] active columns, ascending */
     int32_t *first; /* [nz+1] active columns before a layer */
     float *b;       /* [rowspace][cs], filled where sub has rows */
-    float *w;       /* [rowspace], with lanes [rowspace][4] */
-    float *x;       /* [1+N][cs]: zero, then the solution, so that map leads to a value always */
+    float *w;       /* [rowspace], per channel [rowspace][4] */
 };
 
 struct rec_levels {
     pvx_pool *pool;
     int cs, n;
-    bool lanes;                  /* as rec_levels_restrict was told */
+    bool per_channel;            /* as rec_levels_restrict was told */
     struct level at[MAX_LEVELS]; /* 0: twice the voxel size */
 };
 
@@ -38,25 +36,21 @@ static size_t map_size(const struct rec_grid *g)
 }
 
 static pvx_err level_new(struct level *v, const rec_sysmat *S, const struct rec_kernels *k,
-                         pvx_pool *pool, int nch, int cs)
+                         pvx_pool *pool, int cs)
 {
     size_t voxels = rec_grid_count(&S->grid), rows = S->row0[S->n_cameras];
     v->S = S;
     v->map = pvx_calloc(map_size(&S->grid), sizeof *v->map);
-    v->slab = pvx_calloc(voxels, sizeof *v->slab);
     v->col = pvx_calloc(voxels, sizeof *v->col);
     v->first = pvx_calloc((size_t)S->grid.n[2] + 1, sizeof *v->first);
     v->b = pvx_calloc(rows * (size_t)cs, sizeof *v->b);
     v->w = pvx_calloc(rows * (size_t)cs, sizeof *v->w);
-    v->x = pvx_calloc((voxels + 1) * (size_t)cs, sizeof *v->x);
-    if (v->map == NULL || v->slab == NULL || v->col == NULL || v->first == NULL || v->b == NULL ||
-        v->w == NULL || v->x == NULL)
+    if (v->map == NULL || v->col == NULL || v->first == NULL || v->b == NULL || v->w == NULL)
         return PVX_ENOMEM;
-    pvx_err e = rec_subsys_new(S, k, pool, cs, &v->sub);
-    return e != PVX_OK ? e : rec_solver_new(S, nch, &v->solver);
+    return rec_subsys_new(S, k, pool, cs, &v->sub);
 }
 
-pvx_err rec_levels_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int nch,
+pvx_err rec_levels_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int cs,
                        rec_levels **out)
 {
     *out = NULL;
@@ -66,11 +60,11 @@ pvx_err rec_levels_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_poo
     if (l == NULL)
         return PVX_ENOMEM;
     l->pool = pool;
-    l->cs = nch == 3 ? 4 : 1;
+    l->cs = cs;
     pvx_err e = PVX_OK;
     for (const rec_sysmat *c = S->coarse; c != NULL && l->n < MAX_LEVELS && e == PVX_OK;
          c = c->coarse)
-        e = level_new(&l->at[l->n++], c, k, pool, nch, l->cs);
+        e = level_new(&l->at[l->n++], c, k, pool, cs);
     if (e != PVX_OK) {
         rec_levels_free(&l);
         return e;
@@ -87,31 +81,56 @@ void rec_levels_free(rec_levels **lp)
     for (int i = 0; i < l->n; i++) {
         struct level *v = &l->at[i];
         free(v->map);
-        free(v->slab);
         free(v->col);
         free(v->first);
         free(v->b);
         free(v->w);
-        free(v->x);
         rec_subsys_free(&v->sub);
-        rec_solver_free(&v->solver);
     }
     free(l);
     *lp = NULL;
 }
 
+static size_t solution_bytes(const struct rec_descent *d)
+{
+    return (1 + d->voxels) * (size_t)d->cs * sizeof(float);
+}
+
+pvx_err rec_descent_init(struct rec_descent *d, const rec_sysmat *S, int nch)
+{
+    *d = (struct rec_descent){.cs = nch == 3 ? 4 : 1, .voxels = rec_grid_count(&S->grid)};
+    PVX_TRY(rec_problem_new(S->coarse, nch, &d->problem));
+    for (int i = 0; i < 2; i++)
+        d->x[i] = pvx_reserve(solution_bytes(d));
+    d->spare = pvx_reserve(solution_bytes(d));
+    if (d->x[0] != NULL && d->x[1] != NULL && d->spare != NULL)
+        return PVX_OK;
+    rec_descent_fini(d);
+    return PVX_ENOMEM;
+}
+
+void rec_descent_fini(struct rec_descent *d)
+{
+    rec_problem_free(&d->problem);
+    for (int i = 0; i < 2; i++)
+        pvx_unreserve(d->x[i], solution_bytes(d));
+    pvx_unreserve(d->spare, solution_bytes(d));
+    *d = (struct rec_descent){0};
+}
+
 /* ---- columns ------------------------------------------------------------------------------------*/
 
 struct walk {
-    rec_levels *l;
-    struct level *v;
+    const struct level *v;
     const struct rec_grid *fine;
     const int32_t *col; /* of the finer level */
     int32_t n;
+    int32_t *list;                  /* columns of each layer of voxels, from the layer's start */
+    const float *coarse;            /* x of this level, after a zero */
     float *x;                       /* of the finer level */
     int shift;                      /* this level's bins are 2^shift fine bins wide */
     const struct rec_subsys *image; /* whose bins those are */
-    const float *b, *w;
+    const struct rec_pictures *in;
 };
 
 static size_t map_index(const struct rec_grid *g, int32_t i, int32_t j, int32_t k)
@@ -127,7 +146,7 @@ static void mark_layer(void *ctx, size_t task)
     const struct rec_grid *g = &t->v->S->grid, *f = t->fine;
     int32_t k = (int32_t)task, wide = g->n[0] + 2, layer = f->n[0] * f->n[1];
     int32_t *map = t->v->map + map_index(g, -1, -1, k), n = 0;
-    int32_t *list = t->v->slab + rec_grid_index(g, 0, 0, k);
+    int32_t *list = t->list + rec_grid_index(g, 0, 0, k);
     memset(map, 0, (size_t)wide * (size_t)(g->n[1] + 2) * sizeof *map);
     int32_t q = rec_first_column(t->col, t->n, 2 * k * layer);
     int32_t end = 2 * k + 2 >= f->n[2] ? t->n : rec_first_column(t->col, t->n, (2 * k + 2) * layer);
@@ -153,7 +172,7 @@ static void number_layer(void *ctx, size_t task)
     struct walk *t = ctx;
     const struct rec_grid *g = &t->v->S->grid;
     int32_t k = (int32_t)task, q = t->v->first[k], n = t->v->first[k + 1] - q;
-    const int32_t *list = t->v->slab + rec_grid_index(g, 0, 0, k);
+    const int32_t *list = t->list + rec_grid_index(g, 0, 0, k);
     memcpy(t->v->col + q, list, (size_t)n * sizeof *list);
     for (int32_t i = 0; i < n; i++) {
         int32_t ijk[3];
@@ -168,7 +187,7 @@ static void number_layer(void *ctx, size_t task)
 struct patch {
     size_t first, wide, high, pitch;
 };
-REC_INLINE struct patch patch_of(const struct walk *t, size_t c, uint32_t ray)
+REC_INLINE struct patch patch_of(const struct walk *t, size_t c, size_t ray)
 {
     const struct rec_subsys *a = t->v->sub, *f = t->image;
     size_t bw = (size_t)a->S->block[c].bw, fw = (size_t)f->S->block[c].bw;
@@ -182,15 +201,15 @@ REC_INLINE struct patch patch_of(const struct walk *t, size_t c, uint32_t ray)
 
 /* Mean of a patch, which is row `ray` of the level; a bin that was not measured is left out, and a mean of
  * fewer than half of its bins does not count. */
-REC_INLINE void average(const struct walk *t, const struct patch *p, uint32_t ray, size_t cs)
+REC_INLINE void average(const struct walk *t, const struct patch *p, size_t ray, size_t cs)
 {
     rec_f4 sum = {0};
     float weight = 0;
     for (size_t y = 0; y < p->high; y++)
         for (size_t x = 0; x < p->wide; x++) {
             size_t at = p->first + y * p->pitch + x;
-            sum += rec_splat(t->w[at]) * rec_ld(t->b, at, cs);
-            weight += t->w[at];
+            sum += rec_splat(t->in->w[at]) * rec_ld(t->in->b, at, cs);
+            weight += t->in->w[at];
         }
     float share = weight / (float)(p->wide * p->high);
     bool use = share >= 0.5f;
@@ -200,15 +219,15 @@ REC_INLINE void average(const struct walk *t, const struct patch *p, uint32_t ra
 }
 /* The same where bins have weights per channel: a mean is that of the bins that measured the channel, its
  * weight their part of all, as the sum over the bins themselves would have it. */
-REC_INLINE void average_lanes(const struct walk *t, const struct patch *p, uint32_t ray)
+REC_INLINE void average_channels(const struct walk *t, const struct patch *p, size_t ray)
 {
     rec_f4 sum = {0}, weight = {0}, zero = {0};
     int measured = 0, bins = (int)(p->wide * p->high);
     for (size_t y = 0; y < p->high; y++)
         for (size_t x = 0; x < p->wide; x++) {
             size_t at = p->first + y * p->pitch + x;
-            rec_f4 w = rec_ld(t->w, at, 4);
-            sum += w * rec_ld(t->b, at, 4);
+            rec_f4 w = rec_ld(t->in->w, at, 4);
+            sum += w * rec_ld(t->in->b, at, 4);
             weight += w;
             measured += rec_any(w > 0);
         }
@@ -217,43 +236,41 @@ REC_INLINE void average_lanes(const struct walk *t, const struct patch *p, uint3
     rec_st(t->v->b, ray, 4, rec_select(use, sum / weight, zero));
 }
 
-/* The rows of a chunk; with `lanes` of weights per channel. */
-REC_INLINE void averages(const struct walk *t, size_t chunk, size_t cs, bool lanes)
+/* The rows of a chunk; per_channel: of weights per channel. */
+REC_INLINE void averages(const struct walk *t, size_t chunk, size_t cs, bool per_channel)
 {
     const struct rec_subsys *a = t->v->sub;
-    int32_t i0, i1;
     size_t c = 0;
-    rec_chunk_range(a->rows, chunk, &i0, &i1);
-    for (int32_t i = i0; i < i1; i++) {
-        while (a->ray[i] >= a->row0[c + 1])
+    REC_FOR_ROWS (i, a, chunk) {
+        if (!a->is_row[i])
+            continue;
+        while (i >= a->row0[c + 1])
             c++;
-        const struct patch p = patch_of(t, c, a->ray[i]);
-        if (lanes)
-            average_lanes(t, &p, a->ray[i]);
+        const struct patch p = patch_of(t, c, i);
+        if (per_channel)
+            average_channels(t, &p, i);
         else
-            average(t, &p, a->ray[i], cs);
+            average(t, &p, i, cs);
     }
 }
 static void average_chunk(void *ctx, size_t k)
 {
     const struct walk *t = ctx;
-    if (t->l->lanes)
-        averages(t, k, 4, true);
-    else
-        t->l->cs == 4 ? averages(t, k, 4, false) : averages(t, k, 1, false);
+    t->in->per_channel   ? averages(t, k, 4, true)
+    : t->v->sub->cs == 4 ? averages(t, k, 4, false)
+                         : averages(t, k, 1, false);
 }
 
-void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const float *b,
-                         const float *w, bool lanes)
+void rec_levels_restrict(rec_levels *l, struct rec_restrictor *r, const struct rec_subsys *fine,
+                         const struct rec_pictures *in)
 {
-    l->lanes = lanes;
-    struct walk t = {.l = l,
+    l->per_channel = in->per_channel;
+    struct walk t = {.list = r->list,
                      .col = fine->col,
                      .n = fine->n,
                      .fine = &fine->S->grid,
                      .image = fine,
-                     .b = b,
-                     .w = w};
+                     .in = in};
     for (int i = 0; i < l->n; i++) {
         struct level *v = &l->at[i];
         int32_t layers = v->S->grid.n[2];
@@ -263,8 +280,8 @@ void rec_levels_restrict(rec_levels *l, const struct rec_subsys *fine, const flo
         for (int32_t k = 0; k < layers; k++)
             v->first[k + 1] += v->first[k];
         pvx_pool_run(l->pool, (size_t)layers, number_layer, &t);
-        rec_subsys_restrict(v->sub, v->col, v->first[layers], fine->present);
-        pvx_pool_run(l->pool, rec_chunks(v->sub->rows), average_chunk, &t);
+        rec_subsys_restrict(v->sub, r, v->col, v->first[layers], fine->present);
+        pvx_pool_run(l->pool, rec_row_pieces(v->sub), average_chunk, &t);
         t.col = v->col;
         t.n = v->first[layers];
         t.fine = &v->S->grid;
@@ -322,7 +339,7 @@ REC_INLINE void refine(const struct walk *t, int32_t k, size_t cs)
             for (int y = -1; y <= 1; y++) {
                 const int32_t *m = map + z * (ptrdiff_t)layer + y * (ptrdiff_t)wide;
                 for (int x = -1; x <= 1; x++, o++)
-                    in[o] = rec_ld(v->x, (size_t)m[x], cs);
+                    in[o] = rec_ld(t->coarse, (size_t)m[x], cs);
             }
         split(in, out);
         for (int s = 0; s < 4; s++)
@@ -340,42 +357,40 @@ REC_INLINE void refine(const struct walk *t, int32_t k, size_t cs)
 static void refine_layer(void *ctx, size_t k)
 {
     const struct walk *t = ctx;
-    t->l->cs == 4 ? refine(t, (int32_t)k, 4) : refine(t, (int32_t)k, 1);
+    t->v->sub->cs == 4 ? refine(t, (int32_t)k, 4) : refine(t, (int32_t)k, 1);
 }
 
-void rec_levels_solve(rec_levels *l, const struct rec_subsys *fine, const double weight[4],
-                      int64_t deadline_ns, float *x, uint32_t *iterations, double misfit2[4])
+void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
 {
+    const rec_levels *l = d->levels;
+    size_t cs = (size_t)l->cs;
     struct rec_solve_params p = rec_solve_defaults;
     struct rec_solve_report report;
-    double share[4];
     p.tolerance = TOLERANCE;
-    p.deadline_ns = deadline_ns;
-    p.weight = share;
-    p.lanes = l->lanes;
-    *iterations = 0;
+    p.deadline_ns = d->deadline_ns;
+    d->iterations = 0;
     for (int i = l->n - 1; i >= 0; i--) {
-        struct level *v = &l->at[i];
-        size_t cs = (size_t)l->cs;
-        float *vx = v->x + cs;
-        for (int c = 0; c < 4; c++)
-            share[c] = weight[c] / (double)((uint64_t)1 << 3 * (i + 1));
+        const struct level *v = &l->at[i], *finer = i > 0 ? &l->at[i - 1] : NULL;
+        const struct rec_pictures in = {v->b, v->w, l->per_channel, -1};
+        const struct rec_subsys *next = finer != NULL ? finer->sub : fine->a;
+        float *vx = d->x[i % 2] + cs;
+        rec_problem_load(d->problem, v->sub, &in);
+        rec_problem_weigh_as(d->problem, fine, (double)((uint64_t)1 << 3 * (i + 1)));
         if (i == l->n - 1)
-            memset(vx, 0, (size_t)v->sub->n * cs * sizeof *vx);
-        p.good_start = i < l->n - 1;
+            rec_start_zero(d->problem, vx);
+        else
+            d->problem->start = REC_START_FITS;
         p.iterations = i < l->n - 1 || i == 0 ? ITERATIONS : AT_FIRST;
-        pvx_err e = rec_solve(v->solver, v->sub, v->b, v->w, -1, &p, vx, NULL, NULL, &report);
-        if (e != PVX_OK) /* an unknown solver, which the default is not */
-            memset(vx, 0, (size_t)v->sub->n * cs * sizeof *vx);
-        *iterations += report.iterations;
-        memcpy(misfit2, report.misfit2, sizeof report.misfit2);
-        struct level *finer = i > 0 ? &l->at[i - 1] : NULL;
-        struct walk t = {.l = l,
-                         .v = v,
-                         .fine = finer ? &finer->S->grid : &fine->S->grid,
-                         .col = finer ? finer->col : fine->col,
-                         .n = finer ? finer->sub->n : fine->n,
-                         .x = finer ? finer->x + cs : x};
+        if (rec_solve(d->problem, &p, vx, &report) != PVX_OK) /* the default solver is there */
+            rec_start_zero(d->problem, vx);
+        d->iterations += report.iterations;
+        memcpy(d->misfit2, report.misfit2, sizeof report.misfit2);
+        struct walk t = {.v = v,
+                         .fine = &next->S->grid,
+                         .col = next->col,
+                         .n = next->n,
+                         .coarse = d->x[i % 2],
+                         .x = finer != NULL ? d->x[(i - 1) % 2] + cs : x};
         pvx_pool_run(l->pool, (size_t)v->S->grid.n[2], refine_layer, &t);
     }
 }

@@ -1,4 +1,4 @@
-/* solve_mrnsd.c - "mrnsd": modified residual norm steepest descent.
+/* mrnsd.c - "mrnsd": modified residual norm steepest descent.
  *
  *     g = A'W (A x - b),  s = -X M g,  X = diag(x),  M = 1/diag(A'W 1)                      (1)
  *     theta = -g's / ||W^(1/2) A s||^2,  alpha = min(theta, min over M g > 0 of 1/(M g))     (2)
@@ -18,7 +18,7 @@ enum { S_GAMMA, S_STEEPEST }; /* of columns */
 enum { S_SIZE, S_RR };        /* of rows */
 
 struct mrnsd {
-    struct rec_job *j;
+    rec_problem *pb;
     float *x, *s;
     float *r, *q, *wr; /* row space: A x - b, A s, W r */
     double alpha[4];
@@ -30,40 +30,40 @@ REC_INLINE void direction(struct mrnsd *t, size_t k, size_t cs)
     int32_t q0, q1;
     rec_f4 most = {0}, zero = {0};
     rec_d4 gamma = {0};
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->s);
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->pb->a, t->wr, q0, q1, t->s);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 g = rec_ld(t->s, i, cs), x = rec_ld(t->x, i, cs);
-        rec_f4 mg = g / rec_splat(t->j->s->diag[i]);
+        rec_f4 mg = g / rec_splat(t->pb->column[i]);
         rec_f4 bound = rec_select(x > 0, mg, zero); /* 0 where M is not finite: x is 0 there */
         most = rec_select(bound > most, bound, most);
         rec_f4 s = rec_select(x > 0, -x * mg, zero);
         rec_st(t->s, i, cs, s);
         rec_add_product(&gamma, -s, g);
     }
-    rec_put(t->j->s->part[k][S_GAMMA], &gamma);
+    rec_put(t->pb->part[k][S_GAMMA], &gamma);
     for (int l = 0; l < 4; l++)
-        t->j->s->part[k][S_STEEPEST][l] = most[l];
+        t->pb->part[k][S_STEEPEST][l] = most[l];
 }
 static void direction_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
-    t->j->a->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
+    t->pb->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
 static void forward_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
-    double *out = t->j->s->part[k][S_SIZE];
-    t->j->a->cs == 4 ? rec_rows_product(t->j, k, 4, false, t->s, t->q, out)
-                     : rec_rows_product(t->j, k, 1, false, t->s, t->q, out);
+    double *out = t->pb->part[k][S_SIZE];
+    t->pb->cs == 4 ? rec_rows_product(t->pb, k, 4, false, t->q, out)
+                   : rec_rows_product(t->pb, k, 1, false, t->q, out);
 }
 
 REC_INLINE void update_columns(struct mrnsd *t, size_t k, size_t cs)
 {
     int32_t q0, q1;
     rec_f4 alpha = rec_coef(t->alpha), zero = {0};
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 x = rec_ld(t->x, i, cs) + alpha * rec_ld(t->s, i, cs);
         rec_st(t->x, i, cs, rec_select(x > 0, x, zero)); /* rounding at the bound */
@@ -72,28 +72,29 @@ REC_INLINE void update_columns(struct mrnsd *t, size_t k, size_t cs)
 static void update_task(void *ctx, size_t i)
 {
     struct mrnsd *t = ctx;
-    size_t rows = rec_job_row_chunks(t->j), cs = (size_t)t->j->a->cs;
-    double *out = t->j->s->part[i][S_RR];
+    size_t rows = rec_row_chunks(t->pb), cs = (size_t)t->pb->cs;
+    double *out = t->pb->part[i][S_RR];
     if (i >= rows)
         cs == 4 ? update_columns(t, i - rows, 4) : update_columns(t, i - rows, 1);
     else
-        cs == 4 ? rec_rows_step(t->j, i, 4, false, t->alpha, t->r, t->q, t->wr, out)
-                : rec_rows_step(t->j, i, 1, false, t->alpha, t->r, t->q, t->wr, out);
+        cs == 4 ? rec_rows_step(t->pb, i, 4, false, t->alpha, t->r, t->q, t->wr, out)
+                : rec_rows_step(t->pb, i, 1, false, t->alpha, t->r, t->q, t->wr, out);
 }
 
 /* (2) for every lane; false: none can move. */
 static bool step_lengths(struct mrnsd *t)
 {
-    size_t rows = rec_job_row_chunks(t->j), chunks = rec_job_chunks(t->j);
+    size_t rows = rec_row_chunks(t->pb), chunks = rec_column_chunks(t->pb);
     double gamma[4], size[4];
     bool moving = false;
-    rec_job_sum(t->j, 0, chunks, S_GAMMA, gamma);
+    rec_sum(t->pb, 0, chunks, S_GAMMA, gamma);
     double steepest[4] = {0};
     for (size_t k = 0; k < chunks; k++)
         for (int l = 0; l < 4; l++)
-            steepest[l] = fmax(steepest[l], t->j->s->part[k][S_STEEPEST][l]);
-    pvx_pool_run(t->j->a->pool, rows, forward_chunk, t);
-    rec_job_sum(t->j, 0, rows, S_SIZE, size);
+            steepest[l] = fmax(steepest[l], t->pb->part[k][S_STEEPEST][l]);
+    rec_start_product(t->pb, t->s);
+    pvx_pool_run(t->pb->a->pool, rows, forward_chunk, t);
+    rec_sum(t->pb, 0, rows, S_SIZE, size);
     for (int l = 0; l < 4; l++) {
         double alpha = size[l] > 0 ? gamma[l] / size[l] : 0;
         if (alpha * steepest[l] > 1)
@@ -104,31 +105,31 @@ static bool step_lengths(struct mrnsd *t)
     return moving;
 }
 
-void rec_solve_mrnsd(struct rec_job *j)
+void rec_solve_mrnsd(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                     struct rec_solve_report *out)
 {
     static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.02};
-    rec_solver *s = j->s;
-    const struct rec_subsys *a = j->a;
     struct mrnsd t = {
-        .j = j, .x = j->x, .s = s->xv[0], .r = s->yv[0], .q = s->yv[1], .wr = s->yv[2]};
-    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
+        .pb = pb, .x = x, .s = pb->xv[0], .r = pb->yv[0], .q = pb->yv[1], .wr = pb->yv[2]};
+    pvx_pool *pool = pb->a->pool;
+    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     struct rec_stopper stop;
     double rr[4];
 
-    rec_column_norms(a, s->weight, NULL, s->diag);
-    rec_positive_start(j, s->diag, t.x);
-    rec_stop_begin(&stop, j, &own, s->xv[1], s->xv[2]);
-    rec_job_residual(j, t.x, t.r, t.wr, rr);
+    rec_column_norms(pb->a, pb->w, NULL, pb->column); /* 1/M = A'w */
+    rec_start_positive(pb, pb->column, x);
+    rec_stop_begin(&stop, pb, &own, p, out);
+    rec_residual(pb, x, t.r, t.wr, rr); /* r = A x - b */
     while (rec_stop_next(&stop)) {
-        pvx_pool_run(a->pool, chunks, direction_chunk, &t);
-        if (!step_lengths(&t)) {
-            j->out->status = REC_CONVERGED;
+        pvx_pool_run(pool, chunks, direction_chunk, &t); /* g = A'W r, s = -X M g */
+        if (!step_lengths(&t)) {                         /* q = A s, alpha of (2) */
+            out->status = REC_CONVERGED;
             break;
         }
-        pvx_pool_run(a->pool, rows + chunks, update_task, &t);
-        rec_job_sum(j, 0, rows, S_RR, rr);
-        if (rec_stop_after(&stop, t.x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
+        pvx_pool_run(pool, rows + chunks, update_task, &t); /* x += alpha s, r += alpha q */
+        rec_sum(pb, 0, rows, S_RR, rr);
+        if (rec_stop_after(&stop, x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
             break;
     }
-    rec_stop_end(&stop, j->x);
+    rec_stop_end(&stop, x);
 }

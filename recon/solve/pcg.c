@@ -1,4 +1,4 @@
-/* solve_pcg.c - "pcg": non-negative regularised least squares by projected preconditioned CG.
+/* pcg.c - "pcg": non-negative regularised least squares by projected preconditioned CG.
  *
  *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||V^(1/2) L x||^2  ->  min,  x >= 0     (1)
  *     g = A'W(A x - b) + lambda L V L x,   L: smooth.h                                      (2)
@@ -14,6 +14,10 @@
  * have risen, x goes back along s to the least f there, which is feasible because the set is convex:
  * so f never rises.  When d is no descent direction the lane restarts from -M phi.
  * alpha, beta, lambda are per channel.
+ * From a coarser solution V and the automatic lambda are renewed three times from the iterate that they
+ * led to (2a; lambda.c), when it has settled, else every third iteration: r stays, L x is formed anew.  In
+ * between the objective never rises; the report says after which iterations it is another one.  Then
+ * nothing changes any more, and the minimiser is that of one convex problem.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
  * arrangement is our own.
@@ -28,6 +32,8 @@
 #define DEFAULT_ITERATIONS 30
 #define STILL              1e-7 /* share of the objective below which nothing moves any more */
 #define REFRESH            64   /* iterations after which A x and L x are formed anew */
+#define RENEW_AFTER        3    /* iterations after which V and lambda are renewed, */
+#define SETTLED            0.03 /* or sooner, when x moved by less than this share of ||x|| */
 
 /* (2a): how much a flame curves goes with how bright it burns.  c keeps the dark parts from being
  * held more than about three times as firmly as the bright ones. */
@@ -42,14 +48,18 @@ struct brightness {
 static void brightness_chunk(void *ctx, size_t k)
 {
     struct brightness *b = ctx;
-    const struct rec_job *j = b->t->j;
-    size_t cs = (size_t)j->a->cs;
+    const rec_problem *pb = b->t->pb;
+    size_t cs = (size_t)pb->a->cs;
     int32_t q0, q1;
-    rec_chunk_range(j->a->n, k, &q0, &q1);
+    double lit[4] = {0};
+    rec_chunk_range(pb->a->n, k, &q0, &q1);
     for (size_t q = (size_t)q0; q < (size_t)q1; q++) {
-        const float *x = j->x + q * cs;
+        const float *x = b->t->x + q * cs;
         b->at[q] = cs == 4 ? (x[0] + x[1]) + (x[2] + x[3]) : x[0];
+        for (size_t l = 0; l < cs; l++)
+            lit[l] += x[l] > 0;
     }
+    memcpy(b->t->pb->part[k][S_B], lit, sizeof lit);
 }
 static void blur_chunk(void *ctx, size_t k)
 {
@@ -57,7 +67,7 @@ static void blur_chunk(void *ctx, size_t k)
     const struct rec_smooth *s = &b->t->smooth;
     double sum = 0, sum2 = 0;
     int32_t q0, q1;
-    rec_chunk_range(b->t->j->a->n, k, &q0, &q1);
+    rec_chunk_range(b->t->pb->a->n, k, &q0, &q1);
     for (int32_t q = q0; q < q1; q++) {
         const struct rec_near *e = &s->near[q];
         const float *at = b->at + q;
@@ -71,14 +81,14 @@ static void blur_chunk(void *ctx, size_t k)
         sum += v;
         sum2 += (double)v * v;
     }
-    b->t->j->s->part[k][S_A][0] = sum;
-    b->t->j->s->part[k][S_A][1] = sum2;
+    b->t->pb->part[k][S_A][0] = sum;
+    b->t->pb->part[k][S_A][1] = sum2;
 }
 static void stiff_chunk(void *ctx, size_t k)
 {
     struct brightness *b = ctx;
     int32_t q0, q1;
-    rec_chunk_range(b->t->j->a->n, k, &q0, &q1);
+    rec_chunk_range(b->t->pb->a->n, k, &q0, &q1);
     bool bright = b->mean > 1 / (double)FLT_MAX; /* 1/mean is a float */
     float scale = bright ? (float)(1 / b->mean) : 0;
     for (int32_t q = q0; q < q1; q++) {
@@ -86,20 +96,22 @@ static void stiff_chunk(void *ctx, size_t k)
         b->t->stiff[q] = (struct rec_stiff){1 / inverse, inverse};
     }
 }
-/* V from j->x; two vectors of the method serve as work areas.  The mean is weighted by brightness. */
-static void stiffness(struct rec_pcg *t)
+/* V from x, and the columns with x > 0 per lane; two vectors of the method serve as work areas.  The mean
+ * is weighted by brightness. */
+static void stiffness(struct rec_pcg *t, double lit[4])
 {
-    struct rec_job *j = t->j;
-    size_t chunks = rec_job_chunks(j);
+    rec_problem *pb = t->pb;
+    size_t chunks = rec_column_chunks(pb);
     struct brightness b = {.t = t, .at = t->lx, .blurred = t->ld};
-    if (j->p->good_start) {
+    if (pb->start == REC_START_FITS) {
         double sum[4];
-        pvx_pool_run(j->a->pool, chunks, brightness_chunk, &b);
-        pvx_pool_run(j->a->pool, chunks, blur_chunk, &b);
-        rec_job_sum(j, 0, chunks, S_A, sum);
+        pvx_pool_run(pb->a->pool, chunks, brightness_chunk, &b);
+        pvx_pool_run(pb->a->pool, chunks, blur_chunk, &b);
+        rec_sum(pb, 0, chunks, S_A, sum);
+        rec_sum(pb, 0, chunks, S_B, lit);
         b.mean = sum[0] > 0 ? sum[1] / sum[0] : 0;
     }
-    pvx_pool_run(j->a->pool, chunks, stiff_chunk, &b);
+    pvx_pool_run(pb->a->pool, chunks, stiff_chunk, &b);
 }
 
 /* ---- the method ---------------------------------------------------------------------------------*/
@@ -114,25 +126,25 @@ static void swap(float **a, float **b)
 /* Residual and second differences of t->x anew; rwr = r'Wr. */
 static void refresh(struct rec_pcg *t, double rwr[4])
 {
-    const struct rec_pcg_passes *pass = t->j->a->k->pcg;
-    rec_job_residual(t->j, t->x, t->r, t->q, rwr);
-    pvx_pool_run(t->j->a->pool, rec_job_chunks(t->j), pass->smoothness, t);
+    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
+    rec_residual(t->pb, t->x, t->r, t->q, rwr);
+    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
 }
 
 /* d and alpha; false: no lane can move any more. */
 static bool line_search(struct rec_pcg *t, const double gamma[4])
 {
-    struct rec_job *j = t->j;
-    const struct rec_pcg_passes *pass = j->a->k->pcg;
-    pvx_pool *pool = j->a->pool;
-    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
+    rec_problem *pb = t->pb;
+    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    pvx_pool *pool = pb->a->pool;
+    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     double down[4], qwq[4], ldld[4], keep[4];
     bool again = false, moving = false;
 
     for (int l = 0; l < 4; l++)
         t->mu[l] = 1;
     pvx_pool_run(pool, chunks, pass->direction, t);
-    rec_job_sum(j, 0, chunks, S_A, down);
+    rec_sum(pb, 0, chunks, S_A, down);
     for (int l = 0; l < 4; l++) {
         bool restart = t->beta[l] != 0 && down[l] >= -1e-3 * gamma[l];
         again = again || restart;
@@ -144,12 +156,13 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
             t->mu[l] = 1 - keep[l];
         }
         pvx_pool_run(pool, chunks, pass->direction, t);
-        rec_job_sum(j, 0, chunks, S_A, down);
+        rec_sum(pb, 0, chunks, S_A, down);
     }
 
+    rec_start_product(pb, t->d);
     pvx_pool_run(pool, rows + chunks, pass->curvature, t);
-    rec_job_sum(j, 0, rows, S_A, qwq);
-    rec_job_sum(j, rows, rows + chunks, S_A, ldld);
+    rec_sum(pb, 0, rows, S_A, qwq);
+    rec_sum(pb, rows, rows + chunks, S_A, ldld);
     for (int l = 0; l < 4; l++) {
         double curve = qwq[l] + t->lambda[l] * ldld[l];
         double alpha = curve > 0 && down[l] < 0 ? -down[l] / curve : 0;
@@ -162,15 +175,16 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
 /* x, r, q = W r, lx one step further, phi_old the former phi; t->next is then the former x. */
 static void advance(struct rec_pcg *t, bool anew, double rwr[4])
 {
-    struct rec_job *j = t->j;
-    const struct rec_pcg_passes *pass = j->a->k->pcg;
-    pvx_pool *pool = j->a->pool;
-    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
+    rec_problem *pb = t->pb;
+    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    pvx_pool *pool = pb->a->pool;
+    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     int64_t columns = 0;
     pvx_pool_run(pool, chunks, pass->step, t);
+    rec_sum(pb, 0, chunks, S_A, t->moved2);
     for (size_t k = 0; k < chunks; k++)
-        columns += j->s->n_clipped[k];
-    if (anew || columns > j->a->n / 8) {
+        columns += pb->n_clipped[k];
+    if (anew || columns > pb->a->n / 8) {
         swap(&t->x, &t->next);
         refresh(t, rwr);
         return;
@@ -179,120 +193,156 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
         pass->add_clipped(t);
     swap(&t->x, &t->next);
     pvx_pool_run(pool, rows, pass->residual, t);
-    rec_job_sum(j, 0, rows, S_A, rwr);
+    rec_sum(pb, 0, rows, S_A, rwr);
 }
 
 /* Gradient of t->x; value of (1) per lane. */
 static void evaluate(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4],
                      double cross[4], double norm2[4])
 {
-    struct rec_job *j = t->j;
-    const struct rec_pcg_passes *pass = j->a->k->pcg;
-    size_t chunks = rec_job_chunks(j);
-    double lxlx[4];
+    rec_problem *pb = t->pb;
+    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    size_t chunks = rec_column_chunks(pb);
     swap(&t->phi, &t->phi_old);
-    pvx_pool_run(j->a->pool, chunks, pass->gradient, t);
-    rec_job_sum(j, 0, chunks, S_A, gamma);
-    rec_job_sum(j, 0, chunks, S_B, cross);
-    rec_job_sum(j, 0, chunks, S_C, lxlx);
-    rec_job_sum(j, 0, chunks, S_D, norm2);
+    pvx_pool_run(pb->a->pool, chunks, pass->gradient, t);
+    rec_sum(pb, 0, chunks, S_A, gamma);
+    rec_sum(pb, 0, chunks, S_B, cross);
+    rec_sum(pb, 0, chunks, S_C, t->penalty);
+    rec_sum(pb, 0, chunks, S_D, norm2);
     for (int l = 0; l < 4; l++)
-        f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * lxlx[l];
+        f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * t->penalty[l];
 }
 
 /* Some lane's f rose in the step from t->next to t->x: to the least f along that step.  f(t) = f0 +
  * t phi's + t^2 (f1 - f0 - phi's). */
 static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], double rwr[4])
 {
-    struct rec_job *j = t->j;
-    const struct rec_pcg_passes *pass = j->a->k->pcg;
-    size_t chunks = rec_job_chunks(j);
+    rec_problem *pb = t->pb;
+    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    size_t chunks = rec_column_chunks(pb);
     double down[4];
     swap(&t->x, &t->next);
     swap(&t->phi, &t->phi_old);
-    pvx_pool_run(j->a->pool, chunks, pass->slope, t);
-    rec_job_sum(j, 0, chunks, S_A, down);
+    pvx_pool_run(pb->a->pool, chunks, pass->slope, t);
+    rec_sum(pb, 0, chunks, S_A, down);
     for (int l = 0; l < 4; l++) {
         double bend = f1[l] - f0[l] - down[l];
         double best = bend > 0 && down[l] < 0 ? -down[l] / (2 * bend) : 0;
         t->back[l] = f1[l] <= f0[l] ? 1 : fmin(best, 1);
+        t->moved2[l] *= t->back[l] * t->back[l];
     }
-    pvx_pool_run(j->a->pool, chunks, pass->retreat, t);
+    pvx_pool_run(pb->a->pool, chunks, pass->retreat, t);
     swap(&t->x, &t->next);
     refresh(t, rwr);
 }
 
-void rec_solve_pcg(struct rec_job *j)
+/* Whether the objective of some lane did. */
+static bool risen(const rec_problem *pb, const double now[4], const double before[4])
 {
-    rec_solver *s = j->s;
-    const struct rec_subsys *a = j->a;
-    const struct rec_pcg_passes *pass = a->k->pcg;
-    struct rec_pcg t = {.j = j,
-                        .smooth.near = s->near,
-                        .stiff = s->stiff,
-                        .x = j->x,
-                        .next = s->xv[0],
-                        .phi = s->xv[1],
-                        .phi_old = s->xv[2],
-                        .d = s->xv[3],
-                        .lx = s->xv[4],
-                        .ld = s->xv[5],
-                        .r = s->yv[0],
-                        .q = s->yv[1]};
-    size_t chunks = rec_job_chunks(j), bytes = (size_t)a->n * (size_t)a->cs * sizeof *j->x;
+    bool rose = false;
+    for (int l = 0; l < pb->nch; l++)
+        rose = rose || now[l] > before[l];
+    return rose;
+}
+
+/* Whether V and lambda are to be renewed: when x has settled, or moved on for some iterations.  A start that
+ * knows nothing has V = 1 and needs more iterations than that before it says anything. */
+static bool due(const rec_problem *pb, const struct rec_solve_report *out,
+                const struct rec_stopper *stop)
+{
+    uint32_t last = out->renewals > 0 ? out->renewed[out->renewals - 1] : 0;
+    return pb->start == REC_START_FITS && out->renewals < REC_RENEWALS &&
+           (stop->moved <= SETTLED || stop->k >= last + RENEW_AFTER);
+}
+
+/* V and lambda from t->x, which they led to; f and phi of the new objective there.  Directions stay: few
+ * columns change much, and (4) restarts the lane whose direction is no descent any more. */
+static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4],
+                  double norm2[4])
+{
+    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
+    double lit[4], cross[4];
+    stiffness(t, lit);
+    rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda);
+    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
+    evaluate(t, rwr, f, gamma, cross, norm2);
+}
+
+void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                   struct rec_solve_report *out)
+{
+    const bool auto_stop = p->stop == REC_STOP_AUTO;
     const struct rec_stop_own own = {.most = DEFAULT_ITERATIONS,
                                      .blind = DEFAULT_ITERATIONS,
-                                     .gain = j->p->stop == REC_STOP_AUTO ? (double)j->p->tolerance
-                                                                         : STILL};
+                                     .gain = auto_stop ? 0.5 * (double)p->tolerance : STILL,
+                                     .still = auto_stop ? (double)p->tolerance : 0};
+    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
+    struct rec_pcg t = {.pb = pb,
+                        .smooth.near = pb->near,
+                        .stiff = pb->stiff,
+                        .x = x,
+                        .next = pb->xv[0],
+                        .phi = pb->xv[1],
+                        .phi_old = pb->xv[2],
+                        .d = pb->xv[3],
+                        .lx = pb->xv[4],
+                        .ld = pb->xv[5],
+                        .r = pb->yv[0],
+                        .q = pb->yv[1]};
+    pvx_pool *pool = pb->a->pool;
+    size_t chunks = rec_column_chunks(pb), bytes = (size_t)pb->a->n * (size_t)pb->cs * sizeof *x;
     struct rec_stopper stop;
+    double gamma[4], cross[4], rwr[4], norm2[4], f[4], now[4], next[4];
 
-    double noise[4];
-    rec_smooth_init(&t.smooth, &a->S->grid);
-    pvx_pool_run(a->pool, chunks, pass->near, &t);
-    rec_job_lambda(j, t.lambda, noise);
-    stiffness(&t);
-    for (int l = 0; l < s->nch; l++)
-        j->out->lambda += t.lambda[l] / s->nch;
+    rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
+    memcpy(t.lambda, pb->lambda, sizeof t.lambda);
+    rec_smooth_init(&t.smooth, &pb->a->S->grid);
+    pvx_pool_run(pool, chunks, pass->near, &t); /* L */
+    stiffness(&t, next);                        /* V */
     memset(t.d, 0, bytes);
     memset(t.phi, 0, bytes);
 
-    double gamma[4], cross[4], rwr[4], norm2[4], f[4], now[4], next[4];
-    rec_job_start(j, rwr); /* r and q */
-    pvx_pool_run(a->pool, chunks, pass->smoothness, &t);
-    evaluate(&t, rwr, f, gamma, cross, norm2);
-    j->out->objective = rec_lanes_total(f);
-    rec_stop_begin(&stop, j, &own, s->xv[6], s->xv[7]);
+    rec_start_residual(pb, x, rwr);                   /* r = A x - b, q = W r */
+    pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */
+    evaluate(&t, rwr, f, gamma, cross, norm2);        /* phi of (3), f, gamma = phi'M phi */
+    out->objective = rec_lanes_total(f);
+    rec_stop_begin(&stop, pb, &own, p, out);
     while (rec_stop_next(&stop)) {
-        if (!line_search(&t, gamma)) {
-            j->out->status = REC_CONVERGED;
+        if (!line_search(&t, gamma)) { /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
+            out->status = REC_CONVERGED;
             break;
         }
-        advance(&t, (stop.k + 1) % REFRESH == 0, rwr);
-        evaluate(&t, rwr, now, next, cross, norm2);
-        bool rose = false;
-        for (int l = 0; l < s->nch; l++)
-            rose = rose || now[l] > f[l];
-        if (rose) {
-            go_back(&t, f, now, rwr);
+        advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
+        evaluate(&t, rwr, now, next, cross, norm2);    /* phi, f, phi'M phi, phi'M phi_old */
+        if (risen(pb, now, f)) {
+            go_back(&t, f, now, rwr); /* x to the least f on the step's way */
             evaluate(&t, rwr, now, next, cross, norm2);
         }
-        for (int l = 0; l < 4; l++) {
+        for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
             double beta = gamma[l] > 0 ? (next[l] - cross[l]) / gamma[l] : 0;
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
             gamma[l] = next[l];
         }
         memcpy(f, now, sizeof f);
+        stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(norm2));
         if (rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)))
             break;
+        if (due(pb, out, &stop) && !rec_late(p)) { /* V and lambda from x */
+            renew(&t, rwr, f, gamma, norm2);
+            out->renewed[out->renewals++] = stop.k;
+            rec_stop_anew(&stop, rec_lanes_total(f));
+        }
     }
-    if (t.x != j->x)
-        rec_job_copy(j, j->x, t.x);
-    if (rec_stop_end(&stop, j->x))
+    for (int l = 0; l < pb->nch; l++)
+        out->lambda += t.lambda[l] / pb->nch;
+    if (t.x != x)
+        rec_copy_x(pb, x, t.x);
+    if (rec_stop_end(&stop, x))
         return;
-    j->out->residual_norm = sqrt(rec_lanes_total(rwr));
-    j->out->solution_norm = sqrt(rec_lanes_total(norm2));
-    for (int l = 0; l < s->nch; l++)
-        j->out->misfit2[l] = j->w4 == NULL        ? rwr[l] * s->nch / j->m
-                             : j->measured[l] > 0 ? rwr[l] / j->measured[l]
-                                                  : 0;
+    out->residual_norm = sqrt(rec_lanes_total(rwr));
+    out->solution_norm = sqrt(rec_lanes_total(norm2));
+    for (int l = 0; l < pb->nch; l++)
+        out->misfit2[l] = !pb->in.per_channel   ? rwr[l] * pb->nch / pb->m
+                          : pb->measured[l] > 0 ? rwr[l] / pb->measured[l]
+                                                : 0;
 }

@@ -1,4 +1,4 @@
-/* solve_sirt.c - "sirt" and "fista": simultaneous iterative reconstruction, plain and accelerated.
+/* sirt.c - "sirt" and "fista": simultaneous iterative reconstruction, plain and accelerated.
  *
  *     x <- max(0, y - C A'W (A y - b)),  C = 1/diag(A'W A 1)                                (1)
  *     sirt:   y = x
@@ -24,7 +24,7 @@ enum { S_RR };   /* of rows */
 enum { S_BACK }; /* of columns */
 
 struct sirt {
-    struct rec_job *j;
+    rec_problem *pb;
     bool momentum;
     float *x, *old, *step; /* x space: this iterate, the one before (fista), A'W (A y - b) */
     float *r, *wr;         /* row space: A x - b (fista), W (A y - b) */
@@ -36,35 +36,31 @@ struct sirt {
 static void ones_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
-    int32_t i0, i1;
-    size_t cs = (size_t)t->j->a->cs;
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_forward_range(t->j->a, t->step, i0, i1, t->wr);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+    size_t cs = (size_t)t->pb->cs;
+    rec_take_product(t->pb, k, t->wr);
+    REC_FOR_ROWS (i, t->pb->a, k)
         for (size_t l = 0; l < cs; l++)
-            t->wr[i * cs + l] *= t->j->w[i];
+            t->wr[i * cs + l] *= t->pb->w[i];
 }
 static void scale_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
     int32_t q0, q1;
-    size_t cs = (size_t)t->j->a->cs;
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->step);
+    size_t cs = (size_t)t->pb->cs;
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->pb->a, t->wr, q0, q1, t->step);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         t->c_inv[i] = t->step[i * cs];
 }
 
 REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
 {
-    int32_t i0, i1;
     rec_f4 beta = rec_coef(t->beta), zero = {0};
     rec_d4 rr = {0};
-    rec_chunk_range(t->j->a->rows, k, &i0, &i1);
-    rec_forward_range(t->j->a, t->x, i0, i1, t->wr);
-    for (size_t i = (size_t)i0; i < (size_t)i1; i++) {
-        rec_f4 w = rec_splat(t->j->w[i]);
-        rec_f4 r = rec_ld(t->wr, i, cs) - rec_ld(t->j->b, i, cs), ry = r;
+    rec_take_product(t->pb, k, t->wr);
+    REC_FOR_ROWS (i, t->pb->a, k) {
+        rec_f4 w = rec_splat(t->pb->w[i]);
+        rec_f4 r = rec_ld(t->wr, i, cs) - rec_ld(t->pb->b, i, cs), ry = r;
         if (t->momentum) {
             ry += rec_select(beta > 0, beta * (r - rec_ld(t->r, i, cs)), zero);
             rec_st(t->r, i, cs, r);
@@ -72,12 +68,21 @@ REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
         rec_st(t->wr, i, cs, w * ry);
         rec_add_product(&rr, w * r, r);
     }
-    rec_put(t->j->s->part[k][S_RR], &rr);
+    rec_put(t->pb->part[k][S_RR], &rr);
 }
 static void rows_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
-    t->j->a->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
+    t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
+}
+
+/* W (A y - b) and r'Wr of x. */
+static void compare(struct sirt *t, double rr[4])
+{
+    size_t rows = rec_row_chunks(t->pb);
+    rec_start_product(t->pb, t->x);
+    pvx_pool_run(t->pb->a->pool, rows, rows_chunk, t);
+    rec_sum(t->pb, 0, rows, S_RR, rr);
 }
 
 REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
@@ -85,8 +90,8 @@ REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
     int32_t q0, q1;
     rec_f4 beta = rec_coef(t->beta), zero = {0}, huge = rec_splat(FLT_MAX);
     rec_d4 back = {0};
-    rec_chunk_range(t->j->a->n, k, &q0, &q1);
-    rec_adjoint_range(t->j->a, t->wr, q0, q1, t->step);
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    rec_adjoint_range(t->pb->a, t->wr, q0, q1, t->step);
     for (size_t i = (size_t)q0; i < (size_t)q1; i++) {
         rec_f4 x = rec_ld(t->x, i, cs), y = x, c_inv = rec_splat(t->c_inv[i]);
         if (t->momentum) {
@@ -99,19 +104,19 @@ REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
         if (t->momentum)
             rec_add_product(&back, (y - next) * c_inv, next - x);
     }
-    rec_put(t->j->s->part[k][S_BACK], &back);
+    rec_put(t->pb->part[k][S_BACK], &back);
 }
 static void columns_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
-    t->j->a->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
+    t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
 }
 
 /* beta of the next y, lane by lane; age is s of (2). */
 static void momentum(struct sirt *t, double age[4])
 {
     double back[4];
-    rec_job_sum(t->j, 0, rec_job_chunks(t->j), S_BACK, back);
+    rec_sum(t->pb, 0, rec_column_chunks(t->pb), S_BACK, back);
     for (int l = 0; l < 4; l++) {
         if (back[l] > 0)
             age[l] = 1;
@@ -121,48 +126,54 @@ static void momentum(struct sirt *t, double age[4])
     }
 }
 
-static void solve(struct rec_job *j, bool accelerated, const struct rec_stop_own *own)
+struct variant {
+    bool accelerated;
+    struct rec_stop_own own;
+};
+static void solve(rec_problem *pb, const struct variant *v, const struct rec_solve_params *p,
+                  float *x, struct rec_solve_report *out)
 {
-    rec_solver *s = j->s;
-    const struct rec_subsys *a = j->a;
-    struct sirt t = {.j = j,
-                     .momentum = accelerated,
-                     .x = j->x,
-                     .old = s->xv[0],
-                     .step = s->xv[1],
-                     .r = s->yv[0],
-                     .wr = s->yv[1],
-                     .c_inv = s->diag};
-    size_t rows = rec_job_row_chunks(j), chunks = rec_job_chunks(j);
+    struct sirt t = {.pb = pb,
+                     .momentum = v->accelerated,
+                     .x = x,
+                     .old = pb->xv[0],
+                     .step = pb->xv[1],
+                     .r = pb->yv[0],
+                     .wr = pb->yv[1],
+                     .c_inv = pb->column};
+    pvx_pool *pool = pb->a->pool;
+    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
     struct rec_stopper stop;
     double rr[4], age[4] = {1, 1, 1, 1};
 
-    for (size_t i = 0; i < (size_t)a->n * (size_t)a->cs; i++)
+    for (size_t i = 0; i < (size_t)pb->a->n * (size_t)pb->cs; i++)
         t.step[i] = 1;
-    pvx_pool_run(a->pool, rows, ones_chunk, &t);
-    pvx_pool_run(a->pool, chunks, scale_chunk, &t);
-    rec_stop_begin(&stop, j, own, s->xv[2], s->xv[3]);
-    pvx_pool_run(a->pool, rows, rows_chunk, &t);
+    rec_start_product(pb, t.step);
+    pvx_pool_run(pool, rows, ones_chunk, &t);    /* W A 1 */
+    pvx_pool_run(pool, chunks, scale_chunk, &t); /* 1/C = A'W A 1 */
+    rec_stop_begin(&stop, pb, &v->own, p, out);
+    compare(&t, rr); /* W (A y - b), y = x */
     while (rec_stop_next(&stop)) {
-        pvx_pool_run(a->pool, chunks, columns_chunk, &t);
-        if (accelerated)
-            momentum(&t, age);
-        pvx_pool_run(a->pool, rows, rows_chunk, &t);
-        rec_job_sum(j, 0, rows, S_RR, rr);
-        if (rec_stop_after(&stop, t.x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
+        pvx_pool_run(pool, chunks, columns_chunk, &t); /* x = max(0, y - C A'W (A y - b)) */
+        if (v->accelerated)
+            momentum(&t, age); /* beta = (s - 1) / s_next */
+        compare(&t, rr);       /* W (A y - b), y = x + beta (x - x_old) */
+        if (rec_stop_after(&stop, x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
             break;
     }
-    rec_stop_end(&stop, j->x);
+    rec_stop_end(&stop, x);
 }
 
-void rec_solve_sirt(struct rec_job *j)
+void rec_solve_sirt(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                    struct rec_solve_report *out)
 {
-    static const struct rec_stop_own own = {.most = 60, .blind = 15, .stall = 0.02};
-    solve(j, false, &own);
+    static const struct variant v = {false, {.most = 60, .blind = 15, .stall = 0.02}};
+    solve(pb, &v, p, x, out);
 }
 
-void rec_solve_fista(struct rec_job *j)
+void rec_solve_fista(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                     struct rec_solve_report *out)
 {
-    static const struct rec_stop_own own = {.most = 40, .blind = 8, .stall = 0.02};
-    solve(j, true, &own);
+    static const struct variant v = {true, {.most = 40, .blind = 8, .stall = 0.02}};
+    solve(pb, &v, p, x, out);
 }

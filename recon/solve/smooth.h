@@ -11,7 +11,7 @@
 #ifndef REC_SMOOTH_H
 #define REC_SMOOTH_H
 #include "recon/simd/lanes.h"
-#include "recon/subsys.h"
+#include "recon/matrix/subsys.h"
 
 /* Neighbours of active voxel q as distances in the list of active voxels, 0 where there is none.
  * along y fewer than two rows of voxels lie between, so 16 bits do. */

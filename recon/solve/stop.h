@@ -20,10 +20,10 @@
  * does worse everywhere: ||x|| hardly rises when x >= 0, so it has no upright arm.  So do rays held
  * out to judge the fit: the cameras that fit see them too, and they want some three times the
  * iterations.
- * Source: V. A. Morozov, Soviet Math. Dokl. 7:414, 1966.  Private to solve*.c. */
+ * Source: V. A. Morozov, Soviet Math. Dokl. 7:414, 1966.  Private to recon/solve. */
 #ifndef REC_STOP_H
 #define REC_STOP_H
-#include "recon/solve_impl.h"
+#include "recon/solve/impl.h"
 
 /* What a method decides for itself. */
 struct rec_stop_own {
@@ -31,40 +31,42 @@ struct rec_stop_own {
     uint32_t most;  /* bound on the iterations */
     uint32_t blind; /* the same when AUTO has to do without sigma */
     double stall;   /* share of the residual^2 that an iteration has to take off */
-    double gain; /* share of the objective that an iteration has to take off, under any rule; then
-                       AUTO is this alone.  0: not a rule of the method */
+    double gain;  /* share of the objective that an iteration has to take off, under any rule; then
+                       AUTO is this and `still` alone.  0: not a rule of the method */
+    double still; /* share of ||x|| that x has to move in an iteration; 0: not a rule */
 };
 
 struct rec_stopper {
-    struct rec_job *j;
+    rec_problem *pb;
+    const struct rec_solve_params *p;
+    struct rec_solve_report *out;
     uint32_t k, limit; /* iterations done; most */
     double noise2;     /* right side of (1), 0 = not the rule */
     double last;       /* residual^2 of the iterate before */
     double stall;      /* 0 = not the rule */
     double gain;       /* 0 = not the rule */
+    double still;      /* the same of own.still */
+    double moved;      /* in: ||dx|| / ||x|| of the iteration that rec_stop_after is told of */
+    uint32_t hold;     /* until then neither gain nor still counts */
     double objective;  /* of the iterate before */
     bool corner;
     struct rec_lcurve curve;
-    float *best, *prev; /* x space: the iterate at the corner, the one before this */
-    double best_objective, prev_objective;
+    double best_objective, prev_objective; /* of pb->corner, pb->before */
 };
 
-/* best, prev: work areas in x space, used by the L-curve alone.  For own.gain j->out->objective is that
- * of the start. */
-void rec_stop_begin(struct rec_stopper *t, struct rec_job *j, const struct rec_stop_own *own,
-                    float *best, float *prev);
+/* For own.gain out->objective is that of the start. */
+void rec_stop_begin(struct rec_stopper *t, rec_problem *pb, const struct rec_stop_own *own,
+                    const struct rec_solve_params *p, struct rec_solve_report *out);
 /* Whether there is to be another iteration; else the report's status says why not. */
 bool rec_stop_next(struct rec_stopper *t);
 /* Iterate number ++k is x, with this objective and ||W^(1/2) (A x - b)||^2; goes into the report
  * and to the trace.  True: it was the last. */
 bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, double residual2);
+/* The method minimises another objective from here on, of this value; the first iteration that
+ * follows does not tell how far away its least is. */
+void rec_stop_anew(struct rec_stopper *t, double objective);
 /* x becomes the iterate of the rule, its number and objective the report's.  true: that is not the last
  * one. */
 bool rec_stop_end(struct rec_stopper *t, float *x);
-
-/* Start of the multiplicative methods, which never leave zero: cold the uniform volume that has the
- * images' light, warm lifted to a hundredth of it; 0 in voxels without weight.
- * sens [n]: column sums of W A. */
-void rec_positive_start(struct rec_job *j, const float *sens, float *x);
 
 #endif

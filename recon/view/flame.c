@@ -33,11 +33,10 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
     double angle = 2 * PI * draw(f, g, 0), start = draw(f, g, 1), reach = draw(f, g, 2);
     double size = draw(f, g, 3);
     bool bed = g % 5 == 0; /* embers that stay; the others are tongues that rise */
-    double p, life, z, r;  /* phase of this life, brightness over it, height, distance from axis */
+    double life, z, r;     /* brightness over a life, height, distance from axis */
     double s_xy, s_z, heat;
     if (bed) {
         int beats = 1 + g / 5 % 3;
-        p = 0.15;
         life = 0.8 + 0.2 * sin(2 * PI * (beats * turn + start));
         r = 0.13 * sqrt(reach);
         z = 0.15 + 0.05 * size;
@@ -47,7 +46,7 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
         life *= 0.8;
     } else {
         int lives = 1 + g % 2;
-        p = lives * turn + start;
+        double p = lives * turn + start; /* phase of this life */
         p -= floor(p);
         life = sin(PI * p) * sin(PI * p); /* 0 where the blob jumps back to the base */
         double outer = sqrt(reach);       /* even over the area of a disc */
@@ -91,20 +90,6 @@ void rec_flame_at(const struct rec_flame *f, double t_s, struct rec_flame_pose *
             b->s[a] *= side;
             b->a[a] *= f->gain;
         }
-    }
-}
-
-void rec_flame_point(const struct rec_flame_pose *p, const double x[3], double out[3])
-{
-    out[0] = out[1] = out[2] = 0;
-    for (int g = 0; g < p->n; g++) {
-        const struct rec_blob *b = &p->blob[g];
-        double q = 0;
-        for (int a = 0; a < 3; a++)
-            q += (x[a] - b->m[a]) * (x[a] - b->m[a]) / (b->s[a] * b->s[a]);
-        double e = exp(-0.5 * q);
-        for (int ch = 0; ch < 3; ch++)
-            out[ch] += b->a[ch] * e;
     }
 }
 
@@ -303,7 +288,8 @@ static inline float exp_half(float q)
     return p * scale;
 }
 
-/* Add blob b to the samples [i0,i1) of one row of a tile. */
+/* Add blob b to the samples [i0,i1) of one row of a tile.  Pointers by name, or the loop would not be
+ * vectorised.  NOLINTNEXTLINE(readability-function-size) */
 static void add_row(const struct seen_blob *b, const float *restrict dx, const float *restrict dy,
                     const float *restrict dz, const float *restrict norm, int n,
                     float *restrict red, float *restrict green, float *restrict blue)

@@ -41,8 +41,7 @@ struct rec_flame {
 void rec_flame_init(struct rec_flame *f, const struct rec_grid *g, uint32_t seed);
 /* Blobs at time t [s], any t; periodic. */
 void rec_flame_at(const struct rec_flame *f, double t_s, struct rec_flame_pose *out);
-/* Emission at a point / integral along a ray (dir of unit length); out[3]. */
-void rec_flame_point(const struct rec_flame_pose *p, const double x[3], double out[3]);
+/* Integral along a ray (dir of unit length); out[3]. */
 void rec_flame_ray(const struct rec_flame_pose *p, const double o[3], const double d[3],
                    double out[3]);
 /* Image [h][w][3] float of camera c, mean over sub x sub rays per pixel; blobs are cut at 5 sigma

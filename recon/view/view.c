@@ -7,7 +7,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "recon/kernels.h"
+#include "recon/simd/kernels.h"
 #include "recon/view/render.h"
 #include "recon/geom/traverse.h"
 
@@ -59,7 +59,7 @@ pvx_err rec_view_new(const struct rec_camera *c, int sub, size_t max_bytes, pvx_
     v->sub = sub;
     v->max_bytes = max_bytes;
     v->pool = pool;
-    rec_kernels_init(&v->kernels, REC_CPU_ALL);
+    rec_kernels_init(&v->kernels, PVX_CPU_BEST);
     size_t w = (size_t)c->width;
     for (int32_t t = 0; t < TASKS; t++) {
         size_t rows = t < c->height ? (size_t)((c->height - 1 - t) / TASKS) + 1 : 0;
@@ -99,7 +99,7 @@ void rec_view_free(rec_view **vp)
     *vp = NULL;
 }
 
-static pvx_err take_grid(rec_view *v, const struct rec_grid *g)
+static pvx_err use_grid(rec_view *v, const struct rec_grid *g)
 {
     if (v->grid.n[0] != 0 && v->grid.basis == g->basis &&
         memcmp(v->grid.n, g->n, sizeof g->n) == 0 &&
@@ -233,7 +233,7 @@ static void sum_add(struct sum *s, uint32_t column, double value)
 }
 
 /* Move the sum's entries to the end of the part; room for them is there. */
-static void sum_take(struct sum *s, struct rec_entry *out, double factor)
+static void sum_unload(struct sum *s, struct rec_entry *out, double factor)
 {
     for (uint32_t i = 0; i < s->n; i++) {
         uint32_t k = s->slot[i];
@@ -297,7 +297,7 @@ static void trace_part(void *ctx, size_t task)
                 err = PVX_ENOMEM;
             else {
                 uint32_t n = s.n;
-                sum_take(&s, p->v.entry + at, 1.0 / (v->sub * v->sub));
+                sum_unload(&s, p->v.entry + at, 1.0 / (v->sub * v->sub));
                 at += n;
                 p->v.ptr[++pixel] = at;
             }
@@ -371,7 +371,7 @@ pvx_err rec_view_render(rec_view *v, const struct rec_grid *g, const float *dens
     if (nch != 1 && nch != 3)
         return PVX_EINVAL;
     int64_t t0 = pvx_now_mono(), tracing = 0;
-    PVX_TRY(take_grid(v, g));
+    PVX_TRY(use_grid(v, g));
     struct look look = {.v = v, .dense = dense, .nch = nch};
     pvx_pool_run(v->pool, (size_t)g->n[2], look_slab, &look);
     if (atomic_load(&look.news)) {

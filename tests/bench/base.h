@@ -2,6 +2,7 @@
 #ifndef BENCH_BASE_H
 #define BENCH_BASE_H
 #include <math.h>
+#include <stdarg.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -9,58 +10,32 @@
 #include <string.h>
 
 #include "base/clock.h"
-#include "base/err.h"
-#include "base/mem.h"
 #include "base/pool.h"
+#include "base/random.h"
+#include "tests/lib/must.h"
+#include "tests/lib/normal.h"
 
-#define CHECK(expr)                                                                                \
-    do {                                                                                           \
-        pvx_err check_e_ = (expr);                                                                 \
-        if (check_e_ != PVX_OK) {                                                                  \
-            fprintf(stderr, "%s:%d: %s: %s\n", __FILE__, __LINE__, #expr, pvx_strerror(check_e_)); \
-            exit(1);                                                                               \
-        }                                                                                          \
-    } while (0)
-
-/* One generator for the program; a seed makes what follows independent of what came before. */
+/* One state for the program; a seed makes what follows independent of what came before. */
 static inline uint64_t *bench_state(void)
 {
-    static uint64_t s = 88172645463325252u;
+    static uint64_t s = 1;
     return &s;
 }
 
 static inline void bench_seed(uint64_t seed)
 {
-    *bench_state() = 88172645463325252u ^ (seed * 0x9E3779B97F4A7C15u);
+    *bench_state() = (seed + 1) * 0x9E3779B97F4A7C15u;
 }
 
-static inline uint64_t bench_random(void)
-{
-    uint64_t *s = bench_state();
-    *s ^= *s << 13;
-    *s ^= *s >> 7;
-    *s ^= *s << 17;
-    return *s;
-}
-
-/* Even in (0,1). */
+/* Even in [0,1). */
 static inline double bench_even(void)
 {
-    return ((double)(bench_random() >> 11) + 0.5) * 0x1p-53;
+    return pvx_uniform(bench_state());
 }
 
 static inline double bench_normal(void)
 {
-    double u = bench_even(), v = bench_even();
-    return sqrt(-2 * log(u)) * cos(6.283185307179586 * v);
-}
-
-static inline float *bench_floats(size_t n)
-{
-    float *p = pvx_calloc(n, sizeof *p);
-    if (p == NULL)
-        CHECK(PVX_ENOMEM);
-    return p;
+    return normal_deviate(bench_state());
 }
 
 static inline double ms(int64_t ns)
@@ -68,8 +43,42 @@ static inline double ms(int64_t ns)
     return (double)ns * 1e-6;
 }
 
-/* NAME.csv in the folder of argv[1] (default: the current one). */
-static inline FILE *bench_csv(int argc, char **argv, const char *name)
+/* A file of the data that may not be shipped, PATH below $PYROVOX_DATA, into out. */
+static inline void bench_data(char out[1024], const char *path)
+{
+    const char *root = getenv("PYROVOX_DATA");
+    snprintf(out, 1024, "%s/%s", root != NULL && *root != 0 ? root : "../shared/data", path);
+}
+
+/* What main returns: 77 once a part could not run.  The reason is printed where it is found. */
+static inline int *bench_status(void)
+{
+    static int status;
+    return &status;
+}
+static inline void bench_not_run(const char *what, const char *needs)
+{
+    printf("NOT RUN: %s, needs %s\n", what, needs);
+    *bench_status() = 77;
+}
+
+/* A line of a table: into its file, and in columns to look at. */
+__attribute__((format(printf, 2, 3))) static inline void bench_row(FILE *csv, const char *fmt, ...)
+{
+    char line[1024], *rest = line;
+    va_list ap;
+    va_start(ap, fmt);
+    vsnprintf(line, sizeof line, fmt, ap);
+    va_end(ap);
+    fprintf(csv, "%s\n", line);
+    for (const char *field; (field = strsep(&rest, ",")) != NULL;)
+        printf(" %10s", field);
+    putchar('\n');
+    fflush(stdout);
+}
+
+/* NAME.csv in the folder of argv[1] (default: the current one); `head`: names of its columns. */
+static inline FILE *bench_csv(int argc, char **argv, const char *name, const char *head)
 {
     char path[4096];
     snprintf(path, sizeof path, "%s/%s.csv", argc > 1 ? argv[1] : ".", name);
@@ -78,6 +87,7 @@ static inline FILE *bench_csv(int argc, char **argv, const char *name)
         perror(path);
         exit(1);
     }
+    bench_row(f, "%s", head);
     return f;
 }
 

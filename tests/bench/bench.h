@@ -2,10 +2,11 @@
 #ifndef BENCH_H
 #define BENCH_H
 #include "base.h"
-#include "recon/frame/frame.h"
-#include "recon/metrics.h"
+#include "recon/view/metrics.h"
 #include "recon/view/render.h"
 #include "scenes.h"
+#include "tests/lib/likeness.h"
+#include "tests/lib/slot.h"
 
 /* Write noisy pixels (sigma as a share of the peak) into a frame slot; binning must be 1. */
 static inline void scene_fill(const struct scene *s, rec_frame *f, double noise)
@@ -32,18 +33,42 @@ static inline struct quality judge(const struct scene *s, const float *dense, pv
 {
     const struct rec_camera *c = &s->unseen;
     size_t nch = (size_t)s->nch, n = (size_t)c->width * (size_t)c->height * nch;
-    float *img = bench_floats(n);
+    float *img = must_floats(n);
     CHECK(rec_render(&s->rig.grid, dense, s->nch, c, 2, pool, img));
     struct quality q = {
         .volume = rec_rel_l2(dense, s->truth, rec_grid_count(&s->rig.grid) * nch),
-        .view = rec_mean_abs_255(img, s->unseen_image, n),
-        .psnr = rec_psnr(img, s->unseen_image, n, s->peak),
+        .view = image_mean_abs_255(img, s->unseen_image, n),
+        .psnr = image_psnr(img, s->unseen_image, n, s->peak),
     };
     for (size_t ch = 0; ch < nch; ch++)
-        q.ssim +=
-            rec_ssim(img + ch, s->unseen_image + ch, c->width, c->height, s->nch, s->peak) / s->nch;
+        q.ssim += image_ssim(img + ch, s->unseen_image + ch, c->width, c->height, s->nch, s->peak) /
+                  s->nch;
     free(img);
     return q;
+}
+
+/* Mean |error| of 255 of the unseen view over the pixels that have 1 % of the picture's peak or more in some channel. */
+static inline double view_error(const struct scene *s, const float *dense, pvx_pool *pool)
+{
+    const struct rec_camera *c = &s->unseen;
+    size_t nch = (size_t)s->nch, n = (size_t)c->width * (size_t)c->height, lit = 0;
+    float *img = must_floats(n * nch), least = 0;
+    double sum = 0;
+    CHECK(rec_render(&s->rig.grid, dense, s->nch, c, 2, pool, img));
+    for (size_t i = 0; i < n * nch; i++)
+        least = fmaxf(least, 0.01F * s->unseen_image[i]);
+    for (size_t i = 0; i < n; i++) {
+        const float *is = img + i * nch, *should = s->unseen_image + i * nch;
+        float brightest = 0;
+        for (size_t ch = 0; ch < nch; ch++)
+            brightest = fmaxf(brightest, should[ch]);
+        if (brightest < least)
+            continue;
+        sum += image_mean_abs_255(is, should, nch);
+        lit++;
+    }
+    free(img);
+    return sum / (double)lit;
 }
 
 struct triad {
@@ -63,9 +88,9 @@ static inline void triad_task(void *ctx, size_t i)
 static inline double bench_bandwidth(size_t bytes, pvx_pool *pool)
 {
     struct triad t = {.n = bytes / 12 + 1024, .chunk = 16384};
-    t.a = bench_floats(t.n);
-    t.b = bench_floats(t.n);
-    t.c = bench_floats(t.n);
+    t.a = must_floats(t.n);
+    t.b = must_floats(t.n);
+    t.c = must_floats(t.n);
     double best = 0;
     for (int r = 0; r < 6; r++) { /* the first one touches the pages */
         int64_t t0 = pvx_now_mono();

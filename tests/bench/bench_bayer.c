@@ -4,7 +4,7 @@
 #include "bench.h"
 #include "capture/pixel/pixfmt.h"
 
-enum { W = 160, H = 120, FULL = 4095 };
+enum { W = 160, H = 120, FULL = 4095 }; /* as size_64 */
 enum way { THREE_CHIPS, RAYS, BILINEAR, BINNED, THREE_CHIPS_BINNED, N_WAYS };
 static const char *const way_name[N_WAYS] = {"rgb", "rays", "bilinear", "2x2", "rgb 2x2"};
 
@@ -46,15 +46,15 @@ static void expose(const struct scene *s, enum way way, double noise, int binnin
     }
 }
 
-static void measure(const struct scene *s, const char *name, const rec_sysmat *S, enum way way,
+static void measure(const struct scene *s, enum flame_kind kind, const rec_sysmat *S, enum way way,
                     double noise, pvx_pool *pool)
 {
     struct rec_frame_params p = rec_frame_defaults;
     rec_frame *f;
     struct rec_sparse v;
-    float *dense = bench_floats(rec_grid_count(&S->grid) * 3);
+    float *dense = must_floats(rec_grid_count(&S->grid) * 3);
     double best = INFINITY;
-    CHECK(rec_frame_new(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(slot_new(S, &s->rig, &p, pool, &f, NULL));
     for (int r = 0; r < 3; r++) {
         expose(s, way, noise, S->binning, f);
         int64_t t0 = pvx_now_mono();
@@ -66,22 +66,18 @@ static void measure(const struct scene *s, const char *name, const rec_sysmat *S
     rec_sparse_to_dense(&v, dense);
     struct quality q = judge(s, dense, pool);
     const struct rec_frame_report *r = rec_frame_get_report(f);
-    printf("  %-9s %-9s %4.1f %%  %-8s %6.3f %7.3f %6.2f %7.4f %7d %4u %8.2f\n", name,
-           rec_basis_name(S->grid.basis), 100 * noise, way_name[way], q.volume, q.view, q.psnr,
-           q.ssim, (int)r->active_voxels, r->solve.iterations, best);
-    fprintf(csv, "%s,%s,%.3f,%s,%.6f,%.4f,%.3f,%.5f,%d,%u,%.3f\n", name,
-            rec_basis_name(S->grid.basis), noise, way_name[way], q.volume, q.view, q.psnr, q.ssim,
-            (int)r->active_voxels, r->solve.iterations, best);
-    fflush(stdout);
-    rec_frame_free(&f);
+    bench_row(csv, "%s,%s,%s,%.3f,%s,%.6f,%.4f,%.3f,%.5f,%d,%u,%.3f", flames[kind].name,
+              flames[kind].use, rec_basis_name(S->grid.basis), noise, way_name[way], q.volume,
+              q.view, q.psnr, q.ssim, (int)r->active_voxels, r->solve.iterations, best);
+    slot_free(&f);
     free(dense);
 }
 
-static void flame(enum flame_kind kind, double t, pvx_pool *pool)
+static void flame(enum flame_kind kind, pvx_pool *pool)
 {
     static const double noise[] = {0, 0.01, 0.03};
     struct scene s;
-    if (!scene_new(&s, kind, &views_8, W, H, 64, t, pool))
+    if (!scene_new(&s, kind, &views_8, size_64, flames[kind].t, pool))
         return;
     for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
         rec_sysmat *S[3] = {NULL}; /* by binning */
@@ -92,8 +88,7 @@ static void flame(enum flame_kind kind, double t, pvx_pool *pool)
         }
         for (size_t k = 0; k < sizeof noise / sizeof *noise; k++)
             for (int way = 0; way < N_WAYS; way++)
-                measure(&s, flame_name(kind), S[way >= BINNED ? 2 : 1], (enum way)way, noise[k],
-                        pool);
+                measure(&s, kind, S[way >= BINNED ? 2 : 1], (enum way)way, noise[k], pool);
         rec_sysmat_free(&S[1]);
         rec_sysmat_free(&S[2]);
     }
@@ -104,18 +99,16 @@ int main(int argc, char **argv)
 {
     pvx_pool *pool;
     CHECK(pvx_pool_new(2, "bench", &pool));
-    csv = bench_csv(argc, argv, "bayer");
-    fprintf(csv, "scene,basis,noise,way,volume,view,psnr,ssim,voxels,iterations,ms\n");
-    printf(
-        "\nBayer pixels, 8 x %dx%d, 12 bits, voxels 1/64, %u threads: volume error, unseen view "
-        "(mean absolute of 255, PSNR, SSIM), voxels of the hull, time of carve and solve\n"
-        "  scene     basis     noise   way      volume    view   PSNR    SSIM  voxels   it       "
-        "ms\n",
-        W, H, pvx_pool_threads(pool));
-    flame(FLAME_RING, 0.3, pool);
-    flame(FLAME_CAMPFIRE, 6, pool);
-    flame(FLAME_RAGGED, 0, pool);
+    printf("\nBayer pixels, 8 x %dx%d, 12 bits, voxels 1/64, %u threads: volume error, unseen view "
+           "(mean absolute of 255, PSNR, SSIM), voxels of the hull, time of carve and solve\n",
+           W, H, pvx_pool_threads(pool));
+    csv = bench_csv(argc, argv, "bayer",
+                    "scene,use,basis,noise,way,volume,view,psnr,ssim,voxels,iterations,ms");
+    static const enum flame_kind kinds[] = {FLAME_RING, FLAME_CAMPFIRE, FLAME_RAGGED, FLAME_JET,
+                                            FLAME_SHEETS};
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++)
+        flame(kinds[k], pool);
     fclose(csv);
     pvx_pool_free(&pool);
-    return 0;
+    return *bench_status();
 }

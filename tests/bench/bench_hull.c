@@ -23,10 +23,10 @@ static struct outcome solve(const struct scene *s, const rec_sysmat *S, const ch
         p.hull.min_views = 1;
     }
     rec_frame *f;
-    CHECK(rec_frame_new(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(slot_new(S, &s->rig, &p, pool, &f, NULL));
     struct outcome o = {.solve_ms = 1e300};
     struct rec_sparse v;
-    float *dense = bench_floats(rec_grid_count(&S->grid) * 3);
+    float *dense = must_floats(rec_grid_count(&S->grid) * 3);
     for (int r = 0; r < (hull ? 5 : 2); r++) {
         scene_fill(s, f, 0.01);
         rec_frame_carve(f);
@@ -39,24 +39,22 @@ static struct outcome solve(const struct scene *s, const rec_sysmat *S, const ch
     o.voxels = rec_frame_get_report(f)->active_voxels;
     o.iterations = rec_frame_get_report(f)->solve.iterations;
     free(dense);
-    rec_frame_free(&f);
+    slot_free(&f);
     return o;
 }
 
 int main(int argc, char **argv)
 {
-    FILE *csv = bench_csv(argc, argv, "hull");
     pvx_pool *pool;
     struct scene s;
     rec_sysmat *S;
     CHECK(pvx_pool_new(2, "bench", &pool));
-    scene_flame(&s, 8, 160, 120, 64, REC_BOX, 0.3, pool);
+    scene_flame(&s, size_64, REC_BOX, pool);
     struct rec_sysmat_params mp = {.binning = 1, .rays_per_bin = 1};
     CHECK(rec_sysmat_build(&s.rig, &mp, pool, NULL, NULL, &S, NULL));
     printf("\nrestricted against full solve, 64^3 from 8 x 160x120 RGB, 1 %% noise, 2 threads\n");
-    printf("  %-11s %-24s %9s %8s %5s %8s %8s\n", "solver", "stop", "voxels", "ms", "iter",
-           "volume", "view");
-    fprintf(csv, "solver,stop,hull,voxels,ms,iterations,volume,view,psnr,ssim\n");
+    FILE *csv = bench_csv(argc, argv, "hull",
+                          "solver,stop,hull,voxels,ms,iterations,volume,view,psnr,ssim");
     static const struct {
         const char *solver, *stop;
         enum rec_stop rule;
@@ -66,23 +64,14 @@ int main(int argc, char **argv)
                  {"mlem", "20 iterations", REC_STOP_ITERATIONS, 20},
                  {"pcg", "20 iterations", REC_STOP_ITERATIONS, 20},
                  {"pcg", "auto", REC_STOP_AUTO, 0}};
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
-        struct outcome o[2];
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
         for (int hull = 1; hull >= 0; hull--) {
-            o[hull] = solve(&s, S, cases[i].solver, cases[i].rule, cases[i].iterations, hull, pool);
-            printf("  %-11s %-13s %-10s %9lld %8.2f %5u %8.3f %8.2f\n", cases[i].solver,
-                   cases[i].stop, hull ? "restricted" : "full", (long long)o[hull].voxels,
-                   o[hull].solve_ms, o[hull].iterations, o[hull].q.volume, o[hull].q.view);
-            fprintf(csv, "%s,%s,%d,%lld,%.3f,%u,%.5f,%.4f,%.3f,%.5f\n", cases[i].solver,
-                    cases[i].stop, hull, (long long)o[hull].voxels, o[hull].solve_ms,
-                    o[hull].iterations, o[hull].q.volume, o[hull].q.view, o[hull].q.psnr,
-                    o[hull].q.ssim);
+            struct outcome o =
+                solve(&s, S, cases[i].solver, cases[i].rule, cases[i].iterations, hull, pool);
+            bench_row(csv, "%s,%s,%d,%lld,%.3f,%u,%.5f,%.4f,%.3f,%.5f", cases[i].solver,
+                      cases[i].stop, hull, (long long)o.voxels, o.solve_ms, o.iterations,
+                      o.q.volume, o.q.view, o.q.psnr, o.q.ssim);
         }
-        printf("  %-11s %.1f times faster (target 10), volume error ratio %.2f, view error ratio "
-               "%.2f (target 0.5)\n",
-               "", o[0].solve_ms / o[1].solve_ms, o[1].q.volume / o[0].q.volume,
-               o[1].q.view / o[0].q.view);
-    }
     fclose(csv);
     rec_sysmat_free(&S);
     scene_fini(&s);

@@ -7,7 +7,7 @@
 
 static const uint16_t steps[] = {1, 2, 4, 8, 16};
 #define N_STEPS   ((int)(sizeof steps / sizeof *steps))
-#define MAX_FRAME 12
+#define MAX_FRAME 12 /* as the campfire has */
 
 static FILE *csv;
 
@@ -35,12 +35,11 @@ static void bleed_after(void *ctx, int frame, const float *dense)
     b->share = all > 0 ? ghost / all : 0;
 }
 
-static void both_ways(const char *name, const struct course *c, struct bleed *bleed)
+static void both_ways(const char *name, const char *use, const struct course *c,
+                      struct bleed *bleed)
 {
     const char *solver = rec_solver_names()[0], *basis = rec_basis_name(c->S->grid.basis);
-    for (int i = 0; i <= N_STEPS; i++) {
-        struct point p[2];
-        double ghost[2] = {0, 0};
+    for (int i = 0; i <= N_STEPS; i++)
         for (int warm = 0; warm < 2; warm++) {
             struct setting set = {.solver = solver,
                                   .stop = i < N_STEPS ? REC_STOP_ITERATIONS : REC_STOP_AUTO,
@@ -50,24 +49,15 @@ static void both_ways(const char *name, const struct course *c, struct bleed *bl
                 set.after = bleed_after;
                 set.ctx = bleed;
             }
-            p[warm] = measure(c, &set);
-            ghost[warm] = bleed != NULL ? bleed->share : 0;
-            fprintf(csv, "%s,%s,%s,%s,%.1f,%.4f,%.6f,%.6f\n", name, basis, warm ? "warm" : "cold",
-                    i < N_STEPS ? "budget" : "auto", p[warm].iterations, p[warm].ms,
-                    p[warm].q.volume, ghost[warm]);
+            struct point p = measure(c, &set);
+            bench_row(csv, "%s,%s,%s,%s,%s,%.1f,%.4f,%.6f,%.6f", name, use, basis,
+                      warm ? "warm" : "cold", i < N_STEPS ? "budget" : "auto", p.iterations, p.ms,
+                      p.q.volume, bleed != NULL ? bleed->share : 0);
         }
-        printf("  %-15s %-9s %6s %4.0f %7.2f %6.3f | %4.0f %7.2f %6.3f | %5.2f %5.2f", name, basis,
-               i < N_STEPS ? "budget" : "auto", p[0].iterations, p[0].ms, p[0].q.volume,
-               p[1].iterations, p[1].ms, p[1].q.volume, p[1].ms / p[0].ms,
-               p[1].q.volume / p[0].q.volume);
-        if (bleed != NULL)
-            printf(" | %.2f %% %.2f %%", 100 * ghost[0], 100 * ghost[1]);
-        putchar('\n');
-        fflush(stdout);
-    }
 }
 
-static void sequence(const char *name, struct scene *s, int n, int from, bool jump, pvx_pool *pool)
+static void sequence(const char *name, const char *use, struct scene *s, int n, bool jump,
+                     pvx_pool *pool)
 {
     struct shot shot[MAX_FRAME];
     for (int i = 0; i < n; i++)
@@ -76,10 +66,10 @@ static void sequence(const char *name, struct scene *s, int n, int from, bool ju
         for (int i = 0; i < n; i++)
             scene_truth(&s[i], (enum rec_basis)basis, pool);
         rec_sysmat *S = scene_matrix(&s[0], 2, pool, NULL);
-        struct course c = {.scene = s, .shot = shot, .n = n, .from = from, .S = S, .pool = pool};
+        struct course c = {.scene = s, .shot = shot, .n = n, .from = 1, .S = S, .pool = pool};
         course_base(&c);
         struct bleed b = {.old = &s[n - 2], .now = &s[n - 1], .frame = n - 1};
-        both_ways(name, &c, jump ? &b : NULL);
+        both_ways(name, use, &c, jump ? &b : NULL);
         rec_sysmat_free(&S);
     }
     for (int i = 0; i < n; i++) {
@@ -88,41 +78,43 @@ static void sequence(const char *name, struct scene *s, int n, int from, bool ju
     }
 }
 
+/* The first n volumes of a flame, with one exposure for all, as a camera has. */
+static void volumes(const char *name, enum flame_kind kind, int n, pvx_pool *pool)
+{
+    static struct scene s[MAX_FRAME];
+    double peak = 0;
+    for (int i = 0; i < n; i++)
+        if (!scene_new(&s[i], kind, &views_8, size_64, i, pool))
+            return;
+    for (int i = 0; i < n; i++)
+        peak = fmax(peak, s[i].peak / s[i].scale);
+    for (int i = 0; i < n; i++)
+        scene_rescale(&s[i], PEAK / (peak * s[i].scale));
+    sequence(name, flames[kind].use, s, n, false, pool);
+}
+
 int main(int argc, char **argv)
 {
     struct scene s[MAX_FRAME];
     pvx_pool *pool;
     CHECK(pvx_pool_new(2, "bench", &pool));
-    csv = bench_csv(argc, argv, "motion");
-    fprintf(csv, "scene,basis,start,stop,iterations,ms,volume,ghost\n");
-    printf("\nin motion: %s from nothing | from the last volume | ratios, 8 x 160x120, 1 %% noise, "
-           "%u threads\n"
-           "  flame           basis     stop     it      ms  error |   it      ms  error |  time "
-           "error | light where only the old flame was\n",
+    printf("\nin motion: %s from nothing (cold) and from the last volume (warm), 8 x 160x120, 1 %% "
+           "noise, %u threads; ghost: share of light where only the old flame was\n",
            rec_solver_names()[0], pvx_pool_threads(pool));
+    csv = bench_csv(argc, argv, "motion", "scene,use,basis,start,stop,iterations,ms,volume,ghost");
     for (int i = 0; i < MAX_FRAME; i++)
-        (void)scene_new(&s[i], FLAME_RING, &views_8, 160, 120, 64, 0.3 + 0.05 * i, pool);
-    sequence("ring, 20 Hz", s, MAX_FRAME, 1, false, pool);
-
-    bool there = true;
-    double peak = 0;
-    for (int i = 0; there && i < CAMPFIRE_FRAMES; i++)
-        there = scene_new(&s[i], FLAME_CAMPFIRE, &views_8, 160, 120, 64, i, pool);
-    if (there) { /* one exposure for the sequence, as a camera has */
-        for (int i = 0; i < CAMPFIRE_FRAMES; i++)
-            peak = fmax(peak, s[i].peak / s[i].scale);
-        for (int i = 0; i < CAMPFIRE_FRAMES; i++)
-            scene_rescale(&s[i], PEAK / (peak * s[i].scale));
-        sequence("campfire, 24 Hz", s, CAMPFIRE_FRAMES, 1, false, pool);
-    }
-
+        (void)scene_new(&s[i], FLAME_RING, &views_8, size_64, 0.3 + 0.05 * i, pool);
+    sequence("ring at 20 Hz", "fitted", s, MAX_FRAME, false, pool);
+    volumes("campfire at 24 Hz", FLAME_CAMPFIRE, MAX_FRAME, pool);
+    volumes("jet at 24 Hz", FLAME_JET, 4, pool); /* the first four follow each other */
+    volumes("hollow at 24 Hz", FLAME_HOLLOW, 4, pool);
     for (int i = 0; i < 2; i++) { /* another flame, 16 cm to the side */
         scene_views(&s[i], &views_8, 160, 120, 64);
         pose_ring(&s[i], (uint32_t)(1 + i), 0.3, i == 0 ? -0.08 : 0.08);
         scene_shoot(&s[i], pool);
     }
-    sequence("ring that jumps", s, 2, 1, true, pool);
+    sequence("ring that jumps", "fitted", s, 2, true, pool);
     fclose(csv);
     pvx_pool_free(&pool);
-    return 0;
+    return *bench_status();
 }

@@ -42,23 +42,23 @@ static void make_input(const struct scene *s, struct input *in)
     }
 }
 
-static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, unsigned threads,
-                int32_t rays)
+static void run(FILE *csv, const int32_t size[3], double want, unsigned threads, int32_t rays)
 {
+    const int32_t w = size[0], h = size[1], voxels = size[2];
     pvx_pool *pool;
     struct scene s;
     struct input in;
     rec_sysmat *S;
     rec_frame *f;
     CHECK(pvx_pool_new(threads, "bench", &pool));
-    scene_flame(&s, 8, w, h, voxels, REC_BOX, 0.3, pool);
+    scene_flame(&s, size, REC_BOX, pool);
     make_input(&s, &in);
     int64_t t0 = pvx_now_mono();
     struct rec_sysmat_params mp = rec_sysmat_defaults;
     mp.rays_per_bin = rays;
     CHECK(rec_sysmat_build(&s.rig, &mp, pool, NULL, NULL, &S, NULL));
     double build_s = (double)(pvx_now_mono() - t0) * 1e-9;
-    CHECK(rec_frame_new(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
+    CHECK(slot_new(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
 
     int64_t bin = 0, photo = 0, hull = 0, restricted = 0, solve = 0;
     int sets = 0;
@@ -108,12 +108,11 @@ static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, un
            r.coarse_iterations, r.solve.iterations, rec_status_name(r.solve.status), bw * 1e-9);
     for (int i = 0; i < 5; i++) {
         double t = ms(ns[i]) / sets, bound = bytes[i] / bw * 1e3;
-        printf("  %-12s %8.3f ms   bound %7.3f ms   ratio %5.1f\n", stage[i], t, bound, t / bound);
-        fprintf(csv, "%d,%d,%d,%u,%s,%.4f,%.4f,%.2f\n", voxels, w, h, threads, stage[i], t, bound,
-                rate);
+        bench_row(csv, "%d,%d,%d,%d,%u,%s,%.4f,%.4f,%.2f", voxels, w, h, rays, threads, stage[i], t,
+                  bound, rate);
     }
     struct rec_sparse v;
-    float *dense = bench_floats(N * 3);
+    float *dense = must_floats(N * 3);
     rec_frame_volume(f, &v);
     rec_sparse_to_dense(&v, dense);
     struct quality q = judge(&s, dense, pool);
@@ -122,7 +121,7 @@ static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, un
     free(dense);
     for (size_t c = 0; c < 8; c++)
         free(in.px[c]);
-    rec_frame_free(&f);
+    slot_free(&f);
     rec_sysmat_free(&S);
     scene_fini(&s);
     pvx_pool_free(&pool);
@@ -130,16 +129,17 @@ static void run(FILE *csv, int32_t voxels, int32_t w, int32_t h, double want, un
 
 int main(int argc, char **argv)
 {
-    FILE *csv = bench_csv(argc, argv, "offline");
-    fprintf(csv, "voxels,width,height,threads,stage,ms,bound_ms,sets_per_s\n");
+    static const int32_t size_128[3] = {320, 240, 128}, live[3] = {640, 480, 64};
     printf("offline: raw pixels to volume, one set after the other\n");
+    FILE *csv = bench_csv(argc, argv, "offline",
+                          "voxels,width,height,rays,threads,stage,ms,bound_ms,sets_per_s");
     for (int32_t rays = 1; rays <= 2; rays++) { /* the paper's pixel, and the default */
-        run(csv, 64, 160, 120, 100, 1, rays);
-        run(csv, 64, 160, 120, 100, 2, rays);
-        run(csv, 128, 320, 240, 15, 1, rays);
-        run(csv, 128, 320, 240, 15, 2, rays);
+        run(csv, size_64, 100, 1, rays);
+        run(csv, size_64, 100, 2, rays);
+        run(csv, size_128, 15, 1, rays);
+        run(csv, size_128, 15, 2, rays);
     }
-    run(csv, 64, 640, 480, 15, 2, 2);
+    run(csv, live, 15, 2, 2);
     fclose(csv);
     return 0;
 }

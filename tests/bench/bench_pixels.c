@@ -1,8 +1,6 @@
 /* bench_pixels.c - raw pixels to float: MB/s of raw bytes for every layout at binning 1 to 5, beside what
  * copying would take: memcpy of as many bytes as are read and written, in the same run, one thread.  And
- * the decoding of JPEG pictures: time, and what the library allocates for one.  PYROVOX_CPU=ref shows what
- * a processor without AVX2 makes of it. */
-#include <dlfcn.h>
+ * the decoding of JPEG pictures.  PYROVOX_CPU=ref shows what a processor without AVX2 makes of it. */
 #include <turbojpeg.h>
 
 #include "base.h"
@@ -12,20 +10,6 @@
 enum { W = 640, H = 480, ROUNDS = 30 };
 
 static FILE *csv;
-
-/* ---- allocations, counted by standing in the executable before the C library ---- */
-
-extern void *__libc_malloc(size_t n);
-static size_t blocks, block_bytes;
-
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-void *malloc(size_t n)
-{
-    blocks++;
-    block_bytes += n;
-    return __libc_malloc(n);
-}
-#endif
 
 /* ---- conversion ---- */
 
@@ -71,30 +55,26 @@ static void measure(const struct way *w)
 {
     size_t n = cap_pixfmt_image(w->fmt, W, H);
     uint8_t *raw = pvx_calloc(n, 1);
-    float *out = bench_floats((size_t)W * H * 4);
+    float *out = must_floats((size_t)W * H * 4);
     unsigned mask = cap_pixfmt_layout(w->fmt) == CAP_LAYOUT_16
                         ? (1u << (cap_pixfmt_depth(w->fmt) - 8)) - 1
                         : 255;
     for (size_t i = 0; i < n; i++)
-        raw[i] = (uint8_t)(bench_random() & (i % 2 ? mask : 255));
+        raw[i] = (uint8_t)(pvx_random(bench_state()) & (i % 2 ? mask : 255));
     if (cap_pixfmt_layout(w->fmt) == CAP_LAYOUT_F32)
         for (size_t i = 0; i < n / 4; i++)
             ((float *)raw)[i] = (float)bench_even();
     struct cap_image img = {raw, n, W, H, (ptrdiff_t)cap_pixfmt_row(w->fmt, W), w->fmt, 0};
     char name[48];
     snprintf(name, sizeof name, "%s%s", cap_pixfmt_name(w->fmt), w->note);
-    printf("  %-24s", name);
     for (int b = 1; b <= 5; b++) {
         img.width = W / b * b; /* 639 in threes */
         img.height = H / b * b;
         double ns = convert_ns(&img, w, b, out);
         size_t moved = n + (size_t)(W / b) * (size_t)(H / b) * (w->nch == 3 ? 16 : 4);
         double rate = (double)n / ns * 1e3, over = ns * 1e-9 * copy_rate(moved) / (double)moved;
-        printf(" | %6.0f %5.1f", rate, over);
-        fprintf(csv, "%s,%d,%.0f,%.2f\n", name, b, rate, over);
+        bench_row(csv, "%s,%d,%.0f,%.2f", name, b, rate, over);
     }
-    printf("\n");
-    fflush(stdout);
     free(raw);
     free(out);
 }
@@ -136,11 +116,6 @@ static void all_formats(void)
         {CAP_GREY_F32, "", 0, 0, 1},
         {CAP_RGB_F32, "", 0, 0, 3},
     };
-    printf(
-        "\npixel conversion, %dx%d, one thread: MB/s of raw bytes, and time over that of copying "
-        "as many bytes as are read and written\n"
-        "  %-24s | %12s | %12s | %12s | %12s | %12s\n",
-        W, H, "format", "binning 1", "2", "3", "4", "5");
     for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
         measure(&ways[i]);
 }
@@ -165,20 +140,13 @@ static void jpeg(const char *name, int sampling, int quality)
     cap_jpeg *j;
     struct cap_image in = {coded, n, W, H, 0, CAP_JPEG, 0}, img;
     double best = INFINITY;
-    size_t each = 0, bytes = 0;
     CHECK(cap_jpeg_new(W, H, &j));
     for (int r = 0; r < ROUNDS; r++) {
-        size_t b0 = blocks, s0 = block_bytes;
         int64_t t0 = pvx_now_mono();
         CHECK(cap_jpeg_decode(j, &in, &img, NULL));
         best = fmin(best, (double)(pvx_now_mono() - t0));
-        each = blocks - b0;
-        bytes = block_bytes - s0;
     }
-    printf("  %-16s %6lu bytes %6.2f ms %5.0f Mpixel/s %6.1f MB/s of JPEG; %zu blocks, %zu bytes "
-           "allocated and freed by the library\n",
-           name, n, best * 1e-6, (double)W * H / best * 1e3, (double)n / best * 1e3, each, bytes);
-    fprintf(csv, "JPEG %s,1,%.0f,\n", name, (double)n / best * 1e3);
+    bench_row(csv, "JPEG %s,1,%.0f,", name, (double)n / best * 1e3);
     cap_jpeg_free(&j);
     tjFree(coded);
     free(px);
@@ -186,14 +154,16 @@ static void jpeg(const char *name, int sampling, int quality)
 
 int main(int argc, char **argv)
 {
-    csv = bench_csv(argc, argv, "pixels");
-    fprintf(csv, "format,binning,raw_mb_per_s,time_over_copy\n");
+    printf(
+        "\npixel conversion, %dx%d, one thread: MB/s of raw bytes, and time over that of copying "
+        "as many bytes as are read and written\n",
+        W, H);
+    csv = bench_csv(argc, argv, "pixels", "format,binning,raw_mb_per_s,time_over_copy");
     all_formats();
-    printf("\nJPEG to pixels, %dx%d\n", W, H);
-    jpeg("4:2:2, quality 85", TJSAMP_422, 85);
-    jpeg("4:2:0, quality 85", TJSAMP_420, 85);
-    jpeg("4:4:4, quality 95", TJSAMP_444, 95);
-    jpeg("grey, quality 85", TJSAMP_GRAY, 85);
+    jpeg("4:2:2 quality 85", TJSAMP_422, 85);
+    jpeg("4:2:0 quality 85", TJSAMP_420, 85);
+    jpeg("4:4:4 quality 95", TJSAMP_444, 95);
+    jpeg("grey quality 85", TJSAMP_GRAY, 85);
     fclose(csv);
     return 0;
 }

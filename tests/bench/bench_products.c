@@ -1,11 +1,12 @@
 /* bench_products.c - one A x and one A^T y on the restricted system against the time that reading its
- * entries once would take.
+ * windows for each would take.
  *
- *     bound = (entries of both copies + x, y once) / bandwidth
- *     bandwidth: plain reading of a buffer as large as the entries, the same threads, the same run,
+ *     bound = (windows twice + x, and y on A's blocks, once) / bandwidth
+ *     bandwidth: plain reading of a buffer as large as the windows, the same threads, the same run,
  *                turn by turn with the products, so that both live in the same cache level
  * Times are the shortest of all turns. */
 #include "curve.h"
+#include "tests/lib/product.h"
 
 /* ---- reading ------------------------------------------------------------------------------------ */
 
@@ -61,27 +62,25 @@ static void read_task(void *ctx, size_t i)
 
 static FILE *csv;
 
-static const struct variant {
-    const char *name;
-    unsigned mask, needs;
-} variants[] = {
-    {"ref", 0, 0},
-    {"avx2", REC_CPU_AVX2, REC_CPU_AVX2},
-    {"avx512", REC_CPU_AVX2 | REC_CPU_AVX512, REC_CPU_AVX512},
-    {"neon", REC_CPU_NEON, REC_CPU_NEON},
-};
-
 /* Positive values: denormals and zeros would be another measurement. */
 static float *values(size_t n)
 {
-    float *v = bench_floats(n);
+    float *v = must_floats(n);
     for (size_t i = 0; i < n; i++)
         v[i] = (float)bench_even();
     return v;
 }
 
+static double bytes_of_windows(const struct rec_subsys *a)
+{
+    double window = (double)(sizeof *a->win.at + rec_window_size(&a->win)), more = 0;
+    for (int32_t s = 0; s < a->slabs; s++)
+        more += a->more_end[s] - a->more_at[s];
+    return (double)a->n * a->win.slots * window + more * sizeof *a->win.more;
+}
+
 static void products(const struct scene *s, const rec_sysmat *S, int nch, unsigned threads,
-                     const struct variant *variant)
+                     enum pvx_cpu level)
 {
     struct rec_frame_params p = rec_frame_defaults;
     struct rec_kernels kernels;
@@ -89,13 +88,10 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
     rec_frame *f;
     pvx_pool *pool;
     bool present[REC_MAX_CAMERAS];
-    rec_kernels_init(&kernels, variant->mask);
-    if ((rec_cpu_flags() & variant->needs) != variant->needs ||
-        strcmp(kernels.name, variant->name) != 0) /* no such kernels here, or PYROVOX_CPU forbids */
-        return;
+    rec_kernels_init(&kernels, level);
     CHECK(pvx_pool_new(threads, "bench", &pool));
     p.photo.saturation = 1e30f;
-    CHECK(rec_frame_new(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(slot_new(S, &s->rig, &p, pool, &f, NULL));
     bench_seed(1);
     scene_fill(s, f, 0.01);
     rec_frame_carve(f);
@@ -104,14 +100,19 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
     for (size_t c = 0; c < S->n_cameras; c++)
         present[c] = true;
     CHECK(rec_subsys_new(S, &kernels, pool, cs, &a));
-    rec_subsys_restrict(a, carved->col, carved->n, present);
+    rec_subsys_restrict(a, f->carver->restrictor, carved->col, carved->n, present);
 
-    size_t nx = (size_t)a->n * (size_t)cs, ny = (size_t)a->rows * (size_t)cs;
-    float *x = values(nx), *y = values(ny), *x_out = bench_floats(nx), *y_out = bench_floats(ny);
-    double entries = (double)a->nnz * (sizeof *a->by_row.entry + sizeof *a->by_col.entry);
-    double bytes = entries + (double)(nx + ny) * sizeof(float);
+    size_t nx = (size_t)a->n * (size_t)cs, ny = (size_t)a->win.room * (size_t)cs;
+    size_t nowhere = (size_t)a->win.nowhere * (size_t)cs;
+    float *x = values(nx), *y = values(ny), *x_out = must_floats(nx), *y_out = must_floats(ny);
+    memset(y + nowhere, 0, (ny - nowhere) * sizeof *y);
+    struct rec_images images;
+    CHECK(rec_images_new(S, cs, &images));
+    double windows = bytes_of_windows(a);
+    double bytes =
+        2 * windows + ((double)nx + (double)a->n_blocks * REC_ROW_BLOCK * cs) * sizeof *x;
     static struct reading r;
-    r.n = (size_t)entries / sizeof(wide) + 1;
+    r.n = (size_t)windows / sizeof(wide) + 1;
     wide *buffer = pvx_calloc(r.n, sizeof(wide));
     if (buffer == NULL)
         CHECK(PVX_ENOMEM);
@@ -119,9 +120,9 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
     r.at = buffer;
     r.sweep = sweep_plain;
 #if defined(__x86_64__)
-    if (rec_cpu_flags() & REC_CPU_AVX2)
+    if (pvx_cpu_have() >= PVX_CPU_AVX2)
         r.sweep = sweep_avx2;
-    if (rec_cpu_flags() & REC_CPU_AVX512)
+    if (pvx_cpu_have() >= PVX_CPU_AVX512)
         r.sweep = sweep_avx512;
 #endif
 
@@ -131,9 +132,9 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
     for (int block = 0; block < 8 && (block < 2 || spent < 700); block++) {
         for (int turn = 0; turn < 6; turn++) {
             int64_t t0 = pvx_now_mono();
-            rec_forward(a, x, y_out);
+            rec_forward(a, &images, x, y_out);
             int64_t t1 = pvx_now_mono();
-            rec_adjoint(a, y, x_out);
+            product_aty(a, y, x_out);
             int64_t t2 = pvx_now_mono();
             best[0] = fmin(best[0], ms(t1 - t0));
             best[1] = fmin(best[1], ms(t2 - t1));
@@ -148,38 +149,33 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
         }
     }
     double rate = (double)r.n * sizeof(wide) / (best[2] * 1e-3), bound = bytes / rate * 1e3;
-    const char *met = pair / bound <= 1.3 ? "aim" : pair / bound <= 2 ? "reach" : "no";
-    printf("  %4d^3 %-9s %2d %7u %-6s %6.2fM %6.1f %7.1f | %7.3f %7.3f %7.3f %7.3f | %5.2f %s\n",
-           S->grid.n[2], rec_basis_name(S->grid.basis), nch, threads, variant->name,
-           (double)a->nnz * 1e-6, bytes * 1e-6, rate * 1e-9, best[0], best[1], pair, bound,
-           pair / bound, nch == 3 ? met : "");
-    fprintf(csv, "%d,%s,%d,%u,%s,%llu,%.0f,%.4g,%.5f,%.5f,%.5f,%.5f,%.3f\n", S->grid.n[2],
-            rec_basis_name(S->grid.basis), nch, threads, variant->name, (unsigned long long)a->nnz,
-            bytes, rate, best[0], best[1], pair, bound, pair / bound);
-    fflush(stdout);
+    bench_row(csv, "%d,%s,%d,%u,%s,%llu,%.0f,%.4g,%.5f,%.5f,%.5f,%.5f,%.3f", S->grid.n[2],
+              rec_basis_name(S->grid.basis), nch, threads, pvx_cpu_name(level),
+              (unsigned long long)a->nnz, bytes, rate, best[0], best[1], pair, bound, pair / bound);
     free(buffer);
     free(x);
     free(y);
     free(x_out);
     free(y_out);
+    rec_images_free(&images);
     rec_subsys_free(&a);
-    rec_frame_free(&f);
+    slot_free(&f);
     pvx_pool_free(&pool);
 }
 
-static void size(int32_t voxels, int32_t w, int32_t h, enum rec_basis basis)
+static void all(const int32_t size[3], enum rec_basis basis)
 {
     struct scene s;
     pvx_pool *pool;
     CHECK(pvx_pool_new(2, "bench", &pool));
-    scene_flame(&s, 8, w, h, voxels, basis, 0.3, pool);
+    scene_flame(&s, size, basis, pool);
     rec_sysmat *S = scene_matrix(&s, 1, pool, NULL);
     pvx_pool_free(&pool);
     for (unsigned threads = 1; threads <= 2; threads++)
-        for (size_t v = 0; v < sizeof variants / sizeof *variants; v++) {
-            products(&s, S, 3, threads, &variants[v]);
+        for (int v = PVX_CPU_REF; v <= (int)pvx_cpu(); v++) {
+            products(&s, S, 3, threads, (enum pvx_cpu)v);
             if (threads == 2)
-                products(&s, S, 1, threads, &variants[v]);
+                products(&s, S, 1, threads, (enum pvx_cpu)v);
         }
     rec_sysmat_free(&S);
     scene_fini(&s);
@@ -187,17 +183,17 @@ static void size(int32_t voxels, int32_t w, int32_t h, enum rec_basis basis)
 
 int main(int argc, char **argv)
 {
-    csv = bench_csv(argc, argv, "products");
-    fprintf(csv, "voxels,basis,channels,threads,kernels,entries,bytes,read_bytes_per_s,a_ms,at_ms,"
-                 "pair_ms,bound_ms,ratio\n");
+    static const int32_t size_128[3] = {320, 240, 128};
     printf("\none A and one A^T of the restricted system, ring, 1 ray per pixel; ratio to reach 2, "
-           "aim 1.3\n"
-           "  voxels basis    ch threads kernels entries    MB  GB/s    |    A ms   A^T ms pair ms "
-           "bound ms | ratio\n");
-    size(64, 160, 120, REC_BOX);
-    size(64, 160, 120, REC_TRILINEAR);
-    size(128, 320, 240, REC_BOX);
-    size(128, 320, 240, REC_TRILINEAR);
+           "aim 1.3\n");
+    csv =
+        bench_csv(argc, argv, "products",
+                  "voxels,basis,channels,threads,kernels,entries,bytes,read_bytes_per_s,a_ms,at_ms,"
+                  "pair_ms,bound_ms,ratio");
+    all(size_64, REC_BOX);
+    all(size_64, REC_TRILINEAR);
+    all(size_128, REC_BOX);
+    all(size_128, REC_TRILINEAR);
     fclose(csv);
     return 0;
 }

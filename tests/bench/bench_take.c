@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include "base.h"
-#include "capture/take/take.h"
+#include "tests/lib/take.h"
 
 enum { CAMERAS = 8, W = 640, H = 480, FRAME = W * H * 3, SETS = 120, ROUNDS = 3 };
 #define MB (1e-6 * FRAME * CAMERAS * SETS)
@@ -78,14 +78,7 @@ static struct cost take(void)
         snprintf(name[i], sizeof name[i], "cam%d", i);
         cameras[i] = (struct cap_take_camera){.name = name[i]};
     }
-    struct cap_take_head h = {.rig = "",
-                              .config = "",
-                              .software = "bench",
-                              .host = "",
-                              .base = "/",
-                              .fps = 30,
-                              .n_cameras = CAMERAS,
-                              .camera = cameras};
+    struct cap_take_head h = take_head(cameras, CAMERAS);
     struct pvx_diag d = {""};
     struct cost c;
     cap_take_writer *w;

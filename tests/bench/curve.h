@@ -17,8 +17,7 @@ struct noise {
     bool bits8;   /* rounded and clipped to 0..255 as an 8-bit camera does, silhouettes included */
 };
 static const struct noise noise_0 = {"0 %", 0, false}, noise_1 = {"1 %", 0.01, false},
-                          noise_5 = {"5 %", 0.05, false}, noise_8bit = {"1 % 8-bit", 0.01, true},
-                          noise_5_8bit = {"5 % 8-bit", 0.05, true};
+                          noise_5 = {"5 %", 0.05, false}, noise_8bit = {"1 % 8-bit", 0.01, true};
 
 /* Pixels of one instant, ready to be copied into a slot: every solver gets the same ones. */
 struct shot {
@@ -35,7 +34,7 @@ static inline void shot_new(struct shot *t, const struct scene *s, const struct 
     for (size_t c = 0; c < t->n_cameras; c++) {
         size_t n = (size_t)s->rig.cameras[c].width * (size_t)s->rig.cameras[c].height;
         t->floats[c] = n * cs;
-        t->px[c] = bench_floats(n * cs);
+        t->px[c] = must_floats(n * cs);
         for (size_t i = 0; i < n; i++)
             for (size_t ch = 0; ch < nch; ch++) {
                 double v = s->image[c][i * nch + ch];
@@ -136,7 +135,7 @@ static inline struct point measure(const struct course *c, const struct setting 
     struct rec_frame_params p = rec_frame_defaults;
     struct point out = {0};
     size_t nch = (size_t)c->scene->nch, values = rec_grid_count(&c->S->grid) * nch;
-    float *dense = bench_floats(values);
+    float *dense = must_floats(values);
     rec_frame *f[2] = {NULL, NULL};
     struct rec_sparse volume[2];
     int counted = c->n - c->from;
@@ -147,7 +146,7 @@ static inline struct point measure(const struct course *c, const struct setting 
     p.solve.stop = set->stop;
     p.solve.iterations = set->iterations;
     for (int i = 0; i < (c->n > 1 ? 2 : 1); i++) /* as in a pipeline: the volume before stays */
-        CHECK(rec_frame_new(c->S, &c->scene->rig, &p, c->pool, &f[i], NULL));
+        CHECK(slot_new(c->S, &c->scene->rig, &p, c->pool, &f[i], NULL));
     for (int i = 0; i < c->n; i++) {
         rec_frame *now = f[i % 2];
         bool count = i >= c->from;
@@ -178,9 +177,36 @@ static inline struct point measure(const struct course *c, const struct setting 
     }
     out.ms += fmax(0, out.restrict_ms - c->restrict_ms);
     for (int i = 0; i < 2; i++)
-        rec_frame_free(&f[i]);
+        slot_free(&f[i]);
     free(dense);
     return out;
+}
+
+/* A solver's own stop on one shot, the volume dense [values]; the shorter of two times. */
+static inline struct rec_frame_report solve_once(const struct scene *s, const struct shot *shot,
+                                                 const rec_sysmat *S, const char *solver,
+                                                 pvx_pool *pool, float *dense, double *least_ms)
+{
+    struct rec_frame_params p = rec_frame_defaults;
+    struct rec_sparse v;
+    rec_frame *slot;
+    p.nch = s->nch;
+    p.photo.saturation = 1e30F;
+    p.solve.solver = solver;
+    CHECK(slot_new(S, &s->rig, &p, pool, &slot, NULL));
+    shot_put(shot, slot);
+    rec_frame_carve(slot);
+    *least_ms = INFINITY;
+    for (int r = 0; r < 2; r++) { /* the first one touches pages */
+        int64_t t0 = pvx_now_mono();
+        CHECK(rec_frame_solve(slot, 0, NULL));
+        *least_ms = fmin(*least_ms, ms(pvx_now_mono() - t0));
+    }
+    rec_frame_volume(slot, &v);
+    rec_sparse_to_dense(&v, dense);
+    struct rec_frame_report r = *rec_frame_get_report(slot);
+    slot_free(&slot);
+    return r;
 }
 
 /* What the restriction takes when nothing else is prepared with it: cgls-paper needs nothing. */

@@ -1,4 +1,5 @@
-/* field.h - an emission volume from disk as truth: trilinear between its cell centres, zero outside.
+/* field.h - an emission field as truth: a volume from disk, trilinear between its cell centres and
+ * zero outside, or a function.
  *
  * Line integrals are midpoint sums in quarter-cell steps, never the system matrix. */
 #ifndef BENCH_FIELD_H
@@ -9,16 +10,18 @@
 #include "capture/files/imgio.h"
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
+#include "tests/lib/centre.h"
 
 struct field {
-    float *v; /* [n2][n1][n0][3] */
-    int n[3];
+    float *v;                                     /* [n2][n1][n0][3], or NULL and */
+    void (*at)(const double x[3], double out[3]); /* a function that does not bend within a cell */
+    int n[3];                                     /* 0: no field */
     double lo[3], hi[3];
 };
 
-/* false: no such file (a file that is there and cannot be read ends the program). */
-static inline bool field_load(struct field *f, const char *path, const double lo[3],
-                              const double hi[3])
+/* The volume of a file, its box set by the caller.  false: no such file (one that is there and cannot be
+ * read ends the program). */
+static inline bool field_load(struct field *f, const char *path)
 {
     size_t shape[4];
     int ndim;
@@ -29,11 +32,8 @@ static inline bool field_load(struct field *f, const char *path, const double lo
         fprintf(stderr, "%s: not a volume [z][y][x][3]: %s\n", path, d.text);
         exit(1);
     }
-    for (int a = 0; a < 3; a++) {
+    for (int a = 0; a < 3; a++)
         f->n[a] = (int)shape[2 - a];
-        f->lo[a] = lo[a];
-        f->hi[a] = hi[a];
-    }
     return true;
 }
 
@@ -41,6 +41,10 @@ static inline void field_at(const struct field *f, const double x[3], double out
 {
     int i[3];
     double t[3];
+    if (f->at != NULL) {
+        f->at(x, out);
+        return;
+    }
     out[0] = out[1] = out[2] = 0;
     for (int a = 0; a < 3; a++) {
         double u = (x[a] - f->lo[a]) / (f->hi[a] - f->lo[a]) * f->n[a] - 0.5;
@@ -127,7 +131,7 @@ static inline void field_row(void *ctx, size_t y)
 /* What camera c sees, [h][w][3]: mean over 2 x 2 rays per pixel.  Owner: caller. */
 static inline float *field_image(const struct field *f, const struct rec_camera *c, pvx_pool *pool)
 {
-    struct field_job j = {f, c, NULL, bench_floats((size_t)c->width * (size_t)c->height * 3)};
+    struct field_job j = {f, c, NULL, must_floats((size_t)c->width * (size_t)c->height * 3)};
     pvx_pool_run(pool, (size_t)c->height, field_row, &j);
     return j.out;
 }
@@ -140,7 +144,7 @@ static inline void field_slice(void *ctx, size_t k)
     int m = g->basis == REC_BOX ? 4 : 1;
     for (size_t i = k * slice; i < (k + 1) * slice; i++) {
         double c[3], e[3];
-        rec_grid_centre(g, (int32_t)i, c);
+        grid_centre(g, (int32_t)i, c);
         for (int s = 0; s < m * m * m; s++) {
             double off[3] = {(s % m + 0.5) / m - 0.5, (s / m % m + 0.5) / m - 0.5,
                              (s / m / m + 0.5) / m - 0.5};
@@ -156,7 +160,7 @@ static inline void field_slice(void *ctx, size_t k)
 /* Truth on a grid, [nz][ny][nx][3]: mean over the cell (box) or value at its centre (trilinear). */
 static inline float *field_voxels(const struct field *f, const struct rec_grid *g, pvx_pool *pool)
 {
-    struct field_job j = {f, NULL, g, bench_floats(rec_grid_count(g) * 3)};
+    struct field_job j = {f, NULL, g, must_floats(rec_grid_count(g) * 3)};
     pvx_pool_run(pool, (size_t)g->n[2], field_slice, &j);
     return j.out;
 }

@@ -2,13 +2,16 @@
 
 A row of panels per basis, a panel per flame, a curve per solver: every point is a whole solve with
 another iteration budget; dotted: the default solver stopped by a deadline.  The star is what the
-solver returns by itself."""
+solver returns by itself.  fitted: the solver's constants were fitted on this flame; held out: nothing was."""
 import csv
 import sys
 from collections import defaultdict
 
-import matplotlib
-
+try:
+    import matplotlib
+except ImportError:
+    print("NOT RUN: picture, needs python3-matplotlib")
+    sys.exit(77)
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -20,10 +23,11 @@ curves, late, stops = defaultdict(list), defaultdict(list), {}
 solvers, scenes, bases, noise = [], [], [], None
 with open(folder + "/curves.csv", newline="") as f:
     for row in csv.DictReader(f):
-        key = row["scene"], row["basis"], row["solver"]
+        scene = row["scene"] + " (" + row["use"] + ")"
+        key = scene, row["basis"], row["solver"]
         point = float(row["ms"]), float(row["volume"])
         noise = row["noise"]
-        for name, known in ((row["solver"], solvers), (row["scene"], scenes), (row["basis"], bases)):
+        for name, known in ((row["solver"], solvers), (scene, scenes), (row["basis"], bases)):
             if name not in known:
                 known.append(name)
         if row["stop"] == "auto":
@@ -51,7 +55,7 @@ for r, basis in enumerate(bases):
             if (scene, basis, solver) in stops:
                 ax.plot(*stops[scene, basis, solver], marker="*", markersize=14, color=colour,
                         markeredgecolor="black", markeredgewidth=0.6, linestyle="none", zorder=4)
-        ax.set_title("%s, %s basis" % (scene, basis), fontsize=11)
+        ax.set_title("%s, %s" % (scene, basis), fontsize=11)
         ax.set_xscale("log")
         ax.set_yscale("log")
         lowest = min(e for (s, _, _), p in curves.items() if s == scene for _, e in p)

@@ -1,28 +1,42 @@
 #!/bin/bash
-# Run every benchmark of build folder $1: tables here, CSV and a picture in $1/bench.
-#   run.sh BUILD [FILTER]
+# Run every benchmark of build folder $1: tables here, CSV and a picture in $1/bench; a run of all of them
+# writes tests/bench/RESULTS.md too.
+#   run.sh BUILD [FILTER]        FILTER: a regular expression, bench_model|pixels
+#                                PYROVOX_DATA=DIR: the data that may not be shipped (../shared/data)
+# Ends with 1 where a benchmark failed, with 77 where a part could not run: NOT RUN lines say which, and
+# what it needs.
 set -u -o pipefail
 cd "$(dirname "$0")/../.."
 b=$1 filter=${2:-}
 out=$b/bench
 mkdir -p "$out"
+[ -z "$filter" ] && rm -f "$out"/*.csv "$out"/*.png "$out"/live.md
 PYROVOX_LIBDIR=$(realpath "$b")/lib # videos are read by a module that lies there
 export PYROVOX_LIBDIR
 rc=0
+run() { # name, command...
+    local name=$1 r t0=$SECONDS; shift
+    [[ $name =~ $filter ]] || return
+    "$@"; r=$?
+    echo "  ($name: $((SECONDS - t0)) s)"
+    case $r in
+        0) ;;
+        77) [ $rc = 0 ] && rc=77;;
+        *) echo "FAIL $name: exit $r"; rc=1;;
+    esac
+}
+live() { LIVE_SECONDS=${LIVE_SECONDS:-60} bash tests/bench/live.sh "$b" > "$out/live.md"; local r=$?; cat "$out/live.md"; return $r; }
 {
-    echo "machine: $(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1), $(nproc) CPUs"
-    echo "commit:  $(git describe --always --dirty 2>/dev/null || echo unknown)"
     for t in "$b"/tests/bench/bench_*; do
-        [[ $t == *.o || $t == *.d || ! -x $t || $t != *"$filter"* ]] && continue
-        "$t" "$out" || { echo "FAIL ${t##*/}: exit $?"; rc=1; }
+        [[ $t == *.o || $t == *.d || ! -x $t ]] || run "${t##*/}" "$t" "$out"
     done
-    # end to end, with simulated cameras
-    if [ -f tests/bench/live.sh ] && [[ live == *"$filter"* ]]; then
-        LIVE_SECONDS=${LIVE_SECONDS:-60} bash tests/bench/live.sh "$b" || { echo "FAIL live.sh: exit $?"; rc=1; }
-    fi
-    if [ -f "$out/curves.csv" ]; then
-        /usr/bin/python3 tests/bench/plot.py "$out" || rc=1
-    fi
+    run live live # end to end, with simulated cameras
+    run judge /usr/bin/python3 tests/bench/judge.py "$out"
+    run plot /usr/bin/python3 tests/bench/plot.py "$out"
     echo "CSV: $out"
     exit $rc
 } 2>&1 | tee "$out/bench.txt"
+rc=$?
+[ -n "$filter" ] || /usr/bin/python3 tests/bench/results.py "$out" $SECONDS || rc=1
+grep -h '^NOT RUN\|^FAIL' "$out/bench.txt" | sort -u
+exit $rc

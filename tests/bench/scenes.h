@@ -1,27 +1,9 @@
-/* scenes.h - flames with known truth, the cameras that see them and one more that judges.
- *
- *     ring      analytic flame in motion (recon/view/flame.h)
- *     campfire  a fluid simulation's fire, volumes in ../shared/data/campfire (12 frames)
- *     gauss40   40 Gaussians in an ellipsoid, one channel: smooth, convex
- *     ragged    64 thin streaks in five tongues: full of holes, detail below a voxel
- * Images come from line integrals that are known without the system matrix: those of Gaussians in
- * closed form, those of a volume summed in quarter-cell steps.  Pixels are area means. */
+/* scenes.h - a flame of flames.h at an instant, the cameras that see it and one more that judges.
+ * Pixels are area means. */
 #ifndef BENCH_SCENES_H
 #define BENCH_SCENES_H
-#include "base.h"
-#include "field.h"
-#include "recon/view/flame.h"
+#include "flames.h"
 #include "recon/geom/rig.h"
-
-enum flame_kind { FLAME_RING, FLAME_CAMPFIRE, FLAME_GAUSS40, FLAME_RAGGED };
-#define CAMPFIRE        "../shared/data/campfire"
-#define CAMPFIRE_FRAMES 12
-
-static inline const char *flame_name(enum flame_kind k)
-{
-    static const char *const name[] = {"ring", "campfire", "gauss40", "ragged"};
-    return name[k];
-}
 
 /* One instant. */
 struct scene {
@@ -29,7 +11,7 @@ struct scene {
     struct rec_camera unseen;      /* and the one that judges */
     int nch;                       /* 1 or 3 */
     struct rec_flame_pose pose;    /* what burns: blobs, */
-    struct field field;            /* or a volume, when field.v is not NULL */
+    struct field field;            /* or a field, when it has cells */
     double scale;                  /* of all images and the truth */
     float *image[REC_MAX_CAMERAS]; /* [h][w][nch], clean */
     float *unseen_image;
@@ -93,10 +75,10 @@ static inline float *scene_image(const struct scene *s, const struct rec_camera 
 {
     size_t n = (size_t)c->width * (size_t)c->height;
     float *img;
-    if (s->field.v != NULL) {
+    if (s->field.n[0] > 0) {
         img = field_image(&s->field, c, pool);
     } else {
-        img = bench_floats(n * 3);
+        img = must_floats(n * 3);
         struct flame_job j = {&s->pose, c, img};
         pvx_pool_run(pool, ((size_t)c->height + REC_FLAME_BAND - 1) / REC_FLAME_BAND, flame_band,
                      &j);
@@ -138,10 +120,10 @@ static inline void scene_truth(struct scene *s, enum rec_basis basis, pvx_pool *
     struct rec_grid *g = &s->rig.grid;
     g->basis = basis;
     free(s->truth);
-    if (s->field.v != NULL) {
+    if (s->field.n[0] > 0) {
         s->truth = field_voxels(&s->field, g, pool);
     } else {
-        s->truth = bench_floats(rec_grid_count(g) * 3);
+        s->truth = must_floats(rec_grid_count(g) * 3);
         rec_flame_voxels(&s->pose, g, 0, g->n[2], s->truth);
     }
     keep_channels(s, s->truth, rec_grid_count(g));
@@ -172,96 +154,63 @@ static inline void pose_ring(struct scene *s, uint32_t seed, double t, double dx
         s->pose.blob[b].m[0] += dx;
 }
 
-static inline void pose_gauss40(struct scene *s)
+/* A volume shrunk to the rig: 1 m high, the grid around it in steps of four voxels of 1/64 m. */
+static inline bool load_volume(struct scene *s, const struct flame *f, int number)
 {
-    s->nch = 1;
-    s->pose.n = 40;
-    bench_seed(40);
-    for (int b = 0; b < 40; b++) {
-        struct rec_blob *q = &s->pose.blob[b];
-        double u[3], r2;
-        do {
-            r2 = 0;
-            for (int a = 0; a < 3; a++) {
-                u[a] = 2 * bench_even() - 1;
-                r2 += u[a] * u[a];
-            }
-        } while (r2 > 1);
-        double size = 0.024 + 0.030 * bench_even();
-        for (int a = 0; a < 3; a++) {
-            q->m[a] = u[a] * (a == 2 ? 0.30 : 0.17) + (a == 2 ? 0.5 : 0);
-            q->s[a] = size;
-            q->a[a] = 0;
-        }
-        q->a[0] = 0.5 + bench_even();
-    }
-}
-
-static inline void pose_ragged(struct scene *s)
-{
-    s->pose.n = 60;
-    bench_seed(60);
-    for (int b = 0; b < 60; b++) {
-        struct rec_blob *q = &s->pose.blob[b];
-        double tongue = 1.2566 * (b % 5), up = bench_even(), out = 0.06 + 0.20 * up;
-        q->m[0] = out * cos(tongue + up) + 0.02 * bench_normal();
-        q->m[1] = out * sin(tongue + up) + 0.02 * bench_normal();
-        q->m[2] = 0.12 + 0.66 * up;
-        q->s[0] = q->s[1] = 0.007 + 0.010 * bench_even();
-        q->s[2] = 0.015 + 0.045 * bench_even();
-        double heat = bench_even();
-        q->a[0] = 1;
-        q->a[1] = 0.3 + 0.5 * heat;
-        q->a[2] = 0.05 + 0.5 * heat * heat;
-    }
-}
-
-/* The campfire, shrunk to the rig: its box of 2 x 2 x 4 m becomes 1/2 x 1/2 x 1, voxels a 1/64. */
-static inline bool pose_campfire(struct scene *s, int frame)
-{
-    static const double lo[3] = {-0.25, -0.25, 0}, hi[3] = {0.25, 0.25, 1};
     struct rec_grid *g = &s->rig.grid;
-    char path[sizeof CAMPFIRE + 32];
-    snprintf(path, sizeof path, CAMPFIRE "/emission-%06d.npy", frame);
-    if (!field_load(&s->field, path, lo, hi))
+    char path[1024], file[128];
+    snprintf(file, sizeof file, "%s/emission-%06d.npy", f->folder, number);
+    bench_data(path, file);
+    if (!field_load(&s->field, path)) {
+        bench_not_run(f->name, path);
         return false;
-    memcpy(g->min, lo, sizeof g->min);
-    memcpy(g->max, hi, sizeof g->max);
-    g->n[0] = g->n[1] = g->n[2] / 2;
+    }
+    for (int a = 0; a < 3; a++) { /* cells are cubes */
+        double wide = (double)s->field.n[a] / s->field.n[2];
+        double voxels = a < 2 ? 4 * ceil(wide * g->n[2] / 4 - 1e-9) : g->n[2];
+        s->field.lo[a] = a < 2 ? -wide / 2 : 0;
+        s->field.hi[a] = s->field.lo[a] + wide;
+        g->min[a] = a < 2 ? -voxels / g->n[2] / 2 : 0;
+        g->max[a] = g->min[a] + voxels / g->n[2];
+        if (a < 2)
+            g->n[a] = (int32_t)voxels;
+    }
     return true;
 }
 
-/* A flame seen by a set of cameras: `t` is the time of the ring, or the campfire's frame.  Images
- * only; scene_truth follows.  false: data that are not there, a line says so. */
+/* A flame seen by a set of cameras at time or frame `t`.  Images only; scene_truth follows.  false: data
+ * that are not there, a line says so. */
 static inline bool scene_new(struct scene *s, enum flame_kind kind, const struct view_set *v,
-                             int32_t w, int32_t h, int32_t voxels, double t, pvx_pool *pool)
+                             const int32_t size[3], double t, pvx_pool *pool)
 {
-    scene_views(s, v, w, h, voxels);
-    switch (kind) {
-    case FLAME_RING: pose_ring(s, 1, t, 0); break;
-    case FLAME_GAUSS40: pose_gauss40(s); break;
-    case FLAME_RAGGED: pose_ragged(s); break;
-    case FLAME_CAMPFIRE:
-        if (!pose_campfire(s, (int)t)) {
-            printf("  campfire: skipped, no " CAMPFIRE " here\n");
-            rec_rig_fini(&s->rig);
-            return false;
-        }
+    const struct flame *f = &flames[kind];
+    scene_views(s, v, size[0], size[1], size[2]);
+    s->nch = f->nch;
+    if (f->folder != NULL && !load_volume(s, f, (int)t)) {
+        rec_rig_fini(&s->rig);
+        return false;
     }
+    if (f->pose != NULL)
+        f->pose(&s->pose);
+    else if (f->at != NULL)
+        s->field = (struct field){
+            .at = f->at, .n = {64, 64, 64}, .lo = {-0.5, -0.5, 0}, .hi = {0.5, 0.5, 1}};
+    else if (f->folder == NULL)
+        pose_ring(s, 1, t, 0);
     scene_shoot(s, pool);
     if (kind != FLAME_RING) /* which is scaled already */
         scene_rescale(s, PEAK / s->peak);
     return true;
 }
 
+/* Pictures of 160x120, 64 voxels high. */
+static const int32_t size_64[3] = {160, 120, 64};
+
 /* The analytic flame with its truth. */
-static inline void scene_flame(struct scene *s, size_t n, int32_t w, int32_t h, int32_t voxels,
-                               enum rec_basis basis, double t, pvx_pool *pool)
+static inline void scene_flame(struct scene *s, const int32_t size[3], enum rec_basis basis,
+                               pvx_pool *pool)
 {
-    struct view_set v = {.ring = n + 1, .n = n, .judge = n / 2};
-    for (size_t c = 0; c < n; c++)
-        v.use[c] = (uint8_t)(c < n / 2 ? c : c + 1);
-    (void)scene_new(s, FLAME_RING, &v, w, h, voxels, t, pool);
+    (void)scene_new(s, FLAME_RING, &views_8, size, flames[FLAME_RING].t, pool);
     scene_truth(s, basis, pool);
 }
 

@@ -6,6 +6,7 @@
 #include <stdbool.h>
 
 #include "capture/pixel/pixfmt_priv.h"
+#include "tests/lib/likeness.h"
 
 static uint8_t *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image *img)
 {
@@ -37,16 +38,6 @@ static uint8_t *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image 
     return data;
 }
 
-static bool same(const float *a, const float *b, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        if (memcmp(&a[i], &b[i], 4) != 0 && !(isnan(a[i]) && isnan(b[i]))) {
-            printf("  at %zu: %.9g, want %.9g\n", i, (double)a[i], (double)b[i]);
-            return false;
-        }
-    return true;
-}
-
 static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_params *p, int pad,
                     uint8_t yuv)
 {
@@ -61,13 +52,14 @@ static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_pa
     T_EQ_I(cap_pix_check(&img, p, 0, bh, &j), PVX_OK);
     cap_pix_ref(&j, 0, bh, want + 1);
     for (int k = 0; k < 2; k++) { /* in plain C, and what this processor gets */
-        const struct cap_pix_ways *ways = k == 0 ? &cap_pix_plain : cap_pix_ways();
+        struct cap_pix_ways ways;
+        cap_pix_ways_init(&ways, k == 0 ? PVX_CPU_REF : PVX_CPU_BEST);
         memset(got, 0xA5, n * 4 + 4);
-        cap_pix_run(ways, &j, 0, bh / 3, got + 1);
-        cap_pix_run(ways, &j, bh / 3, bh, got + 1);
-        T_CHECK_(same(got + 1, want + 1, n),
+        cap_pix_run(&ways, &j, 0, bh / 3, got + 1);
+        cap_pix_run(&ways, &j, bh / 3, bh, got + 1);
+        T_CHECK_(image_same(got + 1, want + 1, n),
                  "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d, %s", cap_pixfmt_name(f),
-                 w, h, p->binning, p->nch, p->transfer, p->mosaic, ways->name);
+                 w, h, p->binning, p->nch, p->transfer, p->mosaic, k == 0 ? "plain" : "fast");
     }
     free(want);
     free(got);
@@ -79,7 +71,7 @@ static bool is_integer(enum cap_pixfmt f)
     return cap_pixfmt_layout(f) != CAP_LAYOUT_JPEG && cap_pixfmt_depth(f) != 32;
 }
 
-static void every_format_and_binning(void)
+T_CASE(every_format_and_binning)
 {
     static const int binnings[] = {1, 2, 3, 4, 5, 6, 7, 8, 32, 33, 64};
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
@@ -94,7 +86,7 @@ static void every_format_and_binning(void)
 }
 
 /* Wider than the pieces that the fast ways work in, and ends in all places of a group. */
-static void wide_rows(void)
+T_CASE(wide_rows)
 {
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
         for (int b = 1; b <= 5 && f != CAP_JPEG; b++)
@@ -104,7 +96,7 @@ static void wide_rows(void)
             }
 }
 
-static void transfers_and_matrices(void)
+T_CASE(transfers_and_matrices)
 {
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
         for (int b = 1; b <= 4 && is_integer(f); b++)
@@ -115,7 +107,7 @@ static void transfers_and_matrices(void)
                             (uint8_t)(t_rand() >> 60));
 }
 
-static void rays(void)
+T_CASE(rays)
 {
     for (enum cap_pixfmt f = CAP_BAYER_RG8; f <= CAP_BAYER_BG12CSI; f++)
         for (int w = 2; w < 700; w = w * 3 + 1)
@@ -127,25 +119,10 @@ static void rays(void)
                         0, 0);
 }
 
-/* PYROVOX_CPU=ref keeps to plain C; else the processor decides. */
-static void the_processor_decides(void)
+T_CASE(the_processor_decides)
 {
-    const char *env = getenv("PYROVOX_CPU");
-    bool plain = env != NULL && strcmp(env, "ref") == 0;
-#if defined(__x86_64__)
-    plain |= !__builtin_cpu_supports("avx2");
-#else
-    plain = true;
-#endif
-    T_EQ_S(cap_pix_ways()->name, plain ? "ref" : "avx2");
-}
-
-int main(void)
-{
-    T_RUN(every_format_and_binning);
-    T_RUN(wide_rows);
-    T_RUN(transfers_and_matrices);
-    T_RUN(rays);
-    T_RUN(the_processor_decides);
-    return t_done();
+    struct cap_pix_ways plain, best;
+    cap_pix_ways_init(&plain, PVX_CPU_REF);
+    cap_pix_ways_init(&best, PVX_CPU_BEST);
+    T_EQ_I(plain.sums != best.sums, pvx_cpu() >= PVX_CPU_AVX2);
 }

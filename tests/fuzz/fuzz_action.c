@@ -1,7 +1,6 @@
 /* Answers to action commands: anything may come in on the port. */
 #include "capture/wire/action.h"
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+#include "tests/fuzz/fuzz.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

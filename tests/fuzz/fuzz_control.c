@@ -1,11 +1,9 @@
 /* fuzz_control.c - any bytes as a request to the control socket: always a JSON object back. */
 #include <cjson/cJSON.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 
 #include "base/log.h"
 #include "daemon/control/control.h"
+#include "tests/fuzz/fuzz.h"
 
 static size_t status(void *ctx, char *out, size_t size)
 {
@@ -17,7 +15,6 @@ static void nothing(void *ctx)
     (void)ctx;
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static char reply[DMN_REPLY_MAX];
@@ -25,10 +22,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         .status = status, .reset_latency = nothing, .stop = nothing};
     size_t n = dmn_control_handle(&ops, data, size, reply, sizeof reply);
     cJSON *j = cJSON_ParseWithLength(reply, n);
-    if (n < 2 || n >= sizeof reply || !cJSON_IsObject(j))
-        abort();
-    if (size > DMN_REQUEST_MAX && cJSON_GetObjectItem(j, "error") == NULL)
-        abort();
+    MUST(n >= 2 && n < sizeof reply && cJSON_IsObject(j));
+    MUST(size <= DMN_REQUEST_MAX || cJSON_GetObjectItem(j, "error") != NULL);
     cJSON_Delete(j);
     return 0;
 }

@@ -1,10 +1,7 @@
 /* fuzz_npy.c - .npy bytes: every accepted file gives exactly what its shape says. */
-#include <stdint.h>
-#include <stdlib.h>
 
 #include "capture/files/imgio.h"
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+#include "tests/fuzz/fuzz.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
@@ -13,8 +10,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     int ndim;
     if (cap_npy_parse(data, size, "fuzz", &v, shape, &ndim, NULL) == PVX_OK) {
         size_t n = shape[0] * shape[1] * shape[2] * shape[3];
-        if (ndim < 1 || ndim > 4 || n == 0 || n > size)
-            abort();
+        MUST(ndim >= 1 && ndim <= 4 && n != 0 && n <= size);
         volatile float last = v[n - 1];
         (void)last;
     } else if (v != NULL) {

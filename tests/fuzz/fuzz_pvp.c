@@ -1,10 +1,8 @@
 /* Any bytes as a message, of any type; volumes are unpacked as a client would. */
 #include <math.h>
-#include <stdlib.h>
 
 #include "proto/pvp.h"
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+#include "tests/fuzz/fuzz.h"
 
 static void volume(const uint8_t *data, size_t size)
 {
@@ -36,12 +34,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     char reason[PVP_REASON_MAX];
     if (pvp_decode_header(data, size, &h, &d) != PVX_OK)
         return 0;
-    if (pvp_decode_start(data, size, &start, NULL) == PVX_OK && h.type != PVP_START)
-        abort();
-    if (pvp_decode_status(data, size, &json, &json_len, NULL) == PVX_OK && json_len > size)
-        abort();
-    if (pvp_decode_end(data, size, &session, reason, NULL) == PVX_OK && h.type != PVP_END)
-        abort();
+    MUST(pvp_decode_start(data, size, &start, NULL) != PVX_OK || h.type == PVP_START);
+    MUST(pvp_decode_status(data, size, &json, &json_len, NULL) != PVX_OK || json_len <= size);
+    MUST(pvp_decode_end(data, size, &session, reason, NULL) != PVX_OK || h.type == PVP_END);
     volume(data, size);
     return 0;
 }

@@ -1,22 +1,10 @@
 /* Any bytes as a rig.yaml: refused with a message, or a rig that is sound and reads back the same. */
 #include <math.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "recon/geom/rig.h"
 #include "recon/matrix/sysmat.h"
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-
-#define MUST(cond)                                                     \
-    do {                                                               \
-        if (!(cond)) {                                                 \
-            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #cond); \
-            abort();                                                   \
-        }                                                              \
-    } while (0)
+#include "tests/fuzz/fuzz.h"
 
 static void use(const struct rec_rig *r)
 {

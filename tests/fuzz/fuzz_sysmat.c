@@ -1,34 +1,34 @@
-/* Any bytes as a matrix file: refused with a message, or a matrix whose every index is in bounds.
+/* Any bytes as a matrix file: refused with a message, or a matrix whose every window is in bounds.
  * Each input is tried as it is and with its checksums made right, so that what lies behind them is
  * reached too. */
 #include <math.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
-#include "recon/matrix/sysmat.h"
+#include "recon/matrix/subsys.h"
+#include "tests/fuzz/fuzz.h"
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-
-#define MUST(cond)                                                     \
-    do {                                                               \
-        if (!(cond)) {                                                 \
-            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #cond); \
-            abort();                                                   \
-        }                                                              \
-    } while (0)
+/* A window that a product adds to: every weight that is not 0 to a bin, and no bin behind the room. */
+static void use_window(const rec_sysmat *m, size_t slot, uint32_t at, const uint8_t *w)
+{
+    const struct rec_windows *v = &m->win;
+    MUST(at == v->nowhere || (slot < m->n_cameras && at >= m->row0[slot]));
+    for (uint32_t r = 0; r < (uint32_t)v->high; r++)
+        for (uint32_t k = 0; k < (uint32_t)v->wide; k++, w++) {
+            uint64_t bin = (uint64_t)at + (uint64_t)r * (uint32_t)v->pitch[slot] + k;
+            MUST(bin < v->room);
+            MUST(*w == 0 || (at != v->nowhere && bin < m->row0[slot + 1]));
+        }
+}
 
 /* What a reader of the matrix does, without checks of its own. */
 static void use(const rec_sysmat *m)
 {
-    size_t N = rec_grid_count(&m->grid);
-    uint64_t nnz = 0;
-    double sum = 0;
+    size_t N = rec_grid_count(&m->grid), slots = (size_t)m->win.slots;
+    size_t size = rec_window_size(&m->win);
     for (size_t c = 0; c < m->n_cameras; c++) {
         const struct rec_sysmat_block *b = &m->block[c];
         MUST(m->row0[c + 1] - m->row0[c] == (size_t)b->bw * (size_t)b->bh);
@@ -37,16 +37,52 @@ static void use(const rec_sysmat *m)
             MUST(!rec_rect_seen(f) || (f.x1 < b->bw && f.y1 < b->bh && f.y0 <= f.y1));
         }
     }
-    for (size_t j = 0; j < N; j++)
-        for (uint32_t e = m->colptr[j]; e < m->colptr[j + 1]; e++, nnz++) {
-            MUST(m->row[e] < m->row0[m->n_cameras]);
-            MUST(e == m->colptr[j] || m->row[e] > m->row[e - 1]);
-            MUST(m->val[e] > 0);
-            sum += rec_sysmat_value(m, e);
-        }
-    MUST(nnz == m->nnz && sum >= 0);
+    MUST(slots >= m->n_cameras && slots % REC_SLOT_GROUP == 0 && size <= REC_WINDOW_MAX);
+    for (size_t i = 0; i < N * slots; i++)
+        use_window(m, i % slots, m->win.at[i], m->win.w + i * size);
+    for (size_t i = 0; i < m->win.n_more; i++) {
+        const struct rec_more *k = &m->win.more[i];
+        MUST(k->column < N && k->slot < m->n_cameras && k->at != m->win.nowhere);
+        MUST(i == 0 || k->column >= k[-1].column);
+        use_window(m, k->slot, k->at, k->w);
+    }
     if (m->coarse != NULL)
         use(m->coarse);
+}
+
+/* All its columns and cameras as a system, and both products: nothing that they read or write is checked. */
+static void solve(const rec_sysmat *m)
+{
+    struct rec_subsys *a = NULL;
+    struct rec_restrictor *r = NULL;
+    struct rec_images images = {0};
+    struct rec_kernels k;
+    bool present[REC_MAX_CAMERAS];
+    size_t N = rec_grid_count(&m->grid), room = m->win.room;
+    if (room > 1 << 20) /* it takes too long */
+        return;
+    memset(present, true, sizeof present);
+    rec_kernels_init(&k, PVX_CPU_BEST);
+    int32_t *col = malloc(N * sizeof *col);
+    float *x = calloc(N, sizeof *x), *y = calloc(room, sizeof *y);
+    MUST(col != NULL && x != NULL && y != NULL);
+    MUST(rec_subsys_new(m, &k, NULL, 1, &a) == PVX_OK);
+    MUST(rec_restrictor_new(m, &r) == PVX_OK && rec_images_new(m, 1, &images) == PVX_OK);
+    for (size_t j = 0; j < N; j++) {
+        col[j] = (int32_t)j;
+        x[j] = 1;
+    }
+    rec_subsys_restrict(a, r, col, (int32_t)N, present);
+    rec_forward(a, &images, x, y);
+    rec_adjoint_range(a, y, 0, a->n, x);
+    for (size_t i = m->win.nowhere; i < room; i++)
+        MUST(y[i] >= 0 && y[i] <= 0);
+    rec_images_free(&images);
+    rec_restrictor_free(&r);
+    rec_subsys_free(&a);
+    free(col);
+    free(x);
+    free(y);
 }
 
 static void try(const uint8_t *data, size_t size)
@@ -59,10 +95,12 @@ static void try(const uint8_t *data, size_t size)
     snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
     rec_sysmat *m;
     pvx_err e = rec_sysmat_load(path, 0, true, NULL, &m, &d);
-    if (e == PVX_OK)
+    if (e == PVX_OK) {
         use(m);
-    else
+        solve(m);
+    } else {
         MUST(m == NULL && d.text[0] != '\0');
+    }
     rec_sysmat_free(&m);
     close(fd);
 }
@@ -87,18 +125,19 @@ static void mend(uint8_t *p, size_t size)
     memcpy(&levels, p + 36, 4);
     cameras = cameras < 1 || cameras > 64 ? 1 : cameras;
     levels = levels < 1 || levels > 7 ? 1 : levels;
-    head = 128 + 8 * cameras + levels * (8 * cameras + 24 * (3 + cameras));
+    const uint32_t row = 8 * cameras + 8 + 24 * (3 + cameras); /* of a level */
+    head = 128 + 8 * cameras + levels * row;
     if (head > size)
         return;
-    memcpy(p, "PVXMATRX\2\0\0\0", 12);
+    memcpy(p, "PVXMATRX\3\0\0\0", 12);
     memcpy(p + 12, &head, 4);
     memcpy(p + 24, &length, 8);
     memcpy(p + 32, &cameras, 4);
     memcpy(p + 36, &levels, 4);
     for (uint32_t l = 0; l < levels; l++)
         for (uint32_t s = 0; s < 3 + cameras; s++) {
-            uint8_t *level = p + 128 + 8 * cameras + l * (8 * cameras + 24 * (3 + cameras));
-            uint8_t *section = level + 8 * cameras + 24 * s;
+            uint8_t *level = p + 128 + 8 * cameras + l * row;
+            uint8_t *section = level + 8 * cameras + 8 + 24 * s;
             memcpy(&at, section, 8);
             memcpy(&bytes, section + 8, 8);
             if (at <= size && bytes <= size - at) {

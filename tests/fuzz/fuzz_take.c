@@ -6,16 +6,13 @@
  *     2  a byte of the table of members, ditto 3  the file is cut there
  * Whatever opens is read from end to end; what it says must be consistent. */
 #include <fcntl.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
 
 #include "capture/take/h5.h"
-
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+#include "tests/fuzz/fuzz.h"
+#include "tests/lib/take.h"
 
 #define CAMERAS 2
 #define SETS    3
@@ -45,48 +42,35 @@ static void put_set(cap_take_writer *w, uint64_t number)
                                   .release = no_release};
         s.frame[c] = &f[c];
     }
-    if (cap_take_put_set(w, &s, NULL) != PVX_OK)
-        abort();
+    MUST(cap_take_put_set(w, &s, NULL) == PVX_OK);
 }
 
 static size_t find(const void *what, size_t n)
 {
     unsigned char *p = memmem(base, base_size, what, n);
-    if (p == NULL)
-        abort();
+    MUST(p != NULL);
     return (size_t)(p - base);
 }
 
 static void make_base(void)
 {
     static const struct cap_take_camera cameras[CAMERAS] = {{.name = "a"}, {.name = "b"}};
-    struct cap_take_head h = {.rig = "rig",
-                              .config = "config",
-                              .software = "fuzz",
-                              .host = "",
-                              .base = "/",
-                              .fps = 20,
-                              .n_cameras = CAMERAS,
-                              .camera = cameras};
+    struct cap_take_head h = take_head(cameras, CAMERAS);
     char name[] = "/tmp/fuzz_take-XXXXXX";
     int tmp = mkstemp(name);
     cap_take_writer *w;
-    if (tmp < 0 || unlink(name) != 0 || cap_take_create(name, &h, &w, NULL) != PVX_OK)
-        abort();
+    MUST(tmp >= 0 && unlink(name) == 0 && cap_take_create(name, &h, &w, NULL) == PVX_OK);
     close(tmp);
     for (uint64_t k = 0; k < SETS; k++)
         put_set(w, 0x7700 + k);
-    if (cap_take_close(&w, NULL) != PVX_OK)
-        abort();
+    MUST(cap_take_close(&w, NULL) == PVX_OK);
     FILE *f = fopen(name, "rb");
-    if (f == NULL)
-        abort();
+    MUST(f != NULL);
     fseek(f, 0, SEEK_END);
     base_size = (size_t)ftell(f);
     rewind(f);
     base = malloc(base_size);
-    if (base == NULL || fread(base, 1, base_size, f) != base_size)
-        abort();
+    MUST(base != NULL && fread(base, 1, base_size, f) == base_size);
     fclose(f);
     unlink(name);
     for (uint64_t i = 0; i < ROWS; i++) {
@@ -100,8 +84,7 @@ static void make_base(void)
     int64_t members[SETS * CAMERAS] = {0, 0, 1, 1, 2, 2};
     member_at = find(members, sizeof members);
     fd = memfd_create("take", MFD_CLOEXEC);
-    if (fd < 0)
-        abort();
+    MUST(fd >= 0);
     snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
 }
 
@@ -144,13 +127,11 @@ static size_t change(unsigned char *file, size_t size, const uint8_t *p)
 static void use(const cap_take *t)
 {
     const struct cap_take_info *i = cap_take_info(t);
-    if (i->head.n_cameras < 1 || i->head.n_cameras > CAP_MAX_CAMERAS)
-        abort();
+    MUST(i->head.n_cameras >= 1 && i->head.n_cameras <= CAP_MAX_CAMERAS);
     for (uint64_t k = 0; k < i->sets; k++) {
         const int64_t *member;
         const struct cap_take_set *s = cap_take_set(t, k, &member);
-        if (cap_take_find_set(t, (int64_t)s->number) != (int64_t)k)
-            abort();
+        MUST(cap_take_find_set(t, (int64_t)s->number) == (int64_t)k);
         for (uint32_t c = 0; c < i->head.n_cameras; c++)
             if (member[c] >= 0 &&
                 cap_take_row(t, c, (uint64_t)member[c])->set != (int64_t)s->number)
@@ -181,8 +162,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     size_t n = base_size;
     for (size_t i = 0; i + 6 <= size && i < 96; i += 6)
         n = change(file, n, data + i);
-    if (ftruncate(fd, 0) != 0 || pwrite(fd, file, n, 0) != (ssize_t)n)
-        abort();
+    MUST(ftruncate(fd, 0) == 0 && pwrite(fd, file, n, 0) == (ssize_t)n);
     free(file);
     cap_take *t;
     struct pvx_diag d = {""};

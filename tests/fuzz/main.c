@@ -2,13 +2,10 @@
  * Each input is also tried cut short at every length up to 512 and with single bytes changed, so
  * that a plain build exercises more than the well-formed files. */
 #include <dirent.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+#include "tests/fuzz/fuzz.h"
 
 static int inputs;
 

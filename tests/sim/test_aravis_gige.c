@@ -1,6 +1,7 @@
 /* What is asked for with gige.* is so in the kernel and at the camera: the receiving thread's priority, the
  * room of its socket, whether lost packets are asked for again.  And what the host refuses is said, once,
  * with a remedy, and capture goes on. */
+#include <arv.h>
 #include <ctype.h>
 #include <dirent.h>
 #include <fcntl.h>
@@ -10,7 +11,9 @@
 #include <sys/socket.h>
 #include <sys/syscall.h>
 
-#include "arvbed.h"
+#include "capture/gev/ring.h"
+#include "tests/lib/logged.h"
+#include "tests/lib/arvbed.h"
 
 #define PRIORITY 37     /* nobody else has it */
 #define ROOM     123456 /* nor this */
@@ -53,39 +56,6 @@ static int has_room(int fd, int bytes)
            getsockopt(fd, SOL_SOCKET, SO_RCVBUF, &got, &b) == 0 && got == 2 * bytes;
 }
 
-/* What is logged from here on, until log_end. */
-static int log_fd = -1, log_err = -1;
-static char log_text[65536];
-
-static void log_begin(void)
-{
-    char path[] = "/tmp/pyrovox-test-XXXXXX";
-    log_fd = mkstemp(path);
-    log_err = dup(STDERR_FILENO);
-    T_OK(log_fd >= 0 && log_err >= 0);
-    unlink(path);
-    dup2(log_fd, STDERR_FILENO);
-    pvx_log_set_level(PVX_LOG_WARN);
-}
-
-static void log_end(void)
-{
-    pvx_log_set_level(PVX_LOG_ERROR);
-    dup2(log_err, STDERR_FILENO);
-    close(log_err);
-    ssize_t n = pread(log_fd, log_text, sizeof log_text - 1, 0);
-    close(log_fd);
-    log_text[n > 0 ? n : 0] = '\0';
-}
-
-static int said(const char *what)
-{
-    int n = 0;
-    for (const char *p = log_text; (p = strstr(p, what)) != NULL; p++)
-        n++;
-    return n;
-}
-
 /* ---- priority --------------------------------------------------------------------------------- */
 
 static bool set_nice_capability(bool on)
@@ -107,9 +77,43 @@ static bool may_run_in_real_time(void)
            sched_setscheduler(0, SCHED_OTHER, &none) == 0;
 }
 
-static void receiving_threads_have_the_priority_asked_for(void)
+/* As an ordinary user, on a machine without RtKit.  Said once in a process: the first case. */
+T_CASE(without_the_right_it_is_said_and_capture_goes_on)
 {
-    NEED_BED();
+    bed_all(25);
+    struct rlimit was, none;
+    T_EQ_I(getrlimit(RLIMIT_RTPRIO, &was), 0);
+    none = was;
+    none.rlim_cur = 0;
+    setenv("DBUS_SYSTEM_BUS_ADDRESS", "unix:path=/nowhere", 1);
+    T_EQ_I(setrlimit(RLIMIT_RTPRIO, &none), 0);
+    T_OK(set_nice_capability(false)); /* threads started from now on are without it, too */
+    T_OK(!may_run_in_real_time());
+    log_begin(PVX_LOG_WARN);
+    struct session s[2];
+    for (int c = 0; c < 2; c++) {
+        struct cap_source_config config = bed_source(c);
+        config.gige.rt_priority = PRIORITY;
+        config.gige.socket_buffer = ROOM; /* that is there */
+        if (begin(&s[c], &config))
+            for (int k = 0; k < 5 && next_good(&s[c]); k++)
+                ;
+        T_EQ_I(s[c].good, 5);
+    }
+    T_EQ_I(each_of("/proc/self/task", in_real_time, 0), 0);
+    for (int c = 0; c < 2; c++)
+        end(&s[c]);
+    log_end();
+    set_nice_capability(true);
+    setrlimit(RLIMIT_RTPRIO, &was);
+    T_EQ_I(log_count("no real-time priority (gige.rt_priority 37)"), 1); /* of two cameras */
+    T_EQ_I(log_count(" warn "), 1);
+    T_CONTAINS(log_text, "camera a: ");
+    T_CONTAINS(log_text, "Remedy: run as the service or raise the limit rtprio");
+}
+
+T_CASE(receiving_threads_have_the_priority_asked_for)
+{
     if (!may_run_in_real_time())
         T_SKIP("no thread may run in real time here (CAP_SYS_NICE, limit rtprio, cgroup)");
     bed_all(25);
@@ -121,7 +125,7 @@ static void receiving_threads_have_the_priority_asked_for(void)
             config.gige.rt_priority = asked[k];
             config.gige.socket_buffer = ROOM;
             if (begin(&s[c], &config))
-                take_good(&s[c]);
+                next_good(&s[c]);
         }
         /* one thread of each camera, and no other */
         T_EQ_I(each_of("/proc/self/task", in_real_time, 0), want[k] > 0 ? 2 : 0);
@@ -131,54 +135,17 @@ static void receiving_threads_have_the_priority_asked_for(void)
     }
 }
 
-/* As an ordinary user, on a machine without RtKit. */
-static void without_the_right_it_is_said_and_capture_goes_on(void)
-{
-    NEED_BED();
-    bed_all(25);
-    struct rlimit was, none;
-    T_EQ_I(getrlimit(RLIMIT_RTPRIO, &was), 0);
-    none = was;
-    none.rlim_cur = 0;
-    setenv("DBUS_SYSTEM_BUS_ADDRESS", "unix:path=/nowhere", 1);
-    T_EQ_I(setrlimit(RLIMIT_RTPRIO, &none), 0);
-    T_OK(set_nice_capability(false)); /* threads started from now on are without it, too */
-    T_OK(!may_run_in_real_time());
-    log_begin();
-    struct session s[2];
-    for (int c = 0; c < 2; c++) {
-        struct cap_source_config config = bed_source(c);
-        config.gige.rt_priority = PRIORITY;
-        config.gige.socket_buffer = ROOM; /* that is there */
-        if (begin(&s[c], &config))
-            for (int k = 0; k < 5 && take_good(&s[c]); k++)
-                ;
-        T_EQ_I(s[c].good, 5);
-    }
-    T_EQ_I(each_of("/proc/self/task", in_real_time, 0), 0);
-    for (int c = 0; c < 2; c++)
-        end(&s[c]);
-    log_end();
-    set_nice_capability(true);
-    setrlimit(RLIMIT_RTPRIO, &was);
-    T_EQ_I(said("no real-time priority (gige.rt_priority 37)"), 1); /* of two cameras */
-    T_EQ_I(said(" warn "), 1);
-    T_CONTAINS(log_text, "camera a: ");
-    T_CONTAINS(log_text, "Remedy: run as the service or raise the limit rtprio");
-}
-
 /* ---- room ------------------------------------------------------------------------------------- */
 
-static void the_socket_has_the_room_asked_for(void)
+T_CASE(the_socket_has_the_room_asked_for)
 {
-    NEED_BED();
     bed_all(25);
     struct session s;
     struct cap_source_config config = bed_source(1);
     config.gige.socket_buffer = ROOM;
-    log_begin();
+    log_begin(PVX_LOG_WARN);
     if (begin(&s, &config))
-        take_good(&s);
+        next_good(&s);
     T_EQ_I(each_of("/proc/self/fd", has_room, ROOM), 1);
     end(&s);
     T_EQ_I(each_of("/proc/self/fd", has_room, ROOM), 0);
@@ -196,22 +163,21 @@ static int most_room(void)
     return got / 2;
 }
 
-static void less_room_than_asked_for_is_said(void)
+T_CASE(less_room_than_asked_for_is_said)
 {
-    NEED_BED();
     int most = most_room(), asked = most + 4096;
     char text[64];
     if (most >= 1 << 29)
         T_SKIP("net.core.rmem_max is so large that nothing is beyond it");
     bed_all(25);
     struct session s[2];
-    log_begin();
+    log_begin(PVX_LOG_WARN);
     for (int c = 0; c < 2; c++) {
         struct cap_source_config config = bed_source(c);
         config.gige.socket_buffer = asked;
         config.gige.no_packet_socket = true;
         if (begin(&s[c], &config))
-            for (int k = 0; k < 5 && take_good(&s[c]); k++)
+            for (int k = 0; k < 5 && next_good(&s[c]); k++)
                 ;
         T_EQ_I(s[c].good, 5);
     }
@@ -219,13 +185,55 @@ static void less_room_than_asked_for_is_said(void)
     for (int c = 0; c < 2; c++)
         end(&s[c]);
     log_end();
-    T_EQ_I(said(" warn "), 1);
+    T_EQ_I(log_count(" warn "), 1);
     snprintf(text, sizeof text, "camera a: a socket buffer of %d bytes", asked);
     T_CONTAINS(log_text, text);
     snprintf(text, sizeof text, "the kernel gives %d:", most);
     T_CONTAINS(log_text, text);
     snprintf(text, sizeof text, "Remedy: sysctl -w net.core.rmem_max=%d", asked);
     T_CONTAINS(log_text, text);
+}
+
+/* ---- packets of others ------------------------------------------------------------------------ */
+
+static uint64_t received(ArvStream *stream)
+{
+    return arv_stream_get_info_uint64_by_name(stream, "n_received_packets");
+}
+
+/* Openings beside busy cameras, until ENOUGH of them had caught packets of those: not one comes later,
+ * when there are buffers that it could begin. */
+T_CASE(no_packet_of_another_camera_is_left_when_there_are_buffers)
+{
+    enum { ENOUGH = 15, MOST = 400 };
+    int fd = socket(AF_PACKET, SOCK_RAW, 0);
+    if (fd < 0)
+        T_SKIP("no packet sockets here (CAP_NET_RAW)");
+    close(fd);
+    bed_all(200);
+    struct session s[3];
+    for (int c = 0; c < 3; c++) {
+        struct cap_source_config config = bed_source(c);
+        if (begin(&s[c], &config))
+            next_good(&s[c]);
+        keep_box(&s[c].box, false);
+    }
+    ArvCamera *camera = arv_camera_new(bed_address[3], NULL);
+    T_OK(camera != NULL);
+    int caught = 0;
+    for (int k = 0; camera != NULL && k < MOST && caught < ENOUGH; k++) {
+        ArvStream *stream = arv_camera_create_stream(camera, NULL, NULL, NULL);
+        T_OK(aravis_ring_settle(stream));
+        uint64_t n = received(stream);
+        usleep(60000);
+        T_EQ_I(received(stream), n);
+        caught += n > 0;
+        g_object_unref(stream);
+    }
+    T_EQ_I(caught, ENOUGH);
+    g_clear_object(&camera);
+    for (int c = 0; c < 3; c++)
+        end(&s[c]);
 }
 
 /* ---- packets again ---------------------------------------------------------------------------- */
@@ -250,17 +258,17 @@ static struct resend resend(enum cap_resend policy, bool camera_can)
     config.gige.resend = policy;
     if (!begin(&s, &config))
         return (struct resend){0};
-    take_good(&s);
+    next_good(&s);
     bed_fault(2, (struct cap_gvcam_fault){.packet_loss = 0.01});
-    while ((s.good < 60 || bed_stats(2).lost < 10) && take_good(&s))
+    while ((s.good < 60 || bed_stats(2).lost < 10) && next_good(&s))
         ;
     bed_fault(2, (struct cap_gvcam_fault){0});
     for (int n = 0; n < 5; n++)
-        take_good(&s);
+        next_good(&s);
     ops->health(s.src, &h);
     ops->stop(s.src);
-    while (s.box.n > 0)
-        take_good(&s);
+    while (s.box.n_held > 0)
+        next_good(&s);
     struct resend r = {.good = s.good,
                        .incomplete = s.box.count[CAP_INCOMPLETE],
                        .gaps = s.box.count[CAP_ID_GAP],
@@ -296,9 +304,8 @@ static void nothing_is_asked_for(const struct resend *r)
     T_LE(1, r->incomplete);
 }
 
-static void resend_always(void)
+T_CASE(resend_always)
 {
-    NEED_BED();
     bed_ring_fps = 50;
     struct resend r = resend(CAP_RESEND_ALWAYS, true);
     all_is_repaired(&r);
@@ -309,17 +316,15 @@ static void resend_always(void)
     T_LE(1, r.incomplete);
 }
 
-static void resend_never(void)
+T_CASE(resend_never)
 {
-    NEED_BED();
     bed_ring_fps = 50;
     struct resend r = resend(CAP_RESEND_NEVER, true);
     nothing_is_asked_for(&r);
 }
 
-static void resend_auto_asks_those_that_can(void)
+T_CASE(resend_auto_asks_those_that_can)
 {
-    NEED_BED();
     bed_ring_fps = 50;
     struct resend r = resend(CAP_RESEND_AUTO, true);
     all_is_repaired(&r);
@@ -327,16 +332,4 @@ static void resend_auto_asks_those_that_can(void)
     nothing_is_asked_for(&r);
 }
 
-int main(void)
-{
-    bed_open();
-    T_RUN(without_the_right_it_is_said_and_capture_goes_on); /* said once in a process: first */
-    T_RUN(receiving_threads_have_the_priority_asked_for);
-    T_RUN(the_socket_has_the_room_asked_for);
-    T_RUN(less_room_than_asked_for_is_said);
-    T_RUN(resend_always);
-    T_RUN(resend_never);
-    T_RUN(resend_auto_asks_those_that_can);
-    bed_close();
-    return t_done();
-}
+T_MAIN(bed_open(), bed_close())

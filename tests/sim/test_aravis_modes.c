@@ -3,51 +3,21 @@
 #include <arv.h>
 #include <math.h>
 
-#include "arvbed.h"
+#include "tests/lib/arvbed.h"
 
 #define FPS 20.0
 
-static int64_t now_ms(void)
-{
-    return pvx_now_mono() / MS;
-}
-
-static struct cap_capture_config capture_config(struct cap_source_config cameras[BED_CAMERAS])
-{
-    static char uri[BED_CAMERAS][32];
-    for (int c = 0; c < BED_CAMERAS; c++) {
-        cameras[c] = bed_source(c);
-        snprintf(uri[c], sizeof uri[c], "aravis:%s", bed_address[c]);
-        cameras[c].uri = uri[c];
-        cameras[c].fps = 0;
-    }
-    return (struct cap_capture_config){.n_cameras = BED_CAMERAS,
-                                       .camera = cameras,
-                                       .fps = FPS,
-                                       .discard_first = 1,
-                                       .sets = {.max_wait_ns = 500 * MS}};
-}
-
-static cap_capture *start(const struct cap_capture_config *config)
-{
-    cap_capture *cap = NULL;
-    struct pvx_diag d = {""};
-    T_EQ_I(cap_capture_new(config, &cap, &d), PVX_OK);
-    T_EQ_S(d.text, "");
-    if (cap != NULL)
-        T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
-    return cap;
-}
+static struct rig r;
 
 /* n complete sets one after the other; all frames of each from the same instant, or, at most, `apart`
- * images from it.  The largest spread of exposures as they were mapped, ms; -1 = they did not come. */
-static double sets_of_one_instant(cap_capture *cap, int n, int apart, const char *what)
+ * images from it. */
+static void sets_of_one_instant(int n, int apart, const char *what)
 {
     double most = 0, sum = 0;
     int got = 0, wrong = 0;
-    for (int64_t end = now_ms() + 30000; got < n && now_ms() < end;) {
+    UNTIL (got >= n) {
         struct cap_set *set;
-        if (cap_capture_next(cap, PVX_NS_PER_S, &set) != PVX_OK)
+        if (cap_capture_next(r.cap, PVX_NS_PER_S, &set) != PVX_OK)
             continue;
         int first = -1;
         for (int c = 0; c < BED_CAMERAS && set->n == BED_CAMERAS; c++) {
@@ -68,21 +38,12 @@ static double sets_of_one_instant(cap_capture *cap, int n, int apart, const char
     T_EQ_I(wrong, 0);
     printf("  %s: %d sets, spread mean %.3f ms, max %.3f ms\n", what, got, sum / (got + !got),
            most);
-    return got == n ? most : -1;
-}
-
-static void stop(cap_capture *cap, struct cap_stats *st)
-{
-    cap_capture_stop(cap);
-    cap_capture_stats(cap, st);
-    cap_capture_free(&cap);
 }
 
 /* ---- free run --------------------------------------------------------------------------------- */
 
-static void free_run_with_ptp(void)
+T_CASE(free_run_with_ptp)
 {
-    NEED_BED();
     bed_ring_fps = FPS;
     for (int c = 0; c < BED_CAMERAS; c++) { /* clocks of their own before: since power-up */
         struct cap_gvcam_config k = bed_config(c);
@@ -91,18 +52,12 @@ static void free_run_with_ptp(void)
         k.tai_offset_s = 37;
         bed_restart(c, &k);
     }
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    for (int c = 0; c < BED_CAMERAS; c++)
-        cameras[c].ptp = true;
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
-    sets_of_one_instant(cap, 30, 0, "free run, PTP");
-    struct cap_stats st;
-    cap_capture_stats(cap, &st);
+    bed_together(&r, FPS, CAP_TRIGGER_FREE_RUN, true);
+    rig_start(&r);
+    sets_of_one_instant(30, 0, "free run, PTP");
+    rig_stats(&r);
     for (int c = 0; c < BED_CAMERAS; c++) {
-        const struct cap_health *h = &st.camera[c].health;
+        const struct cap_health *h = &r.st.camera[c].health;
         T_EQ_S(h->ptp, "Slave");
         T_LE(fabs(h->ptp_offset_ns), 1000);
         T_OK(isfinite(h->temperature_c));
@@ -114,99 +69,61 @@ static void free_run_with_ptp(void)
                                 (pvx_now_real() - pvx_now_mono()));
         T_NEAR(ahead * 1e-9, 37, 0.05);
     }
-    stop(cap, &st);
+    rig_end(&r);
 }
 
-static void without_a_ptp_master_nothing_is_taken(void)
+T_CASE(without_a_ptp_master_nothing_is_exposed)
 {
-    NEED_BED();
     bed_all(FPS);
     bed_fault(2, (struct cap_gvcam_fault){.no_ptp_master = true});
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    for (int c = 0; c < BED_CAMERAS; c++)
-        cameras[c].ptp = true;
-    config.sets.policy = CAP_POLICY_DROP;
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
-    struct cap_stats st = {0};
-    for (int64_t end = now_ms() + 20000; st.camera[2].error[0] == '\0' && now_ms() < end;) {
-        usleep(20000);
-        cap_capture_stats(cap, &st);
-    }
-    T_CONTAINS(st.camera[2].error,
+    bed_together(&r, FPS, CAP_TRIGGER_FREE_RUN, true);
+    r.cfg.sets.policy = CAP_POLICY_DROP;
+    rig_start(&r);
+    UNTIL (r.st.camera[2].error[0] != '\0')
+        rig_wait(&r);
+    T_CONTAINS(r.st.camera[2].error,
                "camera c (aravis:127.0.0.4): its clock is not synchronized: PTP "
                "says Listening");
-    T_EQ_I(st.camera[2].count[CAP_RECEIVED], 0);
+    T_EQ_I(r.st.camera[2].count[CAP_RECEIVED], 0);
     bed_fault(2, (struct cap_gvcam_fault){0});
-    sets_of_one_instant(cap, 5, 0, "free run, PTP master found");
+    sets_of_one_instant(5, 0, "free run, PTP master found");
     /* and lost again while it runs: the frames go on, the state is told */
     bed_fault(1, (struct cap_gvcam_fault){.ptp_offset_us = 400});
-    for (int64_t end = now_ms() + 20000; now_ms() < end;) {
-        cap_capture_stats(cap, &st);
-        if (st.camera[1].health.ptp_offset_ns > 300e3)
-            break;
+    UNTIL (rig_stats(&r)->camera[1].health.ptp_offset_ns > 300e3)
         usleep(20000);
-    }
-    T_NEAR(st.camera[1].health.ptp_offset_ns * 1e-3, 400, 20);
-    T_EQ_I(st.camera[1].count[CAP_LOST_CAMERA], 0);
-    stop(cap, &st);
+    T_NEAR(r.st.camera[1].health.ptp_offset_ns * 1e-3, 400, 20);
+    T_EQ_I(r.st.camera[1].count[CAP_LOST_CAMERA], 0);
+    rig_end(&r);
 }
 
 /* ---- triggers --------------------------------------------------------------------------------- */
 
-static void hardware_line(void)
+T_CASE(hardware_line)
 {
-    NEED_BED();
     bed_all(100);
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    config.trigger = CAP_TRIGGER_LINE;
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
+    bed_together(&r, FPS, CAP_TRIGGER_LINE, false);
+    rig_start(&r);
     cap_gvnet_line(bed_net, FPS);
-    sets_of_one_instant(cap, 30, 0, "line");
+    sets_of_one_instant(30, 0, "line");
     cap_gvnet_line(bed_net, 0);
-    struct cap_stats st;
-    stop(cap, &st);
+    rig_end(&r);
     for (int c = 0; c < BED_CAMERAS; c++)
         T_LE(30, bed_stats(c).triggers);
 }
 
-static struct cap_stats stats_when(cap_capture *cap, enum cap_count what)
-{
-    struct cap_stats st;
-    int64_t end = now_ms() + 20000;
-    for (bool all = false; !all && now_ms() < end; usleep(20000)) {
-        cap_capture_stats(cap, &st);
-        all = true;
-        for (int c = 0; c < BED_CAMERAS; c++)
-            all &= st.camera[c].count[what] > 0;
-    }
-    return st;
-}
-
 /* Setting a trigger sets an edge as well: what the configuration says of triggers comes after it. */
-static void trigger_features_have_the_last_word(void)
+T_CASE(trigger_features_have_the_last_word)
 {
-    NEED_BED();
     bed_all(100);
     struct cap_feature edge = {"TriggerActivation", "FallingEdge"};
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    config.trigger = CAP_TRIGGER_LINE;
-    cameras[1].features = &edge;
-    cameras[1].n_features = 1;
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
+    bed_together(&r, FPS, CAP_TRIGGER_LINE, false);
+    r.cam[1].features = &edge;
+    r.cam[1].n_features = 1;
+    rig_start(&r);
     cap_gvnet_line(bed_net, FPS);
-    sets_of_one_instant(cap, 3, 0, "line, one on the falling edge");
-    struct cap_stats now;
-    cap_capture_stats(cap, &now);
-    T_EQ_S(now.camera[1].error, "");
+    sets_of_one_instant(3, 0, "line, one on the falling edge");
+    rig_stats(&r);
+    T_EQ_S(r.st.camera[1].error, "");
     for (int c = 0; c < 2; c++) { /* another program may read */
         ArvCamera *other = arv_camera_new(c == 0 ? "127.0.0.2" : "127.0.0.3", NULL);
         T_OK(other != NULL);
@@ -217,89 +134,70 @@ static void trigger_features_have_the_last_word(void)
         g_object_unref(other);
     }
     cap_gvnet_line(bed_net, 0);
-    struct cap_stats st;
-    stop(cap, &st);
+    rig_end(&r);
 }
 
 /* A generator that is switched off is not a camera that is lost: nothing is opened anew, and the first
  * pulse makes a set again. */
-static void line_without_pulses(void)
+T_CASE(line_without_pulses)
 {
-    NEED_BED();
     bed_all(100);
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    config.trigger = CAP_TRIGGER_LINE;
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
+    bed_together(&r, FPS, CAP_TRIGGER_LINE, false);
+    rig_start(&r);
     cap_gvnet_line(bed_net, FPS);
-    sets_of_one_instant(cap, 5, 0, "line");
+    sets_of_one_instant(5, 0, "line");
     cap_gvnet_line(bed_net, 0);
-    struct cap_stats st = stats_when(cap, CAP_NO_TRIGGER);
+    for (int c = 0; c < BED_CAMERAS; c++)
+        T_OK(rig_counts(&r, (uint32_t)c, CAP_NO_TRIGGER, 1));
     usleep(1500000); /* twice what silence may last */
-    cap_capture_stats(cap, &st);
+    rig_stats(&r);
     for (int c = 0; c < BED_CAMERAS; c++) {
-        T_EQ_I(st.camera[c].count[CAP_NO_TRIGGER], 1);
-        T_EQ_I(st.camera[c].count[CAP_LOST_CAMERA], 0);
-        T_EQ_I(st.camera[c].state, CAP_RUNNING);
-        T_EQ_I(st.camera[c].n_troubles, 1);
-        T_EQ_I(st.camera[c].trouble[0].cause, CAP_NO_TRIGGER);
+        T_EQ_I(r.st.camera[c].count[CAP_NO_TRIGGER], 1);
+        T_EQ_I(r.st.camera[c].count[CAP_LOST_CAMERA], 0);
+        T_EQ_I(r.st.camera[c].state, CAP_RUNNING);
+        T_EQ_I(r.st.camera[c].n_troubles, 1);
+        T_EQ_I(r.st.camera[c].trouble[0].cause, CAP_NO_TRIGGER);
     }
     cap_gvnet_line(bed_net, FPS);
-    sets_of_one_instant(cap, 5, 0, "line again");
+    sets_of_one_instant(5, 0, "line again");
     cap_gvnet_line(bed_net, 0);
-    stop(cap, &st);
+    rig_end(&r);
 }
 
 /* The commands reach one camera after the other: a few of 10 ms may lie between on a busy machine. */
-static void software_to_all(void)
+T_CASE(software_to_all)
 {
-    NEED_BED();
     bed_all(100);
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    config.trigger = CAP_TRIGGER_SOFTWARE;
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
-    sets_of_one_instant(cap, 30, 2, "software");
-    struct cap_stats st;
-    stop(cap, &st);
+    bed_together(&r, FPS, CAP_TRIGGER_SOFTWARE, false);
+    rig_start(&r);
+    sets_of_one_instant(30, 2, "software");
+    rig_end(&r);
 }
 
-static void action_at_once(void)
+T_CASE(action_at_once)
 {
-    NEED_BED();
     bed_all(100);
-    struct cap_source_config cameras[BED_CAMERAS];
-    struct cap_capture_config config = capture_config(cameras);
-    config.trigger = CAP_TRIGGER_ACTION;
-    config.action = (struct cap_action_config){.keys = {0xCAFE, 7, 0x11}, .acknowledge = true};
-    cap_capture *cap = start(&config);
-    if (cap == NULL)
-        return;
+    bed_together(&r, FPS, CAP_TRIGGER_ACTION, false);
+    r.cfg.action = (struct cap_action_config){.keys = {0xCAFE, 7, 0x11}, .acknowledge = true};
+    rig_start(&r);
     /* one datagram, four cameras: one image further when it came at the turn of an image */
-    sets_of_one_instant(cap, 30, 1, "action command");
-    struct cap_stats st;
-    cap_capture_stats(cap, &st);
-    uint64_t before = st.camera[3].action.silent;
+    sets_of_one_instant(30, 1, "action command");
+    rig_stats(&r);
+    uint64_t before = r.st.camera[3].action.silent;
     cap_gvcam_free(&bed_cam[3]); /* a dead one does not answer */
-    for (int64_t end = now_ms() + 10000; st.camera[3].action.silent == before && now_ms() < end;) {
-        usleep(20000);
-        cap_capture_stats(cap, &st);
-    }
-    T_LE(before + 1, st.camera[3].action.silent);
-    stop(cap, &st);
-    T_LE(30, st.action.sent);
-    T_EQ_I(st.action.failed, 0);
+    UNTIL (r.st.camera[3].action.silent != before)
+        rig_wait(&r);
+    T_LE(before + 1, r.st.camera[3].action.silent);
+    rig_end(&r);
+    T_LE(30, r.st.action.sent);
+    T_EQ_I(r.st.action.failed, 0);
     for (int c = 0; c < 3; c++) {
-        T_LE(30, st.camera[c].action.acknowledged);
-        T_EQ_I(st.camera[c].action.refused, 0);
+        T_LE(30, r.st.camera[c].action.acknowledged);
+        T_EQ_I(r.st.camera[c].action.refused, 0);
     }
 }
 
-static cap_capture *start_scheduled(struct cap_source_config cameras[BED_CAMERAS], double lead_ms)
+static void start_scheduled(double lead_ms)
 {
     bed_ring_fps = 100;
     for (int c = 0; c < BED_CAMERAS; c++) {
@@ -307,55 +205,38 @@ static cap_capture *start_scheduled(struct cap_source_config cameras[BED_CAMERAS
         k.tai_offset_s = 37;
         bed_restart(c, &k);
     }
-    struct cap_capture_config config = capture_config(cameras);
-    config.trigger = CAP_TRIGGER_ACTION;
-    config.action = (struct cap_action_config){
+    bed_together(&r, FPS, CAP_TRIGGER_ACTION, true);
+    r.cfg.action = (struct cap_action_config){
         .keys = {1, 1, 1}, .lead_ns = (int64_t)(lead_ms * 1e6), .acknowledge = true};
-    for (int c = 0; c < BED_CAMERAS; c++)
-        cameras[c].ptp = true;
-    return start(&config);
+    rig_start(&r);
 }
 
-static void scheduled_action(void)
+T_CASE(scheduled_action)
 {
-    NEED_BED();
-    struct cap_source_config cameras[BED_CAMERAS];
-    cap_capture *cap = start_scheduled(cameras, 30);
-    if (cap == NULL)
-        return;
-    sets_of_one_instant(cap, 30, 0, "scheduled action command");
-    struct cap_stats st;
-    cap_capture_stats(cap, &st);
-    T_LE(30, st.action.sent);
+    start_scheduled(30);
+    sets_of_one_instant(30, 0, "scheduled action command");
+    rig_stats(&r);
+    T_LE(30, r.st.action.sent);
     for (int c = 0; c < BED_CAMERAS; c++)
-        T_LE(30, st.camera[c].action.acknowledged);
+        T_LE(30, r.st.camera[c].action.acknowledged);
     /* a camera that has lost its master says so, each time */
     bed_fault(1, (struct cap_gvcam_fault){.no_ptp_master = true});
-    for (int64_t end = now_ms() + 10000; st.camera[1].action.no_clock == 0 && now_ms() < end;) {
-        usleep(20000);
-        cap_capture_stats(cap, &st);
-    }
-    T_LE(1, st.camera[1].action.no_clock);
-    T_EQ_I(st.camera[0].action.no_clock, 0);
-    stop(cap, &st);
+    UNTIL (r.st.camera[1].action.no_clock > 0)
+        rig_wait(&r);
+    T_LE(1, r.st.camera[1].action.no_clock);
+    T_EQ_I(r.st.camera[0].action.no_clock, 0);
+    rig_end(&r);
 }
 
 /* A lead that no host can keep: nothing is sent late, everything is counted. */
-static void a_late_command_is_not_sent(void)
+T_CASE(a_late_command_is_not_sent)
 {
-    NEED_BED();
-    struct cap_source_config cameras[BED_CAMERAS];
-    cap_capture *cap = start_scheduled(cameras, 1e-6);
-    if (cap == NULL)
-        return;
-    struct cap_stats st = {0};
-    for (int64_t end = now_ms() + 20000; st.action.late < 10 && now_ms() < end;) {
-        usleep(20000);
-        cap_capture_stats(cap, &st);
-    }
-    stop(cap, &st);
-    T_LE(10, st.action.late);
-    T_EQ_I(st.action.sent, 0);
+    start_scheduled(1e-6);
+    UNTIL (r.st.action.late >= 10)
+        rig_wait(&r);
+    rig_end(&r);
+    T_LE(10, r.st.action.late);
+    T_EQ_I(r.st.action.sent, 0);
     for (int c = 0; c < BED_CAMERAS; c++)
         T_EQ_I(bed_stats(c).triggers, 0);
 }
@@ -363,9 +244,8 @@ static void a_late_command_is_not_sent(void)
 /* ---- what a camera says about its frames and its clock ------------------------------------------ */
 
 /* Ticks of 8 ns, and how far the camera's clock is from the host's. */
-static void clock_readings_and_ticks(void)
+T_CASE(clock_readings_and_ticks)
 {
-    NEED_BED();
     struct session s;
     bed_ring_fps = FPS;
     struct cap_gvcam_config k = bed_config(0);
@@ -374,18 +254,11 @@ static void clock_readings_and_ticks(void)
     bed_fault(0, (struct cap_gvcam_fault){.skew_us = 250000});
     struct cap_source_config config = bed_source(0);
     if (begin(&s, &config)) {
-        for (int i = 0; i < 5 && take_good(&s); i++)
+        for (int i = 0; i < 5 && next_good(&s); i++)
             ;
         int64_t grid = (int64_t)(1e9 / FPS), off = (s.last_stamp - 250 * MS) % grid;
         T_LE(off < grid / 2 ? off : grid - off, 16); /* on the images' grid, to two ticks */
-        int readings = 0;
-        for (int64_t end = now_ms() + 10000; readings == 0 && now_ms() < end;) {
-            usleep(10000);
-            pthread_mutex_lock(&s.box.lock);
-            readings = s.box.readings;
-            pthread_mutex_unlock(&s.box.lock);
-        }
-        T_LE(1, readings);
+        T_OK(wait_count(&s.box, &s.box.readings, 1));
         int64_t skew = s.box.device_ns - (s.box.mono_ns + pvx_now_real() - pvx_now_mono());
         printf("  clock read to +-%.3f ms\n", (double)s.box.bound_ns * 1e-6);
         T_LE(fabs((double)skew - 250e6), (double)s.box.bound_ns + 100e3);
@@ -393,9 +266,8 @@ static void clock_readings_and_ticks(void)
     end(&s);
 }
 
-static void chunks_tell_exposure_and_gain(void)
+T_CASE(chunks_tell_exposure_and_gain)
 {
-    NEED_BED();
     static const char *const layouts[] = {"ExtendedChunk", "ImageExtendedChunk"};
     bed_all(FPS);
     for (int i = 0; i < 2; i++) {
@@ -432,20 +304,4 @@ static void chunks_tell_exposure_and_gain(void)
     }
 }
 
-int main(void)
-{
-    bed_open();
-    T_RUN(free_run_with_ptp);
-    T_RUN(without_a_ptp_master_nothing_is_taken);
-    T_RUN(hardware_line);
-    T_RUN(line_without_pulses);
-    T_RUN(trigger_features_have_the_last_word);
-    T_RUN(software_to_all);
-    T_RUN(action_at_once);
-    T_RUN(scheduled_action);
-    T_RUN(a_late_command_is_not_sent);
-    T_RUN(clock_readings_and_ticks);
-    T_RUN(chunks_tell_exposure_and_gain);
-    bed_close();
-    return t_done();
-}
+T_MAIN(bed_open(), bed_close())

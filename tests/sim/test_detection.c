@@ -4,7 +4,8 @@
 #include "../t.h"
 
 #include "base/clock.h"
-#include "capture/capture_int.h"
+#include "capture/rig/capture_int.h"
+#include "tests/lib/source.h"
 
 #define S          PVX_NS_PER_S
 #define MS         PVX_NS_PER_MS
@@ -75,13 +76,8 @@ static void open_bed(struct bed *b, const struct rig *r)
         give_back(&pool[i]);
     for (uint32_t c = 0; c < r->cameras; c++) {
         snprintf(name[c], sizeof name[c], "cam%u", c);
-        cam[c] = (struct cap_source_config){.uri = "sim:",
-                                            .name = name[c],
-                                            .width = 8,
-                                            .height = 8,
-                                            .fmt = CAP_GREY8,
-                                            .exposure_us = -1,
-                                            .gain = -1};
+        cam[c] = source_of("sim:", 8, 8, CAP_GREY8, 0);
+        cam[c].name = name[c];
         b->cam[c] = (struct stream){.ppm = t_uniform(-r->drift_ppm, r->drift_ppm),
                                     .dev0 = (int64_t)t_uniform(1e9, 1e15),
                                     .id = 1 + t_rand() % 60000,
@@ -145,7 +141,7 @@ static void expose(struct bed *b, uint32_t c, double t)
                                 .release = give_back};
     cap_assembler_tick(b->cap->assembler, b->mono0 + arrival);
     sink.push(sink.ctx, frame);
-    while (b->cap->camera[c].ring_len > 0)
+    while (pvx_ring_length(b->cap->camera[c].intake.ring) > 0)
         T_OK(cap_assemble_some(b->cap, false));
     struct cap_set *s;
     while (cap_capture_next(b->cap, 0, &s) == PVX_OK)
@@ -191,6 +187,13 @@ static void play(struct bed *b, const struct rig *r)
     }
 }
 
+static const char *detail(const struct bed *b, uint32_t c, int what)
+{
+    static char text[CAP_DETAIL_MAX];
+    pvx_board_read(&b->cap->camera[c].detail[what], text, sizeof text);
+    return text;
+}
+
 static void nothing_in(const struct bed *b, uint32_t cameras)
 {
     for (uint32_t c = 0; c < cameras; c++)
@@ -202,7 +205,7 @@ static void nothing_in(const struct bed *b, uint32_t cameras)
                 b->r.fault.name != NULL ? b->r.fault.name : "healthy", b->r.cameras, b->r.hz,
                 b->r.drift_ppm, b->r.stamp * 1e3, b->r.delay * 1e3, b->r.drop, c,
                 cap_count_defs[k].name, (unsigned long long)b->cap->camera[c].count[k],
-                b->cap->camera[c].detail[k]);
+                detail(b, c, k));
 }
 
 static const struct fault faults[] = {
@@ -247,7 +250,7 @@ static double worst(const struct fault *f, double ppm, double warm)
     return most;
 }
 
-static void every_fault_is_found_within_a_second(void)
+T_CASE(every_fault_is_found_within_a_second)
 {
     printf("  %-42s %-14s %s\n", "4 cameras, 30 Hz, stamps good to 5 us", "cause",
            "found after at most, s: one clock, own clocks at 5 s, at 30 s");
@@ -267,7 +270,7 @@ static void every_fault_is_found_within_a_second(void)
 }
 
 /* Any number of cameras, any rate, clocks, jitter, losses: no finding at all. */
-static void nothing_is_found_in_healthy_rigs(void)
+T_CASE(nothing_is_found_in_healthy_rigs)
 {
     struct bed b;
     const char *s = getenv("RIGS");
@@ -293,11 +296,4 @@ static void nothing_is_found_in_healthy_rigs(void)
     }
     printf("  %d rigs of 2 to 8 cameras, 5 to 120 Hz, %.0f s of their time: nothing found\n", rigs,
            seconds);
-}
-
-int main(void)
-{
-    T_RUN(every_fault_is_found_within_a_second);
-    T_RUN(nothing_is_found_in_healthy_rigs);
-    return t_done();
 }

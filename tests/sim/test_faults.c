@@ -3,33 +3,14 @@
  * accounted for.
  * Each case is a capture of its own with four simulated cameras; all run at the same time, and the log
  * is told apart by the cameras' names.  Times are printed; what is asserted of them is generous. */
-#include "../t.h"
+#include "tests/lib/logged.h"
 
-#include <fcntl.h>
-#include <unistd.h>
+#include "tests/lib/rig.h"
 
-#include "base/clock.h"
-#include "base/log.h"
-#include "capture/rig/capture.h"
-
-#define N           4
-#define FPS         50
-#define START_S     2.0 /* from now, the faults */
-#define LAST_S      2.0 /* unless the case says otherwise */
-#define PATIENCE_NS (60 * PVX_NS_PER_S)
-
-struct truth {
-    int64_t t;
-    uint32_t camera;
-};
-static void render(void *ctx, uint32_t camera, int64_t t, enum cap_pixfmt fmt, int32_t w, int32_t h,
-                   void *data)
-{
-    (void)ctx, (void)fmt, (void)w, (void)h;
-    struct truth truth = {t, camera};
-    memcpy(data, &truth, sizeof truth);
-}
-static const struct cap_scene scene = {.render = render};
+#define N       4
+#define FPS     50
+#define START_S 2.0 /* from now, the faults */
+#define LAST_S  2.0 /* unless the case says otherwise */
 
 enum { ONE, ALL };
 struct fault {
@@ -88,10 +69,7 @@ static const struct fault faults[] = {
 
 struct run {
     const struct fault *fault;
-    struct cap_source_config cam[N];
-    char uri[N][192], name[N][24];
-    cap_capture *cap;
-    struct cap_stats st;
+    struct rig rig;
     uint64_t frames[N], sets, complete, mixed, disorder;
     int64_t last_t;
     struct cap_set *held[128];
@@ -115,34 +93,21 @@ static double last_s(const struct run *r)
 
 static void begin(struct run *r, const struct fault *f)
 {
+    struct rig *g = &r->rig;
     *r = (struct run){.fault = f, .found_s = -1, .back_s = -1};
+    rig_init(g, N, FPS, sim_camera());
     for (uint32_t i = 0; i < N; i++) {
         int n = f->foreign_clocks
-                    ? snprintf(r->uri[i], sizeof r->uri[i], "sim:skew_us=%d,drift_ppm=%d",
+                    ? snprintf(g->uri[i], sizeof g->uri[i], "sim:skew_us=%d,drift_ppm=%d",
                                1000000 * ((int)i + 1), 30 * (int)i - 45)
-                    : snprintf(r->uri[i], sizeof r->uri[i], "sim:");
+                    : snprintf(g->uri[i], sizeof g->uri[i], "sim:");
         if (f->who == ALL || i == 2)
-            snprintf(r->uri[i] + n, sizeof r->uri[i] - (size_t)n, "%s%s,from=%.3f,to=%.3f",
+            snprintf(g->uri[i] + n, sizeof g->uri[i] - (size_t)n, "%s%s,from=%.3f,to=%.3f",
                      f->foreign_clocks ? "," : "", f->option, t_from, t_from + last_s(r));
-        snprintf(r->name[i], sizeof r->name[i], "%s%u", f->name, i);
-        r->cam[i] = (struct cap_source_config){.uri = r->uri[i],
-                                               .name = r->name[i],
-                                               .width = 16,
-                                               .height = 4,
-                                               .fmt = CAP_GREY8,
-                                               .scene = &scene,
-                                               .buffers = 16,
-                                               .exposure_us = -1,
-                                               .gain = -1};
+        snprintf(g->name[i], sizeof g->name[i], "%s%u", f->name, i);
     }
-    struct cap_capture_config cfg = {.n_cameras = N,
-                                     .camera = r->cam,
-                                     .fps = FPS,
-                                     .shared_clock = !f->foreign_clocks,
-                                     .sets = {.policy = CAP_POLICY_PARTIAL, .min_cameras = 1}};
-    struct pvx_diag d = {""};
-    T_CHECK_(cap_capture_new(&cfg, &r->cap, &d) == PVX_OK, "%s: %s", f->name, d.text);
-    T_EQ_I(cap_capture_start(r->cap, &d), PVX_OK);
+    g->cfg.shared_clock = !f->foreign_clocks;
+    rig_start(g);
 }
 
 static void look(struct run *r, const struct cap_set *s)
@@ -168,7 +133,7 @@ static void consume(struct run *r)
 {
     struct cap_set *s;
     bool hold = r->fault->holds_sets && now_s() > t_from && now_s() < t_from + last_s(r);
-    while (cap_capture_next(r->cap, 0, &s) == PVX_OK) {
+    while (cap_capture_next(r->rig.cap, 0, &s) == PVX_OK) {
         look(r, s);
         if (hold && r->n_held < 20)
             r->held[r->n_held++] = s;
@@ -182,15 +147,15 @@ static void consume(struct run *r)
 static bool has_trouble(const struct run *r, enum cap_count cause)
 {
     for (uint32_t c = 0; c < N; c++)
-        for (uint32_t i = 0; i < r->st.camera[c].n_troubles; i++)
-            if (r->st.camera[c].trouble[i].cause == cause)
+        for (uint32_t i = 0; i < r->rig.st.camera[c].n_troubles; i++)
+            if (r->rig.st.camera[c].trouble[i].cause == cause)
                 return true;
     return false;
 }
 
 static uint64_t caused(const struct run *r)
 {
-    return r->fault->no_count ? r->st.host_steps : r->st.camera[2].count[r->fault->cause];
+    return r->fault->no_count ? r->rig.st.host_steps : r->rig.st.camera[2].count[r->fault->cause];
 }
 
 /* Found?  Back?  Over, with nothing left to complain of? */
@@ -198,7 +163,7 @@ static void follow(struct run *r)
 {
     const struct fault *f = r->fault;
     consume(r);
-    cap_capture_stats(r->cap, &r->st);
+    rig_stats(&r->rig);
     double t = now_s(), end = t_from + last_s(r);
     if (r->found_s < 0 && caused(r) > 0)
         r->found_s = t - t_from;
@@ -208,9 +173,9 @@ static void follow(struct run *r)
         r->back_s = t - end;
     r->over = r->found_s >= 0 && r->back_s >= 0 && t > end + 0.5;
     for (uint32_t c = 0; c < N; c++)
-        r->over &= r->st.camera[c].state == CAP_RUNNING && r->st.camera[c].error[0] == '\0';
+        r->over &= r->rig.st.camera[c].state == CAP_RUNNING && r->rig.st.camera[c].error[0] == '\0';
     if (f->no_count)
-        r->over &= r->st.host_steps == 2;
+        r->over &= r->rig.st.host_steps == 2;
     else if (!f->noisy)
         r->over &= !has_trouble(r, f->cause);
 }
@@ -253,7 +218,7 @@ static void check(struct run *r, const char *log)
              (unsigned long long)r->mixed);
     T_CHECK_(r->disorder == 0, "%s: sets out of order", f->name);
     for (uint32_t c = 0; c < N; c++) {
-        const uint64_t *k = r->st.camera[c].count;
+        const uint64_t *k = r->rig.st.camera[c].count;
         T_CHECK_(
             k[CAP_RECEIVED] == r->frames[c] + k[CAP_LATE] + k[CAP_UNMATCHED] + k[CAP_OVERFLOW],
             "%s%u: received %llu, accounted for %llu", f->name, c,
@@ -262,14 +227,9 @@ static void check(struct run *r, const char *log)
     }
 }
 
-static void every_fault_is_found_told_once_and_over(void)
+T_CASE(every_fault_is_found_told_once_and_over)
 {
-    char path[] = "/tmp/pyrovox-faults-XXXXXX";
-    int to = mkstemp(path), err = dup(STDERR_FILENO);
-    T_OK(to >= 0 && err >= 0);
-    unlink(path);
-    dup2(to, STDERR_FILENO);
-    pvx_log_set_level(PVX_LOG_INFO);
+    log_begin(PVX_LOG_INFO);
     t_from = now_s() + START_S;
     for (size_t i = 0; i < CASES; i++)
         begin(&runs[i], &faults[i]);
@@ -285,29 +245,17 @@ static void every_fault_is_found_told_once_and_over(void)
     } while (over < CASES && pvx_now_mono() < until);
     pvx_sleep_until_mono(pvx_now_mono() + 1500 * PVX_NS_PER_MS); /* the last lines */
     for (size_t i = 0; i < CASES; i++) {
-        cap_capture_stop(runs[i].cap);
+        cap_capture_stop(runs[i].rig.cap);
         consume(&runs[i]);
-        cap_capture_stats(runs[i].cap, &runs[i].st);
+        rig_stats(&runs[i].rig);
     }
-    pvx_log_set_level(PVX_LOG_ERROR);
-    dup2(err, STDERR_FILENO);
-    close(err);
-    static char log[1 << 20];
-    ssize_t n = pread(to, log, sizeof log - 1, 0);
-    close(to);
-    log[n > 0 ? n : 0] = '\0';
+    log_end();
     for (size_t i = 0; i < CASES; i++) {
-        check(&runs[i], log);
-        cap_capture_free(&runs[i].cap);
+        check(&runs[i], log_text);
+        cap_capture_free(&runs[i].rig.cap);
     }
-    T_EQ_I(runs[GONE_CASE].st.all_gone, 1);
+    T_EQ_I(runs[GONE_CASE].rig.st.all_gone, 1);
     const char *show = getenv("FAULTS_LOG");
     if (t_case_fails > 0 || show != NULL)
-        printf("%s", log);
-}
-
-int main(void)
-{
-    T_RUN(every_fault_is_found_told_once_and_over);
-    return t_done();
+        printf("%s", log_text);
 }

@@ -8,7 +8,7 @@
 #include "../t.h"
 
 #include "base/clock.h"
-#include "capture/clockmap.h"
+#include "capture/sync/clockmap.h"
 #include "capture/sync/frameset.h"
 
 #define S     PVX_NS_PER_S
@@ -199,31 +199,33 @@ static struct result play(const struct setup *u)
     return r;
 }
 
-static void right(const struct setup *u, const struct result *r)
+/* Played, and right. */
+static struct result matched(const struct setup *u)
 {
+    struct result got = play(u), *r = &got;
     T_CHECK_(r->mixed == 0 && r->disorder == 0 && r->lost_whole == 0,
              "%u cameras, %.0f Hz: %llu frames of another instant, %llu sets out of order, %llu of "
              "%llu whole sets lost",
              u->cameras, u->hz, (unsigned long long)r->mixed, (unsigned long long)r->disorder,
              (unsigned long long)r->lost_whole, (unsigned long long)r->whole_possible);
     T_OK(r->whole_possible > 0);
+    return got;
 }
 
-static void any_seed_is_matched(void)
+/* What is asked of matching. */
+static const struct setup asked = {
+    .cameras = 8, .hz = 30, .seconds = 20, .drop = 0.05, .jitter_ms = 1, .ppm = 100};
+
+T_CASE(any_seed_is_matched)
 {
     uint64_t sets = 0, whole = 0;
     double spread = 0;
     for (int round = 0; round < 300; round++) {
-        struct setup u = {.cameras = 2 + (uint32_t)(t_rand() % 7),
-                          .hz = round % 3 == 0   ? 15
-                                : round % 3 == 1 ? 30
-                                                 : 60,
-                          .seconds = 10 + t_uniform(0, 20),
-                          .drop = 0.05,
-                          .jitter_ms = 1,
-                          .ppm = 100};
-        struct result r = play(&u);
-        right(&u, &r);
+        struct setup u = asked;
+        u.cameras = 2 + (uint32_t)(t_rand() % 7);
+        u.hz = 15 << round % 3;
+        u.seconds = 10 + t_uniform(0, 20);
+        struct result r = matched(&u);
         sets += r.sets;
         whole += r.whole;
         spread = fmax(spread, r.spread_max_us);
@@ -233,74 +235,54 @@ static void any_seed_is_matched(void)
            (unsigned long long)sets, (unsigned long long)whole, spread);
 }
 
-static void an_hour_is_matched(void)
+T_CASE(an_hour_is_matched)
 {
-    struct setup u = {
-        .cameras = 8, .hz = 30, .seconds = 3600, .drop = 0.05, .jitter_ms = 1, .ppm = 100};
-    struct result r = play(&u);
-    right(&u, &r);
+    struct setup u = asked;
+    u.seconds = 3600;
+    struct result r = matched(&u);
     printf("  1 h at 30 Hz: %llu sets, %llu whole, none lost; spread at most %.0f us\n",
            (unsigned long long)r.sets, (unsigned long long)r.whole, r.spread_max_us);
 }
 
 /* Frames held up by a resend, and all behind them with it: 60 ms is four periods. */
-static void held_up_frames_are_matched(void)
+T_CASE(held_up_frames_are_matched)
 {
     for (int round = 0; round < 60; round++) {
-        struct setup u = {.cameras = 8,
-                          .hz = 60,
-                          .seconds = 20,
-                          .drop = 0.05,
-                          .jitter_ms = 1,
-                          .ppm = 100,
-                          .stall = 0.01};
-        struct result r = play(&u);
-        right(&u, &r);
+        struct setup u = asked;
+        u.hz = 60;
+        u.stall = 0.01;
+        (void)matched(&u);
     }
 }
 
 /* Cameras whose constant delays differ by more than the tolerance: with readings of their clocks. */
-static void unlike_cameras_are_matched_by_readings(void)
+T_CASE(unlike_cameras_are_matched_by_readings)
 {
     for (int round = 0; round < 40; round++) {
-        struct setup u = {.cameras = 4,
-                          .hz = 60,
-                          .seconds = 20,
-                          .drop = 0.05,
-                          .jitter_ms = 1,
-                          .ppm = 100,
-                          .delays = 25,
-                          .readings = true};
-        struct result r = play(&u);
-        right(&u, &r);
+        struct setup u = asked;
+        u.cameras = 4;
+        u.hz = 60;
+        u.delays = 25;
+        u.readings = true;
+        (void)matched(&u);
     }
 }
 
-static void setting_the_host_clock_loses_nothing(void)
+T_CASE(setting_the_host_clock_loses_nothing)
 {
     static const int64_t steps[] = {3600 * S, -3600 * S, 11 * MS, -11 * MS};
     for (size_t k = 0; k < 4; k++) {
-        struct setup u = {.cameras = 8,
-                          .hz = 30,
-                          .seconds = 30,
-                          .drop = 0.05,
-                          .jitter_ms = 1,
-                          .ppm = 100,
-                          .step_at = 12,
-                          .step = steps[k]};
-        struct result r = play(&u);
-        right(&u, &r);
+        struct setup u = asked;
+        u.seconds = 30;
+        u.step_at = 12;
+        u.step = steps[k];
+        (void)matched(&u);
     }
 }
 
-int main(void)
+static void tear_down(void)
 {
-    T_RUN(any_seed_is_matched);
-    T_RUN(an_hour_is_matched);
-    T_RUN(held_up_frames_are_matched);
-    T_RUN(unlike_cameras_are_matched_by_readings);
-    T_RUN(setting_the_host_clock_loses_nothing);
     while (n_pool > 0)
         free(pool[--n_pool]);
-    return t_done();
 }
+T_MAIN((void)0, tear_down())

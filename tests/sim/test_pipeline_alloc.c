@@ -4,10 +4,10 @@
  * those that libzmq makes (its copy of an outgoing message, its own threads) - told by the caller's
  * address lying in libzmq or in the C++ library, which nothing else here uses.  1,000 frame sets go
  * from sim: cameras through the whole pipeline to a PUB socket. */
-#include "../t.h"
+#include "tests/lib/pipebed.h"
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-static void nothing_is_allocated(void)
+T_CASE(nothing_is_allocated)
 {
     T_SKIP("the sanitizers have an allocator of their own");
 }
@@ -15,13 +15,6 @@ static void nothing_is_allocated(void)
 #include <dlfcn.h>
 #include <link.h>
 #include <stdatomic.h>
-#include <sys/stat.h>
-#include <unistd.h>
-
-#include "base/clock.h"
-#include "base/file.h"
-#include "base/log.h"
-#include "daemon/pipeline.h"
 
 #define SETS 1000
 
@@ -101,79 +94,34 @@ static int find_libraries(struct dl_phdr_info *info, size_t size, void *ctx)
     return 0;
 }
 
-static void wait_for(dmn_pipeline *p, uint64_t sets, struct dmn_state *s)
+T_CASE(nothing_is_allocated)
 {
-    int64_t t0 = pvx_now_mono();
-    do {
-        usleep(20000);
-        dmn_pipeline_snapshot(p, s);
-    } while (s->published < sets && pvx_now_mono() - t0 < 60 * PVX_NS_PER_S);
-}
-
-static void nothing_is_allocated(void)
-{
-    static struct dmn_config cfg;
-    static struct dmn_state s;
-    struct pvx_diag d = {0};
-    char dir[] = "/tmp/pyrovox-test-XXXXXX", path[96], text[600];
-    T_OK(mkdtemp(dir) != NULL);
-    struct rec_rig rig;
-    char *yaml;
-    size_t len;
-    T_EQ_I(rec_rig_ring(4, 2.5, 64, 48, 16, &rig), PVX_OK);
-    T_EQ_I(rec_rig_format(&rig, &yaml, &len), PVX_OK);
-    snprintf(path, sizeof path, "%s/rig.yaml", dir);
-    T_EQ_I(pvx_file_write(path, yaml, len, &d), PVX_OK);
-    free(yaml);
-    rec_rig_fini(&rig);
-    snprintf(text, sizeof text,
-             "rig: %s/rig.yaml\ncameras: \"sim:\"\nfps: 250\nshared_clock: true\n"
-             "matrix_cache: %s/m\npublish: {endpoints: [\"ipc://%s/v\"], compress: lz4}\n"
-             "solver: {warm_start: on}\n",
-             dir, dir, dir);
-    T_EQ_I(dmn_config_parse(text, strlen(text), "test", &cfg, &d), PVX_OK);
-    T_EQ_S(d.text, "");
-    pvx_log_set_level(PVX_LOG_WARN);
-    dmn_pipeline *p = NULL;
-    T_EQ_I(dmn_pipeline_new(&cfg, NULL, NULL, &p, &d), PVX_OK);
-    T_EQ_S(d.text, "");
-    if (p != NULL) {
-        T_EQ_I(dmn_pipeline_start(p, &d), PVX_OK);
-        wait_for(p, 50, &s); /* cameras are open, first use of everything is over */
-        dl_iterate_phdr(find_libraries, NULL);
-        T_OK(n_apart >= 2);
-        uint64_t before = s.published;
-        atomic_store(&counting, 1);
-        wait_for(p, before + SETS, &s);
-        atomic_store(&counting, 0);
-        T_OK(s.published >= before + SETS);
-        T_EQ_I(atomic_load(&allocations), 0);
-        T_EQ_I(atomic_load(&frees), 0);
-        T_OK(atomic_load(&theirs) > 0); /* or the interposition does not work */
-        if (atomic_load(&allocations) + atomic_load(&frees) > 0) {
-            Dl_info info;
-            if (dladdr((void *)atomic_load(&first_caller), &info) != 0)
-                printf("  first caller: %s in %s\n", info.dli_sname ? info.dli_sname : "?",
-                       info.dli_fname);
-        }
-        dmn_pipeline_stop(p, "end of the test");
-        dmn_pipeline_snapshot(p, &s);
-        uint64_t gone = s.published;
-        for (int i = 0; i < DMN_N_DROP; i++)
-            gone += s.dropped[i];
-        T_EQ_I(s.produced, gone);
-        T_EQ_I(s.inside, 0);
-        dmn_pipeline_free(&p);
+    make_rig(4, 64, 48, 16);
+    bed_publish = "compress: lz4";
+    dmn_live *p = started("cameras: \"sim:\"\nfps: 250\nsolver: {warm_start: on}\n");
+    LOOK_UNTIL(p, state.published >= 50); /* cameras are open, first use of everything is over */
+    dl_iterate_phdr(find_libraries, NULL);
+    T_OK(n_apart >= 2);
+    uint64_t before = state.published;
+    atomic_store(&counting, 1);
+    LOOK_UNTIL(p, state.published >= before + SETS);
+    atomic_store(&counting, 0);
+    T_EQ_I(atomic_load(&allocations), 0);
+    T_EQ_I(atomic_load(&frees), 0);
+    T_OK(atomic_load(&theirs) > 0); /* or the interposition does not work */
+    if (atomic_load(&allocations) + atomic_load(&frees) > 0) {
+        Dl_info info;
+        if (dladdr((void *)atomic_load(&first_caller), &info) != 0)
+            printf("  first caller: %s in %s\n", info.dli_sname ? info.dli_sname : "?",
+                   info.dli_fname);
     }
-    unlink(path);
-    snprintf(path, sizeof path, "%s/m", dir);
-    unlink(path);
-    T_EQ_I(rmdir(dir), 0);
+    finish(&p);
 }
 #endif
 
 int main(void)
 {
-    T_RUN(nothing_is_allocated);
-    return t_done();
+    bed_open();
+    t_run();
+    return bed_close();
 }

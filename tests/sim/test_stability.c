@@ -5,29 +5,28 @@
 
 static struct stab_run run = STAB_QUICK;
 
-static void hard_cases(void)
+static void all_pass(void (*part)(const struct stab_run *run))
 {
     int before = stab_failed();
-    stab_cases(&run);
+    part(&run);
     T_EQ_I(stab_failed(), before);
 }
-static void float_against_double(void)
+
+T_CASE(hard_cases)
 {
-    int before = stab_failed();
-    stab_reference(&run);
-    T_EQ_I(stab_failed(), before);
+    all_pass(stab_cases);
 }
-static void many_iterations(void)
+T_CASE(float_against_double)
 {
-    int before = stab_failed();
-    stab_iterations(&run);
-    T_EQ_I(stab_failed(), before);
+    all_pass(stab_reference);
 }
-static void rings_of_views(void)
+T_CASE(many_iterations)
 {
-    int before = stab_failed();
-    stab_conditions(&run);
-    T_EQ_I(stab_failed(), before);
+    all_pass(stab_iterations);
+}
+T_CASE(rings_of_views)
+{
+    all_pass(stab_conditions);
 }
 
 int main(void)
@@ -35,10 +34,7 @@ int main(void)
     if (pvx_pool_new(2, "test", &run.pool) != PVX_OK)
         return 2;
     stab_begin(&run);
-    T_RUN(hard_cases);
-    T_RUN(float_against_double);
-    T_RUN(many_iterations);
-    T_RUN(rings_of_views);
+    t_run();
     stab_end();
     pvx_pool_free(&run.pool);
     return t_done();

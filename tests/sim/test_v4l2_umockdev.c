@@ -1,29 +1,25 @@
 /* test_v4l2_umockdev.c - the v4l2: backend on cameras that misbehave as a good driver will not on request:
  * the ioctls are answered by umockdev.  What real drivers do is in tests/vm/vm_v4l2.c. */
-#include "../t.h"
-#include "../v4l2_bed.h"
+#include "tests/lib/rig.h"
+#include "tests/lib/v4l2_bed.h"
 
+#include <limits.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <unistd.h>
 
 #include "base/log.h"
+#include "capture/rig/backends.h"
 #include "capture/rig/capture.h"
-#include "mock_v4l2.h"
+#include "tests/lib/mock_v4l2.h"
 
 static struct mock_camera cam;
 
 static struct cap_source_config config(void)
 {
-    return (struct cap_source_config){.uri = "usb-0042",
-                                      .name = "cam0",
-                                      .width = 320,
-                                      .height = 240,
-                                      .fmt = CAP_YUYV,
-                                      .fps = 60,
-                                      .buffers = 6,
-                                      .exposure_us = -1,
-                                      .gain = -1};
+    struct cap_source_config c = source_of("usb-0042", 320, 240, CAP_YUYV, 60);
+    c.buffers = 6;
+    return c;
 }
 
 static void plug(void)
@@ -35,10 +31,9 @@ static void plug(void)
 /* Frames until n more have come, then stop. */
 static void run(const struct cap_source_config *c, uint64_t n)
 {
-    reset_box(false);
-    cap_source *s = opened(c);
-    if (started(s))
-        T_OK(wait_count(&box.n, n));
+    cap_source *s = running(c, false);
+    if (s != NULL)
+        T_OK(wait_count(&box, &box.n, n));
     ended(s);
 }
 
@@ -55,15 +50,15 @@ static void on_found(void *ctx, const struct cap_found *f)
 
 /* ---- what goes well --------------------------------------------------------------------------- */
 
-static void frames_are_the_drivers_memory(void)
+T_CASE(frames_are_the_drivers_memory)
 {
     plug();
     struct cap_source_config c = config();
-    reset_box(true);
+    reset_box(&box, true);
     cam.interrupts = 3; /* EINTR is asked again */
     cap_source *s = opened(&c);
     if (started(s)) {
-        T_OK(wait_count(&box.count[CAP_UNDERRUN], 3)); /* all 6 are out, the driver goes on */
+        T_OK(wait_count(&box, &box.count[CAP_UNDERRUN], 3)); /* all 6 are out, the driver goes on */
         T_EQ_I(box.n_held, 6);
         for (unsigned i = 0; i < box.n_held; i++) {
             const struct cap_image *img = &box.held[i]->img;
@@ -72,9 +67,9 @@ static void frames_are_the_drivers_memory(void)
             T_EQ_I(img->stride, 640);
             T_OK(box.held[i]->dmabuf > 0);
         }
-        keep_box(false);
-        empty_box();
-        T_OK(wait_more(&box.n, 12));
+        keep_box(&box, false);
+        empty_box(&box);
+        T_OK(wait_more(&box, &box.n, 12));
         T_EQ_I(cam.buffers, 8); /* two more than asked for */
     }
     ended(s);
@@ -87,22 +82,20 @@ static void frames_are_the_drivers_memory(void)
     mock_unplug(&cam);
 }
 
-static void without_export_or_buffers_enough(void)
+T_CASE(without_export_or_buffers_enough)
 {
     plug();
     struct cap_source_config c = config();
     cam.no_expbuf = true;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s) && wait_count(&box.n, 2))
+    cap_source *s = running(&c, true);
+    if (s != NULL && wait_count(&box, &box.n, 2))
         T_EQ_I(box.held[0]->dmabuf, 0);
     ended(s);
-    empty_box();
+    empty_box(&box);
     cam.max_buffers = 4; /* fewer than 6 + 2: copies */
-    reset_box(true);
-    s = opened(&c);
-    if (started(s)) {
-        T_OK(wait_count(&box.count[CAP_UNDERRUN], 3));
+    s = running(&c, true);
+    if (s != NULL) {
+        T_OK(wait_count(&box, &box.count[CAP_UNDERRUN], 3));
         T_EQ_I(box.n_held, 6);
         for (unsigned i = 0; i < box.n_held; i++)
             T_EQ_I(((const unsigned char *)box.held[i]->img.data)[9], 1 + box.held[i]->id % 250);
@@ -110,13 +103,13 @@ static void without_export_or_buffers_enough(void)
         T_EQ_I(cam.queued, 4);
     }
     ended(s);
-    empty_box();
+    empty_box(&box);
     cam.max_buffers = 2;
     REFUSED(&c, PVX_ENOMEM, "gives only 2 buffers");
     mock_unplug(&cam);
 }
 
-static void multi_planar(void)
+T_CASE(multi_planar)
 {
     mock_init(&cam, 0, "0042");
     cam.caps = V4L2_CAP_VIDEO_CAPTURE_MPLANE | V4L2_CAP_STREAMING;
@@ -124,32 +117,30 @@ static void multi_planar(void)
     mock_plug(&cam);
     struct cap_source_config c = config();
     c.fmt = CAP_GREY8;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s) && wait_count(&box.n, 3)) {
+    cap_source *s = running(&c, true);
+    if (s != NULL && wait_count(&box, &box.n, 3)) {
         const struct cap_frame *f = box.held[2];
         T_EQ_I(f->img.size, 320 * 240);
         T_EQ_I((uintptr_t)f->img.data % 4096, 64);
         T_EQ_I(((const unsigned char *)f->img.data)[0], 1 + f->id % 250);
     }
     ended(s);
-    empty_box();
+    empty_box(&box);
     mock_unplug(&cam);
 }
 
-static void rows_may_be_padded(void)
+T_CASE(rows_may_be_padded)
 {
     plug();
     cam.bytesperline = 704;
     struct cap_source_config c = config();
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s) && wait_count(&box.n, 1)) {
+    cap_source *s = running(&c, true);
+    if (s != NULL && wait_count(&box, &box.n, 1)) {
         T_EQ_I(box.held[0]->img.stride, 704);
         T_EQ_I(box.held[0]->img.size, 704 * 240);
     }
     ended(s);
-    empty_box();
+    empty_box(&box);
     cam.bytesperline = 600; /* a driver that is wrong about itself */
     REFUSED(&c, PVX_EIO, "driver mock", "600 bytes per row");
     mock_unplug(&cam);
@@ -157,7 +148,7 @@ static void rows_may_be_padded(void)
 
 /* ---- what a camera may not do ----------------------------------------------------------------- */
 
-static void substitutes_are_refused(void)
+T_CASE(substitutes_are_refused)
 {
     plug();
     struct cap_source_config c = config();
@@ -185,7 +176,7 @@ static void substitutes_are_refused(void)
     mock_unplug(&cam);
 }
 
-static void ranges_are_told_as_such(void)
+T_CASE(ranges_are_told_as_such)
 {
     struct pvx_diag d = {""};
     mock_init(&cam, 0, NULL); /* no USB device: the bus is its name */
@@ -205,7 +196,7 @@ static void ranges_are_told_as_such(void)
     mock_unplug(&cam);
 }
 
-static void refusals_of_the_driver_name_the_remedy(void)
+T_CASE(refusals_of_the_driver_name_the_remedy)
 {
     static const struct {
         int err;
@@ -221,7 +212,7 @@ static void refusals_of_the_driver_name_the_remedy(void)
         struct pvx_diag d = {""};
         cam.streamon_errno = k[i].err;
         cap_source *s = opened(&c);
-        T_EQ_I(v4l2->start(s, &sink, &d), k[i].want);
+        T_EQ_I(v4l2->start(s, &box_sink, &d), k[i].want);
         T_CONTAINS(d.text, k[i].says);
         T_CONTAINS(d.text, "VIDIOC_STREAMON");
         cam.streamon_errno = 0;
@@ -243,7 +234,7 @@ static void refusals_of_the_driver_name_the_remedy(void)
     mock_unplug(&cam);
 }
 
-static void bad_frames_are_counted_not_used(void)
+T_CASE(bad_frames_are_counted_not_used)
 {
     plug();
     struct cap_source_config c = config();
@@ -259,23 +250,21 @@ static void bad_frames_are_counted_not_used(void)
     T_EQ_I(box.holes, box.count[CAP_ID_GAP]);
     cam.skip_every = 0;
     cam.short_by = 320 * 240 * 2; /* nothing in it */
-    reset_box(false);
-    cap_source *s = opened(&c);
-    if (started(s))
-        T_OK(wait_count(&box.count[CAP_INCOMPLETE], 3));
+    cap_source *s = running(&c, false);
+    if (s != NULL)
+        T_OK(wait_count(&box, &box.count[CAP_INCOMPLETE], 3));
     ended(s);
     T_EQ_I(box.n, 0);
     cam.short_by = -5000u; /* more than the buffer has */
-    reset_box(false);
-    s = opened(&c);
-    if (started(s))
-        T_OK(wait_count(&box.count[CAP_INCOMPLETE], 3));
+    s = running(&c, false);
+    if (s != NULL)
+        T_OK(wait_count(&box, &box.count[CAP_INCOMPLETE], 3));
     ended(s);
     T_EQ_I(box.n, 0);
     mock_unplug(&cam);
 }
 
-static void stamps(void)
+T_CASE(stamps)
 {
     plug();
     struct cap_source_config c = config();
@@ -304,25 +293,25 @@ static void stamps(void)
 
 /* ---- controls --------------------------------------------------------------------------------- */
 
-static void exposure_and_gain(void)
+T_CASE(exposure_and_gain)
 {
     plug();
     struct cap_source_config c = config();
     c.exposure_us = 10049; /* units of 100 us */
     c.gain = 21;           /* steps of 4 */
-    reset_box(true);
+    reset_box(&box, true);
     cap_source *s = opened(&c);
     T_EQ_I(cam.exposure_auto, V4L2_EXPOSURE_MANUAL);
     T_EQ_I(cam.exposure, 100);
     T_EQ_I(cam.priority, 0);
     T_EQ_I(cam.autogain, 0);
     T_EQ_I(cam.gain, 20);
-    if (started(s) && wait_count(&box.n, 1)) {
+    if (started(s) && wait_count(&box, &box.n, 1)) {
         T_NEAR(box.held[0]->exposure_us, 10000, 1e-9);
         T_NEAR(box.held[0]->gain, 20, 0);
     }
     ended(s);
-    empty_box();
+    empty_box(&box);
     c.exposure_us = 100;
     REFUSED(&c, PVX_EINVAL, "exposure_us = 100 refused", "300 to 204700 us");
     c.exposure_us = 10000;
@@ -333,22 +322,19 @@ static void exposure_and_gain(void)
     REFUSED(&c, PVX_EINVAL, "auto_exposure = 1 refused", "rules it", "1 = Manual Mode");
     cam.control_errno = 0;
     c = config();
-    c.features = (const struct cap_feature[]){{"exposure_dynamic_framerate", "0"},
-                                              {"auto_exposure", "aperture priority mode"},
-                                              {"exposure_time_absolute", "77"}};
-    c.n_features = 3;
+    FEATURES(&c, {"exposure_dynamic_framerate", "0"}, {"auto_exposure", "aperture priority mode"},
+             {"exposure_time_absolute", "77"});
     cam.control_keeps = 156;
     REFUSED(&c, PVX_EINVAL, "has 156, because an automatic mode rules it");
     T_EQ_I(cam.exposure_auto, V4L2_EXPOSURE_APERTURE_PRIORITY);
-    c.features = (const struct cap_feature[]){{"power_line_frequency", "1"}};
-    c.n_features = 1;
+    FEATURES(&c, {"power_line_frequency", "1"});
     REFUSED(&c, PVX_EINVAL, "disabled");
     mock_unplug(&cam);
 }
 
 /* ---- names ------------------------------------------------------------------------------------ */
 
-static void equal_webcams_are_told_apart(void)
+T_CASE(equal_webcams_are_told_apart)
 {
     static struct mock_camera two[2], meta;
     struct pvx_diag d = {""};
@@ -401,39 +387,36 @@ static void equal_webcams_are_told_apart(void)
 
 /* ---- lost and found --------------------------------------------------------------------------- */
 
-static void a_device_that_fails_is_lost_once(void)
+T_CASE(a_device_that_fails_is_lost_once)
 {
     static const int errors[] = {ENODEV, EIO, EINVAL};
     plug();
     struct cap_source_config c = config();
     for (size_t i = 0; i < sizeof errors / sizeof errors[0]; i++) {
-        reset_box(true);
-        cap_source *s = opened(&c);
-        if (started(s) && wait_count(&box.n, 3)) {
+        cap_source *s = running(&c, true);
+        if (s != NULL && wait_count(&box, &box.n, 3)) {
             mock_lock();
             cam.dqbuf_errno = errors[i];
             mock_unlock();
-            T_OK(wait_lost());
+            T_OK(wait_count(&box, &box.lost, 1));
         }
         cam.dqbuf_errno = 0;
         ended(s); /* with frames out */
         T_EQ_I(box.lost, 1);
-        empty_box();
+        empty_box(&box);
     }
     mock_unplug(&cam);
 }
 
-static struct cap_stats st;
-static bool until_received(cap_capture *cap, uint64_t n, enum cap_count what)
+static struct rig r;
+
+static void start(void)
 {
-    int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
-    do {
-        struct cap_set *set;
-        if (cap_capture_next(cap, 50 * PVX_NS_PER_MS, &set) == PVX_OK)
-            cap_set_release(set);
-        cap_capture_stats(cap, &st);
-    } while (st.camera[0].count[what] < n && pvx_now_mono() < until);
-    return st.camera[0].count[what] >= n;
+    struct cap_source_config c = config();
+    c.uri = "v4l2:usb-0042";
+    c.buffers = 8;
+    rig_init(&r, 1, 60, c);
+    rig_start(&r);
 }
 
 static int open_files(void)
@@ -444,72 +427,58 @@ static int open_files(void)
     return n;
 }
 
-static void it_is_found_again_under_another_number(void)
+/* The least that open files grew by from one of the counts to the next. */
+static int least_growth(const int *files, int n)
 {
-    struct cap_source_config c = config();
-    c.uri = "v4l2:usb-0042";
-    c.buffers = 8;
-    struct cap_capture_config cfg = {.n_cameras = 1,
-                                     .camera = &c,
-                                     .fps = 60,
-                                     .sets = {.policy = CAP_POLICY_PARTIAL, .min_cameras = 1}};
-    cap_capture *cap;
-    struct pvx_diag d = {""};
-    static struct mock_camera again[4];
-    int files = 0, now;
-    T_EQ_I(cap_capture_new(&cfg, &cap, &d), PVX_OK);
-    T_EQ_I(cap_capture_start(cap, &d), PVX_OK); /* not there yet */
-    for (unsigned i = 0; i < 4; i++) {
-        uint64_t before = st.camera[0].count[CAP_RECEIVED];
-        mock_init(&again[i], i % 2 == 0 ? 5 : 7, "0042");
-        mock_plug(&again[i]);
-        T_OK(until_received(cap, before + 5, CAP_RECEIVED));
-        T_OK(again[i].streaming);
-        mock_unplug(&again[i]);
-        T_OK(until_received(cap, i + 1, CAP_LOST_CAMERA));
-        /* or, on a busy machine, what the first look for it has said since */
-        T_OK(strstr(st.camera[0].error, "connection lost") != NULL ||
-             strstr(st.camera[0].error, "not plugged in") != NULL);
-        /* our mock keeps a file and what umockdev needs for it; no more than that may stay */
-        if (i == 1)
-            files = open_files();
-    }
-    int64_t until =
-        pvx_now_mono() + BOX_PATIENCE_NS; /* the camera given up last is still closing */
-    while ((now = open_files()) - files > 2 * 4 && pvx_now_mono() < until)
-        pvx_sleep_until_mono(pvx_now_mono() + 20 * PVX_NS_PER_MS);
-    T_LE(now - files, 2 * 4);
-    T_EQ_I(st.camera[0].count[CAP_LOST_CAMERA], 4);
-    T_EQ_I(st.camera[0].count[CAP_BAD_SIZE] + st.camera[0].count[CAP_INCOMPLETE], 0);
-    cap_capture_free(&cap);
+    int least = INT_MAX;
+    for (int i = 1; i < n; i++)
+        least = files[i] - files[i - 1] < least ? files[i] - files[i - 1] : least;
+    return least;
 }
 
-static void short_frames_are_counted(void)
+T_CASE(it_is_found_again_under_another_number)
+{
+    static struct mock_camera again[4];
+    int files[4];
+    start(); /* not there yet */
+    for (unsigned i = 0; i < 4; i++) {
+        uint64_t before = r.st.camera[0].count[CAP_RECEIVED];
+        mock_init(&again[i], i % 2 == 0 ? 5 : 7, "0042");
+        mock_plug(&again[i]);
+        T_OK(rig_counts(&r, 0, CAP_RECEIVED, before + 5));
+        T_OK(again[i].streaming);
+        mock_unplug(&again[i]);
+        T_OK(rig_counts(&r, 0, CAP_LOST_CAMERA, i + 1));
+        /* or, on a busy machine, what the first look for it has said since */
+        T_OK(strstr(r.st.camera[0].error, "connection lost") != NULL ||
+             strstr(r.st.camera[0].error, "not plugged in") != NULL);
+        files[i] = open_files();
+    }
+    /* Our mock keeps a file and what umockdev needs for it; were more to stay, it would each time.  (The
+     * camera given up last is still closing.) */
+    UNTIL ((files[3] = open_files(), least_growth(files, 4) <= 4))
+        pvx_sleep_until_mono(pvx_now_mono() + 20 * PVX_NS_PER_MS);
+    T_LE(least_growth(files, 4), 4);
+    T_EQ_I(r.st.camera[0].count[CAP_LOST_CAMERA], 4);
+    T_EQ_I(r.st.camera[0].count[CAP_BAD_SIZE] + r.st.camera[0].count[CAP_INCOMPLETE], 0);
+    rig_end(&r);
+}
+
+T_CASE(short_frames_are_counted)
 {
     plug();
-    struct cap_source_config c = config();
-    c.uri = "v4l2:usb-0042";
-    c.buffers = 8;
-    struct cap_capture_config cfg = {.n_cameras = 1,
-                                     .camera = &c,
-                                     .fps = 60,
-                                     .sets = {.policy = CAP_POLICY_PARTIAL, .min_cameras = 1}};
-    cap_capture *cap;
-    struct pvx_diag d = {""};
-    st = (struct cap_stats){0};
-    T_EQ_I(cap_capture_new(&cfg, &cap, &d), PVX_OK);
-    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
-    T_OK(until_received(cap, 3, CAP_RECEIVED));
+    start();
+    T_OK(rig_counts(&r, 0, CAP_RECEIVED, 3));
     mock_lock();
     cam.short_by = 2;
     mock_unlock();
-    T_OK(until_received(cap, 5, CAP_BAD_SIZE));
+    T_OK(rig_counts(&r, 0, CAP_BAD_SIZE, 5));
     mock_lock();
     cam.short_by = 0;
     mock_unlock();
-    T_OK(until_received(cap, st.camera[0].count[CAP_RECEIVED] + 5, CAP_RECEIVED));
-    T_EQ_I(st.camera[0].count[CAP_LOST_CAMERA], 0);
-    cap_capture_free(&cap);
+    T_OK(rig_counts(&r, 0, CAP_RECEIVED, r.st.camera[0].count[CAP_RECEIVED] + 5));
+    T_EQ_I(r.st.camera[0].count[CAP_LOST_CAMERA], 0);
+    rig_end(&r);
     mock_unplug(&cam);
 }
 
@@ -526,20 +495,7 @@ int main(int argc, char **argv)
     pvx_log_set_level(PVX_LOG_ERROR);
     v4l2 = cap_backend_find("v4l2:", &rest);
     mock_start();
-    T_RUN(frames_are_the_drivers_memory);
-    T_RUN(without_export_or_buffers_enough);
-    T_RUN(multi_planar);
-    T_RUN(rows_may_be_padded);
-    T_RUN(substitutes_are_refused);
-    T_RUN(ranges_are_told_as_such);
-    T_RUN(refusals_of_the_driver_name_the_remedy);
-    T_RUN(bad_frames_are_counted_not_used);
-    T_RUN(stamps);
-    T_RUN(exposure_and_gain);
-    T_RUN(equal_webcams_are_told_apart);
-    T_RUN(a_device_that_fails_is_lost_once);
-    T_RUN(it_is_found_again_under_another_number);
-    T_RUN(short_frames_are_counted);
+    t_run();
     mock_stop();
     return t_done();
 }

@@ -10,6 +10,7 @@
 
 #include "base/clock.h"
 #include "capture/rig/capture.h"
+#include "tests/lib/source.h"
 #include "tests/soak/floor.h"
 #include "tests/soak/truth.h"
 
@@ -73,15 +74,9 @@ static cap_capture *begin(const struct args *a, const struct truth *t)
     for (unsigned c = 0; c < a->cameras; c++) {
         snprintf(uri[c], sizeof uri[c], "aravis:127.0.0.%u", 2 + c);
         snprintf(name[c], sizeof name[c], "cam%u", c);
-        cam[c] = (struct cap_source_config){.uri = uri[c],
-                                            .name = name[c],
-                                            .width = t->width,
-                                            .height = t->height,
-                                            .fmt = CAP_RGB8,
-                                            .fps = a->fps,
-                                            .exposure_us = -1,
-                                            .gain = -1,
-                                            .buffers = 16};
+        cam[c] = source_of(uri[c], t->width, t->height, CAP_RGB8, a->fps);
+        cam[c].name = name[c];
+        cam[c].buffers = 16;
     }
     struct cap_capture_config config = {.n_cameras = a->cameras,
                                         .camera = cam,

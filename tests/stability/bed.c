@@ -4,25 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/mem.h"
+#include "tests/lib/normal.h"
 
 #define RADIUS 2.2
 #define SUB    4 /* rays per pixel side: pixels are area means */
-
-static void *checked(void *p)
-{
-    if (p == NULL)
-        CHECK(PVX_ENOMEM);
-    return p;
-}
-
-double stab_uniform(struct stab_bed *b)
-{
-    b->rng ^= b->rng << 13;
-    b->rng ^= b->rng >> 7;
-    b->rng ^= b->rng << 17;
-    return ((double)(b->rng >> 11) + 0.5) * 0x1p-53;
-}
 
 size_t stab_pixels(const struct stab_bed *b, size_t camera)
 {
@@ -81,10 +66,9 @@ static void faces(struct rec_rig *rig)
     }
 }
 
-static void make_rig(struct rec_rig *rig, enum stab_rig kind, size_t n, int32_t w, int32_t h,
-                     int32_t voxels)
+static void make_rig(struct rec_rig *rig, enum stab_rig kind, size_t n, struct stab_size size)
 {
-    CHECK(rec_rig_ring(n, RADIUS, w, h, voxels, rig));
+    CHECK(rec_rig_ring(n, RADIUS, size.w, size.h, size.voxels, rig));
     switch (kind) {
     case RIG_RING: break;
     case RIG_TWINS:
@@ -103,7 +87,7 @@ static void make_rig(struct rec_rig *rig, enum stab_rig kind, size_t n, int32_t 
     case RIG_INSIDE: {
         static const double at[3] = {0.15, 0.1, 0.45}, aim[3] = {-0.3, -0.2, 0.6};
         place(&rig->cameras[n - 1], at, aim);
-        rig->cameras[n - 1].fx = rig->cameras[n - 1].fy = 0.5 * w;
+        rig->cameras[n - 1].fx = rig->cameras[n - 1].fy = 0.5 * size.w;
         break;
     }
     case RIG_FACES: faces(rig); break;
@@ -192,7 +176,8 @@ void stab_bed_render(struct stab_bed *b, const struct rec_camera *cameras)
 void stab_bed_reset(struct stab_bed *b)
 {
     b->p = rec_frame_defaults;
-    b->rng = 88172645463325252u;
+    b->rng = 1;
+    b->residual = false;
     b->pose = b->pose0;
     for (size_t c = 0; c < b->rig.n_cameras; c++) {
         b->present[c] = true;
@@ -205,28 +190,25 @@ void stab_bed_reset(struct stab_bed *b)
 void stab_bed_noise(struct stab_bed *b, double share)
 {
     for (size_t c = 0; c < b->rig.n_cameras; c++)
-        for (size_t i = 0; share > 0 && i < stab_pixels(b, c) * 3; i++) {
-            double r = sqrt(-2 * log(stab_uniform(b)));
-            b->image[c][i] +=
-                (float)(share * b->peak * r * cos(6.283185307179586 * stab_uniform(b)));
-        }
+        for (size_t i = 0; share > 0 && i < stab_pixels(b, c) * 3; i++)
+            b->image[c][i] += (float)(share * b->peak * normal_deviate(&b->rng));
 }
 
 void stab_bed_new(struct stab_bed *b, const struct stab_run *run, enum stab_rig kind,
-                  size_t cameras, enum rec_basis basis, int32_t voxels, int32_t w, int32_t h)
+                  size_t cameras, enum rec_basis basis, struct stab_size size)
 {
     memset(b, 0, sizeof *b);
     b->run = run;
-    make_rig(&b->rig, kind, cameras, w, h, voxels);
+    make_rig(&b->rig, kind, cameras, size);
     b->rig.grid.basis = basis;
     struct rec_sysmat_params p = {.binning = 1};
     CHECK(rec_sysmat_build(&b->rig, &p, run->pool, NULL, NULL, &b->S, NULL));
     b->voxels = rec_grid_count(&b->rig.grid);
-    b->truth = checked(pvx_calloc(b->voxels * 3, sizeof *b->truth));
-    b->truth0 = checked(pvx_calloc(b->voxels * 3, sizeof *b->truth0));
+    b->truth = must_floats(b->voxels * 3);
+    b->truth0 = must_floats(b->voxels * 3);
     for (size_t c = 0; c < cameras; c++) {
-        b->image[c] = checked(pvx_calloc(stab_pixels(b, c) * 3, sizeof *b->image[c]));
-        b->image0[c] = checked(pvx_calloc(stab_pixels(b, c) * 3, sizeof *b->image0[c]));
+        b->image[c] = must_floats(stab_pixels(b, c) * 3);
+        b->image0[c] = must_floats(stab_pixels(b, c) * 3);
     }
     struct rec_flame flame;
     rec_flame_init(&flame, &b->rig.grid, 1);
@@ -276,23 +258,29 @@ struct stab_result stab_solve(const struct stab_bed *b, rec_frame *f,
     CHECK(rec_frame_solve(f, 0, previous));
     rec_frame_volume(f, &v);
     r.report = *rec_frame_get_report(f);
-    double e = 0, amount = 0;
+    double e = 0, amount = 0, truth = 0;
     int32_t at = 0;
     for (size_t i = 0; i < b->voxels; i++) {
         bool in = at < v.n && v.index[at] == (int32_t)i;
         for (int l = 0; l < v.nch; l++) {
             double x = in ? v.value[(size_t)at * (size_t)v.cs + (size_t)l] : 0;
-            double d = x - b->truth[i * 3 + (size_t)l];
+            double t = b->truth[i * 3 + (size_t)l];
             r.finite = r.finite && isfinite(x) && x >= 0;
-            e += d * d;
+            e += (x - t) * (x - t);
             amount += x * x;
+            truth += t * t;
         }
         at += in;
     }
     r.finite = r.finite && at == v.n && isfinite(r.report.solve.rel_residual) &&
                isfinite(r.report.solve.objective) && isfinite(r.report.solve.lambda);
-    r.error = sqrt(e) / b->norm;
-    r.amount = sqrt(amount) / b->norm;
+    r.error = b->residual ? r.report.solve.rel_residual : sqrt(e) / b->norm;
+    r.flame = b->residual || truth > 0;
+    bool empty = r.report.solve.status == REC_EMPTY && r.report.active_voxels == 0;
+    r.outcome = !r.flame      ? (amount > 0 ? "ghost" : "dark")
+                : amount == 0 ? (empty ? "carved away" : "nothing")
+                : r.error < 1 ? "light"
+                              : "astray";
     r.ms = 1e-6 * (double)(r.report.photo_ns + r.report.hull_ns + r.report.restrict_ns +
                            r.report.solve_ns);
     return r;
@@ -303,8 +291,25 @@ struct stab_result stab_reconstruct(const struct stab_bed *b, const char *solver
     struct rec_frame_params p = b->p;
     rec_frame *f;
     p.solve.solver = solver;
-    CHECK(rec_frame_new(b->S, &b->rig, &p, b->run->pool, &f, NULL));
+    CHECK(slot_new(b->S, &b->rig, &p, b->run->pool, &f, NULL));
     struct stab_result r = stab_solve(b, f, NULL);
-    rec_frame_free(&f);
+    slot_free(&f);
     return r;
+}
+
+struct stab_row stab_row_of(const char *name, const struct stab_bed *b, const char *solver,
+                            const struct stab_result *r)
+{
+    return (struct stab_row){.name = name,
+                             .basis = (int)b->rig.grid.basis,
+                             .solver = solver,
+                             .outcome = r->outcome,
+                             .error = r->error,
+                             .bound = STAB_MEASURED,
+                             .sound = r->finite,
+                             .flame = r->flame,
+                             .residual = r->report.solve.rel_residual,
+                             .iterations = r->report.solve.iterations,
+                             .voxels = (int32_t)r->report.active_voxels,
+                             .ms = r->ms};
 }

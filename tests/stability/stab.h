@@ -11,43 +11,40 @@
 #include <stdio.h>
 
 #include "base/pool.h"
+#include "base/random.h"
 #include "recon/view/flame.h"
-#include "recon/frame/frame.h"
 #include "recon/geom/traverse.h"
+#include "tests/lib/must.h"
+#include "tests/lib/slot.h"
 
-/* The harness's own errors end the program: there is nothing to measure then. */
-#define CHECK(expr)                                                                                \
-    do {                                                                                           \
-        pvx_err check_e_ = (expr);                                                                 \
-        if (check_e_ != PVX_OK) {                                                                  \
-            fprintf(stderr, "%s:%d: %s: %s\n", __FILE__, __LINE__, #expr, pvx_strerror(check_e_)); \
-            exit(2);                                                                               \
-        }                                                                                          \
-    } while (0)
+struct stab_size {
+    int32_t voxels, w, h; /* a side; of a picture */
+};
 
 struct stab_run {
-    int32_t voxels, w, h;                /* of the hard cases */
-    int32_t long_voxels, long_w, long_h; /* of the 10^4 iterations */
+    struct stab_size size, long_size; /* of the hard cases, of the 10^4 iterations */
     uint32_t long_iterations;
     bool quick;
     const char *folder; /* for CSV files, or NULL */
     pvx_pool *pool;
 };
 
-#define STAB_FULL                                                                        \
-    {                                                                                    \
-        .voxels = 64, .w = 160, .h = 120, .long_voxels = 32, .long_w = 80, .long_h = 60, \
-        .long_iterations = 10000                                                         \
+#define STAB_FULL                                                                   \
+    {                                                                               \
+        .size = {64, 160, 120}, .long_size = {32, 80, 60}, .long_iterations = 10000 \
     }
-#define STAB_QUICK                                                                     \
-    {                                                                                  \
-        .voxels = 24, .w = 64, .h = 48, .long_voxels = 20, .long_w = 48, .long_h = 36, \
-        .long_iterations = 1000, .quick = true                                         \
+#define STAB_QUICK                                                                              \
+    {                                                                                           \
+        .size = {24, 64, 48}, .long_size = {20, 48, 36}, .long_iterations = 1000, .quick = true \
     }
 
 /* ---- the table ----------------------------------------------------------------------------------*/
 
 #define STAB_NO_BOUND INFINITY /* reported only */
+/* Outcome and error as tests/stability/quick.csv or full.csv has them, the error at most 1.3 times as
+ * large; the two forms of cgls without a bound on it.  A run with a folder writes what it measured to
+ * measured.csv there: after a change that is meant, that file replaces the other. */
+#define STAB_MEASURED (-1.0)
 
 struct stab_row {
     const char *name;
@@ -55,6 +52,7 @@ struct stab_row {
     const char *solver, *outcome;
     double error, bound; /* must be finite and error <= bound */
     bool sound;          /* whatever else the case asserts */
+    bool flame;          /* the row must not accept a volume of zeros */
     double residual;     /* relative; 0 where there is none */
     uint32_t iterations;
     int32_t voxels; /* active */
@@ -63,6 +61,8 @@ struct stab_row {
 
 /* Print the row, PASS or FAIL; and to stability.csv in the folder. */
 void stab_begin(const struct stab_run *run);
+/* NAME.csv in the folder, or NULL where there is none. */
+FILE *stab_csv(const struct stab_run *run, const char *name);
 void stab_add(const struct stab_row *row);
 /* Rows so far / failed ones. */
 int stab_rows(void), stab_failed(void);
@@ -89,14 +89,15 @@ struct stab_bed {
     float *truth;                            /* [voxels][3] */
     float *image[REC_MAX_CAMERAS];           /* [h][w][3] */
     bool present[REC_MAX_CAMERAS];
-    double norm; /* of the truth as rendered: errors are relative to it */
-    double peak; /* brightest pixel */
+    double norm;   /* of the truth as rendered: errors are relative to it */
+    double peak;   /* brightest pixel */
+    bool residual; /* no flame could make these pictures: the error is the relative residual */
     struct rec_frame_params p;
     uint64_t rng;
 };
 
 void stab_bed_new(struct stab_bed *b, const struct stab_run *run, enum stab_rig kind,
-                  size_t cameras, enum rec_basis basis, int32_t voxels, int32_t w, int32_t h);
+                  size_t cameras, enum rec_basis basis, struct stab_size size);
 void stab_bed_free(struct stab_bed *b);
 /* The flame at t = 0.3 s, its pictures and truth, default parameters, all cameras, first random. */
 void stab_bed_reset(struct stab_bed *b);
@@ -104,21 +105,26 @@ void stab_bed_reset(struct stab_bed *b);
 void stab_bed_render(struct stab_bed *b, const struct rec_camera *cameras);
 /* Gaussian noise, sigma as a share of the brightest pixel. */
 void stab_bed_noise(struct stab_bed *b, double share);
-double stab_uniform(struct stab_bed *b);
 size_t stab_pixels(const struct stab_bed *b, size_t camera);
 
 struct stab_result {
     struct rec_frame_report report;
-    bool finite;   /* and >= 0, every lane */
-    double error;  /* ||x - truth|| / norm */
-    double amount; /* ||x|| / norm */
+    bool finite;  /* and >= 0, every channel */
+    bool flame;   /* there is one, so zeros are wrong */
+    double error; /* ||x - truth|| / norm */
     double ms;
+    /* flame: "light"; "astray", error 1 or more: worse than no light at all; "carved away", the hull
+     * left no voxel; "nothing", zeros for another reason.  No flame: "dark", all 0, or "ghost". */
+    const char *outcome;
 };
 /* Pixels into the slot, carve, solve with f's parameters, judge.  previous as in rec_frame_solve. */
 struct stab_result stab_solve(const struct stab_bed *b, rec_frame *f,
                               const struct rec_sparse *previous);
 /* The same in a slot of its own with b->p and this solver (NULL = default). */
 struct stab_result stab_reconstruct(const struct stab_bed *b, const char *solver);
+/* The row of a result, with a measured bound. */
+struct stab_row stab_row_of(const char *name, const struct stab_bed *b, const char *solver,
+                            const struct stab_result *r);
 /* Pixels into the slot only. */
 void stab_fill(const struct stab_bed *b, rec_frame *f);
 

@@ -1,28 +1,8 @@
 #!/bin/bash
 # pyrovox matrix: builds, caches, verifies; says what is wrong with a rig or a file; Ctrl-C leaves nothing.
-set -u
-cd "$(dirname "$0")/../.."
-b=${PYROVOX_BUILD:-$PWD/build}
-p=$b/bin/pyrovox
-dir=$(mktemp -d)
-trap 'rm -rf "$dir"' EXIT
-export PYROVOX_CACHE=$dir/cache
+name=015
+. "$(dirname "$0")/lib.sh"
 rig=$dir/rig.yaml
-rc=0
-check() { # name, command...
-    local name=$1; shift
-    if "$@"; then echo "PASS 015:$name"; else echo "FAIL 015:$name"; rc=1; fi
-}
-# run and keep: $out = both streams, $code
-run() { out=$(timeout 60 "$@" 2>&1); code=$?; }
-says() { # code, text that must be there...
-    if [ "$code" != "$1" ]; then printf '  exit %s, want %s: %s\n' "$code" "$1" "$out"; return 1; fi
-    shift
-    local t
-    for t in "$@"; do
-        if ! grep -qF -- "$t" <<< "$out"; then printf '  no "%s" in: %s\n' "$t" "$out"; return 1; fi
-    done
-}
 cat > "$rig" <<'YAML'
 version: 1
 volume: { min: [-0.5,-0.5,0], max: [0.5,0.5,1], voxels: [16,16,16], basis: box }
@@ -32,60 +12,81 @@ cameras:
 YAML
 
 builds() {
-    run "$p" matrix --rig "$rig" --threads 2
+    run "$pyrovox" matrix --rig "$rig" --threads 2
     says 0 'left' 'right' '16 x 16 x 16 = 4096, box' 'bytes per entry' 'levels' 'built in' 'saved in' '100 %' &&
         [ "$(ls "$dir"/cache | grep -c '^sysmat-[0-9a-f]*\.pvxm$')" = 1 ]
 }
 cached() {
-    run "$p" matrix --rig "$rig"
+    run "$pyrovox" matrix --rig "$rig"
     says 0 'cached, opened in' && ! grep -q 'built in' <<< "$out"
 }
+basis_not_said() {
+    sed 's/, basis: box//' "$rig" > "$dir/silent.yaml"
+    run "$pyrovox" matrix --rig "$dir/silent.yaml" --out "$dir/silent.pvxm"
+    says 0 '16 x 16 x 16 = 4096, trilinear' || return 1
+    run "$pyrovox" matrix --rig "$dir/silent.yaml" --basis box --out "$dir/box.pvxm"
+    says 0 '16 x 16 x 16 = 4096, box'
+}
+# Cameras with 30 pixels to the metre: 36^3 unknowns for 3/2 2 30^2 values; in bins of 2x2 15 / 0.7 voxels.
+grid_auto() {
+    run "$pyrovox" matrix --rig "$rig" --grid auto --out "$dir/auto.pvxm"
+    says 0 '36 x 36 x 36 = 46656' 'binning 1,' || return 1
+    run "$pyrovox" matrix --rig "$rig" --grid auto --binning 2 --out "$dir/auto2.pvxm"
+    says 0 '21 x 21 x 21' || return 1
+    run "$pyrovox" matrix --rig "$rig" --grid auto --cameras left --out "$dir/auto1.pvxm"
+    says 0 '30 x 30 x 30' || return 1
+    sed 's/max: \[0.5,0.5,1\]/max: [9.5,9.5,1]/' "$rig" > "$dir/behind.yaml"
+    run "$pyrovox" matrix --rig "$dir/behind.yaml" --grid auto
+    says 1 '--grid auto: no camera has the middle of the volume in front of it'
+}
 another_grid_another_file() {
-    run "$p" matrix --rig "$rig" --grid 8,9,10 --basis trilinear --cameras right --binning 4 --rays 3
+    run "$pyrovox" matrix --rig "$rig" --grid 8,9,10 --basis trilinear --cameras right --binning 4 --rays 3
     says 0 '8 x 9 x 10 = 720, trilinear' 'binning 4, 3 x 3 rays' || return 1
     ! grep -q left <<< "$out" && [ "$(ls "$dir"/cache | wc -l)" = 2 ]
 }
 check_sound() {
-    run "$p" matrix --rig "$rig" --out "$dir/m.pvxm"; says 0 'built' || return 1
-    run "$p" matrix --check "$dir/m.pvxm"; says 0 'm.pvxm: sound' '16 x 16 x 16'
+    run "$pyrovox" matrix --rig "$rig" --out "$dir/m.pvxm"; says 0 'built' || return 1
+    run "$pyrovox" matrix --check "$dir/m.pvxm"; says 0 'm.pvxm: sound' '16 x 16 x 16'
 }
 check_damaged() {
     head -c 20000 "$dir/m.pvxm" > "$dir/short.pvxm"
-    run "$p" matrix --check "$dir/short.pvxm"; says 1 'short.pvxm: damaged' 'delete it' || return 1
+    run "$pyrovox" matrix --check "$dir/short.pvxm"; says 1 'short.pvxm: damaged' 'delete it' || return 1
     cp "$dir/m.pvxm" "$dir/flip.pvxm"
     printf '\xff' | dd of="$dir/flip.pvxm" bs=1 seek=30000 conv=notrunc status=none
-    run "$p" matrix --check "$dir/flip.pvxm"; says 1 'flip.pvxm: damaged (level 0' || return 1
-    run "$p" matrix --check "$rig"; says 1 'rig.yaml: not a Pyrovox matrix' || return 1
-    run "$p" matrix --check "$dir/absent"; says 1 'absent: cannot open'
+    run "$pyrovox" matrix --check "$dir/flip.pvxm"; says 1 'flip.pvxm: damaged (level 0' || return 1
+    run "$pyrovox" matrix --check "$rig"; says 1 'rig.yaml: not a Pyrovox matrix' || return 1
+    run "$pyrovox" matrix --check "$dir/absent"; says 1 'absent: cannot open'
 }
 damaged_cache_is_rebuilt() {
     local f
     for f in "$dir"/cache/*; do printf 'x' | dd of="$f" bs=1 seek=5000 conv=notrunc status=none; done
-    run "$p" matrix --rig "$rig"; says 0 'building the system matrix anew' 'damaged' 'built' || return 1
-    run "$p" matrix --rig "$rig"; says 0 'cached, opened in'
+    run "$pyrovox" matrix --rig "$rig"; says 0 'building the system matrix anew' 'damaged' 'built' || return 1
+    run "$pyrovox" matrix --rig "$rig"; says 0 'cached, opened in'
 }
 bad_rig() {
     sed 's/R: \[0,1,0/R: [0,2,0/' "$rig" > "$dir/bad.yaml"
-    run "$p" matrix --rig "$dir/bad.yaml"
+    run "$pyrovox" matrix --rig "$dir/bad.yaml"
     says 1 'bad.yaml:4: cameras[0].R: is not a rotation' || return 1
     sed 's/basis: box/base: box/' "$rig" > "$dir/bad.yaml"
-    run "$p" matrix --rig "$dir/bad.yaml"; says 1 'bad.yaml:2: base: unknown key' || return 1
-    run "$p" matrix --rig "$dir/nowhere.yaml"; says 1 'nowhere.yaml' 'No such file'
+    run "$pyrovox" matrix --rig "$dir/bad.yaml"; says 1 'bad.yaml:2: base: unknown key' || return 1
+    run "$pyrovox" matrix --rig "$dir/nowhere.yaml"; says 1 'nowhere.yaml' 'No such file'
 }
 bad_arguments() {
-    run "$p" matrix; says 1 '--rig FILE' || return 1
-    run "$p" matrix --rig "$rig" --grid 16x16; says 2 '--grid 16x16' || return 1
-    run "$p" matrix --rig "$rig" --basis cubic; says 2 'box or trilinear' || return 1
-    run "$p" matrix --rig "$rig" --binning 7; says 1 'binning 7 does not divide the 80 x 60 image of camera left' || return 1
-    run "$p" matrix --rig "$rig" --cameras left,middle; says 1 "no camera 'middle' in the rig; it has: left right" || return 1
-    run "$p" matrix --rig "$rig" --out "$rig"; says 1 'left alone' || return 1
-    run "$p" matrix --rig "$rig" --out "$dir/no/such/m"; says 1 'does not exist or is not writable' || return 1
-    run "$p" matrix --help; says 0 'Examples:' '--binning'
+    run "$pyrovox" matrix; says 1 '--rig FILE' || return 1
+    run "$pyrovox" matrix --rig "$rig" --grid 16x16; says 2 '--grid 16x16' || return 1
+    run "$pyrovox" matrix --rig "$rig" --grid automatic; says 2 'should be auto, N or NX,NY,NZ' || return 1
+    run "$pyrovox" matrix --rig "$rig" --grid 16,auto,16; says 2 'should be auto, N or NX,NY,NZ' || return 1
+    run "$pyrovox" matrix --rig "$rig" --basis cubic; says 2 'box or trilinear' || return 1
+    run "$pyrovox" matrix --rig "$rig" --binning 7; says 1 'binning 7 does not divide the 80 x 60 image of camera left' || return 1
+    run "$pyrovox" matrix --rig "$rig" --cameras left,middle; says 1 "no camera 'middle' in the rig; it has: left right" || return 1
+    run "$pyrovox" matrix --rig "$rig" --out "$rig"; says 1 'left alone' || return 1
+    run "$pyrovox" matrix --rig "$rig" --out "$dir/no/such/m"; says 1 'does not exist or is not writable' || return 1
+    run "$pyrovox" matrix --help; says 0 'Examples:' '--binning'
 }
 # Large enough to be in the middle of it when the signal comes: 88 million rays.
 interrupted() {
     sed 's/size: \[80,60\]/size: [7680,5760]/; s/K: \[60,60,39.5,29.5\]/K: [5760,5760,3840,2880]/' "$rig" > "$dir/big.yaml"
-    "$p" matrix --rig "$dir/big.yaml" --grid 64 --binning 1 --out "$dir/big.pvxm" > "$dir/int.log" 2>&1 &
+    "$pyrovox" matrix --rig "$dir/big.yaml" --grid 64 --binning 1 --out "$dir/big.pvxm" > "$dir/int.log" 2>&1 &
     local pid=$! caught
     for _ in $(seq 500); do # until it catches SIGTERM (bit 14)
         caught=$(sed -n 's/^SigCgt:\s*//p' "/proc/$pid/status" 2>/dev/null)
@@ -97,7 +98,7 @@ interrupted() {
     out=$(cat "$dir/int.log")
     says 130 'stopped; nothing was written' && ! ls "$dir"/big.pvxm* > /dev/null 2>&1
 }
-for t in builds cached another_grid_another_file check_sound check_damaged damaged_cache_is_rebuilt bad_rig bad_arguments interrupted; do
+for t in builds cached basis_not_said grid_auto another_grid_another_file check_sound check_damaged damaged_cache_is_rebuilt bad_rig bad_arguments interrupted; do
     check $t $t
 done
 exit $rc

@@ -1,21 +1,9 @@
 #!/bin/bash
 # The Python client reads the golden messages and a live publisher as the C side wrote them.
-set -u
-cd "$(dirname "$0")/../.."
-b=${PYROVOX_BUILD:-$PWD/build}
-py=
-for p in /usr/bin/python3 python3; do
-    if "$p" -c 'import numpy, zmq' 2>/dev/null; then py=$p; break; fi
-done
-if [ -z "$py" ]; then echo "no python3 with numpy and zmq (apt-get install python3-numpy python3-zmq)"; exit 77; fi
-dir=$(mktemp -d); pub=
-trap 'rm -rf "$dir"; [ -n "$pub" ] && kill "$pub" 2>/dev/null; wait 2>/dev/null' EXIT
-export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=proto/clients
-rc=0
-check() { # name, command...
-    local name=$1; shift
-    if "$@"; then echo "PASS 030:$name"; else echo "FAIL 030:$name"; rc=1; fi
-}
+name=030
+. "$(dirname "$0")/lib.sh"
+"$py" -c 'import numpy, zmq' 2>/dev/null || { echo "no python3 with numpy and zmq (apt-get install python3-numpy python3-zmq)"; exit 77; }
+export PYTHONPATH=proto/clients
 
 golden() {
     "$py" - <<'PY'
@@ -60,8 +48,8 @@ PY
 check protocol_example documented
 
 live() { # volumes, every n-th left out
-    "$b/tests/unit/test_pub" --publish "ipc://$dir/volumes" "$1" "$2" & pub=$!
-    timeout 60 "$py" - "ipc://$dir/volumes" "$1" "$2" <<'PY'
+    "$b/tests/unit/test_pub" --publish "$volumes" "$1" "$2" & pub=$!; pids+=("$pub")
+    timeout 60 "$py" - "$volumes" "$1" "$2" <<'PY'
 import sys
 import numpy as np
 import pyrovox_sub as pvx
@@ -83,16 +71,15 @@ if sets != want or bad or sub.malformed or sub.lost != volumes - len(want):
 PY
     local r=$?
     wait "$pub" || r=1
-    pub=
     return $r
 }
 check live_values live 40 0
 check live_gaps live 40 5
 
 saved() {
-    "$b/tests/unit/test_pub" --publish "ipc://$dir/volumes" 6 0 & pub=$!
-    timeout 60 "$py" proto/clients/pyrovox_sub.py "ipc://$dir/volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
-    wait "$pub"; pub=
+    "$b/tests/unit/test_pub" --publish "$volumes" 6 0 & pub=$!; pids+=("$pub")
+    timeout 60 "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
+    wait "$pub"
     tail -n 1 "$dir/log" | grep -q '^3 volumes, 0 messages lost' || { cat "$dir/log"; return 1; }
     "$py" -c 'import numpy,sys; a=numpy.load(sys.argv[1]); sys.exit(a.shape != (8,9,10,3))' "$dir/out/000002.npy"
 }

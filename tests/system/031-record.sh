@@ -1,20 +1,12 @@
 #!/bin/bash
 # pyrovox record: what it writes, that it counts gaps, and what it does when the disk is full, when
 # nobody publishes, when it is stopped.
-set -u
-cd "$(dirname "$0")/../.."
-b=${PYROVOX_BUILD:-$PWD/build}
-dir=$(mktemp -d); pub= rec=
-trap 'for p in $pub $rec; do kill "$p" 2>/dev/null; done; wait 2>/dev/null; rm -rf "$dir"' EXIT
-ep=ipc://$dir/volumes
-rc=0
-check() { # name, command...
-    local name=$1; shift
-    if "$@"; then echo "PASS 031:$name"; else echo "FAIL 031:$name"; rc=1; fi
-}
-publish() { "$b/tests/unit/test_pub" --publish "$ep" "$1" "$2" & pub=$!; }
-reap() { wait "$pub"; pub=; }
-record() { timeout 60 "$b/bin/pyrovox" record --endpoint "$ep" "$@"; }
+name=031
+. "$(dirname "$0")/lib.sh"
+ep=$volumes
+publish() { "$b/tests/unit/test_pub" --publish "$ep" "$1" "$2" & pub=$!; pids+=($pub); }
+reap() { wait "$pub"; }
+record() { timeout 60 "$pyrovox" record --endpoint "$ep" "$@"; }
 # a volume of test_pub is 8 x 9 x 10 x 3 float32 and a header of 128 bytes
 whole() { [ "$(stat -c %s "$1.npy")" = 8768 ] && grep -q '"set":' "$1.json" && [ "$(tail -c 2 "$1.json")" = '}' ]; }
 
@@ -69,7 +61,7 @@ again() { # an earlier recording is left alone
 check refuses_old_folder again
 
 waits() { # nobody publishes: says so, and Ctrl-C ends it
-    "$b/bin/pyrovox" record --endpoint "$ep" --out "$dir/d" > "$dir/log" 2>&1 & rec=$!
+    "$pyrovox" record --endpoint "$ep" --out "$dir/d" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
     for _ in $(seq 100); do grep -q 'waiting for a daemon' "$dir/log" && break; sleep 0.1; done
     kill -TERM "$rec"; wait "$rec"; local r=$?; rec=
     [ $r = 130 ] && grep -q 'waiting for a daemon' "$dir/log" && grep -q '^0 volumes' "$dir/log" || { echo "exit $r"; cat "$dir/log"; return 1; }
@@ -78,7 +70,7 @@ check waits_and_stops waits
 
 restart() { # the daemon is killed and comes back: its sets count anew, in a folder of their own
     "$b/tests/unit/test_pub" --publish "$ep" 3 0 no-end & pub=$!
-    record --out "$dir/g" > "$dir/log" 2>&1 & rec=$!
+    record --out "$dir/g" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
     for _ in $(seq 100); do [ -e "$dir/g/000002.json" ] && break; sleep 0.1; done
     kill -KILL "$pub"; wait "$pub" 2>/dev/null
     publish 5 0
@@ -90,8 +82,8 @@ restart() { # the daemon is killed and comes back: its sets count anew, in a fol
 check daemon_restarts restart 2>/dev/null
 
 usage() {
-    "$b/bin/pyrovox" record --volumes 0 > "$dir/log" 2>&1 && return 1
-    "$b/bin/pyrovox" record --endpoint nonsense --out "$dir/e" > "$dir/log" 2>&1 && return 1
+    "$pyrovox" record --volumes 0 > "$dir/log" 2>&1 && return 1
+    "$pyrovox" record --endpoint nonsense --out "$dir/e" > "$dir/log" 2>&1 && return 1
     grep -q 'nonsense: not an endpoint' "$dir/log"
 }
 check bad_arguments usage

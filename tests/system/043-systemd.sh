@@ -6,6 +6,10 @@ check install systemd/install.sh "$b" "$dir/root" /usr
 check programs test -x "$dir/root/usr/bin/pyrovoxd" -a -x "$dir/root/usr/bin/pyrovox"
 check manuals test -f "$dir/root/usr/share/man/man8/pyrovoxd.8" -a -f "$dir/root/usr/share/man/man5/pyrovoxd.yaml.5"
 check unit-is-filled-in grep -q '^ExecStart=/usr/bin/pyrovoxd ' "$dir/root/usr/lib/systemd/system/pyrovoxd.service"
+unit() { grep -qx "$1" "$dir/root/usr/lib/systemd/system/pyrovoxd.service"; }
+check comes-back-always unit StartLimitIntervalSec=0 # with what it was doing: 046
+check comes-back-after-any-end unit Restart=on-failure
+check remembers unit StateDirectory=pyrovox
 if command -v systemd-analyze > /dev/null; then
     # verify looks for the programs on this machine: point it at the ones just built
     sed "s|/usr/bin/pyrovoxd|$pyrovoxd|" "$dir/root/usr/lib/systemd/system/pyrovoxd.service" > "$dir/pyrovoxd.service"

@@ -19,7 +19,7 @@ for c in range(4):
         img = np.exp(-((x - u) ** 2 + (y - v) ** 2) / 60) * level + rng.normal(0, 0.002, (60, 80))
         np.save(f"{sys.argv[1]}/cam{c}/{f:06d}.npy", np.clip(np.rint(img * 255), 0, 255).astype(np.uint8))
 PY
-take() { # name, more lines of the configuration: volumes to $dir/NAME
+live() { # name, more lines of the configuration: volumes to $dir/NAME
     config "$1.yaml" "wait_subscriber: true" <<< "cameras: \"files:$dir/raw/{name}/%06d.npy\"
 pixel_format: BayerRG8
 binning: 1
@@ -58,10 +58,10 @@ refused() { # exit code, words, command...
     [ $got = "$want" ] && grep -q -- "$words" "$dir/refused.txt" || { echo "  exit $got"; cat "$dir/refused.txt"; return 1; }
 }
 
-check daemon-by-itself take auto ""
+check daemon-by-itself live auto ""
 check reconstruct-by-itself offline auto-off
 check same-volume same auto auto-off
-check daemon-interpolating take demosaic "bayer: demosaic"
+check daemon-interpolating live demosaic "bayer: demosaic"
 check reconstruct-interpolating offline demosaic-off --bayer demosaic
 check same-volume-interpolated same demosaic demosaic-off
 check rays-are-another-thing differ auto demosaic

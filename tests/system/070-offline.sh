@@ -1,44 +1,25 @@
 #!/bin/bash
 # From nothing to a film, offline, as a new user does it: a simulated recording, the box of its flame,
-# volumes, pictures; Ctrl-C in the middle; the CPU's kernels.
-set -u
-cd "$(dirname "$0")/../.."
-b=${PYROVOX_BUILD:-$PWD/build}
-p=$b/bin/pyrovox
-dir=$(mktemp -d /tmp/pyrovox-test-XXXXXX)
-trap 'rm -rf "$dir"' EXIT
-export PYROVOX_CACHE=$dir/cache
+# volumes, pictures; Ctrl-C in the middle of both; the CPU's kernels.
+name=070
+. "$(dirname "$0")/lib.sh"
 cd "$dir" || exit 1
-rc=0
-check() { # name, command...
-    local name=$1; shift
-    if "$@"; then echo "PASS 070:$name"; else echo "FAIL 070:$name"; rc=1; fi
-}
-run() { out=$(timeout 120 "$p" "$@" 2>&1); code=$?; }
-says() { # code, text that must be there...
-    if [ "$code" != "$1" ]; then printf '  exit %s, want %s: %s\n' "$code" "$1" "$out"; return 1; fi
-    shift
-    local t
-    for t in "$@"; do
-        if ! grep -qF -- "$t" <<< "$out"; then printf '  no "%s" in: %s\n' "$t" "$out"; return 1; fi
-    done
-}
 recording() {
-    run simcams --cameras 6 --size 160x120 --ring 6 --voxels 32 --write-rig rig.yaml --write-frames take
+    run "$pyrovox" simcams --cameras 6 --size 160x120 --ring 6 --voxels 32 --write-rig rig.yaml --write-frames take
     says 0 '6 frame sets in take' '--black 0.02' && [ "$(find take -name '00000?.png' | wc -l)" = 36 ] || return 1
-    run simcams --cameras 2 --size 16x12 --ring 2 --format bayerrg8 --write-frames raw
+    run "$pyrovox" simcams --cameras 2 --size 16x12 --ring 2 --format bayerrg8 --write-frames raw
     says 1 'take mono8 or rgb8'
 }
 forgotten_black_level() {
-    run reconstruct --rig rig.yaml --frames take --out dark --last 0
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --out dark --last 0
     says 0 'count as flame' '--black'
 }
 fits() {
-    run reconstruct --rig rig.yaml --frames take --black 0.02 --fit-volume --save-rig tight.yaml
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --fit-volume --save-rig tight.yaml
     says 0 'volume fitted: x ' 'from 6 of 6 frame sets' && [ ! -e vol ] || return 1
-    run reconstruct --rig tight.yaml --frames take --black 0.02 --out vol --save-report report.json
+    run "$pyrovox" reconstruct --rig tight.yaml --frames take --black 0.02 --out vol --save-report report.json
     says 0 '6 volumes in vol' && [ "$(find vol -name '*.npy' | wc -l)" = 6 ] || return 1
-    run matrix --rig tight.yaml
+    run "$pyrovox" matrix --rig tight.yaml
     says 0 'cached, opened in'
 }
 # The frames that were not looked at reach further: said, not hidden.
@@ -48,24 +29,24 @@ grows_out_of_the_box() {
         mkdir -p grow/cam$c
         cp take/cam$c/000000.png grow/cam$c/000000.png
     done
-    run reconstruct --rig rig.yaml --frames grow --black 0.02 --fit-volume=0 --save-rig one.yaml --quiet; says 0 || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames grow --black 0.02 --fit-volume=0 --save-rig one.yaml --quiet; says 0 || return 1
     cp -r take grow2
     for c in 0 1 2 3 4 5; do
         for f in 0 1 2 3 4 5; do cp grow/cam$c/000000.png grow2/cam$c/00000$f.png; done
         cp take/cam$c/000003.png grow2/cam$c/000001.png
         cp take/cam$c/000004.png grow2/cam$c/000002.png
     done
-    run reconstruct --rig rig.yaml --frames grow2 --black 0.02 --fit-volume=0 --fit-frames 2 --out out --quiet
+    run "$pyrovox" reconstruct --rig rig.yaml --frames grow2 --black 0.02 --fit-volume=0 --fit-frames 2 --out out --quiet
     says 0 'reaches a side of the fitted box' '--fit-frames all'
 }
 film() {
-    run render --rig rig.yaml --camera cam1 vol film
+    run "$pyrovox" render --rig rig.yaml --camera cam1 vol film
     says 0 '6 pictures in film' 'as a product' && [ "$(find film -name '*.png' | wc -l)" = 6 ] || return 1
-    run render --orbit 5 --size 48x64 vol turn
+    run "$pyrovox" render --orbit 5 --size 48x64 vol turn
     says 0 '5 pictures in turn' && [ "$(find turn -name '*.png' | wc -l)" = 5 ]
 }
 stops() { # what was written before is whole
-    "$p" render --orbit 20000 --size 48x64 --format npy vol long > int.log 2>&1 &
+    "$pyrovox" render --orbit 20000 --size 48x64 --format npy vol long > int.log 2>&1 &
     local pid=$!
     for _ in $(seq 600); do [ -e long/000002.npy ] && break; sleep 0.1; done
     kill -INT $pid; wait $pid; code=$?
@@ -74,11 +55,24 @@ stops() { # what was written before is whole
     local sizes; sizes=$(stat -c %s long/*.npy | sort -u | wc -l)
     [ "$sizes" = 1 ]
 }
-cpu() {
-    run cpu; says 0 'kernels' 'ref' || return 1
-    run --cpu ref cpu; says 0 'kernels   ref' || return 1
-    run --cpu abacus cpu; says 2 'no such kernels' || return 1
-    run --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
+reconstruct_stops() { # what was solved is whole, and in the report
+    run "$pyrovox" simcams --cameras 3 --size 64x48 --ring 400 --voxels 24 --write-rig small.yaml --write-frames many
+    "$pyrovox" reconstruct --rig small.yaml --frames many --black 0.02 --out cut --save-report cut.json --quiet \
+        --solver mlem --iterations 1000 > int.log 2>&1 &
+    local pid=$! n
+    for _ in $(seq 600); do [ -e cut/000002.npy ] && break; sleep 0.1; done
+    kill -INT $pid; wait $pid; code=$?
+    out=$(cat int.log)
+    says 130 'stopped' && [ -z "$(find cut -name '*.tmp*')" ] || return 1
+    n=$(find cut -name '*.npy' | wc -l)
+    [ "$n" -ge 3 ] && [ "$n" -lt 400 ] && [ "$(grep -c '"frame":' cut.json)" = "$n" ] &&
+        [ "$(stat -c %s cut/*.npy | sort -u | wc -l)" = 1 ]
 }
-for t in recording forgotten_black_level fits grows_out_of_the_box film stops cpu; do check $t $t; done
+cpu() {
+    run "$pyrovox" cpu; says 0 'kernels' 'ref' || return 1
+    run "$pyrovox" --cpu ref cpu; says 0 'kernels   ref' || return 1
+    run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
+    run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
+}
+for t in recording forgotten_black_level fits grows_out_of_the_box film stops reconstruct_stops cpu; do check $t $t; done
 exit $rc

@@ -23,6 +23,15 @@ check() { # what, command...
     local what=$1; shift
     if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi
 }
+run() { out=$(timeout 120 "$@" 2>&1); code=$?; } # both streams and the exit code, for says
+says() { # code, text that must be there...
+    if [ "$code" != "$1" ]; then printf '  exit %s, want %s: %s\n' "$code" "$1" "$out"; return 1; fi
+    shift
+    local t
+    for t in "$@"; do
+        if ! grep -qF -- "$t" <<< "$out"; then printf '  no "%s" in: %s\n' "$t" "$out"; return 1; fi
+    done
+}
 wait_for() { # seconds, command...: until it succeeds
     local end=$((SECONDS + $1)); shift
     until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done

@@ -12,7 +12,7 @@
 
 static const struct cap_action_keys keys = {0x01020304, 0xA1B2C3D4, 0x00000081};
 
-static void bytes_of_a_command(void)
+T_CASE(bytes_of_a_command)
 {
     static const uint8_t want[20] = {0x42, 0x01, 0x01, 0x00, 0,    12,   0x12, 0x34, 1, 2,
                                      3,    4,    0xA1, 0xB2, 0xC3, 0xD4, 0,    0,    0, 0x81};
@@ -23,7 +23,7 @@ static void bytes_of_a_command(void)
     T_EQ_I(got[1], 0);
 }
 
-static void bytes_of_a_scheduled_command(void)
+T_CASE(bytes_of_a_scheduled_command)
 {
     static const uint8_t want[28] = {0x42, 0x81, 0x01, 0x00, 0,    20,   0,    7,   1, 2,
                                      3,    4,    0xA1, 0xB2, 0xC3, 0xD4, 0,    0,   0, 0x81,
@@ -35,7 +35,7 @@ static void bytes_of_a_scheduled_command(void)
     T_EQ_I(got[1], 0x80);
 }
 
-static void answers_are_read_strictly(void)
+T_CASE(answers_are_read_strictly)
 {
     static const uint8_t ok[8] = {0, 0, 0x01, 0x01, 0, 0, 0x12, 0x34};
     struct cap_action_ack a;
@@ -70,7 +70,7 @@ static int listener(const char *address)
     return -1;
 }
 
-static void a_command_and_its_answer(void)
+T_CASE(a_command_and_its_answer)
 {
     int fd = listener("127.0.0.93");
     if (fd < 0)
@@ -101,13 +101,4 @@ static void a_command_and_its_answer(void)
     cap_action_sender_free(&s);
     T_OK(s == NULL);
     close(fd);
-}
-
-int main(void)
-{
-    T_RUN(bytes_of_a_command);
-    T_RUN(bytes_of_a_scheduled_command);
-    T_RUN(answers_are_read_strictly);
-    T_RUN(a_command_and_its_answer);
-    return t_done();
 }

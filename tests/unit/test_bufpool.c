@@ -3,15 +3,17 @@
 
 #include <pthread.h>
 
+#include "capture/rig/backends.h"
 #include "capture/source/bufpool.h"
+#include "tests/lib/free_frames.h"
 
-static void takes_all_then_none(void)
+T_CASE(gives_all_then_none)
 {
     cap_bufpool *p;
     T_EQ_I(cap_bufpool_new(3, 100, 5, &p), PVX_OK);
     struct cap_frame *f[3];
     for (int i = 0; i < 3; i++) {
-        f[i] = cap_bufpool_take(p);
+        f[i] = cap_bufpool_get(p);
         T_OK(f[i] != NULL);
         T_EQ_I(f[i]->camera, 5);
         T_OK(f[i]->img.data == cap_bufpool_memory(f[i]));
@@ -21,11 +23,11 @@ static void takes_all_then_none(void)
     T_EQ_I(((const unsigned char *)f[2]->img.data)[99], 2);
     T_EQ_I(((const unsigned char *)f[0]->img.data)[99], 0);
     T_EQ_I(((const unsigned char *)f[1]->img.data)[0], 1);
-    T_OK(cap_bufpool_take(p) == NULL);
+    T_OK(cap_bufpool_get(p) == NULL);
     f[1]->id = 77;
     cap_frame_release(f[1]);
-    T_EQ_I(cap_bufpool_free_count(p), 1);
-    f[1] = cap_bufpool_take(p);
+    T_EQ_I(free_frames(p), 1);
+    f[1] = cap_bufpool_get(p);
     T_OK(f[1] != NULL);
     T_EQ_I(f[1]->id, 0);
     cap_frame_release(NULL);
@@ -36,11 +38,11 @@ static void takes_all_then_none(void)
 }
 
 /* A leak or a use after free here is AddressSanitizer's to find. */
-static void outlives_its_source(void)
+T_CASE(outlives_its_source)
 {
     cap_bufpool *p;
     T_EQ_I(cap_bufpool_new(2, 64, 0, &p), PVX_OK);
-    struct cap_frame *a = cap_bufpool_take(p), *b = cap_bufpool_take(p);
+    struct cap_frame *a = cap_bufpool_get(p), *b = cap_bufpool_get(p);
     cap_bufpool_unref(&p);
     memset(cap_bufpool_memory(a), 1, 64);
     cap_frame_release(a);
@@ -59,29 +61,29 @@ static void *cancel(void *p)
     cap_bufpool_cancel(p);
     return NULL;
 }
-static void waits_for_room_or_cancel(void)
+T_CASE(waits_for_room_or_cancel)
 {
     cap_bufpool *p;
     pthread_t th;
     T_EQ_I(cap_bufpool_new(1, 64, 0, &p), PVX_OK);
-    struct cap_frame *f = cap_bufpool_take_wait(p);
+    struct cap_frame *f = cap_bufpool_get_wait(p);
     pthread_create(&th, NULL, release_one, f);
-    f = cap_bufpool_take_wait(p);
+    f = cap_bufpool_get_wait(p);
     T_OK(f != NULL);
     pthread_join(th, NULL);
     pthread_create(&th, NULL, cancel, p);
-    T_OK(cap_bufpool_take_wait(p) == NULL);
+    T_OK(cap_bufpool_get_wait(p) == NULL);
     pthread_join(th, NULL);
-    T_OK(cap_bufpool_take_wait(p) == NULL);
+    T_OK(cap_bufpool_get_wait(p) == NULL);
     cap_bufpool_resume(p);
     cap_frame_release(f);
-    f = cap_bufpool_take_wait(p);
+    f = cap_bufpool_get_wait(p);
     T_OK(f != NULL);
     cap_frame_release(f);
     cap_bufpool_unref(&p);
 }
 
-static void refuses_nonsense(void)
+T_CASE(refuses_nonsense)
 {
     cap_bufpool *p;
     T_EQ_I(cap_bufpool_new(0, 64, 0, &p), PVX_EINVAL);
@@ -89,7 +91,7 @@ static void refuses_nonsense(void)
     T_OK(p == NULL);
 }
 
-static void every_counter_is_described(void)
+T_CASE(every_counter_is_described)
 {
     for (int i = 0; i < CAP_N_COUNT; i++) {
         T_OK(cap_count_defs[i].name != NULL && cap_count_defs[i].unit != NULL);
@@ -97,7 +99,7 @@ static void every_counter_is_described(void)
     }
 }
 
-static void backends_are_found_by_scheme(void)
+T_CASE(backends_are_found_by_scheme)
 {
     const char *rest = NULL;
     for (const struct cap_source_ops *const *b = cap_backends(); *b != NULL; b++) {
@@ -110,15 +112,4 @@ static void backends_are_found_by_scheme(void)
     T_OK(cap_backend_find("nosuch:x", &rest) == NULL);
     T_OK(cap_backend_find("simx", &rest) == NULL);
     T_OK(cap_backend_find("", &rest) == NULL);
-}
-
-int main(void)
-{
-    T_RUN(takes_all_then_none);
-    T_RUN(outlives_its_source);
-    T_RUN(waits_for_room_or_cancel);
-    T_RUN(refuses_nonsense);
-    T_RUN(every_counter_is_described);
-    T_RUN(backends_are_found_by_scheme);
-    return t_done();
 }

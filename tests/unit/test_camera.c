@@ -40,7 +40,7 @@ static const double lenses[][8] = {
 };
 enum { LENSES = sizeof lenses / sizeof lenses[0] };
 
-static void project_inverts_ray(void)
+T_CASE(project_inverts_ray)
 {
     for (int l = 0; l < LENSES; l++) {
         double worst = 0;
@@ -68,7 +68,7 @@ static void project_inverts_ray(void)
 }
 
 /* The model written out a second time, straight from the equations. */
-static void project_follows_the_equations(void)
+T_CASE(project_follows_the_equations)
 {
     static const double k[8] = {-0.2, 0.3, -1e-3, 3e-3, -0.05, 0.1, 0.05, 0.01};
     struct rec_camera c = camera(k);
@@ -88,7 +88,7 @@ static void project_follows_the_equations(void)
     }
 }
 
-static void behind_is_refused(void)
+T_CASE(behind_is_refused)
 {
     struct rec_camera c = camera(lenses[1]);
     double o[3], d[3], X[3], uv[2] = {-7, -7};
@@ -107,7 +107,7 @@ static void behind_is_refused(void)
 }
 
 /* k1 = -0.5: r(1 - r2/2) turns at r2 = 2/3, where it reaches 0.544. */
-static void fold_is_refused(void)
+T_CASE(fold_is_refused)
 {
     struct rec_camera c = {.fx = 100, .fy = 100, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .dist = {-0.5}};
     double turn = sqrt(2.0 / 3), uv[2], o[3], d[3];
@@ -136,7 +136,7 @@ static void fold_is_refused(void)
     T_OK(!rec_camera_project(&p, beyond, uv));
 }
 
-static void far_pixels_never_give_nan(void)
+T_CASE(far_pixels_never_give_nan)
 {
     static const double big[] = {1e3, 1e4, 1e6, 1e9, 1e15, 1e100, 1e300, INFINITY, NAN};
     int refused = 0;
@@ -157,7 +157,7 @@ static void far_pixels_never_give_nan(void)
 }
 
 /* Any coefficients at all: an answer is right or absent. */
-static void wild_lenses(void)
+T_CASE(wild_lenses)
 {
     int answered = 0;
     for (int i = 0; i < 5000; i++) {
@@ -179,7 +179,7 @@ static void wild_lenses(void)
     T_OK(answered > 3000);
 }
 
-static void centre_maps_to_origin(void)
+T_CASE(centre_maps_to_origin)
 {
     struct rec_camera c = camera(lenses[0]);
     double x[3];
@@ -187,16 +187,4 @@ static void centre_maps_to_origin(void)
     for (int i = 0; i < 3; i++)
         T_NEAR(c.R[3 * i] * x[0] + c.R[3 * i + 1] * x[1] + c.R[3 * i + 2] * x[2] + c.t[i], 0,
                1e-12);
-}
-
-int main(void)
-{
-    T_RUN(project_inverts_ray);
-    T_RUN(project_follows_the_equations);
-    T_RUN(behind_is_refused);
-    T_RUN(fold_is_refused);
-    T_RUN(far_pixels_never_give_nan);
-    T_RUN(wild_lenses);
-    T_RUN(centre_maps_to_origin);
-    return t_done();
 }

@@ -5,7 +5,7 @@
 #include "base/file.h"
 #include "daemon/doctor/wrap.h"
 
-static void formats(void)
+T_CASE(formats)
 {
     char out[256];
     cameras_formats(
@@ -30,7 +30,7 @@ static void formats(void)
     T_LE(strlen(out), sizeof out - 1);
 }
 
-static void series(void)
+T_CASE(series)
 {
     struct camtest_series s = {0};
     const double v[] = {2, 4, 4, 4, 5, 5, 7, 9};
@@ -75,7 +75,7 @@ static void expect(uint32_t camera, enum camtest_verdict v, const char *what, co
     T_CONTAINS(c->remedy, remedy);
 }
 
-static void well(void)
+T_CASE(well)
 {
     good();
     expect(0, CAMTEST_OK, "", "");
@@ -84,7 +84,7 @@ static void well(void)
     T_NEAR(t.camera[0].hz, 20, 1e-9);
 }
 
-static void frames_lost(void)
+T_CASE(frames_lost)
 {
     good();
     t.camera[1].count[CAP_INCOMPLETE] = 1;
@@ -109,7 +109,7 @@ static void frames_lost(void)
     expect(0, CAMTEST_FAIL, "stopped answering 2 times", "cable");
 }
 
-static void nothing_came(void)
+T_CASE(nothing_came)
 {
     good();
     t.camera[1].frames = 0;
@@ -128,7 +128,7 @@ static void nothing_came(void)
     expect(1, CAMTEST_FAIL, "not one whole frame, 7", "MTU");
 }
 
-static void rhythm(void)
+T_CASE(rhythm)
 {
     good();
     t.fps = 30;
@@ -140,7 +140,7 @@ static void rhythm(void)
     expect(0, CAMTEST_WARN, "off their rhythm", "hardware line");
 }
 
-static void health(void)
+T_CASE(health)
 {
     good();
     t.camera[0].stats.health.temperature_c = 74;
@@ -155,7 +155,7 @@ static void health(void)
 }
 
 /* What capture found by itself is told with its own remedy. */
-static void troubles_of_capture(void)
+T_CASE(troubles_of_capture)
 {
     good();
     t.camera[1].stats.n_troubles = 1;
@@ -166,7 +166,7 @@ static void troubles_of_capture(void)
     expect(1, CAMTEST_OK, "", "");
 }
 
-static void sets(void)
+T_CASE(sets)
 {
     good();
     t.by_size[2] = 95;
@@ -188,7 +188,7 @@ static void sets(void)
 }
 
 /* The page for the lab explains everything that the daemon may say. */
-static void every_trouble_is_explained(void)
+T_CASE(every_trouble_is_explained)
 {
     char *page = NULL;
     size_t len;
@@ -203,7 +203,7 @@ static void every_trouble_is_explained(void)
 }
 
 /* What it tells people to write into pyrovoxd.yaml can be read. */
-static void its_configurations_are_read(void)
+T_CASE(its_configurations_are_read)
 {
     char *page = NULL;
     size_t len;
@@ -227,7 +227,7 @@ static void its_configurations_are_read(void)
     free(page);
 }
 
-static void wrapped(void)
+T_CASE(wrapped)
 {
     char *text = NULL;
     size_t len;
@@ -237,21 +237,4 @@ static void wrapped(void)
     fclose(f);
     T_EQ_S(text, "ab one two\n  three \xc2\xb5\xc2\xb5\xc2\xb5\n  muchlongerthanaline\n  end\n");
     free(text);
-}
-
-int main(void)
-{
-    T_RUN(formats);
-    T_RUN(series);
-    T_RUN(well);
-    T_RUN(frames_lost);
-    T_RUN(nothing_came);
-    T_RUN(rhythm);
-    T_RUN(health);
-    T_RUN(troubles_of_capture);
-    T_RUN(sets);
-    T_RUN(every_trouble_is_explained);
-    T_RUN(its_configurations_are_read);
-    T_RUN(wrapped);
-    return t_done();
 }

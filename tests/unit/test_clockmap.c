@@ -2,11 +2,18 @@
 #include "../t.h"
 
 #include "base/clock.h"
-#include "capture/clockmap.h"
+#include "capture/sync/clockmap.h"
 
 #define S     PVX_NS_PER_S
 #define MS    PVX_NS_PER_MS
 #define HOST0 1700000000000000000LL
+
+static struct cap_clockmap fresh(bool shared)
+{
+    struct cap_clockmap m;
+    cap_clockmap_init(&m, shared);
+    return m;
+}
 
 static double exponential(double mean)
 {
@@ -30,34 +37,31 @@ static double worst(struct cap_clockmap *m, int64_t dev0, double ppm, double fps
     return w;
 }
 
-static void drift_and_skew_are_recovered(void)
+T_CASE(drift_and_skew_are_recovered)
 {
     static const double fps[] = {30, 60, 100};
     for (int k = 0; k < 3; k++)
         for (int sign = -1; sign <= 1; sign++) {
-            struct cap_clockmap m;
-            cap_clockmap_init(&m, false);
+            struct cap_clockmap m = fresh(false);
             double w = worst(&m, HOST0 + 500000, sign * 50, fps[k], 120, 30, 1e6);
             T_LE(w, 100e3);
-            T_NEAR(m.drift * 1e6, -sign * 50, 5);
+            T_NEAR(m.envelope.drift * 1e6, -sign * 50, 5);
             T_EQ_I(m.jumps, 0);
         }
 }
 
-static void any_epoch_will_do(void)
+T_CASE(any_epoch_will_do)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     T_LE(worst(&m, 12345, 20, 30, 60, 30, 1e6), 100e3); /* counts from its power-up */
     cap_clockmap_init(&m, false);
     T_LE(worst(&m, 4000000000000000000LL, -20, 30, 60, 30, 1e6), 100e3);
 }
 
 /* From the start the error is that of the delay, never more than the worst delay so far. */
-static void usable_from_the_first_frame(void)
+T_CASE(usable_from_the_first_frame)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     T_EQ_I(cap_clockmap_add(&m, 1000, HOST0), HOST0);
     T_EQ_I(cap_clockmap_add(&m, 1000 + 33 * MS, HOST0 + 33 * MS + 20 * MS), HOST0 + 33 * MS);
     /* a quicker one moves the whole line */
@@ -65,22 +69,20 @@ static void usable_from_the_first_frame(void)
     T_EQ_I(cap_clockmap_add(&m, 1000 + 99 * MS, HOST0 + 99 * MS), HOST0 + 94 * MS);
 }
 
-static void drift_is_clamped(void)
+T_CASE(drift_is_clamped)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     (void)worst(&m, 1000, -3000, 30, 20, 0, 1e5);
-    T_LE(m.drift, 500e-6 + 1e-12);
-    T_OK(m.drift > 100e-6);
+    T_LE(m.envelope.drift, 500e-6 + 1e-12);
+    T_OK(m.envelope.drift > 100e-6);
     cap_clockmap_init(&m, false);
     (void)worst(&m, 1000, -450, 30, 40, 0, 1e5);
-    T_NEAR(m.drift * 1e6, 450, 10);
+    T_NEAR(m.envelope.drift * 1e6, 450, 10);
 }
 
-static void late_frames_do_not_pull_the_line(void)
+T_CASE(late_frames_do_not_pull_the_line)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     double w = 0;
     for (int i = 0; i < 60 * 30; i++) {
         int64_t t = i * (S / 30);
@@ -92,10 +94,9 @@ static void late_frames_do_not_pull_the_line(void)
     T_EQ_I(m.jumps, 0);
 }
 
-static void jumps_restart_the_map(void)
+T_CASE(jumps_restart_the_map)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     (void)worst(&m, 50 * S, 50, 30, 20, 0, 1e6);
     T_EQ_I(m.jumps, 0);
     /* reboot: the clock begins again */
@@ -110,28 +111,6 @@ static void jumps_restart_the_map(void)
     T_EQ_I(m.jumps, 2);
     T_NEAR(cap_clockmap_add(&m, HOST0 + 10 * MS, h + 33 * MS) - (h + 30 * MS), 0, 1000);
     T_EQ_I(m.jumps, 2);
-}
-
-static void shared_clock_is_identity(void)
-{
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, true);
-    for (int i = 0; i < 100; i++)
-        T_EQ_I(cap_clockmap_add(&m, HOST0 + i * MS, HOST0 + i * MS + (int64_t)(t_rand() % MS)),
-               HOST0 + i * MS);
-    T_EQ_I(m.jumps, 0);
-    T_OK(m.drift == 0);
-    T_EQ_I(cap_clockmap_add(&m, HOST0, HOST0 + S), HOST0);
-    T_EQ_I(m.jumps, 1);
-}
-
-static void no_device_clock_means_arrival(void)
-{
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
-    T_EQ_I(cap_clockmap_add(&m, 0, 4711), 4711);
-    cap_clockmap_init(&m, true);
-    T_EQ_I(cap_clockmap_add(&m, 0, 4711), 4711);
 }
 
 /* ---- how far off: delays and drift as in the header's promise ---- */
@@ -164,8 +143,7 @@ static struct spread spread_of(size_t n)
  * frame.  Delay: 0.2 ms, the constant that cannot be seen and is taken off, + up to 1 ms; 5 % lost. */
 static struct spread error_of(double ppm, double from, double to, bool readings)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     int64_t dev0 = (int64_t)t_uniform(1e9, 1e18), start = HOST0 + (int64_t)t_uniform(0, 1e9);
     int64_t constant = 200000;
     size_t n = 0;
@@ -186,7 +164,7 @@ static struct spread error_of(double ppm, double from, double to, bool readings)
     return spread_of(n);
 }
 
-static void errors_are_bounded(void)
+T_CASE(errors_are_bounded)
 {
     static const struct {
         double from, to, p50, p99, max; /* s; us */
@@ -211,7 +189,7 @@ static void errors_are_bounded(void)
 }
 
 /* Readings of the clock take out the constant part of the delay as well. */
-static void readings_take_out_the_delay(void)
+T_CASE(readings_take_out_the_delay)
 {
     struct spread s = error_of(100, 20, 300, true);
     printf("  with readings +-50..500 us once a second: p50 %.0f  p99 %.0f  max %.0f us\n", s.p50,
@@ -219,8 +197,7 @@ static void readings_take_out_the_delay(void)
     T_LE(s.max, 200);
     T_LE(s.p50, 60);
     /* one before the first frame is enough for the first frame to be right */
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     cap_clockmap_measure(&m, 5 * S, HOST0, 100000);
     T_EQ_I(cap_clockmap_add(&m, 5 * S + 40 * MS, HOST0 + 40 * MS + 25 * MS), HOST0 + 40 * MS);
     /* nonsense is not believed */
@@ -236,10 +213,9 @@ static void readings_take_out_the_delay(void)
 
 /* A host so busy that no frame comes in time: its delays wander by milliseconds over seconds.  The
  * line of the readings does not, and says how sure it is; it is given up when readings end. */
-static void readings_hold_the_line_on_a_busy_host(void)
+T_CASE(readings_hold_the_line_on_a_busy_host)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     int64_t dev0 = 777 * S;
     double worst = 0, doubt = 0;
     for (int64_t i = 0; i < 120 * 30; i++) {
@@ -272,10 +248,9 @@ static void readings_hold_the_line_on_a_busy_host(void)
 }
 
 /* A start on a busy machine: slow frames for 5 s, then the true delay; followed at once. */
-static void a_slow_start_heals_at_once(void)
+T_CASE(a_slow_start_heals_at_once)
 {
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     int64_t k = 0;
     for (; k < 5 * 30; k++)
         (void)cap_clockmap_add(&m, 777 + k * (S / 30), HOST0 + k * (S / 30) + 40 * MS);
@@ -287,11 +262,10 @@ static void a_slow_start_heals_at_once(void)
 }
 
 /* Clock steps too small to run backwards: below the line at once, above it after three seconds. */
-static void small_steps_are_followed(void)
+T_CASE(small_steps_are_followed)
 {
     for (int sign = -1; sign <= 1; sign += 2) {
-        struct cap_clockmap m;
-        cap_clockmap_init(&m, false);
+        struct cap_clockmap m = fresh(false);
         double after = 0;
         for (int64_t k = 0; k < 60 * 30; k++) {
             int64_t t = k * (S / 30), step = k >= 30 * 30 ? sign * 20 * MS : 0;
@@ -304,29 +278,30 @@ static void small_steps_are_followed(void)
         T_EQ_I(m.jumps, 0);
     }
     /* half a second is the clock's doing */
-    struct cap_clockmap m;
-    cap_clockmap_init(&m, false);
+    struct cap_clockmap m = fresh(false);
     (void)worst(&m, 50 * S, 50, 30, 20, 0, 1e5);
     int64_t h = HOST0 + 20 * S;
     T_NEAR((double)(cap_clockmap_add(&m, 70 * S + S / 2, h) - h), 0, 1e6);
     T_EQ_I(m.jumps, 1);
-    T_NEAR(m.drift * 1e6, -50, 20); /* the crystal is the same */
+    T_NEAR(m.envelope.drift * 1e6, -50, 20); /* the crystal is the same */
 }
 
-int main(void)
+T_CASE(shared_clock_is_identity)
 {
-    T_RUN(drift_and_skew_are_recovered);
-    T_RUN(any_epoch_will_do);
-    T_RUN(usable_from_the_first_frame);
-    T_RUN(drift_is_clamped);
-    T_RUN(late_frames_do_not_pull_the_line);
-    T_RUN(jumps_restart_the_map);
-    T_RUN(errors_are_bounded);
-    T_RUN(readings_take_out_the_delay);
-    T_RUN(readings_hold_the_line_on_a_busy_host);
-    T_RUN(a_slow_start_heals_at_once);
-    T_RUN(small_steps_are_followed);
-    T_RUN(shared_clock_is_identity);
-    T_RUN(no_device_clock_means_arrival);
-    return t_done();
+    struct cap_clockmap m = fresh(true);
+    for (int i = 0; i < 100; i++)
+        T_EQ_I(cap_clockmap_add(&m, HOST0 + i * MS, HOST0 + i * MS + (int64_t)(t_rand() % MS)),
+               HOST0 + i * MS);
+    T_EQ_I(m.jumps, 0);
+    T_OK(m.envelope.drift == 0);
+    T_EQ_I(cap_clockmap_add(&m, HOST0, HOST0 + S), HOST0);
+    T_EQ_I(m.jumps, 1);
+}
+
+T_CASE(no_device_clock_means_arrival)
+{
+    struct cap_clockmap m = fresh(false);
+    T_EQ_I(cap_clockmap_add(&m, 0, 4711), 4711);
+    cap_clockmap_init(&m, true);
+    T_EQ_I(cap_clockmap_add(&m, 0, 4711), 4711);
 }

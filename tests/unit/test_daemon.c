@@ -2,8 +2,16 @@
 #include "../t.h"
 
 #include <cjson/cJSON.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdatomic.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <sys/wait.h>
 #include <unistd.h>
+#include <zmq.h>
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -13,8 +21,10 @@
 #include "daemon/pipeline/scene.h"
 #include "daemon/pipeline/stage.h"
 #include "daemon/control/state.h"
+#include "daemon/control/survive.h"
+#include "tests/lib/scratch.h"
 
-static void json_is_valid_and_comes_back(void)
+T_CASE(json_is_valid_and_comes_back)
 {
     char text[600];
     struct dmn_json j;
@@ -44,7 +54,7 @@ static void json_is_valid_and_comes_back(void)
     cJSON_Delete(c);
 }
 
-static void json_that_does_not_fit_says_so(void)
+T_CASE(json_that_does_not_fit_says_so)
 {
     char text[16] = "", guard = text[15];
     for (size_t size = 0; size < sizeof text; size++) {
@@ -67,38 +77,8 @@ static void fill_many(struct dmn_json *j, const void *what)
     dmn_json_close(j, ']');
 }
 
-static void json_of_any_length_is_printed(void)
-{
-    for (int n = 1; n <= 1000000; n *= 100) { /* 3 bytes to 6.9 MB */
-        char *text = NULL;
-        size_t len = 0;
-        FILE *f = open_memstream(&text, &len);
-        T_EQ_I(dmn_json_print(f, fill_many, &n, NULL), PVX_OK);
-        fclose(f);
-        T_OK(len > 0 && text[len - 1] == '\n');
-        cJSON *c = cJSON_Parse(text);
-        T_EQ_I(cJSON_GetArraySize(c), n);
-        cJSON_Delete(c);
-        free(text);
-    }
-}
-
-static void json_that_cannot_be_printed_is_an_error(void)
-{
-    struct pvx_diag d = {""};
-    int n = 10, endless = INT32_MAX;
-    FILE *f = fopen("/dev/full", "w");
-    T_EQ_I(dmn_json_print(f, fill_many, &n, &d), PVX_ENOSPC);
-    T_CONTAINS(d.text, "cannot be written");
-    fclose(f);
-    f = fopen("/dev/null", "w");
-    d = (struct pvx_diag){""};
-    T_EQ_I(dmn_json_print(f, fill_many, &endless, &d), PVX_ERANGE);
-    T_CONTAINS(d.text, "64 MiB");
-    fclose(f);
-}
-
-static void json_without_memory_is_an_error(void)
+/* Before those that leave a heap with room. */
+T_CASE(json_without_memory_is_an_error)
 {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     T_SKIP("the sanitizers' allocator ends the program instead of giving NULL");
@@ -116,6 +96,37 @@ static void json_without_memory_is_an_error(void)
     T_CONTAINS(d.text, "no memory");
     fclose(f);
 #endif
+}
+
+T_CASE(json_of_any_length_is_printed)
+{
+    for (int n = 1; n <= 1000000; n *= 100) { /* 3 bytes to 6.9 MB */
+        char *text = NULL;
+        size_t len = 0;
+        FILE *f = open_memstream(&text, &len);
+        T_EQ_I(dmn_json_print(f, fill_many, &n, NULL), PVX_OK);
+        fclose(f);
+        T_OK(len > 0 && text[len - 1] == '\n');
+        cJSON *c = cJSON_Parse(text);
+        T_EQ_I(cJSON_GetArraySize(c), n);
+        cJSON_Delete(c);
+        free(text);
+    }
+}
+
+T_CASE(json_that_cannot_be_printed_is_an_error)
+{
+    struct pvx_diag d = {""};
+    int n = 10, endless = INT32_MAX;
+    FILE *f = fopen("/dev/full", "w");
+    T_EQ_I(dmn_json_print(f, fill_many, &n, &d), PVX_ENOSPC);
+    T_CONTAINS(d.text, "cannot be written");
+    fclose(f);
+    f = fopen("/dev/null", "w");
+    d = (struct pvx_diag){""};
+    T_EQ_I(dmn_json_print(f, fill_many, &endless, &d), PVX_ERANGE);
+    T_CONTAINS(d.text, "64 MiB");
+    fclose(f);
 }
 
 static int stops, resets;
@@ -152,7 +163,7 @@ static void answer_is(const char *request, const char *part)
     T_CONTAINS(reply, part);
 }
 
-static void control_answers(void)
+T_CASE(control_answers)
 {
     answer_is("{\"cmd\":\"ping\"}", "\"ok\":true");
     answer_is("{\"cmd\":\"status\"}", "{\"up\":1}");
@@ -190,7 +201,7 @@ static void control_answers(void)
     T_CONTAINS(reply, "does not fit");
 }
 
-static void the_fullest_state_fits_and_parses(void)
+T_CASE(the_fullest_state_fits_and_parses)
 {
     static struct dmn_state s;
     static char text[DMN_STATE_JSON_MAX];
@@ -231,10 +242,10 @@ static void the_fullest_state_fits_and_parses(void)
         T_OK(dmn_drop_defs[i].name != NULL && dmn_drop_defs[i].help != NULL);
 }
 
-static void second_control_socket_is_refused(void)
+T_CASE(second_control_socket_is_refused)
 {
-    char dir[] = "/tmp/pyrovox-test-XXXXXX", endpoint[64];
-    T_OK(mkdtemp(dir) != NULL);
+    char endpoint[80];
+    scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     int fits = 1;
     struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
@@ -252,11 +263,125 @@ static void second_control_socket_is_refused(void)
     T_EQ_I(rmdir(dir), 0); /* nothing left behind */
 }
 
+static size_t slow_status(void *ctx, char *out, size_t size)
+{
+    atomic_bool *go = ctx;
+    while (!atomic_load(go))
+        usleep(1000);
+    return (size_t)snprintf(out, size, "{\"ok\":true}");
+}
+
+static void *request(void *zmq, const char *endpoint, const char *text)
+{
+    int none = 0, patience_ms = 30000;
+    void *s = zmq_socket(zmq, ZMQ_REQ);
+    zmq_setsockopt(s, ZMQ_LINGER, &none, sizeof none);
+    zmq_setsockopt(s, ZMQ_RCVTIMEO, &patience_ms, sizeof patience_ms);
+    T_OK(zmq_connect(s, endpoint) == 0 && zmq_send(s, text, strlen(text), 0) > 0);
+    return s;
+}
+
+static bool is_answered(void *s)
+{
+    char reply[64];
+    int n = zmq_recv(s, reply, sizeof reply, 0);
+    zmq_close(s);
+    T_OK(n > 0 && memcmp(reply, "{\"ok\":true", 10) == 0);
+    return n > 0;
+}
+
+/* While the daemon is at a long request, somebody of ZMTP 1.0 says one frame that is no request, and goes;
+ * then somebody asks. */
+T_CASE(a_reply_is_not_lost_by_what_another_peer_did)
+{
+    static const char not_a_request[] = {1, 0, 2, 0, 'x'}; /* no name; one byte, no more */
+    char endpoint[80];
+    scratch_new();
+    snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
+    atomic_bool go;
+    struct dmn_control_ops ops = {slow_status, fake_reset, fake_stop, fake_record, &go};
+    struct pvx_diag d = {0};
+    dmn_control *c = NULL;
+    T_EQ_I(dmn_control_new(endpoint, &ops, &c, &d), PVX_OK);
+    void *zmq = zmq_ctx_new();
+    bool answered = c != NULL;
+    for (int k = 0; answered && k < 20; k++) {
+        atomic_init(&go, false);
+        void *first = request(zmq, endpoint, "{\"cmd\":\"status\"}");
+        struct sockaddr_un a = {.sun_family = AF_UNIX};
+        snprintf(a.sun_path, sizeof a.sun_path, "%s/control", dir);
+        int fd = socket(AF_UNIX, SOCK_STREAM, 0);
+        T_EQ_I(connect(fd, (struct sockaddr *)&a, sizeof a), 0);
+        T_EQ_I(write(fd, not_a_request, sizeof not_a_request), sizeof not_a_request);
+        close(fd);
+        void *second = request(zmq, endpoint, "{\"cmd\":\"ping\"}");
+        usleep(20000); /* all of this is with the daemon when it looks */
+        atomic_store(&go, true);
+        answered = is_answered(first);
+        answered = is_answered(second) && answered;
+    }
+    zmq_ctx_term(zmq);
+    dmn_control_free(&c);
+    T_EQ_I(rmdir(dir), 0);
+}
+
+/* ---- a mapped file that is cut ----------------------------------------------------------------- */
+
+static void *touch(void *page)
+{
+    static atomic_int ready;
+    atomic_fetch_add(&ready, 1);
+    while (atomic_load(&ready) < 4) /* all of them at once */
+        ;
+    return *(volatile char *)page != 0 ? page : NULL;
+}
+
+/* Ends: 1 and nothing else. */
+static void map_cut_and_touch(int out)
+{
+    pthread_t t[4];
+    int fd = open(at("matrix"), O_RDWR | O_CREAT | O_TRUNC, 0600);
+    void *page = ftruncate(fd, 4096) == 0 ? mmap(NULL, 4096, PROT_READ, MAP_SHARED, fd, 0) : NULL;
+    if (page == NULL || page == MAP_FAILED || ftruncate(fd, 0) != 0)
+        _exit(2);
+    dup2(out, STDERR_FILENO);
+    dmn_survive();
+    for (int k = 0; k < 4; k++)
+        pthread_create(&t[k], NULL, touch, page);
+    for (;;)
+        pause();
+}
+
+T_CASE(a_file_that_is_cut_is_named_once_however_many_threads_see_it)
+{
+    scratch_new();
+    for (int k = 0; k < 50; k++) {
+        char said[1024];
+        int out[2], status = 0;
+        ssize_t n = 0, more;
+        T_EQ_I(pipe(out), 0);
+        pid_t child = fork();
+        if (child == 0)
+            map_cut_and_touch(out[1]);
+        close(out[1]);
+        while ((more = read(out[0], said + n, sizeof said - 1 - (size_t)n)) > 0)
+            n += more;
+        said[n] = '\0';
+        close(out[0]);
+        T_EQ_I(waitpid(child, &status, 0), child);
+        T_OK(WIFEXITED(status) && WEXITSTATUS(status) == 1);
+        T_CONTAINS(said, at("matrix"));
+        const char *text = strstr(said, "a file that is mapped was cut");
+        T_OK(text != NULL && strstr(text + 1, "a file that is mapped was cut") == NULL);
+    }
+    scratch_remove();
+}
+
 static bool count_to_five(void *ctx)
 {
     return ++*(int *)ctx < 5;
 }
-static void stage_runs_until_it_is_finished(void)
+T_CASE(stage_runs_until_it_is_finished)
 {
     struct dmn_stage s = {0};
     int n = 0;
@@ -269,7 +394,7 @@ static void stage_runs_until_it_is_finished(void)
     dmn_stage_join(&s); /* twice is fine */
 }
 
-static void pictures_in_every_format(void)
+T_CASE(pictures_in_every_format)
 {
     /* 2x2 pixels: red, green, blue, grey beyond the range */
     const float image[12] = {1, 0, 0, 0, 1, 0, 0, 0, 1, 2, -1, 0.5f};
@@ -326,19 +451,4 @@ static void pictures_in_every_format(void)
         for (int k = 0; k < 4; k++)
             T_EQ_I(u8[k], bayer[i].want[k]);
     }
-}
-
-int main(void)
-{
-    T_RUN(json_is_valid_and_comes_back);
-    T_RUN(json_that_does_not_fit_says_so);
-    T_RUN(json_of_any_length_is_printed);
-    T_RUN(json_that_cannot_be_printed_is_an_error);
-    T_RUN(json_without_memory_is_an_error);
-    T_RUN(control_answers);
-    T_RUN(the_fullest_state_fits_and_parses);
-    T_RUN(second_control_socket_is_refused);
-    T_RUN(stage_runs_until_it_is_finished);
-    T_RUN(pictures_in_every_format);
-    return t_done();
 }

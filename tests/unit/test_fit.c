@@ -3,8 +3,8 @@
 
 #include "base/mem.h"
 #include "recon/carve/fit.h"
-#include "recon/view/flame.h"
-#include "recon/frame/frame.h"
+#include "tests/lib/flame_point.h"
+#include "tests/lib/slot.h"
 
 struct ball {
     double m[3], r;
@@ -25,6 +25,18 @@ static bool hits(const struct ball *b, int n, const double o[3], const double d[
     return false;
 }
 
+/* Any point of the ball's surface. */
+static void on_surface(const struct ball *b, double X[3])
+{
+    double len = 0;
+    for (int a = 0; a < 3; a++) {
+        X[a] = t_normal();
+        len += X[a] * X[a];
+    }
+    for (int a = 0; a < 3; a++)
+        X[a] = b->m[a] + b->r * X[a] / sqrt(len);
+}
+
 /* Exact silhouette of balls: bins with a ray of 3 x 3 per pixel that meets one, and bins that a point
  * of a ball's surface projects to. */
 static void silhouette(const struct rec_camera *c, const struct ball *b, int n, int32_t binning,
@@ -40,43 +52,14 @@ static void silhouette(const struct rec_camera *c, const struct ball *b, int n, 
         }
     for (int i = 0; i < n; i++)
         for (int k = 0; k < 4000; k++) {
-            double X[3], uv[2], len = 0;
-            for (int a = 0; a < 3; a++) {
-                X[a] = t_normal();
-                len += X[a] * X[a];
-            }
-            for (int a = 0; a < 3; a++)
-                X[a] = b[i].m[a] + b[i].r * X[a] / sqrt(len);
+            double X[3], uv[2];
+            on_surface(&b[i], X);
             if (!rec_camera_project(c, X, uv))
                 continue;
             double x = floor((uv[0] + 0.5) / binning), y = floor((uv[1] + 0.5) / binning);
             if (x >= 0 && y >= 0 && x < w && y < h)
                 lit[(int)y * w + (int)x] = 1;
         }
-}
-
-/* Camera at `at` looking at `to`, z up in the image as far as it goes. */
-static void aim(struct rec_camera *c, const double at[3], const double to[3])
-{
-    double f[3], r[3], len = 0;
-    for (int a = 0; a < 3; a++) {
-        f[a] = to[a] - at[a];
-        len += f[a] * f[a];
-    }
-    for (int a = 0; a < 3; a++)
-        f[a] /= sqrt(len);
-    double side = hypot(f[0], f[1]);
-    r[0] = f[1] / side;
-    r[1] = -f[0] / side;
-    r[2] = 0;
-    for (int a = 0; a < 3; a++) {
-        c->R[a] = r[a];
-        c->R[6 + a] = f[a];
-    }
-    for (int a = 0; a < 3; a++) /* down = forward x right */
-        c->R[3 + a] = f[(a + 1) % 3] * r[(a + 2) % 3] - f[(a + 2) % 3] * r[(a + 1) % 3];
-    for (int a = 0; a < 3; a++)
-        c->t[a] = -(c->R[3 * a] * at[0] + c->R[3 * a + 1] * at[1] + c->R[3 * a + 2] * at[2]);
 }
 
 static double inside_box(const struct ball *b, int n, const struct rec_fit_box *box)
@@ -95,13 +78,8 @@ static void look_past(struct rec_camera *c, const struct ball *b)
 {
     double right = -1e9;
     for (int k = 0; k < 4000; k++) {
-        double X[3], uv[2], len = 0;
-        for (int a = 0; a < 3; a++) {
-            X[a] = t_normal();
-            len += X[a] * X[a];
-        }
-        for (int a = 0; a < 3; a++)
-            X[a] = b->m[a] + b->r * X[a] / sqrt(len);
+        double X[3], uv[2];
+        on_surface(b, X);
         if (rec_camera_project(c, X, uv))
             right = fmax(right, uv[0]);
     }
@@ -109,7 +87,7 @@ static void look_past(struct rec_camera *c, const struct ball *b)
 }
 
 /* Balls anywhere in the volume, cameras anywhere around it, some of which see only a part. */
-static void flame_is_inside(void)
+T_CASE(flame_is_inside)
 {
     enum { W = 64, H = 48, TURNS = 24 };
     static uint8_t bits[8][W * H];
@@ -126,7 +104,7 @@ static void flame_is_inside(void)
             double turn_by = t_uniform(0, 6.2831853), far = t_uniform(1.4, 4);
             double at[3] = {far * cos(turn_by), far * sin(turn_by), t_uniform(-0.5, 2)};
             double to[3] = {t_uniform(-0.2, 0.2), t_uniform(-0.2, 0.2), t_uniform(0.3, 0.7)};
-            aim(&rig.cameras[c], at, to);
+            rec_camera_look(at, to, &rig.cameras[c]);
             rig.cameras[c].fx = rig.cameras[c].fy = t_uniform(40, 140);
         }
         struct ball b[4];
@@ -170,7 +148,7 @@ static void flame_is_inside(void)
 }
 
 /* A cube seen from far away along the axes: its hull is itself. */
-static void cube_is_found_exactly(void)
+T_CASE(cube_is_found_exactly)
 {
     enum { W = 160 };
     struct rec_rig rig;
@@ -184,7 +162,7 @@ static void cube_is_found_exactly(void)
         struct rec_camera *cam = &rig.cameras[c];
         memset(cam->dist, 0, sizeof cam->dist);
         cam->fx = cam->fy = 0.95 * W * 200;
-        aim(cam, at[c], (double[3]){0, 0, 0.5});
+        rec_camera_look(at[c], (double[3]){0, 0, 0.5}, cam);
         for (int32_t i = 0; i < W * W; i++) {
             double o[3], d[3], s0 = -1e9, s1 = 1e9;
             T_OK(rec_camera_ray(cam, i % W, i / W, o, d));
@@ -212,7 +190,7 @@ static void cube_is_found_exactly(void)
     rec_rig_fini(&rig);
 }
 
-static void union_and_nothing(void)
+T_CASE(union_and_nothing)
 {
     enum { W = 64, H = 48 };
     static uint8_t bits[4][W * H];
@@ -254,7 +232,7 @@ static void union_and_nothing(void)
     rec_rig_fini(&rig);
 }
 
-static void grids(void)
+T_CASE(grids)
 {
     struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 2}, {50, 50, 100}, REC_TRILINEAR}, o;
     struct rec_fit_box b = {.min = {-0.11, -0.2, 0.1}, .max = {0.11, 0.2, 1.29}};
@@ -284,13 +262,6 @@ static void grids(void)
 
 enum { CAMERAS = 8, W = 96, H = 72 };
 
-static double truth_at(const struct rec_flame_pose *p, const double x[3])
-{
-    double e[3];
-    rec_flame_point(p, x, e);
-    return e[0];
-}
-
 /* Relative error at random points of the flame's neighbourhood, where the volume is read as the box
  * basis does; the images come from the flame itself. */
 static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *pose)
@@ -304,7 +275,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
     fp.photo.saturation = 1e30F;
     T_EQ_I(pvx_pool_new(2, "t", &pool), PVX_OK);
     T_EQ_I(rec_sysmat_build(rig, &p, pool, NULL, NULL, &S, NULL), PVX_OK);
-    T_EQ_I(rec_frame_new(S, rig, &fp, pool, &f, NULL), PVX_OK);
+    T_EQ_I(slot_new(S, rig, &fp, pool, &f, NULL), PVX_OK);
     float *raw = pvx_calloc(W * H * 3, sizeof *raw);
     for (size_t c = 0; c < CAMERAS; c++) {
         float *in = rec_frame_input(f, c);
@@ -322,7 +293,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
     double e = 0, t = 0;
     t_state = 77;
     for (int k = 0; k < 60000; k++) {
-        double x[3], want;
+        double x[3], want[3];
         int32_t at[3];
         bool in = true;
         for (int a = 0; a < 3; a++) {
@@ -331,14 +302,14 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
             in = in && u >= 0 && u < rig->grid.n[a];
             at[a] = in ? (int32_t)u : 0;
         }
-        want = truth_at(pose, x);
+        flame_point(pose, x, want);
         double got = in ? dense[(size_t)rec_grid_index(&rig->grid, at[0], at[1], at[2]) * 3] : 0;
-        e += (got - want) * (got - want);
-        t += want * want;
+        e += (got - want[0]) * (got - want[0]);
+        t += want[0] * want[0];
     }
     free(raw);
     free(dense);
-    rec_frame_free(&f);
+    slot_free(&f);
     rec_sysmat_free(&S);
     pvx_pool_free(&pool);
     return sqrt(e / t);
@@ -346,7 +317,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
 
 /* A rig whose box is twice as wide as the flame needs: the same number of voxels, spent on the fitted
  * box, gives a better flame. */
-static void same_voxels_less_error(void)
+T_CASE(same_voxels_less_error)
 {
     struct rec_rig rig;
     struct rec_flame flame;
@@ -396,7 +367,7 @@ static void same_voxels_less_error(void)
 
 /* A corner that two of four cameras see: their silhouettes may cross there, and only demanding more
  * views closes the box. */
-static void few_views_keep_the_box_open(void)
+T_CASE(few_views_keep_the_box_open)
 {
     enum { SIDE = 64 };
     static uint8_t bits[4][SIDE * SIDE];
@@ -407,8 +378,8 @@ static void few_views_keep_the_box_open(void)
     T_EQ_I(rec_rig_ring(4, 2.2, SIDE, SIDE, 24, &rig), PVX_OK);
     for (int c = 0; c < 4; c++) {
         double round = 0.7 * c;
-        aim(&rig.cameras[c], (double[3]){2.5 * cos(round), 2.5 * sin(round), 0.6},
-            (double[3]){0, 0, 0.5});
+        rec_camera_look((double[3]){2.5 * cos(round), 2.5 * sin(round), 0.6},
+                        (double[3]){0, 0, 0.5}, &rig.cameras[c]);
         rig.cameras[c].fx = rig.cameras[c].fy = c < 2 ? 60 : 400; /* two see the ball alone */
         silhouette(&rig.cameras[c], &b, 1, 1, bits[c]);
     }
@@ -429,15 +400,4 @@ static void few_views_keep_the_box_open(void)
     T_EQ_I(rec_fit_get(f, 5, 0, &two), PVX_EINVAL);
     rec_fit_free(&f);
     rec_rig_fini(&rig);
-}
-
-int main(void)
-{
-    T_RUN(few_views_keep_the_box_open);
-    T_RUN(flame_is_inside);
-    T_RUN(cube_is_found_exactly);
-    T_RUN(union_and_nothing);
-    T_RUN(grids);
-    T_RUN(same_voxels_less_error);
-    return t_done();
 }

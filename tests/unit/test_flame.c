@@ -1,17 +1,15 @@
 /* test_flame.c - the analytic flame: integrals, period, extent, images and voxel truth. */
-#include "../t.h"
+#include "tests/lib/flame_point.h"
+#include "tests/lib/scene.h"
 
-#include "recon/view/flame.h"
 #include "recon/geom/rig.h"
+#include "tests/lib/centre.h"
 
 static const struct rec_grid unit_grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {32, 32, 32}, REC_BOX};
 
-static void ray_is_the_integral_of_point(void)
+T_CASE(ray_is_the_integral_of_point)
 {
-    struct rec_flame f;
-    struct rec_flame_pose p;
-    rec_flame_init(&f, &unit_grid, 7);
-    rec_flame_at(&f, 0.3, &p);
+    struct rec_flame_pose p = scene_pose(&unit_grid, 7, 0.3);
     for (int n = 0; n < 20; n++) {
         double o[3] = {2, t_uniform(-0.2, 0.2), t_uniform(0, 1)};
         double d[3] = {-1, t_uniform(-0.1, 0.1), t_uniform(-0.2, 0.2)}, len = 0;
@@ -25,7 +23,7 @@ static void ray_is_the_integral_of_point(void)
             double s = 4.0 * (i + 0.5) / STEPS, x[3], e[3];
             for (int a = 0; a < 3; a++)
                 x[a] = o[a] + s * d[a];
-            rec_flame_point(&p, x, e);
+            flame_point(&p, x, e);
             for (int c = 0; c < 3; c++)
                 sum[c] += e[c] * 4.0 / STEPS;
         }
@@ -35,7 +33,7 @@ static void ray_is_the_integral_of_point(void)
     }
 }
 
-static void periodic_and_inside(void)
+T_CASE(periodic_and_inside)
 {
     struct rec_flame f;
     struct rec_flame_pose p, q;
@@ -60,7 +58,7 @@ static void periodic_and_inside(void)
 }
 
 /* What one sees changes little in a short time: no blob pops in or out. */
-static void motion_is_smooth(void)
+T_CASE(motion_is_smooth)
 {
     struct rec_flame f;
     rec_flame_init(&f, &unit_grid, 3);
@@ -79,7 +77,7 @@ static void motion_is_smooth(void)
     T_OK(worst > 1e-6); /* and it does move */
 }
 
-static void follows_its_box(void)
+T_CASE(follows_its_box)
 {
     struct rec_grid g = {{1, 2, 3}, {3, 5, 7}, {16, 16, 16}, REC_BOX};
     struct rec_flame f, unit;
@@ -95,14 +93,11 @@ static void follows_its_box(void)
     }
 }
 
-static void image_agrees_with_rays(void)
+T_CASE(image_agrees_with_rays)
 {
     struct rec_rig rig;
     T_EQ_I(rec_rig_ring(5, 2.2, 160, 120, 32, &rig), PVX_OK);
-    struct rec_flame f;
-    struct rec_flame_pose p;
-    rec_flame_init(&f, &rig.grid, 1);
-    rec_flame_at(&f, 0.7, &p);
+    struct rec_flame_pose p = scene_pose(&rig.grid, 1, 0.7);
     float *img = malloc(160 * 120 * 3 * sizeof *img);
     for (int sub = 1; sub <= 3; sub += 2)
         for (size_t k = 0; k < rig.n_cameras; k++) {
@@ -131,14 +126,11 @@ static void image_agrees_with_rays(void)
     rec_rig_fini(&rig);
 }
 
-static void bands_give_the_same_bits(void)
+T_CASE(bands_give_the_same_bits)
 {
     struct rec_rig rig;
     T_EQ_I(rec_rig_ring(1, 2.2, 100, 90, 32, &rig), PVX_OK);
-    struct rec_flame f;
-    struct rec_flame_pose p;
-    rec_flame_init(&f, &rig.grid, 1);
-    rec_flame_at(&f, 1.9, &p);
+    struct rec_flame_pose p = scene_pose(&rig.grid, 1, 1.9);
     size_t n = 100 * 90 * 3;
     float *a = malloc(n * sizeof *a), *b = malloc(n * sizeof *b);
     rec_flame_render(&p, rig.cameras, 2, 0, 90, a);
@@ -151,7 +143,7 @@ static void bands_give_the_same_bits(void)
     rec_rig_fini(&rig);
 }
 
-static void standard_rig_is_well_exposed(void)
+T_CASE(standard_rig_is_well_exposed)
 {
     struct rec_rig rig;
     T_EQ_I(rec_rig_ring(8, 2.2, 160, 120, 32, &rig), PVX_OK);
@@ -175,14 +167,11 @@ static void standard_rig_is_well_exposed(void)
     rec_rig_fini(&rig);
 }
 
-static void behind_the_camera_is_black(void)
+T_CASE(behind_the_camera_is_black)
 {
     struct rec_rig rig;
     T_EQ_I(rec_rig_ring(1, 2.2, 64, 48, 32, &rig), PVX_OK);
-    struct rec_flame f;
-    struct rec_flame_pose p;
-    rec_flame_init(&f, &rig.grid, 1);
-    rec_flame_at(&f, 0, &p);
+    struct rec_flame_pose p = scene_pose(&rig.grid, 1, 0);
     struct rec_camera c = rig.cameras[0]; /* turn it round: x and z change sign */
     for (int i = 0; i < 3; i++) {
         c.R[i] = -c.R[i];
@@ -199,13 +188,10 @@ static void behind_the_camera_is_black(void)
     rec_rig_fini(&rig);
 }
 
-static void voxels_are_cell_means(void)
+T_CASE(voxels_are_cell_means)
 {
     struct rec_grid g = unit_grid;
-    struct rec_flame f;
-    struct rec_flame_pose p;
-    rec_flame_init(&f, &g, 4);
-    rec_flame_at(&f, 0.5, &p);
+    struct rec_flame_pose p = scene_pose(&g, 4, 0.5);
     float *v = malloc(rec_grid_count(&g) * 3 * sizeof *v);
     for (int basis = 0; basis < 2; basis++) {
         g.basis = basis == 0 ? REC_BOX : REC_TRILINEAR;
@@ -218,14 +204,14 @@ static void voxels_are_cell_means(void)
         for (int n = 0; n < 300; n++) {
             int32_t idx = (int32_t)t_uniform(0, (double)rec_grid_count(&g));
             double c[3], e[3], want[3] = {0};
-            rec_grid_centre(&g, idx, c);
+            grid_centre(&g, idx, c);
             int m =
                 basis == 0 ? 8 : 1; /* 8^3 midpoints: second order, error below 1e-3 of the peak */
             for (int s = 0; s < m * m * m; s++) {
                 double x[3] = {c[0] + ((s % m + 0.5) / m - 0.5) / 32,
                                c[1] + ((s / m % m + 0.5) / m - 0.5) / 32,
                                c[2] + ((s / m / m + 0.5) / m - 0.5) / 32};
-                rec_flame_point(&p, x, e);
+                flame_point(&p, x, e);
                 for (int ch = 0; ch < 3; ch++)
                     want[ch] += e[ch] / (m * m * m);
             }
@@ -234,18 +220,4 @@ static void voxels_are_cell_means(void)
         }
     }
     free(v);
-}
-
-int main(void)
-{
-    T_RUN(ray_is_the_integral_of_point);
-    T_RUN(periodic_and_inside);
-    T_RUN(motion_is_smooth);
-    T_RUN(follows_its_box);
-    T_RUN(image_agrees_with_rays);
-    T_RUN(bands_give_the_same_bits);
-    T_RUN(standard_rig_is_well_exposed);
-    T_RUN(behind_the_camera_is_black);
-    T_RUN(voxels_are_cell_means);
-    return t_done();
 }

@@ -1,8 +1,10 @@
 /* A frame set from pixels to a sparse volume: partial sets, hard pictures, reuse of a slot, the same
  * bits for any number of threads. */
-#include "../scene.h"
+#include "tests/lib/scene.h"
+#include "tests/lib/slot.h"
 
 #include "base/clock.h"
+#include "tests/lib/entries.h"
 
 static struct scene sc;
 
@@ -10,7 +12,7 @@ static rec_frame *frame(const struct rec_frame_params *p)
 {
     rec_frame *f = NULL;
     struct pvx_diag d = {""};
-    if (rec_frame_new(sc.S, &sc.rig, p, sc.pool, &f, &d) != PVX_OK) {
+    if (slot_new(sc.S, &sc.rig, p, sc.pool, &f, &d) != PVX_OK) {
         printf("%s\n", d.text);
         exit(2);
     }
@@ -43,7 +45,7 @@ static void run(rec_frame *f)
     T_OK(sound(f));
 }
 
-static void flame_comes_out(void)
+T_CASE(flame_comes_out)
 {
     struct rec_frame_params p = params();
     rec_frame *f = frame(&p);
@@ -72,11 +74,11 @@ static void flame_comes_out(void)
             d += v.value[q * 4 + l];
     T_NEAR(sum, d, 1e-9 * d);
     free(dense);
-    rec_frame_free(&f);
+    slot_free(&f);
 }
 
 /* A camera that is not there leaves the system: as if the rig had never had it. */
-static void absent_cameras(void)
+T_CASE(absent_cameras)
 {
     struct rec_frame_params p = params();
     rec_frame *f = frame(&p);
@@ -89,9 +91,11 @@ static void absent_cameras(void)
         rec_frame_present(f, 1, false);
         run(f);
         const struct rec_subsys *a = rec_frame_subsys(f);
+        uint32_t *row = rows_of_system(a);
         for (int32_t i = 0; i < a->rows; i++)
-            if (a->ray[i] >= a->row0[1] && a->ray[i] < a->row0[2])
+            if (row[i] >= a->row0[1] && row[i] < a->row0[2])
                 T_OK(!"row of an absent camera");
+        free(row);
         T_EQ_I(rec_frame_get_report(f)->cameras, sc.rig.n_cameras - 1);
         T_EQ_I(rec_frame_get_report(f)->not_finite, 0);
         struct rec_sparse v;
@@ -106,7 +110,7 @@ static void absent_cameras(void)
         T_EQ_I(rec_frame_get_report(f)->cameras, left);
         T_EQ_I(rec_frame_get_report(f)->solve.status == REC_EMPTY, left < 2);
     }
-    rec_frame_free(&f);
+    slot_free(&f);
 }
 
 enum picture {
@@ -152,7 +156,7 @@ static void paint(rec_frame *f, enum picture what)
     }
 }
 
-static void hard_pictures(void)
+T_CASE(hard_pictures)
 {
     struct rec_frame_params p = params();
     p.photo.saturation = 0.998f;
@@ -182,29 +186,30 @@ static void hard_pictures(void)
                 if (what == HOT_PIXELS)
                     T_OK(!empty);
             }
-            rec_frame_free(&f);
+            slot_free(&f);
         }
     }
 }
 
 /* Silhouettes that meet in one voxel. */
-static void hull_of_one_voxel(void)
+T_CASE(hull_of_one_voxel)
 {
     struct rec_frame_params p = params();
     p.photo.threshold = 0.5f;
     rec_frame *f = frame(&p);
     int32_t j = rec_grid_index(&sc.rig.grid, 6, 5, 7);
+    struct entries all = entries_of(sc.S);
     scene_shoot(&sc, f, 0);
     for (size_t c = 0; c < sc.rig.n_cameras; c++) {
         const struct rec_sysmat_block *b = &sc.S->block[c];
         float *in = rec_frame_input(f, c);
         memset(in, 0, (size_t)(b->bw * b->bh) * 4 * sizeof *in);
-        for (uint32_t e = sc.S->colptr[j]; e < sc.S->colptr[j + 1]; e++)
+        for (uint32_t e = all.colptr[j]; e < all.colptr[j + 1]; e++)
             for (size_t l = 0; l < 3; l++)
-                if (sc.S->row[e] >= sc.S->row0[c] && sc.S->row[e] < sc.S->row0[c + 1])
-                    in[(sc.S->row[e] - sc.S->row0[c]) * 4 + l] =
-                        0.5f + (float)rec_sysmat_value(sc.S, e);
+                if (all.row[e] >= sc.S->row0[c] && all.row[e] < sc.S->row0[c + 1])
+                    in[(all.row[e] - sc.S->row0[c]) * 4 + l] = 0.5f + (float)entries_value(&all, e);
     }
+    entries_free(&all);
     run(f);
     struct rec_sparse v;
     rec_frame_volume(f, &v);
@@ -213,10 +218,10 @@ static void hull_of_one_voxel(void)
     for (int32_t q = 0; q < v.n; q++)
         found = found || (v.index[q] == j && v.value[q * 4] > 0);
     T_OK(found);
-    rec_frame_free(&f);
+    slot_free(&f);
 }
 
-static void same_bits_for_any_number_of_threads(void)
+T_CASE(same_bits_for_any_number_of_threads)
 {
     struct rec_frame_params p = params();
     uint64_t state = t_state;
@@ -224,7 +229,7 @@ static void same_bits_for_any_number_of_threads(void)
     size_t n = 0;
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
         p.solve.solver = *name;
-        for (unsigned threads = 1; threads <= 3; threads++) {
+        for (unsigned threads = 1; threads <= 4; threads++) {
             pvx_pool *pool, *keep = sc.pool;
             if (pvx_pool_new(threads, "bits", &pool) != PVX_OK)
                 exit(2);
@@ -243,7 +248,7 @@ static void same_bits_for_any_number_of_threads(void)
                 T_EQ_I(v.n * 4, n);
                 T_OK(memcmp(want, v.value, n * sizeof *want) == 0);
             }
-            rec_frame_free(&f);
+            slot_free(&f);
             pvx_pool_free(&pool);
             sc.pool = keep;
         }
@@ -252,7 +257,7 @@ static void same_bits_for_any_number_of_threads(void)
 }
 
 /* A slot carries nothing over; a warm start changes how long it takes, not where it ends. */
-static void slots_and_warm_starts(void)
+T_CASE(slots_and_warm_starts)
 {
     struct rec_frame_params p = params();
     rec_frame *f = frame(&p), *g = frame(&p);
@@ -289,16 +294,16 @@ static void slots_and_warm_starts(void)
     T_LE(rec_frame_get_report(g)->solve.rel_residual,
          rec_frame_get_report(f)->solve.rel_residual * 1.01);
     T_OK(sound(g));
-    rec_frame_free(&f);
-    rec_frame_free(&g);
+    slot_free(&f);
+    slot_free(&g);
 }
 
-static void grey_and_background(void)
+T_CASE(grey_and_background)
 {
     struct rec_frame_params p = params();
     p.nch = 1;
     rec_frame *f = frame(&p);
-    float *bg[REC_MAX_CAMERAS];
+    float *bg[REC_MAX_CAMERAS] = {NULL};
     for (size_t c = 0; c < sc.rig.n_cameras; c++) {
         size_t n = (size_t)(sc.S->block[c].bw * sc.S->block[c].bh);
         bg[c] = pvx_calloc(n, sizeof(float));
@@ -306,7 +311,7 @@ static void grey_and_background(void)
             bg[c][i] = 0.2f + 0.1f * (float)(i % 5);
             rec_frame_input(f, c)[i] = sc.image[c][i * 4] + bg[c][i];
         }
-        T_OK(rec_frame_set_background(f, c, bg[c]) == PVX_OK);
+        T_OK(rec_carver_background(f->carver, c, bg[c]) == PVX_OK);
         rec_frame_present(f, c, true);
     }
     run(f);
@@ -322,45 +327,30 @@ static void grey_and_background(void)
     }
     T_EQ_I(v.cs, 1);
     T_LE(sqrt(e / t), 0.3);
-    T_EQ_I(rec_frame_set_background(f, 99, bg[0]), PVX_EINVAL);
-    T_OK(rec_frame_set_background(f, 0, NULL) == PVX_OK);
+    T_EQ_I(rec_carver_background(f->carver, 99, bg[0]), PVX_EINVAL);
+    T_OK(rec_carver_background(f->carver, 0, NULL) == PVX_OK);
     for (size_t c = 0; c < sc.rig.n_cameras; c++)
         free(bg[c]);
     free(dense);
-    rec_frame_free(&f);
+    slot_free(&f);
 }
 
-static void refused(void)
+T_CASE(refused)
 {
     struct rec_frame_params p = params();
     struct pvx_diag d = {""};
     rec_frame *f;
     p.nch = 2;
-    T_EQ_I(rec_frame_new(sc.S, &sc.rig, &p, sc.pool, &f, &d), PVX_EINVAL);
+    T_EQ_I(slot_new(sc.S, &sc.rig, &p, sc.pool, &f, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "2 channels");
     struct rec_rig other;
     if (rec_rig_ring(3, 2.2, 40, 30, 12, &other) != PVX_OK)
         exit(2);
     p.nch = 3;
     d.text[0] = '\0';
-    T_EQ_I(rec_frame_new(sc.S, &other, &p, sc.pool, &f, &d), PVX_EINVAL);
+    T_EQ_I(slot_new(sc.S, &other, &p, sc.pool, &f, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "3 cameras");
     rec_rig_fini(&other);
 }
 
-int main(void)
-{
-    if (!scene_new(&sc, 6, 48, 14, 2, 2))
-        return 2;
-    (void)t_rand();
-    T_RUN(flame_comes_out);
-    T_RUN(absent_cameras);
-    T_RUN(hard_pictures);
-    T_RUN(hull_of_one_voxel);
-    T_RUN(same_bits_for_any_number_of_threads);
-    T_RUN(slots_and_warm_starts);
-    T_RUN(grey_and_background);
-    T_RUN(refused);
-    scene_free(&sc);
-    return t_done();
-}
+T_MAIN((scene_new(&sc, 6, 48, 14, 2, 2), (void)t_rand()), scene_free(&sc))

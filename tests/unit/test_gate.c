@@ -26,7 +26,7 @@ static void event(void *ctx, uint32_t camera, enum cap_event ev)
 }
 static const struct cap_sink sink = {.event = event};
 
-static void is_told_once_a_run(void)
+T_CASE(is_told_once_a_run)
 {
     told = 0;
     may_be_called = true;
@@ -69,7 +69,7 @@ static void *callbacks(void *arg)
     return NULL;
 }
 
-static void nothing_comes_after_stop(void)
+T_CASE(nothing_comes_after_stop)
 {
     pthread_t t[THREADS];
     told = inside = after_stop = entered = 0;
@@ -95,11 +95,4 @@ static void nothing_comes_after_stop(void)
         pthread_join(t[i], NULL);
     T_EQ_I(after_stop, 0);
     cap_gate_fini(&gate);
-}
-
-int main(void)
-{
-    T_RUN(is_told_once_a_run);
-    T_RUN(nothing_comes_after_stop);
-    return t_done();
 }

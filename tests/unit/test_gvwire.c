@@ -1,8 +1,8 @@
 /* GVCP and GVSP on the wire, byte for byte against the tables of the protocol. */
 #include "capture/wire/be.h"
-#include "capture/gvcam_feature.h"
+#include "capture/gevsim/feature.h"
 #include "capture/wire/gvcp.h"
-#include "capture/wire/gvsp.h"
+#include "tests/lib/gvsp_read.h"
 #include "tests/t.h"
 
 /* The bytes of `hex`, spaces left out. */
@@ -27,7 +27,7 @@ static void same(const void *got, size_t n, const char *hex, int line)
 }
 #define SAME(got, n, hex) same(got, n, hex, __LINE__)
 
-static void numbers_in_network_order(void)
+T_CASE(numbers_in_network_order)
 {
     uint8_t p[9] = {0};
     cap_put64(p + 1, 0x0123456789abcdef);
@@ -37,7 +37,7 @@ static void numbers_in_network_order(void)
     T_OK(cap_get64(p + 1) == 0x0123456789abcdef);
 }
 
-static void commands_as_they_are_sent(void)
+T_CASE(commands_as_they_are_sent)
 {
     uint8_t p[CAP_GVCP_MAX], d[8];
     struct cap_gvcp_action a = {0x11223344, 0x55667788, 0x99aabbcc, false, 7};
@@ -57,7 +57,7 @@ static void commands_as_they_are_sent(void)
          "8006 0083 0000 0009");
 }
 
-static void commands_as_they_arrive(void)
+T_CASE(commands_as_they_arrive)
 {
     static const struct {
         const char *hex;
@@ -96,7 +96,7 @@ static void commands_as_they_arrive(void)
     T_EQ_I(cap_gvcp_parse(big, sizeof big, &r), CAP_GVCP_INVALID_HEADER); /* over 576 bytes */
 }
 
-static void resend_and_action_are_read(void)
+T_CASE(resend_and_action_are_read)
 {
     uint8_t p[64];
     struct cap_gvcp_request r;
@@ -117,7 +117,7 @@ static void resend_and_action_are_read(void)
          a.time == 1000000000);
 }
 
-static void acknowledges_are_read(void)
+T_CASE(acknowledges_are_read)
 {
     uint8_t p[64];
     struct cap_gvcp_answer a;
@@ -131,34 +131,34 @@ static void acknowledges_are_read(void)
     T_OK(!cap_gvcp_parse_ack(p, n, &a)); /* a command */
 }
 
-static void stream_heads(void)
+T_CASE(stream_heads)
 {
     uint8_t p[64];
     struct cap_gvsp_head h = {0, false, CAP_GVSP_DATA, 0xfffe, 0x010203}, back;
     SAME(p, cap_gvsp_put_head(p, &h), "0000 fffe 03 010203");
-    T_EQ_I(cap_gvsp_get_head(p, 8, &back), 8);
+    T_EQ_I(gvsp_head(p, 8, &back), 8);
     T_OK(back.block == 0xfffe && back.packet == 0x010203 && back.content == CAP_GVSP_DATA &&
          !back.wide);
-    T_EQ_I(cap_gvsp_get_head(p, 7, &back), 0);
+    T_EQ_I(gvsp_head(p, 7, &back), 0);
     h = (struct cap_gvsp_head){CAP_GVSP_RESENT, true, CAP_GVSP_LEAD, 0x100000002, 5};
     SAME(p, cap_gvsp_put_head(p, &h), "0100 0000 81 000000 0000000100000002 00000005");
-    T_EQ_I(cap_gvsp_get_head(p, 20, &back), 20);
+    T_EQ_I(gvsp_head(p, 20, &back), 20);
     T_OK(back.block == 0x100000002 && back.packet == 5 && back.wide &&
          back.status == CAP_GVSP_RESENT && back.content == CAP_GVSP_LEAD);
-    T_EQ_I(cap_gvsp_get_head(p, 19, &back), 0);
+    T_EQ_I(gvsp_head(p, 19, &back), 0);
 }
 
-static void leader_and_trailer(void)
+T_CASE(leader_and_trailer)
 {
     uint8_t p[64];
     struct cap_gvsp_leader l = {CAP_GVSP_IMAGE, 0x0102030405060708, 0x02180014, 640, 480, 16, 8},
                            back;
     SAME(p, cap_gvsp_put_leader(p, &l),
          "0000 0001 0102030405060708 02180014 00000280 000001e0 00000010 00000008 0000 0000");
-    T_OK(cap_gvsp_get_leader(p, 36, &back));
+    T_OK(gvsp_leader(p, 36, &back));
     T_OK(back.payload == l.payload && back.ticks == l.ticks && back.width == 640 &&
          back.height == 480 && back.x == 16 && back.y == 8 && back.pixel_format == 0x02180014);
-    T_OK(!cap_gvsp_get_leader(p, 35, &back));
+    T_OK(!gvsp_leader(p, 35, &back));
     SAME(p, cap_gvsp_put_trailer(p, CAP_GVSP_IMAGE, 480, 0), "0000 0001 000001e0");
     SAME(p, cap_gvsp_put_trailer(p, CAP_GVSP_IMAGE_CHUNK, 480, 24),
          "0000 4001 000001e0 00000018 00000000");
@@ -171,7 +171,7 @@ static void leader_and_trailer(void)
 }
 
 /* The table that registers and XML come from holds together. */
-static void features_are_consistent(void)
+T_CASE(features_are_consistent)
 {
     size_t n = 0;
     for (const struct gvcam_feature_def *d = gvcam_features; d->category != NULL; d++, n++) {
@@ -189,17 +189,4 @@ static void features_are_consistent(void)
         }
     }
     T_LE(GVCAM_N_FEATURES + 20, n);
-}
-
-int main(void)
-{
-    T_RUN(numbers_in_network_order);
-    T_RUN(commands_as_they_are_sent);
-    T_RUN(commands_as_they_arrive);
-    T_RUN(resend_and_action_are_read);
-    T_RUN(acknowledges_are_read);
-    T_RUN(stream_heads);
-    T_RUN(leader_and_trailer);
-    T_RUN(features_are_consistent);
-    return t_done();
 }

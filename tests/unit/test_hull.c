@@ -1,5 +1,5 @@
 /* The carved set against rule (1) of hull.h taken literally, and against the flame itself. */
-#include "../scene.h"
+#include "tests/lib/scene.h"
 
 static struct scene sc;
 
@@ -42,11 +42,14 @@ static void check(const bool *present, struct rec_hull_params p)
     rec_hull *h;
     if (rec_hull_new(sc.S, &h) != PVX_OK)
         exit(2);
-    int32_t *col = pvx_calloc(sc.voxels, sizeof *col), n = -1, at = 0;
+    int32_t *col = pvx_calloc(sc.voxels, sizeof *col), at = 0;
     uint8_t *klass = pvx_calloc(sc.voxels, 1);
-    struct rec_hull_counts cn, want = {0};
+    struct rec_hull_kept kept = {.col = col, .klass = klass};
+    struct rec_hull_counts want = {0};
     memset(klass, 9, sc.voxels);
-    rec_hull_carve(h, &p, (const uint8_t *const *)lit, present, sc.pool, col, &n, klass, &cn);
+    rec_hull_carve(h, &p, (const uint8_t *const *)lit, present, sc.pool, &kept);
+    const struct rec_hull_counts cn = kept.counts;
+    int32_t n = kept.n;
     int64_t wrong = 0;
     for (int32_t j = 0; j < (int32_t)sc.voxels; j++) {
         int k = rule(j, present, p.min_views);
@@ -68,12 +71,12 @@ static void check(const bool *present, struct rec_hull_params p)
     rec_hull_free(&h);
 }
 
-static void equals_the_rule(void)
+T_CASE(equals_the_rule)
 {
     bool all[REC_MAX_CAMERAS] = {true, true, true, true, true, true};
     bool some[REC_MAX_CAMERAS] = {true, false, true, false, false, true};
     bool none[REC_MAX_CAMERAS] = {false};
-    struct rec_hull_params p = rec_hull_defaults, strict = {.min_views = 2, .keep_partial = 0},
+    struct rec_hull_params p = REC_HULL_DEFAULTS, strict = {.min_views = 2, .keep_partial = 0},
                            many = {.min_views = 6, .keep_partial = 1},
                            zero = {.min_views = 0, .keep_partial = 1};
     for (int t = 0; t < 3; t++) {
@@ -95,7 +98,7 @@ static void equals_the_rule(void)
 
 /* No coefficient that carries light into dark pixels alone is needed, but none that carries light
  * may go: what is carved away holds less than the threshold allows along any ray. */
-static void no_light_is_carved(void)
+T_CASE(no_light_is_carved)
 {
     const double threshold = 0.004;
     bool all[REC_MAX_CAMERAS] = {true, true, true, true, true, true};
@@ -117,12 +120,10 @@ static void no_light_is_carved(void)
 
 int main(void)
 {
-    if (!scene_new(&sc, 6, 56, 18, 2, 2)) /* 18 is no multiple of a brick */
-        return 2;
+    scene_new(&sc, 6, 56, 18, 2, 2); /* 18 is no multiple of a brick */
     for (size_t c = 0; c < sc.rig.n_cameras; c++)
         lit[c] = pvx_calloc((size_t)(sc.S->block[c].bw * sc.S->block[c].bh), 1);
-    T_RUN(equals_the_rule);
-    T_RUN(no_light_is_carved);
+    t_run();
     for (size_t c = 0; c < sc.rig.n_cameras; c++)
         free(lit[c]);
     scene_free(&sc);

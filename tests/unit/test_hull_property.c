@@ -4,33 +4,16 @@
 
 #include "base/mem.h"
 #include "recon/carve/hull.h"
+#include "tests/lib/centre.h"
 
 enum { W = 48, H = 36, TURNS = 60, VOXELS = 3, POINTS = 15 };
-
-/* Camera at `at` looking at `to`. */
-static void aim(struct rec_camera *c, const double at[3], const double to[3])
-{
-    double f[3], len = 0, side;
-    for (int a = 0; a < 3; a++) {
-        f[a] = to[a] - at[a];
-        len += f[a] * f[a];
-    }
-    for (int a = 0; a < 3; a++)
-        f[a] /= sqrt(len);
-    side = hypot(f[0], f[1]);
-    double R[9] = {f[1] / side, -f[0] / side, 0,   f[0] * f[2] / side, f[1] * f[2] / side, -side,
-                   f[0],        f[1],         f[2]};
-    memcpy(c->R, R, sizeof R);
-    for (int r = 0; r < 3; r++)
-        c->t[r] = -(R[3 * r] * at[0] + R[3 * r + 1] * at[1] + R[3 * r + 2] * at[2]);
-}
 
 /* The camera is turned aside until voxel j's support lies partly or, by a hair, wholly outside its
  * image: it then sees that there is no light beside it. */
 static void look_past(struct rec_camera *c, const struct rec_grid *g, int32_t j, double by)
 {
     double x[3], X[3], uv[2], right = -1e9, reach = g->basis == REC_BOX ? 0.5 : 1;
-    rec_grid_centre(g, j, x);
+    grid_centre(g, j, x);
     for (int i = 0; i < POINTS * POINTS * POINTS; i++) {
         int at[3] = {i % POINTS, i / POINTS % POINTS, i / POINTS / POINTS};
         for (int a = 0; a < 3; a++)
@@ -45,7 +28,7 @@ static void look_past(struct rec_camera *c, const struct rec_grid *g, int32_t j,
 static void light_up(const struct rec_camera *c, const struct rec_grid *g, int32_t j, uint8_t *lit)
 {
     double x[3], X[3], uv[2], reach = g->basis == REC_BOX ? 0.5 : 1;
-    rec_grid_centre(g, j, x);
+    grid_centre(g, j, x);
     for (int i = 0; i < POINTS * POINTS * POINTS; i++) {
         int at[3] = {i % POINTS, i / POINTS % POINTS, i / POINTS / POINTS};
         for (int a = 0; a < 3; a++)
@@ -58,7 +41,7 @@ static void light_up(const struct rec_camera *c, const struct rec_grid *g, int32
     }
 }
 
-static void no_light_is_carved(void)
+T_CASE(no_light_is_carved)
 {
     static uint8_t bits[6][W * H];
     const uint8_t *lit[6];
@@ -76,8 +59,9 @@ static void no_light_is_carved(void)
         for (size_t c = 0; c < n; c++) {
             struct rec_camera *cam = &rig.cameras[c];
             double round = t_uniform(0, 6.2831853), far = t_uniform(0.9, 4);
-            aim(cam, (double[3]){far * cos(round), far * sin(round), t_uniform(-0.5, 2)},
-                (double[3]){t_uniform(-0.3, 0.3), t_uniform(-0.3, 0.3), t_uniform(0.2, 0.8)});
+            rec_camera_look(
+                (double[3]){far * cos(round), far * sin(round), t_uniform(-0.5, 2)},
+                (double[3]){t_uniform(-0.3, 0.3), t_uniform(-0.3, 0.3), t_uniform(0.2, 0.8)}, cam);
             cam->fx = cam->fy = t_uniform(25, 120);
             if (turn % 3 == 1)
                 look_past(cam, &rig.grid, voxel[0],
@@ -97,9 +81,10 @@ static void no_light_is_carved(void)
             lit[c] = bits[c];
             present[c] = turn % 7 != 0 || c != 0;
         }
-        int32_t *col = pvx_calloc(rec_grid_count(&rig.grid), sizeof *col), kept = 0;
+        int32_t *col = pvx_calloc(rec_grid_count(&rig.grid), sizeof *col);
         uint8_t *klass = pvx_calloc(rec_grid_count(&rig.grid), 1);
-        rec_hull_carve(h, &hp, lit, present, NULL, col, &kept, klass, NULL);
+        struct rec_hull_kept kept = {.col = col, .klass = klass};
+        rec_hull_carve(h, &hp, lit, present, NULL, &kept);
         for (int i = 0; i < VOXELS; i++) {
             bool seen = false;
             int in_dark = 0;
@@ -129,10 +114,4 @@ static void no_light_is_carved(void)
     }
     T_OK(dark < TURNS); /* most voxels are seen by somebody */
     T_OK(partly > 0);   /* and footprints at an image's edge occur */
-}
-
-int main(void)
-{
-    T_RUN(no_light_is_carved);
-    return t_done();
 }

@@ -5,7 +5,8 @@
 #include <turbojpeg.h>
 
 #include "base/log.h"
-#include "daemon/images.h"
+#include "daemon/pipeline/images.h"
+#include "tests/lib/slot.h"
 
 enum { N = 6, W = 64, H = 48, BIN = 2 };
 
@@ -16,7 +17,7 @@ static rec_frame *frame;
 static uint8_t yuyv[W * H * 2];
 static unsigned char *coded[2]; /* a good JPEG, one of another size */
 static unsigned long coded_size[2];
-static struct cap_frame store[N];
+static struct cap_image store[N];
 
 static void set_up(void)
 {
@@ -26,9 +27,8 @@ static void set_up(void)
     pvx_log_set_level(PVX_LOG_ERROR);
     T_EQ_I(rec_rig_ring(N, 2.5, W, H, 8, &rig), PVX_OK);
     T_EQ_I(pvx_pool_new(2, "test", &pool), PVX_OK);
-    bool cached;
-    T_EQ_I(rec_sysmat_open(&rig, &mp, NULL, pool, NULL, NULL, &S, &cached, &d), PVX_OK);
-    T_EQ_I(rec_frame_new(S, &rig, &fp, pool, &frame, &d), PVX_OK);
+    T_EQ_I(rec_sysmat_open(&rig, &mp, NULL, pool, (struct rec_progress){0}, &S, &d), PVX_OK);
+    T_EQ_I(slot_new(S, &rig, &fp, pool, &frame, &d), PVX_OK);
     for (size_t i = 0; i < sizeof yuyv; i++)
         yuyv[i] = (uint8_t)(t_rand() >> 40);
     tjhandle tj = tjInitCompress();
@@ -47,32 +47,32 @@ static void tear_down(void)
 {
     tjFree(coded[0]);
     tjFree(coded[1]);
-    rec_frame_free(&frame);
+    slot_free(&frame);
     rec_sysmat_free(&S);
     pvx_pool_free(&pool);
     rec_rig_fini(&rig);
 }
 
-static void put(struct cap_set *set, size_t c, const void *data, size_t size, enum cap_pixfmt fmt)
+static void put(const struct cap_image **set, size_t c, const void *data, size_t size,
+                enum cap_pixfmt fmt)
 {
-    store[c].img = (struct cap_image){data, size, W, H, (ptrdiff_t)cap_pixfmt_row(fmt, W), fmt, 0};
-    set->frame[c] = &store[c];
-    set->n++;
+    store[c] = (struct cap_image){data, size, W, H, (ptrdiff_t)cap_pixfmt_row(fmt, W), fmt, 0};
+    set[c] = &store[c];
 }
 
-static void broken_ones_are_counted_and_left_out(void)
+T_CASE(broken_ones_are_counted_and_left_out)
 {
     dmn_images *im = NULL;
-    struct dmn_images_params p = {.nch = 3};
-    struct cap_set set = {0};
+    struct dmn_images_params p = {.nch = 3, .binning = BIN};
+    const struct cap_image *set[N] = {0};
     uint64_t mask, count[REC_MAX_CAMERAS][DMN_N_IMAGE];
-    T_EQ_I(dmn_images_new(&p, S, &rig, pool, &im, NULL), PVX_OK);
-    put(&set, 0, yuyv, sizeof yuyv, CAP_YUYV);
-    put(&set, 1, coded[0], coded_size[0], CAP_JPEG);
-    put(&set, 2, coded[0], coded_size[0] * 2 / 3, CAP_JPEG);
-    put(&set, 3, coded[1], coded_size[1], CAP_JPEG);
-    put(&set, 4, yuyv, sizeof yuyv - 1, CAP_YUYV); /* camera 5 is missing */
-    T_EQ_I(dmn_images_bin(im, &set, frame, &mask), 2);
+    T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+    put(set, 0, yuyv, sizeof yuyv, CAP_YUYV);
+    put(set, 1, coded[0], coded_size[0], CAP_JPEG);
+    put(set, 2, coded[0], coded_size[0] * 2 / 3, CAP_JPEG);
+    put(set, 3, coded[1], coded_size[1], CAP_JPEG);
+    put(set, 4, yuyv, sizeof yuyv - 1, CAP_YUYV); /* camera 5 is missing */
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 2);
     T_EQ_I(mask, 3);
     dmn_images_counts(im, count);
     T_EQ_I(count[2][DMN_IMAGE_JPEG_DAMAGED], 1);
@@ -86,16 +86,17 @@ static void broken_ones_are_counted_and_left_out(void)
 
     /* what came through is what the parts give on their own */
     static float want[W / BIN * (H / BIN) * 4];
-    T_EQ_I(cap_bin(&store[0].img, BIN, 3, 0, H / BIN, want), PVX_OK);
+    T_EQ_I(cap_bin(&store[0], BIN, 3, 0, H / BIN, want), PVX_OK);
     T_EQ_I(memcmp(want, rec_frame_input(frame, 0), sizeof want), 0);
     T_NEAR(rec_frame_input(frame, 1)[4 * 20], pow((123.0 / 255 + 0.055) / 1.055, 2.4), 0.02);
 
     /* the next set is none the worse for it */
     for (size_t c = 0; c < N; c++)
-        put(&set, c, coded[0], coded_size[0], CAP_JPEG);
-    store[5].img.width = W - 2;
-    T_EQ_I(dmn_images_bin(im, &set, frame, &mask), 5);
+        put(set, c, coded[0], coded_size[0], CAP_JPEG);
+    store[5].width = W - 2;
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 5);
     T_EQ_I(mask, 31);
+    T_EQ_S(dmn_images_why(im, 5), "is 62x48, but the rig says camera cam5 takes 64x48");
     dmn_images_counts(im, count);
     T_EQ_I(count[5][DMN_IMAGE_SIZE], 1);
     T_EQ_I(count[2][DMN_IMAGE_JPEG_DAMAGED], 1);
@@ -104,30 +105,50 @@ static void broken_ones_are_counted_and_left_out(void)
 }
 
 /* A camera that was asked for another format has no decoder, and a JPEG from it does no harm. */
-static void jpeg_that_nobody_asked_for(void)
+T_CASE(jpeg_that_nobody_asked_for)
 {
     dmn_images *im = NULL;
-    struct dmn_images_params p = {.nch = 3, .fmt = CAP_YUYV, .transfer = CAP_TRANSFER_LINEAR};
-    struct cap_set set = {0};
+    struct dmn_images_params p = {
+        .nch = 3, .binning = BIN, .fmt = CAP_YUYV, .transfer = CAP_TRANSFER_LINEAR};
+    const struct cap_image *set[N] = {0};
     uint64_t mask, count[REC_MAX_CAMERAS][DMN_N_IMAGE];
-    T_EQ_I(dmn_images_new(&p, S, &rig, pool, &im, NULL), PVX_OK);
-    put(&set, 0, yuyv, sizeof yuyv, CAP_YUYV);
-    put(&set, 1, coded[0], coded_size[0], CAP_JPEG);
-    T_EQ_I(dmn_images_bin(im, &set, frame, &mask), 1);
+    T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+    put(set, 0, yuyv, sizeof yuyv, CAP_YUYV);
+    put(set, 1, coded[0], coded_size[0], CAP_JPEG);
+    T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1);
     dmn_images_counts(im, count);
     T_EQ_I(count[1][DMN_IMAGE_JPEG_KIND], 1);
     static float want[W / BIN * (H / BIN) * 4];
     struct cap_convert_params linear = {BIN, 3, CAP_TRANSFER_LINEAR, 0};
-    T_EQ_I(cap_convert(&store[0].img, &linear, 0, H / BIN, want), PVX_OK);
+    T_EQ_I(cap_convert(&store[0], &linear, 0, H / BIN, want), PVX_OK);
     T_EQ_I(memcmp(want, rec_frame_input(frame, 0), sizeof want), 0);
     dmn_images_free(&im);
 }
 
-int main(void)
+/* An image of integers is saturated at its full scale, one of floats beside it in the same set is not. */
+T_CASE(floats_have_no_full_scale)
 {
-    set_up();
-    T_RUN(broken_ones_are_counted_and_left_out);
-    T_RUN(jpeg_that_nobody_asked_for);
-    tear_down();
-    return t_done();
+    dmn_images *im = NULL;
+    struct dmn_images_params p = {.nch = 3, .binning = BIN};
+    const struct cap_image *set[N] = {0};
+    static float bright[W * H * 3];
+    static uint8_t full[W * H * 3];
+    uint64_t mask;
+    for (size_t i = 0; i < W * H * 3; i++) {
+        bright[i] = 1.5f;
+        full[i] = 255;
+    }
+    T_EQ_I(dmn_images_new(&p, &rig, pool, &im, NULL), PVX_OK);
+    for (int integers = 0; integers < 2; integers++) {
+        put(set, 0, bright, sizeof bright, CAP_RGB_F32);
+        if (integers)
+            put(set, 1, full, sizeof full, CAP_RGB8);
+        T_EQ_I(dmn_images_bin_frame(im, set, frame, &mask), 1 + integers);
+        rec_frame_carve(frame);
+        T_EQ_I(rec_frame_get_report(frame)->saturated, integers * (W / BIN) * (H / BIN));
+        rec_frame_reset(frame);
+    }
+    dmn_images_free(&im);
 }
+
+T_MAIN(set_up(), tear_down())

@@ -7,19 +7,9 @@
 
 #include "base/file.h"
 #include "capture/files/imgio.h"
+#include "tests/lib/scratch.h"
 
-static char dir[64];
-
-static const char *in_dir(const char *name)
-{
-    static char path[4][256];
-    static int turn;
-    char *p = path[turn++ & 3];
-    snprintf(p, 256, "%s/%s", dir, name);
-    return p;
-}
-
-static void npy_round_trip(void)
+T_CASE(npy_round_trip)
 {
     float v[24], *back;
     for (int i = 0; i < 24; i++)
@@ -27,15 +17,15 @@ static void npy_round_trip(void)
     size_t shape[4] = {2, 3, 4, 1}, got[4];
     int ndim;
     struct pvx_diag d = {""};
-    T_EQ_I(cap_npy_save(in_dir("a.npy"), v, shape, 3, &d), PVX_OK);
-    T_EQ_I(cap_npy_load(in_dir("a.npy"), &back, got, &ndim, &d), PVX_OK);
+    T_EQ_I(cap_npy_save(at("a.npy"), v, shape, 3, &d), PVX_OK);
+    T_EQ_I(cap_npy_load(at("a.npy"), &back, got, &ndim, &d), PVX_OK);
     T_EQ_I(ndim, 3);
     T_EQ_I(got[0] * 100 + got[1] * 10 + got[2], 234);
     T_EQ_I(memcmp(back, v, sizeof v), 0);
     free(back);
     char *bytes;
     size_t len;
-    T_EQ_I(pvx_file_read(in_dir("a.npy"), 1 << 20, &bytes, &len, &d), PVX_OK);
+    T_EQ_I(pvx_file_read(at("a.npy"), 1 << 20, &bytes, &len, &d), PVX_OK);
     T_EQ_I((len - sizeof v) % 64, 0); /* data are aligned as NumPy asks */
     free(bytes);
 }
@@ -52,7 +42,7 @@ static size_t build(char *out, const char *dict, const void *data, size_t n)
     return 10 + h + n;
 }
 
-static void npy_types(void)
+T_CASE(npy_types)
 {
     char b[512];
     float *v;
@@ -80,7 +70,7 @@ static void npy_types(void)
     free(v);
 }
 
-static void npy_refusals(void)
+T_CASE(npy_refusals)
 {
     static const struct {
         const char *dict, *says;
@@ -116,31 +106,31 @@ static void npy_refusals(void)
     }
 }
 
-static void npy_images_keep_their_depth(void)
+T_CASE(npy_images_keep_their_depth)
 {
     struct cap_loaded l;
     struct pvx_diag d = {""};
     char b[512];
     const uint16_t u2[4] = {1, 2, 3, 65535};
     size_t n = build(b, "{'descr': '<u2', 'fortran_order': False, 'shape': (2, 2)}", u2, 8);
-    T_EQ_I(pvx_file_write(in_dir("u2.npy"), b, n, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("u2.npy"), &l, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("u2.npy"), b, n, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("u2.npy"), &l, &d), PVX_OK);
     T_EQ_I(l.img.fmt, CAP_GREY16);
     T_EQ_I(memcmp(l.img.data, u2, 8), 0);
     cap_loaded_free(&l);
     float pix[2 * 3 * 3] = {0.5f, -1, 7};
-    T_EQ_I(cap_image_save(in_dir("f.npy"), pix, 3, 2, 3, 2.2, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("f.npy"), &l, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("f.npy"), pix, 3, 2, 3, 2.2, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("f.npy"), &l, &d), PVX_OK);
     T_EQ_I(l.img.fmt, CAP_RGB_F32);
     T_EQ_I(l.img.width * 10 + l.img.height, 32);
     T_EQ_I(memcmp(l.img.data, pix, sizeof pix), 0); /* unclipped, gamma is for .png only */
     cap_loaded_free(&l);
-    T_EQ_I(cap_npy_save(in_dir("v.npy"), pix, (size_t[3]){3, 3, 2}, 3, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("v.npy"), &l, &d), PVX_EFORMAT);
+    T_EQ_I(cap_npy_save(at("v.npy"), pix, (size_t[3]){3, 3, 2}, 3, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("v.npy"), &l, &d), PVX_EFORMAT);
     T_CONTAINS(d.text, "[h][w]");
 }
 
-static void png_round_trip(void)
+T_CASE(png_round_trip)
 {
     enum { W = 5, H = 3 };
     float pix[W * H * 3];
@@ -151,9 +141,9 @@ static void png_round_trip(void)
     pix[2] = NAN;
     struct pvx_diag d = {""};
     struct cap_loaded l;
-    T_EQ_I(cap_image_save(in_dir("a.png"), pix, W, H, 3, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("a.png"), pix, W, H, 3, 1, &d), PVX_OK);
     T_EQ_S(d.text, "");
-    T_EQ_I(cap_image_load(in_dir("a.png"), &l, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("a.png"), &l, &d), PVX_OK);
     if (l.img.data == NULL)
         return;
     T_EQ_I(l.img.fmt, CAP_RGB8);
@@ -167,15 +157,15 @@ static void png_round_trip(void)
     cap_loaded_free(&l);
     for (int i = 0; i < W * H; i++)
         pix[i] = 0.25f;
-    T_EQ_I(cap_image_save(in_dir("g.png"), pix, W, H, 1, 2, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("g.png"), &l, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("g.png"), pix, W, H, 1, 2, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("g.png"), &l, &d), PVX_OK);
     T_EQ_I(l.img.fmt, CAP_GREY8);
     T_EQ_I(((const uint8_t *)l.img.data)[7], 128); /* 0.25^(1/2) */
     cap_loaded_free(&l);
 }
 
 /* A 1x1 RGBA 8-bit and a 2x1 grey 16-bit PNG, as bytes. */
-static void png_alpha_and_16_bit(void)
+T_CASE(png_alpha_and_16_bit)
 {
     static const uint8_t rgba[] = {
         0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48,
@@ -191,8 +181,8 @@ static void png_alpha_and_16_bit(void)
         0x84, 0x65, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82};
     struct pvx_diag d = {""};
     struct cap_loaded l;
-    T_EQ_I(pvx_file_write(in_dir("rgba.png"), rgba, sizeof rgba, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("rgba.png"), &l, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("rgba.png"), rgba, sizeof rgba, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("rgba.png"), &l, &d), PVX_OK);
     T_EQ_S(d.text, "");
     if (l.img.data != NULL) {
         T_EQ_I(l.img.fmt, CAP_RGB8);
@@ -200,8 +190,8 @@ static void png_alpha_and_16_bit(void)
         T_EQ_I(p[0] * 1000000 + p[1] * 1000 + p[2], 10020030);
     }
     cap_loaded_free(&l);
-    T_EQ_I(pvx_file_write(in_dir("g16.png"), grey16, sizeof grey16, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("g16.png"), &l, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("g16.png"), grey16, sizeof grey16, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("g16.png"), &l, &d), PVX_OK);
     T_EQ_S(d.text, "");
     if (l.img.data != NULL) {
         T_EQ_I(l.img.fmt, CAP_GREY16);
@@ -214,7 +204,7 @@ static void png_alpha_and_16_bit(void)
 }
 
 /* A JPEG is gamma-coded and says so; other pictures are linear. */
-static void jpeg_files_are_coded(void)
+T_CASE(jpeg_files_are_coded)
 {
     struct pvx_diag d = {""};
     struct cap_loaded l;
@@ -224,53 +214,53 @@ static void jpeg_files_are_coded(void)
     tjhandle tj = tjInitCompress();
     T_EQ_I(tjCompress2(tj, px, 16, 0, 16, TJPF_GRAY, &coded, &n, TJSAMP_GRAY, 95, 0), 0);
     tjDestroy(tj);
-    T_EQ_I(pvx_file_write(in_dir("a.jpg"), coded, n, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("a.jpg"), coded, n, &d), PVX_OK);
     tjFree(coded);
-    T_EQ_I(cap_image_load(in_dir("a.jpg"), &l, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("a.jpg"), &l, &d), PVX_OK);
     T_EQ_I(l.img.yuv, CAP_YUV_CODED);
     if (l.img.data != NULL)
         T_NEAR(((const uint8_t *)l.img.data)[0], 100, 1);
     cap_loaded_free(&l);
-    T_EQ_I(cap_image_save(in_dir("a.png"), (float[3]){0}, 1, 1, 3, 1, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("a.png"), &l, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("a.png"), (float[3]){0}, 1, 1, 3, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("a.png"), &l, &d), PVX_OK);
     T_EQ_I(l.img.yuv, 0);
     cap_loaded_free(&l);
 }
 
-static void damaged_and_missing(void)
+T_CASE(damaged_and_missing)
 {
     struct pvx_diag d = {""};
     struct cap_loaded l;
-    T_EQ_I(pvx_file_write(in_dir("bad.png"), "\x89PNG garbage", 12, &d), PVX_OK);
-    T_EQ_I(cap_image_load(in_dir("bad.png"), &l, &d), PVX_EFORMAT);
+    T_EQ_I(pvx_file_write(at("bad.png"), "\x89PNG garbage", 12, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("bad.png"), &l, &d), PVX_EFORMAT);
     T_CONTAINS(d.text, "bad.png");
     d.text[0] = '\0';
-    T_EQ_I(cap_image_load(in_dir("none.png"), &l, &d), PVX_ENOENT);
+    T_EQ_I(cap_image_load(at("none.png"), &l, &d), PVX_ENOENT);
     T_CONTAINS(d.text, "none.png");
     d.text[0] = '\0';
-    T_EQ_I(cap_image_load(in_dir("x.bmp"), &l, &d), PVX_EUNSUP);
+    T_EQ_I(cap_image_load(at("x.bmp"), &l, &d), PVX_EUNSUP);
     T_CONTAINS(d.text, ".npy .png");
     d.text[0] = '\0';
-    T_EQ_I(cap_image_save(in_dir("x.jpg"), (float[3]){0}, 1, 1, 3, 1, &d), PVX_EUNSUP);
+    T_EQ_I(cap_image_save(at("x.jpg"), (float[3]){0}, 1, 1, 3, 1, &d), PVX_EUNSUP);
     cap_video *v;
     double fps;
     d.text[0] = '\0';
-    T_EQ_I(cap_video_open(in_dir("none.mp4"), &v, &fps, &d), PVX_ENOENT);
-    T_EQ_I(pvx_file_write(in_dir("bad.mp4"), "not a film", 10, &d), PVX_OK);
+    T_EQ_I(cap_video_open(at("none.mp4"), &v, &fps, &d), PVX_ENOENT);
+    T_EQ_I(pvx_file_write(at("bad.mp4"), "not a film", 10, &d), PVX_OK);
     d.text[0] = '\0';
-    T_EQ_I(cap_video_open(in_dir("bad.mp4"), &v, &fps, &d), PVX_EFORMAT);
+    T_EQ_I(cap_video_open(at("bad.mp4"), &v, &fps, &d), PVX_EFORMAT);
     T_OK(v == NULL);
     T_CONTAINS(d.text, "bad.mp4");
 }
 
-static void full_disk_is_named(void)
+T_CASE(full_disk_is_named)
 {
     struct stat st;
     if (stat("/dev/full", &st) != 0)
         T_SKIP("no /dev/full here");
     /* the temporary beside the target is a link to the full device */
     char tmp[320];
-    const char *path = in_dir("full.npy");
+    const char *path = at("full.npy");
     snprintf(tmp, sizeof tmp, "%s.tmp.%ld", path, (long)getpid());
     T_EQ_I(symlink("/dev/full", tmp), 0);
     struct pvx_diag d = {""};
@@ -281,25 +271,13 @@ static void full_disk_is_named(void)
 
 int main(void)
 {
-    char exe[200], lib[256], cmd[128];
+    char exe[200], lib[256];
     if (pvx_exe_dir(exe, sizeof exe) != PVX_OK)
         return 1;
     snprintf(lib, sizeof lib, "%s/../../lib", exe);
     setenv("PYROVOX_LIBDIR", lib, 1);
-    snprintf(dir, sizeof dir, "/tmp/pvx-imgio-%ld", (long)getpid());
-    if (mkdir(dir, 0700) != 0)
-        return 1;
-    T_RUN(npy_round_trip);
-    T_RUN(npy_types);
-    T_RUN(npy_refusals);
-    T_RUN(npy_images_keep_their_depth);
-    T_RUN(png_round_trip);
-    T_RUN(png_alpha_and_16_bit);
-    T_RUN(jpeg_files_are_coded);
-    T_RUN(damaged_and_missing);
-    T_RUN(full_disk_is_named);
-    snprintf(cmd, sizeof cmd, "rm -r %s", dir);
-    if (system(cmd) != 0)
-        return 1;
+    scratch_new();
+    t_run();
+    scratch_remove();
     return t_done();
 }

@@ -47,18 +47,13 @@ static uint8_t *encode(int w, int h, int sampling, int flags, size_t *size)
     return out;
 }
 
-static cap_jpeg *decoder(void)
-{
-    cap_jpeg *j = NULL;
-    T_EQ_I(cap_jpeg_new(W, H, &j), PVX_OK);
-    return j;
-}
+static cap_jpeg *decoder; /* one for all cases: none may be the worse for the ones before */
 
-static pvx_err decode(cap_jpeg *j, const void *data, size_t size, struct cap_image *out)
+static pvx_err decode(const void *data, size_t size, struct cap_image *out)
 {
     struct cap_image in = {data, size, W, H, 0, CAP_JPEG, 0};
     struct pvx_diag d = {""};
-    pvx_err e = cap_jpeg_decode(j, &in, out, &d);
+    pvx_err e = cap_jpeg_decode(decoder, &in, out, &d);
     T_CHECK_((e == PVX_OK) == (d.text[0] == '\0'), "error %d, text '%s'", (int)e, d.text);
     return e;
 }
@@ -75,15 +70,14 @@ static void check_colours(const struct cap_image *img)
     T_LE(worst, 10);
 }
 
-static void colour_comes_back(void)
+T_CASE(colour_comes_back)
 {
     static const int samplings[] = {TJSAMP_444, TJSAMP_422, TJSAMP_420};
-    cap_jpeg *j = decoder();
     for (int k = 0; k < 3; k++) {
         size_t n;
         struct cap_image img;
         uint8_t *bytes = encode(W, H, samplings[k], 0, &n);
-        T_EQ_I(decode(j, bytes, n, &img), PVX_OK);
+        T_EQ_I(decode(bytes, n, &img), PVX_OK);
         T_EQ_I(img.fmt, CAP_RGB8);
         T_EQ_I(img.yuv, CAP_YUV_CODED);
         T_EQ_I(img.size, W * H * 3);
@@ -94,22 +88,19 @@ static void colour_comes_back(void)
         T_NEAR((double)light[0], pow((p[0] / 255.0 + 0.055) / 1.055, 2.4), 2e-6);
         free(bytes);
     }
-    cap_jpeg_free(&j);
 }
 
-static void grey_comes_back(void)
+T_CASE(grey_comes_back)
 {
-    cap_jpeg *j = decoder();
     size_t n;
     struct cap_image img;
     uint8_t *bytes = encode(W, H, TJSAMP_GRAY, 0, &n);
-    T_EQ_I(decode(j, bytes, n, &img), PVX_OK);
+    T_EQ_I(decode(bytes, n, &img), PVX_OK);
     T_EQ_I(img.fmt, CAP_GREY8);
     T_EQ_I(img.stride, W);
     for (int x = 0; x < W; x++)
         T_OK(abs(((const uint8_t *)img.data)[x] - red(x)) <= 4);
     free(bytes);
-    cap_jpeg_free(&j);
 }
 
 /* First marker `code`; NULL when there is none before the scan. */
@@ -123,9 +114,8 @@ static uint8_t *segment(uint8_t *p, size_t n, int code)
 }
 
 /* Motion JPEG leaves the standard Huffman tables out. */
-static void without_huffman_tables(void)
+T_CASE(without_huffman_tables)
 {
-    cap_jpeg *j = decoder();
     size_t n;
     struct cap_image img;
     uint8_t *bytes = encode(W, H, TJSAMP_422, 0, &n), *dht;
@@ -134,64 +124,59 @@ static void without_huffman_tables(void)
         memmove(dht, dht + length, n - (size_t)(dht - bytes) - length);
         n -= length;
     }
-    T_EQ_I(decode(j, bytes, n, &img), PVX_OK);
+    T_EQ_I(decode(bytes, n, &img), PVX_OK);
     check_colours(&img);
     free(bytes);
-    cap_jpeg_free(&j);
 }
 
-static void faults_are_told_apart(void)
+T_CASE(faults_are_told_apart)
 {
-    cap_jpeg *j = decoder();
     size_t n, m;
     struct cap_image img = {.fmt = CAP_FMT_NONE};
     uint8_t *good = encode(W, H, TJSAMP_422, 0, &n), *other;
-    T_EQ_I(decode(j, "GIF89a..", 8, &img), PVX_EFORMAT);
-    T_EQ_I(decode(j, NULL, 0, &img), PVX_EFORMAT);
+    T_EQ_I(decode("GIF89a..", 8, &img), PVX_EFORMAT);
+    T_EQ_I(decode(NULL, 0, &img), PVX_EFORMAT);
     other = encode(W + 16, H, TJSAMP_422, 0, &m);
-    T_EQ_I(decode(j, other, m, &img), PVX_ERANGE);
+    T_EQ_I(decode(other, m, &img), PVX_ERANGE);
     free(other);
     other = encode(W, H, TJSAMP_422, TJFLAG_PROGRESSIVE, &m);
-    T_EQ_I(decode(j, other, m, &img), PVX_EUNSUP);
+    T_EQ_I(decode(other, m, &img), PVX_EUNSUP);
     free(other);
     for (size_t cut = 0; cut < n; cut++) { /* cut off anywhere: copies of exactly that size */
         uint8_t *part = malloc(cut > 0 ? cut : 1);
         memcpy(part, good, cut);
-        pvx_err e = decode(j, part, cut, &img);
+        pvx_err e = decode(part, cut, &img);
         T_CHECK_(e == (cut < 4 ? PVX_EFORMAT : PVX_ECORRUPT) || (cut >= n - 2 && e == PVX_OK),
                  "cut to %zu of %zu bytes: %s", cut, n, pvx_strerror(e));
         free(part);
     }
     T_EQ_I(img.fmt, CAP_FMT_NONE); /* untouched */
-    T_EQ_I(decode(j, good, n, &img), PVX_OK);
+    T_EQ_I(decode(good, n, &img), PVX_OK);
     check_colours(&img);
     free(good);
-    cap_jpeg_free(&j);
 }
 
 /* 65500 x 65500 pixels announced in a few bytes: refused before anything is asked for. */
-static void huge_pictures_are_refused(void)
+T_CASE(huge_pictures_are_refused)
 {
-    cap_jpeg *j = decoder();
     size_t n;
     struct cap_image img;
     uint8_t *bytes = encode(W, H, TJSAMP_444, 0, &n), *sof = segment(bytes, n, 0xC0);
     T_OK(sof != NULL);
     memcpy(sof + 5, "\xff\xdc\xff\xdc", 4);
-    T_EQ_I(decode(j, bytes, n, &img), PVX_ERANGE);
+    T_EQ_I(decode(bytes, n, &img), PVX_ERANGE);
     memcpy(sof + 5, "\x00\x00\x00\x40", 4); /* height to be told later */
-    T_EQ_I(decode(j, bytes, n, &img), PVX_ERANGE);
+    T_EQ_I(decode(bytes, n, &img), PVX_ERANGE);
     free(bytes);
-    cap_jpeg_free(&j);
+    cap_jpeg *j;
     T_EQ_I(cap_jpeg_new(65536, 1, &j), PVX_EINVAL);
     T_EQ_I(cap_jpeg_new(0, 1, &j), PVX_EINVAL);
     T_OK(j == NULL);
 }
 
 /* What webcams do: a few bytes too many before the end, padding behind it.  More is damage. */
-static void left_over_bytes(void)
+T_CASE(left_over_bytes)
 {
-    cap_jpeg *j = decoder();
     struct cap_image img;
     for (size_t extra = 0; extra <= 40; extra += 8) {
         size_t n;
@@ -200,20 +185,18 @@ static void left_over_bytes(void)
         memcpy(bytes, good, n - 2);
         memset(bytes + n - 2, 0x12, extra);
         memcpy(bytes + n - 2 + extra, "\xff\xd9", 2);
-        pvx_err e = decode(j, bytes, n + extra + 30, &img);
+        pvx_err e = decode(bytes, n + extra + 30, &img);
         T_CHECK_(e == (extra <= 16 ? PVX_OK : PVX_ECORRUPT), "%zu bytes left over: %s", extra,
                  pvx_strerror(e));
         free(bytes);
         free(good);
     }
-    cap_jpeg_free(&j);
 }
 
 /* Damage in the coded data: nearly always seen (a wrong bit can decode to a valid picture), and the
  * decoder is none the worse for it. */
-static void damage(void)
+T_CASE(damage)
 {
-    cap_jpeg *j = decoder();
     size_t n, seen = 0, tried = 0;
     struct cap_image img;
     uint8_t *good = encode(W, H, TJSAMP_422, 0, &n), *bytes = malloc(n);
@@ -223,24 +206,18 @@ static void damage(void)
         memset(bytes + at, 0xFF, 20); /* a lost packet */
         memset(bytes + at + 20, 0, 20);
         tried++;
-        seen += decode(j, bytes, n, &img) == PVX_ECORRUPT;
+        seen += decode(bytes, n, &img) == PVX_ECORRUPT;
     }
     T_CHECK_(seen > tried * 9 / 10, "%zu of %zu seen", seen, tried);
-    T_EQ_I(decode(j, good, n, &img), PVX_OK);
+    T_EQ_I(decode(good, n, &img), PVX_OK);
     check_colours(&img);
     free(bytes);
     free(good);
-    cap_jpeg_free(&j);
 }
 
-int main(void)
+static void set_up(void)
 {
-    T_RUN(colour_comes_back);
-    T_RUN(grey_comes_back);
-    T_RUN(without_huffman_tables);
-    T_RUN(faults_are_told_apart);
-    T_RUN(huge_pictures_are_refused);
-    T_RUN(left_over_bytes);
-    T_RUN(damage);
-    return t_done();
+    if (cap_jpeg_new(W, H, &decoder) != PVX_OK)
+        exit(1);
 }
+T_MAIN(set_up(), cap_jpeg_free(&decoder))

@@ -4,7 +4,7 @@
 #include "recon/solve/lcurve.h"
 
 /* Residual falls to 1e-3 while the norm hardly moves, then the norm rises at a constant residual. */
-static void corner_of_an_L(void)
+T_CASE(corner_of_an_L)
 {
     struct rec_lcurve c = {0};
     uint32_t done = 0;
@@ -19,7 +19,7 @@ static void corner_of_an_L(void)
     T_EQ_I(done, 18);
 }
 
-static void points_without_a_logarithm_are_skipped(void)
+T_CASE(points_without_a_logarithm_are_skipped)
 {
     struct rec_lcurve c = {0};
     for (uint32_t k = 1; k < 20; k++) {
@@ -32,7 +32,7 @@ static void points_without_a_logarithm_are_skipped(void)
     T_OK(!rec_lcurve_done(&c, 1000, 6)); /* no corner: never done */
 }
 
-static void repeated_points_are_skipped(void)
+T_CASE(repeated_points_are_skipped)
 {
     struct rec_lcurve c = {0};
     for (uint32_t k = 1; k < 20; k++)
@@ -42,7 +42,7 @@ static void repeated_points_are_skipped(void)
 }
 
 /* A straight line, and a bend the other way, are no corner. */
-static void only_an_L_has_a_corner(void)
+T_CASE(only_an_L_has_a_corner)
 {
     struct rec_lcurve line = {0}, other = {0};
     for (uint32_t k = 1; k <= 20; k++) {
@@ -56,7 +56,7 @@ static void only_an_L_has_a_corner(void)
 }
 
 /* A sharper corner later takes over, and `add` says at once that the point before is the one. */
-static void the_sharpest_corner_wins(void)
+T_CASE(the_sharpest_corner_wins)
 {
     struct rec_lcurve c = {0};
     static const double lr[] = {0, -1, -2, -2.9, -3.8, -4.8, -4.8, -4.8},
@@ -72,14 +72,4 @@ static void the_sharpest_corner_wins(void)
     T_EQ_I(told, 6);
     T_OK(!rec_lcurve_done(&c, 8, 6));
     T_OK(rec_lcurve_done(&c, 12, 6));
-}
-
-int main(void)
-{
-    T_RUN(corner_of_an_L);
-    T_RUN(points_without_a_logarithm_are_skipped);
-    T_RUN(repeated_points_are_skipped);
-    T_RUN(only_an_L_has_a_corner);
-    T_RUN(the_sharpest_corner_wins);
-    return t_done();
 }

@@ -40,6 +40,13 @@ static struct driver driver(void)
     return (struct driver){.lock = PTHREAD_MUTEX_INITIALIZER};
 }
 
+static cap_lend *lend(struct driver *d, uint32_t camera)
+{
+    cap_lend *l = NULL;
+    T_EQ_I(cap_lend_new(N, 2, camera, &ops, d, &l), PVX_OK);
+    return l;
+}
+
 /* The driver has filled buffer i. */
 static void fill(struct driver *d, unsigned i)
 {
@@ -50,7 +57,7 @@ static void fill(struct driver *d, unsigned i)
     pthread_mutex_unlock(&d->lock);
 }
 
-static void refuses_what_is_not_possible(void)
+T_CASE(refuses_what_is_not_possible)
 {
     struct driver d = driver();
     cap_lend *l;
@@ -61,11 +68,10 @@ static void refuses_what_is_not_possible(void)
     T_EQ_I(d.destroyed, 0);
 }
 
-static void never_takes_the_spare_ones(void)
+T_CASE(never_takes_the_spare_ones)
 {
     struct driver d = driver();
-    cap_lend *l;
-    T_EQ_I(cap_lend_new(N, 2, 7, &ops, &d, &l), PVX_OK);
+    cap_lend *l = lend(&d, 7);
     cap_lend_run(l, true);
     T_EQ_I(d.n_queued, N);
     struct cap_frame *f[N];
@@ -94,11 +100,10 @@ static void never_takes_the_spare_ones(void)
     T_EQ_I(d.destroyed, 1);
 }
 
-static void frames_may_outlive_stop_start_and_close(void)
+T_CASE(frames_may_outlive_stop_start_and_close)
 {
     struct driver d = driver();
-    cap_lend *l;
-    T_EQ_I(cap_lend_new(N, 2, 0, &ops, &d, &l), PVX_OK);
+    cap_lend *l = lend(&d, 0);
     cap_lend_run(l, true);
     fill(&d, 0);
     fill(&d, 1);
@@ -121,11 +126,10 @@ static void frames_may_outlive_stop_start_and_close(void)
     T_EQ_I(d.destroyed, 1);
 }
 
-static void asks_again_when_the_driver_refuses(void)
+T_CASE(asks_again_when_the_driver_refuses)
 {
     struct driver d = driver();
-    cap_lend *l;
-    T_EQ_I(cap_lend_new(N, 2, 0, &ops, &d, &l), PVX_OK);
+    cap_lend *l = lend(&d, 0);
     d.refuse = 2;
     cap_lend_run(l, true);
     T_EQ_I(d.n_queued, N - 2);
@@ -175,7 +179,7 @@ static void *consumer(void *arg)
     return NULL;
 }
 
-static void releases_race_with_stop_and_close(void)
+T_CASE(releases_race_with_stop_and_close)
 {
     mail_end = false;
     pthread_t t;
@@ -183,8 +187,7 @@ static void releases_race_with_stop_and_close(void)
     struct driver d[20];
     for (int round = 0; round < 20; round++) {
         d[round] = driver();
-        cap_lend *l;
-        T_EQ_I(cap_lend_new(N, 2, 0, &ops, &d[round], &l), PVX_OK);
+        cap_lend *l = lend(&d[round], 0);
         cap_lend_run(l, true);
         for (int k = 0; k < 200; k++) {
             unsigned i = 0;
@@ -215,14 +218,4 @@ static void releases_race_with_stop_and_close(void)
     pthread_join(t, NULL);
     for (int round = 0; round < 20; round++)
         T_EQ_I(d[round].destroyed, 1);
-}
-
-int main(void)
-{
-    T_RUN(refuses_what_is_not_possible);
-    T_RUN(never_takes_the_spare_ones);
-    T_RUN(frames_may_outlive_stop_start_and_close);
-    T_RUN(asks_again_when_the_driver_refuses);
-    T_RUN(releases_race_with_stop_and_close);
-    return t_done();
 }

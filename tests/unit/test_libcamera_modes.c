@@ -12,7 +12,7 @@ static struct cap_lc_format code(const char *fourcc, uint64_t modifier)
 
 #define CSI ((uint64_t)11 << 56 | 1)
 
-static void formats(void)
+T_CASE(formats)
 {
     static const struct {
         const char *fourcc;
@@ -32,7 +32,7 @@ static void formats(void)
     T_EQ_I(lc_pixfmt(code("RG10", (uint64_t)1 << 56 | 13)), CAP_FMT_NONE); /* IPU3's own packing */
 }
 
-static void yuv(void)
+T_CASE(yuv)
 {
     T_EQ_I(lc_yuv(&(struct cap_lc_layout){0}), CAP_YUV_601);
     T_EQ_I(lc_yuv(&(struct cap_lc_layout){.rec709 = 1, .full_range = CAP_LC_RANGE_LIMITED}),
@@ -45,7 +45,7 @@ static void yuv(void)
     T_EQ_I(lc_yuv(&jpeg), CAP_YUV_TRANSFER_709);
 }
 
-static void modes(void)
+T_CASE(modes)
 {
     const struct cap_lc_mode m[] = {
         {code("NV12", 0), 1920, 1080}, {code("MJPG", 0), 640, 480}, {code("YUYV", 0), 320, 240},
@@ -77,7 +77,7 @@ static void modes(void)
     T_CONTAINS(d.text, "nothing");
 }
 
-static void names(void)
+T_CASE(names)
 {
     const char *const id[] = {"\\_SB_.PCI0-1:1.0-046d:0825", "\\_SB_.PCI0-11:1.0-046d:0825",
                               "/base/i2c@1/imx219@10", "front"};
@@ -112,13 +112,4 @@ static void names(void)
     }
     for (size_t k = 0; k < 2; k++)
         T_EQ_S(lc_short_name(twins, 2, k), twins[k]);
-}
-
-int main(void)
-{
-    T_RUN(formats);
-    T_RUN(yuv);
-    T_RUN(modes);
-    T_RUN(names);
-    return t_done();
 }

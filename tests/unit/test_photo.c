@@ -4,10 +4,30 @@
 
 #define W 64
 #define H 48
-static float img[W * H * 4] __attribute__((aligned(16))), weight[W * H], scratch[W * H],
+static float img[W * H * 4] __attribute__((aligned(16))), weight[W * H],
     back[W * H * 4] __attribute__((aligned(16)));
 static uint8_t lit[W * H];
 static const float one[3] = {1, 1, 1};
+static struct rec_photo_stats st;
+
+static void apply(int nch, const float *background, const float *gain,
+                  const struct rec_photo_params *p)
+{
+    struct rec_photo_work *work = rec_photo_work_new(W, H);
+    rec_photo_apply(&(struct rec_photo_image){.img = img,
+                                              .bw = W,
+                                              .bh = H,
+                                              .nch = nch,
+                                              .background = background,
+                                              .gain = gain,
+                                              .params = p,
+                                              .weight = weight,
+                                              .lit = lit,
+                                              .stats = &st,
+                                              .work = work},
+                    1, NULL);
+    free(work);
+}
 
 /* A round flame of radius 10 in the middle, `top` bright, on noise. */
 static void paint(int cs, double top, double noise, int clip)
@@ -20,34 +40,32 @@ static void paint(int cs, double top, double noise, int clip)
         }
 }
 
-static void gain_black_background(void)
+T_CASE(gain_black_background)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     const float gain[3] = {2, 1, 0.5f};
     for (int i = 0; i < W * H * 4; i++) {
         img[i] = 0.5f;
         back[i] = 0.1f;
     }
     p.black = 0.05f;
-    rec_photo_apply(img, W, H, 3, back, gain, &p, weight, lit, scratch, &st);
+    apply(3, back, gain, &p);
     T_NEAR(img[0], 0.7, 1e-6);
     T_NEAR(img[1], 0.35, 1e-6);
     T_NEAR(img[2], 0.175, 1e-6);
-    T_EQ_I(img[3], 0); /* the 4th lane is cleared */
+    T_EQ_I(img[3], 0); /* the 4th float is cleared */
     T_EQ_I(st.lit, W * H);
     T_EQ_I(weight[5], 1);
     T_NEAR(st.sigma[0], 0, 1e-6);
 }
 
-static void noise_is_estimated(void)
+T_CASE(noise_is_estimated)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     for (int nch = 1; nch <= 3; nch += 2)
         for (int clip = 0; clip < 2; clip++) {
             paint(nch == 3 ? 4 : 1, 0.6, 0.01, clip);
-            rec_photo_apply(img, W, H, nch, NULL, one, &p, weight, lit, scratch, &st);
+            apply(nch, NULL, one, &p);
             for (int c = 0; c < nch; c++) /* of clipped noise a block's mean tells of its spread */
                 T_NEAR(st.sigma[c], 0.01, clip ? 0.0025 : 0.0015);
             T_NEAR(st.threshold, 0.04, 0.01);
@@ -62,16 +80,15 @@ static void noise_is_estimated(void)
         }
 }
 
-static void faint_flame_by_means(void)
+T_CASE(faint_flame_by_means)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     paint(4, 0, 0.01, 0);
     for (int y = 20; y < 28; y++)
         for (int x = 20; x < 28; x++)
             for (int l = 0; l < 3; l++)
                 img[(y * W + x) * 4 + l] += 0.025f; /* 2.5 sigma: below the threshold of one bin */
-    rec_photo_apply(img, W, H, 3, NULL, one, &p, weight, lit, scratch, &st);
+    apply(3, NULL, one, &p);
     int inside = 0;
     for (int y = 21; y < 27; y++)
         for (int x = 21; x < 27; x++)
@@ -79,23 +96,21 @@ static void faint_flame_by_means(void)
     T_OK(inside >= 34);
 }
 
-static void empty_is_unlit(void)
+T_CASE(empty_is_unlit)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     memset(img, 0, sizeof img);
-    rec_photo_apply(img, W, H, 3, NULL, one, &p, weight, lit, scratch, &st);
+    apply(3, NULL, one, &p);
     T_EQ_I(st.lit, 0);
     T_NEAR(st.threshold, 0.004, 1e-7);
     paint(4, 0, 0.02, 0);
-    rec_photo_apply(img, W, H, 3, NULL, one, &p, weight, lit, scratch, &st);
+    apply(3, NULL, one, &p);
     T_LE(st.lit, W * H / 200);
 }
 
-static void bad_pixels(void)
+T_CASE(bad_pixels)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     memset(img, 0, sizeof img);
     img[100 * 4 + 1] = NAN;
     img[200 * 4] = INFINITY;
@@ -103,7 +118,7 @@ static void bad_pixels(void)
     img[400 * 4] = 3e38f;
     img[500 * 4] = 1.0f; /* saturated */
     img[600 * 4] = 1e-40f;
-    rec_photo_apply(img, W, H, 3, NULL, one, &p, weight, lit, scratch, &st);
+    apply(3, NULL, one, &p);
     T_EQ_I(st.not_finite, 4);
     T_EQ_I(st.saturated, 1);
     T_EQ_I(st.lit, 5);
@@ -119,72 +134,68 @@ static void bad_pixels(void)
     T_EQ_I(weight[600], 1);
     p.saturation = 1e30f; /* floating-point images */
     img[500 * 4] = 5;
-    rec_photo_apply(img, W, H, 3, NULL, one, &p, weight, lit, scratch, &st);
+    apply(3, NULL, one, &p);
     T_EQ_I(st.saturated, 0);
     T_EQ_I(weight[500], 1);
 }
 
-static void despeckle_and_margin(void)
+T_CASE(despeckle_and_margin)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     memset(img, 0, sizeof img);
     img[10 * W + 10] = 0.02f; /* alone; too weak for the mean of 3x3 */
     for (int y = 30; y < 33; y++)
         for (int x = 40; x < 43; x++)
             img[y * W + x] = 0.02f;
     p.floor = 0.01f;
-    rec_photo_apply(img, W, H, 1, NULL, one, &p, weight, lit, scratch, &st);
+    apply(1, NULL, one, &p);
     T_EQ_I(lit[10 * W + 10], 0);
     T_EQ_I(lit[31 * W + 41], 1);
     uint32_t plain = st.lit;
     p.margin = 2;
-    rec_photo_apply(img, W, H, 1, NULL, one, &p, weight, lit, scratch, &st);
+    apply(1, NULL, one, &p);
     T_OK(st.lit > plain);
     T_EQ_I(lit[28 * W + 38], 1);
     T_EQ_I(lit[27 * W + 41], 0);
     p.margin = 1000; /* wider than the image */
-    rec_photo_apply(img, W, H, 1, NULL, one, &p, weight, lit, scratch, &st);
+    apply(1, NULL, one, &p);
     T_EQ_I(st.lit, W * H);
     p.threshold = 0.015f; /* given: no despeckling, no means */
     p.margin = 0;
-    rec_photo_apply(img, W, H, 1, NULL, one, &p, weight, lit, scratch, &st);
+    apply(1, NULL, one, &p);
     T_EQ_I(st.lit, 10);
 }
 
 /* Every small size, so that borders and work areas are met (run under ASan). */
-static void small_images(void)
+T_CASE(small_images)
 {
     struct rec_photo_params p = rec_photo_defaults;
-    struct rec_photo_stats st;
     for (int h = 1; h <= 9; h++)
         for (int w = 1; w <= 9; w++)
             for (int nch = 1; nch <= 3; nch += 2) {
                 size_t cs = nch == 3 ? 4 : 1, n = (size_t)(w * h);
                 float *v = aligned_alloc(16, (n * cs * 4 + 15) / 16 * 16), *wt = malloc(n * 4);
-                float *s = malloc(n * 4);
+                struct rec_photo_work *work = rec_photo_work_new(w, h);
                 uint8_t *l = malloc(n);
                 for (size_t i = 0; i < n * cs; i++)
                     v[i] = 0.5f;
                 p.margin = w % 3;
-                rec_photo_apply(v, w, h, nch, NULL, one, &p, wt, l, s, &st);
+                rec_photo_apply(&(struct rec_photo_image){.img = v,
+                                                          .bw = w,
+                                                          .bh = h,
+                                                          .nch = nch,
+                                                          .gain = one,
+                                                          .params = &p,
+                                                          .weight = wt,
+                                                          .lit = l,
+                                                          .stats = &st,
+                                                          .work = work},
+                                1, NULL);
                 if (w > 1 && h > 1 && n > 3)
                     T_EQ_I(st.lit, n);
                 free(v);
                 free(wt);
-                free(s);
+                free(work);
                 free(l);
             }
-}
-
-int main(void)
-{
-    T_RUN(gain_black_background);
-    T_RUN(noise_is_estimated);
-    T_RUN(faint_flame_by_means);
-    T_RUN(empty_is_unlit);
-    T_RUN(bad_pixels);
-    T_RUN(despeckle_and_margin);
-    T_RUN(small_images);
-    return t_done();
 }

@@ -5,13 +5,9 @@
 #include <stdbool.h>
 
 #include "capture/pixel/pixfmt.h"
+#include "tests/lib/likeness.h"
 
 enum { W = 48, H = 32, PAD = 7 };
-
-struct sample {
-    double value;
-    bool saturated, finite;
-};
 
 /* An image and the samples that were packed into it. */
 struct picture {
@@ -101,44 +97,6 @@ static void pack(enum cap_pixfmt f, uint8_t *row, size_t i, double value)
             put_bit(row, i * 16 + (size_t)k, 0);
 }
 
-/* Sample s of pixel (x,y). */
-static struct sample sample_at(const struct picture *pic, int x, int y, int s)
-{
-    int per = per_pixel(pic->img.fmt);
-    double full = full_of(pic->img.fmt);
-    struct sample out = {.finite = true};
-    out.value = pic->sample[(y * pic->img.width + x) * per + s];
-    out.finite = isfinite(out.value);
-    out.saturated = full > 0 && out.value == full;
-    return out;
-}
-
-/* Channel c of bin (X,Y): all its samples, in the order of the header's words. */
-static float channel(const struct picture *pic, int b, int X, int Y, int c, bool *saturated)
-{
-    double sum = 0;
-    int n = 0;
-    enum cap_pixfmt f = pic->img.fmt;
-    *saturated = false;
-    for (int y = Y * b; y < (Y + 1) * b; y++)
-        for (int x = X * b; x < (X + 1) * b; x++) {
-            if (is_bayer(f) && colour_of(f, x, y) != c)
-                continue;
-            struct sample s = sample_at(pic, x, y, is_bayer(f) ? 0 : c);
-            *saturated |= s.saturated;
-            if (s.finite) {
-                sum += s.value;
-                n++;
-            }
-        }
-    if (*saturated)
-        return 1;
-    if (n == 0)
-        return NAN;
-    double full = full_of(f);
-    return full > 0 ? (float)sum * (1.0f / ((float)n * (float)full)) : (float)(sum / n);
-}
-
 static int mirrored(int i, int n)
 {
     return i < 0 ? -i : i >= n ? 2 * n - 2 - i : i;
@@ -150,46 +108,40 @@ static double covered(int i, int X, int b)
     return fmax(0, fmin(i + 1, (X + 1) * b - 0.5) - fmax(i - 1, X * b - 0.5));
 }
 
-/* Red or blue of a bin: mean of its samples by area. */
-static float by_area(const struct picture *pic, int b, int X, int Y, int c, bool *saturated)
+/* Channel c of bin (X,Y): the mean of its samples.  Red and blue of a Bayer image by area, a bin's neighbours
+ * included; with binning 1 the own colour, else that colour's samples among the 8 neighbours.  The image is
+ * continued by mirroring. */
+static float channel(const struct picture *pic, int b, int X, int Y, int c, bool *saturated)
 {
-    double sum = 0, area = 0;
+    double sum = 0, weight = 0;
     enum cap_pixfmt f = pic->img.fmt;
+    bool bayer = is_bayer(f), own = bayer && b == 1 && colour_of(f, X, Y) == c;
+    int per = per_pixel(f), w = pic->img.width, h = pic->img.height;
+    double full = full_of(f);
     *saturated = false;
     for (int y = Y * b - 1; y <= (Y + 1) * b; y++)
         for (int x = X * b - 1; x <= (X + 1) * b; x++) {
-            double part = covered(x, X, b) * covered(y, Y, b);
-            if (part == 0 || colour_of(f, x, y) != c)
+            bool inside = x >= X * b && x < (X + 1) * b && y >= Y * b && y < (Y + 1) * b;
+            double part = inside;
+            if (bayer && b == 1)
+                part = !own || inside;
+            else if (bayer && c != 1)
+                part = covered(x, X, b) * covered(y, Y, b);
+            if (part == 0 || (bayer && colour_of(f, x, y) != c))
                 continue;
-            struct sample s =
-                sample_at(pic, mirrored(x, pic->img.width), mirrored(y, pic->img.height), 0);
-            *saturated |= s.saturated;
-            sum += part * s.value;
-            area += part;
+            int at = mirrored(y, h) * w + mirrored(x, w);
+            double value = pic->sample[at * per + (bayer ? 0 : c)];
+            *saturated |= full > 0 && value == full;
+            if (isfinite(value)) {
+                sum += part * value;
+                weight += part;
+            }
         }
-    return *saturated ? 1 : (float)(4 * sum) * (1.0f / ((float)(4 * area) * (float)full_of(f)));
-}
-
-/* Binning 1 of a Bayer image: own colour, else the mean of that colour's samples among the 8
- * neighbours, the image continued by mirroring. */
-static float demosaic(const struct picture *pic, int X, int Y, int c, bool *saturated)
-{
-    double sum = 0;
-    int n = 0;
-    const struct cap_image *img = &pic->img;
-    *saturated = false;
-    bool own = colour_of(img->fmt, X, Y) == c;
-    for (int y = Y - 1; y <= Y + 1; y++)
-        for (int x = X - 1; x <= X + 1; x++) {
-            int mx = mirrored(x, img->width), my = mirrored(y, img->height);
-            if (colour_of(img->fmt, mx, my) != c || (own && (x != X || y != Y)))
-                continue;
-            struct sample s = sample_at(pic, mx, my, 0);
-            *saturated |= s.saturated;
-            sum += s.value;
-            n++;
-        }
-    return *saturated ? 1 : (float)sum * (1.0f / ((float)n * (float)full_of(img->fmt)));
+    if (*saturated)
+        return 1;
+    if (weight == 0)
+        return NAN;
+    return full > 0 ? (float)sum * (1.0f / ((float)weight * (float)full)) : (float)(sum / weight);
 }
 
 static void reference(const struct picture *pic, int b, int nch, float *out)
@@ -202,9 +154,7 @@ static void reference(const struct picture *pic, int b, int nch, float *out)
             float v[3] = {0};
             bool sat[3] = {false};
             for (int c = 0; c < (grey ? 1 : 3); c++)
-                v[c] = is_bayer(img->fmt) && b == 1   ? demosaic(pic, X, Y, c, &sat[c])
-                       : is_bayer(img->fmt) && c != 1 ? by_area(pic, b, X, Y, c, &sat[c])
-                                                      : channel(pic, b, X, Y, c, &sat[c]);
+                v[c] = channel(pic, b, X, Y, c, &sat[c]);
             float *o = out + (Y * bw + X) * (nch == 3 ? 4 : 1);
             if (nch == 3) {
                 for (int c = 0; c < 3; c++)
@@ -234,8 +184,8 @@ static void make(enum cap_pixfmt f, int w, int h, int pad, struct picture *pic)
     struct cap_image *img = &pic->img;
     *img = (struct cap_image){.width = w, .height = h, .fmt = f, .stride = (ptrdiff_t)row + pad};
     img->size = (size_t)img->stride * (size_t)(h - 1) + row;
-    pic->mem = malloc(img->size);
-    pic->sample = malloc(per_row * (size_t)h * sizeof(double));
+    pic->mem = calloc(1, img->size);
+    pic->sample = calloc(1, per_row * (size_t)h * sizeof(double));
     for (size_t i = 0; i < img->size; i++)
         pic->mem[i] = (uint8_t)(t_rand() >> 40);
     double full = full_of(f);
@@ -259,19 +209,9 @@ static void unmake(struct picture *pic)
     free(pic->sample);
 }
 
-static bool same(const float *a, const float *b, size_t n)
-{
-    for (size_t i = 0; i < n; i++)
-        if (memcmp(&a[i], &b[i], 4) != 0 && !(isnan(a[i]) && isnan(b[i]))) {
-            printf("  at %zu: %.9g, want %.9g\n", i, a[i], b[i]);
-            return false;
-        }
-    return true;
-}
-
 /* What an independent packer put into an image comes out of it, binned by the words of the header;
  * YUV and JPEG have tests of their own. */
-static void what_was_packed_comes_out(void)
+T_CASE(what_was_packed_comes_out)
 {
     static const int bins[] = {1, 2, 3, 4, 8, 16};
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
@@ -283,13 +223,13 @@ static void what_was_packed_comes_out(void)
                 struct picture pic;
                 make(f, w, h, b == 4 ? 0 : PAD, &pic);
                 size_t n = (size_t)(w / b) * (size_t)(h / b) * (nch == 3 ? 4 : 1);
-                float *want = malloc(n * 4), *got = malloc(n * 4);
+                float *want = calloc(1, n * 4), *got = calloc(1, n * 4);
                 reference(&pic, b, nch, want);
                 int mid = h / b / 2;
                 T_EQ_I(cap_bin(&pic.img, b, nch, 0, mid, got), PVX_OK);
                 T_EQ_I(cap_bin(&pic.img, b, nch, mid, h / b, got), PVX_OK);
-                T_CHECK_(same(got, want, n), "%s binning %d, %d channels", cap_pixfmt_name(f), b,
-                         nch);
+                T_CHECK_(image_same(got, want, n), "%s binning %d, %d channels", cap_pixfmt_name(f),
+                         b, nch);
                 free(want);
                 free(got);
                 unmake(&pic);
@@ -297,7 +237,7 @@ static void what_was_packed_comes_out(void)
 }
 
 /* Bytes as the definitions of the formats draw them; the values were worked out by hand. */
-static void packed_bytes_by_hand(void)
+T_CASE(packed_bytes_by_hand)
 {
     static const struct {
         enum cap_pixfmt f;
@@ -337,7 +277,7 @@ static void packed_bytes_by_hand(void)
 
 /* A camera that aligns its samples to the left, or leaves garbage above them: nothing above 1, and
  * what cannot be believed does not look like a measurement. */
-static void garbage_above_the_samples_is_saturation(void)
+T_CASE(garbage_above_the_samples_is_saturation)
 {
     uint16_t px[4] = {0x8000 | 5, 1023, 1024, 512};
     struct cap_image img = {px, sizeof px, 2, 2, 4, CAP_GREY10, 0};
@@ -381,7 +321,7 @@ static double bt709(double v)
     return v < 0.081 ? v / 4.5 : pow((v + 0.099) / 1.099, 1 / 0.45);
 }
 
-static void yuv_equations(void)
+T_CASE(yuv_equations)
 {
     static const enum cap_transfer forced[] = {CAP_TRANSFER_AUTO, CAP_TRANSFER_LINEAR,
                                                CAP_TRANSFER_BT709};
@@ -423,7 +363,7 @@ static void yuv_equations(void)
 }
 
 /* Averages are of light, not of its code: a chequer of black and white is half as bright as white. */
-static void averages_are_of_light(void)
+T_CASE(averages_are_of_light)
 {
     uint8_t px[4] = {0, 254, 254, 0};
     struct cap_image img = {px, 4, 2, 2, 2, CAP_GREY8, CAP_YUV_CODED};
@@ -445,7 +385,7 @@ static void averages_are_of_light(void)
     T_EQ_I(cap_convert(&img, &p, 0, 1, out), PVX_EUNSUP);
 }
 
-static void rays_have_one_channel(void)
+T_CASE(rays_have_one_channel)
 {
     uint8_t px[4] = {10, 20, 255, 40};
     struct cap_image img = {px, 4, 2, 2, 2, CAP_BAYER_GR8, 0};
@@ -464,7 +404,7 @@ static void rays_have_one_channel(void)
     T_NEAR(out[0][1], 25.0 / 255, 1e-6);
 }
 
-static void one_saturated_sample_shows(void)
+T_CASE(one_saturated_sample_shows)
 {
     uint8_t px[4 * 4 * 3];
     memset(px, 10, sizeof px);
@@ -485,7 +425,7 @@ static void one_saturated_sample_shows(void)
     T_OK(grey[15] == 1.0f);
 }
 
-static void not_finite_samples_are_left_out(void)
+T_CASE(not_finite_samples_are_left_out)
 {
     float px[4] = {NAN, 0.25f, INFINITY, 2.75f}, out[1];
     struct cap_image img = {px, sizeof px, 2, 2, 8, CAP_GREY_F32, 0};
@@ -496,37 +436,36 @@ static void not_finite_samples_are_left_out(void)
     T_OK(isnan(out[0]));
 }
 
-static void refuses(void)
+T_CASE(refuses)
 {
     uint8_t px[64] = {0};
     float out[64];
-    struct cap_image ok = {px, 64, 8, 8, 8, CAP_GREY8, 0}, bad = ok;
-    T_EQ_I(cap_bin(&ok, 2, 1, 0, 4, out), PVX_OK);
-    bad.size = 63;
-    T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EFORMAT);
-    bad = ok;
-    bad.stride = 7;
-    T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EINVAL);
-    bad.stride = -8;
-    T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EINVAL);
-    bad = ok;
-    bad.fmt = CAP_FMT_NONE;
-    T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EUNSUP);
-    bad.fmt = (enum cap_pixfmt)99;
-    T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EUNSUP);
-    bad = (struct cap_image){px, 64, 8, 8, 0, CAP_JPEG, 0};
-    T_EQ_I(cap_bin(&bad, 2, 1, 0, 4, out), PVX_EUNSUP);
-    bad = (struct cap_image){px, 59, 12, 4, 15, CAP_GREY10P, 0}; /* 15 bytes a row */
-    T_EQ_I(cap_bin(&bad, 4, 1, 0, 1, out), PVX_EFORMAT);
-    T_EQ_I(cap_bin(&ok, 3, 1, 0, 1, out), PVX_EINVAL);
-    T_EQ_I(cap_bin(&ok, 0, 1, 0, 1, out), PVX_EINVAL);
-    T_EQ_I(cap_bin(&ok, 2, 2, 0, 1, out), PVX_EINVAL);
-    T_EQ_I(cap_bin(&ok, 2, 1, 0, 5, out), PVX_EINVAL);
-    struct cap_image thin = {px, 8, 1, 8, 1, CAP_BAYER_RG8, 0};
-    T_EQ_I(cap_bin(&thin, 1, 3, 0, 8, out), PVX_EINVAL);
+    const struct {
+        struct cap_image img;
+        int binning, nch, y0, y1;
+        pvx_err e;
+    } call[] = {
+        {{px, 64, 8, 8, 8, CAP_GREY8, 0}, 2, 1, 0, 4, PVX_OK},
+        {{px, 63, 8, 8, 8, CAP_GREY8, 0}, 2, 1, 0, 4, PVX_EFORMAT},
+        {{px, 64, 8, 8, 7, CAP_GREY8, 0}, 2, 1, 0, 4, PVX_EINVAL},
+        {{px, 64, 8, 8, -8, CAP_GREY8, 0}, 2, 1, 0, 4, PVX_EINVAL},
+        {{px, 64, 8, 8, 8, CAP_FMT_NONE, 0}, 2, 1, 0, 4, PVX_EUNSUP},
+        {{px, 64, 8, 8, 8, (enum cap_pixfmt)99, 0}, 2, 1, 0, 4, PVX_EUNSUP},
+        {{px, 64, 8, 8, 0, CAP_JPEG, 0}, 2, 1, 0, 4, PVX_EUNSUP},
+        {{px, 59, 12, 4, 15, CAP_GREY10P, 0}, 4, 1, 0, 1, PVX_EFORMAT}, /* 15 bytes a row */
+        {{px, 64, 8, 8, 8, CAP_GREY8, 0}, 3, 1, 0, 1, PVX_EINVAL},
+        {{px, 64, 8, 8, 8, CAP_GREY8, 0}, 0, 1, 0, 1, PVX_EINVAL},
+        {{px, 64, 8, 8, 8, CAP_GREY8, 0}, 2, 2, 0, 1, PVX_EINVAL},
+        {{px, 64, 8, 8, 8, CAP_GREY8, 0}, 2, 1, 0, 5, PVX_EINVAL},
+        {{px, 8, 1, 8, 1, CAP_BAYER_RG8, 0}, 1, 3, 0, 8, PVX_EINVAL},
+    };
+    for (size_t i = 0; i < sizeof call / sizeof call[0]; i++)
+        T_CHECK_(cap_bin(&call[i].img, call[i].binning, call[i].nch, call[i].y0, call[i].y1, out) ==
+                     call[i].e,
+                 "call %zu", i);
 }
 
-static void names(void)
+T_CASE(names)
 {
     for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
         T_EQ_I(cap_pixfmt_parse(cap_pixfmt_name(f)), f);
@@ -549,19 +488,4 @@ static void names(void)
     T_EQ_I(cap_pixfmt_from_pfnc(0x010c0059u), CAP_BAYER_RG12P);
     T_EQ_I(cap_pixfmt_bayer(CAP_BAYER_GB12CSI)[0], 1);
     T_OK(cap_pixfmt_bayer(CAP_RGB8) == NULL && cap_pixfmt_bayer(CAP_GREY_F32) == NULL);
-}
-
-int main(void)
-{
-    T_RUN(what_was_packed_comes_out);
-    T_RUN(packed_bytes_by_hand);
-    T_RUN(garbage_above_the_samples_is_saturation);
-    T_RUN(yuv_equations);
-    T_RUN(averages_are_of_light);
-    T_RUN(rays_have_one_channel);
-    T_RUN(one_saturated_sample_shows);
-    T_RUN(not_finite_samples_are_left_out);
-    T_RUN(refuses);
-    T_RUN(names);
-    return t_done();
 }

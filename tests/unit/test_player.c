@@ -58,7 +58,7 @@ static void *run(void *arg)
 {
     struct one *s = arg;
     for (int i = 0; i <= FRAMES; i++) {
-        if ((s->held[i] = cap_player_take(&s->p)) != NULL)
+        if ((s->held[i] = cap_player_get(&s->p)) != NULL)
             s->p.sink.push(s->p.sink.ctx, s->held[i]);
         else if (cap_player_stopped(&s->p))
             return NULL;
@@ -82,7 +82,7 @@ static void start(struct one *s)
     T_EQ_I(cap_player_start(&s->p, "test", &sink, run, s, &d), PVX_OK);
 }
 
-static void stop_ends_a_wait_for_a_time(void)
+T_CASE(stop_ends_a_wait_for_a_time)
 {
     static const clockid_t clocks[] = {CLOCK_MONOTONIC, CLOCK_REALTIME};
     for (int k = 0; k < 2; k++) {
@@ -98,7 +98,7 @@ static void stop_ends_a_wait_for_a_time(void)
     }
 }
 
-static void stop_ends_a_wait_for_a_frame(void)
+T_CASE(stop_ends_a_wait_for_a_frame)
 {
     struct one s;
     open_one(&s, true, CLOCK_MONOTONIC);
@@ -111,7 +111,7 @@ static void stop_ends_a_wait_for_a_frame(void)
     close_one(&s);
 }
 
-static void starts_again(void)
+T_CASE(starts_again)
 {
     struct one s;
     open_one(&s, true, CLOCK_MONOTONIC);
@@ -135,7 +135,7 @@ static void *run_to_end(void *arg)
     return NULL;
 }
 
-static void a_thread_that_has_ended_is_joined(void)
+T_CASE(a_thread_that_has_ended_is_joined)
 {
     struct one s;
     open_one(&s, false, CLOCK_MONOTONIC);
@@ -143,15 +143,4 @@ static void a_thread_that_has_ended_is_joined(void)
     wait_for(&ends, 1);
     cap_player_stop(&s.p);
     close_one(&s);
-}
-
-int main(int argc, char **argv)
-{
-    (void)argc;
-    (void)argv;
-    T_RUN(stop_ends_a_wait_for_a_time);
-    T_RUN(stop_ends_a_wait_for_a_frame);
-    T_RUN(starts_again);
-    T_RUN(a_thread_that_has_ended_is_joined);
-    return t_done();
 }

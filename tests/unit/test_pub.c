@@ -6,7 +6,6 @@
 #include <errno.h>
 #include <signal.h>
 #include <sys/socket.h>
-#include <sys/stat.h>
 #include <sys/un.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -15,9 +14,9 @@
 #include "base/clock.h"
 #include "proto/clients/sub.h"
 #include "proto/pub.h"
+#include "tests/lib/scratch.h"
 #include "tests/t.h"
 
-static char dir[64];
 static char endpoint[128];
 
 static const struct pvp_grid small = {
@@ -44,10 +43,7 @@ static pvx_err open_pub(const char *at, uint64_t session, pvp_pub **out, struct 
 
 static bool exists(const char *suffix)
 {
-    char path[192];
-    struct stat st;
-    snprintf(path, sizeof path, "%s%s", endpoint + 6, suffix);
-    return stat(path, &st) == 0;
+    return access(at("volumes%s", suffix), F_OK) == 0;
 }
 
 /* Ticks until the subscriber has the start message; false after ten seconds. */
@@ -69,11 +65,34 @@ static pvx_err publish_voxel(pvp_pub *p, uint64_t set, float value)
 {
     struct pvp_volume v = {.set = set, .grid = small};
     int32_t index = (int32_t)(set % 720);
-    return pvp_pub_volume(p, &v, 1, &index, &value, 1, NULL);
+    return pvp_pub_volume(p, &v, &(struct pvp_voxels){1, &index, &value, 1}, NULL);
+}
+
+/* The socket's file of a daemon that was killed does not stop the next. */
+T_CASE(killed_publisher) /* first: forks before there are any threads */
+{
+    fflush(stdout);
+    pid_t child = fork();
+    if (child == 0) {
+        pvp_pub *p;
+        struct pvx_diag d;
+        if (open_pub(endpoint, 1, &p, &d) == PVX_OK)
+            raise(SIGKILL);
+        _exit(1);
+    }
+    int status = 0;
+    T_EQ_I(waitpid(child, &status, 0), child);
+    T_OK(WIFSIGNALED(status));
+    T_OK(exists("") && exists(".lock"));
+    pvp_pub *p;
+    struct pvx_diag d;
+    T_EQ_I(open_pub(endpoint, 2, &p, &d), PVX_OK);
+    pvp_pub_free(&p);
+    T_OK(!exists("") && !exists(".lock"));
 }
 
 /* Nobody listened when the first start went out; it comes again. */
-static void late_joiner(void)
+T_CASE(late_joiner)
 {
     pvp_pub *p;
     pvp_sub *s;
@@ -124,7 +143,7 @@ static void late_joiner(void)
 }
 
 /* A restarted daemon is a new session: counting starts anew, and volumes wait for its start. */
-static void restart(void)
+T_CASE(restart)
 {
     pvp_pub *p;
     pvp_sub *s;
@@ -159,7 +178,7 @@ static long resident_kib(void)
 
 /* A subscriber that never reads: the publisher goes on, memory stays bounded, and when the
  * subscriber wakes up it can tell exactly how much it has missed. */
-static void slow_subscriber(void)
+T_CASE(slow_subscriber)
 {
     enum { SIDE = 32, CELLS = SIDE * SIDE * SIDE, N = 500 };
     static int32_t index[CELLS];
@@ -183,7 +202,7 @@ static void slow_subscriber(void)
     long before = resident_kib();
     size_t bytes = 0;
     for (v.set = 0; v.set < N; v.set++)
-        T_EQ_I(pvp_pub_volume(p, &v, CELLS, index, value, 1, &bytes), PVX_OK);
+        T_EQ_I(pvp_pub_volume(p, &v, &(struct pvp_voxels){CELLS, index, value, 1}, &bytes), PVX_OK);
     T_LE(CELLS * 4, bytes);
     long grown = resident_kib() - before;
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
@@ -212,7 +231,7 @@ static void slow_subscriber(void)
     pvp_pub_free(&p);
 }
 
-static void second_publisher(void)
+T_CASE(second_publisher)
 {
     pvp_pub *p, *q;
     pvp_sub *s;
@@ -234,31 +253,8 @@ static void second_publisher(void)
     pvp_pub_free(&p);
 }
 
-/* The socket's file of a daemon that was killed does not stop the next. */
-static void killed_publisher(void)
-{
-    fflush(stdout);
-    pid_t child = fork();
-    if (child == 0) {
-        pvp_pub *p;
-        struct pvx_diag d;
-        if (open_pub(endpoint, 1, &p, &d) == PVX_OK)
-            raise(SIGKILL);
-        _exit(1);
-    }
-    int status = 0;
-    T_EQ_I(waitpid(child, &status, 0), child);
-    T_OK(WIFSIGNALED(status));
-    T_OK(exists("") && exists(".lock"));
-    pvp_pub *p;
-    struct pvx_diag d;
-    T_EQ_I(open_pub(endpoint, 2, &p, &d), PVX_OK);
-    pvp_pub_free(&p);
-    T_OK(!exists("") && !exists(".lock"));
-}
-
 /* A program that knows nothing of the lock is not cut off either. */
-static void foreign_listener(void)
+T_CASE(foreign_listener)
 {
     struct sockaddr_un a = {.sun_family = AF_UNIX};
     snprintf(a.sun_path, sizeof a.sun_path, "%.100s", endpoint + 6);
@@ -275,7 +271,7 @@ static void foreign_listener(void)
     pvp_pub_free(&p);
 }
 
-static void port_in_use(void)
+T_CASE(port_in_use)
 {
     void *ctx = zmq_ctx_new(), *other = zmq_socket(ctx, ZMQ_REP);
     char at[64];
@@ -292,7 +288,7 @@ static void port_in_use(void)
     zmq_ctx_term(ctx);
 }
 
-static void bad_endpoints(void)
+T_CASE(bad_endpoints)
 {
     static const struct {
         const char *at, *says;
@@ -324,7 +320,7 @@ static void bad_endpoints(void)
 }
 
 /* What is not a message is counted and skipped. */
-static void malformed(void)
+T_CASE(malformed)
 {
     void *ctx = zmq_ctx_new(), *raw = zmq_socket(ctx, ZMQ_XPUB);
     T_EQ_I(zmq_bind(raw, endpoint), 0);
@@ -413,7 +409,8 @@ static int publish(const char *at, int volumes, int skip, bool say_end)
                 value[n * 3 + (uint32_t)c] =
                     (float)(set % 64) + (float)(i % 8) / 8 + (float)(64 * c);
         }
-        if (pvp_encode_volume(e, sequence++, &v, n, index, value, 3, &msg, &len) != PVX_OK)
+        if (pvp_encode_volume(e, sequence++, &v, &(struct pvp_voxels){n, index, value, 3}, &msg,
+                              &len) != PVX_OK)
             return 1;
         if (skip == 0 || (set + 1) % skip != 0)
             zmq_send(s, msg, len, 0);
@@ -435,19 +432,9 @@ int main(int argc, char **argv)
 {
     if (argc >= 5 && strcmp(argv[1], "--publish") == 0)
         return publish(argv[2], atoi(argv[3]), atoi(argv[4]), argc == 5);
-    snprintf(dir, sizeof dir, "/tmp/pvx-test-pub-XXXXXX");
-    if (mkdtemp(dir) == NULL)
-        return 1;
+    scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/volumes", dir);
-    T_RUN(killed_publisher); /* first: forks before there are any threads */
-    T_RUN(late_joiner);
-    T_RUN(restart);
-    T_RUN(slow_subscriber);
-    T_RUN(second_publisher);
-    T_RUN(foreign_listener);
-    T_RUN(port_in_use);
-    T_RUN(bad_endpoints);
-    T_RUN(malformed);
+    t_run();
     rmdir(dir);
     if (access(dir, F_OK) == 0) {
         printf("FAIL test_pub: left something in %s\n", dir);

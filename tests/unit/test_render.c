@@ -1,13 +1,13 @@
 /* test_render.c - views of volumes with known answers. */
-#include "../t.h"
+#include "tests/lib/scene.h"
 
 #include "recon/view/flame.h"
-#include "recon/metrics.h"
+#include "recon/view/metrics.h"
 #include "recon/view/render.h"
 #include "recon/geom/rig.h"
 
 /* A box full of ones: every ray sees its chord. */
-static void full_box_gives_chords(void)
+T_CASE(full_box_gives_chords)
 {
     struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {12, 9, 7}, REC_BOX};
     float *v = malloc(rec_grid_count(&g) * sizeof *v), img[40 * 30];
@@ -26,7 +26,7 @@ static void full_box_gives_chords(void)
 }
 
 /* The turntable camera sees x to the right when it stands at -y, z up, and frames every corner. */
-static void orbit_camera_frames_the_box(void)
+T_CASE(orbit_camera_frames_the_box)
 {
     struct rec_grid g = {{1, 2, 3}, {2, 4, 6}, {4, 4, 4}, REC_BOX};
     double tight = 1e9;
@@ -58,14 +58,11 @@ static void orbit_camera_frames_the_box(void)
 }
 
 /* A fine grid of the flame's own voxel values looks like the flame itself, in both bases. */
-static void flame_on_a_grid_looks_like_the_flame(void)
+T_CASE(flame_on_a_grid_looks_like_the_flame)
 {
     struct rec_rig rig;
     T_EQ_I(rec_rig_ring(3, 2.2, 80, 60, 64, &rig), PVX_OK);
-    struct rec_flame f;
-    struct rec_flame_pose p;
-    rec_flame_init(&f, &rig.grid, 2);
-    rec_flame_at(&f, 0.4, &p);
+    struct rec_flame_pose p = scene_pose(&rig.grid, 2, 0.4);
     float *v = malloc(rec_grid_count(&rig.grid) * 3 * sizeof *v);
     float *a = malloc(80 * 60 * 3 * sizeof *a), *b = malloc(80 * 60 * 3 * sizeof *b);
     for (int basis = 0; basis < 2; basis++) {
@@ -81,7 +78,7 @@ static void flame_on_a_grid_looks_like_the_flame(void)
     rec_rig_fini(&rig);
 }
 
-static void threads_give_the_same_bits(void)
+T_CASE(threads_give_the_same_bits)
 {
     struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {16, 16, 16}, REC_TRILINEAR};
     float *v = malloc(rec_grid_count(&g) * 3 * sizeof *v);
@@ -103,7 +100,7 @@ static void threads_give_the_same_bits(void)
     free(b);
 }
 
-static void look_at(void)
+T_CASE(look_at)
 {
     struct rec_camera c;
     double eye[3] = {3, -2, 1.5}, target[3] = {0.2, 0.1, 0.5}, up[3] = {0, 0, 2}, uv[2], X[3];
@@ -135,14 +132,4 @@ static void look_at(void)
     T_EQ_I(rec_look_at_camera((double[3]){0, 0, 5}, (double[3]){0, 0, 0}, up, 0.6, 80, 60, &c),
            PVX_EINVAL);
     T_EQ_I(rec_look_at_camera(eye, target, up, 0, 80, 60, &c), PVX_EINVAL);
-}
-
-int main(void)
-{
-    T_RUN(look_at);
-    T_RUN(full_box_gives_chords);
-    T_RUN(orbit_camera_frames_the_box);
-    T_RUN(flame_on_a_grid_looks_like_the_flame);
-    T_RUN(threads_give_the_same_bits);
-    return t_done();
 }

@@ -27,7 +27,7 @@ static void refuse(const char *text, pvx_err e, const char *part)
     rec_rig_fini(&r);
 }
 
-static void reads_everything(void)
+T_CASE(reads_everything)
 {
     struct rec_rig r;
     struct pvx_diag d;
@@ -61,12 +61,12 @@ static void reads_everything(void)
                   "a", ""),
               &r, &d),
         PVX_OK);
-    T_EQ_I(r.grid.basis, REC_BOX); /* the default */
+    T_EQ_I(r.grid.basis, REC_TRILINEAR); /* the default */
     T_NEAR(r.cameras[0].gain[1], 1, 0);
     rec_rig_fini(&r);
 }
 
-static void messages_name_the_place(void)
+T_CASE(messages_name_the_place)
 {
     refuse("", PVX_EFORMAT, "rig.yaml:1: rig: should be a mapping");
     refuse("version: 2\nvolume: {}\ncameras: []\n", PVX_EVERSION, "rig.yaml:1: version: 2 is not");
@@ -99,7 +99,7 @@ static void with(const char *size, const char *K, const char *R, pvx_err e, cons
     refuse(text, e, part);
 }
 
-static void impossible_cameras(void)
+T_CASE(impossible_cameras)
 {
     const char *I = "[1,0,0,0,1,0,0,0,1]", *K = "[5,5,0,0]", *S = "[4,4]";
     with("[0,4]", K, I, PVX_EINVAL, "rig.yaml:5: cameras[0].size: 0 is outside");
@@ -115,7 +115,7 @@ static void impossible_cameras(void)
     with(S, K, "[1,0,0,0,1,0,0.002,0,1]", PVX_EINVAL, "is not a rotation");
 }
 
-static void impossible_volumes(void)
+T_CASE(impossible_volumes)
 {
     static const struct {
         const char *v;
@@ -129,6 +129,19 @@ static void impossible_volumes(void)
         {"{ min: [0,0,0], max: [1,1,1e9], voxels: [4,4,4] }", PVX_EINVAL, "1e+09 is outside"},
         {"{ min: [0,0,0], max: [1,1,1], voxels: [4,4,4], basis: cubic }", PVX_EINVAL,
          "volume.basis: should be box or trilinear"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: fine }", PVX_EFORMAT,
+         "volume.voxels: should be a list of 3 whole numbers or auto"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [auto, 4, 4] }", PVX_EFORMAT,
+         "'auto' is not a whole number"},
+        {"{ min: [0,0,-9], max: [1,1,-8], voxels: auto }", PVX_EINVAL,
+         "volume.voxels: auto: no camera has the middle of the volume in front of it"},
+        {"{ min: [0,0,0], max: [1,1,1] }", PVX_EFORMAT, "volume: the key 'voxels' is missing"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [4,4,4], basis: }", PVX_EINVAL,
+         "volume.basis: should be box or trilinear"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [4,4,4], basis: [box] }", PVX_EINVAL,
+         "volume.basis: should be box or trilinear"},
+        {"{ min: [0,0,0], max: [1,1,1], voxels: [4,4,4], basis: box, basis: box }", PVX_EFORMAT,
+         "basis"},
         {"[1,2,3]", PVX_EFORMAT, "volume: should be a mapping"},
     };
     for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
@@ -138,7 +151,71 @@ static void impossible_volumes(void)
     }
 }
 
-static void too_many_cameras(void)
+/* n cameras that see `px` pixels to the metre at the middle of a box of these sides. */
+static struct rec_rig looks_at(struct rec_camera *camera, size_t n, double px, const double side[3])
+{
+    struct rec_rig r = {.n_cameras = n, .cameras = camera};
+    for (size_t i = 0; i < n; i++)
+        camera[i] = (struct rec_camera){
+            .fx = 2 * px, .fy = 2 * px, .R = {1, 0, 0, 0, 1, 0, 0, 0, 1}, .t = {0, 0, 2}};
+    for (int a = 0; a < 3; a++) {
+        r.grid.min[a] = -0.5 * side[a];
+        r.grid.max[a] = 0.5 * side[a];
+    }
+    return r;
+}
+
+static void finest(size_t cameras, double px, const double side[3], int32_t binning, int32_t x,
+                   int32_t y, int32_t z)
+{
+    struct rec_camera camera[16];
+    struct rec_rig r = looks_at(camera, cameras, px, side);
+    int32_t n[3];
+    T_EQ_I(rec_rig_finest(&r, binning, n), PVX_OK);
+    T_EQ_I(n[0], x);
+    T_EQ_I(n[1], y);
+    T_EQ_I(n[2], z);
+}
+
+T_CASE(finest_grid)
+{
+    static const double cube[3] = {1, 1, 1}, brick[3] = {1, 0.5, 2}, flat[3] = {1, 1, 0.001};
+    finest(8, 50, cube, 1, 68, 68, 68);     /* 50 / 0.7 = 71, in fours: half a pixel's diagonal */
+    finest(8, 50, cube, 2, 34, 34, 34);     /* a bin's, in twos */
+    finest(8, 50, brick, 1, 68, 34, 136);   /* voxels are cubes */
+    finest(1, 30, cube, 1, 30, 30, 30);     /* 3/2 30^2 values, 30^3 unknowns: 20 to one */
+    finest(8, 240, cube, 1, 240, 240, 240); /* 12 240^2 values */
+    finest(16, 900, cube, 1, 256, 256, 256);
+    finest(16, 900, brick, 1, 128, 64, 256); /* the longest side is limited, the others with it */
+    finest(8, 50, flat, 1, 68, 68, 1);
+
+    struct rec_camera camera[3];
+    struct rec_rig r = looks_at(camera, 3, 40, cube);
+    int32_t n[3];
+    camera[1].t[2] = -2; /* sees nothing of it and does not count */
+    T_EQ_I(rec_rig_finest(&r, 1, n), PVX_OK);
+    T_EQ_I(n[0], 44); /* of two: (60 40^2)^(1/3) = 45.8 */
+    camera[0].t[2] = camera[2].t[2] = 0;
+    T_EQ_I(rec_rig_finest(&r, 1, n), PVX_EINVAL);
+    r.n_cameras = 0;
+    T_EQ_I(rec_rig_finest(&r, 1, n), PVX_EINVAL);
+}
+
+T_CASE(voxels_auto)
+{
+    struct rec_rig r;
+    struct pvx_diag d;
+    T_EQ_I(parse("version: 1\nvolume: {min: [0,0,0], max: [1,1,1], voxels: auto}\ncameras:\n" CAM(
+                     "a", ""),
+                 &r, &d),
+           PVX_OK);
+    T_EQ_I(r.grid.n[0], 84); /* one camera of 500 px at 3.5 m: (30 (500/3.5)^2)^(1/3) = 84.9 */
+    T_EQ_I(r.grid.n[1], 84);
+    T_EQ_I(r.grid.n[2], 84);
+    rec_rig_fini(&r);
+}
+
+T_CASE(too_many_cameras)
 {
     static char text[40000];
     size_t n = (size_t)snprintf(text, sizeof text, HEAD);
@@ -150,7 +227,7 @@ static void too_many_cameras(void)
     refuse(text, PVX_EINVAL, "65 cameras; at most 64");
 }
 
-static void near_rotations_are_repaired(void)
+T_CASE(near_rotations_are_repaired)
 {
     struct rec_rig r;
     struct pvx_diag d;
@@ -167,7 +244,7 @@ static void near_rotations_are_repaired(void)
     rec_rig_fini(&r);
 }
 
-static void format_reads_back(void)
+T_CASE(format_reads_back)
 {
     struct rec_rig a, b;
     struct pvx_diag d;
@@ -193,7 +270,7 @@ static void format_reads_back(void)
     rec_rig_fini(&b);
 }
 
-static void hash_sees_geometry_only(void)
+T_CASE(hash_sees_geometry_only)
 {
     struct rec_rig a;
     T_EQ_I(rec_rig_ring(3, 2, 64, 48, 8, &a), PVX_OK);
@@ -220,7 +297,7 @@ static void hash_sees_geometry_only(void)
     rec_rig_fini(&a);
 }
 
-static void select_keeps_rig_order(void)
+T_CASE(select_keeps_rig_order)
 {
     struct rec_rig a, b;
     struct pvx_diag d = {""};
@@ -240,7 +317,7 @@ static void select_keeps_rig_order(void)
     rec_rig_fini(&b);
 }
 
-static void ring_is_a_sound_rig(void)
+T_CASE(ring_is_a_sound_rig)
 {
     static const struct {
         size_t n;
@@ -255,7 +332,7 @@ static void ring_is_a_sound_rig(void)
         double shorter = rigs[k].w < rigs[k].h ? rigs[k].w : rigs[k].h;
         for (size_t i = 0; i < r.n_cameras; i++) {
             const struct rec_camera *c = &r.cameras[i];
-            double x[3], uv[2], top[2], above[3] = {0, 0, 0.6}, mid[3] = {0, 0, 0.5};
+            double x[3], uv[2] = {0}, top[2] = {0}, above[3] = {0, 0, 0.6}, mid[3] = {0, 0, 0.5};
             rec_camera_centre(c, x);
             T_NEAR(hypot(x[0], x[1]), rigs[k].r, 1e-9);
             lo = fmin(lo, x[2]);
@@ -284,26 +361,10 @@ static void ring_is_a_sound_rig(void)
     T_EQ_I(rec_rig_ring(8, 2, 64, 48, 1025, &r), PVX_EINVAL);
 }
 
-static void missing_file(void)
+T_CASE(missing_file)
 {
     struct rec_rig r;
     struct pvx_diag d = {""};
     T_EQ_I(rec_rig_load("/nonexistent/rig.yaml", &r, &d), PVX_ENOENT);
     T_CONTAINS(d.text, "/nonexistent/rig.yaml");
-}
-
-int main(void)
-{
-    T_RUN(reads_everything);
-    T_RUN(messages_name_the_place);
-    T_RUN(impossible_cameras);
-    T_RUN(impossible_volumes);
-    T_RUN(too_many_cameras);
-    T_RUN(near_rotations_are_repaired);
-    T_RUN(format_reads_back);
-    T_RUN(hash_sees_geometry_only);
-    T_RUN(select_keeps_rig_order);
-    T_RUN(ring_is_a_sound_rig);
-    T_RUN(missing_file);
-    return t_done();
 }

@@ -1,28 +1,15 @@
 /* test_sequence.c - which files a name stands for, and their numbers. */
 #include "../t.h"
 
-#include <sys/stat.h>
-#include <unistd.h>
-
 #include "capture/files/sequence.h"
-
-static char dir[64];
+#include "tests/lib/scratch.h"
 
 static void touch(const char *name)
 {
-    char path[256];
-    snprintf(path, sizeof path, "%s/%s", dir, name);
-    FILE *f = fopen(path, "w");
+    FILE *f = fopen(at("%s", name), "w");
     T_OK(f != NULL);
     if (f != NULL)
         fclose(f);
-}
-
-static void clean(void)
-{
-    char cmd[128];
-    snprintf(cmd, sizeof cmd, "rm -rf '%s'", dir);
-    T_EQ_I(system(cmd), 0);
 }
 
 static pvx_err find(const char *what, struct cap_sequence *s, struct pvx_diag *d)
@@ -59,10 +46,9 @@ static void fails(const char *what, pvx_err want, const char *part)
     T_OK(s.n == 0 && s.item == NULL);
 }
 
-static void files_are_found_and_sorted(void)
+T_CASE(files_are_found_and_sorted)
 {
-    snprintf(dir, sizeof dir, "/tmp/pyrovox-seq-XXXXXX");
-    T_OK(mkdtemp(dir) != NULL);
+    scratch_new();
     touch("000010.png");
     touch("000002.png");
     touch("000009.png");
@@ -76,13 +62,12 @@ static void files_are_found_and_sorted(void)
     numbers("/x%dy.npy", "3");
     numbers("/0000*.png", "2 9 10 11");
     numbers("/12.png", "12");
-    clean();
+    scratch_remove();
 }
 
-static void folder_takes_images_only(void)
+T_CASE(folder_takes_images_only)
 {
-    snprintf(dir, sizeof dir, "/tmp/pyrovox-seq-XXXXXX");
-    T_OK(mkdtemp(dir) != NULL);
+    scratch_new();
     touch("img7.TIF");
     touch("img_3_005.jpeg");
     touch("6.npy");
@@ -91,13 +76,12 @@ static void folder_takes_images_only(void)
     numbers("", "5 6 7");
     numbers("/", "5 6 7");
     numbers("/flame.png", "0"); /* but an image by itself */
-    clean();
+    scratch_remove();
 }
 
-static void bad_names_are_explained(void)
+T_CASE(bad_names_are_explained)
 {
-    snprintf(dir, sizeof dir, "/tmp/pyrovox-seq-XXXXXX");
-    T_OK(mkdtemp(dir) != NULL);
+    scratch_new();
     fails("", PVX_ENOENT, "no numbered image");
     touch("5.png");
     touch("a05.png");
@@ -112,13 +96,5 @@ static void bad_names_are_explained(void)
     fails("/%099d.png", PVX_EINVAL, "digits");
     struct cap_sequence s;
     T_EQ_I(cap_sequence_find("", &s, NULL), PVX_EINVAL);
-    clean();
-}
-
-int main(void)
-{
-    T_RUN(files_are_found_and_sorted);
-    T_RUN(folder_takes_images_only);
-    T_RUN(bad_names_are_explained);
-    return t_done();
+    scratch_remove();
 }

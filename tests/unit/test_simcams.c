@@ -1,11 +1,11 @@
 /* What `pyrovox simcams` serves and how it is told to break: ring of images, fault options, control. */
-#include "cli/simcams_faults.c"
-#include "cli/simcams_ring.c"
+#include "daemon/cli/simcams_faults.c"
+#include "daemon/cli/simcams_ring.c"
 #include "tests/t.h"
 
 static struct rec_rig rig;
 
-static void options_for_all_or_some(void)
+T_CASE(options_for_all_or_some)
 {
     struct simcams_state st[3] = {0};
     struct pvx_diag d = {""};
@@ -24,7 +24,7 @@ static void options_for_all_or_some(void)
     T_NEAR(st[1].fault.drift_ppm, 40, 0);
 }
 
-static void options_that_are_wrong(void)
+T_CASE(options_that_are_wrong)
 {
     static const struct {
         const char *text;
@@ -42,7 +42,7 @@ static void options_that_are_wrong(void)
     }
 }
 
-static void timetable_is_in_order(void)
+T_CASE(timetable_is_in_order)
 {
     struct simcams_plan plan = {0};
     struct pvx_diag d = {""};
@@ -72,7 +72,7 @@ static void timetable_is_in_order(void)
     T_EQ_I(plan.n, SIMCAMS_MAX_EVENTS);
 }
 
-static void control_lines(void)
+T_CASE(control_lines)
 {
     struct simcams_state st[3] = {{.alive = true}, {.alive = true}, {.alive = true}};
     struct simcams_order order;
@@ -138,7 +138,7 @@ static void control_lines(void)
     }
 }
 
-static void control_orders(void)
+T_CASE(control_orders)
 {
     struct simcams_state st[3] = {0};
     static const struct {
@@ -172,7 +172,7 @@ static struct simcams_ring_params params(enum cap_pixfmt fmt, double noise)
 }
 
 /* Every pixel is the flame's at i/fps, rounded. */
-static void ring_is_the_flame(void)
+T_CASE(ring_is_the_flame)
 {
     static const enum cap_pixfmt fmts[] = {CAP_GREY8, CAP_RGB8, CAP_BAYER_RG8};
     struct rec_flame flame;
@@ -187,6 +187,8 @@ static void ring_is_the_flame(void)
         T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &ring), PVX_OK);
         rec_flame_at(&flame, 4 / 12.0 + 7 * flame.period_s, &pose);
         rec_flame_render(&pose, cam, 1, 0, cam->height, want);
+        if (ring.image == NULL)
+            abort();
         const unsigned char *got = ring.image[1 * ring.n + 4];
         int worst = 0, top = 0;
         for (int32_t y = 0; y < cam->height; y++)
@@ -212,7 +214,7 @@ static void ring_is_the_flame(void)
     free(want);
 }
 
-static void noise_is_as_asked_and_repeats(void)
+T_CASE(noise_is_as_asked_and_repeats)
 {
     struct simcams_ring clean, a, b;
     struct simcams_ring_params p = params(CAP_RGB8, 0), q = params(CAP_RGB8, 0.02);
@@ -247,7 +249,7 @@ static bool stop_at_half(void *ctx, double done)
     return done < 0.5;
 }
 
-static void rendering_can_be_stopped(void)
+T_CASE(rendering_can_be_stopped)
 {
     struct simcams_ring ring;
     struct simcams_ring_params p = params(CAP_GREY8, 0);
@@ -261,14 +263,7 @@ int main(void)
 {
     if (rec_rig_ring(3, 2.5, 80, 60, 32, &rig) != PVX_OK)
         return 1;
-    T_RUN(options_for_all_or_some);
-    T_RUN(options_that_are_wrong);
-    T_RUN(timetable_is_in_order);
-    T_RUN(control_lines);
-    T_RUN(control_orders);
-    T_RUN(ring_is_the_flame);
-    T_RUN(noise_is_as_asked_and_repeats);
-    T_RUN(rendering_can_be_stopped);
+    t_run();
     rec_rig_fini(&rig);
     return t_done();
 }

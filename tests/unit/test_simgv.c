@@ -3,10 +3,12 @@
 
 #include "capture/gev/ids.h"
 #include "capture/gevsim/netns.h"
-#include "capture/simgv.h"
+#include "capture/gevsim/gvcam.h"
+#include "tests/lib/have_addresses.h"
+#include "tests/lib/simgv.h"
 #include "tests/t.h"
 
-static void ids_widen_past_the_wrap(void)
+T_CASE(ids_widen_past_the_wrap)
 {
     struct aravis_ids s = {0};
     T_EQ_I(aravis_ids_next(&s, 65533), 65533);
@@ -18,14 +20,14 @@ static void ids_widen_past_the_wrap(void)
     T_EQ_I(aravis_ids_next(&s, 2), 65539 + 65531 + 2);
 }
 
-static void ids_gap_over_the_wrap(void)
+T_CASE(ids_gap_over_the_wrap)
 {
     struct aravis_ids s = {0};
     aravis_ids_next(&s, 65530);
     T_EQ_I(aravis_ids_next(&s, 10), 65530 + 15); /* 65531..65535 and 1..10 */
 }
 
-static void ids_of_64_bit(void)
+T_CASE(ids_of_64_bit)
 {
     struct aravis_ids s = {0};
     T_EQ_I(aravis_ids_next(&s, 0), 0); /* USB3 Vision begins with 0 */
@@ -37,7 +39,7 @@ static void ids_of_64_bit(void)
     T_EQ_I(aravis_ids_next(&s, 70000), 70000);
 }
 
-static void ids_that_start_anew(void)
+T_CASE(ids_that_start_anew)
 {
     struct aravis_ids s = {0};
     aravis_ids_next(&s, 500);
@@ -50,7 +52,7 @@ static void ids_that_start_anew(void)
     T_EQ_I(aravis_ids_next(&s, 2), 100002);
 }
 
-static void stamp_names_its_image(void)
+T_CASE(stamp_names_its_image)
 {
     static const double rates[] = {15, 24, 25, 29.97, 30, 60};
     for (size_t r = 0; r < sizeof rates / sizeof rates[0]; r++)
@@ -58,13 +60,13 @@ static void stamp_names_its_image(void)
             int64_t i = (int64_t)(1.79e9 * rates[r]) + (int64_t)(t_rand() % 1000000);
             int64_t t = (int64_t)llroundl((long double)i * 1e9L / (long double)rates[r]);
             double period = 1e9 / rates[r];
-            T_EQ_I(cap_simgv_index(t, rates[r]), i);
-            T_EQ_I(cap_simgv_index(t - (int64_t)(0.24 * period), rates[r]), i);
-            T_EQ_I(cap_simgv_index(t + (int64_t)(0.74 * period), rates[r]), i);
+            T_EQ_I(cap_gvcam_index(t, rates[r]), i);
+            T_EQ_I(cap_gvcam_index(t - (int64_t)(0.24 * period), rates[r]), i);
+            T_EQ_I(cap_gvcam_index(t + (int64_t)(0.74 * period), rates[r]), i);
         }
 }
 
-static void addresses_in_a_row(void)
+T_CASE(addresses_in_a_row)
 {
     char text[16];
     T_EQ_I(cap_netns_address("127.0.0.2", 7, text), PVX_OK);
@@ -74,14 +76,14 @@ static void addresses_in_a_row(void)
     T_EQ_I(cap_netns_address("127.0.0.2", 253, text), PVX_EINVAL);
     T_EQ_I(cap_netns_address("localhost", 0, text), PVX_EINVAL);
     T_EQ_I(cap_netns_address("127.0.0", 0, text), PVX_EINVAL);
-    T_OK(!cap_netns_have("203.0.113.7", 1));
-    T_OK(!cap_netns_have("nonsense", 1));
+    T_OK(!have_addresses("203.0.113.7", 1));
+    T_OK(!have_addresses("nonsense", 1));
 }
 
-static void namespace_is_private_and_works(void)
+T_CASE(namespace_is_private_and_works)
 {
     char before[64] = "", after[64] = "";
-    T_OK(!cap_netns_have("127.0.0.77", 1));
+    T_OK(!have_addresses("127.0.0.77", 1));
     T_OK(readlink("/proc/self/ns/net", before, sizeof before - 1) > 0);
     unsigned uid = getuid(), gid = getgid();
     struct pvx_diag d = {""};
@@ -95,79 +97,56 @@ static void namespace_is_private_and_works(void)
     T_EQ_I(e, PVX_OK);
     T_OK(readlink("/proc/self/ns/net", after, sizeof after - 1) > 0);
     T_OK(strcmp(before, after) != 0);
-    T_OK(cap_netns_have("127.0.0.2", 100));
-    T_OK(!cap_netns_have("127.0.0.2", 101));
+    T_OK(have_addresses("127.0.0.2", 100));
+    T_OK(!have_addresses("127.0.0.2", 101));
     T_EQ_I(getuid(), uid);
     T_EQ_I(getgid(), gid);
 }
 
-static void refused_configurations(void)
+static const unsigned char pixel[3];
+static const void *const ring[1] = {pixel};
+static const struct simgv_config good = {.address = "127.0.0.2",
+                                         .serial = "S",
+                                         .fmt = CAP_RGB8,
+                                         .width = 1,
+                                         .height = 1,
+                                         .ring = ring,
+                                         .n_ring = 1,
+                                         .ring_fps = 10};
+
+T_CASE(refused_configurations)
 {
-    static const unsigned char pixel[3];
-    const void *ring[1] = {pixel};
-    const struct cap_simgv_config good = {.address = "127.0.0.2",
-                                          .serial = "S",
-                                          .fmt = CAP_RGB8,
-                                          .width = 1,
-                                          .height = 1,
-                                          .ring = ring,
-                                          .n_ring = 1,
-                                          .ring_fps = 10};
-    cap_simgv *s;
-    struct cap_simgv_config c = good;
+    simgv *s;
+    struct simgv_config c = good;
     struct pvx_diag d = {""};
     c.fmt = CAP_GREY_F32;
-    T_EQ_I(cap_simgv_new(&c, &s, &d), PVX_EINVAL);
+    T_EQ_I(simgv_new(&c, &s, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "127.0.0.2");
     c = good;
     c.serial = "sixteen letters!";
-    T_EQ_I(cap_simgv_new(&c, &s, NULL), PVX_EINVAL);
+    T_EQ_I(simgv_new(&c, &s, NULL), PVX_EINVAL);
     c = good;
     c.ring_fps = 0;
-    T_EQ_I(cap_simgv_new(&c, &s, NULL), PVX_EINVAL);
+    T_EQ_I(simgv_new(&c, &s, NULL), PVX_EINVAL);
     c = good;
     c.address = "203.0.113.7";
     d.text[0] = '\0';
-    T_EQ_I(cap_simgv_new(&c, &s, &d), PVX_ENOENT);
+    T_EQ_I(simgv_new(&c, &s, &d), PVX_ENOENT);
     T_CONTAINS(d.text, "--private-net");
     T_OK(s == NULL);
 }
 
-static void one_camera_per_address(void)
+T_CASE(one_camera_per_address)
 {
-    if (!cap_netns_have("127.0.0.2", 1))
+    if (!have_addresses("127.0.0.2", 1))
         T_SKIP("no address 127.0.0.2 here");
-    static const unsigned char pixel[3];
-    const void *ring[1] = {pixel};
-    const struct cap_simgv_config c = {.address = "127.0.0.2",
-                                       .serial = "S",
-                                       .fmt = CAP_RGB8,
-                                       .width = 1,
-                                       .height = 1,
-                                       .ring = ring,
-                                       .n_ring = 1,
-                                       .ring_fps = 10};
-    cap_simgv *first = NULL, *second = NULL;
+    simgv *first = NULL, *second = NULL;
     struct pvx_diag d = {""};
-    T_EQ_I(cap_simgv_new(&c, &first, &d), PVX_OK);
-    T_EQ_I(cap_simgv_new(&c, &second, &d), PVX_EBUSY);
+    T_EQ_I(simgv_new(&good, &first, &d), PVX_OK);
+    T_EQ_I(simgv_new(&good, &second, &d), PVX_EBUSY);
     T_CONTAINS(d.text, "127.0.0.2");
-    cap_simgv_free(&first);
-    T_EQ_I(cap_simgv_new(&c, &second, NULL), PVX_OK); /* free again at once */
-    cap_simgv_free(&second);
+    simgv_free(&first);
+    T_EQ_I(simgv_new(&good, &second, NULL), PVX_OK); /* free again at once */
+    simgv_free(&second);
     T_OK(second == NULL);
-}
-
-int main(void)
-{
-    T_RUN(ids_widen_past_the_wrap);
-    T_RUN(ids_gap_over_the_wrap);
-    T_RUN(ids_of_64_bit);
-    T_RUN(ids_that_start_anew);
-    T_RUN(stamp_names_its_image);
-    T_RUN(addresses_in_a_row);
-    T_RUN(refused_configurations);
-    T_RUN(namespace_is_private_and_works);
-    T_RUN(one_camera_per_address);
-    return t_done();
 }

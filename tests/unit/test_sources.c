@@ -17,7 +17,7 @@ static pvx_err read_config(const char *text)
     return e == PVX_OK ? dmn_sources_init(&s, &c, &rig, NULL, &d) : e;
 }
 
-static void defaults(void)
+T_CASE(defaults)
 {
     T_EQ_I(read_config("rig: r\ncameras: \"aravis:127.0.0.2+\"\n"), PVX_OK);
     T_EQ_S(d.text, "");
@@ -35,7 +35,7 @@ static void defaults(void)
     T_NEAR(k->gige.frame_retention_ms, 50, 0);
 }
 
-static void network_and_triggers(void)
+T_CASE(network_and_triggers)
 {
     T_EQ_I(read_config("rig: r\ncameras: \"aravis:127.0.0.2+\"\ntrigger: action\nptp: true\n"
                        "ptp_offset_us: 2.5\nchunks: true\ntrigger_line: Line4\n"
@@ -75,7 +75,7 @@ static void network_and_triggers(void)
     T_CONTAINS(d.text, "action.addresses: 'elsewhere' is not an IPv4 address");
 }
 
-static void features_for_all_and_for_one(void)
+T_CASE(features_for_all_and_for_one)
 {
     T_EQ_I(read_config("rig: r\ncameras: \"aravis:127.0.0.2+\"\n"
                        "features: {GainAuto: 'Off'}\n"
@@ -102,8 +102,5 @@ int main(void)
     }
     rig.cameras = camera;
     rig.n_cameras = 2;
-    T_RUN(defaults);
-    T_RUN(network_and_triggers);
-    T_RUN(features_for_all_and_for_one);
-    return t_done();
+    return t_run();
 }

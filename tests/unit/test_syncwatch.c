@@ -69,6 +69,14 @@ static void set(uint32_t cameras, uint64_t mask, double t)
     cap_syncwatch_set(&w, &s);
 }
 
+/* So many of the N cameras' sets at 30 Hz from t on; when the next one is due. */
+static double sets(int n, uint64_t mask, double t)
+{
+    for (; n > 0; n--, t += 1 / 30.)
+        set(N, mask, t);
+    return t;
+}
+
 static uint64_t any(uint32_t c)
 {
     uint64_t n = 0;
@@ -85,7 +93,7 @@ static uint64_t anything(void)
 }
 
 /* A camera may send any 64 bits as a number: nothing overflows (the sanitizer looks on). */
-static void any_numbers_are_borne(void)
+T_CASE(any_numbers_are_borne)
 {
     static const uint64_t odd[] = {1, UINT64_MAX, INT64_MAX, 1ull << 63, (1ull << 63) + 1, 2};
     begin(3, 100);
@@ -105,7 +113,7 @@ static void any_numbers_are_borne(void)
 }
 
 /* Drops with gaps, jitter of 1 ms, 29.99 Hz instead of 30: nothing is wrong. */
-static void nothing_is_found_where_nothing_is_wrong(void)
+T_CASE(nothing_is_found_where_nothing_is_wrong)
 {
     for (int round = 0; round < 40; round++) {
         double hz = 30;
@@ -133,53 +141,42 @@ static void nothing_is_found_where_nothing_is_wrong(void)
     }
 }
 
-static void a_missed_trigger_is_found_at_once(void)
+T_CASE(a_missed_trigger_is_found_at_once)
 {
     begin(N, 30);
-    double t = 0;
-    for (int k = 0; k < 10; k++, t += 1 / 30.)
-        set(N, 15, t);
-    set(N, 15 & ~4u, t); /* camera 2 takes no picture, and its numbers do not tell */
-    t += 1 / 30.;
-    set(N, 15, t);
-    t += 1 / 30.;
+    double t = sets(10, 15, 0);
+    t = sets(1, 15 & ~4u, t); /* camera 2 takes no picture, and its numbers do not tell */
+    t = sets(1, 15, t);
     T_EQ_I(anything(), 0);
-    set(N, 15, t);
+    t = sets(1, 15, t);
     T_EQ_I(counts[2][CAP_MISSED_TRIGGER], 1);
     T_EQ_I(anything(), 1);
     /* a loss that its numbers tell is no missed trigger */
-    t += 1 / 30.;
-    set(N, 15 & ~2u, t);
+    t = sets(1, 15 & ~2u, t);
     next_id[1]++;
-    for (int k = 0; k < 10; k++)
-        set(N, 15, t += 1 / 30.);
+    t = sets(10, 15, t);
     T_EQ_I(anything(), 1);
     /* three at once, while only whole sets are given out */
-    t += 3 / 30.;
     for (uint32_t c = 0; c < N; c++)
         next_id[c] += c == 3 ? 0 : 3;
-    for (int k = 0; k < 10; k++)
-        set(N, 15, t += 1 / 30.);
+    sets(10, 15, t + 3 / 30.);
     T_EQ_I(counts[3][CAP_MISSED_TRIGGER], 3);
     T_EQ_I(anything(), 4);
 }
 
 /* One after the other, with one picture between them: still no slip. */
-static void missed_triggers_close_together(void)
+T_CASE(missed_triggers_close_together)
 {
     begin(N, 30);
-    double t = 0;
-    for (int k = 0; k < 10; k++, t += 1 / 30.)
-        set(N, 15, t);
-    for (int k = 0; k < 6; k++, t += 1 / 30.)
-        set(N, k % 2 == 0 ? 15 & ~4u : 15, t);
-    for (int k = 0; k < 10; k++, t += 1 / 30.)
-        set(N, 15, t);
+    double t = sets(10, 15, 0);
+    for (int k = 0; k < 6; k++)
+        t = sets(1, k % 2 == 0 ? 15 & ~4u : 15, t);
+    sets(10, 15, t);
     T_EQ_I(counts[2][CAP_MISSED_TRIGGER], 3);
     T_EQ_I(anything(), 3);
 }
 
-static void off_by_one_is_found(void)
+T_CASE(off_by_one_is_found)
 {
     for (uint32_t cameras = 2; cameras <= 8; cameras++)
         for (int by = -1; by <= 1; by += 2) {
@@ -198,19 +195,15 @@ static void off_by_one_is_found(void)
         }
 }
 
-static void numbers_may_begin_anew(void)
+T_CASE(numbers_may_begin_anew)
 {
     begin(N, 30);
-    double t = 0;
-    for (int k = 0; k < 10; k++, t += 1 / 30.)
-        set(N, 15, t);
+    double t = sets(10, 15, 0);
     next_id[0] = 1;
     cap_syncwatch_restart(&w, 0);
-    for (int k = 0; k < 30; k++, t += 1 / 30.)
-        set(N, 15, t);
+    t = sets(30, 15, t);
     next_id[3] = 500000; /* nobody said so */
-    for (int k = 0; k < 30; k++, t += 1 / 30.)
-        set(N, 15, t);
+    sets(30, 15, t);
     T_EQ_I(anything(), 0);
 }
 
@@ -243,7 +236,7 @@ static void only(uint32_t cameras, uint32_t odd)
                      details[c][i]);
 }
 
-static void a_camera_out_of_step_is_found_in_a_second(void)
+T_CASE(a_camera_out_of_step_is_found_in_a_second)
 {
     T_LE(until(N, 2, 30, 30, 0.012, CAP_OUT_OF_STEP, 20), 1.2);
     only(N, 2);
@@ -267,7 +260,7 @@ static void a_camera_out_of_step_is_found_in_a_second(void)
     only(3, 1);
 }
 
-static void a_free_running_camera_is_found_before_it_is_out_of_step(void)
+T_CASE(a_free_running_camera_is_found_before_it_is_out_of_step)
 {
     static const struct {
         double ppm, noise;
@@ -290,7 +283,7 @@ static void a_free_running_camera_is_found_before_it_is_out_of_step(void)
     noise = 2e-4;
 }
 
-static void wrong_rates_are_found(void)
+T_CASE(wrong_rates_are_found)
 {
     static const struct {
         double hz, at_most;
@@ -319,28 +312,11 @@ static void wrong_rates_are_found(void)
         T_OK(counts[c][CAP_RATE] > 0);
 }
 
-static void a_set_host_clock_is_no_finding(void)
+T_CASE(a_set_host_clock_is_no_finding)
 {
     begin(N, 30);
-    for (int k = 0; k < 90; k++)
-        set(N, 15, k / 30.);
+    double t = sets(90, 15, 0);
     cap_syncwatch_shift(&w, -1000 * S);
-    for (int k = 90; k < 300; k++)
-        set(N, 15, k / 30. - 1000);
+    sets(210, 15, t - 1000);
     T_EQ_I(anything(), 0);
-}
-
-int main(void)
-{
-    T_RUN(any_numbers_are_borne);
-    T_RUN(nothing_is_found_where_nothing_is_wrong);
-    T_RUN(a_missed_trigger_is_found_at_once);
-    T_RUN(missed_triggers_close_together);
-    T_RUN(off_by_one_is_found);
-    T_RUN(numbers_may_begin_anew);
-    T_RUN(a_camera_out_of_step_is_found_in_a_second);
-    T_RUN(a_free_running_camera_is_found_before_it_is_out_of_step);
-    T_RUN(wrong_rates_are_found);
-    T_RUN(a_set_host_clock_is_no_finding);
-    return t_done();
 }

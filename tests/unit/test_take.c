@@ -9,10 +9,13 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "capture/backends.h"
+#include "capture/rig/capture.h"
+#include "capture/source/backends.h"
 #include "capture/take/take.h"
+#include "tests/lib/box.h"
+#include "tests/lib/scratch.h"
 
-static char dir[64], path[96], copy[96];
+static char path[96], copy[96];
 
 static void no_release(struct cap_frame *f)
 {
@@ -40,7 +43,7 @@ static size_t jpeg_bytes(uint32_t camera, uint64_t id)
 }
 
 static struct made make(enum cap_pixfmt fmt, int32_t w, int32_t h, size_t padding, uint32_t camera,
-                        uint64_t id, uint64_t set)
+                        uint64_t id)
 {
     struct made m = {0};
     size_t row = cap_pixfmt_row(fmt, w), stride = row > 0 ? row + padding : 0;
@@ -64,7 +67,6 @@ static struct made make(enum cap_pixfmt fmt, int32_t w, int32_t h, size_t paddin
                              .exposure_us = (double)id,
                              .gain = NAN,
                              .release = no_release};
-    (void)set;
     return m;
 }
 
@@ -113,9 +115,7 @@ static cap_take_writer *create(void)
     cap_take_writer *w = NULL;
     unlink(path);
     pvx_err e = cap_take_create(path, &h, &w, &d);
-    T_EQ_I(e, PVX_OK);
-    if (e != PVX_OK)
-        printf("  %s\n", d.text);
+    T_CHECK_(e == PVX_OK, "%s", pvx_diag_text(&d, e));
     return w;
 }
 
@@ -134,7 +134,7 @@ static pvx_err put_set(cap_take_writer *w, enum cap_pixfmt fmt, int32_t wd, int3
                         .spread_ns = 2,
                         .t_last_mono_ns = (int64_t)k};
     for (uint32_t c = 0; c < CAMERAS; c++) {
-        m[c] = make(fmt, wd, ht, padding, c, k, k + 10);
+        m[c] = make(fmt, wd, ht, padding, c, k);
         if (in_set(c, k)) {
             s.frame[c] = &m[c].f;
             s.n++;
@@ -148,10 +148,9 @@ static pvx_err put_set(cap_take_writer *w, enum cap_pixfmt fmt, int32_t wd, int3
     return e;
 }
 
-static bool same_frame(const cap_take *t, uint32_t c, int64_t row, enum cap_pixfmt fmt, int32_t wd,
-                       int32_t ht, size_t padding, uint64_t k)
+/* m, the k-th: spent. */
+static bool same_frame(const cap_take *t, uint32_t c, int64_t row, struct made m, uint64_t k)
 {
-    struct made m = make(fmt, wd, ht, padding, c, k, k + 10);
     size_t size = cap_take_frame_max(t, c);
     void *mem = malloc(size);
     struct cap_image img = {0};
@@ -180,7 +179,8 @@ static int64_t whole_sets(const cap_take *t, enum cap_pixfmt fmt, int32_t wd, in
             return -1;
         for (uint32_t c = 0; c < CAMERAS; c++)
             if ((member[c] >= 0) != in_set(c, k) ||
-                (member[c] >= 0 && !same_frame(t, c, member[c], fmt, wd, ht, padding, k)))
+                (member[c] >= 0 &&
+                 !same_frame(t, c, member[c], make(fmt, wd, ht, padding, c, k), k)))
                 return -1;
     }
     return (int64_t)info->sets;
@@ -195,6 +195,15 @@ static cap_take *open_take(const char *name)
     return t;
 }
 
+/* What has been written, closed and opened again. */
+static cap_take *closed(cap_take_writer **w)
+{
+    struct pvx_diag d = {""};
+    pvx_err e = cap_take_close(w, &d);
+    T_CHECK_(e == PVX_OK, "%s", pvx_diag_text(&d, e));
+    return open_take(path);
+}
+
 static void round_trip(enum cap_pixfmt fmt, int32_t wd, int32_t ht, size_t padding)
 {
     struct pvx_diag d = {""};
@@ -202,8 +211,7 @@ static void round_trip(enum cap_pixfmt fmt, int32_t wd, int32_t ht, size_t paddi
     for (uint64_t k = 0; k < 9; k++)
         T_CHECK_(put_set(w, fmt, wd, ht, padding, k, &d) == PVX_OK, "%s: %s", cap_pixfmt_name(fmt),
                  d.text);
-    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
-    cap_take *t = open_take(path);
+    cap_take *t = closed(&w);
     if (t == NULL)
         return;
     const struct cap_take_info *i = cap_take_info(t);
@@ -214,7 +222,7 @@ static void round_trip(enum cap_pixfmt fmt, int32_t wd, int32_t ht, size_t paddi
     cap_take_free(&t);
 }
 
-static void every_pixel_format_comes_back(void)
+T_CASE(every_pixel_format_comes_back)
 {
     for (int f = CAP_FMT_NONE + 1; f < CAP_N_FMT; f++) {
         round_trip((enum cap_pixfmt)f, 16, 6, 0);
@@ -225,12 +233,12 @@ static void every_pixel_format_comes_back(void)
     round_trip(CAP_GREY12P, 3, 1, 5);
 }
 
-static void head_comes_back(void)
+T_CASE(head_comes_back)
 {
     struct pvx_diag d = {""};
     cap_take_writer *w = create();
     T_EQ_I(put_set(w, CAP_GREY8, 8, 8, 0, 0, &d), PVX_OK);
-    struct made m = make(CAP_GREY8, 8, 8, 0, 2, 77, 0);
+    struct made m = make(CAP_GREY8, 8, 8, 0, 2, 77);
     T_EQ_I(cap_take_put_stray(w, &m.f, CAP_TAKE_LATE, &d), PVX_OK);
     m.f.img.width = 4; /* does not fit: a gap */
     T_EQ_I(cap_take_put_stray(w, &m.f, CAP_TAKE_LATE, &d), PVX_OK);
@@ -244,8 +252,7 @@ static void head_comes_back(void)
                              .set_last = 10};
     T_EQ_I(cap_take_put_gap(w, &g, &d), PVX_OK);
     T_EQ_I(cap_take_bytes(w), 4 * 64);
-    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
-    cap_take *t = open_take(path);
+    cap_take *t = closed(&w);
     const struct cap_take_info *i = cap_take_info(t);
     T_EQ_S(i->head.rig, "version: 1\n");
     T_EQ_S(i->head.config, "fps: 20\n");
@@ -277,29 +284,23 @@ static void head_comes_back(void)
 }
 
 /* A first frame that is of no known format or lacks rows costs itself alone, not the take. */
-static void unfit_first_frame_costs_itself_alone(void)
+T_CASE(unfit_first_frame_costs_itself_alone)
 {
     struct pvx_diag d = {""};
     cap_take_writer *w = create();
-    struct made good = make(CAP_GREY8, 8, 8, 0, 0, 0, 0), bad = make(CAP_GREY8, 8, 8, 0, 2, 0, 0);
+    struct made good = make(CAP_GREY8, 8, 8, 0, 0, 0), bad = make(CAP_GREY8, 8, 8, 0, 2, 0);
     struct cap_set s = {.n = 2, .frame = {&good.f, NULL, &bad.f}};
-    bad.f.img.fmt = CAP_FMT_NONE;
-    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
-    bad.f.img.fmt = CAP_GREY8;
-    bad.f.img.width = 0;
-    s.number = 1;
-    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
-    bad.f.img.width = 8;
-    bad.f.img.size = 63;
-    s.number = 2;
-    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
-    bad.f.img.size = 64;
-    s.number = 3;
-    T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
-    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    struct cap_image fit = bad.f.img, first[] = {fit, fit, fit, fit};
+    first[0].fmt = CAP_FMT_NONE;
+    first[1].width = 0;
+    first[2].size = 63;
+    for (; s.number < 4; s.number++) {
+        bad.f.img = first[s.number];
+        T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+    }
+    cap_take *t = closed(&w);
     free(good.mem);
     free(bad.mem);
-    cap_take *t = open_take(path);
     const struct cap_take_info *i = cap_take_info(t);
     T_EQ_I(i->sets, 4);
     T_EQ_I(i->head.camera[0].frames, 4);
@@ -315,21 +316,20 @@ static void unfit_first_frame_costs_itself_alone(void)
 }
 
 /* Times that cannot be subtracted from each other are not read. */
-static void impossible_times_are_not_read(void)
+T_CASE(impossible_times_are_not_read)
 {
     for (int what = 0; what < 2; what++) {
         struct pvx_diag d = {""};
         cap_take_writer *w = create();
-        struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0, 0);
+        struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0);
         struct cap_set s = {.n = 1, .frame = {&m.f}, .t_exposure_ns = INT64_MAX / 2};
         T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
         s.number = 1;
         *(what == 0 ? &s.t_exposure_ns : &m.f.t_arrival_mono_ns) =
             what == 0 ? INT64_MAX / 2 + 1 : -1;
         T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
-        T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+        cap_take *t = closed(&w);
         free(m.mem);
-        cap_take *t = open_take(path);
         T_EQ_I(cap_take_info(t)->sets, 1);
         T_EQ_I(cap_take_info(t)->sets_lost, 1);
         cap_take_free(&t);
@@ -338,35 +338,15 @@ static void impossible_times_are_not_read(void)
 
 /* ---- played ---- */
 
-static unsigned played, ends;
-static int64_t played_ns[8];
-static void on_push(void *ctx, struct cap_frame *f)
-{
-    (void)ctx;
-    played_ns[played++ % 8] = f->t_exposure_ns;
-    cap_frame_release(f);
-}
-static void on_event(void *ctx, uint32_t camera, enum cap_event ev)
-{
-    (void)ctx;
-    (void)camera;
-    __atomic_fetch_add(&ends, ev == CAP_EV_END, __ATOMIC_SEQ_CST);
-}
-static void on_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
-{
-    (void)ctx;
-    (void)camera;
-    (void)what;
-    (void)n;
-}
+static struct box box = BOX_EMPTY;
 
 /* The host clock was set an hour on, then back by two: the frames say so, and come as they came. */
-static void a_set_clock_does_not_pace_the_replay(void)
+T_CASE(a_set_clock_does_not_pace_the_replay)
 {
     static const int64_t hour[] = {2, 3, 1};
     struct pvx_diag d = {""};
     cap_take_writer *w = create();
-    struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0, 0);
+    struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0);
     struct cap_set s = {.n = 1, .frame = {&m.f}};
     for (unsigned k = 0; k < 3; k++) {
         s.number = m.f.id = k;
@@ -377,33 +357,82 @@ static void a_set_clock_does_not_pace_the_replay(void)
     T_EQ_I(cap_take_close(&w, &d), PVX_OK);
     free(m.mem);
     struct cap_source_config c = {.uri = path, .name = cameras[0].name, .buffers = 4};
-    struct cap_sink sink = {.push = on_push, .event = on_event, .count = on_count};
+    struct cap_sink sink = SINK_OF(&box);
     cap_source *src = NULL;
+    keep_box(&box, true);
     T_EQ_I(cap_source_take.open(&c, &src, &d), PVX_OK);
     T_EQ_I(cap_source_take.start(src, &sink, &d), PVX_OK);
-    for (int i = 0; i < 30000 && __atomic_load_n(&ends, __ATOMIC_SEQ_CST) == 0; i++)
-        usleep(1000);
-    T_EQ_I(__atomic_load_n(&ends, __ATOMIC_SEQ_CST), 1);
+    T_OK(wait_count(&box, &box.ended, 1));
     cap_source_take.stop(src);
+    T_EQ_I(box.ended, 1);
+    T_EQ_I(box.n, 3);
+    for (unsigned k = 0; k < 3 && k < box.n_held; k++)
+        T_EQ_I(box.held[k]->t_exposure_ns, hour[k] * 3600 * PVX_NS_PER_S + k);
+    empty_box(&box);
     cap_source_take.close(&src);
-    T_EQ_I(played, 3);
-    for (unsigned k = 0; k < 3; k++)
-        T_EQ_I(played_ns[k], hour[k] * 3600 * PVX_NS_PER_S + k);
 }
 
-static void camera_that_comes_later(void)
+/* Lossless, all wait for all: a camera that is in none of so many sets that their frames take the others'
+ * last buffers holds nobody up, also where a camera that is not played was in them. */
+T_CASE(a_camera_missing_for_long_does_not_hold_up_a_lossless_replay)
+{
+    enum { SETS = 60, FROM = 10, TO = 50, BUFFERS = 8 };
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    for (unsigned k = 0; k < SETS; k++) {
+        struct cap_set s = {.number = k};
+        struct made m[CAMERAS];
+        for (uint32_t c = 0; c < CAMERAS; c++) {
+            m[c] = make(CAP_GREY8, 8, 8, 0, c, k);
+            if (c != 1 || k < FROM || k >= TO)
+                s.frame[c] = &m[c].f;
+            s.n += s.frame[c] != NULL;
+        }
+        T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
+        for (uint32_t c = 0; c < CAMERAS; c++)
+            free(m[c].mem);
+    }
+    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
+    char uri[128];
+    snprintf(uri, sizeof uri, "take:%s", path);
+    struct cap_source_config cam[2];
+    for (int c = 0; c < 2; c++)
+        cam[c] =
+            (struct cap_source_config){.uri = uri, .name = cameras[c].name, .buffers = BUFFERS};
+    const struct cap_capture_config cfg = {
+        .n_cameras = 2,
+        .camera = cam,
+        .fps = 20,
+        .lossless = true,
+        .sets = {.policy = CAP_POLICY_PARTIAL, .min_cameras = 1}};
+    cap_capture *cap;
+    T_EQ_I(cap_capture_new(&cfg, &cap, &d), PVX_OK);
+    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
+    struct cap_set *s;
+    pvx_err e;
+    unsigned n = 0;
+    for (; (e = cap_capture_next(cap, 20 * PVX_NS_PER_S, &s)) == PVX_OK; n++) {
+        T_EQ_I(s->number, n);
+        T_EQ_I(s->n, n < FROM || n >= TO ? 2 : 1);
+        cap_set_release(s);
+    }
+    T_EQ_I(e, PVX_ECLOSED);
+    T_EQ_I(n, SETS);
+    cap_capture_free(&cap);
+}
+
+T_CASE(camera_that_comes_later)
 {
     struct pvx_diag d = {""};
     cap_take_writer *w = create();
-    struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0, 0), n = make(CAP_JPEG, 64, 64, 0, 2, 1, 0);
+    struct made m = make(CAP_GREY8, 8, 8, 0, 0, 0), n = make(CAP_JPEG, 64, 64, 0, 2, 1);
     struct cap_set s = {.number = 3, .n = 1, .frame = {&m.f}};
     T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
     s.number = 4;
     s.n = 2;
     s.frame[2] = &n.f;
     T_EQ_I(cap_take_put_set(w, &s, &d), PVX_OK);
-    T_EQ_I(cap_take_close(&w, &d), PVX_OK);
-    cap_take *t = open_take(path);
+    cap_take *t = closed(&w);
     const struct cap_take_info *i = cap_take_info(t);
     T_EQ_I(i->sets, 2);
     T_EQ_I(i->head.camera[0].frames, 2);
@@ -445,12 +474,10 @@ static void copy_cut(long bytes)
     close(out);
 }
 
-#define W 96
-#define H 80
+enum { W = 96, H = 80, ENDLESS = INT32_MAX };
 
-/* A child writes `sets` sets and ends without closing (close_it: in order); or is killed so long after its
- * first set. */
-static void write_in_child(int sets, bool close_it, enum cap_pixfmt fmt, int kill_after_us)
+/* A child that has written one set, and writes `sets`; it ends without closing (close_it: in order). */
+static pid_t writing(int sets, bool close_it, enum cap_pixfmt fmt)
 {
     int ready[2];
     char byte;
@@ -472,21 +499,23 @@ static void write_in_child(int sets, bool close_it, enum cap_pixfmt fmt, int kil
     close(ready[1]);
     T_EQ_I(read(ready[0], &byte, 1), 1);
     close(ready[0]);
-    if (kill_after_us > 0) {
-        usleep((useconds_t)kill_after_us);
-        kill(pid, SIGKILL);
-    }
-    int status;
-    waitpid(pid, &status, 0);
-    if (kill_after_us <= 0)
-        T_EQ_I(status, 0);
+    return pid;
+}
+
+static void killed_after(pid_t pid, int us)
+{
+    usleep((useconds_t)us);
+    kill(pid, SIGKILL);
+    waitpid(pid, NULL, 0);
 }
 
 /* Sets that the first `cut` bytes can have at most: their pixels alone. */
-static void sweep(bool closed, enum cap_pixfmt fmt, int sets, int cuts)
+static void sweep(bool close_it, enum cap_pixfmt fmt, int sets, int cuts)
 {
     struct stat st;
-    write_in_child(sets, closed, fmt, 0);
+    int status;
+    waitpid(writing(sets, close_it, fmt), &status, 0);
+    T_EQ_I(status, 0);
     stat(path, &st);
     int64_t last = 0;
     long worst = 0;
@@ -520,22 +549,22 @@ static void sweep(bool closed, enum cap_pixfmt fmt, int sets, int cuts)
     T_LE(worst, 1);
 }
 
-static void cut_anywhere_gives_the_sets_before(void)
+T_CASE(cut_anywhere_gives_the_sets_before)
 {
     sweep(false, CAP_RGB8, 200, 97);
     sweep(false, CAP_JPEG, 600, 31); /* a set without camera 1 may outlive one with it */
 }
 
-static void closed_and_cut_gives_the_sets_before(void)
+T_CASE(closed_and_cut_gives_the_sets_before)
 {
     sweep(true, CAP_RGB8, 200, 97);
 }
 
-static void killed_at_any_time_gives_the_sets_before(void)
+T_CASE(killed_at_any_time_gives_the_sets_before)
 {
     for (int i = 0; i < 25; i++) {
         int us = 1 + 2477 * i;
-        write_in_child(100000, false, CAP_RGB8, us);
+        killed_after(writing(ENDLESS, false, CAP_RGB8), us);
         cap_take *t = open_take(path);
         if (t == NULL)
             continue;
@@ -550,26 +579,11 @@ static void killed_at_any_time_gives_the_sets_before(void)
 
 /* A copy that is made meanwhile has its front from earlier than its end.  The kernel does not promise that
  * it sees a write whole: a copy with a torn piece of metadata is refused, and the next one is taken. */
-static void copied_while_it_is_written(void)
+T_CASE(copied_while_it_is_written)
 {
     uint64_t most = 0;
     for (int i = 0; i < 20; i++) {
-        unlink(path);
-        fflush(stdout);
-        int ready[2];
-        char byte;
-        T_EQ_I(pipe(ready), 0);
-        pid_t pid = fork();
-        if (pid == 0) {
-            cap_take_writer *w = create();
-            for (uint64_t k = 0; put_set(w, CAP_RGB8, W, H, 0, k, NULL) == PVX_OK; k++)
-                if (k == 0 && write(ready[1], "", 1) != 1)
-                    break;
-            _exit(1);
-        }
-        close(ready[1]);
-        T_EQ_I(read(ready[0], &byte, 1), 1);
-        close(ready[0]);
+        pid_t pid = writing(ENDLESS, false, CAP_RGB8);
         usleep((useconds_t)(2000 + 1300 * i));
         cap_take *t = NULL;
         struct pvx_diag d = {""};
@@ -578,8 +592,7 @@ static void copied_while_it_is_written(void)
             copy_cut(-1);
             T_OK(cap_take_open(copy, &t, &d) == PVX_OK || d.text[0] != '\0');
         }
-        kill(pid, SIGKILL);
-        waitpid(pid, NULL, 0);
+        killed_after(pid, 0);
         T_CHECK_(t != NULL, "copy %d: %s", i, d.text);
         if (t == NULL)
             continue;
@@ -593,7 +606,7 @@ static void copied_while_it_is_written(void)
     T_LE(10, most);
 }
 
-static void read_while_it_is_written(void)
+T_CASE(read_while_it_is_written)
 {
     struct pvx_diag d = {""};
     cap_take_writer *w = create();
@@ -621,7 +634,7 @@ static void refused(const char *name, pvx_err want, const char *part)
     T_CONTAINS(d.text, part);
 }
 
-static void what_is_no_take_is_refused(void)
+T_CASE(what_is_no_take_is_refused)
 {
     refused("/nonexistent.h5", PVX_ENOENT, "no such file");
     refused("/etc/passwd", PVX_EFORMAT, "not HDF5");
@@ -661,35 +674,6 @@ static void replace(hid_t f, const char *name, hid_t type, int rank, const hsize
 }
 
 static const hsize_t small[4] = {3, 8, 8, 3}, huge[4] = {1ull << 40, 8, 8, 3};
-static void no_sets(hid_t f)
-{
-    replace(f, "sets", 0, 0, NULL);
-}
-static void sets_are_numbers(hid_t f)
-{
-    replace(f, "sets", H5T_STD_I32LE, 1, small);
-}
-static void members_too_many(hid_t f)
-{
-    hsize_t d[2] = {1ull << 60, CAMERAS};
-    replace(f, "members", H5T_STD_I64LE, 2, d);
-}
-static void members_narrow(hid_t f)
-{
-    replace(f, "members", H5T_STD_I64LE, 2, small);
-}
-static void frames_of_another_shape(hid_t f)
-{
-    replace(f, "cameras/cam0/frames", H5T_STD_U8LE, 4, small);
-}
-static void frames_of_another_type(hid_t f)
-{
-    replace(f, "cameras/cam0/frames", H5T_STD_U16LE, 3, small);
-}
-static void no_index(hid_t f)
-{
-    replace(f, "cameras/cam0/index", 0, 0, NULL);
-}
 static void huge_gaps(hid_t f)
 {
     hid_t g = H5Dopen2(f, "gaps", H5P_DEFAULT), t = H5Dget_type(g);
@@ -723,26 +707,41 @@ static void camera_missing(hid_t f)
 {
     H5Ldelete(f, "cameras/cam0", H5P_DEFAULT);
 }
-static void rig_is_a_number(hid_t f)
+/* Replaced by nothing where the rank is 0. */
+static struct other {
+    const char *name;
+    hid_t type;
+    int rank;
+    const hsize_t *dims;
+    const char *says;
+} other;
+static void replace_by_other(hid_t f)
 {
-    replace(f, "rig", H5T_STD_I32LE, 1, small);
+    replace(f, other.name, other.type, other.rank, other.dims);
 }
 
-static void wrong_contents_are_refused(void)
+T_CASE(wrong_contents_are_refused)
 {
-    with_change(no_sets, "table of sets");
-    with_change(sets_are_numbers, "table of sets");
-    with_change(members_too_many, "table of sets");
-    with_change(members_narrow, "table of sets");
-    with_change(frames_of_another_shape, "a camera's frames");
-    with_change(frames_of_another_type, "a camera's frames");
-    with_change(no_index, "a camera's index");
+    static const hsize_t many[2] = {1ull << 60, CAMERAS};
+    const struct other wrong[] = {
+        {"sets", 0, 0, NULL, "table of sets"},
+        {"sets", H5T_STD_I32LE, 1, small, "table of sets"},
+        {"members", H5T_STD_I64LE, 2, many, "table of sets"},
+        {"members", H5T_STD_I64LE, 2, small, "table of sets"},
+        {"cameras/cam0/frames", H5T_STD_U8LE, 4, small, "a camera's frames"},
+        {"cameras/cam0/frames", H5T_STD_U16LE, 3, small, "a camera's frames"},
+        {"cameras/cam0/index", 0, 0, NULL, "a camera's index"},
+        {"rig", H5T_STD_I32LE, 1, small, "head"},
+    };
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        other = wrong[i];
+        with_change(replace_by_other, other.says);
+    }
     with_change(huge_gaps, "gaps");
     with_change(huge_width, "pixel format or size");
     with_change(unknown_format, "pixel format");
     with_change(camera_is_a_link, "list of cameras");
     with_change(camera_missing, "name");
-    with_change(rig_is_a_number, "head");
 }
 
 static void pixels_changed(hid_t f)
@@ -754,7 +753,7 @@ static void pixels_changed(hid_t f)
     H5Dclose(s);
 }
 
-static void changed_pixels_are_noticed(void)
+T_CASE(changed_pixels_are_noticed)
 {
     with_change(pixels_changed, NULL);
     cap_take *t = open_take(path);
@@ -768,7 +767,7 @@ static void changed_pixels_are_noticed(void)
     cap_take_free(&t);
 }
 
-static void an_old_file_is_not_written_over(void)
+T_CASE(an_old_file_is_not_written_over)
 {
     struct pvx_diag d = {""};
     cap_take_writer *w = create(), *v;
@@ -792,30 +791,10 @@ static void an_old_file_is_not_written_over(void)
     cap_take_free(&t);
 }
 
-int main(void)
+static void set_up(void)
 {
-    snprintf(dir, sizeof dir, "/tmp/test_take-XXXXXX");
-    if (mkdtemp(dir) == NULL)
-        return 1;
+    scratch_new();
     snprintf(path, sizeof path, "%s/take.h5", dir);
     snprintf(copy, sizeof copy, "%s/copy.h5", dir);
-    T_RUN(every_pixel_format_comes_back);
-    T_RUN(head_comes_back);
-    T_RUN(unfit_first_frame_costs_itself_alone);
-    T_RUN(impossible_times_are_not_read);
-    T_RUN(a_set_clock_does_not_pace_the_replay);
-    T_RUN(camera_that_comes_later);
-    T_RUN(cut_anywhere_gives_the_sets_before);
-    T_RUN(closed_and_cut_gives_the_sets_before);
-    T_RUN(killed_at_any_time_gives_the_sets_before);
-    T_RUN(copied_while_it_is_written);
-    T_RUN(read_while_it_is_written);
-    T_RUN(what_is_no_take_is_refused);
-    T_RUN(wrong_contents_are_refused);
-    T_RUN(changed_pixels_are_noticed);
-    T_RUN(an_old_file_is_not_written_over);
-    unlink(path);
-    unlink(copy);
-    rmdir(dir);
-    return t_done();
 }
+T_MAIN(set_up(), scratch_remove())

@@ -54,10 +54,12 @@ static void put(uint32_t command, uint32_t seq, uint32_t in, uint32_t ep, uint32
 static void submit_bulk(uint32_t seq, uint32_t room)
 {
     put(1, seq, 1, 1, 0, room, NULL);
+    T_OK(usbip_serve(&usb));
 }
 static void unlink_it(uint32_t seq, uint32_t victim)
 {
     put(2, seq, 0, 0, victim, 0, NULL);
+    T_OK(usbip_serve(&usb));
 }
 
 /* The next answer: its command, number, status and length; data is read and thrown away. */
@@ -76,7 +78,7 @@ static void want(uint32_t command, uint32_t seq, int status, uint32_t length)
         T_EQ_I(recv(host, data, length, MSG_DONTWAIT | MSG_WAITALL), length);
 }
 
-static void control_transfers(void)
+T_CASE(control_transfers)
 {
     begin();
     const uint8_t get[8] = {0x80, 6, 0, 1, 0, 0, 18, 0}, set[8] = {0x21, 1, 0, 2, 1, 0, 4, 0};
@@ -101,78 +103,68 @@ static void control_transfers(void)
     end();
 }
 
-static void bulk_in_order(void)
+/* The oldest transfer that waits, ended by nothing. */
+static void answered(uint32_t seq)
+{
+    T_OK(usbip_bulk_answer(&usb, NULL, 0));
+    want(3, seq, 0, 0);
+}
+
+T_CASE(bulk_in_order)
 {
     begin();
     const uint8_t data[100] = {0};
     T_EQ_I(usbip_bulk_room(&usb), 0);
-    for (uint32_t i = 1; i <= 3; i++) {
+    for (uint32_t i = 1; i <= 3; i++)
         submit_bulk(i, 64 * i);
-        T_OK(usbip_serve(&usb));
-    }
     T_EQ_I(usbip_bulk_room(&usb), 64);
     T_OK(usbip_bulk_answer(&usb, data, 64));
     want(3, 1, 0, 64);
     T_EQ_I(usbip_bulk_room(&usb), 128);
-    T_OK(usbip_bulk_answer(&usb, data, 0));
-    want(3, 2, 0, 0);
+    answered(2);
     end();
 }
 
-static void unlink_waiting(void)
+T_CASE(unlink_waiting)
 {
     begin();
-    for (uint32_t i = 1; i <= 3; i++) {
+    for (uint32_t i = 1; i <= 3; i++)
         submit_bulk(i, 64);
-        T_OK(usbip_serve(&usb));
-    }
     unlink_it(4, 2);
-    T_OK(usbip_serve(&usb));
     want(4, 4, -ECONNRESET, 0);
-    T_OK(usbip_bulk_answer(&usb, NULL, 0));
-    want(3, 1, 0, 0);
-    T_OK(usbip_bulk_answer(&usb, NULL, 0));
-    want(3, 3, 0, 0);
+    answered(1);
+    answered(3);
     T_EQ_I(usbip_bulk_room(&usb), 0);
     end();
 }
 
-static void unlink_answered(void)
+T_CASE(unlink_answered)
 {
     begin();
     submit_bulk(1, 64);
-    T_OK(usbip_serve(&usb));
-    T_OK(usbip_bulk_answer(&usb, NULL, 0));
-    want(3, 1, 0, 0);
+    answered(1);
     unlink_it(2, 1);
-    T_OK(usbip_serve(&usb));
     want(4, 2, 0, 0);
     end();
 }
 
 /* The unlink overtakes its transfer: one answer, and only when both are here. */
-static void unlink_first(void)
+T_CASE(unlink_first)
 {
     begin();
     submit_bulk(1, 64);
-    T_OK(usbip_serve(&usb));
     unlink_it(4, 3);
-    T_OK(usbip_serve(&usb));
     submit_bulk(2, 64);
-    T_OK(usbip_serve(&usb));
     submit_bulk(3, 64);
-    T_OK(usbip_serve(&usb));
     want(4, 4, -ECONNRESET, 0);
-    T_OK(usbip_bulk_answer(&usb, NULL, 0));
-    want(3, 1, 0, 0);
-    T_OK(usbip_bulk_answer(&usb, NULL, 0));
-    want(3, 2, 0, 0);
+    answered(1);
+    answered(2);
     T_EQ_I(usbip_bulk_room(&usb), 0);
     T_EQ_I(usb.unlinked, 1);
     end();
 }
 
-static void nonsense_ends_it(void)
+T_CASE(nonsense_ends_it)
 {
     begin();
     put(17, 1, 0, 0, 0, 0, NULL);
@@ -187,15 +179,4 @@ static void nonsense_ends_it(void)
     shutdown(host, SHUT_WR);
     T_OK(!usbip_serve(&usb));
     end();
-}
-
-int main(void)
-{
-    T_RUN(control_transfers);
-    T_RUN(bulk_in_order);
-    T_RUN(unlink_waiting);
-    T_RUN(unlink_answered);
-    T_RUN(unlink_first);
-    T_RUN(nonsense_ends_it);
-    return t_done();
 }

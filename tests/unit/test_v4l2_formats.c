@@ -8,7 +8,7 @@ static uint32_t code(const char *s)
     return v4l2_fourcc(s[0], s[1], s[2], s[3]);
 }
 
-static void codes(void)
+T_CASE(codes)
 {
     static const struct {
         const char *code, *name;
@@ -36,7 +36,7 @@ static void codes(void)
     T_EQ_S(v4l_fourcc_text(0x01020304).s, "");
 }
 
-static void colours(void)
+T_CASE(colours)
 {
     const enum cap_pixfmt YUV = CAP_YUYV, JPG = CAP_JPEG;
     /* what UVC cameras say: sRGB, the rest left to it */
@@ -58,7 +58,7 @@ static void colours(void)
     T_EQ_I(v4l_yuv(CAP_GREY8, V4L2_COLORSPACE_REC709, 0, 0, 0), 0);
 }
 
-static void text_that_does_not_fit_is_cut(void)
+T_CASE(text_that_does_not_fit_is_cut)
 {
     char s[12];
     struct v4l_text t = {s, sizeof s, 0};
@@ -70,12 +70,4 @@ static void text_that_does_not_fit_is_cut(void)
     T_EQ_S(s, "12345678...");
     v4l_say(&t, "%s", "more");
     T_EQ_S(s, "12345678...");
-}
-
-int main(void)
-{
-    T_RUN(codes);
-    T_RUN(colours);
-    T_RUN(text_that_does_not_fit_is_cut);
-    return t_done();
 }

@@ -1,12 +1,10 @@
 /* test_view.c - pictures by the kept ray matrix are those of direct rendering. */
-#include "../t.h"
+#include "tests/lib/scene.h"
 
-#include "base/clock.h"
-#include "base/mem.h"
-#include "recon/view/flame.h"
 #include "recon/view/render.h"
 #include "recon/geom/rig.h"
 #include "recon/view/view.h"
+#include "tests/lib/centre.h"
 
 enum { W = 72, H = 50 };
 
@@ -19,7 +17,7 @@ static void ball(const struct rec_grid *g, int nch, float *dense)
         m[a] = t_uniform(g->min[a], g->max[a]);
     for (size_t i = 0; i < rec_grid_count(g); i++) {
         double x[3], d = 0;
-        rec_grid_centre(g, (int32_t)i, x);
+        grid_centre(g, (int32_t)i, x);
         for (int a = 0; a < 3; a++)
             d += (x[a] - m[a]) * (x[a] - m[a]);
         for (int c = 0; c < nch && d < r * r; c++)
@@ -27,7 +25,7 @@ static void ball(const struct rec_grid *g, int nch, float *dense)
     }
 }
 
-static void equals_direct_rendering(void)
+T_CASE(equals_direct_rendering)
 {
     struct rec_rig rig;
     T_EQ_I(rec_rig_ring(2, 2.2, W, H, 20, &rig), PVX_OK);
@@ -56,7 +54,7 @@ static void equals_direct_rendering(void)
     rec_rig_fini(&rig);
 }
 
-static void traces_only_for_new_light(void)
+T_CASE(traces_only_for_new_light)
 {
     struct rec_rig rig;
     struct rec_view_stats st;
@@ -96,7 +94,7 @@ static void traces_only_for_new_light(void)
     rec_rig_fini(&rig);
 }
 
-static void threads_give_the_same_bits(void)
+T_CASE(threads_give_the_same_bits)
 {
     struct rec_rig rig;
     rec_view *v;
@@ -117,51 +115,26 @@ static void threads_give_the_same_bits(void)
     rec_rig_fini(&rig);
 }
 
-/* What it is for; printed, not judged. */
-static void how_fast(void)
+/* A flame that moves is traced anew now and then, not for every picture. */
+T_CASE(a_moving_flame)
 {
     struct rec_rig rig;
-    struct rec_flame flame;
+    struct rec_view_stats st;
     rec_view *v;
-    pvx_pool *pool;
-    T_EQ_I(rec_rig_ring(2, 2.2, 320, 240, 64, &rig), PVX_OK);
-    rec_flame_init(&flame, &rig.grid, 1);
+    T_EQ_I(rec_rig_ring(2, 2.2, W, H, 32, &rig), PVX_OK);
     size_t n = rec_grid_count(&rig.grid);
-    float *dense = pvx_calloc(n * 3, sizeof *dense), *img = pvx_calloc(320 * 240 * 3, sizeof *img);
-    T_EQ_I(pvx_pool_new(2, "t", &pool), PVX_OK);
-    T_EQ_I(rec_view_new(&rig.cameras[0], 2, SIZE_MAX, pool, &v), PVX_OK);
-    int64_t direct = 0;
+    float *dense = pvx_calloc(n * 3, sizeof *dense), img[W * H * 3];
+    T_EQ_I(rec_view_new(&rig.cameras[0], 2, SIZE_MAX, NULL, &v), PVX_OK);
     for (int k = 0; k < 8; k++) {
-        struct rec_flame_pose p;
-        rec_flame_at(&flame, 0.07 * k, &p);
-        rec_flame_voxels(&p, &rig.grid, 0, 64, dense);
+        struct rec_flame_pose p = scene_pose(&rig.grid, 1, 0.07 * k);
+        rec_flame_voxels(&p, &rig.grid, 0, 32, dense);
         for (size_t i = 0; i < n * 3; i++)
             dense[i] = dense[i] > 0.02f ? dense[i] : 0;
         T_EQ_I(rec_view_render(v, &rig.grid, dense, 3, img), PVX_OK);
-        int64_t t0 = pvx_now_mono();
-        if (k == 0)
-            T_EQ_I(rec_render(&rig.grid, dense, 3, &rig.cameras[0], 2, pool, img), PVX_OK);
-        direct += k == 0 ? pvx_now_mono() - t0 : 0;
     }
-    struct rec_view_stats st;
     rec_view_get_stats(v, &st);
-    printf("  320x240, 2x2 rays, 64^3: %.2f ms per picture, %.0f ms traced anew; V %.1f M entries, "
-           "%d columns, traced %u times in %.0f ms\n",
-           (double)st.product_ns * 1e-6 / st.rendered, (double)direct * 1e-6,
-           (double)st.entries * 1e-6, st.columns, st.traced, (double)st.trace_ns * 1e-6);
     T_OK(st.traced >= 1 && st.traced < 8);
     rec_view_free(&v);
-    pvx_pool_free(&pool);
     free(dense);
-    free(img);
     rec_rig_fini(&rig);
-}
-
-int main(void)
-{
-    T_RUN(equals_direct_rendering);
-    T_RUN(traces_only_for_new_light);
-    T_RUN(threads_give_the_same_bits);
-    T_RUN(how_fast);
-    return t_done();
 }

@@ -1,13 +1,16 @@
 #!/bin/bash
-# test.sh BUILD [FILTER]: run every tests/vm/guest/NNN-*.sh in a virtual machine of its own, and close with
-# "N passed, N failed, N skipped".  README.md beside this says how a script is written.
+# test.sh BUILD [--quick|FILTER]: run every tests/vm/guest/NNN-*.sh in a virtual machine of its own, and close with
+# "N passed, N failed, N skipped".  --quick: those that say "# vm-quick".  README.md beside this says how a script
+# is written.
 set -u
 cd "$(dirname "$0")/../.."
 b=$1 filter=${2:-}
 export PYROVOX_BUILD=$PWD/$b VM_DIR=$PWD/$b/vm
 pass=0 fail=0 skip=0
 scripts=()
-for s in tests/vm/guest/[0-9]*.sh; do [[ $s == *"$filter"* ]] && scripts+=("$s"); done
+for s in tests/vm/guest/[0-9]*.sh; do
+    if [ "$filter" = --quick ]; then grep -q '^# vm-quick' "$s"; else [[ $s == *"$filter"* ]]; fi && scripts+=("$s")
+done
 finish() {
     echo
     [ ! -s "$VM_DIR/test.log" ] || echo "full output: ${VM_DIR#"$PWD"/}/test.log, kernel messages: ${VM_DIR#"$PWD"/}/out/*/kernel.log"

@@ -2,7 +2,7 @@
  * bars), and its controls drop, tear off and break things on request.
  * Needs: vivid n_devs=8 with one webcam input each, the last one multi-planar. */
 #include "../t.h"
-#include "../v4l2_bed.h"
+#include "tests/lib/v4l2_bed.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -16,7 +16,8 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "capture/rig/capture.h"
+#include "capture/rig/backends.h"
+#include "tests/lib/rig.h"
 #include "capture/pixel/pixfmt.h"
 
 #define N 8
@@ -30,15 +31,9 @@
 
 static struct cap_source_config config(const char *uri)
 {
-    return (struct cap_source_config){.uri = uri,
-                                      .name = "cam0",
-                                      .width = 320,
-                                      .height = 180,
-                                      .fmt = CAP_YUYV,
-                                      .fps = 30,
-                                      .buffers = 6,
-                                      .exposure_us = -1,
-                                      .gain = -1};
+    struct cap_source_config c = source_of(uri, 320, 180, CAP_YUYV, 30);
+    c.buffers = 6;
+    return c;
 }
 
 /* Straight to the driver, past the code under test. */
@@ -118,7 +113,7 @@ static void on_found(void *ctx, const struct cap_found *f)
     n_found++;
 }
 
-static void lists_every_camera_by_a_name_that_opens_it(void)
+T_CASE(lists_every_camera_by_a_name_that_opens_it)
 {
     struct pvx_diag d = {""};
     n_found = 0;
@@ -135,7 +130,7 @@ static void lists_every_camera_by_a_name_that_opens_it(void)
     }
 }
 
-static void a_name_of_several_cameras_is_refused_with_the_choice(void)
+T_CASE(a_name_of_several_cameras_is_refused_with_the_choice)
 {
     struct cap_source_config c = config("vivid");
     REFUSED(&c, PVX_EINVAL, "8 cameras", "v4l2:platform:vivid-000 (vivid, /dev/video0)",
@@ -157,13 +152,12 @@ static void a_name_of_several_cameras_is_refused_with_the_choice(void)
     mkdir("/dev/v4l/by-id", 0755);
     T_EQ_I(symlink("../../video5", "/dev/v4l/by-id/usb-Maker_Flame_77-video-index0"), 0);
     c.uri = "usb-Maker_Flame_77-video-index0";
-    c.features = (const struct cap_feature[]){{"brightness", "99"}};
-    c.n_features = 1;
+    FEATURES(&c, {"brightness", "99"});
     ended(opened(&c));
     T_EQ_I(control_get(5, "Brightness"), 99);
 }
 
-static void a_camera_in_use_is_busy_and_says_by_whom(void)
+T_CASE(a_camera_in_use_is_busy_and_says_by_whom)
 {
     struct cap_source_config c = config("/dev/video0");
     cap_source *s = opened(&c);
@@ -196,11 +190,9 @@ static void shows_bars(const char *uri, enum cap_pixfmt fmt)
     static float out[BH][BW][4], grey[BH][BW];
     struct cap_source_config c = config(uri);
     c.fmt = fmt;
-    c.features = (const struct cap_feature[]){{"test_pattern", "75% Colorbar"}, NO_TEXT};
-    c.n_features = 2;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (!started(s) || !wait_count(&box.n, 2)) {
+    FEATURES(&c, {"test_pattern", "75% Colorbar"}, NO_TEXT);
+    cap_source *s = running(&c, true);
+    if (s == NULL || !wait_count(&box, &box.n, 2)) {
         T_CHECK_(false, "no frames of %s", cap_pixfmt_name(fmt));
         ended(s);
         return;
@@ -227,11 +219,11 @@ static void shows_bars(const char *uri, enum cap_pixfmt fmt)
                      cap_pixfmt_name(fmt), b, ch, got, bar(b, ch, one));
         }
     }
-    empty_box();
+    empty_box(&box);
     ended(s);
 }
 
-static void every_format_shows_the_same_bars(void)
+T_CASE(every_format_shows_the_same_bars)
 {
     static const enum cap_pixfmt fmt[] = {
         CAP_RGB8,       CAP_BGR8,       CAP_YUYV,       CAP_UYVY,       CAP_GREY8,
@@ -243,7 +235,7 @@ static void every_format_shows_the_same_bars(void)
         shows_bars("platform:vivid-000", fmt[i]);
 }
 
-static void multi_planar_devices_too(void)
+T_CASE(multi_planar_devices_too)
 {
     int fd = device(N - 1);
     struct v4l2_capability cap = {0};
@@ -260,16 +252,15 @@ static uint8_t yuv_of(enum cap_pixfmt fmt)
     struct cap_source_config c = config("platform:vivid-000");
     uint8_t yuv = 0xff;
     c.fmt = fmt;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s) && wait_count(&box.n, 1))
+    cap_source *s = running(&c, true);
+    if (s != NULL && wait_count(&box, &box.n, 1))
         yuv = box.held[0]->img.yuv;
     ended(s);
-    empty_box();
+    empty_box(&box);
     return yuv;
 }
 
-static void yuv_is_read_as_the_driver_says_it_is(void)
+T_CASE(yuv_is_read_as_the_driver_says_it_is)
 {
     static const struct {
         int matrix, range;
@@ -296,7 +287,7 @@ static void yuv_is_read_as_the_driver_says_it_is(void)
     T_EQ_I(yuv_of(CAP_YUYV), 0);
 }
 
-static void what_is_not_offered_is_refused_with_what_is(void)
+T_CASE(what_is_not_offered_is_refused_with_what_is)
 {
     struct cap_source_config c = config("platform:vivid-001");
     c.fmt = CAP_JPEG;
@@ -313,13 +304,12 @@ static void what_is_not_offered_is_refused_with_what_is(void)
     c.fps = 0; /* all as it is */
     c.fmt = CAP_FMT_NONE;
     c.width = c.height = 0;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s) && wait_count(&box.n, 1)) {
+    cap_source *s = running(&c, true);
+    if (s != NULL && wait_count(&box, &box.n, 1)) {
         T_EQ_I(box.held[0]->img.width, 640);
         T_EQ_I(box.held[0]->img.fmt, CAP_YUYV);
     }
-    empty_box();
+    empty_box(&box);
     ended(s);
 }
 
@@ -349,7 +339,7 @@ static void no_feature(const char *name, const char *value, const char *part)
     REFUSED(&c, PVX_EINVAL, name, value, part);
 }
 
-static void controls_are_set_and_read_back(void)
+T_CASE(controls_are_set_and_read_back)
 {
     feature("brightness", "200", 200, "Brightness");
     feature("Brightness", "201", 201, "Brightness");
@@ -366,7 +356,7 @@ static void controls_are_set_and_read_back(void)
     feature("button", "1", 0, NULL);
 }
 
-static void controls_that_are_refused_say_why(void)
+T_CASE(controls_that_are_refused_say_why)
 {
     no_feature("brightness", "300", "it offers 0 to 255");
     no_feature("brightness", "-1", "it offers 0 to 255");
@@ -379,28 +369,27 @@ static void controls_that_are_refused_say_why(void)
     no_feature("string", "abcdefgh", "2 to 4 characters");
     no_feature("bitmask", "1", "bits of 0x80402010");
     struct cap_source_config c = config("platform:vivid-002");
-    c.features = (const struct cap_feature[]){{"warp_drive", "1"}};
-    c.n_features = 1;
+    FEATURES(&c, {"warp_drive", "1"});
     REFUSED(&c, PVX_EINVAL, "no control warp_drive", "v4l2-ctl");
     c = config("platform:vivid-002");
     c.exposure_us = 500;
     REFUSED(&c, PVX_EINVAL, "exposure_us = 500");
 }
 
-static void gain_switches_the_automatic_off(void)
+T_CASE(gain_switches_the_automatic_off)
 {
     control_set(2, "Gain, Automatic", 1);
     struct cap_source_config c = config("platform:vivid-002");
     c.gain = 77;
-    reset_box(true);
+    reset_box(&box, true);
     cap_source *s = opened(&c);
     T_EQ_I(control_get(2, "Gain, Automatic"), 0);
     T_EQ_I(control_get(2, "Gain"), 77);
-    if (started(s) && wait_count(&box.n, 1)) {
+    if (started(s) && wait_count(&box, &box.n, 1)) {
         T_NEAR(box.held[0]->gain, 77, 0);
         T_OK(isnan(box.held[0]->exposure_us));
     }
-    empty_box();
+    empty_box(&box);
     ended(s);
     c.gain = 256;
     REFUSED(&c, PVX_EINVAL, "gain = 256", "0 to 255");
@@ -409,19 +398,18 @@ static void gain_switches_the_automatic_off(void)
 
 /* ---- the stream ------------------------------------------------------------------------------- */
 
-static void a_slow_consumer_costs_frames_not_the_stream(void)
+T_CASE(a_slow_consumer_costs_frames_not_the_stream)
 {
     struct cap_source_config c = config("platform:vivid-003");
     c.buffers = 5;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s)) {
-        T_OK(wait_count(&box.count[CAP_UNDERRUN], 6));
+    cap_source *s = running(&c, true);
+    if (s != NULL) {
+        T_OK(wait_count(&box, &box.count[CAP_UNDERRUN], 6));
         T_EQ_I(box.n_held, 5);
         T_OK(box.held[0]->img.data != box.held[1]->img.data);
-        keep_box(false);
-        empty_box();
-        T_OK(wait_more(&box.n, 10));
+        keep_box(&box, false);
+        empty_box(&box);
+        T_OK(wait_more(&box, &box.n, 10));
     }
     ended(s);
     T_OK(!box.ids_fall);
@@ -430,34 +418,30 @@ static void a_slow_consumer_costs_frames_not_the_stream(void)
 }
 
 /* More buffers than a driver can have: copies, the driver keeps its own. */
-static void many_buffers_are_copies(void)
+T_CASE(many_buffers_are_copies)
 {
     struct cap_source_config c = config("platform:vivid-003");
     c.buffers = 40;
-    c.features = (const struct cap_feature[]){{"test_pattern", "0"}, NO_TEXT};
-    c.n_features = 2;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s)) {
-        T_OK(wait_count(&box.count[CAP_UNDERRUN], 2));
+    FEATURES(&c, {"test_pattern", "0"}, NO_TEXT);
+    cap_source *s = running(&c, true);
+    if (s != NULL) {
+        T_OK(wait_count(&box, &box.count[CAP_UNDERRUN], 2));
         T_EQ_I(box.n_held, 40);
         T_EQ_I(box.held[39]->dmabuf, 0);
         T_EQ_I(memcmp(box.held[0]->img.data, box.held[39]->img.data, 320 * 180 * 2), 0);
     }
     ended(s);
-    empty_box();
+    empty_box(&box);
 }
 
-static void dropped_buffers_are_gaps(void)
+T_CASE(dropped_buffers_are_gaps)
 {
     struct cap_source_config c = config("platform:vivid-003");
-    c.features = (const struct cap_feature[]){{"percentage_of_dropped_buffers", "40"}};
-    c.n_features = 1;
-    reset_box(false);
-    cap_source *s = opened(&c);
-    if (started(s)) {
-        T_OK(wait_count(&box.count[CAP_ID_GAP], 8));
-        T_OK(wait_count(&box.n, 5));
+    FEATURES(&c, {"percentage_of_dropped_buffers", "40"});
+    cap_source *s = running(&c, false);
+    if (s != NULL) {
+        T_OK(wait_count(&box, &box.count[CAP_ID_GAP], 8));
+        T_OK(wait_count(&box, &box.n, 5));
     }
     ended(s);
     T_OK(!box.ids_fall);
@@ -466,17 +450,15 @@ static void dropped_buffers_are_gaps(void)
     control_set(3, "Percentage of Dropped Buffers", 0);
 }
 
-static void numbers_go_on_past_32_bits(void)
+T_CASE(numbers_go_on_past_32_bits)
 {
     struct cap_source_config c = config("platform:vivid-003");
     c.fps = 60;
-    c.features = (const struct cap_feature[]){{"wrap_sequence_number", "1"}};
-    c.n_features = 1;
-    reset_box(false);
-    cap_source *s = opened(&c);
-    if (started(s)) {
-        T_OK(wait_count(&box.n, 1));
-        T_OK(wait_count(&box.last_id, (uint64_t)UINT32_MAX + 3));
+    FEATURES(&c, {"wrap_sequence_number", "1"});
+    cap_source *s = running(&c, false);
+    if (s != NULL) {
+        T_OK(wait_count(&box, &box.n, 1));
+        T_OK(wait_count(&box, &box.last_id, (uint64_t)UINT32_MAX + 3));
     }
     ended(s);
     T_LE(box.first_id, UINT32_MAX);
@@ -487,7 +469,7 @@ static void numbers_go_on_past_32_bits(void)
     control_set(3, "Wrap Sequence Number", 0);
 }
 
-static void stamps_are_the_hosts_clock_or_not_used(void)
+T_CASE(stamps_are_the_hosts_clock_or_not_used)
 {
     struct cap_source_config c = config("platform:vivid-003");
     for (int mode = 0; mode < 3; mode++) { /* end of frame, start of exposure, nonsense */
@@ -499,10 +481,9 @@ static void stamps_are_the_hosts_clock_or_not_used(void)
         snprintf(f[1].value, sizeof f[1].value, "%s", wrap);
         c.features = f;
         c.n_features = 2;
-        reset_box(false);
-        cap_source *s = opened(&c);
-        if (started(s))
-            T_OK(wait_count(&box.n, 3));
+        cap_source *s = running(&c, false);
+        if (s != NULL)
+            T_OK(wait_count(&box, &box.n, 3));
         ended(s);
         T_EQ_I(box.stamped, mode < 2);
         if (mode < 2)
@@ -512,36 +493,35 @@ static void stamps_are_the_hosts_clock_or_not_used(void)
     control_set(3, "Timestamp Source", 0);
 }
 
-static void errors_of_single_frames_are_counted(void)
+T_CASE(errors_of_single_frames_are_counted)
 {
     struct cap_source_config c = config("platform:vivid-003");
-    reset_box(false);
-    cap_source *s = opened(&c);
-    if (started(s)) {
-        T_OK(wait_count(&box.n, 2));
+    cap_source *s = running(&c, false);
+    if (s != NULL) {
+        T_OK(wait_count(&box, &box.n, 2));
         for (unsigned k = 1; k <= 3; k++) {
             control_set(3, "Inject V4L2_BUF_FLAG_ERROR", 1);
-            T_OK(wait_count(&box.count[CAP_INCOMPLETE], k));
+            T_OK(wait_count(&box, &box.count[CAP_INCOMPLETE], k));
         }
-        T_OK(wait_more(&box.n, 3));
+        T_OK(wait_more(&box, &box.n, 3));
         control_set(3, "Inject VIDIOC_QBUF Error",
                     1); /* the driver refuses a buffer: asked again */
-        T_OK(wait_more(&box.n, 20));
+        T_OK(wait_more(&box, &box.n, 20));
     }
     ended(s);
     T_EQ_I(box.lost, 0);
     T_EQ_I(box.holes, box.count[CAP_ID_GAP] + box.count[CAP_INCOMPLETE]);
 }
 
-static void stops_and_starts(void)
+T_CASE(stops_and_starts)
 {
     struct cap_source_config c = config("platform:vivid-004");
-    reset_box(true);
+    reset_box(&box, true);
     cap_source *s = opened(&c);
     unsigned fds = entries("/proc/self/fd");
     for (int round = 0; round < 10; round++) {
         struct cap_frame *old = NULL;
-        if (!started(s) || !wait_count(&box.n, 1 + (uint64_t)(round % 3)))
+        if (!started(s) || !wait_count(&box, &box.n, 1 + (uint64_t)(round % 3)))
             break;
         v4l2->stop(s);
         pthread_mutex_lock(&box.lock);
@@ -550,7 +530,7 @@ static void stops_and_starts(void)
         pthread_mutex_unlock(&box.lock);
         usleep(20000);
         T_EQ_I(box.n, n); /* nothing after stop */
-        reset_box(true);
+        reset_box(&box, true);
         cap_frame_release(old);
     }
     T_EQ_I(entries("/proc/self/fd"), fds);
@@ -561,51 +541,39 @@ static void stops_and_starts(void)
 
 /* ---- lost and found --------------------------------------------------------------------------- */
 
-static uint32_t checksum(const struct cap_frame *f)
-{
-    uint32_t h = 2166136261u;
-    for (size_t i = 0; i < f->img.size; i++)
-        h = (h ^ ((const unsigned char *)f->img.data)[i]) * 16777619u;
-    return h;
-}
-
-static void frames_outlive_their_source_and_do_not_block_the_next(void)
+T_CASE(frames_outlive_their_source_and_do_not_block_the_next)
 {
     struct cap_source_config c = config("platform:vivid-004");
-    c.features = (const struct cap_feature[]){{"osd_text_mode", "0"}}; /* counters: frames differ */
-    c.n_features = 1;
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (!started(s) || !wait_count(&box.n, 3)) {
+    FEATURES(&c, {"osd_text_mode", "0"}); /* counters: frames differ */
+    cap_source *s = running(&c, true);
+    if (s == NULL || !wait_count(&box, &box.n, 3)) {
         ended(s);
         return;
     }
     ended(s);
     uint32_t sum[3];
     for (int i = 0; i < 3; i++)
-        sum[i] = checksum(box.held[i]);
+        sum[i] = checksum(&box.held[i]->img);
     T_OK(sum[0] != sum[1] && sum[1] != sum[2]);
     struct cap_frame *old[3] = {box.held[0], box.held[1], box.held[2]};
     for (unsigned i = 3; i < box.n_held; i++)
         cap_frame_release(box.held[i]);
     box.n_held = 0;
-    reset_box(false);
-    s = opened(&c);
-    if (started(s))
-        T_OK(wait_count(&box.n, 10));
+    s = running(&c, false);
+    if (s != NULL)
+        T_OK(wait_count(&box, &box.n, 10));
     for (int i = 0; i < 3; i++) {
-        T_EQ_I(checksum(old[i]), sum[i]);
+        T_EQ_I(checksum(&old[i]->img), sum[i]);
         cap_frame_release(old[i]);
     }
     ended(s);
 }
 
-static void buffers_are_exported(void)
+T_CASE(buffers_are_exported)
 {
     struct cap_source_config c = config("platform:vivid-004");
-    reset_box(true);
-    cap_source *s = opened(&c);
-    if (started(s) && wait_count(&box.n, 2)) {
+    cap_source *s = running(&c, true);
+    if (s != NULL && wait_count(&box, &box.n, 2)) {
         const struct cap_frame *f = box.held[1];
         T_OK(f->dmabuf > 0);
         void *m = mmap(NULL, f->img.size, PROT_READ, MAP_SHARED, f->dmabuf, 0);
@@ -616,19 +584,18 @@ static void buffers_are_exported(void)
         }
     }
     ended(s);
-    empty_box();
+    empty_box(&box);
 }
 
-static void a_broken_stream_is_lost_at_once(void)
+T_CASE(a_broken_stream_is_lost_at_once)
 {
     struct cap_source_config c = config("platform:vivid-005");
     static const char *const ways[] = {"Inject Fatal Streaming Error", "Disconnect"};
     for (int way = 0; way < 2; way++) {
-        reset_box(true);
-        cap_source *s = opened(&c);
-        if (started(s) && wait_count(&box.n, 2)) {
+        cap_source *s = running(&c, true);
+        if (s != NULL && wait_count(&box, &box.n, 2)) {
             control_set(5, ways[way], 1);
-            T_OK(wait_lost());
+            T_OK(wait_count(&box, &box.lost, 1));
             if (way == 1) { /* gone while a frame of it is out, and in use */
                 cap_source *again;
                 struct pvx_diag d = {""};
@@ -637,20 +604,20 @@ static void a_broken_stream_is_lost_at_once(void)
         }
         ended(s);
         T_EQ_I(box.lost, 1);
-        empty_box();
-        reset_box(false);
+        empty_box(&box);
+        reset_box(&box, false);
         s = opened(&c); /* the driver brings it back when nobody has it open */
         if (started(s))
-            T_OK(wait_count(&box.n, 3));
+            T_OK(wait_count(&box, &box.n, 3));
         ended(s);
     }
     control_set(5, "Inject VIDIOC_STREAMON Error", 1);
     cap_source *s = opened(&c);
     struct pvx_diag d = {""};
-    T_OK(s != NULL && v4l2->start(s, &sink, &d) != PVX_OK);
+    T_OK(s != NULL && v4l2->start(s, &box_sink, &d) != PVX_OK);
     T_CONTAINS(d.text, "VIDIOC_STREAMON");
     if (started(s)) /* the next try goes well */
-        T_OK(wait_count(&box.n, 5));
+        T_OK(wait_count(&box, &box.n, 5));
     ended(s);
     control_set(5, "Inject VIDIOC_REQBUFS Error", 1);
     REFUSED(&c, PVX_EINVAL, "VIDIOC_REQBUFS");
@@ -658,72 +625,51 @@ static void a_broken_stream_is_lost_at_once(void)
 
 /* ---- eight at once ---------------------------------------------------------------------------- */
 
-static bool camera_has(cap_capture *cap, unsigned i, enum cap_count what, uint64_t n)
-{
-    static struct cap_stats st;
-    cap_capture_stats(cap, &st);
-    return st.camera[i].count[what] >= n;
-}
+static struct rig r;
+static uint64_t in_sets[N];
 
-/* Take sets until camera i has counted n; sets with it are counted. */
-static bool run_until(cap_capture *cap, uint64_t *in_sets, unsigned i, enum cap_count what,
-                      uint64_t n)
+static bool count_sets(int64_t wait_ns)
 {
-    int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
-    while (!camera_has(cap, i, what, n) && pvx_now_mono() < until) {
-        struct cap_set *set;
-        if (cap_capture_next(cap, 100 * PVX_NS_PER_MS, &set) != PVX_OK)
-            continue;
-        T_LE(set->spread_ns, 90 * PVX_NS_PER_MS);
-        for (unsigned k = 0; k < N; k++)
-            in_sets[k] += set->frame[k] != NULL;
-        cap_set_release(set);
-    }
-    return camera_has(cap, i, what, n);
-}
-
-static void eight_at_once_and_one_is_unplugged(void)
-{
-    static struct cap_source_config cam[N];
-    static char name[N][16];
-    static struct cap_stats st;
-    for (unsigned i = 0; i < N; i++) {
-        snprintf(name[i], sizeof name[i], "cam%u", i);
-        cam[i] = config(found_uri[i]);
-        cam[i].name = name[i];
-        cam[i].fps = 5;
-        cam[i].buffers = 8;
-    }
-    struct cap_capture_config cfg = {.n_cameras = N,
-                                     .camera = cam,
-                                     .fps = 5,
-                                     .discard_first = 1,
-                                     .sets = {.policy = CAP_POLICY_PARTIAL,
-                                              .min_cameras = 1,
-                                              .tolerance_ns = 90 * PVX_NS_PER_MS}};
-    cap_capture *cap;
-    struct pvx_diag d = {""};
-    T_EQ_I(cap_capture_new(&cfg, &cap, &d), PVX_OK);
-    if (cap == NULL)
-        return;
-    uint64_t in_sets[N] = {0};
-    T_EQ_I(cap_capture_start(cap, &d), PVX_OK);
-    for (unsigned i = 0; i < N; i++)
-        T_OK(run_until(cap, in_sets, i, CAP_RECEIVED, 5));
-    control_set(3, "Disconnect", 1);
-    T_OK(run_until(cap, in_sets, 3, CAP_LOST_CAMERA, 1));
-    cap_capture_stats(cap, &st);
-    T_OK(run_until(cap, in_sets, 3, CAP_RECEIVED, st.camera[3].count[CAP_RECEIVED] + 5));
-    cap_capture_stop(cap);
     struct cap_set *set;
-    while (cap_capture_next(cap, 0, &set) == PVX_OK) {
-        for (unsigned k = 0; k < N; k++)
-            in_sets[k] += set->frame[k] != NULL;
-        cap_set_release(set);
-    }
-    cap_capture_stats(cap, &st);
+    if (cap_capture_next(r.cap, wait_ns, &set) != PVX_OK)
+        return false;
+    T_LE(set->spread_ns, 90 * PVX_NS_PER_MS);
+    for (unsigned k = 0; k < N; k++)
+        in_sets[k] += set->frame[k] != NULL;
+    cap_set_release(set);
+    return true;
+}
+
+/* Sets are taken until camera i has counted n. */
+static bool run_until(unsigned i, enum cap_count what, uint64_t n)
+{
+    UNTIL (rig_stats(&r)->camera[i].count[what] >= n)
+        count_sets(100 * PVX_NS_PER_MS);
+    return r.st.camera[i].count[what] >= n;
+}
+
+T_CASE(eight_at_once_and_one_is_unplugged)
+{
+    rig_init(&r, N, 5, config(found_uri[0]));
     for (unsigned i = 0; i < N; i++) {
-        const uint64_t *n = st.camera[i].count;
+        r.cam[i].uri = found_uri[i];
+        r.cam[i].fps = 5;
+        r.cam[i].buffers = 8;
+    }
+    r.cfg.discard_first = 1;
+    r.cfg.sets.tolerance_ns = 90 * PVX_NS_PER_MS;
+    rig_start(&r);
+    for (unsigned i = 0; i < N; i++)
+        T_OK(run_until(i, CAP_RECEIVED, 5));
+    control_set(3, "Disconnect", 1);
+    T_OK(run_until(3, CAP_LOST_CAMERA, 1));
+    T_OK(run_until(3, CAP_RECEIVED, r.st.camera[3].count[CAP_RECEIVED] + 5));
+    cap_capture_stop(r.cap);
+    while (count_sets(0))
+        ;
+    rig_stats(&r);
+    for (unsigned i = 0; i < N; i++) {
+        const uint64_t *n = r.st.camera[i].count;
         T_OK(in_sets[i] > 0);
         T_EQ_I(n[CAP_RECEIVED], in_sets[i] + n[CAP_LATE] + n[CAP_UNMATCHED] + n[CAP_OVERFLOW]);
         T_OK(n[CAP_LOST_CAMERA] >= (i == 3));
@@ -731,13 +677,13 @@ static void eight_at_once_and_one_is_unplugged(void)
             T_EQ_I(n[CAP_LOST_CAMERA], i == 3);
         T_EQ_I(n[CAP_BAD_FORMAT] + n[CAP_BAD_SIZE] + n[CAP_INCOMPLETE], 0);
     }
-    cap_capture_free(&cap);
+    cap_capture_free(&r.cap);
 }
 
 static unsigned fds_at_first;
-static void nothing_is_left_open(void)
+T_CASE(nothing_is_left_open)
 {
-    empty_box();
+    empty_box(&box);
     T_EQ_I(entries("/proc/self/fd"), fds_at_first);
     T_EQ_I(mappings(), 0);
 }
@@ -748,27 +694,5 @@ int main(void)
     pvx_log_set_level(PVX_LOG_ERROR);
     v4l2 = cap_backend_find("v4l2:", &rest);
     fds_at_first = entries("/proc/self/fd");
-    T_RUN(lists_every_camera_by_a_name_that_opens_it);
-    T_RUN(a_name_of_several_cameras_is_refused_with_the_choice);
-    T_RUN(a_camera_in_use_is_busy_and_says_by_whom);
-    T_RUN(every_format_shows_the_same_bars);
-    T_RUN(multi_planar_devices_too);
-    T_RUN(yuv_is_read_as_the_driver_says_it_is);
-    T_RUN(what_is_not_offered_is_refused_with_what_is);
-    T_RUN(controls_are_set_and_read_back);
-    T_RUN(controls_that_are_refused_say_why);
-    T_RUN(gain_switches_the_automatic_off);
-    T_RUN(a_slow_consumer_costs_frames_not_the_stream);
-    T_RUN(many_buffers_are_copies);
-    T_RUN(dropped_buffers_are_gaps);
-    T_RUN(numbers_go_on_past_32_bits);
-    T_RUN(stamps_are_the_hosts_clock_or_not_used);
-    T_RUN(errors_of_single_frames_are_counted);
-    T_RUN(stops_and_starts);
-    T_RUN(frames_outlive_their_source_and_do_not_block_the_next);
-    T_RUN(buffers_are_exported);
-    T_RUN(a_broken_stream_is_lost_at_once);
-    T_RUN(eight_at_once_and_one_is_unplugged);
-    T_RUN(nothing_is_left_open);
-    return t_done();
+    return t_run();
 }

@@ -5,14 +5,15 @@
  * backend lists.  Every frame must be one of its camera's pictures in the format, byte for byte; numbers
  * grow, stamps lie shortly before the arrival, and without HZ frames of one instant show the same
  * picture number in all cameras (busier, an emulated machine stamps too late to tell).
- * At the end it prints "figures ..." with the rate, and per camera "camera 3 taken 12 missing 0": what
+ * At the end it prints "figures ..." with the rate, and per camera "camera 3 received 12 missing 0": what
  * was received, and what the backend says was lost. */
 #include <pthread.h>
 #include <stdlib.h>
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "capture/source/source.h"
+#include "capture/rig/backends.h"
+#include "tests/lib/source.h"
 #include "tests/t.h"
 #include "tests/vm/uvc/images.h"
 
@@ -41,6 +42,7 @@ static const char *dir;
 static enum cap_pixfmt fmt = CAP_GREY8;
 static enum uvc_format uvc_fmt = UVC_GREY;
 static double rate = 5;
+static bool rate_given;
 static size_t frames = 12; /* looked at per camera */
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 
@@ -67,21 +69,7 @@ static void found(void *ctx, const struct cap_found *f)
     n_listed++;
 }
 
-static int by_text(const void *a, const void *b)
-{
-    return strcmp(a, b);
-}
-
-static void listed(void)
-{
-    struct pvx_diag d = {""};
-    T_EQ_I(ops->list(found, NULL, &d), PVX_OK);
-    T_EQ_S(d.text, "");
-    T_EQ_I(n_listed, n_cams);
-    qsort(uris, n_cams, sizeof uris[0], by_text);
-}
-
-static void load_pictures(void)
+T_CASE(load_pictures)
 {
     for (unsigned i = 0; i < n_cams; i++) {
         char name[512];
@@ -90,6 +78,20 @@ static void load_pictures(void)
         pvx_err e = uvc_images_load(name, 1u << uvc_fmt, UVC_QUALITY, &cam[i].picture, &d);
         T_EQ_S(e == PVX_OK ? "" : pvx_diag_text(&d, e), "");
     }
+}
+
+static int by_text(const void *a, const void *b)
+{
+    return strcmp(a, b);
+}
+
+T_CASE(listed)
+{
+    struct pvx_diag d = {""};
+    T_EQ_I(ops->list(found, NULL, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(n_listed, n_cams);
+    qsort(uris, n_cams, sizeof uris[0], by_text);
 }
 
 static void odd(struct camera *c, const char *why, double v)
@@ -158,7 +160,7 @@ static bool enough(void)
     return all;
 }
 
-static void streamed(void)
+T_CASE(streamed)
 {
     const struct cap_sink sink = {.push = push, .event = event, .count = count};
     const char *slow = getenv("VM_SLOW");
@@ -169,16 +171,10 @@ static void streamed(void)
         const char *rest;
         struct pvx_diag d = {""};
         T_OK(cap_backend_find(uris[i], &rest) == ops);
-        struct cap_source_config c = {.uri = rest,
-                                      .name = "cam",
-                                      .camera = i,
-                                      .width = cam[i].picture.size[0].width,
-                                      .height = cam[i].picture.size[0].height,
-                                      .fmt = fmt,
-                                      .fps = rate,
-                                      .buffers = 6,
-                                      .exposure_us = -1,
-                                      .gain = -1};
+        const struct uvc_size *size = &cam[i].picture.size[0];
+        struct cap_source_config c = source_of(rest, size->width, size->height, fmt, rate);
+        c.camera = i;
+        c.buffers = 6;
         pvx_err e = ops->open(&c, &cam[i].source, &d);
         if (e == PVX_OK)
             e = ops->start(cam[i].source, &sink, &d);
@@ -203,8 +199,10 @@ static void streamed(void)
 }
 
 /* The cameras send picture floor(t / period) at every multiple of the period. */
-static void in_step(void)
+T_CASE(in_step)
 {
+    if (rate_given)
+        T_SKIP("not at the pictures' own rate");
     unsigned pairs = 0;
     for (unsigned i = 1; i < n_cams; i++)
         for (size_t a = 0; a < cam[0].n; a++)
@@ -224,7 +222,8 @@ static void figures(void)
         double own = c->n > 1 ? (double)(c->n - 1) * 1e9 / (double)(c->end - c->begin) : 0;
         hz += own / n_cams;
         slowest = own < slowest ? own : slowest;
-        printf("camera %u taken %llu missing %llu\n", i, (unsigned long long)c->count[CAP_RECEIVED],
+        printf("camera %u received %llu missing %llu\n", i,
+               (unsigned long long)c->count[CAP_RECEIVED],
                (unsigned long long)(c->count[CAP_ID_GAP] + c->count[CAP_UNDERRUN]));
     }
     printf("figures %u cameras %dx%d %s, asked %g Hz, got %.2f (slowest camera %.2f), %zu frames "
@@ -250,7 +249,8 @@ static bool options(int argc, char **argv)
             if (formats[i].fmt == fmt)
                 uvc_fmt = formats[i].uvc;
     }
-    if (argc > 5)
+    rate_given = argc > 5;
+    if (rate_given)
         rate = atof(argv[5]);
     if (argc > 6)
         frames = strtoul(argv[6], NULL, 10);
@@ -262,11 +262,7 @@ int main(int argc, char **argv)
 {
     if (!options(argc, argv))
         return 2;
-    T_RUN(load_pictures);
-    T_RUN(listed);
-    T_RUN(streamed);
-    if (argc <= 5)
-        T_RUN(in_step);
+    t_run();
     figures();
     for (unsigned i = 0; i < n_cams; i++)
         uvc_images_free(&cam[i].picture);

@@ -54,7 +54,7 @@ static void files(const char *dir, glob_t *g)
     T_EQ_I(glob(pattern, 0, NULL, g), 0);
 }
 
-static void same(void)
+T_CASE(same)
 {
     glob_t refs = {0}, live = {0};
     struct volume ref[MAX_REFS] = {0};
@@ -109,6 +109,5 @@ int main(int argc, char **argv)
     live_dir = argv[1];
     ref_dir = argv[2];
     bound = atof(argv[3]);
-    T_RUN(same);
-    return t_done();
+    return t_run();
 }

@@ -1,32 +1,33 @@
-/* pcg_pass.h - the loops of solve_pcg.c over voxels and rays, compiled once per instruction set.
+/* pcg_pass.h - the loops of pcg.c over voxels and rays, compiled once per instruction set.
  *
  * Each runs over the fixed chunks of subsys.h and leaves its sums in the workspace's partial results,
  * so nothing depends on the threads; without the gather kernels' FMA, not on the instruction set
- * either.  Equations (1) to (5) are those of solve_pcg.c.
+ * either.  Equations (1) to (5) are those of pcg.c.
  * Private to the solver. */
 #ifndef REC_PCG_PASS_H
 #define REC_PCG_PASS_H
-#include "recon/solve_impl.h"
+#include "recon/solve/impl.h"
 
 enum { S_A, S_B, S_C, S_D };
 
 struct rec_pcg {
-    struct rec_job *j;
+    rec_problem *pb;
     struct rec_smooth smooth;
     struct rec_stiff *stiff;                       /* [n] V of (1) */
     float *x, *next, *phi, *phi_old, *d, *lx, *ld; /* x space; lx = V L x, ld = V L d */
     float *r, *q;                                  /* row space: A x - b; A d, then W r */
     double alpha[4], beta[4], mu[4], back[4];
-    double lambda[4];
+    double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
+    double moved2[4];             /* ||x - next||^2 of the last step */
 };
 
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows for residual; of rows, then of columns for
  * curvature. */
 struct rec_pcg_passes {
-    pvx_task_fn near;       /* neighbours */
-    pvx_task_fn direction;  /* (4); sum A: d'phi */
-    pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns: ld = V L d, sum A: d'L ld */
-    pvx_task_fn step;       /* (5): next, lx += alpha ld, the clipped columns */
+    pvx_task_fn near;      /* neighbours */
+    pvx_task_fn direction; /* (4); sum A: d'phi */
+    pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns: ld = V L d, sum A: d'L ld */
+    pvx_task_fn step; /* (5): next, lx += alpha ld, the clipped columns; sum A: ||next - x||^2 */
     pvx_task_fn residual;   /* r += alpha q, q = W r, sum A: r'Wr */
     pvx_task_fn smoothness; /* lx = V L x */
     pvx_task_fn gradient;   /* (3); sums A phi'M phi, B phi'M phi_old, C x'L lx, D ||x||^2 */
@@ -34,6 +35,9 @@ struct rec_pcg_passes {
     pvx_task_fn retreat;    /* next = x + back (next - x) */
     void (*add_clipped)(struct rec_pcg *t); /* what clipping changes in q and lx; serial */
 };
+
+/* Those for the processor that `k` is for. */
+const struct rec_pcg_passes *rec_pcg_passes(const struct rec_kernels *k);
 
 extern const struct rec_pcg_passes rec_pcg_passes_base;
 #if defined(__x86_64__)

@@ -4,4 +4,4 @@
 #error "pcg_pass_avx2.c needs -mavx2"
 #endif
 #define PASSES rec_pcg_passes_avx2
-#include "recon/simd/pcg_pass_impl.h"
+#include "recon/solve/passes/pcg_pass_impl.h"

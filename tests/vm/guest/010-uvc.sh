@@ -3,6 +3,7 @@
 # controls, a cable pulled and plugged.  No code of Pyrovox reads the pictures here.
 # vm-modprobe: vhci-hcd
 # vm-modprobe: uvcvideo
+# vm-quick
 # vm-seconds: 60
 name=010
 . "$(dirname "$0")/lib.sh"

@@ -12,6 +12,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "base/random.h"
 #include "tests/vm/uvc/descriptors.h"
 #include "tests/vm/uvc/usbip.h"
 
@@ -245,8 +246,7 @@ static int control(void *ctx, const uint8_t s[8], const uint8_t *data, size_t n,
 
 static bool by_chance(struct uvc_camera *c, double share)
 {
-    c->random = c->random * 6364136223846793005u + 1442695040888963407u; /* Knuth's MMIX */
-    return (double)(c->random >> 11) * 0x1p-53 < share;
+    return pvx_uniform(&c->random) < share;
 }
 
 static void fill_payload(struct uvc_camera *c, int64_t due, int64_t now, bool cut)
@@ -413,7 +413,7 @@ pvx_err uvc_camera_new(const struct uvc_camera_config *cfg, uvc_camera **out)
     if (c == NULL)
         return PVX_ENOMEM;
     c->c = *cfg;
-    c->random = cfg->seed;
+    c->random = (cfg->seed + 1) * 0x9E3779B97F4A7C15u;
     pthread_mutex_init(&c->lock, NULL);
     c->room = HEADER + uvc_images_max(cfg->images, UVC_YUYV, 0);
     for (size_t i = 0; i < cfg->images->n; i++) /* a JPEG of noise may be larger than its pixels */

@@ -1,0 +1,23 @@
+/* trigger.h - who starts an exposure, and whether it stays so (private to the aravis: files).
+ * Threads: the caller holds the camera's features (gev.h). */
+#ifndef CAP_ARAVIS_TRIGGER_H
+#define CAP_ARAVIS_TRIGGER_H
+#include <arv.h>
+#include <stdbool.h>
+#include "capture/source/source.h"
+
+/* Acquisition mode, trigger and, in free run, frame rate. */
+PVX_MUST_CHECK pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam,
+                                          struct pvx_diag *d);
+
+/* What starts an exposure, as the camera says; mode "" = it has no TriggerMode, or does not answer. */
+struct aravis_mode {
+    char selector[32], mode[16], source[64];
+};
+/* Of a camera that has just been set up. */
+void aravis_mode_first(ArvCamera *cam, struct aravis_mode *out);
+/* Is it still `want`?  True, too, when there is nothing to compare.  `text` says what is wrong. */
+bool aravis_mode_is(ArvCamera *cam, const struct aravis_mode *want, char *text, size_t size);
+/* Set it again; true when the camera then says so. */
+bool aravis_mode_again(ArvCamera *cam, const struct aravis_mode *want);
+#endif

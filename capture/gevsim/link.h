@@ -1,0 +1,19 @@
+/* link.h - what the cameras of one simulation send over and are triggered by: the switch, the line. */
+#ifndef CAP_GVCAM_LINK_H
+#define CAP_GVCAM_LINK_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct gvcam_link {
+    double bytes_per_ns; /* 0 = no limit */
+    size_t buffer;
+    double level; /* of the buffer */
+    int64_t at;   /* as of when */
+    int64_t silent_until;
+    uint32_t line_level;
+};
+bool gvcam_link_silent(const struct gvcam_link *l, int64_t now);
+/* May a packet of so many bytes go out?  No: one more in *cut. */
+bool gvcam_link_pass(struct gvcam_link *l, size_t bytes, int64_t now, uint64_t *cut);
+#endif

@@ -1,0 +1,159 @@
+/* setup.c - what a capture is made of, from its configuration; checked, copied, allocated. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "capture/rig/backends.h"
+#include "capture/rig/capture_int.h"
+
+#define DEFAULT_BUFFERS 12
+#define QUEUED_SETS     2
+#define MIN_QUIET_NS    (700 * PVX_NS_PER_MS)
+
+static pvx_err known_scheme(struct cap_camera *cam, const char *uri, struct pvx_diag *d)
+{
+    const char *rest;
+    cam->ops = cap_backend_find(uri, &rest);
+    if (cam->ops != NULL) {
+        cam->cfg.uri = rest;
+        return PVX_OK;
+    }
+    char list[128] = "";
+    for (const struct cap_source_ops *const *b = cap_backends(); *b != NULL; b++) {
+        size_t n = strlen(list);
+        snprintf(list + n, sizeof list - n, " %s:", (*b)->scheme);
+    }
+    return pvx_fail(d, PVX_EINVAL, "camera %s: \"%s\" is no source; there are%s", cam->name, uri,
+                    list);
+}
+
+/* Recorded frames come as they were exposed, whatever started them. */
+static pvx_err can_trigger(const struct cap_camera *cam, struct pvx_diag *d)
+{
+    static const char *const by[] = {"", "by software", "by a line", "by action commands"};
+    enum cap_trigger t = cam->cap->cfg.trigger;
+    bool can = t == CAP_TRIGGER_SOFTWARE ? cam->ops->trigger != NULL : cam->ops->triggers;
+    if (t == CAP_TRIGGER_FREE_RUN || cam->ops->recorded || can)
+        return PVX_OK;
+    return pvx_fail(d, PVX_EINVAL, "camera %s (%s): cannot be triggered %s", cam->name, cam->uri,
+                    by[t]);
+}
+
+static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_diag *d)
+{
+    struct cap_camera *cam = &cap->camera[i];
+    const struct cap_source_config *src = &cap->cfg.camera[i];
+    if (src->uri == NULL)
+        return pvx_fail(d, PVX_EINVAL, "camera %u has no source", i);
+    char number[16];
+    snprintf(number, sizeof number, "%u", i);
+    cam->cfg = *src;
+    cam->name = strdup(src->name != NULL ? src->name : number);
+    cam->uri = strdup(src->uri);
+    bool line = src->trigger_line != NULL && src->trigger_line[0] != '\0';
+    cam->cfg.trigger_line = cam->line = strdup(line ? src->trigger_line : "Line1");
+    pvx_board_write(&cam->life.health, &cap_health_unknown, sizeof cap_health_unknown);
+    if (cam->name == NULL || cam->uri == NULL || cam->line == NULL)
+        return PVX_ENOMEM;
+    PVX_TRY(known_scheme(cam, cam->uri, d));
+    cam->cfg.name = cam->name;
+    if (src->n_features > 0) {
+        cam->features = pvx_calloc(src->n_features, sizeof *cam->features);
+        if (cam->features == NULL)
+            return PVX_ENOMEM;
+        memcpy(cam->features, src->features, src->n_features * sizeof *cam->features);
+    }
+    cam->cfg.features = cam->features;
+    cam->cfg.camera = i;
+    cam->cfg.trigger = cap->cfg.trigger;
+    cam->cfg.action = cap->cfg.action.keys;
+    cam->cfg.lossless = cap->cfg.lossless;
+    if (cam->cfg.fps <= 0)
+        cam->cfg.fps = cap->cfg.fps;
+    if (cam->cfg.buffers == 0)
+        cam->cfg.buffers = DEFAULT_BUFFERS;
+    if (cam->cfg.buffers < 4 || cam->cfg.buffers > 1024)
+        return pvx_fail(d, PVX_EINVAL, "camera %s: %u buffers; 4 to 1024 are possible", cam->name,
+                        cam->cfg.buffers);
+    PVX_TRY(can_trigger(cam, d));
+    cam->quiet_ns = 5 * cap->period_ns > MIN_QUIET_NS ? 5 * cap->period_ns : MIN_QUIET_NS;
+    cam->intake.width = src->width;
+    cam->intake.height = src->height;
+    cam->intake.fmt = src->fmt;
+    bool mono = cam->ops->clock == CAP_CLOCK_MONO;
+    cam->shows_real = (cap->cfg.shared_clock && !mono) || cam->ops->recorded;
+    cam->own_clock = !cam->shows_real && !mono;
+    cap_clockmap_init(&cam->assembly.clock, !cam->own_clock);
+    /* Half of the buffers may wait here, the other half is for sets and the driver. */
+    return pvx_ring_new(cam->cfg.buffers / 2, &cam->intake.ring);
+}
+
+static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    struct cap_capture *cap = ctx;
+    cap->camera[camera].count[what] += n;
+}
+
+static void detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
+{
+    struct cap_capture *cap = ctx;
+    cap_detail(&cap->camera[camera], what, "%s", text);
+}
+
+/* What the assembler gives up: the count comes first. */
+static void count_stray(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+{
+    struct cap_capture *cap = ctx;
+    cap->stray = what;
+    count(ctx, camera, what, n);
+}
+
+static void push_stray(void *ctx, struct cap_frame *f)
+{
+    struct cap_capture *cap = ctx;
+    cap->cfg.tap.stray(cap->cfg.tap.ctx, f, cap->stray);
+}
+
+pvx_err cap_set_up(struct cap_capture *cap, struct pvx_diag *d)
+{
+    const struct cap_capture_config *cfg = &cap->cfg;
+    if (!(cfg->fps >= 0) || cfg->fps > 1e5)
+        return pvx_fail(d, PVX_EINVAL, "%g frames per second are not possible", cfg->fps);
+    cap->period_ns = cfg->fps > 0 ? llrint(1e9 / cfg->fps) : 0;
+    bool paced = cfg->trigger == CAP_TRIGGER_SOFTWARE || cfg->trigger == CAP_TRIGGER_ACTION;
+    if (paced && cap->period_ns == 0)
+        return pvx_fail(d, PVX_EINVAL, "a software trigger needs a frame rate");
+    cap->all_show_real = true;
+    for (uint32_t i = 0; i < cap->n; i++) {
+        PVX_TRY(set_up_camera(cap, i, d));
+        cap->all_show_real &= cap->camera[i].shows_real;
+    }
+    struct cap_assembler_params p = cfg->sets;
+    p.cameras = cap->n;
+    if (p.period_ns == 0)
+        p.period_ns = cap->period_ns;
+    struct cap_sink counts = {
+        .count = count_stray, .push = cfg->tap.stray != NULL ? push_stray : NULL, .ctx = cap};
+    pvx_err e = cap_assembler_new(&p, &counts, &cap->assembler);
+    if (e == PVX_EINVAL)
+        return pvx_fail(d, e,
+                        "frame sets: a tolerance of %.3f ms with a period of %.3f ms and at "
+                        "least %u of %u cameras is not possible (tolerance: above 0, below "
+                        "half a period)",
+                        (double)p.tolerance_ns * 1e-6, (double)p.period_ns * 1e-6, p.min_cameras,
+                        cap->n);
+    PVX_TRY(e);
+    for (uint32_t i = 0; i < cap->n; i++)
+        cap_assembler_alive(cap->assembler, i, false);
+    struct cap_syncwatch_params w = {.cameras = cap->n,
+                                     .period_ns = p.period_ns,
+                                     .tolerance_ns =
+                                         p.tolerance_ns != 0 ? p.tolerance_ns : p.period_ns / 4,
+                                     .paced_outside = cfg->trigger == CAP_TRIGGER_LINE};
+    struct cap_sink found = {.count = count, .ctx = cap};
+    cap_syncwatch_init(&cap->watch, &w, &found, detail);
+    cap->watches = !cfg->lossless && cap->n > 1;
+    return pvx_queue_new(QUEUED_SETS, &cap->out);
+}

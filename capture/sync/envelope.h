@@ -1,0 +1,43 @@
+/* envelope.h - the straight line under points that only ever lie above the truth, on line.
+ *
+ *     y = offset + drift x,  as high as it can be with no point below it                 (1)
+ * x: a camera's time since an origin [ns]; y: arrival minus camera's time [ns], which is the clocks'
+ * offset and a delay that is never below some minimum.  Of each bucket of 1 s the smallest y counts; the line
+ * is the edge of the lower convex hull of the last 64 buckets over their mean time (Moon, Skelly, Towsley,
+ * INFOCOM 1999, section 3).
+ * Drift is clamped to +-500 ppm, to +-150 ppm before CAP_ENVELOPE_KNOWN buckets are full; before three
+ * are, it is what it was in the last life.  Three full buckets in a row that lie 5 ms above the line begin
+ * the envelope anew.
+ * Why: SYNC.md section 10.   Used by: clockmap.h.
+ * Threads: one.  Allocates nothing; O(1) a point, a fit over 64 buckets once a second. */
+#ifndef CAP_ENVELOPE_H
+#define CAP_ENVELOPE_H
+#include <stdbool.h>
+#include <stdint.h>
+
+#define CAP_ENVELOPE_BUCKETS 64
+#define CAP_ENVELOPE_LINE    3  /* full buckets from which on there is a line */
+#define CAP_ENVELOPE_KNOWN   16 /* and from which on its drift is known well */
+#define CAP_DRIFT_MAX        500e-6
+
+/* All zero, then begin(). */
+struct cap_envelope {
+    double drift, offset_ns; /* of (1) */
+    double excess_ns;        /* mean of the buckets above the line: how firmly it lies */
+    struct cap_envelope_bucket {
+        int64_t x;
+        double y;
+    } current, bucket[CAP_ENVELOPE_BUCKETS];
+    int n, head;   /* full buckets, place of the next */
+    int above;     /* full buckets in a row that lie far above the line */
+    int64_t until; /* x at which the current bucket is full */
+};
+
+/* Anew at this point, with the drift that it has.  y infinite: no point yet; the line goes through 0. */
+void cap_envelope_begin(struct cap_envelope *e, int64_t x, double y);
+double cap_envelope_at(const struct cap_envelope *e, int64_t x);
+/* x in order of time.  True: the line has moved.  *above_ns: how far above it the points of three buckets
+ * were, when it has begun anew for that; else 0. */
+bool cap_envelope_add(struct cap_envelope *e, int64_t x, double y, double *above_ns);
+
+#endif

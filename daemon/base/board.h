@@ -1,0 +1,24 @@
+/* board.h - a small value that one thread writes and any thread reads, whole.  The writer never waits; a
+ * reader looks again when it was written meanwhile (H.-J. Boehm, MSPC 2012: sequence locks).
+ *
+ *     turn    odd while the words change
+ * The words are stored with release and loaded with acquire: who sees a new word sees that the turn is
+ * odd, or over.  All zero is a board of zeros. */
+#ifndef PVX_BOARD_H
+#define PVX_BOARD_H
+#include <stdatomic.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define PVX_BOARD_BYTES 256
+
+struct pvx_board {
+    atomic_uint turn;
+    _Atomic uint64_t word[PVX_BOARD_BYTES / 8];
+};
+/* The first `bytes` <= PVX_BOARD_BYTES of it.  One thread at a time. */
+void pvx_board_write(struct pvx_board *b, const void *value, size_t bytes);
+/* Any thread. */
+void pvx_board_read(const struct pvx_board *b, void *value, size_t bytes);
+
+#endif

@@ -1,0 +1,28 @@
+/* cpu.h - which instruction sets the inner loops may use, asked in one place.
+ *
+ * A table of loops is filled for a level: first every slot with the reference in plain C, then each
+ * instruction set up to the level overwrites the slots that it has.  A slot that nobody overwrites is
+ * the reference.
+ * Threads: any may call; pvx_cpu_use belongs to the program's start. */
+#ifndef PVX_CPU_H
+#define PVX_CPU_H
+#include "base/err.h"
+
+/* Each level includes those before it. */
+enum pvx_cpu {
+    PVX_CPU_REF,
+    PVX_CPU_AVX2,   /* with FMA and BMI2 */
+    PVX_CPU_AVX512, /* F and VL */
+    PVX_CPU_BEST = PVX_CPU_AVX512
+};
+
+/* "ref", "avx2", "avx512" */
+const char *pvx_cpu_name(enum pvx_cpu level);
+/* What this processor can do. */
+enum pvx_cpu pvx_cpu_have(void);
+/* Narrow to a level by its name; NULL: what the environment variable PYROVOX_CPU says, else all there
+ * is.  PVX_EINVAL, with the names that this processor has: no such level here. */
+PVX_MUST_CHECK pvx_err pvx_cpu_use(const char *name, struct pvx_diag *d);
+/* The level to use.  Where pvx_cpu_use was never called PYROVOX_CPU counts if it is right. */
+enum pvx_cpu pvx_cpu(void);
+#endif

@@ -1,0 +1,13 @@
+/* status_cameras.h - how the cameras are and how well they work together, as text, from a daemon's status. */
+#ifndef STATUS_CAMERAS_H
+#define STATUS_CAMERAS_H
+#include <cjson/cJSON.h>
+
+/* Table and histogram of each camera's exposures against their sets; nothing when there are none. */
+void skew_print(const cJSON *status);
+/* What is wrong with the cameras now and what to do about it; nothing when all is well. */
+void troubles_print(const cJSON *status);
+/* Temperature, link and PTP of cameras, and action commands: nothing for cameras that say nothing. */
+void health_print(const cJSON *status);
+
+#endif

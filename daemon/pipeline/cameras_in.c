@@ -1,0 +1,72 @@
+#include "daemon/pipeline/cameras_in.h"
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "daemon/pipeline/stage.h"
+
+#define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
+
+/* How many cameras' images a set must have to be solved. */
+static uint32_t images_needed(const struct dmn_cameras_in *in, const struct cap_set *set)
+{
+    bool all = in->sets.policy == CAP_POLICY_DROP || set->n < in->sets.min_cameras;
+    return all ? set->n : in->sets.min_cameras;
+}
+
+/* A set that is too old makes way for a newer one if there is one. */
+static struct cap_set *newest(struct dmn_cameras_in *in, struct cap_set *set, uint64_t *passed_over)
+{
+    while (in->stale_ns > 0 && pvx_now_mono() - set->t_last_mono_ns > in->stale_ns) {
+        struct cap_set *next;
+        if (cap_capture_next(in->capture, 0, &next) != PVX_OK)
+            break;
+        ++*passed_over;
+        cap_set_release(set);
+        set = next;
+    }
+    return set;
+}
+
+/* The set's images into the slot; at most once a second one that cannot be used is told. */
+static void load(struct dmn_cameras_in *in, const struct cap_set *set, struct dmn_slot *s)
+{
+    const struct cap_image *image[REC_MAX_CAMERAS] = {0};
+    int64_t t0 = pvx_now_mono();
+    for (size_t c = 0; c < in->rig->n_cameras; c++)
+        image[c] = set->frame[c] != NULL ? &set->frame[c]->img : NULL;
+    s->n_present = dmn_images_bin_frame(in->images, image, s->frame, &s->mask);
+    s->bin_ns = pvx_now_mono() - t0;
+    for (size_t c = 0; c < in->rig->n_cameras; c++)
+        if (image[c] != NULL && !(s->mask >> c & 1))
+            LOG_EVERY(PVX_LOG_WARN, DAEMON, "camera %s: image cannot be used: %s",
+                      in->rig->cameras[c].name, dmn_images_why(in->images, c));
+}
+
+static pvx_err next(void *ctx, struct dmn_slot *s)
+{
+    struct dmn_cameras_in *in = ctx;
+    struct cap_set *set;
+    if (in->wait_for != NULL && !atomic_load(in->stopping)) {
+        if (atomic_load(in->wait_for) == 0) {
+            pvx_sleep_until_mono(pvx_now_mono() + WAIT_SUBSCRIBER_NS);
+            return PVX_ETIMEDOUT;
+        }
+        in->wait_for = NULL; /* from now on it is the subscribers' affair */
+    }
+    PVX_TRY(cap_capture_next(in->capture, DMN_STAGE_WAIT_NS, &set));
+    set = newest(in, set, &s->passed_over);
+    s->set = set->number;
+    s->t_exposure_ns = set->t_exposure_ns;
+    s->spread_ns = set->spread_ns;
+    s->t_last_mono_ns = set->t_last_mono_ns;
+    load(in, set, s);
+    if (s->n_present == 0 || s->n_present < images_needed(in, set))
+        s->why = DMN_DROP_IMAGES;
+    cap_set_release(set);
+    return PVX_OK;
+}
+
+struct dmn_source dmn_cameras_source(struct dmn_cameras_in *in)
+{
+    return (struct dmn_source){.next = next, .ctx = in};
+}

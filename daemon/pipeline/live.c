@@ -1,0 +1,235 @@
+#include "daemon/pipeline/live.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "daemon/pipeline/cameras_in.h"
+#include "daemon/pipeline/publish.h"
+#include "daemon/pipeline/recording.h"
+#include "daemon/pipeline/scene.h"
+#include "daemon/pipeline/sources.h"
+
+struct dmn_live {
+    struct dmn_config cfg;
+    struct rec_rig rig;
+    struct rec_sysmat_params matrix; /* resolved */
+    pvx_pool *pool;
+    rec_sysmat *S;
+    dmn_scene *scene; /* NULL: nobody looks at it */
+    struct dmn_sources sources;
+    cap_capture *capture;
+    dmn_recording *recording; /* NULL = cannot */
+    dmn_images *images;
+    struct dmn_cameras_in in;
+    struct dmn_publish out;
+    dmn_pipeline *pipeline;
+    atomic_bool stopping;
+    int64_t t_start_ns;
+};
+
+static void snapshot(void *ctx, struct dmn_state *out)
+{
+    dmn_live_snapshot(ctx, out);
+}
+
+/* All that can be wrong in configuration and rig, before anything that takes long. */
+static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
+{
+    const struct dmn_config *c = &l->cfg;
+    enum cap_mosaic mosaic;
+    PVX_TRY(dmn_config_mosaic(c, &mosaic, d));
+    PVX_TRY(dmn_config_rig(c, &l->rig, d));
+    PVX_TRY(pvx_pool_new((unsigned)c->threads, "work", &l->pool));
+    if (dmn_config_simulated(c))
+        PVX_TRY(dmn_scene_new(&l->rig, (uint32_t)c->sim_seed, c->sim_period_s, &l->scene));
+    PVX_TRY(dmn_sources_init(&l->sources, c, &l->rig, dmn_scene_cap(l->scene), d));
+    uint64_t *session = &l->out.start.session;
+    if (getrandom(session, sizeof *session, 0) != (ssize_t)sizeof *session)
+        *session = (uint64_t)pvx_now_real();
+    PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, *session, &l->recording, d));
+    PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));
+    l->matrix = (struct rec_sysmat_params){.binning = (int32_t)c->binning,
+                                           .rays_per_bin = (int32_t)c->rays};
+    return rec_sysmat_resolve(&l->rig, &l->matrix, &l->matrix, d);
+}
+
+static pvx_err matrix_open(dmn_live *l, rec_progress_fn progress, void *ctx, struct pvx_diag *d)
+{
+    char path[PATH_MAX];
+    dmn_config_path(&l->cfg, l->cfg.cache, path, sizeof path);
+    int64_t t0 = pvx_now_mono();
+    PVX_TRY(rec_sysmat_open(&l->rig, &l->matrix, l->cfg.cache[0] != '\0' ? path : NULL, l->pool,
+                            (struct rec_progress){progress, ctx}, &l->S, d));
+    LOG_I(RECON,
+          "matrix: %zu cameras, %dx%dx%d voxels, binning %d, %d rays per bin side, "
+          "%.1f million entries, %s in %.2f s",
+          l->S->n_cameras, l->S->grid.n[0], l->S->grid.n[1], l->S->grid.n[2], l->S->binning,
+          l->S->rays_per_bin, (double)l->S->nnz * 1e-6, l->S->cached ? "read" : "built",
+          (double)(pvx_now_mono() - t0) * 1e-9);
+    return PVX_OK;
+}
+
+/* The pipeline between cameras and publisher. */
+static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
+{
+    const struct dmn_config *c = &l->cfg;
+    struct dmn_images_params ip = {.nch = dmn_config_channels(c),
+                                   .binning = l->S->binning,
+                                   .fmt = dmn_config_pixfmt(c),
+                                   .transfer = (enum cap_transfer)c->transfer};
+    PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
+    PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
+    int64_t limit = dmn_config_deadline(c), period = l->sources.capture.sets.period_ns;
+    l->in = (struct dmn_cameras_in){.capture = l->capture,
+                                    .images = l->images,
+                                    .rig = &l->rig,
+                                    .sets = l->sources.capture.sets,
+                                    .stale_ns = c->lossless ? 0 : limit,
+                                    .wait_for = c->wait_subscriber ? &l->out.subscribers : NULL,
+                                    .stopping = &l->stopping};
+    struct dmn_pipeline_params pp = {
+        .S = l->S,
+        .rig = &l->rig,
+        .pool = l->pool,
+        .lossless = c->lossless,
+        .warm = dmn_config_warm(c),
+        .deadline = {.limit_ns = limit,
+                     .period_ns = c->deadline_ms >= 0 || c->lossless ? 0 : period},
+        .source = dmn_cameras_source(&l->in),
+        .sink = dmn_publish_sink(&l->out)};
+    dmn_config_frame(c, &pp.frame);
+    return dmn_pipeline_new(&pp, &l->pipeline, d);
+}
+
+static dmn_live *empty(const struct dmn_config *cfg)
+{
+    dmn_live *l = pvx_calloc(1, sizeof *l);
+    if (l == NULL)
+        return NULL;
+    l->cfg = *cfg;
+    l->out.snapshot = snapshot;
+    l->out.ctx = l;
+    return l;
+}
+
+pvx_err dmn_live_new(const struct dmn_config *cfg, rec_progress_fn progress, void *progress_ctx,
+                     dmn_live **out, struct pvx_diag *d)
+{
+    dmn_live *l = *out = empty(cfg);
+    if (l == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = prepare(l, d);
+    if (e == PVX_OK)
+        e = dmn_publish_open(&l->out, &l->cfg, &l->rig, d);
+    if (e == PVX_OK)
+        e = matrix_open(l, progress, progress_ctx, d);
+    if (e == PVX_OK)
+        e = connect_all(l, d);
+    if (e != PVX_OK)
+        dmn_live_free(out);
+    return e;
+}
+
+pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d)
+{
+    dmn_live *l = empty(cfg);
+    if (l == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = prepare(l, d);
+    dmn_live_free(&l);
+    return e;
+}
+
+pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d)
+{
+    char where[PATH_MAX];
+    l->t_start_ns = l->out.rate_t_ns = pvx_now_mono();
+    if (l->cfg.record_mode != 0)
+        PVX_TRY(dmn_recording_start(l->recording, NULL, where, sizeof where, d));
+    PVX_TRY(cap_capture_start(l->capture, d));
+    return dmn_pipeline_start(l->pipeline, d);
+}
+
+bool dmn_live_finished(dmn_live *l)
+{
+    return dmn_pipeline_finished(l->pipeline);
+}
+
+void dmn_live_stop(dmn_live *l, const char *reason)
+{
+    atomic_store(&l->out.end_reason, reason);
+    atomic_store(&l->stopping, true);
+    dmn_recording_hurry(l->recording);
+    cap_capture_stop(l->capture); /* carve sees the end, and so do the others in their turn */
+    dmn_pipeline_join(l->pipeline);
+    struct cap_recorder_stats s;
+    dmn_recording_stats(l->recording, &s);
+    char where[PATH_MAX];
+    if (s.state != CAP_REC_IDLE &&
+        dmn_recording_stop(l->recording, where, sizeof where, NULL) != PVX_OK)
+        return; /* it has been said when it ended */
+}
+
+void dmn_live_free(dmn_live **lp)
+{
+    dmn_live *l = *lp;
+    if (l == NULL)
+        return;
+    cap_capture_free(&l->capture);
+    dmn_recording_free(&l->recording);
+    dmn_publish_close(&l->out);
+    dmn_pipeline_free(&l->pipeline);
+    dmn_images_free(&l->images);
+    rec_sysmat_free(&l->S);
+    dmn_scene_free(&l->scene);
+    pvx_pool_free(&l->pool);
+    rec_rig_fini(&l->rig);
+    PVX_FREE(*lp);
+}
+
+/* ---- what others ask ---- */
+
+void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
+{
+    memset(out, 0, sizeof *out);
+    out->uptime_s = (double)(pvx_now_mono() - l->t_start_ns) * 1e-9;
+    out->session = l->out.start.session;
+    dmn_pipeline_counts(l->pipeline, out);
+    dmn_publish_state(&l->out, out);
+    cap_capture_stats(l->capture, &out->capture);
+    dmn_recording_stats(l->recording, &out->record);
+    out->spread_p50_ms = (double)pvx_hist_quantile(&out->capture.spread, 0.5) * 1e-6;
+    out->spread_p99_ms = (double)pvx_hist_quantile(&out->capture.spread, 0.99) * 1e-6;
+    for (int a = 0; a < 3; a++)
+        out->voxels[a] = l->rig.grid.n[a];
+    out->binning = l->S->binning;
+    out->rays = l->S->rays_per_bin;
+    out->matrix_entries = l->S->nnz;
+    out->n_cameras = l->rig.n_cameras;
+    for (size_t c = 0; c < out->n_cameras; c++)
+        snprintf(out->camera[c], sizeof out->camera[c], "%s", l->rig.cameras[c].name);
+    dmn_images_counts(l->images, out->images);
+}
+
+pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, size_t size,
+                        struct pvx_diag *d)
+{
+    return start ? dmn_recording_start(l->recording, path, where, size, d)
+                 : dmn_recording_stop(l->recording, where, size, d);
+}
+
+void dmn_live_reset_latency(dmn_live *l)
+{
+    atomic_store(&l->out.reset_latency, true);
+}
+
+int64_t dmn_live_stuck_ns(dmn_live *l)
+{
+    return dmn_pipeline_stuck_ns(l->pipeline);
+}

@@ -1,0 +1,34 @@
+/* live.h - what the daemon runs: the pipeline between the rig's cameras and ZeroMQ, as pyrovoxd.yaml says.
+ *
+ * The one place that sees capture, recon and proto together.
+ * Once started, the frame path allocates nothing (libzmq allocates for its own messages).
+ * Threads: new/start/stop/free from one thread, the rest from any. */
+#ifndef DMN_LIVE_H
+#define DMN_LIVE_H
+#include "daemon/config/config.h"
+#include "daemon/control/state.h"
+
+typedef struct dmn_live dmn_live;
+
+/* Reads the rig, builds or maps the matrix (progress in the log), opens the publisher.  `cfg` is
+ * copied.  Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_live_new(const struct dmn_config *cfg, rec_progress_fn progress,
+                                    void *progress_ctx, dmn_live **out, struct pvx_diag *d);
+/* All of that which can be wrong in `cfg` and the rig, without matrix, endpoints and cameras. */
+PVX_MUST_CHECK pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d);
+/* End of all sources reached, or stopped, and everything published. */
+bool dmn_live_finished(dmn_live *l);
+/* Stop the cameras, drain, say `end` to subscribers, join. */
+void dmn_live_stop(dmn_live *l, const char *reason);
+void dmn_live_free(dmn_live **l);
+
+void dmn_live_snapshot(dmn_live *l, struct dmn_state *out);
+/* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
+PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where,
+                                       size_t size, struct pvx_diag *d);
+/* The latency statistics start anew with the next volume. */
+void dmn_live_reset_latency(dmn_live *l);
+/* Longest time since a stage's last heartbeat, ns. */
+int64_t dmn_live_stuck_ns(dmn_live *l);
+#endif

@@ -1,0 +1,305 @@
+#include "daemon/pipeline/pipeline.h"
+
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "base/queue.h"
+#include "daemon/pipeline/stage.h"
+
+enum { CARVE, SOLVE, SINK }; /* indices of the stages */
+
+struct dmn_pipeline {
+    struct dmn_pipeline_params a;
+    rec_carver *carver; /* the carve stage's work areas */
+    rec_solver *solver; /* the solve stage's */
+    struct dmn_slot slot[DMN_N_SLOTS];
+    pvx_queue *idle, *to_solve, *to_sink;
+    struct dmn_stage stage[DMN_N_STAGES];
+    struct dmn_slot *next; /* waits for a set; belongs to the carve stage */
+
+    /* the last volume; belongs to the solve stage */
+    struct rec_sparse prev;
+    int32_t *prev_index;
+    float *prev_value;
+    size_t prev_bytes;
+
+    atomic_uint_fast64_t produced, out, dropped[DMN_N_DROP];
+};
+
+/* ---- slots ---- */
+
+static void give_back(dmn_pipeline *p, struct dmn_slot *s)
+{
+    rec_frame_reset(s->frame);
+    void *gone;
+    pvx_queue_put(p->idle, s, &gone); /* as many places as slots: never displaces */
+}
+
+static void drop(dmn_pipeline *p, struct dmn_slot *s, enum dmn_drop why)
+{
+    atomic_fetch_add(&p->dropped[why], 1);
+    give_back(p, s);
+}
+
+/* Hand a slot on.  Live, a set without a volume goes, and when there is no room the oldest; lossless,
+ * all wait for room. */
+static void hand_on(dmn_pipeline *p, pvx_queue *q, struct dmn_slot *s, enum dmn_drop displaced)
+{
+    void *gone = NULL;
+    if (!p->a.lossless && s->why != DMN_N_DROP) {
+        drop(p, s, s->why);
+        return;
+    }
+    if (!p->a.lossless) {
+        pvx_queue_put(q, s, &gone);
+        if (gone == s)
+            displaced = DMN_DROP_STOPPED;
+    } else if (pvx_queue_put_wait(q, s) != PVX_OK) {
+        gone = s;
+        displaced = DMN_DROP_STOPPED;
+    }
+    if (gone != NULL)
+        drop(p, gone, displaced);
+}
+
+/* ---- source and carve ---- */
+
+static bool carve(void *ctx)
+{
+    dmn_pipeline *p = ctx;
+    void *item;
+    if (p->next == NULL) {
+        if (pvx_queue_pop(p->idle, DMN_STAGE_WAIT_NS, &item) == PVX_ETIMEDOUT)
+            return true; /* lossless: held back */
+        p->next = item;
+    }
+    struct dmn_slot *s = p->next;
+    *s = (struct dmn_slot){.frame = s->frame, .why = DMN_N_DROP};
+    pvx_err e = p->a.source.next(p->a.source.ctx, s);
+    if (e == PVX_ETIMEDOUT)
+        return true;
+    if (e != PVX_OK) {
+        pvx_queue_close(p->to_solve);
+        return false;
+    }
+    p->next = NULL;
+    atomic_fetch_add(&p->produced, 1 + s->passed_over);
+    atomic_fetch_add(&p->dropped[DMN_DROP_STALE], s->passed_over);
+    int64_t t0 = pvx_now_mono();
+    if (s->why == DMN_N_DROP) {
+        rec_frame_carve(s->frame);
+        pvx_hist_add(&p->stage[CARVE].busy, pvx_now_mono() - t0 + s->bin_ns);
+    }
+    hand_on(p, p->to_solve, s, DMN_DROP_SOLVE);
+    return true;
+}
+
+/* ---- solve ---- */
+
+static void remember(dmn_pipeline *p, const struct dmn_slot *s)
+{
+    struct rec_sparse v;
+    rec_frame_volume(s->frame, &v);
+    memcpy(p->prev_index, v.index, (size_t)v.n * sizeof *v.index);
+    memcpy(p->prev_value, v.value, (size_t)v.n * (size_t)v.cs * sizeof *v.value);
+    p->prev = v;
+    p->prev.index = p->prev_index;
+    p->prev.value = p->prev_value;
+}
+
+static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
+{
+    int64_t t0 = pvx_now_mono();
+    int64_t until = dmn_deadline_at(&p->a.deadline, p->a.lossless ? t0 : s->t_last_mono_ns, t0);
+    pvx_err e = rec_frame_solve(s->frame, until, p->prev.grid != NULL ? &p->prev : NULL);
+    if (e != PVX_OK) {
+        LOG_EVERY(PVX_LOG_ERROR, RECON, "set %llu cannot be solved: %s", (unsigned long long)s->set,
+                  pvx_strerror(e));
+        s->why = DMN_DROP_FAILED;
+        return;
+    }
+    const struct rec_frame_report *r = rec_frame_get_report(s->frame);
+    dmn_deadline_learn(&p->a.deadline, r->solve.status == REC_DEADLINE,
+                       r->coarse_iterations + r->solve.iterations, r->solve.iterations);
+    if (p->a.warm)
+        remember(p, s);
+    pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);
+}
+
+static bool solve(void *ctx)
+{
+    dmn_pipeline *p = ctx;
+    void *item;
+    pvx_err e = pvx_queue_pop(p->to_solve, DMN_STAGE_WAIT_NS, &item);
+    if (e == PVX_ETIMEDOUT)
+        return true;
+    if (e != PVX_OK) {
+        pvx_queue_close(p->to_sink);
+        return false;
+    }
+    struct dmn_slot *s = item;
+    if (s->why == DMN_N_DROP)
+        solve_slot(p, s);
+    hand_on(p, p->to_sink, s, DMN_DROP_PUBLISH);
+    return true;
+}
+
+/* ---- sink ---- */
+
+static bool sink(void *ctx)
+{
+    dmn_pipeline *p = ctx;
+    const struct dmn_sink *to = &p->a.sink;
+    void *item;
+    pvx_err e = pvx_queue_pop(p->to_sink, DMN_STAGE_WAIT_NS, &item);
+    if (e == PVX_OK) {
+        struct dmn_slot *s = item;
+        int64_t t0 = pvx_now_mono();
+        if (to->put(to->ctx, s)) {
+            pvx_hist_add(&p->stage[SINK].busy, pvx_now_mono() - t0);
+            atomic_fetch_add(&p->out, 1);
+            give_back(p, s);
+        } else {
+            drop(p, s, s->why == DMN_N_DROP ? DMN_DROP_FAILED : s->why);
+        }
+    }
+    if (to->tick != NULL)
+        to->tick(to->ctx);
+    if (e == PVX_ECLOSED && to->end != NULL)
+        to->end(to->ctx);
+    return e != PVX_ECLOSED;
+}
+
+/* ---- start and stop ---- */
+
+static pvx_err build(dmn_pipeline *p, struct pvx_diag *d)
+{
+    const struct dmn_pipeline_params *a = &p->a;
+    PVX_TRY(pvx_queue_new(DMN_N_SLOTS, &p->idle));
+    PVX_TRY(pvx_queue_new(1, &p->to_solve));
+    PVX_TRY(pvx_queue_new(1, &p->to_sink));
+    PVX_TRY(rec_carver_new(a->S, a->rig, &a->frame, a->pool, &p->carver, d));
+    for (size_t c = 0; a->background != NULL && c < a->rig->n_cameras; c++)
+        PVX_TRY(rec_carver_background(p->carver, c, a->background[c]));
+    PVX_TRY(rec_solver_new(a->S, &a->frame, &p->solver, d));
+    for (size_t i = 0; i < DMN_N_SLOTS; i++) {
+        PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
+        give_back(p, &p->slot[i]);
+    }
+    if (a->warm) {
+        size_t n = rec_grid_count(&a->S->grid);
+        p->prev_bytes = n * (sizeof(int32_t) + 4 * sizeof(float));
+        p->prev_value = pvx_reserve(p->prev_bytes);
+        if (p->prev_value == NULL)
+            return PVX_ENOMEM;
+        p->prev_index = (int32_t *)(p->prev_value + 4 * n);
+    }
+    return PVX_OK;
+}
+
+pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline **out,
+                         struct pvx_diag *d)
+{
+    dmn_pipeline *p = *out = pvx_calloc(1, sizeof *p);
+    if (p == NULL)
+        return PVX_ENOMEM;
+    p->a = *params;
+    pvx_err e = build(p, d);
+    if (e != PVX_OK)
+        dmn_pipeline_free(out);
+    return e;
+}
+
+pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
+{
+    pvx_err e = dmn_stage_start(&p->stage[SINK], p->a.sink.name, sink, p);
+    if (e == PVX_OK)
+        e = dmn_stage_start(&p->stage[SOLVE], "solve", solve, p);
+    if (e == PVX_OK)
+        e = dmn_stage_start(&p->stage[CARVE], "carve", carve, p);
+    return e == PVX_OK ? e : pvx_fail(d, e, "no thread to be had for a stage of the pipeline");
+}
+
+bool dmn_pipeline_finished(dmn_pipeline *p)
+{
+    return atomic_load(&p->stage[SINK].done);
+}
+
+void dmn_pipeline_join(dmn_pipeline *p)
+{
+    /* a start that failed half-way leaves queues that nobody closes */
+    if (!p->stage[CARVE].started)
+        pvx_queue_close(p->to_solve);
+    if (!p->stage[SOLVE].started)
+        pvx_queue_close(p->to_sink);
+    for (int i = 0; i < DMN_N_STAGES; i++)
+        dmn_stage_join(&p->stage[i]);
+}
+
+void dmn_pipeline_free(dmn_pipeline **pp)
+{
+    dmn_pipeline *p = *pp;
+    if (p == NULL)
+        return;
+    for (size_t i = 0; i < DMN_N_SLOTS; i++)
+        rec_frame_free(&p->slot[i].frame);
+    rec_carver_free(&p->carver);
+    rec_solver_free(&p->solver);
+    pvx_queue_free(&p->idle);
+    pvx_queue_free(&p->to_solve);
+    pvx_queue_free(&p->to_sink);
+    if (p->prev_value != NULL)
+        pvx_unreserve(p->prev_value, p->prev_bytes);
+    PVX_FREE(*pp);
+}
+
+/* ---- what others ask ---- */
+
+static double to_ms(int64_t ns)
+{
+    return (double)ns * 1e-6;
+}
+
+static void stage_state(const struct dmn_stage *s, const char *name, pvx_queue *in,
+                        struct dmn_stage_state *out)
+{
+    snprintf(out->name, sizeof out->name, "%s", name);
+    /* the stage goes on counting meanwhile: each number is whole, the lot may be one item apart */
+    out->items = __atomic_load_n(&s->busy.count, __ATOMIC_RELAXED);
+    int64_t sum = __atomic_load_n(&s->busy.sum_ns, __ATOMIC_RELAXED);
+    out->mean_ms = out->items == 0 ? 0 : to_ms(sum) / (double)out->items;
+    out->p99_ms = to_ms(pvx_hist_quantile(&s->busy, 0.99));
+    out->max_ms = to_ms(__atomic_load_n(&s->busy.max_ns, __ATOMIC_RELAXED));
+    out->beat_age_s = (double)(pvx_now_mono() - atomic_load(&s->beat_ns)) * 1e-9;
+    out->queued = in == NULL ? 0 : pvx_queue_length(in);
+}
+
+void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out)
+{
+    pvx_queue *const in[DMN_N_STAGES] = {NULL, p->to_solve, p->to_sink};
+    const char *const name[DMN_N_STAGES] = {"carve", "solve", p->a.sink.name};
+    /* what went out is read before what came in, so that `inside` is never negative */
+    uint64_t gone = out->published = atomic_load(&p->out);
+    for (int i = 0; i < DMN_N_DROP; i++)
+        gone += out->dropped[i] = atomic_load(&p->dropped[i]);
+    out->produced = atomic_load(&p->produced);
+    out->inside = out->produced - gone;
+    for (int i = 0; i < DMN_N_STAGES; i++)
+        stage_state(&p->stage[i], name[i], in[i], &out->stage[i]);
+}
+
+int64_t dmn_pipeline_stuck_ns(dmn_pipeline *p)
+{
+    int64_t now = pvx_now_mono(), worst = 0;
+    for (int i = 0; i < DMN_N_STAGES; i++) {
+        int64_t age = now - atomic_load(&p->stage[i].beat_ns);
+        if (!atomic_load(&p->stage[i].done) && age > worst)
+            worst = age;
+    }
+    return worst;
+}

@@ -1,0 +1,83 @@
+/* pipeline.h - frame sets in, volumes out; live and offline differ in source and sink only.
+ *
+ *     source -> [carve] -> queue -> [solve] -> queue -> [sink]
+ *     carve = photometry + hull + restricted system; each [stage] is a thread of its own and shares
+ *     one pool of workers for its loops
+ *
+ * While set k is solved, k+1 is carved and k-1 goes out.  DMN_N_SLOTS slots go round, each with what is
+ * one frame set's own; the stages keep their work areas.  Sets come out in the order of the source.  Once
+ * started, it allocates nothing.
+ * Live: newest wins - a full queue gives up its oldest set, counted by cause.
+ * Lossless: a full queue holds the stage before it, back to the source, and every set reaches the sink,
+ * also one that could not be solved.
+ * Threads: new/start/join/free from one thread, the rest from any. */
+#ifndef DMN_PIPELINE_H
+#define DMN_PIPELINE_H
+#include "daemon/control/state.h"
+#include "daemon/pipeline/deadline.h"
+
+/* One being carved, one waiting and one in the solver, one waiting and one in the sink, and one more so
+ * that carve never waits for a slot while older sets could be given up. */
+#define DMN_N_SLOTS 6
+
+/* One frame set on its way; who holds the pointer owns it. */
+struct dmn_slot {
+    rec_frame *frame;
+    uint64_t set; /* its number */
+    int64_t t_exposure_ns, spread_ns;
+    int64_t t_last_mono_ns; /* when its last frame came */
+    int64_t bin_ns;         /* it took to make pixels of its images */
+    uint64_t passed_over;   /* sets that were too old when this one was taken instead */
+    uint32_t n_present;     /* cameras, and their bits: */
+    uint64_t mask;
+    enum dmn_drop why;       /* DMN_N_DROP, or why there is no volume of it */
+    struct pvx_diag problem; /* the first about its images, "" = none */
+};
+
+/* Where sets come from; called by the carve stage. */
+struct dmn_source {
+    /* Fill s with the next set: all but `frame`, whose inputs get the pixels, and `why`, which becomes
+     * DMN_DROP_IMAGES when too few can be used.  PVX_ETIMEDOUT: none within DMN_STAGE_WAIT_NS;
+     * PVX_ECLOSED: there will be none. */
+    pvx_err (*next)(void *ctx, struct dmn_slot *s);
+    void *ctx;
+};
+
+/* Where volumes go to; called by the last stage. */
+struct dmn_sink {
+    const char *name;                                 /* the stage's */
+    bool (*put)(void *ctx, const struct dmn_slot *s); /* false: it did not go out */
+    void (*tick)(void *ctx); /* after each set, and while there is none; or NULL */
+    void (*end)(void *ctx);  /* after the last; or NULL */
+    void *ctx;
+};
+
+struct dmn_pipeline_params { /* all pointers borrowed */
+    const rec_sysmat *S;
+    const struct rec_rig *rig;
+    pvx_pool *pool;
+    struct rec_frame_params frame;
+    float *const *background; /* [cameras] as for rec_carver_background, copied; or NULL */
+    bool lossless, warm;      /* warm: a solve starts from the volume before */
+    struct dmn_deadline
+        deadline; /* counts from the set's last frame; lossless, from the solve's begin */
+    struct dmn_source source;
+    struct dmn_sink sink;
+};
+
+typedef struct dmn_pipeline dmn_pipeline;
+/* Errors: those of rec_carver_new and rec_frame_new, PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params,
+                                        dmn_pipeline **out, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d);
+/* The source has ended and every set is out. */
+bool dmn_pipeline_finished(dmn_pipeline *p);
+/* Waits until then; also after a start that failed half-way. */
+void dmn_pipeline_join(dmn_pipeline *p);
+void dmn_pipeline_free(dmn_pipeline **p);
+
+/* produced, published, inside, dropped and the stages. */
+void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);
+/* Longest time since a stage's last heartbeat, ns. */
+int64_t dmn_pipeline_stuck_ns(dmn_pipeline *p);
+#endif

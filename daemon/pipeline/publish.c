@@ -1,0 +1,166 @@
+#include "daemon/pipeline/publish.h"
+
+#include <stdio.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "daemon/config/endpoints.h"
+
+#define STATUS_EVERY_NS PVX_NS_PER_S
+
+static void fill_report(const struct rec_frame_report *r, struct pvp_report *out)
+{
+    *out = (struct pvp_report){.status = (uint32_t)r->solve.status,
+                               .iterations = r->solve.iterations,
+                               .rel_residual = r->solve.rel_residual,
+                               .active_voxels = (uint32_t)r->active_voxels,
+                               .active_rays = (uint32_t)r->active_rays,
+                               .entries = r->entries,
+                               .photometry_ns = r->photo_ns,
+                               .hull_ns = r->hull_ns,
+                               .restrict_ns = r->restrict_ns,
+                               .solve_ns = r->solve_ns,
+                               .total_ns = r->photo_ns + r->hull_ns + r->restrict_ns + r->solve_ns};
+    snprintf(out->solver, sizeof out->solver, "%s", r->solve.solver);
+}
+
+static bool put(void *ctx, const struct dmn_slot *s)
+{
+    struct dmn_publish *p = ctx;
+    if (s->why != DMN_N_DROP)
+        return false;
+    const struct rec_frame_report *r = rec_frame_get_report(s->frame);
+    struct rec_sparse v;
+    rec_frame_volume(s->frame, &v);
+    int64_t t0 = pvx_now_mono();
+    struct pvp_volume m = {.session = p->start.session,
+                           .set = s->set,
+                           .t_exposure_ns = s->t_exposure_ns,
+                           .t_publish_ns = pvx_now_real(),
+                           .spread_ns = s->spread_ns,
+                           .latency_ns = t0 - s->t_last_mono_ns,
+                           .cameras_present = s->n_present,
+                           .camera_mask = s->mask,
+                           .grid = p->start.grid};
+    fill_report(r, &m.report);
+    size_t bytes = 0;
+    pvx_err e = pvp_pub_volume(p->pub, &m,
+                               &(struct pvp_voxels){(uint32_t)v.n, v.index, v.value, v.cs}, &bytes);
+    int64_t t1 = pvx_now_mono();
+    if (e != PVX_OK) {
+        LOG_EVERY(PVX_LOG_ERROR, PROTO, "set %llu cannot be published: %s",
+                  (unsigned long long)s->set, pvx_strerror(e));
+        return false;
+    }
+    pthread_mutex_lock(&p->lock);
+    if (atomic_exchange(&p->reset_latency, false))
+        p->latency = (struct pvx_hist){0};
+    pvx_hist_add(&p->latency, t1 - s->t_last_mono_ns);
+    p->report = *r;
+    p->last_set = s->set;
+    p->last_exposure_ns = s->t_exposure_ns;
+    p->bytes = bytes;
+    pthread_mutex_unlock(&p->lock);
+    p->published++;
+    return true;
+}
+
+/* Once a second: the rate, the status message, the repeated start message. */
+static void tick(void *ctx)
+{
+    struct dmn_publish *p = ctx;
+    pvp_pub_tick(p->pub);
+    atomic_store(&p->subscribers, pvp_pub_subscribers(p->pub));
+    int64_t now = pvx_now_mono();
+    if (now < p->next_status_ns)
+        return;
+    p->next_status_ns = now + STATUS_EVERY_NS;
+    pthread_mutex_lock(&p->lock);
+    p->sets_per_s = (double)(p->published - p->rate_n) / ((double)(now - p->rate_t_ns) * 1e-9);
+    pthread_mutex_unlock(&p->lock);
+    p->rate_n = p->published;
+    p->rate_t_ns = now;
+    p->snapshot(p->ctx, &p->status);
+    if (dmn_state_json(&p->status, p->status_json, sizeof p->status_json) == 0)
+        return;
+    pvx_err e = pvp_pub_status(p->pub, p->status_json);
+    if (e != PVX_OK)
+        LOG_EVERY(PVX_LOG_WARN, PROTO, "status not published: %s", pvx_strerror(e));
+}
+
+static void end(void *ctx)
+{
+    struct dmn_publish *p = ctx;
+    const char *why = atomic_load(&p->end_reason);
+    pvx_err e = pvp_pub_end(p->pub, why != NULL ? why : "end of the recording");
+    if (e != PVX_OK)
+        LOG_W(PROTO, "end not published: %s", pvx_strerror(e));
+}
+
+struct dmn_sink dmn_publish_sink(struct dmn_publish *p)
+{
+    return (struct dmn_sink){.name = "publish", .put = put, .tick = tick, .end = end, .ctx = p};
+}
+
+pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
+                         const struct rec_rig *rig, struct pvx_diag *d)
+{
+    static const enum pvp_sample samples[] = {PVP_F16, PVP_F32};
+    static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
+    const char *endpoint[DMN_TEXTS_MAX] = {dmn_default_endpoint(DMN_VOLUMES)};
+    size_t n = c->endpoints.n == 0 ? 1 : c->endpoints.n;
+    for (size_t i = 0; i < c->endpoints.n; i++)
+        endpoint[i] = c->endpoints.v[i];
+    for (size_t i = 0; i < n; i++)
+        PVX_TRY(dmn_endpoint_prepare(endpoint[i], d));
+    struct pvp_start *s = &p->start;
+    const struct rec_grid *g = &rig->grid;
+    for (int a = 0; a < 3; a++) {
+        s->grid.n[a] = (uint32_t)g->n[a];
+        s->grid.min[a] = g->min[a];
+        s->grid.max[a] = g->max[a];
+    }
+    s->grid.basis = g->basis == REC_TRILINEAR ? 1 : 0;
+    s->grid.channels = (uint32_t)dmn_config_channels(c);
+    s->rig_hash = rec_rig_hash(rig);
+    s->n_cameras = (uint32_t)rig->n_cameras;
+    s->fps = c->fps;
+    snprintf(s->units, sizeof s->units, "1/m");
+    snprintf(s->software, sizeof s->software, "pyrovoxd %s", PVX_VERSION);
+    struct pvp_pub_params pp = {.endpoints = endpoint,
+                                .n_endpoints = n,
+                                .send_hwm = (int)c->hwm,
+                                .sample = samples[c->sample],
+                                .comp = comps[c->compress],
+                                .lossless = c->lossless};
+    pthread_mutex_init(&p->lock, NULL);
+    return pvp_pub_new(&pp, s, &p->pub, d);
+}
+
+void dmn_publish_close(struct dmn_publish *p)
+{
+    if (p->pub == NULL)
+        return;
+    pvp_pub_free(&p->pub);
+    pthread_mutex_destroy(&p->lock);
+}
+
+static double to_ms(int64_t ns)
+{
+    return (double)ns * 1e-6;
+}
+
+void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out)
+{
+    pthread_mutex_lock(&p->lock);
+    out->sets_per_s = p->sets_per_s;
+    out->latency_n = p->latency.count;
+    out->latency_p50_ms = to_ms(pvx_hist_quantile(&p->latency, 0.5));
+    out->latency_p99_ms = to_ms(pvx_hist_quantile(&p->latency, 0.99));
+    out->latency_max_ms = to_ms(p->latency.max_ns);
+    out->bytes = p->bytes;
+    out->last_set = p->last_set;
+    out->last_exposure_ns = p->last_exposure_ns;
+    out->report = p->report;
+    pthread_mutex_unlock(&p->lock);
+}

@@ -1,0 +1,46 @@
+/* publish.h - the live sink of the pipeline: volumes to ZeroMQ, and once a second the status message and
+ * the start message for those who came late.
+ *
+ * Ownership: the caller's struct, which must not be moved after open.  Threads: the last stage's; `lock`
+ * guards what snapshots read, `subscribers` and `reset_latency` are for all. */
+#ifndef DMN_PUBLISH_H
+#define DMN_PUBLISH_H
+#include <pthread.h>
+#include <stdatomic.h>
+#include "daemon/config/config.h"
+#include "daemon/pipeline/pipeline.h"
+#include "proto/pub.h"
+
+struct dmn_publish {
+    pvp_pub *pub;
+    struct pvp_start start; /* .session is the caller's to choose before open */
+    atomic_size_t subscribers;
+    atomic_bool reset_latency;        /* the statistics start anew with the next volume */
+    _Atomic(const char *) end_reason; /* NULL: the source has ended by itself */
+    /* what the status message says */
+    void (*snapshot)(void *ctx, struct dmn_state *out);
+    void *ctx;
+
+    pthread_mutex_t lock;
+    struct pvx_hist latency;
+    struct rec_frame_report report;
+    uint64_t last_set, bytes;
+    int64_t last_exposure_ns;
+    double sets_per_s;
+
+    /* the stage's own */
+    int64_t next_status_ns, rate_t_ns;
+    uint64_t published, rate_n;
+    struct dmn_state status;
+    char status_json[DMN_STATE_JSON_MAX];
+};
+
+/* Errors: PVX_EBUSY (endpoint in use), PVX_EINVAL, PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
+                                        const struct rec_rig *rig, struct pvx_diag *d);
+/* Closes; a struct of zeros is fine. */
+void dmn_publish_close(struct dmn_publish *p);
+struct dmn_sink dmn_publish_sink(struct dmn_publish *p);
+/* Its part of a snapshot. */
+void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out);
+#endif

@@ -1,0 +1,242 @@
+#include "recon/carve/photo.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <string.h>
+
+#include "base/cpu.h"
+#include "base/mem.h"
+#include "recon/carve/photo_pass.h"
+
+const struct rec_photo_params rec_photo_defaults = REC_PHOTO_DEFAULTS;
+
+#define NOISY       7.5f  /* mean of the lit bins over the noise: below it the flame is faint */
+#define WIDE_MARGIN 1.25f /* false alarms of overlapping squares are not lone speckles */
+
+struct rec_photo_work *rec_photo_work_new(int32_t bw, int32_t bh)
+{
+    size_t n = ((size_t)bw * (size_t)bh + PVX_ALIGN - 1) / PVX_ALIGN * PVX_ALIGN;
+    size_t bands = rec_band_count(bh) * sizeof(struct rec_photo_band);
+    struct rec_photo_work *w = pvx_calloc(1, sizeof *w + bands + 2 * n);
+    if (w == NULL)
+        return NULL;
+    w->band = (struct rec_photo_band *)(w + 1);
+    w->raw = (uint8_t *)w->band + bands;
+    w->clean = w->raw + n;
+    return w;
+}
+
+/* Cameras whose bands are worked on. */
+struct job {
+    const struct rec_photo_image *im;
+    size_t n;
+    const struct rec_photo_passes *pass;
+    struct rec_bands bands;
+    bool mosaic; /* one of them at least */
+};
+
+/* The picture and the band of a task; NULL: nothing to do, that camera is not there. */
+static const struct rec_photo_image *task_image(const struct job *j, size_t task, int32_t *band)
+{
+    const struct rec_photo_image *im = &j->im[rec_bands_find(&j->bands, task, band)];
+    return im->absent ? NULL : im;
+}
+
+/* Weights per channel: a mosaic's bin measures its colour. */
+static void spread_weights(const struct rec_photo_image *im, int32_t y0, int32_t y1)
+{
+    const float *w = im->weight + (size_t)y0 * (size_t)im->bw;
+    rec_f4 *out = (rec_f4 *)im->weight4 + (size_t)y0 * (size_t)im->bw;
+    for (int32_t y = y0; y < y1; y++)
+        for (int32_t x = 0; x < im->bw; x++, w++, out++) {
+            rec_i4 lanes = {-1, -1, -1, 0};
+            if (im->cell != NULL)
+                lanes = rec_mosaic_lane(im->cell, x, y);
+            *out = rec_select(lanes, rec_splat(*w), (rec_f4){0});
+        }
+}
+
+static void linear(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band, y0, y1;
+    const struct rec_photo_image *im = &j->im[rec_bands_find(&j->bands, task, &band)];
+    rec_band_rows(band, im->bh, &y0, &y1);
+    if (im->absent) {
+        size_t from = (size_t)y0 * (size_t)im->bw, n = (size_t)(y1 - y0) * (size_t)im->bw;
+        size_t cs = im->nch == 3 ? 4 : 1;
+        memset(im->img + from * cs, 0, n * cs * sizeof *im->img);
+        memset(im->weight + from, 0, n * sizeof *im->weight);
+        memset(im->lit + from, 0, n);
+    } else {
+        j->pass->linear(im, band);
+    }
+    if (im->weight4 != NULL)
+        spread_weights(im, y0, y1);
+}
+
+/* What whole pictures are needed for: noise, one task a channel, and the planes of mosaics. */
+static void levels(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band;
+    if (task < 3 * j->n) {
+        const struct rec_photo_image *im = &j->im[task / 3];
+        if (!im->absent && (int)(task % 3) < im->nch)
+            j->pass->noise(im, (int32_t)(task % 3));
+        return;
+    }
+    const struct rec_photo_image *im = task_image(j, task - 3 * j->n, &band);
+    if (im != NULL && im->cell != NULL)
+        j->pass->plane(im, band);
+}
+
+/* Thresholds of bins and means. */
+static void set_limits(const struct rec_photo_image *im)
+{
+    const struct rec_photo_params *p = im->params;
+    struct rec_photo_work *w = im->work;
+    bool automatic = p->threshold < 0;
+    w->means = automatic && im->bh >= 5; /* less of a picture has no faint edges to find */
+    w->limit = w->faint = w->fainter = rec_splat(INFINITY);
+    for (int c = 0; c < im->nch; c++) {
+        w->limit[c] = automatic ? fmaxf(p->floor, p->auto_k * w->sigma[c]) : p->threshold;
+        w->faint[c] = w->dark[c] + fmaxf(p->floor, p->auto_k * w->sigma[c] / w->grain.near[c]);
+        w->fainter[c] =
+            w->dark[c] + fmaxf(p->floor, WIDE_MARGIN * p->auto_k * w->sigma[c] / w->grain.wide[c]);
+    }
+}
+
+static void judge(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band;
+    const struct rec_photo_image *im = task_image(j, task, &band);
+    if (im != NULL)
+        j->pass->judge(im, band);
+}
+
+/* Mean of the lit bins over the noise, in the channel where that is most, is little; not where nothing
+ * is lit. */
+static bool is_noisy(const struct rec_photo_image *im)
+{
+    const struct rec_photo_work *w = im->work;
+    double total[3] = {0}, best = 0;
+    uint32_t hits = 0;
+    for (size_t b = 0; b < rec_band_count(im->bh); b++) {
+        hits += w->band[b].hits;
+        for (int c = 0; c < im->nch; c++)
+            total[c] += w->band[b].sum[c];
+    }
+    for (int c = 0; c < im->nch && hits > 0; c++)
+        best = fmax(best, total[c] / hits / fmax((double)w->sigma[c], 1e-9));
+    return w->means && (float)best > 0 && (float)best < NOISY;
+}
+
+static void widen(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band;
+    const struct rec_photo_image *im = task_image(j, task, &band);
+    if (im != NULL && im->work->noisy)
+        j->pass->widen(im, band);
+}
+
+static void finish(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band;
+    const struct rec_photo_image *im = task_image(j, task, &band);
+    if (im != NULL)
+        j->pass->finish(im, band, im->params->threshold < 0 && im->params->despeckle,
+                        im->params->margin > 0 ? im->work->clean : im->lit);
+}
+
+/* Square dilation by the margin r: columns as the union of 2r+1 rows, then rows by a running count. */
+static void grow(void *ctx, size_t task)
+{
+    const struct job *j = ctx;
+    int32_t band, y0, y1;
+    const struct rec_photo_image *im = task_image(j, task, &band);
+    if (im == NULL || im->params->margin <= 0)
+        return;
+    const int32_t bw = im->bw, bh = im->bh, r = im->params->margin;
+    uint32_t lit = 0;
+    rec_band_rows(band, bh, &y0, &y1);
+    for (int32_t y = y0; y < y1; y++) {
+        uint8_t *in = im->work->raw + (size_t)y * (size_t)bw, *out = im->lit + (in - im->work->raw);
+        int32_t v0 = y > r ? y - r : 0, v1 = r < bh - 1 - y ? y + r : bh - 1, inside = 0;
+        memset(in, 0, (size_t)bw); /* nobody needs what is there any more */
+        for (int32_t v = v0; v <= v1; v++)
+            for (int32_t x = 0; x < bw; x++)
+                in[x] |= im->work->clean[(size_t)v * (size_t)bw + (size_t)x];
+        for (int32_t x = 0; x < r && x < bw; x++)
+            inside += in[x];
+        for (int32_t x = 0; x < bw; x++) {
+            if (r < bw - x)
+                inside += in[x + r];
+            if (x > r)
+                inside -= in[x - r - 1];
+            out[x] = inside > 0;
+            lit += out[x];
+        }
+    }
+    im->work->band[band].lit = lit;
+}
+
+static void report(const struct rec_photo_image *im)
+{
+    const struct rec_photo_work *w = im->work;
+    *im->stats = (struct rec_photo_stats){0};
+    if (im->absent)
+        return;
+    for (size_t b = 0; b < rec_band_count(im->bh); b++) {
+        im->stats->lit += w->band[b].lit;
+        im->stats->saturated += w->band[b].saturated;
+        im->stats->not_finite += w->band[b].not_finite;
+    }
+    for (int c = 0; c < im->nch; c++) {
+        im->stats->sigma[c] = w->sigma[c];
+        im->stats->threshold = fmaxf(im->stats->threshold, w->limit[c]);
+    }
+}
+
+static const struct rec_photo_passes *passes(void)
+{
+#if defined(__x86_64__)
+    if (pvx_cpu() >= PVX_CPU_AVX2)
+        return &rec_photo_passes_avx2;
+#endif
+    return &rec_photo_passes_base;
+}
+
+void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
+{
+    struct job j = {.im = im, .n = n, .pass = passes()};
+    bool noisy = false, margin = false;
+    for (size_t c = 0; c < n; c++) {
+        rec_bands_add(&j.bands, im[c].bh);
+        im[c].work->grain = im[c].cell != NULL ? rec_grain_mosaic
+                            : im[c].bayer > 0  ? rec_grain_bayer(im[c].bayer)
+                                               : rec_grain_none;
+        j.mosaic |= im[c].cell != NULL;
+        margin |= im[c].params->margin > 0;
+    }
+    size_t bands = rec_bands_all(&j.bands);
+    pvx_pool_run(pool, bands, linear, &j);
+    pvx_pool_run(pool, 3 * n + (j.mosaic ? bands : 0), levels, &j);
+    for (size_t c = 0; c < n; c++)
+        set_limits(&im[c]);
+    pvx_pool_run(pool, bands, judge, &j);
+    for (size_t c = 0; c < n; c++) {
+        im[c].work->noisy = !im[c].absent && is_noisy(&im[c]);
+        noisy |= im[c].work->noisy;
+    }
+    if (noisy)
+        pvx_pool_run(pool, bands, widen, &j);
+    pvx_pool_run(pool, bands, finish, &j);
+    if (margin)
+        pvx_pool_run(pool, bands, grow, &j);
+    for (size_t c = 0; c < n; c++)
+        report(&im[c]);
+}

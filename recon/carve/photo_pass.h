@@ -1,0 +1,73 @@
+/* photo_pass.h - the loops of photo.c over the bins of a band, compiled once per instruction set.
+ *
+ * They run over floats, whatever the channels: 32 at a time are 8 bins of colour or 32 of grey.  No sum
+ * depends on the instruction set.
+ * Private to photo*.c. */
+#ifndef REC_PHOTO_PASS_H
+#define REC_PHOTO_PASS_H
+#include "recon/carve/bands.h"
+#include "recon/carve/photo.h"
+#include "recon/carve/photo_mosaic.h"
+
+#define REC_PHOTO_BLOCK  8   /* bins per side of what noise is measured in */
+#define REC_PHOTO_BLOCKS 400 /* at most, spread over the image */
+
+enum { REC_UNLIT = 0, REC_LIT = 1, REC_FORCED = 2 };
+
+/* Noise of up to three channels in one block, its lowest value and the share of bins that have it. */
+struct rec_photo_block {
+    rec_f4 mean, noise2, low, at_low;
+    bool measured; /* there were bins enough */
+};
+
+/* What a band adds to its picture's sums. */
+struct rec_photo_band {
+    rec_f4 low;    /* least value of the bins with weight */
+    double sum[4]; /* over the lit bins, and how many they are */
+    uint32_t hits;
+    uint32_t saturated, not_finite, lit;
+};
+
+struct rec_photo_work {
+    struct rec_photo_band *band; /* [bands] */
+    uint8_t *raw, *clean;        /* [bh*bw] REC_LIT and REC_FORCED; despeckled */
+    struct rec_grain grain;
+    float sigma[3], dark[3]; /* of each channel */
+    rec_f4 limit, faint,
+        fainter;       /* for a bin and for means over 3x3 and 7x7; lanes without a channel INF */
+    bool means, noisy; /* judge those over 3x3, and over 7x7 */
+    struct rec_photo_block block[REC_PHOTO_BLOCKS];
+};
+
+/* Blocks of an image: `across` in a row, every `every`-th of `all` is measured. */
+struct rec_photo_blocks {
+    int32_t across, all, every;
+};
+static inline struct rec_photo_blocks rec_photo_blocks(const struct rec_photo_image *im)
+{
+    int32_t across = (im->bw + REC_PHOTO_BLOCK - 1) / REC_PHOTO_BLOCK;
+    int32_t all = across * ((im->bh + REC_PHOTO_BLOCK - 1) / REC_PHOTO_BLOCK);
+    return (struct rec_photo_blocks){across, all, (all + REC_PHOTO_BLOCKS - 1) / REC_PHOTO_BLOCKS};
+}
+
+struct rec_photo_passes {
+    /* (1) of photo.h: b, weight and forced bins; low and the blocks of the band, which lie in it */
+    void (*linear)(const struct rec_photo_image *im, int32_t band);
+    /* sigma and dark of channel c from all blocks */
+    void (*noise)(const struct rec_photo_image *im, int32_t c);
+    /* (2) of photo.h */
+    void (*plane)(const struct rec_photo_image *im, int32_t band);
+    /* bins that reach `limit` and means over 3x3 that reach `faint`; sum, hits */
+    void (*judge)(const struct rec_photo_image *im, int32_t band);
+    /* means over 7x7 that reach `fainter` */
+    void (*widen)(const struct rec_photo_image *im, int32_t band);
+    /* raw to 0/1 in `out`, without lone bins if `despeckle`; lit */
+    void (*finish)(const struct rec_photo_image *im, int32_t band, bool despeckle, uint8_t *out);
+};
+
+extern const struct rec_photo_passes rec_photo_passes_base;
+#if defined(__x86_64__)
+extern const struct rec_photo_passes rec_photo_passes_avx2;
+#endif
+
+#endif

@@ -1,0 +1,153 @@
+/* carver.c - the first stage: photometry, silhouettes, hull, restricted systems. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "recon/frame/impl.h"
+
+pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
+                       const struct rec_frame_params *p, pvx_pool *pool, rec_carver **out,
+                       struct pvx_diag *d)
+{
+    *out = NULL;
+    if (p->nch != 1 && p->nch != 3)
+        return pvx_fail(d, PVX_EINVAL, "frame: %d channels, want 1 or 3", p->nch);
+    if (rig->n_cameras != S->n_cameras)
+        return pvx_fail(d, PVX_EINVAL, "frame: the rig has %zu cameras, the matrix %zu",
+                        rig->n_cameras, S->n_cameras);
+    rec_carver *k = *out = pvx_calloc(1, sizeof *k);
+    if (k == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "carver: out of memory");
+    size_t rows = S->row0[S->n_cameras];
+    k->S = S;
+    k->p = *p;
+    k->pool = pool;
+    rec_kernels_init(&k->kernels, PVX_CPU_BEST);
+    for (size_t c = 0; c < S->n_cameras; c++)
+        memcpy(k->gain[c], rig->cameras[c].gain, sizeof k->gain[c]);
+    k->plane = pvx_reserve(rows * 4 * sizeof *k->plane);
+    bool ok = k->plane != NULL;
+    for (size_t c = 0; c < S->n_cameras; c++) {
+        const struct rec_sysmat_block *b = &S->block[c];
+        k->photo[c] = (struct rec_photo_image){.bw = b->bw,
+                                               .bh = b->bh,
+                                               .nch = p->nch,
+                                               .gain = k->gain[c],
+                                               .params = &k->photo_params[c],
+                                               .stats = &k->stats[c],
+                                               .work = rec_photo_work_new(b->bw, b->bh),
+                                               .plane = k->plane + S->row0[c] * 4};
+        ok = ok && k->photo[c].work != NULL;
+    }
+    pvx_err e = ok ? rec_hull_new(S, &k->hull) : PVX_ENOMEM;
+    if (e == PVX_OK)
+        e = rec_restrictor_new(S, &k->restrictor);
+    if (e != PVX_OK) {
+        rec_carver_free(out);
+        return pvx_fail(d, e, "carver: work areas for %zu rays: %s", rows, pvx_strerror(e));
+    }
+    return PVX_OK;
+}
+
+void rec_carver_free(rec_carver **kp)
+{
+    rec_carver *k = *kp;
+    if (k == NULL)
+        return;
+    size_t rows = k->S->row0[k->S->n_cameras];
+    for (size_t c = 0; c < k->S->n_cameras; c++) {
+        free(k->background[c]);
+        free(k->photo[c].work);
+    }
+    pvx_unreserve(k->plane, rows * 4 * sizeof *k->plane);
+    rec_hull_free(&k->hull);
+    rec_restrictor_free(&k->restrictor);
+    PVX_FREE(*kp);
+}
+
+pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg)
+{
+    if (camera >= k->S->n_cameras)
+        return PVX_EINVAL;
+    if (bg == NULL) {
+        PVX_FREE(k->background[camera]);
+        return PVX_OK;
+    }
+    size_t n = (k->S->row0[camera + 1] - k->S->row0[camera]) * (k->p.nch == 3 ? 4 : 1);
+    if (k->background[camera] == NULL)
+        k->background[camera] = pvx_calloc(n, sizeof *bg);
+    if (k->background[camera] == NULL)
+        return PVX_ENOMEM;
+    memcpy(k->background[camera], bg, n * sizeof *bg);
+    return PVX_OK;
+}
+
+/* Photometry of all cameras, and what of it concerns the whole set. */
+static void photo(rec_frame *f)
+{
+    rec_carver *k = f->carver;
+    struct rec_frame_report *r = &f->report;
+    size_t cameras = f->S->n_cameras;
+    double sigma = 0, sigma2 = 0;
+    f->per_channel = false;
+    for (size_t c = 0; c < cameras; c++)
+        f->per_channel |= f->present[c] && f->mosaic[c];
+    for (size_t c = 0; c < cameras; c++) {
+        size_t row0 = f->S->row0[c];
+        struct rec_photo_image *im = &k->photo[c];
+        k->photo_params[c] = k->p.photo;
+        if (f->floats[c] && k->p.photo.saturation < 0)
+            k->photo_params[c].saturation = REC_PHOTO_UNSATURATED;
+        im->absent = !f->present[c];
+        im->img = rec_frame_input(f, c);
+        im->cell = f->mosaic[c] ? f->cell[c] : NULL;
+        im->bayer = f->bayer[c] ? f->S->binning : 0;
+        im->background = k->background[c];
+        im->weight = f->weight + row0;
+        im->weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL;
+        im->lit = f->lit + row0;
+    }
+    rec_photo_apply(k->photo, cameras, k->pool);
+    for (size_t c = 0; c < cameras; c++) {
+        r->cameras += f->present[c];
+        r->saturated += k->stats[c].saturated;
+        r->not_finite += k->stats[c].not_finite;
+        for (int l = 0; l < f->nch; l++) {
+            sigma += k->stats[c].sigma[l];
+            sigma2 += (double)k->stats[c].sigma[l] * k->stats[c].sigma[l];
+        }
+    }
+    double n_sigma = r->cameras > 0 ? (double)r->cameras * f->nch : 1;
+    r->sigma = (float)(sigma / n_sigma);
+    f->sigma = sqrt(sigma2 / n_sigma);
+}
+
+void rec_frame_carve(rec_frame *f)
+{
+    rec_carver *k = f->carver;
+    struct rec_frame_report *r = &f->report;
+    const uint8_t *lit[REC_MAX_CAMERAS];
+    struct rec_hull_kept kept = {.col = f->col};
+    *r = (struct rec_frame_report){0};
+    int64_t t0 = pvx_now_mono();
+    photo(f);
+    int64_t t1 = pvx_now_mono();
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        lit[c] = rec_frame_lit(f, c);
+    rec_hull_carve(k->hull, &k->p.hull, lit, f->present, k->pool, &kept);
+    int64_t t2 = pvx_now_mono();
+    rec_subsys_restrict(f->sub, k->restrictor, f->col, kept.n, f->present);
+    if (f->levels != NULL) {
+        struct rec_pictures in = rec_frame_pictures(f);
+        rec_levels_restrict(f->levels, k->restrictor, f->sub, &in);
+    }
+    r->hull = kept.counts;
+    r->active_voxels = kept.n;
+    r->active_rays = f->sub->rows;
+    r->entries = f->sub->nnz;
+    r->photo_ns = t1 - t0;
+    r->hull_ns = t2 - t1;
+    r->restrict_ns = pvx_now_mono() - t2;
+}

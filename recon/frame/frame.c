@@ -1,0 +1,146 @@
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/frame/impl.h"
+
+const struct rec_frame_params rec_frame_defaults = {.nch = 3,
+                                                    .photo = REC_PHOTO_DEFAULTS,
+                                                    .hull = REC_HULL_DEFAULTS,
+                                                    .solve = REC_SOLVE_DEFAULTS,
+                                                    .coarse_start = true};
+
+static pvx_err allocate(rec_frame *f)
+{
+    const rec_carver *k = f->carver;
+    f->b = pvx_calloc(f->rows * (size_t)f->cs, sizeof *f->b);
+    f->weight = pvx_calloc(f->rows, sizeof *f->weight);
+    f->lit = pvx_calloc(f->rows, 1);
+    f->weight4 = pvx_reserve(f->rows * 4 * sizeof *f->weight4);
+    f->col = pvx_reserve(f->voxels * sizeof *f->col);
+    f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
+    if (f->b == NULL || f->weight == NULL || f->lit == NULL || f->weight4 == NULL ||
+        f->col == NULL || f->x == NULL)
+        return PVX_ENOMEM;
+    PVX_TRY(rec_subsys_new(f->S, &k->kernels, k->pool, f->cs, &f->sub));
+    return f->solver->coarse ? rec_levels_new(f->S, &k->kernels, k->pool, f->cs, &f->levels)
+                             : PVX_OK;
+}
+
+pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_diag *d)
+{
+    rec_frame *f = *out = pvx_calloc(1, sizeof *f);
+    if (f == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "frame: out of memory");
+    f->carver = k;
+    f->solver = s;
+    f->S = k->S;
+    f->nch = k->p.nch;
+    f->cs = f->nch == 3 ? 4 : 1;
+    f->voxels = rec_grid_count(&f->S->grid);
+    f->rows = f->S->row0[f->S->n_cameras];
+    pvx_err e = allocate(f);
+    if (e != PVX_OK) {
+        pvx_fail(d, e, "frame: a slot for %zu voxels: %s", f->voxels, pvx_strerror(e));
+        rec_frame_free(out);
+        return e;
+    }
+    rec_frame_reset(f);
+    return PVX_OK;
+}
+
+void rec_frame_free(rec_frame **fp)
+{
+    rec_frame *f = *fp;
+    if (f == NULL)
+        return;
+    free(f->b);
+    free(f->weight);
+    free(f->lit);
+    pvx_unreserve(f->weight4, f->rows * 4 * sizeof *f->weight4);
+    pvx_unreserve(f->col, f->voxels * sizeof *f->col);
+    pvx_unreserve(f->x, f->voxels * (size_t)f->cs * sizeof *f->x);
+    rec_subsys_free(&f->sub);
+    rec_levels_free(&f->levels);
+    PVX_FREE(*fp);
+}
+
+void rec_frame_reset(rec_frame *f)
+{
+    memset(f->present, 0, sizeof f->present);
+    memset(f->bayer, 0, sizeof f->bayer);
+    memset(f->mosaic, 0, sizeof f->mosaic);
+    memset(f->floats, 0, sizeof f->floats);
+    f->per_channel = false;
+    f->sub->n = f->sub->rows = 0;
+    f->sub->nnz = 0;
+    f->report = (struct rec_frame_report){0};
+    f->report.solve.status = REC_EMPTY;
+}
+
+float *rec_frame_input(rec_frame *f, size_t camera)
+{
+    return f->b + f->S->row0[camera] * (size_t)f->cs;
+}
+
+void rec_frame_present(rec_frame *f, size_t camera, bool present)
+{
+    f->present[camera] = present;
+}
+
+void rec_frame_floats(rec_frame *f, size_t camera, bool floats)
+{
+    f->floats[camera] = floats;
+}
+
+void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are)
+{
+    f->bayer[camera] = cell != NULL && f->cs == 4;
+    f->mosaic[camera] = f->bayer[camera] && as_they_are;
+    if (cell != NULL)
+        memcpy(f->cell[camera], cell, sizeof f->cell[camera]);
+}
+
+void rec_frame_volume(const rec_frame *f, struct rec_sparse *out)
+{
+    *out = (struct rec_sparse){.grid = &f->S->grid,
+                               .nch = f->nch,
+                               .cs = f->cs,
+                               .n = f->sub->n,
+                               .index = f->col,
+                               .value = f->x};
+}
+
+const struct rec_frame_report *rec_frame_get_report(const rec_frame *f)
+{
+    return &f->report;
+}
+
+const struct rec_subsys *rec_frame_subsys(const rec_frame *f)
+{
+    return f->sub;
+}
+
+const float *rec_frame_rhs(const rec_frame *f)
+{
+    return f->b;
+}
+
+const float *rec_frame_weight(const rec_frame *f)
+{
+    return f->weight;
+}
+
+const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera)
+{
+    return f->lit + f->S->row0[camera];
+}
+
+void rec_sparse_to_dense(const struct rec_sparse *v, float *dense)
+{
+    memset(dense, 0, rec_grid_count(v->grid) * (size_t)v->nch * sizeof *dense);
+    for (int32_t q = 0; q < v->n; q++)
+        for (int l = 0; l < v->nch; l++)
+            dense[(size_t)v->index[q] * (size_t)v->nch + (size_t)l] =
+                v->value[(size_t)q * (size_t)v->cs + (size_t)l];
+}

@@ -1,0 +1,63 @@
+/* impl.h - the slot and the two stages' workspaces.  Private to recon/frame. */
+#ifndef REC_FRAME_IMPL_H
+#define REC_FRAME_IMPL_H
+#include "recon/frame/frame.h"
+#include "recon/solve/levels.h"
+
+struct rec_carver {
+    const rec_sysmat *S;
+    struct rec_frame_params p;
+    pvx_pool *pool;
+    struct rec_kernels kernels;
+    rec_hull *hull;
+    struct rec_restrictor *restrictor;
+    float gain[REC_MAX_CAMERAS][3];
+    float *background[REC_MAX_CAMERAS];            /* or NULL */
+    struct rec_photo_image photo[REC_MAX_CAMERAS]; /* what is not the slot's is set for good */
+    struct rec_photo_params photo_params[REC_MAX_CAMERAS];
+    float *plane; /* [rows][4] for mosaics */
+    struct rec_photo_stats stats[REC_MAX_CAMERAS];
+};
+
+struct rec_solver {
+    struct rec_solve_params p;
+    bool coarse; /* start from coarser grids */
+    rec_problem *problem;
+    struct rec_descent descent; /* with `coarse` */
+};
+
+struct rec_frame {
+    rec_carver *carver;
+    rec_solver *solver;
+    const rec_sysmat *S;
+    int nch, cs;
+    size_t rows, voxels;
+
+    bool present[REC_MAX_CAMERAS];
+    uint8_t cell[REC_MAX_CAMERAS][4];
+    bool bayer[REC_MAX_CAMERAS], mosaic[REC_MAX_CAMERAS]; /* with a filter; pixels as they are */
+    bool floats[REC_MAX_CAMERAS];                         /* without a full scale */
+    float *b;       /* [rows][cs] pixels in, right-hand side after carve */
+    float *weight;  /* [rows] */
+    float *weight4; /* [rows][4] of each channel, where cameras have mosaics */
+    uint8_t *lit;   /* [rows] */
+    double sigma;
+    bool per_channel; /* weight4 holds */
+
+    int32_t *col; /* [voxels] */
+    struct rec_subsys *sub;
+    rec_levels *levels; /* with solver->coarse */
+    float *x;           /* [voxels][cs] */
+    struct rec_frame_report report;
+};
+
+/* The carved frame's right-hand side. */
+static inline struct rec_pictures rec_frame_pictures(const rec_frame *f)
+{
+    return (struct rec_pictures){.b = f->b,
+                                 .w = f->per_channel ? f->weight4 : f->weight,
+                                 .per_channel = f->per_channel,
+                                 .sigma = f->sigma};
+}
+
+#endif

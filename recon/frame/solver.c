@@ -1,0 +1,90 @@
+/* solver.c - the second stage: problem, start, method. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "recon/frame/impl.h"
+#include "recon/solve/start.h"
+
+pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p, rec_solver **out,
+                       struct pvx_diag *d)
+{
+    rec_solver *s = *out = pvx_calloc(1, sizeof *s);
+    if (s == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "solver: out of memory");
+    s->p = p->solve;
+    s->coarse = p->coarse_start && rec_solver_is_default(p->solve.solver) && S->coarse != NULL;
+    pvx_err e = rec_problem_new(S, p->nch, &s->problem);
+    if (e == PVX_OK && s->coarse)
+        e = rec_descent_init(&s->descent, S, p->nch);
+    if (e != PVX_OK) {
+        rec_solver_free(out);
+        return pvx_fail(d, e, "solver: work areas for %zu voxels and %d channels: %s",
+                        rec_grid_count(&S->grid), p->nch, pvx_strerror(e));
+    }
+    return PVX_OK;
+}
+
+void rec_solver_free(rec_solver **s)
+{
+    if (*s == NULL)
+        return;
+    rec_problem_free(&(*s)->problem);
+    rec_descent_fini(&(*s)->descent);
+    PVX_FREE(*s);
+}
+
+/* x = the earlier volume on this frame's voxels, 0 where it had none; both lists ascend. */
+static void earlier_volume(rec_frame *f, const struct rec_sparse *from)
+{
+    int32_t at = 0;
+    size_t cs = (size_t)f->cs;
+    for (int32_t q = 0; q < f->sub->n; q++) {
+        while (at < from->n && from->index[at] < f->col[q])
+            at++;
+        float *x = f->x + (size_t)q * cs;
+        memset(x, 0, cs * sizeof *x);
+        if (at < from->n && from->index[at] == f->col[q])
+            memcpy(x, from->value + (size_t)at * cs, (size_t)f->nch * sizeof *x);
+    }
+}
+
+/* f->x to start from; with coarser grids they or the earlier volume, whichever fits better. */
+static void start(rec_frame *f, const struct rec_solve_params *p, bool any, bool warm)
+{
+    rec_solver *s = f->solver;
+    struct rec_descent *d = &s->descent;
+    f->report.warm = warm;
+    if (s->coarse && any) {
+        d->levels = f->levels;
+        d->deadline_ns = p->deadline_ns;
+        rec_problem_weigh(s->problem, p->lambda);
+        f->report.warm = rec_start_coarse(s->problem, d, f->x, warm ? d->spare : NULL);
+        f->report.coarse_iterations = d->iterations;
+    } else if (warm) {
+        rec_start_earlier(s->problem, f->x);
+    } else {
+        rec_start_zero(s->problem, f->x);
+    }
+}
+
+pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_sparse *previous)
+{
+    int64_t t0 = pvx_now_mono();
+    rec_problem *problem = f->solver->problem;
+    struct rec_solve_params p = f->solver->p;
+    struct rec_pictures in = rec_frame_pictures(f);
+    if (deadline_ns != 0)
+        p.deadline_ns = deadline_ns;
+    bool warm = previous != NULL && previous->n > 0;
+    if (warm && (previous->cs != f->cs || previous->value == f->x))
+        return PVX_EINVAL;
+    if (warm)
+        earlier_volume(f, previous);
+    bool any = rec_problem_load(problem, f->sub, &in);
+    start(f, &p, any, warm);
+    pvx_err e = rec_solve(problem, &p, f->x, &f->report.solve);
+    f->report.solve_ns = pvx_now_mono() - t0;
+    return e;
+}

@@ -1,0 +1,287 @@
+/* Products with the restricted system, and sums over its columns. */
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/matrix/subsys.h"
+
+/* The first of a slab's further windows that is of column q or later. */
+static const struct rec_more *more_from(const struct rec_subsys *a, int32_t slab, int32_t q)
+{
+    const struct rec_more *at = a->win.more + a->more_at[slab];
+    const struct rec_more *end = a->win.more + a->more_end[slab];
+    while (at < end) {
+        const struct rec_more *mid = at + (end - at) / 2;
+        if (mid->column < (uint32_t)q)
+            at = mid + 1;
+        else
+            end = mid;
+    }
+    return at;
+}
+
+/* x[q] += unit * sum of w y, y += w x[q], of further windows of columns [q0,q1) of a slab, in
+ * cameras [c0,c1). */
+REC_INLINE bool is_of(const struct rec_more *k, struct rec_cameras c)
+{
+    return (int32_t)k->slot >= c.c0 && (int32_t)k->slot < c.c1;
+}
+struct more_run {
+    const struct rec_more *at, *end;
+};
+REC_INLINE void adjoint_more(const struct rec_windows *m, struct more_run run, struct rec_cameras c,
+                             const float *y, float *x, size_t cs)
+{
+    for (const struct rec_more *k = run.at; k < run.end; k++) {
+        rec_f4 sum = {0};
+        if (!is_of(k, c))
+            continue;
+        for (int r = 0, i = 0; r < m->high; r++)
+            for (int j = 0; j < m->wide; j++, i++)
+                sum += rec_splat(k->w[i]) *
+                       rec_ld(y, k->at + (size_t)r * (size_t)m->pitch[k->slot] + (size_t)j, cs);
+        rec_st(x, k->column, cs, rec_ld(x, k->column, cs) + rec_splat(m->unit) * sum);
+    }
+}
+REC_INLINE void scatter_more(const struct rec_subsys *a, size_t slab, struct rec_cameras c,
+                             const float *x, float *y, size_t cs)
+{
+    const struct rec_windows *m = &a->win;
+    for (uint32_t o = a->more_at[slab]; o < a->more_end[slab]; o++) {
+        const struct rec_more *k = &m->more[o];
+        rec_f4 of_column = rec_ld(x, k->column, cs);
+        if (!is_of(k, c))
+            continue;
+        for (int r = 0, i = 0; r < m->high; r++)
+            for (int j = 0; j < m->wide; j++, i++) {
+                size_t at = k->at + (size_t)r * (size_t)m->pitch[k->slot] + (size_t)j;
+                rec_st(y, at, cs, rec_ld(y, at, cs) + rec_splat(k->w[i]) * of_column);
+            }
+    }
+}
+
+void rec_adjoint_cameras(const struct rec_subsys *a, struct rec_cameras c, const float *y,
+                         int32_t q0, int32_t q1, float *x)
+{
+    const struct rec_slots slots = {c.c0, c.c1};
+    (a->cs == 4 ? a->k->adjoint4 : a->k->adjoint1)(&a->win, slots, q0, q1, y, x);
+    for (int32_t s = 0; s < a->slabs && a->win.n_more > 0; s++) {
+        const struct more_run run = {more_from(a, s, q0), more_from(a, s, q1)};
+        a->cs == 4 ? adjoint_more(&a->win, run, c, y, x, 4)
+                   : adjoint_more(&a->win, run, c, y, x, 1);
+    }
+}
+void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1, float *x)
+{
+    rec_adjoint_cameras(a, (struct rec_cameras){0, a->win.slots}, y, q0, q1, x);
+}
+
+pvx_err rec_images_new(const rec_sysmat *S, int cs, struct rec_images *out)
+{
+    bool ok = true;
+    *out = (struct rec_images){.bytes = (size_t)S->win.room * (size_t)cs * sizeof(float)};
+    for (size_t s = 0; s < REC_SLABS_MAX; s++) {
+        out->of[s] = pvx_reserve(out->bytes);
+        ok = ok && out->of[s] != NULL;
+    }
+    if (!ok)
+        rec_images_free(out);
+    return ok ? PVX_OK : PVX_ENOMEM;
+}
+void rec_images_free(struct rec_images *im)
+{
+    for (size_t s = 0; s < REC_SLABS_MAX; s++)
+        pvx_unreserve(im->of[s], im->bytes);
+    *im = (struct rec_images){0};
+}
+
+struct product {
+    const struct rec_subsys *a;
+    const struct rec_images *im;
+    struct rec_cameras c;
+    const float *x;
+    float *y;
+};
+
+static void scatter_slab(void *ctx, size_t slab)
+{
+    const struct product *t = ctx;
+    const struct rec_subsys *a = t->a;
+    const struct rec_slots slots = {t->c.c0, t->c.c1};
+    float *y = t->im->of[slab];
+    size_t cs = (size_t)a->cs, bytes = REC_ROW_BLOCK * cs * sizeof *y;
+    int32_t q0, q1;
+    for (int32_t b = 0; b < a->n_blocks; b++)
+        if (a->slabs_of[b] >> slab & 1)
+            memset(y + (size_t)a->block[b] * REC_ROW_BLOCK * cs, 0, bytes);
+    rec_slab_range(a, slab, &q0, &q1);
+    (cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, q0, q1, t->x, y);
+    cs == 4 ? scatter_more(a, slab, t->c, t->x, y, 4) : scatter_more(a, slab, t->c, t->x, y, 1);
+}
+
+void rec_scatter_cameras(const struct rec_subsys *a, struct rec_images *im, struct rec_cameras c,
+                         const float *x)
+{
+    struct product t = {.a = a, .im = im, .c = c, .x = x};
+    pvx_pool_run(a->pool, (size_t)a->slabs, scatter_slab, &t);
+}
+void rec_scatter(const struct rec_subsys *a, struct rec_images *im, const float *x)
+{
+    rec_scatter_cameras(a, im, (struct rec_cameras){0, a->win.slots}, x);
+}
+
+REC_INLINE void collect(const struct rec_subsys *a, const struct rec_images *im,
+                        struct rec_block_range r, float *y, size_t cs)
+{
+    size_t vectors = REC_ROW_BLOCK * cs / 4;
+    for (int32_t b = r.at; b < r.end; b++) {
+        size_t at = (size_t)a->block[b] * REC_ROW_BLOCK * cs;
+        uint32_t slabs = a->slabs_of[b];
+        rec_f4 sum[REC_ROW_BLOCK] = {{0}};
+        for (; slabs != 0; slabs &= slabs - 1) {
+            const float *from = im->of[__builtin_ctz(slabs)] + at;
+            for (size_t v = 0; v < vectors; v++)
+                sum[v] += rec_ld(from, v, 4);
+        }
+        for (size_t v = 0; v < vectors; v++)
+            rec_st(y + at, v, 4, rec_splat(a->win.unit) * sum[v]);
+    }
+}
+void rec_collect(const struct rec_subsys *a, const struct rec_images *im,
+                 struct rec_block_range blocks, float *y)
+{
+    a->cs == 4 ? collect(a, im, blocks, y, 4) : collect(a, im, blocks, y, 1);
+}
+
+static void collect_chunk(void *ctx, size_t k)
+{
+    const struct product *t = ctx;
+    rec_collect(t->a, t->im, rec_blocks_of(t->a, k), t->y);
+}
+void rec_forward(const struct rec_subsys *a, struct rec_images *im, const float *x, float *y)
+{
+    struct product t = {.a = a, .im = im, .y = y};
+    rec_scatter(a, im, x);
+    pvx_pool_run(a->pool, rec_row_pieces(a), collect_chunk, &t);
+}
+
+/* One window, at bin `at` of y: y += unit w e. */
+static void add_window(const struct rec_subsys *a, size_t at, size_t slot, const uint8_t *w,
+                       rec_f4 e, float *y)
+{
+    size_t cs = (size_t)a->cs, pitch = (size_t)a->win.pitch[slot];
+    for (int r = 0; r < a->win.high; r++, at += pitch)
+        for (size_t k = 0; k < (size_t)a->win.wide; k++, w++) {
+            float v = a->win.unit * (float)*w;
+            if (cs == 4)
+                rec_st(y, at + k, 4, rec_ld(y, at + k, 4) + rec_splat(v) * e);
+            else
+                y[at + k] += v * e[0];
+        }
+}
+void rec_add_column(const struct rec_subsys *a, int32_t q, rec_f4 e, float *y)
+{
+    const struct rec_windows *m = &a->win;
+    size_t slots = (size_t)m->slots, first = (size_t)q * slots, size = rec_window_size(m);
+    for (size_t c = 0; c < slots; c++)
+        add_window(a, m->at[first + c], c, m->w + (first + c) * size, e, y);
+    for (int32_t s = 0; s < a->slabs && m->n_more > 0; s++) {
+        const struct rec_more *k = more_from(a, s, q), *end = m->more + a->more_end[s];
+        for (; k < end && k->column == (uint32_t)q; k++)
+            add_window(a, k->at, k->slot, k->w, e, y);
+    }
+}
+
+/* ---- columns ------------------------------------------------------------------------------------ */
+
+struct norms {
+    const struct rec_subsys *a;
+    struct rec_cameras c;
+    const float *row_weight;
+    float *d2, *d1;
+};
+
+/* A window's part of both sums, in units. */
+static void weigh_window(const struct norms *t, size_t at, size_t slot, const uint8_t *w,
+                         double *d2, double *d1)
+{
+    const struct rec_windows *m = &t->a->win;
+    for (int r = 0; r < m->high; r++, at += (size_t)m->pitch[slot])
+        for (size_t k = 0; k < (size_t)m->wide; k++, w++) {
+            double v = *w, wv = t->row_weight == NULL || v == 0 ? v : v * t->row_weight[at + k];
+            *d2 += v * wv;
+            *d1 += wv;
+        }
+}
+
+static void norms_chunk(void *ctx, size_t chunk)
+{
+    const struct norms *t = ctx;
+    const struct rec_subsys *a = t->a;
+    const struct rec_windows *m = &a->win;
+    size_t slots = (size_t)m->slots, size = rec_window_size(m);
+    double unit = m->unit;
+    int32_t q0, q1;
+    rec_chunk_range(a->n, chunk, &q0, &q1);
+    for (int32_t q = q0; q < q1; q++) {
+        double d2 = 0, d1 = 0;
+        for (size_t c = (size_t)t->c.c0; c < (size_t)t->c.c1; c++) {
+            size_t i = (size_t)q * slots + c;
+            weigh_window(t, m->at[i], c, m->w + i * size, &d2, &d1);
+        }
+        for (int32_t s = 0; s < a->slabs && m->n_more > 0; s++) {
+            const struct rec_more *k = more_from(a, s, q), *end = m->more + a->more_end[s];
+            for (; k < end && k->column == (uint32_t)q; k++)
+                if (is_of(k, t->c))
+                    weigh_window(t, k->at, k->slot, k->w, &d2, &d1);
+        }
+        if (t->d2 != NULL)
+            t->d2[q] = (float)(unit * unit * d2);
+        if (t->d1 != NULL)
+            t->d1[q] = (float)(unit * d1);
+    }
+}
+
+void rec_column_norms(const struct rec_subsys *a, const float *row_weight, float *d2, float *d1)
+{
+    struct norms t = {a, {0, a->win.slots}, row_weight, d2, d1};
+    pvx_pool_run(a->pool, rec_chunks(a->n), norms_chunk, &t);
+}
+void rec_column_sums_cameras(const struct rec_subsys *a, struct rec_cameras c,
+                             const float *row_weight, float *d1)
+{
+    struct norms t = {a, c, row_weight, NULL, d1};
+    pvx_pool_run(a->pool, rec_chunks(a->n), norms_chunk, &t);
+}
+
+struct dot {
+    int32_t n;
+    int cs;
+    const float *u, *v;
+    double part[REC_MAX_CHUNKS][4];
+};
+
+REC_INLINE void dot_lanes(struct dot *t, size_t k, size_t cs)
+{
+    int32_t i0, i1;
+    rec_d4 sum = {0};
+    rec_chunk_range(t->n, k, &i0, &i1);
+    for (size_t i = (size_t)i0; i < (size_t)i1; i++)
+        rec_add_product(&sum, rec_ld(t->u, i, cs), rec_ld(t->v, i, cs));
+    rec_put(t->part[k], &sum);
+}
+static void dot_chunk(void *ctx, size_t k)
+{
+    struct dot *t = ctx;
+    t->cs == 4 ? dot_lanes(t, k, 4) : dot_lanes(t, k, 1);
+}
+
+void rec_dot(const struct rec_subsys *a, int32_t n, const float *u, const float *v, double out[4])
+{
+    struct dot t = {.n = n, .cs = a->cs, .u = u, .v = v};
+    pvx_pool_run(a->pool, rec_chunks(n), dot_chunk, &t);
+    for (int l = 0; l < 4; l++) {
+        out[l] = 0;
+        for (size_t k = 0; k < rec_chunks(n); k++)
+            out[l] += t.part[k][l];
+    }
+}

@@ -1,0 +1,355 @@
+#include "recon/matrix/subsys.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+
+#define SLAB   1024 /* columns, at least, as long as there are no more than REC_SLABS_MAX slabs */
+#define RANGES 32   /* of blocks: tasks of the numbering */
+
+static size_t blocks_of_room(size_t room)
+{
+    return room / REC_ROW_BLOCK;
+}
+
+pvx_err rec_restrictor_new(const rec_sysmat *S, struct rec_restrictor **out)
+{
+    struct rec_restrictor *r = *out = pvx_calloc(1, sizeof *r);
+    if (r == NULL)
+        return PVX_ENOMEM;
+    r->room = S->win.room;
+    r->voxels = rec_grid_count(&S->grid);
+    r->list = pvx_reserve(r->voxels * sizeof *r->list);
+    r->covered = pvx_reserve(blocks_of_room(r->room) * sizeof *r->covered);
+    bool ok = r->list != NULL && r->covered != NULL;
+    for (size_t s = 0; s < REC_SLABS_MAX; s++) {
+        r->slab[s].row = pvx_reserve(r->room);
+        ok = ok && r->slab[s].row != NULL;
+    }
+    if (!ok)
+        rec_restrictor_free(out);
+    return ok ? PVX_OK : PVX_ENOMEM;
+}
+
+void rec_restrictor_free(struct rec_restrictor **rp)
+{
+    struct rec_restrictor *r = *rp;
+    if (r == NULL)
+        return;
+    for (size_t s = 0; s < REC_SLABS_MAX; s++)
+        pvx_unreserve(r->slab[s].row, r->room);
+    pvx_unreserve(r->covered, blocks_of_room(r->room) * sizeof *r->covered);
+    pvx_unreserve(r->list, r->voxels * sizeof *r->list);
+    PVX_FREE(*rp);
+}
+
+/* Bytes of the windows of all columns. */
+struct sizes {
+    size_t at, w, more, norm2, block, is_row;
+};
+static struct sizes sizes_of(const rec_sysmat *S)
+{
+    size_t N = rec_grid_count(&S->grid), windows = N * (size_t)S->win.slots;
+    return (struct sizes){.at = windows * sizeof *S->win.at,
+                          .w = windows * rec_window_size(&S->win) + REC_WINDOWS_PAD,
+                          .more = (size_t)S->win.n_more * sizeof *S->win.more,
+                          .norm2 = N * sizeof(float),
+                          .block = blocks_of_room(S->win.room) * sizeof(uint32_t),
+                          .is_row = S->win.room};
+}
+
+/* The most voxels that a list of them is reserved for. */
+#define MOST ((size_t)1 << 26)
+
+pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int cs,
+                       struct rec_subsys **out)
+{
+    *out = NULL;
+    if (rec_grid_count(&S->grid) > MOST)
+        return PVX_ERANGE;
+    struct rec_subsys *a = pvx_calloc(1, sizeof *a);
+    if (a == NULL)
+        return PVX_ENOMEM;
+    struct sizes z = sizes_of(S);
+    a->S = S;
+    a->k = k;
+    a->pool = pool;
+    a->cs = cs;
+    memcpy(a->row0, S->row0, (S->n_cameras + 1) * sizeof *a->row0);
+    a->win = S->win;
+    a->win.at = pvx_reserve(z.at);
+    a->win.w = pvx_reserve(z.w);
+    a->win.more = pvx_reserve(z.more);
+    a->norm2 = pvx_reserve(z.norm2);
+    a->block = pvx_reserve(z.block);
+    a->slabs_of = pvx_reserve(z.block);
+    a->is_row = pvx_reserve(z.is_row);
+    if (a->win.at == NULL || a->win.w == NULL || a->win.more == NULL || a->norm2 == NULL ||
+        a->block == NULL || a->slabs_of == NULL || a->is_row == NULL) {
+        rec_subsys_free(&a);
+        return PVX_ENOMEM;
+    }
+    *out = a;
+    return PVX_OK;
+}
+
+void rec_subsys_free(struct rec_subsys **ap)
+{
+    struct rec_subsys *a = *ap;
+    if (a == NULL)
+        return;
+    struct sizes z = sizes_of(a->S);
+    pvx_unreserve(a->win.at, z.at);
+    pvx_unreserve(a->win.w, z.w);
+    pvx_unreserve(a->win.more, z.more);
+    pvx_unreserve(a->norm2, z.norm2);
+    pvx_unreserve(a->block, z.block);
+    pvx_unreserve(a->slabs_of, z.block);
+    pvx_unreserve(a->is_row, z.is_row);
+    PVX_FREE(*ap);
+}
+
+/* ---- restriction -------------------------------------------------------------------------------- */
+
+struct restriction {
+    struct rec_subsys *a;
+    struct rec_restrictor *r;
+    size_t n_blocks;                      /* that hold rows of S */
+    int32_t blocks[RANGES], rows[RANGES]; /* of each range, then the first of each */
+};
+
+/* Columns that follow one another in S are one run of windows. */
+static void copy_windows(struct rec_subsys *a, int32_t q0, int32_t q1)
+{
+    size_t slots = (size_t)a->win.slots, bytes = slots * rec_window_size(&a->win);
+    for (int32_t q = q0, next; q < q1; q = next) {
+        for (next = q + 1; next < q1 && a->col[next] == a->col[next - 1] + 1; next++)
+            ;
+        size_t n = (size_t)(next - q), from = (size_t)a->col[q];
+        memcpy(a->win.at + (size_t)q * slots, a->S->win.at + from * slots,
+               n * slots * sizeof *a->win.at);
+        memcpy(a->win.w + (size_t)q * bytes, a->S->win.w + from * bytes, n * bytes);
+    }
+}
+
+/* Cameras that are not there have no windows. */
+static void drop_absent(struct rec_subsys *a, int32_t q0, int32_t q1)
+{
+    size_t slots = (size_t)a->win.slots, size = rec_window_size(&a->win);
+    for (size_t c = 0; c < a->S->n_cameras; c++) {
+        if (a->present[c])
+            continue;
+        for (size_t at = (size_t)q0 * slots + c; at < (size_t)q1 * slots; at += slots) {
+            a->win.at[at] = a->win.nowhere;
+            memset(a->win.w + at * size, 0, size);
+        }
+    }
+}
+
+/* Where one slab leaves its marks. */
+struct marks {
+    uint8_t *row;
+    _Atomic uint32_t *covered;
+    uint32_t bit;
+};
+/* Any order of the slabs leaves the same bits. */
+REC_INLINE void cover(const struct marks *m, uint32_t bin)
+{
+    _Atomic uint32_t *c = &m->covered[bin / REC_ROW_BLOCK];
+    if ((atomic_load_explicit(c, memory_order_relaxed) & m->bit) == 0)
+        atomic_fetch_or_explicit(c, m->bit, memory_order_relaxed);
+}
+/* The bins of a window: those that it covers and those that are rows. */
+REC_INLINE void mark_window(const struct marks *m, uint32_t at, uint32_t pitch, const uint8_t *w,
+                            int high, int wide)
+{
+    for (int r = 0; r < high; r++, at += pitch, w += wide) {
+        uint32_t row = 0, weights = 0;
+        memcpy(&row, m->row + at, (size_t)wide);
+        memcpy(&weights, w, (size_t)wide);
+        row |= weights;
+        memcpy(m->row + at, &row, (size_t)wide);
+        cover(m, at);
+        cover(m, at + (uint32_t)wide - 1);
+    }
+}
+REC_INLINE void mark_columns(const struct rec_subsys *a, const struct marks *s, int32_t q0,
+                             int32_t q1, int high, int wide)
+{
+    const struct rec_windows *m = &a->win;
+    size_t slots = (size_t)m->slots, size = (size_t)(high * wide);
+    const uint32_t *at = m->at + (size_t)q0 * slots;
+    const uint8_t *w = m->w + (size_t)q0 * slots * size;
+    for (int32_t q = q0; q < q1; q++)
+        for (size_t c = 0; c < slots; c++, at++, w += size)
+            if (*at != m->nowhere)
+                mark_window(s, *at, (uint32_t)m->pitch[c], w, high, wide);
+}
+/* By the shape of the windows, which is then a constant. */
+static void mark(const struct rec_subsys *a, const struct marks *s, int32_t q0, int32_t q1)
+{
+    if (a->win.wide == 2)
+        mark_columns(a, s, q0, q1, 2, 2);
+    else if (a->win.high == 2)
+        mark_columns(a, s, q0, q1, 2, 4);
+    else if (a->win.high == 3)
+        mark_columns(a, s, q0, q1, 3, 4);
+    else
+        mark_columns(a, s, q0, q1, 4, 4);
+}
+
+/* Sum of weights, of their squares, how many there are: exact in integers, whatever the slabs are. */
+struct sums {
+    uint32_t w, w2, n;
+};
+static struct sums sums_of(const uint8_t *w, size_t n)
+{
+    struct sums s = {0};
+    for (size_t i = 0; i < n; i++) {
+        s.w += w[i];
+        s.w2 += (uint32_t)w[i] * w[i];
+        s.n += w[i] != 0;
+    }
+    return s;
+}
+static void add_sums(struct rec_slab *s, struct sums d)
+{
+    s->sum += d.w;
+    s->sum2 += d.w2;
+    s->nnz += d.n;
+}
+
+static float norm_of(const struct rec_subsys *a, double w2)
+{
+    return (float)((double)a->S->unit * a->S->unit * w2);
+}
+
+/* Further windows of the slab's columns, to where S has those of its first: there can not be more. */
+static void copy_more(struct restriction *t, size_t slab, const struct marks *marks, int32_t q0,
+                      int32_t q1)
+{
+    struct rec_subsys *a = t->a;
+    const struct rec_windows *m = &a->S->win;
+    uint32_t from = 0, end = m->n_more, to;
+    while (q0 < q1 && from < end) { /* first of column col[q0] or later */
+        uint32_t mid = from + (end - from) / 2;
+        if (m->more[mid].column < (uint32_t)a->col[q0])
+            from = mid + 1;
+        else
+            end = mid;
+    }
+    a->more_at[slab] = to = from;
+    for (int32_t q = q0; q < q1 && from < m->n_more; from++) {
+        struct rec_more k = m->more[from];
+        while (q < q1 && (uint32_t)a->col[q] < k.column)
+            q++;
+        if (q == q1 || (uint32_t)a->col[q] != k.column || !a->present[k.slot])
+            continue;
+        struct sums d = sums_of(k.w, sizeof k.w);
+        k.column = (uint32_t)q;
+        a->win.more[to++] = k;
+        mark_window(marks, k.at, (uint32_t)m->pitch[k.slot], k.w, m->high, m->wide);
+        a->norm2[q] += norm_of(a, d.w2);
+        add_sums(&t->r->slab[slab], d);
+    }
+    a->more_end[slab] = to;
+}
+
+static void copy_slab(void *ctx, size_t slab)
+{
+    struct restriction *t = ctx;
+    struct rec_subsys *a = t->a;
+    struct rec_slab *s = &t->r->slab[slab];
+    size_t bytes = (size_t)a->win.slots * rec_window_size(&a->win);
+    const struct marks marks = {s->row, t->r->covered, 1u << slab};
+    int32_t q0, q1;
+    rec_slab_range(a, slab, &q0, &q1);
+    copy_windows(a, q0, q1);
+    drop_absent(a, q0, q1);
+    mark(a, &marks, q0, q1);
+    s->sum = s->sum2 = s->nnz = 0;
+    for (int32_t q = q0; q < q1; q++) {
+        struct sums d = sums_of(a->win.w + (size_t)q * bytes, bytes);
+        a->norm2[q] = norm_of(a, d.w2);
+        add_sums(s, d);
+    }
+    copy_more(t, slab, &marks, q0, q1);
+}
+
+_Static_assert(REC_ROW_BLOCK == sizeof(uint64_t), "a block's rows are read at once");
+
+/* Which bins of a block are rows.  The slabs' marks are 0 after. */
+static uint64_t take_rows(struct restriction *t, size_t block, uint32_t slabs)
+{
+    uint64_t rows = 0, m, zero = 0;
+    for (; slabs != 0; slabs &= slabs - 1) {
+        uint8_t *row = t->r->slab[__builtin_ctz(slabs)].row + block * REC_ROW_BLOCK;
+        memcpy(&m, row, sizeof m);
+        memcpy(row, &zero, sizeof zero);
+        rows |= m;
+    }
+    return rows;
+}
+
+static void count_range(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    int32_t n = 0;
+    for (size_t b = t->n_blocks * i / RANGES; b < t->n_blocks * (i + 1) / RANGES; b++)
+        n += atomic_load_explicit(&t->r->covered[b], memory_order_relaxed) != 0;
+    t->blocks[i] = n;
+}
+
+static void number_range(void *ctx, size_t i)
+{
+    struct restriction *t = ctx;
+    struct rec_subsys *a = t->a;
+    int32_t at = t->blocks[i], rows = 0;
+    for (size_t b = t->n_blocks * i / RANGES; b < t->n_blocks * (i + 1) / RANGES; b++) {
+        uint32_t slabs = atomic_load_explicit(&t->r->covered[b], memory_order_relaxed);
+        if (slabs == 0)
+            continue;
+        atomic_store_explicit(&t->r->covered[b], 0, memory_order_relaxed);
+        uint64_t row = take_rows(t, b, slabs);
+        a->block[at] = (uint32_t)b;
+        a->slabs_of[at++] = slabs;
+        memcpy(a->is_row + b * REC_ROW_BLOCK, &row, sizeof row);
+        for (; row != 0; row >>= 8)
+            rows += (row & 0xFF) != 0;
+    }
+    t->rows[i] = rows;
+}
+
+void rec_subsys_restrict(struct rec_subsys *a, struct rec_restrictor *r, const int32_t *col,
+                         int32_t n, const bool *present)
+{
+    struct restriction t = {.a = a, .r = r, .n_blocks = a->win.nowhere / REC_ROW_BLOCK};
+    uint64_t sum = 0, sum2 = 0;
+    a->col = col;
+    a->n = n;
+    a->slabs = n / SLAB < 1 ? 1 : n / SLAB < REC_SLABS_MAX ? n / SLAB : REC_SLABS_MAX;
+    memcpy(a->present, present, a->S->n_cameras * sizeof *present);
+    pvx_pool_run(a->pool, (size_t)a->slabs, copy_slab, &t);
+    pvx_pool_run(a->pool, RANGES, count_range, &t);
+    a->n_blocks = 0;
+    for (size_t i = 0; i < RANGES; i++) {
+        int32_t of_range = t.blocks[i];
+        t.blocks[i] = a->n_blocks;
+        a->n_blocks += of_range;
+    }
+    pvx_pool_run(a->pool, RANGES, number_range, &t);
+    for (size_t b = t.n_blocks; b < blocks_of_room(a->win.room); b++) /* windows that hang over */
+        atomic_store_explicit(&r->covered[b], 0, memory_order_relaxed);
+    a->rows = 0;
+    a->nnz = 0;
+    for (size_t i = 0; i < RANGES; i++)
+        a->rows += t.rows[i];
+    for (int32_t s = 0; s < a->slabs; s++) {
+        sum += r->slab[s].sum;
+        sum2 += r->slab[s].sum2;
+        a->nnz += r->slab[s].nnz;
+    }
+    a->sum = (double)a->S->unit * (double)sum;
+    a->sum2 = (double)a->S->unit * a->S->unit * (double)sum2;
+}

@@ -1,0 +1,208 @@
+/* Entries -> windows (recon/simd/windows.h).  A camera's bins of a column are covered from the top: a
+ * window begins at the first row that has a bin left, and at the leftmost bin left in the rows from
+ * there that it has.  The first is the column's own, the others go to `more`.
+ *   count    chunks of columns: windows beyond the first, for each shape
+ *   choose   the shape that takes the least memory; a window in `more` counts twice, being slower too
+ *   fill     the chunks again */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/matrix/priv.h"
+
+#define CHUNK 4096 /* columns per task */
+#define BINS  1024 /* that are covered at a time; a column that has more is covered in pieces */
+
+static const struct shape {
+    uint32_t high, wide;
+} shapes[] = {{2, 2}, {2, 4}, {3, 4}, {4, 4}};
+#define SHAPES (sizeof shapes / sizeof *shapes)
+
+struct job {
+    rec_sysmat *m;
+    const struct rec_entries *e;
+    size_t N;
+    uint64_t (*more)[SHAPES]; /* [chunks] windows in `more`, then the first of each chunk */
+    size_t shape;
+};
+
+/* Bins of one camera in one column, ascending. */
+struct bins {
+    uint32_t n, left;
+    uint16_t x[BINS], y[BINS];
+    uint8_t val[BINS], in[BINS]; /* in: of a window already */
+};
+
+/* Those of camera c from entry `from` on, to `end` or as many as fit; the first entry after them. */
+static uint32_t load_bins(const struct job *j, size_t c, uint32_t from, uint32_t end,
+                          struct bins *b)
+{
+    uint32_t first = (uint32_t)j->m->row0[c], last = (uint32_t)j->m->row0[c + 1];
+    uint32_t bw = (uint32_t)j->m->block[c].bw;
+    double per_bw = 1.0 / bw;
+    for (b->n = 0; from < end && b->n < BINS && j->e->row[from] < last; from++, b->n++) {
+        uint32_t r = j->e->row[from] - first, y = (uint32_t)(int32_t)((r + 0.5) * per_bw);
+        b->y[b->n] = (uint16_t)y;
+        b->x[b->n] = (uint16_t)(r - y * bw);
+        b->val[b->n] = j->e->val[from];
+    }
+    return from;
+}
+
+/* The next window of the bins that are left: its top left bin, and which weights. */
+static uint32_t next_window(const struct job *j, const struct shape *s, size_t c, struct bins *b,
+                            uint8_t w[REC_WINDOW_MAX])
+{
+    uint32_t bw = (uint32_t)j->m->block[c].bw, bh = (uint32_t)j->m->block[c].bh, i = 0;
+    while (b->in[i])
+        i++;
+    uint32_t y = b->y[i], x = b->x[i];
+    for (uint32_t k = i + 1; k < b->n && b->y[k] < y + s->high; k++)
+        if (!b->in[k] && b->x[k] < x)
+            x = b->x[k];
+    if (bw >= s->wide && x > bw - s->wide) /* all of it in the image, where that is possible */
+        x = bw - s->wide;
+    if (bh >= s->high && y > bh - s->high)
+        y = bh - s->high;
+    memset(w, 0, REC_WINDOW_MAX);
+    for (uint32_t k = i; k < b->n && b->y[k] < y + s->high; k++) {
+        uint32_t dx = (uint32_t)b->x[k] - x;
+        if (b->in[k] || dx >= s->wide)
+            continue;
+        w[(b->y[k] - y) * s->wide + dx] = b->val[k];
+        b->in[k] = 1;
+        b->left--;
+    }
+    return (uint32_t)j->m->row0[c] + y * bw + x;
+}
+
+static uint32_t count_windows(const struct job *j, const struct shape *s, size_t c, struct bins *b)
+{
+    uint8_t w[REC_WINDOW_MAX];
+    uint32_t n = 0;
+    memset(b->in, 0, b->n);
+    for (b->left = b->n; b->left > 0; n++)
+        next_window(j, s, c, b, w);
+    return n;
+}
+
+static size_t chunk_end(const struct job *j, size_t task)
+{
+    return (task + 1) * CHUNK < j->N ? (task + 1) * CHUNK : j->N;
+}
+
+static void count_chunk(void *ctx, size_t task)
+{
+    struct job *j = ctx;
+    struct bins b = {.n = 0};
+    for (size_t q = task * CHUNK; q < chunk_end(j, task); q++) {
+        uint32_t e = j->e->colptr[q], end = j->e->colptr[q + 1];
+        for (size_t c = 0; c < j->m->n_cameras; c++)
+            for (uint32_t own = 1; (e = load_bins(j, c, e, end, &b)), b.n > 0; own = 0)
+                for (size_t s = 0; s < SHAPES; s++)
+                    j->more[task][s] += count_windows(j, &shapes[s], c, &b) - own;
+    }
+}
+
+static void fill_chunk(void *ctx, size_t task)
+{
+    struct job *j = ctx;
+    struct rec_windows *out = &j->m->win;
+    const struct shape *s = &shapes[j->shape];
+    struct bins b = {.n = 0};
+    uint8_t w[REC_WINDOW_MAX];
+    size_t size = rec_window_size(out), more = (size_t)j->more[task][j->shape];
+    for (size_t q = task * CHUNK; q < chunk_end(j, task); q++) {
+        uint32_t e = j->e->colptr[q], end = j->e->colptr[q + 1];
+        size_t at = q * (size_t)out->slots;
+        memset(out->w + at * size, 0, (size_t)out->slots * size);
+        for (size_t c = 0; c < (size_t)out->slots; c++)
+            out->at[at + c] = out->nowhere;
+        for (size_t c = 0; c < j->m->n_cameras; c++)
+            for (bool own = true; (e = load_bins(j, c, e, end, &b)), b.n > 0;) {
+                memset(b.in, 0, b.n);
+                for (b.left = b.n; b.left > 0; own = false) {
+                    uint32_t first = next_window(j, s, c, &b, w);
+                    struct rec_more *m = &out->more[more];
+                    if (own) {
+                        out->at[at + c] = first;
+                        memcpy(out->w + (at + c) * size, w, size);
+                        continue;
+                    }
+                    *m = (struct rec_more){(uint32_t)q, first, (uint32_t)c, {0}};
+                    memcpy(m->w, w, size);
+                    more++;
+                }
+            }
+    }
+}
+
+/* Shape of the least memory, and j->more summed up for it.  false: too many windows. */
+static bool choose(struct job *j, size_t chunks)
+{
+    double least = 0;
+    for (size_t s = 0; s < SHAPES; s++) {
+        double more = 0, size = shapes[s].high * shapes[s].wide;
+        for (size_t k = 0; k < chunks; k++)
+            more += (double)j->more[k][s];
+        double bytes = (double)j->N * j->m->win.slots * (sizeof *j->m->win.at + size) +
+                       2 * more * sizeof(struct rec_more);
+        if (s == 0 || bytes < least) {
+            least = bytes;
+            j->shape = s;
+        }
+    }
+    uint64_t sum = 0;
+    for (size_t k = 0; k < chunks; k++) {
+        uint64_t n = j->more[k][j->shape];
+        j->more[k][j->shape] = sum;
+        sum += n;
+    }
+    j->m->win.high = (int32_t)shapes[j->shape].high;
+    j->m->win.wide = (int32_t)shapes[j->shape].wide;
+    j->m->win.n_more = (uint32_t)sum;
+    return sum <= UINT32_MAX;
+}
+
+void rec_sysmat_window_frame(rec_sysmat *m)
+{
+    struct rec_windows *w = &m->win;
+    int32_t widest = 0;
+    w->slots = ((int32_t)m->n_cameras + REC_SLOT_GROUP - 1) / REC_SLOT_GROUP * REC_SLOT_GROUP;
+    for (size_t c = 0; c < m->n_cameras; c++) {
+        w->pitch[c] = m->block[c].bw;
+        widest = m->block[c].bw > widest ? m->block[c].bw : widest;
+    }
+    w->unit = m->unit;
+    w->nowhere =
+        (uint32_t)((m->row0[m->n_cameras] + REC_ROW_BLOCK - 1) & ~(size_t)(REC_ROW_BLOCK - 1));
+    w->room = w->nowhere + 3 * (uint32_t)widest + 4;
+    w->room = (w->room + REC_ROW_BLOCK - 1) & ~(uint32_t)(REC_ROW_BLOCK - 1);
+}
+
+pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool *pool)
+{
+    struct job j = {.m = m, .e = e, .N = rec_grid_count(&m->grid)};
+    struct rec_windows *w = &m->win;
+    size_t chunks = (j.N + CHUNK - 1) / CHUNK;
+    rec_sysmat_window_frame(m);
+    j.more = pvx_calloc(chunks, sizeof *j.more);
+    if (j.more == NULL)
+        return PVX_ENOMEM;
+    pvx_pool_run(pool, chunks, count_chunk, &j);
+    pvx_err err = choose(&j, chunks) ? PVX_OK : PVX_ERANGE;
+    if (err == PVX_OK) {
+        size_t bytes = j.N * (size_t)w->slots * rec_window_size(w);
+        w->at = rec_sysmat_array(j.N * (size_t)w->slots * sizeof *w->at);
+        w->w = rec_sysmat_array(bytes + REC_WINDOWS_PAD);
+        w->more = rec_sysmat_array(w->n_more * sizeof *w->more);
+        if (w->at == NULL || w->w == NULL || w->more == NULL)
+            err = PVX_ENOMEM;
+        else
+            memset(w->w + bytes, 0, REC_WINDOWS_PAD);
+    }
+    if (err == PVX_OK)
+        pvx_pool_run(pool, chunks, fill_chunk, &j);
+    free(j.more);
+    return err;
+}

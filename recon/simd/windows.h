@@ -1,0 +1,58 @@
+/* windows.h - a sparse matrix as windows of pixels: what a voxel's column looks like in an image.
+ *
+ *     column q = sum over cameras c of  unit * w[q][c][r][k]  at row  at[q][c] + r*pitch[c] + k     (1)
+ *     r in [0,high), k in [0,wide)
+ * A voxel touches a few neighbouring bins of each camera: their numbers follow from the first, and what
+ * is stored is that one and a byte for each.  What does not fit into a column's window of a camera is in
+ * `more`: further windows, ascending by column.
+ * Rows are the bins of all images, one after the other; a vector over them has room for `room` bins:
+ * those from `nowhere` on are 0 always.  A window that is not there has its place at `nowhere`, one at
+ * the border of a tiny image may hang over its end; the weights are 0 there.
+ * Shapes: 2x2, 2x4, 3x4, 4x4 (rows x columns).  Slots are the cameras, rounded up to whole groups of 4. */
+#ifndef REC_WINDOWS_H
+#define REC_WINDOWS_H
+#include <stddef.h>
+#include <stdint.h>
+
+#define REC_SLOT_GROUP  4
+#define REC_SLOTS_MAX   64
+#define REC_WINDOW_MAX  16 /* weights */
+#define REC_WINDOWS_PAD 16 /* bytes that may be read behind the last weight */
+
+struct rec_more {
+    uint32_t column, at;
+    uint32_t slot;
+    uint8_t w[REC_WINDOW_MAX]; /* [high*wide], then 0 */
+};
+
+struct rec_windows {
+    int32_t slots, high, wide;
+    int32_t pitch[REC_SLOTS_MAX]; /* of each slot: bins of a row of its camera's image */
+    uint32_t nowhere, room;
+    float unit;
+    uint32_t *at;          /* [columns][slots] */
+    uint8_t *w;            /* [columns][slots][high*wide], and REC_WINDOWS_PAD bytes */
+    uint32_t n_more;       /* of all columns */
+    struct rec_more *more; /* ascending by column */
+};
+
+static inline size_t rec_window_size(const struct rec_windows *m)
+{
+    return (size_t)m->high * (size_t)m->wide;
+}
+
+/* Products with the windows of columns [q0,q1) and slots [s0,s1), without `more`; x [columns][cs],
+ * y [room][cs].
+ *   adjoint: x[q] = unit * sum of w y        scatter: y += w x[q]
+ * Unit comes to a sum, once, and not to x: small x would lose bits that the sum has.
+ * cs 1, or 4 and then 16-byte aligned.  s0, s1 are multiples of REC_SLOT_GROUP where a fast loop
+ * is wanted. */
+struct rec_slots {
+    int32_t s0, s1;
+};
+typedef void (*rec_windows_adjoint_fn)(const struct rec_windows *m, struct rec_slots s, int32_t q0,
+                                       int32_t q1, const float *y, float *x);
+typedef void (*rec_windows_scatter_fn)(const struct rec_windows *m, struct rec_slots s, int32_t q0,
+                                       int32_t q1, const float *x, float *y);
+
+#endif

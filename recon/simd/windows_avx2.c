@@ -1,0 +1,230 @@
+/* windows_avx2.c - products with windows, AVX2 + FMA.
+ *
+ * Four channels: two pixels are a vector; eight weights are widened at once and each is spread over its
+ * pixel by a permutation.  One channel: two rows of four pixels are a vector, or two windows of 2x2. */
+#include "recon/simd/kernels.h"
+#include "recon/simd/windows_shapes.h"
+
+#if !defined(__AVX2__) || !defined(__FMA__)
+#error "windows_avx2.c needs -mavx2 -mfma"
+#endif
+#include <immintrin.h>
+
+#define INLINE static inline __attribute__((always_inline))
+
+INLINE __m256 weights8(const uint8_t *w)
+{
+    return _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const void *)w)));
+}
+INLINE __m128 weights4(const uint8_t *w)
+{
+    return _mm_cvtepi32_ps(_mm_cvtepu8_epi32(_mm_loadu_si32(w)));
+}
+/* Weights 2p and 2p+1 of eight, each for four channels. */
+INLINE __m256 spread(__m256 w, int p)
+{
+    const int a = 2 * p, b = a + 1;
+    return _mm256_permutevar8x32_ps(w, _mm256_setr_epi32(a, a, a, a, b, b, b, b));
+}
+INLINE __m128 fold(__m256 s)
+{
+    return _mm_add_ps(_mm256_castps256_ps128(s), _mm256_extractf128_ps(s, 1));
+}
+INLINE float fold4(__m128 s)
+{
+    s = _mm_add_ps(s, _mm_movehl_ps(s, s));
+    return _mm_cvtss_f32(_mm_add_ss(s, _mm_movehdup_ps(s)));
+}
+INLINE void add_to(float *y, __m256 w, __m256 x)
+{
+    _mm256_storeu_ps(y, _mm256_fmadd_ps(w, x, _mm256_loadu_ps(y)));
+}
+
+/* Where window `at` lies in y, and its weights. */
+struct place {
+    const uint8_t *w;
+    size_t y, pitch; /* in floats */
+};
+INLINE struct place place_of(const struct rec_windows *m, int32_t q, int32_t c, size_t size,
+                             size_t cs)
+{
+    size_t at = (size_t)q * (size_t)m->slots + (size_t)c;
+    return (struct place){m->w + at * size, m->at[at] * cs, (size_t)m->pitch[c] * cs};
+}
+
+/* ---- four channels ------------------------------------------------------------------------------ */
+
+INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                          const float *y, float *x, int high)
+{
+    const __m128 unit = _mm_set1_ps(m->unit);
+    for (int32_t q = q0; q < q1; q++) {
+        __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
+        for (int32_t slot = s.s0; slot < s.s1; slot++) {
+            struct place p = place_of(m, q, slot, (size_t)high * 4, 4);
+            const float *v = y + p.y;
+            for (int r = 0; r < high; r += 2, v += 2 * p.pitch) {
+                __m256 w = weights8(p.w + 4 * r);
+                a = _mm256_fmadd_ps(spread(w, 0), _mm256_loadu_ps(v), a);
+                b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(v + 8), b);
+                if (r + 1 == high)
+                    break;
+                c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(v + p.pitch), c);
+                d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(v + p.pitch + 8), d);
+            }
+        }
+        a = _mm256_add_ps(_mm256_add_ps(a, b), _mm256_add_ps(c, d));
+        _mm_store_ps(x + (size_t)q * 4, _mm_mul_ps(unit, fold(a)));
+    }
+}
+INLINE void scatter4_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                          const float *x, float *y, int high)
+{
+    for (int32_t q = q0; q < q1; q++) {
+        __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
+        for (int32_t slot = s.s0; slot < s.s1; slot++) {
+            struct place p = place_of(m, q, slot, (size_t)high * 4, 4);
+            float *v = y + p.y;
+            for (int r = 0; r < high; r += 2, v += 2 * p.pitch) {
+                __m256 w = weights8(p.w + 4 * r);
+                add_to(v, spread(w, 0), xx);
+                add_to(v + 8, spread(w, 1), xx);
+                if (r + 1 == high)
+                    break;
+                add_to(v + p.pitch, spread(w, 2), xx);
+                add_to(v + p.pitch + 8, spread(w, 3), xx);
+            }
+        }
+    }
+}
+
+/* 2x2: the windows of two cameras have eight weights; of an odd one the other four are not used. */
+INLINE void adjoint4_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                         const float *y, float *x)
+{
+    const __m128 unit = _mm_set1_ps(m->unit);
+    for (int32_t q = q0; q < q1; q++) {
+        __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
+        for (int32_t slot = s.s0; slot < s.s1; slot += 2) {
+            struct place p = place_of(m, q, slot, 4, 4);
+            __m256 w = weights8(p.w);
+            a = _mm256_fmadd_ps(spread(w, 0), _mm256_loadu_ps(y + p.y), a);
+            b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(y + p.y + p.pitch), b);
+            if (slot + 1 == s.s1)
+                break;
+            p = place_of(m, q, slot + 1, 4, 4);
+            c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(y + p.y), c);
+            d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(y + p.y + p.pitch), d);
+        }
+        a = _mm256_add_ps(_mm256_add_ps(a, b), _mm256_add_ps(c, d));
+        _mm_store_ps(x + (size_t)q * 4, _mm_mul_ps(unit, fold(a)));
+    }
+}
+INLINE void scatter4_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                         const float *x, float *y)
+{
+    for (int32_t q = q0; q < q1; q++) {
+        __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
+        for (int32_t slot = s.s0; slot < s.s1; slot += 2) {
+            struct place p = place_of(m, q, slot, 4, 4);
+            __m256 w = weights8(p.w);
+            add_to(y + p.y, spread(w, 0), xx);
+            add_to(y + p.y + p.pitch, spread(w, 1), xx);
+            if (slot + 1 == s.s1)
+                break;
+            p = place_of(m, q, slot + 1, 4, 4);
+            add_to(y + p.y, spread(w, 2), xx);
+            add_to(y + p.y + p.pitch, spread(w, 3), xx);
+        }
+    }
+}
+
+/* ---- one channel -------------------------------------------------------------------------------- */
+
+INLINE void adjoint1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                          const float *y, float *x, int high)
+{
+    for (int32_t q = q0; q < q1; q++) {
+        __m256 two = _mm256_setzero_ps(), more = two;
+        __m128 one = _mm_setzero_ps();
+        for (int32_t slot = s.s0; slot < s.s1; slot++) {
+            struct place p = place_of(m, q, slot, (size_t)high * 4, 1);
+            const float *v = y + p.y;
+            two = _mm256_fmadd_ps(weights8(p.w), _mm256_loadu2_m128(v + p.pitch, v), two);
+            v += 2 * p.pitch;
+            if (high == 3)
+                one = _mm_fmadd_ps(weights4(p.w + 8), _mm_loadu_ps(v), one);
+            if (high == 4)
+                more = _mm256_fmadd_ps(weights8(p.w + 8), _mm256_loadu2_m128(v + p.pitch, v), more);
+        }
+        one = _mm_add_ps(one, fold(_mm256_add_ps(two, more)));
+        x[q] = m->unit * fold4(one);
+    }
+}
+INLINE void add_row(float *y, __m128 w, __m128 x)
+{
+    _mm_storeu_ps(y, _mm_fmadd_ps(w, x, _mm_loadu_ps(y)));
+}
+INLINE void scatter1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                          const float *x, float *y, int high)
+{
+    for (int32_t q = q0; q < q1; q++) {
+        __m128 xx = _mm_set1_ps(x[q]);
+        for (int32_t slot = s.s0; slot < s.s1; slot++) {
+            struct place p = place_of(m, q, slot, (size_t)high * 4, 1);
+            for (int r = 0; r < high; r++)
+                add_row(y + p.y + (size_t)r * p.pitch, weights4(p.w + 4 * r), xx);
+        }
+    }
+}
+
+INLINE __m128 load2x2(const float *y, size_t pitch)
+{
+    __m128 first = _mm_castsi128_ps(_mm_loadu_si64(y)); /* of any alignment */
+    return _mm_loadh_pi(first, (const void *)(y + pitch));
+}
+INLINE void adjoint1_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                         const float *y, float *x)
+{
+    for (int32_t q = q0; q < q1; q++) {
+        __m128 a = _mm_setzero_ps(), b = a;
+        for (int32_t slot = s.s0; slot < s.s1; slot += 2) {
+            struct place p = place_of(m, q, slot, 4, 1);
+            a = _mm_fmadd_ps(weights4(p.w), load2x2(y + p.y, p.pitch), a);
+            if (slot + 1 == s.s1)
+                break;
+            p = place_of(m, q, slot + 1, 4, 1);
+            b = _mm_fmadd_ps(weights4(p.w), load2x2(y + p.y, p.pitch), b);
+        }
+        x[q] = m->unit * fold4(_mm_add_ps(a, b));
+    }
+}
+INLINE void scatter1_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                         const float *x, float *y)
+{
+    for (int32_t q = q0; q < q1; q++) {
+        __m128 xx = _mm_set1_ps(x[q]);
+        for (int32_t slot = s.s0; slot < s.s1; slot++) {
+            struct place p = place_of(m, q, slot, 4, 1);
+            float *v = y + p.y;
+            __m128 sum = _mm_fmadd_ps(weights4(p.w), xx, load2x2(v, p.pitch));
+            _mm_storel_pi((void *)v, sum);
+            _mm_storeh_pi((void *)(v + p.pitch), sum);
+        }
+    }
+}
+
+/* ---- by shape ----------------------------------------------------------------------------------- */
+
+REC_BY_SHAPE(adjoint1)
+REC_BY_SHAPE(adjoint4)
+REC_BY_SHAPE(scatter1)
+REC_BY_SHAPE(scatter4)
+
+void rec_windows_avx2(struct rec_kernels *k)
+{
+    k->adjoint1 = adjoint1;
+    k->adjoint4 = adjoint4;
+    k->scatter1 = scatter1;
+    k->scatter4 = scatter4;
+}

@@ -1,0 +1,207 @@
+/* impl.h - what the methods share: the loaded problem with its work areas, fused passes.
+ * Private to recon/solve. */
+#ifndef REC_SOLVE_IMPL_H
+#define REC_SOLVE_IMPL_H
+#include "base/clock.h"
+#include "recon/solve/lcurve.h"
+#include "recon/solve/smooth.h"
+#include "recon/solve/solve.h"
+
+#define N_XVEC           6
+#define N_YVEC           3
+#define REC_OSEM_SUBSETS 4
+
+/* How strongly the smoothness term holds at a voxel. */
+struct rec_stiff {
+    float by, inverse; /* and 1 / by */
+};
+
+/* What x holds when a method begins. */
+enum rec_start {
+    REC_START_NONE,
+    REC_START_ZERO,
+    REC_START_SCALED, /* an earlier volume, to the least residual on its ray; yv[0], yv[1] hold it */
+    REC_START_FITS    /* what fits b already, as a coarser solution does: x says where it burns */
+};
+
+struct rec_problem {
+    int nch, cs;
+    size_t n_max, room; /* voxels of the grid; bins of a vector over rows */
+
+    /* rec_problem_load */
+    const struct rec_subsys *a;
+    struct rec_pictures in;
+    float *b;        /* [room][cs] on A's rows, else 0 in A's blocks */
+    float *w;        /* [room] the same; the most over channels */
+    float *w4;       /* [room][4] the same, of each channel, with in.per_channel */
+    bool any;        /* there is something to solve */
+    bool whole;      /* every row has weight 1 */
+    double b_norm2;  /* ||W^(1/2) b||^2 over A's rows, all channels */
+    double light[4]; /* sum of w b over A's rows */
+    double m;        /* measured values: rows with weight > 0, times channels */
+    /* per channel, else m / nch and 1: rows that a channel was measured in; its weight over w, which is
+     * what its diagonal of A'WA is over `diag`, nearly */
+    double measured[4], share[4];
+
+    /* rec_problem_weigh, rec_problem_weigh_as */
+    bool weighed;
+    bool automatic;    /* lambda is from the data: a method may renew it */
+    const float *diag; /* [n] diagonal of A'WA */
+    double unit[4];    /* mean of what a lane has of it */
+    double lambda[4];  /* weight of the smoothness term per lane, absolute, to begin with */
+    double formula[4]; /* the same without rec_problem_misfit */
+    double noise2[4];  /* variance of b about A x that it was chosen for; 0 when it was given */
+
+    /* start.h */
+    enum rec_start start;
+    double start_rwr[4]; /* r'Wr of a scaled start */
+
+    /* work areas, pieces of one */
+    void *areas;
+    size_t bytes;
+    float *xv[N_XVEC];        /* [n_max][cs] */
+    float *yv[N_YVEC];        /* [room][cs]; a method's first are r and W r */
+    struct rec_images images; /* of the product at hand */
+    float *corner, *before;   /* [n_max][cs] stop.c: iterates of the L-curve */
+    float *column;            /* [n_max] sums of the columns */
+    struct rec_near *near;    /* [n_max] */
+    struct rec_stiff *stiff;  /* [n_max] */
+    int32_t *clipped;         /* [n_max] columns whose step met the bound, chunk by chunk */
+    int32_t n_clipped[REC_MAX_CHUNKS];
+    double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */
+};
+
+/* One method: x from its start to the result; of the report status, iterations, best, objective, lambda,
+ * and residual_norm and solution_norm where they are known (they come as -1).  The rest is rec_solve's. */
+typedef void rec_method(rec_problem *pb, const struct rec_solve_params *p, float *x,
+                        struct rec_solve_report *out);
+#define REC_METHOD(name, run) rec_method run;
+REC_SOLVERS(REC_METHOD)
+#undef REC_METHOD
+
+/* lambda.c, (2) to (4): the weight anew, where it is automatic, from an iterate that it led to.  rwr: r'Wr; penalty:
+ * ||V^(1/2) L x||^2; lit: columns with x > 0; each per lane, as lambda [4], in and out. */
+void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const double penalty[4],
+                         const double lit[4], double lambda[4]);
+
+/* A pass is cut into the chunks of A's rows or columns, or the rows' and then the columns'. */
+static inline size_t rec_row_chunks(const rec_problem *pb)
+{
+    return rec_row_pieces(pb->a);
+}
+static inline size_t rec_column_chunks(const rec_problem *pb)
+{
+    return rec_chunks(pb->a->n);
+}
+
+/* Sum of the lanes. */
+static inline double rec_lanes_total(const double v[4])
+{
+    return v[0] + v[1] + v[2] + v[3];
+}
+
+static inline bool rec_late(const struct rec_solve_params *p)
+{
+    return p->deadline_ns != 0 && pvx_now_mono() >= p->deadline_ns;
+}
+
+/* Weight of row i in lane l. */
+static inline float rec_weight_at(const rec_problem *pb, size_t i, size_t l)
+{
+    return pb->in.per_channel ? pb->w4[i * 4 + l] : pb->w[i];
+}
+/* Residual value of row i, lane l, to *r and *wr; what it adds to r'Wr. */
+static inline double rec_put_residual(const rec_problem *pb, size_t i, size_t l, float value,
+                                      float *r, float *wr)
+{
+    *r = value;
+    *wr = rec_weight_at(pb, i, l) * value;
+    return (double)*wr * value;
+}
+
+/* Weight of row i; `per_channel` is a constant: pb->in.per_channel. */
+REC_INLINE rec_f4 rec_row_weight(const rec_problem *pb, size_t i, size_t cs, bool per_channel)
+{
+    return per_channel ? rec_ld(pb->w4, i, 4) : rec_of_each(pb->w, i, cs);
+}
+
+/* A x into the images; then chunks of rows collect their part. */
+static inline void rec_start_product(rec_problem *pb, const float *x)
+{
+    rec_scatter(pb->a, &pb->images, x);
+}
+static inline void rec_take_product(const rec_problem *pb, size_t k, float *y)
+{
+    rec_collect(pb->a, &pb->images, rec_blocks_of(pb->a, k), y);
+}
+
+/* q = A d on one chunk of rows, after rec_start_product; out = q'W q per lane. */
+REC_INLINE void rec_square(const rec_problem *pb, size_t i, size_t cs, bool per_channel,
+                           const float *q, rec_d4 *sum)
+{
+    rec_f4 v = rec_ld(q, i, cs);
+    rec_add_product(sum, rec_row_weight(pb, i, cs, per_channel) * v, v);
+}
+REC_INLINE void rec_rows_product(const rec_problem *pb, size_t k, size_t cs, bool per_channel,
+                                 float *q, double out[4])
+{
+    rec_d4 sum = {0}, quads = {0};
+    rec_take_product(pb, k, q);
+    if (cs == 1)
+        REC_FOR_ROW_QUADS (i, pb->a, k)
+            rec_square(pb, i, REC_QUAD, false, q, &quads);
+    else
+        REC_FOR_ROWS (i, pb->a, k)
+            rec_square(pb, i, 4, per_channel, q, &sum);
+    rec_put_both(out, &sum, &quads);
+}
+
+/* r += alpha q, wr = W r on one chunk of rows; out = r'W r per lane.  wr may be q. */
+struct rec_row_step {
+    const double *alpha;
+    float *r, *wr;
+    const float *q;
+};
+REC_INLINE void rec_step_row(const rec_problem *pb, const struct rec_row_step *s, size_t i,
+                             size_t cs, bool per_channel, rec_d4 *sum)
+{
+    rec_f4 v = rec_ld(s->r, i, cs) + rec_of_lanes(s->alpha, cs) * rec_ld(s->q, i, cs);
+    rec_f4 wv = rec_row_weight(pb, i, cs, per_channel) * v;
+    rec_st(s->r, i, cs, v);
+    rec_st(s->wr, i, cs, wv);
+    rec_add_product(sum, wv, v);
+}
+/* Nine arguments: inlined with constants for cs and per_channel, each caller gets a loop of its own.
+ * NOLINTNEXTLINE(readability-function-size) */
+REC_INLINE void rec_rows_step(const rec_problem *pb, size_t k, size_t cs, bool per_channel,
+                              const double alpha[4], float *r, const float *q, float *wr,
+                              double out[4])
+{
+    const struct rec_row_step s = {alpha, r, wr, q};
+    rec_d4 sum = {0}, quads = {0};
+    if (cs == 1)
+        REC_FOR_ROW_QUADS (i, pb->a, k)
+            rec_step_row(pb, &s, i, REC_QUAD, false, &quads);
+    else
+        REC_FOR_ROWS (i, pb->a, k)
+            rec_step_row(pb, &s, i, 4, per_channel, &sum);
+    rec_put_both(out, &sum, &quads);
+}
+
+/* Sum slot `what` of the partial results [from, to), lane by lane, in order. */
+void rec_sum(const rec_problem *pb, size_t from, size_t to, int what, double out[4]);
+/* r = A x - b, wr = W r, two different arrays; out = r'Wr per lane. */
+void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4]);
+/* ||v|| over active columns, all lanes. */
+double rec_norm_x(const rec_problem *pb, const float *v);
+/* dst = src, [n][cs]. */
+void rec_copy_x(const rec_problem *pb, float *dst, const float *src);
+
+/* The residual of the start x into yv[0] and yv[1], without a product where it is not needed. */
+void rec_start_residual(rec_problem *pb, const float *x, double out[4]);
+/* Start of the multiplicative methods, which never leave zero: cold the uniform volume that has the
+ * images' light, warm lifted to a hundredth of it; 0 in voxels without weight.
+ * sens [n]: column sums of W A. */
+void rec_start_positive(rec_problem *pb, const float *sens, float *x);
+
+#endif

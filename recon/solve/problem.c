@@ -1,0 +1,227 @@
+#include "recon/solve/problem.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/solve/impl.h"
+
+#define PAGE 4096
+
+/* `bytes` more from `base` on, in pages of their own. */
+static void *place(char *base, size_t *end, size_t bytes)
+{
+    size_t at = *end;
+    *end += (bytes + PAGE - 1) / PAGE * PAGE;
+    return base == NULL ? NULL : base + at;
+}
+
+/* All work areas one after the other; how much they take. */
+static size_t lay_out(rec_problem *pb, char *base)
+{
+    size_t n = pb->n_max, rows = pb->room, lane = (size_t)pb->cs * sizeof(float), end = 0;
+    for (int i = 0; i < N_XVEC; i++)
+        pb->xv[i] = place(base, &end, n * lane);
+    for (int i = 0; i < N_YVEC; i++)
+        pb->yv[i] = place(base, &end, rows * lane);
+    pb->corner = place(base, &end, n * lane);
+    pb->before = place(base, &end, n * lane);
+    pb->b = place(base, &end, rows * lane);
+    pb->w = place(base, &end, rows * sizeof *pb->w);
+    pb->w4 = place(base, &end, rows * 4 * sizeof *pb->w4);
+    pb->column = place(base, &end, n * sizeof *pb->column);
+    pb->near = place(base, &end, n * sizeof *pb->near);
+    pb->stiff = place(base, &end, n * sizeof *pb->stiff);
+    pb->clipped = place(base, &end, n * sizeof *pb->clipped);
+    return end;
+}
+
+pvx_err rec_problem_new(const rec_sysmat *S, int nch, rec_problem **out)
+{
+    *out = NULL;
+    if (nch != 1 && nch != 3)
+        return PVX_EINVAL;
+    rec_problem *pb = pvx_calloc(1, sizeof *pb);
+    if (pb == NULL)
+        return PVX_ENOMEM;
+    pb->nch = nch;
+    pb->cs = nch == 3 ? 4 : 1;
+    pb->n_max = rec_grid_count(&S->grid);
+    pb->room = S->win.room;
+    pb->bytes = lay_out(pb, NULL);
+    pb->areas = pvx_reserve(pb->bytes);
+    if (pb->areas == NULL || rec_images_new(S, pb->cs, &pb->images) != PVX_OK) {
+        rec_problem_free(&pb);
+        return PVX_ENOMEM;
+    }
+    lay_out(pb, pb->areas);
+    *out = pb;
+    return PVX_OK;
+}
+
+void rec_problem_free(rec_problem **pb)
+{
+    if (*pb == NULL)
+        return;
+    pvx_unreserve((*pb)->areas, (*pb)->bytes);
+    rec_images_free(&(*pb)->images);
+    PVX_FREE(*pb);
+}
+
+/* ---- what the methods share ---------------------------------------------------------------------*/
+
+void rec_sum(const rec_problem *pb, size_t from, size_t to, int what, double out[4])
+{
+    for (int l = 0; l < 4; l++) {
+        double s = 0;
+        for (size_t k = from; k < to; k++)
+            s += pb->part[k][what][l];
+        out[l] = s;
+    }
+}
+
+double rec_norm_x(const rec_problem *pb, const float *v)
+{
+    double d[4];
+    rec_dot(pb->a, pb->a->n, v, v, d);
+    return sqrt(rec_lanes_total(d));
+}
+
+struct copy {
+    const rec_problem *pb;
+    float *dst;
+    const float *src;
+};
+static void copy_chunk(void *ctx, size_t k)
+{
+    struct copy *t = ctx;
+    int32_t q0, q1;
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    size_t cs = (size_t)t->pb->cs, o = (size_t)q0 * cs;
+    memcpy(t->dst + o, t->src + o, (size_t)(q1 - q0) * cs * sizeof *t->dst);
+}
+void rec_copy_x(const rec_problem *pb, float *dst, const float *src)
+{
+    struct copy t = {pb, dst, src};
+    pvx_pool_run(pb->a->pool, rec_column_chunks(pb), copy_chunk, &t);
+}
+
+struct residual {
+    rec_problem *pb;
+    float *r, *wr;
+};
+static void residual_chunk(void *ctx, size_t k)
+{
+    struct residual *t = ctx;
+    const rec_problem *pb = t->pb;
+    size_t cs = (size_t)pb->cs;
+    double s[4] = {0};
+    rec_take_product(pb, k, t->r);
+    REC_FOR_ROWS (i, pb->a, k)
+        for (size_t l = 0; l < cs; l++) {
+            float *r = &t->r[i * cs + l];
+            s[l] += rec_put_residual(pb, i, l, *r - pb->b[i * cs + l], r, &t->wr[i * cs + l]);
+        }
+    memcpy(t->pb->part[k][0], s, sizeof s);
+}
+void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4])
+{
+    struct residual t = {.pb = pb, .r = r, .wr = wr};
+    rec_start_product(pb, x);
+    pvx_pool_run(pb->a->pool, rec_row_chunks(pb), residual_chunk, &t);
+    rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
+}
+
+/* ---- the way in ---------------------------------------------------------------------------------*/
+
+/* Weight of row i from the pictures': that of all channels, or of each and the most of them. */
+static float load_weight(rec_problem *pb, size_t i, double measured[4], double sum[4])
+{
+    if (!pb->in.per_channel)
+        return pb->in.w[i];
+    const float *w = pb->in.w + i * 4;
+    float most = 0;
+    for (size_t l = 0; l < 3; l++) {
+        pb->w4[i * 4 + l] = w[l];
+        measured[l] += w[l] > 0;
+        sum[l] += (double)w[l];
+        most = w[l] > most ? w[l] : most;
+    }
+    pb->w4[i * 4 + 3] = 0;
+    sum[3] += (double)most;
+    return most;
+}
+
+/* A bin that is no row weighs nothing. */
+static void load_nothing(rec_problem *pb, size_t i)
+{
+    size_t cs = (size_t)pb->cs;
+    pb->w[i] = 0;
+    memset(pb->b + i * cs, 0, cs * sizeof *pb->b);
+    if (pb->in.per_channel)
+        memset(pb->w4 + i * 4, 0, 4 * sizeof *pb->w4);
+}
+
+/* b and w on A's rows, ||W^(1/2) b||^2, the number of measured rows, sum of w b per lane. */
+static void load_chunk(void *ctx, size_t k)
+{
+    rec_problem *pb = ctx;
+    const struct rec_subsys *a = pb->a;
+    size_t cs = (size_t)pb->cs;
+    double norm = 0, rows = 0, ones = 0, light[4] = {0}, measured[4] = {0}, sum[4] = {0};
+    REC_FOR_ROWS (i, a, k) {
+        if (!a->is_row[i]) {
+            load_nothing(pb, i);
+            continue;
+        }
+        float w = load_weight(pb, i, measured, sum);
+        pb->w[i] = w;
+        rows += w > 0;
+        ones += w == 1;
+        for (size_t l = 0; l < cs; l++) {
+            float b = pb->in.b[i * cs + l], wl = rec_weight_at(pb, i, l);
+            pb->b[i * cs + l] = b;
+            norm += (double)wl * b * b;
+            light[l] += (double)wl * b;
+        }
+    }
+    memset(pb->part[k][0], 0, sizeof pb->part[k][0]);
+    pb->part[k][0][0] = norm;
+    pb->part[k][0][1] = rows;
+    pb->part[k][0][2] = ones;
+    memcpy(pb->part[k][1], light, sizeof light);
+    memcpy(pb->part[k][2], measured, sizeof measured);
+    memcpy(pb->part[k][3], sum, sizeof sum);
+}
+
+bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct rec_pictures *in)
+{
+    pb->a = a;
+    pb->in = *in;
+    pb->weighed = false;
+    pb->start = REC_START_NONE;
+    size_t rows = rec_row_chunks(pb);
+    double sum[4], weight[4];
+    /* Where windows lie that are not there: another level's rows may have been. */
+    size_t nowhere = a->win.nowhere * (size_t)pb->cs, end = a->win.room * (size_t)pb->cs;
+    for (int i = 0; i < N_YVEC; i++)
+        memset(pb->yv[i] + nowhere, 0, (end - nowhere) * sizeof *pb->yv[i]);
+    pvx_pool_run(a->pool, rows, load_chunk, pb);
+    rec_sum(pb, 0, rows, 0, sum);
+    rec_sum(pb, 0, rows, 1, pb->light);
+    rec_sum(pb, 0, rows, 2, pb->measured);
+    rec_sum(pb, 0, rows, 3, weight);
+    pb->b_norm2 = sum[0];
+    pb->m = sum[1] * pb->nch;
+    pb->whole = sum[2] == a->rows;
+    for (int l = 0; l < 4; l++)
+        pb->share[l] = 1;
+    if (in->per_channel) {
+        pb->m = rec_lanes_total(pb->measured);
+        for (int l = 0; l < 4 && weight[3] > 0; l++)
+            pb->share[l] = l < 3 ? weight[l] / weight[3] : 1;
+    }
+    pb->any = a->n > 0 && a->nnz > 0 && pb->m > 0 && pb->b_norm2 > 0;
+    return pb->any;
+}

@@ -1,0 +1,47 @@
+/* problem.h - what a method solves: a restricted system with its right-hand side, and work areas.
+ *
+ *     minimise 1/2 ||W^(1/2) (A x - b)||^2 [+ lambda/2 ||L x||^2]  over x >= 0               (1)
+ *
+ * rec_problem_load is the only way in.  From there one frame goes on in one direction:
+ *     rec_problem_load   b and W on A's rows, ||W^(1/2) b||, how much was measured
+ *     rec_problem_weigh  diagonal of A'WA, lambda: only the default method and coarser grids ask
+ *     start.h            x to begin with
+ *     rec_solve          the method (solve.h)
+ * Memory: for the worst case, every voxel active, in reserved address space: only what is used costs.
+ * Threads: one caller per problem.  Allocates nothing after rec_problem_new. */
+#ifndef REC_PROBLEM_H
+#define REC_PROBLEM_H
+#include <stdbool.h>
+#include "recon/matrix/subsys.h"
+
+typedef struct rec_problem rec_problem;
+
+/* Room for restrictions of S and of its coarser levels, with `nch` channels (1 or 3).
+ * Errors: PVX_ENOMEM, PVX_EINVAL.  Owner: caller. */
+PVX_MUST_CHECK pvx_err rec_problem_new(const rec_sysmat *S, int nch, rec_problem **out);
+void rec_problem_free(rec_problem **pb);
+
+/* Pictures in the row space of S; borrowed until the problem is solved. */
+struct rec_pictures {
+    const float *b;   /* [rowspace][cs] */
+    const float *w;   /* [rowspace], or per_channel [rowspace][4]: 0..1, 0 = left out */
+    bool per_channel; /* a row measures some channels only, b is 0 in the others: three channels */
+    double sigma;     /* noise of b, full-scale units; 0 = none, < 0 = unknown */
+};
+
+/* Non-finite pictures are the caller's bug (photo.h cleans them).  false: there is nothing to solve, all
+ * is dark, and rec_solve will say so. */
+bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct rec_pictures *in);
+
+/* The weight of the smoothness term, once per load: lambda of rec_solve_params. */
+void rec_problem_weigh(rec_problem *pb, float lambda);
+/* That of another grid's problem, over `by`: for the same flame on voxels twice the size, from pictures
+ * averaged 2x2, it is an eighth. */
+void rec_problem_weigh_as(rec_problem *pb, const rec_problem *other, double by);
+/* Where a coarser solution misses b by more than the noise that the weight was chosen for, the model may be
+ * at fault, by calibration or by what it leaves out, and the noise is at least what it misses: the solve
+ * begins with a weight that is higher by as much, and keeps it where the fault is there on the fine grid
+ * too (lambda.c).  misfit2 [4] as in rec_solve_report. */
+void rec_problem_misfit(rec_problem *pb, const double misfit2[4]);
+
+#endif

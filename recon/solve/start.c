@@ -1,0 +1,178 @@
+#include "recon/solve/start.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "recon/solve/impl.h"
+
+struct scaling {
+    rec_problem *pb;
+    float *x;
+    float *r, *wr;
+    float scale[4];
+};
+
+/* (1): rows of r = A x - b;  sums (A x)'W b, (A x)'W (A x). */
+static void fit_chunk(void *ctx, size_t k)
+{
+    struct scaling *t = ctx;
+    rec_problem *pb = t->pb;
+    size_t cs = (size_t)pb->cs;
+    double fit[4] = {0}, size[4] = {0};
+    REC_FOR_ROWS (i, pb->a, k)
+        for (size_t l = 0; l < cs; l++) {
+            double b = pb->b[i * cs + l], ax = (double)t->r[i * cs + l] + b;
+            double w = rec_weight_at(pb, i, l);
+            fit[l] += w * ax * b;
+            size[l] += w * ax * ax;
+        }
+    memcpy(pb->part[k][0], fit, sizeof fit);
+    memcpy(pb->part[k][1], size, sizeof size);
+}
+/* Columns: x = alpha x.  Rows: r = alpha (r + b) - b, wr, r'Wr. */
+static void scale_task(void *ctx, size_t i)
+{
+    struct scaling *t = ctx;
+    rec_problem *pb = t->pb;
+    size_t cs = (size_t)pb->cs, rows = rec_row_chunks(pb);
+    int32_t i0, i1;
+    double s[4] = {0};
+    if (i >= rows) {
+        rec_chunk_range(pb->a->n, i - rows, &i0, &i1);
+        for (size_t q = (size_t)i0; q < (size_t)i1; q++)
+            for (size_t l = 0; l < cs; l++)
+                t->x[q * cs + l] *= t->scale[l];
+        return;
+    }
+    REC_FOR_ROWS (k, pb->a, i)
+        for (size_t l = 0; l < cs; l++) {
+            float *r = &t->r[k * cs + l], b = pb->b[k * cs + l];
+            s[l] += rec_put_residual(pb, k, l, t->scale[l] * (*r + b) - b, r, &t->wr[k * cs + l]);
+        }
+    memcpy(pb->part[i][0], s, sizeof s);
+}
+static void zero_chunk(void *ctx, size_t k)
+{
+    struct scaling *t = ctx;
+    rec_problem *pb = t->pb;
+    size_t cs = (size_t)pb->cs;
+    double s[4] = {0};
+    REC_FOR_ROWS (i, pb->a, k)
+        for (size_t l = 0; l < cs; l++)
+            s[l] += rec_put_residual(pb, i, l, -pb->b[i * cs + l], &t->r[i * cs + l],
+                                     &t->wr[i * cs + l]);
+    memcpy(pb->part[k][0], s, sizeof s);
+}
+
+void rec_start_residual(rec_problem *pb, const float *x, double out[4])
+{
+    struct scaling t = {.pb = pb, .r = pb->yv[0], .wr = pb->yv[1]};
+    if (pb->start == REC_START_SCALED) {
+        memcpy(out, pb->start_rwr, sizeof pb->start_rwr);
+    } else if (pb->start == REC_START_ZERO) { /* r = -b */
+        pvx_pool_run(pb->a->pool, rec_row_chunks(pb), zero_chunk, &t);
+        rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
+    } else { /* r = A x - b */
+        rec_residual(pb, x, t.r, t.wr, out);
+    }
+}
+
+void rec_start_zero(rec_problem *pb, float *x)
+{
+    memset(x, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *x);
+    pb->start = REC_START_ZERO;
+}
+
+static void scale_start(rec_problem *pb, float *x)
+{
+    size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
+    struct scaling t = {.pb = pb, .x = x, .r = pb->yv[0], .wr = pb->yv[1]};
+    double fit[4], size[4];
+    rec_residual(pb, x, t.r, t.wr, fit);
+    pvx_pool_run(pb->a->pool, rows, fit_chunk, &t);
+    rec_sum(pb, 0, rows, 0, fit);
+    rec_sum(pb, 0, rows, 1, size);
+    for (int l = 0; l < 4; l++) {
+        t.scale[l] = size[l] > 0 && fit[l] > 0 ? (float)(fit[l] / size[l]) : 0;
+        if (!isfinite(t.scale[l]))
+            t.scale[l] = 0;
+    }
+    pvx_pool_run(pb->a->pool, rows + chunks, scale_task, &t);
+    rec_sum(pb, 0, rows, 0, pb->start_rwr);
+    pb->start = REC_START_SCALED;
+}
+
+void rec_start_earlier(rec_problem *pb, float *x)
+{
+    if (pb->any && rec_norm_x(pb, x) > 0)
+        scale_start(pb, x);
+    else
+        pb->start = REC_START_ZERO;
+}
+
+bool rec_start_coarse(rec_problem *pb, struct rec_descent *d, float *x, float *spare)
+{
+    float *coarse = spare != NULL ? spare : x;
+    double rwr[4], earlier;
+    rec_levels_solve(pb, d, coarse);
+    rec_problem_misfit(pb, d->misfit2);
+    if (spare != NULL) {
+        scale_start(pb, x);
+        earlier = rec_lanes_total(pb->start_rwr);
+        rec_residual(pb, spare, pb->yv[0], pb->yv[1], rwr);
+    }
+    pb->start = REC_START_FITS;
+    if (spare != NULL && earlier <= rec_lanes_total(rwr))
+        return true;
+    if (spare != NULL)
+        rec_copy_x(pb, x, spare);
+    return false;
+}
+
+/* ---- of the multiplicative methods --------------------------------------------------------------*/
+
+struct positive {
+    rec_problem *pb;
+    const float *sens;
+    float *x;
+    float least[4];
+};
+
+/* Rows: light, w max(b, 0). */
+static void light_chunk(void *ctx, size_t k)
+{
+    struct positive *t = ctx;
+    rec_problem *pb = t->pb;
+    size_t cs = (size_t)pb->cs;
+    double sum[4] = {0};
+    REC_FOR_ROWS (i, pb->a, k)
+        for (size_t l = 0; l < cs; l++)
+            sum[l] += (double)pb->w[i] * fmaxf(pb->b[i * cs + l], 0);
+    memcpy(pb->part[k][0], sum, sizeof sum);
+}
+
+static void lift_chunk(void *ctx, size_t k)
+{
+    struct positive *t = ctx;
+    int32_t q0, q1;
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    size_t cs = (size_t)t->pb->cs;
+    for (size_t i = (size_t)q0; i < (size_t)q1; i++)
+        for (size_t l = 0; l < cs; l++)
+            t->x[i * cs + l] = t->sens[i] > 0 ? fmaxf(t->x[i * cs + l], t->least[l]) : 0;
+}
+
+void rec_start_positive(rec_problem *pb, const float *sens, float *x)
+{
+    size_t rows = rec_row_chunks(pb);
+    struct positive t = {.pb = pb, .sens = sens, .x = x};
+    double light[4], weight = 0;
+    pvx_pool_run(pb->a->pool, rows, light_chunk, &t);
+    rec_sum(pb, 0, rows, 0, light);
+    for (int32_t q = 0; q < pb->a->n; q++)
+        weight += sens[q];
+    double share = rec_norm_x(pb, x) > 0 ? 1e-2 : 1;
+    for (int l = 0; l < 4; l++)
+        t.least[l] = weight > 0 ? (float)(share * light[l] / weight) : 0;
+    pvx_pool_run(pb->a->pool, rec_column_chunks(pb), lift_chunk, &t);
+}
