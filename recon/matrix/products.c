@@ -181,9 +181,13 @@ static void add_window(const struct rec_subsys *a, size_t at, size_t slot, const
 void rec_add_column(const struct rec_subsys *a, int32_t q, rec_f4 e, float *y)
 {
     const struct rec_windows *m = &a->win;
-    size_t slots = (size_t)m->slots, first = (size_t)q * slots, size = rec_window_size(m);
-    for (size_t c = 0; c < slots; c++)
-        add_window(a, m->at[first + c], c, m->w + (first + c) * size, e, y);
+    size_t first = (size_t)q * (size_t)m->slots;
+    struct rec_windows one = *m; /* as if the column were the first */
+    rec_f4 x = rec_splat(m->unit) * e;
+    one.at += first;
+    one.w += first * rec_window_size(m);
+    (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&one, (struct rec_slots){0, m->slots}, 0, 1,
+                                                   (const float *)&x, y);
     for (int32_t s = 0; s < a->slabs && m->n_more > 0; s++) {
         const struct rec_more *k = more_from(a, s, q), *end = m->more + a->more_end[s];
         for (; k < end && k->column == (uint32_t)q; k++)
