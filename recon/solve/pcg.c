@@ -22,7 +22,6 @@
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
  * arrangement is our own.
  * Cost per iteration: A and A' once, some 20 passes over a vector of voxels, one read or write each. */
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -35,83 +34,18 @@
 #define RENEW_AFTER        3    /* iterations after which V and lambda are renewed, */
 #define SETTLED            0.03 /* or sooner, when x moved by less than this share of ||x|| */
 
-/* (2a): how much a flame curves goes with how bright it burns.  c keeps the dark parts from being
- * held more than about three times as firmly as the bright ones. */
-#define DARK 0.09
-
-struct brightness {
-    struct rec_pcg *t;
-    float *at, *blurred; /* [n]: sum over the lanes; its mean over a voxel and its neighbours */
-    double mean;
-};
-
-static void brightness_chunk(void *ctx, size_t k)
+/* V from x, lx with it, and the columns with x > 0 per lane. */
+static void stiffen(struct rec_pcg *t, double lit[4])
 {
-    struct brightness *b = ctx;
-    const rec_problem *pb = b->t->pb;
-    size_t cs = (size_t)pb->a->cs;
-    int32_t q0, q1;
-    double lit[4] = {0};
-    rec_chunk_range(pb->a->n, k, &q0, &q1);
-    for (size_t q = (size_t)q0; q < (size_t)q1; q++) {
-        const float *x = b->t->x + q * cs;
-        b->at[q] = cs == 4 ? (x[0] + x[1]) + (x[2] + x[3]) : x[0];
-        for (size_t l = 0; l < cs; l++)
-            lit[l] += x[l] > 0;
-    }
-    memcpy(b->t->pb->part[k][S_B], lit, sizeof lit);
-}
-static void blur_chunk(void *ctx, size_t k)
-{
-    struct brightness *b = ctx;
-    const struct rec_smooth *s = &b->t->smooth;
-    double sum = 0, sum2 = 0;
-    int32_t q0, q1;
-    rec_chunk_range(b->t->pb->a->n, k, &q0, &q1);
-    for (int32_t q = q0; q < q1; q++) {
-        const struct rec_near *e = &s->near[q];
-        const float *at = b->at + q;
-        float v = 2 * at[0];
-        for (int f = 0; f < 2; f++) /* 0 where there is no neighbour */
-            v += (e->have >> (2 + f) & 1 ? at[e->y[f]] : 0) +
-                 (e->have >> (4 + f) & 1 ? at[e->z[f]] : 0) +
-                 (e->have >> f & 1 ? at[2 * f - 1] : 0);
-        v *= 0.125f;
-        b->blurred[q] = v;
-        sum += v;
-        sum2 += (double)v * v;
-    }
-    b->t->pb->part[k][S_A][0] = sum;
-    b->t->pb->part[k][S_A][1] = sum2;
-}
-static void stiff_chunk(void *ctx, size_t k)
-{
-    struct brightness *b = ctx;
-    int32_t q0, q1;
-    rec_chunk_range(b->t->pb->a->n, k, &q0, &q1);
-    bool bright = b->mean > 1 / (double)FLT_MAX; /* 1/mean is a float */
-    float scale = bright ? (float)(1 / b->mean) : 0;
-    for (int32_t q = q0; q < q1; q++) {
-        float inverse = bright ? sqrtf((float)DARK + scale * b->blurred[q]) : 1;
-        b->t->stiff[q] = (struct rec_stiff){1 / inverse, inverse};
-    }
-}
-/* V from x, and the columns with x > 0 per lane; two vectors of the method serve as work areas.  The mean
- * is weighted by brightness. */
-static void stiffness(struct rec_pcg *t, double lit[4])
-{
-    rec_problem *pb = t->pb;
-    size_t chunks = rec_column_chunks(pb);
-    struct brightness b = {.t = t, .at = t->lx, .blurred = t->ld};
-    if (pb->start == REC_START_FITS) {
-        double sum[4];
-        pvx_pool_run(pb->a->pool, chunks, brightness_chunk, &b);
-        pvx_pool_run(pb->a->pool, chunks, blur_chunk, &b);
-        rec_sum(pb, 0, chunks, S_A, sum);
-        rec_sum(pb, 0, chunks, S_B, lit);
-        b.mean = sum[0] > 0 ? sum[1] / sum[0] : 0;
-    }
-    pvx_pool_run(pb->a->pool, chunks, stiff_chunk, &b);
+    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
+    size_t chunks = rec_column_chunks(t->pb);
+    double sum[4], sum2[4];
+    pvx_pool_run(t->pb->a->pool, chunks, pass->brightness, t);
+    rec_sum(t->pb, 0, chunks, S_A, sum);
+    rec_sum(t->pb, 0, chunks, S_B, sum2);
+    rec_sum(t->pb, 0, chunks, S_C, lit);
+    t->usual = sum[0] > 0 ? sum2[0] / sum[0] : 0;
+    pvx_pool_run(t->pb->a->pool, chunks, pass->stiffness, t);
 }
 
 /* ---- the method ---------------------------------------------------------------------------------*/
@@ -196,15 +130,14 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
     rec_sum(pb, 0, rows, S_A, rwr);
 }
 
-/* Gradient of t->x; value of (1) per lane. */
-static void evaluate(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4],
-                     double cross[4], double norm2[4])
+/* Gradient of t->x by one of the two passes for it; value of (1) per lane. */
+static void evaluate(struct rec_pcg *t, pvx_task_fn gradient, const double rwr[4], double f[4],
+                     double gamma[4], double cross[4], double norm2[4])
 {
     rec_problem *pb = t->pb;
-    const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
     size_t chunks = rec_column_chunks(pb);
     swap(&t->phi, &t->phi_old);
-    pvx_pool_run(pb->a->pool, chunks, pass->gradient, t);
+    pvx_pool_run(pb->a->pool, chunks, gradient, t);
     rec_sum(pb, 0, chunks, S_A, gamma);
     rec_sum(pb, 0, chunks, S_B, cross);
     rec_sum(pb, 0, chunks, S_C, t->penalty);
@@ -262,10 +195,9 @@ static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double ga
 {
     const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
     double lit[4], cross[4];
-    stiffness(t, lit);
+    stiffen(t, lit);
     rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda);
-    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
-    evaluate(t, rwr, f, gamma, cross, norm2);
+    evaluate(t, pass->regradient, rwr, f, gamma, cross, norm2); /* r has not changed */
 }
 
 void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
@@ -287,6 +219,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         .d = pb->xv[3],
                         .lx = pb->xv[4],
                         .ld = pb->xv[5],
+                        .ar = pb->xv[6],
                         .r = pb->yv[0],
                         .q = pb->yv[1]};
     pvx_pool *pool = pb->a->pool;
@@ -297,14 +230,16 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
     memcpy(t.lambda, pb->lambda, sizeof t.lambda);
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
-    pvx_pool_run(pool, chunks, pass->near, &t); /* L */
-    stiffness(&t, next);                        /* V */
+    pvx_pool_run(pool, chunks, pass->near, &t);      /* L */
+    pvx_pool_run(pool, chunks, pass->stiffness, &t); /* V = 1 */
     memset(t.d, 0, bytes);
     memset(t.phi, 0, bytes);
 
     rec_start_residual(pb, x, rwr);                   /* r = A x - b, q = W r */
     pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */
-    evaluate(&t, rwr, f, gamma, cross, norm2);        /* phi of (3), f, gamma = phi'M phi */
+    if (pb->start == REC_START_FITS)
+        stiffen(&t, next);                                     /* V, lx from x */
+    evaluate(&t, pass->gradient, rwr, f, gamma, cross, norm2); /* phi of (3), f, phi'M phi */
     out->objective = rec_lanes_total(f);
     rec_stop_begin(&stop, pb, &own, p, out);
     while (rec_stop_next(&stop)) {
@@ -313,10 +248,11 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
             break;
         }
         advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
-        evaluate(&t, rwr, now, next, cross, norm2);    /* phi, f, phi'M phi, phi'M phi_old */
+        evaluate(&t, pass->gradient, rwr, now, next, cross,
+                 norm2); /* phi, f, phi'M phi, phi'M phi_old */
         if (risen(pb, now, f)) {
             go_back(&t, f, now, rwr); /* x to the least f on the step's way */
-            evaluate(&t, rwr, now, next, cross, norm2);
+            evaluate(&t, pass->gradient, rwr, now, next, cross, norm2);
         }
         for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
             double beta = gamma[l] > 0 ? (next[l] - cross[l]) / gamma[l] : 0;

@@ -1,4 +1,4 @@
-/* test_passes.c - the ten loops of the default solver, compiled for any processor and for AVX2, one by one: the
+/* test_passes.c - the loops of the default solver, compiled for any processor and for AVX2, one by one: the
  * same bits in every vector and every partial sum, at odd sizes, for one channel, three, and three with
  * weights of their own, and nothing read or written beside the vectors (guard pages behind them). */
 #include "tests/lib/scene.h"
@@ -11,7 +11,7 @@ static struct scene sc;
 
 static const int32_t sizes[] = {1, 2, 3, 5, 7, 17, 63, 64, 65, 127, 129, 511, 1027};
 
-enum { X, NEXT, PHI, PHI_OLD, D, LX, LD, R, Q, W, W4, DIAG, STIFF, NEAR, CLIPPED, N_VECTORS };
+enum { X, NEXT, PHI, PHI_OLD, D, LX, LD, AR, R, Q, W, W4, DIAG, STIFF, NEAR, CLIPPED, N_VECTORS };
 
 /* What a pass reads and writes: one copy for each table. */
 struct bed {
@@ -24,7 +24,7 @@ struct bed {
 static void bed_new(struct bed *b, const struct rec_subsys *a, bool per_channel)
 {
     size_t n = (size_t)a->n, rows = a->win.room, lane = (size_t)a->cs * sizeof(float);
-    for (int i = X; i <= LD; i++)
+    for (int i = X; i <= AR; i++)
         b->bytes[i] = n * lane;
     b->bytes[R] = b->bytes[Q] = rows * lane;
     b->bytes[W] = rows * sizeof(float);
@@ -55,6 +55,7 @@ static void bed_new(struct bed *b, const struct rec_subsys *a, bool per_channel)
                             .d = b->v[D],
                             .lx = b->v[LX],
                             .ld = b->v[LD],
+                            .ar = b->v[AR],
                             .r = b->v[R],
                             .q = b->v[Q]};
     rec_smooth_init(&b->t.smooth, &a->S->grid);
@@ -84,6 +85,7 @@ static void bed_fill(struct bed *b)
         b->t.beta[l] = t_uniform(0, 1);
         b->t.mu[l] = t_uniform(0, 1);
         b->t.back[l] = t_uniform(0, 1);
+        b->t.usual = t_uniform(0.1, 1);
         b->t.lambda[l] = l == 2 ? 0 : t_uniform(0, 2);
         b->pb.share[l] = t_uniform(0.2, 1);
     }
@@ -101,13 +103,14 @@ static void bed_copy(struct bed *to, const struct bed *from)
     memcpy(to->t.mu, from->t.mu, sizeof to->t.mu);
     memcpy(to->t.back, from->t.back, sizeof to->t.back);
     memcpy(to->t.lambda, from->t.lambda, sizeof to->t.lambda);
+    to->t.usual = from->t.usual;
 }
 
 static void same(const char *pass, const struct bed *a, const struct bed *b)
 {
-    static const char *const name[] = {"x",  "next", "phi",   "phi_old", "d",
-                                       "lx", "ld",   "r",     "q",       "w",
-                                       "w4", "diag", "stiff", "near",    "clipped"};
+    static const char *const name[] = {"x",    "next",  "phi",  "phi_old", "d", "lx",
+                                       "ld",   "ar",    "r",    "q",       "w", "w4",
+                                       "diag", "stiff", "near", "clipped"};
     for (int i = 0; i < N_VECTORS; i++)
         T_CHECK_(memcmp(a->v[i], b->v[i], a->bytes[i]) == 0, "%s: other bits in %s, n %d, cs %d",
                  pass, name[i], a->pb.a->n, a->pb.cs);
@@ -133,6 +136,9 @@ static void compare(const struct rec_subsys *a, bool per_channel)
                 {"residual", offsetof(struct rec_pcg_passes, residual), ROWS},
                 {"smoothness", offsetof(struct rec_pcg_passes, smoothness), COLUMNS},
                 {"gradient", offsetof(struct rec_pcg_passes, gradient), COLUMNS},
+                {"brightness", offsetof(struct rec_pcg_passes, brightness), COLUMNS},
+                {"stiffness", offsetof(struct rec_pcg_passes, stiffness), COLUMNS},
+                {"regradient", offsetof(struct rec_pcg_passes, regradient), COLUMNS},
                 {"slope", offsetof(struct rec_pcg_passes, slope), COLUMNS},
                 {"retreat", offsetof(struct rec_pcg_passes, retreat), COLUMNS}};
     static const struct rec_pcg_passes *const table[] = {&rec_pcg_passes_base,

@@ -15,9 +15,11 @@ struct rec_pcg {
     struct rec_smooth smooth;
     struct rec_stiff *stiff;                       /* [n] V of (1) */
     float *x, *next, *phi, *phi_old, *d, *lx, *ld; /* x space; lx = V L x, ld = V L d */
+    float *ar;                                     /* A'W r, which a renewal leaves as it is */
     float *r, *q;                                  /* row space: A x - b; A d, then W r */
     double alpha[4], beta[4], mu[4], back[4];
     double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
+    double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
     double moved2[4];             /* ||x - next||^2 of the last step */
 };
 
@@ -30,7 +32,11 @@ struct rec_pcg_passes {
     pvx_task_fn step; /* (5): next, lx += alpha ld, the clipped columns; sum A: ||next - x||^2 */
     pvx_task_fn residual;   /* r += alpha q, q = W r, sum A: r'Wr */
     pvx_task_fn smoothness; /* lx = V L x */
-    pvx_task_fn gradient;   /* (3); sums A phi'M phi, B phi'M phi_old, C x'L lx, D ||x||^2 */
+    pvx_task_fn
+        brightness; /* lx = L x; (2a): y in place of ld, sums A y, B y^2, C columns with x > 0 */
+    pvx_task_fn stiffness;  /* V of (2a) from that, lx = V lx */
+    pvx_task_fn gradient;   /* ar, (3); sums A phi'M phi, B phi'M phi_old, C x'L lx, D ||x||^2 */
+    pvx_task_fn regradient; /* the same from the ar that is there */
     pvx_task_fn slope;      /* sum A: (next - x)'phi */
     pvx_task_fn retreat;    /* next = x + back (next - x) */
     void (*add_clipped)(struct rec_pcg *t); /* what clipping changes in q and lx; serial */

@@ -1,4 +1,7 @@
 /* The code of pcg_pass.h; the including file names the table, PASSES. */
+#include <float.h>
+#include <math.h>
+
 #include "recon/solve/passes/pcg_pass.h"
 
 static void near_chunk(void *ctx, size_t k)
@@ -201,13 +204,56 @@ static void lx_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, of_iterate, 0);
 }
 
-/* phi of (3) from q = W r and lx.  Sums: phi'M phi, phi'M phi_old, x'L lx, ||x||^2. */
+/* (2a): how much a flame curves goes with how bright it burns.  DARK keeps the dark parts from being
+ * held more than about three times as firmly as the bright ones.  x - L x / 8 is the mean of x and its
+ * neighbours, and lx has L x already. */
+#define DARK 0.09F
+REC_INLINE void brightness(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+{
+    rec_f4 one = rec_splat(1), zero = {0};
+    FOR_ELEMENTS (i, i0, i1, cs) {
+        rec_f4 x = rec_ld(t->x, i, cs), lap = stiff_inverse(t, i, cs) * rec_ld(t->lx, i, cs);
+        rec_f4 y = x - rec_splat(0.125F) * lap;
+        if (cs == 4)
+            y = (rec_f4){(y[0] + y[1]) + (y[2] + y[3])};
+        rec_st(t->lx, i, cs, lap);
+        rec_st(t->ld, i, cs == 4 ? 1 : cs, y);
+        rec_add_product(&sum[S_A], y, one);
+        rec_add_product(&sum[S_B], y, y);
+        rec_add_product(&sum[S_C], rec_select(x > 0, one, zero), one);
+    }
+}
+static void brightness_chunk(void *ctx, size_t k)
+{
+    struct rec_pcg *t = ctx;
+    OVER_COLUMNS(t, k, k, brightness, 3);
+}
+REC_INLINE void stiffness(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+{
+    bool bright = t->usual > 1 / (double)FLT_MAX; /* 1/usual is a float */
+    float scale = bright ? (float)(1 / t->usual) : 0;
+    (void)sum;
+    FOR_ELEMENTS (i, i0, i1, cs) {
+        for (size_t v = i; v < i + (cs == REC_QUAD ? 4 : 1); v++) {
+            float inverse = bright ? sqrtf(DARK + scale * fmaxf(t->ld[v], 0)) : 1;
+            t->stiff[v] = (struct rec_stiff){1 / inverse, inverse};
+        }
+        rec_st(t->lx, i, cs, stiff_by(t, i, cs) * rec_ld(t->lx, i, cs));
+    }
+}
+static void stiffness_chunk(void *ctx, size_t k)
+{
+    struct rec_pcg *t = ctx;
+    OVER_COLUMNS(t, k, k, stiffness, 0);
+}
+
+/* phi of (3) from ar = A'W r and lx.  Sums: phi'M phi, phi'M phi_old, x'L lx, ||x||^2. */
 REC_INLINE void gradient(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
 {
     rec_f4 lambda = rec_of_lanes(t->lambda, cs), zero = {0};
     FOR_ELEMENTS (i, i0, i1, cs) {
         rec_f4 x = rec_ld(t->x, i, cs), lx = rec_ld(t->lx, i, cs);
-        rec_f4 g = rec_ld(t->phi, i, cs) + lambda * smooth_at(t, t->lx, i, cs);
+        rec_f4 g = rec_ld(t->ar, i, cs) + lambda * smooth_at(t, t->lx, i, cs);
         g = rec_select((x > 0) | (g < 0), g, zero);
         rec_st(t->phi, i, cs, g);
         rec_f4 mg = inverse_diagonal(t, i, cs) * g;
@@ -217,13 +263,18 @@ REC_INLINE void gradient(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec
         rec_add_product(&sum[S_D], x, x);
     }
 }
+static void regradient_chunk(void *ctx, size_t k)
+{
+    struct rec_pcg *t = ctx;
+    OVER_COLUMNS(t, k, k, gradient, 4);
+}
 static void gradient_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
     int32_t q0, q1;
     rec_chunk_range(t->pb->a->n, k, &q0, &q1);
-    rec_adjoint_range(t->pb->a, t->q, q0, q1, t->phi);
-    OVER_COLUMNS(t, k, k, gradient, 4);
+    rec_adjoint_range(t->pb->a, t->q, q0, q1, t->ar);
+    regradient_chunk(t, k);
 }
 
 /* phi's and s's of the step from x to next; x in place of next at `back` of the way. */
@@ -260,7 +311,10 @@ const struct rec_pcg_passes PASSES = {
     .step = step_chunk,
     .residual = residual_chunk,
     .smoothness = lx_chunk,
+    .brightness = brightness_chunk,
+    .stiffness = stiffness_chunk,
     .gradient = gradient_chunk,
+    .regradient = regradient_chunk,
     .slope = slope_chunk,
     .retreat = retreat_chunk,
     .add_clipped = add_clipped,
