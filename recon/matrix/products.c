@@ -42,20 +42,22 @@ REC_INLINE void adjoint_more(const struct rec_windows *m, struct more_run run, s
         rec_st(x, k->column, cs, rec_ld(x, k->column, cs) + rec_splat(m->unit) * sum);
     }
 }
+REC_INLINE void add_more(const struct rec_windows *m, const struct rec_more *k, rec_f4 x, float *y,
+                         size_t cs)
+{
+    for (int r = 0, i = 0; r < m->high; r++)
+        for (int j = 0; j < m->wide; j++, i++) {
+            size_t at = k->at + (size_t)r * (size_t)m->pitch[k->slot] + (size_t)j;
+            rec_st(y, at, cs, rec_ld(y, at, cs) + rec_splat(k->w[i]) * x);
+        }
+}
 REC_INLINE void scatter_more(const struct rec_subsys *a, size_t slab, struct rec_cameras c,
                              const float *x, float *y, size_t cs)
 {
-    const struct rec_windows *m = &a->win;
     for (uint32_t o = a->more_at[slab]; o < a->more_end[slab]; o++) {
-        const struct rec_more *k = &m->more[o];
-        rec_f4 of_column = rec_ld(x, k->column, cs);
-        if (!is_of(k, c))
-            continue;
-        for (int r = 0, i = 0; r < m->high; r++)
-            for (int j = 0; j < m->wide; j++, i++) {
-                size_t at = k->at + (size_t)r * (size_t)m->pitch[k->slot] + (size_t)j;
-                rec_st(y, at, cs, rec_ld(y, at, cs) + rec_splat(k->w[i]) * of_column);
-            }
+        const struct rec_more *k = &a->win.more[o];
+        if (is_of(k, c))
+            add_more(&a->win, k, rec_ld(x, k->column, cs), y, cs);
     }
 }
 
@@ -164,35 +166,21 @@ void rec_forward(const struct rec_subsys *a, struct rec_images *im, const float 
     pvx_pool_run(a->pool, rec_row_pieces(a), collect_chunk, &t);
 }
 
-/* One window, at bin `at` of y: y += unit w e. */
-static void add_window(const struct rec_subsys *a, size_t at, size_t slot, const uint8_t *w,
-                       rec_f4 e, float *y)
+void rec_add_column(const struct rec_subsys *a, const struct rec_images *im, size_t slab, int32_t q,
+                    rec_f4 e)
 {
-    size_t cs = (size_t)a->cs, pitch = (size_t)a->win.pitch[slot];
-    for (int r = 0; r < a->win.high; r++, at += pitch)
-        for (size_t k = 0; k < (size_t)a->win.wide; k++, w++) {
-            float v = a->win.unit * (float)*w;
-            if (cs == 4)
-                rec_st(y, at + k, 4, rec_ld(y, at + k, 4) + rec_splat(v) * e);
-            else
-                y[at + k] += v * e[0];
-        }
-}
-void rec_add_column(const struct rec_subsys *a, int32_t q, rec_f4 e, float *y)
-{
-    const struct rec_windows *m = &a->win;
-    size_t first = (size_t)q * (size_t)m->slots;
-    struct rec_windows one = *m; /* as if the column were the first */
-    rec_f4 x = rec_splat(m->unit) * e;
+    const struct rec_slots slots = {0, a->win.slots};
+    const struct more_run run = {more_from(a, (int32_t)slab, q),
+                                 more_from(a, (int32_t)slab, q + 1)};
+    struct rec_windows one = a->win; /* as if the column were the first */
+    size_t first = (size_t)q * (size_t)one.slots;
+    const float *x = (const float *)&e;
     one.at += first;
-    one.w += first * rec_window_size(m);
-    (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&one, (struct rec_slots){0, m->slots}, 0, 1,
-                                                   (const float *)&x, y);
-    for (int32_t s = 0; s < a->slabs && m->n_more > 0; s++) {
-        const struct rec_more *k = more_from(a, s, q), *end = m->more + a->more_end[s];
-        for (; k < end && k->column == (uint32_t)q; k++)
-            add_window(a, k->at, k->slot, k->w, e, y);
-    }
+    one.w += first * rec_window_size(&one);
+    (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&one, slots, 0, 1, x, im->of[slab]);
+    for (const struct rec_more *k = run.at; k < run.end; k++)
+        a->cs == 4 ? add_more(&a->win, k, e, im->of[slab], 4)
+                   : add_more(&a->win, k, e, im->of[slab], 1);
 }
 
 /* ---- columns ------------------------------------------------------------------------------------ */

@@ -172,8 +172,9 @@ void rec_adjoint_cameras(const struct rec_subsys *a, struct rec_cameras c, const
                          int32_t q0, int32_t q1, float *x);
 void rec_column_sums_cameras(const struct rec_subsys *a, struct rec_cameras c,
                              const float *row_weight, float *d1);
-/* y += column q of A times e, lane by lane. */
-void rec_add_column(const struct rec_subsys *a, int32_t q, rec_f4 e, float *y);
+/* Column q of slab `slab` times e, lane by lane, to that slab's image. */
+void rec_add_column(const struct rec_subsys *a, const struct rec_images *im, size_t slab, int32_t q,
+                    rec_f4 e);
 
 /* Inner product of two vectors of n entries of a's lanes, in double over fixed chunks, lane by
  * lane; lanes that are not there give 0. */

@@ -3,20 +3,20 @@
  *     f(x) = 1/2 ||W^(1/2) (A x - b)||^2 + lambda/2 ||V^(1/2) L x||^2  ->  min,  x >= 0     (1)
  *     g = A'W(A x - b) + lambda L V L x,   L: smooth.h                                      (2)
  *     V = 1 from a start that knows nothing; from a coarser solution, where it is brighter than
- *         usual less: V_q = (c + y_q / y_mean)^(-1/2), y the start, blurred                 (2a)
+ *         usual less: V_q = (c + y_q / y_usual)^(-1/2),  y = sum of the lanes of x - L x / 8  (2a)
  * One iteration:
  *     phi = g where x > 0 or g < 0, else 0          (the bound holds where it should)       (3)
  *     d   = -M phi + beta d,  beta = max(0, phi'M(phi - phi_old) / phi_old'M phi_old)       (4)
  *     x   = max(0, x + alpha d),  alpha = -phi'd / d'Hd                                     (5)
  * H = A'WA + lambda L V L, M = 1/diag(H).  Where (5) clips nothing this is plain CG.  Where it clips,
- * the step is s = alpha (d + e), and e is not 0 in the clipped columns alone: few, so their columns
- * are added to A d and L d (many: A x and L x are formed anew).  f is known after the step; should it
- * have risen, x goes back along s to the least f there, which is feasible because the set is convex:
- * so f never rises.  When d is no descent direction the lane restarts from -M phi.
+ * the step is s = alpha (d + e), and e is not 0 in the clipped columns alone: A e is added to A d.
+ * f is known after the step; should it have risen, x goes back along s to the least f there, which is
+ * feasible because the set is convex: so f never rises.  When d is no descent direction the lane restarts
+ * from -M phi.
  * alpha, beta, lambda are per channel.
  * From a coarser solution V and the automatic lambda are renewed three times from the iterate that they
- * led to (2a; lambda.c), when it has settled, else every third iteration: r stays, L x is formed anew.  In
- * between the objective never rises; the report says after which iterations it is another one.  Then
+ * led to (2a; lambda.c), when it has settled, else every third iteration: r and L x stay.  In between the
+ * objective never rises; the report says after which iterations it is another one.  Then
  * nothing changes any more, and the minimiser is that of one convex problem.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
@@ -30,7 +30,7 @@
 
 #define DEFAULT_ITERATIONS 30
 #define STILL              1e-7 /* share of the objective below which nothing moves any more */
-#define REFRESH            64   /* iterations after which A x and L x are formed anew */
+#define REFRESH            64   /* iterations after which A x is formed anew */
 #define RENEW_AFTER        3    /* iterations after which V and lambda are renewed, */
 #define SETTLED            0.03 /* or sooner, when x moved by less than this share of ||x|| */
 
@@ -113,20 +113,19 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
     const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
     pvx_pool *pool = pb->a->pool;
     size_t rows = rec_row_chunks(pb), chunks = rec_column_chunks(pb);
-    int64_t columns = 0;
     pvx_pool_run(pool, chunks, pass->step, t);
     rec_sum(pb, 0, chunks, S_A, t->moved2);
+    t->any_clipped = false;
     for (size_t k = 0; k < chunks; k++)
-        columns += pb->n_clipped[k];
-    if (anew || columns > pb->a->n / 8) {
-        swap(&t->x, &t->next);
+        t->any_clipped = t->any_clipped || pb->n_clipped[k] > 0;
+    if (t->any_clipped && !anew)
+        pvx_pool_run(pool, (size_t)pb->a->slabs, pass->clipped, t);
+    swap(&t->x, &t->next);
+    if (anew) {
         refresh(t, rwr);
         return;
     }
-    if (columns > 0)
-        pass->add_clipped(t);
-    swap(&t->x, &t->next);
-    pvx_pool_run(pool, rows, pass->residual, t);
+    pvx_pool_run(pool, rows + chunks, pass->residual, t);
     rec_sum(pb, 0, rows, S_A, rwr);
 }
 
@@ -218,8 +217,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         .phi_old = pb->xv[2],
                         .d = pb->xv[3],
                         .lx = pb->xv[4],
-                        .ld = pb->xv[5],
-                        .ar = pb->xv[6],
+                        .ar = pb->xv[5],
                         .r = pb->yv[0],
                         .q = pb->yv[1]};
     pvx_pool *pool = pb->a->pool;

@@ -390,35 +390,39 @@ T_CASE(products_of_some_cameras)
     some_cameras(&odd, 0.6);
 }
 
-/* y += column q times e, as a product with e at q alone gives it. */
+/* Column q times e in its slab's image, as a product with e at q alone gives it. */
 static void one(const struct scene *s)
 {
     for (int cs = 1; cs <= 4; cs += 3) {
         struct bed b;
-        struct vectors v;
+        struct rec_images im;
         bed_new(&b, s, cs, 1, PVX_CPU_BEST);
         bed_restrict(&b, 0.5);
         struct entries columns = entries_of_system(b.a);
-        vectors_new(&v, &b);
+        T_EQ_I(rec_images_new(b.a->S, cs, &im), PVX_OK);
         for (int t = 0; t < 300; t++) {
             int32_t q = (int32_t)(t_rand() % (uint64_t)b.n);
             const rec_f4 e = {(float)t_uniform(-1, 1), 2, -3, 0};
             int64_t wrong = 0;
-            memset(v.ax, 0, v.room * (size_t)cs * sizeof *v.ax);
-            rec_add_column(b.a, q, e, v.ax);
+            size_t slab = 0;
+            for (int32_t q0 = 0, q1 = 0; q1 <= q; slab += q1 <= q)
+                rec_slab_range(b.a, slab, &q0, &q1);
+            float *image = im.of[slab];
+            rec_add_column(b.a, &im, slab, q, e);
             for (uint32_t i = columns.colptr[q]; i < columns.colptr[q + 1]; i++)
                 for (int l = 0; l < cs; l++) {
-                    float *got = &v.ax[columns.row[i] * (size_t)cs + (size_t)l];
-                    double want = entries_value(&columns, i) * e[l];
-                    wrong += !(fabs(*got - want) <= 0x1p-22 * fabs(want));
+                    float *got = &image[columns.row[i] * (size_t)cs + (size_t)l];
+                    double want = entries_value(&columns, i) * e[l],
+                           is = (double)b.a->win.unit * *got;
+                    wrong += !(fabs(is - want) <= 0x1p-22 * fabs(want));
                     *got = 0;
                 }
-            for (size_t i = 0; i < v.room * (size_t)cs; i++)
-                wrong += !(v.ax[i] >= 0 && v.ax[i] <= 0);
+            for (size_t i = 0; i < b.a->win.room * (size_t)cs; i++)
+                wrong += !(image[i] >= 0 && image[i] <= 0);
             T_EQ_I(wrong, 0);
         }
         entries_free(&columns);
-        vectors_free(&v);
+        rec_images_free(&im);
         bed_free(&b);
     }
 }

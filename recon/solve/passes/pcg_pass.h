@@ -13,33 +13,34 @@ enum { S_A, S_B, S_C, S_D };
 struct rec_pcg {
     rec_problem *pb;
     struct rec_smooth smooth;
-    struct rec_stiff *stiff;                       /* [n] V of (1) */
-    float *x, *next, *phi, *phi_old, *d, *lx, *ld; /* x space; lx = V L x, ld = V L d */
-    float *ar;                                     /* A'W r, which a renewal leaves as it is */
-    float *r, *q;                                  /* row space: A x - b; A d, then W r */
+    struct rec_stiff *stiff;             /* [n] V of (1) */
+    float *x, *next, *phi, *phi_old, *d; /* x space */
+    float *lx, *ar;                      /* V L x, A'W r */
+    float *r, *q;                        /* row space: A x - b; A d, then W r */
+    bool any_clipped;                    /* in the last step */
     double alpha[4], beta[4], mu[4], back[4];
     double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
     double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
     double moved2[4];             /* ||x - next||^2 of the last step */
 };
 
-/* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows for residual; of rows, then of columns for
- * curvature. */
+/* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
+ * slabs for clipped. */
 struct rec_pcg_passes {
     pvx_task_fn near;      /* neighbours */
     pvx_task_fn direction; /* (4); sum A: d'phi */
-    pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns: ld = V L d, sum A: d'L ld */
-    pvx_task_fn step; /* (5): next, lx += alpha ld, the clipped columns; sum A: ||next - x||^2 */
-    pvx_task_fn residual;   /* r += alpha q, q = W r, sum A: r'Wr */
-    pvx_task_fn smoothness; /* lx = V L x */
+    pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
+    pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */
+    pvx_task_fn clipped;   /* what clipping changes in A d, into the images */
     pvx_task_fn
-        brightness; /* lx = L x; (2a): y in place of ld, sums A y, B y^2, C columns with x > 0 */
+        residual; /* rows: q from the images again, r += alpha q, q = W r, sum A: r'Wr; columns: lx */
+    pvx_task_fn smoothness; /* lx = V L x */
+    pvx_task_fn brightness; /* lx = L x; (2a): y to next, sums A y, B y^2, C columns with x > 0 */
     pvx_task_fn stiffness;  /* V of (2a) from that, lx = V lx */
     pvx_task_fn gradient;   /* ar, (3); sums A phi'M phi, B phi'M phi_old, C x'L lx, D ||x||^2 */
     pvx_task_fn regradient; /* the same from the ar that is there */
     pvx_task_fn slope;      /* sum A: (next - x)'phi */
     pvx_task_fn retreat;    /* next = x + back (next - x) */
-    void (*add_clipped)(struct rec_pcg *t); /* what clipping changes in q and lx; serial */
 };
 
 /* Those for the processor that `k` is for. */

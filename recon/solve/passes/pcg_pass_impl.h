@@ -85,26 +85,27 @@ static void direction_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, direction, 1);
 }
 
-/* lv = V L v, and v'L lv. */
-REC_INLINE void differences(struct rec_pcg *t, const float *v, float *lv, size_t i0, size_t i1,
-                            size_t cs, rec_d4 *sum)
-{
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 lap = smooth_at(t, v, i, cs), stiff = stiff_by(t, i, cs) * lap;
-        rec_st(lv, i, cs, stiff);
-        rec_add_product(sum, lap, stiff);
-    }
-}
+/* d'L V L d;  lx = V L x. */
 REC_INLINE void of_direction(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
 {
-    differences(t, t->d, t->ld, i0, i1, cs, &sum[S_A]);
+    FOR_ELEMENTS (i, i0, i1, cs) {
+        rec_f4 lap = smooth_at(t, t->d, i, cs);
+        rec_add_product(&sum[S_A], lap, stiff_by(t, i, cs) * lap);
+    }
 }
 REC_INLINE void of_iterate(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
 {
-    differences(t, t->x, t->lx, i0, i1, cs, &sum[S_A]);
+    (void)sum;
+    FOR_ELEMENTS (i, i0, i1, cs)
+        rec_st(t->lx, i, cs, stiff_by(t, i, cs) * smooth_at(t, t->x, i, cs));
+}
+static void lx_chunk(void *ctx, size_t k)
+{
+    struct rec_pcg *t = ctx;
+    OVER_COLUMNS(t, k, k, of_iterate, 0);
 }
 
-/* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: ld = V L d, d'L ld. */
+/* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: d'L V L d. */
 static void curvature_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
@@ -118,7 +119,7 @@ static void curvature_task(void *ctx, size_t i)
         OVER_COLUMNS(t, i - rows, i, of_direction, 1);
 }
 
-/* (5): next; lx follows by alpha ld; the columns that were clipped. */
+/* (5): next; the columns that were clipped. */
 REC_INLINE void step(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, int32_t *n,
                      int32_t *clipped, rec_d4 *sum)
 {
@@ -129,7 +130,6 @@ REC_INLINE void step(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, int32_t
         y = rec_select(keep, y, zero);
         rec_st(t->next, i, cs, y);
         rec_add_product(sum, y - x, y - x);
-        rec_st(t->lx, i, cs, rec_ld(t->lx, i, cs) + alpha * rec_ld(t->ld, i, cs));
         for (int32_t v = 0; v < (cs == REC_QUAD ? 4 : 1); v++) {
             clipped[*n] = (int32_t)i + v;
             *n += cs == REC_QUAD ? !keep[v] : !rec_all(keep);
@@ -148,60 +148,49 @@ static void step_chunk(void *ctx, size_t k)
     t->pb->n_clipped[k] = n;
 }
 
-/* With e = s/alpha - d, not 0 but in the few clipped columns: q += A e, lx += alpha V L e.  Serial: the
- * order of the sums is fixed. */
-REC_INLINE void clipped_columns(struct rec_pcg *t, size_t cs)
+/* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image of A d. */
+REC_INLINE void clipped(struct rec_pcg *t, size_t slab, size_t cs)
 {
-    const struct rec_smooth *s = &t->smooth;
-    const int32_t *clipped = t->pb->clipped;
+    const rec_problem *pb = t->pb;
     rec_f4 alpha = rec_coef(t->alpha), inverse = {0};
-    int32_t q0, q1;
+    int32_t q0, q1, end, i;
+    rec_slab_range(pb->a, slab, &q0, &q1);
     for (int l = 0; l < 4; l++)
         inverse[l] = t->alpha[l] > 0 ? (float)(1 / t->alpha[l]) : 0;
-    for (size_t k = 0; k < rec_column_chunks(t->pb); k++) {
-        rec_chunk_range(t->pb->a->n, k, &q0, &q1);
-        for (int32_t i = 0; i < t->pb->n_clipped[k]; i++) {
-            int32_t c = clipped[q0 + i];
+    for (size_t k = (size_t)(q0 / rec_chunk(pb->a->n)); k < rec_column_chunks(pb); k++) {
+        rec_chunk_range(pb->a->n, k, &i, &end);
+        for (end = i + pb->n_clipped[k]; i < end; i++) {
+            int32_t c = pb->clipped[i];
             rec_f4 x = rec_ld(t->x, (size_t)c, cs), d = rec_ld(t->d, (size_t)c, cs);
-            rec_f4 e = rec_select(x + alpha * d < 0, -x * inverse - d, (rec_f4){0}), ae = alpha * e;
-            const struct rec_near *nb = &s->near[c];
-            ptrdiff_t to[6] = {c - (ptrdiff_t)(nb->have & 1),
-                               c + (ptrdiff_t)(nb->have >> 1 & 1),
-                               c + nb->y[0],
-                               c + nb->y[1],
-                               c + nb->z[0],
-                               c + nb->z[1]};
-            rec_st(t->lx, (size_t)c, cs,
-                   rec_ld(t->lx, (size_t)c, cs) +
-                       rec_splat(t->stiff[c].by * s->centre[nb->have]) * ae);
-            for (int f = 0; f < 6; f++) /* to itself where there is none, as centre[] expects */
-                rec_st(t->lx, (size_t)to[f], cs,
-                       rec_ld(t->lx, (size_t)to[f], cs) -
-                           rec_splat(t->stiff[to[f]].by * s->axis[f / 2]) * ae);
-            rec_add_column(t->pb->a, c, e, t->q);
+            if (c >= q1)
+                return;
+            if (c >= q0)
+                rec_add_column(pb->a, &pb->images, slab, c,
+                               rec_select(x + alpha * d < 0, -x * inverse - d, (rec_f4){0}));
         }
     }
 }
-
-static void add_clipped(struct rec_pcg *t)
-{
-    t->pb->a->cs == 4 ? clipped_columns(t, 4) : clipped_columns(t, 1);
-}
-
-/* r += alpha q, r'Wr, q = W r for the adjoint. */
-static void residual_chunk(void *ctx, size_t k)
+static void clipped_slab(void *ctx, size_t slab)
 {
     struct rec_pcg *t = ctx;
-    double *out = t->pb->part[k][S_A];
-    t->pb->in.per_channel ? rec_rows_step(t->pb, k, 4, true, t->alpha, t->r, t->q, t->q, out)
-    : t->pb->cs == 4      ? rec_rows_step(t->pb, k, 4, false, t->alpha, t->r, t->q, t->q, out)
-                          : rec_rows_step(t->pb, k, 1, false, t->alpha, t->r, t->q, t->q, out);
+    t->pb->a->cs == 4 ? clipped(t, slab, 4) : clipped(t, slab, 1);
 }
 
-static void lx_chunk(void *ctx, size_t k)
+/* Rows: q = A d, where columns were clipped A (d + e), r += alpha q, r'Wr, q = W r.  Columns: lx. */
+static void residual_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, of_iterate, 0);
+    size_t rows = rec_row_chunks(t->pb);
+    double *out = t->pb->part[i][S_A];
+    if (i >= rows) {
+        lx_chunk(t, i - rows);
+        return;
+    }
+    if (t->any_clipped)
+        rec_take_product(t->pb, i, t->q);
+    t->pb->in.per_channel ? rec_rows_step(t->pb, i, 4, true, t->alpha, t->r, t->q, t->q, out)
+    : t->pb->cs == 4      ? rec_rows_step(t->pb, i, 4, false, t->alpha, t->r, t->q, t->q, out)
+                          : rec_rows_step(t->pb, i, 1, false, t->alpha, t->r, t->q, t->q, out);
 }
 
 /* (2a): how much a flame curves goes with how bright it burns.  DARK keeps the dark parts from being
@@ -217,7 +206,7 @@ REC_INLINE void brightness(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, r
         if (cs == 4)
             y = (rec_f4){(y[0] + y[1]) + (y[2] + y[3])};
         rec_st(t->lx, i, cs, lap);
-        rec_st(t->ld, i, cs == 4 ? 1 : cs, y);
+        rec_st(t->next, i, cs == 4 ? 1 : cs, y);
         rec_add_product(&sum[S_A], y, one);
         rec_add_product(&sum[S_B], y, y);
         rec_add_product(&sum[S_C], rec_select(x > 0, one, zero), one);
@@ -235,7 +224,7 @@ REC_INLINE void stiffness(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, re
     (void)sum;
     FOR_ELEMENTS (i, i0, i1, cs) {
         for (size_t v = i; v < i + (cs == REC_QUAD ? 4 : 1); v++) {
-            float inverse = bright ? sqrtf(DARK + scale * fmaxf(t->ld[v], 0)) : 1;
+            float inverse = bright ? sqrtf(DARK + scale * fmaxf(t->next[v], 0)) : 1;
             t->stiff[v] = (struct rec_stiff){1 / inverse, inverse};
         }
         rec_st(t->lx, i, cs, stiff_by(t, i, cs) * rec_ld(t->lx, i, cs));
@@ -309,7 +298,8 @@ const struct rec_pcg_passes PASSES = {
     .direction = direction_chunk,
     .curvature = curvature_task,
     .step = step_chunk,
-    .residual = residual_chunk,
+    .clipped = clipped_slab,
+    .residual = residual_task,
     .smoothness = lx_chunk,
     .brightness = brightness_chunk,
     .stiffness = stiffness_chunk,
@@ -317,5 +307,4 @@ const struct rec_pcg_passes PASSES = {
     .regradient = regradient_chunk,
     .slope = slope_chunk,
     .retreat = retreat_chunk,
-    .add_clipped = add_clipped,
 };
