@@ -221,17 +221,15 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         .r = pb->yv[0],
                         .q = pb->yv[1]};
     pvx_pool *pool = pb->a->pool;
-    size_t chunks = rec_column_chunks(pb), bytes = (size_t)pb->a->n * (size_t)pb->cs * sizeof *x;
+    size_t chunks = rec_column_chunks(pb);
     struct rec_stopper stop;
     double gamma[4], cross[4], rwr[4], norm2[4], f[4], now[4], next[4];
 
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
     memcpy(t.lambda, pb->lambda, sizeof t.lambda);
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
-    pvx_pool_run(pool, chunks, pass->near, &t);      /* L */
+    pvx_pool_run(pool, chunks, pass->begin, &t);     /* L; d = phi = 0 */
     pvx_pool_run(pool, chunks, pass->stiffness, &t); /* V = 1 */
-    memset(t.d, 0, bytes);
-    memset(t.phi, 0, bytes);
 
     rec_start_residual(pb, x, rwr);                   /* r = A x - b, q = W r */
     pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */

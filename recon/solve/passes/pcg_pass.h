@@ -27,7 +27,7 @@ struct rec_pcg {
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
  * slabs for clipped. */
 struct rec_pcg_passes {
-    pvx_task_fn near;      /* neighbours */
+    pvx_task_fn begin;     /* neighbours; d = phi = 0 */
     pvx_task_fn direction; /* (4); sum A: d'phi */
     pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
     pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */

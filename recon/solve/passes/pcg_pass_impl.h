@@ -1,14 +1,18 @@
 /* The code of pcg_pass.h; the including file names the table, PASSES. */
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
 #include "recon/solve/passes/pcg_pass.h"
 
-static void near_chunk(void *ctx, size_t k)
+static void begin_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
     int32_t q0, q1;
     rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    size_t cs = (size_t)t->pb->a->cs, bytes = (size_t)(q1 - q0) * cs * sizeof *t->d;
+    memset(t->d + (size_t)q0 * cs, 0, bytes);
+    memset(t->phi + (size_t)q0 * cs, 0, bytes);
     rec_smooth_near(&t->smooth, t->pb->a, q0, q1);
 }
 
@@ -294,7 +298,7 @@ static void retreat_chunk(void *ctx, size_t k)
 }
 
 const struct rec_pcg_passes PASSES = {
-    .near = near_chunk,
+    .begin = begin_chunk,
     .direction = direction_chunk,
     .curvature = curvature_task,
     .step = step_chunk,
