@@ -83,16 +83,16 @@ bad_arguments() {
     run "$pyrovox" matrix --rig "$rig" --out "$dir/no/such/m"; says 1 'does not exist or is not writable' || return 1
     run "$pyrovox" matrix --help; says 0 'Examples:' '--binning'
 }
+catches_term() { # bit 14
+    local caught; caught=$(sed -n 's/^SigCgt:\s*//p' "/proc/$1/status" 2>/dev/null)
+    [ $((0x${caught:-0} & 0x4000)) -ne 0 ]
+}
 # Large enough to be in the middle of it when the signal comes: 88 million rays.
 interrupted() {
     sed 's/size: \[80,60\]/size: [7680,5760]/; s/K: \[60,60,39.5,29.5\]/K: [5760,5760,3840,2880]/' "$rig" > "$dir/big.yaml"
     "$pyrovox" matrix --rig "$dir/big.yaml" --grid 64 --binning 1 --out "$dir/big.pvxm" > "$dir/int.log" 2>&1 &
-    local pid=$! caught
-    for _ in $(seq 500); do # until it catches SIGTERM (bit 14)
-        caught=$(sed -n 's/^SigCgt:\s*//p' "/proc/$pid/status" 2>/dev/null)
-        [ $((0x${caught:-0} & 0x4000)) -ne 0 ] && break
-        sleep 0.02
-    done
+    local pid=$!
+    wait_for catches_term $pid
     kill -TERM $pid
     wait $pid; code=$?
     out=$(cat "$dir/int.log")

@@ -87,10 +87,10 @@ by_hand() {
     "$pyrovox" simcams --private-net "${small[@]}" --control -- sh "$dir/watch.sh" "$pyrovox" "$dir" < "$dir/ctl" > "$dir/out" 2> "$dir/err" & p=$!; pids+=("$p")
     exec 5> "$dir/ctl"
     local ok=0
-    wait_for 60 seen 4 && echo "kill cam1" >&5 && wait_for 30 seen 3 && ! grep -q 127.0.0.3 "$dir/list" &&
-        echo "nonsense" >&5 && echo "revive cam1" >&5 && wait_for 30 seen 4 &&
-        echo "reboot cam2 60" >&5 && wait_for 30 seen 3 && ! grep -q 127.0.0.4 "$dir/list" &&
-        echo "switch 60" >&5 && wait_for 30 seen 0 && echo "stats" >&5 && wait_for 10 grep -q '^stats {' "$dir/out" || ok=1
+    wait_for seen 4 && echo "kill cam1" >&5 && wait_for seen 3 && ! grep -q 127.0.0.3 "$dir/list" &&
+        echo "nonsense" >&5 && echo "revive cam1" >&5 && wait_for seen 4 &&
+        echo "reboot cam2 3600" >&5 && wait_for seen 3 && ! grep -q 127.0.0.4 "$dir/list" &&
+        echo "switch 3600" >&5 && wait_for seen 0 && echo "stats" >&5 && wait_for grep -q '^stats {' "$dir/out" || ok=1
     touch "$dir/stop"
     exec 5>&-
     wait $p || ok=1
@@ -102,7 +102,7 @@ check killed_and_revived_by_hand by_hand
 
 signals() { # the command hears TERM, and simcams exits as it does
     "$pyrovox" simcams --private-net "${small[@]}" -- sh -c 'trap "exit 5" TERM; touch "$0"; while :; do sleep 0.05; done' "$dir/up" > "$dir/out" 2>&1 & p=$!; pids+=("$p")
-    wait_for 60 test -e "$dir/up" || return 1
+    wait_for test -e "$dir/up" || return 1
     kill -TERM $p; wait $p; local code=$?
     [ $code -eq 5 ]
 }
@@ -110,17 +110,17 @@ check passes_signals_on signals
 
 orphan() { # cameras gone: the command goes too
     rm -f "$dir/up"
-    "$pyrovox" simcams --private-net "${small[@]}" -- sh -c 'echo $$ > "$0.pid"; touch "$0"; exec sleep 300' "$dir/up" > "$dir/out" 2>&1 & p=$!; pids+=("$p")
-    wait_for 60 test -e "$dir/up" || return 1
+    "$pyrovox" simcams --private-net "${small[@]}" -- sh -c 'echo $$ > "$0.pid"; touch "$0"; exec sleep 3600' "$dir/up" > "$dir/out" 2>&1 & p=$!; pids+=("$p")
+    wait_for test -e "$dir/up" || return 1
     local child; child=$(cat "$dir/up.pid")
     kill -9 $p; wait $p 2> "$dir/null"
-    wait_for 30 bash -c "! kill -0 $child 2>/dev/null || grep -q '^State:.Z' /proc/$child/status 2>/dev/null"
+    wait_for bash -c "! kill -0 $child 2>/dev/null || grep -q '^State:.Z' /proc/$child/status 2>/dev/null"
 }
 check command_ends_with_the_cameras orphan
 
 interrupt() {
     "$pyrovox" simcams --private-net "${small[@]}" > "$dir/out" 2> "$dir/err" & p=$!; pids+=("$p")
-    wait_for 60 grep -q '^serving' "$dir/out" || return 1
+    wait_for grep -q '^serving' "$dir/out" || return 1
     kill -INT $p; wait $p; local code=$?
     [ $code -eq 130 ] && grep -q 'frames sent' "$dir/err"
 }

@@ -49,7 +49,7 @@ check protocol_example documented
 
 live() { # volumes, every n-th left out
     "$b/tests/unit/test_pub" --publish "$volumes" "$1" "$2" & pub=$!; pids+=("$pub")
-    timeout 60 "$py" - "$volumes" "$1" "$2" <<'PY'
+    timeout 300 "$py" - "$volumes" "$1" "$2" <<'PY'
 import sys
 import numpy as np
 import pyrovox_sub as pvx
@@ -78,7 +78,7 @@ check live_gaps live 40 5
 
 saved() {
     "$b/tests/unit/test_pub" --publish "$volumes" 6 0 & pub=$!; pids+=("$pub")
-    timeout 60 "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
+    timeout 300 "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
     wait "$pub"
     tail -n 1 "$dir/log" | grep -q '^3 volumes, 0 messages lost' || { cat "$dir/log"; return 1; }
     "$py" -c 'import numpy,sys; a=numpy.load(sys.argv[1]); sys.exit(a.shape != (8,9,10,3))' "$dir/out/000002.npy"

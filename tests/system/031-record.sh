@@ -6,7 +6,7 @@ name=031
 ep=$volumes
 publish() { "$b/tests/unit/test_pub" --publish "$ep" "$1" "$2" & pub=$!; pids+=($pub); }
 reap() { wait "$pub"; }
-record() { timeout 60 "$pyrovox" record --endpoint "$ep" "$@"; }
+record() { timeout 300 "$pyrovox" record --endpoint "$ep" "$@"; }
 # a volume of test_pub is 8 x 9 x 10 x 3 float32 and a header of 128 bytes
 whole() { [ "$(stat -c %s "$1.npy")" = 8768 ] && grep -q '"set":' "$1.json" && [ "$(tail -c 2 "$1.json")" = '}' ]; }
 
@@ -62,7 +62,7 @@ check refuses_old_folder again
 
 waits() { # nobody publishes: says so, and Ctrl-C ends it
     "$pyrovox" record --endpoint "$ep" --out "$dir/d" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
-    for _ in $(seq 100); do grep -q 'waiting for a daemon' "$dir/log" && break; sleep 0.1; done
+    wait_for grep -q 'waiting for a daemon' "$dir/log"
     kill -TERM "$rec"; wait "$rec"; local r=$?; rec=
     [ $r = 130 ] && grep -q 'waiting for a daemon' "$dir/log" && grep -q '^0 volumes' "$dir/log" || { echo "exit $r"; cat "$dir/log"; return 1; }
 }
@@ -71,7 +71,7 @@ check waits_and_stops waits
 restart() { # the daemon is killed and comes back: its sets count anew, in a folder of their own
     "$b/tests/unit/test_pub" --publish "$ep" 3 0 no-end & pub=$!
     record --out "$dir/g" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
-    for _ in $(seq 100); do [ -e "$dir/g/000002.json" ] && break; sleep 0.1; done
+    wait_for test -e "$dir/g/000002.json"
     kill -KILL "$pub"; wait "$pub" 2>/dev/null
     publish 5 0
     wait "$rec"; local r=$?; rec=
@@ -93,7 +93,7 @@ full() { # a disk of 100 KiB: about ten volumes fit
     publish 40 0
     unshare -rm bash -c '
         mount -t tmpfs -o size=100k none "$1/disk" || exit 99
-        timeout 60 "$2/bin/pyrovox" record --endpoint "$3" --out "$1/disk/f" > "$1/log" 2>&1
+        timeout 300 "$2/bin/pyrovox" record --endpoint "$3" --out "$1/disk/f" > "$1/log" 2>&1
         echo "exit $?" >> "$1/log"
         cp -r "$1/disk/f" "$1/f"' - "$dir" "$b" "$ep"
     reap

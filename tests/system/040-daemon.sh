@@ -7,32 +7,33 @@ config a.yaml <<< $'cameras: "sim:"\nfps: 40\nshared_clock: true'
 start a.log "$pyrovoxd" --config "$dir/a.yaml"
 daemon=$started
 
-check volumes-are-published wait_for 30 published 20
+check volumes-are-published wait_for published 20
 check status-is-consistent field \
     "s['sets']['produced'] == s['sets']['published'] + s['sets']['dropped'] + s['sets']['inside']"
-check status-names-cameras field \
+check status-names-cameras wait_for field \
     "[c['name'] for c in s['cameras']] == ['cam0','cam1','cam2','cam3'] and all(c['state'] == 'running' for c in s['cameras'])"
-check status-has-skews field \
+check status-has-skews wait_for field \
     "len(s['skew']['edges_us']) == 28 and all(c['skew']['n'] > 5 and sum(c['skew']['bins']) == c['skew']['n'] and c['troubles'] == [] or c['troubles'] for c in s['cameras'])"
 check skews-for-people grep -q '^spread of a set .*|.*|$' <("$pyrovox" status --endpoint "$control")
 check status-for-people grep -q '^latency' <("$pyrovox" status --endpoint "$control")
-check top-prints-lines grep -q 'sets/s' <("$pyrovox" top --endpoint "$volumes" --truth 1,2 --seconds 3)
+check top-prints-lines says_soon sets/s "$pyrovox" top --endpoint "$volumes" --truth 1,2
 check record "$pyrovox" record --quiet --endpoint "$volumes" --volumes 5 --out "$dir/rec"
 check recorded-files [ "$(ls "$dir"/rec/*.npy 2>/dev/null | wc -l)" = 5 ]
 
 second() {
-    timeout 20 "$pyrovoxd" --config "$dir/a.yaml" > "$dir/second.log" 2>&1
+    timeout 300 "$pyrovoxd" --config "$dir/a.yaml" > "$dir/second.log" 2>&1
     [ $? = 1 ] && grep -q "in use" "$dir/second.log"
 }
 check second-daemon-is-refused second
-check first-goes-on field "s['sets_per_s'] > 5"
+n=$(sets)
+check first-goes-on wait_for published $((n + 10))
 
 requests() {
-    timeout 30 "$py" - "$control" <<'PY'
+    timeout 300 "$py" - "$control" <<'PY'
 import json, sys, zmq
 ctx = zmq.Context()
 def ask(raw, parts=False):
-    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 3000; s.connect(sys.argv[1])
+    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 120000; s.connect(sys.argv[1])
     s.send_multipart(raw) if parts else s.send(raw)
     r = json.loads(s.recv()); s.close(); return r
 assert ask(b'{"cmd":"ping"}')["ok"] is True
@@ -49,11 +50,11 @@ PY
 if "$py" -c 'import zmq' 2>/dev/null; then
     check control-survives-anything requests
     # a subscriber that never reads: it loses, the daemon does not
-    start lazy.log timeout 60 "$py" -c 'import sys, time, zmq
-s = zmq.Context().socket(zmq.SUB); s.rcvhwm = 1; s.subscribe(b""); s.connect(sys.argv[1]); time.sleep(50)' "$volumes"
+    start lazy.log "$py" -c 'import sys, time, zmq
+s = zmq.Context().socket(zmq.SUB); s.rcvhwm = 1; s.subscribe(b""); s.connect(sys.argv[1]); time.sleep(3000)' "$volumes"
     lazy=$started
-    n=$(status | "$py" -c 'import json, sys; print(json.load(sys.stdin)["sets"]["published"])')
-    check lazy-subscriber-does-not-hold-up wait_for 20 published $((n + 100))
+    n=$(sets)
+    check lazy-subscriber-does-not-hold-up wait_for published $((n + 100))
     kill "$lazy"
 else
     echo "SKIP $name:control-survives-anything (no python3-zmq)"
@@ -66,7 +67,7 @@ check sockets-are-removed [ -z "$(ls "$dir" | grep -E '^(volumes|control)')" ]
 
 start b.log "$pyrovoxd" --config "$dir/a.yaml"
 daemon=$started
-check starts-again wait_for 30 published 5
+check starts-again wait_for published 5
 kill -TERM "$daemon"
 check sigterm-ends-with-0 ended "$daemon" 0
 check no-daemon-no-status bash -c "! '$pyrovox' status --endpoint '$control' --timeout 0.3 2>/dev/null"

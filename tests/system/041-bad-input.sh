@@ -5,7 +5,7 @@ name=041
 refused() { # text that must be in the message; configuration on standard input
     local text=$1 got
     cat > "$dir/bad.yaml"
-    timeout 30 "$pyrovoxd" --config "$dir/bad.yaml" ${2:+$2} > "$dir/out" 2>&1
+    timeout 300 "$pyrovoxd" --config "$dir/bad.yaml" ${2:+$2} > "$dir/out" 2>&1
     got=$?
     [ $got = 1 ] && grep -qF -- "$text" "$dir/out" || { echo "  exit $got: $(cat "$dir/out")"; return 1; }
 }
@@ -35,9 +35,9 @@ check wrong-usage bash -c "'$pyrovoxd' --nonsense 2>/dev/null; [ \$? = 2 ]"
 check good-file bash -c "'$pyrovoxd' --config daemon/config/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
 
 if "$py" -c 'import zmq' 2>/dev/null; then
-    start port.log timeout 60 "$py" -c 'import sys, time, zmq
-s = zmq.Context().socket(zmq.PUB); print(s.bind_to_random_port("tcp://127.0.0.1"), flush=True); time.sleep(50)'
-    wait_for 10 test -s "$dir/port.log"
+    start port.log "$py" -c 'import sys, time, zmq
+s = zmq.Context().socket(zmq.PUB); print(s.bind_to_random_port("tcp://127.0.0.1"), flush=True); time.sleep(3000)'
+    wait_for test -s "$dir/port.log"
     check port-in-use refused "in use" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"tcp://127.0.0.1:$(cat "$dir/port.log")\"]}}"
 else
     echo "SKIP $name:port-in-use (no python3-zmq)"

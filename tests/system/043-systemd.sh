@@ -31,15 +31,15 @@ check nothing-stays [ -z "$(find "$dir/root" -type f)" ]
 
 # the protocol of Type=notify, with a socket of our own
 notified() {
-    timeout 60 "$py" - "$pyrovoxd" "$dir/a.yaml" "$dir/notify" <<'PY'
+    timeout 300 "$py" - "$pyrovoxd" "$dir/a.yaml" "$dir/notify" <<'PY'
 import os, socket, subprocess, sys, time
-s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); s.settimeout(20)
+s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); s.settimeout(120)
 env = dict(os.environ, NOTIFY_SOCKET=sys.argv[3], WATCHDOG_USEC="1000000")
 p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], env=env, stderr=subprocess.DEVNULL)
-seen, end = "", time.time() + 20
+seen, end = "", time.time() + 120
 while time.time() < end and not ("READY=1" in seen and "WATCHDOG=1" in seen):
     seen += s.recv(4096).decode() + "\n"
-p.terminate(); code = p.wait(20)
+p.terminate(); code = p.wait(120)
 while "STOPPING=1" not in seen:
     seen += s.recv(4096).decode() + "\n"
 assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "STATUS=" in seen, seen

@@ -2,7 +2,7 @@
 # The daemon with simulated cameras over the real GigE Vision protocol; one of them dies and comes back.
 name=050
 . "$(dirname "$0")/lib.sh"
-if ! timeout 60 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+if ! timeout 300 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
 fi
 config a.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 15\npixel_format: RGB8\nshared_clock: true\nsync: {policy: partial, min_cameras: 3}\nphotometry: {black: 0.02}'
@@ -13,18 +13,18 @@ sim=$!
 pids+=("$sim")
 exec 9> "$dir/orders"
 
-check volumes-are-published wait_for 60 published 20
-check all-cameras-run field "all(c['state'] == 'running' and c['fps'] > 5 for c in s['cameras'])"
-check sets-are-whole field "s['last']['cameras'] == 4 and s['last']['active_voxels'] > 50"
-check top-knows-the-truth grep -qE 'error 0\.[0-4]' <("$pyrovox" top --endpoint "$volumes" --truth 1,1,15 --seconds 4)
+check volumes-are-published wait_for published 20
+check all-cameras-run wait_for field "all(c['state'] == 'running' and c['fps'] > 5 for c in s['cameras'])"
+check sets-are-whole wait_for field "s['last']['cameras'] == 4 and s['last']['active_voxels'] > 50"
+check top-knows-the-truth says_soon 'error 0\.[0-4]' "$pyrovox" top --endpoint "$volumes" --truth 1,1,15
 
 echo "kill cam2" >&9
-check lost-camera-is-named wait_for 30 field "s['cameras'][2]['state'] != 'running' and s['cameras'][2]['error'] != ''"
-n=$(status | "$py" -c 'import json, sys; print(json.load(sys.stdin)["sets"]["published"])')
-check others-go-on wait_for 30 published $((n + 20))
+check lost-camera-is-named wait_for field "s['cameras'][2]['state'] != 'running' and s['cameras'][2]['error'] != ''"
+n=$(sets)
+check others-go-on wait_for published $((n + 20))
 check with-three-cameras field "s['last']['cameras'] == 3"
 echo "revive cam2" >&9
-check comes-back wait_for 40 field "s['cameras'][2]['state'] == 'running' and s['last']['cameras'] == 4"
+check comes-back wait_for field "s['cameras'][2]['state'] == 'running' and s['last']['cameras'] == 4"
 check consistent field "s['sets']['produced'] == s['sets']['published'] + s['sets']['dropped'] + s['sets']['inside']"
 check stop-command "$pyrovox" status --endpoint "$control" --stop
 check both-end ended "$sim" 0

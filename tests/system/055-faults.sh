@@ -5,7 +5,7 @@
 # their frames arrive as if its clock had been set, or find no buffer as if it were too slow.
 name=055
 . "$(dirname "$0")/lib.sh"
-if ! timeout 60 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+if ! timeout 300 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
 fi
 "$py" -c 'import zmq' 2> "$dir/null" || { echo "no python3-zmq"; exit 77; }
@@ -27,7 +27,7 @@ def order(line):
     orders.write(line + "\n"); orders.flush()
 
 def status():
-    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 3000; s.connect(control)
+    s = ctx.socket(zmq.REQ); s.linger = 0; s.rcvtimeo = 1000 * PATIENCE_S; s.connect(control)
     try:
         s.send(b'{"cmd":"status"}'); return json.loads(s.recv())
     finally:

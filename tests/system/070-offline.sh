@@ -48,7 +48,7 @@ film() {
 stops() { # what was written before is whole
     "$pyrovox" render --orbit 20000 --size 48x64 --format npy vol long > int.log 2>&1 &
     local pid=$!
-    for _ in $(seq 600); do [ -e long/000002.npy ] && break; sleep 0.1; done
+    wait_for test -e long/000002.npy
     kill -INT $pid; wait $pid; code=$?
     out=$(cat int.log)
     says 130 'pictures in long' 'stopped' && [ -z "$(find long -name '*.tmp*')" ] || return 1
@@ -60,7 +60,7 @@ reconstruct_stops() { # what was solved is whole, and in the report
     "$pyrovox" reconstruct --rig small.yaml --frames many --black 0.02 --out cut --save-report cut.json --quiet \
         --solver mlem --iterations 1000 > int.log 2>&1 &
     local pid=$! n
-    for _ in $(seq 600); do [ -e cut/000002.npy ] && break; sleep 0.1; done
+    wait_for test -e cut/000002.npy
     kill -INT $pid; wait $pid; code=$?
     out=$(cat int.log)
     says 130 'stopped' && [ -z "$(find cut -name '*.tmp*')" ] || return 1

@@ -23,7 +23,7 @@ check() { # what, command...
     local what=$1; shift
     if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi
 }
-run() { out=$(timeout 120 "$@" 2>&1); code=$?; } # both streams and the exit code, for says
+run() { out=$(timeout 300 "$@" 2>&1); code=$?; } # both streams and the exit code, for says
 says() { # code, text that must be there...
     if [ "$code" != "$1" ]; then printf '  exit %s, want %s: %s\n' "$code" "$1" "$out"; return 1; fi
     shift
@@ -32,8 +32,8 @@ says() { # code, text that must be there...
         if ! grep -qF -- "$t" <<< "$out"; then printf '  no "%s" in: %s\n' "$t" "$out"; return 1; fi
     done
 }
-wait_for() { # seconds, command...: until it succeeds
-    local end=$((SECONDS + $1)); shift
+wait_for() { # command...: until it succeeds; with patience for a machine that is busy
+    local end=$((SECONDS + 120))
     until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
 }
 config() { # file [more keys of publish], then lines on standard input
@@ -48,7 +48,7 @@ start() { # log, command...: in the background; its id is $started
     started=$!
     pids+=("$started")
 }
-status() { "$pyrovox" status --endpoint "$control" --json 2>/dev/null; }
+status() { "$pyrovox" status --endpoint "$control" --timeout 120 --json 2>/dev/null; }
 field() { # expression on the status s
     status | "$py" -c 'import json, sys
 try: s = json.load(sys.stdin)
@@ -56,6 +56,14 @@ except ValueError: sys.exit(1)
 try: sys.exit(0 if eval(sys.argv[1]) else 1)
 except (KeyError, IndexError): sys.exit(1)' "$1"
 }
+says_soon() { # text, command...: it runs until it has said that, and ends with 0 when it is interrupted
+    local text=$1; shift
+    start soon.log "$@"
+    wait_for grep -qE -- "$text" "$dir/soon.log"; local r=$?
+    kill -INT "$started"
+    ended "$started" 0 && [ $r = 0 ]
+}
+sets() { status | "$py" -c 'import json, sys; print(json.load(sys.stdin)["sets"]["published"])'; }
 published() { field "s['sets']['published'] >= $1"; }
 ended() { # id, expected exit code
     wait "$1"; local got=$?
