@@ -237,8 +237,8 @@ T_CASE(paced_frames_come_in_real_time)
     begin();
     write_images(2, 40, "npy");
     cameras(2, false);
-    rig_start(&r);
     int64_t t0 = pvx_now_mono();
+    rig_start(&r);
     struct cap_set *s;
     pvx_err e;
     uint64_t frames[2] = {0};

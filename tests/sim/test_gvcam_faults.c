@@ -288,11 +288,12 @@ T_CASE(too_fast_is_not_exposed)
     struct raw r;
     begin(&r, (struct cap_gvcam_fault){0}, true);
     T_EQ_I(raw_write(&r, feature(GVF_EXPOSURE), raw_float(1e6)), CAP_GVCP_OK);
-    for (int k = 0; k < 5; k++)
-        trigger(&r); /* all within the second that the first takes, on most machines */
+    uint64_t n = 0;
+    for (; bed_stats(0).too_fast == 0 && n < 1000; n++)
+        trigger(&r); /* the second within the second that the first takes, on most machines */
     struct cap_gvcam_stats st = end(&r);
-    T_EQ_I(st.triggers, 5);
-    T_EQ_I(st.exposed + st.too_fast, 5);
+    T_EQ_I(st.triggers, n);
+    T_EQ_I(st.exposed + st.too_fast, n);
     T_LE(1, st.too_fast);
 }
 
@@ -314,10 +315,10 @@ T_CASE(switch_that_reboots)
     begin(&r, (struct cap_gvcam_fault){0}, false);
     T_OK(raw_leader(&r, &p));
     cap_gvnet_reboot(bed_net, 0.4);
-    raw_drain(&r);
-    int64_t t0 = pvx_now_mono();
-    T_OK(raw_leader(&r, &p)); /* by itself, when the switch is back: control was not lost */
-    T_LE(0.2, (double)(pvx_now_mono() - t0) * 1e-9);
+    int64_t gap = 0; /* then by itself, when the switch is back: control was not lost */
+    for (int64_t last = p.at; gap < 200 * MS && raw_leader(&r, &p); last = p.at)
+        gap = p.at - last;
+    T_LE(200 * MS, gap);
     struct cap_gvcam_stats st = end(&r);
     T_LE(PER_FRAME * 20, st.cut);
     T_EQ_I(st.heartbeats, 0);
