@@ -53,7 +53,7 @@ static void bed_restart(int c, const struct cap_gvcam_config *config)
 {
     pvx_err e = PVX_EBUSY;
     cap_gvcam_free(&bed_cam[c]);
-    for (int k = 0; k < 100 && e == PVX_EBUSY; k++) {
+    for (int k = 0; k < 6000 && e == PVX_EBUSY; k++) {
         struct pvx_diag d = {""};
         if (k > 0)
             usleep(20000);

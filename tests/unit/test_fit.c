@@ -89,7 +89,7 @@ static void look_past(struct rec_camera *c, const struct ball *b)
 /* Balls anywhere in the volume, cameras anywhere around it, some of which see only a part. */
 T_CASE(flame_is_inside)
 {
-    enum { W = 64, H = 48, TURNS = 24 };
+    enum { W = 64, H = 48, TURNS = 12 };
     static uint8_t bits[8][W * H];
     const uint8_t *lit[8];
     double tightest = 1;
@@ -292,7 +292,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
     rec_sparse_to_dense(&v, dense);
     double e = 0, t = 0;
     t_state = 77;
-    for (int k = 0; k < 60000; k++) {
+    for (int k = 0; k < 20000; k++) {
         double x[3], want[3];
         int32_t at[3];
         bool in = true;

@@ -658,7 +658,7 @@ T_CASE(falls_where_theory_says_so)
             y.w[i] = i % 3 == 0 ? 0 : i % 4 == 0 ? 0.5f : 1;
         for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
             struct rec_solve_params p = {
-                .solver = *name, .stop = REC_STOP_ITERATIONS, .iterations = 80};
+                .solver = *name, .stop = REC_STOP_ITERATIONS, .iterations = 40};
             struct watch w = {.y = &y, .row = row, .ax = ax};
             bool squares = strcmp(*name, "sirt") == 0 || strcmp(*name, "mrnsd") == 0;
             p.trace = watch;
@@ -777,14 +777,14 @@ T_CASE(auto_stop_sees_a_stall)
     system_pictures(&y, &sc, 0);
     for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
         struct rec_solve_params p = {
-            .solver = names[k], .stop = REC_STOP_ITERATIONS, .iterations = 1000};
+            .solver = names[k], .stop = REC_STOP_ITERATIONS, .iterations = 300};
         struct rec_solve_report r = anew(&y, &p);
         double sigma = 0.8 * r.residual_norm / sqrt(3.0 * y.a->rows);
-        p.iterations = 300;
+        p.iterations = 150;
         p.stop = REC_STOP_DISCREPANCY;
         r = anew_with(&y, sigma, &p);
         T_EQ_I(r.status, REC_MAX_ITER);
-        T_EQ_I(r.iterations, 300);
+        T_EQ_I(r.iterations, 150);
         p.stop = REC_STOP_AUTO;
         r = anew_with(&y, sigma, &p);
         T_EQ_I(r.status, REC_CONVERGED);

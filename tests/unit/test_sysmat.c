@@ -318,8 +318,8 @@ T_CASE(same_bits_for_any_threads)
             struct rec_rig r = ring(3, 60, 44, 31, basis == 0 ? REC_BOX : REC_TRILINEAR);
             T_EQ_I(rec_sysmat_levels(&r.grid), 2);
             rec_sysmat *one = build(&r, 2, rays, 1);
-            static const unsigned threads[] = {0, 2, 3, 5};
-            for (int i = 0; i < 4; i++) {
+            static const unsigned threads[] = {0, 3};
+            for (int i = 0; i < 2; i++) {
                 rec_sysmat *m = build(&r, 2, rays, threads[i]);
                 T_OK(same(one, m));
                 rec_sysmat_free(&m);
