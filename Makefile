@@ -74,7 +74,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
 .PHONY: all help setup setup-test run test test-vm test-sanitize bench fit stability soak lint check-layers format-check tidy \
-  fuzz clean install uninstall tests-build
+  fuzz clean install uninstall tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -100,9 +100,9 @@ test: setup-test ## install what is missing, build, run every test; ends with "N
 	@tests/run.sh $(B)
 
 test-sanitize: setup-test ## the unit, check, sim and fuzz-corpus tests under ASan+UBSan and TSan
-	@$(MAKE) --no-print-directory -j$$(nproc) SAN=address,undefined all tests-build
+	@$(MAKE) --no-print-directory -j$$(nproc) SAN=address,undefined all tests-run
 	@tests/run.sh build-address-undefined --no-system; asan=$$?; \
-	$(MAKE) --no-print-directory -j$$(nproc) SAN=thread all tests-build && \
+	$(MAKE) --no-print-directory -j$$(nproc) SAN=thread all tests-run && \
 	tests/run.sh build-thread --no-system && exit $$asan
 
 test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtual machine (fetches Debian's kernel once); QUICK=1: three scripts
@@ -110,7 +110,8 @@ test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtua
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(VM)
 	@tests/vm/test.sh $(B) $(if $(QUICK),--quick)
 
-tests-build: $(UNIT) $(FUZZ) $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability
+tests-run: $(UNIT) $(FUZZ)
+tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability
 
 bench: setup-test ## all figures (build/bench/, tests/bench/RESULTS.md); ONLY=REGEX: these; AGAINST=DIR: beside another built checkout, in turns
 	@tests/setup.sh $(PACKAGES_BENCH)

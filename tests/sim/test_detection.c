@@ -12,7 +12,7 @@
 #define MAX        8
 #define FRAMES     4096
 #define AT_MOST    1.0 /* s */
-#define BEGINNINGS 10  /* of a fault, over a second */
+#define BEGINNINGS 5   /* of a fault, over a second */
 
 static uint8_t pixels[64];
 static struct cap_frame pool[FRAMES], *pool_free[FRAMES];
@@ -274,7 +274,7 @@ T_CASE(nothing_is_found_in_healthy_rigs)
 {
     struct bed b;
     const char *s = getenv("RIGS");
-    int rigs = s != NULL ? atoi(s) : 40;
+    int rigs = s != NULL ? atoi(s) : 20;
     double seconds = 0;
     for (int k = 0; k < rigs; k++) {
         struct rig r = {.cameras = 2 + (uint32_t)(t_rand() % 7),

@@ -355,7 +355,7 @@ static void map_cut_and_touch(int out)
 T_CASE(a_file_that_is_cut_is_named_once_however_many_threads_see_it)
 {
     scratch_new();
-    for (int k = 0; k < 50; k++) {
+    for (int k = 0; k < 20; k++) {
         char said[1024];
         int out[2], status = 0;
         ssize_t n = 0, more;
