@@ -153,14 +153,18 @@ static void copy_pixels(struct simgv *s, ArvBuffer *b, ArvPixelFormat want, int6
 }
 
 /* The fake sends whatever comes out of the callback; with every packet lost, nothing is sent.  This is the
- * camera's thread: while the camera is let go, its reference would be the last, and it would join itself. */
-static void set_loss(struct simgv *s, double loss)
+ * camera's thread: while the camera is let go, its reference would be the last, and it would join itself.  False:
+ * so it cannot be set any more. */
+static bool set_loss(struct simgv *s, double loss)
 {
     pthread_mutex_lock(&s->lock);
-    if (loss != s->loss && !s->ending)
+    bool is_so = loss == s->loss || !s->ending;
+    if (loss != s->loss && is_so)
         g_object_set(s->gv, "gvsp-lost-ratio", loss, NULL);
-    s->loss = loss;
+    if (is_so)
+        s->loss = loss;
     pthread_mutex_unlock(&s->lock);
+    return is_so;
 }
 
 static uint16_t next_id(struct simgv *s)
@@ -200,15 +204,14 @@ static void fill(ArvBuffer *b, void *user, guint32 exposure_us, guint32 gain, Ar
 
     struct shot shot = next_shot(s, &f);
     /* The same moment twice: the camera's clock runs a trifle faster than the ring's, or a delay
-     * was just switched on.  Nothing was exposed.  (A host clock set back by more is no such case.) */
+     * was just switched on.  Nothing was exposed.  (A host clock set back by more is no such case.)  A
+     * camera that is being let go sends the frame once more: receivers leave a stamp out that does not go up. */
     int64_t ahead = s->last_moment_ns - shot.moment_ns;
-    if (ahead >= 0 && ahead < 10 * PVX_NS_PER_S) {
-        set_loss(s, 1);
+    if (ahead >= 0 && ahead < 10 * PVX_NS_PER_S && set_loss(s, 1))
         return;
-    }
     s->last_moment_ns = shot.moment_ns;
     bool dropped = f.drop > 0 && pvx_uniform(&s->rng) < f.drop;
-    set_loss(s, dropped ? 1 : 0);
+    dropped = set_loss(s, dropped ? 1 : 0) && dropped;
     arv_buffer_set_frame_id(b, next_id(s));
     arv_buffer_set_timestamp(b, (guint64)shot.stamp_ns);
     pthread_mutex_lock(&s->lock);

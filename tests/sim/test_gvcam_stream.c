@@ -216,9 +216,11 @@ T_CASE(numbers_skip_zero)
     ArvCamera *cam = rgb_client(0, 9000);
     if (cam == NULL)
         return;
-    ArvStream *s = bed_start(cam, 10, false);
+    BED(arv_camera_set_trigger(cam, "Software", &e));
+    ArvStream *s = bed_start(cam, 10, true);
+    g_object_set(s, "frame-retention", 5000000u, NULL);
     for (uint64_t want = 65530; want != 12; want = want == 65535 ? 1 : want + 1) {
-        ArvBuffer *b = bed_next(s, NULL);
+        ArvBuffer *b = triggered(cam, s, NULL);
         if (b == NULL)
             break;
         T_EQ_I(check_frame(0, b), want);
