@@ -411,6 +411,7 @@ T_CASE(listing)
 {
     struct session s;
     struct cap_source_config config = config_of(1);
+    config.gige.frame_retention_ms = 5000; /* on a busy machine a frame may be long on its way */
     struct listed l = {0};
     struct pvx_diag d = {""};
     if (begin(&s, &config)) {

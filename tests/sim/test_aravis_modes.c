@@ -276,6 +276,7 @@ T_CASE(chunks_tell_exposure_and_gain)
         struct cap_source_config config = bed_source(i);
         snprintf(layout.value, sizeof layout.value, "%s", layouts[i]);
         config.chunks = true;
+        config.gige.frame_retention_ms = 5000;
         config.exposure_us = 2500;
         config.gain = 6;
         config.features = &layout;
