@@ -9,8 +9,8 @@
 
 #define N       4
 #define FPS     50
-#define START_S 2.0 /* from now, the faults */
-#define LAST_S  2.0 /* unless the case says otherwise */
+#define BUFFERS 64  /* a busy machine shall not come near */
+#define START_S 3.0 /* from the capture's start, the fault */
 
 enum { ONE, ALL };
 struct fault {
@@ -59,7 +59,7 @@ static const struct fault faults[] = {
      .last_s = 5, .mixes = true, .noisy = true},
     {"hostclock", "host_step_s=3600", ALL, CAP_N_COUNT, "the host's clock was set by +3600.0",
      "the host's clock was set by -3600.0", .foreign_clocks = true, .no_count = true},
-    {"starved", "hold=16", ONE, CAP_UNDERRUN, "no buffer was free", "no more: no buffer was free",
+    {"starved", "hold=64", ONE, CAP_UNDERRUN, "no buffer was free", "no more: no buffer was free",
      .last_s = 2},
     {"holding", "skew_us=0", ONE, CAP_UNDERRUN, "no buffer was free", "no more: no buffer was free",
      .holds_sets = true},
@@ -76,10 +76,10 @@ struct run {
     int n_held;
     double found_s, back_s; /* after the fault began, after it ended; < 0: not yet */
     uint64_t complete_then; /* complete sets when it ended */
+    double t_from;          /* of the fault */
     bool over;
 };
 static struct run runs[CASES];
-static double t_from;
 
 static double now_s(void)
 {
@@ -94,8 +94,10 @@ static double last_s(const struct run *r)
 static void begin(struct run *r, const struct fault *f)
 {
     struct rig *g = &r->rig;
-    *r = (struct run){.fault = f, .found_s = -1, .back_s = -1};
-    rig_init(g, N, FPS, sim_camera());
+    struct cap_source_config one = sim_camera();
+    one.buffers = BUFFERS;
+    *r = (struct run){.fault = f, .found_s = -1, .back_s = -1, .t_from = now_s() + START_S};
+    rig_init(g, N, FPS, one);
     for (uint32_t i = 0; i < N; i++) {
         int n = f->foreign_clocks
                     ? snprintf(g->uri[i], sizeof g->uri[i], "sim:skew_us=%d,drift_ppm=%d",
@@ -103,7 +105,7 @@ static void begin(struct run *r, const struct fault *f)
                     : snprintf(g->uri[i], sizeof g->uri[i], "sim:");
         if (f->who == ALL || i == 2)
             snprintf(g->uri[i] + n, sizeof g->uri[i] - (size_t)n, "%s%s,from=%.3f,to=%.3f",
-                     f->foreign_clocks ? "," : "", f->option, t_from, t_from + last_s(r));
+                     f->foreign_clocks ? "," : "", f->option, r->t_from, r->t_from + last_s(r));
         snprintf(g->name[i], sizeof g->name[i], "%s%u", f->name, i);
     }
     g->cfg.shared_clock = !f->foreign_clocks;
@@ -132,10 +134,10 @@ static void look(struct run *r, const struct cap_set *s)
 static void consume(struct run *r)
 {
     struct cap_set *s;
-    bool hold = r->fault->holds_sets && now_s() > t_from && now_s() < t_from + last_s(r);
+    bool hold = r->fault->holds_sets && now_s() > r->t_from && now_s() < r->t_from + last_s(r);
     while (cap_capture_next(r->rig.cap, 0, &s) == PVX_OK) {
         look(r, s);
-        if (hold && r->n_held < 20)
+        if (hold && r->n_held < BUFFERS + 4)
             r->held[r->n_held++] = s;
         else
             cap_set_release(s);
@@ -164,9 +166,9 @@ static void follow(struct run *r)
     const struct fault *f = r->fault;
     consume(r);
     rig_stats(&r->rig);
-    double t = now_s(), end = t_from + last_s(r);
+    double t = now_s(), end = r->t_from + last_s(r);
     if (r->found_s < 0 && caused(r) > 0)
-        r->found_s = t - t_from;
+        r->found_s = t - r->t_from;
     if (t < end)
         r->complete_then = r->complete;
     else if (r->back_s < 0 && r->complete > r->complete_then)
@@ -204,8 +206,8 @@ static void check(struct run *r, const char *log)
     printf("  %-10s found after %.2f s, sets whole %.2f s after its end; %s %llu\n", f->name,
            r->found_s, r->back_s, f->no_count ? "steps" : cap_count_defs[f->cause].name,
            (unsigned long long)caused(r));
-    T_CHECK_(r->found_s >= 0 && r->found_s < 20, "%s: not found", f->name);
-    T_CHECK_(r->back_s >= 0 && r->back_s < 20, "%s: not back", f->name);
+    T_CHECK_(r->found_s >= 0, "%s: not found", f->name);
+    T_CHECK_(r->back_s >= 0, "%s: not back", f->name);
     T_CHECK_(r->over, "%s: is not over", f->name);
     const char *name = f->who == ONE ? camera : NULL;
     int begins = lines(log, r == &runs[GONE_CASE] ? " error " : " warn ", name, f->begins);
@@ -230,9 +232,11 @@ static void check(struct run *r, const char *log)
 T_CASE(every_fault_is_found_told_once_and_over)
 {
     log_begin(PVX_LOG_INFO);
-    t_from = now_s() + START_S;
-    for (size_t i = 0; i < CASES; i++)
+    for (size_t i = 0; i < CASES; i++) {
         begin(&runs[i], &faults[i]);
+        for (size_t k = 0; k < i; k++)
+            follow(&runs[k]);
+    }
     int64_t until = pvx_now_mono() + PATIENCE_NS;
     size_t over;
     do {

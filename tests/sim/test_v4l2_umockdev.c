@@ -242,7 +242,8 @@ T_CASE(bad_frames_are_counted_not_used)
     run(&c, 12);
     T_OK(box.count[CAP_INCOMPLETE] >= 5);
     T_EQ_I(box.count[CAP_ID_GAP], 0); /* they were numbered and seen */
-    T_EQ_I(box.holes, box.count[CAP_INCOMPLETE]);
+    T_LE(box.holes, box.count[CAP_INCOMPLETE]);
+    T_LE(box.count[CAP_INCOMPLETE], box.holes + 1); /* behind the last good one */
     cam.error_every = 0;
     cam.skip_every = 4;
     run(&c, 12);
