@@ -6,7 +6,7 @@
 #include "recon/carve/hull.h"
 #include "tests/lib/centre.h"
 
-enum { W = 48, H = 36, TURNS = 60, VOXELS = 3, POINTS = 15 };
+enum { W = 48, H = 36, TURNS = 24, VOXELS = 3, POINTS = 15 };
 
 /* The camera is turned aside until voxel j's support lies partly or, by a hair, wholly outside its
  * image: it then sees that there is no light beside it. */
