@@ -18,7 +18,7 @@
 #include "tests/lib/flame_point.h"
 #include "tests/lib/likeness.h"
 
-enum { W = 160, H = 120, N = 32, CAMERAS = 9, FRAMES = 3 };
+enum { W = 120, H = 90, N = 32, CAMERAS = 9, FRAMES = 3 };
 
 static char exe[300];
 static struct rec_rig rig;
@@ -204,7 +204,7 @@ T_CASE(bad_and_missing_frames)
            1);
     slurp("err");
     T_CONTAINS(text, "frame 000001: solved from 7 of 8 cameras, without cam3");
-    T_CONTAINS(text, "png/cam4/000002.png: is 8x6, but the rig says camera cam4 takes 160x120");
+    T_CONTAINS(text, "png/cam4/000002.png: is 8x6, but the rig says camera cam4 takes 120x90");
     T_CONTAINS(text, "png/cam5/000002.png");
     T_CONTAINS(text, "frame 000002: solved from 6 of 8");
     T_LE(volume_error("vol8/000000.npy", 0, REC_BOX), 0.25);
