@@ -10,6 +10,7 @@
 #define N       4
 #define FPS     50
 #define BUFFERS 64  /* a busy machine shall not come near */
+#define HELD    128 /* sets, with frames of each camera in half of them at least */
 #define START_S 3.0 /* from the capture's start, the fault */
 
 enum { ONE, ALL };
@@ -72,7 +73,7 @@ struct run {
     struct rig rig;
     uint64_t frames[N], sets, complete, mixed, disorder;
     int64_t last_t;
-    struct cap_set *held[128];
+    struct cap_set *held[HELD];
     int n_held;
     double found_s, back_s; /* after the fault began, after it ended; < 0: not yet */
     uint64_t complete_then; /* complete sets when it ended */
@@ -134,10 +135,11 @@ static void look(struct run *r, const struct cap_set *s)
 static void consume(struct run *r)
 {
     struct cap_set *s;
-    bool hold = r->fault->holds_sets && now_s() > r->t_from && now_s() < r->t_from + last_s(r);
+    bool hold = r->fault->holds_sets && now_s() > r->t_from &&
+                (r->found_s < 0 || now_s() < r->t_from + last_s(r));
     while (cap_capture_next(r->rig.cap, 0, &s) == PVX_OK) {
         look(r, s);
-        if (hold && r->n_held < BUFFERS + 4)
+        if (hold && r->n_held < HELD)
             r->held[r->n_held++] = s;
         else
             cap_set_release(s);
