@@ -91,13 +91,15 @@ fi
 # A /dev/kvm without vmx or svm is nested by software and cannot run a kernel of Debian's.
 accel=tcg cpu=max
 if [ -w /dev/kvm ] && grep -qwE 'vmx|svm' /proc/cpuinfo; then accel=kvm:tcg; fi
+# A host that is busy stops the machine's clocks for a while: at boot that is no broken timer, later no lock-up.
+patient="no_timer_check watchdog_thresh=60"
 share() { echo -fsdev "local,id=$1,path=$2,security_model=none,multidevs=remap${3:-}" -device "virtio-9p-pci,fsdev=$1,mount_tag=$1"; }
 mkfifo "$w/port"
 cat "$w/port" & relay=$!
 t0=${EPOCHREALTIME/[.,]/}
 # shellcheck disable=SC2046 # share prints several words
 qemu-system-x86_64 -M q35,accel=$accel -cpu $cpu -smp "$cpus" -m "$memory" -nodefaults -no-user-config -display none -no-reboot \
-    -kernel "$cache/vmlinux" -initrd "$initramfs" -append "console=ttyS0 loglevel=6 panic=-1 mitigations=off random.trust_cpu=on" \
+    -kernel "$cache/vmlinux" -initrd "$initramfs" -append "console=ttyS0 loglevel=6 panic=-1 mitigations=off random.trust_cpu=on $patient" \
     -serial "file:$w/kernel.log" -chardev "file,id=port,path=$w/port,append=on" -device virtio-serial-pci -device virtserialport,chardev=port,name=out \
     $(share root / ,readonly=on) $(share modules "$modroot/lib/modules" ,readonly=on) $(share ctl "$w/ctl") $(share out "$out") \
     < /dev/null 2> "$w/qemu.err" &
