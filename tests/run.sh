@@ -3,6 +3,7 @@
 #   run.sh BUILD [--no-system] [FILTER]
 # Every program prints PASS/FAIL/SKIP lines; a program that dies without one is a failure by itself.  The limits
 # end what hangs; no test comes near on a machine however busy.
+# Two lanes at a time: tests/sim, which mostly wait for cameras, and all others.
 set -u
 cd "$(dirname "$0")/.."
 b=$1; shift
@@ -11,14 +12,14 @@ for a in "$@"; do case $a in --no-system) system=0;; *) filter=$a;; esac; done
 export PYROVOX_BUILD=$PWD/$b
 export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1} UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
 export TSAN_OPTIONS=${TSAN_OPTIONS:-halt_on_error=1:suppressions=$PWD/tests/tsan.supp}
-log=$b/test.log; : > "$log"
-pass=0 fail=0 skip=0
+log=$b/test.log
+rm -f "$b"/test.*.log "$b"/test.*.sums
 one() { # name, timeout, command...
     local name=$1 limit=$2; shift 2
     [ -n "$filter" ] && [[ $name != *"$filter"* ]] && return
     local out rc t0=$SECONDS
-    out=$(timeout -k 10 "$limit" "$@" 2>&1); rc=$?
-    printf '=== %s (exit %d, %d s)\n%s\n' "$name" $rc $((SECONDS - t0)) "$out" >> "$log"
+    out=$(timeout -k 10 "$limit" "$@" 2>&1 < /dev/null); rc=$?
+    printf '=== %s (exit %d, %d s)\n%s\n' "$name" $rc $((SECONDS - t0)) "$out" >> "$b/test.$lane.log"
     local p f s
     p=$(grep -c '^PASS ' <<< "$out"); f=$(grep -c '^FAIL ' <<< "$out"); s=$(grep -c '^SKIP ' <<< "$out")
     if [ $rc -eq 77 ] && [ $((p + f + s)) -eq 0 ]; then s=1; out="SKIP $name ($(tail -n 1 <<< "$out"))"; fi
@@ -27,13 +28,20 @@ one() { # name, timeout, command...
     elif [ $((p + f + s)) -eq 0 ]; then
         if [ $rc -eq 0 ]; then p=1; out="PASS $name"; fi
     fi
-    pass=$((pass + p)); fail=$((fail + f)); skip=$((skip + s))
+    echo "$p $f $s" >> "$b/test.$lane.sums"
     if [ "$f" -gt 0 ]; then printf '%s\n' "$out" | tail -n 60; else grep -E '^(PASS|SKIP) ' <<< "$out"; fi
 }
-for t in "$b"/tests/{unit,check,sim}/test_*; do
-    [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
-    one "${t#"$b"/tests/}" 1200 "$t"
-done
+programs() { # folder
+    local t
+    for t in "$b/tests/$1"/test_*; do
+        [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
+        one "${t#"$b"/tests/}" 1200 "$t"
+    done
+}
+( lane=sim; programs sim; true ) &
+sim=$!
+lane=others
+programs unit; programs check
 for t in "$b"/tests/fuzz/fuzz_*; do
     [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
     n=${t##*/fuzz_}
@@ -45,7 +53,12 @@ if [ $system = 1 ]; then
         one "system/$(basename "$t")" 1200 bash "$t"
     done
 fi
+wait $sim; ended=$?
+cat "$b"/test.*.log > "$log" 2> /dev/null
+read -r pass fail skip < <(cat "$b"/test.*.sums 2> /dev/null | awk '{ p += $1; f += $2; k += $3 } END { print p + 0, f + 0, k + 0 }')
+rm -f "$b"/test.*.log "$b"/test.*.sums
+[ $ended = 0 ] || { echo "FAIL the lane of tests/sim: exit $ended"; fail=$((fail + 1)); }
 echo
 echo "full output: $log"
 echo "$pass passed, $fail failed, $skip skipped"
-[ $fail -eq 0 ]
+[ "$fail" -eq 0 ]
