@@ -86,6 +86,7 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
         rec_hull_free(&h);
         return PVX_ENOMEM;
     }
+    rec_sysmat_let_go(S); /* no frame set needs all footprints */
     *out = h;
     return PVX_OK;
 }

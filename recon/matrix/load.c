@@ -434,5 +434,6 @@ pvx_err rec_sysmat_load(const char *path, uint64_t key, bool verify, pvx_pool *p
     s->map = l.base;
     s->map_bytes = l.bytes;
     *out = l.level[0];
+    rec_sysmat_let_go(*out);
     return PVX_OK;
 }

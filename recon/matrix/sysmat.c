@@ -156,6 +156,13 @@ size_t rec_sysmat_levels(const struct rec_grid *g)
     return levels;
 }
 
+void rec_sysmat_let_go(const rec_sysmat *m)
+{
+    const struct rec_sysmat_store *s = m->priv;
+    if (s->map != NULL)
+        madvise(s->map, s->map_bytes, MADV_DONTNEED);
+}
+
 void rec_sysmat_free(rec_sysmat **pm)
 {
     rec_sysmat *m = *pm;

@@ -116,6 +116,9 @@ PVX_MUST_CHECK pvx_err rec_sysmat_build(const struct rec_rig *rig,
                                         rec_progress_fn progress, void *ctx, rec_sysmat **out,
                                         struct pvx_diag *d);
 void rec_sysmat_free(rec_sysmat **m);
+/* After all of a mapped matrix was read: its pages stay in the file cache, but not in the process, which
+ * gets back those that it touches. */
+void rec_sysmat_let_go(const rec_sysmat *m);
 
 /* Grid of (4). */
 void rec_sysmat_coarse_grid(const struct rec_grid *fine, struct rec_grid *coarse);
