@@ -187,7 +187,7 @@ static pvx_err build(dmn_pipeline *p, struct pvx_diag *d)
     for (size_t c = 0; a->background != NULL && c < a->rig->n_cameras; c++)
         PVX_TRY(rec_carver_background(p->carver, c, a->background[c]));
     PVX_TRY(rec_solver_new(a->S, &a->frame, &p->solver, d));
-    for (size_t i = 0; i < DMN_N_SLOTS; i++) {
+    for (size_t i = 0; i < (a->lossless ? DMN_N_SLOTS_LOSSLESS : DMN_N_SLOTS); i++) {
         PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
         give_back(p, &p->slot[i]);
     }

@@ -4,7 +4,7 @@
  *     carve = photometry + hull + restricted system; each [stage] is a thread of its own and shares
  *     one pool of workers for its loops
  *
- * While set k is solved, k+1 is carved and k-1 goes out.  DMN_N_SLOTS slots go round, each with what is
+ * While set k is solved, k+1 is carved and k-1 goes out.  DMN_N_SLOTS... slots go round, each with what is
  * one frame set's own; the stages keep their work areas.  Sets come out in the order of the source.  Once
  * started, it allocates nothing.
  * Live: newest wins - a full queue gives up its oldest set, counted by cause.
@@ -19,6 +19,8 @@
 /* One being carved, one waiting and one in the solver, one waiting and one in the sink, and one more so
  * that carve never waits for a slot while older sets could be given up. */
 #define DMN_N_SLOTS 6
+/* Lossless nothing is given up: one in each stage keeps all three at work, and one waits for the slowest. */
+#define DMN_N_SLOTS_LOSSLESS 4
 
 /* One frame set on its way; who holds the pointer owns it. */
 struct dmn_slot {
