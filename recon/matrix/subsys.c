@@ -6,6 +6,7 @@
 #include "base/mem.h"
 
 #define SLAB   1024 /* columns, at least, as long as there are no more than REC_SLABS_MAX slabs */
+#define RUN    64   /* columns that are copied and looked at while they are near */
 #define RANGES 32   /* of blocks: tasks of the numbering */
 
 static size_t blocks_of_room(size_t room)
@@ -24,8 +25,11 @@ pvx_err rec_restrictor_new(const rec_sysmat *S, struct rec_restrictor **out)
     r->covered = pvx_reserve(blocks_of_room(r->room) * sizeof *r->covered);
     bool ok = r->list != NULL && r->covered != NULL;
     for (size_t s = 0; s < REC_SLABS_MAX; s++) {
-        r->slab[s].row = pvx_reserve(r->room);
-        ok = ok && r->slab[s].row != NULL;
+        struct rec_slab *slab = &r->slab[s];
+        slab->row = pvx_reserve(r->room);
+        slab->seen = pvx_reserve(r->room * sizeof *slab->seen);
+        slab->place = pvx_reserve(r->room * sizeof *slab->place);
+        ok = ok && slab->row != NULL && slab->seen != NULL && slab->place != NULL;
     }
     if (!ok)
         rec_restrictor_free(out);
@@ -37,8 +41,11 @@ void rec_restrictor_free(struct rec_restrictor **rp)
     struct rec_restrictor *r = *rp;
     if (r == NULL)
         return;
-    for (size_t s = 0; s < REC_SLABS_MAX; s++)
+    for (size_t s = 0; s < REC_SLABS_MAX; s++) {
         pvx_unreserve(r->slab[s].row, r->room);
+        pvx_unreserve(r->slab[s].seen, r->room * sizeof *r->slab[s].seen);
+        pvx_unreserve(r->slab[s].place, r->room * sizeof *r->slab[s].place);
+    }
     pvx_unreserve(r->covered, blocks_of_room(r->room) * sizeof *r->covered);
     pvx_unreserve(r->list, r->voxels * sizeof *r->list);
     PVX_FREE(*rp);
@@ -119,18 +126,14 @@ struct restriction {
     int32_t blocks[RANGES], rows[RANGES]; /* of each range, then the first of each */
 };
 
-/* Columns that follow one another in S are one run of windows. */
+/* Columns [q0,q1), which follow one another in S. */
 static void copy_windows(struct rec_subsys *a, int32_t q0, int32_t q1)
 {
     size_t slots = (size_t)a->win.slots, bytes = slots * rec_window_size(&a->win);
-    for (int32_t q = q0, next; q < q1; q = next) {
-        for (next = q + 1; next < q1 && a->col[next] == a->col[next - 1] + 1; next++)
-            ;
-        size_t n = (size_t)(next - q), from = (size_t)a->col[q];
-        memcpy(a->win.at + (size_t)q * slots, a->S->win.at + from * slots,
-               n * slots * sizeof *a->win.at);
-        memcpy(a->win.w + (size_t)q * bytes, a->S->win.w + from * bytes, n * bytes);
-    }
+    size_t n = (size_t)(q1 - q0), from = (size_t)a->col[q0];
+    memcpy(a->win.at + (size_t)q0 * slots, a->S->win.at + from * slots,
+           n * slots * sizeof *a->win.at);
+    memcpy(a->win.w + (size_t)q0 * bytes, a->S->win.w + from * bytes, n * bytes);
 }
 
 /* Cameras that are not there have no windows. */
@@ -147,6 +150,56 @@ static void drop_absent(struct rec_subsys *a, int32_t q0, int32_t q1)
     }
 }
 
+/* Bit k: w[k] is not 0; of 12 or 16, and no more is read: what follows may be another slab's. */
+REC_INLINE uint32_t not_zero(const uint8_t *w, size_t n)
+{
+#ifdef __SSE2__
+    int last;
+    memcpy(&last, w + 8, sizeof last);
+    __m128i v = n == 12
+                    ? _mm_unpacklo_epi64(_mm_loadl_epi64((const void *)w), _mm_cvtsi32_si128(last))
+                    : _mm_loadu_si128((const void *)w);
+    __m128i zero = _mm_cmpeq_epi8(v, _mm_setzero_si128());
+    return ~(uint32_t)_mm_movemask_epi8(zero) & ((1u << n) - 1);
+#else
+    uint32_t bits = 0;
+    for (size_t k = 0; k < n; k++)
+        bits |= (uint32_t)(w[k] != 0) << k;
+    return bits;
+#endif
+}
+
+/* Notes what windows there are: many begin at the same bin, and each such bin is marked once, later.
+ * Those that are nowhere have no weights. */
+REC_INLINE void note_windows(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1,
+                             size_t size)
+{
+    const size_t slots = (size_t)a->win.slots, end = (size_t)q1 * slots, at_once = 16 / size;
+    const uint32_t *at = a->win.at;
+    uint16_t *seen = s->seen;
+    uint32_t *place = s->place + s->places, *first = place;
+    for (size_t i = (size_t)q0 * slots; i < end; i += at_once) {
+        uint32_t all = not_zero(a->win.w + i * size, at_once * size);
+        for (size_t k = i; k < i + at_once; k++, all >>= size) {
+            uint32_t bits = all & ((1u << size) - 1), before = seen[at[k]];
+            *place = (uint32_t)k;
+            place += (before == 0) & (bits != 0);
+            seen[at[k]] = (uint16_t)(before | bits);
+        }
+    }
+    s->places += (uint32_t)(place - first);
+}
+/* By the size of a window, which is then a constant. */
+static void note(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1)
+{
+    switch (rec_window_size(&a->win)) {
+    case 4: note_windows(a, s, q0, q1, 4); break;
+    case 8: note_windows(a, s, q0, q1, 8); break;
+    case 12: note_windows(a, s, q0, q1, 12); break;
+    default: note_windows(a, s, q0, q1, 16);
+    }
+}
+
 /* Where one slab leaves its marks. */
 struct marks {
     uint8_t *row;
@@ -160,43 +213,33 @@ REC_INLINE void cover(const struct marks *m, uint32_t bin)
     if ((atomic_load_explicit(c, memory_order_relaxed) & m->bit) == 0)
         atomic_fetch_or_explicit(c, m->bit, memory_order_relaxed);
 }
-/* The bins of a window: those that it covers and those that are rows. */
-REC_INLINE void mark_window(const struct marks *m, uint32_t at, uint32_t pitch, const uint8_t *w,
-                            int high, int wide)
+/* The bins of a window: those that it covers and, by the bits of its weights, those that are rows. */
+static void mark_window(const struct marks *m, const struct rec_windows *win, uint32_t at,
+                        size_t slot, uint32_t bits)
 {
-    for (int r = 0; r < high; r++, at += pitch, w += wide) {
-        uint32_t row = 0, weights = 0;
-        memcpy(&row, m->row + at, (size_t)wide);
-        memcpy(&weights, w, (size_t)wide);
-        row |= weights;
-        memcpy(m->row + at, &row, (size_t)wide);
+    uint32_t wide = (uint32_t)win->wide, of_row = (1u << wide) - 1;
+    for (int r = 0; r < win->high; r++, at += (uint32_t)win->pitch[slot], bits >>= wide) {
+        uint32_t row;
+        memcpy(&row, m->row + at, sizeof row);
+        row |= (bits & of_row) * 0x00204081 & 0x01010101; /* a byte for each bit */
+        memcpy(m->row + at, &row, sizeof row);
         cover(m, at);
-        cover(m, at + (uint32_t)wide - 1);
+        if (at % REC_ROW_BLOCK + wide > REC_ROW_BLOCK)
+            cover(m, at + wide - 1);
     }
 }
-REC_INLINE void mark_columns(const struct rec_subsys *a, const struct marks *s, int32_t q0,
-                             int32_t q1, int high, int wide)
+static void mark(const struct rec_subsys *a, struct rec_slab *s, const struct marks *m)
 {
-    const struct rec_windows *m = &a->win;
-    size_t slots = (size_t)m->slots, size = (size_t)(high * wide);
-    const uint32_t *at = m->at + (size_t)q0 * slots;
-    const uint8_t *w = m->w + (size_t)q0 * slots * size;
-    for (int32_t q = q0; q < q1; q++)
-        for (size_t c = 0; c < slots; c++, at++, w += size)
-            if (*at != m->nowhere)
-                mark_window(s, *at, (uint32_t)m->pitch[c], w, high, wide);
+    for (uint32_t i = 0; i < s->places; i++) {
+        uint32_t window = s->place[i], at = a->win.at[window];
+        mark_window(m, &a->win, at, window % (uint32_t)a->win.slots, s->seen[at]);
+        s->seen[at] = 0;
+    }
 }
-/* By the shape of the windows, which is then a constant. */
-static void mark(const struct rec_subsys *a, const struct marks *s, int32_t q0, int32_t q1)
+
+static float norm_of(const struct rec_subsys *a, double w2)
 {
-    if (a->win.wide == 2)
-        mark_columns(a, s, q0, q1, 2, 2);
-    else if (a->win.high == 2)
-        mark_columns(a, s, q0, q1, 2, 4);
-    else if (a->win.high == 3)
-        mark_columns(a, s, q0, q1, 3, 4);
-    else
-        mark_columns(a, s, q0, q1, 4, 4);
+    return (float)((double)a->S->unit * a->S->unit * w2);
 }
 
 /* Sum of weights, of their squares, how many there are: exact in integers, whatever the slabs are. */
@@ -220,9 +263,39 @@ static void add_sums(struct rec_slab *s, struct sums d)
     s->nnz += d.n;
 }
 
-static float norm_of(const struct rec_subsys *a, double w2)
+/* Norms of columns, and the sums over them. */
+static void add_norms(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1)
 {
-    return (float)((double)a->S->unit * a->S->unit * w2);
+    size_t bytes = (size_t)a->win.slots * rec_window_size(&a->win); /* a multiple of 16 */
+#ifdef __SSE2__
+    const __m128i zero = _mm_setzero_si128(), one = _mm_set1_epi8(1);
+    __m128i sum = zero, count = zero;
+    for (int32_t q = q0; q < q1; q++) {
+        const uint8_t *w = a->win.w + (size_t)q * bytes;
+        __m128i sum2 = zero;
+        for (size_t i = 0; i < bytes; i += 16) {
+            __m128i v = _mm_loadu_si128((const void *)(w + i));
+            __m128i low = _mm_unpacklo_epi8(v, zero), high = _mm_unpackhi_epi8(v, zero);
+            low = _mm_add_epi32(_mm_madd_epi16(low, low), _mm_madd_epi16(high, high));
+            sum2 = _mm_add_epi32(sum2, low);
+            sum = _mm_add_epi64(sum, _mm_sad_epu8(v, zero));
+            count = _mm_add_epi64(count, _mm_sad_epu8(_mm_min_epu8(v, one), zero));
+        }
+        sum2 = _mm_add_epi32(sum2, _mm_unpackhi_epi64(sum2, sum2));
+        sum2 = _mm_add_epi32(sum2, _mm_shuffle_epi32(sum2, 1));
+        uint32_t w2 = (uint32_t)_mm_cvtsi128_si32(sum2);
+        a->norm2[q] = norm_of(a, w2);
+        s->sum2 += w2;
+    }
+    s->sum += (uint64_t)_mm_cvtsi128_si32(_mm_add_epi64(sum, _mm_unpackhi_epi64(sum, sum)));
+    s->nnz += (uint64_t)_mm_cvtsi128_si32(_mm_add_epi64(count, _mm_unpackhi_epi64(count, count)));
+#else
+    for (int32_t q = q0; q < q1; q++) {
+        struct sums d = sums_of(a->win.w + (size_t)q * bytes, bytes);
+        a->norm2[q] = norm_of(a, d.w2);
+        add_sums(s, d);
+    }
+#endif
 }
 
 /* Further windows of the slab's columns, to where S has those of its first: there can not be more. */
@@ -249,11 +322,33 @@ static void copy_more(struct restriction *t, size_t slab, const struct marks *ma
         struct sums d = sums_of(k.w, sizeof k.w);
         k.column = (uint32_t)q;
         a->win.more[to++] = k;
-        mark_window(marks, k.at, (uint32_t)m->pitch[k.slot], k.w, m->high, m->wide);
+        mark_window(marks, m, k.at, k.slot, not_zero(k.w, sizeof k.w));
         a->norm2[q] += norm_of(a, d.w2);
         add_sums(&t->r->slab[slab], d);
     }
     a->more_end[slab] = to;
+}
+
+/* End of the run that begins with column q. */
+static int32_t run_end(const struct rec_subsys *a, int32_t q, int32_t q1)
+{
+    int32_t end = q1 - q < RUN ? q1 : q + RUN, next = q + 1;
+    while (next < end && a->col[next] == a->col[next - 1] + 1)
+        next++;
+    return next;
+}
+static void fetch(const void *from, size_t bytes)
+{
+    for (size_t i = 0; i < bytes; i += PVX_ALIGN)
+        __builtin_prefetch((const uint8_t *)from + i);
+}
+/* No processor foresees where the next run is. */
+static void fetch_windows(const struct rec_subsys *a, int32_t q0, int32_t q1)
+{
+    size_t slots = (size_t)a->win.slots, bytes = slots * rec_window_size(&a->win);
+    size_t n = (size_t)(q1 - q0), from = (size_t)a->col[q0];
+    fetch(a->S->win.at + from * slots, n * slots * sizeof *a->win.at);
+    fetch(a->S->win.w + from * bytes, n * bytes);
 }
 
 static void copy_slab(void *ctx, size_t slab)
@@ -261,19 +356,23 @@ static void copy_slab(void *ctx, size_t slab)
     struct restriction *t = ctx;
     struct rec_subsys *a = t->a;
     struct rec_slab *s = &t->r->slab[slab];
-    size_t bytes = (size_t)a->win.slots * rec_window_size(&a->win);
     const struct marks marks = {s->row, t->r->covered, 1u << slab};
     int32_t q0, q1;
     rec_slab_range(a, slab, &q0, &q1);
-    copy_windows(a, q0, q1);
-    drop_absent(a, q0, q1);
-    mark(a, &marks, q0, q1);
     s->sum = s->sum2 = s->nnz = 0;
-    for (int32_t q = q0; q < q1; q++) {
-        struct sums d = sums_of(a->win.w + (size_t)q * bytes, bytes);
-        a->norm2[q] = norm_of(a, d.w2);
-        add_sums(s, d);
+    s->places = 0;
+    for (int32_t q = q0, next, end = q0 < q1 ? run_end(a, q0, q1) : q1; q < q1; q = next) {
+        next = end;
+        copy_windows(a, q, next);
+        if (next < q1) {
+            end = run_end(a, next, q1);
+            fetch_windows(a, next, end);
+        }
+        drop_absent(a, q, next);
+        note(a, s, q, next);
+        add_norms(a, s, q, next);
     }
+    mark(a, s, &marks);
     copy_more(t, slab, &marks, q0, q1);
 }
 

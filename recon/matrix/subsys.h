@@ -12,7 +12,7 @@
  * of a block are no rows: products leave 0 there and nobody may weigh them.
  * All channels at once: x [n][cs], y [S->win.room][cs], cs = 1 for one channel and 4 for three (the 4th
  * lane is free), channel innermost.
- * Memory: 4 + high*wide bytes per voxel and camera, and in the restrictor a byte per row and slab, in
+ * Memory: 4 + high*wide bytes per voxel and camera, and in the restrictor 7 bytes per row and slab, in
  * reserved address space of S's size: only what is used costs.
  * Ownership: the object borrows S, kernels and pool; col is borrowed until the next restrict. */
 #ifndef REC_SUBSYS_H
@@ -27,7 +27,10 @@
 
 /* Work areas of restrict, for S and its coarser levels: one restriction at a time. */
 struct rec_slab {
-    uint8_t *row;            /* [room] not 0: a row; all 0 between two restrictions */
+    uint8_t *row;   /* [room] not 0: a row; all 0 between two restrictions */
+    uint16_t *seen; /* [room] weights of the windows that begin there: bit k, the k-th of some
+                                is not 0; as above */
+    uint32_t *place, places; /* [room] windows with which such a bin was met first */
     uint64_t sum, sum2, nnz; /* of its weights */
 };
 struct rec_restrictor {
