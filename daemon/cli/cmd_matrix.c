@@ -54,7 +54,7 @@ static double bytes_of_level(const rec_sysmat *m)
     double N = (double)rec_grid_count(&m->grid);
     double window = (double)(sizeof *m->win.at + rec_window_size(&m->win));
     return N * m->win.slots * window + (double)m->win.n_more * sizeof *m->win.more +
-           N * (double)m->n_cameras * sizeof *m->block[0].fp;
+           (double)rec_brick_places(&m->grid) * (double)m->n_cameras * sizeof *m->block[0].fp;
 }
 
 /* names NULL: the file does not hold them.  Footprints that are seen, in all. */
@@ -66,7 +66,7 @@ static double print_cameras(const rec_sysmat *m, const struct rec_rig *names)
     for (size_t c = 0; c < m->n_cameras; c++) {
         const struct rec_sysmat_block *b = &m->block[c];
         size_t seen = 0;
-        for (size_t j = 0; j < N; j++)
+        for (size_t j = 0; j < rec_brick_places(&m->grid); j++)
             seen += rec_rect_seen(b->fp[j]);
         all += (double)seen;
         char index[24], size[32];

@@ -6,11 +6,11 @@
 #include "base/mem.h"
 #include "recon/carve/bands.h"
 
-#define BRICK 4
-#define AHEAD 4 /* bricks whose footprints are fetched before they are needed */
+#define BRICK  REC_BRICK
+#define VOXELS REC_BRICK_VOXELS
 
-/* Bricks are BRICK^3 voxels, x fastest; a row of them along x is looked at by one task, and so is a layer
- * of voxels.  Because voxel order is z-major the layers' results only have to be put end to end. */
+/* Bricks are BRICK^3 voxels, x fastest; a row of them along x is looked at by one task, which counts what it
+ * keeps in each of its rows of voxels: then each layer of voxels knows where its own go. */
 struct rec_hull {
     const rec_sysmat *S;
     int32_t nb[3];
@@ -25,31 +25,55 @@ struct rec_hull {
         uint32_t views; /* the others that see it: all of it, all lit */
         bool keep;
     } * brick_state; /* [bricks] */
-    int32_t *col;    /* [N] kept voxels of each layer, from the layer's start */
-    uint8_t *klass;  /* [N] their class, 1 or 2 */
-    struct layer {
-        int32_t n;
-        struct rec_hull_counts counts;
-    } * layer; /* [n z] */
+    uint8_t *klass;  /* [bricks][VOXELS] of what is kept: 1 partial, 2 inside, else 0 */
+    int32_t *at;     /* [n z][n y] voxels kept in a row, then before it */
+    struct row {
+        int64_t inside, partial;
+    } * row; /* [rows of bricks] */
 };
 
-static struct rec_rect brick_rect(const rec_sysmat *S, size_t c, const int32_t b[3])
+/* How many voxels along each axis a brick has in the grid. */
+struct extent {
+    int32_t n[3];
+};
+static struct extent extent_of(const rec_hull *h, size_t brick)
 {
-    const struct rec_grid *g = &S->grid;
+    int32_t b = (int32_t)brick, row = b / h->nb[0];
+    const int32_t at[3] = {b % h->nb[0], row % h->nb[1], row / h->nb[1]};
+    struct extent e;
+    for (int a = 0; a < 3; a++) {
+        int32_t left = h->S->grid.n[a] - at[a] * BRICK;
+        e.n[a] = left < BRICK ? left : BRICK;
+    }
+    return e;
+}
+/* Whether the brick's place o is a voxel. */
+static bool is_voxel(const struct extent *e, int32_t o)
+{
+    return o % BRICK < e->n[0] && o / BRICK % BRICK < e->n[1] && o / (BRICK * BRICK) < e->n[2];
+}
+
+static struct rec_rect brick_rect(const rec_hull *h, size_t c, size_t brick)
+{
+    const struct rec_rect *fp = h->S->block[c].fp + brick * VOXELS;
+    const struct extent e = extent_of(h, brick);
     struct rec_rect u = {.x0 = UINT16_MAX, .y0 = UINT16_MAX, .x1 = 0, .y1 = 0};
-    const struct rec_rect unseen = {.x0 = 1, .y0 = 1, .x1 = 0, .y1 = 0};
-    for (int32_t k = b[2] * BRICK; k < (b[2] + 1) * BRICK && k < g->n[2]; k++)
-        for (int32_t j = b[1] * BRICK; j < (b[1] + 1) * BRICK && j < g->n[1]; j++)
-            for (int32_t i = b[0] * BRICK; i < (b[0] + 1) * BRICK && i < g->n[0]; i++) {
-                struct rec_rect r = S->block[c].fp[rec_grid_index(g, i, j, k)];
-                if (!rec_rect_seen(r))
-                    return unseen;
-                u.x0 = r.x0 < u.x0 ? r.x0 : u.x0;
-                u.y0 = r.y0 < u.y0 ? r.y0 : u.y0;
-                u.x1 = r.x1 > u.x1 ? r.x1 : u.x1;
-                u.y1 = r.y1 > u.y1 ? r.y1 : u.y1;
-            }
+    for (int32_t o = 0; o < VOXELS; o++) {
+        if (!is_voxel(&e, o))
+            continue;
+        if (!rec_rect_seen(fp[o]))
+            return (struct rec_rect){.x0 = 1, .y0 = 1, .x1 = 0, .y1 = 0};
+        u.x0 = fp[o].x0 < u.x0 ? fp[o].x0 : u.x0;
+        u.y0 = fp[o].y0 < u.y0 ? fp[o].y0 : u.y0;
+        u.x1 = fp[o].x1 > u.x1 ? fp[o].x1 : u.x1;
+        u.y1 = fp[o].y1 > u.y1 ? fp[o].y1 : u.y1;
+    }
     return u;
+}
+
+static size_t bricks_of(const rec_hull *h)
+{
+    return (size_t)h->nb[0] * (size_t)h->nb[1] * (size_t)h->nb[2];
 }
 
 pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
@@ -60,14 +84,14 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
         return PVX_ENOMEM;
     h->S = S;
     for (int a = 0; a < 3; a++)
-        h->nb[a] = (S->grid.n[a] + BRICK - 1) / BRICK;
-    size_t bricks = (size_t)h->nb[0] * (size_t)h->nb[1] * (size_t)h->nb[2];
-    size_t n = rec_grid_count(&S->grid);
+        h->nb[a] = rec_bricks(&S->grid, a);
+    size_t bricks = bricks_of(h);
+    size_t rows = (size_t)S->grid.n[1] * (size_t)S->grid.n[2];
     h->brick_state = pvx_calloc(bricks, sizeof *h->brick_state);
-    h->layer = pvx_calloc((size_t)S->grid.n[2], sizeof *h->layer);
-    h->col = pvx_reserve(n * sizeof *h->col);
-    h->klass = pvx_reserve(n);
-    bool ok = h->brick_state != NULL && h->layer != NULL && h->col != NULL && h->klass != NULL;
+    h->row = pvx_calloc((size_t)h->nb[1] * (size_t)h->nb[2], sizeof *h->row);
+    h->at = pvx_calloc(rows, sizeof *h->at);
+    h->klass = pvx_reserve(bricks * VOXELS);
+    bool ok = h->brick_state != NULL && h->row != NULL && h->at != NULL && h->klass != NULL;
     for (size_t c = 0; ok && c < S->n_cameras; c++) {
         const struct rec_sysmat_block *b = &S->block[c];
         h->brick[c] = pvx_calloc(bricks, sizeof **h->brick);
@@ -75,12 +99,8 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
         h->column[c] = pvx_calloc(rec_band_count(b->bh), (size_t)b->bw);
         rec_bands_add(&h->bands, b->bh);
         ok = h->brick[c] != NULL && h->sat[c] != NULL && h->column[c] != NULL;
-        for (size_t i = 0; ok && i < bricks; i++) {
-            size_t layer = (size_t)h->nb[0] * (size_t)h->nb[1];
-            int32_t ijk[3] = {(int32_t)(i % (size_t)h->nb[0]),
-                              (int32_t)(i % layer / (size_t)h->nb[0]), (int32_t)(i / layer)};
-            h->brick[c][i] = brick_rect(S, c, ijk);
-        }
+        for (size_t i = 0; ok && i < bricks; i++)
+            h->brick[c][i] = brick_rect(h, c, i);
     }
     if (!ok) {
         rec_hull_free(&h);
@@ -96,16 +116,15 @@ void rec_hull_free(rec_hull **hp)
     rec_hull *h = *hp;
     if (h == NULL)
         return;
-    size_t n = rec_grid_count(&h->S->grid);
     for (size_t c = 0; c < h->S->n_cameras; c++) {
         free(h->brick[c]);
         free(h->sat[c]);
         free(h->column[c]);
     }
-    pvx_unreserve(h->col, n * sizeof *h->col);
-    pvx_unreserve(h->klass, n);
+    pvx_unreserve(h->klass, bricks_of(h) * VOXELS);
     free(h->brick_state);
-    free(h->layer);
+    free(h->at);
+    free(h->row);
     free(h);
     *hp = NULL;
 }
@@ -117,7 +136,6 @@ struct carve {
     const bool *present;
     int32_t *col;
     uint8_t *klass;
-    int32_t offset[REC_GRID_MAX];
 };
 
 /* A table is a sum over all rows above.  So that its bands can be summed apart from each other, their
@@ -169,25 +187,35 @@ static void table_band(void *ctx, size_t task)
     }
 }
 
+/* A camera's silhouette; copied, so that no store of a byte can change it. */
+struct view {
+    const uint32_t *sat;
+    int32_t bw, bh;
+};
+static inline struct view view_of(const rec_hull *h, size_t c)
+{
+    return (struct view){h->sat[c], h->S->block[c].bw, h->S->block[c].bh};
+}
+
 /* Lit and dark bins of a footprint. */
 struct seen {
     uint32_t lit, dark;
 };
-static inline struct seen look(const rec_hull *h, size_t c, struct rec_rect r)
+static inline struct seen look(struct view v, struct rec_rect r)
 {
-    const uint32_t *sat = h->sat[c];
-    size_t w = (size_t)h->S->block[c].bw + 1, top = (size_t)r.y0 * w,
-           bottom = ((size_t)r.y1 + 1) * w, left = r.x0, right = (size_t)r.x1 + 1;
-    uint32_t lit = sat[bottom + right] - sat[bottom + left] - sat[top + right] + sat[top + left];
+    size_t w = (size_t)v.bw + 1, top = (size_t)r.y0 * w, bottom = ((size_t)r.y1 + 1) * w;
+    size_t left = r.x0, right = (size_t)r.x1 + 1;
+    uint32_t lit =
+        v.sat[bottom + right] - v.sat[bottom + left] - v.sat[top + right] + v.sat[top + left];
     uint32_t area = (uint32_t)(r.x1 - r.x0 + 1) * (uint32_t)(r.y1 - r.y0 + 1);
     return (struct seen){lit, area - lit};
 }
 
 /* The image's edge may cut the footprint short: what is beside it is not known, so that its being dark
  * says nothing of the voxel. */
-static inline bool cut_off(const struct rec_sysmat_block *b, struct rec_rect r)
+static inline bool cut_off(struct view v, struct rec_rect r)
 {
-    return r.x0 == 0 || r.y0 == 0 || r.x1 + 1 == b->bw || r.y1 + 1 == b->bh;
+    return (r.x0 == 0) | (r.y0 == 0) | (r.x1 + 1 == v.bw) | (r.y1 + 1 == v.bh);
 }
 
 /* A whole brick: it goes when some camera sees all of it and nothing lit there. */
@@ -201,8 +229,8 @@ static struct brick look_at_brick(const struct carve *t, size_t brick)
         struct rec_rect r = h->brick[c][brick];
         struct seen s = {1, 1};
         if (rec_rect_seen(r))
-            s = look(h, c, r);
-        if (s.lit == 0 && !cut_off(&h->S->block[c], r))
+            s = look(view_of(h, c), r);
+        if (s.lit == 0 && !cut_off(view_of(h, c), r))
             return (struct brick){0};
         b.open |= (uint64_t)(s.dark != 0) << c;
         b.views += s.dark == 0;
@@ -210,91 +238,116 @@ static struct brick look_at_brick(const struct carve *t, size_t brick)
     return b;
 }
 
-/* Rule (1) of hull.h for one voxel of a brick. */
-static uint8_t voxel_class(const struct carve *t, const struct brick *b, int32_t j)
+/* Rule (1) of hull.h for the voxels of a brick, one camera after the other, and without branches that
+ * nobody could foresee. */
+struct voxels {
+    uint8_t gone[VOXELS], part[VOXELS]; /* dark in some camera; not all lit in some */
+    uint8_t views[VOXELS];
+};
+static void look_at_voxels(struct view view, const struct rec_rect *fp, struct voxels *v)
 {
-    const rec_sysmat *S = t->h->S;
-    uint32_t views = b->views;
-    bool inside = true;
+    for (int32_t o = 0; o < VOXELS; o++) {
+        if (!rec_rect_seen(fp[o]))
+            continue;
+        struct seen s = look(view, fp[o]);
+        v->gone[o] |= (s.lit == 0) & !cut_off(view, fp[o]);
+        v->part[o] |= s.dark != 0;
+        v->views[o] = (uint8_t)(v->views[o] + (s.lit != 0));
+    }
+}
+static void classify(const struct carve *t, size_t brick, uint8_t *restrict klass)
+{
+    const rec_hull *h = t->h;
+    const struct brick *b = &h->brick_state[brick];
+    const struct extent e = extent_of(h, brick);
+    uint32_t wanted = t->p->min_views;
+    uint8_t need = (uint8_t)(wanted < 1 ? 1 : wanted < UINT8_MAX ? wanted : UINT8_MAX);
+    struct voxels v = {0};
+    memset(v.views, (int)b->views, VOXELS);
     for (uint64_t open = b->open; open != 0; open &= open - 1) {
         size_t c = (size_t)__builtin_ctzll(open);
-        struct rec_rect r = S->block[c].fp[j];
-        if (!rec_rect_seen(r))
-            continue;
-        struct seen s = look(t->h, c, r);
-        if (s.lit == 0) {
-            if (!cut_off(&S->block[c], r))
-                return 0;
-            inside = false;
-            continue;
-        }
-        inside = inside && s.dark == 0;
-        views++;
+        look_at_voxels(view_of(h, c), h->S->block[c].fp + brick * VOXELS, &v);
     }
-    if (views == 0 || views < t->p->min_views)
-        return 0;
-    return inside ? 2 : 1;
+    for (int32_t o = 0; o < VOXELS; o++)
+        klass[o] = (uint8_t)((v.gone[o] == 0) & (v.views[o] >= need)) * (uint8_t)(2 - v.part[o]);
+    if (e.n[0] < BRICK || e.n[1] < BRICK || e.n[2] < BRICK)
+        for (int32_t o = 0; o < VOXELS; o++)
+            klass[o] *= is_voxel(&e, o);
 }
 
-/* Footprints lie [N] apart for each camera and rows of a brick a row of voxels apart, which no
- * processor foresees. */
-static inline void fetch(const struct carve *t, const struct brick *b, int32_t j)
+/* What classify will read. */
+static void fetch(const rec_hull *h, size_t brick)
 {
-    for (uint64_t open = b->open; open != 0; open &= open - 1)
-        __builtin_prefetch(t->h->S->block[__builtin_ctzll(open)].fp + j);
+    for (uint64_t open = h->brick_state[brick].open; open != 0; open &= open - 1) {
+        const struct rec_rect *fp = h->S->block[__builtin_ctzll(open)].fp + brick * VOXELS;
+        for (size_t o = 0; o < VOXELS; o += PVX_ALIGN / sizeof *fp)
+            __builtin_prefetch(fp + o);
+    }
 }
 
-static void look_at_bricks(void *ctx, size_t row)
-{
-    struct carve *t = ctx;
-    size_t n = (size_t)t->h->nb[0];
-    for (size_t i = row * n; i < (row + 1) * n; i++)
-        t->h->brick_state[i] = look_at_brick(t, i);
-}
-
-static void carve_layer(void *ctx, size_t z)
+static void carve_row(void *ctx, size_t row)
 {
     struct carve *t = ctx;
     rec_hull *h = t->h;
     const struct rec_grid *g = &h->S->grid;
-    const int32_t k = (int32_t)z, *nb = h->nb;
-    const struct brick *brick = h->brick_state + (size_t)(k / BRICK) * (size_t)(nb[0] * nb[1]);
-    int32_t *col = h->col + (size_t)rec_grid_index(g, 0, 0, k);
-    uint8_t *klass = h->klass + (size_t)rec_grid_index(g, 0, 0, k);
-    struct layer out = {0};
-    for (int32_t j = 0; j < g->n[1]; j++)
-        for (int32_t bx = 0; bx < nb[0]; bx++) {
-            const struct brick *b = &brick[(j / BRICK) * nb[0] + bx];
-            if (bx + AHEAD < nb[0])
-                fetch(t, b + AHEAD, rec_grid_index(g, (bx + AHEAD) * BRICK, j, k));
-            int32_t i1 = (bx + 1) * BRICK < g->n[0] ? (bx + 1) * BRICK : g->n[0];
-            for (int32_t i = bx * BRICK; b->keep && i < i1; i++) {
-                int32_t v = rec_grid_index(g, i, j, k);
-                uint8_t cl = voxel_class(t, b, v);
-                out.counts.partial += cl == 1;
-                out.counts.inside += cl == 2;
-                if (cl == 2 || (cl == 1 && t->p->keep_partial)) {
-                    col[out.n] = v;
-                    klass[out.n++] = cl;
-                }
-            }
+    const size_t n = (size_t)h->nb[0], first = row * n;
+    int32_t kept[BRICK * BRICK] = {0};
+    struct row out = {0};
+    for (size_t i = first; i < first + n; i++) {
+        h->brick_state[i] = look_at_brick(t, i);
+        fetch(h, i);
+    }
+    for (size_t i = first; i < first + n; i++) {
+        uint8_t *klass = h->klass + i * VOXELS;
+        if (!h->brick_state[i].keep)
+            continue;
+        classify(t, i, klass);
+        int32_t partial = 0, inside = 0;
+        for (int o = 0; o < VOXELS; o++) {
+            partial += klass[o] == 1;
+            inside += klass[o] == 2;
         }
-    out.counts.outside = (int64_t)g->n[0] * g->n[1] - out.counts.inside - out.counts.partial;
-    h->layer[z] = out;
+        for (int o = 0; !t->p->keep_partial && o < VOXELS; o++)
+            klass[o] &= 2;
+        for (int o = 0; o < VOXELS; o += BRICK)
+            kept[o / BRICK] +=
+                (klass[o] != 0) + (klass[o + 1] != 0) + (klass[o + 2] != 0) + (klass[o + 3] != 0);
+        out.partial += partial;
+        out.inside += inside;
+    }
+    int32_t j0 = (int32_t)row % h->nb[1] * BRICK, k0 = (int32_t)row / h->nb[1] * BRICK;
+    for (int32_t r = 0; r < BRICK * BRICK; r++)
+        if (j0 + r % BRICK < g->n[1] && k0 + r / BRICK < g->n[2])
+            h->at[(k0 + r / BRICK) * g->n[1] + j0 + r % BRICK] = kept[r];
+    h->row[row] = out;
 }
 
-static void collect_layer(void *ctx, size_t z)
+static void list_layer(void *ctx, size_t z)
 {
     struct carve *t = ctx;
     const rec_hull *h = t->h;
     const struct rec_grid *g = &h->S->grid;
-    size_t from = (size_t)rec_grid_index(g, 0, 0, (int32_t)z);
-    memcpy(t->col + t->offset[z], h->col + from, (size_t)h->layer[z].n * sizeof *t->col);
-    if (t->klass == NULL)
-        return;
-    memset(t->klass + from, 0, (size_t)g->n[0] * (size_t)g->n[1]);
-    for (int32_t i = 0; i < h->layer[z].n; i++)
-        t->klass[h->col[from + (size_t)i]] = h->klass[from + (size_t)i];
+    const int32_t k = (int32_t)z;
+    int32_t list[REC_GRID_MAX + BRICK];
+    if (t->klass != NULL)
+        memset(t->klass + rec_grid_index(g, 0, 0, k), 0, (size_t)g->n[0] * (size_t)g->n[1]);
+    for (int32_t j = 0; j < g->n[1]; j++) {
+        size_t brick = (size_t)(k / BRICK * h->nb[1] + j / BRICK) * (size_t)h->nb[0], n = 0;
+        size_t of_brick = (size_t)(k % BRICK * BRICK + j % BRICK) * BRICK;
+        for (int32_t i = 0; i < g->n[0]; i += BRICK, brick++) {
+            const uint8_t *klass = h->klass + brick * VOXELS + of_brick;
+            int32_t v = rec_grid_index(g, i, j, k);
+            if (!h->brick_state[brick].keep)
+                continue;
+            for (int32_t x = 0; x < BRICK; x++) {
+                list[n] = v + x;
+                n += klass[x] != 0;
+                if (t->klass != NULL && klass[x] != 0)
+                    t->klass[v + x] = klass[x];
+            }
+        }
+        memcpy(t->col + h->at[k * g->n[1] + j], list, n * sizeof *list);
+    }
 }
 
 void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
@@ -302,21 +355,23 @@ void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t 
 {
     struct carve t = {
         .h = h, .p = p, .lit = lit, .present = present, .col = out->col, .klass = out->klass};
-    const size_t layers = (size_t)h->S->grid.n[2];
+    const size_t layers = (size_t)h->S->grid.n[2], rows = layers * (size_t)h->S->grid.n[1];
     pvx_pool_run(pool, rec_bands_all(&h->bands), count_band, &t);
     pvx_pool_run(pool, rec_bands_all(&h->bands), table_band, &t);
-    pvx_pool_run(pool, (size_t)h->nb[1] * (size_t)h->nb[2], look_at_bricks, &t);
-    pvx_pool_run(pool, layers, carve_layer, &t);
+    pvx_pool_run(pool, (size_t)h->nb[1] * (size_t)h->nb[2], carve_row, &t);
     int32_t total = 0;
-    struct rec_hull_counts sum = {0};
-    for (size_t z = 0; z < layers; z++) {
-        t.offset[z] = total;
-        total += h->layer[z].n;
-        sum.inside += h->layer[z].counts.inside;
-        sum.partial += h->layer[z].counts.partial;
-        sum.outside += h->layer[z].counts.outside;
+    for (size_t i = 0; i < rows; i++) {
+        int32_t n = h->at[i];
+        h->at[i] = total;
+        total += n;
     }
-    pvx_pool_run(pool, layers, collect_layer, &t);
+    pvx_pool_run(pool, layers, list_layer, &t);
+    struct rec_hull_counts sum = {.outside = (int64_t)rec_grid_count(&h->S->grid)};
+    for (size_t i = 0; i < (size_t)h->nb[1] * (size_t)h->nb[2]; i++) {
+        sum.inside += h->row[i].inside;
+        sum.partial += h->row[i].partial;
+    }
+    sum.outside -= sum.inside + sum.partial;
     out->n = total;
     out->counts = sum;
 }

@@ -356,7 +356,7 @@ static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     b->bands = b->bands < (size_t)b->bh ? b->bands : (size_t)b->bh;
     atomic_store(&b->rows_done, 0);
     out->colptr = rec_sysmat_array((b->N + 1) * sizeof *out->colptr);
-    struct rec_rect *fp = rec_sysmat_array(b->N * sizeof *fp);
+    struct rec_rect *fp = rec_sysmat_array(rec_brick_places(&b->m->grid) * sizeof *fp);
     block->fp = fp;
     b->bin_n = rec_sysmat_array(rows * sizeof *b->bin_n);
     pvx_err e = out->colptr == NULL || fp == NULL || b->bin_n == NULL

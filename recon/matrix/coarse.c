@@ -147,10 +147,11 @@ static void union_layer(void *ctx, size_t k)
         size_t child[8];
         rec_grid_ijk(&j->m->grid, (int32_t)J, ijk);
         size_t n = children(&f->grid, ijk, child);
+        size_t place = rec_brick_place(&j->m->grid, ijk[0], ijk[1], ijk[2]);
         for (size_t c = 0; c < f->n_cameras; c++) {
             struct rec_rect u = {1, 1, 0, 0};
             for (size_t i = 0; i < n; i++) {
-                struct rec_rect r = f->block[c].fp[child[i]];
+                struct rec_rect r = rec_footprint(f, c, (int32_t)child[i]);
                 if (!rec_rect_seen(r))
                     continue;
                 r = (struct rec_rect){r.x0 / 2, r.y0 / 2, r.x1 / 2, r.y1 / 2};
@@ -163,7 +164,7 @@ static void union_layer(void *ctx, size_t k)
                 u.x1 = r.x1 > u.x1 ? r.x1 : u.x1;
                 u.y1 = r.y1 > u.y1 ? r.y1 : u.y1;
             }
-            ((struct rec_rect *)j->m->block[c].fp)[J] = u;
+            ((struct rec_rect *)j->m->block[c].fp)[place] = u;
         }
     }
 }
@@ -173,9 +174,13 @@ static pvx_err fill(struct job *j, pvx_pool *pool, struct rec_entries *out)
     rec_sysmat *m = j->m;
     size_t N = rec_grid_count(&m->grid), rows = m->row0[m->n_cameras],
            layers = (size_t)m->grid.n[2];
-    for (size_t c = 0; c < m->n_cameras; c++)
-        if ((m->block[c].fp = rec_sysmat_array(N * sizeof *m->block[c].fp)) == NULL)
+    for (size_t c = 0; c < m->n_cameras; c++) {
+        struct rec_rect *fp = rec_sysmat_array(rec_brick_places(&m->grid) * sizeof *fp);
+        m->block[c].fp = fp;
+        if (fp == NULL)
             return PVX_ENOMEM;
+        rec_no_footprints(m, fp);
+    }
     pvx_pool_run(pool, layers, union_layer, j);
     pvx_pool_run(pool, layers, sum_layer, j);
     if (atomic_load(&j->out_of_memory))

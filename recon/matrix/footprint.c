@@ -44,6 +44,12 @@ struct corners {
 
 static const struct rec_rect unseen = {1, 1, 0, 0};
 
+void rec_no_footprints(const rec_sysmat *m, struct rec_rect *fp)
+{
+    for (size_t i = 0; i < rec_brick_places(&m->grid); i++)
+        fp[i] = unseen;
+}
+
 /* Lattice plane i along an axis: the faces of the cells, or for trilinear the centres with one more
  * at either end. */
 static double plane(const struct rec_grid *g, int a, int32_t i)
@@ -217,7 +223,7 @@ static void slab(void *ctx, size_t task)
             gather_corners(j, &w.ring[k % planes], &w.ring[far % planes], y, &w.corners);
             size_t col = (size_t)rec_grid_index(g, 0, y, k);
             for (size_t x = 0; x < (size_t)g->n[0]; x++)
-                j->fp[col + x] = footprint(j, col + x, &w.corners, x);
+                j->fp[rec_brick_place(g, (int32_t)x, y, k)] = footprint(j, col + x, &w.corners, x);
         }
     }
     free(w.memory);
@@ -237,6 +243,7 @@ pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
                     .nx = m->grid.n[0] + span,
                     .ny = m->grid.n[1] + span,
                     .per_bin = 1.0 / m->binning};
+    rec_no_footprints(m, fp);
     pvx_pool_run(pool, (size_t)(m->grid.n[2] + SLAB - 1) / SLAB, slab, &j);
     return atomic_load(&j.out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }

@@ -59,8 +59,10 @@ PVX_MUST_CHECK pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, const struct r
 PVX_MUST_CHECK pvx_err rec_sysmat_add_levels(rec_sysmat *m, struct rec_entries *e, pvx_pool *pool,
                                              struct pvx_diag *d);
 
+/* All of them unseen, and what is no voxel's for good. */
+void rec_no_footprints(const rec_sysmat *m, struct rec_rect *fp);
 /* Footprints of all columns of camera c from its lens, widened to every entry that is there.
- * fp [N] out.  Parallel over slabs of voxels, same bits for any thread count.  PVX_ENOMEM. */
+ * fp [rec_brick_places] out.  Parallel over slabs of voxels, same bits for any thread count.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
                                              const struct rec_sysmat_block *b,
                                              const struct rec_entries *part, pvx_pool *pool,

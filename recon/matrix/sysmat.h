@@ -66,11 +66,16 @@ static inline bool rec_rect_seen(struct rec_rect r)
     return r.x0 <= r.x1;
 }
 
+/* Footprints lie in bricks of 4^3 voxels, x fastest within and between: what is looked at together lies
+ * together.  At the edge of the grid a brick has places without a voxel; those are not seen. */
+#define REC_BRICK        4
+#define REC_BRICK_VOXELS (REC_BRICK * REC_BRICK * REC_BRICK)
+
 /* What there is for each camera. */
 struct rec_sysmat_block {
     int32_t bw, bh;            /* bins across and down; rows row0[c] + y*bw + x */
     uint64_t nnz;              /* entries of its rows */
-    const struct rec_rect *fp; /* [N] footprints */
+    const struct rec_rect *fp; /* [rec_brick_places] footprints */
 };
 
 typedef struct rec_sysmat rec_sysmat;
@@ -88,6 +93,31 @@ struct rec_sysmat {
     bool cached;                      /* rec_sysmat_open found it */
     void *priv;                       /* mapping or heap */
 };
+
+static inline int32_t rec_bricks(const struct rec_grid *g, int axis)
+{
+    return (g->n[axis] + REC_BRICK - 1) / REC_BRICK;
+}
+static inline size_t rec_brick_places(const struct rec_grid *g)
+{
+    return (size_t)rec_bricks(g, 0) * (size_t)rec_bricks(g, 1) * (size_t)rec_bricks(g, 2) *
+           REC_BRICK_VOXELS;
+}
+/* Where the footprint of voxel (i,j,k) lies. */
+static inline size_t rec_brick_place(const struct rec_grid *g, int32_t i, int32_t j, int32_t k)
+{
+    size_t row = (size_t)(k / REC_BRICK) * (size_t)rec_bricks(g, 1) + (size_t)(j / REC_BRICK);
+    size_t brick = row * (size_t)rec_bricks(g, 0) + (size_t)(i / REC_BRICK);
+    return brick * REC_BRICK_VOXELS +
+           (size_t)((k % REC_BRICK * REC_BRICK + j % REC_BRICK) * REC_BRICK + i % REC_BRICK);
+}
+/* Footprint of a voxel in camera c. */
+static inline struct rec_rect rec_footprint(const rec_sysmat *m, size_t c, int32_t voxel)
+{
+    int32_t ijk[3];
+    rec_grid_ijk(&m->grid, voxel, ijk);
+    return m->block[c].fp[rec_brick_place(&m->grid, ijk[0], ijk[1], ijk[2])];
+}
 
 /* Progress of long work: called from the calling thread only, `done` in 0..1; return false to
  * cancel (the build then gives PVX_ECANCELED and leaves nothing behind).  May be NULL. */

@@ -32,7 +32,7 @@ static void use(const rec_sysmat *m)
     for (size_t c = 0; c < m->n_cameras; c++) {
         const struct rec_sysmat_block *b = &m->block[c];
         MUST(m->row0[c + 1] - m->row0[c] == (size_t)b->bw * (size_t)b->bh);
-        for (size_t j = 0; j < N; j++) {
+        for (size_t j = 0; j < rec_brick_places(&m->grid); j++) {
             struct rec_rect f = b->fp[j];
             MUST(!rec_rect_seen(f) || (f.x1 < b->bw && f.y1 < b->bh && f.y0 <= f.y1));
         }
@@ -129,7 +129,7 @@ static void mend(uint8_t *p, size_t size)
     head = 128 + 8 * cameras + levels * row;
     if (head > size)
         return;
-    memcpy(p, "PVXMATRX\3\0\0\0", 12);
+    memcpy(p, "PVXMATRX\4\0\0\0", 12);
     memcpy(p + 12, &head, 4);
     memcpy(p + 24, &length, 8);
     memcpy(p + 32, &cameras, 4);

@@ -182,7 +182,7 @@ static bool has_entries(const rec_sysmat *S, const struct entries *all, size_t c
 static bool met_by_all(const rec_sysmat *S, const struct entries *all, size_t j)
 {
     for (size_t c = 0; c < S->n_cameras; c++)
-        if (rec_rect_seen(S->block[c].fp[j]) && !has_entries(S, all, c, j))
+        if (rec_rect_seen(rec_footprint(S, c, (int32_t)j)) && !has_entries(S, all, c, j))
             return false;
     return true;
 }

@@ -17,7 +17,7 @@ static int rule(int32_t j, const bool *present, uint32_t min_views)
     uint32_t views = 0;
     bool inside = true;
     for (size_t c = 0; c < sc.rig.n_cameras; c++) {
-        struct rec_rect r = sc.S->block[c].fp[j];
+        struct rec_rect r = rec_footprint(sc.S, c, j);
         if (!present[c] || !rec_rect_seen(r))
             continue;
         int64_t count = 0;

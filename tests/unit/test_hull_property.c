@@ -89,7 +89,7 @@ T_CASE(no_light_is_carved)
             bool seen = false;
             int in_dark = 0;
             for (size_t c = 0; c < n; c++) {
-                struct rec_rect r = S->block[c].fp[voxel[i]];
+                struct rec_rect r = rec_footprint(S, c, voxel[i]);
                 bool here = present[c] && rec_rect_seen(r);
                 uint8_t own[W * H] = {0};
                 size_t light = 0;

@@ -77,7 +77,8 @@ static bool same_level(const rec_sysmat *a, const rec_sysmat *b)
     for (size_t c = 0; c < a->n_cameras; c++) {
         const struct rec_sysmat_block *p = &a->block[c], *q = &b->block[c];
         if (p->bw != q->bw || p->bh != q->bh || p->nnz != q->nnz ||
-            a->row0[c + 1] != b->row0[c + 1] || memcmp(p->fp, q->fp, N * 8) != 0)
+            a->row0[c + 1] != b->row0[c + 1] ||
+            memcmp(p->fp, q->fp, rec_brick_places(&a->grid) * 8) != 0)
             return false;
     }
     return true;
@@ -329,13 +330,14 @@ T_CASE(same_bits_for_any_threads)
         }
 }
 
-static void in_footprint(const struct rec_sysmat_block *b, size_t col, double u, double v,
+static void in_footprint(const rec_sysmat *m, size_t c, int32_t col, double u, double v,
                          int32_t binning)
 {
+    const struct rec_sysmat_block *b = &m->block[c];
     double x = floor((u + 0.5) / binning), y = floor((v + 0.5) / binning);
     if (x < 0 || y < 0 || x >= b->bw || y >= b->bh)
         return;
-    struct rec_rect r = b->fp[col];
+    struct rec_rect r = rec_footprint(m, c, col);
     T_OK(rec_rect_seen(r) && x >= r.x0 && x <= r.x1 && y >= r.y0 && y <= r.y1);
 }
 
@@ -347,7 +349,7 @@ static void entries_in_footprint(const rec_sysmat *m, const struct entries *all,
         if (all->row[e] < m->row0[c] || all->row[e] >= m->row0[c + 1])
             continue;
         uint32_t bin = all->row[e] - (uint32_t)m->row0[c], bw = (uint32_t)b->bw;
-        in_footprint(b, j, bin % bw * binning, bin / bw * binning, binning);
+        in_footprint(m, c, (int32_t)j, bin % bw * binning, bin / bw * binning, binning);
     }
 }
 
@@ -368,7 +370,6 @@ T_CASE(footprints_hold_their_support)
         struct entries all = entries_of(m);
         double reach = r.grid.basis == REC_TRILINEAR ? 1 : 0.5, area = 0, spread = 0;
         for (size_t c = 0; c < 2; c++) {
-            const struct rec_sysmat_block *b = &m->block[c];
             for (int32_t j = 0; j < (int32_t)rec_grid_count(&r.grid); j++) {
                 double mid[3], X[3], uv[2], lo[2] = {1e9, 1e9}, hi[2] = {-1e9, -1e9};
                 grid_centre(&r.grid, j, mid);
@@ -380,14 +381,14 @@ T_CASE(footprints_hold_their_support)
                     }
                     if (!rec_camera_project(&r.cameras[c], X, uv))
                         continue;
-                    in_footprint(b, (size_t)j, uv[0], uv[1], binning);
+                    in_footprint(m, c, j, uv[0], uv[1], binning);
                     for (int a = 0; a < 2; a++) {
                         lo[a] = fmin(lo[a], uv[a]);
                         hi[a] = fmax(hi[a], uv[a]);
                     }
                 }
                 entries_in_footprint(m, &all, c, (size_t)j, binning);
-                struct rec_rect f = b->fp[j];
+                struct rec_rect f = rec_footprint(m, c, j);
                 if (rec_rect_seen(f) && lo[0] > 0 && lo[1] > 0 && hi[0] < 95 && hi[1] < 63) {
                     area += (f.x1 - f.x0 + 1) * (f.y1 - f.y0 + 1);
                     spread += ((hi[0] - lo[0]) / binning + 2) * ((hi[1] - lo[1]) / binning + 2);
@@ -413,12 +414,11 @@ T_CASE(camera_inside_the_volume)
             c->t[i] = -(c->R[3 * i] * inside[0] + c->R[3 * i + 1] * inside[1] +
                         c->R[3 * i + 2] * inside[2]);
         rec_sysmat *m = build(&r, 1, 1, 2);
-        const struct rec_sysmat_block *b = &m->block[0];
         struct entries all = entries_of(m);
         size_t behind = 0, whole = 0;
         double sum = 0, want = 0, o[3], d[3];
         for (int32_t j = 0; j < 1000; j++) {
-            struct rec_rect f = b->fp[j];
+            struct rec_rect f = rec_footprint(m, 0, j);
             behind += !rec_rect_seen(f);
             whole += f.x0 == 0 && f.y0 == 0 && f.x1 == 39 && f.y1 == 29;
             entries_in_footprint(m, &all, 0, (size_t)j, 1);
@@ -557,7 +557,7 @@ T_CASE(camera_that_sees_nothing)
     T_EQ_I(m->block[1].nnz, 0);
     T_OK(m->block[0].nnz > 0);
     for (int j = 0; j < 512; j++)
-        T_OK(!rec_rect_seen(m->block[1].fp[j]));
+        T_OK(!rec_rect_seen(rec_footprint(m, 1, j)));
     T_EQ_I(rec_sysmat_save(m, at("blind"), NULL, NULL), PVX_OK);
     loads_as(m, at("blind"), NULL);
     done(&m, &r);
@@ -1019,7 +1019,7 @@ T_CASE(cache_is_used_and_healed)
     T_OK(f != NULL && fseek(f, 8, SEEK_SET) == 0 && fwrite(two, 4, 1, f) == 1 && fclose(f) == 0);
     struct pvx_diag old = {""};
     T_EQ_I(rec_sysmat_load(path, 0, true, NULL, &b, &old), PVX_EVERSION);
-    T_CONTAINS(old.text, "matrix format 2, this program reads 3");
+    T_CONTAINS(old.text, "matrix format 2, this program reads 4");
     opens(&r, NULL, false, a);
     opens(&r, NULL, true, a);
     /* a named file made for another rig is replaced ... */
