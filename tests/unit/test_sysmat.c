@@ -905,9 +905,10 @@ T_CASE(every_number_is_checked)
     struct rec_sysmat_block *b = &m->block[1];
     struct rec_rect *fp = (struct rec_rect *)b->fp;
     size_t i = deep_window(m), j = i / (size_t)m->win.slots, size = rec_window_size(&m->win);
-    struct rec_grid line = m->grid, empty = m->grid, endless = m->grid;
-    line.n[0] = 216;
-    line.n[1] = line.n[2] = 1;
+    struct rec_grid longer = m->grid, empty = m->grid, endless = m->grid;
+    longer.n[0] = 32; /* has a coarser level, and no more bricks than are there */
+    longer.n[1] = 4;
+    longer.n[2] = 1;
     empty.n[0] = 0;
     endless.max[1] = NAN;
     FORGED(m, NULL, fp[j].x1, 19, "footprints of camera 1: outside");
@@ -916,7 +917,7 @@ T_CASE(every_number_is_checked)
     FORGED(m, NULL, m->grid, empty, "grid");
     FORGED(m, NULL, m->grid, endless, "grid");
     FORGED(m, NULL, m->unit, NAN, "parameters");
-    FORGED(m, NULL, m->grid, line, "number of levels");
+    FORGED(m, NULL, m->grid, longer, "number of levels");
     FORGED(m, NULL, m->rays_per_bin, 0, "parameters");
     FORGED(m, NULL, m->win.high, 1, "impossible shape of windows");
     FORGED(m, NULL, m->win.wide, 1, "impossible shape of windows");
