@@ -71,11 +71,6 @@ static struct rec_rect brick_rect(const rec_hull *h, size_t c, size_t brick)
     return u;
 }
 
-static size_t bricks_of(const rec_hull *h)
-{
-    return (size_t)h->nb[0] * (size_t)h->nb[1] * (size_t)h->nb[2];
-}
-
 pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
 {
     *out = NULL;
@@ -85,12 +80,12 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
     h->S = S;
     for (int a = 0; a < 3; a++)
         h->nb[a] = rec_bricks(&S->grid, a);
-    size_t bricks = bricks_of(h);
+    size_t bricks = rec_brick_places(&S->grid) / VOXELS;
     size_t rows = (size_t)S->grid.n[1] * (size_t)S->grid.n[2];
     h->brick_state = pvx_calloc(bricks, sizeof *h->brick_state);
     h->row = pvx_calloc((size_t)h->nb[1] * (size_t)h->nb[2], sizeof *h->row);
     h->at = pvx_calloc(rows, sizeof *h->at);
-    h->klass = pvx_reserve(bricks * VOXELS);
+    h->klass = pvx_reserve(rec_brick_places(&S->grid));
     bool ok = h->brick_state != NULL && h->row != NULL && h->at != NULL && h->klass != NULL;
     for (size_t c = 0; ok && c < S->n_cameras; c++) {
         const struct rec_sysmat_block *b = &S->block[c];
@@ -121,7 +116,7 @@ void rec_hull_free(rec_hull **hp)
         free(h->sat[c]);
         free(h->column[c]);
     }
-    pvx_unreserve(h->klass, bricks_of(h) * VOXELS);
+    pvx_unreserve(h->klass, rec_brick_places(&h->S->grid));
     free(h->brick_state);
     free(h->at);
     free(h->row);
