@@ -21,6 +21,7 @@ VERSION := 0.1.0
 # packages cost no network, and uses sudo only when not root.
 PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
+  libopencv-contrib-dev libcairo2-dev \
   libturbojpeg0-dev libhdf5-dev libcamera-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
@@ -29,7 +30,7 @@ PACKAGES_BENCH := python3-matplotlib
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
-PKGS := aravis-0.8 zlib libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5
+PKGS := aravis-0.8 zlib libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5 cairo
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
 pkg_cflags = $(eval pkg_cflags := $$(shell pkg-config --cflags $(PKGS)))$(pkg_cflags)
 pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)
@@ -41,7 +42,8 @@ CFLAGS   += -std=c17 $(O) -g $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
   $(if $(WERROR),-Werror) $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer) $(if $(LIBFUZZER),-fsanitize=fuzzer-no-link)
 CXXFLAGS += -std=c++17 $(O) -g -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
 LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN))
-LDLIBS    = $(pkg_libs) -lpthread -ldl -lm
+# A program is tied to what it calls: the daemon has no need of cairo.
+LDLIBS    = -Wl,--as-needed $(pkg_libs) -lpthread -ldl -lm
 
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
@@ -60,7 +62,7 @@ endif
 LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
 INSTALLED := $(addprefix $(B)/lib/libpyrovox-,base.a recon.a client.a)
-PLUGINS := $(B)/lib/pyrovox-opencv.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
+PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
@@ -192,11 +194,16 @@ $(B)/lib/libpyrovox-client.a: $(call room_obj,proto/clients)
 $(INSTALLED):
 	$(archive)
 
-# The OpenCV and libcamera modules are C++ and loaded on first use; each is its own shared object.
+# The OpenCV, aruco and libcamera modules are C++ and loaded on first use; each is its own shared object.
 $(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio
+
+$(B)/lib/pyrovox-aruco.so: recon/board/aruco_shim.cpp recon/board/aruco_shim.h
+	@mkdir -p $(@D)
+	$(call say,CXX)
+	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_aruco -lopencv_calib3d -lopencv_imgproc -lopencv_core
 
 $(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
 	@mkdir -p $(@D)

@@ -27,7 +27,7 @@ put() { # mode, source, target
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
 for l in recon client base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
-for m in opencv libcamera; do
+for m in opencv aruco libcamera; do
     if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-$m.so" ]; then
         put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
     fi
@@ -41,7 +41,7 @@ put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"
 if [ -n "$remove" ]; then
     rm -f "$units/pyrovoxd.service"
-    rmdir --ignore-fail-on-non-empty "$inc"/recon/{geom,simd,matrix,carve,solve,frame,view} "$inc"/{recon,proto/clients,proto,base} "$inc" "$doc" 2>/dev/null || true
+    rmdir --ignore-fail-on-non-empty "$inc"/recon/{geom,simd,matrix,carve,solve,frame,view,board,calib} "$inc"/{recon,proto/clients,proto,base} "$inc" "$doc" 2>/dev/null || true
     exit 0
 fi
 install -d "$units"

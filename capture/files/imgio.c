@@ -10,7 +10,7 @@
 
 #include "base/file.h"
 #include "base/mem.h"
-#include "capture/source/module.h"
+#include "base/module.h"
 #include "capture/files/npy.h"
 #include "capture/files/opencv_shim.h"
 #include "capture/files/sequence.h"
@@ -25,7 +25,7 @@ static struct {
 
 static void find_module(void)
 {
-    module.cv = cap_module_load("pyrovox-opencv.so", "cap_cv_module", CAP_CV_VERSION, module.why,
+    module.cv = pvx_module_load("pyrovox-opencv.so", "cap_cv_module", CAP_CV_VERSION, module.why,
                                 sizeof module.why);
 }
 

@@ -29,7 +29,7 @@
 #include "capture/libcamera/hold.h"
 #include "capture/libcamera/modes.h"
 #include "capture/libcamera/shim.h"
-#include "capture/source/module.h"
+#include "base/module.h"
 #include "capture/source/frame_number.h"
 
 #define SPARE     2  /* buffers that always stay with the camera */
@@ -76,7 +76,7 @@ static void find_module(void)
 {
     /* Read when the library is loaded; its errors come back as ours, its chatter is for who asks. */
     setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
-    module.lc = cap_module_load("pyrovox-libcamera.so", "cap_lc_module", CAP_LC_VERSION, module.why,
+    module.lc = pvx_module_load("pyrovox-libcamera.so", "cap_lc_module", CAP_LC_VERSION, module.why,
                                 sizeof module.why);
 }
 

@@ -1,4 +1,4 @@
-#include "capture/source/module.h"
+#include "base/module.h"
 
 #include <dlfcn.h>
 #include <limits.h>
@@ -38,7 +38,7 @@ static const void *try_folder(const struct wanted *w, const char *dir, const cha
     return module;
 }
 
-const void *cap_module_load(const char *file, const char *entry, int version, char *why,
+const void *pvx_module_load(const char *file, const char *entry, int version, char *why,
                             size_t size)
 {
     struct wanted w = {file, entry, version, why, size};

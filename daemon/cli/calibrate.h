@@ -1,0 +1,7 @@
+/* calibrate.h - the parts of `pyrovox calibrate`, one file each: calibrate_<name>.c. */
+#ifndef CLI_CALIBRATE_H
+#define CLI_CALIBRATE_H
+
+/* argv[0] = "pyrovox calibrate NAME"; exit code. */
+int calibrate_board(int argc, char **argv);
+#endif

@@ -1,0 +1,42 @@
+/* cmd_calibrate.c - `pyrovox calibrate`: from a printed board to rig.yaml, a step at a time. */
+#include <stdio.h>
+#include <string.h>
+
+#include "daemon/cli/calibrate.h"
+#include "daemon/cli/cli.h"
+
+static const struct {
+    const char *name, *summary;
+    int (*run)(int argc, char **argv);
+} steps[] = {
+    {"board", "a sheet to print: PDF or SVG in true size", calibrate_board},
+};
+
+static void help(FILE *f)
+{
+    fputs("Usage: pyrovox calibrate STEP [ARGUMENTS]\n"
+          "From cameras on tripods to a rig.yaml.\n\nSteps:\n",
+          f);
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
+        fprintf(f, "  %-8s %s\n", steps[i].name, steps[i].summary);
+    fputs("\n`pyrovox calibrate STEP --help` explains one.\n", f);
+}
+
+static int run(int argc, char **argv)
+{
+    static char name[80]; /* outlives this call: argp keeps pointers to argv[0] */
+    bool asked = argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
+                              strcmp(argv[1], "-?") == 0);
+    for (size_t i = 0; argc > 1 && i < sizeof steps / sizeof *steps; i++)
+        if (strcmp(argv[1], steps[i].name) == 0) {
+            snprintf(name, sizeof name, "%s %s", argv[0], argv[1]);
+            argv[1] = name;
+            return steps[i].run(argc - 1, argv + 1);
+        }
+    if (argc > 1 && !asked)
+        fprintf(stderr, "pyrovox calibrate: no step '%s'\n", argv[1]);
+    help(asked ? stdout : stderr);
+    return asked ? 0 : 2;
+}
+
+const struct cli_command cmd_calibrate = {"calibrate", "from a printed board to rig.yaml", run};

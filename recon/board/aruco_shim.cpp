@@ -1,0 +1,115 @@
+#include "recon/board/aruco_shim.h"
+
+#include <algorithm>
+#include <cstdio>
+#include <exception>
+#include <new>
+#include <vector>
+
+#include <opencv2/aruco.hpp>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "base/err.h"
+
+namespace
+{
+
+/* Run f() and turn whatever it throws into an error. */
+template <typename F> int guarded(F f) noexcept
+{
+    try {
+        f();
+        return PVX_OK;
+    } catch (const std::bad_alloc &) {
+        return PVX_ENOMEM;
+    } catch (const cv::Exception &e) {
+        return e.code == cv::Error::StsNoMem ? PVX_ENOMEM : PVX_EUNSUP;
+    } catch (...) {
+        return PVX_EUNSUP;
+    }
+}
+
+int bits(int dictionary, int id, uint8_t *out, char *err, size_t err_size) noexcept
+{
+    int e = guarded([&] {
+        auto d = cv::aruco::getPredefinedDictionary(dictionary);
+        cv::Mat m = cv::aruco::Dictionary::getBitsFromByteList(d->bytesList.rowRange(id, id + 1),
+                                                               d->markerSize);
+        std::copy(m.begin<uint8_t>(), m.end<uint8_t>(), out);
+    });
+    if (e != PVX_OK)
+        snprintf(err, err_size, "dictionary %d has no marker %d", dictionary, id);
+    return e;
+}
+
+cv::Mat mat(const struct rec_cv_picture *p)
+{
+    return cv::Mat(p->height, p->width, CV_8UC1, const_cast<uint8_t *>(p->grey), p->stride);
+}
+
+int markers(const struct rec_cv_picture *p, int dictionary, int scale, double min_side,
+            struct rec_cv_marker *out, size_t max, size_t *n) noexcept
+{
+    *n = 0;
+    return guarded([&] {
+        cv::Mat img = mat(p);
+        if (scale > 1)
+            cv::resize(img, img, cv::Size(), scale, scale, cv::INTER_CUBIC);
+        auto par = cv::aruco::DetectorParameters::create();
+        par->minMarkerPerimeterRate = 4 * min_side * scale / std::max(img.cols, img.rows);
+        par->minMarkerDistanceRate = 0.02; /* squares of a board lie close */
+        par->minDistanceToBorder = 1;
+        std::vector<std::vector<cv::Point2f>> quad, rejected;
+        std::vector<int> id;
+        cv::aruco::detectMarkers(img, cv::aruco::getPredefinedDictionary(dictionary), quad, id, par,
+                                 rejected);
+        id.resize(id.size() + rejected.size(), -1);
+        quad.insert(quad.end(), rejected.begin(), rejected.end());
+        *n = std::min(max, quad.size());
+        for (size_t i = 0; i < *n; i++) {
+            out[i].id = id[i];
+            for (int c = 0; c < 4; c++) {
+                out[i].xy[c][0] = (quad[i][c].x + 0.5F) / scale - 0.5F;
+                out[i].xy[c][1] = (quad[i][c].y + 0.5F) / scale - 0.5F;
+            }
+        }
+    });
+}
+
+int chessboard(const struct rec_cv_picture *p, int cols, int rows, float *xy, int *found) noexcept
+{
+    *found = 0;
+    return guarded([&] {
+        std::vector<cv::Point2f> at;
+        cv::Size size(cols, rows);
+        cv::Mat img = mat(p);
+        bool ok =
+            cv::findChessboardCornersSB(img, size, at, cv::CALIB_CB_NORMALIZE_IMAGE) ||
+            cv::findChessboardCorners(img, size, at,
+                                      cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE |
+                                          cv::CALIB_CB_FAST_CHECK);
+        if (!ok || at.size() != static_cast<size_t>(cols) * rows)
+            return;
+        for (size_t i = 0; i < at.size(); i++) {
+            xy[2 * i] = at[i].x;
+            xy[2 * i + 1] = at[i].y;
+        }
+        *found = 1;
+    });
+}
+
+const struct rec_cv module = {REC_CV_VERSION, bits, markers, chessboard};
+
+} // namespace
+
+const struct rec_cv *rec_cv_module(void) noexcept
+{
+    (void)guarded([] {
+        cv::setNumThreads(1);
+        cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+    });
+    return &module;
+}
