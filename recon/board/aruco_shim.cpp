@@ -56,8 +56,12 @@ int markers(const struct rec_cv_picture *p, int dictionary, int scale, double mi
     *n = 0;
     return guarded([&] {
         cv::Mat img = mat(p);
-        if (scale > 1)
+        if (scale > 1) {
+            cv::Mat soft;
             cv::resize(img, img, cv::Size(), scale, scale, cv::INTER_CUBIC);
+            cv::GaussianBlur(img, soft, cv::Size(), scale);
+            cv::addWeighted(img, 4, soft, -3, 0, img); /* what is one pixel apart comes apart */
+        }
         auto par = cv::aruco::DetectorParameters::create();
         par->minMarkerPerimeterRate = 4 * min_side * scale / std::max(img.cols, img.rows);
         par->minMarkerDistanceRate = 0.02; /* squares of a board lie close */
@@ -72,8 +76,12 @@ int markers(const struct rec_cv_picture *p, int dictionary, int scale, double mi
         for (size_t i = 0; i < *n; i++) {
             out[i].id = id[i];
             for (int c = 0; c < 4; c++) {
-                out[i].xy[c][0] = (quad[i][c].x + 0.5F) / scale - 0.5F;
-                out[i].xy[c][1] = (quad[i][c].y + 0.5F) / scale - 0.5F;
+                /* contours run through the middles of the outermost pixels: half a pixel out */
+                cv::Point2f at = quad[i][c], a = at - quad[i][(c + 1) % 4],
+                            b = at - quad[i][(c + 3) % 4];
+                at += a * (0.5 / cv::norm(a)) + b * (0.5 / cv::norm(b));
+                out[i].xy[c][0] = (at.x + 0.5F) / scale - 0.5F;
+                out[i].xy[c][1] = (at.y + 0.5F) / scale - 0.5F;
             }
         }
     });

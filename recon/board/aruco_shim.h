@@ -35,8 +35,8 @@ struct rec_cv {
     int version; /* REC_CV_VERSION */
     /* bits [n*n], 1 = white, row by row, without the border; n as the dictionary has it. */
     int (*bits)(int dictionary, int id, uint8_t *bits, char *err, size_t err_size) REC_CV_NOEXCEPT;
-    /* Markers with a side of min_side px or more, on the picture made `scale` times larger (1 or 2);
-     * at most `max`, those of the dictionary first. */
+    /* Markers with a side of min_side px or more; at most `max`, those of the dictionary first.  scale 2:
+     * on the picture made twice as large, and sharper. */
     int (*markers)(const struct rec_cv_picture *p, int dictionary, int scale, double min_side,
                    struct rec_cv_marker *out, size_t max, size_t *n) REC_CV_NOEXCEPT;
     /* All inner corners of a chessboard, along rows: xy [2*cols*rows].  *found: whether. */

@@ -10,7 +10,7 @@
 #include "recon/board/spec.h"
 
 #define POINTS (72 / 0.0254) /* 1/72 inch in a metre */
-#define RIM    0.007 /* m around the board: printers leave 4 to 6 mm empty */
+#define RIM    0.007         /* m around the board: printers leave 4 to 6 mm empty */
 #define FOOT   0.020         /* m below it, for ruler and text */
 #define QUIET  0.25          /* of a square: dark rim of an inverted board */
 

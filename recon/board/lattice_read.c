@@ -1,0 +1,176 @@
+/* lattice_read.c - which corners of a board a lattice's nodes are. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/board/homography.h"
+#include "recon/board/lattice.h"
+
+#define BITS 8 /* at most, across a marker */
+
+/* A square of the lattice, by its four nodes: what lies where a marker's bits would. */
+struct inside {
+    int i, j;                /* of its first node */
+    double bit[BITS * BITS]; /* mean 0, sum of squares 1 where there is contrast */
+};
+
+static double at(const struct rec_field *f, double x, double y)
+{
+    int32_t w = f->width, u = (int32_t)floor(x), v = (int32_t)floor(y);
+    if (!(x >= 0 && y >= 0) || u + 1 >= w || v + 1 >= f->height)
+        return 0;
+    const float *p = f->level + (ptrdiff_t)v * w + u;
+    double a = x - u, b = y - v;
+    return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[w] + a * p[w + 1]);
+}
+
+static void look_inside(const struct rec_field *f, const struct rec_print *p,
+                        const struct rec_node *const c[4], double contrast, struct inside *s)
+{
+    int n = p->bits;
+    double h[9], sum = 0, sq = 0, s0 = p->module / p->board.square, uv[2];
+    struct rec_pair pair[4];
+    for (int k = 0; k < 4; k++)
+        pair[k] = (struct rec_pair){k == 1 || k == 2, k >= 2, c[k]->x, c[k]->y, 1};
+    memset(s->bit, 0, sizeof s->bit);
+    if (!rec_homography_fit(pair, 4, h))
+        return;
+    for (int k = 0; k < n * n; k++) {
+        rec_homography_map(h, 0.5 + s0 * (k % n + 0.5 - n / 2.0),
+                           0.5 + s0 * (k / n + 0.5 - n / 2.0), uv);
+        s->bit[k] = at(f, uv[0], uv[1]);
+        sum += s->bit[k];
+    }
+    for (int k = 0; k < n * n; k++) {
+        s->bit[k] -= sum / (n * n);
+        sq += s->bit[k] * s->bit[k];
+    }
+    /* a square of one colour is no marker, however its noise looks */
+    double scale = 1 / fmax(sqrt(sq), 0.05 * contrast * n);
+    for (int k = 0; k < n * n; k++)
+        s->bit[k] *= scale;
+}
+
+static const struct rec_node *node_at(const struct rec_node *node, size_t n, int i, int j)
+{
+    for (size_t k = 0; k < n; k++)
+        if (node[k].i == i && node[k].j == j)
+            return &node[k];
+    return NULL;
+}
+
+/* Board square of lattice square (i, j), turned by k quarters, before it is shifted. */
+static void turned(int k, int i, int j, int out[2])
+{
+    int x[4] = {i, -j - 1, -i - 1, j}, y[4] = {j, i, -j - 1, -i - 1};
+    out[0] = x[k];
+    out[1] = y[k];
+}
+
+/* Correlation of a square's inside with marker `id`, the lattice lying turned by k quarters on the board. */
+static double alike(const struct rec_print *p, const struct inside *s, int32_t id, int k)
+{
+    int n = p->bits, white = 0;
+    const uint8_t *bit = p->bit + (size_t)(id * n * n);
+    double sum = 0;
+    for (int q = 0; q < n * n; q++)
+        white += bit[q];
+    for (int q = 0; q < n * n; q++) {
+        int i = q % n, j = q / n, x[4] = {i, n - 1 - j, n - 1 - i, j},
+            y[4] = {j, i, n - 1 - j, n - 1 - i};
+        sum += s->bit[q] * bit[y[k] * n + x[k]];
+    }
+    /* the bits' own mean 0 and sum of squares 1 */
+    return sum / sqrt(fmax(1e-9, white - (double)white * white / (n * n)));
+}
+
+struct place {
+    int turn, x, y;
+    double score;
+};
+
+/* All squares of the lattice with the lattice at one place. */
+static double judge(const struct rec_print *p, const struct inside *s, size_t n, struct place at)
+{
+    double sum = 0;
+    for (size_t k = 0; k < n; k++) {
+        int c[2];
+        turned(at.turn, s[k].i, s[k].j, c);
+        c[0] += at.x;
+        c[1] += at.y;
+        if (c[0] < 0 || c[1] < 0 || c[0] >= p->board.cols || c[1] >= p->board.rows)
+            continue;
+        int32_t id = p->id_at[c[1] * p->board.cols + c[0]];
+        if (id >= 0)
+            sum += alike(p, &s[k], id, at.turn);
+    }
+    return sum;
+}
+
+static size_t squares(const struct rec_field *f, const struct rec_print *p,
+                      const struct rec_node *node, size_t n, struct inside *s)
+{
+    size_t m = 0;
+    double low = INFINITY, high = -INFINITY;
+    for (size_t k = 0; k < n; k++)
+        for (int q = 0; q < 25; q++) {
+            double v = at(f, node[k].x + q % 5 - 2, node[k].y + q / 5 - 2);
+            low = fmin(low, v);
+            high = fmax(high, v);
+        }
+    for (size_t k = 0; k < n; k++) {
+        const struct rec_node *a = &node[k], *c[4] = {a, node_at(node, n, a->i + 1, a->j),
+                                                      node_at(node, n, a->i + 1, a->j + 1),
+                                                      node_at(node, n, a->i, a->j + 1)};
+        if (c[1] == NULL || c[2] == NULL || c[3] == NULL)
+            continue;
+        s[m] = (struct inside){.i = a->i, .j = a->j};
+        look_inside(f, p, c, high - low, &s[m++]);
+    }
+    return m;
+}
+
+double rec_lattice_read(const struct rec_field *f, const struct rec_print *p,
+                        const struct rec_node *node, size_t n, int32_t *id)
+{
+    struct inside *s = pvx_calloc(n, sizeof *s);
+    struct place best = {.score = 0}, second = {.score = 0};
+    const struct rec_board *b = &p->board;
+    size_t m = s != NULL && p->bits <= BITS ? squares(f, p, node, n, s) : 0;
+    for (int k = 0; k < 4 && m > 0; k++) {
+        int lo[2] = {1 << 20, 1 << 20}, hi[2] = {-(1 << 20), -(1 << 20)};
+        for (size_t q = 0; q < m; q++) {
+            int c[2];
+            turned(k, s[q].i, s[q].j, c);
+            for (int a = 0; a < 2; a++) {
+                lo[a] = c[a] < lo[a] ? c[a] : lo[a];
+                hi[a] = c[a] > hi[a] ? c[a] : hi[a];
+            }
+        }
+        /* squares of the lattice lie between the board's outer ones; a stray node may lie outside */
+        for (int y = -1 - lo[1]; y <= b->rows - hi[1]; y++)
+            for (int x = -1 - lo[0]; x <= b->cols - hi[0]; x++) {
+                struct place now = {k, x, y, 0};
+                now.score = judge(p, s, m, now);
+                if (now.score > best.score) {
+                    second = best;
+                    best = now;
+                } else if (now.score > second.score) {
+                    second = now;
+                }
+            }
+    }
+    free(s);
+    for (size_t k = 0; k < n; k++) {
+        /* a node is the first corner of its square: turn the square, then take the corner that it became */
+        int q[4][2] = {{0, 0}, {-1, 0}, {-1, -1}, {0, -1}}, c[2];
+        turned(best.turn, node[k].i, node[k].j, c);
+        int x = c[0] + best.x - q[best.turn][0], y = c[1] + best.y - q[best.turn][1];
+        bool on = x >= 1 && y >= 1 && x < b->cols && y < b->rows;
+        id[k] = on ? (y - 1) * (b->cols - 1) + x - 1 : -1;
+    }
+    bool clear =
+        best.score > 1.2 && best.score > 0.15 * (double)m && best.score > 1.4 * second.score;
+    return clear ? best.score : 0;
+}

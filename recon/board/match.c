@@ -1,0 +1,207 @@
+#include "recon/board/match.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "recon/board/homography.h"
+#include "recon/board/spec.h"
+
+#define MARKERS 1024 /* that are looked at */
+#define PAIRS   400
+#define NEAR    0.6 /* of a marker's side, how far a corner may lie from where the map has it */
+
+static double side_of(const struct rec_cv_marker *m)
+{
+    double around = 0;
+    for (int c = 0; c < 4; c++)
+        around += hypot(m->xy[c][0] - m->xy[(c + 1) % 4][0], m->xy[c][1] - m->xy[(c + 1) % 4][1]);
+    return around / 4;
+}
+
+static bool on_board(const struct rec_print *p, const struct rec_cv_marker *m)
+{
+    return m->id >= 0 && m->id < p->n_markers;
+}
+
+static size_t add(const struct rec_print *p, const struct rec_cv_marker *m, struct rec_pair *pair)
+{
+    double xy[4][2];
+    rec_print_marker(p, m->id, xy);
+    for (int c = 0; c < 4; c++)
+        pair[c] = (struct rec_pair){xy[c][0], xy[c][1], m->xy[c][0], m->xy[c][1], 1};
+    return 4;
+}
+
+/* Mean square distance of its corners from where h has them; INFINITY beyond reach. */
+static double distance(const struct rec_print *p, const struct rec_cv_marker *m, const double h[9])
+{
+    struct rec_pair pair[4];
+    double uv[2], sum = 0, limit = NEAR * side_of(m);
+    add(p, m, pair);
+    for (int c = 0; c < 4; c++) {
+        rec_homography_map(h, pair[c].x, pair[c].y, uv);
+        double d = hypot(uv[0] - pair[c].u, uv[1] - pair[c].v);
+        if (!(d <= limit))
+            return INFINITY;
+        sum += d * d / 4;
+    }
+    return sum;
+}
+
+static size_t count(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                    const double h[9], double *sum, bool *agrees)
+{
+    size_t k = 0;
+    *sum = 0;
+    for (size_t i = 0; i < n; i++) {
+        double d = on_board(p, &m[i]) ? distance(p, &m[i], h) : INFINITY;
+        bool yes = d < INFINITY;
+        if (agrees != NULL)
+            agrees[i] = yes;
+        if (yes) {
+            k++;
+            *sum += d;
+        }
+    }
+    return k;
+}
+
+/* The map of some markers; false where they do not give one. */
+static bool fit(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                const bool *which, double h[9])
+{
+    struct rec_pair *pair = malloc(4 * n * sizeof *pair);
+    size_t k = 0;
+    for (size_t i = 0; pair != NULL && i < n; i++)
+        if (which[i])
+            k += add(p, &m[i], pair + k);
+    bool ok = pair != NULL && rec_homography_fit(pair, k, h);
+    free(pair);
+    return ok;
+}
+
+void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+               struct rec_match *out, bool *agrees)
+{
+    bool in[MARKERS], now[MARKERS];
+    double best = INFINITY, sum, h[9];
+    *out = (struct rec_match){0};
+    n = n < MARKERS ? n : MARKERS;
+    memset(in, 0, sizeof in);
+    size_t stride = n * n / 2 / PAIRS + 1, at = 0;
+    for (size_t i = 0; i < n; i++)
+        for (size_t j = i; j < n; j++) {
+            struct rec_pair pair[8];
+            if ((i == j && n > 1) || !on_board(p, &m[i]) || !on_board(p, &m[j]) ||
+                m[i].id == m[j].id * (n > 1 ? 1 : -1) || at++ % stride != 0)
+                continue;
+            size_t k = add(p, &m[i], pair);
+            if (i != j)
+                k += add(p, &m[j], pair + k);
+            if (!rec_homography_fit(pair, k, h))
+                continue;
+            size_t c = count(p, m, n, h, &sum, now);
+            if (c > out->agreeing || (c == out->agreeing && c > 0 && sum < best)) {
+                out->agreeing = c;
+                best = sum;
+                memcpy(out->h, h, sizeof h);
+                memcpy(in, now, n * sizeof *in);
+            }
+        }
+    /* all that agree fit better than two do, and then more may agree */
+    for (int turn = 0; turn < 4 && out->agreeing > 1; turn++) {
+        if (!fit(p, m, n, in, h))
+            break;
+        size_t c = count(p, m, n, h, &sum, now);
+        if (c < out->agreeing || (c == out->agreeing && !(sum < best)))
+            break;
+        out->agreeing = c;
+        best = sum;
+        memcpy(out->h, h, sizeof h);
+        memcpy(in, now, n * sizeof *in);
+    }
+    out->error = out->agreeing > 0 ? sqrt(best / (double)out->agreeing) : 0;
+    if (agrees != NULL)
+        memcpy(agrees, in, n * sizeof *in);
+}
+
+static int ascending(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Sizes are compared where the map was made of the markers' middles alone. */
+double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                       const struct rec_match *match, const bool *agrees)
+{
+    double ratio[MARKERS], h[9], inverse[9];
+    struct rec_pair pair[MARKERS];
+    size_t k = 0;
+    (void)match;
+    n = n < MARKERS ? n : MARKERS;
+    for (size_t i = 0; i < n; i++) {
+        struct rec_pair c[4];
+        if (!agrees[i])
+            continue;
+        add(p, &m[i], c);
+        /* where the diagonals meet is the image of the middle, whatever the size */
+        double x[2] = {c[2].u - c[0].u, c[2].v - c[0].v}, y[2] = {c[3].u - c[1].u, c[3].v - c[1].v};
+        double s =
+            ((c[1].u - c[0].u) * y[1] - (c[1].v - c[0].v) * y[0]) / (x[0] * y[1] - x[1] * y[0]);
+        pair[k++] = (struct rec_pair){(c[0].x + c[2].x) / 2, (c[0].y + c[2].y) / 2,
+                                      c[0].u + s * x[0], c[0].v + s * x[1], 1};
+    }
+    if (k < 6 || !rec_homography_fit(pair, k, h) || !rec_homography_inverse(h, inverse))
+        return NAN;
+    k = 0;
+    for (size_t i = 0; i < n; i++) {
+        double b[4][2], t[4][2], have = 0, want = 0;
+        if (!agrees[i])
+            continue;
+        rec_print_marker(p, m[i].id, t);
+        for (int c = 0; c < 4; c++)
+            rec_homography_map(inverse, m[i].xy[c][0], m[i].xy[c][1], b[c]);
+        for (int c = 0; c < 4; c++) {
+            int e = (c + 1) % 4;
+            have += hypot(b[c][0] - b[e][0], b[c][1] - b[e][1]);
+            want += hypot(t[c][0] - t[e][0], t[c][1] - t[e][1]);
+        }
+        ratio[k++] = have / want;
+    }
+    qsort(ratio, k, sizeof *ratio, ascending);
+    return ratio[k / 2];
+}
+
+bool rec_match_other(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                     size_t agreeing, int32_t *cols, int32_t *rows)
+{
+    int32_t last = 0;
+    size_t most = agreeing + 2;
+    bool found = false;
+    for (size_t i = 0; i < n; i++)
+        last = m[i].id > last ? m[i].id : last;
+    if (n < 5)
+        return false;
+    for (int32_t c = 3; c <= 40; c++)
+        for (int legacy = 0; legacy < (p->board.kind == REC_CHARUCO ? 2 : 1); legacy++) {
+            struct rec_board b = p->board;
+            struct rec_print other;
+            struct rec_match match;
+            b.cols = c;
+            b.legacy = legacy != 0;
+            b.rows = (p->board.kind == REC_CHARUCO ? 2 : 1) * (last / c + 1);
+            if (b.rows > REC_BOARD_MAX || rec_print_init(&other, &b, NULL) != PVX_OK)
+                continue;
+            rec_match(&other, m, n, &match, NULL);
+            if (match.agreeing > most) {
+                most = match.agreeing;
+                *cols = c;
+                *rows = other.cell[last] / c + 1;
+                found = true;
+            }
+            rec_print_fini(&other);
+        }
+    return found && most * 10 >= n * 8;
+}
