@@ -162,20 +162,6 @@ static void look(rec_board_detector *det, const struct rec_cv_picture *p, int sc
         det->n_markers++;
 }
 
-/* Markers; of an aprilgrid, where there are hardly any but small quadrangles, on the picture made larger and
- * sharper. */
-static void find_markers(rec_board_detector *det)
-{
-    struct rec_cv_picture p = {det->grey, det->field.width, det->field.height, det->field.width};
-    size_t small = 0;
-    look(det, &p, 1, 7);
-    for (size_t i = 0; i < det->n_quads; i++)
-        small += side_of(&det->marker[i]) < 24;
-    if (det->print[0].board.kind == REC_APRILGRID && det->n_markers < 4 && small >= 3 &&
-        (int64_t)p.width * p.height <= 4000000)
-        look(det, &p, 2, 4.5);
-}
-
 /* Seeds from the squares' corners, where markers' outlines could not be followed. */
 static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
                            const struct rec_print **print)
@@ -200,17 +186,18 @@ static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
                 (struct rec_pair){xy[0], xy[1], det->node[k].x, det->node[k].y, 10};
         }
     }
-    out->legacy = (*print)->board.legacy;
+    if (seeds > 0)
+        out->legacy = (*print)->board.legacy;
     return seeds;
 }
 
-/* Seeds of the layout that fits best. */
-static size_t from_markers(rec_board_detector *det, struct rec_board_sight *out,
+/* Seeds from the markers that OpenCV finds, of the layout that fits best.  scale as the shim has it. */
+static size_t from_markers(rec_board_detector *det, int scale, struct rec_board_sight *out,
                            const struct rec_print **print)
 {
+    struct rec_cv_picture p = {det->grey, det->field.width, det->field.height, det->field.width};
     struct rec_match best = {0}, m;
-    *print = &det->print[0];
-    find_markers(det);
+    look(det, &p, scale, scale > 1 ? 4.5 : 7);
     for (int i = 0; i < det->n_prints; i++) {
         rec_match(&det->print[i], det->marker, det->n_markers, &m, NULL);
         if (m.agreeing > best.agreeing) {
@@ -223,7 +210,7 @@ static size_t from_markers(rec_board_detector *det, struct rec_board_sight *out,
     rec_match(*print, det->marker, det->n_markers, &m, det->agrees);
     out->markers = (uint32_t)best.agreeing;
     out->legacy = (*print)->board.legacy;
-    out->ratio = rec_match_ratio(*print, det->marker, det->n_markers, &best, det->agrees);
+    out->ratio = rec_match_ratio(*print, det->marker, det->n_markers, det->agrees);
     size_t n = 0;
     for (size_t i = 0; i < det->n_markers; i++) {
         double xy[4][2];
@@ -235,6 +222,32 @@ static size_t from_markers(rec_board_detector *det, struct rec_board_sight *out,
                                                det->marker[i].xy[c][1], 1};
     }
     return n;
+}
+
+/* Quadrangles whose markers may be too small to read as they are. */
+static bool small_ones(const rec_board_detector *det)
+{
+    size_t small = 0;
+    for (size_t i = 0; i < det->n_quads; i++)
+        small += side_of(&det->marker[i]) < 24;
+    return small >= 3 && (int64_t)det->field.width * det->field.height <= 4000000;
+}
+
+/* Three ways, the next where the last saw next to nothing: markers, the lattice of corners, markers in the
+ * picture made larger and sharper. */
+static size_t from_any(rec_board_detector *det, struct rec_board_sight *out,
+                       const struct rec_print **print)
+{
+    enum { ENOUGH = 3 }; /* markers */
+    size_t seeds = from_markers(det, 1, out, print), more;
+    if (out->markers >= ENOUGH)
+        return seeds;
+    bool again = small_ones(det);
+    if ((*print)->board.kind == REC_CHARUCO && (more = from_lattice(det, out, print)) > 0)
+        return more;
+    if (again)
+        seeds = from_markers(det, 2, out, print);
+    return seeds;
 }
 
 /* Level of the paper minus that of the ink around the middle of the square (0,0), by two squares there. */
@@ -331,11 +344,7 @@ static size_t attempt(rec_board_detector *det, struct rec_board_sight *out)
     const struct rec_print *print = &det->print[0];
     bool chess = print->board.kind == REC_CHESSBOARD;
     size_t all = rec_board_corners(&print->board);
-    size_t seeds = chess ? from_chessboard(det) : from_markers(det, out, &print);
-    if (print->board.kind == REC_CHARUCO && out->markers < 3) {
-        size_t more = from_lattice(det, out, &print);
-        seeds = more > 0 ? more : seeds;
-    }
+    size_t seeds = chess ? from_chessboard(det) : from_any(det, out, &print);
     if (seeds == 0)
         return 0;
     size_t found = rec_grow(&det->field, print, det->seed, seeds, det->pair, det->grown);

@@ -40,19 +40,16 @@ static double at(const struct finder *g, double x, double y)
     return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[w] + a * p[w + 1]);
 }
 
-/* 1 4 6 4 1 both ways: a Gaussian of one pixel. */
+/* 1 2 1 both ways: a Gaussian of 0.7 px.  More would close the white between a corner and the markers beside. */
 static void smooth(struct finder *g, const float *level)
 {
     ptrdiff_t w = g->w, n = w * g->h;
     memcpy(g->work, level, (size_t)n * sizeof *level);
     memcpy(g->soft, level, (size_t)n * sizeof *level);
-    for (ptrdiff_t i = 2; i < n - 2; i++)
-        g->work[i] =
-            (level[i - 2] + level[i + 2] + 4 * (level[i - 1] + level[i + 1]) + 6 * level[i]) / 16;
-    for (ptrdiff_t i = 2 * w; i < n - 2 * w; i++) {
-        const float *p = g->work + i;
-        g->soft[i] = (p[-2 * w] + p[2 * w] + 4 * (p[-w] + p[w]) + 6 * p[0]) / 16;
-    }
+    for (ptrdiff_t i = 1; i < n - 1; i++)
+        g->work[i] = (level[i - 1] + level[i + 1] + 2 * level[i]) / 4;
+    for (ptrdiff_t i = w; i < n - w; i++)
+        g->soft[i] = (g->work[i - w] + g->work[i + w] + 2 * g->work[i]) / 4;
 }
 
 static void hessian(const struct finder *g, ptrdiff_t i, double out[3])

@@ -134,12 +134,11 @@ static int ascending(const void *a, const void *b)
 
 /* Sizes are compared where the map was made of the markers' middles alone. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
-                       const struct rec_match *match, const bool *agrees)
+                       const bool *agrees)
 {
     double ratio[MARKERS], h[9], inverse[9];
     struct rec_pair pair[MARKERS];
     size_t k = 0;
-    (void)match;
     n = n < MARKERS ? n : MARKERS;
     for (size_t i = 0; i < n; i++) {
         struct rec_pair c[4];

@@ -19,7 +19,7 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
 
 /* Markers' side over what the print says, the median of those that agree; NAN of fewer than 4. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
-                       const struct rec_match *match, const bool *agrees);
+                       const bool *agrees);
 
 /* A board of the same kind, of other columns, with which clearly more markers agree; rows: those it has
  * at least.  False: there is none. */
