@@ -11,14 +11,15 @@
 #define REACH  0.47 /* of a square, what of the board is looked at */
 #define BLUR_0 0.2  /* px, limits of the blur */
 #define BLUR_1 3.5
+#define FLOOR  0.01 /* px, what a lens bends within a window and print and plate are off by */
 
 struct window {
     const struct rec_field *f;
     const struct rec_print *p;
     double inverse[9], xy[2]; /* picture to board; the corner */
     double reach;             /* m */
-    double hx, hy;            /* m, half of what a sample covers */
-    int r, m, sub;            /* px, px, samples across a pixel */
+    double hx, hy;            /* m, half of what a pixel covers */
+    int r, m;                 /* px */
     int u0, v0;               /* its middle pixel */
     float t[SIDE * SIDE], blurred[SIDE * SIDE];
     bool use[SIDE * SIDE];
@@ -29,15 +30,10 @@ static void draw(struct window *w, const double shift[2])
     int n = w->r + w->m, side = 2 * n + 1;
     for (int v = -n; v <= n; v++)
         for (int u = -n; u <= n; u++) {
-            double ink = 0, b[2];
-            for (int k = 0; k < w->sub * w->sub; k++) {
-                double du = (k % w->sub + 0.5) / w->sub - 0.5,
-                       dv = (k / w->sub + 0.5) / w->sub - 0.5;
-                rec_homography_map(w->inverse, w->u0 + u + du - shift[0], w->v0 + v + dv - shift[1],
-                                   b);
-                ink += rec_print_ink(w->p, b[0], b[1], w->hx, w->hy);
-            }
-            w->t[(v + n) * side + u + n] = (float)(1 - ink / (w->sub * w->sub));
+            double b[2];
+            rec_homography_map(w->inverse, w->u0 + u - shift[0], w->v0 + v - shift[1], b);
+            w->t[(v + n) * side + u + n] =
+                (float)(1 - rec_print_ink(w->p, b[0], b[1], w->hx, w->hy));
         }
 }
 
@@ -117,7 +113,7 @@ static bool step(const struct window *w, double sigma, double A[25], double x[5]
     return *tss > 0 && x[3] != 0;
 }
 
-static bool prepare(struct window *w, const double h[9], const double uv[2], bool fine)
+static bool prepare(struct window *w, const double h[9], const double uv[2])
 {
     double duv[4], dxy[4], far, square = w->p->board.square;
     w->u0 = (int)lrint(uv[0]);
@@ -126,9 +122,8 @@ static bool prepare(struct window *w, const double h[9], const double uv[2], boo
     if (!rec_homography_inverse(h, w->inverse))
         return false;
     rec_homography_jacobian(w->inverse, uv[0], uv[1], dxy);
-    w->sub = fine ? 2 : 1;
-    w->hx = 0.5 * hypot(dxy[0], dxy[1]) / w->sub;
-    w->hy = 0.5 * hypot(dxy[2], dxy[3]) / w->sub;
+    w->hx = 0.5 * hypot(dxy[0], dxy[1]);
+    w->hy = 0.5 * hypot(dxy[2], dxy[3]);
     w->reach = REACH * square;
     far = w->reach * fmax(fabs(duv[0]) + fabs(duv[1]), fabs(duv[2]) + fabs(duv[3]));
     w->r = (int)fmin(R_MAX, ceil(far));
@@ -144,7 +139,7 @@ bool rec_corner_refine(const struct rec_field *f, const struct rec_print *p, con
     double sigma = fmin(BLUR_1, fmax(BLUR_0, out->blur));
     rec_homography_map(h, xy[0], xy[1], uv);
     if (!(uv[0] >= 1 && uv[1] >= 1 && uv[0] <= f->width - 2 && uv[1] <= f->height - 2) ||
-        !prepare(&w, h, uv, fine))
+        !prepare(&w, h, uv))
         return false;
     int n = choose(&w), all = 0;
     for (int turn = 0; turn < 12; turn++) {
@@ -159,7 +154,7 @@ bool rec_corner_refine(const struct rec_field *f, const struct rec_print *p, con
         shift[1] += cut * d[1];
         sigma = fmin(BLUR_1, fmax(BLUR_0, sigma + fmin(0.5, fmax(-0.5, ds))));
         all++;
-        if (far < 0.03 && fabs(ds) < 0.1)
+        if (far < (fine ? 0.05 : 0.15) && fabs(ds) < (fine ? 0.1 : 0.3))
             break;
         if (hypot(shift[0], shift[1]) > w.r)
             return false;
@@ -181,12 +176,13 @@ bool rec_corner_refine(const struct rec_field *f, const struct rec_print *p, con
             e[i] /= A[i * 5 + i];
         }
     }
-    *out = (struct rec_corner_fit){.x = uv[0] + shift[0],
-                                   .y = uv[1] + shift[1],
-                                   .cov = {s2 * e0[0], s2 * e0[1], s2 * e1[1]},
-                                   .blur = sigma,
-                                   .contrast = x[3],
-                                   .likeness = sqrt(fmax(0, 1 - rss / tss)),
-                                   .moved = hypot(shift[0], shift[1])};
+    *out = (struct rec_corner_fit){
+        .x = uv[0] + shift[0],
+        .y = uv[1] + shift[1],
+        .cov = {s2 * e0[0] + FLOOR * FLOOR, s2 * e0[1], s2 * e1[1] + FLOOR * FLOOR},
+        .blur = sigma,
+        .contrast = x[3],
+        .likeness = sqrt(fmax(0, 1 - rss / tss)),
+        .moved = hypot(shift[0], shift[1])};
     return true;
 }

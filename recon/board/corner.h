@@ -27,7 +27,7 @@ struct rec_corner_fit {
     double moved;        /* px from where h had it */
 };
 
-/* h: board to picture near (x, y), the corner on the board.  fine: finer sampling, for the last time.
+/* h: board to picture near (x, y), the corner on the board.  fine: to the end, not only near it.
  * False: outside the picture, not determined, or it does not come to rest. */
 bool rec_corner_refine(const struct rec_field *f, const struct rec_print *p, const double h[9],
                        const double xy[2], bool fine, struct rec_corner_fit *out);

@@ -143,13 +143,6 @@ static void flip_corners(rec_board_detector *det, struct rec_board_sight *out)
 
 /* ---- where to begin ----------------------------------------------------------------------------- */
 
-static double side_of(const struct rec_cv_marker *m)
-{
-    return sqrt(fabs((m->xy[2][0] - m->xy[0][0]) * (m->xy[3][1] - m->xy[1][1]) -
-                     (m->xy[2][1] - m->xy[0][1]) * (m->xy[3][0] - m->xy[1][0])) /
-                2);
-}
-
 static void look(rec_board_detector *det, const struct rec_cv_picture *p, int scale,
                  double min_side)
 {
@@ -166,10 +159,11 @@ static void look(rec_board_detector *det, const struct rec_cv_picture *p, int sc
 static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
                            const struct rec_print **print)
 {
-    size_t n = 0, seeds = 0;
+    size_t seeds = 0, n;
     double best = 0;
-    if (rec_lattice_find(&det->field, det->high - det->low, det->node, &n) != PVX_OK)
+    if (rec_lattice_find(&det->field, det->high - det->low, det->node, &det->n_nodes) != PVX_OK)
         return 0;
+    n = det->n_nodes;
     for (int i = det->n_prints - 1; i >= 0 && n > 0; i--) {
         double score = rec_lattice_read(&det->field, &det->print[i], det->node, n, det->id);
         if (score < best || score == 0)
@@ -229,23 +223,24 @@ static bool small_ones(const rec_board_detector *det)
 {
     size_t small = 0;
     for (size_t i = 0; i < det->n_quads; i++)
-        small += side_of(&det->marker[i]) < 24;
+        small += rec_marker_side(&det->marker[i]) < 24;
     return small >= 3 && (int64_t)det->field.width * det->field.height <= 4000000;
 }
 
 /* Three ways, the next where the last saw next to nothing: markers, the lattice of corners, markers in the
- * picture made larger and sharper. */
-static size_t from_any(rec_board_detector *det, struct rec_board_sight *out,
+ * picture made larger and sharper.  The last two are dear: on the flipped picture only where the first saw
+ * something like a lattice. */
+static size_t from_any(rec_board_detector *det, bool flipped, struct rec_board_sight *out,
                        const struct rec_print **print)
 {
     enum { ENOUGH = 3 }; /* markers */
     size_t seeds = from_markers(det, 1, out, print), more;
+    bool april = (*print)->board.kind == REC_APRILGRID, again = small_ones(det);
     if (out->markers >= ENOUGH)
         return seeds;
-    bool again = small_ones(det);
-    if ((*print)->board.kind == REC_CHARUCO && (more = from_lattice(det, out, print)) > 0)
+    if (!april && (!flipped || det->n_nodes > 0) && (more = from_lattice(det, out, print)) > 0)
         return more;
-    if (again)
+    if (again && (april ? !flipped || (*print)->board.two_sided : det->n_nodes > 0))
         seeds = from_markers(det, 2, out, print);
     return seeds;
 }
@@ -339,12 +334,12 @@ static void describe(const struct rec_print *print, const struct rec_grown *g, s
 }
 
 /* Corners of the picture as it lies; their number. */
-static size_t attempt(rec_board_detector *det, struct rec_board_sight *out)
+static size_t attempt(rec_board_detector *det, bool flipped, struct rec_board_sight *out)
 {
     const struct rec_print *print = &det->print[0];
     bool chess = print->board.kind == REC_CHESSBOARD;
     size_t all = rec_board_corners(&print->board);
-    size_t seeds = chess ? from_chessboard(det) : from_any(det, out, &print);
+    size_t seeds = chess ? from_chessboard(det) : from_any(det, flipped, out, &print);
     if (seeds == 0)
         return 0;
     size_t found = rec_grow(&det->field, print, det->seed, seeds, det->pair, det->grown);
@@ -368,7 +363,7 @@ static bool contradicts(rec_board_detector *det, struct rec_board_sight *out)
     const struct rec_board *b = &det->print[0].board;
     double side = 0;
     for (size_t i = 0; i < det->n_markers; i++)
-        side += side_of(&det->marker[i]) / (double)det->n_markers;
+        side += rec_marker_side(&det->marker[i]) / (double)det->n_markers;
     if (b->kind == REC_CHESSBOARD || det->n_markers == 0)
         return false;
     if (out->markers * 10 < det->n_markers * 7 &&
@@ -409,16 +404,19 @@ pvx_err rec_board_detect(rec_board_detector *det, const struct rec_board_picture
     find_range(det);
     make_grey(det);
     struct rec_board_sight as_is = *out;
-    size_t found = p->width < 16 || p->height < 16 ? 0 : attempt(det, &as_is);
+    det->n_nodes = det->n_markers = det->n_quads = 0;
+    size_t found = p->width < 16 || p->height < 16 ? 0 : attempt(det, false, &as_is);
     if (contradicts(det, &as_is) || found > 0) {
         *out = as_is;
         return PVX_OK;
     }
     as_is.view.n = 0;
+    if (b->kind == REC_CHESSBOARD) /* for what to say */
+        PVX_TRY(rec_lattice_find(&det->field, det->high - det->low, det->node, &det->n_nodes));
     rec_sight_why(det, &as_is);
     if (b->kind != REC_CHESSBOARD && p->width >= 16 && p->height >= 16) {
         flip(det);
-        found = attempt(det, out);
+        found = attempt(det, true, out);
         if (contradicts(det, out))
             return PVX_OK;
         if (found > 0 && b->two_sided) {

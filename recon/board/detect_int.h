@@ -23,6 +23,7 @@ struct rec_board_detector {
     size_t n_markers, n_quads;
     bool agrees[REC_DETECT_MARKERS];
     struct rec_node node[REC_LATTICE_MAX];
+    size_t n_nodes;
     int32_t id[REC_LATTICE_MAX];
     struct rec_pair *pair, *seed;
     struct rec_grown *grown;

@@ -9,14 +9,13 @@
 
 #define MARKERS 1024 /* that are looked at */
 #define PAIRS   400
-#define NEAR    0.6 /* of a marker's side, how far a corner may lie from where the map has it */
+#define NEAR    0.7 /* of a marker's side, how far a corner may lie from where the map has it */
 
-static double side_of(const struct rec_cv_marker *m)
+double rec_marker_side(const struct rec_cv_marker *m)
 {
-    double around = 0;
-    for (int c = 0; c < 4; c++)
-        around += hypot(m->xy[c][0] - m->xy[(c + 1) % 4][0], m->xy[c][1] - m->xy[(c + 1) % 4][1]);
-    return around / 4;
+    double area = (m->xy[2][0] - m->xy[0][0]) * (m->xy[3][1] - m->xy[1][1]) -
+                  (m->xy[2][1] - m->xy[0][1]) * (m->xy[3][0] - m->xy[1][0]);
+    return sqrt(fabs(area) / 2);
 }
 
 static bool on_board(const struct rec_print *p, const struct rec_cv_marker *m)
@@ -37,7 +36,7 @@ static size_t add(const struct rec_print *p, const struct rec_cv_marker *m, stru
 static double distance(const struct rec_print *p, const struct rec_cv_marker *m, const double h[9])
 {
     struct rec_pair pair[4];
-    double uv[2], sum = 0, limit = NEAR * side_of(m);
+    double uv[2], sum = 0, limit = NEAR * rec_marker_side(m);
     add(p, m, pair);
     for (int c = 0; c < 4; c++) {
         rec_homography_map(h, pair[c].x, pair[c].y, uv);

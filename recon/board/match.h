@@ -13,6 +13,9 @@ struct rec_match {
     double error;    /* px rms of their corners */
 };
 
+/* px: the side of a square of its area. */
+double rec_marker_side(const struct rec_cv_marker *m);
+
 /* agrees [n]: which ones; may be NULL.  agreeing is 0 where there is no map. */
 void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                struct rec_match *out, bool *agrees);

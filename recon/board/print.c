@@ -80,8 +80,13 @@ pvx_err rec_print_init(struct rec_print *p, const struct rec_board *b, struct pv
         p->y1 = (b->rows - less) * b->square;
     }
     pvx_err e = b->kind == REC_CHESSBOARD ? PVX_OK : fetch(p, d);
+    bool april = b->kind == REC_APRILGRID;
+    p->pitch = april ? b->square + b->marker : b->square;
+    p->in = april ? b->marker : (b->square - b->marker) / 2;
     if (e == PVX_OK && b->kind != REC_CHESSBOARD)
-        p->module = (b->kind == REC_APRILGRID ? b->square : b->marker) / (p->bits + 2);
+        p->module = (april ? b->square : b->marker) / (p->bits + 2);
+    p->per_pitch = 1 / p->pitch;
+    p->per_module = p->module > 0 ? 1 / p->module : 0;
     if (e != PVX_OK)
         rec_print_fini(p);
     return e;
@@ -100,12 +105,10 @@ void rec_print_marker(const struct rec_print *p, int32_t id, double xy[4][2])
     const struct rec_board *b = &p->board;
     bool april = b->kind == REC_APRILGRID;
     double side = april ? b->square : b->marker;
-    double pitch = april ? b->square + b->marker : b->square;
-    double in = april ? 0 : (b->square - b->marker) / 2;
     int32_t c = p->cell[id] % b->cols, r = p->cell[id] / b->cols;
     for (int k = 0; k < 4; k++) {
-        xy[k][0] = (april ? 0 : p->x0) + c * pitch + in + (k == 1 || k == 2 ? side : 0);
-        xy[k][1] = (april ? 0 : p->y0) + r * pitch + in + (k >= 2 ? side : 0);
+        xy[k][0] = p->x0 + c * p->pitch + p->in + (k == 1 || k == 2 ? side : 0);
+        xy[k][1] = p->y0 + r * p->pitch + p->in + (k >= 2 ? side : 0);
     }
 }
 
@@ -118,27 +121,21 @@ struct slot {
 
 static struct slot slot_of(const struct rec_print *p, double v, double v0)
 {
-    const struct rec_board *b = &p->board;
-    bool april = b->kind == REC_APRILGRID;
-    double pitch = april ? b->square + b->marker : b->square;
-    double in = april ? b->marker : (b->square - b->marker) / 2, t = (v - v0) / pitch;
-    struct slot s = {.cell = (int32_t)floor(t)};
-    double begin = v0 + s.cell * pitch, f = v - begin - in;
+    enum { BELOW = 1024 }; /* squares before the first: a cast rounds like floor from there */
+    double from = v - v0;
+    struct slot s = {.cell = (int32_t)(fmin(fmax(from * p->per_pitch + BELOW, 0), 1e6)) - BELOW};
+    double begin = v0 + s.cell * p->pitch, f = v - begin - p->in;
     int32_t all = p->bits + 2;
     if (p->module == 0) {
         s.bit = -1;
-        s.end = begin + pitch;
+        s.end = begin + p->pitch;
     } else if (f < 0) {
         s.bit = -1;
-        s.end = begin + in;
+        s.end = begin + p->in;
     } else {
-        s.bit = (int32_t)(f / p->module);
-        if (s.bit >= all) {
-            s.bit = all;
-            s.end = begin + pitch;
-        } else {
-            s.end = begin + in + (s.bit + 1) * p->module;
-        }
+        s.bit = (int32_t)(f * p->per_module);
+        s.bit = s.bit < all ? s.bit : all;
+        s.end = s.bit == all ? begin + p->pitch : begin + p->in + (s.bit + 1) * p->module;
     }
     return s;
 }

@@ -14,8 +14,10 @@
 struct rec_print {
     struct rec_board board;
     double x0, y0, x1, y1; /* the printed pattern, without paper around */
-    double module;         /* m; side of a marker's bit */
-    int32_t bits;          /* of a marker, across */
+    double module;         /* m; side of a marker's bit, 0 without markers */
+    double pitch, in; /* m; from square to square (gap to gap), and from its side to its marker's */
+    double per_pitch, per_module; /* 1 over them */
+    int32_t bits;                 /* of a marker, across */
     int32_t n_markers;
     uint8_t *bit;   /* [n_markers][bits][bits], 1 = white */
     int32_t *cell;  /* [n_markers] the marker's square, row * cols + column */

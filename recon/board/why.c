@@ -1,12 +1,13 @@
 /* why.c - why no board was found, in words. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 #include "recon/board/detect_int.h"
 
 #define DIM      0.03 /* of full scale, a contrast in which nothing is read */
 #define SOFT     3.0  /* px, Gaussian blur of the sharpest edges */
-#define READABLE 12.0 /* px, the side of a marker */
+#define READABLE 14.0 /* px, the side of a square */
 
 static const char *const names[REC_N_SIGHTS] = {"found",    "no marker",   "dark",
                                                 "blurred",  "too small",   "few",
@@ -38,11 +39,29 @@ static double edge_blur(const rec_board_detector *det)
     return 1 / ((at + 0.5) / BINS * sqrt(2 * 3.14159265358979));
 }
 
-static double side_of(const struct rec_cv_marker *m)
+/* px between the corners of a lattice that may be a board too small to read; INFINITY: there is none. */
+static double small_side(const rec_board_detector *det)
 {
-    return sqrt(fabs((m->xy[2][0] - m->xy[0][0]) * (m->xy[3][1] - m->xy[1][1]) -
-                     (m->xy[2][1] - m->xy[0][1]) * (m->xy[3][0] - m->xy[1][0])) /
-                2);
+    double sum = 0;
+    size_t pairs = 0;
+    if (det->print[0].board.kind == REC_APRILGRID) { /* no lattice: as many small quadrangles */
+        for (size_t i = det->n_markers; i < det->n_quads; i++)
+            if (rec_marker_side(&det->marker[i]) < READABLE) {
+                sum += rec_marker_side(&det->marker[i]);
+                pairs++;
+            }
+        return (int32_t)pairs * 2 >= det->print[0].n_markers && pairs >= 6 ? sum / (double)pairs
+                                                                           : INFINITY;
+    }
+    for (size_t a = 0; a < det->n_nodes && det->n_nodes >= 9; a++)
+        for (size_t b = 0; b < det->n_nodes; b++) {
+            const struct rec_node *p = &det->node[a], *q = &det->node[b];
+            if (abs(p->i - q->i) + abs(p->j - q->j) == 1) {
+                sum += hypot(p->x - q->x, p->y - q->y);
+                pairs++;
+            }
+        }
+    return pairs > 0 ? sum / (double)pairs : INFINITY;
 }
 
 void rec_sight_why(const rec_board_detector *det, struct rec_board_sight *out)
@@ -50,9 +69,7 @@ void rec_sight_why(const rec_board_detector *det, struct rec_board_sight *out)
     const struct rec_board *b = &det->print[0].board;
     const char *what = b->kind == REC_CHESSBOARD ? "chessboard" : "marker";
     double range = det->high - det->low, blur = edge_blur(det);
-    size_t small = 0;
-    for (size_t i = det->n_markers; i < det->n_quads; i++)
-        small += side_of(&det->marker[i]) < READABLE;
+    double side = small_side(det);
     if (det->field.width < 16 || det->field.height < 16) {
         out->outcome = REC_SIGHT_SMALL;
         snprintf(out->text, sizeof out->text, "the picture has only %d x %d pixels",
@@ -69,18 +86,24 @@ void rec_sight_why(const rec_board_detector *det, struct rec_board_sight *out)
                  "%u marker%s of the board, but too few corners: show more of it, larger or less "
                  "tilted",
                  out->markers, out->markers == 1 ? "" : "s");
+    } else if (b->kind == REC_CHESSBOARD && side >= READABLE && side < INFINITY) {
+        out->outcome = REC_SIGHT_FEW;
+        snprintf(out->text, sizeof out->text,
+                 "%zu corners of squares, but no %dx%d: a chessboard must be seen whole and have "
+                 "so many inner corners",
+                 det->n_nodes, b->cols, b->rows);
     } else if (blur > SOFT) {
         out->outcome = REC_SIGHT_BLURRED;
         snprintf(out->text, sizeof out->text,
                  "no %s: the sharpest edges are blurred by %.1f px; focus, stop down, or hold the "
                  "board still",
                  what, blur);
-    } else if (small >= 4 && small * 2 > det->n_quads - det->n_markers) {
+    } else if (side < READABLE) {
         out->outcome = REC_SIGHT_SMALL;
         snprintf(out->text, sizeof out->text,
-                 "no %s is readable: %zu quadrangles of less than %.0f pixels; bring the board "
+                 "no %s is readable: what may be the board has squares of %.0f pixels; bring it "
                  "nearer or print it larger",
-                 what, small, READABLE);
+                 what, side);
     } else {
         out->outcome = REC_SIGHT_NO_MARKER;
         snprintf(out->text, sizeof out->text, "no %s of the board in the picture%s", what,

@@ -5,10 +5,10 @@
 #include "tests/lib/board_picture.h"
 
 struct board_judged {
-    size_t visible, found, strays;  /* corners; strays: off by more than half a pixel */
+    size_t visible, found, strays;   /* corners; strays: off by more than half a pixel */
     double bias[2], sigma[2], worst; /* px */
     double chi2;                     /* mean of e' C^-1 e / 2: 1 where the covariance is right */
-    double seconds;                  /* of detection, a picture */
+    double seconds;                  /* of the processor, a picture's detection */
     int outcome[REC_N_SIGHTS];
 };
 

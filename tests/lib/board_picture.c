@@ -1,12 +1,23 @@
 #include "tests/lib/board_picture.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/random.h"
 #include "recon/board/print.h"
 #include "recon/board/spec.h"
+
+void board_module_here(void)
+{
+    char exe[4000], lib[4100];
+    if (pvx_exe_dir(exe, sizeof exe) == PVX_OK) {
+        snprintf(lib, sizeof lib, "%s/../../lib", exe);
+        setenv("PYROVOX_LIBDIR", lib, 0);
+    }
+}
 
 static double extent[2], origin[2]; /* of the board being drawn */
 

@@ -7,6 +7,9 @@
 #define TESTS_BOARD_PICTURE_H
 #include "recon/board/board.h"
 
+/* The marker module is looked for beside the folder of the test. */
+void board_module_here(void);
+
 struct board_shot {
     int32_t width, height;
     double f, cx, cy, k[5]; /* px; k1 k2 p1 p2 k3 */
