@@ -11,7 +11,7 @@
 #define REACH  0.47 /* of a square, what of the board is looked at */
 #define BLUR_0 0.2  /* px, limits of the blur */
 #define BLUR_1 3.5
-#define FLOOR  0.01 /* px, what a lens bends within a window and print and plate are off by */
+#define FLOOR  0.015 /* px, what a lens bends within a window and print and plate are off by */
 
 struct window {
     const struct rec_field *f;

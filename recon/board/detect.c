@@ -9,6 +9,8 @@
 #include "recon/board/detect_int.h"
 #include "recon/board/spec.h"
 
+#define ALIKE \
+    0.15 /* markers' bits with those printed; what is taken for another is within 0.1 of 0 */
 #define FEWEST 6 /* corners of a view: a homography and two to check it */
 
 static pvx_err room(rec_board_detector *det, size_t pixels)
@@ -155,15 +157,20 @@ static void look(rec_board_detector *det, const struct rec_cv_picture *p, int sc
         det->n_markers++;
 }
 
-/* Seeds from the squares' corners, where markers' outlines could not be followed. */
-static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
-                           const struct rec_print **print)
+/* Quadrangles whose markers may be too small to read as they are. */
+static bool small_ones(const rec_board_detector *det)
 {
-    size_t seeds = 0, n;
+    size_t small = 0;
+    for (size_t i = 0; i < det->n_quads; i++)
+        small += rec_marker_side(&det->marker[i]) < 24;
+    return small >= 3 && (int64_t)det->field.width * det->field.height <= 4000000;
+}
+
+/* Seeds from the lattice as one of the layouts, the likelier. */
+static size_t read_lattice(rec_board_detector *det, size_t n, const struct rec_print **print)
+{
+    size_t seeds = 0;
     double best = 0;
-    if (rec_lattice_find(&det->field, det->high - det->low, det->node, &det->n_nodes) != PVX_OK)
-        return 0;
-    n = det->n_nodes;
     for (int i = det->n_prints - 1; i >= 0 && n > 0; i--) {
         double score = rec_lattice_read(&det->field, &det->print[i], det->node, n, det->id);
         if (score < best || score == 0)
@@ -179,6 +186,23 @@ static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
             det->seed[seeds++] =
                 (struct rec_pair){xy[0], xy[1], det->node[k].x, det->node[k].y, 10};
         }
+    }
+    return seeds;
+}
+
+/* Seeds from the squares' corners, where markers' outlines could not be followed. */
+static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
+                           const struct rec_print **print)
+{
+    size_t seeds = 0, n;
+    for (int diagonal = 0; diagonal < 2 && seeds == 0; diagonal++) {
+        if (rec_lattice_find(&det->field, det->high - det->low, diagonal, det->node, &n) != PVX_OK)
+            return 0;
+        seeds = read_lattice(det, n, print);
+        if (diagonal == 0 || det->n_nodes == 0)
+            det->n_nodes = n;
+        if (n == 0 && diagonal == 0 && !small_ones(det))
+            break;
     }
     if (seeds > 0)
         out->legacy = (*print)->board.legacy;
@@ -216,15 +240,6 @@ static size_t from_markers(rec_board_detector *det, int scale, struct rec_board_
                                                det->marker[i].xy[c][1], 1};
     }
     return n;
-}
-
-/* Quadrangles whose markers may be too small to read as they are. */
-static bool small_ones(const rec_board_detector *det)
-{
-    size_t small = 0;
-    for (size_t i = 0; i < det->n_quads; i++)
-        small += rec_marker_side(&det->marker[i]) < 24;
-    return small >= 3 && (int64_t)det->field.width * det->field.height <= 4000000;
 }
 
 /* Three ways, the next where the last saw next to nothing: markers, the lattice of corners, markers in the
@@ -345,6 +360,19 @@ static size_t attempt(rec_board_detector *det, bool flipped, struct rec_board_si
     size_t found = rec_grow(&det->field, print, det->seed, seeds, det->pair, det->grown);
     if (found < FEWEST && found < all)
         return 0;
+    size_t k = 0;
+    for (size_t i = 0; i < all; i++) {
+        double q[3];
+        rec_board_point(&print->board, REC_FRONT, (uint32_t)i, q);
+        if (det->grown[i].found)
+            det->pair[k++] =
+                (struct rec_pair){q[0], q[1], det->grown[i].fit.x, det->grown[i].fit.y, 1};
+    }
+    /* two false markers make a map too */
+    if (rec_print_likeness(&det->field, print, det->high - det->low, det->pair, k) < ALIKE) {
+        out->markers = 0;
+        return 0;
+    }
     describe(print, det->grown, all, found, out);
     out->view.n = 0;
     out->view.corner = det->corner;
@@ -370,9 +398,8 @@ static bool contradicts(rec_board_detector *det, struct rec_board_sight *out)
         rec_match_other(&det->print[0], det->marker, det->n_markers, out->markers, &cols, &rows)) {
         out->outcome = REC_SIGHT_OTHER_BOARD;
         snprintf(out->text, sizeof out->text,
-                 "markers fit %dx%d%s, not %dx%d: give the board that was printed", cols, rows,
-                 b->kind == REC_CHARUCO ? " squares (or more rows)" : " markers (or more rows)",
-                 b->cols, b->rows);
+                 "markers fit %dx%d (or more rows), not %dx%d: give the board that was printed",
+                 cols, rows, b->cols, b->rows);
     } else if (fabs(out->ratio - 1) > fmax(0.08, 2 / side)) {
         out->outcome = REC_SIGHT_OTHER_RATIO;
         snprintf(out->text, sizeof out->text,
@@ -412,7 +439,8 @@ pvx_err rec_board_detect(rec_board_detector *det, const struct rec_board_picture
     }
     as_is.view.n = 0;
     if (b->kind == REC_CHESSBOARD) /* for what to say */
-        PVX_TRY(rec_lattice_find(&det->field, det->high - det->low, det->node, &det->n_nodes));
+        PVX_TRY(
+            rec_lattice_find(&det->field, det->high - det->low, false, det->node, &det->n_nodes));
     rec_sight_why(det, &as_is);
     if (b->kind != REC_CHESSBOARD && p->width >= 16 && p->height >= 16) {
         flip(det);

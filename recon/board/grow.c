@@ -38,7 +38,7 @@ static bool local_map(struct growth *g, const double xy[2], const struct rec_pai
 static bool as_printed(const struct rec_corner_fit *c, double side)
 {
     return c->likeness >= LIKENESS && c->contrast > 0.01 && c->moved < 0.35 * side &&
-           isfinite(c->cov[0]) && isfinite(c->cov[2]) && c->cov[0] + c->cov[2] < 0.5;
+           isfinite(c->cov[0]) && isfinite(c->cov[2]) && c->cov[0] + c->cov[2] < 0.02;
 }
 
 /* px, the shorter side of a square there. */

@@ -17,6 +17,7 @@
 struct saddle {
     double x, y, response;
     double dir[2][2]; /* along the edges that cross there, unit vectors */
+    double dark[2];   /* through the dark sides */
 };
 
 struct finder {
@@ -27,7 +28,7 @@ struct finder {
     int n;
     int32_t *head, next[SADDLES], across, down;
     int32_t owner[SPAN * SPAN]; /* saddle at a node, -1 = none */
-    bool used[SADDLES];
+    bool used[SADDLES], diagonal;
 };
 
 static double at(const struct finder *g, double x, double y)
@@ -75,6 +76,14 @@ static void directions(const double h[3], double dir[2][2])
     }
 }
 
+/* Where the picture falls fastest to both sides: the eigenvector of the lesser eigenvalue. */
+static void dark_axis(const double h[3], double out[2])
+{
+    double turn = 0.5 * atan2(2 * h[1], h[0] - h[2]); /* of the greater */
+    out[0] = -sin(turn);
+    out[1] = cos(turn);
+}
+
 static int stronger(const void *a, const void *b)
 {
     const struct saddle *p = a, *q = b;
@@ -101,6 +110,7 @@ static void add_saddle(struct finder *g, int32_t u, int32_t v)
     struct saddle *s = &g->saddle[g->n++];
     *s = (struct saddle){.x = u + dx, .y = v + dy, .response = r[0]};
     directions(h, s->dir);
+    dark_axis(h, s->dark);
 }
 
 static void find_saddles(struct finder *g)
@@ -157,6 +167,23 @@ static bool joined(const struct finder *g, const struct saddle *a, const struct 
     return false;
 }
 
+/* Opposite corners of a square: dark to the same sides, equally strong, and edges of the same directions. */
+static bool opposite(const struct saddle *a, const struct saddle *b)
+{
+    double same = 0;
+    for (int k = 0; k < 2; k++)
+        same += fmax(fabs(a->dir[k][0] * b->dir[0][0] + a->dir[k][1] * b->dir[0][1]),
+                     fabs(a->dir[k][0] * b->dir[1][0] + a->dir[k][1] * b->dir[1][1]));
+    return fabs(a->dark[0] * b->dark[0] + a->dark[1] * b->dark[1]) > 0.95 && same > 1.9 &&
+           b->response > 0.3 * a->response && a->response > 0.3 * b->response;
+}
+
+static bool neighbours(const struct finder *g, int a, int b)
+{
+    return g->diagonal ? opposite(&g->saddle[a], &g->saddle[b])
+                       : joined(g, &g->saddle[a], &g->saddle[b]);
+}
+
 /* The saddle nearest to (x, y) within `reach` that is joined to a; -1: none. */
 static int nearest(const struct finder *g, int a, double x, double y, double reach)
 {
@@ -168,7 +195,7 @@ static int nearest(const struct finder *g, int a, double x, double y, double rea
         for (int32_t c = c0; c <= c1 && c < g->across; c++)
             for (int i = g->head[r * g->across + c]; i >= 0; i = g->next[i]) {
                 double d = hypot(g->saddle[i].x - x, g->saddle[i].y - y);
-                if (i != a && !g->used[i] && d < least && joined(g, &g->saddle[a], &g->saddle[i])) {
+                if (i != a && !g->used[i] && d < least && neighbours(g, a, i)) {
                     best = i;
                     least = d;
                 }
@@ -189,7 +216,7 @@ static int along(const struct finder *g, int a, const double dir[2], double far)
             for (int i = g->head[r * g->across + c]; i >= 0; i = g->next[i]) {
                 double dx = g->saddle[i].x - s->x, dy = g->saddle[i].y - s->y, d = hypot(dx, dy);
                 if (d >= NEAREST && d < least && dx * dir[0] + dy * dir[1] > 0.94 * d &&
-                    joined(g, s, &g->saddle[i])) {
+                    neighbours(g, a, i)) {
                     best = i;
                     least = d;
                 }
@@ -215,9 +242,11 @@ static size_t grow(struct finder *g, int seed, struct rec_node *node)
     if (queue == NULL)
         return 0;
     struct open first = {.saddle = seed};
+    double across[2][2] = {{s->dark[0], s->dark[1]}, {-s->dark[1], s->dark[0]}};
     for (int k = 0; k < 2; k++) {
-        int b = along(g, seed, s->dir[k], far);
-        double back[2] = {-s->dir[k][0], -s->dir[k][1]}, sign = 1;
+        const double *dir = g->diagonal ? across[k] : s->dir[k];
+        int b = along(g, seed, dir, far);
+        double back[2] = {-dir[0], -dir[1]}, sign = 1;
         if (b < 0) {
             b = along(g, seed, back, far);
             sign = -1;
@@ -264,7 +293,32 @@ out:
     return n;
 }
 
-pvx_err rec_lattice_find(const struct rec_field *f, double contrast,
+/* Nodes of a lattice of opposite corners as those of the squares', those between in the middle of theirs. */
+static void fill(struct rec_node *node, size_t *n)
+{
+    static const int way[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
+    size_t have = *n;
+    for (size_t k = 0; k < have; k++) {
+        int p = node[k].i, q = node[k].j;
+        node[k].i = p - q;
+        node[k].j = p + q;
+    }
+    for (size_t k = 0; k < have; k++)
+        for (int d = 0; d < 4 && *n < REC_LATTICE_MAX; d++) {
+            int i = node[k].i + way[d][0], j = node[k].j + way[d][1];
+            bool there = false;
+            for (size_t m = 0; m < *n && !there; m++)
+                there = node[m].i == i && node[m].j == j;
+            for (size_t m = 0; m < have && !there; m++)
+                if (node[m].i == i + way[d][0] && node[m].j == j + way[d][1]) {
+                    node[(*n)++] = (struct rec_node){i, j, (node[k].x + node[m].x) / 2,
+                                                     (node[k].y + node[m].y) / 2};
+                    break;
+                }
+        }
+}
+
+pvx_err rec_lattice_find(const struct rec_field *f, double contrast, bool diagonal,
                          struct rec_node node[REC_LATTICE_MAX], size_t *n)
 {
     size_t pixels = (size_t)f->width * (size_t)f->height;
@@ -277,6 +331,7 @@ pvx_err rec_lattice_find(const struct rec_field *f, double contrast,
     g->w = f->width;
     g->h = f->height;
     g->contrast = contrast;
+    g->diagonal = diagonal;
     g->across = f->width / CELL + 1;
     g->down = f->height / CELL + 1;
     g->soft = pvx_calloc(pixels, sizeof *g->soft);
@@ -297,6 +352,8 @@ pvx_err rec_lattice_find(const struct rec_field *f, double contrast,
             memcpy(node, now, k * sizeof *node);
         }
     }
+    if (diagonal)
+        fill(node, n);
 out:
     if (g != NULL) {
         free(g->soft);

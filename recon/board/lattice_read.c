@@ -25,31 +25,26 @@ static double at(const struct rec_field *f, double x, double y)
     return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[w] + a * p[w + 1]);
 }
 
-static void look_inside(const struct rec_field *f, const struct rec_print *p,
-                        const struct rec_node *const c[4], double contrast, struct inside *s)
+/* What lies where the bits of a marker would: in the middle of the unit square that h maps. */
+static void look_inside(const struct rec_field *f, const struct rec_print *p, const double h[9],
+                        double contrast, double bit[BITS * BITS])
 {
     int n = p->bits;
-    double h[9], sum = 0, sq = 0, s0 = p->module / p->board.square, uv[2];
-    struct rec_pair pair[4];
-    for (int k = 0; k < 4; k++)
-        pair[k] = (struct rec_pair){k == 1 || k == 2, k >= 2, c[k]->x, c[k]->y, 1};
-    memset(s->bit, 0, sizeof s->bit);
-    if (!rec_homography_fit(pair, 4, h))
-        return;
+    double sum = 0, sq = 0, s0 = p->module / p->board.square, uv[2];
     for (int k = 0; k < n * n; k++) {
         rec_homography_map(h, 0.5 + s0 * (k % n + 0.5 - n / 2.0),
                            0.5 + s0 * (k / n + 0.5 - n / 2.0), uv);
-        s->bit[k] = at(f, uv[0], uv[1]);
-        sum += s->bit[k];
+        bit[k] = at(f, uv[0], uv[1]);
+        sum += bit[k];
     }
     for (int k = 0; k < n * n; k++) {
-        s->bit[k] -= sum / (n * n);
-        sq += s->bit[k] * s->bit[k];
+        bit[k] -= sum / (n * n);
+        sq += bit[k] * bit[k];
     }
     /* a square of one colour is no marker, however its noise looks */
     double scale = 1 / fmax(sqrt(sq), 0.05 * contrast * n);
     for (int k = 0; k < n * n; k++)
-        s->bit[k] *= scale;
+        bit[k] *= scale;
 }
 
 static const struct rec_node *node_at(const struct rec_node *node, size_t n, int i, int j)
@@ -69,7 +64,7 @@ static void turned(int k, int i, int j, int out[2])
 }
 
 /* Correlation of a square's inside with marker `id`, the lattice lying turned by k quarters on the board. */
-static double alike(const struct rec_print *p, const struct inside *s, int32_t id, int k)
+static double alike(const struct rec_print *p, const double *seen, int32_t id, int k)
 {
     int n = p->bits, white = 0;
     const uint8_t *bit = p->bit + (size_t)(id * n * n);
@@ -79,7 +74,7 @@ static double alike(const struct rec_print *p, const struct inside *s, int32_t i
     for (int q = 0; q < n * n; q++) {
         int i = q % n, j = q / n, x[4] = {i, n - 1 - j, n - 1 - i, j},
             y[4] = {j, i, n - 1 - j, n - 1 - i};
-        sum += s->bit[q] * bit[y[k] * n + x[k]];
+        sum += seen[q] * bit[y[k] * n + x[k]];
     }
     /* the bits' own mean 0 and sum of squares 1 */
     return sum / sqrt(fmax(1e-9, white - (double)white * white / (n * n)));
@@ -103,7 +98,7 @@ static double judge(const struct rec_print *p, const struct inside *s, size_t n,
             continue;
         int32_t id = p->id_at[c[1] * p->board.cols + c[0]];
         if (id >= 0)
-            sum += alike(p, &s[k], id, at.turn);
+            sum += alike(p, s[k].bit, id, at.turn);
     }
     return sum;
 }
@@ -125,8 +120,14 @@ static size_t squares(const struct rec_field *f, const struct rec_print *p,
                                                       node_at(node, n, a->i, a->j + 1)};
         if (c[1] == NULL || c[2] == NULL || c[3] == NULL)
             continue;
+        double h[9];
+        struct rec_pair pair[4];
+        for (int q = 0; q < 4; q++)
+            pair[q] = (struct rec_pair){q == 1 || q == 2, q >= 2, c[q]->x, c[q]->y, 1};
+        if (!rec_homography_fit(pair, 4, h))
+            continue;
         s[m] = (struct inside){.i = a->i, .j = a->j};
-        look_inside(f, p, c, high - low, &s[m++]);
+        look_inside(f, p, h, high - low, s[m++].bit);
     }
     return m;
 }
@@ -173,4 +174,31 @@ double rec_lattice_read(const struct rec_field *f, const struct rec_print *p,
     bool clear =
         best.score > 1.2 && best.score > 0.15 * (double)m && best.score > 1.4 * second.score;
     return clear ? best.score : 0;
+}
+
+double rec_print_likeness(const struct rec_field *f, const struct rec_print *p, double contrast,
+                          const struct rec_pair *corner, size_t n)
+{
+    double sum = 0, near = 0.01 * p->pitch, out = p->board.kind == REC_CHARUCO ? p->in : 0,
+           whole = p->board.square;
+    size_t m = 0;
+    for (int32_t id = 0; id < p->n_markers; id++) {
+        double c[4][2], h[9], bit[BITS * BITS];
+        struct rec_pair pair[4];
+        size_t k = 0;
+        rec_print_marker(p, id, c);
+        /* the corners around it, as those of the unit square */
+        for (size_t i = 0; i < n && k < 4; i++) {
+            double x = corner[i].x - c[0][0] + out, y = corner[i].y - c[0][1] + out;
+            if ((fabs(x) < near || fabs(x - whole) < near) &&
+                (fabs(y) < near || fabs(y - whole) < near))
+                pair[k++] = (struct rec_pair){x / whole, y / whole, corner[i].u, corner[i].v, 1};
+        }
+        if (k < 4 || p->bits > BITS || !rec_homography_fit(pair, 4, h))
+            continue;
+        look_inside(f, p, h, contrast, bit);
+        sum += alike(p, bit, id, 0);
+        m++;
+    }
+    return m > 0 ? sum / (double)m : NAN;
 }

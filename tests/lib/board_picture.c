@@ -246,11 +246,9 @@ static double pixel(const struct ink *k, const struct board_shot *s, const doubl
     int n = s->across > 0 ? s->across : 4;
     double at[2] = {(u - s->cx) / s->f, (v - s->cy) / s->f}, xy[2], J[4], sum = 0;
     straighten(s->k, at, xy, J);
-    for (int i = 0; i < n * n; i++) { /* Hammersley's points: no two in one row or column */
-        double down = 0.5 / (n * n), half = 0.5;
-        for (int q = i; q > 0; q /= 2, half /= 2)
-            down += q % 2 * half;
-        double du = ((i + 0.5) / (n * n) - 0.5) / s->f, dv = (down - 0.5) / s->f;
+    for (int i = 0; i < n * n; i++) { /* no two in one row or column: digits the other way round */
+        double du = ((i + 0.5) / (n * n) - 0.5) / s->f,
+               dv = ((i % n * n + i / n + 0.5) / (n * n) - 0.5) / s->f;
         sum += meet(k, s, c, xy[0] + J[0] * du + J[1] * dv, xy[1] + J[2] * du + J[3] * dv);
     }
     return sum / (n * n);

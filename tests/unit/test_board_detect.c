@@ -1,0 +1,298 @@
+/* test_board_detect.c - boards found in pictures with known truth: how exactly, which face, and what is said
+ * where none is found.  tests/bench/bench_board.c prints the whole table. */
+#include "../t.h"
+
+#include "recon/board/spec.h"
+#include "tests/lib/board_judge.h"
+
+#define W 320
+#define H 240
+
+static struct rec_board board;
+static rec_board_detector *det;
+static float level[W * H];
+static uint8_t bytes[W * H];
+
+static void use(const char *text)
+{
+    struct pvx_diag d = {""};
+    rec_board_detector_free(&det);
+    pvx_err e = rec_board_parse(text, &board, &d);
+    if (e == PVX_OK)
+        e = rec_board_detector_new(&board, &det, &d);
+    T_CHECK_(e == PVX_OK, "%s: %s", text, d.text);
+    if (e != PVX_OK)
+        exit(1);
+}
+
+/* A shot of 320x240, blurred by a pixel, with 1 % noise. */
+static struct board_shot shot(enum rec_board_face face, double square, double tilt, double about,
+                              double roll)
+{
+    struct board_shot s = board_shot_of(&board, face, square, tilt, about, roll);
+    s.width = W;
+    s.height = H;
+    s.cx = 158.7;
+    s.cy = 121.2;
+    s.across = 3;
+    s.blur = 1;
+    s.noise = 0.01;
+    return s;
+}
+
+static struct rec_board_sight look_at(const float *pixels)
+{
+    struct rec_board_sight s;
+    for (size_t i = 0; i < W * H; i++)
+        bytes[i] = (uint8_t)lrint(255 * fmin(1, fmax(0, pixels[i])));
+    T_EQ_I(rec_board_detect(det, &(struct rec_board_picture){bytes, W, H, W, false}, &s), PVX_OK);
+    return s;
+}
+
+static struct rec_board_sight look(const struct rec_board *b, const struct board_shot *s)
+{
+    board_picture(b, s, level);
+    return look_at(level);
+}
+
+/* The bounds of a corner detector: bias 0.05 px, sigma 0.1 px, 95 % found, none astray, and a covariance that
+ * is neither a boast nor an excuse. */
+static void good(const struct board_judged *j, const char *what)
+{
+    int before = t_case_fails;
+    T_LE(fabs(j->bias[0]), 0.05);
+    T_LE(fabs(j->bias[1]), 0.05);
+    T_LE(j->sigma[0], 0.1);
+    T_LE(j->sigma[1], 0.1);
+    T_LE(0.95 * (double)j->visible, (double)j->found);
+    T_EQ_I(j->strays, 0);
+    T_LE(j->chi2, 2);
+    T_LE(0.2, j->chi2);
+    if (t_case_fails > before)
+        printf("  %s: found %zu of %zu, bias %.3f %.3f, sigma %.3f %.3f, worst %.2f, chi2 %.2f\n",
+               what, j->found, j->visible, j->bias[0], j->bias[1], j->sigma[0], j->sigma[1],
+               j->worst, j->chi2);
+}
+
+/* Squares of 20 px, tilted by up to 60 degrees in all directions, with a lens that bends. */
+static void accurate(const char *text, double side, double most)
+{
+    use(text);
+    for (double tilt = 0; tilt <= most; tilt += most / 2) {
+        struct board_judged j = {0};
+        for (int i = 0; i < 4; i++) {
+            struct board_shot s = shot(board.two_sided && i % 2 ? REC_BACK : REC_FRONT, side, tilt,
+                                       17 + 47 * i, 80 * i);
+            s.k[0] = -0.3;
+            s.k[1] = 0.1;
+            s.k[2] = 0.002;
+            s.seed = (uint64_t)i;
+
+            board_judge(&j, &board, det, &s, i % 2);
+        }
+        board_judged(&j);
+        good(&j, text);
+    }
+}
+
+T_CASE(charuco_is_accurate)
+{
+    accurate("charuco:6x8:0.03:0.022", 20, 60);
+}
+
+T_CASE(both_faces_are_accurate)
+{
+    accurate("charuco:6x8:0.03:0.022:thickness=0.004", 20, 60);
+}
+
+T_CASE(inverted_is_accurate)
+{
+    accurate("charuco:6x7:0.03:0.022:inverted", 20, 60);
+}
+
+T_CASE(
+    chessboard_is_accurate) /* rolled by 240 degrees too: the first corner is told by the colours */
+{
+    accurate("chessboard:8x5:0.03", 20, 60);
+}
+
+T_CASE(aprilgrid_is_accurate)
+{
+    accurate("aprilgrid:3x3:0.03:0.009", 40, 60);
+}
+
+T_CASE(warped_and_uneven_light)
+{
+    use("charuco:6x8:0.03:0.022");
+    struct board_judged j = {0};
+    struct board_shot s = shot(REC_FRONT, 24, 40, 30, 5);
+    s.warp = 0.004;
+    board_judge(&j, &board, det, &s, true);
+    s.dark = 0.03; /* a tenth of the light */
+    s.light = 0.1;
+    s.ground = 0.05;
+    s.noise = 0.002;
+    board_judge(&j, &board, det, &s, true);
+    board_judged(&j);
+    good(&j, "warped");
+}
+
+T_CASE(covered_in_part)
+{
+    use("charuco:6x8:0.03:0.022");
+    struct board_shot s = shot(REC_FRONT, 24, 30, 30, 5);
+    double cover[4] = {0, 0, 165, 110};
+    memcpy(s.cover, cover, sizeof cover);
+    struct rec_board_sight sight = look(&board, &s);
+    uint32_t there = 0, found = 0;
+    for (uint32_t id = 0; id < rec_board_corners(&board); id++) {
+        double xy[2];
+        there += board_truth(&board, &s, id, xy);
+    }
+    for (size_t i = 0; i < sight.view.n; i++) {
+        double xy[2];
+        const struct rec_board_corner *c = &sight.view.corner[i];
+        found += board_truth(&board, &s, c->id, xy);
+        T_NEAR(c->x, xy[0], 0.5); /* at the rim of the cover, or not at all */
+        T_NEAR(c->y, xy[1], 0.5);
+        T_OK(i == 0 || c->id > sight.view.corner[i - 1].id);
+    }
+    T_OK(there > 15 && there < 35);
+    T_LE(0.9 * there, found);
+}
+
+T_CASE(same_bits)
+{
+    use("charuco:6x8:0.03:0.022");
+    struct board_shot s = shot(REC_FRONT, 14, 50, 30, 5);
+    struct rec_board_sight a = look(&board, &s);
+    struct rec_board_corner first[35];
+    T_EQ_I(a.view.n, 35);
+    memcpy(first, a.view.corner, a.view.n * sizeof *first);
+    for (size_t i = 0; i < W * H; i++) /* something else in between */
+        level[i] = (float)(i % 7) / 7;
+    look_at(level);
+    struct rec_board_sight b = look(&board, &s);
+    T_EQ_I(b.view.n, a.view.n);
+    for (size_t i = 0; i < b.view.n; i++)
+        T_OK(first[i].x == b.view.corner[i].x && first[i].y == b.view.corner[i].y &&
+             first[i].cov[0] == b.view.corner[i].cov[0]);
+}
+
+T_CASE(layout_of_even_rows_is_said)
+{
+    struct rec_board old;
+    T_EQ_I(rec_board_parse("charuco:6x8:0.03:0.022:legacy", &old, NULL), PVX_OK);
+    use("charuco:6x8:0.03:0.022");
+    struct board_shot s = shot(REC_FRONT, 24, 30, 30, 5);
+    struct rec_board_sight sight = look(&old, &s);
+    T_EQ_I(sight.outcome, REC_SIGHT_FOUND);
+    T_OK(sight.legacy);
+    T_EQ_I(sight.view.n, 35);
+    for (size_t i = 0; i < sight.view.n; i++) {
+        double xy[2];
+        board_truth(&old, &s, sight.view.corner[i].id, xy);
+        T_NEAR(sight.view.corner[i].x, xy[0], 0.2);
+    }
+    s.blur = 2; /* markers that cannot be outlined */
+    sight = look(&old, &s);
+    T_OK(sight.outcome == REC_SIGHT_FOUND && sight.legacy);
+    sight = look(&board, &s);
+    T_OK(sight.outcome == REC_SIGHT_FOUND && !sight.legacy);
+}
+
+/* Markers of 4x4 bits give false ones when they are seen mirrored; what is found must not come of these. */
+T_CASE(mirrored_is_said)
+{
+    static const char *const all[] = {"charuco:6x8:0.03:0.022", "charuco:6x8:0.03:0.022:4X4_1000",
+                                      "charuco:6x8:0.03:0.022:ARUCO_ORIGINAL",
+                                      "aprilgrid:3x3:0.03:0.009"};
+    for (size_t i = 0; i < 4; i++) {
+        use(all[i]);
+        struct board_shot s = shot(REC_FRONT, i == 3 ? 40 : 24, 30, 30, 5);
+        s.flipped = true;
+        struct rec_board_sight sight = look(&board, &s);
+        T_CHECK_(sight.outcome == REC_SIGHT_MIRRORED, "%s: %s %s", all[i],
+                 rec_sight_name(sight.outcome), sight.text);
+        T_EQ_I(sight.view.n, 0);
+        T_CONTAINS(sight.text, "driver flips");
+    }
+}
+
+T_CASE(other_boards_are_said)
+{
+    struct rec_board seen;
+    T_EQ_I(rec_board_parse("charuco:5x7:0.03:0.022", &seen, NULL), PVX_OK);
+    use("charuco:8x11:0.03:0.022");
+    struct board_shot s = shot(REC_FRONT, 30, 10, 30, 5);
+    struct rec_board_sight sight = look(&seen, &s);
+    T_EQ_I(sight.outcome, REC_SIGHT_OTHER_BOARD);
+    T_CONTAINS(sight.text, "fit 5x7 (or more rows), not 8x11");
+    T_EQ_I(rec_board_parse("charuco:6x8:0.03:0.017", &seen, NULL), PVX_OK);
+    use("charuco:6x8:0.03:0.024");
+    s = shot(REC_FRONT, 30, 10, 30, 5);
+    s.blur = 0.5;
+    sight = look(&seen, &s);
+    T_EQ_I(sight.outcome, REC_SIGHT_OTHER_RATIO);
+    T_CONTAINS(sight.text, "of a square, the board says 0.8: measure");
+    T_EQ_I(sight.view.n, 0);
+    T_EQ_I(rec_board_parse("charuco:6x8:0.03:0.022:6X6_250", &seen, NULL), PVX_OK);
+    T_EQ_I(look(&seen, &s).outcome, REC_SIGHT_NO_MARKER);
+}
+
+T_CASE(nothing_found_has_a_reason)
+{
+    use("charuco:6x8:0.03:0.022");
+    struct board_shot s = shot(REC_FRONT, 22, 10, 30, 5);
+    s.dark = 0.01;
+    s.light = 0.012;
+    s.ground = 0.011;
+    s.noise = 0.001;
+    T_EQ_I(look(&board, &s).outcome, REC_SIGHT_DARK);
+    s = shot(REC_FRONT, 22, 10, 30, 5);
+    s.blur = 6;
+    T_EQ_I(look(&board, &s).outcome, REC_SIGHT_BLURRED);
+    s = shot(REC_FRONT, 5, 10, 30, 5);
+    s.blur = 0.5;
+    T_EQ_I(look(&board, &s).outcome, REC_SIGHT_SMALL);
+    s = shot(REC_BACK, 22, 10, 30, 5); /* of a board that has none: bare paper */
+    struct rec_board_sight bare = look(&board, &s);
+    T_EQ_I(bare.outcome, REC_SIGHT_NO_MARKER);
+    T_CONTAINS(bare.text, "no marker");
+    use("chessboard:8x5:0.03");
+    s = shot(REC_FRONT, 22, 10, 30, 5);
+    s.cx += 120; /* half of it is out of the picture */
+    T_EQ_I(look(&board, &s).outcome, REC_SIGHT_FEW);
+}
+
+/* The outcome of noise, of one level, of no numbers, and of pictures that are hardly any. */
+T_CASE(hostile_pictures)
+{
+    static const char *const all[] = {"charuco:6x8:0.03:0.022:two-sided",
+                                      "aprilgrid:3x3:0.03:0.009", "chessboard:8x5:0.03"};
+    struct rec_board_sight s;
+    for (size_t k = 0; k < 3; k++) {
+        use(all[k]);
+        for (size_t i = 0; i < W * H; i++)
+            level[i] = (float)t_uniform(0, 1);
+        T_EQ_I(look_at(level).view.n, 0);
+        for (size_t i = 0; i < W * H; i++)
+            level[i] = i % 3 == 0 ? NAN : i % 3 == 1 ? INFINITY : -1e30F;
+        T_EQ_I(rec_board_detect(
+                   det, &(struct rec_board_picture){level, W, H, W * sizeof *level, true}, &s),
+               PVX_OK);
+        T_EQ_I(s.view.n, 0);
+        for (int32_t n = 1; n < 40; n += 3) {
+            T_EQ_I(
+                rec_board_detect(det, &(struct rec_board_picture){bytes, n, 40 - n, W, false}, &s),
+                PVX_OK);
+            T_EQ_I(s.view.n, 0);
+            T_OK(s.text[0] != '\0');
+        }
+        T_EQ_I(rec_board_detect(det, &(struct rec_board_picture){bytes, 0, 5, W, false}, &s),
+               PVX_EINVAL);
+    }
+    rec_board_detector_free(&det);
+}
+
+T_MAIN(board_module_here(), rec_board_detector_free(&det))
