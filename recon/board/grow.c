@@ -7,6 +7,7 @@
     0.05 /* beside a corner that was laid on: markers' corners are off by half a pixel */
 #define FAR_WEIGHT 1e-3 /* of points many squares away, beside near ones */
 #define SPREAD     1.7  /* squares: how fast the weight falls */
+#define SHORTEST   7.0  /* px, a square's shorter side: below, a window holds too little to trust */
 #define LIKENESS   0.85
 #define STRAY      0.12 /* of a square, from where its neighbours have a corner */
 
@@ -37,8 +38,9 @@ static bool local_map(struct growth *g, const double xy[2], const struct rec_pai
 
 static bool as_printed(const struct rec_corner_fit *c, double side)
 {
-    return c->likeness >= LIKENESS && c->contrast > 0.01 && c->moved < 0.35 * side &&
-           isfinite(c->cov[0]) && isfinite(c->cov[2]) && c->cov[0] + c->cov[2] < 0.02;
+    return side >= SHORTEST && c->likeness >= LIKENESS && c->contrast > 0.01 &&
+           c->moved < 0.35 * side && isfinite(c->cov[0]) && isfinite(c->cov[2]) &&
+           c->cov[0] + c->cov[2] < 0.02;
 }
 
 /* px, the shorter side of a square there. */

@@ -347,7 +347,8 @@ pvx_err rec_lattice_find(const struct rec_field *f, double contrast, bool diagon
     find_saddles(g);
     for (int s = 0; s < g->n && s < SEEDS && *n < 24; s++) {
         size_t k = grow(g, s, now);
-        if (k > *n && k >= 6) {
+        /* bits of markers make diagonal lattices too, of weaker saddles: those come later */
+        if (k > *n + (diagonal ? *n / 2 : 0) && k >= 6) {
             *n = k;
             memcpy(node, now, k * sizeof *node);
         }
