@@ -39,7 +39,7 @@ static void draw(struct window *w, const double shift[2])
 
 static void blur(struct window *w, double sigma)
 {
-    float k[2 * M_MAX + 1], sum = 0, pass[SIDE * SIDE];
+    float k[2 * M_MAX + 1] = {0}, sum = 0, pass[SIDE * SIDE];
     int n = w->r + w->m, side = 2 * n + 1, m = (int)fmin(w->m - 1, ceil(2.7 * sigma));
     for (int i = -m; i <= m; i++)
         sum += k[i + m] = (float)exp(-0.5 * i * i / (sigma * sigma));

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/mem.h"
 #include "recon/board/homography.h"
 #include "recon/board/spec.h"
 
@@ -70,7 +71,7 @@ static size_t count(const struct rec_print *p, const struct rec_cv_marker *m, si
 static bool fit(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                 const bool *which, double h[9])
 {
-    struct rec_pair *pair = malloc(4 * n * sizeof *pair);
+    struct rec_pair *pair = pvx_calloc(4 * n, sizeof *pair);
     size_t k = 0;
     for (size_t i = 0; pair != NULL && i < n; i++)
         if (which[i])

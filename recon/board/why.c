@@ -29,7 +29,7 @@ static double edge_blur(const rec_board_detector *det)
     for (int32_t v = 1; v + 1 < f->height; v++)
         for (int32_t u = 1; u + 1 < f->width; u++) {
             const float *p = f->level + (ptrdiff_t)v * f->width + u;
-            double g = hypot(p[1] - p[-1], p[f->width] - p[-f->width]) / 2 / range;
+            double g = hypotf(p[1] - p[-1], p[f->width] - p[-f->width]) / 2 / range;
             h[(int)(fmin(g, 0.999) * BINS)]++;
             n++;
         }
