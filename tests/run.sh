@@ -10,7 +10,8 @@ b=$1; shift
 system=1; filter=
 for a in "$@"; do case $a in --no-system) system=0;; *) filter=$a;; esac; done
 export PYROVOX_BUILD=$PWD/$b
-export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1} UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
+export ASAN_OPTIONS=${ASAN_OPTIONS:-detect_leaks=1} LSAN_OPTIONS=${LSAN_OPTIONS:-suppressions=$PWD/tests/lsan.supp:print_suppressions=0}
+export UBSAN_OPTIONS=${UBSAN_OPTIONS:-print_stacktrace=1:halt_on_error=1}
 export TSAN_OPTIONS=${TSAN_OPTIONS:-halt_on_error=1:suppressions=$PWD/tests/tsan.supp}
 log=$b/test.log
 rm -f "$b"/test.*.log "$b"/test.*.sums

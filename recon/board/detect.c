@@ -75,13 +75,15 @@ void rec_board_detector_free(rec_board_detector **out)
 
 static void read_levels(rec_board_detector *det, const struct rec_board_picture *p)
 {
+    float of_byte[256];
+    for (int i = 0; i < 256; i++)
+        of_byte[i] = (float)i / 255;
     for (int32_t v = 0; v < p->height; v++) {
         const char *row = (const char *)p->data + v * p->stride;
         float *to = det->level + (size_t)v * (size_t)p->width;
         for (int32_t u = 0; u < p->width; u++) {
-            float x =
-                p->is_float ? ((const float *)row)[u] : (float)((const uint8_t *)row)[u] / 255;
-            to[u] = x > 0 ? fminf(x, 16) : 0; /* NaN too */
+            float x = p->is_float ? ((const float *)row)[u] : of_byte[((const uint8_t *)row)[u]];
+            to[u] = x > 0 ? (x < 16 ? x : 16) : 0; /* NaN too */
         }
     }
     det->field = (struct rec_field){det->level, p->width, p->height};
@@ -111,7 +113,8 @@ static void make_grey(rec_board_detector *det)
     bool inverted = det->print[0].board.inverted;
     float scale = (float)(255 / fmax(det->high - det->low, 1e-6)), low = (float)det->low;
     for (size_t i = 0; i < n; i++) {
-        float x = fminf(255, fmaxf(0, (det->level[i] - low) * scale));
+        float x = (det->level[i] - low) * scale;
+        x = x > 0 ? (x < 255 ? x : 255) : 0;
         det->grey[i] = (uint8_t)(inverted ? 255.5F - x : x + 0.5F);
     }
     for (size_t i = 0; inverted && i < n; i++)

@@ -230,4 +230,4 @@ T_CASE(files_in_true_size)
     rec_print_fini(&p);
 }
 
-T_MAIN(board_module_here(), (void)0)
+T_MAIN(board_module_here(), cairo_debug_reset_static_data())
