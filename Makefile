@@ -22,7 +22,7 @@ VERSION := 0.1.0
 PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
   libopencv-contrib-dev libcairo2-dev \
-  libturbojpeg0-dev libhdf5-dev libcamera-dev
+  libturbojpeg0-dev libhdf5-dev libcamera-dev libceres-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
   umockdev libumockdev-dev hdf5-tools python3-h5py nftables liblapacke-dev libopenblas0-serial
@@ -62,7 +62,7 @@ endif
 LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
 INSTALLED := $(addprefix $(B)/lib/libpyrovox-,base.a recon.a client.a)
-PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
+PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(B)/lib/pyrovox-calib.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
@@ -204,6 +204,12 @@ $(B)/lib/pyrovox-aruco.so: recon/board/aruco_shim.cpp recon/board/aruco_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_aruco -lopencv_calib3d -lopencv_imgproc -lopencv_core
+
+# Least squares by Ceres, planes by OpenCV: one C++ file, since the headers of both are most of its cost.
+$(B)/lib/pyrovox-calib.so: recon/calib/shim.cpp recon/calib/shim.h
+	@mkdir -p $(@D)
+	$(call say,CXX)
+	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 -isystem /usr/include/eigen3 $(CXXFLAGS) -shared -o $@ $< -lceres -lglog -lopencv_core -lopencv_calib3d
 
 $(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
 	@mkdir -p $(@D)

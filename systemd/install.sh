@@ -27,7 +27,7 @@ put() { # mode, source, target
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
 for l in recon client base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
-for m in opencv aruco libcamera; do
+for m in opencv aruco calib libcamera; do
     if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-$m.so" ]; then
         put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
     fi
