@@ -13,6 +13,12 @@
 
 #define REC_NAME_MAX 64
 
+/* Expected volume error (recon/calib/calib.h) of this camera, and what it stays below with a probability
+ * of 95 %, in pixels and in voxels of the rig's grid.  All 0: not known. */
+struct rec_uncertainty {
+    double px, px_95, voxels, voxels_95;
+};
+
 struct rec_camera {
     char name[REC_NAME_MAX];
     int32_t width, height; /* px */
@@ -21,6 +27,7 @@ struct rec_camera {
     double R[9];           /* world -> camera, row major */
     double t[3];           /* m */
     float gain[3];         /* photometric scale per channel; 1 by default */
+    struct rec_uncertainty uncertainty;
 };
 
 /* World point [m] -> pixel by (1)-(4); false when it is not in front of the camera (Z <= 0) or so

@@ -218,6 +218,24 @@ static pvx_err read_gain(const struct reader *r, int m, const char *path, struct
     return PVX_OK;
 }
 
+static pvx_err read_uncertainty(const struct reader *r, int m, const char *path,
+                                struct rec_uncertainty *u)
+{
+    char full[96];
+    int node = pvx_yaml_get(r->y, m, "uncertainty"), v;
+    double *const out[] = {&u->px, &u->px_95, &u->voxels, &u->voxels_95};
+    static const char *const keys[] = {"px", "px_95", "voxels", "voxels_95"};
+    if (node == 0)
+        return PVX_OK;
+    snprintf(full, sizeof full, "%s.uncertainty", path);
+    PVX_TRY(pvx_yaml_known(r->y, node, full, "px px_95 voxels voxels_95", r->d));
+    for (int i = 0; i < 4; i++) {
+        PVX_TRY(need(r, node, full, keys[i], &v));
+        PVX_TRY(pvx_yaml_double(r->y, v, keys[i], 0, 1e6, out[i], r->d));
+    }
+    return PVX_OK;
+}
+
 static pvx_err read_camera(const struct reader *r, int m, size_t index, const struct rec_rig *rig,
                            struct rec_camera *c)
 {
@@ -225,7 +243,7 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     int node;
     int32_t size[2];
     snprintf(path, sizeof path, "cameras[%zu]", index);
-    PVX_TRY(pvx_yaml_known(r->y, m, path, "name size K distortion R t gain", r->d));
+    PVX_TRY(pvx_yaml_known(r->y, m, path, "name size K distortion R t gain uncertainty", r->d));
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
@@ -242,7 +260,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     c->height = size[1];
     PVX_TRY(read_lens(r, m, path, c));
     PVX_TRY(read_pose(r, m, path, c));
-    return read_gain(r, m, path, c);
+    PVX_TRY(read_gain(r, m, path, c));
+    return read_uncertainty(r, m, path, &c->uncertainty);
 }
 
 static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
@@ -341,6 +360,12 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         put_list(f, "    t", c->t, 3, "\n");
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
             put_list(f, "    gain", gain, 3, "\n");
+        const struct rec_uncertainty *u = &c->uncertainty;
+        if (u->px > 0)
+            fprintf(
+                f,
+                "    uncertainty: { px: %.17g, px_95: %.17g, voxels: %.17g, voxels_95: %.17g }\n",
+                u->px, u->px_95, u->voxels, u->voxels_95);
     }
     bool bad = ferror(f) != 0;
     if (fclose(f) != 0 || bad) {

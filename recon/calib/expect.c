@@ -1,0 +1,341 @@
+/* The covariance of lenses and poses carried to the volume.  An error d of all parameters moves the projection
+ * of point p in camera c by  A_cp d_c - G_cp m,  m = (sum G^T G)^-1 sum G^T A d:  the rigid motion of the
+ * world, derivative G, that makes the squares least takes its part out.  With z = (d_c, m), 15 + 6 numbers of
+ * covariance Z, and b = (A, -G): E|e|^2 = tr(Z B), B = sum b^T b, and var = 2 tr((Z B)^2). */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/calib/model.h"
+#include "recon/calib/pose.h"
+#include "recon/calib/priv.h"
+
+#define N1 (REC_LENS + 6) /* of a camera */
+#define N2 (N1 + 6)       /* and the motion */
+#define PP (REC_CALIB_SIDE * REC_CALIB_SIDE * REC_CALIB_SIDE)
+
+static void volume_point(const struct rec_grid *g, int i, double X[3])
+{
+    const int at[3] = {i % REC_CALIB_SIDE, i / REC_CALIB_SIDE % REC_CALIB_SIDE,
+                       i / (REC_CALIB_SIDE * REC_CALIB_SIDE)};
+    for (int a = 0; a < 3; a++)
+        X[a] = g->min[a] + (at[a] + 0.5) / REC_CALIB_SIDE * (g->max[a] - g->min[a]);
+}
+
+static double voxel(const struct rec_grid *g)
+{
+    return cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
+}
+
+/* Rows b [2][N2] of point `at`, in the world, in camera c; voxels: 1 px there is so many.  False: outside the picture. */
+static bool rows(const struct calib *k, const struct rec_grid *g, size_t c, const double at[3],
+                 double b[2 * N2], double *voxels)
+{
+    double X[3], Z[3], uv[2], Jl[18], JX[6], Jp[18], R[9], back[6];
+    const struct rec_calib_camera *m = &k->in->camera[c];
+    rec_pose_inverse(k->to_world, back);
+    rec_pose_apply(back, at, X);
+    rec_model_move(k->fit_pose[c], X, Z, Jp);
+    if (!rec_model_project(k->lens[c], Z, uv, Jl, JX) || uv[0] < -0.5 || uv[1] < -0.5 ||
+        uv[0] > m->width - 0.5 || uv[1] > m->height - 0.5)
+        return false;
+    rec_rotation(k->fit_pose[c], R);
+    for (int r = 0; r < 2; r++) {
+        double *to = b + N2 * r, W[3]; /* W: d uv / d X */
+        memcpy(to, Jl + REC_LENS * r, REC_LENS * sizeof *to);
+        for (int i = 0; i < 6; i++)
+            to[REC_LENS + i] =
+                JX[3 * r] * Jp[i] + JX[3 * r + 1] * Jp[6 + i] + JX[3 * r + 2] * Jp[12 + i];
+        for (int i = 0; i < 3; i++)
+            W[i] = JX[3 * r] * R[i] + JX[3 * r + 1] * R[3 + i] + JX[3 * r + 2] * R[6 + i];
+        for (int i = 0; i < 3; i++) { /* X moves by turn x X + shift */
+            int p = (i + 1) % 3, q = (i + 2) % 3;
+            to[N1 + i] = -(X[p] * W[q] - X[q] * W[p]);
+            to[N1 + 3 + i] = -W[i];
+        }
+    }
+    *voxels = Z[2] / sqrt(k->lens[c][REC_FX] * k->lens[c][REC_FY]) / voxel(g);
+    return true;
+}
+
+/* Inverse of a symmetric 6x6 matrix by Gauss-Jordan; directions that nothing fixes are left out. */
+static void invert6(double A[36])
+{
+    double V[36] = {0}, most = 0;
+    bool used[6] = {false};
+    for (int i = 0; i < 6; i++) {
+        V[7 * i] = 1;
+        most = fmax(most, A[7 * i]);
+    }
+    for (int step = 0; step < 6; step++) {
+        int p = -1;
+        for (int i = 0; i < 6; i++)
+            if (!used[i] && (p < 0 || A[7 * i] > A[7 * p]))
+                p = i;
+        used[p] = true;
+        if (!(A[7 * p] > 1e-12 * most)) {
+            for (int j = 0; j < 6; j++)
+                A[6 * p + j] = V[6 * p + j] = 0;
+            continue;
+        }
+        double over = 1 / A[7 * p];
+        for (int j = 0; j < 6; j++) {
+            A[6 * p + j] *= over;
+            V[6 * p + j] *= over;
+        }
+        for (int i = 0; i < 6; i++) {
+            double f = A[6 * i + p];
+            for (int j = 0; j < 6 && i != p; j++) {
+                A[6 * i + j] -= f * A[6 * p + j];
+                V[6 * i + j] -= f * V[6 * p + j];
+            }
+        }
+    }
+    memcpy(A, V, sizeof V);
+}
+
+struct carry {
+    size_t N;   /* N1 * cameras */
+    double *M;  /* [6][N]: m = M d */
+    double *MC; /* [6][N]: its product with the covariance */
+    double MCM[36];
+};
+
+static void motion(const struct calib *k, const struct rec_grid *g, const double *cov,
+                   struct carry *w)
+{
+    double GG[36] = {0}, X[3], b[2 * N2], voxels;
+    memset(w->M, 0, 6 * w->N * sizeof *w->M);
+    for (size_t c = 0; c < k->nc; c++)
+        for (int i = 0; i < PP; i++) {
+            volume_point(g, i, X);
+            if (!rows(k, g, c, X, b, &voxels))
+                continue;
+            for (int r = 0; r < 2; r++)
+                for (int p = 0; p < 6; p++) {
+                    double G = -b[N2 * r + N1 + p];
+                    for (int q = 0; q < 6; q++)
+                        GG[6 * p + q] -= G * b[N2 * r + N1 + q];
+                    for (int q = 0; q < N1; q++)
+                        w->M[(size_t)p * w->N + c * N1 + (size_t)q] += G * b[N2 * r + q];
+                }
+        }
+    invert6(GG);
+    for (size_t j = 0; j < w->N; j++) {
+        double t[6];
+        for (int p = 0; p < 6; p++) {
+            t[p] = 0;
+            for (int q = 0; q < 6; q++)
+                t[p] += GG[6 * p + q] * w->M[(size_t)q * w->N + j];
+        }
+        for (size_t p = 0; p < 6; p++)
+            w->M[p * w->N + j] = t[p];
+    }
+    for (size_t p = 0; p < 6; p++)
+        for (size_t j = 0; j < w->N; j++) {
+            double sum = 0;
+            for (size_t i = 0; i < w->N; i++)
+                sum += w->M[p * w->N + i] * cov[i * w->N + j];
+            w->MC[p * w->N + j] = sum;
+        }
+    for (size_t p = 0; p < 6; p++)
+        for (size_t q = 0; q < 6; q++) {
+            double sum = 0;
+            for (size_t j = 0; j < w->N; j++)
+                sum += w->MC[p * w->N + j] * w->M[q * w->N + j];
+            w->MCM[6 * p + q] = sum;
+        }
+}
+
+static void joint_cov(const double *cov, const struct carry *w, size_t c, double Z[N2][N2])
+{
+    for (size_t i = 0; i < N1; i++)
+        for (size_t j = 0; j < N1; j++)
+            Z[i][j] = cov[(c * N1 + i) * w->N + c * N1 + j];
+    for (size_t p = 0; p < 6; p++) {
+        for (size_t j = 0; j < N1; j++)
+            Z[N1 + p][j] = Z[j][N1 + p] = w->MC[p * w->N + c * N1 + j];
+        for (size_t q = 0; q < 6; q++)
+            Z[N1 + p][N1 + q] = w->MCM[6 * p + q];
+    }
+}
+
+/* rms and what it stays below in 95 of 100 cases, of a sum of squares with mean tr(ZB) / n and variance
+ * 2 tr((ZB)^2) / n^2: a chi^2 of as many degrees of freedom, whose quantile is Wilson and Hilferty's. */
+static void spread(const double Z[N2][N2], const double B[N2][N2], double n, double *rms,
+                   double *most)
+{
+    double P[N2][N2], mean = 0, var = 0;
+    for (int i = 0; i < N2; i++)
+        for (int j = 0; j < N2; j++) {
+            P[i][j] = 0;
+            for (int l = 0; l < N2; l++)
+                P[i][j] += Z[i][l] * B[l][j];
+        }
+    for (int i = 0; i < N2; i++) {
+        mean += P[i][i];
+        for (int j = 0; j < N2; j++)
+            var += 2 * P[i][j] * P[j][i];
+    }
+    *rms = sqrt(fmax(0, mean / n));
+    double free = var > 0 ? 2 * mean * mean / var : 1, t = 2 / (9 * free);
+    double q = 1 - t + 1.6448536269514722 * sqrt(t);
+    *most = *rms * sqrt(q * q * q);
+}
+
+static double quadratic(const double Z[N2][N2], const double *b)
+{
+    double sum = 0;
+    for (int i = 0; i < N2; i++)
+        for (int j = 0; j < N2; j++)
+            sum += b[i] * Z[i][j] * b[j];
+    return sum;
+}
+
+/* One camera: its expectation, and its part of the map through the volume. */
+static size_t of_camera(const struct calib *k, const struct rec_grid *g, size_t c,
+                        const double Z[N2][N2], double *map, double *seen,
+                        struct rec_uncertainty *u)
+{
+    double B[2][N2][N2] = {{{0}}}, X[3], b[2 * N2], voxels;
+    size_t n = 0;
+    for (int i = 0; i < PP; i++) {
+        volume_point(g, i, X);
+        if (!rows(k, g, c, X, b, &voxels))
+            continue;
+        for (int r = 0; r < 2; r++) {
+            const double *row = b + N2 * r;
+            for (int p = 0; p < N2; p++)
+                for (int q = 0; q < N2; q++) {
+                    B[0][p][q] += row[p] * row[q];
+                    B[1][p][q] += voxels * voxels * row[p] * row[q];
+                }
+            map[i] += quadratic(Z, row);
+        }
+        seen[i]++;
+        n++;
+    }
+    if (n > 0) {
+        spread(Z, (const double(*)[N2])B[0], (double)n, &u->px, &u->px_95);
+        spread(Z, (const double(*)[N2])B[1], (double)n, &u->voxels, &u->voxels_95);
+    }
+    return n;
+}
+
+pvx_err rec_calib_expect(struct calib *k, const struct rec_rig *rig, double *cov,
+                         struct rec_uncertainty *out)
+{
+    struct carry w = {.N = N1 * k->nc};
+    struct rec_calib_report *r = k->out;
+    double map[PP] = {0}, seen[PP] = {0}, Z[N2][N2], px = 0, voxels = 0;
+    size_t cameras = 0;
+    w.M = pvx_calloc(6 * w.N, sizeof *w.M);
+    w.MC = pvx_calloc(6 * w.N, sizeof *w.MC);
+    if (w.M == NULL || w.MC == NULL) {
+        free(w.M);
+        free(w.MC);
+        return PVX_ENOMEM;
+    }
+    motion(k, &rig->grid, cov, &w);
+    for (size_t c = 0; c < k->nc; c++) {
+        joint_cov(cov, &w, c, Z);
+        out[c] = (struct rec_uncertainty){0};
+        if (of_camera(k, &rig->grid, c, (const double(*)[N2])Z, map, seen, &out[c]) == 0)
+            continue;
+        px += out[c].px * out[c].px;
+        voxels += out[c].voxels * out[c].voxels;
+        r->voxels_95 = fmax(r->voxels_95, out[c].voxels_95);
+        cameras++;
+    }
+    for (int i = 0; i < PP; i++)
+        r->at[i] = seen[i] > 0 ? sqrt(map[i] / seen[i]) : NAN;
+    r->px = cameras > 0 ? sqrt(px / (double)cameras) : NAN;
+    r->voxels = cameras > 0 ? sqrt(voxels / (double)cameras) : NAN;
+    free(w.M);
+    free(w.MC);
+    return PVX_OK;
+}
+
+/* ---- two rigs ------------------------------------------------------------------------------------- */
+
+/* Sum of squares between a and b moved by `m`, normal equations of the motion, and how many points. */
+static size_t compare(const struct rec_rig *a, const struct rec_rig *b, const double m[6],
+                      double A[36], double v[6], double *sum, double *worst)
+{
+    size_t n = 0;
+    memset(A, 0, 36 * sizeof *A);
+    memset(v, 0, 6 * sizeof *v);
+    *sum = *worst = 0;
+    for (size_t c = 0; c < a->n_cameras; c++)
+        for (int i = 0; i < PP; i++) {
+            const struct rec_camera *cb = &b->cameras[c];
+            double X[3], Y[3], ua[2], g[2][6];
+            struct rec_projection p;
+            volume_point(&a->grid, i, X);
+            rec_pose_apply(m, X, Y);
+            if (!rec_camera_project(&a->cameras[c], X, ua) || ua[0] < -0.5 || ua[1] < -0.5 ||
+                ua[0] > a->cameras[c].width - 0.5 || ua[1] > a->cameras[c].height - 0.5 ||
+                !rec_camera_project_full(cb, Y, &p))
+                continue;
+            double e[2] = {ua[0] - p.u, ua[1] - p.v};
+            double z = cb->R[6] * Y[0] + cb->R[7] * Y[1] + cb->R[8] * Y[2] + cb->t[2];
+            for (int r = 0; r < 2; r++) {
+                double W[3];
+                for (int j = 0; j < 3; j++)
+                    W[j] = (p.J[2 * r] * (cb->R[j] - p.x * cb->R[6 + j]) +
+                            p.J[2 * r + 1] * (cb->R[3 + j] - p.y * cb->R[6 + j])) /
+                           z;
+                for (int j = 0; j < 3; j++) {
+                    int s = (j + 1) % 3, t = (j + 2) % 3;
+                    g[r][j] = Y[s] * W[t] - Y[t] * W[s];
+                    g[r][3 + j] = W[j];
+                }
+                for (int s = 0; s < 6; s++) {
+                    v[s] += g[r][s] * e[r];
+                    for (int t = 0; t < 6; t++)
+                        A[6 * s + t] += g[r][s] * g[r][t];
+                }
+            }
+            *sum += e[0] * e[0] + e[1] * e[1];
+            *worst = fmax(*worst, hypot(e[0], e[1]));
+            n++;
+        }
+    return n;
+}
+
+pvx_err rec_calib_distance(const struct rec_rig *a, const struct rec_rig *b, double *rms,
+                           double *worst)
+{
+    double A[36], v[6], sum, m[6], pa[4 * REC_MAX_CAMERAS][3], pb[4 * REC_MAX_CAMERAS][3];
+    double weight[4 * REC_MAX_CAMERAS];
+    size_t n = 0;
+    if (a->n_cameras != b->n_cameras || a->n_cameras > REC_MAX_CAMERAS)
+        return PVX_EINVAL;
+    for (size_t c = 0; c < a->n_cameras; c++)
+        for (int i = 0; i < 4; i++) {
+            rec_camera_centre(&a->cameras[c], pa[4 * c + (size_t)i]);
+            rec_camera_centre(&b->cameras[c], pb[4 * c + (size_t)i]);
+            for (int j = 0; j < 3 && i > 0; j++) {
+                pa[4 * c + (size_t)i][j] += a->cameras[c].R[3 * (i - 1) + j];
+                pb[4 * c + (size_t)i][j] += b->cameras[c].R[3 * (i - 1) + j];
+            }
+            weight[4 * c + (size_t)i] = 1;
+        }
+    rec_pose_align((const double(*)[3])pa, (const double(*)[3])pb, weight, (int)(4 * a->n_cameras),
+                   m, NULL);
+    for (int round = 0; round < 10; round++) { /* Gauss-Newton */
+        n = compare(a, b, m, A, v, &sum, worst);
+        invert6(A);
+        double step[6], out[6];
+        for (int s = 0; s < 6; s++) {
+            step[s] = 0;
+            for (int t = 0; t < 6; t++)
+                step[s] += A[6 * s + t] * v[t];
+        }
+        rec_pose_mul(step, m, out);
+        memcpy(m, out, sizeof m);
+    }
+    *rms = n > 0 ? sqrt(sum / (double)n) : NAN;
+    return n > 0 ? PVX_OK : PVX_EINVAL;
+}

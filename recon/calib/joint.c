@@ -1,0 +1,166 @@
+/* Everything together: what is wrong is found with a robust loss and left out, what is left is solved
+ * without; lenses that the data do not know stay where they were believed to be. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/calib/priv.h"
+
+#define HELD 0.5 /* a number is held when the data leave more than this of what was believed */
+
+static bool used(const struct calib *k, const struct view *v)
+{
+    return v->fate == REC_VIEW_USED && k->placed[v->frame];
+}
+
+/* Standard deviation of the residuals of every camera, from the median, which wrong ones do not move. */
+static void rescale(struct calib *k, double *room)
+{
+    for (uint32_t c = 0; c < k->nc; c++) {
+        size_t n = 0;
+        for (size_t i = 0; i < k->nv; i++) {
+            const struct view *v = &k->view[i];
+            if (v->camera == c && used(k, v))
+                for (size_t s = v->first; s < v->first + v->n; s++)
+                    room[n++] = fmin(k->seen[s].far, 1e9);
+        }
+        double unit = fmax(rec_calib_median(room, n) / 1.17741, 1e-6);
+        if (n == 0)
+            continue;
+        k->scale[c] *= unit;
+        for (size_t i = 0; i < k->nv; i++)
+            if (k->view[i].camera == c)
+                for (size_t s = k->view[i].first; s < k->view[i].first + k->view[i].n; s++)
+                    k->seen[s].far /= unit;
+    }
+}
+
+/* Wrong corners and pictures by the residuals as they are.  Returns how many changed. */
+static size_t judge(struct calib *k, bool pictures)
+{
+    size_t changed = 0;
+    for (size_t i = 0; i < k->nv; i++) {
+        struct view *v = &k->view[i];
+        size_t wrong = 0;
+        if (!used(k, v))
+            continue;
+        for (size_t s = v->first; s < v->first + v->n; s++) {
+            bool now = !(k->seen[s].far < OUTLIER);
+            changed += now != k->seen[s].wrong;
+            k->seen[s].wrong = now;
+            wrong += now;
+        }
+        if (pictures && (wrong > WRONG_VIEW * (double)v->n || v->n - wrong < LEAST)) {
+            v->fate = REC_VIEW_JOINT;
+            changed += v->n;
+        }
+    }
+    return changed;
+}
+
+/* Frames of which no view is left are not placed any more; a camera may lose its last view. */
+static pvx_err still_there(struct calib *k)
+{
+    size_t n[REC_MAX_CAMERAS] = {0};
+    for (size_t f = 0; f < k->nf; f++) {
+        bool any = false;
+        for (size_t i = k->of_frame[f]; i < k->of_frame[f + 1]; i++)
+            if (used(k, &k->view[i])) {
+                any = true;
+                n[k->view[i].camera]++;
+            }
+        k->placed[f] = k->placed[f] && any;
+    }
+    for (uint32_t c = 0; c < k->nc; c++)
+        if (n[c] == 0 && !k->pose_held[c]) {
+            rec_calib_say(
+                k, REC_CALIB_REFUSED, REC_CALIB_UNSEEN, (int)c, REC_NO_FRAME,
+                "%s: no view agrees with what the other cameras saw of the same frames; are its "
+                "frame numbers theirs?",
+                k->in->camera[c].name);
+            return pvx_fail(k->d, PVX_EINVAL, "%s", k->out->finding[k->out->n_findings - 1].text);
+        }
+    return PVX_OK;
+}
+
+/* chi^2 per degree of freedom over what is used. */
+static void weigh(struct calib *k)
+{
+    double sum = 0, n = 0, free = 0;
+    for (size_t i = 0; i < k->nv; i++)
+        for (size_t s = k->view[i].first; s < k->view[i].first + k->view[i].n; s++)
+            if (used(k, &k->view[i]) && !k->seen[s].wrong) {
+                sum += k->seen[s].far * k->seen[s].far;
+                n += 2;
+            }
+    for (size_t f = 0; f < k->nf; f++)
+        free += k->placed[f] ? 6 : 0;
+    for (size_t c = 0; c < k->nc; c++) {
+        free += k->pose_held[c] ? 0 : 6;
+        for (int i = 0; i < REC_LENS; i++)
+            free += (k->lens_held[c] >> i & 1) == 0;
+    }
+    k->chi2 = n > free ? sum / (n - free) : 1;
+}
+
+/* Numbers of the lens that the data leave nearly as uncertain as belief does: back to the belief. */
+static bool hold(struct calib *k, const double *cov)
+{
+    size_t N = k->nc * (REC_LENS + 6);
+    bool any = false;
+    for (size_t c = 0; c < k->nc; c++) {
+        double believed[REC_LENS];
+        struct rec_calib_of_camera *o = &k->out->camera[c];
+        rec_calib_beliefs(k, c, believed);
+        for (int i = 0; i < REC_LENS; i++) {
+            size_t at = c * (REC_LENS + 6) + (size_t)i;
+            o->sigma[i] = sqrt(fmax(0, cov[at * N + at]));
+            if ((k->in->camera[c].hold & REC_HOLD_LENS) != 0 || !(o->sigma[i] > HELD * believed[i]))
+                continue;
+            o->held |= 1u << i;
+            k->lens_held[c] |= 1u << i;
+            k->lens[c][i] = k->believed[c][i];
+            any = true;
+        }
+    }
+    return any;
+}
+
+pvx_err rec_calib_together(struct calib *k, double *cov)
+{
+    double *room = pvx_calloc(k->ns, sizeof *room);
+    struct adjust a = {.robust = true, .max_iterations = 50};
+    pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;
+    size_t changed = 1;
+    rec_calib_measure_all(k);
+    rescale(k, room); /* the start is coarse: everything is near at first */
+    for (int round = 0; round < 6 && e == PVX_OK && changed > 0; round++) {
+        a.robust = round < 2;
+        e = rec_calib_adjust(k, &a);
+        rec_calib_measure_all(k);
+        rescale(k, room);
+        changed = judge(k, round > 0);
+        if (e == PVX_OK)
+            e = still_there(k);
+        if (round == 0)
+            changed++; /* pictures are judged from the second on */
+    }
+    free(room);
+    a.robust = false;
+    if (e == PVX_OK)
+        e = rec_calib_adjust(k, &a);
+    if (e == PVX_OK)
+        e = rec_calib_covariance(k, cov);
+    if (e == PVX_OK && hold(k, cov))
+        e = rec_calib_adjust(k, &a);
+    rec_calib_measure_all(k);
+    weigh(k);
+    size_t N = k->nc * (REC_LENS + 6);
+    for (size_t i = 0; i < N * N; i++)
+        cov[i] *= k->chi2;
+    for (size_t c = 0; c < k->nc; c++)
+        for (int i = 0; i < REC_LENS; i++)
+            k->out->camera[c].sigma[i] *= sqrt(k->chi2);
+    return e;
+}

@@ -1,0 +1,16 @@
+/* model.h - equation (1) of calib.h for one corner, with its derivatives. */
+#ifndef REC_CALIB_MODEL_H
+#define REC_CALIB_MODEL_H
+#include <stdbool.h>
+
+/* Lens fx fy cx cy k1 k2 p1 p2 k3 and a point in camera axes -> pixel.  Jl [2][9] and JX [2][3] may be
+ * NULL.  False: the point is not in front of the camera. */
+bool rec_model_project(const double lens[9], const double X[3], double uv[2], double *Jl,
+                       double *JX);
+/* Pixel without lens: (x/z, y/z).  Fixed point of the distortion; false where that runs away. */
+bool rec_model_ideal(const double lens[9], const double uv[2], double xy[2]);
+
+/* pose applied to X; J [3][6]: d out / d pose, may be NULL. */
+void rec_model_move(const double pose[6], const double X[3], double out[3], double *J);
+
+#endif

@@ -1,0 +1,115 @@
+/* priv.h - what the files of this room share: one calibration while it is made. */
+#ifndef REC_CALIB_PRIV_H
+#define REC_CALIB_PRIV_H
+#include "recon/calib/calib.h"
+#include "recon/calib/shim.h"
+
+#define SHAPE      4   /* numbers of the board's shape: warp [3], thickness */
+#define LEAST      6   /* corners of a view */
+#define LOSS       2.0 /* scale of Cauchy's loss, in standard deviations */
+#define OUTLIER    4.5 /* a corner beyond this many is wrong: 4 of 10^5 right ones */
+#define WRONG_VIEW 0.3 /* a view with more wrong corners than this is left out */
+
+/* One corner of one view. */
+struct seen {
+    double x, y; /* m, on the print */
+    double u, v; /* px */
+    double W[3]; /* whitening: (W0 dx, W1 dx + W2 dy) */
+    double r[2]; /* px, seen - expected; of the last rec_calib_measure */
+    double far;  /* whitened length of r, over the camera's scale; infinite: behind the camera */
+    bool wrong;
+};
+
+struct view {
+    size_t in; /* index in the input */
+    const struct rec_board_view *board;
+    uint32_t camera, frame; /* frame: index, not number */
+    size_t first, n;        /* of calib.seen */
+    enum rec_view_fate fate;
+    int n_poses;
+    double pose[2][6]; /* board -> camera by this view alone, the better first */
+    double fit[2];     /* px rms of the two */
+    double area,
+        tilt; /* share of the picture that the board fills; rad between its axis and the camera's */
+    double single; /* px rms alone */
+    double usual;  /* px: median distance of its corners, alone */
+};
+
+struct calib {
+    const struct rec_calib_input *in;
+    struct rec_calib_report *out;
+    struct pvx_diag *d;
+    const struct rec_calib_lib *lib;
+    size_t nc, nf, nv, ns;
+    struct view *view;         /* [nv] by frame, then camera */
+    size_t *of_frame;          /* [nf + 1]: its views are view[of_frame[f]] .. */
+    struct seen *seen;         /* [ns] */
+    bool *placed;              /* [nf]: the board's pose is known */
+    uint32_t root;             /* its pose is the gauge */
+    double middle[2], half[2]; /* m: of the print */
+    unsigned shape_held;
+    unsigned lens_held[REC_MAX_CAMERAS]; /* bits */
+    bool pose_held[REC_MAX_CAMERAS], joined[REC_MAX_CAMERAS];
+    double believed[REC_MAX_CAMERAS][REC_LENS]; /* mean of the prior */
+    double scale[REC_MAX_CAMERAS];              /* standard deviation of whitened residuals */
+    double chi2;                                /* per degree of freedom, of what is used */
+    /* The covariance belongs to the axes and numbers of the fit: both are kept when the world is moved. */
+    double fit_pose[REC_MAX_CAMERAS][6], to_world[6];
+    /* What is estimated, in one allocation so that a fold starts from a copy. */
+    double *state;
+    size_t n_state;
+    double *shape, (*lens)[REC_LENS], (*pose)[6], (*board)[6];
+};
+
+/* ---- adjust.c ---- */
+struct adjust {
+    const bool *camera; /* [nc]; NULL: all */
+    const bool *frame;  /* [nf]; NULL: all that are placed */
+    bool robust, lens_fixed, pose_fixed;
+    int max_iterations;
+};
+PVX_MUST_CHECK pvx_err rec_calib_adjust(struct calib *k, const struct adjust *a);
+/* Covariance [nc*15][nc*15] of lens and pose of every camera, gauge: the root's pose stays; lenses are
+ * open but those that the caller keeps.  Not yet times chi2. */
+PVX_MUST_CHECK pvx_err rec_calib_covariance(struct calib *k, double *cov);
+/* Standard deviation of the prior of each number of the lens. */
+void rec_calib_beliefs(const struct calib *k, size_t camera, double sigma[REC_LENS]);
+/* Point of a corner in board axes by (2) of calib.h. */
+void rec_calib_point(const struct calib *k, const struct view *v, const struct seen *s,
+                     double X[3]);
+/* r and far of all corners of the view, board -> camera as given. */
+void rec_calib_measure(struct calib *k, const struct view *v, const double to_camera[6]);
+/* The same for all views of placed frames and joined cameras, as they are in the state. */
+void rec_calib_measure_all(struct calib *k);
+/* rms px over the corners of a view that are not wrong. */
+double rec_calib_rms(const struct calib *k, const struct view *v);
+/* Median distance [px] of all its corners, wrong or not. */
+double rec_calib_usual(const struct calib *k, const struct view *v);
+double rec_calib_median(double *v, size_t n); /* reorders v; 0 for none */
+void rec_calib_use_state(struct calib *k, double *state);
+
+/* ---- the way, in this order ---- */
+PVX_MUST_CHECK pvx_err rec_calib_take(struct calib *k);  /* take.c: views in, refused ones named */
+PVX_MUST_CHECK pvx_err rec_calib_start(struct calib *k); /* start.c: each camera alone */
+PVX_MUST_CHECK pvx_err rec_calib_join(struct calib *k);  /* graph.c: cameras and boards placed */
+PVX_MUST_CHECK pvx_err rec_calib_together(struct calib *k, double *cov); /* joint.c */
+PVX_MUST_CHECK pvx_err rec_calib_suspect(struct calib *k);               /* suspect.c */
+PVX_MUST_CHECK pvx_err rec_calib_place(struct calib *k);                 /* world.c */
+PVX_MUST_CHECK pvx_err rec_calib_expect(struct calib *k, const struct rec_rig *rig, double *cov,
+                                        struct rec_uncertainty *of_camera);         /* expect.c */
+PVX_MUST_CHECK pvx_err rec_calib_folds(struct calib *k, const struct rec_rig *rig); /* folds.c */
+void rec_calib_verdicts(struct calib *k); /* say.c: what the figures mean */
+
+/* Best common transform b -> a of two cameras by their own poses, of frames that are `later` apart (a's
+ * later).  Returns how many there are; spread: median distance from it [m]. */
+size_t rec_calib_pair_pose(const struct calib *k, uint32_t a, uint32_t b, int later, double pose[6],
+                           double *spread);
+
+/* ---- say.c ---- */
+PVX_PRINTF(6, 7)
+void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_calib_what what,
+                   int camera, uint32_t frame, const char *fmt, ...);
+/* Rig of the state: K, lens and pose of every camera; grid of the input. */
+PVX_MUST_CHECK pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig);
+
+#endif

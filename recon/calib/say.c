@@ -1,0 +1,137 @@
+/* What the figures mean, in sentences. */
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "recon/calib/priv.h"
+
+#define GOOD 0.10 /* voxels: what a volume error may be, NUMERICS.md */
+#define FAIR 0.15
+
+void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_calib_what what,
+                   int camera, uint32_t frame, const char *fmt, ...)
+{
+    struct rec_calib_report *r = k->out;
+    struct rec_calib_finding f = {severity, what, camera, frame, ""}, *more;
+    va_list args;
+    va_start(args, fmt);
+    vsnprintf(f.text, sizeof f.text, fmt, args);
+    va_end(args);
+    more = realloc(r->finding, (r->n_findings + 1) * sizeof *more);
+    if (more == NULL)
+        return; /* one sentence less; what made it is in the figures */
+    r->finding = more;
+    size_t at = r->n_findings++;
+    for (; at > 0 && more[at - 1].severity < severity; at--)
+        more[at] = more[at - 1];
+    more[at] = f;
+}
+
+bool rec_calib_says(const struct rec_calib_report *r, enum rec_calib_severity severity, int what)
+{
+    for (size_t i = 0; i < r->n_findings; i++)
+        if (r->finding[i].severity == severity && (what < 0 || (int)r->finding[i].what == what))
+            return true;
+    return false;
+}
+
+static void say_held(struct calib *k, uint32_t c)
+{
+    static const char *const names[REC_LENS] = {"fx", "fy", "cx", "cy", "k1",
+                                                "k2", "p1", "p2", "k3"};
+    const struct rec_calib_of_camera *o = &k->out->camera[c];
+    char list[80] = "";
+    size_t n = 0;
+    if (o->held == 0)
+        return;
+    for (int i = 0; i < REC_LENS; i++)
+        if ((o->held >> i & 1) != 0)
+            n += (size_t)snprintf(list + n, sizeof list - n, " %s", names[i]);
+    bool focal = (o->held & 3) != 0, inner = (o->held & ~(1u << REC_K2 | 1u << REC_K3)) != 0;
+    const char *remedy = focal   ? "tilt the board by 30 to 45 degrees, and show it near and far"
+                         : inner ? "show the board in the corners of the picture too"
+                                 : "the pictures do not need it";
+    rec_calib_say(k, focal ? REC_CALIB_WARNING : REC_CALIB_NOTE, REC_CALIB_HELD, (int)c,
+                  REC_NO_FRAME, "%s: these pictures do not tell%s, held at what is usual: %s",
+                  k->in->camera[c].name, list, remedy);
+}
+
+static void say_pictures(struct calib *k)
+{
+    static const char *const why[] = {"",
+                                      "with ids or places that the board does not have",
+                                      "with too few corners",
+                                      "given twice",
+                                      "in which nothing moved",
+                                      "whose corners fit no board",
+                                      "that disagree with the other cameras"};
+    size_t n[sizeof why / sizeof *why] = {0}, out = 0, len = 0;
+    char list[300] = "";
+    for (size_t i = 0; i < k->nv; i++) {
+        n[k->view[i].fate]++;
+        out += k->view[i].fate != REC_VIEW_USED;
+    }
+    for (size_t i = 1; i < sizeof why / sizeof *why; i++)
+        if (n[i] > 0)
+            len += (size_t)snprintf(list + len, sizeof list - len, "%s%zu %s", len > 0 ? ", " : "",
+                                    n[i], why[i]);
+    if (out > 0)
+        rec_calib_say(
+            k, 4 * out > k->nv && n[REC_VIEW_STILL] < out ? REC_CALIB_WARNING : REC_CALIB_NOTE,
+            REC_CALIB_PICTURES, -1, REC_NO_FRAME, "%zu of %zu views are left out: %s", out, k->nv,
+            list);
+}
+
+static void say_folds(struct calib *k)
+{
+    double trained = 0, held = 0;
+    for (int i = 0; i < REC_CALIB_FOLDS; i++) {
+        trained += k->out->fold[i].trained;
+        held += k->out->fold[i].held_out;
+    }
+    if (isnan(held))
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_HELD_OUT, -1, REC_NO_FRAME,
+                      "too few poses to hold some out as a check: show the board in %d or more",
+                      2 * REC_CALIB_FOLDS);
+    else if (held > 1.2 * trained)
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_HELD_OUT, -1, REC_NO_FRAME,
+                      "poses that were held out fit %.2f times worse than the others: there are "
+                      "too few, or they "
+                      "are too alike",
+                      held / trained);
+}
+
+void rec_calib_verdicts(struct calib *k)
+{
+    const struct rec_calib_report *r = k->out;
+    uint32_t worst = 0;
+    for (uint32_t c = 0; c < k->nc; c++) {
+        say_held(k, c);
+        if (r->camera[c].expected.voxels_95 > r->camera[worst].expected.voxels_95)
+            worst = c;
+    }
+    say_pictures(k);
+    say_folds(k);
+    const struct rec_uncertainty *u = &r->camera[worst].expected;
+    const char *name = k->in->camera[worst].name;
+    if (!(u->px > 0) && !isfinite(r->px))
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_VERDICT, -1, REC_NO_FRAME,
+                      "no camera sees the volume: is it where the world is?");
+    else if (u->voxels_95 <= FAIR)
+        rec_calib_say(k, REC_CALIB_NOTE, REC_CALIB_VERDICT, (int)worst, REC_NO_FRAME,
+                      "%s: expected volume error %.3f px, %.3f voxels; with 95 %% below %.3f in "
+                      "the worst camera, "
+                      "%s, and %.2f is what tomography bears",
+                      u->voxels_95 <= GOOD ? "good" : "just enough", r->px, r->voxels, u->voxels_95,
+                      name, FAIR);
+    else
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_VERDICT, (int)worst, REC_NO_FRAME,
+                      "not enough: expected volume error %.3f px, %.3f voxels; with 95 %% below "
+                      "%.3f in the worst "
+                      "camera, %s, where %.2f is what tomography bears: show the board to %s in "
+                      "more poses, all "
+                      "through the volume",
+                      r->px, r->voxels, u->voxels_95, name, FAIR, name);
+}
