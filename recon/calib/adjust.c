@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "base/mem.h"
 #include "recon/calib/model.h"
@@ -35,7 +36,7 @@ void rec_calib_beliefs(const struct calib *k, size_t camera, double sigma[REC_LE
     const struct rec_calib_camera *c = &k->in->camera[camera];
     double side = c->width > c->height ? c->width : c->height, f = k->believed[camera][REC_FX];
     const double s[REC_LENS] = {0.3 * f, 0.3 * f, 0.05 * side, 0.05 * side, 0.3,
-                                0.5,     0.01,    0.01,        0.5};
+                                0.2,     0.01,    0.01,        0.1};
     memcpy(sigma, s, sizeof s);
 }
 
@@ -256,6 +257,7 @@ pvx_err rec_calib_adjust(struct calib *k, const struct adjust *a)
     if (e != PVX_OK)
         return pvx_fail(k->d, (pvx_err)e, "the bundle adjustment failed: %.500s", err);
     k->out->iterations += report.iterations;
+    if (getenv("CALIB_TRACE")) fprintf(stderr, "solve %zu terms robust %d: %d iterations conv %d cost %g -> %g, %.3f s\n", p.n, a->robust, report.iterations, report.converged, report.initial, report.final, clock()*1e-6);
     return PVX_OK;
 }
 
@@ -272,6 +274,7 @@ pvx_err rec_calib_covariance(struct calib *k, double *cov)
     struct rec_nls nls = as_nls(&p, 0);
     int e = k->lib->covariance(&nls, list, 2 * k->nc, cov, err, sizeof err);
     free_problem(&p);
+    if (getenv("CALIB_TRACE")) fprintf(stderr, "cov %.3f s\n", clock()*1e-6);
     return e == PVX_OK ? PVX_OK : pvx_fail(k->d, (pvx_err)e, "no uncertainty: %.500s", err);
 }
 

@@ -104,16 +104,32 @@ static void weigh(struct calib *k)
     k->chi2 = n > free ? sum / (n - free) : 1;
 }
 
-/* Numbers of the lens that the data leave nearly as uncertain as belief does: back to the belief. */
-static bool hold(struct calib *k, const double *cov)
+/* Parameter `at` is fixed: the covariance of the others, given it. */
+static void condition(double *cov, size_t N, size_t at)
 {
+    double over = 1 / cov[at * N + at];
+    for (size_t i = 0; i < N; i++)
+        for (size_t j = 0; j < N; j++)
+            if (i != at && j != at)
+                cov[i * N + j] -= cov[i * N + at] * cov[at * N + j] * over;
+    for (size_t i = 0; i < N; i++)
+        cov[i * N + at] = cov[at * N + i] = 0;
+}
+
+/* Numbers of the lens that the data leave nearly as uncertain as belief does: back to the belief, the last
+ * term of the radial series first, since the others are known better without it. */
+static bool hold(struct calib *k, double *cov)
+{
+    static const int order[REC_LENS] = {REC_K3, REC_K2, REC_K1, REC_P1, REC_P2,
+                                        REC_CX, REC_CY, REC_FX, REC_FY};
     size_t N = k->nc * (REC_LENS + 6);
     bool any = false;
     for (size_t c = 0; c < k->nc; c++) {
         double believed[REC_LENS];
         struct rec_calib_of_camera *o = &k->out->camera[c];
         rec_calib_beliefs(k, c, believed);
-        for (int i = 0; i < REC_LENS; i++) {
+        for (int j = 0; j < REC_LENS; j++) {
+            int i = order[j];
             size_t at = c * (REC_LENS + 6) + (size_t)i;
             o->sigma[i] = sqrt(fmax(0, cov[at * N + at]));
             if ((k->in->camera[c].hold & REC_HOLD_LENS) != 0 || !(o->sigma[i] > HELD * believed[i]))
@@ -121,7 +137,13 @@ static bool hold(struct calib *k, const double *cov)
             o->held |= 1u << i;
             k->lens_held[c] |= 1u << i;
             k->lens[c][i] = k->believed[c][i];
+            condition(cov, N, at);
             any = true;
+        }
+        for (int i = 0; i < REC_LENS; i++) { /* as they are now that others are held */
+            size_t at = c * (REC_LENS + 6) + (size_t)i;
+            if ((o->held >> i & 1) == 0)
+                o->sigma[i] = sqrt(fmax(0, cov[at * N + at]));
         }
     }
     return any;

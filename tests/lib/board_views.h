@@ -85,7 +85,9 @@ static inline void bv_init(struct bv *s, size_t n, bool two_sided)
         .n_cameras = n,
         .camera = s->named,
         .view = s->view,
-        .grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {64, 64, 64}, REC_TRILINEAR}};
+        .grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {64, 64, 64}, REC_TRILINEAR},
+        .options = {.world = REC_WORLD_UP,
+                    .up = {s->cam[0].right[2], s->cam[0].down[2], s->cam[0].forward[2]}}};
 }
 
 /* The board with its middle at `at`, its front towards `look`, turned by `roll` in its own plane. */
