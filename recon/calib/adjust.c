@@ -68,11 +68,11 @@ static bool corner(const struct calib *k, const struct source *of, const double 
     double a = (s->x - k->middle[0]) / k->half[0], b = (s->y - k->middle[1]) / k->half[1];
     const double bend[SHAPE] = {a * a - 1.0 / 3, a * b, b * b - 1.0 / 3,
                                 v->board->face == REC_BACK};
-    double X[3] = {s->x, s->y, 0}, Y[3], Z[3], uv[2], Jl[18], JX[6], Jc[18], Jb[18];
+    double X[3] = {s->x, s->y, 0}, Y[3], Z[3], uv[2], Jl[18], JX[6], Jc[18], Jb[18], R[9], Q[9];
     for (int i = 0; i < SHAPE; i++)
         X[2] += x[0][i] * bend[i];
-    rec_model_move(x[3], X, Y, J != NULL ? Jb : NULL);
-    rec_model_move(x[2], Y, Z, J != NULL ? Jc : NULL);
+    rec_model_move(x[3], X, Y, J != NULL ? Jb : NULL, Q);
+    rec_model_move(x[2], Y, Z, J != NULL ? Jc : NULL, R);
     if (!rec_model_project(x[1], Z, uv, J != NULL ? Jl : NULL, J != NULL ? JX : NULL))
         return false;
     double over = 1 / k->scale[v->camera];
@@ -82,7 +82,7 @@ static bool corner(const struct calib *k, const struct source *of, const double 
     r[1] = W[1] * du + W[2] * dv;
     if (J == NULL)
         return true;
-    double D[6], B[6], R[9], Q[9]; /* d r / d Z; d r / d Y; */
+    double D[6], B[6]; /* d r / d Z; d r / d Y; */
     for (int i = 0; i < 3; i++) {
         D[i] = W[0] * JX[i];
         D[3 + i] = W[1] * JX[i] + W[2] * JX[3 + i];
@@ -97,7 +97,6 @@ static bool corner(const struct calib *k, const struct source *of, const double 
             for (int i = 0; i < 6; i++)
                 J[2][6 * row + i] =
                     D[3 * row] * Jc[i] + D[3 * row + 1] * Jc[6 + i] + D[3 * row + 2] * Jc[12 + i];
-    rec_rotation(x[2], R);
     for (int row = 0; row < 2; row++)
         for (int i = 0; i < 3; i++)
             B[3 * row + i] =
@@ -108,7 +107,6 @@ static bool corner(const struct calib *k, const struct source *of, const double 
                 J[3][6 * row + i] =
                     B[3 * row] * Jb[i] + B[3 * row + 1] * Jb[6 + i] + B[3 * row + 2] * Jb[12 + i];
     if (J[0] != NULL) {
-        rec_rotation(x[3], Q);
         for (int row = 0; row < 2; row++) {
             double z = B[3 * row] * Q[2] + B[3 * row + 1] * Q[5] + B[3 * row + 2] * Q[8];
             for (int i = 0; i < SHAPE; i++)
@@ -242,6 +240,8 @@ static struct rec_nls as_nls(const struct problem *p, int max_iterations)
                             .residual = residual,
                             .ctx = p,
                             .loss = LOSS,
+                            .tolerance =
+                                p->robust ? 1e-5 : 1e-9, /* more will follow a robust one */
                             .max_iterations = max_iterations};
 }
 
@@ -257,7 +257,10 @@ pvx_err rec_calib_adjust(struct calib *k, const struct adjust *a)
     if (e != PVX_OK)
         return pvx_fail(k->d, (pvx_err)e, "the bundle adjustment failed: %.500s", err);
     k->out->iterations += report.iterations;
-    if (getenv("CALIB_TRACE")) fprintf(stderr, "solve %zu terms robust %d: %d iterations conv %d cost %g -> %g, %.3f s\n", p.n, a->robust, report.iterations, report.converged, report.initial, report.final, clock()*1e-6);
+    if (getenv("CALIB_TRACE"))
+        fprintf(stderr, "solve %zu terms robust %d: %d iterations conv %d cost %g -> %g, %.3f s\n",
+                p.n, a->robust, report.iterations, report.converged, report.initial, report.final,
+                clock() * 1e-6);
     return PVX_OK;
 }
 
@@ -274,7 +277,8 @@ pvx_err rec_calib_covariance(struct calib *k, double *cov)
     struct rec_nls nls = as_nls(&p, 0);
     int e = k->lib->covariance(&nls, list, 2 * k->nc, cov, err, sizeof err);
     free_problem(&p);
-    if (getenv("CALIB_TRACE")) fprintf(stderr, "cov %.3f s\n", clock()*1e-6);
+    if (getenv("CALIB_TRACE"))
+        fprintf(stderr, "cov %.3f s\n", clock() * 1e-6);
     return e == PVX_OK ? PVX_OK : pvx_fail(k->d, (pvx_err)e, "no uncertainty: %.500s", err);
 }
 
@@ -286,7 +290,7 @@ void rec_calib_measure(struct calib *k, const struct view *v, const double to_ca
         struct seen *s = &k->seen[i];
         double X[3], Z[3], uv[2];
         rec_calib_point(k, v, s, X);
-        rec_model_move(to_camera, X, Z, NULL);
+        rec_model_move(to_camera, X, Z, NULL, NULL);
         s->far = INFINITY;
         s->r[0] = s->r[1] = 0;
         if (!rec_model_project(k->lens[v->camera], Z, uv, NULL, NULL))

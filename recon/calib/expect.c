@@ -36,11 +36,10 @@ static bool rows(const struct calib *k, const struct rec_grid *g, size_t c, cons
     const struct rec_calib_camera *m = &k->in->camera[c];
     rec_pose_inverse(k->to_world, back);
     rec_pose_apply(back, at, X);
-    rec_model_move(k->fit_pose[c], X, Z, Jp);
+    rec_model_move(k->fit_pose[c], X, Z, Jp, R);
     if (!rec_model_project(k->lens[c], Z, uv, Jl, JX) || uv[0] < -0.5 || uv[1] < -0.5 ||
         uv[0] > m->width - 0.5 || uv[1] > m->height - 0.5)
         return false;
-    rec_rotation(k->fit_pose[c], R);
     for (int r = 0; r < 2; r++) {
         double *to = b + N2 * r, W[3]; /* W: d uv / d X */
         memcpy(to, Jl + REC_LENS * r, REC_LENS * sizeof *to);

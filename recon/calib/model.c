@@ -54,18 +54,17 @@ bool rec_model_ideal(const double l[9], const double uv[2], double xy[2])
     return isfinite(x) && isfinite(y);
 }
 
-void rec_model_move(const double pose[6], const double X[3], double out[3], double *J)
+void rec_model_move(const double pose[6], const double X[3], double out[3], double *J, double *R)
 {
-    double R[9], L[9], Y[3];
-    rec_rotation(pose, R);
+    double own[9], L[9], Y[3];
+    if (R == NULL)
+        R = own;
+    rec_rotation_left(pose, R, J != NULL ? L : NULL);
     for (int i = 0; i < 3; i++) {
         Y[i] = R[3 * i] * X[0] + R[3 * i + 1] * X[1] + R[3 * i + 2] * X[2];
         out[i] = Y[i] + pose[3 + i];
     }
-    if (J == NULL)
-        return;
-    rec_rotation_left(pose, L);
-    for (int c = 0; c < 3; c++) { /* (L dw) x Y */
+    for (int c = 0; c < 3 && J != NULL; c++) { /* (L dw) x Y */
         const double a[3] = {L[c], L[3 + c], L[6 + c]};
         J[c] = a[1] * Y[2] - a[2] * Y[1];
         J[6 + c] = a[2] * Y[0] - a[0] * Y[2];

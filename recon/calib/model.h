@@ -10,7 +10,7 @@ bool rec_model_project(const double lens[9], const double X[3], double uv[2], do
 /* Pixel without lens: (x/z, y/z).  Fixed point of the distortion; false where that runs away. */
 bool rec_model_ideal(const double lens[9], const double uv[2], double xy[2]);
 
-/* pose applied to X; J [3][6]: d out / d pose, may be NULL. */
-void rec_model_move(const double pose[6], const double X[3], double out[3], double *J);
+/* pose applied to X; J [3][6]: d out / d pose, R [9]: d out / d X; both or none may be NULL. */
+void rec_model_move(const double pose[6], const double X[3], double out[3], double *J, double *R);
 
 #endif

@@ -1,6 +1,7 @@
 #include "recon/calib/pose.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
 void rec_mat3(const double A[9], const double B[9], double out[9])
@@ -20,22 +21,23 @@ static void series(const double w[3], double a, double b, double out[9])
             out[3 * i + j] = a * S[3 * i + j] + b * w[i] * w[j] + (i == j ? 1 - b * t2 : 0);
 }
 
-void rec_rotation(const double w[3], double R[9])
+void rec_rotation_left(const double w[3], double R[9], double J[9])
 {
     double t2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], t = sqrt(t2);
-    if (t < 1e-4)
-        series(w, 1 - t2 / 6, 0.5 - t2 / 24, R);
-    else
-        series(w, sin(t) / t, (1 - cos(t)) / t2, R);
+    double a = 1 - t2 / 6, b = 0.5 - t2 / 24, c = 1.0 / 6 - t2 / 120;
+    if (t > 1e-4) {
+        a = sin(t) / t;
+        b = (1 - cos(t)) / t2;
+        c = (1 - a) / t2;
+    }
+    series(w, a, b, R);
+    if (J != NULL)
+        series(w, b, c, J);
 }
 
-void rec_rotation_left(const double w[3], double J[9])
+void rec_rotation(const double w[3], double R[9])
 {
-    double t2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], t = sqrt(t2);
-    if (t < 1e-4)
-        series(w, 0.5 - t2 / 24, 1.0 / 6 - t2 / 120, J);
-    else
-        series(w, (1 - cos(t)) / t2, (t - sin(t)) / (t2 * t), J);
+    rec_rotation_left(w, R, NULL);
 }
 
 /* By the quaternion, from its largest component: exact near half a turn too. */

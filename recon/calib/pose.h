@@ -5,8 +5,8 @@
 /* Rodrigues' formula and its inverse (|w| <= pi).  R [9] row major. */
 void rec_rotation(const double w[3], double R[9]);
 void rec_rotation_log(const double R[9], double w[3]);
-/* J [9] with R(w + dw) = R(J dw) R(w) to first order (left Jacobian of SO(3)). */
-void rec_rotation_left(const double w[3], double J[9]);
+/* R, and J [9] with R(w + dw) = R(J dw) R(w) to first order (left Jacobian of SO(3)). */
+void rec_rotation_left(const double w[3], double R[9], double J[9]);
 
 void rec_pose_mul(const double a[6], const double b[6], double out[6]); /* first b, then a */
 void rec_pose_inverse(const double a[6], double out[6]);

@@ -104,7 +104,8 @@ int solve(const rec_nls *p, rec_nls_report *out, char *err, size_t err_size) noe
                                                             p->block[b].first ? 0 : 1);
         o.num_threads = 1;
         o.max_num_iterations = p->max_iterations;
-        o.function_tolerance = 1e-9;
+        o.function_tolerance = p->tolerance;
+        o.initial_trust_region_radius = 1e8; /* starts are near: nearly Gauss-Newton */
         o.parameter_tolerance = 1e-10;
         o.gradient_tolerance = 1e-12;
         o.logging_type = ceres::SILENT;

@@ -44,7 +44,8 @@ struct rec_nls {
      * major.  False: not defined there, the step is shortened.  Called from one thread. */
     bool (*residual)(const void *ctx, size_t i, const double *const *x, double *r, double **J);
     const void *ctx;
-    double loss; /* scale of Cauchy's loss, in units of the residuals */
+    double loss;      /* scale of Cauchy's loss, in units of the residuals */
+    double tolerance; /* of the sum of squares: the end when a step changes less of it */
     int max_iterations;
 };
 

@@ -166,10 +166,12 @@ static void start_lens(struct calib *k, uint32_t c, double f)
     memcpy(k->believed[c], l, sizeof k->believed[c]);
 }
 
-/* Corners beyond the camera's own spread are wrong; views that are mostly wrong are left out. */
-static void judge(struct calib *k, uint32_t c, double *room)
+/* Corners beyond the camera's own spread are wrong; views that are mostly wrong are left out.  True when
+ * anything changed. */
+static bool judge(struct calib *k, uint32_t c, double *room)
 {
     size_t n = 0;
+    bool changed = false;
     for (size_t i = 0; i < k->nv; i++) {
         const struct view *v = &k->view[i];
         if (v->camera != c || v->fate != REC_VIEW_USED)
@@ -187,72 +189,92 @@ static void judge(struct calib *k, uint32_t c, double *room)
         if (v->camera != c || v->fate != REC_VIEW_USED)
             continue;
         for (size_t s = v->first; s < v->first + v->n; s++) {
-            k->seen[s].far /= unit;
-            k->seen[s].wrong = !(k->seen[s].far < OUTLIER);
-            wrong += k->seen[s].wrong;
+            struct seen *p = &k->seen[s];
+            p->far /= unit;
+            bool now = !(p->far < OUTLIER);
+            changed |= now != p->wrong;
+            p->wrong = now;
+            wrong += now;
         }
-        if (wrong > WRONG_VIEW * (double)v->n || v->n - wrong < LEAST)
+        if (wrong > WRONG_VIEW * (double)v->n || v->n - wrong < LEAST) {
             v->fate = REC_VIEW_SELF;
+            changed = true;
+        }
     }
+    return changed;
 }
 
-static bool choose_poses(struct calib *k, uint32_t c)
+/* The poses to start from: those of the plane, or what the last round made of them where that is better. */
+static pvx_err choose_poses(struct calib *k, uint32_t c, struct flat *flat, bool first,
+                            size_t *views)
 {
-    bool any = false;
+    *views = 0;
     for (size_t i = 0; i < k->nv; i++) {
-        const struct view *v = &k->view[i];
-        if (v->camera == c && v->fate == REC_VIEW_USED) {
-            memcpy(k->board[v->frame], v->pose[0], sizeof v->pose[0]);
-            k->placed[v->frame] = any = true;
+        struct view *v = &k->view[i];
+        double was = INFINITY;
+        if (v->camera != c || v->fate != REC_VIEW_USED)
+            continue;
+        if (!first) {
+            rec_calib_measure(k, v, k->board[v->frame]);
+            was = rec_calib_rms(k, v);
         }
+        PVX_TRY(plane_poses(k, v, flat));
+        if (v->n_poses == 0) {
+            v->fate = REC_VIEW_SELF;
+            continue;
+        }
+        if (v->fit[0] < was)
+            memcpy(k->board[v->frame], v->pose[0], sizeof v->pose[0]);
+        k->placed[v->frame] = true;
+        (*views)++;
     }
-    return any;
+    return PVX_OK;
+}
+
+/* What was adjusted becomes the first pose of a view; the other of the plane's two stands beside it. */
+static void keep_poses(struct calib *k, uint32_t c)
+{
+    for (size_t i = 0; i < k->nv; i++) {
+        struct view *v = &k->view[i];
+        double R[9];
+        if (v->camera != c || v->fate != REC_VIEW_USED)
+            continue;
+        const double *pose = k->board[v->frame];
+        double reach = hypot(pose[3], pose[5]);
+        if (v->n_poses == 2 && rec_pose_distance(pose, v->pose[1], reach) <
+                                   rec_pose_distance(pose, v->pose[0], reach)) {
+            memcpy(v->pose[1], v->pose[0], sizeof v->pose[0]);
+            v->fit[1] = v->fit[0];
+        }
+        memcpy(v->pose[0], pose, sizeof v->pose[0]);
+        rec_calib_measure(k, v, v->pose[0]);
+        v->single = v->fit[0] = rec_calib_rms(k, v);
+        v->usual = rec_calib_usual(k, v);
+        rec_rotation(v->pose[0], R);
+        v->tilt = acos(fmin(1, fabs(R[8])));
+    }
 }
 
 static pvx_err alone(struct calib *k, uint32_t c, struct flat *flat, double *room)
 {
-    bool only[REC_MAX_CAMERAS] = {false};
+    bool only[REC_MAX_CAMERAS] = {false}, changed = true;
     double f;
+    size_t views;
     only[c] = true;
     PVX_TRY(focal(k, c, flat, (struct vote *)room, &f));
     start_lens(k, c, f);
     memset(k->pose[c], 0, sizeof k->pose[c]);
-    for (int round = 0; round < 3; round++) {
-        for (size_t i = 0; i < k->nv; i++) {
-            struct view *v = &k->view[i];
-            if (v->camera != c || v->fate != REC_VIEW_USED)
-                continue;
-            PVX_TRY(plane_poses(k, v, flat));
-            if (v->n_poses == 0)
-                v->fate = REC_VIEW_SELF;
-        }
-        memset(k->placed, 0, k->nf * sizeof *k->placed);
-        if (!choose_poses(k, c))
+    memset(k->placed, 0, k->nf * sizeof *k->placed);
+    for (int round = 0; round < 4 && changed; round++) {
+        PVX_TRY(choose_poses(k, c, flat, round == 0, &views));
+        if (views == 0)
             return PVX_OK;
-        const struct adjust a = {.camera = only,
-                                 .robust = true,
-                                 .pose_fixed = true,
-                                 .max_iterations = round == 0 ? 50 : 20};
+        const struct adjust a = {
+            .camera = only, .robust = true, .pose_fixed = true, .max_iterations = 50};
         PVX_TRY(rec_calib_adjust(k, &a));
-        judge(k, c, room);
+        changed = judge(k, c, room) || round == 0; /* the scale is known from the second on */
     }
-    for (size_t i = 0; i < k->nv; i++) {
-        struct view *v = &k->view[i];
-        if (v->camera != c || v->fate != REC_VIEW_USED)
-            continue;
-        /* the other pose stands beside the one that was adjusted */
-        double reach = hypot(k->board[v->frame][3], k->board[v->frame][5]);
-        if (v->n_poses == 2 && rec_pose_distance(k->board[v->frame], v->pose[1], reach) <
-                                   rec_pose_distance(k->board[v->frame], v->pose[0], reach))
-            memcpy(v->pose[1], v->pose[0], sizeof v->pose[0]);
-        memcpy(v->pose[0], k->board[v->frame], sizeof v->pose[0]);
-        rec_calib_measure(k, v, v->pose[0]);
-        v->single = v->fit[0] = rec_calib_rms(k, v);
-        v->usual = rec_calib_usual(k, v);
-        double R[9];
-        rec_rotation(v->pose[0], R);
-        v->tilt = acos(fmin(1, fabs(R[8])));
-    }
+    keep_poses(k, c);
     return PVX_OK;
 }
 

@@ -1,0 +1,489 @@
+/* Known rigs look at known boards (lib/board_views.h): what comes out is the rig, and bad input is named. */
+#include "recon/calib/calib.h"
+
+#include "recon/calib/model.h"
+#include "recon/calib/pose.h"
+#include "tests/lib/board_views.h"
+
+static struct bv s;
+
+int main(void)
+{
+    char lib[512];
+    const char *build = getenv("PYROVOX_BUILD");
+    snprintf(lib, sizeof lib, "%s/lib", build != NULL ? build : "build");
+    setenv("PYROVOX_LIBDIR", lib, 0);
+    return t_run();
+}
+
+static void solved(struct bv_result *r)
+{
+    bv_solve(&s, r);
+    T_CHECK_(r->e == PVX_OK, "%s", pvx_diag_text(&r->d, r->e));
+}
+
+/* The first sentence about `what`; NULL: none. */
+static const struct rec_calib_finding *said(const struct bv_result *r, enum rec_calib_what what)
+{
+    for (size_t i = 0; i < r->report.n_findings; i++)
+        if (r->report.finding[i].what == what)
+            return &r->report.finding[i];
+    return NULL;
+}
+
+/* ---- the model ------------------------------------------------------------------------------------ */
+
+T_CASE(derivatives_are_those_of_differences)
+{
+    for (int round = 0; round < 20; round++) {
+        double lens[9] = {600, 610, 320, 240, -0.1, 0.05, 1e-3, -2e-3, 0.02}, pose[6], X[3], Y[3],
+               uv[2];
+        double Jl[18], JX[6], J[18], R[9];
+        for (int i = 0; i < 3; i++) {
+            pose[i] = t_uniform(-1.7, 1.7) * (round == 0 ? 1e-6 : 1);
+            pose[3 + i] = t_uniform(-1, 1) + (i == 2 ? 4 : 0);
+            X[i] = t_uniform(-0.5, 0.5);
+        }
+        rec_model_move(pose, X, Y, J, R);
+        T_OK(rec_model_project(lens, Y, uv, Jl, JX));
+        for (int i = 0; i < 6; i++) {
+            double h = 1e-6, p[6], q[6], A[3], B[3];
+            memcpy(p, pose, sizeof p);
+            memcpy(q, pose, sizeof q);
+            p[i] += h;
+            q[i] -= h;
+            rec_model_move(p, X, A, NULL, NULL);
+            rec_model_move(q, X, B, NULL, NULL);
+            for (int a = 0; a < 3; a++)
+                T_NEAR(J[6 * a + i], (A[a] - B[a]) / (2 * h), 1e-8);
+        }
+        for (int i = 0; i < 12; i++) { /* 9 of the lens, 3 of the point */
+            double h = i < 4 ? 1e-3 : 1e-6, l[9], m[9], a[3], b[3], ua[2], ub[2];
+            memcpy(l, lens, sizeof l);
+            memcpy(m, lens, sizeof m);
+            memcpy(a, Y, sizeof a);
+            memcpy(b, Y, sizeof b);
+            (i < 9 ? &l[i] : &a[i - 9])[0] += h;
+            (i < 9 ? &m[i] : &b[i - 9])[0] -= h;
+            T_OK(rec_model_project(l, a, ua, NULL, NULL) &&
+                 rec_model_project(m, b, ub, NULL, NULL));
+            for (int r = 0; r < 2; r++)
+                T_NEAR(i < 9 ? Jl[9 * r + i] : JX[3 * r + i - 9], (ua[r] - ub[r]) / (2 * h), 1e-5);
+        }
+    }
+}
+
+T_CASE(poses_compose_and_invert)
+{
+    for (int round = 0; round < 50; round++) {
+        double a[6], b[6], ab[6], back[6], X[3], Y[3], Z[3];
+        for (int i = 0; i < 6; i++) {
+            a[i] = t_uniform(-1.8, 1.8);
+            b[i] = t_uniform(-1.8, 1.8);
+            X[i % 3] = t_uniform(-1, 1);
+        }
+        if (round == 0)
+            a[0] = 3.141592653589793, a[1] = a[2] = 0; /* half a turn */
+        rec_pose_mul(a, b, ab);
+        rec_pose_apply(b, X, Y);
+        rec_pose_apply(a, Y, Z);
+        rec_pose_apply(ab, X, Y);
+        for (int i = 0; i < 3; i++)
+            T_NEAR(Y[i], Z[i], 1e-12);
+        rec_pose_inverse(ab, back);
+        rec_pose_apply(back, Y, Z);
+        for (int i = 0; i < 3; i++)
+            T_NEAR(Z[i], X[i], 1e-12);
+        T_NEAR(rec_pose_distance(a, a, 1), 0, 1e-7);
+    }
+}
+
+/* ---- good input ----------------------------------------------------------------------------------- */
+
+T_CASE(a_ring_is_found)
+{
+    struct bv_result r, again;
+    bv_init(&s, 4, true);
+    s.frames = 30;
+    s.warp[0] = 0.0008;
+    s.warp[1] = -0.0005;
+    bv_everywhere(&s);
+    bv_take(&s);
+    solved(&r);
+    T_LE(r.rms, 0.08);
+    T_LE(r.worst, 0.4);
+    T_LE(r.rms, 2 * r.report.px); /* what it expects is what comes */
+    T_LE(r.report.px, 3 * r.rms);
+    T_NEAR(r.report.joint, 0.1414, 0.01);
+    T_NEAR(r.report.warp[0], s.warp[0], 2e-4);
+    T_NEAR(r.report.warp[1], s.warp[1], 2e-4);
+    T_NEAR(r.report.thickness, s.thickness, 2e-4);
+    T_NEAR(r.report.chi2, 1, 0.1);
+    T_OK(!rec_calib_says(&r.report, REC_CALIB_REFUSED, -1));
+    T_OK(!rec_calib_says(&r.report, REC_CALIB_WARNING, -1));
+    T_OK(rec_calib_says(&r.report, REC_CALIB_NOTE, REC_CALIB_VERDICT));
+    for (int i = 0; i < REC_CALIB_FOLDS; i++) {
+        T_LE(r.report.fold[i].held_out, 1.1 * r.report.fold[i].trained);
+        T_LE(r.report.fold[i].volume, 6 * r.report.px);
+    }
+    for (size_t c = 0; c < 4; c++) {
+        T_NEAR(r.rig.cameras[c].fx, s.cam[c].f[0], 5 * r.report.camera[c].sigma[REC_FX]);
+        T_LE(r.report.camera[c].sigma[REC_FX], 1.5);
+        T_OK(r.rig.cameras[c].uncertainty.px > 0);
+    }
+    bv_solve(&s, &again); /* the same bits */
+    T_OK(memcmp(r.rig.cameras, again.rig.cameras, 4 * sizeof *r.rig.cameras) == 0);
+    bv_done(&again);
+    bv_done(&r);
+}
+
+T_CASE(wrong_corners_do_not_count)
+{
+    struct bv_result r;
+    size_t wrong = 0;
+    bv_init(&s, 4, true);
+    s.frames = 30;
+    s.noise = 0.3;
+    s.wrong = 0.03;
+    bv_everywhere(&s);
+    bv_take(&s);
+    solved(&r);
+    T_LE(r.rms, 0.2);
+    for (size_t i = 0; i < s.n; i++)
+        wrong += r.report.view[i].wrong;
+    T_OK(wrong > 50);
+    bv_done(&r);
+}
+
+/* Only the views that `keep` keeps. */
+static void filter(bool (*keep)(const struct rec_board_view *v))
+{
+    size_t n = 0;
+    for (size_t i = 0; i < s.n; i++)
+        if (keep(&s.view[i]))
+            s.view[n++] = s.view[i];
+    s.n = s.in.n_views = n;
+}
+
+/* A board that is carried slowly through the volume and turned before the cameras. */
+static void carried(void)
+{
+    for (size_t f = 0; f < s.frames; f++) {
+        double t = 0.02 * (double)f;
+        const double at[3] = {0.25 * cos(9 * t), 0.25 * sin(7 * t), 0.5 + 0.2 * sin(5 * t)};
+        const double look[3] = {cos(11 * t), sin(11 * t), 0.6 * sin(13 * t)};
+        s.pose[f] = bv_pose_at(&s, at, look, 3 * sin(4 * t));
+    }
+}
+
+/* ---- the world ------------------------------------------------------------------------------------ */
+
+T_CASE(the_world_stands_on_the_floor_board)
+{
+    struct bv_result r;
+    const double at[3] = {0.1, -0.05, 0.05}, up[3] = {0, 0, 1};
+    bv_init(&s, 4, false);
+    s.frames = 25;
+    for (size_t i = 0; i < 4; i++) { /* from above, so that they see it */
+        struct bv_camera *c = &s.cam[i];
+        c->at[2] = 2;
+        for (int j = 0; j < 3; j++)
+            c->forward[j] = (j == 2 ? 0.4 : 0) - c->at[j];
+        bv_unit(c->forward);
+        bv_cross(c->forward, up, c->right);
+        bv_unit(c->right);
+        bv_cross(c->forward, c->right, c->down);
+    }
+    for (size_t f = 0; f < s.frames; f++) {
+        double a = 0.7 * (double)f;
+        const double look[3] = {0.6 * cos(a), 0.6 * sin(a), 1};
+        const double to[3] = {0.2 * cos(2 * a), 0.2 * sin(3 * a), 0.3 + 0.02 * (double)f};
+        s.pose[f] = bv_pose_at(&s, to, look, a);
+    }
+    s.pose[7] = bv_pose_at(&s, at, up, 0.3);
+    bv_take(&s);
+    s.in.grid.min[2] = -0.2;
+    s.in.options.world = REC_WORLD_FLOOR;
+    s.in.options.floor_frame = 107;
+    solved(&r);
+    T_LE(r.rms, 0.2);
+    const struct bv_pose *p = &s.pose[7];
+    double o[3], d[3];
+    for (size_t c = 0; c < 4;
+         c++) { /* camera centres in the board's axes: x, -y, -z from its middle */
+        for (int j = 0; j < 3; j++)
+            d[j] = s.cam[c].at[j] - at[j];
+        rec_camera_centre(&r.rig.cameras[c], o);
+        T_NEAR(o[0], bv_dot(d, p->x), 2e-3);
+        T_NEAR(o[1], -bv_dot(d, p->y), 2e-3);
+        T_NEAR(o[2], -0.2 - bv_dot(d, p->z), 2e-3);
+    }
+    bv_done(&r);
+    s.in.options.floor_frame = 99;
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "frame 99 should show the board on the floor");
+    bv_done(&r);
+}
+
+T_CASE(an_old_rig_is_kept)
+{
+    struct bv_result r;
+    struct rec_camera cameras[BV_CAMERAS];
+    struct rec_rig old;
+    bv_init(&s, 5, true);
+    s.frames = 25;
+    bv_everywhere(&s);
+    bv_take(&s);
+    bv_truth(&s, cameras, &old);
+    cameras[2].t[0] += 0.02; /* it was moved since, by 20 mm */
+    cameras[3].gain[1] = 0.7f;
+    s.in.options.old = &old;
+    s.in.options.world = REC_WORLD_OLD;
+    const struct rec_calib_measured tape[2] = {{0, 1, 3.5}, {1, 3, 1}};
+    double a[3], b[3];
+    rec_camera_centre(&cameras[0], a);
+    rec_camera_centre(&cameras[1], b);
+    struct rec_calib_measured measured[2] = {tape[0], tape[1]};
+    measured[0].metres =
+        1.001 * sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
+    s.in.options.measured = measured;
+    s.in.options.n_measured = 2;
+    solved(&r);
+    for (size_t c = 0; c < 5; c++) {
+        double o[3];
+        rec_camera_centre(&r.rig.cameras[c], o);
+        for (int j = 0; j < 3; j++)
+            T_NEAR(o[j], s.cam[c].at[j], 3e-3);
+    }
+    const struct rec_calib_finding *f = said(&r, REC_CALIB_OLD_RIG);
+    T_OK(f != NULL && f->camera == 2);
+    T_NEAR(r.rig.cameras[3].gain[1], 0.7f, 0);
+    f = said(&r, REC_CALIB_SCALE); /* the worse one first */
+    T_OK(f != NULL && f->severity == REC_CALIB_WARNING && f->camera == 1);
+    T_CONTAINS(f != NULL ? f->text : "", "printer may have scaled");
+    bv_done(&r);
+
+    /* One tripod was moved, the others are believed: their numbers come out as they went in. */
+    for (size_t c = 0; c < 5; c++)
+        s.named[c].hold = c == 2 ? REC_HOLD_LENS : REC_HOLD_LENS | REC_HOLD_POSE;
+    solved(&r);
+    for (size_t c = 0; c < 5; c++)
+        if (c != 2)
+            T_OK(memcmp(r.rig.cameras[c].R, cameras[c].R, sizeof cameras[c].R) == 0 &&
+                 memcmp(r.rig.cameras[c].t, cameras[c].t, sizeof cameras[c].t) == 0 &&
+                 r.rig.cameras[c].fx == cameras[c].fx);
+    rec_camera_centre(&r.rig.cameras[2], a);
+    for (int j = 0; j < 3; j++)
+        T_NEAR(a[j], s.cam[2].at[j], 2e-3);
+    bv_done(&r);
+}
+
+/* ---- bad input ------------------------------------------------------------------------------------ */
+
+static bool two_groups(const struct rec_board_view *v)
+{
+    return (v->camera < 2) == (v->frame < 112);
+}
+
+T_CASE(groups_that_nothing_joins)
+{
+    struct bv_result r;
+    bv_init(&s, 4, true);
+    s.frames = 24;
+    bv_everywhere(&s);
+    bv_take(&s);
+    filter(two_groups);
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "nothing joins {");
+    T_CONTAINS(r.d.text, "cam0 cam1}");
+    T_CONTAINS(r.d.text, "{cam2 cam3}");
+    T_CONTAINS(r.d.text, "5 poses");
+    T_OK(said(&r, REC_CALIB_APART) != NULL);
+    T_OK(r.rig.cameras == NULL);
+    T_EQ_I(r.report.n_pairs, 6);
+    bv_done(&r);
+}
+
+static bool not_of_three(const struct rec_board_view *v)
+{
+    return v->camera != 3;
+}
+
+T_CASE(a_camera_that_sees_nothing)
+{
+    struct bv_result r;
+    bv_init(&s, 4, true);
+    s.frames = 12;
+    bv_everywhere(&s);
+    bv_take(&s);
+    filter(not_of_three);
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "cam3 never saw the board");
+    bv_done(&r);
+}
+
+T_CASE(still_pictures_count_once)
+{
+    struct bv_result r;
+    size_t still = 0;
+    bv_init(&s, 3, true);
+    s.frames = 30;
+    bv_everywhere(&s);
+    for (size_t f = 20; f < 30; f++)
+        s.pose[f] = s.pose[f - 15];
+    bv_take(&s);
+    solved(&r);
+    for (size_t i = 0; i < s.n; i++) {
+        still += r.report.view[i].fate == REC_VIEW_STILL;
+        T_EQ_I(r.report.view[i].fate == REC_VIEW_STILL, s.view[i].frame >= 120);
+        if (s.view[i].frame >= 120)
+            T_EQ_I(r.report.view[i].like, s.view[i].frame - 15);
+    }
+    T_OK(still > 10);
+    const struct rec_calib_finding *f = said(&r, REC_CALIB_PICTURES);
+    T_CONTAINS(f != NULL ? f->text : "", "in which nothing moved");
+    bv_done(&r);
+}
+
+T_CASE(a_camera_that_was_moved)
+{
+    struct bv_result r;
+    bv_init(&s, 4, true);
+    s.frames = 40;
+    s.cam[1].moved_from = 124;
+    s.cam[1].moved = 0.006;
+    bv_everywhere(&s);
+    bv_take(&s);
+    solved(&r);
+    const struct rec_calib_finding *f = said(&r, REC_CALIB_MOVED);
+    T_OK(f != NULL && f->severity == REC_CALIB_REFUSED && f->camera == 1);
+    if (f != NULL)
+        T_OK(f->frame >= 122 && f->frame <= 126);
+    bv_done(&r);
+}
+
+T_CASE(cameras_out_of_step)
+{
+    struct bv_result r;
+    bv_init(&s, 4, true);
+    s.frames = 50;
+    s.cam[2].delay = 1;
+    carried();
+    bv_take(&s);
+    solved(&r);
+    const struct rec_calib_finding *f = said(&r, REC_CALIB_SYNC);
+    T_OK(f != NULL && f->camera == 2);
+    T_CONTAINS(f != NULL ? f->text : "", "one frame earlier");
+    bv_done(&r);
+    s.cam[2].delay = 0;
+    bv_take(&s);
+    solved(&r);
+    T_OK(said(&r, REC_CALIB_SYNC) == NULL);
+    bv_done(&r);
+}
+
+T_CASE(a_focal_length_that_nobody_knows)
+{
+    struct bv_result r;
+    bv_init(&s, 1, false);
+    s.frames = 12;
+    for (size_t f = 0; f < s.frames; f++) { /* straight before the camera, always as far */
+        double look[3], at[3];
+        for (int j = 0; j < 3; j++) {
+            look[j] = -s.cam[0].forward[j];
+            at[j] = s.cam[0].at[j] + 1.5 * s.cam[0].forward[j] +
+                    0.1 * sin((double)f) * s.cam[0].right[j];
+        }
+        s.pose[f] = bv_pose_at(&s, at, look, 0.5 * (double)f);
+    }
+    bv_take(&s);
+    s.in.options.world = REC_WORLD_BEST;
+    solved(&r);
+    T_OK((r.report.camera[0].held & 3) == 3);
+    const struct rec_calib_finding *f = said(&r, REC_CALIB_HELD);
+    T_OK(f != NULL && f->severity == REC_CALIB_WARNING);
+    T_CONTAINS(f != NULL ? f->text : "", "tilt the board");
+    f = said(&r, REC_CALIB_WORLD);
+    T_CONTAINS(f != NULL ? f->text : "", "nobody said where the world is");
+    bv_done(&r);
+}
+
+T_CASE(a_lens_of_another_model)
+{
+    struct bv_result r;
+    bv_init(&s, 3, true);
+    s.frames = 25;
+    s.cam[1].glass = 0.8;
+    bv_everywhere(&s);
+    bv_take(&s);
+    solved(&r);
+    const struct rec_calib_finding *f = said(&r, REC_CALIB_LENS);
+    T_OK(f != NULL && f->camera == 1 && f->severity == REC_CALIB_REFUSED);
+    T_LE(r.report.camera[0].structure, 0.1);
+    bv_done(&r);
+}
+
+T_CASE(broken_views_are_left_out)
+{
+    struct bv_result r;
+    bv_init(&s, 3, true);
+    s.frames = 20;
+    bv_everywhere(&s);
+    bv_take(&s);
+    s.view[0].corner[3].x = NAN;
+    s.view[1].corner[2].id = s.view[1].corner[1].id;
+    s.view[2].corner[s.view[2].n - 1].id = BV_CORNERS;
+    s.view[3].n = 5;
+    for (size_t i = 0; i < s.view[4].n; i++) /* noise */
+        s.view[4].corner[i].x = t_uniform(0, 640);
+    s.view[5].n = 7; /* one line of the print, if the first row is whole */
+    for (uint32_t i = 0; i < 7; i++)
+        s.view[5].corner[i] = (struct rec_board_corner){i, 100 + 20.0 * i, 200, {0.01, 0, 0.01}};
+    s.view[s.n] = s.view[7];
+    s.in.n_views = ++s.n;
+    solved(&r);
+    const struct rec_calib_view *v = r.report.view;
+    T_EQ_I(v[0].fate, REC_VIEW_BROKEN);
+    T_EQ_I(v[1].fate, REC_VIEW_BROKEN);
+    T_EQ_I(v[2].fate, REC_VIEW_BROKEN);
+    T_EQ_I(v[3].fate, REC_VIEW_FEW);
+    T_OK(v[4].fate == REC_VIEW_SELF || v[4].fate == REC_VIEW_FEW);
+    T_OK(v[5].fate == REC_VIEW_SELF || v[5].fate == REC_VIEW_FEW);
+    T_EQ_I(v[7].fate, REC_VIEW_USED);
+    T_EQ_I(v[s.n - 1].fate, REC_VIEW_TWICE);
+    T_LE(r.rms, 0.2);
+    bv_done(&r);
+}
+
+T_CASE(impossible_requests)
+{
+    struct bv_result r;
+    bv_init(&s, 2, false);
+    s.frames = 6;
+    bv_everywhere(&s);
+    bv_take(&s);
+    s.named[1].hold = REC_HOLD_POSE;
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "no old rig has it");
+    bv_done(&r);
+    s.named[1].hold = 0;
+    s.in.grid.max[1] = s.in.grid.min[1];
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "empty along y");
+    bv_done(&r);
+    s.in.grid.max[1] = 1;
+    s.view[0].camera = 2;
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    bv_done(&r);
+    s.in.n_views = 0;
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "cam0 never saw the board");
+    bv_done(&r);
+}
