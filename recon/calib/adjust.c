@@ -40,15 +40,6 @@ void rec_calib_beliefs(const struct calib *k, size_t camera, double sigma[REC_LE
     memcpy(sigma, s, sizeof s);
 }
 
-void rec_calib_point(const struct calib *k, const struct view *v, const struct seen *s, double X[3])
-{
-    double a = (s->x - k->middle[0]) / k->half[0], b = (s->y - k->middle[1]) / k->half[1];
-    X[0] = s->x;
-    X[1] = s->y;
-    X[2] = k->shape[0] * (a * a - 1.0 / 3) + k->shape[1] * a * b + k->shape[2] * (b * b - 1.0 / 3) +
-           (v->board->face == REC_BACK ? k->shape[3] : 0);
-}
-
 void rec_calib_use_state(struct calib *k, double *state)
 {
     k->state = k->shape = state;
@@ -280,74 +271,4 @@ pvx_err rec_calib_covariance(struct calib *k, double *cov)
     if (getenv("CALIB_TRACE"))
         fprintf(stderr, "cov %.3f s\n", clock() * 1e-6);
     return e == PVX_OK ? PVX_OK : pvx_fail(k->d, (pvx_err)e, "no uncertainty: %.500s", err);
-}
-
-/* ---- residuals as they are ----------------------------------------------------------------------- */
-
-void rec_calib_measure(struct calib *k, const struct view *v, const double to_camera[6])
-{
-    for (size_t i = v->first; i < v->first + v->n; i++) {
-        struct seen *s = &k->seen[i];
-        double X[3], Z[3], uv[2];
-        rec_calib_point(k, v, s, X);
-        rec_model_move(to_camera, X, Z, NULL, NULL);
-        s->far = INFINITY;
-        s->r[0] = s->r[1] = 0;
-        if (!rec_model_project(k->lens[v->camera], Z, uv, NULL, NULL))
-            continue;
-        s->r[0] = s->u - uv[0];
-        s->r[1] = s->v - uv[1];
-        s->far =
-            hypot(s->W[0] * s->r[0], s->W[1] * s->r[0] + s->W[2] * s->r[1]) / k->scale[v->camera];
-    }
-}
-
-void rec_calib_measure_all(struct calib *k)
-{
-    for (size_t i = 0; i < k->nv; i++) {
-        double pose[6];
-        const struct view *v = &k->view[i];
-        if (!k->placed[v->frame] || !k->joined[v->camera] || v->n == 0)
-            continue;
-        rec_pose_mul(k->pose[v->camera], k->board[v->frame], pose);
-        rec_calib_measure(k, v, pose);
-    }
-}
-
-double rec_calib_rms(const struct calib *k, const struct view *v)
-{
-    double sum = 0;
-    size_t n = 0;
-    for (size_t i = v->first; i < v->first + v->n; i++)
-        if (!k->seen[i].wrong) {
-            const struct seen *s = &k->seen[i];
-            sum += isfinite(s->far) ? s->r[0] * s->r[0] + s->r[1] * s->r[1] : 1e6;
-            n++;
-        }
-    return n > 0 ? sqrt(sum / (double)n) : 0;
-}
-
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-double rec_calib_median(double *v, size_t n)
-{
-    if (n == 0)
-        return 0;
-    qsort(v, n, sizeof *v, by_value);
-    return 0.5 * (v[(n - 1) / 2] + v[n / 2]);
-}
-
-double rec_calib_usual(const struct calib *k, const struct view *v)
-{
-    double d[2048];
-    size_t n = 0, step = v->n / 2048 + 1;
-    for (size_t i = v->first; i < v->first + v->n; i += step) {
-        const struct seen *s = &k->seen[i];
-        d[n++] = isfinite(s->far) ? hypot(s->r[0], s->r[1]) : 1e3;
-    }
-    return rec_calib_median(d, n);
 }

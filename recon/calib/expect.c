@@ -13,15 +13,7 @@
 
 #define N1 (REC_LENS + 6) /* of a camera */
 #define N2 (N1 + 6)       /* and the motion */
-#define PP (REC_CALIB_SIDE * REC_CALIB_SIDE * REC_CALIB_SIDE)
-
-static void volume_point(const struct rec_grid *g, int i, double X[3])
-{
-    const int at[3] = {i % REC_CALIB_SIDE, i / REC_CALIB_SIDE % REC_CALIB_SIDE,
-                       i / (REC_CALIB_SIDE * REC_CALIB_SIDE)};
-    for (int a = 0; a < 3; a++)
-        X[a] = g->min[a] + (at[a] + 0.5) / REC_CALIB_SIDE * (g->max[a] - g->min[a]);
-}
+#define PP REC_CALIB_POINTS
 
 static double voxel(const struct rec_grid *g)
 {
@@ -58,42 +50,6 @@ static bool rows(const struct calib *k, const struct rec_grid *g, size_t c, cons
     return true;
 }
 
-/* Inverse of a symmetric 6x6 matrix by Gauss-Jordan; directions that nothing fixes are left out. */
-static void invert6(double A[36])
-{
-    double V[36] = {0}, most = 0;
-    bool used[6] = {false};
-    for (int i = 0; i < 6; i++) {
-        V[7 * i] = 1;
-        most = fmax(most, A[7 * i]);
-    }
-    for (int step = 0; step < 6; step++) {
-        int p = -1;
-        for (int i = 0; i < 6; i++)
-            if (!used[i] && (p < 0 || A[7 * i] > A[7 * p]))
-                p = i;
-        used[p] = true;
-        if (!(A[7 * p] > 1e-12 * most)) {
-            for (int j = 0; j < 6; j++)
-                A[6 * p + j] = V[6 * p + j] = 0;
-            continue;
-        }
-        double over = 1 / A[7 * p];
-        for (int j = 0; j < 6; j++) {
-            A[6 * p + j] *= over;
-            V[6 * p + j] *= over;
-        }
-        for (int i = 0; i < 6; i++) {
-            double f = A[6 * i + p];
-            for (int j = 0; j < 6 && i != p; j++) {
-                A[6 * i + j] -= f * A[6 * p + j];
-                V[6 * i + j] -= f * V[6 * p + j];
-            }
-        }
-    }
-    memcpy(A, V, sizeof V);
-}
-
 struct carry {
     size_t N;   /* N1 * cameras */
     double *M;  /* [6][N]: m = M d */
@@ -108,7 +64,7 @@ static void motion(const struct calib *k, const struct rec_grid *g, const double
     memset(w->M, 0, 6 * w->N * sizeof *w->M);
     for (size_t c = 0; c < k->nc; c++)
         for (int i = 0; i < PP; i++) {
-            volume_point(g, i, X);
+            rec_calib_volume_point(g, i, X);
             if (!rows(k, g, c, X, b, &voxels))
                 continue;
             for (int r = 0; r < 2; r++)
@@ -120,7 +76,7 @@ static void motion(const struct calib *k, const struct rec_grid *g, const double
                         w->M[(size_t)p * w->N + c * N1 + (size_t)q] += G * b[N2 * r + q];
                 }
         }
-    invert6(GG);
+    rec_calib_invert6(GG);
     for (size_t j = 0; j < w->N; j++) {
         double t[6];
         for (int p = 0; p < 6; p++) {
@@ -200,7 +156,7 @@ static size_t of_camera(const struct calib *k, const struct rec_grid *g, size_t 
     double B[2][N2][N2] = {{{0}}}, X[3], b[2 * N2], voxels;
     size_t n = 0;
     for (int i = 0; i < PP; i++) {
-        volume_point(g, i, X);
+        rec_calib_volume_point(g, i, X);
         if (!rows(k, g, c, X, b, &voxels))
             continue;
         for (int r = 0; r < 2; r++) {
@@ -254,87 +210,4 @@ pvx_err rec_calib_expect(struct calib *k, const struct rec_rig *rig, double *cov
     free(w.M);
     free(w.MC);
     return PVX_OK;
-}
-
-/* ---- two rigs ------------------------------------------------------------------------------------- */
-
-/* Sum of squares between a and b moved by `m`, normal equations of the motion, and how many points. */
-static size_t compare(const struct rec_rig *a, const struct rec_rig *b, const double m[6],
-                      double A[36], double v[6], double *sum, double *worst)
-{
-    size_t n = 0;
-    memset(A, 0, 36 * sizeof *A);
-    memset(v, 0, 6 * sizeof *v);
-    *sum = *worst = 0;
-    for (size_t c = 0; c < a->n_cameras; c++)
-        for (int i = 0; i < PP; i++) {
-            const struct rec_camera *cb = &b->cameras[c];
-            double X[3], Y[3], ua[2], g[2][6];
-            struct rec_projection p;
-            volume_point(&a->grid, i, X);
-            rec_pose_apply(m, X, Y);
-            if (!rec_camera_project(&a->cameras[c], X, ua) || ua[0] < -0.5 || ua[1] < -0.5 ||
-                ua[0] > a->cameras[c].width - 0.5 || ua[1] > a->cameras[c].height - 0.5 ||
-                !rec_camera_project_full(cb, Y, &p))
-                continue;
-            double e[2] = {ua[0] - p.u, ua[1] - p.v};
-            double z = cb->R[6] * Y[0] + cb->R[7] * Y[1] + cb->R[8] * Y[2] + cb->t[2];
-            for (int r = 0; r < 2; r++) {
-                double W[3];
-                for (int j = 0; j < 3; j++)
-                    W[j] = (p.J[2 * r] * (cb->R[j] - p.x * cb->R[6 + j]) +
-                            p.J[2 * r + 1] * (cb->R[3 + j] - p.y * cb->R[6 + j])) /
-                           z;
-                for (int j = 0; j < 3; j++) {
-                    int s = (j + 1) % 3, t = (j + 2) % 3;
-                    g[r][j] = Y[s] * W[t] - Y[t] * W[s];
-                    g[r][3 + j] = W[j];
-                }
-                for (int s = 0; s < 6; s++) {
-                    v[s] += g[r][s] * e[r];
-                    for (int t = 0; t < 6; t++)
-                        A[6 * s + t] += g[r][s] * g[r][t];
-                }
-            }
-            *sum += e[0] * e[0] + e[1] * e[1];
-            *worst = fmax(*worst, hypot(e[0], e[1]));
-            n++;
-        }
-    return n;
-}
-
-pvx_err rec_calib_distance(const struct rec_rig *a, const struct rec_rig *b, double *rms,
-                           double *worst)
-{
-    double A[36], v[6], sum, m[6], pa[4 * REC_MAX_CAMERAS][3], pb[4 * REC_MAX_CAMERAS][3];
-    double weight[4 * REC_MAX_CAMERAS];
-    size_t n = 0;
-    if (a->n_cameras != b->n_cameras || a->n_cameras > REC_MAX_CAMERAS)
-        return PVX_EINVAL;
-    for (size_t c = 0; c < a->n_cameras; c++)
-        for (int i = 0; i < 4; i++) {
-            rec_camera_centre(&a->cameras[c], pa[4 * c + (size_t)i]);
-            rec_camera_centre(&b->cameras[c], pb[4 * c + (size_t)i]);
-            for (int j = 0; j < 3 && i > 0; j++) {
-                pa[4 * c + (size_t)i][j] += a->cameras[c].R[3 * (i - 1) + j];
-                pb[4 * c + (size_t)i][j] += b->cameras[c].R[3 * (i - 1) + j];
-            }
-            weight[4 * c + (size_t)i] = 1;
-        }
-    rec_pose_align((const double(*)[3])pa, (const double(*)[3])pb, weight, (int)(4 * a->n_cameras),
-                   m, NULL);
-    for (int round = 0; round < 10; round++) { /* Gauss-Newton */
-        n = compare(a, b, m, A, v, &sum, worst);
-        invert6(A);
-        double step[6], out[6];
-        for (int s = 0; s < 6; s++) {
-            step[s] = 0;
-            for (int t = 0; t < 6; t++)
-                step[s] += A[6 * s + t] * v[t];
-        }
-        rec_pose_mul(step, m, out);
-        memcpy(m, out, sizeof m);
-    }
-    *rms = n > 0 ? sqrt(sum / (double)n) : NAN;
-    return n > 0 ? PVX_OK : PVX_EINVAL;
 }

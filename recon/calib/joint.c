@@ -107,7 +107,7 @@ static void weigh(struct calib *k)
 /* Parameter `at` is fixed: the covariance of the others, given it. */
 static void condition(double *cov, size_t N, size_t at)
 {
-    double over = 1 / cov[at * N + at];
+    double over = cov[at * N + at] > 0 ? 1 / cov[at * N + at] : 0;
     for (size_t i = 0; i < N; i++)
         for (size_t j = 0; j < N; j++)
             if (i != at && j != at)
@@ -132,7 +132,9 @@ static bool hold(struct calib *k, double *cov)
             int i = order[j];
             size_t at = c * (REC_LENS + 6) + (size_t)i;
             o->sigma[i] = sqrt(fmax(0, cov[at * N + at]));
-            if ((k->in->camera[c].hold & REC_HOLD_LENS) != 0 || !(o->sigma[i] > HELD * believed[i]))
+            bool with = i == REC_FY && (o->held >> REC_FX & 1) != 0; /* pixels are square */
+            if ((k->in->camera[c].hold & REC_HOLD_LENS) != 0 ||
+                !(o->sigma[i] > HELD * believed[i] || with))
                 continue;
             o->held |= 1u << i;
             k->lens_held[c] |= 1u << i;
@@ -149,6 +151,29 @@ static bool hold(struct calib *k, double *cov)
     return any;
 }
 
+/* (1) takes the errors of a view's corners for independent.  Where they are not - cameras out of step, a lens
+ * of another model - a view tells less than so many corners would: the camera's scale grows by what shift,
+ * growth and turn of whole views have too much. */
+static void correlate(struct calib *k)
+{
+    for (uint32_t c = 0; c < k->nc; c++) {
+        double sum = 0, n = 0;
+        for (size_t i = 0; i < k->nv; i++) {
+            const struct view *v = &k->view[i];
+            if (v->camera != c || !used(k, v))
+                continue;
+            struct drift d = rec_calib_drift(k, v, false);
+            double noise =
+                0.5 * rec_calib_rms(k, v) * rec_calib_rms(k, v) / d.corners; /* of one mean */
+            for (int j = 0; j < 4; j++)
+                sum += fmin(d.m[j] * d.m[j] / noise, d.corners);
+            n += 4;
+        }
+        if (n > 0 && sum > n)
+            k->scale[c] *= sqrt(sum / n);
+    }
+}
+
 pvx_err rec_calib_together(struct calib *k, double *cov)
 {
     double *room = pvx_calloc(k->ns, sizeof *room);
@@ -156,7 +181,10 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
     pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;
     size_t changed = 1;
     rec_calib_measure_all(k);
-    rescale(k, room); /* the start is coarse: everything is near at first */
+    for (size_t i = 0; i < k->ns; i++) /* behind a camera at the start: no step leads from there */
+        k->seen[i].wrong |= isinf(k->seen[i].far);
+    if (room != NULL)
+        rescale(k, room); /* the start is coarse: everything is near at first */
     for (int round = 0; round < 6 && e == PVX_OK && changed > 0; round++) {
         a.robust = round < 2;
         e = rec_calib_adjust(k, &a);
@@ -172,12 +200,19 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
     a.robust = false;
     if (e == PVX_OK)
         e = rec_calib_adjust(k, &a);
-    if (e == PVX_OK)
-        e = rec_calib_covariance(k, cov);
-    if (e == PVX_OK && hold(k, cov))
-        e = rec_calib_adjust(k, &a);
+    double kept[REC_MAX_CAMERAS];
+    memcpy(kept, k->scale, sizeof kept);
     rec_calib_measure_all(k);
     weigh(k);
+    correlate(k);
+    if (e == PVX_OK)
+        e = rec_calib_covariance(k, cov);
+    memcpy(k->scale, kept, sizeof kept);
+    if (e == PVX_OK && hold(k, cov)) {
+        e = rec_calib_adjust(k, &a);
+        rec_calib_measure_all(k);
+        weigh(k);
+    }
     size_t N = k->nc * (REC_LENS + 6);
     for (size_t i = 0; i < N * N; i++)
         cov[i] *= k->chi2;

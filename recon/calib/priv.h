@@ -83,6 +83,16 @@ void rec_calib_measure(struct calib *k, const struct view *v, const double to_ca
 void rec_calib_measure_all(struct calib *k);
 /* rms px over the corners of a view that are not wrong. */
 double rec_calib_rms(const struct calib *k, const struct view *v);
+/* The residuals of one view as a motion of the picture: shift in x and y, growth, turn; the latter two as px
+ * at the board's rim.  wrong_too: of all its corners. */
+struct drift {
+    double m[4], corners;
+    uint32_t frame; /* number */
+};
+struct drift rec_calib_drift(const struct calib *k, const struct view *v, bool wrong_too);
+/* px: mean residuals of camera c by place in the picture, less what chance makes of them, over views that are
+ * used; share of the places that have corners. */
+double rec_calib_structure(const struct calib *k, uint32_t c, double *coverage);
 /* Median distance [px] of all its corners, wrong or not. */
 double rec_calib_usual(const struct calib *k, const struct view *v);
 double rec_calib_median(double *v, size_t n); /* reorders v; 0 for none */
@@ -104,6 +114,20 @@ void rec_calib_verdicts(struct calib *k); /* say.c: what the figures mean */
  * later).  Returns how many there are; spread: median distance from it [m]. */
 size_t rec_calib_pair_pose(const struct calib *k, uint32_t a, uint32_t b, int later, double pose[6],
                            double *spread);
+
+/* ---- register.c ---- */
+#define REC_CALIB_POINTS (REC_CALIB_SIDE * REC_CALIB_SIDE * REC_CALIB_SIDE)
+void rec_calib_volume_point(const struct rec_grid *g, int i, double X[3]);
+/* Inverse of a symmetric 6x6 matrix; directions that nothing fixes are left out. */
+void rec_calib_invert6(double A[36]);
+/* The motion m from a's world to b's; robust: cameras that do not fit count less.  PVX_EINVAL: the rigs do not
+ * have the same number of cameras, or none sees a's volume. */
+struct rec_calib_overlay {
+    double px[REC_MAX_CAMERAS], rms, worst; /* what remains, of each camera and of all */
+    double scale;                           /* b's size over a's, by the centres */
+};
+PVX_MUST_CHECK pvx_err rec_calib_register(const struct rec_rig *a, const struct rec_rig *b,
+                                          bool robust, double m[6], struct rec_calib_overlay *out);
 
 /* ---- say.c ---- */
 PVX_PRINTF(6, 7)

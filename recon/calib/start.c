@@ -91,6 +91,21 @@ static double focal_of(const double H[9], double *q)
     return aa;
 }
 
+/* Corners that the homography does not reach are wrong; false: too many are. */
+static bool fits(struct calib *k, const struct view *v, const struct flat *f, const double H[9],
+                 double reach)
+{
+    size_t right = 0;
+    for (size_t j = 0; j < f->n; j++) { /* none was wrong before: f has them all */
+        double x = f->plane[2 * j], y = f->plane[2 * j + 1], w = H[6] * x + H[7] * y + H[8];
+        double u = (H[0] * x + H[1] * y + H[2]) / w, t = (H[3] * x + H[4] * y + H[5]) / w;
+        bool near = w * H[8] > 0 && hypot(u - f->pixels[2 * j], t - f->pixels[2 * j + 1]) < reach;
+        k->seen[v->first + j].wrong = !near;
+        right += near;
+    }
+    return right >= LEAST && (double)right >= (1 - WRONG_VIEW) * (double)v->n;
+}
+
 struct vote {
     double q, weight;
 };
@@ -125,8 +140,8 @@ static pvx_err focal(struct calib *k, uint32_t c, struct flat *flat, struct vote
             k->lib->homography(flat->plane, flat->pixels, flat->n, 0.01 * side, H, err, sizeof err);
         if (e == PVX_ENOMEM)
             return PVX_ENOMEM;
-        if (e != PVX_OK) {
-            v->fate = REC_VIEW_FEW;
+        if (e != PVX_OK || !fits(k, v, flat, H, 0.01 * side)) {
+            v->fate = e != PVX_OK ? REC_VIEW_FEW : REC_VIEW_SELF;
             continue;
         }
         for (int j = 0; j < 6; j++)
@@ -278,41 +293,6 @@ static pvx_err alone(struct calib *k, uint32_t c, struct flat *flat, double *roo
     return PVX_OK;
 }
 
-/* px: mean residuals by place in the picture, less what noise makes of them. */
-static double structure(const struct calib *k, uint32_t c)
-{
-    enum { NX = 8, NY = 6 };
-    double sum[NX * NY][2] = {{0}}, mean2 = 0, noise = 0, all = 0;
-    size_t n[NX * NY] = {0}, cells = 0;
-    const struct rec_calib_camera *m = &k->in->camera[c];
-    for (size_t i = 0; i < k->nv; i++) {
-        const struct view *v = &k->view[i];
-        if (v->camera != c || v->fate != REC_VIEW_USED)
-            continue;
-        for (size_t j = v->first; j < v->first + v->n; j++) {
-            const struct seen *s = &k->seen[j];
-            int x = (int)fmin(fmax(NX * (s->u + 0.5) / m->width, 0), NX - 1);
-            int y = (int)fmin(fmax(NY * (s->v + 0.5) / m->height, 0), NY - 1);
-            if (s->wrong)
-                continue;
-            n[NX * y + x]++;
-            sum[NX * y + x][0] += s->r[0];
-            sum[NX * y + x][1] += s->r[1];
-            noise += s->r[0] * s->r[0] + s->r[1] * s->r[1];
-            all++;
-        }
-    }
-    for (int i = 0; i < NX * NY; i++)
-        if (n[i] > 0) {
-            double over = 1 / (double)n[i];
-            mean2 += (sum[i][0] * sum[i][0] + sum[i][1] * sum[i][1]) * over;
-            cells++;
-        }
-    k->out->camera[c].coverage = (double)cells / (NX * NY);
-    /* of `all` corners that are only noise, the means hold noise * cells / all */
-    return all > 0 ? sqrt(fmax(0, (mean2 - noise * (double)cells / all) / all)) : 0;
-}
-
 pvx_err rec_calib_start(struct calib *k)
 {
     size_t corners = rec_board_corners(&k->in->board);
@@ -325,7 +305,7 @@ pvx_err rec_calib_start(struct calib *k)
     for (uint32_t c = 0; c < k->nc && e == PVX_OK; c++) {
         memset(k->shape, 0, 3 * sizeof *k->shape);
         e = alone(k, c, &flat, room);
-        k->out->camera[c].structure = structure(k, c);
+        k->out->camera[c].structure = rec_calib_structure(k, c, &k->out->camera[c].coverage);
     }
     memset(k->shape, 0, 3 * sizeof *k->shape);
     k->shape[3] = thickness;

@@ -48,19 +48,16 @@ static double shifted_spread(const struct calib *k, uint32_t c, int by)
     return n > 0 ? rec_calib_median(ratio, n) : INFINITY;
 }
 
-static void out_of_step(struct calib *k, const bool *moved)
+static bool out_of_step(struct calib *k)
 {
     uint32_t worst = 0, n = 0;
     for (uint32_t c = 0; c < k->nc; c++) {
-        const double over = k->out->camera[c].over;
-        if (moved[c] || !(over > OVER))
-            continue;
-        n++;
-        if (over > k->out->camera[worst].over || moved[worst])
+        n += k->out->camera[c].over > OVER;
+        if (k->out->camera[c].over > k->out->camera[worst].over)
             worst = c;
     }
     if (n == 0)
-        return;
+        return false;
     const char *name = k->in->camera[worst].name;
     double before = shifted_spread(k, worst, 1), after = shifted_spread(k, worst, -1);
     double best = fmin(before, after);
@@ -81,43 +78,10 @@ static void out_of_step(struct calib *k, const bool *moved)
                       "hold the board "
                       "still for every picture",
                       name, over, n);
+    return true;
 }
 
 /* ---- a camera that was moved ---------------------------------------------------------------------- */
-
-/* The residuals of one view as a motion of the picture: shift in x and y, growth, turn; the latter two as px at
- * the board's rim. */
-struct drift {
-    double m[4];
-    uint32_t frame; /* number */
-};
-
-static struct drift drift_of(const struct calib *k, const struct view *v)
-{
-    double mean[4] = {0}, rr = 0, grow = 0, turn = 0, n = 0;
-    for (size_t i = v->first; i < v->first + v->n; i++) {
-        const struct seen *s = &k->seen[i];
-        if (!isfinite(s->far))
-            continue;
-        const double x[4] = {s->u, s->v, s->r[0], s->r[1]};
-        for (int j = 0; j < 4; j++)
-            mean[j] += x[j];
-        n++;
-    }
-    for (int j = 0; j < 4; j++)
-        mean[j] /= fmax(n, 1);
-    for (size_t i = v->first; i < v->first + v->n; i++) {
-        const struct seen *s = &k->seen[i];
-        double x = s->u - mean[0], y = s->v - mean[1];
-        if (!isfinite(s->far))
-            continue;
-        rr += x * x + y * y;
-        grow += x * s->r[0] + y * s->r[1];
-        turn += x * s->r[1] - y * s->r[0];
-    }
-    double rim = sqrt(rr / fmax(n, 1)), over = rr > 0 ? rim / rr : 0;
-    return (struct drift){{mean[2], mean[3], grow * over, turn * over}, k->out->frame[v->frame]};
-}
 
 static double middle_of(const struct drift *d, size_t n, int j, double *room)
 {
@@ -145,7 +109,7 @@ static double change(const struct drift *d, size_t n, size_t *at, double *room)
         if (score > best) {
             best = score;
             *at = s;
-            step = gap > 4 * spread ? sqrt(gap) : 0;
+            step = gap > 25 * spread ? sqrt(gap) : 0;
         }
     }
     return best > 50 ? step : 0;
@@ -164,7 +128,7 @@ static pvx_err moved_camera(struct calib *k, bool *moved, double *room)
         size_t n = 0, at = 0;
         for (size_t i = 0; i < k->nv; i++)
             if (k->view[i].camera == c && compared(k, &k->view[i]))
-                d[n++] = drift_of(k, &k->view[i]);
+                d[n++] = rec_calib_drift(k, &k->view[i], true);
         double step = change(d, n, &at, room);
         if (step > most) {
             most = step;
@@ -198,14 +162,17 @@ pvx_err rec_calib_suspect(struct calib *k)
     bool any = false;
     for (uint32_t c = 0; c < k->nc; c++)
         any |= moved[c];
-    if (!any)
-        out_of_step(k, moved);
-    for (uint32_t c = 0; c < k->nc; c++)
-        if (k->out->camera[c].structure > STRUCTURE)
+    bool together = any || !out_of_step(k);
+    for (uint32_t c = 0; c < k->nc; c++) {
+        double coverage, *px = &k->out->camera[c].structure;
+        if (together && !any)
+            *px = fmax(*px, rec_calib_structure(k, c, &coverage));
+        if (*px > STRUCTURE)
             rec_calib_say(k, REC_CALIB_REFUSED, REC_CALIB_LENS, (int)c, REC_NO_FRAME,
                           "%s: %.2f px of its residuals repeat by their place in the picture: no "
-                          "lens of this model "
-                          "does that; look for a window, water or a fish-eye lens before it",
-                          k->in->camera[c].name, k->out->camera[c].structure);
+                          "lens of this "
+                          "model does that; look for a window, water or a fish-eye lens before it",
+                          k->in->camera[c].name, *px);
+    }
     return PVX_OK;
 }

@@ -172,68 +172,47 @@ static pvx_err by_up(struct calib *k)
 
 /* ---- an old rig ----------------------------------------------------------------------------------- */
 
-/* A camera as four points: its centre, and one along each axis as far as the volume. */
-static void frame_points(const double R[9], const double o[3], double reach, double out[4][3])
-{
-    for (int i = 0; i < 4; i++)
-        for (int a = 0; a < 3; a++)
-            out[i][a] = o[a] + (i > 0 ? reach * R[3 * (i - 1) + a] : 0);
-}
-
-/* The motion onto the old rig's cameras; those that moved since do not count: Cauchy's weights. */
+/* The motion onto the old rig by the cameras that both have; those that were moved since count little. */
 static pvx_err by_old(struct calib *k)
 {
     const struct rec_rig *old = k->in->options.old;
-    double a[4 * REC_MAX_CAMERAS][3], b[4 * REC_MAX_CAMERAS][3], weight[4 * REC_MAX_CAMERAS];
-    double far[REC_MAX_CAMERAS], sorted[REC_MAX_CAMERAS], world[6], scale = 1;
+    struct rec_camera a[REC_MAX_CAMERAS], b[REC_MAX_CAMERAS];
+    struct rec_rig ra = {.grid = k->in->grid, .cameras = a}, rb = {.cameras = b}, now;
+    struct rec_calib_overlay o;
     uint32_t who[REC_MAX_CAMERAS];
-    int n = 0;
+    double m[6], world[6], sorted[REC_MAX_CAMERAS];
+    PVX_TRY(rec_calib_rig(k, &now));
     for (uint32_t c = 0; c < k->nc; c++) {
         int j = rec_rig_find(old, k->in->camera[c].name);
-        double R[9], o[3], middle[3], reach = 0;
         if (j < 0)
             continue;
-        rec_camera_centre(&old->cameras[j], middle);
-        for (int i = 0; i < 3; i++)
-            reach += pow(middle[i] - 0.5 * (k->in->grid.min[i] + k->in->grid.max[i]), 2);
-        reach = sqrt(reach);
-        frame_points(old->cameras[j].R, middle, reach, b + 4 * n);
-        rec_rotation(k->pose[c], R);
-        centre(k, c, o);
-        frame_points(R, o, reach, a + 4 * n);
-        who[n++] = c;
+        who[ra.n_cameras] = c;
+        a[ra.n_cameras++] = old->cameras[j];
+        b[rb.n_cameras++] = now.cameras[c];
     }
-    if (n == 0)
-        return pvx_fail(k->d, PVX_EINVAL, "the old rig has none of the cameras by name");
-    for (int i = 0; i < 4 * n; i++)
-        weight[i] = 1;
-    for (int round = 0; round < 30; round++) {
-        rec_pose_align((const double(*)[3])a, (const double(*)[3])b, weight, 4 * n, world, &scale);
-        for (int i = 0; i < n; i++) {
-            far[i] = 0;
-            for (int j = 4 * i; j < 4 * i + 4; j++) {
-                double x[3];
-                rec_pose_apply(world, a[j], x);
-                for (int m = 0; m < 3; m++)
-                    far[i] += 0.25 * (x[m] - b[j][m]) * (x[m] - b[j][m]);
-            }
-            sorted[i] = far[i] = sqrt(far[i]);
-        }
-        double unit = fmax(2 * rec_calib_median(sorted, (size_t)n), 1e-5);
-        for (int i = 0; i < 4 * n; i++)
-            weight[i] = 1 / pow(1 + far[i / 4] * far[i / 4] / (unit * unit), 2);
-    }
-    double usual = fmax(rec_calib_median(sorted, (size_t)n), 1e-4);
-    for (int i = 0; i < n; i++)
-        if (far[i] > 10 * usual)
-            rec_calib_say(
-                k, REC_CALIB_WARNING, REC_CALIB_OLD_RIG, (int)who[i], REC_NO_FRAME,
-                "%s stands %.1f mm from where the old rig has it, the others %.2g mm: it was moved",
-                k->in->camera[who[i]].name, 1e3 * far[i], 1e3 * usual);
-    if (n > 1 && fabs(scale - 1) > 2e-3)
+    rec_rig_fini(&now);
+    if (rec_calib_register(&ra, &rb, true, m, &o) != PVX_OK)
+        return pvx_fail(
+            k->d, PVX_EINVAL,
+            "the old rig has none of these cameras by name, or none that sees the volume");
+    for (size_t i = 0; i < ra.n_cameras; i++)
+        sorted[i] = o.px[i];
+    double usual = fmax(rec_calib_median(sorted, ra.n_cameras), 0.02);
+    for (size_t i = 0; i < ra.n_cameras; i++)
+        if (o.px[i] > 8 * usual && o.px[i] > 0.5)
+            rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_OLD_RIG, (int)who[i], REC_NO_FRAME,
+                          "%s sees the volume %.1f px from where it saw it in the old rig, the "
+                          "others %.2g px: it "
+                          "was moved or turned since",
+                          a[i].name, o.px[i], usual);
+    double off = 1 / o.scale - 1; /* the old one's size over this one's */
+    if (ra.n_cameras > 2 && fabs(off) > 5e-3)
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SCALE, -1, REC_NO_FRAME,
-                      "the old rig is %.2f %% %s: one of the boards was printed to another scale",
-                      100 * fabs(scale - 1), scale > 1 ? "larger" : "smaller");
+                      "the old rig is %.2f %% %s: one of the boards was printed to another scale, "
+                      "or a camera "
+                      "moved far",
+                      100 * fabs(off), off > 0 ? "larger" : "smaller");
+    rec_pose_inverse(m, world);
     move_all(k, world);
     return PVX_OK;
 }

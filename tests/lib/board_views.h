@@ -135,7 +135,7 @@ static inline bool bv_project(const struct bv *s, const struct bv_camera *c, uin
     uv[0] = c->c[0] + c->f[0] * (x * radial + 2 * c->k[2] * x * y + c->k[3] * (3 * x * x + y * y));
     uv[1] = c->c[1] + c->f[1] * (y * radial + c->k[2] * (x * x + 3 * y * y) + 2 * c->k[3] * x * y);
     if (c->glass != 0) /* waves over the picture */
-        uv[0] += c->glass * sin(uv[1] / 30), uv[1] += c->glass * sin(uv[0] / 25);
+        uv[0] += c->glass * sin(uv[1] / 20), uv[1] += c->glass * sin(uv[0] / 20);
     return uv[0] > 2 && uv[1] > 2 && uv[0] < s->w - 3 && uv[1] < s->h - 3;
 }
 

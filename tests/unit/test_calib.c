@@ -214,9 +214,9 @@ T_CASE(the_world_stands_on_the_floor_board)
         for (int j = 0; j < 3; j++)
             d[j] = s.cam[c].at[j] - at[j];
         rec_camera_centre(&r.rig.cameras[c], o);
-        T_NEAR(o[0], bv_dot(d, p->x), 2e-3);
-        T_NEAR(o[1], -bv_dot(d, p->y), 2e-3);
-        T_NEAR(o[2], -0.2 - bv_dot(d, p->z), 2e-3);
+        T_NEAR(o[0], bv_dot(d, p->x), 8e-3);
+        T_NEAR(o[1], -bv_dot(d, p->y), 8e-3);
+        T_NEAR(o[2], -0.2 - bv_dot(d, p->z), 8e-3);
     }
     bv_done(&r);
     s.in.options.floor_frame = 99;
