@@ -127,8 +127,8 @@ static void report_boards(struct calib *k)
 static pvx_err finish(struct calib *k, double *cov, struct rec_rig *rig)
 {
     struct rec_uncertainty of[REC_MAX_CAMERAS];
-    PVX_TRY(rec_calib_suspect(k));
     report_views(k);
+    PVX_TRY(rec_calib_suspect(k));
     PVX_TRY(rec_calib_place(k));
     PVX_TRY(rec_calib_rig(k, rig));
     PVX_TRY(rec_calib_expect(k, rig, cov, of));

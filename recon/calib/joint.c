@@ -14,9 +14,13 @@ static bool used(const struct calib *k, const struct view *v)
     return v->fate == REC_VIEW_USED && k->placed[v->frame];
 }
 
-/* Standard deviation of the residuals of every camera, from the median, which wrong ones do not move. */
+/* Standard deviation of the residuals of every camera, from the median, which wrong ones do not move.  Over what
+ * it is alone, no camera's is taken for much smaller than the middle one's: where no camera fits, the one that
+ * happens to fit best would draw the fit to itself more and more. */
 static void rescale(struct calib *k, double *room)
 {
+    double now[REC_MAX_CAMERAS], over[REC_MAX_CAMERAS];
+    size_t cameras = 0;
     for (uint32_t c = 0; c < k->nc; c++) {
         size_t n = 0;
         for (size_t i = 0; i < k->nv; i++) {
@@ -25,15 +29,20 @@ static void rescale(struct calib *k, double *room)
                 for (size_t s = v->first; s < v->first + v->n; s++)
                     room[n++] = fmin(k->seen[s].far, 1e9);
         }
-        double unit = fmax(rec_calib_median(room, n) / 1.17741, 1e-6);
-        if (n == 0)
-            continue;
-        k->scale[c] *= unit;
-        for (size_t i = 0; i < k->nv; i++)
-            if (k->view[i].camera == c)
-                for (size_t s = k->view[i].first; s < k->view[i].first + k->view[i].n; s++)
-                    k->seen[s].far /= unit;
+        now[c] =
+            n > 0 ? k->scale[c] * fmax(rec_calib_median(room, n) / 1.17741, 1e-6) : k->scale[c];
+        if (n > 0)
+            over[cameras++] = now[c] / k->alone[c];
     }
+    double least = 0.7 * rec_calib_median(over, cameras);
+    for (uint32_t c = 0; c < k->nc; c++)
+        now[c] = fmax(now[c], least * k->alone[c]);
+    for (size_t i = 0; i < k->nv; i++) {
+        const struct view *v = &k->view[i];
+        for (size_t s = v->first; s < v->first + v->n; s++)
+            k->seen[s].far *= k->scale[v->camera] / now[v->camera];
+    }
+    memcpy(k->scale, now, k->nc * sizeof *now);
 }
 
 /* Wrong corners and pictures by the residuals as they are.  Returns how many changed. */
@@ -180,6 +189,7 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
     struct adjust a = {.robust = true, .max_iterations = 50};
     pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;
     size_t changed = 1;
+    memcpy(k->alone, k->scale, sizeof k->alone);
     rec_calib_measure_all(k);
     for (size_t i = 0; i < k->ns; i++) /* behind a camera at the start: no step leads from there */
         k->seen[i].wrong |= isinf(k->seen[i].far);

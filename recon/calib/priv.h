@@ -52,6 +52,7 @@ struct calib {
     bool pose_held[REC_MAX_CAMERAS], joined[REC_MAX_CAMERAS];
     double believed[REC_MAX_CAMERAS][REC_LENS]; /* mean of the prior */
     double scale[REC_MAX_CAMERAS];              /* standard deviation of whitened residuals */
+    double alone[REC_MAX_CAMERAS];              /* the same when each camera is alone */
     double chi2;                                /* per degree of freedom, of what is used */
     /* The covariance belongs to the axes and numbers of the fit: both are kept when the world is moved. */
     double fit_pose[REC_MAX_CAMERAS][6], to_world[6];

@@ -48,7 +48,9 @@ static double shifted_spread(const struct calib *k, uint32_t c, int by)
     return n > 0 ? rec_calib_median(ratio, n) : INFINITY;
 }
 
-static bool out_of_step(struct calib *k)
+/* Joint residuals far above single ones.  A shift by one frame that helps says it is time; what repeats by its
+ * place in the picture is the lens (true: that is left to say); else it is time again, or motion. */
+static bool out_of_step(struct calib *k, const double *structure)
 {
     uint32_t worst = 0, n = 0;
     for (uint32_t c = 0; c < k->nc; c++) {
@@ -57,28 +59,25 @@ static bool out_of_step(struct calib *k)
             worst = c;
     }
     if (n == 0)
-        return false;
+        return true;
     const char *name = k->in->camera[worst].name;
     double before = shifted_spread(k, worst, 1), after = shifted_spread(k, worst, -1);
-    double best = fmin(before, after);
-    double over = k->out->camera[worst].over;
+    double best = fmin(before, after), over = k->out->camera[worst].over;
     if (best < 0.7)
-        rec_calib_say(
-            k, REC_CALIB_WARNING, REC_CALIB_SYNC, (int)worst, REC_NO_FRAME,
-            "%s: residuals are %.1f times what it has alone (%u such cameras), and its pictures "
-            "fit the "
-            "others %.1f times better one frame %s: count its frames anew, or trigger all cameras "
-            "together",
-            name, over, n, 1 / best, before < after ? "earlier" : "later");
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SYNC, (int)worst, REC_NO_FRAME,
+                      "%s: residuals are %.1f times what it has alone (%u such cameras), and its "
+                      "pictures fit the others %.1f times better one frame %s: count its frames "
+                      "anew, or trigger all cameras together",
+                      name, over, n, 1 / best, before < after ? "earlier" : "later");
+    else if (structure[worst] > 0.6 * k->out->camera[worst].joint)
+        return true;
     else
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SYNC, (int)worst, REC_NO_FRAME,
                       "%s: residuals are %.1f times what it has alone (%u such cameras), and one "
-                      "frame earlier or "
-                      "later is no better: the cameras do not expose together; trigger them, or "
-                      "hold the board "
-                      "still for every picture",
+                      "frame earlier or later is no better: the cameras do not expose together; "
+                      "trigger them, or hold the board still for every picture",
                       name, over, n);
-    return true;
+    return false;
 }
 
 /* ---- a camera that was moved ---------------------------------------------------------------------- */
@@ -116,7 +115,7 @@ static double change(const struct drift *d, size_t n, size_t *at, double *room)
 }
 
 /* The camera whose step is largest; what it does to the others' residuals is smaller. */
-static pvx_err moved_camera(struct calib *k, bool *moved, double *room)
+static pvx_err moved_camera(struct calib *k, int *moved, double *room)
 {
     struct drift *d = pvx_calloc(k->nv, sizeof *d);
     double most = STEP_PX;
@@ -139,7 +138,7 @@ static pvx_err moved_camera(struct calib *k, bool *moved, double *room)
     free(d);
     if (who < 0)
         return PVX_OK;
-    moved[who] = true;
+    *moved = who;
     rec_calib_say(k, REC_CALIB_REFUSED, REC_CALIB_MOVED, who, frame,
                   "%s was moved before frame %u: its residuals step by %.1f px there; calibrate "
                   "the frames before "
@@ -150,28 +149,27 @@ static pvx_err moved_camera(struct calib *k, bool *moved, double *room)
 
 pvx_err rec_calib_suspect(struct calib *k)
 {
-    double *room = pvx_calloc(2 * k->nv, sizeof *room);
-    bool moved[REC_MAX_CAMERAS] = {false};
+    double *room = pvx_calloc(2 * k->nv, sizeof *room), structure[REC_MAX_CAMERAS], coverage;
+    int moved = -1;
     if (room == NULL)
         return PVX_ENOMEM;
-    pvx_err e = moved_camera(k, moved, room);
-    for (uint32_t c = 0; c < k->nc; c++)
+    pvx_err e = moved_camera(k, &moved, room);
+    for (uint32_t c = 0; c < k->nc; c++) {
         k->out->camera[c].over = over_of(k, c, room);
+        structure[c] = rec_calib_structure(k, c, &coverage);
+    }
     free(room);
     PVX_TRY(e);
-    bool any = false;
-    for (uint32_t c = 0; c < k->nc; c++)
-        any |= moved[c];
-    bool together = any || !out_of_step(k);
+    bool lens_too = moved < 0 && out_of_step(k, structure);
     for (uint32_t c = 0; c < k->nc; c++) {
-        double coverage, *px = &k->out->camera[c].structure;
-        if (together && !any)
-            *px = fmax(*px, rec_calib_structure(k, c, &coverage));
+        double *px = &k->out->camera[c].structure;
+        if (lens_too)
+            *px = fmax(*px, structure[c]);
         if (*px > STRUCTURE)
             rec_calib_say(k, REC_CALIB_REFUSED, REC_CALIB_LENS, (int)c, REC_NO_FRAME,
                           "%s: %.2f px of its residuals repeat by their place in the picture: no "
-                          "lens of this "
-                          "model does that; look for a window, water or a fish-eye lens before it",
+                          "lens of this model does that; look for a window, water or a fish-eye "
+                          "lens before it",
                           k->in->camera[c].name, *px);
     }
     return PVX_OK;
