@@ -111,6 +111,10 @@ PVX_MUST_CHECK pvx_err rec_calib_expect(struct calib *k, const struct rec_rig *r
 PVX_MUST_CHECK pvx_err rec_calib_folds(struct calib *k, const struct rec_rig *rig); /* folds.c */
 void rec_calib_verdicts(struct calib *k); /* say.c: what the figures mean */
 
+PVX_MUST_CHECK pvx_err rec_calib_moved(struct calib *k, bool *moved); /* moved.c */
+/* A view that was compared with others of its frame. */
+bool rec_calib_compared(const struct calib *k, const struct view *v);
+
 /* Best common transform b -> a of two cameras by their own poses, of frames that are `later` apart (a's
  * later).  Returns how many there are; spread: median distance from it [m]. */
 size_t rec_calib_pair_pose(const struct calib *k, uint32_t a, uint32_t b, int later, double pose[6],

@@ -1,4 +1,5 @@
-/* bench_calib - what rec_calib makes of a known ring of eight cameras: volume error and time. */
+/* bench_calib - what rec_calib makes of a known ring of eight cameras: volume error, time, and how often what it
+ * states of itself holds. */
 #include "base/clock.h"
 #include "tests/lib/board_views.h"
 
@@ -24,11 +25,42 @@ static void run(const char *what, size_t frames, bool two_sided, double noise, d
     bv_done(&r);
 }
 
+/* In how many of `seeds` does each camera's volume error stay below its px_95, and f within 1.96 sigma? */
+static void states(const char *what, int seeds, size_t frames, bool two_sided, double noise,
+                   double wrong)
+{
+    double below = 0, within = 0, n = 0, ratio = 0;
+    for (int i = 0; i < seeds; i++) {
+        struct bv_result r;
+        bv_init(&s, 8, two_sided);
+        s.frames = frames;
+        s.noise = noise;
+        s.wrong = wrong;
+        bv_everywhere(&s);
+        bv_take(&s);
+        bv_solve(&s, &r);
+        for (size_t c = 0; c < 8 && r.e == PVX_OK; c++) {
+            below += r.px[c] <= r.rig.cameras[c].uncertainty.px_95;
+            within += fabs(r.rig.cameras[c].fx - s.cam[c].f[0]) <=
+                      1.96 * r.report.camera[c].sigma[REC_FX];
+            ratio += pow(r.rms / r.report.px, 2);
+        }
+        n += 8;
+        bv_done(&r);
+    }
+    printf(
+        "%s, %d seeds: below px_95 %.1f %%, f in its interval %.1f %%, error over expected %.3f\n",
+        what, seeds, 100 * below / n, 100 * within / n, sqrt(ratio / n));
+}
+
 int main(void)
 {
     run("100 poses, one-sided", 100, false, 0.1, 0);
     run("100 poses, two-sided", 100, true, 0.1, 0);
     run("30 poses, one-sided", 30, false, 0.1, 0);
     run("30 poses, one-sided, 0.3 px, 3 % wrong", 30, false, 0.3, 0.03);
+    states("30 poses, two-sided", 100, 30, true, 0.1, 0);
+    states("30 poses, one-sided", 100, 30, false, 0.1, 0);
+    states("30 poses, one-sided, 0.3 px, 3 % wrong", 100, 30, false, 0.3, 0.03);
     return 0;
 }

@@ -4,7 +4,7 @@
 #define TESTS_BOARD_VIEWS_H
 #include <stdbool.h>
 
-#include "recon/calib/calib.h"
+#include "recon/calib/priv.h"
 #include "tests/t.h"
 
 #define BV_CAMERAS 8
@@ -226,7 +226,7 @@ struct bv_result {
     struct rec_calib_report report;
     struct pvx_diag d;
     pvx_err e;
-    double rms, worst; /* px, volume error */
+    double rms, worst, px[BV_CAMERAS]; /* px, volume error; of each camera */
 };
 
 static inline void bv_solve(const struct bv *s, struct bv_result *r)
@@ -236,8 +236,13 @@ static inline void bv_solve(const struct bv *s, struct bv_result *r)
     *r = (struct bv_result){.rms = NAN, .worst = NAN};
     r->e = rec_calib_solve(&s->in, &r->rig, &r->report, &r->d);
     bv_truth(s, cameras, &truth);
-    if (r->e == PVX_OK && rec_calib_distance(&truth, &r->rig, &r->rms, &r->worst) != PVX_OK)
-        r->rms = r->worst = NAN;
+    struct rec_calib_overlay o;
+    double m[6];
+    if (r->e != PVX_OK || rec_calib_register(&truth, &r->rig, false, m, &o) != PVX_OK)
+        return;
+    r->rms = o.rms;
+    r->worst = o.worst;
+    memcpy(r->px, o.px, sizeof r->px);
 }
 static inline void bv_done(struct bv_result *r)
 {

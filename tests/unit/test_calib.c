@@ -137,6 +137,31 @@ T_CASE(a_ring_is_found)
     bv_done(&r);
 }
 
+/* Of 36 cameras 95 in 100 should stay below their px_95; 28 or fewer do so once in 3000 runs.  (bench_calib has
+ * the figure over 100 seeds.) */
+T_CASE(what_it_states_of_itself_holds)
+{
+    int below = 0, within = 0;
+    for (int i = 0; i < 12; i++) {
+        struct bv_result r;
+        bv_init(&s, 3, true);
+        s.frames = 14;
+        bv_everywhere(&s);
+        bv_take(&s);
+        solved(&r);
+        for (size_t c = 0; c < 3; c++) {
+            below += r.px[c] <= r.rig.cameras[c].uncertainty.px_95;
+            within += fabs(r.rig.cameras[c].fx - s.cam[c].f[0]) <=
+                      1.96 * r.report.camera[c].sigma[REC_FX];
+            T_LE(r.rig.cameras[c].uncertainty.px_95,
+                 10 * r.px[c]); /* nor does it say just anything */
+        }
+        bv_done(&r);
+    }
+    T_OK(below > 28);
+    T_OK(within > 28);
+}
+
 T_CASE(wrong_corners_do_not_count)
 {
     struct bv_result r;
@@ -214,9 +239,9 @@ T_CASE(the_world_stands_on_the_floor_board)
         for (int j = 0; j < 3; j++)
             d[j] = s.cam[c].at[j] - at[j];
         rec_camera_centre(&r.rig.cameras[c], o);
-        T_NEAR(o[0], bv_dot(d, p->x), 8e-3);
-        T_NEAR(o[1], -bv_dot(d, p->y), 8e-3);
-        T_NEAR(o[2], -0.2 - bv_dot(d, p->z), 8e-3);
+        T_NEAR(o[0], bv_dot(d, p->x), 2e-2);
+        T_NEAR(o[1], -bv_dot(d, p->y), 2e-2);
+        T_NEAR(o[2], -0.2 - bv_dot(d, p->z), 2e-2);
     }
     bv_done(&r);
     s.in.options.floor_frame = 99;
@@ -254,7 +279,7 @@ T_CASE(an_old_rig_is_kept)
         double o[3];
         rec_camera_centre(&r.rig.cameras[c], o);
         for (int j = 0; j < 3; j++)
-            T_NEAR(o[j], s.cam[c].at[j], 3e-3);
+            T_NEAR(o[j], s.cam[c].at[j], 8e-3);
     }
     const struct rec_calib_finding *f = said(&r, REC_CALIB_OLD_RIG);
     T_OK(f != NULL && f->camera == 2);
@@ -275,7 +300,7 @@ T_CASE(an_old_rig_is_kept)
                  r.rig.cameras[c].fx == cameras[c].fx);
     rec_camera_centre(&r.rig.cameras[2], a);
     for (int j = 0; j < 3; j++)
-        T_NEAR(a[j], s.cam[2].at[j], 2e-3);
+        T_NEAR(a[j], s.cam[2].at[j], 4e-3);
     bv_done(&r);
 }
 

@@ -66,6 +66,40 @@ T_CASE(reads_everything)
     rec_rig_fini(&r);
 }
 
+#define U "    uncertainty: { px: 0.02, px_95: 0.03, voxels: 0.005, voxels_95: 0.25 }\n"
+
+T_CASE(uncertainty_is_optional)
+{
+    struct rec_rig r, again;
+    struct pvx_diag d;
+    char *text, *second;
+    size_t len, len2;
+    T_EQ_I(parse(HEAD CAM("a", U) CAM("b", ""), &r, &d), PVX_OK);
+    T_NEAR(r.cameras[0].uncertainty.px_95, 0.03, 0);
+    T_NEAR(r.cameras[0].uncertainty.voxels_95, 0.25, 0);
+    T_NEAR(r.cameras[1].uncertainty.px, 0, 0);
+    T_EQ_I(rec_rig_format(&r, &text, &len), PVX_OK);
+    T_CONTAINS(text, "uncertainty: { px: 0.02");
+    T_EQ_I(rec_rig_parse(text, len, "again", &again, &d), PVX_OK);
+    T_EQ_I(rec_rig_format(&again, &second, &len2), PVX_OK);
+    T_EQ_S(second, text);
+    free(second);
+    T_OK(rec_rig_hash(&r) == rec_rig_hash(&again));
+    again.cameras[0].uncertainty = (struct rec_uncertainty){0};
+    T_OK(rec_rig_hash(&r) == rec_rig_hash(&again)); /* no system matrix depends on it */
+    T_EQ_I(rec_rig_format(&again, &second, &len2), PVX_OK);
+    T_OK(strstr(second, "uncertainty") == NULL); /* files of before stay as they are */
+    free(second);
+    free(text);
+    rec_rig_fini(&again);
+    rec_rig_fini(&r);
+    refuse(HEAD CAM("a", "    uncertainty: { px: 1 }\n"), PVX_EFORMAT,
+           "the key 'px_95' is missing");
+    refuse(HEAD CAM("a", "    uncertainty: { px: -1, px_95: 0, voxels: 0, voxels_95: 0 }\n"),
+           PVX_EINVAL, "px");
+    refuse(HEAD CAM("a", "    uncertainty: 3\n"), PVX_EFORMAT, "uncertainty");
+}
+
 T_CASE(messages_name_the_place)
 {
     refuse("", PVX_EFORMAT, "rig.yaml:1: rig: should be a mapping");

@@ -1,0 +1,168 @@
+/* A camera that was moved while the pictures were taken: its residuals step, and all is well once the pictures
+ * after the step are not taken for its own. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/calib/priv.h"
+
+#define STEP_PX   0.3 /* px: a smaller step in the residuals is not called a move */
+#define STEP_SIDE 3   /* views on each side of it, at least */
+
+bool rec_calib_compared(const struct calib *k, const struct view *v)
+{
+    size_t others = 0;
+    if (!k->placed[v->frame] || (v->fate != REC_VIEW_USED && v->fate != REC_VIEW_JOINT))
+        return false;
+    for (size_t i = k->of_frame[v->frame]; i < k->of_frame[v->frame + 1]; i++)
+        others += &k->view[i] != v && k->view[i].fate == REC_VIEW_USED;
+    return others > 0;
+}
+
+static double middle_of(const struct drift *d, size_t n, int j, double *room)
+{
+    for (size_t i = 0; i < n; i++)
+        room[i] = d[i].m[j];
+    return rec_calib_median(room, n);
+}
+
+/* The split of d[0..n) that leaves the least sum of distances from the medians of its sides.  Returns the step
+ * between them [px]; 0: they differ by no more than their own spread. */
+static double change(const struct drift *d, size_t n, size_t *at, double *room)
+{
+    double least = INFINITY, step = 0;
+    for (size_t s = STEP_SIDE; s + STEP_SIDE <= n; s++) {
+        double gap = 0, spread = 0, sum = 0;
+        for (int j = 0; j < 4; j++) {
+            double a = middle_of(d, s, j, room), b = middle_of(d + s, n - s, j, room);
+            gap += (a - b) * (a - b);
+            for (size_t i = 0; i < n; i++) {
+                room[i] = fabs(d[i].m[j] - (i < s ? a : b));
+                sum += room[i];
+            }
+            double mad = 1.4826 * rec_calib_median(room, n);
+            spread += mad * mad;
+        }
+        if (sum < least) {
+            least = sum;
+            *at = s;
+            step = gap > 4 * spread ? sqrt(gap) : 0;
+        }
+    }
+    return step;
+}
+
+/* The largest step of all cameras: its frame.  Which camera moved is another question, since the fit may have
+ * laid the blame on one that sees the board from the other side. */
+static pvx_err largest_step(const struct calib *k, double *step, uint32_t *frame)
+{
+    struct drift *d = pvx_calloc(k->nv, sizeof *d);
+    double *room = pvx_calloc(k->nv, sizeof *room);
+    *step = 0;
+    for (uint32_t c = 0; c < k->nc && d != NULL && room != NULL; c++) {
+        size_t n = 0, at = 0;
+        for (size_t i = 0; i < k->nv; i++)
+            if (k->view[i].camera == c && rec_calib_compared(k, &k->view[i]))
+                d[n++] = rec_calib_drift(k, &k->view[i], true);
+        double px = change(d, n, &at, room);
+        if (px > *step) {
+            *step = px;
+            *frame = d[at].frame;
+        }
+    }
+    pvx_err e = d != NULL && room != NULL ? PVX_OK : PVX_ENOMEM;
+    free(d);
+    free(room);
+    return e;
+}
+
+/* Mean squared residual, in what each camera has alone, when camera c has no views from `frame` on (c = nc:
+ * all have all); wrong corners count little.  The state is scratch. */
+static pvx_err trial(struct calib *k, uint32_t c, uint32_t frame, double *cost)
+{
+    double n = 0, sum = 0;
+    size_t left = 0;
+    for (size_t i = 0; i < k->nv; i++) {
+        struct view *v = &k->view[i];
+        if (v->fate == REC_VIEW_JOINT)
+            v->fate = REC_VIEW_USED;
+        if (v->fate == REC_VIEW_USED && v->camera == c && k->out->frame[v->frame] >= frame)
+            v->fate = REC_VIEW_JOINT;
+        left += v->fate == REC_VIEW_USED && v->camera == c && k->placed[v->frame];
+    }
+    for (size_t i = 0; i < k->ns; i++)
+        k->seen[i].wrong = isinf(k->seen[i].far);
+    *cost = INFINITY;
+    if (c < k->nc && left < STEP_SIDE)
+        return PVX_OK;
+    PVX_TRY(rec_calib_adjust(k, &(struct adjust){.robust = true, .max_iterations = 20}));
+    rec_calib_measure_all(k);
+    for (size_t i = 0; i < k->nv; i++)
+        for (size_t s = k->view[i].first; s < k->view[i].first + k->view[i].n; s++)
+            if (k->view[i].fate == REC_VIEW_USED && k->placed[k->view[i].frame]) {
+                sum += fmin(k->seen[s].far * k->seen[s].far, OUTLIER * OUTLIER);
+                n++;
+            }
+    *cost = n > 0 ? sum / n : INFINITY;
+    return PVX_OK;
+}
+
+/* Which camera's views must go for the others to agree; -1: none is enough. */
+static pvx_err who_moved(struct calib *k, uint32_t frame, int *who)
+{
+    double *kept = k->state, scale[REC_MAX_CAMERAS], cost, best = INFINITY;
+    double *copy = pvx_calloc(k->n_state, sizeof *copy);
+    struct view *view = pvx_calloc(k->nv, sizeof *view);
+    struct seen *seen = pvx_calloc(k->ns, sizeof *seen);
+    pvx_err e = copy != NULL && view != NULL && seen != NULL ? PVX_OK : PVX_ENOMEM;
+    *who = -1;
+    if (e == PVX_OK) {
+        memcpy(view, k->view, k->nv * sizeof *view);
+        memcpy(seen, k->seen, k->ns * sizeof *seen);
+        memcpy(scale, k->scale, sizeof scale);
+        memcpy(k->scale, k->alone, sizeof scale);
+    }
+    for (uint32_t i = 0; i <= k->nc && e == PVX_OK; i++) {
+        uint32_t c = i == 0 ? (uint32_t)k->nc : i - 1; /* all have all at first */
+        memcpy(copy, kept, k->n_state * sizeof *copy);
+        rec_calib_use_state(k, copy);
+        e = trial(k, c, frame, &cost);
+        if (i == 0)
+            best = 0.7 * cost;
+        if (i > 0 && cost < best) {
+            best = cost;
+            *who = (int)c;
+        }
+        memcpy(k->view, view, k->nv * sizeof *view);
+        memcpy(k->seen, seen, k->ns * sizeof *seen);
+    }
+    rec_calib_use_state(k, kept);
+    if (seen != NULL && view != NULL && copy != NULL)
+        memcpy(k->scale, scale, sizeof scale);
+    free(copy);
+    free(view);
+    free(seen);
+    return e;
+}
+
+pvx_err rec_calib_moved(struct calib *k, bool *moved)
+{
+    double step;
+    uint32_t frame = 0;
+    int who;
+    *moved = false;
+    PVX_TRY(largest_step(k, &step, &frame));
+    if (step < STEP_PX)
+        return PVX_OK;
+    PVX_TRY(who_moved(k, frame, &who));
+    if (who < 0)
+        return PVX_OK;
+    *moved = true;
+    rec_calib_say(k, REC_CALIB_REFUSED, REC_CALIB_MOVED, who, frame,
+                  "%s was moved at frame %u: there residuals step by %.1f px, and without its "
+                  "later pictures all "
+                  "others agree; calibrate the frames before it or from it on",
+                  k->in->camera[who].name, frame, step);
+    return PVX_OK;
+}
