@@ -3,7 +3,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "base/mem.h"
 #include "recon/calib/model.h"
@@ -248,10 +247,6 @@ pvx_err rec_calib_adjust(struct calib *k, const struct adjust *a)
     if (e != PVX_OK)
         return pvx_fail(k->d, (pvx_err)e, "the bundle adjustment failed: %.500s", err);
     k->out->iterations += report.iterations;
-    if (getenv("CALIB_TRACE"))
-        fprintf(stderr, "solve %zu terms robust %d: %d iterations conv %d cost %g -> %g, %.3f s\n",
-                p.n, a->robust, report.iterations, report.converged, report.initial, report.final,
-                clock() * 1e-6);
     return PVX_OK;
 }
 
@@ -268,7 +263,5 @@ pvx_err rec_calib_covariance(struct calib *k, double *cov)
     struct rec_nls nls = as_nls(&p, 0);
     int e = k->lib->covariance(&nls, list, 2 * k->nc, cov, err, sizeof err);
     free_problem(&p);
-    if (getenv("CALIB_TRACE"))
-        fprintf(stderr, "cov %.3f s\n", clock() * 1e-6);
     return e == PVX_OK ? PVX_OK : pvx_fail(k->d, (pvx_err)e, "no uncertainty: %.500s", err);
 }

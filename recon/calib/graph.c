@@ -50,7 +50,7 @@ static void gather(const struct calib *k, uint32_t a, uint32_t b, int later, str
         size_t s = shifted(k, f, later);
         both += s < k->nf && find(k, s, a) != NULL && find(k, f, b) != NULL;
     }
-    step = (both + GUESSES - 1) / GUESSES;
+    step = both / GUESSES + 1;
     for (size_t f = 0; f < k->nf; f++) {
         size_t s = shifted(k, f, later);
         const struct view *va = s < k->nf ? find(k, s, a) : NULL, *vb = find(k, f, b);

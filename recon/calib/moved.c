@@ -77,41 +77,50 @@ static pvx_err largest_step(const struct calib *k, double *step, uint32_t *frame
     return e;
 }
 
-/* Mean squared residual, in what each camera has alone, when camera c has no views from `frame` on (c = nc:
- * all have all); wrong corners count little.  The state is scratch. */
-static pvx_err trial(struct calib *k, uint32_t c, uint32_t frame, double *cost)
+/* Mean squared residuals, in what each camera has alone, of all views and of what is left of camera c, when c does
+ * without the smaller part of its views, before `frame` or from it on (c = nc: all have all).  Wrong corners count
+ * little.  The state is scratch. */
+static pvx_err trial(struct calib *k, uint32_t c, uint32_t frame, double *all, double *own)
 {
-    double n = 0, sum = 0;
-    size_t left = 0;
+    double n[2] = {0}, sum[2] = {0};
+    size_t part[2] = {0};
     for (size_t i = 0; i < k->nv; i++) {
         struct view *v = &k->view[i];
         if (v->fate == REC_VIEW_JOINT)
             v->fate = REC_VIEW_USED;
-        if (v->fate == REC_VIEW_USED && v->camera == c && k->out->frame[v->frame] >= frame)
+        part[k->out->frame[v->frame] >= frame] += v->fate == REC_VIEW_USED && v->camera == c;
+    }
+    for (size_t i = 0; i < k->nv; i++) {
+        struct view *v = &k->view[i];
+        bool later = k->out->frame[v->frame] >= frame;
+        if (v->fate == REC_VIEW_USED && v->camera == c && later == (part[1] <= part[0]))
             v->fate = REC_VIEW_JOINT;
-        left += v->fate == REC_VIEW_USED && v->camera == c && k->placed[v->frame];
     }
     for (size_t i = 0; i < k->ns; i++)
         k->seen[i].wrong = isinf(k->seen[i].far);
-    *cost = INFINITY;
-    if (c < k->nc && left < STEP_SIDE)
+    *all = *own = INFINITY;
+    if (c < k->nc && (part[0] < STEP_SIDE || part[1] < STEP_SIDE))
         return PVX_OK;
     PVX_TRY(rec_calib_adjust(k, &(struct adjust){.robust = true, .max_iterations = 20}));
     rec_calib_measure_all(k);
     for (size_t i = 0; i < k->nv; i++)
         for (size_t s = k->view[i].first; s < k->view[i].first + k->view[i].n; s++)
             if (k->view[i].fate == REC_VIEW_USED && k->placed[k->view[i].frame]) {
-                sum += fmin(k->seen[s].far * k->seen[s].far, OUTLIER * OUTLIER);
-                n++;
+                double far2 = fmin(k->seen[s].far * k->seen[s].far, OUTLIER * OUTLIER);
+                sum[0] += far2;
+                n[0]++;
+                sum[1] += k->view[i].camera == c ? far2 : 0;
+                n[1] += k->view[i].camera == c;
             }
-    *cost = n > 0 ? sum / n : INFINITY;
+    *all = sum[0] / fmax(n[0], 1);
+    *own = sum[1] / fmax(n[1], 1);
     return PVX_OK;
 }
 
 /* Which camera's views must go for the others to agree; -1: none is enough. */
 static pvx_err who_moved(struct calib *k, uint32_t frame, int *who)
 {
-    double *kept = k->state, scale[REC_MAX_CAMERAS], cost, best = INFINITY;
+    double *kept = k->state, scale[REC_MAX_CAMERAS], all, own, best = INFINITY;
     double *copy = pvx_calloc(k->n_state, sizeof *copy);
     struct view *view = pvx_calloc(k->nv, sizeof *view);
     struct seen *seen = pvx_calloc(k->ns, sizeof *seen);
@@ -127,11 +136,11 @@ static pvx_err who_moved(struct calib *k, uint32_t frame, int *who)
         uint32_t c = i == 0 ? (uint32_t)k->nc : i - 1; /* all have all at first */
         memcpy(copy, kept, k->n_state * sizeof *copy);
         rec_calib_use_state(k, copy);
-        e = trial(k, c, frame, &cost);
+        e = trial(k, c, frame, &all, &own);
         if (i == 0)
-            best = 0.7 * cost;
-        if (i > 0 && cost < best) {
-            best = cost;
+            best = 0.7 * all;
+        if (i > 0 && all < best && own < 4) { /* 2 is what two numbers of unit variance have */
+            best = all;
             *who = (int)c;
         }
         memcpy(k->view, view, k->nv * sizeof *view);

@@ -113,6 +113,13 @@ void rec_calib_verdicts(struct calib *k)
             worst = c;
     }
     say_pictures(k);
+    if (r->joint > 1.3 * r->single && !rec_calib_says(r, REC_CALIB_WARNING, REC_CALIB_SYNC) &&
+        !rec_calib_says(r, REC_CALIB_REFUSED, -1))
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SYNC, -1, REC_NO_FRAME,
+                      "together the cameras fit %.2f times worse than each alone: something moved, "
+                      "or they do not "
+                      "expose together; what is expected of the volume is then too good",
+                      r->joint / r->single);
     say_folds(k);
     const struct rec_uncertainty *u = &r->camera[worst].expected;
     const char *name = k->in->camera[worst].name;

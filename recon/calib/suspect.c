@@ -87,7 +87,7 @@ static bool a_lens(struct calib *k, const double *structure, bool together)
 
 pvx_err rec_calib_suspect(struct calib *k)
 {
-    double *room = pvx_calloc(2 * k->nv, sizeof *room), structure[REC_MAX_CAMERAS], coverage;
+    double *room = pvx_calloc(2 * k->nv, sizeof *room), structure[REC_MAX_CAMERAS] = {0}, coverage;
     bool moved = false;
     uint32_t n;
     if (room == NULL)

@@ -42,7 +42,7 @@ static inline int cs_numbers(const char *line, double *out, int most)
 static inline bool cs_read(struct cs *s, const char *folder, const char *corners, int x)
 {
     char path[512], line[512];
-    double v[16];
+    double v[16] = {0};
     memset(s, 0, sizeof *s);
     snprintf(path, sizeof path, "%s/%s", folder, corners);
     FILE *f = cs_open(path);
@@ -75,7 +75,7 @@ static inline bool cs_read(struct cs *s, const char *folder, const char *corners
         if (c < 0 || c >= CS_CAMERAS)
             continue;
         struct rec_camera *own = &s->own[c];
-        double K[9];
+        double K[9] = {0};
         if (strncmp(line, "translation =", 13) == 0)
             (void)cs_numbers(line + 13, own->t, 3);
         if (strncmp(line, "rotation =", 10) == 0)

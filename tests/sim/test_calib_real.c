@@ -1,16 +1,8 @@
 /* Corners that another program found in pictures of four webcams, and its calibration of them. */
 #include "tests/lib/caliscope.h"
+#include "tests/lib/plugins.h"
 
 static struct cs s;
-
-int main(void)
-{
-    char lib[512];
-    const char *build = getenv("PYROVOX_BUILD");
-    snprintf(lib, sizeof lib, "%s/lib", build != NULL ? build : "build");
-    setenv("PYROVOX_LIBDIR", lib, 0);
-    return t_run();
-}
 
 /* The lenses are the other program's, as its poses were found: these pictures hardly tell them.  The webcams are
  * not synchronized, and the right answer is a warning. */
@@ -34,3 +26,5 @@ T_CASE(caliscope_extrinsic)
     rec_rig_fini(&rig);
     rec_calib_report_fini(&r);
 }
+
+T_MAIN(plugins_of_this_build(), (void)0)
