@@ -14,9 +14,10 @@ static bool used(const struct calib *k, const struct view *v)
     return v->fate == REC_VIEW_USED && k->placed[v->frame];
 }
 
-/* Standard deviation of the residuals of every camera, from the median, which wrong ones do not move.  Over what
- * it is alone, no camera's is taken for much smaller than the middle one's: where no camera fits, the one that
- * happens to fit best would draw the fit to itself more and more. */
+/* Standard deviation of the residuals of every camera: what it is alone, times one factor for all, the largest
+ * that a camera needs, from its median, which wrong corners do not move.  With a factor for each, where no
+ * camera fits (they are out of step), the one that happens to fit best would draw the fit to itself more and
+ * more.  A camera that needs over four times the middle one's factor has its own. */
 static void rescale(struct calib *k, double *room)
 {
     double now[REC_MAX_CAMERAS], over[REC_MAX_CAMERAS];
@@ -34,7 +35,9 @@ static void rescale(struct calib *k, double *room)
         if (n > 0)
             over[cameras++] = now[c] / k->alone[c];
     }
-    double least = 0.7 * rec_calib_median(over, cameras);
+    double least = 4 * rec_calib_median(over, cameras); /* sorts over */
+    if (cameras > 0)
+        least = fmin(least, over[cameras - 1]);
     for (uint32_t c = 0; c < k->nc; c++)
         now[c] = fmax(now[c], least * k->alone[c]);
     for (size_t i = 0; i < k->nv; i++) {

@@ -5,6 +5,22 @@
 
 static struct bv s;
 
+/* Largest error of a focal length, and of a baseline between opposite cameras, in %. */
+static void lengths(const struct bv_result *r)
+{
+    double f = 0, base = 0, a[3], b[3];
+    for (size_t c = 0; c < 8; c++) {
+        const double *p = s.cam[c].at, *q = s.cam[(c + 4) % 8].at;
+        rec_camera_centre(&r->rig.cameras[c], a);
+        rec_camera_centre(&r->rig.cameras[(c + 4) % 8], b);
+        double got = sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
+        double true_one = sqrt(pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2));
+        base = fmax(base, 100 * fabs(got / true_one - 1));
+        f = fmax(f, 100 * fabs(r->rig.cameras[c].fx / s.cam[c].f[0] - 1));
+    }
+    printf("  worst focal length %.3f %%, worst opposite baseline %.3f %%\n", f, base);
+}
+
 static void run(const char *what, size_t frames, bool two_sided, double noise, double wrong)
 {
     struct bv_result r;
@@ -19,6 +35,8 @@ static void run(const char *what, size_t frames, bool two_sided, double noise, d
     printf("%s: %zu views, %.2f s, error %d %s\n", what, s.n, 1e-9 * (double)(pvx_now_mono() - t),
            r.e, r.d.text);
     bv_print(&r);
+    if (r.e == PVX_OK)
+        lengths(&r);
     for (int i = 0; i < REC_CALIB_FOLDS && r.e == PVX_OK; i++)
         printf("  fold %d: %.4f px, held out %.4f, volume %.4f px\n", i, r.report.fold[i].trained,
                r.report.fold[i].held_out, r.report.fold[i].volume);

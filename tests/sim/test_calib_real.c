@@ -21,7 +21,7 @@ T_CASE(caliscope_extrinsic)
     T_CHECK_(e == PVX_OK, "%s", pvx_diag_text(&d, e));
     for (int a = 0; a < CS_CAMERAS && e == PVX_OK; a++)
         for (int b = a + 1; b < CS_CAMERAS; b++)
-            T_NEAR(cs_baseline(&rig, a, b) / cs_baseline(&s.rig, a, b), 1, 0.03);
+            T_NEAR(cs_baseline(&rig, a, b) / cs_baseline(&s.rig, a, b), 1, 0.02);
     T_OK(rec_calib_says(&r, REC_CALIB_WARNING, REC_CALIB_SYNC));
     rec_rig_fini(&rig);
     rec_calib_report_fini(&r);
