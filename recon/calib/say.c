@@ -84,6 +84,23 @@ static void say_pictures(struct calib *k)
             list);
 }
 
+/* Of right corners 4 in 10^5 are taken for wrong: one in a hundred comes from elsewhere. */
+static void say_wrong(struct calib *k)
+{
+    size_t wrong = 0, all = 0;
+    for (size_t i = 0; i < k->nv; i++)
+        if (k->view[i].fate == REC_VIEW_USED) {
+            all += k->view[i].n;
+            wrong += k->out->view[k->view[i].in].wrong;
+        }
+    if (100 * wrong > all)
+        rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_PICTURES, -1, REC_NO_FRAME,
+                      "%zu of %zu corners are wrong and left out: look for blur, glare, or "
+                      "something before the "
+                      "board",
+                      wrong, all);
+}
+
 static void say_folds(struct calib *k)
 {
     double trained = 0, held = 0;
@@ -120,6 +137,7 @@ void rec_calib_verdicts(struct calib *k)
                       "or they do not "
                       "expose together; what is expected of the volume is then too good",
                       r->joint / r->single);
+    say_wrong(k);
     say_folds(k);
     const struct rec_uncertainty *u = &r->camera[worst].expected;
     const char *name = k->in->camera[worst].name;

@@ -169,6 +169,7 @@ T_CASE(wrong_corners_do_not_count)
     for (size_t i = 0; i < s.n; i++)
         wrong += r.report.view[i].wrong;
     T_OK(wrong > 50);
+    T_OK(rec_calib_says(&r.report, REC_CALIB_WARNING, REC_CALIB_PICTURES));
     bv_done(&r);
 }
 
