@@ -209,12 +209,13 @@ static pvx_err unseen(struct calib *k)
         if (usable(k, c) > 0)
             continue;
         bool any = k->out->camera[c].views > 0;
-        rec_calib_say(
-            k, REC_CALIB_REFUSED, REC_CALIB_UNSEEN, (int)c, REC_NO_FRAME,
-            any ? "%s has no view of the board that fits one: is it the board that was named, and "
-                  "sharp?"
-                : "%s never saw the board: show it there, or leave the camera out",
-            k->in->camera[c].name);
+        rec_calib_say(k, stays(k, c) ? REC_CALIB_NOTE : REC_CALIB_REFUSED, REC_CALIB_UNSEEN, (int)c,
+                      REC_NO_FRAME,
+                      stays(k, c) ? "%s shows no board and keeps the pose that it had"
+                      : any ? "%s has no view of the board that fits one: is it the board that was "
+                              "named, and sharp?"
+                            : "%s never saw the board: show it there, or leave the camera out",
+                      k->in->camera[c].name);
         if (stays(k, c))
             continue; /* it keeps what it had */
         e = PVX_EINVAL;

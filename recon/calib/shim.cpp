@@ -125,8 +125,14 @@ int covariance(const rec_nls *p, const uint32_t *list, size_t n, double *cov, ch
     return guarded(err, err_size, [&]() -> int {
         auto problem = build(*p);
         std::vector<const double *> blocks;
-        for (size_t i = 0; i < n; i++)
-            blocks.push_back(p->block[list[i]].x);
+        for (size_t i = 0; i < n; i++) {
+            const rec_nls_block &b = p->block[list[i]];
+            if (!problem->HasParameterBlock(b.x)) { /* nothing depends on it */
+                problem->AddParameterBlock(b.x, b.n);
+                problem->SetParameterBlockConstant(b.x);
+            }
+            blocks.push_back(b.x);
+        }
         ceres::Covariance::Options o;
         o.algorithm_type = ceres::SPARSE_QR;
         o.num_threads = 1;

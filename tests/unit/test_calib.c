@@ -274,6 +274,17 @@ T_CASE(an_old_rig_is_kept)
     for (int j = 0; j < 3; j++)
         T_NEAR(a[j], s.cam[2].at[j], 4e-3);
     bv_done(&r);
+
+    /* Who keeps lens and pose need not see the board. */
+    size_t n = 0;
+    for (size_t i = 0; i < s.n; i++)
+        if (s.view[i].camera != 4)
+            s.view[n++] = s.view[i];
+    s.in.n_views = n;
+    solved(&r);
+    T_OK(rec_calib_says(&r.report, REC_CALIB_NOTE, REC_CALIB_UNSEEN));
+    T_OK(r.e != PVX_OK || r.rig.cameras[4].fx == cameras[4].fx);
+    bv_done(&r);
 }
 
 T_CASE(impossible_requests)
