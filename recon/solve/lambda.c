@@ -20,10 +20,11 @@
  *     r'Wr > 25 m N mean^2,   m rows                                                       (2)
  * (real capture: 64 to 91; thin sheets and spirals: up to 10).  Else (1) is only where the
  * weight begins: an iterate x tells what Bayes asks for,
- *     E = [r'Wr / (m - g)] / [x'L V L x / g],  lambda / (1) = [1.6 E / (1)]^1.6,               (3)
- * within 0.02 .. 4 (mosaics: 1 .. 4, as few rows of a channel are followed by what is not there)
- * g the degrees of freedom that the data settle, tr (A'WA + lambda L V L)^-1 A'WA on the columns that are
- * not held by their bound, n of them:
+ *     E = [r'Wr / (m - g)] / [x'L V L x / g],  lambda / (1) = [1.5 E / (1)]^1.6,               (3)
+ * within 0.02 .. 4 (mosaics: 1 .. 4, as few rows of a channel are followed by what is not there), and no lower
+ * than it is while r'Wr / (m - g) < 1.1 sigma^2: what is as near to the pictures as their noise allows needs no
+ * lighter weight.  g: the degrees of freedom that the data settle, tr (A'WA + lambda L V L)^-1 A'WA on the
+ * columns that are not held by their bound, n of them:
  *     g = G / (1 + G/m),  G = 0.048 n (lambda / mean diagonal)^(-1/2)                         (4)
  * so that r'Wr / (m - g) g = r'Wr / m G.
  * Why that power: a view settles the frequencies of one plane (the slice theorem), k'k'k'k' lambda = const
@@ -52,8 +53,9 @@
 
 #define FAULT        25.0  /* (2) */
 #define DOF          0.048 /* (4) */
-#define EVIDENCE     1.6   /* (3) */
+#define EVIDENCE     1.5   /* (3) */
 #define POWER        1.6
+#define NEAR         1.1 /* sigma is known to some 5 % */
 #define LEAST        0.02
 #define LEAST_MOSAIC 1.0 /* a channel's few rows can be fitted by what is not there */
 #define MOST         4.0
@@ -227,12 +229,15 @@ void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const doubl
                          const double lit[4], double lambda[4])
 {
     for (int l = 0; l < pb->nch && pb->automatic; l++) {
-        double rows = rows_of(pb, l), least = pb->in.per_channel ? LEAST_MOSAIC : LEAST;
+        double sigma = fmax(pb->in.sigma, 0), rows = rows_of(pb, l),
+               least = pb->in.per_channel ? LEAST_MOSAIC : LEAST;
         if (pb->noise2[l] > 0 && rwr[l] > FAULT * rows * pb->noise2[l])
             continue;
         double dof = DOF * lit[l] / sqrt(lambda[l] / pb->unit[l]); /* G */
+        double noise2 = rwr[l] / (rows - dof / (1 + dof / rows));
         double asked = (rwr[l] / rows) / (penalty[l] / dof) / pb->formula[l];
-        if (isfinite(asked)) /* else nothing burns, or nothing was measured */
-            lambda[l] = pb->formula[l] * fmin(fmax(pow(EVIDENCE * asked, POWER), least), MOST);
+        double next = pb->formula[l] * fmin(fmax(pow(EVIDENCE * asked, POWER), least), MOST);
+        if (isfinite(asked) && (next > lambda[l] || noise2 >= NEAR * sigma * sigma))
+            lambda[l] = next; /* not finite: nothing burns, or nothing was measured */
     }
 }

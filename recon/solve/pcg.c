@@ -14,8 +14,9 @@
  * feasible because the set is convex: so f never rises.  When d is no descent direction the lane restarts
  * from -M phi.
  * alpha, beta, lambda are per channel.
- * From a coarser solution V and the automatic lambda are renewed three times from the iterate that they
- * led to (2a; lambda.c), when it has settled, else every third iteration: r and L x stay.  In between the
+ * From a coarser solution V and the automatic lambda are renewed three times, and while lambda still changes
+ * by more than a factor 2 up to six, from the iterate that they led to (2a; lambda.c), when it has settled,
+ * else every third iteration: r and L x stay.  In between the
  * objective never rises; the report says after which iterations it is another one.  Then
  * nothing changes any more, and the minimiser is that of one convex problem.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
@@ -32,6 +33,8 @@
 #define STILL              1e-7 /* share of the objective below which nothing moves any more */
 #define REFRESH            64   /* iterations after which A x is formed anew */
 #define RENEW_AFTER        3    /* iterations after which V and lambda are renewed, */
+#define RENEWALS           3    /* of them, or more as long as some lambda changes by */
+#define RESTLESS           2.0  /* more than this factor */
 #define SETTLED            0.03 /* or sooner, when x moved by less than this share of ||x|| */
 
 /* V from x, lx with it, and the columns with x > 0 per lane. */
@@ -179,11 +182,12 @@ static bool risen(const rec_problem *pb, const double now[4], const double befor
 
 /* Whether V and lambda are to be renewed: when x has settled, or moved on for some iterations.  A start that
  * knows nothing has V = 1 and needs more iterations than that before it says anything. */
-static bool due(const rec_problem *pb, const struct rec_solve_report *out,
+static bool due(const struct rec_pcg *t, const struct rec_solve_report *out,
                 const struct rec_stopper *stop)
 {
     uint32_t last = out->renewals > 0 ? out->renewed[out->renewals - 1] : 0;
-    return pb->start == REC_START_FITS && out->renewals < REC_RENEWALS &&
+    return t->pb->start == REC_START_FITS &&
+           out->renewals < (t->restless ? REC_RENEWALS : RENEWALS) &&
            (stop->moved <= SETTLED || stop->k >= last + RENEW_AFTER);
 }
 
@@ -193,9 +197,13 @@ static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double ga
                   double norm2[4])
 {
     const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
-    double lit[4], cross[4];
+    double lit[4], cross[4], before[4];
+    memcpy(before, t->lambda, sizeof before);
     stiffen(t, lit);
     rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda);
+    t->restless = false;
+    for (int l = 0; l < t->pb->nch; l++)
+        t->restless = t->restless || fabs(log(t->lambda[l] / before[l])) > log(RESTLESS);
     evaluate(t, pass->regradient, rwr, f, gamma, cross, norm2); /* r has not changed */
 }
 
@@ -259,7 +267,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
         stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(norm2));
         if (rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)))
             break;
-        if (due(pb, out, &stop) && !rec_late(p)) { /* V and lambda from x */
+        if (due(&t, out, &stop) && !rec_late(p)) { /* V and lambda from x */
             renew(&t, rwr, f, gamma, norm2);
             out->renewed[out->renewals++] = stop.k;
             rec_stop_anew(&stop, rec_lanes_total(f));

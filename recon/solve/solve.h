@@ -31,7 +31,7 @@
     M("fista", rec_solve_fista)           \
     M("mrnsd", rec_solve_mrnsd)
 
-#define REC_RENEWALS 3 /* at most, of V and lambda in a solve */
+#define REC_RENEWALS 6 /* at most, of V and lambda in a solve */
 
 enum rec_stop { REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY, REC_STOP_ITERATIONS };
 /* How a solve ended; the numbers are those of the wire (PROTOCOL.md), where 3 was never sent. */

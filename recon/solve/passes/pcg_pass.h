@@ -19,6 +19,7 @@ struct rec_pcg {
     float *r, *q;                        /* row space: A x - b; A d, then W r */
     bool any_clipped;                    /* in the last step */
     double alpha[4], beta[4], mu[4], back[4];
+    bool restless;                /* the last renewal changed some lambda by more than a factor 2 */
     double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
     double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
     double moved2[4];             /* ||x - next||^2 of the last step */
