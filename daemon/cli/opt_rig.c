@@ -26,8 +26,7 @@ static const struct argp_option options[] = {
     {0},
 };
 
-/* "64" or "64,48,96". */
-static bool parse_grid(const char *s, int32_t n[3])
+bool opt_rig_parse_grid(const char *s, int32_t n[3])
 {
     char copy[64];
     if (strlen(s) >= sizeof copy)
@@ -66,7 +65,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->grid_auto = strcmp(arg, "auto") == 0;
         if (o->grid_auto)
             memset(o->grid, 0, sizeof o->grid);
-        else if (!parse_grid(arg, o->grid))
+        else if (!opt_rig_parse_grid(arg, o->grid))
             argp_error(state, "--grid %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each",
                        arg, REC_GRID_MAX);
         o->grid_one = strchr(arg, ',') == NULL;

@@ -29,6 +29,9 @@ struct opt_rig {
 
 extern const struct argp opt_rig_argp;
 
+/* "64" or "64,48,96", 1 to REC_GRID_MAX each. */
+bool opt_rig_parse_grid(const char *s, int32_t n[3]);
+
 /* The finest grid that the pictures hold into rig->grid, over the box that is there.  PVX_EINVAL. */
 PVX_MUST_CHECK pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *rig,
                                       struct pvx_diag *d);

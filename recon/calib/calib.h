@@ -30,6 +30,9 @@
 #define REC_CALIB_SIDE  5 /* points of the volume along each side where the error is looked at */
 #define REC_CALIB_JOINT 5 /* common poses that two cameras should have */
 #define REC_NO_FRAME    UINT32_MAX
+/* What a volume error may be, NUMERICS.md [voxels]. */
+#define REC_CALIB_GOOD 0.10
+#define REC_CALIB_FAIR 0.15
 
 enum rec_calib_hold { REC_HOLD_LENS = 1, REC_HOLD_POSE = 2 }; /* as they are in the old rig */
 

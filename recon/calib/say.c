@@ -7,9 +7,6 @@
 
 #include "recon/calib/priv.h"
 
-#define GOOD 0.10 /* voxels: what a volume error may be, NUMERICS.md */
-#define FAIR 0.15
-
 void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_calib_what what,
                    int camera, uint32_t frame, const char *fmt, ...)
 {
@@ -144,13 +141,13 @@ void rec_calib_verdicts(struct calib *k)
     if (!(u->px > 0) && !isfinite(r->px))
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_VERDICT, -1, REC_NO_FRAME,
                       "no camera sees the volume: is it where the world is?");
-    else if (u->voxels_95 <= FAIR)
+    else if (u->voxels_95 <= REC_CALIB_FAIR)
         rec_calib_say(k, REC_CALIB_NOTE, REC_CALIB_VERDICT, (int)worst, REC_NO_FRAME,
                       "%s: expected volume error %.3f px, %.3f voxels; with 95 %% below %.3f in "
                       "the worst camera, "
                       "%s, and %.2f is what tomography bears",
-                      u->voxels_95 <= GOOD ? "good" : "just enough", r->px, r->voxels, u->voxels_95,
-                      name, FAIR);
+                      u->voxels_95 <= REC_CALIB_GOOD ? "good" : "just enough", r->px, r->voxels,
+                      u->voxels_95, name, REC_CALIB_FAIR);
     else
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_VERDICT, (int)worst, REC_NO_FRAME,
                       "not enough: expected volume error %.3f px, %.3f voxels; with 95 %% below "
@@ -158,5 +155,5 @@ void rec_calib_verdicts(struct calib *k)
                       "camera, %s, where %.2f is what tomography bears: show the board to %s in "
                       "more poses, all "
                       "through the volume",
-                      r->px, r->voxels, u->voxels_95, name, FAIR, name);
+                      r->px, r->voxels, u->voxels_95, name, REC_CALIB_FAIR, name);
 }

@@ -1,0 +1,310 @@
+/* test_cli_calibrate.c - `pyrovox calibrate solve` as a user runs it: rendered pictures of a board before four
+ * known cameras in, a rig near the truth out; what should not be believed is refused and writes nothing. */
+#include "../t.h"
+
+#include <cjson/cJSON.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "capture/files/imgio.h"
+#include "recon/board/spec.h"
+#include "recon/calib/calib.h"
+#include "recon/geom/rig.h"
+#include "tests/lib/board_picture.h"
+#include "tests/lib/scratch.h"
+
+#define BOARD  "charuco:5x6:0.06:0.045"
+#define VOLUME "--volume -0.2,-0.2,0,0.2,0.2,0.4"
+#define SOLVE  "calibrate solve --quiet --threads 2 --frames "
+
+enum { W = 320, H = 240, CAMERAS = 4, POSES = 12 };
+
+static char exe[300], text[1 << 20]; /* of the file read last */
+static struct rec_rig truth;
+
+static int pyrovox(const char *args)
+{
+    char cmd[2000];
+    snprintf(cmd, sizeof cmd, "cd %s && %s/pyrovox %s >out.txt 2>err", dir, exe, args);
+    int rc = system(cmd);
+    return WIFEXITED(rc) ? WEXITSTATUS(rc) : -1;
+}
+
+/* "" when there is none. */
+static const char *slurp(const char *name)
+{
+    char *t;
+    size_t n;
+    text[0] = '\0';
+    if (pvx_file_read(at("%s", name), sizeof text - 1, &t, &n, NULL) == PVX_OK) {
+        memcpy(text, t, n + 1);
+        free(t);
+    }
+    return text;
+}
+
+static bool there(const char *name)
+{
+    return access(at("%s", name), F_OK) == 0;
+}
+
+static void matmul(const double a[9], const double b[9], double o[9])
+{
+    for (int i = 0; i < 9; i++)
+        o[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] +
+               a[i / 3 * 3 + 2] * b[6 + i % 3];
+}
+
+/* Cameras on a third of a ring of 1.1 m, no two alike. */
+static void set_up(void)
+{
+    truth =
+        (struct rec_rig){.grid = {{-0.2, -0.2, 0}, {0.2, 0.2, 0.4}, {32, 32, 32}, REC_TRILINEAR},
+                         .n_cameras = CAMERAS,
+                         .cameras = calloc(CAMERAS, sizeof *truth.cameras)};
+    for (int c = 0; c < CAMERAS; c++) {
+        struct rec_camera *k = &truth.cameras[c];
+        double a = 0.6 * (c - 1.5), aim[3] = {0.02 * c - 0.03, 0, 0.2};
+        double eye[3] = {1.1 * cos(a), 1.1 * sin(a), c % 2 ? 0.4 : 0.1};
+        *k = (struct rec_camera){.width = W,
+                                 .height = H,
+                                 .fx = 330 + 3 * c,
+                                 .fy = 330 + 3 * c,
+                                 .cx = 160.3 - c,
+                                 .cy = 118.4 + c,
+                                 .dist = {-0.06 + 0.02 * c, 0.01, 3e-4, -2e-4},
+                                 .gain = {1, 1, 1}};
+        snprintf(k->name, sizeof k->name, "cam%d", c);
+        rec_camera_look(eye, aim, k);
+    }
+}
+
+/* The board in front of the cameras: its z into it, away from them, tilted by a and b, rolled by r. */
+static void board_at(int pose, double R[9], double t[3])
+{
+    double a = pose == 0 ? 0 : 0.4 * sin(2.4 * pose), b = pose == 0 ? 0 : 0.45 * cos(1.7 * pose),
+           r = 0.5 * sin(1.1 * pose);
+    double facing[9] = {0, 0, -1, 1, 0, 0, 0, -1, 0};
+    double A[9] = {cos(a), 0, sin(a), 0, 1, 0, -sin(a), 0, cos(a)};
+    double B[9] = {1, 0, 0, 0, cos(b), -sin(b), 0, sin(b), cos(b)};
+    double C[9] = {cos(r), -sin(r), 0, sin(r), cos(r), 0, 0, 0, 1}, AB[9], ABC[9];
+    matmul(A, B, AB);
+    matmul(AB, C, ABC);
+    matmul(facing, ABC, R);
+    double middle[3] = {0.09, 0.12, 0};
+    double to[3] = {0.1 * sin(3.1 * pose), 0.13 * sin(1.9 * pose + 1), 0.2 + 0.1 * sin(2.7 * pose)};
+    for (int i = 0; i < 3; i++)
+        t[i] = to[i] - R[3 * i] * middle[0] - R[3 * i + 1] * middle[1];
+}
+
+static void shoot(const struct rec_board *b, int camera, int pose, float *level)
+{
+    const struct rec_camera *k = &truth.cameras[camera];
+    struct board_shot s = {.width = W,
+                           .height = H,
+                           .f = k->fx,
+                           .cx = k->cx,
+                           .cy = k->cy,
+                           .blur = 0.6,
+                           .noise = 0.01,
+                           .dark = 0.1,
+                           .light = 0.8,
+                           .ground = 0.4,
+                           .across = 2,
+                           .seed = (uint64_t)(1 + camera + 100 * pose)};
+    double R[9], t[3];
+    board_at(pose, R, t);
+    memcpy(s.k, k->dist, sizeof s.k);
+    matmul(k->R, R, s.R);
+    for (int i = 0; i < 3; i++)
+        s.t[i] = k->R[3 * i] * t[0] + k->R[3 * i + 1] * t[1] + k->R[3 * i + 2] * t[2] + k->t[i];
+    board_picture(b, &s, level);
+}
+
+/* What a wavy window before the lens does: waves of 1 px, 75 px long. */
+static void window(const float *level, float *out)
+{
+    for (int v = 0; v < H; v++)
+        for (int u = 0; u < W; u++) {
+            double x = u + 1 - cos(v / 12.0), t = floor(x);
+            int a = t >= W - 1 ? W - 2 : (int)t;
+            out[v * W + u] =
+                level[v * W + a] + (float)(x - t) * (level[v * W + a + 1] - level[v * W + a]);
+        }
+}
+
+/* take/: all poses; after them a dark picture of cam0, and one that was cut off.  window/: the same,
+ * but cam1 looks through one. */
+static void record(void)
+{
+    struct pvx_diag d = {""};
+    struct rec_board b;
+    static float level[W * H], bent[W * H];
+    T_EQ_I(rec_board_parse(BOARD, &b, &d), PVX_OK);
+    for (int c = 0; c < CAMERAS; c++) {
+        T_EQ_I(pvx_mkdirs(at("take/cam%d", c), &d), PVX_OK);
+        T_EQ_I(pvx_mkdirs(at("window/cam%d", c), &d), PVX_OK);
+        for (int p = 0; p < POSES; p++) {
+            shoot(&b, c, p, level);
+            T_EQ_I(cap_image_save(at("take/cam%d/%06d.png", c, p), level, W, H, 1, 1, &d), PVX_OK);
+            if (c == 1)
+                window(level, bent);
+            T_EQ_I(cap_image_save(at("window/cam%d/%06d.png", c, p), c == 1 ? bent : level, W, H, 1,
+                                  1, &d),
+                   PVX_OK);
+        }
+    }
+    for (size_t i = 0; i < W * H; i++)
+        level[i] = 0.02f;
+    T_EQ_I(cap_image_save(at("take/cam0/%06d.png", POSES), level, W, H, 1, 1, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("take/cam0/%06d.png", POSES + 1), "\211PNG\r\n\032\n", 8, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+}
+
+/* px rms between projections of the volume's points, as they are. */
+static double apart(const struct rec_rig *a, const struct rec_rig *b)
+{
+    double sum = 0;
+    int n = 0;
+    for (size_t c = 0; c < CAMERAS; c++)
+        for (int i = 0; i < 125; i++) {
+            double X[3] = {-0.2 + 0.1 * (i % 5), -0.2 + 0.1 * (i / 5 % 5), 0.1 * (i / 25)};
+            double u[2], v[2];
+            if (rec_camera_project(&a->cameras[c], X, u) &&
+                rec_camera_project(&b->cameras[c], X, v)) {
+                sum += (u[0] - v[0]) * (u[0] - v[0]) + (u[1] - v[1]) * (u[1] - v[1]);
+                n++;
+            }
+        }
+    return n > 0 ? sqrt(sum / n) : NAN;
+}
+
+static double number(const cJSON *o, const char *key)
+{
+    const cJSON *v = cJSON_GetObjectItem(o, key);
+    return cJSON_IsNumber(v) ? v->valuedouble : NAN;
+}
+
+T_CASE(the_rig_comes_back)
+{
+    struct pvx_diag d = {""};
+    struct rec_rig rig = {0};
+    double rms = NAN, worst = NAN;
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --voxels 32 --keep true.yaml "
+                         "--measured cam0,cam3,1.749 --out rig.yaml --report report.json"),
+           0);
+    slurp("out.txt");
+    T_CONTAINS(text, " of 50 pictures of 4 cameras");
+    T_CONTAINS(text, "cam0: 1 cannot be read");
+    T_CONTAINS(text, "cam0: 1 without: ");
+    T_CONTAINS(text, "expected volume error");
+    T_OK(strstr(text, "of what was measured: measure the print") == NULL);
+    T_EQ_I(rec_rig_load(at("rig.yaml"), &rig, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(rig.n_cameras, CAMERAS);
+    T_EQ_I(rig.grid.n[0], 32);
+    if (rig.n_cameras != CAMERAS)
+        return;
+    T_EQ_I(rec_calib_distance(&truth, &rig, &rms, &worst), PVX_OK);
+    printf("  volume error %.3f px rms, %.3f largest; as it stands %.3f\n", rms, worst,
+           apart(&truth, &rig));
+    T_LE(rms, 0.05); /* 0.014, 0.04, 0.02 when this was written */
+    T_LE(worst, 0.15);
+    T_LE(apart(&truth, &rig), 0.06);
+    for (size_t c = 0; c < CAMERAS; c++) {
+        T_OK(rig.cameras[c].uncertainty.px > 0);
+        T_LE(rig.cameras[c].uncertainty.px, 0.1);
+    }
+    rec_rig_fini(&rig);
+    cJSON *o = cJSON_Parse(slurp("report.json"));
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(o, "cameras")), CAMERAS);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(o, "pictures")), CAMERAS * POSES + 2);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(o, "pairs")), 6);
+    T_LE(number(o, "joint_px"), 0.2);
+    T_OK(number(o, "expected_px") > 0);
+    const cJSON *p = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "pictures"), 0);
+    T_EQ_I(cJSON_GetArraySize(cJSON_GetArrayItem(cJSON_GetObjectItem(p, "corners"), 0)), 5);
+    cJSON_Delete(o);
+}
+
+T_CASE(the_same_bits_on_one_thread_and_nothing_written_over)
+{
+    static char first[sizeof text];
+    snprintf(first, sizeof first, "%s", slurp("rig.yaml"));
+    T_OK(first[0] != '\0');
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --keep true.yaml --out rig.yaml"), 1);
+    T_CONTAINS(slurp("err"), "rig.yaml is there already");
+    T_EQ_S(slurp("rig.yaml"), first);
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --voxels 32 --keep true.yaml "
+                         "--out rig.yaml --force --threads 1"),
+           0);
+    T_EQ_S(slurp("rig.yaml"), first);
+}
+
+T_CASE(the_wrong_board_is_named)
+{
+    T_EQ_I(pyrovox(SOLVE "take --board charuco:8x11:0.03:0.0225 " VOLUME " --out wrong.yaml"), 1);
+    T_CONTAINS(slurp("err"), "not 8x11");
+    T_OK(!there("wrong.yaml"));
+}
+
+T_CASE(a_camera_behind_a_wavy_window_is_refused)
+{
+    T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME " --keep true.yaml --out window.yaml "
+                         "--report window.json"),
+           1);
+    T_CONTAINS(slurp("out.txt"), "refused: cam1: ");
+    T_CONTAINS(slurp("err"), "--accept");
+    T_OK(!there("window.yaml"));
+    T_OK(there("window.json"));
+    T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME
+                         " --keep true.yaml --out window.yaml --accept"),
+           0);
+    T_OK(there("window.yaml"));
+}
+
+T_CASE(usage)
+{
+    T_EQ_I(pyrovox("calibrate solve --frames take --board " BOARD " --out x.yaml"), 2);
+    T_CONTAINS(slurp("err"), "where will the flame burn?");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --volume 0,0,0,1,1 --out x.yaml"), 2);
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --floor 0 --up 0,-1,0 --out x.yaml"),
+           2);
+    T_EQ_I(pyrovox(SOLVE "nowhere --board " BOARD " " VOLUME " --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "nowhere");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --up 0,-1,0,cam9 --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "cam9");
+    T_EQ_I(pyrovox("calibrate solve --help"), 0);
+    T_CONTAINS(slurp("out.txt"), "The five steps");
+    T_OK(!there("x.yaml"));
+}
+
+static int begin(void)
+{
+    char here[200], *yaml;
+    size_t len;
+    board_module_here();
+    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
+        return 1;
+    snprintf(exe, sizeof exe, "%s/../../bin", here);
+    scratch_new();
+    set_up();
+    if (rec_rig_format(&truth, &yaml, &len) != PVX_OK ||
+        pvx_file_write(at("true.yaml"), yaml, len, NULL) != PVX_OK)
+        return 1;
+    free(yaml);
+    record();
+    return 0;
+}
+
+int main(void)
+{
+    if (begin() != 0)
+        return 1;
+    t_run();
+    rec_rig_fini(&truth);
+    scratch_remove();
+    return t_done();
+}
