@@ -3,6 +3,8 @@
 #include "../t.h"
 
 #include <cjson/cJSON.h>
+#include <fcntl.h>
+#include <signal.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -263,6 +265,41 @@ T_CASE(a_camera_behind_a_wavy_window_is_refused)
                          " --keep true.yaml --out window.yaml --accept"),
            0);
     T_OK(there("window.yaml"));
+}
+
+/* Stopped while it waits for a picture that somebody still writes. */
+T_CASE(ctrl_c_writes_nothing)
+{
+    struct pvx_diag d = {""};
+    char name[400];
+    int fd = -1, status = 0;
+    bool ended = false;
+    T_EQ_I(pvx_mkdirs(at("slow/cam0"), &d), PVX_OK);
+    T_EQ_I(mkfifo(at("slow/cam0/000000.png"), 0600), 0);
+    T_EQ_I(symlink(at("take/cam0/000001.png"), at("slow/cam0/000001.png")), 0);
+    snprintf(name, sizeof name, "%s/pyrovox", exe);
+    pid_t pid = fork();
+    if (pid == 0) {
+        if (chdir(dir) == 0 && freopen("err", "w", stderr) != NULL)
+            execl(name, "pyrovox", "calibrate", "solve", "--frames", "slow", "--board", BOARD,
+                  "--volume", "-1,-1,0,1,1,1", "--out", "slow.yaml", "--report", "slow.json",
+                  "--threads", "1", (char *)NULL);
+        _exit(99);
+    }
+    while (fd < 0 && !ended) { /* until it reads */
+        fd = open(at("slow/cam0/000000.png"), O_WRONLY | O_NONBLOCK);
+        ended = fd < 0 && waitpid(pid, &status, WNOHANG) == pid;
+        usleep(2000);
+    }
+    T_OK(!ended);
+    if (!ended) {
+        kill(pid, SIGINT);
+        close(fd);
+        T_EQ_I(waitpid(pid, &status, 0), pid);
+    }
+    T_EQ_I(WIFEXITED(status) ? WEXITSTATUS(status) : -1, 130);
+    T_CONTAINS(slurp("err"), "nothing was written");
+    T_OK(!there("slow.yaml") && !there("slow.json"));
 }
 
 T_CASE(usage)
