@@ -263,14 +263,16 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* A camera that never saw the board: the reason that most of its pictures give. */
+/* A camera that never saw the board: a reason in which something was recognised (mirrored, another board, other
+ * markers), else what most of its pictures give. */
 static pvx_err all_saw(const struct calibrate_look *l, struct pvx_diag *d)
 {
     for (size_t c = 0; c < l->n_cameras; c++) {
         const struct calibrate_count *n = &l->count[c];
         size_t most = REC_SIGHT_NO_MARKER;
         for (size_t s = most; s < REC_N_SIGHTS; s++)
-            if (n->sight[s] > n->sight[most])
+            if (n->sight[s] >
+                (most < REC_SIGHT_MIRRORED && s >= REC_SIGHT_MIRRORED ? 0 : n->sight[most]))
                 most = s;
         if (n->sight[REC_SIGHT_FOUND] == 0)
             return pvx_fail(

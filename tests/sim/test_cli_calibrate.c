@@ -189,6 +189,16 @@ static double number(const cJSON *o, const char *key)
     return cJSON_IsNumber(v) ? v->valuedouble : NAN;
 }
 
+/* Numbers of a list; NAN where there are none. */
+static void list(const cJSON *o, const char *key, double *out, int n)
+{
+    const cJSON *a = cJSON_GetObjectItem(o, key);
+    for (int i = 0; i < n; i++) {
+        const cJSON *v = cJSON_GetArrayItem(a, i);
+        out[i] = cJSON_IsNumber(v) ? v->valuedouble : NAN;
+    }
+}
+
 T_CASE(the_rig_comes_back)
 {
     struct pvx_diag d = {""};
@@ -247,7 +257,11 @@ T_CASE(the_same_bits_on_one_thread_and_nothing_written_over)
 
 T_CASE(the_wrong_board_is_named)
 {
-    T_EQ_I(pyrovox(SOLVE "take --board charuco:8x11:0.03:0.0225 " VOLUME " --out wrong.yaml"), 1);
+    struct pvx_diag d = {""};
+    T_EQ_I(pvx_mkdirs(at("few/cam0"), &d), PVX_OK);
+    for (int p = 0; p < 6; p++)
+        T_EQ_I(symlink(at("take/cam0/%06d.png", p), at("few/cam0/%06d.png", p)), 0);
+    T_EQ_I(pyrovox(SOLVE "few --board charuco:8x11:0.03:0.0225 " VOLUME " --out wrong.yaml"), 1);
     T_CONTAINS(slurp("err"), "not 8x11");
     T_OK(!there("wrong.yaml"));
 }
@@ -261,10 +275,21 @@ T_CASE(a_camera_behind_a_wavy_window_is_refused)
     T_CONTAINS(slurp("err"), "--accept");
     T_OK(!there("window.yaml"));
     T_OK(there("window.json"));
-    T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME
-                         " --keep true.yaml --out window.yaml --accept"),
+    T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME " --floor 0 --out window.yaml --accept "
+                         "--report window.json"),
            0);
     T_OK(there("window.yaml"));
+    /* --floor: the middle of that frame's board is the middle of the floor, its print upwards */
+    cJSON *o = cJSON_Parse(slurp("window.json"));
+    const cJSON *first = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "boards"), 0);
+    double R[9], t[3];
+    list(first, "R", R, 9);
+    list(first, "t", t, 3);
+    T_EQ_I(number(first, "frame"), 0);
+    for (int i = 0; i < 3; i++)
+        T_NEAR(R[3 * i] * 0.09 + R[3 * i + 1] * 0.12 + t[i], 0, 1e-6);
+    T_NEAR(R[8], -1, 1e-9);
+    cJSON_Delete(o);
 }
 
 /* Stopped while it waits for a picture that somebody still writes. */
