@@ -58,7 +58,7 @@ static void put_camera(struct dmn_json *j, const struct calibrate_result *r, siz
         dmn_json_num(j, "px_95", o->expected.px_95);
         dmn_json_num(j, "voxels", o->expected.voxels);
         dmn_json_num(j, "voxels_95", o->expected.voxels_95);
-        dmn_json_str(j, "verdict", calibrate_verdict(&o->expected));
+        dmn_json_str(j, "verdict", rec_calib_verdict(&o->expected));
         dmn_json_close(j, '}');
     }
     dmn_json_close(j, '}');

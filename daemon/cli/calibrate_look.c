@@ -1,6 +1,5 @@
 #include "daemon/cli/calibrate_look.h"
 
-#include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
 #include <pthread.h>
@@ -16,15 +15,6 @@
 #include "daemon/cli/cli.h"
 
 /* ---- what is there ---- */
-
-static bool fit_for_camera(const char *name)
-{
-    size_t n = strlen(name);
-    for (size_t i = 0; i < n; i++)
-        if (!isalnum((unsigned char)name[i]) && strchr("._-", name[i]) == NULL)
-            return false;
-    return n < REC_NAME_MAX;
-}
 
 static pvx_err add_camera(struct calibrate_look *l, const char *dir, const char *name,
                           struct pvx_diag *d)
@@ -42,7 +32,7 @@ static pvx_err add_camera(struct calibrate_look *l, const char *dir, const char 
     if (e != PVX_OK)
         return e == PVX_ENOENT ? PVX_OK : e;
     struct calibrate_picture *more = NULL;
-    if (!fit_for_camera(name))
+    if (!rec_rig_name_ok(name))
         e = pvx_fail(
             d, PVX_EINVAL,
             "%s: a folder with pictures in it has a name that no camera can have: letters, "

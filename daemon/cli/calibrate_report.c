@@ -2,15 +2,6 @@
 
 #include <stdio.h>
 
-const char *calibrate_verdict(const struct rec_uncertainty *u)
-{
-    if (!(u->px > 0))
-        return "does not see the volume";
-    return u->voxels_95 <= REC_CALIB_GOOD   ? "good"
-           : u->voxels_95 <= REC_CALIB_FAIR ? "just enough"
-                                            : "not enough";
-}
-
 const char *calibrate_severity(enum rec_calib_severity s)
 {
     return s == REC_CALIB_NOTE ? "note" : s == REC_CALIB_WARNING ? "warning" : "refused";
@@ -59,7 +50,7 @@ void calibrate_print_cameras(const struct calibrate_result *r)
         printf("%-12s %5zu /%4zu %5zu %9.3f %8.3f %11.3f %7.3f %10.3f  %s\n", l->camera[c].name,
                l->count[c].sight[REC_SIGHT_FOUND], l->count[c].pictures, o->used, o->single,
                o->joint, o->expected.px, o->expected.voxels, o->expected.voxels_95,
-               calibrate_verdict(&o->expected));
+               rec_calib_verdict(&o->expected));
     }
     printf("\n");
 }

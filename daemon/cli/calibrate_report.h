@@ -19,8 +19,6 @@ void calibrate_print_pictures(const struct calibrate_result *r);
 void calibrate_print_cameras(const struct calibrate_result *r);
 /* On stdout; the worst first. */
 void calibrate_print_findings(const struct calibrate_result *r);
-/* "good", "just enough" or "not enough", of one camera. */
-const char *calibrate_verdict(const struct rec_uncertainty *u);
 /* Names of severity, kind of finding, fate. */
 const char *calibrate_severity(enum rec_calib_severity s);
 

@@ -185,6 +185,9 @@ void rec_calib_report_fini(struct rec_calib_report *r);
 /* A finding of this severity is there; of `what` (any: -1). */
 bool rec_calib_says(const struct rec_calib_report *r, enum rec_calib_severity severity, int what);
 
+/* "good", "just enough", "not enough" or "does not see the volume", of one camera. */
+const char *rec_calib_verdict(const struct rec_uncertainty *u);
+
 /* px rms and largest distance between the projections of the volume's points by two rigs of the same
  * cameras, after the rigid motion of `b` that makes the rms least.  PVX_EINVAL: no point is seen. */
 PVX_MUST_CHECK pvx_err rec_calib_distance(const struct rec_rig *a, const struct rec_rig *b,

@@ -26,6 +26,15 @@ void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_c
     more[at] = f;
 }
 
+const char *rec_calib_verdict(const struct rec_uncertainty *u)
+{
+    if (!(u->px > 0))
+        return "does not see the volume";
+    return u->voxels_95 <= REC_CALIB_GOOD   ? "good"
+           : u->voxels_95 <= REC_CALIB_FAIR ? "just enough"
+                                            : "not enough";
+}
+
 bool rec_calib_says(const struct rec_calib_report *r, enum rec_calib_severity severity, int what)
 {
     for (size_t i = 0; i < r->n_findings; i++)
@@ -146,8 +155,7 @@ void rec_calib_verdicts(struct calib *k)
                       "%s: expected volume error %.3f px, %.3f voxels; with 95 %% below %.3f in "
                       "the worst camera, "
                       "%s, and %.2f is what tomography bears",
-                      u->voxels_95 <= REC_CALIB_GOOD ? "good" : "just enough", r->px, r->voxels,
-                      u->voxels_95, name, REC_CALIB_FAIR);
+                      rec_calib_verdict(u), r->px, r->voxels, u->voxels_95, name, REC_CALIB_FAIR);
     else
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_VERDICT, (int)worst, REC_NO_FRAME,
                       "not enough: expected volume error %.3f px, %.3f voxels; with 95 %% below "

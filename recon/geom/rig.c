@@ -134,7 +134,7 @@ static void orthonormalise(double R[9])
     }
 }
 
-static bool name_ok(const char *s)
+bool rec_rig_name_ok(const char *s)
 {
     if (*s == '\0' || strlen(s) >= REC_NAME_MAX || strcmp(s, ".") == 0 || strcmp(s, "..") == 0)
         return false;
@@ -247,7 +247,7 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
-    if (!name_ok(name))
+    if (!rec_rig_name_ok(name))
         return pvx_yaml_fail(r->y, node, path, PVX_EINVAL, r->d,
                              "should be 1 to %d of A-Z a-z 0-9 . _ - (it names a folder)",
                              REC_NAME_MAX - 1);

@@ -33,6 +33,8 @@ PVX_MUST_CHECK pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_
 void rec_rig_fini(struct rec_rig *r);
 PVX_MUST_CHECK pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out);
 
+/* Whether a camera may be called that. */
+bool rec_rig_name_ok(const char *name);
 /* Index of the camera called `name`, or -1. */
 int rec_rig_find(const struct rec_rig *r, const char *name);
 /* Keep only the named cameras ("cam0,cam3"), in rig order.  PVX_ENOENT names the missing one. */

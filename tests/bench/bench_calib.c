@@ -21,15 +21,21 @@ static void lengths(const struct bv_result *r)
     printf("  worst focal length %.3f %%, worst opposite baseline %.3f %%\n", f, base);
 }
 
-static void run(const char *what, size_t frames, bool two_sided, double noise, double wrong)
+/* Views of eight cameras, into s. */
+static void take(size_t frames, bool two_sided, double noise, double wrong)
 {
-    struct bv_result r;
     bv_init(&s, 8, two_sided);
     s.frames = frames;
     s.noise = noise;
     s.wrong = wrong;
     bv_everywhere(&s);
     bv_take(&s);
+}
+
+static void run(const char *what, size_t frames, bool two_sided, double noise, double wrong)
+{
+    struct bv_result r;
+    take(frames, two_sided, noise, wrong);
     int64_t t = pvx_now_mono();
     bv_solve(&s, &r);
     printf("%s: %zu views, %.2f s, error %d %s\n", what, s.n, 1e-9 * (double)(pvx_now_mono() - t),
@@ -50,12 +56,7 @@ static void states(const char *what, int seeds, size_t frames, bool two_sided, d
     double below = 0, within = 0, n = 0, ratio = 0;
     for (int i = 0; i < seeds; i++) {
         struct bv_result r;
-        bv_init(&s, 8, two_sided);
-        s.frames = frames;
-        s.noise = noise;
-        s.wrong = wrong;
-        bv_everywhere(&s);
-        bv_take(&s);
+        take(frames, two_sided, noise, wrong);
         bv_solve(&s, &r);
         for (size_t c = 0; c < 8 && r.e == PVX_OK; c++) {
             below += r.px[c] <= r.rig.cameras[c].uncertainty.px_95;

@@ -31,7 +31,7 @@ static void measure(const struct rec_board *b)
     extent[1] = (b->rows + more) * pitch + (b->kind == REC_APRILGRID ? b->marker : 0);
 }
 
-static void matmul(const double a[9], const double b[9], double o[9])
+void board_matmul(const double a[9], const double b[9], double o[9])
 {
     for (int i = 0; i < 9; i++) {
         o[i] = 0;
@@ -58,10 +58,10 @@ struct board_shot board_shot_of(const struct rec_board *b, enum rec_board_face f
     double in[9] = {ca, sa, 0, -sa, ca, 0, 0, 0, 1}, out[9] = {ca, -sa, 0, sa, ca, 0, 0, 0, 1};
     double turn[9] = {1, 0, 0, 0, ct, -st, 0, st, ct}, spin[9] = {cr, -sr, 0, sr, cr, 0, 0, 0, 1};
     double A[9], B[9];
-    matmul(spin, back, A);
-    matmul(in, A, B);
-    matmul(turn, B, A);
-    matmul(out, A, s.R);
+    board_matmul(spin, back, A);
+    board_matmul(in, A, B);
+    board_matmul(turn, B, A);
+    board_matmul(out, A, s.R);
     measure(b);
     double m[3] = {origin[0] + extent[0] / 2, origin[1] + extent[1] / 2, 0};
     for (int i = 0; i < 3; i++)

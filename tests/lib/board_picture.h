@@ -28,6 +28,9 @@ struct board_shot {
 struct board_shot board_shot_of(const struct rec_board *b, enum rec_board_face face, double square,
                                 double tilt, double about, double roll);
 
+/* o = a b of 3x3 matrices, row major; o is neither. */
+void board_matmul(const double a[9], const double b[9], double o[9]);
+
 /* level [height][width]. */
 void board_picture(const struct rec_board *b, const struct board_shot *s, float *level);
 

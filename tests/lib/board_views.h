@@ -244,6 +244,23 @@ static inline void bv_solve(const struct bv *s, struct bv_result *r)
     r->worst = o.worst;
     memcpy(r->px, o.px, sizeof r->px);
 }
+/* In a test; a solve that fails is its failure. */
+static inline void bv_solved(const struct bv *s, struct bv_result *r)
+{
+    bv_solve(s, r);
+    T_CHECK_(r->e == PVX_OK, "%s", pvx_diag_text(&r->d, r->e));
+}
+
+/* The first sentence about `what`; NULL: none. */
+static inline const struct rec_calib_finding *bv_said(const struct bv_result *r,
+                                                      enum rec_calib_what what)
+{
+    for (size_t i = 0; i < r->report.n_findings; i++)
+        if (r->report.finding[i].what == what)
+            return &r->report.finding[i];
+    return NULL;
+}
+
 static inline void bv_done(struct bv_result *r)
 {
     rec_rig_fini(&r->rig);

@@ -6,21 +6,6 @@
 
 static struct bv s;
 
-static void solved(struct bv_result *r)
-{
-    bv_solve(&s, r);
-    T_CHECK_(r->e == PVX_OK, "%s", pvx_diag_text(&r->d, r->e));
-}
-
-/* The first sentence about `what`; NULL: none. */
-static const struct rec_calib_finding *said(const struct bv_result *r, enum rec_calib_what what)
-{
-    for (size_t i = 0; i < r->report.n_findings; i++)
-        if (r->report.finding[i].what == what)
-            return &r->report.finding[i];
-    return NULL;
-}
-
 /* Only the views that `keep` keeps. */
 static void filter(bool (*keep)(const struct rec_board_view *v))
 {
@@ -63,7 +48,7 @@ T_CASE(groups_that_nothing_joins)
     T_CONTAINS(r.d.text, "cam0 cam1}");
     T_CONTAINS(r.d.text, "{cam2 cam3}");
     T_CONTAINS(r.d.text, "5 poses");
-    T_OK(said(&r, REC_CALIB_APART) != NULL);
+    T_OK(bv_said(&r, REC_CALIB_APART) != NULL);
     T_OK(r.rig.cameras == NULL);
     T_EQ_I(r.report.n_pairs, 6);
     bv_done(&r);
@@ -98,7 +83,7 @@ T_CASE(still_pictures_count_once)
     for (size_t f = 20; f < 30; f++)
         s.pose[f] = s.pose[f - 15];
     bv_take(&s);
-    solved(&r);
+    bv_solved(&s, &r);
     for (size_t i = 0; i < s.n; i++) {
         still += r.report.view[i].fate == REC_VIEW_STILL;
         T_EQ_I(r.report.view[i].fate == REC_VIEW_STILL, s.view[i].frame >= 120);
@@ -106,7 +91,7 @@ T_CASE(still_pictures_count_once)
             T_EQ_I(r.report.view[i].like, s.view[i].frame - 15);
     }
     T_OK(still > 10);
-    const struct rec_calib_finding *f = said(&r, REC_CALIB_PICTURES);
+    const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_PICTURES);
     T_CONTAINS(f != NULL ? f->text : "", "in which nothing moved");
     bv_done(&r);
 }
@@ -120,8 +105,8 @@ T_CASE(a_camera_that_was_moved)
     s.cam[1].moved = 0.006;
     bv_everywhere(&s);
     bv_take(&s);
-    solved(&r);
-    const struct rec_calib_finding *f = said(&r, REC_CALIB_MOVED);
+    bv_solved(&s, &r);
+    const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_MOVED);
     T_OK(f != NULL && f->severity == REC_CALIB_REFUSED && f->camera == 1);
     if (f != NULL)
         T_OK(f->frame >= 122 && f->frame <= 126);
@@ -136,15 +121,15 @@ T_CASE(cameras_out_of_step)
     s.cam[2].delay = 1;
     carried();
     bv_take(&s);
-    solved(&r);
-    const struct rec_calib_finding *f = said(&r, REC_CALIB_SYNC);
+    bv_solved(&s, &r);
+    const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_SYNC);
     T_OK(f != NULL && f->camera == 2);
     T_CONTAINS(f != NULL ? f->text : "", "one frame earlier");
     bv_done(&r);
     s.cam[2].delay = 0;
     bv_take(&s);
-    solved(&r);
-    T_OK(said(&r, REC_CALIB_SYNC) == NULL);
+    bv_solved(&s, &r);
+    T_OK(bv_said(&r, REC_CALIB_SYNC) == NULL);
     bv_done(&r);
 }
 
@@ -164,12 +149,12 @@ T_CASE(a_focal_length_that_nobody_knows)
     }
     bv_take(&s);
     s.in.options.world = REC_WORLD_BEST;
-    solved(&r);
+    bv_solved(&s, &r);
     T_OK((r.report.camera[0].held & 3) == 3);
-    const struct rec_calib_finding *f = said(&r, REC_CALIB_HELD);
+    const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_HELD);
     T_OK(f != NULL && f->severity == REC_CALIB_WARNING);
     T_CONTAINS(f != NULL ? f->text : "", "tilt the board");
-    f = said(&r, REC_CALIB_WORLD);
+    f = bv_said(&r, REC_CALIB_WORLD);
     T_CONTAINS(f != NULL ? f->text : "", "nobody said where the world is");
     bv_done(&r);
 }
@@ -182,8 +167,8 @@ T_CASE(a_lens_of_another_model)
     s.cam[1].glass = 0.8;
     bv_everywhere(&s);
     bv_take(&s);
-    solved(&r);
-    const struct rec_calib_finding *f = said(&r, REC_CALIB_LENS);
+    bv_solved(&s, &r);
+    const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_LENS);
     T_OK(f != NULL && f->camera == 1 && f->severity == REC_CALIB_REFUSED);
     T_LE(r.report.camera[0].structure, 0.1);
     bv_done(&r);
@@ -207,7 +192,7 @@ T_CASE(broken_views_are_left_out)
         s.view[5].corner[i] = (struct rec_board_corner){i, 100 + 20.0 * i, 200, {0.01, 0, 0.01}};
     s.view[s.n] = s.view[7];
     s.in.n_views = ++s.n;
-    solved(&r);
+    bv_solved(&s, &r);
     const struct rec_calib_view *v = r.report.view;
     T_EQ_I(v[0].fate, REC_VIEW_BROKEN);
     T_EQ_I(v[1].fate, REC_VIEW_BROKEN);

@@ -15,7 +15,7 @@
 #include "recon/calib/calib.h"
 #include "recon/geom/rig.h"
 #include "tests/lib/board_picture.h"
-#include "tests/lib/scratch.h"
+#include "tests/lib/cli.h"
 
 #define BOARD  "charuco:5x6:0.06:0.045"
 #define VOLUME "--volume -0.2,-0.2,0,0.2,0.2,0.4"
@@ -23,40 +23,11 @@
 
 enum { W = 320, H = 240, CAMERAS = 4, POSES = 12 };
 
-static char exe[300], text[1 << 20]; /* of the file read last */
 static struct rec_rig truth;
-
-static int pyrovox(const char *args)
-{
-    char cmd[2000];
-    snprintf(cmd, sizeof cmd, "cd %s && %s/pyrovox %s >out.txt 2>err", dir, exe, args);
-    int rc = system(cmd);
-    return WIFEXITED(rc) ? WEXITSTATUS(rc) : -1;
-}
-
-/* "" when there is none. */
-static const char *slurp(const char *name)
-{
-    char *t;
-    size_t n;
-    text[0] = '\0';
-    if (pvx_file_read(at("%s", name), sizeof text - 1, &t, &n, NULL) == PVX_OK) {
-        memcpy(text, t, n + 1);
-        free(t);
-    }
-    return text;
-}
 
 static bool there(const char *name)
 {
     return access(at("%s", name), F_OK) == 0;
-}
-
-static void matmul(const double a[9], const double b[9], double o[9])
-{
-    for (int i = 0; i < 9; i++)
-        o[i] = a[i / 3 * 3] * b[i % 3] + a[i / 3 * 3 + 1] * b[3 + i % 3] +
-               a[i / 3 * 3 + 2] * b[6 + i % 3];
 }
 
 /* Cameras on a third of a ring of 1.1 m, no two alike. */
@@ -92,9 +63,9 @@ static void board_at(int pose, double R[9], double t[3])
     double A[9] = {cos(a), 0, sin(a), 0, 1, 0, -sin(a), 0, cos(a)};
     double B[9] = {1, 0, 0, 0, cos(b), -sin(b), 0, sin(b), cos(b)};
     double C[9] = {cos(r), -sin(r), 0, sin(r), cos(r), 0, 0, 0, 1}, AB[9], ABC[9];
-    matmul(A, B, AB);
-    matmul(AB, C, ABC);
-    matmul(facing, ABC, R);
+    board_matmul(A, B, AB);
+    board_matmul(AB, C, ABC);
+    board_matmul(facing, ABC, R);
     double middle[3] = {0.09, 0.12, 0};
     double to[3] = {0.1 * sin(3.1 * pose), 0.13 * sin(1.9 * pose + 1), 0.2 + 0.1 * sin(2.7 * pose)};
     for (int i = 0; i < 3; i++)
@@ -119,7 +90,7 @@ static void shoot(const struct rec_board *b, int camera, int pose, float *level)
     double R[9], t[3];
     board_at(pose, R, t);
     memcpy(s.k, k->dist, sizeof s.k);
-    matmul(k->R, R, s.R);
+    board_matmul(k->R, R, s.R);
     for (int i = 0; i < 3; i++)
         s.t[i] = k->R[3 * i] * t[0] + k->R[3 * i + 1] * t[1] + k->R[3 * i + 2] * t[2] + k->t[i];
     board_picture(b, &s, level);

@@ -14,39 +14,14 @@
 #include "daemon/pipeline/volume_file.h"
 #include "recon/view/metrics.h"
 #include "recon/geom/rig.h"
-#include "tests/lib/scratch.h"
+#include "tests/lib/cli.h"
 #include "tests/lib/flame_point.h"
 #include "tests/lib/likeness.h"
 
 enum { W = 120, H = 90, N = 32, CAMERAS = 9, FRAMES = 3 };
 
-static char exe[300];
 static struct rec_rig rig;
 static struct rec_flame flame;
-
-/* Exit code of `pyrovox ARGS`; stderr is left in DIR/err. */
-static int pyrovox(const char *args)
-{
-    char cmd[2000];
-    snprintf(cmd, sizeof cmd, "cd %s && PYROVOX_CACHE=%s/cache %s/pyrovox %s >out.txt 2>err", dir,
-             dir, exe, args);
-    int rc = system(cmd);
-    return WIFEXITED(rc) ? WEXITSTATUS(rc) : -1;
-}
-
-static char text[65536]; /* of the file read last */
-
-/* Read a file in DIR into `text`; "" when there is none. */
-static void slurp(const char *name)
-{
-    char *t;
-    size_t n;
-    text[0] = '\0';
-    if (pvx_file_read(at("%s", name), sizeof text - 1, &t, &n, NULL) == PVX_OK) {
-        memcpy(text, t, n + 1);
-        free(t);
-    }
-}
 
 static void image_of(size_t camera, int frame, float *img)
 {

@@ -8,21 +8,6 @@
 
 static struct bv s;
 
-static void solved(struct bv_result *r)
-{
-    bv_solve(&s, r);
-    T_CHECK_(r->e == PVX_OK, "%s", pvx_diag_text(&r->d, r->e));
-}
-
-/* The first sentence about `what`; NULL: none. */
-static const struct rec_calib_finding *said(const struct bv_result *r, enum rec_calib_what what)
-{
-    for (size_t i = 0; i < r->report.n_findings; i++)
-        if (r->report.finding[i].what == what)
-            return &r->report.finding[i];
-    return NULL;
-}
-
 /* ---- the model ------------------------------------------------------------------------------------ */
 
 T_CASE(derivatives_are_those_of_differences)
@@ -101,7 +86,7 @@ T_CASE(a_ring_is_found)
     s.warp[1] = -0.0005;
     bv_everywhere(&s);
     bv_take(&s);
-    solved(&r);
+    bv_solved(&s, &r);
     T_LE(r.rms, 0.08);
     T_LE(r.worst, 0.4);
     T_LE(r.rms, 2 * r.report.px); /* what it expects is what comes */
@@ -140,7 +125,7 @@ T_CASE(what_it_states_of_itself_holds)
         s.frames = 14;
         bv_everywhere(&s);
         bv_take(&s);
-        solved(&r);
+        bv_solved(&s, &r);
         for (size_t c = 0; c < 3; c++) {
             below += r.px[c] <= r.rig.cameras[c].uncertainty.px_95;
             within += fabs(r.rig.cameras[c].fx - s.cam[c].f[0]) <=
@@ -164,7 +149,7 @@ T_CASE(wrong_corners_do_not_count)
     s.wrong = 0.03;
     bv_everywhere(&s);
     bv_take(&s);
-    solved(&r);
+    bv_solved(&s, &r);
     T_LE(r.rms, 0.2);
     for (size_t i = 0; i < s.n; i++)
         wrong += r.report.view[i].wrong;
@@ -202,7 +187,7 @@ T_CASE(the_world_stands_on_the_floor_board)
     s.in.grid.min[2] = -0.2;
     s.in.options.world = REC_WORLD_FLOOR;
     s.in.options.floor_frame = 107;
-    solved(&r);
+    bv_solved(&s, &r);
     T_LE(r.rms, 0.2);
     const struct bv_pose *p = &s.pose[7];
     double o[3], d[3];
@@ -246,17 +231,17 @@ T_CASE(an_old_rig_is_kept)
         1.001 * sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
     s.in.options.measured = measured;
     s.in.options.n_measured = 2;
-    solved(&r);
+    bv_solved(&s, &r);
     for (size_t c = 0; c < 5; c++) {
         double o[3];
         rec_camera_centre(&r.rig.cameras[c], o);
         for (int j = 0; j < 3; j++)
             T_NEAR(o[j], s.cam[c].at[j], 8e-3);
     }
-    const struct rec_calib_finding *f = said(&r, REC_CALIB_OLD_RIG);
+    const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_OLD_RIG);
     T_OK(f != NULL && f->camera == 2);
     T_NEAR(r.rig.cameras[3].gain[1], 0.7f, 0);
-    f = said(&r, REC_CALIB_SCALE); /* the worse one first */
+    f = bv_said(&r, REC_CALIB_SCALE); /* the worse one first */
     T_OK(f != NULL && f->severity == REC_CALIB_WARNING && f->camera == 1);
     T_CONTAINS(f != NULL ? f->text : "", "printer may have scaled");
     bv_done(&r);
@@ -264,7 +249,7 @@ T_CASE(an_old_rig_is_kept)
     /* One tripod was moved, the others are believed: their numbers come out as they went in. */
     for (size_t c = 0; c < 5; c++)
         s.named[c].hold = c == 2 ? REC_HOLD_LENS : REC_HOLD_LENS | REC_HOLD_POSE;
-    solved(&r);
+    bv_solved(&s, &r);
     for (size_t c = 0; c < 5; c++)
         if (c != 2)
             T_OK(memcmp(r.rig.cameras[c].R, cameras[c].R, sizeof cameras[c].R) == 0 &&
@@ -281,7 +266,7 @@ T_CASE(an_old_rig_is_kept)
         if (s.view[i].camera != 4)
             s.view[n++] = s.view[i];
     s.in.n_views = n;
-    solved(&r);
+    bv_solved(&s, &r);
     T_OK(rec_calib_says(&r.report, REC_CALIB_NOTE, REC_CALIB_UNSEEN));
     T_OK(r.e != PVX_OK || r.rig.cameras[4].fx == cameras[4].fx);
     bv_done(&r);
