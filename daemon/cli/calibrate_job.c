@@ -1,0 +1,161 @@
+#include "daemon/cli/calibrate_job.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/yaml.h"
+#include "daemon/cli/calibrate_report.h"
+#include "daemon/cli/cli.h"
+#include "recon/board/spec.h"
+
+static pvx_err find_camera(const struct calibrate_look *l, const char *name, size_t len,
+                           uint32_t *out, struct pvx_diag *d)
+{
+    for (uint32_t c = 0; c < l->n_cameras; c++)
+        if (strlen(l->camera[c].name) == len && memcmp(l->camera[c].name, name, len) == 0) {
+            *out = c;
+            return PVX_OK;
+        }
+    return pvx_fail(d, PVX_ENOENT, "no pictures of a camera called '%.*s'", (int)len, name);
+}
+
+static pvx_err read_measured(struct calibrate_job *j, struct pvx_diag *d)
+{
+    for (size_t i = 0; i < j->a->n_measured; i++) {
+        struct rec_calib_measured *m = &j->measured[i];
+        const char *s = j->a->measured[i], *b = strchr(s, ','),
+                   *n = b != NULL ? strchr(b + 1, ',') : NULL;
+        if (n == NULL || pvx_parse_double(n + 1, 1e-6, 1e6, &m->metres) != PVX_OK)
+            return pvx_fail(d, PVX_EINVAL, "--measured %s: should be CAMERA,CAMERA,METRES", s);
+        PVX_TRY(find_camera(&j->look, s, (size_t)(b - s), &m->a, d));
+        PVX_TRY(find_camera(&j->look, b + 1, (size_t)(n - b - 1), &m->b, d));
+    }
+    return PVX_OK;
+}
+
+pvx_err calibrate_start(struct calibrate_job *j, const struct calibrate_args *a, struct pvx_diag *d)
+{
+    size_t n = a->report != NULL ? strlen(a->report) : 0;
+    *j = (struct calibrate_job){.a = a};
+    if (!a->force && access(a->out, F_OK) == 0)
+        return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
+    if (n > 0 && (n < 6 || strcmp(a->report + n - 5, ".json") != 0))
+        return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .json", a->report);
+    return rec_board_parse(a->board, &j->board, d);
+}
+
+pvx_err calibrate_prepare(struct calibrate_job *j, struct pvx_diag *d)
+{
+    const struct calibrate_args *a = j->a;
+    struct rec_calib_options *o = &j->in.options;
+    const char *old = a->keep != NULL ? a->keep : a->lenses;
+    if (old != NULL) {
+        PVX_TRY(rec_rig_load(old, &j->old, d));
+        o->old = &j->old;
+    }
+    o->world = a->floor >= 0     ? REC_WORLD_FLOOR
+               : a->has_up       ? REC_WORLD_UP
+               : a->keep != NULL ? REC_WORLD_OLD
+                                 : REC_WORLD_BEST;
+    o->floor_frame = a->floor >= 0 ? (uint32_t)a->floor : 0;
+    memcpy(o->up, a->up, sizeof o->up);
+    if (a->up_camera != NULL)
+        PVX_TRY(find_camera(&j->look, a->up_camera, strlen(a->up_camera), &o->up_camera, d));
+    PVX_TRY(read_measured(j, d));
+    o->measured = j->measured;
+    o->n_measured = a->n_measured;
+    for (size_t c = 0; a->lenses != NULL && c < j->look.n_cameras; c++)
+        j->look.camera[c].hold = REC_HOLD_LENS;
+    j->in.board = j->board;
+    j->in.grid.basis = REC_BASIS_DEFAULT;
+    memcpy(j->in.grid.min, a->volume, sizeof j->in.grid.min);
+    memcpy(j->in.grid.max, a->volume + 3, sizeof j->in.grid.max);
+    memcpy(j->in.grid.n, a->voxels, sizeof j->in.grid.n);
+    return PVX_OK;
+}
+
+/* A camera that never saw the board: a reason in which something was recognised (mirrored, another board, other
+ * markers), else what most of its pictures give. */
+static pvx_err all_saw(const struct calibrate_look *l, struct pvx_diag *d)
+{
+    for (size_t c = 0; c < l->n_cameras; c++) {
+        const struct calibrate_count *n = &l->count[c];
+        size_t most = REC_SIGHT_NO_MARKER;
+        for (size_t s = most; s < REC_N_SIGHTS; s++)
+            if (n->sight[s] >
+                (most < REC_SIGHT_MIRRORED && s >= REC_SIGHT_MIRRORED ? 0 : n->sight[most]))
+                most = s;
+        if (n->sight[REC_SIGHT_FOUND] == 0)
+            return pvx_fail(
+                d, PVX_EINVAL, "%s: the board is in none of %zu pictures; %zu of them: %s: %s",
+                l->camera[c].name, n->pictures, n->sight[most],
+                rec_sight_name((enum rec_sight)most), l->picture[n->example[most]].text);
+    }
+    return PVX_OK;
+}
+
+static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
+{
+    j->in.n_cameras = j->look.n_cameras;
+    j->in.camera = j->look.camera;
+    j->in.n_views = j->look.n_views;
+    j->in.view = j->look.view;
+    PVX_TRY(all_saw(&j->look, d));
+    return rec_calib_solve(&j->in, &j->rig, &j->report, d);
+}
+
+static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
+{
+    char *text;
+    size_t len;
+    PVX_TRY(rec_rig_format(&j->rig, &text, &len));
+    pvx_err e = pvx_file_write(j->a->out, text, len, d);
+    free(text);
+    return e;
+}
+
+pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
+{
+    const struct calibrate_args *a = j->a;
+    struct calibrate_result r = {.board = &j->board,
+                                 .grid = &j->in.grid,
+                                 .look = &j->look,
+                                 .report = &j->report,
+                                 .accepted = a->accept};
+    calibrate_print_pictures(&r);
+    fflush(stdout);
+    pvx_err e = solve(j, d);
+    if (cli_stop)
+        return PVX_ECANCELED;
+    if (e == PVX_OK) {
+        r.grid = &j->rig.grid;
+        calibrate_print_cameras(&r);
+    }
+    calibrate_print_findings(&r);
+    fflush(stdout);
+    if (e == PVX_OK && rec_calib_says(&j->report, REC_CALIB_REFUSED, -1) && !a->accept)
+        e = pvx_fail(
+            d, PVX_EINVAL,
+            "%s is not written, for what is refused above; --accept writes it all the same",
+            a->out);
+    pvx_err written = a->report != NULL ? calibrate_write_json(&r, a->report, d) : PVX_OK;
+    if (e == PVX_OK)
+        e = written;
+    if (e == PVX_OK)
+        e = write_rig(j, d);
+    if (e == PVX_OK)
+        printf("%s: %zu cameras, %d x %d x %d voxels\n", a->out, j->rig.n_cameras, j->rig.grid.n[0],
+               j->rig.grid.n[1], j->rig.grid.n[2]);
+    return e;
+}
+
+void calibrate_job_fini(struct calibrate_job *j)
+{
+    calibrate_look_fini(&j->look);
+    rec_calib_report_fini(&j->report);
+    rec_rig_fini(&j->rig);
+    rec_rig_fini(&j->old);
+}
