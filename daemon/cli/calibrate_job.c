@@ -38,12 +38,11 @@ static pvx_err read_measured(struct calibrate_job *j, struct pvx_diag *d)
 
 pvx_err calibrate_start(struct calibrate_job *j, const struct calibrate_args *a, struct pvx_diag *d)
 {
-    size_t n = a->report != NULL ? strlen(a->report) : 0;
     *j = (struct calibrate_job){.a = a};
     if (!a->force && access(a->out, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", a->out);
-    if (n > 0 && (n < 6 || strcmp(a->report + n - 5, ".json") != 0))
-        return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .json", a->report);
+    for (size_t i = 0; i < a->n_reports; i++)
+        PVX_TRY(calibrate_report_possible(a->report[i], d));
     return rec_board_parse(a->board, &j->board, d);
 }
 
@@ -127,10 +126,15 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
                                  .accepted = a->accept};
     calibrate_print_pictures(&r);
     fflush(stdout);
+    struct pvx_diag why;
     pvx_err e = solve(j, d);
     if (cli_stop)
         return PVX_ECANCELED;
-    if (e == PVX_OK) {
+    if (e != PVX_OK) {
+        snprintf(why.text, sizeof why.text, "%s", pvx_diag_text(d, e));
+        r.failure = why.text;
+    } else {
+        r.rig = &j->rig;
         r.grid = &j->rig.grid;
         calibrate_print_cameras(&r);
     }
@@ -141,9 +145,11 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
             d, PVX_EINVAL,
             "%s is not written, for what is refused above; --accept writes it all the same",
             a->out);
-    pvx_err written = a->report != NULL ? calibrate_write_json(&r, a->report, d) : PVX_OK;
-    if (e == PVX_OK)
-        e = written;
+    for (size_t i = 0; i < a->n_reports; i++) {
+        pvx_err written = calibrate_write_report(&r, a->report[i], d);
+        if (e == PVX_OK)
+            e = written;
+    }
     if (e == PVX_OK)
         e = write_rig(j, d);
     if (e == PVX_OK)

@@ -1,19 +1,13 @@
 /* calibrate_json.c - a calibration's report as JSON. */
 #include <stdio.h>
-#include <stdlib.h>
 
-#include "base/file.h"
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/control/json.h"
 #include "recon/board/spec.h"
 
-static const char *const lens[REC_LENS] = {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"};
-static const char *const fate[] = {
-    "used", "broken", "few corners", "twice", "still", "no board", "disagrees with other cameras"};
 static const char *const what[] = {"verdict", "held",    "unseen",  "apart",    "weak pair",
                                    "sync",    "moved",   "lens",    "pictures", "world",
                                    "scale",   "old rig", "held out"};
-_Static_assert(sizeof fate / sizeof *fate == REC_VIEW_JOINT + 1, "a name for every fate");
 _Static_assert(sizeof what / sizeof *what == REC_CALIB_HELD_OUT + 1, "a name for every finding");
 
 static void numbers(struct dmn_json *j, const char *key, const double *v, size_t n)
@@ -47,11 +41,11 @@ static void put_camera(struct dmn_json *j, const struct calibrate_result *r, siz
         dmn_json_open(j, "held", '[');
         for (int i = 0; i < REC_LENS; i++)
             if (o->held >> i & 1)
-                dmn_json_str(j, NULL, lens[i]);
+                dmn_json_str(j, NULL, calibrate_lens[i]);
         dmn_json_close(j, ']');
         dmn_json_open(j, "sigma", '{');
         for (int i = 0; i < REC_LENS; i++)
-            dmn_json_num(j, lens[i], o->sigma[i]);
+            dmn_json_num(j, calibrate_lens[i], o->sigma[i]);
         dmn_json_close(j, '}');
         dmn_json_open(j, "expected", '{');
         dmn_json_num(j, "px", o->expected.px);
@@ -80,7 +74,7 @@ static void put_picture(struct dmn_json *j, const struct calibrate_result *r,
         dmn_json_num(j, "square_px", p->square);
         dmn_json_num(j, "blur_px", p->blur);
         if (v != NULL) {
-            dmn_json_str(j, "fate", fate[v->fate]);
+            dmn_json_str(j, "fate", calibrate_fate[v->fate]);
             if (v->fate == REC_VIEW_STILL)
                 dmn_json_int(j, "like", v->like);
             dmn_json_int(j, "wrong", (long long)v->wrong);
@@ -168,6 +162,8 @@ static void fill(struct dmn_json *j, const void *ctx)
     dmn_json_int(j, "version", 1);
     dmn_json_str(j, "board", board);
     dmn_json_bool(j, "accepted", r->accepted);
+    if (r->failure != NULL)
+        dmn_json_str(j, "failure", r->failure);
     dmn_json_open(j, "findings", '[');
     for (size_t i = 0; i < r->report->n_findings; i++) {
         const struct rec_calib_finding *f = &r->report->finding[i];
@@ -195,18 +191,13 @@ static void fill(struct dmn_json *j, const void *ctx)
     dmn_json_close(j, '}');
 }
 
-pvx_err calibrate_write_json(const struct calibrate_result *r, const char *path, struct pvx_diag *d)
+pvx_err calibrate_json(const struct calibrate_result *r, char **text, size_t *len,
+                       struct pvx_diag *d)
 {
-    char *text = NULL;
-    size_t len = 0;
-    FILE *f = open_memstream(&text, &len);
+    *text = NULL;
+    FILE *f = open_memstream(text, len);
     if (f == NULL)
         return PVX_ENOMEM;
     pvx_err e = dmn_json_print(f, fill, r, d);
-    if (fclose(f) != 0 && e == PVX_OK)
-        e = PVX_ENOMEM;
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
-    free(text);
-    return e;
+    return fclose(f) != 0 && e == PVX_OK ? PVX_ENOMEM : e;
 }

@@ -46,7 +46,10 @@ static const struct argp_option options[] = {
      "the distance of two cameras' lenses by tape, to check the scale; may be repeated", 2},
     {NULL, 0, NULL, 0, "What comes of it:", 3},
     {"report", OPT_REPORT, "FILE", 0,
-     "everything as JSON, every picture with its reason; also where no rig can be had", 3},
+     "a page to look at (FILE.html) or everything as JSON (FILE.json), every picture with its "
+     "reason; "
+     "also where no rig can be had; may be given twice",
+     3},
     {"accept", OPT_ACCEPT, NULL, 0, "write the rig even though the report refuses it", 3},
     {"force", OPT_FORCE, NULL, 0, "write over an older FILE", 3},
     {"threads", OPT_THREADS, "N", 0, "threads to look at pictures with (0: one per CPU)", 3},
@@ -132,7 +135,12 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
         else
             a->measured[a->n_measured++] = arg;
         return 0;
-    case OPT_REPORT: a->report = arg; return 0;
+    case OPT_REPORT:
+        if (a->n_reports == CALIBRATE_REPORTS)
+            argp_error(st, "--report: at most %d, one .html and one .json", CALIBRATE_REPORTS);
+        else
+            a->report[a->n_reports++] = arg;
+        return 0;
     case OPT_ACCEPT: a->accept = true; return 0;
     case OPT_FORCE: a->force = true; return 0;
     case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;

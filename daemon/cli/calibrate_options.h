@@ -10,11 +10,13 @@
 #include <stdint.h>
 
 #define CALIBRATE_MEASURED 64
+#define CALIBRATE_REPORTS  2
 
 struct calibrate_args {
-    const char *board, *out, *report, *keep, *lenses;
+    const char *board, *out, *keep, *lenses;
+    const char *report[CALIBRATE_REPORTS];
     const char *measured[CALIBRATE_MEASURED], *up_camera; /* NULL: the first */
-    size_t n_measured;
+    size_t n_measured, n_reports;
     double volume[6], up[3];
     int32_t voxels[3]; /* 0: auto */
     int64_t floor, threads;

@@ -1,6 +1,14 @@
 #include "daemon/cli/calibrate_report.h"
 
 #include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+
+const char *const calibrate_lens[REC_LENS] = {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"};
+const char *const calibrate_fate[REC_VIEW_JOINT + 1] = {
+    "used", "broken", "few corners", "twice", "still", "no board", "disagrees with other cameras"};
 
 const char *calibrate_severity(enum rec_calib_severity s)
 {
@@ -60,4 +68,31 @@ void calibrate_print_findings(const struct calibrate_result *r)
     for (size_t i = 0; i < r->report->n_findings; i++)
         printf("%s: %s\n", calibrate_severity(r->report->finding[i].severity),
                r->report->finding[i].text);
+}
+
+static bool ends_in(const char *path, const char *ext)
+{
+    size_t n = strlen(path), m = strlen(ext);
+    return n > m && strcmp(path + n - m, ext) == 0;
+}
+
+pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d)
+{
+    if (ends_in(path, ".json") || ends_in(path, ".html"))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .html or .json", path);
+}
+
+pvx_err calibrate_write_report(const struct calibrate_result *r, const char *path,
+                               struct pvx_diag *d)
+{
+    char *text = NULL;
+    size_t len = 0;
+    PVX_TRY(calibrate_report_possible(path, d));
+    pvx_err e =
+        ends_in(path, ".json") ? calibrate_json(r, &text, &len, d) : calibrate_html(r, &text, &len);
+    if (e == PVX_OK)
+        e = pvx_file_write(path, text, len, d);
+    free(text);
+    return e;
 }

@@ -19,9 +19,9 @@ static void put(struct dmn_json *j, const char *s, size_t n)
     j->text[j->len] = '\0';
 }
 
-/* Bytes of the UTF-8 sequence at s, 0 when it is none. */
-static size_t utf8(const unsigned char *s)
+size_t dmn_utf8(const char *text)
 {
+    const unsigned char *s = (const unsigned char *)text;
     size_t n = s[0] < 0x80                   ? 1
                : s[0] >= 0xC2 && s[0] < 0xE0 ? 2
                : s[0] >= 0xE0 && s[0] < 0xF0 ? 3
@@ -40,21 +40,21 @@ static size_t utf8(const unsigned char *s)
 static void quoted(struct dmn_json *j, const char *v)
 {
     put(j, "\"", 1);
-    for (const unsigned char *p = (const unsigned char *)v; *p != '\0';) {
-        size_t n = utf8(p);
+    for (const char *p = v; *p != '\0';) {
+        size_t n = dmn_utf8(p);
         char esc[8];
         if (n == 0) {
             put(j, "?", 1);
             n = 1;
         } else if (*p == '"' || *p == '\\') {
             esc[0] = '\\';
-            esc[1] = (char)*p;
+            esc[1] = *p;
             put(j, esc, 2);
-        } else if (*p < 0x20) {
-            snprintf(esc, sizeof esc, "\\u%04x", *p);
+        } else if ((unsigned char)*p < 0x20) {
+            snprintf(esc, sizeof esc, "\\u%04x", (unsigned)*p);
             put(j, esc, 6);
         } else {
-            put(j, (const char *)p, n);
+            put(j, p, n);
         }
         p += n;
     }

@@ -26,6 +26,8 @@ void dmn_json_num(struct dmn_json *j, const char *key, double v);
 void dmn_json_bool(struct dmn_json *j, const char *key, bool v);
 /* Control characters, quotes and bytes that are not UTF-8 are escaped or replaced. */
 void dmn_json_str(struct dmn_json *j, const char *key, const char *v);
+/* Bytes of the UTF-8 sequence at s, which ends with a 0; 0 when it is none. */
+size_t dmn_utf8(const char *s);
 /* Length of the text; 0 when the buffer was too small. */
 size_t dmn_json_end(struct dmn_json *j);
 

@@ -1,0 +1,14 @@
+/* html.h - text and numbers into a page that is HTML and, read as XML, well-formed: whatever a folder, a camera or a
+ * message is called, it stays text. */
+#ifndef CALIBRATE_REPORT_HTML_H
+#define CALIBRATE_REPORT_HTML_H
+#include <stdio.h>
+
+/* Escaped, between tags as well as in quotes; what is no UTF-8 or no character of XML becomes a '?'. */
+void html_text(FILE *f, const char *s);
+/* With so many decimals; a dash where it is no number. */
+void html_number(FILE *f, double v, int decimals);
+/* The same as a cell of a table. */
+void html_cell(FILE *f, double v, int decimals);
+
+#endif
