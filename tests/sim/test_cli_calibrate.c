@@ -235,16 +235,26 @@ T_CASE(the_wrong_board_is_named)
     T_EQ_I(pyrovox(SOLVE "few --board charuco:8x11:0.03:0.0225 " VOLUME " --out wrong.yaml"), 1);
     T_CONTAINS(slurp("err"), "not 8x11");
     T_OK(!there("wrong.yaml"));
+    T_EQ_I(pyrovox(SOLVE "few --board charuco:8x11:0.03:0.0225 " VOLUME
+                         " --out wrong.yaml --report wrong.html --report wrong.json"),
+           1);
+    T_CONTAINS(slurp("wrong.html"), "<b>No rig</b><p>cam0: the board is in none of 6 pictures");
+    T_CONTAINS(slurp("wrong.html"), "few/cam0/000005.png");
+    T_CONTAINS(slurp("wrong.json"), "\"failure\":\"cam0: the board is in none of 6 pictures");
+    T_EQ_I(pyrovox(SOLVE "few --board " BOARD " " VOLUME " --out wrong.yaml --report wrong.pdf"),
+           1);
+    T_CONTAINS(slurp("err"), "wrong.pdf: a report is written as .html or .json");
 }
 
 T_CASE(a_camera_behind_a_wavy_window_is_refused)
 {
     T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME " --keep true.yaml --out window.yaml "
-                         "--report window.json"),
+                         "--report window.json --report window.html"),
            1);
     T_CONTAINS(slurp("out.txt"), "refused: cam1: ");
     T_CONTAINS(slurp("err"), "--accept");
     T_OK(!there("window.yaml"));
+    T_CONTAINS(slurp("window.html"), "<b>Refused</b>");
     T_OK(there("window.json"));
     T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME " --floor 0 --out window.yaml --accept "
                          "--report window.json"),

@@ -203,7 +203,7 @@ pvx_err report_camera(FILE *f, const struct calibrate_result *r, size_t c, doubl
     if (m.n == 0)
         fputs("No corner of this camera was used.", f);
     else
-        fprintf(f, "%zu corners, 1 in %zu drawn; coverage %.0f %%; %zu too long to draw", m.n, step,
+        fprintf(f, "%zu corners, 1 in %zu drawn; coverage %.0f %%; %zu cut", m.n, step,
                 100 * r->report->camera[c].coverage, far);
     fputs("</figcaption></figure>\n", f);
     free(m.at);

@@ -63,7 +63,7 @@ static void edge_label(FILE *f, const struct rec_calib_pair *p, const size_t pla
 {
     double a[2], b[2];
     size_t d = place[p->a] > place[p->b] ? place[p->a] - place[p->b] : place[p->b] - place[p->a];
-    double t = 2 * d == n ? 0.31 : 0.5;
+    double t = 2 * d == n && n > 2 ? 0.31 : 0.5;
     spot(place[p->a], n, 1, a);
     spot(place[p->b], n, 1, b);
     fprintf(f,
@@ -80,7 +80,9 @@ static void ring(FILE *f, const struct calibrate_result *r)
     order(r, place);
     for (size_t i = 0; i < o->n_pairs; i++)
         most = o->pair[i].common > most ? o->pair[i].common : most;
-    fputs("<figure><svg viewBox=\"-240 -195 480 390\" role=\"img\">", f);
+    int tall = n == 2 ? 40 : 195;
+    fprintf(f, "<figure class=\"alone\"><svg viewBox=\"-240 %d 480 %d\" role=\"img\">", -tall,
+            2 * tall);
     for (size_t i = 0; i < o->n_pairs; i++)
         edge(f, &o->pair[i], place, n, most);
     for (size_t i = 0; i < o->n_pairs && n <= LABELS; i++)
@@ -100,9 +102,9 @@ static void ring(FILE *f, const struct calibrate_result *r)
         html_text(f, r->look->camera[c].name);
         fputs("</text>\n", f);
     }
-    fprintf(f,
-            "</svg><figcaption>The wider, the more common poses; dark: the tree by which the "
-            "cameras were first put together; dashed red: no common pose.</figcaption></figure>\n");
+    fprintf(f, "</svg><figcaption>The wider, the more common poses. Grey: the tree by which the "
+               "cameras were first put together; orange: too few in it; dashed red: no common "
+               "pose.</figcaption></figure>\n");
 }
 
 static void table(FILE *f, const struct calibrate_result *r)

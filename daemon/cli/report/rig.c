@@ -197,7 +197,7 @@ void report_rig(FILE *f, const struct calibrate_result *r)
         fputs("<p class=\"mute\">No rig could be had.</p>", f);
         return;
     }
-    fputs("<div class=\"figures\">", f);
+    fputs("<div class=\"halves\">", f);
     for (size_t i = 0; i < sizeof sides / sizeof *sides; i++) {
         struct drawing g = {.f = f, .side = &sides[i]};
         measure(&g, r);

@@ -30,7 +30,7 @@ static void slice(FILE *f, const struct calibrate_result *r, int k, double most)
             if (isfinite(v))
                 cell(f, x, y, CELL, "some", 0.08 + 0.72 * v / most);
             else
-                cell(f, x, y, CELL, "none", 0.22);
+                cell(f, x, y, CELL, "none", 0.15);
             fprintf(f, "<text x=\"%.1f\" y=\"%.1f\" font-size=\"11\" text-anchor=\"middle\">",
                     x + CELL / 2, y + CELL / 2 + 4);
             html_number(f, v, 3);
@@ -92,8 +92,7 @@ void report_warp(FILE *f, const struct calibrate_result *r)
         return;
     }
     double strongest = fmax(fabs(least), fabs(most));
-    fprintf(f, "<figure class=\"board-shape\"><svg viewBox=\"0 0 420 %.1f\" role=\"img\">",
-            rows * side);
+    fprintf(f, "<figure class=\"alone\"><svg viewBox=\"0 0 420 %.1f\" role=\"img\">", rows * side);
     for (int j = 0; j < rows; j++)
         for (int i = 0; i < WARP; i++) {
             double v = bend(w, (2 * i + 1.0) / WARP - 1, (2 * j + 1.0) / rows - 1);

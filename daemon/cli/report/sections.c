@@ -187,7 +187,7 @@ static void fate(FILE *f, const struct rec_calib_view *v)
     if (v->fate == REC_VIEW_STILL)
         fprintf(f, "nothing moved since number %u, which counts for both", v->like);
     else if (v->fate == REC_VIEW_SELF)
-        fprintf(f, "its corners fit no board, whatever its pose: %.2f px rms alone", v->single);
+        fputs("its corners fit no board, whatever its pose", f);
     else if (v->fate == REC_VIEW_JOINT)
         fprintf(f,
                 "alone it fits to %.2f px rms, with what the other cameras saw of the same number "
