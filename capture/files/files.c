@@ -130,10 +130,7 @@ static int64_t line_time(int64_t place, int64_t period)
 
 static bool is_video(const char *name)
 {
-    const char *dot = strrchr(name, '.');
-    return dot != NULL && strpbrk(name, "%*?[") == NULL &&
-           (strcasecmp(dot, ".mp4") == 0 || strcasecmp(dot, ".avi") == 0 ||
-            strcasecmp(dot, ".mkv") == 0);
+    return strpbrk(name, "%*?[") == NULL && cap_is_video(name);
 }
 
 static pvx_err open_video(struct files *s, double *fps, struct pvx_diag *d)

@@ -25,14 +25,25 @@ static const char *last_part(const char *path)
     return slash != NULL ? slash + 1 : path;
 }
 
-bool cap_is_image(const char *path)
+static bool has_extension(const char *path, const char *const *ext)
 {
-    static const char *const ext[] = {".npy", ".png", ".tif", ".tiff", ".jpg", ".jpeg"};
     const char *dot = strrchr(path, '.');
-    for (size_t i = 0; dot != NULL && i < sizeof ext / sizeof ext[0]; i++)
-        if (strcasecmp(dot, ext[i]) == 0)
+    for (; dot != NULL && *ext != NULL; ext++)
+        if (strcasecmp(dot, *ext) == 0)
             return true;
     return false;
+}
+
+bool cap_is_image(const char *path)
+{
+    static const char *const ext[] = {".npy", ".png", ".tif", ".tiff", ".jpg", ".jpeg", NULL};
+    return has_extension(path, ext);
+}
+
+bool cap_is_video(const char *path)
+{
+    static const char *const ext[] = {".mp4", ".avi", ".mkv", ".mov", NULL};
+    return has_extension(path, ext);
 }
 
 static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_diag *d)

@@ -161,6 +161,8 @@ static void fill(struct dmn_json *j, const void *ctx)
     dmn_json_open(j, NULL, '{');
     dmn_json_int(j, "version", 1);
     dmn_json_str(j, "board", board);
+    if (r->look->said[0] != '\0')
+        dmn_json_str(j, "looked_at", r->look->said);
     dmn_json_bool(j, "accepted", r->accepted);
     if (r->failure != NULL)
         dmn_json_str(j, "failure", r->failure);

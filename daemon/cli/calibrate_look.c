@@ -1,87 +1,15 @@
 #include "daemon/cli/calibrate_look.h"
 
-#include <dirent.h>
-#include <errno.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 
 #include "base/mem.h"
 #include "capture/files/imgio.h"
-#include "capture/files/sequence.h"
 #include "capture/pixel/pixfmt.h"
+#include "daemon/cli/calibrate_reel.h"
 #include "daemon/cli/cli.h"
-
-/* ---- what is there ---- */
-
-static pvx_err add_camera(struct calibrate_look *l, const char *dir, const char *name,
-                          struct pvx_diag *d)
-{
-    char path[4096];
-    struct stat st;
-    struct cap_sequence s;
-    if (snprintf(path, sizeof path, "%s/%s", dir, name) >= (int)sizeof path)
-        return pvx_fail(d, PVX_ERANGE, "%.80s...: name too long", dir);
-    if (stat(path, &st) != 0 || !S_ISDIR(st.st_mode))
-        return PVX_OK;
-    pvx_err e = cap_sequence_find(path, &s, d);
-    if (e == PVX_ENOENT && d != NULL) /* a folder of something else */
-        d->text[0] = '\0';
-    if (e != PVX_OK)
-        return e == PVX_ENOENT ? PVX_OK : e;
-    struct calibrate_picture *more = NULL;
-    if (!rec_rig_name_ok(name))
-        e = pvx_fail(
-            d, PVX_EINVAL,
-            "%s: a folder with pictures in it has a name that no camera can have: letters, "
-            "digits and . _ - only, at most %d",
-            dir, REC_NAME_MAX - 1);
-    else if (l->n_cameras == REC_MAX_CAMERAS)
-        e = pvx_fail(d, PVX_ERANGE, "%s: more than %d cameras", dir, REC_MAX_CAMERAS);
-    else if (s.item[s.n - 1].number >= REC_NO_FRAME)
-        e = pvx_fail(d, PVX_ERANGE, "%s: its number is too large", s.item[s.n - 1].path);
-    else if ((more = realloc(l->picture, (l->n + s.n) * sizeof *more)) == NULL)
-        e = PVX_ENOMEM;
-    if (e == PVX_OK) {
-        l->picture = more;
-        for (size_t i = 0; i < s.n; i++) {
-            l->picture[l->n++] = (struct calibrate_picture){.camera = (uint32_t)l->n_cameras,
-                                                            .frame = (uint32_t)s.item[i].number,
-                                                            .path = s.item[i].path,
-                                                            .at = CALIBRATE_NO_VIEW};
-            s.item[i].path = NULL;
-        }
-        l->count[l->n_cameras].pictures = s.n;
-        snprintf(l->camera[l->n_cameras++].name, REC_NAME_MAX, "%s", name);
-    }
-    cap_sequence_free(&s);
-    return e;
-}
-
-pvx_err calibrate_find(struct calibrate_look *l, const char *dir, struct pvx_diag *d)
-{
-    struct dirent **entry;
-    *l = (struct calibrate_look){0};
-    int n = scandir(dir, &entry, NULL, alphasort);
-    if (n < 0)
-        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
-    pvx_err e = PVX_OK;
-    for (int i = 0; i < n; i++) {
-        if (e == PVX_OK && entry[i]->d_name[0] != '.')
-            e = add_camera(l, dir, entry[i]->d_name, d);
-        free(entry[i]);
-    }
-    free(entry);
-    if (e == PVX_OK && l->n == 0)
-        e = pvx_fail(d, PVX_ENOENT,
-                     "%s: no pictures; looked for %s/<camera>/<number>.(npy|png|tif|jpg)", dir,
-                     dir);
-    return e;
-}
-
-/* ---- looked at ---- */
 
 struct looking {
     struct calibrate_look *l;
@@ -91,72 +19,93 @@ struct looking {
     pvx_err e;
     struct pvx_diag d;
     struct cli_progress bar;
-    bool quiet;
+    bool quiet, reels;
+    size_t of_reel[REC_MAX_CAMERAS]; /* the next of each */
 };
 
-static pvx_err read_grey(const char *path, struct rec_board_picture *out, float **mem,
-                         struct pvx_diag *d)
+static pvx_err detect(rec_board_detector *det, const struct cap_image *img,
+                      struct calibrate_picture *p, struct rec_board_sight *s, struct pvx_diag *d)
 {
-    static const struct cap_convert_params grey = {.binning = 1, .nch = 1};
-    struct cap_loaded in;
-    PVX_TRY(cap_image_load(path, &in, d));
-    int32_t w = in.img.width, h = in.img.height;
-    *mem = pvx_calloc((size_t)w * (size_t)h, sizeof **mem);
-    pvx_err e = *mem == NULL ? PVX_ENOMEM : cap_convert(&in.img, &grey, 0, h, *mem);
-    cap_loaded_free(&in);
-    if (e != PVX_OK) {
-        PVX_FREE(*mem);
-        return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+    int32_t w = img->width, h = img->height;
+    float *grey = pvx_calloc((size_t)w * (size_t)h, sizeof *grey);
+    if (grey == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = cap_bin(img, 1, 1, 0, h, grey);
+    if (e == PVX_OK) {
+        const struct rec_board_picture in = {grey, w, h, w * (ptrdiff_t)sizeof *grey, true};
+        p->width = w;
+        p->height = h;
+        e = rec_board_detect(det, &in, s);
+    } else {
+        e = pvx_fail(d, e, "%s: %s", p->path, pvx_strerror(e));
     }
-    *out = (struct rec_board_picture){*mem, w, h, w * (ptrdiff_t)sizeof **mem, true};
-    return PVX_OK;
+    free(grey);
+    return e;
 }
 
-static pvx_err look_at(rec_board_detector *det, struct calibrate_picture *p)
+static pvx_err keep(struct calibrate_picture *p, const struct rec_board_sight *s)
 {
-    struct rec_board_picture grey;
-    struct rec_board_sight s;
-    struct pvx_diag d = {""};
-    float *mem = NULL;
-    pvx_err e = read_grey(p->path, &grey, &mem, &d);
-    if (e != PVX_OK) {
-        p->unreadable = e != PVX_ENOMEM;
-        snprintf(p->text, sizeof p->text, "%.*s", (int)sizeof p->text - 1, pvx_diag_text(&d, e));
-        return p->unreadable ? PVX_OK : e;
-    }
-    p->width = grey.width;
-    p->height = grey.height;
-    e = rec_board_detect(det, &grey, &s);
-    free(mem);
-    if (e != PVX_OK)
-        return e;
-    p->outcome = s.outcome;
-    p->legacy = s.legacy;
-    p->square = s.square;
-    p->blur = s.blur;
-    memcpy(p->text, s.text, sizeof p->text);
-    if (s.outcome != REC_SIGHT_FOUND)
+    p->outcome = s->outcome;
+    p->legacy = s->legacy;
+    p->square = s->square;
+    p->blur = s->blur;
+    memcpy(p->text, s->text, sizeof p->text);
+    if (s->outcome != REC_SIGHT_FOUND)
         return PVX_OK;
-    p->view = s.view;
+    p->view = s->view;
     p->view.camera = p->camera;
     p->view.frame = p->frame;
-    p->view.corner = pvx_calloc(s.view.n, sizeof *p->view.corner);
+    p->view.corner = pvx_calloc(s->view.n, sizeof *p->view.corner);
     if (p->view.corner == NULL) {
         p->view.n = 0;
         return PVX_ENOMEM;
     }
-    memcpy(p->view.corner, s.view.corner, s.view.n * sizeof *p->view.corner);
+    memcpy(p->view.corner, s->view.corner, s->view.n * sizeof *p->view.corner);
     return PVX_OK;
 }
 
-/* One of the threads: a detector of its own, and picture after picture that no other has. */
+/* A picture of a file, or of the camera's reel.  One that cannot be read is told, and no error. */
+static pvx_err look_at(rec_board_detector *det, struct calibrate_reel *reel,
+                       struct calibrate_picture *p)
+{
+    struct rec_board_sight s;
+    struct pvx_diag d = {""};
+    struct cap_loaded in = {0};
+    pvx_err e = reel != NULL ? calibrate_reel_read(reel, p->frame, &in.img, &d)
+                             : cap_image_load(p->path, &in, &d);
+    if (e == PVX_OK)
+        e = detect(det, &in.img, p, &s, &d);
+    if (e == PVX_OK) {
+        e = keep(p, &s);
+    } else if (e != PVX_ENOMEM) {
+        p->unreadable = true;
+        snprintf(p->text, sizeof p->text, "%.*s", (int)sizeof p->text - 1, pvx_diag_text(&d, e));
+        e = PVX_OK;
+    }
+    cap_loaded_free(&in);
+    return e;
+}
+
+/* The next picture that is not looked at: of all, or of reel `task`.  Under the lock. */
+static struct calibrate_picture *take_next(struct looking *w, size_t task)
+{
+    size_t *next = w->reels ? &w->of_reel[task] : &w->next;
+    if (*next == w->l->n || (w->reels && w->l->picture[*next].camera != task))
+        return NULL;
+    return &w->l->picture[(*next)++];
+}
+
+/* One of the threads, with a detector of its own: picture after picture that no other has, or those of one reel. */
 static void work(void *ctx, size_t task)
 {
     struct looking *w = ctx;
     struct pvx_diag d = {""};
+    struct calibrate_reel reel = {0};
+    struct calibrate_picture *p;
     rec_board_detector *det = NULL;
-    (void)task;
     pvx_err e = rec_board_detector_new(w->board, &det, &d);
+    if (e == PVX_OK && w->reels)
+        e = calibrate_reel_open(&reel, w->l, task, &d);
     pthread_mutex_lock(&w->lock);
     for (;;) {
         if (e != PVX_OK && w->e == PVX_OK) {
@@ -165,17 +114,17 @@ static void work(void *ctx, size_t task)
         }
         if (w->e == PVX_OK && cli_stop)
             w->e = PVX_ECANCELED;
-        if (w->e != PVX_OK || w->next == w->l->n)
+        if (w->e != PVX_OK || (p = take_next(w, task)) == NULL)
             break;
-        size_t i = w->next++;
         pthread_mutex_unlock(&w->lock);
-        e = look_at(det, &w->l->picture[i]);
+        e = look_at(det, w->reels ? &reel : NULL, p);
         pthread_mutex_lock(&w->lock);
         w->done++;
         if (!w->quiet)
             cli_progress(&w->bar, (double)w->done / (double)w->l->n);
     }
     pthread_mutex_unlock(&w->lock);
+    calibrate_reel_close(&reel);
     rec_board_detector_free(&det);
 }
 
@@ -216,14 +165,20 @@ static pvx_err count(struct calibrate_look *l, struct pvx_diag *d)
 pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b, pvx_pool *pool,
                        bool quiet, struct pvx_diag *d)
 {
+    bool reels = l->source != CALIBRATE_FOLDERS;
+    if (reels)
+        PVX_TRY(calibrate_survey(l, pool, quiet, d));
     struct looking w = {.l = l,
                         .board = b,
                         .lock = PTHREAD_MUTEX_INITIALIZER,
                         .bar = {.label = "boards"},
-                        .quiet = quiet};
+                        .quiet = quiet,
+                        .reels = reels};
+    for (size_t i = l->n; i-- > 0;)
+        w.of_reel[l->picture[i].camera] = i;
     if ((l->view = pvx_calloc(l->n, sizeof *l->view)) == NULL)
         return PVX_ENOMEM;
-    pvx_pool_run(pool, pvx_pool_threads(pool), work, &w);
+    pvx_pool_run(pool, reels ? l->n_cameras : pvx_pool_threads(pool), work, &w);
     pthread_mutex_destroy(&w.lock);
     if (w.e != PVX_OK)
         return pvx_fail(d, w.e, "%s", pvx_diag_text(&w.d, w.e));
@@ -236,6 +191,9 @@ void calibrate_look_fini(struct calibrate_look *l)
         free(l->picture[i].path);
         free(l->picture[i].view.corner);
     }
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        PVX_FREE(l->video[c]);
+    cap_take_free(&l->take);
     PVX_FREE(l->picture);
     PVX_FREE(l->view);
     l->n = l->n_views = 0;

@@ -1,7 +1,11 @@
 /* calibrate_look.h - the pictures of a calibration, and the board in each of them.
  *
- * DIR/<camera>/<number>.(npy|png|tif|tiff|jpg|jpeg): every folder with pictures in it is a camera; the number is
- * the last run of digits in a file's name, and pictures of one instant have one number.
+ *   DIR/<camera>/<number>.(npy|png|tif|tiff|jpg|jpeg)  every folder with pictures in it is a camera; the number is the
+ *                            last run of digits in a file's name, and pictures of one instant have one number
+ *   DIR/<camera>.(mp4|avi|mkv|mov)  videos that started together; the number counts frames from 0
+ *   FILE.h5                  a take; the number is that of the set
+ * Of a folder every picture is looked at; of videos and takes, which have thousands, the instants in which least moves
+ * (calibrate_reel.h).
  * Ownership: the struct is the caller's, fini frees what it holds, after an error too. */
 #ifndef CALIBRATE_LOOK_H
 #define CALIBRATE_LOOK_H
@@ -11,10 +15,13 @@
 
 #include "base/err.h"
 #include "base/pool.h"
+#include "capture/take/take.h"
 #include "recon/board/detect.h"
 #include "recon/calib/calib.h"
 
 #define CALIBRATE_NO_VIEW SIZE_MAX
+
+enum calibrate_source { CALIBRATE_FOLDERS, CALIBRATE_VIDEOS, CALIBRATE_TAKE };
 
 struct calibrate_picture {
     uint32_t camera, frame;
@@ -38,11 +45,20 @@ struct calibrate_look {
     } count[REC_MAX_CAMERAS];
     struct calibrate_picture *picture; /* [n] by camera, then number */
     struct rec_board_view *view;       /* [n_views]; corners are the pictures' */
+    enum calibrate_source source;
+    char *video[REC_MAX_CAMERAS]; /* files; */
+    cap_take *take;               /* or this one, */
+    int take_camera[REC_MAX_CAMERAS];
+    uint32_t
+        every; /* of so many instants of theirs one is looked at; 0: so that CALIBRATE_LOOKED_AT are */
+    uint32_t always; /* and this one; REC_NO_FRAME: none */
+    char said[300];  /* what was done about it; "" for folders */
 };
 
-/* What is there.  Errors: PVX_ENOENT: no pictures; PVX_EINVAL: a folder's name that no camera can have, two
- * pictures of one number; PVX_ERANGE: too many cameras, numbers too large. */
-PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *dir,
+/* What is there; `every` and `always` may be set after it.  Errors: PVX_ENOENT: no pictures; PVX_EINVAL: a name that
+ * no camera can have, two pictures of one number, folders and videos side by side; PVX_ERANGE: too many cameras,
+ * numbers too large; a take's. */
+PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path,
                                       struct pvx_diag *d);
 /* Every picture looked at; the result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C),
  * PVX_EINVAL: a camera with pictures of two sizes, or none that can be read; the detector's. */

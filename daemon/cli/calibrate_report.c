@@ -32,6 +32,8 @@ void calibrate_print_pictures(const struct calibrate_result *r)
     for (size_t i = 0; i < l->n; i++)
         legacy += l->picture[i].outcome == REC_SIGHT_FOUND && l->picture[i].at < l->n_views &&
                   l->picture[i].legacy;
+    if (l->said[0] != '\0')
+        printf("%s\n", l->said);
     printf("the board is in %zu of %zu pictures of %zu cameras\n", l->n_views, l->n, l->n_cameras);
     for (size_t c = 0; c < l->n_cameras; c++) {
         const struct calibrate_count *n = &l->count[c];

@@ -1,6 +1,7 @@
 /* calibrate_solve.c - `pyrovox calibrate solve`: from pictures of a board to rig.yaml. */
 #include <stdio.h>
 
+#include "daemon/cli/arg.h"
 #include "daemon/cli/calibrate.h"
 #include "daemon/cli/calibrate_job.h"
 #include "daemon/cli/cli.h"
@@ -8,13 +9,21 @@
 struct args {
     struct calibrate_args c;
     const char *frames;
+    int64_t every; /* 0: not said */
 };
 
-enum { OPT_FRAMES = 0x100 };
+enum { OPT_FRAMES = 0x100, OPT_EVERY };
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
-     "DIR/<camera>/<number>.(png|tif|jpg|npy); pictures of one instant have one number", 0},
+     "DIR/<camera>/<number>.(png|tif|jpg|npy), pictures of one instant have one number; or videos "
+     "that "
+     "started together, DIR/<camera>.(mp4|avi|mkv|mov); or a take, FILE.h5",
+     0},
+    {"every", OPT_EVERY, "N", 0,
+     "of every N frames of videos, or sets of a take, look at the one in which the least moves "
+     "(default: so that 200 are looked at; 1: all)",
+     0},
     {0}};
 
 static const char doc[] =
@@ -43,6 +52,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     switch (key) {
     case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
     case OPT_FRAMES: a->frames = arg; return 0;
+    case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->frames == NULL)
@@ -57,6 +67,15 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
     pvx_pool *pool;
     PVX_TRY(calibrate_start(j, &a->c, d));
     PVX_TRY(calibrate_find(&j->look, a->frames, d));
+    if (a->every > 0 && j->look.source == CALIBRATE_FOLDERS)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "--every is for videos and takes; in %s there are single pictures, and all of "
+            "them are looked at",
+            a->frames);
+    j->look.every = (uint32_t)a->every;
+    if (a->c.floor >= 0)
+        j->look.always = (uint32_t)a->c.floor;
     PVX_TRY(calibrate_prepare(j, d));
     PVX_TRY(pvx_pool_new((unsigned)a->c.threads, "board", &pool));
     cli_catch_stop();
