@@ -155,10 +155,15 @@ static pvx_err count(struct calibrate_look *l, struct pvx_diag *d)
             l->view[l->n_views++] = p->view;
         }
     }
-    for (size_t c = 0; c < l->n_cameras; c++)
+    for (size_t c = 0; c < l->n_cameras; c++) {
+        size_t i = 0;
+        while (i < l->n && l->picture[i].camera != c)
+            i++;
         if (l->camera[c].width == 0)
-            return pvx_fail(d, PVX_EINVAL, "%s: none of its %zu pictures can be read",
-                            l->camera[c].name, l->count[c].pictures);
+            return pvx_fail(d, PVX_EINVAL, "%s: none of its %zu pictures can be read: %s",
+                            l->camera[c].name, l->count[c].pictures,
+                            i < l->n ? l->picture[i].text : "no set has one");
+    }
     return PVX_OK;
 }
 

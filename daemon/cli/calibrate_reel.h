@@ -40,7 +40,7 @@ struct calibrate_motion {
     float *of;
 };
 /* Of every `every` instants the one in which the least moves over all cameras, ascending; an instant that a camera lacks
- * counts as if it moved twice as much as usual there.  at: room for n / every + 1.  Returns how many. */
+ * counts as if it moved four times as much as usual there.  at: room for n / every + 1.  Returns how many. */
 size_t calibrate_choose(const struct calibrate_motion *m, size_t cameras, size_t every, size_t *at);
 
 /* All reels gone through, the pictures to be looked at listed in l.  Independent of the number of threads.

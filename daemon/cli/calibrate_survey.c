@@ -12,7 +12,7 @@
 
 #define THUMB 160  /* bins along the longer side of what is compared */
 #define RATES 0.01 /* videos whose rates differ by more were not taken together */
-#define LACK  2.0
+#define LACK  4.0
 
 /* ---- what moves ---- */
 

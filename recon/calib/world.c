@@ -58,10 +58,20 @@ static void by_floor(struct calib *k, size_t f)
     move_all(k, a);
 }
 
+/* The frame that counts for this one: itself, or the one since which nothing moved. */
+static uint32_t counts_as(const struct calib *k, uint32_t frame)
+{
+    for (size_t i = 0; i < k->in->n_views; i++)
+        if (k->in->view[i].frame == frame && k->out->view[i].fate == REC_VIEW_STILL)
+            return k->out->view[i].like;
+    return frame;
+}
+
 static pvx_err floor_frame(struct calib *k)
 {
+    uint32_t floor = counts_as(k, k->in->options.floor_frame);
     for (size_t f = 0; f < k->nf; f++)
-        if (k->out->frame[f] == k->in->options.floor_frame && k->placed[f]) {
+        if (k->out->frame[f] == floor && k->placed[f]) {
             by_floor(k, f);
             return PVX_OK;
         }

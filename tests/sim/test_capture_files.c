@@ -3,6 +3,7 @@
 #include "tests/lib/rig.h"
 
 #include "capture/files/imgio.h"
+#include "tests/lib/avi.h"
 #include "tests/lib/scratch.h"
 
 #define N 4
@@ -314,58 +315,24 @@ T_CASE(png_folder_and_bayer)
     scratch_remove();
 }
 
-/* ---- video: an uncompressed AVI, RIFF chunks written by hand ---------------------------------- */
-
-static void u32(FILE *f, uint32_t v)
-{
-    for (int i = 0; i < 4; i++)
-        fputc((int)(v >> 8 * i & 255), f);
-}
-static void chunk(FILE *f, const char *id, uint32_t size)
-{
-    fwrite(id, 1, 4, f);
-    u32(f, size);
-}
+/* ---- video ------------------------------------------------------------------------------------ */
 
 enum { VW = 16, VH = 8, V_BYTES = VW * VH * 3 };
 
 static void write_avi(const char *path, int frames)
 {
-    FILE *f = fopen(path, "wb");
+    FILE *f = avi_begin(path, VW, VH, (uint32_t)frames, 25);
+    uint8_t px[V_BYTES];
     T_OK(f != NULL);
-    if (f == NULL)
-        return;
-    uint32_t movi = 4 + (uint32_t)frames * (8 + V_BYTES), hdrl = 4 + 8 + 56 + 12 + 8 + 56 + 8 + 40;
-    chunk(f, "RIFF", 4 + 8 + hdrl + 8 + movi);
-    fwrite("AVI ", 1, 4, f);
-    chunk(f, "LIST", hdrl);
-    fwrite("hdrl", 1, 4, f);
-    chunk(f, "avih", 56);
-    uint32_t avih[14] = {40000, 0, 0, 0, (uint32_t)frames, 0, 1, V_BYTES, VW, VH};
-    for (int i = 0; i < 14; i++)
-        u32(f, avih[i]);
-    chunk(f, "LIST", 4 + 8 + 56 + 8 + 40);
-    fwrite("strl", 1, 4, f);
-    chunk(f, "strh", 56);
-    fwrite("vidsDIB ", 1, 8, f);
-    uint32_t strh[12] = {0, 0, 0, 1, 25, 0, (uint32_t)frames, V_BYTES, 0, 0, 0, VW | VH << 16};
-    for (int i = 0; i < 12; i++)
-        u32(f, strh[i]);
-    chunk(f, "strf", 40);
-    uint32_t strf[10] = {40, VW, VH, 1 | 24 << 16, 0, V_BYTES};
-    for (int i = 0; i < 10; i++)
-        u32(f, strf[i]);
-    chunk(f, "LIST", movi);
-    fwrite("movi", 1, 4, f);
-    for (int k = 0; k < frames; k++) {
-        chunk(f, "00db", V_BYTES);
-        for (int i = 0; i < VW * VH; i++) { /* blue, green, red */
-            fputc(200, f);
-            fputc(100, f);
-            fputc(k * 10, f);
+    for (int k = 0; f != NULL && k < frames; k++) {
+        for (int i = 0; i < VW * VH; i++) {
+            px[3 * i] = (uint8_t)(k * 10);
+            px[3 * i + 1] = 100;
+            px[3 * i + 2] = 200;
         }
+        avi_frame(f, px, VW, VH);
     }
-    T_EQ_I(fclose(f), 0);
+    T_OK(f == NULL || fclose(f) == 0);
 }
 
 T_CASE(videos_are_cameras)

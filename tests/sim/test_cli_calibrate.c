@@ -14,87 +14,7 @@
 #include "recon/board/spec.h"
 #include "recon/calib/calib.h"
 #include "recon/geom/rig.h"
-#include "tests/lib/board_picture.h"
-#include "tests/lib/cli.h"
-
-#define BOARD  "charuco:5x6:0.06:0.045"
-#define VOLUME "--volume -0.2,-0.2,0,0.2,0.2,0.4"
-#define SOLVE  "calibrate solve --quiet --threads 2 --frames "
-
-enum { W = 320, H = 240, CAMERAS = 4, POSES = 12 };
-
-static struct rec_rig truth;
-
-static bool there(const char *name)
-{
-    return access(at("%s", name), F_OK) == 0;
-}
-
-/* Cameras on a third of a ring of 1.1 m, no two alike. */
-static void set_up(void)
-{
-    truth =
-        (struct rec_rig){.grid = {{-0.2, -0.2, 0}, {0.2, 0.2, 0.4}, {32, 32, 32}, REC_TRILINEAR},
-                         .n_cameras = CAMERAS,
-                         .cameras = calloc(CAMERAS, sizeof *truth.cameras)};
-    for (int c = 0; c < CAMERAS; c++) {
-        struct rec_camera *k = &truth.cameras[c];
-        double a = 0.6 * (c - 1.5), aim[3] = {0.02 * c - 0.03, 0, 0.2};
-        double eye[3] = {1.1 * cos(a), 1.1 * sin(a), c % 2 ? 0.4 : 0.1};
-        *k = (struct rec_camera){.width = W,
-                                 .height = H,
-                                 .fx = 330 + 3 * c,
-                                 .fy = 330 + 3 * c,
-                                 .cx = 160.3 - c,
-                                 .cy = 118.4 + c,
-                                 .dist = {-0.06 + 0.02 * c, 0.01, 3e-4, -2e-4},
-                                 .gain = {1, 1, 1}};
-        snprintf(k->name, sizeof k->name, "cam%d", c);
-        rec_camera_look(eye, aim, k);
-    }
-}
-
-/* The board in front of the cameras: its z into it, away from them, tilted by a and b, rolled by r. */
-static void board_at(int pose, double R[9], double t[3])
-{
-    double a = pose == 0 ? 0 : 0.4 * sin(2.4 * pose), b = pose == 0 ? 0 : 0.45 * cos(1.7 * pose),
-           r = 0.5 * sin(1.1 * pose);
-    double facing[9] = {0, 0, -1, 1, 0, 0, 0, -1, 0};
-    double A[9] = {cos(a), 0, sin(a), 0, 1, 0, -sin(a), 0, cos(a)};
-    double B[9] = {1, 0, 0, 0, cos(b), -sin(b), 0, sin(b), cos(b)};
-    double C[9] = {cos(r), -sin(r), 0, sin(r), cos(r), 0, 0, 0, 1}, AB[9], ABC[9];
-    board_matmul(A, B, AB);
-    board_matmul(AB, C, ABC);
-    board_matmul(facing, ABC, R);
-    double middle[3] = {0.09, 0.12, 0};
-    double to[3] = {0.1 * sin(3.1 * pose), 0.13 * sin(1.9 * pose + 1), 0.2 + 0.1 * sin(2.7 * pose)};
-    for (int i = 0; i < 3; i++)
-        t[i] = to[i] - R[3 * i] * middle[0] - R[3 * i + 1] * middle[1];
-}
-
-static void shoot(const struct rec_board *b, int camera, int pose, float *level)
-{
-    const struct rec_camera *k = &truth.cameras[camera];
-    struct board_shot s = {.width = W,
-                           .height = H,
-                           .f = k->fx,
-                           .cx = k->cx,
-                           .cy = k->cy,
-                           .blur = 0.6,
-                           .noise = 0.01,
-                           .dark = 0.1,
-                           .light = 0.8,
-                           .ground = 0.4,
-                           .across = 2,
-                           .seed = (uint64_t)(1 + camera + 100 * pose)};
-    double R[9], t[3];
-    board_at(pose, R, t);
-    memcpy(s.k, k->dist, sizeof s.k);
-    board_matmul(k->R, R, s.R);
-    for (int i = 0; i < 3; i++)
-        s.t[i] = k->R[3 * i] * t[0] + k->R[3 * i + 1] * t[1] + k->R[3 * i + 2] * t[2] + k->t[i];
-    board_picture(b, &s, level);
-}
+#include "tests/lib/calib_bed.h"
 
 /* What a wavy window before the lens does: waves of 1 px, 75 px long. */
 static void window(const float *level, float *out)
@@ -324,28 +244,11 @@ T_CASE(usage)
     T_OK(!there("x.yaml"));
 }
 
-static int begin(void)
-{
-    char here[200], *yaml;
-    size_t len;
-    board_module_here();
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        return 1;
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
-    scratch_new();
-    set_up();
-    if (rec_rig_format(&truth, &yaml, &len) != PVX_OK ||
-        pvx_file_write(at("true.yaml"), yaml, len, NULL) != PVX_OK)
-        return 1;
-    free(yaml);
-    record();
-    return 0;
-}
-
 int main(void)
 {
-    if (begin() != 0)
+    if (bed_begin() != 0)
         return 1;
+    record();
     t_run();
     rec_rig_fini(&truth);
     scratch_remove();

@@ -1,6 +1,7 @@
 /* Cameras, volume and boards as they stand in the world, drawn in parallel from two sides. */
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
 #include "daemon/cli/report/figures.h"
 #include "daemon/cli/report/html.h"
@@ -54,21 +55,16 @@ static void polygon(const struct drawing *g, const char *class, const double (*X
 
 /* ---- what is drawn ---- */
 
-/* Centre, then the picture's corners at `depth`; false: the lens has no such rays. */
-static bool frustum(const struct rec_camera *k, double depth, double X[5][3])
+/* Centre, then the picture's corners at `depth`, without distortion: some lenses have no such rays. */
+static void frustum(const struct rec_camera *k, double depth, double X[5][3])
 {
     rec_camera_centre(k, X[0]);
     for (int i = 0; i < 4; i++) {
-        double from[3], to[3], ahead = 0;
         double u = i == 1 || i == 2 ? k->width - 0.5 : -0.5, v = i >= 2 ? k->height - 0.5 : -0.5;
-        if (!rec_camera_ray(k, u, v, from, to))
-            return false;
+        double x = (u - k->cx) / k->fx, y = (v - k->cy) / k->fy;
         for (int a = 0; a < 3; a++)
-            ahead += k->R[6 + a] * to[a];
-        for (int a = 0; a < 3; a++)
-            X[1 + i][a] = from[a] + depth * to[a] / fmax(ahead, 0.2);
+            X[1 + i][a] = X[0][a] + depth * (k->R[a] * x + k->R[3 + a] * y + k->R[6 + a]);
     }
-    return true;
 }
 
 /* The outermost corners of the board in frame i; false: it is not known where it was. */
@@ -153,17 +149,16 @@ static void cameras(struct drawing *g, const struct rec_rig *rig)
     double X[5][3], at[2];
     double depth = FRUSTUM * fmax(g->most[0] - g->least[0], g->most[1] - g->least[1]);
     for (size_t c = 0; c < rig->n_cameras; c++) {
-        if (frustum(&rig->cameras[c], depth, X)) {
-            polygon(g, "camera", (const double(*)[3])(X + 1), 4);
+        frustum(&rig->cameras[c], depth, X);
+        polygon(g, "camera", (const double(*)[3])(X + 1), 4);
+        fputs("/>", g->f);
+        for (int i = 0; i < 4; i++) {
+            double face[3][3];
+            memcpy(face[0], X[0], sizeof face[0]);
+            memcpy(face[1], X[1 + i], sizeof face[1]);
+            memcpy(face[2], X[1 + (i + 1) % 4], sizeof face[2]);
+            polygon(g, "camera", (const double(*)[3])face, 3);
             fputs("/>", g->f);
-            for (int i = 0; i < 4; i++) {
-                const double face[3][3] = {
-                    {X[0][0], X[0][1], X[0][2]},
-                    {X[1 + i][0], X[1 + i][1], X[1 + i][2]},
-                    {X[1 + (i + 1) % 4][0], X[1 + (i + 1) % 4][1], X[1 + (i + 1) % 4][2]}};
-                polygon(g, "camera", face, 3);
-                fputs("/>", g->f);
-            }
         }
         place(g, X[0], at);
         fprintf(g->f, "<circle class=\"lens\" cx=\"%.1f\" cy=\"%.1f\" r=\"2.5\"/>\n", at[0], at[1]);

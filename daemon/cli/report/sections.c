@@ -264,7 +264,7 @@ static void head(FILE *f, const struct calibrate_result *r)
             ", %zu instants. All corners used: %.3f px rms each camera alone, %.3f px together; "
             "chi&#178; per degree of freedom %.2f",
             o->n_frames, o->single, o->joint, o->chi2);
-    fputs(". ", f);
+    fputs(".</p><p class=\"mute said\">", f);
     html_text(f, r->look->said);
     fputs("</p>\n", f);
     findings(f, r);

@@ -14,6 +14,7 @@ const char report_style[] =
     "h1{font-size:1.25rem;margin:0 0 .6rem}h2{font-size:1.2rem;margin:2.2rem 0 .5rem}\n"
     "h3{font-size:1rem;margin:0 0 .3rem;overflow-wrap:anywhere}\n"
     "p{margin:.4rem 0;max-width:50rem}.mute,figcaption{color:var(--mute);font-size:.88rem}\n"
+    ".said::first-letter{text-transform:uppercase}\n"
     "code{overflow-wrap:anywhere}\n"
     ".verdict{border-left:.5rem solid var(--mute);background:var(--card);padding:.8rem 1.1rem}\n"
     ".verdict b{display:block;font-size:2.3rem;line-height:1.15}\n"

@@ -33,7 +33,7 @@ static void slice(FILE *f, const struct calibrate_result *r, int k, double most)
                 cell(f, x, y, CELL, "none", 0.15);
             fprintf(f, "<text x=\"%.1f\" y=\"%.1f\" font-size=\"11\" text-anchor=\"middle\">",
                     x + CELL / 2, y + CELL / 2 + 4);
-            html_number(f, v, 3);
+            html_number(f, v, most < 10 ? 3 : most < 100 ? 2 : 1); /* as many as fit */
             fputs("</text>", f);
         }
     fputs("</svg></figure>\n", f);
