@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/yaml.h"
+#include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/cli/cli.h"
 #include "recon/board/spec.h"
@@ -103,7 +104,10 @@ static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
     j->in.n_views = j->look.n_views;
     j->in.view = j->look.view;
     PVX_TRY(all_saw(&j->look, d));
-    return rec_calib_solve(&j->in, &j->rig, &j->report, d);
+    calibrate_mode_uncrop(&j->look, &j->old);
+    PVX_TRY(rec_calib_solve(&j->in, &j->rig, &j->report, d));
+    calibrate_mode_crop(&j->look, &j->rig);
+    return PVX_OK;
 }
 
 static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)

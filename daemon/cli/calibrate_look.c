@@ -8,6 +8,7 @@
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "capture/pixel/pixfmt.h"
+#include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/calibrate_reel.h"
 #include "daemon/cli/cli.h"
 
@@ -130,24 +131,14 @@ static void work(void *ctx, size_t task)
 
 static pvx_err count(struct calibrate_look *l, struct pvx_diag *d)
 {
+    PVX_TRY(calibrate_mode_sizes(l, d));
     for (size_t i = 0; i < l->n; i++) {
         struct calibrate_picture *p = &l->picture[i];
-        struct rec_calib_camera *c = &l->camera[p->camera];
         struct calibrate_count *n = &l->count[p->camera];
         if (p->unreadable) {
             n->unreadable++;
             continue;
         }
-        if (c->width == 0) {
-            c->width = p->width;
-            c->height = p->height;
-        }
-        if (c->width != p->width || c->height != p->height)
-            return pvx_fail(
-                d, PVX_EINVAL,
-                "%s: %d x %d pixels, but pictures of %s before it have %d x %d: one lens "
-                "is one size, so keep binning and region as they are",
-                p->path, p->width, p->height, c->name, c->width, c->height);
         if (n->sight[p->outcome]++ == 0)
             n->example[p->outcome] = i;
         if (p->outcome == REC_SIGHT_FOUND) {

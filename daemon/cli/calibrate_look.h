@@ -52,7 +52,11 @@ struct calibrate_look {
     uint32_t
         every; /* of so many instants of theirs one is looked at; 0: so that CALIBRATE_LOOKED_AT are */
     uint32_t always; /* and this one; REC_NO_FRAME: none */
-    char said[300];  /* what was done about it; "" for folders */
+    struct
+        calibrate_mode { /* of the flame's pictures, where they are not as these; calibrate_modes.h */
+        int32_t binning, x, y, width, height; /* 0: not said */
+    } mode[REC_MAX_CAMERAS];
+    char said[300]; /* what was done about it; "" for folders */
 };
 
 /* What is there; `every` and `always` may be set after it.  Errors: PVX_ENOENT: no pictures; PVX_EINVAL: a name that

@@ -4,15 +4,18 @@
 #include "daemon/cli/arg.h"
 #include "daemon/cli/calibrate.h"
 #include "daemon/cli/calibrate_job.h"
+#include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/cli.h"
 
 struct args {
     struct calibrate_args c;
     const char *frames;
     int64_t every; /* 0: not said */
+    const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
+    size_t n_binning, n_region;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_EVERY };
+enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_BINNING, OPT_REGION };
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
@@ -23,6 +26,13 @@ static const struct argp_option options[] = {
     {"every", OPT_EVERY, "N", 0,
      "of every N frames of videos, or sets of a take, look at the one in which the least moves "
      "(default: so that 200 are looked at; 1: all)",
+     0},
+    {"binning", OPT_BINNING, "N[,CAMERA]", 0,
+     "the flame is taken with N x N pixels as one, these pictures are not; may be repeated", 0},
+    {"region", OPT_REGION, "X,Y,W,H[,CAMERA]", 0,
+     "pictures of the flame are these W x H pixels, after binning, of the whole ones, which these "
+     "are; "
+     "may be repeated",
      0},
     {0}};
 
@@ -46,6 +56,14 @@ static const char doc[] =
     "something moved or the cameras do not expose together.\n"
     "Exit code 1 and nothing written where the rig should not be believed; --accept overrules.";
 
+static void keep(struct argp_state *st, const char **list, size_t *n, const char *arg)
+{
+    if (*n == REC_MAX_CAMERAS)
+        argp_error(st, "%s: once a camera is enough", arg);
+    else
+        list[(*n)++] = arg;
+}
+
 static error_t parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
@@ -53,6 +71,8 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
     case OPT_FRAMES: a->frames = arg; return 0;
     case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
+    case OPT_BINNING: keep(st, a->binning, &a->n_binning, arg); return 0;
+    case OPT_REGION: keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->frames == NULL)
@@ -76,6 +96,10 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
     j->look.every = (uint32_t)a->every;
     if (a->c.floor >= 0)
         j->look.always = (uint32_t)a->c.floor;
+    for (size_t i = 0; i < a->n_binning; i++)
+        PVX_TRY(calibrate_mode_binning(&j->look, a->binning[i], d));
+    for (size_t i = 0; i < a->n_region; i++)
+        PVX_TRY(calibrate_mode_region(&j->look, a->region[i], d));
     PVX_TRY(calibrate_prepare(j, d));
     PVX_TRY(pvx_pool_new((unsigned)a->c.threads, "board", &pool));
     cli_catch_stop();

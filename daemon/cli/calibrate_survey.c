@@ -245,7 +245,7 @@ static void say(struct calibrate_look *l, size_t least, size_t most, size_t ever
 static pvx_err choose(struct survey *s, struct pvx_diag *d)
 {
     struct calibrate_look *l = s->l;
-    size_t most = 0, least = SIZE_MAX;
+    size_t most = 1, least = SIZE_MAX; /* a camera without an instant does not come here */
     for (size_t c = 0; c < l->n_cameras; c++) {
         most = s->motion[c].n > most ? s->motion[c].n : most;
         least = s->motion[c].n < least ? s->motion[c].n : least;
@@ -256,7 +256,7 @@ static pvx_err choose(struct survey *s, struct pvx_diag *d)
                 "instant, so record with one rate",
                 l->video[c], s->fps[c], l->video[0], s->fps[0]);
     }
-    size_t every = l->every > 0 ? l->every : (most + CALIBRATE_LOOKED_AT - 1) / CALIBRATE_LOOKED_AT;
+    size_t every = l->every > 0 ? l->every : (most - 1) / CALIBRATE_LOOKED_AT + 1;
     size_t *at = pvx_calloc(most / every + 2, sizeof *at);
     if (at == NULL)
         return PVX_ENOMEM;

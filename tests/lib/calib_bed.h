@@ -65,14 +65,15 @@ static inline void board_at(int pose, double R[9], double t[3])
         t[i] = to[i] - R[3 * i] * middle[0] - R[3 * i + 1] * middle[1];
 }
 
-static inline void shoot(const struct rec_board *b, int camera, int pose, float *level)
+/* level [H * fine][W * fine]: what the sensor gives before fine x fine of its pixels are made one. */
+static inline void shoot(const struct rec_board *b, int camera, int pose, int fine, float *level)
 {
     const struct rec_camera *k = &truth.cameras[camera];
-    struct board_shot s = {.width = W,
-                           .height = H,
-                           .f = k->fx,
-                           .cx = k->cx,
-                           .cy = k->cy,
+    struct board_shot s = {.width = W * fine,
+                           .height = H * fine,
+                           .f = k->fx * fine,
+                           .cx = (k->cx + 0.5) * fine - 0.5,
+                           .cy = (k->cy + 0.5) * fine - 0.5,
                            .blur = 0.6,
                            .noise = 0.01,
                            .dark = 0.1,

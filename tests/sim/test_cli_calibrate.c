@@ -40,7 +40,7 @@ static void record(void)
         T_EQ_I(pvx_mkdirs(at("take/cam%d", c), &d), PVX_OK);
         T_EQ_I(pvx_mkdirs(at("window/cam%d", c), &d), PVX_OK);
         for (int p = 0; p < POSES; p++) {
-            shoot(&b, c, p, level);
+            shoot(&b, c, p, 1, level);
             T_EQ_I(cap_image_save(at("take/cam%d/%06d.png", c, p), level, W, H, 1, 1, &d), PVX_OK);
             if (c == 1)
                 window(level, bent);

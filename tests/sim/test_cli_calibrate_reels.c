@@ -270,7 +270,7 @@ T_CASE(broken_pictures)
     T_CONTAINS(slurp("x.html"), "?[J?000001.png");
     T_OK(strchr(slurp("out.txt"), '\x1b') == NULL);
     T_EQ_I(cap_image_save(at("bad/cam0/000003.npy"), nan, W, H - 2, 1, 1, &d), PVX_OK);
-    T_CONTAINS(refused("bad"), "bad/cam0/000003.npy: 320 x 238 pixels, but pictures of cam0");
+    T_CONTAINS(refused("bad"), "bad/cam0/000003.npy: 320 x 238 pixels, but other pictures of cam0");
     T_CONTAINS(refused("bad --every 2"), "--every is for videos and takes");
     put("bad/cam1.mp4", "", 0);
     T_CONTAINS(refused("bad"), "side by side");
@@ -309,7 +309,7 @@ int main(void)
         return 1;
     for (int c = 0; c < CAMERAS; c++)
         for (int p = 0; p < POSES; p++)
-            shoot(&b, c, p, level[c][p]);
+            shoot(&b, c, p, 1, level[c][p]);
     t_run();
     rec_rig_fini(&truth);
     scratch_remove();
