@@ -200,6 +200,8 @@ T_CASE(without_a_rig)
     T_CONTAINS(text, "cam&lt;7&gt;: the board");
     T_CONTAINS(text, "No rig");
     T_CONTAINS(text, "reason 0");
+    T_CONTAINS(text, " corners found");
+    T_EQ_I(count(text, "class=\"median\""), 0);
     free(text);
 }
 

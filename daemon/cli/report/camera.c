@@ -42,7 +42,7 @@ double report_enlargement(const struct calibrate_result *r)
 {
     double each[REC_MAX_CAMERAS];
     size_t n = 0;
-    for (size_t c = 0; c < r->look->n_cameras && r->report->camera != NULL; c++)
+    for (size_t c = 0; c < r->look->n_cameras && r->rig != NULL; c++)
         if (r->report->camera[c].joint > 0 && r->look->camera[c].width > 0)
             each[n++] = r->report->camera[c].joint / r->look->camera[c].width * WIDTH;
     if (n == 0)
@@ -51,14 +51,17 @@ double report_enlargement(const struct calibrate_result *r)
     return report_round(fmax(TYPICAL / each[n / 2], 1e-3));
 }
 
-/* The view of a picture that was used, with its residuals; else NULL. */
-static const struct rec_calib_view *used(const struct calibrate_result *r,
-                                         const struct calibrate_picture *p)
+/* Whether the picture's corners count, and their residuals (NULL: none): of views that were used; where there is no rig,
+ * all that were found. */
+static bool counts(const struct calibrate_result *r, const struct calibrate_picture *p,
+                   const float **residual)
 {
-    if (p->at == CALIBRATE_NO_VIEW || r->report->view == NULL)
-        return NULL;
+    *residual = NULL;
+    if (p->at == CALIBRATE_NO_VIEW || r->rig == NULL)
+        return p->at != CALIBRATE_NO_VIEW;
     const struct rec_calib_view *v = &r->report->view[p->at];
-    return v->fate == REC_VIEW_USED && v->residual != NULL ? v : NULL;
+    *residual = v->residual;
+    return v->fate == REC_VIEW_USED && v->residual != NULL;
 }
 
 static int cell_of(double x, double y, const struct rec_calib_camera *k, int nx, int ny)
@@ -77,11 +80,12 @@ static pvx_err collect(const struct calibrate_result *r, size_t c, struct misses
         return PVX_ENOMEM;
     for (size_t i = 0; i < r->look->n; i++) {
         const struct calibrate_picture *p = &r->look->picture[i];
-        const struct rec_calib_view *v = p->camera == c ? used(r, p) : NULL;
-        for (size_t k = 0; v != NULL && k < p->view.n; k++) {
+        const float *by;
+        bool in = p->camera == c && counts(r, p, &by);
+        for (size_t k = 0; in && k < p->view.n; k++) {
             const struct rec_board_corner *o = &p->view.corner[k];
-            struct miss one = {o->x, o->y, (double)v->residual[2 * k],
-                               (double)v->residual[2 * k + 1],
+            struct miss one = {o->x, o->y, by != NULL ? (double)by[2 * k] : 0,
+                               by != NULL ? (double)by[2 * k + 1] : 0,
                                cell_of(o->x, o->y, &r->look->camera[c], MX, MY)};
             if (isfinite(one.dx) && isfinite(one.dy) && isfinite(one.x) && isfinite(one.y))
                 m->at[m->n++] = one;
@@ -189,7 +193,7 @@ pvx_err report_camera(FILE *f, const struct calibrate_result *r, size_t c, doubl
     html_text(f, k->name);
     fprintf(f, "</h3><svg viewBox=\"-1 -1 %.0f %.1f\" role=\"img\">", WIDTH + 2, h + 2);
     coverage(&g, &m, k);
-    if (m.n > 0 && enlargement > 0) {
+    if (m.n > 0 && enlargement > 0 && r->rig != NULL) {
         for (size_t i = 0; i < m.n; i++)
             far += g.unit * enlargement * hypot(m.at[i].dx, m.at[i].dy) > LONGEST;
         arrows(&g, &m, false, step);
@@ -202,9 +206,11 @@ pvx_err report_camera(FILE *f, const struct calibrate_result *r, size_t c, doubl
             h);
     if (m.n == 0)
         fputs("No corner of this camera was used.", f);
+    else if (r->rig == NULL)
+        fprintf(f, "%zu corners found", m.n);
     else
-        fprintf(f, "%zu corners, 1 in %zu drawn; coverage %.0f %%; %zu cut", m.n, step,
-                100 * r->report->camera[c].coverage, far);
+        fprintf(f, "%zu corners, 1 in %zu drawn, %zu cut; coverage %.0f %%", m.n, step, far,
+                100 * r->report->camera[c].coverage);
     fputs("</figcaption></figure>\n", f);
     free(m.at);
     return PVX_OK;
