@@ -71,7 +71,7 @@ static void frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t no
         return; /* the ring has no newer image */
     c->expose.last_moment = moment;
     struct gvcam_shot s = {.id = c->expose.id,
-                           .index = index,
+                           .index = c->link->shown > 0 ? c->link->shown - 1 : index,
                            .ticks = gvcam_clock_ticks(&c->clock, gvcam_clock_ns(&c->clock, moment)),
                            .line = c->link->line_level,
                            .count = c->expose.frame_count++,

@@ -48,6 +48,9 @@ void cap_gvnet_pulse(cap_gvnet *net); /* one, now */
 /* The link from the switch to the host: mbit_s (0 = no limit) with a buffer of so many bytes (0 =
  * 512 KiB); packets that find it full are dropped, in the middle of frames too. */
 void cap_gvnet_link(cap_gvnet *net, double mbit_s, size_t buffer_bytes);
+/* All cameras show image number `image` of their rings from now on, whatever the instant: what stands still
+ * or is moved by hand.  -1 = that of the instant, the default. */
+void cap_gvnet_show(cap_gvnet *net, int64_t image);
 /* The switch reboots: nothing goes in or out for so long; cameras run on. */
 void cap_gvnet_reboot(cap_gvnet *net, double seconds);
 

@@ -65,6 +65,13 @@ void cap_gvnet_reboot(cap_gvnet *n, double seconds)
     gvnet_unlock(n);
 }
 
+void cap_gvnet_show(cap_gvnet *n, int64_t image)
+{
+    gvnet_lock(n);
+    n->link.shown = image < 0 ? 0 : image + 1;
+    gvnet_unlock(n);
+}
+
 /* ---- trigger line ------------------------------------------------------------------------------ */
 
 static void edge(struct cap_gvnet *n, int64_t at)

@@ -1,4 +1,5 @@
-/* link.h - what the cameras of one simulation send over and are triggered by: the switch, the line. */
+/* link.h - what the cameras of one simulation share: the switch that they send over, the trigger
+ * line, what there is to see. */
 #ifndef CAP_GVCAM_LINK_H
 #define CAP_GVCAM_LINK_H
 #include <stdbool.h>
@@ -12,6 +13,7 @@ struct gvcam_link {
     int64_t at;   /* as of when */
     int64_t silent_until;
     uint32_t line_level;
+    int64_t shown; /* 1 + image that all cameras show; 0: that of the instant */
 };
 bool gvcam_link_silent(const struct gvcam_link *l, int64_t now);
 /* May a packet of so many bytes go out?  No: one more in *cut. */

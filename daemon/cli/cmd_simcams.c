@@ -1,4 +1,4 @@
-/* cmd_simcams.c - `pyrovox simcams`: a rig of GigE Vision cameras that look at a flame. */
+/* cmd_simcams.c - `pyrovox simcams`: a rig of GigE Vision cameras that look at a flame, or at a board. */
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
@@ -25,6 +25,7 @@
 struct simcams {
     const struct simcams_args *a;
     struct rec_rig rig;
+    struct simcams_board board; /* n 0: a flame */
     struct simcams_ring ring;
     cap_gvnet *net;
     cap_gvcam *cam[REC_MAX_CAMERAS]; /* NULL = dead */
@@ -37,6 +38,18 @@ struct simcams {
 
 /* ---- setting up ------------------------------------------------------------------------------- */
 
+static void raise_cameras(struct rec_rig *rig, double height)
+{
+    double at[3], middle[3];
+    for (int i = 0; i < 3; i++)
+        middle[i] = 0.5 * (rig->grid.min[i] + rig->grid.max[i]);
+    for (size_t c = 0; c < rig->n_cameras; c++) {
+        rec_camera_centre(&rig->cameras[c], at);
+        at[2] += height;
+        rec_camera_look(at, middle, &rig->cameras[c]);
+    }
+}
+
 static pvx_err get_rig(const struct simcams_args *a, struct rec_rig *rig, struct pvx_diag *d)
 {
     if (a->rig != NULL)
@@ -44,6 +57,8 @@ static pvx_err get_rig(const struct simcams_args *a, struct rec_rig *rig, struct
     else
         PVX_TRY(rec_rig_ring((size_t)a->cameras, a->radius, a->width, a->height, (int32_t)a->voxels,
                              rig));
+    if (a->rig == NULL && a->raise > 0)
+        raise_cameras(rig, a->raise);
     if (a->write_rig == NULL)
         return PVX_OK;
     char *text;
@@ -81,16 +96,26 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
                                     .black = a->black / 100,
                                     .noise = a->noise / 100,
                                     .sub = (int)a->sub};
+    if (a->board != NULL) {
+        PVX_TRY(simcams_board_init(a->board, &s->rig, (size_t)a->poses, a->hold_s,
+                                   (uint32_t)a->seed, &s->board, d));
+        p.board = &s->board;
+        p.n = s->board.n * SIMCAMS_OF_POSE;
+        p.black = 0; /* the paper and the ground are not dark */
+        if (simcams_board_floor(&s->board, &s->rig) < 2)
+            fprintf(stderr, "pyrovox simcams: fewer than two cameras stand high enough to see the "
+                            "board on the floor: --height, or a rig that does\n");
+    }
     double mib = (double)simcams_ring_bytes(&s->rig, &p) / MIB;
     if (mib > (double)a->max_memory)
         return pvx_fail(d, PVX_ENOMEM,
-                        "%zu cameras x %lld images take %.0f MiB, more than "
-                        "--max-memory %lld: take fewer images (--ring), smaller ones, mono8 or "
+                        "%zu cameras x %zu images take %.0f MiB, more than "
+                        "--max-memory %lld: take fewer images (%s), smaller ones, mono8 or "
                         "bayerrg8, or allow more",
-                        s->rig.n_cameras, (long long)a->ring, mib, (long long)a->max_memory);
-    fprintf(stderr, "rendering %zu cameras x %lld images, %.0f MiB\n", s->rig.n_cameras,
-            (long long)a->ring, mib);
-    struct cli_progress bar = {.label = "flame"};
+                        s->rig.n_cameras, p.n, mib, (long long)a->max_memory,
+                        a->board != NULL ? "--poses" : "--ring");
+    fprintf(stderr, "rendering %zu cameras x %zu images, %.0f MiB\n", s->rig.n_cameras, p.n, mib);
+    struct cli_progress bar = {.label = a->board != NULL ? "board" : "flame"};
     return simcams_ring_init(&s->rig, &p, cli_progress, &bar, &s->ring);
 }
 
@@ -100,16 +125,22 @@ static int write_frames(const struct simcams *s)
     struct pvx_diag d = {""};
     struct cli_progress bar = {.label = "frames"};
     const char *dir = s->a->write_frames;
+    size_t step = s->a->board != NULL ? SIMCAMS_OF_POSE : 1, n = s->ring.n / step;
     pvx_err e = PVX_OK;
-    for (size_t i = 0; e == PVX_OK && i < s->ring.n; i++) {
-        e = simcams_ring_save(&s->ring, &s->rig, s->a->fmt, i, dir, &d);
-        if (!cli_progress(&bar, (double)(i + 1) / (double)s->ring.n))
+    for (size_t i = 0; e == PVX_OK && i < n; i++) {
+        e = simcams_ring_save(&s->ring, &s->rig, s->a->fmt, i * step, i, dir, &d);
+        if (!cli_progress(&bar, (double)(i + 1) / (double)n))
             return 130;
     }
     if (e != PVX_OK)
         return cli_error(&d, e);
-    printf("%zu frame sets in %s; they have a black level: reconstruct them with --black %g\n",
-           s->ring.n, dir, s->a->black / 100);
+    if (s->a->board != NULL)
+        printf("%zu poses in %s; number 0 lies on the floor: pyrovox calibrate solve --frames %s "
+               "--board %s --floor 0\n",
+               n, dir, dir, s->a->board);
+    else
+        printf("%zu frame sets in %s; they have a black level: reconstruct them with --black %g\n",
+               n, dir, s->a->black / 100);
     return 0;
 }
 
@@ -217,6 +248,12 @@ static void carry_out(struct simcams *s, const struct simcams_order *o)
     case SIMCAMS_LINK: cap_gvnet_link(s->net, o->arg, (size_t)(o->arg2 * 1024)); return;
     case SIMCAMS_SWITCH: cap_gvnet_reboot(s->net, o->arg); return;
     case SIMCAMS_STATS: print_stats(s); return;
+    case SIMCAMS_POSE:
+        if (s->board.n == 0)
+            fprintf(stderr, "pyrovox simcams: control: pose: there is no --board\n");
+        else
+            simcams_board_go(&s->board, (size_t)o->arg);
+        return;
     }
 }
 
@@ -298,21 +335,40 @@ static int reap(pid_t child)
     return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
 }
 
+/* Every camera that is alive has sent a frame. */
+static bool all_send(const struct simcams *s)
+{
+    struct cap_gvcam_stats st;
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        if (s->cam[c] == NULL)
+            continue;
+        cap_gvcam_stats(s->cam[c], &st);
+        if (st.frames == 0)
+            return false;
+    }
+    return true;
+}
+
 /* Serve until a signal, or until the command has ended.  Returns the exit code. */
 static int serve(struct simcams *s, int sigfd, pid_t child)
 {
     int64_t t0 = pvx_now_mono();
     size_t next = 0;
+    double tick_s = 0; /* the next picture of the board */
     bool control = s->a->control;
     for (;;) {
         double now_s = (double)(pvx_now_mono() - t0) * 1e-9;
         for (; next < s->plan.n && s->plan.event[next].at_s <= now_s; next++)
             control_line(s, s->plan.event[next].line);
-        int timeout = -1;
-        if (next < s->plan.n) {
-            double left_ms = (s->plan.event[next].at_s - now_s) * 1e3 + 1;
-            timeout = left_ms < 60000 ? (int)left_ms : 60000;
+        if (s->board.n > 0 && now_s >= tick_s) {
+            size_t image = simcams_board_tick(&s->board, now_s, all_send(s));
+            cap_gvnet_show(s->net, (int64_t)image);
+            tick_s = now_s + 1 / s->a->fps;
         }
+        double until = s->board.n > 0 ? tick_s : now_s + 60;
+        if (next < s->plan.n && s->plan.event[next].at_s < until)
+            until = s->plan.event[next].at_s;
+        int timeout = until > now_s ? (int)((until - now_s) * 1e3) + 1 : 0;
         struct pollfd p[2] = {{.fd = sigfd, .events = POLLIN},
                               {.fd = control ? STDIN_FILENO : -1, .events = POLLIN}};
         if (poll(p, 2, timeout) < 0 && errno != EINTR)
@@ -412,6 +468,7 @@ static int run(int argc, char **argv)
     if (e == PVX_OK)
         code = a.write_frames != NULL ? write_frames(s) : start_and_serve(s);
     simcams_ring_fini(&s->ring);
+    simcams_board_fini(&s->board);
     rec_rig_fini(&s->rig);
     free(s);
     return code;

@@ -218,6 +218,6 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
         "miss|hostile|ptp-offset CAMERA NUMBER, freeze|stuck|no-ptp|ptp-master|lock-trigger CAMERA "
         "on|off, kill|revive|ids CAMERA, reboot CAMERA [SECONDS], jump CAMERA SECONDS, "
         "trigger-mode CAMERA 0|1, line HZ, "
-        "pulse, link MBIT_S [KIB], switch SECONDS or stats",
+        "pulse, link MBIT_S [KIB], switch SECONDS, stats or pose NUMBER",
         line);
 }

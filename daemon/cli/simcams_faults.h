@@ -10,7 +10,7 @@
  *                                     CAMERA on|off
  *           kill|revive|ids           CAMERA
  *           reboot CAMERA [SECONDS]   jump CAMERA SECONDS   trigger-mode CAMERA 0|1
- *           line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats */
+ *           line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats    pose NUMBER */
 #ifndef SIMCAMS_FAULTS_H
 #define SIMCAMS_FAULTS_H
 #include "base/err.h"
@@ -51,6 +51,7 @@ enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
     M(SIMCAMS_PULSE, "pulse", 1, 1, false, 0, 0)      \
     M(SIMCAMS_LINK, "link", 2, 3, false, 0, 1e6)      \
     M(SIMCAMS_SWITCH, "switch", 2, 2, false, 0, 3600) \
+    M(SIMCAMS_POSE, "pose", 2, 2, false, 0, 1e6)      \
     M(SIMCAMS_STATS, "stats", 1, 1, false, 0, 0)
 
 /* What a line wants done at once, beyond the state. */

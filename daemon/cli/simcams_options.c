@@ -10,6 +10,7 @@ enum {
     OPT_CAMERAS,
     OPT_SIZE,
     OPT_RADIUS,
+    OPT_HEIGHT,
     OPT_VOXELS,
     OPT_ADDRESS,
     OPT_FORMAT,
@@ -20,6 +21,9 @@ enum {
     OPT_NOISE,
     OPT_SUB,
     OPT_MAX_MEMORY,
+    OPT_BOARD,
+    OPT_POSES,
+    OPT_HOLD,
     OPT_WRITE_RIG,
     OPT_WRITE_FRAMES,
     OPT_FAULT, /* + enum simcams_fault_kind */
@@ -45,6 +49,11 @@ static const struct argp_option options[] = {
     {"cameras", OPT_CAMERAS, "N", 0, "without --rig: N cameras on a ring (8)", 1},
     {"size", OPT_SIZE, "WxH", 0, "without --rig: image size (640x480)", 1},
     {"radius", OPT_RADIUS, "METRES", 0, "without --rig: radius of the ring (2.5)", 1},
+    {"height", OPT_HEIGHT, "METRES", 0,
+     "without --rig: how high above the volume's middle the cameras stand (0); a board on the "
+     "floor "
+     "is seen from about half the radius on",
+     1},
     {"voxels", OPT_VOXELS, "N", 0, "without --rig: voxels per side, for --write-rig (64)", 1},
     {"write-rig", OPT_WRITE_RIG, "FILE", 0, "write the rig that is served as rig.yaml", 1},
     {"write-frames", OPT_WRITE_FRAMES, "DIR", 0,
@@ -64,6 +73,16 @@ static const struct argp_option options[] = {
     {"black", OPT_BLACK, "PERCENT", 0, "black level, share of full scale (2)", 2},
     {"noise", OPT_NOISE, "PERCENT", 0, "Gaussian noise, share of full scale (0.5)", 2},
     {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (1)", 2},
+    {"board", OPT_BOARD, "SPEC", 0,
+     "a calibration board instead of the flame, as for `pyrovox calibrate board`: flat on the "
+     "floor "
+     "at first, then from pose to pose all through the volume",
+     2},
+    {"poses", OPT_POSES, "N", 0, "with --board: so many, then again from the first (30)", 2},
+    {"hold", OPT_HOLD, "SECONDS", 0,
+     "with --board: it stands still for so long at each, once all cameras send (2); 0: until it is "
+     "told `pose NUMBER`",
+     2},
     {"max-memory", OPT_MAX_MEMORY, "MIB", 0, "refuse to take more for the images (1024)", 2},
     {NULL, 0, NULL, 0, "Devices:", 3},
     {"line-hz", OPT_LINE_HZ, "HZ", 0,
@@ -121,6 +140,7 @@ static const char doc[] =
     "  ids CAM                 its frame numbers begin anew\n"
     "  line HZ, pulse          trigger line: pulses, or one\n"
     "  link MBIT_S [KIB]       what the network carries (0: all), the switch's buffer\n"
+    "  pose NUMBER             the board goes on to that pose, counted from 0\n"
     "  switch SECONDS          the switch reboots: nothing passes for so long\n"
     "  stats                   prints what was really sent, lost, ignored\n"
     "\n"
@@ -136,7 +156,10 @@ static const char doc[] =
     "          -- pyrovoxd --config my.yaml\n"
     "      cameras on a trigger line; after 10 s one of them misses a tenth of the pulses\n"
     "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"
-    "      a recording to try pyrovox reconstruct on\n";
+    "      a recording to try pyrovox reconstruct on\n"
+    "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 \\\n"
+    "          --board charuco:5x6:0.08:0.06:two-sided -- pyrovox calibrate live ...\n"
+    "      cameras that are shown a board: pyrovox calibrate live --help goes on from here\n";
 
 static void want_format(struct argp_state *st, const char *arg, struct simcams_args *a)
 {
@@ -177,6 +200,10 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_SUB: cli_arg_int(st, "sub", arg, 1, 16, &a->sub); return 0;
     case OPT_MAX_MEMORY: cli_arg_int(st, "max-memory", arg, 1, 1 << 24, &a->max_memory); return 0;
     case OPT_RADIUS: a->radius = cli_arg_double(st, "radius", arg, 0.8, 100); return 0;
+    case OPT_HEIGHT: a->raise = cli_arg_double(st, "height", arg, 0, 100); return 0;
+    case OPT_BOARD: a->board = arg; return 0;
+    case OPT_POSES: cli_arg_int(st, "poses", arg, 1, 10000, &a->poses); return 0;
+    case OPT_HOLD: a->hold_s = cli_arg_double(st, "hold", arg, 0, 1e6); return 0;
     case OPT_FPS: a->fps = cli_arg_double(st, "fps", arg, 0.1, 1000); return 0;
     case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 50); return 0;
     case OPT_NOISE: a->noise = cli_arg_double(st, "noise", arg, 0, 100); return 0;
@@ -225,6 +252,8 @@ bool simcams_options(int argc, char **argv, struct simcams_args *a)
                                .width = 640,
                                .height = 480,
                                .radius = 2.5,
+                               .poses = 30,
+                               .hold_s = 2,
                                .fps = 15,
                                .black = 2,
                                .noise = 0.5,

@@ -15,10 +15,10 @@ struct simcams_plan_option {
 };
 
 struct simcams_args {
-    const char *rig, *write_rig, *write_frames, *address;
-    int64_t cameras, ring, seed, sub, max_memory, voxels;
+    const char *rig, *write_rig, *write_frames, *address, *board;
+    int64_t cameras, ring, seed, sub, max_memory, voxels, poses;
     int32_t width, height;
-    double radius, fps, black, noise;
+    double radius, raise, fps, black, noise, hold_s;
     double line_hz, link_mbit, camera_mbit, tick_hz, ptp_ms, tai_s;
     bool boot_clock, zip;
     enum cap_pixfmt fmt;

@@ -21,6 +21,7 @@ struct job {
     size_t bands;
     float **scratch; /* per camera, [h][w][3] */
     struct simcams_ring *out;
+    pvx_err failed[REC_MAX_CAMERAS];
 };
 
 static uint64_t mix64(uint64_t z) /* finaliser of splitmix64 */
@@ -84,7 +85,12 @@ static void task(void *ctx, size_t t)
     if (y0 >= cam->height) /* cameras may differ in size */
         return;
     int32_t y1 = y0 + REC_FLAME_BAND < cam->height ? y0 + REC_FLAME_BAND : cam->height;
-    rec_flame_render(&j->pose, cam, j->p->sub, y0, y1, j->scratch[c]);
+    if (j->p->board == NULL)
+        rec_flame_render(&j->pose, cam, j->p->sub, y0, y1, j->scratch[c]);
+    else if (j->i % SIMCAMS_OF_POSE == 0 || j->i % SIMCAMS_OF_POSE >= SIMCAMS_STILLS)
+        j->failed[c] = simcams_board_draw(j->p->board, j->i, cam, j->scratch[c]);
+    if (j->p->board != NULL) /* a band is all of it */
+        y1 = cam->height;
     size_t px = cap_pixfmt_row(j->p->fmt, 1), w = (size_t)cam->width;
     unsigned char *image = j->out->image[c * j->p->n + j->i];
     for (int32_t y = y0; y < y1; y++) {
@@ -108,7 +114,8 @@ static pvx_err allocate(const struct rec_rig *rig, const struct simcams_ring_par
     for (size_t c = 0; c < rig->n_cameras; c++) {
         const struct rec_camera *cam = &rig->cameras[c];
         size_t pixels = (size_t)cam->width * (size_t)cam->height;
-        size_t bands = ((size_t)cam->height + REC_FLAME_BAND - 1) / REC_FLAME_BAND;
+        size_t bands =
+            p->board != NULL ? 1 : ((size_t)cam->height + REC_FLAME_BAND - 1) / REC_FLAME_BAND;
         if (bands > j->bands)
             j->bands = bands;
         if ((j->scratch[c] = pvx_calloc(pixels, 3 * sizeof(float))) == NULL)
@@ -156,6 +163,10 @@ pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_p
         rec_flame_at(&flame, (double)i / p->fps, &j->pose);
         j->i = i;
         pvx_pool_run(pool, rig->n_cameras * j->bands, task, j);
+        for (size_t c = 0; e == PVX_OK && c < rig->n_cameras; c++)
+            e = j->failed[c];
+        if (e != PVX_OK)
+            break;
         if (progress != NULL && !progress(ctx, (double)(i + 1) / (double)p->n))
             e = PVX_ECANCELED;
     }
@@ -171,7 +182,8 @@ pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_p
 }
 
 pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *rig,
-                          enum cap_pixfmt fmt, size_t i, const char *dir, struct pvx_diag *d)
+                          enum cap_pixfmt fmt, size_t i, size_t number, const char *dir,
+                          struct pvx_diag *d)
 {
     int nch = cap_pixfmt_channels(fmt);
     if (fmt != CAP_GREY8 && fmt != CAP_RGB8)
@@ -183,7 +195,7 @@ pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *ri
         char path[4400];
         snprintf(path, sizeof path, "%.4000s/%s", dir, cam->name);
         PVX_TRY(pvx_mkdirs(path, d));
-        snprintf(path, sizeof path, "%.4000s/%s/%06zu.png", dir, cam->name, i);
+        snprintf(path, sizeof path, "%.4000s/%s/%06zu.png", dir, cam->name, number);
         PVX_TRY(cap_image_write(path, px, cam->width, cam->height, nch, 8, d));
     }
     return PVX_OK;

@@ -11,6 +11,7 @@
 #include <stdbool.h>
 #include "base/err.h"
 #include "capture/pixel/image.h"
+#include "daemon/cli/simcams_board.h"
 #include "recon/view/flame.h"
 #include "recon/geom/rig.h"
 
@@ -19,9 +20,10 @@ struct simcams_ring_params {
     size_t n;            /* images per camera */
     double fps;
     uint32_t seed;
-    double black; /* pedestal, share of full scale */
-    double noise; /* standard deviation, share of full scale */
-    int sub;      /* sub x sub rays per pixel */
+    double black;                      /* pedestal, share of full scale */
+    double noise;                      /* standard deviation, share of full scale */
+    int sub;                           /* sub x sub rays per pixel */
+    const struct simcams_board *board; /* instead of the flame: n is its pictures'; NULL: none */
 };
 
 struct simcams_ring {
@@ -40,9 +42,9 @@ PVX_MUST_CHECK pvx_err simcams_ring_init(const struct rec_rig *rig,
                                          const struct simcams_ring_params *p,
                                          bool (*progress)(void *ctx, double done), void *ctx,
                                          struct simcams_ring *out);
-/* Images i of all cameras to DIR/<camera>/<i, 6 digits>.png.  PVX_EUNSUP: Bayer. */
+/* Images i of all cameras to DIR/<camera>/<number, 6 digits>.png.  PVX_EUNSUP: Bayer. */
 PVX_MUST_CHECK pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *rig,
-                                         enum cap_pixfmt fmt, size_t i, const char *dir,
-                                         struct pvx_diag *d);
+                                         enum cap_pixfmt fmt, size_t i, size_t number,
+                                         const char *dir, struct pvx_diag *d);
 void simcams_ring_fini(struct simcams_ring *r);
 #endif
