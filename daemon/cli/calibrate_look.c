@@ -129,8 +129,10 @@ static void work(void *ctx, size_t task)
     rec_board_detector_free(&det);
 }
 
-static pvx_err count(struct calibrate_look *l, struct pvx_diag *d)
+pvx_err calibrate_look_count(struct calibrate_look *l, struct pvx_diag *d)
 {
+    if ((l->view = pvx_calloc(l->n, sizeof *l->view)) == NULL)
+        return PVX_ENOMEM;
     PVX_TRY(calibrate_mode_sizes(l, d));
     for (size_t i = 0; i < l->n; i++) {
         struct calibrate_picture *p = &l->picture[i];
@@ -172,13 +174,11 @@ pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b, pvx_
                         .reels = reels};
     for (size_t i = l->n; i-- > 0;)
         w.of_reel[l->picture[i].camera] = i;
-    if ((l->view = pvx_calloc(l->n, sizeof *l->view)) == NULL)
-        return PVX_ENOMEM;
     pvx_pool_run(pool, reels ? l->n_cameras : pvx_pool_threads(pool), work, &w);
     pthread_mutex_destroy(&w.lock);
     if (w.e != PVX_OK)
         return pvx_fail(d, w.e, "%s", pvx_diag_text(&w.d, w.e));
-    return count(l, d);
+    return calibrate_look_count(l, d);
 }
 
 void calibrate_look_fini(struct calibrate_look *l)

@@ -68,5 +68,7 @@ PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path
  * PVX_EINVAL: a camera with pictures of two sizes, or none that can be read; the detector's. */
 PVX_MUST_CHECK pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b,
                                       pvx_pool *pool, bool quiet, struct pvx_diag *d);
+/* The views and the counts, from pictures that were looked at; once.  Errors as calibrate_look. */
+PVX_MUST_CHECK pvx_err calibrate_look_count(struct calibrate_look *l, struct pvx_diag *d);
 void calibrate_look_fini(struct calibrate_look *l);
 #endif

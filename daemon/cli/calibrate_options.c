@@ -101,7 +101,7 @@ static void check(const struct calibrate_args *a, struct argp_state *st)
 {
     if (a->board == NULL)
         argp_error(st, "which board? --board charuco:8x11:0.03:0.022");
-    if (!a->has_volume)
+    if (!a->has_volume && !a->volume_later)
         argp_error(st, "where will the flame burn? --volume x0,y0,z0,x1,y1,z1");
     if (a->out == NULL)
         argp_error(st, "where to? --out rig.yaml");

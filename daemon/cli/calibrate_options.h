@@ -21,6 +21,7 @@ struct calibrate_args {
     int32_t voxels[3]; /* 0: auto */
     int64_t floor, threads;
     bool has_volume, has_up, accept, force, quiet;
+    bool volume_later; /* --volume may be left out */
 };
 #define CALIBRATE_ARGS_INIT \
     {                       \

@@ -10,6 +10,7 @@ static const struct {
     int (*run)(int argc, char **argv);
 } steps[] = {
     {"board", "a sheet to print: PDF or SVG in true size", calibrate_board},
+    {"live", "from the rig's own cameras to rig.yaml, with a screen that guides", calibrate_live},
     {"solve", "from pictures of the board to rig.yaml", calibrate_solve},
 };
 

@@ -1,40 +1,14 @@
 #include "daemon/cli/screen.h"
 
-#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "base/clock.h"
 #include "daemon/cli/ask.h"
+#include "daemon/cli/page.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
-
-/* The whole picture is put together first and written at once: no flicker. */
-struct page {
-    char text[16384];
-    size_t len;
-    int rows, cols, row;
-};
-
-static void line(struct page *p, const char *fmt, ...) PVX_PRINTF(2, 3);
-static void line(struct page *p, const char *fmt, ...)
-{
-    char s[512];
-    va_list ap;
-    va_start(ap, fmt);
-    vsnprintf(s, sizeof s, fmt, ap);
-    va_end(ap);
-    if (p->row >= p->rows)
-        return;
-    int n = snprintf(p->text + p->len, sizeof p->text - p->len, "%s%.*s\033[K",
-                     p->row > 0 ? "\r\n" : "", p->cols, s);
-    if (n > 0 && (size_t)n < sizeof p->text - p->len) {
-        p->len += (size_t)n;
-        p->row++;
-    }
-}
 
 static void bar(double share, char out[31])
 {
@@ -54,21 +28,23 @@ static void draw_daemon(struct page *p, const struct follow *f)
     }
     const struct pvp_report *r = &f->last.report;
     double active = r->active_voxels;
-    line(p, "latency  p50 %6.1f ms   p99 %6.1f ms   max %6.1f ms   (last frame received -> sent)",
-         ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
-         ask_num(s, "latency_ms", "max"));
-    line(p, "spread   p50 %6.2f ms   p99 %6.2f ms   (exposures within a set)",
-         ask_num(s, "spread_ms", "p50"), ask_num(s, "spread_ms", "p99"));
+    page_line(p,
+              "latency  p50 %6.1f ms   p99 %6.1f ms   max %6.1f ms   (last frame received -> sent)",
+              ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
+              ask_num(s, "latency_ms", "max"));
+    page_line(p, "spread   p50 %6.2f ms   p99 %6.2f ms   (exposures within a set)",
+              ask_num(s, "spread_ms", "p50"), ask_num(s, "spread_ms", "p99"));
     char b[31];
     bar(total > 0 ? active / total : 0, b);
-    line(p, "hull     %6.0f of %.0f voxels [%s] %4.1f %%", active, total, b,
-         total > 0 ? 100 * active / total : 0);
-    line(p, "solver   %s, %u iterations, relative residual %.4f, %.2f M entries, %.0f kB/volume",
-         r->solver, r->iterations, r->rel_residual, (double)r->entries * 1e-6,
-         ask_num(s, "last", "bytes") * 1e-3);
-    line(p, "ms       photometry %.1f   hull %.1f   restrict %.1f   solve %.1f",
-         (double)r->photometry_ns * 1e-6, (double)r->hull_ns * 1e-6, (double)r->restrict_ns * 1e-6,
-         (double)r->solve_ns * 1e-6);
+    page_line(p, "hull     %6.0f of %.0f voxels [%s] %4.1f %%", active, total, b,
+              total > 0 ? 100 * active / total : 0);
+    page_line(p,
+              "solver   %s, %u iterations, relative residual %.4f, %.2f M entries, %.0f kB/volume",
+              r->solver, r->iterations, r->rel_residual, (double)r->entries * 1e-6,
+              ask_num(s, "last", "bytes") * 1e-3);
+    page_line(p, "ms       photometry %.1f   hull %.1f   restrict %.1f   solve %.1f",
+              (double)r->photometry_ns * 1e-6, (double)r->hull_ns * 1e-6,
+              (double)r->restrict_ns * 1e-6, (double)r->solve_ns * 1e-6);
 }
 
 static void draw_stages(struct page *p, const cJSON *s)
@@ -80,7 +56,7 @@ static void draw_stages(struct page *p, const cJSON *s)
         (size_t)snprintf(text + n, sizeof text - n, "  %s %.1f ms (p99 %.1f, %.0f waiting)",
                          ask_text(k, "name", NULL), ask_num(k, "mean_ms", NULL),
                          ask_num(k, "p99_ms", NULL), ask_num(k, "queued", NULL));
-    line(p, "stages %s", text);
+    page_line(p, "stages %s", text);
 }
 
 static void draw_drops(struct page *p, const cJSON *s)
@@ -91,7 +67,7 @@ static void draw_drops(struct page *p, const cJSON *s)
     cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "drops")) if (n < sizeof text) n +=
         (size_t)snprintf(text + n, sizeof text - n, "  %s %.0f", ask_text(k, "name", NULL),
                          ask_num(k, "value", NULL));
-    line(p, "dropped%s", text);
+    page_line(p, "dropped%s", text);
 }
 
 /* Why it does not run, or else the first thing that is wrong with it. */
@@ -107,10 +83,10 @@ static const char *camera_trouble(const cJSON *camera)
 
 static void draw_cameras(struct page *p, const cJSON *s)
 {
-    line(p, "%-16s %-8s %8s %10s %6s %6s %6s %6s  %s", "camera", "state", "fps", "frames", "bad",
-         "late", "gaps", "lost", "error");
+    page_line(p, "%-16s %-8s %8s %10s %6s %6s %6s %6s  %s", "camera", "state", "fps", "frames",
+              "bad", "late", "gaps", "lost", "error");
     const cJSON *k;
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras")) line(
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras")) page_line(
         p, "%-16.16s %-8s %8.2f %10.0f %6.0f %6.0f %6.0f %6.0f  %s", ask_text(k, "name", NULL),
         ask_text(k, "state", NULL), ask_num(k, "fps", NULL), ask_num(k, "counts", "received"),
         ask_num(k, "counts", "incomplete") + ask_num(k, "counts", "bad_size"),
@@ -121,36 +97,28 @@ static void draw_cameras(struct page *p, const cJSON *s)
 static void draw_page(const struct follow *f, const char *title, const char *foot)
 {
     static struct page p;
-    struct winsize w = {0};
-    if (ioctl(STDOUT_FILENO, TIOCGWINSZ, &w) != 0 || w.ws_row == 0)
-        w = (struct winsize){.ws_row = 24, .ws_col = 80};
-    p.rows = w.ws_row;
-    p.cols = w.ws_col;
-    p.row = 0;
-    p.len = (size_t)snprintf(p.text, sizeof p.text, "\033[H");
+    page_begin(&p);
     if (title != NULL)
-        line(&p, "%s", title);
-    line(&p, "%s", "");
-    line(&p, "sets     %6.2f/s   %llu received   %llu sets missing   %llu messages lost here",
-         follow_rate(f), (unsigned long long)f->volumes, (unsigned long long)f->missing,
-         (unsigned long long)f->lost);
+        page_line(&p, "%s", title);
+    page_line(&p, "%s", "");
+    page_line(&p, "sets     %6.2f/s   %llu received   %llu sets missing   %llu messages lost here",
+              follow_rate(f), (unsigned long long)f->volumes, (unsigned long long)f->missing,
+              (unsigned long long)f->lost);
     if (f->truth.known && f->error >= 0)
-        line(&p, "error    %6.3f now   %.3f mean   (relative L2 against the known flame)", f->error,
-             f->error_n == 0 ? f->error : f->error_sum / (double)f->error_n);
+        page_line(&p, "error    %6.3f now   %.3f mean   (relative L2 against the known flame)",
+                  f->error, f->error_n == 0 ? f->error : f->error_sum / (double)f->error_n);
     draw_daemon(&p, f);
     draw_stages(&p, f->status);
     draw_drops(&p, f->status);
-    line(&p, "%s", "");
+    page_line(&p, "%s", "");
     draw_cameras(&p, f->status);
     if (f->ended)
-        line(&p, "the daemon has ended: %s", f->end_reason);
+        page_line(&p, "the daemon has ended: %s", f->end_reason);
     if (foot != NULL) {
-        line(&p, "%s", "");
-        line(&p, "%s", foot);
+        page_line(&p, "%s", "");
+        page_line(&p, "%s", foot);
     }
-    p.len += (size_t)snprintf(p.text + p.len, sizeof p.text - p.len, "\033[J");
-    fwrite(p.text, 1, p.len, stdout);
-    fflush(stdout);
+    page_show(&p);
 }
 
 static void draw_line(const struct screen *s, const struct follow *f)
@@ -171,8 +139,8 @@ static void draw_line(const struct screen *s, const struct follow *f)
 void screen_open(struct screen *s)
 {
     *s = (struct screen){.tty = isatty(STDOUT_FILENO), .open = true, .t0_ns = pvx_now_mono()};
-    if (s->tty) /* second screen, no cursor, clean */
-        fputs("\033[?1049h\033[?25l\033[2J", stdout);
+    if (s->tty)
+        page_open();
 }
 
 void screen_draw(struct screen *s, const struct follow *f, const char *title, const char *foot)
@@ -189,9 +157,7 @@ void screen_draw(struct screen *s, const struct follow *f, const char *title, co
 
 void screen_close(struct screen *s)
 {
-    if (s->open && s->tty) {
-        fputs("\033[?25h\033[?1049l", stdout);
-        fflush(stdout);
-    }
+    if (s->open && s->tty)
+        page_close();
     s->open = false;
 }

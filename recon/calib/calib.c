@@ -135,7 +135,8 @@ static pvx_err finish(struct calib *k, double *cov, struct rec_rig *rig)
     for (size_t c = 0; c < k->nc; c++)
         k->out->camera[c].expected = rig->cameras[c].uncertainty = of[c];
     report_boards(k);
-    PVX_TRY(rec_calib_folds(k, rig));
+    if (!k->in->options.brief)
+        PVX_TRY(rec_calib_folds(k, rig));
     rec_calib_verdicts(k);
     return PVX_OK;
 }

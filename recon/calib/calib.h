@@ -64,6 +64,7 @@ struct rec_calib_options {
     const struct rec_rig *old; /* NULL: none; borrowed */
     const struct rec_calib_measured *measured;
     size_t n_measured;
+    bool brief; /* no frames held out as a check: for who solves again soon */
 };
 
 struct rec_calib_input {

@@ -1,0 +1,455 @@
+#include "daemon/cli/calibrate_watch.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+#include "capture/pixel/jpeg.h"
+#include "capture/pixel/pixfmt.h"
+
+#define FULL 0.999f /* of full scale: clipped */
+
+/* What the watcher keeps of one camera. */
+struct live_eye {
+    rec_board_detector *det;
+    cap_jpeg *jpeg;
+    struct cap_image grey; /* as it is saved: Mono8, or Mono16 */
+    void *samples;
+    float *level;
+    int32_t width, height;
+    bool there; /* in this set */
+    pvx_err e;
+    struct pvx_diag d;
+    struct rec_board_sight sight;
+    double bright, clipped;
+    struct rec_board_corner *now, *anchor; /* [n_corners] each */
+    struct rec_board_view view, still;     /* this set's; where it began to stand still */
+};
+
+struct look {
+    struct live *l;
+    const struct cap_set *set;
+    uint32_t frame; /* to be saved as */
+};
+
+/* ---- one picture ---- */
+
+static pvx_err room(struct live_eye *k, const struct cap_image *img)
+{
+    if (k->width == img->width && k->height == img->height)
+        return PVX_OK;
+    size_t n = (size_t)img->width * (size_t)img->height;
+    free(k->samples);
+    free(k->level);
+    cap_jpeg_free(&k->jpeg);
+    k->width = img->width;
+    k->height = img->height;
+    k->samples = pvx_calloc(n, sizeof(uint16_t));
+    k->level = pvx_calloc(n, sizeof *k->level);
+    return k->samples == NULL || k->level == NULL ? PVX_ENOMEM : PVX_OK;
+}
+
+/* Grey of as many bits as a file keeps, so that `calibrate solve` finds the same corners in the file. */
+static pvx_err to_grey(struct live_eye *k, const struct cap_image *raw)
+{
+    static const struct cap_convert_params grey = {.binning = 1, .nch = 1};
+    struct cap_image img = *raw;
+    size_t n = (size_t)raw->width * (size_t)raw->height;
+    PVX_TRY(room(k, raw));
+    if (raw->fmt == CAP_JPEG) {
+        if (k->jpeg == NULL)
+            PVX_TRY(cap_jpeg_new(raw->width, raw->height, &k->jpeg));
+        PVX_TRY(cap_jpeg_decode(k->jpeg, raw, &img, &k->d));
+    }
+    bool bytes = raw->fmt == CAP_GREY8;
+    PVX_TRY(cap_bin(&img, 1, 1, 0, img.height, k->level));
+    for (size_t i = 0; i < n; i++) {
+        float v = k->level[i] * (bytes ? 255.0f : 65535.0f) + 0.5f, top = bytes ? 255 : 65535;
+        v = v > 0 ? fminf(v, top) : 0; /* not a number: black */
+        if (bytes)
+            ((uint8_t *)k->samples)[i] = (uint8_t)v;
+        else
+            ((uint16_t *)k->samples)[i] = (uint16_t)v;
+    }
+    enum cap_pixfmt fmt = bytes ? CAP_GREY8 : CAP_GREY16;
+    size_t row = cap_pixfmt_row(fmt, img.width);
+    k->grey = (struct cap_image){.data = k->samples,
+                                 .size = row * (size_t)img.height,
+                                 .width = img.width,
+                                 .height = img.height,
+                                 .stride = (ptrdiff_t)row,
+                                 .fmt = fmt};
+    return cap_convert(&k->grey, &grey, 0, img.height, k->level);
+}
+
+static void expose(struct live_eye *k)
+{
+    size_t n = (size_t)k->width * (size_t)k->height, bin[256] = {0}, above = 0;
+    for (size_t i = 0; i < n; i++)
+        bin[(int)(fminf(fmaxf(k->level[i], 0), 1) * 255)]++;
+    int b = 255;
+    for (; b > 0 && (above + bin[b]) * 100 < n; b--)
+        above += bin[b];
+    size_t full = 0;
+    for (size_t i = 0; i < n; i++)
+        full += k->level[i] >= FULL;
+    k->bright = b / 255.0;
+    k->clipped = (double)full / (double)n;
+}
+
+static void look_at(void *ctx, size_t task)
+{
+    struct look *w = ctx;
+    struct live_eye *k = &w->l->eye[w->l->look_of[task]];
+    const struct cap_frame *f = w->set->frame[task];
+    k->there = f != NULL;
+    k->view.n = 0;
+    k->e = PVX_OK;
+    if (f == NULL)
+        return;
+    k->e = to_grey(k, &f->img);
+    if (k->e != PVX_OK)
+        return;
+    expose(k);
+    struct rec_board_picture p = {k->level, k->width, k->height,
+                                  k->width * (ptrdiff_t)sizeof *k->level, true};
+    k->e = rec_board_detect(k->det, &p, &k->sight);
+    if (k->e != PVX_OK || k->sight.outcome != REC_SIGHT_FOUND)
+        return;
+    memcpy(k->now, k->sight.view.corner, k->sight.view.n * sizeof *k->now);
+    k->view = k->sight.view;
+    k->view.corner = k->now;
+}
+
+/* ---- what it means ---- */
+
+static void gather(const struct live *l, bool still, struct rec_board_view *out)
+{
+    for (size_t c = 0; c < l->job.look.n_cameras; c++)
+        out[c] = still ? l->eye[c].still : l->eye[c].view;
+}
+
+/* The board begins to stand still here. */
+static void anchor(struct live *l)
+{
+    for (size_t c = 0; c < l->job.look.n_cameras; c++) {
+        struct live_eye *k = &l->eye[c];
+        memcpy(k->anchor, k->now, k->view.n * sizeof *k->now);
+        k->still = k->view;
+        k->still.corner = k->anchor;
+    }
+}
+
+/* This pose is one of those that were taken; under the lock. */
+static bool known(const struct live *l, const struct rec_board_view *now)
+{
+    const struct calibrate_look *k = &l->job.look;
+    double nearest = INFINITY;
+    for (uint32_t f = l->next_frame; f-- > 0 && nearest >= CALIBRATE_NEW;) {
+        struct rec_board_view then[REC_MAX_CAMERAS] = {0};
+        double width[REC_MAX_CAMERAS];
+        bool any = false;
+        for (size_t i = 0; i < k->n; i++)
+            if (k->picture[i].frame == f && k->picture[i].view.n > 0) {
+                then[k->picture[i].camera] = k->picture[i].view;
+                any = true;
+            }
+        for (size_t c = 0; c < k->n_cameras; c++)
+            width[c] = l->eye[c].width > 0 ? l->eye[c].width : 1;
+        if (any)
+            nearest = fmin(nearest, calibrate_moved(now, then, k->n_cameras, width));
+    }
+    return nearest < CALIBRATE_NEW;
+}
+
+/* Under the lock.  t_s: when the set was exposed. */
+static enum live_now judge(struct live *l, double t_s, double *since_s, uint64_t *looks)
+{
+    struct rec_board_view now[REC_MAX_CAMERAS], then[REC_MAX_CAMERAS];
+    size_t n = l->job.look.n_cameras, see = 0;
+    gather(l, false, now);
+    gather(l, true, then);
+    for (size_t c = 0; c < n; c++)
+        see += now[c].n > 0;
+    double moved = calibrate_moved(now, then, n, NULL);
+    if (!(moved <= CALIBRATE_STILL_PX)) {
+        anchor(l);
+        *since_s = t_s;
+        *looks = 0;
+    }
+    ++*looks;
+    l->still_s = t_s - *since_s;
+    if (see == 0)
+        return LIVE_NOBODY;
+    if (!(moved <= CALIBRATE_STILL_PX))
+        return LIVE_MOVING;
+    if (known(l, now))
+        return LIVE_KNOWN;
+    if (l->still_s < CALIBRATE_STILL_S || *looks < CALIBRATE_LOOKS)
+        return LIVE_STILL;
+    for (uint32_t c = 0; c < n; c++)
+        if (l->camera[c].running && !l->eye[c].there) {
+            l->who = c;
+            return LIVE_MISSING;
+        }
+    return l->poses == 0 && see < 2 && n > 1 ? LIVE_ALONE : LIVE_TAKEN;
+}
+
+static void show(struct live *l)
+{
+    for (size_t c = 0; c < l->job.look.n_cameras; c++) {
+        struct live_camera *to = &l->camera[c];
+        const struct live_eye *k = &l->eye[c];
+        to->seen = k->there;
+        to->corners = k->view.n;
+        if (!k->there)
+            continue;
+        to->outcome = k->sight.outcome;
+        memcpy(to->text, k->sight.text, sizeof to->text);
+        to->bright = k->bright;
+        to->clipped = k->clipped;
+        if (k->view.n > 0) {
+            to->blur = k->sight.blur;
+            to->square = k->sight.square;
+        }
+    }
+}
+
+/* ---- kept ---- */
+
+static void save(void *ctx, size_t c)
+{
+    struct look *w = ctx;
+    struct live_eye *k = &w->l->eye[c];
+    char path[4096];
+    if (!k->there)
+        return;
+    snprintf(path, sizeof path, "%.3900s/%s/%06u.png", w->l->frames, w->l->job.look.camera[c].name,
+             w->frame);
+    k->e = cap_image_write(path, k->samples, k->width, k->height, 1,
+                           k->grey.fmt == CAP_GREY8 ? 8 : 16, &k->d);
+}
+
+/* Under the lock; as calibrate_look would have it of the file. */
+static pvx_err add(struct live *l, uint32_t frame)
+{
+    struct calibrate_look *k = &l->job.look;
+    struct calibrate_picture *more =
+        realloc(k->picture, (k->n + k->n_cameras) * sizeof *k->picture);
+    if (more == NULL)
+        return PVX_ENOMEM;
+    k->picture = more;
+    for (uint32_t c = 0; c < k->n_cameras; c++) {
+        const struct live_eye *y = &l->eye[c];
+        if (!y->there)
+            continue;
+        struct calibrate_picture p = {.camera = c,
+                                      .frame = frame,
+                                      .width = y->width,
+                                      .height = y->height,
+                                      .outcome = y->sight.outcome,
+                                      .legacy = y->sight.legacy,
+                                      .square = y->sight.square,
+                                      .blur = y->sight.blur,
+                                      .view = y->view,
+                                      .at = CALIBRATE_NO_VIEW};
+        p.view.camera = c;
+        p.view.frame = frame;
+        p.view.corner = NULL;
+        memcpy(p.text, y->sight.text, sizeof p.text);
+        if (asprintf(&p.path, "%s/%s/%06u.png", l->frames, k->camera[c].name, frame) < 0)
+            return PVX_ENOMEM;
+        if (p.view.n > 0 && (p.view.corner = pvx_calloc(p.view.n, sizeof *y->now)) == NULL) {
+            free(p.path);
+            return PVX_ENOMEM;
+        }
+        if (p.view.n > 0)
+            memcpy(p.view.corner, y->now, p.view.n * sizeof *y->now);
+        k->picture[k->n++] = p;
+    }
+    return PVX_OK;
+}
+
+void live_count(struct live *l)
+{
+    const struct calibrate_look *k = &l->job.look;
+    size_t n = k->n_cameras;
+    uint32_t most = 0;
+    memset(l->common, 0, n * n * sizeof *l->common);
+    l->poses = 0;
+    for (size_t c = 0; c < n; c++)
+        l->camera[c].boards = l->camera[c].places = 0;
+    for (size_t i = 0; i < k->n; i++) {
+        const struct calibrate_picture *p = &k->picture[i];
+        most = p->frame >= most ? p->frame + 1 : most;
+        if (p->view.n == 0)
+            continue;
+        l->camera[p->camera].boards++;
+        for (size_t s = 0; s < p->view.n; s++) {
+            int x = (int)(p->view.corner[s].x * 8 / p->width),
+                y = (int)(p->view.corner[s].y * 6 / p->height);
+            if (x >= 0 && x < 8 && y >= 0 && y < 6)
+                l->camera[p->camera].places |= UINT64_C(1) << (8 * y + x);
+        }
+        bool first = true;
+        for (size_t j = 0; j < k->n; j++) {
+            const struct calibrate_picture *q = &k->picture[j];
+            if (q->frame != p->frame || q->view.n == 0)
+                continue;
+            first &= j >= i;
+            if (q->camera != p->camera)
+                l->common[p->camera * n + q->camera]++;
+        }
+        l->poses += first;
+    }
+    l->next_frame = most;
+}
+
+static pvx_err take(struct live *l, struct look *w)
+{
+    size_t n = l->job.look.n_cameras;
+    w->frame = l->next_frame; /* only this thread changes it */
+    pvx_pool_run(l->pool, n, save, w);
+    for (size_t c = 0; c < n; c++)
+        if (l->eye[c].e != PVX_OK)
+            return pvx_fail(&l->d, l->eye[c].e, "%s", pvx_diag_text(&l->eye[c].d, l->eye[c].e));
+    pthread_mutex_lock(&l->lock);
+    pvx_err e = add(l, w->frame);
+    live_count(l);
+    l->last = w->frame;
+    l->taken_now++;
+    pthread_cond_broadcast(&l->wake);
+    pthread_mutex_unlock(&l->lock);
+    return e;
+}
+
+/* ---- the thread ---- */
+
+static pvx_err open_eyes(struct live *l, struct pvx_diag *d)
+{
+    size_t n = l->job.look.n_cameras;
+    if ((l->eye = pvx_calloc(n, sizeof *l->eye)) == NULL)
+        return PVX_ENOMEM;
+    l->n_corners = rec_board_corners(&l->job.board);
+    for (size_t c = 0; c < n; c++) {
+        PVX_TRY(rec_board_detector_new(&l->job.board, &l->eye[c].det, d));
+        l->eye[c].now = pvx_calloc(l->n_corners, sizeof *l->eye[c].now);
+        l->eye[c].anchor = pvx_calloc(l->n_corners, sizeof *l->eye[c].anchor);
+        if (l->eye[c].now == NULL || l->eye[c].anchor == NULL)
+            return PVX_ENOMEM;
+    }
+    return PVX_OK;
+}
+
+static void close_eyes(struct live *l)
+{
+    for (size_t c = 0; l->eye != NULL && c < l->job.look.n_cameras; c++) {
+        struct live_eye *k = &l->eye[c];
+        rec_board_detector_free(&k->det);
+        cap_jpeg_free(&k->jpeg);
+        free(k->samples);
+        free(k->level);
+        free(k->now);
+        free(k->anchor);
+    }
+    PVX_FREE(l->eye);
+}
+
+static pvx_err look(struct live *l, struct cap_set *s, double *since_s, uint64_t *looks)
+{
+    struct look w = {.l = l, .set = s};
+    size_t n = l->job.look.n_cameras;
+    pvx_pool_run(l->pool, n, look_at, &w);
+    for (size_t c = 0; c < n; c++)
+        if (l->eye[c].e != PVX_OK) {
+            if (l->eye[c].e == PVX_ENOMEM)
+                return PVX_ENOMEM;
+            l->eye[c].there = false; /* a broken JPEG: as if it had not come */
+        }
+    pthread_mutex_lock(&l->lock);
+    enum live_now now = judge(l, (double)s->t_exposure_ns * 1e-9, since_s, looks);
+    show(l);
+    l->looks++;
+    if (now != LIVE_TAKEN)
+        l->now = now;
+    pthread_mutex_unlock(&l->lock);
+    if (now != LIVE_TAKEN)
+        return PVX_OK;
+    PVX_TRY(take(l, &w));
+    pthread_mutex_lock(&l->lock);
+    l->now = LIVE_TAKEN;
+    pthread_mutex_unlock(&l->lock);
+    return PVX_OK;
+}
+
+void *live_watch(void *ctx)
+{
+    struct live *l = ctx;
+    double since_s = 0;
+    uint64_t looks = 0;
+    pthread_mutex_lock(&l->lock);
+    while (!l->stop && l->e == PVX_OK) {
+        if (l->inbox == NULL) {
+            pthread_cond_wait(&l->wake, &l->lock);
+            continue;
+        }
+        struct cap_set *s = l->inbox;
+        l->inbox = NULL;
+        pthread_mutex_unlock(&l->lock);
+        pvx_err e = look(l, s, &since_s, &looks);
+        cap_set_release(s);
+        pthread_mutex_lock(&l->lock);
+        if (e != PVX_OK)
+            l->e = e;
+    }
+    pthread_mutex_unlock(&l->lock);
+    return NULL;
+}
+
+void live_offer(struct live *l, struct cap_set *s)
+{
+    pthread_mutex_lock(&l->lock);
+    struct cap_set *old = l->inbox;
+    l->inbox = s;
+    l->skipped += old != NULL;
+    pthread_cond_broadcast(&l->wake);
+    pthread_mutex_unlock(&l->lock);
+    cap_set_release(old);
+}
+
+pvx_err live_start(struct live *l, struct pvx_diag *d)
+{
+    PVX_TRY(open_eyes(l, d));
+    if (pthread_create(&l->watcher, NULL, live_watch, l) != 0)
+        return pvx_fail(d, PVX_EIO, "cannot start a thread");
+    if (pthread_create(&l->solver, NULL, live_solve, l) != 0) {
+        pthread_mutex_lock(&l->lock);
+        l->stop = true;
+        pthread_cond_broadcast(&l->wake);
+        pthread_mutex_unlock(&l->lock);
+        pthread_join(l->watcher, NULL);
+        return pvx_fail(d, PVX_EIO, "cannot start a thread");
+    }
+    l->started = true;
+    return PVX_OK;
+}
+
+void live_stop(struct live *l)
+{
+    pthread_mutex_lock(&l->lock);
+    l->stop = true;
+    pthread_cond_broadcast(&l->wake);
+    pthread_mutex_unlock(&l->lock);
+    if (l->started) {
+        pthread_join(l->watcher, NULL);
+        pthread_join(l->solver, NULL);
+    }
+    cap_set_release(l->inbox);
+    l->inbox = NULL;
+    close_eyes(l);
+}

@@ -1,0 +1,22 @@
+/* page.h - a screen of text on a terminal, put together first and written at once: no flicker. */
+#ifndef PAGE_H
+#define PAGE_H
+#include <stddef.h>
+#include "base/err.h"
+
+struct page {
+    char text[16384];
+    size_t len;
+    int rows, cols, row;
+};
+/* The terminal's second screen, clean and without cursor; page_close gives the first one back. */
+void page_open(void);
+void page_close(void);
+
+/* Empty, as large as the terminal is now. */
+void page_begin(struct page *p);
+/* One more line, cut at the right; none where the page is full. */
+void page_line(struct page *p, const char *fmt, ...) PVX_PRINTF(2, 3);
+void page_show(struct page *p);
+
+#endif
