@@ -12,10 +12,10 @@
 #include "recon/board/board.h"
 #include "recon/geom/rig.h"
 
-#define CALIBRATE_STILL_PX 0.5  /* a board that stands still moves less than this */
-#define CALIBRATE_STILL_S  0.5  /* and for so long, */
-#define CALIBRATE_LOOKS    3    /* in so many pictures */
-#define CALIBRATE_NEW      0.03 /* of the picture's width: less is the same pose */
+#define CALIBRATE_STILL_PX 0.5   /* a board that stands still moves less than this */
+#define CALIBRATE_STILL_S  0.5   /* and for so long, */
+#define CALIBRATE_LOOKS    3     /* in so many pictures */
+#define CALIBRATE_NEW      0.015 /* of the picture's width: less is the same pose */
 
 /* How far the board moved: the median distance of the corners that both lists of views have in one camera and
  * on one face, over all n cameras at once, so that a camera that sees it badly has no say of its own;

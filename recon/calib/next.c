@@ -1,7 +1,196 @@
 #include "recon/calib/next.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/board/hold.h"
+#include "recon/calib/information.h"
+#include "recon/calib/model.h"
+
+#define DEGREE   (M_PI / 180)
+#define TILT     (35 * DEGREE)
+#define SEEN     (65 * DEGREE) /* from the board's axis */
+#define SQUARE   8.0           /* px */
+#define LEAST    12            /* corners */
+#define PLACES   27
+#define FINALIST 12
+
+/* A board that is held somewhere. */
+struct pose {
+    uint32_t camera; /* that it faces */
+    int place, tilt; /* tilt: 0 straight, 1 left, 2 right, 3 up, 4 down */
+    double at[3], face[3];
+    double gain;
+};
+
+static void middle_of(const struct rec_grid *g, double out[3])
+{
+    for (int i = 0; i < 3; i++)
+        out[i] = 0.5 * (g->min[i] + g->max[i]);
+}
+
+static double dot(const double a[3], const double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void make(const struct rec_rig *rig, uint32_t camera, int place, int tilt, struct pose *p)
+{
+    const struct rec_grid *g = &rig->grid;
+    const struct rec_camera *k = &rig->cameras[camera];
+    const int step[3] = {place % 3, place / 3 % 3, place / 9};
+    double c[3], n;
+    *p = (struct pose){.camera = camera, .place = place, .tilt = tilt};
+    rec_camera_centre(k, c);
+    for (int i = 0; i < 3; i++) {
+        double f = (1 + 2 * step[i]) / 6.0;
+        p->at[i] = (1 - f) * g->min[i] + f * g->max[i];
+        p->face[i] = c[i] - p->at[i];
+    }
+    n = sqrt(dot(p->face, p->face));
+    /* the camera's axes: right R[0..2], down R[3..5] */
+    const double *side = tilt == 1 || tilt == 2 ? k->R : k->R + 3;
+    double sign = tilt == 1 || tilt == 3 ? -1 : 1, s = tilt == 0 ? 0 : sign * sin(TILT);
+    for (int i = 0; i < 3; i++)
+        p->face[i] = p->face[i] / n * (tilt == 0 ? 1 : cos(TILT)) + s * side[i];
+    n = sqrt(dot(p->face, p->face));
+    for (int i = 0; i < 3; i++)
+        p->face[i] /= n;
+}
+
+/* The view that camera c would have; false: none. */
+static bool would_see(const struct rec_calib_input *in, const struct rec_rig *rig, uint32_t c,
+                      const struct pose *p, const double R[9], const double t[3],
+                      struct rec_board_view *v)
+{
+    const struct rec_board *b = &in->board;
+    const struct rec_camera *k = &rig->cameras[c];
+    double centre[3], to[3], X[3], uv[2], b0[3];
+    uint32_t all = rec_board_corners(b);
+    rec_camera_centre(k, centre);
+    for (int i = 0; i < 3; i++)
+        to[i] = centre[i] - p->at[i];
+    double far = sqrt(dot(to, to)), turned = dot(to, p->face) / far;
+    v->face = turned < 0 ? REC_BACK : REC_FRONT;
+    v->camera = c;
+    v->n = 0;
+    if (fabs(turned) < cos(SEEN) || (turned < 0 && !b->two_sided) ||
+        k->fx * b->square / far * fabs(turned) < SQUARE)
+        return false;
+    for (uint32_t id = 0; id < all; id++) {
+        rec_board_point(b, v->face, id, b0);
+        for (int i = 0; i < 3; i++)
+            X[i] = R[3 * i] * b0[0] + R[3 * i + 1] * b0[1] + R[3 * i + 2] * b0[2] + t[i];
+        if (rec_camera_project(k, X, uv) && uv[0] >= 2 && uv[1] >= 2 && uv[0] <= k->width - 3 &&
+            uv[1] <= k->height - 3)
+            v->corner[v->n++].id = id;
+    }
+    return v->n >= (b->kind == REC_CHESSBOARD ? all : all < LEAST ? all : LEAST);
+}
+
+static double gain_of(struct rec_information *w, const struct pose *p,
+                      struct rec_board_corner *corner)
+{
+    double R[9], board[12];
+    uint32_t seen = 0;
+    rec_board_hold(&w->in->board, p->at, p->face, 0, R, board + 9);
+    memcpy(board, R, sizeof R);
+    rec_information_begin(w, board);
+    for (uint32_t c = 0; c < w->nc; c++) {
+        struct rec_board_view v = {.corner = corner};
+        if (would_see(w->in, w->rig, c, p, R, board + 9, &v)) {
+            rec_information_view(w, &v);
+            seen++;
+        }
+    }
+    return seen > 0 ? rec_information_gain(w) : 0;
+}
+
+/* ---- words ---- */
+
+static void say(const struct rec_rig *rig, const struct pose *p, char *out, size_t size)
+{
+    static const char *const tilts[] = {"straight", "tilt left", "tilt right", "tilt up",
+                                        "tilt down"};
+    const struct rec_camera *k = &rig->cameras[p->camera];
+    double mid[3], off[3], half = 0;
+    middle_of(&rig->grid, mid);
+    for (int i = 0; i < 3; i++) {
+        off[i] = p->at[i] - mid[i];
+        half += i < 2 ? (rig->grid.max[i] - rig->grid.min[i]) / 4 : 0;
+    }
+    int level = p->place / 9;
+    double right = k->R[0] * off[0] + k->R[1] * off[1], away = k->R[6] * off[0] + k->R[7] * off[1];
+    snprintf(out, size, "face %s%s%s%s, %s", k->name,
+             level == 0   ? ", low"
+             : level == 2 ? ", high"
+                          : "",
+             right < -0.4 * half  ? ", on the left"
+             : right > 0.4 * half ? ", on the right"
+                                  : "",
+             away < -0.4 * half  ? ", near it"
+             : away > 0.4 * half ? ", far from it"
+                                 : "",
+             tilts[p->tilt]);
+}
+
+/* ---- the choice ---- */
+
+static int by_gain(const void *a, const void *b)
+{
+    const struct pose *p = a, *q = b;
+    if (p->gain != q->gain)
+        return p->gain < q->gain ? 1 : -1;
+    return p->camera != q->camera ? (p->camera > q->camera) - (p->camera < q->camera)
+                                  : p->place - q->place;
+}
+
+static pvx_err choose(struct rec_information *w, struct pose *best)
+{
+    size_t n = w->nc * PLACES;
+    struct pose *p = pvx_calloc(n, sizeof *p);
+    struct rec_board_corner *corner = pvx_calloc(rec_board_corners(&w->in->board), sizeof *corner);
+    pvx_err e = p == NULL || corner == NULL ? PVX_ENOMEM : PVX_OK;
+    for (size_t i = 0; e == PVX_OK && i < n; i++) {
+        make(w->rig, (uint32_t)(i / PLACES), (int)(i % PLACES), 0, &p[i]);
+        p[i].gain = gain_of(w, &p[i], corner);
+    }
+    if (e == PVX_OK) {
+        qsort(p, n, sizeof *p, by_gain);
+        *best = p[0];
+    }
+    for (size_t i = 0; e == PVX_OK && i < n && i < FINALIST; i++)
+        for (int tilt = 1; tilt < 5; tilt++) {
+            struct pose q;
+            make(w->rig, p[i].camera, p[i].place, tilt, &q);
+            q.gain = gain_of(w, &q, corner);
+            if (q.gain > best->gain)
+                *best = q;
+        }
+    free(p);
+    free(corner);
+    return e == PVX_OK && !(best->gain > 0) ? PVX_ENOENT : e;
+}
+
 pvx_err rec_calib_next(const struct rec_calib_input *in, const struct rec_rig *rig,
                        const struct rec_calib_report *r, struct rec_calib_next *out)
 {
-    (void)in, (void)rig, (void)r, (void)out;
-    return PVX_ENOENT;
+    struct rec_information w;
+    struct pose best = {0};
+    *out = (struct rec_calib_next){.now = r->voxels};
+    pvx_err e = rec_information_init(&w, in, rig, r);
+    if (e == PVX_OK)
+        e = choose(&w, &best);
+    if (e == PVX_OK) {
+        out->camera = best.camera;
+        memcpy(out->at, best.at, sizeof best.at);
+        memcpy(out->face, best.face, sizeof best.face);
+        out->then = r->voxels * sqrt(fmax(0, 1 - best.gain / w.error));
+        say(rig, &best, out->text, sizeof out->text);
+    }
+    rec_information_fini(&w);
+    return e;
 }
