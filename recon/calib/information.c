@@ -359,6 +359,8 @@ pvx_err rec_information_init(struct rec_information *w, const struct rec_calib_i
     uint32_t root = 0;
     *w = (struct rec_information){
         .in = in, .rig = rig, .nc = (uint32_t)rig->n_cameras, .N = (size_t)N1 * rig->n_cameras};
+    if (rig->n_cameras == 0 || rig->n_cameras != in->n_cameras || r->n_cameras != in->n_cameras)
+        return PVX_EINVAL;
     PVX_TRY(allocate(w));
     double *room = pvx_calloc(in->n_views + 1, sizeof *room);
     if (room == NULL)

@@ -15,6 +15,7 @@ struct rec_information {
     size_t N;                             /* REC_OF_CAMERA * nc */
     double error;                         /* tr(L^-1 H) */
     double (*lens)[REC_LENS], (*pose)[6]; /* [nc] */
+    double least_square;                  /* px; the caller's: what counts as seen */
     double *weight;                       /* [nc] 1/px^2, of a coordinate of a corner */
     double *C, *T;                        /* [N][N]: L^-1; C H C */
     /* the frame that is put together */
@@ -25,7 +26,8 @@ struct rec_information {
     double *D, *M; /* work */
 };
 
-/* Owner: caller, fini, after an error too.  PVX_ENOENT: L has no inverse; PVX_ENOMEM. */
+/* Owner: caller, fini, after an error too.  PVX_ENOENT: L has no inverse; PVX_EINVAL: of other
+ * cameras; PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_information_init(struct rec_information *w,
                                             const struct rec_calib_input *in,
                                             const struct rec_rig *rig,

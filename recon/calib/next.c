@@ -10,13 +10,13 @@
 #include "recon/calib/information.h"
 #include "recon/calib/model.h"
 
-#define DEGREE   (M_PI / 180)
-#define TILT     (35 * DEGREE)
-#define SEEN     (65 * DEGREE) /* from the board's axis */
-#define SQUARE   8.0           /* px */
-#define LEAST    12            /* corners */
-#define PLACES   27
-#define FINALIST 12
+#define DEGREE (M_PI / 180)
+#define TILT   (40 * DEGREE)
+#define SEEN   (65 * DEGREE) /* from the board's axis */
+#define SQUARE 8.0           /* px */
+#define LEAST  12            /* corners */
+#define PLACES 27
+#define TILTS  5
 
 /* A board that is held somewhere. */
 struct pose {
@@ -61,34 +61,60 @@ static void make(const struct rec_rig *rig, uint32_t camera, int place, int tilt
         p->face[i] /= n;
 }
 
-/* The view that camera c would have; false: none. */
-static bool would_see(const struct rec_calib_input *in, const struct rec_rig *rig, uint32_t c,
-                      const struct pose *p, const double R[9], const double t[3],
-                      struct rec_board_view *v)
+/* Cosine between the board's axis and the way to the camera, negative behind it; px: a square's shorter way. */
+static double turned(const struct rec_board *b, const struct rec_camera *k, const double at[3],
+                     const double face[3], double *px)
 {
-    const struct rec_board *b = &in->board;
-    const struct rec_camera *k = &rig->cameras[c];
-    double centre[3], to[3], X[3], uv[2], b0[3];
-    uint32_t all = rec_board_corners(b);
+    double to[3], centre[3];
     rec_camera_centre(k, centre);
     for (int i = 0; i < 3; i++)
-        to[i] = centre[i] - p->at[i];
-    double far = sqrt(dot(to, to)), turned = dot(to, p->face) / far;
-    v->face = turned < 0 ? REC_BACK : REC_FRONT;
+        to[i] = centre[i] - at[i];
+    double far = sqrt(dot(to, to)), cosine = dot(to, face) / far;
+    *px = k->fx * b->square / far * fabs(cosine);
+    return cosine;
+}
+
+/* The view that camera c would have; false: none. */
+static bool would_see(const struct rec_information *w, uint32_t c, const struct pose *p,
+                      const double board[12], struct rec_board_view *v)
+{
+    const struct rec_board *b = &w->in->board;
+    const struct rec_camera *k = &w->rig->cameras[c];
+    double X[3], uv[2], b0[3], px, cosine = turned(b, k, p->at, p->face, &px);
+    uint32_t all = rec_board_corners(b);
+    v->face = cosine < 0 ? REC_BACK : REC_FRONT;
     v->camera = c;
     v->n = 0;
-    if (fabs(turned) < cos(SEEN) || (turned < 0 && !b->two_sided) ||
-        k->fx * b->square / far * fabs(turned) < SQUARE)
+    if (fabs(cosine) < cos(SEEN) || (cosine < 0 && !b->two_sided) || px < w->least_square)
         return false;
     for (uint32_t id = 0; id < all; id++) {
         rec_board_point(b, v->face, id, b0);
         for (int i = 0; i < 3; i++)
-            X[i] = R[3 * i] * b0[0] + R[3 * i + 1] * b0[1] + R[3 * i + 2] * b0[2] + t[i];
+            X[i] = board[3 * i] * b0[0] + board[3 * i + 1] * b0[1] + board[3 * i + 2] * b0[2] +
+                   board[9 + i];
         if (rec_camera_project(k, X, uv) && uv[0] >= 2 && uv[1] >= 2 && uv[0] <= k->width - 3 &&
             uv[1] <= k->height - 3)
             v->corner[v->n++].id = id;
     }
     return v->n >= (b->kind == REC_CHESSBOARD ? all : all < LEAST ? all : LEAST);
+}
+
+/* The smallest squares that were seen well: what was found once can be found again. */
+static double least_square(const struct rec_information *w, const struct rec_calib_report *r)
+{
+    double least = SQUARE, px;
+    for (size_t i = 0; i < w->in->n_views; i++) {
+        const struct rec_board_view *v = &w->in->view[i];
+        size_t f = 0;
+        while (f < r->n_frames && r->frame[f] != v->frame)
+            f++;
+        if (r->view[i].fate != REC_VIEW_USED || f == r->n_frames || isnan(r->board[f][0]))
+            continue;
+        const double *b = r->board[f], face[3] = {-b[2], -b[5], -b[8]};
+        if (fabs(turned(&w->in->board, &w->rig->cameras[v->camera], b + 9, face, &px)) >= cos(SEEN))
+            least = fmin(least, px);
+    }
+    return least;
 }
 
 static double gain_of(struct rec_information *w, const struct pose *p,
@@ -101,7 +127,7 @@ static double gain_of(struct rec_information *w, const struct pose *p,
     rec_information_begin(w, board);
     for (uint32_t c = 0; c < w->nc; c++) {
         struct rec_board_view v = {.corner = corner};
-        if (would_see(w->in, w->rig, c, p, R, board + 9, &v)) {
+        if (would_see(w, c, p, board, &v)) {
             rec_information_view(w, &v);
             seen++;
         }
@@ -113,8 +139,8 @@ static double gain_of(struct rec_information *w, const struct pose *p,
 
 static void say(const struct rec_rig *rig, const struct pose *p, char *out, size_t size)
 {
-    static const char *const tilts[] = {"straight", "tilt left", "tilt right", "tilt up",
-                                        "tilt down"};
+    static const char *const tilts[TILTS] = {"straight", "tilt left", "tilt right", "tilt up",
+                                             "tilt down"};
     const struct rec_camera *k = &rig->cameras[p->camera];
     double mid[3], off[3], half = 0;
     middle_of(&rig->grid, mid);
@@ -139,40 +165,44 @@ static void say(const struct rec_rig *rig, const struct pose *p, char *out, size
 
 /* ---- the choice ---- */
 
-static int by_gain(const void *a, const void *b)
+/* p [PLACES] of one camera, straight: the place in the middle and the best two are tried tilted too. */
+static void tilt(struct rec_information *w, const struct pose *p, struct rec_board_corner *corner,
+                 struct pose *best)
 {
-    const struct pose *p = a, *q = b;
-    if (p->gain != q->gain)
-        return p->gain < q->gain ? 1 : -1;
-    return p->camera != q->camera ? (p->camera > q->camera) - (p->camera < q->camera)
-                                  : p->place - q->place;
+    int place[3] = {PLACES / 2, 0, 0};
+    for (int k = 1; k < 3; k++) {
+        place[k] = -1;
+        for (int i = 0; i < PLACES; i++)
+            if (i != place[0] && i != place[1] && (place[k] < 0 || p[i].gain > p[place[k]].gain))
+                place[k] = i;
+    }
+    for (int k = 0; k < 3; k++)
+        for (int t = 0; t < TILTS; t++) {
+            struct pose q = p[place[k]];
+            if (t > 0) {
+                make(w->rig, q.camera, q.place, t, &q);
+                q.gain = gain_of(w, &q, corner);
+            }
+            if (q.gain > best->gain)
+                *best = q;
+        }
 }
 
 static pvx_err choose(struct rec_information *w, struct pose *best)
 {
-    size_t n = w->nc * PLACES;
-    struct pose *p = pvx_calloc(n, sizeof *p);
+    struct pose p[PLACES];
     struct rec_board_corner *corner = pvx_calloc(rec_board_corners(&w->in->board), sizeof *corner);
-    pvx_err e = p == NULL || corner == NULL ? PVX_ENOMEM : PVX_OK;
-    for (size_t i = 0; e == PVX_OK && i < n; i++) {
-        make(w->rig, (uint32_t)(i / PLACES), (int)(i % PLACES), 0, &p[i]);
-        p[i].gain = gain_of(w, &p[i], corner);
-    }
-    if (e == PVX_OK) {
-        qsort(p, n, sizeof *p, by_gain);
-        *best = p[0];
-    }
-    for (size_t i = 0; e == PVX_OK && i < n && i < FINALIST; i++)
-        for (int tilt = 1; tilt < 5; tilt++) {
-            struct pose q;
-            make(w->rig, p[i].camera, p[i].place, tilt, &q);
-            q.gain = gain_of(w, &q, corner);
-            if (q.gain > best->gain)
-                *best = q;
+    if (corner == NULL)
+        return PVX_ENOMEM;
+    for (uint32_t c = 0; c < w->nc; c++) {
+        for (int i = 0; i < PLACES; i++) {
+            make(w->rig, c, i, 0, &p[i]);
+            p[i].gain = gain_of(w, &p[i], corner);
         }
-    free(p);
+        tilt(w, p, corner, best);
+    }
     free(corner);
-    return e == PVX_OK && !(best->gain > 0) ? PVX_ENOENT : e;
+    return best->gain > 0 ? PVX_OK : PVX_ENOENT;
 }
 
 pvx_err rec_calib_next(const struct rec_calib_input *in, const struct rec_rig *rig,
@@ -182,8 +212,10 @@ pvx_err rec_calib_next(const struct rec_calib_input *in, const struct rec_rig *r
     struct pose best = {0};
     *out = (struct rec_calib_next){.now = r->voxels};
     pvx_err e = rec_information_init(&w, in, rig, r);
-    if (e == PVX_OK)
+    if (e == PVX_OK) {
+        w.least_square = least_square(&w, r);
         e = choose(&w, &best);
+    }
     if (e == PVX_OK) {
         out->camera = best.camera;
         memcpy(out->at, best.at, sizeof best.at);
