@@ -11,6 +11,7 @@
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/cli/cli.h"
 #include "recon/board/spec.h"
+#include "recon/calib/next.h"
 
 static pvx_err find_camera(const struct calibrate_look *l, const char *name, size_t len,
                            uint32_t *out, struct pvx_diag *d)
@@ -110,6 +111,18 @@ static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* The pose that would help most, where the error is not small already or one pose makes much of it go. */
+static void say_next(const struct calibrate_job *j)
+{
+    const struct rec_calib_report *r = &j->report;
+    struct rec_calib_next n;
+    bool good = true;
+    for (size_t c = 0; c < r->n_cameras; c++)
+        good &= r->camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
+    if (rec_calib_next(&j->in, &j->rig, r, &n) == PVX_OK && n.then < (good ? 0.8 : 0.98) * n.now)
+        printf("next: %s: %.3f -> %.3f voxels\n", n.text, n.now, n.then);
+}
+
 static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
 {
     char *text;
@@ -143,6 +156,8 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
         calibrate_print_cameras(&r);
     }
     calibrate_print_findings(&r);
+    if (e == PVX_OK)
+        say_next(j);
     fflush(stdout);
     if (e == PVX_OK && rec_calib_says(&j->report, REC_CALIB_REFUSED, -1) && !a->accept)
         e = pvx_fail(
