@@ -111,7 +111,7 @@ static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* The pose that would help most, where the error is not small already or one pose makes much of it go. */
+/* The pose that would help most, where help is needed. */
 static void say_next(const struct calibrate_job *j)
 {
     const struct rec_calib_report *r = &j->report;
@@ -119,8 +119,8 @@ static void say_next(const struct calibrate_job *j)
     bool good = true;
     for (size_t c = 0; c < r->n_cameras; c++)
         good &= r->camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
-    if (rec_calib_next(&j->in, &j->rig, r, &n) == PVX_OK && n.then < (good ? 0.8 : 0.98) * n.now)
-        printf("next: %s: %.3f -> %.3f voxels\n", n.text, n.now, n.then);
+    if (!good && rec_calib_next(&j->in, &j->rig, r, &n) == PVX_OK)
+        printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
 }
 
 static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)

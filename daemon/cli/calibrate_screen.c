@@ -10,7 +10,6 @@
 #include "daemon/cli/page.h"
 
 #define REDRAW_NS (250 * PVX_NS_PER_MS)
-#define HELPS     0.98 /* a pose that lowers the error by less is not worth words */
 
 static size_t add(char *out, size_t size, size_t n, const char *fmt, ...) PVX_PRINTF(4, 5);
 static size_t add(char *out, size_t size, size_t n, const char *fmt, ...)
@@ -78,11 +77,11 @@ void live_advice(const struct live *l, char *out, size_t size)
                          "where x = y = 0 shall be"
                        : "show the board to two cameras or more at once");
     else if (!join_first(l, out, size) && r->there && r->e == PVX_OK && r->next.text[0] != '\0') {
-        if (r->next.then < HELPS * r->next.now)
-            snprintf(out, size, "%s: %.3f -> %.3f voxels", r->next.text, r->next.now, r->next.then);
-        else
-            snprintf(out, size, "no pose helps much more (%s: %.4f -> %.4f voxels)", r->next.text,
-                     r->next.now, r->next.then);
+        bool good = r->n == l->job.look.n_cameras;
+        for (size_t c = 0; c < r->n; c++)
+            good &= r->report.camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
+        snprintf(out, size, "%s%s: %.2g -> %.2g voxels", good ? "good enough; better still: " : "",
+                 r->next.text, r->next.now, r->next.then);
     }
     if (out[0] == '\0')
         snprintf(out, size, "another pose: elsewhere in the volume, tilted otherwise");
