@@ -54,6 +54,7 @@ struct rec_problem {
 
     /* start.h */
     enum rec_start start;
+    uint32_t renewals; /* of V and lambda, at most; rec_problem_load: REC_RENEWALS */
     double start_rwr[4]; /* r'Wr of a scaled start */
 
     /* work areas, pieces of one */
@@ -156,6 +157,15 @@ REC_INLINE void rec_rows_product(const rec_problem *pb, size_t k, size_t cs, boo
     rec_put_both(out, &sum, &quads);
 }
 
+/* r and wr = W r of row i; *sum += r'W r. */
+REC_INLINE void rec_put_rows(const rec_problem *pb, size_t i, size_t cs, bool per_channel, rec_f4 r,
+                             float *rs, float *wrs, rec_d4 *sum)
+{
+    rec_f4 wr = rec_row_weight(pb, i, cs, per_channel) * r;
+    rec_st(rs, i, cs, r);
+    rec_st(wrs, i, cs, wr);
+    rec_add_product(sum, wr, r);
+}
 /* r += alpha q, wr = W r on one chunk of rows; out = r'W r per lane.  wr may be q. */
 struct rec_row_step {
     const double *alpha;
@@ -166,10 +176,7 @@ REC_INLINE void rec_step_row(const rec_problem *pb, const struct rec_row_step *s
                              size_t cs, bool per_channel, rec_d4 *sum)
 {
     rec_f4 v = rec_ld(s->r, i, cs) + rec_of_lanes(s->alpha, cs) * rec_ld(s->q, i, cs);
-    rec_f4 wv = rec_row_weight(pb, i, cs, per_channel) * v;
-    rec_st(s->r, i, cs, v);
-    rec_st(s->wr, i, cs, wv);
-    rec_add_product(sum, wv, v);
+    rec_put_rows(pb, i, cs, per_channel, v, s->r, s->wr, sum);
 }
 /* Nine arguments: inlined with constants for cs and per_channel, each caller gets a loop of its own.
  * NOLINTNEXTLINE(readability-function-size) */

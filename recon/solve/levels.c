@@ -11,6 +11,7 @@
 #define ITERATIONS 24
 #define AT_FIRST   6 /* on the coarsest level: it is good enough to start the next, and soon */
 #define TOLERANCE  2e-3f
+#define RENEWALS   1 /* of V and lambda: the next grid renews them from better volumes */
 
 struct level {
     const rec_sysmat *S;
@@ -376,6 +377,7 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
         float *vx = d->x[i % 2] + cs;
         rec_problem_load(d->problem, v->sub, &in);
         rec_problem_weigh_as(d->problem, fine, (double)((uint64_t)1 << 3 * (i + 1)));
+        d->problem->renewals = RENEWALS;
         if (i == l->n - 1)
             rec_start_zero(d->problem, vx);
         else

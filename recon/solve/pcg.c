@@ -16,8 +16,8 @@
  * alpha, beta, lambda are per channel.
  * From a coarser solution V and the automatic lambda are renewed three times, and while lambda still changes
  * by more than a factor 2 up to six, from the iterate that they led to (2a; lambda.c), when it has settled,
- * else every third iteration: r and L x stay.  In between the
- * objective never rises; the report says after which iterations it is another one.  Then
+ * else every third iteration: r and L x stay.  On a coarse grid once: what it finds is renewed on the next.
+ * In between the objective never rises; the report says after which iterations it is another one.  Then
  * nothing changes any more, and the minimiser is that of one convex problem.
  * Source: CG (Hestenes & Stiefel, J. Res. NBS 49:409, 1952) with Polak-Ribiere restarts inside
  * Bertsekas' projection of the free variables (SIAM J. Control Optim. 20(2):221, 1982); the
@@ -187,7 +187,7 @@ static bool due(const struct rec_pcg *t, const struct rec_solve_report *out,
 {
     uint32_t last = out->renewals > 0 ? out->renewed[out->renewals - 1] : 0;
     return t->pb->start == REC_START_FITS &&
-           out->renewals < (t->restless ? REC_RENEWALS : RENEWALS) &&
+           out->renewals < t->pb->renewals && (out->renewals < RENEWALS || t->restless) &&
            (stop->moved <= SETTLED || stop->k >= last + RENEW_AFTER);
 }
 
@@ -270,7 +270,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
         if (due(&t, out, &stop) && !rec_late(p)) { /* V and lambda from x */
             renew(&t, rwr, f, gamma, norm2);
             out->renewed[out->renewals++] = stop.k;
-            rec_stop_anew(&stop, rec_lanes_total(f));
+            rec_stop_anew(&stop, rec_lanes_total(f), t.restless);
         }
     }
     for (int l = 0; l < pb->nch; l++)

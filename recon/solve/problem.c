@@ -111,19 +111,28 @@ struct residual {
     rec_problem *pb;
     float *r, *wr;
 };
+REC_INLINE void residual(const struct residual *t, size_t i, size_t cs, bool per_channel,
+                         rec_d4 *sum)
+{
+    rec_f4 v = rec_ld(t->r, i, cs) - rec_ld(t->pb->b, i, cs);
+    rec_put_rows(t->pb, i, cs, per_channel, v, t->r, t->wr, sum);
+}
 static void residual_chunk(void *ctx, size_t k)
 {
     struct residual *t = ctx;
-    const rec_problem *pb = t->pb;
-    size_t cs = (size_t)pb->cs;
-    double s[4] = {0};
-    rec_take_product(pb, k, t->r);
-    REC_FOR_ROWS (i, pb->a, k)
-        for (size_t l = 0; l < cs; l++) {
-            float *r = &t->r[i * cs + l];
-            s[l] += rec_put_residual(pb, i, l, *r - pb->b[i * cs + l], r, &t->wr[i * cs + l]);
-        }
-    memcpy(t->pb->part[k][0], s, sizeof s);
+    const struct rec_subsys *a = t->pb->a;
+    rec_d4 sum = {0}, quads = {0};
+    rec_take_product(t->pb, k, t->r);
+    if (t->pb->in.per_channel)
+        REC_FOR_ROWS (i, a, k)
+            residual(t, i, 4, true, &sum);
+    else if (a->cs == 4)
+        REC_FOR_ROWS (i, a, k)
+            residual(t, i, 4, false, &sum);
+    else
+        REC_FOR_ROW_QUADS (i, a, k)
+            residual(t, i, REC_QUAD, false, &quads);
+    rec_put_both(t->pb->part[k][0], &sum, &quads);
 }
 void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4])
 {
@@ -201,6 +210,7 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
     pb->in = *in;
     pb->weighed = false;
     pb->start = REC_START_NONE;
+    pb->renewals = REC_RENEWALS;
     size_t rows = rec_row_chunks(pb);
     double sum[4], weight[4];
     /* Where windows lie that are not there: another level's rows may have been. */

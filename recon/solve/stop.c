@@ -68,10 +68,10 @@ bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, dou
     return done;
 }
 
-void rec_stop_anew(struct rec_stopper *t, double objective)
+void rec_stop_anew(struct rec_stopper *t, double objective, bool far)
 {
     t->objective = objective;
-    t->hold = t->k + 2;
+    t->hold = far ? t->k + 2 : t->hold;
 }
 
 bool rec_stop_end(struct rec_stopper *t, float *x)

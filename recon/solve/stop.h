@@ -62,9 +62,9 @@ bool rec_stop_next(struct rec_stopper *t);
 /* Iterate number ++k is x, with this objective and ||W^(1/2) (A x - b)||^2; goes into the report
  * and to the trace.  True: it was the last. */
 bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, double residual2);
-/* The method minimises another objective from here on, of this value; the first iteration that
- * follows does not tell how far away its least is. */
-void rec_stop_anew(struct rec_stopper *t, double objective);
+/* The method minimises another objective from here on, of this value; far: another one by so much that the first
+ * iteration that follows does not tell how far away its least is. */
+void rec_stop_anew(struct rec_stopper *t, double objective, bool far);
 /* x becomes the iterate of the rule, its number and objective the report's.  true: that is not the last
  * one. */
 bool rec_stop_end(struct rec_stopper *t, float *x);
