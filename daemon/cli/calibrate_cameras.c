@@ -35,7 +35,7 @@ static pvx_err named(const struct dmn_config *c, const struct rec_rig *old, stru
     rig->n_cameras = c->cameras.n;
     for (size_t i = 0; i < rig->n_cameras; i++) {
         struct rec_camera *k = &rig->cameras[i];
-        int was = rec_rig_find(old, c->cameras.item[i].key);
+        int was = old->cameras != NULL ? rec_rig_find(old, c->cameras.item[i].key) : -1;
         snprintf(k->name, sizeof k->name, "%.*s", (int)sizeof k->name - 1, c->cameras.item[i].key);
         k->width = was >= 0 ? old->cameras[was].width : 0;
         k->height = was >= 0 ? old->cameras[was].height : 0;

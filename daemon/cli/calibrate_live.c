@@ -339,6 +339,8 @@ static int live(struct args *a)
     if (e == PVX_OK)
         e = conclude(l, &d);
     int code = e == PVX_OK ? 0 : e == PVX_ECANCELED ? 130 : cli_error(&d, e);
+    if (code == 130)
+        fprintf(stderr, "\npyrovox: stopped; no rig was written\n");
     if (ready && (l->poses > 0 || l->taken_now > 0))
         say_how_to_go_on(a);
     calibrate_job_fini(&l->job);

@@ -12,7 +12,7 @@
  * Choosing what lowers a trace of L^-1 most is A-optimal design: Pukelsheim, Optimal Design of Experiments, 1993.
  * The board counts as seen down to 65 degrees from its axis and where a square has 8 px, or as few as in a view that
  * was used.
- * Threads: pure.  Deterministic.  Cost: 8 cameras and 30 frames, 0.1 s. */
+ * Threads: pure.  Deterministic.  Cost: 8 cameras, 0.2 s. */
 #ifndef REC_CALIB_NEXT_H
 #define REC_CALIB_NEXT_H
 #include "recon/calib/calib.h"
