@@ -1,6 +1,7 @@
 /* What `pyrovox simcams` serves and how it is told to break: ring of images, fault options, control. */
 #include "daemon/cli/simcams_faults.c"
 #include "daemon/cli/simcams_ring.c"
+#include "tests/lib/plugins.h"
 #include "tests/t.h"
 
 static struct rec_rig rig;
@@ -259,8 +260,69 @@ T_CASE(rendering_can_be_stopped)
     T_OK(ring.image == NULL);
 }
 
+#define BOARD "charuco:5x6:0.08:0.06:two-sided"
+
+/* On the floor until all send, then from pose to pose; told to go on, it goes. */
+T_CASE(the_board_stands_still_and_moves_on)
+{
+    struct simcams_board b;
+    struct pvx_diag d = {""};
+    T_EQ_I(simcams_board_init(BOARD, &rig, 3, 2, 1, &b, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_NEAR(b.pose[0][5], rig.grid.min[2], 1e-12); /* flat: its t is on the floor */
+    for (int k = 0; k < 100; k++)
+        T_LE(simcams_board_tick(&b, k, false), SIMCAMS_STILLS - 1);
+    bool both[2] = {false, false};
+    for (double t = 100; t < 102; t += 0.1) {
+        size_t image = simcams_board_tick(&b, t, true);
+        T_LE(image, SIMCAMS_STILLS - 1);
+        both[image % 2] = true;
+    }
+    T_OK(both[0] && both[1]);   /* with other noise */
+    for (int k = 0; k < 2; k++) /* the last of the hold, then it is on its way */
+        (void)simcams_board_tick(&b, 102.1, true);
+    for (int k = 1; k < SIMCAMS_MOVE_TICKS; k++) {
+        size_t image = simcams_board_tick(&b, 102.1, true);
+        T_OK(image >= SIMCAMS_STILLS && image < SIMCAMS_OF_POSE);
+    }
+    T_EQ_I(simcams_board_tick(&b, 102.1, true) / SIMCAMS_OF_POSE, 1);
+    simcams_board_go(&b, 5); /* 2 */
+    for (int k = 0; k < SIMCAMS_MOVE_TICKS; k++)
+        (void)simcams_board_tick(&b, 102.2, true);
+    T_EQ_I(simcams_board_tick(&b, 102.2, true) / SIMCAMS_OF_POSE, 2);
+    b.hold_s = 0; /* it stays */
+    T_EQ_I(simcams_board_tick(&b, 1e6, true) / SIMCAMS_OF_POSE, 2);
+    simcams_board_fini(&b);
+}
+
+/* The same for the same seed, elsewhere for another; two stills differ by noise only. */
+T_CASE(pictures_of_the_board)
+{
+    struct simcams_board b, other;
+    struct simcams_ring clean, noisy;
+    T_EQ_I(simcams_board_init(BOARD, &rig, 2, 0, 1, &b, NULL), PVX_OK);
+    T_EQ_I(simcams_board_init(BOARD, &rig, 2, 0, 2, &other, NULL), PVX_OK);
+    T_OK(memcmp(b.pose[SIMCAMS_OF_POSE], other.pose[SIMCAMS_OF_POSE], sizeof *b.pose) != 0);
+    T_EQ_I(memcmp(b.pose[0], other.pose[0], sizeof *b.pose), 0);
+    struct simcams_ring_params p = params(CAP_GREY8, 0);
+    p.board = &b;
+    p.n = 2 * SIMCAMS_OF_POSE;
+    T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &clean), PVX_OK);
+    p.noise = 0.01;
+    T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &noisy), PVX_OK);
+    size_t n = 80 * 60;
+    T_EQ_I(memcmp(clean.image[0], clean.image[1], n), 0);
+    T_OK(memcmp(clean.image[0], clean.image[SIMCAMS_OF_POSE], n) != 0);
+    T_OK(memcmp(noisy.image[0], noisy.image[1], n) != 0);
+    simcams_ring_fini(&clean);
+    simcams_ring_fini(&noisy);
+    simcams_board_fini(&b);
+    simcams_board_fini(&other);
+}
+
 int main(void)
 {
+    plugins_of_this_build();
     if (rec_rig_ring(3, 2.5, 80, 60, 32, &rig) != PVX_OK)
         return 1;
     t_run();
