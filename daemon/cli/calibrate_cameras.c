@@ -75,7 +75,7 @@ static pvx_err find(struct dmn_config *c, struct calibrate_cameras *s, struct pv
 pvx_err calibrate_cameras_init(struct calibrate_cameras *s, const char *config, struct pvx_diag *d)
 {
     memset(s, 0, sizeof *s);
-    struct dmn_config *c = pvx_calloc(1, sizeof *c);
+    struct dmn_config *c = s->config = pvx_calloc(1, sizeof *c);
     if (c == NULL)
         return PVX_ENOMEM;
     pvx_err e = dmn_config_load(config, c, d);
@@ -86,11 +86,11 @@ pvx_err calibrate_cameras_init(struct calibrate_cameras *s, const char *config, 
         e = dmn_sources_init(&s->sources, c, &s->rig, NULL, d);
     s->sources.capture.sets.policy = CAP_POLICY_PARTIAL;
     s->sources.capture.sets.min_cameras = 1;
-    free(c);
     return e;
 }
 
 void calibrate_cameras_fini(struct calibrate_cameras *s)
 {
     rec_rig_fini(&s->rig);
+    PVX_FREE(s->config);
 }

@@ -9,6 +9,7 @@
 #include "daemon/pipeline/sources.h"
 
 struct calibrate_cameras {
+    struct dmn_config *config; /* the sources borrow words of it */
     struct rec_rig rig; /* names and sizes only; its grid is the old rig's, n[0] 0: there is none */
     struct dmn_sources sources;
 };
