@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <map>
+#include <mutex>
 #include <new>
 #include <vector>
 
@@ -50,38 +52,74 @@ cv::Mat mat(const struct rec_cv_picture *p)
     return cv::Mat(p->height, p->width, CV_8UC1, const_cast<uint8_t *>(p->grey), p->stride);
 }
 
-int markers(const struct rec_cv_picture *p, int dictionary, int scale, double min_side,
+/* The dictionary with, behind its markers, the same mirrored: the first that fits is what a marker is taken for. */
+cv::Ptr<cv::aruco::Dictionary> both_sides(int index)
+{
+    static std::mutex lock;
+    static std::map<int, cv::Ptr<cv::aruco::Dictionary>> made;
+    std::lock_guard<std::mutex> hold(lock);
+    auto &d = made[index];
+    if (d.empty()) {
+        auto plain = cv::aruco::getPredefinedDictionary(index);
+        cv::Mat all = plain->bytesList.clone();
+        for (int i = 0; i < plain->bytesList.rows; i++) {
+            cv::Mat bit, turned;
+            bit = cv::aruco::Dictionary::getBitsFromByteList(plain->bytesList.rowRange(i, i + 1),
+                                                             plain->markerSize);
+            cv::flip(bit, turned, 1);
+            all.push_back(cv::aruco::Dictionary::getByteListFromBits(turned));
+        }
+        d = cv::makePtr<cv::aruco::Dictionary>(all, plain->markerSize, plain->maxCorrectionBits);
+    }
+    return d;
+}
+
+void scaled(cv::Mat &img, double scale)
+{
+    cv::Mat out, soft;
+    if (scale == 1)
+        return;
+    cv::resize(img, out, cv::Size(), scale, scale, scale < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
+    if (scale > 1) {
+        cv::GaussianBlur(out, soft, cv::Size(), scale);
+        cv::addWeighted(out, 4, soft, -3, 0, out); /* what is one pixel apart comes apart */
+    }
+    img = out;
+}
+
+int markers(const struct rec_cv_picture *p, const struct rec_cv_search *s,
             struct rec_cv_marker *out, size_t max, size_t *n) noexcept
 {
     *n = 0;
     return guarded([&] {
         cv::Mat img = mat(p);
-        if (scale > 1) {
-            cv::Mat soft;
-            cv::resize(img, img, cv::Size(), scale, scale, cv::INTER_CUBIC);
-            cv::GaussianBlur(img, soft, cv::Size(), scale);
-            cv::addWeighted(img, 4, soft, -3, 0, img); /* what is one pixel apart comes apart */
-        }
+        auto dict = cv::aruco::getPredefinedDictionary(s->dictionary);
+        int plain = dict->bytesList.rows;
+        if (s->mirrored_too)
+            dict = both_sides(s->dictionary);
+        scaled(img, s->scale);
         auto par = cv::aruco::DetectorParameters::create();
-        par->minMarkerPerimeterRate = 4 * min_side * scale / std::max(img.cols, img.rows);
+        par->adaptiveThreshConstant = s->darker;
+        par->minMarkerPerimeterRate = 4 * s->min_side * s->scale / std::max(img.cols, img.rows);
         par->minMarkerDistanceRate = 0.02; /* squares of a board lie close */
         par->minDistanceToBorder = 1;
         std::vector<std::vector<cv::Point2f>> quad, rejected;
         std::vector<int> id;
-        cv::aruco::detectMarkers(img, cv::aruco::getPredefinedDictionary(dictionary), quad, id, par,
-                                 rejected);
+        cv::aruco::detectMarkers(img, dict, quad, id, par, rejected);
         id.resize(id.size() + rejected.size(), -1);
         quad.insert(quad.end(), rejected.begin(), rejected.end());
         *n = std::min(max, quad.size());
         for (size_t i = 0; i < *n; i++) {
-            out[i].id = id[i];
+            bool mirrored = out[i].mirrored = id[i] >= plain;
+            out[i].id = id[i] - (mirrored ? plain : 0);
             for (int c = 0; c < 4; c++) {
                 /* contours run through the middles of the outermost pixels: half a pixel out */
                 cv::Point2f at = quad[i][c], a = at - quad[i][(c + 1) % 4],
                             b = at - quad[i][(c + 3) % 4];
                 at += a * (0.5 / cv::norm(a)) + b * (0.5 / cv::norm(b));
-                out[i].xy[c][0] = (at.x + 0.5F) / scale - 0.5F;
-                out[i].xy[c][1] = (at.y + 0.5F) / scale - 0.5F;
+                float *xy = out[i].xy[mirrored ? c ^ 1 : c];
+                xy[0] = static_cast<float>((at.x + 0.5) / s->scale - 0.5);
+                xy[1] = static_cast<float>((at.y + 0.5) / s->scale - 0.5);
             }
         }
     });

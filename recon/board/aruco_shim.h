@@ -8,6 +8,7 @@
  * Pictures: 8-bit grey, `stride` bytes from row to row; pixel (0,0) is the centre of the first pixel. */
 #ifndef REC_ARUCO_SHIM_H
 #define REC_ARUCO_SHIM_H
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -18,7 +19,7 @@ extern "C" {
 #define REC_CV_NOEXCEPT
 #endif
 
-#define REC_CV_VERSION 1
+#define REC_CV_VERSION 2
 
 struct rec_cv_picture {
     const uint8_t *grey;
@@ -28,16 +29,24 @@ struct rec_cv_picture {
 
 struct rec_cv_marker {
     int32_t id;     /* -1: a quadrangle that is no marker of the dictionary */
-    float xy[4][2]; /* px, clockwise from the marker's own first corner */
+    bool mirrored;  /* seen from behind */
+    float xy[4][2]; /* px, from the marker's own first corner; clockwise unless it is mirrored */
+};
+
+struct rec_cv_search {
+    int dictionary;
+    double scale;      /* of the picture that is looked at; above 1 it is sharpened too */
+    double min_side;   /* px, of a marker, in the picture as it is */
+    double darker;     /* grey levels by which ink is darker than what is around it */
+    bool mirrored_too; /* what could be both is taken for one that is not */
 };
 
 struct rec_cv {
     int version; /* REC_CV_VERSION */
     /* bits [n*n], 1 = white, row by row, without the border; n as the dictionary has it. */
     int (*bits)(int dictionary, int id, uint8_t *bits, char *err, size_t err_size) REC_CV_NOEXCEPT;
-    /* Markers with a side of min_side px or more; at most `max`, those of the dictionary first.  scale 2:
-     * on the picture made twice as large, and sharper. */
-    int (*markers)(const struct rec_cv_picture *p, int dictionary, int scale, double min_side,
+    /* At most `max` markers, those of the dictionary first. */
+    int (*markers)(const struct rec_cv_picture *p, const struct rec_cv_search *s,
                    struct rec_cv_marker *out, size_t max, size_t *n) REC_CV_NOEXCEPT;
     /* All inner corners of a chessboard, along rows: xy [2*cols*rows].  *found: whether. */
     int (*chessboard)(const struct rec_cv_picture *p, int cols, int rows, float *xy,

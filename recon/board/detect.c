@@ -13,21 +13,6 @@
     0.15 /* markers' bits with those printed; what is taken for another is within 0.1 of 0 */
 #define FEWEST 6 /* corners of a view: a homography and two to check it */
 
-static pvx_err room(rec_board_detector *det, size_t pixels)
-{
-    if (pixels <= det->size)
-        return PVX_OK;
-    det->size = 0;
-    free(det->level);
-    free(det->grey);
-    det->level = pvx_calloc(pixels, sizeof *det->level);
-    det->grey = pvx_calloc(pixels, 1);
-    if (det->level == NULL || det->grey == NULL)
-        return PVX_ENOMEM;
-    det->size = pixels;
-    return PVX_OK;
-}
-
 pvx_err rec_board_detector_new(const struct rec_board *b, rec_board_detector **out,
                                struct pvx_diag *d)
 {
@@ -37,6 +22,8 @@ pvx_err rec_board_detector_new(const struct rec_board *b, rec_board_detector **o
         return PVX_ENOMEM;
     struct rec_board other = *b;
     other.legacy = !b->legacy;
+    const struct rec_dictionary *dict = rec_dictionary_find(b->dictionary);
+    det->both = dict != NULL && rec_dictionary_two_sided(dict);
     pvx_err e = rec_cv_load(&det->cv, d);
     if (e == PVX_OK)
         e = rec_print_init(&det->print[det->n_prints++], b, d);
@@ -69,73 +56,6 @@ void rec_board_detector_free(rec_board_detector **out)
     free(det->grown);
     free(det->corner);
     PVX_FREE(*out);
-}
-
-/* ---- the picture -------------------------------------------------------------------------------- */
-
-static void read_levels(rec_board_detector *det, const struct rec_board_picture *p)
-{
-    float of_byte[256];
-    for (int i = 0; i < 256; i++)
-        of_byte[i] = (float)i / 255;
-    for (int32_t v = 0; v < p->height; v++) {
-        const char *row = (const char *)p->data + v * p->stride;
-        float *to = det->level + (size_t)v * (size_t)p->width;
-        for (int32_t u = 0; u < p->width; u++) {
-            float x = p->is_float ? ((const float *)row)[u] : of_byte[((const uint8_t *)row)[u]];
-            to[u] = x > 0 ? (x < 16 ? x : 16) : 0; /* NaN too */
-        }
-    }
-    det->field = (struct rec_field){det->level, p->width, p->height};
-}
-
-/* The levels that leave 0.5 % of the pixels below and above, by a histogram of the square root: dim pictures
- * have fine bins. */
-static void find_range(rec_board_detector *det)
-{
-    enum { BINS = 4096 };
-    uint32_t h[BINS] = {0};
-    size_t n = (size_t)det->field.width * (size_t)det->field.height, lo = 0, hi = 0, at;
-    for (size_t i = 0; i < n; i++)
-        h[(int)(sqrtf(det->level[i] / 16) * (BINS - 1))]++;
-    for (at = 0; at < BINS - 1 && lo + h[at] <= n / 200; at++)
-        lo += h[at];
-    det->low = 16.0 * (double)(at * at) / ((BINS - 1.0) * (BINS - 1.0));
-    for (at = BINS - 1; at > 0 && hi + h[at] <= n / 200; at--)
-        hi += h[at];
-    det->high = 16.0 * (double)((at + 1) * (at + 1)) / ((BINS - 1.0) * (BINS - 1.0));
-}
-
-/* 8 bits for OpenCV: full range, white on black turned round. */
-static void make_grey(rec_board_detector *det)
-{
-    size_t n = (size_t)det->field.width * (size_t)det->field.height;
-    bool inverted = det->print[0].board.inverted;
-    float scale = (float)(255 / fmax(det->high - det->low, 1e-6)), low = (float)det->low;
-    for (size_t i = 0; i < n; i++) {
-        float x = (det->level[i] - low) * scale;
-        x = x > 0 ? (x < 255 ? x : 255) : 0;
-        det->grey[i] = (uint8_t)(inverted ? 255.5F - x : x + 0.5F);
-    }
-    for (size_t i = 0; inverted && i < n; i++)
-        det->level[i] = -det->level[i];
-}
-
-static void flip(rec_board_detector *det)
-{
-    size_t w = (size_t)det->field.width;
-    for (int32_t v = 0; v < det->field.height; v++) {
-        float *f = det->level + (size_t)v * w;
-        uint8_t *g = det->grey + (size_t)v * w;
-        for (size_t u = 0; u < w / 2; u++) {
-            float keep = f[u];
-            uint8_t kept = g[u];
-            f[u] = f[w - 1 - u];
-            f[w - 1 - u] = keep;
-            g[u] = g[w - 1 - u];
-            g[w - 1 - u] = kept;
-        }
-    }
 }
 
 static void flip_corners(rec_board_detector *det, struct rec_board_sight *out)
@@ -192,6 +112,7 @@ static size_t attempt(rec_board_detector *det, enum rec_way way, bool flipped,
     size_t seeds = rec_board_seeds(det, way, flipped, out, &print);
     if (seeds == 0)
         return 0;
+    rec_board_turn(det, flipped);
     size_t found = rec_grow(&det->field, print, det->seed, seeds, det->pair, det->grown);
     if (found < FEWEST && found < all)
         return 0;
@@ -275,7 +196,6 @@ static bool search(rec_board_detector *det, struct rec_board_sight *out)
     const struct rec_board *b = &det->print[0].board;
     const struct rec_board_sight nothing = *out;
     uint32_t markers = 0;
-    bool is_flipped = false;
     int turns = b->kind == REC_CHESSBOARD ? 1 : 2;
     for (int i = 0; i < turns * REC_N_WAYS; i++) {
         bool flipped = b->two_sided ? i % 2 : i >= REC_N_WAYS;
@@ -283,9 +203,6 @@ static bool search(rec_board_detector *det, struct rec_board_sight *out)
         if (flipped && !b->two_sided &&
             (way == REC_BY_LARGER || (way == REC_BY_LATTICE && det->n_nodes == 0)))
             continue;
-        if (flipped != is_flipped)
-            flip(det);
-        is_flipped = flipped;
         *out = nothing;
         size_t found = attempt(det, way, flipped, out);
         if (contradicts(det, out))
@@ -311,12 +228,11 @@ pvx_err rec_board_detect(rec_board_detector *det, const struct rec_board_picture
     if (p->data == NULL || p->width < 1 || p->height < 1 || p->width > 1 << 16 ||
         p->height > 1 << 16)
         return PVX_EINVAL;
-    PVX_TRY(room(det, (size_t)p->width * (size_t)p->height));
-    read_levels(det, p);
-    find_range(det);
-    make_grey(det);
+    PVX_TRY(rec_board_read(det, p));
     det->n_nodes = det->n_markers = det->n_quads = 0;
     det->small = det->some[0] = det->some[1] = false;
+    for (int i = 0; i < 3; i++)
+        det->looked[i].done = false;
     if (p->width >= 16 && p->height >= 16 && search(det, out))
         return PVX_OK;
     if (b->kind == REC_CHESSBOARD) /* for what to say */

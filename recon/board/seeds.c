@@ -5,18 +5,96 @@
 #include "recon/board/detect_int.h"
 #include "recon/board/spec.h"
 
-#define ENOUGH 3 /* markers */
+#define ENOUGH 3  /* markers */
+#define SMALL  24 /* px, the side of a marker that may be too small to read */
 
-static void look(rec_board_detector *det, const struct rec_cv_picture *p, int scale,
-                 double min_side)
+enum { SMALLER, AS_IT_IS, LARGER };
+
+/* 1, or what makes a large picture one of half a million pixels or so: four times fewer at a time. */
+static double smaller(const rec_board_detector *det)
 {
-    const struct rec_dictionary *dict = rec_dictionary_find(det->print[0].board.dictionary);
-    if (det->cv->markers(p, dict->index, scale, min_side, det->marker, REC_DETECT_MARKERS,
-                         &det->n_quads) != 0)
-        det->n_quads = 0;
-    det->n_markers = 0;
-    while (det->n_markers < det->n_quads && det->marker[det->n_markers].id >= 0)
-        det->n_markers++;
+    double scale = 1, n = (double)det->field.width * det->field.height;
+    for (; n * scale * scale > 700e3; scale /= 2)
+        continue;
+    return scale;
+}
+
+/* A rectangle that grows by what is put into it. */
+struct box {
+    double x0, y0, x1, y1;
+};
+
+static void put(struct box *b, double x, double y)
+{
+    b->x0 = fmin(b->x0, x);
+    b->y0 = fmin(b->y0, y);
+    b->x1 = fmax(b->x1, x);
+    b->y1 = fmax(b->y1, y);
+}
+
+/* The part of the picture where markers too small to read may be: around the lattice and the small quadrangles. */
+static void window(const rec_board_detector *det, int32_t x[2], int32_t y[2])
+{
+    const struct rec_looked *l = &det->looked[AS_IT_IS];
+    struct box b = {INFINITY, INFINITY, -INFINITY, -INFINITY};
+    int32_t w = det->field.width, h = det->field.height;
+    for (size_t i = 0; i < det->n_nodes; i++)
+        put(&b, det->nodes_flipped == det->flipped ? det->node[i].x : w - 1 - det->node[i].x,
+            det->node[i].y);
+    for (size_t i = 0; i < l->n; i++) {
+        double u = l->marker[i].xy[0][0];
+        if (rec_marker_side(&l->marker[i]) < SMALL)
+            put(&b, !det->both && l->flipped != det->flipped ? w - 1 - u : u,
+                l->marker[i].xy[0][1]);
+    }
+    double more = 20 + 0.5 * fmax(b.x1 - b.x0, b.y1 - b.y0);
+    x[0] = (int32_t)fmin(fmax(0, b.x0 - more), w);
+    y[0] = (int32_t)fmin(fmax(0, b.y0 - more), h);
+    x[1] = (int32_t)fmax(fmin(w, b.x1 + more), x[0]);
+    y[1] = (int32_t)fmax(fmin(h, b.y1 + more), y[0]);
+}
+
+/* The markers of one face, as they lie in the picture that way round. */
+static void look(rec_board_detector *det, int how, bool flipped)
+{
+    struct rec_looked *l = &det->looked[how];
+    if (!l->done || (!det->both && l->flipped != flipped)) {
+        rec_board_turn(det, flipped && !det->both);
+        int32_t x[2] = {0, det->field.width}, y[2] = {0, det->field.height};
+        if (how == LARGER)
+            window(det, x, y);
+        const struct rec_cv_picture p = {det->grey + (ptrdiff_t)y[0] * det->field.width + x[0],
+                                         x[1] - x[0], y[1] - y[0], det->field.width};
+        const struct rec_cv_search s = {
+            .dictionary = rec_dictionary_find(det->print[0].board.dictionary)->index,
+            .scale = how == SMALLER  ? smaller(det)
+                     : how == LARGER ? 2
+                                     : 1,
+            .min_side = how == LARGER ? 4.5 : 7,
+            .darker = fmax(7, 3 * 255 * det->noise / (det->high - det->low)),
+            .mirrored_too = det->both};
+        if (det->cv->markers(&p, &s, l->marker, REC_DETECT_MARKERS, &l->n) != 0)
+            l->n = 0;
+        for (size_t i = 0; i < l->n; i++)
+            for (int c = 0; c < 4; c++) {
+                l->marker[i].xy[c][0] += (float)x[0];
+                l->marker[i].xy[c][1] += (float)y[0];
+            }
+        l->done = true;
+        l->flipped = flipped;
+    }
+    det->n_quads = det->n_markers = 0;
+    bool behind = det->both && flipped;
+    for (size_t i = 0; i < l->n; i++) {
+        struct rec_cv_marker *m = &det->marker[det->n_quads];
+        if (l->marker[i].id >= 0 && l->marker[i].mirrored != behind)
+            continue;
+        *m = l->marker[i];
+        for (int c = 0; c < 4 && behind; c++)
+            m->xy[c][0] = (float)(det->field.width - 1) - m->xy[c][0];
+        det->n_markers += m->id >= 0;
+        det->n_quads++;
+    }
 }
 
 /* Quadrangles whose markers may be too small to read as they are. */
@@ -24,7 +102,7 @@ static bool small_ones(const rec_board_detector *det)
 {
     size_t small = 0;
     for (size_t i = 0; i < det->n_quads; i++)
-        small += rec_marker_side(&det->marker[i]) < 24;
+        small += rec_marker_side(&det->marker[i]) < SMALL;
     return small >= 3 && (int64_t)det->field.width * det->field.height <= 4000000;
 }
 
@@ -60,6 +138,7 @@ static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
     for (int diagonal = 0; diagonal < 2 && seeds == 0; diagonal++) {
         if (rec_lattice_find(&det->field, det->high - det->low, diagonal, det->node, &n) != PVX_OK)
             return 0;
+        det->nodes_flipped = det->flipped;
         seeds = read_lattice(det, n, print);
         if (diagonal == 0 || det->n_nodes == 0)
             det->n_nodes = n;
@@ -71,13 +150,12 @@ static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
     return seeds;
 }
 
-/* Seeds from the markers that OpenCV finds, of the layout that fits best.  scale as the shim has it. */
-static size_t from_markers(rec_board_detector *det, int scale, struct rec_board_sight *out,
-                           const struct rec_print **print)
+/* Seeds from the markers that OpenCV finds, of the layout that fits best. */
+static size_t from_markers(rec_board_detector *det, int how, bool flipped,
+                           struct rec_board_sight *out, const struct rec_print **print)
 {
-    struct rec_cv_picture p = {det->grey, det->field.width, det->field.height, det->field.width};
     struct rec_match best = {0}, m;
-    look(det, &p, scale, scale > 1 ? 4.5 : 7);
+    look(det, how, flipped);
     for (int i = 0; i < det->n_prints; i++) {
         rec_match(&det->print[i], det->marker, det->n_markers, &m, NULL);
         if (m.agreeing > best.agreeing) {
@@ -155,6 +233,19 @@ static size_t from_chessboard(rec_board_detector *det)
     return n;
 }
 
+/* From the picture made smaller: nothing where there is any doubt, as if it had not been looked at. */
+static size_t from_smaller(rec_board_detector *det, bool flipped, struct rec_board_sight *out,
+                           const struct rec_print **print)
+{
+    size_t n = smaller(det) < 1 ? from_markers(det, SMALLER, flipped, out, print) : 0;
+    if (n > 0 && out->markers >= 2 * ENOUGH && out->markers * 10 >= det->n_markers * 7 &&
+        fabs(out->ratio - 1) < 0.08)
+        return n;
+    out->markers = 0;
+    det->n_markers = 0;
+    return 0;
+}
+
 size_t rec_board_seeds(rec_board_detector *det, enum rec_way way, bool flipped,
                        struct rec_board_sight *out, const struct rec_print **print)
 {
@@ -163,14 +254,19 @@ size_t rec_board_seeds(rec_board_detector *det, enum rec_way way, bool flipped,
     if ((*print)->board.kind == REC_CHESSBOARD)
         return way == REC_BY_MARKERS ? from_chessboard(det) : 0;
     switch (way) {
+    case REC_BY_SMALLER: return from_smaller(det, flipped, out, print);
     case REC_BY_MARKERS:
-        n = from_markers(det, 1, out, print);
+        n = from_markers(det, AS_IT_IS, flipped, out, print);
         det->small |= small_ones(det);
         det->some[flipped] = out->markers > 0;
         return out->markers >= ENOUGH ? n : 0;
-    case REC_BY_LATTICE: return april ? 0 : from_lattice(det, out, print);
+    case REC_BY_LATTICE:
+        rec_board_turn(det, flipped);
+        return april ? 0 : from_lattice(det, out, print);
     case REC_BY_LARGER:
-        return det->small && (april || det->n_nodes > 0) ? from_markers(det, 2, out, print) : 0;
-    default: return det->some[flipped] ? from_markers(det, 1, out, print) : 0;
+        return det->small && (april || det->n_nodes > 0)
+                   ? from_markers(det, LARGER, flipped, out, print)
+                   : 0;
+    default: return det->some[flipped] ? from_markers(det, AS_IT_IS, flipped, out, print) : 0;
     }
 }

@@ -44,6 +44,11 @@ const struct rec_dictionary *rec_dictionary_find(const char *name)
     return NULL;
 }
 
+bool rec_dictionary_two_sided(const struct rec_dictionary *dict)
+{
+    return dict->bits > 4 && dict->index != 16;
+}
+
 int32_t rec_board_markers(const struct rec_board *b)
 {
     if (b->kind == REC_CHESSBOARD)
@@ -211,7 +216,7 @@ static pvx_err complete(const char *whole, struct rec_board *b, struct pvx_diag 
                         "board '%s': it has %d markers, dictionary %s only %d; take a larger "
                         "dictionary or a smaller board",
                         whole, need, b->dictionary, dict != NULL ? dict->count : 0);
-    if (b->two_sided && (dict->bits == 4 || dict->index == 16))
+    if (b->two_sided && !rec_dictionary_two_sided(dict))
         return pvx_fail(d, PVX_EUNSUP,
                         "board '%s': markers of %s seen mirrored are taken for others, so that the "
                         "faces of a two-sided board are mixed up; take 5X5_100, 6X6 or 36h11",

@@ -22,6 +22,8 @@ struct rec_dictionary {
 };
 /* By name, NULL when there is none. */
 const struct rec_dictionary *rec_dictionary_find(const char *name);
+/* Its markers seen mirrored are not taken for others. */
+bool rec_dictionary_two_sided(const struct rec_dictionary *dict);
 
 /* Errors: PVX_EFORMAT, PVX_ERANGE, PVX_EUNSUP with the remedy in d.  *b is whole or zeroed. */
 PVX_MUST_CHECK pvx_err rec_board_parse(const char *text, struct rec_board *b, struct pvx_diag *d);

@@ -25,7 +25,7 @@ static double edge_blur(const rec_board_detector *det)
     enum { BINS = 512 };
     size_t h[BINS] = {0}, n = 0, over = 0;
     const struct rec_field *f = &det->field;
-    double range = det->high - det->low;
+    double range = det->range;
     for (int32_t v = 1; v + 1 < f->height; v++)
         for (int32_t u = 1; u + 1 < f->width; u++) {
             const float *p = f->level + (ptrdiff_t)v * f->width + u;
@@ -68,7 +68,7 @@ void rec_sight_why(const rec_board_detector *det, struct rec_board_sight *out)
 {
     const struct rec_board *b = &det->print[0].board;
     const char *what = b->kind == REC_CHESSBOARD ? "chessboard" : "marker";
-    double range = det->high - det->low, blur = edge_blur(det);
+    double range = det->range, blur = edge_blur(det);
     double side = small_side(det);
     if (det->field.width < 16 || det->field.height < 16) {
         out->outcome = REC_SIGHT_SMALL;

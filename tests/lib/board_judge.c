@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <time.h>
 
-static double cpu_seconds(void)
+double board_cpu_seconds(void)
 {
     struct timespec t;
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -23,10 +23,10 @@ void board_judge(struct board_judged *j, const struct rec_board *b, rec_board_de
         bytes[i] = (uint8_t)lrint(255 * fmin(1, fmax(0, level[i])));
     struct rec_board_picture p = {floats ? (const void *)level : bytes, s->width, s->height,
                                   s->width * (floats ? 4 : 1), floats};
-    double t0 = cpu_seconds();
+    double t0 = board_cpu_seconds();
     if (rec_board_detect(det, &p, &sight) != PVX_OK)
         abort();
-    j->seconds += cpu_seconds() - t0;
+    j->seconds += board_cpu_seconds() - t0;
     j->outcome[sight.outcome]++;
     size_t at = 0;
     for (uint32_t id = 0; id < rec_board_corners(b); id++) {

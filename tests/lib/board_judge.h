@@ -15,6 +15,8 @@ struct board_judged {
 /* Adds what the detector makes of this shot, as a picture of 8 bits or floats. */
 void board_judge(struct board_judged *j, const struct rec_board *b, rec_board_detector *det,
                  const struct board_shot *s, bool floats);
+/* s that this thread has had of the processor. */
+double board_cpu_seconds(void);
 /* Sums to means; once, at the end. */
 void board_judged(struct board_judged *j);
 #endif
