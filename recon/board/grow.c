@@ -8,8 +8,10 @@
 #define FAR_WEIGHT 1e-3 /* of points many squares away, beside near ones */
 #define SPREAD     1.7  /* squares: how fast the weight falls */
 #define SHORTEST   7.0  /* px, a square's shorter side: below, a window holds too little to trust */
-#define LIKENESS   0.85
-#define STRAY      0.12 /* of a square, from where its neighbours have a corner */
+#define FLATTEST \
+    5.0 /* px, a square's shortest extent, whatever way it lies: below, the board is on edge */
+#define LIKENESS 0.85
+#define STRAY    0.12 /* of a square, from where its neighbours have a corner */
 
 struct growth {
     const struct rec_field *f;
@@ -43,11 +45,14 @@ static bool as_printed(const struct rec_corner_fit *c, double side)
            c->cov[0] + c->cov[2] < 0.02;
 }
 
-/* px, the shorter side of a square there. */
+/* px, the shorter side of a square there; 0 where the board is seen on edge. */
 static double side_at(const struct rec_print *p, const double h[9], const double xy[2])
 {
     double d[4];
     rec_homography_jacobian(h, xy[0], xy[1], d);
+    double most = hypot(d[0] + d[3], d[1] - d[2]), least = hypot(d[0] - d[3], d[1] + d[2]);
+    if (0.5 * p->board.square * fabs(most - least) < FLATTEST) /* the smaller singular value */
+        return 0;
     return p->board.square * fmin(hypot(d[0], d[2]), hypot(d[1], d[3]));
 }
 
