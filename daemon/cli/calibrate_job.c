@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/yaml.h"
+#include "daemon/cli/calibrate_choose.h"
 #include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/cli/cli.h"
@@ -75,6 +76,10 @@ pvx_err calibrate_prepare(struct calibrate_job *j, struct pvx_diag *d)
     memcpy(j->in.grid.min, a->volume, sizeof j->in.grid.min);
     memcpy(j->in.grid.max, a->volume + 3, sizeof j->in.grid.max);
     memcpy(j->in.grid.n, a->voxels, sizeof j->in.grid.n);
+    if (a->add.n + a->recover.n > 0) {
+        j->in.grid = j->old.grid;
+        PVX_TRY(calibrate_hold(&j->look, &j->old, &a->add, &a->recover, d));
+    }
     return PVX_OK;
 }
 
@@ -89,7 +94,7 @@ static pvx_err all_saw(const struct calibrate_look *l, struct pvx_diag *d)
             if (n->sight[s] >
                 (most < REC_SIGHT_MIRRORED && s >= REC_SIGHT_MIRRORED ? 0 : n->sight[most]))
                 most = s;
-        if (n->sight[REC_SIGHT_FOUND] == 0)
+        if (n->sight[REC_SIGHT_FOUND] == 0 && (l->camera[c].hold & REC_HOLD_POSE) == 0)
             return pvx_fail(
                 d, PVX_EINVAL, "%s: the board is in none of %zu pictures; %zu of them: %s: %s",
                 l->camera[c].name, n->pictures, n->sight[most],
@@ -107,6 +112,8 @@ static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
     PVX_TRY(all_saw(&j->look, d));
     calibrate_mode_uncrop(&j->look, &j->old);
     PVX_TRY(rec_calib_solve(&j->in, &j->rig, &j->report, d));
+    if (j->a->add.n + j->a->recover.n > 0)
+        PVX_TRY(calibrate_merge(&j->look, &j->old, &j->rig, d));
     calibrate_mode_crop(&j->look, &j->rig);
     return PVX_OK;
 }

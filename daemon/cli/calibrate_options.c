@@ -15,6 +15,8 @@ enum {
     OPT_UP,
     OPT_KEEP,
     OPT_LENSES,
+    OPT_ADD,
+    OPT_RECOVER,
     OPT_MEASURED,
     OPT_REPORT,
     OPT_ACCEPT,
@@ -42,6 +44,15 @@ static const struct argp_option options[] = {
     {"keep", OPT_KEEP, "RIG", 0, "the world of an older rig, by the cameras that did not move", 1},
     {NULL, 0, NULL, 0, "What is known already:", 2},
     {"fix-intrinsics", OPT_LENSES, "RIG", 0, "lenses as they are in this rig, by name", 2},
+    {"add", OPT_ADD, "CAMERA", 0,
+     "a new camera: all others stay as they are in the rig of --keep, to which it is added; may be "
+     "repeated",
+     2},
+    {"recover", OPT_RECOVER, "CAMERA", 0,
+     "a camera that was moved: it keeps its lens, all others stay as they are in the rig of "
+     "--keep; "
+     "may be repeated",
+     2},
     {"measured", OPT_MEASURED, "A,B,METRES", 0,
      "the distance of two cameras' lenses by tape, to check the scale; may be repeated", 2},
     {NULL, 0, NULL, 0, "What comes of it:", 3},
@@ -97,11 +108,25 @@ static void parse_up(struct calibrate_args *a, const char *arg, struct argp_stat
     a->has_up = true;
 }
 
+static void parse_name(struct calibrate_names *o, const char *arg, struct argp_state *st)
+{
+    if (o->n == REC_MAX_CAMERAS)
+        argp_error(st, "%s: more than %d cameras", arg, REC_MAX_CAMERAS);
+    else
+        o->name[o->n++] = arg;
+}
+
 static void check(const struct calibrate_args *a, struct argp_state *st)
 {
     if (a->board == NULL)
         argp_error(st, "which board? --board charuco:8x11:0.03:0.022");
-    if (!a->has_volume && !a->volume_later)
+    bool one = a->add.n + a->recover.n > 0;
+    if (one && a->keep == NULL)
+        argp_error(st, "--add and --recover: to which rig? --keep rig.yaml");
+    if (one && (a->has_volume || a->voxels[0] > 0 || a->lenses != NULL))
+        argp_error(st, "--add and --recover take volume, voxels and lenses from the rig of --keep: "
+                       "leave out --volume, --voxels and --fix-intrinsics");
+    if (!a->has_volume && !a->volume_later && !one)
         argp_error(st, "where will the flame burn? --volume x0,y0,z0,x1,y1,z1");
     if (a->out == NULL)
         argp_error(st, "where to? --out rig.yaml");
@@ -129,6 +154,8 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_UP: parse_up(a, arg, st); return 0;
     case OPT_KEEP: a->keep = arg; return 0;
     case OPT_LENSES: a->lenses = arg; return 0;
+    case OPT_ADD: parse_name(&a->add, arg, st); return 0;
+    case OPT_RECOVER: parse_name(&a->recover, arg, st); return 0;
     case OPT_MEASURED:
         if (a->n_measured == CALIBRATE_MEASURED)
             argp_error(st, "--measured: at most %d", CALIBRATE_MEASURED);

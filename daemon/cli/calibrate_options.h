@@ -9,14 +9,22 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "recon/geom/rig.h"
+
 #define CALIBRATE_MEASURED 64
 #define CALIBRATE_REPORTS  2
+
+struct calibrate_names {
+    const char *name[REC_MAX_CAMERAS];
+    size_t n;
+};
 
 struct calibrate_args {
     const char *board, *out, *keep, *lenses;
     const char *report[CALIBRATE_REPORTS];
     const char *measured[CALIBRATE_MEASURED], *up_camera; /* NULL: the first */
     size_t n_measured, n_reports;
+    struct calibrate_names add, recover; /* cameras among others that stay as they are in `keep` */
     double volume[6], up[3];
     int32_t voxels[3]; /* 0: auto */
     int64_t floor, threads;

@@ -3,6 +3,7 @@
 
 #include "daemon/cli/arg.h"
 #include "daemon/cli/calibrate.h"
+#include "daemon/cli/calibrate_choose.h"
 #include "daemon/cli/calibrate_job.h"
 #include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/cli.h"
@@ -10,12 +11,12 @@
 struct args {
     struct calibrate_args c;
     const char *frames;
-    int64_t every; /* 0: not said */
+    int64_t every, from, to; /* every 0: not said */
     const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
     size_t n_binning, n_region;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_BINNING, OPT_REGION };
+enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_BINNING, OPT_REGION };
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
@@ -27,6 +28,8 @@ static const struct argp_option options[] = {
      "of every N frames of videos, or sets of a take, look at the one in which the least moves "
      "(default: so that 200 are looked at; 1: all)",
      0},
+    {"from", OPT_FROM, "NUMBER", 0, "only pictures of this number and later ones", 0},
+    {"to", OPT_TO, "NUMBER", 0, "only pictures up to this number", 0},
     {"binning", OPT_BINNING, "N[,CAMERA]", 0,
      "the flame is taken with N x N pixels as one, these pictures are not; may be repeated", 0},
     {"region", OPT_REGION, "X,Y,W,H[,CAMERA]", 0,
@@ -71,6 +74,8 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
     case OPT_FRAMES: a->frames = arg; return 0;
     case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
+    case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
+    case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
     case OPT_BINNING: keep(st, a->binning, &a->n_binning, arg); return 0;
     case OPT_REGION: keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
@@ -87,6 +92,7 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
     pvx_pool *pool;
     PVX_TRY(calibrate_start(j, &a->c, d));
     PVX_TRY(calibrate_find(&j->look, a->frames, d));
+    PVX_TRY(calibrate_only(&j->look, a->from, a->to, d));
     if (a->every > 0 && j->look.source == CALIBRATE_FOLDERS)
         return pvx_fail(
             d, PVX_EINVAL,
@@ -110,7 +116,7 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
 
 int calibrate_solve(int argc, char **argv)
 {
-    struct args a = {.c = CALIBRATE_ARGS_INIT};
+    struct args a = {.c = CALIBRATE_ARGS_INIT, .to = REC_NO_FRAME};
     const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
     const struct argp argp = {
         .options = options, .parser = parse_opt, .doc = doc, .children = children};

@@ -27,6 +27,12 @@ static void find_module(void)
 
 /* ---- out ------------------------------------------------------------------------------------------ */
 
+bool rec_calib_stays(const struct calib *k, size_t camera)
+{
+    const unsigned both = REC_HOLD_LENS | REC_HOLD_POSE;
+    return (k->in->camera[camera].hold & both) == both;
+}
+
 pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig)
 {
     *rig = (struct rec_rig){.grid = k->in->grid};
@@ -132,8 +138,13 @@ static pvx_err finish(struct calib *k, double *cov, struct rec_rig *rig)
     PVX_TRY(rec_calib_place(k));
     PVX_TRY(rec_calib_rig(k, rig));
     PVX_TRY(rec_calib_expect(k, rig, cov, of));
-    for (size_t c = 0; c < k->nc; c++)
+    for (size_t c = 0; c < k->nc; c++) {
+        if (rec_calib_stays(k, c)) /* nothing was learnt of it */
+            of[c] =
+                k->in->options.old->cameras[rec_rig_find(k->in->options.old, k->in->camera[c].name)]
+                    .uncertainty;
         k->out->camera[c].expected = rig->cameras[c].uncertainty = of[c];
+    }
     report_boards(k);
     if (!k->in->options.brief)
         PVX_TRY(rec_calib_folds(k, rig));

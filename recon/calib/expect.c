@@ -196,7 +196,8 @@ pvx_err rec_calib_expect(struct calib *k, const struct rec_rig *rig, double *cov
     for (size_t c = 0; c < k->nc; c++) {
         joint_cov(cov, &w, c, Z);
         out[c] = (struct rec_uncertainty){0};
-        if (of_camera(k, &rig->grid, c, (const double(*)[N2])Z, map, seen, &out[c]) == 0)
+        if (of_camera(k, &rig->grid, c, (const double(*)[N2])Z, map, seen, &out[c]) == 0 ||
+            rec_calib_stays(k, c))
             continue;
         px += out[c].px * out[c].px;
         voxels += out[c].voxels * out[c].voxels;

@@ -168,10 +168,12 @@ pvx_err rec_calib_moved(struct calib *k, bool *moved)
     if (who < 0)
         return PVX_OK;
     *moved = true;
-    rec_calib_say(k, REC_CALIB_REFUSED, REC_CALIB_MOVED, who, frame,
-                  "%s was moved at frame %u: there residuals step by %.1f px, and without its "
-                  "later pictures all "
-                  "others agree; calibrate the frames before it or from it on",
-                  k->in->camera[who].name, frame, step);
+    rec_calib_say(
+        k, REC_CALIB_REFUSED, REC_CALIB_MOVED, who, frame,
+        "%s was moved at frame %u: there residuals step by %.1f px, and without its "
+        "pictures of one side all others agree; solve the frames before (--to %u) or those "
+        "from there on (--from %u), or all others first and then it with --keep RIG "
+        "--recover %s --from %u",
+        k->in->camera[who].name, frame, step, frame - 1, frame, k->in->camera[who].name, frame);
     return PVX_OK;
 }

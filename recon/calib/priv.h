@@ -138,6 +138,8 @@ PVX_MUST_CHECK pvx_err rec_calib_register(const struct rec_rig *a, const struct 
 PVX_PRINTF(6, 7)
 void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_calib_what what,
                    int camera, uint32_t frame, const char *fmt, ...);
+/* It keeps lens and pose of the old rig. */
+bool rec_calib_stays(const struct calib *k, size_t camera);
 /* Rig of the state: K, lens and pose of every camera; grid of the input. */
 PVX_MUST_CHECK pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig);
 

@@ -126,16 +126,50 @@ static void say_folds(struct calib *k)
                       held / trained);
 }
 
+/* Cameras that contradict each other (pictures of other instants, frames numbered wrongly, an old rig that is not
+ * so): each view errs as a whole, n views leave 1 / sqrt(n) of that at best, and where this is a voxel of the volume
+ * nothing can be reconstructed. */
+static void say_contradiction(struct calib *k)
+{
+    const struct rec_calib_report *r = k->out;
+    double most = 1;
+    int worst = -1;
+    for (uint32_t c = 0; c < k->nc; c++) {
+        const struct rec_calib_of_camera *o = &r->camera[c];
+        double voxels = o->expected.px > 0 ? o->expected.voxels / o->expected.px
+                        : r->px > 0        ? r->voxels / r->px
+                                           : 1;
+        double left = o->joint * voxels / sqrt(fmax((double)o->used, 1));
+        if (o->joint > 2 * o->single && left > most) {
+            most = left;
+            worst = (int)c;
+        }
+    }
+    if (worst >= 0)
+        rec_calib_say(
+            k, REC_CALIB_REFUSED, REC_CALIB_SYNC, worst, REC_NO_FRAME,
+            "the cameras contradict each other: %s fits the others to %.1f px, itself to "
+            "%.2f px, which leaves %.1f voxels in the volume; see that pictures of one "
+            "number are of one instant, that the board is still in each, and that nothing "
+            "that was held has moved",
+            k->in->camera[worst].name, r->camera[worst].joint, r->camera[worst].single, most);
+}
+
 void rec_calib_verdicts(struct calib *k)
 {
     const struct rec_calib_report *r = k->out;
     uint32_t worst = 0;
+    while (worst + 1 < k->nc && rec_calib_stays(k, worst))
+        worst++;
     for (uint32_t c = 0; c < k->nc; c++) {
         say_held(k, c);
-        if (r->camera[c].expected.voxels_95 > r->camera[worst].expected.voxels_95)
+        if (!rec_calib_stays(k, c) &&
+            r->camera[c].expected.voxels_95 > r->camera[worst].expected.voxels_95)
             worst = c;
     }
     say_pictures(k);
+    if (!rec_calib_says(r, REC_CALIB_REFUSED, -1))
+        say_contradiction(k);
     if (r->joint > 1.3 * r->single && !rec_calib_says(r, REC_CALIB_WARNING, REC_CALIB_SYNC) &&
         !rec_calib_says(r, REC_CALIB_REFUSED, -1))
         rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SYNC, -1, REC_NO_FRAME,

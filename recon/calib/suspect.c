@@ -7,7 +7,10 @@
 #include "base/mem.h"
 #include "recon/calib/priv.h"
 
-#define OVER      3.0 /* joint over single residuals: above it the pictures do not belong together */
+#define OVER 3.0 /* joint over single residuals: above it the pictures do not belong together */
+#define WHOLE \
+    0.25 /* of the spread is left by a shift of one frame: of a board that moves evenly this is a camera that is off
+          * by 0.8 frames or more, which no free-running one is for long */
 #define STRUCTURE 0.25 /* px that repeat by place: above it the lens is not of this model */
 
 static double over_of(const struct calib *k, uint32_t c, double *room)
@@ -48,20 +51,31 @@ static uint32_t worst_of(const struct calib *k, uint32_t *n)
     return worst;
 }
 
-/* Its pictures belong to the frame before or after. */
-static bool a_frame_off(struct calib *k, uint32_t c, uint32_t n)
+/* The camera whose pictures fit the others better as those of the frame before or after; all are tried, since the
+ * one with the largest residuals need not be it. */
+static bool a_frame_off(struct calib *k, uint32_t n)
 {
-    double before = shifted_spread(k, c, 1), after = shifted_spread(k, c, -1);
-    double best = fmin(before, after);
-    if (!(best < 0.7))
+    double best = 0.7;
+    int who = -1;
+    bool late = false;
+    for (uint32_t c = 0; c < k->nc; c++) {
+        double before = shifted_spread(k, c, 1), after = shifted_spread(k, c, -1);
+        if (!(fmin(before, after) < best))
+            continue;
+        best = fmin(before, after);
+        who = (int)c;
+        late = before < after;
+    }
+    if (who < 0)
         return false;
-    rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_SYNC, (int)c, REC_NO_FRAME,
-                  "%s: residuals are %.1f times what it has alone (%u such cameras), and its "
-                  "pictures fit the "
-                  "others %.1f times better one frame %s: count its frames anew, or trigger all "
-                  "cameras together",
-                  k->in->camera[c].name, k->out->camera[c].over, n, 1 / best,
-                  before < after ? "earlier" : "later");
+    const char *name = k->in->camera[who].name;
+    rec_calib_say(k, best < WHOLE ? REC_CALIB_REFUSED : REC_CALIB_WARNING, REC_CALIB_SYNC, who,
+                  REC_NO_FRAME,
+                  "%s is one frame %s: residuals of %u cameras are up to %.1f times what each has "
+                  "alone, and its pictures fit the others %.1f times better one frame %s; give its "
+                  "pictures numbers %s by one, or trigger all cameras together",
+                  name, late ? "late" : "early", n, k->out->camera[worst_of(k, &n)].over, 1 / best,
+                  late ? "earlier" : "later", late ? "lower" : "higher");
     return true;
 }
 
@@ -98,7 +112,7 @@ pvx_err rec_calib_suspect(struct calib *k)
     }
     free(room);
     uint32_t worst = worst_of(k, &n);
-    bool off = n > 0 && a_frame_off(k, worst, n);
+    bool off = n > 0 && a_frame_off(k, n);
     if (!off)
         PVX_TRY(rec_calib_moved(k, &moved));
     if (!a_lens(k, structure, !off && !moved) && n > 0 && !off && !moved)

@@ -8,6 +8,28 @@
 #define STILL \
     0.5 /* px: a board that moved less between two pictures gives the same picture twice */
 
+/* An old rig in which two cameras are one: somebody copied an entry. */
+static pvx_err check_old(const struct calib *k)
+{
+    const struct rec_rig *old = k->in->options.old;
+    for (size_t i = 0; old != NULL && i < old->n_cameras; i++)
+        for (size_t j = 0; j < i; j++) {
+            const struct rec_camera *a = &old->cameras[j], *b = &old->cameras[i];
+            double x[3], y[3], turn = 0;
+            rec_camera_centre(a, x);
+            rec_camera_centre(b, y);
+            for (int e = 0; e < 9; e++)
+                turn = fmax(turn, fabs(a->R[e] - b->R[e]));
+            if (turn < 1e-4 && hypot(hypot(x[0] - y[0], x[1] - y[1]), x[2] - y[2]) < 1e-4)
+                return pvx_fail(k->d, PVX_EINVAL,
+                                "the old rig has %s and %s at one place, looking the same way: one "
+                                "is a copy of the other; take out the one that is not there, or "
+                                "calibrate without the old rig",
+                                a->name, b->name);
+        }
+    return PVX_OK;
+}
+
 static pvx_err check(const struct calib *k)
 {
     const struct rec_calib_input *in = k->in;
@@ -24,6 +46,7 @@ static pvx_err check(const struct calib *k)
         if (!(in->grid.max[i] - in->grid.min[i] >= 1e-9) || in->grid.n[i] < 0 ||
             in->grid.n[i] > REC_GRID_MAX)
             return pvx_fail(k->d, PVX_EINVAL, "the volume is empty along %c", "xyz"[i]);
+    PVX_TRY(check_old(k));
     for (size_t c = 0; c < in->n_cameras; c++) {
         const struct rec_calib_camera *m = &in->camera[c];
         if (m->width < 1 || m->height < 1 || m->width > 16384 || m->height > 16384)
@@ -32,6 +55,12 @@ static pvx_err check(const struct calib *k)
         int old = in->options.old != NULL ? rec_rig_find(in->options.old, m->name) : -1;
         if (m->hold != 0 && old < 0)
             return pvx_fail(k->d, PVX_EINVAL, "%s is to stay as it is, but no old rig has it",
+                            m->name);
+        const double *dist = old >= 0 ? in->options.old->cameras[old].dist : NULL;
+        if ((m->hold & REC_HOLD_LENS) != 0 && (dist[5] != 0 || dist[6] != 0 || dist[7] != 0))
+            return pvx_fail(k->d, PVX_EINVAL,
+                            "%s: its lens in the old rig has k4, k5 or k6, which a calibration "
+                            "does not know: let it be found anew, without --fix-intrinsics",
                             m->name);
         if ((m->hold & REC_HOLD_LENS) != 0 && (in->options.old->cameras[old].width != m->width ||
                                                in->options.old->cameras[old].height != m->height))

@@ -110,6 +110,9 @@ T_CASE(a_camera_that_was_moved)
     T_OK(f != NULL && f->severity == REC_CALIB_REFUSED && f->camera == 1);
     if (f != NULL)
         T_OK(f->frame >= 122 && f->frame <= 126);
+    T_CONTAINS(f != NULL ? f->text : "", "(--to 12");
+    T_CONTAINS(f != NULL ? f->text : "", "(--from 12");
+    T_CONTAINS(f != NULL ? f->text : "", "--recover cam1 --from 12");
     bv_done(&r);
 }
 
@@ -124,12 +127,38 @@ T_CASE(cameras_out_of_step)
     bv_solved(&s, &r);
     const struct rec_calib_finding *f = bv_said(&r, REC_CALIB_SYNC);
     T_OK(f != NULL && f->camera == 2);
-    T_CONTAINS(f != NULL ? f->text : "", "one frame earlier");
+    T_CONTAINS(f != NULL ? f->text : "", "cam2 is one frame late");
+    T_OK(f != NULL && f->severity == REC_CALIB_REFUSED);
+    bv_done(&r);
+    s.cam[2].delay = -1;
+    bv_take(&s);
+    bv_solved(&s, &r);
+    f = bv_said(&r, REC_CALIB_SYNC);
+    T_OK(f != NULL && f->camera == 2);
+    T_CONTAINS(f != NULL ? f->text : "", "cam2 is one frame early");
     bv_done(&r);
     s.cam[2].delay = 0;
     bv_take(&s);
     bv_solved(&s, &r);
     T_OK(bv_said(&r, REC_CALIB_SYNC) == NULL);
+    bv_done(&r);
+}
+
+/* The board is held still in a new pose for every picture, and one camera's numbers are one too high. */
+T_CASE(numbers_that_are_one_too_high)
+{
+    struct bv_result r;
+    bool late = false;
+    bv_init(&s, 4, true);
+    s.frames = 60;
+    s.cam[2].delay = 1;
+    bv_everywhere(&s);
+    bv_take(&s);
+    bv_solve(&s, &r);
+    T_OK(r.e != PVX_OK || rec_calib_says(&r.report, REC_CALIB_REFUSED, -1));
+    for (size_t i = 0; i < r.report.n_findings; i++)
+        late |= strstr(r.report.finding[i].text, "cam2 is one frame late") != NULL;
+    T_OK(late);
     bv_done(&r);
 }
 

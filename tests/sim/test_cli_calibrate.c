@@ -146,6 +146,101 @@ T_CASE(the_same_bits_on_one_thread_and_nothing_written_over)
     T_EQ_S(slurp("rig.yaml"), first);
 }
 
+static void save_rig(const struct rec_rig *r, const char *name)
+{
+    char *yaml = NULL;
+    size_t len = 0;
+    T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
+    T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
+    free(yaml);
+}
+
+/* All cameras of the rig but `c` are those of `old`, bit for bit, and c is within `near` m of where it truly is. */
+static void only_one_new(const char *file, const struct rec_rig *old, size_t c, double near)
+{
+    struct pvx_diag d = {""};
+    struct rec_rig rig = {0};
+    double from[3], to[3];
+    T_EQ_I(rec_rig_load(at("%s", file), &rig, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_EQ_I(rig.n_cameras, CAMERAS);
+    T_OK(memcmp(&rig.grid, &old->grid, sizeof rig.grid) == 0);
+    for (size_t i = 0; i < rig.n_cameras; i++) {
+        const struct rec_camera *k = &rig.cameras[i], *was = &old->cameras[i];
+        T_EQ_S(k->name, truth.cameras[i].name);
+        if (i != c)
+            T_OK(memcmp(k->R, was->R, sizeof k->R) == 0 && k->t[0] == was->t[0] &&
+                 k->t[1] == was->t[1] && k->t[2] == was->t[2] && k->fx == was->fx &&
+                 k->gain[1] == was->gain[1] && k->uncertainty.px == was->uncertainty.px);
+    }
+    rec_camera_centre(&rig.cameras[c], from);
+    rec_camera_centre(&truth.cameras[c], to);
+    for (int i = 0; i < 3; i++)
+        T_NEAR(from[i], to[i], near);
+    T_OK(rig.cameras[c].uncertainty.px > 0);
+    rec_rig_fini(&rig);
+}
+
+/* cam2's tripod was moved since the rig was made: it is found again; a camera that the rig lacks is added.  Cameras
+ * that stay need no pictures. */
+T_CASE(one_camera_among_others_that_stay)
+{
+    struct rec_rig old, less;
+    struct pvx_diag d = {""};
+    T_EQ_I(rec_rig_copy(&truth, &old), PVX_OK);
+    old.cameras[1].gain[1] = 0.75F;
+    old.cameras[3].uncertainty = (struct rec_uncertainty){0.01, 0.02, 0.03, 0.04};
+    old.cameras[2].t[0] += 0.05;
+    save_rig(&old, "moved.yaml");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD
+                         " --keep moved.yaml --recover cam2 --out recovered.yaml"),
+           0);
+    only_one_new("recovered.yaml", &old, 2, 1e-3);
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME
+                         " --keep moved.yaml --recover cam2 --out x.yaml"),
+           2);
+    T_CONTAINS(slurp("err"), "leave out --volume");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --recover cam2 --out x.yaml"), 2);
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --keep moved.yaml --add cam2 --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "--recover cam2");
+    old.cameras[2].t[0] -= 0.05;
+    T_EQ_I(rec_rig_copy(&old, &less), PVX_OK);
+    T_EQ_I(rec_rig_select(&less, "cam0,cam1,cam2", &d), PVX_OK);
+    save_rig(&less, "three.yaml");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --keep three.yaml --recover cam9 --out x.yaml"),
+           1);
+    T_CONTAINS(slurp("err"), "cam9: there are no pictures of it");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --keep three.yaml --recover cam2 --out x.yaml"),
+           1);
+    T_CONTAINS(slurp("err"), "--add cam3 too");
+    T_EQ_I(pvx_mkdirs(at("two"), &d), PVX_OK);
+    T_EQ_I(symlink(at("take/cam2"), at("two/cam2")), 0);
+    T_EQ_I(symlink(at("take/cam3"), at("two/cam3")), 0);
+    T_EQ_I(pyrovox(SOLVE "two --board " BOARD " --keep three.yaml --add cam3 --out added.yaml"), 0);
+    only_one_new("added.yaml", &old, 3, 5e-3); /* its focal length is from 11 poses */
+    /* two entries that are one camera */
+    memcpy(old.cameras[2].R, old.cameras[1].R, sizeof old.cameras[2].R);
+    memcpy(old.cameras[2].t, old.cameras[1].t, sizeof old.cameras[2].t);
+    save_rig(&old, "copied.yaml");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " --keep copied.yaml --recover cam0 --out x.yaml"),
+           1);
+    T_CONTAINS(slurp("err"), "cam1 and cam2 at one place");
+    T_OK(!there("x.yaml"));
+    rec_rig_fini(&old);
+    rec_rig_fini(&less);
+}
+
+T_CASE(some_of_the_frames)
+{
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME
+                         " --keep true.yaml --from 2 --to 10 --out some.yaml"),
+           0);
+    slurp("out.txt");
+    T_CONTAINS(text, "of 36 pictures of 4 cameras");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --from 90 --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "cam0: no picture has a number from 90");
+}
+
 T_CASE(the_wrong_board_is_named)
 {
     struct pvx_diag d = {""};
