@@ -7,7 +7,9 @@
 #include "base/mem.h"
 #include "recon/calib/priv.h"
 
-#define HELD 0.5 /* a number is held when the data leave more than this of what was believed */
+#define APART 3.0  /* residuals together over those alone: above it cameras contradict each other */
+#define KNOWN 0.01 /* standard deviation of a focal length that a camera knows by itself */
+#define HELD  0.5  /* a number is held when the data leave more than this of what was believed */
 
 static bool used(const struct calib *k, const struct view *v)
 {
@@ -145,7 +147,7 @@ static bool hold(struct calib *k, double *cov)
             size_t at = c * (REC_LENS + 6) + (size_t)i;
             o->sigma[i] = sqrt(fmax(0, cov[at * N + at]));
             bool with = i == REC_FY && (o->held >> REC_FX & 1) != 0; /* pixels are square */
-            if ((k->in->camera[c].hold & REC_HOLD_LENS) != 0 ||
+            if ((k->in->camera[c].hold & REC_HOLD_LENS) != 0 || k->own_lens[c] ||
                 !(o->sigma[i] > HELD * believed[i] || with))
                 continue;
             o->held |= 1u << i;
@@ -186,13 +188,46 @@ static void correlate(struct calib *k)
     }
 }
 
+/* The middle camera's residuals together over alone. */
+static double apart(const struct calib *k)
+{
+    double over[REC_MAX_CAMERAS];
+    for (size_t c = 0; c < k->nc; c++)
+        over[c] = k->scale[c] / k->alone[c];
+    return rec_calib_median(over, k->nc);
+}
+
+/* Pictures of different instants: lenses would bend to hide it.  Those that a camera knows by itself stay so. */
+static void own_lenses(struct calib *k, const double *focal, const double (*lens)[REC_LENS])
+{
+    size_t n = 0;
+    for (size_t c = 0; c < k->nc; c++) {
+        if (!(focal[c] < KNOWN))
+            continue;
+        memcpy(k->lens[c], lens[c], sizeof k->lens[c]);
+        k->lens_held[c] = (1u << REC_LENS) - 1;
+        k->own_lens[c] = true;
+        n++;
+    }
+    if (n > 0)
+        rec_calib_say(
+            k, REC_CALIB_NOTE, REC_CALIB_HELD, -1, REC_NO_FRAME,
+            "together the cameras fit %.0f times worse than alone: the lenses of %zu stay "
+            "as each found its own",
+            apart(k), n);
+}
+
 pvx_err rec_calib_together(struct calib *k, double *cov)
 {
+    double lens[REC_MAX_CAMERAS][REC_LENS], focal[REC_MAX_CAMERAS];
     double *room = pvx_calloc(k->ns, sizeof *room);
     struct adjust a = {.robust = true, .max_iterations = 50};
     pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;
     size_t changed = 1;
     memcpy(k->alone, k->scale, sizeof k->alone);
+    memcpy(lens, k->lens, k->nc * sizeof *lens);
+    for (uint32_t c = 0; c < k->nc; c++)
+        focal[c] = rec_calib_own_focal(k, c);
     rec_calib_measure_all(k);
     for (size_t i = 0; i < k->ns; i++) /* behind a camera at the start: no step leads from there */
         k->seen[i].wrong |= isinf(k->seen[i].far);
@@ -203,6 +238,8 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
         e = rec_calib_adjust(k, &a);
         rec_calib_measure_all(k);
         rescale(k, room);
+        if (round == 0 && apart(k) > APART)
+            own_lenses(k, focal, (const double(*)[REC_LENS])lens);
         changed = judge(k, round > 0);
         if (e == PVX_OK)
             e = still_there(k);

@@ -49,6 +49,7 @@ struct calib {
     double middle[2], half[2]; /* m: of the print */
     unsigned shape_held;
     unsigned lens_held[REC_MAX_CAMERAS]; /* bits */
+    bool own_lens[REC_MAX_CAMERAS];      /* stays what the camera alone made of it */
     bool pose_held[REC_MAX_CAMERAS], joined[REC_MAX_CAMERAS];
     double believed[REC_MAX_CAMERAS][REC_LENS]; /* mean of the prior */
     double scale[REC_MAX_CAMERAS];              /* standard deviation of whitened residuals */
@@ -94,6 +95,8 @@ struct drift rec_calib_drift(const struct calib *k, const struct view *v, bool w
 /* px: mean residuals of camera c by place in the picture, less what chance makes of them, over views that are
  * used; share of the places that have corners. */
 double rec_calib_structure(const struct calib *k, uint32_t c, double *coverage);
+/* own.c: standard deviation of fx over fx by the camera's own views alone, lens and poses as they were then. */
+double rec_calib_own_focal(const struct calib *k, uint32_t c);
 /* Median distance [px] of all its corners, wrong or not. */
 double rec_calib_usual(const struct calib *k, const struct view *v);
 double rec_calib_median(double *v, size_t n); /* reorders v; 0 for none */

@@ -233,5 +233,7 @@ int main(int argc, char **argv)
     real("chessboard:9x6:0.025", "calibration/opencv_stereo", "right");
     real("charuco:4x5:0.054:0.0405:4X4_1000:inverted",
          "calibration/caliscope_post_optimization/calibration/extrinsic", "cam_");
+    real("charuco:4x5:0.054:0.0405:4X4_1000:inverted",
+         "calibration/caliscope_charuco/calibration/extrinsic", "cam_");
     return *bench_status();
 }
