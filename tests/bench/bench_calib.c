@@ -1,24 +1,32 @@
 /* bench_calib - what rec_calib makes of a known ring of eight cameras: volume error, time, and how often what it
  * states of itself holds. */
 #include "base/clock.h"
+#include "recon/calib/pose.h"
 #include "tests/lib/board_views.h"
 
 static struct bv s;
 
-/* Largest error of a focal length, and of a baseline between opposite cameras, in %. */
+/* Largest error of a focal length and of a baseline between opposite cameras, in %, and of a centre, in mm. */
 static void lengths(const struct bv_result *r)
 {
-    double f = 0, base = 0, a[3], b[3];
+    double f = 0, base = 0, centre = 0, sum = 0, a[3], b[3], to[3];
     for (size_t c = 0; c < 8; c++) {
         const double *p = s.cam[c].at, *q = s.cam[(c + 4) % 8].at;
         rec_camera_centre(&r->rig.cameras[c], a);
         rec_camera_centre(&r->rig.cameras[(c + 4) % 8], b);
+        rec_pose_apply(r->to_rig, p, to);
+        double off = sqrt(pow(a[0] - to[0], 2) + pow(a[1] - to[1], 2) + pow(a[2] - to[2], 2));
+        centre = fmax(centre, 1e3 * off);
+        sum += 1e6 * off * off / 8;
         double got = sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
         double true_one = sqrt(pow(p[0] - q[0], 2) + pow(p[1] - q[1], 2) + pow(p[2] - q[2], 2));
         base = fmax(base, 100 * fabs(got / true_one - 1));
         f = fmax(f, 100 * fabs(r->rig.cameras[c].fx / s.cam[c].f[0] - 1));
     }
-    printf("  worst focal length %.3f %%, worst opposite baseline %.3f %%\n", f, base);
+    printf(
+        "  worst focal length %.3f %%, worst opposite baseline %.3f %%, centres %.2f mm rms, %.2f "
+        "worst\n",
+        f, base, sqrt(sum), centre);
 }
 
 /* Views of eight cameras, into s. */

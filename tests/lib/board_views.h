@@ -227,6 +227,7 @@ struct bv_result {
     struct pvx_diag d;
     pvx_err e;
     double rms, worst, px[BV_CAMERAS]; /* px, volume error; of each camera */
+    double to_rig[6]; /* pose.h: from the truth's axes to the rig's, by what is seen */
 };
 
 static inline void bv_solve(const struct bv *s, struct bv_result *r)
@@ -237,8 +238,7 @@ static inline void bv_solve(const struct bv *s, struct bv_result *r)
     r->e = rec_calib_solve(&s->in, &r->rig, &r->report, &r->d);
     bv_truth(s, cameras, &truth);
     struct rec_calib_overlay o;
-    double m[6];
-    if (r->e != PVX_OK || rec_calib_register(&truth, &r->rig, false, m, &o) != PVX_OK)
+    if (r->e != PVX_OK || rec_calib_register(&truth, &r->rig, false, r->to_rig, &o) != PVX_OK)
         return;
     r->rms = o.rms;
     r->worst = o.worst;
