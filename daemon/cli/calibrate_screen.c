@@ -59,8 +59,12 @@ static bool join_first(const struct live *l, char *out, size_t size)
     calibrate_graph(l->common, nc, &g);
     for (uint32_t c = 0; c < nc && g.groups > 1; c++)
         if (g.group[c] != 0) {
-            snprintf(out, size, "show the board to %s and a camera beside it at once",
-                     name_of(l, c));
+            if (l->camera[c].running)
+                snprintf(out, size, "show the board to %s and a camera beside it at once",
+                         name_of(l, c));
+            else
+                snprintf(out, size, "%s does not run%s%s", name_of(l, c),
+                         l->camera[c].error[0] != '\0' ? ": " : "", l->camera[c].error);
             return true;
         }
     return false;
@@ -80,8 +84,8 @@ void live_advice(const struct live *l, char *out, size_t size)
         bool good = r->n == l->job.look.n_cameras;
         for (size_t c = 0; c < r->n; c++)
             good &= r->report.camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
-        snprintf(out, size, "%s%s: %.2g -> %.2g voxels", good ? "good enough; better still: " : "",
-                 r->next.text, r->next.now, r->next.then);
+        snprintf(out, size, "%s: %.2g -> %.2g voxels%s", r->next.text, r->next.now, r->next.then,
+                 good ? " (good already)" : "");
     }
     if (out[0] == '\0')
         snprintf(out, size, "another pose: elsewhere in the volume, tilted otherwise");
