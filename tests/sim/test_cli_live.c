@@ -19,7 +19,7 @@
 
 #define BOARD       "charuco:5x6:0.14:0.105:two-sided"
 #define VOLUME      "--volume -0.5,-0.5,0,0.5,0.5,1 --voxels 32"
-#define RIG         "--cameras 4 --size 480x360 --radius 1.6 --height 0.9 --voxels 32"
+#define RIG         "--cameras 4 --size 400x300 --radius 1.6 --height 0.9 --voxels 32"
 #define PATIENCE_NS (120 * PVX_NS_PER_S)
 
 enum { FIRST = 8, ALL = 12, IMAGES = 2, FPS = 5 };
@@ -160,10 +160,12 @@ T_CASE(the_flame_is_as_near_as_with_the_true_rig)
     T_EQ_I(rec_rig_load(at("rig.yaml"), &rig, &d), PVX_OK);
     T_EQ_S(d.text, "");
     T_EQ_I(rec_calib_distance(&truth, &rig, &rms, &worst), PVX_OK);
-    T_EQ_I(pyrovox("reconstruct --quiet --basis trilinear --rig true.yaml --frames flame --black "
+    T_EQ_I(pyrovox("reconstruct --quiet --binning 2 --basis trilinear --rig true.yaml --frames "
+                   "flame --black "
                    "0.02 --out by-true"),
            0);
-    T_EQ_I(pyrovox("reconstruct --quiet --basis trilinear --rig rig.yaml --frames flame --black "
+    T_EQ_I(pyrovox("reconstruct --quiet --binning 2 --basis trilinear --rig rig.yaml --frames "
+                   "flame --black "
                    "0.02 --out by-live"),
            0);
     truth.grid.basis = REC_TRILINEAR;
