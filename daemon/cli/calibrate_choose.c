@@ -5,14 +5,16 @@
 
 #define STAYS (REC_HOLD_LENS | REC_HOLD_POSE)
 
-pvx_err calibrate_only(struct calibrate_look *l, int64_t from, int64_t to, struct pvx_diag *d)
+pvx_err calibrate_only(struct calibrate_look *l, struct pvx_diag *d)
 {
     size_t n = 0;
+    if (l->from == 0 && l->to == REC_NO_FRAME)
+        return PVX_OK;
     for (size_t c = 0; c < l->n_cameras; c++)
         l->count[c].pictures = 0;
     for (size_t i = 0; i < l->n; i++) {
         struct calibrate_picture *p = &l->picture[i];
-        if (p->frame < from || p->frame > to) {
+        if (p->frame < l->from || p->frame > l->to) {
             free(p->path);
             continue;
         }
@@ -23,8 +25,8 @@ pvx_err calibrate_only(struct calibrate_look *l, int64_t from, int64_t to, struc
     for (size_t c = 0; c < l->n_cameras; c++)
         if (l->count[c].pictures == 0)
             return pvx_fail(d, PVX_EINVAL,
-                            "%s: no picture has a number from %lld to %lld; see --from and --to",
-                            l->camera[c].name, (long long)from, (long long)to);
+                            "%s: no picture has a number from %u to %u; see --from and --to",
+                            l->camera[c].name, l->from, l->to);
     return PVX_OK;
 }
 

@@ -6,8 +6,7 @@
 #include "daemon/cli/calibrate_options.h"
 
 /* Only pictures of numbers from..to.  PVX_EINVAL: a camera has none of them. */
-PVX_MUST_CHECK pvx_err calibrate_only(struct calibrate_look *l, int64_t from, int64_t to,
-                                      struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err calibrate_only(struct calibrate_look *l, struct pvx_diag *d);
 
 /* hold[] of all cameras: those of `add` are new, those of `recover` keep the lens of the old rig, the others keep
  * lens and pose.  PVX_EINVAL: names that do not go with the old rig or have no pictures. */

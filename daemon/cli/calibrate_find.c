@@ -125,7 +125,7 @@ pvx_err calibrate_find(struct calibrate_look *l, const char *path, struct pvx_di
 {
     struct dirent **entry;
     struct stat st;
-    *l = (struct calibrate_look){.always = REC_NO_FRAME};
+    *l = (struct calibrate_look){.always = REC_NO_FRAME, .to = REC_NO_FRAME};
     if (stat(path, &st) == 0 && S_ISREG(st.st_mode))
         return find_take(l, path, d);
     int n = scandir(path, &entry, NULL, alphasort);

@@ -8,6 +8,7 @@
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "capture/pixel/pixfmt.h"
+#include "daemon/cli/calibrate_choose.h"
 #include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/calibrate_reel.h"
 #include "daemon/cli/cli.h"
@@ -166,6 +167,7 @@ pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b, pvx_
     bool reels = l->source != CALIBRATE_FOLDERS;
     if (reels)
         PVX_TRY(calibrate_survey(l, pool, quiet, d));
+    PVX_TRY(calibrate_only(l, d));
     struct looking w = {.l = l,
                         .board = b,
                         .lock = PTHREAD_MUTEX_INITIALIZER,

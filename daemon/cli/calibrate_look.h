@@ -51,7 +51,8 @@ struct calibrate_look {
     int take_camera[REC_MAX_CAMERAS];
     uint32_t
         every; /* of so many instants of theirs one is looked at; 0: so that CALIBRATE_LOOKED_AT are */
-    uint32_t always; /* and this one; REC_NO_FRAME: none */
+    uint32_t always;   /* and this one; REC_NO_FRAME: none */
+    uint32_t from, to; /* pictures of other numbers are not looked at */
     struct
         calibrate_mode { /* of the flame's pictures, where they are not as these; calibrate_modes.h */
         int32_t binning, x, y, width, height; /* 0: not said */
@@ -59,13 +60,13 @@ struct calibrate_look {
     char said[300]; /* what was done about it; "" for folders */
 };
 
-/* What is there; `every` and `always` may be set after it.  Errors: PVX_ENOENT: no pictures; PVX_EINVAL: a name that
+/* What is there; `every`, `always`, `from` and `to` may be set after it.  Errors: PVX_ENOENT: no pictures; PVX_EINVAL: a name that
  * no camera can have, two pictures of one number, folders and videos side by side; PVX_ERANGE: too many cameras,
  * numbers too large; a take's. */
 PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path,
                                       struct pvx_diag *d);
 /* Every picture looked at; the result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C),
- * PVX_EINVAL: a camera with pictures of two sizes, or none that can be read; the detector's. */
+ * PVX_EINVAL: a camera without a picture from..to, with pictures of two sizes, or none that can be read; the detector's. */
 PVX_MUST_CHECK pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b,
                                       pvx_pool *pool, bool quiet, struct pvx_diag *d);
 /* The views and the counts, from pictures that were looked at; once.  Errors as calibrate_look. */

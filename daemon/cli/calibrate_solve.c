@@ -3,7 +3,6 @@
 
 #include "daemon/cli/arg.h"
 #include "daemon/cli/calibrate.h"
-#include "daemon/cli/calibrate_choose.h"
 #include "daemon/cli/calibrate_job.h"
 #include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/cli.h"
@@ -92,7 +91,6 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
     pvx_pool *pool;
     PVX_TRY(calibrate_start(j, &a->c, d));
     PVX_TRY(calibrate_find(&j->look, a->frames, d));
-    PVX_TRY(calibrate_only(&j->look, a->from, a->to, d));
     if (a->every > 0 && j->look.source == CALIBRATE_FOLDERS)
         return pvx_fail(
             d, PVX_EINVAL,
@@ -100,6 +98,8 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
             "them are looked at",
             a->frames);
     j->look.every = (uint32_t)a->every;
+    j->look.from = (uint32_t)a->from;
+    j->look.to = (uint32_t)a->to;
     if (a->c.floor >= 0)
         j->look.always = (uint32_t)a->c.floor;
     for (size_t i = 0; i < a->n_binning; i++)

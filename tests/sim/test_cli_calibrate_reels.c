@@ -147,6 +147,19 @@ T_CASE(a_take_gives_the_rig)
     }
 }
 
+T_CASE(some_of_the_sets)
+{
+    T_EQ_I(pyrovox(SOLVE "take.h5 --every 4 --keep true.yaml --from 104 --to 140 --board " BOARD
+                         " " VOLUME " --voxels 32 --out some.yaml --report some.json"),
+           0);
+    T_OK(strstr(slurp("some.json"), "take.h5: set 102 of") == NULL);
+    T_CONTAINS(text, "take.h5: set 1");
+    T_EQ_I(pyrovox(SOLVE "take.h5 --keep true.yaml --from 4000 --board " BOARD " " VOLUME
+                         " --out none.yaml"),
+           1);
+    T_CONTAINS(slurp("err"), "no picture has a number from 4000 to ");
+}
+
 T_CASE(threads_change_nothing)
 {
     static char first[sizeof text];
