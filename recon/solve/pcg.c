@@ -186,8 +186,8 @@ static bool due(const struct rec_pcg *t, const struct rec_solve_report *out,
                 const struct rec_stopper *stop)
 {
     uint32_t last = out->renewals > 0 ? out->renewed[out->renewals - 1] : 0;
-    return t->pb->start == REC_START_FITS &&
-           out->renewals < t->pb->renewals && (out->renewals < RENEWALS || t->restless) &&
+    return t->pb->start == REC_START_FITS && out->renewals < t->pb->renewals &&
+           (out->renewals < RENEWALS || t->restless) &&
            (stop->moved <= SETTLED || stop->k >= last + RENEW_AFTER);
 }
 
