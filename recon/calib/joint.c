@@ -219,7 +219,7 @@ static void own_lenses(struct calib *k, const double *focal, const double (*lens
 
 pvx_err rec_calib_together(struct calib *k, double *cov)
 {
-    double lens[REC_MAX_CAMERAS][REC_LENS], focal[REC_MAX_CAMERAS];
+    double lens[REC_MAX_CAMERAS][REC_LENS], focal[REC_MAX_CAMERAS] = {0};
     double *room = pvx_calloc(k->ns, sizeof *room);
     struct adjust a = {.robust = true, .max_iterations = 50};
     pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "recon/board/spec.h"
 #include "recon/calib/priv.h"
 
 #define STILL \
@@ -42,6 +43,13 @@ static pvx_err check(const struct calib *k)
     if (in->n_cameras < 1 || in->n_cameras > REC_MAX_CAMERAS)
         return pvx_fail(k->d, PVX_EINVAL, "%zu cameras; 1 to %d can be calibrated", in->n_cameras,
                         REC_MAX_CAMERAS);
+    if (in->n_cameras > 1 && rec_board_symmetric(b))
+        return pvx_fail(
+            k->d, PVX_EINVAL,
+            "a chessboard of %dx%d inner corners looks the same after half a turn, so "
+            "that cameras cannot agree on its first corner: take one with one side even "
+            "and one odd, or a charuco board",
+            b->cols, b->rows);
     for (int i = 0; i < 3; i++)
         if (!(in->grid.max[i] - in->grid.min[i] >= 1e-9) || in->grid.n[i] < 0 ||
             in->grid.n[i] > REC_GRID_MAX)

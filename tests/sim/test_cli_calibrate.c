@@ -261,6 +261,21 @@ T_CASE(the_wrong_board_is_named)
     T_CONTAINS(slurp("err"), "wrong.pdf: a report is written as .html or .json");
 }
 
+T_CASE(hostile_folders)
+{
+    struct pvx_diag d = {""};
+    T_EQ_I(pvx_mkdirs(at("odd/cam 0;\033[2J"), &d), PVX_OK);
+    T_EQ_I(symlink(at("take/cam0/000000.png"), at("odd/cam 0;\033[2J/000000.png")), 0);
+    T_EQ_I(pyrovox(SOLVE "odd --board " BOARD " " VOLUME " --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "a name that no camera can have: letters, digits");
+    T_OK(strchr(text, '\033') == NULL);
+    T_EQ_I(pvx_mkdirs(at("none/cam0"), &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("none/cam0/000000.png"), "", 0, &d), PVX_OK);
+    T_EQ_I(pyrovox(SOLVE "none --board " BOARD " " VOLUME " --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "cam0: none of its 1 pictures can be read");
+    T_OK(!there("x.yaml"));
+}
+
 T_CASE(a_camera_behind_a_wavy_window_is_refused)
 {
     T_EQ_I(pyrovox(SOLVE "window --board " BOARD " " VOLUME " --keep true.yaml --out window.yaml "

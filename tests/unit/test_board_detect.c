@@ -105,6 +105,31 @@ T_CASE(both_faces_are_accurate)
     accurate("charuco:6x8:0.03:0.022:thickness=0.004", 20, 60, 2);
 }
 
+/* So many pixels that the picture is looked at made smaller first; and a board on edge, of which nothing is found. */
+T_CASE(large_pictures)
+{
+    struct board_judged j = {0}, edge = {0};
+    use("charuco:6x8:0.03:0.022:two-sided");
+    for (int i = 0; i < 3; i++) {
+        struct board_shot s = board_shot_of(&board, i % 2 ? REC_BACK : REC_FRONT, 30,
+                                            i == 2 ? 86 : 40, 30 + 70 * i, 9);
+        s.width = 1100;
+        s.height = 820;
+        s.f *= 1.7;
+        s.cx *= 1.7;
+        s.cy *= 1.7;
+        s.across = 2;
+        s.blur = 1;
+        s.noise = 0.01;
+        s.seed = (uint64_t)i;
+        board_judge(i == 2 ? &edge : &j, &board, det, &s, false);
+    }
+    board_judged(&j);
+    good(&j, "1100x820");
+    T_EQ_I(edge.found, 0);
+    T_EQ_I(edge.strays, 0);
+}
+
 T_CASE(inverted_is_accurate)
 {
     accurate("charuco:6x7:0.03:0.022:inverted", 20, 60, 2);

@@ -291,6 +291,12 @@ T_CASE(impossible_requests)
     T_CONTAINS(r.d.text, "empty along y");
     bv_done(&r);
     s.in.grid.max[1] = 1;
+    s.in.board = (struct rec_board){.kind = REC_CHESSBOARD, .cols = 8, .rows = 6, .square = 0.03};
+    bv_solve(&s, &r);
+    T_EQ_I(r.e, PVX_EINVAL);
+    T_CONTAINS(r.d.text, "looks the same after half a turn");
+    bv_done(&r);
+    s.in.board = s.board;
     s.view[0].camera = 2;
     bv_solve(&s, &r);
     T_EQ_I(r.e, PVX_EINVAL);
