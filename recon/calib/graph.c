@@ -256,7 +256,7 @@ static pvx_err apart(struct calib *k)
     rec_calib_say(k, REC_CALIB_REFUSED, REC_CALIB_APART, (int)b, REC_NO_FRAME,
                   "nothing joins {%s} and {%s}: show the board to %s and %s together, %d poses", in,
                   out, k->in->camera[a].name, k->in->camera[b].name, REC_CALIB_JOINT);
-    return pvx_fail(k->d, PVX_EINVAL, "%s", k->out->finding[k->out->n_findings - 1].text);
+    return pvx_fail(k->d, PVX_EINVAL, "%s", rec_calib_last_refused(k));
 }
 
 /* ---- boards --------------------------------------------------------------------------------------- */

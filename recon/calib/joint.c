@@ -93,7 +93,7 @@ static pvx_err still_there(struct calib *k)
                 "%s: no view agrees with what the other cameras saw of the same frames; are its "
                 "frame numbers theirs?",
                 k->in->camera[c].name);
-            return pvx_fail(k->d, PVX_EINVAL, "%s", k->out->finding[k->out->n_findings - 1].text);
+            return pvx_fail(k->d, PVX_EINVAL, "%s", rec_calib_last_refused(k));
         }
     return PVX_OK;
 }
@@ -212,9 +212,20 @@ static void own_lenses(struct calib *k, const double *focal, const double (*lens
     if (n > 0)
         rec_calib_say(
             k, REC_CALIB_NOTE, REC_CALIB_HELD, -1, REC_NO_FRAME,
-            "together the cameras fit %.0f times worse than alone: the lenses of %zu stay "
-            "as each found its own",
+            "together the cameras fit %.0f times worse than alone: the lenses of %zu stay as "
+            "each found its own, and count as exact in what is expected of the volume",
             apart(k), n);
+}
+
+/* Nothing can be said of errors: why, if the residuals tell. */
+static pvx_err rather(struct calib *k, pvx_err e)
+{
+    PVX_TRY(rec_calib_suspect(k));
+    if (!rec_calib_says(k->out, REC_CALIB_REFUSED, -1))
+        return e;
+    if (k->d != NULL) /* the first text stays */
+        k->d->text[0] = '\0';
+    return pvx_fail(k->d, PVX_EINVAL, "%s", rec_calib_last_refused(k));
 }
 
 pvx_err rec_calib_together(struct calib *k, double *cov)
@@ -257,6 +268,8 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
     correlate(k);
     if (e == PVX_OK)
         e = rec_calib_covariance(k, cov);
+    if (e != PVX_OK && e != PVX_ENOMEM)
+        e = rather(k, e);
     memcpy(k->scale, kept, sizeof kept);
     if (e == PVX_OK && hold(k, cov)) {
         e = rec_calib_adjust(k, &a);

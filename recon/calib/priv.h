@@ -141,6 +141,8 @@ PVX_MUST_CHECK pvx_err rec_calib_register(const struct rec_rig *a, const struct 
 PVX_PRINTF(6, 7)
 void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_calib_what what,
                    int camera, uint32_t frame, const char *fmt, ...);
+/* The text of the last refusal: findings are in order of severity, then as they were said. */
+const char *rec_calib_last_refused(const struct calib *k);
 /* It keeps lens and pose of the old rig. */
 bool rec_calib_stays(const struct calib *k, size_t camera);
 /* Rig of the state: K, lens and pose of every camera; grid of the input. */

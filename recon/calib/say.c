@@ -26,6 +26,14 @@ void rec_calib_say(struct calib *k, enum rec_calib_severity severity, enum rec_c
     more[at] = f;
 }
 
+const char *rec_calib_last_refused(const struct calib *k)
+{
+    size_t i = k->out->n_findings;
+    while (i > 0 && k->out->finding[i - 1].severity != REC_CALIB_REFUSED)
+        i--;
+    return i > 0 ? k->out->finding[i - 1].text : "no rig can be had of these views";
+}
+
 const char *rec_calib_verdict(const struct rec_uncertainty *u)
 {
     if (!(u->px > 0))

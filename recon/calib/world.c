@@ -79,7 +79,7 @@ static pvx_err floor_frame(struct calib *k)
         k, REC_CALIB_REFUSED, REC_CALIB_WORLD, -1, k->in->options.floor_frame,
         "frame %u should show the board on the floor, but no camera has a usable view of it",
         k->in->options.floor_frame);
-    return pvx_fail(k->d, PVX_EINVAL, "%s", k->out->finding[k->out->n_findings - 1].text);
+    return pvx_fail(k->d, PVX_EINVAL, "%s", rec_calib_last_refused(k));
 }
 
 static void best_frame(struct calib *k)
