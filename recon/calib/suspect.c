@@ -53,7 +53,7 @@ static uint32_t worst_of(const struct calib *k, uint32_t *n)
 
 /* The camera whose pictures fit the others better as those of the frame before or after; all are tried, since the
  * one with the largest residuals need not be it. */
-static bool a_frame_off(struct calib *k, uint32_t n)
+static bool a_frame_off(struct calib *k, uint32_t worst, uint32_t n)
 {
     double best = 0.7;
     int who = -1;
@@ -71,10 +71,11 @@ static bool a_frame_off(struct calib *k, uint32_t n)
     const char *name = k->in->camera[who].name;
     rec_calib_say(k, best < WHOLE ? REC_CALIB_REFUSED : REC_CALIB_WARNING, REC_CALIB_SYNC, who,
                   REC_NO_FRAME,
-                  "%s is one frame %s: residuals of %u cameras are up to %.1f times what each has "
+                  "%s is %s frame %s: residuals of %u camera%s are up to %.1f times what each has "
                   "alone, and its pictures fit the others %.1f times better one frame %s; give its "
                   "pictures numbers %s by one, or trigger all cameras together",
-                  name, late ? "late" : "early", n, k->out->camera[worst_of(k, &n)].over, 1 / best,
+                  name, best < WHOLE ? "one" : "most of a", late ? "late" : "early", n,
+                  n == 1 ? "" : "s", k->out->camera[worst].over, 1 / best,
                   late ? "earlier" : "later", late ? "lower" : "higher");
     return true;
 }
@@ -112,7 +113,7 @@ pvx_err rec_calib_suspect(struct calib *k)
     }
     free(room);
     uint32_t worst = worst_of(k, &n);
-    bool off = n > 0 && a_frame_off(k, n);
+    bool off = n > 0 && a_frame_off(k, worst, n);
     if (!off)
         PVX_TRY(rec_calib_moved(k, &moved));
     if (!a_lens(k, structure, !off && !moved) && n > 0 && !off && !moved)
