@@ -54,7 +54,7 @@ struct rec_problem {
 
     /* start.h */
     enum rec_start start;
-    uint32_t renewals; /* of V and lambda, at most; rec_problem_load: REC_RENEWALS */
+    uint32_t renewals;   /* of V and lambda, at most; rec_problem_load: REC_RENEWALS */
     double start_rwr[4]; /* r'Wr of a scaled start */
 
     /* work areas, pieces of one */
