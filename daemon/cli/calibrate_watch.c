@@ -149,19 +149,18 @@ static void anchor(struct live *l)
 static bool known(const struct live *l, const struct rec_board_view *now)
 {
     const struct calibrate_look *k = &l->job.look;
-    double nearest = INFINITY;
-    for (uint32_t f = l->next_frame; f-- > 0 && nearest >= CALIBRATE_NEW;) {
+    double nearest = INFINITY, width[REC_MAX_CAMERAS];
+    for (size_t c = 0; c < k->n_cameras; c++)
+        width[c] = l->eye[c].width > 0 ? l->eye[c].width : 1;
+    for (size_t i = k->n; i-- > 0 && nearest >= CALIBRATE_NEW;) { /* not by number: any may be */
         struct rec_board_view then[REC_MAX_CAMERAS] = {0};
-        double width[REC_MAX_CAMERAS];
-        bool any = false;
-        for (size_t i = 0; i < k->n; i++)
-            if (k->picture[i].frame == f && k->picture[i].view.n > 0) {
-                then[k->picture[i].camera] = k->picture[i].view;
-                any = true;
+        bool first = k->picture[i].view.n > 0; /* of its number */
+        for (size_t j = 0; first && j < k->n; j++)
+            if (k->picture[j].frame == k->picture[i].frame && k->picture[j].view.n > 0) {
+                then[k->picture[j].camera] = k->picture[j].view;
+                first = j >= i;
             }
-        for (size_t c = 0; c < k->n_cameras; c++)
-            width[c] = l->eye[c].width > 0 ? l->eye[c].width : 1;
-        if (any)
+        if (first)
             nearest = fmin(nearest, calibrate_moved(now, then, k->n_cameras, width));
     }
     return nearest < CALIBRATE_NEW;
@@ -183,14 +182,13 @@ static enum live_now judge(struct live *l, double t_s, double *since_s, uint64_t
         *looks = 0;
     }
     ++*looks;
-    l->still_s = t_s - *since_s;
     if (see == 0)
         return LIVE_NOBODY;
     if (!(moved <= CALIBRATE_STILL_PX))
         return LIVE_MOVING;
     if (known(l, now))
         return LIVE_KNOWN;
-    if (l->still_s < CALIBRATE_STILL_S || *looks < CALIBRATE_LOOKS)
+    if (t_s - *since_s < CALIBRATE_STILL_S || *looks < CALIBRATE_LOOKS)
         return LIVE_STILL;
     for (uint32_t c = 0; c < n; c++)
         if (l->camera[c].running && !l->eye[c].there) {
@@ -210,13 +208,10 @@ static void show(struct live *l)
         if (!k->there)
             continue;
         to->outcome = k->sight.outcome;
-        memcpy(to->text, k->sight.text, sizeof to->text);
         to->bright = k->bright;
         to->clipped = k->clipped;
-        if (k->view.n > 0) {
+        if (k->view.n > 0)
             to->blur = k->sight.blur;
-            to->square = k->sight.square;
-        }
     }
 }
 
@@ -370,6 +365,8 @@ static pvx_err look(struct live *l, struct cap_set *s, double *since_s, uint64_t
             if (l->eye[c].e == PVX_ENOMEM)
                 return PVX_ENOMEM;
             l->eye[c].there = false; /* a broken JPEG: as if it had not come */
+            l->eye[c].e = PVX_OK;
+            l->eye[c].d.text[0] = '\0';
         }
     pthread_mutex_lock(&l->lock);
     enum live_now now = judge(l, (double)s->t_exposure_ns * 1e-9, since_s, looks);

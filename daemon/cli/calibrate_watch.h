@@ -21,9 +21,8 @@
 struct live_camera {
     bool seen, running;
     enum rec_sight outcome;
-    char text[240]; /* why not found */
     size_t corners;
-    double blur, square;    /* px */
+    double blur;            /* px */
     double bright, clipped; /* shares of full scale: 99th percentile; of pixels */
     double fps;
     char error[256];
@@ -76,7 +75,6 @@ struct live {
     struct cap_set *inbox;
     uint64_t looks, skipped, dropped; /* dropped: in capture, the same way */
     enum live_now now;
-    double still_s;
     uint32_t who;        /* LIVE_MISSING: camera of look */
     uint32_t next_frame; /* number */
     size_t poses;        /* taken, with the board in at least one picture */
