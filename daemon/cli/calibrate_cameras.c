@@ -35,6 +35,11 @@ static pvx_err named(const struct dmn_config *c, const struct rec_rig *old, stru
     rig->n_cameras = c->cameras.n;
     for (size_t i = 0; i < rig->n_cameras; i++) {
         struct rec_camera *k = &rig->cameras[i];
+        if (!rec_rig_name_ok(c->cameras.item[i].key))
+            return pvx_fail(d, PVX_EINVAL,
+                            "%s: cameras: '%s' is a name that no camera can have: letters, digits "
+                            "and . _ - only, at most %d",
+                            c->name, c->cameras.item[i].key, REC_NAME_MAX - 1);
         int was = old->cameras != NULL ? rec_rig_find(old, c->cameras.item[i].key) : -1;
         snprintf(k->name, sizeof k->name, "%.*s", (int)sizeof k->name - 1, c->cameras.item[i].key);
         k->width = was >= 0 ? old->cameras[was].width : 0;

@@ -101,7 +101,7 @@ static pvx_err name_frames(const char *out, char *dir, size_t size)
 }
 
 /* The cameras of the configuration, by name, as calibrate_find has those of a folder. */
-static pvx_err name_cameras(struct live *l, struct pvx_diag *d)
+static void name_cameras(struct live *l)
 {
     struct calibrate_look *k = &l->job.look;
     const struct rec_rig *rig = &l->cams.rig;
@@ -117,6 +117,11 @@ static pvx_err name_cameras(struct live *l, struct pvx_diag *d)
         for (uint32_t c = 0; c < k->n_cameras; c++)
             if (strcmp(k->camera[c].name, rig->cameras[i].name) == 0)
                 l->look_of[i] = c;
+}
+
+static pvx_err make_folders(const struct live *l, struct pvx_diag *d)
+{
+    const struct calibrate_look *k = &l->job.look;
     for (size_t c = 0; c < k->n_cameras; c++) {
         char path[4096];
         if (snprintf(path, sizeof path, "%s/%s", l->frames, k->camera[c].name) >= (int)sizeof path)
@@ -131,10 +136,15 @@ static pvx_err take_over(struct live *l, struct pvx_diag *d)
 {
     struct calibrate_look old, *k = &l->job.look;
     pvx_err e = calibrate_find(&old, l->frames, d);
-    if (e == PVX_ENOENT && old.n == 0) {
+    if (e == PVX_ENOENT && old.source == CALIBRATE_FOLDERS) {
         d->text[0] = '\0';
         return PVX_OK;
     }
+    if (e == PVX_OK && old.source != CALIBRATE_FOLDERS)
+        e = pvx_fail(d, PVX_EINVAL,
+                     "%s: there is a take or a video, and pictures cannot be added to it; take "
+                     "another --frames",
+                     l->frames);
     uint32_t to[REC_MAX_CAMERAS];
     for (size_t i = 0; e == PVX_OK && i < old.n_cameras; i++) {
         size_t c = 0;
@@ -168,16 +178,17 @@ static pvx_err prepare(struct live *l, struct calibrate_args *a, const char *con
     PVX_TRY(calibrate_start(&l->job, a, d));
     PVX_TRY(calibrate_cameras_init(&l->cams, config, d));
     const struct rec_grid *g = &l->cams.rig.grid;
-    if (!a->has_volume && g->n[0] == 0)
+    bool one = a->add.n + a->recover.n > 0; /* volume and voxels of --keep */
+    if (!a->has_volume && !one && g->n[0] == 0)
         return pvx_fail(d, PVX_EINVAL,
                         "where will the flame burn? --volume x0,y0,z0,x1,y1,z1, metres, z up");
-    if (!a->has_volume) {
+    if (!a->has_volume && !one) {
         memcpy(a->volume, g->min, sizeof g->min);
         memcpy(a->volume + 3, g->max, sizeof g->max);
         a->has_volume = true;
     }
     PVX_TRY(pvx_pool_new((unsigned)a->threads, "board", &l->pool));
-    PVX_TRY(name_cameras(l, d));
+    name_cameras(l);
     PVX_TRY(take_over(l, d));
     size_t n = l->job.look.n_cameras;
     if ((l->common = pvx_calloc(n * n, sizeof *l->common)) == NULL)
@@ -189,7 +200,8 @@ static pvx_err prepare(struct live *l, struct calibrate_args *a, const char *con
             if (l->job.look.picture[i].frame < a->floor)
                 a->floor = l->job.look.picture[i].frame;
     }
-    return calibrate_prepare(&l->job, d);
+    PVX_TRY(calibrate_prepare(&l->job, d));
+    return make_folders(l, d);
 }
 
 /* ---- meanwhile ---- */

@@ -203,6 +203,14 @@ T_CASE(usage)
                    " --out x.yaml --threads 1 --keep nowhere.yaml"),
            1);
     T_CONTAINS(slurp("err"), "nowhere.yaml");
+    T_EQ_I(pyrovox("calibrate live --config live.yaml --frames other --board " BOARD
+                   " --out x.yaml --threads 1 --keep nowhere.yaml --recover cam1"),
+           1);
+    T_CONTAINS(slurp("err"), "nowhere.yaml");
+    T_OK(access(at("other"), F_OK) != 0); /* refused before there is anything to keep */
+    write_text("up.yaml", "cameras: {..: \"aravis:127.0.0.2\"}\n");
+    T_EQ_I(pyrovox("calibrate live --config up.yaml --board " BOARD " " VOLUME " --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "no camera can have");
     T_EQ_I(pyrovox("calibrate live --help"), 0);
     T_CONTAINS(slurp("out.txt"), "simcams --private-net");
     T_OK(access(at("x.yaml"), F_OK) != 0);
