@@ -118,15 +118,20 @@ static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* The pose that would help most, where help is needed. */
+/* The pose that would help most, where help is needed.  A merged rig has other cameras, in another order. */
 static void say_next(const struct calibrate_job *j)
 {
     const struct rec_calib_report *r = &j->report;
+    struct rec_camera camera[REC_MAX_CAMERAS];
+    const struct rec_rig rig = {
+        .grid = j->rig.grid, .n_cameras = j->look.n_cameras, .cameras = camera};
     struct rec_calib_next n;
     bool good = true;
     for (size_t c = 0; c < r->n_cameras; c++)
         good &= r->camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
-    if (!good && rec_calib_next(&j->in, &j->rig, r, &n) == PVX_OK)
+    for (size_t c = 0; c < j->look.n_cameras; c++)
+        camera[c] = j->rig.cameras[rec_rig_find(&j->rig, j->look.camera[c].name)];
+    if (!good && rec_calib_next(&j->in, &rig, r, &n) == PVX_OK)
         printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
 }
 

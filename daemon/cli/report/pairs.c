@@ -17,10 +17,13 @@ static void order(const struct calibrate_result *r, size_t place[REC_MAX_CAMERAS
     double turn[REC_MAX_CAMERAS];
     for (size_t c = 0; c < n; c++) {
         turn[c] = (double)c;
-        if (r->rig != NULL && r->rig->n_cameras == n) {
+        if (r->rig != NULL) {
             const struct rec_grid *g = &r->rig->grid;
             double x[3];
-            rec_camera_centre(&r->rig->cameras[c], x);
+            int at = rec_rig_find(r->rig, r->look->camera[c].name); /* --add, --recover: merged */
+            if (at < 0)
+                continue;
+            rec_camera_centre(&r->rig->cameras[at], x);
             turn[c] =
                 atan2(x[1] - 0.5 * (g->min[1] + g->max[1]), x[0] - 0.5 * (g->min[0] + g->max[0]));
         }
