@@ -89,6 +89,11 @@ static uint32_t number_of(const struct calibrate_look *l, size_t k)
     return l->take != NULL ? (uint32_t)cap_take_set(l->take, k, NULL)->number : (uint32_t)k;
 }
 
+static bool in_range(const struct calibrate_look *l, size_t k)
+{
+    return number_of(l, k) >= l->from && number_of(l, k) <= l->to;
+}
+
 static pvx_err go_through(struct survey *s, size_t c, struct calibrate_reel *r, struct thumb *t,
                           struct pvx_diag *d)
 {
@@ -256,14 +261,23 @@ static pvx_err choose(struct survey *s, struct pvx_diag *d)
                 "instant, so record with one rate",
                 l->video[c], s->fps[c], l->video[0], s->fps[0]);
     }
-    size_t every = l->every > 0 ? l->every : (most - 1) / CALIBRATE_LOOKED_AT + 1;
+    size_t wanted = 0;
+    for (size_t k = 0; k < most; k++)
+        wanted += in_range(l, k);
+    wanted = wanted > 0 ? wanted : most; /* none: refused by calibrate_only */
+    size_t every = l->every > 0 ? l->every : (wanted - 1) / CALIBRATE_LOOKED_AT + 1;
     size_t *at = pvx_calloc(most / every + 2, sizeof *at);
     if (at == NULL)
         return PVX_ENOMEM;
     size_t chosen = calibrate_choose(s->motion, l->n_cameras, every, at);
     if (l->always != REC_NO_FRAME)
         chosen = include(l, most, at, chosen);
-    l->picture = pvx_calloc(chosen * l->n_cameras, sizeof *l->picture);
+    size_t kept = 0;
+    for (size_t i = 0; i < chosen; i++)
+        if (in_range(l, at[i]))
+            at[kept++] = at[i];
+    chosen = kept;
+    l->picture = pvx_calloc(chosen * l->n_cameras + 1, sizeof *l->picture);
     pvx_err e = l->picture == NULL ? PVX_ENOMEM : PVX_OK;
     for (size_t c = 0; c < l->n_cameras && e == PVX_OK; c++)
         e = list_camera(s, c, at, chosen);
