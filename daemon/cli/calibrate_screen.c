@@ -30,7 +30,8 @@ static const char *name_of(const struct live *l, uint32_t c)
 
 /* ---- words ---- */
 
-void live_missing(const struct live *l, char *out, size_t size)
+/* What is missing: "cam2-cam3: 2 joint poses, need 5". */
+static void say_missing(const struct live *l, char *out, size_t size)
 {
     struct calibrate_graph g;
     size_t n = 0, said = 0, nc = l->job.look.n_cameras;
@@ -70,7 +71,8 @@ static bool join_first(const struct live *l, char *out, size_t size)
     return false;
 }
 
-void live_advice(const struct live *l, char *out, size_t size)
+/* What to do next: "face cam3, low". */
+static void say_advice(const struct live *l, char *out, size_t size)
 {
     const struct live_result *r = &l->result;
     bool floor = l->job.in.options.world == REC_WORLD_FLOOR;
@@ -188,7 +190,7 @@ static void draw_graph(struct page *p, const struct live *l)
                 name_of(l, g.tree[i].b), g.tree[i].common);
     }
     page_line(p, "joined    %s", n > 0 ? text : "none yet: poses that two cameras see together");
-    live_missing(l, missing, sizeof missing);
+    say_missing(l, missing, sizeof missing);
     page_line(p, "missing   %s", missing[0] != '\0' ? missing : "nothing");
 }
 
@@ -214,7 +216,7 @@ static void draw_page(const struct live *l)
     page_line(&p, "%s", "");
     say_now(l, text, sizeof text);
     page_line(&p, "NOW       %s", text);
-    live_advice(l, text, sizeof text);
+    say_advice(l, text, sizeof text);
     page_line(&p, "NEXT      %s", text);
     page_line(&p, "%s", "");
     draw_cameras(&p, l);
@@ -237,7 +239,7 @@ static void print_lines(struct live_screen *s, const struct live *l)
         printf("number %u taken:", l->last);
         for (uint32_t c = 0; c < l->job.look.n_cameras; c++)
             printf(" %s %zu", name_of(l, c), l->camera[c].corners);
-        live_missing(l, text, sizeof text);
+        say_missing(l, text, sizeof text);
         printf(" corners%s%s\n", text[0] != '\0' ? "; missing: " : "", text);
         s->said_taken = l->taken_now;
     }
@@ -251,7 +253,7 @@ static void print_lines(struct live_screen *s, const struct live *l)
     if (l->result.there && l->result.poses > s->said_poses) {
         say_error(l, text, sizeof text);
         printf("after %zu poses, %.2f s: %s\n", l->result.poses, l->result.seconds, text);
-        live_advice(l, text, sizeof text);
+        say_advice(l, text, sizeof text);
         printf("next: %s\n", text);
         s->said_poses = l->result.poses;
     }

@@ -15,9 +15,4 @@ void live_screen_open(struct live_screen *s);
 void live_screen_draw(struct live_screen *s, struct live *l);
 void live_screen_close(struct live_screen *s);
 
-/* What is missing, and what to do next, in words: "cam2-cam3: 2 joint poses, need 5", "face cam3, low".
- * Under the lock. */
-void live_missing(const struct live *l, char *out, size_t size);
-void live_advice(const struct live *l, char *out, size_t size);
-
 #endif
