@@ -112,7 +112,8 @@ static pvx_err find_take(struct calibrate_look *l, const char *path, struct pvx_
             name[n++] = info->head.camera[c].name;
         else
             snprintf(l->said, sizeof l->said, "; %s is in it without a frame",
-                     info->head.camera[c].name);
+                     rec_rig_name_ok(info->head.camera[c].name) ? info->head.camera[c].name
+                                                                : "a camera");
     qsort(name, n, sizeof *name, by_name);
     for (size_t c = 0; c < n; c++) {
         PVX_TRY(add_camera(l, path, "a camera", name[c], d));

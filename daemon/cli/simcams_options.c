@@ -158,7 +158,7 @@ static const char doc[] =
     "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"
     "      a recording to try pyrovox reconstruct on\n"
     "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 \\\n"
-    "          --board charuco:5x6:0.08:0.06:two-sided -- pyrovox calibrate live ...\n"
+    "          --board charuco:5x6:0.14:0.105:two-sided -- pyrovox calibrate live ...\n"
     "      cameras that are shown a board: pyrovox calibrate live --help goes on from here\n";
 
 static void want_format(struct argp_state *st, const char *arg, struct simcams_args *a)
