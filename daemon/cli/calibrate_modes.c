@@ -17,7 +17,7 @@ static const char *read_numbers(const char *s, int n, int32_t most, int32_t *out
             return NULL;
         out[i] = (int32_t)v;
         s = end;
-        if (*s == ',')
+        if (*s == ',' && s[1] != '\0')
             s++;
         else if (*s != '\0' || i + 1 < n)
             return NULL;

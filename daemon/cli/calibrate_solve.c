@@ -100,6 +100,11 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
     j->look.every = (uint32_t)a->every;
     j->look.from = (uint32_t)a->from;
     j->look.to = (uint32_t)a->to;
+    if (a->c.floor >= 0 && (a->c.floor < a->from || a->c.floor > a->to))
+        return pvx_fail(d, PVX_EINVAL,
+                        "--floor %lld is not among the pictures of --from and --to, which are all "
+                        "that is looked at",
+                        (long long)a->c.floor);
     if (a->c.floor >= 0)
         j->look.always = (uint32_t)a->c.floor;
     for (size_t i = 0; i < a->n_binning; i++)

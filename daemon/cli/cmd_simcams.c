@@ -134,10 +134,12 @@ static int write_frames(const struct simcams *s)
     }
     if (e != PVX_OK)
         return cli_error(&d, e);
+    const struct rec_grid *g = &s->rig.grid;
     if (s->a->board != NULL)
         printf("%zu poses in %s; number 0 lies on the floor: pyrovox calibrate solve --frames %s "
-               "--board %s --floor 0\n",
-               n, dir, dir, s->a->board);
+               "--board %s --volume %g,%g,%g,%g,%g,%g --floor 0 --out rig.yaml\n",
+               n, dir, dir, s->a->board, g->min[0], g->min[1], g->min[2], g->max[0], g->max[1],
+               g->max[2]);
     else
         printf("%zu frame sets in %s; they have a black level: reconstruct them with --black %g\n",
                n, dir, s->a->black / 100);

@@ -239,6 +239,8 @@ T_CASE(some_of_the_frames)
     T_CONTAINS(text, "of 36 pictures of 4 cameras");
     T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --from 90 --out x.yaml"), 1);
     T_CONTAINS(slurp("err"), "cam0: no picture has a number from 90");
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME " --floor 0 --from 2 --out x.yaml"), 1);
+    T_CONTAINS(slurp("err"), "--floor 0 is not among");
 }
 
 T_CASE(the_wrong_board_is_named)

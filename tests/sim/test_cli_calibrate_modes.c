@@ -85,6 +85,7 @@ T_CASE(refused_until_it_is_said)
     T_CONTAINS(slurp("err"), "'cam7'");
     T_EQ_I(pyrovox(MIXED "--binning 0"), 1);
     T_EQ_I(pyrovox(MIXED "--binning 2x"), 1);
+    T_EQ_I(pyrovox(MIXED "--binning 2,"), 1);
     T_EQ_I(pyrovox(MIXED "--region 1,2,3"), 1);
     T_CONTAINS(slurp("err"), "--region 1,2,3: should be X,Y,WIDTH,HEIGHT");
     T_OK(!there("rig.yaml"));
