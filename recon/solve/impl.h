@@ -157,26 +157,30 @@ REC_INLINE void rec_rows_product(const rec_problem *pb, size_t k, size_t cs, boo
     rec_put_both(out, &sum, &quads);
 }
 
-/* r and wr = W r of row i; *sum += r'W r. */
-REC_INLINE void rec_put_rows(const rec_problem *pb, size_t i, size_t cs, bool per_channel, rec_f4 r,
-                             float *rs, float *wrs, rec_d4 *sum)
+/* Where a residual is kept: r, and wr = W r. */
+struct rec_rows {
+    float *r, *wr;
+};
+/* Row i of it; *sum += r'W r. */
+REC_INLINE void rec_put_row(const rec_problem *pb, const struct rec_rows *to, size_t i, size_t cs,
+                            bool per_channel, rec_f4 r, rec_d4 *sum)
 {
     rec_f4 wr = rec_row_weight(pb, i, cs, per_channel) * r;
-    rec_st(rs, i, cs, r);
-    rec_st(wrs, i, cs, wr);
+    rec_st(to->r, i, cs, r);
+    rec_st(to->wr, i, cs, wr);
     rec_add_product(sum, wr, r);
 }
 /* r += alpha q, wr = W r on one chunk of rows; out = r'W r per lane.  wr may be q. */
 struct rec_row_step {
     const double *alpha;
-    float *r, *wr;
+    struct rec_rows to;
     const float *q;
 };
 REC_INLINE void rec_step_row(const rec_problem *pb, const struct rec_row_step *s, size_t i,
                              size_t cs, bool per_channel, rec_d4 *sum)
 {
-    rec_f4 v = rec_ld(s->r, i, cs) + rec_of_lanes(s->alpha, cs) * rec_ld(s->q, i, cs);
-    rec_put_rows(pb, i, cs, per_channel, v, s->r, s->wr, sum);
+    rec_f4 v = rec_ld(s->to.r, i, cs) + rec_of_lanes(s->alpha, cs) * rec_ld(s->q, i, cs);
+    rec_put_row(pb, &s->to, i, cs, per_channel, v, sum);
 }
 /* Nine arguments: inlined with constants for cs and per_channel, each caller gets a loop of its own.
  * NOLINTNEXTLINE(readability-function-size) */
@@ -184,7 +188,7 @@ REC_INLINE void rec_rows_step(const rec_problem *pb, size_t k, size_t cs, bool p
                               const double alpha[4], float *r, const float *q, float *wr,
                               double out[4])
 {
-    const struct rec_row_step s = {alpha, r, wr, q};
+    const struct rec_row_step s = {alpha, {r, wr}, q};
     rec_d4 sum = {0}, quads = {0};
     if (cs == 1)
         REC_FOR_ROW_QUADS (i, pb->a, k)

@@ -109,20 +109,20 @@ void rec_copy_x(const rec_problem *pb, float *dst, const float *src)
 
 struct residual {
     rec_problem *pb;
-    float *r, *wr;
+    struct rec_rows to;
 };
 REC_INLINE void residual(const struct residual *t, size_t i, size_t cs, bool per_channel,
                          rec_d4 *sum)
 {
-    rec_f4 v = rec_ld(t->r, i, cs) - rec_ld(t->pb->b, i, cs);
-    rec_put_rows(t->pb, i, cs, per_channel, v, t->r, t->wr, sum);
+    rec_f4 v = rec_ld(t->to.r, i, cs) - rec_ld(t->pb->b, i, cs);
+    rec_put_row(t->pb, &t->to, i, cs, per_channel, v, sum);
 }
 static void residual_chunk(void *ctx, size_t k)
 {
     struct residual *t = ctx;
     const struct rec_subsys *a = t->pb->a;
     rec_d4 sum = {0}, quads = {0};
-    rec_take_product(t->pb, k, t->r);
+    rec_take_product(t->pb, k, t->to.r);
     if (t->pb->in.per_channel)
         REC_FOR_ROWS (i, a, k)
             residual(t, i, 4, true, &sum);
@@ -136,7 +136,7 @@ static void residual_chunk(void *ctx, size_t k)
 }
 void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double out[4])
 {
-    struct residual t = {.pb = pb, .r = r, .wr = wr};
+    struct residual t = {.pb = pb, .to = {r, wr}};
     rec_start_product(pb, x);
     pvx_pool_run(pb->a->pool, rec_row_chunks(pb), residual_chunk, &t);
     rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
