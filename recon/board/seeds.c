@@ -54,6 +54,21 @@ static void window(const rec_board_detector *det, int32_t x[2], int32_t y[2])
     y[1] = (int32_t)fmax(fmin(h, b.y1 + more), y[0]);
 }
 
+/* The marker m, the last so far, is one that is there already: a blurred border has two rims. */
+static bool read_twice(const rec_board_detector *det, const struct rec_cv_marker *m)
+{
+    for (const struct rec_cv_marker *o = det->marker; o < m && m->id >= 0; o++) {
+        double x = 0, y = 0;
+        for (int c = 0; c < 4; c++) {
+            x += 0.25 * (double)(m->xy[c][0] - o->xy[c][0]);
+            y += 0.25 * (double)(m->xy[c][1] - o->xy[c][1]);
+        }
+        if (o->id == m->id && hypot(x, y) < 0.25 * rec_marker_side(o))
+            return true;
+    }
+    return false;
+}
+
 /* The markers of one face, as they lie in the picture that way round. */
 static void look(rec_board_detector *det, int how, bool flipped)
 {
@@ -92,6 +107,8 @@ static void look(rec_board_detector *det, int how, bool flipped)
         *m = l->marker[i];
         for (int c = 0; c < 4 && behind; c++)
             m->xy[c][0] = (float)(det->field.width - 1) - m->xy[c][0];
+        if (read_twice(det, m))
+            continue;
         det->n_markers += m->id >= 0;
         det->n_quads++;
     }
@@ -150,6 +167,18 @@ static size_t from_lattice(rec_board_detector *det, struct rec_board_sight *out,
     return seeds;
 }
 
+/* Of an id that was read in two places one counts at most; how many do. */
+static size_t each_once(rec_board_detector *det)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < det->n_markers; i++) {
+        for (size_t j = 0; j < i && det->agrees[i]; j++)
+            det->agrees[i] = !det->agrees[j] || det->marker[j].id != det->marker[i].id;
+        n += det->agrees[i];
+    }
+    return n;
+}
+
 /* Seeds from the markers that OpenCV finds, of the layout that fits best. */
 static size_t from_markers(rec_board_detector *det, int how, bool flipped,
                            struct rec_board_sight *out, const struct rec_print **print)
@@ -166,7 +195,7 @@ static size_t from_markers(rec_board_detector *det, int how, bool flipped,
     if (best.agreeing == 0)
         return 0;
     rec_match(*print, det->marker, det->n_markers, &m, det->agrees);
-    out->markers = (uint32_t)best.agreeing;
+    out->markers = (uint32_t)each_once(det);
     out->legacy = (*print)->board.legacy;
     out->ratio = rec_match_ratio(*print, det->marker, det->n_markers, det->agrees);
     size_t n = 0;

@@ -2,6 +2,7 @@
  * where none is found.  tests/bench/bench_board.c prints the whole table. */
 #include "../t.h"
 
+#include "recon/board/detect_int.h"
 #include "recon/board/spec.h"
 #include "tests/lib/board_judge.h"
 
@@ -93,6 +94,41 @@ static void accurate(const char *text, double side, double most, int shots)
         board_judged(&j);
         good(&j, text);
     }
+}
+
+/* OpenCV's markers, each four times. */
+static struct rec_cv four_times;
+static const struct rec_cv *once;
+
+static int markers_four_times(const struct rec_cv_picture *p, const struct rec_cv_search *s,
+                              struct rec_cv_marker *out, size_t max, size_t *n)
+{
+    int failed = once->markers(p, s, out, max / 4, n);
+    size_t m = failed ? 0 : *n;
+    for (size_t i = m; i-- > 0;) /* those of the dictionary stay first */
+        for (size_t k = 4; k-- > 0;)
+            out[4 * i + k] = out[i];
+    *n = 4 * m;
+    return failed;
+}
+
+T_CASE(a_marker_that_is_read_twice_counts_once)
+{
+    use("charuco:5x6:0.06:0.045");
+    struct board_shot s = shot(REC_FRONT, 30, 20, 40, 10);
+    struct rec_board_sight a = look(&board, &s);
+    size_t n = a.view.n;
+    T_OK(n >= 12);
+    T_EQ_I(a.outcome, REC_SIGHT_FOUND);
+    once = det->cv;
+    four_times = *once;
+    four_times.markers = markers_four_times;
+    det->cv = &four_times;
+    struct rec_board_sight b = look(&board, &s);
+    T_EQ_I(b.outcome, REC_SIGHT_FOUND);
+    T_EQ_I(b.view.n, n);
+    T_EQ_I(b.markers, a.markers);
+    rec_board_detector_free(&det);
 }
 
 T_CASE(charuco_is_accurate)
