@@ -30,14 +30,6 @@ pvx_err calibrate_only(struct calibrate_look *l, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static int find(const struct calibrate_look *l, const char *name)
-{
-    for (size_t c = 0; c < l->n_cameras; c++)
-        if (strcmp(l->camera[c].name, name) == 0)
-            return (int)c;
-    return -1;
-}
-
 static bool listed(const struct calibrate_names *o, const char *name)
 {
     for (size_t i = 0; i < o->n; i++)
@@ -52,7 +44,7 @@ static pvx_err known(const struct calibrate_look *l, const struct rec_rig *old,
 {
     for (size_t i = 0; i < o->n; i++) {
         const char *name = o->name[i], *option = add ? "--add" : "--recover";
-        if (find(l, name) < 0)
+        if (calibrate_camera(l, name, strlen(name)) == l->n_cameras)
             return pvx_fail(d, PVX_EINVAL, "%s %s: there are no pictures of it", option, name);
         if (add == (rec_rig_find(old, name) >= 0))
             return pvx_fail(d, PVX_EINVAL,

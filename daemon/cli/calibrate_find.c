@@ -9,6 +9,15 @@
 #include "capture/files/sequence.h"
 #include "daemon/cli/calibrate_look.h"
 
+size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t len)
+{
+    size_t c = 0;
+    while (c < l->n_cameras &&
+           (strlen(l->camera[c].name) != len || memcmp(l->camera[c].name, name, len) != 0))
+        c++;
+    return c;
+}
+
 /* One more camera; what stands for it in messages is `where`. */
 static pvx_err add_camera(struct calibrate_look *l, const char *where, const char *what,
                           const char *name, struct pvx_diag *d)
@@ -19,9 +28,8 @@ static pvx_err add_camera(struct calibrate_look *l, const char *where, const cha
             "%s: %s has a name that no camera can have: letters, digits and . _ - only, at "
             "most %d",
             where, what, REC_NAME_MAX - 1);
-    for (size_t c = 0; c < l->n_cameras; c++)
-        if (strcmp(l->camera[c].name, name) == 0)
-            return pvx_fail(d, PVX_EINVAL, "%s: there is more than one %s", where, name);
+    if (calibrate_camera(l, name, strlen(name)) < l->n_cameras)
+        return pvx_fail(d, PVX_EINVAL, "%s: there is more than one %s", where, name);
     if (l->n_cameras == REC_MAX_CAMERAS)
         return pvx_fail(d, PVX_ERANGE, "%s: more than %d cameras", where, REC_MAX_CAMERAS);
     snprintf(l->camera[l->n_cameras++].name, REC_NAME_MAX, "%s", name);

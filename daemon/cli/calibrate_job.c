@@ -17,12 +17,10 @@
 static pvx_err find_camera(const struct calibrate_look *l, const char *name, size_t len,
                            uint32_t *out, struct pvx_diag *d)
 {
-    for (uint32_t c = 0; c < l->n_cameras; c++)
-        if (strlen(l->camera[c].name) == len && memcmp(l->camera[c].name, name, len) == 0) {
-            *out = c;
-            return PVX_OK;
-        }
-    return pvx_fail(d, PVX_ENOENT, "no pictures of a camera called '%.*s'", (int)len, name);
+    *out = (uint32_t)calibrate_camera(l, name, len);
+    return *out < l->n_cameras
+               ? PVX_OK
+               : pvx_fail(d, PVX_ENOENT, "no pictures of a camera called '%.*s'", (int)len, name);
 }
 
 static pvx_err read_measured(struct calibrate_job *j, struct pvx_diag *d)
@@ -111,28 +109,24 @@ static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
     j->in.view = j->look.view;
     PVX_TRY(all_saw(&j->look, d));
     calibrate_mode_uncrop(&j->look, &j->old);
-    PVX_TRY(rec_calib_solve(&j->in, &j->rig, &j->report, d));
+    return rec_calib_solve(&j->in, &j->rig, &j->report, d);
+}
+
+/* The pose that would help most, where help is needed. */
+static void say_next(const struct calibrate_job *j)
+{
+    struct rec_calib_next n;
+    if (!rec_calib_good(&j->report) && rec_calib_next(&j->in, &j->rig, &j->report, &n) == PVX_OK)
+        printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
+}
+
+/* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures. */
+static pvx_err complete(struct calibrate_job *j, struct pvx_diag *d)
+{
     if (j->a->add.n + j->a->recover.n > 0)
         PVX_TRY(calibrate_merge(&j->look, &j->old, &j->rig, d));
     calibrate_mode_crop(&j->look, &j->rig);
     return PVX_OK;
-}
-
-/* The pose that would help most, where help is needed.  A merged rig has other cameras, in another order. */
-static void say_next(const struct calibrate_job *j)
-{
-    const struct rec_calib_report *r = &j->report;
-    struct rec_camera camera[REC_MAX_CAMERAS];
-    const struct rec_rig rig = {
-        .grid = j->rig.grid, .n_cameras = j->look.n_cameras, .cameras = camera};
-    struct rec_calib_next n;
-    bool good = true;
-    for (size_t c = 0; c < r->n_cameras; c++)
-        good &= r->camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
-    for (size_t c = 0; c < j->look.n_cameras; c++)
-        camera[c] = j->rig.cameras[rec_rig_find(&j->rig, j->look.camera[c].name)];
-    if (!good && rec_calib_next(&j->in, &rig, r, &n) == PVX_OK)
-        printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
 }
 
 static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
@@ -159,17 +153,21 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
     pvx_err e = solve(j, d);
     if (cli_stop)
         return PVX_ECANCELED;
+    if (e == PVX_OK) {
+        r.grid = &j->rig.grid;
+        calibrate_print_cameras(&r);
+    }
+    calibrate_print_findings(&r);
+    if (e == PVX_OK) {
+        say_next(j);
+        e = complete(j, d);
+    }
     if (e != PVX_OK) {
         snprintf(why.text, sizeof why.text, "%s", pvx_diag_text(d, e));
         r.failure = why.text;
     } else {
         r.rig = &j->rig;
-        r.grid = &j->rig.grid;
-        calibrate_print_cameras(&r);
     }
-    calibrate_print_findings(&r);
-    if (e == PVX_OK)
-        say_next(j);
     fflush(stdout);
     if (e == PVX_OK && rec_calib_says(&j->report, REC_CALIB_REFUSED, -1) && !a->accept)
         e = pvx_fail(

@@ -113,10 +113,9 @@ static void name_cameras(struct live *l)
         k->camera[at] = (struct rec_calib_camera){0};
         snprintf(k->camera[at].name, sizeof k->camera[at].name, "%s", name);
     }
-    for (uint32_t i = 0; i < rig->n_cameras; i++)
-        for (uint32_t c = 0; c < k->n_cameras; c++)
-            if (strcmp(k->camera[c].name, rig->cameras[i].name) == 0)
-                l->look_of[i] = c;
+    for (size_t i = 0; i < rig->n_cameras; i++)
+        l->look_of[i] =
+            (uint32_t)calibrate_camera(k, rig->cameras[i].name, strlen(rig->cameras[i].name));
 }
 
 static pvx_err make_folders(const struct live *l, struct pvx_diag *d)
@@ -129,6 +128,13 @@ static pvx_err make_folders(const struct live *l, struct pvx_diag *d)
         PVX_TRY(pvx_mkdirs(path, d));
     }
     return PVX_OK;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    uint32_t p = ((const struct calibrate_picture *)a)->frame,
+             q = ((const struct calibrate_picture *)b)->frame;
+    return (p > q) - (p < q);
 }
 
 /* What was taken before, with the board found in it anew. */
@@ -147,15 +153,12 @@ static pvx_err take_over(struct live *l, struct pvx_diag *d)
                      l->frames);
     uint32_t to[REC_MAX_CAMERAS];
     for (size_t i = 0; e == PVX_OK && i < old.n_cameras; i++) {
-        size_t c = 0;
-        while (c < k->n_cameras && strcmp(k->camera[c].name, old.camera[i].name) != 0)
-            c++;
-        if (c == k->n_cameras)
+        to[i] = (uint32_t)calibrate_camera(k, old.camera[i].name, strlen(old.camera[i].name));
+        if (to[i] == k->n_cameras)
             e = pvx_fail(d, PVX_EINVAL,
                          "%s/%s: pictures of a camera that the configuration does not have; take "
                          "another --frames, or move them away",
                          l->frames, old.camera[i].name);
-        to[i] = (uint32_t)c;
     }
     if (e == PVX_OK)
         e = calibrate_look(&old, &l->job.board, l->pool, l->a->quiet, d);
@@ -168,6 +171,8 @@ static pvx_err take_over(struct live *l, struct pvx_diag *d)
         old.picture[i].path = NULL;
         old.picture[i].view.corner = NULL;
     }
+    if (e == PVX_OK)
+        qsort(k->picture, k->n, sizeof *k->picture, by_number);
     calibrate_look_fini(&old);
     return e;
 }
@@ -194,12 +199,8 @@ static pvx_err prepare(struct live *l, struct calibrate_args *a, const char *con
     if ((l->common = pvx_calloc(n * n, sizeof *l->common)) == NULL)
         return PVX_ENOMEM;
     live_count(l);
-    if (a->floor < 0 && !a->has_up && a->keep == NULL) { /* the first picture */
-        a->floor = l->job.look.n > 0 ? REC_NO_FRAME - 1 : 0;
-        for (size_t i = 0; i < l->job.look.n; i++)
-            if (l->job.look.picture[i].frame < a->floor)
-                a->floor = l->job.look.picture[i].frame;
-    }
+    if (a->floor < 0 && !a->has_up && a->keep == NULL) /* the first picture */
+        a->floor = l->job.look.n > 0 ? l->job.look.picture[0].frame : 0;
     PVX_TRY(calibrate_prepare(&l->job, d));
     return make_folders(l, d);
 }

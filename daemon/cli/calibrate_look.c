@@ -45,7 +45,7 @@ static pvx_err detect(rec_board_detector *det, const struct cap_image *img,
     return e;
 }
 
-static pvx_err keep(struct calibrate_picture *p, const struct rec_board_sight *s)
+pvx_err calibrate_keep(struct calibrate_picture *p, const struct rec_board_sight *s)
 {
     p->outcome = s->outcome;
     p->legacy = s->legacy;
@@ -78,7 +78,7 @@ static pvx_err look_at(rec_board_detector *det, struct calibrate_reel *reel,
     if (e == PVX_OK)
         e = detect(det, &in.img, p, &s, &d);
     if (e == PVX_OK) {
-        e = keep(p, &s);
+        e = calibrate_keep(p, &s);
     } else if (e != PVX_ENOMEM) {
         p->unreadable = true;
         snprintf(p->text, sizeof p->text, "%.*s", (int)sizeof p->text - 1, pvx_diag_text(&d, e));

@@ -65,10 +65,14 @@ struct calibrate_look {
  * numbers too large; a take's. */
 PVX_MUST_CHECK pvx_err calibrate_find(struct calibrate_look *l, const char *path,
                                       struct pvx_diag *d);
+/* The camera whose name is these `len` characters; n_cameras: there is none. */
+size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t len);
 /* Every picture looked at; the result does not depend on the number of threads.  Errors: PVX_ECANCELED (Ctrl-C),
  * PVX_EINVAL: a camera without a picture from..to, with pictures of two sizes, or none that can be read; the detector's. */
 PVX_MUST_CHECK pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b,
                                       pvx_pool *pool, bool quiet, struct pvx_diag *d);
+/* What was found in a picture, into it; corners are copied. */
+PVX_MUST_CHECK pvx_err calibrate_keep(struct calibrate_picture *p, const struct rec_board_sight *s);
 /* The views and the counts, from pictures that were looked at; once.  Errors as calibrate_look. */
 PVX_MUST_CHECK pvx_err calibrate_look_count(struct calibrate_look *l, struct pvx_diag *d);
 void calibrate_look_fini(struct calibrate_look *l);

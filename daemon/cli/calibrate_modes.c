@@ -32,8 +32,7 @@ static pvx_err camera_of(const struct calibrate_look *l, const char *name, size_
     *end = l->n_cameras;
     if (*name == '\0')
         return PVX_OK;
-    while (*first < l->n_cameras && strcmp(l->camera[*first].name, name) != 0)
-        ++*first;
+    *first = calibrate_camera(l, name, strlen(name));
     *end = *first + 1;
     return *first < l->n_cameras
                ? PVX_OK

@@ -83,9 +83,7 @@ static void say_advice(const struct live *l, char *out, size_t size)
                          "where x = y = 0 shall be"
                        : "show the board to two cameras or more at once");
     else if (!join_first(l, out, size) && r->there && r->e == PVX_OK && r->next.text[0] != '\0') {
-        bool good = r->n == l->job.look.n_cameras;
-        for (size_t c = 0; c < r->n; c++)
-            good &= r->report.camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
+        bool good = r->n == l->job.look.n_cameras && rec_calib_good(&r->report);
         snprintf(out, size, "%s: %.2g -> %.2g voxels%s", r->next.text, r->next.now, r->next.then,
                  good ? " (good already)" : "");
     }

@@ -27,8 +27,9 @@ struct live_eye {
     struct pvx_diag d;
     struct rec_board_sight sight;
     double bright, clipped;
-    struct rec_board_corner *now, *anchor; /* [n_corners] each */
-    struct rec_board_view view, still;     /* this set's; where it began to stand still */
+    struct rec_board_corner *anchor; /* [n_corners] */
+    struct rec_board_view view,
+        still; /* this set's, corners the detector's; where it began to stand still */
 };
 
 struct look {
@@ -119,11 +120,8 @@ static void look_at(void *ctx, size_t task)
     struct rec_board_picture p = {k->level, k->width, k->height,
                                   k->width * (ptrdiff_t)sizeof *k->level, true};
     k->e = rec_board_detect(k->det, &p, &k->sight);
-    if (k->e != PVX_OK || k->sight.outcome != REC_SIGHT_FOUND)
-        return;
-    memcpy(k->now, k->sight.view.corner, k->sight.view.n * sizeof *k->now);
-    k->view = k->sight.view;
-    k->view.corner = k->now;
+    if (k->e == PVX_OK)
+        k->view = k->sight.view;
 }
 
 /* ---- what it means ---- */
@@ -139,7 +137,8 @@ static void anchor(struct live *l)
 {
     for (size_t c = 0; c < l->job.look.n_cameras; c++) {
         struct live_eye *k = &l->eye[c];
-        memcpy(k->anchor, k->now, k->view.n * sizeof *k->now);
+        if (k->view.n > 0)
+            memcpy(k->anchor, k->view.corner, k->view.n * sizeof *k->anchor);
         k->still = k->view;
         k->still.corner = k->anchor;
     }
@@ -152,16 +151,11 @@ static bool known(const struct live *l, const struct rec_board_view *now)
     double nearest = INFINITY, width[REC_MAX_CAMERAS];
     for (size_t c = 0; c < k->n_cameras; c++)
         width[c] = l->eye[c].width > 0 ? l->eye[c].width : 1;
-    for (size_t i = k->n; i-- > 0 && nearest >= CALIBRATE_NEW;) { /* not by number: any may be */
+    for (size_t i = k->n, from; i > 0 && nearest >= CALIBRATE_NEW; i = from) {
         struct rec_board_view then[REC_MAX_CAMERAS] = {0};
-        bool first = k->picture[i].view.n > 0; /* of its number */
-        for (size_t j = 0; first && j < k->n; j++)
-            if (k->picture[j].frame == k->picture[i].frame && k->picture[j].view.n > 0) {
-                then[k->picture[j].camera] = k->picture[j].view;
-                first = j >= i;
-            }
-        if (first)
-            nearest = fmin(nearest, calibrate_moved(now, then, k->n_cameras, width));
+        for (from = i; from > 0 && k->picture[from - 1].frame == k->picture[i - 1].frame; from--)
+            then[k->picture[from - 1].camera] = k->picture[from - 1].view;
+        nearest = fmin(nearest, calibrate_moved(now, then, k->n_cameras, width));
     }
     return nearest < CALIBRATE_NEW;
 }
@@ -241,68 +235,58 @@ static pvx_err add(struct live *l, uint32_t frame)
     k->picture = more;
     for (uint32_t c = 0; c < k->n_cameras; c++) {
         const struct live_eye *y = &l->eye[c];
+        struct calibrate_picture *p = &k->picture[k->n];
         if (!y->there)
             continue;
-        struct calibrate_picture p = {.camera = c,
-                                      .frame = frame,
-                                      .width = y->width,
-                                      .height = y->height,
-                                      .outcome = y->sight.outcome,
-                                      .legacy = y->sight.legacy,
-                                      .square = y->sight.square,
-                                      .blur = y->sight.blur,
-                                      .view = y->view,
-                                      .at = CALIBRATE_NO_VIEW};
-        p.view.camera = c;
-        p.view.frame = frame;
-        p.view.corner = NULL;
-        memcpy(p.text, y->sight.text, sizeof p.text);
-        if (asprintf(&p.path, "%s/%s/%06u.png", l->frames, k->camera[c].name, frame) < 0)
+        *p = (struct calibrate_picture){.camera = c,
+                                        .frame = frame,
+                                        .width = y->width,
+                                        .height = y->height,
+                                        .at = CALIBRATE_NO_VIEW};
+        if (asprintf(&p->path, "%s/%s/%06u.png", l->frames, k->camera[c].name, frame) < 0)
             return PVX_ENOMEM;
-        if (p.view.n > 0 && (p.view.corner = pvx_calloc(p.view.n, sizeof *y->now)) == NULL) {
-            free(p.path);
-            return PVX_ENOMEM;
-        }
-        if (p.view.n > 0)
-            memcpy(p.view.corner, y->now, p.view.n * sizeof *y->now);
-        k->picture[k->n++] = p;
+        k->n++;
+        PVX_TRY(calibrate_keep(p, &y->sight));
     }
     return PVX_OK;
+}
+
+static void count_picture(struct live_camera *c, const struct calibrate_picture *p)
+{
+    c->boards++;
+    for (size_t s = 0; s < p->view.n; s++) {
+        int x = (int)(p->view.corner[s].x * 8 / p->width),
+            y = (int)(p->view.corner[s].y * 6 / p->height);
+        if (x >= 0 && x < 8 && y >= 0 && y < 6)
+            c->places |= UINT64_C(1) << (8 * y + x);
+    }
 }
 
 void live_count(struct live *l)
 {
     const struct calibrate_look *k = &l->job.look;
     size_t n = k->n_cameras;
-    uint32_t most = 0;
     memset(l->common, 0, n * n * sizeof *l->common);
-    l->poses = 0;
     for (size_t c = 0; c < n; c++)
         l->camera[c].boards = l->camera[c].places = 0;
-    for (size_t i = 0; i < k->n; i++) {
-        const struct calibrate_picture *p = &k->picture[i];
-        most = p->frame >= most ? p->frame + 1 : most;
-        if (p->view.n == 0)
-            continue;
-        l->camera[p->camera].boards++;
-        for (size_t s = 0; s < p->view.n; s++) {
-            int x = (int)(p->view.corner[s].x * 8 / p->width),
-                y = (int)(p->view.corner[s].y * 6 / p->height);
-            if (x >= 0 && x < 8 && y >= 0 && y < 6)
-                l->camera[p->camera].places |= UINT64_C(1) << (8 * y + x);
-        }
-        bool first = true;
-        for (size_t j = 0; j < k->n; j++) {
-            const struct calibrate_picture *q = &k->picture[j];
-            if (q->frame != p->frame || q->view.n == 0)
+    l->poses = 0;
+    for (size_t i = 0, to; i < k->n; i = to) {
+        bool seen = false;
+        for (to = i; to < k->n && k->picture[to].frame == k->picture[i].frame; to++) {
+            const struct calibrate_picture *p = &k->picture[to];
+            if (p->view.n == 0)
                 continue;
-            first &= j >= i;
-            if (q->camera != p->camera)
-                l->common[p->camera * n + q->camera]++;
+            count_picture(&l->camera[p->camera], p);
+            for (const struct calibrate_picture *q = &k->picture[i]; q < p; q++)
+                if (q->view.n > 0) {
+                    l->common[p->camera * n + q->camera]++;
+                    l->common[q->camera * n + p->camera]++;
+                }
+            seen = true;
         }
-        l->poses += first;
+        l->poses += seen;
     }
-    l->next_frame = most;
+    l->next_frame = k->n > 0 ? k->picture[k->n - 1].frame + 1 : 0;
 }
 
 static pvx_err take(struct live *l, struct look *w)
@@ -330,12 +314,11 @@ static pvx_err open_eyes(struct live *l, struct pvx_diag *d)
     size_t n = l->job.look.n_cameras;
     if ((l->eye = pvx_calloc(n, sizeof *l->eye)) == NULL)
         return PVX_ENOMEM;
-    l->n_corners = rec_board_corners(&l->job.board);
+    const uint32_t n_corners = rec_board_corners(&l->job.board);
     for (size_t c = 0; c < n; c++) {
         PVX_TRY(rec_board_detector_new(&l->job.board, &l->eye[c].det, d));
-        l->eye[c].now = pvx_calloc(l->n_corners, sizeof *l->eye[c].now);
-        l->eye[c].anchor = pvx_calloc(l->n_corners, sizeof *l->eye[c].anchor);
-        if (l->eye[c].now == NULL || l->eye[c].anchor == NULL)
+        l->eye[c].anchor = pvx_calloc(n_corners, sizeof *l->eye[c].anchor);
+        if (l->eye[c].anchor == NULL)
             return PVX_ENOMEM;
     }
     return PVX_OK;
@@ -349,7 +332,6 @@ static void close_eyes(struct live *l)
         cap_jpeg_free(&k->jpeg);
         free(k->samples);
         free(k->level);
-        free(k->now);
         free(k->anchor);
     }
     PVX_FREE(l->eye);
@@ -384,7 +366,7 @@ static pvx_err look(struct live *l, struct cap_set *s, double *since_s, uint64_t
     return PVX_OK;
 }
 
-void *live_watch(void *ctx)
+static void *watch(void *ctx)
 {
     struct live *l = ctx;
     double since_s = 0;
@@ -422,7 +404,7 @@ void live_offer(struct live *l, struct cap_set *s)
 pvx_err live_start(struct live *l, struct pvx_diag *d)
 {
     PVX_TRY(open_eyes(l, d));
-    if (pthread_create(&l->watcher, NULL, live_watch, l) != 0)
+    if (pthread_create(&l->watcher, NULL, watch, l) != 0)
         return pvx_fail(d, PVX_EIO, "cannot start a thread");
     if (pthread_create(&l->solver, NULL, live_solve, l) != 0) {
         pthread_mutex_lock(&l->lock);

@@ -5,7 +5,8 @@
  * on as many threads as --threads says; when it stands still in a new pose, saves the pictures.  Solver
  * (calibrate_resolve.c): solves what is there whenever there is more.  So nothing waits for anything that
  * takes long, capture least of all.
- * `lock` guards everything below it; pictures are added, never changed, so that corners outlive the lock. */
+ * `lock` guards everything below it; pictures are added, never changed, so that corners outlive the lock, and
+ * are in the order of their numbers. */
 #ifndef CALIBRATE_WATCH_H
 #define CALIBRATE_WATCH_H
 #include <pthread.h>
@@ -61,7 +62,6 @@ struct live {
     uint32_t look_of[REC_MAX_CAMERAS]; /* camera of capture -> camera of job.look */
     pvx_pool *pool;
     struct live_eye *eye; /* [n] the watcher's own */
-    uint32_t n_corners;   /* of a face */
     cap_capture *capture;
     pthread_t watcher, solver;
     bool started;
@@ -93,7 +93,6 @@ void live_offer(struct live *l, struct cap_set *s);
 /* What was taken before, into the counts. */
 void live_count(struct live *l);
 
-void *live_watch(void *ctx); /* calibrate_watch.c */
-void *live_solve(void *ctx); /* calibrate_resolve.c */
+void *live_solve(void *ctx); /* calibrate_resolve.c: the solver's thread */
 
 #endif

@@ -189,6 +189,9 @@ bool rec_calib_says(const struct rec_calib_report *r, enum rec_calib_severity se
 /* "good", "just enough", "not enough" or "does not see the volume", of one camera. */
 const char *rec_calib_verdict(const struct rec_uncertainty *u);
 
+/* Every camera's is "good". */
+bool rec_calib_good(const struct rec_calib_report *r);
+
 /* px rms and largest distance between the projections of the volume's points by two rigs of the same
  * cameras, after the rigid motion of `b` that makes the rms least.  PVX_EINVAL: no point is seen. */
 PVX_MUST_CHECK pvx_err rec_calib_distance(const struct rec_rig *a, const struct rec_rig *b,

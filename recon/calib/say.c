@@ -134,6 +134,14 @@ static void say_folds(struct calib *k)
                       held / trained);
 }
 
+bool rec_calib_good(const struct rec_calib_report *r)
+{
+    bool good = true;
+    for (size_t c = 0; c < r->n_cameras; c++)
+        good = good && r->camera[c].expected.voxels_95 <= REC_CALIB_GOOD;
+    return good;
+}
+
 /* Cameras that contradict each other (pictures of other instants, frames numbered wrongly, an old rig that is not
  * so): each view errs as a whole, n views leave 1 / sqrt(n) of that at best, and where this is a voxel of the volume
  * nothing can be reconstructed. */
