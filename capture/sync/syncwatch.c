@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "base/median.h"
 #include "capture/sync/syncwatch_int.h"
 
 #define WINDOW_NS     (500 * PVX_NS_PER_MS)
@@ -62,18 +63,6 @@ void cap_sync_found(struct cap_syncwatch *w, uint32_t c, enum cap_count what, ui
     w->counts.count(w->counts.ctx, c, what, n);
 }
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
-static double median(double *v, unsigned n)
-{
-    qsort(v, n, sizeof *v, ascending);
-    return n % 2 ? v[n / 2] : (v[n / 2 - 1] + v[n / 2]) / 2;
-}
-
 static double wrapped(double ns, double period)
 {
     return ns - period * rint(ns / period);
@@ -99,10 +88,10 @@ static void note_phase(struct cap_syncwatch *w, struct cap_sync_camera *k)
         return;
     if (n_far > n) {
         k->far++;
-        k->far_ns = (int64_t)median(far, n_far);
+        k->far_ns = (int64_t)pvx_median(far, n_far);
         return;
     }
-    qsort(near, n, sizeof *near, ascending);
+    qsort(near, n, sizeof *near, pvx_ascending);
     double m = near[n / 2];
     if (n % 2 == 0 && fabs(near[n / 2 - 1]) < fabs(m))
         m = near[n / 2 - 1];
@@ -225,7 +214,7 @@ static bool unlike_the_others(const struct cap_syncwatch *w, const struct cap_sy
     }
     if (2 * unlike <= n)
         return false;
-    *theirs = median(rate, n);
+    *theirs = pvx_median(rate, n);
     double mine = cap_rate_hz(&k->rate, m, w->p.period_ns);
     return n > 1 || fabs(mine - nominal) >= fabs(*theirs - nominal);
 }

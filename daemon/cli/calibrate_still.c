@@ -4,14 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/median.h"
+
 #define LEAST 6    /* corners */
 #define MOST  4096 /* more are not needed */
-
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 /* Distances of common corners; both lists are by id. */
 static size_t distances(const struct rec_board_view *a, const struct rec_board_view *b,
@@ -38,7 +34,7 @@ double calibrate_moved(const struct rec_board_view *a, const struct rec_board_vi
             all += distances(&a[i], &b[i], scale != NULL ? scale[i] : 1, d + all, MOST - all);
     if (all < LEAST)
         return INFINITY;
-    qsort(d, all, sizeof *d, ascending);
+    qsort(d, all, sizeof *d, pvx_ascending);
     return d[all / 2];
 }
 

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/median.h"
 #include "base/mem.h"
 #include "recon/board/detect_int.h"
 #include "recon/board/spec.h"
@@ -68,12 +69,6 @@ static void flip_corners(rec_board_detector *det, struct rec_board_sight *out)
 
 /* ---- one way round ------------------------------------------------------------------------------ */
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static void describe(const struct rec_print *print, const struct rec_grown *g, size_t n,
                      size_t found, struct rec_board_sight *out)
 {
@@ -96,7 +91,7 @@ static void describe(const struct rec_print *print, const struct rec_grown *g, s
         }
     }
     if (blur != NULL) {
-        qsort(blur, k, sizeof *blur, ascending);
+        qsort(blur, k, sizeof *blur, pvx_ascending);
         out->blur = k > 0 ? blur[k / 2] : NAN;
         out->square = pairs > 0 ? side / (double)pairs : NAN;
     }

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/median.h"
 #include "base/mem.h"
 #include "recon/board/homography.h"
 #include "recon/board/spec.h"
@@ -126,12 +127,6 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
         memcpy(agrees, in, n * sizeof *in);
 }
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* Sizes are compared where the map was made of the markers' middles alone. */
 double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
                        const bool *agrees)
@@ -169,7 +164,7 @@ double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m,
         }
         ratio[k++] = have / want;
     }
-    qsort(ratio, k, sizeof *ratio, ascending);
+    qsort(ratio, k, sizeof *ratio, pvx_ascending);
     return ratio[k / 2];
 }
 

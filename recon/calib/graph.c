@@ -93,7 +93,7 @@ size_t rec_calib_pair_pose(const struct calib *k, uint32_t a, uint32_t b, int la
     *spread = INFINITY;
     for (size_t i = 0; i < g.n; i++) {
         size_t n = distances(&g, g.pose[i], d);
-        double median = rec_calib_median(d, n), sum = 0; /* sorts d */
+        double median = pvx_median(d, n), sum = 0; /* sorts d */
         for (size_t j = 0; j < n; j++)
             sum += fmin(d[j], FAR * median + 1e-9);
         if (sum < best) {

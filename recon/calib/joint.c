@@ -32,12 +32,11 @@ static void rescale(struct calib *k, double *room)
                 for (size_t s = v->first; s < v->first + v->n; s++)
                     room[n++] = fmin(k->seen[s].far, 1e9);
         }
-        now[c] =
-            n > 0 ? k->scale[c] * fmax(rec_calib_median(room, n) / 1.17741, 1e-6) : k->scale[c];
+        now[c] = n > 0 ? k->scale[c] * fmax(pvx_median(room, n) / 1.17741, 1e-6) : k->scale[c];
         if (n > 0)
             over[cameras++] = now[c] / k->alone[c];
     }
-    double least = 4 * rec_calib_median(over, cameras); /* sorts over */
+    double least = 4 * pvx_median(over, cameras); /* sorts over */
     if (cameras > 0)
         least = fmin(least, over[cameras - 1]);
     for (uint32_t c = 0; c < k->nc; c++)
@@ -194,7 +193,7 @@ static double apart(const struct calib *k)
     double over[REC_MAX_CAMERAS];
     for (size_t c = 0; c < k->nc; c++)
         over[c] = k->scale[c] / k->alone[c];
-    return rec_calib_median(over, k->nc);
+    return pvx_median(over, k->nc);
 }
 
 /* Pictures of different instants: lenses would bend to hide it.  Those that a camera knows by itself stay so. */

@@ -24,7 +24,7 @@ static double middle_of(const struct drift *d, size_t n, int j, double *room)
 {
     for (size_t i = 0; i < n; i++)
         room[i] = d[i].m[j];
-    return rec_calib_median(room, n);
+    return pvx_median(room, n);
 }
 
 /* The split of d[0..n) that leaves the least sum of distances from the medians of its sides.  Returns the step
@@ -41,7 +41,7 @@ static double change(const struct drift *d, size_t n, size_t *at, double *room)
                 room[i] = fabs(d[i].m[j] - (i < s ? a : b));
                 sum += room[i];
             }
-            double mad = 1.4826 * rec_calib_median(room, n);
+            double mad = 1.4826 * pvx_median(room, n);
             spread += mad * mad;
         }
         if (sum < least) {

@@ -1,6 +1,7 @@
 /* priv.h - what the files of this room share: one calibration while it is made. */
 #ifndef REC_CALIB_PRIV_H
 #define REC_CALIB_PRIV_H
+#include "base/median.h"
 #include "recon/calib/calib.h"
 #include "recon/calib/shim.h"
 
@@ -99,7 +100,6 @@ double rec_calib_structure(const struct calib *k, uint32_t c, double *coverage);
 double rec_calib_own_focal(const struct calib *k, uint32_t c);
 /* Median distance [px] of all its corners, wrong or not. */
 double rec_calib_usual(const struct calib *k, const struct view *v);
-double rec_calib_median(double *v, size_t n); /* reorders v; 0 for none */
 void rec_calib_use_state(struct calib *k, double *state);
 
 /* ---- the way, in this order ---- */

@@ -58,20 +58,6 @@ double rec_calib_rms(const struct calib *k, const struct view *v)
     return n > 0 ? sqrt(sum / (double)n) : 0;
 }
 
-static int by_value(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-double rec_calib_median(double *v, size_t n)
-{
-    if (n == 0)
-        return 0;
-    qsort(v, n, sizeof *v, by_value);
-    return 0.5 * (v[(n - 1) / 2] + v[n / 2]);
-}
-
 double rec_calib_usual(const struct calib *k, const struct view *v)
 {
     double d[2048];
@@ -80,7 +66,7 @@ double rec_calib_usual(const struct calib *k, const struct view *v)
         const struct seen *s = &k->seen[i];
         d[n++] = isfinite(s->far) ? hypot(s->r[0], s->r[1]) : 1e3;
     }
-    return rec_calib_median(d, n);
+    return pvx_median(d, n);
 }
 
 struct drift rec_calib_drift(const struct calib *k, const struct view *v, bool wrong_too)

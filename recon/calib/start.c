@@ -196,7 +196,7 @@ static bool judge(struct calib *k, uint32_t c, double *room)
             room[n++] = fmin(k->seen[s].far, 1e9);
     }
     double unit =
-        fmax(rec_calib_median(room, n) / 1.17741, 1e-6); /* of a circular normal: sqrt(2 ln 2) */
+        fmax(pvx_median(room, n) / 1.17741, 1e-6); /* of a circular normal: sqrt(2 ln 2) */
     k->scale[c] *= unit;
     for (size_t i = 0; i < k->nv; i++) {
         struct view *v = &k->view[i];

@@ -21,8 +21,8 @@ static double over_of(const struct calib *k, uint32_t c, double *room)
             room[n++] = rec_calib_usual(k, &k->view[i]);
             room[k->nv + m++] = k->view[i].usual;
         }
-    double single = rec_calib_median(room + k->nv, m);
-    return n > 0 && single > 0 ? rec_calib_median(room, n) / single : 0;
+    double single = pvx_median(room + k->nv, m);
+    return n > 0 && single > 0 ? pvx_median(room, n) / single : 0;
 }
 
 /* How much smaller the spread of the poses between c and the others becomes when c's pictures are taken for
@@ -35,7 +35,7 @@ static double shifted_spread(const struct calib *k, uint32_t c, int by)
         if (o != c && rec_calib_pair_pose(k, c, o, 0, pose, &now) >= REC_CALIB_JOINT &&
             rec_calib_pair_pose(k, c, o, by, pose, &then) >= REC_CALIB_JOINT && now > 0)
             ratio[n++] = then / now;
-    return n > 0 ? rec_calib_median(ratio, n) : INFINITY;
+    return n > 0 ? pvx_median(ratio, n) : INFINITY;
 }
 
 /* The camera with the largest joint residuals over single ones; n: how many have far too large ones. */

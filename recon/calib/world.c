@@ -207,7 +207,7 @@ static pvx_err by_old(struct calib *k)
             "the old rig has none of these cameras by name, or none that sees the volume");
     for (size_t i = 0; i < ra.n_cameras; i++)
         sorted[i] = o.px[i];
-    double usual = fmax(rec_calib_median(sorted, ra.n_cameras), 0.02);
+    double usual = fmax(pvx_median(sorted, ra.n_cameras), 0.02);
     for (size_t i = 0; i < ra.n_cameras; i++)
         if (o.px[i] > 8 * usual && o.px[i] > 0.5)
             rec_calib_say(k, REC_CALIB_WARNING, REC_CALIB_OLD_RIG, (int)who[i], REC_NO_FRAME,

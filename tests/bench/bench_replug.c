@@ -1,6 +1,7 @@
 /* bench_replug.c - a camera back after its cable, its restart, the restart of the switch: seconds from the
  * moment at which it could answer again to the first set with all four cameras, over 20 runs of each. */
 #include "base.h"
+#include "base/median.h"
 #include "tests/lib/arvbed.h"
 
 enum { RUNS = 20 };
@@ -21,12 +22,6 @@ static void restart(void)
 static void network(void)
 {
     cap_gvnet_reboot(bed_net, AWAY_S);
-}
-
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
 }
 
 int main(int argc, char **argv)
@@ -56,7 +51,7 @@ int main(int argc, char **argv)
             all &= whole > 0;
             s[i] = (double)(whole - back) * 1e-9;
         }
-        qsort(s, RUNS, sizeof *s, ascending);
+        qsort(s, RUNS, sizeof *s, pvx_ascending);
         double median = 0.5 * (s[RUNS / 2 - 1] + s[RUNS / 2]), p95 = s[RUNS - 1 - RUNS / 20];
         bench_row(csv, "%s,%d,%.3f,%.3f,%.3f", event[k].name, RUNS, median, p95, s[RUNS - 1]);
     }

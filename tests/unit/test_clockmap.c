@@ -2,6 +2,7 @@
 #include "../t.h"
 
 #include "base/clock.h"
+#include "base/median.h"
 #include "capture/sync/clockmap.h"
 
 #define S     PVX_NS_PER_S
@@ -121,16 +122,10 @@ struct spread {
 };
 static double sample[300000];
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
 static struct spread spread_of(size_t n)
 {
     struct spread s = {.n = n};
-    qsort(sample, n, sizeof sample[0], ascending);
+    qsort(sample, n, sizeof sample[0], pvx_ascending);
     if (n > 0) {
         s.p50 = sample[n / 2];
         s.p99 = sample[n * 99 / 100];

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/median.h"
 #include "base/mem.h"
 #include "daemon/cli/report/figures.h"
 #include "daemon/cli/report/html.h"
@@ -32,12 +33,6 @@ double report_round(double v)
     return ten * (lead >= 5 ? 5 : lead >= 2 ? 2 : 1);
 }
 
-static int by_size(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return x < y ? -1 : x > y;
-}
-
 double report_enlargement(const struct calibrate_result *r)
 {
     double each[REC_MAX_CAMERAS];
@@ -47,7 +42,7 @@ double report_enlargement(const struct calibrate_result *r)
             each[n++] = r->report->camera[c].joint / r->look->camera[c].width * WIDTH;
     if (n == 0)
         return 0;
-    qsort(each, n, sizeof *each, by_size);
+    qsort(each, n, sizeof *each, pvx_ascending);
     return report_round(fmax(TYPICAL / each[n / 2], 1e-3));
 }
 
@@ -149,12 +144,12 @@ static void arrows(const struct drawing *g, const struct misses *m, bool far, si
 static int by_dx(const void *a, const void *b)
 {
     const struct miss *x = a, *y = b;
-    return x->cell != y->cell ? x->cell - y->cell : by_size(&x->dx, &y->dx);
+    return x->cell != y->cell ? x->cell - y->cell : pvx_ascending(&x->dx, &y->dx);
 }
 static int by_dy(const void *a, const void *b)
 {
     const struct miss *x = a, *y = b;
-    return x->cell != y->cell ? x->cell - y->cell : by_size(&x->dy, &y->dy);
+    return x->cell != y->cell ? x->cell - y->cell : pvx_ascending(&x->dy, &y->dy);
 }
 
 /* What repeats by the place in the picture, which wrong corners do not move; m is put in another order. */
