@@ -144,8 +144,7 @@ static void draw_box(struct paint *p, const struct rec_grid *g, const struct rec
         X[e] = edge & 2 ? g->max[e] : g->min[e];
         for (int i = 0; i <= PIECES; i++, memcpy(last, uv, sizeof uv)) {
             X[a] = g->min[a] + (g->max[a] - g->min[a]) * i / PIECES;
-            bool in = rec_camera_project(c, X, uv) && uv[0] > -0.5 && uv[0] < c->width - 0.5 &&
-                      uv[1] > -0.5 && uv[1] < c->height - 0.5;
+            bool in = rec_camera_sees(c, X, uv);
             if (in && had)
                 paint_line(p, x + last[0], y + last[1], x + uv[0], y + uv[1], colour);
             had = in;

@@ -24,27 +24,18 @@ static double voxel(const struct rec_grid *g)
 static bool rows(const struct calib *k, const struct rec_grid *g, size_t c, const double at[3],
                  double b[2 * N2], double *voxels)
 {
-    double X[3], Z[3], uv[2], Jl[18], JX[6], Jp[18], R[9], back[6];
+    double X[3], Z[3], uv[2], A[2 * N1], G[6], B[12], back[6];
     const struct rec_calib_camera *m = &k->in->camera[c];
     rec_pose_inverse(k->to_world, back);
     rec_pose_apply(back, at, X);
-    rec_model_move(k->fit_pose[c], X, Z, Jp, R);
-    if (!rec_model_project(k->lens[c], Z, uv, Jl, JX) || uv[0] < -0.5 || uv[1] < -0.5 ||
-        uv[0] > m->width - 0.5 || uv[1] > m->height - 0.5)
+    if (!rec_model_see(k->lens[c], k->fit_pose[c], X, Z, uv, A, G) || uv[0] < -0.5 ||
+        uv[1] < -0.5 || uv[0] > m->width - 0.5 || uv[1] > m->height - 0.5)
         return false;
+    rec_model_turn(X, G, B);
     for (int r = 0; r < 2; r++) {
-        double *to = b + N2 * r, W[3]; /* W: d uv / d X */
-        memcpy(to, Jl + REC_LENS * r, REC_LENS * sizeof *to);
+        memcpy(b + N2 * r, A + N1 * r, N1 * sizeof *b);
         for (int i = 0; i < 6; i++)
-            to[REC_LENS + i] =
-                JX[3 * r] * Jp[i] + JX[3 * r + 1] * Jp[6 + i] + JX[3 * r + 2] * Jp[12 + i];
-        for (int i = 0; i < 3; i++)
-            W[i] = JX[3 * r] * R[i] + JX[3 * r + 1] * R[3 + i] + JX[3 * r + 2] * R[6 + i];
-        for (int i = 0; i < 3; i++) { /* X moves by turn x X + shift */
-            int p = (i + 1) % 3, q = (i + 2) % 3;
-            to[N1 + i] = -(X[p] * W[q] - X[q] * W[p]);
-            to[N1 + 3 + i] = -W[i];
-        }
+            b[N2 * r + N1 + i] = -B[6 * r + i];
     }
     *voxels = Z[2] / sqrt(k->lens[c][REC_FX] * k->lens[c][REC_FY]) / voxel(g);
     return true;

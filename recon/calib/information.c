@@ -25,27 +25,13 @@ void rec_information_begin(struct rec_information *w, const double board[12])
 static bool derive(const struct rec_information *w, uint32_t c, const double X[3], double A[2 * N1],
                    double B[12], double *depth)
 {
-    double Z[3], uv[2], Jl[2 * REC_LENS], JX[6], Jp[18], R[9];
-    rec_model_move(w->pose[c], X, Z, Jp, R);
-    if (!rec_model_project(w->lens[c], Z, uv, Jl, JX))
+    double Z[3], uv[2], G[6], Y[3];
+    if (!rec_model_see(w->lens[c], w->pose[c], X, Z, uv, A, G))
         return false;
+    for (int i = 0; i < 3; i++)
+        Y[i] = X[i] - w->board[9 + i];
+    rec_model_turn(Y, G, B);
     *depth = Z[2];
-    for (int r = 0; r < 2; r++) {
-        double G[3], Y[3];
-        memcpy(A + N1 * r, Jl + REC_LENS * r, REC_LENS * sizeof *A);
-        for (int i = 0; i < 6; i++)
-            A[N1 * r + REC_LENS + i] =
-                JX[3 * r] * Jp[i] + JX[3 * r + 1] * Jp[6 + i] + JX[3 * r + 2] * Jp[12 + i];
-        for (int i = 0; i < 3; i++) {
-            G[i] = JX[3 * r] * R[i] + JX[3 * r + 1] * R[3 + i] + JX[3 * r + 2] * R[6 + i];
-            Y[i] = X[i] - w->board[9 + i];
-        }
-        for (int i = 0; i < 3; i++) { /* X moves by turn x Y + shift */
-            int p = (i + 1) % 3, q = (i + 2) % 3;
-            B[6 * r + i] = Y[p] * G[q] - Y[q] * G[p];
-            B[6 * r + 3 + i] = G[i];
-        }
-    }
     return true;
 }
 
@@ -184,12 +170,6 @@ static double trace_solve(double *A, double *B, size_t n)
 
 /* ---- all that was seen ---- */
 
-static int ascending(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /* One over the usual variance of a corner in camera c. */
 static double weight_of(const struct rec_calib_input *in, const struct rec_calib_report *r,
                         uint32_t c, double *room)
@@ -206,7 +186,7 @@ static double weight_of(const struct rec_calib_input *in, const struct rec_calib
     }
     if (n == 0)
         return 0;
-    qsort(room, n, sizeof *room, ascending);
+    qsort(room, n, sizeof *room, pvx_ascending);
     return 1 / (fmax(r->chi2, 1e-6) * fmax(room[n / 2], 1e-12));
 }
 
@@ -264,14 +244,11 @@ static pvx_err error_form(struct rec_information *w, double *out)
         double X[3], A[2 * N1], G[12], uv[2], depth, n = 0;
         for (int i = 0; i < REC_CALIB_POINTS; i++) {
             rec_calib_volume_point(&w->rig->grid, i, X);
-            n += rec_camera_project(k, X, uv) && uv[0] > -0.5 && uv[1] > -0.5 &&
-                 uv[0] < k->width - 0.5 && uv[1] < k->height - 0.5;
+            n += rec_camera_sees(k, X, uv);
         }
         for (int i = 0; i < REC_CALIB_POINTS && n > 0; i++) {
             rec_calib_volume_point(&w->rig->grid, i, X);
-            if (!rec_camera_project(k, X, uv) || !(uv[0] > -0.5 && uv[1] > -0.5) ||
-                uv[0] >= k->width - 0.5 || uv[1] >= k->height - 0.5 ||
-                !derive(w, c, X, A, G, &depth))
+            if (!rec_camera_sees(k, X, uv) || !derive(w, c, X, A, G, &depth))
                 continue;
             double voxel = depth / sqrt(k->fx * k->fy) / cbrt(side);
             double o = voxel * voxel / (n * w->nc);

@@ -73,3 +73,31 @@ void rec_model_move(const double pose[6], const double X[3], double out[3], doub
             J[6 * r + 3 + c] = r == c;
     }
 }
+
+bool rec_model_see(const double lens[9], const double pose[6], const double X[3], double Z[3],
+                   double uv[2], double *A, double *G)
+{
+    double Jl[18], JX[6], Jp[18], R[9];
+    rec_model_move(pose, X, Z, Jp, R);
+    if (!rec_model_project(lens, Z, uv, Jl, JX))
+        return false;
+    for (int r = 0; r < 2; r++) {
+        const double *j = JX + 3 * r;
+        memcpy(A + 15 * r, Jl + 9 * r, 9 * sizeof *A);
+        for (int i = 0; i < 6; i++)
+            A[15 * r + 9 + i] = j[0] * Jp[i] + j[1] * Jp[6 + i] + j[2] * Jp[12 + i];
+        for (int i = 0; i < 3 && G != NULL; i++)
+            G[3 * r + i] = j[0] * R[i] + j[1] * R[3 + i] + j[2] * R[6 + i];
+    }
+    return true;
+}
+
+void rec_model_turn(const double Y[3], const double G[6], double B[12])
+{
+    for (int r = 0; r < 2; r++)
+        for (int i = 0; i < 3; i++) {
+            int p = (i + 1) % 3, q = (i + 2) % 3;
+            B[6 * r + i] = Y[p] * G[3 * r + q] - Y[q] * G[3 * r + p];
+            B[6 * r + 3 + i] = G[3 * r + i];
+        }
+}

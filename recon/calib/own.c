@@ -30,17 +30,10 @@ static void add(struct information *s, const double *row)
 static void corner(const struct calib *k, const struct view *v, const struct seen *p,
                    struct information *s)
 {
-    double X[3], Z[3], uv[2], Jp[18], Jl[2 * L], JX[6], R[9], d[2][L + 6];
+    double X[3], Z[3], uv[2], d[2][L + 6];
     rec_calib_point(k, v, p, X);
-    rec_model_move(v->pose[0], X, Z, Jp, R);
-    if (!rec_model_project(k->lens[v->camera], Z, uv, Jl, JX))
+    if (!rec_model_see(k->lens[v->camera], v->pose[0], X, Z, uv, d[0], NULL))
         return;
-    for (int r = 0; r < 2; r++) {
-        memcpy(d[r], Jl + L * r, L * sizeof(double));
-        for (int i = 0; i < 6; i++)
-            d[r][L + i] =
-                JX[3 * r] * Jp[i] + JX[3 * r + 1] * Jp[6 + i] + JX[3 * r + 2] * Jp[12 + i];
-    }
     for (int i = 0; i < L + 6; i++) { /* whitened */
         d[1][i] = (p->W[1] * d[0][i] + p->W[2] * d[1][i]) / k->alone[v->camera];
         d[0][i] = p->W[0] * d[0][i] / k->alone[v->camera];

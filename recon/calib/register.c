@@ -64,8 +64,7 @@ static void add(const struct rec_camera *a, const struct rec_camera *b, const do
     double Y[3], ua[2];
     struct rec_projection p;
     rec_pose_apply(m, X, Y);
-    if (!rec_camera_project(a, X, ua) || ua[0] < -0.5 || ua[1] < -0.5 || ua[0] > a->width - 0.5 ||
-        ua[1] > a->height - 0.5 || !rec_camera_project_full(b, Y, &p))
+    if (!rec_camera_sees(a, X, ua) || !rec_camera_project_full(b, Y, &p))
         return;
     double e[2] = {ua[0] - p.u, ua[1] - p.v}, z = b->t[2];
     for (int j = 0; j < 3; j++)
@@ -129,7 +128,7 @@ pvx_err rec_calib_register(const struct rec_rig *a, const struct rec_rig *b, boo
             }
         for (size_t c = 0; c < a->n_cameras; c++)
             sorted[c] = out->px[c] = s.n[c] > 0 ? sqrt(s.of[c] / s.n[c]) : 0;
-        double unit = fmax(2 * rec_calib_median(sorted, a->n_cameras), 1e-3);
+        double unit = fmax(2 * pvx_median(sorted, a->n_cameras), 1e-3);
         for (size_t c = 0; c < a->n_cameras && robust; c++)
             weight[c] = 1 / pow(1 + out->px[c] * out->px[c] / (unit * unit), 2);
         rec_calib_invert6(s.A);

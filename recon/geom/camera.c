@@ -144,6 +144,12 @@ bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv
     return true;
 }
 
+bool rec_camera_sees(const struct rec_camera *c, const double X[3], double uv[2])
+{
+    return rec_camera_project(c, X, uv) && uv[0] > -0.5 && uv[0] < c->width - 0.5 && uv[1] > -0.5 &&
+           uv[1] < c->height - 0.5;
+}
+
 static double px_norm(const struct rec_camera *c, double x, double y)
 {
     x *= c->fx;
@@ -264,8 +270,8 @@ void rec_camera_look(const double at[3], const double to[3], struct rec_camera *
     for (int a = 0; a < 3; a++)
         z[a] /= n;
     double m = hypot(z[0], z[1]); /* right = forward x up, normalised; down = forward x right */
-    x[0] = z[1] / m;
-    x[1] = -z[0] / m;
+    x[0] = m > 0 ? z[1] / m : -z[2];
+    x[1] = m > 0 ? -z[0] / m : 0;
     x[2] = 0;
     double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
     for (int a = 0; a < 3; a++) {

@@ -34,7 +34,10 @@ struct rec_camera {
  * far off axis that (2) is past its turning point (the lens model folds back there). */
 bool rec_camera_project(const struct rec_camera *c, const double X[3], double uv[2]);
 
-/* The same with what lies between: (x,y) of (1) and J = d(u,v)/d(x,y), row major, px. */
+/* The same, and the pixel lies in the picture. */
+bool rec_camera_sees(const struct rec_camera *c, const double X[3], double uv[2]);
+
+/* The same as rec_camera_project with what lies between: (x,y) of (1) and J = d(u,v)/d(x,y), row major, px. */
 struct rec_projection {
     double x, y, u, v, J[4];
 };
@@ -49,7 +52,7 @@ bool rec_camera_ray(const struct rec_camera *c, double u, double v, double origi
 /* Camera centre -R^T t [m]. */
 void rec_camera_centre(const struct rec_camera *c, double x[3]);
 
-/* Pose of a camera at `at` m looking at `to`, not straight up or down; z is up in the image. */
+/* Pose of a camera at `at` m looking at `to`; z is up in the image, y where it looks straight up or down. */
 void rec_camera_look(const double at[3], const double to[3], struct rec_camera *c);
 
 #endif

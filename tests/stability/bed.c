@@ -16,35 +16,6 @@ size_t stab_pixels(const struct stab_bed *b, size_t camera)
 
 /* ---- rigs ---------------------------------------------------------------------------------------*/
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int i = 0; i < 3; i++)
-        out[i] = a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3];
-}
-static void unit(double v[3])
-{
-    double n = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int i = 0; i < 3; i++)
-        v[i] /= n;
-}
-/* Camera at `at` looking at `aim`, z up in the picture (y, where it looks straight down). */
-static void place(struct rec_camera *c, const double at[3], const double aim[3])
-{
-    double *right = c->R, *down = c->R + 3, *ahead = c->R + 6, up[3] = {0, 0, 1};
-    for (int i = 0; i < 3; i++)
-        ahead[i] = aim[i] - at[i];
-    unit(ahead);
-    if (fabs(ahead[2]) > 0.999) {
-        up[1] = 1;
-        up[2] = 0;
-    }
-    cross(ahead, up, right);
-    unit(right);
-    cross(ahead, right, down);
-    for (int i = 0; i < 3; i++)
-        c->t[i] = -(c->R[3 * i] * at[0] + c->R[3 * i + 1] * at[1] + c->R[3 * i + 2] * at[2]);
-}
-
 /* Pinholes whose middle column, row and pixel look exactly along faces, edges and diagonals. */
 static void faces(struct rec_rig *rig)
 {
@@ -58,7 +29,7 @@ static void faces(struct rec_rig *rig)
             aim[0] = at[i][0];
             f *= 1e4 / RADIUS * 0.6;
         }
-        place(c, at[i], aim);
+        rec_camera_look(at[i], aim, c);
         memset(c->dist, 0, sizeof c->dist);
         c->fx = c->fy = f;
         c->cx = c->width / 2;
@@ -81,12 +52,12 @@ static void make_rig(struct rec_rig *rig, enum stab_rig kind, size_t n, struct s
             double at[3], aim[3] = {0, 0, 0.5};
             rec_camera_centre(&rig->cameras[i], at);
             at[2] = 0.5;
-            place(&rig->cameras[i], at, aim);
+            rec_camera_look(at, aim, &rig->cameras[i]);
         }
         break;
     case RIG_INSIDE: {
         static const double at[3] = {0.15, 0.1, 0.45}, aim[3] = {-0.3, -0.2, 0.6};
-        place(&rig->cameras[n - 1], at, aim);
+        rec_camera_look(at, aim, &rig->cameras[n - 1]);
         rig->cameras[n - 1].fx = rig->cameras[n - 1].fy = 0.5 * size.w;
         break;
     }

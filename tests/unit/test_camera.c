@@ -179,6 +179,28 @@ T_CASE(wild_lenses)
     T_OK(answered > 3000);
 }
 
+/* x right, y up, seen from above; from below x runs to the left. */
+T_CASE(looks_straight_down_and_up)
+{
+    for (int side = 1; side >= -1; side -= 2) {
+        const double at[3] = {0.3, -0.2, 2.0 * side}, to[3] = {0.3, -0.2, 0.1};
+        const double R[9] = {side, 0, 0, 0, -1, 0, 0, 0, -side};
+        struct rec_camera c = {.width = 64, .height = 48, .fx = 50, .fy = 50, .cx = 31, .cy = 23};
+        double centre[3], uv[2];
+        rec_camera_look(at, to, &c);
+        for (int i = 0; i < 9; i++)
+            T_NEAR(c.R[i], R[i], 0);
+        rec_camera_centre(&c, centre);
+        for (int i = 0; i < 3; i++)
+            T_NEAR(centre[i], at[i], 1e-12);
+        T_OK(rec_camera_sees(&c, to, uv));
+        T_NEAR(uv[0], 31, 1e-9);
+        const double beside[3] = {0.3 + 1.9, -0.2, 0.1}, behind[3] = {0.3, -0.2, 3.0 * side};
+        T_OK(rec_camera_project(&c, beside, uv) && !rec_camera_sees(&c, beside, uv));
+        T_OK(!rec_camera_sees(&c, behind, uv));
+    }
+}
+
 T_CASE(centre_maps_to_origin)
 {
     struct rec_camera c = camera(lenses[0]);
