@@ -90,21 +90,27 @@ static inline void shoot(const struct rec_board *b, int camera, int pose, int fi
     board_picture(b, &s, level);
 }
 
-/* The scratch folder, with the truth as true.yaml; 0 when it is there. */
-static inline int bed_begin(void)
+/* The scratch folder, with the truth as true.yaml. */
+static inline void bed_begin(void)
 {
-    char here[200], *yaml;
+    char here[200], *yaml = NULL;
     size_t len;
     board_module_here();
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        return 1;
+    pvx_err e = pvx_exe_dir(here, sizeof here);
     snprintf(exe, sizeof exe, "%s/../../bin", here);
     scratch_new();
     set_up();
-    if (rec_rig_format(&truth, &yaml, &len) != PVX_OK ||
-        pvx_file_write(at("true.yaml"), yaml, len, NULL) != PVX_OK)
-        return 1;
+    if (e == PVX_OK)
+        e = rec_rig_format(&truth, &yaml, &len);
+    if (e == PVX_OK)
+        e = pvx_file_write(at("true.yaml"), yaml, len, NULL);
     free(yaml);
-    return 0;
+    if (e != PVX_OK)
+        exit(1);
+}
+static inline void bed_end(void)
+{
+    rec_rig_fini(&truth);
+    scratch_remove();
 }
 #endif

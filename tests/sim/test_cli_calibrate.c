@@ -356,13 +356,4 @@ T_CASE(usage)
     T_OK(!there("x.yaml"));
 }
 
-int main(void)
-{
-    if (bed_begin() != 0)
-        return 1;
-    record();
-    t_run();
-    rec_rig_fini(&truth);
-    scratch_remove();
-    return t_done();
-}
+T_MAIN((bed_begin(), record()), bed_end())

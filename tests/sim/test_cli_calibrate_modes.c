@@ -134,13 +134,4 @@ T_CASE(the_rig_is_that_of_the_flame_s_pictures)
     rec_rig_fini(&rig);
 }
 
-int main(void)
-{
-    if (bed_begin() != 0)
-        return 1;
-    record();
-    t_run();
-    rec_rig_fini(&truth);
-    scratch_remove();
-    return t_done();
-}
+T_MAIN((bed_begin(), record()), bed_end())

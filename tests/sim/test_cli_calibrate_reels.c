@@ -314,17 +314,15 @@ T_CASE(the_stillest_of_every_few)
     T_EQ_I(chosen[0], 2); /* the other has ended later on */
 }
 
-int main(void)
+static void shoot_all(void)
 {
     struct rec_board b;
     struct pvx_diag d = {""};
-    if (bed_begin() != 0 || rec_board_parse(BOARD, &b, &d) != PVX_OK)
-        return 1;
+    if (rec_board_parse(BOARD, &b, &d) != PVX_OK)
+        exit(1);
     for (int c = 0; c < CAMERAS; c++)
         for (int p = 0; p < POSES; p++)
             shoot(&b, c, p, 1, level[c][p]);
-    t_run();
-    rec_rig_fini(&truth);
-    scratch_remove();
-    return t_done();
 }
+
+T_MAIN((bed_begin(), shoot_all()), bed_end())

@@ -43,16 +43,22 @@ static void spot(size_t place, size_t n, double out, double at[2])
     at[1] = -out * RING * sin(a);
 }
 
+/* A pair that the rig hangs on, by too few poses. */
+static bool weak(const struct rec_calib_pair *p)
+{
+    return p->in_tree && p->common < REC_CALIB_JOINT;
+}
+
 static void edge(FILE *f, const struct rec_calib_pair *p, const size_t place[REC_MAX_CAMERAS],
                  size_t n, uint32_t most)
 {
     double a[2], b[2];
     spot(place[p->a], n, 1, a);
     spot(place[p->b], n, 1, b);
-    const char *class = p->common == 0                              ? "missing"
-                        : p->in_tree && p->common < REC_CALIB_JOINT ? "weak"
-                        : p->in_tree                                ? "tree"
-                                                                    : "edge";
+    const char *class = p->common == 0 ? "missing"
+                        : weak(p)      ? "weak"
+                        : p->in_tree   ? "tree"
+                                       : "edge";
     fprintf(f, "<line class=\"%s\" x1=\"%.1f\" y1=\"%.1f\" x2=\"%.1f\" y2=\"%.1f\"", class, a[0],
             a[1], b[0], b[1]);
     if (p->common > 0)
@@ -132,9 +138,9 @@ static void table(FILE *f, const struct calibrate_result *r)
             }
             const struct rec_calib_pair *p = &o->pair[i++]; /* a < b, b fastest */
             fprintf(f, "<td class=\"n%s\">%u</td>",
-                    p->common == 0                              ? " bad"
-                    : p->in_tree && p->common < REC_CALIB_JOINT ? " warn"
-                                                                : "",
+                    p->common == 0 ? " bad"
+                    : weak(p)      ? " warn"
+                                   : "",
                     p->common);
         }
         fputs("</tr>\n", f);

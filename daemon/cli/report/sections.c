@@ -13,6 +13,12 @@ struct verdict {
     const char *class, *word;
 };
 
+/* The class of a word of rec_calib_verdict. */
+static const char *class_of(const char *word)
+{
+    return strcmp(word, "good") == 0 ? "good" : strcmp(word, "just enough") == 0 ? "warn" : "bad";
+}
+
 static struct verdict verdict_of(const struct calibrate_result *r)
 {
     struct rec_uncertainty u = {.px = r->report->px, .voxels_95 = r->report->voxels_95};
@@ -22,10 +28,11 @@ static struct verdict verdict_of(const struct calibrate_result *r)
         return (struct verdict){"bad", "Refused"};
     const char *word = rec_calib_verdict(&u);
     bool warned = rec_calib_says(r->report, REC_CALIB_WARNING, -1);
-    return strcmp(word, "good") == 0          ? (struct verdict){warned ? "warn" : "good", "Good"}
-           : strcmp(word, "just enough") == 0 ? (struct verdict){"warn", "Just enough"}
-           : strcmp(word, "not enough") == 0  ? (struct verdict){"bad", "Not enough"}
-                                              : (struct verdict){"bad", "Does not see the volume"};
+    const char *class = class_of(word);
+    return strcmp(class, "good") == 0        ? (struct verdict){warned ? "warn" : class, "Good"}
+           : strcmp(class, "warn") == 0      ? (struct verdict){class, "Just enough"}
+           : strcmp(word, "not enough") == 0 ? (struct verdict){class, "Not enough"}
+                                             : (struct verdict){class, "Does not see the volume"};
 }
 
 static void verdict(FILE *f, const struct calibrate_result *r)
@@ -93,12 +100,7 @@ static void camera_row(FILE *f, const struct calibrate_result *r, size_t c)
     const char *word = r->rig != NULL ? rec_calib_verdict(&o->expected) : "";
     fputs("<tr><th>", f);
     html_text(f, r->look->camera[c].name);
-    fprintf(f, "</th><td class=\"%s\">%s</td>",
-            *word == '\0'                      ? ""
-            : strcmp(word, "good") == 0        ? "good"
-            : strcmp(word, "just enough") == 0 ? "warn"
-                                               : "bad",
-            word);
+    fprintf(f, "</th><td class=\"%s\">%s</td>", *word == '\0' ? "" : class_of(word), word);
     html_cell(f, r->rig != NULL ? o->expected.px : NAN, 3);
     html_cell(f, r->rig != NULL ? o->expected.voxels : NAN, 3);
     html_cell(f, r->rig != NULL ? o->expected.voxels_95 : NAN, 3);
