@@ -13,6 +13,14 @@ static inline uint64_t pvx_random(uint64_t *state)
     return *state * 0x2545F4914F6CDD1Du;
 }
 
+/* A number of its own for each z: the finaliser of splitmix64 (Steele, Lea, Flood 2014). */
+static inline uint64_t pvx_mix(uint64_t z)
+{
+    z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ z >> 27) * 0x94D049BB133111EBu;
+    return z ^ z >> 31;
+}
+
 /* Next number of [0,1), 53 bits of it. */
 static inline double pvx_uniform(uint64_t *state)
 {
