@@ -63,6 +63,20 @@ void gvcam_expose_stop(struct cap_gvcam *c)
     gvcam_send_forget(c);
 }
 
+/* The image that the frame with number `count` shows instead of `index`. */
+static int64_t image_of(struct cap_gvcam *c, uint32_t count, int64_t index)
+{
+    const uint32_t n = CAP_GVCAM_LATE_MAX + 1;
+    double late = fmin(fmin(c->fault.late, CAP_GVCAM_LATE_MAX), count);
+    bool hold = c->fault.freeze || c->fault.still;
+    c->expose.past[count % n] = index;
+    index = c->expose.past[(count - (uint32_t)late) % n];
+    if (hold && !c->expose.held)
+        c->expose.held_index = index;
+    c->expose.held = hold;
+    return hold ? c->expose.held_index : index;
+}
+
 /* What is seen at host time `moment` as image `index`. */
 static void frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t now)
 {
@@ -80,15 +94,12 @@ static void frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t no
     c->expose.id = cap_gvsp_next(c->expose.id, c->send.wide);
     c->stats.exposed++;
     c->expose.busy_until = moment + (int64_t)((double)s.exposure_us * 1e3);
-    if (f->freeze && !c->expose.frozen) {
-        c->expose.frozen_index = s.index;
+    s.index = image_of(c, s.count, s.index);
+    if (f->freeze && !c->expose.frozen)
         c->expose.frozen_ticks = s.ticks;
-    }
     c->expose.frozen = f->freeze;
-    if (c->expose.frozen) {
-        s.index = c->expose.frozen_index;
+    if (c->expose.frozen)
         s.ticks = c->expose.frozen_ticks;
-    }
     if (c->expose.frames_left != UINT32_MAX && --c->expose.frames_left == 0)
         c->expose.acquiring = false; /* what is queued still goes out */
     if (gvcam_chance(c, f->drop)) {

@@ -11,13 +11,14 @@ struct gvcam_expose {
     uint64_t id;
     int64_t tick; /* number of the last free-run tick */
     double tick_rate;
-    int64_t last_moment;  /* host ns of the last frame */
-    int64_t busy_until;   /* exposure */
-    int64_t trigger_at;   /* delayed trigger; GVCAM_NEVER = none */
-    uint32_t frames_left; /* single, multi */
-    uint32_t frame_count; /* since the start */
-    bool frozen;
-    int64_t frozen_index;
+    int64_t last_moment;                  /* host ns of the last frame */
+    int64_t busy_until;                   /* exposure */
+    int64_t trigger_at;                   /* delayed trigger; GVCAM_NEVER = none */
+    uint32_t frames_left;                 /* single, multi */
+    uint32_t frame_count;                 /* since the start */
+    int64_t past[CAP_GVCAM_LATE_MAX + 1]; /* image of frame number n, at n modulo that many */
+    bool frozen, held;                    /* stamp, image */
+    int64_t held_index;
     uint64_t frozen_ticks;
     int64_t action[GVCAM_ACTIONS]; /* device ns */
     size_t n_actions;

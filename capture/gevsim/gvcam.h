@@ -32,9 +32,11 @@
 #include <math.h>
 #include <stdbool.h>
 #include "base/err.h"
+#include "capture/gevsim/optics.h"
 #include "capture/pixel/image.h"
 
 #define CAP_GVCAM_NAME_MAX 15 /* characters */
+#define CAP_GVCAM_LATE_MAX 63 /* frames */
 
 typedef struct cap_gvnet cap_gvnet;
 typedef struct cap_gvcam cap_gvcam;
@@ -62,6 +64,10 @@ struct cap_gvcam_config {
     int32_t width, height; /* 1..16384 */
     const void *const *ring; /* [n_ring] images, tightly packed, borrowed */
     size_t n_ring;
+    /* Before image k is sent, if there is one: makes it anew where it is when it was made with other optics,
+     * and says so.  Called with the net locked, never twice at once for a camera: it must not call us. */
+    bool (*renew)(void *ctx, size_t k, const struct cap_optics *o);
+    void *renew_ctx;
     double ring_fps;      /* images per second of scene time */
     double tick_hz;       /* of the device clock without PTP; 0 = 1e9 */
     double link_mbit;     /* of the camera's own cable; 0 = 1000.  It limits the frame rate too */
@@ -88,11 +94,15 @@ struct cap_gvcam_fault {
     double miss;               /* share of triggers ignored: no number is used up */
     double hostile;            /* share of frames, and of acknowledges, after malformed packets */
     double ptp_offset_us;      /* a badly synchronised PTP slave is off by this, and says so */
-    bool freeze;               /* the same image and stamp again and again */
-    bool stuck_clock;          /* the device clock stands still, stamps too */
-    bool no_ptp_master;        /* PTP gets no further than Listening, or falls back to it */
-    bool ptp_master;           /* it hears no other and is PTP master itself, by its own clock */
-    bool lock_trigger; /* TriggerMode and TriggerSource refuse to be set while it takes frames */
+    double late;        /* frames: the image is that of so many frames before, the stamp is not */
+    bool freeze;        /* the same image and stamp again and again */
+    bool still;         /* the same image, and stamps that go on */
+    bool stuck_clock;   /* the device clock stands still, stamps too */
+    bool no_ptp_master; /* PTP gets no further than Listening, or falls back to it */
+    bool ptp_master;    /* it hears no other and is PTP master itself, by its own clock */
+    bool lock_trigger;  /* TriggerMode and TriggerSource refuse to be set while it takes frames */
+    struct cap_optics
+        optics; /* for `renew`, which wants them set: they are not 0 when nothing is wrong */
 };
 
 enum cap_gvcam_act {

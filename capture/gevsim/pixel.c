@@ -138,9 +138,15 @@ static uint8_t *convert(const struct cap_gvcam *c, const uint8_t *image)
     return out;
 }
 
+size_t gvcam_image_number(const struct cap_gvcam *c, int64_t index)
+{
+    int64_t n = (int64_t)c->c.n_ring;
+    return (size_t)((index % n + n) % n);
+}
+
 const uint8_t *gvcam_image_of(struct cap_gvcam *c, int64_t index)
 {
-    int64_t n = (int64_t)c->c.n_ring, k = (index % n + n) % n;
+    size_t k = gvcam_image_number(c, index);
     if (c->image.fmt == c->c.fmt && c->image.region[0] == (uint32_t)c->c.width &&
         c->image.region[1] == (uint32_t)c->c.height)
         return c->ring[k];

@@ -1,9 +1,11 @@
 /* send.c - frames onto the network: packets, delays, losses, and again on request. */
 #include <errno.h>
 #include <poll.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"
+#include "base/mem.h"
 #include "capture/gevsim/gevsim.h"
 
 /* Packets gathered for one system call. */
@@ -183,8 +185,20 @@ static void offer(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_
 
 /* ---- frames ----------------------------------------------------------------------------------- */
 
+/* Frames already sent that showed image k are no longer what it shows. */
+static void renew(struct cap_gvcam *c, size_t k)
+{
+    if (c->c.renew == NULL || !c->c.renew(c->c.renew_ctx, k, &c->fault.optics))
+        return;
+    PVX_FREE(c->image.conv[k]);
+    for (size_t i = 0; i < GVCAM_HISTORY; i++)
+        if (c->send.history[i].used && gvcam_image_number(c, c->send.history[i].shot.index) == k)
+            c->send.history[i].used = false;
+}
+
 static void prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct gvcam_shot *shot)
 {
+    renew(c, gvcam_image_number(c, shot->index));
     *s = (struct gvcam_sent){.shot = *shot, .used = true};
     s->image = gvcam_image_of(c, shot->index);
     s->image_bytes = s->image != NULL ? c->image.frame_bytes : 0;

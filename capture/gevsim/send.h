@@ -47,7 +47,8 @@ struct gvcam_image {
 void gvcam_image_start(struct cap_gvcam *c);
 size_t gvcam_formats(const struct cap_gvcam *c, enum cap_pixfmt *out, size_t max);
 bool gvcam_offers(const struct cap_gvcam *c, enum cap_pixfmt f);
-const uint8_t *gvcam_image_of(struct cap_gvcam *c, int64_t index); /* NULL = no memory */
+size_t gvcam_image_number(const struct cap_gvcam *c, int64_t index); /* modulo n_ring */
+const uint8_t *gvcam_image_of(struct cap_gvcam *c, int64_t index);   /* NULL = no memory */
 void gvcam_image_drop(struct cap_gvcam *c);
 
 /* chunk.c */
