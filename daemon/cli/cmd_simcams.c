@@ -22,6 +22,11 @@
 
 #define MIB 1048576.0
 
+struct view { /* of one camera */
+    struct simcams_ring *ring;
+    size_t c;
+};
+
 struct simcams {
     const struct simcams_args *a;
     struct rec_rig rig;
@@ -29,6 +34,7 @@ struct simcams {
     struct simcams_ring ring;
     cap_gvnet *net;
     cap_gvcam *cam[REC_MAX_CAMERAS]; /* NULL = dead */
+    struct view view[REC_MAX_CAMERAS];
     struct simcams_state state[REC_MAX_CAMERAS];
     struct cap_gvcam_stats total[REC_MAX_CAMERAS]; /* of cameras that were killed */
     struct simcams_plan plan;
@@ -71,8 +77,11 @@ static pvx_err get_rig(const struct simcams_args *a, struct rec_rig *rig, struct
 
 static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)
 {
-    for (size_t c = 0; c < s->rig.n_cameras; c++)
-        s->state[c].alive = true;
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        s->state[c] = simcams_healthy();
+        /* the board's paper and ground are not dark */
+        s->state[c].fault.optics.pedestal = s->a->board != NULL ? 0 : s->a->black / 100;
+    }
     for (size_t k = 0; k < s->a->n_faults; k++)
         PVX_TRY(
             simcams_fault_option(&s->rig, s->a->fault[k].kind, s->a->fault[k].text, s->state, d));
@@ -93,15 +102,15 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
                                     .n = (size_t)a->ring,
                                     .fps = a->fps,
                                     .seed = (uint32_t)a->seed,
-                                    .black = a->black / 100,
                                     .noise = a->noise / 100,
-                                    .sub = (int)a->sub};
+                                    .sub = (int)a->sub,
+                                    .keep = a->control || s->plan.n > 0,
+                                    .state = s->state};
     if (a->board != NULL) {
         PVX_TRY(simcams_board_init(a->board, &s->rig, (size_t)a->poses, a->hold_s,
                                    (uint32_t)a->seed, &s->board, d));
         p.board = &s->board;
         p.n = s->board.n * SIMCAMS_OF_POSE;
-        p.black = 0; /* the paper and the ground are not dark */
         if (simcams_board_floor(&s->board, &s->rig) < 2)
             fprintf(stderr, "pyrovox simcams: fewer than two cameras stand high enough to see the "
                             "board on the floor: --height, or a rig that does\n");
@@ -128,7 +137,7 @@ static int write_frames(const struct simcams *s)
     size_t step = s->a->board != NULL ? SIMCAMS_OF_POSE : 1, n = s->ring.n / step;
     pvx_err e = PVX_OK;
     for (size_t i = 0; e == PVX_OK && i < n; i++) {
-        e = simcams_ring_save(&s->ring, &s->rig, s->a->fmt, i * step, i, dir, &d);
+        e = simcams_ring_save(&s->ring, i, step, dir, &d);
         if (!cli_progress(&bar, (double)(i + 1) / (double)n))
             return 130;
     }
@@ -146,6 +155,12 @@ static int write_frames(const struct simcams *s)
     return 0;
 }
 
+static bool renew(void *ctx, size_t k, const struct cap_optics *o)
+{
+    const struct view *v = ctx;
+    return simcams_ring_renew(v->ring, v->c, k, o);
+}
+
 static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
 {
     char address[16], serial[16];
@@ -154,6 +169,7 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
                         s->a->address, s->rig.n_cameras);
     snprintf(serial, sizeof serial, "SIM%02zu", c);
     const struct rec_camera *cam = &s->rig.cameras[c];
+    s->view[c] = (struct view){&s->ring, c};
     struct cap_gvcam_config config = {
         .address = address,
         .serial = serial,
@@ -163,6 +179,8 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
         .height = cam->height,
         .ring = (const void *const *)(s->ring.image + c * s->ring.n),
         .n_ring = s->ring.n,
+        .renew = s->ring.keep ? renew : NULL,
+        .renew_ctx = &s->view[c],
         .ring_fps = s->a->fps,
         .tick_hz = s->a->tick_hz,
         .link_mbit = s->a->camera_mbit,

@@ -5,22 +5,19 @@
 
 #include "base/yaml.h"
 
-#define F(member)                           offsetof(struct cap_gvcam_fault, member)
-#define ROW(number, name, min, max, member) [number] = {name, min, max, F(member)},
-static const struct {
+#define ROW(number, name, n, min, max, member) \
+    [number] = {name, n, min, max, offsetof(struct cap_gvcam_fault, member)},
+static const struct kind {
     const char *name;
+    int n; /* numbers; 0: on or off */
     double min, max;
     size_t offset;
 } kinds[SIMCAMS_N_KINDS] = {SIMCAMS_FAULTS(ROW)};
-static const struct {
-    const char *name;
-    size_t offset;
-} flags[] = {{"freeze", F(freeze)},
-             {"stuck", F(stuck_clock)},
-             {"no-ptp", F(no_ptp_master)},
-             {"ptp-master", F(ptp_master)},
-             {"lock-trigger", F(lock_trigger)}};
-#undef F
+
+struct simcams_state simcams_healthy(void)
+{
+    return (struct simcams_state){.fault.optics = cap_optics_none, .alive = true};
+}
 
 /* Cameras [*lo,*hi) that `name` means. */
 static pvx_err find(const struct rec_rig *rig, const char *name, size_t *lo, size_t *hi,
@@ -39,17 +36,49 @@ static pvx_err find(const struct rec_rig *rig, const char *name, size_t *lo, siz
     return PVX_OK;
 }
 
+static pvx_err on_or_off(const char *what, const char *camera, const char *text, bool *on,
+                         struct pvx_diag *d)
+{
+    *on = strcmp(text, "on") == 0;
+    if (!*on && strcmp(text, "off") != 0)
+        return pvx_fail(d, PVX_EINVAL, "%s %s: '%s' should be on or off", what, camera, text);
+    return PVX_OK;
+}
+
+/* "64" or "64:-2" */
+static pvx_err numbers(const struct kind *k, const char *camera, const char *text, double out[2],
+                       struct pvx_diag *d)
+{
+    char copy[64];
+    snprintf(copy, sizeof copy, "%s", text);
+    char *second = k->n == 2 ? strchr(copy, ':') : NULL;
+    if (second != NULL)
+        *second++ = '\0';
+    if (strlen(text) >= sizeof copy || (k->n == 2 && second == NULL) ||
+        pvx_parse_double(copy, k->min, k->max, &out[0]) != PVX_OK ||
+        (second != NULL && pvx_parse_double(second, k->min, k->max, &out[1]) != PVX_OK))
+        return pvx_fail(d, PVX_EINVAL, "%s %s: '%s' should be %s from %g to %g", k->name, camera,
+                        text, k->n == 2 ? "two numbers X:Y" : "a number", k->min, k->max);
+    return PVX_OK;
+}
+
 static pvx_err set(const struct rec_rig *rig, enum simcams_fault_kind kind, const char *camera,
                    const char *value, struct simcams_state *state, struct pvx_diag *d)
 {
+    const struct kind *k = &kinds[kind];
     size_t lo, hi;
-    double v;
+    bool on = false;
+    double v[2];
     PVX_TRY(find(rig, camera, &lo, &hi, d));
-    if (pvx_parse_double(value, kinds[kind].min, kinds[kind].max, &v) != PVX_OK)
-        return pvx_fail(d, PVX_EINVAL, "%s %s: '%s' should be a number from %g to %g",
-                        kinds[kind].name, camera, value, kinds[kind].min, kinds[kind].max);
-    for (size_t c = lo; c < hi; c++)
-        memcpy((char *)&state[c].fault + kinds[kind].offset, &v, sizeof v);
+    if (k->n == 0)
+        PVX_TRY(on_or_off(k->name, camera, value, &on, d));
+    else
+        PVX_TRY(numbers(k, camera, value, v, d));
+    for (size_t c = lo; c < hi; c++) {
+        char *at = (char *)&state[c].fault + k->offset;
+        memcpy(at, k->n == 0 ? (const void *)&on : v,
+               k->n == 0 ? sizeof on : (size_t)k->n * sizeof *v);
+    }
     return PVX_OK;
 }
 
@@ -147,24 +176,14 @@ static pvx_err number(const char *what, const char *text, double min, double max
     return PVX_OK;
 }
 
-static pvx_err set_bool(const struct rec_rig *rig, const char *camera, size_t offset, bool on,
-                        struct simcams_state *state, struct pvx_diag *d)
+static pvx_err set_alive(const struct rec_rig *rig, const char *camera, bool alive,
+                         struct simcams_state *state, struct pvx_diag *d)
 {
     size_t lo, hi;
     PVX_TRY(find(rig, camera, &lo, &hi, d));
     for (size_t c = lo; c < hi; c++)
-        memcpy((char *)&state[c] + offset, &on, sizeof on);
+        state[c].alive = alive;
     return PVX_OK;
-}
-
-static pvx_err set_flag(const struct rec_rig *rig, size_t offset, const struct words *w,
-                        struct simcams_state *state, struct pvx_diag *d)
-{
-    bool on = strcmp(w->w[2], "on") == 0;
-    if (!on && strcmp(w->w[2], "off") != 0)
-        return pvx_fail(d, PVX_EINVAL, "%s %s: '%s' should be on or off", w->w[0], w->w[1],
-                        w->w[2]);
-    return set_bool(rig, w->w[1], offsetof(struct simcams_state, fault) + offset, on, state, d);
 }
 
 #define ORDER(number, name, ...) {name, number, __VA_ARGS__},
@@ -191,6 +210,31 @@ static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
     return PVX_OK;
 }
 
+/* Which lines there are. */
+static pvx_err unknown(const char *line, struct pvx_diag *d)
+{
+    static const char *const after[] = {" CAMERA on|off", " CAMERA NUMBER", " CAMERA X:Y"};
+    char words[1024] = "";
+    size_t at = 0;
+    for (int n = 0; n < 3; n++) {
+        const char *between = "";
+        for (size_t k = 0; k < SIMCAMS_N_KINDS; k++)
+            if (kinds[k].n == n && at < sizeof words) {
+                at +=
+                    (size_t)snprintf(words + at, sizeof words - at, "%s%s", between, kinds[k].name);
+                between = "|";
+            }
+        if (at < sizeof words)
+            at += (size_t)snprintf(words + at, sizeof words - at, "%s, ", after[n]);
+    }
+    return pvx_fail(
+        d, PVX_EINVAL,
+        "'%.60s': should be %skill|revive|ids CAMERA, reboot CAMERA [SECONDS], "
+        "jump CAMERA SECONDS, trigger-mode CAMERA 0|1, line HZ, pulse, link MBIT_S [KIB], "
+        "switch SECONDS, stats or pose NUMBER",
+        line, words);
+}
+
 pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simcams_state *state,
                         struct simcams_order *order, struct pvx_diag *d)
 {
@@ -203,21 +247,10 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
     for (size_t k = 0; k < SIMCAMS_N_KINDS; k++)
         if (strcmp(w.w[0], kinds[k].name) == 0 && w.n == 3)
             return set(rig, (enum simcams_fault_kind)k, w.w[1], w.w[2], state, d);
-    for (size_t k = 0; k < sizeof flags / sizeof flags[0]; k++)
-        if (strcmp(w.w[0], flags[k].name) == 0 && w.n == 3)
-            return set_flag(rig, flags[k].offset, &w, state, d);
     if (w.n == 2 && (strcmp(w.w[0], "kill") == 0 || strcmp(w.w[0], "revive") == 0))
-        return set_bool(rig, w.w[1], offsetof(struct simcams_state, alive),
-                        strcmp(w.w[0], "revive") == 0, state, d);
+        return set_alive(rig, w.w[1], strcmp(w.w[0], "revive") == 0, state, d);
     for (size_t k = 0; k < sizeof orders / sizeof orders[0]; k++)
         if (strcmp(w.w[0], orders[k].name) == 0 && w.n >= orders[k].n_min && w.n <= orders[k].n_max)
             return give_order(rig, &orders[k], &w, order, d);
-    return pvx_fail(
-        d, PVX_EINVAL,
-        "'%s': should be drop|loss|delay|skew|drift|jitter|reorder|duplicate|size|corrupt|"
-        "miss|hostile|ptp-offset CAMERA NUMBER, freeze|stuck|no-ptp|ptp-master|lock-trigger CAMERA "
-        "on|off, kill|revive|ids CAMERA, reboot CAMERA [SECONDS], jump CAMERA SECONDS, "
-        "trigger-mode CAMERA 0|1, line HZ, "
-        "pulse, link MBIT_S [KIB], switch SECONDS, stats or pose NUMBER",
-        line);
+    return unknown(line, d);
 }

@@ -1,13 +1,10 @@
 /* simcams_faults.h - how the simulated cameras are broken: from options, by a timetable, by hand.
  *
- * Options   "0.05" (every camera) or "cam3=0.05,cam4=0.1"
+ * Options   "0.05" (every camera) or "cam3=0.05,cam4=0.1"; of two numbers "64:0" or "cam3=64:0"; "on" or "cam3=on"
  * Timetable "12.5:LINE" (seconds after the cameras began); "cam3@12.5" and "cam3@10-15" are short for
  *           kill and freeze lines
  * By hand   one line each; CAMERA may be "all":
- *           drop|loss|delay|skew|drift|jitter|reorder|duplicate|size|corrupt|miss|hostile|ptp-offset
- *                                     CAMERA NUMBER
- *           freeze|stuck|no-ptp|ptp-master|lock-trigger
- *                                     CAMERA on|off
+ *           WORD CAMERA NUMBER|X:Y|on|off   each word of SIMCAMS_FAULTS, below
  *           kill|revive|ids           CAMERA
  *           reboot CAMERA [SECONDS]   jump CAMERA SECONDS   trigger-mode CAMERA 0|1
  *           line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats    pose NUMBER */
@@ -22,21 +19,43 @@ struct simcams_state {
     bool alive; /* wanted: a killed camera can be revived */
 };
 
-/* Faults that are a number: what it may be, and which member of struct cap_gvcam_fault it is. */
-#define SIMCAMS_FAULTS(M)                              \
-    M(SIMCAMS_DROP, "drop", 0, 1, drop)                \
-    M(SIMCAMS_LOSS, "loss", 0, 1, packet_loss)         \
-    M(SIMCAMS_DELAY, "delay", 0, 10000, delay_ms)      \
-    M(SIMCAMS_SKEW, "skew", -1e12, 1e12, skew_us)      \
-    M(SIMCAMS_DRIFT, "drift", -1000, 1000, drift_ppm)  \
-    M(SIMCAMS_JITTER, "jitter", 0, 10000, jitter_ms)   \
-    M(SIMCAMS_REORDER, "reorder", 0, 1, reorder)       \
-    M(SIMCAMS_DUPLICATE, "duplicate", 0, 1, duplicate) \
-    M(SIMCAMS_SIZE, "size", 0, 1, wrong_size)          \
-    M(SIMCAMS_CORRUPT, "corrupt", 0, 1, corrupt)       \
-    M(SIMCAMS_MISS, "miss", 0, 1, miss)                \
-    M(SIMCAMS_HOSTILE, "hostile", 0, 1, hostile)       \
-    M(SIMCAMS_PTP_OFFSET, "ptp-offset", -1e9, 1e9, ptp_offset_us)
+/* What a camera can be told to be: the word, how many numbers (two: X:Y; none: on or off), what they may be, and
+ * which member of struct cap_gvcam_fault they are.  What an optics.* does: capture/gevsim/optics.h. */
+#define SIMCAMS_FAULTS(M)                                                                   \
+    M(SIMCAMS_DROP, "drop", 1, 0, 1, drop)                                                  \
+    M(SIMCAMS_LOSS, "loss", 1, 0, 1, packet_loss)                                           \
+    M(SIMCAMS_DELAY, "delay", 1, 0, 10000, delay_ms)                                        \
+    M(SIMCAMS_SKEW, "skew", 1, -1e12, 1e12, skew_us)                                        \
+    M(SIMCAMS_DRIFT, "drift", 1, -1000, 1000, drift_ppm)                                    \
+    M(SIMCAMS_JITTER, "jitter", 1, 0, 10000, jitter_ms)                                     \
+    M(SIMCAMS_REORDER, "reorder", 1, 0, 1, reorder)                                         \
+    M(SIMCAMS_DUPLICATE, "duplicate", 1, 0, 1, duplicate)                                   \
+    M(SIMCAMS_SIZE, "size", 1, 0, 1, wrong_size)                                            \
+    M(SIMCAMS_CORRUPT, "corrupt", 1, 0, 1, corrupt)                                         \
+    M(SIMCAMS_MISS, "miss", 1, 0, 1, miss)                                                  \
+    M(SIMCAMS_HOSTILE, "hostile", 1, 0, 1, hostile)                                         \
+    M(SIMCAMS_PTP_OFFSET, "ptp-offset", 1, -1e9, 1e9, ptp_offset_us)                        \
+    M(SIMCAMS_LATE, "late", 1, 0, CAP_GVCAM_LATE_MAX, late)                                 \
+    M(SIMCAMS_BLUR, "blur", 1, 0, CAP_OPTICS_BLUR_MAX, optics.blur)                         \
+    M(SIMCAMS_VIGNETTING, "vignetting", 1, 0, 0.99, optics.vignetting)                      \
+    M(SIMCAMS_GAIN, "gain", 1, 0, 1000, optics.gain)                                        \
+    M(SIMCAMS_EXPOSURE, "exposure", 1, 0, 1000, optics.exposure)                            \
+    M(SIMCAMS_RESPONSE, "response", 1, 0.1, 10, optics.response)                            \
+    M(SIMCAMS_PEDESTAL, "pedestal", 1, 0, 1, optics.pedestal)                               \
+    M(SIMCAMS_HOT, "hot", 1, 0, 1, optics.hot)                                              \
+    M(SIMCAMS_FLAT, "flat", 1, 0, 1000, optics.flat)                                        \
+    M(SIMCAMS_BACKGROUND, "background", 1, 0, 1, optics.background)                         \
+    M(SIMCAMS_SHIFT, "shift", 2, -CAP_OPTICS_SHIFT_MAX, CAP_OPTICS_SHIFT_MAX, optics.shift) \
+    M(SIMCAMS_CAP, "cap", 0, 0, 1, optics.cap)                                              \
+    M(SIMCAMS_FLOOD, "flood", 0, 0, 1, optics.flood)                                        \
+    M(SIMCAMS_EMPTY, "empty", 0, 0, 1, optics.empty)                                        \
+    M(SIMCAMS_MIRRORED, "mirrored", 0, 0, 1, optics.mirrored)                               \
+    M(SIMCAMS_FREEZE, "freeze", 0, 0, 1, freeze)                                            \
+    M(SIMCAMS_STILL, "still", 0, 0, 1, still)                                               \
+    M(SIMCAMS_STUCK, "stuck", 0, 0, 1, stuck_clock)                                         \
+    M(SIMCAMS_NO_PTP, "no-ptp", 0, 0, 1, no_ptp_master)                                     \
+    M(SIMCAMS_PTP_MASTER, "ptp-master", 0, 0, 1, ptp_master)                                \
+    M(SIMCAMS_LOCK_TRIGGER, "lock-trigger", 0, 0, 1, lock_trigger)
 #define SIMCAMS_NUMBER(number, ...) number,
 enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
 
@@ -72,6 +91,8 @@ struct simcams_plan {
     struct simcams_event event[SIMCAMS_MAX_EVENTS]; /* in order of time */
 };
 
+/* Nothing is wrong with it. */
+struct simcams_state simcams_healthy(void);
 /* state [rig->n_cameras].  Errors: PVX_EINVAL, PVX_ENOENT (camera), with the reason in d. */
 PVX_MUST_CHECK pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind kind,
                                             const char *text, struct simcams_state *state,

@@ -111,10 +111,35 @@ static const struct argp_option options[] = {
     {"miss", OPT_FAULT + SIMCAMS_MISS, "V", 0, "share of triggers ignored", 4},
     {"hostile", OPT_FAULT + SIMCAMS_HOSTILE, "V", 0,
      "share of frames and answers that come with malformed packets", 4},
+    {"late", OPT_FAULT + SIMCAMS_LATE, "V", 0,
+     "its image is that of so many frames before, its time stamp is not", 4},
     {"kill", OPT_KILL, "CAM@S", 0, "the camera dies S seconds after the start", 4},
+    {"still", OPT_FAULT + SIMCAMS_STILL, "V", 0, "on: the image stands still, its stamps go on", 4},
     {"freeze", OPT_FREEZE, "CAM@S[-S]", 0, "image and time stamp stand still from S (until S)", 4},
     {"at", OPT_AT, "S:LINE", 0, "S seconds after the start, what LINE says (see --control)", 4},
     {"control", OPT_CONTROL, NULL, 0, "read lines on standard input, as listed below", 4},
+    {NULL, 0, NULL, 0, "Lens and sensor (likewise; in this order):", 5},
+    {"cap", OPT_FAULT + SIMCAMS_CAP, "V", 0, "on: the lens cap is on", 5},
+    {"flood", OPT_FAULT + SIMCAMS_FLOOD, "V", 0, "on: evenly bright, saturated", 5},
+    {"flat", OPT_FAULT + SIMCAMS_FLAT, "V", 0,
+     "a diffuse source of half full scale fills the view, at place 1, 2 ...; 0: none", 5},
+    {"empty", OPT_FAULT + SIMCAMS_EMPTY, "V", 0, "on: there is no flame", 5},
+    {"shift", OPT_FAULT + SIMCAMS_SHIFT, "X:Y", 0,
+     "the picture is displaced by so many pixels, to the right and down", 5},
+    {"blur", OPT_FAULT + SIMCAMS_BLUR, "V", 0, "Gaussian of this many pixels (standard deviation)",
+     5},
+    {"mirrored", OPT_FAULT + SIMCAMS_MIRRORED, "V", 0, "on: left is right", 5},
+    {"background", OPT_FAULT + SIMCAMS_BACKGROUND, "V", 0,
+     "faint light behind the flame, uneven, share of full scale", 5},
+    {"vignetting", OPT_FAULT + SIMCAMS_VIGNETTING, "V", 0,
+     "the corners get so much less light, 0 to 0.99; cos^4 between", 5},
+    {"gain", OPT_FAULT + SIMCAMS_GAIN, "V", 0, "factor on the signal (1)", 5},
+    {"exposure", OPT_FAULT + SIMCAMS_EXPOSURE, "V", 0, "another, for an exposure ladder (1)", 5},
+    {"response", OPT_FAULT + SIMCAMS_RESPONSE, "V", 0, "the sensor's exponent (1: linear)", 5},
+    {"pedestal", OPT_FAULT + SIMCAMS_PEDESTAL, "V", 0, "share of full scale, instead of --black's",
+     5},
+    {"hot", OPT_FAULT + SIMCAMS_HOT, "V", 0, "share of pixels that are hot, always the same ones",
+     5},
     {0},
 };
 
@@ -128,8 +153,13 @@ static const char doc[] =
     "\n"
     "Control lines (CAM may be all):\n"
     "  WHAT CAM NUMBER         WHAT is drop, loss, delay, skew, drift, jitter, reorder,\n"
-    "                          duplicate, size, corrupt, miss, hostile or ptp-offset\n"
+    "                          duplicate, size, corrupt, miss, hostile, ptp-offset\n"
+    "                          or late\n"
+    "  shift CAM X:Y           and blur, flat, background, vignetting, gain, exposure,\n"
+    "                          response, pedestal, hot CAM NUMBER, and cap, flood, empty,\n"
+    "                          mirrored CAM on|off: lens and sensor, as the options above\n"
     "  freeze CAM on|off       image and stamp stand still\n"
+    "  still CAM on|off        only the image does\n"
     "  stuck CAM on|off        only its clock stands still\n"
     "  no-ptp CAM on|off       it hears no PTP master\n"
     "  ptp-master CAM on|off   it is PTP master itself\n"
@@ -155,6 +185,9 @@ static const char doc[] =
     "  pyrovox simcams --private-net --line-hz 30 --at 10:'miss cam2 0.1' \\\n"
     "          -- pyrovoxd --config my.yaml\n"
     "      cameras on a trigger line; after 10 s one of them misses a tenth of the pulses\n"
+    "  pyrovox simcams --private-net --at 10:'cap cam2 on' --at 20:'cap cam2 off' \\\n"
+    "          --shift cam3=64:0 --gain cam1=0.5 -- pyrovoxd --config my.yaml\n"
+    "      what the daemon makes of a lens cap, a bumped tripod, another gain\n"
     "  pyrovox simcams --size 320x240 --write-rig rig.yaml --write-frames take\n"
     "      a recording to try pyrovox reconstruct on\n"
     "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 \\\n"

@@ -8,14 +8,14 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/pool.h"
+#include "base/random.h"
 #include "capture/files/imgio.h"
 
-#define NOISE_N 65536u /* samples in the table of normal deviates; a power of two */
+#define NOISE_N 65536u   /* samples in the table of normal deviates; a power of two */
+#define SCENE_1 16384.0f /* full scale in a scene */
 
 struct job {
-    const struct rec_rig *rig;
     const struct simcams_ring_params *p;
-    float *noise; /* [NOISE_N], standard deviation 1 */
     struct rec_flame_pose pose;
     size_t i; /* image being rendered */
     size_t bands;
@@ -24,19 +24,12 @@ struct job {
     pvx_err failed[REC_MAX_CAMERAS];
 };
 
-static uint64_t mix64(uint64_t z) /* finaliser of splitmix64 */
-{
-    z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
-    z = (z ^ z >> 27) * 0x94D049BB133111EBu;
-    return z ^ z >> 31;
-}
-
 static float *noise_table(uint32_t seed)
 {
     float *t = pvx_calloc(NOISE_N, sizeof *t);
     for (uint64_t k = 0; t != NULL && k < NOISE_N; k += 2) { /* Box and Muller */
-        uint64_t a = mix64(((uint64_t)seed << 32) + 2 * k + 1);
-        uint64_t b = mix64(((uint64_t)seed << 32) + 2 * k + 2);
+        uint64_t a = pvx_mix(((uint64_t)seed << 32) + 2 * k + 1);
+        uint64_t b = pvx_mix(((uint64_t)seed << 32) + 2 * k + 2);
         double r = sqrt(-2 * log(((double)(a >> 11) + 0.5) * 0x1p-53));
         double w = 6.283185307179586 * (double)(b >> 11) * 0x1p-53;
         t[k] = (float)(r * cos(w));
@@ -45,42 +38,87 @@ static float *noise_table(uint32_t seed)
     return t;
 }
 
+/* ---- images of scenes ------------------------------------------------------------------------- */
+
 static unsigned char to_byte(float v)
 {
     v = v * 255.0f + 0.5f;
     return v <= 0 ? 0 : v >= 255 ? 255 : (unsigned char)v; /* NaN cannot come out of (1) */
 }
 
-static void quantise_row(const struct job *j, const float *row, int32_t w, int32_t y,
+static void quantise_row(const struct simcams_ring *r, const float *row, int32_t w, int32_t y,
                          uint32_t noise_at, unsigned char *out)
 {
-    float sigma = (float)j->p->noise, black = (float)j->p->black;
-    switch (j->p->fmt) {
-    case CAP_RGB8:
-        for (int32_t k = 0; k < 3 * w; k++)
-            out[k] = to_byte(black + row[k] + sigma * j->noise[(noise_at + (uint32_t)k) % NOISE_N]);
-        break;
-    case CAP_BAYER_RG8:
-        for (int32_t x = 0; x < w; x++) {
-            int ch = (x & 1) + (y & 1); /* R G / G B */
-            out[x] = to_byte(black + row[3 * x + ch] +
-                             sigma * j->noise[(noise_at + (uint32_t)x) % NOISE_N]);
-        }
-        break;
-    default:
-        for (int32_t x = 0; x < w; x++) {
-            float mean = (row[3 * x] + row[3 * x + 1] + row[3 * x + 2]) / 3;
-            out[x] = to_byte(black + mean + sigma * j->noise[(noise_at + (uint32_t)x) % NOISE_N]);
-        }
+    int n = r->nch;
+    bool colours = r->fmt == CAP_RGB8;
+    for (int32_t k = 0; k < (colours ? 3 * w : w); k++) {
+        int32_t from = n == 1    ? (colours ? k / 3 : k)
+                       : colours ? k
+                                 : 3 * k + (k & 1) + (y & 1); /* R G / G B */
+        out[k] = to_byte(row[from] + r->sigma * r->noise[(noise_at + (uint32_t)k) % NOISE_N]);
     }
 }
 
+static uint16_t *scene_of(const struct simcams_ring *r, size_t c, size_t i)
+{
+    return r->scene[r->keep ? c * r->n + i : c];
+}
+
+static void make(struct simcams_ring *r, size_t c, size_t i, const struct cap_optics *o)
+{
+    const struct rec_camera *cam = &r->rig->cameras[c];
+    const uint16_t *scene = scene_of(r, c, i);
+    size_t row = (size_t)cam->width * (size_t)r->nch, n = (size_t)cam->height * row;
+    size_t bytes = cap_pixfmt_row(r->fmt, cam->width);
+    struct cap_optics_shape s = {.width = cam->width,
+                                 .height = cam->height,
+                                 .nch = r->nch,
+                                 .seed = (uint64_t)r->seed * 64 + c};
+    float *v = r->work[c];
+    unsigned char *image = r->image[c * r->n + i];
+    for (size_t k = 0; k < n; k++)
+        v[k] = (float)scene[k] * (1 / SCENE_1);
+    cap_optics_apply(o, &s, v, v + n);
+    for (int32_t y = 0; y < cam->height; y++) {
+        uint64_t key = ((s.seed * 65536 + i) * 65536) + (uint64_t)y;
+        quantise_row(r, v + (size_t)y * row, cam->width, y, (uint32_t)pvx_mix(key + 1),
+                     image + (size_t)y * bytes);
+    }
+    memcpy(&r->made[c * r->n + i], o, sizeof *o);
+}
+
+bool simcams_ring_renew(struct simcams_ring *r, size_t c, size_t k, const struct cap_optics *o)
+{
+    if (memcmp(&r->made[c * r->n + k], o, sizeof *o) == 0) /* other padding costs time, no more */
+        return false;
+    make(r, c, k, o);
+    return true;
+}
+
+/* ---- scenes ----------------------------------------------------------------------------------- */
+
+static uint16_t to_scene(float l)
+{
+    return l < 65534.5f / SCENE_1 ? (uint16_t)(l * SCENE_1 + 0.5f) : 65535;
+}
+
+static void keep_rows(const struct simcams_ring *r, const float *rgb, size_t n, uint16_t *out)
+{
+    for (size_t k = 0; k < n; k++, rgb += 3)
+        if (r->nch == 1)
+            *out++ = to_scene((rgb[0] + rgb[1] + rgb[2]) / 3);
+        else
+            for (int ch = 0; ch < 3; ch++)
+                *out++ = to_scene(rgb[ch]);
+}
+
 /* One band of rows of one camera. */
-static void task(void *ctx, size_t t)
+static void render(void *ctx, size_t t)
 {
     struct job *j = ctx;
+    struct simcams_ring *r = j->out;
     size_t c = t / j->bands, band = t % j->bands;
-    const struct rec_camera *cam = &j->rig->cameras[c];
+    const struct rec_camera *cam = &r->rig->cameras[c];
     int32_t y0 = (int32_t)band * REC_FLAME_BAND;
     if (y0 >= cam->height) /* cameras may differ in size */
         return;
@@ -91,39 +129,55 @@ static void task(void *ctx, size_t t)
         j->failed[c] = simcams_board_draw(j->p->board, j->i, cam, j->scratch[c]);
     if (j->p->board != NULL) /* a band is all of it */
         y1 = cam->height;
-    size_t px = cap_pixfmt_row(j->p->fmt, 1), w = (size_t)cam->width;
-    unsigned char *image = j->out->image[c * j->p->n + j->i];
-    for (int32_t y = y0; y < y1; y++) {
-        uint64_t key = (((uint64_t)j->p->seed * 64 + c) * 65536 + j->i) * 65536 + (uint64_t)y;
-        quantise_row(j, j->scratch[c] + (size_t)y * w * 3, cam->width, y, (uint32_t)mix64(key + 1),
-                     image + (size_t)y * w * px);
-    }
+    size_t first = (size_t)y0 * (size_t)cam->width;
+    keep_rows(r, j->scratch[c] + 3 * first, (size_t)(y1 - y0) * (size_t)cam->width,
+              scene_of(r, c, j->i) + first * (size_t)r->nch);
 }
 
-static pvx_err allocate(const struct rec_rig *rig, const struct simcams_ring_params *p,
-                        struct job *j)
+static void expose(void *ctx, size_t c)
+{
+    const struct job *j = ctx;
+    make(j->out, c, j->i, j->p->state != NULL ? &j->p->state[c].fault.optics : &cap_optics_none);
+}
+
+static pvx_err allocate_camera(struct job *j, size_t c)
 {
     struct simcams_ring *r = j->out;
-    r->n = p->n;
-    r->image = pvx_calloc(rig->n_cameras * p->n, sizeof *r->image);
-    j->scratch = pvx_calloc(rig->n_cameras, sizeof *j->scratch);
-    j->noise = noise_table(p->seed);
-    if (r->image == NULL || j->scratch == NULL || j->noise == NULL)
+    const struct rec_camera *cam = &r->rig->cameras[c];
+    size_t pixels = (size_t)cam->width * (size_t)cam->height, nch = (size_t)r->nch;
+    size_t bands =
+        j->p->board != NULL ? 1 : ((size_t)cam->height + REC_FLAME_BAND - 1) / REC_FLAME_BAND;
+    if (bands > j->bands)
+        j->bands = bands;
+    j->scratch[c] = pvx_calloc(pixels, 3 * sizeof(float));
+    r->work[c] = pvx_calloc(pixels * nch, 2 * sizeof(float));
+    if (j->scratch[c] == NULL || r->work[c] == NULL)
         return PVX_ENOMEM;
-    r->n_cameras = rig->n_cameras;
-    for (size_t c = 0; c < rig->n_cameras; c++) {
-        const struct rec_camera *cam = &rig->cameras[c];
-        size_t pixels = (size_t)cam->width * (size_t)cam->height;
-        size_t bands =
-            p->board != NULL ? 1 : ((size_t)cam->height + REC_FLAME_BAND - 1) / REC_FLAME_BAND;
-        if (bands > j->bands)
-            j->bands = bands;
-        if ((j->scratch[c] = pvx_calloc(pixels, 3 * sizeof(float))) == NULL)
+    for (size_t i = 0; i < (r->keep ? r->n : 1); i++)
+        if ((r->scene[c * (r->keep ? r->n : 1) + i] = pvx_calloc(pixels * nch, sizeof(uint16_t))) ==
+            NULL)
             return PVX_ENOMEM;
-        for (size_t i = 0; i < p->n; i++)
-            if ((r->image[c * p->n + i] = pvx_calloc(pixels, cap_pixfmt_row(p->fmt, 1))) == NULL)
-                return PVX_ENOMEM;
-    }
+    for (size_t i = 0; i < r->n; i++)
+        if ((r->image[c * r->n + i] = pvx_calloc(pixels, cap_pixfmt_row(r->fmt, 1))) == NULL)
+            return PVX_ENOMEM;
+    return PVX_OK;
+}
+
+static pvx_err allocate(struct job *j)
+{
+    struct simcams_ring *r = j->out;
+    size_t all = r->n_cameras * r->n;
+    r->image = pvx_calloc(all, sizeof *r->image);
+    r->scene = pvx_calloc(r->keep ? all : r->n_cameras, sizeof *r->scene);
+    r->made = pvx_calloc(all, sizeof *r->made);
+    r->work = pvx_calloc(r->n_cameras, sizeof *r->work);
+    j->scratch = pvx_calloc(r->n_cameras, sizeof *j->scratch);
+    r->noise = noise_table(r->seed);
+    if (r->image == NULL || r->scene == NULL || r->made == NULL || r->work == NULL ||
+        j->scratch == NULL || r->noise == NULL)
+        return PVX_ENOMEM;
+    for (size_t c = 0; c < r->n_cameras; c++)
+        PVX_TRY(allocate_camera(j, c));
     return PVX_OK;
 }
 
@@ -134,68 +188,110 @@ void simcams_flame(const struct rec_rig *rig, size_t n, double fps, uint32_t see
     out->period_s = (double)n / fps;
 }
 
+static int scene_channels(const struct simcams_ring_params *p)
+{
+    return p->fmt == CAP_GREY8 || p->board != NULL ? 1 : 3; /* a board is grey */
+}
+
 size_t simcams_ring_bytes(const struct rec_rig *rig, const struct simcams_ring_params *p)
 {
-    size_t pixels = 0;
+    size_t pixels = 0, each = cap_pixfmt_row(p->fmt, 1);
     for (size_t c = 0; c < rig->n_cameras; c++)
         pixels += (size_t)rig->cameras[c].width * (size_t)rig->cameras[c].height;
-    return pixels * cap_pixfmt_row(p->fmt, 1) * p->n;
+    if (p->keep)
+        each += (size_t)scene_channels(p) * sizeof(uint16_t);
+    return pixels * each * p->n;
+}
+
+/* All images, one instant after the other. */
+static pvx_err render_all(struct job *j, bool (*progress)(void *ctx, double done), void *ctx)
+{
+    const struct simcams_ring_params *p = j->p;
+    size_t cameras = j->out->n_cameras;
+    struct rec_flame flame;
+    pvx_pool *pool = NULL;
+    simcams_flame(j->out->rig, p->n, p->fps, p->seed, &flame);
+    pvx_err e = pvx_pool_new(0, "ring", &pool);
+    for (size_t i = 0; e == PVX_OK && i < p->n; i++) {
+        rec_flame_at(&flame, (double)i / p->fps, &j->pose);
+        j->i = i;
+        pvx_pool_run(pool, cameras * j->bands, render, j);
+        for (size_t c = 0; e == PVX_OK && c < cameras; c++)
+            e = j->failed[c];
+        if (e != PVX_OK)
+            break;
+        pvx_pool_run(pool, cameras, expose, j);
+        if (progress != NULL && !progress(ctx, (double)(i + 1) / (double)p->n))
+            e = PVX_ECANCELED;
+    }
+    pvx_pool_free(&pool);
+    return e;
+}
+
+static void free_each(void *array, size_t n)
+{
+    void **a = array;
+    for (size_t k = 0; a != NULL && k < n; k++)
+        free(a[k]);
+    free(a);
+}
+
+static void drop_scenes(struct simcams_ring *r)
+{
+    free_each(r->scene, r->keep ? r->n_cameras * r->n : r->n_cameras);
+    free_each(r->work, r->n_cameras);
+    r->scene = NULL;
+    r->work = NULL;
+    PVX_FREE(r->noise);
+    PVX_FREE(r->made);
 }
 
 pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_params *p,
                           bool (*progress)(void *ctx, double done), void *ctx,
                           struct simcams_ring *out)
 {
-    memset(out, 0, sizeof *out);
+    *out = (struct simcams_ring){.n_cameras = rig->n_cameras,
+                                 .n = p->n,
+                                 .rig = rig,
+                                 .fmt = p->fmt,
+                                 .seed = p->seed,
+                                 .sigma = (float)p->noise,
+                                 .nch = scene_channels(p),
+                                 .keep = p->keep};
+    for (size_t c = 0; p->state != NULL && c < rig->n_cameras; c++)
+        out->late[c] = (size_t)p->state[c].fault.late;
     struct job *j = pvx_calloc(1, sizeof *j);
     if (j == NULL)
         return PVX_ENOMEM;
-    j->rig = rig;
     j->p = p;
     j->out = out;
-    pvx_pool *pool = NULL;
-    struct rec_flame flame;
-    simcams_flame(rig, p->n, p->fps, p->seed, &flame);
-    pvx_err e = allocate(rig, p, j);
+    pvx_err e = allocate(j);
     if (e == PVX_OK)
-        e = pvx_pool_new(0, "ring", &pool);
-    for (size_t i = 0; e == PVX_OK && i < p->n; i++) {
-        rec_flame_at(&flame, (double)i / p->fps, &j->pose);
-        j->i = i;
-        pvx_pool_run(pool, rig->n_cameras * j->bands, task, j);
-        for (size_t c = 0; e == PVX_OK && c < rig->n_cameras; c++)
-            e = j->failed[c];
-        if (e != PVX_OK)
-            break;
-        if (progress != NULL && !progress(ctx, (double)(i + 1) / (double)p->n))
-            e = PVX_ECANCELED;
-    }
-    pvx_pool_free(&pool);
-    for (size_t c = 0; j->scratch != NULL && c < rig->n_cameras; c++)
-        free(j->scratch[c]);
-    free(j->scratch);
-    free(j->noise);
+        e = render_all(j, progress, ctx);
+    free_each(j->scratch, rig->n_cameras);
     free(j);
     if (e != PVX_OK)
         simcams_ring_fini(out);
+    else if (!p->keep)
+        drop_scenes(out);
     return e;
 }
 
-pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *rig,
-                          enum cap_pixfmt fmt, size_t i, size_t number, const char *dir,
+pvx_err simcams_ring_save(const struct simcams_ring *r, size_t i, size_t step, const char *dir,
                           struct pvx_diag *d)
 {
-    int nch = cap_pixfmt_channels(fmt);
-    if (fmt != CAP_GREY8 && fmt != CAP_RGB8)
+    int nch = cap_pixfmt_channels(r->fmt);
+    if (r->fmt != CAP_GREY8 && r->fmt != CAP_RGB8)
         return pvx_fail(d, PVX_EUNSUP, "%s: %s is not written; take mono8 or rgb8", dir,
-                        cap_pixfmt_name(fmt));
-    for (size_t c = 0; c < rig->n_cameras; c++) {
-        const struct rec_camera *cam = &rig->cameras[c];
-        const unsigned char *px = r->image[c * r->n + i];
+                        cap_pixfmt_name(r->fmt));
+    for (size_t c = 0; c < r->n_cameras; c++) {
+        const struct rec_camera *cam = &r->rig->cameras[c];
+        size_t sets = r->n / step, shown = (i + sets - r->late[c] % sets) % sets;
+        const unsigned char *px = r->image[c * r->n + shown * step];
         char path[4400];
         snprintf(path, sizeof path, "%.4000s/%s", dir, cam->name);
         PVX_TRY(pvx_mkdirs(path, d));
-        snprintf(path, sizeof path, "%.4000s/%s/%06zu.png", dir, cam->name, number);
+        snprintf(path, sizeof path, "%.4000s/%s/%06zu.png", dir, cam->name, i);
         PVX_TRY(cap_image_write(path, px, cam->width, cam->height, nch, 8, d));
     }
     return PVX_OK;
@@ -203,8 +299,7 @@ pvx_err simcams_ring_save(const struct simcams_ring *r, const struct rec_rig *ri
 
 void simcams_ring_fini(struct simcams_ring *r)
 {
-    for (size_t k = 0; r->image != NULL && k < r->n_cameras * r->n; k++)
-        free(r->image[k]);
-    free(r->image);
+    free_each(r->image, r->n_cameras * r->n);
+    drop_scenes(r);
     memset(r, 0, sizeof *r);
 }

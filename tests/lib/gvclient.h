@@ -71,6 +71,26 @@ static inline ArvBuffer *bed_next(ArvStream *s, int *bad)
     return NULL;
 }
 
+/* RGB8 in packets of this size. */
+static inline ArvCamera *bed_rgb(int c, guint packet)
+{
+    ArvCamera *cam = bed_client(c);
+    if (cam == NULL)
+        return NULL;
+    BED(arv_camera_set_pixel_format(cam, ARV_PIXEL_FORMAT_RGB_8_PACKED, &e));
+    BED(arv_camera_gv_set_packet_size(cam, (gint)packet, &e));
+    BED(T_EQ_I(arv_camera_gv_get_packet_size(cam, &e), packet));
+    return cam;
+}
+
+/* A frame by software trigger. */
+static inline ArvBuffer *bed_triggered(ArvCamera *cam, ArvStream *s, int *bad)
+{
+    usleep(3000); /* exposure: 2.5 ms at most */
+    BED(arv_camera_software_trigger(cam, &e));
+    return bed_next(s, bad);
+}
+
 /* The ring image that a stamp (host time) names. */
 static inline const unsigned char *bed_truth(int c, int64_t stamp)
 {

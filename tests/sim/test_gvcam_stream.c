@@ -139,17 +139,6 @@ T_CASE(software_trigger_is_one_frame)
     g_object_unref(cam);
 }
 
-static ArvCamera *rgb_client(int c, guint packet)
-{
-    ArvCamera *cam = bed_client(c);
-    if (cam == NULL)
-        return NULL;
-    BED(arv_camera_set_pixel_format(cam, ARV_PIXEL_FORMAT_RGB_8_PACKED, &e));
-    BED(arv_camera_gv_set_packet_size(cam, (gint)packet, &e));
-    BED(T_EQ_I(arv_camera_gv_get_packet_size(cam, &e), packet));
-    return cam;
-}
-
 /* Good frame: bytes and size are right for its stamp.  Its id. */
 static uint64_t check_frame(int c, ArvBuffer *b)
 {
@@ -163,16 +152,10 @@ static uint64_t check_frame(int c, ArvBuffer *b)
 
 /* The next frame, exposed when it is asked for: however slow the client, what it asks for again is
  * still remembered. */
-static ArvBuffer *triggered(ArvCamera *cam, ArvStream *s, int *bad)
-{
-    usleep(3000); /* exposure: 2.5 ms at most */
-    BED(arv_camera_software_trigger(cam, &e));
-    return bed_next(s, bad);
-}
 
 T_CASE(lost_packets_are_sent_again)
 {
-    ArvCamera *cam = rgb_client(0, 600); /* 103 packets a frame */
+    ArvCamera *cam = bed_rgb(0, 600); /* 103 packets a frame */
     if (cam == NULL)
         return;
     BED(arv_camera_set_trigger(cam, "Software", &e));
@@ -184,7 +167,7 @@ T_CASE(lost_packets_are_sent_again)
     int bad = 0;
     uint64_t last = 0;
     for (int k = 0; k < 60; k++) {
-        ArvBuffer *b = triggered(cam, s, &bad);
+        ArvBuffer *b = bed_triggered(cam, s, &bad);
         if (b == NULL)
             break;
         uint64_t id = check_frame(0, b);
@@ -213,14 +196,14 @@ T_CASE(numbers_skip_zero)
     struct cap_gvcam_config config = bed_config(0);
     config.first_id = 65530;
     bed_restart(0, &config);
-    ArvCamera *cam = rgb_client(0, 9000);
+    ArvCamera *cam = bed_rgb(0, 9000);
     if (cam == NULL)
         return;
     BED(arv_camera_set_trigger(cam, "Software", &e));
     ArvStream *s = bed_start(cam, 10, true);
     g_object_set(s, "frame-retention", 5000000u, NULL);
     for (uint64_t want = 65530; want != 12; want = want == 65535 ? 1 : want + 1) {
-        ArvBuffer *b = triggered(cam, s, NULL);
+        ArvBuffer *b = bed_triggered(cam, s, NULL);
         if (b == NULL)
             break;
         T_EQ_I(check_frame(0, b), want);
@@ -235,7 +218,7 @@ T_CASE(numbers_of_64_bits_go_on)
     struct cap_gvcam_config config = bed_config(0);
     config.first_id = 65534;
     bed_restart(0, &config);
-    ArvCamera *cam = rgb_client(0, 1000);
+    ArvCamera *cam = bed_rgb(0, 1000);
     if (cam == NULL)
         return;
     BED(arv_camera_set_string(cam, "GevGVSPExtendedIDMode", "On", &e));
@@ -245,7 +228,7 @@ T_CASE(numbers_of_64_bits_go_on)
     bed_fault(0, (struct cap_gvcam_fault){.packet_loss = 0.01}); /* they can be asked for again */
     int bad = 0;
     for (uint64_t want = 65534; want < 65534 + 25; want++) {
-        ArvBuffer *b = triggered(cam, s, &bad);
+        ArvBuffer *b = bed_triggered(cam, s, &bad);
         if (b == NULL)
             break;
         T_EQ_I(check_frame(0, b), want);
@@ -261,7 +244,7 @@ T_CASE(numbers_of_64_bits_go_on)
 
 static ArvCamera *chunk_client(const char *layout)
 {
-    ArvCamera *cam = rgb_client(2, 1480);
+    ArvCamera *cam = bed_rgb(2, 1480);
     if (cam == NULL)
         return NULL;
     BED(arv_camera_set_string(cam, "ChunkPayloadType", layout, &e));
@@ -296,7 +279,7 @@ T_CASE(chunks_can_be_parsed)
     BED(arv_camera_set_trigger(cam, "Software", &e));
     ArvStream *s = bed_start(cam, 10, false);
     for (int n = 0; n < 4; n++) {
-        ArvBuffer *b = triggered(cam, s, NULL);
+        ArvBuffer *b = bed_triggered(cam, s, NULL);
         if (b == NULL)
             break;
         T_OK(arv_buffer_has_chunks(b));
@@ -362,7 +345,7 @@ T_CASE(chunks_of_the_older_kind)
 /* Test packets with do-not-fragment find the largest that passes: on loopback all do. */
 T_CASE(packet_size_is_negotiated)
 {
-    ArvCamera *cam = rgb_client(0, 600);
+    ArvCamera *cam = bed_rgb(0, 600);
     if (cam == NULL)
         return;
     guint size = 0;
@@ -380,7 +363,7 @@ T_CASE(packet_size_is_negotiated)
 
 T_CASE(part_of_the_sensor)
 {
-    ArvCamera *cam = rgb_client(1, 9000);
+    ArvCamera *cam = bed_rgb(1, 9000);
     if (cam == NULL)
         return;
     BED(arv_camera_set_region(cam, 20, 10, 64, 48, &e));

@@ -23,22 +23,46 @@ T_CASE(options_for_all_or_some)
     T_NEAR(st[0].fault.packet_loss, 0.1, 0);
     T_EQ_I(simcams_fault_option(&rig, SIMCAMS_DRIFT, "40", st, &d), PVX_OK);
     T_NEAR(st[1].fault.drift_ppm, 40, 0);
+    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_SHIFT, "cam1=64:-2.5,cam2=0:1", st, &d), PVX_OK);
+    T_NEAR(st[1].fault.optics.shift[0], 64, 0);
+    T_NEAR(st[1].fault.optics.shift[1], -2.5, 0);
+    T_NEAR(st[2].fault.optics.shift[1], 1, 0);
+    T_NEAR(st[0].fault.optics.shift[0], 0, 0);
+    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_CAP, "cam1=on", st, &d), PVX_OK);
+    T_OK(!st[0].fault.optics.cap && st[1].fault.optics.cap);
+    T_EQ_I(simcams_fault_option(&rig, SIMCAMS_CAP, "on,cam1=off", st, &d), PVX_OK);
+    T_OK(st[0].fault.optics.cap && !st[1].fault.optics.cap);
 }
 
 T_CASE(options_that_are_wrong)
 {
     static const struct {
+        enum simcams_fault_kind kind;
         const char *text;
         pvx_err e;
         const char *says;
-    } bad[] = {{"1.5", PVX_EINVAL, "0 to 1"}, {"cam7=0.1", PVX_ENOENT, "cam7"},
-               {"cam1=", PVX_EINVAL, "cam1"}, {"", PVX_EINVAL, "drop"},
-               {"0.1,", PVX_EINVAL, "drop"},  {"nan", PVX_EINVAL, "nan"},
-               {"=0.1", PVX_ENOENT, "''"}};
+    } bad[] = {{SIMCAMS_DROP, "1.5", PVX_EINVAL, "0 to 1"},
+               {SIMCAMS_DROP, "cam7=0.1", PVX_ENOENT, "cam7"},
+               {SIMCAMS_DROP, "cam1=", PVX_EINVAL, "cam1"},
+               {SIMCAMS_DROP, "", PVX_EINVAL, "drop"},
+               {SIMCAMS_DROP, "0.1,", PVX_EINVAL, "drop"},
+               {SIMCAMS_DROP, "nan", PVX_EINVAL, "nan"},
+               {SIMCAMS_DROP, "=0.1", PVX_ENOENT, "''"},
+               {SIMCAMS_SHIFT, "64", PVX_EINVAL, "shift all: '64' should be two numbers X:Y"},
+               {SIMCAMS_SHIFT, "cam1=64:", PVX_EINVAL, "shift cam1"},
+               {SIMCAMS_SHIFT, "1:2:3", PVX_EINVAL, "shift"},
+               {SIMCAMS_SHIFT, "1:20000", PVX_EINVAL, "-16384 to 16384"},
+               {SIMCAMS_GAIN, "1:2", PVX_EINVAL, "gain all: '1:2' should be a number"},
+               {SIMCAMS_GAIN, "-1", PVX_EINVAL, "0 to 1000"},
+               {SIMCAMS_RESPONSE, "0", PVX_EINVAL, "0.1 to 10"},
+               {SIMCAMS_LATE, "64", PVX_EINVAL, "0 to 63"},
+               {SIMCAMS_VIGNETTING, "1", PVX_EINVAL, "0 to 0.99"},
+               {SIMCAMS_CAP, "1", PVX_EINVAL, "cap all: '1' should be on or off"},
+               {SIMCAMS_CAP, "cam1", PVX_EINVAL, "on or off"}};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
         struct simcams_state st[3] = {0};
         struct pvx_diag d = {""};
-        T_EQ_I(simcams_fault_option(&rig, SIMCAMS_DROP, bad[k].text, st, &d), bad[k].e);
+        T_EQ_I(simcams_fault_option(&rig, bad[k].kind, bad[k].text, st, &d), bad[k].e);
         T_CONTAINS(d.text, bad[k].says);
     }
 }
@@ -78,17 +102,25 @@ T_CASE(control_lines)
     struct simcams_state st[3] = {{.alive = true}, {.alive = true}, {.alive = true}};
     struct simcams_order order;
     struct pvx_diag d = {""};
-    static const char *const good[] = {"drop cam1 0.1",      "loss cam0 0.5",
-                                       " delay  cam2 20 ",   "",
-                                       "freeze all on",      "freeze cam0 off",
-                                       "kill cam1",          "skew cam0 10",
-                                       "drift all 3",        "   ",
-                                       "jitter cam0 1.5",    "reorder cam0 0.2",
-                                       "duplicate cam0 1",   "size cam1 0.3",
-                                       "corrupt cam1 0.4",   "miss cam1 0.6",
-                                       "hostile cam2 0.7",   "stuck cam2 on",
-                                       "no-ptp cam1 on",     "ptp-offset cam0 -40",
-                                       "ptp-master cam1 on", "lock-trigger all on"};
+    static const char *const good[] = {"drop cam1 0.1",       "loss cam0 0.5",
+                                       " delay  cam2 20 ",    "",
+                                       "freeze all on",       "freeze cam0 off",
+                                       "kill cam1",           "skew cam0 10",
+                                       "drift all 3",         "   ",
+                                       "jitter cam0 1.5",     "reorder cam0 0.2",
+                                       "duplicate cam0 1",    "size cam1 0.3",
+                                       "corrupt cam1 0.4",    "miss cam1 0.6",
+                                       "hostile cam2 0.7",    "stuck cam2 on",
+                                       "no-ptp cam1 on",      "ptp-offset cam0 -40",
+                                       "ptp-master cam1 on",  "lock-trigger all on",
+                                       "cap cam1 on",         "flood cam2 on",
+                                       "empty cam0 on",       "mirrored cam0 on",
+                                       "still cam1 on",       "late cam2 3",
+                                       "shift cam2 64:-2.5",  "blur cam0 1.5",
+                                       "flat cam0 2",         "background cam0 0.02",
+                                       "vignetting cam1 0.3", "gain cam1 0.5",
+                                       "exposure cam1 0.25",  "response cam2 0.45",
+                                       "pedestal cam2 0.03",  "hot cam2 0.01"};
     for (size_t k = 0; k < sizeof good / sizeof good[0]; k++) {
         T_EQ_I(simcams_control(&rig, good[k], st, &order, &d), PVX_OK);
         T_EQ_I(order.what, SIMCAMS_NOTHING);
@@ -108,6 +140,22 @@ T_CASE(control_lines)
     T_OK(st[2].fault.stuck_clock && !st[1].fault.stuck_clock && st[1].fault.no_ptp_master);
     T_OK(st[1].fault.ptp_master && !st[0].fault.ptp_master && st[0].fault.lock_trigger);
     T_NEAR(st[0].fault.ptp_offset_us, -40, 0);
+    const struct cap_optics *o = &st[0].fault.optics, *p = &st[1].fault.optics,
+                            *q = &st[2].fault.optics;
+    T_OK(p->cap && q->flood && o->empty && o->mirrored && !o->cap && !p->flood);
+    T_OK(st[1].fault.still && !st[0].fault.still);
+    T_NEAR(st[2].fault.late, 3, 0);
+    T_NEAR(q->shift[0], 64, 0);
+    T_NEAR(q->shift[1], -2.5, 0);
+    T_NEAR(o->blur, 1.5, 0);
+    T_NEAR(o->flat, 2, 0);
+    T_NEAR(o->background, 0.02, 0);
+    T_NEAR(p->vignetting, 0.3, 0);
+    T_NEAR(p->gain, 0.5, 0);
+    T_NEAR(p->exposure, 0.25, 0);
+    T_NEAR(q->response, 0.45, 0);
+    T_NEAR(q->pedestal, 0.03, 0);
+    T_NEAR(q->hot, 0.01, 0);
     T_EQ_I(simcams_control(&rig, "revive all", st, &order, &d), PVX_OK);
     T_OK(st[1].alive);
     static const char *const bad[] = {"drop cam1",
@@ -117,6 +165,14 @@ T_CASE(control_lines)
                                       "kill",
                                       "kill cam9",
                                       "explode cam1",
+                                      "cap cam1",
+                                      "cap cam1 1",
+                                      "shift cam1 3",
+                                      "shift cam1 3 4",
+                                      "shift cam1 3,4",
+                                      "gain cam1 on",
+                                      "flat cam1 -1",
+                                      "still",
                                       "kill cam1 now",
                                       "drop cam1 0.1 0.2",
                                       "reboot",
@@ -137,6 +193,12 @@ T_CASE(control_lines)
         T_OK(simcams_control(&rig, bad[k], st, &order, &d) != PVX_OK);
         T_OK(d.text[0] != '\0');
     }
+    d.text[0] = '\0';
+    T_EQ_I(simcams_control(&rig, "explode cam1", st, &order, &d), PVX_EINVAL);
+    static const char *const says[] = {"'explode cam1'", "cap|", "|gain|", "shift CAMERA X:Y",
+                                       "pose NUMBER"};
+    for (size_t k = 0; k < sizeof says / sizeof says[0]; k++) /* every word there is */
+        T_CONTAINS(d.text, says[k]);
 }
 
 T_CASE(control_orders)
@@ -242,6 +304,38 @@ T_CASE(noise_is_as_asked_and_repeats)
     simcams_ring_fini(&clean);
     simcams_ring_fini(&a);
     simcams_ring_fini(&b);
+}
+
+/* An image can be made anew and back again; it is the one that a ring of such cameras has. */
+T_CASE(images_follow_the_optics)
+{
+    struct simcams_state st[3] = {simcams_healthy(), simcams_healthy(), simcams_healthy()};
+    struct simcams_ring ring, healthy, broken;
+    struct simcams_ring_params p = params(CAP_RGB8, 0.01);
+    p.state = st;
+    T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &healthy), PVX_OK);
+    p.keep = true;
+    T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &ring), PVX_OK);
+    T_EQ_I(simcams_ring_bytes(&rig, &p), 3 * 6 * (size_t)80 * 60 * (3 + 6));
+    st[1].fault.optics.gain = 0.5;
+    st[1].fault.optics.shift[0] = 8;
+    p.keep = false;
+    T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &broken), PVX_OK);
+    size_t n = (size_t)80 * 60 * 3;
+    const struct cap_optics *o = &st[1].fault.optics;
+    T_OK(!simcams_ring_renew(&ring, 1, 4, &cap_optics_none));
+    T_EQ_I(memcmp(ring.image[6 + 4], healthy.image[6 + 4], n), 0);
+    T_OK(simcams_ring_renew(&ring, 1, 4, o));
+    T_OK(!simcams_ring_renew(&ring, 1, 4, o));
+    T_EQ_I(memcmp(ring.image[6 + 4], broken.image[6 + 4], n), 0);
+    T_OK(memcmp(broken.image[6 + 4], healthy.image[6 + 4], n) != 0);
+    T_EQ_I(memcmp(ring.image[6 + 3], healthy.image[6 + 3], n), 0);
+    T_EQ_I(memcmp(broken.image[4], healthy.image[4], n), 0);
+    T_OK(simcams_ring_renew(&ring, 1, 4, &cap_optics_none));
+    T_EQ_I(memcmp(ring.image[6 + 4], healthy.image[6 + 4], n), 0);
+    simcams_ring_fini(&ring);
+    simcams_ring_fini(&healthy);
+    simcams_ring_fini(&broken);
 }
 
 static bool stop_at_half(void *ctx, double done)
