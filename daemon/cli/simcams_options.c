@@ -118,7 +118,7 @@ static const struct argp_option options[] = {
     {"freeze", OPT_FREEZE, "CAM@S[-S]", 0, "image and time stamp stand still from S (until S)", 4},
     {"at", OPT_AT, "S:LINE", 0, "S seconds after the start, what LINE says (see --control)", 4},
     {"control", OPT_CONTROL, NULL, 0, "read lines on standard input, as listed below", 4},
-    {NULL, 0, NULL, 0, "Lens and sensor (likewise; in this order):", 5},
+    {NULL, 0, NULL, 0, "Lens and sensor (likewise):", 5},
     {"cap", OPT_FAULT + SIMCAMS_CAP, "V", 0, "on: the lens cap is on", 5},
     {"flood", OPT_FAULT + SIMCAMS_FLOOD, "V", 0, "on: evenly bright, saturated", 5},
     {"flat", OPT_FAULT + SIMCAMS_FLAT, "V", 0,
@@ -138,8 +138,7 @@ static const struct argp_option options[] = {
     {"response", OPT_FAULT + SIMCAMS_RESPONSE, "V", 0, "the sensor's exponent (1: linear)", 5},
     {"pedestal", OPT_FAULT + SIMCAMS_PEDESTAL, "V", 0, "share of full scale, instead of --black's",
      5},
-    {"hot", OPT_FAULT + SIMCAMS_HOT, "V", 0, "share of pixels that are hot, always the same ones",
-     5},
+    {"hot", OPT_FAULT + SIMCAMS_HOT, "V", 0, "share of pixels that are hot, always the same", 5},
     {0},
 };
 
@@ -152,12 +151,14 @@ static const char doc[] =
     "Prints one line when they answer: serving 8 cameras on 127.0.0.2..127.0.0.9\n"
     "\n"
     "Control lines (CAM may be all):\n"
-    "  WHAT CAM NUMBER         WHAT is drop, loss, delay, skew, drift, jitter, reorder,\n"
-    "                          duplicate, size, corrupt, miss, hostile, ptp-offset\n"
-    "                          or late\n"
-    "  shift CAM X:Y           and blur, flat, background, vignetting, gain, exposure,\n"
-    "                          response, pedestal, hot CAM NUMBER, and cap, flood, empty,\n"
-    "                          mirrored CAM on|off: lens and sensor, as the options above\n"
+    "  WHAT CAM NUMBER         WHAT is drop, loss, delay, skew, drift, jitter,\n"
+    "                          reorder, duplicate, size, corrupt, miss, hostile,\n"
+    "                          ptp-offset or late\n"
+    "  WHAT CAM VALUE          lens and sensor, as the options above; light goes\n"
+    "                          through cap, flood, flat, empty, shift, blur,\n"
+    "                          mirrored, background, vignetting, exposure, gain,\n"
+    "                          response, pedestal, hot in this order; then noise,\n"
+    "                          clipping\n"
     "  freeze CAM on|off       image and stamp stand still\n"
     "  still CAM on|off        only the image does\n"
     "  stuck CAM on|off        only its clock stands still\n"

@@ -99,7 +99,8 @@ bool simcams_ring_renew(struct simcams_ring *r, size_t c, size_t k, const struct
 
 static uint16_t to_scene(float l)
 {
-    return l < 65534.5f / SCENE_1 ? (uint16_t)(l * SCENE_1 + 0.5f) : 65535;
+    l = l * SCENE_1 + 0.5f;
+    return l < 65535 ? (uint16_t)l : 65535;
 }
 
 static void keep_rows(const struct simcams_ring *r, const float *rgb, size_t n, uint16_t *out)

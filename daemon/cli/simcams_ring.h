@@ -9,7 +9,7 @@
  * All is a function of rig, n, fps, seed, state, noise: whoever knows these knows the truth.  Image i shows
  * rec_flame_at(f, i/fps) of simcams_flame().
  * With `keep` the pictures L stay beside the images, at two bytes a sample, and an image can be made anew for other
- * optics: 640x480 RGB8 in about 5 ms. */
+ * optics: 640x480 RGB8 in about 6 ms. */
 #ifndef SIMCAMS_RING_H
 #define SIMCAMS_RING_H
 #include <stdbool.h>
