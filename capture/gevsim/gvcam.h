@@ -101,8 +101,7 @@ struct cap_gvcam_fault {
     bool no_ptp_master; /* PTP gets no further than Listening, or falls back to it */
     bool ptp_master;    /* it hears no other and is PTP master itself, by its own clock */
     bool lock_trigger;  /* TriggerMode and TriggerSource refuse to be set while it takes frames */
-    struct cap_optics
-        optics; /* for `renew`, which wants them set: they are not 0 when nothing is wrong */
+    struct cap_optics optics; /* for `renew`; healthy is cap_optics_none, not 0 */
 };
 
 enum cap_gvcam_act {

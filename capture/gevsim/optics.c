@@ -5,7 +5,7 @@
 
 #include "base/random.h"
 
-#define FLOODED 1000.0f /* full scales: saturated in every corner, at every gain */
+#define FLOODED 1000.0f /* full scales: saturated in every corner, at any gain that a sensor has */
 
 const struct cap_optics cap_optics_none = {.gain = 1, .exposure = 1, .response = 1};
 
@@ -166,7 +166,7 @@ static void expose_row(const struct cap_optics *o, const struct cap_optics_shape
             base += hot(o, s, (size_t)y * (size_t)s->width + (size_t)x);
         for (int ch = 0; ch < s->nch; ch++) {
             float *v = row + (size_t)x * (size_t)s->nch + ch;
-            float p = scale * fmaxf(0, *v + more); /* the cubic swings below 0 at edges */
+            float p = fminf(FLOODED, scale * fmaxf(0, *v + more)); /* the cubic swings below 0 */
             *v = base + (curved ? powf(p, (float)o->response) : p);
         }
     }

@@ -3,7 +3,7 @@
  *
  *     P = mirror(blur(shift(F))) + B          F the flame's picture, linear, 1 = full scale; outside of it 0
  *     P = S  with flat,  B  with empty,  0  with cap,  1000  with flood; cap before flood before flat
- *     v = (exposure gain V P)^response + pedestal + H                                            (1)
+ *     v = min(exposure gain V P, 1000)^response + pedestal + H                                   (1)
  * then the caller's noise, clipping to 0..1 and rounding, in this order: noise does not scale with the signal,
  * and what is clipped was exposed first.
  *
@@ -37,6 +37,7 @@ struct cap_optics {
     double pedestal;       /* full scale */
     double hot;            /* share */
     bool cap, flood, empty, mirrored;
+    bool none[4]; /* no padding: owners compare all of it as bytes */
 };
 extern const struct cap_optics cap_optics_none; /* gain, exposure and response 1, no pedestal */
 
@@ -45,8 +46,8 @@ struct cap_optics_shape {
     int nch;       /* samples of a pixel */
     uint64_t seed; /* of this camera's hot pixels and background */
 };
-/* image [h][w][nch], F in, v out; scratch as large.  Values in range as in the table above; any others give
- * pictures that mean nothing, but finite ones.  Allocates nothing. */
+/* image [h][w][nch], F in, v out, never above 1000^response; scratch as large.  All values finite and as above.
+ * Allocates nothing.  Cost: 640x480x3 3 to 6 ms; background 10, response 9, blur by 2 px 6, by 20 px 40. */
 void cap_optics_apply(const struct cap_optics *o, const struct cap_optics_shape *s, float *image,
                       float *scratch);
 #endif

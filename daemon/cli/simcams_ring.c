@@ -89,7 +89,7 @@ static void make(struct simcams_ring *r, size_t c, size_t i, const struct cap_op
 
 bool simcams_ring_renew(struct simcams_ring *r, size_t c, size_t k, const struct cap_optics *o)
 {
-    if (memcmp(&r->made[c * r->n + k], o, sizeof *o) == 0) /* other padding costs time, no more */
+    if (memcmp(&r->made[c * r->n + k], o, sizeof *o) == 0)
         return false;
     make(r, c, k, o);
     return true;

@@ -1,7 +1,7 @@
 /* Orders to simulated cameras reach the pictures of a client of the real protocol: the frame exposed after an order
  * shows it, bit for bit as a camera that was so from the start, and the next one after it was taken back is healthy. */
 #include "daemon/cli/simcams_ring.h"
-#include "tests/lib/gvclient.h"
+#include "tests/lib/gvraw.h"
 
 #define CAMERAS 3
 #define BLACK   5 /* grey levels of 255 */
@@ -38,8 +38,8 @@ static void order(const char *line)
     bed_fault(0, state[0].fault);
 }
 
-/* Camera 0 healthy, with a client that triggers it. */
-static ArvStream *begin(ArvCamera **cam)
+/* Camera 0 healthy, with so many images. */
+static void healthy_camera(size_t images)
 {
     struct cap_gvcam_config config = bed_config(0);
     for (int c = 0; c < CAMERAS; c++) {
@@ -49,10 +49,17 @@ static ArvStream *begin(ArvCamera **cam)
     if (ring.image == NULL)
         make_ring(true, &ring);
     config.ring = (const void *const *)ring.image;
+    config.n_ring = images;
     config.renew = renew;
     config.renew_ctx = &ring;
     bed_restart(0, &config);
     bed_fault(0, state[0].fault);
+}
+
+/* With a client that triggers it. */
+static ArvStream *begin(ArvCamera **cam)
+{
+    healthy_camera(BED_RING);
     if ((*cam = bed_rgb(0, 9000)) == NULL)
         return NULL;
     BED(arv_camera_set_trigger(*cam, "Software", &e));
@@ -210,6 +217,57 @@ T_CASE(late_and_still_are_other_instants)
     T_OK(memcmp(got, truth.image[held], BED_BYTES) == 0);
     end(cam, s);
     simcams_ring_fini(&truth);
+}
+
+/* A frame by trigger: its number and the brightest of its pixels. */
+static uint16_t raw_frame(struct raw *r, int *most)
+{
+    struct packet p = {0};
+    *most = 0;
+    usleep(50); /* exposure: 10 us */
+    T_EQ_I(raw_write(r, feature(GVF_TRIGGER_SOFTWARE), 1), CAP_GVCP_OK);
+    while (raw_packet(r, 10000, &p) && p.h.content != CAP_GVSP_TRAIL)
+        for (size_t k = p.head; p.h.content == CAP_GVSP_DATA && k < p.bytes; k++)
+            *most = p.data[k] > *most ? p.data[k] : *most;
+    T_EQ_I(p.h.content, CAP_GVSP_TRAIL);
+    return (uint16_t)p.h.block;
+}
+
+/* What the camera says to the request for packet 1 of a frame. */
+static uint16_t again(struct raw *r, uint16_t block)
+{
+    uint8_t p[CAP_GVCP_MAX], data[12] = {0};
+    struct packet answer = {0};
+    cap_put16(data + 2, block);
+    cap_put32(data + 4, 1);
+    cap_put32(data + 8, 1);
+    raw_send(r, p, cap_gvcp_put_command(p, 0, CAP_GVCP_RESEND, 1, data, sizeof data));
+    T_OK(raw_packet(r, 10000, &answer));
+    T_EQ_I(answer.h.block, block);
+    return answer.h.status;
+}
+
+/* What was sent is not sent again as something else: of an image that was made anew there is no frame left. */
+T_CASE(frames_before_an_order_are_gone)
+{
+    struct raw r;
+    int bright, dark;
+    healthy_camera(1);
+    raw_open(&r, bed_address[0]);
+    raw_prepare(&r, BED_W, BED_H, 1400);
+    raw_triggered(&r, 0);
+    raw_start(&r);
+    uint16_t before = raw_frame(&r, &bright);
+    T_EQ_I(again(&r, before), CAP_GVSP_RESENT);
+    order("cap cam0 on");
+    T_EQ_I(again(&r, before), CAP_GVSP_RESENT); /* no frame since */
+    uint16_t after = raw_frame(&r, &dark);
+    T_EQ_I(again(&r, before), CAP_GVCP_PACKET_REMOVED);
+    T_EQ_I(again(&r, after), CAP_GVSP_RESENT);
+    T_LE(60, bright);
+    T_LE(dark, BLACK + NOISE_5);
+    raw_stop(&r);
+    raw_leave(&r);
 }
 
 static void set_up(void)

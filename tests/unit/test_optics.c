@@ -153,6 +153,16 @@ T_CASE(vignetting_is_cos4_to_the_corner)
         T_LE(1, got[k]);
 }
 
+T_CASE(nothing_overflows)
+{
+    struct cap_optics o = cap_optics_none;
+    o.flood = true;
+    o.gain = o.exposure = 1000;
+    o.response = 10;
+    see(&o);
+    T_OK(isfinite(got[0]) && got[0] >= 1e30f * 0.999f);
+}
+
 static double gamma_of(int x, int y, int ch)
 {
     return 0.1 + pow(2 * at(flame, x, y, ch), 0.45);
