@@ -166,7 +166,9 @@ static void expose_row(const struct cap_optics *o, const struct cap_optics_shape
             base += hot(o, s, (size_t)y * (size_t)s->width + (size_t)x);
         for (int ch = 0; ch < s->nch; ch++) {
             float *v = row + (size_t)x * (size_t)s->nch + ch;
-            float p = fminf(FLOODED, scale * fmaxf(0, *v + more)); /* the cubic swings below 0 */
+            float p = scale * (*v + more);
+            p = p > 0 ? p : 0; /* the cubic swings below */
+            p = p < FLOODED ? p : FLOODED;
             *v = base + (curved ? powf(p, (float)o->response) : p);
         }
     }

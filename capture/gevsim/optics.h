@@ -47,7 +47,7 @@ struct cap_optics_shape {
     uint64_t seed; /* of this camera's hot pixels and background */
 };
 /* image [h][w][nch], F in, v out, never above 1000^response; scratch as large.  All values finite and as above.
- * Allocates nothing.  Cost: 640x480x3 3 to 6 ms; background 10, response 9, blur by 2 px 6, by 20 px 40. */
+ * Allocates nothing.  Cost: 640x480x3 2 ms; a response or a background 6 more, blur by 2 px 4, by 20 px 40. */
 void cap_optics_apply(const struct cap_optics *o, const struct cap_optics_shape *s, float *image,
                       float *scratch);
 #endif

@@ -104,7 +104,8 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
                                     .seed = (uint32_t)a->seed,
                                     .noise = a->noise / 100,
                                     .sub = (int)a->sub,
-                                    .keep = a->control || s->plan.n > 0,
+                                    .keep =
+                                        a->write_frames == NULL && (a->control || s->plan.n > 0),
                                     .state = s->state};
     if (a->board != NULL) {
         PVX_TRY(simcams_board_init(a->board, &s->rig, (size_t)a->poses, a->hold_s,

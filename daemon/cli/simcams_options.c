@@ -83,7 +83,10 @@ static const struct argp_option options[] = {
      "with --board: it stands still for so long at each, once all cameras send (2); 0: until it is "
      "told `pose NUMBER`",
      2},
-    {"max-memory", OPT_MAX_MEMORY, "MIB", 0, "refuse to take more for the images (1024)", 2},
+    {"max-memory", OPT_MAX_MEMORY, "MIB", 0,
+     "refuse to take more for the images, and for what they are made of where orders can come "
+     "(1024)",
+     2},
     {NULL, 0, NULL, 0, "Devices:", 3},
     {"line-hz", OPT_LINE_HZ, "HZ", 0,
      "pulses on the trigger line that all cameras share (TriggerSource Line1)", 3},

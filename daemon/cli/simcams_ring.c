@@ -40,22 +40,42 @@ static float *noise_table(uint32_t seed)
 
 /* ---- images of scenes ------------------------------------------------------------------------- */
 
-static unsigned char to_byte(float v)
+/* (1); NaN cannot come in. */
+static void quantise(const float *restrict v, const float *restrict noise, float sigma, size_t n,
+                     unsigned char *restrict out)
 {
-    v = v * 255.0f + 0.5f;
-    return v <= 0 ? 0 : v >= 255 ? 255 : (unsigned char)v; /* NaN cannot come out of (1) */
+    for (size_t k = 0; k < n; k++) {
+        float x = (v[k] + sigma * noise[k]) * 255.0f + 0.5f;
+        x = x > 0 ? x : 0;
+        out[k] = (unsigned char)(int)(x < 255 ? x : 255);
+    }
 }
 
-static void quantise_row(const struct simcams_ring *r, const float *row, int32_t w, int32_t y,
-                         uint32_t noise_at, unsigned char *out)
+/* The samples of a row that the format has: picks [n]. */
+static size_t pick(const struct simcams_ring *r, const float *row, int32_t w, int32_t y,
+                   float *picks)
 {
-    int n = r->nch;
     bool colours = r->fmt == CAP_RGB8;
-    for (int32_t k = 0; k < (colours ? 3 * w : w); k++) {
-        int32_t from = n == 1    ? (colours ? k / 3 : k)
-                       : colours ? k
-                                 : 3 * k + (k & 1) + (y & 1); /* R G / G B */
-        out[k] = to_byte(row[from] + r->sigma * r->noise[(noise_at + (uint32_t)k) % NOISE_N]);
+    int32_t n = colours ? 3 * w : w;
+    for (int32_t k = 0; k < n; k++)
+        if (r->nch == 1)
+            picks[k] = row[colours ? k / 3 : k];
+        else
+            picks[k] = row[colours ? k : 3 * k + (k & 1) + (y & 1)]; /* R G / G B */
+    return (size_t)n;
+}
+
+static void quantise_row(const struct simcams_ring *r, const float *v, size_t n, uint64_t key,
+                         unsigned char *out)
+{
+    size_t at = (uint32_t)pvx_mix(key) % NOISE_N;
+    while (n > 0) { /* the table is a circle */
+        size_t some = NOISE_N - at < n ? NOISE_N - at : n;
+        quantise(v, r->noise + at, r->sigma, some, out);
+        v += some;
+        out += some;
+        n -= some;
+        at = 0;
     }
 }
 
@@ -74,15 +94,15 @@ static void make(struct simcams_ring *r, size_t c, size_t i, const struct cap_op
                                  .height = cam->height,
                                  .nch = r->nch,
                                  .seed = (uint64_t)r->seed * 64 + c};
-    float *v = r->work[c];
+    float *v = r->work[c], *picks = v + n;
     unsigned char *image = r->image[c * r->n + i];
     for (size_t k = 0; k < n; k++)
         v[k] = (float)scene[k] * (1 / SCENE_1);
-    cap_optics_apply(o, &s, v, v + n);
+    cap_optics_apply(o, &s, v, picks);
     for (int32_t y = 0; y < cam->height; y++) {
         uint64_t key = ((s.seed * 65536 + i) * 65536) + (uint64_t)y;
-        quantise_row(r, v + (size_t)y * row, cam->width, y, (uint32_t)pvx_mix(key + 1),
-                     image + (size_t)y * bytes);
+        size_t samples = pick(r, v + (size_t)y * row, cam->width, y, picks);
+        quantise_row(r, picks, samples, key + 1, image + (size_t)y * bytes);
     }
     memcpy(&r->made[c * r->n + i], o, sizeof *o);
 }
@@ -151,7 +171,7 @@ static pvx_err allocate_camera(struct job *j, size_t c)
     if (bands > j->bands)
         j->bands = bands;
     j->scratch[c] = pvx_calloc(pixels, 3 * sizeof(float));
-    r->work[c] = pvx_calloc(pixels * nch, 2 * sizeof(float));
+    r->work[c] = pvx_calloc(pixels * (nch + 3), sizeof(float)); /* picks of one row may be 3 w */
     if (j->scratch[c] == NULL || r->work[c] == NULL)
         return PVX_ENOMEM;
     for (size_t i = 0; i < (r->keep ? r->n : 1); i++)
