@@ -1,4 +1,4 @@
-/* carver.c - the first stage: photometry, silhouettes, hull, restricted systems. */
+/* carver.c - the first stage: photometry, silhouettes, vote, hull, restricted systems. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -44,6 +44,8 @@ pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
     pvx_err e = ok ? rec_hull_new(S, &k->hull) : PVX_ENOMEM;
     if (e == PVX_OK)
         e = rec_restrictor_new(S, &k->restrictor);
+    if (e == PVX_OK && !p->trust_all)
+        e = rec_vote_new(S, &k->kernels, pool, p->hold, &k->vote);
     if (e != PVX_OK) {
         rec_carver_free(out);
         return pvx_fail(d, e, "carver: work areas for %zu rays: %s", rows, pvx_strerror(e));
@@ -62,6 +64,7 @@ void rec_carver_free(rec_carver **kp)
         free(k->photo[c].work);
     }
     pvx_unreserve(k->plane, rows * 4 * sizeof *k->plane);
+    rec_vote_free(&k->vote);
     rec_hull_free(&k->hull);
     rec_restrictor_free(&k->restrictor);
     PVX_FREE(*kp);
@@ -84,13 +87,11 @@ pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg)
     return PVX_OK;
 }
 
-/* Photometry of all cameras, and what of it concerns the whole set. */
+/* Photometry of all cameras. */
 static void photo(rec_frame *f)
 {
     rec_carver *k = f->carver;
-    struct rec_frame_report *r = &f->report;
     size_t cameras = f->S->n_cameras;
-    double sigma = 0, sigma2 = 0;
     f->per_channel = false;
     for (size_t c = 0; c < cameras; c++)
         f->per_channel |= f->present[c] && f->mosaic[c];
@@ -110,8 +111,49 @@ static void photo(rec_frame *f)
         im->lit = f->lit + row0;
     }
     rec_photo_apply(k->photo, cameras, k->pool);
-    for (size_t c = 0; c < cameras; c++) {
-        r->cameras += f->present[c];
+}
+
+/* A camera as if it were absent. */
+static void dismiss(rec_frame *f, size_t c)
+{
+    size_t row0 = f->S->row0[c], n = f->S->row0[c + 1] - row0;
+    f->present[c] = false;
+    memset(rec_frame_input(f, c), 0, n * (size_t)f->cs * sizeof *f->b);
+    memset(f->weight + row0, 0, n * sizeof *f->weight);
+    memset(f->weight4 + row0 * 4, 0, f->per_channel ? n * 4 * sizeof *f->weight4 : 0);
+    memset(f->lit + row0, 0, n);
+}
+
+/* Who is believed; the others become absent, but for their report. */
+static void vote(rec_frame *f)
+{
+    rec_carver *k = f->carver;
+    struct rec_verdict *o = &f->report.vote;
+    const struct rec_pictures in = rec_frame_pictures(f);
+    float noise[REC_MAX_CAMERAS] = {0};
+    if (k->vote == NULL)
+        return;
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        for (int l = 0; l < f->nch && f->present[c]; l++)
+            noise[c] += k->stats[c].sigma[l] * k->stats[c].sigma[l];
+    const struct rec_vote_set set = {
+        .channels = f->nch, .in = &in, .lit = f->lit, .present = f->present, .noise = noise};
+    rec_vote_take(k->vote, k->restrictor, &set, o);
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        if (o->out >> c & 1)
+            dismiss(f, c);
+}
+
+/* What the pictures of those that are believed say of the whole set. */
+static void sum_up(rec_frame *f)
+{
+    const rec_carver *k = f->carver;
+    struct rec_frame_report *r = &f->report;
+    double sigma = 0, sigma2 = 0;
+    for (size_t c = 0; c < f->S->n_cameras; c++) {
+        if (!f->present[c])
+            continue;
+        r->cameras++;
         r->saturated += k->stats[c].saturated;
         r->not_finite += k->stats[c].not_finite;
         for (int l = 0; l < f->nch; l++) {
@@ -134,10 +176,13 @@ void rec_frame_carve(rec_frame *f)
     int64_t t0 = pvx_now_mono();
     photo(f);
     int64_t t1 = pvx_now_mono();
+    vote(f);
+    sum_up(f);
+    int64_t t2 = pvx_now_mono();
     for (size_t c = 0; c < f->S->n_cameras; c++)
         lit[c] = rec_frame_lit(f, c);
     rec_hull_carve(k->hull, &k->p.hull, lit, f->present, k->pool, &kept);
-    int64_t t2 = pvx_now_mono();
+    int64_t t3 = pvx_now_mono();
     rec_subsys_restrict(f->sub, k->restrictor, f->col, kept.n, f->present);
     if (f->levels != NULL) {
         struct rec_pictures in = rec_frame_pictures(f);
@@ -148,6 +193,7 @@ void rec_frame_carve(rec_frame *f)
     r->active_rays = f->sub->rows;
     r->entries = f->sub->nnz;
     r->photo_ns = t1 - t0;
-    r->hull_ns = t2 - t1;
-    r->restrict_ns = pvx_now_mono() - t2;
+    r->vote_ns = t2 - t1;
+    r->hull_ns = t3 - t2;
+    r->restrict_ns = pvx_now_mono() - t3;
 }

@@ -5,7 +5,7 @@
  * to the other: {pixels, lit, A on every level, x, report}.
  *   1. write pixels of camera c to rec_frame_input(f, c) and rec_frame_present(f, c, true); for Bayer
  *      cameras rec_frame_bayer
- *   2. rec_frame_carve: photometry, silhouettes, hull, restricted system
+ *   2. rec_frame_carve: photometry, silhouettes, vote, hull, restricted system
  *   3. rec_frame_solve
  *   4. read rec_frame_volume; then rec_frame_reset for the next set
  * Threads: one slot at a time in each of 2 and 3; different slots may be in different steps.
@@ -17,6 +17,7 @@
 #include "recon/carve/photo.h"
 #include "recon/geom/rig.h"
 #include "recon/solve/solve.h"
+#include "recon/vote/vote.h"
 
 struct rec_frame_params {
     int nch; /* 1 or 3 */
@@ -24,6 +25,9 @@ struct rec_frame_params {
     struct rec_hull_params hull;
     struct rec_solve_params solve;
     bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
+    bool trust_all;    /* no vote (vote.h): every camera is believed */
+    uint32_t hold; /* sets that a camera which was voted out has to agree in before it is back; 0,
+                          the default: each set by itself */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
 
@@ -32,12 +36,13 @@ struct rec_frame_report {
     struct rec_hull_counts hull;
     int64_t active_voxels, active_rays;
     uint64_t entries;
-    uint32_t cameras;               /* present */
+    uint32_t cameras;               /* present and believed */
     uint32_t saturated, not_finite; /* bins, all cameras */
     float sigma;                    /* noise estimate, mean over cameras and channels */
+    struct rec_verdict vote;        /* which cameras are not believed; they are as if absent */
     bool warm;                      /* the start was the earlier volume */
     uint32_t coarse_iterations;     /* on coarser grids, before those of `solve` */
-    int64_t photo_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
+    int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
 
 /* Sparse volume: values [n][cs] (cs = 1 or 4, first nch lanes count) at voxels index[n] ascending;

@@ -9,6 +9,7 @@ struct rec_carver {
     struct rec_frame_params p;
     pvx_pool *pool;
     struct rec_kernels kernels;
+    rec_vote *vote; /* or NULL: trust_all */
     rec_hull *hull;
     struct rec_restrictor *restrictor;
     float gain[REC_MAX_CAMERAS][3];

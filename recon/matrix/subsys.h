@@ -165,6 +165,10 @@ void rec_collect(const struct rec_subsys *a, const struct rec_images *im,
 /* Both: y = A x in all blocks. */
 void rec_forward(const struct rec_subsys *a, struct rec_images *im, const float *x, float *y);
 
+/* The same on the calling thread alone, without images: for a system that is so small that threads are
+ * better used on several products at once. */
+void rec_forward_alone(const struct rec_subsys *a, const float *x, float *y);
+
 /* The same with the rows of cameras [c0,c1) alone. */
 struct rec_cameras {
     int32_t c0, c1;

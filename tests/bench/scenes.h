@@ -178,13 +178,11 @@ static inline bool load_volume(struct scene *s, const struct flame *f, int numbe
     return true;
 }
 
-/* A flame seen by a set of cameras at time or frame `t`.  Images only; scene_truth follows.  false: data
- * that are not there, a line says so. */
-static inline bool scene_new(struct scene *s, enum flame_kind kind, const struct view_set *v,
-                             const int32_t size[3], double t, pvx_pool *pool)
+/* A flame at time or frame `t` before the cameras of s->rig and s->unseen.  Images only; scene_truth follows.
+ * false: data that are not there, a line says so, and the rig is gone. */
+static inline bool scene_burn(struct scene *s, enum flame_kind kind, double t, pvx_pool *pool)
 {
     const struct flame *f = &flames[kind];
-    scene_views(s, v, size[0], size[1], size[2]);
     s->nch = f->nch;
     if (f->folder != NULL && !load_volume(s, f, (int)t)) {
         rec_rig_fini(&s->rig);
@@ -201,6 +199,14 @@ static inline bool scene_new(struct scene *s, enum flame_kind kind, const struct
     if (kind != FLAME_RING) /* which is scaled already */
         scene_rescale(s, PEAK / s->peak);
     return true;
+}
+
+/* The same seen by a set of cameras. */
+static inline bool scene_new(struct scene *s, enum flame_kind kind, const struct view_set *v,
+                             const int32_t size[3], double t, pvx_pool *pool)
+{
+    scene_views(s, v, size[0], size[1], size[2]);
+    return scene_burn(s, kind, t, pool);
 }
 
 /* Pictures of 160x120, 64 voxels high. */

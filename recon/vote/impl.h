@@ -1,0 +1,70 @@
+/* impl.h - what the files of the vote share.  Private to recon/vote. */
+#ifndef REC_VOTE_IMPL_H
+#define REC_VOTE_IMPL_H
+#include "recon/vote/vote.h"
+
+/* One solve of (1) of vote.h without some cameras. */
+struct rec_trial {
+    uint64_t without;
+    uint32_t iterations;
+    float *x, *y, *step, *scale;    /* [voxels] */
+    float *w, *r, *wr;              /* [room] weights, A x - b, W r */
+    float *rows;                    /* [3][widest] */
+    double misfit[REC_MAX_CAMERAS]; /* of every camera, also of those left out */
+};
+
+struct rec_vote {
+    const rec_sysmat *S, *level; /* the coarsest */
+    int shift;                   /* a bin of it is 2^shift bins of S wide */
+    pvx_pool *pool;
+    size_t cameras, voxels, room, widest; /* widest: bins of the widest picture */
+    uint32_t hold;
+    struct rec_subsys *sub;
+    float *chord;                  /* [room] length of the ray in the grid */
+    double weigh[REC_MAX_CAMERAS]; /* m_c */
+    struct rec_trial *trial;       /* [cameras + 1] */
+    float *areas;                  /* of the trials, one piece */
+    size_t bytes;
+
+    /* of a frame set */
+    const struct rec_vote_set *set;
+    float *b, *use; /* [room] pictures; 1 where they were measured and the ray meets the grid */
+    uint8_t *lit;   /* [room] */
+    uint32_t *table[REC_MAX_CAMERAS]; /* [(bh+1)*(bw+1)] lit bins above and left of a corner */
+    int32_t *col, *in_layer;          /* [voxels], [layers] */
+    int dark_allowed;                 /* cameras that a voxel may be dark in */
+    struct rec_vote_camera {
+        double power, noise;           /* m_c ||b_c||^2, and what of it noise has */
+        uint32_t bins, lit, saturated; /* that meet the grid; of those; bright and not measured */
+    } of[REC_MAX_CAMERAS];
+    double unit; /* P */
+
+    /* from set to set, with `hold` */
+    uint64_t out, agree; /* agree: those that would come back */
+    uint8_t why[REC_MAX_CAMERAS];
+    uint32_t agreed[REC_MAX_CAMERAS];
+};
+
+/* Noise that K leaves: (1 + 4 + 1)^2 / 16^2 of its power. */
+#define REC_VOTE_AFTER_K (36.0 / 256)
+
+struct rec_vote_run {
+    rec_vote *v;
+    size_t from;
+};
+
+static inline bool rec_vote_has(uint64_t set, size_t c)
+{
+    return (set >> c & 1) != 0;
+}
+
+/* Pictures averaged to the level's bins, with everything that is known of a camera by itself. */
+void rec_vote_pool(rec_vote *v);
+/* Columns where a flame may be, and the level's system restricted to them; false: there is none. */
+bool rec_vote_restrict(rec_vote *v, struct rec_restrictor *r);
+/* Trials [from, to), each from its x. */
+void rec_vote_solve(rec_vote *v, size_t from, size_t to);
+/* Why camera c does not fit: trial t was solved without it. */
+enum rec_wrong rec_vote_cause(const rec_vote *v, const struct rec_trial *t, size_t c);
+
+#endif

@@ -1,0 +1,132 @@
+/* new.c - what the vote needs of a rig, once. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/median.h"
+#include "base/mem.h"
+#include "recon/vote/impl.h"
+
+/* Floats, up to whole cache lines. */
+static size_t padded(size_t n)
+{
+    return (n + PVX_ALIGN / sizeof(float) - 1) / (PVX_ALIGN / sizeof(float)) *
+           (PVX_ALIGN / sizeof(float));
+}
+
+static bool new_trials(rec_vote *v)
+{
+    size_t n = padded(v->voxels), room = padded(v->room), rows = padded(3 * v->widest);
+    v->trial = pvx_calloc(v->cameras + 1, sizeof *v->trial);
+    v->bytes = (v->cameras + 1) * (4 * n + 3 * room + rows) * sizeof *v->areas;
+    v->areas = pvx_reserve(v->bytes);
+    if (v->trial == NULL || v->areas == NULL)
+        return false;
+    float *at = v->areas;
+    for (size_t i = 0; i <= v->cameras; i++) {
+        struct rec_trial *t = &v->trial[i];
+        float **of_voxels[] = {&t->x, &t->y, &t->step, &t->scale};
+        float **of_bins[] = {&t->w, &t->r, &t->wr};
+        for (size_t k = 0; k < sizeof of_voxels / sizeof *of_voxels; k++, at += n)
+            *of_voxels[k] = at;
+        for (size_t k = 0; k < sizeof of_bins / sizeof *of_bins; k++, at += room)
+            *of_bins[k] = at;
+        t->rows = at;
+        at += rows;
+    }
+    return true;
+}
+
+static bool new_areas(rec_vote *v)
+{
+    v->chord = pvx_calloc(v->room, sizeof *v->chord);
+    v->b = pvx_calloc(v->room, sizeof *v->b);
+    v->use = pvx_calloc(v->room, sizeof *v->use);
+    v->lit = pvx_calloc(v->room, 1);
+    v->col = pvx_calloc(v->voxels, sizeof *v->col);
+    v->in_layer = pvx_calloc((size_t)v->level->grid.n[2], sizeof *v->in_layer);
+    bool ok = v->chord != NULL && v->b != NULL && v->use != NULL && v->lit != NULL &&
+              v->col != NULL && v->in_layer != NULL && new_trials(v);
+    for (size_t c = 0; c < v->cameras; c++) {
+        const struct rec_sysmat_block *b = &v->level->block[c];
+        v->table[c] = pvx_calloc((size_t)(b->bw + 1) * (size_t)(b->bh + 1), sizeof *v->table[c]);
+        ok = ok && v->table[c] != NULL;
+    }
+    return ok;
+}
+
+/* Whose rays meet the grid and for how long, and how large a voxel is in each camera's picture. */
+static pvx_err look(rec_vote *v)
+{
+    struct rec_restrictor *r;
+    bool all[REC_MAX_CAMERAS];
+    double size[REC_MAX_CAMERAS] = {0}, sorted[REC_MAX_CAMERAS];
+    size_t n = 0;
+    PVX_TRY(rec_restrictor_new(v->level, &r));
+    for (size_t i = 0; i < v->voxels; i++) {
+        v->col[i] = (int32_t)i;
+        v->trial[0].x[i] = 1;
+    }
+    for (size_t c = 0; c < v->cameras; c++)
+        all[c] = true;
+    rec_subsys_restrict(v->sub, r, v->col, (int32_t)v->voxels, all);
+    rec_forward_alone(v->sub, v->trial[0].x, v->chord);
+    rec_restrictor_free(&r);
+    for (size_t c = 0; c < v->cameras; c++) {
+        double sum = 0, seen = 0;
+        for (size_t i = v->level->row0[c]; i < v->level->row0[c + 1]; i++)
+            sum += v->chord[i];
+        for (size_t i = 0; i < v->voxels; i++)
+            seen += rec_rect_seen(rec_footprint(v->level, c, (int32_t)i));
+        size[c] = seen > 0 ? sum / seen : 0;
+        if (size[c] > 0)
+            sorted[n++] = size[c];
+    }
+    double middle = pvx_median(sorted, n);
+    for (size_t c = 0; c < v->cameras; c++)
+        v->weigh[c] = size[c] > 0 ? middle / size[c] : 0;
+    return PVX_OK;
+}
+
+pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool,
+                     uint32_t hold, rec_vote **out)
+{
+    rec_vote *v = *out = pvx_calloc(1, sizeof *v);
+    if (v == NULL)
+        return PVX_ENOMEM;
+    v->S = v->level = S;
+    for (; v->level->coarse != NULL; v->level = v->level->coarse)
+        v->shift++;
+    v->pool = pool;
+    v->hold = hold;
+    v->cameras = S->n_cameras;
+    v->voxels = rec_grid_count(&v->level->grid);
+    v->room = v->level->win.room;
+    for (size_t c = 0; c < v->cameras; c++)
+        if ((size_t)v->level->block[c].bw > v->widest)
+            v->widest = (size_t)v->level->block[c].bw;
+    pvx_err e = rec_subsys_new(v->level, k, pool, 1, &v->sub);
+    if (e == PVX_OK)
+        e = new_areas(v) ? look(v) : PVX_ENOMEM;
+    if (e != PVX_OK)
+        rec_vote_free(out);
+    return e;
+}
+
+void rec_vote_free(rec_vote **vp)
+{
+    rec_vote *v = *vp;
+    if (v == NULL)
+        return;
+    rec_subsys_free(&v->sub);
+    for (size_t c = 0; c < v->cameras; c++)
+        free(v->table[c]);
+    pvx_unreserve(v->areas, v->bytes);
+    free(v->trial);
+    free(v->chord);
+    free(v->b);
+    free(v->use);
+    free(v->lit);
+    free(v->col);
+    free(v->in_layer);
+    PVX_FREE(*vp);
+}

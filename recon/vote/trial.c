@@ -1,0 +1,186 @@
+/* trial.c - (1) of vote.h solved without some cameras, each trial on one thread, and what it says of them. */
+#include <math.h>
+#include <string.h>
+
+#include "recon/vote/impl.h"
+
+/* A camera's picture beside that which the volume of the others has for it. */
+#define SCARCELY 0.02 /* of the brightest bin: nothing is expected there */
+#define DARK     0.05 /* of the power that is expected: it sees nothing */
+#define RESTS    0.25 /* of the misfit is left once its brightness is right: that was all */
+
+#define FOR_BINS(i, v) \
+    REC_FOR_BINS (i, (v)->sub, ((struct rec_block_range){0, (v)->sub->n_blocks}), 1)
+
+static size_t bins_of(const rec_vote *v, size_t c)
+{
+    return v->level->row0[c + 1] - v->level->row0[c];
+}
+
+/* m_c of the cameras that take part, where they measured. */
+static void weights(const rec_vote *v, struct rec_trial *t)
+{
+    for (size_t c = 0; c < v->cameras; c++) {
+        float m = rec_vote_has(t->without, c) ? 0 : (float)v->weigh[c];
+        const float *use = v->use + v->level->row0[c];
+        float *w = t->w + v->level->row0[c];
+        for (size_t i = 0; i < bins_of(v, c); i++)
+            w[i] = m * use[i];
+    }
+}
+
+/* r = A x - b, wr = W r. */
+static void residual(const rec_vote *v, struct rec_trial *t, const float *x)
+{
+    rec_forward_alone(v->sub, x, t->r);
+    FOR_BINS(i, v)
+    {
+        t->r[i] -= v->b[i];
+        t->wr[i] = t->w[i] * t->r[i];
+    }
+}
+
+/* scale = 1 / (A'W A 1): steps of this length never overshoot, A being >= 0. */
+static void scale_steps(const rec_vote *v, struct rec_trial *t)
+{
+    size_t n = (size_t)v->sub->n;
+    for (size_t q = 0; q < n; q++)
+        t->y[q] = 1;
+    rec_forward_alone(v->sub, t->y, t->wr);
+    FOR_BINS(i, v)
+    t->wr[i] *= t->w[i];
+    rec_adjoint_range(v->sub, t->wr, 0, v->sub->n, t->scale);
+    for (size_t q = 0; q < n; q++)
+        t->scale[q] = t->scale[q] > 0 ? 1 / t->scale[q] : 0;
+}
+
+static void iterate(const rec_vote *v, struct rec_trial *t)
+{
+    size_t n = (size_t)v->sub->n;
+    double momentum = 1;
+    memcpy(t->y, t->x, n * sizeof *t->y);
+    for (uint32_t k = 0; k < t->iterations; k++) {
+        double next = 0.5 * (1 + sqrt(1 + 4 * momentum * momentum)), up = 0;
+        float on = (float)((momentum - 1) / next);
+        residual(v, t, t->y);
+        rec_adjoint_range(v->sub, t->wr, 0, v->sub->n, t->step);
+        for (size_t q = 0; q < n; q++) {
+            float x = t->y[q] - t->scale[q] * t->step[q];
+            x = x > 0 ? x : 0;
+            float d = x - t->x[q];
+            if (t->scale[q] > 0)
+                up += (double)(t->y[q] - x) * d / t->scale[q];
+            t->x[q] = x;
+            t->y[q] = x + on * d;
+        }
+        momentum = next;
+        if (up > 0) { /* against the gradient: begin anew */
+            momentum = 1;
+            memcpy(t->y, t->x, n * sizeof *t->y);
+        }
+    }
+}
+
+/* One row of a picture: [1 2 1]/4. */
+static void smooth_row(const float *in, int32_t n, float *out)
+{
+    for (int32_t x = 0; x < n; x++) {
+        float left = x > 0 ? in[x - 1] : 0, right = x + 1 < n ? in[x + 1] : 0;
+        out[x] = 0.25F * (left + 2 * in[x] + right);
+    }
+}
+
+/* || K r ||^2 over the bins of camera c that were measured; wr holds r there, 0 elsewhere. */
+static double misfit(const rec_vote *v, struct rec_trial *t, size_t c)
+{
+    const struct rec_sysmat_block *b = &v->level->block[c];
+    const size_t w = (size_t)b->bw;
+    const float *r = t->wr + v->level->row0[c], *use = v->use + v->level->row0[c];
+    float *row[3] = {t->rows, t->rows + v->widest, t->rows + 2 * v->widest};
+    double sum = 0;
+    memset(row[1], 0, w * sizeof *row[1]);
+    smooth_row(r, b->bw, row[2]);
+    for (int32_t y = 0; y < b->bh; y++, use += w) {
+        float *above = row[1], *here = row[2], *below = row[0];
+        if (y + 1 < b->bh)
+            smooth_row(r + (size_t)(y + 1) * w, b->bw, below);
+        else
+            memset(below, 0, w * sizeof *below);
+        for (size_t x = 0; x < w; x++) {
+            double k = 0.25F * (above[x] + 2 * here[x] + below[x]);
+            sum += use[x] * k * k;
+        }
+        row[0] = above;
+        row[1] = here;
+        row[2] = below;
+    }
+    return v->weigh[c] * sum;
+}
+
+/* The misfit of every camera, with those left out; light that no column explains is in it. */
+static void judge(const rec_vote *v, struct rec_trial *t)
+{
+    residual(v, t, t->x);
+    for (size_t i = 0; i < v->level->row0[v->cameras]; i++)
+        t->wr[i] = v->lit[i] ? -v->use[i] * v->b[i] : 0;
+    FOR_BINS(i, v)
+    t->wr[i] = v->use[i] * t->r[i];
+    for (size_t c = 0; c < v->cameras; c++)
+        t->misfit[c] = v->set->present[c] ? misfit(v, t, c) : 0;
+}
+
+static void solve(void *ctx, size_t task)
+{
+    struct rec_vote_run *run = ctx;
+    struct rec_trial *t = &run->v->trial[run->from + task];
+    weights(run->v, t);
+    scale_steps(run->v, t);
+    iterate(run->v, t);
+    judge(run->v, t);
+}
+
+void rec_vote_solve(rec_vote *v, size_t from, size_t to)
+{
+    struct rec_vote_run run = {v, from};
+    pvx_pool_run(v->pool, to - from, solve, &run);
+}
+
+/* Camera c's picture b beside p, that of the volume without it. */
+struct likeness {
+    double bb, bp, pp;
+    uint32_t empty, lit; /* bins without light in p; those of them that are lit in b */
+};
+static struct likeness compare(const rec_vote *v, const struct rec_trial *t, size_t c)
+{
+    struct likeness l = {0};
+    size_t at = v->level->row0[c], n = bins_of(v, c);
+    float *p = t->wr + at, most = 0;
+    memset(p, 0, n * sizeof *p);
+    FOR_BINS(i, v)
+    if (i >= at && i < at + n) {
+        p[i - at] = v->use[i] * (t->r[i] + v->b[i]);
+        most = p[i - at] > most ? p[i - at] : most;
+    }
+    for (size_t i = 0; i < n; i++) {
+        double b = v->use[at + i] * v->b[at + i];
+        l.bb += b * b;
+        l.bp += b * p[i];
+        l.pp += (double)p[i] * p[i];
+        bool empty = v->chord[at + i] > 0 && p[i] < SCARCELY * most;
+        l.empty += empty;
+        l.lit += empty && v->lit[at + i];
+    }
+    return l;
+}
+
+enum rec_wrong rec_vote_cause(const rec_vote *v, const struct rec_trial *t, size_t c)
+{
+    const struct likeness l = compare(v, t, c);
+    double gain = l.pp > 0 ? l.bp / l.pp : 0;
+    double now = l.bb - 2 * l.bp + l.pp, scaled = l.bb - gain * l.bp;
+    if (2 * v->of[c].saturated > v->of[c].bins || (2 * l.lit > l.empty && l.bb > l.pp))
+        return REC_WRONG_FLOODED;
+    if (l.bb < DARK * l.pp || (gain < DARK && v->of[c].lit == 0))
+        return REC_WRONG_DARK;
+    return scaled < RESTS * now ? REC_WRONG_GAIN : REC_WRONG_DISAGREES;
+}

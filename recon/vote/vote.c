@@ -1,0 +1,295 @@
+#include "recon/vote/vote.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/median.h"
+#include "recon/vote/impl.h"
+
+/* (3) of vote.h. */
+#define ALONE   0.02
+#define SECOND  1.25
+#define NOISE   0.5
+#define BACK    0.5 /* of that, and a camera that was out agrees */
+#define TORN    0.1 /* G that no healthy camera was seen to have, by far */
+#define DAZZLED 0.5 /* share of a camera's bins that saturated, */
+#define CLEAR   0.1 /* while the others' median is at most this: it says nothing */
+#define FIRST   10  /* iterations from nothing */
+#define FURTHER 8   /* and from there on, with and without each */
+
+static const char *const state_names[REC_N_VOTE_STATES] = {
+    [REC_VOTE_NONE] = "none",   [REC_VOTE_FEW] = "few", [REC_VOTE_DARK] = "dark",
+    [REC_VOTE_AGREE] = "agree", [REC_VOTE_OUT] = "out", [REC_VOTE_TORN] = "torn",
+};
+const char *rec_vote_state_name(enum rec_vote_state s)
+{
+    return state_names[s];
+}
+
+static uint64_t bit(size_t c)
+{
+    return (uint64_t)1 << c;
+}
+
+/* Cameras that take part and are not among those left out. */
+static uint64_t believed(const rec_vote *v, uint64_t without)
+{
+    uint64_t all = 0;
+    for (size_t c = 0; c < v->cameras; c++)
+        all |= v->set->present[c] ? bit(c) : 0;
+    return all & ~without;
+}
+static int count(uint64_t set)
+{
+    return __builtin_popcountll(set);
+}
+
+/* Median over the cameras of a set of what `value` holds. */
+static double median_of(const rec_vote *v, uint64_t set, const double *value)
+{
+    double some[REC_MAX_CAMERAS];
+    size_t n = 0;
+    for (size_t c = 0; c < v->cameras; c++)
+        if (rec_vote_has(set, c))
+            some[n++] = value[c];
+    return n > 0 ? pvx_median(some, n) : 0;
+}
+
+/* R of a trial over the cameras of a set. */
+static double misfit_of(const rec_vote *v, const struct rec_trial *t, uint64_t set)
+{
+    double sum = 0;
+    for (size_t c = 0; c < v->cameras; c++)
+        sum += rec_vote_has(set, c) ? t->misfit[c] : 0;
+    return sum;
+}
+
+/* Trial 0 from nothing. */
+static void begin(rec_vote *v, uint64_t without)
+{
+    struct rec_trial *t = &v->trial[0];
+    t->without = without;
+    t->iterations = FIRST;
+    memset(t->x, 0, (size_t)v->sub->n * sizeof *t->x);
+    rec_vote_solve(v, 0, 1);
+}
+
+/* (2) for every camera that trial 0 has. */
+struct ballot {
+    uint64_t voters;
+    double cost[REC_MAX_CAMERAS];
+    size_t top;
+    double second; /* the greatest but the top's */
+    size_t trial[REC_MAX_CAMERAS];
+};
+static void take_ballot(rec_vote *v, struct ballot *b)
+{
+    struct rec_trial *all = &v->trial[0];
+    size_t n = 1;
+    *b = (struct ballot){.voters = believed(v, all->without)};
+    all->iterations = FURTHER;
+    for (size_t c = 0; c < v->cameras; c++)
+        if (rec_vote_has(b->voters, c)) {
+            struct rec_trial *t = &v->trial[n];
+            t->without = all->without | bit(c);
+            t->iterations = FURTHER;
+            memcpy(t->x, all->x, (size_t)v->sub->n * sizeof *t->x);
+            b->trial[c] = n++;
+        }
+    rec_vote_solve(v, 0, n);
+    double r = misfit_of(v, all, b->voters), top = -INFINITY;
+    b->second = -INFINITY;
+    for (size_t c = 0; c < v->cameras; c++) {
+        if (!rec_vote_has(b->voters, c))
+            continue;
+        double rest = misfit_of(v, &v->trial[b->trial[c]], b->voters & ~bit(c));
+        b->cost[c] = (r - rest - REC_VOTE_AFTER_K * v->of[c].noise) / v->unit;
+        if (b->cost[c] > top) {
+            b->second = top;
+            top = b->cost[c];
+            b->top = c;
+        } else if (b->cost[c] > b->second) {
+            b->second = b->cost[c];
+        }
+    }
+}
+
+/* What camera c may cost: (3). */
+static double limit(const rec_vote *v, const struct ballot *b, size_t c)
+{
+    double next = c == b->top ? b->second : b->cost[b->top];
+    return ALONE + SECOND * (next > 0 ? next : 0) +
+           NOISE * REC_VOTE_AFTER_K * v->of[c].noise / v->unit;
+}
+static bool stands_out(const rec_vote *v, const struct ballot *b)
+{
+    return b->cost[b->top] > limit(v, b, b->top);
+}
+
+/* Those that would come back. */
+static void note_agreement(rec_vote *v, const struct ballot *b)
+{
+    for (size_t c = 0; c < v->cameras; c++) {
+        bool agrees = rec_vote_has(b->voters, c) && b->cost[c] < BACK * limit(v, b, c);
+        v->agree = (v->agree & ~bit(c)) | (agrees ? bit(c) : 0);
+    }
+}
+
+/* Nobody can exceed (3) when all together do not. */
+static bool calm(const rec_vote *v, const struct rec_trial *t)
+{
+    uint64_t all = believed(v, t->without);
+    double least = v->unit;
+    for (size_t c = 0; c < v->cameras; c++)
+        if (rec_vote_has(all, c) && v->of[c].noise < least)
+            least = v->of[c].noise;
+    least *= (1 + NOISE) * REC_VOTE_AFTER_K;
+    return misfit_of(v, t, all) <= ALONE * v->unit + least;
+}
+
+static void leave_out(rec_vote *v, struct rec_verdict *o, const struct ballot *b, size_t c)
+{
+    struct rec_trial *t = &v->trial[b->trial[c]];
+    o->out |= bit(c);
+    o->why[c] = (uint8_t)rec_vote_cause(v, t, c);
+    o->cost[c] = (float)b->cost[c];
+    /* go on from there */
+    struct rec_trial all = v->trial[0];
+    v->trial[0] = *t;
+    *t = all;
+}
+
+/* Two that lie hide each other: the one that costs most and the one that stands out without it, which are
+ * believed to lie when the first stands out without the second too.  Else all is as it was. */
+static bool two_at_once(rec_vote *v, struct rec_verdict *o, const struct ballot *b)
+{
+    const uint64_t without = v->trial[0].without;
+    struct rec_verdict first = *o, both;
+    struct ballot one, other;
+    leave_out(v, &first, b, b->top);
+    take_ballot(v, &one);
+    if (stands_out(v, &one)) {
+        both = first;
+        leave_out(v, &both, &one, one.top);
+        begin(v, without | bit(one.top));
+        take_ballot(v, &other);
+        if (other.top == b->top && stands_out(v, &other)) {
+            leave_out(v, &both, &other, other.top);
+            *o = both;
+            return true;
+        }
+    }
+    begin(v, without);
+    return false;
+}
+
+/* One after the other; at most half of all but two. */
+static void decide(rec_vote *v, struct rec_verdict *o)
+{
+    uint64_t dazzled = o->out;
+    v->agree = ~dazzled;
+    int voters = count(believed(v, 0)), most = (voters - 2) / 2;
+    begin(v, dazzled);
+    for (bool first = true; !calm(v, &v->trial[0]); first = false) {
+        struct ballot b;
+        uint64_t rest = believed(v, o->out);
+        if (count(o->out) >= most || count(rest) < REC_VOTE_LEAST) {
+            if (misfit_of(v, &v->trial[0], rest) > TORN * v->unit * count(rest))
+                o->state = REC_VOTE_TORN;
+            break;
+        }
+        take_ballot(v, &b);
+        note_agreement(v, &b);
+        for (size_t c = 0; first && c < v->cameras; c++)
+            o->cost[c] = (float)b.cost[c];
+        if (first)
+            o->doubt = (float)(b.cost[b.top] / limit(v, &b, b.top));
+        if (stands_out(v, &b)) {
+            leave_out(v, o, &b, b.top);
+        } else if (b.cost[b.top] <= TORN) {
+            break;
+        } else if (count(o->out) + 2 > most || !two_at_once(v, o, &b)) {
+            o->state = REC_VOTE_TORN;
+            break;
+        }
+    }
+    uint64_t rest = believed(v, o->out);
+    o->misfit = (float)(misfit_of(v, &v->trial[0], rest) / v->unit / count(rest));
+}
+
+/* Cameras whose picture is one bright area, while the others' are not. */
+static void find_dazzled(const rec_vote *v, struct rec_verdict *o)
+{
+    double share[REC_MAX_CAMERAS] = {0};
+    for (size_t c = 0; c < v->cameras; c++)
+        share[c] = v->of[c].bins > 0 ? (double)v->of[c].saturated / v->of[c].bins : 0;
+    if (median_of(v, believed(v, 0), share) > CLEAR)
+        return;
+    for (size_t c = 0; c < v->cameras; c++)
+        if (v->set->present[c] && share[c] > DAZZLED) {
+            o->out |= bit(c);
+            o->why[c] = REC_WRONG_FLOODED;
+        }
+}
+
+/* P, and whether three cameras see a flame. */
+static bool measure(rec_vote *v)
+{
+    double signal[REC_MAX_CAMERAS] = {0};
+    uint64_t lit = 0;
+    for (size_t c = 0; c < v->cameras; c++) {
+        signal[c] = v->of[c].power - v->of[c].noise;
+        if (v->set->present[c] && v->of[c].lit > 0 && signal[c] > 0)
+            lit |= bit(c);
+    }
+    v->unit = median_of(v, lit, signal);
+    return count(lit) >= 3 && v->unit > 0;
+}
+
+/* A camera that went out is back after `hold` sets in which it agrees. */
+static void remember(rec_vote *v, struct rec_verdict *o)
+{
+    bool judged = o->state >= REC_VOTE_AGREE;
+    for (size_t c = 0; c < v->cameras; c++) {
+        if (rec_vote_has(o->out, c)) {
+            v->out |= bit(c);
+            v->why[c] = o->why[c];
+            v->agreed[c] = 0;
+        } else if (rec_vote_has(v->out, c) && judged && v->set->present[c]) {
+            bool agrees = o->state != REC_VOTE_TORN && rec_vote_has(v->agree, c);
+            v->agreed[c] = agrees ? v->agreed[c] + 1 : 0;
+            if (v->agreed[c] >= v->hold)
+                v->out &= ~bit(c);
+        }
+        if (rec_vote_has(v->out, c) && v->set->present[c] && !rec_vote_has(o->out, c)) {
+            o->out |= bit(c);
+            o->why[c] = v->why[c];
+        }
+    }
+    if (o->state == REC_VOTE_AGREE && o->out != 0)
+        o->state = REC_VOTE_OUT;
+}
+
+void rec_vote_take(rec_vote *v, struct rec_restrictor *r, const struct rec_vote_set *set,
+                   struct rec_verdict *out)
+{
+    *out = (struct rec_verdict){.state = REC_VOTE_FEW};
+    v->set = set;
+    int voters = count(believed(v, 0));
+    if (voters >= REC_VOTE_LEAST) {
+        v->dark_allowed = voters >= 6 ? 2 : 1;
+        rec_vote_pool(v);
+        out->state = measure(v) ? REC_VOTE_AGREE : REC_VOTE_DARK;
+    }
+    if (out->state == REC_VOTE_AGREE) {
+        find_dazzled(v, out);
+        if (rec_vote_restrict(v, r))
+            decide(v, out);
+        else
+            out->state = REC_VOTE_TORN;
+        if (out->state == REC_VOTE_AGREE && out->out != 0)
+            out->state = REC_VOTE_OUT;
+    }
+    if (v->hold > 0)
+        remember(v, out);
+}

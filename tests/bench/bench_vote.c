@@ -1,0 +1,358 @@
+/* bench_vote.c - which cameras are believed: false alarms, what a camera that lies costs, time.
+ *
+ * (a) SETS healthy frame sets (argument, default 1000) of every flame of flames.h, seen by 4 to 16 cameras
+ *     on random rigs, with noise of 0 to 10 % of the brightest pixel: nobody may be voted out.  `nearest`:
+ *     the greatest cost of a camera over what it may cost.
+ * (b) one camera spoilt: the error with the vote, and believing all, over that of leaving the camera out.
+ * (c) time of the vote and its share of a set's.
+ * Constants were chosen on the flames that are fitted and seen, and on other rigs. */
+#include "bench.h"
+
+static FILE *csv;
+
+/* ---- rigs --------------------------------------------------------------------------------------- */
+
+enum rig_kind { EVEN, ARC, DOME, MIXED, WILD, N_RIGS };
+static const char *const rig_names[N_RIGS] = {"ring", "arc", "dome", "mixed", "wild"};
+
+/* n cameras of w x 3/4 w pixels; MIXED and WILD differ in distance and focal length, so that some see a part
+ * of the volume only. */
+static void random_rig(struct rec_rig *rig, enum rig_kind kind, size_t n, int32_t w, int32_t voxels)
+{
+    CHECK(rec_rig_ring(n, 2.2, w, w * 3 / 4, voxels, rig));
+    double first = 6.283 * bench_even(), arc = kind == ARC ? 1.6 + 1.6 * bench_even() : 6.2832;
+    bool mixed = kind == MIXED || kind == WILD, high = kind == DOME || kind == WILD;
+    for (size_t i = 0; i < n; i++) {
+        struct rec_camera *c = &rig->cameras[i];
+        double far = mixed ? 1.7 + 1.8 * bench_even() : 2.2;
+        double zoom = far / 2.2 * (mixed ? 0.8 + 0.5 * bench_even() : 1);
+        double step = kind == EVEN ? 0.1 * (double)(i % 2) : 0.3 * (bench_even() - 0.5);
+        double at = first + arc * ((double)i + step) / (double)(kind == ARC ? n - 1 : n);
+        double up = high ? 1.2 * bench_even() : 0.1 + 0.1 * bench_even(), aim[3];
+        const double eye[3] = {far * cos(at) * cos(up), far * sin(at) * cos(up),
+                               0.5 + far * sin(up)};
+        for (int a = 0; a < 3; a++)
+            aim[a] = (a == 2 ? 0.5 : 0) + 0.06 * (bench_even() - 0.5);
+        rec_camera_look(eye, aim, c);
+        c->fx *= zoom;
+        c->fy *= zoom;
+    }
+}
+
+/* ---- what is wrong with a camera ---------------------------------------------------------------- */
+
+enum fault { HEALTHY, BLACK, SHIFTED, FLOODED, HALF, LATE, FROZEN, N_FAULTS };
+static const char *const fault_names[N_FAULTS] = {
+    "healthy", "black", "shifted a tenth", "flooded", "half gain", "3 frames late", "frozen"};
+
+struct take {
+    struct scene now, late, frozen;
+    bool moves; /* there are late and frozen */
+    rec_sysmat *S;
+    rec_frame *f, *trusting;
+};
+
+/* Pixel i of what the camera shows instead of s->image[c]. */
+static float spoilt(const struct take *t, enum fault fault, size_t c, size_t i)
+{
+    const struct scene *s = &t->now;
+    size_t nch = (size_t)s->nch, w = (size_t)s->rig.cameras[c].width, by = w / 10 * nch;
+    switch (fault) {
+    case BLACK: return 0;
+    case SHIFTED: return i % (w * nch) >= by ? s->image[c][i - by] : 0;
+    case FLOODED: return s->image[c][i] + 0.3F;
+    case HALF: return 0.5F * s->image[c][i];
+    case LATE: return t->late.image[c][i];
+    case FROZEN: return t->frozen.image[c][i];
+    default: return s->image[c][i];
+    }
+}
+
+static void spoil(const struct take *t, rec_frame *f, enum fault fault, size_t c, double noise)
+{
+    const struct scene *s = &t->now;
+    size_t nch = (size_t)s->nch, cs = nch == 3 ? 4 : 1;
+    size_t n = (size_t)s->rig.cameras[c].width * (size_t)s->rig.cameras[c].height;
+    float *in = rec_frame_input(f, c);
+    for (size_t i = 0; i < n * nch; i++)
+        in[i / nch * cs + i % nch] =
+            spoilt(t, fault, c, i) + (float)(noise > 0 ? noise * s->peak * bench_normal() : 0);
+}
+
+/* ---- takes -------------------------------------------------------------------------------------- */
+
+static bool scene_at(struct scene *s, const struct rec_rig *rig, enum flame_kind kind, double t,
+                     double scale, pvx_pool *pool)
+{
+    *s = (struct scene){.scale = 1, .unseen = rig->cameras[0]};
+    CHECK(rec_rig_copy(rig, &s->rig));
+    if (!scene_burn(s, kind, t, pool))
+        return false;
+    if (scale > 0)
+        scene_rescale(s, scale / s->scale);
+    return true;
+}
+
+static bool take_new(struct take *t, const struct rec_rig *rig, enum flame_kind kind,
+                     enum rec_basis basis, bool moving, pvx_pool *pool)
+{
+    static const double back[N_FLAMES][2] = {[FLAME_RING] = {0.1, 0.7},
+                                             [FLAME_CAMPFIRE] = {3, 6},
+                                             [FLAME_JET] = {3, 2},
+                                             [FLAME_HOLLOW] = {3, 2},
+                                             [FLAME_CANDLES] = {3, 2}};
+    double at = kind == FLAME_RING                                   ? 0.7 + 1.3 * bench_even()
+                : kind == FLAME_CAMPFIRE                             ? 6 + floor(6 * bench_even())
+                : flames[kind].folder != NULL && kind != FLAME_PLUME ? 3 + floor(3 * bench_even())
+                                                                     : flames[kind].t;
+    *t = (struct take){.moves = moving && back[kind][0] > 0};
+    if (!scene_at(&t->now, rig, kind, at, 0, pool))
+        return false;
+    if (t->moves && (!scene_at(&t->late, rig, kind, at - back[kind][0], t->now.scale, pool) ||
+                     !scene_at(&t->frozen, rig, kind, at - back[kind][1], t->now.scale, pool)))
+        return false;
+    struct rec_sysmat_params p = {.binning = 1, .rays_per_bin = 1};
+    struct rec_frame_params fp = rec_frame_defaults;
+    scene_truth(&t->now, basis, pool);
+    CHECK(rec_sysmat_build(&t->now.rig, &p, pool, NULL, NULL, &t->S, NULL));
+    fp.nch = t->now.nch;
+    CHECK(slot_new(t->S, &t->now.rig, &fp, pool, &t->f, NULL));
+    fp.trust_all = true;
+    CHECK(slot_new(t->S, &t->now.rig, &fp, pool, &t->trusting, NULL));
+    return true;
+}
+
+static void take_free(struct take *t)
+{
+    slot_free(&t->f);
+    slot_free(&t->trusting);
+    rec_sysmat_free(&t->S);
+    scene_fini(&t->now);
+    if (t->moves) {
+        scene_fini(&t->late);
+        scene_fini(&t->frozen);
+    }
+}
+
+/* Noise of every camera, and of every channel, from the same numbers whoever is asked. */
+static void shoot(const struct take *t, rec_frame *f, enum fault fault, size_t bad, double noise,
+                  uint64_t seed)
+{
+    bench_seed(seed);
+    scene_fill(&t->now, f, noise);
+    for (size_t c = 0; c < t->now.rig.n_cameras; c++)
+        rec_frame_floats(f, c, true);
+    if (fault != HEALTHY)
+        spoil(t, f, fault, bad, noise);
+}
+
+static double error_of(const struct take *t, rec_frame *f)
+{
+    struct rec_sparse v;
+    size_t n = rec_grid_count(&t->now.rig.grid) * (size_t)t->now.nch;
+    float *dense = must_floats(n);
+    rec_frame_carve(f);
+    CHECK(rec_frame_solve(f, 0, NULL));
+    rec_frame_volume(f, &v);
+    rec_sparse_to_dense(&v, dense);
+    double e = rec_rel_l2(dense, t->now.truth, n);
+    free(dense);
+    return e;
+}
+
+/* ---- (a) nobody is wrong ------------------------------------------------------------------------ */
+
+#define DRAWS 8 /* of noise, from one rig and flame */
+
+struct tally {
+    const char *name;
+    uint32_t sets, alarms, torn, asked;
+    double nearest;
+};
+static void tally_add(struct tally *t, const struct rec_verdict *v)
+{
+    t->sets++;
+    t->alarms += v->out != 0;
+    t->torn += v->state == REC_VOTE_TORN;
+    t->asked += v->doubt > 0;
+    t->nearest = fmax(t->nearest, v->doubt);
+}
+static void tally_print(const struct tally *t)
+{
+    if (t->sets > 0)
+        bench_row(csv, "healthy,%s,%u,%u,%u,%.2f,%.3f", t->name, t->sets, t->alarms, t->torn,
+                  (double)t->asked / t->sets, t->nearest);
+}
+
+static void false_alarms(uint32_t sets, uint64_t seed, pvx_pool *pool)
+{
+    struct tally all = {.name = "all"}, flame[N_FLAMES] = {0}, kind[N_RIGS] = {0}, views[4] = {0};
+    static const char *const view_names[] = {"4 cameras", "5 to 7", "8 to 11", "12 to 16"};
+    bench_row(csv, "part,of,sets,voted out,torn,asked,nearest");
+    for (uint32_t i = 0; all.sets < sets && i < 8 * sets + N_FLAMES; i++) {
+        struct rec_rig rig;
+        struct take t;
+        bench_seed(seed + i);
+        size_t n = 4 + (size_t)(13 * bench_even());
+        enum rig_kind k = (enum rig_kind)(N_RIGS * bench_even());
+        int32_t wide = 64 + 16 * (int32_t)(3 * bench_even());
+        random_rig(&rig, k, n, wide, 32);
+        enum flame_kind f = (enum flame_kind)(i % N_FLAMES);
+        if (take_new(&t, &rig, f, i % 2 ? REC_BOX : REC_TRILINEAR, false, pool)) {
+            for (uint32_t d = 0; d < DRAWS; d++) {
+                double noise = d == 0 ? 0 : 0.1 * (d + bench_even() - 1) / (DRAWS - 1);
+                shoot(&t, t.f, HEALTHY, 0, noise, (seed + i) * DRAWS + d);
+                rec_frame_carve(t.f);
+                const struct rec_verdict *v = &rec_frame_get_report(t.f)->vote;
+                struct tally *of[] = {&all, &flame[f], &kind[k],
+                                      &views[n == 4   ? 0
+                                             : n < 8  ? 1
+                                             : n < 12 ? 2
+                                                      : 3]};
+                for (size_t o = 0; o < sizeof of / sizeof *of; o++)
+                    tally_add(of[o], v);
+                if (v->doubt > 0.8)
+                    printf("    %.2f: %s, %zu cameras, %s, noise %.3f\n", v->doubt, flames[f].name,
+                           n, rig_names[k], noise);
+            }
+            take_free(&t);
+        }
+        rec_rig_fini(&rig);
+    }
+    for (int f = 0; f < N_FLAMES; f++) {
+        flame[f].name = flames[f].name;
+        tally_print(&flame[f]);
+    }
+    for (int k = 0; k < N_RIGS; k++) {
+        kind[k].name = rig_names[k];
+        tally_print(&kind[k]);
+    }
+    for (int v = 0; v < 4; v++) {
+        views[v].name = view_names[v];
+        tally_print(&views[v]);
+    }
+    tally_print(&all);
+}
+
+/* ---- (b) one is wrong --------------------------------------------------------------------------- */
+
+struct cost {
+    uint32_t n, named, innocent;
+    double vote, worst, trust, log_vote, log_trust;
+    uint32_t why[REC_N_WRONG];
+};
+
+static void try_fault(const struct take *t, enum fault fault, size_t bad, uint64_t seed,
+                      struct cost *o)
+{
+    double noise = seed % 2 ? 0.01 : 0.03;
+    shoot(t, t->trusting, fault, bad, noise, seed);
+    rec_frame_present(t->trusting, bad, false);
+    double without = error_of(t, t->trusting);
+    shoot(t, t->trusting, fault, bad, noise, seed);
+    double trust = error_of(t, t->trusting) / without;
+    shoot(t, t->f, fault, bad, noise, seed);
+    double vote = error_of(t, t->f) / without;
+    const struct rec_verdict *v = &rec_frame_get_report(t->f)->vote;
+    o->n++;
+    o->named += v->out >> bad & 1;
+    o->innocent += (v->out & ~((uint64_t)1 << bad)) != 0;
+    o->why[v->why[bad]] += v->out >> bad & 1;
+    o->log_vote += log(vote);
+    o->log_trust += log(trust);
+    o->worst = fmax(o->worst, vote);
+}
+
+static void faults(uint32_t rigs, uint64_t seed, pvx_pool *pool)
+{
+    static const size_t views[] = {4, 5, 6, 8, 12};
+    bench_row(csv, "fault,use,cameras,sets,named,innocent,vote,worst,trust all,said");
+    for (int held = 0; held < 2; held++)
+        for (size_t v = 0; v < sizeof views / sizeof *views; v++) {
+            struct cost cost[N_FAULTS] = {0};
+            for (uint32_t r = 0; r < rigs * N_FLAMES; r++) {
+                enum flame_kind f = (enum flame_kind)(r % N_FLAMES);
+                struct rec_rig rig;
+                struct take t;
+                if ((strcmp(flames[f].use, "held out") == 0) != held)
+                    continue;
+                bench_seed(seed + 1000 * v + r);
+                random_rig(&rig, (enum rig_kind)(r / N_FLAMES % N_RIGS), views[v], 80, 32);
+                if (take_new(&t, &rig, f, REC_TRILINEAR, true, pool)) {
+                    for (int k = BLACK; k < N_FAULTS; k++)
+                        if (t.moves || (k != LATE && k != FROZEN))
+                            try_fault(&t, (enum fault)k, r % views[v],
+                                      seed + r * N_FAULTS + (uint32_t)k, &cost[k]);
+                    take_free(&t);
+                }
+                rec_rig_fini(&rig);
+            }
+            for (int k = BLACK; k < N_FAULTS; k++) {
+                const struct cost *o = &cost[k];
+                size_t most = 1;
+                for (size_t w = 1; w < REC_N_WRONG; w++)
+                    most = o->why[w] > o->why[most] ? w : most;
+                if (o->n > 0)
+                    bench_row(csv, "%s,%s,%zu,%u,%u,%u,%.3f,%.3f,%.3f,%s %u", fault_names[k],
+                              held ? "held out" : "seen", views[v], o->n, o->named, o->innocent,
+                              exp(o->log_vote / o->n), o->worst, exp(o->log_trust / o->n),
+                              rec_wrong_name((enum rec_wrong)most), o->why[most]);
+            }
+        }
+}
+
+/* ---- (c) what it costs -------------------------------------------------------------------------- */
+
+static void times(int32_t voxels, int32_t w, enum flame_kind kind, pvx_pool *pool)
+{
+    struct scene s;
+    const int32_t size[3] = {w, w * 3 / 4, voxels};
+    if (!scene_new(&s, kind, &views_8, size, flames[kind].t, pool))
+        return;
+    struct take t = {.now = s};
+    struct rec_sysmat_params p = {.binning = 1};
+    struct rec_frame_params fp = rec_frame_defaults;
+    fp.nch = s.nch;
+    CHECK(rec_sysmat_build(&t.now.rig, &p, pool, NULL, NULL, &t.S, NULL));
+    CHECK(slot_new(t.S, &t.now.rig, &fp, pool, &t.f, NULL));
+    for (int fault = HEALTHY; fault <= HALF; fault++) {
+        double vote = INFINITY, set = INFINITY;
+        const struct rec_frame_report *r = rec_frame_get_report(t.f);
+        for (int rep = 0; rep < 60; rep++) {
+            shoot(&t, t.f, (enum fault)fault, 2, 0.01, 1);
+            rec_frame_carve(t.f);
+            CHECK(rec_frame_solve(t.f, 0, NULL));
+            double all = ms(r->photo_ns + r->hull_ns + r->restrict_ns + r->solve_ns);
+            vote = fmin(vote, ms(r->vote_ns));
+            set = fmin(set, all);
+        }
+        bench_row(csv, "%d,%s,%s,%s,%.3f,%.2f,%.1f", voxels, flames[kind].name, fault_names[fault],
+                  rec_vote_state_name(r->vote.state), vote, set, 100 * vote / set);
+    }
+    slot_free(&t.f);
+    rec_sysmat_free(&t.S);
+    scene_fini(&t.now);
+}
+
+int main(int argc, char **argv)
+{
+    pvx_pool *pool;
+    uint32_t sets = argc > 2 ? (uint32_t)atoi(argv[2]) : 1000,
+             rigs = argc > 3 ? (uint32_t)atoi(argv[3]) : 2;
+    uint64_t seed = argc > 4 ? (uint64_t)atoll(argv[4]) : 1;
+    CHECK(pvx_pool_new(2, "bench", &pool));
+    csv = bench_csv(argc, argv, "vote", "part,of");
+    printf("\nhealthy sets: nobody may be voted out\n");
+    false_alarms(sets, seed, pool);
+    printf("\none camera is wrong: error over that of leaving it out, geometric mean, worst, mean "
+           "of believing all\n");
+    faults(rigs, seed, pool);
+    printf("\ntime: vote, rest of the set, share\n");
+    bench_row(csv, "voxels,flame,fault,state,vote ms,set ms,percent");
+    times(64, 160, FLAME_RING, pool);
+    times(64, 160, FLAME_POOL, pool);
+    times(128, 320, FLAME_RING, pool);
+    fclose(csv);
+    pvx_pool_free(&pool);
+    return *bench_status();
+}
