@@ -4,6 +4,7 @@
 
 /* argv[0] = "pyrovox calibrate NAME"; exit code. */
 int calibrate_board(int argc, char **argv);
+int calibrate_check(int argc, char **argv);
 int calibrate_live(int argc, char **argv);
 int calibrate_solve(int argc, char **argv);
 #endif

@@ -12,6 +12,7 @@ static const struct {
     {"board", "a sheet to print: PDF or SVG in true size", calibrate_board},
     {"live", "from the rig's own cameras to rig.yaml, with a screen that guides", calibrate_live},
     {"solve", "from pictures of the board to rig.yaml", calibrate_solve},
+    {"check", "does a flame agree with the rig; which camera is wrong, and how", calibrate_check},
 };
 
 static void help(FILE *f)

@@ -167,7 +167,7 @@ static pvx_err gains(struct run *r, const struct rec_check_figures *f, double ga
                 gain[a] += rho[1] - f->camera[b].rho;
             }
     }
-    return PVX_OK;
+    return tick(r, 1);
 }
 
 static size_t wrong_ones(const struct run *r, const struct rec_check_figures *f, size_t *one)

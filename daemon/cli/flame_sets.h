@@ -1,0 +1,53 @@
+/* flame_sets.h - frame sets of a recording for the commands that hold a flame against its rig: their options and
+ * the binned grey pictures, in memory, as often as they are asked for.
+ *
+ *   --rig FILE --cameras A,B --frames DIR|TAKE.h5 --first N --last N --sets N --background DIR --binning N
+ *   --pixel-format NAME --transfer NAME --threads N --quiet
+ *
+ * A command lists flame_sets_argp among its children, hands over the struct in ARGP_KEY_INIT as with opt_rig.h, and
+ * then calls flame_sets_load.  Strings point into argv.
+ * Of more than --sets frame sets, runs of FLAME_SETS_RUN that follow each other are taken, evenly spread: what is
+ * one frame late shows against its neighbours alone. */
+#ifndef FLAME_SETS_H
+#define FLAME_SETS_H
+#include <argp.h>
+#include <stdbool.h>
+
+#include "daemon/cli/cli.h"
+#include "daemon/cli/frames_in.h"
+#include "recon/check/judge.h"
+
+#define FLAME_SETS_RUN 10
+
+struct flame_sets_args {
+    const char *rig, *cameras, *frames, *background;
+    int64_t first, last, sets, binning, threads;
+    struct frames_in_reading reading;
+    bool quiet;
+};
+#define FLAME_SETS_INIT                    \
+    {                                      \
+        .last = FRAMES_IN_LAST, .sets = 60 \
+    }
+extern const struct argp flame_sets_argp;
+
+struct flame_sets {
+    const struct flame_sets_args *a;
+    struct rec_rig rig;
+    pvx_pool *pool;
+    struct rec_unseen_params params;    /* binning is set */
+    size_t there, n;                    /* frame sets; taken */
+    uint64_t *number;                   /* [n] */
+    float *(*picture)[REC_MAX_CAMERAS]; /* [n] NULL = missing */
+    bool floats;
+    struct cli_progress bar;
+};
+
+/* Owner: caller, flame_sets_fini, after an error too. */
+PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
+                                       struct pvx_diag *d);
+void flame_sets_fini(struct flame_sets *s);
+/* All of them, with a progress under this name unless --quiet; borrowed by the source. */
+struct rec_check_source flame_sets_source(struct flame_sets *s, const char *label);
+
+#endif

@@ -1,0 +1,134 @@
+/* test_cli_check.c - `pyrovox calibrate check` as a user runs it: a bumped camera is named, with how
+ * far and which way; what tells nothing is refused in a sentence. */
+#include "../t.h"
+
+#include <cjson/cJSON.h>
+
+#include "capture/files/imgio.h"
+#include "tests/lib/cli.h"
+#include "tests/lib/flame_rig.h"
+
+enum { W = 128, SETS = 4, CAMERAS = 6 };
+
+static struct flame_rig f;
+
+/* DIR/NAME/camN/NNNNNN.npy; camera `c` spoilt. */
+static void record(const char *name, size_t spoilt, enum spoil what)
+{
+    float *out = must_floats((size_t)f.w * (size_t)f.h);
+    struct pvx_diag d = {""};
+    for (size_t c = 0; c < CAMERAS; c++) {
+        T_EQ_I(pvx_mkdirs(at("%s/%s", name, f.rig.cameras[c].name), &d), PVX_OK);
+        for (size_t i = 0; i < SETS; i++) {
+            spoil_picture(&f, c == spoilt ? what : SPOIL_NOTHING, i, c, t_normal, out);
+            T_EQ_I(cap_image_save(at("%s/%s/%06zu.npy", name, f.rig.cameras[c].name, i), out, f.w,
+                                  f.h, 1, 1, &d),
+                   PVX_OK);
+        }
+    }
+    free(out);
+}
+
+static void write_rig(const char *name, const struct rec_rig *r)
+{
+    char *yaml;
+    size_t len;
+    T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
+    T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
+    free(yaml);
+}
+
+static bool says(const char *file, const char *words)
+{
+    return strstr(slurp(file), words) != NULL;
+}
+
+T_CASE(a_right_rig)
+{
+    T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames good --quiet"), 0);
+    T_OK(says("out.txt", "the flame agrees with the rig in all 6 cameras"));
+    T_EQ_S(slurp("err"), "");
+}
+
+T_CASE(a_bumped_camera)
+{
+    T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames bumped --quiet --report c.html "
+                   "--report c.json"),
+           1);
+    T_OK(says("out.txt", "cam2 moved: its flame lies 3."));
+    T_OK(says("out.txt", "right, 2.0 up"));
+    T_OK(says("out.txt", "pyrovox calibrate"));
+    T_OK(says("out.txt", "1 of 6 cameras is wrong; the others agree"));
+    cJSON *o = cJSON_Parse(slurp("c.json")),
+          *cam = cJSON_GetArrayItem(cJSON_GetObjectItem(o, "cameras"), 2);
+    T_EQ_S(cJSON_GetStringValue(cJSON_GetObjectItem(o, "outcome")), "named");
+    T_EQ_S(cJSON_GetStringValue(cJSON_GetObjectItem(cam, "wrong")), "moved");
+    T_NEAR(cJSON_GetNumberValue(cJSON_GetObjectItem(cam, "right_px")), 3, 0.2);
+    T_NEAR(cJSON_GetNumberValue(cJSON_GetObjectItem(cam, "down_px")), -2, 0.2);
+    T_OK(cJSON_IsFalse(cJSON_GetObjectItem(cam, "believed")));
+    cJSON_Delete(o);
+    T_OK(says("c.html", "cam2 moved: "));
+    T_OK(says("c.html", "data:image/bmp;base64,Qk"));
+    T_OK(!says("c.html", "<script"));
+}
+
+T_CASE(a_cap_on_a_lens)
+{
+    T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames capped --quiet"), 1);
+    T_OK(says("out.txt", "cam4 dark: "));
+    T_OK(says("out.txt", "take the cap off"));
+}
+
+T_CASE(what_cannot_be_judged)
+{
+    static const struct {
+        const char *args, *says;
+        int code;
+    } bad[] = {
+        {"--rig rig.yaml", "which flame?", 2},
+        {"--frames good", "which rig?", 2},
+        {"--rig rig.yaml --frames good --cameras cam0,cam1,cam2", "fewer than 4", 1},
+        {"--rig rig.yaml --frames still", "never moves", 1},
+        {"--rig rig.yaml --frames good --last 1", "2 frame sets", 1},
+        {"--rig rig.yaml --frames nowhere", "nowhere: no frames", 1},
+        {"--rig rig.yaml --frames good --binning 7", "--binning 7 does not divide", 1},
+        {"--rig rig.yaml --frames good --report c.txt", "c.txt: a report is written as", 1},
+        {"--rig rig.yaml --frames good --transfer x", "--transfer x", 2},
+        {"--rig rig.yaml --frames good more", "takes options only", 2},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        char args[200];
+        snprintf(args, sizeof args, "calibrate check %s --quiet", bad[i].args);
+        T_EQ_I(pyrovox(args), bad[i].code);
+        if (!says("err", bad[i].says)) {
+            T_EQ_S(text, bad[i].says);
+        }
+    }
+}
+
+static void begin(void)
+{
+    char here[200], lib[256];
+    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
+        exit(1);
+    snprintf(exe, sizeof exe, "%s/../../bin", here);
+    snprintf(lib, sizeof lib, "%s/../../lib", here);
+    setenv("PYROVOX_LIBDIR", lib, 1);
+    scratch_new();
+    flame_rig_new(&f, CAMERAS, W, SETS, 31, t_normal);
+    write_rig("rig.yaml", &f.rig);
+    record("good", CAMERAS, SPOIL_NOTHING);
+    record("bumped", 2, SPOIL_SHIFT);
+    record("capped", 4, SPOIL_CAP);
+    for (size_t i = 1; i < SETS; i++) /* all the same picture */
+        for (size_t c = 0; c < CAMERAS; c++)
+            memcpy(f.picture[i][c], f.picture[0][c],
+                   (size_t)f.w * (size_t)f.h * sizeof *f.picture[0][c]);
+    record("still", CAMERAS, SPOIL_NOTHING);
+}
+static void end(void)
+{
+    flame_rig_free(&f);
+    scratch_remove();
+}
+T_MAIN(begin(), end())
