@@ -1,5 +1,6 @@
 #include "capture/pixel/pixfmt.h"
 
+#include "capture/pixel/maps.h"
 #include "capture/pixel/pixfmt_priv.h"
 
 static void yuv_coef(uint8_t yuv, struct cap_yuv_coef *out)
@@ -69,6 +70,11 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
         return PVX_EINVAL;
     if (curve != CAP_TRANSFER_LINEAR)
         j->table = cap_transfer_table(curve, bits);
+    if (p->maps != NULL && !cap_maps_fit(p->maps, img))
+        return PVX_EUNSUP;
+    j->maps = p->maps;
+    if (j->maps != NULL && j->maps->table[bits < 32 ? bits : 0] != NULL)
+        j->table = j->maps->table[bits];
     j->scale_full = (float)(j->table != NULL ? CAP_LIGHT_ONE : j->full);
     if (layout == CAP_LAYOUT_YUV)
         yuv_coef(img->yuv, &j->yuv);
@@ -86,20 +92,53 @@ void cap_pix_ways_init(struct cap_pix_ways *w, enum pvx_cpu most)
 #endif
 }
 
-void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
-                 float *out)
+/* Bins that a masked pixel would count in, once more: they are few. */
+static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
-    int b = j->binning, most = j->cell != NULL && j->table != NULL ? 16 : 32; /* sums fit 31 bits */
-    if (j->full == 0)
+    const struct cap_maps *m = j->maps;
+    const uint32_t bw = (uint32_t)(j->img.width / j->binning);
+    size_t lo = 0, hi = m->n_patches;
+    while (lo < hi) { /* the first from row y0 on */
+        size_t mid = (lo + hi) / 2;
+        if (m->patch[mid] < (uint32_t)y0 * bw)
+            lo = mid + 1;
+        else
+            hi = mid;
+    }
+    for (; lo < m->n_patches && m->patch[lo] < (uint32_t)y1 * bw; lo++)
+        cap_pix_ref_bin(j, (int32_t)(m->patch[lo] % bw), (int32_t)(m->patch[lo] / bw), out);
+}
+
+static void run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+                float *out)
+{
+    size_t row = (size_t)(j->img.width / j->binning) * (j->nch == 3 ? 4 : 1);
+    int b = j->binning;
+    if (j->full == 0) {
         cap_pix_floats(j, y0, y1, out);
-    else if (b > most)
-        cap_pix_ref(j, y0, y1, out);
-    else if (j->cell == NULL)
+        for (int32_t y = y0; j->maps != NULL && y < y1; y++)
+            w->mapped(j, (size_t)y * row, row, out + (size_t)y * row);
+    } else if (j->cell == NULL)
         w->sums(j, y0, y1, out);
     else if (b == 1)
         w->bayer(j, y0, y1, out);
     else
         w->mosaic(j, y0, y1, out);
+}
+
+void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
+                 float *out)
+{
+    int most = j->cell != NULL && j->table != NULL ? 16 : 32; /* sums fit 31 bits */
+    struct cap_pix k = *j;
+    k.base = out;
+    if (j->full > 0 && j->binning > most) {
+        cap_pix_ref(&k, y0, y1, out);
+        return;
+    }
+    run(w, &k, y0, y1, out);
+    if (k.maps != NULL)
+        patch(&k, y0, y1, out);
 }
 
 pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params *p, int32_t y0,

@@ -21,6 +21,7 @@
  * Kr = 0.299, Kb = 0.114 (BT.601) or 0.2126, 0.0722 (BT.709), Kg = 1-Kr-Kb; R'G'B' clipped to 0..1 in
  * steps of 1/4095, 1 = saturated.  Both pixels of a pair have its Cb and Cr.
  * JPEG: jpeg.h makes it an image of another format.
+ * With maps the camera's own response, dark, flat, gain and matrix are applied (maps.h).
  * Threads: pure; rows of bins [y0,y1) so that callers can split.  Bound: bytes read + written. */
 #ifndef CAP_PIXFMT_H
 #define CAP_PIXFMT_H
@@ -30,17 +31,20 @@
 
 #define CAP_BINNING_MAX 64
 
+struct cap_maps; /* maps.h */
+
 enum cap_mosaic { CAP_MOSAIC_DEMOSAIC, CAP_MOSAIC_RAYS };
 
 struct cap_convert_params {
     int binning, nch; /* 1..CAP_BINNING_MAX; 1 or 3 */
     enum cap_transfer transfer;
-    enum cap_mosaic mosaic; /* Bayer with binning 1 */
+    enum cap_mosaic mosaic;      /* Bayer with binning 1 */
+    const struct cap_maps *maps; /* made with the same params; or NULL */
 };
 
 /* img.width = bw*binning, img.height = bh*binning; out [bh][bw][cs], cs = 1 (nch 1) or 4 (nch 3,
  * 4th float 0).  Errors: PVX_EINVAL (sizes; a Bayer image less than 2 pixels wide or high),
- * PVX_EUNSUP (format; another transfer than linear for floats), PVX_EFORMAT (img.size too small:
+ * PVX_EUNSUP (format, or maps for another one; another transfer than linear for floats), PVX_EFORMAT (img.size too small:
  * stride*(height-1) + one row of pixels). */
 PVX_MUST_CHECK pvx_err cap_convert(const struct cap_image *img, const struct cap_convert_params *p,
                                    int32_t y0, int32_t y1, float *out);

@@ -120,6 +120,8 @@ static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float
     cap_pix_light(s, j->table, n, v);
     for (int32_t k = 0; k < n; k++)
         light[k] = cap_pix_value((float)(int32_t)v[k] * scale, s[k] >= full);
+    if (j->maps != NULL)
+        CAP_PIX(mapped)(j, (size_t)y * (size_t)j->img.width + (size_t)x, (size_t)n, light);
 #if defined(CAP_PIX_AVX2)
     i = rays_by_eight(light, n, first, second, out);
 #endif

@@ -91,6 +91,7 @@ struct cap_pix_bins {
 /* n of them to floats as cap_convert gives them. */
 void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out);
 
+void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *v);
 void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 void CAP_PIX(bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);

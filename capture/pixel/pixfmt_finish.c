@@ -105,7 +105,33 @@ static void lanes(const struct cap_pix_bins *v, unsigned full, int32_t n, float 
     }
 }
 
-void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
+static void colours(const struct cap_maps *m, size_t n, float *v)
+{
+    const float *a = m->matrix, top = m->saturated;
+    for (size_t i = 0; i < n; i += 4) {
+        const float r = v[i], g = v[i + 1], b = v[i + 2];
+        const bool full = r == top || g == top || b == top;
+        v[i] = cap_pix_map_full(a[0] * r + a[1] * g + a[2] * b, full, top);
+        v[i + 1] = cap_pix_map_full(a[3] * r + a[4] * g + a[5] * b, full, top);
+        v[i + 2] = cap_pix_map_full(a[6] * r + a[7] * g + a[8] * b, full, top);
+    }
+}
+
+void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *restrict v)
+{
+    const struct cap_maps *m = j->maps;
+    const int16_t *restrict dark = m->dark + at;
+    const uint16_t *restrict factor = m->factor + at;
+    const float dark_step = m->dark_step, step = m->factor_step, top = m->saturated;
+    const float full = j->full > 0 ? 1 : INFINITY; /* floats do not saturate */
+    for (size_t i = 0; i < n; i++)
+        v[i] = cap_pix_map_full((v[i] - (float)dark[i] * dark_step) * ((float)factor[i] * step),
+                                v[i] == full, top);
+    if (m->has_matrix)
+        colours(m, n, v);
+}
+
+static void converted(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
 {
     bool two = false;
     if (j->grey && j->nch == 1) {
@@ -133,9 +159,17 @@ void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int3
         mean(v, (int32_t)j->full, false, n, out);
 }
 
+void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out)
+{
+    converted(j, v, n, out);
+    if (j->maps != NULL)
+        CAP_PIX(mapped)(j, (size_t)(out - j->base), (size_t)n * (j->nch == 3 ? 4 : 1), out);
+}
+
 void CAP_PIX(ways)(struct cap_pix_ways *w)
 {
     w->sums = CAP_PIX(sums);
     w->bayer = CAP_PIX(bayer);
     w->mosaic = CAP_PIX(mosaic);
+    w->mapped = CAP_PIX(mapped);
 }

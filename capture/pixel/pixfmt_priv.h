@@ -6,6 +6,7 @@
 #define CAP_PIXFMT_PRIV_H
 #include <math.h>
 #include <stdbool.h>
+#include <string.h>
 #include "base/cpu.h"
 #include "capture/pixel/pixfmt.h"
 
@@ -31,7 +32,33 @@ struct cap_pix {
     const uint32_t *table; /* light of a raw sample; NULL = linear */
     float scale_full;      /* what a saturated sample would add: full or CAP_LIGHT_ONE */
     struct cap_yuv_coef yuv;
+    const struct cap_maps *maps; /* or NULL */
+    const float *base;           /* out, whose places are the maps' */
+    const float *plane; /* instead of samples: [height][width][samples], NaN left out (maps.c) */
 };
+
+/* Maps of bins as (1) of maps.h needs them. */
+struct cap_maps {
+    int32_t width, height;
+    struct cap_convert_params p;
+    const uint8_t *cell;
+    int samples;
+    float dark_step, factor_step;
+    int16_t *dark;    /* [bins][lanes], lanes as out's, but 1 of rays */
+    uint16_t *factor; /* likewise: g / flat */
+    float matrix[9];
+    bool has_matrix;
+    float saturated;
+    uint32_t *table[17]; /* by bits; NULL = no response */
+    uint8_t *mask;       /* a bit for each raw pixel; NULL = all are good */
+    size_t n_masked, n_patches;
+    uint32_t *patch; /* [n_patches] ascending: bins that a masked pixel would count in */
+};
+CAP_PIX_INLINE bool cap_pix_masked(const struct cap_maps *m, int32_t x, int32_t y)
+{
+    size_t i = (size_t)y * (size_t)m->width + (size_t)x;
+    return m->mask[i / 8] >> i % 8 & 1;
+}
 
 /* ---- shared arithmetic ---- */
 
@@ -54,6 +81,18 @@ CAP_PIX_INLINE cap_i4 cap_pix_yuv(const struct cap_yuv_coef *k, int luma, cap_f4
 CAP_PIX_INLINE float cap_pix_scale(const struct cap_pix *j, int count)
 {
     return 1.0f / ((float)count * j->scale_full);
+}
+
+/* v, or `top` if it is full; without a branch, as cap_pix_value. */
+CAP_PIX_INLINE float cap_pix_map_full(float v, bool full, float top)
+{
+    const int32_t mask = -(int32_t)full;
+    int32_t a, b;
+    memcpy(&a, &v, sizeof a);
+    memcpy(&b, &top, sizeof b);
+    a = (a & ~mask) | (b & mask);
+    memcpy(&v, &a, sizeof v);
+    return v;
 }
 
 /* Write one bin from its channel means; grey = the image has one channel. */
@@ -87,6 +126,8 @@ PVX_MUST_CHECK pvx_err cap_pix_check(const struct cap_image *img,
                                      const struct cap_convert_params *p, int32_t y0, int32_t y1,
                                      struct cap_pix *j);
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+/* One bin of it, to its place in out. */
+void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out);
 /* Floats. */
 void cap_pix_floats(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 /* One raw sample of an integer format, bit by bit from the format's definition. */
@@ -100,6 +141,8 @@ struct cap_pix_ways {
     void (*bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
     /* Integer Bayer, binning 2 to 32, with a table to 16. */
     void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
+    /* The maps from place `at` on, n values that are converted but for them. */
+    void (*mapped)(const struct cap_pix *j, size_t at, size_t n, float *v);
 };
 /* Overwrite what they have: everything. */
 void cap_pix_ways_plain(struct cap_pix_ways *w);

@@ -63,6 +63,17 @@ struct gather {
 static void add_weighted(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y, int s,
                          int weight)
 {
+    if (j->maps != NULL && j->maps->mask != NULL && cap_pix_masked(j->maps, x, y))
+        return;
+    if (j->plane != NULL) {
+        float p = j->plane[((size_t)y * (size_t)j->img.width + (size_t)x) * (size_t)j->samples +
+                           (size_t)s];
+        if (isfinite(p)) {
+            g->sum += weight * (double)p;
+            g->count += weight;
+        }
+        return;
+    }
     unsigned v = cap_pix_sample(j, x, y, s);
     g->saturated |= v >= j->full;
     g->sum += v >= j->full ? 0 : weight * (double)(j->table != NULL ? j->table[v] : v);
@@ -71,10 +82,12 @@ static void add_weighted(struct gather *g, const struct cap_pix *j, int32_t x, i
 
 static void add(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y, int s)
 {
-    if (j->full > 0) {
+    if (j->full > 0 || j->plane != NULL) {
         add_weighted(g, j, x, y, s, 1);
         return;
     }
+    if (j->maps != NULL && j->maps->mask != NULL && cap_pix_masked(j->maps, x, y))
+        return;
     float v;
     const char *row = (const char *)j->img.data + y * j->img.stride;
     memcpy(&v, row + ((size_t)x * (size_t)j->samples + (size_t)s) * sizeof v, sizeof v);
@@ -90,7 +103,7 @@ static float mean_of(const struct gather *g, const struct cap_pix *j)
         return 1;
     if (g->count == 0)
         return NAN;
-    if (j->full > 0)
+    if (j->full > 0 && j->plane == NULL)
         return (float)g->sum * cap_pix_scale(j, g->count);
     return (float)(g->sum / g->count);
 }
@@ -139,29 +152,58 @@ static void mosaic_bin(const struct cap_pix *j, int32_t X, int32_t Y, struct gat
         }
 }
 
-void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+/* (1) of maps.h for the bin at out, lanes one after the other. */
+static void map_bin(const struct cap_pix *j, size_t bin, float *out)
+{
+    const struct cap_maps *m = j->maps;
+    const int lanes = j->nch == 3 ? 4 : 1;
+    bool full = false;
+    for (int l = 0; l < j->nch; l++) {
+        size_t at =
+            j->cell != NULL && j->rays && j->binning == 1 ? bin : bin * (size_t)lanes + (size_t)l;
+        bool top = j->full > 0 && out[l] == 1;
+        float v = out[l] - (float)m->dark[at] * m->dark_step;
+        out[l] = top ? m->saturated : v * ((float)m->factor[at] * m->factor_step);
+        full |= top;
+    }
+    if (!m->has_matrix)
+        return;
+    const float *a = m->matrix, r = out[0], g = out[1], b = out[2];
+    for (int c = 0; c < 3; c++)
+        out[c] = full ? m->saturated : a[3 * c] * r + a[3 * c + 1] * g + a[3 * c + 2] * b;
+}
+
+void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out)
 {
     int b = j->binning;
-    int32_t bw = j->img.width / b;
+    size_t bin = (size_t)Y * (size_t)(j->img.width / b) + (size_t)X;
+    struct gather g[3] = {{0}};
+    if (j->cell != NULL && b == 1)
+        around(j, X, Y, g);
+    else if (j->cell != NULL)
+        mosaic_bin(j, X, Y, g);
+    else
+        for (int32_t y = Y * b; y < (Y + 1) * b; y++)
+            for (int32_t x = X * b; x < (X + 1) * b; x++)
+                for (int s = 0; s < j->samples; s++)
+                    add(&g[s], j, x, y, s);
+    float rgb[3], *o = out + bin * (j->nch == 3 ? 4 : 1);
+    bool saturated[3], lacking = false;
+    for (int c = 0; c < 3; c++) {
+        rgb[c] = mean_of(&g[c], j);
+        saturated[c] = g[c].saturated;
+        lacking |= g[c].count == 0 && !(j->grey && c > 0);
+    }
+    cap_pix_put(o, rgb, saturated, j->grey, j->nch);
+    if (lacking && j->full > 0 && j->nch == 1 && j->maps != NULL && j->maps->mask != NULL)
+        o[0] = NAN; /* the mean of the other channels would be another thing */
+    if (j->maps != NULL && j->plane == NULL)
+        map_bin(j, bin, o);
+}
+
+void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
+{
     for (int32_t Y = y0; Y < y1; Y++)
-        for (int32_t X = 0; X < bw; X++) {
-            struct gather g[3] = {{0}};
-            if (j->cell != NULL && b == 1)
-                around(j, X, Y, g);
-            else if (j->cell != NULL)
-                mosaic_bin(j, X, Y, g);
-            else
-                for (int32_t y = Y * b; y < (Y + 1) * b; y++)
-                    for (int32_t x = X * b; x < (X + 1) * b; x++)
-                        for (int s = 0; s < j->samples; s++)
-                            add(&g[s], j, x, y, s);
-            float rgb[3];
-            bool saturated[3];
-            for (int c = 0; c < 3; c++) {
-                rgb[c] = mean_of(&g[c], j);
-                saturated[c] = g[c].saturated;
-            }
-            cap_pix_put(out + ((size_t)Y * (size_t)bw + (size_t)X) * (j->nch == 3 ? 4 : 1), rgb,
-                        saturated, j->grey, j->nch);
-        }
+        for (int32_t X = 0; X < j->img.width / j->binning; X++)
+            cap_pix_ref_bin(j, X, Y, out);
 }

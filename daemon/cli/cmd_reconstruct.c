@@ -19,6 +19,7 @@ struct job {
     struct rec_rig rig;
     struct rec_grid whole; /* the rig's own, before it was fitted */
     rec_sysmat *S;
+    dmn_photometry *light; /* NULL = none */
     struct frames_in in;
     struct rec_frame_params params;
     pvx_pool *pool;
@@ -218,8 +219,11 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
             j->params.hull.min_views, j->rig.n_cameras);
     j->whole = j->rig.grid;
     PVX_TRY(pvx_pool_new(o->rig.threads, "solve", &j->pool));
-    j->in = (struct frames_in){.rig = &j->rig, .pool = j->pool, .how = o->reading};
+    PVX_TRY(dmn_photometry_load(o->rig.path, DMN_LIGHT_ALL, &j->rig, &j->light, d));
+    j->in =
+        (struct frames_in){.rig = &j->rig, .pool = j->pool, .how = o->reading, .light = j->light};
     PVX_TRY(frames_in_open(&j->in, o->frames, o->first, o->last, o->grey, d));
+    PVX_TRY(frames_in_check_light(&j->in, d));
     j->params.nch = j->in.nch;
     return o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK;
 }
@@ -277,6 +281,7 @@ static void finish(struct job *j)
     free(j->dense);
     hull_picture_free(&j->picture);
     frames_in_close(&j->in);
+    dmn_photometry_free(&j->light);
     rec_sysmat_free(&j->S);
     pvx_pool_free(&j->pool);
     rec_rig_fini(&j->rig);

@@ -328,6 +328,23 @@ pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uin
     return e == PVX_OK ? look_at_first(f, grey, d) : e;
 }
 
+pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
+{
+    for (size_t c = 0; f->take != NULL && c < f->rig->n_cameras; c++)
+        for (size_t i = 0; i < f->n; i++) {
+            if (!there(f, i, c))
+                continue;
+            uint32_t camera = (uint32_t)f->take_camera[c];
+            const struct cap_take_row *row =
+                cap_take_row(f->take, camera, (uint64_t)f->row[i * f->rig->n_cameras + c]);
+            const struct dmn_photometry_taken as = {
+                row->exposure_us * 1e-6, row->gain,
+                cap_take_info(f->take)->head.camera[camera].uri};
+            PVX_TRY(dmn_photometry_check(&f->rig->cameras[c], &as, f->dir, d));
+        }
+    return PVX_OK;
+}
+
 void frames_in_close(struct frames_in *f)
 {
     for (size_t i = 0; f->path != NULL && i < f->n * f->rig->n_cameras; i++)
@@ -347,7 +364,8 @@ pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mo
                                         /* files come decoded */
                                         .fmt = f->take != NULL ? CAP_FMT_NONE : CAP_GREY8,
                                         .transfer = f->how.transfer,
-                                        .mosaic = mosaic};
+                                        .mosaic = mosaic,
+                                        .light = f->light};
     dmn_images_free(&f->images);
     f->binning = binning;
     return dmn_images_new(&p, f->rig, f->pool, &f->images, d);

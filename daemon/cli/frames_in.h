@@ -27,11 +27,12 @@ struct frames_in {
     pvx_pool *pool;
     const char *dir;
     struct frames_in_reading how;
-    size_t n;         /* frame sets wanted */
-    uint32_t *number; /* [n] ascending */
-    char **path;      /* [n][cameras] NULL = that camera has no such frame */
-    cap_take *take;   /* instead of paths: */
-    int64_t *row;     /* [n][cameras] place among the take's frames, -1 = none */
+    const dmn_photometry *light; /* the rig's, borrowed; NULL = pictures as they are */
+    size_t n;                    /* frame sets wanted */
+    uint32_t *number;            /* [n] ascending */
+    char **path;                 /* [n][cameras] NULL = that camera has no such frame */
+    cap_take *take;              /* instead of paths: */
+    int64_t *row;                /* [n][cameras] place among the take's frames, -1 = none */
     int take_camera[REC_MAX_CAMERAS];
     int nch; /* 1 or 3 */
     atomic_bool stop;
@@ -49,6 +50,9 @@ struct frames_in {
  * Errors: PVX_ENOENT (says what was looked for), the first image's. */
 PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first,
                                       uint32_t last, bool grey, struct pvx_diag *d);
+/* A take's pictures are of the cameras, exposures and gains that the rig's photometry was measured with.
+ * PVX_EINVAL: they are not.  Of folders nothing is known. */
+PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);
 void frames_in_close(struct frames_in *f);
 
 /* Raw pixels per bin side, before loading; may be called again.  Bayer images at binning 1 as `mosaic`. */

@@ -62,8 +62,9 @@ static void look(struct fit *f, pvx_pool *pool)
         struct eye *e = &f->eye[c];
         bool bayer = dmn_images_bayer(f->in->images, c) != NULL;
         e->params = f->p->photo;
-        if (dmn_images_floats(f->in->images, c) && e->params.saturation < 0)
-            e->params.saturation = REC_PHOTO_UNSATURATED;
+        e->params.saturation =
+            rec_photo_saturation(&f->p->photo, dmn_images_floats(f->in->images, c),
+                                 dmn_images_saturated(f->in->images, c));
         f->image[c] = (struct rec_photo_image){.absent = !(f->mask >> c & 1),
                                                .img = f->img[c],
                                                .bw = e->bw,

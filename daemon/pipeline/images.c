@@ -14,6 +14,9 @@ struct dmn_images {
     const struct rec_rig *rig;
     pvx_pool *pool;
     cap_jpeg *decoder[REC_MAX_CAMERAS]; /* NULL: no JPEG will come */
+    struct cap_maps *maps[REC_MAX_CAMERAS];
+    enum cap_pixfmt maps_for[REC_MAX_CAMERAS]; /* NONE: not made, nor tried */
+    struct pvx_diag maps_why[REC_MAX_CAMERAS];
     /* one set: */
     struct cap_image image[REC_MAX_CAMERAS]; /* data NULL = missing or bad */
     struct pvx_diag why[REC_MAX_CAMERAS];
@@ -52,8 +55,10 @@ void dmn_images_free(dmn_images **ip)
 {
     if (*ip == NULL)
         return;
-    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++) {
         cap_jpeg_free(&(*ip)->decoder[c]);
+        cap_maps_free(&(*ip)->maps[c]);
+    }
     PVX_FREE(*ip);
 }
 
@@ -81,6 +86,37 @@ static void decode_piece(void *ctx, size_t c)
     }
 }
 
+static struct cap_convert_params how(const dmn_images *i)
+{
+    return (struct cap_convert_params){
+        .binning = i->p.binning, .nch = i->p.nch, .transfer = i->p.transfer, .mosaic = i->p.mosaic};
+}
+
+/* The maps for camera c's picture; made when the first of its format comes. */
+static void find_maps(dmn_images *i, size_t c)
+{
+    const struct cap_photometry *light = dmn_photometry_of(i->p.light, c);
+    struct cap_image *img = &i->image[c];
+    if (img->data == NULL || light == NULL)
+        return;
+    if (i->maps_for[c] != img->fmt) {
+        struct cap_convert_params p = how(i);
+        cap_maps_free(&i->maps[c]);
+        i->maps_for[c] = img->fmt;
+        i->maps_why[c].text[0] = '\0';
+        pvx_err e = cap_maps_new(light, img, &p, &i->maps[c], &i->maps_why[c]);
+        if (e == PVX_ENOMEM)
+            pvx_fail(&i->maps_why[c], e, "no memory for its maps");
+    }
+    if (i->maps[c] == NULL) {
+        i->fault[c] = DMN_IMAGE_FORMAT;
+        snprintf(i->why[c].text, sizeof i->why[c].text,
+                 "camera %s: %.300s: measure it anew (pyrovox calibrate)", i->rig->cameras[c].name,
+                 i->maps_why[c].text);
+        img->data = NULL;
+    }
+}
+
 static void bin_piece(void *ctx, size_t task)
 {
     dmn_images *i = ctx;
@@ -88,8 +124,8 @@ static void bin_piece(void *ctx, size_t task)
     const struct cap_image *img = &i->image[c];
     if (img->data == NULL)
         return;
-    const struct cap_convert_params p = {
-        .binning = i->p.binning, .nch = i->p.nch, .transfer = i->p.transfer, .mosaic = i->p.mosaic};
+    struct cap_convert_params p = how(i);
+    p.maps = i->maps[c];
     int64_t rows = i->rig->cameras[c].height / i->p.binning;
     int32_t y0 = (int32_t)(rows * (int64_t)band / BANDS);
     int32_t y1 = (int32_t)(rows * (int64_t)(band + 1) / BANDS);
@@ -141,6 +177,8 @@ uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, flo
     i->out = out;
     if (jpeg)
         pvx_pool_run(i->pool, n, decode_piece, i);
+    for (size_t c = 0; c < n && i->p.light != NULL; c++)
+        find_maps(i, c);
     pvx_pool_run(i->pool, n * BANDS, bin_piece, i);
     *mask = 0;
     for (size_t c = 0; c < n; c++) {
@@ -163,6 +201,7 @@ uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *imag
         bool good = *mask >> c & 1;
         rec_frame_present(f, c, good);
         rec_frame_floats(f, c, good && dmn_images_floats(i, c));
+        rec_frame_saturated(f, c, good ? dmn_images_saturated(i, c) : 0);
         rec_frame_bayer(f, c, good ? dmn_images_bayer(i, c) : NULL,
                         i->p.mosaic == CAP_MOSAIC_RAYS && i->p.binning == 1);
     }
@@ -177,6 +216,11 @@ const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c)
 bool dmn_images_floats(const dmn_images *i, size_t c)
 {
     return cap_pixfmt_layout(i->image[c].fmt) == CAP_LAYOUT_F32;
+}
+
+float dmn_images_saturated(const dmn_images *i, size_t c)
+{
+    return i->maps[c] != NULL ? cap_maps_saturated(i->maps[c]) : 0;
 }
 
 const char *dmn_images_why(const dmn_images *i, size_t c)

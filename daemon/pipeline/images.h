@@ -3,11 +3,13 @@
  * JPEG images are decoded first, one task per camera, then every image is converted in bands.  One that
  * cannot be used is counted by cause; its camera is missing from this set.
  * Owner: caller; rig and pool are borrowed.  Threads: one set at a time; counts from any thread.
- * After new nothing is allocated here; libjpeg-turbo takes work memory for each picture (jpeg.h). */
+ * The first picture of a camera that has photometry makes its maps ready for pictures of that format; after
+ * that, and new, nothing is allocated here; libjpeg-turbo takes work memory for each picture (jpeg.h). */
 #ifndef DMN_IMAGES_H
 #define DMN_IMAGES_H
 #include "capture/pixel/pixfmt.h"
 #include "daemon/control/state.h"
+#include "daemon/pipeline/photometry.h"
 #include "recon/frame/frame.h"
 
 typedef struct dmn_images dmn_images;
@@ -16,7 +18,8 @@ struct dmn_images_params {
     int nch, binning;    /* raw pixels per bin side */
     enum cap_pixfmt fmt; /* what the cameras are asked for; NONE = any, JPEG too */
     enum cap_transfer transfer;
-    enum cap_mosaic mosaic; /* of Bayer images at binning 1 */
+    enum cap_mosaic mosaic;      /* of Bayer images at binning 1 */
+    const dmn_photometry *light; /* borrowed; NULL = none: pictures as they are */
 };
 
 /* Errors: PVX_ENOMEM, PVX_EINVAL (camera too large for a JPEG). */
@@ -35,6 +38,8 @@ uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *imag
 const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c);
 /* Whether they are floating-point numbers. */
 bool dmn_images_floats(const dmn_images *i, size_t c);
+/* What its saturated bins have; 0 = 1, as those of cameras without photometry. */
+float dmn_images_saturated(const dmn_images *i, size_t c);
 /* Why camera c's image of that set could not be used. */
 const char *dmn_images_why(const dmn_images *i, size_t c);
 void dmn_images_counts(dmn_images *i, uint64_t out[][DMN_N_IMAGE]); /* [cameras] */

@@ -1,6 +1,7 @@
 #include "daemon/pipeline/live.h"
 
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,6 +26,7 @@ struct dmn_live {
     struct dmn_sources sources;
     cap_capture *capture;
     dmn_recording *recording; /* NULL = cannot */
+    dmn_photometry *light;    /* NULL = none */
     dmn_images *images;
     struct dmn_cameras_in in;
     struct dmn_publish out;
@@ -38,6 +40,21 @@ static void snapshot(void *ctx, struct dmn_state *out)
     dmn_live_snapshot(ctx, out);
 }
 
+/* The rig's photometry, if it is that of the cameras that are configured. */
+static pvx_err find_light(dmn_live *l, struct pvx_diag *d)
+{
+    const struct dmn_config *c = &l->cfg;
+    char path[PATH_MAX];
+    dmn_config_path(c, c->rig, path, sizeof path);
+    for (size_t i = 0; i < l->rig.n_cameras; i++) {
+        const struct cap_source_config *s = &l->sources.source[i];
+        const struct dmn_photometry_taken as = {s->exposure_us >= 0 ? s->exposure_us * 1e-6 : NAN,
+                                                s->gain >= 0 ? s->gain : NAN, s->uri};
+        PVX_TRY(dmn_photometry_check(&l->rig.cameras[i], &as, c->name, d));
+    }
+    return dmn_photometry_load(path, DMN_LIGHT_ALL, &l->rig, &l->light, d);
+}
+
 /* All that can be wrong in configuration and rig, before anything that takes long. */
 static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
 {
@@ -49,6 +66,7 @@ static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
     if (dmn_config_simulated(c))
         PVX_TRY(dmn_scene_new(&l->rig, (uint32_t)c->sim_seed, c->sim_period_s, &l->scene));
     PVX_TRY(dmn_sources_init(&l->sources, c, &l->rig, dmn_scene_cap(l->scene), d));
+    PVX_TRY(find_light(l, d));
     uint64_t *session = &l->out.start.session;
     if (getrandom(session, sizeof *session, 0) != (ssize_t)sizeof *session)
         *session = (uint64_t)pvx_now_real();
@@ -82,7 +100,8 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
     struct dmn_images_params ip = {.nch = dmn_config_channels(c),
                                    .binning = l->S->binning,
                                    .fmt = dmn_config_pixfmt(c),
-                                   .transfer = (enum cap_transfer)c->transfer};
+                                   .transfer = (enum cap_transfer)c->transfer,
+                                   .light = l->light};
     PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
     int64_t limit = dmn_config_deadline(c), period = l->sources.capture.sets.period_ns;
@@ -186,6 +205,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
     dmn_images_free(&l->images);
+    dmn_photometry_free(&l->light);
     rec_sysmat_free(&l->S);
     dmn_scene_free(&l->scene);
     pvx_pool_free(&l->pool);

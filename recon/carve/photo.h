@@ -54,6 +54,15 @@ struct rec_photo_params {
     }
 extern const struct rec_photo_params rec_photo_defaults;
 
+/* `saturation` for a picture of floating-point numbers (which have no full scale), or one whose saturated
+ * pixels have `value`, above all others (0: 1, full scale). */
+static inline float rec_photo_saturation(const struct rec_photo_params *p, bool floats, float value)
+{
+    if (floats && p->saturation < 0)
+        return REC_PHOTO_UNSATURATED;
+    return value > 0 && p->saturation < REC_PHOTO_UNSATURATED ? 0.999f * value : p->saturation;
+}
+
 struct rec_photo_stats {
     uint32_t lit, saturated, not_finite;
     float sigma[3];  /* noise of b per channel, full-scale units */

@@ -99,8 +99,8 @@ static void photo(rec_frame *f)
         size_t row0 = f->S->row0[c];
         struct rec_photo_image *im = &k->photo[c];
         k->photo_params[c] = k->p.photo;
-        if (f->floats[c] && k->p.photo.saturation < 0)
-            k->photo_params[c].saturation = REC_PHOTO_UNSATURATED;
+        k->photo_params[c].saturation =
+            rec_photo_saturation(&k->p.photo, f->floats[c], f->saturated[c]);
         im->absent = !f->present[c];
         im->img = rec_frame_input(f, c);
         im->cell = f->mosaic[c] ? f->cell[c] : NULL;

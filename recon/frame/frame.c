@@ -71,6 +71,7 @@ void rec_frame_reset(rec_frame *f)
     memset(f->bayer, 0, sizeof f->bayer);
     memset(f->mosaic, 0, sizeof f->mosaic);
     memset(f->floats, 0, sizeof f->floats);
+    memset(f->saturated, 0, sizeof f->saturated);
     f->per_channel = false;
     f->sub->n = f->sub->rows = 0;
     f->sub->nnz = 0;
@@ -86,6 +87,11 @@ float *rec_frame_input(rec_frame *f, size_t camera)
 void rec_frame_present(rec_frame *f, size_t camera, bool present)
 {
     f->present[camera] = present;
+}
+
+void rec_frame_saturated(rec_frame *f, size_t camera, float value)
+{
+    f->saturated[camera] = value;
 }
 
 void rec_frame_floats(rec_frame *f, size_t camera, bool floats)

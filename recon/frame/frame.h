@@ -89,6 +89,10 @@ void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_t
  * automatic saturation does not count.  Forgotten by rec_frame_reset. */
 void rec_frame_floats(rec_frame *f, size_t camera, bool floats);
 
+/* Saturated pixels of the camera have this value in this set, above all others; 0 = 1, full scale.  Instead of
+ * params.photo.saturation, unless that is off.  Forgotten by rec_frame_reset. */
+void rec_frame_saturated(rec_frame *f, size_t camera, float value);
+
 void rec_frame_carve(rec_frame *f);
 /* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or
  * NULL.  With coarse_start the solver starts from the coarser grids' solution or from `previous`,

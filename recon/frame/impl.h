@@ -38,6 +38,7 @@ struct rec_frame {
     uint8_t cell[REC_MAX_CAMERAS][4];
     bool bayer[REC_MAX_CAMERAS], mosaic[REC_MAX_CAMERAS]; /* with a filter; pixels as they are */
     bool floats[REC_MAX_CAMERAS];                         /* without a full scale */
+    float saturated[REC_MAX_CAMERAS];                     /* value of such pixels; 0 = 1 */
     float *b;       /* [rows][cs] pixels in, right-hand side after carve */
     float *weight;  /* [rows] */
     float *weight4; /* [rows][4] of each channel, where cameras have mosaics */

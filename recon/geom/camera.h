@@ -10,6 +10,7 @@
 #define REC_CAMERA_H
 #include <stdbool.h>
 #include <stdint.h>
+#include "recon/geom/photometry.h"
 
 #define REC_NAME_MAX 64
 
@@ -28,6 +29,7 @@ struct rec_camera {
     double t[3];           /* m */
     float gain[3];         /* photometric scale per channel; 1 by default */
     struct rec_uncertainty uncertainty;
+    struct rec_photometry photometry;
 };
 
 /* World point [m] -> pixel by (1)-(4); false when it is not in front of the camera (Z <= 0) or so

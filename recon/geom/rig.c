@@ -243,7 +243,8 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     int node;
     int32_t size[2];
     snprintf(path, sizeof path, "cameras[%zu]", index);
-    PVX_TRY(pvx_yaml_known(r->y, m, path, "name size K distortion R t gain uncertainty", r->d));
+    PVX_TRY(pvx_yaml_known(r->y, m, path, "name size K distortion R t gain photometry uncertainty",
+                           r->d));
     PVX_TRY(need(r, m, path, "name", &node));
     const char *name = pvx_yaml_text(r->y, node);
     snprintf(path, sizeof path, "cameras[%zu].name", index);
@@ -261,6 +262,11 @@ static pvx_err read_camera(const struct reader *r, int m, size_t index, const st
     PVX_TRY(read_lens(r, m, path, c));
     PVX_TRY(read_pose(r, m, path, c));
     PVX_TRY(read_gain(r, m, path, c));
+    if ((node = pvx_yaml_get(r->y, m, "photometry")) != 0) {
+        char full[64];
+        snprintf(full, sizeof full, "%s.photometry", path);
+        PVX_TRY(rec_photometry_read(r->y, node, full, &c->photometry, r->d));
+    }
     return read_uncertainty(r, m, path, &c->uncertainty);
 }
 
@@ -360,6 +366,7 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         put_list(f, "    t", c->t, 3, "\n");
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
             put_list(f, "    gain", gain, 3, "\n");
+        rec_photometry_write(f, &c->photometry);
         const struct rec_uncertainty *u = &c->uncertainty;
         if (u->px > 0)
             fprintf(

@@ -5,6 +5,7 @@
  *             basis: box|trilinear (optional: REC_BASIS_DEFAULT) }
  *   cameras: - { name, size: [w,h], K: [fx,fy,cx,cy], distortion: [0,4,5 or 8 numbers],
  *                R: [9], t: [3], gain: [1 or 3 numbers, optional],
+ *                photometry: {...} (optional; photometry.h),
  *                uncertainty: { px, px_95, voxels, voxels_95 } (optional; struct rec_uncertainty) }
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
  * |det - 1| > 1e-3; nearer ones are re-orthonormalised), empty or inverted volume, duplicate names,
@@ -60,7 +61,7 @@ PVX_MUST_CHECK pvx_err rec_rig_finest(const struct rec_rig *r, int32_t binning, 
 PVX_MUST_CHECK pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxels,
                                     struct rec_rig *out);
 
-/* XXH3-64 over every number of the rig that geometry depends on (gain, names and uncertainty excluded). */
+/* XXH3-64 over every number of the rig that geometry depends on (gain, photometry, names and uncertainty excluded). */
 uint64_t rec_rig_hash(const struct rec_rig *r);
 
 #endif

@@ -5,6 +5,7 @@
 
 #include <stdbool.h>
 
+#include "capture/pixel/maps.h"
 #include "capture/pixel/pixfmt_priv.h"
 #include "tests/lib/likeness.h"
 
@@ -38,18 +39,17 @@ static uint8_t *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image 
     return data;
 }
 
-static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_params *p, int pad,
-                    uint8_t yuv)
+/* Every fast way against the reference. */
+static void compare_image(const struct cap_image *img, const struct cap_convert_params *p)
 {
-    struct cap_image img;
+    enum cap_pixfmt f = img->fmt;
+    int w = img->width, h = img->height;
     struct cap_pix j;
-    uint8_t *mem = make(f, w, h, pad, &img);
-    img.yuv = yuv;
     int bh = h / p->binning;
     size_t n = (size_t)(w / p->binning) * (size_t)bh * (p->nch == 3 ? 4 : 1);
     /* no alignment is asked for */
     float *want = malloc(n * 4 + 4), *got = malloc(n * 4 + 4);
-    T_EQ_I(cap_pix_check(&img, p, 0, bh, &j), PVX_OK);
+    T_EQ_I(cap_pix_check(img, p, 0, bh, &j), PVX_OK);
     cap_pix_ref(&j, 0, bh, want + 1);
     for (int k = 0; k < 2; k++) { /* in plain C, and what this processor gets */
         struct cap_pix_ways ways;
@@ -58,11 +58,21 @@ static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_pa
         cap_pix_run(&ways, &j, 0, bh / 3, got + 1);
         cap_pix_run(&ways, &j, bh / 3, bh, got + 1);
         T_CHECK_(image_same(got + 1, want + 1, n),
-                 "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d, %s", cap_pixfmt_name(f),
-                 w, h, p->binning, p->nch, p->transfer, p->mosaic, k == 0 ? "plain" : "fast");
+                 "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d, %s%s",
+                 cap_pixfmt_name(f), w, h, p->binning, p->nch, p->transfer, p->mosaic,
+                 k == 0 ? "plain" : "fast", p->maps != NULL ? ", maps" : "");
     }
     free(want);
     free(got);
+}
+
+static void compare(enum cap_pixfmt f, int w, int h, const struct cap_convert_params *p, int pad,
+                    uint8_t yuv)
+{
+    struct cap_image img;
+    uint8_t *mem = make(f, w, h, pad, &img);
+    img.yuv = yuv;
+    compare_image(&img, p);
     free(mem);
 }
 
@@ -103,7 +113,7 @@ T_CASE(transfers_and_matrices)
             for (int t = CAP_TRANSFER_LINEAR; t <= CAP_TRANSFER_BT709; t++)
                 for (int nch = 1; nch <= 3; nch += 2)
                     compare(f, 12 * b, 2 * b,
-                            &(struct cap_convert_params){b, nch, (enum cap_transfer)t, 0}, 1,
+                            &(struct cap_convert_params){b, nch, (enum cap_transfer)t, 0, NULL}, 1,
                             (uint8_t)(t_rand() >> 60));
 }
 
@@ -113,10 +123,61 @@ T_CASE(rays)
         for (int w = 2; w < 700; w = w * 3 + 1)
             for (int t = 0; t <= CAP_TRANSFER_SRGB; t++)
                 for (int nch = 1; nch <= 3; nch += 2)
-                    compare(
-                        f, w, 5,
-                        &(struct cap_convert_params){1, nch, (enum cap_transfer)t, CAP_MOSAIC_RAYS},
-                        0, 0);
+                    compare(f, w, 5,
+                            &(struct cap_convert_params){1, nch, (enum cap_transfer)t,
+                                                         CAP_MOSAIC_RAYS, NULL},
+                            0, 0);
+}
+
+/* Maps with pixels that say nothing, a response where there are integers, a matrix where it can be. */
+static void compare_mapped(enum cap_pixfmt f, int across, int rows, struct cap_convert_params p)
+{
+    struct cap_image img;
+    struct cap_maps *maps;
+    struct pvx_diag d = {""};
+    uint8_t *mem = make(f, across * p.binning, rows * p.binning, 1, &img);
+    int channels = cap_pixfmt_bayer(f) == NULL ? cap_pixfmt_channels(f) : 1;
+    size_t n = (size_t)img.width * (size_t)img.height * (size_t)channels;
+    float *dark = malloc(n * sizeof *dark), *flat = malloc(n * sizeof *flat);
+    double response[5] = {0, 0.1, 0.1, 0.6, 1}, matrix[9];
+    for (size_t i = 0; i < n; i++) {
+        dark[i] = t_rand() >> 59 == 0 ? NAN : (float)t_uniform(-0.01, 0.1);
+        flat[i] = t_rand() >> 59 == 0 ? 0.01f : (float)t_uniform(0.2, 1.3);
+    }
+    for (int i = 0; i < 9; i++)
+        matrix[i] = t_uniform(-0.3, 1);
+    bool colour = p.nch == 3 && cap_pixfmt_channels(f) == 3 &&
+                  !(cap_pixfmt_bayer(f) != NULL && p.mosaic == CAP_MOSAIC_RAYS && p.binning == 1);
+    struct cap_photometry c = {.width = img.width,
+                               .height = img.height,
+                               .dark = dark,
+                               .flat = flat,
+                               .channels = channels,
+                               .response = is_integer(f) && t_rand() >> 63 ? response : NULL,
+                               .n_response = 5,
+                               .matrix = colour && t_rand() >> 63 ? matrix : NULL,
+                               .gain = {1.5f, 0.5f, 1}};
+    T_CHECK_(cap_maps_new(&c, &img, &p, &maps, &d) == PVX_OK, "%s: %s", cap_pixfmt_name(f), d.text);
+    p.maps = maps;
+    compare_image(&img, &p);
+    cap_maps_free(&maps);
+    free(dark);
+    free(flat);
+    free(mem);
+}
+
+T_CASE(maps_of_every_format_and_binning)
+{
+    static const int binnings[] = {1, 2, 3, 4, 5, 8, 17, 33};
+    for (enum cap_pixfmt f = CAP_GREY8; f < CAP_N_FMT; f++)
+        for (size_t k = 0; k < sizeof binnings / sizeof *binnings && f != CAP_JPEG; k++)
+            for (int nch = 1; nch <= 3; nch += 2) {
+                int b = binnings[k], across = b > 8 ? 2 : 2 + (int)(t_rand() % 700) / b;
+                struct cap_convert_params p = {.binning = b, .nch = nch};
+                compare_mapped(f, across, b > 8 ? 1 : 3, p);
+                p.mosaic = CAP_MOSAIC_RAYS;
+                compare_mapped(f, across, b > 8 ? 1 : 3, p);
+            }
 }
 
 T_CASE(the_processor_decides)

@@ -119,7 +119,7 @@ T_CASE(jpeg_that_nobody_asked_for)
     dmn_images_counts(im, count);
     T_EQ_I(count[1][DMN_IMAGE_JPEG_KIND], 1);
     static float want[W / BIN * (H / BIN) * 4];
-    struct cap_convert_params linear = {BIN, 3, CAP_TRANSFER_LINEAR, 0};
+    struct cap_convert_params linear = {BIN, 3, CAP_TRANSFER_LINEAR, 0, NULL};
     T_EQ_I(cap_convert(&store[0], &linear, 0, H / BIN, want), PVX_OK);
     T_EQ_I(memcmp(want, rec_frame_input(frame, 0), sizeof want), 0);
     dmn_images_free(&im);

@@ -372,7 +372,7 @@ T_CASE(averages_are_of_light)
     T_NEAR(out[0], srgb(254.0 / 255) / 2, 1e-6);
     T_EQ_I(cap_bin(&img, 1, 1, 0, 2, one), PVX_OK);
     T_NEAR(one[1], srgb(254.0 / 255), 1e-6);
-    struct cap_convert_params p = {2, 1, CAP_TRANSFER_LINEAR, 0};
+    struct cap_convert_params p = {2, 1, CAP_TRANSFER_LINEAR, 0, NULL};
     T_EQ_I(cap_convert(&img, &p, 0, 1, out), PVX_OK); /* the user knows better */
     T_NEAR(out[0], 127.0 / 255, 1e-6);
     img.yuv = 0;
@@ -389,7 +389,7 @@ T_CASE(rays_have_one_channel)
 {
     uint8_t px[4] = {10, 20, 255, 40};
     struct cap_image img = {px, 4, 2, 2, 2, CAP_BAYER_GR8, 0};
-    struct cap_convert_params p = {1, 3, CAP_TRANSFER_AUTO, CAP_MOSAIC_RAYS};
+    struct cap_convert_params p = {1, 3, CAP_TRANSFER_AUTO, CAP_MOSAIC_RAYS, NULL};
     float out[4][4];
     T_EQ_I(cap_convert(&img, &p, 0, 2, out[0]), PVX_OK);
     static const int own[4] = {1, 0, 2, 1};

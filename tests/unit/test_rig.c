@@ -100,6 +100,56 @@ T_CASE(uncertainty_is_optional)
     refuse(HEAD CAM("a", "    uncertainty: 3\n"), PVX_EFORMAT, "uncertainty");
 }
 
+#define P(text) "    photometry: { " text " }\n"
+
+T_CASE(photometry_reads_back)
+{
+    struct rec_rig r, again;
+    struct pvx_diag d;
+    char *text, *second;
+    size_t len, len2;
+    T_EQ_I(parse(HEAD CAM("a", P("serial: 'aravis:GV01', exposure: 0.001, gain_db: 6, "
+                                 "response: [0, 0.3, 1], dark: {file: maps/a.npy, hash: "
+                                 "'0123456789abcdef'}, matrix: [1,0,0,0,1,0,0,0,1], "
+                                 "noise: {read: 0.01, gain: 0.0001}")) CAM("b", ""),
+                 &r, &d),
+           PVX_OK);
+    const struct rec_photometry *p = &r.cameras[0].photometry;
+    T_EQ_S(p->serial, "aravis:GV01");
+    T_OK(p->has_exposure && p->has_gain && !p->has_temperature && p->has_matrix && p->has_noise);
+    T_EQ_I(p->n_response, 3);
+    T_NEAR(p->response[1], 0.3, 0);
+    T_EQ_S(p->dark.file, "maps/a.npy");
+    T_OK(p->dark.hash == 0x0123456789abcdef && p->flat.file[0] == '\0');
+    T_NEAR(p->noise_gain, 1e-4, 0);
+    T_OK(rec_photometry_acts(p) && !rec_photometry_acts(&r.cameras[1].photometry));
+    T_EQ_I(rec_rig_format(&r, &text, &len), PVX_OK);
+    T_EQ_I(rec_rig_parse(text, len, "again", &again, &d), PVX_OK);
+    T_EQ_I(rec_rig_format(&again, &second, &len2), PVX_OK);
+    T_EQ_S(second, text);
+    T_OK(rec_rig_hash(&r) == rec_rig_hash(&again));
+    again.cameras[0].photometry.has_matrix = false; /* no system matrix depends on it */
+    T_OK(rec_rig_hash(&r) == rec_rig_hash(&again));
+    free(second);
+    free(text);
+    rec_rig_fini(&again);
+    rec_rig_fini(&r);
+}
+
+T_CASE(photometry_that_cannot_be)
+{
+    refuse(HEAD CAM("a", P("dark: {file: a.npy, hash: 12}")), PVX_EFORMAT, "16 digits");
+    refuse(HEAD CAM("a", P("dark: {hash: '0123456789abcdef'}")), PVX_EFORMAT,
+           "cameras[0].photometry.dark: the key 'file' is missing");
+    refuse(HEAD CAM("a", P("response: [0, 0.6, 0.5, 1]")), PVX_EINVAL, "should rise from 0 to 1");
+    refuse(HEAD CAM("a", P("response: [0.1, 1]")), PVX_EINVAL, "should rise from 0 to 1");
+    refuse(HEAD CAM("a", P("exposure: -1")), PVX_EINVAL, "photometry.exposure");
+    refuse(HEAD CAM("a", P("matrix: [1,2]")), PVX_EFORMAT, "photometry.matrix");
+    refuse(HEAD CAM("a", P("noise: {read: 0.1}")), PVX_EFORMAT, "should have read and gain");
+    refuse(HEAD CAM("a", P("lens: 3")), PVX_EFORMAT, "lens");
+    refuse(HEAD CAM("a", P("serial: 'a\"b'")), PVX_EINVAL, "without quotes");
+}
+
 T_CASE(messages_name_the_place)
 {
     refuse("", PVX_EFORMAT, "rig.yaml:1: rig: should be a mapping");

@@ -1,0 +1,165 @@
+#include "daemon/pipeline/photometry.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+
+#define MAP_BYTES_MAX ((size_t)4 << 30) /* 16384 x 16384 pixels of one channel and a head fit */
+
+struct dmn_photometry {
+    struct light {
+        bool acts;
+        float *dark, *flat;
+        double response[REC_RESPONSE_MAX], matrix[9];
+        struct cap_photometry of;
+    } camera[REC_MAX_CAMERAS];
+};
+
+/* A name in rig.yaml, relative to its folder. */
+static void beside(const char *rig_path, const char *file, char *out, size_t size)
+{
+    const char *slash = strrchr(rig_path, '/');
+    if (file[0] == '/' || slash == NULL)
+        snprintf(out, size, "%s", file);
+    else
+        snprintf(out, size, "%.*s/%s", (int)(slash - rig_path), rig_path, file);
+}
+
+pvx_err dmn_photometry_hash(const char *path, uint64_t *out, struct pvx_diag *d)
+{
+    char *bytes;
+    size_t n;
+    PVX_TRY(pvx_file_read(path, MAP_BYTES_MAX, &bytes, &n, d));
+    *out = XXH3_64bits(bytes, n);
+    free(bytes);
+    return PVX_OK;
+}
+
+static pvx_err read_map(const char *rig_path, const struct rec_camera *k, const struct rec_map *m,
+                        float **out, int *channels, struct pvx_diag *d)
+{
+    char path[PATH_MAX], *bytes;
+    size_t len, shape[4];
+    int ndim;
+    struct pvx_diag why = {""};
+    beside(rig_path, m->file, path, sizeof path);
+    pvx_err e = pvx_file_read(path, MAP_BYTES_MAX, &bytes, &len, &why);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: camera %s: %s", rig_path, k->name, pvx_diag_text(&why, e));
+    if (XXH3_64bits(bytes, len) != m->hash)
+        e = pvx_fail(d, PVX_ECORRUPT,
+                     "%s: camera %s: %s is not the file that this rig was made with: put that one "
+                     "back, or measure anew (pyrovox calibrate dark, flat)",
+                     rig_path, k->name, path);
+    if (e == PVX_OK)
+        e = cap_npy_parse(bytes, len, path, out, shape, &ndim, d);
+    free(bytes);
+    if (e != PVX_OK)
+        return e;
+    int has = ndim == 3 ? (int)shape[2] : 1;
+    bool fits = (ndim == 2 || (ndim == 3 && (has == 1 || has == 3))) &&
+                shape[0] == (size_t)k->height && shape[1] == (size_t)k->width;
+    if (!fits || (*channels != 0 && has != *channels))
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: camera %s: %s has %zux%zu pixels of %d channels, but the camera takes "
+                        "%dx%d: measure anew (pyrovox calibrate dark, flat)",
+                        rig_path, k->name, path, shape[1], shape[0], has, k->width, k->height);
+    *channels = has;
+    return PVX_OK;
+}
+
+static pvx_err load_one(const char *rig_path, unsigned what, struct rec_camera *k, struct light *l,
+                        struct pvx_diag *d)
+{
+    const struct rec_photometry *p = &k->photometry;
+    struct cap_photometry *of = &l->of;
+    *of = (struct cap_photometry){.width = k->width, .height = k->height, .gain = {1, 1, 1}};
+    if (p->dark.file[0] != '\0' && what & DMN_LIGHT_DARK)
+        PVX_TRY(read_map(rig_path, k, &p->dark, &l->dark, &of->channels, d));
+    if (p->flat.file[0] != '\0' && what & DMN_LIGHT_FLAT)
+        PVX_TRY(read_map(rig_path, k, &p->flat, &l->flat, &of->channels, d));
+    of->dark = l->dark;
+    of->flat = l->flat;
+    if (p->n_response > 0 && what & DMN_LIGHT_RESPONSE) {
+        memcpy(l->response, p->response, sizeof l->response);
+        of->response = l->response;
+        of->n_response = p->n_response;
+    }
+    if (p->has_matrix && what & DMN_LIGHT_MATRIX) {
+        memcpy(l->matrix, p->matrix, sizeof l->matrix);
+        of->matrix = l->matrix;
+    }
+    l->acts = of->dark != NULL || of->flat != NULL || of->response != NULL || of->matrix != NULL;
+    for (int c = 0; c < 3 && l->acts && what & DMN_LIGHT_GAIN; c++) {
+        of->gain[c] = k->gain[c];
+        k->gain[c] = 1;
+    }
+    return PVX_OK;
+}
+
+pvx_err dmn_photometry_load(const char *rig_path, unsigned what, struct rec_rig *rig,
+                            dmn_photometry **out, struct pvx_diag *d)
+{
+    bool any = false;
+    dmn_photometry *p = *out = pvx_calloc(1, sizeof *p);
+    pvx_err e = p == NULL ? PVX_ENOMEM : PVX_OK;
+    for (size_t c = 0; c < rig->n_cameras && e == PVX_OK; c++) {
+        e = load_one(rig_path, what, &rig->cameras[c], &p->camera[c], d);
+        any |= p->camera[c].acts;
+    }
+    if (e != PVX_OK || !any)
+        dmn_photometry_free(out);
+    return e;
+}
+
+void dmn_photometry_free(dmn_photometry **pp)
+{
+    dmn_photometry *p = *pp;
+    for (size_t c = 0; p != NULL && c < REC_MAX_CAMERAS; c++) {
+        free(p->camera[c].dark);
+        free(p->camera[c].flat);
+    }
+    PVX_FREE(*pp);
+}
+
+const struct cap_photometry *dmn_photometry_of(const dmn_photometry *p, size_t c)
+{
+    return p != NULL && p->camera[c].acts ? &p->camera[c].of : NULL;
+}
+
+pvx_err dmn_photometry_check(const struct rec_camera *k, const struct dmn_photometry_taken *as,
+                             const char *where, struct pvx_diag *d)
+{
+    const struct rec_photometry *p = &k->photometry;
+    size_t scheme = strcspn(p->serial, ":"); /* a recording is called otherwise than its camera */
+    if (p->serial[0] != '\0' && as->serial != NULL &&
+        strncmp(p->serial, as->serial, scheme + 1) == 0 && strcmp(p->serial, as->serial) != 0)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "%s: camera %s is %s, but the rig's photometry was measured on %s: measure "
+            "this one (pyrovox calibrate dark, flat), or take its photometry out of the rig",
+            where, k->name, as->serial, p->serial);
+    if (p->dark.file[0] == '\0')
+        return PVX_OK;
+    if (p->has_exposure && fabs(as->exposure_s - p->exposure) > 0.02 * p->exposure)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "%s: camera %s exposed %.6g ms, but its dark is of %.6g ms: take darks at that "
+            "exposure (pyrovox calibrate dark)",
+            where, k->name, as->exposure_s * 1e3, p->exposure * 1e3);
+    if (p->has_gain && fabs(as->gain_db - p->gain_db) > 0.1)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "%s: camera %s had a gain of %g dB, but its dark is of %g dB: take darks at "
+            "that gain (pyrovox calibrate dark)",
+            where, k->name, as->gain_db, p->gain_db);
+    return PVX_OK;
+}

@@ -1,0 +1,49 @@
+/* photometry.h - what rig.yaml says of a camera's response to light: `photometry:`, every key optional.
+ *
+ *   photometry:
+ *     serial: TEXT            the camera that was measured, as a take or configuration calls it
+ *     exposure: s, gain_db: x, temperature: C     of its darks
+ *     response: [2..65 numbers]   light at samples 0 .. full scale in even steps, rising from 0 to 1
+ *     dark: { file: F, hash: H }  light of each pixel that is not lit, .npy; NaN = a hot or dead pixel
+ *     flat: { file: F, hash: H }  sensitivity of each pixel, .npy, 1 = the picture's middle; NaN as above
+ *     matrix: [9]             colours to those of one camera
+ *     noise: { read: r, gain: g }    variance of a sample of light l: r^2 + g l, full scale = 1
+ * Files relative to rig.yaml; H is XXH3-64 of the file's bytes, 16 digits: a map that was changed is refused.
+ * Order of application: response, dark, flat, `gain` of the camera, matrix (capture/pixel/maps.h). */
+#ifndef REC_PHOTOMETRY_H
+#define REC_PHOTOMETRY_H
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+#include "base/err.h"
+#include "base/yaml.h"
+
+#define REC_MAP_FILE_MAX 160
+#define REC_SERIAL_MAX   128
+#define REC_RESPONSE_MAX 65
+
+struct rec_map {
+    char file[REC_MAP_FILE_MAX]; /* "" = none */
+    uint64_t hash;
+};
+
+/* All 0 = nothing is known. */
+struct rec_photometry {
+    char serial[REC_SERIAL_MAX]; /* "" = not said */
+    bool has_exposure, has_gain, has_temperature;
+    double exposure, gain_db, temperature; /* s, dB, degrees C */
+    int n_response;                        /* 0 = none */
+    double response[REC_RESPONSE_MAX];
+    struct rec_map dark, flat;
+    bool has_matrix, has_noise;
+    double matrix[9], read_noise, noise_gain;
+};
+
+/* Whether pictures are to be changed by it. */
+bool rec_photometry_acts(const struct rec_photometry *p);
+/* The value of `photometry:` at `node`; `path` is what messages call it. */
+PVX_MUST_CHECK pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
+                                           struct rec_photometry *out, struct pvx_diag *d);
+/* As lines of a camera; nothing where nothing is known. */
+void rec_photometry_write(FILE *f, const struct rec_photometry *p);
+#endif
