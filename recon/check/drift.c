@@ -1,0 +1,339 @@
+#include "recon/check/drift.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/check/shift.h"
+
+#define LEAST_VIEWS 4 /* three others */
+#define SMOOTHINGS  2 /* passes of [1 2 1]: detail that a small grid cannot show */
+#define REACH       8 /* bins that a first search goes */
+#define PEAK        0.05 /* more of the correlation than without a shift: a search has found something */
+#define FAR         24 /* bins */
+#define STEPS       3
+#define THIN        1e-3 /* det A over its trace squared: both directions can be told */
+#define PATIENCE    16   /* sets */
+#define AT_ONCE     8    /* cameras a look of one set is enough for */
+
+struct look {
+    double A[3], d[2]; /* bins */
+};
+
+struct mean {
+    double d[2], e; /* m and its error, bins */
+};
+
+struct camera {
+    struct look look[REC_DRIFT_LOOKS];
+    int n, at; /* how many of them; the next one's place */
+    bool based;
+    struct mean base;
+    struct rec_drift_camera out;
+};
+
+struct rec_drift {
+    struct rec_drift_params p;
+    rec_unseen *unseen;
+    size_t n, turn;
+    int trial;                             /* camera that is left out to see, or -1 */
+    bool present[REC_MAX_CAMERAS], looked; /* the cameras of volumes so far */
+    int strange;                           /* sets of others in a row */
+    double bin_px;
+    struct camera camera[REC_MAX_CAMERAS];
+    float *b, *seen, *tmp; /* [bins of the greatest picture] */
+};
+
+pvx_err rec_drift_new(const struct rec_rig *rig, const struct rec_drift_params *p, pvx_pool *pool,
+                      rec_drift **out, struct pvx_diag *d)
+{
+    rec_drift *t = *out = pvx_calloc(1, sizeof *t);
+    if (t == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "drift: out of memory");
+    t->p = *p;
+    t->n = rig->n_cameras;
+    t->trial = -1;
+    pvx_err e = rec_unseen_new(rig, &p->unseen, pool, &t->unseen, d);
+    if (e == PVX_OK) {
+        const rec_sysmat *S = rec_unseen_matrix(t->unseen);
+        size_t most = 0;
+        for (size_t c = 0; c < t->n; c++)
+            most = S->row0[c + 1] - S->row0[c] > most ? S->row0[c + 1] - S->row0[c] : most;
+        t->bin_px = S->binning;
+        t->b = pvx_calloc(most, sizeof *t->b);
+        t->seen = pvx_calloc(most, sizeof *t->seen);
+        t->tmp = pvx_calloc(most, sizeof *t->tmp);
+        if (t->b == NULL || t->seen == NULL || t->tmp == NULL)
+            e = pvx_fail(d, PVX_ENOMEM, "drift: work areas for %zu bins", most);
+    }
+    if (e != PVX_OK)
+        rec_drift_free(out);
+    return e;
+}
+
+void rec_drift_free(rec_drift **tp)
+{
+    rec_drift *t = *tp;
+    if (t == NULL)
+        return;
+    rec_unseen_free(&t->unseen);
+    free(t->b);
+    free(t->seen);
+    free(t->tmp);
+    PVX_FREE(*tp);
+}
+
+const rec_sysmat *rec_drift_matrix(const rec_drift *t)
+{
+    return rec_unseen_matrix(t->unseen);
+}
+
+const struct rec_drift_camera *rec_drift_of(const rec_drift *t, size_t camera)
+{
+    return &t->camera[camera].out;
+}
+
+/* ---- what the looks say ------------------------------------------------------------------------- */
+
+/* (1). */
+static struct mean mean_of(const struct camera *k)
+{
+    double A[3] = {0}, v[2] = {0}, scatter = 0;
+    struct mean m = {{0}, INFINITY};
+    for (int i = 0; i < k->n; i++) {
+        const struct look *l = &k->look[i];
+        for (int a = 0; a < 3; a++)
+            A[a] += l->A[a];
+        v[0] += l->A[0] * l->d[0] + l->A[1] * l->d[1];
+        v[1] += l->A[1] * l->d[0] + l->A[2] * l->d[1];
+    }
+    double det = A[0] * A[2] - A[1] * A[1];
+    if (k->n < 2 || !(det > 0))
+        return m;
+    m.d[0] = (A[2] * v[0] - A[1] * v[1]) / det;
+    m.d[1] = (A[0] * v[1] - A[1] * v[0]) / det;
+    for (int i = 0; i < k->n; i++)
+        scatter += pow(k->look[i].d[0] - m.d[0], 2) + pow(k->look[i].d[1] - m.d[1], 2);
+    m.e = sqrt(scatter / (k->n * (k->n - 1.0)));
+    return m;
+}
+
+/* How far beyond (2) a camera is: 1 is there. */
+static double beyond(const rec_drift *t, const struct camera *k)
+{
+    struct mean m = mean_of(k);
+    double F = fmax(t->p.moved_px / t->bin_px, t->p.moved_bins);
+    double G = fmax(t->p.off_px / t->bin_px, 4 * t->p.moved_bins);
+    double off = hypot(m.d[0], m.d[1]) / (G + t->p.sigmas * m.e);
+    if (!k->based)
+        return off;
+    double moved = hypot(m.d[0] - k->base.d[0], m.d[1] - k->base.d[1]) /
+                   (F + t->p.sigmas * hypot(m.e, k->base.e));
+    return fmax(moved, off);
+}
+
+static void forget(rec_drift *t, bool base)
+{
+    for (size_t c = 0; c < t->n; c++) {
+        t->camera[c].n = t->camera[c].at = 0;
+        if (base)
+            t->camera[c].based = false;
+    }
+}
+
+static void name(rec_drift *t, size_t c, bool moved, uint64_t *changed)
+{
+    t->camera[c].out.moved = moved;
+    *changed |= (uint64_t)1 << c;
+}
+
+/* After the last look of a round: suspicion, verdict, pardon. */
+static void judge(rec_drift *t, uint64_t *changed)
+{
+    int worst = -1;
+    double most = 1;
+    for (size_t c = 0; c < t->n; c++) {
+        struct camera *k = &t->camera[c];
+        if (!t->present[c] || k->n < REC_DRIFT_LOOKS)
+            continue;
+        double far = beyond(t, k);
+        if (k->out.moved && far < 0.5)
+            name(t, c, false, changed);
+        else if (!k->out.moved && far > most) {
+            most = far;
+            worst = (int)c;
+        }
+    }
+    if (t->trial >= 0) {
+        if (beyond(t, &t->camera[t->trial]) > 1)
+            name(t, (size_t)t->trial, true, changed);
+        t->trial = -1;
+        forget(t, false);
+    } else if (worst >= 0) {
+        t->trial = worst;
+        forget(t, false);
+    }
+    for (size_t c = 0; c < t->n; c++) {
+        struct camera *k = &t->camera[c];
+        if (!k->based && k->n == REC_DRIFT_LOOKS && !k->out.moved) {
+            k->base = mean_of(k);
+            k->based = isfinite(k->base.e);
+        }
+    }
+}
+
+/* p carried by D bins, between bins bilinear. */
+static void carry(const struct rec_pair *q, const double D[2], float *out)
+{
+    for (int32_t y = 0; y < q->bh; y++)
+        for (int32_t x = 0; x < q->bw; x++) {
+            double u = x - D[0], v = y - D[1], sum = 0;
+            int32_t i = (int32_t)floor(u), j = (int32_t)floor(v);
+            for (int k = 0; k < 4; k++) {
+                int32_t xx = i + (k & 1), yy = j + (k >> 1);
+                double w = (k & 1 ? u - i : i + 1 - u) * (k >> 1 ? v - j : j + 1 - v);
+                if (xx >= 0 && yy >= 0 && xx < q->bw && yy < q->bh)
+                    sum += w * (double)q->p[yy * q->bw + xx];
+            }
+            out[y * q->bw + x] = (float)sum;
+        }
+}
+
+/* One step of Gauss and Newton of || b - alpha p(. - D) || from D on; the gradients are p's, which has little
+ * noise: those of b would draw D to where it is. */
+static bool step(const struct rec_pair *q, float *p, double D[2], double A[3])
+{
+    double bp = 0, pp = 0, v[2] = {0, 0};
+    int32_t w = q->bw;
+    carry(q, D, p);
+    for (int32_t i = 0; i < w * q->bh; i++)
+        if (q->weight[i] > 0) {
+            bp += (double)q->b[i] * (double)p[i];
+            pp += (double)p[i] * (double)p[i];
+        }
+    double alpha = bp / pp;
+    A[0] = A[1] = A[2] = 0;
+    if (!(alpha > 0) || !isfinite(alpha))
+        return false;
+    for (int32_t y = 1; y + 1 < q->bh; y++)
+        for (int32_t x = 1; x + 1 < w; x++) {
+            int32_t i = y * w + x;
+            double g[2] = {0.5 * alpha * ((double)p[i + 1] - (double)p[i - 1]),
+                           0.5 * alpha * ((double)p[i + w] - (double)p[i - w])};
+            double r = (double)q->b[i] - alpha * (double)p[i];
+            if (!(q->weight[i] > 0))
+                continue;
+            A[0] += g[0] * g[0];
+            A[1] += g[0] * g[1];
+            A[2] += g[1] * g[1];
+            v[0] -= g[0] * r;
+            v[1] -= g[1] * r;
+        }
+    double det = A[0] * A[2] - A[1] * A[1], trace = A[0] + A[2];
+    if (!(det > THIN * trace * trace))
+        return false;
+    D[0] += (A[2] * v[0] - A[1] * v[1]) / det;
+    D[1] += (A[0] * v[1] - A[1] * v[0]) / det;
+    return isfinite(D[0]) && isfinite(D[1]) && hypot(D[0], D[1]) < FAR;
+}
+
+/* d of a whole picture. */
+static bool displaced(const struct rec_pair *q, float *work, struct look *l)
+{
+    int32_t s[2] = {0, 0};
+    const int32_t none[2] = {0, 0};
+    if (rec_correlation_peak(q, REACH, 0, s) - rec_correlation(q, none, 0) > PEAK) {
+        l->d[0] = s[0];
+        l->d[1] = s[1];
+    }
+    for (int k = 0; k < STEPS; k++)
+        if (!step(q, work, l->d, l->A))
+            return false;
+    return true;
+}
+
+/* ---- a look ------------------------------------------------------------------------------------- */
+
+static pvx_err look(rec_drift *t, size_t c)
+{
+    const rec_sysmat *S = rec_unseen_matrix(t->unseen);
+    const struct rec_sysmat_block *B = &S->block[c];
+    const float *picture;
+    bool use[REC_MAX_CAMERAS];
+    struct camera *k = &t->camera[c];
+    int32_t n;
+    size_t views = 0;
+    for (size_t o = 0; o < t->n; o++) {
+        use[o] = t->present[o] && o != c && !t->camera[o].out.moved && (int)o != t->trial;
+        views += use[o];
+    }
+    if (views < LEAST_VIEWS - 1)
+        return PVX_OK;
+    PVX_TRY(rec_unseen_solve(t->unseen, use, &n));
+    if (n == 0)
+        return PVX_OK;
+    rec_unseen_project(t->unseen, c, &picture, NULL);
+    rec_smooth(rec_unseen_b(t->unseen, c), B->bw, B->bh, SMOOTHINGS, t->b, t->tmp);
+    rec_smooth(picture, B->bw, B->bh, SMOOTHINGS, t->seen, t->tmp);
+    struct rec_pair q = {B->bw, B->bh, t->b, rec_unseen_weight(t->unseen, c), t->seen};
+    struct look now = {{0}, {0}};
+    if (!displaced(&q, t->tmp, &now))
+        return PVX_OK;
+    k->look[k->at] = now;
+    k->at = (k->at + 1) % REC_DRIFT_LOOKS;
+    k->n += k->n < REC_DRIFT_LOOKS;
+    k->out.looks++;
+    struct mean m = mean_of(k);
+    for (int a = 0; a < 2; a++) {
+        k->out.px[a] = m.d[a] * t->bin_px;
+        k->out.since[a] = k->based ? (m.d[a] - k->base.d[a]) * t->bin_px : 0;
+    }
+    return PVX_OK;
+}
+
+/* Whether the set has the cameras that volumes have been made of; other cameras, another bias.  One set of others
+ * is passed over, many in a row are what there is now. */
+static bool usual(rec_drift *t, const float *const *picture)
+{
+    bool same = true;
+    for (size_t c = 0; c < t->n; c++)
+        same &= t->present[c] == (picture[c] != NULL);
+    if (same) {
+        t->strange = 0;
+        return true;
+    }
+    if (t->looked && ++t->strange < PATIENCE)
+        return false;
+    for (size_t c = 0; c < t->n; c++)
+        t->present[c] = picture[c] != NULL;
+    forget(t, true);
+    t->strange = 0;
+    t->trial = -1;
+    t->turn = 0;
+    return true;
+}
+
+pvx_err rec_drift_add(rec_drift *t, const float *const *picture, bool floats, uint64_t *changed)
+{
+    size_t views = 0;
+    *changed = 0;
+    if (!usual(t, picture))
+        return PVX_OK;
+    t->looked = true;
+    for (size_t c = 0; c < t->n; c++)
+        views += t->present[c];
+    if (views < LEAST_VIEWS)
+        return PVX_OK;
+    rec_unseen_load(t->unseen, picture, floats);
+    for (size_t k = 0; k < (t->n + AT_ONCE - 1) / AT_ONCE; k++) {
+        while (!t->present[t->turn % t->n])
+            t->turn++;
+        PVX_TRY(look(t, t->turn % t->n));
+        if (++t->turn >= t->n * REC_DRIFT_LOOKS) {
+            t->turn = 0;
+            judge(t, changed);
+        }
+    }
+    return PVX_OK;
+}
