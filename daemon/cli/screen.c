@@ -7,6 +7,7 @@
 #include "base/clock.h"
 #include "daemon/cli/ask.h"
 #include "daemon/cli/page.h"
+#include "daemon/cli/status_cameras.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
 
@@ -75,6 +76,8 @@ static const char *camera_trouble(const cJSON *camera)
 {
     const char *error = ask_text(camera, "error", NULL);
     const cJSON *t = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(camera, "troubles"), 0);
+    if (error[0] == '\0' && camera_moved(camera))
+        return "has moved: pyrovox status";
     if (error[0] != '\0' || t == NULL)
         return error;
     const char *detail = ask_text(t, "detail", NULL);

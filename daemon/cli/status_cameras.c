@@ -4,6 +4,7 @@
 #include <stdio.h>
 
 #include "daemon/cli/ask.h"
+#include "recon/vote/wrong.h"
 
 #define BINS_MAX 64
 
@@ -53,6 +54,12 @@ void skew_print(const cJSON *status)
                                                 "spread_bins"));
 }
 
+bool camera_moved(const cJSON *camera)
+{
+    return cJSON_IsTrue(
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(camera, "rig"), "moved"));
+}
+
 void troubles_print(const cJSON *status)
 {
     const cJSON *k, *t;
@@ -62,6 +69,12 @@ void troubles_print(const cJSON *status)
                ask_num(status, "host_clock", "last_step_s"));
     cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(status, "cameras"))
     {
+        if (camera_moved(k))
+            printf("%-16s moved: its pictures are %+.1f px to the right and %+.1f px down of where "
+                   "the others see "
+                   "the flame; %s\n",
+                   ask_text(k, "name", NULL), ask_num(k, "rig", "right_px"),
+                   ask_num(k, "rig", "down_px"), rec_wrong_remedy(REC_WRONG_MOVED));
         cJSON_ArrayForEach(t, cJSON_GetObjectItemCaseSensitive(k, "troubles"))
         {
             const char *detail = ask_text(t, "detail", NULL);

@@ -2,9 +2,12 @@
 #ifndef STATUS_CAMERAS_H
 #define STATUS_CAMERAS_H
 #include <cjson/cJSON.h>
+#include <stdbool.h>
 
 /* Table and histogram of each camera's exposures against their sets; nothing when there are none. */
 void skew_print(const cJSON *status);
+/* Whether a camera (of "cameras") is not where the rig says. */
+bool camera_moved(const cJSON *camera);
 /* What is wrong with the cameras now and what to do about it; nothing when all is well. */
 void troubles_print(const cJSON *status);
 /* Temperature, link and PTP of cameras, and action commands: nothing for cameras that say nothing. */

@@ -92,6 +92,17 @@ static void json_report(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_close(j, '}');
 }
 
+static void json_rig(struct dmn_json *j, const struct dmn_rig_state *r)
+{
+    dmn_json_open(j, "rig", '{');
+    dmn_json_bool(j, "moved", r->moved);
+    dmn_json_num(j, "right_px", r->px[0]);
+    dmn_json_num(j, "down_px", r->px[1]);
+    dmn_json_int(j, "looks", (long long)r->looks);
+    dmn_json_int(j, "alarms", (long long)r->alarms);
+    dmn_json_close(j, '}');
+}
+
 static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
 {
     dmn_json_open(j, "cameras", '[');
@@ -109,6 +120,7 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
         for (int i = 0; i < DMN_N_IMAGE; i++)
             dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
         dmn_json_close(j, '}');
+        json_rig(j, &s->rig[c]);
         dmn_state_sync_camera(j, k);
         dmn_state_health(j, k);
         dmn_json_close(j, '}');

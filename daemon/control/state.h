@@ -37,6 +37,13 @@ enum dmn_image_fault { DMN_IMAGE_FAULTS(DMN_NUMBER) DMN_N_IMAGE };
 extern const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE];
 extern const struct dmn_count_def dmn_drop_defs[DMN_N_DROP];
 
+/* What is known of a camera's pose while it runs (pipeline/watch.h). */
+struct dmn_rig_state {
+    bool moved;
+    uint64_t looks, alarms; /* sets in which it was compared; times that it was named */
+    double px[2];           /* its pictures against where the others see the flame: right, down */
+};
+
 #define DMN_N_STAGES 3 /* carve, solve, publish */
 struct dmn_stage_state {
     char name[16];
@@ -64,6 +71,7 @@ struct dmn_state {
     size_t n_cameras;
     char camera[CAP_MAX_CAMERAS][REC_NAME_MAX];
     uint64_t images[CAP_MAX_CAMERAS][DMN_N_IMAGE];
+    struct dmn_rig_state rig[CAP_MAX_CAMERAS];
     struct cap_stats capture;
     struct cap_recorder_stats record;
     struct dmn_stage_state stage[DMN_N_STAGES];

@@ -15,6 +15,7 @@
 #include "daemon/pipeline/recording.h"
 #include "daemon/pipeline/scene.h"
 #include "daemon/pipeline/sources.h"
+#include "daemon/pipeline/watch.h"
 
 struct dmn_live {
     struct dmn_config cfg;
@@ -30,6 +31,7 @@ struct dmn_live {
     dmn_images *images;
     struct dmn_cameras_in in;
     struct dmn_publish out;
+    dmn_watch *watch;
     dmn_pipeline *pipeline;
     atomic_bool stopping;
     int64_t t_start_ns;
@@ -93,6 +95,12 @@ static pvx_err matrix_open(dmn_live *l, rec_progress_fn progress, void *ctx, str
     return PVX_OK;
 }
 
+static void carved(void *ctx, const struct dmn_slot *s)
+{
+    dmn_live *l = ctx;
+    dmn_watch_offer(l->watch, s->frame, s->mask & ~rec_frame_get_report(s->frame)->vote.out);
+}
+
 /* The pipeline between cameras and publisher. */
 static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
 {
@@ -121,7 +129,10 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
         .deadline = {.limit_ns = limit,
                      .period_ns = c->deadline_ms >= 0 || c->lossless ? 0 : period},
         .source = dmn_cameras_source(&l->in),
-        .sink = dmn_publish_sink(&l->out)};
+        .sink = dmn_publish_sink(&l->out),
+        .carved = carved,
+        .carved_ctx = l};
+    PVX_TRY(dmn_watch_new(&l->rig, l->S, &l->watch, d));
     dmn_config_frame(c, &pp.frame);
     return dmn_pipeline_new(&pp, &l->pipeline, d);
 }
@@ -204,6 +215,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_recording_free(&l->recording);
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
+    dmn_watch_free(&l->watch); /* the pipeline offers it sets */
     dmn_images_free(&l->images);
     dmn_photometry_free(&l->light);
     rec_sysmat_free(&l->S);
@@ -235,6 +247,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     for (size_t c = 0; c < out->n_cameras; c++)
         snprintf(out->camera[c], sizeof out->camera[c], "%s", l->rig.cameras[c].name);
     dmn_images_counts(l->images, out->images);
+    dmn_watch_state(l->watch, out);
 }
 
 pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, size_t size,

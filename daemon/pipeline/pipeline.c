@@ -93,6 +93,8 @@ static bool carve(void *ctx)
     int64_t t0 = pvx_now_mono();
     if (s->why == DMN_N_DROP) {
         rec_frame_carve(s->frame);
+        if (p->a.carved != NULL)
+            p->a.carved(p->a.carved_ctx, s);
         pvx_hist_add(&p->stage[CARVE].busy, pvx_now_mono() - t0 + s->bin_ns);
     }
     hand_on(p, p->to_solve, s, DMN_DROP_SOLVE);

@@ -65,6 +65,9 @@ struct dmn_pipeline_params { /* all pointers borrowed */
         deadline; /* counts from the set's last frame; lossless, from the solve's begin */
     struct dmn_source source;
     struct dmn_sink sink;
+    void (*carved)(void *ctx,
+                   const struct dmn_slot *s); /* looks at a set after its hull; or NULL */
+    void *carved_ctx;
 };
 
 typedef struct dmn_pipeline dmn_pipeline;

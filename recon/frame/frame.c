@@ -137,6 +137,16 @@ const float *rec_frame_weight(const rec_frame *f)
     return f->weight;
 }
 
+const float *rec_frame_weight4(const rec_frame *f)
+{
+    return f->per_channel ? f->weight4 : NULL;
+}
+
+int rec_frame_channels(const rec_frame *f)
+{
+    return f->nch;
+}
+
 const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera)
 {
     return f->lit + f->S->row0[camera];

@@ -106,6 +106,8 @@ const struct rec_frame_report *rec_frame_get_report(const rec_frame *f);
 const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
 const float *rec_frame_rhs(const rec_frame *f);
 const float *rec_frame_weight(const rec_frame *f);
+const float *rec_frame_weight4(const rec_frame *f); /* [rows][4] of each channel; NULL: as above */
+int rec_frame_channels(const rec_frame *f);
 const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera);
 
 /* dense [nz][ny][nx][nch] out; zeroed first. */
