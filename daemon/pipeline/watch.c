@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <time.h>
 
 #include "base/bell.h"
 #include "base/clock.h"
@@ -14,10 +15,9 @@
 #include "recon/check/drift.h"
 #include "recon/vote/wrong.h"
 
-#define LEAST 19 /* nice */
-#define REST   4                  /* times as long as it worked */
-#define ACROSS 160                /* bins across its pictures, about */
-#define MOST   (PVX_NS_PER_S * 2) /* of a rest */
+#define LEAST  19  /* nice */
+#define REST   4   /* times as long as it worked */
+#define ACROSS 160 /* bins across its pictures, about */
 
 struct dmn_watch {
     const struct rec_rig *rig;
@@ -107,13 +107,22 @@ static void tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
     }
 }
 
+/* This thread, on a processor. */
+static int64_t worked_ns(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return t.tv_sec * PVX_NS_PER_S + t.tv_nsec;
+}
+
 static void *run(void *arg)
 {
     dmn_watch *w = arg;
     struct rec_drift_params p = REC_DRIFT_DEFAULTS;
     rec_drift *d;
     struct pvx_diag why = {""};
-    setpriority(PRIO_PROCESS, 0, LEAST); /* Linux: of this thread; where it is refused, the rests do */
+    setpriority(PRIO_PROCESS, 0,
+                LEAST); /* Linux: of this thread; where it is refused, the rests do */
     p.unseen.binning = w->S->binning * w->times;
     if (rec_drift_new(w->rig, &p, NULL, &d, &why) != PVX_OK) {
         LOG_W(DAEMON, "cameras that move are not noticed: %s", why.text);
@@ -129,12 +138,11 @@ static void *run(void *arg)
         uint64_t changed;
         for (size_t c = 0; c < w->rig->n_cameras; c++)
             picture[c] = (w->mask >> c & 1) != 0 ? w->picture + w->row0[c] : NULL;
-        int64_t t0 = pvx_now_mono();
+        int64_t t0 = worked_ns();
         if (rec_drift_add(d, picture, true, &changed) == PVX_OK)
             tell(w, d, changed);
         atomic_store(&w->full, false);
-        int64_t rest = REST * (pvx_now_mono() - t0),
-                until = pvx_now_mono() + (rest < MOST ? rest : MOST);
+        int64_t until = pvx_now_mono() + REST * (worked_ns() - t0);
         while (!atomic_load(&w->ending) && pvx_now_mono() < until)
             pvx_bell_wait(&w->bell, until);
     }
