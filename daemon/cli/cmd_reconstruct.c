@@ -33,10 +33,11 @@ struct job {
     size_t sets;      /* that came */
     unsigned volumes; /* written */
     bool said_lit;    /* that nearly all of an image is */
-    unsigned dark;    /* of them, without one iteration before the deadline */
-    unsigned cut;     /* of them, flame at a side of the fitted box */
-    bool failed;      /* something went wrong, but the others went on */
-    pvx_err error;    /* what ended it */
+    struct dmn_votes votes;
+    unsigned dark; /* of them, without one iteration before the deadline */
+    unsigned cut;  /* of them, flame at a side of the fitted box */
+    bool failed;   /* something went wrong, but the others went on */
+    pvx_err error; /* what ended it */
     struct pvx_diag why;
 };
 
@@ -52,6 +53,7 @@ static void report_frame(const struct job *j, const struct dmn_slot *s)
     cJSON *o = cJSON_CreateObject();
     cJSON_AddNumberToObject(o, "frame", (double)s->set);
     dmn_report_to_json(o, rec_frame_get_report(s->frame));
+    dmn_verdict_json(o, &rec_frame_get_report(s->frame)->vote, &j->rig);
     if (s->why != DMN_N_DROP)
         cJSON_ReplaceItemInObject(o, "status", cJSON_CreateString("failed"));
     cJSON_AddStringToObject(o, "start", rec_frame_get_report(s->frame)->warm ? "warm" : "cold");
@@ -130,12 +132,22 @@ static void say_missing(const struct job *j, const struct dmn_slot *s)
                 (unsigned long long)s->set, s->n_present, j->rig.n_cameras, names);
 }
 
+static void say(void *ctx, bool bad, const char *sentence)
+{
+    const uint64_t *frame = ctx;
+    (void)bad;
+    fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
+}
+
 static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     uint32_t no = (uint32_t)s->set;
     char path[4300];
     say_missing(j, s);
     check_lit(j, s);
+    uint64_t frame = s->set;
+    dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
+                  &(struct dmn_votes_listener){say, &frame});
     if (j->picture != NULL) {
         bool have[REC_MAX_CAMERAS];
         for (size_t c = 0; c < j->rig.n_cameras; c++)

@@ -132,6 +132,7 @@ static int run(int argc, char **argv)
         print_record(s);
         print_tables(s);
         troubles_print(s);
+        votes_print(s);
         skew_print(s);
         health_print(s);
     }

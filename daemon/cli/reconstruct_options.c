@@ -25,6 +25,7 @@ enum {
     OPT_HULL_RULE,
     OPT_STRICT,
     OPT_NO_HULL,
+    OPT_TRUST_ALL,
     OPT_SAVE_HULL,
     OPT_BACKGROUND,
     OPT_GREY,
@@ -110,6 +111,10 @@ static const struct argp_option option_table[] = {
      "loses a rim of about a voxel and thin parts altogether",
      4},
     {"no-hull", OPT_NO_HULL, NULL, 0, "for comparison: solve for every voxel that is seen", 4},
+    {"trust-all", OPT_TRUST_ALL, NULL, 0,
+     "for comparison: believe every camera. Without it, and with four cameras or more, one that "
+     "contradicts the others is left out of the frame, named, and listed in the report (out)",
+     4},
     {"save-hull", OPT_SAVE_HULL, "DIR", 0,
      "a picture of each frame's hull, DIR/<6 digits>.png: voxels inside (red), partly inside "
      "(green), outside (yellow), and the silhouettes they come from",
@@ -175,6 +180,7 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     case OPT_HULL_RULE: hull->keep_partial = choice(st, "hull-rule", rules, arg); return 0;
     case OPT_STRICT: hull->keep_partial = 0; return 0;
     case OPT_NO_HULL: o->no_hull = true; return 0;
+    case OPT_TRUST_ALL: o->frame.trust_all = true; return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }

@@ -71,11 +71,16 @@ static void draw_drops(struct page *p, const cJSON *s)
     page_line(p, "dropped%s", text);
 }
 
-/* Why it does not run, or else the first thing that is wrong with it. */
+/* Why it does not run, that it is left out and why, or else the first thing that is wrong with it. */
 static const char *camera_trouble(const cJSON *camera)
 {
-    const char *error = ask_text(camera, "error", NULL);
+    static char out[64];
+    const char *error = ask_text(camera, "error", NULL), *why = ask_text(camera, "vote", "why");
     const cJSON *t = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(camera, "troubles"), 0);
+    if (error[0] == '\0' && why[0] != '\0') {
+        snprintf(out, sizeof out, "left out: %s", why);
+        return out;
+    }
     if (error[0] == '\0' && camera_moved(camera))
         return "has moved: pyrovox status";
     if (error[0] != '\0' || t == NULL)

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "daemon/cli/ask.h"
 #include "recon/vote/wrong.h"
@@ -82,6 +83,25 @@ void troubles_print(const cJSON *status)
                    ask_text(t, "cause", NULL), ask_num(t, "n", NULL), ask_text(t, "text", NULL),
                    detail[0] != '\0' ? ": " : "", detail, ask_text(t, "remedy", NULL));
         }
+    }
+}
+
+void votes_print(const cJSON *status)
+{
+    const cJSON *k;
+    const cJSON *last = cJSON_GetObjectItemCaseSensitive(status, "last");
+    if (strcmp(ask_text(last, "vote", "state"), "torn") == 0)
+        puts("the cameras contradict each other, and which of them are wrong cannot be told: "
+             "pyrovox "
+             "calibrate check");
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(status, "cameras"))
+    {
+        if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(
+                cJSON_GetObjectItemCaseSensitive(k, "vote"), "out")))
+            continue;
+        printf("%-16s left out (%.0f sets), it contradicts the others: %s; %s\n",
+               ask_text(k, "name", NULL), ask_num(k, "vote", "sets"), ask_text(k, "vote", "why"),
+               ask_text(k, "vote", "remedy"));
     }
 }
 

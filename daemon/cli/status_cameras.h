@@ -10,6 +10,8 @@ void skew_print(const cJSON *status);
 bool camera_moved(const cJSON *camera);
 /* What is wrong with the cameras now and what to do about it; nothing when all is well. */
 void troubles_print(const cJSON *status);
+/* Which cameras are left out of the sets because they contradict the others, and why; nothing when they agree. */
+void votes_print(const cJSON *status);
 /* Temperature, link and PTP of cameras, and action commands: nothing for cameras that say nothing. */
 void health_print(const cJSON *status);
 

@@ -44,6 +44,12 @@ const struct dmn_option dmn_options[] = {
            "trilinear; rig = as the rig says, trilinear where it says nothing."),
     CHOICE("channels", channels, "auto", "auto|1|3",
            "Colours that are reconstructed. auto = 1 for grey pixel formats, else 3."),
+    CHOICE("trust", trust, "vote", "vote|all",
+           "Which cameras are believed. vote: one that contradicts the others (dark, flooded, "
+           "moved, late, "
+           "of another gain) is left out of the set, named with a remedy, and back when it has "
+           "agreed for "
+           "half a second; it takes four cameras or more. all: every one, for comparison."),
     INT("threads", threads, "0", 0, 256, "threads",
         "Threads that share the computing of a stage; 0 = one per processor."),
     CHOICE("log_level", log_level, "info", "error|warn|info|debug",

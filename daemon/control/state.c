@@ -78,6 +78,12 @@ static void json_report(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_int(j, "not_finite", r->not_finite);
     dmn_json_num(j, "sigma", (double)r->sigma);
     dmn_json_int(j, "bytes", (long long)s->bytes);
+    dmn_json_open(j, "vote", '{');
+    dmn_json_str(j, "state", rec_vote_state_name(r->vote.state));
+    dmn_json_num(j, "misfit", (double)r->vote.misfit);
+    dmn_json_num(j, "doubt", (double)r->vote.doubt);
+    dmn_json_int(j, "sets_torn", (long long)s->votes.torn);
+    dmn_json_close(j, '}');
     dmn_json_open(j, "hull", '{');
     dmn_json_int(j, "inside", r->hull.inside);
     dmn_json_int(j, "partial", r->hull.partial);
@@ -85,6 +91,7 @@ static void json_report(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_close(j, '}');
     dmn_json_open(j, "ms", '{');
     ms(j, "photometry", r->photo_ns);
+    ms(j, "vote", r->vote_ns);
     ms(j, "hull", r->hull_ns);
     ms(j, "restrict", r->restrict_ns);
     ms(j, "solve", r->solve_ns);
@@ -120,6 +127,7 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
         for (int i = 0; i < DMN_N_IMAGE; i++)
             dmn_json_int(j, dmn_image_defs[i].name, (long long)s->images[c][i]);
         dmn_json_close(j, '}');
+        dmn_votes_camera_json(j, &s->votes, c);
         json_rig(j, &s->rig[c]);
         dmn_state_sync_camera(j, k);
         dmn_state_health(j, k);

@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include "capture/rig/capture.h"
 #include "capture/take/recorder.h"
+#include "daemon/control/votes.h"
 #include "recon/geom/camera.h"
 #include "recon/frame/frame.h"
 
@@ -65,6 +66,7 @@ struct dmn_state {
     uint64_t last_set;
     int64_t last_exposure_ns; /* UTC */
     struct rec_frame_report report;
+    struct dmn_votes votes;
     int32_t voxels[3];
     int32_t binning, rays;
     uint64_t matrix_entries;

@@ -20,8 +20,17 @@ static void fill_report(const struct rec_frame_report *r, struct pvp_report *out
                                .hull_ns = r->hull_ns,
                                .restrict_ns = r->restrict_ns,
                                .solve_ns = r->solve_ns,
-                               .total_ns = r->photo_ns + r->hull_ns + r->restrict_ns + r->solve_ns};
+                               .total_ns = rec_frame_total_ns(r)};
     snprintf(out->solver, sizeof out->solver, "%s", r->solve.solver);
+}
+
+static void say(void *ctx, bool bad, const char *sentence)
+{
+    (void)ctx;
+    if (bad)
+        LOG_W(RECON, "%s", sentence);
+    else
+        LOG_I(RECON, "%s", sentence);
 }
 
 static bool put(void *ctx, const struct dmn_slot *s)
@@ -39,8 +48,8 @@ static bool put(void *ctx, const struct dmn_slot *s)
                            .t_publish_ns = pvx_now_real(),
                            .spread_ns = s->spread_ns,
                            .latency_ns = t0 - s->t_last_mono_ns,
-                           .cameras_present = s->n_present,
-                           .camera_mask = s->mask,
+                           .cameras_present = r->cameras,
+                           .camera_mask = s->mask & ~r->vote.out,
                            .grid = p->start.grid};
     fill_report(r, &m.report);
     size_t bytes = 0;
@@ -57,6 +66,7 @@ static bool put(void *ctx, const struct dmn_slot *s)
         p->latency = (struct pvx_hist){0};
     pvx_hist_add(&p->latency, t1 - s->t_last_mono_ns);
     p->report = *r;
+    dmn_votes_add(&p->votes, &r->vote, p->rig, &(struct dmn_votes_listener){say, NULL});
     p->last_set = s->set;
     p->last_exposure_ns = s->t_exposure_ns;
     p->bytes = bytes;
@@ -114,6 +124,7 @@ pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
     for (size_t i = 0; i < n; i++)
         PVX_TRY(dmn_endpoint_prepare(endpoint[i], d));
     struct pvp_start *s = &p->start;
+    p->rig = rig;
     const struct rec_grid *g = &rig->grid;
     for (int a = 0; a < 3; a++) {
         s->grid.n[a] = (uint32_t)g->n[a];
@@ -162,5 +173,6 @@ void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out)
     out->last_set = p->last_set;
     out->last_exposure_ns = p->last_exposure_ns;
     out->report = p->report;
+    out->votes = p->votes;
     pthread_mutex_unlock(&p->lock);
 }

@@ -13,7 +13,8 @@
 
 struct dmn_publish {
     pvp_pub *pub;
-    struct pvp_start start; /* .session is the caller's to choose before open */
+    const struct rec_rig *rig; /* borrowed from open on */
+    struct pvp_start start;    /* .session is the caller's to choose before open */
     atomic_size_t subscribers;
     atomic_bool reset_latency;        /* the statistics start anew with the next volume */
     _Atomic(const char *) end_reason; /* NULL: the source has ended by itself */
@@ -24,6 +25,7 @@ struct dmn_publish {
     pthread_mutex_t lock;
     struct pvx_hist latency;
     struct rec_frame_report report;
+    struct dmn_votes votes;
     uint64_t last_set, bytes;
     int64_t last_exposure_ns;
     double sets_per_s;

@@ -36,11 +36,11 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
     cJSON_AddNumberToObject(hull, "outside", (double)r->hull.outside);
     cJSON *t = cJSON_AddObjectToObject(o, "ms");
     cJSON_AddNumberToObject(t, "photometry", ms(r->photo_ns));
+    cJSON_AddNumberToObject(t, "vote", ms(r->vote_ns));
     cJSON_AddNumberToObject(t, "hull", ms(r->hull_ns));
     cJSON_AddNumberToObject(t, "restrict", ms(r->restrict_ns));
     cJSON_AddNumberToObject(t, "solve", ms(r->solve_ns));
-    cJSON_AddNumberToObject(t, "total",
-                            ms(r->photo_ns + r->hull_ns + r->restrict_ns + r->solve_ns));
+    cJSON_AddNumberToObject(t, "total", ms(rec_frame_total_ns(r)));
 }
 
 /* "x.npy" -> "x.json". */

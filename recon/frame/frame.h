@@ -45,6 +45,11 @@ struct rec_frame_report {
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
 
+static inline int64_t rec_frame_total_ns(const struct rec_frame_report *r)
+{
+    return r->photo_ns + r->vote_ns + r->hull_ns + r->restrict_ns + r->solve_ns;
+}
+
 /* Sparse volume: values [n][cs] (cs = 1 or 4, first nch lanes count) at voxels index[n] ascending;
  * all others are 0.  Emission per metre in units of linear pixel value. */
 struct rec_sparse {

@@ -30,6 +30,12 @@ REC_INLINE struct bin gather(const rec_vote *v, size_t c, int32_t x, int32_t y, 
 {
     const struct rec_sysmat_block *f = &v->S->block[c];
     int32_t side = 1 << v->shift, x0 = x * side, y0 = y * side;
+    if (per_channel &&
+        side == 1) { /* a mosaic's bin has one channel: the four that have all three */
+        side = 2;
+        x0 &= ~1;
+        y0 &= ~1;
+    }
     int32_t x1 = x0 + side < f->bw ? x0 + side : f->bw, y1 = y0 + side < f->bh ? y0 + side : f->bh;
     struct bin o = {.n = (uint32_t)((x1 - x0) * (y1 - y0))};
     for (int32_t j = y0; j < y1; j++) {

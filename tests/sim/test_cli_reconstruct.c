@@ -193,6 +193,46 @@ T_CASE(bad_and_missing_frames)
     cJSON_Delete(o);
 }
 
+/* cam3 has its cap on in frame 1: it is left out of that one, and said so; frames 0 and 2 have all eight. */
+T_CASE(a_camera_that_lies_is_left_out)
+{
+    float *black = calloc(W * H * 3, sizeof *black);
+    struct pvx_diag d = {""};
+    record("capped", "npy");
+    T_EQ_I(cap_image_save(at("capped/cam3/000001.npy"), black, W, H, 3, 1, &d), PVX_OK);
+    free(black);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
+                   " --out believed --save-report vote.json"),
+           0);
+    T_LE(volume_error("believed/000001.npy", 1, REC_BOX), 0.25);
+    T_CONTAINS(slurp("err"),
+               "frame 000001: camera cam3 is left out, it contradicts the others: dark; "
+               "take the cap off");
+    T_CONTAINS(text, "frame 000002: camera cam3 agrees with the others again");
+    slurp("vote.json");
+    cJSON *o = cJSON_Parse(text), *list = cJSON_GetObjectItem(o, "frames");
+    for (int f = 0; f < FRAMES; f++) {
+        cJSON *r = cJSON_GetArrayItem(list, f), *out = cJSON_GetObjectItem(r, "out");
+        T_EQ_I(cJSON_GetArraySize(out), f == 1);
+        T_EQ_I(cJSON_GetNumberValue(cJSON_GetObjectItem(r, "cameras")), f == 1 ? 7 : 8);
+        cJSON *k = cJSON_GetArrayItem(out, 0);
+        const char *name = cJSON_GetStringValue(cJSON_GetObjectItem(k, "camera"));
+        const char *why = cJSON_GetStringValue(cJSON_GetObjectItem(k, "why"));
+        T_EQ_S(name != NULL ? name : "", f == 1 ? "cam3" : "");
+        T_EQ_S(why != NULL ? why : "", f == 1 ? "dark" : "");
+    }
+    cJSON_Delete(o);
+    /* for comparison: the cap carves everything away */
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
+                   " --out trusted --trust-all --first 1 --last 1"),
+           0);
+    T_EQ_I(volume_error("trusted/000001.npy", 1, REC_BOX), 1);
+    T_OK(strstr(slurp("err"), "left out") == NULL);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras cam0,cam1,cam2 --out few"),
+           0);
+    T_CONTAINS(slurp("err"), "fewer than four cameras");
+}
+
 /* Sets are numbered from the daemon's start: after 14 hours at 20 a second six digits are not enough. */
 T_CASE(large_frame_numbers)
 {

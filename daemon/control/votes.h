@@ -1,0 +1,36 @@
+/* votes.h - which cameras are left out of the frame sets because they contradict the others (recon/vote/vote.h),
+ * from set to set: counts, and a sentence when that changes.
+ * Threads: one caller per object. */
+#ifndef DMN_VOTES_H
+#define DMN_VOTES_H
+#include <cjson/cJSON.h>
+#include "daemon/control/json.h"
+#include "recon/geom/rig.h"
+#include "recon/vote/vote.h"
+
+struct dmn_votes {
+    uint64_t out; /* bit c: camera c, in the last set that was judged */
+    enum rec_vote_state state;
+    uint8_t why[REC_MAX_CAMERAS];                    /* enum rec_wrong */
+    uint64_t left_out[REC_MAX_CAMERAS][REC_N_WRONG]; /* sets, by cause */
+    uint64_t torn;                                   /* sets in which it could not be told */
+    bool said_few;
+};
+
+/* bad: something is wrong from now on; false: no more. */
+struct dmn_votes_listener {
+    void (*say)(void *ctx, bool bad, const char *sentence);
+    void *ctx;
+};
+
+/* One more set; names [rig's cameras].  Says what has changed, with the remedy; once that there are too few cameras
+ * to judge by. */
+void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const struct rec_rig *rig,
+                   const struct dmn_votes_listener *to);
+
+/* Camera c's object "vote": {"out", "why", "remedy", "sets", "causes": {}}. */
+void dmn_votes_camera_json(struct dmn_json *j, const struct dmn_votes *v, size_t c);
+/* A verdict's keys in a report: "vote": {"state", "misfit", "doubt"}, "out": [{"camera", "why", "cost"}]. */
+void dmn_verdict_json(cJSON *o, const struct rec_verdict *set, const struct rec_rig *rig);
+
+#endif
