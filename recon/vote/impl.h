@@ -7,6 +7,8 @@
 struct rec_trial {
     uint64_t without;
     uint32_t iterations;
+    bool going_on; /* where the last solve ended, with its momentum */
+    double momentum;
     float *x, *y, *step, *scale;    /* [voxels] */
     float *w, *r, *wr;              /* [room] weights, A x - b, W r */
     float *rows;                    /* [3][widest] */

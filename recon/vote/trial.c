@@ -57,8 +57,7 @@ static void scale_steps(const rec_vote *v, struct rec_trial *t)
 static void iterate(const rec_vote *v, struct rec_trial *t)
 {
     size_t n = (size_t)v->sub->n;
-    double momentum = 1;
-    memcpy(t->y, t->x, n * sizeof *t->y);
+    double momentum = t->momentum;
     for (uint32_t k = 0; k < t->iterations; k++) {
         double next = 0.5 * (1 + sqrt(1 + 4 * momentum * momentum)), up = 0;
         float on = (float)((momentum - 1) / next);
@@ -79,6 +78,7 @@ static void iterate(const rec_vote *v, struct rec_trial *t)
             memcpy(t->y, t->x, n * sizeof *t->y);
         }
     }
+    t->momentum = momentum;
 }
 
 /* One row of a picture: [1 2 1]/4. */
@@ -133,8 +133,12 @@ static void solve(void *ctx, size_t task)
 {
     struct rec_vote_run *run = ctx;
     struct rec_trial *t = &run->v->trial[run->from + task];
-    weights(run->v, t);
-    scale_steps(run->v, t);
+    if (!t->going_on) {
+        weights(run->v, t);
+        scale_steps(run->v, t);
+        memcpy(t->y, t->x, (size_t)run->v->sub->n * sizeof *t->y);
+        t->momentum = 1;
+    }
     iterate(run->v, t);
     judge(run->v, t);
 }

@@ -14,7 +14,8 @@
 #define TORN    0.1 /* G that no healthy camera was seen to have, by far */
 #define DAZZLED 0.5 /* share of a camera's bins that saturated, */
 #define CLEAR   0.1 /* while the others' median is at most this: it says nothing */
-#define FIRST   10  /* iterations from nothing */
+#define SOON    5   /* iterations from nothing, where all fit by then; */
+#define FIRST   10  /* else */
 #define FURTHER 8   /* and from there on, with and without each */
 
 static const char *const state_names[REC_N_VOTE_STATES] = {
@@ -64,16 +65,6 @@ static double misfit_of(const rec_vote *v, const struct rec_trial *t, uint64_t s
     return sum;
 }
 
-/* Trial 0 from nothing. */
-static void begin(rec_vote *v, uint64_t without)
-{
-    struct rec_trial *t = &v->trial[0];
-    t->without = without;
-    t->iterations = FIRST;
-    memset(t->x, 0, (size_t)v->sub->n * sizeof *t->x);
-    rec_vote_solve(v, 0, 1);
-}
-
 /* (2) for every camera that trial 0 has. */
 struct ballot {
     uint64_t voters;
@@ -88,11 +79,13 @@ static void take_ballot(rec_vote *v, struct ballot *b)
     size_t n = 1;
     *b = (struct ballot){.voters = believed(v, all->without)};
     all->iterations = FURTHER;
+    all->going_on = false;
     for (size_t c = 0; c < v->cameras; c++)
         if (rec_vote_has(b->voters, c)) {
             struct rec_trial *t = &v->trial[n];
             t->without = all->without | bit(c);
             t->iterations = FURTHER;
+            t->going_on = false;
             memcpy(t->x, all->x, (size_t)v->sub->n * sizeof *t->x);
             b->trial[c] = n++;
         }
@@ -145,6 +138,22 @@ static bool calm(const rec_vote *v, const struct rec_trial *t)
             least = v->of[c].noise;
     least *= (1 + NOISE) * REC_VOTE_AFTER_K;
     return misfit_of(v, t, all) <= ALONE * v->unit + least;
+}
+
+/* Trial 0 from nothing. */
+static void begin(rec_vote *v, uint64_t without)
+{
+    struct rec_trial *t = &v->trial[0];
+    t->without = without;
+    t->iterations = SOON;
+    t->going_on = false;
+    memset(t->x, 0, (size_t)v->sub->n * sizeof *t->x);
+    rec_vote_solve(v, 0, 1);
+    if (calm(v, t))
+        return;
+    t->iterations = FIRST - SOON;
+    t->going_on = true;
+    rec_vote_solve(v, 0, 1);
 }
 
 static void leave_out(rec_vote *v, struct rec_verdict *o, const struct ballot *b, size_t c)
