@@ -5,6 +5,11 @@
 /* argv[0] = "pyrovox calibrate NAME"; exit code. */
 int calibrate_board(int argc, char **argv);
 int calibrate_check(int argc, char **argv);
+int calibrate_colour(int argc, char **argv);
+int calibrate_dark(int argc, char **argv);
+int calibrate_flat(int argc, char **argv);
+int calibrate_gain(int argc, char **argv);
 int calibrate_live(int argc, char **argv);
+int calibrate_response(int argc, char **argv);
 int calibrate_solve(int argc, char **argv);
 #endif

@@ -218,6 +218,12 @@ bool dmn_images_floats(const dmn_images *i, size_t c)
     return cap_pixfmt_layout(i->image[c].fmt) == CAP_LAYOUT_F32;
 }
 
+int dmn_images_samples(const dmn_images *i, size_t c)
+{
+    bool one = cap_pixfmt_bayer(i->image[c].fmt) != NULL;
+    return one ? 1 : cap_pixfmt_channels(i->image[c].fmt);
+}
+
 float dmn_images_saturated(const dmn_images *i, size_t c)
 {
     return i->maps[c] != NULL ? cap_maps_saturated(i->maps[c]) : 0;

@@ -38,6 +38,8 @@ uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *imag
 const uint8_t *dmn_images_bayer(const dmn_images *i, size_t c);
 /* Whether they are floating-point numbers. */
 bool dmn_images_floats(const dmn_images *i, size_t c);
+/* Samples of a pixel: 1 of grey and Bayer images, else 3. */
+int dmn_images_samples(const dmn_images *i, size_t c);
 /* What its saturated bins have; 0 = 1, as those of cameras without photometry. */
 float dmn_images_saturated(const dmn_images *i, size_t c);
 /* Why camera c's image of that set could not be used. */

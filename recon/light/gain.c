@@ -1,0 +1,203 @@
+/* gain.c - cameras beside each other: light of an even source or of a flame, gains, colours; noise. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/light/parts.h"
+
+void rec_light_middle(const struct rec_light_picture *p, double out[3])
+{
+    double sum[3] = {0}, count[3] = {0};
+    size_t w = (size_t)p->width, h = (size_t)p->height;
+    for (size_t i = 0; i < rec_light_pixels(p); i++)
+        for (int k = 0; k < p->channels; k++) {
+            size_t x = i % w, y = i / w;
+            float v = p->mean[i * (size_t)p->channels + (size_t)k];
+            if (x < w / 4 || x >= w - w / 4 || y < h / 4 || y >= h - h / 4 || !isfinite(v))
+                continue;
+            int c = rec_light_colour(p, i, k);
+            sum[c] += (double)v;
+            count[c]++;
+        }
+    bool grey = p->channels == 1 && p->cell == NULL;
+    for (int c = 0; c < 3; c++) {
+        int of = grey ? 0 : c;
+        out[c] = count[of] > 0 ? sum[of] / count[of] : 0;
+    }
+}
+
+static double det3(const double A[9])
+{
+    return A[0] * (A[4] * A[8] - A[5] * A[7]) - A[1] * (A[3] * A[8] - A[5] * A[6]) +
+           A[2] * (A[3] * A[7] - A[4] * A[6]);
+}
+
+/* ---- a flame ---- */
+
+/* Brightness of a pixel: all of its channels. */
+static double light_at(const struct rec_light_picture *p, size_t pixel)
+{
+    double s = 0;
+    for (int k = 0; k < p->channels; k++) {
+        float v = p->mean[pixel * (size_t)p->channels + (size_t)k];
+        s += isfinite(v) ? (double)v : 0;
+    }
+    return s;
+}
+
+pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camera *c,
+                       const double at[3], double out[3], struct pvx_diag *d)
+{
+    double centre[3], D2 = 0, edge = 0, all = 0, axis[3] = {c->R[6], c->R[7], c->R[8]};
+    size_t w = (size_t)p->width, h = (size_t)p->height;
+    double count[3] = {0}, sum[3] = {0};
+    rec_camera_centre(c, centre);
+    for (int a = 0; a < 3; a++)
+        D2 += (at[a] - centre[a]) * (at[a] - centre[a]);
+    for (size_t i = 0; i < w * h; i++) {
+        double o[3], r[3], l = light_at(p, i);
+        size_t x = i % w, y = i / w;
+        if (!rec_camera_ray(c, (double)x, (double)y, o, r))
+            continue;
+        double cosine = r[0] * axis[0] + r[1] * axis[1] + r[2] * axis[2];
+        double weight = cosine * cosine * cosine;
+        all += l;
+        if (x < w / 50 + 1 || y < h / 50 + 1 || x >= w - w / 50 - 1 || y >= h - h / 50 - 1)
+            edge += l;
+        for (int k = 0; k < p->channels; k++) {
+            float v = p->mean[i * (size_t)p->channels + (size_t)k];
+            int col = rec_light_colour(p, i, k);
+            count[col]++;
+            sum[col] += isfinite(v) ? weight * (double)v : 0;
+        }
+    }
+    if (!(all > 0))
+        return pvx_fail(d, PVX_EINVAL, "there is no flame in its pictures");
+    if (edge > 0.02 * all)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "%.0f %% of its light is at the picture's border: a flame that is cut off, or a "
+            "pedestal (pyrovox calibrate dark)",
+            100 * edge / all);
+    bool grey = p->channels == 1 && p->cell == NULL;
+    for (int k = 0; k < 3; k++) { /* of a filter's pixels each stands for several */
+        int of = grey ? 0 : k;
+        out[k] = sum[of] / fmax(count[of], 1) * (double)(w * h) * D2 / (c->fx * c->fy);
+    }
+    return PVX_OK;
+}
+
+pvx_err rec_light_where(const struct rec_light_picture *const *p, const struct rec_camera *c,
+                        size_t n, double at[3], struct pvx_diag *d)
+{
+    double A[9] = {0}, b[3] = {0};
+    for (size_t q = 0; q < n; q++) {
+        double all = 0, u = 0, v = 0, o[3], r[3];
+        size_t w = (size_t)p[q]->width;
+        for (size_t i = 0; i < rec_light_pixels(p[q]); i++) {
+            double l = light_at(p[q], i);
+            all += l;
+            u += l * (double)(i % w);
+            v += l * (double)(i / w);
+        }
+        if (!(all > 0) || !rec_camera_ray(&c[q], u / all, v / all, o, r))
+            continue;
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++) {
+                double m = (i == j) - r[i] * r[j];
+                A[3 * i + j] += m;
+                b[i] += m * o[j];
+            }
+    }
+    double trace = A[0] + A[4] + A[8];
+    if (!(det3(A) > 1e-6 * trace * trace * trace) || !rec_light_solve(A, b, 3))
+        return pvx_fail(d, PVX_EINVAL, "the flame is seen from one side only");
+    memcpy(at, b, sizeof b);
+    return PVX_OK;
+}
+
+/* ---- gains and colours ---- */
+
+void rec_light_gains(const double *light, size_t n, double *gain)
+{
+    double sum = 0, count = 0;
+    for (size_t i = 0; i < n; i++)
+        if (light[i] > 0) {
+            sum += log(light[i]);
+            count++;
+        }
+    for (size_t i = 0; i < n; i++)
+        gain[i] = light[i] > 0 ? exp(sum / count) / light[i] : 1;
+}
+
+pvx_err rec_light_matrix(const double *from, const double *to, size_t m, double matrix[9],
+                         double *residual, struct pvx_diag *d)
+{
+    double A[9] = {0}, trace = 0;
+    *residual = 0;
+    if (m < 3)
+        return pvx_fail(d, PVX_EINVAL, "%zu colours do not make a matrix: show 3 or more", m);
+    for (size_t k = 0; k < m; k++)
+        for (int i = 0; i < 3; i++)
+            for (int j = 0; j < 3; j++)
+                A[3 * i + j] += from[3 * k + (size_t)i] * from[3 * k + (size_t)j];
+    for (int i = 0; i < 3; i++)
+        trace += A[4 * i];
+    double det = det3(A);
+    /* least eigenvalue >= det / (trace/2)^2, and the condition of A is that of the patches, squared */
+    if (!(det * 4 / (trace * trace) > 1e-4 * trace))
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "the colours are too alike to make a matrix: show a red, a green and a blue one");
+    for (int r = 0; r < 3; r++) {
+        double M[9], b[3] = {0};
+        memcpy(M, A, sizeof M);
+        for (size_t k = 0; k < m; k++)
+            for (int i = 0; i < 3; i++)
+                b[i] += from[3 * k + (size_t)i] * to[3 * k + (size_t)r];
+        if (!rec_light_solve(M, b, 3))
+            return pvx_fail(d, PVX_EINVAL, "the colours are too alike to make a matrix");
+        memcpy(matrix + 3 * r, b, sizeof b);
+        for (size_t k = 0; k < m; k++) {
+            double e = to[3 * k + (size_t)r];
+            for (int i = 0; i < 3; i++)
+                e -= b[i] * from[3 * k + (size_t)i];
+            *residual += e * e;
+        }
+    }
+    *residual = sqrt(*residual / (3 * (double)m));
+    return PVX_OK;
+}
+
+/* ---- noise ---- */
+
+pvx_err rec_light_noise(const struct rec_light_picture *p, size_t m, struct rec_noise *out,
+                        struct pvx_diag *d)
+{
+    double s[5] = {0}, least = INFINITY, most = -INFINITY;
+    for (size_t k = 0; k < m; k++) {
+        double mean[REC_REGIONS * REC_REGIONS], var[REC_REGIONS * REC_REGIONS];
+        if (p[k].n < 2)
+            return pvx_fail(d, PVX_EINVAL, "one picture has no noise to be seen: take 2 or more");
+        rec_light_regions(&p[k], p[k].mean, -1, mean);
+        rec_light_regions(&p[k], p[k].var, -1, var);
+        for (int r = 0; r < REC_REGIONS * REC_REGIONS; r++) {
+            if (!isfinite(mean[r]) || !(var[r] > 0))
+                continue;
+            double w = 1 / (var[r] * var[r]);
+            s[0] += w;
+            s[1] += w * mean[r];
+            s[2] += w * mean[r] * mean[r];
+            s[3] += w * var[r];
+            s[4] += w * mean[r] * var[r];
+            least = fmin(least, mean[r]);
+            most = fmax(most, mean[r]);
+        }
+    }
+    double det = s[0] * s[2] - s[1] * s[1];
+    if (!(most > least + 0.05) || !(det > 0))
+        return pvx_fail(d, PVX_EINVAL, "the pictures are too alike to tell read noise from gain");
+    out->gain = fmax(0, (s[0] * s[4] - s[1] * s[3]) / det);
+    out->read = sqrt(fmax(0, (s[3] - out->gain * s[1]) / s[0]));
+    return PVX_OK;
+}

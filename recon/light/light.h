@@ -1,0 +1,100 @@
+/* light.h - what a camera makes of light, from pictures of nothing, of an even source, of a flame.
+ *
+ * Pictures are means and variances over several of one scene: [height][width][channels] floats, 1 = full
+ * scale, NaN = a pixel that says nothing; channels 1 (grey, or a Bayer filter's pixels with its cell) or 3.
+ * Threads: pure.  Errors: PVX_EINVAL, whose sentence has neither camera nor file: the caller knows them. */
+#ifndef REC_LIGHT_H
+#define REC_LIGHT_H
+#include <stddef.h>
+#include <stdint.h>
+#include "base/err.h"
+#include "recon/geom/rig.h"
+
+struct rec_light_picture {
+    int32_t width, height;
+    int channels;
+    const uint8_t *cell; /* of a Bayer filter, else NULL */
+    uint32_t n;          /* pictures that it is of */
+    const float *mean, *var;
+    double saturated; /* share of samples that were, in any of them */
+    double exposure;  /* s; NAN = not known */
+};
+
+/* Values that darks may have, and what must not be in them. */
+#define REC_DARK_MOST 0.25 /* of full scale, in the middle of its distribution */
+#define REC_DARK_UNEVEN \
+    0.02                 /* of full scale, between the darkest and brightest 8th of the picture */
+#define REC_DARK_LEAST 4 /* pictures */
+
+struct rec_dark {
+    size_t hot, dead;   /* pixels that became NaN */
+    double level, read; /* median; read noise of a picture, full scale = 1 */
+};
+/* out = mean, with NaN where the mean or the variance is beyond 8 scaled MADs of all pixels' (and 0.004 of full
+ * scale, which 8-bit darks do not fall below).  Refused: light in it, fewer than REC_DARK_LEAST pictures. */
+PVX_MUST_CHECK pvx_err rec_light_dark(const struct rec_light_picture *p, float *out,
+                                      struct rec_dark *r, struct pvx_diag *d);
+
+/* Sensitivity of each pixel from m pictures of an even source at m places:
+ *     log p_k = log F + q_k(x, y),   sum over k of q_k = 0                                           (1)
+ * q_k of degree 2: what of the source's shading changes from place to place; that of all places together is
+ * taken for the lens's, which is why the source is to be turned from picture to picture.  F is the mean of
+ * log p_k - q_k over the pictures in which the pixel is not beyond 6 sigma of (1) (dust on the source), of mean 1
+ * over the middle quarter, per channel; NaN where it is not in 0.4..2.5 of the median of its neighbourhood.
+ * Refused: m < 2; a region (an 8th of the picture each way) that is saturated, or dark (below 0.02 or a 20th
+ * of the brightest). */
+struct rec_flat {
+    size_t bad;
+    double vignetting; /* least of the mean over a region */
+    double residual;   /* rms of log p_k - (1) */
+};
+PVX_MUST_CHECK pvx_err rec_light_flat(const struct rec_light_picture *p, size_t m, float *out,
+                                      struct rec_flat *r, struct pvx_diag *d);
+
+/* Light r(s) of a sample s from m exposures of one scene, m >= 4, with values at s = 0, 1/(n-1) .. 1:
+ *     min over r of  [ sum over pixels p, exposures k of w_k (r(s_pk) - a_p - b_p t_k)^2 + h |r''|^2 ]
+ *                    / sum of w_k (r(s_pk) - c_p)^2                                                  (2)
+ * r(0) = 0, w_k = 1 / (t_k + t_max / 10)^2, h: hardly any (what no sample covers follows its neighbours);
+ * a_p, b_p, c_p are eliminated, so a pedestal does no harm; scaled to r(1) = 1 at the end: a bound on r(1) in
+ * its place would make r small.  Then made monotone (pool adjacent violators), which noise may need.
+ * Refused: fewer exposures; all in one ratio q (r (1 + a sin(2 pi log_q r)) would fit as well); samples that do not cover 10 to 90 % of the range; samples that fall while the
+ * exposure rises. */
+#define REC_RESPONSE_KNOTS 33
+struct rec_response {
+    double value[REC_RESPONSE_KNOTS];
+    double residual; /* rms of r - a - b t, full scale */
+};
+PVX_MUST_CHECK pvx_err rec_light_response(const struct rec_light_picture *p, size_t m,
+                                          struct rec_response *out, struct pvx_diag *d);
+
+/* variance = read^2 + gain * mean, from m pictures (mean is light above dark): means over regions, a line
+ * through them, weighted by 1 / variance^2.  PVX_EINVAL: fewer than 2 pictures to a mean, no spread. */
+struct rec_noise {
+    double read, gain;
+};
+PVX_MUST_CHECK pvx_err rec_light_noise(const struct rec_light_picture *p, size_t m,
+                                       struct rec_noise *out, struct pvx_diag *d);
+
+/* Mean of each channel over the middle quarter; grey: all three the same. */
+void rec_light_middle(const struct rec_light_picture *p, double out[3]);
+
+/* Light that a flame sends in all directions, from one picture, up to a factor that all cameras share:
+ *     F = D^2 / (fx fy) * sum over pixels of p cos^3(angle to the axis)                                (3)
+ * D: distance to the flame's middle `at`.  Exact for a thin flame but for the square of its size over D.
+ * Refused: flame at the picture's border. */
+PVX_MUST_CHECK pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camera *c,
+                                      const double at[3], double out[3], struct pvx_diag *d);
+/* Point nearest to the rays through the middles of brightness.  PVX_EINVAL: fewer than two cameras with light,
+ * or all rays alike. */
+PVX_MUST_CHECK pvx_err rec_light_where(const struct rec_light_picture *const *p,
+                                       const struct rec_camera *c, size_t n, double at[3],
+                                       struct pvx_diag *d);
+
+/* Gains whose product is 1: proportional to 1 / light[i]; an entry of 0 or below is left out (gain 1). */
+void rec_light_gains(const double *light, size_t n, double *gain);
+
+/* M with M from_k = to_k for m patches, [m][3] each, by least squares.  Refused: m < 3, patches whose colours
+ * are so alike (condition above 100) that noise would be amplified. */
+PVX_MUST_CHECK pvx_err rec_light_matrix(const double *from, const double *to, size_t m,
+                                        double matrix[9], double *residual, struct pvx_diag *d);
+#endif
