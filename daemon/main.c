@@ -117,6 +117,14 @@ static pvx_err control_record(void *ctx, bool start, const char *path, char *whe
     return e;
 }
 
+static pvx_err control_background(void *ctx, uint32_t sets, struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    return p != NULL ? dmn_live_background(p, sets, d)
+                     : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+}
+
 static void control_stop(void *ctx)
 {
     struct daemon *dm = ctx;
@@ -244,6 +252,7 @@ static int run(const struct dmn_config *cfg)
                                   .reset_latency = control_reset,
                                   .stop = control_stop,
                                   .record = control_record,
+                                  .background = control_background,
                                   .ctx = &dm};
     dmn_control *control = NULL;
     dmn_live *p = NULL;

@@ -3,6 +3,7 @@
 #define CLI_CALIBRATE_H
 
 /* argv[0] = "pyrovox calibrate NAME"; exit code. */
+int calibrate_background(int argc, char **argv);
 int calibrate_board(int argc, char **argv);
 int calibrate_check(int argc, char **argv);
 int calibrate_colour(int argc, char **argv);

@@ -53,6 +53,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
+        if (a->nothing)
+            return 0;
         if (a->rig == NULL || a->out == NULL || a->n == 0)
             argp_error(st, "needs --rig, --frames and --out");
         return 0;
@@ -77,13 +79,14 @@ static size_t folder(const char *path)
     return slash == NULL ? 0 : (size_t)(slash - path) + 1;
 }
 
-static pvx_err may_write(const struct calibrate_light *l, struct pvx_diag *d)
+/* A rig, or (from pictures with all that it has) something else. */
+static pvx_err may_write(const struct calibrate_light *l, bool rig_out, struct pvx_diag *d)
 {
     const char *rig = l->a->rig, *out = l->a->out;
     size_t n = folder(rig);
     if (!l->a->force && access(out, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s is there already; --force writes over it", out);
-    if (folder(out) != n || strncmp(out, rig, n) != 0)
+    if (rig_out && (folder(out) != n || strncmp(out, rig, n) != 0))
         for (size_t c = 0; c < l->rig.n_cameras; c++)
             if (rec_photometry_acts(&l->rig.cameras[c].photometry))
                 return pvx_fail(d, PVX_EINVAL,
@@ -97,7 +100,7 @@ pvx_err calibrate_light_begin(struct calibrate_light *l, const struct calibrate_
 {
     *l = (struct calibrate_light){.a = a};
     PVX_TRY(rec_rig_load(a->rig, &l->rig, d));
-    PVX_TRY(may_write(l, d));
+    PVX_TRY(may_write(l, what != DMN_LIGHT_ALL, d));
     PVX_TRY(rec_rig_copy(&l->rig, &l->as));
     PVX_TRY(dmn_photometry_load(a->rig, what, &l->as, &l->light, d));
     PVX_TRY(pvx_pool_new((unsigned)a->threads, "light", &l->pool));
@@ -198,6 +201,7 @@ static void add(struct calibrate_stack *s, const struct frames_in *f, size_t c, 
             s->sum2[i * ch + k] += x * x;
             s->saturated += full && v[i * cs + lane] == top;
         }
+    rec_light_still_add(&s->still, v, (const int32_t[]){p->width, p->height}, f->nch, (int)cs);
     s->samples += w * (size_t)p->height * ch;
     s->picture.n++;
 }

@@ -20,6 +20,7 @@ struct calibrate_light_args {
     int64_t threads;
     struct frames_in_reading reading;
     bool force;
+    bool nothing; /* no pictures are wanted: nothing has to be given */
 };
 /* Child of a step's argp; its input is the args.  Usage errors end the program with 2. */
 extern const struct argp calibrate_light_argp;
@@ -31,6 +32,7 @@ struct calibrate_stack {
     struct rec_light_picture picture; /* n 0: it has none */
     double *sum, *sum2;
     float *mean, *var;
+    struct rec_light_still still;
     uint64_t samples, saturated;
     double gain;                 /* as the camera said; NAN */
     char serial[REC_SERIAL_MAX]; /* "" = not known */

@@ -18,6 +18,7 @@ static const struct {
     {"flat", "vignetting and each pixel's sensitivity; noise", calibrate_flat},
     {"gain", "cameras beside each other, by a source or a flame", calibrate_gain},
     {"colour", "every camera's colours made those of the first", calibrate_colour},
+    {"background", "what cameras see without a flame, from pictures or live", calibrate_background},
 };
 
 static void help(FILE *f)
@@ -26,7 +27,7 @@ static void help(FILE *f)
           "From cameras on tripods to a rig.yaml.\n\nSteps:\n",
           f);
     for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
-        fprintf(f, "  %-8s %s\n", steps[i].name, steps[i].summary);
+        fprintf(f, "  %-10s %s\n", steps[i].name, steps[i].summary);
     fputs("\n`pyrovox calibrate STEP --help` explains one.\n", f);
 }
 

@@ -255,13 +255,41 @@ float *frames_in_room(const struct frames_in *f, size_t c)
     return pvx_calloc(bins * (f->nch == 3 ? 4 : 1), sizeof(float));
 }
 
+/* The images with the rig's photometry or, floats, without: those are what `calibrate background` wrote. */
+static pvx_err bin_some(struct frames_in *f, bool floats, const char *dir, float **out,
+                        struct pvx_diag *d)
+{
+    const struct cap_image *some[REC_MAX_CAMERAS] = {0};
+    struct frames_in plain = *f;
+    dmn_images *images = f->images;
+    pvx_err e = PVX_OK;
+    uint64_t mask;
+    for (size_t c = 0; c < f->rig->n_cameras; c++)
+        if ((cap_pixfmt_layout(f->image[c]->fmt) == CAP_LAYOUT_F32) == floats)
+            some[c] = f->image[c];
+    if (floats && f->light != NULL) {
+        plain.light = NULL;
+        plain.images = NULL;
+        e = frames_in_begin(&plain, f->binning, f->mosaic, d);
+        images = plain.images;
+    }
+    if (e == PVX_OK)
+        dmn_images_bin(images, some, out, &mask);
+    for (size_t c = 0; c < f->rig->n_cameras && e == PVX_OK; c++)
+        if (some[c] != NULL && !(mask >> c & 1))
+            e = pvx_fail(d, PVX_EINVAL, "%s/%s: %s", dir, f->rig->cameras[c].name,
+                         dmn_images_why(images, c));
+    if (images != f->images)
+        dmn_images_free(&images);
+    return e;
+}
+
 pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, struct pvx_diag *d)
 {
     static const char *const ext[] = {"npy", "tif", "tiff", "png"};
     char path[PATH_ROOM];
     pvx_err e = PVX_OK;
     size_t n = 0;
-    uint64_t mask;
     for (; n < f->rig->n_cameras && e == PVX_OK; n++) {
         const char *name = f->rig->cameras[n].name;
         size_t i = 0;
@@ -282,13 +310,11 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
             e = pvx_fail(d, PVX_ENOMEM, "%s: no memory for backgrounds", dir);
     }
     if (e == PVX_OK)
-        dmn_images_bin(f->images, f->image, out, &mask);
-    for (size_t c = 0; c < n; c++) {
-        if (e == PVX_OK && !(mask >> c & 1))
-            e = pvx_fail(d, PVX_EINVAL, "%s/%s: %s", dir, f->rig->cameras[c].name,
-                         dmn_images_why(f->images, c));
+        e = bin_some(f, false, dir, out, d);
+    if (e == PVX_OK)
+        e = bin_some(f, true, dir, out, d);
+    for (size_t c = 0; c < n; c++)
         cap_loaded_free(&f->loaded[c]);
-    }
     return e;
 }
 
@@ -368,6 +394,7 @@ pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mo
                                         .light = f->light};
     dmn_images_free(&f->images);
     f->binning = binning;
+    f->mosaic = mosaic;
     return dmn_images_new(&p, f->rig, f->pool, &f->images, d);
 }
 

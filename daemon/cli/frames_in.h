@@ -38,6 +38,7 @@ struct frames_in {
     atomic_bool stop;
 
     int32_t binning;
+    enum cap_mosaic mosaic;
     size_t at;          /* the set that is read next */
     dmn_images *images; /* NULL before frames_in_begin */
     struct cap_loaded loaded[REC_MAX_CAMERAS];
@@ -64,7 +65,8 @@ bool frames_in_complete(const struct frames_in *f, size_t i);
 float *frames_in_room(const struct frames_in *f, size_t c);
 /* Set i into out[camera] [bins down][bins across][1 or 4]; the cameras that are in it. */
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
-/* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way.  Owner of each out[camera]: caller, free(),
+/* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way; but .npy of floats are what
+ * `calibrate background` wrote, with the rig's photometry in them.  Owner of each out[camera]: caller, free(),
  * after an error too. */
 PVX_MUST_CHECK pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out,
                                             struct pvx_diag *d);

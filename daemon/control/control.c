@@ -71,6 +71,21 @@ static size_t record(const struct dmn_control_ops *ops, const cJSON *req, char *
     return n > 0 ? n : done(reply, size);
 }
 
+static size_t background(const struct dmn_control_ops *ops, const cJSON *req, char *reply,
+                         size_t size)
+{
+    const cJSON *sets = cJSON_GetObjectItemCaseSensitive(req, "sets");
+    double n = cJSON_IsNumber(sets) ? sets->valuedouble : -1;
+    if (!(n >= 0 && n <= 1e6 && n == (double)(uint32_t)n))
+        return fail(reply, size,
+                    "sets should be a whole number, 2 or more, or 0 for no background");
+    if (ops->background == NULL)
+        return fail(reply, size, "a background is not possible here");
+    struct pvx_diag d = {""};
+    pvx_err e = ops->background(ops->ctx, (uint32_t)n, &d);
+    return e == PVX_OK ? done(reply, size) : fail(reply, size, pvx_diag_text(&d, e));
+}
+
 static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
 {
     const char *cmd = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "cmd"));
@@ -97,12 +112,15 @@ static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char 
     }
     if (strcmp(cmd, "record") == 0)
         return record(ops, req, reply, size);
+    if (strcmp(cmd, "background") == 0)
+        return background(ops, req, reply, size);
     if (strcmp(cmd, "stop") == 0) {
         ops->stop(ops->ctx);
         return done(reply, size);
     }
     return fail(reply, size,
-                "unknown command; there are ping, status, log-level, reset-latency, record, stop");
+                "unknown command; there are ping, status, log-level, reset-latency, record, "
+                "background, stop");
 }
 
 size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,

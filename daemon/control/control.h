@@ -6,6 +6,8 @@
  *   {"cmd":"reset-latency"}               {"ok":true}; the latency statistics start anew
  *   {"cmd":"record","action":"start","path":"/data/a.h5"}   {"ok":true,"path":...}; path may be left out
  *   {"cmd":"record","action":"stop"}      {"ok":true,"path":...}; answers when the take is closed
+ *   {"cmd":"background","sets":64}        {"ok":true}; the mean of the next sets is subtracted from then on; answers
+ *                                         when it is, or with why not (a flame in it); 0: none any more
  *   {"cmd":"stop"}                        {"ok":true}; the daemon drains and ends
  * Anything else, or more than DMN_REQUEST_MAX bytes: {"error":"..."}.
  * A second daemon on the same endpoint is refused (proto/ipc.h).
@@ -14,6 +16,7 @@
 #define DMN_CONTROL_H
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 #include "base/err.h"
 
 #define DMN_REQUEST_MAX 4096
@@ -27,6 +30,8 @@ struct dmn_control_ops {
     pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
                       struct pvx_diag *d);
     void *ctx;
+    /* Take a background of so many sets; NULL = cannot. */
+    pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);
 };
 
 /* Answer one request; returns the reply's length (at least 2, 0-terminated beyond).  size >= 256. */

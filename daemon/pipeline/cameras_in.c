@@ -62,6 +62,8 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
     load(in, set, s);
     if (s->n_present == 0 || s->n_present < images_needed(in, set))
         s->why = DMN_DROP_IMAGES;
+    else if (in->background != NULL)
+        dmn_background_look(in->background, s, *in->pipeline);
     cap_set_release(set);
     return PVX_OK;
 }

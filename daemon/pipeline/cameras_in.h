@@ -7,6 +7,7 @@
 #define DMN_CAMERAS_IN_H
 #include <stdatomic.h>
 #include "capture/rig/capture.h"
+#include "daemon/pipeline/background.h"
 #include "daemon/pipeline/images.h"
 #include "daemon/pipeline/pipeline.h"
 
@@ -18,6 +19,8 @@ struct dmn_cameras_in {
     int64_t stale_ns;              /* a set older than that makes way for a newer one; 0 = never */
     const atomic_size_t *wait_for; /* no image is taken before this is not 0; or NULL */
     const atomic_bool *stopping;   /* then it is not waited for */
+    dmn_background *background;    /* looks at each set that is given on; or NULL */
+    dmn_pipeline *const *pipeline; /* whose source this is, for that */
 };
 struct dmn_source dmn_cameras_source(struct dmn_cameras_in *in);
 #endif

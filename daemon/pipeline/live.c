@@ -29,6 +29,7 @@ struct dmn_live {
     dmn_recording *recording; /* NULL = cannot */
     dmn_photometry *light;    /* NULL = none */
     dmn_images *images;
+    dmn_background *background;
     struct dmn_cameras_in in;
     struct dmn_publish out;
     dmn_watch *watch;
@@ -112,6 +113,7 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
                                    .light = l->light};
     PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
+    PVX_TRY(dmn_background_new(l->S, &l->rig, ip.nch, &l->background, d));
     int64_t limit = dmn_config_deadline(c), period = l->sources.capture.sets.period_ns;
     l->in = (struct dmn_cameras_in){.capture = l->capture,
                                     .images = l->images,
@@ -119,7 +121,9 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
                                     .sets = l->sources.capture.sets,
                                     .stale_ns = c->lossless ? 0 : limit,
                                     .wait_for = c->wait_subscriber ? &l->out.subscribers : NULL,
-                                    .stopping = &l->stopping};
+                                    .stopping = &l->stopping,
+                                    .background = l->background,
+                                    .pipeline = &l->pipeline};
     struct dmn_pipeline_params pp = {
         .S = l->S,
         .rig = &l->rig,
@@ -218,6 +222,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_watch_free(&l->watch); /* the pipeline offers it sets */
     dmn_images_free(&l->images);
     dmn_photometry_free(&l->light);
+    dmn_background_free(&l->background);
     rec_sysmat_free(&l->S);
     dmn_scene_free(&l->scene);
     pvx_pool_free(&l->pool);
@@ -255,6 +260,11 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
 {
     return start ? dmn_recording_start(l->recording, path, where, size, d)
                  : dmn_recording_stop(l->recording, where, size, d);
+}
+
+pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d)
+{
+    return dmn_background_take(l->background, sets, d);
 }
 
 void dmn_live_reset_latency(dmn_live *l)

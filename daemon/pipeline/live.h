@@ -27,6 +27,8 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out);
 /* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
 PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where,
                                        size_t size, struct pvx_diag *d);
+/* The mean of the next `sets` becomes the background, 0: none any more; waits for them (background.h). */
+PVX_MUST_CHECK pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d);
 /* The latency statistics start anew with the next volume. */
 void dmn_live_reset_latency(dmn_live *l);
 /* Longest time since a stage's last heartbeat, ns. */

@@ -217,6 +217,11 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
     return e;
 }
 
+pvx_err dmn_pipeline_background(dmn_pipeline *p, size_t camera, const float *bg)
+{
+    return rec_carver_background(p->carver, camera, bg);
+}
+
 pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
 {
     pvx_err e = dmn_stage_start(&p->stage[SINK], p->a.sink.name, sink, p);

@@ -93,6 +93,17 @@ PVX_MUST_CHECK pvx_err rec_light_where(const struct rec_light_picture *const *p,
 /* Gains whose product is 1: proportional to 1 / light[i]; an entry of 0 or below is left out (gain 1). */
 void rec_light_gains(const double *light, size_t n, double *gain);
 
+/* Whether pictures taken one after the other show the same: means of 8 x 8 regions, added up. */
+struct rec_light_still {
+    double n, sum[64], sum2[64];
+};
+/* A picture [height][width][stride], the first `channels` of each; what is not finite is left out. */
+void rec_light_still_add(struct rec_light_still *s, const float *v, const int32_t size[2],
+                         int channels, int stride);
+/* The region that changed most, where its mean varied by more than 0.002 + 2 % of it (standard deviation over
+ * the pictures): a flame's flicker, not a sensor's noise nor that of lamps; -1: none did.  *by: that. */
+int rec_light_moves(const struct rec_light_still *s, double *by);
+
 /* M with M from_k = to_k for m patches, [m][3] each, by least squares.  Refused: m < 3, patches whose colours
  * are so alike (condition above 100) that noise would be amplified. */
 PVX_MUST_CHECK pvx_err rec_light_matrix(const double *from, const double *to, size_t m,

@@ -157,7 +157,7 @@ static void answer_is(const char *request, const char *part)
 {
     int fits = 1;
     char reply[600];
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits, NULL};
     size_t n = dmn_control_handle(&ops, request, strlen(request), reply, sizeof reply);
     T_EQ_I(n, strlen(reply));
     T_CONTAINS(reply, part);
@@ -196,7 +196,7 @@ T_CASE(control_answers)
     /* a status that does not fit is an answer too */
     int fits = 0;
     char reply[300];
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits, NULL};
     dmn_control_handle(&ops, "{\"cmd\":\"status\"}", 16, reply, sizeof reply);
     T_CONTAINS(reply, "does not fit");
 }
@@ -248,7 +248,7 @@ T_CASE(second_control_socket_is_refused)
     scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     int fits = 1;
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits};
+    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits, NULL};
     dmn_control *a = NULL, *b = NULL;
     struct pvx_diag d = {0};
     T_EQ_I(dmn_control_new(endpoint, &ops, &a, &d), PVX_OK);
@@ -299,7 +299,7 @@ T_CASE(a_reply_is_not_lost_by_what_another_peer_did)
     scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     atomic_bool go;
-    struct dmn_control_ops ops = {slow_status, fake_reset, fake_stop, fake_record, &go};
+    struct dmn_control_ops ops = {slow_status, fake_reset, fake_stop, fake_record, &go, NULL};
     struct pvx_diag d = {0};
     dmn_control *c = NULL;
     T_EQ_I(dmn_control_new(endpoint, &ops, &c, &d), PVX_OK);
