@@ -5,17 +5,18 @@
 #include "daemon/cli/calibrate.h"
 #include "daemon/cli/calibrate_job.h"
 #include "daemon/cli/calibrate_modes.h"
+#include "daemon/cli/calibrate_refine.h"
 #include "daemon/cli/cli.h"
 
 struct args {
     struct calibrate_args c;
-    const char *frames;
+    const char *frames, *flame;
     int64_t every, from, to; /* every 0: not said */
     const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
     size_t n_binning, n_region;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_BINNING, OPT_REGION };
+enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_BINNING, OPT_REGION, OPT_FLAME };
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
@@ -35,6 +36,10 @@ static const struct argp_option options[] = {
      "pictures of the flame are these W x H pixels, after binning, of the whole ones, which these "
      "are; "
      "may be repeated",
+     0},
+    {"refine-with-flame", OPT_FLAME, "DIR|TAKE.h5", 0,
+     "then correct the poses by a flame, as `pyrovox calibrate refine` does; where that makes "
+     "nothing better the rig of the board stays",
      0},
     {0}};
 
@@ -76,6 +81,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
     case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
     case OPT_BINNING: keep(st, a->binning, &a->n_binning, arg); return 0;
+    case OPT_FLAME: a->flame = arg; return 0;
     case OPT_REGION: keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
@@ -119,6 +125,19 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
     return e == PVX_OK ? calibrate_conclude(j, d) : e;
 }
 
+/* The rig that was written, by a flame. */
+static pvx_err refine(const struct args *a, struct pvx_diag *d)
+{
+    struct flame_sets_args sets = FLAME_SETS_INIT;
+    bool accepted;
+    sets.rig = a->c.out;
+    sets.frames = a->flame;
+    sets.threads = a->c.threads;
+    sets.quiet = a->c.quiet;
+    printf("\n");
+    return calibrate_refine_rig(&sets, a->c.out, &accepted, d);
+}
+
 int calibrate_solve(int argc, char **argv)
 {
     struct args a = {.c = CALIBRATE_ARGS_INIT, .to = REC_NO_FRAME};
@@ -131,6 +150,13 @@ int calibrate_solve(int argc, char **argv)
     struct calibrate_job j = {0};
     pvx_err e = run(&j, &a, &d);
     calibrate_job_fini(&j);
+    bool written = e == PVX_OK;
+    if (written && a.flame != NULL)
+        e = refine(&a, &d);
+    if (e == PVX_ECANCELED && written) {
+        fprintf(stderr, "\npyrovox: stopped; %s is the rig of the board\n", a.c.out);
+        return 130;
+    }
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
         return 130;

@@ -13,6 +13,7 @@ static const struct {
     {"live", "from the rig's own cameras to rig.yaml, with a screen that guides", calibrate_live},
     {"solve", "from pictures of the board to rig.yaml", calibrate_solve},
     {"check", "does a flame agree with the rig; which camera is wrong, and how", calibrate_check},
+    {"refine", "poses corrected by a flame", calibrate_refine},
     {"response", "light of each sample value, from a ladder of exposures", calibrate_response},
     {"dark", "what cameras see with their caps on, hot and dead pixels", calibrate_dark},
     {"flat", "vignetting and each pixel's sensitivity; noise", calibrate_flat},

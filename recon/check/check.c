@@ -369,7 +369,8 @@ static void figures(const rec_check *k, size_t c, struct rec_check_camera *o)
             if (s->spread > 1)
                 o->sigma[a] = bin * sqrt(s->m2[a] / (s->spread - 1) / s->spread);
         }
-    if (rec_pose_fit(&s->lattice, &k->rig.cameras[c], &k->rig.grid, k->S->binning, false, &fit)) {
+    if (rec_pose_fit(&s->lattice, &k->rig.cameras[c], &k->rig.grid, k->S->binning, REC_POSE_FOCAL,
+                     &fit)) {
         o->roll = fit.roll;
         o->size = fit.size;
     }

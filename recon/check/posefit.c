@@ -34,14 +34,11 @@ static bool beliefs(const struct rec_camera *c, const double X0[3], double size,
     return per_m > 0;
 }
 
-bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const struct rec_grid *g,
-                  int32_t binning, bool focal, struct rec_pose_fit *out)
+/* Normal equations of the windows; their tr(A). */
+static double gather(const struct rec_lattice *l, const struct rec_camera *c, const double X0[3],
+                     int32_t binning, double M[N * N], double b[N])
 {
-    double X0[3], size, sigma[N], M[N * N] = {0}, b[N] = {0}, trace = 0, J[2 * N];
-    *out = (struct rec_pose_fit){0};
-    middle_of(g, X0, &size);
-    if (!beliefs(c, X0, size, sigma))
-        return false;
+    double trace = 0, J[2 * N];
     for (int i = 0; i < REC_LATTICE; i++) {
         const struct rec_window *w = &l->w[i];
         double X[3];
@@ -58,15 +55,46 @@ bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const
         }
         trace += w->A[0] + w->A[2];
     }
+    return trace;
+}
+
+static bool solve(const double M[N * N], const double b[N], unsigned held, double x[N])
+{
+    double K[N * N], k[N];
+    for (int p = 0; p < N; p++) {
+        bool off = (held >> p & 1) != 0;
+        k[p] = off ? 0 : b[p];
+        for (int q = 0; q < N; q++)
+            K[N * p + q] = !off && (held >> q & 1) == 0 ? M[N * p + q] : p == q;
+    }
+    return rec_solve_definite(K, k, N, x);
+}
+
+/* Whether the flame tells more of the focal length than was believed of it. */
+static bool shows_focal(const double M[N * N], unsigned held, double belief)
+{
+    double e[N] = {0}, y[N];
+    e[N - 1] = 1;
+    return solve(M, e, held, y) && y[N - 1] * belief < 0.5;
+}
+
+bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const struct rec_grid *g,
+                  int32_t binning, unsigned held, struct rec_pose_fit *out)
+{
+    double X0[3], size, sigma[N], M[N * N] = {0}, b[N] = {0}, J[2 * N];
+    *out = (struct rec_pose_fit){.held = held};
+    middle_of(g, X0, &size);
+    if (!beliefs(c, X0, size, sigma))
+        return false;
+    double trace = gather(l, c, X0, binning, M, b);
     if (!(trace > 0))
         return false;
     double most = REC_POSE_PX / binning, weight = RHO * trace * most * most;
     for (int p = 0; p < N; p++)
         M[(N + 1) * p] += weight / (sigma[p] * sigma[p]);
-    if (!focal)
-        for (int q = 0; q < N; q++)
-            M[N * (N - 1) + q] = M[N * q + N - 1] = q == N - 1 ? 1 : 0, b[N - 1] = 0;
-    if (!rec_solve_definite(M, b, N, out->x))
+    if ((held & REC_POSE_FOCAL) == 0 && !shows_focal(M, held, weight / (sigma[6] * sigma[6])))
+        out->held |= REC_POSE_FOCAL;
+    if (!solve(M, b, out->held, out->x))
         return false;
     double depth = c->R[6] * X0[0] + c->R[7] * X0[1] + c->R[8] * X0[2] + c->t[2];
     (void)rec_camera_nudged(c, X0, X0, NULL, J);

@@ -5,7 +5,8 @@
  * A_W, d_W = A_W^-1 v_W and the mean point X_W of window W: shift.h; J_W = d bin / d x at X_W, x: turn w [rad] and
  * shift t [m] about the middle X0 of the volume (rec_camera_nudge), and ln f where it is asked for.  sigma_i: what
  * each may be off by before it is looked at: shifts, roll, distance m = REC_POSE_PX pixels at the flame, the direction from
- * which the camera looks and the focal length a tenth of that; what the flame does not show stays 0 by it.
+ * which the camera looks and the focal length a tenth of that; what the flame does not show stays 0 by it.  The focal
+ * length is free only where the flame tells more of it than was believed: (M^-1)_ff < sigma_f^2 / 2 in the same units.
  * Threads: pure. */
 #ifndef REC_POSEFIT_H
 #define REC_POSEFIT_H
@@ -14,15 +15,22 @@
 
 #define REC_POSE_PX 3.0
 
+enum {
+    REC_POSE_FROM = 3,      /* bits of x that are held: the direction from which it looks */
+    REC_POSE_DISTANCE = 32, /* how far away it is */
+    REC_POSE_FOCAL = 64,
+    REC_POSE_ALL = 127
+};
 struct rec_pose_fit {
-    double x[7];  /* w, t, ln f */
-    double px[2]; /* what it does at X0, raw pixels */
-    double roll;  /* rad, clockwise in the picture */
-    double size;  /* the picture's size over what it should be, - 1 */
+    double x[7];   /* w, t, ln f */
+    unsigned held; /* bit i: x[i] was */
+    double px[2];  /* what it does at X0, raw pixels */
+    double roll;   /* rad, clockwise in the picture */
+    double size;   /* the picture's size over what it should be, - 1 */
 };
 /* false: nothing to see. */
 bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const struct rec_grid *g,
-                  int32_t binning, bool focal, struct rec_pose_fit *out);
+                  int32_t binning, unsigned held, struct rec_pose_fit *out);
 /* The camera with that correction: what it sees then lies where its picture has it. */
 void rec_pose_apply_fit(struct rec_camera *c, const struct rec_grid *g,
                         const struct rec_pose_fit *f);

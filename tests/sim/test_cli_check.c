@@ -1,4 +1,4 @@
-/* test_cli_check.c - `pyrovox calibrate check` as a user runs it: a bumped camera is named, with how
+/* test_cli_check.c - `pyrovox calibrate check` and `refine` as a user runs them: a bumped camera is named, with how
  * far and which way; what tells nothing is refused in a sentence. */
 #include "../t.h"
 
@@ -8,7 +8,7 @@
 #include "tests/lib/cli.h"
 #include "tests/lib/flame_rig.h"
 
-enum { W = 128, SETS = 4, CAMERAS = 6 };
+enum { W = 128, SETS = 6, CAMERAS = 6 };
 
 static struct flame_rig f;
 
@@ -77,6 +77,46 @@ T_CASE(a_cap_on_a_lens)
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames capped --quiet"), 1);
     T_OK(says("out.txt", "cam4 dark: "));
     T_OK(says("out.txt", "take the cap off"));
+}
+
+/* The picture is right and the rig is not: the rig is corrected, and the flame then agrees with it. */
+T_CASE(a_rig_refined)
+{
+    struct rec_rig rig;
+    const double mid[3] = {0, 0, 0.5}, none[3] = {0}, aside[3] = {0.05, -0.03, 0};
+    T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
+    rec_camera_nudge(&rig.cameras[2], mid, none, aside);
+    write_rig("off.yaml", &rig);
+    rec_rig_fini(&rig);
+    T_EQ_I(pyrovox("calibrate check --rig off.yaml --frames good --quiet"), 1);
+    T_OK(says("out.txt", "cam2 moved: "));
+    T_EQ_I(pyrovox("calibrate refine --rig off.yaml --frames good --quiet --out new.yaml"), 0);
+    T_OK(says("out.txt", "4 frame sets fit, 2 judge"));
+    T_OK(says("out.txt", "new.yaml: unseen views of held-out frames: error"));
+    T_EQ_I(pyrovox("calibrate check --rig new.yaml --frames good --quiet"), 0);
+    T_EQ_I(pyrovox("calibrate refine --rig off.yaml --frames good --quiet --out new.yaml"), 1);
+    T_OK(says("err", "new.yaml is there already; --force writes over it"));
+}
+
+/* Nothing is written where it cannot be had. */
+T_CASE(what_is_not_refined)
+{
+    static const struct {
+        const char *args, *says;
+    } bad[] = {{"--frames good --last 4", "5 frame sets: a refinement needs 6"},
+               {"--frames capped", "cam4 is wrong, but not its pose (dark): take the cap off"},
+               {"--frames still", "never moves"}};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        char args[200];
+        snprintf(args, sizeof args, "calibrate refine --rig rig.yaml %s --quiet --out no.yaml",
+                 bad[i].args);
+        T_EQ_I(pyrovox(args), 1);
+        if (!says("err", bad[i].says))
+            T_EQ_S(text, bad[i].says);
+        T_OK(access(at("no.yaml"), F_OK) != 0);
+    }
+    T_EQ_I(pyrovox("calibrate refine --rig rig.yaml --frames good"), 2);
+    T_OK(says("err", "where to? --out refined.yaml"));
 }
 
 T_CASE(what_cannot_be_judged)
