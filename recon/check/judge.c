@@ -59,7 +59,7 @@ static bool moved(const struct rec_check_camera *o, const struct rec_camera *c, 
 /* Turned about its axis, or nearer or further away: by what that moves the flame's edge. */
 static bool turned(const struct rec_check_camera *o, const struct rec_camera *c, int32_t binning)
 {
-    double radius = sqrt(o->area * c->width * c->height / 3.14159265);
+    double radius = sqrt(0.5 * o->area * c->width * c->height); /* a square's corner */
     return radius * fmax(fabs(o->roll), fabs(o->size)) >
            rec_check_floor(c, binning) + ERRORS * hypot(o->sigma[0], o->sigma[1]);
 }

@@ -5,6 +5,8 @@
 #include <string.h>
 
 #define FAR    8    /* bins: beyond them the search begins on a coarser picture */
+#define NEAR   1    /* whole bins that the steps find by themselves */
+#define STEPS  2    /* before the one that counts */
 #define COARSE 4    /* whose bins are of this many */
 #define THIN   1e-3 /* least eigenvalue of A over the greatest that tells a direction */
 
@@ -94,27 +96,6 @@ double rec_correlation_peak(const struct rec_pair *q, int32_t reach, unsigned fl
     return search(q, reach, 1, flip, s);
 }
 
-static double gradient(const float *o, size_t before, size_t after)
-{
-    return 0.5 * ((double)o[after] - (double)o[before]);
-}
-
-/* alpha of (1). */
-static double scale(const struct rec_pair *q, const int32_t s[2])
-{
-    double bp = 0, pp = 0;
-    for (int32_t y = 0; y < q->bh; y++)
-        for (int32_t x = 0; x < q->bw; x++) {
-            int64_t i = under(q, x, y, s, 0);
-            double p = (double)q->p[(size_t)y * (size_t)q->bw + (size_t)x];
-            if (i < 0 || !(q->weight[i] > 0))
-                continue;
-            bp += (double)q->b[i] * p;
-            pp += p * p;
-        }
-    return pp > 0 && bp > 0 ? bp / pp : 0;
-}
-
 static struct rec_window *window_at(struct rec_lattice *l, double x, double y, int32_t bw,
                                     int32_t bh)
 {
@@ -134,38 +115,87 @@ static bool solve2(const double A[3], const double v[2], double d[2])
     return isfinite(d[0]) && isfinite(d[1]);
 }
 
+/* p between its bins, 0 outside. */
+static double between(const struct rec_pair *q, double x, double y)
+{
+    if (!(x >= 0) || !(y >= 0) || x >= q->bw - 1 || y >= q->bh - 1)
+        return 0;
+    size_t w = (size_t)q->bw, i = (size_t)y * w + (size_t)x;
+    double fx = x - floor(x), fy = y - floor(y);
+    double top = (1 - fx) * (double)q->p[i] + fx * (double)q->p[i + 1];
+    double low = (1 - fx) * (double)q->p[i + w] + fx * (double)q->p[i + w + 1];
+    return (1 - fy) * top + fy * low;
+}
+
+/* alpha of (1) at a displacement d. */
+static double scale(const struct rec_pair *q, const double d[2])
+{
+    double bp = 0, pp = 0;
+    for (int32_t y = 0; y < q->bh; y++)
+        for (int32_t x = 0; x < q->bw; x++) {
+            size_t i = (size_t)y * (size_t)q->bw + (size_t)x;
+            double p = between(q, x - d[0], y - d[1]);
+            if (!(q->weight[i] > 0) || p == 0)
+                continue;
+            bp += (double)q->b[i] * p;
+            pp += p * p;
+        }
+    return pp > 0 && bp > 0 ? bp / pp : 0;
+}
+
+/* A and v of (1) about d, of all windows into A, v and of each into sum, where it is not NULL. */
+static void gather(const struct rec_pair *q, double alpha, const double d[2],
+                   struct rec_lattice *sum, double A[3], double v[2])
+{
+    memset(A, 0, 3 * sizeof *A);
+    memset(v, 0, 2 * sizeof *v);
+    for (int32_t y = 0; y < q->bh; y++)
+        for (int32_t x = 0; x < q->bw; x++) {
+            size_t i = (size_t)y * (size_t)q->bw + (size_t)x;
+            double X = x - d[0], Y = y - d[1];
+            if (!(q->weight[i] > 0) || X < 1 || Y < 1 || X >= q->bw - 2 || Y >= q->bh - 2)
+                continue;
+            double g[2] = {0.5 * alpha * (between(q, X + 1, Y) - between(q, X - 1, Y)),
+                           0.5 * alpha * (between(q, X, Y + 1) - between(q, X, Y - 1))};
+            if (g[0] == 0 && g[1] == 0)
+                continue;
+            double r = (double)q->b[i] - alpha * between(q, X, Y);
+            const double e[3] = {g[0] * g[0], g[0] * g[1], g[1] * g[1]};
+            const double to[2] = {e[0] * d[0] + e[1] * d[1] - g[0] * r,
+                                  e[1] * d[0] + e[2] * d[1] - g[1] * r};
+            struct rec_window *o = sum != NULL ? window_at(sum, X, Y, q->bw, q->bh) : NULL;
+            for (int a = 0; a < 3; a++) {
+                A[a] += e[a];
+                if (o != NULL)
+                    o->A[a] += e[a];
+            }
+            for (int a = 0; a < 2; a++) {
+                v[a] += to[a];
+                if (o != NULL)
+                    o->v[a] += to[a];
+            }
+        }
+}
+
 double rec_shift_add(const struct rec_pair *q, const int32_t s[2], struct rec_lattice *sum,
                      double d[2])
 {
-    double alpha = scale(q, s), A[3] = {0}, v[2] = {0};
-    size_t w = (size_t)q->bw;
+    bool far = abs(s[0]) > NEAR || abs(s[1]) > NEAR; /* else noise may have chosen it */
+    double alpha = 0, A[3], v[2], at[2] = {far ? s[0] : 0, far ? s[1] : 0};
     d[0] = d[1] = 0;
-    if (!(alpha > 0) || !isfinite(alpha))
-        return 0;
-    for (int32_t y = 1; y + 1 < q->bh; y++)
-        for (int32_t x = 1; x + 1 < q->bw; x++) {
-            int32_t u = x + s[0], t = y + s[1];
-            if (u < 1 || t < 1 || u + 1 >= q->bw || t + 1 >= q->bh)
-                continue;
-            size_t i = (size_t)t * w + (size_t)u, k = (size_t)y * w + (size_t)x;
-            if (!(q->weight[i] > 0) || (q->p[k] == 0 && q->b[i] == 0))
-                continue;
-            double g[2] = {
-                0.5 * (gradient(q->b, i - 1, i + 1) + alpha * gradient(q->p, k - 1, k + 1)),
-                0.5 * (gradient(q->b, i - w, i + w) + alpha * gradient(q->p, k - w, k + w))};
-            double r = (double)q->b[i] - alpha * (double)q->p[k];
-            const double e[5] = {g[0] * g[0], g[0] * g[1], g[1] * g[1], g[0] * r, g[1] * r};
-            struct rec_window *o = window_at(sum, x, y, q->bw, q->bh);
-            double to[2] = {e[0] * s[0] + e[1] * s[1] - e[3], e[1] * s[0] + e[2] * s[1] - e[4]};
-            for (int a = 0; a < 3; a++) {
-                o->A[a] += e[a];
-                A[a] += e[a];
-            }
-            for (int a = 0; a < 2; a++) {
-                o->v[a] += to[a];
-                v[a] += to[a];
-            }
-        }
+    for (int step = 0; step < STEPS; step++) {
+        double to[2];
+        alpha = scale(q, at);
+        if (!(alpha > 0) || !isfinite(alpha))
+            return 0;
+        gather(q, alpha, at, NULL, A, v);
+        if (!solve2(A, v, to) || hypot(to[0] - at[0], to[1] - at[1]) > FAR)
+            return 0;
+        at[0] = to[0];
+        at[1] = to[1];
+    }
+    alpha = scale(q, at);
+    gather(q, alpha, at, sum, A, v);
     return solve2(A, v, d) ? alpha : 0;
 }
 

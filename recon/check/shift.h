@@ -1,10 +1,11 @@
 /* shift.h - by how much a picture is displaced against what it should be.
  *
  * Per window W of a lattice over the picture, of smoothed pictures b (measured) and p (expected),
- *     alpha = sum b p / sum p p,   r(u) = b(u + s) - alpha p(u),   g = (grad b(u + s) + alpha grad p(u)) / 2
- *     A_W = sum g g',   v_W = A_W s - sum g r,   d = (sum A_W)^-1 sum v_W                              (1)
- * d [bins]: b(u + d) ~ alpha p(u).  s: whole bins, the peak of the correlation (2), so that what is left is small; the
- * mean of both gradients makes the error third order in it (Benhimane & Malis, IROS 2004).  A and v are added up over
+ *     alpha = sum b p_e / sum p_e p_e,   r(u) = b(u) - alpha p_e(u),   g = alpha grad p_e,   p_e(u) = p(u - e)
+ *     A_W = sum g g',   v_W = A_W e - sum g r,   d = (sum A_W)^-1 sum v_W                              (1)
+ * d [bins]: b(u + d) ~ alpha p(u).  e is what two such steps found before, from 0 or, where that is further than a bin
+ * away, from the peak s of the correlation (2).  The gradient is p's alone: noise of b in it would be in A squared and
+ * draw d towards e (noise of 5 % of the peak: by half of what is left).  A and v are added up over
  * frame sets as Wieneke (Exp. Fluids 45:549, 2008) adds up disparity maps: a window in which one set says little
  * or along one direction only counts for as much.  Bins of weight 0 say nothing.
  *     rho(s) = sum b(u + s) p(u) / sqrt(sum b(u + s)^2 sum p(u)^2)                                     (2)
