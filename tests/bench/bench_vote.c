@@ -4,6 +4,7 @@
  *     on random rigs, with noise of 0 to 10 % of the brightest pixel: nobody may be voted out.  `nearest`:
  *     the greatest cost of a camera over what it may cost.
  * (b) one camera spoilt: the error with the vote, and believing all, over that of leaving the camera out.
+ *     The plume is a capture of five views and has no truth: it is bench_scalarflow's.
  * (c) time of the vote and its share of a set's.
  * Constants were chosen on the flames that are fitted and seen, and on other rigs. */
 #include "liars.h"
@@ -49,7 +50,7 @@ static void false_alarms(uint32_t sets, uint64_t seed, pvx_pool *pool)
         int32_t wide = 64 + 16 * (int32_t)(3 * bench_even());
         random_rig(&rig, k, n, wide, 32);
         enum flame_kind f = (enum flame_kind)(i % N_FLAMES);
-        if (take_new(&t, &rig, f, i % 2 ? REC_BOX : REC_TRILINEAR, false, pool)) {
+        if (f != FLAME_PLUME && take_new(&t, &rig, f, i % 2 ? REC_BOX : REC_TRILINEAR, false, pool)) {
             for (uint32_t d = 0; d < DRAWS; d++) {
                 double noise = d == 0 ? 0 : 0.1 * (d + bench_even() - 1) / (DRAWS - 1);
                 shoot(&t, t.f, HEALTHY, 0, noise, (seed + i) * DRAWS + d);
@@ -125,7 +126,7 @@ static void faults(uint32_t rigs, uint64_t seed, pvx_pool *pool)
                 enum flame_kind f = (enum flame_kind)(r % N_FLAMES);
                 struct rec_rig rig;
                 struct take t;
-                if ((strcmp(flames[f].use, "held out") == 0) != held)
+                if (f == FLAME_PLUME || (strcmp(flames[f].use, "held out") == 0) != held)
                     continue;
                 bench_seed(seed + 1000 * v + r);
                 random_rig(&rig, (enum rig_kind)(r / N_FLAMES % N_RIGS), views[v], 80, 32);
