@@ -151,7 +151,7 @@ static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
     if (j->picture != NULL) {
         bool have[REC_MAX_CAMERAS];
         for (size_t c = 0; c < j->rig.n_cameras; c++)
-            have[c] = has(s, c);
+            have[c] = has(s, c) && (rec_frame_get_report(s->frame)->vote.out >> c & 1) == 0;
         snprintf(path, sizeof path, "%s/%06u.png", j->o->save_hull, no);
         PVX_TRY(hull_picture_save(j->picture, s->frame, have, no, path, d));
     }

@@ -26,8 +26,8 @@ struct rec_frame_params {
     struct rec_solve_params solve;
     bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
     bool trust_all;    /* no vote (vote.h): every camera is believed */
-    uint32_t hold; /* sets that a camera which was voted out has to agree in before it is back; 0,
-                          the default: each set by itself */
+    uint32_t hold;     /* sets that a camera which was voted out has to agree in before it is back;
+                          0, the default: each set by itself */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
 
