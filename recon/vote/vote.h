@@ -2,8 +2,9 @@
  *
  * What the cameras see is one flame, so there is a volume that all their pictures fit.  On the coarsest grid
  * of S (16 to 31 voxels a side), with pictures averaged to its bins and their channels added up,
- *     R(C) = min over x >= 0 of  sum over c in C of  m_c || K (A_c x - b_c) ||^2                     (1)
- *     G(c) = ( R(all) - R(all but c) ) / P                                                          (2)
+ *     x(C) = argmin over x >= 0 of  sum over c in C of  m_c || A_c x - b_c ||^2,
+ *     R(C) = sum over c in C of  m_c || K (A_c x(C) - b_c) ||^2                                     (1)
+ *     G(c) = ( R(all) - R(all but c) ) / P - nu_c                                                   (2)
  * is what it costs to believe camera c, as a share of P, the median of m_c ||b_c||^2: nothing for a camera
  * that fits the others, however few they are, since x is free to fit it too; for one that does not, about
  * the light that is in the wrong place.  m_c: the cameras' magnifications made equal; K = [1 2 1]'[1 2 1]/16:
@@ -13,7 +14,7 @@
  *     G(c) > 0.02 + 1.25 max over k of G(k) + nu_c / 2                                              (3)
  * nu_c: what noise alone has of ||K b_c||^2, over P.  Then the rest is looked at in the same way; two at
  * once, each judged without the other, where no one stands out (NUMERICS.md 9: where the constants are
- * from, what is missed, what lost).
+ * from, what is missed).
  * Fewer than four cameras: no vote.  Nobody lit, or fewer than three: nothing to judge by.
  * Source: the jackknife (Quenouille 1956, Tukey 1958) on the misfit; (1) by accelerated projected gradients
  * with the step of SIRT (Beck & Teboulle 2009; O'Donoghue & Candes 2015: restarts).
