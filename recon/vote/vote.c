@@ -7,7 +7,7 @@
 #include "recon/vote/impl.h"
 
 /* (3) of vote.h. */
-#define ALONE   0.02
+#define ALONE   0.03
 #define SECOND  1.25
 #define NOISE   0.5
 #define BACK    0.5 /* of that, and a camera that was out agrees */

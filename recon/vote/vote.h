@@ -11,7 +11,7 @@
  * thin sheets are finer than this grid, and what is wrong with a camera is not.  x lives where at most two
  * cameras (of six and more; else one) are dark and at least two are lit.
  *     c is out  when  G(c) > G(k) for all other k  and
- *     G(c) > 0.02 + 1.25 max over k of G(k) + nu_c / 2                                              (3)
+ *     G(c) > 0.03 + 1.25 max over k of G(k) + nu_c / 2                                              (3)
  * nu_c: what noise alone has of ||K b_c||^2, over P.  Then the rest is looked at in the same way; two at
  * once, each judged without the other, where no one stands out (NUMERICS.md 9: where the constants are
  * from, what is missed).
