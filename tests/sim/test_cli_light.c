@@ -321,6 +321,54 @@ T_CASE(dark_flat_and_gain_in_their_order)
     check_dark();
 }
 
+/* ---- the volume ---- */
+
+/* |a - s b| / |a| of two volumes, s the best. */
+static double apart(const char *a, const char *b)
+{
+    float *v[2];
+    size_t shape[4], n = 0;
+    int ndim;
+    struct pvx_diag d = {""};
+    double ab = 0, bb = 0, aa = 0;
+    T_EQ_I(cap_npy_load(at("%s/000000.npy", a), &v[0], shape, &ndim, &d), PVX_OK);
+    T_EQ_I(cap_npy_load(at("%s/000000.npy", b), &v[1], shape, &ndim, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    n = shape[0] * shape[1] * shape[2] * shape[3];
+    for (size_t i = 0; i < n; i++) {
+        aa += (double)v[0][i] * (double)v[0][i];
+        ab += (double)v[0][i] * (double)v[1][i];
+        bb += (double)v[1][i] * (double)v[1][i];
+    }
+    free(v[0]);
+    free(v[1]);
+    return sqrt(fmax(0, aa - ab * ab / bb) / aa);
+}
+
+/* By the rigs of the case before. */
+T_CASE(the_volume_is_that_of_healthy_cameras)
+{
+    struct light_camera cam[N];
+    for (size_t c = 0; c < N; c++) {
+        cam[c] = healthy(c);
+        cam[c].corner = 1;
+        cam[c].pedestal = 0.0;
+    }
+    take("healthy", cam, 0, 1, a_flame);
+    T_EQ_I(pyrovox("reconstruct --quiet --rig rig.yaml --frames healthy --out v-healthy"), 0);
+    T_EQ_I(pyrovox("reconstruct --quiet --rig gain.yaml --frames flame --last 0 --out v-measured"),
+           0);
+    T_EQ_I(
+        pyrovox(
+            "reconstruct --quiet --rig rig.yaml --black 0.02 --frames flame --last 0 --out v-raw"),
+        0);
+    double measured = apart("v-healthy", "v-measured"), raw = apart("v-healthy", "v-raw");
+    printf("  from the healthy cameras' volume: measured %.3f, black level only %.3f\n", measured,
+           raw);
+    T_LE(measured, 0.08); /* their noise is in both */
+    T_LE(2.5 * measured, raw);
+}
+
 /* ---- what is refused ---- */
 
 static double lit_corner(size_t c, int g, int x, int y)

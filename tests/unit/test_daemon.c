@@ -201,6 +201,38 @@ T_CASE(control_answers)
     T_CONTAINS(reply, "does not fit");
 }
 
+static pvx_err fake_background(void *ctx, uint32_t sets, struct pvx_diag *d)
+{
+    *(uint32_t *)ctx = sets;
+    return sets == 3 ? pvx_fail(d, PVX_EINVAL, "a flame") : PVX_OK;
+}
+
+T_CASE(background_requests)
+{
+    uint32_t sets = 99;
+    char reply[300];
+    const struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop,
+                                        fake_record, &sets,      fake_background};
+    static const struct {
+        const char *request, *answer;
+        uint32_t sets;
+    } of[] = {{"{\"cmd\":\"background\",\"sets\":16}", "{\"ok\":true}", 16},
+              {"{\"cmd\":\"background\",\"sets\":0}", "{\"ok\":true}", 0},
+              {"{\"cmd\":\"background\",\"sets\":3}", "a flame", 3},
+              {"{\"cmd\":\"background\",\"sets\":1.5}", "whole number", 3},
+              {"{\"cmd\":\"background\",\"sets\":-1}", "whole number", 3},
+              {"{\"cmd\":\"background\"}", "whole number", 3}};
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        dmn_control_handle(&ops, of[i].request, strlen(of[i].request), reply, sizeof reply);
+        T_CONTAINS(reply, of[i].answer);
+        T_EQ_I(sets, of[i].sets);
+    }
+    const struct dmn_control_ops cannot = {fake_status, fake_reset, fake_stop,
+                                           fake_record, &sets,      NULL};
+    dmn_control_handle(&cannot, of[0].request, strlen(of[0].request), reply, sizeof reply);
+    T_CONTAINS(reply, "not possible here");
+}
+
 T_CASE(the_fullest_state_fits_and_parses)
 {
     static struct dmn_state s;
