@@ -15,6 +15,9 @@
  * Saturation is judged by raw samples as without maps, but out then has cap_maps_saturated, which is above
  * everything that (1) can give; with M in all three channels.
  * Floats are linear: r is not for them, and they do not saturate.
+ * Cost (tests/bench/bench_pixels.c): 1.05 to 1.3 times cap_convert without, at binning 2 and more; at binning 1 1.4
+ * to 2.2 times: there as many bytes of maps are read as pixels are written.  Each masked pixel: its bin by the
+ * reference, 0.1 to 1 us.
  * Ownership: cap_maps is the caller's.  Threads: const after new, any. */
 #ifndef CAP_MAPS_H
 #define CAP_MAPS_H

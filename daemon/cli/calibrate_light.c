@@ -317,6 +317,8 @@ pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera, cons
     for (size_t g = 0; g < l->a->n && p == NULL; g++)
         if (calibrate_light_stack(l, g, camera)->picture.n > 0)
             p = &calibrate_light_stack(l, g, camera)->picture;
+    if (p == NULL)
+        return pvx_fail(d, PVX_ENOENT, "camera %s has no pictures", l->rig.cameras[camera].name);
     int n = (int)folder(out);
     size_t shape[3] = {(size_t)p->height, (size_t)p->width, (size_t)p->channels};
     snprintf(path, sizeof path, "%.*s%s-%s.tmp.npy", n, out, l->rig.cameras[camera].name, kind);
