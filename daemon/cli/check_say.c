@@ -103,7 +103,7 @@ void check_conclusion(const struct check_result *r, char out[CHECK_SENTENCE])
     else
         snprintf(out, CHECK_SENTENCE,
                  "%zu of %zu cameras disagree, and which of them are wrong cannot be told: too few "
-                 "would be left that agree; calibrate with a board",
+                 "would be left that agree; `pyrovox calibrate refine`, or a board, may mend it",
                  v->n_wrong, n);
 }
 

@@ -4,7 +4,8 @@
 #include <string.h>
 
 #define LINE 0.05
-#define FEW  6 /* sets that show whom to believe at first */
+#define STEP 0.7 /* of a correction, as all cameras move at once */
+#define FEW  6   /* sets that show whom to believe at first */
 
 struct refine {
     const struct rec_unseen_params *p;
@@ -92,6 +93,8 @@ static pvx_err correct(struct refine *r, struct rec_rig *rig)
     for (size_t c = 0; c < rig->n_cameras && e == PVX_OK; c++)
         if (rec_pose_fit(rec_check_lattice(k, c), &rig->cameras[c], &rig->grid, binning, r->held,
                          &fit)) {
+            for (int i = 0; i < 7; i++)
+                fit.x[i] *= STEP;
             rec_pose_apply_fit(&rig->cameras[c], &rig->grid, &fit);
             r->out->held[c] = fit.held;
         } else {

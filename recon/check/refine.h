@@ -1,7 +1,7 @@
 /* refine.h - the poses of a rig corrected by a flame.
  *
  *     repeat: d_c = displacements of camera c against the volume of the others      (shift.h, check.h)
- *             camera c += the pose that explains them, all cameras at once          (posefit.h)
+ *             camera c += 0.7 of the pose that explains them, all cameras at once   (posefit.h)
  *             the similarity that no picture tells is taken out                     (gauge.h)
  * on two thirds of the frame sets.  What is believed is the last third, which nothing was fitted on: the residual of
  * views that were left out,
