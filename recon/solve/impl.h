@@ -11,9 +11,10 @@
 #define N_YVEC           3
 #define REC_OSEM_SUBSETS 4
 
-/* How strongly the smoothness term holds at a voxel. */
+/* How strongly the smoothness term holds at each voxel, V of (1) in pcg.c. */
 struct rec_stiff {
-    float by, inverse; /* and 1 / by */
+    float *by, *inverse; /* and 1 / by */
+    float *diag;         /* of L V L, but for its neighbours' V */
 };
 
 /* What x holds when a method begins. */
@@ -65,8 +66,9 @@ struct rec_problem {
     struct rec_images images; /* of the product at hand */
     float *corner, *before;   /* [n_max][cs] stop.c: iterates of the L-curve */
     float *column;            /* [n_max] sums of the columns */
-    struct rec_near *near;    /* [n_max] */
-    struct rec_stiff *stiff;  /* [n_max] */
+    struct rec_run *run;      /* [n_max] */
+    float *diag2;             /* [n_max] smooth.h */
+    struct rec_stiff stiff;   /* [n_max] */
     int32_t *clipped;         /* [n_max] columns whose step met the bound, chunk by chunk */
     int32_t n_clipped[REC_MAX_CHUNKS];
     double part[2 * REC_MAX_CHUNKS][4][4]; /* partial sums of a pass: task, sum, lane */

@@ -217,7 +217,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                                      .still = auto_stop ? (double)p->tolerance : 0};
     const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
     struct rec_pcg t = {.pb = pb,
-                        .smooth.near = pb->near,
+                        .smooth = {.run = pb->run, .diag2 = pb->diag2},
                         .stiff = pb->stiff,
                         .x = x,
                         .next = pb->xv[0],
@@ -236,8 +236,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
     memcpy(t.lambda, pb->lambda, sizeof t.lambda);
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
-    pvx_pool_run(pool, chunks, pass->begin, &t);     /* L; d = phi = 0 */
-    pvx_pool_run(pool, chunks, pass->stiffness, &t); /* V = 1 */
+    pvx_pool_run(pool, chunks, pass->begin, &t); /* L; V = 1; d = 0 */
 
     rec_start_residual(pb, x, rwr);                   /* r = A x - b, q = W r */
     pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */

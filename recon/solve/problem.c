@@ -31,8 +31,11 @@ static size_t lay_out(rec_problem *pb, char *base)
     pb->w = place(base, &end, rows * sizeof *pb->w);
     pb->w4 = place(base, &end, rows * 4 * sizeof *pb->w4);
     pb->column = place(base, &end, n * sizeof *pb->column);
-    pb->near = place(base, &end, n * sizeof *pb->near);
-    pb->stiff = place(base, &end, n * sizeof *pb->stiff);
+    pb->run = place(base, &end, n * sizeof *pb->run);
+    pb->diag2 = place(base, &end, n * sizeof *pb->diag2);
+    pb->stiff.by = place(base, &end, n * sizeof *pb->stiff.by);
+    pb->stiff.inverse = place(base, &end, n * sizeof *pb->stiff.inverse);
+    pb->stiff.diag = place(base, &end, n * sizeof *pb->stiff.diag);
     pb->clipped = place(base, &end, n * sizeof *pb->clipped);
     return end;
 }

@@ -20,46 +20,81 @@ void rec_smooth_init(struct rec_smooth *s, const struct rec_grid *g)
                 centre += a[f / 2];
         }
         s->centre[have] = (float)centre;
-        s->diag2[have] = (float)diag2;
+        s->diag2_of[have] = (float)diag2;
     }
 }
 
-/* col ascends, so the neighbour at a fixed offset moves forward with q: four cursors, no search. */
-void rec_smooth_near(struct rec_smooth *s, const struct rec_subsys *a, int32_t q0, int32_t q1)
+/* End of the columns that follow one another from q on: they ascend, so two as far apart as their numbers
+ * have all between them. */
+static int32_t contiguous(const struct rec_subsys *a, int32_t q)
+{
+    for (int32_t by = 16; by > 0; by /= 4)
+        while (q + by < a->n && a->col[q + by] == a->col[q] + by)
+            q += by;
+    return q + 1;
+}
+
+/* Where the neighbours of q lie at a fixed offset: col ascends, so `at` moves forward with q, no search. */
+struct cursor {
+    bool inside;     /* they are in the grid */
+    int32_t step;    /* to their number */
+    int32_t at, end; /* the first column that is not before q's; of those that follow one another */
+};
+/* Whether column q, of number v, has one; *len: of how many, from q on, this holds. */
+static bool has_neighbour(const struct rec_subsys *a, struct cursor *c, int32_t v, int32_t *len)
+{
+    if (!c->inside)
+        return false;
+    while (c->at < a->n && a->col[c->at] < v + c->step)
+        c->at++;
+    if (c->at == a->n)
+        return false;
+    int32_t gap = a->col[c->at] - (v + c->step);
+    if (gap == 0 && c->at >= c->end)
+        c->end = contiguous(a, c->at);
+    int32_t holds = gap == 0 ? c->end - c->at : gap;
+    *len = holds < *len ? holds : *len;
+    return gap == 0;
+}
+
+void rec_smooth_runs(struct rec_smooth *s, const struct rec_subsys *a, int32_t q0, int32_t q1)
 {
     const struct rec_grid *g = &a->S->grid;
-    const int32_t *col = a->col, n = a->n;
-    const int32_t layer = g->n[0] * g->n[1], step[4] = {-g->n[0], g->n[0], -layer, layer};
-    int32_t at[4], ijk[3] = {0}, last = -2;
-    bool inside[4] = {false};
-    if (q0 >= q1)
-        return;
-    for (int f = 0; f < 4; f++)
-        at[f] = rec_first_column(col, n, col[q0] + step[f]);
-    for (int32_t q = q0; q < q1; q++) {
-        int32_t v = col[q];
-        if (v == last + 1 && ijk[0] + 1 < g->n[0]) {
-            ijk[0]++;
-        } else { /* a new run of voxels along x */
+    const int32_t layer = g->n[0] * g->n[1];
+    struct cursor c[4] = {{.step = -g->n[0]}, {.step = g->n[0]}, {.step = -layer}, {.step = layer}};
+    struct rec_run *run = s->run + q0;
+    int32_t ijk[3] = {0}, row = q0,
+            len; /* row: end of the voxels of a row that follow one another */
+    for (int f = 0; f < 4 && q0 < q1; f++)
+        c[f].at = rec_first_column(a->col, a->n, a->col[q0] + c[f].step);
+    for (int32_t q = q0; q < q1; q += len, ijk[0] += len, run++) {
+        int32_t v = a->col[q];
+        if (q == row) {
             rec_grid_ijk(g, v, ijk);
-            inside[0] = ijk[1] > 0;
-            inside[1] = ijk[1] + 1 < g->n[1];
-            inside[2] = ijk[2] > 0;
-            inside[3] = ijk[2] + 1 < g->n[2];
+            int32_t room = q + g->n[0] - ijk[0];
+            row = contiguous(a, q);
+            row = row < room ? row : room;
+            for (int f = 0; f < 4; f++) {
+                int axis = 1 + f / 2;
+                c[f].inside = f % 2 ? ijk[axis] + 1 < g->n[axis] : ijk[axis] > 0;
+            }
         }
-        last = v;
-        int32_t far[4];
-        uint32_t have = 0;
-        have |= q > 0 && col[q - 1] == v - 1 && ijk[0] > 0;
-        have |= (uint32_t)(q + 1 < n && col[q + 1] == v + 1 && ijk[0] + 1 < g->n[0]) << 1;
-        for (int f = 0; f < 4; f++) {
-            while (at[f] < n && col[at[f]] < v + step[f])
-                at[f]++;
-            bool is = inside[f] && at[f] < n && col[at[f]] == v + step[f];
-            far[f] = is ? at[f] - q : 0;
-            have |= (uint32_t)is << (f + 2);
-        }
-        s->near[q] = (struct rec_near){
-            .z = {far[2], far[3]}, .y = {(int16_t)far[0], (int16_t)far[1]}, .have = have};
+        bool before = q > 0 && a->col[q - 1] == v - 1 && ijk[0] > 0, after = q + 1 < row;
+        len = before && after ? row - 1 - q : 1;
+        len = len < q1 - q ? len : q1 - q;
+        *run = (struct rec_run){.far = {-(int32_t)before, after},
+                                .have = (uint32_t)before | (uint32_t)after << 1};
+        for (int f = 0; f < 4; f++)
+            if (has_neighbour(a, &c[f], v, &len)) {
+                run->far[2 + f] = c[f].at - q;
+                run->have |= 4u << f;
+            }
+        int32_t furthest = 0;
+        for (int f = 1; f < 6; f += 2)
+            furthest = run->far[f] > furthest ? run->far[f] : furthest;
+        run->end = q + len;
+        run->room = a->n - run->end - furthest;
+        for (int32_t i = q; i < run->end; i++)
+            s->diag2[i] = s->diag2_of[run->have];
     }
 }

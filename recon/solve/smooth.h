@@ -7,43 +7,78 @@
  * to the k^-11/3 of a scalar mixed by turbulence (Kolmogorov; Obukhov, Izv. AN SSSR 13:58, 1949),
  * where first differences expect k^-2, far too rough: they cost 15 to 40 % more error on every flame
  * that was tried (NUMERICS.md).
+ * Voxels that follow one another along x mostly have their neighbours at the same distances in the list
+ * of active voxels: such a run of them is a plain loop over seven contiguous pieces of x.
  * Private to the solvers. */
 #ifndef REC_SMOOTH_H
 #define REC_SMOOTH_H
-#include "recon/simd/lanes.h"
 #include "recon/matrix/subsys.h"
+#include "recon/simd/wide.h"
 
-/* Neighbours of active voxel q as distances in the list of active voxels, 0 where there is none.
- * along y fewer than two rows of voxels lie between, so 16 bits do. */
-struct rec_near {
-    int32_t z[2]; /* to z-, z+ */
-    int16_t y[2];
-    uint32_t have; /* bit 2i, 2i+1: has a neighbour at -, + of axis i */
+/* Active voxels, up to the next run, with their neighbours as distances in the list, 0 where there is none. */
+struct rec_run {
+    int32_t end;    /* the first voxel after it */
+    int32_t room;   /* how many after it could be read at the same distances */
+    int32_t far[6]; /* to -, + of each axis */
+    uint32_t have;  /* bit 2i, 2i+1: has a neighbour at -, + of axis i */
+};
+
+/* Voxels [q0,q1). */
+struct rec_span {
+    int32_t q0, q1;
 };
 
 struct rec_smooth {
-    struct rec_near *near; /* [n] */
-    float axis[3];         /* a_i */
-    float centre[64];      /* by `have`: factor of x_q in (1), plus a_i for each missing neighbour,
-                              since x_q itself is read in its place */
-    float diag2[64];       /* by `have`: diagonal of L L */
+    struct rec_run
+        *run;           /* [n] those of the voxels [q0,q1) that were told together lie from q0 on */
+    float *diag2;       /* [n] diagonal of L L */
+    float axis[3];      /* a_i */
+    float centre[64];   /* by `have`: factor of x_q in (1), plus a_i for each missing neighbour,
+                            since x_q itself is read in its place */
+    float diag2_of[64]; /* by `have` */
 };
 
-/* Fill axis, centre, diag2 for a grid. */
+/* Fill axis, centre, diag2_of for a grid. */
 void rec_smooth_init(struct rec_smooth *s, const struct rec_grid *g);
-/* Fill near[q0..q1) for the columns of a. */
-void rec_smooth_near(struct rec_smooth *s, const struct rec_subsys *a, int32_t q0, int32_t q1);
+/* Fill run and diag2 of the columns [q0,q1) of a. */
+void rec_smooth_runs(struct rec_smooth *s, const struct rec_subsys *a, int32_t q0, int32_t q1);
 
-/* (1) at q; v [n][cs]. */
-REC_INLINE rec_f4 rec_smooth_at(const struct rec_smooth *s, const float *v, int32_t q, size_t cs)
+#define REC_SMOOTH_PAD (REC_WIDE - 1)
+/* (1) at the first `end` floats of v, which are of one run; up to REC_SMOOTH_PAD more are written where they can be
+ * read: that is faster than to look after each. */
+REC_INLINE void rec_smooth_run(const struct rec_smooth *s, const struct rec_run *e, const float *v,
+                               size_t cs, size_t end, float *out)
 {
-    const struct rec_near *e = &s->near[q];
-    ptrdiff_t o = q, lo = o - (ptrdiff_t)(e->have & 1), hi = o + (ptrdiff_t)(e->have >> 1 & 1);
-    rec_f4 x = rec_ld(v, (size_t)lo, cs) + rec_ld(v, (size_t)hi, cs);
-    rec_f4 y = rec_ld(v, (size_t)(o + e->y[0]), cs) + rec_ld(v, (size_t)(o + e->y[1]), cs);
-    rec_f4 z = rec_ld(v, (size_t)(o + e->z[0]), cs) + rec_ld(v, (size_t)(o + e->z[1]), cs);
-    return rec_splat(s->centre[e->have]) * rec_ld(v, (size_t)o, cs) -
-           (rec_splat(s->axis[0]) * x + rec_splat(s->axis[1]) * y + rec_splat(s->axis[2]) * z);
+    const float c = s->centre[e->have], a = s->axis[0], b = s->axis[1], d = s->axis[2], *n[6];
+    size_t up = (size_t)e->room * cs >= REC_SMOOTH_PAD ? REC_SMOOTH_PAD : 0;
+    size_t whole = (end + up) / REC_WIDE * REC_WIDE;
+    for (int f = 0; f < 6; f++)
+        n[f] = v + e->far[f] * (ptrdiff_t)cs;
+    for (size_t k = 0; k < whole; k += REC_WIDE) {
+        rec_fw x = rec_wide(n[0], k, REC_WIDE) + rec_wide(n[1], k, REC_WIDE);
+        rec_fw y = rec_wide(n[2], k, REC_WIDE) + rec_wide(n[3], k, REC_WIDE);
+        rec_fw z = rec_wide(n[4], k, REC_WIDE) + rec_wide(n[5], k, REC_WIDE);
+        rec_put_wide(out, k, REC_WIDE,
+                     rec_wide_splat(c) * rec_wide(v, k, REC_WIDE) -
+                         (rec_wide_splat(a) * x + rec_wide_splat(b) * y + rec_wide_splat(d) * z));
+    }
+    for (size_t k = whole; k < end; k++)
+        out[k] = c * v[k] -
+                 (a * (n[0][k] + n[1][k]) + b * (n[2][k] + n[3][k]) + d * (n[4][k] + n[5][k]));
+}
+/* (1) at some voxels of v [n][cs] into out, which has room for REC_SMOOTH_PAD floats more; `run` is the one of
+ * the first of them, then that of the one after. */
+REC_INLINE void rec_smooth_over(const struct rec_smooth *s, const struct rec_run **run,
+                                const float *v, size_t cs, struct rec_span of, float *out)
+{
+    const struct rec_run *e = *run;
+    for (int32_t q = of.q0, to; q < of.q1; q = to) {
+        to = e->end < of.q1 ? e->end : of.q1;
+        rec_smooth_run(s, e, v + (size_t)q * cs, cs, (size_t)(to - q) * cs,
+                       out + (size_t)(q - of.q0) * cs);
+        e += to == e->end;
+    }
+    *run = e;
 }
 
 #endif

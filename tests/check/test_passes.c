@@ -11,7 +11,27 @@ static struct scene sc;
 
 static const int32_t sizes[] = {1, 2, 3, 5, 7, 17, 63, 64, 65, 127, 129, 511, 1027};
 
-enum { X, NEXT, PHI, PHI_OLD, D, LX, AR, R, Q, W, W4, DIAG, STIFF, NEAR, CLIPPED, N_VECTORS };
+enum {
+    X,
+    NEXT,
+    PHI,
+    PHI_OLD,
+    D,
+    LX,
+    AR,
+    R,
+    Q,
+    W,
+    W4,
+    DIAG,
+    BY,
+    INVERSE,
+    STIFF_DIAG,
+    DIAG2,
+    RUN,
+    CLIPPED,
+    N_VECTORS
+};
 
 /* What a pass reads and writes: one copy for each table. */
 struct bed {
@@ -29,9 +49,9 @@ static void bed_new(struct bed *b, const struct rec_subsys *a, bool per_channel)
     b->bytes[R] = b->bytes[Q] = rows * lane;
     b->bytes[W] = rows * sizeof(float);
     b->bytes[W4] = rows * 4 * sizeof(float);
-    b->bytes[DIAG] = n * sizeof(float);
-    b->bytes[STIFF] = n * sizeof(struct rec_stiff);
-    b->bytes[NEAR] = n * sizeof(struct rec_near);
+    for (int i = DIAG; i <= DIAG2; i++)
+        b->bytes[i] = n * sizeof(float);
+    b->bytes[RUN] = n * sizeof(struct rec_run);
     b->bytes[CLIPPED] = n * sizeof(int32_t);
     for (int i = 0; i < N_VECTORS; i++)
         b->v[i] = guarded(b->bytes[i]);
@@ -46,8 +66,8 @@ static void bed_new(struct bed *b, const struct rec_subsys *a, bool per_channel)
     b->pb.diag = b->v[DIAG];
     b->pb.clipped = b->v[CLIPPED];
     b->t = (struct rec_pcg){.pb = &b->pb,
-                            .smooth.near = b->v[NEAR],
-                            .stiff = b->v[STIFF],
+                            .smooth = {.run = b->v[RUN], .diag2 = b->v[DIAG2]},
+                            .stiff = {b->v[BY], b->v[INVERSE], b->v[STIFF_DIAG]},
                             .x = b->v[X],
                             .next = b->v[NEXT],
                             .phi = b->v[PHI],
@@ -76,7 +96,9 @@ static void bed_fill(struct bed *b)
     }
     for (size_t q = 0; q < (size_t)b->pb.a->n; q++) {
         float inverse = (float)t_uniform(0.3, 2);
-        b->t.stiff[q] = (struct rec_stiff){1 / inverse, inverse};
+        b->t.stiff.by[q] = 1 / inverse;
+        b->t.stiff.inverse[q] = inverse;
+        b->t.stiff.diag[q] = (float)t_uniform(1, 50);
         ((float *)b->v[DIAG])[q] = q % 9 == 8 ? 0 : (float)t_uniform(0, 1);
     }
     for (int l = 0; l < 4; l++) {
@@ -109,9 +131,9 @@ static void bed_copy(struct bed *to, const struct bed *from)
 
 static void same(const char *pass, const struct bed *a, const struct bed *b)
 {
-    static const char *const name[] = {"x",  "next", "phi",   "phi_old", "d",
-                                       "lx", "ar",   "r",     "q",       "w",
-                                       "w4", "diag", "stiff", "near",    "clipped"};
+    static const char *const name[] = {
+        "x", "next", "phi",  "phi_old", "d",       "lx",          "ar",    "r",    "q",
+        "w", "w4",   "diag", "by",      "inverse", "diag of LVL", "diag2", "runs", "clipped"};
     for (int i = 0; i < N_VECTORS; i++)
         T_CHECK_(memcmp(a->v[i], b->v[i], a->bytes[i]) == 0, "%s: other bits in %s, n %d, cs %d",
                  pass, name[i], a->pb.a->n, a->pb.cs);
@@ -203,6 +225,74 @@ T_CASE(same_bits_on_every_instruction_set)
             compare(a, false);
             if (cs == 4)
                 compare(a, true);
+        }
+        rec_subsys_free(&a);
+    }
+    rec_restrictor_free(&r);
+    free(col);
+}
+
+/* (1) of smooth.h as it stands there, of any neighbours. */
+static void second_differences(const struct rec_subsys *a, const struct rec_smooth *s,
+                               const float *v, size_t cs, float *out)
+{
+    const struct rec_grid *g = &a->S->grid;
+    for (int32_t q = 0; q < a->n; q++)
+        for (size_t l = 0; l < cs; l++) {
+            double sum = 0;
+            for (int f = 0; f < 6; f++) {
+                int32_t ijk[3], axis = f / 2, i;
+                rec_grid_ijk(g, a->col[q], ijk);
+                ijk[axis] += f % 2 ? 1 : -1;
+                bool in = ijk[axis] >= 0 && ijk[axis] < g->n[axis];
+                int32_t voxel = in ? rec_grid_index(g, ijk[0], ijk[1], ijk[2]) : -1;
+                i = rec_first_column(a->col, a->n, voxel);
+                in = in && i < a->n && a->col[i] == voxel;
+                double y = in ? (double)v[(size_t)i * cs + l] : 0;
+                sum += (double)s->axis[axis] * ((double)v[(size_t)q * cs + l] - y);
+            }
+            out[(size_t)q * cs + l] = (float)sum;
+        }
+}
+
+T_CASE(second_differences_are_those_of_the_neighbours)
+{
+    struct rec_kernels k;
+    struct rec_restrictor *r;
+    bool present[REC_MAX_CAMERAS];
+    int32_t *col = pvx_calloc(sc.voxels, sizeof *col);
+    memset(present, true, sizeof present);
+    rec_kernels_init(&k, PVX_CPU_REF);
+    T_EQ_I(rec_restrictor_new(sc.S, &r), PVX_OK);
+    for (size_t cs = 1; cs <= 4; cs += 3) {
+        struct rec_subsys *a;
+        T_EQ_I(rec_subsys_new(sc.S, &k, sc.pool, (int)cs, &a), PVX_OK);
+        for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+            size_t n = (size_t)sizes[i];
+            rec_subsys_restrict(a, r, col, pick(sizes[i], col), present);
+            struct rec_smooth s = {.run = guarded(n * sizeof *s.run),
+                                   .diag2 = guarded(n * sizeof *s.diag2)};
+            float *v = guarded(n * cs * sizeof *v), *want = guarded(n * cs * sizeof *want);
+            float *got = guarded((n * cs + REC_SMOOTH_PAD) * sizeof *got);
+            rec_smooth_init(&s, &a->S->grid);
+            for (size_t o = 0; o < n * cs; o++)
+                v[o] = (float)t_uniform(-1, 1);
+            second_differences(a, &s, v, cs, want);
+            for (int32_t at = 0, end; at < a->n;
+                 at = end) { /* some at a time, and of those a few */
+                int32_t half = at + (int32_t)t_uniform(0, 40);
+                end = at + 1 + (int32_t)t_uniform(0, 80);
+                end = end < a->n ? end : a->n;
+                half = half < end ? half : end;
+                rec_smooth_runs(&s, a, at, end);
+                const struct rec_run *run = s.run + at;
+                rec_smooth_over(&s, &run, v, cs, (struct rec_span){at, half},
+                                got + (size_t)at * cs);
+                rec_smooth_over(&s, &run, v, cs, (struct rec_span){half, end},
+                                got + (size_t)half * cs);
+            }
+            for (size_t o = 0; o < n * cs; o++)
+                T_NEAR(got[o], want[o], 1e-5);
         }
         rec_subsys_free(&a);
     }

@@ -159,21 +159,25 @@ static void dense(const struct system *y, double *AA, double *LL)
 {
     size_t n = (size_t)y->a->n, m = (size_t)y->a->rows, room = y->a->win.room;
     struct rec_images images;
-    struct rec_smooth s = {.near = pvx_calloc(n, sizeof *s.near)};
+    struct rec_smooth s = {.run = pvx_calloc(n, sizeof *s.run),
+                           .diag2 = pvx_calloc(n, sizeof *s.diag2)};
+    float *lap = pvx_calloc(n + REC_SMOOTH_PAD, sizeof *lap);
     float *unit = pvx_calloc(n, sizeof *unit), *a = pvx_calloc(n * m, sizeof *a);
     float *bins = pvx_calloc(room, sizeof *bins);
     double *l = pvx_calloc(n * n, sizeof *l);
     T_EQ_I(rec_images_new(y->a->S, 1, &images), PVX_OK);
     rec_smooth_init(&s, &y->a->S->grid);
-    rec_smooth_near(&s, y->a, 0, (int32_t)n);
+    rec_smooth_runs(&s, y->a, 0, (int32_t)n);
     for (size_t j = 0; j < n; j++) {
         unit[j] = 1;
         rec_forward(y->a, &images, unit, bins);
         for (size_t i = 0, row = 0; i < y->a->row0[y->a->S->n_cameras]; i++)
             if (y->a->is_row[i])
                 a[j * m + row++] = bins[i];
+        const struct rec_run *run = s.run;
+        rec_smooth_over(&s, &run, unit, 1, (struct rec_span){0, (int32_t)n}, lap);
         for (size_t i = 0; i < n; i++)
-            l[j * n + i] = rec_smooth_at(&s, unit, (int32_t)i, 1)[0];
+            l[j * n + i] = lap[i];
         unit[j] = 0;
     }
     for (size_t j = 0; j < n; j++)
@@ -187,7 +191,9 @@ static void dense(const struct system *y, double *AA, double *LL)
             LL[j * n + k] = LL[k * n + j] = ll;
         }
     rec_images_free(&images);
-    free(s.near);
+    free(s.run);
+    free(s.diag2);
+    free(lap);
     free(unit);
     free(bins);
     free(a);

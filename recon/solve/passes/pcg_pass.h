@@ -13,7 +13,7 @@ enum { S_A, S_B, S_C, S_D };
 struct rec_pcg {
     rec_problem *pb;
     struct rec_smooth smooth;
-    struct rec_stiff *stiff;             /* [n] V of (1) */
+    struct rec_stiff stiff;              /* [n] V of (1) */
     float *x, *next, *phi, *phi_old, *d; /* x space */
     float *lx, *ar;                      /* V L x, A'W r */
     float *r, *q;                        /* row space: A x - b; A d, then W r */
@@ -28,7 +28,7 @@ struct rec_pcg {
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
  * slabs for clipped. */
 struct rec_pcg_passes {
-    pvx_task_fn begin;      /* neighbours; d = phi = 0 */
+    pvx_task_fn begin;      /* neighbours; V = 1; d = 0 */
     pvx_task_fn direction;  /* (4); sum A: d'phi */
     pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
     pvx_task_fn step;       /* (5): next, the clipped columns; sum A: ||next - x||^2 */

@@ -5,108 +5,113 @@
 
 #include "recon/solve/passes/pcg_pass.h"
 
+/* What a pass reads at its elements: by value, so that nothing that it stores could be part of it. */
+struct elements {
+    struct rec_pcg v;
+    rec_fw a, b;  /* coefficients of the pass */
+    rec_fw share; /* of the problem */
+    const float *diag;
+    const float *lap; /* L of the vector that the pass asks for, */
+    size_t from;      /* from here on */
+    struct rec_sum sum[4];
+    size_t half; /* the one of the sums that the next floats begin with */
+    size_t chunk;
+};
+#define PIECE 256 /* columns whose L is at hand at a time */
+
+/* at(&e, i, m, cs) at all floats of chunk k of the columns, m = REC_WIDE from i on and at the end what is left, with
+ * L of the vector `of` at hand where that is not NULL; the first sums to partial results `slot`. */
+#define OVER(t, k, slot, cs, at, alpha, beta, of, sums)                             \
+    do {                                                                            \
+        struct elements e_ = {.v = *(t),                                            \
+                              .a = rec_wide_lanes(alpha, cs),                       \
+                              .b = rec_wide_lanes(beta, cs),                        \
+                              .share = rec_wide_lanes((t)->pb->share, cs),          \
+                              .diag = (t)->pb->diag};                               \
+        const struct rec_run *run_;                                                 \
+        const float *of_ = (of);                                                    \
+        float lap_[PIECE * 4 + REC_SMOOTH_PAD];                                     \
+        struct rec_span s_;                                                         \
+        int32_t end_;                                                               \
+        rec_chunk_range((t)->pb->a->n, k, &s_.q0, &end_);                           \
+        run_ = (t)->smooth.run + s_.q0;                                             \
+        e_.chunk = (k);                                                             \
+        for (e_.lap = lap_; s_.q0 < end_; s_.q0 = s_.q1) {                          \
+            s_.q1 = end_ - s_.q0 < PIECE ? end_ : s_.q0 + PIECE;                    \
+            if (of_ != NULL)                                                        \
+                rec_smooth_over(&e_.v.smooth, &run_, of_, cs, s_, lap_);            \
+            size_t i_ = e_.from = (size_t)s_.q0 * (cs), to_ = (size_t)s_.q1 * (cs); \
+            for (; i_ + 8 <= to_; i_ += 8)                                          \
+                for (e_.half = 0; e_.half < 8 / REC_WIDE; e_.half++)                \
+                    at(&e_, i_ + 4 * e_.half, REC_WIDE, cs);                        \
+            for (e_.half = 0; i_ < to_; i_ += REC_WIDE, e_.half++)                  \
+                at(&e_, i_, to_ - i_ < REC_WIDE ? to_ - i_ : REC_WIDE, cs);         \
+        }                                                                           \
+        for (int w_ = 0; w_ < (sums); w_++)                                         \
+            rec_put_sum((t)->pb->part[slot][w_], &e_.sum[w_], cs);                  \
+    } while (0)
+#define OVER_COLUMNS(t, k, slot, at, alpha, beta, of, sums)         \
+    do {                                                            \
+        if ((t)->pb->a->cs == 4)                                    \
+            OVER(t, k, slot, (size_t)4, at, alpha, beta, of, sums); \
+        else                                                        \
+            OVER(t, k, slot, (size_t)1, at, alpha, beta, of, sums); \
+    } while (0)
+static const double nothing[4];
+
 static void begin_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
     int32_t q0, q1;
     rec_chunk_range(t->pb->a->n, k, &q0, &q1);
-    size_t cs = (size_t)t->pb->a->cs, bytes = (size_t)(q1 - q0) * cs * sizeof *t->d;
+    size_t cs = (size_t)t->pb->a->cs, n = (size_t)(q1 - q0), bytes = n * cs * sizeof *t->d;
     memset(t->d + (size_t)q0 * cs, 0, bytes);
-    memset(t->phi + (size_t)q0 * cs, 0, bytes);
-    rec_smooth_near(&t->smooth, t->pb->a, q0, q1);
+    rec_smooth_runs(&t->smooth, t->pb->a, q0, q1);
+    memcpy(t->stiff.diag + q0, t->smooth.diag2 + q0, n * sizeof *t->stiff.diag);
+    for (int32_t q = q0; q < q1; q++)
+        t->stiff.by[q] = t->stiff.inverse[q] = 1;
 }
 
-/* span(t, first, end, cs, sums) over chunk k of the columns, of one channel four voxels at a time; the
- * first sums to partial results `slot`. */
-#define OVER_COLUMNS(t, k, slot, span, sums)                                                  \
-    do {                                                                                      \
-        int32_t q0_, q1_;                                                                     \
-        rec_d4 sum_[4] = {0}, quads_[4] = {0};                                                \
-        rec_chunk_range((t)->pb->a->n, k, &q0_, &q1_);                                        \
-        size_t first_ = (size_t)q0_, end_ = (size_t)q1_, whole_ = end_ - (end_ - first_) % 4; \
-        if ((t)->pb->a->cs == 4) {                                                            \
-            span(t, first_, end_, 4, sum_);                                                   \
-        } else {                                                                              \
-            span(t, first_, whole_, REC_QUAD, quads_);                                        \
-            span(t, whole_, end_, 1, sum_);                                                   \
-        }                                                                                     \
-        for (int w_ = 0; w_ < (sums); w_++)                                                   \
-            rec_put_both((t)->pb->part[slot][w_], &sum_[w_], &quads_[w_]);                    \
-    } while (0)
-/* NOLINTNEXTLINE(bugprone-macro-parentheses): i is declared here */
-#define FOR_ELEMENTS(i, i0, i1, cs) for (size_t i = i0; i < (i1); i += (cs) == REC_QUAD ? 4 : 1)
-
-/* The same of four voxels as of one. */
-REC_INLINE rec_f4 smooth_at(const struct rec_pcg *t, const float *v, size_t i, size_t cs)
+/* M at float i; b: lambda. */
+REC_INLINE rec_fw inverse_diagonal(const struct elements *e, size_t i, size_t m, size_t cs)
 {
-    int32_t q = (int32_t)i;
-    if (cs != REC_QUAD)
-        return rec_smooth_at(&t->smooth, v, q, cs);
-    return (rec_f4){
-        rec_smooth_at(&t->smooth, v, q, 1)[0], rec_smooth_at(&t->smooth, v, q + 1, 1)[0],
-        rec_smooth_at(&t->smooth, v, q + 2, 1)[0], rec_smooth_at(&t->smooth, v, q + 3, 1)[0]};
-}
-REC_INLINE rec_f4 stiff_by(const struct rec_pcg *t, size_t i, size_t cs)
-{
-    const struct rec_stiff *s = t->stiff + i;
-    return cs == REC_QUAD ? (rec_f4){s[0].by, s[1].by, s[2].by, s[3].by} : rec_splat(s->by);
-}
-REC_INLINE rec_f4 stiff_inverse(const struct rec_pcg *t, size_t i, size_t cs)
-{
-    const struct rec_stiff *s = t->stiff + i;
-    return cs == REC_QUAD ? (rec_f4){s[0].inverse, s[1].inverse, s[2].inverse, s[3].inverse}
-                          : rec_splat(s->inverse);
+    rec_fw zero = {0}, h = e->share * rec_wide_each(e->diag, i, m, cs) +
+                           e->b * rec_wide_each(e->v.stiff.diag, i, m, cs);
+    return rec_wide_select(h > 0, rec_wide_splat(1) / h, zero);
 }
 
-/* M at column i. */
-REC_INLINE rec_f4 inverse_diagonal(const struct rec_pcg *t, size_t i, size_t cs)
+/* d of (4), and d'phi.  a: beta. */
+REC_INLINE void direction(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    const struct rec_near *near = t->smooth.near + i;
-    const float *d = t->smooth.diag2;
-    rec_f4 ll = cs == REC_QUAD
-                    ? (rec_f4){d[near[0].have], d[near[1].have], d[near[2].have], d[near[3].have]}
-                    : rec_splat(d[near->have]);
-    rec_f4 h = rec_of_lanes(t->pb->share, cs) * rec_of_each(t->pb->diag, i, cs) +
-               rec_of_lanes(t->lambda, cs) * (stiff_by(t, i, cs) * ll);
-    return rec_select(h > 0, rec_splat(1) / h, (rec_f4){0});
-}
-
-/* d of (4), and d'phi. */
-REC_INLINE void direction(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
-{
-    rec_f4 beta = rec_of_lanes(t->beta, cs), mu = rec_of_lanes(t->mu, cs), zero = {0};
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 phi = rec_ld(t->phi, i, cs), x = rec_ld(t->x, i, cs);
-        rec_f4 d = beta * rec_ld(t->d, i, cs) - mu * inverse_diagonal(t, i, cs) * phi;
-        d = rec_select((x > 0) | (phi < 0), d, zero);
-        rec_st(t->d, i, cs, d);
-        rec_add_product(&sum[S_A], d, phi);
-    }
+    const struct rec_pcg *t = &e->v;
+    rec_fw phi = rec_wide(t->phi, i, m), x = rec_wide(t->x, i, m), zero = {0};
+    rec_fw mu = rec_wide_lanes(t->mu, cs);
+    rec_fw d = e->a * rec_wide(t->d, i, m) - mu * inverse_diagonal(e, i, m, cs) * phi;
+    d = rec_wide_select((x > 0) | (phi < 0), d, zero);
+    rec_put_wide(t->d, i, m, d);
+    rec_wide_add(&e->sum[S_A], e->half, d, phi);
 }
 static void direction_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, direction, 1);
+    OVER_COLUMNS(t, k, k, direction, t->beta, t->lambda, NULL, 1);
 }
 
 /* d'L V L d;  lx = V L x. */
-REC_INLINE void of_direction(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+REC_INLINE void of_direction(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 lap = smooth_at(t, t->d, i, cs);
-        rec_add_product(&sum[S_A], lap, stiff_by(t, i, cs) * lap);
-    }
+    rec_fw lap = rec_wide(e->lap, i - e->from, m);
+    rec_wide_add(&e->sum[S_A], e->half, lap, rec_wide_each(e->v.stiff.by, i, m, cs) * lap);
 }
-REC_INLINE void of_iterate(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+REC_INLINE void of_iterate(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    (void)sum;
-    FOR_ELEMENTS (i, i0, i1, cs)
-        rec_st(t->lx, i, cs, stiff_by(t, i, cs) * smooth_at(t, t->x, i, cs));
+    rec_fw lap = rec_wide(e->lap, i - e->from, m);
+    rec_put_wide(e->v.lx, i, m, rec_wide_each(e->v.stiff.by, i, m, cs) * lap);
 }
 static void lx_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, of_iterate, 0);
+    OVER_COLUMNS(t, k, k, of_iterate, nothing, nothing, t->x, 0);
 }
 
 /* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: d'L V L d. */
@@ -120,36 +125,33 @@ static void curvature_task(void *ctx, size_t i)
         : t->pb->cs == 4      ? rec_rows_product(t->pb, i, 4, false, t->q, out)
                               : rec_rows_product(t->pb, i, 1, false, t->q, out);
     else
-        OVER_COLUMNS(t, i - rows, i, of_direction, 1);
+        OVER_COLUMNS(t, i - rows, i, of_direction, nothing, nothing, t->d, 1);
 }
 
-/* (5): next; the columns that were clipped. */
-REC_INLINE void step(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, int32_t *n,
-                     int32_t *clipped, rec_d4 *sum)
+/* (5): next; the columns that were clipped.  a: alpha. */
+REC_INLINE void step(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    rec_f4 alpha = rec_of_lanes(t->alpha, cs), zero = {0};
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 x = rec_ld(t->x, i, cs), y = x + alpha * rec_ld(t->d, i, cs);
-        rec_i4 keep = y >= 0;
-        y = rec_select(keep, y, zero);
-        rec_st(t->next, i, cs, y);
-        rec_add_product(sum, y - x, y - x);
-        for (int32_t v = 0; v < (cs == REC_QUAD ? 4 : 1); v++) {
-            clipped[*n] = (int32_t)i + v;
-            *n += cs == REC_QUAD ? !keep[v] : !rec_all(keep);
-        }
+    const struct rec_pcg *t = &e->v;
+    rec_fw x = rec_wide(t->x, i, m), y = x + e->a * rec_wide(t->d, i, m), zero = {0};
+    rec_iw keep = y >= 0;
+    y = rec_wide_select(keep, y, zero);
+    rec_put_wide(t->next, i, m, y);
+    rec_wide_add(&e->sum[S_A], e->half, y - x, y - x);
+    if (rec_wide_all(keep))
+        return;
+    int32_t *n = &t->pb->n_clipped[e->chunk], q0, q1;
+    rec_chunk_range(t->pb->a->n, e->chunk, &q0, &q1);
+    for (size_t v = 0; v < m / cs; v++) {
+        bool all = cs == 4 ? rec_all_of(keep, v) : keep[v] != 0;
+        if (!all)
+            t->pb->clipped[q0 + (*n)++] = (int32_t)(i / cs + v);
     }
 }
 static void step_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    int32_t q0, q1, n = 0;
-    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
-    int32_t *clipped = t->pb->clipped + q0;
-#define SPAN(t, i0, i1, cs, sum) step(t, i0, i1, cs, &n, clipped, sum)
-    OVER_COLUMNS(t, k, k, SPAN, 1);
-#undef SPAN
-    t->pb->n_clipped[k] = n;
+    t->pb->n_clipped[k] = 0;
+    OVER_COLUMNS(t, k, k, step, t->alpha, nothing, NULL, 1);
 }
 
 /* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image of A d. */
@@ -201,65 +203,74 @@ static void residual_task(void *ctx, size_t i)
  * held more than about three times as firmly as the bright ones.  x - L x / 8 is the mean of x and its
  * neighbours, and lx has L x already. */
 #define DARK 0.09F
-REC_INLINE void brightness(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+REC_INLINE void brightness(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    rec_f4 one = rec_splat(1), zero = {0};
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 x = rec_ld(t->x, i, cs), lap = stiff_inverse(t, i, cs) * rec_ld(t->lx, i, cs);
-        rec_f4 y = x - rec_splat(0.125F) * lap;
-        if (cs == 4)
-            y = (rec_f4){(y[0] + y[1]) + (y[2] + y[3])};
-        rec_st(t->lx, i, cs, lap);
-        rec_st(t->next, i, cs == 4 ? 1 : cs, y);
-        rec_add_product(&sum[S_A], y, one);
-        rec_add_product(&sum[S_B], y, y);
-        rec_add_product(&sum[S_C], rec_select(x > 0, one, zero), one);
+    const struct rec_pcg *t = &e->v;
+    rec_fw x = rec_wide(t->x, i, m), one = rec_wide_splat(1), zero = {0};
+    rec_fw lap = rec_wide_each(t->stiff.inverse, i, m, cs) * rec_wide(t->lx, i, m);
+    rec_fw y = x - rec_wide_splat(0.125F) * lap;
+    rec_put_wide(t->lx, i, m, lap);
+    if (cs == 4) { /* of a column in its lane 0 */
+        rec_f4 u = rec_four(y, 0), v = rec_four(y, REC_WIDE / 4 - 1);
+        u = (rec_f4){(u[0] + u[1]) + (u[2] + u[3])};
+        v = (rec_f4){(v[0] + v[1]) + (v[2] + v[3])};
+        y = rec_pair(u, v);
+        t->next[i / 4] = u[0];
+        if (m == 8)
+            t->next[i / 4 + 1] = v[0];
+    } else {
+        rec_put_wide(t->next, i, m, y);
     }
+    rec_wide_add(&e->sum[S_A], e->half, y, one);
+    rec_wide_add(&e->sum[S_B], e->half, y, y);
+    rec_wide_add(&e->sum[S_C], e->half, rec_wide_select(x > 0, one, zero), one);
 }
 static void brightness_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, brightness, 3);
+    OVER_COLUMNS(t, k, k, brightness, nothing, nothing, NULL, 3);
 }
-REC_INLINE void stiffness(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+REC_INLINE void stiffen(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    bool bright = t->usual > 1 / (double)FLT_MAX; /* 1/usual is a float */
-    float scale = bright ? (float)(1 / t->usual) : 0;
-    (void)sum;
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        for (size_t v = i; v < i + (cs == REC_QUAD ? 4 : 1); v++) {
-            float inverse = bright ? sqrtf(DARK + scale * fmaxf(t->next[v], 0)) : 1;
-            t->stiff[v] = (struct rec_stiff){1 / inverse, inverse};
-        }
-        rec_st(t->lx, i, cs, stiff_by(t, i, cs) * rec_ld(t->lx, i, cs));
-    }
+    rec_fw lx = rec_wide(e->v.lx, i, m);
+    rec_put_wide(e->v.lx, i, m, rec_wide_each(e->v.stiff.by, i, m, cs) * lx);
 }
 static void stiffness_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, stiffness, 0);
+    bool bright = t->usual > 1 / (double)FLT_MAX; /* 1/usual is a float */
+    float scale = bright ? (float)(1 / t->usual) : 0, dark = bright ? DARK : 1;
+    const float *y = t->next, *diag2 = t->smooth.diag2;
+    float *restrict by = t->stiff.by, *restrict inverse = t->stiff.inverse;
+    float *restrict diag = t->stiff.diag;
+    int32_t q0, q1;
+    rec_chunk_range(t->pb->a->n, k, &q0, &q1);
+    for (int32_t q = q0; q < q1; q++) {
+        inverse[q] = sqrtf(dark + scale * (y[q] > 0 ? y[q] : 0));
+        by[q] = 1 / inverse[q];
+        diag[q] = by[q] * diag2[q];
+    }
+    OVER_COLUMNS(t, k, k, stiffen, nothing, nothing, NULL, 0);
 }
 
 /* phi of (3) from ar = A'W r and lx.  Sums: phi'M phi, phi'M phi_old, x'L lx, ||x||^2. */
-REC_INLINE void gradient(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+REC_INLINE void gradient(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    rec_f4 lambda = rec_of_lanes(t->lambda, cs), zero = {0};
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 x = rec_ld(t->x, i, cs), lx = rec_ld(t->lx, i, cs);
-        rec_f4 g = rec_ld(t->ar, i, cs) + lambda * smooth_at(t, t->lx, i, cs);
-        g = rec_select((x > 0) | (g < 0), g, zero);
-        rec_st(t->phi, i, cs, g);
-        rec_f4 mg = inverse_diagonal(t, i, cs) * g;
-        rec_add_product(&sum[S_A], mg, g);
-        rec_add_product(&sum[S_B], mg, rec_ld(t->phi_old, i, cs));
-        rec_add_product(&sum[S_C], lx, stiff_inverse(t, i, cs) * lx);
-        rec_add_product(&sum[S_D], x, x);
-    }
+    const struct rec_pcg *t = &e->v;
+    rec_fw x = rec_wide(t->x, i, m), lx = rec_wide(t->lx, i, m), zero = {0};
+    rec_fw g = rec_wide(t->ar, i, m) + e->b * rec_wide(e->lap, i - e->from, m);
+    g = rec_wide_select((x > 0) | (g < 0), g, zero);
+    rec_put_wide(t->phi, i, m, g);
+    rec_fw mg = inverse_diagonal(e, i, m, cs) * g;
+    rec_wide_add(&e->sum[S_A], e->half, mg, g);
+    rec_wide_add(&e->sum[S_B], e->half, mg, rec_wide(t->phi_old, i, m));
+    rec_wide_add(&e->sum[S_C], e->half, lx, rec_wide_each(t->stiff.inverse, i, m, cs) * lx);
+    rec_wide_add(&e->sum[S_D], e->half, x, x);
 }
 static void regradient_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, gradient, 4);
+    OVER_COLUMNS(t, k, k, gradient, nothing, t->lambda, t->lx, 4);
 }
 static void gradient_chunk(void *ctx, size_t k)
 {
@@ -270,31 +281,30 @@ static void gradient_chunk(void *ctx, size_t k)
     regradient_chunk(t, k);
 }
 
-/* phi's and s's of the step from x to next; x in place of next at `back` of the way. */
-REC_INLINE void slope(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+/* phi's and s's of the step from x to next; x in place of next at `back` of the way, a. */
+REC_INLINE void slope(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    FOR_ELEMENTS (i, i0, i1, cs)
-        rec_add_product(&sum[S_A], rec_ld(t->next, i, cs) - rec_ld(t->x, i, cs),
-                        rec_ld(t->phi, i, cs));
+    const struct rec_pcg *t = &e->v;
+    (void)cs;
+    rec_wide_add(&e->sum[S_A], e->half, rec_wide(t->next, i, m) - rec_wide(t->x, i, m),
+                 rec_wide(t->phi, i, m));
 }
 static void slope_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, slope, 1);
+    OVER_COLUMNS(t, k, k, slope, nothing, nothing, NULL, 1);
 }
-REC_INLINE void retreat(struct rec_pcg *t, size_t i0, size_t i1, size_t cs, rec_d4 sum[4])
+REC_INLINE void retreat(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    rec_f4 back = rec_of_lanes(t->back, cs), zero = {0};
-    (void)sum;
-    FOR_ELEMENTS (i, i0, i1, cs) {
-        rec_f4 x = rec_ld(t->x, i, cs), y = x + back * (rec_ld(t->next, i, cs) - x);
-        rec_st(t->next, i, cs, rec_select(y > 0, y, zero));
-    }
+    const struct rec_pcg *t = &e->v;
+    rec_fw x = rec_wide(t->x, i, m), y = x + e->a * (rec_wide(t->next, i, m) - x), zero = {0};
+    (void)cs;
+    rec_put_wide(t->next, i, m, rec_wide_select(y > 0, y, zero));
 }
 static void retreat_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, retreat, 0);
+    OVER_COLUMNS(t, k, k, retreat, t->back, nothing, NULL, 0);
 }
 
 const struct rec_pcg_passes PASSES = {
