@@ -11,6 +11,7 @@ int calibrate_dark(int argc, char **argv);
 int calibrate_flat(int argc, char **argv);
 int calibrate_gain(int argc, char **argv);
 int calibrate_live(int argc, char **argv);
+int calibrate_noise(int argc, char **argv);
 int calibrate_refine(int argc, char **argv);
 int calibrate_response(int argc, char **argv);
 int calibrate_solve(int argc, char **argv);

@@ -1,12 +1,10 @@
-/* calibrate_gain.c - `pyrovox calibrate gain` and `colour`: cameras beside each other. */
+/* calibrate_gain.c - `pyrovox calibrate gain`: how bright cameras are beside each other. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "daemon/cli/calibrate.h"
 #include "daemon/cli/calibrate_light.h"
-
-/* ---- gain ---- */
 
 static const char gain_doc[] =
     "How bright the cameras are beside each other, through the filters in use, into rig.yaml.\v"
@@ -126,65 +124,4 @@ int calibrate_gain(int argc, char **argv)
     by_flame = a.flame;
     return calibrate_light_run(&a.light, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK | DMN_LIGHT_FLAT,
                                gain_step);
-}
-
-/* ---- colour ---- */
-
-static const char colour_doc[] =
-    "Every camera's colours made those of the rig's first, into rig.yaml.\v"
-    "A --frames for each of 3 colours or more that fill the middle of all pictures, far from each "
-    "other (red, "
-    "green, blue filters before the even source):\n"
-    "  pyrovox calibrate colour --rig rig4.yaml --frames red.h5 --frames green.h5 --frames blue.h5 "
-    "--out "
-    "rig5.yaml\n"
-    "After gain. Only for colour cameras whose bins have three channels each; Bayer pixels as rays "
-    "have not.";
-
-static void patches(const struct calibrate_light *l, size_t c, double *out)
-{
-    for (size_t g = 0; g < l->a->n; g++) {
-        rec_light_middle(&calibrate_light_stack(l, g, c)->picture, out + 3 * g);
-        for (int a = 0; a < 3; a++)
-            out[3 * g + (size_t)a] *= (double)l->rig.cameras[c].gain[a];
-    }
-}
-
-static pvx_err colour_step(struct calibrate_light *l, struct pvx_diag *d)
-{
-    double to[3 * CALIBRATE_GROUPS], from[3 * CALIBRATE_GROUPS];
-    for (size_t c = 0; c < l->rig.n_cameras; c++) {
-        struct rec_camera *k = &l->rig.cameras[c];
-        struct pvx_diag why = {""};
-        double residual;
-        for (size_t g = 0; g < l->a->n; g++) {
-            const struct rec_light_picture *p = &calibrate_light_stack(l, g, c)->picture;
-            if (p->n == 0)
-                return pvx_fail(d, PVX_ENOENT, "%s: no pictures of camera %s", l->a->frames[g],
-                                k->name);
-            if (p->channels == 1 && p->cell == NULL)
-                return pvx_fail(d, PVX_EINVAL, "camera %s is grey: it has no colours", k->name);
-            if (p->saturated > 0.001)
-                return pvx_fail(d, PVX_EINVAL, "camera %s: %s is saturated: expose less", k->name,
-                                l->a->frames[g]);
-        }
-        patches(l, c, c == 0 ? to : from);
-        if (c == 0) /* refused here when they are too alike; it stays as it is */
-            memcpy(from, to, sizeof to);
-        pvx_err e = rec_light_matrix(from, to, l->a->n, k->photometry.matrix, &residual, &why);
-        if (e != PVX_OK)
-            return calibrate_light_fail(k, e, &why, d);
-        k->photometry.has_matrix = c > 0;
-        printf("%-12s %.5f rms is left of %zu colours\n", k->name, residual, l->a->n);
-    }
-    return calibrate_light_save(l, d);
-}
-
-int calibrate_colour(int argc, char **argv)
-{
-    struct calibrate_light_args a;
-    if (calibrate_light_parse(&a, colour_doc, argc, argv) != 0)
-        return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK | DMN_LIGHT_FLAT,
-                               colour_step);
 }

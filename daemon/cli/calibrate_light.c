@@ -191,6 +191,7 @@ static void add(struct calibrate_stack *s, const struct frames_in *f, size_t c, 
     float top = dmn_images_saturated(f->images, c);
     size_t w = (size_t)p->width, ch = (size_t)p->channels, cs = f->nch == 3 ? 4 : 1;
     bool full = !dmn_images_floats(f->images, c);
+    double sum = 0, count = 0;
     if (top <= 0)
         top = 1;
     for (size_t i = 0; i < w * (size_t)p->height; i++)
@@ -199,11 +200,15 @@ static void add(struct calibrate_stack *s, const struct frames_in *f, size_t c, 
             double x = (double)v[i * cs + lane];
             s->sum[i * ch + k] += x;
             s->sum2[i * ch + k] += x * x;
+            sum += isfinite(x) ? x : 0;
+            count += isfinite(x);
             s->saturated += full && v[i * cs + lane] == top;
         }
     rec_light_still_add(&s->still, v, (const int32_t[]){p->width, p->height}, f->nch, (int)cs);
     s->samples += w * (size_t)p->height * ch;
     s->picture.n++;
+    s->whole += sum / fmax(count, 1);
+    s->whole2 += pow(sum / fmax(count, 1), 2);
 }
 
 static void conclude(struct calibrate_stack *s)
@@ -216,6 +221,10 @@ static void conclude(struct calibrate_stack *s)
         s->mean[i] = (float)mean;
         s->var[i] = p->n > 1 ? (float)fmax(0, (s->sum2[i] - m * mean * mean) / (m - 1)) : 0;
     }
+    double whole = s->whole / m;
+    p->flicker = whole > 0.01 && p->n > 1
+                     ? fmax(0, s->whole2 - m * whole * whole) / (m - 1) / (whole * whole)
+                     : 0;
     p->saturated = s->samples > 0 ? (double)s->saturated / (double)s->samples : 0;
     PVX_FREE(s->sum);
     PVX_FREE(s->sum2);

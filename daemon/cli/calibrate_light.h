@@ -31,6 +31,7 @@ int calibrate_light_parse(struct calibrate_light_args *a, const char *doc, int a
 struct calibrate_stack {
     struct rec_light_picture picture; /* n 0: it has none */
     double *sum, *sum2;
+    double whole, whole2; /* of the pictures' means */
     float *mean, *var;
     struct rec_light_still still;
     uint64_t samples, saturated;

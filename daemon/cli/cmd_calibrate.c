@@ -17,8 +17,9 @@ static const struct {
     {"response", "light of each sample value, from a ladder of exposures", calibrate_response},
     {"dark", "what cameras see with their caps on, hot and dead pixels", calibrate_dark},
     {"flat", "vignetting and each pixel's sensitivity; noise", calibrate_flat},
+    {"noise", "read noise and gain, from several levels of light", calibrate_noise},
     {"gain", "cameras beside each other, by a source or a flame", calibrate_gain},
-    {"colour", "every camera's colours made those of the first", calibrate_colour},
+    {"colour", "every camera's colours made those of one", calibrate_colour},
     {"background", "what cameras see without a flame, from pictures or live", calibrate_background},
 };
 

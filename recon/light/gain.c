@@ -1,4 +1,4 @@
-/* gain.c - cameras beside each other: light of an even source or of a flame, gains, colours; noise. */
+/* gain.c - cameras beside each other: light of an even source or of a flame, gains. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -116,7 +116,7 @@ pvx_err rec_light_where(const struct rec_light_picture *const *p, const struct r
     return PVX_OK;
 }
 
-/* ---- gains and colours ---- */
+/* ---- gains ---- */
 
 void rec_light_gains(const double *light, size_t n, double *gain)
 {
@@ -128,76 +128,4 @@ void rec_light_gains(const double *light, size_t n, double *gain)
         }
     for (size_t i = 0; i < n; i++)
         gain[i] = light[i] > 0 ? exp(sum / count) / light[i] : 1;
-}
-
-pvx_err rec_light_matrix(const double *from, const double *to, size_t m, double matrix[9],
-                         double *residual, struct pvx_diag *d)
-{
-    double A[9] = {0}, trace = 0;
-    *residual = 0;
-    if (m < 3)
-        return pvx_fail(d, PVX_EINVAL, "%zu colours do not make a matrix: show 3 or more", m);
-    for (size_t k = 0; k < m; k++)
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++)
-                A[3 * i + j] += from[3 * k + (size_t)i] * from[3 * k + (size_t)j];
-    for (int i = 0; i < 3; i++)
-        trace += A[4 * i];
-    double det = det3(A);
-    /* least eigenvalue >= det / (trace/2)^2, and the condition of A is that of the patches, squared */
-    if (!(det * 4 / (trace * trace) > 1e-4 * trace))
-        return pvx_fail(
-            d, PVX_EINVAL,
-            "the colours are too alike to make a matrix: show a red, a green and a blue one");
-    for (int r = 0; r < 3; r++) {
-        double M[9], b[3] = {0};
-        memcpy(M, A, sizeof M);
-        for (size_t k = 0; k < m; k++)
-            for (int i = 0; i < 3; i++)
-                b[i] += from[3 * k + (size_t)i] * to[3 * k + (size_t)r];
-        if (!rec_light_solve(M, b, 3))
-            return pvx_fail(d, PVX_EINVAL, "the colours are too alike to make a matrix");
-        memcpy(matrix + 3 * r, b, sizeof b);
-        for (size_t k = 0; k < m; k++) {
-            double e = to[3 * k + (size_t)r];
-            for (int i = 0; i < 3; i++)
-                e -= b[i] * from[3 * k + (size_t)i];
-            *residual += e * e;
-        }
-    }
-    *residual = sqrt(*residual / (3 * (double)m));
-    return PVX_OK;
-}
-
-/* ---- noise ---- */
-
-pvx_err rec_light_noise(const struct rec_light_picture *p, size_t m, struct rec_noise *out,
-                        struct pvx_diag *d)
-{
-    double s[5] = {0}, least = INFINITY, most = -INFINITY;
-    for (size_t k = 0; k < m; k++) {
-        double mean[REC_REGIONS * REC_REGIONS], var[REC_REGIONS * REC_REGIONS];
-        if (p[k].n < 2)
-            return pvx_fail(d, PVX_EINVAL, "one picture has no noise to be seen: take 2 or more");
-        rec_light_regions(&p[k], p[k].mean, -1, mean);
-        rec_light_regions(&p[k], p[k].var, -1, var);
-        for (int r = 0; r < REC_REGIONS * REC_REGIONS; r++) {
-            if (!isfinite(mean[r]) || !(var[r] > 0))
-                continue;
-            double w = 1 / (var[r] * var[r]);
-            s[0] += w;
-            s[1] += w * mean[r];
-            s[2] += w * mean[r] * mean[r];
-            s[3] += w * var[r];
-            s[4] += w * mean[r] * var[r];
-            least = fmin(least, mean[r]);
-            most = fmax(most, mean[r]);
-        }
-    }
-    double det = s[0] * s[2] - s[1] * s[1];
-    if (!(most > least + 0.05) || !(det > 0))
-        return pvx_fail(d, PVX_EINVAL, "the pictures are too alike to tell read noise from gain");
-    out->gain = fmax(0, (s[0] * s[4] - s[1] * s[3]) / det);
-    out->read = sqrt(fmax(0, (s[3] - out->gain * s[1]) / s[0]));
-    return PVX_OK;
 }

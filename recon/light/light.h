@@ -18,6 +18,7 @@ struct rec_light_picture {
     const float *mean, *var;
     double saturated; /* share of samples that were, in any of them */
     double exposure;  /* s; NAN = not known */
+    double flicker; /* variance of the pictures' own means over the mean's square; 0 of dark ones */
 };
 
 /* Values that darks may have, and what must not be in them. */
@@ -67,8 +68,15 @@ struct rec_response {
 PVX_MUST_CHECK pvx_err rec_light_response(const struct rec_light_picture *p, size_t m,
                                           struct rec_response *out, struct pvx_diag *d);
 
-/* variance = read^2 + gain * mean, from m pictures (mean is light above dark): means over regions, a line
- * through them, weighted by 1 / variance^2.  PVX_EINVAL: fewer than 2 pictures to a mean, no spread. */
+/* Photon transfer (Janesick, SPIE PM170, 2007): variance from picture to picture, of m levels of light,
+ *     variance = read^2 + gain * mean,                                                               (4)
+ * mean above the dark, both over regions (an 8th of the picture each way), a line by Tukey's biweight of the
+ * misfit over the line, from regions of all levels at once.  What all samples of a picture share, flicker of
+ * the lamp, mean^2 * flicker, is subtracted before.  A level may be darks, without which read is extrapolated.
+ * Refused: fewer than 2 pictures to a level; levels within 0.05 of full scale or a factor of 2; saturation;
+ * flicker above REC_NOISE_FLICKER; variances that no line fits (light that moves, samples that are not
+ * linear); noise below a step of the samples, most of which then do not vary at all. */
+#define REC_NOISE_FLICKER 0.02 /* rms, relative */
 struct rec_noise {
     double read, gain;
 };
@@ -104,8 +112,8 @@ void rec_light_still_add(struct rec_light_still *s, const float *v, const int32_
  * the pictures): a flame's flicker, not a sensor's noise nor that of lamps; -1: none did.  *by: that. */
 int rec_light_moves(const struct rec_light_still *s, double *by);
 
-/* M with M from_k = to_k for m patches, [m][3] each, by least squares.  Refused: m < 3, patches whose colours
- * are so alike (condition above 100) that noise would be amplified. */
+/* M of least sum over m patches of |M from_k - to_k|^2 / |from_k|^2; [m][3] each; *residual: its rms.
+ * Refused: m < 3; colours so alike that M would have more than 30 times the patches' own errors. */
 PVX_MUST_CHECK pvx_err rec_light_matrix(const double *from, const double *to, size_t m,
                                         double matrix[9], double *residual, struct pvx_diag *d);
 #endif
