@@ -38,7 +38,7 @@ T_CASE(colours_to_those_of_another_camera)
     for (int i = 0; i < 9; i++)
         T_NEAR(got[i], M[i], 1e-9);
     T_EQ_I(rec_light_matrix(from, to, 2, got, &residual, &d), PVX_EINVAL);
-    T_CONTAINS(d.text, "3 or more");
+    T_CONTAINS(d.text, "at least three");
     d.text[0] = '\0';
     for (int k = 0; k < 15; k++) /* greys */
         from[k] = 0.3 + 0.1 * (k / 3) + 1e-4 * (k % 3);
