@@ -7,6 +7,9 @@
 #include "base/mem.h"
 #include "recon/frame/impl.h"
 
+#define REC_LEAST_FLOOR \
+    0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
+
 pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
                        const struct rec_frame_params *p, pvx_pool *pool, rec_carver **out,
                        struct pvx_diag *d)
@@ -25,8 +28,11 @@ pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
     k->p = *p;
     k->pool = pool;
     rec_kernels_init(&k->kernels, PVX_CPU_BEST);
-    for (size_t c = 0; c < S->n_cameras; c++)
+    for (size_t c = 0; c < S->n_cameras; c++) {
+        const struct rec_photometry *light = &rig->cameras[c].photometry;
         memcpy(k->gain[c], rig->cameras[c].gain, sizeof k->gain[c]);
+        k->read_noise[c] = light->has_noise ? (float)light->read_noise : 0;
+    }
     k->plane = pvx_reserve(rows * 4 * sizeof *k->plane);
     bool ok = k->plane != NULL;
     for (size_t c = 0; c < S->n_cameras; c++) {
@@ -87,6 +93,21 @@ pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg)
     return PVX_OK;
 }
 
+/* Where the camera's read noise is known, faint light may be told by it: the least threshold, which is for
+ * 8 bits else, is what auto_k asks of it in a bin, if that is less.  Colours of a Bayer filter have a quarter
+ * of the samples. */
+static float least_threshold(const rec_carver *k, size_t c, bool bayer)
+{
+    const struct rec_photo_params *p = &k->p.photo;
+    float per_bin = (float)k->S->binning * (bayer ? 0.5F : 1), most = 0;
+    if (k->read_noise[c] <= 0)
+        return p->floor;
+    for (int l = 0; l < k->p.nch; l++)
+        most = fmaxf(most, k->gain[c][l]);
+    float least = p->auto_k * k->read_noise[c] * most / fmaxf(per_bin, 1);
+    return fminf(p->floor, fmaxf(least, REC_LEAST_FLOOR));
+}
+
 /* Photometry of all cameras. */
 static void photo(rec_frame *f)
 {
@@ -101,6 +122,7 @@ static void photo(rec_frame *f)
         k->photo_params[c] = k->p.photo;
         k->photo_params[c].saturation =
             rec_photo_saturation(&k->p.photo, f->floats[c], f->saturated[c]);
+        k->photo_params[c].floor = least_threshold(k, c, f->bayer[c]);
         im->absent = !f->present[c];
         im->img = rec_frame_input(f, c);
         im->cell = f->mosaic[c] ? f->cell[c] : NULL;

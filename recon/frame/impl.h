@@ -13,6 +13,7 @@ struct rec_carver {
     rec_hull *hull;
     struct rec_restrictor *restrictor;
     float gain[REC_MAX_CAMERAS][3];
+    float read_noise[REC_MAX_CAMERAS];             /* of a sample, full scale = 1; 0 = not known */
     float *background[REC_MAX_CAMERAS];            /* or NULL */
     struct rec_photo_image photo[REC_MAX_CAMERAS]; /* what is not the slot's is set for good */
     struct rec_photo_params photo_params[REC_MAX_CAMERAS];

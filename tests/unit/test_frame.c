@@ -45,6 +45,39 @@ static void run(rec_frame *f)
     T_OK(sound(f));
 }
 
+/* Bins of camera 0 that are lit by light of 0.003 on the left half of its picture, in black elsewhere. */
+static size_t faintly_lit(const struct rec_photometry *known)
+{
+    struct rec_frame_params p = params();
+    struct rec_photometry old = sc.rig.cameras[0].photometry;
+    sc.rig.cameras[0].photometry = *known;
+    rec_frame *f = frame(&p);
+    sc.rig.cameras[0].photometry = old;
+    const struct rec_sysmat_block *b = &sc.S->block[0];
+    size_t cs = p.nch == 3 ? 4 : 1, lit = 0, n = (size_t)b->bw * (size_t)b->bh;
+    float *img = rec_frame_input(f, 0);
+    for (size_t i = 0; i < n; i++)
+        for (size_t l = 0; l < cs; l++)
+            img[i * cs + l] = i % (size_t)b->bw < (size_t)b->bw / 2 ? 0.003f : 0;
+    rec_frame_present(f, 0, true);
+    rec_frame_carve(f);
+    for (size_t i = 0; i < n; i++)
+        lit += rec_frame_lit(f, 0)[i];
+    slot_free(&f);
+    return lit;
+}
+
+T_CASE(known_read_noise_lowers_the_floor)
+{
+    size_t n = (size_t)sc.S->block[0].bw * (size_t)sc.S->block[0].bh;
+    struct rec_photometry known = {.has_noise = true, .read_noise = 5e-4};
+    T_EQ_I(faintly_lit(&(struct rec_photometry){0}), 0);
+    T_LE((double)n / 3, faintly_lit(&known));
+    known.read_noise =
+        0.01; /* the floor stays where it is; noise that is seen raises the threshold */
+    T_EQ_I(faintly_lit(&known), 0);
+}
+
 T_CASE(flame_comes_out)
 {
     struct rec_frame_params p = params();
