@@ -22,26 +22,33 @@ static void say_camera(const struct dmn_votes *v, size_t c, const struct rec_rig
     to->say(to->ctx, has(v->out, c), text);
 }
 
-static void say_state(struct dmn_votes *v, enum rec_vote_state before,
-                      const struct dmn_votes_listener *to)
+static void say_state(struct dmn_votes *v, const struct dmn_votes_listener *to)
 {
+    bool torn = v->state == REC_VOTE_TORN;
+    int lasts = v->patience > 0 ? v->patience : 1;
+    if (torn && v->lasting < lasts)
+        v->lasting++;
+    else if (!torn && v->lasting > 0)
+        v->lasting--;
     if (v->state == REC_VOTE_FEW && !v->said_few) {
         v->said_few = true;
         to->say(to->ctx, false, "fewer than four cameras: none is left out, whatever it shows");
     }
-    if (v->state == REC_VOTE_TORN && before != REC_VOTE_TORN)
+    if (v->lasting == lasts && !v->said_torn) {
+        v->said_torn = true;
         to->say(to->ctx, true,
                 "the cameras contradict each other, and which of them are wrong cannot be told: "
                 "pyrovox "
                 "calibrate check");
-    if (v->state != REC_VOTE_TORN && before == REC_VOTE_TORN)
+    } else if (v->lasting == 0 && v->said_torn) {
+        v->said_torn = false;
         to->say(to->ctx, false, "the cameras agree again");
+    }
 }
 
 void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const struct rec_rig *rig,
                    const struct dmn_votes_listener *to)
 {
-    enum rec_vote_state before = v->state;
     uint64_t changed = set->out ^ v->out;
     bool judged = set->state >= REC_VOTE_AGREE || set->out != 0;
     if (set->state == REC_VOTE_NONE)
@@ -63,7 +70,7 @@ void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const str
     v->torn += set->state == REC_VOTE_TORN;
     if (judged || set->state == REC_VOTE_FEW) {
         v->state = set->state;
-        say_state(v, before, to);
+        say_state(v, to);
     }
 }
 

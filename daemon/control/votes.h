@@ -14,7 +14,9 @@ struct dmn_votes {
     uint8_t why[REC_MAX_CAMERAS];                    /* enum rec_wrong */
     uint64_t left_out[REC_MAX_CAMERAS][REC_N_WRONG]; /* sets, by cause */
     uint64_t torn;                                   /* sets in which it could not be told */
-    bool said_few;
+    int lasting; /* of those, with those that were told since taken off */
+    int patience; /* so many of them are said; 0: the first.  Live they come and go from set to set */
+    bool said_few, said_torn;
 };
 
 /* bad: something is wrong from now on; false: no more. */

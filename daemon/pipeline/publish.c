@@ -6,6 +6,8 @@
 #include "base/log.h"
 #include "daemon/config/endpoints.h"
 
+#define TORN 16 /* sets in which the cameras contradict each other: then it is said */
+
 #define STATUS_EVERY_NS PVX_NS_PER_S
 
 static void fill_report(const struct rec_frame_report *r, struct pvp_report *out)
@@ -115,6 +117,7 @@ struct dmn_sink dmn_publish_sink(struct dmn_publish *p)
 pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                          const struct rec_rig *rig, struct pvx_diag *d)
 {
+    p->votes.patience = TORN;
     static const enum pvp_sample samples[] = {PVP_F16, PVP_F32};
     static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
     const char *endpoint[DMN_TEXTS_MAX] = {dmn_default_endpoint(DMN_VOLUMES)};

@@ -1,7 +1,7 @@
 #!/bin/bash
 # A rig that is wrong on a Tuesday: the built daemon before six cameras of the real GigE Vision protocol, one of which
-# is capped, bumped, flooded, late and so on, by hand while it runs.  Whatever it is, sets go on, the figures of
-# the solve say that something is wrong, and all is as before once it was taken back.
+# is capped, bumped, flooded, late and so on, by hand while it runs.  Whatever it is, that camera is named and left
+# out, nobody else is, sets go on, and it is back once it was taken back.
 name=056
 . "$(dirname "$0")/lib.sh"
 sim() { timeout 300 "$pyrovox" simcams --private-net --cameras 6 --size 80x60 --voxels 24 --fps 20 --ring 20 "$@"; }
@@ -14,34 +14,28 @@ fi
   echo $'cameras: "aravis:127.0.0.2+"\nfps: 20\npixel_format: RGB8\nshared_clock: true\nphotometry: {black: 0.02}'
 } > "$dir/run.yaml"
 
-# What is wrong (recon/vote/wrong.h), the orders that make it so, and those that take it back.
+# What the daemon calls it (recon/vote/wrong.h), the orders that make it so, and those that take it back.
 tuesday() {
     wrong dark      'cap cam3 on'        'cap cam3 off'
-    wrong moved     'shift cam3 8:0'     'shift cam3 0:0'
+    wrong disagrees 'shift cam3 8:0'     'shift cam3 0:0'
     wrong gain      'gain cam3 0.5'      'gain cam3 1'
     wrong flooded   'flood cam3 on'      'flood cam3 off'
-    wrong late      'late cam3 3'        'late cam3 0'
-    wrong late      'still cam3 on'      'still cam3 off'
-    wrong mirrored  'mirrored cam3 on'   'mirrored cam3 off'
-    wrong blurred   'blur cam3 4'        'blur cam3 0'
+    wrong disagrees 'late cam3 3'        'late cam3 0'
+    wrong disagrees 'still cam3 on'      'still cam3 off'
+    wrong disagrees 'mirrored cam3 on'   'mirrored cam3 off'
 }
 order() { echo "$1" >&5; }
-residual() { status | "$py" -c 'import json, sys; print(json.load(sys.stdin)["last"]["rel_residual"])'; }
-worst_residual() { # of three periods of the ring
-    local n; n=$(sets)
-    until published $((n + 60)); do residual; done | sort -g | tail -n 1
-}
-amiss() { field "s['last']['status'] == 'empty' or s['last']['saturated'] > 0 or s['last']['rel_residual'] > 1.2 * $healthy"; }
-well() { field "s['last']['status'] == 'converged' and s['last']['cameras'] == 6 and s['last']['saturated'] == 0 and 0 < s['last']['rel_residual'] < 1.1 * $healthy"; }
+named() { field "s['cameras'][3]['vote']['causes'].get('$cause', 0) > $had and s['cameras'][3]['vote']['out'] and s['last']['cameras'] == 5"; }
+well() { field "not s['cameras'][3]['vote']['out'] and s['last']['status'] == 'converged' and s['last']['cameras'] == 6 and s['last']['not_finite'] == 0"; }
 more() { published $((at + 20)); }
 wrong() { # what, order, order that takes it back
+    cause=$1 had=$(status | "$py" -c 'import json, sys; print(json.load(sys.stdin)["cameras"][3]["vote"]["causes"].get("'"$1"'", 0))')
     order "$2"
-    check "$1: the figures say so ($2)" wait_for amiss
+    check "$1: cam3 is out ($2)" wait_for named
     at=$(sets)
     check "$1: sets go on ($2)" wait_for more
-    check "$1: and are finite" field "s['last']['not_finite'] == 0"
     order "$3"
-    check "$1: as before ($3)" wait_for well
+    check "$1: and is back ($3)" wait_for well
 }
 
 mkfifo "$dir/orders"
@@ -51,8 +45,19 @@ daemon=$!
 pids+=("$daemon")
 exec 5> "$dir/orders"
 check starts wait_for field "s['sets']['published'] >= 20 and s['last']['cameras'] == 6"
-healthy=$(worst_residual)
+# a bump too small to be worth a camera: the drift alarm's affair, which first learns where the cameras are
+check looked wait_for field "all(c['rig']['looks'] >= 8 for c in s['cameras'])"
+order 'shift cam3 1.5:0'
+check drifts wait_for field "s['cameras'][3]['rig']['moved'] and abs(s['cameras'][3]['rig']['right_px'] - 1.5) < 0.7"
+check alone field "sum(c['rig']['moved'] for c in s['cameras']) == 1"
+"$pyrovox" status --endpoint "$control" > "$dir/status.txt"
+check says_so grep -q 'cam3  *moved: .*calibrate' "$dir/status.txt"
+check logs_it grep -q 'camera cam3 has moved' "$dir/run.log"
+order 'shift cam3 0:0'
+check pardoned wait_for field "not s['cameras'][3]['rig']['moved']"
 tuesday
+check nobody_else field "all(c['vote']['sets'] == 0 for i, c in enumerate(s['cameras']) if i != 3)"
+check logs_why grep -q 'cam3.*dark.*cap' "$dir/run.log"
 check one_life field "all(c['state'] == 'running' and c['counts']['lost_camera'] == 0 for c in s['cameras'])"
 "$pyrovox" status --endpoint "$control" --stop > "$dir/null"
 check ends ended "$daemon" 0

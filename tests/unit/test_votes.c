@@ -60,6 +60,20 @@ T_CASE(says_what_changes_and_no_more)
     T_EQ_I(v.torn, 2);
 }
 
+T_CASE(what_comes_and_goes_is_not_said)
+{
+    struct dmn_votes v = {.patience = 4};
+    for (int k = 0; k < 20; k++)
+        T_EQ_S(after(&v, k % 2 ? REC_VOTE_TORN : REC_VOTE_AGREE, REC_WRONG_NOTHING), "");
+    T_EQ_I(v.torn, 10);
+    for (int k = 0; k < 2; k++)
+        T_EQ_S(after(&v, REC_VOTE_TORN, REC_WRONG_NOTHING), "");
+    T_CONTAINS(after(&v, REC_VOTE_TORN, REC_WRONG_NOTHING), "cannot be told");
+    for (int k = 0; k < 3; k++)
+        T_EQ_S(after(&v, REC_VOTE_AGREE, REC_WRONG_NOTHING), "");
+    T_EQ_S(after(&v, REC_VOTE_AGREE, REC_WRONG_NOTHING), "the cameras agree again\n");
+}
+
 T_CASE(is_written)
 {
     struct dmn_votes v = {0};
