@@ -11,11 +11,8 @@
 #define SMOOTHINGS  2 /* passes of [1 2 1]: detail that a small grid cannot show */
 #define REACH       8 /* bins that a first search goes */
 #define PEAK        0.05 /* more of the correlation than without a shift: a search has found something */
-#define FAR         24 /* bins */
-#define STEPS       3
-#define THIN        1e-3 /* det A over its trace squared: both directions can be told */
-#define PATIENCE    16   /* sets */
-#define AT_ONCE     8    /* cameras a look of one set is enough for */
+#define PATIENCE    16 /* sets */
+#define AT_ONCE     8  /* cameras a look of one set is enough for */
 
 struct look {
     double A[3], d[2]; /* bins */
@@ -183,73 +180,19 @@ static void judge(rec_drift *t, uint64_t *changed)
     }
 }
 
-/* p carried by D bins, between bins bilinear. */
-static void carry(const struct rec_pair *q, const double D[2], float *out)
+/* d and A of a whole picture. */
+static bool displaced(const struct rec_pair *q, struct look *l)
 {
-    for (int32_t y = 0; y < q->bh; y++)
-        for (int32_t x = 0; x < q->bw; x++) {
-            double u = x - D[0], v = y - D[1], sum = 0;
-            int32_t i = (int32_t)floor(u), j = (int32_t)floor(v);
-            for (int k = 0; k < 4; k++) {
-                int32_t xx = i + (k & 1), yy = j + (k >> 1);
-                double w = (k & 1 ? u - i : i + 1 - u) * (k >> 1 ? v - j : j + 1 - v);
-                if (xx >= 0 && yy >= 0 && xx < q->bw && yy < q->bh)
-                    sum += w * (double)q->p[yy * q->bw + xx];
-            }
-            out[y * q->bw + x] = (float)sum;
-        }
-}
-
-/* One step of Gauss and Newton of || b - alpha p(. - D) || from D on; the gradients are p's, which has little
- * noise: those of b would draw D to where it is. */
-static bool step(const struct rec_pair *q, float *p, double D[2], double A[3])
-{
-    double bp = 0, pp = 0, v[2] = {0, 0};
-    int32_t w = q->bw;
-    carry(q, D, p);
-    for (int32_t i = 0; i < w * q->bh; i++)
-        if (q->weight[i] > 0) {
-            bp += (double)q->b[i] * (double)p[i];
-            pp += (double)p[i] * (double)p[i];
-        }
-    double alpha = bp / pp;
-    A[0] = A[1] = A[2] = 0;
-    if (!(alpha > 0) || !isfinite(alpha))
-        return false;
-    for (int32_t y = 1; y + 1 < q->bh; y++)
-        for (int32_t x = 1; x + 1 < w; x++) {
-            int32_t i = y * w + x;
-            double g[2] = {0.5 * alpha * ((double)p[i + 1] - (double)p[i - 1]),
-                           0.5 * alpha * ((double)p[i + w] - (double)p[i - w])};
-            double r = (double)q->b[i] - alpha * (double)p[i];
-            if (!(q->weight[i] > 0))
-                continue;
-            A[0] += g[0] * g[0];
-            A[1] += g[0] * g[1];
-            A[2] += g[1] * g[1];
-            v[0] -= g[0] * r;
-            v[1] -= g[1] * r;
-        }
-    double det = A[0] * A[2] - A[1] * A[1], trace = A[0] + A[2];
-    if (!(det > THIN * trace * trace))
-        return false;
-    D[0] += (A[2] * v[0] - A[1] * v[1]) / det;
-    D[1] += (A[0] * v[1] - A[1] * v[0]) / det;
-    return isfinite(D[0]) && isfinite(D[1]) && hypot(D[0], D[1]) < FAR;
-}
-
-/* d of a whole picture. */
-static bool displaced(const struct rec_pair *q, float *work, struct look *l)
-{
+    struct rec_lattice sum = {0};
     int32_t s[2] = {0, 0};
     const int32_t none[2] = {0, 0};
-    if (rec_correlation_peak(q, REACH, 0, s) - rec_correlation(q, none, 0) > PEAK) {
-        l->d[0] = s[0];
-        l->d[1] = s[1];
-    }
-    for (int k = 0; k < STEPS; k++)
-        if (!step(q, work, l->d, l->A))
-            return false;
+    if (rec_correlation_peak(q, REACH, 0, s) - rec_correlation(q, none, 0) <= PEAK)
+        s[0] = s[1] = 0;
+    if (rec_shift_add(q, s, &sum, l->d) <= 0)
+        return false;
+    for (int i = 0; i < REC_LATTICE; i++)
+        for (int a = 0; a < 3; a++)
+            l->A[a] += sum.w[i].A[a];
     return true;
 }
 
@@ -278,7 +221,7 @@ static pvx_err look(rec_drift *t, size_t c)
     rec_smooth(picture, B->bw, B->bh, SMOOTHINGS, t->seen, t->tmp);
     struct rec_pair q = {B->bw, B->bh, t->b, rec_unseen_weight(t->unseen, c), t->seen};
     struct look now = {{0}, {0}};
-    if (!displaced(&q, t->tmp, &now))
+    if (!displaced(&q, &now))
         return PVX_OK;
     k->look[k->at] = now;
     k->at = (k->at + 1) % REC_DRIFT_LOOKS;
