@@ -8,10 +8,10 @@
 
 static inline void plugins_of_this_build(void)
 {
-    char exe[400], lib[450];
-    if (pvx_exe_dir(exe, sizeof exe) != PVX_OK)
+    char bin[400], lib[450];
+    if (pvx_exe_dir(bin, sizeof bin) != PVX_OK)
         exit(1);
-    snprintf(lib, sizeof lib, "%s/../../lib", exe);
+    snprintf(lib, sizeof lib, "%s/../../lib", bin);
     setenv("PYROVOX_LIBDIR", lib, 1);
 }
 #endif

@@ -10,6 +10,7 @@
 #include "recon/view/flame.h"
 #include "tests/lib/cli.h"
 #include "tests/lib/light_camera.h"
+#include "tests/lib/plugins.h"
 
 enum { W = 96, H = 72, N = 4 };
 
@@ -438,6 +439,7 @@ static void begin(void)
 {
     char *yaml, here[250];
     size_t len;
+    plugins_of_this_build();
     scratch_new();
     if (pvx_exe_dir(here, sizeof here) != PVX_OK)
         exit(1);

@@ -8,6 +8,7 @@
 #include "recon/geom/rig.h"
 #include "tests/lib/cli.h"
 #include "tests/lib/light_camera.h"
+#include "tests/lib/plugins.h"
 
 enum { W = 96, H = 72, N = 3 };
 
@@ -245,6 +246,7 @@ static void begin(void)
     static const float gains[N][3] = {{1, 1.1F, 0.9F}, {0.9F, 1, 1.2F}, {1.1F, 0.9F, 1}};
     char *yaml, here[250];
     size_t len;
+    plugins_of_this_build();
     scratch_new();
     if (pvx_exe_dir(here, sizeof here) != PVX_OK)
         exit(1);
