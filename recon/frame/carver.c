@@ -7,8 +7,7 @@
 #include "base/mem.h"
 #include "recon/frame/impl.h"
 
-#define REC_LEAST_FLOOR \
-    0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
+#define REC_LEAST_FLOOR 0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
 
 pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
                        const struct rec_frame_params *p, pvx_pool *pool, rec_carver **out,

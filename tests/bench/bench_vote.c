@@ -50,7 +50,8 @@ static void false_alarms(uint32_t sets, uint64_t seed, pvx_pool *pool)
         int32_t wide = 64 + 16 * (int32_t)(3 * bench_even());
         random_rig(&rig, k, n, wide, 32);
         enum flame_kind f = (enum flame_kind)(i % N_FLAMES);
-        if (f != FLAME_PLUME && take_new(&t, &rig, f, i % 2 ? REC_BOX : REC_TRILINEAR, false, pool)) {
+        if (f != FLAME_PLUME &&
+            take_new(&t, &rig, f, i % 2 ? REC_BOX : REC_TRILINEAR, false, pool)) {
             for (uint32_t d = 0; d < DRAWS; d++) {
                 double noise = d == 0 ? 0 : 0.1 * (d + bench_even() - 1) / (DRAWS - 1);
                 shoot(&t, t.f, HEALTHY, 0, noise, (seed + i) * DRAWS + d);
