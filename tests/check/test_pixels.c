@@ -42,7 +42,6 @@ static uint8_t *make(enum cap_pixfmt f, int w, int h, int pad, struct cap_image 
 /* Every fast way against the reference. */
 static void compare_image(const struct cap_image *img, const struct cap_convert_params *p)
 {
-    enum cap_pixfmt f = img->fmt;
     int w = img->width, h = img->height;
     struct cap_pix j;
     int bh = h / p->binning;
@@ -59,7 +58,7 @@ static void compare_image(const struct cap_image *img, const struct cap_convert_
         cap_pix_run(&ways, &j, bh / 3, bh, got + 1);
         T_CHECK_(image_same(got + 1, want + 1, n),
                  "%s %dx%d binning %d, %d channels, transfer %d, mosaic %d, %s%s",
-                 cap_pixfmt_name(f), w, h, p->binning, p->nch, p->transfer, p->mosaic,
+                 cap_pixfmt_name(img->fmt), w, h, p->binning, p->nch, p->transfer, p->mosaic,
                  k == 0 ? "plain" : "fast", p->maps != NULL ? ", maps" : "");
     }
     free(want);
