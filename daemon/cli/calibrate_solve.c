@@ -11,12 +11,22 @@
 struct args {
     struct calibrate_args c;
     const char *frames, *flame;
+    double black;            /* of the flame */
     int64_t every, from, to; /* every 0: not said */
     const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
     size_t n_binning, n_region;
 };
 
-enum { OPT_FRAMES = 0x100, OPT_EVERY, OPT_FROM, OPT_TO, OPT_BINNING, OPT_REGION, OPT_FLAME };
+enum {
+    OPT_FRAMES = 0x100,
+    OPT_EVERY,
+    OPT_FROM,
+    OPT_TO,
+    OPT_BINNING,
+    OPT_REGION,
+    OPT_FLAME,
+    OPT_BLACK
+};
 
 static const struct argp_option options[] = {
     {"frames", OPT_FRAMES, "DIR", 0,
@@ -41,6 +51,7 @@ static const struct argp_option options[] = {
      "then correct the poses by a flame, as `pyrovox calibrate refine` does; where that makes "
      "nothing better the rig of the board stays",
      0},
+    {"black", OPT_BLACK, "X", 0, "black level of the flame's pictures, share of full scale (0)", 0},
     {0}};
 
 static const char doc[] =
@@ -82,6 +93,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
     case OPT_BINNING: keep(st, a->binning, &a->n_binning, arg); return 0;
     case OPT_FLAME: a->flame = arg; return 0;
+    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
     case OPT_REGION: keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
@@ -132,6 +144,7 @@ static pvx_err refine(const struct args *a, struct pvx_diag *d)
     bool accepted;
     sets.rig = a->c.out;
     sets.frames = a->flame;
+    sets.black = a->black;
     sets.threads = a->c.threads;
     sets.quiet = a->c.quiet;
     printf("\n");

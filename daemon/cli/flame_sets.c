@@ -16,6 +16,7 @@ enum {
     OPT_LAST,
     OPT_SETS,
     OPT_BACKGROUND,
+    OPT_BLACK,
     OPT_BINNING,
     OPT_FORMAT,
     OPT_TRANSFER,
@@ -34,6 +35,7 @@ static const struct argp_option options[] = {
      "look at N frame sets (default 60), of a longer recording runs of 10 spread over it", 0},
     {"background", OPT_BACKGROUND, "DIR", 0,
      "subtract DIR/<camera>.(npy|png|tif), an image of the scene without flame", 0},
+    {"black", OPT_BLACK, "X", 0, "black level, share of full scale (default 0)", 0},
     {"binning", OPT_BINNING, "N", 0,
      "raw pixels per bin side (default: so that a picture is at least 160 bins wide)", 0},
     {"pixel-format", OPT_FORMAT, "NAME", 0, "what grey images are, as of `pyrovox reconstruct`", 0},
@@ -65,6 +67,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_LAST: cli_arg_int(st, "last", arg, 0, FRAMES_IN_LAST, &a->last); return 0;
     case OPT_SETS: cli_arg_int(st, "sets", arg, REC_CHECK_SETS, 10000, &a->sets); return 0;
     case OPT_BACKGROUND: a->background = arg; return 0;
+    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
     case OPT_BINNING: cli_arg_int(st, "binning", arg, 1, 64, &a->binning); return 0;
     case OPT_FORMAT:
         a->reading.fmt = cap_pixfmt_parse(arg);
@@ -110,11 +113,11 @@ static pvx_err room(struct frames_in *in, float **at, struct pvx_diag *d)
 }
 
 /* What of it is the flame's: saturated pixels stay so. */
-static void subtract(float *picture, const float *background, size_t n)
+static void subtract(float *picture, float black, const float *background, size_t n)
 {
     for (size_t i = 0; i < n; i++)
         if (!(picture[i] >= 0.998F))
-            picture[i] -= background[i];
+            picture[i] -= black + (background != NULL ? background[i] : 0);
 }
 
 static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const *background,
@@ -133,8 +136,8 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
             size_t bins = (size_t)(q->width / in->binning) * (size_t)(q->height / in->binning);
             if ((mask >> c & 1) == 0)
                 PVX_FREE(at[c]);
-            else if (background[c] != NULL)
-                subtract(at[c], background[c], bins);
+            else if (background[c] != NULL || s->a->black > 0)
+                subtract(at[c], (float)s->a->black, background[c], bins);
             if (at[c] != NULL)
                 s->floats = s->floats || dmn_images_floats(in->images, c);
         }

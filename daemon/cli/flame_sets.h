@@ -1,8 +1,8 @@
 /* flame_sets.h - frame sets of a recording for the commands that hold a flame against its rig: their options and
  * the binned grey pictures, in memory, as often as they are asked for.
  *
- *   --rig FILE --cameras A,B --frames DIR|TAKE.h5 --first N --last N --sets N --background DIR --binning N
- *   --pixel-format NAME --transfer NAME --threads N --quiet
+ *   --rig FILE --cameras A,B --frames DIR|TAKE.h5 --first N --last N --sets N --background DIR --black X
+ *   --binning N --pixel-format NAME --transfer NAME --threads N --quiet
  *
  * A command lists flame_sets_argp among its children, hands over the struct in ARGP_KEY_INIT as with opt_rig.h, and
  * then calls flame_sets_load.  Strings point into argv.
@@ -21,6 +21,7 @@
 
 struct flame_sets_args {
     const char *rig, *cameras, *frames, *background;
+    double black; /* share of full scale */
     int64_t first, last, sets, binning, threads;
     struct frames_in_reading reading;
     bool quiet;

@@ -197,11 +197,12 @@ static pvx_err liar(struct run *r, const struct rec_check_figures *f, size_t *ou
 
 static pvx_err enough(const struct run *r, const struct rec_check_figures *f)
 {
-    size_t n = r->rig->n_cameras, seen = 0, large = 0;
+    size_t n = r->rig->n_cameras, seen = 0, large = 0, bright = 0;
     const rec_sysmat *S = rec_check_matrix(r->k);
     for (size_t c = 0; c < n; c++) {
         double bins = f->camera[c].area * S->block[c].bw * S->block[c].bh;
         seen += bins > 0;
+        bright += f->camera[c].area >= MOST;
         large += bins >= LEAST_LIT && f->camera[c].area < MOST;
     }
     if (seen < SEEN_BY)
@@ -209,6 +210,10 @@ static pvx_err enough(const struct run *r, const struct rec_check_figures *f)
                         "%zu of %zu cameras see any flame; a check needs it in %d at least: take "
                         "the caps off, look at exposure and background",
                         seen, n, SEEN_BY);
+    if (large < SEEN_BY && bright > seen / 2)
+        return pvx_fail(r->d, PVX_EINVAL,
+                        "most of the pictures is lit, flame or not: give their --black level, or a "
+                        "--background");
     if (large < SEEN_BY)
         return pvx_fail(r->d, PVX_EINVAL,
                         "the flame fills too little of the pictures (under %d bins of %d x %d "

@@ -7,6 +7,9 @@
 #include "capture/files/imgio.h"
 #include "tests/lib/cli.h"
 #include "tests/lib/flame_rig.h"
+#include "tests/lib/plugins.h"
+
+#define PEDESTAL 0.05F
 
 enum { W = 128, SETS = 6, CAMERAS = 6 };
 
@@ -29,6 +32,14 @@ static void record(const char *name, size_t spoilt, enum spoil what)
     free(out);
 }
 
+static void lift(float by)
+{
+    for (size_t i = 0; i < SETS; i++)
+        for (size_t c = 0; c < CAMERAS; c++)
+            for (size_t k = 0; k < (size_t)f.w * (size_t)f.h; k++)
+                f.picture[i][c][k] += by;
+}
+
 static void write_rig(const char *name, const struct rec_rig *r)
 {
     char *yaml;
@@ -48,6 +59,14 @@ T_CASE(a_right_rig)
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames good --quiet"), 0);
     T_OK(says("out.txt", "the flame agrees with the rig in all 6 cameras"));
     T_EQ_S(slurp("err"), "");
+}
+
+T_CASE(a_black_level)
+{
+    T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames pedestal --quiet"), 1);
+    T_OK(says("err", "--black"));
+    T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames pedestal --quiet --black 0.05"), 0);
+    T_OK(says("out.txt", "the flame agrees with the rig in all 6 cameras"));
 }
 
 T_CASE(a_bumped_camera)
@@ -148,18 +167,20 @@ T_CASE(what_cannot_be_judged)
 
 static void begin(void)
 {
-    char here[200], lib[256];
+    char here[200];
     if (pvx_exe_dir(here, sizeof here) != PVX_OK)
         exit(1);
     snprintf(exe, sizeof exe, "%s/../../bin", here);
-    snprintf(lib, sizeof lib, "%s/../../lib", here);
-    setenv("PYROVOX_LIBDIR", lib, 1);
+    plugins_of_this_build();
     scratch_new();
     flame_rig_new(&f, CAMERAS, W, SETS, 31, t_normal);
     write_rig("rig.yaml", &f.rig);
     record("good", CAMERAS, SPOIL_NOTHING);
     record("bumped", 2, SPOIL_SHIFT);
     record("capped", 4, SPOIL_CAP);
+    lift(PEDESTAL);
+    record("pedestal", CAMERAS, SPOIL_NOTHING);
+    lift(-PEDESTAL);
     for (size_t i = 1; i < SETS; i++) /* all the same picture */
         for (size_t c = 0; c < CAMERAS; c++)
             memcpy(f.picture[i][c], f.picture[0][c],
