@@ -96,7 +96,8 @@ static enum rec_wrong name(const struct rec_check_camera *o, const struct rec_ca
         return REC_WRONG_DISAGREES;
     if (moved(o, c, binning))
         return REC_WRONG_MOVED;
-    if (blur2_of(o) - u->blur2 > BLUR * BLUR * binning * binning)
+    /* noise that volumes do not have makes all pictures sharper than what is due, each as much as it has */
+    if (o->blur > 0 && blur2_of(o) - u->blur2 > BLUR * BLUR * binning * binning)
         return REC_WRONG_BLURRED; /* which makes a flame look larger, too */
     if (turned(o, c, binning))
         return REC_WRONG_MOVED;

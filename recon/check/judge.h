@@ -7,7 +7,7 @@
  *   late       pictures of another set agree better, by 4 standard errors; or it hardly changes while the flame does
  *   moved      displaced, turned or resized by more than REC_CHECK_MOVED pixels at the flame's edge and more than 4
  *              standard errors; of a rig that says how far to trust it (rec_camera.uncertainty), by more than px_95
- *   blurred    wider than the others, beside what is due, by a Gaussian of 2 bins or more
+ *   blurred    wider than what is due, and than the others beside it by a Gaussian of 2 bins or more
  *   gain       off the median by a tenth
  *   disagrees  1 - rho above 0.1 and four times the median, or lit where the others have no volume at all
  *
