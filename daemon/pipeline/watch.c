@@ -123,6 +123,11 @@ static void *run(void *arg)
     struct pvx_diag why = {""};
     setpriority(PRIO_PROCESS, 0,
                 LEAST); /* Linux: of this thread; where it is refused, the rests do */
+    int32_t longest = 0;
+    for (int a = 0; a < 3; a++)
+        longest = w->S->grid.n[a] > longest ? w->S->grid.n[a] : longest;
+    if (p.unseen.voxels > longest) /* no finer than the volumes */
+        p.unseen.voxels = longest > 4 ? longest : 4;
     p.unseen.binning = w->S->binning * w->times;
     if (rec_drift_new(w->rig, &p, NULL, &d, &why) != PVX_OK) {
         LOG_W(DAEMON, "cameras that move are not noticed: %s", why.text);
@@ -155,6 +160,9 @@ static void *run(void *arg)
 pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S, dmn_watch **out,
                       struct pvx_diag *d)
 {
+    *out = NULL;
+    if (rig->n_cameras < REC_DRIFT_LEAST)
+        return PVX_OK;
     dmn_watch *w = *out = pvx_calloc(1, sizeof *w);
     if (w == NULL)
         return pvx_fail(d, PVX_ENOMEM, "watch: out of memory");

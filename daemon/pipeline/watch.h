@@ -12,7 +12,7 @@
 
 typedef struct dmn_watch dmn_watch;
 
-/* rig and S are borrowed.  Errors: PVX_ENOMEM, PVX_EIO (no thread to be had). */
+/* rig and S are borrowed.  NULL in *out with fewer than four cameras.  Errors: PVX_ENOMEM, PVX_EIO (no thread to be had). */
 PVX_MUST_CHECK pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S,
                                      dmn_watch **out, struct pvx_diag *d);
 void dmn_watch_free(dmn_watch **w);

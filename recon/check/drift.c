@@ -7,12 +7,11 @@
 #include "base/mem.h"
 #include "recon/check/shift.h"
 
-#define LEAST_VIEWS 4 /* three others */
-#define SMOOTHINGS  2 /* passes of [1 2 1]: detail that a small grid cannot show */
-#define REACH       8 /* bins that a first search goes */
-#define PEAK        0.05 /* more of the correlation than without a shift: a search has found something */
-#define PATIENCE    16 /* sets */
-#define AT_ONCE     8  /* cameras a look of one set is enough for */
+#define SMOOTHINGS 2 /* passes of [1 2 1]: detail that a small grid cannot show */
+#define REACH      8 /* bins that a first search goes */
+#define PEAK       0.05 /* more of the correlation than without a shift: a search has found something */
+#define PATIENCE   16 /* sets */
+#define AT_ONCE    8  /* cameras a look of one set is enough for */
 
 struct look {
     double A[3], d[2]; /* bins */
@@ -211,7 +210,7 @@ static pvx_err look(rec_drift *t, size_t c)
         use[o] = t->present[o] && o != c && !t->camera[o].out.moved && (int)o != t->trial;
         views += use[o];
     }
-    if (views < LEAST_VIEWS - 1)
+    if (views < REC_DRIFT_LEAST - 1)
         return PVX_OK;
     PVX_TRY(rec_unseen_solve(t->unseen, use, &n));
     if (n == 0)
@@ -266,7 +265,7 @@ pvx_err rec_drift_add(rec_drift *t, const float *const *picture, bool floats, ui
     t->looked = true;
     for (size_t c = 0; c < t->n; c++)
         views += t->present[c];
-    if (views < LEAST_VIEWS)
+    if (views < REC_DRIFT_LEAST)
         return PVX_OK;
     rec_unseen_load(t->unseen, picture, floats);
     for (size_t k = 0; k < (t->n + AT_ONCE - 1) / AT_ONCE; k++) {

@@ -19,6 +19,7 @@
 #include "recon/check/unseen.h"
 
 #define REC_DRIFT_LOOKS 4
+#define REC_DRIFT_LEAST 4 /* cameras */
 
 struct rec_drift_params {
     struct rec_unseen_params unseen;

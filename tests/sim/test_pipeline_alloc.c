@@ -99,7 +99,8 @@ T_CASE(nothing_is_allocated)
     make_rig(4, 64, 48, 16);
     bed_publish = "compress: lz4";
     dmn_live *p = started("cameras: \"sim:\"\nfps: 250\nsolver: {warm_start: on}\n");
-    LOOK_UNTIL(p, state.published >= 50); /* cameras are open, first use of everything is over */
+    /* cameras are open, the watch has its matrix, first use of everything is over */
+    LOOK_UNTIL(p, state.published >= 50 && state.rig[3].looks > 0);
     dl_iterate_phdr(find_libraries, NULL);
     T_OK(n_apart >= 2);
     uint64_t before = state.published;
