@@ -87,6 +87,13 @@ __attribute__((unused)) static double t_normal(void)
         return;                   \
     } while (0)
 
+/* Minutes under the sanitizer of threads, and its threads do what another case's do. */
+#if defined(__SANITIZE_THREAD__)
+#define T_NOT_UNDER_TSAN() T_SKIP("minutes under this sanitizer; another case has its threads")
+#else
+#define T_NOT_UNDER_TSAN() ((void)0)
+#endif
+
 /* A case is run because it is written: no list to keep. */
 struct t_case {
     const char *name;

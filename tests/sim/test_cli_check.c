@@ -63,6 +63,7 @@ T_CASE(a_right_rig)
 
 T_CASE(a_black_level)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames pedestal --quiet"), 1);
     T_OK(says("err", "--black"));
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames pedestal --quiet --black 0.05"), 0);
@@ -71,6 +72,7 @@ T_CASE(a_black_level)
 
 T_CASE(a_bumped_camera)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames bumped --quiet --report c.html "
                    "--report c.json"),
            1);
@@ -93,6 +95,7 @@ T_CASE(a_bumped_camera)
 
 T_CASE(a_cap_on_a_lens)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames capped --quiet"), 1);
     T_OK(says("out.txt", "cam4 dark: "));
     T_OK(says("out.txt", "take the cap off"));
@@ -101,6 +104,7 @@ T_CASE(a_cap_on_a_lens)
 /* The picture is right and the rig is not: the rig is corrected, and the flame then agrees with it. */
 T_CASE(a_rig_refined)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     const double mid[3] = {0, 0, 0.5}, none[3] = {0}, aside[3] = {0.05, -0.03, 0};
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
@@ -120,6 +124,7 @@ T_CASE(a_rig_refined)
 /* Nothing is written where it cannot be had. */
 T_CASE(what_is_not_refined)
 {
+    T_NOT_UNDER_TSAN();
     static const struct {
         const char *args, *says;
     } bad[] = {{"--frames good --last 4", "5 frame sets: a refinement needs 6"},

@@ -62,6 +62,7 @@ static void play(struct bed *b, int n, double noise, uint64_t missing)
 
 T_CASE(moved)
 {
+    T_NOT_UNDER_TSAN();
     struct bed b;
     bed_new(&b, 0.15);
     play(&b, 2 * ROUND, 0.005, 0);
@@ -87,6 +88,7 @@ T_CASE(moved)
 /* One that was never where the rig says: nothing to compare it with, but far enough off. */
 T_CASE(off_from_the_start)
 {
+    T_NOT_UNDER_TSAN();
     struct bed b;
     bed_new(&b, 0);
     b.shot[1].cx += 6;
@@ -110,6 +112,7 @@ T_CASE(healthy)
 /* A set now and then without a camera changes nothing; many make it a rig of the others. */
 T_CASE(missing)
 {
+    T_NOT_UNDER_TSAN();
     struct bed b;
     bed_new(&b, 0);
     for (int k = 0; k < 2 * ROUND; k++)

@@ -58,6 +58,7 @@ T_CASE(a_bumped_tripod)
 /* Nothing to gain: the very numbers that came go out. */
 T_CASE(a_right_rig_is_refused)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
     T_EQ_I(refine(&rig, SETS, 0, SPOIL_NOTHING), PVX_OK);
@@ -73,6 +74,7 @@ T_CASE(a_right_rig_is_refused)
 
 T_CASE(what_is_no_pose_is_refused)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
     T_EQ_I(refine(&rig, SETS, 2, SPOIL_CAP), PVX_EINVAL);
@@ -84,6 +86,7 @@ T_CASE(what_is_no_pose_is_refused)
 
 T_CASE(cameras_in_a_line)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig rig;
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);
     T_OK(!rec_rig_in_line(&rig));
