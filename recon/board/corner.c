@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "recon/board/homography.h"
+#include "recon/geom/spd.h"
 
 #define R_MAX  9 /* px, half a window's side */
 #define M_MAX  9 /* px around it, for the blur */

@@ -20,8 +20,4 @@ bool rec_homography_inverse(const double h[9], double out[9]);
 void rec_homography_map(const double h[9], double x, double y, double uv[2]);
 /* duv [4]: du/dx, du/dy, dv/dx, dv/dy at (x, y). */
 void rec_homography_jacobian(const double h[9], double x, double y, double duv[4]);
-
-/* A x = b for symmetric positive definite A [n*n], n <= 9: A becomes its Cholesky factor, b the solution;
- * false where A is not positive definite. */
-bool rec_spd_solve(double *A, double *b, int n);
 #endif

@@ -6,6 +6,7 @@
 #include "recon/board/homography.h"
 #include "recon/calib/model.h"
 #include "recon/calib/priv.h"
+#include "recon/geom/spd.h"
 
 #define L REC_LENS
 

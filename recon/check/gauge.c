@@ -4,39 +4,9 @@
 #include <string.h>
 
 #include "recon/calib/pose.h"
+#include "recon/geom/spd.h"
 
-enum { POINTS = REC_GAUGE_SIDE * REC_GAUGE_SIDE * REC_GAUGE_SIDE, MOST = 16, ROUNDS = 4 };
-
-bool rec_solve_definite(double *M, const double *b, int n, double *x)
-{
-    memset(x, 0, (size_t)n * sizeof *x);
-    for (int i = 0; i < n; i++) /* Cholesky: the lower half becomes L */
-        for (int j = 0; j <= i; j++) {
-            double s = M[i * n + j];
-            for (int k = 0; k < j; k++)
-                s -= M[i * n + k] * M[j * n + k];
-            if (i == j && !(s > 0))
-                return false;
-            M[i * n + j] = i == j ? sqrt(s) : s / M[j * n + j];
-        }
-    double y[MOST];
-    for (int i = 0; i < n; i++) {
-        y[i] = b[i];
-        for (int k = 0; k < i; k++)
-            y[i] -= M[i * n + k] * y[k];
-        y[i] /= M[i * n + i];
-    }
-    for (int i = n - 1; i >= 0; i--) {
-        for (int k = i + 1; k < n; k++)
-            y[i] -= M[k * n + i] * y[k];
-        y[i] /= M[i * n + i];
-    }
-    for (int i = 0; i < n; i++)
-        if (!isfinite(y[i]))
-            return false;
-    memcpy(x, y, (size_t)n * sizeof *x);
-    return true;
-}
+enum { POINTS = REC_GAUGE_SIDE * REC_GAUGE_SIDE * REC_GAUGE_SIDE, ROUNDS = 4 };
 
 static void rotate(const double R[9], const double X[3], double out[3])
 {
@@ -147,7 +117,7 @@ double rec_gauge_hold(const struct rec_rig *old, struct rec_rig *rig, double *px
     double X0[3];
     middle(&old->grid, X0);
     for (int round = 0; round < ROUNDS; round++) {
-        double M[49] = {0}, b[7] = {0}, v[7];
+        double M[49] = {0}, b[7] = {0};
         for (size_t c = 0; c < old->n_cameras; c++)
             for (int i = 0; i < POINTS; i++) {
                 double X[3], u[2], now[2], J[14], W[14];
@@ -179,8 +149,8 @@ double rec_gauge_hold(const struct rec_rig *old, struct rec_rig *rig, double *px
             trace += M[8 * p];
         for (int p = 0; p < 7; p++) /* what nobody sees stays */
             M[8 * p] += 1e-9 * trace + 1e-30;
-        if (rec_solve_definite(M, b, 7, v))
-            move_world(rig, X0, v);
+        if (rec_spd_solve(M, b, 7))
+            move_world(rig, X0, b);
     }
     return rec_gauge_distance(old, rig, px);
 }

@@ -12,9 +12,6 @@
 
 #define REC_GAUGE_SIDE 4
 
-/* x [n] = M^-1 b, M [n][n] symmetric and positive definite, is lost; n <= 16.  false: it is not; x is then 0. */
-bool rec_solve_definite(double *M, const double *b, int n, double *x);
-
 /* c' of the same pictures in the world turned by w, shifted by t (m) about X0 and scaled by 1 + s. */
 struct rec_similarity {
     double w[3], t[3], s;

@@ -1,4 +1,5 @@
 #include "recon/check/posefit.h"
+#include "recon/geom/spd.h"
 
 #include <math.h>
 #include <string.h>
@@ -60,14 +61,17 @@ static double gather(const struct rec_lattice *l, const struct rec_camera *c, co
 
 static bool solve(const double M[N * N], const double b[N], unsigned held, double x[N])
 {
-    double K[N * N], k[N];
+    double K[N * N];
     for (int p = 0; p < N; p++) {
         bool off = (held >> p & 1) != 0;
-        k[p] = off ? 0 : b[p];
+        x[p] = off ? 0 : b[p];
         for (int q = 0; q < N; q++)
             K[N * p + q] = !off && (held >> q & 1) == 0 ? M[N * p + q] : p == q;
     }
-    return rec_solve_definite(K, k, N, x);
+    if (rec_spd_solve(K, x, N))
+        return true;
+    memset(x, 0, N * sizeof *x);
+    return false;
 }
 
 /* Whether the flame tells more of the focal length than was believed of it. */

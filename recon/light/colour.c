@@ -39,7 +39,7 @@ pvx_err rec_light_matrix(const double *from, const double *to, size_t m, double 
     for (int r = 0; r < 3; r++) {
         double M[9];
         memcpy(M, A, sizeof M);
-        if (!rec_light_solve(M, B + 3 * r, 3))
+        if (!rec_spd_solve(M, B + 3 * r, 3))
             return pvx_fail(d, PVX_EINVAL, "the colours are too alike to make a matrix");
     }
     memcpy(matrix, B, sizeof B);

@@ -123,7 +123,7 @@ static bool refit(struct fit *f, size_t k, int c)
     }
     if (A[0] < TERMS) /* a grey camera has one colour */
         return true;
-    if (!rec_light_solve(A, b, TERMS))
+    if (!rec_spd_solve(A, b, TERMS))
         return false;
     memcpy(f->q[k][c], b, sizeof b);
     return true;

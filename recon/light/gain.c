@@ -110,7 +110,7 @@ pvx_err rec_light_where(const struct rec_light_picture *const *p, const struct r
             }
     }
     double trace = A[0] + A[4] + A[8];
-    if (!(det3(A) > 1e-6 * trace * trace * trace) || !rec_light_solve(A, b, 3))
+    if (!(det3(A) > 1e-6 * trace * trace * trace) || !rec_spd_solve(A, b, 3))
         return pvx_fail(d, PVX_EINVAL, "the flame is seen from one side only");
     memcpy(at, b, sizeof b);
     return PVX_OK;

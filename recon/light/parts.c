@@ -2,35 +2,6 @@
 
 #include <string.h>
 
-bool rec_light_solve(double *A, double *b, int n)
-{
-    for (int j = 0; j < n; j++) {
-        double *a = A + (size_t)j * (size_t)n, s = a[j];
-        for (int k = 0; k < j; k++)
-            s -= a[k] * a[k];
-        if (!(s > 1e-14 * fabs(a[j]) && s > 0))
-            return false;
-        a[j] = sqrt(s);
-        for (int i = j + 1; i < n; i++) {
-            double *c = A + (size_t)i * (size_t)n, t = c[j];
-            for (int k = 0; k < j; k++)
-                t -= c[k] * a[k];
-            c[j] = t / a[j];
-        }
-    }
-    for (int i = 0; i < n; i++) {
-        for (int k = 0; k < i; k++)
-            b[i] -= A[(size_t)i * (size_t)n + (size_t)k] * b[k];
-        b[i] /= A[(size_t)i * (size_t)n + (size_t)i];
-    }
-    for (int i = n - 1; i >= 0; i--) {
-        for (int k = i + 1; k < n; k++)
-            b[i] -= A[(size_t)k * (size_t)n + (size_t)i] * b[k];
-        b[i] /= A[(size_t)i * (size_t)n + (size_t)i];
-    }
-    return true;
-}
-
 void rec_light_regions(const struct rec_light_picture *p, const float *v, int colour,
                        double out[REC_REGIONS * REC_REGIONS])
 {

@@ -1,16 +1,14 @@
-/* parts.h - what the files of this room share: small dense systems, regions of pictures. */
+/* parts.h - what the files of this room share: regions of pictures. */
 #ifndef REC_LIGHT_PARTS_H
 #define REC_LIGHT_PARTS_H
 #include <math.h>
 #include <stdbool.h>
 
 #include "base/median.h"
+#include "recon/geom/spd.h"
 #include "recon/light/light.h"
 
 #define REC_REGIONS 8 /* of a picture, each way */
-
-/* A x = b for symmetric positive definite A [n][n] (Cholesky, in place), b becomes x; false: it is not. */
-bool rec_light_solve(double *A, double *b, int n);
 
 static inline size_t rec_light_pixels(const struct rec_light_picture *p)
 {

@@ -111,7 +111,7 @@ static bool least(const struct ladder *l, double v[N])
             for (int j = 0; j < FREE; j++)
                 b[i] += l->B[i * FREE + j] * v[j + 1];
         memcpy(M, l->A, sizeof M);
-        if (!rec_light_solve(M, b, FREE) || !(fabs(b[FREE - 1]) > 0))
+        if (!rec_spd_solve(M, b, FREE) || !(fabs(b[FREE - 1]) > 0))
             return false;
         for (int i = 0; i < FREE; i++)
             v[i + 1] = b[i] / b[FREE - 1];
