@@ -38,3 +38,33 @@ void cli_arg_size(struct argp_state *st, const char *name, const char *text, int
     *width = (int32_t)w;
     *height = (int32_t)h;
 }
+
+int cli_arg_choice(struct argp_state *st, const char *name, const char *text,
+                   const char *const *words)
+{
+    char list[300] = "";
+    for (int k = 0; words[k] != NULL; k++) {
+        if (strcmp(words[k], text) == 0)
+            return k;
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", k == 0 ? "" : ", ",
+                 words[k]);
+    }
+    argp_error(st, "--%s %s: should be one of %s", name, text, list);
+    return 0;
+}
+
+enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text)
+{
+    char names[CAP_PIXFMT_NAMES_MAX];
+    enum cap_pixfmt f = cap_pixfmt_parse(text);
+    cap_pixfmt_names(names, sizeof names);
+    if (f == CAP_FMT_NONE)
+        argp_error(st, "--pixel-format %s: should be one of %s", text, names);
+    return f;
+}
+
+enum cap_transfer cli_arg_transfer(struct argp_state *st, const char *text)
+{
+    static const char *const names[] = {"auto", "linear", "srgb", "bt709", NULL};
+    return (enum cap_transfer)cli_arg_choice(st, "transfer", text, names);
+}

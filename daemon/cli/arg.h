@@ -6,6 +6,8 @@
 #define CLI_ARG_H
 #include <argp.h>
 #include <stdint.h>
+#include "capture/pixel/image.h"
+#include "capture/pixel/transfer.h"
 
 void cli_arg_int(struct argp_state *st, const char *name, const char *text, int64_t lo, int64_t hi,
                  int64_t *out);
@@ -14,5 +16,11 @@ double cli_arg_double(struct argp_state *st, const char *name, const char *text,
 /* "640x480": pixels across and down, lo to hi each. */
 void cli_arg_size(struct argp_state *st, const char *name, const char *text, int32_t lo, int32_t hi,
                   int32_t *width, int32_t *height);
+/* Number of the word; words end with NULL. */
+int cli_arg_choice(struct argp_state *st, const char *name, const char *text,
+                   const char *const *words);
+/* --pixel-format NAME, --transfer auto|linear|srgb|bt709. */
+enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text);
+enum cap_transfer cli_arg_transfer(struct argp_state *st, const char *text);
 
 #endif

@@ -45,10 +45,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
             argp_error(st, "--exposure belongs after the --frames that it is of");
         a->exposure_ms[a->n - 1] = cli_arg_double(st, "exposure", arg, 1e-6, 1e9);
         return 0;
-    case OPT_FORMAT:
-        if ((a->reading.fmt = cap_pixfmt_parse(arg)) == CAP_FMT_NONE)
-            argp_error(st, "--pixel-format %s: no such format", arg);
-        return 0;
+    case OPT_FORMAT: a->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
     case OPT_FORCE: a->force = true; return 0;
     case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;

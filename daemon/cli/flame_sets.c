@@ -45,17 +45,6 @@ static const struct argp_option options[] = {
     {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
     {0}};
 
-static void parse_transfer(struct flame_sets_args *a, const char *arg, struct argp_state *st)
-{
-    static const char *const names[] = {"auto", "linear", "srgb", "bt709"};
-    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
-        if (strcmp(names[i], arg) == 0) {
-            a->reading.transfer = (enum cap_transfer)i;
-            return;
-        }
-    argp_error(st, "--transfer %s: should be one of auto, linear, srgb, bt709", arg);
-}
-
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
     struct flame_sets_args *a = st->input;
@@ -69,15 +58,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_BACKGROUND: a->background = arg; return 0;
     case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
     case OPT_BINNING: cli_arg_int(st, "binning", arg, 1, 64, &a->binning); return 0;
-    case OPT_FORMAT:
-        a->reading.fmt = cap_pixfmt_parse(arg);
-        if (a->reading.fmt == CAP_FMT_NONE) {
-            char names[CAP_PIXFMT_NAMES_MAX];
-            cap_pixfmt_names(names, sizeof names);
-            argp_error(st, "--pixel-format %s: should be one of %s", arg, names);
-        }
-        return 0;
-    case OPT_TRANSFER: parse_transfer(a, arg, st); return 0;
+    case OPT_FORMAT: a->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
+    case OPT_TRANSFER: a->reading.transfer = cli_arg_transfer(st, arg); return 0;
     case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
     case OPT_QUIET: a->quiet = true; return 0;
     case ARGP_KEY_END:

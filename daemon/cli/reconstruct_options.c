@@ -127,18 +127,6 @@ static const struct argp_option option_table[] = {
 };
 
 /* Place of `arg` in a NULL-terminated list of names. */
-static int choice(struct argp_state *st, const char *opt, const char *const *names, const char *arg)
-{
-    char list[300] = "";
-    for (int k = 0; names[k] != NULL; k++) {
-        if (strcmp(names[k], arg) == 0)
-            return k;
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s", k == 0 ? "" : ", ",
-                 names[k]);
-    }
-    argp_error(st, "--%s %s: should be one of %s", opt, arg, list);
-    return 0;
-}
 
 static error_t parse_rest(int key, char *arg, struct argp_state *st)
 {
@@ -153,20 +141,20 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     struct rec_hull_params *hull = &o->frame.hull;
     switch (key) {
     case OPT_SOLVER:
-        solve->solver = rec_solver_names()[choice(st, "solver", rec_solver_names(), arg)];
+        solve->solver = rec_solver_names()[cli_arg_choice(st, "solver", arg, rec_solver_names())];
         return 0;
     case OPT_ITER:
         solve->iterations = (uint32_t)cli_arg_double(st, "iterations", arg, 1, 1e6);
         if (solve->stop == REC_STOP_AUTO)
             solve->stop = REC_STOP_ITERATIONS;
         return 0;
-    case OPT_STOP: solve->stop = stop[choice(st, "stop", stops, arg)]; return 0;
+    case OPT_STOP: solve->stop = stop[cli_arg_choice(st, "stop", arg, stops)]; return 0;
     case OPT_LAMBDA: solve->lambda = (float)cli_arg_double(st, "lambda", arg, 0, 1e6); return 0;
     case OPT_TOLERANCE:
         solve->tolerance = (float)cli_arg_double(st, "tolerance", arg, 0, 1);
         return 0;
     case OPT_DEADLINE: o->deadline_ms = cli_arg_double(st, "deadline", arg, 0.01, 1e9); return 0;
-    case OPT_START: o->warm = choice(st, "start", starts, arg) == 1; return 0;
+    case OPT_START: o->warm = cli_arg_choice(st, "start", arg, starts) == 1; return 0;
     case OPT_WARM: o->warm = true; return 0;
     case OPT_THRESHOLD:
         photo->threshold =
@@ -177,7 +165,7 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     case OPT_MIN_VIEWS:
         hull->min_views = (uint32_t)cli_arg_double(st, "min-views", arg, 1, REC_MAX_CAMERAS);
         return 0;
-    case OPT_HULL_RULE: hull->keep_partial = choice(st, "hull-rule", rules, arg); return 0;
+    case OPT_HULL_RULE: hull->keep_partial = cli_arg_choice(st, "hull-rule", arg, rules); return 0;
     case OPT_STRICT: hull->keep_partial = 0; return 0;
     case OPT_NO_HULL: o->no_hull = true; return 0;
     case OPT_TRUST_ALL: o->frame.trust_all = true; return 0;
@@ -185,19 +173,8 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     }
 }
 
-static enum cap_pixfmt format(struct argp_state *st, const char *arg)
-{
-    char names[CAP_PIXFMT_NAMES_MAX];
-    enum cap_pixfmt f = cap_pixfmt_parse(arg);
-    cap_pixfmt_names(names, sizeof names);
-    if (f == CAP_FMT_NONE)
-        argp_error(st, "--pixel-format %s: should be one of %s", arg, names);
-    return f;
-}
-
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
-    static const char *const transfers[] = {"auto", "linear", "srgb", "bt709", NULL};
     static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
     struct reconstruct_options *o = st->input;
     switch (key) {
@@ -211,11 +188,9 @@ static error_t parse(int key, char *arg, struct argp_state *st)
         return 0;
     case OPT_LAST: o->last = (uint32_t)cli_arg_double(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
     case OPT_GREY: o->grey = true; return 0;
-    case OPT_FORMAT: o->reading.fmt = format(st, arg); return 0;
-    case OPT_TRANSFER:
-        o->reading.transfer = (enum cap_transfer)choice(st, "transfer", transfers, arg);
-        return 0;
-    case OPT_BAYER: o->bayer = choice(st, "bayer", bayers, arg); return 0;
+    case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
+    case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
+    case OPT_BAYER: o->bayer = cli_arg_choice(st, "bayer", arg, bayers); return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case OPT_BACKGROUND: o->background = arg; return 0;
     case OPT_SAVE_HULL: o->save_hull = arg; return 0;
