@@ -3,8 +3,8 @@
  * Rings of cameras whose calibration is off by a little, flames that move, noise; after the first sets one camera
  * is turned by so many pixels.  bench_drift [CSV_FOLDER [HEALTHY_SETS]]. */
 #include "bench.h"
-#include "recon/calib/pose.h"
 #include "recon/check/drift.h"
+#include "recon/check/gauge.h"
 
 #define INSTANTS 12
 #define BEFORE   70  /* sets before it is moved */
@@ -19,18 +19,12 @@ struct run {
 /* Turned about its own axes, so that its picture goes by (x,y) px, and the flame carried away by `by` m. */
 static void disturb(struct rec_camera *c, double x, double y, const double by[3])
 {
-    const double w[3] = {-y / c->fy, x / c->fx, 0};
-    double D[9], R[9], t[3];
-    rec_rotation(w, D);
-    rec_mat3(D, c->R, R);
-    for (int a = 0; a < 3; a++) {
-        t[a] = 0;
-        for (int b = 0; b < 3; b++)
-            t[a] += D[a * 3 + b] * (c->t[b] + c->R[b * 3] * by[0] + c->R[b * 3 + 1] * by[1] +
-                                    c->R[b * 3 + 2] * by[2]);
-    }
-    memcpy(c->R, R, sizeof R);
-    memcpy(c->t, t, sizeof t);
+    const double w[3] = {-y / c->fy, x / c->fx, 0}, none[3] = {0};
+    double at[3];
+    for (int a = 0; a < 3; a++)
+        c->t[a] += c->R[a * 3] * by[0] + c->R[a * 3 + 1] * by[1] + c->R[a * 3 + 2] * by[2];
+    rec_camera_centre(c, at);
+    rec_camera_nudge(c, at, w, none);
 }
 
 struct film {

@@ -5,10 +5,22 @@
 #include <sys/wait.h>
 
 #include "base/file.h"
+#include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 
 static char exe[300];      /* folder of the programs */
 static char text[1 << 20]; /* of the file read last */
+
+/* The programs and modules of this build, and a scratch folder: scratch_remove() at the end. */
+static inline void cli_begin(void)
+{
+    char here[250];
+    plugins_of_this_build();
+    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
+        exit(1);
+    snprintf(exe, sizeof exe, "%s/../../bin", here);
+    scratch_new();
+}
 
 /* Exit code of `pyrovox ARGS`; what it prints is left in DIR/out.txt and DIR/err. */
 static inline int pyrovox(const char *args)

@@ -7,7 +7,6 @@
 #include "capture/files/imgio.h"
 #include "tests/lib/cli.h"
 #include "tests/lib/flame_rig.h"
-#include "tests/lib/plugins.h"
 
 #define PEDESTAL 0.05F
 
@@ -172,12 +171,7 @@ T_CASE(what_cannot_be_judged)
 
 static void begin(void)
 {
-    char here[200];
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        exit(1);
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
-    plugins_of_this_build();
-    scratch_new();
+    cli_begin();
     flame_rig_new(&f, CAMERAS, W, SETS, 31, t_normal);
     write_rig("rig.yaml", &f.rig);
     record("good", CAMERAS, SPOIL_NOTHING);

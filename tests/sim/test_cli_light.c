@@ -10,7 +10,6 @@
 #include "recon/view/flame.h"
 #include "tests/lib/cli.h"
 #include "tests/lib/light_camera.h"
-#include "tests/lib/plugins.h"
 
 enum { W = 96, H = 72, N = 4 };
 
@@ -437,13 +436,9 @@ T_CASE(maps_that_are_not_the_rigs)
 
 static void begin(void)
 {
-    char *yaml, here[250];
+    char *yaml;
     size_t len;
-    plugins_of_this_build();
-    scratch_new();
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        exit(1);
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
+    cli_begin();
     if (rec_rig_ring(N, 2.5, W, H, 16, &rig) != PVX_OK ||
         rec_rig_format(&rig, &yaml, &len) != PVX_OK ||
         pvx_file_write(at("rig.yaml"), yaml, len, NULL) != PVX_OK)

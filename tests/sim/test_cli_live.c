@@ -14,7 +14,6 @@
 #include "daemon/pipeline/volume_file.h"
 #include "recon/calib/calib.h"
 #include "recon/view/metrics.h"
-#include "tests/lib/plugins.h"
 #include "tests/lib/cli.h"
 
 #define BOARD       "charuco:5x6:0.14:0.105:two-sided"
@@ -221,12 +220,7 @@ static int begin(void)
     static const char config[] =
         "cameras: {cam0: \"aravis:127.0.0.2\", cam1: \"aravis:127.0.0.3\", cam2: "
         "\"aravis:127.0.0.4\", cam3: \"aravis:127.0.0.5\"}\nfps: 10\nshared_clock: true\n";
-    char here[200];
-    plugins_of_this_build();
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        return 1;
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
-    scratch_new();
+    cli_begin();
     write_text("live.yaml", config);
     if (pyrovox("simcams --private-net --cameras 1 --size 16x12 --ring 1 -- true") != 0)
         t_skip_all = "no private network here";

@@ -8,7 +8,6 @@
 #include "recon/geom/rig.h"
 #include "tests/lib/cli.h"
 #include "tests/lib/light_camera.h"
-#include "tests/lib/plugins.h"
 
 enum { W = 96, H = 72, N = 3 };
 
@@ -244,13 +243,9 @@ T_CASE(noise_by_photon_transfer)
 static void begin(void)
 {
     static const float gains[N][3] = {{1, 1.1F, 0.9F}, {0.9F, 1, 1.2F}, {1.1F, 0.9F, 1}};
-    char *yaml, here[250];
+    char *yaml;
     size_t len;
-    plugins_of_this_build();
-    scratch_new();
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        exit(1);
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
+    cli_begin();
     if (rec_rig_ring(N, 2.5, W, H, 16, &rig) != PVX_OK)
         exit(1);
     for (size_t c = 0; c < N; c++)

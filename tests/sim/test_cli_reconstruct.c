@@ -631,13 +631,7 @@ T_CASE(grey_and_background)
 
 int main(void)
 {
-    char here[200], lib[256];
-    if (pvx_exe_dir(here, sizeof here) != PVX_OK)
-        return 1;
-    snprintf(exe, sizeof exe, "%s/../../bin", here);
-    snprintf(lib, sizeof lib, "%s/../../lib", here);
-    setenv("PYROVOX_LIBDIR", lib, 1);
-    scratch_new();
+    cli_begin();
     if (rec_rig_ring(CAMERAS, 2.2, W, H, N, &rig) != PVX_OK)
         return 1;
     write_rig("rig.yaml", &rig);
