@@ -142,9 +142,6 @@ static pvx_err unpack(struct record *r, const void *msg, size_t len, struct pvp_
                       struct pvx_diag *d)
 {
     PVX_TRY(pvp_decode_volume(msg, len, view, d));
-    if (pvp_grid_count(&view->v.grid) != r->dense_count)
-        return pvx_fail(d, PVX_EFORMAT, "set %llu is of another size than the start message said",
-                        (unsigned long long)view->v.set);
     return pvp_volume_unpack(r->decoder, view, r->dense, r->dense_count, d);
 }
 
@@ -218,7 +215,7 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
         struct pvp_header h;
         const void *msg;
         size_t len;
-        pvx_err e = pvp_sub_next(r->sub, WAIT_NS, &h, &msg, &len);
+        pvx_err e = pvp_sub_next(r->sub, WAIT_NS, &h, &msg, &len, d);
         if (e == PVX_OK)
             e = record_message(r, &h, msg, len, d);
         else if (e == PVX_ETIMEDOUT)
@@ -276,7 +273,7 @@ static int run(int argc, char **argv)
     if (e == PVX_OK)
         e = pvp_decoder_new(&r.decoder);
     if (e == PVX_OK)
-        e = pvp_sub_new(r.endpoint, &r.sub, &d);
+        e = pvp_sub_new(r.endpoint, NULL, &r.sub, &d);
     if (e == PVX_OK)
         e = run_loop(&r, &d);
     if (r.sub != NULL)

@@ -17,7 +17,7 @@ pvx_err follow_init(struct follow *f, const char *endpoint, const struct follow_
     if (truth != NULL)
         f->truth = *truth;
     PVX_TRY(pvp_decoder_new(&f->decoder));
-    PVX_TRY(pvp_sub_new(endpoint, &f->sub, d));
+    PVX_TRY(pvp_sub_new(endpoint, NULL, &f->sub, d));
     follow_mark(f);
     return PVX_OK;
 }
@@ -177,7 +177,7 @@ pvx_err follow_poll(struct follow *f, int64_t timeout_ns, struct pvx_diag *d)
         struct pvp_header h;
         const void *msg;
         size_t len;
-        pvx_err e = pvp_sub_next(f->sub, timeout_ns, &h, &msg, &len);
+        pvx_err e = pvp_sub_next(f->sub, timeout_ns, &h, &msg, &len, d);
         if (e == PVX_ETIMEDOUT || e == PVX_ECANCELED)
             break;
         if (e != PVX_OK)

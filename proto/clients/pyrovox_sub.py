@@ -3,7 +3,7 @@
 
     python3 pyrovox_sub.py ipc:///run/pyrovox/volumes [--frames N] [--save DIR]
 
-    with Subscriber("tcp://127.0.0.1:5555") as sub:
+    with Subscriber("tcp://127.0.0.1:5555") as sub:  # memory=BYTES that a volume may need
         for m in sub:
             if m["type"] == "volume":
                 m["dense"]      # float32 [nz][ny][nx][channels]
@@ -17,10 +17,15 @@ HEADER = struct.Struct("<4s4HI4Q")
 START = struct.Struct("<3I3I6dQd32s32s")
 VOLUME = struct.Struct("<4IQ4qQI3I2I6d2I16sd2IQ5q2I2Q")
 TYPES = {100: "start", 200: "volume", 300: "status", 400: "end"}
+MEMORY = 1 << 30  # bytes: a volume as floats, 645^3 voxels of one colour, 447^3 of three
 TIMES = ("photometry_ns", "hull_ns", "restrict_ns", "solve_ns", "total_ns")
 
 
 class BadMessage(ValueError):
+    pass
+
+
+class TooLarge(BadMessage):
     pass
 
 
@@ -59,15 +64,27 @@ def unpack(nxyz, channels, ids, bricks):
     return np.ascontiguousarray(dense[: nxyz[2], : nxyz[1], : nxyz[0]])
 
 
-def decode_volume(body):
+def check_grid(nxyz, channels, memory):
+    if channels not in (1, 3) or not all(1 <= n <= 1024 for n in nxyz):
+        raise BadMessage("grid out of range")
+    need = 4 * channels * nxyz[0] * nxyz[1] * nxyz[2]
+    if need > memory:
+        raise TooLarge(f"the daemon's volumes of {nxyz[0]} x {nxyz[1]} x {nxyz[2]} voxels need "
+                       f"{need >> 20} MiB, this client takes up to {memory >> 20} MiB")
+
+
+def decode_volume(body, memory, start):
     f = VOLUME.unpack_from(body)
     size, sample, how, side = f[:4]
     nxyz, (basis, channels), report = f[11:14], f[14:16], f[22:34]
     n_bricks, raw, stored = f[34], f[36], f[37]
-    if sample not in (1, 2) or how not in (0, 1, 2) or side != 8 or channels not in (1, 3):
+    if sample not in (1, 2) or how not in (0, 1, 2) or side != 8 or size < VOLUME.size:
         raise BadMessage("a volume in a format that this client does not know")
-    if not all(1 <= n <= 1024 for n in nxyz) or size < VOLUME.size:
-        raise BadMessage("grid out of range")
+    check_grid(nxyz, channels, memory)
+    grid = {"n": list(nxyz), "basis": basis, "channels": channels,
+            "min": list(f[16:19]), "max": list(f[19:22])}
+    if start and any(start[key] != grid[key] for key in grid):
+        raise BadMessage("another grid than the session's start")
     ids = np.frombuffer(body, "<u4", n_bricks, size)
     total = int(np.prod([(n + 7) // 8 for n in nxyz]))
     if n_bricks and (ids[-1] >= total or np.any(ids[1:] <= ids[:-1])):
@@ -83,8 +100,7 @@ def decode_volume(body):
     return {
         "sample": sample, "compression": how, "set": f[4], "t_exposure_ns": f[5],
         "t_publish_ns": f[6], "spread_ns": f[7], "latency_ns": f[8], "camera_mask": f[9],
-        "cameras_present": f[10], "n": list(nxyz), "basis": basis, "channels": channels,
-        "min": list(f[16:19]), "max": list(f[19:22]), "bricks": n_bricks,
+        "cameras_present": f[10], **grid, "bricks": n_bricks,
         "report": {"status": report[0], "iterations": report[1], "solver": text(report[2]),
                    "rel_residual": report[3], "active_voxels": report[4],
                    "active_rays": report[5], "entries": report[6], **dict(zip(TIMES, report[7:]))},
@@ -92,42 +108,62 @@ def decode_volume(body):
     }
 
 
-def decode(msg):
-    """One message -> dict.  Raises BadMessage; an unknown type gives only the header's fields."""
+def decode_header(msg):
+    """The fields of a message's header, and its body."""
+    if len(msg) < HEADER.size:
+        raise BadMessage("cut short")
+    magic, kind, head, major, _, flags, sequence, nth, session, size = HEADER.unpack_from(msg)
+    if magic != b"PVX1" or major != 1 or flags >> 16:
+        raise BadMessage("not a message of wire version 1")
+    if head < HEADER.size or head + size != len(msg):
+        raise BadMessage("length")
+    return {"type": TYPES.get(kind, kind), "sequence": sequence, "type_sequence": nth,
+            "session": session, "flags": flags}, msg[head:]
+
+
+def decode_body(kind, body, memory, start):
+    if kind == "start":
+        f = START.unpack_from(body)
+        check_grid(f[:3], f[4], memory)
+        return {"n": list(f[:3]), "basis": f[3], "channels": f[4], "n_cameras": f[5],
+                "min": list(f[6:9]), "max": list(f[9:12]), "rig_hash": f[12], "fps": f[13],
+                "units": text(f[14]), "software": text(f[15])}
+    if kind == "volume":
+        return decode_volume(body, memory, start)
+    if kind == "status":
+        return {"status": json.loads(body)}
+    return {"reason": text(body[:64])} if kind == "end" else {}
+
+
+def decode(msg, memory=MEMORY, start=None):
+    """One message -> dict.  Raises BadMessage; an unknown type gives only the header's fields.
+
+    A volume must fit `memory` bytes as floats, and have the grid of `start` where that is given.
+    """
+    m, body = decode_header(msg)
+    flags = m.pop("flags")
     try:
-        magic, kind, head, major, _, flags, sequence, nth, session, size = HEADER.unpack_from(msg)
-        if magic != b"PVX1" or major != 1 or flags >> 16:
-            raise BadMessage("not a message of wire version 1")
-        if head < HEADER.size or head + size != len(msg):
-            raise BadMessage("length")
-        m = {"type": TYPES.get(kind, kind), "sequence": sequence, "type_sequence": nth,
-             "session": session}
-        body = msg[head:]
-        if kind == 100:
-            f = START.unpack_from(body)
-            m.update(n=list(f[:3]), basis=f[3], channels=f[4], n_cameras=f[5], min=list(f[6:9]),
-                     max=list(f[9:12]), rig_hash=f[12], fps=f[13], units=text(f[14]),
-                     software=text(f[15]))
-        elif kind == 200:
-            m.update(decode_volume(body), clamped=bool(flags & 1))
-        elif kind == 300:
-            m["status"] = json.loads(body)
-        elif kind == 400:
-            m["reason"] = text(body[:64])
-        return m
+        m.update(decode_body(m["type"], body, memory, start))
     except (struct.error, UnicodeDecodeError, ValueError) as e:
-        raise BadMessage(str(e)) from None
+        raise e if isinstance(e, BadMessage) else BadMessage(str(e)) from None
+    if m["type"] == "volume":
+        m["clamped"] = bool(flags & 1)
+    return m
 
 
 class Subscriber:
-    """Iterate over decoded messages; volumes only after their session's start.  `lost` counts gaps."""
+    """Iterate over decoded messages; volumes only after their session's start.  `lost` counts gaps.
 
-    def __init__(self, endpoint, timeout_ms=-1):
+    Raises TooLarge when the daemon's volumes need more than `memory` bytes.
+    """
+
+    def __init__(self, endpoint, timeout_ms=-1, memory=MEMORY):
         self.socket = zmq.Context.instance().socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, 16)
+        self.socket.setsockopt(zmq.MAXMSGSIZE, 2 * memory + (1 << 20))
         self.socket.setsockopt(zmq.SUBSCRIBE, b"PVX1")
         self.socket.connect(endpoint)
-        self.timeout_ms = timeout_ms
+        self.timeout_ms, self.memory = timeout_ms, memory
         self.start, self.session, self.next = None, None, 0
         self.received = self.lost = self.malformed = 0
 
@@ -144,8 +180,9 @@ class Subscriber:
         while True:
             if not self.socket.poll(self.timeout_ms):
                 raise StopIteration
+            msg = self.socket.recv()
             try:
-                m = decode(self.socket.recv())
+                m, _ = decode_header(msg)
             except BadMessage:
                 self.malformed += 1
                 continue
@@ -156,10 +193,20 @@ class Subscriber:
             self.lost += m["sequence"] - self.next
             self.next = m["sequence"] + 1
             self.received += 1
+            if m["type"] not in TYPES.values() or (m["type"] == "volume" and not self.start):
+                continue
+            if m["type"] == "start":
+                self.start = None  # until it was read
+            try:
+                m = decode(msg, self.memory, self.start)
+            except BadMessage as e:
+                if m["type"] == "start" and isinstance(e, TooLarge):
+                    raise
+                self.malformed += 1
+                continue
             if m["type"] == "start":
                 self.start = m
-            if m["type"] in TYPES.values() and (m["type"] != "volume" or self.start):
-                return m
+            return m
 
 
 def main():
@@ -168,11 +215,14 @@ def main():
     p.add_argument("--frames", type=int, default=0, help="stop after so many volumes")
     p.add_argument("--save", metavar="DIR", help="write each volume to DIR/SET.npy")
     p.add_argument("--timeout", type=float, help="stop when nothing comes for so many seconds")
+    p.add_argument("--memory", type=int, default=MEMORY >> 20, metavar="MIB",
+                   help="refuse volumes that need more (%(default)s)")
     a = p.parse_args()
     if a.save:
         os.makedirs(a.save, exist_ok=True)
     n = 0
-    with Subscriber(a.endpoint, -1 if a.timeout is None else int(a.timeout * 1000)) as sub:
+    timeout_ms = -1 if a.timeout is None else int(a.timeout * 1000)
+    with Subscriber(a.endpoint, timeout_ms, a.memory << 20) as sub:
         for m in sub:
             if m["type"] == "volume":
                 d = m["dense"]
@@ -194,3 +244,5 @@ if __name__ == "__main__":
         sys.exit(main())
     except KeyboardInterrupt:
         sys.exit(130)
+    except TooLarge as e:
+        sys.exit(f"pyrovox_sub.py: {e}; --memory MIB allows more")

@@ -17,6 +17,7 @@ struct pvp_sub {
     zmq_msg_t msg; /* the last message; what pvp_sub_next lends */
     bool in_session, have_start;
     uint64_t session, next_sequence;
+    size_t memory;
     struct pvp_start start;
     struct pvp_sub_stats stats;
 };
@@ -26,7 +27,10 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, struct pv
     s->ctx = zmq_ctx_new();
     s->socket = s->ctx != NULL ? zmq_socket(s->ctx, ZMQ_SUB) : NULL;
     const int hwm = RECEIVE_HWM, linger = 0, ivl = RECONNECT_MS, ivl_max = RECONNECT_MAX_MS;
+    /* Uncompressed bricks that reach over the grid's sides, and their ids. */
+    const int64_t message = 2 * (int64_t)s->memory + (int64_t)PVP_STATUS_MAX;
     if (s->socket == NULL || zmq_setsockopt(s->socket, ZMQ_RCVHWM, &hwm, sizeof hwm) != 0 ||
+        zmq_setsockopt(s->socket, ZMQ_MAXMSGSIZE, &message, sizeof message) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL, &ivl, sizeof ivl) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL_MAX, &ivl_max, sizeof ivl_max) != 0 ||
@@ -40,12 +44,14 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, struct pv
     return PVX_OK;
 }
 
-pvx_err pvp_sub_new(const char *endpoint, pvp_sub **out, struct pvx_diag *d)
+pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o, pvp_sub **out,
+                    struct pvx_diag *d)
 {
     *out = NULL;
     struct pvp_sub *s = calloc(1, sizeof *s);
     if (s == NULL)
         return PVX_ENOMEM;
+    s->memory = o != NULL && o->memory > 0 ? o->memory : PVP_SUB_MEMORY;
     zmq_msg_init(&s->msg);
     pvx_err e = connect_socket(s, endpoint, d);
     if (e != PVX_OK) {
@@ -110,37 +116,69 @@ static bool count(struct pvp_sub *s, const struct pvp_header *h)
     return true;
 }
 
-/* Is this one for the caller? */
-static bool wanted(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len)
+static bool same_grid(const struct pvp_grid *a, const struct pvp_grid *b)
+{
+    bool same = a->basis == b->basis && a->channels == b->channels;
+    for (int i = 0; i < 3; i++)
+        same &= a->n[i] == b->n[i] && a->min[i] == b->min[i] && a->max[i] == b->max[i];
+    return same;
+}
+
+static pvx_err begin(struct pvp_sub *s, const struct pvp_start *start, struct pvx_diag *d)
+{
+    size_t bytes = pvp_grid_count(&start->grid) * sizeof(float);
+    const uint32_t *n = start->grid.n;
+    s->have_start = bytes <= s->memory;
+    if (!s->have_start)
+        return pvx_fail(
+            d, PVX_ERANGE,
+            "the daemon's volumes of %u x %u x %u voxels need %zu MiB, this client takes "
+            "up to %zu MiB",
+            n[0], n[1], n[2], bytes >> 20, s->memory >> 20);
+    s->start = *start;
+    return PVX_OK;
+}
+
+/* *mine: is this one for the caller? */
+static pvx_err sort(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len,
+                    bool *mine, struct pvx_diag *d)
 {
     struct pvp_start start;
+    struct pvp_view view;
+    bool readable = true;
+    *mine = false; /* nor is a type of a later minor version */
     switch (h->type) {
     case PVP_START:
-        if (pvp_decode_start(msg, len, &start, NULL) != PVX_OK) {
-            s->stats.malformed++;
-            return false;
-        }
-        s->start = start;
-        s->have_start = true;
-        return true;
-    case PVP_VOLUME: return s->have_start;
+        *mine = readable = pvp_decode_start(msg, len, &start, NULL) == PVX_OK;
+        if (readable)
+            PVX_TRY(begin(s, &start, d));
+        break;
+    case PVP_VOLUME:
+        if (s->have_start)
+            *mine = readable = pvp_decode_volume(msg, len, &view, NULL) == PVX_OK &&
+                               same_grid(&view.v.grid, &s->start.grid);
+        break;
     case PVP_STATUS:
-    case PVP_END: return true;
+    case PVP_END: *mine = true;
     }
-    return false; /* a type of a later minor version */
+    s->stats.malformed += !readable;
+    return PVX_OK;
 }
 
 pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const void **msg,
-                     size_t *len)
+                     size_t *len, struct pvx_diag *d)
 {
     int64_t until = timeout_ns >= 0 ? pvx_now_mono() + timeout_ns : 0;
     for (;;) {
         PVX_TRY(receive(s, timeout_ns, until));
         *msg = zmq_msg_data(&s->msg);
         *len = zmq_msg_size(&s->msg);
+        bool mine = false;
         if (zmq_msg_more(&s->msg) || pvp_decode_header(*msg, *len, h, NULL) != PVX_OK)
             s->stats.malformed++;
-        else if (count(s, h) && wanted(s, h, *msg, *len))
+        else if (count(s, h))
+            PVX_TRY(sort(s, h, *msg, *len, &mine, d));
+        if (mine)
             return PVX_OK;
         /* Nothing but messages that are of no use must not hold the caller for ever. */
         if (timeout_ns >= 0 && pvx_now_mono() >= until)

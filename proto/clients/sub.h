@@ -8,19 +8,28 @@
 #define PVP_SUB_H
 #include "proto/pvp.h"
 typedef struct pvp_sub pvp_sub;
+#define PVP_SUB_MEMORY ((size_t)1 << 30) /* 645^3 voxels of one colour, 447^3 of three */
+struct pvp_sub_options {
+    size_t memory; /* bytes that a volume as floats may need, and half of what a message may be;
+                    * 0: PVP_SUB_MEMORY */
+};
 struct pvp_sub_stats {
     uint64_t received;  /* well-formed messages, unknown types included */
     uint64_t lost;      /* missing in the sequence, since the first message of each session */
-    uint64_t malformed; /* not decodable: not ours, damaged, or of a later major version */
+    uint64_t malformed; /* not decodable: not ours, damaged, of a later major version, or a volume
+                         * of another grid than its session's start */
     uint64_t sessions;  /* runs of the daemon seen */
 };
-/* PVX_EINVAL: not an endpoint. */
-PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, pvp_sub **out, struct pvx_diag *d);
+/* NULL options are all defaults.  PVX_EINVAL: not an endpoint. */
+PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o,
+                                   pvp_sub **out, struct pvx_diag *d);
 /* Next message of a known type; the bytes are borrowed until the next call.  start, status and end
  * always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
- * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran. */
+ * A volume that comes out has the start's grid: what pvp_grid_count says of that is enough for all.
+ * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran.  PVX_ERANGE: the daemon's volumes need
+ * more than the options allow; its next session may not. */
 PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h,
-                                    const void **msg, size_t *len);
+                                    const void **msg, size_t *len, struct pvx_diag *d);
 /* The latest start message, NULL before the first. */
 const struct pvp_start *pvp_sub_start(const pvp_sub *s);
 void pvp_sub_stats(const pvp_sub *s, struct pvp_sub_stats *out);

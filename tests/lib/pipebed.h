@@ -118,7 +118,7 @@ static inline void audience_open(struct audience *a, uint32_t seed, double perio
     struct pvx_diag d = {0};
     *a = (struct audience){.period_s = period_s};
     snprintf(endpoint, sizeof endpoint, "ipc://%s/v", dir);
-    T_EQ_I(pvp_sub_new(endpoint, &a->sub, &d), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &a->sub, &d), PVX_OK);
     T_EQ_I(pvp_decoder_new(&a->dec), PVX_OK);
     T_EQ_I(dmn_config_rig(&cfg, &a->rig, &d), PVX_OK);
     rec_flame_init(&a->flame, &a->rig.grid, seed);
@@ -136,7 +136,7 @@ static inline bool audience_next(struct audience *a, struct pvp_view *v, double 
     const void *msg;
     size_t len;
     int64_t period_ns = (int64_t)(a->period_s * 1e9);
-    if (pvp_sub_next(a->sub, PVX_NS_PER_S, &h, &msg, &len) != PVX_OK)
+    if (pvp_sub_next(a->sub, PVX_NS_PER_S, &h, &msg, &len, NULL) != PVX_OK)
         return false;
     if (h.type != PVP_VOLUME) {
         a->others++;

@@ -47,6 +47,28 @@ PY
 }
 check protocol_example documented
 
+claims() { # a few bytes that say 1024^3 voxels, another grid than the start's: nothing is asked for
+    "$py" - <<'PY'
+import resource, struct, sys
+import pyrovox_sub as pvx
+resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
+at, bad = pvx.HEADER.size + struct.calcsize("<4IQ4qQI"), 0
+volume = open("proto/vectors/volume-f16-clamped.bin", "rb").read()
+vast = volume[:at] + struct.pack("<3I", 1024, 1024, 1024) + volume[at + 12:]
+small = pvx.decode(volume)
+for name, how in ("vast", (vast,)), ("limit", (volume, 4 * 12 - 1)), \
+                 ("other", (volume, 1 << 20, {**small, "n": [3, 2, 3]})), \
+                 ("moved", (volume, 1 << 20, {**small, "min": [0, 0, 9.0]})):
+    try:
+        pvx.decode(*how); print(f"{name} was taken"); bad += 1
+    except pvx.BadMessage:
+        pass
+pvx.decode(volume, 4 * 12, small)
+sys.exit(bad)
+PY
+}
+check claims_of_room claims
+
 live() { # volumes, every n-th left out
     "$b/tests/unit/test_pub" --publish "$volumes" "$1" "$2" & pub=$!; pids+=("$pub")
     timeout 300 "$py" - "$volumes" "$1" "$2" <<'PY'
@@ -84,4 +106,13 @@ saved() {
     "$py" -c 'import numpy,sys; a=numpy.load(sys.argv[1]); sys.exit(a.shape != (8,9,10,3))' "$dir/out/000002.npy"
 }
 check program_saves saved
+
+refused() { # more than the client allows: one sentence, nothing of it is read
+    "$b/tests/unit/test_pub" --publish "$volumes" 6 0 no-end & pub=$!; pids+=("$pub")
+    timeout 300 "$py" proto/clients/pyrovox_sub.py "$volumes" --memory 0 > "$dir/log" 2>&1
+    local r=$?
+    kill "$pub" 2> /dev/null; wait "$pub"
+    [ $r = 1 ] && grep -q '^pyrovox_sub.py: .* --memory MIB allows more$' "$dir/log" || { cat "$dir/log"; return 1; }
+}
+check too_large_is_refused refused
 exit $rc

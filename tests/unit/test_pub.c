@@ -55,7 +55,8 @@ static bool joined(pvp_pub *p, pvp_sub *s)
         const void *msg;
         size_t len;
         pvp_pub_tick(p);
-        if (pvp_sub_next(s, 20 * PVX_NS_PER_MS, &h, &msg, &len) == PVX_OK && h.type == PVP_START)
+        if (pvp_sub_next(s, 20 * PVX_NS_PER_MS, &h, &msg, &len, NULL) == PVX_OK &&
+            h.type == PVP_START)
             return true;
     }
     return false;
@@ -100,8 +101,8 @@ T_CASE(late_joiner)
     struct pvp_header h;
     const void *msg;
     size_t len;
-    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK); /* before the daemon is there */
-    T_EQ_I(pvp_sub_next(s, 0, &h, &msg, &len), PVX_ETIMEDOUT);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK); /* before the daemon is there */
+    T_EQ_I(pvp_sub_next(s, 0, &h, &msg, &len, NULL), PVX_ETIMEDOUT);
     T_OK(pvp_sub_start(s) == NULL);
     T_EQ_I(open_pub(endpoint, 1, &p, &d), PVX_OK);
     for (uint64_t i = 0; i < 5; i++)
@@ -115,7 +116,7 @@ T_CASE(late_joiner)
     T_EQ_I(publish_voxel(p, 77, 2.5f), PVX_OK);
     T_EQ_I(pvp_pub_status(p, "{\"a\":1}"), PVX_OK);
     T_EQ_I(pvp_pub_end(p, "done"), PVX_OK);
-    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len), PVX_OK);
+    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len, NULL), PVX_OK);
     T_EQ_I(h.type, PVP_VOLUME);
     struct pvp_view view;
     pvp_decoder *dec;
@@ -128,9 +129,9 @@ T_CASE(late_joiner)
     T_EQ_I(pvp_volume_unpack(dec, &view, dense, 720, NULL), PVX_OK);
     pvp_decoder_free(&dec);
     T_NEAR(dense[77], 2.5, 0);
-    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len), PVX_OK);
+    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len, NULL), PVX_OK);
     T_EQ_I(h.type, PVP_STATUS);
-    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len), PVX_OK);
+    T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len, NULL), PVX_OK);
     T_EQ_I(h.type, PVP_END);
     T_EQ_I(h.sequence + 1, pvp_pub_sequence(p));
     struct pvp_sub_stats st;
@@ -149,7 +150,7 @@ T_CASE(restart)
     pvp_sub *s;
     struct pvx_diag d;
     struct pvp_sub_stats st;
-    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK);
     for (uint64_t session = 5; session <= 6; session++) {
         T_EQ_I(open_pub(endpoint, session, &p, &d), PVX_OK);
         if (session == 5)
@@ -197,7 +198,7 @@ T_CASE(slow_subscriber)
         value[i] = (float)i;
     }
     T_EQ_I(pvp_pub_new(&params, &start, &p, &d), PVX_OK);
-    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK);
     T_OK(joined(p, s));
     long before = resident_kib();
     size_t bytes = 0;
@@ -216,7 +217,7 @@ T_CASE(slow_subscriber)
     const void *msg;
     size_t len;
     uint64_t last = 0;
-    while (pvp_sub_next(s, 200 * PVX_NS_PER_MS, &h, &msg, &len) == PVX_OK)
+    while (pvp_sub_next(s, 200 * PVX_NS_PER_MS, &h, &msg, &len, NULL) == PVX_OK)
         last = h.sequence;
     /* The next start tells of the gap even if all volumes after it were dropped. */
     T_OK(joined(p, s));
@@ -244,7 +245,7 @@ T_CASE(second_publisher)
     snprintf(pid, sizeof pid, "process %ld", (long)getpid());
     T_CONTAINS(d.text, pid);
     /* ... and the first is untouched */
-    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK);
     T_OK(joined(p, s));
     T_OK(pvp_sub_start(s) != NULL && pvp_sub_start(s)->session == 1);
     pvp_sub_free(&s);
@@ -315,7 +316,7 @@ T_CASE(bad_endpoints)
     T_EQ_I(pvp_pub_new(&none, &s, &p, &d), PVX_EINVAL);
     pvp_sub *sub;
     d.text[0] = '\0';
-    T_EQ_I(pvp_sub_new("nonsense", &sub, &d), PVX_EINVAL);
+    T_EQ_I(pvp_sub_new("nonsense", NULL, &sub, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "nonsense");
 }
 
@@ -330,7 +331,7 @@ T_CASE(malformed)
     const void *msg;
     size_t len;
     char hello[64];
-    T_EQ_I(pvp_sub_new(endpoint, &s, NULL), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK);
     zmq_recv(raw, hello, sizeof hello, 0); /* the subscription */
     struct pvp_start start = start_of(3);
     T_EQ_I(pvp_encoder_new(&small, PVP_F32, PVP_RAW, &e), PVX_OK);
@@ -348,7 +349,7 @@ T_CASE(malformed)
     zmq_send(raw, msg, len, 0);
     int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
     pvx_err err;
-    while ((err = pvp_sub_next(s, PVX_NS_PER_S, &h, &msg, &len)) != PVX_OK &&
+    while ((err = pvp_sub_next(s, PVX_NS_PER_S, &h, &msg, &len, NULL)) != PVX_OK &&
            pvx_now_mono() < until)
         continue;
     T_EQ_I(err, PVX_OK);
@@ -359,6 +360,89 @@ T_CASE(malformed)
     T_EQ_I(st.received, 2);
     T_EQ_I(st.lost, 3);
     pvp_encoder_free(&e);
+    pvp_sub_free(&s);
+    zmq_close(raw);
+    zmq_ctx_term(ctx);
+    unlink(endpoint + 6); /* libzmq leaves it */
+}
+
+static void send_start(void *raw, uint64_t sequence, const struct pvp_grid *g)
+{
+    struct pvp_start start = start_of(3);
+    pvp_encoder *e;
+    const void *msg;
+    size_t len;
+    start.grid = *g;
+    T_EQ_I(pvp_encoder_new(g, PVP_F32, PVP_RAW, &e), PVX_OK);
+    T_EQ_I(pvp_encode_start(e, sequence, &start, &msg, &len), PVX_OK);
+    zmq_send(raw, msg, len, 0);
+    pvp_encoder_free(&e);
+}
+
+static void send_volume(void *raw, uint64_t sequence, const struct pvp_grid *g)
+{
+    struct pvp_volume v = {.session = 3, .set = sequence, .grid = *g};
+    int32_t index = 0;
+    float value = 1;
+    pvp_encoder *e;
+    const void *msg;
+    size_t len;
+    T_EQ_I(pvp_encoder_new(g, PVP_F32, PVP_RAW, &e), PVX_OK);
+    T_EQ_I(
+        pvp_encode_volume(e, sequence, &v, &(struct pvp_voxels){1, &index, &value, 1}, &msg, &len),
+        PVX_OK);
+    zmq_send(raw, msg, len, 0);
+    pvp_encoder_free(&e);
+}
+
+static pvx_err next_within_ten_seconds(pvp_sub *s, struct pvp_header *h, struct pvx_diag *d)
+{
+    const void *msg;
+    size_t len;
+    pvx_err e = PVX_ETIMEDOUT;
+    for (int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
+         e == PVX_ETIMEDOUT && pvx_now_mono() < until;)
+        e = pvp_sub_next(s, PVX_NS_PER_S, h, &msg, &len, d);
+    return e;
+}
+
+/* Who takes room for the start's grid has room for every volume that comes out, and nobody is made to
+ * ask for more than they allow. */
+T_CASE(a_claim_of_room)
+{
+    struct pvp_grid other = small, vast = small;
+    other.n[0]++;
+    vast.n[0] = vast.n[1] = vast.n[2] = PVP_GRID_MAX;
+    void *ctx = zmq_ctx_new(), *raw = zmq_socket(ctx, ZMQ_XPUB);
+    T_EQ_I(zmq_bind(raw, endpoint), 0);
+    pvp_sub *s;
+    struct pvp_header h;
+    struct pvp_sub_stats st;
+    struct pvx_diag d = {""};
+    char hello[64];
+    T_EQ_I(pvp_sub_new(endpoint, &(struct pvp_sub_options){.memory = 1 << 20}, &s, NULL), PVX_OK);
+    zmq_recv(raw, hello, sizeof hello, 0); /* the subscription */
+    send_start(raw, 0, &small);
+    send_volume(raw, 1, &vast);
+    send_volume(raw, 2, &other);
+    send_volume(raw, 3, &small);
+    send_start(raw, 4, &vast);
+    send_volume(raw, 5, &vast);
+    send_start(raw, 6, &small);
+    T_EQ_I(next_within_ten_seconds(s, &h, &d), PVX_OK);
+    T_EQ_I(h.type, PVP_START);
+    T_EQ_I(next_within_ten_seconds(s, &h, &d), PVX_OK);
+    T_EQ_I(h.sequence, 3);
+    pvp_sub_stats(s, &st);
+    T_EQ_I(st.malformed, 2);
+    T_EQ_I(next_within_ten_seconds(s, &h, &d), PVX_ERANGE);
+    T_CONTAINS(d.text, "1024 x 1024 x 1024 voxels need 4096 MiB");
+    T_OK(pvp_sub_start(s) == NULL);
+    T_EQ_I(next_within_ten_seconds(s, &h, &d), PVX_OK);
+    T_EQ_I(h.sequence, 6);
+    pvp_sub_stats(s, &st);
+    T_EQ_I(st.malformed, 2);
+    T_EQ_I(st.lost, 0);
     pvp_sub_free(&s);
     zmq_close(raw);
     zmq_ctx_term(ctx);
