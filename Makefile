@@ -48,7 +48,7 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
-MAINS := daemon/main.c daemon/cli/pyrovox.c
+MAINS := daemon/main.c daemon/cli/pyrovox.c proto/clients/example.c
 ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 FOREIGN := %_avx2.c %_avx512.c
 endif
@@ -61,7 +61,8 @@ PIX_AVX2 := $(addprefix $(B)/capture/pixel/pixfmt_,$(addsuffix _avx2.o,unpack su
 endif
 LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
-INSTALLED := $(addprefix $(B)/lib/libpyrovox-,base.a recon.a client.a)
+INSTALLED := $(addprefix $(B)/lib/libpyrovox-,base.a recon.a)
+CLIENT := $(B)/lib/libpyrovox-client.so.1 $(B)/lib/pyrovox-client.pc
 PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(B)/lib/pyrovox-calib.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
@@ -80,7 +81,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 .DELETE_ON_ERROR:
 .SECONDARY:
 
-all: $(BINS) $(PLUGINS) $(INSTALLED) ## build build/bin/pyrovox and build/bin/pyrovoxd
+all: $(BINS) $(PLUGINS) $(INSTALLED) $(CLIENT) ## build build/bin/pyrovox and build/bin/pyrovoxd
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -190,9 +191,17 @@ $(foreach r,$(ROOMS),$(eval $(call room,$(r))))
 $(B)/capture/pixel/room.a: $(PIX_AVX2)
 $(B)/lib/libpyrovox-base.a: $(call room_obj,daemon/base)
 $(B)/lib/libpyrovox-recon.a: $(foreach r,$(filter recon/%,$(ROOMS)),$(call room_obj,$(r)))
-$(B)/lib/libpyrovox-client.a: $(call room_obj,proto/clients)
 $(INSTALLED):
 	$(archive)
+
+# One file for a subscriber: the wire format, and of base what it calls.
+$(B)/lib/libpyrovox-client.so.1: proto/clients/client.map $(call obj,proto/fields.c proto/pvp_decode.c proto/pvp_encode.c proto/clients/sub.c) $(B)/daemon/base/room.a
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) $(LDFLAGS) $(if $(SAN),,-Wl,-z,defs) -Wl,-soname,$(@F),--version-script=$< -o $@ $(filter %.o %.a,$^) $(LDLIBS)
+$(B)/lib/pyrovox-client.pc: proto/clients/pyrovox-client.pc.in Makefile
+	@mkdir -p $(@D)
+	@sed 's|@VERSION@|$(VERSION)|' $< > $@
 
 # The OpenCV, aruco and libcamera modules are C++ and loaded on first use; each is its own shared object.
 $(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/opencv_shim.h

@@ -13,6 +13,9 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "base/err.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 enum pvp_type { PVP_START = 100, PVP_VOLUME = 200, PVP_STATUS = 300, PVP_END = 400 };
 enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
@@ -134,4 +137,7 @@ PVX_MUST_CHECK pvx_err pvp_decode_status(const void *msg, size_t len, const char
                                          size_t *json_len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session,
                                       char reason[PVP_REASON_MAX], struct pvx_diag *d);
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -21,30 +21,47 @@ case $prefix in
     *) sys=$dest/etc; units=$dest/etc/systemd/system ;;
 esac
 
+# where python3 of Debian looks: /usr is its own, /usr/local by version
+case $prefix in
+    /usr) python=$dest/usr/lib/python3/dist-packages ;;
+    *) python=$dest$prefix/lib/python$(python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null || echo 3)/dist-packages ;;
+esac
+
 put() { # mode, source, target
     if [ -n "$remove" ]; then rm -f "$3"; else install -D -m "$1" "$2" "$3"; fi
 }
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
-for l in recon client base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
+for l in recon base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
 for m in opencv aruco calib libcamera; do
     if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-$m.so" ]; then
         put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
     fi
 done
-for h in recon/*/*.h proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
-for h in daemon/base/*.h; do put 0644 "$h" "$inc/base/$(basename "$h")"; done
-for m in daemon/man/*.[158]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
+put 0755 "$build/lib/libpyrovox-client.so.1" "$lib/libpyrovox-client.so.1"
+put 0644 proto/clients/pyrovox_sub.py "$python/pyrovox_sub.py"
+put 0644 proto/clients/example.c "$doc/example.c"
+put 0644 proto/PROTOCOL.md "$doc/PROTOCOL.md"
+# what a program includes (frame.h, view.h, render.h; sub.h), and what that includes
+for h in recon/carve/{hull,photo}.h recon/frame/frame.h recon/geom/{camera,grid,photometry,rig}.h \
+    recon/matrix/{subsys,sysmat}.h recon/simd/{kernels,lanes,windows}.h recon/solve/{problem,solve}.h \
+    recon/view/{flame,metrics,render,view}.h recon/vote/{vote,wrong}.h proto/pvp.h proto/clients/sub.h; do
+    put 0644 "$h" "$inc/$h"
+done
+for h in cpu err pool yaml; do put 0644 "daemon/base/$h.h" "$inc/base/$h.h"; done
+for m in daemon/man/*.[1358]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
 put 0644 daemon/config/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
 put 0644 systemd/pyrovoxd.sysusers "$sys/sysusers.d/pyrovoxd.conf"
 put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"
 if [ -n "$remove" ]; then
-    rm -f "$units/pyrovoxd.service"
-    rmdir --ignore-fail-on-non-empty "$inc"/recon/{geom,simd,matrix,carve,solve,frame,view,board,calib} "$inc"/{recon,proto/clients,proto,base} "$inc" "$doc" 2>/dev/null || true
+    rm -f "$units/pyrovoxd.service" "$lib/libpyrovox-client.so" "$lib/pkgconfig/pyrovox-client.pc"
+    find "$inc" "$doc" -depth -type d -empty -delete 2>/dev/null || true
     exit 0
 fi
-install -d "$units"
+ln -sf libpyrovox-client.so.1 "$lib/libpyrovox-client.so"
+install -d "$units" "$lib/pkgconfig"
+sed "s|@PREFIX@|$prefix|" "$build/lib/pyrovox-client.pc" > "$lib/pkgconfig/pyrovox-client.pc"
 sed "s|@BINDIR@|$prefix/bin|" systemd/pyrovoxd.service > "$units/pyrovoxd.service"
 chmod 0644 "$units/pyrovoxd.service"
 if [ -z "$dest" ]; then

@@ -6,6 +6,9 @@
  * Threads: everything here is re-entrant; a pvx_diag belongs to one thread at a time. */
 #ifndef PVX_ERR_H
 #define PVX_ERR_H
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 #define PVX_MUST_CHECK   __attribute__((warn_unused_result))
 #define PVX_PRINTF(f, a) __attribute__((format(printf, f, a)))
@@ -61,4 +64,7 @@ pvx_err pvx_fail(struct pvx_diag *d, pvx_err e, const char *fmt, ...) PVX_PRINTF
 /* The diag's text, or pvx_strerror(e) when it has none. */
 const char *pvx_diag_text(const struct pvx_diag *d, pvx_err e);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -7,6 +7,9 @@
 #ifndef PVP_SUB_H
 #define PVP_SUB_H
 #include "proto/pvp.h"
+#ifdef __cplusplus
+extern "C" {
+#endif
 typedef struct pvp_sub pvp_sub;
 #define PVP_SUB_MEMORY ((size_t)1 << 30) /* 645^3 voxels of one colour, 447^3 of three */
 struct pvp_sub_options {
@@ -34,4 +37,7 @@ PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_h
 const struct pvp_start *pvp_sub_start(const pvp_sub *s);
 void pvp_sub_stats(const pvp_sub *s, struct pvp_sub_stats *out);
 void pvp_sub_free(pvp_sub **s);
+#ifdef __cplusplus
+}
+#endif
 #endif
