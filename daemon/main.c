@@ -256,7 +256,12 @@ static int run(const struct dmn_config *cfg)
                                   .ctx = &dm};
     dmn_control *control = NULL;
     dmn_live *p = NULL;
-    pvx_err e = dmn_endpoint_prepare(endpoint, &d);
+    const char *open;
+    pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
+    if (e == PVX_OK && open != NULL)
+        LOG_W(DAEMON, "%s is open to all who reach it (insecure: true)", open);
+    if (e == PVX_OK)
+        e = dmn_endpoint_prepare(endpoint, &d);
     if (e == PVX_OK)
         e = dmn_control_new(endpoint, &ops, &control, &d);
     struct building b = {.dm = &dm, .set = &set};
@@ -295,7 +300,10 @@ static int check(const struct dmn_config *cfg)
 {
     struct pvx_diag d = {0};
     struct rec_rig rig;
-    pvx_err e = dmn_config_rig(cfg, &rig, &d);
+    const char *open;
+    pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
+    if (e == PVX_OK)
+        e = dmn_config_rig(cfg, &rig, &d);
     if (e != PVX_OK)
         return fail(&d, e);
     for (size_t i = 0; i < rig.n_cameras && e == PVX_OK; i++) {

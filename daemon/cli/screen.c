@@ -115,6 +115,9 @@ static void draw_page(const struct follow *f, const char *title, const char *foo
     if (f->truth.known && f->error >= 0)
         page_line(&p, "error    %6.3f now   %.3f mean   (relative L2 against the known flame)",
                   f->error, f->error_n == 0 ? f->error : f->error_sum / (double)f->error_n);
+    if (ask_text(f->status, "open_to_all", NULL)[0] != '\0')
+        page_line(&p, "insecure %s is open to all who reach it",
+                  ask_text(f->status, "open_to_all", NULL));
     draw_daemon(&p, f);
     draw_stages(&p, f->status);
     draw_drops(&p, f->status);

@@ -65,6 +65,8 @@ void troubles_print(const cJSON *status)
 {
     const cJSON *k, *t;
     double steps = ask_num(status, "host_clock", "steps");
+    if (ask_text(status, "open_to_all", NULL)[0] != '\0')
+        printf("insecure: %s is open to all who reach it\n", ask_text(status, "open_to_all", NULL));
     if (steps > 0)
         printf("the host's clock was set %.0f times, last by %+.3f s\n", steps,
                ask_num(status, "host_clock", "last_step_s"));

@@ -83,6 +83,7 @@ struct dmn_config {
     int64_t hwm;
     int wait_subscriber;
     char control[DMN_WORD_MAX];
+    int insecure;
 
     int record_mode; /* 0 off, 1 raw */
     char record_path[DMN_WORD_MAX];

@@ -1,5 +1,6 @@
 #include "daemon/config/endpoints.h"
 
+#include <arpa/inet.h>
 #include <errno.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -71,5 +72,64 @@ pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
                         "%s: not a directory that only this user can write to; remove it or give "
                         "other endpoints",
                         own_dir);
+    return PVX_OK;
+}
+
+/* Parsed, not compared by its beginning: 127.0.0.1.example.org is a name of somebody's. */
+static bool is_loopback(const char *host, size_t len)
+{
+    char text[64];
+    struct in_addr four;
+    struct in6_addr six;
+    if (len >= 2 && host[0] == '[' && host[len - 1] == ']') {
+        host++;
+        len -= 2;
+    }
+    if (len >= sizeof text)
+        return false;
+    snprintf(text, sizeof text, "%.*s", (int)len, host);
+    if (inet_pton(AF_INET, text, &four) == 1)
+        return ntohl(four.s_addr) >> 24 == 127;
+    if (inet_pton(AF_INET6, text, &six) == 1)
+        return IN6_IS_ADDR_LOOPBACK(&six);
+    return strcmp(text, "localhost") == 0 || strcmp(text, "lo") == 0;
+}
+
+enum dmn_reach dmn_endpoint_reach(const char *endpoint)
+{
+    const char *at = strstr(endpoint, "://");
+    if (at == NULL || strncmp(endpoint, "inproc://", 9) == 0)
+        return DMN_REACH_FILE; /* no endpoint at all: refused by who binds it */
+    at += 3;
+    if (strncmp(endpoint, "ipc://", 6) == 0)
+        return at[0] == '@' ? DMN_REACH_HOST : DMN_REACH_FILE;
+    const char *port = strrchr(at, ':');
+    if (strncmp(endpoint, "tcp://", 6) == 0 && port != NULL && is_loopback(at, (size_t)(port - at)))
+        return DMN_REACH_HOST;
+    return DMN_REACH_NET;
+}
+
+pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, struct pvx_diag *d)
+{
+    *open = NULL;
+    for (size_t i = 0; i < c->endpoints.n; i++)
+        if (dmn_endpoint_reach(c->endpoints.v[i]) == DMN_REACH_NET)
+            *open = c->endpoints.v[i];
+    if (*open != NULL && !c->insecure)
+        return pvx_fail(d, PVX_EPERM,
+                        "%s: publish.endpoints: %s lets everybody in who reaches it, unencrypted; "
+                        "publish on tcp://127.0.0.1:PORT and forward that (ssh -L), or say "
+                        "'insecure: true' on a network where all are trusted",
+                        c->name, *open);
+    if (dmn_endpoint_reach(c->control) == DMN_REACH_FILE)
+        return PVX_OK;
+    *open = c->control;
+    if (!c->insecure)
+        return pvx_fail(
+            d, PVX_EPERM,
+            "%s: control.endpoint: on %s everybody could stop the daemon and have it "
+            "write files; use ipc:// with a path, or say 'insecure: true' where all are "
+            "trusted",
+            c->name, *open);
     return PVX_OK;
 }

@@ -6,7 +6,7 @@
  * Threads: any. */
 #ifndef DMN_ENDPOINTS_H
 #define DMN_ENDPOINTS_H
-#include "base/err.h"
+#include "daemon/config/config.h"
 
 enum dmn_endpoint { DMN_VOLUMES, DMN_CONTROL };
 
@@ -21,5 +21,19 @@ const char *dmn_client_endpoint(enum dmn_endpoint kind);
  * Anything else is left alone.  PVX_EPERM: the folder belongs to somebody else or others may write
  * to it (diag names it). */
 PVX_MUST_CHECK pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d);
+
+/* Whom an endpoint lets in, whatever they are: nothing of ours asks who they are. */
+enum dmn_reach {
+    DMN_REACH_FILE, /* ipc:// with a path: whom its folder's mode lets in */
+    DMN_REACH_HOST, /* every user of this host: loopback addresses, abstract ipc://@ */
+    DMN_REACH_NET   /* other hosts: all else, names and wildcards too */
+};
+enum dmn_reach dmn_endpoint_reach(const char *endpoint);
+
+/* Volumes may be had on this host, control only by a file, unless the configuration says `insecure: true`.
+ * *open = what is open beyond that, for a warning: an endpoint of c's, NULL = nothing.
+ * PVX_EPERM: not said (diag names key and remedy). */
+PVX_MUST_CHECK pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open,
+                                             struct pvx_diag *d);
 
 #endif

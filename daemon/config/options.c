@@ -52,6 +52,10 @@ const struct dmn_option dmn_options[] = {
            "half a second; it takes four cameras or more. all: every one, for comparison."),
     INT("threads", threads, "0", 0, 256, "threads",
         "Threads that share the computing of a stage; 0 = one per processor."),
+    BOOL("insecure", insecure, "false",
+         "Allow volumes on addresses that other hosts reach, and control by more than a file: "
+         "everybody there may read, and with control.endpoint stop the daemon. Warned of in log, "
+         "status and top."),
     CHOICE("log_level", log_level, "info", "error|warn|info|debug",
            "Least important message shown."),
 

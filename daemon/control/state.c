@@ -178,6 +178,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_open(&j, NULL, '{');
     dmn_json_str(&j, "software", "pyrovoxd " PVX_VERSION);
     dmn_json_num(&j, "uptime_s", s->uptime_s);
+    dmn_json_str(&j, "open_to_all", s->open_to);
     dmn_json_num(&j, "sets_per_s", s->sets_per_s);
     json_sets(&j, s);
     dmn_json_open(&j, "latency_ms", '{');

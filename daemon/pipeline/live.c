@@ -10,6 +10,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "daemon/config/endpoints.h"
 #include "daemon/pipeline/cameras_in.h"
 #include "daemon/pipeline/publish.h"
 #include "daemon/pipeline/recording.h"
@@ -236,6 +237,9 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
 {
     memset(out, 0, sizeof *out);
     out->uptime_s = (double)(pvx_now_mono() - l->t_start_ns) * 1e-9;
+    const char *open = NULL;
+    if (dmn_endpoints_allowed(&l->cfg, &open, NULL) == PVX_OK && open != NULL)
+        snprintf(out->open_to, sizeof out->open_to, "%s", open);
     out->session = l->out.start.session;
     dmn_pipeline_counts(l->pipeline, out);
     dmn_publish_state(&l->out, out);

@@ -31,6 +31,10 @@ check bad-binning-in-check refused "binning 7 does not divide" --check-config <<
 sed 's/  - name: cam1/  - nome: cam1/' "$rig" > "$dir/rig.yaml"
 check broken-rig refused "rig.yaml:$(grep -n nome "$dir/rig.yaml" | cut -d: -f1)" <<< "{rig: rig.yaml, cameras: \"sim:\"}"
 check bad-endpoint refused "not an endpoint" <<< "{rig: $rig, cameras: \"sim:\", control: {endpoint: \"$control\"}, publish: {endpoints: [\"nonsense\"]}}"
+open() { refused "$1" --check-config <<< "{rig: $rig, cameras: \"sim:\", $2}"; }
+check open-volumes open "publish.endpoints: tcp://*:5555 lets everybody in" "publish: {endpoints: [\"ipc:///tmp/x\", \"tcp://*:5555\"]}"
+check open-control open "control.endpoint: on tcp://127.0.0.1:5556 everybody could stop" "control: {endpoint: \"tcp://127.0.0.1:5556\"}"
+check open-if-told bash -c "'$pyrovoxd' --check-config --config <(echo '{rig: $rig, cameras: \"sim:\", insecure: true, control: {endpoint: \"tcp://127.0.0.1:5556\"}}') | grep -q ': ok: '"
 check wrong-usage bash -c "'$pyrovoxd' --nonsense 2>/dev/null; [ \$? = 2 ]"
 check good-file bash -c "'$pyrovoxd' --config daemon/config/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
 

@@ -5,6 +5,7 @@
 
 #include "base/file.h"
 #include "capture/pixel/transfer.h"
+#include "daemon/config/endpoints.h"
 #include "daemon/config/config.h"
 #include "tests/lib/scratch.h"
 
@@ -88,6 +89,46 @@ T_CASE(wrong_files_name_line_key_and_reason)
     refused("rig: [\n", "not valid YAML");
     refused("rig: {a: b}\n", "test.yaml:1: rig: should be a word");
     refused("rig: \"a\\nb\"\n", "control character");
+}
+
+T_CASE(who_is_let_in)
+{
+    static const struct {
+        const char *endpoint;
+        enum dmn_reach reach;
+    } rows[] = {
+        {"", DMN_REACH_FILE},
+        {"ipc:///run/pyrovox/volumes", DMN_REACH_FILE},
+        {"ipc://@pyrovox", DMN_REACH_HOST},
+        {"tcp://127.0.0.1:5555", DMN_REACH_HOST},
+        {"tcp://127.9.8.7:5555", DMN_REACH_HOST},
+        {"tcp://localhost:5555", DMN_REACH_HOST},
+        {"tcp://lo:*", DMN_REACH_HOST},
+        {"tcp://[::1]:5555", DMN_REACH_HOST},
+        {"tcp://*:5555", DMN_REACH_NET},
+        {"tcp://0.0.0.0:5555", DMN_REACH_NET},
+        {"tcp://[::]:5555", DMN_REACH_NET},
+        {"tcp://[::ffff:10.0.0.1]:5555", DMN_REACH_NET},
+        {"tcp://192.168.1.7:5555", DMN_REACH_NET},
+        {"tcp://eth0:5555", DMN_REACH_NET},
+        {"tcp://127.0.0.1.example.org:5555", DMN_REACH_NET},
+        {"tcp://127.0.0.1", DMN_REACH_NET},
+        {"udp://127.0.0.1:5555", DMN_REACH_NET},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        T_EQ_I(dmn_endpoint_reach(rows[i].endpoint), rows[i].reach);
+    const char *open;
+    T_EQ_I(parse("publish: {endpoints: ['ipc:///tmp/x', 'tcp://127.0.0.1:1']}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_OK);
+    T_OK(open == NULL);
+    T_EQ_I(parse("publish: {endpoints: ['tcp://*:1', 'ipc:///tmp/x']}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
+    T_CONTAINS(d.text, "tcp://*:1");
+    T_EQ_I(parse("control: {endpoint: 'ipc://@x'}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
+    T_EQ_I(parse("control: {endpoint: 'ipc://@x'}\ninsecure: true\n"), PVX_OK);
+    T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_OK);
+    T_EQ_S(open, "ipc://@x");
 }
 
 T_CASE(printing_gives_back_the_same)
