@@ -1,5 +1,6 @@
 /* main.c - pyrovoxd: arguments and start/stop order only. */
 #include <argp.h>
+#include <limits.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -30,6 +31,7 @@ struct daemon {
     _Atomic(dmn_live *) pipeline;
     _Atomic double matrix_done; /* share of the matrix that is built, while it is */
     atomic_bool stop;
+    pvp_auth *auth;         /* NULL: no keys */
     struct dmn_state state; /* control thread's */
 };
 
@@ -139,15 +141,34 @@ static void block_signals(sigset_t *set)
     sigemptyset(set);
     sigaddset(set, SIGINT);
     sigaddset(set, SIGTERM);
+    sigaddset(set, SIGHUP);
     pthread_sigmask(SIG_BLOCK, set, NULL);
     signal(SIGINT,
            SIG_DFL); /* a shell's background job starts with it ignored, and then it is lost */
 }
 
-static int wait_signal(const sigset_t *set, int64_t ns)
+static void read_keys_again(pvp_auth *auth)
+{
+    struct pvx_diag d = {""};
+    if (auth == NULL) {
+        LOG_I(DAEMON, "SIGHUP: there are no keys to read again");
+        return;
+    }
+    pvx_err e = pvp_auth_reload(auth, &d);
+    if (e == PVX_OK)
+        LOG_I(DAEMON, "keys.clients: %zu may come in", pvp_auth_clients(auth));
+    else
+        LOG_E(DAEMON, "keys.clients stays as it was: %s", pvx_diag_text(&d, e));
+}
+
+/* SIGINT or SIGTERM; 0 in time. */
+static int wait_signal(const struct daemon *dm, const sigset_t *set, int64_t ns)
 {
     struct timespec ts = {.tv_sec = ns / PVX_NS_PER_S, .tv_nsec = ns % PVX_NS_PER_S};
-    return sigtimedwait(set, NULL, &ts);
+    int sig = sigtimedwait(set, NULL, &ts);
+    if (sig == SIGHUP)
+        read_keys_again(dm->auth);
+    return sig == SIGHUP || sig < 0 ? 0 : sig;
 }
 
 struct building {
@@ -165,7 +186,7 @@ static bool progress(void *ctx, double done)
         LOG_I(RECON, "building the system matrix: %.0f %%", done * 100);
         sd_notifyf(0, "STATUS=building the system matrix: %.0f %%", done * 100);
     }
-    if (wait_signal(b->set, 0) > 0)
+    if (wait_signal(b->dm, b->set, 0) > 0)
         atomic_store(&b->dm->stop, true);
     return !atomic_load(&b->dm->stop);
 }
@@ -214,7 +235,7 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
     int64_t next_alive = 0, next_status = 0;
     int64_t interval = sd_watchdog_enabled(0, &usec) > 0 ? (int64_t)usec * 1000 / 2 : 0;
     for (;;) {
-        int sig = wait_signal(set, TICK_NS);
+        int sig = wait_signal(dm, set, TICK_NS);
         if (sig > 0)
             return sig == SIGINT ? "interrupted" : "terminated";
         if (atomic_load(&dm->stop))
@@ -236,6 +257,16 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
                        (unsigned long long)s.published, s.latency_p99_ms);
         }
     }
+}
+
+static pvx_err open_keys(const struct dmn_config *cfg, pvp_auth **out, struct pvx_diag *d)
+{
+    char server[PATH_MAX], clients[PATH_MAX];
+    if (cfg->key_server[0] == '\0')
+        return PVX_OK;
+    dmn_config_path(cfg, cfg->key_server, server, sizeof server);
+    dmn_config_path(cfg, cfg->key_clients, clients, sizeof clients);
+    return pvp_auth_new(server, clients, out, d);
 }
 
 static int run(const struct dmn_config *cfg)
@@ -261,12 +292,16 @@ static int run(const struct dmn_config *cfg)
     if (e == PVX_OK && open != NULL)
         LOG_W(DAEMON, "%s is open to all who reach it (insecure: true)", open);
     if (e == PVX_OK)
+        e = open_keys(cfg, &dm.auth, &d);
+    if (e == PVX_OK)
         e = dmn_endpoint_prepare(endpoint, &d);
     if (e == PVX_OK)
-        e = dmn_control_new(endpoint, &ops, &control, &d);
+        e = dmn_control_new(endpoint,
+                            dmn_endpoint_guarded(cfg, endpoint, DMN_CONTROL) ? dm.auth : NULL, &ops,
+                            &control, &d);
     struct building b = {.dm = &dm, .set = &set};
     if (e == PVX_OK)
-        e = dmn_live_new(cfg, progress, &b, &p, &d);
+        e = dmn_live_new(cfg, dm.auth, progress, &b, &p, &d);
     bool started = false;
     if (e == PVX_OK) {
         started = true;
@@ -290,6 +325,7 @@ static int run(const struct dmn_config *cfg)
     if (started && e == PVX_OK) /* nobody can begin a recording any more */
         dmn_remember_recording(false);
     dmn_live_free(&p);
+    pvp_auth_free(&dm.auth);
     if (e == PVX_ECANCELED && atomic_load(&dm.stop))
         return 0;
     return e == PVX_OK ? 0 : fail(&d, e);
@@ -301,7 +337,11 @@ static int check(const struct dmn_config *cfg)
     struct pvx_diag d = {0};
     struct rec_rig rig;
     const char *open;
+    pvp_auth *auth = NULL;
     pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
+    if (e == PVX_OK)
+        e = open_keys(cfg, &auth, &d);
+    pvp_auth_free(&auth);
     if (e == PVX_OK)
         e = dmn_config_rig(cfg, &rig, &d);
     if (e != PVX_OK)

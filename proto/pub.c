@@ -2,6 +2,7 @@
 
 #include <errno.h>
 #include <stdlib.h>
+#include <string.h>
 #include <zmq.h>
 
 #include "base/clock.h"
@@ -12,15 +13,28 @@
 #define LINGER_MS          250
 #define LINGER_LOSSLESS_MS 60000
 
+/* One socket: for all who can reach it, or for listed keys. */
+struct outlet {
+    const char *const *endpoint; /* the publisher's own copy */
+    size_t n, subscribers;
+    void *socket; /* NULL: no endpoints, or to be opened anew */
+};
+enum { OPEN, GUARDED, N_OUTLETS };
+
 struct pvp_pub {
-    void *ctx, *socket;
+    void *ctx;
+    struct outlet out[N_OUTLETS];
     pvp_encoder *encoder;
     struct pvp_start start;
     uint64_t sequence;
     int64_t start_due; /* mono */
-    size_t subscribers;
     bool lossless;
+    int hwm;
+    pvp_auth *auth;
+    pvp_zap *zap;
+    uint64_t generation; /* of auth, when GUARDED was opened */
     size_t n_claims;
+    char **endpoint;        /* [n_claims] */
     pvp_ipc_claim **claims; /* one per endpoint, NULL where none is needed */
 };
 
@@ -32,17 +46,18 @@ static pvx_err set_int(void *socket, int option, int value)
 
 /* Live: never blocks and reports no drop, what fails here is the socket itself.  Lossless: waits for
  * the slowest subscriber; one that has not read for PVP_PUB_PATIENCE_S is no longer waited for. */
-static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
+static pvx_err send_on(struct pvp_pub *p, void *socket, const void *msg, size_t len)
 {
-    p->sequence++;
-    while (zmq_send(p->socket, msg, len, p->lossless ? 0 : ZMQ_DONTWAIT) < 0) {
+    while (zmq_send(socket, msg, len, p->lossless ? 0 : ZMQ_DONTWAIT) < 0) {
         if (errno == EAGAIN && p->lossless) {
             LOG_W(PROTO,
                   "a subscriber has read nothing for %d s: it is no longer waited for and "
                   "will miss volumes",
                   PVP_PUB_PATIENCE_S);
             p->lossless = false;
-            PVX_TRY(set_int(p->socket, ZMQ_XPUB_NODROP, 0));
+            for (int k = 0; k < N_OUTLETS; k++)
+                if (p->out[k].socket != NULL)
+                    PVX_TRY(set_int(p->out[k].socket, ZMQ_XPUB_NODROP, 0));
         } else if (errno != EINTR) {
             return pvx_err_from_errno(errno);
         }
@@ -50,17 +65,26 @@ static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
     return PVX_OK;
 }
 
+static pvx_err send_message(struct pvp_pub *p, const void *msg, size_t len)
+{
+    p->sequence++;
+    for (int k = 0; k < N_OUTLETS; k++)
+        if (p->out[k].socket != NULL)
+            PVX_TRY(send_on(p, p->out[k].socket, msg, len));
+    return PVX_OK;
+}
+
 /* Subscribers send 1 + prefix to subscribe, 0 + prefix to leave; libzmq does so for one that dies. */
-static void read_subscriptions(struct pvp_pub *p)
+static void read_subscriptions(struct pvp_pub *p, struct outlet *o)
 {
     unsigned char m[64];
     int n;
-    while ((n = zmq_recv(p->socket, m, sizeof m, ZMQ_DONTWAIT)) >= 0) {
+    while ((n = zmq_recv(o->socket, m, sizeof m, ZMQ_DONTWAIT)) >= 0) {
         if (n > 0 && m[0] == 1) {
-            p->subscribers++;
+            o->subscribers++;
             p->start_due = 0; /* who has just come needs it now, not in a second */
-        } else if (n > 0 && m[0] == 0 && p->subscribers > 0)
-            p->subscribers--;
+        } else if (n > 0 && m[0] == 0 && o->subscribers > 0)
+            o->subscribers--;
     }
 }
 
@@ -73,37 +97,108 @@ static pvx_err send_start(struct pvp_pub *p)
     return send_message(p, msg, len);
 }
 
-static pvx_err bind_all(struct pvp_pub *p, const struct pvp_pub_params *params, struct pvx_diag *d)
+static pvx_err set_socket(struct pvp_pub *p, void *socket)
 {
-    for (size_t i = 0; i < params->n_endpoints; i++) {
-        const char *endpoint = params->endpoints[i];
-        PVX_TRY(pvp_ipc_claim_new(endpoint, &p->claims[i], d));
-        if (zmq_bind(p->socket, endpoint) != 0)
-            return pvp_bind_fail(endpoint, errno, d);
-    }
+    const int linger = p->lossless ? LINGER_LOSSLESS_MS : LINGER_MS;
+    const int64_t max_in = 4096; /* subscribers send us subscriptions, nothing bigger */
+    PVX_TRY(set_int(socket, ZMQ_SNDHWM, p->hwm));
+    PVX_TRY(set_int(socket, ZMQ_LINGER, linger));
+    PVX_TRY(set_int(socket, ZMQ_TCP_KEEPALIVE, 1));
+    PVX_TRY(set_int(socket, ZMQ_XPUB_VERBOSER, 1)); /* every subscriber's, not only the first */
+    if (zmq_setsockopt(socket, ZMQ_MAXMSGSIZE, &max_in, sizeof max_in) != 0)
+        return pvx_err_from_errno(errno);
+    if (!p->lossless)
+        return PVX_OK;
+    PVX_TRY(set_int(socket, ZMQ_XPUB_NODROP, 1));
+    return set_int(socket, ZMQ_SNDTIMEO, PVP_PUB_PATIENCE_S * 1000);
+}
+
+static pvx_err open_outlet(struct pvp_pub *p, struct outlet *o, struct pvx_diag *d)
+{
+    if (o->n == 0)
+        return PVX_OK;
+    o->subscribers = 0;
+    o->socket = zmq_socket(p->ctx, ZMQ_XPUB);
+    if (o->socket == NULL)
+        return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
+    pvx_err e = set_socket(p, o->socket);
+    if (e == PVX_OK && o == &p->out[GUARDED])
+        e = pvp_auth_guard(p->auth, o->socket, PVP_ROLE_READ);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "ZeroMQ: %s", zmq_strerror(errno));
+    for (size_t i = 0; i < o->n; i++)
+        if (zmq_bind(o->socket, o->endpoint[i]) != 0)
+            return pvp_bind_fail(o->endpoint[i], errno, d);
     return PVX_OK;
 }
 
-static pvx_err open_socket(struct pvp_pub *p, int hwm, struct pvx_diag *d)
+static void close_outlet(struct outlet *o)
+{
+    if (o->socket != NULL)
+        zmq_close(o->socket);
+    o->socket = NULL;
+    o->subscribers = 0;
+}
+
+/* Somebody may do less than before: all have to come in again.  The port is free some time after its
+ * socket was closed, so this is tried until it succeeds. */
+static void guard_again(struct pvp_pub *p)
+{
+    struct outlet *o = &p->out[GUARDED];
+    struct pvx_diag d = {""};
+    if (o->n == 0)
+        return;
+    uint64_t now = pvp_auth_generation(p->auth);
+    if (now != p->generation && o->socket != NULL) {
+        if (set_int(o->socket, ZMQ_LINGER, 0) != PVX_OK)
+            LOG_EVERY(PVX_LOG_WARN, PROTO, "ZeroMQ: %s", zmq_strerror(errno));
+        close_outlet(o);
+    }
+    p->generation = now;
+    if (o->socket == NULL && open_outlet(p, o, &d) != PVX_OK) {
+        LOG_EVERY(PVX_LOG_INFO, PROTO, "opening anew: %s", d.text);
+        close_outlet(o);
+    }
+}
+
+static pvx_err copy_endpoints(struct pvp_pub *p, const struct pvp_pub_params *params,
+                              struct pvx_diag *d)
+{
+    size_t n = p->n_claims = params->n_endpoints + params->n_guarded;
+    if (n == 0)
+        return pvx_fail(d, PVX_EINVAL, "no endpoint to publish on");
+    p->claims = calloc(n, sizeof *p->claims);
+    p->endpoint = calloc(n, sizeof *p->endpoint);
+    if (p->claims == NULL || p->endpoint == NULL)
+        return PVX_ENOMEM;
+    for (size_t i = 0; i < n; i++) {
+        bool open = i < params->n_endpoints;
+        p->endpoint[i] =
+            strdup(open ? params->endpoints[i] : params->guarded[i - params->n_endpoints]);
+        if (p->endpoint[i] == NULL)
+            return PVX_ENOMEM;
+        PVX_TRY(pvp_ipc_claim_new(p->endpoint[i], &p->claims[i], d));
+    }
+    const char *const *all = (const char *const *)p->endpoint;
+    p->out[OPEN] = (struct outlet){.endpoint = all, .n = params->n_endpoints};
+    p->out[GUARDED] =
+        (struct outlet){.endpoint = all + params->n_endpoints, .n = params->n_guarded};
+    return PVX_OK;
+}
+
+static pvx_err open_all(struct pvp_pub *p, struct pvx_diag *d)
 {
     p->ctx = zmq_ctx_new();
-    p->socket = p->ctx != NULL ? zmq_socket(p->ctx, ZMQ_XPUB) : NULL;
-    if (p->socket == NULL)
+    if (p->ctx == NULL)
         return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
-    if (hwm <= 0)
-        hwm = 8;
-    const int linger = p->lossless ? LINGER_LOSSLESS_MS : LINGER_MS, keepalive = 1;
-    const int64_t max_in = 4096; /* subscribers send us subscriptions, nothing bigger */
-    if (zmq_setsockopt(p->socket, ZMQ_SNDHWM, &hwm, sizeof hwm) != 0 ||
-        zmq_setsockopt(p->socket, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
-        zmq_setsockopt(p->socket, ZMQ_TCP_KEEPALIVE, &keepalive, sizeof keepalive) != 0 ||
-        zmq_setsockopt(p->socket, ZMQ_MAXMSGSIZE, &max_in, sizeof max_in) != 0)
-        return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
-    PVX_TRY(set_int(p->socket, ZMQ_XPUB_VERBOSER, 1)); /* every subscriber's, not only the first */
-    if (!p->lossless)
-        return PVX_OK;
-    PVX_TRY(set_int(p->socket, ZMQ_XPUB_NODROP, 1));
-    return set_int(p->socket, ZMQ_SNDTIMEO, PVP_PUB_PATIENCE_S * 1000);
+    if (p->out[GUARDED].n > 0) {
+        if (p->auth == NULL)
+            return pvx_fail(d, PVX_EINVAL, "guarded endpoints without keys");
+        p->generation = pvp_auth_generation(p->auth);
+        PVX_TRY(pvp_zap_new(p->auth, p->ctx, &p->zap, d));
+    }
+    PVX_TRY(open_outlet(p, &p->out[OPEN], d));
+    return open_outlet(p, &p->out[GUARDED], d);
 }
 
 pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start *start,
@@ -115,17 +210,13 @@ pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start 
         return PVX_ENOMEM;
     p->start = *start;
     p->lossless = params->lossless;
-    p->n_claims = params->n_endpoints;
-    p->claims = calloc(params->n_endpoints + 1, sizeof(pvp_ipc_claim *));
-    pvx_err e = p->claims != NULL ? PVX_OK : PVX_ENOMEM;
-    if (e == PVX_OK && params->n_endpoints == 0)
-        e = pvx_fail(d, PVX_EINVAL, "no endpoint to publish on");
+    p->hwm = params->send_hwm > 0 ? params->send_hwm : 8;
+    p->auth = params->auth;
+    pvx_err e = copy_endpoints(p, params, d);
     if (e == PVX_OK)
         e = pvp_encoder_new(&start->grid, params->sample, params->comp, &p->encoder);
     if (e == PVX_OK)
-        e = open_socket(p, params->send_hwm, d);
-    if (e == PVX_OK)
-        e = bind_all(p, params, d);
+        e = open_all(p, d);
     if (e == PVX_OK)
         e = send_start(p);
     if (e != PVX_OK) {
@@ -141,22 +232,29 @@ void pvp_pub_free(pvp_pub **pp)
     struct pvp_pub *p = *pp;
     if (p == NULL)
         return;
-    if (p->socket != NULL)
-        zmq_close(p->socket);
+    for (int k = 0; k < N_OUTLETS; k++)
+        close_outlet(&p->out[k]);
+    pvp_zap_free(&p->zap);
     if (p->ctx != NULL)
         while (zmq_ctx_term(p->ctx) != 0 && errno == EINTR)
             continue;
     /* Only now is nobody listening any more: the next owner may come. */
     for (size_t i = 0; p->claims != NULL && i < p->n_claims; i++)
         pvp_ipc_claim_free(&p->claims[i]);
+    for (size_t i = 0; p->endpoint != NULL && i < p->n_claims; i++)
+        free(p->endpoint[i]);
     free(p->claims);
+    free(p->endpoint);
     pvp_encoder_free(&p->encoder);
     PVX_FREE(*pp);
 }
 
 void pvp_pub_tick(pvp_pub *p)
 {
-    read_subscriptions(p);
+    guard_again(p);
+    for (int k = 0; k < N_OUTLETS; k++)
+        if (p->out[k].socket != NULL)
+            read_subscriptions(p, &p->out[k]);
     /* A start that cannot be encoded was refused in pvp_pub_new; a socket that fails shows in the
      * next volume. */
     if (pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK)
@@ -195,7 +293,7 @@ pvx_err pvp_pub_end(pvp_pub *p, const char *reason)
 
 size_t pvp_pub_subscribers(const pvp_pub *p)
 {
-    return p->subscribers;
+    return p->out[OPEN].subscribers + p->out[GUARDED].subscribers;
 }
 
 uint64_t pvp_pub_sequence(const pvp_pub *p)

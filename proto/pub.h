@@ -1,4 +1,5 @@
-/* pub.h - the publisher: one ZeroMQ XPUB socket (PUB that counts its subscribers), used by one thread.
+/* pub.h - the publisher: a ZeroMQ XPUB socket (PUB that counts its subscribers), and a second one for
+ * endpoints that ask who comes (auth.h), used by one thread.
  *
  * PUB drops in silence for a subscriber that does not read; so every message carries a sequence
  * number that counts all messages of the session, and clients count gaps.  `start` is repeated every
@@ -7,11 +8,15 @@
  * Threads: one at a time; another may have made it. */
 #ifndef PVP_PUB_H
 #define PVP_PUB_H
+#include "proto/auth.h"
 #include "proto/pvp.h"
 typedef struct pvp_pub pvp_pub;
 struct pvp_pub_params {
     const char *const *endpoints; /* "ipc:///run/pyrovox/volumes", "tcp://127.0.0.1:5555" */
     size_t n_endpoints;
+    const char *const *guarded; /* endpoints for listed keys only */
+    size_t n_guarded;           /* with any, auth is needed; borrowed */
+    pvp_auth *auth;
     int send_hwm; /* messages kept per slow subscriber, 0 = 8 */
     enum pvp_sample sample;
     enum pvp_compress comp;

@@ -4,14 +4,14 @@
 #include <cjson/cJSON.h>
 #include "base/err.h"
 
-/* Send {"cmd":`cmd`} and wait at most timeout_ms for the answer.  Owner of *out: caller, cJSON_Delete.
+/* key: a .key file for a daemon that asks for one, or NULL.  Send {"cmd":`cmd`} and wait at most timeout_ms for the answer.  Owner of *out: caller, cJSON_Delete.
  * PVX_ETIMEDOUT: nobody answers there (diag says what to do); PVX_EFORMAT: not JSON;
  * PVX_EINVAL: the daemon refused (diag has its words). */
-PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *cmd, int timeout_ms, cJSON **out,
-                           struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *key, const char *cmd, int timeout_ms,
+                           cJSON **out, struct pvx_diag *d);
 /* The same with a whole request, JSON text. */
-PVX_MUST_CHECK pvx_err ask_request(const char *endpoint, const char *request, int timeout_ms,
-                                   cJSON **out, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err ask_request(const char *endpoint, const char *key, const char *request,
+                                   int timeout_ms, cJSON **out, struct pvx_diag *d);
 
 /* Number, or text, at path a.b (b may be NULL); 0 or "" when it is not there. */
 double ask_num(const cJSON *j, const char *a, const char *b);

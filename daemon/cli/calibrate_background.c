@@ -52,7 +52,7 @@ static int live(const struct args *a)
     cJSON *reply = NULL;
     snprintf(request, sizeof request, "{\"cmd\":\"background\",\"sets\":%lld}", (long long)a->sets);
     /* as long as the slowest rigs need */
-    pvx_err e = ask_request(a->control, request, 10000 + (int)a->sets * 1000, &reply, &d);
+    pvx_err e = ask_request(a->control, NULL, request, 10000 + (int)a->sets * 1000, &reply, &d);
     cJSON_Delete(reply);
     if (e != PVX_OK)
         return cli_error(&d, e);

@@ -16,7 +16,7 @@ struct cli_command {
 int cmd_cameras_test(int argc, char **argv); /* `pyrovox cameras test`, likewise */
 /* `pyrovox record --raw`: a running daemon begins or ends a take of raw frames.  action "start" or "stop";
  * out: the take's file, NULL = as the daemon is configured.  Exit code. */
-int record_raw(const char *control, const char *action, const char *out);
+int record_raw(const char *control, const char *key, const char *action, const char *out);
 
 /* Set by SIGINT/SIGTERM after cli_catch_stop(); long work polls it. */
 extern volatile sig_atomic_t cli_stop;
@@ -38,5 +38,6 @@ bool cli_progress(void *ctx, double done);
 int cli_columns(int max);
 
 extern const struct cli_command cmd_matrix, cmd_reconstruct, cmd_render, cmd_simcams, cmd_record,
-    cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_doctor, cmd_cpu, cmd_replay, cmd_calibrate;
+    cmd_status, cmd_top, cmd_demo, cmd_cameras, cmd_doctor, cmd_cpu, cmd_replay, cmd_calibrate,
+    cmd_keygen;
 #endif

@@ -317,9 +317,9 @@ static pvx_err warm_up(struct demo *m, struct pvx_diag *d)
     if (isatty(STDERR_FILENO))
         fputs("\r\033[K", stderr);
     cJSON *j;
-    PVX_TRY(ask(m->control, "reset-latency", 2000, &j, d));
+    PVX_TRY(ask(m->control, NULL, "reset-latency", 2000, &j, d));
     cJSON_Delete(j);
-    PVX_TRY(ask(m->control, "status", 2000, &j, d));
+    PVX_TRY(ask(m->control, NULL, "status", 2000, &j, d));
     m->dropped0 = not_published(j);
     cJSON_Delete(j);
     return PVX_OK;
@@ -370,7 +370,7 @@ static pvx_err result(struct demo *m, char *text, size_t size, struct pvx_diag *
 {
     double rate = follow_rate(&m->follow);
     cJSON *j;
-    PVX_TRY(ask(m->control, "status", 2000, &j, d));
+    PVX_TRY(ask(m->control, NULL, "status", 2000, &j, d));
     struct follow *f = &m->follow;
     /* Two accounts of what is missing, the subscriber's by exposure times and the daemon's by
      * causes; a set that fell between can be in either, so the worse one is told. */
@@ -399,7 +399,7 @@ static pvx_err play(struct demo *m, char *line, size_t size, struct pvx_diag *d)
     struct follow_truth truth = {
         .known = true, .seed = SEED, .period_s = (double)m->ring / m->a.fps, .ring_fps = m->a.fps};
     m->following = true;
-    PVX_TRY(follow_init(&m->follow, m->volumes, &truth, d));
+    PVX_TRY(follow_init(&m->follow, m->volumes, NULL, &truth, d));
     PVX_TRY(warm_up(m, d));
     PVX_TRY(watch(m, d));
     PVX_TRY(result(m, line, size, d));

@@ -19,7 +19,7 @@
 #define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
 
 struct record {
-    const char *endpoint, *control, *raw, *out;
+    const char *endpoint, *key, *control, *raw, *out;
     char default_out[64];
     int64_t volumes; /* stop after so many; 0 = no limit */
     double seconds;  /* after the first volume; 0 = no limit */
@@ -38,6 +38,8 @@ struct record {
 
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0, "Where the daemon publishes (default: the local daemon)", 0},
+    {"key", 'k', "FILE", 0, "Your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
     {"out", 'o', "DIR", 0,
      "Folder to make and fill (default: volumes-DATE-TIME); with --raw start: the take's file "
      "(default: the daemon's record.path)",
@@ -56,6 +58,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     struct record *r = state->input;
     switch (key) {
     case 'e': r->endpoint = arg; return 0;
+    case 'k': r->key = arg; return 0;
     case 'o': r->out = arg; return 0;
     case 'q': r->quiet = 1; return 0;
     case 'c': r->control = arg; return 0;
@@ -259,8 +262,8 @@ static int run(int argc, char **argv)
     if (argp_parse(&argp, argc, argv, 0, NULL, &r) != 0)
         return 2;
     if (r.raw != NULL)
-        return record_raw(r.control != NULL ? r.control : dmn_client_endpoint(DMN_CONTROL), r.raw,
-                          r.out);
+        return record_raw(r.control != NULL ? r.control : dmn_client_endpoint(DMN_CONTROL), r.key,
+                          r.raw, r.out);
     if (r.out == NULL) {
         time_t now = time(NULL);
         struct tm tm;
@@ -273,7 +276,7 @@ static int run(int argc, char **argv)
     if (e == PVX_OK)
         e = pvp_decoder_new(&r.decoder);
     if (e == PVX_OK)
-        e = pvp_sub_new(r.endpoint, NULL, &r.sub, &d);
+        e = pvp_sub_new(r.endpoint, &(struct pvp_sub_options){.key = r.key}, &r.sub, &d);
     if (e == PVX_OK)
         e = run_loop(&r, &d);
     if (r.sub != NULL)

@@ -12,7 +12,7 @@
 enum { OPT_JSON = 0x100, OPT_STOP, OPT_TIMEOUT };
 
 struct args {
-    const char *endpoint;
+    const char *endpoint, *key;
     bool json, stop;
     double timeout_s;
 };
@@ -20,6 +20,8 @@ struct args {
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0,
      "the daemon's control.endpoint, default the user's own daemon, else the system's", 0},
+    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
     {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
     {"stop", OPT_STOP, NULL, 0, "ask the daemon to drain and end", 0},
     {"timeout", OPT_TIMEOUT, "SECONDS", 0, "wait so long for an answer (2)", 0},
@@ -38,6 +40,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     struct args *a = st->input;
     switch (key) {
     case 'e': a->endpoint = arg; return 0;
+    case 'k': a->key = arg; return 0;
     case OPT_JSON: a->json = true; return 0;
     case OPT_STOP: a->stop = true; return 0;
     case OPT_TIMEOUT: a->timeout_s = cli_arg_double(st, "timeout", arg, 0.01, 3600); return 0;
@@ -52,6 +55,9 @@ static void print_sets(const cJSON *s)
     printf("sets      %.2f/s now; %.0f from the cameras, %.0f published, %.0f under way\n",
            ask_num(s, "sets_per_s", NULL), ask_num(s, "sets", "produced"),
            ask_num(s, "sets", "published"), ask_num(s, "sets", "inside"));
+    if (cJSON_HasObjectItem(s, "keys"))
+        printf("keys      %.0f may come in, %.0f connections were refused\n",
+               ask_num(s, "keys", "listed"), ask_num(s, "keys", "refused"));
     printf("latency   p50 %.1f ms, p99 %.1f ms, max %.1f ms over %.0f sets\n",
            ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
            ask_num(s, "latency_ms", "max"), ask_num(s, "latency_ms", "n"));
@@ -113,7 +119,8 @@ static int run(int argc, char **argv)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
     struct pvx_diag d = {0};
     cJSON *s;
-    pvx_err e = ask(a.endpoint, a.stop ? "stop" : "status", (int)(a.timeout_s * 1e3), &s, &d);
+    pvx_err e =
+        ask(a.endpoint, a.key, a.stop ? "stop" : "status", (int)(a.timeout_s * 1e3), &s, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
     if (a.json) {

@@ -13,7 +13,7 @@
 enum { OPT_TRUTH = 0x100, OPT_SECONDS };
 
 struct args {
-    const char *endpoint;
+    const char *endpoint, *key;
     struct follow_truth truth;
     double seconds;
 };
@@ -21,6 +21,8 @@ struct args {
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0,
      "where the volumes are published, default the user's own daemon, else the system's", 0},
+    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
     {"truth", OPT_TRUTH, "SEED,PERIOD[,FPS]", 0,
      "compare with the known flame of sim: cameras (sim.seed, sim.period_s) or of `pyrovox "
      "simcams` (--seed, --ring/--fps, --fps)",
@@ -43,6 +45,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     size_t n = 0;
     switch (key) {
     case 'e': a->endpoint = arg; return 0;
+    case 'k': a->key = arg; return 0;
     case OPT_SECONDS: a->seconds = cli_arg_double(st, "seconds", arg, 0, 1e9); return 0;
     case OPT_TRUTH:
         snprintf(copy, sizeof copy, "%s", arg);
@@ -73,7 +76,7 @@ static int run(int argc, char **argv)
     struct pvx_diag d = {0};
     struct follow f;
     struct screen s;
-    pvx_err e = follow_init(&f, a.endpoint, &a.truth, &d);
+    pvx_err e = follow_init(&f, a.endpoint, a.key, &a.truth, &d);
     if (e != PVX_OK) {
         follow_fini(&f);
         return cli_error(&d, e);

@@ -9,15 +9,15 @@
 #include "capture/gevsim/gvcam.h"
 #include "recon/view/metrics.h"
 
-pvx_err follow_init(struct follow *f, const char *endpoint, const struct follow_truth *truth,
-                    struct pvx_diag *d)
+pvx_err follow_init(struct follow *f, const char *endpoint, const char *key,
+                    const struct follow_truth *truth, struct pvx_diag *d)
 {
     memset(f, 0, sizeof *f);
     f->error = -1;
     if (truth != NULL)
         f->truth = *truth;
     PVX_TRY(pvp_decoder_new(&f->decoder));
-    PVX_TRY(pvp_sub_new(endpoint, NULL, &f->sub, d));
+    PVX_TRY(pvp_sub_new(endpoint, &(struct pvp_sub_options){.key = key}, &f->sub, d));
     follow_mark(f);
     return PVX_OK;
 }

@@ -45,8 +45,8 @@ struct follow {
     uint64_t session, lost_base;
 };
 
-/* Errors: PVX_EINVAL (endpoint). */
-PVX_MUST_CHECK pvx_err follow_init(struct follow *f, const char *endpoint,
+/* key: a .key file, NULL none.  Errors: PVX_EINVAL (endpoint), those of the key. */
+PVX_MUST_CHECK pvx_err follow_init(struct follow *f, const char *endpoint, const char *key,
                                    const struct follow_truth *truth, struct pvx_diag *d);
 void follow_fini(struct follow *f);
 /* Take in what comes within timeout_ns and whatever else is there already. */

@@ -21,8 +21,8 @@ static pvx_err absolute(const char *path, char *out, size_t size, struct pvx_dia
                : pvx_fail(d, PVX_EINVAL, "--out %s: is not a name for a file", path);
 }
 
-static pvx_err send_request(const char *control, const char *action, const char *path,
-                            cJSON **reply, struct pvx_diag *d)
+static pvx_err send_request(const char *control, const char *key, const char *action,
+                            const char *path, cJSON **reply, struct pvx_diag *d)
 {
     cJSON *req = cJSON_CreateObject();
     cJSON_AddStringToObject(req, "cmd", "record");
@@ -31,19 +31,19 @@ static pvx_err send_request(const char *control, const char *action, const char 
         cJSON_AddStringToObject(req, "path", path);
     char *text = cJSON_PrintUnformatted(req);
     cJSON_Delete(req);
-    pvx_err e = text != NULL ? ask_request(control, text, TIMEOUT_MS, reply, d) : PVX_ENOMEM;
+    pvx_err e = text != NULL ? ask_request(control, key, text, TIMEOUT_MS, reply, d) : PVX_ENOMEM;
     free(text);
     return e;
 }
 
-int record_raw(const char *control, const char *action, const char *out)
+int record_raw(const char *control, const char *key, const char *action, const char *out)
 {
     char path[PATH_MAX + 256];
     struct pvx_diag d = {""};
     cJSON *reply = NULL;
     pvx_err e = out == NULL ? PVX_OK : absolute(out, path, sizeof path, &d);
     if (e == PVX_OK)
-        e = send_request(control, action, out == NULL ? NULL : path, &reply, &d);
+        e = send_request(control, key, action, out == NULL ? NULL : path, &reply, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
     printf("%s %s\n", strcmp(action, "start") == 0 ? "recording raw frames to" : "recorded",

@@ -84,6 +84,7 @@ struct dmn_config {
     int wait_subscriber;
     char control[DMN_WORD_MAX];
     int insecure;
+    char key_server[DMN_WORD_MAX], key_clients[DMN_WORD_MAX];
 
     int record_mode; /* 0 off, 1 raw */
     char record_path[DMN_WORD_MAX];

@@ -75,6 +75,10 @@ pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
     return PVX_OK;
 }
 
+#define HELP                                                                                      \
+    "make keys (pyrovox keygen lab; pyrovox keygen me --server lab.pub), list me.pub in a file, " \
+    "and name both as keys.server and keys.clients"
+
 /* Parsed, not compared by its beginning: 127.0.0.1.example.org is a name of somebody's. */
 static bool is_loopback(const char *host, size_t len)
 {
@@ -109,18 +113,30 @@ enum dmn_reach dmn_endpoint_reach(const char *endpoint)
     return DMN_REACH_NET;
 }
 
+bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum dmn_endpoint kind)
+{
+    bool asks = kind == DMN_CONTROL ? dmn_endpoint_reach(endpoint) != DMN_REACH_FILE
+                                    : dmn_endpoint_reach(endpoint) == DMN_REACH_NET;
+    return asks && c->key_server[0] != '\0';
+}
+
 pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, struct pvx_diag *d)
 {
     *open = NULL;
+    if ((c->key_server[0] == '\0') != (c->key_clients[0] == '\0'))
+        return pvx_fail(d, PVX_EINVAL, "%s: keys.server and keys.clients go together", c->name);
+    if (c->key_server[0] != '\0')
+        return PVX_OK;
     for (size_t i = 0; i < c->endpoints.n; i++)
         if (dmn_endpoint_reach(c->endpoints.v[i]) == DMN_REACH_NET)
             *open = c->endpoints.v[i];
     if (*open != NULL && !c->insecure)
-        return pvx_fail(d, PVX_EPERM,
-                        "%s: publish.endpoints: %s lets everybody in who reaches it, unencrypted; "
-                        "publish on tcp://127.0.0.1:PORT and forward that (ssh -L), or say "
-                        "'insecure: true' on a network where all are trusted",
-                        c->name, *open);
+        return pvx_fail(
+            d, PVX_EPERM,
+            "%s: publish.endpoints: %s lets everybody in who reaches it, unencrypted; " HELP
+            ", or publish on tcp://127.0.0.1:PORT and forward that (ssh -L), or say "
+            "'insecure: true' on a network where all are trusted",
+            c->name, *open);
     if (dmn_endpoint_reach(c->control) == DMN_REACH_FILE)
         return PVX_OK;
     *open = c->control;
@@ -128,8 +144,8 @@ pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, str
         return pvx_fail(
             d, PVX_EPERM,
             "%s: control.endpoint: on %s everybody could stop the daemon and have it "
-            "write files; use ipc:// with a path, or say 'insecure: true' where all are "
-            "trusted",
+            "write files; " HELP
+            ", or use ipc:// with a path, or say 'insecure: true' where all are trusted",
             c->name, *open);
     return PVX_OK;
 }

@@ -6,6 +6,7 @@
  * Threads: any. */
 #ifndef DMN_ENDPOINTS_H
 #define DMN_ENDPOINTS_H
+#include <stdbool.h>
 #include "daemon/config/config.h"
 
 enum dmn_endpoint { DMN_VOLUMES, DMN_CONTROL };
@@ -29,10 +30,12 @@ enum dmn_reach {
     DMN_REACH_NET   /* other hosts: all else, names and wildcards too */
 };
 enum dmn_reach dmn_endpoint_reach(const char *endpoint);
+/* Whether who comes there has to have a key: one that is beyond what needs none, where there are keys. */
+bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum dmn_endpoint kind);
 
-/* Volumes may be had on this host, control only by a file, unless the configuration says `insecure: true`.
- * *open = what is open beyond that, for a warning: an endpoint of c's, NULL = nothing.
- * PVX_EPERM: not said (diag names key and remedy). */
+/* Volumes may be had on this host and control by a file; beyond that there are keys, or the configuration
+ * says `insecure: true`.  *open = what is open beyond it, for a warning: an endpoint of c's, NULL = nothing.
+ * PVX_EPERM: neither (diag names key and remedy); PVX_EINVAL: half of the keys. */
 PVX_MUST_CHECK pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open,
                                              struct pvx_diag *d);
 

@@ -200,6 +200,14 @@ const struct dmn_option dmn_options[] = {
     TEXT("control.endpoint", control,
          "ZeroMQ endpoint of `pyrovox status`; empty = ipc in the run folder."),
 
+    TEXT("keys.server", key_server,
+         "The daemon's key, a .key file of `pyrovox keygen`. With keys.clients, volumes may be "
+         "published on any address and control be on tcp://: encrypted, and for listed keys only; "
+         "ipc:// files, and volumes on loopback addresses, need none."),
+    TEXT("keys.clients", key_clients,
+         "Who may come in: lines NAME read|control KEY, as in .pub files of `pyrovox keygen`. Read "
+         "again on SIGHUP; who is no longer in it is put out."),
+
     CHOICE("record.mode", record_mode, "off", "off|raw",
            "raw: record the raw frames from the start (a take, HDF5); `record: raw` says the same. "
            "`pyrovox record --raw start` begins one at any time."),

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <zmq.h>
 
 #include "base/clock.h"
@@ -21,6 +22,10 @@ struct dmn_control {
     struct dmn_control_ops ops;
     void *zmq, *socket;
     pvp_ipc_claim *claim;
+    char *endpoint;
+    pvp_auth *auth;
+    pvp_zap *zap;
+    uint64_t generation; /* of auth, when the socket was opened */
     pthread_t thread;
     bool started;
     atomic_bool quit;
@@ -52,6 +57,8 @@ static size_t record(const struct dmn_control_ops *ops, const cJSON *req, char *
     bool start = action != NULL && strcmp(action, "start") == 0;
     if (!start && (action == NULL || strcmp(action, "stop") != 0))
         return fail(reply, size, "action should be \"start\" or \"stop\"");
+    if (path != NULL && ops->remote)
+        return fail(reply, size, "over the network a take goes to record.path: leave path out");
     if (path != NULL && path[0] != '/')
         return fail(reply, size, "path should be absolute");
     if (ops->record == NULL)
@@ -176,10 +183,50 @@ static void answer(dmn_control *c, size_t length)
         LOG_EVERY(PVX_LOG_WARN, DAEMON, "control reply not sent: %s", zmq_strerror(errno));
 }
 
+static pvx_err bind_socket(dmn_control *c, struct pvx_diag *d)
+{
+    int64_t max = DMN_REQUEST_MAX * 4; /* above this libzmq closes the connection */
+    int wait_ms = 100, linger = 200;
+    c->socket = zmq_socket(c->zmq, ZMQ_ROUTER);
+    if (c->socket == NULL)
+        return pvx_fail(d, PVX_EIO, "control socket: %s", zmq_strerror(errno));
+    zmq_setsockopt(c->socket, ZMQ_MAXMSGSIZE, &max, sizeof max);
+    zmq_setsockopt(c->socket, ZMQ_RCVTIMEO, &wait_ms, sizeof wait_ms);
+    zmq_setsockopt(c->socket, ZMQ_LINGER, &linger, sizeof linger);
+    if (c->auth != NULL)
+        PVX_TRY(pvp_auth_guard(c->auth, c->socket, PVP_ROLE_CONTROL));
+    if (zmq_bind(c->socket, c->endpoint) != 0)
+        return pvp_bind_fail(c->endpoint, errno, d);
+    return PVX_OK;
+}
+
+/* Somebody may do less than before: all have to come in again (pub.c). */
+static void guard_again(dmn_control *c)
+{
+    struct pvx_diag d = {""};
+    if (c->auth == NULL)
+        return;
+    uint64_t now = pvp_auth_generation(c->auth);
+    if (now != c->generation && c->socket != NULL) {
+        zmq_close(c->socket);
+        c->socket = NULL;
+    }
+    c->generation = now;
+    if (c->socket == NULL && bind_socket(c, &d) != PVX_OK) {
+        if (c->socket != NULL)
+            zmq_close(c->socket);
+        c->socket = NULL;
+        usleep(100000);
+    }
+}
+
 static void *run(void *arg)
 {
     dmn_control *c = arg;
     while (!atomic_load(&c->quit)) {
+        guard_again(c);
+        if (c->socket == NULL)
+            continue;
         int n = receive(c);
         if (n >= 0) {
             answer(c,
@@ -194,34 +241,27 @@ static void *run(void *arg)
     return NULL;
 }
 
-static pvx_err bind_socket(dmn_control *c, const char *endpoint, struct pvx_diag *d)
-{
-    int64_t max = DMN_REQUEST_MAX * 4; /* above this libzmq closes the connection */
-    int wait_ms = 100, linger = 200;
-    c->zmq = zmq_ctx_new();
-    if (c->zmq != NULL)
-        c->socket = zmq_socket(c->zmq, ZMQ_ROUTER);
-    if (c->socket == NULL)
-        return pvx_fail(d, PVX_EIO, "control socket: %s", zmq_strerror(errno));
-    zmq_setsockopt(c->socket, ZMQ_MAXMSGSIZE, &max, sizeof max);
-    zmq_setsockopt(c->socket, ZMQ_RCVTIMEO, &wait_ms, sizeof wait_ms);
-    zmq_setsockopt(c->socket, ZMQ_LINGER, &linger, sizeof linger);
-    if (zmq_bind(c->socket, endpoint) != 0)
-        return pvp_bind_fail(endpoint, errno, d);
-    return PVX_OK;
-}
-
-pvx_err dmn_control_new(const char *endpoint, const struct dmn_control_ops *ops, dmn_control **out,
-                        struct pvx_diag *d)
+pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth, const struct dmn_control_ops *ops,
+                        dmn_control **out, struct pvx_diag *d)
 {
     *out = NULL;
     dmn_control *c = pvx_calloc(1, sizeof *c);
     if (c == NULL)
         return PVX_ENOMEM;
     c->ops = *ops;
-    pvx_err e = pvp_ipc_claim_new(endpoint, &c->claim, d);
+    c->ops.remote = auth != NULL;
+    c->auth = auth;
+    c->endpoint = strdup(endpoint);
+    c->zmq = zmq_ctx_new();
+    pvx_err e = c->endpoint != NULL && c->zmq != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK)
-        e = bind_socket(c, endpoint, d);
+        e = pvp_ipc_claim_new(endpoint, &c->claim, d);
+    if (e == PVX_OK && auth != NULL) {
+        c->generation = pvp_auth_generation(auth);
+        e = pvp_zap_new(auth, c->zmq, &c->zap, d);
+    }
+    if (e == PVX_OK)
+        e = bind_socket(c, d);
     if (e == PVX_OK && pthread_create(&c->thread, NULL, run, c) != 0)
         e = pvx_fail(d, PVX_EIO, "control: no thread to be had");
     if (e != PVX_OK) {
@@ -244,8 +284,10 @@ void dmn_control_free(dmn_control **pc)
         pthread_join(c->thread, NULL);
     if (c->socket != NULL)
         zmq_close(c->socket);
+    pvp_zap_free(&c->zap);
     if (c->zmq != NULL)
         zmq_ctx_term(c->zmq);
     pvp_ipc_claim_free(&c->claim);
+    free(c->endpoint);
     PVX_FREE(*pc);
 }

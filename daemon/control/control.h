@@ -18,6 +18,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "base/err.h"
+#include "proto/auth.h"
 
 #define DMN_REQUEST_MAX 4096
 #define DMN_REPLY_MAX   (320u << 10)
@@ -32,6 +33,7 @@ struct dmn_control_ops {
     void *ctx;
     /* Take a background of so many sets; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);
+    bool remote; /* a request may not say which file to write; dmn_control_new sets it */
 };
 
 /* Answer one request; returns the reply's length (at least 2, 0-terminated beyond).  size >= 256. */
@@ -39,8 +41,10 @@ size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request
                           char *reply, size_t size);
 
 typedef struct dmn_control dmn_control;
-/* Errors: PVX_EBUSY (in use: says which), PVX_EINVAL (endpoint). */
-PVX_MUST_CHECK pvx_err dmn_control_new(const char *endpoint, const struct dmn_control_ops *ops,
-                                       dmn_control **out, struct pvx_diag *d);
+/* auth, borrowed: only clients with a key of role control come in, and none of them names a file; NULL: whoever
+ * reaches the endpoint.  Errors: PVX_EBUSY (in use: says which), PVX_EINVAL (endpoint). */
+PVX_MUST_CHECK pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth,
+                                       const struct dmn_control_ops *ops, dmn_control **out,
+                                       struct pvx_diag *d);
 void dmn_control_free(dmn_control **c);
 #endif

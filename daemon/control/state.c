@@ -179,6 +179,12 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_str(&j, "software", "pyrovoxd " PVX_VERSION);
     dmn_json_num(&j, "uptime_s", s->uptime_s);
     dmn_json_str(&j, "open_to_all", s->open_to);
+    if (s->keys) {
+        dmn_json_open(&j, "keys", '{');
+        dmn_json_int(&j, "listed", (long long)s->clients_listed);
+        dmn_json_int(&j, "refused", (long long)s->connections_refused);
+        dmn_json_close(&j, '}');
+    }
     dmn_json_num(&j, "sets_per_s", s->sets_per_s);
     json_sets(&j, s);
     dmn_json_open(&j, "latency_ms", '{');

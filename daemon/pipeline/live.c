@@ -20,6 +20,7 @@
 
 struct dmn_live {
     struct dmn_config cfg;
+    pvp_auth *auth; /* borrowed; NULL: no keys */
     struct rec_rig rig;
     struct rec_sysmat_params matrix; /* resolved */
     pvx_pool *pool;
@@ -153,15 +154,16 @@ static dmn_live *empty(const struct dmn_config *cfg)
     return l;
 }
 
-pvx_err dmn_live_new(const struct dmn_config *cfg, rec_progress_fn progress, void *progress_ctx,
-                     dmn_live **out, struct pvx_diag *d)
+pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_fn progress,
+                     void *progress_ctx, dmn_live **out, struct pvx_diag *d)
 {
     dmn_live *l = *out = empty(cfg);
     if (l == NULL)
         return PVX_ENOMEM;
+    l->auth = auth;
     pvx_err e = prepare(l, d);
     if (e == PVX_OK)
-        e = dmn_publish_open(&l->out, &l->cfg, &l->rig, d);
+        e = dmn_publish_open(&l->out, &l->cfg, &l->rig, auth, d);
     if (e == PVX_OK)
         e = matrix_open(l, progress, progress_ctx, d);
     if (e == PVX_OK)
@@ -240,6 +242,11 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     const char *open = NULL;
     if (dmn_endpoints_allowed(&l->cfg, &open, NULL) == PVX_OK && open != NULL)
         snprintf(out->open_to, sizeof out->open_to, "%s", open);
+    out->keys = l->auth != NULL;
+    if (out->keys) {
+        out->clients_listed = pvp_auth_clients(l->auth);
+        out->connections_refused = pvp_auth_refused(l->auth);
+    }
     out->session = l->out.start.session;
     dmn_pipeline_counts(l->pipeline, out);
     dmn_publish_state(&l->out, out);

@@ -7,13 +7,15 @@
 #define DMN_LIVE_H
 #include "daemon/config/config.h"
 #include "daemon/control/state.h"
+#include "proto/auth.h"
 
 typedef struct dmn_live dmn_live;
 
 /* Reads the rig, builds or maps the matrix (progress in the log), opens the publisher.  `cfg` is
- * copied.  Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
-PVX_MUST_CHECK pvx_err dmn_live_new(const struct dmn_config *cfg, rec_progress_fn progress,
-                                    void *progress_ctx, dmn_live **out, struct pvx_diag *d);
+ * copied; auth, borrowed: who may come in where its endpoints ask, NULL where none does.  Errors: the rig's, the matrix's, PVX_EBUSY (endpoint in use), PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth,
+                                    rec_progress_fn progress, void *progress_ctx, dmn_live **out,
+                                    struct pvx_diag *d);
 /* All of that which can be wrong in `cfg` and the rig, without matrix, endpoints and cameras. */
 PVX_MUST_CHECK pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d);

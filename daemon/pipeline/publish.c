@@ -115,17 +115,21 @@ struct dmn_sink dmn_publish_sink(struct dmn_publish *p)
 }
 
 pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
-                         const struct rec_rig *rig, struct pvx_diag *d)
+                         const struct rec_rig *rig, pvp_auth *auth, struct pvx_diag *d)
 {
     p->votes.patience = TORN;
     static const enum pvp_sample samples[] = {PVP_F16, PVP_F32};
     static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
-    const char *endpoint[DMN_TEXTS_MAX] = {dmn_default_endpoint(DMN_VOLUMES)};
-    size_t n = c->endpoints.n == 0 ? 1 : c->endpoints.n;
-    for (size_t i = 0; i < c->endpoints.n; i++)
-        endpoint[i] = c->endpoints.v[i];
-    for (size_t i = 0; i < n; i++)
-        PVX_TRY(dmn_endpoint_prepare(endpoint[i], d));
+    const char *open[DMN_TEXTS_MAX], *guarded[DMN_TEXTS_MAX];
+    size_t n = c->endpoints.n == 0 ? 1 : c->endpoints.n, n_open = 0, n_guarded = 0;
+    for (size_t i = 0; i < n; i++) {
+        const char *e = c->endpoints.n == 0 ? dmn_default_endpoint(DMN_VOLUMES) : c->endpoints.v[i];
+        PVX_TRY(dmn_endpoint_prepare(e, d));
+        if (dmn_endpoint_guarded(c, e, DMN_VOLUMES))
+            guarded[n_guarded++] = e;
+        else
+            open[n_open++] = e;
+    }
     struct pvp_start *s = &p->start;
     p->rig = rig;
     const struct rec_grid *g = &rig->grid;
@@ -141,8 +145,11 @@ pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
     s->fps = c->fps;
     snprintf(s->units, sizeof s->units, "1/m");
     snprintf(s->software, sizeof s->software, "pyrovoxd %s", PVX_VERSION);
-    struct pvp_pub_params pp = {.endpoints = endpoint,
-                                .n_endpoints = n,
+    struct pvp_pub_params pp = {.endpoints = open,
+                                .n_endpoints = n_open,
+                                .guarded = guarded,
+                                .n_guarded = n_guarded,
+                                .auth = auth,
                                 .send_hwm = (int)c->hwm,
                                 .sample = samples[c->sample],
                                 .comp = comps[c->compress],

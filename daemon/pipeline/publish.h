@@ -37,9 +37,11 @@ struct dmn_publish {
     char status_json[DMN_STATE_JSON_MAX];
 };
 
-/* Errors: PVX_EBUSY (endpoint in use), PVX_EINVAL, PVX_ENOMEM. */
+/* auth, borrowed: who may come in where c's endpoints ask; NULL where none does.
+ * Errors: PVX_EBUSY (endpoint in use), PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
-                                        const struct rec_rig *rig, struct pvx_diag *d);
+                                        const struct rec_rig *rig, pvp_auth *auth,
+                                        struct pvx_diag *d);
 /* Closes; a struct of zeros is fine. */
 void dmn_publish_close(struct dmn_publish *p);
 struct dmn_sink dmn_publish_sink(struct dmn_publish *p);

@@ -151,17 +151,33 @@ def decode(msg, memory=MEMORY, start=None):
     return m
 
 
+def use_key(socket, path):
+    """A .key file of `pyrovox keygen --server`, for a daemon that asks for one."""
+    if os.stat(path).st_mode & 0o077:
+        raise PermissionError(f"{path}: others may read this secret key; chmod 600 it")
+    with open(path) as f:
+        lines = (line.split() for line in f)
+        key = {words[0]: words[1].encode() for words in lines if len(words) == 2}
+    try:
+        socket.curve_serverkey = key["server"]
+        socket.curve_publickey, socket.curve_secretkey = key["public"], key["secret"]
+    except KeyError as e:
+        raise ValueError(f"{path}: has no {e.args[0]} key; make it with pyrovox keygen --server") from None
+
+
 class Subscriber:
     """Iterate over decoded messages; volumes only after their session's start.  `lost` counts gaps.
 
     Raises TooLarge when the daemon's volumes need more than `memory` bytes.
     """
 
-    def __init__(self, endpoint, timeout_ms=-1, memory=MEMORY):
+    def __init__(self, endpoint, timeout_ms=-1, memory=MEMORY, key=None):
         self.socket = zmq.Context.instance().socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, 16)
         self.socket.setsockopt(zmq.MAXMSGSIZE, 2 * memory + (1 << 20))
         self.socket.setsockopt(zmq.SUBSCRIBE, b"PVX1")
+        if key:
+            use_key(self.socket, key)
         self.socket.connect(endpoint)
         self.timeout_ms, self.memory = timeout_ms, memory
         self.start, self.session, self.next = None, None, 0
@@ -217,12 +233,13 @@ def main():
     p.add_argument("--timeout", type=float, help="stop when nothing comes for so many seconds")
     p.add_argument("--memory", type=int, default=MEMORY >> 20, metavar="MIB",
                    help="refuse volumes that need more (%(default)s)")
+    p.add_argument("--key", metavar="FILE", help="your .key file, for a daemon that asks for one")
     a = p.parse_args()
     if a.save:
         os.makedirs(a.save, exist_ok=True)
     n = 0
     timeout_ms = -1 if a.timeout is None else int(a.timeout * 1000)
-    with Subscriber(a.endpoint, timeout_ms, a.memory << 20) as sub:
+    with Subscriber(a.endpoint, timeout_ms, a.memory << 20, a.key) as sub:
         for m in sub:
             if m["type"] == "volume":
                 d = m["dense"]

@@ -7,6 +7,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "proto/auth.h"
 
 #define RECEIVE_HWM      16
 #define RECONNECT_MS     100
@@ -22,7 +23,8 @@ struct pvp_sub {
     struct pvp_sub_stats stats;
 };
 
-static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, struct pvx_diag *d)
+static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, const char *key,
+                              struct pvx_diag *d)
 {
     s->ctx = zmq_ctx_new();
     s->socket = s->ctx != NULL ? zmq_socket(s->ctx, ZMQ_SUB) : NULL;
@@ -36,6 +38,8 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, struct pv
         zmq_setsockopt(s->socket, ZMQ_RECONNECT_IVL_MAX, &ivl_max, sizeof ivl_max) != 0 ||
         zmq_setsockopt(s->socket, ZMQ_SUBSCRIBE, PVP_SUBSCRIBE_ALL, strlen(PVP_SUBSCRIBE_ALL)) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
+    if (key != NULL)
+        PVX_TRY(pvp_auth_client(s->socket, key, d));
     if (zmq_connect(s->socket, endpoint) != 0)
         return pvx_fail(d, PVX_EINVAL,
                         "%s: not an endpoint (%s); write ipc:///run/pyrovox/volumes or "
@@ -53,7 +57,7 @@ pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o, pvp_s
         return PVX_ENOMEM;
     s->memory = o != NULL && o->memory > 0 ? o->memory : PVP_SUB_MEMORY;
     zmq_msg_init(&s->msg);
-    pvx_err e = connect_socket(s, endpoint, d);
+    pvx_err e = connect_socket(s, endpoint, o != NULL ? o->key : NULL, d);
     if (e != PVX_OK) {
         pvp_sub_free(&s);
         return e;

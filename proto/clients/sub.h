@@ -15,6 +15,8 @@ typedef struct pvp_sub pvp_sub;
 struct pvp_sub_options {
     size_t memory; /* bytes that a volume as floats may need, and half of what a message may be;
                     * 0: PVP_SUB_MEMORY */
+    const char
+        *key; /* a .key file of `pyrovox keygen`, for a daemon that asks for one; NULL: none */
 };
 struct pvp_sub_stats {
     uint64_t received;  /* well-formed messages, unknown types included */
@@ -23,7 +25,7 @@ struct pvp_sub_stats {
                          * of another grid than its session's start */
     uint64_t sessions;  /* runs of the daemon seen */
 };
-/* NULL options are all defaults.  PVX_EINVAL: not an endpoint. */
+/* NULL options are all defaults.  PVX_EINVAL: not an endpoint.  PVX_ENOENT, PVX_EPERM, PVX_EFORMAT: the key. */
 PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o,
                                    pvp_sub **out, struct pvx_diag *d);
 /* Next message of a known type; the bytes are borrowed until the next call.  start, status and end

@@ -57,7 +57,7 @@ static inline dmn_live *make(const char *more)
              dir, dir, dir, bed_publish, more);
     T_EQ_I(dmn_config_parse(text, strlen(text), "test", &cfg, &d), PVX_OK);
     if (d.text[0] == '\0')
-        T_EQ_I(dmn_live_new(&cfg, NULL, NULL, &p, &d), PVX_OK);
+        T_EQ_I(dmn_live_new(&cfg, NULL, NULL, NULL, &p, &d), PVX_OK);
     T_EQ_S(d.text, "");
     if (p == NULL)
         exit(1);

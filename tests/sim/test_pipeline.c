@@ -83,7 +83,7 @@ T_CASE(a_second_publisher_is_refused)
     make_rig(3, 80, 60, 16);
     dmn_live *p = make("cameras: \"sim:\"\n"), *q = NULL;
     struct pvx_diag d = {0};
-    T_EQ_I(dmn_live_new(&cfg, NULL, NULL, &q, &d), PVX_EBUSY);
+    T_EQ_I(dmn_live_new(&cfg, NULL, NULL, NULL, &q, &d), PVX_EBUSY);
     T_OK(q == NULL);
     T_OK(d.text[0] != '\0');
     dmn_live_free(&p);

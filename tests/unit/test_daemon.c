@@ -157,7 +157,11 @@ static void answer_is(const char *request, const char *part)
 {
     int fits = 1;
     char reply[600];
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits, NULL};
+    struct dmn_control_ops ops = {.status = fake_status,
+                                  .reset_latency = fake_reset,
+                                  .stop = fake_stop,
+                                  .record = fake_record,
+                                  .ctx = &fits};
     size_t n = dmn_control_handle(&ops, request, strlen(request), reply, sizeof reply);
     T_EQ_I(n, strlen(reply));
     T_CONTAINS(reply, part);
@@ -196,9 +200,18 @@ T_CASE(control_answers)
     /* a status that does not fit is an answer too */
     int fits = 0;
     char reply[300];
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits, NULL};
+    struct dmn_control_ops ops = {.status = fake_status,
+                                  .reset_latency = fake_reset,
+                                  .stop = fake_stop,
+                                  .record = fake_record,
+                                  .ctx = &fits};
     dmn_control_handle(&ops, "{\"cmd\":\"status\"}", 16, reply, sizeof reply);
     T_CONTAINS(reply, "does not fit");
+    /* over the network nobody says which file to write */
+    static const char take[] = "{\"cmd\":\"record\",\"action\":\"start\",\"path\":\"/a.h5\"}";
+    ops.remote = true;
+    dmn_control_handle(&ops, take, strlen(take), reply, sizeof reply);
+    T_CONTAINS(reply, "goes to record.path");
 }
 
 static pvx_err fake_background(void *ctx, uint32_t sets, struct pvx_diag *d)
@@ -211,8 +224,12 @@ T_CASE(background_requests)
 {
     uint32_t sets = 99;
     char reply[300];
-    const struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop,
-                                        fake_record, &sets,      fake_background};
+    const struct dmn_control_ops ops = {.status = fake_status,
+                                        .reset_latency = fake_reset,
+                                        .stop = fake_stop,
+                                        .record = fake_record,
+                                        .ctx = &sets,
+                                        .background = fake_background};
     static const struct {
         const char *request, *answer;
         uint32_t sets;
@@ -227,8 +244,11 @@ T_CASE(background_requests)
         T_CONTAINS(reply, of[i].answer);
         T_EQ_I(sets, of[i].sets);
     }
-    const struct dmn_control_ops cannot = {fake_status, fake_reset, fake_stop,
-                                           fake_record, &sets,      NULL};
+    const struct dmn_control_ops cannot = {.status = fake_status,
+                                           .reset_latency = fake_reset,
+                                           .stop = fake_stop,
+                                           .record = fake_record,
+                                           .ctx = &sets};
     dmn_control_handle(&cannot, of[0].request, strlen(of[0].request), reply, sizeof reply);
     T_CONTAINS(reply, "not possible here");
 }
@@ -280,18 +300,22 @@ T_CASE(second_control_socket_is_refused)
     scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     int fits = 1;
-    struct dmn_control_ops ops = {fake_status, fake_reset, fake_stop, fake_record, &fits, NULL};
+    struct dmn_control_ops ops = {.status = fake_status,
+                                  .reset_latency = fake_reset,
+                                  .stop = fake_stop,
+                                  .record = fake_record,
+                                  .ctx = &fits};
     dmn_control *a = NULL, *b = NULL;
     struct pvx_diag d = {0};
-    T_EQ_I(dmn_control_new(endpoint, &ops, &a, &d), PVX_OK);
-    T_EQ_I(dmn_control_new(endpoint, &ops, &b, &d), PVX_EBUSY);
+    T_EQ_I(dmn_control_new(endpoint, NULL, &ops, &a, &d), PVX_OK);
+    T_EQ_I(dmn_control_new(endpoint, NULL, &ops, &b, &d), PVX_EBUSY);
     T_CONTAINS(d.text, endpoint);
     T_OK(b == NULL);
     dmn_control_free(&a);
     d.text[0] = '\0';
-    T_EQ_I(dmn_control_new(endpoint, &ops, &a, &d), PVX_OK); /* free again */
+    T_EQ_I(dmn_control_new(endpoint, NULL, &ops, &a, &d), PVX_OK); /* free again */
     dmn_control_free(&a);
-    T_EQ_I(dmn_control_new("nonsense", &ops, &a, &d), PVX_EINVAL);
+    T_EQ_I(dmn_control_new("nonsense", NULL, &ops, &a, &d), PVX_EINVAL);
     T_EQ_I(rmdir(dir), 0); /* nothing left behind */
 }
 
@@ -331,10 +355,14 @@ T_CASE(a_reply_is_not_lost_by_what_another_peer_did)
     scratch_new();
     snprintf(endpoint, sizeof endpoint, "ipc://%s/control", dir);
     atomic_bool go;
-    struct dmn_control_ops ops = {slow_status, fake_reset, fake_stop, fake_record, &go, NULL};
+    struct dmn_control_ops ops = {.status = slow_status,
+                                  .reset_latency = fake_reset,
+                                  .stop = fake_stop,
+                                  .record = fake_record,
+                                  .ctx = &go};
     struct pvx_diag d = {0};
     dmn_control *c = NULL;
-    T_EQ_I(dmn_control_new(endpoint, &ops, &c, &d), PVX_OK);
+    T_EQ_I(dmn_control_new(endpoint, NULL, &ops, &c, &d), PVX_OK);
     void *zmq = zmq_ctx_new();
     bool answered = c != NULL;
     for (int k = 0; answered && k < 20; k++) {

@@ -1,0 +1,87 @@
+#!/bin/bash
+# Keys as a user has them: made by keygen, a daemon that is reached by a name of this host's network, clients with
+# and without a key, a key that is taken back while its owner reads.
+name=086
+. "$(dirname "$0")/lib.sh"
+# two ports that are ours: who holds them without listening lets the daemon have them
+start ports.log "$py" -c 'import socket, time
+held = [socket.socket() for _ in range(2)]
+for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
+print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)'
+wait_for test -s "$dir/ports.log"
+read -r port control_port < "$dir/ports.log"
+keys=$dir/keys
+mkdir "$keys"
+
+made() {
+    { "$pyrovox" keygen "$keys/lab" && "$pyrovox" keygen "$keys/anna" --server "$keys/lab.pub" &&
+        "$pyrovox" keygen "$keys/bert" --server "$keys/lab.pub" --control; } > "$keys/said" || return 1
+    [ "$(stat -c %a "$keys/lab.key")" = 600 ] && cat "$keys/anna.pub" "$keys/bert.pub" > "$keys/clients.keys"
+}
+check keygen made
+run "$pyrovox" keygen "$keys/anna" --server "$keys/lab.pub"
+check keygen-writes-nothing-over says 1 "anna.pub is there already"
+
+cat > "$dir/a.yaml" <<E2
+rig: $PWD/tests/data/rig4.yaml
+cameras: "sim:"
+fps: 20
+publish: {endpoints: ["tcp://*:$port", "$volumes"]}
+control: {endpoint: "tcp://127.0.0.1:$control_port"}
+keys: {server: keys/lab.key, clients: keys/clients.keys}
+record: {path: "$dir/take.h5"}
+E2
+start daemon.log "$pyrovoxd" --config "$dir/a.yaml"
+daemon=$started
+ask=("$pyrovox" status --endpoint "tcp://127.0.0.1:$control_port")
+answers() { "${ask[@]}" --key "$keys/bert.key" --timeout 5 > "$dir/said" 2>&1; }
+volumes_for() { "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$keys/$1.key" --volumes 3 --out "$dir/out-$1-$2" -q; }
+check control-with-its-key wait_for answers
+run "${ask[@]}" --key "$keys/anna.key" --timeout 1
+check read-is-not-control says 1 "no daemon answers"
+run "${ask[@]}" --timeout 1
+check no-key-no-answer says 1 "no daemon answers"
+check reads volumes_for anna 1
+check control-reads-too volumes_for bert 1
+check a-file-needs-none "$pyrovox" record --endpoint "$volumes" --volumes 3 --out "$dir/out-file" -q
+run "$pyrovox" record --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --raw start --out "$dir/elsewhere.h5"
+check writes-where-it-is-told-here says 1 "goes to record.path"
+python_reads() {
+    "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" --key "$keys/anna.key" --frames 3 --timeout 120 | tail -n 1 | grep -q '^3 volumes'
+}
+if "$py" -c 'import numpy, zmq' 2> /dev/null; then check python-reads python_reads
+else echo "SKIP $name:python-reads (no python3 with numpy and zmq)"; fi
+
+# nobody without a key gets a byte, however long it asks
+start none.log "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --volumes 1 --out "$dir/out-none" -q
+none=$started
+# who reads when the key is taken back hears no more; the other goes on, with a gap that is counted
+start anna.log "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$keys/anna.key" --out "$dir/out-anna" -q
+anna=$started
+start bert.log "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$keys/bert.key" --out "$dir/out-bert" -q
+bert=$started
+have() { [ "$(find "$dir/out-$1" -name '*.npy' 2> /dev/null | wc -l)" -ge "$2" ]; }
+check one-reads wait_for have anna 3
+check another-reads wait_for have bert 3
+cat "$keys/bert.pub" > "$keys/clients.keys"
+kill -HUP "$daemon"
+check taken-back wait_for grep -q 'refused a connection from 127.0.0.1' "$dir/daemon.log"
+n=$(find "$dir/out-bert" -name '*.npy' | wc -l)
+check the-other-goes-on wait_for have bert $((n + 20))
+n=$(find "$dir/out-anna" -name '*.npy' | wc -l)
+m=$(find "$dir/out-bert" -name '*.npy' | wc -l)
+wait_for have bert $((m + 20))
+check hears-no-more [ "$(find "$dir/out-anna" -name '*.npy' | wc -l)" = "$n" ]
+check none-without-a-key [ "$(find "$dir/out-none" -name '*.npy' | wc -l)" = 0 ]
+kill -INT "$none" "$anna" "$bert"
+wait "$none" "$anna" "$bert" 2> /dev/null
+run "${ask[@]}" --key "$keys/bert.key" --timeout 120
+check status-says-who-was-refused says 0 "keys      1 may come in"
+run "${ask[@]}" --key "$keys/bert.key" --stop --timeout 120
+check stops-by-its-key says 0 "stopping"
+check ends wait "$daemon"
+
+chmod 644 "$keys/lab.key"
+run "$pyrovoxd" --check-config --config "$dir/a.yaml"
+check a-secret-that-others-read says 1 "lab.key: others may read this secret key"
+exit $rc
