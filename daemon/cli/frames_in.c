@@ -196,6 +196,12 @@ static void load_piece(void *ctx, size_t c)
         f->image[c] = &f->loaded[c].img;
 }
 
+static void load_set(struct frames_in *f, size_t i)
+{
+    f->at = i;
+    pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
+}
+
 /* After a set: what could not be used is told, the first of it in *first, and the images are let go. */
 static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 {
@@ -217,11 +223,18 @@ static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out)
 {
     uint64_t mask;
-    struct pvx_diag first = {""};
-    f->at = i;
-    pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
+    load_set(f, i);
     dmn_images_bin(f->images, f->image, out, &mask);
-    let_go(f, mask, &first);
+    let_go(f, mask, &(struct pvx_diag){""});
+    return mask;
+}
+
+uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame)
+{
+    uint64_t mask;
+    load_set(f, i);
+    (void)dmn_images_bin_frame(f->images, f->image, frame, &mask);
+    let_go(f, mask, &(struct pvx_diag){""});
     return mask;
 }
 
@@ -230,7 +243,7 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
     struct frames_in *f = ctx;
     if (f->at == f->n || cli_stop || atomic_load(&f->stop))
         return PVX_ECLOSED;
-    pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
+    load_set(f, f->at);
     int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
     s->set = f->number[f->at];
     s->n_present = dmn_images_bin_frame(f->images, f->image, s->frame, &s->mask);

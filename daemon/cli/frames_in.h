@@ -65,6 +65,8 @@ bool frames_in_complete(const struct frames_in *f, size_t i);
 float *frames_in_room(const struct frames_in *f, size_t c);
 /* Set i into out[camera] [bins down][bins across][1 or 4]; the cameras that are in it. */
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
+/* The same into a frame that was reset. */
+uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame);
 /* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way; but .npy of floats are what
  * `calibrate background` wrote, with the rig's photometry in them.  Owner of each out[camera]: caller, free(),
  * after an error too. */

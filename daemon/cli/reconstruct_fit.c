@@ -10,76 +10,100 @@
 #include "base/mem.h"
 #include "daemon/cli/cli.h"
 
+#define VOXELS 24 /* of the vote: its own grid has 16 to 31 */
+
+/* Silhouettes of those cameras that the reconstruction will believe: the stages of a frame set as far as the vote, on
+ * a grid as coarse as the vote's. */
 struct fit {
     struct frames_in *in;
-    const struct rec_frame_params *p;
-    uint64_t mask; /* cameras of the set that is looked at */
-    bool said;     /* that all is lit */
-    float *img[REC_MAX_CAMERAS], *background[REC_MAX_CAMERAS]; /* background NULL = none */
-    struct eye {
-        int32_t bw, bh;
-        float *weight;
-        uint8_t *lit;
-        struct rec_photo_work *work;
-        struct rec_photo_stats stats;
-        struct rec_photo_params params;
-    } eye[REC_MAX_CAMERAS];
-    struct rec_photo_image image[REC_MAX_CAMERAS];
+    rec_sysmat *S;
+    rec_carver *carver;
+    rec_solver *solver; /* a slot wants one */
+    rec_frame *frame;
+    bool said; /* that all is lit */
+    uint32_t sets, left_out[REC_MAX_CAMERAS];
+    uint8_t why[REC_MAX_CAMERAS]; /* of the last of them */
 };
 
-static pvx_err set_up(struct fit *f, const char *background, struct pvx_diag *d)
+static pvx_err set_up(struct fit *f, const struct rec_frame_params *p, const char *background,
+                      pvx_pool *pool, struct pvx_diag *d)
 {
-    for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
-        struct eye *e = &f->eye[c];
-        e->bw = f->in->rig->cameras[c].width / f->in->binning;
-        e->bh = f->in->rig->cameras[c].height / f->in->binning;
-        size_t n = (size_t)e->bw * (size_t)e->bh;
-        f->img[c] = frames_in_room(f->in, c);
-        e->weight = pvx_calloc(n, sizeof *e->weight);
-        e->lit = pvx_calloc(n, 1);
-        e->work = rec_photo_work_new(e->bw, e->bh);
-        if (f->img[c] == NULL || e->weight == NULL || e->lit == NULL || e->work == NULL)
-            return pvx_fail(d, PVX_ENOMEM, "--fit-volume: out of memory for images");
+    const struct rec_sysmat_params one = {.binning = f->in->binning, .rays_per_bin = 1};
+    float *dark[REC_MAX_CAMERAS] = {0};
+    const int32_t n[3] = {VOXELS, 0, 0};
+    struct rec_fit_box whole = {.cell = 0};
+    struct rec_rig rig;
+    PVX_TRY(rec_rig_copy(f->in->rig, &rig));
+    memcpy(whole.min, rig.grid.min, sizeof whole.min);
+    memcpy(whole.max, rig.grid.max, sizeof whole.max);
+    pvx_err e = rec_fit_grid(&f->in->rig->grid, &whole, n, &rig.grid);
+    if (e == PVX_OK)
+        e = rec_sysmat_build(&rig, &one, pool, NULL, NULL, &f->S, d);
+    if (e == PVX_OK)
+        e = rec_carver_new(f->S, &rig, p, pool, &f->carver, d);
+    if (e == PVX_OK)
+        e = rec_solver_new(f->S, p, &f->solver, d);
+    if (e == PVX_OK)
+        e = rec_frame_new(f->carver, f->solver, &f->frame, d);
+    if (e == PVX_OK && background != NULL)
+        e = frames_in_background(f->in, background, dark, d);
+    for (size_t c = 0; c < rig.n_cameras; c++) {
+        if (e == PVX_OK && dark[c] != NULL)
+            e = rec_carver_background(f->carver, c, dark[c]);
+        free(dark[c]);
     }
-    return background != NULL ? frames_in_background(f->in, background, f->background, d) : PVX_OK;
+    rec_rig_fini(&rig);
+    return e;
 }
 
 static void tear_down(struct fit *f)
 {
-    for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
-        free(f->img[c]);
-        free(f->background[c]);
-        free(f->eye[c].weight);
-        free(f->eye[c].lit);
-        free(f->eye[c].work);
-    }
+    rec_frame_free(&f->frame);
+    rec_solver_free(&f->solver);
+    rec_carver_free(&f->carver);
+    rec_sysmat_free(&f->S);
 }
 
-/* The silhouettes of the set that is loaded. */
-static void look(struct fit *f, pvx_pool *pool)
+static size_t lit_bins(const struct fit *f, size_t c)
 {
-    for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
-        struct eye *e = &f->eye[c];
-        bool bayer = dmn_images_bayer(f->in->images, c) != NULL;
-        e->params = f->p->photo;
-        e->params.saturation =
-            rec_photo_saturation(&f->p->photo, dmn_images_floats(f->in->images, c),
-                                 dmn_images_saturated(f->in->images, c));
-        f->image[c] = (struct rec_photo_image){.absent = !(f->mask >> c & 1),
-                                               .img = f->img[c],
-                                               .bw = e->bw,
-                                               .bh = e->bh,
-                                               .nch = f->p->nch,
-                                               .bayer = bayer ? f->in->binning : 0,
-                                               .background = f->background[c],
-                                               .gain = f->in->rig->cameras[c].gain,
-                                               .params = &e->params,
-                                               .weight = e->weight,
-                                               .lit = e->lit,
-                                               .stats = &e->stats,
-                                               .work = e->work};
+    const struct rec_sysmat_block *b = &f->S->block[c];
+    const uint8_t *at = rec_frame_lit(f->frame, c);
+    size_t lit = 0;
+    for (size_t i = 0; i < (size_t)b->bw * (size_t)b->bh; i++)
+        lit += at[i] != 0;
+    return lit;
+}
+
+/* Set i's silhouettes into the fit; whether any camera saw flame. */
+static bool look(struct fit *f, size_t i, rec_fit *fit)
+{
+    const struct rec_verdict *v = &rec_frame_get_report(f->frame)->vote;
+    const uint8_t *lit[REC_MAX_CAMERAS];
+    bool present[REC_MAX_CAMERAS];
+    size_t light = 0, there = 0;
+    rec_frame_reset(f->frame);
+    uint64_t mask = frames_in_load_frame(f->in, i, f->frame);
+    rec_frame_carve(f->frame);
+    for (size_t c = 0; c < f->S->n_cameras && c < REC_MAX_CAMERAS; c++) {
+        const struct rec_sysmat_block *b = &f->S->block[c];
+        lit[c] = rec_frame_lit(f->frame, c);
+        present[c] = ((mask & ~v->out) >> c & 1) != 0;
+        if (v->out >> c & 1) {
+            f->left_out[c]++;
+            f->why[c] = v->why[c];
+        }
+        if (!present[c])
+            continue;
+        size_t n = lit_bins(f, c);
+        there++;
+        light += n;
+        reconstruct_check_lit(f->in->rig->cameras[c].name, n, (size_t)b->bw * (size_t)b->bh,
+                              &f->said);
     }
-    rec_photo_apply(f->image, f->in->rig->n_cameras, pool);
+    f->sets++;
+    if (there > 0)
+        rec_fit_add(fit, lit, present);
+    return light > 0;
 }
 
 /* A set that lacks a camera has a larger hull than it should: such sets count only when there are no
@@ -97,7 +121,7 @@ static size_t candidates(const struct frames_in *in, size_t *set)
 
 /* Up to `most` sets (0 = all) spread over the recording, first and last among them; *with_light =
  * those in which some camera saw flame. */
-static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool quiet, pvx_pool *pool,
+static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool quiet,
                             size_t *with_light)
 {
     size_t *set = pvx_calloc(f->in->n, sizeof *set);
@@ -107,25 +131,7 @@ static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool qui
     size_t all = candidates(f->in, set), n = most > 0 && most < all ? most : all;
     pvx_err err = PVX_OK;
     for (size_t k = 0; k < n && err == PVX_OK; k++) {
-        const uint8_t *lit[REC_MAX_CAMERAS];
-        bool present[REC_MAX_CAMERAS];
-        uint32_t light = 0;
-        size_t there = 0;
-        f->mask = frames_in_load(f->in, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], f->img);
-        look(f, pool);
-        for (size_t c = 0; c < f->in->rig->n_cameras; c++) {
-            struct eye *e = &f->eye[c];
-            lit[c] = e->lit;
-            present[c] = f->mask >> c & 1;
-            there += present[c];
-            light += present[c] ? e->stats.lit : 0;
-            if (present[c])
-                reconstruct_check_lit(f->in->rig->cameras[c].name, e->stats.lit,
-                                      (size_t)e->bw * (size_t)e->bh, &f->said);
-        }
-        if (there > 0)
-            rec_fit_add(fit, lit, present);
-        *with_light += light > 0;
+        *with_light += look(f, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], fit);
         if (!quiet)
             cli_progress(&bar, (double)(k + 1) / (double)n);
         if (cli_stop)
@@ -144,6 +150,18 @@ void reconstruct_check_lit(const char *camera, size_t lit, size_t bins, bool *sa
             "pyrovox: %.0f %% of the image of %s count as flame: is there a black level (--black "
             "X, share of full scale) or a lit scene (--background DIR)?\n",
             100 * (double)lit / (double)bins, camera);
+}
+
+static void say_left_out(const struct fit *f)
+{
+    for (size_t c = 0; c < f->S->n_cameras; c++)
+        if (f->left_out[c] > 0)
+            fprintf(stderr,
+                    "note: the box is without camera %s in %u of %u frame sets, it contradicts the "
+                    "others: %s; %s\n",
+                    f->in->rig->cameras[c].name, f->left_out[c], f->sets,
+                    rec_wrong_name((enum rec_wrong)f->why[c]),
+                    rec_wrong_remedy((enum rec_wrong)f->why[c]));
 }
 
 static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_light,
@@ -272,7 +290,7 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
 {
     int64_t t0 = pvx_now_mono();
     PVX_TRY(choose_binning(o, in, d));
-    struct fit f = {.in = in, .p = p};
+    struct fit f = {.in = in};
     struct rec_fit_params fp = REC_FIT_DEFAULTS;
     struct rec_fit_box box;
     rec_fit *fit = NULL;
@@ -281,13 +299,15 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
     fp.min_views = p->hull.min_views;
     pvx_err e = rec_fit_new(rig, &fp, pool, &fit, d);
     if (e == PVX_OK)
-        e = set_up(&f, o->background, d);
+        e = set_up(&f, p, o->background, pool, d);
     if (e == PVX_OK)
-        e = look_at_sets(&f, fit, o->fit_frames, o->quiet, pool, &with_light);
+        e = look_at_sets(&f, fit, o->fit_frames, o->quiet, &with_light);
     if (e == PVX_OK && (e = rec_fit_get(fit, 0, o->fit_margin, &box)) != PVX_OK)
         e = no_flame(in, box.sets, with_light, d);
     if (e == PVX_OK)
         e = use_box(o, fit, &box, in->n, (double)(pvx_now_mono() - t0) * 1e-9, rig, d);
+    if (e == PVX_OK && !o->quiet)
+        say_left_out(&f);
     tear_down(&f);
     rec_fit_free(&fit);
     if (e != PVX_OK)

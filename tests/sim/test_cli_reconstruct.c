@@ -233,6 +233,34 @@ T_CASE(a_camera_that_lies_is_left_out)
     T_CONTAINS(slurp("err"), "fewer than four cameras");
 }
 
+/* The same frame: a black camera, believed, leaves no box; left out, the box is that of the other seven. */
+T_CASE(nor_does_it_spoil_the_fitted_volume)
+{
+    struct rec_rig with, without;
+    struct pvx_diag d = {""};
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
+                   " --first 1 --last 1 --fit-volume --save-rig with.yaml"),
+           0);
+    T_CONTAINS(slurp("err"), "without camera cam3 in 1 of 1 frame sets, it contradicts the others: "
+                             "dark; take the cap off");
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras "
+                   "cam0,cam1,cam2,cam4,cam5,cam6,cam7"
+                   " --first 1 --last 1 --fit-volume --save-rig without.yaml --quiet"),
+           0);
+    T_EQ_I(rec_rig_load(at("with.yaml"), &with, &d), PVX_OK);
+    T_EQ_I(rec_rig_load(at("without.yaml"), &without, &d), PVX_OK);
+    for (int a = 0; a < 3; a++) {
+        T_NEAR(with.grid.min[a], without.grid.min[a], 1e-9);
+        T_NEAR(with.grid.max[a], without.grid.max[a], 1e-9);
+    }
+    rec_rig_fini(&with);
+    rec_rig_fini(&without);
+    T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
+                   " --first 1 --last 1 --fit-volume --save-rig no.yaml --trust-all --quiet"),
+           1);
+    T_CONTAINS(slurp("err"), "nowhere in the rig's box");
+}
+
 /* Sets are numbered from the daemon's start: after 14 hours at 20 a second six digits are not enough. */
 T_CASE(large_frame_numbers)
 {
