@@ -23,8 +23,9 @@ struct sums {
     double rho, rho_moved, flip[4];
     double late[REC_CHECK_LAGS], better[REC_CHECK_LAGS], better2[REC_CHECK_LAGS];
     double mean[2], m2[2];           /* of displacements of single sets, Welford's way */
-    double bp, pp, Eb, Gb, Ep, Gp;   /* (1) */
+    double Eb, Gb, Ep, Gp;           /* (1) */
     double own, own_in, due, due_in; /* light; what of it is explained, lit */
+    double light, light_due;         /* where light is due */
     double out2, in2, with2;         /* squares: b - p of the others, b, b - p of all */
     double lit, lost, bins;          /* bins */
     double change, change_due;       /* squares, between sets that follow */
@@ -176,6 +177,10 @@ static void coverage(const rec_check *k, size_t c, const float *p, const float *
         s->own_in += (double)hull[i] > THROUGH * h ? own : 0;
         s->due += due;
         s->due_in += lit[i] ? due : 0;
+        if (w[i] > 0 && due > 0) {
+            s->light += (double)b[i];
+            s->light_due += due;
+        }
         s->lit += lit[i];
         s->lost += !(w[i] > 0);
     }
@@ -243,10 +248,7 @@ static void compare(rec_check *k, size_t c, int place, struct sums *s)
     if (rec_shift_add(&v.q, at, &s->lattice, d) > 0)
         spread(s, d);
     double Eb = energy(&v.q, v.q.b), Ep = energy(&v.q, v.q.p);
-    double bp = rec_correlation(&v.q, at, 0) * sqrt(Eb * Ep);
-    double alpha = Ep > 0 ? bp / Ep : 0;
-    s->bp += bp;
-    s->pp += Ep;
+    double alpha = Ep > 0 ? rec_correlation(&v.q, at, 0) * sqrt(Eb / Ep) : 0;
     s->Eb += Eb;
     s->Ep += Ep;
     s->Gb += roughness(&v.q, v.q.b);
@@ -376,7 +378,7 @@ static void figures(const rec_check *k, size_t c, struct rec_check_camera *o)
     }
     if (s->changes > 0 && s->change_due > 0)
         o->still = sqrt(s->change / s->change_due);
-    o->gain = ratio(s->bp, s->pp, 0);
+    o->gain = fmax(ratio(s->light, s->light_due, 0), 0);
     double blur2 = ratio(s->Eb, s->Gb, 0) - ratio(s->Ep, s->Gp, 0);
     o->blur = bin * (blur2 < 0 ? -sqrt(-blur2) : sqrt(blur2));
     o->explained = ratio(s->own_in, s->own, 1);

@@ -4,7 +4,7 @@
  *   displacement   shift.h, posefit.h; its standard error from the spread over sets
  *   rho            correlation (2) of shift.h as they are and at the best displacement; the same of p with b
  *                  mirrored, and with the pictures of REC_CHECK_LATE sets before and after
- *   gain           sum b p / sum p p
+ *   gain           sum b / sum p where p > 0: a volume of few views, too soft between them, has its light all the same
  *   blur           what a Gaussian of that sigma does to sum |grad b|^2 / sum b^2 beside p's:
  *                      sigma^2 = E_b/G_b - E_p/G_p,  E = sum b^2, G = sum |grad b|^2                    (1)
  *                  (exact where the structures are Gaussian, whatever their size)
