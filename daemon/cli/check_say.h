@@ -4,6 +4,7 @@
 #include <stdio.h>
 
 #include "daemon/cli/flame_sets.h"
+#include "daemon/control/check_words.h"
 
 struct check_result {
     const char *rig, *frames; /* as they were named */
@@ -17,8 +18,6 @@ struct check_result {
 void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTENCE]);
 /* Of all of them. */
 void check_conclusion(const struct check_result *r, char out[CHECK_SENTENCE]);
-/* "3.0 right, 2.0 up" */
-void check_direction(const double shift[2], char out[64]);
 /* On stdout: a line per camera, then the sentences. */
 void check_print(const struct check_result *r);
 /* FILE.html or FILE.json, there whole or not at all; an older one is replaced. */
