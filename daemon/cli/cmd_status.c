@@ -29,7 +29,8 @@ static const struct argp_option options[] = {
 
 static const char doc[] =
     "Show what a running pyrovoxd does: rate, latency, drops by cause, cameras, what is wrong with "
-    "them and what to do about it, how far apart they expose, stages.\vExits with 1 when no daemon "
+    "them and what to do about it, what the flame says of each beside the others, how far apart "
+    "they expose, stages.\vExits with 1 when no daemon "
     "answers.\n\nExamples:\n"
     "  pyrovox status\n"
     "  pyrovox status --json | jq .latency_ms\n"
@@ -140,6 +141,7 @@ static int run(int argc, char **argv)
         print_tables(s);
         troubles_print(s);
         votes_print(s);
+        checks_print(s);
         skew_print(s);
         health_print(s);
     }

@@ -8,8 +8,11 @@
 #include "daemon/cli/ask.h"
 #include "daemon/cli/page.h"
 #include "daemon/cli/status_cameras.h"
+#include "recon/vote/wrong.h"
 
 #define REDRAW_NS (300 * PVX_NS_PER_MS)
+#define LABEL     12 /* columns of a camera's name */
+#define TROUBLE   800
 
 static void bar(double share, char out[31])
 {
@@ -71,35 +74,71 @@ static void draw_drops(struct page *p, const cJSON *s)
     page_line(p, "dropped%s", text);
 }
 
-/* Why it does not run, that it is left out and why, or else the first thing that is wrong with it. */
-static const char *camera_trouble(const cJSON *camera)
+/* Why it does not run, that it is left out and why, or else the first thing that is wrong with it and what to do. */
+static void camera_trouble(const cJSON *camera, char out[TROUBLE])
 {
-    static char out[64];
     const char *error = ask_text(camera, "error", NULL), *why = ask_text(camera, "vote", "why");
+    const char *check = camera_check(camera);
     const cJSON *t = cJSON_GetArrayItem(cJSON_GetObjectItemCaseSensitive(camera, "troubles"), 0);
-    if (error[0] == '\0' && why[0] != '\0') {
-        snprintf(out, sizeof out, "left out: %s", why);
-        return out;
-    }
-    if (error[0] == '\0' && camera_moved(camera))
-        return "has moved: pyrovox status";
-    if (error[0] != '\0' || t == NULL)
-        return error;
     const char *detail = ask_text(t, "detail", NULL);
-    return detail[0] != '\0' ? detail : ask_text(t, "text", NULL);
+    out[0] = '\0';
+    if (error[0] != '\0')
+        snprintf(out, TROUBLE, "%s", error);
+    else if (why[0] != '\0' && check[0] == '\0')
+        snprintf(out, TROUBLE, "left out: %s; %s", why, ask_text(camera, "vote", "remedy"));
+    else if (why[0] == '\0' && camera_moved(camera))
+        snprintf(out, TROUBLE, "moved by %+.1f px right, %+.1f px down; %s",
+                 ask_num(camera, "rig", "right_px"), ask_num(camera, "rig", "down_px"),
+                 rec_wrong_remedy(REC_WRONG_MOVED));
+    else if (check[0] != '\0')
+        snprintf(out, TROUBLE, "%s%s", why[0] != '\0' ? "left out: " : "", check);
+    else if (t != NULL)
+        snprintf(out, TROUBLE, "%s", detail[0] != '\0' ? detail : ask_text(t, "text", NULL));
+}
+
+/* In as many lines as it takes. */
+static void draw_words(struct page *p, const char *name, const char *text)
+{
+    int room = p->cols - LABEL - 1;
+    while (*text != '\0') {
+        int n = (int)strlen(text);
+        if (n > room && room > 0)
+            for (n = room; n > 0 && text[n] != ' ';)
+                n--;
+        if (n == 0) /* one long word: cut */
+            n = (int)strlen(text);
+        page_line(p, "%-*.*s %.*s", LABEL, LABEL, name, n, text);
+        name = "";
+        text += n;
+        text += *text == ' ';
+    }
 }
 
 static void draw_cameras(struct page *p, const cJSON *s)
 {
-    page_line(p, "%-16s %-8s %8s %10s %6s %6s %6s %6s  %s", "camera", "state", "fps", "frames",
-              "bad", "late", "gaps", "lost", "error");
-    const cJSON *k;
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras")) page_line(
-        p, "%-16.16s %-8s %8.2f %10.0f %6.0f %6.0f %6.0f %6.0f  %s", ask_text(k, "name", NULL),
-        ask_text(k, "state", NULL), ask_num(k, "fps", NULL), ask_num(k, "counts", "received"),
-        ask_num(k, "counts", "incomplete") + ask_num(k, "counts", "bad_size"),
-        ask_num(k, "counts", "late") + ask_num(k, "counts", "unmatched"),
-        ask_num(k, "counts", "id_gap"), ask_num(k, "counts", "lost_camera"), camera_trouble(k));
+    const cJSON *k, *all = cJSON_GetObjectItemCaseSensitive(s, "cameras");
+    char text[TROUBLE], agrees[16], gain[16];
+    page_line(p, "%-*s %-8s %7s %9s %5s %5s %5s %5s %6s %5s", LABEL, "camera", "state", "fps",
+              "frames", "bad", "late", "gaps", "lost", "agrees", "gain");
+    cJSON_ArrayForEach(k, all)
+    {
+        bool seen = ask_num(k, "check", "sets") > 0; /* else nothing is known of it by the flame */
+        snprintf(agrees, sizeof agrees, seen ? "%.3f" : "-",
+                 ask_num(k, "check", "agreement_displaced"));
+        snprintf(gain, sizeof gain, seen ? "%.2f" : "-", ask_num(k, "check", "gain"));
+        page_line(p, "%-*.*s %-8s %7.2f %9.0f %5.0f %5.0f %5.0f %5.0f %6s %5s", LABEL, LABEL,
+                  ask_text(k, "name", NULL), ask_text(k, "state", NULL), ask_num(k, "fps", NULL),
+                  ask_num(k, "counts", "received"),
+                  ask_num(k, "counts", "incomplete") + ask_num(k, "counts", "bad_size"),
+                  ask_num(k, "counts", "late") + ask_num(k, "counts", "unmatched"),
+                  ask_num(k, "counts", "id_gap"), ask_num(k, "counts", "lost_camera"), agrees,
+                  gain);
+    }
+    cJSON_ArrayForEach(k, all)
+    {
+        camera_trouble(k, text);
+        draw_words(p, ask_text(k, "name", NULL), text);
+    }
 }
 
 static void draw_page(const struct follow *f, const char *title, const char *foot)

@@ -61,6 +61,38 @@ bool camera_moved(const cJSON *camera)
         cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(camera, "rig"), "moved"));
 }
 
+const char *camera_check(const cJSON *camera)
+{
+    const char *wrong = ask_text(camera, "check", "wrong");
+    bool said = strcmp(wrong, ask_text(camera, "vote", "why")) == 0 ||
+                (camera_moved(camera) && strcmp(wrong, rec_wrong_name(REC_WRONG_MOVED)) == 0);
+    return said ? "" : ask_text(camera, "check", "text");
+}
+
+void checks_print(const cJSON *status)
+{
+    const cJSON *k;
+    double failed = ask_num(status, "check", "failed");
+    if (ask_num(status, "check", "checks") == 0)
+        return;
+    printf("\n%-16s %7s %9s %17s %6s\n", "by the flame", "agrees", "residual", "displaced, px",
+           "gain");
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(status, "cameras"))
+    {
+        printf("%-16s ", ask_text(k, "name", NULL));
+        if (ask_num(k, "check", "sets") == 0)
+            puts("      -");
+        else
+            printf("%7.3f %9.3f %+8.2f %+8.2f %6.2f  %s\n",
+                   ask_num(k, "check", "agreement_displaced"), ask_num(k, "check", "residual"),
+                   ask_num(k, "check", "right_px"), ask_num(k, "check", "down_px"),
+                   ask_num(k, "check", "gain"), ask_text(k, "check", "wrong"));
+    }
+    puts(ask_text(status, "check", "text"));
+    if (failed > 0)
+        printf("the last %.0f checks found no flame that moves, to judge by\n", failed);
+}
+
 void troubles_print(const cJSON *status)
 {
     const cJSON *k, *t;
@@ -78,6 +110,8 @@ void troubles_print(const cJSON *status)
                    "the flame; %s\n",
                    ask_text(k, "name", NULL), ask_num(k, "rig", "right_px"),
                    ask_num(k, "rig", "down_px"), rec_wrong_remedy(REC_WRONG_MOVED));
+        if (camera_check(k)[0] != '\0')
+            printf("%-16s %s\n", ask_text(k, "name", NULL), camera_check(k));
         cJSON_ArrayForEach(t, cJSON_GetObjectItemCaseSensitive(k, "troubles"))
         {
             const char *detail = ask_text(t, "detail", NULL);

@@ -12,6 +12,10 @@ bool camera_moved(const cJSON *camera);
 void troubles_print(const cJSON *status);
 /* Which cameras are left out of the sets because they contradict the others, and why; nothing when they agree. */
 void votes_print(const cJSON *status);
+/* What the flame says of each camera against the others: agreement, displacement, gain; nothing before the first check. */
+void checks_print(const cJSON *status);
+/* Why the checks call a camera (of "cameras") wrong, one clause; "" for nothing, and for what the vote or the drift say. */
+const char *camera_check(const cJSON *camera);
 /* Temperature, link and PTP of cameras, and action commands: nothing for cameras that say nothing. */
 void health_print(const cJSON *status);
 

@@ -21,7 +21,7 @@
 #include "proto/auth.h"
 
 #define DMN_REQUEST_MAX 4096
-#define DMN_REPLY_MAX   (320u << 10)
+#define DMN_REPLY_MAX   (448u << 10)
 
 struct dmn_control_ops {
     size_t (*status)(void *ctx, char *out, size_t size); /* JSON; 0 = does not fit */

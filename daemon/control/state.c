@@ -129,6 +129,7 @@ static void json_cameras(struct dmn_json *j, const struct dmn_state *s)
         dmn_json_close(j, '}');
         dmn_votes_camera_json(j, &s->votes, c);
         json_rig(j, &s->rig[c]);
+        dmn_checks_camera_json(j, &s->checks, c);
         dmn_state_sync_camera(j, k);
         dmn_state_health(j, k);
         dmn_json_close(j, '}');
@@ -208,6 +209,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_int(&j, "entries", (long long)s->matrix_entries);
     dmn_json_close(&j, '}');
     json_cameras(&j, s);
+    dmn_checks_json(&j, &s->checks, s->n_cameras);
     dmn_state_sync(&j, &s->capture);
     dmn_state_action(&j, &s->capture);
     json_stages(&j, s);

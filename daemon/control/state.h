@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include "capture/rig/capture.h"
 #include "capture/take/recorder.h"
+#include "daemon/control/checks.h"
 #include "daemon/control/votes.h"
 #include "recon/geom/camera.h"
 #include "recon/frame/frame.h"
@@ -77,12 +78,13 @@ struct dmn_state {
     char camera[CAP_MAX_CAMERAS][REC_NAME_MAX];
     uint64_t images[CAP_MAX_CAMERAS][DMN_N_IMAGE];
     struct dmn_rig_state rig[CAP_MAX_CAMERAS];
+    struct dmn_checks checks;
     struct cap_stats capture;
     struct cap_recorder_stats record;
     struct dmn_stage_state stage[DMN_N_STAGES];
 };
 
-#define DMN_STATE_JSON_MAX (320u << 10)
+#define DMN_STATE_JSON_MAX (448u << 10)
 /* JSON text of `s`; returns its length, 0 when it does not fit.  Allocates nothing. */
 size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size);
 const char *dmn_camera_state_name(enum cap_state s);

@@ -3,6 +3,18 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/log.h"
+
+static void log_it(void *ctx, bool bad, const char *sentence)
+{
+    (void)ctx;
+    if (bad)
+        LOG_W(RECON, "%s", sentence);
+    else
+        LOG_I(RECON, "%s", sentence);
+}
+const struct dmn_votes_listener dmn_votes_log = {log_it, NULL};
+
 static bool has(uint64_t set, size_t c)
 {
     return (set >> c & 1) != 0;

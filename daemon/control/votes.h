@@ -24,6 +24,7 @@ struct dmn_votes_listener {
     void (*say)(void *ctx, bool bad, const char *sentence);
     void *ctx;
 };
+extern const struct dmn_votes_listener dmn_votes_log; /* into the log: warnings, and news */
 
 /* One more set; names [rig's cameras].  Says what has changed, with the remedy; once that there are too few cameras
  * to judge by. */

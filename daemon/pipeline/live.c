@@ -101,7 +101,7 @@ static pvx_err matrix_open(dmn_live *l, rec_progress_fn progress, void *ctx, str
 static void carved(void *ctx, const struct dmn_slot *s)
 {
     dmn_live *l = ctx;
-    dmn_watch_offer(l->watch, s->frame, s->mask & ~rec_frame_get_report(s->frame)->vote.out);
+    dmn_watch_offer(l->watch, s);
 }
 
 /* The pipeline between cameras and publisher. */

@@ -26,15 +26,6 @@ static void fill_report(const struct rec_frame_report *r, struct pvp_report *out
     snprintf(out->solver, sizeof out->solver, "%s", r->solve.solver);
 }
 
-static void say(void *ctx, bool bad, const char *sentence)
-{
-    (void)ctx;
-    if (bad)
-        LOG_W(RECON, "%s", sentence);
-    else
-        LOG_I(RECON, "%s", sentence);
-}
-
 static bool put(void *ctx, const struct dmn_slot *s)
 {
     struct dmn_publish *p = ctx;
@@ -68,7 +59,7 @@ static bool put(void *ctx, const struct dmn_slot *s)
         p->latency = (struct pvx_hist){0};
     pvx_hist_add(&p->latency, t1 - s->t_last_mono_ns);
     p->report = *r;
-    dmn_votes_add(&p->votes, &r->vote, p->rig, &(struct dmn_votes_listener){say, NULL});
+    dmn_votes_add(&p->votes, &r->vote, p->rig, &dmn_votes_log);
     p->last_set = s->set;
     p->last_exposure_ns = s->t_exposure_ns;
     p->bytes = bytes;

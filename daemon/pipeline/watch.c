@@ -15,29 +15,47 @@
 #include "recon/check/drift.h"
 #include "recon/vote/wrong.h"
 
-#define LEAST  19  /* nice */
-#define REST   4   /* times as long as it worked */
-#define ACROSS 160 /* bins across its pictures, about */
+#define LEAST    19  /* nice */
+#define REST     4   /* times as long as it worked */
+#define ACROSS   160 /* bins across its pictures, about */
+#define PATIENCE 2   /* checks */
+
+/* What is kept of a frame set. */
+struct glimpse {
+    uint64_t number, mask, out; /* cameras that it has; those that the vote left out */
+    uint8_t why[REC_MAX_CAMERAS];
+    float *picture; /* [rows], one channel */
+};
 
 struct dmn_watch {
     const struct rec_rig *rig;
+    struct rec_rig lenient; /* for checks: small displacements are the drift's */
     const rec_sysmat *S;
     int32_t times; /* its bins are so many of S's, squared */
     size_t row0[REC_MAX_CAMERAS + 1];
-    float *picture; /* [rows], one channel */
-    uint64_t mask;  /* cameras of the set in it */
-    atomic_bool wanted, full, ending;
+    struct glimpse last, kept[DMN_WATCH_SETS];
+    struct glimpse *into; /* where the next set goes, */
+    int more;             /* and so many: offer's while they are wanted, else the thread's */
+    atomic_bool wanted, ending;
     struct pvx_bell bell;
     pthread_t thread;
     bool started;
+    /* the thread's */
+    rec_check *check;
+    rec_drift *drift;
+    const float *picture[REC_MAX_CAMERAS];
+    struct rec_check_verdict verdict;
+    int64_t since;        /* worked_ns when the check went on */
     pthread_mutex_t lock; /* of what follows */
     struct dmn_rig_state state[REC_MAX_CAMERAS];
+    struct dmn_checks checks;
 };
 
 /* ---- the carve stage's side ---------------------------------------------------------------------- */
 
-/* One bin: the mean of its channels' means over what the set's weights leave; NAN where a channel has none. */
-static float bin(const rec_frame *f, size_t first, size_t pitch, int32_t times)
+/* One bin: the mean of its channels' means over what the set's weights leave; NAN where a channel has none.  A camera
+ * that was left out has no weights: of a mosaic, b is 0 where a channel has none. */
+static float bin(const rec_frame *f, bool out, size_t first, size_t pitch, int32_t times)
 {
     const float *b = rec_frame_rhs(f), *w4 = rec_frame_weight4(f), *w = rec_frame_weight(f);
     size_t nch = (size_t)rec_frame_channels(f), cs = nch == 3 ? 4 : 1;
@@ -47,36 +65,58 @@ static float bin(const rec_frame *f, size_t first, size_t pitch, int32_t times)
         for (int32_t y = 0; y < times; y++)
             for (int32_t x = 0; x < times; x++) {
                 size_t i = first + (size_t)y * pitch + (size_t)x;
-                float weight = w4 != NULL ? w4[i * 4 + l] : w[i];
-                sum += weight > 0 ? b[i * cs + l] : 0;
-                n += weight > 0;
+                float v = b[i * cs + l];
+                bool there = out ? w4 == NULL || v != 0 : (w4 != NULL ? w4[i * 4 + l] : w[i]) > 0;
+                sum += there ? v : 0;
+                n += there;
             }
         total += sum / n; /* 0/0: NAN */
     }
     return total / (float)nch;
 }
 
-void dmn_watch_offer(dmn_watch *w, const rec_frame *f, uint64_t mask)
+static void copy(const dmn_watch *w, const rec_frame *f, size_t c, struct glimpse *g)
+{
+    const struct rec_sysmat_block *B = &w->S->block[c];
+    float *to = g->picture + w->row0[c];
+    bool out = (g->out >> c & 1) != 0;
+    for (int32_t y = 0; y + w->times <= B->bh; y += w->times)
+        for (int32_t x = 0; x + w->times <= B->bw; x += w->times)
+            *to++ = bin(f, out, w->S->row0[c] + (size_t)y * (size_t)B->bw + (size_t)x,
+                        (size_t)B->bw, w->times);
+}
+
+void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s)
 {
     if (w == NULL || !atomic_load_explicit(&w->wanted, memory_order_acquire))
         return;
+    const struct rec_verdict *v = &rec_frame_get_report(s->frame)->vote;
+    struct glimpse *g = w->into++;
+    g->number = s->set;
+    g->mask = s->mask;
+    g->out = v->out;
+    memcpy(g->why, v->why, sizeof g->why);
+    for (size_t c = 0; c < w->rig->n_cameras; c++)
+        if ((g->mask >> c & 1) != 0)
+            copy(w, s->frame, c, g);
+    if (--w->more > 0)
+        return;
     atomic_store(&w->wanted, false);
-    for (size_t c = 0; c < w->rig->n_cameras; c++) {
-        const struct rec_sysmat_block *B = &w->S->block[c];
-        float *out = w->picture + w->row0[c];
-        if ((mask >> c & 1) == 0)
-            continue;
-        for (int32_t y = 0; y + w->times <= B->bh; y += w->times)
-            for (int32_t x = 0; x + w->times <= B->bw; x += w->times)
-                *out++ = bin(f, w->S->row0[c] + (size_t)y * (size_t)B->bw + (size_t)x,
-                             (size_t)B->bw, w->times);
-    }
-    w->mask = mask;
-    atomic_store(&w->full, true);
     pvx_bell_ring(&w->bell);
 }
 
 /* ---- the thread ---------------------------------------------------------------------------------- */
+
+/* The next n sets; false: it ends. */
+static bool take(dmn_watch *w, struct glimpse *into, int n)
+{
+    w->into = into;
+    w->more = n;
+    atomic_store(&w->wanted, true);
+    while (atomic_load(&w->wanted) && !atomic_load(&w->ending))
+        pvx_bell_wait(&w->bell, INT64_MAX);
+    return !atomic_load(&w->ending);
+}
 
 static void tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
 {
@@ -115,43 +155,153 @@ static int64_t worked_ns(void)
     return t.tv_sec * PVX_NS_PER_S + t.tv_nsec;
 }
 
-static void *run(void *arg)
+static void rest(dmn_watch *w, int64_t worked)
 {
-    dmn_watch *w = arg;
-    struct rec_drift_params p = REC_DRIFT_DEFAULTS;
-    rec_drift *d;
+    int64_t until = pvx_now_mono() + REST * worked;
+    while (!atomic_load(&w->ending) && pvx_now_mono() < until)
+        pvx_bell_wait(&w->bell, until);
+}
+
+/* The set's pictures of these cameras, until the next call. */
+static const float *const *pictures(dmn_watch *w, const struct glimpse *g, uint64_t mask)
+{
+    for (size_t c = 0; c < w->rig->n_cameras; c++)
+        w->picture[c] = (mask >> c & 1) != 0 ? g->picture + w->row0[c] : NULL;
+    return w->picture;
+}
+
+/* For the drift.  Returns what it worked. */
+static int64_t look(dmn_watch *w)
+{
+    uint64_t changed;
+    if (!take(w, &w->last, 1))
+        return 0;
+    int64_t t0 = worked_ns();
+    if (rec_drift_add(w->drift, pictures(w, &w->last, w->last.mask & ~w->last.out), true,
+                      &changed) == PVX_OK)
+        tell(w, w->drift, changed);
+    int64_t worked = worked_ns() - t0;
+    rest(w, worked);
+    return worked;
+}
+
+/* ---- a check ---- */
+
+static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
+{
+    dmn_watch *w = ctx;
+    const struct glimpse *g = &w->kept[i];
+    *out = (struct rec_check_set){g->number, pictures(w, g, g->mask), true};
+    return PVX_OK;
+}
+
+/* After a set of the check: a rest, and as much for the drift. */
+static bool pause_for_others(void *ctx, double done)
+{
+    dmn_watch *w = ctx;
+    int64_t worked = worked_ns() - w->since;
+    (void)done;
+    rest(w, worked);
+    for (size_t i = 0; i < w->rig->n_cameras && worked > 0 && !atomic_load(&w->ending); i++)
+        worked -= look(w);
+    w->since = worked_ns();
+    return !atomic_load(&w->ending);
+}
+
+/* Cameras that nobody believes, by the vote of all sets, by the drift or by the checks before, stay out of the volumes as
+ * those do that are not there, as long as enough are left that could agree.  False: they are too few. */
+static bool whom_to_doubt(const dmn_watch *w, uint64_t *there, bool doubted[REC_MAX_CAMERAS])
+{
+    uint64_t mask = 0, out = UINT64_MAX;
+    size_t n = w->rig->n_cameras, present = 0, left = 0;
+    for (int i = 0; i < DMN_WATCH_SETS; i++) {
+        mask |= w->kept[i].mask;
+        out &= w->kept[i].out;
+    }
+    for (size_t c = 0; c < n; c++) {
+        bool in = (mask >> c & 1) != 0;
+        doubted[c] = !in || (out >> c & 1) != 0 || rec_drift_of(w->drift, c)->moved ||
+                     w->checks.camera[c].figures.wrong != REC_WRONG_NOTHING;
+        present += in;
+        left += !doubted[c];
+    }
+    for (size_t c = 0; c < n && (left < REC_CHECK_LEAST || 2 * left <= n); c++)
+        doubted[c] = (mask >> c & 1) == 0;
+    *there = mask;
+    return present >= REC_CHECK_LEAST;
+}
+
+/* What has been said of the cameras by others. */
+static void what_is_known(const dmn_watch *w, uint8_t known[REC_MAX_CAMERAS])
+{
+    const struct glimpse *g = &w->last;
+    for (size_t c = 0; c < w->rig->n_cameras; c++)
+        known[c] = rec_drift_of(w->drift, c)->moved ? REC_WRONG_MOVED
+                   : (g->out >> c & 1) != 0         ? g->why[c]
+                                                    : REC_WRONG_NOTHING;
+}
+
+static void check(dmn_watch *w)
+{
+    bool doubted[REC_MAX_CAMERAS];
+    uint8_t known[REC_MAX_CAMERAS];
+    struct dmn_checks_news news = {.verdict = &w->verdict, .known = known};
     struct pvx_diag why = {""};
-    setpriority(PRIO_PROCESS, 0,
-                LEAST); /* Linux: of this thread; where it is refused, the rests do */
+    const struct rec_check_source sets = {DMN_WATCH_SETS, get, pause_for_others, w, doubted};
+    if (!whom_to_doubt(w, &news.mask, doubted))
+        return;
+    w->since = worked_ns();
+    pvx_err e = rec_check_run(w->check, &w->lenient, &sets, &w->verdict, &why);
+    what_is_known(w, known);
+    pthread_mutex_lock(&w->lock);
+    if (e == PVX_OK)
+        dmn_checks_add(&w->checks, &news, w->rig, &dmn_votes_log);
+    else
+        w->checks.failed++;
+    pthread_mutex_unlock(&w->lock);
+}
+
+/* ---- all of it ---- */
+
+static pvx_err begin(dmn_watch *w, struct pvx_diag *d)
+{
+    const struct rec_drift_params p = REC_DRIFT_DEFAULTS;
+    struct rec_unseen_params u = REC_UNSEEN_DEFAULTS;
     int32_t longest = 0;
     for (int a = 0; a < 3; a++)
         longest = w->S->grid.n[a] > longest ? w->S->grid.n[a] : longest;
-    if (p.unseen.voxels > longest) /* no finer than the volumes */
-        p.unseen.voxels = longest > 4 ? longest : 4;
-    p.unseen.binning = w->S->binning * w->times;
-    if (rec_drift_new(w->rig, &p, NULL, &d, &why) != PVX_OK) {
-        LOG_W(DAEMON, "cameras that move are not noticed: %s", why.text);
+    if (u.voxels > longest) /* no finer than the volumes */
+        u.voxels = longest > 4 ? longest : 4;
+    u.binning = w->S->binning * w->times;
+    PVX_TRY(rec_rig_copy(w->rig, &w->lenient));
+    for (size_t c = 0; c < w->rig->n_cameras; c++) {
+        double *px = &w->lenient.cameras[c].uncertainty.px_95;
+        *px = fmax(*px, rec_drift_off(&p, u.binning));
+    }
+    PVX_TRY(rec_check_new(&w->lenient, &u, NULL, &w->check, d));
+    return rec_drift_new(rec_check_unseen(w->check), &p, &w->drift, d);
+}
+
+static void *run(void *arg)
+{
+    dmn_watch *w = arg;
+    struct pvx_diag why = {""};
+    setpriority(PRIO_PROCESS, 0,
+                LEAST); /* Linux: of this thread; where it is refused, the rests do */
+    if (begin(w, &why) != PVX_OK) {
+        LOG_W(DAEMON, "cameras that go wrong are not noticed: %s", why.text);
         return NULL;
     }
     while (!atomic_load(&w->ending)) {
-        atomic_store(&w->wanted, true);
-        while (!atomic_load(&w->full) && !atomic_load(&w->ending))
-            pvx_bell_wait(&w->bell, INT64_MAX);
-        if (atomic_load(&w->ending))
-            break;
-        const float *picture[REC_MAX_CAMERAS] = {0};
-        uint64_t changed;
-        for (size_t c = 0; c < w->rig->n_cameras; c++)
-            picture[c] = (w->mask >> c & 1) != 0 ? w->picture + w->row0[c] : NULL;
-        int64_t t0 = worked_ns();
-        if (rec_drift_add(d, picture, true, &changed) == PVX_OK)
-            tell(w, d, changed);
-        atomic_store(&w->full, false);
-        int64_t until = pvx_now_mono() + REST * (worked_ns() - t0);
-        while (!atomic_load(&w->ending) && pvx_now_mono() < until)
-            pvx_bell_wait(&w->bell, until);
+        bool all = true;
+        for (int i = 0; i < DMN_WATCH_SETS && all; i += DMN_WATCH_RUN) {
+            for (size_t c = 0; c < w->rig->n_cameras; c++) /* the flame moves on meanwhile */
+                look(w);
+            all = take(w, &w->kept[i], DMN_WATCH_RUN);
+        }
+        if (all)
+            check(w);
     }
-    rec_drift_free(&d);
     return NULL;
 }
 
@@ -180,8 +330,12 @@ pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S, dmn_watch 
     for (size_t c = 0; c < rig->n_cameras; c++)
         w->row0[c + 1] =
             w->row0[c] + (size_t)(S->block[c].bw / w->times) * (size_t)(S->block[c].bh / w->times);
-    w->picture = pvx_calloc(w->row0[rig->n_cameras], sizeof *w->picture);
-    pvx_err e = w->picture == NULL ? PVX_ENOMEM : PVX_OK;
+    w->checks.patience = PATIENCE;
+    size_t rows = w->row0[rig->n_cameras];
+    w->last.picture = pvx_calloc(rows * (1 + DMN_WATCH_SETS), sizeof(float));
+    for (size_t i = 0; i < DMN_WATCH_SETS && w->last.picture != NULL; i++)
+        w->kept[i].picture = w->last.picture + rows * (i + 1);
+    pvx_err e = w->last.picture == NULL ? PVX_ENOMEM : PVX_OK;
     if (e == PVX_OK && pthread_create(&w->thread, NULL, run, w) != 0)
         e = PVX_EIO;
     if (e != PVX_OK) {
@@ -204,7 +358,10 @@ void dmn_watch_free(dmn_watch **wp)
         pthread_join(w->thread, NULL);
     pvx_bell_fini(&w->bell);
     pthread_mutex_destroy(&w->lock);
-    free(w->picture);
+    rec_drift_free(&w->drift);
+    rec_check_free(&w->check);
+    rec_rig_fini(&w->lenient);
+    free(w->last.picture);
     PVX_FREE(*wp);
 }
 
@@ -214,5 +371,6 @@ void dmn_watch_state(dmn_watch *w, struct dmn_state *out)
         return;
     pthread_mutex_lock(&w->lock);
     memcpy(out->rig, w->state, sizeof out->rig);
+    out->checks = w->checks;
     pthread_mutex_unlock(&w->lock);
 }

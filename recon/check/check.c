@@ -99,6 +99,11 @@ void rec_check_free(rec_check **kp)
     PVX_FREE(*kp);
 }
 
+rec_unseen *rec_check_unseen(rec_check *k)
+{
+    return k->u;
+}
+
 const rec_sysmat *rec_check_matrix(const rec_check *k)
 {
     return k->S;

@@ -61,6 +61,8 @@ typedef struct rec_check rec_check;
 PVX_MUST_CHECK pvx_err rec_check_new(const struct rec_rig *rig, const struct rec_unseen_params *p,
                                      pvx_pool *pool, rec_check **out, struct pvx_diag *d);
 void rec_check_free(rec_check **k);
+/* The volumes of the others, for whoever else makes some between two sets. */
+rec_unseen *rec_check_unseen(rec_check *k);
 const rec_sysmat *rec_check_matrix(const rec_check *k);
 
 /* Forgets all sets; use[c] false: camera c is judged, but in nobody's volume.  NULL: all. */

@@ -41,31 +41,28 @@ struct rec_drift {
     float *b, *seen, *tmp; /* [bins of the greatest picture] */
 };
 
-pvx_err rec_drift_new(const struct rec_rig *rig, const struct rec_drift_params *p, pvx_pool *pool,
-                      rec_drift **out, struct pvx_diag *d)
+pvx_err rec_drift_new(rec_unseen *u, const struct rec_drift_params *p, rec_drift **out,
+                      struct pvx_diag *d)
 {
+    const rec_sysmat *S = rec_unseen_matrix(u);
+    size_t most = 0;
     rec_drift *t = *out = pvx_calloc(1, sizeof *t);
     if (t == NULL)
         return pvx_fail(d, PVX_ENOMEM, "drift: out of memory");
     t->p = *p;
-    t->n = rig->n_cameras;
+    t->unseen = u;
+    t->n = S->n_cameras;
     t->trial = -1;
-    pvx_err e = rec_unseen_new(rig, &p->unseen, pool, &t->unseen, d);
-    if (e == PVX_OK) {
-        const rec_sysmat *S = rec_unseen_matrix(t->unseen);
-        size_t most = 0;
-        for (size_t c = 0; c < t->n; c++)
-            most = S->row0[c + 1] - S->row0[c] > most ? S->row0[c + 1] - S->row0[c] : most;
-        t->bin_px = S->binning;
-        t->b = pvx_calloc(most, sizeof *t->b);
-        t->seen = pvx_calloc(most, sizeof *t->seen);
-        t->tmp = pvx_calloc(most, sizeof *t->tmp);
-        if (t->b == NULL || t->seen == NULL || t->tmp == NULL)
-            e = pvx_fail(d, PVX_ENOMEM, "drift: work areas for %zu bins", most);
-    }
-    if (e != PVX_OK)
-        rec_drift_free(out);
-    return e;
+    for (size_t c = 0; c < t->n; c++)
+        most = S->row0[c + 1] - S->row0[c] > most ? S->row0[c + 1] - S->row0[c] : most;
+    t->bin_px = S->binning;
+    t->b = pvx_calloc(most, sizeof *t->b);
+    t->seen = pvx_calloc(most, sizeof *t->seen);
+    t->tmp = pvx_calloc(most, sizeof *t->tmp);
+    if (t->b != NULL && t->seen != NULL && t->tmp != NULL)
+        return PVX_OK;
+    rec_drift_free(out);
+    return pvx_fail(d, PVX_ENOMEM, "drift: work areas for %zu bins", most);
 }
 
 void rec_drift_free(rec_drift **tp)
@@ -73,21 +70,20 @@ void rec_drift_free(rec_drift **tp)
     rec_drift *t = *tp;
     if (t == NULL)
         return;
-    rec_unseen_free(&t->unseen);
     free(t->b);
     free(t->seen);
     free(t->tmp);
     PVX_FREE(*tp);
 }
 
-const rec_sysmat *rec_drift_matrix(const rec_drift *t)
-{
-    return rec_unseen_matrix(t->unseen);
-}
-
 const struct rec_drift_camera *rec_drift_of(const rec_drift *t, size_t camera)
 {
     return &t->camera[camera].out;
+}
+
+double rec_drift_off(const struct rec_drift_params *p, int32_t binning)
+{
+    return fmax(p->off_px, 4 * p->moved_bins * binning);
 }
 
 /* ---- what the looks say ------------------------------------------------------------------------- */
@@ -120,7 +116,7 @@ static double beyond(const rec_drift *t, const struct camera *k)
 {
     struct mean m = mean_of(k);
     double F = fmax(t->p.moved_px / t->bin_px, t->p.moved_bins);
-    double G = fmax(t->p.off_px / t->bin_px, 4 * t->p.moved_bins);
+    double G = rec_drift_off(&t->p, (int32_t)t->bin_px) / t->bin_px;
     double off = hypot(m.d[0], m.d[1]) / (G + t->p.sigmas * m.e);
     if (!k->based)
         return off;

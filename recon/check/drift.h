@@ -12,8 +12,9 @@
  * back when |m - m0| and |m| are below half of (2).  m0 is forgotten when other cameras
  * make the sets; a set now and then that lacks one is passed over.
  * Source of the displacement: B. Wieneke, Exp. Fluids 45:549, 2008; what (2) is worth: NUMERICS.md.
- * Cost: a look is a solve of the small grid of unseen.h.  Memory: that and 1 KiB a camera.
- * Threads: one call at a time, parallel inside.  Owner: caller; rig copied, pool borrowed. */
+ * Cost: a look is a solve of the small grid of unseen.h.  Memory: three pictures and 1 KiB a camera.
+ * Threads: one call at a time, parallel inside.  Owner: caller.  The volumes are borrowed; between two sets others
+ * may use them too (check.h). */
 #ifndef REC_DRIFT_H
 #define REC_DRIFT_H
 #include "recon/check/unseen.h"
@@ -22,15 +23,13 @@
 #define REC_DRIFT_LEAST 4 /* cameras */
 
 struct rec_drift_params {
-    struct rec_unseen_params unseen;
     double moved_px, off_px; /* F, G of (2) */
     double moved_bins;       /* F is this share of a bin at least; G four times that */
     double sigmas;           /* k */
 };
-#define REC_DRIFT_DEFAULTS                                                              \
-    {                                                                                   \
-        .unseen = REC_UNSEEN_DEFAULTS, .moved_px = 0.5, .off_px = 2, .moved_bins = 0.1, \
-        .sigmas = 3                                                                     \
+#define REC_DRIFT_DEFAULTS                                           \
+    {                                                                \
+        .moved_px = 0.5, .off_px = 2, .moved_bins = 0.1, .sigmas = 3 \
     }
 
 struct rec_drift_camera {
@@ -42,12 +41,13 @@ struct rec_drift_camera {
 
 typedef struct rec_drift rec_drift;
 
-/* Errors: those of rec_unseen_new. */
-PVX_MUST_CHECK pvx_err rec_drift_new(const struct rec_rig *rig, const struct rec_drift_params *p,
-                                     pvx_pool *pool, rec_drift **out, struct pvx_diag *d);
+/* G of (2) in raw pixels: what is less may be the calibration's. */
+double rec_drift_off(const struct rec_drift_params *p, int32_t binning);
+
+/* Errors: PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_drift_new(rec_unseen *u, const struct rec_drift_params *p,
+                                     rec_drift **out, struct pvx_diag *d);
 void rec_drift_free(rec_drift **d);
-/* Bins of the pictures it takes. */
-const rec_sysmat *rec_drift_matrix(const rec_drift *d);
 /* A set's pictures as for rec_unseen_load, NULL = missing or not believed; one camera of each eight is looked at, in turn.  With
  * fewer than four pictures nothing is.  changed: bits of cameras that were named or taken back.
  * Errors: those of rec_unseen_solve. */

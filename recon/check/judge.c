@@ -251,7 +251,7 @@ pvx_err rec_check_run(rec_check *k, const struct rec_rig *rig, const struct rec_
         return pvx_fail(d, PVX_EINVAL, "%zu frame sets: a check needs %d at least", s->n,
                         REC_CHECK_SETS);
     for (size_t c = 0; c < n; c++)
-        r.use[c] = true;
+        r.use[c] = s->doubted == NULL || !s->doubted[c];
     for (bool first = true;; first = false) {
         PVX_TRY(judge_all(&r, f));
         if (first)

@@ -37,8 +37,9 @@ struct rec_check_source {
     size_t n;
     /* Borrowed until the next call.  Errors end the check. */
     pvx_err (*get)(void *ctx, size_t i, struct rec_check_set *out);
-    bool (*progress)(void *ctx, double done); /* or NULL; false: PVX_ECANCELED */
+    bool (*progress)(void *ctx, double done); /* before each get; or NULL; false: PVX_ECANCELED */
     void *ctx;
+    const bool *doubted; /* [cameras] judged, but in nobody's volume from the start; or NULL */
 };
 
 enum rec_check_outcome { REC_CHECK_AGREES, REC_CHECK_NAMED, REC_CHECK_UNTOLD };

@@ -134,12 +134,11 @@ static void photo(rec_frame *f)
     rec_photo_apply(k->photo, cameras, k->pool);
 }
 
-/* A camera as if it were absent. */
+/* A camera as if it were absent; what it showed stays, without weight, for whoever asks why. */
 static void dismiss(rec_frame *f, size_t c)
 {
     size_t row0 = f->S->row0[c], n = f->S->row0[c + 1] - row0;
     f->present[c] = false;
-    memset(rec_frame_input(f, c), 0, n * (size_t)f->cs * sizeof *f->b);
     memset(f->weight + row0, 0, n * sizeof *f->weight);
     memset(f->weight4 + row0 * 4, 0, f->per_channel ? n * 4 * sizeof *f->weight4 : 0);
     memset(f->lit + row0, 0, n);

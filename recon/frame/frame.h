@@ -107,7 +107,8 @@ PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
 
 void rec_frame_volume(const rec_frame *f, struct rec_sparse *out);
 const struct rec_frame_report *rec_frame_get_report(const rec_frame *f);
-/* Restricted system and right-hand side of the carved frame, for tests and benches. */
+/* Restricted system and right-hand side of the carved frame, for tests, benches and who looks at the rig.  A camera
+ * that was voted out has its right-hand side and weight 0. */
 const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
 const float *rec_frame_rhs(const rec_frame *f);
 const float *rec_frame_weight(const rec_frame *f);

@@ -1,8 +1,10 @@
-/* bench_drift.c - the drift alarm: how soon a camera that was moved is named, and how often one that was not.
+/* bench_drift.c - the drift alarm: how soon a camera that was moved is named, and how often one that was not; and
+ * whether the daemon's own checks (watch.h) name any camera of a rig that nothing happened to.
  *
  * Rings of cameras whose calibration is off by a little, flames that move, noise; after the first sets one camera
  * is turned by so many pixels.  bench_drift [CSV_FOLDER [HEALTHY_SETS]]. */
 #include "bench.h"
+#include "daemon/pipeline/watch.h"
 #include "recon/check/drift.h"
 #include "recon/check/gauge.h"
 
@@ -94,11 +96,75 @@ static void film_free(struct film *f, int cameras)
     rec_rig_fini(&f->rig);
 }
 
+/* Sets as the daemon keeps them for a check: runs of some that follow each other, and a pause. */
+struct keeper {
+    rec_check *check;
+    struct rec_rig *rig;
+    struct dmn_checks said;
+    int n, pause; /* kept; sets to let go */
+    size_t bins;
+    uint64_t number[DMN_WATCH_SETS];
+    float *copy; /* [DMN_WATCH_SETS][cameras][bins] */
+    const float *at[REC_MAX_CAMERAS];
+    int found; /* cameras that a single check found wrong, summed over checks */
+};
+
+static pvx_err kept(void *ctx, size_t i, struct rec_check_set *out)
+{
+    struct keeper *k = ctx;
+    for (size_t c = 0; c < k->rig->n_cameras; c++)
+        k->at[c] = k->copy + (i * k->rig->n_cameras + c) * k->bins;
+    *out = (struct rec_check_set){k->number[i], k->at, true};
+    return PVX_OK;
+}
+
+static void nothing_said(void *ctx, bool bad, const char *sentence)
+{
+    int *wrongly = ctx;
+    *wrongly += bad;
+    printf("  %s\n", sentence);
+}
+
+/* One more set; a check of the last ones whenever there are enough. */
+static void keep(struct keeper *k, uint64_t number, const float *picture, int *wrongly)
+{
+    static struct rec_check_verdict v;
+    const uint8_t known[REC_MAX_CAMERAS] = {0};
+    const struct dmn_checks_news news = {&v, UINT64_MAX, known};
+    size_t set = k->rig->n_cameras * k->bins;
+    if (k->pause > 0) {
+        k->pause--;
+        return;
+    }
+    k->number[k->n] = number;
+    memcpy(k->copy + (size_t)k->n++ * set, picture, set * sizeof *picture);
+    if (k->n % DMN_WATCH_RUN == 0)
+        k->pause = (int)k->rig->n_cameras;
+    if (k->n < DMN_WATCH_SETS)
+        return;
+    struct pvx_diag d = {""};
+    const struct rec_check_source from = {.n = DMN_WATCH_SETS, .get = kept, .ctx = k};
+    k->n = 0;
+    if (rec_check_run(k->check, k->rig, &from, &v, &d) != PVX_OK) {
+        k->said.failed++;
+        return;
+    }
+    k->found += (int)v.n_wrong;
+    for (size_t c = 0; c < k->rig->n_cameras; c++)
+        if (v.figures.camera[c].wrong != REC_WRONG_NOTHING) {
+            char words[DMN_CHECK_WORDS];
+            dmn_check_sentence(&v.figures.camera[c], words);
+            printf("  once: %s %s\n", k->rig->cameras[c].name, words);
+        }
+    dmn_checks_add(&k->said, &news, k->rig, &(struct dmn_votes_listener){nothing_said, wrongly});
+}
+
 struct told {
     int after;   /* sets from the move until the camera was named; -1 never */
     int wrongly; /* cameras that were named and had not moved */
     double ms;
-    double worst; /* furthest from the base, of those that were not moved */
+    double worst;               /* furthest from the base, of those that were not moved */
+    int checks, found, accused; /* of a healthy rig; cameras wrong in one check; named after two */
 };
 
 static bool play(const struct run *r, int sets, struct told *out, pvx_pool *pool)
@@ -106,13 +172,20 @@ static bool play(const struct run *r, int sets, struct told *out, pvx_pool *pool
     struct film f;
     struct pvx_diag d = {""};
     const struct rec_drift_params p = REC_DRIFT_DEFAULTS;
+    const struct rec_unseen_params u = REC_UNSEEN_DEFAULTS;
     rec_drift *t;
+    rec_check *check;
     *out = (struct told){.after = -1};
     if (!film_new(&f, r, pool))
         return false;
     size_t n = 160 * 120;
     float *noisy = must_floats(n * (size_t)r->cameras);
-    CHECK(rec_drift_new(&f.rig, &p, pool, &t, &d));
+    for (int c = 0; c < r->cameras; c++) /* displacements are the alarm's, as in watch.c */
+        f.rig.cameras[c].uncertainty.px_95 = rec_drift_off(&p, rec_unseen_binning(&f.rig, &u));
+    CHECK(rec_check_new(&f.rig, &u, pool, &check, &d));
+    CHECK(rec_drift_new(rec_check_unseen(check), &p, &t, &d));
+    struct keeper own = {.check = check, .rig = &f.rig, .bins = n, .said.patience = 2};
+    own.copy = must_floats(n * (size_t)r->cameras * DMN_WATCH_SETS);
     for (int k = 0; k < sets; k++) {
         const float *picture[REC_MAX_CAMERAS] = {0};
         uint64_t changed;
@@ -128,6 +201,8 @@ static bool play(const struct run *r, int sets, struct told *out, pvx_pool *pool
         double t0 = ms(pvx_now_mono());
         CHECK(rec_drift_add(t, picture, true, &changed));
         out->ms += ms(pvx_now_mono()) - t0;
+        if (r->moved == 0)
+            keep(&own, (uint64_t)k, noisy, &out->accused);
         for (int c = 0; c < r->cameras; c++) {
             const struct rec_drift_camera *o = rec_drift_of(t, (size_t)c);
             bool victim = r->moved > 0 && c == f.victim;
@@ -142,7 +217,11 @@ static bool play(const struct run *r, int sets, struct told *out, pvx_pool *pool
         }
     }
     out->ms /= sets;
+    out->checks = (int)own.said.n;
+    out->found = own.found;
     rec_drift_free(&t);
+    rec_check_free(&check);
+    free(own.copy);
     free(noisy);
     film_free(&f, r->cameras);
     return true;
@@ -157,12 +236,14 @@ int main(int argc, char **argv)
     pvx_pool *pool;
     CHECK(pvx_pool_new(1, "bench", &pool));
     int healthy = argc > 2 ? atoi(argv[2]) : 200;
-    FILE *csv = bench_csv(argc, argv, "drift",
-                          "flame,use,cameras,calibration,noise,moved,after,wrongly,ms");
+    FILE *csv = bench_csv(
+        argc, argv, "drift",
+        "flame,use,cameras,calibration,noise,moved,after,wrongly,ms,checks,found,accused");
     printf("\nthe drift alarm: sets until a camera that was moved is named (wanted 100), others "
-           "named wrongly\n");
-    printf("%-10s %-9s %7s %7s %6s %6s %6s %8s %6s %6s\n", "flame", "", "cameras", "off px",
-           "noise", "moved", "after", "wrongly", "worst", "ms");
+           "named wrongly; checks of the healthy, cameras that one found wrong, that two did\n");
+    printf("%-10s %-9s %7s %7s %6s %6s %6s %8s %6s %6s %6s %6s %7s\n", "flame", "", "cameras",
+           "off px", "noise", "moved", "after", "wrongly", "worst", "ms", "checks", "found",
+           "accused");
     int seed = 1;
     for (size_t i = argc > 3 ? (size_t)atoi(argv[3]) : 0; i < sizeof kinds / sizeof *kinds; i++)
         for (int m = -1; m < 3; m++) {
@@ -174,13 +255,13 @@ int main(int argc, char **argv)
                 continue;
             if (!play(&r, m < 0 ? healthy : BEFORE + AFTER, &o, pool))
                 continue;
-            printf("%-10s %-9s %7d %7.2f %6.2f %6.1f %6d %8d %6.2f %6.1f\n", flames[r.flame].name,
-                   flames[r.flame].use, r.cameras, r.off, r.noise, r.moved, o.after, o.wrongly,
-                   o.worst, o.ms);
+            printf("%-10s %-9s %7d %7.2f %6.2f %6.1f %6d %8d %6.2f %6.1f %6d %6d %7d\n",
+                   flames[r.flame].name, flames[r.flame].use, r.cameras, r.off, r.noise, r.moved,
+                   o.after, o.wrongly, o.worst, o.ms, o.checks, o.found, o.accused);
             if (csv != NULL)
-                fprintf(csv, "%s,%s,%d,%g,%g,%g,%d,%d,%g\n", flames[r.flame].name,
+                fprintf(csv, "%s,%s,%d,%g,%g,%g,%d,%d,%g,%d,%d,%d\n", flames[r.flame].name,
                         flames[r.flame].use, r.cameras, r.off, r.noise, r.moved, o.after, o.wrongly,
-                        o.ms);
+                        o.ms, o.checks, o.found, o.accused);
             fflush(stdout);
         }
     if (csv != NULL)

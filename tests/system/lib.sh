@@ -32,8 +32,8 @@ says() { # code, text that must be there...
         if ! grep -qF -- "$t" <<< "$out"; then printf '  no "%s" in: %s\n' "$t" "$out"; return 1; fi
     done
 }
-wait_for() { # command...: until it succeeds; with patience for a machine that is busy
-    local end=$((SECONDS + 120))
+wait_for() { # command...: until it succeeds; with patience (seconds, or $patience) for a machine that is busy
+    local end=$((SECONDS + ${patience:-120}))
     until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
 }
 config() { # file [more keys of publish], then lines on standard input

@@ -101,6 +101,29 @@ T_CASE(two_at_once)
     T_NEAR(verdict.figures.camera[4].shift[0], 3, 0.2);
 }
 
+/* Who is not believed from the start is judged all the same: named when it is wrong, back when it is not. */
+T_CASE(doubted_from_the_start)
+{
+    T_NOT_UNDER_TSAN();
+    for (int wrong = 0; wrong < 2; wrong++) {
+        const bool doubted[REC_MAX_CAMERAS] = {[4] = true};
+        struct flame_source s = {.f = &seven, .noise = t_normal};
+        s.what[4] = wrong ? SPOIL_MIRROR : SPOIL_NOTHING;
+        const struct rec_check_source from = {
+            .n = SETS, .get = flame_source_get, .ctx = &s, .doubted = doubted};
+        rec_check *k;
+        T_EQ_I(rec_check_new(&seven.rig, &params, pool, &k, &diag), PVX_OK);
+        T_EQ_I(rec_check_run(k, &seven.rig, &from, &verdict, &diag), PVX_OK);
+        T_EQ_I(verdict.outcome, wrong ? REC_CHECK_NAMED : REC_CHECK_AGREES);
+        T_OK(!verdict.figures.use[4]);
+        for (size_t c = 0; c < seven.rig.n_cameras; c++)
+            T_EQ_I(verdict.figures.camera[c].wrong,
+                   wrong && c == 4 ? REC_WRONG_MIRRORED : REC_WRONG_NOTHING);
+        rec_check_free(&k);
+        flame_source_free(&s);
+    }
+}
+
 /* Of five, two that lie leave three: no more than could agree by chance. */
 T_CASE(what_cannot_be_told_is_said)
 {

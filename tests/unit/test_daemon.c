@@ -278,6 +278,14 @@ T_CASE(the_fullest_state_fits_and_parses)
             k->trouble[i].cause = CAP_BANDWIDTH; /* the longest text */
             memset(k->trouble[i].detail, 'd', CAP_DETAIL_MAX - 1);
         }
+        struct rec_check_camera *o = &s.checks.camera[c].figures;
+        o->wrong = REC_WRONG_MOVED; /* the longest text */
+        o->sets = UINT32_MAX;
+        o->shift[0] = o->shift[1] = o->sigma[0] = o->sigma[1] = o->roll = o->size = o->rho =
+            o->rho_moved = o->rho_mirrored = o->still = o->gain = o->blur = o->explained = o->lit =
+                o->area = o->saturated = o->residual = o->with_it = -1e-5 / 3;
+        for (int i = 0; i < REC_CHECK_LAGS; i++)
+            o->rho_late[i] = -1e-5 / 3;
         k->health.temperature_c = k->health.link_mbps = k->health.ptp_offset_ns = -1e-5 / 3;
         memset(k->health.ptp, 'p', sizeof k->health.ptp - 1);
         k->action =
@@ -285,6 +293,7 @@ T_CASE(the_fullest_state_fits_and_parses)
     }
     size_t n = dmn_state_json(&s, text, sizeof text);
     T_OK(n > 1000);
+    printf("  %zu of %zu bytes\n", n, sizeof text);
     cJSON *j = cJSON_ParseWithLength(text, n);
     T_OK(j != NULL);
     T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "cameras")), CAP_MAX_CAMERAS);

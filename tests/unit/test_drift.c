@@ -11,6 +11,7 @@ struct bed {
     struct scene s;
     struct rec_camera shot[CAMERAS]; /* where the cameras really are */
     float *picture[CAMERAS];
+    rec_unseen *u;
     rec_drift *d;
     int set;
     uint64_t named; /* so far */
@@ -18,18 +19,18 @@ struct bed {
 
 static void bed_new(struct bed *b, double off_px)
 {
-    struct rec_drift_params p = REC_DRIFT_DEFAULTS;
+    const struct rec_drift_params p = REC_DRIFT_DEFAULTS;
+    const struct rec_unseen_params u = {.voxels = 20, .binning = 1, .rays = 2, .margin = 1};
     memset(b, 0, sizeof *b);
     scene_new(&b->s, CAMERAS, SIDE, 20, 1, 2);
-    p.unseen.voxels = 20;
-    p.unseen.binning = 1;
     for (size_t c = 0; c < CAMERAS; c++) {
         b->shot[c] = b->s.rig.cameras[c];
         b->shot[c].cx += off_px * t_normal();
         b->shot[c].cy += off_px * t_normal();
         b->picture[c] = pvx_calloc(SIDE * SIDE * 3 / 4, sizeof(float));
     }
-    T_EQ_I(rec_drift_new(&b->s.rig, &p, b->s.pool, &b->d, NULL), PVX_OK);
+    T_EQ_I(rec_unseen_new(&b->s.rig, &u, b->s.pool, &b->u, NULL), PVX_OK);
+    T_EQ_I(rec_drift_new(b->u, &p, &b->d, NULL), PVX_OK);
 }
 
 static void bed_free(struct bed *b)
@@ -37,6 +38,7 @@ static void bed_free(struct bed *b)
     for (size_t c = 0; c < CAMERAS; c++)
         free(b->picture[c]);
     rec_drift_free(&b->d);
+    rec_unseen_free(&b->u);
     scene_free(&b->s);
 }
 

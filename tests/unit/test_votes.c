@@ -1,24 +1,9 @@
 /* test_votes.c - what is said of cameras that are left out, counted and written, set after set. */
 #include "../t.h"
 
-#include <stdio.h>
-#include <string.h>
-
-#include "daemon/control/votes.h"
 #include "tests/lib/must.h"
+#include "tests/lib/said.h"
 
-static char said[4096];
-static int bad_ones;
-
-static void say(void *ctx, bool bad, const char *sentence)
-{
-    (void)ctx;
-    bad_ones += bad;
-    size_t n = strlen(said);
-    snprintf(said + n, sizeof said - n, "%s\n", sentence);
-}
-
-static const struct dmn_votes_listener listener = {say, NULL};
 static struct rec_rig rig;
 
 /* One more set of this state, camera 2 out for this or believed; what is said of it. */
