@@ -4,86 +4,12 @@
  * and run), 1 % noise.  Of each flame as many instants as there are; two thirds fit, the last third judges.  Errors are
  * rms of pixels over the box, after the similarity that no picture tells; volumes those of all cameras on 64 voxels,
  * with the rig laid onto the true one, over what the true rig gives.  What is chosen was chosen on ring and campfire. */
-#include "curve.h"
+#include "check_shots.h"
 #include "recon/check/refine.h"
 
-enum { W = 160, H = 120, MOST = 12, RUNS = 1 };
+enum { RUNS = 1 };
 
 static FILE *csv;
-
-struct shots {
-    struct scene scene[MOST];
-    size_t n;
-    float *grey[MOST][REC_MAX_CAMERAS];
-    const float *at[REC_MAX_CAMERAS];
-};
-
-static bool shoot(struct shots *s, enum flame_kind kind, size_t n, pvx_pool *pool)
-{
-    memset(s, 0, sizeof *s);
-    for (size_t i = 0; i < n; i++) {
-        struct scene *q = &s->scene[i];
-        if (!scene_new(q, kind, &views_8, size_64,
-                       flames[kind].folder != NULL ? (double)i : 0.3 + 0.05 * (double)i, pool))
-            return false;
-        s->n = i + 1;
-        for (size_t c = 0; c < q->rig.n_cameras; c++) {
-            float *g = s->grey[i][c] = must_floats(W * H);
-            for (size_t k = 0; k < W * H; k++) {
-                for (size_t l = 0; l < (size_t)q->nch; l++)
-                    g[k] += q->image[c][k * (size_t)q->nch + l] / (float)q->nch;
-                g[k] += (float)(0.01 * q->peak * bench_normal());
-            }
-        }
-    }
-    return true;
-}
-
-static void let_go(struct shots *s)
-{
-    for (size_t i = 0; i < s->n; i++) {
-        for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
-            free(s->grey[i][c]);
-        scene_fini(&s->scene[i]);
-    }
-}
-
-static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
-{
-    struct shots *s = ctx;
-    for (size_t c = 0; c < s->scene[0].rig.n_cameras; c++)
-        s->at[c] = s->grey[i][c];
-    *out = (struct rec_check_set){i, s->at, true};
-    return PVX_OK;
-}
-
-/* Every camera turned about its own lens and shifted, until that is so many pixels rms. */
-static void disturb(struct rec_rig *rig, double px)
-{
-    struct rec_rig old;
-    CHECK(rec_rig_copy(rig, &old));
-    for (size_t c = 0; c < rig->n_cameras; c++) {
-        struct rec_camera keep = rig->cameras[c];
-        double X0[3], w[3], t[3], own[REC_MAX_CAMERAS], s = 1e-3;
-        rec_camera_centre(&keep, X0);
-        for (int a = 0; a < 3; a++) {
-            w[a] = bench_normal() * (a == 2 ? 3 : 1);
-            t[a] = bench_normal() * (a == 2 ? 1.8 : 0.6);
-        }
-        for (int round = 0; round < 6; round++) {
-            double ws[3], ts[3];
-            for (int a = 0; a < 3; a++) {
-                ws[a] = s * w[a];
-                ts[a] = s * t[a];
-            }
-            rig->cameras[c] = keep;
-            rec_camera_nudge(&rig->cameras[c], X0, ws, ts);
-            (void)rec_gauge_distance(&old, rig, own);
-            s *= px / own[c];
-        }
-    }
-    rec_rig_fini(&old);
-}
 
 static double distance(const struct rec_rig *truth, const struct rec_rig *rig)
 {
@@ -129,7 +55,7 @@ static void refine(enum flame_kind kind, size_t n, pvx_pool *pool)
 {
     static struct shots s;
     const struct rec_unseen_params p = {.voxels = 48, .binning = 1, .rays = 2, .margin = 1};
-    if (shoot(&s, kind, n, pool)) {
+    if (shoot(&s, kind, n, 0.01, pool)) {
         const struct rec_rig *truth = &s.scene[0].rig;
         double exact = volume(&s, truth, pool);
         for (unsigned run = 0; run < RUNS; run++) {
