@@ -1,6 +1,8 @@
 /* calibrate_json.c - a calibration's report as JSON. */
 #include <stdio.h>
+#include <stdlib.h>
 
+#include "base/file.h"
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/control/json.h"
 #include "recon/board/spec.h"
@@ -193,13 +195,31 @@ static void fill(struct dmn_json *j, const void *ctx)
     dmn_json_close(j, '}');
 }
 
+static pvx_err print(void (*f)(struct dmn_json *j, const void *what), const void *of, char **text,
+                     size_t *len, struct pvx_diag *d)
+{
+    *text = NULL;
+    FILE *out = open_memstream(text, len);
+    if (out == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = dmn_json_print(out, f, of, d);
+    return fclose(out) != 0 && e == PVX_OK ? PVX_ENOMEM : e;
+}
+
 pvx_err calibrate_json(const struct calibrate_result *r, char **text, size_t *len,
                        struct pvx_diag *d)
 {
-    *text = NULL;
-    FILE *f = open_memstream(text, len);
-    if (f == NULL)
-        return PVX_ENOMEM;
-    pvx_err e = dmn_json_print(f, fill, r, d);
-    return fclose(f) != 0 && e == PVX_OK ? PVX_ENOMEM : e;
+    return print(fill, r, text, len, d);
+}
+
+pvx_err calibrate_write_json(const char *path, void (*f)(struct dmn_json *j, const void *of),
+                             const void *of, struct pvx_diag *d)
+{
+    char *text;
+    size_t len;
+    pvx_err e = print(f, of, &text, &len, d);
+    if (e == PVX_OK)
+        e = pvx_file_write(path, text, len, d);
+    free(text);
+    return e;
 }

@@ -85,6 +85,13 @@ pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d)
     return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .html or .json", path);
 }
 
+pvx_err calibrate_json_possible(const char *path, struct pvx_diag *d)
+{
+    return ends_in(path, ".json")
+               ? PVX_OK
+               : pvx_fail(d, PVX_EUNSUP, "%s: this report is written as .json", path);
+}
+
 pvx_err calibrate_write_report(const struct calibrate_result *r, const char *path,
                                struct pvx_diag *d)
 {

@@ -28,6 +28,13 @@ extern const char *const calibrate_fate[REC_VIEW_JOINT + 1], *const calibrate_le
 
 /* Whether a report can be written there: .json or .html.  PVX_EUNSUP */
 PVX_MUST_CHECK pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d);
+/* The same of one that is .json only. */
+PVX_MUST_CHECK pvx_err calibrate_json_possible(const char *path, struct pvx_diag *d);
+/* What f prints of `of`, as above.  Errors: those of dmn_json_print and pvx_file_write. */
+struct dmn_json;
+PVX_MUST_CHECK pvx_err calibrate_write_json(const char *path,
+                                            void (*f)(struct dmn_json *j, const void *of),
+                                            const void *of, struct pvx_diag *d);
 /* By its extension, to a file that is there whole or not at all; an older one is replaced. */
 PVX_MUST_CHECK pvx_err calibrate_write_report(const struct calibrate_result *r, const char *path,
                                               struct pvx_diag *d);

@@ -102,6 +102,17 @@ static void subtract(float *picture, float black, const float *background, size_
             picture[i] -= black + (background != NULL ? background[i] : 0);
 }
 
+/* Bins of cameras with photometry may be brighter than full scale, which no check of a sample tells then. */
+static void blank_saturated(const struct flame_sets *s, const struct dmn_images *images, size_t c,
+                            float *picture)
+{
+    float top = dmn_images_floats(images, c) ? INFINITY : dmn_images_saturated(images, c);
+    top = top > 0 ? 0.999F * top : 0.998F;
+    for (size_t i = 0; i < s->bins[c] * (s->nch == 3 ? 4 : 1); i++)
+        if (picture[i] >= top)
+            picture[i] = NAN;
+}
+
 static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const *background,
                         struct pvx_diag *d)
 {
@@ -114,12 +125,12 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
         s->number[k] = in->number[i];
         uint64_t mask = frames_in_load(in, i, at);
         for (size_t c = 0; c < cams; c++) {
-            const struct rec_camera *q = &s->rig.cameras[c];
-            size_t bins = (size_t)(q->width / in->binning) * (size_t)(q->height / in->binning);
             if ((mask >> c & 1) == 0)
                 PVX_FREE(at[c]);
+            else if (s->light != NULL)
+                blank_saturated(s, in->images, c, at[c]);
             else if (background[c] != NULL || s->a->black > 0)
-                subtract(at[c], (float)s->a->black, background[c], bins);
+                subtract(at[c], (float)s->a->black, background[c], s->bins[c]);
             if (at[c] != NULL)
                 s->floats = s->floats || dmn_images_floats(in->images, c);
         }
@@ -133,14 +144,22 @@ static pvx_err load(struct flame_sets *s, struct frames_in *in, struct pvx_diag 
 {
     float *background[REC_MAX_CAMERAS] = {0};
     const struct flame_sets_args *a = s->a;
-    PVX_TRY(frames_in_open(in, a->frames, (uint32_t)a->first, (uint32_t)a->last, true, d));
+    PVX_TRY(frames_in_open(in, a->frames, (uint32_t)a->first, (uint32_t)a->last, !s->colour, d));
     s->there = in->n;
+    s->nch = in->nch;
+    s->floats = s->light != NULL;
     s->n = in->n < (size_t)a->sets ? in->n : (size_t)a->sets;
     s->number = pvx_calloc(s->n, sizeof *s->number);
     s->picture = pvx_calloc(s->n, sizeof *s->picture);
     if (s->number == NULL || s->picture == NULL)
         return PVX_ENOMEM;
     PVX_TRY(frames_in_begin(in, s->params.binning, CAP_MOSAIC_DEMOSAIC, d));
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        const struct rec_camera *q = &s->rig.cameras[c];
+        s->bins[c] = (size_t)(q->width / in->binning) * (size_t)(q->height / in->binning);
+        if (s->nch == 3 && (s->plane[c] = pvx_calloc(s->bins[c], sizeof(float))) == NULL)
+            return PVX_ENOMEM;
+    }
     pvx_err e =
         a->background != NULL ? frames_in_background(in, a->background, background, d) : PVX_OK;
     if (e == PVX_OK)
@@ -172,9 +191,15 @@ pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a, s
     PVX_TRY(rec_rig_load(a->rig, &s->rig, d));
     if (a->cameras != NULL)
         PVX_TRY(rec_rig_select(&s->rig, a->cameras, d));
+    return flame_sets_read(s, d);
+}
+
+pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d)
+{
     PVX_TRY(right_binning(s, d));
-    PVX_TRY(pvx_pool_new((unsigned)a->threads, "check", &s->pool));
-    struct frames_in in = {.rig = &s->rig, .pool = s->pool, .how = a->reading};
+    PVX_TRY(pvx_pool_new((unsigned)s->a->threads, "check", &s->pool));
+    struct frames_in in = {
+        .rig = &s->rig, .pool = s->pool, .how = s->a->reading, .light = s->light};
     pvx_err e = load(s, &in, d);
     frames_in_close(&in);
     return e;
@@ -185,6 +210,8 @@ void flame_sets_fini(struct flame_sets *s)
     for (size_t k = 0; k < s->n && s->picture != NULL; k++)
         for (size_t c = 0; c < s->rig.n_cameras; c++)
             free(s->picture[k][c]);
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        free(s->plane[c]);
     free(s->picture);
     free(s->number);
     pvx_pool_free(&s->pool);
@@ -194,7 +221,13 @@ void flame_sets_fini(struct flame_sets *s)
 static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
 {
     struct flame_sets *s = ctx;
-    *out = (struct rec_check_set){s->number[i], (const float *const *)s->picture[i], s->floats};
+    for (size_t c = 0; c < s->rig.n_cameras && s->nch == 3; c++) {
+        s->given[c] = s->picture[i][c] != NULL ? s->plane[c] : NULL;
+        for (size_t k = 0; k < s->bins[c] && s->given[c] != NULL; k++)
+            s->plane[c][k] = s->picture[i][c][4 * k + (size_t)s->channel];
+    }
+    const float *const *of = s->nch == 3 ? s->given : (const float *const *)s->picture[i];
+    *out = (struct rec_check_set){s->number[i], of, s->floats};
     return PVX_OK;
 }
 

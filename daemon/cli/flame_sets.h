@@ -35,11 +35,18 @@ extern const struct argp flame_sets_argp;
 struct flame_sets {
     const struct flame_sets_args *a;
     struct rec_rig rig;
+    const dmn_photometry *light; /* of the rig, borrowed; NULL: pictures as they are */
+    bool colour;                 /* in: the pictures' own channels, not their mean */
+    int nch;                     /* of the pictures, 1 or 3 */
+    int channel;                 /* that the source gives, of those */
     pvx_pool *pool;
     struct rec_unseen_params params;    /* binning is set */
     size_t there, n;                    /* frame sets; taken */
     uint64_t *number;                   /* [n] */
-    float *(*picture)[REC_MAX_CAMERAS]; /* [n] NULL = missing */
+    float *(*picture)[REC_MAX_CAMERAS]; /* [n] [bins][1 or 4], NULL = missing */
+    float *plane[REC_MAX_CAMERAS];      /* the source's, where there are three channels */
+    const float *given[REC_MAX_CAMERAS];
+    size_t bins[REC_MAX_CAMERAS]; /* of a picture */
     bool floats;
     struct cli_progress bar;
 };
@@ -47,6 +54,8 @@ struct flame_sets {
 /* Owner: caller, flame_sets_fini, after an error too. */
 PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
                                        struct pvx_diag *d);
+/* The same of a rig that is in s already, with `light` and `colour`.  With light saturated bins are NaN. */
+PVX_MUST_CHECK pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d);
 void flame_sets_fini(struct flame_sets *s);
 /* All of them, with a progress under this name unless --quiet; borrowed by the source. */
 struct rec_check_source flame_sets_source(struct flame_sets *s, const char *label);

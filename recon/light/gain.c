@@ -75,7 +75,7 @@ pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camer
         return pvx_fail(d, PVX_EINVAL, "there is no flame in its pictures");
     if (edge > 0.02 * all)
         return pvx_fail(
-            d, PVX_EINVAL,
+            d, PVX_ERANGE,
             "%.0f %% of its light is at the picture's border: a flame that is cut off, or a "
             "pedestal (pyrovox calibrate dark)",
             100 * edge / all);

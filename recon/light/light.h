@@ -2,7 +2,7 @@
  *
  * Pictures are means and variances over several of one scene: [height][width][channels] floats, 1 = full
  * scale, NaN = a pixel that says nothing; channels 1 (grey, or a Bayer filter's pixels with its cell) or 3.
- * Threads: pure.  Errors: PVX_EINVAL, whose sentence has neither camera nor file: the caller knows them. */
+ * Threads: pure.  Errors: PVX_EINVAL (and what a function says), whose sentence has neither camera nor file: the caller knows them. */
 #ifndef REC_LIGHT_H
 #define REC_LIGHT_H
 #include <stddef.h>
@@ -89,7 +89,7 @@ void rec_light_middle(const struct rec_light_picture *p, double out[3]);
 /* Light that a flame sends in all directions, from one picture, up to a factor that all cameras share:
  *     F = D^2 / (fx fy) * sum over pixels of p cos^3(angle to the axis)                                (3)
  * D: distance to the flame's middle `at`.  Exact for a thin flame but for the square of its size over D.
- * Refused: flame at the picture's border. */
+ * PVX_EINVAL: no flame; PVX_ERANGE: flame at the picture's border. */
 PVX_MUST_CHECK pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camera *c,
                                       const double at[3], double out[3], struct pvx_diag *d);
 /* Point nearest to the rays through the middles of brightness.  PVX_EINVAL: fewer than two cameras with light,

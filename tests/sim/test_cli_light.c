@@ -2,6 +2,7 @@
  * faults are known: what they wrote is near the truth, and what they should refuse they refuse. */
 #include "../t.h"
 
+#include <cjson/cJSON.h>
 #include <stdbool.h>
 
 #include "capture/files/imgio.h"
@@ -315,10 +316,109 @@ T_CASE(dark_flat_and_gain_in_their_order)
     take("flame", cam, 0, 8, a_flame);
     T_EQ_I(pyrovox("calibrate gain --flame --rig flat.yaml --frames flame --out flame.yaml"), 0);
     check_gain("flame.yaml");
+    /* a flame that stands still among four cameras tells nothing beyond */
+    T_CONTAINS(slurp("out.txt"), "integrated emission alone: the 2 sets that were held out");
     /* the same rig again, and nothing of the older ones was touched */
     T_EQ_I(pyrovox("calibrate gain --rig flat.yaml --frames even --out gain.yaml"), 1);
     T_CONTAINS(slurp("err"), "--force");
     check_dark();
+}
+
+/* ---- a flame that is cut off ---- */
+
+static struct rec_flame moving;
+static struct rec_rig seen; /* as the cameras stand there */
+
+/* Two thirds of the flame are in the picture of camera 2. */
+static void cut_rig(void)
+{
+    char *yaml;
+    size_t len;
+    T_EQ_I(rec_rig_copy(&rig, &seen), PVX_OK);
+    seen.cameras[2].cx -= 40;
+    T_EQ_I(rec_rig_format(&seen, &yaml, &len), PVX_OK);
+    T_EQ_I(pvx_file_write(at("cut.yaml"), yaml, len, NULL), PVX_OK);
+    free(yaml);
+}
+
+/* Of how many channels, and what a camera makes of each beside its gain. */
+static double tint(size_t c, int channel)
+{
+    return channel == 1 ? 1 : 1 + 0.05 * ((int)c - 1.5) * (channel - 1);
+}
+
+static void take_moving(const char *name, const struct light_camera *cam, int sets, int channels)
+{
+    static float img[W * H * 3];
+    static uint16_t px[W * H * 3];
+    struct rec_flame_pose pose;
+    struct pvx_diag d = {""};
+    for (size_t c = 0; c < N; c++) {
+        T_EQ_I(pvx_mkdirs(at("%s/%s", name, rig.cameras[c].name), &d), PVX_OK);
+        for (int f = 0; f < sets; f++) {
+            rec_flame_at(&moving, 0.1 * f, &pose);
+            rec_flame_render(&pose, &seen.cameras[c], 2, 0, H, img);
+            for (int i = 0; i < W * H * channels; i++) {
+                int p = i / channels, k = i % channels;
+                double light = 0.5 * (double)img[p * 3 + k] * (channels == 3 ? tint(c, k) : 1);
+                px[i] = (uint16_t)light_sample(&cam[c], p % W, p / W, light, &noise);
+            }
+            T_EQ_I(cap_image_write(at("%s/%s/%06d.png", name, rig.cameras[c].name, f), px, W, H,
+                                   channels, 16, &d),
+                   PVX_OK);
+        }
+    }
+}
+
+T_CASE(a_camera_that_sees_two_thirds_of_the_flame)
+{
+    T_NOT_UNDER_TSAN();
+    struct light_camera cam[N];
+    for (size_t c = 0; c < N; c++) {
+        cam[c] = healthy(c);
+        cam[c].corner = 1;
+        cam[c].pedestal = 0;
+        cam[c].gain = gains[c];
+    }
+    cut_rig();
+    rec_flame_init(&moving, &rig.grid, 3);
+    take_moving("part", cam, 6, 1);
+    T_EQ_I(pyrovox("calibrate gain --flame --quiet --rig cut.yaml --frames part --out part.yaml "
+                   "--report part.json"),
+           0);
+    T_CONTAINS(slurp("out.txt"), "cam2 ");
+    T_CONTAINS(slurp("out.txt"), "at the picture's border");
+    T_CONTAINS(slurp("out.txt"), "by the volumes of the others only");
+    check_gain("part.yaml");
+    cJSON *j = cJSON_Parse(slurp("part.json"));
+    const cJSON *k = cJSON_GetArrayItem(cJSON_GetObjectItem(j, "cameras"), 2);
+    const cJSON *o = cJSON_GetArrayItem(cJSON_GetObjectItem(j, "colours"), 0);
+    T_EQ_S(cJSON_GetStringValue(cJSON_GetObjectItem(k, "name")), "cam2");
+    T_OK(cJSON_IsNull(cJSON_GetArrayItem(cJSON_GetObjectItem(k, "integrated"), 0)));
+    T_OK(cJSON_IsTrue(cJSON_GetObjectItem(o, "accepted")));
+    T_OK(cJSON_GetObjectItem(o, "unseen_after")->valuedouble <
+         cJSON_GetObjectItem(o, "unseen_before")->valuedouble);
+    cJSON_Delete(j);
+    /* two sets tell nothing beyond the integrated emission, which that camera has not */
+    take_moving("few", cam, 2, 1);
+    refused("calibrate gain --flame --quiet --rig cut.yaml --frames few --out no.yaml",
+            "nor do the volumes of the others tell: 2 frame sets");
+    T_EQ_I(pyrovox(
+               "calibrate gain --flame --rig cut.yaml --frames part --out no.yaml --report a.html"),
+           1);
+    T_CONTAINS(slurp("err"), "a.html: this report is written as .json");
+    /* each colour of colour cameras by itself */
+    take_moving("colours", cam, 3, 3);
+    T_EQ_I(pyrovox(
+               "calibrate gain --flame --quiet --rig cut.yaml --frames colours --out colours.yaml"),
+           0);
+    check_gain("colours.yaml");
+    struct rec_rig r = load("colours.yaml");
+    for (size_t c = 0; c < N; c++) /* tints have a product near 1 */
+        T_LE(fabs((double)r.cameras[c].gain[0] * tint(c, 0) / (double)r.cameras[c].gain[1] - 1),
+             0.02);
+    rec_rig_fini(&r);
+    rec_rig_fini(&seen);
 }
 
 /* ---- the volume ---- */

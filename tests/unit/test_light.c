@@ -81,7 +81,7 @@ T_CASE(where_a_flame_is)
     double flux[3];
     d.text[0] = '\0';
     px[0][0] = 1; /* light at the border */
-    T_EQ_I(rec_light_flux(&p[0], &rig.cameras[0], X, flux, &d), PVX_EINVAL);
+    T_EQ_I(rec_light_flux(&p[0], &rig.cameras[0], X, flux, &d), PVX_ERANGE);
     T_CONTAINS(d.text, "at the picture's border");
     d.text[0] = '\0';
     memset(px[0], 0, sizeof px[0]);
