@@ -11,6 +11,7 @@
 #include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/cli/cli.h"
+#include "daemon/pipeline/photometry.h"
 #include "recon/board/spec.h"
 #include "recon/calib/next.h"
 
@@ -129,10 +130,13 @@ static pvx_err complete(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
+static pvx_err write_rig(struct calibrate_job *j, struct pvx_diag *d)
 {
     char *text;
     size_t len;
+    const char *old = j->a->keep != NULL ? j->a->keep : j->a->lenses;
+    if (old != NULL)
+        PVX_TRY(dmn_photometry_move(&j->rig, old, j->a->out, d));
     PVX_TRY(rec_rig_format(&j->rig, &text, &len));
     pvx_err e = pvx_file_write(j->a->out, text, len, d);
     free(text);

@@ -106,6 +106,7 @@ static pvx_err refine(struct flame_sets *s, const char *out, bool *accepted, str
     say(&s->rig, &o);
     *accepted = o.accepted;
     if (o.accepted) {
+        PVX_TRY(dmn_photometry_move(&s->rig, s->a->rig, out, d));
         PVX_TRY(write_rig(&s->rig, out, d));
         printf("%s: unseen views of held-out frames: error %.4f -> %.4f\n", out, o.error[0],
                o.error[o.best]);

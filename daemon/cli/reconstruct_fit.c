@@ -266,10 +266,12 @@ static pvx_err save_rig(const char *from, const char *path, const struct rec_gri
     size_t len;
     PVX_TRY(rec_rig_load(from, &rig, d));
     rig.grid = *g;
-    pvx_err e = rec_rig_format(&rig, &text, &len);
+    pvx_err e = dmn_photometry_move(&rig, from, path, d);
+    if (e == PVX_OK && (e = rec_rig_format(&rig, &text, &len)) != PVX_OK)
+        pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     rec_rig_fini(&rig);
     if (e != PVX_OK)
-        return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+        return e;
     e = pvx_file_write(path, text, len, d);
     free(text);
     return e;

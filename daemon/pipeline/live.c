@@ -71,11 +71,11 @@ static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
     if (dmn_config_simulated(c))
         PVX_TRY(dmn_scene_new(&l->rig, (uint32_t)c->sim_seed, c->sim_period_s, &l->scene));
     PVX_TRY(dmn_sources_init(&l->sources, c, &l->rig, dmn_scene_cap(l->scene), d));
-    PVX_TRY(find_light(l, d));
     uint64_t *session = &l->out.start.session;
     if (getrandom(session, sizeof *session, 0) != (ssize_t)sizeof *session)
         *session = (uint64_t)pvx_now_real();
     PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, *session, &l->recording, d));
+    PVX_TRY(find_light(l, d)); /* takes gains out of the rig, which the recording has */
     PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));
     l->matrix = (struct rec_sysmat_params){.binning = (int32_t)c->binning,
                                            .rays_per_bin = (int32_t)c->rays};

@@ -1,5 +1,6 @@
 #include "daemon/pipeline/photometry.h"
 
+#include <errno.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -31,6 +32,63 @@ static void beside(const char *rig_path, const char *file, char *out, size_t siz
         snprintf(out, size, "%s", file);
     else
         snprintf(out, size, "%.*s/%s", (int)(slash - rig_path), rig_path, file);
+}
+
+/* Folder of a file, without symbolic links and with a slash at its end.  out[PATH_MAX + 1]. */
+static pvx_err folder_of(const char *path, char *out, struct pvx_diag *d)
+{
+    char name[PATH_MAX];
+    const char *slash = strrchr(path, '/');
+    snprintf(name, sizeof name, "%.*s", slash == NULL ? 1 : (int)(slash - path) + 1,
+             slash == NULL ? "." : path);
+    if (realpath(name, out) == NULL)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", name, strerror(errno));
+    if (strcmp(out, "/") != 0)
+        strcat(out, "/"); /* realpath leaves room for it */
+    return PVX_OK;
+}
+
+/* From one folder to another: "", or "../" as often as needed and the rest. */
+static void way_between(const char *from, const char *to, char *out, size_t size)
+{
+    size_t same = 0, n = 0;
+    for (size_t i = 0; from[i] != '\0' && from[i] == to[i]; i++)
+        if (from[i] == '/')
+            same = i + 1;
+    out[0] = '\0';
+    for (const char *s = from + same; *s != '\0'; s++)
+        if (*s == '/' && n + 3 < size)
+            n += (size_t)snprintf(out + n, size - n, "../");
+    snprintf(out + n, size - n, "%s", to + same);
+}
+
+pvx_err dmn_photometry_move(struct rec_rig *rig, const char *from, const char *to,
+                            struct pvx_diag *d)
+{
+    char old[PATH_MAX + 1], new[PATH_MAX + 1], way[2 * PATH_MAX], name[3 * PATH_MAX];
+    PVX_TRY(folder_of(from, old, d));
+    if (to != NULL)
+        PVX_TRY(folder_of(to, new, d));
+    if (to != NULL)
+        way_between(new, old, way, sizeof way);
+    else
+        snprintf(way, sizeof way, "%s", old);
+    for (size_t c = 0; c < rig->n_cameras && way[0] != '\0'; c++) {
+        struct rec_map *map[] = {&rig->cameras[c].photometry.dark,
+                                 &rig->cameras[c].photometry.flat};
+        for (size_t i = 0; i < 2; i++) {
+            if (map[i]->file[0] == '\0' || map[i]->file[0] == '/')
+                continue;
+            snprintf(name, sizeof name, "%s%s", way, map[i]->file);
+            if (strlen(name) >= sizeof map[i]->file || strpbrk(way, "\"\\") != NULL)
+                return pvx_fail(d, PVX_ERANGE,
+                                "%s: camera %s: its map would be called %s, which no rig can hold: "
+                                "write the rig beside %s",
+                                to != NULL ? to : from, rig->cameras[c].name, name, from);
+            snprintf(map[i]->file, sizeof map[i]->file, "%.*s", (int)sizeof map[i]->file - 1, name);
+        }
+    }
+    return PVX_OK;
 }
 
 pvx_err dmn_photometry_hash(const char *path, uint64_t *out, struct pvx_diag *d)

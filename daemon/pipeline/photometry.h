@@ -39,6 +39,11 @@ PVX_MUST_CHECK pvx_err dmn_photometry_check(const struct rec_camera *k,
                                             const struct dmn_photometry_taken *as,
                                             const char *where, struct pvx_diag *d);
 
+/* Names of maps that are relative to rig.yaml `from`, made right for one at `to`, whose folder is there; to NULL:
+ * absolute.  PVX_ENOENT, PVX_ERANGE: a name would be too long. */
+PVX_MUST_CHECK pvx_err dmn_photometry_move(struct rec_rig *rig, const char *from, const char *to,
+                                           struct pvx_diag *d);
+
 /* XXH3-64 of a file's bytes, as rig.yaml has it. */
 PVX_MUST_CHECK pvx_err dmn_photometry_hash(const char *path, uint64_t *out, struct pvx_diag *d);
 #endif

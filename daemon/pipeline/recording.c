@@ -8,6 +8,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "daemon/pipeline/photometry.h"
 
 #define GB 1e9
 
@@ -45,11 +46,24 @@ static char *settings_text(const struct cap_source_config *s)
     return text;
 }
 
+/* The rig; its maps lie beside its file, not beside the take. */
+static pvx_err describe_rig(dmn_recording *r, const struct dmn_config *c, const struct rec_rig *rig)
+{
+    struct rec_rig here;
+    char path[PATH_MAX];
+    size_t len;
+    dmn_config_path(c, c->rig, path, sizeof path);
+    PVX_TRY(rec_rig_copy(rig, &here));
+    pvx_err e = dmn_photometry_move(&here, path, NULL, NULL);
+    e = rec_rig_format(e == PVX_OK ? &here : rig, &r->rig, &len);
+    rec_rig_fini(&here);
+    return e;
+}
+
 static pvx_err describe(dmn_recording *r, const struct dmn_config *c, const struct rec_rig *rig,
                         const struct dmn_sources *s, uint64_t session)
 {
-    size_t len;
-    PVX_TRY(rec_rig_format(rig, &r->rig, &len));
+    PVX_TRY(describe_rig(r, c, rig));
     r->config = dmn_config_format(c);
     if (r->config == NULL)
         return PVX_ENOMEM;

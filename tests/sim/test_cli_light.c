@@ -469,6 +469,21 @@ T_CASE(the_volume_is_that_of_healthy_cameras)
     T_LE(2.5 * measured, raw);
 }
 
+/* By the rig with maps of the cases before: one that is written elsewhere finds them. */
+T_CASE(a_rig_that_is_saved_elsewhere)
+{
+    T_EQ_I(pvx_mkdirs(at("else/where"), NULL), PVX_OK);
+    T_EQ_I(pyrovox("reconstruct --quiet --rig gain.yaml --frames flame --last 0 --fit-volume "
+                   "--save-rig else/where/tight.yaml"),
+           0);
+    struct rec_rig r = load("else/where/tight.yaml");
+    T_EQ_I(strncmp(r.cameras[1].photometry.dark.file, "../../cam1-dark-", 16), 0);
+    rec_rig_fini(&r);
+    T_EQ_I(pyrovox("reconstruct --quiet --rig else/where/tight.yaml --frames flame --last 0 --out "
+                   "v-else"),
+           0);
+}
+
 /* ---- what is refused ---- */
 
 static double lit_corner(size_t c, int g, int x, int y)

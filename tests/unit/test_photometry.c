@@ -1,7 +1,11 @@
 /* test_photometry.c - daemon/pipeline/photometry.h: whether pictures are those that a rig's photometry is for. */
 #include "../t.h"
 
+#include <limits.h>
 #include <stdbool.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "daemon/pipeline/photometry.h"
 
@@ -62,4 +66,44 @@ T_CASE(rigs_without_any_have_none)
     T_OK(dmn_photometry_of(p, 1) == NULL);
     dmn_photometry_free(&p);
     rec_rig_fini(&rig);
+}
+
+static void moved(const char *from, const char *to, const char *file, const char *want)
+{
+    struct rec_rig rig;
+    struct pvx_diag d = {""};
+    T_EQ_I(rec_rig_ring(2, 2.5, 32, 24, 8, &rig), PVX_OK);
+    struct rec_map *m = &rig.cameras[1].photometry.flat;
+    snprintf(m->file, sizeof m->file, "%s", file);
+    pvx_err e = dmn_photometry_move(&rig, from, to, &d);
+    T_EQ_I(e, want != NULL ? PVX_OK : PVX_ERANGE);
+    T_EQ_S(m->file, want != NULL ? want : file);
+    T_EQ_S(rig.cameras[0].photometry.flat.file, "");
+    if (want == NULL)
+        T_CONTAINS(d.text, "write the rig beside");
+    rec_rig_fini(&rig);
+}
+
+T_CASE(maps_of_a_rig_that_is_written_elsewhere)
+{
+    char at[] = "/tmp/pvx-move-XXXXXX", here[PATH_MAX], want[PATH_MAX + 8],
+         longest[REC_MAP_FILE_MAX];
+    T_OK(mkdtemp(at) != NULL && realpath(at, here) != NULL && chdir(at) == 0);
+    T_OK(mkdir("a", 0700) == 0 && mkdir("a/b", 0700) == 0 && mkdir("ab", 0700) == 0);
+    moved("rig.yaml", "new.yaml", "f.npy", "f.npy");
+    moved("a/rig.yaml", "./a/new.yaml", "f.npy", "f.npy");
+    moved("rig.yaml", "a/new.yaml", "f.npy", "../f.npy");
+    moved("a/b/rig.yaml", "new.yaml", "m/f.npy", "a/b/m/f.npy");
+    moved("a/b/rig.yaml", "ab/new.yaml", "f.npy", "../a/b/f.npy");
+    moved("rig.yaml", "a/new.yaml", "/x/f.npy", "/x/f.npy");
+    snprintf(want, sizeof want, "%s/f.npy", here);
+    moved("rig.yaml", NULL, "f.npy", want);
+    memset(longest, 'x', sizeof longest - 1);
+    longest[sizeof longest - 1] = '\0';
+    moved("rig.yaml", "new.yaml", longest, longest);
+    moved("rig.yaml", "a/new.yaml", longest, NULL);
+    rmdir("a/b");
+    rmdir("a");
+    rmdir("ab");
+    T_OK(chdir("/") == 0 && rmdir(at) == 0);
 }
