@@ -127,6 +127,15 @@ static pvx_err control_background(void *ctx, uint32_t sets, struct pvx_diag *d)
                      : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
 }
 
+static void control_background_state(void *ctx, struct dmn_background_state *out)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    *out = (struct dmn_background_state){0};
+    if (p != NULL)
+        dmn_live_background_state(p, out);
+}
+
 static void control_stop(void *ctx)
 {
     struct daemon *dm = ctx;
@@ -284,6 +293,7 @@ static int run(const struct dmn_config *cfg)
                                   .stop = control_stop,
                                   .record = control_record,
                                   .background = control_background,
+                                  .background_state = control_background_state,
                                   .ctx = &dm};
     dmn_control *control = NULL;
     dmn_live *p = NULL;

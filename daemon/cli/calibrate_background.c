@@ -4,7 +4,9 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
+#include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
 #include "daemon/cli/arg.h"
@@ -45,15 +47,49 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 
 /* ---- live ---- */
 
+#define ANSWER_MS 10000
+#define ASK_NS    (100 * PVX_NS_PER_MS)
+
+/* Until the daemon has done what this request asked for. */
+static pvx_err await(const char *control, double number, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "background"};
+    for (;; pvx_sleep_until_mono(pvx_now_mono() + ASK_NS)) {
+        cJSON *is = NULL;
+        PVX_TRY(ask(control, NULL, "background", ANSWER_MS, &is, d));
+        const char *state = ask_text(is, "state", NULL);
+        double sets = ask_num(is, "sets", NULL), have = ask_num(is, "have", NULL);
+        pvx_err e = PVX_ETIMEDOUT; /* not yet */
+        if (ask_num(is, "request", NULL) != number)
+            e = pvx_fail(d, PVX_EBUSY, "somebody else asked for another background meanwhile");
+        else if (strcmp(state, "done") == 0)
+            e = PVX_OK;
+        else if (strcmp(state, "taking") != 0)
+            e = pvx_fail(d, PVX_EINVAL, "%s", ask_text(is, "why", NULL));
+        cJSON_Delete(is);
+        if (cli_stop || !cli_progress(&bar, sets > 0 ? have / sets : 1))
+            return PVX_ECANCELED;
+        if (e != PVX_ETIMEDOUT)
+            return e;
+    }
+}
+
 static int live(const struct args *a)
 {
     char request[80];
     struct pvx_diag d = {""};
     cJSON *reply = NULL;
     snprintf(request, sizeof request, "{\"cmd\":\"background\",\"sets\":%lld}", (long long)a->sets);
-    /* as long as the slowest rigs need */
-    pvx_err e = ask_request(a->control, NULL, request, 10000 + (int)a->sets * 1000, &reply, &d);
+    cli_catch_stop();
+    pvx_err e = ask_request(a->control, NULL, request, ANSWER_MS, &reply, &d);
+    double number = e == PVX_OK ? ask_num(reply, "request", NULL) : 0;
     cJSON_Delete(reply);
+    if (e == PVX_OK)
+        e = await(a->control, number, &d);
+    if (e == PVX_ECANCELED) {
+        fprintf(stderr, "\npyrovox: stopped; the daemon goes on taking it (--sets 0 ends that)\n");
+        return 130;
+    }
     if (e != PVX_OK)
         return cli_error(&d, e);
     if (a->sets > 0)

@@ -78,19 +78,44 @@ static size_t record(const struct dmn_control_ops *ops, const cJSON *req, char *
     return n > 0 ? n : done(reply, size);
 }
 
+static size_t background_is(const struct dmn_background_state *s, char *reply, size_t size)
+{
+    struct dmn_json j;
+    dmn_json_init(&j, reply, size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_int(&j, "request", s->request);
+    dmn_json_str(&j, "state", dmn_taking_names[s->state]);
+    dmn_json_int(&j, "sets", s->sets);
+    dmn_json_int(&j, "have", s->have);
+    if (s->state == DMN_TAKING_FAILED)
+        dmn_json_str(&j, "why", s->why.text);
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    return n > 0 ? n : fail(reply, size, "no room");
+}
+
 static size_t background(const struct dmn_control_ops *ops, const cJSON *req, char *reply,
                          size_t size)
 {
     const cJSON *sets = cJSON_GetObjectItemCaseSensitive(req, "sets");
     double n = cJSON_IsNumber(sets) ? sets->valuedouble : -1;
+    struct dmn_background_state s = {0};
+    struct pvx_diag d = {""};
+    if (sets == NULL && ops->background_state != NULL) {
+        ops->background_state(ops->ctx, &s);
+        return background_is(&s, reply, size);
+    }
     if (!(n >= 0 && n <= 1e6 && n == (double)(uint32_t)n))
         return fail(reply, size,
                     "sets should be a whole number, 2 or more, or 0 for no background");
     if (ops->background == NULL)
         return fail(reply, size, "a background is not possible here");
-    struct pvx_diag d = {""};
     pvx_err e = ops->background(ops->ctx, (uint32_t)n, &d);
-    return e == PVX_OK ? done(reply, size) : fail(reply, size, pvx_diag_text(&d, e));
+    if (e != PVX_OK)
+        return fail(reply, size, pvx_diag_text(&d, e));
+    ops->background_state(ops->ctx, &s);
+    return (size_t)snprintf(reply, size, "{\"ok\":true,\"request\":%u}", s.request);
 }
 
 static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)

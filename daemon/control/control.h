@@ -6,12 +6,14 @@
  *   {"cmd":"reset-latency"}               {"ok":true}; the latency statistics start anew
  *   {"cmd":"record","action":"start","path":"/data/a.h5"}   {"ok":true,"path":...}; path may be left out
  *   {"cmd":"record","action":"stop"}      {"ok":true,"path":...}; answers when the take is closed
- *   {"cmd":"background","sets":64}        {"ok":true}; the mean of the next sets is subtracted from then on; answers
- *                                         when it is, or with why not (a flame in it); 0: none any more
+ *   {"cmd":"background","sets":64}        {"ok":true,"request":1}; the mean of the next sets will be subtracted from
+ *                                         then on; 0: none any more, nor is one taken
+ *   {"cmd":"background"}                  {"ok":true,"request":1,"state":"taking","sets":64,"have":12}, "done", or
+ *                                         "failed" with "why" (a flame in it); "none": nobody asked for one
  *   {"cmd":"stop"}                        {"ok":true}; the daemon drains and ends
  * Anything else, or more than DMN_REQUEST_MAX bytes: {"error":"..."}.
  * A second daemon on the same endpoint is refused (proto/ipc.h).
- * Threads: a thread of its own; the calls in dmn_control_ops come from it. */
+ * Threads: a thread of its own; the calls in dmn_control_ops come from it, and should answer at once. */
 #ifndef DMN_CONTROL_H
 #define DMN_CONTROL_H
 #include <stdbool.h>
@@ -19,6 +21,7 @@
 #include <stdint.h>
 #include "base/err.h"
 #include "proto/auth.h"
+#include "daemon/control/state.h"
 
 #define DMN_REQUEST_MAX 4096
 #define DMN_REPLY_MAX   (448u << 10)
@@ -31,8 +34,9 @@ struct dmn_control_ops {
     pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
                       struct pvx_diag *d);
     void *ctx;
-    /* Take a background of so many sets; NULL = cannot. */
+    /* Begin to take a background of so many sets, and what became of it; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);
+    void (*background_state)(void *ctx, struct dmn_background_state *out);
     bool remote; /* a request may not say which file to write; dmn_control_new sets it */
 };
 

@@ -4,6 +4,7 @@
 #include "daemon/control/state_sync.h"
 
 #define ROW(number, ...) [number] = {__VA_ARGS__},
+const char *const dmn_taking_names[] = {"none", "taking", "done", "failed"};
 const struct dmn_count_def dmn_drop_defs[DMN_N_DROP] = {DMN_DROPS(ROW)};
 const struct dmn_count_def dmn_image_defs[DMN_N_IMAGE] = {DMN_IMAGE_FAULTS(ROW)};
 

@@ -14,6 +14,16 @@
 #include "recon/geom/camera.h"
 #include "recon/frame/frame.h"
 
+/* A background that the daemon was asked for (background.h). */
+enum dmn_taking { DMN_TAKING_NONE, DMN_TAKING_NOW, DMN_TAKING_DONE, DMN_TAKING_FAILED };
+extern const char *const dmn_taking_names[];
+struct dmn_background_state {
+    unsigned request; /* number of the last one; 0 = there was none */
+    enum dmn_taking state;
+    uint32_t sets, have; /* that were asked for, that it has */
+    struct pvx_diag why; /* FAILED */
+};
+
 #define DMN_NUMBER(number, ...) number,
 /* Why a frame set that capture produced did not become a published volume. */
 #define DMN_DROPS(M)                                                                            \

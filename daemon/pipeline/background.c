@@ -1,8 +1,9 @@
 #include "daemon/pipeline/background.h"
 
 #include <math.h>
-#include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/clock.h"
 #include "base/log.h"
@@ -12,23 +13,26 @@
 #define PATIENCE_NS (5 * PVX_NS_PER_S)
 #define LEAST_SETS  2
 
-enum { IDLE, WANTED, DONE };
+/* WANTED and BUSY: all but `seen` and what begin's thread keeps is the carve stage's, else begin's. */
+enum { IDLE, WANTED, BUSY, DONE, FAILED };
 
 struct dmn_background {
     const rec_sysmat *S;
     const struct rec_rig *rig;
     int nch, cs;
-    pthread_mutex_t one; /* request at a time */
-    atomic_int state;    /* WANTED: the rest is the carve stage's */
-    atomic_uint seen;    /* sets */
+    atomic_int state;
+    atomic_uint seen; /* sets */
+    atomic_uint have; /* of the camera that has most */
     uint32_t sets;
-    double *sum; /* [rows][cs] */
-    uint32_t *n; /* [rows][cs] finite ones */
-    float *mean; /* [rows][cs] */
+    double *sum;                  /* [rows][cs] */
+    uint32_t *n;                  /* [rows][cs] finite ones */
+    float *mean[REC_MAX_CAMERAS]; /* [rows of it][cs]; once it is done, the one before or NULL */
     uint32_t count[REC_MAX_CAMERAS];
     struct rec_light_still still[REC_MAX_CAMERAS];
-    pvx_err e;
     struct pvx_diag why;
+    /* begin's thread: */
+    unsigned request, looked; /* looked: `seen` when */
+    int64_t looked_ns;
 };
 
 pvx_err dmn_background_new(const rec_sysmat *S, const struct rec_rig *rig, int nch,
@@ -41,7 +45,6 @@ pvx_err dmn_background_new(const rec_sysmat *S, const struct rec_rig *rig, int n
     b->rig = rig;
     b->nch = nch;
     b->cs = nch == 3 ? 4 : 1;
-    pthread_mutex_init(&b->one, NULL);
     return PVX_OK;
 }
 
@@ -49,7 +52,8 @@ static void let_go(dmn_background *b)
 {
     PVX_FREE(b->sum);
     PVX_FREE(b->n);
-    PVX_FREE(b->mean);
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        PVX_FREE(b->mean[c]);
 }
 
 void dmn_background_free(dmn_background **bp)
@@ -57,65 +61,93 @@ void dmn_background_free(dmn_background **bp)
     if (*bp == NULL)
         return;
     let_go(*bp);
-    pthread_mutex_destroy(&(*bp)->one);
     PVX_FREE(*bp);
 }
 
 /* ---- the request ---- */
 
-static pvx_err get_room(dmn_background *b)
+static bool get_room(dmn_background *b)
 {
     size_t n = b->S->row0[b->S->n_cameras] * (size_t)b->cs;
     let_go(b);
+    memset(b->count, 0, sizeof b->count);
+    memset(b->still, 0, sizeof b->still);
+    if (b->sets == 0)
+        return true;
     b->sum = pvx_calloc(n, sizeof *b->sum);
     b->n = pvx_calloc(n, sizeof *b->n);
-    b->mean = pvx_calloc(n, sizeof *b->mean);
-    for (size_t c = 0; c < REC_MAX_CAMERAS; c++) {
-        b->count[c] = 0;
-        b->still[c] = (struct rec_light_still){0};
+    bool ok = b->sum != NULL && b->n != NULL;
+    for (size_t c = 0; c < b->S->n_cameras && ok; c++) {
+        size_t rows = b->S->row0[c + 1] - b->S->row0[c];
+        b->mean[c] = pvx_calloc(rows * (size_t)b->cs, sizeof(float));
+        ok = b->mean[c] != NULL;
     }
-    return b->sum != NULL && b->n != NULL && b->mean != NULL ? PVX_OK : PVX_ENOMEM;
+    return ok;
 }
 
-/* Until the carve stage has done it, or no set comes any more. */
-static pvx_err await(dmn_background *b, struct pvx_diag *d)
+/* Takes it back from the carve stage, which holds it for a moment at most. */
+static void give_up(dmn_background *b, const char *why)
+{
+    int wanted = WANTED;
+    while (!atomic_compare_exchange_strong(&b->state, &wanted, IDLE)) {
+        if (wanted != BUSY)
+            return;
+        wanted = WANTED;
+        pvx_sleep_until_mono(pvx_now_mono() + PVX_NS_PER_MS / 10);
+    }
+    b->why.text[0] = '\0';
+    pvx_fail(&b->why, PVX_ETIMEDOUT, "%s", why);
+    atomic_store(&b->state, FAILED);
+}
+
+void dmn_background_state(dmn_background *b, struct dmn_background_state *out)
 {
     unsigned seen = atomic_load(&b->seen);
-    int64_t last = pvx_now_mono();
-    while (atomic_load(&b->state) != DONE) {
-        pvx_sleep_until_mono(pvx_now_mono() + 5 * PVX_NS_PER_MS);
-        if (atomic_load(&b->seen) != seen) {
-            seen = atomic_load(&b->seen);
-            last = pvx_now_mono();
-        }
-        int wanted = WANTED;
-        if (pvx_now_mono() - last > PATIENCE_NS &&
-            atomic_compare_exchange_strong(&b->state, &wanted, IDLE))
-            return pvx_fail(d, PVX_ETIMEDOUT,
-                            "no set came for 5 s: no background; look at `pyrovox status`");
+    if (seen != b->looked) {
+        b->looked = seen;
+        b->looked_ns = pvx_now_mono();
     }
-    if (b->e != PVX_OK && d != NULL)
-        *d = b->why;
-    return b->e;
+    if (pvx_now_mono() - b->looked_ns > PATIENCE_NS && atomic_load(&b->state) == WANTED)
+        give_up(b, "no set came for 5 s: no background; look at `pyrovox status`");
+    int state = atomic_load(&b->state);
+    *out = (struct dmn_background_state){.request = b->request,
+                                         .state = state == IDLE     ? DMN_TAKING_NONE
+                                                  : state == DONE   ? DMN_TAKING_DONE
+                                                  : state == FAILED ? DMN_TAKING_FAILED
+                                                                    : DMN_TAKING_NOW,
+                                         .sets = b->sets,
+                                         .have = atomic_load(&b->have)};
+    if (state == FAILED)
+        out->why = b->why;
 }
 
-pvx_err dmn_background_take(dmn_background *b, uint32_t sets, struct pvx_diag *d)
+pvx_err dmn_background_begin(dmn_background *b, uint32_t sets, struct pvx_diag *d)
 {
+    struct dmn_background_state s;
     if (sets == 1 || sets > DMN_BACKGROUND_SETS_MAX)
         return pvx_fail(d, PVX_EINVAL, "sets should be 2 to %d, or 0 for no background",
                         DMN_BACKGROUND_SETS_MAX);
-    if (pthread_mutex_trylock(&b->one) != 0)
-        return pvx_fail(d, PVX_EBUSY, "a background is being taken already");
-    pvx_err e = get_room(b);
-    if (e == PVX_OK) {
-        b->sets = sets;
-        b->e = PVX_OK;
-        b->why.text[0] = '\0';
-        atomic_store(&b->state, WANTED);
-        e = await(b, d);
+    dmn_background_state(b, &s);
+    if (s.state == DMN_TAKING_NOW && sets > 0)
+        return pvx_fail(d, PVX_EBUSY,
+                        "a background is being taken already, %u of %u sets; --sets 0 ends that",
+                        s.have, s.sets);
+    if (s.state == DMN_TAKING_NOW)
+        give_up(b, "another request ended it");
+    b->sets = sets;
+    if (!get_room(b)) {
+        let_go(b);
+        return pvx_fail(d, PVX_ENOMEM, "no memory for a background");
     }
-    pthread_mutex_unlock(&b->one);
-    return e;
+    b->request++;
+    b->looked = atomic_load(&b->seen);
+    b->looked_ns = pvx_now_mono();
+    b->why.text[0] = '\0';
+    if (sets > 0)
+        LOG_I(DAEMON, "taking a background of %u sets", sets);
+    atomic_store(&b->have, 0);
+    atomic_store(&b->state, WANTED);
+    return PVX_OK;
 }
 
 /* ---- the carve stage ---- */
@@ -155,25 +187,25 @@ static pvx_err judge(dmn_background *b)
     return PVX_OK;
 }
 
-static pvx_err use(dmn_background *b, dmn_pipeline *p)
+static void use(dmn_background *b, dmn_pipeline *p)
 {
-    size_t n = b->S->row0[b->S->n_cameras] * (size_t)b->cs;
-    for (size_t i = 0; i < n; i++)
-        b->mean[i] = b->n[i] > 0 ? (float)(b->sum[i] / b->n[i]) : 0;
     for (size_t c = 0; c < b->rig->n_cameras; c++) {
-        const float *of = b->sets == 0 ? NULL : b->mean + b->S->row0[c] * (size_t)b->cs;
-        PVX_TRY(dmn_pipeline_background(p, c, of));
+        size_t at = b->S->row0[c] * (size_t)b->cs, n = b->S->row0[c + 1] * (size_t)b->cs - at;
+        for (size_t i = 0; i < n && b->sets > 0; i++)
+            b->mean[c][i] = b->n[at + i] > 0 ? (float)(b->sum[at + i] / b->n[at + i]) : 0;
+        dmn_pipeline_background(p, c, &b->mean[c]);
     }
     if (b->sets == 0)
         LOG_I(DAEMON, "no background any more");
     else
         LOG_I(DAEMON, "background: the mean of %u sets", b->sets);
-    return PVX_OK;
 }
 
 void dmn_background_look(dmn_background *b, const struct dmn_slot *s, dmn_pipeline *p)
 {
-    if (atomic_load_explicit(&b->state, memory_order_acquire) != WANTED)
+    int wanted = WANTED;
+    if (atomic_load_explicit(&b->state, memory_order_relaxed) != WANTED ||
+        !atomic_compare_exchange_strong(&b->state, &wanted, BUSY))
         return;
     for (size_t c = 0; c < b->rig->n_cameras && b->sets > 0; c++)
         if (s->mask >> c & 1)
@@ -181,11 +213,10 @@ void dmn_background_look(dmn_background *b, const struct dmn_slot *s, dmn_pipeli
     uint32_t most = 0;
     for (size_t c = 0; c < b->rig->n_cameras; c++)
         most = b->count[c] > most ? b->count[c] : most;
+    atomic_store(&b->have, most);
     atomic_fetch_add(&b->seen, 1);
-    if (most < b->sets)
-        return;
-    b->e = b->sets > 0 ? judge(b) : PVX_OK;
-    if (b->e == PVX_OK)
-        b->e = use(b, p);
-    atomic_store(&b->state, DONE);
+    bool good = most < b->sets || b->sets == 0 || judge(b) == PVX_OK;
+    if (good && most >= b->sets)
+        use(b, p);
+    atomic_store(&b->state, !good ? FAILED : most < b->sets ? WANTED : DONE);
 }

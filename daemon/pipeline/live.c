@@ -275,7 +275,12 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
 
 pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d)
 {
-    return dmn_background_take(l->background, sets, d);
+    return dmn_background_begin(l->background, sets, d);
+}
+
+void dmn_live_background_state(dmn_live *l, struct dmn_background_state *out)
+{
+    dmn_background_state(l->background, out);
 }
 
 void dmn_live_reset_latency(dmn_live *l)

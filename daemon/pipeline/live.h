@@ -29,8 +29,10 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out);
 /* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
 PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where,
                                        size_t size, struct pvx_diag *d);
-/* The mean of the next `sets` becomes the background, 0: none any more; waits for them (background.h). */
+/* The mean of the next `sets` becomes the background, 0: none any more; and how far it is (background.h).  From
+ * one thread at a time. */
 PVX_MUST_CHECK pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d);
+void dmn_live_background_state(dmn_live *l, struct dmn_background_state *out);
 /* The latency statistics start anew with the next volume. */
 void dmn_live_reset_latency(dmn_live *l);
 /* Longest time since a stage's last heartbeat, ns. */

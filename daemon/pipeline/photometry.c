@@ -43,8 +43,11 @@ static pvx_err folder_of(const char *path, char *out, struct pvx_diag *d)
              slash == NULL ? "." : path);
     if (realpath(name, out) == NULL)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", name, strerror(errno));
-    if (strcmp(out, "/") != 0)
-        strcat(out, "/"); /* realpath leaves room for it */
+    size_t n = strlen(out);
+    if (n > 1) { /* realpath leaves room for it */
+        out[n] = '/';
+        out[n + 1] = '\0';
+    }
     return PVX_OK;
 }
 

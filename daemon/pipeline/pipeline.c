@@ -217,9 +217,9 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
     return e;
 }
 
-pvx_err dmn_pipeline_background(dmn_pipeline *p, size_t camera, const float *bg)
+void dmn_pipeline_background(dmn_pipeline *p, size_t camera, float **bg)
 {
-    return rec_carver_background(p->carver, camera, bg);
+    rec_carver_exchange_background(p->carver, camera, bg);
 }
 
 pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)

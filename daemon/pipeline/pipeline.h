@@ -81,8 +81,8 @@ bool dmn_pipeline_finished(dmn_pipeline *p);
 void dmn_pipeline_join(dmn_pipeline *p);
 void dmn_pipeline_free(dmn_pipeline **p);
 
-/* Camera c's background from the next set on, as rec_carver_background; from the source's `next` only. */
-PVX_MUST_CHECK pvx_err dmn_pipeline_background(dmn_pipeline *p, size_t camera, const float *bg);
+/* Camera c's background from the next set on, as rec_carver_exchange_background; from the source's `next` only. */
+void dmn_pipeline_background(dmn_pipeline *p, size_t camera, float **bg);
 
 /* produced, published, inside, dropped and the stages. */
 void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);

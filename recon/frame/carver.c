@@ -92,6 +92,13 @@ pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg)
     return PVX_OK;
 }
 
+void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg)
+{
+    float *before = k->background[camera];
+    k->background[camera] = *bg;
+    *bg = before;
+}
+
 /* Where the camera's read noise is known, faint light may be told by it: the least threshold, which is for
  * 8 bits else, is what auto_k asks of it in a bin, if that is less.  Colours of a Bayer filter have a quarter
  * of the samples. */

@@ -68,6 +68,9 @@ PVX_MUST_CHECK pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig 
 void rec_carver_free(rec_carver **k);
 /* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
 PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg);
+/* The same without a copy: *bg, of pvx_calloc or NULL, becomes the carver's, and the one before the caller's.
+ * Allocates and frees nothing.  camera < the rig's. */
+void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg);
 
 /* Errors: PVX_EINVAL, PVX_ENOMEM. */
 typedef struct rec_solver rec_solver;

@@ -15,11 +15,28 @@ static void nothing(void *ctx)
     (void)ctx;
 }
 
+static uint32_t asked;
+static pvx_err take(void *ctx, uint32_t sets, struct pvx_diag *d)
+{
+    (void)ctx;
+    asked = sets;
+    return sets == 1 ? pvx_fail(d, PVX_EINVAL, "one") : PVX_OK;
+}
+static void taken(void *ctx, struct dmn_background_state *out)
+{
+    (void)ctx;
+    *out = (struct dmn_background_state){.request = 1, .sets = asked};
+    out->state = (enum dmn_taking)(asked % 4);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static char reply[DMN_REPLY_MAX];
-    const struct dmn_control_ops ops = {
-        .status = status, .reset_latency = nothing, .stop = nothing};
+    const struct dmn_control_ops ops = {.status = status,
+                                        .reset_latency = nothing,
+                                        .stop = nothing,
+                                        .background = take,
+                                        .background_state = taken};
     size_t n = dmn_control_handle(&ops, data, size, reply, sizeof reply);
     cJSON *j = cJSON_ParseWithLength(reply, n);
     MUST(n >= 2 && n < sizeof reply && cJSON_IsObject(j));

@@ -47,6 +47,16 @@ check none-any-more none
 n=$(sets); wait_for published $((n + 5))
 check again volumes_of again
 check it-is-back brightest again "b > 0.3"
+# others are served while one is being taken, which takes these cameras minutes
+"$pyrovox" calibrate background --live --control "$control" --sets 9000 > "$dir/away" 2>&1 & away=$!
+pids+=("$away")
+check long-one wait_for grep -q 'taking a background of 9000 sets' "$dir/a.log"
+one_at_a_time() { background --sets 30; says 1 'is being taken already' && ! gone "$away"; }
+check one-at-a-time one_at_a_time
+served() { status > "$dir/served" && ! gone "$away" && grep -q published "$dir/served"; }
+check status-is-answered served
+given_up() { background --sets 0; says 0 'no background any more' && ended "$away" 1; }
+check and-it-can-be-ended given_up
 one() { background --sets 1; says 1 'sets should be 2 to'; }
 check one-set-is-none one
 kill -INT "$daemon"; wait "$daemon"

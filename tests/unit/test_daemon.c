@@ -220,6 +220,13 @@ static pvx_err fake_background(void *ctx, uint32_t sets, struct pvx_diag *d)
     return sets == 3 ? pvx_fail(d, PVX_EINVAL, "a flame") : PVX_OK;
 }
 
+static void fake_background_state(void *ctx, struct dmn_background_state *out)
+{
+    *out = (struct dmn_background_state){.request = 7, .sets = *(uint32_t *)ctx, .have = 1};
+    out->state = *(uint32_t *)ctx == 3 ? DMN_TAKING_FAILED : DMN_TAKING_NOW;
+    snprintf(out->why.text, sizeof out->why.text, "it \"moves\"");
+}
+
 T_CASE(background_requests)
 {
     uint32_t sets = 99;
@@ -229,16 +236,21 @@ T_CASE(background_requests)
                                         .stop = fake_stop,
                                         .record = fake_record,
                                         .ctx = &sets,
-                                        .background = fake_background};
+                                        .background = fake_background,
+                                        .background_state = fake_background_state};
     static const struct {
         const char *request, *answer;
         uint32_t sets;
-    } of[] = {{"{\"cmd\":\"background\",\"sets\":16}", "{\"ok\":true}", 16},
-              {"{\"cmd\":\"background\",\"sets\":0}", "{\"ok\":true}", 0},
-              {"{\"cmd\":\"background\",\"sets\":3}", "a flame", 3},
-              {"{\"cmd\":\"background\",\"sets\":1.5}", "whole number", 3},
-              {"{\"cmd\":\"background\",\"sets\":-1}", "whole number", 3},
-              {"{\"cmd\":\"background\"}", "whole number", 3}};
+    } of[] = {
+        {"{\"cmd\":\"background\",\"sets\":16}", "{\"ok\":true,\"request\":7}", 16},
+        {"{\"cmd\":\"background\"}",
+         "{\"ok\":true,\"request\":7,\"state\":\"taking\",\"sets\":16,\"have\":1}", 16},
+        {"{\"cmd\":\"background\",\"sets\":0}", "{\"ok\":true,\"request\":7}", 0},
+        {"{\"cmd\":\"background\",\"sets\":3}", "a flame", 3},
+        {"{\"cmd\":\"background\",\"sets\":1.5}", "whole number", 3},
+        {"{\"cmd\":\"background\",\"sets\":-1}", "whole number", 3},
+        {"{\"cmd\":\"background\",\"sets\":null}", "whole number", 3},
+        {"{\"cmd\":\"background\"}", "\"failed\",\"sets\":3,\"have\":1,\"why\":\"it \\\"moves", 3}};
     for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
         dmn_control_handle(&ops, of[i].request, strlen(of[i].request), reply, sizeof reply);
         T_CONTAINS(reply, of[i].answer);
