@@ -9,6 +9,7 @@
  * a thread of its own, so that the camera can be opened anew as soon as it is back.
  *
  * USB3 Vision cameras go the same way through Aravis; that was not exercised, for want of one. */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -143,6 +144,9 @@ static pvx_err aravis_open(const struct cap_source_config *c, cap_source **out, 
         return e;
     }
     s->resend = arv_camera_is_gv_device(s->camera) && aravis_wants_resend(&s->c, s->camera);
+    const char *serial = arv_camera_get_device_serial_number(s->camera, NULL);
+    if (serial != NULL && strlen(serial) < sizeof s->serial)
+        snprintf(s->serial, sizeof s->serial, "%s", serial);
     *out = base;
     return PVX_OK;
 }

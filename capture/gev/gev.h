@@ -29,6 +29,7 @@ struct aravis_source {
     ArvCamera *camera;
     struct aravis_layout layout;
     struct aravis_route route;
+    char serial[CAP_SERIAL_MAX];
     cap_lend *lend;
     struct aravis_buffers *buffers; /* of lend */
     bool resend;

@@ -192,13 +192,20 @@ static void look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
     pthread_mutex_unlock(&s->lock);
 }
 
+static struct cap_health known_at_once(const struct aravis_source *s)
+{
+    struct cap_health h = cap_health_unknown;
+    h.address = s->route.camera;
+    h.broadcast = s->route.broadcast;
+    memcpy(h.serial, s->serial, sizeof h.serial);
+    return h;
+}
+
 static void *watch(void *arg)
 {
     struct aravis_source *s = arg;
     bool bad_ptp = false, told = false;
-    struct cap_health h = cap_health_unknown;
-    h.address = s->route.camera;
-    h.broadcast = s->route.broadcast;
+    struct cap_health h = known_at_once(s);
     for (unsigned round = 0; !quits(s); round++) {
         /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
         bool there = s->route.camera == 0 || aravis_probe(s->route.camera, NULL);
@@ -223,9 +230,7 @@ void aravis_watch_start(struct aravis_source *s)
 {
     pthread_mutex_lock(&s->lock);
     s->quit = false;
-    s->health = cap_health_unknown;
-    s->health.address = s->route.camera;
-    s->health.broadcast = s->route.broadcast;
+    s->health = known_at_once(s);
     pthread_mutex_unlock(&s->lock);
     if (pthread_create(&s->watch, NULL, watch, s) != 0) {
         LOG_W(CAPTURE, "camera %s (aravis:%s): no thread to watch its clock with", s->c.name,

@@ -63,6 +63,11 @@ static void assembly_stats(const struct cap_camera *cam, struct cap_camera_stats
     skew_stats(&cam->assembly.skew, &s->skew);
 }
 
+void cap_capture_health(const cap_capture *cap, uint32_t camera, struct cap_health *out)
+{
+    pvx_board_read(&cap->camera[camera].life.health, out, sizeof *out);
+}
+
 void cap_capture_stats(cap_capture *cap, struct cap_stats *out)
 {
     memset(out, 0, sizeof *out);

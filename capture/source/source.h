@@ -146,9 +146,12 @@ struct cap_source_config {
     const struct cap_scene *scene; /* sim: */
 };
 
+#define CAP_SERIAL_MAX 64
 /* How a running camera is; a source that cannot tell leaves cap_health_unknown's value. */
 struct cap_health {
     double temperature_c; /* NAN = does not say; so for all doubles here */
+    char serial
+        [CAP_SERIAL_MAX]; /* what tells it from others of its kind, wherever it is plugged in; "" */
     char ptp[16];         /* "Slave", "Master", "Uncalibrated" ...; "" = has none, or it is off */
     double ptp_offset_ns; /* from the master */
     double link_mbps;

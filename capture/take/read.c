@@ -291,6 +291,9 @@ static herr_t list_camera(hid_t group, const char *name, const H5L_info_t *info,
         t->camera[number].c.name = strdup(name);
         t->camera[number].c.uri = get_text(g, "uri", false);
         t->camera[number].c.settings = get_text(g, "settings", true);
+        t->camera[number].c.serial = get_text(g, "serial", false);
+        t->camera[number].c.temperature_c = NAN; /* older takes have neither */
+        get_attr(g, "temperature_c", H5T_NATIVE_DOUBLE, 8, &t->camera[number].c.temperature_c);
         l->n++;
     } else {
         l->bad = true;
@@ -324,6 +327,8 @@ static pvx_err read_cameras(cap_take *t, struct pvx_diag *d)
             e = leave_out_cut_frames(t, c, d);
         H5Gclose(g);
         t->cameras[c] = k->c;
+        if (k->c.serial == NULL)
+            t->cameras[c].serial = "";
     }
     H5Gclose(cameras);
     return e;
@@ -508,6 +513,7 @@ void cap_take_free(cap_take **tp)
         free((char *)t->camera[c].c.name);
         free((char *)t->camera[c].c.uri);
         free((char *)t->camera[c].c.settings);
+        free((char *)t->camera[c].c.serial);
         free(t->camera[c].row);
     }
     free(t->camera);

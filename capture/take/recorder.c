@@ -2,6 +2,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -39,6 +40,10 @@ struct cap_recorder {
     int64_t until_ns;               /* lossless: so long the tap waits for room, mono */
     bool stopping;                  /* nothing more is let in; the writer empties the ring */
     bool written;                   /* the writer is through */
+    struct about {
+        char serial[CAP_SERIAL_MAX];
+        double temperature_c;
+    } about[CAP_MAX_CAMERAS];
     struct cap_take_gap run[CAP_MAX_CAMERAS]; /* open: frames > 0 */
     struct cap_take_gap gap[N_GAPS];          /* closed, to be written */
     unsigned n_gaps;
@@ -130,6 +135,18 @@ static void end_gap(cap_recorder *r, uint32_t camera)
     r->run[camera] = (struct cap_take_gap){0};
 }
 
+/* Here, not in the writer's thread: that may outlive whoever is asked. */
+static void ask_about(cap_recorder *r, const struct cap_set *s)
+{
+    struct cap_health h;
+    for (uint32_t c = 0; c < r->cfg.n_cameras && r->cfg.health != NULL; c++)
+        if (s->frame[c] != NULL) {
+            r->cfg.health(r->cfg.ctx, c, &h);
+            memcpy(r->about[c].serial, h.serial, sizeof h.serial);
+            r->about[c].temperature_c = h.temperature_c;
+        }
+}
+
 static void tap_set(void *ctx, struct cap_set *s)
 {
     cap_recorder *r = ctx;
@@ -137,6 +154,7 @@ static void tap_set(void *ctx, struct cap_set *s)
     bool missed = false;
     pthread_mutex_lock(&r->lock);
     if (has_room(r, &it)) {
+        ask_about(r, s);
         cap_set_ref(s);
         let_in(r, it);
         for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
@@ -230,8 +248,20 @@ static pvx_err write_gaps(cap_recorder *r, struct pvx_diag *d)
     }
 }
 
+static void tell_about(cap_recorder *r, const struct item *it)
+{
+    for (uint32_t c = 0; c < r->cfg.n_cameras && r->cfg.health != NULL; c++)
+        if (has_camera(it, c)) {
+            pthread_mutex_lock(&r->lock);
+            struct about a = r->about[c];
+            pthread_mutex_unlock(&r->lock);
+            cap_take_about(r->take, c, a.serial, a.temperature_c);
+        }
+}
+
 static pvx_err write_item(cap_recorder *r, const struct item *it, struct pvx_diag *d)
 {
+    tell_about(r, it);
     PVX_TRY(has_space(r, bytes_of(it, r->cfg.n_cameras), d));
     if (it->set != NULL)
         PVX_TRY(cap_take_put_set(r->take, it->set, d));
@@ -483,6 +513,8 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
     r->syncer_done = r->cfg.sync_ns == 0;
     r->n_gaps = 0;
     memset(r->run, 0, sizeof r->run);
+    for (uint32_t c = 0; c < CAP_MAX_CAMERAS; c++)
+        r->about[c] = (struct about){.temperature_c = NAN};
     r->stats = (struct cap_recorder_stats){.state = CAP_REC_RUNNING};
     snprintf(r->stats.path, sizeof r->stats.path, "%s", path);
     r->t0_mono_ns = pvx_now_mono();

@@ -27,6 +27,9 @@ struct cap_recorder_config {
     uint64_t limit_bytes;     /* of pixels in one take; 0 = none */
     uint64_t keep_free_bytes; /* end before the disk has less */
     int64_t sync_ns;          /* 0 = never */
+    /* What camera c says of itself, asked at each of its frames by the tap; NULL = nobody knows. */
+    void (*health)(void *ctx, uint32_t camera, struct cap_health *out);
+    void *ctx;
 };
 enum cap_recorder_state { CAP_REC_IDLE, CAP_REC_RUNNING, CAP_REC_ENDED, CAP_REC_FAILED };
 extern const char *const cap_recorder_state_names[];

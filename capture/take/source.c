@@ -325,6 +325,16 @@ static pvx_err take_start(cap_source *base, const struct cap_sink *sink, struct 
     return cap_player_start(&p->player, "take", sink, run, p, d);
 }
 
+static void take_health(cap_source *base, struct cap_health *out)
+{
+    const struct source *p = (struct source *)base;
+    const struct cap_take_camera *k = &cap_take_info(p->file->take)->head.camera[p->in_take];
+    *out = cap_health_unknown;
+    out->temperature_c = k->temperature_c;
+    if (strlen(k->serial) < sizeof out->serial)
+        memcpy(out->serial, k->serial, strlen(k->serial) + 1);
+}
+
 static void take_stop(cap_source *base)
 {
     cap_player_stop(&((struct source *)base)->player);
@@ -336,6 +346,7 @@ const struct cap_source_ops cap_source_take = {
     .recorded = true,
     .open = take_open,
     .start = take_start,
+    .health = take_health,
     .stop = take_stop,
     .close = take_close,
 };

@@ -55,9 +55,11 @@ struct cap_take_gap {
     int64_t t_first_ns, t_last_ns;
 };
 
-/* One camera of a take.  To the writer: name, uri, settings. */
+/* One camera of a take.  To the writer: name, uri, settings; the rest by frames and cap_take_about. */
 struct cap_take_camera {
     const char *name, *uri;
+    const char *serial;   /* "" = not known (cap_health) */
+    double temperature_c; /* NAN = not known */
     const char *settings; /* text, a "name: value" on each line */
     enum cap_pixfmt fmt;  /* CAP_FMT_NONE: it has sent no frame */
     int32_t width, height;
@@ -90,6 +92,9 @@ PVX_MUST_CHECK pvx_err cap_take_put_stray(cap_take_writer *w, const struct cap_f
                                           enum cap_take_why why, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g,
                                         struct pvx_diag *d);
+/* What camera c says of itself by now; kept until the file is closed, and written with its first frame and then.
+ * "" and NAN leave what is known. */
+void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, double temperature_c);
 /* What was put is in the file from now on, whatever becomes of this process. */
 PVX_MUST_CHECK pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d);
 /* Closes; the take is whole if this says PVX_OK.  The writer is gone in each case. */

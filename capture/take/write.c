@@ -6,6 +6,7 @@
  * pixels that they speak of, and a file that is cut anywhere still tells of all that is left. */
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,6 +24,8 @@
 
 struct camera {
     char *name, *uri, *settings;
+    char serial[CAP_SERIAL_MAX];
+    double temperature_c;
     bool made;
     enum cap_pixfmt fmt;
     int32_t width, height;
@@ -240,6 +243,18 @@ static bool make_root(cap_take_writer *w, const struct cap_take_head *h)
            make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps);
 }
 
+/* Of a length that it may get later. */
+static bool put_about(hid_t at, const struct camera *k)
+{
+    hid_t t = H5Tcopy(H5T_C_S1);
+    H5Tset_size(t, sizeof k->serial);
+    H5Tset_cset(t, H5T_CSET_UTF8);
+    bool ok = put_attr(at, "serial", t, k->serial) &&
+              put_attr(at, "temperature_c", H5T_IEEE_F64LE, &k->temperature_c);
+    H5Tclose(t);
+    return ok;
+}
+
 static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
 {
     char name[CAP_TAKE_NAME_MAX + 24];
@@ -248,7 +263,7 @@ static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
     hid_t g = H5Gopen2(w->file, name, H5P_DEFAULT);
     bool ok = g >= 0 && put_text(g, "pixel_format", cap_pixfmt_name(k->fmt)) &&
               put_int(g, "width", k->width) && put_int(g, "height", k->height) &&
-              put_int(g, "yuv", k->yuv) &&
+              put_int(g, "yuv", k->yuv) && put_about(g, k) &&
               make_table(g, "index", w->row_type, 1, &rows, &k->index) &&
               make_table(g, "frames", type, k->rank, k->dims, &k->frames);
     H5Gclose(g);
@@ -309,6 +324,7 @@ static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_t
         struct camera *k = &w->camera[c];
         const struct cap_take_camera *from = &h->camera[c];
         k->frames = k->index = -1;
+        k->temperature_c = NAN;
         k->name = strdup(from->name);
         k->uri = strdup(from->uri != NULL ? from->uri : "");
         k->settings = strdup(from->settings != NULL ? from->settings : "");
@@ -570,11 +586,29 @@ static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
 {
     if (!reopen(w))
         return fail(w, "cannot be closed", d);
-    bool ok = put_int(w->file, "n_sets", (int64_t)w->n_sets) &&
-              put_int(w->file, "n_frames", (int64_t)w->n_frames) &&
-              put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
-              put_int(w->file, "t_closed_ns", pvx_now_real()) && put_int(w->file, "closed", 1);
+    bool ok = true;
+    for (uint32_t c = 0; c < w->n_cameras && ok; c++) {
+        char name[CAP_TAKE_NAME_MAX + 24];
+        snprintf(name, sizeof name, "cameras/%s", w->camera[c].name);
+        hid_t g = w->camera[c].made ? H5Gopen2(w->file, name, H5P_DEFAULT) : -1;
+        ok = g < 0 || put_about(g, &w->camera[c]);
+        if (g >= 0)
+            H5Gclose(g);
+    }
+    ok = ok && put_int(w->file, "n_sets", (int64_t)w->n_sets) &&
+         put_int(w->file, "n_frames", (int64_t)w->n_frames) &&
+         put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
+         put_int(w->file, "t_closed_ns", pvx_now_real()) && put_int(w->file, "closed", 1);
     return close_file(w) && ok ? PVX_OK : fail(w, "cannot be closed", d);
+}
+
+void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, double temperature_c)
+{
+    struct camera *k = &w->camera[camera];
+    if (serial[0] != '\0' && strlen(serial) < sizeof k->serial)
+        memcpy(k->serial, serial, strlen(serial) + 1);
+    if (isfinite(temperature_c))
+        k->temperature_c = temperature_c;
 }
 
 pvx_err cap_take_close(cap_take_writer **wp, struct pvx_diag *d)

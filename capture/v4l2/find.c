@@ -275,6 +275,29 @@ static void say_candidates(const struct nodes *all, const char *uri, struct v4l_
     }
 }
 
+void v4l_serial(const struct v4l_device *dev, char *out, size_t size)
+{
+    struct nodes all;
+    const struct node *it = NULL;
+    char *node = realpath(dev->node, NULL);
+    out[0] = '\0';
+    if (node == NULL || scan(&all) != PVX_OK) {
+        free(node);
+        return;
+    }
+    for (unsigned i = 0; i < all.n; i++)
+        if (strcmp(all.at[i].dev.node, node) == 0)
+            it = &all.at[i];
+    bool alone = it != NULL && it->serial[0] != '\0';
+    for (unsigned i = 0; i < all.n && alone; i++)
+        alone = strcmp(all.at[i].serial, it->serial) != 0 ||
+                strcmp(all.at[i].dev.bus, it->dev.bus) == 0;
+    if (alone && strlen(it->serial) + 5 <= size)
+        snprintf(out, size, "usb-%s", it->serial);
+    free(all.at);
+    free(node);
+}
+
 /* ---- open ------------------------------------------------------------------------------------- */
 
 static pvx_err open_path(const struct cap_source_config *c, const char *path,

@@ -58,6 +58,7 @@ struct buffers {
 
 struct source {
     struct cap_source base;
+    char serial[CAP_SERIAL_MAX];
     struct cap_source_config c; /* strings are copies */
     char *uri, *name;
     struct v4l_device dev;
@@ -417,6 +418,7 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
     }
     s->exposure_us = v4l_fixed_exposure_us(&s->dev);
     s->gain = v4l_fixed_gain(&s->dev);
+    v4l_serial(&s->dev, s->serial, sizeof s->serial);
     LOG_D(CAPTURE, "camera %s (v4l2:%s): %s, %s: %s %dx%d, %.4g Hz, %u buffers%s", s->name, s->uri,
           s->dev.node, s->dev.card, cap_pixfmt_name(s->layout.fmt), s->layout.width,
           s->layout.height, s->layout.fps, s->buffers->n,
@@ -463,6 +465,12 @@ static pvx_err v4l2_start(cap_source *base, const struct cap_sink *sink, struct 
     return PVX_OK;
 }
 
+static void v4l2_health(cap_source *base, struct cap_health *out)
+{
+    *out = cap_health_unknown;
+    memcpy(out->serial, ((struct source *)base)->serial, sizeof out->serial);
+}
+
 static void v4l2_stop(cap_source *base)
 {
     struct source *s = (struct source *)base;
@@ -482,6 +490,7 @@ const struct cap_source_ops cap_source_v4l2 = {
     .clock = CAP_CLOCK_MONO,
     .open = v4l2_open,
     .start = v4l2_start,
+    .health = v4l2_health,
     .stop = v4l2_stop,
     .close = v4l2_close,
     .list = v4l_list,

@@ -38,6 +38,8 @@ void v4l_say(struct v4l_text *t, const char *fmt, ...) PVX_PRINTF(2, 3);
 PVX_MUST_CHECK pvx_err v4l_open(const struct cap_source_config *c, struct v4l_device *out,
                                 struct pvx_diag *d);
 void v4l_close(struct v4l_device *dev);
+/* "usb-SERIAL" of an open device; "" = it has none, or another that is plugged in has the same, as cheap ones do. */
+void v4l_serial(const struct v4l_device *dev, char *out, size_t size);
 PVX_MUST_CHECK pvx_err v4l_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
                                 struct pvx_diag *d);
 

@@ -12,8 +12,8 @@ static const char doc[] =
     "Caps on, exposure, gain and temperature as for the flame; 16 pictures or more:\n"
     "  pyrovox calibrate dark --rig rig.yaml --frames darks.h5 --out rig2.yaml\n"
     "A dark is subtracted from each picture; marked pixels are left out. It holds for its own "
-    "exposure and "
-    "gain: takes of others are refused. Every camera of the rig that has pictures gets one.";
+    "exposure, gain and temperature (5 degrees): takes of others are refused. Every camera of the "
+    "rig that has pictures gets one.";
 
 static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
@@ -37,8 +37,9 @@ static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     p->exposure = p->has_exposure ? pic->exposure : 0;
     p->has_gain = isfinite(s->gain);
     p->gain_db = p->has_gain ? s->gain : 0;
-    if (s->serial[0] != '\0')
-        snprintf(p->serial, sizeof p->serial, "%s", s->serial);
+    p->has_temperature = isfinite(s->temperature);
+    p->temperature = p->has_temperature ? s->temperature : 0;
+    calibrate_light_who(s, p);
     printf(
         "%-12s %u pictures: level %.4f, noise of a picture %.5f (full scale = 1), %zu hot and %zu "
         "dead pixels\n",

@@ -35,6 +35,23 @@ static void measure_noise(struct rec_camera *k, const struct rec_light_picture *
            noise.gain);
 }
 
+/* The camera that the darks are of, or, without any, the one that these are of from now on. */
+static pvx_err who(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+{
+    struct rec_camera *k = &l->rig.cameras[c];
+    for (size_t g = 0; g < l->a->n; g++) {
+        const struct calibrate_stack *s = calibrate_light_stack(l, g, c);
+        const struct dmn_photometry_taken as = {NAN, NAN, NAN, s->serial, s->device};
+        if (s->picture.n == 0)
+            continue;
+        if (k->photometry.dark.file[0] == '\0')
+            calibrate_light_who(s, &k->photometry);
+        else
+            PVX_TRY(dmn_photometry_check(k, &as, l->a->frames[g], d));
+    }
+    return PVX_OK;
+}
+
 static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
@@ -44,6 +61,7 @@ static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     size_t m = calibrate_light_of(l, c, p);
     if (m == 0)
         return PVX_OK;
+    PVX_TRY(who(l, c, d));
     float *map =
         pvx_calloc((size_t)p->width * (size_t)p->height * (size_t)p->channels, sizeof *map);
     if (map == NULL)

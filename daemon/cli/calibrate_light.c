@@ -231,7 +231,7 @@ static void conclude(struct calibrate_stack *s)
 static pvx_err how_taken(struct calibrate_stack *s, const struct frames_in *f, size_t c,
                          struct pvx_diag *d)
 {
-    s->gain = NAN;
+    s->gain = s->temperature = NAN;
     for (size_t i = 0; f->take != NULL && i < f->n; i++) {
         int64_t at = f->row[i * f->rig->n_cameras + c];
         if (at < 0)
@@ -239,9 +239,12 @@ static pvx_err how_taken(struct calibrate_stack *s, const struct frames_in *f, s
         uint32_t k = (uint32_t)f->take_camera[c];
         const struct cap_take_row *row = cap_take_row(f->take, k, (uint64_t)at);
         double t = row->exposure_us * 1e-6;
-        const char *uri = cap_take_info(f->take)->head.camera[k].uri;
-        if (strlen(uri) < sizeof s->serial)
-            snprintf(s->serial, sizeof s->serial, "%s", uri);
+        const struct cap_take_camera *is = &cap_take_info(f->take)->head.camera[k];
+        if (strlen(is->uri) < sizeof s->serial && rec_photometry_plain(is->uri))
+            snprintf(s->serial, sizeof s->serial, "%s", is->uri);
+        if (strlen(is->serial) < sizeof s->device && rec_photometry_plain(is->serial))
+            snprintf(s->device, sizeof s->device, "%s", is->serial);
+        s->temperature = is->temperature_c;
         if (fabs(t - s->picture.exposure) > 0.02 * t || fabs(row->gain - s->gain) > 0.1)
             return pvx_fail(
                 d, PVX_EINVAL,
@@ -337,6 +340,14 @@ pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera, cons
     if (rename(path, named) != 0)
         return pvx_fail(d, PVX_EIO, "%s: cannot be named %s", path, named);
     return PVX_OK;
+}
+
+void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry *p)
+{
+    if (s->serial[0] == '\0')
+        return;
+    snprintf(p->serial, sizeof p->serial, "%s", s->serial);
+    snprintf(p->device, sizeof p->device, "%s", s->device);
 }
 
 pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d)

@@ -35,8 +35,9 @@ struct calibrate_stack {
     float *mean, *var;
     struct rec_light_still still;
     uint64_t samples, saturated;
-    double gain;                 /* as the camera said; NAN */
-    char serial[REC_SERIAL_MAX]; /* "" = not known */
+    double gain;                                         /* as the camera said; NAN */
+    double temperature;                                  /* the same, degrees C; NAN */
+    char serial[REC_SERIAL_MAX], device[REC_SERIAL_MAX]; /* "" = not known (photometry.h) */
 };
 
 struct calibrate_light {
@@ -64,6 +65,8 @@ size_t calibrate_light_of(const struct calibrate_light *l, size_t camera,
 PVX_MUST_CHECK pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera,
                                            const char *kind, const float *v, struct rec_map *m,
                                            struct pvx_diag *d);
+/* Who was measured, of a stack, into what the rig says. */
+void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry *p);
 /* The rig to --out. */
 PVX_MUST_CHECK pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d);
 void calibrate_light_fini(struct calibrate_light *l);

@@ -1,5 +1,6 @@
 #include "daemon/cli/frames_in.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -367,6 +368,27 @@ pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uin
     return e == PVX_OK ? look_at_first(f, grey, d) : e;
 }
 
+/* Of a take that does not say how warm its cameras were, or of darks. */
+static void note_unknown(const struct frames_in *f)
+{
+    const char *first = NULL;
+    size_t n = 0;
+    for (size_t c = 0; c < f->rig->n_cameras; c++) {
+        const struct rec_photometry *p = &f->rig->cameras[c].photometry;
+        int k = f->take_camera[c];
+        if (k < 0 || p->dark.file[0] == '\0' ||
+            (p->has_temperature && isfinite(cap_take_info(f->take)->head.camera[k].temperature_c)))
+            continue;
+        first = n++ == 0 ? f->rig->cameras[c].name : first;
+    }
+    if (n > 0)
+        fprintf(stderr,
+                "pyrovox: %s: the temperature of %zu cameras' darks is not checked (%s and "
+                "others): take "
+                "or rig does not say it\n",
+                f->dir, n, first);
+}
+
 pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
 {
     for (size_t c = 0; f->take != NULL && c < f->rig->n_cameras; c++)
@@ -376,11 +398,13 @@ pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
             uint32_t camera = (uint32_t)f->take_camera[c];
             const struct cap_take_row *row =
                 cap_take_row(f->take, camera, (uint64_t)f->row[i * f->rig->n_cameras + c]);
-            const struct dmn_photometry_taken as = {
-                row->exposure_us * 1e-6, row->gain,
-                cap_take_info(f->take)->head.camera[camera].uri};
+            const struct cap_take_camera *k = &cap_take_info(f->take)->head.camera[camera];
+            const struct dmn_photometry_taken as = {row->exposure_us * 1e-6, row->gain,
+                                                    k->temperature_c, k->uri, k->serial};
             PVX_TRY(dmn_photometry_check(&f->rig->cameras[c], &as, f->dir, d));
         }
+    if (f->take != NULL)
+        note_unknown(f);
     return PVX_OK;
 }
 

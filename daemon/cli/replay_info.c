@@ -1,4 +1,5 @@
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 #include <time.h>
 
@@ -41,9 +42,14 @@ static void print_cameras(const cap_take *t)
             strays += cap_take_row(t, c, r)->set < 0;
         if (k->fmt != CAP_FMT_NONE)
             snprintf(size, sizeof size, "%dx%d", k->width, k->height);
-        printf("%-16s %-14s %-11s %8" PRIu64 " %9" PRIu64 " %9" PRIu64 "  %s\n", k->name,
+        printf("%-16s %-14s %-11s %8" PRIu64 " %9" PRIu64 " %9" PRIu64 "  %s", k->name,
                k->fmt == CAP_FMT_NONE ? "never sent" : cap_pixfmt_name(k->fmt), size, k->frames,
                strays, never_received(t, c), k->uri);
+        if (k->serial[0] != '\0')
+            printf(", serial %s", k->serial);
+        if (isfinite(k->temperature_c))
+            printf(", %.1f C", k->temperature_c);
+        printf("\n");
     }
 }
 

@@ -68,6 +68,7 @@ void dmn_state_health(struct dmn_json *j, const struct cap_camera_stats *k)
     const struct cap_health *h = &k->health;
     const struct cap_action_answers *a = &k->action;
     dmn_json_open(j, "health", '{');
+    dmn_json_str(j, "serial", h->serial);
     dmn_json_num(j, "temperature_c", h->temperature_c);
     dmn_json_num(j, "link_mbps", h->link_mbps);
     dmn_json_str(j, "ptp", h->ptp);

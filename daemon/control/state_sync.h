@@ -9,7 +9,7 @@
 void dmn_state_sync_camera(struct dmn_json *j, const struct cap_camera_stats *k);
 /* "skew" (edges of the histograms, and that of the spread) and "host_clock" of the whole. */
 void dmn_state_sync(struct dmn_json *j, const struct cap_stats *s);
-/* Inside a camera's object: "health" {temperature_c, link_mbps, ptp, ptp_offset_ns, packets_resent,
+/* Inside a camera's object: "health" {serial, temperature_c, link_mbps, ptp, ptp_offset_ns, packets_resent,
  * packets_missing} and "action" {acknowledged, silent, refused, too_late, no_clock}. */
 void dmn_state_health(struct dmn_json *j, const struct cap_camera_stats *k);
 /* At the top: "action" {sent, late, failed}. */

@@ -1,9 +1,13 @@
 #include "daemon/pipeline/cameras_in.h"
 
+#include <math.h>
+#include <string.h>
+
 #include "base/clock.h"
 #include "base/log.h"
 #include "daemon/pipeline/stage.h"
 
+#define UNKNOWN_SETS       200 /* in which a camera has said its temperature, if it does */
 #define WAIT_SUBSCRIBER_NS (20 * PVX_NS_PER_MS)
 
 /* How many cameras' images a set must have to be solved. */
@@ -27,13 +31,50 @@ static struct cap_set *newest(struct dmn_cameras_in *in, struct cap_set *set, ui
     return set;
 }
 
+/* Is camera c the one that the rig's photometry was measured on, and as warm?  A darker or brighter dark is told, once
+ * until it fits again; another camera's pictures are none of this rig's. */
+static bool is_ours(struct dmn_cameras_in *in, size_t c)
+{
+    const struct rec_camera *k = &in->rig->cameras[c];
+    const struct rec_photometry *p = &k->photometry;
+    struct dmn_camera_said *said = &in->said[c];
+    struct cap_health h;
+    if (p->device[0] == '\0' && p->dark.file[0] == '\0')
+        return true;
+    cap_capture_health(in->capture, (uint32_t)c, &h);
+    bool other = p->device[0] != '\0' && h.serial[0] != '\0' && strcmp(p->device, h.serial) != 0;
+    if (other && !said->other)
+        LOG_E(DAEMON,
+              "camera %s is %s, but the rig's photometry was measured on %s: %s; plug that one in, "
+              "or "
+              "measure this one (pyrovox calibrate dark, flat)",
+              k->name, h.serial, p->device,
+              in->sets.policy == CAP_POLICY_DROP ? "no set is whole (sync.policy: drop)"
+                                                 : "it is left out");
+    bool far = !other && dmn_photometry_too_far(k, h.temperature_c);
+    if (far && !said->far)
+        LOG_W(
+            DAEMON,
+            "camera %s has %.1f degrees Celsius, but its dark is of %.1f: let it warm up, or take "
+            "darks as it is (pyrovox calibrate dark)",
+            k->name, h.temperature_c, p->temperature);
+    if (isfinite(h.temperature_c) && p->has_temperature)
+        said->unknown = 0;
+    else if (p->dark.file[0] != '\0' && ++said->unknown == UNKNOWN_SETS)
+        LOG_I(DAEMON, "camera %s: its dark's temperature is not checked: %s", k->name,
+              p->has_temperature ? "the camera does not say its own" : "the rig does not say it");
+    said->other = other;
+    said->far = far || (said->far && fabs(h.temperature_c - p->temperature) > DMN_DARK_DEGREES - 1);
+    return !other;
+}
+
 /* The set's images into the slot; at most once a second one that cannot be used is told. */
 static void load(struct dmn_cameras_in *in, const struct cap_set *set, struct dmn_slot *s)
 {
     const struct cap_image *image[REC_MAX_CAMERAS] = {0};
     int64_t t0 = pvx_now_mono();
     for (size_t c = 0; c < in->rig->n_cameras; c++)
-        image[c] = set->frame[c] != NULL ? &set->frame[c]->img : NULL;
+        image[c] = set->frame[c] != NULL && is_ours(in, c) ? &set->frame[c]->img : NULL;
     s->n_present = dmn_images_bin_frame(in->images, image, s->frame, &s->mask);
     s->bin_ns = pvx_now_mono() - t0;
     for (size_t c = 0; c < in->rig->n_cameras; c++)

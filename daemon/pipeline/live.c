@@ -53,8 +53,11 @@ static pvx_err find_light(dmn_live *l, struct pvx_diag *d)
     dmn_config_path(c, c->rig, path, sizeof path);
     for (size_t i = 0; i < l->rig.n_cameras; i++) {
         const struct cap_source_config *s = &l->sources.source[i];
-        const struct dmn_photometry_taken as = {s->exposure_us >= 0 ? s->exposure_us * 1e-6 : NAN,
-                                                s->gain >= 0 ? s->gain : NAN, s->uri};
+        const struct dmn_photometry_taken as = {
+            .exposure_s = s->exposure_us >= 0 ? s->exposure_us * 1e-6 : NAN,
+            .gain_db = s->gain >= 0 ? s->gain : NAN,
+            .temperature_c = NAN, /* it and the serial number when it runs: cameras_in.c */
+            .serial = l->rig.cameras[i].photometry.device[0] == '\0' ? s->uri : NULL};
         PVX_TRY(dmn_photometry_check(&l->rig.cameras[i], &as, c->name, d));
     }
     return dmn_photometry_load(path, DMN_LIGHT_ALL, &l->rig, &l->light, d);
@@ -74,7 +77,7 @@ static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
     uint64_t *session = &l->out.start.session;
     if (getrandom(session, sizeof *session, 0) != (ssize_t)sizeof *session)
         *session = (uint64_t)pvx_now_real();
-    PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, *session, &l->recording, d));
+    PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, &l->capture, *session, &l->recording, d));
     PVX_TRY(find_light(l, d)); /* takes gains out of the rig, which the recording has */
     PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));
     l->matrix = (struct rec_sysmat_params){.binning = (int32_t)c->binning,

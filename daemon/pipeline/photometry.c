@@ -196,18 +196,29 @@ const struct cap_photometry *dmn_photometry_of(const dmn_photometry *p, size_t c
     return p != NULL && p->camera[c].acts ? &p->camera[c].of : NULL;
 }
 
+bool dmn_photometry_too_far(const struct rec_camera *k, double temperature_c)
+{
+    const struct rec_photometry *p = &k->photometry;
+    return p->dark.file[0] != '\0' && p->has_temperature &&
+           fabs(temperature_c - p->temperature) > DMN_DARK_DEGREES;
+}
+
 pvx_err dmn_photometry_check(const struct rec_camera *k, const struct dmn_photometry_taken *as,
                              const char *where, struct pvx_diag *d)
 {
     const struct rec_photometry *p = &k->photometry;
+    bool known = p->device[0] != '\0' && as->device != NULL && as->device[0] != '\0';
     size_t scheme = strcspn(p->serial, ":"); /* a recording is called otherwise than its camera */
-    if (p->serial[0] != '\0' && as->serial != NULL &&
-        strncmp(p->serial, as->serial, scheme + 1) == 0 && strcmp(p->serial, as->serial) != 0)
+    bool same = known ? strcmp(p->device, as->device) == 0
+                      : p->serial[0] == '\0' || as->serial == NULL ||
+                            strncmp(p->serial, as->serial, scheme + 1) != 0 ||
+                            strcmp(p->serial, as->serial) == 0;
+    if (!same)
         return pvx_fail(
             d, PVX_EINVAL,
             "%s: camera %s is %s, but the rig's photometry was measured on %s: measure "
             "this one (pyrovox calibrate dark, flat), or take its photometry out of the rig",
-            where, k->name, as->serial, p->serial);
+            where, k->name, known ? as->device : as->serial, known ? p->device : p->serial);
     if (p->dark.file[0] == '\0')
         return PVX_OK;
     if (p->has_exposure && fabs(as->exposure_s - p->exposure) > 0.02 * p->exposure)
@@ -222,5 +233,11 @@ pvx_err dmn_photometry_check(const struct rec_camera *k, const struct dmn_photom
             "%s: camera %s had a gain of %g dB, but its dark is of %g dB: take darks at "
             "that gain (pyrovox calibrate dark)",
             where, k->name, as->gain_db, p->gain_db);
+    if (dmn_photometry_too_far(k, as->temperature_c))
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: camera %s had %.1f degrees Celsius, but its dark is of %.1f: take "
+                        "darks when it is "
+                        "as warm as then (pyrovox calibrate dark)",
+                        where, k->name, as->temperature_c, p->temperature);
     return PVX_OK;
 }

@@ -30,14 +30,20 @@ const struct cap_photometry *dmn_photometry_of(const dmn_photometry *p, size_t c
 
 /* How pictures were taken, as far as it is known; NAN, NULL: not. */
 struct dmn_photometry_taken {
-    double exposure_s, gain_db;
-    const char *serial;
+    double exposure_s, gain_db, temperature_c;
+    const char *serial, *device; /* its source, its serial number; "" too */
 };
-/* Whether they are from the camera that was measured, and its darks of their exposure and gain (within 2 %
- * and 0.1 dB); `where` begins the sentence of the error, PVX_EINVAL. */
+/* Darks that are warmer or colder than this are of other pictures: dark current doubles in some 7 degrees. */
+#define DMN_DARK_DEGREES 5
+/* Whether they are from the camera that was measured (by its serial number where both know it, else by its
+ * source), and its darks of their exposure, gain and temperature (within 2 %, 0.1 dB and DMN_DARK_DEGREES); `where`
+ * begins the sentence of the error, PVX_EINVAL. */
 PVX_MUST_CHECK pvx_err dmn_photometry_check(const struct rec_camera *k,
                                             const struct dmn_photometry_taken *as,
                                             const char *where, struct pvx_diag *d);
+
+/* Whether darks of k are for a sensor of this temperature: false only where both are known. */
+bool dmn_photometry_too_far(const struct rec_camera *k, double temperature_c);
 
 /* Names of maps that are relative to rig.yaml `from`, made right for one at `to`, whose folder is there; to NULL:
  * absolute.  PVX_ENOENT, PVX_ERANGE: a name would be too long. */

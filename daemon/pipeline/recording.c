@@ -13,6 +13,7 @@
 #define GB 1e9
 
 struct dmn_recording {
+    cap_capture *const *capture;
     pthread_mutex_t lock; /* one start or stop at a time */
     cap_recorder *recorder;
     char pattern[DMN_WORD_MAX];
@@ -92,9 +93,14 @@ static pvx_err describe(dmn_recording *r, const struct dmn_config *c, const stru
     return PVX_OK;
 }
 
+static void health(void *ctx, uint32_t camera, struct cap_health *out)
+{
+    cap_capture_health(*((dmn_recording *)ctx)->capture, camera, out);
+}
+
 pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
-                          struct dmn_sources *sources, uint64_t session, dmn_recording **out,
-                          struct pvx_diag *d)
+                          struct dmn_sources *sources, cap_capture *const *capture,
+                          uint64_t session, dmn_recording **out, struct pvx_diag *d)
 {
     *out = NULL;
     if (c->record_queue == 0)
@@ -112,7 +118,10 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
                                      .lossless = c->lossless,
                                      .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
                                      .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
-                                     .sync_ns = (int64_t)(c->record_sync_s * 1e9)};
+                                     .sync_ns = (int64_t)(c->record_sync_s * 1e9),
+                                     .health = health,
+                                     .ctx = r};
+    r->capture = capture;
     pvx_err e = describe(r, c, rig, sources, session);
     if (e == PVX_OK)
         e = cap_recorder_new(&rc, &r->recorder);

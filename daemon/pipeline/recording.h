@@ -9,10 +9,11 @@
 
 typedef struct dmn_recording dmn_recording;
 /* Makes the recorder and puts its tap and its buffers into `sources`, before the capture is made of them.
- * With record.queue: 0, *out = NULL.  Everything is copied. */
+ * With record.queue: 0, *out = NULL.  Everything is copied but where the capture will be, which is asked for its
+ * cameras' health while it runs. */
 PVX_MUST_CHECK pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
-                                         struct dmn_sources *sources, uint64_t session,
-                                         dmn_recording **out, struct pvx_diag *d);
+                                         struct dmn_sources *sources, cap_capture *const *capture,
+                                         uint64_t session, dmn_recording **out, struct pvx_diag *d);
 /* path NULL: record.path.  where: the file's name.  r may be NULL: PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where,
                                            size_t size, struct pvx_diag *d);

@@ -16,8 +16,7 @@ struct reader {
     struct pvx_diag *d;
 };
 
-/* Text that can be written in double quotes as it is. */
-static bool plain(const char *s)
+bool rec_photometry_plain(const char *s)
 {
     for (; *s != '\0'; s++)
         if ((unsigned char)*s < 32 || *s == '"' || *s == '\\' || *s == 127)
@@ -31,7 +30,7 @@ static pvx_err text(const struct reader *r, int map, const char *key, char *out,
     const char *s = pvx_yaml_text(r->y, node);
     if (node == 0)
         return PVX_OK;
-    if (*s == '\0' || strlen(s) >= size || !plain(s))
+    if (*s == '\0' || strlen(s) >= size || !rec_photometry_plain(s))
         return pvx_yaml_fail(r->y, node, r->path, PVX_EINVAL, r->d,
                              "%s should be a text of 1 to %zu characters without quotes", key,
                              size - 1);
@@ -118,8 +117,10 @@ pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
     bool gain = false;
     *out = (struct rec_photometry){0};
     PVX_TRY(pvx_yaml_known(
-        y, node, path, "serial exposure gain_db temperature response dark flat matrix noise", d));
+        y, node, path, "serial device exposure gain_db temperature response dark flat matrix noise",
+        d));
     PVX_TRY(text(&r, node, "serial", out->serial, sizeof out->serial));
+    PVX_TRY(text(&r, node, "device", out->device, sizeof out->device));
     PVX_TRY(number(&r, node, "exposure", 1e-9, 1e6, &out->has_exposure, &out->exposure));
     PVX_TRY(number(&r, node, "gain_db", -1e3, 1e3, &out->has_gain, &out->gain_db));
     PVX_TRY(
@@ -160,12 +161,14 @@ static void put_map(FILE *f, const char *key, const struct rec_map *m)
 
 void rec_photometry_write(FILE *f, const struct rec_photometry *p)
 {
-    if (!rec_photometry_acts(p) && !p->has_noise && p->serial[0] == '\0' && !p->has_exposure &&
-        !p->has_gain && !p->has_temperature)
+    if (!rec_photometry_acts(p) && !p->has_noise && p->serial[0] == '\0' && p->device[0] == '\0' &&
+        !p->has_exposure && !p->has_gain && !p->has_temperature)
         return;
     fputs("    photometry:\n", f);
     if (p->serial[0] != '\0')
         fprintf(f, "      serial: \"%s\"\n", p->serial);
+    if (p->device[0] != '\0')
+        fprintf(f, "      device: \"%s\"\n", p->device);
     if (p->has_exposure)
         fprintf(f, "      exposure: %.17g\n", p->exposure);
     if (p->has_gain)

@@ -1,7 +1,8 @@
 /* photometry.h - what rig.yaml says of a camera's response to light: `photometry:`, every key optional.
  *
  *   photometry:
- *     serial: TEXT            the camera that was measured, as a take or configuration calls it
+ *     serial: TEXT            the camera that was measured, as a take or configuration calls it (its source)
+ *     device: TEXT            the serial number that it says itself: counts for more than `serial`
  *     exposure: s, gain_db: x, temperature: C     of its darks
  *     response: [2..65 numbers]   light at samples 0 .. full scale in even steps, rising from 0 to 1
  *     dark: { file: F, hash: H }  light of each pixel that is not lit, .npy; NaN = a hot or dead pixel
@@ -29,7 +30,7 @@ struct rec_map {
 
 /* All 0 = nothing is known. */
 struct rec_photometry {
-    char serial[REC_SERIAL_MAX]; /* "" = not said */
+    char serial[REC_SERIAL_MAX], device[REC_SERIAL_MAX]; /* "" = not said */
     bool has_exposure, has_gain, has_temperature;
     double exposure, gain_db, temperature; /* s, dB, degrees C */
     int n_response;                        /* 0 = none */
@@ -39,6 +40,8 @@ struct rec_photometry {
     double matrix[9], read_noise, noise_gain;
 };
 
+/* Whether a text can be written in double quotes as it is. */
+bool rec_photometry_plain(const char *s);
 /* Whether pictures are to be changed by it. */
 bool rec_photometry_acts(const struct rec_photometry *p);
 /* The value of `photometry:` at `node`; `path` is what messages call it. */

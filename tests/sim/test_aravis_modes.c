@@ -54,6 +54,7 @@ T_CASE(free_run_with_ptp)
     }
     bed_together(&r, FPS, CAP_TRIGGER_FREE_RUN, true);
     rig_start(&r);
+    static const char *const serial[] = {"T00", "T01", "T02", "T03"};
     sets_of_one_instant(30, 0, "free run, PTP");
     rig_stats(&r);
     for (int c = 0; c < BED_CAMERAS; c++) {
@@ -61,6 +62,7 @@ T_CASE(free_run_with_ptp)
         T_EQ_S(h->ptp, "Slave");
         T_LE(fabs(h->ptp_offset_ns), 1000);
         T_OK(isfinite(h->temperature_c));
+        T_EQ_S(h->serial, serial[c]);
         T_OK(h->clock.bound_ns > 0);
         T_EQ_I(h->address, 0x7F000002 + c);
         T_EQ_I(h->broadcast, 0x7FFFFFFF);

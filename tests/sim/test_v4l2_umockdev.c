@@ -335,6 +335,14 @@ T_CASE(exposure_and_gain)
 
 /* ---- names ------------------------------------------------------------------------------------ */
 
+static void serial_is(cap_source *s, const char *want)
+{
+    struct cap_health h;
+    v4l2->health(s, &h);
+    T_EQ_S(h.serial, want);
+    T_OK(isnan(h.temperature_c));
+}
+
 T_CASE(equal_webcams_are_told_apart)
 {
     static struct mock_camera two[2], meta;
@@ -361,7 +369,9 @@ T_CASE(equal_webcams_are_told_apart)
     REFUSED(&c, PVX_EINVAL, "2 cameras", "v4l2:usb-0042 (Mock Webcam, /dev/video0)",
             "v4l2:usb-0043 (Mock Webcam, /dev/video2)");
     c.uri = "0043";
-    ended(opened(&c));
+    cap_source *its = opened(&c);
+    serial_is(its, "usb-0043");
+    ended(its);
     c.uri = "/dev/video1";
     REFUSED(&c, PVX_EUNSUP, "/dev/video1", "metadata");
     mock_unplug(&two[1]);
@@ -378,7 +388,9 @@ T_CASE(equal_webcams_are_told_apart)
     c.uri = "usb-0042";
     REFUSED(&c, PVX_EINVAL, "2 cameras", "v4l2:usb-0000:00:14.0-2");
     c.uri = "usb-0000:00:14.0-2";
-    ended(opened(&c));
+    its = opened(&c);
+    serial_is(its, "");
+    ended(its);
     mock_unplug(&two[0]);
     mock_unplug(&meta);
     mock_unplug(&two[1]);

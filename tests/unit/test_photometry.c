@@ -21,16 +21,20 @@ static struct rec_camera measured(void)
     return k;
 }
 
-static void is(const struct rec_camera *k, double exposure, double gain, const char *serial,
-               const char *refused)
+static void taken(const struct rec_camera *k, struct dmn_photometry_taken as, const char *refused)
 {
-    const struct dmn_photometry_taken as = {exposure, gain, serial};
     struct pvx_diag d = {""};
     T_EQ_I(dmn_photometry_check(k, &as, "a.h5", &d), refused == NULL ? PVX_OK : PVX_EINVAL);
     if (refused != NULL)
         T_CONTAINS(d.text, refused);
     else
         T_EQ_S(d.text, "");
+}
+
+static void is(const struct rec_camera *k, double exposure, double gain, const char *serial,
+               const char *refused)
+{
+    taken(k, (struct dmn_photometry_taken){exposure, gain, NAN, serial, NULL}, refused);
 }
 
 T_CASE(pictures_of_the_darks_kind)
@@ -46,6 +50,41 @@ T_CASE(pictures_of_the_darks_kind)
     is(&k, 0.001, 12, "aravis:GV01", "camera cam1 had a gain of 12 dB, but its dark is of 6 dB");
     k.photometry.dark.file[0] = '\0'; /* a flat is of any exposure */
     is(&k, 0.002, 12, "aravis:GV01", NULL);
+}
+
+T_CASE(serial_numbers_count_for_more_than_names)
+{
+    struct rec_camera k = measured();
+    struct dmn_photometry_taken as = {0.001, 6, NAN, "aravis:10.0.0.7", "S7"};
+    taken(&k, as, "cam1 is aravis:10.0.0.7, but the rig's photometry was measured on aravis:GV01");
+    snprintf(k.photometry.device, sizeof k.photometry.device, "S7");
+    taken(&k, as, NULL); /* the same, by another name */
+    as.serial = "aravis:GV01";
+    as.device = "S8";
+    taken(&k, as, "cam1 is S8, but the rig's photometry was measured on S7");
+    as.device = ""; /* an old take */
+    taken(&k, as, NULL);
+    as.serial = "aravis:GV02";
+    taken(&k, as, "cam1 is aravis:GV02");
+}
+
+T_CASE(darks_of_another_temperature)
+{
+    struct rec_camera k = measured();
+    struct dmn_photometry_taken as = {0.001, 6, 48.1, "aravis:GV01", ""};
+    taken(&k, as, NULL); /* the darks do not say theirs */
+    k.photometry.has_temperature = true;
+    k.photometry.temperature = 43;
+    taken(&k, as, "cam1 had 48.1 degrees Celsius, but its dark is of 43.0");
+    as.temperature_c = 47.9;
+    taken(&k, as, NULL);
+    as.temperature_c = 37.9;
+    taken(&k, as, "37.9 degrees");
+    as.temperature_c = NAN;
+    taken(&k, as, NULL);
+    as.temperature_c = 10;
+    k.photometry.dark.file[0] = '\0'; /* a flat is of any temperature */
+    taken(&k, as, NULL);
 }
 
 T_CASE(rigs_without_any_have_none)

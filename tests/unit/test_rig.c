@@ -108,7 +108,7 @@ T_CASE(photometry_reads_back)
     struct pvx_diag d;
     char *text, *second;
     size_t len, len2;
-    T_EQ_I(parse(HEAD CAM("a", P("serial: 'aravis:GV01', exposure: 0.001, gain_db: 6, "
+    T_EQ_I(parse(HEAD CAM("a", P("serial: 'aravis:GV01', device: S7, exposure: 0.001, gain_db: 6, "
                                  "response: [0, 0.3, 1], dark: {file: maps/a.npy, hash: "
                                  "'0123456789abcdef'}, matrix: [1,0,0,0,1,0,0,0,1], "
                                  "noise: {read: 0.01, gain: 0.0001}")) CAM("b", ""),
@@ -116,6 +116,7 @@ T_CASE(photometry_reads_back)
            PVX_OK);
     const struct rec_photometry *p = &r.cameras[0].photometry;
     T_EQ_S(p->serial, "aravis:GV01");
+    T_EQ_S(p->device, "S7");
     T_OK(p->has_exposure && p->has_gain && !p->has_temperature && p->has_matrix && p->has_noise);
     T_EQ_I(p->n_response, 3);
     T_NEAR(p->response[1], 0.3, 0);

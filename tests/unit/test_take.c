@@ -222,6 +222,36 @@ static void round_trip(enum cap_pixfmt fmt, int32_t wd, int32_t ht, size_t paddi
     cap_take_free(&t);
 }
 
+/* ---- who the cameras are ---- */
+
+static void is(const struct cap_take_camera *k, const char *serial, double temperature)
+{
+    T_EQ_S(k->serial, serial);
+    T_OK(isnan(temperature) ? isnan(k->temperature_c) : k->temperature_c == temperature);
+}
+
+T_CASE(what_cameras_say_of_themselves)
+{
+    struct pvx_diag d = {""};
+    cap_take_writer *w = create();
+    cap_take_about(w, 0, "SIM00", NAN);
+    T_EQ_I(put_set(w, CAP_GREY8, 8, 6, 0, 0, &d), PVX_OK);
+    cap_take_about(w, 0, "", 41.5); /* it says that later */
+    cap_take_about(w, 1, "a serial number that is longer than any camera of all that there are has",
+                   3);
+    T_EQ_I(put_set(w, CAP_GREY8, 8, 6, 0, 1, &d), PVX_OK);
+    cap_take *t = open_take(path); /* as a killed daemon would leave it */
+    is(&cap_take_info(t)->head.camera[0], "SIM00", NAN);
+    is(&cap_take_info(t)->head.camera[1], "", NAN);
+    cap_take_free(&t);
+    t = closed(&w);
+    is(&cap_take_info(t)->head.camera[0], "SIM00", 41.5);
+    is(&cap_take_info(t)->head.camera[1], "", 3);
+    is(&cap_take_info(t)->head.camera[2], "", NAN);
+    T_EQ_I(whole_sets(t, CAP_GREY8, 8, 6, 0), 2);
+    cap_take_free(&t);
+}
+
 T_CASE(every_pixel_format_comes_back)
 {
     for (int f = CAP_FMT_NONE + 1; f < CAP_N_FMT; f++) {
