@@ -12,8 +12,7 @@
  * brightness counted,
  *     E = ( mean_c || b_c - p_c ||^2 / || b_c ||^2 )^(1/2)                                               (2)
  * must get no worse.
- * Source: the alternation is Pyrovox's own, after multiplicative self-calibration by the reconstruction
- * (refine.h's sources); NUMERICS.md, 10.
+ * Source: our own, as refine.h does with poses; figures: NUMERICS.md, 10.
  * Threads: as unseen.h; same bits for any number of threads. */
 #ifndef REC_GAINS_H
 #define REC_GAINS_H
