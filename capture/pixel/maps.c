@@ -120,54 +120,76 @@ static void bins_of(const struct cap_maps *m, const float *map, float none,
             out[i] = none;
 }
 
-static size_t lanes_of(const struct cap_maps *m)
+static size_t planes_of(const struct cap_maps *m)
 {
     bool rays = m->cell != NULL && m->p.mosaic == CAP_MOSAIC_RAYS && m->p.binning == 1;
-    return m->p.nch == 3 && !rays ? 4 : 1;
+    return m->p.nch == 3 && !rays ? 3 : 1;
 }
 
-/* Which of the three channels a place of the maps is; the fourth lane has none. */
-static size_t channel_of(const struct cap_maps *m, size_t at)
+/* Which of the three channels bin i of plane c is. */
+static size_t channel_of(const struct cap_maps *m, size_t i, size_t c)
 {
-    size_t pixel = at, w = (size_t)m->width;
-    if (m->p.nch == 1)
-        return 0;
-    if (lanes_of(m) == 4)
-        return at % 4;
-    return m->cell[pixel / w % 2 * 2 + pixel % w % 2];
+    size_t w = (size_t)m->width;
+    return m->p.nch == 1 || planes_of(m) == 3 ? c : m->cell[i / w % 2 * 2 + i % w % 2];
 }
 
-/* Where in [bins][cs] of dark and flat the value of a place is; SIZE_MAX: there is nothing. */
-static size_t place(const struct cap_maps *m, size_t i, const float *dark, const float *flat)
+/* Where in [bins][cs] of dark and flat the value of a bin is; SIZE_MAX: there is nothing. */
+static size_t place(const struct cap_maps *m, size_t i, size_t c, const float *dark,
+                    const float *flat)
 {
-    size_t c = channel_of(m, i), at = lanes_of(m) == 1 && m->p.nch == 3 ? i * 4 + c : i;
-    return c < 3 && isfinite(dark[at]) && isfinite(flat[at]) ? at : SIZE_MAX;
+    size_t at = m->p.nch == 3 ? i * 4 + channel_of(m, i, c) : i;
+    return isfinite(dark[at]) && isfinite(flat[at]) ? at : SIZE_MAX;
 }
 
-/* dark and flat [bins][cs] in steps, and what no value reaches; a place where there is nothing: 0. */
-static void steps(struct cap_maps *m, const float *dark, const float *flat, const float gain[3])
+static double as_float(uint32_t word)
+{
+    float f;
+    memcpy(&f, &word, sizeof f);
+    return (double)f;
+}
+
+/* The word whose least bits are `factor` and which as a float is nearest to dark.  Not below the least
+ * normal number: arithmetic with those may be slow. */
+static uint32_t word_of(double dark, uint32_t factor)
+{
+    const uint32_t least = 0x00800000 | factor;
+    float f = (float)fabs(dark);
+    uint32_t word;
+    memcpy(&word, &f, sizeof word);
+    word = (word & ~CAP_MAP_FACTOR) | factor;
+    if (word < least)
+        return least;
+    uint32_t other = as_float(word) > fabs(dark) && word > least ? word - CAP_MAP_FACTOR - 1
+                                                                 : word + CAP_MAP_FACTOR + 1;
+    if (fabs(as_float(other) - fabs(dark)) < fabs(as_float(word) - fabs(dark)))
+        word = other;
+    return dark < 0 ? word | 0x80000000 : word;
+}
+
+/* dark and flat [bins][cs] to words, and what no value reaches; a bin where there is nothing: 0. */
+static void words(struct cap_maps *m, const float *dark, const float *flat, const float gain[3])
 {
     size_t bins = (size_t)(m->width / m->p.binning) * (size_t)(m->height / m->p.binning);
-    size_t n = bins * lanes_of(m);
     double most_dark = 0, most = 0, sum = 1;
-    for (size_t i = 0; i < n; i++) {
-        size_t at = place(m, i, dark, flat);
-        if (at == SIZE_MAX)
-            continue;
-        most_dark = fmax(most_dark, fabs((double)dark[at]));
-        most = fmax(most, (double)gain[channel_of(m, i)] / (double)flat[at]);
-    }
-    m->dark_step = (float)(most_dark / 32767);
-    m->factor_step = (float)(most / 65535);
-    for (size_t i = 0; i < n; i++) {
-        size_t at = place(m, i, dark, flat);
-        if (at == SIZE_MAX)
-            continue;
-        double factor = (double)gain[channel_of(m, i)] / (double)flat[at];
-        if (most_dark > 0)
-            m->dark[i] = (int16_t)lrint(32767 / most_dark * (double)dark[at]);
-        m->factor[i] = (uint16_t)lrint(65535 / most * factor);
-    }
+    for (size_t c = 0; c < planes_of(m); c++)
+        for (size_t i = 0; i < bins; i++) {
+            size_t at = place(m, i, c, dark, flat);
+            if (at == SIZE_MAX)
+                continue;
+            most_dark = fmax(most_dark, fabs((double)dark[at]));
+            most = fmax(most, (double)gain[channel_of(m, i, c)] / (double)flat[at]);
+        }
+    m->unit = most > 0 ? (float)(most / CAP_MAP_FACTOR) : 1;
+    for (size_t c = 0; c < planes_of(m); c++)
+        for (size_t i = 0; i < bins; i++) {
+            size_t at = place(m, i, c, dark, flat);
+            if (at == SIZE_MAX)
+                continue;
+            double factor = (double)gain[channel_of(m, i, c)] / (double)flat[at];
+            m->word[c * m->plane + i] =
+                word_of((double)dark[at] * (double)m->unit,
+                        (uint32_t)lrint(fmin(factor / (double)m->unit, CAP_MAP_FACTOR)));
+        }
     for (int c = 0; c < 3 && m->has_matrix; c++)
         sum = fmax(sum, fabs((double)m->matrix[3 * c]) + fabs((double)m->matrix[3 * c + 1]) +
                             fabs((double)m->matrix[3 * c + 2]));
@@ -183,14 +205,13 @@ static pvx_err bin_maps(struct cap_maps *m, const struct cap_photometry *c,
     size_t bins = (size_t)(m->width / m->p.binning) * (size_t)(m->height / m->p.binning);
     size_t cs = m->p.nch == 3 ? 4 : 1;
     float *dark = pvx_calloc(bins * cs, sizeof *dark), *flat = pvx_calloc(bins * cs, sizeof *flat);
-    m->dark = pvx_calloc(bins * lanes_of(m) + SLACK, sizeof *m->dark);
-    m->factor = pvx_calloc(bins * lanes_of(m) + SLACK, sizeof *m->factor);
-    pvx_err e =
-        dark != NULL && flat != NULL && m->dark != NULL && m->factor != NULL ? PVX_OK : PVX_ENOMEM;
+    m->plane = bins + SLACK;
+    m->word = pvx_calloc(m->plane * planes_of(m), sizeof *m->word);
+    pvx_err e = dark != NULL && flat != NULL && m->word != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK) {
         bins_of(m, c->dark, 0, img, dark);
         bins_of(m, c->flat, 1, img, flat);
-        steps(m, dark, flat, c->gain);
+        words(m, dark, flat, c->gain);
     }
     free(dark);
     free(flat);
@@ -214,7 +235,7 @@ static pvx_err check(const struct cap_maps *m, const struct cap_photometry *c,
         return pvx_fail(d, PVX_EINVAL, "maps of %d channels, but a %s pixel has %d", c->channels,
                         cap_pixfmt_name(img->fmt), m->samples);
     if (c->matrix != NULL &&
-        (m->p.nch != 3 || cap_pixfmt_channels(img->fmt) != 3 || lanes_of(m) == 1))
+        (m->p.nch != 3 || cap_pixfmt_channels(img->fmt) != 3 || planes_of(m) == 1))
         return pvx_fail(d, PVX_EINVAL, "a colour matrix needs three channels in each bin, which %s",
                         m->p.nch != 3                        ? "one channel is not"
                         : cap_pixfmt_channels(img->fmt) != 3 ? "a grey camera does not have"
@@ -259,8 +280,7 @@ void cap_maps_free(struct cap_maps **mp)
         return;
     for (size_t i = 0; i < sizeof m->table / sizeof *m->table; i++)
         free(m->table[i]);
-    free(m->dark);
-    free(m->factor);
+    free(m->word);
     free(m->mask);
     free(m->patch);
     PVX_FREE(*mp);

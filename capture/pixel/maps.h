@@ -9,15 +9,19 @@
  * the same weights: exact where a bin is evenly lit; else the relative error is at most
  *     (rms variation of flat in the bin) (rms variation of light in the bin), both relative         (2)
  * (1 % by 10 %: 0.1 %).  nch = 1 from a colour image: the maps' mean over the channels, (2) over them too.
- * dark in 2^-15 of its greatest, g/flat in 2^-16 of its greatest: together 2^-15 of full scale at worst.
+ * A bin's dark and g/flat are kept in 4 bytes a channel: g/flat in 2^-13 of its greatest, dark with 11 bits.
+ * What is off by that: at most 2^-14 max(g/flat) light + 2^-11 dark g/flat.
  * A pixel whose dark or flat is NaN, or flat less than CAP_FLAT_LEAST, says nothing: its samples are left out
  * of sum and count; a channel of a bin without any other sample is NaN, and with nch = 1 the bin.
  * Saturation is judged by raw samples as without maps, but out then has cap_maps_saturated, which is above
  * everything that (1) can give; with M in all three channels.
  * Floats are linear: r is not for them, and they do not saturate.
- * Cost (tests/bench/bench_pixels.c): 1.05 to 1.3 times cap_convert without, at binning 2 and more; at binning 1 1.4
- * to 2.2 times: there as many bytes of maps are read as pixels are written.  Each masked pixel: its bin by the
- * reference, 0.1 to 1 us.
+ * Bound at binning 1: 4 bytes of maps are read for each value; cap_convert without takes 2 to 8 times what copying
+ * its bytes does, so the operations count, 4 a value, done while it is in a register.
+ * Cost (tests/bench/bench_pixels.c) of dark, flat and gain over cap_convert without: integers 1.14 to 1.32 at binning 1
+ * (bilinear 1.28 to 1.38), 1.03 to 1.18 above; floats 1.5 and 2 at binning 1.  A matrix: 1.75 at binning 1, 1.25 and
+ * less above.  r: nothing where samples are coded, else a look-up per raw sample, 2.4 to 4.2 for 8 bits.
+ * Each masked pixel: its bin by the reference, 0.1 to 1 us.
  * Ownership: cap_maps is the caller's.  Threads: const after new, any. */
 #ifndef CAP_MAPS_H
 #define CAP_MAPS_H

@@ -73,6 +73,7 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
     if (p->maps != NULL && !cap_maps_fit(p->maps, img))
         return PVX_EUNSUP;
     j->maps = p->maps;
+    j->unit = p->maps != NULL ? p->maps->unit : 1;
     if (j->maps != NULL && j->maps->table[bits < 32 ? bits : 0] != NULL)
         j->table = j->maps->table[bits];
     j->scale_full = (float)(j->table != NULL ? CAP_LIGHT_ONE : j->full);
@@ -112,12 +113,14 @@ static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 static void run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
                 float *out)
 {
-    size_t row = (size_t)(j->img.width / j->binning) * (j->nch == 3 ? 4 : 1);
     int b = j->binning;
+    size_t row = (size_t)(j->img.width / b), cs = j->nch == 3 ? 4 : 1;
     if (j->full == 0) {
-        cap_pix_floats(j, y0, y1, out);
-        for (int32_t y = y0; j->maps != NULL && y < y1; y++)
-            w->mapped(j, (size_t)y * row, row, out + (size_t)y * row);
+        for (int32_t y = y0; y < y1; y++) {
+            cap_pix_floats(j, y, y + 1, out);
+            if (j->maps != NULL) /* while it is in the cache */
+                w->mapped(j, (size_t)y * row, row, out + (size_t)y * row * cs);
+        }
     } else if (j->cell == NULL)
         w->sums(j, y0, y1, out);
     else if (b == 1)

@@ -105,6 +105,20 @@ static int32_t rays_by_eight(const float *light, int32_t n, int first, int secon
 }
 #endif
 
+/* NOLINTNEXTLINE(readability-function-size) */
+CAP_PIX_INLINE void ray_light(const uint32_t *restrict v, const uint16_t *restrict s, int32_t full,
+                              int32_t n, float scale, const struct cap_maps *m,
+                              const uint32_t *restrict word, float *restrict light)
+{
+    const float top = m != NULL ? m->saturated : 1;
+    for (int32_t k = 0; k < n; k++) {
+        float l = (float)(int32_t)v[k] * scale;
+        if (m != NULL)
+            l = cap_pix_map(l, word[k]);
+        light[k] = cap_pix_or(l, s[k] >= full, top);
+    }
+}
+
 /* Each pixel in the lane of its colour. */
 static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float *out)
 {
@@ -118,10 +132,11 @@ static void rays(const struct cap_pix *j, int32_t x, int32_t n, int32_t y, float
     int32_t i = 0;
     CAP_PIX(row)(j, y, x, n, s, 0);
     cap_pix_light(s, j->table, n, v);
-    for (int32_t k = 0; k < n; k++)
-        light[k] = cap_pix_value((float)(int32_t)v[k] * scale, s[k] >= full);
     if (j->maps != NULL)
-        CAP_PIX(mapped)(j, (size_t)y * (size_t)j->img.width + (size_t)x, (size_t)n, light);
+        ray_light(v, s, full, n, scale, j->maps,
+                  j->maps->word + (size_t)y * (size_t)j->img.width + (size_t)x, light);
+    else
+        ray_light(v, s, full, n, scale, NULL, NULL, light);
 #if defined(CAP_PIX_AVX2)
     i = rays_by_eight(light, n, first, second, out);
 #endif

@@ -20,17 +20,6 @@
 /* Samples behind a plane's end that may be written. */
 enum { CAP_PIX_SLACK = 16 };
 
-/* v, or 1 if saturated; without a branch, which would keep a loop from becoming one of vectors. */
-CAP_PIX_INLINE float cap_pix_value(float v, bool saturated)
-{
-    const int32_t one = 0x3F800000, mask = -(int32_t)saturated;
-    int32_t bits;
-    memcpy(&bits, &v, sizeof bits);
-    bits = (bits & ~mask) | (one & mask);
-    memcpy(&v, &bits, sizeof v);
-    return v;
-}
-
 CAP_PIX_INLINE uint16_t cap_pix_greater(uint16_t a, uint16_t b)
 {
     return a > b ? a : b;
@@ -91,7 +80,7 @@ struct cap_pix_bins {
 /* n of them to floats as cap_convert gives them. */
 void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int32_t n, float *out);
 
-void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *v);
+void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *out);
 void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 void CAP_PIX(bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
 void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);

@@ -31,6 +31,7 @@ struct cap_pix {
     unsigned full;         /* of a raw sample; 0 = float */
     const uint32_t *table; /* light of a raw sample; NULL = linear */
     float scale_full;      /* what a saturated sample would add: full or CAP_LIGHT_ONE */
+    float unit;            /* of the maps, or 1 */
     struct cap_yuv_coef yuv;
     const struct cap_maps *maps; /* or NULL */
     const float *base;           /* out, whose places are the maps' */
@@ -43,9 +44,9 @@ struct cap_maps {
     struct cap_convert_params p;
     const uint8_t *cell;
     int samples;
-    float dark_step, factor_step;
-    int16_t *dark;    /* [bins][lanes], lanes as out's, but 1 of rays */
-    uint16_t *factor; /* likewise: g / flat */
+    float unit;     /* of factors, and of dark and light while they are subtracted */
+    uint32_t *word; /* [1 or 3][plane], see cap_pix_map; 3 where out has channels, but 1 of rays */
+    size_t plane;   /* bins, and some that may be read beyond them */
     float matrix[9];
     bool has_matrix;
     float saturated;
@@ -77,14 +78,25 @@ CAP_PIX_INLINE cap_i4 cap_pix_yuv(const struct cap_yuv_coef *k, int luma, cap_f4
     return __builtin_convertvector(v, cap_i4);
 }
 
-/* (1 / (count full)) of equation (1). */
+/* (1 / (count full)) of equation (1); with maps in their unit. */
 CAP_PIX_INLINE float cap_pix_scale(const struct cap_pix *j, int count)
 {
-    return 1.0f / ((float)count * j->scale_full);
+    return 1.0f / ((float)count * j->scale_full) * j->unit;
 }
 
-/* v, or `top` if it is full; without a branch, as cap_pix_value. */
-CAP_PIX_INLINE float cap_pix_map_full(float v, bool full, float top)
+/* (1) of maps.h, v in the maps' unit.  A word's least bits are g / flat in steps of that unit; the word as a
+ * float is dark: the other bits are chosen so that it is nearest.  4 bytes a place, 4 operations. */
+#define CAP_MAP_FACTOR_BITS 13
+#define CAP_MAP_FACTOR      ((1u << CAP_MAP_FACTOR_BITS) - 1)
+CAP_PIX_INLINE float cap_pix_map(float v, uint32_t word)
+{
+    float dark;
+    memcpy(&dark, &word, sizeof dark);
+    return (v - dark) * (float)(int32_t)(word & CAP_MAP_FACTOR);
+}
+
+/* v, or `top` if it is full; without a branch, which would keep a loop from becoming one of vectors. */
+CAP_PIX_INLINE float cap_pix_or(float v, bool full, float top)
 {
     const int32_t mask = -(int32_t)full;
     int32_t a, b;
@@ -141,8 +153,8 @@ struct cap_pix_ways {
     void (*bayer)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
     /* Integer Bayer, binning 2 to 32, with a table to 16. */
     void (*mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out);
-    /* The maps from place `at` on, n values that are converted but for them. */
-    void (*mapped)(const struct cap_pix *j, size_t at, size_t n, float *v);
+    /* The maps to n bins of floats, from bin `at` on. */
+    void (*mapped)(const struct cap_pix *j, size_t at, size_t n, float *out);
 };
 /* Overwrite what they have: everything. */
 void cap_pix_ways_plain(struct cap_pix_ways *w);

@@ -152,19 +152,18 @@ static void mosaic_bin(const struct cap_pix *j, int32_t X, int32_t Y, struct gat
         }
 }
 
-/* (1) of maps.h for the bin at out, lanes one after the other. */
-static void map_bin(const struct cap_pix *j, size_t bin, float *out)
+/* (1) of maps.h for the bin at out, channel by channel. */
+static void map_bin(const struct cap_pix *j, size_t bin, const bool saturated[3], float *out)
 {
     const struct cap_maps *m = j->maps;
-    const int lanes = j->nch == 3 ? 4 : 1;
+    const bool one = j->cell != NULL && j->rays && j->binning == 1;
     bool full = false;
-    for (int l = 0; l < j->nch; l++) {
-        size_t at =
-            j->cell != NULL && j->rays && j->binning == 1 ? bin : bin * (size_t)lanes + (size_t)l;
-        bool top = j->full > 0 && out[l] == 1;
-        float v = out[l] - (float)m->dark[at] * m->dark_step;
-        out[l] = top ? m->saturated : v * ((float)m->factor[at] * m->factor_step);
-        full |= top;
+    for (size_t c = 0; c < (size_t)j->nch; c++) {
+        bool top = saturated[j->grey ? 0 : c] || (j->nch == 1 && (saturated[1] || saturated[2]));
+        float v = j->full > 0 ? out[c] : out[c] * m->unit;
+        v = cap_pix_map(v, m->word[(one ? 0 : c) * m->plane + bin]);
+        out[c] = top && j->full > 0 ? m->saturated : v;
+        full |= top && j->full > 0;
     }
     if (!m->has_matrix)
         return;
@@ -188,7 +187,7 @@ void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out)
                 for (int s = 0; s < j->samples; s++)
                     add(&g[s], j, x, y, s);
     float rgb[3], *o = out + bin * (j->nch == 3 ? 4 : 1);
-    bool saturated[3], lacking = false;
+    bool saturated[3] = {false}, lacking = false;
     for (int c = 0; c < 3; c++) {
         rgb[c] = mean_of(&g[c], j);
         saturated[c] = g[c].saturated;
@@ -198,7 +197,7 @@ void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out)
     if (lacking && j->full > 0 && j->nch == 1 && j->maps != NULL && j->maps->mask != NULL)
         o[0] = NAN; /* the mean of the other channels would be another thing */
     if (j->maps != NULL && j->plane == NULL)
-        map_bin(j, bin, o);
+        map_bin(j, bin, saturated, o);
 }
 
 void cap_pix_ref(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)

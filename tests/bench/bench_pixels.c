@@ -32,23 +32,29 @@ static double copy_rate(size_t bytes)
     return (double)bytes / best * 1e9;
 }
 
+enum { RESPONSE = 1, MATRIX = 2 };
 struct way {
     enum cap_pixfmt fmt;
     const char *note;
     enum cap_transfer transfer;
     enum cap_mosaic mosaic;
     int nch;
+    int too; /* RESPONSE, MATRIX */
 };
 
 /* Dark, flat and gain of a camera: a pedestal and vignetting, one pixel in 20000 is hot. */
-static struct cap_maps *maps_of(const struct cap_image *img, const struct cap_convert_params *p)
+static struct cap_maps *maps_of(const struct cap_image *img, const struct cap_convert_params *p,
+                                const struct way *w)
 {
+    static const double curve[] = {0, 0.2, 0.45, 1};
+    static const double colours[] = {1.1, -0.1, 0, 0.05, 0.9, 0.05, 0, -0.1, 1.1};
     int channels = cap_pixfmt_bayer(img->fmt) == NULL ? cap_pixfmt_channels(img->fmt) : 1;
     size_t n = (size_t)img->width * (size_t)img->height * (size_t)channels;
     float *dark = must_floats(n), *flat = must_floats(n);
     for (size_t i = 0; i < n; i++) {
-        size_t at = i / (size_t)channels, w = (size_t)img->width;
-        double x = (double)(at % w) / (double)w - 0.5, y = (double)(at / w) / (double)w - 0.375;
+        size_t at = i / (size_t)channels, wide = (size_t)img->width;
+        double x = (double)(at % wide) / (double)wide - 0.5;
+        double y = (double)(at / wide) / (double)wide - 0.375;
         dark[i] = at % 20000 == 9999 ? NAN : (float)(0.02 + 0.002 * bench_even());
         flat[i] = (float)(1 - 0.8 * (x * x + y * y));
     }
@@ -57,6 +63,9 @@ static struct cap_maps *maps_of(const struct cap_image *img, const struct cap_co
                                .dark = dark,
                                .flat = flat,
                                .channels = channels,
+                               .response = w->too & RESPONSE ? curve : NULL,
+                               .n_response = 4,
+                               .matrix = w->too & MATRIX ? colours : NULL,
                                .gain = {1, 1, 1}};
     struct cap_maps *m;
     CHECK(cap_maps_new(&c, img, p, &m, NULL));
@@ -70,7 +79,7 @@ static void convert_ns(const struct cap_image *img, const struct way *w, int bin
                        double ns[2])
 {
     struct cap_convert_params p = {binning, w->nch, w->transfer, w->mosaic, NULL};
-    struct cap_maps *maps = maps_of(img, &p);
+    struct cap_maps *maps = maps_of(img, &p, w);
     ns[0] = ns[1] = INFINITY;
     for (int r = 0; r < 2 * ROUNDS; r++) {
         p.maps = r % 2 ? maps : NULL;
@@ -114,39 +123,42 @@ static void measure(const struct way *w)
 static void all_formats(void)
 {
     static const struct way ways[] = {
-        {CAP_GREY8, "", 0, 0, 1},
-        {CAP_GREY10, "", 0, 0, 1},
-        {CAP_GREY12, "", 0, 0, 1},
-        {CAP_GREY14, "", 0, 0, 1},
-        {CAP_GREY16, "", 0, 0, 1},
-        {CAP_GREY10P, "", 0, 0, 1},
-        {CAP_GREY12P, "", 0, 0, 1},
-        {CAP_GREY10PACKED, "", 0, 0, 1},
-        {CAP_GREY12PACKED, "", 0, 0, 1},
-        {CAP_GREY10CSI, "", 0, 0, 1},
-        {CAP_GREY12CSI, "", 0, 0, 1},
-        {CAP_RGB8, "", 0, 0, 3},
-        {CAP_BGR8, "", 0, 0, 3},
-        {CAP_RGB16, "", 0, 0, 3},
-        {CAP_YUYV, "", 0, 0, 3},
-        {CAP_UYVY, "", 0, 0, 3},
-        {CAP_YUYV, " linear", CAP_TRANSFER_LINEAR, 0, 3},
-        {CAP_RGB8, " sRGB (JPEG)", CAP_TRANSFER_SRGB, 0, 3},
-        {CAP_BAYER_RG8, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG8, " bilinear", 0, 0, 3},
-        {CAP_BAYER_RG12, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG12, " bilinear", 0, 0, 3},
-        {CAP_BAYER_RG16, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG10P, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG10P, " bilinear", 0, 0, 3},
-        {CAP_BAYER_RG12P, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG12P, " bilinear", 0, 0, 3},
-        {CAP_BAYER_RG10PACKED, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG12PACKED, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG10CSI, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_BAYER_RG12CSI, " rays", 0, CAP_MOSAIC_RAYS, 3},
-        {CAP_GREY_F32, "", 0, 0, 1},
-        {CAP_RGB_F32, "", 0, 0, 3},
+        {CAP_GREY8, "", 0, 0, 1, 0},
+        {CAP_GREY10, "", 0, 0, 1, 0},
+        {CAP_GREY12, "", 0, 0, 1, 0},
+        {CAP_GREY14, "", 0, 0, 1, 0},
+        {CAP_GREY16, "", 0, 0, 1, 0},
+        {CAP_GREY10P, "", 0, 0, 1, 0},
+        {CAP_GREY12P, "", 0, 0, 1, 0},
+        {CAP_GREY10PACKED, "", 0, 0, 1, 0},
+        {CAP_GREY12PACKED, "", 0, 0, 1, 0},
+        {CAP_GREY10CSI, "", 0, 0, 1, 0},
+        {CAP_GREY12CSI, "", 0, 0, 1, 0},
+        {CAP_RGB8, "", 0, 0, 3, 0},
+        {CAP_BGR8, "", 0, 0, 3, 0},
+        {CAP_RGB16, "", 0, 0, 3, 0},
+        {CAP_YUYV, "", 0, 0, 3, 0},
+        {CAP_UYVY, "", 0, 0, 3, 0},
+        {CAP_YUYV, " linear", CAP_TRANSFER_LINEAR, 0, 3, 0},
+        {CAP_RGB8, " sRGB (JPEG)", CAP_TRANSFER_SRGB, 0, 3, 0},
+        {CAP_BAYER_RG8, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG8, " bilinear", 0, 0, 3, 0},
+        {CAP_BAYER_RG12, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG12, " bilinear", 0, 0, 3, 0},
+        {CAP_BAYER_RG16, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG10P, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG10P, " bilinear", 0, 0, 3, 0},
+        {CAP_BAYER_RG12P, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG12P, " bilinear", 0, 0, 3, 0},
+        {CAP_BAYER_RG10PACKED, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG12PACKED, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG10CSI, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_BAYER_RG12CSI, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
+        {CAP_GREY_F32, "", 0, 0, 1, 0},
+        {CAP_RGB_F32, "", 0, 0, 3, 0},
+        {CAP_RGB8, " matrix too", 0, 0, 3, MATRIX},
+        {CAP_GREY8, " response too", 0, 0, 1, RESPONSE},
+        {CAP_YUYV, " all", 0, 0, 3, RESPONSE | MATRIX},
     };
     for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
         measure(&ways[i]);
