@@ -24,6 +24,8 @@ static void measure_noise(struct rec_camera *k, const struct rec_light_picture *
     struct rec_noise noise;
     struct rec_photometry *to = &k->photometry;
     struct pvx_diag why = {""};
+    if (to->dark.file[0] == '\0') /* light would count from the pedestal */
+        return;
     if (rec_light_noise(p, m, &noise, &why) != PVX_OK) {
         printf("%-12s noise not measured: %s\n", k->name, why.text);
         return;

@@ -25,6 +25,11 @@ static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
         size_t m = calibrate_light_of(l, c, p);
         if (m == 0)
             continue;
+        if (k->photometry.dark.file[0] == '\0')
+            return pvx_fail(d, PVX_EINVAL,
+                            "camera %s: %s has no dark of it, above which light counts: measure "
+                            "that first (pyrovox calibrate dark)",
+                            k->name, l->a->rig);
         pvx_err e = rec_light_noise(p, m, &noise, &why);
         if (e != PVX_OK)
             return calibrate_light_fail(k, e, &why, d);
