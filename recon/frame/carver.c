@@ -31,6 +31,7 @@ pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
         const struct rec_photometry *light = &rig->cameras[c].photometry;
         memcpy(k->gain[c], rig->cameras[c].gain, sizeof k->gain[c]);
         k->read_noise[c] = light->has_noise ? (float)light->read_noise : 0;
+        k->noise_gain[c] = light->has_noise ? (float)light->noise_gain : 0;
     }
     k->plane = pvx_reserve(rows * 4 * sizeof *k->plane);
     bool ok = k->plane != NULL;
@@ -99,18 +100,23 @@ void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg)
     *bg = before;
 }
 
+/* Samples along an axis of a bin: colours of a Bayer filter have a quarter of them all. */
+static float per_bin(const rec_carver *k, bool bayer)
+{
+    return fmaxf((float)k->S->binning * (bayer ? 0.5F : 1), 1);
+}
+
 /* Where the camera's read noise is known, faint light may be told by it: the least threshold, which is for
- * 8 bits else, is what auto_k asks of it in a bin, if that is less.  Colours of a Bayer filter have a quarter
- * of the samples. */
+ * 8 bits else, is what auto_k asks of it in a bin, if that is less. */
 static float least_threshold(const rec_carver *k, size_t c, bool bayer)
 {
     const struct rec_photo_params *p = &k->p.photo;
-    float per_bin = (float)k->S->binning * (bayer ? 0.5F : 1), most = 0;
+    float most = 0;
     if (k->read_noise[c] <= 0)
         return p->floor;
     for (int l = 0; l < k->p.nch; l++)
         most = fmaxf(most, k->gain[c][l]);
-    float least = p->auto_k * k->read_noise[c] * most / fmaxf(per_bin, 1);
+    float least = p->auto_k * k->read_noise[c] * most / per_bin(k, bayer);
     return fminf(p->floor, fmaxf(least, REC_LEAST_FLOOR));
 }
 
@@ -176,7 +182,7 @@ static void sum_up(rec_frame *f)
 {
     const rec_carver *k = f->carver;
     struct rec_frame_report *r = &f->report;
-    double sigma = 0, sigma2 = 0;
+    double sigma = 0, sigma2 = 0, shot = 0;
     for (size_t c = 0; c < f->S->n_cameras; c++) {
         if (!f->present[c])
             continue;
@@ -186,11 +192,14 @@ static void sum_up(rec_frame *f)
         for (int l = 0; l < f->nch; l++) {
             sigma += k->stats[c].sigma[l];
             sigma2 += (double)k->stats[c].sigma[l] * k->stats[c].sigma[l];
+            float n = per_bin(k, f->bayer[c]);
+            shot += (double)(k->noise_gain[c] * k->gain[c][l] / (n * n));
         }
     }
     double n_sigma = r->cameras > 0 ? (double)r->cameras * f->nch : 1;
     r->sigma = (float)(sigma / n_sigma);
     f->sigma = sqrt(sigma2 / n_sigma);
+    f->shot = shot / n_sigma;
 }
 
 void rec_frame_carve(rec_frame *f)

@@ -13,8 +13,9 @@ struct rec_carver {
     rec_hull *hull;
     struct rec_restrictor *restrictor;
     float gain[REC_MAX_CAMERAS][3];
-    float read_noise[REC_MAX_CAMERAS];             /* of a sample, full scale = 1; 0 = not known */
-    float *background[REC_MAX_CAMERAS];            /* or NULL */
+    float read_noise[REC_MAX_CAMERAS];  /* of a sample, full scale = 1; 0 = not known */
+    float noise_gain[REC_MAX_CAMERAS];  /* variance of a sample over its light, likewise */
+    float *background[REC_MAX_CAMERAS]; /* or NULL */
     struct rec_photo_image photo[REC_MAX_CAMERAS]; /* what is not the slot's is set for good */
     struct rec_photo_params photo_params[REC_MAX_CAMERAS];
     float *plane; /* [rows][4] for mosaics */
@@ -44,7 +45,7 @@ struct rec_frame {
     float *weight;  /* [rows] */
     float *weight4; /* [rows][4] of each channel, where cameras have mosaics */
     uint8_t *lit;   /* [rows] */
-    double sigma;
+    double sigma, shot;
     bool per_channel; /* weight4 holds */
 
     int32_t *col; /* [voxels] */
@@ -60,7 +61,8 @@ static inline struct rec_pictures rec_frame_pictures(const rec_frame *f)
     return (struct rec_pictures){.b = f->b,
                                  .w = f->per_channel ? f->weight4 : f->weight,
                                  .per_channel = f->per_channel,
-                                 .sigma = f->sigma};
+                                 .sigma = f->sigma,
+                                 .shot = f->shot};
 }
 
 #endif

@@ -52,6 +52,7 @@ struct rec_problem {
     double lambda[4];  /* weight of the smoothness term per lane, absolute, to begin with */
     double formula[4]; /* the same without rec_problem_misfit */
     double noise2[4];  /* variance of b about A x that it was chosen for; 0 when it was given */
+    double shot2[4];   /* mean variance of b beyond sigma^2; only where the weight is automatic */
 
     /* start.h */
     enum rec_start start;

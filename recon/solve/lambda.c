@@ -8,7 +8,9 @@
  *     chord     K = mean chord of a ray in voxels
  *     density   d = mean diagonal of A'WA / h^2, how often a voxel is measured
  *     lambda / mean diagonal = C N^n R^-r K^k d^-e                                         (1)
- * A channel that only a share of the rows measure has that share of the mean diagonal.
+ * A channel that only a share of the rows measure has that share of the mean diagonal.  Where the noise of
+ * light is known, sigma^2 is in all that follows the mean over a channel's rows, sigma^2 + shot mean b: what
+ * the dark parts of the pictures show is less.
  * The exponents were fitted to the weight of least error in random cases (two kinds of flame,
  * 32..96 voxels a side, images 1.5..5 times as wide, 3..12 cameras, noise 0..20 %, both bases):
  * NUMERICS.md has the table.
@@ -138,7 +140,7 @@ static void automatic(rec_problem *pb, double mean_diag, double chord)
     size_t chunks = rec_row_chunks(pb);
     double first[4], second[4], count[4], rows = pb->a->rows, sigma = pb->in.sigma;
     double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
-    double voxels = chord / rows / h, s2 = sigma * sigma;
+    double voxels = chord / rows / h;
     pvx_pool_run(pb->a->pool, chunks, measure_chunk, pb);
     rec_sum(pb, 0, chunks, 0, first);
     rec_sum(pb, 0, chunks, 1, second);
@@ -146,6 +148,8 @@ static void automatic(rec_problem *pb, double mean_diag, double chord)
     for (int l = 0; l < 4; l++) {
         double rel = UNKNOWN, density = pb->share[l] * mean_diag / (h * h);
         double mean = pb->light[l] / (pb->share[l] * rows);
+        pb->shot2[l] = sigma >= 0 && mean > 0 ? pb->in.shot * mean : 0;
+        double s2 = sigma * sigma + pb->shot2[l];
         double in_mean = s2 / fmin(pb->share[l], 1); /* four times the variance of a mean of 2x2 */
         if (sigma >= 0 && mean > 0 && count[0] > 0) {
             /* the mean of 2x2 has noise sigma/2, one difference twice its variance, (4v-...) 20
@@ -189,6 +193,7 @@ void rec_problem_weigh(rec_problem *pb, float lambda)
         return;
     pb->weighed = true;
     memset(pb->noise2, 0, sizeof pb->noise2);
+    memset(pb->shot2, 0, sizeof pb->shot2);
     diagonal(pb, &mean, &chord);
     pb->automatic = lambda < 0;
     if (pb->automatic)
@@ -206,6 +211,7 @@ void rec_problem_weigh_as(rec_problem *pb, const rec_problem *other, double by)
         return;
     pb->weighed = true;
     memset(pb->noise2, 0, sizeof pb->noise2);
+    memset(pb->shot2, 0, sizeof pb->shot2);
     diagonal(pb, &mean, &chord);
     pb->automatic = other->automatic;
     for (int l = 0; l < 4; l++)
@@ -237,7 +243,8 @@ void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const doubl
         double noise2 = rwr[l] / (rows - dof / (1 + dof / rows));
         double asked = (rwr[l] / rows) / (penalty[l] / dof) / pb->formula[l];
         double next = pb->formula[l] * fmin(fmax(pow(EVIDENCE * asked, POWER), least), MOST);
-        if (isfinite(asked) && (next > lambda[l] || noise2 >= NEAR * sigma * sigma))
+        if (isfinite(asked) &&
+            (next > lambda[l] || noise2 >= NEAR * sigma * sigma + NEAR * pb->shot2[l]))
             lambda[l] = next; /* not finite: nothing burns, or nothing was measured */
     }
 }

@@ -372,7 +372,7 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
     d->iterations = 0;
     for (int i = l->n - 1; i >= 0; i--) {
         const struct level *v = &l->at[i], *finer = i > 0 ? &l->at[i - 1] : NULL;
-        const struct rec_pictures in = {v->b, v->w, l->per_channel, -1};
+        const struct rec_pictures in = {v->b, v->w, l->per_channel, -1, 0};
         const struct rec_subsys *next = finer != NULL ? finer->sub : fine->a;
         float *vx = d->x[i % 2] + cs;
         rec_problem_load(d->problem, v->sub, &in);

@@ -26,7 +26,8 @@ struct rec_pictures {
     const float *b;   /* [rowspace][cs] */
     const float *w;   /* [rowspace], or per_channel [rowspace][4]: 0..1, 0 = left out */
     bool per_channel; /* a row measures some channels only, b is 0 in the others: three channels */
-    double sigma;     /* noise of b, full-scale units; 0 = none, < 0 = unknown */
+    double sigma;     /* noise of b where it is dark, full-scale units; 0 = none, < 0 = unknown */
+    double shot;      /* what light adds: variance of b = sigma^2 + shot b; 0 = none or unknown */
 };
 
 /* Non-finite pictures are the caller's bug (photo.h cleans them).  false: there is nothing to solve, all

@@ -78,6 +78,24 @@ T_CASE(known_read_noise_lowers_the_floor)
     T_EQ_I(faintly_lit(&known), 0);
 }
 
+/* Variance over light of a bin, mean over cameras and channels, of which one camera's is known. */
+T_CASE(known_noise_of_light_reaches_the_solver)
+{
+    struct rec_photometry *of = &sc.rig.cameras[1].photometry, old = *of;
+    float *gain = sc.rig.cameras[1].gain, was = gain[2];
+    struct rec_frame_params p = params();
+    *of = (struct rec_photometry){.has_noise = true, .read_noise = 1e-3, .noise_gain = 2e-3};
+    gain[2] = 4;
+    rec_frame *f = frame(&p);
+    scene_shoot(&sc, f, 0.01);
+    rec_frame_carve(f);
+    double bins = sc.S->binning * sc.S->binning, n = (double)sc.rig.n_cameras * 3;
+    T_NEAR(rec_frame_pictures(f).shot, 2e-3 * (1 + 1 + 4) / bins / n, 1e-9);
+    slot_free(&f);
+    *of = old;
+    gain[2] = was;
+}
+
 T_CASE(flame_comes_out)
 {
     struct rec_frame_params p = params();

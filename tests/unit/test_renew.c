@@ -104,11 +104,44 @@ static void ball(struct scene *s, struct system *y, double noise)
         }
 }
 
-static void load(struct system *y, double sigma)
+static void load_lit(struct system *y, double sigma, double shot)
 {
-    const struct rec_pictures in = {.b = y->b, .w = y->w, .sigma = sigma};
+    const struct rec_pictures in = {.b = y->b, .w = y->w, .sigma = sigma, .shot = shot};
     T_OK(rec_problem_load(y->s, y->a, &in));
     rec_problem_weigh(y->s, -1);
+}
+
+static void load(struct system *y, double sigma)
+{
+    load_lit(y, sigma, 0);
+}
+
+/* Where the noise of light is known the weight begins higher, and does not fall before the misfit is above
+ * all of the noise, not that of the dark alone. */
+T_CASE(noise_of_light)
+{
+    struct scene s;
+    struct system y;
+    const double sigma = 0.02, shot = 0.006, penalty[4] = {1e3}, lit[4] = {1e-6};
+    ball(&s, &y, sigma);
+    rec_problem *pb = y.s;
+    load(&y, sigma);
+    double dark = pb->noise2[0], formula = pb->formula[0];
+    load_lit(&y, sigma, shot);
+    double mean = pb->light[0] / y.a->rows, all = sigma * sigma + shot * mean;
+    T_LE(2 * sigma * sigma, all); /* or it would not be seen here */
+    T_NEAR(pb->noise2[0] - dark, shot * mean, 0.03 * shot * mean);
+    T_LE(1.2 * formula, pb->formula[0]);
+    for (int known = 0; known < 2; known++)
+        for (int above = 0; above < 2; above++) {
+            load_lit(&y, sigma, known ? shot : 0);
+            double lambda[4], rwr[4] = {pb->m * all * (above ? 1.15 : 1.05)};
+            memcpy(lambda, pb->formula, sizeof lambda);
+            rec_problem_reweigh(pb, rwr, penalty, lit, lambda);
+            T_EQ_I(lambda[0] < pb->formula[0], !known || above);
+        }
+    system_free(&y);
+    scene_free(&s);
 }
 
 T_CASE(fault_keeps_what_the_misfit_raised)
