@@ -137,6 +137,20 @@ static pvx_err read_map(const char *rig_path, const struct rec_camera *k, const 
     return PVX_OK;
 }
 
+/* The gain goes to the maps, and noise is what it will be behind them. */
+static void take_gain(struct rec_camera *k, float gain[3])
+{
+    double most = 0, mean = 0;
+    for (int c = 0; c < 3; c++) {
+        gain[c] = k->gain[c];
+        most = fmax(most, (double)gain[c]);
+        mean += (double)gain[c] / 3;
+        k->gain[c] = 1;
+    }
+    k->photometry.read_noise *= most;
+    k->photometry.noise_gain *= mean;
+}
+
 static pvx_err load_one(const char *rig_path, unsigned what, struct rec_camera *k, struct light *l,
                         struct pvx_diag *d)
 {
@@ -159,10 +173,8 @@ static pvx_err load_one(const char *rig_path, unsigned what, struct rec_camera *
         of->matrix = l->matrix;
     }
     l->acts = of->dark != NULL || of->flat != NULL || of->response != NULL || of->matrix != NULL;
-    for (int c = 0; c < 3 && l->acts && what & DMN_LIGHT_GAIN; c++) {
-        of->gain[c] = k->gain[c];
-        k->gain[c] = 1;
-    }
+    if (l->acts && what & DMN_LIGHT_GAIN)
+        take_gain(k, of->gain);
     return PVX_OK;
 }
 

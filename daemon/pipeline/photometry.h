@@ -20,8 +20,8 @@ enum dmn_light {
 
 /* Maps of the rig that was read from rig_path, of the steps in `what`; *out = NULL: no camera has any.
  * A camera that has some is given its gain with them: in the rig it becomes 1, so that nobody gives it
- * again.  Errors name rig, camera and file: PVX_ENOENT, PVX_ECORRUPT (not the file that the rig was made
- * with), PVX_EINVAL (another size), those of .npy files. */
+ * again, and its noise what it is behind the gain.  Errors name rig, camera and file: PVX_ENOENT,
+ * PVX_ECORRUPT (not the file that the rig was made with), PVX_EINVAL (another size), those of .npy files. */
 PVX_MUST_CHECK pvx_err dmn_photometry_load(const char *rig_path, unsigned what, struct rec_rig *rig,
                                            dmn_photometry **out, struct pvx_diag *d);
 void dmn_photometry_free(dmn_photometry **p);

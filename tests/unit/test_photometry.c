@@ -99,9 +99,13 @@ T_CASE(rigs_without_any_have_none)
     T_NEAR((double)rig.cameras[0].gain[0], 2, 0); /* the carver's, as ever */
     rig.cameras[0].photometry.n_response = 2;     /* now its pixels are given it */
     rig.cameras[0].photometry.response[1] = 1;
+    rig.cameras[0].photometry.read_noise = 0.003;
+    rig.cameras[0].photometry.noise_gain = 3e-4;
     T_EQ_I(dmn_photometry_load("rig.yaml", DMN_LIGHT_ALL, &rig, &p, &d), PVX_OK);
     T_NEAR((double)dmn_photometry_of(p, 0)->gain[0], 2, 0);
     T_NEAR((double)rig.cameras[0].gain[0], 1, 0);
+    T_NEAR(rig.cameras[0].photometry.read_noise, 0.006, 1e-9); /* behind gains of 2, 1, 1 */
+    T_NEAR(rig.cameras[0].photometry.noise_gain, 4e-4, 1e-9);
     T_OK(dmn_photometry_of(p, 1) == NULL);
     dmn_photometry_free(&p);
     rec_rig_fini(&rig);
