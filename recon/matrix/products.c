@@ -104,16 +104,20 @@ struct product {
     float *y;
 };
 
+void rec_add_forward_alone(const struct rec_subsys *a, struct rec_cameras c, const float *x,
+                           float *y)
+{
+    const struct rec_slots slots = {c.c0, c.c1};
+    (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, 0, a->n, x, y);
+    for (size_t s = 0; s < (size_t)a->slabs && a->win.n_more > 0; s++)
+        a->cs == 4 ? scatter_more(a, s, c, x, y, 4) : scatter_more(a, s, c, x, y, 1);
+}
 void rec_forward_alone(const struct rec_subsys *a, const float *x, float *y)
 {
-    const struct rec_cameras all = {0, a->win.slots};
-    const struct rec_slots slots = {0, a->win.slots};
     size_t cs = (size_t)a->cs, bytes = REC_ROW_BLOCK * cs * sizeof *y;
     for (int32_t b = 0; b < a->n_blocks; b++)
         memset(y + (size_t)a->block[b] * REC_ROW_BLOCK * cs, 0, bytes);
-    (cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, 0, a->n, x, y);
-    for (size_t s = 0; s < (size_t)a->slabs && a->win.n_more > 0; s++)
-        cs == 4 ? scatter_more(a, s, all, x, y, 4) : scatter_more(a, s, all, x, y, 1);
+    rec_add_forward_alone(a, (struct rec_cameras){0, a->win.slots}, x, y);
 }
 
 static void scatter_slab(void *ctx, size_t slab)

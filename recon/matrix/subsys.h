@@ -175,6 +175,9 @@ struct rec_cameras {
 };
 void rec_scatter_cameras(const struct rec_subsys *a, struct rec_images *im, struct rec_cameras c,
                          const float *x);
+/* y += A x, without images; of the other cameras' bins some get 0 added. */
+void rec_add_forward_alone(const struct rec_subsys *a, struct rec_cameras c, const float *x,
+                           float *y);
 void rec_adjoint_cameras(const struct rec_subsys *a, struct rec_cameras c, const float *y,
                          int32_t q0, int32_t q1, float *x);
 void rec_column_sums_cameras(const struct rec_subsys *a, struct rec_cameras c,

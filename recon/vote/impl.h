@@ -7,8 +7,6 @@
 struct rec_trial {
     uint64_t without;
     uint32_t iterations;
-    bool going_on; /* where the last solve ended, with its momentum */
-    double momentum;
     float *x, *y, *step, *scale;    /* [voxels] */
     float *w, *r, *wr;              /* [room] weights, A x - b, W r */
     float *rows;                    /* [3][widest] */
@@ -22,6 +20,7 @@ struct rec_vote {
     size_t cameras, voxels, room, widest; /* widest: bins of the widest picture */
     uint32_t hold;
     struct rec_subsys *sub;
+    float *length[REC_MAX_CAMERAS]; /* [voxels] A_c' A_c 1, where c measured */
     float *chord;                  /* [room] length of the ray in the grid */
     double weigh[REC_MAX_CAMERAS]; /* m_c */
     struct rec_trial *trial;       /* [cameras + 1] */
@@ -32,12 +31,18 @@ struct rec_vote {
     const struct rec_vote_set *set;
     float *b, *use; /* [room] pictures; 1 where they were measured and the ray meets the grid */
     uint8_t *lit;   /* [room] */
+    uint8_t *merged; /* a row of each camera's silhouette */
+    size_t merged_at[REC_MAX_CAMERAS];
+    uint8_t *asked; /* [room] the ray meets the grid, and a column is seen in the bin or it is lit */
     uint32_t *table[REC_MAX_CAMERAS]; /* [(bh+1)*(bw+1)] lit bins above and left of a corner */
     int32_t *col, *in_layer;          /* [voxels], [layers] */
+    size_t darkest[REC_MAX_CAMERAS], n_darkest;
     int dark_allowed;                 /* cameras that a voxel may be dark in */
     struct rec_vote_camera {
-        double power, noise;           /* m_c ||b_c||^2, and what of it noise has */
-        uint32_t bins, lit, saturated; /* that meet the grid; of those; bright and not measured */
+        double power, signal;    /* ||b_c||^2; m_c times that without what noise has of it */
+        double noise;            /* m_c times what noise has of all bins */
+        uint32_t bins, lit;      /* that meet the grid; of those */
+        uint32_t measured, unknown, saturated; /* of those asked; saturated: unknown and bright */
     } of[REC_MAX_CAMERAS];
     double unit; /* P */
 
@@ -60,10 +65,18 @@ static inline bool rec_vote_has(uint64_t set, size_t c)
     return (set >> c & 1) != 0;
 }
 
-/* Pictures averaged to the level's bins, with everything that is known of a camera by itself. */
+/* In this order: the level's bins that are lit; columns; pictures averaged to the bins, with everything that
+ * is known of a camera by itself. */
+void rec_vote_light(rec_vote *v);
 void rec_vote_pool(rec_vote *v);
 /* Columns where a flame may be, and the level's system restricted to them; false: there is none. */
 bool rec_vote_restrict(rec_vote *v, struct rec_restrictor *r);
+/* `length` of all cameras. */
+void rec_vote_lengths(rec_vote *v);
+/* Trial 0 with each of these cameras fitted in turn (SART), which is near (1) soon and never there. */
+void rec_vote_sweep(rec_vote *v, const size_t *order, size_t n);
+/* The misfits of trial 0 as it is. */
+void rec_vote_judge(rec_vote *v);
 /* Trials [from, to), each from its x. */
 void rec_vote_solve(rec_vote *v, size_t from, size_t to);
 /* Why camera c does not fit: trial t was solved without it. */

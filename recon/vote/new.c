@@ -17,7 +17,7 @@ static bool new_trials(rec_vote *v)
 {
     size_t n = padded(v->voxels), room = padded(v->room), rows = padded(3 * v->widest);
     v->trial = pvx_calloc(v->cameras + 1, sizeof *v->trial);
-    v->bytes = (v->cameras + 1) * (4 * n + 3 * room + rows) * sizeof *v->areas;
+    v->bytes = ((v->cameras + 1) * (4 * n + 3 * room + rows) + v->cameras * n) * sizeof *v->areas;
     v->areas = pvx_reserve(v->bytes);
     if (v->trial == NULL || v->areas == NULL)
         return false;
@@ -33,6 +33,8 @@ static bool new_trials(rec_vote *v)
         t->rows = at;
         at += rows;
     }
+    for (size_t c = 0; c < v->cameras; c++, at += n)
+        v->length[c] = at;
     return true;
 }
 
@@ -42,9 +44,16 @@ static bool new_areas(rec_vote *v)
     v->b = pvx_calloc(v->room, sizeof *v->b);
     v->use = pvx_calloc(v->room, sizeof *v->use);
     v->lit = pvx_calloc(v->room, 1);
+    v->asked = pvx_calloc(v->room, 1);
+    size_t merged = 0;
+    for (size_t c = 0; c < v->cameras; c++) {
+        v->merged_at[c] = merged;
+        merged += PVX_ALIGN + (size_t)v->S->block[c].bw; /* no line is of two threads */
+    }
+    v->merged = pvx_calloc(merged, 1);
     v->col = pvx_calloc(v->voxels, sizeof *v->col);
     v->in_layer = pvx_calloc((size_t)v->level->grid.n[2], sizeof *v->in_layer);
-    bool ok = v->chord != NULL && v->b != NULL && v->use != NULL && v->lit != NULL &&
+    bool ok = v->chord != NULL && v->b != NULL && v->use != NULL && v->lit != NULL && v->asked != NULL && v->merged != NULL &&
               v->col != NULL && v->in_layer != NULL && new_trials(v);
     for (size_t c = 0; c < v->cameras; c++) {
         const struct rec_sysmat_block *b = &v->level->block[c];
@@ -126,6 +135,8 @@ void rec_vote_free(rec_vote **vp)
     free(v->b);
     free(v->use);
     free(v->lit);
+    free(v->asked);
+    free(v->merged);
     free(v->col);
     free(v->in_layer);
     PVX_FREE(*vp);

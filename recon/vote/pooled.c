@@ -9,7 +9,7 @@
 struct bin {
     rec_f4 sum, weight;
     float bright; /* of what was not measured */
-    uint32_t n, lit;
+    uint32_t n;
 };
 
 REC_INLINE void add_bin(const struct rec_vote_set *set, size_t i, size_t cs, bool per_channel,
@@ -21,7 +21,6 @@ REC_INLINE void add_bin(const struct rec_vote_set *set, size_t i, size_t cs, boo
     o->sum += w * b;
     o->weight += w;
     o->bright += w[0] + w[1] + w[2] == 0 ? b[0] : 0;
-    o->lit += set->lit[i];
 }
 
 /* The bins of S below bin (x,y) of the level. */
@@ -65,49 +64,104 @@ static void put_bin(rec_vote *v, size_t i, const struct bin *o, struct rec_vote_
 {
     const struct rec_vote_set *set = v->set;
     float value = 0;
-    bool ok = settle(o, set->channels, set->in->per_channel, &value), meets = v->chord[i] > 0;
+    bool ok = settle(o, set->channels, set->in->per_channel, &value);
     v->b[i] = ok ? value : 0;
-    v->use[i] = ok && meets ? 1 : 0;
-    v->lit[i] = o->lit > 0;
-    s->bins += meets;
-    s->lit += meets && o->lit > 0;
-    s->saturated += meets && !ok && o->bright > 0;
-    s->noise += v->use[i];
-    s->power += v->use[i] * (double)value * value;
+    v->use[i] = ok ? 1 : 0;
+    s->measured += ok;
+    s->unknown += !ok;
+    s->saturated += !ok && o->bright > 0;
+    s->power += ok ? (double)value * value : 0;
 }
 
+/* Bins of camera c that are looked at: what no column is seen in and nobody lit says nothing. */
 static void pool_camera(void *ctx, size_t c)
 {
     rec_vote *v = ctx;
     const struct rec_vote_set *set = v->set;
     const struct rec_sysmat_block *blk = &v->level->block[c];
-    size_t i = v->level->row0[c], w = (size_t)blk->bw + 1;
-    struct rec_vote_camera s = {0};
-    for (int32_t y = 0; y < blk->bh && set->present[c]; y++) {
-        uint32_t run = 0, *here = v->table[c] + (size_t)(y + 1) * w + 1;
-        for (int32_t x = 0; x < blk->bw; x++, i++, here++) {
+    struct rec_vote_camera *s = &v->of[c];
+    size_t i = v->level->row0[c];
+    for (int32_t y = 0; y < blk->bh && set->present[c]; y++)
+        for (int32_t x = 0; x < blk->bw; x++, i++) {
+            if (!v->asked[i])
+                continue;
             struct bin o = set->in->per_channel ? gather(v, c, x, y, 4, true)
                            : set->channels == 3 ? gather(v, c, x, y, 4, false)
                                                 : gather(v, c, x, y, 1, false);
-            put_bin(v, i, &o, &s);
-            here[0] = *(here - w) + (run += v->lit[i]);
+            put_bin(v, i, &o, s);
         }
-    }
-    if (!set->present[c]) {
-        size_t n = (size_t)blk->bw * (size_t)blk->bh;
-        memset(v->use + i, 0, n * sizeof *v->use);
-        memset(v->b + i, 0, n * sizeof *v->b);
-        memset(v->lit + i, 0, n);
-    }
     double side = (double)((uint64_t)1 << v->shift);
-    s.power *= v->weigh[c];
-    s.noise *= v->weigh[c] * (double)set->noise[c] / (side * side);
-    v->of[c] = s;
+    double noise = v->weigh[c] * (double)set->noise[c] / (side * side);
+    s->signal = v->weigh[c] * s->power - noise * s->measured;
+    s->noise = noise * (s->bins - s->unknown);
 }
 
 void rec_vote_pool(rec_vote *v)
 {
+    size_t n = v->level->row0[v->cameras];
+    memcpy(v->asked, v->lit, n);
+    REC_FOR_BINS (i, v->sub, ((struct rec_block_range){0, v->sub->n_blocks}), 1)
+        v->asked[i] = 1;
+    for (size_t i = 0; i < n; i++)
+        v->asked[i] &= v->chord[i] > 0;
+    memset(v->b, 0, n * sizeof *v->b);
+    memset(v->use, 0, n * sizeof *v->use);
     pvx_pool_run(v->pool, v->cameras, pool_camera, v);
+}
+
+/* The silhouettes' rows [j0,j1) of camera c, one over the other. */
+static const uint8_t *merge_rows(const rec_vote *v, size_t c, int32_t j0, int32_t j1)
+{
+    size_t w = (size_t)v->S->block[c].bw, at = v->S->row0[c];
+    uint8_t *row = v->merged + v->merged_at[c];
+    memcpy(row, v->set->lit + at + (size_t)j0 * w, w);
+    for (int32_t j = j0 + 1; j < j1; j++) {
+        const uint8_t *lit = v->set->lit + at + (size_t)j * w;
+        for (size_t i = 0; i < w; i++)
+            row[i] |= lit[i];
+    }
+    return row;
+}
+
+static bool any_of(const uint8_t *p, int32_t n)
+{
+    uint32_t four, any = 0;
+    for (; n >= 4; n -= 4, p += 4) {
+        memcpy(&four, p, sizeof four);
+        any |= four;
+    }
+    for (; n > 0; n--)
+        any |= *p++;
+    return any != 0;
+}
+
+/* Bins of the level that are lit, and how many of them are above and left of each. */
+static void light_camera(void *ctx, size_t c)
+{
+    rec_vote *v = ctx;
+    const struct rec_sysmat_block *blk = &v->level->block[c], *fine = &v->S->block[c];
+    size_t i = v->level->row0[c], w = (size_t)blk->bw + 1;
+    int32_t side = 1 << v->shift;
+    struct rec_vote_camera s = {0};
+    memset(v->lit + i, 0, (size_t)blk->bw * (size_t)blk->bh);
+    for (int32_t y = 0; y < blk->bh && v->set->present[c]; y++) {
+        uint32_t run = 0, *here = v->table[c] + (size_t)(y + 1) * w + 1;
+        int32_t end = (y + 1) * side < fine->bh ? (y + 1) * side : fine->bh;
+        const uint8_t *row = merge_rows(v, c, y * side, end);
+        for (int32_t x = 0, at = 0; x < blk->bw; x++, i++, here++, at += side) {
+            bool meets = v->chord[i] > 0;
+            v->lit[i] = any_of(row + at, fine->bw - at < side ? fine->bw - at : side);
+            here[0] = *(here - w) + (run += v->lit[i]);
+            s.bins += meets;
+            s.lit += meets && v->lit[i];
+        }
+    }
+    v->of[c] = s;
+}
+
+void rec_vote_light(rec_vote *v)
+{
+    pvx_pool_run(v->pool, v->cameras, light_camera, v);
 }
 
 /* Lit bins of a footprint. */
@@ -122,17 +176,22 @@ static uint32_t lit_in(const rec_vote *v, size_t c, struct rec_rect r)
 static bool may_burn(const rec_vote *v, size_t place)
 {
     int dark = 0, lit = 0;
-    for (size_t c = 0; c < v->cameras; c++) {
+    for (size_t k = 0; k < v->n_darkest; k++) {
+        size_t c = v->darkest[k];
         const struct rec_sysmat_block *b = &v->level->block[c];
         struct rec_rect r = b->fp[place];
-        if (!v->set->present[c] || !rec_rect_seen(r))
+        if (!rec_rect_seen(r))
             continue;
+        if (lit_in(v, c, r) > 0) {
+            lit++;
+            continue;
+        }
         bool cut = (r.x0 == 0) | (r.y0 == 0) | (r.x1 + 1 == b->bw) | (r.y1 + 1 == b->bh);
-        bool any = lit_in(v, c, r) > 0;
-        lit += any;
-        dark += !any && !cut;
+        dark += !cut;
+        if (dark > v->dark_allowed)
+            return false;
     }
-    return lit >= 2 && dark <= v->dark_allowed;
+    return lit >= 2;
 }
 
 static void mark_layer(void *ctx, size_t k)
@@ -147,10 +206,25 @@ static void mark_layer(void *ctx, size_t k)
     v->in_layer[k] = n;
 }
 
+/* Cameras that take part, those first that are most likely dark. */
+static void find_darkest(rec_vote *v)
+{
+    v->n_darkest = 0;
+    for (size_t c = 0; c < v->cameras; c++) {
+        if (!v->set->present[c])
+            continue;
+        size_t k = v->n_darkest++;
+        for (; k > 0 && v->of[v->darkest[k - 1]].lit > v->of[c].lit; k--)
+            v->darkest[k] = v->darkest[k - 1];
+        v->darkest[k] = c;
+    }
+}
+
 bool rec_vote_restrict(rec_vote *v, struct rec_restrictor *r)
 {
     const struct rec_grid *g = &v->level->grid;
     int32_t n = 0;
+    find_darkest(v);
     pvx_pool_run(v->pool, (size_t)g->n[2], mark_layer, v);
     for (int32_t k = 0; k < g->n[2]; k++) {
         size_t some = (size_t)v->in_layer[k];

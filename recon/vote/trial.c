@@ -40,24 +40,63 @@ static void residual(const rec_vote *v, struct rec_trial *t, const float *x)
     }
 }
 
+/* A_c x in the bins of camera c. */
+static void project(const rec_vote *v, int32_t c, const float *x, float *y)
+{
+    memset(y + v->level->row0[c], 0, bins_of(v, (size_t)c) * sizeof *y);
+    rec_add_forward_alone(v->sub, (struct rec_cameras){c, c + 1}, x, y);
+}
+static void back(const rec_vote *v, int32_t c, const float *y, float *x)
+{
+    rec_adjoint_cameras(v->sub, (struct rec_cameras){c, c + 1}, y, 0, v->sub->n, x);
+}
+
+void rec_vote_lengths(rec_vote *v)
+{
+    struct rec_trial *t = &v->trial[0];
+    for (int32_t q = 0; q < v->sub->n; q++)
+        t->y[q] = 1;
+    rec_forward_alone(v->sub, t->y, t->wr);
+    FOR_BINS(i, v)
+    t->wr[i] *= v->use[i];
+    for (size_t c = 0; c < v->cameras; c++)
+        if (v->set->present[c])
+            back(v, (int32_t)c, t->wr, v->length[c]);
+}
+
 /* scale = 1 / (A'W A 1): steps of this length never overshoot, A being >= 0. */
 static void scale_steps(const rec_vote *v, struct rec_trial *t)
 {
     size_t n = (size_t)v->sub->n;
-    for (size_t q = 0; q < n; q++)
-        t->y[q] = 1;
-    rec_forward_alone(v->sub, t->y, t->wr);
-    FOR_BINS(i, v)
-    t->wr[i] *= t->w[i];
-    rec_adjoint_range(v->sub, t->wr, 0, v->sub->n, t->scale);
+    memset(t->scale, 0, n * sizeof *t->scale);
+    for (size_t c = 0; c < v->cameras; c++) {
+        float m = (float)v->weigh[c];
+        for (size_t q = 0; q < n && !rec_vote_has(t->without, c) && v->set->present[c]; q++)
+            t->scale[q] += m * v->length[c][q];
+    }
     for (size_t q = 0; q < n; q++)
         t->scale[q] = t->scale[q] > 0 ? 1 / t->scale[q] : 0;
+}
+
+/* x fits camera c as far as it can by itself. */
+static void sweep_camera(const rec_vote *v, struct rec_trial *t, int32_t c)
+{
+    const float *length = v->length[c];
+    project(v, c, t->x, t->wr);
+    for (size_t i = v->level->row0[c]; i < v->level->row0[c + 1]; i++)
+        t->wr[i] = v->use[i] * (v->b[i] - t->wr[i]);
+    back(v, c, t->wr, t->step);
+    for (int32_t q = 0; q < v->sub->n; q++) {
+        float x = length[q] > 0 ? t->x[q] + t->step[q] / length[q] : t->x[q];
+        t->x[q] = x > 0 ? x : 0;
+    }
 }
 
 static void iterate(const rec_vote *v, struct rec_trial *t)
 {
     size_t n = (size_t)v->sub->n;
-    double momentum = t->momentum;
+    double momentum = 1;
+    memcpy(t->y, t->x, n * sizeof *t->y);
     for (uint32_t k = 0; k < t->iterations; k++) {
         double next = 0.5 * (1 + sqrt(1 + 4 * momentum * momentum)), up = 0;
         float on = (float)((momentum - 1) / next);
@@ -78,7 +117,6 @@ static void iterate(const rec_vote *v, struct rec_trial *t)
             memcpy(t->y, t->x, n * sizeof *t->y);
         }
     }
-    t->momentum = momentum;
 }
 
 /* One row of a picture: [1 2 1]/4. */
@@ -133,12 +171,8 @@ static void solve(void *ctx, size_t task)
 {
     struct rec_vote_run *run = ctx;
     struct rec_trial *t = &run->v->trial[run->from + task];
-    if (!t->going_on) {
-        weights(run->v, t);
-        scale_steps(run->v, t);
-        memcpy(t->y, t->x, (size_t)run->v->sub->n * sizeof *t->y);
-        t->momentum = 1;
-    }
+    weights(run->v, t);
+    scale_steps(run->v, t);
     iterate(run->v, t);
     judge(run->v, t);
 }
@@ -147,6 +181,17 @@ void rec_vote_solve(rec_vote *v, size_t from, size_t to)
 {
     struct rec_vote_run run = {v, from};
     pvx_pool_run(v->pool, to - from, solve, &run);
+}
+
+void rec_vote_sweep(rec_vote *v, const size_t *order, size_t n)
+{
+    struct rec_trial *t = &v->trial[0];
+    for (size_t k = 0; k < n; k++)
+        sweep_camera(v, t, (int32_t)order[k]);
+}
+void rec_vote_judge(rec_vote *v)
+{
+    judge(v, &v->trial[0]);
 }
 
 /* Camera c's picture b beside p, that of the volume without it. */

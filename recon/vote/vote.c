@@ -14,9 +14,9 @@
 #define TORN    0.1 /* G that no healthy camera was seen to have, by far */
 #define DAZZLED 0.5 /* share of a camera's bins that saturated, */
 #define CLEAR   0.1 /* while the others' median is at most this: it says nothing */
-#define SOON    5   /* iterations from nothing, where all fit by then; */
-#define FIRST   10  /* else */
-#define FURTHER 8   /* and from there on, with and without each */
+#define LEAST_SWEEPS 2 /* from nothing, where all fit by then; */
+#define MOST_SWEEPS  3 /* else */
+#define FURTHER      6 /* iterations from there on, with and without each */
 
 static const char *const state_names[REC_N_VOTE_STATES] = {
     [REC_VOTE_NONE] = "none",   [REC_VOTE_FEW] = "few", [REC_VOTE_DARK] = "dark",
@@ -79,13 +79,11 @@ static void take_ballot(rec_vote *v, struct ballot *b)
     size_t n = 1;
     *b = (struct ballot){.voters = believed(v, all->without)};
     all->iterations = FURTHER;
-    all->going_on = false;
     for (size_t c = 0; c < v->cameras; c++)
         if (rec_vote_has(b->voters, c)) {
             struct rec_trial *t = &v->trial[n];
             t->without = all->without | bit(c);
             t->iterations = FURTHER;
-            t->going_on = false;
             memcpy(t->x, all->x, (size_t)v->sub->n * sizeof *t->x);
             b->trial[c] = n++;
         }
@@ -140,20 +138,36 @@ static bool calm(const rec_vote *v, const struct rec_trial *t)
     return misfit_of(v, t, all) <= ALONE * v->unit + least;
 }
 
+/* Cameras of a set, the brightest first, whatever their order in the rig. */
+static size_t by_light(const rec_vote *v, uint64_t set, size_t *order)
+{
+    size_t n = 0;
+    for (size_t c = 0; c < v->cameras; c++) {
+        if (!rec_vote_has(set, c))
+            continue;
+        size_t k = n++;
+        for (; k > 0 && v->of[order[k - 1]].signal < v->of[c].signal; k--)
+            order[k] = order[k - 1];
+        order[k] = c;
+    }
+    return n;
+}
+
 /* Trial 0 from nothing. */
 static void begin(rec_vote *v, uint64_t without)
 {
     struct rec_trial *t = &v->trial[0];
+    size_t order[REC_MAX_CAMERAS], n = by_light(v, believed(v, without), order);
     t->without = without;
-    t->iterations = SOON;
-    t->going_on = false;
     memset(t->x, 0, (size_t)v->sub->n * sizeof *t->x);
-    rec_vote_solve(v, 0, 1);
-    if (calm(v, t))
-        return;
-    t->iterations = FIRST - SOON;
-    t->going_on = true;
-    rec_vote_solve(v, 0, 1);
+    for (int k = 0; k < MOST_SWEEPS; k++) {
+        rec_vote_sweep(v, order, n);
+        if (k < LEAST_SWEEPS - 1)
+            continue;
+        rec_vote_judge(v);
+        if (calm(v, t))
+            return;
+    }
 }
 
 static void leave_out(rec_vote *v, struct rec_verdict *o, const struct ballot *b, size_t c)
@@ -198,6 +212,7 @@ static void decide(rec_vote *v, struct rec_verdict *o)
     uint64_t dazzled = o->out;
     v->agree = ~dazzled;
     int voters = count(believed(v, 0)), most = (voters - 2) / 2;
+    rec_vote_lengths(v);
     begin(v, dazzled);
     for (bool first = true; !calm(v, &v->trial[0]); first = false) {
         struct ballot b;
@@ -247,7 +262,7 @@ static bool measure(rec_vote *v)
     double signal[REC_MAX_CAMERAS] = {0};
     uint64_t lit = 0;
     for (size_t c = 0; c < v->cameras; c++) {
-        signal[c] = v->of[c].power - v->of[c].noise;
+        signal[c] = v->of[c].signal;
         if (v->set->present[c] && v->of[c].lit > 0 && signal[c] > 0)
             lit |= bit(c);
     }
@@ -285,14 +300,18 @@ void rec_vote_take(rec_vote *v, struct rec_restrictor *r, const struct rec_vote_
     *out = (struct rec_verdict){.state = REC_VOTE_FEW};
     v->set = set;
     int voters = count(believed(v, 0));
+    bool alone = false;
     if (voters >= REC_VOTE_LEAST) {
         v->dark_allowed = voters >= 6 ? 2 : 1;
+        rec_vote_light(v);
+        bool some = rec_vote_restrict(v, r);
         rec_vote_pool(v);
         out->state = measure(v) ? REC_VOTE_AGREE : REC_VOTE_DARK;
+        alone = !some;
     }
     if (out->state == REC_VOTE_AGREE) {
         find_dazzled(v, out);
-        if (rec_vote_restrict(v, r))
+        if (!alone)
             decide(v, out);
         else
             out->state = REC_VOTE_TORN;
