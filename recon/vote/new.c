@@ -53,8 +53,9 @@ static bool new_areas(rec_vote *v)
     v->merged = pvx_calloc(merged, 1);
     v->col = pvx_calloc(v->voxels, sizeof *v->col);
     v->in_layer = pvx_calloc((size_t)v->level->grid.n[2], sizeof *v->in_layer);
-    bool ok = v->chord != NULL && v->b != NULL && v->use != NULL && v->lit != NULL && v->asked != NULL && v->merged != NULL &&
-              v->col != NULL && v->in_layer != NULL && new_trials(v);
+    bool ok = v->chord != NULL && v->b != NULL && v->use != NULL && v->lit != NULL &&
+              v->asked != NULL && v->merged != NULL && v->col != NULL && v->in_layer != NULL &&
+              new_trials(v);
     for (size_t c = 0; c < v->cameras; c++) {
         const struct rec_sysmat_block *b = &v->level->block[c];
         v->table[c] = pvx_calloc((size_t)(b->bw + 1) * (size_t)(b->bh + 1), sizeof *v->table[c]);

@@ -7,16 +7,16 @@
 #include "recon/vote/impl.h"
 
 /* (3) of vote.h. */
-#define ALONE   0.03
-#define SECOND  1.25
-#define NOISE   0.5
-#define BACK    0.5 /* of that, and a camera that was out agrees */
-#define TORN    0.1 /* G that no healthy camera was seen to have, by far */
-#define DAZZLED 0.5 /* share of a camera's bins that saturated, */
-#define CLEAR   0.1 /* while the others' median is at most this: it says nothing */
-#define LEAST_SWEEPS 2 /* from nothing, where all fit by then; */
-#define MOST_SWEEPS  3 /* else */
-#define FURTHER      6 /* iterations from there on, with and without each */
+#define ALONE        REC_VOTE_ALONE
+#define SECOND       1.25
+#define NOISE        0.5
+#define BACK         0.5 /* of that, and a camera that was out agrees */
+#define TORN         0.1 /* G that no healthy camera was seen to have, by far */
+#define DAZZLED      0.5 /* share of a camera's bins that saturated, */
+#define CLEAR        0.1 /* while the others' median is at most this: it says nothing */
+#define LEAST_SWEEPS 2   /* from nothing, where all fit by then; */
+#define MOST_SWEEPS  3   /* else */
+#define FURTHER      6   /* iterations from there on, with and without each */
 
 static const char *const state_names[REC_N_VOTE_STATES] = {
     [REC_VOTE_NONE] = "none",   [REC_VOTE_FEW] = "few", [REC_VOTE_DARK] = "dark",
@@ -206,14 +206,39 @@ static bool two_at_once(rec_vote *v, struct rec_verdict *o, const struct ballot 
     return false;
 }
 
+/* R of those that trial 0 has, over P. */
+static double rest_of(const rec_vote *v)
+{
+    return misfit_of(v, &v->trial[0], believed(v, v->trial[0].without)) / v->unit;
+}
+
+/* With `hold`: whether this set can go without asking every camera.  Trial 0 is without those left out. */
+static bool as_before(rec_vote *v, struct rec_verdict *o)
+{
+    uint64_t held = v->out & believed(v, o->out), rest = believed(v, v->out | o->out);
+    begin(v, v->out | o->out);
+    if (count(rest) < 3)
+        return false;
+    double r = rest_of(v);
+    bool fits = calm(v, &v->trial[0]);
+    bool news = (o->out & ~v->out) != 0;
+    if (news || ((!fits || held != 0) && !rec_vote_may_wait(v, fits ? 0 : r))) {
+        v->usual = r;
+        return false;
+    }
+    o->state = fits ? REC_VOTE_AGREE : v->state;
+    o->misfit = (float)(r / count(rest));
+    return true;
+}
+
 /* One after the other; at most half of all but two. */
 static void decide(rec_vote *v, struct rec_verdict *o)
 {
     uint64_t dazzled = o->out;
     v->agree = ~dazzled;
     int voters = count(believed(v, 0)), most = (voters - 2) / 2;
-    rec_vote_lengths(v);
-    begin(v, dazzled);
+    if (v->hold == 0 || v->trial[0].without != dazzled)
+        begin(v, dazzled);
     for (bool first = true; !calm(v, &v->trial[0]); first = false) {
         struct ballot b;
         uint64_t rest = believed(v, o->out);
@@ -237,8 +262,7 @@ static void decide(rec_vote *v, struct rec_verdict *o)
             break;
         }
     }
-    uint64_t rest = believed(v, o->out);
-    o->misfit = (float)(misfit_of(v, &v->trial[0], rest) / v->unit / count(rest));
+    o->misfit = (float)(rest_of(v) / count(believed(v, o->out)));
 }
 
 /* Cameras whose picture is one bright area, while the others' are not. */
@@ -270,28 +294,28 @@ static bool measure(rec_vote *v)
     return count(lit) >= 3 && v->unit > 0;
 }
 
-/* A camera that went out is back after `hold` sets in which it agrees. */
-static void remember(rec_vote *v, struct rec_verdict *o)
+static void mark_frozen(rec_vote *v, struct rec_verdict *o)
 {
-    bool judged = o->state >= REC_VOTE_AGREE;
-    for (size_t c = 0; c < v->cameras; c++) {
-        if (rec_vote_has(o->out, c)) {
-            v->out |= bit(c);
-            v->why[c] = o->why[c];
-            v->agreed[c] = 0;
-        } else if (rec_vote_has(v->out, c) && judged && v->set->present[c]) {
-            bool agrees = o->state != REC_VOTE_TORN && rec_vote_has(v->agree, c);
-            v->agreed[c] = agrees ? v->agreed[c] + 1 : 0;
-            if (v->agreed[c] >= v->hold)
-                v->out &= ~bit(c);
-        }
-        if (rec_vote_has(v->out, c) && v->set->present[c] && !rec_vote_has(o->out, c)) {
+    uint64_t frozen = rec_vote_frozen(v);
+    for (size_t c = 0; c < v->cameras; c++)
+        if (rec_vote_has(frozen, c)) {
             o->out |= bit(c);
-            o->why[c] = v->why[c];
+            o->why[c] = REC_WRONG_LATE;
         }
-    }
+}
+
+/* Where a flame is seen; whether every camera was asked. */
+static bool judge_set(rec_vote *v, struct rec_verdict *o)
+{
+    find_dazzled(v, o);
+    mark_frozen(v, o);
+    rec_vote_lengths(v);
+    bool asked = v->hold == 0 || !as_before(v, o);
+    if (asked)
+        decide(v, o);
     if (o->state == REC_VOTE_AGREE && o->out != 0)
         o->state = REC_VOTE_OUT;
+    return asked;
 }
 
 void rec_vote_take(rec_vote *v, struct rec_restrictor *r, const struct rec_vote_set *set,
@@ -300,24 +324,18 @@ void rec_vote_take(rec_vote *v, struct rec_restrictor *r, const struct rec_vote_
     *out = (struct rec_verdict){.state = REC_VOTE_FEW};
     v->set = set;
     int voters = count(believed(v, 0));
-    bool alone = false;
+    bool asked = true, some = false;
     if (voters >= REC_VOTE_LEAST) {
         v->dark_allowed = voters >= 6 ? 2 : 1;
         rec_vote_light(v);
-        bool some = rec_vote_restrict(v, r);
+        some = rec_vote_restrict(v, r);
         rec_vote_pool(v);
         out->state = measure(v) ? REC_VOTE_AGREE : REC_VOTE_DARK;
-        alone = !some;
     }
-    if (out->state == REC_VOTE_AGREE) {
-        find_dazzled(v, out);
-        if (!alone)
-            decide(v, out);
-        else
-            out->state = REC_VOTE_TORN;
-        if (out->state == REC_VOTE_AGREE && out->out != 0)
-            out->state = REC_VOTE_OUT;
-    }
+    if (out->state == REC_VOTE_AGREE && some)
+        asked = judge_set(v, out);
+    else if (out->state == REC_VOTE_AGREE)
+        out->state = REC_VOTE_TORN;
     if (v->hold > 0)
-        remember(v, out);
+        rec_vote_remember(v, out, asked);
 }

@@ -301,3 +301,53 @@ T_CASE(back_when_it_agrees_again)
     slot_free(&f);
     take_free(&t);
 }
+
+/* Live not every set asks every camera; what is wrong at once is out at once, and who is out stays out. */
+T_CASE(asked_now_and_then)
+{
+    T_NOT_UNDER_TSAN();
+    struct take t = bed(FLAME_SHEETS, EVEN, 7, 4);
+    struct rec_frame_params p = rec_frame_defaults;
+    rec_frame *f;
+    uint32_t asked = 0, back = 0;
+    p.hold = 15;
+    CHECK(slot_new(t.S, &t.now.rig, &p, pool, &f, NULL));
+    for (uint32_t i = 0; i < 60; i++) {
+        bool lies = i >= 10 && i < 32;
+        shoot(&t, f, lies ? SHIFTED : HEALTHY, 3, 0.01, i);
+        rec_frame_carve(f);
+        const struct rec_verdict *v = &rec_frame_get_report(f)->vote;
+        T_EQ_I(v->out & ~(uint64_t)8, 0);
+        if (lies || i < 10)
+            T_EQ_I(v->out, lies ? 8 : 0);
+        asked += lies && v->doubt > 0;
+        back = i >= 32 && back == 0 && v->out == 0 ? i : back;
+    }
+    T_LE(asked, 6);           /* of 22 */
+    T_LE(32 + 14, back);      /* not before it agreed in 15 */
+    T_LE(back, 32 + 14 + 10); /* and then with the next that is asked */
+    slot_free(&f);
+    take_free(&t);
+}
+
+/* The same bits again and again while the others' pictures change: no statistics needed. */
+T_CASE(frozen_to_the_bit)
+{
+    T_NOT_UNDER_TSAN();
+    struct take t = bed(FLAME_RING, EVEN, 6, 4);
+    size_t n = (size_t)WIDE * (WIDE * 3 / 4) * 4;
+    float *still = must_floats(n);
+    for (uint32_t i = 0; i < 12; i++) {
+        shoot(&t, t.f, HEALTHY, 0, 0.01, i < 8 ? i : 20); /* in the last all stand still */
+        if (i == 2)
+            memcpy(still, rec_frame_input(t.f, 1), n * sizeof *still);
+        if (i >= 2 && i < 7)
+            memcpy(rec_frame_input(t.f, 1), still, n * sizeof *still);
+        rec_frame_carve(t.f);
+        T_EQ_I(verdict(&t)->out, i == 5 || i == 6 ? 2 : 0);
+        if (verdict(&t)->out != 0)
+            T_EQ_I(verdict(&t)->why[1], REC_WRONG_LATE);
+    }
+    free(still);
+    take_free(&t);
+}
