@@ -15,12 +15,17 @@
  * nu_c: what noise alone has of ||K b_c||^2, over P.  Then the rest is looked at in the same way; two at
  * once, each judged without the other, where no one stands out (NUMERICS.md 9: where the constants are
  * from, what is missed).
+ * Where R(x) of some x is under what (3) allows at least, nobody is asked: all fit it.
+ *     c is frozen  when  it sent the same bits four times while most of the others' pictures changed   (4)
+ * and is out for that, whatever it costs: the one thing that a verdict takes from earlier sets unless `hold` is set.
  * Fewer than four cameras: no vote.  Nobody lit, or fewer than three: nothing to judge by.
- * Source: the jackknife (Quenouille 1956, Tukey 1958) on the misfit; (1) by accelerated projected gradients
- * with the step of SIRT (Beck & Teboulle 2009; O'Donoghue & Candes 2015: restarts).
+ * Source: the jackknife (Quenouille 1956, Tukey 1958) on the misfit; (1) begun by sweeps of SART (Andersen & Kak
+ * 1984), then accelerated projected gradients with the step of SIRT (Beck & Teboulle 2009; O'Donoghue & Candes 2015:
+ * restarts).
  * Threads: one frame set per object at a time; parallel inside, the same verdict for any number of threads.
- * Allocates nothing after rec_vote_new.  Cost: a look at all pictures and ten iterations on the coarsest
- * grid, 0.5 ms at 64^3; in doubt up to 1 + cameras times that. */
+ * Allocates nothing after rec_vote_new.  Cost: a look at the silhouettes and at what is lit of the pictures, two sweeps
+ * on the coarsest grid, 0.4 ms of one processor at 64^3; where cameras are asked 1 + cameras times six iterations, four
+ * times that. */
 #ifndef REC_VOTE_H
 #define REC_VOTE_H
 #include "recon/solve/problem.h"
@@ -61,7 +66,9 @@ struct rec_verdict {
 typedef struct rec_vote rec_vote;
 
 /* hold: 0, or a camera that went out is back only after that many sets in a row in which it costs less than
- * half of what would put it out; sets without a flame do not count.  Then a verdict depends on earlier sets.
+ * half of what would put it out; sets without a flame do not count.  Then a verdict depends on earlier sets, and
+ * all cameras are asked in every (hold / 3)th set only, or when those that are believed fit worse by half of 0.03 than
+ * when they were asked: in between, who is out stays out and who is torn stays torn.
  * Borrows S, k, pool.  Errors: PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k,
                                     pvx_pool *pool, uint32_t hold, rec_vote **out);

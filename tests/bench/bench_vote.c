@@ -14,7 +14,7 @@ static FILE *csv;
 static const char *const rig_names[N_RIGS] = {"ring", "arc", "dome", "mixed", "wild"};
 /* ---- (a) nobody is wrong ------------------------------------------------------------------------ */
 
-#define DRAWS 8 /* of noise, from one rig and flame */
+#define DRAWS 32 /* of noise, from one rig and flame */
 
 struct tally {
     const char *name;

@@ -23,7 +23,7 @@ tuesday() {
     wrong gain      'gain cam3 0.5'      'gain cam3 1'
     wrong flooded   'flood cam3 on'      'flood cam3 off'
     wrong disagrees 'late cam3 3'        'late cam3 0'
-    wrong disagrees 'still cam3 on'      'still cam3 off'
+    wrong late 'still cam3 on'           'still cam3 off'
     wrong disagrees 'mirrored cam3 on'   'mirrored cam3 off'
 }
 # What the checks call it.
