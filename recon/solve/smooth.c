@@ -92,6 +92,8 @@ void rec_smooth_runs(struct rec_smooth *s, const struct rec_subsys *a, int32_t q
         int32_t furthest = 0;
         for (int f = 1; f < 6; f += 2)
             furthest = run->far[f] > furthest ? run->far[f] : furthest;
+        for (int f = 0; f < 4; f++) /* theirs follow one another too */
+            c[f].at += run->have >> (2 + f) & 1 ? len : 0;
         run->end = q + len;
         run->room = a->n - run->end - furthest;
         for (int32_t i = q; i < run->end; i++)
