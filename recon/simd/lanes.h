@@ -92,7 +92,11 @@ REC_INLINE bool rec_any(rec_i4 mask)
 /* *sum += a b in double. */
 REC_INLINE void rec_add_product(rec_d4 *sum, rec_f4 a, rec_f4 b)
 {
+#ifdef __FMA__ /* a product of two floats is exact in double: the same bits */
+    sum->v = (rec_dv)_mm256_fmadd_pd(_mm256_cvtps_pd(a), _mm256_cvtps_pd(b), (__m256d)sum->v);
+#else
     sum->v += (rec_dv)_mm256_cvtps_pd(a) * (rec_dv)_mm256_cvtps_pd(b);
+#endif
 }
 REC_INLINE void rec_put(double out[4], const rec_d4 *sum)
 {
