@@ -199,10 +199,14 @@ static pvx_err liar(struct run *r, const struct rec_check_figures *f, size_t *ou
 static pvx_err enough(const struct run *r, const struct rec_check_figures *f)
 {
     size_t n = r->rig->n_cameras, seen = 0, large = 0, bright = 0;
+    double most = 0;
     const rec_sysmat *S = rec_check_matrix(r->k);
+    for (size_t c = 0; c < n; c++)
+        if (f->camera[c].area < MOST) /* else it is flooded */
+            most = fmax(most, f->camera[c].area);
     for (size_t c = 0; c < n; c++) {
         double bins = f->camera[c].area * S->block[c].bw * S->block[c].bh;
-        seen += bins > 0;
+        seen += f->camera[c].area > BARELY * most; /* noise lights some bins behind a cap too */
         bright += f->camera[c].area >= MOST;
         large += bins >= LEAST_LIT && f->camera[c].area < MOST;
     }

@@ -14,15 +14,15 @@ enum { W = 128, SETS = 6, CAMERAS = 6 };
 
 static struct flame_rig f;
 
-/* DIR/NAME/camN/NNNNNN.npy; camera `c` spoilt. */
-static void record(const char *name, size_t spoilt, enum spoil what)
+/* DIR/NAME/camN/NNNNNN.npy; cameras from `first` to `last` spoilt. */
+static void record_some(const char *name, size_t first, size_t last, enum spoil what)
 {
     float *out = must_floats((size_t)f.w * (size_t)f.h);
     struct pvx_diag d = {""};
     for (size_t c = 0; c < CAMERAS; c++) {
         T_EQ_I(pvx_mkdirs(at("%s/%s", name, f.rig.cameras[c].name), &d), PVX_OK);
         for (size_t i = 0; i < SETS; i++) {
-            spoil_picture(&f, c == spoilt ? what : SPOIL_NOTHING, i, c, t_normal, out);
+            spoil_picture(&f, c >= first && c <= last ? what : SPOIL_NOTHING, i, c, t_normal, out);
             T_EQ_I(cap_image_save(at("%s/%s/%06zu.npy", name, f.rig.cameras[c].name, i), out, f.w,
                                   f.h, 1, 1, &d),
                    PVX_OK);
@@ -31,12 +31,21 @@ static void record(const char *name, size_t spoilt, enum spoil what)
     free(out);
 }
 
-static void lift(float by)
+static void record(const char *name, size_t spoilt, enum spoil what)
+{
+    record_some(name, spoilt, spoilt, what);
+}
+
+/* The flame as a spot of 3 x 3 pixels that flickers. */
+static void shrink(void)
 {
     for (size_t i = 0; i < SETS; i++)
         for (size_t c = 0; c < CAMERAS; c++)
-            for (size_t k = 0; k < (size_t)f.w * (size_t)f.h; k++)
-                f.picture[i][c][k] += by;
+            for (int32_t k = 0; k < f.w * f.h; k++) {
+                bool in = abs(k % f.w - f.w / 2) <= 1 && abs(k / f.w - f.h / 2) <= 1;
+                f.picture[i][c][k] =
+                    0.005F * (float)t_normal() + (in ? 0.5F + 0.1F * (float)(i % 3) : 0);
+            }
 }
 
 static void write_rig(const char *name, const struct rec_rig *r)
@@ -46,6 +55,33 @@ static void write_rig(const char *name, const struct rec_rig *r)
     T_EQ_I(rec_rig_format(r, &yaml, &len), PVX_OK);
     T_EQ_I(pvx_file_write(at("%s", name), yaml, len, NULL), PVX_OK);
     free(yaml);
+}
+
+/* line/: as cameras beside each other see it; line.yaml: one of them lies lower. */
+static void record_line(void)
+{
+    struct flame_rig ring = f;
+    const double mid[3] = {0, 0, 0.5}, none[3] = {0}, up[3] = {0, 0.05, 0};
+    f = (struct flame_rig){.w = ring.w, .h = ring.h, .n = SETS};
+    T_EQ_I(rec_rig_copy(&ring.rig, &f.rig), PVX_OK);
+    for (size_t c = 0; c < CAMERAS; c++) {
+        const double eye[3] = {0.5 * (double)c - 1.2, -2, 0.5}, to[3] = {0, 0, 0.5};
+        rec_camera_look(eye, to, &f.rig.cameras[c]);
+    }
+    flame_rig_shoot(&f, 42, 0.1, t_normal);
+    record("line", CAMERAS, SPOIL_NOTHING);
+    rec_camera_nudge(&f.rig.cameras[2], mid, none, up);
+    write_rig("line.yaml", &f.rig);
+    flame_rig_free(&f);
+    f = ring;
+}
+
+static void lift(float by)
+{
+    for (size_t i = 0; i < SETS; i++)
+        for (size_t c = 0; c < CAMERAS; c++)
+            for (size_t k = 0; k < (size_t)f.w * (size_t)f.h; k++)
+                f.picture[i][c][k] += by;
 }
 
 static bool says(const char *file, const char *words)
@@ -128,7 +164,10 @@ T_CASE(what_is_not_refined)
         const char *args, *says;
     } bad[] = {{"--frames good --last 4", "5 frame sets: a refinement needs 6"},
                {"--frames capped", "cam4 is wrong, but not its pose (dark): take the cap off"},
-               {"--frames still", "never moves"}};
+               {"--frames still", "never moves"},
+               {"--frames two", "2 of 6 cameras see any flame"},
+               {"--frames speck", "fills too little of the pictures"},
+               {"--frames good --cameras cam0,cam1,cam2", "fewer than 4"}};
     for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
         char args[200];
         snprintf(args, sizeof args, "calibrate refine --rig rig.yaml %s --quiet --out no.yaml",
@@ -142,6 +181,17 @@ T_CASE(what_is_not_refined)
     T_OK(says("err", "where to? --out refined.yaml"));
 }
 
+/* What such cameras cannot see is held, and said. */
+T_CASE(cameras_in_a_line)
+{
+    T_NOT_UNDER_TSAN();
+    int code = pyrovox("calibrate refine --rig line.yaml --frames line --quiet --out bent.yaml");
+    T_LE(code, 1);
+    T_OK(says("out.txt", "the cameras stand in a line: the direction from which each looks, its "
+                         "distance and its focal length cannot be seen and are held"));
+    T_EQ_I(access(at("bent.yaml"), F_OK) == 0, code == 0);
+}
+
 T_CASE(what_cannot_be_judged)
 {
     static const struct {
@@ -152,6 +202,8 @@ T_CASE(what_cannot_be_judged)
         {"--frames good", "which rig?", 2},
         {"--rig rig.yaml --frames good --cameras cam0,cam1,cam2", "fewer than 4", 1},
         {"--rig rig.yaml --frames still", "never moves", 1},
+        {"--rig rig.yaml --frames two", "2 of 6 cameras see any flame", 1},
+        {"--rig rig.yaml --frames speck", "fills too little of the pictures", 1},
         {"--rig rig.yaml --frames good --last 1", "2 frame sets", 1},
         {"--rig rig.yaml --frames nowhere", "nowhere: no frames", 1},
         {"--rig rig.yaml --frames good --binning 7", "--binning 7 does not divide", 1},
@@ -177,6 +229,8 @@ static void begin(void)
     record("good", CAMERAS, SPOIL_NOTHING);
     record("bumped", 2, SPOIL_SHIFT);
     record("capped", 4, SPOIL_CAP);
+    record_some("two", 2, CAMERAS - 1, SPOIL_CAP);
+    record_line();
     lift(PEDESTAL);
     record("pedestal", CAMERAS, SPOIL_NOTHING);
     lift(-PEDESTAL);
@@ -185,6 +239,8 @@ static void begin(void)
             memcpy(f.picture[i][c], f.picture[0][c],
                    (size_t)f.w * (size_t)f.h * sizeof *f.picture[0][c]);
     record("still", CAMERAS, SPOIL_NOTHING);
+    shrink();
+    record("speck", CAMERAS, SPOIL_NOTHING);
 }
 static void end(void)
 {
