@@ -68,7 +68,7 @@ struct dmn_stage_state {
 struct dmn_state {
     double uptime_s;
     char open_to[256]; /* an endpoint that lets everybody in (insecure: true); "" */
-    bool keys; /* some endpoint asks for one */
+    bool keys;         /* some endpoint asks for one */
     uint64_t clients_listed, connections_refused;
     uint64_t session;
     uint64_t produced, published, inside, dropped[DMN_N_DROP];

@@ -101,7 +101,7 @@ static void name(enum flame_kind kind, size_t n, pvx_pool *pool)
         "nothing",  "shifted 3.6 px", "shifted a tenth", "capped",    "flooded",
         "mirrored", "one set late",   "frozen",          "blurred 2", "half gain"};
     const struct rec_unseen_params p = {.voxels = 48, .binning = 1, .rays = 2, .margin = 1};
-    if (shoot(&s, kind, n, pool)) {
+    if (shoot(&s, kind, n, 0.01, pool)) {
         const struct rec_rig *rig = &s.scene[0].rig;
         struct flame_rig f = {.rig = *rig, .w = W, .h = H, .n = s.n};
         memcpy(f.picture, s.grey, sizeof s.grey);
