@@ -3,6 +3,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "base/file.h"
@@ -88,13 +89,30 @@ static void say(const struct rec_rig *rig, const struct rec_refine_report *o)
     say_held(rig, o);
 }
 
-static pvx_err write_rig(const struct rec_rig *rig, const char *path, struct pvx_diag *d)
+/* The rig of the command with the refined cameras, whose light is as it was. */
+static pvx_err write_rig(const struct flame_sets *s, const char *path, struct pvx_diag *d)
 {
-    char *text;
+    char *text = NULL;
     size_t len;
-    PVX_TRY(rec_rig_format(rig, &text, &len));
-    pvx_err e = pvx_file_write(path, text, len, d);
+    struct rec_rig rig;
+    PVX_TRY(rec_rig_load(s->a->rig, &rig, d));
+    pvx_err e = s->a->cameras != NULL ? rec_rig_select(&rig, s->a->cameras, d) : PVX_OK;
+    for (size_t c = 0; e == PVX_OK && c < rig.n_cameras; c++) {
+        const struct rec_camera *to = &s->rig.cameras[c];
+        struct rec_camera *k = &rig.cameras[c];
+        k->fx = to->fx;
+        k->fy = to->fy;
+        memcpy(k->R, to->R, sizeof k->R);
+        memcpy(k->t, to->t, sizeof k->t);
+    }
+    if (e == PVX_OK)
+        e = dmn_photometry_move(&rig, s->a->rig, path, d);
+    if (e == PVX_OK)
+        e = rec_rig_format(&rig, &text, &len);
+    if (e == PVX_OK)
+        e = pvx_file_write(path, text, len, d);
     free(text);
+    rec_rig_fini(&rig);
     return e;
 }
 
@@ -106,8 +124,7 @@ static pvx_err refine(struct flame_sets *s, const char *out, bool *accepted, str
     say(&s->rig, &o);
     *accepted = o.accepted;
     if (o.accepted) {
-        PVX_TRY(dmn_photometry_move(&s->rig, s->a->rig, out, d));
-        PVX_TRY(write_rig(&s->rig, out, d));
+        PVX_TRY(write_rig(s, out, d));
         printf("%s: unseen views of held-out frames: error %.4f -> %.4f\n", out, o.error[0],
                o.error[o.best]);
     }

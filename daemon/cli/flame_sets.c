@@ -94,11 +94,11 @@ static pvx_err room(struct frames_in *in, float **at, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* What of it is the flame's: saturated pixels stay so. */
-static void subtract(float *picture, float black, const float *background, size_t n)
+/* What of it is the flame's: from `top` on pixels are saturated and stay so. */
+static void subtract(float *picture, float black, const float *background, size_t n, float top)
 {
     for (size_t i = 0; i < n; i++)
-        if (!(picture[i] >= 0.998F))
+        if (!(picture[i] >= top))
             picture[i] -= black + (background != NULL ? background[i] : 0);
 }
 
@@ -125,14 +125,17 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
         s->number[k] = in->number[i];
         uint64_t mask = frames_in_load(in, i, at);
         for (size_t c = 0; c < cams; c++) {
-            if ((mask >> c & 1) == 0)
+            float black = dmn_photometry_of(s->light, c) != NULL ? 0 : (float)s->a->black;
+            if ((mask >> c & 1) == 0) {
                 PVX_FREE(at[c]);
-            else if (s->light != NULL)
+                continue;
+            }
+            if (s->light != NULL)
                 blank_saturated(s, in->images, c, at[c]);
-            else if (background[c] != NULL || s->a->black > 0)
-                subtract(at[c], (float)s->a->black, background[c], s->bins[c]);
-            if (at[c] != NULL)
-                s->floats = s->floats || dmn_images_floats(in->images, c);
+            if (background[c] != NULL || black > 0)
+                subtract(at[c], black, background[c], s->bins[c],
+                         s->light != NULL ? INFINITY : 0.998F);
+            s->floats = s->floats || dmn_images_floats(in->images, c);
         }
         if (cli_stop || (!s->a->quiet && !cli_progress(&bar, (double)(k + 1) / (double)s->n)))
             return PVX_ECANCELED;
@@ -191,6 +194,8 @@ pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a, s
     PVX_TRY(rec_rig_load(a->rig, &s->rig, d));
     if (a->cameras != NULL)
         PVX_TRY(rec_rig_select(&s->rig, a->cameras, d));
+    PVX_TRY(dmn_photometry_load(a->rig, DMN_LIGHT_ALL, &s->rig, &s->own, d));
+    s->light = s->own;
     return flame_sets_read(s, d);
 }
 
@@ -215,6 +220,7 @@ void flame_sets_fini(struct flame_sets *s)
     free(s->picture);
     free(s->number);
     pvx_pool_free(&s->pool);
+    dmn_photometry_free(&s->own);
     rec_rig_fini(&s->rig);
 }
 

@@ -36,6 +36,7 @@ struct flame_sets {
     const struct flame_sets_args *a;
     struct rec_rig rig;
     const dmn_photometry *light; /* of the rig, borrowed; NULL: pictures as they are */
+    dmn_photometry *own;         /* the same, where flame_sets_load read it */
     bool colour;                 /* in: the pictures' own channels, not their mean */
     int nch;                     /* of the pictures, 1 or 3 */
     int channel;                 /* that the source gives, of those */
@@ -51,7 +52,8 @@ struct flame_sets {
     struct cli_progress bar;
 };
 
-/* Owner: caller, flame_sets_fini, after an error too. */
+/* With what the rig says of light: s->rig is as dmn_photometry_load leaves it, not what to write.
+ * Owner: caller, flame_sets_fini, after an error too. */
 PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
                                        struct pvx_diag *d);
 /* The same of a rig that is in s already, with `light` and `colour`.  With light saturated bins are NaN. */

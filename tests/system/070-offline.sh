@@ -68,11 +68,26 @@ reconstruct_stops() { # what was solved is whole, and in the report
     [ "$n" -ge 3 ] && [ "$n" -lt 400 ] && [ "$(grep -c '"frame":' cut.json)" = "$n" ] &&
         [ "$(stat -c %s cut/*.npy | sort -u | wc -l)" = 1 ]
 }
+light_in_check() { # what the rig says of a camera's pedestal and hot pixels counts where a flame is held against it
+    local wrong="--pedestal cam2=0.2 --hot cam4=0.01 --size 160x120" out code
+    # shellcheck disable=SC2086
+    run "$pyrovox" simcams $wrong --write-rig bare.yaml --write-frames flame; says 0 || return 1
+    # shellcheck disable=SC2086
+    run "$pyrovox" simcams $wrong --empty all=on --write-rig bare2.yaml --write-frames dark; says 0 || return 1
+    run "$pyrovox" calibrate check --rig bare.yaml --frames flame --black 0.02 --quiet; says 1 'cam2 flooded' '2 of 8 cameras are wrong' || return 1
+    run "$pyrovox" calibrate dark --rig bare.yaml --frames dark --out lit.yaml; says 0 || return 1
+    run "$pyrovox" calibrate check --rig lit.yaml --frames flame --quiet; says 0 'the flame agrees with the rig in all 8 cameras' || return 1
+    # refined, it says of light what it said
+    sed '/name: cam3/,/name: cam4/ s/t: \[-*0, /t: [0.03, /' lit.yaml > off.yaml
+    cmp -s lit.yaml off.yaml && { echo "no camera was moved"; return 1; }
+    run "$pyrovox" calibrate refine --rig off.yaml --frames flame --out refined.yaml --quiet; says 0 'unseen views of held-out frames' || return 1
+    [ "$(grep -A 2 photometry: lit.yaml)" = "$(grep -A 2 photometry: refined.yaml)" ]
+}
 cpu() {
     run "$pyrovox" cpu; says 0 'kernels' 'ref' || return 1
     run "$pyrovox" --cpu ref cpu; says 0 'kernels   ref' || return 1
     run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
     run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
 }
-for t in recording forgotten_black_level fits grows_out_of_the_box film stops reconstruct_stops cpu; do check $t $t; done
+for t in recording forgotten_black_level fits grows_out_of_the_box film stops reconstruct_stops light_in_check cpu; do check $t $t; done
 exit $rc
