@@ -119,6 +119,7 @@ orphan() { # cameras gone: the command goes too
 check command_ends_with_the_cameras orphan
 
 interrupt() {
+    rm -f "$dir/out" # of the last test, which says so too
     "$pyrovox" simcams --private-net "${small[@]}" > "$dir/out" 2> "$dir/err" & p=$!; pids+=("$p")
     wait_for grep -q '^serving' "$dir/out" || return 1
     kill -INT $p; wait $p; local code=$?
