@@ -105,7 +105,7 @@ static void name(enum flame_kind kind, size_t n, pvx_pool *pool)
         const struct rec_rig *rig = &s.scene[0].rig;
         struct flame_rig f = {.rig = *rig, .w = W, .h = H, .n = s.n};
         memcpy(f.picture, s.grey, sizeof s.grey);
-        for (size_t i = 0; i < sizeof faults / sizeof *faults; i++) {
+        for (size_t i = 0; i < sizeof faults / sizeof *faults && rig->n_cameras > 0; i++) {
             struct flame_source from = {.f = &f, .noise = bench_normal};
             struct rec_check_source of = {.n = s.n, .get = flame_source_get, .ctx = &from};
             struct pvx_diag d = {""};

@@ -112,10 +112,10 @@ static void one(enum flame_kind kind, const struct shots *clean, const struct ro
     CHECK(rec_rig_copy(&clean->scene[0].rig, &rig));
     if (r->px > 0)
         disturb(&rig, r->px);
-    for (size_t c = 0; c < rig.n_cameras; c++) {
-        ones[c] = 1;
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        ones[c] = want[c] = gain[c] = 1;
+    for (size_t c = 0; c < rig.n_cameras; c++)
         want[c] = exp(r->wrong * bench_normal());
-    }
     expose(&s, clean, want, r->noise);
     for (size_t c = 1; c < rig.n_cameras && r->cut; c += 4) {
         rig.cameras[c].width = two_thirds(clean, c);
