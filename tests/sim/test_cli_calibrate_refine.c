@@ -62,6 +62,7 @@ static double off(const char *file)
 
 T_CASE(a_camera_bumped_after_the_board)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox(BY_BOARD "board.yaml"), 0);
     T_EQ_I(pyrovox(BY_BOARD "flame.yaml --refine-with-flame burnt"), 0);
     T_CONTAINS(slurp("out.txt"), "4 frame sets fit, 2 judge");

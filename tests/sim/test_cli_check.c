@@ -194,6 +194,7 @@ T_CASE(cameras_in_a_line)
 
 T_CASE(what_cannot_be_judged)
 {
+    T_NOT_UNDER_TSAN();
     static const struct {
         const char *args, *says;
         int code;
