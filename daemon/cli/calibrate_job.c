@@ -1,17 +1,15 @@
 #include "daemon/cli/calibrate_job.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
-#include "base/file.h"
 #include "base/yaml.h"
 #include "daemon/cli/calibrate_choose.h"
 #include "daemon/cli/calibrate_modes.h"
 #include "daemon/cli/calibrate_report.h"
 #include "daemon/cli/cli.h"
-#include "daemon/pipeline/photometry.h"
+#include "daemon/cli/opt_rig.h"
 #include "recon/board/spec.h"
 #include "recon/calib/next.h"
 
@@ -130,17 +128,10 @@ static pvx_err complete(struct calibrate_job *j, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err write_rig(struct calibrate_job *j, struct pvx_diag *d)
+static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
 {
-    char *text;
-    size_t len;
     const char *old = j->a->keep != NULL ? j->a->keep : j->a->lenses;
-    if (old != NULL)
-        PVX_TRY(dmn_photometry_move(&j->rig, old, j->a->out, d));
-    PVX_TRY(rec_rig_format(&j->rig, &text, &len));
-    pvx_err e = pvx_file_write(j->a->out, text, len, d);
-    free(text);
-    return e;
+    return opt_rig_save(&j->rig, old, j->a->out, d);
 }
 
 pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)

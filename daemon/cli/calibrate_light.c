@@ -6,10 +6,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "base/file.h"
 #include "base/mem.h"
 #include "daemon/cli/arg.h"
 #include "daemon/cli/cli.h"
+#include "daemon/cli/opt_rig.h"
 
 enum { OPT_RIG = 0x900, OPT_OUT, OPT_FRAMES, OPT_EXPOSURE, OPT_FORMAT, OPT_FORCE, OPT_THREADS };
 
@@ -352,12 +352,7 @@ void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry 
 
 pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d)
 {
-    char *text;
-    size_t len;
-    PVX_TRY(rec_rig_format(&l->rig, &text, &len));
-    pvx_err e = pvx_file_write(l->a->out, text, len, d);
-    free(text);
-    if (e == PVX_OK)
-        fprintf(stderr, "%s written\n", l->a->out);
-    return e;
+    PVX_TRY(opt_rig_save(&l->rig, NULL, l->a->out, d));
+    fprintf(stderr, "%s written\n", l->a->out);
+    return PVX_OK;
 }

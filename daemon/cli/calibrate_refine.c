@@ -6,9 +6,9 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "base/file.h"
 #include "daemon/cli/calibrate.h"
 #include "daemon/cli/cli.h"
+#include "daemon/cli/opt_rig.h"
 #include "recon/check/refine.h"
 
 struct args {
@@ -92,8 +92,6 @@ static void say(const struct rec_rig *rig, const struct rec_refine_report *o)
 /* The rig of the command with the refined cameras, whose light is as it was. */
 static pvx_err write_rig(const struct flame_sets *s, const char *path, struct pvx_diag *d)
 {
-    char *text = NULL;
-    size_t len;
     struct rec_rig rig;
     PVX_TRY(rec_rig_load(s->a->rig, &rig, d));
     pvx_err e = s->a->cameras != NULL ? rec_rig_select(&rig, s->a->cameras, d) : PVX_OK;
@@ -106,12 +104,7 @@ static pvx_err write_rig(const struct flame_sets *s, const char *path, struct pv
         memcpy(k->t, to->t, sizeof k->t);
     }
     if (e == PVX_OK)
-        e = dmn_photometry_move(&rig, s->a->rig, path, d);
-    if (e == PVX_OK)
-        e = rec_rig_format(&rig, &text, &len);
-    if (e == PVX_OK)
-        e = pvx_file_write(path, text, len, d);
-    free(text);
+        e = opt_rig_save(&rig, s->a->rig, path, d);
     rec_rig_fini(&rig);
     return e;
 }

@@ -11,7 +11,6 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "base/file.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/yaml.h"
@@ -19,6 +18,7 @@
 #include "daemon/cli/cli.h"
 #include "daemon/cli/simcams_options.h"
 #include "daemon/cli/simcams_ring.h"
+#include "daemon/cli/opt_rig.h"
 
 #define MIB 1048576.0
 
@@ -67,12 +67,7 @@ static pvx_err get_rig(const struct simcams_args *a, struct rec_rig *rig, struct
         raise_cameras(rig, a->raise);
     if (a->write_rig == NULL)
         return PVX_OK;
-    char *text;
-    size_t len;
-    PVX_TRY(rec_rig_format(rig, &text, &len));
-    pvx_err e = pvx_file_write(a->write_rig, text, len, d);
-    free(text);
-    return e;
+    return opt_rig_save(rig, NULL, a->write_rig, d);
 }
 
 static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)

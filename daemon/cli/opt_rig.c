@@ -1,10 +1,13 @@
 #include "daemon/cli/opt_rig.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
 #include "base/yaml.h"
 #include "daemon/cli/arg.h"
+#include "daemon/pipeline/photometry.h"
 
 enum { OPT_RIG = 0x700, OPT_CAMERAS, OPT_GRID, OPT_BASIS, OPT_BINNING, OPT_RAYS, OPT_THREADS };
 
@@ -122,4 +125,22 @@ pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_di
     if (e != PVX_OK)
         rec_rig_fini(out);
     return e;
+}
+
+pvx_err opt_rig_save(const struct rec_rig *rig, const char *from, const char *to,
+                     struct pvx_diag *d)
+{
+    struct rec_rig there = {.n_cameras = 0};
+    char *text = NULL;
+    size_t len;
+    pvx_err e = rec_rig_copy(rig, &there);
+    if (e == PVX_OK && from != NULL)
+        e = dmn_photometry_move(&there, from, to, d);
+    if (e == PVX_OK)
+        e = rec_rig_format(&there, &text, &len);
+    rec_rig_fini(&there);
+    if (e == PVX_OK)
+        e = pvx_file_write(to, text, len, d);
+    free(text);
+    return e == PVX_OK ? e : pvx_fail(d, e, "%s: %s", to, pvx_strerror(e));
 }

@@ -1,4 +1,5 @@
 #include "daemon/cli/reconstruct_fit.h"
+#include "daemon/cli/opt_rig.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -6,7 +7,6 @@
 #include <string.h>
 
 #include "base/clock.h"
-#include "base/file.h"
 #include "base/mem.h"
 #include "daemon/cli/cli.h"
 
@@ -262,18 +262,10 @@ static pvx_err save_rig(const char *from, const char *path, const struct rec_gri
                         struct pvx_diag *d)
 {
     struct rec_rig rig;
-    char *text;
-    size_t len;
     PVX_TRY(rec_rig_load(from, &rig, d));
     rig.grid = *g;
-    pvx_err e = dmn_photometry_move(&rig, from, path, d);
-    if (e == PVX_OK && (e = rec_rig_format(&rig, &text, &len)) != PVX_OK)
-        pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+    pvx_err e = opt_rig_save(&rig, from, path, d);
     rec_rig_fini(&rig);
-    if (e != PVX_OK)
-        return e;
-    e = pvx_file_write(path, text, len, d);
-    free(text);
     return e;
 }
 
