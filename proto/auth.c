@@ -94,7 +94,7 @@ pvx_err pvp_auth_reload(pvp_auth *a, struct pvx_diag *d)
 
 uint64_t pvp_auth_generation(const pvp_auth *a)
 {
-    return atomic_load(&((pvp_auth *)a)->generation);
+    return atomic_load(&a->generation);
 }
 
 size_t pvp_auth_clients(const pvp_auth *ca)
@@ -108,7 +108,7 @@ size_t pvp_auth_clients(const pvp_auth *ca)
 
 uint64_t pvp_auth_refused(const pvp_auth *a)
 {
-    return atomic_load(&((pvp_auth *)a)->refused);
+    return atomic_load(&a->refused);
 }
 
 pvx_err pvp_auth_guard(const pvp_auth *a, void *socket, enum pvp_role role)

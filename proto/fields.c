@@ -16,6 +16,15 @@ bool pvp_grid_valid(const struct pvp_grid *g)
     return g->basis <= 1 && (g->channels == 1 || g->channels == 3);
 }
 
+bool pvp_grid_same(const struct pvp_grid *a, const struct pvp_grid *b)
+{
+    for (int i = 0; i < 3; i++)
+        if (a->n[i] != b->n[i] || a->min[i] < b->min[i] || a->min[i] > b->min[i] ||
+            a->max[i] < b->max[i] || a->max[i] > b->max[i])
+            return false;
+    return a->basis == b->basis && a->channels == b->channels;
+}
+
 uint32_t pvp_grid_bricks(const struct pvp_grid *g, uint32_t nb[3])
 {
     for (int a = 0; a < 3; a++)

@@ -159,15 +159,6 @@ static struct walk walk_start(const struct pvp_encoder *e)
     return (struct walk){.nx = e->grid.n[0], .ny = e->grid.n[1], .nbx = e->nb[0], .nby = e->nb[1]};
 }
 
-static bool same_grid(const struct pvp_grid *a, const struct pvp_grid *b)
-{
-    for (int i = 0; i < 3; i++)
-        if (a->n[i] != b->n[i] || a->min[i] < b->min[i] || a->min[i] > b->min[i] ||
-            a->max[i] < b->max[i] || a->max[i] > b->max[i])
-            return false;
-    return a->basis == b->basis && a->channels == b->channels;
-}
-
 /* Marks the bricks of the voxels.  On a bad index the marks are taken back. */
 static pvx_err mark_bricks(struct pvp_encoder *e, uint32_t n, const int32_t *index)
 {
@@ -248,7 +239,7 @@ static size_t compress(struct pvp_encoder *e, size_t raw_len, uint8_t *dst)
 pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_volume *v,
                           const struct pvp_voxels *x, const void **msg, size_t *len)
 {
-    if (!same_grid(&v->grid, &e->grid) || (x->n > 0 && x->stride < (int)e->grid.channels))
+    if (!pvp_grid_same(&v->grid, &e->grid) || (x->n > 0 && x->stride < (int)e->grid.channels))
         return PVX_EINVAL;
     PVX_TRY(mark_bricks(e, x->n, x->index));
     struct wire ids = {.out = e->msg, .at = WIRE_HEADER + WIRE_VOLUME};

@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "proto/auth.h"
+#include "proto/fields.h"
 
 #define RECEIVE_HWM      16
 #define RECONNECT_MS     100
@@ -120,14 +121,6 @@ static bool count(struct pvp_sub *s, const struct pvp_header *h)
     return true;
 }
 
-static bool same_grid(const struct pvp_grid *a, const struct pvp_grid *b)
-{
-    bool same = a->basis == b->basis && a->channels == b->channels;
-    for (int i = 0; i < 3; i++)
-        same &= a->n[i] == b->n[i] && a->min[i] == b->min[i] && a->max[i] == b->max[i];
-    return same;
-}
-
 static pvx_err begin(struct pvp_sub *s, const struct pvp_start *start, struct pvx_diag *d)
 {
     size_t bytes = pvp_grid_count(&start->grid) * sizeof(float);
@@ -160,7 +153,7 @@ static pvx_err sort(struct pvp_sub *s, const struct pvp_header *h, const void *m
     case PVP_VOLUME:
         if (s->have_start)
             *mine = readable = pvp_decode_volume(msg, len, &view, NULL) == PVX_OK &&
-                               same_grid(&view.v.grid, &s->start.grid);
+                               pvp_grid_same(&view.v.grid, &s->start.grid);
         break;
     case PVP_STATUS:
     case PVP_END: *mine = true;
