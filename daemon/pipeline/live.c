@@ -20,7 +20,8 @@
 
 struct dmn_live {
     struct dmn_config cfg;
-    pvp_auth *auth; /* borrowed; NULL: no keys */
+    pvp_auth *auth;      /* borrowed; NULL: no keys */
+    const char *open_to; /* of cfg; NULL: nothing is open to all */
     struct rec_rig rig;
     struct rec_sysmat_params matrix; /* resolved */
     pvx_pool *pool;
@@ -164,7 +165,9 @@ pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_
     if (l == NULL)
         return PVX_ENOMEM;
     l->auth = auth;
-    pvx_err e = prepare(l, d);
+    pvx_err e = dmn_endpoints_allowed(&l->cfg, &l->open_to, d);
+    if (e == PVX_OK)
+        e = prepare(l, d);
     if (e == PVX_OK)
         e = dmn_publish_open(&l->out, &l->cfg, &l->rig, auth, d);
     if (e == PVX_OK)
@@ -242,9 +245,8 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
 {
     memset(out, 0, sizeof *out);
     out->uptime_s = (double)(pvx_now_mono() - l->t_start_ns) * 1e-9;
-    const char *open = NULL;
-    if (dmn_endpoints_allowed(&l->cfg, &open, NULL) == PVX_OK && open != NULL)
-        snprintf(out->open_to, sizeof out->open_to, "%s", open);
+    if (l->open_to != NULL)
+        snprintf(out->open_to, sizeof out->open_to, "%s", l->open_to);
     out->keys = l->auth != NULL;
     if (out->keys) {
         out->clients_listed = pvp_auth_clients(l->auth);
