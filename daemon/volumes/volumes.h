@@ -1,0 +1,102 @@
+/* volumes.h - recordings of volumes: one writer and one reader for all formats.
+ *
+ * A volume here is what travels on the wire: bricks of PVP_BRICK^3 voxels (PROTOCOL.md), only those with
+ * flame, ids ascending; inside a brick x fastest, channel innermost; what of a brick lies outside the grid is 0.
+ * So no format needs a dense copy unless its file is dense.
+ * Threads: a writer or a reader belongs to one thread at a time. */
+#ifndef VOL_VOLUMES_H
+#define VOL_VOLUMES_H
+#include "proto/pvp.h"
+
+enum vol_format { VOL_NPY, VOL_HDF5, VOL_VDB, VOL_NVDB, VOL_FORMATS };
+extern const char *const vol_format_names[VOL_FORMATS]; /* "npy", "hdf5", "vdb", "nvdb" */
+
+/* What a whole recording has in common.  Texts are borrowed. */
+struct vol_head {
+    struct pvp_start start;
+    const char *rig;    /* rig.yaml as it was in effect, NULL = not known */
+    const char *config; /* all keys of pyrovoxd.yaml, NULL = not known */
+};
+
+struct vol_volume {
+    struct pvp_volume v;
+    enum pvp_sample sample; /* as it travelled */
+    bool clamped;           /* PVP_FLAG_CLAMPED */
+    uint32_t n_bricks;
+    const uint32_t *ids; /* [n_bricks] */
+    const float *brick;  /* [n_bricks][8^3][channels] */
+};
+
+/* Sets that are missing: between two volumes, or before a session's first. */
+enum vol_gap_why {
+    VOL_GAP_LOST,       /* messages lost on the way here, or never published */
+    VOL_GAP_QUEUE,      /* the writer was slower than the volumes */
+    VOL_GAP_UNREADABLE, /* arrived, but damaged */
+};
+struct vol_gap {
+    enum vol_gap_why why;
+    uint64_t set_first, set_last; /* both missing */
+    uint64_t volumes;             /* how many of them are known to be missing; 0 = not known */
+};
+
+struct vol_options {
+    bool split;       /* vdb, nvdb: three grids red, green, blue instead of one of vectors */
+    bool y_up;        /* vdb, nvdb: y points up */
+    double unit_m;    /* vdb, nvdb: metres in the file's unit of length; 0 = 1 */
+    double fps;       /* vdb, nvdb: frames a second of the numbered files; 0 = one file a set */
+    unsigned threads; /* hdf5: that compress; 0 = as many as processors, at most 4 */
+    uint64_t keep_free_bytes; /* end before the disk has less */
+};
+
+typedef struct vol_writer vol_writer;
+/* `path`: a file (hdf5), a folder to make (npy, vdb, nvdb).  Nothing is written over.
+ * Errors: PVX_EBUSY (is there already), PVX_ENOENT, PVX_EPERM, PVX_ENOSPC, PVX_EUNSUP (the module or package
+ * is not installed: names it); the diag names the file. */
+PVX_MUST_CHECK pvx_err vol_writer_open(enum vol_format f, const char *path,
+                                       const struct vol_head *head, const struct vol_options *o,
+                                       vol_writer **out, struct pvx_diag *d);
+/* PVX_ERANGE: another grid than the head's.  After PVX_ENOSPC or PVX_EIO nothing more can be put; close keeps what
+ * was written before. */
+PVX_MUST_CHECK pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v,
+                                      struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d);
+uint64_t vol_writer_bytes(const vol_writer *w); /* on disk, so far */
+/* Finishes the file.  *w is gone afterwards, whatever is returned. */
+pvx_err vol_writer_close(vol_writer **w, struct pvx_diag *d);
+
+typedef struct vol_reader vol_reader;
+/* Which format it is the file or folder says.  A recording that is cut off or still being written is read as far
+ * as it is whole; vol_reader_cut says so.
+ * Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EVERSION (of a later version), PVX_ECORRUPT, PVX_EUNSUP. */
+PVX_MUST_CHECK pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d);
+enum vol_format vol_reader_format(const vol_reader *r);
+const struct vol_head *vol_reader_head(const vol_reader *r);
+uint64_t vol_reader_count(const vol_reader *r);
+bool vol_reader_cut(const vol_reader *r);
+/* Volume k in the order of the recording; borrowed until the next call.  PVX_ECORRUPT: damaged, or not finite. */
+PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volume *out,
+                                      struct pvx_diag *d);
+/* Gaps, in order; NULL at the end. */
+const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k);
+void vol_reader_close(vol_reader **r);
+
+/* --- what a format gives to the dispatcher (writer.c, reader.c); a format that cannot be read has no reader --- */
+struct vol_writer_ops {
+    pvx_err (*open)(void **self, const char *path, const struct vol_head *head,
+                    const struct vol_options *o, struct pvx_diag *d);
+    pvx_err (*put)(void *self, const struct vol_volume *v, struct pvx_diag *d);
+    pvx_err (*gap)(void *self, const struct vol_gap *g, struct pvx_diag *d);
+    uint64_t (*bytes)(const void *self);
+    pvx_err (*close)(void *self, struct pvx_diag *d); /* frees self */
+};
+struct vol_reader_ops {
+    bool (*is)(const char *path); /* cheap: by name and first bytes */
+    pvx_err (*open)(void **self, const char *path, struct vol_head *head, uint64_t *count,
+                    bool *cut, struct pvx_diag *d);
+    pvx_err (*get)(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d);
+    const struct vol_gap *(*gap)(const void *self, uint64_t k);
+    void (*close)(void *self);
+};
+extern const struct vol_writer_ops vol_npy_writer, vol_hdf5_writer, vol_vdb_writer, vol_nvdb_writer;
+extern const struct vol_reader_ops vol_npy_reader, vol_hdf5_reader, vol_vdb_reader, vol_nvdb_reader;
+#endif
