@@ -133,6 +133,10 @@ size_t pvp_grid_count(const struct pvp_grid *g);
  * (count), PVX_ECORRUPT (does not decompress to what it says, not finite), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *dense,
                                          size_t count, struct pvx_diag *d);
+/* The bricks themselves, as float32 [n_bricks][8][8][8][channels], cells outside the grid 0, and their ids;
+ * count: room in `brick`.  No dense volume is made.  Errors: as pvp_volume_unpack. */
+PVX_MUST_CHECK pvx_err pvp_volume_bricks(pvp_decoder *dec, const struct pvp_view *v, uint32_t *ids,
+                                         float *brick, size_t count, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_status(const void *msg, size_t len, const char **json,
                                          size_t *json_len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session,

@@ -233,6 +233,48 @@ static bool load_samples(const uint8_t *p, enum pvp_sample sample, size_t n, flo
     return unfit == 0;
 }
 
+static pvx_err not_finite(struct pvx_diag *d)
+{
+    return pvx_fail(d, PVX_ECORRUPT, "volume message holds a value that is not finite");
+}
+
+/* Cells outside the grid to 0, whatever the message says of them. */
+static void trim(const struct pvp_grid *g, uint32_t id, float *brick)
+{
+    uint32_t nb[3], in[3], c = g->channels;
+    pvp_grid_bricks(g, nb);
+    const uint32_t at[3] = {id % nb[0], id / nb[0] % nb[1], id / nb[0] / nb[1]};
+    for (int a = 0; a < 3; a++) {
+        uint32_t left = g->n[a] - at[a] * PVP_BRICK;
+        in[a] = left < PVP_BRICK ? left : PVP_BRICK;
+    }
+    if (in[0] == PVP_BRICK && in[1] == PVP_BRICK && in[2] == PVP_BRICK)
+        return;
+    for (uint32_t k = 0; k < PVP_BRICK; k++)
+        for (uint32_t j = 0; j < PVP_BRICK; j++) {
+            float *row = brick + (size_t)(k * PVP_BRICK + j) * PVP_BRICK * c;
+            uint32_t keep = k < in[2] && j < in[1] ? in[0] : 0;
+            memset(row + (size_t)keep * c, 0, (size_t)(PVP_BRICK - keep) * c * sizeof *row);
+        }
+}
+
+pvx_err pvp_volume_bricks(pvp_decoder *dec, const struct pvp_view *v, uint32_t *ids, float *brick,
+                          size_t count, struct pvx_diag *d)
+{
+    const struct pvp_grid *g = &v->v.grid;
+    size_t cells = WIRE_CELLS * (size_t)g->channels, n = v->n_bricks * cells;
+    if (count < n)
+        return pvx_fail(d, PVX_EINVAL, "room for %zu values, the bricks have %zu", count, n);
+    const uint8_t *raw;
+    PVX_TRY(decompress(dec, v, &raw, d));
+    bool finite = load_samples(raw, v->sample, n, brick);
+    for (uint32_t b = 0; b < v->n_bricks; b++) {
+        ids[b] = wire_load32(v->ids + 4 * (size_t)b);
+        trim(g, ids[b], brick + b * cells);
+    }
+    return finite ? PVX_OK : not_finite(d);
+}
+
 pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *dense, size_t count,
                           struct pvx_diag *d)
 {
@@ -260,7 +302,5 @@ pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *den
                                        dense + at);
             }
     }
-    if (!finite)
-        return pvx_fail(d, PVX_ECORRUPT, "volume message holds a value that is not finite");
-    return PVX_OK;
+    return finite ? PVX_OK : not_finite(d);
 }

@@ -1,4 +1,6 @@
-/* h5.h - what write.c and read.c share: names, types, the text of libhdf5's errors. */
+/* h5.h - libhdf5 as takes and recordings of volumes use it: the text of its errors, attributes, texts and tables
+ * that grow; and the types of a take, which write.c and read.c share.
+ * Every getter compares type and size before a byte is read. */
 #ifndef CAP_TAKE_H5_H
 #define CAP_TAKE_H5_H
 #include <hdf5.h>
@@ -12,6 +14,47 @@
 void take_h5_init(void);
 /* "PATH: what: libhdf5's reason"; PVX_ENOSPC when the disk is full, else e. */
 pvx_err take_h5_fail(struct pvx_diag *d, pvx_err e, const char *path, const char *what);
+
+/* Format 1.10, a file that closes with all that is open in it, metadata in blocks.  Owner: caller. */
+hid_t take_h5_access(void);
+
+/* libhdf5 (1.10.8) crashes when it closes a dataset that it cannot write: on a full disk, in H5D_close.  So
+ * the disk gives room before libhdf5 knows of what is to come. */
+struct take_h5_room {
+    int fd;            /* of the same file */
+    uint64_t reserved; /* bytes from its start that the disk has promised */
+};
+PVX_MUST_CHECK pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const char *path,
+                                       uint64_t bytes, struct pvx_diag *d);
+
+/* A regular file that begins as HDF5 does; its size. */
+bool take_h5_looks(const char *path, uint64_t *bytes);
+/* SWMR reading takes a file that is being written or was not closed.  One that was, and cut afterwards, is
+ * shorter than it says; for that there is only the property that h5clear uses. */
+hid_t take_h5_open(const char *path);
+
+bool take_h5_put_attr(hid_t at, const char *name, hid_t type, const void *value);
+bool take_h5_put_int(hid_t at, const char *name, int64_t v);
+bool take_h5_put_text(hid_t at, const char *name, const char *text);
+/* Long texts are datasets: an attribute may hold 64 KiB only. */
+bool take_h5_put_long_text(hid_t at, const char *name, const char *text);
+/* A dataset that grows along its first dimension, `chunk` of it at a time. */
+bool take_h5_make_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *chunk,
+                        hid_t *out);
+/* `count` rows behind the `n` that a table has; width 0 = it has one column and rank 1. */
+bool take_h5_append(hid_t table, hid_t type, hsize_t width, uint64_t n, hsize_t count,
+                    const void *rows);
+
+bool take_h5_get_attr(hid_t at, const char *name, hid_t type, size_t file_size, void *out);
+bool take_h5_get_int(hid_t at, const char *name, int64_t *out);
+/* A string of fixed length, from an attribute or (is_dataset) a dataset; NULL = there is none. */
+char *take_h5_get_text(hid_t at, const char *name, bool is_dataset);
+/* `at` has a dataset of this name, element type and shape (dims[0] is not compared; *n = it). */
+hid_t take_h5_open_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *dims,
+                         uint64_t *n);
+/* Rows [from, from+count) of a table of rank 1 or 2. */
+bool take_h5_read_rows(hid_t set, hid_t type, int rank, hsize_t width, uint64_t from,
+                       uint64_t count, void *out);
 
 /* Compound types of the tables in memory, which is their layout in the file too; owner: caller. */
 hid_t take_h5_row_type(void);

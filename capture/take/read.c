@@ -15,7 +15,6 @@
 #include "base/mem.h"
 #include "capture/take/h5.h"
 
-#define TEXT_MAX  (4u << 20)
 #define SQUEEZE   1100 /* gzip, should somebody have repacked the file, makes no more of a byte */
 #define ROW_SLACK 65536
 
@@ -49,92 +48,7 @@ static pvx_err wrong(const cap_take *t, struct pvx_diag *d, const char *what)
                     what);
 }
 
-/* ---- attributes ---- */
-
-static bool get_attr(hid_t at, const char *name, hid_t type, size_t file_size, void *out)
-{
-    if (H5Aexists(at, name) <= 0)
-        return false;
-    hid_t a = H5Aopen(at, name, H5P_DEFAULT), have = H5Aget_type(a), space = H5Aget_space(a);
-    bool ok = H5Tget_class(have) == H5Tget_class(type) && H5Tget_size(have) == file_size &&
-              H5Sget_simple_extent_npoints(space) == 1 && H5Aread(a, type, out) >= 0;
-    H5Sclose(space);
-    H5Tclose(have);
-    H5Aclose(a);
-    return ok;
-}
-
-static bool get_int(hid_t at, const char *name, int64_t *out)
-{
-    return get_attr(at, name, H5T_NATIVE_INT64, 8, out);
-}
-
-/* A string of fixed length, from an attribute or (is_dataset) a dataset; NULL = there is none. */
-static char *get_text(hid_t at, const char *name, bool is_dataset)
-{
-    if ((is_dataset ? H5Lexists(at, name, H5P_DEFAULT) : H5Aexists(at, name)) <= 0)
-        return NULL;
-    hid_t a = is_dataset ? H5Dopen2(at, name, H5P_DEFAULT) : H5Aopen(at, name, H5P_DEFAULT);
-    hid_t t = is_dataset ? H5Dget_type(a) : H5Aget_type(a);
-    hid_t space = is_dataset ? H5Dget_space(a) : H5Aget_space(a);
-    size_t n = H5Tget_size(t);
-    char *out = NULL;
-    if (H5Tget_class(t) == H5T_STRING && H5Tis_variable_str(t) == 0 && n >= 1 && n <= TEXT_MAX &&
-        H5Sget_simple_extent_npoints(space) == 1)
-        out = malloc(n + 1);
-    if (out != NULL &&
-        (is_dataset ? H5Dread(a, t, H5S_ALL, H5S_ALL, H5P_DEFAULT, out) : H5Aread(a, t, out)) < 0)
-        PVX_FREE(out);
-    if (out != NULL)
-        out[n] = '\0';
-    H5Sclose(space);
-    H5Tclose(t);
-    if (is_dataset)
-        H5Dclose(a);
-    else
-        H5Aclose(a);
-    return out;
-}
-
 /* ---- tables ---- */
-
-/* `at` has a dataset of this name, element type and shape (dims[0] is not compared; *n = it). */
-static hid_t open_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *dims,
-                        uint64_t *n)
-{
-    hsize_t have[H5S_MAX_RANK];
-    if (H5Lexists(at, name, H5P_DEFAULT) <= 0)
-        return -1;
-    hid_t set = H5Dopen2(at, name, H5P_DEFAULT);
-    if (set < 0)
-        return -1;
-    hid_t t = H5Dget_type(set), space = H5Dget_space(set);
-    bool ok = H5Tequal(t, type) > 0 && H5Sget_simple_extent_ndims(space) == rank &&
-              H5Sget_simple_extent_dims(space, have, NULL) == rank;
-    for (int i = 1; i < rank && ok; i++)
-        ok = have[i] == dims[i];
-    H5Sclose(space);
-    H5Tclose(t);
-    if (!ok) {
-        H5Dclose(set);
-        return -1;
-    }
-    *n = have[0];
-    return set;
-}
-
-/* Rows [from, from+count) of a table of rank 1 or 2. */
-static bool read_rows(hid_t set, hid_t type, int rank, hsize_t width, uint64_t from, uint64_t count,
-                      void *out)
-{
-    hsize_t at[2] = {from, 0}, size[2] = {count, width};
-    hid_t space = H5Dget_space(set), mem = H5Screate_simple(rank, size, NULL);
-    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, size, NULL) >= 0 &&
-              H5Dread(set, type, mem, space, H5P_DEFAULT, out) >= 0;
-    H5Sclose(mem);
-    H5Sclose(space);
-    return ok;
-}
 
 /* All rows that can be read, from the first; *n = how many.  rows * size bytes, owner: caller; NULL = no
  * memory, or more rows than the file can have. */
@@ -150,7 +64,7 @@ static void *read_table(const cap_take *t, hid_t set, hid_t type, int rank, hsiz
         return NULL;
     for (uint64_t i = 0; i < rows; i += TAKE_ROWS) {
         uint64_t count = rows - i < TAKE_ROWS ? rows - i : TAKE_ROWS;
-        if (!read_rows(set, type, rank, width, i, count, out + i * size))
+        if (!take_h5_read_rows(set, type, rank, width, i, count, out + i * size))
             break;
         *n = i + count;
     }
@@ -161,7 +75,7 @@ static void *read_table(const cap_take *t, hid_t set, hid_t type, int rank, hsiz
 static pvx_err read_gaps(cap_take *t, struct pvx_diag *d)
 {
     hid_t type = take_h5_gap_type(),
-          set = open_table(t->file, "gaps", type, 1, NULL, &t->info.gaps);
+          set = take_h5_open_table(t->file, "gaps", type, 1, NULL, &t->info.gaps);
     pvx_err e = PVX_OK;
     if (set < 0)
         e = wrong(t, d, "gaps");
@@ -226,7 +140,7 @@ static pvx_err read_index(cap_take *t, struct camera *k, hid_t group, uint64_t f
                           struct pvx_diag *d)
 {
     hid_t type = take_h5_row_type();
-    hid_t set = open_table(group, "index", type, 1, NULL, &k->c.frames);
+    hid_t set = take_h5_open_table(group, "index", type, 1, NULL, &k->c.frames);
     if (set >= 0)
         k->row = read_table(t, set, type, 1, 1, sizeof *k->row, &k->c.frames);
     if (set >= 0)
@@ -249,12 +163,13 @@ static pvx_err read_index(cap_take *t, struct camera *k, hid_t group, uint64_t f
 static pvx_err read_frames(cap_take *t, struct camera *k, hid_t group, struct pvx_diag *d)
 {
     int64_t width, height, yuv;
-    char *fmt = get_text(group, "pixel_format", false);
+    char *fmt = take_h5_get_text(group, "pixel_format", false);
     k->c.fmt = fmt != NULL ? cap_pixfmt_parse(fmt) : CAP_FMT_NONE;
     free(fmt);
-    if (k->c.fmt == CAP_FMT_NONE || !get_int(group, "width", &width) ||
-        !get_int(group, "height", &height) || !get_int(group, "yuv", &yuv) || width < 1 ||
-        height < 1 || width > TAKE_SIDE_MAX || height > TAKE_SIDE_MAX || yuv < 0 || yuv > 255)
+    if (k->c.fmt == CAP_FMT_NONE || !take_h5_get_int(group, "width", &width) ||
+        !take_h5_get_int(group, "height", &height) || !take_h5_get_int(group, "yuv", &yuv) ||
+        width < 1 || height < 1 || width > TAKE_SIDE_MAX || height > TAKE_SIDE_MAX || yuv < 0 ||
+        yuv > 255)
         return wrong(t, d, "a camera's pixel format or size");
     k->c.width = (int32_t)width;
     k->c.height = (int32_t)height;
@@ -263,7 +178,7 @@ static pvx_err read_frames(cap_take *t, struct camera *k, hid_t group, struct pv
     if (k->rank < 1)
         return wrong(t, d, "a camera's pixel format");
     uint64_t n;
-    k->frames = open_table(group, "frames", k->type, k->rank, k->dims, &n);
+    k->frames = take_h5_open_table(group, "frames", k->type, k->rank, k->dims, &n);
     if (k->frames < 0)
         return wrong(t, d, "a camera's frames");
     k->stream = k->rank == 1 ? n : 0;
@@ -286,14 +201,15 @@ static herr_t list_camera(hid_t group, const char *name, const H5L_info_t *info,
         return 1;
     }
     hid_t g = H5Gopen2(group, name, H5P_DEFAULT);
-    if (g >= 0 && get_int(g, "number", &number) && number >= 0 && number < CAP_MAX_CAMERAS &&
-        t->camera[number].c.name == NULL) {
+    if (g >= 0 && take_h5_get_int(g, "number", &number) && number >= 0 &&
+        number < CAP_MAX_CAMERAS && t->camera[number].c.name == NULL) {
         t->camera[number].c.name = strdup(name);
-        t->camera[number].c.uri = get_text(g, "uri", false);
-        t->camera[number].c.settings = get_text(g, "settings", true);
-        t->camera[number].c.serial = get_text(g, "serial", false);
+        t->camera[number].c.uri = take_h5_get_text(g, "uri", false);
+        t->camera[number].c.settings = take_h5_get_text(g, "settings", true);
+        t->camera[number].c.serial = take_h5_get_text(g, "serial", false);
         t->camera[number].c.temperature_c = NAN; /* older takes have neither */
-        get_attr(g, "temperature_c", H5T_NATIVE_DOUBLE, 8, &t->camera[number].c.temperature_c);
+        take_h5_get_attr(g, "temperature_c", H5T_NATIVE_DOUBLE, 8,
+                         &t->camera[number].c.temperature_c);
         l->n++;
     } else {
         l->bad = true;
@@ -381,8 +297,8 @@ static pvx_err read_sets(cap_take *t, struct pvx_diag *d)
     hsize_t dims[2] = {0, n};
     uint64_t sets = 0, members = 0;
     hid_t type = take_h5_set_type();
-    hid_t a = open_table(t->file, "sets", type, 1, NULL, &sets);
-    hid_t b = open_table(t->file, "members", H5T_STD_I64LE, 2, dims, &members);
+    hid_t a = take_h5_open_table(t->file, "sets", type, 1, NULL, &sets);
+    hid_t b = take_h5_open_table(t->file, "members", H5T_STD_I64LE, 2, dims, &members);
     uint64_t said = sets;
     if (a >= 0 && b >= 0) {
         t->set = read_table(t, a, type, 1, 1, sizeof *t->set, &sets);
@@ -402,73 +318,41 @@ static pvx_err read_sets(cap_take *t, struct pvx_diag *d)
 
 /* ---- the file ---- */
 
-static bool looks_like_hdf5(const char *path, uint64_t *bytes)
-{
-    static const unsigned char magic[8] = {0x89, 'H', 'D', 'F', '\r', '\n', 0x1a, '\n'};
-    unsigned char got[8];
-    struct stat st;
-    FILE *f = fopen(path, "rb");
-    bool ok = f != NULL && fread(got, 1, 8, f) == 8 && memcmp(got, magic, 8) == 0 &&
-              fstat(fileno(f), &st) == 0 && S_ISREG(st.st_mode);
-    *bytes = ok ? (uint64_t)st.st_size : 0;
-    if (f != NULL)
-        fclose(f);
-    return ok;
-}
-
-/* SWMR reading takes a file that is being written or was not closed.  One that was, and cut afterwards, is
- * shorter than it says; for that there is only the property that h5clear uses. */
-static hid_t open_file(const char *path)
-{
-    hbool_t yes = 1;
-    hid_t fapl = H5Pcreate(H5P_FILE_ACCESS);
-    H5Pset_libver_bounds(fapl, H5F_LIBVER_EARLIEST, H5F_LIBVER_LATEST);
-    H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG);
-    H5Pset_metadata_read_attempts(fapl, 3); /* more would wait for what was cut off */
-    hid_t f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
-    if (f < 0)
-        f = H5Fopen(path, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, fapl);
-    if (f < 0 && H5Pexist(fapl, "skip_eof_check") > 0 && H5Pset(fapl, "skip_eof_check", &yes) >= 0)
-        f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
-    H5Pclose(fapl);
-    return f;
-}
-
 static pvx_err read_head(cap_take *t, struct pvx_diag *d)
 {
     struct cap_take_head *h = &t->info.head;
     int64_t version, closed = 0;
-    char *format = get_text(t->file, "format", false);
+    char *format = take_h5_get_text(t->file, "format", false);
     bool ours = format != NULL && strcmp(format, "pyrovox take") == 0;
     free(format);
-    if (!ours || !get_int(t->file, "version", &version))
+    if (!ours || !take_h5_get_int(t->file, "version", &version))
         return wrong(t, d, "HDF5, but of another kind");
     if (version != CAP_TAKE_FORMAT)
         return pvx_fail(d, PVX_EVERSION, "%s: version %lld of the layout; this program reads %d",
                         t->path, (long long)version, CAP_TAKE_FORMAT);
-    h->rig = get_text(t->file, "rig", true);
-    h->config = get_text(t->file, "config", true);
-    h->software = get_text(t->file, "software", false);
-    h->host = get_text(t->file, "host", false);
-    h->base = get_text(t->file, "base", false);
+    h->rig = take_h5_get_text(t->file, "rig", true);
+    h->config = take_h5_get_text(t->file, "config", true);
+    h->software = take_h5_get_text(t->file, "software", false);
+    h->host = take_h5_get_text(t->file, "host", false);
+    h->base = take_h5_get_text(t->file, "base", false);
     if (h->rig == NULL || h->config == NULL || h->software == NULL || h->host == NULL ||
-        h->base == NULL || !get_int(t->file, "t_created_ns", &h->t_created_ns) ||
-        !get_attr(t->file, "session", H5T_NATIVE_UINT64, 8, &h->session) ||
-        !get_attr(t->file, "fps", H5T_NATIVE_DOUBLE, 8, &h->fps) || !isfinite(h->fps))
+        h->base == NULL || !take_h5_get_int(t->file, "t_created_ns", &h->t_created_ns) ||
+        !take_h5_get_attr(t->file, "session", H5T_NATIVE_UINT64, 8, &h->session) ||
+        !take_h5_get_attr(t->file, "fps", H5T_NATIVE_DOUBLE, 8, &h->fps) || !isfinite(h->fps))
         return wrong(t, d, "an attribute of the head");
     h->camera = t->cameras;
-    t->info.closed = get_int(t->file, "closed", &closed) && closed == 1;
+    t->info.closed = take_h5_get_int(t->file, "closed", &closed) && closed == 1;
     return PVX_OK;
 }
 
 static pvx_err read_all(cap_take *t, struct pvx_diag *d)
 {
-    if (!looks_like_hdf5(t->path, &t->file_bytes)) {
+    if (!take_h5_looks(t->path, &t->file_bytes)) {
         if (access(t->path, R_OK) != 0)
             return pvx_fail(d, PVX_ENOENT, "%s: no such file, or not readable", t->path);
         return wrong(t, d, "not HDF5");
     }
-    t->file = open_file(t->path);
+    t->file = take_h5_open(t->path);
     if (t->file < 0)
         return wrong(t, d, "libhdf5 cannot open it");
     PVX_TRY(read_head(t, d));

@@ -18,9 +18,7 @@
 #include "base/mem.h"
 #include "capture/take/h5.h"
 
-#define META  (256u << 10)
-#define ATTRS 64         /* so many are kept with their group, in one piece */
-#define ROOM  (4u << 20) /* for all metadata between two reservations, and for closing */
+#define ATTRS 64 /* so many are kept with their group, in one piece */
 
 struct camera {
     char *name, *uri, *settings;
@@ -39,8 +37,7 @@ struct camera {
 
 struct cap_take_writer {
     char *path;
-    int fd;            /* of the same file */
-    uint64_t reserved; /* bytes from its start that the disk has promised */
+    struct take_h5_room room;
     hid_t file, sets, members, gaps, row_type, set_type, gap_type;
     bool swmr;
     uint32_t n_cameras;
@@ -56,88 +53,12 @@ static pvx_err fail(cap_take_writer *w, const char *what, struct pvx_diag *d)
     return take_h5_fail(d, PVX_EIO, w->path, what);
 }
 
-/* libhdf5 (1.10.8) crashes when it closes a dataset that it cannot write: on a full disk, in H5D_close.  So
- * the disk gives room before libhdf5 knows of what is to come. */
 static pvx_err reserve(cap_take_writer *w, uint64_t bytes, struct pvx_diag *d)
 {
-    hsize_t now = 0;
-    H5Fget_filesize(w->file, &now); /* with what it has not written yet */
-    uint64_t want = now + bytes + ROOM;
-    if (want <= w->reserved)
-        return PVX_OK;
-    if (fallocate(w->fd, FALLOC_FL_KEEP_SIZE, (off_t)w->reserved,
-                  (off_t)(want + ROOM - w->reserved)) != 0 &&
-        errno != EOPNOTSUPP) {
-        pvx_err e = pvx_err_from_errno(errno);
-        return pvx_fail(d, e, "%s: cannot be written: %s", w->path,
-                        e == PVX_ENOSPC ? "the disk is full" : strerror(errno));
-    }
-    w->reserved = want + ROOM;
-    return PVX_OK;
+    return take_h5_reserve(&w->room, w->file, w->path, bytes, d);
 }
 
 /* ---- making ---- */
-
-static bool put_attr(hid_t at, const char *name, hid_t type, const void *value)
-{
-    hid_t space = H5Screate(H5S_SCALAR);
-    hid_t a = H5Aexists(at, name) > 0 ? H5Aopen(at, name, H5P_DEFAULT)
-                                      : H5Acreate2(at, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = a >= 0 && H5Awrite(a, type, value) >= 0;
-    H5Aclose(a);
-    H5Sclose(space);
-    return ok;
-}
-
-static bool put_int(hid_t at, const char *name, int64_t v)
-{
-    return put_attr(at, name, H5T_STD_I64LE, &v);
-}
-
-static hid_t text_type(const char *text)
-{
-    hid_t t = H5Tcopy(H5T_C_S1);
-    H5Tset_size(t, strlen(text) + 1);
-    H5Tset_cset(t, H5T_CSET_UTF8);
-    return t;
-}
-
-static bool put_text(hid_t at, const char *name, const char *text)
-{
-    hid_t t = text_type(text);
-    bool ok = put_attr(at, name, t, text);
-    H5Tclose(t);
-    return ok;
-}
-
-/* Long texts are datasets: an attribute may hold 64 KiB only. */
-static bool put_long_text(hid_t at, const char *name, const char *text)
-{
-    hid_t t = text_type(text), space = H5Screate(H5S_SCALAR);
-    hid_t s = H5Dcreate2(at, name, t, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = s >= 0 && H5Dwrite(s, t, H5S_ALL, H5S_ALL, H5P_DEFAULT, text) >= 0;
-    H5Dclose(s);
-    H5Sclose(space);
-    H5Tclose(t);
-    return ok;
-}
-
-/* A dataset that grows along its first dimension, `chunk` of it at a time. */
-static bool make_table(hid_t at, const char *name, hid_t type, int rank, const hsize_t *chunk,
-                       hid_t *out)
-{
-    hsize_t now[4], most[4];
-    for (int i = 0; i < rank; i++)
-        now[i] = most[i] = chunk[i];
-    now[0] = 0;
-    most[0] = H5S_UNLIMITED;
-    hid_t space = H5Screate_simple(rank, now, most), p = H5Pcreate(H5P_DATASET_CREATE);
-    H5Pset_chunk(p, rank, chunk);
-    *out = H5Dcreate2(at, name, type, space, H5P_DEFAULT, p, H5P_DEFAULT);
-    H5Pclose(p);
-    H5Sclose(space);
-    return *out >= 0;
-}
 
 static bool open_tables(cap_take_writer *w)
 {
@@ -159,15 +80,6 @@ static bool open_tables(cap_take_writer *w)
     return ok;
 }
 
-static hid_t access_list(void)
-{
-    hid_t fapl = H5Pcreate(H5P_FILE_ACCESS);
-    H5Pset_libver_bounds(fapl, H5F_LIBVER_V110, H5F_LIBVER_V110);
-    H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG); /* closes what is open in it */
-    H5Pset_meta_block_size(fapl, META);
-    return fapl;
-}
-
 static bool close_file(cap_take_writer *w)
 {
     bool ok = w->file < 0 || H5Fclose(w->file) >= 0;
@@ -178,7 +90,7 @@ static bool close_file(cap_take_writer *w)
 
 static bool reopen(cap_take_writer *w)
 {
-    hid_t fapl = access_list();
+    hid_t fapl = take_h5_access();
     if (!close_file(w)) {
         H5Pclose(fapl);
         return false;
@@ -200,18 +112,20 @@ static pvx_err start_swmr(cap_take_writer *w, struct pvx_diag *d)
 
 static bool make_attributes(cap_take_writer *w, const struct cap_take_head *h)
 {
-    return put_text(w->file, "format", "pyrovox take") &&
-           put_int(w->file, "version", CAP_TAKE_FORMAT) &&
-           put_int(w->file, "t_created_ns", h->t_created_ns) &&
-           put_attr(w->file, "session", H5T_STD_U64LE, &h->session) &&
-           put_attr(w->file, "fps", H5T_IEEE_F64LE, &h->fps) &&
-           put_text(w->file, "host", h->host) && put_text(w->file, "software", h->software) &&
-           put_text(w->file, "base", h->base) &&
+    return take_h5_put_text(w->file, "format", "pyrovox take") &&
+           take_h5_put_int(w->file, "version", CAP_TAKE_FORMAT) &&
+           take_h5_put_int(w->file, "t_created_ns", h->t_created_ns) &&
+           take_h5_put_attr(w->file, "session", H5T_STD_U64LE, &h->session) &&
+           take_h5_put_attr(w->file, "fps", H5T_IEEE_F64LE, &h->fps) &&
+           take_h5_put_text(w->file, "host", h->host) &&
+           take_h5_put_text(w->file, "software", h->software) &&
+           take_h5_put_text(w->file, "base", h->base) &&
            /* overwritten at the end: a new one would lie behind all pixels, and be cut off first */
-           put_int(w->file, "closed", 0) && put_int(w->file, "t_closed_ns", 0) &&
-           put_int(w->file, "n_sets", -1) && put_int(w->file, "n_frames", -1) &&
-           put_int(w->file, "n_gaps", -1) && put_long_text(w->file, "rig", h->rig) &&
-           put_long_text(w->file, "config", h->config);
+           take_h5_put_int(w->file, "closed", 0) && take_h5_put_int(w->file, "t_closed_ns", 0) &&
+           take_h5_put_int(w->file, "n_sets", -1) && take_h5_put_int(w->file, "n_frames", -1) &&
+           take_h5_put_int(w->file, "n_gaps", -1) &&
+           take_h5_put_long_text(w->file, "rig", h->rig) &&
+           take_h5_put_long_text(w->file, "config", h->config);
 }
 
 static bool make_groups(cap_take_writer *w)
@@ -226,8 +140,8 @@ static bool make_groups(cap_take_writer *w)
         char name[CAP_TAKE_NAME_MAX + 24];
         snprintf(name, sizeof name, "cameras/%s", k->name);
         g = H5Gcreate2(w->file, name, H5P_DEFAULT, p, H5P_DEFAULT);
-        ok = g >= 0 && put_int(g, "number", c) && put_text(g, "uri", k->uri) &&
-             put_long_text(g, "settings", k->settings);
+        ok = g >= 0 && take_h5_put_int(g, "number", c) && take_h5_put_text(g, "uri", k->uri) &&
+             take_h5_put_long_text(g, "settings", k->settings);
         H5Gclose(g);
     }
     H5Pclose(p);
@@ -238,9 +152,9 @@ static bool make_root(cap_take_writer *w, const struct cap_take_head *h)
 {
     hsize_t rows = TAKE_ROWS, members[2] = {TAKE_ROWS, w->n_cameras};
     return make_attributes(w, h) && make_groups(w) &&
-           make_table(w->file, "sets", w->set_type, 1, &rows, &w->sets) &&
-           make_table(w->file, "members", H5T_STD_I64LE, 2, members, &w->members) &&
-           make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps);
+           take_h5_make_table(w->file, "sets", w->set_type, 1, &rows, &w->sets) &&
+           take_h5_make_table(w->file, "members", H5T_STD_I64LE, 2, members, &w->members) &&
+           take_h5_make_table(w->file, "gaps", w->gap_type, 1, &rows, &w->gaps);
 }
 
 /* Of a length that it may get later. */
@@ -249,8 +163,8 @@ static bool put_about(hid_t at, const struct camera *k)
     hid_t t = H5Tcopy(H5T_C_S1);
     H5Tset_size(t, sizeof k->serial);
     H5Tset_cset(t, H5T_CSET_UTF8);
-    bool ok = put_attr(at, "serial", t, k->serial) &&
-              put_attr(at, "temperature_c", H5T_IEEE_F64LE, &k->temperature_c);
+    bool ok = take_h5_put_attr(at, "serial", t, k->serial) &&
+              take_h5_put_attr(at, "temperature_c", H5T_IEEE_F64LE, &k->temperature_c);
     H5Tclose(t);
     return ok;
 }
@@ -261,11 +175,11 @@ static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
     hsize_t rows = TAKE_ROWS;
     snprintf(name, sizeof name, "cameras/%s", k->name);
     hid_t g = H5Gopen2(w->file, name, H5P_DEFAULT);
-    bool ok = g >= 0 && put_text(g, "pixel_format", cap_pixfmt_name(k->fmt)) &&
-              put_int(g, "width", k->width) && put_int(g, "height", k->height) &&
-              put_int(g, "yuv", k->yuv) && put_about(g, k) &&
-              make_table(g, "index", w->row_type, 1, &rows, &k->index) &&
-              make_table(g, "frames", type, k->rank, k->dims, &k->frames);
+    bool ok = g >= 0 && take_h5_put_text(g, "pixel_format", cap_pixfmt_name(k->fmt)) &&
+              take_h5_put_int(g, "width", k->width) && take_h5_put_int(g, "height", k->height) &&
+              take_h5_put_int(g, "yuv", k->yuv) && put_about(g, k) &&
+              take_h5_make_table(g, "index", w->row_type, 1, &rows, &k->index) &&
+              take_h5_make_table(g, "frames", type, k->rank, k->dims, &k->frames);
     H5Gclose(g);
     k->made = ok;
     return ok;
@@ -310,7 +224,7 @@ static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_t
     cap_take_writer *w = *out = pvx_calloc(1, sizeof *w);
     if (w == NULL)
         return PVX_ENOMEM;
-    w->file = w->fd = -1;
+    w->file = w->room.fd = -1;
     w->row_type = take_h5_row_type();
     w->set_type = take_h5_set_type();
     w->gap_type = take_h5_gap_type();
@@ -337,8 +251,8 @@ static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_t
 static void free_writer(cap_take_writer *w)
 {
     close_file(w);
-    if (w->fd >= 0)
-        close(w->fd);
+    if (w->room.fd >= 0)
+        close(w->room.fd);
     H5Tclose(w->row_type);
     H5Tclose(w->set_type);
     H5Tclose(w->gap_type);
@@ -370,15 +284,15 @@ static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
     PVX_TRY(make_folder(w->path, d));
     if (access(w->path, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", w->path);
-    hid_t fapl = access_list(), fcpl = H5Pcreate(H5P_FILE_CREATE);
+    hid_t fapl = take_h5_access(), fcpl = H5Pcreate(H5P_FILE_CREATE);
     H5Pset_attr_phase_change(fcpl, ATTRS, 0);
     w->file = H5Fcreate(w->path, H5F_ACC_EXCL, fcpl, fapl);
     H5Pclose(fcpl);
     H5Pclose(fapl);
     if (w->file < 0)
         return fail(w, "cannot be made", d);
-    w->fd = open(w->path, O_RDWR | O_CLOEXEC);
-    pvx_err e = w->fd >= 0 ? reserve(w, 0, d) : fail(w, "cannot be made", d);
+    w->room.fd = open(w->path, O_RDWR | O_CLOEXEC);
+    pvx_err e = w->room.fd >= 0 ? reserve(w, 0, d) : fail(w, "cannot be made", d);
     if (e != PVX_OK)
         unlink(w->path);
     return e;
@@ -415,22 +329,6 @@ pvx_err cap_take_create(const char *path, const struct cap_take_head *head, cap_
 }
 
 /* ---- appending ---- */
-
-/* `count` rows behind the `n` that a table has; width 0 = it has one column and rank 1. */
-static bool append(hid_t table, hid_t type, hsize_t width, uint64_t n, hsize_t count,
-                   const void *rows)
-{
-    int rank = width > 0 ? 2 : 1;
-    hsize_t all[2] = {n + count, width}, at[2] = {n, 0}, size[2] = {count, width};
-    if (H5Dset_extent(table, all) < 0)
-        return false;
-    hid_t space = H5Dget_space(table), mem = H5Screate_simple(rank, size, NULL);
-    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, size, NULL) >= 0 &&
-              H5Dwrite(table, type, mem, space, H5P_DEFAULT, rows) >= 0;
-    H5Sclose(mem);
-    H5Sclose(space);
-    return ok;
-}
 
 /* The pixels without padding between rows; NULL = no memory for them. */
 static const void *tight_pixels(cap_take_writer *w, const struct camera *k,
@@ -505,9 +403,9 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
     r.offset = k->rank == 1 ? k->stream : 0;
     r.xxh3 = XXH3_64bits(pixels, r.bytes);
     r.check = take_row_check(&r);
-    if (!(k->rank == 1 ? append(k->frames, H5T_NATIVE_UINT8, 0, k->stream, r.bytes, pixels)
+    if (!(k->rank == 1 ? take_h5_append(k->frames, H5T_NATIVE_UINT8, 0, k->stream, r.bytes, pixels)
                        : append_image(k, pixels)) ||
-        !append(k->index, w->row_type, 0, k->n, 1, &r))
+        !take_h5_append(k->index, w->row_type, 0, k->n, 1, &r))
         return fail(w, "cannot be written", d);
     k->stream += k->rank == 1 ? r.bytes : 0;
     *place = (int64_t)k->n++;
@@ -548,8 +446,8 @@ pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s, struct pvx
         }
     }
     row.check = take_set_check(&row, w->member, w->n_cameras);
-    if (!append(w->members, H5T_NATIVE_INT64, w->n_cameras, w->n_sets, 1, w->member) ||
-        !append(w->sets, w->set_type, 0, w->n_sets, 1, &row))
+    if (!take_h5_append(w->members, H5T_NATIVE_INT64, w->n_cameras, w->n_sets, 1, w->member) ||
+        !take_h5_append(w->sets, w->set_type, 0, w->n_sets, 1, &row))
         return fail(w, "cannot be written", d);
     w->n_sets++;
     return PVX_OK;
@@ -569,7 +467,7 @@ pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g, struc
     take_h5_init();
     PVX_TRY(reserve(w, 0, d));
     PVX_TRY(start_swmr(w, d));
-    if (!append(w->gaps, w->gap_type, 0, w->n_gaps, 1, g))
+    if (!take_h5_append(w->gaps, w->gap_type, 0, w->n_gaps, 1, g))
         return fail(w, "cannot be written", d);
     w->n_gaps++;
     return PVX_OK;
@@ -595,10 +493,11 @@ static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
         if (g >= 0)
             H5Gclose(g);
     }
-    ok = ok && put_int(w->file, "n_sets", (int64_t)w->n_sets) &&
-         put_int(w->file, "n_frames", (int64_t)w->n_frames) &&
-         put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
-         put_int(w->file, "t_closed_ns", pvx_now_real()) && put_int(w->file, "closed", 1);
+    ok = ok && take_h5_put_int(w->file, "n_sets", (int64_t)w->n_sets) &&
+         take_h5_put_int(w->file, "n_frames", (int64_t)w->n_frames) &&
+         take_h5_put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
+         take_h5_put_int(w->file, "t_closed_ns", pvx_now_real()) &&
+         take_h5_put_int(w->file, "closed", 1);
     return close_file(w) && ok ? PVX_OK : fail(w, "cannot be closed", d);
 }
 

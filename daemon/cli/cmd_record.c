@@ -1,7 +1,6 @@
-/* pyrovox record - subscriber -> DIR/SET.npy and DIR/SET.json. */
+/* pyrovox record - a subscriber whose volumes go to disk. */
 #include <argp.h>
 #include <errno.h>
-#include <glob.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,11 +8,10 @@
 #include <unistd.h>
 
 #include "base/clock.h"
-#include "base/file.h"
 #include "daemon/cli/arg.h"
 #include "daemon/cli/cli.h"
-#include "daemon/cli/record_file.h"
 #include "daemon/config/endpoints.h"
+#include "daemon/volumes/recorder.h"
 #include "proto/clients/sub.h"
 
 #define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
@@ -27,10 +25,13 @@ struct record {
     /* running */
     pvp_sub *sub;
     pvp_decoder *decoder;
-    float *dense;
-    size_t dense_count;
-    char dir[1024]; /* where this session's volumes go */
-    uint64_t session, written, unreadable, bytes;
+    vol_recorder *rec;
+    struct vol_recorder_config config;
+    const char *format;
+    char path[1200]; /* where this session's volumes go */
+    uint64_t session, accepted, unreadable;
+    uint64_t next_volume,
+        last_set;        /* of the session: messages of volumes so far, number of the last */
     int64_t begun, told; /* mono: first volume, last status line */
     uint64_t told_written;
     bool in_session, ended, told_waiting;
@@ -43,6 +44,11 @@ static const struct argp_option options[] = {
     {"out", 'o', "DIR", 0,
      "Folder to make and fill (default: volumes-DATE-TIME); with --raw start: the take's file "
      "(default: the daemon's record.path)",
+     0},
+    {"format", 'f', "FORMAT", 0,
+     "npy: a folder of SET.npy and SET.json; hdf5: one file; vdb, nvdb: a folder of numbered files "
+     "for Blender and "
+     "others (default: as --out ends, .h5 is hdf5; else npy)",
      0},
     {"raw", 'r', "start|stop", 0, "Let the daemon begin or end a take of the cameras' raw frames",
      0},
@@ -60,6 +66,15 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case 'e': r->endpoint = arg; return 0;
     case 'k': r->key = arg; return 0;
     case 'o': r->out = arg; return 0;
+    case 'f':
+        for (int f = 0; f < VOL_FORMATS; f++)
+            if (strcmp(arg, vol_format_names[f]) == 0) {
+                r->format = vol_format_names[f];
+                r->config.format = (enum vol_format)f;
+                return 0;
+            }
+        argp_error(state, "--format %s: should be npy, hdf5, vdb or nvdb", arg);
+        return EINVAL;
     case 'q': r->quiet = 1; return 0;
     case 'c': r->control = arg; return 0;
     case 'r':
@@ -94,75 +109,60 @@ static const struct argp argp = {
            "then is complete in each case.",
 };
 
-/* An earlier recording is not written over, nor mixed with. */
-static pvx_err make_dir(const char *dir, struct pvx_diag *d)
+/* With the first volume: by then all is known that the daemon says of itself. */
+static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint64_t set,
+                             struct pvx_diag *d)
 {
-    char pattern[1100];
-    PVX_TRY(pvx_mkdirs(dir, d));
-    snprintf(pattern, sizeof pattern, "%s/[0-9]*.npy", dir);
-    glob_t g;
-    int found = glob(pattern, GLOB_NOSORT, NULL, &g) == 0;
-    globfree(&g);
-    if (found)
-        return pvx_fail(d, PVX_EBUSY,
-                        "%s: holds volumes of an earlier recording; name another folder with --out",
-                        dir);
-    return PVX_OK;
-}
-
-static pvx_err enter_session(struct record *r, const struct pvp_start *s, struct pvx_diag *d)
-{
+    const struct pvp_start *s = pvp_sub_start(r->sub);
     if (r->in_session && s->session == r->session)
         return PVX_OK;
+    struct vol_head head = {.start = *s};
+    PVX_TRY(vol_recorder_session(r->rec, &head, r->path, sizeof r->path, d));
     if (r->in_session)
-        snprintf(r->dir, sizeof r->dir, "%s/session-%016llx", r->out,
-                 (unsigned long long)s->session);
-    else
-        snprintf(r->dir, sizeof r->dir, "%s", r->out);
-    if (r->in_session)
-        fprintf(stderr, "pyrovox: the daemon restarted; going on in %s\n", r->dir);
-    PVX_TRY(make_dir(r->dir, d));
-    size_t count = pvp_grid_count(&s->grid);
-    if (count != r->dense_count) {
-        free(r->dense);
-        r->dense_count = 0;
-        r->dense = malloc(count * sizeof *r->dense);
-        if (r->dense == NULL)
-            return pvx_fail(d, PVX_ENOMEM, "no memory for volumes of %u x %u x %u voxels",
-                            s->grid.n[0], s->grid.n[1], s->grid.n[2]);
-        r->dense_count = count;
-    }
+        fprintf(stderr, "pyrovox: the daemon restarted; going on in %s\n", r->path);
     r->in_session = true;
     r->session = s->session;
+    r->next_volume = h->type_sequence;
+    r->last_set = set > 0 ? set - 1 : 0;
     if (!r->quiet)
         fprintf(stderr, "recording %u x %u x %u x %u from %s (%s) to %s\n", s->grid.n[0],
-                s->grid.n[1], s->grid.n[2], s->grid.channels, r->endpoint, s->software, r->dir);
+                s->grid.n[1], s->grid.n[2], s->grid.channels, r->endpoint, s->software, r->path);
     return PVX_OK;
 }
 
-/* The message's volume into r->dense. */
-static pvx_err unpack(struct record *r, const void *msg, size_t len, struct pvp_view *view,
-                      struct pvx_diag *d)
+/* Volumes that should have come before this message, by the count that it carries. */
+static pvx_err note_lost(struct record *r, const struct pvp_header *h, uint64_t set)
 {
-    PVX_TRY(pvp_decode_volume(msg, len, view, d));
-    return pvp_volume_unpack(r->decoder, view, r->dense, r->dense_count, d);
+    struct vol_gap g = {.why = VOL_GAP_LOST,
+                        .set_first = r->last_set + 1,
+                        .set_last = set - 1,
+                        .volumes = h->type_sequence - r->next_volume};
+    bool missing = h->type_sequence > r->next_volume && g.set_first <= g.set_last;
+    r->next_volume = h->type_sequence + 1;
+    r->last_set = set;
+    return missing ? vol_recorder_gap(r->rec, &g) : PVX_OK;
 }
 
 /* One message that cannot be read is reported and counted; the recording goes on. */
-static pvx_err save(struct record *r, const void *msg, size_t len, struct pvx_diag *d)
+static pvx_err save(struct record *r, const struct pvp_header *h, const void *msg, size_t len,
+                    struct pvx_diag *d)
 {
     struct pvp_view view;
-    const struct pvp_start *s = pvp_sub_start(r->sub);
     struct pvx_diag bad = {""};
-    pvx_err e = unpack(r, msg, len, &view, &bad);
-    if (e != PVX_OK) {
-        if (r->unreadable++ == 0)
-            fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&bad, e));
-        return PVX_OK;
+    pvx_err e = pvp_decode_volume(msg, len, &view, &bad);
+    if (e == PVX_OK) {
+        PVX_TRY(enter_session(r, h, view.v.set, d));
+        PVX_TRY(note_lost(r, h, view.v.set));
+        e = vol_recorder_put(r->rec, r->decoder, &view, &bad);
+        r->accepted += e == PVX_OK;
     }
-    PVX_TRY(record_file_save(r->dir, &view, s, r->dense, d));
-    r->written++;
-    r->bytes += r->dense_count * sizeof *r->dense;
+    if (e == PVX_ENOMEM)
+        return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
+    if (e != PVX_OK && r->unreadable++ == 0)
+        fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&bad, e));
+    if (e != PVX_OK && r->in_session && view.v.set > 0)
+        return vol_recorder_gap(r->rec,
+                                &(struct vol_gap){VOL_GAP_UNREADABLE, view.v.set, view.v.set, 1});
     return PVX_OK;
 }
 
@@ -174,13 +174,15 @@ static void tell(struct record *r)
     if (r->quiet || now - r->told < (tty ? 1 : 10) * PVX_NS_PER_S)
         return;
     struct pvp_sub_stats st;
+    struct vol_recorder_stats rec;
     pvp_sub_stats(r->sub, &st);
-    double rate = (double)(r->written - r->told_written) * 1e9 / (double)(now - r->told);
+    vol_recorder_stats(r->rec, &rec);
+    double rate = (double)(rec.written - r->told_written) * 1e9 / (double)(now - r->told);
     fprintf(stderr, "%s%llu volumes, %.1f/s, %.1f MB, %llu messages lost%s", tty ? "\r" : "",
-            (unsigned long long)r->written, rate, (double)r->bytes * 1e-6,
-            (unsigned long long)st.lost, tty ? "  \x1b[K" : "\n");
+            (unsigned long long)rec.written, rate, (double)rec.bytes * 1e-6,
+            (unsigned long long)(st.lost + rec.left_out), tty ? "  \x1b[K" : "\n");
     r->told = now;
-    r->told_written = r->written;
+    r->told_written = rec.written;
 }
 
 static pvx_err record_message(struct record *r, const struct pvp_header *h, const void *msg,
@@ -189,11 +191,11 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
     char reason[PVP_REASON_MAX];
     uint64_t session;
     switch (h->type) {
-    case PVP_START: return enter_session(r, pvp_sub_start(r->sub), d);
+    case PVP_START: return PVX_OK;
     case PVP_VOLUME:
         if (r->begun == 0)
             r->begun = pvx_now_mono();
-        return save(r, msg, len, d);
+        return save(r, h, msg, len, d);
     case PVP_END:
         if (!r->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
             fprintf(stderr, "%sthe daemon ended: %s\n", isatty(STDERR_FILENO) ? "\n" : "", reason);
@@ -206,7 +208,7 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
 
 static bool finished(const struct record *r)
 {
-    return cli_stop || r->ended || (r->volumes > 0 && r->written >= (uint64_t)r->volumes) ||
+    return cli_stop || r->ended || (r->volumes > 0 && r->accepted >= (uint64_t)r->volumes) ||
            (r->seconds > 0 && r->begun != 0 &&
             (double)(pvx_now_mono() - r->begun) * 1e-9 >= r->seconds);
 }
@@ -214,6 +216,7 @@ static bool finished(const struct record *r)
 static pvx_err run_loop(struct record *r, struct pvx_diag *d)
 {
     int64_t t0 = pvx_now_mono();
+    struct vol_recorder_stats st;
     while (!finished(r)) {
         struct pvp_header h;
         const void *msg;
@@ -224,6 +227,9 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
         else if (e == PVX_ETIMEDOUT)
             e = PVX_OK;
         PVX_TRY(e);
+        vol_recorder_stats(r->rec, &st);
+        if (st.error != PVX_OK)
+            return PVX_OK; /* vol_recorder_finish says why */
         if (r->in_session)
             tell(r);
         else if (!r->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
@@ -237,7 +243,7 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static void conclude(const struct record *r)
+static void conclude(const struct record *r, const struct vol_recorder_stats *rec)
 {
     struct pvp_sub_stats st;
     pvp_sub_stats(r->sub, &st);
@@ -245,14 +251,31 @@ static void conclude(const struct record *r)
         fputc('\n', stderr);
     if (st.lost > 0)
         fprintf(stderr,
-                "pyrovox: %llu messages were lost on the way: this disk or this machine is too "
+                "pyrovox: %llu messages were lost on the way: this machine or the way to it is too "
                 "slow for the daemon's rate\n",
                 (unsigned long long)st.lost);
+    if (rec->left_out > 0)
+        fprintf(
+            stderr,
+            "pyrovox: %llu volumes were left out: this disk is too slow for the daemon's rate\n",
+            (unsigned long long)rec->left_out);
     if (st.malformed + r->unreadable > 0)
         fprintf(stderr, "pyrovox: %llu messages could not be read (another wire version?)\n",
                 (unsigned long long)st.malformed + r->unreadable);
-    printf("%llu volumes in %s, %llu messages lost\n", (unsigned long long)r->written, r->out,
-           (unsigned long long)st.lost);
+    printf("%llu volumes in %s, %llu messages lost\n", (unsigned long long)rec->written, r->out,
+           (unsigned long long)(st.lost + rec->left_out));
+}
+
+/* Where it goes, when nobody says so. */
+static void name_out(struct record *r)
+{
+    time_t now = time(NULL);
+    struct tm tm;
+    size_t n = strftime(r->default_out, sizeof r->default_out, "volumes-%Y%m%d-%H%M%S",
+                        localtime_r(&now, &tm));
+    if (r->config.format == VOL_HDF5)
+        snprintf(r->default_out + n, sizeof r->default_out - n, ".h5");
+    r->out = r->default_out;
 }
 
 static int run(int argc, char **argv)
@@ -264,31 +287,33 @@ static int run(int argc, char **argv)
     if (r.raw != NULL)
         return record_raw(r.control != NULL ? r.control : dmn_client_endpoint(DMN_CONTROL), r.key,
                           r.raw, r.out);
-    if (r.out == NULL) {
-        time_t now = time(NULL);
-        struct tm tm;
-        strftime(r.default_out, sizeof r.default_out, "volumes-%Y%m%d-%H%M%S",
-                 localtime_r(&now, &tm));
-        r.out = r.default_out;
-    }
+    size_t n = r.out != NULL ? strlen(r.out) : 0;
+    if (r.format == NULL && n > 3 && strcmp(r.out + n - 3, ".h5") == 0)
+        r.config.format = VOL_HDF5;
+    if (r.out == NULL)
+        name_out(&r);
+    r.config.path = r.out;
     cli_catch_stop();
-    pvx_err e = make_dir(r.out, &d); /* now, not after an hour of waiting */
+    pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* now, not after an hour of waiting */
     if (e == PVX_OK)
         e = pvp_decoder_new(&r.decoder);
     if (e == PVX_OK)
         e = pvp_sub_new(r.endpoint, &(struct pvp_sub_options){.key = r.key}, &r.sub, &d);
     if (e == PVX_OK)
         e = run_loop(&r, &d);
+    struct vol_recorder_stats st = {0};
+    pvx_err closing = vol_recorder_finish(&r.rec, &st, &d);
+    if (e == PVX_OK)
+        e = closing;
     if (r.sub != NULL)
-        conclude(&r);
-    if (r.written == 0 && r.out == r.default_out)
+        conclude(&r, &st);
+    if (st.written == 0 && r.out == r.default_out)
         rmdir(r.out); /* fails, rightly, when something is in it */
     if (e == PVX_ENOSPC)
         fprintf(stderr, "pyrovox: the disk is full; the volumes recorded before are complete\n");
     int rc = e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;
     pvp_sub_free(&r.sub);
     pvp_decoder_free(&r.decoder);
-    free(r.dense);
     return rc;
 }
 

@@ -99,14 +99,26 @@ void dmn_json_int(struct dmn_json *j, const char *key, long long v)
     put(j, s, (size_t)snprintf(s, sizeof s, "%lld", v));
 }
 
-void dmn_json_num(struct dmn_json *j, const char *key, double v)
+static void number(struct dmn_json *j, const char *key, double v, int digits)
 {
     char s[40];
     start(j, key);
     if (isfinite(v))
-        put(j, s, (size_t)snprintf(s, sizeof s, "%.6g", v));
+        put(j, s, (size_t)snprintf(s, sizeof s, "%.*g", digits, v));
     else
         put(j, "null", 4);
+}
+
+void dmn_json_num(struct dmn_json *j, const char *key, double v)
+{
+    number(j, key, v, 6);
+}
+
+void dmn_json_exact(struct dmn_json *j, const char *key, double v)
+{
+    char s[40];
+    snprintf(s, sizeof s, "%.15g", v);
+    number(j, key, v, strtod(s, NULL) == v ? 15 : 17);
 }
 
 void dmn_json_bool(struct dmn_json *j, const char *key, bool v)

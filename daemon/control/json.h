@@ -23,6 +23,8 @@ void dmn_json_open(struct dmn_json *j, const char *key, char bracket); /* '{' or
 void dmn_json_close(struct dmn_json *j, char bracket);                 /* '}' or ']' */
 void dmn_json_int(struct dmn_json *j, const char *key, long long v);
 void dmn_json_num(struct dmn_json *j, const char *key, double v);
+/* All digits: the double comes back as it was. */
+void dmn_json_exact(struct dmn_json *j, const char *key, double v);
 void dmn_json_bool(struct dmn_json *j, const char *key, bool v);
 /* Control characters, quotes and bytes that are not UTF-8 are escaped or replaced. */
 void dmn_json_str(struct dmn_json *j, const char *key, const char *v);

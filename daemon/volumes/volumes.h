@@ -49,6 +49,8 @@ struct vol_options {
 };
 
 typedef struct vol_writer vol_writer;
+/* Whether a recording could begin there: what vol_writer_open would find, before there is a head. */
+PVX_MUST_CHECK pvx_err vol_writer_check(enum vol_format f, const char *path, struct pvx_diag *d);
 /* `path`: a file (hdf5), a folder to make (npy, vdb, nvdb).  Nothing is written over.
  * Errors: PVX_EBUSY (is there already), PVX_ENOENT, PVX_EPERM, PVX_ENOSPC, PVX_EUNSUP (the module or package
  * is not installed: names it); the diag names the file. */
@@ -60,6 +62,8 @@ PVX_MUST_CHECK pvx_err vol_writer_open(enum vol_format f, const char *path,
 PVX_MUST_CHECK pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v,
                                       struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d);
+/* Volumes come faster than they are written: compress less rather than lose them. */
+void vol_writer_hurry(vol_writer *w, bool on);
 uint64_t vol_writer_bytes(const vol_writer *w); /* on disk, so far */
 /* Finishes the file.  *w is gone afterwards, whatever is returned. */
 pvx_err vol_writer_close(vol_writer **w, struct pvx_diag *d);
@@ -82,10 +86,12 @@ void vol_reader_close(vol_reader **r);
 
 /* --- what a format gives to the dispatcher (writer.c, reader.c); a format that cannot be read has no reader --- */
 struct vol_writer_ops {
+    pvx_err (*check)(const char *path, struct pvx_diag *d);
     pvx_err (*open)(void **self, const char *path, const struct vol_head *head,
                     const struct vol_options *o, struct pvx_diag *d);
     pvx_err (*put)(void *self, const struct vol_volume *v, struct pvx_diag *d);
     pvx_err (*gap)(void *self, const struct vol_gap *g, struct pvx_diag *d);
+    void (*hurry)(void *self, bool on); /* may be NULL */
     uint64_t (*bytes)(const void *self);
     pvx_err (*close)(void *self, struct pvx_diag *d); /* frees self */
 };

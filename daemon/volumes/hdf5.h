@@ -1,0 +1,50 @@
+/* hdf5.h - the layout of daemon/VOLUMES.md, for writer (hdf5_write.c) and reader (hdf5_read.c). */
+#ifndef VOL_HDF5_H
+#define VOL_HDF5_H
+#include <hdf5.h>
+#include "capture/take/h5.h"
+#include "daemon/volumes/bricks.h"
+
+#define VOL_FORMAT   "pyrovox volumes"
+#define VOL_VERSION  1
+#define VOL_CHUNK    16 /* voxels along a side of a chunk of /emission */
+#define VOL_ROWS     64 /* sets per chunk of a column */
+#define VOL_RANK     5
+#define VOL_COLUMNS  24
+#define VOL_GAP_COLS 4
+
+/* One set's row of the columns in /sets. */
+struct vol_row {
+    uint64_t number, camera_mask, entries, check;
+    double time, rel_residual;
+    int64_t t_exposure_ns, t_publish_ns, spread_ns, latency_ns;
+    int64_t photometry_ns, hull_ns, restrict_ns, solve_ns, total_ns;
+    uint32_t cameras_present, status, iterations, active_voxels, active_rays, chunks;
+    uint8_t clamped, sample;
+    char solver[16];
+};
+
+struct vol_column {
+    const char *name;
+    hid_t type; /* a library constant, but for the solver's name: vol_column_done */
+    size_t offset;
+};
+/* The columns, `check` and `number` last: who follows a growing file counts that one.  What is owned is given back
+ * by vol_columns_done. */
+void vol_columns(struct vol_column out[VOL_COLUMNS]);
+void vol_columns_done(struct vol_column c[VOL_COLUMNS]);
+extern const char *const vol_gap_columns[VOL_GAP_COLS]; /* why, set_first, set_last, volumes: u64 */
+
+/* Sides of a chunk, which is never larger than the grid, and chunks along x, y, z. */
+struct vol_tiles {
+    uint32_t side[3], n[3], all;
+    size_t floats; /* of a chunk */
+};
+struct vol_tiles vol_tiles(const struct pvp_grid *g);
+/* A hash of chunk `id` of which the floats hash to h, after those before it; 0 before the first. */
+uint64_t vol_hash(uint64_t before, uint32_t id, uint64_t h);
+/* XXH3-64 of a row without its `check`, seeded with vol_hash of its chunks. */
+uint64_t vol_row_check(const struct vol_row *r, uint64_t seed);
+/* The group that ParaView reads, on the same data: of `sets` volumes, when the file is complete. */
+bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets);
+#endif

@@ -1,0 +1,440 @@
+/* hdf5_read.c - what hdf5_write.c wrote, whole, growing or cut off.
+ *
+ * Nothing that the file says is believed before it was compared: types, ranks, sizes, the chunks of a set against the
+ * hash in its row.  A set counts when its row and all its chunks are there; sets are appended in order, so in
+ * a file that was cut the first that is not whole is found by halving. */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "base/mem.h"
+#include "daemon/volumes/hdf5.h"
+
+#define B       PVP_BRICK
+#define SQUEEZE 1100 /* deflate makes no more of a byte */
+
+struct in {
+    char *path;
+    hid_t file, emission;
+    struct vol_column column[VOL_COLUMNS];
+    hid_t col[VOL_COLUMNS];
+    struct pvp_start start;
+    struct vol_tiles t;
+    uint32_t nb[3], n_bricks;
+    uint64_t said, n_gaps; /* rows that there are */
+    char *rig, *config;
+    struct vol_gap *gap;
+    float *chunk;
+    uint32_t *brick_at; /* [n_bricks] place in the store + 1, 0 = none yet */
+    struct vol_store store;
+};
+
+static pvx_err wrong(const struct in *r, struct pvx_diag *d, const char *what)
+{
+    H5Eclear2(H5E_DEFAULT);
+    return pvx_fail(d, PVX_EFORMAT, "%s: is not a recording of volumes, or damaged: %s", r->path,
+                    what);
+}
+
+static bool hdf5_is(const char *path)
+{
+    uint64_t bytes;
+    return take_h5_looks(path, &bytes);
+}
+
+/* ---- the head ---- */
+
+static bool get_triple(hid_t at, const char *name, double out[3])
+{
+    if (H5Aexists(at, name) <= 0)
+        return false;
+    hid_t a = H5Aopen(at, name, H5P_DEFAULT), type = H5Aget_type(a), space = H5Aget_space(a);
+    bool ok = H5Tget_class(type) == H5T_FLOAT && H5Sget_simple_extent_npoints(space) == 3 &&
+              H5Aread(a, H5T_NATIVE_DOUBLE, out) >= 0;
+    H5Sclose(space);
+    H5Tclose(type);
+    H5Aclose(a);
+    for (int i = 0; i < 3 && ok; i++)
+        ok = isfinite(out[i]) && fabs(out[i]) < 1e9;
+    return ok;
+}
+
+static bool get_short(hid_t at, const char *name, char *out, size_t size)
+{
+    char *text = take_h5_get_text(at, name, false);
+    bool ok = text != NULL && strlen(text) < size;
+    if (ok)
+        memcpy(out, text, strlen(text) + 1);
+    free(text);
+    return ok;
+}
+
+static pvx_err open_emission(struct in *r, uint64_t *sets, struct pvx_diag *d)
+{
+    struct pvp_grid *g = &r->start.grid;
+    hsize_t n[VOL_RANK];
+    r->emission = H5Lexists(r->file, "emission", H5P_DEFAULT) > 0
+                      ? H5Dopen2(r->file, "emission", H5P_DEFAULT)
+                      : -1;
+    if (r->emission < 0)
+        return wrong(r, d, "no emission");
+    hid_t type = H5Dget_type(r->emission), space = H5Dget_space(r->emission);
+    bool ok = H5Tequal(type, H5T_IEEE_F32LE) > 0 && H5Sget_simple_extent_ndims(space) == VOL_RANK &&
+              H5Sget_simple_extent_dims(space, n, NULL) == VOL_RANK && (n[4] == 1 || n[4] == 3);
+    H5Sclose(space);
+    H5Tclose(type);
+    for (int a = 0; a < 3 && ok; a++) {
+        ok = n[3 - a] >= 1 && n[3 - a] <= PVP_GRID_MAX;
+        g->n[a] = ok ? (uint32_t)n[3 - a] : 0;
+    }
+    if (!ok)
+        return wrong(r, d, "the shape of emission");
+    g->channels = (uint32_t)n[4];
+    *sets = n[0];
+    return PVX_OK;
+}
+
+static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
+{
+    struct pvp_start *s = &r->start;
+    int64_t version, is_closed = 0, cameras = 0;
+    char kind[32] = "", basis[16];
+    double spacing[3];
+    if (!get_short(r->file, "format", kind, sizeof kind) || strcmp(kind, VOL_FORMAT) != 0 ||
+        !take_h5_get_int(r->file, "version", &version)) {
+        bool take = strcmp(kind, "pyrovox take") == 0;
+        return take ? pvx_fail(d, PVX_EFORMAT,
+                               "%s: is a take of raw frames, not of volumes: see "
+                               "`pyrovox replay --help`",
+                               r->path)
+                    : wrong(r, d, "HDF5, but of another kind");
+    }
+    if (version != VOL_VERSION)
+        return pvx_fail(d, PVX_EVERSION, "%s: version %lld of the layout; this program reads %d",
+                        r->path, (long long)version, VOL_VERSION);
+    PVX_TRY(open_emission(r, &r->said, d));
+    r->rig = take_h5_get_text(r->file, "rig", true);
+    r->config = take_h5_get_text(r->file, "config", true);
+    bool ok = r->rig != NULL && r->config != NULL && get_triple(r->file, "origin", s->grid.min) &&
+              get_triple(r->file, "spacing", spacing) &&
+              get_short(r->file, "units", s->units, sizeof s->units) &&
+              get_short(r->file, "software", s->software, sizeof s->software) &&
+              get_short(r->file, "basis", basis, sizeof basis) &&
+              take_h5_get_int(r->file, "n_cameras", &cameras) && cameras >= 0 && cameras <= 64 &&
+              take_h5_get_attr(r->file, "session", H5T_NATIVE_UINT64, 8, &s->session) &&
+              take_h5_get_attr(r->file, "rig_hash", H5T_NATIVE_UINT64, 8, &s->rig_hash) &&
+              take_h5_get_attr(r->file, "fps", H5T_NATIVE_DOUBLE, 8, &s->fps) && isfinite(s->fps);
+    for (int a = 0; a < 3 && ok; a++) {
+        ok = spacing[a] > 0;
+        s->grid.max[a] = s->grid.min[a] + spacing[a] * s->grid.n[a];
+    }
+    if (!ok)
+        return wrong(r, d, "an attribute of the head");
+    s->grid.basis = strcmp(basis, "trilinear") == 0;
+    s->n_cameras = (uint32_t)cameras;
+    *closed = take_h5_get_int(r->file, "closed", &is_closed) && is_closed == 1;
+    return PVX_OK;
+}
+
+static pvx_err open_columns(struct in *r, struct pvx_diag *d)
+{
+    for (int k = 0; k < VOL_COLUMNS; k++) {
+        char name[64];
+        uint64_t n;
+        snprintf(name, sizeof name, "sets/%s", r->column[k].name);
+        r->col[k] = take_h5_open_table(r->file, name, r->column[k].type, 1, NULL, &n);
+        if (r->col[k] < 0)
+            return wrong(r, d, name);
+        r->said = n < r->said ? n : r->said;
+    }
+    return PVX_OK;
+}
+
+static pvx_err read_gaps(struct in *r, uint64_t file_bytes, struct pvx_diag *d)
+{
+    uint64_t n = UINT64_MAX, one, value;
+    hid_t gap[VOL_GAP_COLS];
+    for (int k = 0; k < VOL_GAP_COLS; k++) {
+        char name[64];
+        snprintf(name, sizeof name, "gaps/%s", vol_gap_columns[k]);
+        gap[k] = take_h5_open_table(r->file, name, H5T_STD_U64LE, 1, NULL, &one);
+        if (gap[k] < 0)
+            return wrong(r, d, name);
+        n = one < n ? one : n;
+    }
+    if (n > file_bytes * SQUEEZE)
+        return wrong(r, d, "more gaps than it can have");
+    r->gap = pvx_calloc(n, sizeof *r->gap);
+    if (r->gap == NULL)
+        return PVX_ENOMEM;
+    for (uint64_t i = 0; i < n; i++) {
+        uint64_t *to[VOL_GAP_COLS] = {&value, &r->gap[i].set_first, &r->gap[i].set_last,
+                                      &r->gap[i].volumes};
+        for (int k = 0; k < VOL_GAP_COLS; k++)
+            if (!take_h5_read_rows(gap[k], H5T_NATIVE_UINT64, 1, 1, i, 1, to[k]))
+                n = i;
+        if (i >= n || value > VOL_GAP_UNREADABLE)
+            break;
+        r->gap[i].why = (enum vol_gap_why)value;
+        r->n_gaps = i + 1;
+    }
+    H5Eclear2(H5E_DEFAULT);
+    return PVX_OK;
+}
+
+/* ---- volumes ---- */
+
+static bool read_row(struct in *r, uint64_t k, struct vol_row *row)
+{
+    memset(row, 0, sizeof *row);
+    for (int c = 0; c < VOL_COLUMNS; c++)
+        if (!take_h5_read_rows(r->col[c], r->column[c].type, 1, 1, k, 1,
+                               (char *)row + r->column[c].offset))
+            return false;
+    return true;
+}
+
+static bool read_chunk(struct in *r, uint64_t k, const uint32_t at[3])
+{
+    const struct pvp_grid *g = &r->start.grid;
+    hsize_t from[VOL_RANK] = {k, at[2], at[1], at[0], 0}, n[VOL_RANK] = {1, 0, 0, 0, g->channels};
+    hsize_t side[VOL_RANK] = {1, r->t.side[2], r->t.side[1], r->t.side[0], g->channels};
+    const hsize_t zero[VOL_RANK] = {0};
+    for (int a = 0; a < 3; a++) {
+        hsize_t left = g->n[2 - a] - at[2 - a];
+        n[1 + a] = left < side[1 + a] ? left : side[1 + a];
+    }
+    memset(r->chunk, 0, r->t.floats * sizeof *r->chunk);
+    hid_t space = H5Dget_space(r->emission), mem = H5Screate_simple(VOL_RANK, side, NULL);
+    bool ok = H5Sselect_hyperslab(space, H5S_SELECT_SET, from, NULL, n, NULL) >= 0 &&
+              H5Sselect_hyperslab(mem, H5S_SELECT_SET, zero, NULL, n, NULL) >= 0 &&
+              H5Dread(r->emission, H5T_NATIVE_FLOAT, mem, space, H5P_DEFAULT, r->chunk) >= 0;
+    H5Sclose(mem);
+    H5Sclose(space);
+    return ok;
+}
+
+/* The chunk's bricks that are not all 0 into the store; false when a value is not finite. */
+static bool scatter(struct in *r, const uint32_t at[3])
+{
+    const struct pvp_grid *g = &r->start.grid;
+    const uint32_t *s = r->t.side, c = g->channels;
+    size_t cells = (size_t)B * B * B * c;
+    for (uint32_t k = 0; k < s[2] && at[2] + k < g->n[2]; k++)
+        for (uint32_t j = 0; j < s[1] && at[1] + j < g->n[1]; j++)
+            for (uint32_t i = 0; i < s[0] && at[0] + i < g->n[0]; i++)
+                for (uint32_t v = 0; v < c; v++) {
+                    float x = r->chunk[(((size_t)k * s[1] + j) * s[0] + i) * c + v];
+                    if (x == 0)
+                        continue;
+                    if (!isfinite(x))
+                        return false;
+                    uint32_t p[3] = {at[0] + i, at[1] + j, at[2] + k};
+                    uint32_t id = (p[2] / B * r->nb[1] + p[1] / B) * r->nb[0] + p[0] / B;
+                    if (r->brick_at[id] == 0) {
+                        memset(r->store.brick + r->store.n * cells, 0, cells * sizeof x);
+                        r->store.ids[r->store.n++] = id;
+                        r->brick_at[id] = r->store.n;
+                    }
+                    float *brick = r->store.brick + (r->brick_at[id] - 1) * cells;
+                    brick[((p[2] % B * B + p[1] % B) * B + p[0] % B) * c + v] = x;
+                }
+    return true;
+}
+
+static void chunk_place(const struct in *r, uint32_t id, uint32_t at[3])
+{
+    at[0] = id % r->t.n[0] * r->t.side[0];
+    at[1] = id / r->t.n[0] % r->t.n[1] * r->t.side[1];
+    at[2] = id / r->t.n[0] / r->t.n[1] * r->t.side[2];
+}
+
+static bool is_there(const struct in *r, uint64_t k, const uint32_t at[3])
+{
+    hsize_t from[VOL_RANK] = {k, at[2], at[1], at[0], 0}, bytes = 0;
+    return H5Dget_chunk_storage_size(r->emission, from, &bytes) >= 0 && bytes > 0;
+}
+
+/* Bricks ascend along whole rows of bricks, chunks do not: sorted by way of the map. */
+static pvx_err sort_bricks(struct in *r)
+{
+    size_t cells = (size_t)B * B * B * r->start.grid.channels;
+    struct vol_store to = {0};
+    PVX_TRY(vol_store_grow(&to, r->store.room, r->start.grid.channels));
+    for (uint32_t id = 0; id < r->n_bricks; id++) {
+        uint32_t at = r->brick_at[id];
+        if (at == 0)
+            continue;
+        memcpy(to.brick + to.n * cells, r->store.brick + (at - 1) * cells,
+               cells * sizeof *to.brick);
+        to.ids[to.n++] = id;
+    }
+    vol_store_free(&r->store);
+    r->store = to;
+    return PVX_OK;
+}
+
+/* The store gets set k; PVX_ECORRUPT: not as it was written. */
+static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
+{
+    uint64_t seed = 0;
+    uint32_t found = 0, at[3];
+    memset(r->brick_at, 0, r->n_bricks * sizeof *r->brick_at);
+    r->store.n = 0;
+    /* a chunk has at most 8 bricks */
+    PVX_TRY(vol_store_grow(&r->store, row->chunks < r->n_bricks / 8 ? 8 * row->chunks : r->n_bricks,
+                           r->start.grid.channels));
+    for (uint32_t id = 0; id < r->t.all; id++) {
+        chunk_place(r, id, at);
+        if (!is_there(r, k, at))
+            continue;
+        if (++found > row->chunks || !read_chunk(r, k, at) || !scatter(r, at))
+            return PVX_ECORRUPT;
+        seed = vol_hash(seed, id, XXH3_64bits(r->chunk, r->t.floats * sizeof *r->chunk));
+    }
+    if (found != row->chunks || row->check != vol_row_check(row, seed))
+        return PVX_ECORRUPT;
+    return sort_bricks(r);
+}
+
+static pvx_err load(struct in *r, uint64_t k, struct vol_row *row)
+{
+    if (!read_row(r, k, row))
+        return PVX_ECORRUPT;
+    return read_chunks(r, k, row);
+}
+
+static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
+{
+    struct in *r = self;
+    struct vol_row row;
+    take_h5_init();
+    pvx_err e = load(r, k, &row);
+    H5Eclear2(H5E_DEFAULT);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: volume %llu is damaged", r->path, (unsigned long long)k);
+    *out = (struct vol_volume){
+        .v = {.session = r->start.session,
+              .set = row.number,
+              .t_exposure_ns = row.t_exposure_ns,
+              .t_publish_ns = row.t_publish_ns,
+              .spread_ns = row.spread_ns,
+              .latency_ns = row.latency_ns,
+              .cameras_present = row.cameras_present,
+              .camera_mask = row.camera_mask,
+              .grid = r->start.grid,
+              .report = {.status = row.status,
+                         .iterations = row.iterations,
+                         .rel_residual = row.rel_residual,
+                         .active_voxels = row.active_voxels,
+                         .active_rays = row.active_rays,
+                         .entries = row.entries,
+                         .photometry_ns = row.photometry_ns,
+                         .hull_ns = row.hull_ns,
+                         .restrict_ns = row.restrict_ns,
+                         .solve_ns = row.solve_ns,
+                         .total_ns = row.total_ns}},
+        .sample = row.sample == PVP_F16 ? PVP_F16 : PVP_F32,
+        .clamped = row.clamped != 0,
+        .n_bricks = r->store.n,
+        .ids = r->store.ids,
+        .brick = r->store.brick,
+    };
+    memcpy(out->v.report.solver, row.solver, sizeof row.solver);
+    out->v.report.solver[sizeof row.solver - 1] = '\0';
+    return PVX_OK;
+}
+
+/* Sets from the first that are whole. */
+static uint64_t whole_sets(struct in *r)
+{
+    struct vol_row row;
+    uint64_t good = 0, bad = r->said; /* those before `good` are, `bad` is not */
+    if (bad > 0 && load(r, bad - 1, &row) == PVX_OK)
+        good = bad;
+    while (good < bad) {
+        uint64_t mid = good + (bad - good) / 2;
+        if (load(r, mid, &row) == PVX_OK)
+            good = mid + 1;
+        else
+            bad = mid;
+    }
+    H5Eclear2(H5E_DEFAULT);
+    return good;
+}
+
+static void hdf5_close(void *self)
+{
+    struct in *r = self;
+    take_h5_init();
+    if (r->file >= 0)
+        H5Fclose(r->file); /* with all that is open in it */
+    vol_columns_done(r->column);
+    vol_store_free(&r->store);
+    free(r->path);
+    free(r->rig);
+    free(r->config);
+    free(r->gap);
+    free(r->chunk);
+    free(r->brick_at);
+    free(r);
+}
+
+static pvx_err open_all(struct in *r, const char *path, uint64_t *count, bool *cut,
+                        struct pvx_diag *d)
+{
+    uint64_t bytes;
+    bool closed = false;
+    if (!take_h5_looks(path, &bytes))
+        return wrong(r, d, "not HDF5");
+    r->file = take_h5_open(path);
+    if (r->file < 0)
+        return wrong(r, d, "libhdf5 cannot open it");
+    PVX_TRY(read_head(r, &closed, d));
+    PVX_TRY(open_columns(r, d));
+    PVX_TRY(read_gaps(r, bytes, d));
+    r->t = vol_tiles(&r->start.grid);
+    r->n_bricks = vol_bricks(&r->start.grid, r->nb);
+    r->chunk = malloc(r->t.floats * sizeof *r->chunk);
+    r->brick_at = malloc(r->n_bricks * sizeof *r->brick_at);
+    if (r->chunk == NULL || r->brick_at == NULL)
+        return PVX_ENOMEM;
+    *count = whole_sets(r);
+    closed &= *count == r->said; /* else it was cut afterwards */
+    *cut = !closed;
+    return PVX_OK;
+}
+
+static pvx_err hdf5_open(void **self, const char *path, struct vol_head *head, uint64_t *count,
+                         bool *cut, struct pvx_diag *d)
+{
+    take_h5_init();
+    struct in *r = pvx_calloc(1, sizeof *r);
+    if (r == NULL)
+        return PVX_ENOMEM;
+    r->file = -1;
+    vol_columns(r->column);
+    r->path = strdup(path);
+    pvx_err e = r->path != NULL ? open_all(r, path, count, cut, d) : PVX_ENOMEM;
+    if (e != PVX_OK) {
+        e = pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+        hdf5_close(r);
+        return e;
+    }
+    *head = (struct vol_head){.start = r->start, .rig = r->rig, .config = r->config};
+    *self = r;
+    return PVX_OK;
+}
+
+static const struct vol_gap *hdf5_gap(const void *self, uint64_t k)
+{
+    const struct in *r = self;
+    return k < r->n_gaps ? &r->gap[k] : NULL;
+}
+
+const struct vol_reader_ops vol_hdf5_reader = {
+    .is = hdf5_is, .open = hdf5_open, .get = hdf5_get, .gap = hdf5_gap, .close = hdf5_close};

@@ -1,0 +1,525 @@
+/* hdf5_write.c - a growing HDF5 file of volumes (daemon/VOLUMES.md).
+ *
+ * A volume's chunks are put together, shuffled and deflated by a pool, written as they are, then its row in each
+ * column, then the file is flushed: so whoever follows it by SWMR, or what a kill leaves, ends with a whole set. */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <xxhash.h>
+#include <zlib.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "base/pool.h"
+#include "daemon/volumes/hdf5.h"
+
+#define LEVEL    1  /* of deflate: higher ones cost several times the time for a few per cent */
+#define AS_IT_IS 3u /* filter mask: neither shuffled nor deflated */
+#define FLOATS   ((size_t)VOL_CHUNK * VOL_CHUNK * VOL_CHUNK * 3)
+#define B        PVP_BRICK
+#define NO_BRICK UINT32_MAX
+#define THREADS  4
+
+struct out {
+    char *path;
+    struct take_h5_room room;
+    hid_t file, emission;
+    struct vol_column column[VOL_COLUMNS];
+    hid_t col[VOL_COLUMNS], gap[VOL_GAP_COLS];
+    struct pvp_grid grid;
+    struct vol_tiles t;
+    uint32_t nb[3], n_bricks;
+    uint64_t n_sets, n_gaps, bytes;
+    int64_t t_first_ns;
+    pvx_pool *pool;
+    bool hurry;
+    /* the volume at hand */
+    const struct vol_volume *v;
+    uint32_t *brick_at; /* [n_bricks of the grid], NO_BRICK = not there */
+    uint32_t *chunk;    /* [n_chunks] ids, ascending */
+    uint32_t n_chunks;
+    unsigned char *packed; /* [n_chunks][bound] */
+    uint32_t packed_room;
+    size_t bound;
+    size_t *size;          /* [n_chunks] */
+    unsigned *mask;        /* [n_chunks] filters that were left out */
+    uint64_t *hash;        /* [n_chunks] */
+    unsigned char *wanted; /* [chunks of the grid] */
+};
+
+static pvx_err fail(struct out *w, const char *what, struct pvx_diag *d)
+{
+    return take_h5_fail(d, PVX_EIO, w->path, what);
+}
+
+/* ---- one volume into chunks ---- */
+
+/* The bricks of chunk `id` as floats [side z][side y][side x][c]. */
+static void assemble(const struct out *w, uint32_t id, float *out)
+{
+    const uint32_t *s = w->t.side, c = w->grid.channels;
+    const uint32_t at[3] = {id % w->t.n[0] * s[0], id / w->t.n[0] % w->t.n[1] * s[1],
+                            id / w->t.n[0] / w->t.n[1] * s[2]};
+    memset(out, 0, w->t.floats * sizeof *out);
+    for (uint32_t k = 0; k < s[2] && at[2] + k < w->grid.n[2]; k++)
+        for (uint32_t j = 0; j < s[1] && at[1] + j < w->grid.n[1]; j++)
+            for (uint32_t i = 0; i < s[0] && at[0] + i < w->grid.n[0]; i += B) {
+                uint32_t x = at[0] + i, y = at[1] + j, z = at[2] + k;
+                uint32_t b = w->brick_at[(z / B * w->nb[1] + y / B) * w->nb[0] + x / B];
+                if (b == NO_BRICK)
+                    continue;
+                size_t row = ((size_t)b * B * B + z % B * B + y % B) * B;
+                uint32_t in = s[0] - i < B ? s[0] - i : B;
+                memcpy(out + (((size_t)k * s[1] + j) * s[0] + i) * c, w->v->brick + row * c,
+                       (size_t)in * c * sizeof *out);
+            }
+}
+
+/* HDF5's shuffle filter: first bytes of all floats, then the second ones, ... */
+static void shuffle(const float *in, size_t n, unsigned char *out)
+{
+    const unsigned char *p = (const unsigned char *)in;
+    for (size_t byte = 0; byte < sizeof *in; byte++)
+        for (size_t i = 0; i < n; i++)
+            out[byte * n + i] = p[i * sizeof *in + byte];
+}
+
+static void pack(void *ctx, size_t task)
+{
+    struct out *w = ctx;
+    float floats[FLOATS];
+    unsigned char shuffled[FLOATS * sizeof(float)], *to = w->packed + task * w->bound;
+    size_t n = w->t.floats, bytes = n * sizeof *floats;
+    assemble(w, w->chunk[task], floats);
+    w->hash[task] = XXH3_64bits(floats, bytes);
+    uLongf packed = w->bound;
+    if (!w->hurry) {
+        shuffle(floats, n, shuffled);
+        if (compress2(to, &packed, shuffled, bytes, LEVEL) == Z_OK && packed < bytes) {
+            w->size[task] = packed;
+            w->mask[task] = 0;
+            return;
+        }
+    }
+    memcpy(to, floats, bytes);
+    w->size[task] = bytes;
+    w->mask[task] = AS_IT_IS;
+}
+
+static pvx_err grow(struct out *w, uint32_t chunks)
+{
+    if (chunks <= w->packed_room)
+        return PVX_OK;
+    free(w->packed);
+    w->packed_room = 0;
+    w->packed = malloc(chunks * w->bound);
+    if (w->packed == NULL)
+        return PVX_ENOMEM;
+    w->packed_room = chunks;
+    return PVX_OK;
+}
+
+static bool is_zero(const float *v, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (v[i] != 0)
+            return false;
+    return true;
+}
+
+/* Which chunks have flame; where their bricks are. */
+static void mark(struct out *w)
+{
+    size_t cells = (size_t)B * B * B * w->grid.channels;
+    memset(w->wanted, 0, w->t.all);
+    for (uint32_t b = 0; b < w->v->n_bricks; b++) {
+        uint32_t id = w->v->ids[b];
+        if (is_zero(w->v->brick + b * cells, cells))
+            continue;
+        w->brick_at[id] = b;
+        uint32_t x = id % w->nb[0] * B / w->t.side[0],
+                 y = id / w->nb[0] % w->nb[1] * B / w->t.side[1];
+        uint32_t z = id / w->nb[0] / w->nb[1] * B / w->t.side[2];
+        w->wanted[(z * w->t.n[1] + y) * w->t.n[0] + x] = 1;
+    }
+    w->n_chunks = 0;
+    for (uint32_t k = 0; k < w->t.all; k++)
+        if (w->wanted[k])
+            w->chunk[w->n_chunks++] = k;
+}
+
+static bool put_chunks(struct out *w)
+{
+    const struct pvp_grid *g = &w->grid;
+    hsize_t all[VOL_RANK] = {w->n_sets + 1, g->n[2], g->n[1], g->n[0], g->channels};
+    if (H5Dset_extent(w->emission, all) < 0)
+        return false;
+    for (uint32_t k = 0; k < w->n_chunks; k++) {
+        uint32_t id = w->chunk[k];
+        hsize_t at[VOL_RANK] = {w->n_sets, (hsize_t)(id / w->t.n[0] / w->t.n[1]) * w->t.side[2],
+                                (hsize_t)(id / w->t.n[0] % w->t.n[1]) * w->t.side[1],
+                                (hsize_t)(id % w->t.n[0]) * w->t.side[0], 0};
+        if (H5Dwrite_chunk(w->emission, H5P_DEFAULT, w->mask[k], at, w->size[k],
+                           w->packed + k * w->bound) < 0)
+            return false;
+    }
+    return true;
+}
+
+static void fill_row(struct out *w, struct vol_row *r)
+{
+    const struct pvp_volume *v = &w->v->v;
+    const struct pvp_report *p = &v->report;
+    if (w->n_sets == 0)
+        w->t_first_ns = v->t_exposure_ns;
+    *r = (struct vol_row){.number = v->set,
+                          .camera_mask = v->camera_mask,
+                          .entries = p->entries,
+                          .time = (double)(v->t_exposure_ns - w->t_first_ns) * 1e-9,
+                          .rel_residual = p->rel_residual,
+                          .t_exposure_ns = v->t_exposure_ns,
+                          .t_publish_ns = v->t_publish_ns,
+                          .spread_ns = v->spread_ns,
+                          .latency_ns = v->latency_ns,
+                          .photometry_ns = p->photometry_ns,
+                          .hull_ns = p->hull_ns,
+                          .restrict_ns = p->restrict_ns,
+                          .solve_ns = p->solve_ns,
+                          .total_ns = p->total_ns,
+                          .cameras_present = v->cameras_present,
+                          .status = p->status,
+                          .iterations = p->iterations,
+                          .active_voxels = p->active_voxels,
+                          .active_rays = p->active_rays,
+                          .chunks = w->n_chunks,
+                          .clamped = w->v->clamped,
+                          .sample = (uint8_t)w->v->sample};
+    memcpy(r->solver, p->solver, sizeof r->solver);
+    r->solver[sizeof r->solver - 1] = '\0';
+    uint64_t seed = 0;
+    for (uint32_t k = 0; k < w->n_chunks; k++)
+        seed = vol_hash(seed, w->chunk[k], w->hash[k]);
+    r->check = vol_row_check(r, seed);
+}
+
+static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag *d)
+{
+    struct out *w = self;
+    struct vol_row r;
+    uint64_t bytes = 0;
+    take_h5_init();
+    w->v = v;
+    mark(w);
+    pvx_err e = grow(w, w->n_chunks);
+    if (e == PVX_OK) {
+        pvx_pool_run(w->pool, w->n_chunks, pack, w);
+        fill_row(w, &r);
+    }
+    for (uint32_t b = 0; b < v->n_bricks; b++)
+        w->brick_at[v->ids[b]] = NO_BRICK;
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: no memory for %u chunks", w->path, w->n_chunks);
+    for (uint32_t k = 0; k < w->n_chunks; k++)
+        bytes += w->size[k];
+    PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, bytes, d));
+    bool ok = put_chunks(w);
+    for (int k = 0; k < VOL_COLUMNS && ok; k++)
+        ok = take_h5_append(w->col[k], w->column[k].type, 0, w->n_sets, 1,
+                            (const char *)&r + w->column[k].offset);
+    if (!ok || H5Fflush(w->file, H5F_SCOPE_LOCAL) < 0)
+        return fail(w, "cannot be written", d);
+    w->n_sets++;
+    w->bytes += bytes + sizeof r;
+    return PVX_OK;
+}
+
+static pvx_err hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
+{
+    struct out *w = self;
+    const uint64_t row[VOL_GAP_COLS] = {g->why, g->set_first, g->set_last, g->volumes};
+    take_h5_init();
+    PVX_TRY(take_h5_reserve(&w->room, w->file, w->path, 0, d));
+    bool ok = true;
+    for (int k = 0; k < VOL_GAP_COLS && ok; k++)
+        ok = take_h5_append(w->gap[k], H5T_STD_U64LE, 0, w->n_gaps, 1, &row[k]);
+    if (!ok || H5Fflush(w->file, H5F_SCOPE_LOCAL) < 0)
+        return fail(w, "cannot be written", d);
+    w->n_gaps++;
+    return PVX_OK;
+}
+
+/* ---- the file ---- */
+
+static bool put_triple(hid_t at, const char *name, const double v[3])
+{
+    hsize_t n = 3;
+    hid_t space = H5Screate_simple(1, &n, NULL);
+    hid_t a = H5Acreate2(at, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = a >= 0 && H5Awrite(a, H5T_NATIVE_DOUBLE, v) >= 0;
+    H5Aclose(a);
+    H5Sclose(space);
+    return ok;
+}
+
+/* Centres of the voxels along one axis. */
+static bool put_axis(hid_t file, const struct pvp_grid *g, int axis)
+{
+    const char name[2] = {"xyz"[axis], '\0'};
+    double h = (g->max[axis] - g->min[axis]) / g->n[axis], *at = malloc(g->n[axis] * sizeof *at);
+    hsize_t n = g->n[axis];
+    if (at == NULL)
+        return false;
+    for (uint32_t i = 0; i < g->n[axis]; i++)
+        at[i] = g->min[axis] + (i + 0.5) * h;
+    hid_t space = H5Screate_simple(1, &n, NULL);
+    hid_t s = H5Dcreate2(file, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = s >= 0 && H5Dwrite(s, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, at) >= 0 &&
+              take_h5_put_text(s, "units", "m");
+    H5Dclose(s);
+    H5Sclose(space);
+    free(at);
+    return ok;
+}
+
+/* The names of the axes of NXdata, one for each dimension of its signal. */
+static bool put_axes(hid_t group)
+{
+    static const char axes[VOL_RANK][8] = {"time", "z", "y", "x", "."};
+    hsize_t n = VOL_RANK;
+    hid_t type = H5Tcopy(H5T_C_S1), space = H5Screate_simple(1, &n, NULL);
+    H5Tset_size(type, sizeof axes[0]);
+    hid_t a = H5Acreate2(group, "axes", type, space, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = a >= 0 && H5Awrite(a, type, axes) >= 0;
+    H5Aclose(a);
+    H5Sclose(space);
+    H5Tclose(type);
+    return ok;
+}
+
+static bool also(hid_t file, const char *from, hid_t group, const char *name)
+{
+    return H5Lcreate_hard(file, from, group, name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
+}
+
+/* NeXus: what h5web, silx and NeXpy show by themselves. */
+static bool make_nexus(hid_t f)
+{
+    hid_t entry = H5Gcreate2(f, "entry", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t data = H5Gcreate2(f, "entry/data", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = take_h5_put_text(f, "NX_class", "NXroot") &&
+              take_h5_put_text(f, "default", "entry") &&
+              take_h5_put_text(entry, "NX_class", "NXentry") &&
+              take_h5_put_text(entry, "default", "data") &&
+              take_h5_put_text(data, "NX_class", "NXdata") &&
+              take_h5_put_text(data, "signal", "emission") && put_axes(data) &&
+              also(f, "/emission", data, "emission") && also(f, "/sets/time", data, "time") &&
+              also(f, "/z", data, "z") && also(f, "/y", data, "y") && also(f, "/x", data, "x");
+    H5Gclose(data);
+    H5Gclose(entry);
+    return ok;
+}
+
+static bool make_emission(struct out *w)
+{
+    const struct pvp_grid *g = &w->grid;
+    hsize_t now[VOL_RANK] = {0, g->n[2], g->n[1], g->n[0], g->channels};
+    hsize_t most[VOL_RANK] = {H5S_UNLIMITED, g->n[2], g->n[1], g->n[0], g->channels};
+    hsize_t chunk[VOL_RANK] = {1, w->t.side[2], w->t.side[1], w->t.side[0], g->channels};
+    hid_t space = H5Screate_simple(VOL_RANK, now, most), p = H5Pcreate(H5P_DATASET_CREATE);
+    H5Pset_chunk(p, VOL_RANK, chunk);
+    H5Pset_shuffle(p);
+    H5Pset_deflate(p, LEVEL);
+    w->emission =
+        H5Dcreate2(w->file, "emission", H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT);
+    H5Pclose(p);
+    H5Sclose(space);
+    return w->emission >= 0;
+}
+
+static bool make_columns(struct out *w)
+{
+    hsize_t rows = VOL_ROWS;
+    hid_t sets = H5Gcreate2(w->file, "sets", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t gaps = H5Gcreate2(w->file, "gaps", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = sets >= 0 && gaps >= 0;
+    for (int k = 0; k < VOL_COLUMNS && ok; k++)
+        ok = take_h5_make_table(sets, w->column[k].name, w->column[k].type, 1, &rows, &w->col[k]);
+    for (int k = 0; k < VOL_GAP_COLS && ok; k++)
+        ok = take_h5_make_table(gaps, vol_gap_columns[k], H5T_STD_U64LE, 1, &rows, &w->gap[k]);
+    H5Gclose(sets);
+    H5Gclose(gaps);
+    return ok;
+}
+
+static bool make_head(struct out *w, const struct vol_head *h)
+{
+    const struct pvp_start *s = &h->start;
+    char host[256] = "";
+    double spacing[3];
+    for (int a = 0; a < 3; a++)
+        spacing[a] = (s->grid.max[a] - s->grid.min[a]) / s->grid.n[a];
+    gethostname(host, sizeof host - 1);
+    return take_h5_put_text(w->file, "format", VOL_FORMAT) &&
+           take_h5_put_int(w->file, "version", VOL_VERSION) &&
+           take_h5_put_int(w->file, "t_created_ns", pvx_now_real()) &&
+           take_h5_put_int(w->file, "t_closed_ns", 0) && take_h5_put_int(w->file, "closed", 0) &&
+           take_h5_put_attr(w->file, "session", H5T_STD_U64LE, &s->session) &&
+           take_h5_put_attr(w->file, "rig_hash", H5T_STD_U64LE, &s->rig_hash) &&
+           take_h5_put_attr(w->file, "fps", H5T_IEEE_F64LE, &s->fps) &&
+           take_h5_put_int(w->file, "n_cameras", s->n_cameras) &&
+           take_h5_put_text(w->file, "units", s->units) &&
+           take_h5_put_text(w->file, "software", s->software) &&
+           take_h5_put_text(w->file, "host", host) &&
+           take_h5_put_text(w->file, "basis", s->grid.basis == 1 ? "trilinear" : "box") &&
+           put_triple(w->file, "origin", s->grid.min) && put_triple(w->file, "spacing", spacing) &&
+           take_h5_put_long_text(w->file, "rig", h->rig != NULL ? h->rig : "") &&
+           take_h5_put_long_text(w->file, "config", h->config != NULL ? h->config : "");
+}
+
+/* Its folder is made. */
+static pvx_err check(const char *path, struct pvx_diag *d)
+{
+    char dir[1200];
+    snprintf(dir, sizeof dir, "%s", path);
+    char *slash = strrchr(dir, '/');
+    if (slash != NULL && slash != dir) {
+        *slash = '\0';
+        PVX_TRY(pvx_mkdirs(dir, d));
+    }
+    return access(path, F_OK) != 0
+               ? PVX_OK
+               : pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", path);
+}
+
+static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_diag *d)
+{
+    PVX_TRY(check(w->path, d));
+    w->room.fd = open(w->path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+    if (w->room.fd < 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
+    hid_t fapl = take_h5_access();
+    H5Pset_small_data_block_size(fapl, 0); /* chunks lie in the order of the sets */
+    w->file = H5Fcreate(w->path, H5F_ACC_TRUNC, H5P_DEFAULT, fapl);
+    H5Pclose(fapl);
+    pvx_err e = w->file < 0 ? fail(w, "cannot be begun", d)
+                            : take_h5_reserve(&w->room, w->file, w->path, 0, d);
+    if (e == PVX_OK && (!make_head(w, head) || !make_emission(w) || !make_columns(w) ||
+                        !put_axis(w->file, &w->grid, 0) || !put_axis(w->file, &w->grid, 1) ||
+                        !put_axis(w->file, &w->grid, 2) ||
+                        !take_h5_put_text(w->emission, "units", head->start.units) ||
+                        !take_h5_put_text(w->col[0], "units", "s") || !make_nexus(w->file) ||
+                        H5Fstart_swmr_write(w->file) < 0))
+        e = fail(w, "cannot be begun", d);
+    if (e != PVX_OK)
+        unlink(w->path);
+    return e;
+}
+
+static void free_out(struct out *w)
+{
+    if (w->file >= 0)
+        H5Fclose(w->file);
+    if (w->room.fd >= 0)
+        close(w->room.fd);
+    vol_columns_done(w->column);
+    pvx_pool_free(&w->pool);
+    free(w->path);
+    free(w->brick_at);
+    free(w->chunk);
+    free(w->packed);
+    free(w->size);
+    free(w->mask);
+    free(w->hash);
+    free(w->wanted);
+    free(w);
+}
+
+static bool make_room(struct out *w)
+{
+    w->bound = compressBound(w->t.floats * sizeof(float));
+    w->n_bricks = vol_bricks(&w->grid, w->nb);
+    w->brick_at = malloc(w->n_bricks * sizeof *w->brick_at);
+    w->chunk = malloc(w->t.all * sizeof *w->chunk);
+    w->size = malloc(w->t.all * sizeof *w->size);
+    w->mask = malloc(w->t.all * sizeof *w->mask);
+    w->hash = malloc(w->t.all * sizeof *w->hash);
+    w->wanted = malloc(w->t.all);
+    for (uint32_t b = 0; b < w->n_bricks && w->brick_at != NULL; b++)
+        w->brick_at[b] = NO_BRICK;
+    return w->brick_at != NULL && w->chunk != NULL && w->size != NULL && w->mask != NULL &&
+           w->hash != NULL && w->wanted != NULL;
+}
+
+static pvx_err hdf5_open(void **self, const char *path, const struct vol_head *head,
+                         const struct vol_options *o, struct pvx_diag *d)
+{
+    take_h5_init();
+    struct out *w = pvx_calloc(1, sizeof *w);
+    if (w == NULL)
+        return PVX_ENOMEM;
+    w->file = -1;
+    w->room.fd = -1;
+    w->grid = head->start.grid;
+    w->t = vol_tiles(&w->grid);
+    w->path = strdup(path);
+    vol_columns(w->column);
+    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
+    unsigned threads = cpus < 1 ? 1 : cpus < THREADS ? (unsigned)cpus : THREADS;
+    pvx_err e = w->path != NULL && make_room(w) ? PVX_OK : PVX_ENOMEM;
+    if (e == PVX_OK)
+        e = pvx_pool_new(o->threads > 0 ? o->threads : threads, "vol-pack", &w->pool);
+    if (e == PVX_OK)
+        e = create(w, head, d);
+    if (e != PVX_OK) {
+        free_out(w);
+        return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
+    }
+    *self = w;
+    return PVX_OK;
+}
+
+static void hdf5_hurry(void *self, bool on)
+{
+    ((struct out *)self)->hurry = on;
+}
+
+static uint64_t hdf5_bytes(const void *self)
+{
+    return ((const struct out *)self)->bytes;
+}
+
+static pvx_err hdf5_close(void *self, struct pvx_diag *d)
+{
+    struct out *w = self;
+    take_h5_init();
+    bool ok = H5Fclose(w->file) >= 0;
+    hid_t fapl = take_h5_access();
+    w->file = ok ? H5Fopen(w->path, H5F_ACC_RDWR, fapl) : -1;
+    H5Pclose(fapl);
+    ok = w->file >= 0 && vol_hdf5_vtk(w->file, &w->grid, w->n_sets) &&
+         take_h5_put_int(w->file, "t_closed_ns", pvx_now_real()) &&
+         take_h5_put_int(w->file, "closed", 1);
+    pvx_err e = ok && H5Fclose(w->file) >= 0 ? PVX_OK : fail(w, "cannot be closed", d);
+    if (ok)
+        w->file = -1;
+    /* what had been promised and was not needed */
+    if (e == PVX_OK && w->room.fd >= 0) {
+        off_t end = lseek(w->room.fd, 0, SEEK_END);
+        if (end < 0 || ftruncate(w->room.fd, end) != 0)
+            e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
+    }
+    free_out(w);
+    return e;
+}
+
+const struct vol_writer_ops vol_hdf5_writer = {.check = check,
+                                               .open = hdf5_open,
+                                               .put = hdf5_put,
+                                               .gap = hdf5_gap,
+                                               .hurry = hdf5_hurry,
+                                               .bytes = hdf5_bytes,
+                                               .close = hdf5_close};

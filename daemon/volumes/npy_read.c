@@ -1,0 +1,318 @@
+/* npy_read.c - the folder of npy.c read again; also folders and single files of `pyrovox reconstruct`. */
+#include <errno.h>
+#include <glob.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include <cjson/cJSON.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+#include "daemon/volumes/bricks.h"
+#include "recon/solve/solve.h"
+
+#define TEXT_MAX ((size_t)4 << 20)
+
+struct in {
+    glob_t files;
+    struct pvp_start start;
+    char *rig, *config;
+    struct vol_gap *gap;
+    uint64_t n_gaps;
+    struct vol_store store;
+};
+
+static bool ends(const char *path, const char *with)
+{
+    size_t n = strlen(path), m = strlen(with);
+    return n > m && strcmp(path + n - m, with) == 0;
+}
+
+static bool npy_is(const char *path)
+{
+    struct stat st;
+    if (stat(path, &st) != 0)
+        return false;
+    if (S_ISREG(st.st_mode))
+        return ends(path, ".npy");
+    char pattern[1200];
+    snprintf(pattern, sizeof pattern, "%s/*.npy", path);
+    glob_t g;
+    bool found = S_ISDIR(st.st_mode) && glob(pattern, 0, NULL, &g) == 0;
+    if (found)
+        globfree(&g);
+    return found;
+}
+
+/* A whole number after "key": as it stands in the text: a double would lose nanoseconds. */
+static int64_t whole(const char *text, const char *key)
+{
+    char quoted[48];
+    snprintf(quoted, sizeof quoted, "\"%s\"", key);
+    const char *p = strstr(text, quoted);
+    if (p == NULL)
+        return 0;
+    p += strlen(quoted);
+    p += strspn(p, ": \t");
+    errno = 0;
+    long long v = strtoll(p, NULL, 10);
+    return errno == 0 ? v : 0;
+}
+
+static uint64_t hex(const cJSON *o, const char *key)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));
+    return s != NULL ? strtoull(s, NULL, 16) : 0;
+}
+
+static double number(const cJSON *o, const char *key)
+{
+    const cJSON *v = cJSON_GetObjectItemCaseSensitive(o, key);
+    return cJSON_IsNumber(v) ? v->valuedouble : NAN;
+}
+
+/* A count of the file, which may be anything. */
+static uint32_t count(const cJSON *o, const char *key)
+{
+    double v = number(o, key);
+    return v >= 0 && v <= UINT32_MAX ? (uint32_t)v : 0;
+}
+
+static uint64_t big(const cJSON *o, const char *key)
+{
+    double v = number(o, key);
+    return v >= 0 && v < 0x1p63 ? (uint64_t)v : 0;
+}
+
+static bool triple(const cJSON *o, const char *key, double out[3])
+{
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, key);
+    for (int a = 0; a < 3; a++) {
+        const cJSON *v = cJSON_GetArrayItem(list, a);
+        if (!cJSON_IsNumber(v) || !isfinite(v->valuedouble) || fabs(v->valuedouble) > 1e9)
+            return false;
+        out[a] = v->valuedouble;
+    }
+    return cJSON_GetArraySize(list) == 3;
+}
+
+static void text_of(const cJSON *o, const char *key, char *out, size_t size)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));
+    snprintf(out, size, "%s", s != NULL ? s : "");
+}
+
+static uint32_t status_of(const cJSON *report)
+{
+    const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(report, "status"));
+    for (uint32_t k = 0; s != NULL && k <= REC_EMPTY; k++)
+        if (strcmp(s, rec_status_name((enum rec_status)k)) == 0)
+            return k;
+    return 0;
+}
+
+static void read_report(const cJSON *o, struct pvp_report *r)
+{
+    const cJSON *report = cJSON_GetObjectItemCaseSensitive(o, "report");
+    if (report == NULL)
+        report = cJSON_GetObjectItemCaseSensitive(o, "solver"); /* of `pyrovox reconstruct` */
+    const cJSON *ms = cJSON_GetObjectItemCaseSensitive(report, "ms");
+    const struct {
+        const char *key;
+        int64_t *ns;
+    } times[] = {{"photometry", &r->photometry_ns},
+                 {"hull", &r->hull_ns},
+                 {"restrict", &r->restrict_ns},
+                 {"solve", &r->solve_ns},
+                 {"total", &r->total_ns}};
+    for (size_t k = 0; k < sizeof times / sizeof times[0]; k++) {
+        double v = number(ms, times[k].key);
+        *times[k].ns = fabs(v) < 1e12 ? (int64_t)llround(v * 1e6) : 0;
+    }
+    r->status = status_of(report);
+    text_of(report, "solver", r->solver, sizeof r->solver);
+    r->iterations = count(report, "iterations");
+    r->rel_residual = number(report, "rel_residual");
+    r->active_voxels = count(report, "active_voxels");
+    r->active_rays = count(report, "active_rays");
+    r->entries = big(report, "entries");
+}
+
+static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volume *out,
+                         struct pvp_start *start, struct pvx_diag *d)
+{
+    char path[1200], *text;
+    size_t len;
+    snprintf(path, sizeof path, "%.*s.json", (int)(strlen(npy) - 4), npy);
+    PVX_TRY(pvx_file_read(path, TEXT_MAX, &text, &len, d));
+    cJSON *o = cJSON_ParseWithLength(text, len);
+    struct pvp_volume *v = &out->v;
+    struct pvp_grid *g = &v->grid;
+    double h[3];
+    const char *basis = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "basis"));
+    bool ok = triple(o, "origin", g->min) && triple(o, "spacing", h) && basis != NULL && h[0] > 0 &&
+              h[1] > 0 && h[2] > 0;
+    for (int a = 0; a < 3 && ok; a++) {
+        g->n[a] = (uint32_t)shape[2 - a];
+        g->max[a] = g->min[a] + h[a] * g->n[a];
+    }
+    if (ok) {
+        bool wire = cJSON_HasObjectItem(o, "set");
+        g->channels = (uint32_t)shape[3];
+        g->basis = strcmp(basis, "trilinear") == 0;
+        v->set = (uint64_t)whole(text, wire ? "set" : "frame");
+        v->t_exposure_ns = whole(text, wire ? "t_exposure_ns" : "time_ns");
+        v->t_publish_ns = whole(text, "t_publish_ns");
+        v->spread_ns = whole(text, "spread_ns");
+        v->latency_ns = whole(text, "latency_ns");
+        v->cameras_present = count(o, "cameras_present");
+        v->camera_mask = hex(o, "camera_mask");
+        v->session = hex(o, "session");
+        const char *sample = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "sample"));
+        out->sample = sample != NULL && strcmp(sample, "float16") == 0 ? PVP_F16 : PVP_F32;
+        out->clamped = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "clamped"));
+        read_report(o, &v->report);
+        start->grid = *g;
+        start->session = v->session;
+        start->rig_hash = hex(o, "rig_hash");
+        text_of(o, "units", start->units, sizeof start->units);
+        text_of(o, "software", start->software, sizeof start->software);
+        if (!wire)
+            snprintf(start->units, sizeof start->units, "1/m");
+    }
+    cJSON_Delete(o);
+    free(text);
+    return ok ? PVX_OK
+              : pvx_fail(d, PVX_EFORMAT,
+                         "%s: does not describe the .npy beside it (origin, spacing, basis)", path);
+}
+
+static pvx_err load(struct in *r, uint64_t k, struct vol_volume *out, struct pvp_start *start,
+                    struct pvx_diag *d)
+{
+    const char *path = r->files.gl_pathv[k];
+    size_t shape[4];
+    int ndim;
+    float *dense;
+    PVX_TRY(cap_npy_load(path, &dense, shape, &ndim, d));
+    pvx_err e = PVX_OK;
+    *out = (struct vol_volume){.sample = PVP_F32};
+    for (int a = 0; a < 3; a++)
+        if (ndim < 3 || shape[a] < 1 || shape[a] > PVP_GRID_MAX)
+            e = PVX_EFORMAT;
+    if (e != PVX_OK || (shape[3] != 1 && shape[3] != 3))
+        e = pvx_fail(d, PVX_EFORMAT, "%s: a volume is [nz][ny][nx] or [nz][ny][nx][1 or 3]", path);
+    if (e == PVX_OK)
+        e = read_json(path, shape, out, start, d);
+    if (e == PVX_OK)
+        e = vol_from_dense(&r->store, &out->v.grid, dense);
+    if (e == PVX_ECORRUPT)
+        e = pvx_fail(d, e, "%s: holds a value that is not finite", path);
+    free(dense);
+    out->n_bricks = r->store.n;
+    out->ids = r->store.ids;
+    out->brick = r->store.brick;
+    return e;
+}
+
+static char *text_file(const char *dir, const char *name)
+{
+    char path[1200], *text = NULL;
+    size_t len;
+    snprintf(path, sizeof path, "%s/%s", dir, name);
+    return pvx_file_read(path, TEXT_MAX, &text, &len, NULL) == PVX_OK ? text : NULL;
+}
+
+/* *cut: it was not closed. */
+static pvx_err read_list(struct in *r, const char *dir, bool *cut)
+{
+    char *text = text_file(dir, "recording.json");
+    cJSON *o = text != NULL ? cJSON_Parse(text) : NULL;
+    free(text);
+    if (o == NULL)
+        return PVX_OK; /* of `pyrovox reconstruct`, or of an earlier version */
+    *cut = !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "closed"));
+    double fps = number(o, "fps");
+    r->start.fps = isfinite(fps) && fps >= 0 ? fps : 0;
+    r->start.n_cameras = count(o, "n_cameras");
+    const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, "gaps"), *g;
+    r->gap = pvx_calloc((size_t)cJSON_GetArraySize(list), sizeof *r->gap);
+    cJSON_ArrayForEach(g, list)
+    {
+        const char *why = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(g, "why"));
+        if (r->gap == NULL || why == NULL)
+            break;
+        r->gap[r->n_gaps++] =
+            (struct vol_gap){.why = strcmp(why, "queue") == 0  ? VOL_GAP_QUEUE
+                                    : strcmp(why, "lost") == 0 ? VOL_GAP_LOST
+                                                               : VOL_GAP_UNREADABLE,
+                             .set_first = big(g, "set_first"),
+                             .set_last = big(g, "set_last"),
+                             .volumes = big(g, "volumes")};
+    }
+    cJSON_Delete(o);
+    return r->gap != NULL ? PVX_OK : PVX_ENOMEM;
+}
+
+static void npy_close(void *self)
+{
+    struct in *r = self;
+    globfree(&r->files);
+    free(r->rig);
+    free(r->config);
+    free(r->gap);
+    vol_store_free(&r->store);
+    free(r);
+}
+
+static pvx_err npy_open(void **self, const char *path, struct vol_head *head, uint64_t *n,
+                        bool *cut, struct pvx_diag *d)
+{
+    struct in *r = pvx_calloc(1, sizeof *r);
+    struct stat st;
+    char pattern[1200];
+    struct vol_volume first;
+    if (r == NULL)
+        return PVX_ENOMEM;
+    bool folder = stat(path, &st) == 0 && S_ISDIR(st.st_mode);
+    snprintf(pattern, sizeof pattern, folder ? "%s/*.npy" : "%s", path);
+    if (glob(pattern, 0, NULL, &r->files) != 0 || r->files.gl_pathc == 0) {
+        npy_close(r);
+        return pvx_fail(d, PVX_ENOENT, "%s: no volumes there", path);
+    }
+    pvx_err e = load(r, 0, &first, &r->start, d);
+    if (e == PVX_OK && folder) {
+        r->rig = text_file(path, "rig.yaml");
+        r->config = text_file(path, "config.yaml");
+        e = read_list(r, path, cut);
+    }
+    if (e != PVX_OK) {
+        npy_close(r);
+        return e;
+    }
+    *head = (struct vol_head){.start = r->start, .rig = r->rig, .config = r->config};
+    *n = r->files.gl_pathc;
+    *self = r;
+    return PVX_OK;
+}
+
+static pvx_err npy_get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
+{
+    struct in *r = self;
+    struct pvp_start start;
+    return load(r, k, out, &start, d);
+}
+
+static const struct vol_gap *npy_gap(const void *self, uint64_t k)
+{
+    const struct in *r = self;
+    return k < r->n_gaps ? &r->gap[k] : NULL;
+}
+
+const struct vol_reader_ops vol_npy_reader = {
+    .is = npy_is, .open = npy_open, .get = npy_get, .gap = npy_gap, .close = npy_close};

@@ -1,0 +1,91 @@
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/mem.h"
+#include "daemon/volumes/volumes.h"
+
+/* Asked in this order whether a path is theirs. */
+static const struct {
+    enum vol_format format;
+    const struct vol_reader_ops *ops;
+} readers[] = {
+    {VOL_HDF5, &vol_hdf5_reader},
+    {VOL_NPY, &vol_npy_reader},
+};
+
+struct vol_reader {
+    enum vol_format format;
+    const struct vol_reader_ops *ops;
+    void *self;
+    struct vol_head head;
+    uint64_t count;
+    bool cut;
+};
+
+pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    if (access(path, R_OK) != 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    size_t k = 0, n = sizeof readers / sizeof readers[0];
+    while (k < n && !readers[k].ops->is(path))
+        k++;
+    if (k == n)
+        return pvx_fail(d, PVX_EFORMAT,
+                        "%s: is not a recording of volumes (a folder of .npy, an HDF5 file)", path);
+    vol_reader *r = pvx_calloc(1, sizeof *r);
+    if (r == NULL)
+        return PVX_ENOMEM;
+    r->format = readers[k].format;
+    r->ops = readers[k].ops;
+    pvx_err e = r->ops->open(&r->self, path, &r->head, &r->count, &r->cut, d);
+    if (e != PVX_OK) {
+        free(r);
+        return e;
+    }
+    *out = r;
+    return PVX_OK;
+}
+
+enum vol_format vol_reader_format(const vol_reader *r)
+{
+    return r->format;
+}
+
+const struct vol_head *vol_reader_head(const vol_reader *r)
+{
+    return &r->head;
+}
+
+uint64_t vol_reader_count(const vol_reader *r)
+{
+    return r->count;
+}
+
+bool vol_reader_cut(const vol_reader *r)
+{
+    return r->cut;
+}
+
+pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
+{
+    if (k >= r->count)
+        return pvx_fail(d, PVX_EINVAL, "volume %llu of %llu", (unsigned long long)k,
+                        (unsigned long long)r->count);
+    return r->ops->get(r->self, k, out, d);
+}
+
+const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k)
+{
+    return r->ops->gap != NULL ? r->ops->gap(r->self, k) : NULL;
+}
+
+void vol_reader_close(vol_reader **rp)
+{
+    if (*rp == NULL)
+        return;
+    (*rp)->ops->close((*rp)->self);
+    PVX_FREE(*rp);
+}

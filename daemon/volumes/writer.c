@@ -1,0 +1,101 @@
+#include <stdlib.h>
+
+#include "base/mem.h"
+#include "daemon/volumes/volumes.h"
+#include "proto/fields.h"
+
+const char *const vol_format_names[VOL_FORMATS] = {"npy", "hdf5", "vdb", "nvdb"};
+
+static const struct vol_writer_ops *const writers[VOL_FORMATS] = {
+    [VOL_NPY] = &vol_npy_writer,
+    [VOL_HDF5] = &vol_hdf5_writer,
+};
+
+struct vol_writer {
+    const struct vol_writer_ops *ops;
+    void *self;
+    struct pvp_grid grid;
+    pvx_err broken; /* why nothing more is taken */
+};
+
+static pvx_err unknown(enum vol_format f, const char *path, struct pvx_diag *d)
+{
+    return pvx_fail(d, PVX_EUNSUP, "%s: volumes cannot be written as %s", path,
+                    vol_format_names[f]);
+}
+
+pvx_err vol_writer_check(enum vol_format f, const char *path, struct pvx_diag *d)
+{
+    return writers[f] == NULL ? unknown(f, path, d) : writers[f]->check(path, d);
+}
+
+pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_head *head,
+                        const struct vol_options *o, vol_writer **out, struct pvx_diag *d)
+{
+    static const struct vol_options defaults;
+    *out = NULL;
+    vol_writer *w = pvx_calloc(1, sizeof *w);
+    if (w == NULL)
+        return PVX_ENOMEM;
+    w->ops = writers[f];
+    w->grid = head->start.grid;
+    pvx_err e = w->ops == NULL ? pvx_fail(d, PVX_EUNSUP, "%s: volumes cannot be written as %s",
+                                          path, vol_format_names[f])
+                               : w->ops->open(&w->self, path, head, o != NULL ? o : &defaults, d);
+    if (e != PVX_OK) {
+        free(w);
+        return e;
+    }
+    *out = w;
+    return PVX_OK;
+}
+
+/* What a disk refused once is not tried again: the file stays as it was. */
+static pvx_err note(vol_writer *w, pvx_err e)
+{
+    if (e == PVX_ENOSPC || e == PVX_EIO || e == PVX_EPERM)
+        w->broken = e;
+    return e;
+}
+
+static pvx_err is_broken(const vol_writer *w, struct pvx_diag *d)
+{
+    return w->broken == PVX_OK ? PVX_OK
+                               : pvx_fail(d, w->broken, "the recording has ended before: %s",
+                                          pvx_strerror(w->broken));
+}
+
+pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
+{
+    PVX_TRY(is_broken(w, d));
+    if (!pvp_grid_same(&v->v.grid, &w->grid))
+        return pvx_fail(d, PVX_ERANGE, "set %llu: its grid is not that of the recording",
+                        (unsigned long long)v->v.set);
+    return note(w, w->ops->put(w->self, v, d));
+}
+
+pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d)
+{
+    PVX_TRY(is_broken(w, d));
+    return note(w, w->ops->gap(w->self, g, d));
+}
+
+void vol_writer_hurry(vol_writer *w, bool on)
+{
+    if (w->ops->hurry != NULL)
+        w->ops->hurry(w->self, on);
+}
+
+uint64_t vol_writer_bytes(const vol_writer *w)
+{
+    return w->ops->bytes(w->self);
+}
+
+pvx_err vol_writer_close(vol_writer **wp, struct pvx_diag *d)
+{
+    if (*wp == NULL)
+        return PVX_OK;
+    pvx_err e = (*wp)->ops->close((*wp)->self, d);
+    PVX_FREE(*wp);
+    return e;
+}

@@ -1,0 +1,278 @@
+/* test_volumes.c - recordings of volumes: what was put comes back, bit for bit; what is cut off or wrong is said. */
+#include "../t.h"
+
+#include <fcntl.h>
+#include <hdf5.h>
+#include <signal.h>
+#include <sys/wait.h>
+
+#include "base/file.h"
+#include "daemon/volumes/volumes.h"
+#include "tests/lib/scratch.h"
+#include "tests/lib/volumes.h"
+
+static const char *const names[VOL_FORMATS] = {"npy", "v.h5", "vdb", "nvdb"};
+
+static vol_writer *begin(enum vol_format f, const char *path, const struct pvp_start *s)
+{
+    vol_writer *w = NULL;
+    struct pvx_diag d = {""};
+    struct vol_head h = {.start = *s, .rig = "cameras: []\n", .config = "x: 1\n"};
+    T_CHECK_(vol_writer_open(f, path, &h, NULL, &w, &d) == PVX_OK, "%s", d.text);
+    return w;
+}
+
+static void put(vol_writer *w, const struct pvp_start *s, uint64_t set, double share)
+{
+    struct pvx_diag d = {""};
+    struct made_volume m = volumes_make(s, set, share);
+    T_CHECK_(vol_writer_put(w, &m.v, &d) == PVX_OK, "%s", d.text);
+    vol_store_free(&m.store);
+}
+
+static void finish(vol_writer *w)
+{
+    struct pvx_diag d = {""};
+    T_CHECK_(vol_writer_close(&w, &d) == PVX_OK, "%s", d.text);
+}
+
+static void comes_back(enum vol_format f, const struct pvp_start *s, double share)
+{
+    scratch_new();
+    const char *path = at("%s", names[f]);
+    vol_writer *w = begin(f, path, s);
+    if (w == NULL)
+        return;
+    struct vol_gap g = {.why = VOL_GAP_QUEUE, .set_first = 4, .set_last = 6, .volumes = 3};
+    for (uint64_t k = 1; k < 4; k++) {
+        vol_writer_hurry(w, k == 2);
+        put(w, s, k, share);
+    }
+    T_EQ_I(vol_writer_gap(w, &g, NULL), PVX_OK);
+    put(w, s, 7, share);
+    finish(w);
+    vol_reader *r = NULL;
+    struct pvx_diag d = {""};
+    T_CHECK_(vol_reader_open(path, &r, &d) == PVX_OK, "%s", d.text);
+    if (r == NULL)
+        return;
+    const struct vol_head *h = vol_reader_head(r);
+    T_EQ_I(vol_reader_format(r), f);
+    T_EQ_I(vol_reader_count(r), 4);
+    T_OK(!vol_reader_cut(r));
+    T_EQ_S(h->rig, "cameras: []\n");
+    T_EQ_S(h->config, "x: 1\n");
+    T_OK(h->start.session == s->session && h->start.rig_hash == s->rig_hash);
+    T_EQ_I(h->start.n_cameras, 8);
+    T_NEAR(h->start.fps, 20, 0);
+    T_EQ_S(h->start.units, "1/m");
+    T_EQ_S(h->start.software, "pyrovoxd test");
+    for (uint64_t k = 0; k < 4; k++) {
+        struct made_volume m = volumes_make(s, k < 3 ? k + 1 : 7, share);
+        struct vol_volume v;
+        T_CHECK_(vol_reader_get(r, k, &v, &d) == PVX_OK, "%s", d.text);
+        T_OK(volumes_same(&m.v, &v));
+        for (int a = 0; a < 3; a++) {
+            T_EQ_I(v.v.grid.n[a], s->grid.n[a]);
+            T_NEAR(v.v.grid.min[a], s->grid.min[a], 0);
+            T_NEAR(v.v.grid.max[a], s->grid.max[a], 1e-12);
+        }
+        vol_store_free(&m.store);
+    }
+    const struct vol_gap *back = vol_reader_gap(r, 0);
+    T_OK(back != NULL && back->why == VOL_GAP_QUEUE && back->set_first == 4 &&
+         back->set_last == 6 && back->volumes == 3);
+    T_OK(vol_reader_gap(r, 1) == NULL);
+    vol_reader_close(&r);
+    scratch_remove();
+}
+
+T_CASE(volumes_come_back)
+{
+    static const uint32_t shape[][3] = {{16, 16, 16}, {33, 20, 9}, {7, 5, 3}, {48, 1, 40}};
+    for (size_t k = 0; k < sizeof shape / sizeof shape[0]; k++)
+        for (uint32_t nch = 1; nch <= 3; nch += 2) {
+            struct pvp_start s = volumes_start(shape[k][0], shape[k][1], shape[k][2], nch);
+            comes_back(VOL_NPY, &s, 0.4);
+            comes_back(VOL_HDF5, &s, 0.4);
+            comes_back(VOL_HDF5, &s, 0);
+        }
+}
+
+T_CASE(another_grid_or_an_old_file_is_refused)
+{
+    scratch_new();
+    for (int f = VOL_NPY; f <= VOL_HDF5; f++) {
+        struct pvp_start s = volumes_start(20, 20, 20, 3), other = volumes_start(20, 20, 21, 3);
+        const char *path = at("%s", names[f]);
+        vol_writer *w = begin((enum vol_format)f, path, &s), *again = NULL;
+        struct made_volume m = volumes_make(&other, 1, 0.5);
+        struct vol_head h = {.start = s};
+        struct pvx_diag d = {""};
+        put(w, &s, 1, 0.5);
+        T_EQ_I(vol_writer_put(w, &m.v, &d), PVX_ERANGE);
+        T_CONTAINS(d.text, "grid");
+        finish(w);
+        d.text[0] = '\0';
+        T_EQ_I(vol_writer_open((enum vol_format)f, path, &h, NULL, &again, &d), PVX_EBUSY);
+        T_CONTAINS(d.text, path);
+        vol_store_free(&m.store);
+    }
+    scratch_remove();
+}
+
+/* The first `bytes` of a file; -1: all. */
+static void copy(const char *from, const char *to, long bytes)
+{
+    char *text;
+    size_t len;
+    T_EQ_I(pvx_file_read(from, 1u << 30, &text, &len, NULL), PVX_OK);
+    T_EQ_I(pvx_file_write(to, text, bytes < 0 ? len : (size_t)bytes, NULL), PVX_OK);
+    free(text);
+}
+
+/* How many volumes a file gives; all of them are those that were put.  -1: not opened. */
+static long whole(const char *path, const struct pvp_start *s, double share)
+{
+    vol_reader *r;
+    if (vol_reader_open(path, &r, NULL) != PVX_OK)
+        return -1;
+    long n = (long)vol_reader_count(r);
+    for (long k = 0; k < n; k++) {
+        struct made_volume m = volumes_make(s, (uint64_t)k + 1, share);
+        struct vol_volume v;
+        struct pvx_diag d = {""};
+        bool got = vol_reader_get(r, (uint64_t)k, &v, &d) == PVX_OK;
+        T_CHECK_(got && volumes_same(&m.v, &v), "volume %ld of %ld: %s", k, n, d.text);
+        vol_store_free(&m.store);
+    }
+    vol_reader_close(&r);
+    return n;
+}
+
+/* Cut at any place: the sets before it, never one that is not whole. */
+static void sweep(bool close_it)
+{
+    struct pvp_start s = volumes_start(24, 24, 24, 3);
+    long last = -1;
+    scratch_new();
+    char path[512]; /* at() is good for a few names only */
+    snprintf(path, sizeof path, "%s", at("v.h5"));
+    vol_writer *w = begin(VOL_HDF5, path, &s);
+    for (uint64_t k = 1; k <= 100; k++)
+        put(w, &s, k, 0.3);
+    struct stat st;
+    if (close_it)
+        finish(w);
+    stat(path, &st);
+    for (int i = 0; i <= 60; i++) {
+        long bytes = (long)((double)st.st_size * i / 60);
+        copy(path, at("cut.h5"), bytes);
+        long n = whole(at("cut.h5"), &s, 0.3);
+        T_CHECK_(n >= last - 1, "cut at %ld of %ld: %ld volumes, %ld in less", bytes,
+                 (long)st.st_size, n, last);
+        last = n > last ? n : last;
+    }
+    T_EQ_I(last, 100);
+    if (!close_it)
+        finish(w);
+    scratch_remove();
+}
+
+T_CASE(cut_anywhere_gives_the_volumes_before)
+{
+    sweep(false);
+}
+
+T_CASE(closed_and_cut_gives_the_volumes_before)
+{
+    sweep(true);
+}
+
+/* A kill at any moment loses at most the volume being written. */
+T_CASE(killed_at_any_time_gives_the_volumes_before)
+{
+    struct pvp_start s = volumes_start(24, 24, 24, 3);
+    for (int round = 0; round < 20; round++) {
+        int told[2];
+        uint64_t done = 0, one;
+        scratch_new();
+        T_EQ_I(pipe(told), 0);
+        pid_t pid = fork();
+        if (pid == 0) {
+            vol_writer *w = begin(VOL_HDF5, at("v.h5"), &s);
+            for (uint64_t k = 1; k <= 400; k++) {
+                put(w, &s, k, 0.3);
+                if (write(told[1], &k, sizeof k) != sizeof k)
+                    _exit(1);
+            }
+            _exit(0);
+        }
+        close(told[1]);
+        uint64_t stop_at = 1 + t_rand() % 100;
+        while (done < stop_at && read(told[0], &one, sizeof one) == sizeof one)
+            done = one;
+        kill(pid, SIGKILL);
+        waitpid(pid, NULL, 0);
+        while (read(told[0], &one, sizeof one) == sizeof one)
+            done = one;
+        close(told[0]);
+        long n = whole(at("v.h5"), &s, 0.3);
+        T_CHECK_(n >= (long)done && n <= (long)done + 1, "%llu were told, %ld are there",
+                 (unsigned long long)done, n);
+        scratch_remove();
+    }
+}
+
+static void set_int(const char *path, const char *name, int64_t v)
+{
+    hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT), a = H5Aopen(f, name, H5P_DEFAULT);
+    T_OK(H5Awrite(a, H5T_NATIVE_INT64, &v) >= 0);
+    H5Aclose(a);
+    H5Fclose(f);
+}
+
+/* What somebody else wrote in place of a value. */
+static void spoil(const char *path, float v)
+{
+    hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT), s = H5Dopen2(f, "emission", H5P_DEFAULT);
+    hsize_t at[5] = {0}, n[5] = {1, 1, 1, 1, 1};
+    hid_t space = H5Dget_space(s), mem = H5Screate_simple(5, n, NULL);
+    H5Sselect_hyperslab(space, H5S_SELECT_SET, at, NULL, n, NULL);
+    T_OK(H5Dwrite(s, H5T_NATIVE_FLOAT, mem, space, H5P_DEFAULT, &v) >= 0);
+    H5Sclose(mem);
+    H5Sclose(space);
+    H5Dclose(s);
+    H5Fclose(f);
+}
+
+T_CASE(what_is_wrong_is_refused)
+{
+    struct pvp_start s = volumes_start(24, 24, 24, 3);
+    struct vol_volume v;
+    struct pvx_diag d = {""};
+    vol_reader *r = NULL;
+    scratch_new();
+    vol_writer *w = begin(VOL_HDF5, at("v.h5"), &s);
+    put(w, &s, 1, 1);
+    put(w, &s, 2, 1);
+    finish(w);
+    copy(at("v.h5"), at("later.h5"), -1);
+    set_int(at("later.h5"), "version", 2);
+    T_EQ_I(vol_reader_open(at("later.h5"), &r, &d), PVX_EVERSION);
+    T_CONTAINS(d.text, "version 2");
+    copy(at("v.h5"), at("nan.h5"), -1);
+    spoil(at("nan.h5"), NAN);
+    T_EQ_I(vol_reader_open(at("nan.h5"), &r, &d), PVX_OK);
+    if (r != NULL) {
+        d.text[0] = '\0';
+        T_EQ_I(vol_reader_get(r, 0, &v, &d), PVX_ECORRUPT);
+        T_EQ_I(vol_reader_get(r, 1, &v, NULL), PVX_OK);
+        vol_reader_close(&r);
+    }
+    T_EQ_I(vol_reader_open(at("nothing"), &r, NULL), PVX_ENOENT);
+    T_EQ_I(vol_reader_open(dir, &r, NULL), PVX_EFORMAT);
+    T_EQ_I(pvx_file_write(at("text.h5"), "\x89HDF\r\n\x1a\nrubbish", 16, NULL), PVX_OK);
+    T_EQ_I(vol_reader_open(at("text.h5"), &r, NULL), PVX_EFORMAT);
+    scratch_remove();
+}
