@@ -24,4 +24,8 @@ void pvp_header_fields(struct wire *w, struct pvp_header *h, uint64_t *body);
 void pvp_start_fields(struct wire *w,
                       struct pvp_start *s); /* but the session, which is the header's */
 void pvp_volume_fields(struct wire *w, struct pvp_volume *v, struct pvp_payload *p);
+
+/* Header of a message that must be of `type`; *in = its body. */
+PVX_MUST_CHECK pvx_err pvp_open_body(const void *msg, size_t len, enum pvp_type type,
+                                     struct pvp_header *h, struct wire *in, struct pvx_diag *d);
 #endif

@@ -28,6 +28,9 @@ struct pvp_pub {
     struct pvp_start start;
     uint64_t sequence;
     int64_t start_due; /* mono */
+    char *rig;         /* NULL: no such messages */
+    bool rig_wanted;   /* somebody has come */
+    int64_t rig_next;  /* mono; not before */
     bool lossless;
     int hwm;
     pvp_auth *auth;
@@ -83,6 +86,7 @@ static void read_subscriptions(struct pvp_pub *p, struct outlet *o)
         if (n > 0 && m[0] == 1) {
             o->subscribers++;
             p->start_due = 0; /* who has just come needs it now, not in a second */
+            p->rig_wanted = true;
         } else if (n > 0 && m[0] == 0 && o->subscribers > 0)
             o->subscribers--;
     }
@@ -94,6 +98,20 @@ static pvx_err send_start(struct pvp_pub *p)
     size_t len;
     p->start_due = pvx_now_mono() + PVX_NS_PER_S;
     PVX_TRY(pvp_encode_start(p->encoder, p->sequence, &p->start, &msg, &len));
+    return send_message(p, msg, len);
+}
+
+/* To all, as everything; so not more often than once a second, whoever subscribes how often. */
+static pvx_err send_rig(struct pvp_pub *p)
+{
+    const void *msg;
+    size_t len;
+    int64_t now = pvx_now_mono();
+    if (p->rig == NULL || !p->rig_wanted || now < p->rig_next)
+        return PVX_OK;
+    p->rig_wanted = false;
+    p->rig_next = now + PVX_NS_PER_S;
+    PVX_TRY(pvp_encode_rig(p->encoder, p->sequence, p->start.rig_hash, p->rig, &msg, &len));
     return send_message(p, msg, len);
 }
 
@@ -212,7 +230,13 @@ pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start 
     p->lossless = params->lossless;
     p->hwm = params->send_hwm > 0 ? params->send_hwm : 8;
     p->auth = params->auth;
+    if (params->rig != NULL && (p->rig = strdup(params->rig)) == NULL) {
+        pvp_pub_free(&p);
+        return PVX_ENOMEM;
+    }
     pvx_err e = copy_endpoints(p, params, d);
+    if (e == PVX_OK && p->rig != NULL && strlen(p->rig) > PVP_RIG_MAX)
+        e = pvx_fail(d, PVX_ERANGE, "a rig of %zu bytes", strlen(p->rig));
     if (e == PVX_OK)
         e = pvp_encoder_new(&start->grid, params->sample, params->comp, &p->encoder);
     if (e == PVX_OK)
@@ -243,6 +267,7 @@ void pvp_pub_free(pvp_pub **pp)
         pvp_ipc_claim_free(&p->claims[i]);
     for (size_t i = 0; p->endpoint != NULL && i < p->n_claims; i++)
         free(p->endpoint[i]);
+    free(p->rig);
     free(p->claims);
     free(p->endpoint);
     pvp_encoder_free(&p->encoder);
@@ -257,7 +282,7 @@ void pvp_pub_tick(pvp_pub *p)
             read_subscriptions(p, &p->out[k]);
     /* A start that cannot be encoded was refused in pvp_pub_new; a socket that fails shows in the
      * next volume. */
-    if (pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK)
+    if ((pvx_now_mono() >= p->start_due && send_start(p) != PVX_OK) || send_rig(p) != PVX_OK)
         return;
 }
 
@@ -280,6 +305,22 @@ pvx_err pvp_pub_status(pvp_pub *p, const char *json)
     const void *msg;
     size_t len;
     PVX_TRY(pvp_encode_status(p->encoder, p->sequence, json, &msg, &len));
+    return send_message(p, msg, len);
+}
+
+pvx_err pvp_pub_event(pvp_pub *p, const char *json)
+{
+    const void *msg;
+    size_t len;
+    PVX_TRY(pvp_encode_event(p->encoder, p->sequence, json, &msg, &len));
+    return send_message(p, msg, len);
+}
+
+pvx_err pvp_pub_preview(pvp_pub *p, const struct pvp_preview *v)
+{
+    const void *msg;
+    size_t len;
+    PVX_TRY(pvp_encode_preview(p->encoder, p->sequence, v, &msg, &len));
     return send_message(p, msg, len);
 }
 

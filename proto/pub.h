@@ -3,7 +3,8 @@
  *
  * PUB drops in silence for a subscriber that does not read; so every message carries a sequence
  * number that counts all messages of the session, and clients count gaps.  `start` is repeated every
- * second for late joiners.  Sending never blocks; a subscriber that does not read costs at most
+ * second for late joiners, and who subscribes gets it at once, and `rig` behind it: that once a second at most,
+ * however many come.  Sending never blocks; a subscriber that does not read costs at most
  * send_hwm messages of memory.  Nothing of its own is allocated per message (libzmq copies each).
  * Threads: one at a time; another may have made it. */
 #ifndef PVP_PUB_H
@@ -20,7 +21,8 @@ struct pvp_pub_params {
     int send_hwm; /* messages kept per slow subscriber, 0 = 8 */
     enum pvp_sample sample;
     enum pvp_compress comp;
-    bool lossless; /* wait for a slow subscriber, up to PVP_PUB_PATIENCE_S per message */
+    const char *rig; /* the text of `rig` messages, copied; NULL: none are sent */
+    bool lossless;   /* wait for a slow subscriber, up to PVP_PUB_PATIENCE_S per message */
 };
 #define PVP_PUB_PATIENCE_S 5
 /* Binds all endpoints and sends the first start.  Errors, diag filled: PVX_EBUSY (an endpoint is in
@@ -33,6 +35,9 @@ PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct 
 PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
                                       const struct pvp_voxels *x, size_t *bytes);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
+PVX_MUST_CHECK pvx_err pvp_pub_event(pvp_pub *p, const char *json);
+/* As pvp_encode_preview; the session is the start's. */
+PVX_MUST_CHECK pvx_err pvp_pub_preview(pvp_pub *p, const struct pvp_preview *v);
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
 /* Subscriptions that were open at the last tick; whoever is counted has been sent start. */
 size_t pvp_pub_subscribers(const pvp_pub *p);

@@ -1,7 +1,7 @@
 /* pvp.h - Pyrovox wire format: encode and decode one message in memory (PROTOCOL.md is the spec).
  *
  * One message = one ZeroMQ frame, little-endian, fixed header with type, version, sequence and
- * length; a subscriber filters on the first bytes.  Types: start, volume, status, end.
+ * length; a subscriber filters on the first bytes.  Types: start, volume, status, end, rig, event, preview.
  * A volume carries only bricks of 8^3 voxels that have an active voxel.
  * Decoding is bounds-checked and never trusts a length; it gives views into the message, and
  * pvp_volume_unpack writes into the caller's array.  Only pvp_decoder owns memory: room for one
@@ -17,15 +17,28 @@
 extern "C" {
 #endif
 
-enum pvp_type { PVP_START = 100, PVP_VOLUME = 200, PVP_STATUS = 300, PVP_END = 400 };
+enum pvp_type {
+    PVP_START = 100,
+    PVP_VOLUME = 200,
+    PVP_STATUS = 300,
+    PVP_END = 400,
+    PVP_RIG = 500,    /* since 1.1, as all that follow */
+    PVP_EVENT = 600,  /* something has happened, as JSON */
+    PVP_PREVIEW = 700 /* what the cameras see; on an endpoint of its own */
+};
 enum pvp_sample { PVP_F32 = 1, PVP_F16 = 2 };
 enum pvp_compress { PVP_RAW = 0, PVP_LZ4 = 1, PVP_ZSTD = 2 };
 #define PVP_BRICK         8
 #define PVP_GRID_MAX      1024              /* voxels per side */
 #define PVP_STATUS_MAX    ((size_t)1 << 20) /* bytes of a status text */
 #define PVP_REASON_MAX    64                /* bytes of an end reason, with the 0 */
+#define PVP_RIG_MAX       ((size_t)1 << 20) /* bytes of a rig's text */
+#define PVP_EVENT_MAX     4096u             /* bytes of an event's text */
+#define PVP_PREVIEW_MAX   ((size_t)1 << 24) /* bytes of a preview message's body */
+#define PVP_PREVIEW_SIDE  320               /* pixels of a preview picture's longer side, at most */
+#define PVP_CAMERAS_MAX   64
 #define PVP_VERSION_MAJOR 1
-#define PVP_VERSION_MINOR 0
+#define PVP_VERSION_MINOR 1
 
 /* Header flags.  The lower 16 may be ignored by who does not know them, the upper 16 may not. */
 #define PVP_FLAG_CLAMPED 1u /* volume in f16: some value was beyond +-65504 and was cut to it */
@@ -95,6 +108,36 @@ PVX_MUST_CHECK pvx_err pvp_encode_status(pvp_encoder *e, uint64_t sequence, cons
 PVX_MUST_CHECK pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session,
                                       const char *reason, const void **msg, size_t *len);
 
+/* The rig.yaml in effect, as text; PVX_ERANGE above PVP_RIG_MAX. */
+PVX_MUST_CHECK pvx_err pvp_encode_rig(pvp_encoder *e, uint64_t sequence, uint64_t rig_hash,
+                                      const char *yaml, const void **msg, size_t *len);
+/* JSON text as it is; PVX_ERANGE above PVP_EVENT_MAX. */
+PVX_MUST_CHECK pvx_err pvp_encode_event(pvp_encoder *e, uint64_t sequence, const char *json,
+                                        const void **msg, size_t *len);
+/* What one camera saw.  Written or read, the bytes are borrowed. */
+struct pvp_preview_camera {
+    char name[64];
+    bool left_out;          /* it was there and was not believed */
+    uint32_t width, height; /* of the picture; 0 0: none, the camera gave no frame */
+    const uint8_t *jpeg;    /* [jpeg_len] */
+    size_t jpeg_len;        /* 0: no picture */
+    uint32_t across, down;  /* bins of the silhouette; 0 0: none */
+    const uint8_t
+        *lit_bits; /* [down][(across + 7) / 8], the leftmost bin in the highest bit, 1 = lit */
+    uint32_t lit, saturated; /* bins */
+};
+struct pvp_preview {
+    uint64_t session, set; /* set: as in the volume that came of it, if one did */
+    int64_t t_exposure_ns;
+    uint32_t n_cameras; /* of the rig */
+    struct pvp_preview_camera camera[PVP_CAMERAS_MAX];
+};
+/* PVX_EINVAL: too many cameras, sizes that do not fit each other; PVX_ERANGE above PVP_PREVIEW_MAX.
+ * Carries the session of the last start, whatever p says. */
+PVX_MUST_CHECK pvx_err pvp_encode_preview(pvp_encoder *e, uint64_t sequence,
+                                          const struct pvp_preview *p, const void **msg,
+                                          size_t *len);
+
 /* --- decoding --- */
 struct pvp_header {
     enum pvp_type type;     /* may be one that this version does not know: ignore the message */
@@ -141,6 +184,14 @@ PVX_MUST_CHECK pvx_err pvp_decode_status(const void *msg, size_t len, const char
                                          size_t *json_len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session,
                                       char reason[PVP_REASON_MAX], struct pvx_diag *d);
+/* The text is borrowed from the message and not zero-terminated. */
+PVX_MUST_CHECK pvx_err pvp_decode_rig(const void *msg, size_t len, uint64_t *rig_hash,
+                                      const char **yaml, size_t *yaml_len, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err pvp_decode_event(const void *msg, size_t len, const char **json,
+                                        size_t *json_len, struct pvx_diag *d);
+/* Pictures are not looked into: whoever decodes a JPEG checks that it has the size that is said. */
+PVX_MUST_CHECK pvx_err pvp_decode_preview(const void *msg, size_t len, struct pvp_preview *out,
+                                          struct pvx_diag *d);
 #ifdef __cplusplus
 }
 #endif

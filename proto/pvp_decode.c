@@ -28,9 +28,8 @@ pvx_err pvp_decode_header(const void *msg, size_t len, struct pvp_header *h, str
     return PVX_OK;
 }
 
-/* Header of a message that must be of `type`; *in = its body. */
-static pvx_err open_body(const void *msg, size_t len, enum pvp_type type, struct pvp_header *h,
-                         struct wire *in, struct pvx_diag *d)
+pvx_err pvp_open_body(const void *msg, size_t len, enum pvp_type type, struct pvp_header *h,
+                      struct wire *in, struct pvx_diag *d)
 {
     PVX_TRY(pvp_decode_header(msg, len, h, d));
     if (h->type != type)
@@ -53,7 +52,7 @@ pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_start *s, struc
     struct pvp_header h;
     struct wire in = {0};
     *s = (struct pvp_start){0};
-    PVX_TRY(open_body(msg, len, PVP_START, &h, &in, d));
+    PVX_TRY(pvp_open_body(msg, len, PVP_START, &h, &in, d));
     s->session = h.session;
     pvp_start_fields(&in, s);
     if (in.bad)
@@ -65,21 +64,6 @@ pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_start *s, struc
     return PVX_OK;
 }
 
-pvx_err pvp_decode_status(const void *msg, size_t len, const char **json, size_t *json_len,
-                          struct pvx_diag *d)
-{
-    struct pvp_header h;
-    struct wire in = {0};
-    *json = "";
-    *json_len = 0;
-    PVX_TRY(open_body(msg, len, PVP_STATUS, &h, &in, d));
-    if (h.body > PVP_STATUS_MAX)
-        return pvx_fail(d, PVX_EFORMAT, "status text of %zu bytes", h.body);
-    *json = (const char *)in.in;
-    *json_len = h.body;
-    return PVX_OK;
-}
-
 pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session, char reason[PVP_REASON_MAX],
                        struct pvx_diag *d)
 {
@@ -87,7 +71,7 @@ pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session, char reas
     struct wire in = {0};
     *session = 0;
     reason[0] = '\0';
-    PVX_TRY(open_body(msg, len, PVP_END, &h, &in, d));
+    PVX_TRY(pvp_open_body(msg, len, PVP_END, &h, &in, d));
     *session = h.session;
     wire_text(&in, reason, WIRE_END);
     if (in.bad)
@@ -115,7 +99,7 @@ pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, str
     struct pvp_header h;
     struct wire in = {0};
     *out = (struct pvp_view){0};
-    PVX_TRY(open_body(msg, len, PVP_VOLUME, &h, &in, d));
+    PVX_TRY(pvp_open_body(msg, len, PVP_VOLUME, &h, &in, d));
     struct pvp_volume *v = &out->v;
     v->session = h.session;
     out->clamped = (h.flags & PVP_FLAG_CLAMPED) != 0;

@@ -2,29 +2,10 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <zstd.h>
 
 #include "base/mem.h"
-#include "proto/fields.h"
+#include "proto/encoder.h"
 #include "proto/half.h"
-#include "proto/wire.h"
-
-struct pvp_encoder {
-    struct pvp_grid grid;
-    enum pvp_sample sample;
-    enum pvp_compress comp;
-    uint32_t nb[3], bricks;
-    uint64_t session;
-    uint64_t sent[4]; /* messages so far by type: the type sequence */
-    uint8_t *msg;     /* the message under construction */
-    size_t msg_size;
-    uint8_t *raw; /* payload before compression; NULL when it is built in msg */
-    size_t raw_size;
-    uint64_t *marked; /* bit per brick: has an active voxel; all 0 between calls */
-    uint32_t *slot;   /* place of a marked brick in the payload */
-    void *lz4;
-    ZSTD_CCtx *zstd;
-};
 
 pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample, enum pvp_compress comp,
                         pvp_encoder **out)
@@ -43,7 +24,7 @@ pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample, enum p
     /* Worst case, every brick active: address space only, memory comes with use. */
     e->raw_size = (size_t)e->bricks * WIRE_CELLS * g->channels * pvp_sample_size(sample);
     size_t volume = WIRE_VOLUME + 4 * (size_t)e->bricks + e->raw_size;
-    e->msg_size = WIRE_HEADER + (volume > PVP_STATUS_MAX ? volume : PVP_STATUS_MAX);
+    e->msg_size = WIRE_HEADER + (volume > PVP_PREVIEW_MAX ? volume : PVP_PREVIEW_MAX);
     e->msg = pvx_reserve(e->msg_size);
     e->marked = pvx_calloc((e->bricks + 63) / 64, sizeof *e->marked);
     e->slot = pvx_calloc(e->bricks, sizeof *e->slot);
@@ -76,8 +57,7 @@ void pvp_encoder_free(pvp_encoder **e)
     PVX_FREE(*e);
 }
 
-/* Header in front of h.body bytes that are in place already; counts the message. */
-static void finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, size_t *len)
+void pvp_finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, size_t *len)
 {
     struct wire w = {.out = e->msg};
     uint64_t body = h.body;
@@ -99,23 +79,10 @@ pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence, const struct pvp_sta
     struct pvp_start fields = *s;
     pvp_start_fields(&w, &fields);
     e->session = s->session;
-    finish(e,
-           (struct pvp_header){PVP_START, .sequence = sequence, .session = s->session,
-                               .body = WIRE_START},
-           msg, len);
-    return PVX_OK;
-}
-
-pvx_err pvp_encode_status(pvp_encoder *e, uint64_t sequence, const char *json, const void **msg,
-                          size_t *len)
-{
-    size_t n = strnlen(json, PVP_STATUS_MAX + 1);
-    if (n > PVP_STATUS_MAX)
-        return PVX_ERANGE;
-    memcpy(e->msg + WIRE_HEADER, json, n);
-    finish(e,
-           (struct pvp_header){PVP_STATUS, .sequence = sequence, .session = e->session, .body = n},
-           msg, len);
+    pvp_finish(e,
+               (struct pvp_header){PVP_START, .sequence = sequence, .session = s->session,
+                                   .body = WIRE_START},
+               msg, len);
     return PVX_OK;
 }
 
@@ -126,9 +93,9 @@ pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session, cons
     char text[WIRE_END];
     snprintf(text, sizeof text, "%.*s", (int)sizeof text - 1, reason);
     wire_text(&w, text, sizeof text);
-    finish(e,
-           (struct pvp_header){PVP_END, .sequence = sequence, .session = session, .body = WIRE_END},
-           msg, len);
+    pvp_finish(
+        e, (struct pvp_header){PVP_END, .sequence = sequence, .session = session, .body = WIRE_END},
+        msg, len);
     return PVX_OK;
 }
 
@@ -262,10 +229,10 @@ pvx_err pvp_encode_volume(pvp_encoder *e, uint64_t sequence, const struct pvp_vo
     struct pvp_payload p = {
         WIRE_VOLUME, (uint32_t)e->sample, (uint32_t)comp, PVP_BRICK, n_bricks, raw_len, stored};
     pvp_volume_fields(&w, &fields, &p);
-    finish(e,
-           (struct pvp_header){PVP_VOLUME, .flags = clamped ? PVP_FLAG_CLAMPED : 0,
-                               .sequence = sequence, .session = v->session,
-                               .body = ids.at - WIRE_HEADER + stored},
-           msg, len);
+    pvp_finish(e,
+               (struct pvp_header){PVP_VOLUME, .flags = clamped ? PVP_FLAG_CLAMPED : 0,
+                                   .sequence = sequence, .session = v->session,
+                                   .body = ids.at - WIRE_HEADER + stored},
+               msg, len);
     return PVX_OK;
 }

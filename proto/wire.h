@@ -13,6 +13,9 @@
 #define WIRE_START      152u
 #define WIRE_VOLUME     248u /* the description, before brick ids and payload */
 #define WIRE_END        64u
+#define WIRE_RIG        16u  /* before the text */
+#define WIRE_PREVIEW    32u  /* before the cameras */
+#define WIRE_CAMERA     104u /* of a preview */
 #define WIRE_CELLS      512u /* voxels of a brick */
 #define WIRE_FLAGS_MUST 0xffff0000u
 

@@ -201,9 +201,8 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
             fprintf(stderr, "%sthe daemon ended: %s\n", isatty(STDERR_FILENO) ? "\n" : "", reason);
         r->ended = true;
         return PVX_OK;
-    case PVP_STATUS: return PVX_OK;
+    default: return PVX_OK;
     }
-    return PVX_OK;
 }
 
 static bool finished(const struct record *r)

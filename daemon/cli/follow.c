@@ -166,9 +166,8 @@ static pvx_err got_message(struct follow *f, const struct pvp_header *h, const v
         PVX_TRY(pvp_decode_end(msg, len, &session, f->end_reason, d));
         f->ended = true;
         return PVX_OK;
-    case PVP_START: return PVX_OK; /* kept by the subscriber */
+    default: return PVX_OK; /* start and rig are kept by the subscriber */
     }
-    return PVX_OK;
 }
 
 pvx_err follow_poll(struct follow *f, int64_t timeout_ns, struct pvx_diag *d)

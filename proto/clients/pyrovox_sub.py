@@ -16,7 +16,10 @@ import zmq
 HEADER = struct.Struct("<4s4HI4Q")
 START = struct.Struct("<3I3I6dQd32s32s")
 VOLUME = struct.Struct("<4IQ4qQI3I2I6d2I16sd2IQ5q2I2Q")
-TYPES = {100: "start", 200: "volume", 300: "status", 400: "end"}
+RIG = struct.Struct("<Q2I")
+PREVIEW = struct.Struct("<2IQq2I")
+CAMERA = struct.Struct("<64sI4H7I")
+TYPES = {100: "start", 200: "volume", 300: "status", 400: "end", 500: "rig", 600: "event", 700: "preview"}
 MEMORY = 1 << 30  # bytes: a volume as floats, 645^3 voxels of one colour, 447^3 of three
 TIMES = ("photometry_ns", "hull_ns", "restrict_ns", "solve_ns", "total_ns")
 
@@ -108,6 +111,31 @@ def decode_volume(body, memory, start):
     }
 
 
+def part(body, at, size):
+    if at + size > len(body):
+        raise BadMessage("cut short")
+    return body[at : at + size]
+
+
+def decode_preview(body):
+    """What the cameras saw: JPEGs, silhouettes [down][across] of bool, counts of bins."""
+    head, each, number, exposure, n, _ = PREVIEW.unpack_from(body)
+    if n > 64 or head < PREVIEW.size or each < CAMERA.size:
+        raise BadMessage("preview")
+    cameras = []
+    for c in range(n):
+        f = CAMERA.unpack_from(body, head + c * each)
+        across, down = f[4:6]
+        row = (across + 7) // 8
+        if f[11] != down * row or max(f[2:4]) > 320:
+            raise BadMessage("preview")
+        bits = np.frombuffer(part(body, f[10], f[11]), np.uint8).reshape(down, row)
+        cameras.append({"name": text(f[0]), "left_out": bool(f[1] & 1), "width": f[2], "height": f[3],
+                        "jpeg": part(body, f[8], f[9]), "lit": f[6], "saturated": f[7],
+                        "silhouette": np.unpackbits(bits, axis=1)[:, :across].astype(bool)})
+    return {"set": number, "t_exposure_ns": exposure, "cameras": cameras}
+
+
 def decode_header(msg):
     """The fields of a message's header, and its body."""
     if len(msg) < HEADER.size:
@@ -132,6 +160,13 @@ def decode_body(kind, body, memory, start):
         return decode_volume(body, memory, start)
     if kind == "status":
         return {"status": json.loads(body)}
+    if kind == "event":
+        return {"event": json.loads(body)}
+    if kind == "rig":
+        rig_hash, at, size = RIG.unpack_from(body)
+        return {"rig_hash": rig_hash, "rig": part(body, at, size).decode()}
+    if kind == "preview":
+        return decode_preview(body)
     return {"reason": text(body[:64])} if kind == "end" else {}
 
 

@@ -16,7 +16,11 @@
 
 struct pvp_sub {
     void *ctx, *socket;
-    zmq_msg_t msg; /* the last message; what pvp_sub_next lends */
+    zmq_msg_t msg;  /* the last message; what pvp_sub_next lends */
+    zmq_msg_t late; /* one that came behind the volume that was lent last, and is next */
+    bool newest, have_late;
+    char *rig; /* NULL: none yet */
+    uint64_t rig_hash;
     bool in_session, have_start;
     uint64_t session, next_sequence;
     size_t memory;
@@ -57,7 +61,9 @@ pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o, pvp_s
     if (s == NULL)
         return PVX_ENOMEM;
     s->memory = o != NULL && o->memory > 0 ? o->memory : PVP_SUB_MEMORY;
+    s->newest = o != NULL && o->newest;
     zmq_msg_init(&s->msg);
+    zmq_msg_init(&s->late);
     pvx_err e = connect_socket(s, endpoint, o != NULL ? o->key : NULL, d);
     if (e != PVX_OK) {
         pvp_sub_free(&s);
@@ -72,6 +78,8 @@ void pvp_sub_free(pvp_sub **s)
     if (*s == NULL)
         return;
     zmq_msg_close(&(*s)->msg);
+    zmq_msg_close(&(*s)->late);
+    free((*s)->rig);
     if ((*s)->socket != NULL)
         zmq_close((*s)->socket);
     if ((*s)->ctx != NULL)
@@ -83,6 +91,11 @@ void pvp_sub_free(pvp_sub **s)
 /* PVX_OK: s->msg is the next message. */
 static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until)
 {
+    if (s->have_late) {
+        zmq_msg_move(&s->msg, &s->late);
+        s->have_late = false;
+        return PVX_OK;
+    }
     for (;;) {
         zmq_msg_close(&s->msg);
         zmq_msg_init(&s->msg);
@@ -109,6 +122,7 @@ static bool count(struct pvp_sub *s, const struct pvp_header *h)
     if (!s->in_session || h->session != s->session) {
         s->in_session = true;
         s->have_start = false;
+        PVX_FREE(s->rig);
         s->session = h->session;
         s->next_sequence = h->sequence;
         s->stats.sessions++;
@@ -136,12 +150,34 @@ static pvx_err begin(struct pvp_sub *s, const struct pvp_start *start, struct pv
     return PVX_OK;
 }
 
+/* A copy of the text, which holds no 0 inside. */
+static bool keep_rig(struct pvp_sub *s, const void *msg, size_t len)
+{
+    const char *yaml;
+    size_t n;
+    uint64_t hash;
+    if (pvp_decode_rig(msg, len, &hash, &yaml, &n, NULL) != PVX_OK || memchr(yaml, 0, n) != NULL)
+        return false;
+    char *copy = malloc(n + 1);
+    if (copy == NULL)
+        return false;
+    memcpy(copy, yaml, n);
+    copy[n] = '\0';
+    free(s->rig);
+    s->rig = copy;
+    s->rig_hash = hash;
+    return true;
+}
+
 /* *mine: is this one for the caller? */
 static pvx_err sort(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len,
                     bool *mine, struct pvx_diag *d)
 {
     struct pvp_start start;
     struct pvp_view view;
+    struct pvp_preview preview;
+    const char *json;
+    size_t n;
     bool readable = true;
     *mine = false; /* nor is a type of a later minor version */
     switch (h->type) {
@@ -155,11 +191,29 @@ static pvx_err sort(struct pvp_sub *s, const struct pvp_header *h, const void *m
             *mine = readable = pvp_decode_volume(msg, len, &view, NULL) == PVX_OK &&
                                pvp_grid_same(&view.v.grid, &s->start.grid);
         break;
+    case PVP_RIG: *mine = readable = keep_rig(s, msg, len); break;
+    case PVP_EVENT: *mine = readable = pvp_decode_event(msg, len, &json, &n, NULL) == PVX_OK; break;
+    case PVP_PREVIEW:
+        *mine = readable = pvp_decode_preview(msg, len, &preview, NULL) == PVX_OK;
+        break;
     case PVP_STATUS:
     case PVP_END: *mine = true;
     }
     s->stats.malformed += !readable;
     return PVX_OK;
+}
+
+/* What has come behind the volume in s->msg is another volume; anything else waits in s->late for its turn, and
+ * for that call the volume is the newest. */
+static bool passed_over(struct pvp_sub *s)
+{
+    struct pvp_header h;
+    if (zmq_msg_recv(&s->late, s->socket, ZMQ_DONTWAIT) < 0)
+        return false;
+    s->have_late = true;
+    return !zmq_msg_more(&s->late) &&
+           pvp_decode_header(zmq_msg_data(&s->late), zmq_msg_size(&s->late), &h, NULL) == PVX_OK &&
+           h.type == PVP_VOLUME && h.session == s->session;
 }
 
 pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const void **msg,
@@ -175,6 +229,10 @@ pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const
             s->stats.malformed++;
         else if (count(s, h))
             PVX_TRY(sort(s, h, *msg, *len, &mine, d));
+        if (mine && s->newest && h->type == PVP_VOLUME && passed_over(s)) {
+            s->stats.skipped++;
+            continue;
+        }
         if (mine)
             return PVX_OK;
         /* Nothing but messages that are of no use must not hold the caller for ever. */
@@ -186,6 +244,20 @@ pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const
 const struct pvp_start *pvp_sub_start(const pvp_sub *s)
 {
     return s->have_start ? &s->start : NULL;
+}
+
+const char *pvp_sub_rig(const pvp_sub *s, uint64_t *rig_hash)
+{
+    if (rig_hash != NULL)
+        *rig_hash = s->rig_hash;
+    return s->rig;
+}
+
+int pvp_sub_fd(const pvp_sub *s)
+{
+    int fd = -1;
+    size_t size = sizeof fd;
+    return zmq_getsockopt(s->socket, ZMQ_FD, &fd, &size) == 0 ? fd : -1;
 }
 
 void pvp_sub_stats(const pvp_sub *s, struct pvp_sub_stats *out)

@@ -15,6 +15,7 @@ typedef struct pvp_sub pvp_sub;
 struct pvp_sub_options {
     size_t memory; /* bytes that a volume as floats may need, and half of what a message may be;
                     * 0: PVP_SUB_MEMORY */
+    bool newest;   /* of the volumes that wait, only the last comes out; all other messages do */
     const char
         *key; /* a .key file of `pyrovox keygen`, for a daemon that asks for one; NULL: none */
 };
@@ -24,12 +25,13 @@ struct pvp_sub_stats {
     uint64_t malformed; /* not decodable: not ours, damaged, of a later major version, or a volume
                          * of another grid than its session's start */
     uint64_t sessions;  /* runs of the daemon seen */
+    uint64_t skipped;   /* volumes that came, but a newer one was there (newest) */
 };
 /* NULL options are all defaults.  PVX_EINVAL: not an endpoint.  PVX_ENOENT, PVX_EPERM, PVX_EFORMAT: the key. */
 PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_options *o,
                                    pvp_sub **out, struct pvx_diag *d);
-/* Next message of a known type; the bytes are borrowed until the next call.  start, status and end
- * always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
+/* Next message of a known type; the bytes are borrowed until the next call.  start, status, rig, event, preview and
+ * end always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
  * A volume that comes out has the start's grid: what pvp_grid_count says of that is enough for all.
  * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran.  PVX_ERANGE: the daemon's volumes need
  * more than the options allow; its next session may not. */
@@ -37,6 +39,12 @@ PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_h
                                     const void **msg, size_t *len, struct pvx_diag *d);
 /* The latest start message, NULL before the first. */
 const struct pvp_start *pvp_sub_start(const pvp_sub *s);
+/* The session's rig.yaml, zero-terminated, and the start's rig_hash that it has; NULL until it has come, which it
+ * does soon after the start, from daemons of protocol 1.1 on.  Borrowed until the next pvp_sub_next. */
+const char *pvp_sub_rig(const pvp_sub *s, uint64_t *rig_hash);
+/* For poll, select and event loops; readable = something may have come.  It is edge-triggered, as ZMQ_FD is: call
+ * pvp_sub_next with timeout 0 until it says PVX_ETIMEDOUT before waiting, the first time too.  -1: none. */
+int pvp_sub_fd(const pvp_sub *s);
 void pvp_sub_stats(const pvp_sub *s, struct pvp_sub_stats *out);
 void pvp_sub_free(pvp_sub **s);
 #ifdef __cplusplus

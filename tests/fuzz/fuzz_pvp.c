@@ -23,6 +23,24 @@ static void volume(const uint8_t *data, size_t size)
     pvp_decoder_free(&dec);
 }
 
+/* Every byte that it lends is the message's. */
+static void preview(const uint8_t *data, size_t size)
+{
+    static struct pvp_preview p;
+    volatile uint8_t sum = 0;
+    if (pvp_decode_preview(data, size, &p, NULL) != PVX_OK)
+        return;
+    for (uint32_t c = 0; c < p.n_cameras; c++) {
+        const struct pvp_preview_camera *k = &p.camera[c];
+        size_t bits = (size_t)k->down * ((k->across + 7) / 8);
+        MUST(k->width <= PVP_PREVIEW_SIDE && k->height <= PVP_PREVIEW_SIDE);
+        for (size_t i = 0; i < k->jpeg_len; i++)
+            sum = (uint8_t)(sum + k->jpeg[i]);
+        for (size_t i = 0; i < bits; i++)
+            sum = (uint8_t)(sum + k->lit_bits[i]);
+    }
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct pvp_header h;
@@ -36,6 +54,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     MUST(pvp_decode_start(data, size, &start, NULL) != PVX_OK || h.type == PVP_START);
     MUST(pvp_decode_status(data, size, &json, &json_len, NULL) != PVX_OK || json_len <= size);
+    MUST(pvp_decode_event(data, size, &json, &json_len, NULL) != PVX_OK ||
+         json_len <= PVP_EVENT_MAX);
+    if (pvp_decode_rig(data, size, &session, &json, &json_len, NULL) == PVX_OK)
+        MUST((const uint8_t *)json >= data && json_len <= size &&
+             (const uint8_t *)json + json_len <= data + size);
+    preview(data, size);
     MUST(pvp_decode_end(data, size, &session, reason, NULL) != PVX_OK || h.type == PVP_END);
     volume(data, size);
     return 0;

@@ -449,6 +449,132 @@ T_CASE(a_claim_of_room)
     unlink(endpoint + 6); /* libzmq leaves it */
 }
 
+static pvx_err open_with_rig(const char *rig, pvp_pub **out)
+{
+    const char *at = endpoint;
+    struct pvp_start start = start_of(4);
+    start.rig_hash = 77;
+    return pvp_pub_new(&(struct pvp_pub_params){.endpoints = &at,
+                                                .n_endpoints = 1,
+                                                .rig = rig,
+                                                .send_hwm = 10000,
+                                                .sample = PVP_F32,
+                                                .comp = PVP_RAW},
+                       &start, out, NULL);
+}
+
+/* Messages of a type until it has come `n` times; the number of rigs seen. */
+static unsigned until(pvp_pub *p, pvp_sub *s, enum pvp_type type, unsigned n)
+{
+    struct pvp_header h = {0};
+    const void *msg;
+    size_t len;
+    unsigned rigs = 0;
+    for (int64_t end = pvx_now_mono() + 60 * PVX_NS_PER_S; n > 0 && pvx_now_mono() < end;) {
+        pvp_pub_tick(p);
+        if (pvp_sub_next(s, 20 * PVX_NS_PER_MS, &h, &msg, &len, NULL) != PVX_OK)
+            continue;
+        rigs += h.type == PVP_RIG;
+        n -= h.type == type;
+    }
+    T_EQ_I(n, 0);
+    return rigs;
+}
+
+/* Whoever comes is told the rig behind the start, once a second at most however many come. */
+T_CASE(newcomers_get_the_rig)
+{
+    pvp_pub *p;
+    pvp_sub *s, *other;
+    uint64_t hash = 0;
+    T_EQ_I(open_with_rig("cameras: []\n", &p), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK);
+    T_OK(pvp_sub_rig(s, NULL) == NULL);
+    until(p, s, PVP_RIG, 1);
+    T_EQ_S(pvp_sub_rig(s, &hash), "cameras: []\n");
+    T_EQ_I(hash, 77);
+    T_OK(pvp_sub_start(s) != NULL);
+    T_EQ_I(until(p, s, PVP_START, 2), 0); /* nobody has come: nobody is told again */
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &other, NULL), PVX_OK);
+    until(p, other, PVP_RIG, 1);
+    T_EQ_S(pvp_sub_rig(other, NULL), "cameras: []\n");
+    T_EQ_I(pvp_pub_event(p, "{\"version\":1}"), PVX_OK);
+    until(p, s, PVP_EVENT, 1);
+    pvp_sub_free(&other);
+    pvp_sub_free(&s);
+    pvp_pub_free(&p);
+}
+
+/* Who subscribes without end gets no more rigs than seconds have passed. */
+T_CASE(subscriptions_without_end)
+{
+    pvp_pub *p;
+    pvp_sub *s;
+    void *ctx = zmq_ctx_new(), *crowd = zmq_socket(ctx, ZMQ_SUB);
+    const int linger = 0;
+    T_EQ_I(open_with_rig("cameras: []\n", &p), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, NULL, &s, NULL), PVX_OK);
+    until(p, s, PVP_RIG, 1);
+    T_EQ_I(zmq_setsockopt(crowd, ZMQ_LINGER, &linger, sizeof linger), 0);
+    T_EQ_I(zmq_connect(crowd, endpoint), 0);
+    int64_t t0 = pvx_now_mono();
+    uint64_t before = pvp_pub_sequence(p);
+    for (int i = 0; i < 3000; i++) {
+        char prefix[16];
+        int n = snprintf(prefix, sizeof prefix, "PVX1%d", i);
+        T_EQ_I(zmq_setsockopt(crowd, ZMQ_SUBSCRIBE, prefix, (size_t)n), 0);
+        pvp_pub_tick(p);
+    }
+    T_EQ_I(publish_voxel(p, 1, 1), PVX_OK);
+    unsigned rigs = until(p, s, PVP_VOLUME, 1);
+    T_LE(rigs, (pvx_now_mono() - t0) / PVX_NS_PER_S + 1);
+    T_LE(pvp_pub_sequence(p) - before, 2 * 3000 + 100);
+    zmq_close(crowd);
+    zmq_ctx_term(ctx);
+    pvp_sub_free(&s);
+    pvp_pub_free(&p);
+}
+
+/* Of what waits only the last volume; all that is not a volume, in its place. */
+T_CASE(newest_only)
+{
+    pvp_pub *p;
+    pvp_sub *s;
+    struct pvp_header h;
+    struct pvp_view v;
+    struct pvp_sub_stats st;
+    const void *msg;
+    size_t len;
+    T_EQ_I(open_pub(endpoint, 4, &p, NULL), PVX_OK);
+    T_EQ_I(pvp_sub_new(endpoint, &(struct pvp_sub_options){.newest = true}, &s, NULL), PVX_OK);
+    T_OK(joined(p, s));
+    T_OK(pvp_sub_fd(s) >= 0);
+    for (uint64_t set = 0; set < 6; set++)
+        T_EQ_I(publish_voxel(p, set, 1), PVX_OK);
+    T_EQ_I(pvp_pub_event(p, "{}"), PVX_OK);
+    for (uint64_t set = 6; set < 8; set++)
+        T_EQ_I(publish_voxel(p, set, 1), PVX_OK);
+    T_EQ_I(pvp_pub_end(p, "done"), PVX_OK);
+    pvp_pub_free(&p); /* all of it is on its way, or there */
+    uint64_t last = 0, volumes = 0, events = 0;
+    while (pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len, NULL) == PVX_OK && h.type != PVP_END) {
+        events += h.type == PVP_EVENT;
+        if (h.type != PVP_VOLUME)
+            continue;
+        T_EQ_I(pvp_decode_volume(msg, len, &v, NULL), PVX_OK);
+        T_OK(volumes == 0 || v.v.set > last);
+        last = v.v.set;
+        volumes++;
+    }
+    T_EQ_I(h.type, PVP_END);
+    T_EQ_I(last, 7);
+    T_EQ_I(events, 1);
+    pvp_sub_stats(s, &st);
+    T_EQ_I(st.skipped + volumes, 8);
+    T_EQ_I(st.lost, 0);
+    pvp_sub_free(&s);
+}
+
 /* --- the system tests' publisher --- */
 static int publish(const char *at, int volumes, int skip, bool say_end)
 {

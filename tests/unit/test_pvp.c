@@ -372,7 +372,7 @@ T_CASE(header_counts)
         T_EQ_I(h.sequence, 10 + i);
         T_EQ_I(h.type_sequence, i);
         T_EQ_I(h.type, PVP_VOLUME);
-        T_EQ_I(h.version, 1 << 16);
+        T_EQ_I(h.version, 1 << 16 | 1);
     }
     const uint8_t prefix[] = {'P', 'V', 'X', '1', PVP_VOLUME & 255, PVP_VOLUME >> 8};
     T_OK(memcmp(prefix, msg, sizeof prefix) == 0);
@@ -507,7 +507,7 @@ T_CASE(later_minor)
     memset(later + 56 + 248, 0xee, 16);
     memcpy(later + 56 + 248 + 16, msg + 48 + 248, len - 48 - 248);
     later[6] = 56;
-    later[10] = 1;
+    later[10] = 7;
     put32(later + 40, (uint32_t)(len - 48 + 16));
     put32(later + 56, 248 + 16);
     check_volume(&s, later, len + 24);
@@ -560,7 +560,72 @@ static struct sample vector_sample(size_t i)
     return s;
 }
 
-/* Message and its description; both malloc'ed.  i: the volumes, then start, status, end. */
+#define RIG_YAML                    \
+    "cameras:\n  - name: s\xc3\xbc" \
+    "d\n"
+#define EVENT_JSON                                                             \
+    "{\"version\":1,\"time_ns\":1767225600123456789,\"kind\":\"camera_lost\"," \
+    "\"camera\":\"north\"}"
+
+/* One camera with all, one that gave no frame, one that was not believed.  Nothing looks into the pictures. */
+static struct pvp_preview preview_sample(void)
+{
+    static const uint8_t jpeg[] = {0xff, 0xd8, 1, 2, 3, 0xff, 0xd9};
+    static const uint8_t bits[] = {0x80, 0x40, 0xff, 0xc0, 0, 0}; /* 10 x 3: a corner, a row */
+    struct pvp_preview p = {.session = 0x1122334455667788u,
+                            .set = 42,
+                            .t_exposure_ns = 1767225600123456789,
+                            .n_cameras = 3};
+    p.camera[0] = (struct pvp_preview_camera){.name = "north",
+                                              .width = 320,
+                                              .height = 200,
+                                              .jpeg = jpeg,
+                                              .jpeg_len = sizeof jpeg,
+                                              .across = 10,
+                                              .down = 3,
+                                              .lit_bits = bits,
+                                              .lit = 12,
+                                              .saturated = 2};
+    p.camera[1] = (struct pvp_preview_camera){.name = "s\xc3\xbc"
+                                                      "d"};
+    p.camera[2] = p.camera[0];
+    snprintf(p.camera[2].name, sizeof p.camera[2].name, "east");
+    p.camera[2].left_out = true;
+    p.camera[2].jpeg_len = 4;
+    return p;
+}
+
+static void preview_json(FILE *f, const struct pvp_preview *p)
+{
+    fprintf(f,
+            "{\"type\":\"preview\",\"sequence\":9,\"type_sequence\":0,\"session\":%llu,\n"
+            "\"set\":%llu,\"t_exposure_ns\":%lld,\"cameras\":[",
+            (unsigned long long)p->session, (unsigned long long)p->set,
+            (long long)p->t_exposure_ns);
+    for (uint32_t c = 0; c < p->n_cameras; c++) {
+        const struct pvp_preview_camera *k = &p->camera[c];
+        fprintf(f,
+                "%s\n{\"name\":\"%s\",\"left_out\":%s,\"width\":%u,\"height\":%u,\"lit\":%u,"
+                "\"saturated\":%u,\"jpeg\":\"",
+                c > 0 ? "," : "", k->name, k->left_out ? "true" : "false", k->width, k->height,
+                k->lit, k->saturated);
+        for (size_t i = 0; i < k->jpeg_len; i++)
+            fprintf(f, "%02x", k->jpeg[i]);
+        fprintf(f, "\",\"silhouette\":[");
+        for (uint32_t y = 0; y < k->down; y++) {
+            fprintf(f, "%s[", y > 0 ? "," : "");
+            for (uint32_t x = 0; x < k->across; x++)
+                fprintf(f, "%s%d", x > 0 ? "," : "",
+                        k->lit_bits[y * ((k->across + 7) / 8) + x / 8] >> (7 - x % 8) & 1);
+            fprintf(f, "]");
+        }
+        fprintf(f, "]}");
+    }
+    fprintf(f, "]}\n");
+}
+
+/* Message and its description; both malloc'ed.  i: the volumes, then start, status, rig, event,
+ * preview, end. */
 static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **json)
 {
     size_t json_len;
@@ -627,6 +692,26 @@ static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **jso
                     "{\"type\":\"status\",\"sequence\":3,\"type_sequence\":0,\"session\":%llu,\n"
                     "\"status\":%s}\n",
                     (unsigned long long)st.session, STATUS_JSON);
+        } else if (i == N_VOLUME_VECTORS + 2) {
+            *name = "rig";
+            T_EQ_I(pvp_encode_rig(e, 1, st.rig_hash, RIG_YAML, &msg, len), PVX_OK);
+            fprintf(f,
+                    "{\"type\":\"rig\",\"sequence\":1,\"type_sequence\":0,\"session\":%llu,\n"
+                    "\"rig_hash\":%llu,\"rig\":\"cameras:\\n  - name: s\xc3\xbc"
+                    "d\\n\"}\n",
+                    (unsigned long long)st.session, (unsigned long long)st.rig_hash);
+        } else if (i == N_VOLUME_VECTORS + 3) {
+            *name = "event";
+            T_EQ_I(pvp_encode_event(e, 2, EVENT_JSON, &msg, len), PVX_OK);
+            fprintf(f,
+                    "{\"type\":\"event\",\"sequence\":2,\"type_sequence\":0,\"session\":%llu,\n"
+                    "\"event\":%s}\n",
+                    (unsigned long long)st.session, EVENT_JSON);
+        } else if (i == N_VOLUME_VECTORS + 4) {
+            struct pvp_preview p = preview_sample();
+            *name = "preview";
+            T_EQ_I(pvp_encode_preview(e, 9, &p, &msg, len), PVX_OK);
+            preview_json(f, &p);
         } else {
             *name = "end";
             T_EQ_I(pvp_encode_end(e, 4, st.session, END_REASON, &msg, len), PVX_OK);
@@ -642,7 +727,7 @@ static uint8_t *vector_make(size_t i, const char **name, size_t *len, char **jso
     fclose(f);
     return copy;
 }
-#define N_VECTORS (N_VOLUME_VECTORS + 3)
+#define N_VECTORS (N_VOLUME_VECTORS + 6)
 
 static int write_vectors(const char *dir)
 {
@@ -727,6 +812,23 @@ T_CASE(golden_texts)
     T_OK(json_len == strlen(STATUS_JSON) && memcmp(json, STATUS_JSON, json_len) == 0);
     free(file);
 
+    uint64_t rig_hash;
+    T_EQ_I(pvx_file_read(VECTORS "/event.bin", 1 << 20, &file, &len, NULL), PVX_OK);
+    T_EQ_I(pvp_decode_event(file, len, &json, &json_len, NULL), PVX_OK);
+    T_OK(json_len == strlen(EVENT_JSON) && memcmp(json, EVENT_JSON, json_len) == 0);
+    T_EQ_I(pvp_decode_status(file, len, &json, &json_len, NULL), PVX_EFORMAT);
+    free(file);
+    T_EQ_I(pvx_file_read(VECTORS "/rig.bin", 1 << 20, &file, &len, NULL), PVX_OK);
+    T_EQ_I(pvp_decode_rig(file, len, &rig_hash, &json, &json_len, NULL), PVX_OK);
+    T_OK(rig_hash == want.rig_hash && json_len == strlen(RIG_YAML));
+    T_OK(memcmp(json, RIG_YAML, json_len) == 0);
+    for (size_t cut = 0; cut < len; cut++)
+        T_OK(pvp_decode_rig(file, cut, &rig_hash, &json, &json_len, NULL) != PVX_OK);
+    put32((uint8_t *)file + 48 + 12,
+          (uint32_t)strlen(RIG_YAML) + 1); /* one byte more than there is */
+    T_EQ_I(pvp_decode_rig(file, len, &rig_hash, &json, &json_len, NULL), PVX_EFORMAT);
+    free(file);
+
     char reason[PVP_REASON_MAX];
     uint64_t session;
     T_EQ_I(pvx_file_read(VECTORS "/end.bin", 1 << 20, &file, &len, NULL), PVX_OK);
@@ -737,6 +839,92 @@ T_CASE(golden_texts)
     T_EQ_I(pvp_decode_start(file, len, &got, &d), PVX_EFORMAT);
     T_CONTAINS(d.text, "type 400");
     free(file);
+}
+
+/* ---- previews ---- */
+
+static uint8_t *encode_preview(const struct pvp_preview *p, size_t *len, pvx_err *e)
+{
+    struct pvp_volume v = describe(8, 8, 8, 1);
+    pvp_encoder *enc;
+    const void *msg;
+    uint8_t *copy = NULL;
+    *len = 0;
+    T_EQ_I(pvp_encoder_new(&v.grid, PVP_F16, PVP_RAW, &enc), PVX_OK);
+    *e = pvp_encode_preview(enc, 1, p, &msg, len);
+    if (*e == PVX_OK) {
+        copy = malloc(*len);
+        memcpy(copy, msg, *len);
+    }
+    pvp_encoder_free(&enc);
+    return copy;
+}
+
+T_CASE(previews)
+{
+    struct pvp_preview p = preview_sample(), got;
+    size_t len;
+    pvx_err e;
+    uint8_t *msg = encode_preview(&p, &len, &e);
+    T_EQ_I(e, PVX_OK);
+    T_EQ_I(pvp_decode_preview(msg, len, &got, NULL), PVX_OK);
+    T_EQ_I(got.n_cameras, 3);
+    T_OK(got.set == 42 && got.t_exposure_ns == p.t_exposure_ns);
+    for (uint32_t c = 0; c < 3; c++) {
+        const struct pvp_preview_camera *a = &got.camera[c], *b = &p.camera[c];
+        T_EQ_S(a->name, b->name);
+        T_OK(a->left_out == b->left_out && a->width == b->width && a->height == b->height);
+        T_OK(a->across == b->across && a->down == b->down && a->lit == b->lit);
+        T_OK(a->saturated == b->saturated && a->jpeg_len == b->jpeg_len);
+        T_OK(a->jpeg_len == 0 || memcmp(a->jpeg, b->jpeg, a->jpeg_len) == 0);
+        T_OK(a->across == 0 || memcmp(a->lit_bits, b->lit_bits, 6) == 0);
+    }
+    for (size_t cut = 0; cut < len; cut++) {
+        uint8_t *exact = malloc(cut + 1);
+        memcpy(exact, msg, cut);
+        T_OK(pvp_decode_preview(exact, cut, &got, NULL) != PVX_OK);
+        if (cut >= 48) { /* also with a header that agrees */
+            put32(exact + 40, (uint32_t)(cut - 48));
+            T_OK(pvp_decode_preview(exact, cut, &got, NULL) != PVX_OK);
+        }
+        free(exact);
+    }
+    static const struct {
+        size_t at;
+        uint32_t value;
+    } bad[] = {
+        {0, 31},       {0, 0xffffffff}, {4, 103},          {4, 0xffffffff}, {24, 65},
+        {24, 4},       {32 + 68, 321},  {32 + 68, 0},      {32 + 72, 11},   {32 + 72, 0x3ffff},
+        {32 + 76, 31}, {32 + 80, 31},   {32 + 84, 100000}, {32 + 88, 9999}, {32 + 92, 100000},
+        {32 + 96, 5},  {32 + 96, ~0u},  {32, 0x1b1b1b1b},
+    };
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        uint8_t *copy = malloc(len);
+        memcpy(copy, msg, len);
+        put32(copy + 48 + bad[i].at, bad[i].value);
+        T_CHECK_(pvp_decode_preview(copy, len, &got, NULL) == PVX_EFORMAT, "bad %zu", i);
+        T_EQ_I(got.n_cameras, 0);
+        free(copy);
+    }
+    free(msg);
+}
+
+T_CASE(previews_that_are_none)
+{
+    struct pvp_preview p = preview_sample();
+    size_t len;
+    pvx_err e;
+    p.camera[0].width = 321;
+    T_OK(encode_preview(&p, &len, &e) == NULL && e == PVX_EINVAL);
+    p = preview_sample();
+    p.camera[0].lit = 31;
+    T_OK(encode_preview(&p, &len, &e) == NULL && e == PVX_EINVAL);
+    p = preview_sample();
+    p.n_cameras = 65;
+    T_OK(encode_preview(&p, &len, &e) == NULL && e == PVX_EINVAL);
+    p = preview_sample();
+    p.camera[2].jpeg_len = PVP_PREVIEW_MAX;
+    T_OK(encode_preview(&p, &len, &e) == NULL && e == PVX_ERANGE);
 }
 
 int main(int argc, char **argv)

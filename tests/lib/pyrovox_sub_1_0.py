@@ -1,0 +1,265 @@
+#!/usr/bin/env python3
+"""Read a Pyrovox daemon's volumes: pyzmq and numpy, nothing else (PROTOCOL.md is the format).
+
+    python3 pyrovox_sub.py ipc:///run/pyrovox/volumes [--frames N] [--save DIR]
+
+    with Subscriber("tcp://127.0.0.1:5555") as sub:  # memory=BYTES that a volume may need
+        for m in sub:
+            if m["type"] == "volume":
+                m["dense"]      # float32 [nz][ny][nx][channels]
+        print(sub.lost)         # messages that did not reach us
+"""
+import argparse, ctypes, ctypes.util, json, os, struct, sys
+import numpy as np
+import zmq
+
+HEADER = struct.Struct("<4s4HI4Q")
+START = struct.Struct("<3I3I6dQd32s32s")
+VOLUME = struct.Struct("<4IQ4qQI3I2I6d2I16sd2IQ5q2I2Q")
+TYPES = {100: "start", 200: "volume", 300: "status", 400: "end"}
+MEMORY = 1 << 30  # bytes: a volume as floats, 645^3 voxels of one colour, 447^3 of three
+TIMES = ("photometry_ns", "hull_ns", "restrict_ns", "solve_ns", "total_ns")
+
+
+class BadMessage(ValueError):
+    pass
+
+
+class TooLarge(BadMessage):
+    pass
+
+
+def text(b):
+    return b.split(b"\0")[0].decode()
+
+
+def library(name):
+    found = ctypes.util.find_library(name)
+    if not found:
+        raise RuntimeError(f"this message is compressed with {name}, and lib{name} is not installed")
+    return ctypes.CDLL(found)
+
+
+def decompress(how, data, size):
+    """`size` was checked against the grid, so a message cannot ask for more than its volume."""
+    out = ctypes.create_string_buffer(size)
+    if how == 1:
+        n = library("lz4").LZ4_decompress_safe(data, out, len(data), size)
+    else:
+        f = library("zstd").ZSTD_decompress
+        f.restype, f.argtypes = ctypes.c_size_t, [ctypes.c_char_p, ctypes.c_size_t] * 2
+        n = f(out, size, data, len(data))
+    if n != size:
+        raise BadMessage("payload does not decompress")
+    return out.raw
+
+
+def unpack(nxyz, channels, ids, bricks):
+    """bricks [n][8][8][8][channels] -> dense [nz][ny][nx][channels]; what is not there is zero."""
+    bx, by, bz = ((n + 7) // 8 for n in nxyz)
+    dense = np.zeros((bz * by * bx, 8, 8, 8, channels), np.float32)
+    dense[ids] = bricks
+    dense = dense.reshape(bz, by, bx, 8, 8, 8, channels).transpose(0, 3, 1, 4, 2, 5, 6)
+    dense = dense.reshape(bz * 8, by * 8, bx * 8, channels)
+    return np.ascontiguousarray(dense[: nxyz[2], : nxyz[1], : nxyz[0]])
+
+
+def check_grid(nxyz, channels, memory):
+    if channels not in (1, 3) or not all(1 <= n <= 1024 for n in nxyz):
+        raise BadMessage("grid out of range")
+    need = 4 * channels * nxyz[0] * nxyz[1] * nxyz[2]
+    if need > memory:
+        raise TooLarge(f"the daemon's volumes of {nxyz[0]} x {nxyz[1]} x {nxyz[2]} voxels need "
+                       f"{need >> 20} MiB, this client takes up to {memory >> 20} MiB")
+
+
+def decode_volume(body, memory, start):
+    f = VOLUME.unpack_from(body)
+    size, sample, how, side = f[:4]
+    nxyz, (basis, channels), report = f[11:14], f[14:16], f[22:34]
+    n_bricks, raw, stored = f[34], f[36], f[37]
+    if sample not in (1, 2) or how not in (0, 1, 2) or side != 8 or size < VOLUME.size:
+        raise BadMessage("a volume in a format that this client does not know")
+    check_grid(nxyz, channels, memory)
+    grid = {"n": list(nxyz), "basis": basis, "channels": channels,
+            "min": list(f[16:19]), "max": list(f[19:22])}
+    if start and any(start[key] != grid[key] for key in grid):
+        raise BadMessage("another grid than the session's start")
+    ids = np.frombuffer(body, "<u4", n_bricks, size)
+    total = int(np.prod([(n + 7) // 8 for n in nxyz]))
+    if n_bricks and (ids[-1] >= total or np.any(ids[1:] <= ids[:-1])):
+        raise BadMessage("brick ids are not ascending inside the grid")
+    kind = np.dtype("<f4" if sample == 1 else "<f2")
+    at = size + 4 * n_bricks
+    if raw != n_bricks * 512 * channels * kind.itemsize or at + stored > len(body) or stored > raw:
+        raise BadMessage("payload length")
+    payload = body[at : at + stored]
+    if how:
+        payload = decompress(how, payload, raw)
+    bricks = np.frombuffer(payload, kind).reshape(n_bricks, 8, 8, 8, channels)
+    return {
+        "sample": sample, "compression": how, "set": f[4], "t_exposure_ns": f[5],
+        "t_publish_ns": f[6], "spread_ns": f[7], "latency_ns": f[8], "camera_mask": f[9],
+        "cameras_present": f[10], **grid, "bricks": n_bricks,
+        "report": {"status": report[0], "iterations": report[1], "solver": text(report[2]),
+                   "rel_residual": report[3], "active_voxels": report[4],
+                   "active_rays": report[5], "entries": report[6], **dict(zip(TIMES, report[7:]))},
+        "dense": unpack(nxyz, channels, ids, bricks),
+    }
+
+
+def decode_header(msg):
+    """The fields of a message's header, and its body."""
+    if len(msg) < HEADER.size:
+        raise BadMessage("cut short")
+    magic, kind, head, major, _, flags, sequence, nth, session, size = HEADER.unpack_from(msg)
+    if magic != b"PVX1" or major != 1 or flags >> 16:
+        raise BadMessage("not a message of wire version 1")
+    if head < HEADER.size or head + size != len(msg):
+        raise BadMessage("length")
+    return {"type": TYPES.get(kind, kind), "sequence": sequence, "type_sequence": nth,
+            "session": session, "flags": flags}, msg[head:]
+
+
+def decode_body(kind, body, memory, start):
+    if kind == "start":
+        f = START.unpack_from(body)
+        check_grid(f[:3], f[4], memory)
+        return {"n": list(f[:3]), "basis": f[3], "channels": f[4], "n_cameras": f[5],
+                "min": list(f[6:9]), "max": list(f[9:12]), "rig_hash": f[12], "fps": f[13],
+                "units": text(f[14]), "software": text(f[15])}
+    if kind == "volume":
+        return decode_volume(body, memory, start)
+    if kind == "status":
+        return {"status": json.loads(body)}
+    return {"reason": text(body[:64])} if kind == "end" else {}
+
+
+def decode(msg, memory=MEMORY, start=None):
+    """One message -> dict.  Raises BadMessage; an unknown type gives only the header's fields.
+
+    A volume must fit `memory` bytes as floats, and have the grid of `start` where that is given.
+    """
+    m, body = decode_header(msg)
+    flags = m.pop("flags")
+    try:
+        m.update(decode_body(m["type"], body, memory, start))
+    except (struct.error, UnicodeDecodeError, ValueError) as e:
+        raise e if isinstance(e, BadMessage) else BadMessage(str(e)) from None
+    if m["type"] == "volume":
+        m["clamped"] = bool(flags & 1)
+    return m
+
+
+def use_key(socket, path):
+    """A .key file of `pyrovox keygen --server`, for a daemon that asks for one."""
+    if os.stat(path).st_mode & 0o077:
+        raise PermissionError(f"{path}: others may read this secret key; chmod 600 it")
+    with open(path) as f:
+        lines = (line.split() for line in f)
+        key = {words[0]: words[1].encode() for words in lines if len(words) == 2}
+    try:
+        socket.curve_serverkey = key["server"]
+        socket.curve_publickey, socket.curve_secretkey = key["public"], key["secret"]
+    except KeyError as e:
+        raise ValueError(f"{path}: has no {e.args[0]} key; make it with pyrovox keygen --server") from None
+
+
+class Subscriber:
+    """Iterate over decoded messages; volumes only after their session's start.  `lost` counts gaps.
+
+    Raises TooLarge when the daemon's volumes need more than `memory` bytes.
+    """
+
+    def __init__(self, endpoint, timeout_ms=-1, memory=MEMORY, key=None):
+        self.socket = zmq.Context.instance().socket(zmq.SUB)
+        self.socket.setsockopt(zmq.RCVHWM, 16)
+        self.socket.setsockopt(zmq.MAXMSGSIZE, 2 * memory + (1 << 20))
+        self.socket.setsockopt(zmq.SUBSCRIBE, b"PVX1")
+        if key:
+            use_key(self.socket, key)
+        self.socket.connect(endpoint)
+        self.timeout_ms, self.memory = timeout_ms, memory
+        self.start, self.session, self.next = None, None, 0
+        self.received = self.lost = self.malformed = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close(0)
+
+    def __iter__(self):
+        return self
+
+    def __next__(self):
+        while True:
+            if not self.socket.poll(self.timeout_ms):
+                raise StopIteration
+            msg = self.socket.recv()
+            try:
+                m, _ = decode_header(msg)
+            except BadMessage:
+                self.malformed += 1
+                continue
+            if m["session"] != self.session:
+                self.session, self.next, self.start = m["session"], m["sequence"], None
+            if m["sequence"] < self.next:
+                continue  # a repetition
+            self.lost += m["sequence"] - self.next
+            self.next = m["sequence"] + 1
+            self.received += 1
+            if m["type"] not in TYPES.values() or (m["type"] == "volume" and not self.start):
+                continue
+            if m["type"] == "start":
+                self.start = None  # until it was read
+            try:
+                m = decode(msg, self.memory, self.start)
+            except BadMessage as e:
+                if m["type"] == "start" and isinstance(e, TooLarge):
+                    raise
+                self.malformed += 1
+                continue
+            if m["type"] == "start":
+                self.start = m
+            return m
+
+
+def main():
+    p = argparse.ArgumentParser(description="Print, and save as .npy, the volumes of a daemon.")
+    p.add_argument("endpoint", help="ipc:///run/pyrovox/volumes or tcp://HOST:5555")
+    p.add_argument("--frames", type=int, default=0, help="stop after so many volumes")
+    p.add_argument("--save", metavar="DIR", help="write each volume to DIR/SET.npy")
+    p.add_argument("--timeout", type=float, help="stop when nothing comes for so many seconds")
+    p.add_argument("--memory", type=int, default=MEMORY >> 20, metavar="MIB",
+                   help="refuse volumes that need more (%(default)s)")
+    p.add_argument("--key", metavar="FILE", help="your .key file, for a daemon that asks for one")
+    a = p.parse_args()
+    if a.save:
+        os.makedirs(a.save, exist_ok=True)
+    n = 0
+    timeout_ms = -1 if a.timeout is None else int(a.timeout * 1000)
+    with Subscriber(a.endpoint, timeout_ms, a.memory << 20, a.key) as sub:
+        for m in sub:
+            if m["type"] == "volume":
+                d = m["dense"]
+                print(f"set {m['set']}: {d.shape}, {m['bricks']} bricks, max {d.max():.4g}, "
+                      f"{m['latency_ns'] / 1e6:.1f} ms, lost {sub.lost}", flush=True)
+                if a.save:
+                    np.save(os.path.join(a.save, f"{m['set']:06d}.npy"), d)
+                n += 1
+            elif m["type"] == "end":
+                print(f"end: {m['reason']}", flush=True)
+            if (a.frames and n >= a.frames) or m["type"] == "end":
+                break
+    print(f"{n} volumes, {sub.lost} messages lost, {sub.malformed} malformed")
+    return 0 if n or not a.frames else 1
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except TooLarge as e:
+        sys.exit(f"pyrovox_sub.py: {e}; --memory MIB allows more")
