@@ -23,6 +23,7 @@ struct dmn_live {
     pvp_auth *auth;      /* borrowed; NULL: no keys */
     const char *open_to; /* of cfg; NULL: nothing is open to all */
     struct rec_rig rig;
+    char *rig_text;                  /* as it was read, for subscribers */
     struct rec_sysmat_params matrix; /* resolved */
     pvx_pool *pool;
     rec_sysmat *S;
@@ -71,6 +72,9 @@ static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
     enum cap_mosaic mosaic;
     PVX_TRY(dmn_config_mosaic(c, &mosaic, d));
     PVX_TRY(dmn_config_rig(c, &l->rig, d));
+    size_t len;
+    PVX_TRY(rec_rig_format(&l->rig, &l->rig_text, &len));
+    l->out.rig_text = l->rig_text;
     PVX_TRY(pvx_pool_new((unsigned)c->threads, "work", &l->pool));
     if (dmn_config_simulated(c))
         PVX_TRY(dmn_scene_new(&l->rig, (uint32_t)c->sim_seed, c->sim_period_s, &l->scene));
@@ -235,6 +239,7 @@ void dmn_live_free(dmn_live **lp)
     rec_sysmat_free(&l->S);
     dmn_scene_free(&l->scene);
     pvx_pool_free(&l->pool);
+    free(l->rig_text);
     rec_rig_fini(&l->rig);
     PVX_FREE(*lp);
 }

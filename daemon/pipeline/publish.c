@@ -9,6 +9,7 @@
 #define TORN 16 /* sets in which the cameras contradict each other: then it is said */
 
 #define STATUS_EVERY_NS PVX_NS_PER_S
+#define LOOK_EVERY_NS   (200 * PVX_NS_PER_MS)
 
 static void fill_report(const struct rec_frame_report *r, struct pvp_report *out)
 {
@@ -68,6 +69,23 @@ static bool put(void *ctx, const struct dmn_slot *s)
     return true;
 }
 
+static void say_event(void *ctx, const char *json)
+{
+    struct dmn_publish *p = ctx;
+    pvx_err e = pvp_pub_event(p->pub, json);
+    if (e != PVX_OK)
+        LOG_EVERY(PVX_LOG_WARN, PROTO, "event not published: %s", pvx_strerror(e));
+}
+
+/* Five times a second: what has happened. */
+static void look(struct dmn_publish *p, int64_t now)
+{
+    const struct dmn_events_listener to = {say_event, p};
+    p->next_look_ns = now + LOOK_EVERY_NS;
+    p->snapshot(p->ctx, &p->status);
+    dmn_events_look(&p->events, &p->status, pvx_now_real(), now, &to);
+}
+
 /* Once a second: the rate, the status message, the repeated start message. */
 static void tick(void *ctx)
 {
@@ -75,6 +93,8 @@ static void tick(void *ctx)
     pvp_pub_tick(p->pub);
     atomic_store(&p->subscribers, pvp_pub_subscribers(p->pub));
     int64_t now = pvx_now_mono();
+    if (now >= p->next_look_ns)
+        look(p, now);
     if (now < p->next_status_ns)
         return;
     p->next_status_ns = now + STATUS_EVERY_NS;
@@ -141,6 +161,7 @@ pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                                 .guarded = guarded,
                                 .n_guarded = n_guarded,
                                 .auth = auth,
+                                .rig = p->rig_text,
                                 .send_hwm = (int)c->hwm,
                                 .sample = samples[c->sample],
                                 .comp = comps[c->compress],

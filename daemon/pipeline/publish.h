@@ -8,13 +8,15 @@
 #include <pthread.h>
 #include <stdatomic.h>
 #include "daemon/config/config.h"
+#include "daemon/pipeline/events.h"
 #include "daemon/pipeline/pipeline.h"
 #include "proto/pub.h"
 
 struct dmn_publish {
     pvp_pub *pub;
     const struct rec_rig *rig; /* borrowed from open on */
-    struct pvp_start start;    /* .session is the caller's to choose before open */
+    const char *rig_text;   /* what newcomers are told of it; borrowed, for open; NULL: nothing */
+    struct pvp_start start; /* .session is the caller's to choose before open */
     atomic_size_t subscribers;
     atomic_bool reset_latency;        /* the statistics start anew with the next volume */
     _Atomic(const char *) end_reason; /* NULL: the source has ended by itself */
@@ -31,7 +33,8 @@ struct dmn_publish {
     double sets_per_s;
 
     /* the stage's own */
-    int64_t next_status_ns, rate_t_ns;
+    int64_t next_look_ns, next_status_ns, rate_t_ns;
+    struct dmn_events events;
     uint64_t published, rate_n;
     struct dmn_state status;
     char status_json[DMN_STATE_JSON_MAX];
