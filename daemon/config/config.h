@@ -79,6 +79,7 @@ struct dmn_config {
     int warm_start; /* 0 auto, 1 on, 2 off */
 
     struct dmn_texts endpoints;
+    char previews[DMN_WORD_MAX];
     int sample, compress;
     int64_t hwm;
     int wait_subscriber;

@@ -130,13 +130,15 @@ pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, str
     for (size_t i = 0; i < c->endpoints.n; i++)
         if (dmn_endpoint_reach(c->endpoints.v[i]) == DMN_REACH_NET)
             *open = c->endpoints.v[i];
+    bool previews = dmn_endpoint_reach(c->previews) == DMN_REACH_NET;
+    if (previews)
+        *open = c->previews;
     if (*open != NULL && !c->insecure)
-        return pvx_fail(
-            d, PVX_EPERM,
-            "%s: publish.endpoints: %s lets everybody in who reaches it, unencrypted; " HELP
-            ", or publish on tcp://127.0.0.1:PORT and forward that (ssh -L), or say "
-            "'insecure: true' on a network where all are trusted",
-            c->name, *open);
+        return pvx_fail(d, PVX_EPERM,
+                        "%s: publish.%s: %s lets everybody in who reaches it, unencrypted; " HELP
+                        ", or publish on tcp://127.0.0.1:PORT and forward that (ssh -L), or say "
+                        "'insecure: true' on a network where all are trusted",
+                        c->name, previews ? "previews" : "endpoints", *open);
     if (dmn_endpoint_reach(c->control) == DMN_REACH_FILE)
         return PVX_OK;
     *open = c->control;

@@ -190,6 +190,10 @@ const struct dmn_option dmn_options[] = {
 
     {"publish.endpoints", DMN_TEXTS, AT(endpoints), "[]", 0, 0, "", NULL,
      "ZeroMQ endpoints that volumes are published on; empty = ipc in the run folder."},
+    TEXT("publish.previews", previews,
+         "Endpoint of the cameras' previews, which are made while somebody subscribes; empty = the "
+         "first "
+         "ipc path of publish.endpoints with .previews behind it; off = none."),
     CHOICE("publish.sample", sample, "f16", "f16|f32", "Number format of the voxels."),
     CHOICE("publish.compress", compress, "none", "none|lz4|zstd", "Compression of the voxels."),
     BOOL("publish.wait_subscriber", wait_subscriber, "false",

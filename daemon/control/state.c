@@ -187,6 +187,10 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
         dmn_json_int(&j, "refused", (long long)s->connections_refused);
         dmn_json_close(&j, '}');
     }
+    dmn_json_open(&j, "previews", '{');
+    dmn_json_int(&j, "subscribers", (long long)s->previews_subscribers);
+    dmn_json_int(&j, "made", (long long)s->previews_made);
+    dmn_json_close(&j, '}');
     dmn_json_num(&j, "sets_per_s", s->sets_per_s);
     json_sets(&j, s);
     dmn_json_open(&j, "latency_ms", '{');

@@ -92,6 +92,7 @@ struct dmn_state {
     struct cap_stats capture;
     struct cap_recorder_stats record;
     struct dmn_stage_state stage[DMN_N_STAGES];
+    uint64_t previews_made, previews_subscribers;
 };
 
 #define DMN_STATE_JSON_MAX (448u << 10)

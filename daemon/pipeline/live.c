@@ -12,6 +12,7 @@
 #include "base/mem.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/pipeline/cameras_in.h"
+#include "daemon/pipeline/previews.h"
 #include "daemon/pipeline/publish.h"
 #include "daemon/pipeline/recording.h"
 #include "daemon/pipeline/scene.h"
@@ -37,6 +38,7 @@ struct dmn_live {
     struct dmn_cameras_in in;
     struct dmn_publish out;
     dmn_watch *watch;
+    dmn_previews *previews; /* NULL = none */
     dmn_pipeline *pipeline;
     atomic_bool stopping;
     int64_t t_start_ns;
@@ -110,6 +112,7 @@ static void carved(void *ctx, const struct dmn_slot *s)
 {
     dmn_live *l = ctx;
     dmn_watch_offer(l->watch, s);
+    dmn_previews_offer(l->previews, s);
 }
 
 /* The pipeline between cameras and publisher. */
@@ -147,6 +150,14 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
         .carved = carved,
         .carved_ctx = l};
     PVX_TRY(dmn_watch_new(&l->rig, l->S, &l->watch, d));
+    const struct dmn_previews_params vp = {.config = c,
+                                           .rig = &l->rig,
+                                           .S = l->S,
+                                           .pool = l->pool,
+                                           .auth = l->auth,
+                                           .start = &l->out.start,
+                                           .rig_text = l->rig_text};
+    PVX_TRY(dmn_previews_new(&vp, &l->previews, d));
     dmn_config_frame(c, &pp.frame);
     return dmn_pipeline_new(&pp, &l->pipeline, d);
 }
@@ -232,7 +243,8 @@ void dmn_live_free(dmn_live **lp)
     dmn_recording_free(&l->recording);
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
-    dmn_watch_free(&l->watch); /* the pipeline offers it sets */
+    dmn_watch_free(&l->watch);       /* the pipeline offers it sets, */
+    dmn_previews_free(&l->previews); /* and them */
     dmn_images_free(&l->images);
     dmn_photometry_free(&l->light);
     dmn_background_free(&l->background);
@@ -274,6 +286,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
         snprintf(out->camera[c], sizeof out->camera[c], "%s", l->rig.cameras[c].name);
     dmn_images_counts(l->images, out->images);
     dmn_watch_state(l->watch, out);
+    dmn_previews_state(l->previews, out);
 }
 
 pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, size_t size,

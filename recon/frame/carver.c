@@ -184,6 +184,7 @@ static void sum_up(rec_frame *f)
     struct rec_frame_report *r = &f->report;
     double sigma = 0, sigma2 = 0, shot = 0;
     for (size_t c = 0; c < f->S->n_cameras; c++) {
+        r->saturated_in[c] = k->stats[c].saturated;
         if (!f->present[c])
             continue;
         r->cameras++;

@@ -36,12 +36,13 @@ struct rec_frame_report {
     struct rec_hull_counts hull;
     int64_t active_voxels, active_rays;
     uint64_t entries;
-    uint32_t cameras;               /* present and believed */
-    uint32_t saturated, not_finite; /* bins, all cameras */
-    float sigma;                    /* noise estimate, mean over cameras and channels */
-    struct rec_verdict vote;        /* which cameras are not believed; they are as if absent */
-    bool warm;                      /* the start was the earlier volume */
-    uint32_t coarse_iterations;     /* on coarser grids, before those of `solve` */
+    uint32_t cameras;                       /* present and believed */
+    uint32_t saturated, not_finite;         /* bins, all cameras */
+    uint32_t saturated_in[REC_MAX_CAMERAS]; /* each camera that is present, believed or not */
+    float sigma;                            /* noise estimate, mean over cameras and channels */
+    struct rec_verdict vote;    /* which cameras are not believed; they are as if absent */
+    bool warm;                  /* the start was the earlier volume */
+    uint32_t coarse_iterations; /* on coarser grids, before those of `solve` */
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
 };
 
