@@ -111,6 +111,11 @@ uint64_t pvp_auth_refused(const pvp_auth *a)
     return atomic_load(&a->refused);
 }
 
+void pvp_auth_count_failed(pvp_auth *a, uint64_t n)
+{
+    atomic_fetch_add(&a->refused, n);
+}
+
 pvx_err pvp_auth_guard(const pvp_auth *a, void *socket, enum pvp_role role)
 {
     /* Without a domain libzmq 4.3.4 asks nobody and lets all in; without the last option it lets all in

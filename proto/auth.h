@@ -20,8 +20,11 @@ void pvp_auth_free(pvp_auth **a);
 /* The list again.  On error the old one stays. */
 PVX_MUST_CHECK pvx_err pvp_auth_reload(pvp_auth *a, struct pvx_diag *d);
 uint64_t pvp_auth_generation(const pvp_auth *a);
-size_t pvp_auth_clients(const pvp_auth *a);   /* listed */
-uint64_t pvp_auth_refused(const pvp_auth *a); /* keys: not listed, or of another role */
+size_t pvp_auth_clients(const pvp_auth *a); /* listed */
+/* Connections: with a key that is not listed, or of another role, and those that were counted as failed. */
+uint64_t pvp_auth_refused(const pvp_auth *a);
+/* Connections that came without a key, or with another daemon's (door.h). */
+void pvp_auth_count_failed(pvp_auth *a, uint64_t n);
 
 /* Before binding, after pvp_zap_new of the same context. */
 PVX_MUST_CHECK pvx_err pvp_auth_guard(const pvp_auth *a, void *socket, enum pvp_role role);

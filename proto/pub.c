@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "proto/door.h"
 #include "proto/ipc.h"
 
 #define LINGER_MS          250
@@ -17,7 +18,8 @@
 struct outlet {
     const char *const *endpoint; /* the publisher's own copy */
     size_t n, subscribers;
-    void *socket; /* NULL: no endpoints, or to be opened anew */
+    void *socket;   /* NULL: no endpoints, or to be opened anew */
+    pvp_door *door; /* of one that is guarded */
 };
 enum { OPEN, GUARDED, N_OUTLETS };
 
@@ -142,6 +144,8 @@ static pvx_err open_outlet(struct pvp_pub *p, struct outlet *o, struct pvx_diag 
     pvx_err e = set_socket(p, o->socket);
     if (e == PVX_OK && o == &p->out[GUARDED])
         e = pvp_auth_guard(p->auth, o->socket, PVP_ROLE_READ);
+    if (e == PVX_OK && o == &p->out[GUARDED])
+        e = pvp_door_new(p->ctx, o->socket, &o->door);
     if (e != PVX_OK)
         return pvx_fail(d, e, "ZeroMQ: %s", zmq_strerror(errno));
     for (size_t i = 0; i < o->n; i++)
@@ -152,6 +156,7 @@ static pvx_err open_outlet(struct pvp_pub *p, struct outlet *o, struct pvx_diag 
 
 static void close_outlet(struct outlet *o)
 {
+    pvp_door_free(&o->door);
     if (o->socket != NULL)
         zmq_close(o->socket);
     o->socket = NULL;
@@ -166,6 +171,8 @@ static void guard_again(struct pvp_pub *p)
     struct pvx_diag d = {""};
     if (o->n == 0)
         return;
+    if (o->door != NULL)
+        pvp_auth_count_failed(p->auth, pvp_door_failed(o->door));
     uint64_t now = pvp_auth_generation(p->auth);
     if (now != p->generation && o->socket != NULL) {
         if (set_int(o->socket, ZMQ_LINGER, 0) != PVX_OK)

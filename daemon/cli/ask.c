@@ -5,10 +5,29 @@
 #include <string.h>
 #include <zmq.h>
 
+#include "base/clock.h"
 #include "proto/auth.h"
+#include "proto/door.h"
 
-static pvx_err exchange(void *socket, const char *endpoint, const char *key, const char *text,
-                        int timeout_ms, cJSON **out, struct pvx_diag *d)
+/* Room for an answer, or why there will be none. */
+static pvx_err answer(void *socket, pvp_door *door, const char *endpoint, bool has_key,
+                      int timeout_ms, struct pvx_diag *d)
+{
+    zmq_pollitem_t item[] = {{.socket = socket, .events = ZMQ_POLLIN},
+                             {.socket = pvp_door_socket(door), .events = ZMQ_POLLIN}};
+    for (int64_t until = pvx_now_mono() + timeout_ms * PVX_NS_PER_MS;;) {
+        int64_t left = (until - pvx_now_mono()) / PVX_NS_PER_MS;
+        int n = zmq_poll(item, 2, left > 0 ? (long)left : 0);
+        if (n < 0 && errno == EINTR)
+            return PVX_ECANCELED;
+        if (n <= 0 || (item[0].revents & ZMQ_POLLIN) != 0)
+            return PVX_OK; /* it comes, or does not: the socket says */
+        PVX_TRY(pvp_door_refused(door, endpoint, has_key, d));
+    }
+}
+
+static pvx_err exchange(void *socket, pvp_door *door, const char *endpoint, const char *key,
+                        const char *text, int timeout_ms, cJSON **out, struct pvx_diag *d)
 {
     int linger = 0;
     zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
@@ -21,7 +40,12 @@ static pvx_err exchange(void *socket, const char *endpoint, const char *key, con
     zmq_msg_t reply;
     zmq_msg_init(&reply);
     pvx_err e = PVX_OK;
-    if (zmq_send(socket, text, strlen(text), 0) < 0 || zmq_msg_recv(&reply, socket, 0) < 0) {
+    int sent = zmq_send(socket, text, strlen(text), 0);
+    if (sent >= 0)
+        e = answer(socket, door, endpoint, key != NULL, timeout_ms, d);
+    if (e != PVX_OK) {
+        /* said */
+    } else if (sent < 0 || zmq_msg_recv(&reply, socket, ZMQ_DONTWAIT) < 0) {
         e = errno == EINTR
                 ? PVX_ECANCELED
                 : pvx_fail(d, PVX_ETIMEDOUT,
@@ -53,8 +77,11 @@ pvx_err ask_request(const char *endpoint, const char *key, const char *request, 
     *out = NULL;
     void *zmq = zmq_ctx_new();
     void *socket = zmq == NULL ? NULL : zmq_socket(zmq, ZMQ_REQ);
-    pvx_err e =
-        socket == NULL ? PVX_ENOMEM : exchange(socket, endpoint, key, request, timeout_ms, out, d);
+    pvp_door *door = NULL;
+    pvx_err e = socket == NULL ? PVX_ENOMEM : pvp_door_new(zmq, socket, &door);
+    if (e == PVX_OK)
+        e = exchange(socket, door, endpoint, key, request, timeout_ms, out, d);
+    pvp_door_free(&door);
     if (socket != NULL)
         zmq_close(socket);
     if (zmq != NULL)

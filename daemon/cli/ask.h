@@ -6,7 +6,7 @@
 
 /* key: a .key file for a daemon that asks for one, or NULL.  Send {"cmd":`cmd`} and wait at most timeout_ms for the answer.  Owner of *out: caller, cJSON_Delete.
  * PVX_ETIMEDOUT: nobody answers there (diag says what to do); PVX_EFORMAT: not JSON;
- * PVX_EINVAL: the daemon refused (diag has its words). */
+ * PVX_EPERM: it turned this key away, or asks for one; PVX_EINVAL: the daemon refused (diag has its words). */
 PVX_MUST_CHECK pvx_err ask(const char *endpoint, const char *key, const char *cmd, int timeout_ms,
                            cJSON **out, struct pvx_diag *d);
 /* The same with a whole request, JSON text. */

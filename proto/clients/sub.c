@@ -8,6 +8,7 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "proto/auth.h"
+#include "proto/door.h"
 #include "proto/fields.h"
 
 #define RECEIVE_HWM      16
@@ -16,6 +17,9 @@
 
 struct pvp_sub {
     void *ctx, *socket;
+    pvp_door *door;
+    char *endpoint;
+    bool has_key;
     zmq_msg_t msg;  /* the last message; what pvp_sub_next lends */
     zmq_msg_t late; /* one that came behind the volume that was lent last, and is next */
     bool newest, have_late;
@@ -45,6 +49,11 @@ static pvx_err connect_socket(struct pvp_sub *s, const char *endpoint, const cha
         return pvx_fail(d, pvx_err_from_errno(errno), "ZeroMQ: %s", zmq_strerror(errno));
     if (key != NULL)
         PVX_TRY(pvp_auth_client(s->socket, key, d));
+    s->has_key = key != NULL;
+    s->endpoint = strdup(endpoint);
+    if (s->endpoint == NULL)
+        return PVX_ENOMEM;
+    PVX_TRY(pvp_door_new(s->ctx, s->socket, &s->door));
     if (zmq_connect(s->socket, endpoint) != 0)
         return pvx_fail(d, PVX_EINVAL,
                         "%s: not an endpoint (%s); write ipc:///run/pyrovox/volumes or "
@@ -80,6 +89,8 @@ void pvp_sub_free(pvp_sub **s)
     zmq_msg_close(&(*s)->msg);
     zmq_msg_close(&(*s)->late);
     free((*s)->rig);
+    pvp_door_free(&(*s)->door);
+    free((*s)->endpoint);
     if ((*s)->socket != NULL)
         zmq_close((*s)->socket);
     if ((*s)->ctx != NULL)
@@ -89,7 +100,7 @@ void pvp_sub_free(pvp_sub **s)
 }
 
 /* PVX_OK: s->msg is the next message. */
-static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until)
+static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until, struct pvx_diag *d)
 {
     if (s->have_late) {
         zmq_msg_move(&s->msg, &s->late);
@@ -105,13 +116,15 @@ static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until)
             return PVX_ETIMEDOUT;
         if (errno != EAGAIN)
             return pvx_err_from_errno(errno);
+        PVX_TRY(pvp_door_refused(s->door, s->endpoint, s->has_key, d));
         int64_t left = until - pvx_now_mono();
         if (timeout_ns >= 0 && left <= 0)
             return PVX_ETIMEDOUT;
         /* Round up, so that the last fraction of a millisecond does not spin. */
         long ms = timeout_ns < 0 ? -1 : (long)((left + PVX_NS_PER_MS - 1) / PVX_NS_PER_MS);
-        zmq_pollitem_t item = {.socket = s->socket, .events = ZMQ_POLLIN};
-        if (zmq_poll(&item, 1, ms) < 0)
+        zmq_pollitem_t item[] = {{.socket = s->socket, .events = ZMQ_POLLIN},
+                                 {.socket = pvp_door_socket(s->door), .events = ZMQ_POLLIN}};
+        if (zmq_poll(item, 2, ms) < 0)
             return errno == EINTR ? PVX_ETIMEDOUT : pvx_err_from_errno(errno);
     }
 }
@@ -221,7 +234,7 @@ pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const
 {
     int64_t until = timeout_ns >= 0 ? pvx_now_mono() + timeout_ns : 0;
     for (;;) {
-        PVX_TRY(receive(s, timeout_ns, until));
+        PVX_TRY(receive(s, timeout_ns, until, d));
         *msg = zmq_msg_data(&s->msg);
         *len = zmq_msg_size(&s->msg);
         bool mine = false;

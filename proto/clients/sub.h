@@ -34,7 +34,8 @@ PVX_MUST_CHECK pvx_err pvp_sub_new(const char *endpoint, const struct pvp_sub_op
  * end always, volumes once the session's start was seen.  timeout_ns < 0: for ever.
  * A volume that comes out has the start's grid: what pvp_grid_count says of that is enough for all.
  * PVX_ETIMEDOUT: nothing came in time, or a signal handler ran.  PVX_ERANGE: the daemon's volumes need
- * more than the options allow; its next session may not. */
+ * more than the options allow; its next session may not.  PVX_EPERM: the daemon turned this client away, d says
+ * why: no key, one that is not listed, another daemon's; said once each time, and further calls wait on. */
 PVX_MUST_CHECK pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h,
                                     const void **msg, size_t *len, struct pvx_diag *d);
 /* The latest start message, NULL before the first. */

@@ -38,9 +38,9 @@ answers() { "${ask[@]}" --key "$keys/bert.key" --timeout 5 > "$dir/said" 2>&1; }
 volumes_for() { "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$keys/$1.key" --volumes 3 --out "$dir/out-$1-$2" -q; }
 check control-with-its-key wait_for answers
 run "${ask[@]}" --key "$keys/anna.key" --timeout 1
-check read-is-not-control says 1 "no daemon answers"
+check read-is-not-control says 1 "refuses this key"
 run "${ask[@]}" --timeout 1
-check no-key-no-answer says 1 "no daemon answers"
+check no-key-no-answer says 1 "asks for a key"
 check reads volumes_for anna 1
 check control-reads-too volumes_for bert 1
 check a-file-needs-none "$pyrovox" record --endpoint "$volumes" --volumes 3 --out "$dir/out-file" -q
@@ -72,8 +72,10 @@ n=$(find "$dir/out-anna" -name '*.npy' | wc -l)
 m=$(find "$dir/out-bert" -name '*.npy' | wc -l)
 wait_for have bert $((m + 20))
 check hears-no-more [ "$(find "$dir/out-anna" -name '*.npy' | wc -l)" = "$n" ]
+check and-is-told grep -q 'refuses this key' "$dir/anna.log"
+check none-is-told grep -q 'asks for a key' "$dir/none.log"
 check none-without-a-key [ "$(find "$dir/out-none" -name '*.npy' | wc -l)" = 0 ]
-kill -INT "$none" "$anna" "$bert"
+kill -INT "$bert" # the others were told that they may not, and have ended
 wait "$none" "$anna" "$bert" 2> /dev/null
 run "${ask[@]}" --key "$keys/bert.key" --timeout 120
 check status-says-who-was-refused says 0 "keys      1 may come in"

@@ -270,6 +270,45 @@ T_CASE(listed_keys_come_in_and_nobody_else)
     pvp_auth_free(&a);
 }
 
+/* Who is turned away hears why, instead of waiting for ever; and the daemon counts those without a key too. */
+static void told(pvp_pub *p, const char *key, const char *says)
+{
+    struct pvp_header h;
+    const void *msg;
+    size_t len;
+    pvp_sub *s = subscriber(key);
+    pvx_err e = PVX_ETIMEDOUT;
+    d.text[0] = '\0';
+    for (int64_t end = pvx_now_mono() + 60 * PVX_NS_PER_S;
+         e == PVX_ETIMEDOUT && pvx_now_mono() < end; publish(p))
+        e = pvp_sub_next(s, 20 * PVX_NS_PER_MS, &h, &msg, &len, &d);
+    T_EQ_I(e, PVX_EPERM);
+    T_CONTAINS(d.text, says);
+    T_CONTAINS(d.text, endpoint);
+    T_EQ_I(received(s), 0);
+    pvp_sub_free(&s);
+}
+
+T_CASE(who_is_refused_is_told)
+{
+    struct pvp_key_pair k;
+    pvp_auth *a = guard();
+    pvp_pub *p = publisher(a);
+    T_EQ_I(pvp_key_read(at("anna.key"), &k, &d), PVX_OK);
+    memcpy(k.server, k.public_key, sizeof k.server);
+    T_EQ_I(pvp_key_write(at("lost"), PVP_ROLE_READ, &k, &d), PVX_OK);
+    told(p, "eve", "refuses this key");
+    uint64_t before = pvp_auth_refused(a);
+    told(p, NULL, "asks for a key");
+    for (int64_t end = pvx_now_mono() + 60 * PVX_NS_PER_S;
+         pvp_auth_refused(a) == before && pvx_now_mono() < end;)
+        publish(p);
+    T_LE(before + 1, pvp_auth_refused(a));
+    told(p, "lost", "another key than the file says");
+    pvp_pub_free(&p);
+    pvp_auth_free(&a);
+}
+
 T_CASE(a_revoked_key_is_out)
 {
     static const char *const one[] = {"bert"}, *const more[] = {"bert", "eve"};
