@@ -124,6 +124,9 @@ T_CASE(who_is_let_in)
     T_EQ_I(parse("publish: {endpoints: ['tcp://*:1', 'ipc:///tmp/x']}\n"), PVX_OK);
     T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
     T_CONTAINS(d.text, "tcp://*:1");
+    T_EQ_I(parse("publish: {previews: 'tcp://*:1'}\n"), PVX_OK);
+    T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
+    T_CONTAINS(d.text, "publish.previews");
     T_EQ_I(parse("control: {endpoint: 'ipc://@x'}\n"), PVX_OK);
     T_EQ_I(dmn_endpoints_allowed(&c, &open, &d), PVX_EPERM);
     T_EQ_I(parse("control: {endpoint: 'ipc://@x'}\ninsecure: true\n"), PVX_OK);
