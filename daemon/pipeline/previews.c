@@ -23,7 +23,7 @@
 /* One camera's copies and what is made of them. */
 struct view {
     int32_t bw, bh, times, w, h; /* bins; of which every so many-th is shown; pixels */
-    float *picture;              /* [h][w][3 or 1] */
+    float *picture;              /* [h][w][4 or 1], as the frame's inputs */
     uint8_t *lit;                /* [bh][bw] */
     uint8_t *pixels, *jpeg, *bits;
     size_t jpeg_size;
@@ -54,14 +54,17 @@ struct dmn_previews {
 static void shrink(const struct view *k, const float *in, int nch, float *to)
 {
     const size_t cs = nch == 3 ? 4 : 1, pitch = (size_t)k->bw * cs;
-    const int32_t side = k->times > 1 ? 2 : 1;
+    if (k->times == 1) {
+        memcpy(to, in, (size_t)k->bh * pitch * sizeof *to);
+        return;
+    }
     for (int32_t y = 0; y < k->h; y++)
-        for (int32_t x = 0; x < k->w; x++, to += nch) {
+        for (int32_t x = 0; x < k->w; x++, to += cs) {
             const float *at = in + (size_t)(y * k->times) * pitch + (size_t)(x * k->times) * cs;
             for (int l = 0; l < nch; l++) {
                 float sum = 0, n = 0;
-                for (int32_t j = 0; j < side; j++)
-                    for (int32_t i = 0; i < side; i++) {
+                for (int32_t j = 0; j < 2; j++)
+                    for (int32_t i = 0; i < 2; i++) {
                         float v = at[(size_t)j * pitch + (size_t)i * cs + (size_t)l];
                         bool there = v - v == 0; /* NaN: not of this colour */
                         sum += there ? v : 0;
@@ -125,11 +128,12 @@ static uint32_t pack(const struct view *k)
 static void code(dmn_previews *v, size_t c, struct pvp_preview_camera *to)
 {
     struct view *k = &v->view[c];
-    size_t n = (size_t)k->w * (size_t)k->h * (size_t)v->nch;
+    size_t n = (size_t)k->w * (size_t)k->h, nch = (size_t)v->nch, cs = nch == 3 ? 4 : 1;
     unsigned long len = k->jpeg_size;
     bool colours = v->nch == 3;
     for (size_t i = 0; i < n; i++)
-        k->pixels[i] = shade(v, k->picture[i]);
+        for (size_t l = 0; l < nch; l++)
+            k->pixels[i * nch + l] = shade(v, k->picture[i * cs + l]);
     if (tjCompress2(v->coder, k->pixels, k->w, 0, k->h, colours ? TJPF_RGB : TJPF_GRAY, &k->jpeg,
                     &len, colours ? TJSAMP_420 : TJSAMP_GRAY, QUALITY, TJFLAG_NOREALLOC) != 0) {
         LOG_EVERY(PVX_LOG_WARN, DAEMON, "preview: %s", tjGetErrorStr2(v->coder));
@@ -236,7 +240,7 @@ static pvx_err view_new(struct view *k, const struct rec_sysmat_block *b, int nc
     }
     size_t n = (size_t)k->w * (size_t)k->h * (size_t)nch, bins = (size_t)b->bw * (size_t)b->bh;
     k->jpeg_size = tjBufSize(k->w, k->h, nch == 3 ? TJSAMP_420 : TJSAMP_GRAY);
-    k->picture = pvx_calloc(n, sizeof *k->picture);
+    k->picture = pvx_calloc(n / (size_t)nch * (nch == 3 ? 4 : 1), sizeof *k->picture);
     k->lit = pvx_calloc(bins, 1);
     k->pixels = pvx_calloc(n, 1);
     k->jpeg = pvx_calloc(k->jpeg_size, 1);

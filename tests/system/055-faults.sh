@@ -16,7 +16,7 @@ config run.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\npixel_format: RGB8\
 config line.yaml <<< $'cameras: "aravis:127.0.0.2+"\nfps: 20\ntrigger: line\nptp: true\npixel_format: RGB8\nsync: {policy: solve-with-what-is-there, min_cameras: 1}\nphotometry: {black: 0.02}'
 
 cat > "$dir/faults.py" <<'PY'
-import json, sys, time, zmq
+import json, sys, threading, time, zmq
 
 control, log, what = sys.argv[1:4]
 orders = open(sys.argv[4], "w") if what in ("run", "line") else None
@@ -79,7 +79,21 @@ def calm(*causes):
     ok = until(lambda s: not any(t["cause"] in causes for c in s["cameras"] for t in c["troubles"]))
     check("all troubles are over", ok is not None)
 
+heard = []
+def listen():
+    """What the daemon says has happened."""
+    s = ctx.socket(zmq.SUB); s.linger = 0; s.rcvhwm = 0
+    s.subscribe(b"PVX1" + (600).to_bytes(2, "little"))
+    s.connect(control[:-len("control")] + "volumes")
+    while True:
+        heard.append(json.loads(s.recv()[48:]))
+
+def is_said(kind, camera):
+    said = until(lambda s: any(e["kind"] == kind and e.get("camera") == camera for e in heard))
+    check("is said: " + kind, said is not None)
+
 def run():
+    threading.Thread(target=listen, daemon=True).start()
     check("starts", until(whole_again(20)) is not None)
     time.sleep(2.5) # clocks are known, the start is forgotten
     fault("packet loss", 1, "incomplete", "loss cam1 0.05", "loss cam1 0", 2)
@@ -104,6 +118,7 @@ def run():
     back = until(lambda s: state(s)[2] == "running" and s["last"]["cameras"] == 4)
     check("cable pulled", None not in (found, on, back),
           "(found after %s s, back %s s after its return; the others went on: %s)" % (found and "%.2f" % found, back and "%.2f" % back, on is not None))
+    is_said("camera_lost", "cam2"); is_said("camera_back", "cam2")
     fault("bandwidth limit", None, "bandwidth", "link 5 16", "link 0")
     # the switch reboots
     n0 = status()["all_gone"]
