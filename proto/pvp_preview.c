@@ -109,7 +109,7 @@ pvx_err pvp_decode_preview(const void *msg, size_t len, struct pvp_preview *out,
         return pvx_fail(d, PVX_EFORMAT, "preview message is cut short");
     for (uint32_t c = 0; c < n; c++) {
         struct pvp_preview_camera *k = &out->camera[c];
-        struct place at;
+        struct place at = {0};
         in.at = head + (size_t)c * each;
         camera_fields(&in, k, &at);
         k->jpeg_len = at.jpeg_len;

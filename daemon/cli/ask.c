@@ -26,8 +26,8 @@ static pvx_err answer(void *socket, pvp_door *door, const char *endpoint, bool h
     }
 }
 
-static pvx_err exchange(void *socket, pvp_door *door, const char *endpoint, const char *key,
-                        const char *text, int timeout_ms, cJSON **out, struct pvx_diag *d)
+static pvx_err reach(void *socket, const char *endpoint, const char *key, int timeout_ms,
+                     struct pvx_diag *d)
 {
     int linger = 0;
     zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
@@ -37,6 +37,13 @@ static pvx_err exchange(void *socket, pvp_door *door, const char *endpoint, cons
         PVX_TRY(pvp_auth_client(socket, key, d));
     if (zmq_connect(socket, endpoint) != 0)
         return pvx_fail(d, PVX_EINVAL, "%s: %s", endpoint, zmq_strerror(errno));
+    return PVX_OK;
+}
+
+static pvx_err exchange(void *socket, pvp_door *door, const char *endpoint, const char *key,
+                        const char *text, int timeout_ms, cJSON **out, struct pvx_diag *d)
+{
+    PVX_TRY(reach(socket, endpoint, key, timeout_ms, d));
     zmq_msg_t reply;
     zmq_msg_init(&reply);
     pvx_err e = PVX_OK;
