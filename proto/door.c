@@ -98,8 +98,10 @@ pvx_err pvp_door_refused(pvp_door *p, const char *endpoint, bool has_key, struct
         if (p->broken >= BROKEN_OFF) {
             p->broken = 0;
             return pvx_fail(d, PVX_EPERM,
-                            "the daemon at %s breaks off: it has another key than the file says "
-                            "(its 'server' line)",
+                            has_key ? "the daemon at %s breaks off: it has another key than the "
+                                      "file says (its 'server' line)"
+                                    : "the daemon at %s breaks off: it asks for a key (--key FILE, "
+                                      "made by pyrovox keygen)",
                             endpoint);
         }
     }

@@ -26,6 +26,11 @@ static pvx_err answer(void *socket, pvp_door *door, const char *endpoint, bool h
     }
 }
 
+/* Whom is asked, and with which key. */
+struct whom {
+    const char *endpoint, *key;
+};
+
 static pvx_err reach(void *socket, const char *endpoint, const char *key, int timeout_ms,
                      struct pvx_diag *d)
 {
@@ -40,9 +45,10 @@ static pvx_err reach(void *socket, const char *endpoint, const char *key, int ti
     return PVX_OK;
 }
 
-static pvx_err exchange(void *socket, pvp_door *door, const char *endpoint, const char *key,
-                        const char *text, int timeout_ms, cJSON **out, struct pvx_diag *d)
+static pvx_err exchange(void *socket, pvp_door *door, struct whom whom, const char *text,
+                        int timeout_ms, cJSON **out, struct pvx_diag *d)
 {
+    const char *endpoint = whom.endpoint, *key = whom.key;
     PVX_TRY(reach(socket, endpoint, key, timeout_ms, d));
     zmq_msg_t reply;
     zmq_msg_init(&reply);
@@ -87,7 +93,7 @@ pvx_err ask_request(const char *endpoint, const char *key, const char *request, 
     pvp_door *door = NULL;
     pvx_err e = socket == NULL ? PVX_ENOMEM : pvp_door_new(zmq, socket, &door);
     if (e == PVX_OK)
-        e = exchange(socket, door, endpoint, key, request, timeout_ms, out, d);
+        e = exchange(socket, door, (struct whom){endpoint, key}, request, timeout_ms, out, d);
     pvp_door_free(&door);
     if (socket != NULL)
         zmq_close(socket);
