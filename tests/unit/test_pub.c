@@ -545,7 +545,8 @@ T_CASE(newest_only)
     struct pvp_sub_stats st;
     const void *msg;
     size_t len;
-    T_EQ_I(open_pub(endpoint, 4, &p, NULL), PVX_OK);
+    struct pvx_diag d = {""};
+    T_EQ_I(open_pub(endpoint, 4, &p, &d), PVX_OK);
     T_EQ_I(pvp_sub_new(endpoint, &(struct pvp_sub_options){.newest = true}, &s, NULL), PVX_OK);
     T_OK(joined(p, s));
     T_OK(pvp_sub_fd(s) >= 0);
