@@ -48,7 +48,7 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
-MAINS := daemon/main.c daemon/cli/pyrovox.c proto/clients/example.c
+MAINS := daemon/main.c daemon/cli/pyrovox.c proto/clients/example.c recon/view/example.c
 ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 FOREIGN := %_avx2.c %_avx512.c
 endif
@@ -61,7 +61,10 @@ PIX_AVX2 := $(addprefix $(B)/capture/pixel/pixfmt_,$(addsuffix _avx2.o,unpack su
 endif
 LIBS := $(foreach r,$(ROOMS),$(B)/$(r)/room.a)
 BINS := $(B)/bin/pyrovox $(B)/bin/pyrovoxd
-INSTALLED := $(addprefix $(B)/lib/libpyrovox-,base.a recon.a)
+# What libpyrovox-recon.so.1 is made of, and all that it needs: no camera, no socket, no drawing.
+RECON_ROOMS := $(filter-out recon/light recon/board recon/calib recon/check,$(filter recon/%,$(ROOMS)))
+RECON_LIBS := -lyaml -lxxhash -lpthread -lm
+RECON := $(B)/lib/libpyrovox-recon.so.1 $(B)/lib/pyrovox-recon.pc
 CLIENT := $(B)/lib/libpyrovox-client.so.1 $(B)/lib/pyrovox-client.pc
 PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(B)/lib/pyrovox-calib.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
 
@@ -77,11 +80,11 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
 .PHONY: all help setup setup-test run test test-vm test-sanitize bench fit stability soak lint check-layers format-check tidy \
-  fuzz clean install uninstall tests-run tests-build
+  fuzz clean install install-recon uninstall tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
-all: $(BINS) $(PLUGINS) $(INSTALLED) $(CLIENT) ## build build/bin/pyrovox and build/bin/pyrovoxd
+all: $(BINS) $(PLUGINS) $(RECON) $(CLIENT) ## build build/bin/pyrovox and build/bin/pyrovoxd
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z][a-z-]*:.*## /{printf "  make %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -189,19 +192,22 @@ $(B)/$(1)/room.a: $(call room_obj,$(1))
 endef
 $(foreach r,$(ROOMS),$(eval $(call room,$(r))))
 $(B)/capture/pixel/room.a: $(PIX_AVX2)
-$(B)/lib/libpyrovox-base.a: $(call room_obj,daemon/base)
-$(B)/lib/libpyrovox-recon.a: $(foreach r,$(filter recon/%,$(ROOMS)),$(call room_obj,$(r)))
-$(INSTALLED):
-	$(archive)
 
 # One file for a subscriber: the wire format, and of base what it calls.
 $(B)/lib/libpyrovox-client.so.1: proto/clients/client.map $(call obj,proto/fields.c proto/pvp_decode.c proto/pvp_encode.c proto/pvp_text.c proto/pvp_preview.c proto/auth.c proto/keys.c proto/door.c proto/clients/sub.c) $(B)/daemon/base/room.a
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) $(LDFLAGS) $(if $(SAN),,-Wl,-z,defs) -Wl,-soname,$(@F),--version-script=$< -o $@ $(filter %.o %.a,$^) $(LDLIBS)
-$(B)/lib/pyrovox-client.pc: proto/clients/pyrovox-client.pc.in Makefile
+$(B)/lib/libpyrovox-recon.so.1: recon/recon.map $(foreach r,$(RECON_ROOMS),$(call room_obj,$(r))) $(B)/daemon/base/room.a
 	@mkdir -p $(@D)
-	@sed 's|@VERSION@|$(VERSION)|' $< > $@
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) $(LDFLAGS) $(if $(SAN),,-Wl,-z,defs) -Wl,-soname,$(@F),--version-script=$< -o $@ $(filter %.o %.a,$^) -Wl,--as-needed $(RECON_LIBS)
+$(addprefix $(B)/,$(addsuffix /%.o,$(RECON_ROOMS) daemon/base)): pkg_cflags =
+$(B)/lib/pyrovox-client.pc: proto/clients/pyrovox-client.pc.in
+$(B)/lib/pyrovox-recon.pc: recon/pyrovox-recon.pc.in
+$(B)/lib/%.pc: Makefile
+	@mkdir -p $(@D)
+	@sed 's|@VERSION@|$(VERSION)|' $(filter %.in,$^) > $@
 
 # The OpenCV, aruco and libcamera modules are C++ and loaded on first use; each is its own shared object.
 $(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/opencv_shim.h
@@ -259,5 +265,7 @@ $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B
 
 install: all ## install programs, man pages, units and headers under DESTDIR/PREFIX
 	@systemd/install.sh "$(B)" "$(DESTDIR)" "$(PREFIX)"
+install-recon: $(RECON) ## install the reconstruction as a library alone; needs no camera's packages
+	@systemd/install-recon.sh "$(B)" "$(DESTDIR)" "$(PREFIX)"
 uninstall: ## remove what install put there
 	@systemd/install.sh --remove "$(DESTDIR)" "$(PREFIX)"

@@ -32,7 +32,6 @@ put() { # mode, source, target
 }
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
-for l in recon base; do put 0644 "$build/lib/libpyrovox-$l.a" "$lib/libpyrovox-$l.a"; done
 for m in opencv aruco calib libcamera; do
     if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-$m.so" ]; then
         put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
@@ -42,23 +41,22 @@ put 0755 "$build/lib/libpyrovox-client.so.1" "$lib/libpyrovox-client.so.1"
 put 0644 proto/clients/pyrovox_sub.py "$python/pyrovox_sub.py"
 put 0644 proto/clients/example.c "$doc/example.c"
 put 0644 proto/PROTOCOL.md "$doc/PROTOCOL.md"
-# what a program includes (frame.h, view.h, render.h; sub.h), and what that includes
-for h in recon/carve/{hull,photo}.h recon/frame/frame.h recon/geom/{camera,grid,photometry,rig}.h \
-    recon/matrix/{subsys,sysmat}.h recon/simd/{kernels,lanes,windows}.h recon/solve/{problem,solve}.h \
-    recon/view/{flame,metrics,render,view}.h recon/vote/{vote,wrong}.h proto/pvp.h proto/clients/sub.h; do
-    put 0644 "$h" "$inc/$h"
-done
-for h in cpu err pool yaml; do put 0644 "daemon/base/$h.h" "$inc/base/$h.h"; done
+# what a program includes (sub.h), and what that includes
+for h in proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
+put 0644 daemon/base/err.h "$inc/base/err.h"
 for m in daemon/man/*.[1358]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
 put 0644 daemon/config/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
 put 0644 systemd/pyrovoxd.sysusers "$sys/sysusers.d/pyrovoxd.conf"
 put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"
 if [ -n "$remove" ]; then
-    rm -f "$units/pyrovoxd.service" "$lib/libpyrovox-client.so" "$lib/pkgconfig/pyrovox-client.pc"
+    rm -f "$units/pyrovoxd.service" "$lib"/libpyrovox-{client,recon}.so "$lib/libpyrovox-recon.so.1" \
+        "$lib"/pkgconfig/pyrovox-{client,recon}.pc "$doc/example-recon.c"
+    rm -rf "$inc" "$python/pyrovox"
     find "$inc" "$doc" -depth -type d -empty -delete 2>/dev/null || true
     exit 0
 fi
+systemd/install-recon.sh "$build" "$dest" "$prefix"
 ln -sf libpyrovox-client.so.1 "$lib/libpyrovox-client.so"
 install -d "$units" "$lib/pkgconfig"
 sed "s|@PREFIX@|$prefix|" "$build/lib/pyrovox-client.pc" > "$lib/pkgconfig/pyrovox-client.pc"

@@ -4,7 +4,7 @@ set -u
 cd "$(dirname "$0")/.."
 bad=0
 for s in $(git ls-files '*.sh' '.ci/run'); do bash -n "$s" || bad=1; done
-for m in $(git ls-files '*.[158]'); do
+for m in $(git ls-files '*.[1358]'); do
     [ -f "$m" ] || continue
     mandoc -Tlint -Wwarning "$m" || bad=1
 done

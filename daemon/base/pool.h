@@ -9,6 +9,10 @@
 #include <stddef.h>
 #include "base/err.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct pvx_pool pvx_pool;
 typedef void (*pvx_task_fn)(void *ctx, size_t task);
 
@@ -22,4 +26,7 @@ unsigned pvx_pool_threads(const pvx_pool *p);
  * then serial on the caller.  Allocates nothing.  Not from inside a task. */
 void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

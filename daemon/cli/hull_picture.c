@@ -8,6 +8,7 @@
 #include "base/mem.h"
 #include "capture/files/imgio.h"
 #include "daemon/cli/paint.h"
+#include "recon/frame/inside.h"
 #include "recon/view/render.h"
 
 enum { TILE_W = 320, TILE_H = 240, LABEL = 14, GAP = 8, TOP = 34, COLUMNS = 5, FIRST_CAMERA = 5 };

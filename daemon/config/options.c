@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "daemon/config/config.h"
+#include "recon/solve/solve.h"
 
 #define AT(member) offsetof(struct dmn_config, member), sizeof(((struct dmn_config *)0)->member)
 #define BOOL(key, member, def, help)                         \

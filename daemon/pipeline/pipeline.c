@@ -10,6 +10,7 @@
 #include "base/mem.h"
 #include "base/queue.h"
 #include "daemon/pipeline/stage.h"
+#include "recon/frame/inside.h"
 
 enum { CARVE, SOLVE, SINK }; /* indices of the stages */
 

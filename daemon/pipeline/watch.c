@@ -13,6 +13,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "recon/check/drift.h"
+#include "recon/frame/inside.h"
 #include "recon/vote/wrong.h"
 
 #define LEAST    19  /* nice */

@@ -16,6 +16,10 @@
 #include "base/pool.h"
 #include "recon/matrix/sysmat.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 struct rec_hull_params {
     uint32_t min_views; /* default 2 */
     int keep_partial;   /* default 1: conservative */
@@ -45,4 +49,7 @@ struct rec_hull_kept {
 void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
                     const bool *present, pvx_pool *pool, struct rec_hull_kept *out);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -36,6 +36,10 @@
 #include "base/err.h"
 #include "base/pool.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define REC_PHOTO_UNSATURATED 1e30f
 
 struct rec_photo_params {
@@ -94,4 +98,7 @@ struct rec_photo_image {
 /* All cameras of a frame set, n <= REC_MAX_CAMERAS. */
 void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "recon/frame/inside.h"
 
 struct rec_unseen {
     struct rec_rig rig; /* with the small grid */

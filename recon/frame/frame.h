@@ -16,8 +16,12 @@
 #include "recon/carve/hull.h"
 #include "recon/carve/photo.h"
 #include "recon/geom/rig.h"
-#include "recon/solve/solve.h"
-#include "recon/vote/vote.h"
+#include "recon/solve/params.h"
+#include "recon/vote/verdict.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 struct rec_frame_params {
     int nch; /* 1 or 3 */
@@ -69,9 +73,6 @@ PVX_MUST_CHECK pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig 
 void rec_carver_free(rec_carver **k);
 /* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
 PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg);
-/* The same without a copy: *bg, of pvx_calloc or NULL, becomes the carver's, and the one before the caller's.
- * Allocates and frees nothing.  camera < the rig's. */
-void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg);
 
 /* Errors: PVX_EINVAL, PVX_ENOMEM. */
 typedef struct rec_solver rec_solver;
@@ -111,16 +112,13 @@ PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
 
 void rec_frame_volume(const rec_frame *f, struct rec_sparse *out);
 const struct rec_frame_report *rec_frame_get_report(const rec_frame *f);
-/* Restricted system and right-hand side of the carved frame, for tests, benches and who looks at the rig.  A camera
- * that was voted out has its right-hand side and weight 0. */
-const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
-const float *rec_frame_rhs(const rec_frame *f);
-const float *rec_frame_weight(const rec_frame *f);
-const float *rec_frame_weight4(const rec_frame *f); /* [rows][4] of each channel; NULL: as above */
-int rec_frame_channels(const rec_frame *f);
+/* Silhouette of the carved frame, [bh][bw] 0/1. */
 const uint8_t *rec_frame_lit(const rec_frame *f, size_t camera);
 
 /* dense [nz][ny][nx][nch] out; zeroed first. */
 void rec_sparse_to_dense(const struct rec_sparse *v, float *dense);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -1,8 +1,10 @@
 /* impl.h - the slot and the two stages' workspaces.  Private to recon/frame. */
 #ifndef REC_FRAME_IMPL_H
 #define REC_FRAME_IMPL_H
-#include "recon/frame/frame.h"
+#include "recon/frame/inside.h"
 #include "recon/solve/levels.h"
+#include "recon/solve/solve.h"
+#include "recon/vote/vote.h"
 
 struct rec_carver {
     const rec_sysmat *S;

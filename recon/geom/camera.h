@@ -12,6 +12,10 @@
 #include <stdint.h>
 #include "recon/geom/photometry.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define REC_NAME_MAX 64
 
 /* Expected volume error (recon/calib/calib.h) of this camera, and what it stays below with a probability
@@ -57,4 +61,7 @@ void rec_camera_centre(const struct rec_camera *c, double x[3]);
 /* Pose of a camera at `at` m looking at `to`; z is up in the image, y where it looks straight up or down. */
 void rec_camera_look(const double at[3], const double to[3], struct rec_camera *c);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

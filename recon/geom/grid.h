@@ -10,6 +10,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum rec_basis { REC_BOX, REC_TRILINEAR };
 /* Where nobody says: of sharp flames the steps of a box between voxels limit the error, not noise
  * (tests/bench/RESULTS.md). */
@@ -46,4 +50,8 @@ static inline const char *rec_basis_name(enum rec_basis b)
 {
     return b == REC_TRILINEAR ? "trilinear" : "box";
 }
+
+#ifdef __cplusplus
+}
+#endif
 #endif

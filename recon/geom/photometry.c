@@ -1,4 +1,4 @@
-#include "recon/geom/photometry.h"
+#include "recon/geom/photometry_text.h"
 
 #include <math.h>
 #include <string.h>

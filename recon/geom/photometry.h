@@ -15,9 +15,10 @@
 #define REC_PHOTOMETRY_H
 #include <stdbool.h>
 #include <stdint.h>
-#include <stdio.h>
-#include "base/err.h"
-#include "base/yaml.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 #define REC_MAP_FILE_MAX 160
 #define REC_SERIAL_MAX   128
@@ -44,9 +45,8 @@ struct rec_photometry {
 bool rec_photometry_plain(const char *s);
 /* Whether pictures are to be changed by it. */
 bool rec_photometry_acts(const struct rec_photometry *p);
-/* The value of `photometry:` at `node`; `path` is what messages call it. */
-PVX_MUST_CHECK pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
-                                           struct rec_photometry *out, struct pvx_diag *d);
-/* As lines of a camera; nothing where nothing is known. */
-void rec_photometry_write(FILE *f, const struct rec_photometry *p);
+
+#ifdef __cplusplus
+}
+#endif
 #endif

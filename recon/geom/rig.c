@@ -10,6 +10,7 @@
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/yaml.h"
+#include "recon/geom/photometry_text.h"
 
 #define MAX_FILE  (4u << 20)
 #define MAX_COORD 1e6 /* m; keeps every product of coordinates far from overflow */

@@ -18,6 +18,10 @@
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define REC_MAX_CAMERAS 64
 
 struct rec_rig {
@@ -64,4 +68,7 @@ PVX_MUST_CHECK pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t 
 /* XXH3-64 over every number of the rig that geometry depends on (gain, photometry, names and uncertainty excluded). */
 uint64_t rec_rig_hash(const struct rec_rig *r);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -45,6 +45,10 @@
 #include "recon/geom/rig.h"
 #include "recon/simd/windows.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Bins that follow one another in a row of an image and are handled together; a vector over rows has
  * whole blocks. */
 #define REC_ROW_BLOCK 8
@@ -174,4 +178,7 @@ PVX_MUST_CHECK pvx_err rec_sysmat_open(const struct rec_rig *rig, const struct r
                                        struct rec_progress progress, rec_sysmat **out,
                                        struct pvx_diag *d);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -14,6 +14,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define REC_SLOT_GROUP  4
 #define REC_SLOTS_MAX   64
 #define REC_WINDOW_MAX  16 /* weights */
@@ -55,4 +59,7 @@ typedef void (*rec_windows_adjoint_fn)(const struct rec_windows *m, struct rec_s
 typedef void (*rec_windows_scatter_fn)(const struct rec_windows *m, struct rec_slots s, int32_t q0,
                                        int32_t q1, const float *x, float *y);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

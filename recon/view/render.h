@@ -6,6 +6,10 @@
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define REC_RENDER_SUB_MAX 64
 
 /* dense [nz][ny][nx][nch] on g (basis as g says) -> image [h][w][nch] float, unclipped, mean over
@@ -28,4 +32,7 @@ PVX_MUST_CHECK pvx_err rec_look_at_camera(const double eye[3], const double targ
                                           const double up[3], double fov, int32_t w, int32_t h,
                                           struct rec_camera *out);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

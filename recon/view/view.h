@@ -16,6 +16,10 @@
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 typedef struct rec_view rec_view;
 
 struct rec_view_stats {
@@ -38,4 +42,7 @@ PVX_MUST_CHECK pvx_err rec_view_render(rec_view *v, const struct rec_grid *g, co
                                        int nch, float *image);
 void rec_view_get_stats(const rec_view *v, struct rec_view_stats *out);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

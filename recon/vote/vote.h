@@ -29,7 +29,7 @@
 #ifndef REC_VOTE_H
 #define REC_VOTE_H
 #include "recon/solve/problem.h"
-#include "recon/vote/wrong.h"
+#include "recon/vote/verdict.h"
 
 #define REC_VOTE_LEAST 4 /* cameras; fewer do not vote */
 
@@ -39,28 +39,6 @@ struct rec_vote_set {
     const uint8_t *lit;  /* [rows] silhouettes, 0/1 */
     const bool *present; /* [cameras] */
     const float *noise;  /* [cameras] variance of a bin, the sum over its channels */
-};
-
-enum rec_vote_state {
-    REC_VOTE_NONE,  /* nobody was asked */
-    REC_VOTE_FEW,   /* fewer than four cameras */
-    REC_VOTE_DARK,  /* no flame that three of them see */
-    REC_VOTE_AGREE, /* all are believed */
-    REC_VOTE_OUT,   /* some are not, the others agree */
-    REC_VOTE_TORN,  /* they contradict each other, and who is wrong cannot be told */
-    REC_N_VOTE_STATES
-};
-/* "none", "few" ..., as reports write it. */
-const char *rec_vote_state_name(enum rec_vote_state s);
-
-struct rec_verdict {
-    enum rec_vote_state state;
-    uint64_t out;                 /* bit c: camera c is not believed */
-    uint8_t why[REC_MAX_CAMERAS]; /* enum rec_wrong */
-    float cost
-        [REC_MAX_CAMERAS]; /* (2) among all cameras; 0 where R(all) is so small that nobody has to ask */
-    float doubt;           /* the greatest of them over what (3) lets it be: over 1 is out */
-    float misfit;          /* R(those believed) / P, a camera's share of it */
 };
 
 typedef struct rec_vote rec_vote;

@@ -4,6 +4,10 @@
 #ifndef REC_WRONG_H
 #define REC_WRONG_H
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 enum rec_wrong {
     REC_WRONG_NOTHING,
     REC_WRONG_DARK,      /* nothing lit where the others see flame */
@@ -22,4 +26,7 @@ const char *rec_wrong_name(enum rec_wrong w);
 /* What to do about it, one clause: "take the cap off ..."; "" for NOTHING. */
 const char *rec_wrong_remedy(enum rec_wrong w);
 
+#ifdef __cplusplus
+}
+#endif
 #endif

@@ -7,6 +7,7 @@
  * Times are the shortest of all turns. */
 #include "curve.h"
 #include "tests/lib/product.h"
+#include "recon/frame/inside.h"
 
 /* ---- reading ------------------------------------------------------------------------------------ */
 

@@ -10,6 +10,7 @@
 #include "capture/files/imgio.h"
 #include "capture/pixel/pixfmt.h"
 #include "curve.h"
+#include "recon/frame/inside.h"
 
 #define BIN     4
 #define CAMERAS 5

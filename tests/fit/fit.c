@@ -7,6 +7,7 @@
  * those only judge.  One channel, box of one metre, all else by chance: the instant, 32..96 voxels high,
  * pictures 1.5..5 times as wide, 3..12 cameras, noise 0..20 % of the peak, basis, 1 or 2x2 rays.
  * The case number is the seed: a case is the same in every run. */
+#include "recon/frame/inside.h"
 #include "tests/bench/curve.h"
 #include "tests/lib/entries.h"
 

@@ -3,6 +3,7 @@
 #include "tests/lib/scene.h"
 #include "tests/lib/slot.h"
 #include "tests/lib/entries.h"
+#include "recon/frame/inside.h"
 
 #define CAMERAS 6
 #define W       48

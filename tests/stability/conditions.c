@@ -7,6 +7,7 @@
 #include <stdlib.h>
 
 #include "base/mem.h"
+#include "recon/frame/inside.h"
 #include "tests/lib/entries.h"
 
 #define SIDE 20   /* voxels; the spectrum costs their sixth power twice */

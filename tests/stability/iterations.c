@@ -9,6 +9,7 @@
 #include "base/mem.h"
 #include "tests/lib/entries.h"
 #include "tests/lib/product.h"
+#include "recon/frame/inside.h"
 
 /* The recurrences are begun anew every 64 iterations, and each may round r once. */
 #define DRIFT (64 * 0x1p-24)

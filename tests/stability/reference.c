@@ -15,6 +15,7 @@
 #include "base/mem.h"
 #include "tests/lib/entries.h"
 #include "tests/lib/product.h"
+#include "recon/frame/inside.h"
 
 #define MAX_COLUMNS 1600 /* dense: 20 MB */
 

@@ -5,6 +5,7 @@
 
 #include "base/clock.h"
 #include "tests/lib/entries.h"
+#include "recon/frame/inside.h"
 
 static struct scene sc;
 

@@ -2,6 +2,7 @@
  * on odd grids, with cameras away and without time. */
 #include "tests/lib/scene.h"
 #include "tests/lib/slot.h"
+#include "recon/frame/inside.h"
 
 /* Start of a carved frame into x [n][4]; false: there is nothing to solve. */
 static bool start(rec_frame *f, int64_t deadline, float *x, uint32_t *iterations)

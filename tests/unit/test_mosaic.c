@@ -8,6 +8,7 @@
 #include "recon/solve/impl.h"
 #include "recon/carve/photo.h"
 #include "recon/carve/photo_mosaic.h"
+#include "recon/frame/inside.h"
 
 enum { W = 64, H = 48 };
 static struct scene sc;

@@ -1,0 +1,19 @@
+/* inside.h - more of frame.h, for the daemon, tests, benches and who looks at the rig; not installed.
+ * Threads: as frame.h.  What is returned is borrowed until the slot is carved again or reset. */
+#ifndef REC_FRAME_INSIDE_H
+#define REC_FRAME_INSIDE_H
+#include "recon/frame/frame.h"
+#include "recon/matrix/subsys.h"
+
+/* rec_carver_background without a copy: *bg, of pvx_calloc or NULL, becomes the carver's, and the one before the caller's.
+ * Allocates and frees nothing.  camera < the rig's. */
+void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg);
+
+/* Restricted system and right-hand side of the carved frame.  A camera that was voted out has its
+ * right-hand side and weight 0. */
+const struct rec_subsys *rec_frame_subsys(const rec_frame *f);
+const float *rec_frame_rhs(const rec_frame *f);
+const float *rec_frame_weight(const rec_frame *f);
+const float *rec_frame_weight4(const rec_frame *f); /* [rows][4] of each channel; NULL: as above */
+int rec_frame_channels(const rec_frame *f);
+#endif
