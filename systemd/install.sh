@@ -39,6 +39,8 @@ for m in opencv aruco calib libcamera; do
 done
 put 0755 "$build/lib/libpyrovox-client.so.1" "$lib/libpyrovox-client.so.1"
 put 0644 proto/clients/pyrovox_sub.py "$python/pyrovox_sub.py"
+for f in __init__ _hdf5 _npy _page live recording volume; do put 0644 "proto/clients/python/pyrovox/$f.py" "$python/pyrovox/$f.py"; done
+for f in _page.pyi py.typed; do put 0644 "proto/clients/python/pyrovox/$f" "$python/pyrovox/$f"; done
 put 0644 proto/clients/example.c "$doc/example.c"
 put 0644 proto/PROTOCOL.md "$doc/PROTOCOL.md"
 # what a program includes (sub.h), and what that includes

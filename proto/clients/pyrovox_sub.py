@@ -77,6 +77,13 @@ def check_grid(nxyz, channels, memory):
 
 
 def decode_volume(body, memory, start):
+    m = decode_bricks(body, memory, start)
+    m["dense"] = unpack(m["n"], m["channels"], m.pop("ids"), m.pop("values"))
+    return m
+
+
+def decode_bricks(body, memory, start):
+    """ids [bricks] and values [bricks][8][8][8][channels], as they travelled."""
     f = VOLUME.unpack_from(body)
     size, sample, how, side = f[:4]
     nxyz, (basis, channels), report = f[11:14], f[14:16], f[22:34]
@@ -107,7 +114,7 @@ def decode_volume(body, memory, start):
         "report": {"status": report[0], "iterations": report[1], "solver": text(report[2]),
                    "rel_residual": report[3], "active_voxels": report[4],
                    "active_rays": report[5], "entries": report[6], **dict(zip(TIMES, report[7:]))},
-        "dense": unpack(nxyz, channels, ids, bricks),
+        "ids": ids, "values": bricks,
     }
 
 

@@ -1,0 +1,161 @@
+"""A recording in HDF5, layout version 1 (daemon/VOLUMES.md)."""
+from __future__ import annotations
+
+import contextlib
+from typing import Any, Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _page
+from .recording import BadRecording, Gap
+from .volume import Floats, Grid, Planes, Report, Volume, status_name
+
+try:
+    import h5py
+except ImportError:
+    raise ImportError("recordings in HDF5 need h5py: apt-get install python3-h5py, "
+                      "or pip install 'pyrovox[hdf5]'") from None
+
+FORMAT, VERSION = "pyrovox volumes", 1
+WHY = ("lost", "queue", "unreadable")
+ROWS = 256  # of the columns that are read together
+REPORT = ("iterations", "rel_residual", "active_voxels", "active_rays", "entries", "photometry_ns",
+          "hull_ns", "restrict_ns", "solve_ns", "total_ns")
+VALUES = ("t_publish_ns", "spread_ns", "latency_ns", "camera_mask", "cameras_present")
+COLUMNS = ("number", "t_exposure_ns", "clamped", "status", "solver", *VALUES, *REPORT)
+
+
+def text(value: Any) -> str:
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    return value.decode(errors="replace").split("\0")[0] if isinstance(value, bytes) else str(value)
+
+
+@contextlib.contextmanager
+def reading(path: str) -> Iterator[None]:
+    """Whatever h5py says about a damaged file becomes a BadRecording."""
+    try:
+        yield
+    except (BadRecording, _page.TooLarge):
+        raise
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError,
+            OverflowError, MemoryError) as e:
+        raise BadRecording(f"{path}: is damaged, or not a recording of volumes ({str(e)[:200]})") from None
+
+
+class File:
+    def __init__(self, path: str, memory: int):
+        self.path, self.memory = path, memory
+        self.file: Any = None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """What was added meanwhile: a file that is open shows its attributes as they were."""
+        self.close()
+        with reading(self.path):
+            try:
+                self.file = h5py.File(self.path, "r", swmr=True, rdcc_nbytes=8 << 20)
+            except (OSError, ValueError):  # not of the kind that can be followed
+                self.file = h5py.File(self.path, "r", rdcc_nbytes=8 << 20)
+            try:
+                self._head()
+            except BaseException:
+                self.close()
+                raise
+
+    def close(self) -> None:
+        if self.file is not None:
+            self.file.close()
+            self.file = None
+
+    def fail(self, why: str) -> BadRecording:
+        return BadRecording(f"{self.path}: {why}")
+
+    def _head(self) -> None:
+        a = self.file.attrs
+        if text(a.get("format", "")) != FORMAT:
+            raise self.fail("is not a recording of volumes")
+        if int(a["version"]) != VERSION:
+            raise self.fail(f"is of version {int(a['version'])}, this package reads {VERSION}: install a newer one")
+        self.emission = self.file["emission"]
+        shape = self.emission.shape
+        if len(shape) != 5 or self.emission.dtype != np.dtype("<f4"):
+            raise self.fail("/emission is not [set][z][y][x][c] in f32")
+        n = (int(shape[3]), int(shape[2]), int(shape[1]))
+        try:
+            _page.check_grid(n, shape[4], self.memory)
+        except _page.TooLarge as e:
+            raise _page.TooLarge(f"{self.path}: {e}; memory=BYTES allows more") from None
+        except _page.BadMessage as e:
+            raise self.fail(str(e)) from None
+        origin, spacing = (np.array(a[k], np.float64).reshape(3) for k in ("origin", "spacing"))
+        low, high = origin.tolist(), (origin + spacing * n).tolist()
+        self.grid = Grid(n, (low[0], low[1], low[2]), (high[0], high[1], high[2]), text(a["basis"]), int(shape[4]))
+        try:
+            self.grid.check()
+        except ValueError as e:
+            raise self.fail(str(e)) from None
+        for axis, name in enumerate("xyz"):
+            have = self.file[name]
+            if have.shape != (n[axis],) or not np.allclose(have[:], self.grid.centres(axis), rtol=0,
+                                                           atol=1e-6 * spacing[axis]):
+                raise self.fail(f"/{name} is of another grid than /emission")
+        self.session, self.rig_hash = int(a["session"]), int(a["rig_hash"])
+        self.fps, self.units, self.closed = float(a["fps"]), text(a["units"]), bool(a["closed"])
+        self.rig, self.config = (text(self.file[k][()]) if k in self.file else "" for k in ("rig", "config"))
+        self._sets(int(shape[0]))
+        self._gaps()
+
+    def _column(self, name: str, first: int, last: int) -> npt.NDArray[Any]:
+        return np.asarray(self.file["sets"][name][first:last])
+
+    def _sets(self, count: int) -> None:
+        for name in COLUMNS:
+            c = self.file["sets"][name]
+            if c.ndim != 1:
+                raise self.fail(f"/sets/{name} is not a column")
+            count = min(count, c.shape[0])
+        if 16 * count > self.memory:
+            raise _page.TooLarge(f"{self.path}: says that it has {count} sets; memory=BYTES allows more")
+        self.sets = self._column("number", 0, count).astype(np.uint64)
+        self.t_exposure_ns = self._column("t_exposure_ns", 0, count).astype(np.int64)
+        self._first = -1
+        self._rows: dict[str, Any] = {}
+
+    def _gaps(self) -> None:
+        g = self.file.get("gaps")
+        columns = [g[k] for k in ("why", "set_first", "set_last", "volumes")] if g is not None else []
+        n = min((c.shape[0] for c in columns), default=0)
+        if 32 * n > self.memory:
+            raise _page.TooLarge(f"{self.path}: says that it has {n} gaps")
+        self.gaps = [Gap(WHY[w] if w < len(WHY) else "unknown", int(a), int(b), int(v))
+                     for w, a, b, v in zip(*(c[:n] for c in columns))]
+
+    def _row(self, k: int) -> dict[str, Any]:
+        if self.file is None:
+            raise ValueError(f"{self.path}: was closed")
+        first = k - k % ROWS
+        if first != self._first:
+            with reading(self.path):
+                self._rows = {c: self._column(c, first, min(first + ROWS, len(self.sets))) for c in COLUMNS}
+            self._first = first
+        return {c: column[k - first] for c, column in self._rows.items()}
+
+    def volume(self, k: int) -> Volume:
+        row = self._row(k)
+        report = Report(status_name(int(row["status"])), text(row["solver"]), **{c: row[c].item() for c in REPORT})
+
+        def read(z0: int, z1: int) -> Floats:
+            if self.file is None:
+                raise ValueError(f"{self.path}: was closed")
+            with reading(self.path):
+                planes = np.asarray(self.emission[k, z0:z1], np.float32)
+                if not np.isfinite(planes).all():
+                    raise self.fail(f"set {int(row['number'])} has a value that is not finite")
+                return planes
+
+        return Volume(grid=self.grid, set=int(row["number"]), session=self.session, report=report,
+                      t_exposure_ns=int(row["t_exposure_ns"]), clamped=bool(row["clamped"]),
+                      values=Planes(self.grid, read), units=self.units, rig_hash=self.rig_hash,
+                      **{c: int(row[c]) for c in VALUES})

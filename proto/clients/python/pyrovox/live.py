@@ -1,0 +1,268 @@
+"""Volumes of a running daemon."""
+from __future__ import annotations
+
+import asyncio
+import struct
+import time
+from collections import deque
+from types import TracebackType
+from typing import Any, AsyncIterator, Iterator, Optional
+
+import zmq
+import zmq.asyncio
+from zmq.utils.monitor import parse_monitor_message
+
+from . import _page
+from .volume import Grid, Volume, grid_of, volume_of
+
+SHUT = 3  # handshakes in a row that the other end breaks off before it is no accident
+HANDSHAKES = (zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
+              | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
+
+
+class Refused(ConnectionError):
+    """The daemon does not let us in, or is not the one that the key is for; the text says the remedy."""
+
+
+class Subscription:
+    """What subscribe() returns: iterate over it, `for` or `async for`; close it, or use `with`.
+
+    It ends when the daemon says that it ends: then `reason` says why.
+
+        grid       of this session, a Grid; None before the first `start`
+        lost       messages that did not reach us, in all;  skipped: volumes passed over by `newest`
+        received, malformed
+        status     the daemon's counters, as `pyrovox status --json` gives them, as they came last
+        rig        text of the rig.yaml in effect, "" where the daemon does not say it
+        events     what happened lately, the last 100: {"event": ...} as the daemon says it
+    """
+
+    def __init__(self, endpoint: str, key: Optional[str] = None, newest: bool = False,
+                 timeout: Optional[float] = None, memory: int = _page.MEMORY):
+        self.endpoint, self.key, self.newest, self.memory = endpoint, key, newest, memory
+        self.timeout = timeout
+        self.grid: Optional[Grid] = None
+        self.lost = self.skipped = self.received = self.malformed = 0
+        self.status: dict[str, Any] = {}
+        self.rig = self.reason = ""
+        self.events: deque[dict[str, Any]] = deque(maxlen=100)
+        self._start: Optional[dict[str, Any]] = None
+        self._session: Optional[int] = None
+        self._next = self._shut = 0
+        self._waiting: Optional[tuple[dict[str, Any], bytes]] = None  # the newest volume so far
+        self._ended = False
+        self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
+        self._monitor: Optional[zmq.Socket[bytes]] = None
+        try:
+            self._connect()
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> None:
+        s = self._socket
+        s.setsockopt(zmq.LINGER, 0)
+        s.setsockopt(zmq.RCVHWM, 16)
+        s.setsockopt(zmq.MAXMSGSIZE, 2 * self.memory + (1 << 20))
+        s.setsockopt(zmq.SUBSCRIBE, b"PVX1")
+        if self.key:
+            try:
+                _page.use_key(s, self.key)
+            except (zmq.ZMQError, UnicodeDecodeError):
+                raise ValueError(f"{self.key}: is not a key file; make one with pyrovox keygen --server") from None
+        monitored = f"inproc://pyrovox-{id(self)}-{time.monotonic_ns()}"
+        s.monitor(monitored, HANDSHAKES)
+        self._monitor = zmq.Context.instance().socket(zmq.PAIR)
+        self._monitor.setsockopt(zmq.LINGER, 0)
+        self._monitor.connect(monitored)
+        try:
+            s.connect(self.endpoint)
+        except zmq.ZMQError as e:
+            raise ValueError(f"{self.endpoint}: is no endpoint ({e.strerror}); "
+                             "ipc:///run/pyrovox/volumes or tcp://HOST:5555") from None
+
+    def __repr__(self) -> str:
+        state = "closed" if self._socket.closed else "ended" if self._ended else "open"
+        return f"<Subscription {self.endpoint}, {state}: {self.received} messages, {self.lost} lost>"
+
+    def close(self) -> None:
+        """Ends it; what came and was not asked for is dropped.
+
+        >>> sub.close()                     # doctest: +SKIP
+        """
+        if not self._socket.closed:
+            self._socket.disable_monitor()
+            self._socket.close(0)
+        if self._monitor is not None:
+            self._monitor.close(0)
+
+    def __enter__(self) -> "Subscription":
+        return self
+
+    def __exit__(self, kind: Optional[type[BaseException]], e: Optional[BaseException],
+                 trace: Optional[TracebackType]) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Volume]:
+        return self
+
+    def __next__(self) -> Volume:
+        until = self._until()
+        while True:
+            v = self._take()
+            if v is not None:
+                return v
+            if self._ended or self._socket.closed:
+                raise StopIteration
+            poller = zmq.Poller()
+            for s in self._sockets():
+                poller.register(s, zmq.POLLIN)
+            poller.poll(self._left(until))
+
+    def __aiter__(self) -> AsyncIterator[Volume]:
+        return self
+
+    async def __anext__(self) -> Volume:
+        until = self._until()
+        while True:
+            v = self._take()
+            if v is not None:
+                await asyncio.sleep(0)  # others may run, however fast volumes come
+                return v
+            if self._ended or self._socket.closed:
+                raise StopAsyncIteration
+            poller = zmq.asyncio.Poller()
+            for s in self._sockets():
+                poller.register(s, zmq.POLLIN)
+            await poller.poll(self._left(until))
+
+    def _sockets(self) -> list["zmq.Socket[bytes]"]:
+        return [s for s in (self._socket, self._monitor) if s is not None]
+
+    def _until(self) -> Optional[float]:
+        return None if self.timeout is None else time.monotonic() + self.timeout
+
+    def _left(self, until: Optional[float]) -> Optional[int]:
+        """Milliseconds; raises TimeoutError."""
+        if until is None:
+            return None
+        left = until - time.monotonic()
+        if left <= 0:
+            raise TimeoutError(f"{self.endpoint}: no volume in {self.timeout:g} s")
+        return int(left * 1000) + 1
+
+    def _take(self) -> Optional[Volume]:
+        """The next volume of what is there already; None: nothing more is."""
+        self._look()
+        for _ in range(1000):  # who sends faster than this reads does not keep us for ever
+            if self._ended or self._socket.closed:
+                break
+            try:
+                message = self._socket.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            v = self._message(message)
+            if v is not None:
+                return v
+        waiting, self._waiting = self._waiting, None
+        return self._volume(*waiting) if waiting else None
+
+    def _look(self) -> None:
+        """Raises Refused where the daemon does not let us in."""
+        while self._monitor is not None and not self._monitor.closed:
+            try:
+                event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))["event"]
+            except zmq.Again:
+                return
+            if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+                self._shut = 0
+            elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                raise Refused(f"{self.endpoint}: the daemon does not let the key in {self.key} in: its list of "
+                              "clients (keys.clients) has to name it, and no longer or not yet does")
+            else:  # which of the two it is depends on which end noticed first
+                self._shut += SHUT if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL else 1
+                if self._shut >= SHUT:
+                    raise Refused(f"{self.endpoint}: " + (
+                        f"the daemon's key is not the server key in {self.key}: it was made anew, or this is "
+                        "another daemon, ask who runs it for its .pub; or it asks for no key" if self.key else
+                        "the daemon asks for a key (key=FILE; pyrovox keygen NAME --server DAEMON.pub makes one), "
+                        "or whoever listens there is none"))
+
+    def _message(self, message: bytes) -> Optional[Volume]:
+        try:
+            m, body = _page.decode_header(message)
+        except _page.BadMessage:
+            self.malformed += 1
+            return None
+        if m["session"] != self._session:
+            self._session, self._next = m["session"], m["sequence"]
+            self._start = self.grid = None
+        if m["sequence"] < self._next:
+            return None  # a repetition
+        self.lost += m["sequence"] - self._next
+        self._next = m["sequence"] + 1
+        self.received += 1
+        if m["type"] != "volume":
+            self._note(m["type"], body)
+        elif self._start is not None:
+            if not self.newest:
+                return self._volume(m, body)
+            self.skipped += self._waiting is not None
+            self._waiting = m, body
+        return None
+
+    def _note(self, kind: Any, body: bytes) -> None:
+        """What is not a volume.  A daemon of a later version may say more than this knows."""
+        if kind == "start":
+            self._start = self.grid = None  # until it was read
+        if kind not in ("start", "end", "status", "rig", "event"):
+            return
+        try:
+            m = _page.decode_body(kind, body, self.memory, None)
+            if kind == "start":
+                self.grid = grid_of(m)
+                self._start = m
+        except _page.TooLarge as e:
+            raise _page.TooLarge(f"{e}; memory=BYTES allows more") from None
+        except (struct.error, ValueError, RecursionError):
+            self.malformed += 1
+            return
+        if kind == "end":
+            self._ended, self.reason = True, m.get("reason", "")
+        elif kind == "status":
+            self.status = m.get("status", {})
+        elif kind == "rig":
+            self.rig = m.get("rig", "")
+        elif kind == "event":
+            self.events.append(m.get("event", {}))
+
+    def _volume(self, m: dict[str, Any], body: bytes) -> Optional[Volume]:
+        try:
+            v = volume_of(m, body, self.memory, self._start)
+        except _page.BadMessage:
+            self.malformed += 1
+            return None
+        v.lost = self.lost
+        return v
+
+
+def subscribe(endpoint: str, *, key: Optional[str] = None, newest: bool = False,
+              timeout: Optional[float] = None, memory: int = _page.MEMORY) -> Subscription:
+    """Volumes of the daemon at `endpoint`; it need not run yet, and may be started anew.
+
+    endpoint  ipc:///run/pyrovox/volumes or tcp://HOST:5555
+    key       your .key file, for a daemon that asks for one (pyrovox keygen --server)
+    newest    only the newest volume that is there, each time one is asked for
+    timeout   seconds without a volume after which TimeoutError is raised; None: never
+    memory    bytes that a volume may need as floats
+
+    Raises Refused when the daemon does not let us in or is another one, TooLarge when its volumes need
+    more memory; what is damaged is left out and counted.  Ctrl-C works while it waits.
+
+    >>> for v in pyrovox.subscribe("tcp://lab:5555", key="me.key", newest=True):     # doctest: +SKIP
+    ...     print(v.set, v.time, v.dense.max(), v.lost)
+
+    >>> async for v in pyrovox.subscribe("tcp://lab:5555"):                          # doctest: +SKIP
+    ...     await show(v)
+    """
+    return Subscription(endpoint, key, newest, timeout, memory)
