@@ -32,17 +32,18 @@ def dense(s):
 def create(path, origin=ORIGIN, spacing=SPACING, version=1, n=N):
     f = h5py.File(path, "w", libver=("v110", "v110"))
     a = f.attrs
-    a["format"], a["version"], a["closed"] = "pyrovox volumes", np.int64(version), np.int64(0)
+    a["format"], a["version"], a["closed"] = np.bytes_("pyrovox volumes"), np.int64(version), np.int64(0)
     a["t_created_ns"], a["t_closed_ns"] = np.int64(T0), np.int64(0)
     a["session"], a["rig_hash"] = np.uint64(SESSION), np.uint64(RIG_HASH)
-    a["fps"], a["units"], a["software"], a["host"], a["basis"] = 20.0, "1/m", "pyrovoxd 0.1.0", "test", "trilinear"
-    a["n_cameras"], a["origin"], a["spacing"], a["default"] = np.int64(4), origin, spacing, "entry"
+    for name, value in ("units", "1/m"), ("software", "pyrovoxd 0.1.0"), ("host", "test"), ("basis", "trilinear"), ("default", "entry"):
+        a[name] = np.bytes_(value)
+    a["fps"], a["n_cameras"], a["origin"], a["spacing"] = 20.0, np.int64(4), origin, spacing
     shape = (*n[::-1], C)
     f.create_dataset("emission", (0, *shape), "<f4", maxshape=(None, *shape), chunks=(1, CHUNK, CHUNK, CHUNK, C),
                      shuffle=True, compression="gzip", compression_opts=1)
     for axis, name in enumerate("xyz"):
         f[name] = origin[axis] + (np.arange(N[axis]) + 0.5) * spacing[axis]
-    f["rig"], f["config"] = "version: 1\n", ""
+    f["rig"], f["config"] = np.bytes_("version: 1\n"), np.bytes_("\0")
     for name, kind in COLUMNS.items():
         f.create_dataset("sets/" + name, (0,), kind, maxshape=(None,), chunks=(1024,))
     for name in "why", "set_first", "set_last", "volumes":

@@ -309,6 +309,21 @@ for cut in range(0, len(raw), max(1, len(raw) // 60)):
             must("cut bytes", all(np.array_equal(v.dense, w.dense(v.set)) for v in r))
     except ValueError:
         pass
+# bytes changed: the same, and it ends
+import random
+random.seed(13)
+refused = 0
+for _ in range(150):
+    b = bytearray(raw)
+    for _ in range(random.choice((1, 8, 64))):
+        b[random.randrange(len(b))] = random.randrange(256)
+    open(dir + "/bytes.h5", "wb").write(b)
+    try:
+        with pyrovox.open(dir + "/bytes.h5", memory=1 << 26) as r:
+            must("changed bytes", all(np.isfinite(v.dense).all() and v.bricks.nbytes < 1 << 26 for v in r))
+    except ValueError:
+        refused += 1
+must(f"{refused} damaged ones refused", refused > 20)
 sys.exit(bad > 0)
 PY
 }

@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
+import os
 from typing import Any, Iterator
 
 import numpy as np
@@ -19,6 +21,9 @@ except ImportError:
 
 FORMAT, VERSION = "pyrovox volumes", 1
 WHY = ("lost", "queue", "unreadable")
+ATTEMPTS = 22  # to read something that a writer is changing; each waits twice as long, all together 8 ms
+CACHE = 8 << 20  # bytes: a layer of chunks
+TEXT = 8 << 20  # bytes
 ROWS = 256  # of the columns that are read together
 REPORT = ("iterations", "rel_residual", "active_voxels", "active_rays", "entries", "photometry_ns",
           "hull_ns", "restrict_ns", "solve_ns", "total_ns")
@@ -26,10 +31,16 @@ VALUES = ("t_publish_ns", "spread_ns", "latency_ns", "camera_mask", "cameras_pre
 COLUMNS = ("number", "t_exposure_ns", "clamped", "status", "solver", *VALUES, *REPORT)
 
 
-def text(value: Any) -> str:
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = value.reshape(-1)[0]
-    return value.decode(errors="replace").split("\0")[0] if isinstance(value, bytes) else str(value)
+def text(where: Any, name: str) -> str:
+    """An attribute or a dataset; "" where it is not there.  Of fixed length, as the format has it: HDF5 follows a
+    damaged pointer to text of any length wherever it leads."""
+    if name not in where:
+        return ""
+    kind = (where.get_id(name) if hasattr(where, "get_id") else where[name]).dtype
+    if kind.kind != "S" or kind.itemsize > TEXT:
+        raise ValueError(f"{name} is not text of fixed length")
+    value = where[name] if hasattr(where, "get_id") else where[name][()]
+    return bytes(value).decode(errors="replace").split("\0")[0]
 
 
 @contextlib.contextmanager
@@ -44,6 +55,18 @@ def reading(path: str) -> Iterator[None]:
         raise BadRecording(f"{path}: is damaged, or not a recording of volumes ({str(e)[:200]})") from None
 
 
+def open_file(path: str, flags: int) -> Any:
+    """HDF5 by itself would double its wait at a damaged place a hundred times, when it follows a writer."""
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_fclose_degree(h5py.h5f.CLOSE_STRONG)
+    access.set_cache(0, 521, CACHE, 0.75)
+    if flags & h5py.h5f.ACC_SWMR_READ:
+        limit = ctypes.CDLL(h5py.h5p.__file__).H5Pset_metadata_read_attempts
+        limit.argtypes, limit.restype = [ctypes.c_int64, ctypes.c_uint], ctypes.c_int
+        limit(access.id, ATTEMPTS)
+    return h5py.File(h5py.h5f.open(os.fsencode(path), flags, fapl=access))
+
+
 class File:
     def __init__(self, path: str, memory: int):
         self.path, self.memory = path, memory
@@ -55,9 +78,9 @@ class File:
         self.close()
         with reading(self.path):
             try:
-                self.file = h5py.File(self.path, "r", swmr=True, rdcc_nbytes=8 << 20)
-            except (OSError, ValueError):  # not of the kind that can be followed
-                self.file = h5py.File(self.path, "r", rdcc_nbytes=8 << 20)
+                self.file = open_file(self.path, h5py.h5f.ACC_RDONLY)
+            except OSError:  # being written, or cut off
+                self.file = open_file(self.path, h5py.h5f.ACC_RDONLY | h5py.h5f.ACC_SWMR_READ)
             try:
                 self._head()
             except BaseException:
@@ -74,7 +97,7 @@ class File:
 
     def _head(self) -> None:
         a = self.file.attrs
-        if text(a.get("format", "")) != FORMAT:
+        if text(a, "format") != FORMAT:
             raise self.fail("is not a recording of volumes")
         if int(a["version"]) != VERSION:
             raise self.fail(f"is of version {int(a['version'])}, this package reads {VERSION}: install a newer one")
@@ -91,7 +114,7 @@ class File:
             raise self.fail(str(e)) from None
         origin, spacing = (np.array(a[k], np.float64).reshape(3) for k in ("origin", "spacing"))
         low, high = origin.tolist(), (origin + spacing * n).tolist()
-        self.grid = Grid(n, (low[0], low[1], low[2]), (high[0], high[1], high[2]), text(a["basis"]), int(shape[4]))
+        self.grid = Grid(n, (low[0], low[1], low[2]), (high[0], high[1], high[2]), text(a, "basis"), int(shape[4]))
         try:
             self.grid.check()
         except ValueError as e:
@@ -102,8 +125,8 @@ class File:
                                                            atol=1e-6 * spacing[axis]):
                 raise self.fail(f"/{name} is of another grid than /emission")
         self.session, self.rig_hash = int(a["session"]), int(a["rig_hash"])
-        self.fps, self.units, self.closed = float(a["fps"]), text(a["units"]), bool(a["closed"])
-        self.rig, self.config = (text(self.file[k][()]) if k in self.file else "" for k in ("rig", "config"))
+        self.fps, self.units, self.closed = float(a["fps"]), text(a, "units"), bool(a["closed"])
+        self.rig, self.config = (text(self.file, k) for k in ("rig", "config"))
         self._sets(int(shape[0]))
         self._gaps()
 
@@ -113,7 +136,7 @@ class File:
     def _sets(self, count: int) -> None:
         for name in COLUMNS:
             c = self.file["sets"][name]
-            if c.ndim != 1:
+            if c.ndim != 1 or c.dtype.kind not in ("S" if name == "solver" else "iuf"):
                 raise self.fail(f"/sets/{name} is not a column")
             count = min(count, c.shape[0])
         if 16 * count > self.memory:
@@ -144,7 +167,7 @@ class File:
 
     def volume(self, k: int) -> Volume:
         row = self._row(k)
-        report = Report(status_name(int(row["status"])), text(row["solver"]), **{c: row[c].item() for c in REPORT})
+        report = Report(status_name(int(row["status"])), row["solver"].decode(errors="replace"), **{c: row[c].item() for c in REPORT})
 
         def read(z0: int, z1: int) -> Floats:
             if self.file is None:

@@ -2,14 +2,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import struct
 import time
 from collections import deque
 from types import TracebackType
-from typing import Any, AsyncIterator, Iterator, Optional
+from typing import Any, AsyncIterator, Iterator, Optional, Union
 
 import zmq
-import zmq.asyncio
 from zmq.utils.monitor import parse_monitor_message
 
 from . import _page
@@ -37,9 +37,9 @@ class Subscription:
         events     what happened lately, the last 100: {"event": ...} as the daemon says it
     """
 
-    def __init__(self, endpoint: str, key: Optional[str] = None, newest: bool = False,
+    def __init__(self, endpoint: str, key: Optional[Union[str, "os.PathLike[str]"]] = None, newest: bool = False,
                  timeout: Optional[float] = None, memory: int = _page.MEMORY):
-        self.endpoint, self.key, self.newest, self.memory = endpoint, key, newest, memory
+        self.endpoint, self.key, self.newest, self.memory = endpoint, os.fspath(key or ""), newest, memory
         self.timeout = timeout
         self.grid: Optional[Grid] = None
         self.lost = self.skipped = self.received = self.malformed = 0
@@ -51,6 +51,7 @@ class Subscription:
         self._next = self._shut = 0
         self._waiting: Optional[tuple[dict[str, Any], bytes]] = None  # the newest volume so far
         self._ended = False
+        self._refusal = ""
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
         self._monitor: Optional[zmq.Socket[bytes]] = None
         try:
@@ -131,10 +132,22 @@ class Subscription:
                 return v
             if self._ended or self._socket.closed:
                 raise StopAsyncIteration
-            poller = zmq.asyncio.Poller()
-            for s in self._sockets():
-                poller.register(s, zmq.POLLIN)
-            await poller.poll(self._left(until))
+            await self._wait(self._left(until))
+
+    async def _wait(self, left: Optional[int]) -> None:
+        """Until one of the sockets, of which all was taken, may have more."""
+        loop = asyncio.get_running_loop()
+        more = asyncio.Event()
+        handles = [int(s.getsockopt(zmq.FD)) for s in self._sockets()]
+        for fd in handles:
+            loop.add_reader(fd, more.set)
+        try:
+            await asyncio.wait_for(more.wait(), None if left is None else left / 1000)
+        except asyncio.TimeoutError:
+            pass  # _left says so
+        finally:
+            for fd in handles:
+                loop.remove_reader(fd)
 
     def _sockets(self) -> list["zmq.Socket[bytes]"]:
         return [s for s in (self._socket, self._monitor) if s is not None]
@@ -168,8 +181,8 @@ class Subscription:
         return self._volume(*waiting) if waiting else None
 
     def _look(self) -> None:
-        """Raises Refused where the daemon does not let us in."""
-        while self._monitor is not None and not self._monitor.closed:
+        """Raises Refused where the daemon does not let us in: libzmq would try again for ever, or never."""
+        while not self._refusal and self._monitor is not None and not self._monitor.closed:
             try:
                 event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))["event"]
             except zmq.Again:
@@ -177,16 +190,18 @@ class Subscription:
             if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
                 self._shut = 0
             elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-                raise Refused(f"{self.endpoint}: the daemon does not let the key in {self.key} in: its list of "
-                              "clients (keys.clients) has to name it, and no longer or not yet does")
+                self._refusal = (f"the daemon does not let the key in {self.key} in: its list of clients "
+                                 "(keys.clients) has to name it, and no longer or not yet does")
             else:  # which of the two it is depends on which end noticed first
                 self._shut += SHUT if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL else 1
                 if self._shut >= SHUT:
-                    raise Refused(f"{self.endpoint}: " + (
+                    self._refusal = (
                         f"the daemon's key is not the server key in {self.key}: it was made anew, or this is "
                         "another daemon, ask who runs it for its .pub; or it asks for no key" if self.key else
                         "the daemon asks for a key (key=FILE; pyrovox keygen NAME --server DAEMON.pub makes one), "
-                        "or whoever listens there is none"))
+                        "or whoever listens there is none")
+        if self._refusal:
+            raise Refused(f"{self.endpoint}: {self._refusal}")
 
     def _message(self, message: bytes) -> Optional[Volume]:
         try:
@@ -246,7 +261,7 @@ class Subscription:
         return v
 
 
-def subscribe(endpoint: str, *, key: Optional[str] = None, newest: bool = False,
+def subscribe(endpoint: str, *, key: Optional[Union[str, "os.PathLike[str]"]] = None, newest: bool = False,
               timeout: Optional[float] = None, memory: int = _page.MEMORY) -> Subscription:
     """Volumes of the daemon at `endpoint`; it need not run yet, and may be started anew.
 

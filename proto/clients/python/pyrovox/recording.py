@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import datetime
+import operator
 import os
 import time as clock
 from dataclasses import dataclass
@@ -167,7 +168,7 @@ class Recording:
             t = nanoseconds(key)
             return int(np.argmin(np.abs(self._source.t_exposure_ns.astype(np.float64) - t)
                                  if abs(t) > 1 << 62 else np.abs(self._source.t_exposure_ns - t)))
-        key = int(key)
+        key = operator.index(key)
         if key < 0:
             return key
         found = np.flatnonzero(self._source.sets == key)
@@ -213,7 +214,11 @@ class Recording:
                 raise CutOff(f"{self.path}: nothing more came in {self._timeout:g} s and it was not closed: cut off "
                              "after " f"{k} volumes, pyrovox repair finishes it; or its daemon makes none (timeout=)")
             clock.sleep(POLL)
-            self._source.refresh()
+            try:
+                self._source.refresh()
+            except BadRecording:  # at the moment in which it is closed it cannot be opened
+                if clock.monotonic() - since > self._timeout:
+                    raise
 
     def close(self) -> None:
         """Volumes that were not read yet cannot be read any more.
