@@ -1,7 +1,8 @@
 """A recording of volumes in HDF5, written by h5py as daemon/VOLUMES.md says: for tests of readers.
 
     volumes_h5.py FILE [SETS]       write it, sets 100, 101, ... without 103
-    volumes_h5.py FILE SETS follow  the same by SWMR, a set for each line on standard input; not closed at its end
+    volumes_h5.py FILE SETS follow  the same by SWMR, a set for each line on standard input, then closed: opened anew
+                                    with HDF5's lock, which fails while a reader holds one
 
 Voxel (i,j,k), channel c of set s is value(s, i, j, k, c) inside the ball, 0 outside.
 """
@@ -100,6 +101,8 @@ def main():
         print(s, flush=True)
         sys.stdin.readline()
     f.close()
+    with h5py.File(path, "r+") as f:
+        f.attrs["closed"] = np.int64(1)
 
 
 if __name__ == "__main__":

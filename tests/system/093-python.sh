@@ -59,6 +59,31 @@ PY
 }
 check golden_messages golden
 
+others() { # messages that are no volumes, of this version and of a later one
+    "$py" - <<'PY'
+import json, os, sys
+from pyrovox.live import Subscription
+s, bad = Subscription("ipc:///tmp/pyrovox-nobody-is-here"), 0
+def hear(kind, raw=None):
+    s._next = 0
+    s._message(raw or open(f"proto/vectors/{kind}.bin", "rb").read())
+    return json.load(open(f"proto/vectors/{kind}.json"))
+want = hear("start")
+bad += s.grid is None or list(s.grid.n) != want["n"]
+bad += hear("status")["status"] != s.status
+for kind, has in ("rig", lambda m: s.rig == m["rig"] != ""), ("event", lambda m: list(s.events) == [m["event"]]):
+    if os.path.exists(f"proto/vectors/{kind}.bin"):  # version 1.1
+        bad += not has(hear(kind))
+raw = bytearray(open("proto/vectors/end.bin", "rb").read())
+raw[4:6] = (999).to_bytes(2, "little")
+hear("end", bytes(raw))
+bad += s._ended or s.malformed
+bad += s.reason != "" or hear("end")["reason"] != s.reason or not s._ended
+sys.exit(bad)
+PY
+}
+check other_messages others
+
 mutated() { # bytes changed, cut, repeated: a volume or a ValueError, and no more memory than was allowed
     "$py" - <<'PY'
 import glob, random, resource, sys
@@ -329,19 +354,21 @@ PY
 }
 if has h5py; then check recordings_in_hdf5 recordings; else echo "SKIP $name:recordings_in_hdf5 (apt-get install python3-h5py)"; fi
 
-follows() { # a file that is being written, and then is closed, or cut off
-    mkfifo "$dir/go"
-    "$py" tests/lib/volumes_h5.py "$dir/live.h5" 5 follow < "$dir/go" > "$dir/written" & local p=$!; pids+=("$p")
+follows() { # a file that is being written, and then is closed | cut off
+    rm -f "$dir/go"; mkfifo "$dir/go"
+    : > "$dir/written"; : > "$dir/read.log"
+    "$py" tests/lib/volumes_h5.py "$dir/$1.h5" 5 follow < "$dir/go" > "$dir/written" & local p=$!; pids+=("$p")
     exec 7> "$dir/go"
     wait_for grep -q 100 "$dir/written" || return 1
-    timeout 300 "$py" - "$dir/live.h5" > "$dir/read.log" 2>&1 <<'PY' & local reader=$!
+    timeout 300 "$py" - "$dir/$1.h5" > "$dir/read.log" 2>&1 <<'PY' & local reader=$!
 import sys
 import numpy as np
 import pyrovox, volumes_h5
 try:
-    for v in pyrovox.open(sys.argv[1], follow=True, timeout=3):
+    for v in pyrovox.open(sys.argv[1], follow=True, timeout=20):
         if not np.array_equal(v.dense, volumes_h5.dense(v.set)): sys.exit("wrong values")
         print("read", v.set, flush=True)
+    print("closed")
 except pyrovox.CutOff as e:
     print(e)
 PY
@@ -351,12 +378,20 @@ PY
         echo >&7
     done
     wait_for grep -q "read 104" "$dir/read.log" || return 1
-    kill -9 "$p"
+    if [ "$1" = cut ]; then
+        kill -9 "$p"
+        wait "$p" 2> /dev/null
+    else
+        echo >&7
+        wait "$p" || return 1
+    fi
     exec 7>&-
-    wait "$p" 2> /dev/null
-    wait "$reader" && grep -q "cut off after 5 volumes" "$dir/read.log" || { cat "$dir/read.log"; return 1; }
+    wait "$reader" && grep -q "$2" "$dir/read.log" || { cat "$dir/read.log"; return 1; }
 }
-if has h5py; then check follows_a_file follows; fi
+if has h5py; then
+    check follows_until_it_is_closed follows ended '^closed'
+    check follows_until_it_is_cut_off follows cut 'cut off after 5 volumes'
+fi
 
 folder() { # of pyrovox record
     "$b/tests/unit/test_pub" --publish "$volumes" 6 0 & pub=$!; pids+=("$pub")

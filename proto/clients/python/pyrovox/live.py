@@ -34,7 +34,7 @@ class Subscription:
         received, malformed
         status     the daemon's counters, as `pyrovox status --json` gives them, as they came last
         rig        text of the rig.yaml in effect, "" where the daemon does not say it
-        events     what happened lately, the last 100: {"event": ...} as the daemon says it
+        events     what happened lately, the last 100, dicts as the daemon says them (PROTOCOL.md)
     """
 
     def __init__(self, endpoint: str, key: Optional[Union[str, "os.PathLike[str]"]] = None, newest: bool = False,

@@ -82,7 +82,7 @@ class Recording:
         r[1200:1300], r[t0:t1:10]   a list: sets 1200 to 1299; every tenth from t0, before t1; r[-5:]
         r.at(k)                     the k-th
         r.sets, r.times             of all: numbers; np.datetime64 [ns]
-        r.grid, r.session, r.fps, r.units, r.rig, r.config, r.gaps
+        r.grid, r.session, r.rig_hash, r.fps, r.units, r.rig, r.config, r.gaps
         r.closed                    False: cut off, or still being written
 
     >>> with pyrovox.open("volumes.h5") as r:                    # doctest: +SKIP
@@ -105,6 +105,11 @@ class Recording:
     def session(self) -> int:
         """Number of the daemon's run."""
         return self._source.session
+
+    @property
+    def rig_hash(self) -> int:
+        """Changes when calibration or grid change."""
+        return self._source.rig_hash
 
     @property
     def fps(self) -> float:
