@@ -22,10 +22,11 @@ VERSION := 0.1.0
 PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
   libopencv-contrib-dev libcairo2-dev \
-  libturbojpeg0-dev libhdf5-dev libcamera-dev libceres-dev
+  libturbojpeg0-dev libhdf5-dev libcamera-dev libceres-dev libopenvdb-dev libnanovdb-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
-  umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial
+  umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
+  libopenvdb-tools libnanovdb-tools python3-openvdb
 PACKAGES_BENCH := python3-matplotlib
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
@@ -66,7 +67,7 @@ RECON_ROOMS := $(filter-out recon/light recon/board recon/calib recon/check,$(fi
 RECON_LIBS := -lyaml -lxxhash -lpthread -lm
 RECON := $(B)/lib/libpyrovox-recon.so.1 $(B)/lib/pyrovox-recon.pc
 CLIENT := $(B)/lib/libpyrovox-client.so.1 $(B)/lib/pyrovox-client.pc
-PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(B)/lib/pyrovox-calib.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so)
+PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(B)/lib/pyrovox-calib.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so) $(if $(wildcard /usr/include/openvdb/openvdb.h),$(if $(wildcard /usr/include/nanovdb/NanoVDB.h),$(B)/lib/pyrovox-openvdb.so))
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
@@ -230,6 +231,12 @@ $(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -std=c++20 -shared -o $@ $< $$(pkg-config --libs libcamera)
+
+# Its headers warn; most of the library's own cost is theirs too.
+$(B)/lib/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/openvdb_shim.h
+	@mkdir -p $(@D)
+	$(call say,CXX)
+	$(Q)$(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' -DNANOVDB_USE_OPENVDB $(CXXFLAGS) -shared -o $@ $< -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
 
 link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) $(filter %.a,$^) $(LDLIBS)
 $(B)/bin/pyrovox: $(B)/daemon/cli/pyrovox.o $(LIBS)

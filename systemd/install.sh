@@ -32,7 +32,7 @@ put() { # mode, source, target
 }
 
 for p in pyrovox pyrovoxd; do put 0755 "$build/bin/$p" "$bin/$p"; done
-for m in opencv aruco calib libcamera; do
+for m in opencv aruco calib libcamera openvdb; do
     if [ -n "$remove" ] || [ -f "$build/lib/pyrovox-$m.so" ]; then
         put 0644 "$build/lib/pyrovox-$m.so" "$lib/pyrovox-$m.so"
     fi

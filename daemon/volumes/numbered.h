@@ -1,0 +1,30 @@
+/* numbered.h - files that are numbered without holes, as Blender and Unreal want them: DIR/NAME_0001.vdb and on,
+ * NAME being the folder's, and DIR/NAME.json, which says what each shows.
+ *
+ * Frame = 1 + set - first set; with `fps` = 1 + round((time - first time) * fps).  A frame without a volume
+ * of its own is the one before again (a link where the file system has links); a volume whose frame is taken
+ * is left out.  A new session, and a hole of more than VOL_HOLE_MAX frames, goes on with the next frame.
+ * NAME.json, rig.yaml and pyrovoxd.yaml lie beside the files; NAME.json is written at the end, so where it is
+ * missing the recording was cut off: the files that are there are whole.
+ * Threads: one at a time. */
+#ifndef VOL_NUMBERED_H
+#define VOL_NUMBERED_H
+#include "daemon/volumes/volumes.h"
+
+#define VOL_HOLE_MAX 10000
+
+typedef struct vol_numbered vol_numbered;
+/* `ext` of the files, without its dot: constant text.  Errors: PVX_EBUSY, something is in the folder; others of pvx_mkdirs. */
+PVX_MUST_CHECK pvx_err vol_numbered_new(const char *dir, const char *ext,
+                                        const struct vol_head *head, const struct vol_options *o,
+                                        vol_numbered **out, struct pvx_diag *d);
+/* false: this volume is to be left out. */
+bool vol_numbered_wants(const vol_numbered *n, const struct pvp_volume *v);
+/* Fills what is missing before it, then writes its file. */
+PVX_MUST_CHECK pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v,
+                                        const void *data, size_t len, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err vol_numbered_gap(vol_numbered *n, const struct vol_gap *g);
+uint64_t vol_numbered_bytes(const vol_numbered *n);
+/* Writes NAME.json.  *n is gone afterwards, whatever is returned. */
+pvx_err vol_numbered_close(vol_numbered **n, struct pvx_diag *d);
+#endif

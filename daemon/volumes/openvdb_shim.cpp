@@ -1,0 +1,368 @@
+#include "daemon/volumes/openvdb_shim.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <istream>
+#include <map>
+#include <memory>
+#include <new>
+#include <sstream>
+#include <streambuf>
+#include <string>
+#include <vector>
+
+#include <openvdb/io/Stream.h>
+#include <openvdb/openvdb.h>
+
+#include <nanovdb/util/IO.h>
+#include <nanovdb/util/OpenToNanoVDB.h>
+
+#include "base/err.h"
+
+namespace
+{
+
+using openvdb::Coord;
+using openvdb::FloatGrid;
+using openvdb::GridBase;
+using openvdb::Vec3f;
+using openvdb::Vec3SGrid;
+
+constexpr int SIDE = 8, CELLS = SIDE * SIDE * SIDE;
+constexpr float MOST_HALF = 65504;
+
+/* The library's texts may be long and have several lines. */
+int fail(int e, char *err, size_t err_size, const char *text) noexcept
+{
+    snprintf(err, err_size, "%.200s", text);
+    for (char *p = err; *p != '\0'; p++)
+        if (static_cast<unsigned char>(*p) < ' ')
+            *p = ' ';
+    return e;
+}
+
+/* Run f() and turn whatever it throws into an error. */
+template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
+{
+    try {
+        openvdb::initialize();
+        return f();
+    } catch (const std::bad_alloc &) {
+        return fail(PVX_ENOMEM, err, err_size, "out of memory");
+    } catch (const std::length_error &) {
+        return fail(PVX_EFORMAT, err, err_size, "a length in it cannot be");
+    } catch (const std::exception &e) {
+        return fail(PVX_EFORMAT, err, err_size, e.what());
+    } catch (...) {
+        return fail(PVX_EFORMAT, err, err_size, "unknown failure in OpenVDB");
+    }
+}
+
+/* ---- bricks to leaves --------------------------------------------------------------------------- */
+
+/* What a leaf stores of a voxel's channels. */
+float luminance(const float *v, unsigned channels)
+{
+    return channels == 1 ? v[0] : 0.2126f * v[0] + 0.7152f * v[1] + 0.0722f * v[2];
+}
+
+/* Where a brick's voxel (i, j, k) is in its leaf: z fastest there. */
+unsigned leaf_cell(int i, int j, int k, bool y_up)
+{
+    return static_cast<unsigned>(y_up ? i << 6 | k << 3 | (SIDE - 1 - j) : i << 6 | j << 3 | k);
+}
+
+Coord leaf_origin(const vol_vdb_bricks &v, uint32_t id)
+{
+    const uint32_t nx = (v.n[0] + SIDE - 1) / SIDE, ny = (v.n[1] + SIDE - 1) / SIDE;
+    const int x = SIDE * static_cast<int>(id % nx), y = SIDE * static_cast<int>(id / nx % ny),
+              z = SIDE * static_cast<int>(id / nx / ny);
+    return v.y_up ? Coord(x, z, -SIDE - y) : Coord(x, y, z);
+}
+
+/* A leaf for each brick that has a voxel with flame; `get`: the leaf's value of a voxel's channels. */
+template <typename GridT, typename F>
+GridBase::Ptr make_grid(const vol_vdb_bricks &v, const char *name, bool half, F get)
+{
+    using Leaf = typename GridT::TreeType::LeafNodeType;
+    auto grid = GridT::create();
+    for (uint32_t b = 0; b < v.n_bricks; b++) {
+        auto leaf = std::make_unique<Leaf>(leaf_origin(v, v.ids[b]));
+        auto *out = leaf->buffer().data();
+        const float *in = v.brick + static_cast<size_t>(b) * CELLS * v.channels;
+        for (int k = 0; k < SIDE; k++)
+            for (int j = 0; j < SIDE; j++)
+                for (int i = 0; i < SIDE; i++, in += v.channels) {
+                    if (in[0] == 0 && (v.channels == 1 || (in[1] == 0 && in[2] == 0)))
+                        continue;
+                    const unsigned cell = leaf_cell(i, j, k, v.y_up != 0);
+                    out[cell] = get(in);
+                    leaf->setValueOn(cell);
+                }
+        if (!leaf->isEmpty())
+            grid->tree().addLeaf(leaf.release());
+    }
+    openvdb::Mat4d m = openvdb::Mat4d::identity();
+    for (int a = 0; a < 3; a++) {
+        m(a, a) = v.spacing[a];
+        m(3, a) = v.origin[a];
+    }
+    grid->setTransform(openvdb::math::Transform::createLinearTransform(m));
+    grid->setName(name);
+    grid->setCreator("pyrovox " PVX_VERSION);
+    grid->setSaveFloatAsHalf(half);
+    return grid;
+}
+
+std::vector<GridBase::Ptr> make_grids(const vol_vdb_bricks &v, bool half)
+{
+    const unsigned channels = v.channels;
+    const float most = half ? MOST_HALF : HUGE_VALF;
+    auto cut = [most](float x) { return std::min(std::max(x, -most), most); };
+    std::vector<GridBase::Ptr> all;
+    auto scalar = [&](const char *name, auto get) {
+        all.push_back(make_grid<FloatGrid>(v, name, half, get));
+        all.back()->setGridClass(openvdb::GRID_FOG_VOLUME);
+    };
+    scalar("density", [=](const float *p) { return cut(luminance(p, channels)); });
+    if (channels == 3 && v.split) {
+        scalar("red", [=](const float *p) { return cut(p[0]); });
+        scalar("green", [=](const float *p) { return cut(p[1]); });
+        scalar("blue", [=](const float *p) { return cut(p[2]); });
+    } else if (channels == 3) {
+        all.push_back(make_grid<Vec3SGrid>(v, "emission", half, [=](const float *p) {
+            return Vec3f(cut(p[0]), cut(p[1]), cut(p[2]));
+        }));
+        all.back()->setVectorType(openvdb::VEC_INVARIANT);
+    }
+    return all;
+}
+
+/* ---- metadata ----------------------------------------------------------------------------------- */
+
+openvdb::MetaMap make_meta(const vol_vdb_bricks &v)
+{
+    openvdb::MetaMap m;
+    for (size_t i = 0; i < v.n_notes; i++) {
+        const vol_vdb_note &n = v.notes[i];
+        switch (n.kind) {
+        case VOL_VDB_TEXT: m.insertMeta(n.key, openvdb::StringMetadata(n.text)); break;
+        case VOL_VDB_INT: m.insertMeta(n.key, openvdb::Int64Metadata(n.i)); break;
+        case VOL_VDB_REAL: m.insertMeta(n.key, openvdb::DoubleMetadata(n.x[0])); break;
+        default:
+            m.insertMeta(n.key, openvdb::Vec3DMetadata(openvdb::Vec3d(n.x[0], n.x[1], n.x[2])));
+        }
+    }
+    return m;
+}
+
+/* ---- files in memory ---------------------------------------------------------------------------- */
+
+struct Bytes : std::stringbuf {
+    Bytes() : std::stringbuf(std::ios::in | std::ios::out | std::ios::binary)
+    {
+    }
+    int take(std::streamoff n, vol_vdb_bytes *out)
+    {
+        out->data = n > 0 ? malloc(static_cast<size_t>(n)) : nullptr;
+        if (out->data == nullptr)
+            return PVX_ENOMEM;
+        out->size = static_cast<size_t>(n);
+        memcpy(out->data, pbase(), out->size);
+        return PVX_OK;
+    }
+};
+
+struct View : std::streambuf {
+    View(const void *p, size_t n)
+    {
+        char *c = static_cast<char *>(const_cast<void *>(p));
+        setg(c, c, c + n);
+    }
+
+  protected:
+    pos_type seekoff(off_type off, std::ios_base::seekdir way, std::ios_base::openmode) override
+    {
+        const off_type size = egptr() - eback(), from = way == std::ios_base::beg ? 0
+                                                        : way == std::ios_base::cur
+                                                            ? gptr() - eback()
+                                                            : size;
+        if (off < -from || off > size - from)
+            return pos_type(off_type(-1));
+        setg(eback(), eback() + from + off, egptr());
+        return pos_type(from + off);
+    }
+    pos_type seekpos(pos_type pos, std::ios_base::openmode which) override
+    {
+        return seekoff(off_type(pos), std::ios_base::beg, which);
+    }
+};
+
+/* io::File writes by itself and does not see a full disk. */
+struct Archive : openvdb::io::Archive {
+    void put(std::ostream &os, const std::vector<GridBase::Ptr> &grids,
+             const openvdb::MetaMap &meta) const
+    {
+        openvdb::io::Archive::write(os, grids, true, meta);
+    }
+};
+
+int write_vdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        Bytes bytes;
+        std::ostream os(&bytes);
+        os.exceptions(std::ios::badbit);
+        Archive().put(os, make_grids(*v, true), make_meta(*v));
+        os.seekp(0, std::ios::end);
+        return bytes.take(os.tellp(), out);
+    });
+}
+
+int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        std::vector<nanovdb::GridHandle<nanovdb::HostBuffer>> all;
+        for (const GridBase::Ptr &g : make_grids(*v, false))
+            all.push_back(nanovdb::openToNanoVDB(g));
+        Bytes bytes;
+        std::ostream os(&bytes);
+        os.exceptions(std::ios::badbit);
+        /* The header is written last, over a hole that a stream in memory has to have already. */
+        os << std::string(4096, '\0');
+        os.seekp(0);
+        nanovdb::io::writeGrids(os, all);
+        return bytes.take(os.tellp(), out);
+    });
+}
+
+/* ---- leaves to bricks --------------------------------------------------------------------------- */
+
+/* false: outside the grid. */
+bool brick_id(const vol_vdb_bricks &v, const Coord &at, uint32_t *id)
+{
+    const int64_t p[3] = {at.x(), v.y_up ? -SIDE - static_cast<int64_t>(at.z()) : at.y(),
+                          v.y_up ? at.y() : at.z()};
+    uint32_t nb[3];
+    for (int a = 0; a < 3; a++) {
+        nb[a] = (v.n[a] + SIDE - 1) / SIDE;
+        if (p[a] < 0 || p[a] / SIDE >= nb[a])
+            return false;
+    }
+    *id = static_cast<uint32_t>((p[2] / SIDE * nb[1] + p[1] / SIDE) * nb[0] + p[0] / SIDE);
+    return true;
+}
+
+using Bricks = std::map<uint32_t, std::vector<float>>; /* by id, ascending */
+
+/* The values of one leaf to channel `c` and on. */
+template <typename Leaf>
+bool take_leaf(const vol_vdb_bricks &v, const Leaf &leaf, uint32_t id, unsigned c, float *out)
+{
+    using Value = typename Leaf::ValueType;
+    const uint32_t nx = (v.n[0] + SIDE - 1) / SIDE, ny = (v.n[1] + SIDE - 1) / SIDE;
+    const uint32_t at[3] = {id % nx * SIDE, id / nx % ny * SIDE, id / nx / ny * SIDE};
+    for (uint32_t k = 0; k < SIDE && at[2] + k < v.n[2]; k++)
+        for (uint32_t j = 0; j < SIDE && at[1] + j < v.n[1]; j++)
+            for (uint32_t i = 0; i < SIDE && at[0] + i < v.n[0]; i++) {
+                const unsigned cell = leaf_cell(static_cast<int>(i), static_cast<int>(j),
+                                                static_cast<int>(k), v.y_up != 0);
+                if (!leaf.isValueOn(cell))
+                    continue;
+                const Value x = leaf.getValue(cell);
+                float *to = out + ((k * SIDE + j) * SIDE + i) * v.channels + c;
+                if constexpr (std::is_same_v<Value, float>) {
+                    to[0] = x;
+                    if (!std::isfinite(x))
+                        return false;
+                } else {
+                    for (int a = 0; a < 3; a++)
+                        to[a] = x[a];
+                    if (!x.isFinite())
+                        return false;
+                }
+            }
+    return true;
+}
+
+/* All leaves of one grid, which is channel c (and on) of the bricks. */
+template <typename GridT>
+int take_grid(const vol_vdb_bricks &v, const openvdb::GridPtrVec &grids, const char *name,
+              unsigned c, Bricks *out, char *err, size_t err_size)
+{
+    const auto grid = openvdb::gridPtrCast<GridT>(openvdb::findGridByName(grids, name));
+    if (!grid)
+        return fail(PVX_EFORMAT, err, err_size,
+                    (std::string("has no grid ") + name + " as pyrovox writes it").c_str());
+    if (grid->tree().activeTileCount() != 0)
+        return fail(PVX_EUNSUP, err, err_size, "has tiles: another program made it anew");
+    for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
+        uint32_t id;
+        if (!brick_id(v, leaf->origin(), &id))
+            return fail(PVX_ECORRUPT, err, err_size, "has voxels outside its grid");
+        auto &brick = (*out)[id];
+        brick.resize(static_cast<size_t>(CELLS) * v.channels);
+        if (!take_leaf(v, *leaf, id, c, brick.data()))
+            return fail(PVX_ECORRUPT, err, err_size, "has a value that is not finite");
+    }
+    return PVX_OK;
+}
+
+int give(const Bricks &bricks, vol_vdb_bricks *v)
+{
+    const size_t one = static_cast<size_t>(CELLS) * v->channels, n = bricks.size();
+    auto *ids = static_cast<uint32_t *>(malloc((n + 1) * sizeof(uint32_t)));
+    auto *brick = static_cast<float *>(malloc((n * one + 1) * sizeof(float)));
+    if (ids == nullptr || brick == nullptr) {
+        free(ids);
+        free(brick);
+        return PVX_ENOMEM;
+    }
+    v->ids = ids;
+    v->brick = brick;
+    v->n_bricks = static_cast<uint32_t>(n);
+    for (const auto &b : bricks) {
+        *ids++ = b.first;
+        memcpy(brick, b.second.data(), one * sizeof(float));
+        brick += one;
+    }
+    return PVX_OK;
+}
+
+int read(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        View bytes(data, len);
+        std::istream is(&bytes);
+        is.exceptions(std::ios::badbit | std::ios::eofbit | std::ios::failbit);
+        openvdb::io::Stream stream(is, false);
+        const auto grids = stream.getGrids();
+        if (!grids)
+            return fail(PVX_EFORMAT, err, err_size, "has no grids");
+        Bricks all;
+        int e = PVX_OK;
+        if (v->channels == 1) {
+            e = take_grid<FloatGrid>(*v, *grids, "density", 0, &all, err, err_size);
+        } else if (!v->split) {
+            e = take_grid<Vec3SGrid>(*v, *grids, "emission", 0, &all, err, err_size);
+        } else {
+            const char *const names[] = {"red", "green", "blue"};
+            for (unsigned c = 0; c < 3 && e == PVX_OK; c++)
+                e = take_grid<FloatGrid>(*v, *grids, names[c], c, &all, err, err_size);
+        }
+        return e == PVX_OK ? give(all, v) : e;
+    });
+}
+
+const struct vol_vdb module = {VOL_VDB_VERSION, write_vdb, write_nvdb, read};
+
+} // namespace
+
+const struct vol_vdb *vol_vdb_module(void) noexcept
+{
+    return &module;
+}

@@ -1,0 +1,72 @@
+/* openvdb_shim.h - what the OpenVDB module (lib/pyrovox-openvdb.so) offers, as plain C.
+ *
+ * The module is C++ and is loaded with dlopen by vdb_module.c on first use; it exports one function,
+ * vol_vdb_module.  Nothing throws across this border: every entry returns a pvx_err value as int and
+ * puts a line into `err` when that is not 0.  Buffers that it gives are from malloc.
+ * Files are bytes in memory: who calls writes them, so that a full disk is seen and files are whole.
+ * Bricks are volumes.h's; a brick is a leaf of the tree, so nothing is ever dense.
+ *
+ * Index coordinates: voxel (i, j, k) is at (i, j, k); with y_up at (i, k, -1-j), which turns z up into y up
+ * and leaves bricks on leaves.  World = origin + spacing * index, so a voxel's centre is on whole numbers.
+ * Grids: `density`, luminance (Rec. 709), and with three channels `emission` of vectors, or with `split`
+ * red, green, blue.  Active is where some channel is not 0.
+ * .vdb is saved as half (values cut to +-65504), .nvdb as float. */
+#ifndef VOL_OPENVDB_SHIM_H
+#define VOL_OPENVDB_SHIM_H
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#define VOL_VDB_NOEXCEPT noexcept
+#else
+#define VOL_VDB_NOEXCEPT
+#endif
+
+#define VOL_VDB_VERSION   1
+#define VOL_VDB_NOTES_MAX 64
+
+enum vol_vdb_kind { VOL_VDB_TEXT, VOL_VDB_INT, VOL_VDB_REAL, VOL_VDB_VECTOR };
+struct vol_vdb_note { /* one of the file's metadata */
+    char key[24];
+    int kind; /* enum vol_vdb_kind */
+    int64_t i;
+    double x[3]; /* VOL_VDB_REAL: the first */
+    char text[64];
+};
+
+struct vol_vdb_bricks {
+    uint32_t n[3], channels;
+    int split, y_up;
+    double origin[3], spacing[3]; /* of index coordinates, in the file's unit */
+    uint32_t n_bricks;
+    const uint32_t *ids; /* [n_bricks] ascending */
+    const float *brick;  /* [n_bricks][8^3][channels] */
+    const struct vol_vdb_note *notes;
+    size_t n_notes;
+};
+struct vol_vdb_bytes {
+    void *data; /* malloc */
+    size_t size;
+};
+
+struct vol_vdb {
+    int version; /* VOL_VDB_VERSION */
+    int (*write_vdb)(const struct vol_vdb_bricks *v, struct vol_vdb_bytes *out, char *err,
+                     size_t err_size) VOL_VDB_NOEXCEPT;
+    int (*write_nvdb)(const struct vol_vdb_bricks *v, struct vol_vdb_bytes *out, char *err,
+                      size_t err_size) VOL_VDB_NOEXCEPT;
+    /* The bricks of a .vdb.  OpenVDB trusts what it reads and may crash on damaged bytes: for a process of its
+     * own, whose answer is checked (vdb_child.c).  n, channels,
+     * split and y_up are given, ids and brick are from malloc.  PVX_EFORMAT: not such a file, or of other grids; PVX_ECORRUPT: a value that is not finite, a leaf
+     * outside the grid. */
+    int (*read)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
+                size_t err_size) VOL_VDB_NOEXCEPT;
+};
+
+const struct vol_vdb *vol_vdb_module(void) VOL_VDB_NOEXCEPT;
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,117 @@
+/* vdb.c - recordings of volumes in OpenVDB and NanoVDB: numbered files, made by the module. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/volumes/numbered.h"
+#include "daemon/volumes/vdb_module.h"
+#include "daemon/volumes/vdb_notes.h"
+
+struct vdb {
+    const struct vol_vdb *module;
+    vol_numbered *files;
+    struct vol_vdb_about about;
+    struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
+    char path[400];
+    bool nano;
+};
+
+static pvx_err open_any(bool nano, void **self, const char *path, const struct vol_head *head,
+                        const struct vol_options *o, struct pvx_diag *d)
+{
+    const struct vol_vdb *module;
+    *self = NULL;
+    PVX_TRY(vol_vdb_need(path, &module, d));
+    struct vdb *w = calloc(1, sizeof *w);
+    if (w == NULL)
+        return PVX_ENOMEM;
+    w->module = module;
+    w->nano = nano;
+    snprintf(w->path, sizeof w->path, "%s", path);
+    w->about.start = head->start;
+    w->about.y_up = o->y_up;
+    w->about.split = o->split && head->start.grid.channels == 3;
+    w->about.unit_m = o->unit_m > 0 ? o->unit_m : 1;
+    pvx_err e = vol_numbered_new(path, nano ? "nvdb" : "vdb", head, o, &w->files, d);
+    if (e == PVX_OK)
+        *self = w;
+    else
+        free(w);
+    return e;
+}
+
+static pvx_err open_vdb(void **self, const char *path, const struct vol_head *head,
+                        const struct vol_options *o, struct pvx_diag *d)
+{
+    return open_any(false, self, path, head, o, d);
+}
+
+static pvx_err open_nvdb(void **self, const char *path, const struct vol_head *head,
+                         const struct vol_options *o, struct pvx_diag *d)
+{
+    return open_any(true, self, path, head, o, d);
+}
+
+/* World of the index coordinates of openvdb_shim.h: with y up the axes are x, z, -y. */
+static void place(const struct vol_vdb_about *a, struct vol_vdb_bricks *b)
+{
+    const struct pvp_grid *g = &a->v.grid;
+    for (int i = 0; i < 3; i++) {
+        int axis = a->y_up && i > 0 ? 3 - i : i;
+        double spacing = (g->max[axis] - g->min[axis]) / g->n[axis];
+        double corner = a->y_up && i == 2 ? -g->min[1] : g->min[axis];
+        b->n[i] = g->n[i];
+        b->spacing[i] = spacing / a->unit_m;
+        b->origin[i] = (corner + spacing / 2) / a->unit_m;
+    }
+    b->channels = g->channels;
+    b->split = a->split != 0;
+    b->y_up = a->y_up != 0;
+}
+
+static pvx_err put(void *self, const struct vol_volume *v, struct pvx_diag *d)
+{
+    struct vdb *w = self;
+    struct vol_vdb_bytes bytes = {NULL, 0};
+    if (vol_numbered_wants(w->files, &v->v)) {
+        w->about.v = v->v;
+        w->about.sample = v->sample;
+        w->about.clamped = v->clamped;
+        struct vol_vdb_bricks b = {.n_bricks = v->n_bricks,
+                                   .ids = v->ids,
+                                   .brick = v->brick,
+                                   .notes = w->note,
+                                   .n_notes = vol_vdb_notes_make(&w->about, w->note)};
+        char err[256] = "";
+        place(&w->about, &b);
+        int e =
+            (w->nano ? w->module->write_nvdb : w->module->write_vdb)(&b, &bytes, err, sizeof err);
+        if (e != PVX_OK)
+            return vol_vdb_error(e, w->path, err, d);
+    }
+    pvx_err e = vol_numbered_put(w->files, &v->v, bytes.data, bytes.size, d);
+    free(bytes.data);
+    return e;
+}
+
+static pvx_err gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
+{
+    (void)d;
+    return vol_numbered_gap(((struct vdb *)self)->files, g);
+}
+
+static uint64_t bytes(const void *self)
+{
+    return vol_numbered_bytes(((const struct vdb *)self)->files);
+}
+
+static pvx_err close_all(void *self, struct pvx_diag *d)
+{
+    struct vdb *w = self;
+    pvx_err e = vol_numbered_close(&w->files, d);
+    free(w);
+    return e;
+}
+
+const struct vol_writer_ops vol_vdb_writer = {open_vdb, put, gap, bytes, close_all};
+const struct vol_writer_ops vol_nvdb_writer = {open_nvdb, put, gap, bytes, close_all};

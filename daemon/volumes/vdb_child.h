@@ -1,0 +1,12 @@
+/* vdb_child.h - OpenVDB reads a file in a process of its own: it trusts what it reads, and damaged bytes make it
+ * crash or ask for all memory.  That process is bounded, and nothing that comes from it is believed unchecked. */
+#ifndef VOL_VDB_CHILD_H
+#define VOL_VDB_CHILD_H
+#include "base/err.h"
+#include "daemon/volumes/openvdb_shim.h"
+
+/* As vol_vdb.read: ids ascending and within the grid, values finite.  PVX_ECORRUPT: it cannot be read. */
+PVX_MUST_CHECK pvx_err vol_vdb_child_read(const struct vol_vdb *module, const char *path,
+                                          const void *bytes, size_t len, struct vol_vdb_bricks *v,
+                                          struct pvx_diag *d);
+#endif

@@ -1,0 +1,280 @@
+/* vdb_read.c - numbered .vdb files (or one) as a recording again.  What stands in their metadata is believed
+ * within bounds (vdb_notes.h); the rest is OpenVDB's to read, where it can do no harm (vdb_child.h). */
+#include <dirent.h>
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "base/file.h"
+#include "daemon/volumes/vdb_child.h"
+#include "daemon/volumes/vdb_module.h"
+#include "daemon/volumes/vdb_notes.h"
+#include "proto/fields.h"
+
+#define HEAD_BYTES ((size_t)65536) /* metadata comes first in a file, and needs some 3 KB */
+#define FILE_MAX   ((size_t)1 << 36)
+#define TEXT_MAX   ((size_t)1 << 24)
+
+struct file {
+    char *path;
+    uint64_t set, session;
+};
+
+struct vdb_in {
+    const struct vol_vdb *module;
+    struct file *file;
+    size_t n;
+    struct vol_gap *gap;
+    size_t n_gaps;
+    char *rig, *config;
+    struct vol_head head;
+    uint32_t *ids;
+    float *brick; /* of the volume given last */
+};
+
+static bool ends_in(const char *s, const char *end)
+{
+    size_t n = strlen(s), k = strlen(end);
+    return n > k && strcmp(s + n - k, end) == 0;
+}
+
+static int is_vdb_name(const struct dirent *e)
+{
+    return ends_in(e->d_name, ".vdb");
+}
+static int is_nvdb_name(const struct dirent *e)
+{
+    return ends_in(e->d_name, ".nvdb");
+}
+
+/* By number, not by letter: _9999 before _10000.  -1: not a folder. */
+static int list(const char *dir, int (*which)(const struct dirent *), struct dirent ***entry)
+{
+    *entry = NULL;
+    return scandir(dir, entry, which, versionsort);
+}
+
+static void free_list(struct dirent **entry, int n)
+{
+    for (int i = 0; i < n; i++)
+        free(entry[i]);
+    free(entry);
+}
+
+static bool has(const char *path, const char *end, int (*which)(const struct dirent *))
+{
+    struct dirent **entry;
+    struct stat st;
+    if (stat(path, &st) != 0)
+        return false;
+    if (!S_ISDIR(st.st_mode))
+        return ends_in(path, end);
+    int n = list(path, which, &entry);
+    free_list(entry, n);
+    return n > 0;
+}
+
+static bool is_vdb(const char *path)
+{
+    return has(path, ".vdb", is_vdb_name);
+}
+
+static pvx_err read_about(const char *path, struct vol_vdb_about *out, struct pvx_diag *d)
+{
+    struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
+    char *bytes = malloc(HEAD_BYTES);
+    FILE *f = fopen(path, "rbe");
+    size_t n = 0, len = f != NULL && bytes != NULL ? fread(bytes, 1, HEAD_BYTES, f) : 0;
+    pvx_err e = bytes == NULL ? PVX_ENOMEM
+                : f == NULL
+                    ? pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno))
+                    : PVX_OK;
+    if (f != NULL)
+        fclose(f);
+    if (e == PVX_OK)
+        e = vol_vdb_notes_parse(bytes, len, path, note, &n, d);
+    if (e == PVX_OK)
+        e = vol_vdb_notes_read(note, n, path, out, d);
+    free(bytes);
+    return e;
+}
+
+static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
+{
+    struct vol_gap *more = realloc(r->gap, (r->n_gaps + 1) * sizeof *more);
+    if (more == NULL)
+        return PVX_ENOMEM;
+    r->gap = more;
+    r->gap[r->n_gaps++] =
+        (struct vol_gap){.why = VOL_GAP_LOST, .set_first = first, .set_last = last};
+    return PVX_OK;
+}
+
+/* The next file of the recording; one that repeats the set before is passed over. */
+static pvx_err add_file(struct vdb_in *r, const char *path, struct pvx_diag *d)
+{
+    struct vol_vdb_about a;
+    PVX_TRY(read_about(path, &a, d));
+    const struct file *before = r->n > 0 ? &r->file[r->n - 1] : NULL;
+    if (before == NULL)
+        r->head.start = a.start;
+    else if (before->session == a.v.session && before->set == a.v.set)
+        return PVX_OK;
+    if (!pvp_grid_same(&a.v.grid, &r->head.start.grid))
+        return pvx_fail(d, PVX_EFORMAT,
+                        "%s: has another grid than the files before it: another recording's", path);
+    if (before != NULL && before->session == a.v.session && a.v.set > before->set + 1)
+        PVX_TRY(add_gap(r, before->set + 1, a.v.set - 1));
+    struct file *more = realloc(r->file, (r->n + 1) * sizeof *more);
+    if (more == NULL)
+        return PVX_ENOMEM;
+    r->file = more;
+    r->file[r->n] = (struct file){strdup(path), a.v.set, a.v.session};
+    return r->file[r->n++].path != NULL ? PVX_OK : PVX_ENOMEM;
+}
+
+/* NULL where there is none. */
+static pvx_err take_text(const char *dir, const char *name, char **out, struct pvx_diag *d)
+{
+    char path[PATH_MAX];
+    size_t len;
+    snprintf(path, sizeof path, "%s/%s", dir, name);
+    struct pvx_diag own = {""};
+    pvx_err e = pvx_file_read(path, TEXT_MAX, out, &len, &own);
+    return e == PVX_OK || e == PVX_ENOENT ? PVX_OK : pvx_fail(d, e, "%s", own.text);
+}
+
+static int is_list_name(const struct dirent *e)
+{
+    return ends_in(e->d_name, ".json");
+}
+
+static pvx_err add_folder(struct vdb_in *r, const char *dir, bool *cut, struct pvx_diag *d)
+{
+    struct dirent **entry;
+    char path[PATH_MAX];
+    int n = list(dir, is_list_name, &entry);
+    *cut = n == 0;
+    free_list(entry, n);
+    n = list(dir, is_vdb_name, &entry);
+    if (n < 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
+    pvx_err e = n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volumes (.vdb) in it", dir);
+    for (int i = 0; i < n && e == PVX_OK; i++) {
+        snprintf(path, sizeof path, "%s/%s", dir, entry[i]->d_name);
+        e = add_file(r, path, d);
+    }
+    free_list(entry, n);
+    if (e == PVX_OK)
+        e = take_text(dir, "rig.yaml", &r->rig, d);
+    if (e == PVX_OK)
+        e = take_text(dir, "pyrovoxd.yaml", &r->config, d);
+    return e;
+}
+
+static void close_in(void *self)
+{
+    struct vdb_in *r = self;
+    for (size_t i = 0; i < r->n; i++)
+        free(r->file[i].path);
+    free(r->file);
+    free(r->gap);
+    free(r->rig);
+    free(r->config);
+    free(r->ids);
+    free(r->brick);
+    free(r);
+}
+
+static pvx_err open_in(void **self, const char *path, struct vol_head *head, uint64_t *count,
+                       bool *cut, struct pvx_diag *d)
+{
+    const struct vol_vdb *module;
+    struct stat st;
+    *self = NULL;
+    *cut = false;
+    PVX_TRY(vol_vdb_need(path, &module, d));
+    struct vdb_in *r = calloc(1, sizeof *r);
+    if (r == NULL)
+        return PVX_ENOMEM;
+    r->module = module;
+    pvx_err e = stat(path, &st) == 0 && S_ISDIR(st.st_mode) ? add_folder(r, path, cut, d)
+                                                            : add_file(r, path, d);
+    if (e != PVX_OK) {
+        close_in(r);
+        return e;
+    }
+    r->head.rig = r->rig;
+    r->head.config = r->config;
+    *head = r->head;
+    *count = r->n;
+    *self = r;
+    return PVX_OK;
+}
+
+static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
+{
+    struct vdb_in *r = self;
+    struct vol_vdb_about a;
+    char *bytes;
+    size_t len;
+    if (k >= r->n)
+        return pvx_fail(d, PVX_EINVAL, "no volume %llu", (unsigned long long)k);
+    const char *path = r->file[k].path;
+    free(r->ids);
+    free(r->brick);
+    r->ids = NULL;
+    r->brick = NULL;
+    PVX_TRY(read_about(path, &a, d));
+    if (!pvp_grid_same(&a.v.grid, &r->head.start.grid))
+        return pvx_fail(d, PVX_ECORRUPT, "%s: has changed while it was read", path);
+    PVX_TRY(pvx_file_read(path, FILE_MAX, &bytes, &len, d));
+    const struct pvp_grid *g = &a.v.grid;
+    struct vol_vdb_bricks b = {.n = {g->n[0], g->n[1], g->n[2]},
+                               .channels = g->channels,
+                               .split = a.split != 0,
+                               .y_up = a.y_up != 0};
+    pvx_err e = vol_vdb_child_read(r->module, path, bytes, len, &b, d);
+    free(bytes);
+    PVX_TRY(e);
+    r->ids = (uint32_t *)b.ids;
+    r->brick = (float *)b.brick;
+    *out = (struct vol_volume){.v = a.v,
+                               .sample = PVP_F16, /* so the file holds them */
+                               .clamped = a.clamped != 0,
+                               .n_bricks = b.n_bricks,
+                               .ids = r->ids,
+                               .brick = r->brick};
+    return PVX_OK;
+}
+
+static const struct vol_gap *gap_at(const void *self, uint64_t k)
+{
+    const struct vdb_in *r = self;
+    return k < r->n_gaps ? &r->gap[k] : NULL;
+}
+
+const struct vol_reader_ops vol_vdb_reader = {is_vdb, open_in, get, gap_at, close_in};
+
+/* ---- NanoVDB: written only ---------------------------------------------------------------------- */
+
+static bool is_nvdb(const char *path)
+{
+    return has(path, ".nvdb", is_nvdb_name);
+}
+
+/* Its trees are addresses within the file that its library follows unchecked. */
+static pvx_err refuse_nvdb(void **self, const char *path, struct vol_head *head, uint64_t *count,
+                           bool *cut, struct pvx_diag *d)
+{
+    (void)self, (void)head, (void)count, (void)cut;
+    return pvx_fail(d, PVX_EUNSUP,
+                    "%s: NanoVDB is written, not read; name the recording that it was made from "
+                    "(npy, hdf5 or vdb)",
+                    path);
+}
+
+const struct vol_reader_ops vol_nvdb_reader = {is_nvdb, refuse_nvdb, NULL, NULL, NULL};

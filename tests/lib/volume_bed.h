@@ -1,0 +1,91 @@
+/* volume_bed.h - volumes for recordings, with values that a half holds exactly. */
+#ifndef TESTS_VOLUME_BED_H
+#define TESTS_VOLUME_BED_H
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/volumes/volumes.h"
+
+struct volume_bed {
+    struct vol_head head;
+    uint32_t ids[4096];
+    float *brick;
+    struct vol_volume v;
+};
+
+/* Sides that are no multiples of 8, voxels that are no cubes, a box off the centre. */
+static inline void volume_bed_new(struct volume_bed *b, uint32_t nx, uint32_t ny, uint32_t nz,
+                                  uint32_t channels, uint32_t basis)
+{
+    *b = (struct volume_bed){.head = {.rig = "cameras: []\n"}};
+    b->head.start = (struct pvp_start){
+        .grid = {{nx, ny, nz}, {-0.3, 0.2, 1.1}, {0.5, 0.9, 1.75}, basis, channels},
+        .session = 0xfedcba9876543210u,
+        .rig_hash = 0x8123456789abcdefu,
+        .n_cameras = 5,
+        .fps = 20,
+        .units = "1/m",
+        .software = "volume_bed"};
+    b->brick = calloc(sizeof b->ids / sizeof b->ids[0] * 512 * channels, sizeof *b->brick);
+    if (b->brick == NULL)
+        exit(1);
+}
+
+static inline void volume_bed_free(struct volume_bed *b)
+{
+    free(b->brick);
+    b->brick = NULL;
+}
+
+/* Of voxel (i, j, k), 0 in two of three voxels. */
+static inline float volume_bed_value(const struct volume_bed *b, uint64_t set, uint32_t i,
+                                     uint32_t j, uint32_t k, uint32_t c)
+{
+    uint32_t at = (k * b->head.start.grid.n[1] + j) * b->head.start.grid.n[0] + i;
+    return (at + set) % 3 != 0 ? 0 : (float)((at * 7 + set * 13 + c * 5) % 1000 + 1) / 16;
+}
+
+/* Every second brick of set `set`, at `t_ns`. */
+static inline const struct vol_volume *volume_bed_make(struct volume_bed *b, uint64_t set,
+                                                       int64_t t_ns)
+{
+    const struct pvp_grid *g = &b->head.start.grid;
+    const uint32_t nb[3] = {(g->n[0] + 7) / 8, (g->n[1] + 7) / 8, (g->n[2] + 7) / 8};
+    b->v = (struct vol_volume){.v = {.session = b->head.start.session,
+                                     .set = set,
+                                     .t_exposure_ns = t_ns,
+                                     .t_publish_ns = t_ns + 30000000,
+                                     .spread_ns = 1234,
+                                     .latency_ns = 20000000,
+                                     .cameras_present = 4,
+                                     .camera_mask = 0x800000000000000du,
+                                     .grid = *g,
+                                     .report = {.status = 1,
+                                                .solver = "mrnsd",
+                                                .iterations = 17,
+                                                .rel_residual = 0.0625,
+                                                .active_voxels = 99,
+                                                .active_rays = 77,
+                                                .entries = 5000000000u,
+                                                .photometry_ns = 1,
+                                                .hull_ns = 2,
+                                                .restrict_ns = 3,
+                                                .solve_ns = 4,
+                                                .total_ns = 10}},
+                               .sample = PVP_F16,
+                               .ids = b->ids,
+                               .brick = b->brick};
+    for (uint32_t id = (uint32_t)(set & 1); id < nb[0] * nb[1] * nb[2]; id += 2) {
+        float *out = b->brick + (size_t)b->v.n_bricks * 512 * g->channels;
+        memset(out, 0, 512 * g->channels * sizeof *out);
+        const uint32_t x = id % nb[0] * 8, y = id / nb[0] % nb[1] * 8, z = id / nb[0] / nb[1] * 8;
+        for (uint32_t cell = 0; cell < 512 * g->channels; cell++) {
+            const uint32_t v = cell / g->channels, i = x + v % 8, j = y + v / 8 % 8, k = z + v / 64;
+            if (i < g->n[0] && j < g->n[1] && k < g->n[2])
+                out[cell] = volume_bed_value(b, set, i, j, k, cell % g->channels);
+        }
+        b->ids[b->v.n_bricks++] = id;
+    }
+    return &b->v;
+}
+#endif

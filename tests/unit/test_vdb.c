@@ -1,0 +1,315 @@
+/* Recordings in OpenVDB and NanoVDB: what was put comes out again, numbers have no holes, damaged files are
+ * refused.
+ *
+ * `test_vdb --write DIR` is the system tests' writer: recordings of all layouts that other people's programs
+ * then read.  `test_vdb --endless DIR` writes until it is killed. */
+#include <stdio.h>
+#include <sys/stat.h>
+
+#include "base/file.h"
+#include "daemon/volumes/volumes.h"
+#include "proto/fields.h"
+#include "tests/lib/plugins.h"
+#include "tests/lib/scratch.h"
+#include "tests/lib/volume_bed.h"
+#include "tests/t.h"
+
+#define T0 INT64_C(1767225600000000000)
+
+static struct pvx_diag d;
+
+static bool there(const char *path)
+{
+    struct stat st;
+    return stat(path, &st) == 0;
+}
+
+/* Sets first, first+1 ... without those of `skip`, which end with 0. */
+static void record(struct volume_bed *b, const struct vol_writer_ops *f, const char *path,
+                   const struct vol_options *o, uint64_t first, uint64_t n, const uint64_t *skip)
+{
+    void *w = NULL;
+    d = (struct pvx_diag){""};
+    if (f->open(&w, path, &b->head, o, &d) != PVX_OK) {
+        T_EQ_S(d.text, "");
+        return;
+    }
+    for (uint64_t s = first; s < first + n; s++) {
+        if (skip != NULL && s == *skip) {
+            skip++;
+            continue;
+        }
+        T_EQ_I(f->put(w, volume_bed_make(b, s, T0 + (int64_t)s * 50000000), &d), PVX_OK);
+    }
+    T_EQ_S(d.text, "");
+    T_OK(f->bytes(w) > 0);
+    T_EQ_I(f->close(w, &d), PVX_OK);
+}
+
+static bool same_volume(const struct vol_volume *a, const struct vol_volume *b, uint32_t channels)
+{
+    return memcmp(&a->v.report, &b->v.report, sizeof a->v.report) == 0 && a->v.set == b->v.set &&
+           a->v.session == b->v.session && a->v.t_exposure_ns == b->v.t_exposure_ns &&
+           a->v.t_publish_ns == b->v.t_publish_ns && a->v.spread_ns == b->v.spread_ns &&
+           a->v.latency_ns == b->v.latency_ns && a->v.camera_mask == b->v.camera_mask &&
+           a->v.cameras_present == b->v.cameras_present && pvp_grid_same(&a->v.grid, &b->v.grid) &&
+           a->sample == b->sample && a->clamped == b->clamped && a->n_bricks == b->n_bricks &&
+           memcmp(a->ids, b->ids, a->n_bricks * sizeof *a->ids) == 0 &&
+           memcmp(a->brick, b->brick, a->n_bricks * sizeof *a->brick * 512 * channels) == 0;
+}
+
+static void reread(struct volume_bed *b, const char *path, uint64_t first, uint64_t n)
+{
+    void *r = NULL;
+    struct vol_head head;
+    uint64_t count = 0;
+    bool cut = true;
+    struct vol_volume got;
+    d = (struct pvx_diag){""};
+    T_OK(vol_vdb_reader.is(path));
+    pvx_err e = vol_vdb_reader.open(&r, path, &head, &count, &cut, &d);
+    T_EQ_S(d.text, "");
+    if (e != PVX_OK)
+        return;
+    T_EQ_I(count, n);
+    T_OK(!cut);
+    T_EQ_S(head.rig, b->head.rig);
+    T_OK(head.config == NULL);
+    T_OK(pvp_grid_same(&head.start.grid, &b->head.start.grid));
+    T_EQ_I(head.start.rig_hash, b->head.start.rig_hash);
+    T_EQ_S(head.start.units, "1/m");
+    for (uint64_t k = 0; k < count; k++) {
+        T_EQ_I(vol_vdb_reader.get(r, k, &got, &d), PVX_OK);
+        T_OK(same_volume(&got, volume_bed_make(b, first + k, T0 + (int64_t)(first + k) * 50000000),
+                         head.start.grid.channels));
+    }
+    vol_vdb_reader.close(r);
+}
+
+T_CASE(comes_out_again) /* every layout */
+{
+    for (int layout = 0; layout < 8; layout++) {
+        struct volume_bed b;
+        volume_bed_new(&b, 19, 25, 9, layout & 4 ? 1 : 3, (uint32_t)layout & 1);
+        struct vol_options o = {
+            .split = (layout & 1) != 0, .y_up = (layout & 2) != 0, .unit_m = layout & 2 ? 0.01 : 0};
+        record(&b, &vol_vdb_writer, at("again%d", layout), &o, 5, 3, NULL);
+        reread(&b, at("again%d", layout), 5, 3);
+        volume_bed_free(&b);
+    }
+}
+
+T_CASE(numbers_have_no_holes)
+{
+    struct volume_bed b;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    record(&b, &vol_vdb_writer, at("holes"), &(struct vol_options){0}, 100, 8,
+           (const uint64_t[]){102, 103, 106, 0});
+    char *text, *a, *c;
+    size_t n, na, nc;
+    for (int f = 1; f <= 8; f++)
+        T_OK(there(at("holes/holes_%04d.vdb", f)));
+    T_OK(!there(at("holes/holes_0009.vdb")));
+    if (pvx_file_read(at("holes/holes_0002.vdb"), 1 << 20, &a, &na, NULL) == PVX_OK &&
+        pvx_file_read(at("holes/holes_0004.vdb"), 1 << 20, &c, &nc, NULL) == PVX_OK) {
+        T_OK(na == nc && memcmp(a, c, na) == 0);
+        free(a);
+        free(c);
+    }
+    if (pvx_file_read(at("holes/holes.json"), 1 << 20, &text, &n, NULL) == PVX_OK) {
+        T_CONTAINS(text, "\"frames\":8");
+        T_CONTAINS(text, "\"frame\":2,\"repeated\":2,\"set\":101");
+        free(text);
+    } else {
+        T_OK(!"listed");
+    }
+    void *r = NULL;
+    struct vol_head head;
+    uint64_t count = 0;
+    bool cut;
+    if (vol_vdb_reader.open(&r, at("holes"), &head, &count, &cut, &d) == PVX_OK) {
+        T_EQ_I(count, 5);
+        const struct vol_gap *g = vol_vdb_reader.gap(r, 0);
+        T_OK(g != NULL && g->set_first == 102 && g->set_last == 103);
+        g = vol_vdb_reader.gap(r, 1);
+        T_OK(g != NULL && g->set_first == 106 && g->set_last == 106);
+        T_OK(vol_vdb_reader.gap(r, 2) == NULL);
+        vol_vdb_reader.close(r);
+    }
+    volume_bed_free(&b);
+}
+
+T_CASE(resampled) /* 20 sets/s as 10 files, as 40 */
+{
+    struct volume_bed b;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    record(&b, &vol_vdb_writer, at("slow"), &(struct vol_options){.fps = 10}, 0, 9, NULL);
+    T_OK(there(at("slow/slow_0005.vdb")) && !there(at("slow/slow_0006.vdb")));
+    record(&b, &vol_vdb_writer, at("fast"), &(struct vol_options){.fps = 40}, 0, 9, NULL);
+    T_OK(there(at("fast/fast_0017.vdb")) && !there(at("fast/fast_0018.vdb")));
+    volume_bed_free(&b);
+}
+
+T_CASE(another_session_goes_on)
+{
+    struct volume_bed b;
+    void *w = NULL;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    T_EQ_I(vol_vdb_writer.open(&w, at("two"), &b.head, &(struct vol_options){0}, &d), PVX_OK);
+    T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, 1000, T0), &d), PVX_OK);
+    b.head.start.session++;
+    T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, 0, T0), &d), PVX_OK);
+    T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, UINT64_MAX, T0), &d),
+           PVX_OK); /* too long a hole */
+    T_EQ_I(vol_vdb_writer.close(w, &d), PVX_OK);
+    T_OK(there(at("two/two_0003.vdb")) && !there(at("two/two_0004.vdb")));
+    volume_bed_free(&b);
+}
+
+T_CASE(writes_over_nothing)
+{
+    struct volume_bed b;
+    void *w = NULL;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    d = (struct pvx_diag){""};
+    T_EQ_I(pvx_mkdirs(at("mine"), &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("mine/thesis"), "x", 1, &d), PVX_OK);
+    T_EQ_I(vol_vdb_writer.open(&w, at("mine"), &b.head, &(struct vol_options){0}, &d), PVX_EBUSY);
+    T_CONTAINS(d.text, "mine: there is something in it");
+    d = (struct pvx_diag){""};
+    T_EQ_I(vol_vdb_writer.open(&w, at("full"), &b.head,
+                               &(struct vol_options){.keep_free_bytes = UINT64_MAX / 2}, &d),
+           PVX_OK);
+    T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, 0, T0), &d), PVX_ENOSPC);
+    T_CONTAINS(d.text, "kept free");
+    T_EQ_I(vol_vdb_writer.close(w, NULL), PVX_OK);
+    volume_bed_free(&b);
+}
+
+T_CASE(halves_are_finite) /* beyond what a half holds, beside the smallest */
+{
+    struct volume_bed b;
+    void *w = NULL;
+    struct vol_head head;
+    struct vol_volume got;
+    uint64_t count;
+    bool cut;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    volume_bed_make(&b, 0, T0);
+    b.brick[0] = 1e30f;
+    b.brick[1] = -1e30f;
+    b.brick[2] = 65519.9f;
+    b.brick[3] = 0x1p-24f;
+    T_EQ_I(vol_vdb_writer.open(&w, at("big"), &b.head, &(struct vol_options){0}, &d), PVX_OK);
+    T_EQ_I(vol_vdb_writer.put(w, &b.v, &d), PVX_OK);
+    T_EQ_I(vol_vdb_writer.close(w, &d), PVX_OK);
+    if (vol_vdb_reader.open(&w, at("big/big_0001.vdb"), &head, &count, &cut, &d) == PVX_OK) {
+        T_EQ_I(vol_vdb_reader.get(w, 0, &got, &d), PVX_OK);
+        T_OK(got.brick[0] == 65504 && got.brick[1] == -65504 && got.brick[2] == 65504 &&
+             got.brick[3] == 0x1p-24f);
+        vol_vdb_reader.close(w);
+    }
+    volume_bed_free(&b);
+}
+
+/* A file of which some bytes are wrong is read or refused. */
+static void try_damaged(const char *bytes, size_t n)
+{
+    void *r = NULL;
+    struct vol_head head;
+    struct vol_volume v;
+    uint64_t count;
+    bool cut;
+    d = (struct pvx_diag){""};
+    T_EQ_I(pvx_file_write(at("damaged.vdb"), bytes, n, &d), PVX_OK);
+    if (vol_vdb_reader.open(&r, at("damaged.vdb"), &head, &count, &cut, &d) == PVX_OK) {
+        if (vol_vdb_reader.get(r, 0, &v, &d) != PVX_OK)
+            T_CONTAINS(d.text, "damaged.vdb: ");
+        vol_vdb_reader.close(r);
+    } else {
+        T_CONTAINS(d.text, "damaged.vdb: ");
+    }
+}
+
+T_CASE(damaged_files)
+{
+    struct volume_bed b;
+    char *bytes;
+    size_t n;
+    volume_bed_new(&b, 19, 25, 9, 3, 0);
+    record(&b, &vol_vdb_writer, at("whole"), &(struct vol_options){0}, 0, 1, NULL);
+    volume_bed_free(&b);
+    if (pvx_file_read(at("whole/whole_0001.vdb"), 1 << 24, &bytes, &n, NULL) != PVX_OK) {
+        T_OK(!"written");
+        return;
+    }
+    for (int i = 0; i < 150; i++)
+        try_damaged(bytes, t_rand() % n);
+    for (int i = 0; i < 600; i++) {
+        size_t where[3];
+        char was[3];
+        for (int k = 0; k < 3; k++) {
+            where[k] = t_rand() % (i % 3 == 0 ? n : n < 6000 ? n : 6000);
+            was[k] = bytes[where[k]];
+            bytes[where[k]] = (char)t_rand();
+        }
+        try_damaged(bytes, n);
+        for (int k = 2; k >= 0; k--)
+            bytes[where[k]] = was[k];
+    }
+    free(bytes);
+}
+
+T_CASE(nanovdb_is_not_read)
+{
+    struct volume_bed b;
+    void *r = NULL;
+    volume_bed_new(&b, 8, 8, 8, 3, 0);
+    record(&b, &vol_nvdb_writer, at("nano"), &(struct vol_options){0}, 0, 1, NULL);
+    volume_bed_free(&b);
+    d = (struct pvx_diag){""};
+    T_OK(vol_nvdb_reader.is(at("nano")) && !vol_vdb_reader.is(at("nano")));
+    T_EQ_I(vol_nvdb_reader.open(&r, at("nano"), NULL, NULL, NULL, &d), PVX_EUNSUP);
+    T_CONTAINS(d.text, "written, not read");
+}
+
+/* ---- the system tests' writer ------------------------------------------------------------------- */
+
+static int write_all(void)
+{
+    for (int layout = 0; layout < 16; layout++) {
+        struct volume_bed b;
+        volume_bed_new(&b, 19, 25, 9, layout & 8 ? 1 : 3, (uint32_t)layout & 1);
+        struct vol_options o = {
+            .split = (layout & 2) != 0, .y_up = (layout & 4) != 0, .unit_m = layout & 4 ? 0.01 : 1};
+        record(&b, &vol_vdb_writer, at("v%d", layout), &o, 3, 2, NULL);
+        record(&b, &vol_nvdb_writer, at("n%d", layout), &o, 3, 2, NULL);
+        volume_bed_free(&b);
+    }
+    return t_case_fails > 0;
+}
+
+static int write_on(void)
+{
+    struct volume_bed b;
+    void *w = NULL;
+    volume_bed_new(&b, 40, 40, 40, 3, 0);
+    if (vol_vdb_writer.open(&w, at("endless"), &b.head, &(struct vol_options){0}, &d) != PVX_OK)
+        return 1;
+    for (uint64_t s = 0; vol_vdb_writer.put(w, volume_bed_make(&b, s, T0), &d) == PVX_OK; s += 2)
+        continue;
+    return 1;
+}
+
+int main(int argc, char **argv)
+{
+    plugins_of_this_build();
+    if (argc == 3) {
+        snprintf(dir, sizeof dir, "%s", argv[2]);
+        return strcmp(argv[1], "--write") == 0 ? write_all() : write_on();
+    }
+    scratch_new();
+    t_run();
+    scratch_remove();
+    return t_done();
+}
