@@ -1,0 +1,97 @@
+#include "daemon/volumes/voxels.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+
+#define SIDE PVP_BRICK
+
+struct vol_voxels {
+    struct pvp_grid grid;
+    size_t count;
+    uint32_t n;
+    int32_t *index; /* [count], reserved */
+    float *value;   /* [count][channels], reserved */
+};
+
+pvx_err vol_voxels_new(const struct pvp_grid *g, vol_voxels **out)
+{
+    *out = NULL;
+    struct vol_voxels *x = calloc(1, sizeof *x);
+    if (x == NULL)
+        return PVX_ENOMEM;
+    x->grid = *g;
+    x->count = (size_t)g->n[0] * g->n[1] * g->n[2];
+    x->index = pvx_reserve(x->count * sizeof *x->index);
+    x->value = pvx_reserve(x->count * g->channels * sizeof *x->value);
+    *out = x;
+    if (x->index != NULL && x->value != NULL)
+        return PVX_OK;
+    vol_voxels_free(out);
+    return PVX_ENOMEM;
+}
+
+void vol_voxels_free(vol_voxels **xp)
+{
+    struct vol_voxels *x = *xp;
+    if (x == NULL)
+        return;
+    if (x->index != NULL)
+        pvx_unreserve(x->index, x->count * sizeof *x->index);
+    if (x->value != NULL)
+        pvx_unreserve(x->value, x->count * x->grid.channels * sizeof *x->value);
+    PVX_FREE(*xp);
+}
+
+/* One row of 8 voxels of brick b, which begins at voxel i0 of the row whose first voxel is number `row`. */
+static void add_row(struct vol_voxels *x, const float *in, uint32_t i0, size_t row)
+{
+    const uint32_t channels = x->grid.channels;
+    for (uint32_t i = 0; i < SIDE && i0 + i < x->grid.n[0]; i++, in += channels) {
+        if (in[0] == 0 && (channels == 1 || (in[1] == 0 && in[2] == 0)))
+            continue;
+        x->index[x->n] = (int32_t)(row + i0 + i);
+        memcpy(x->value + (size_t)x->n * channels, in, channels * sizeof *in);
+        x->n++;
+    }
+}
+
+/* Bricks from..to lie in one row of bricks: their voxels of the row (j, k) of them. */
+static void add_rows(struct vol_voxels *x, const struct vol_volume *v, uint32_t from, uint32_t to,
+                     uint32_t k)
+{
+    const struct pvp_grid *g = &x->grid;
+    const uint32_t nbx = (g->n[0] + SIDE - 1) / SIDE, nby = (g->n[1] + SIDE - 1) / SIDE;
+    const uint32_t y0 = v->ids[from] / nbx % nby * SIDE, z0 = v->ids[from] / nbx / nby * SIDE;
+    for (uint32_t j = 0; j < SIDE && y0 + j < g->n[1]; j++)
+        for (uint32_t b = from; b < to; b++)
+            add_row(x, v->brick + (((size_t)b * SIDE + k) * SIDE + j) * SIDE * g->channels,
+                    v->ids[b] % nbx * SIDE, ((size_t)(z0 + k) * g->n[1] + y0 + j) * g->n[0]);
+}
+
+/* The end of the bricks from `from` on that share ids / per. */
+static uint32_t run_end(const struct vol_volume *v, uint32_t from, uint32_t end, uint32_t per)
+{
+    uint32_t b = from;
+    while (b < end && v->ids[b] / per == v->ids[from] / per)
+        b++;
+    return b;
+}
+
+void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out)
+{
+    const struct pvp_grid *g = &x->grid;
+    const uint32_t nbx = (g->n[0] + SIDE - 1) / SIDE, nby = (g->n[1] + SIDE - 1) / SIDE;
+    x->n = 0;
+    for (uint32_t slab = 0, end; slab < v->n_bricks; slab = end) {
+        end = run_end(v, slab, v->n_bricks, nbx * nby);
+        const uint32_t z0 = v->ids[slab] / nbx / nby * SIDE;
+        for (uint32_t k = 0; k < SIDE && z0 + k < g->n[2]; k++)
+            for (uint32_t row = slab, row_end; row < end; row = row_end) {
+                row_end = run_end(v, row, end, nbx);
+                add_rows(x, v, row, row_end, k);
+            }
+    }
+    *out = (struct pvp_voxels){x->n, x->index, x->value, (int)g->channels};
+}

@@ -1,0 +1,12 @@
+/* voxels.h - a volume's bricks as the list of voxels that the publisher takes.  Threads: one at a time. */
+#ifndef VOL_VOXELS_H
+#define VOL_VOXELS_H
+#include "daemon/volumes/volumes.h"
+
+typedef struct vol_voxels vol_voxels;
+/* Address space for every voxel of the grid; memory is used for those with flame. */
+PVX_MUST_CHECK pvx_err vol_voxels_new(const struct pvp_grid *g, vol_voxels **out);
+/* The voxels that are not 0, borrowed until the next call.  v has the grid. */
+void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels *out);
+void vol_voxels_free(vol_voxels **x);
+#endif
