@@ -86,7 +86,7 @@ static pvx_err set_names(struct vol_numbered *n, const char *dir, struct pvx_dia
     return PVX_OK;
 }
 
-static pvx_err make_empty(const char *dir, struct pvx_diag *d)
+pvx_err vol_numbered_check(const char *dir, struct pvx_diag *d)
 {
     PVX_TRY(pvx_mkdirs(dir, d));
     DIR *f = opendir(dir);
@@ -125,7 +125,7 @@ pvx_err vol_numbered_new(const char *dir, const char *ext, const struct vol_head
     n->o = *o;
     pvx_err e = set_names(n, dir, d);
     if (e == PVX_OK)
-        e = make_empty(n->dir, d);
+        e = vol_numbered_check(n->dir, d);
     if (e == PVX_OK)
         e = put_text(n, "rig.yaml", head->rig, d);
     if (e == PVX_OK)

@@ -14,6 +14,8 @@
 #define VOL_HOLE_MAX 10000
 
 typedef struct vol_numbered vol_numbered;
+/* Makes the folder.  PVX_EBUSY: something is in it. */
+PVX_MUST_CHECK pvx_err vol_numbered_check(const char *dir, struct pvx_diag *d);
 /* `ext` of the files, without its dot: constant text.  Errors: PVX_EBUSY, something is in the folder; others of pvx_mkdirs. */
 PVX_MUST_CHECK pvx_err vol_numbered_new(const char *dir, const char *ext,
                                         const struct vol_head *head, const struct vol_options *o,

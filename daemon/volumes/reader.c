@@ -12,6 +12,8 @@ static const struct {
     const struct vol_reader_ops *ops;
 } readers[] = {
     {VOL_HDF5, &vol_hdf5_reader},
+    {VOL_VDB, &vol_vdb_reader},
+    {VOL_NVDB, &vol_nvdb_reader},
     {VOL_NPY, &vol_npy_reader},
 };
 
@@ -34,7 +36,9 @@ pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d)
         k++;
     if (k == n)
         return pvx_fail(d, PVX_EFORMAT,
-                        "%s: is not a recording of volumes (a folder of .npy, an HDF5 file)", path);
+                        "%s: is not a recording of volumes (a folder of .npy, .vdb or .nvdb, "
+                        "an HDF5 file)",
+                        path);
     vol_reader *r = pvx_calloc(1, sizeof *r);
     if (r == NULL)
         return PVX_ENOMEM;

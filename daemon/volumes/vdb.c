@@ -16,6 +16,13 @@ struct vdb {
     bool nano;
 };
 
+static pvx_err check(const char *path, struct pvx_diag *d)
+{
+    const struct vol_vdb *module;
+    PVX_TRY(vol_vdb_need(path, &module, d));
+    return vol_numbered_check(path, d);
+}
+
 static pvx_err open_any(bool nano, void **self, const char *path, const struct vol_head *head,
                         const struct vol_options *o, struct pvx_diag *d)
 {
@@ -113,5 +120,7 @@ static pvx_err close_all(void *self, struct pvx_diag *d)
     return e;
 }
 
-const struct vol_writer_ops vol_vdb_writer = {open_vdb, put, gap, bytes, close_all};
-const struct vol_writer_ops vol_nvdb_writer = {open_nvdb, put, gap, bytes, close_all};
+const struct vol_writer_ops vol_vdb_writer = {
+    .check = check, .open = open_vdb, .put = put, .gap = gap, .bytes = bytes, .close = close_all};
+const struct vol_writer_ops vol_nvdb_writer = {
+    .check = check, .open = open_nvdb, .put = put, .gap = gap, .bytes = bytes, .close = close_all};

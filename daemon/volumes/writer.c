@@ -9,6 +9,8 @@ const char *const vol_format_names[VOL_FORMATS] = {"npy", "hdf5", "vdb", "nvdb"}
 static const struct vol_writer_ops *const writers[VOL_FORMATS] = {
     [VOL_NPY] = &vol_npy_writer,
     [VOL_HDF5] = &vol_hdf5_writer,
+    [VOL_VDB] = &vol_vdb_writer,
+    [VOL_NVDB] = &vol_nvdb_writer,
 };
 
 struct vol_writer {
@@ -18,15 +20,9 @@ struct vol_writer {
     pvx_err broken; /* why nothing more is taken */
 };
 
-static pvx_err unknown(enum vol_format f, const char *path, struct pvx_diag *d)
-{
-    return pvx_fail(d, PVX_EUNSUP, "%s: volumes cannot be written as %s", path,
-                    vol_format_names[f]);
-}
-
 pvx_err vol_writer_check(enum vol_format f, const char *path, struct pvx_diag *d)
 {
-    return writers[f] == NULL ? unknown(f, path, d) : writers[f]->check(path, d);
+    return writers[f]->check(path, d);
 }
 
 pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_head *head,
