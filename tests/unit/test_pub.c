@@ -32,13 +32,19 @@ static struct pvp_start start_of(uint64_t session)
                               .software = "test_pub"};
 }
 
-static pvx_err open_pub(const char *at, uint64_t session, pvp_pub **out, struct pvx_diag *d)
+static pvx_err open_deep(const char *at, uint64_t session, int hwm, pvp_pub **out,
+                         struct pvx_diag *d)
 {
     struct pvp_start s = start_of(session);
     struct pvp_pub_params p = {
-        .endpoints = &at, .n_endpoints = 1, .sample = PVP_F32, .comp = PVP_RAW};
+        .endpoints = &at, .n_endpoints = 1, .send_hwm = hwm, .sample = PVP_F32, .comp = PVP_RAW};
     d->text[0] = '\0';
     return pvp_pub_new(&p, &s, out, d);
+}
+
+static pvx_err open_pub(const char *at, uint64_t session, pvp_pub **out, struct pvx_diag *d)
+{
+    return open_deep(at, session, 0, out, d);
 }
 
 static bool exists(const char *suffix)
@@ -546,7 +552,7 @@ T_CASE(newest_only)
     const void *msg;
     size_t len;
     struct pvx_diag d = {""};
-    T_EQ_I(open_pub(endpoint, 4, &p, &d), PVX_OK);
+    T_EQ_I(open_deep(endpoint, 4, 100, &p, &d), PVX_OK); /* nothing may be dropped on the way */
     T_EQ_I(pvp_sub_new(endpoint, &(struct pvp_sub_options){.newest = true}, &s, NULL), PVX_OK);
     T_OK(joined(p, s));
     T_OK(pvp_sub_fd(s) >= 0);
