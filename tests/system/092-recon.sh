@@ -5,7 +5,7 @@ name=092
 root=$dir/root
 systemd/install-recon.sh "$b" "$root" /usr || { echo "FAIL $name:install"; exit 1; }
 export PKG_CONFIG_SYSROOT_DIR=$root LD_LIBRARY_PATH=$root/usr/lib
-flags=$(PKG_CONFIG_PATH=$root/usr/lib/pkgconfig pkg-config --cflags --libs pyrovox-recon)
+flags=$(PKG_CONFIG_LIBDIR=$root/usr/lib/pkgconfig pkg-config --cflags --libs pyrovox-recon)
 sanitizer=$([[ $b == *undefined* ]] && echo -fsanitize=address,undefined; [[ $b == *thread* ]] && echo -fsanitize=thread)
 lib=libpyrovox-recon.so.1
 

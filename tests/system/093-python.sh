@@ -193,18 +193,11 @@ check live_async live async 5
 newest() { # the last of what waits; what was passed over and what was lost are told apart
     publisher 10 0
     timeout 300 "$py" - "$volumes" <<'PY'
-import sys, time
+import sys
 import pyrovox
 with pyrovox.subscribe(sys.argv[1], newest=True, timeout=120) as sub:
     sub._socket.poll(120000)
-    sets, lost = [], 0
-    until = time.monotonic() + 120
-    while sub._next < 11 and not sub._ended and time.monotonic() < until:  # the publisher sends all at once and waits
-        try:
-            v = next(sub)
-        except StopIteration:
-            break
-        sets.append(v.set)
+    sets = [v.set for v in sub]  # all of it may have come, or some of it
     n = len(sets)
     ok = n and sets == sorted(set(sets)) and sets[-1] == 9 and n + sub.skipped == 10 and sub.lost == 0
     sys.exit(0 if ok else f"{sets}, {sub.skipped} skipped, {sub}")
@@ -221,8 +214,8 @@ import asyncio, signal, sys
 import pyrovox
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background process ignores it
 sub = pyrovox.subscribe(sys.argv[1])
-print("waiting", flush=True)
 try:
+    print("waiting", flush=True)
     if sys.argv[2] == "for":
         for v in sub: pass
     else:
