@@ -32,7 +32,8 @@ struct daemon {
     _Atomic double matrix_done; /* share of the matrix that is built, while it is */
     atomic_bool stop;
     pvp_auth *auth;         /* NULL: no keys */
-    struct dmn_state state; /* control thread's */
+    struct dmn_state state; /* control thread's, and so are: */
+    struct dmn_config cfg;  /* the options in effect */
 };
 
 static const char doc[] =
@@ -134,6 +135,34 @@ static void control_background_state(void *ctx, struct dmn_background_state *out
     *out = (struct dmn_background_state){0};
     if (p != NULL)
         dmn_live_background_state(p, out);
+}
+
+static const struct dmn_config *control_config(void *ctx)
+{
+    const struct daemon *dm = ctx;
+    return &dm->cfg;
+}
+
+static pvx_err control_apply(void *ctx, const struct dmn_config *c, struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    if (p == NULL && c->log_level == dm->cfg.log_level)
+        return pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+    pvx_log_set_level((enum pvx_log_level)c->log_level);
+    if (p != NULL)
+        dmn_live_tune(p, c);
+    dm->cfg = *c;
+    return PVX_OK;
+}
+
+static pvx_err control_reload_keys(void *ctx, struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    return dm->auth != NULL ? pvp_auth_reload(dm->auth, d)
+                            : pvx_fail(d, PVX_ENOENT,
+                                       "there are no keys to read again: the "
+                                       "configuration has no keys.server");
 }
 
 static void control_stop(void *ctx)
@@ -284,6 +313,8 @@ static int run(const struct dmn_config *cfg)
     static struct dmn_state s;
     struct pvx_diag d = {0};
     sigset_t set;
+    dm.cfg = *cfg;
+    dm.cfg.log_level = (int)pvx_log_get_level(); /* the command line may say another */
     block_signals(&set);
     dmn_survive();
     const char *endpoint =
@@ -294,6 +325,9 @@ static int run(const struct dmn_config *cfg)
                                   .record = control_record,
                                   .background = control_background,
                                   .background_state = control_background_state,
+                                  .config = control_config,
+                                  .apply = control_apply,
+                                  .reload_keys = control_reload_keys,
                                   .ctx = &dm};
     dmn_control *control = NULL;
     dmn_live *p = NULL;

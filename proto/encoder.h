@@ -16,7 +16,7 @@ struct pvp_encoder {
     uint64_t sent[WIRE_TYPES]; /* messages so far by type: the type sequence */
     uint8_t *msg;              /* the message under construction */
     size_t msg_size;
-    uint8_t *raw; /* payload before compression; NULL when it is built in msg */
+    uint8_t *raw; /* payload before compression; without, it is built in msg */
     size_t raw_size;
     uint64_t *marked; /* bit per brick: has an active voxel; all 0 between calls */
     uint32_t *slot;   /* place of a marked brick in the payload */

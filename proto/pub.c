@@ -307,6 +307,11 @@ pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v, const struct pvp_
     return send_message(p, msg, len);
 }
 
+void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp)
+{
+    pvp_encoder_compress(p->encoder, comp);
+}
+
 pvx_err pvp_pub_status(pvp_pub *p, const char *json)
 {
     const void *msg;

@@ -34,6 +34,8 @@ PVX_MUST_CHECK pvx_err pvp_pub_new(const struct pvp_pub_params *p, const struct 
  * may be NULL.  Repeats start first when it is due. */
 PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
                                       const struct pvp_voxels *x, size_t *bytes);
+/* Compression from the next volume on. */
+void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp);
 PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
 PVX_MUST_CHECK pvx_err pvp_pub_event(pvp_pub *p, const char *json);
 /* As pvp_encode_preview; the session is the start's. */

@@ -87,6 +87,8 @@ typedef struct pvp_encoder pvp_encoder;
 PVX_MUST_CHECK pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample,
                                        enum pvp_compress comp, pvp_encoder **out);
 void pvp_encoder_free(pvp_encoder **e);
+/* From the next volume on: every volume says how it is compressed. */
+void pvp_encoder_compress(pvp_encoder *e, enum pvp_compress comp);
 struct pvp_voxels {
     uint32_t n;
     const int32_t *index; /* [n] ascending, x fastest */

@@ -28,20 +28,23 @@ pvx_err pvp_encoder_new(const struct pvp_grid *g, enum pvp_sample sample, enum p
     e->msg = pvx_reserve(e->msg_size);
     e->marked = pvx_calloc((e->bricks + 63) / 64, sizeof *e->marked);
     e->slot = pvx_calloc(e->bricks, sizeof *e->slot);
-    bool ok = e->msg != NULL && e->marked != NULL && e->slot != NULL;
-    if (comp != PVP_RAW)
-        ok = (e->raw = pvx_reserve(e->raw_size)) != NULL && ok;
-    if (comp == PVP_LZ4)
-        ok = (e->lz4 = malloc((size_t)LZ4_sizeofState())) != NULL && ok;
-    if (comp == PVP_ZSTD)
-        ok = (e->zstd = ZSTD_createCCtx()) != NULL &&
-             !ZSTD_isError(ZSTD_CCtx_setParameter(e->zstd, ZSTD_c_compressionLevel, 1)) && ok;
-    if (!ok) {
+    /* Whatever `comp` is: it may be changed. */
+    e->raw = pvx_reserve(e->raw_size);
+    e->lz4 = malloc((size_t)LZ4_sizeofState());
+    e->zstd = ZSTD_createCCtx();
+    if (e->msg == NULL || e->marked == NULL || e->slot == NULL || e->raw == NULL ||
+        e->lz4 == NULL || e->zstd == NULL ||
+        ZSTD_isError(ZSTD_CCtx_setParameter(e->zstd, ZSTD_c_compressionLevel, 1))) {
         pvp_encoder_free(&e);
         return PVX_ENOMEM;
     }
     *out = e;
     return PVX_OK;
+}
+
+void pvp_encoder_compress(pvp_encoder *e, enum pvp_compress comp)
+{
+    e->comp = comp;
 }
 
 void pvp_encoder_free(pvp_encoder **e)

@@ -24,13 +24,13 @@ static const char doc[] =
     "  pyrovox calibrate background --live --sets 64\n"
     "Refused when something moves in it: the flame is still there.";
 
-enum { OPT_LIVE = 0xa00, OPT_SETS, OPT_CONTROL };
+enum { OPT_LIVE = 0xa00, OPT_SETS, OPT_CONTROL, OPT_KEY };
 
 struct args {
     struct calibrate_light_args light;
     bool live;
     int64_t sets;
-    const char *control;
+    const char *control, *key;
 };
 
 static error_t parse(int key, char *arg, struct argp_state *st)
@@ -41,6 +41,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_LIVE: a->live = a->light.nothing = true; return 0;
     case OPT_SETS: cli_arg_int(st, "sets", arg, 0, 10000, &a->sets); return 0;
     case OPT_CONTROL: a->control = arg; return 0;
+    case OPT_KEY: a->key = arg; return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }
@@ -51,12 +52,12 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 #define ASK_NS    (100 * PVX_NS_PER_MS)
 
 /* Until the daemon has done what this request asked for. */
-static pvx_err await(const char *control, double number, struct pvx_diag *d)
+static pvx_err await(const struct args *a, double number, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "background"};
     for (;; pvx_sleep_until_mono(pvx_now_mono() + ASK_NS)) {
         cJSON *is = NULL;
-        PVX_TRY(ask(control, NULL, "background", ANSWER_MS, &is, d));
+        PVX_TRY(ask(a->control, a->key, "background", ANSWER_MS, &is, d));
         const char *state = ask_text(is, "state", NULL);
         double sets = ask_num(is, "sets", NULL), have = ask_num(is, "have", NULL);
         pvx_err e = PVX_ETIMEDOUT; /* not yet */
@@ -81,11 +82,11 @@ static int live(const struct args *a)
     cJSON *reply = NULL;
     snprintf(request, sizeof request, "{\"cmd\":\"background\",\"sets\":%lld}", (long long)a->sets);
     cli_catch_stop();
-    pvx_err e = ask_request(a->control, NULL, request, ANSWER_MS, &reply, &d);
+    pvx_err e = ask_request(a->control, a->key, request, ANSWER_MS, &reply, &d);
     double number = e == PVX_OK ? ask_num(reply, "request", NULL) : 0;
     cJSON_Delete(reply);
     if (e == PVX_OK)
-        e = await(a->control, number, &d);
+        e = await(a, number, &d);
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped; the daemon goes on taking it (--sets 0 ends that)\n");
         return 130;
@@ -174,6 +175,8 @@ int calibrate_background(int argc, char **argv)
         {"sets", OPT_SETS, "N", 0, "with --live: the mean of so many sets (64; 0: none any more)",
          0},
         {"control", OPT_CONTROL, "ENDPOINT", 0, "the daemon's control socket", 0},
+        {"key", OPT_KEY, "FILE", 0,
+         "your .key file of `pyrovox keygen`, for a daemon that asks for one (with --live)", 0},
         {0}};
     const struct argp_child children[] = {{&calibrate_light_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {

@@ -125,6 +125,7 @@ static pvx_err begin_session(struct play *p, struct pvx_diag *d)
                                                 .guarded = at,
                                                 .n_guarded = p->guarded ? 1 : 0,
                                                 .auth = p->auth,
+                                                .rig = vol_reader_head(p->in)->rig,
                                                 .sample = p->sample,
                                                 .comp = p->comp,
                                                 .lossless = p->speed == 0},

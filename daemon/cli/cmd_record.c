@@ -116,7 +116,7 @@ static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint6
     const struct pvp_start *s = pvp_sub_start(r->sub);
     if (r->in_session && s->session == r->session)
         return PVX_OK;
-    struct vol_head head = {.start = *s};
+    struct vol_head head = {.start = *s, .rig = pvp_sub_rig(r->sub, NULL)};
     PVX_TRY(vol_recorder_session(r->rec, &head, r->path, sizeof r->path, d));
     if (r->in_session)
         fprintf(stderr, "pyrovox: the daemon restarted; going on in %s\n", r->path);

@@ -154,14 +154,6 @@ static pvx_err set(const pvx_yaml *y, int node, const struct dmn_option *o, stru
 
 /* ---- the file ---- */
 
-static const struct dmn_option *find(const char *key)
-{
-    for (size_t i = 0; i < dmn_n_options; i++)
-        if (strcmp(dmn_options[i].key, key) == 0)
-            return &dmn_options[i];
-    return NULL;
-}
-
 static int is_section(const char *word)
 {
     size_t n = strlen(word);
@@ -201,13 +193,13 @@ static pvx_err read_map(const pvx_yaml *y, int map, const char *section, struct 
         const char *word = pvx_yaml_key(y, map, i);
         int value = pvx_yaml_value(y, map, i);
         snprintf(path, sizeof path, "%s%s%.64s", section, section[0] != '\0' ? "." : "", word);
-        const struct dmn_option *o = strchr(word, '.') == NULL ? find(path) : NULL;
+        const struct dmn_option *o = strchr(word, '.') == NULL ? dmn_option_find(path) : NULL;
         if (o != NULL) {
             PVX_TRY(set(y, value, o, c, d));
         } else if (section[0] == '\0' && is_section(word)) {
             char mode[180];
             snprintf(mode, sizeof mode, "%s.mode", path);
-            o = find(mode); /* "record: raw" */
+            o = dmn_option_find(mode); /* "record: raw" */
             if (o != NULL && pvx_yaml_kind(y, value) == PVX_YAML_SCALAR) {
                 PVX_TRY(set(y, value, o, c, d));
                 continue;
@@ -257,7 +249,7 @@ pvx_err dmn_config_load(const char *path, struct dmn_config *c, struct pvx_diag 
 pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value, const char *name,
                        struct pvx_diag *d)
 {
-    const struct dmn_option *o = find(key);
+    const struct dmn_option *o = dmn_option_find(key);
     if (o == NULL)
         return pvx_fail(d, PVX_EINVAL,
                         "%s: %.64s: unknown key (`pyrovoxd --print-config` lists them)", name, key);
@@ -379,6 +371,22 @@ static void print_help(FILE *f, const struct dmn_option *o, const char *indent)
         while (*p == ' ')
             p++;
     }
+}
+
+char *dmn_config_value(const struct dmn_config *c, const struct dmn_option *o)
+{
+    char *text = NULL;
+    size_t len = 0;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return NULL;
+    print_value(f, o, (const char *)c + o->offset, "");
+    if (fclose(f) != 0) {
+        free(text);
+        return NULL;
+    }
+    text[strcspn(text, "\n")] = '\0';
+    return text;
 }
 
 char *dmn_config_format(const struct dmn_config *c)

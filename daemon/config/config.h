@@ -105,6 +105,8 @@ PVX_MUST_CHECK pvx_err dmn_config_load(const char *path, struct dmn_config *c, s
 /* One key as a command line gives it: value is YAML, messages begin with `name`. */
 PVX_MUST_CHECK pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value,
                                       const char *name, struct pvx_diag *d);
+/* One value as it would stand in the file.  Owner: caller, free(); NULL when out of memory. */
+char *dmn_config_value(const struct dmn_config *c, const struct dmn_option *o);
 /* YAML text with every key, explained, that dmn_config_parse reads back to the same values.
  * Owner: caller, free(); NULL when out of memory. */
 char *dmn_config_format(const struct dmn_config *c);

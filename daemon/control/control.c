@@ -1,6 +1,5 @@
 #include "daemon/control/control.h"
 
-#include <cjson/cJSON.h>
 #include <errno.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -10,10 +9,8 @@
 #include <unistd.h>
 #include <zmq.h>
 
-#include "base/clock.h"
 #include "base/log.h"
 #include "base/mem.h"
-#include "daemon/control/json.h"
 #include "proto/ipc.h"
 
 #define WAY_MAX 8 /* a client, and devices between */
@@ -34,138 +31,6 @@ struct dmn_control {
     char request[DMN_REQUEST_MAX];
     char reply[DMN_REPLY_MAX];
 };
-
-static size_t fail(char *reply, size_t size, const char *text)
-{
-    struct dmn_json j;
-    dmn_json_init(&j, reply, size);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_str(&j, "error", text);
-    dmn_json_close(&j, '}');
-    return dmn_json_end(&j);
-}
-
-static size_t done(char *reply, size_t size)
-{
-    return (size_t)snprintf(reply, size, "{\"ok\":true}");
-}
-
-static size_t record(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
-{
-    const char *action = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "action"));
-    const char *path = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "path"));
-    bool start = action != NULL && strcmp(action, "start") == 0;
-    if (!start && (action == NULL || strcmp(action, "stop") != 0))
-        return fail(reply, size, "action should be \"start\" or \"stop\"");
-    if (path != NULL && ops->remote)
-        return fail(reply, size, "over the network a take goes to record.path: leave path out");
-    if (path != NULL && path[0] != '/')
-        return fail(reply, size, "path should be absolute");
-    if (ops->record == NULL)
-        return fail(reply, size, "recording is not possible here");
-    char where[DMN_REQUEST_MAX] = "";
-    struct pvx_diag d = {""};
-    pvx_err e = ops->record(ops->ctx, start, path, where, sizeof where, &d);
-    if (e != PVX_OK)
-        return fail(reply, size, pvx_diag_text(&d, e));
-    struct dmn_json j;
-    dmn_json_init(&j, reply, size);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_bool(&j, "ok", true);
-    dmn_json_str(&j, "path", where);
-    dmn_json_close(&j, '}');
-    size_t n = dmn_json_end(&j);
-    return n > 0 ? n : done(reply, size);
-}
-
-static size_t background_is(const struct dmn_background_state *s, char *reply, size_t size)
-{
-    struct dmn_json j;
-    dmn_json_init(&j, reply, size);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_bool(&j, "ok", true);
-    dmn_json_int(&j, "request", s->request);
-    dmn_json_str(&j, "state", dmn_taking_names[s->state]);
-    dmn_json_int(&j, "sets", s->sets);
-    dmn_json_int(&j, "have", s->have);
-    if (s->state == DMN_TAKING_FAILED)
-        dmn_json_str(&j, "why", s->why.text);
-    dmn_json_close(&j, '}');
-    size_t n = dmn_json_end(&j);
-    return n > 0 ? n : fail(reply, size, "no room");
-}
-
-static size_t background(const struct dmn_control_ops *ops, const cJSON *req, char *reply,
-                         size_t size)
-{
-    const cJSON *sets = cJSON_GetObjectItemCaseSensitive(req, "sets");
-    double n = cJSON_IsNumber(sets) ? sets->valuedouble : -1;
-    struct dmn_background_state s = {0};
-    struct pvx_diag d = {""};
-    if (sets == NULL && ops->background_state != NULL) {
-        ops->background_state(ops->ctx, &s);
-        return background_is(&s, reply, size);
-    }
-    if (!(n >= 0 && n <= 1e6 && n == (double)(uint32_t)n))
-        return fail(reply, size,
-                    "sets should be a whole number, 2 or more, or 0 for no background");
-    if (ops->background == NULL)
-        return fail(reply, size, "a background is not possible here");
-    pvx_err e = ops->background(ops->ctx, (uint32_t)n, &d);
-    if (e != PVX_OK)
-        return fail(reply, size, pvx_diag_text(&d, e));
-    ops->background_state(ops->ctx, &s);
-    return (size_t)snprintf(reply, size, "{\"ok\":true,\"request\":%u}", s.request);
-}
-
-static size_t command(const struct dmn_control_ops *ops, const cJSON *req, char *reply, size_t size)
-{
-    const char *cmd = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "cmd"));
-    if (cmd == NULL)
-        return fail(reply, size, "the request has no text \"cmd\"");
-    if (strcmp(cmd, "ping") == 0)
-        return (size_t)snprintf(reply, size, "{\"ok\":true,\"pong\":%lld}",
-                                (long long)pvx_now_real());
-    if (strcmp(cmd, "status") == 0) {
-        size_t n = ops->status(ops->ctx, reply, size);
-        return n > 0 ? n : fail(reply, size, "the status does not fit into a reply");
-    }
-    if (strcmp(cmd, "log-level") == 0) {
-        const char *word = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(req, "level"));
-        enum pvx_log_level level;
-        if (word == NULL || pvx_log_level_parse(word, &level) != PVX_OK)
-            return fail(reply, size, "level should be \"error\", \"warn\", \"info\" or \"debug\"");
-        pvx_log_set_level(level);
-        return done(reply, size);
-    }
-    if (strcmp(cmd, "reset-latency") == 0) {
-        ops->reset_latency(ops->ctx);
-        return done(reply, size);
-    }
-    if (strcmp(cmd, "record") == 0)
-        return record(ops, req, reply, size);
-    if (strcmp(cmd, "background") == 0)
-        return background(ops, req, reply, size);
-    if (strcmp(cmd, "stop") == 0) {
-        ops->stop(ops->ctx);
-        return done(reply, size);
-    }
-    return fail(reply, size,
-                "unknown command; there are ping, status, log-level, reset-latency, record, "
-                "background, stop");
-}
-
-size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,
-                          char *reply, size_t size)
-{
-    if (len > DMN_REQUEST_MAX)
-        return fail(reply, size, "the request is longer than 4096 bytes");
-    cJSON *req = cJSON_ParseWithLength(request, len);
-    size_t n = cJSON_IsObject(req) ? command(ops, req, reply, size)
-                                   : fail(reply, size, "the request is not a JSON object");
-    cJSON_Delete(req);
-    return n;
-}
 
 /* One message: its way back (up to and with the empty frame) and the text after that; what follows is
  * ignored, and so is a message without an empty frame.  The text's true length, -1 = none (errno).

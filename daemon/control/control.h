@@ -1,17 +1,6 @@
 /* control.h - the control socket: one JSON object in, one out, over ZeroMQ REQ/REP.
  *
- *   {"cmd":"ping"}                        {"ok":true,"pong":...}
- *   {"cmd":"status"}                      the state (state.h)
- *   {"cmd":"log-level","level":"debug"}   {"ok":true}
- *   {"cmd":"reset-latency"}               {"ok":true}; the latency statistics start anew
- *   {"cmd":"record","action":"start","path":"/data/a.h5"}   {"ok":true,"path":...}; path may be left out
- *   {"cmd":"record","action":"stop"}      {"ok":true,"path":...}; answers when the take is closed
- *   {"cmd":"background","sets":64}        {"ok":true,"request":1}; the mean of the next sets will be subtracted from
- *                                         then on; 0: none any more, nor is one taken
- *   {"cmd":"background"}                  {"ok":true,"request":1,"state":"taking","sets":64,"have":12}, "done", or
- *                                         "failed" with "why" (a flame in it); "none": nobody asked for one
- *   {"cmd":"stop"}                        {"ok":true}; the daemon drains and ends
- * Anything else, or more than DMN_REQUEST_MAX bytes: {"error":"..."}.
+ * The requests are those of the table in commands.h; CONTROL.md says what they ask and answer.
  * A second daemon on the same endpoint is refused (proto/ipc.h).
  * Threads: a thread of its own; the calls in dmn_control_ops come from it, and should answer at once. */
 #ifndef DMN_CONTROL_H
@@ -21,6 +10,7 @@
 #include <stdint.h>
 #include "base/err.h"
 #include "proto/auth.h"
+#include "daemon/config/config.h"
 #include "daemon/control/state.h"
 
 #define DMN_REQUEST_MAX 4096
@@ -30,17 +20,22 @@ struct dmn_control_ops {
     size_t (*status)(void *ctx, char *out, size_t size); /* JSON; 0 = does not fit */
     void (*reset_latency)(void *ctx);
     void (*stop)(void *ctx);
-    /* Begin (path NULL: as configured) or end a take; where = its file.  NULL = cannot. */
+    /* Begin (path NULL: as configured; without a slash: that name in the same folder) or end a take; where = its file.  NULL = cannot. */
     pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
                       struct pvx_diag *d);
     void *ctx;
     /* Begin to take a background of so many sets, and what became of it; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);
     void (*background_state)(void *ctx, struct dmn_background_state *out);
+    /* The options in effect, the control thread's; and others that differ in options that may change while it
+     * runs (dmn_option_live).  NULL = cannot. */
+    const struct dmn_config *(*config)(void *ctx);
+    pvx_err (*apply)(void *ctx, const struct dmn_config *c, struct pvx_diag *d);
+    pvx_err (*reload_keys)(void *ctx, struct pvx_diag *d); /* NULL = cannot */
     bool remote; /* a request may not say which file to write; dmn_control_new sets it */
 };
 
-/* Answer one request; returns the reply's length (at least 2, 0-terminated beyond).  size >= 256. */
+/* Answer one request; returns the reply's length (at least 2, 0-terminated beyond).  size >= 512. */
 size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,
                           char *reply, size_t size);
 

@@ -20,7 +20,8 @@ static uint32_t images_needed(const struct dmn_cameras_in *in, const struct cap_
 /* A set that is too old makes way for a newer one if there is one. */
 static struct cap_set *newest(struct dmn_cameras_in *in, struct cap_set *set, uint64_t *passed_over)
 {
-    while (in->stale_ns > 0 && pvx_now_mono() - set->t_last_mono_ns > in->stale_ns) {
+    int64_t stale_ns = atomic_load(&in->stale_ns);
+    while (stale_ns > 0 && pvx_now_mono() - set->t_last_mono_ns > stale_ns) {
         struct cap_set *next;
         if (cap_capture_next(in->capture, 0, &next) != PVX_OK)
             break;

@@ -23,7 +23,7 @@ struct dmn_cameras_in {
     dmn_images *images;
     const struct rec_rig *rig;
     struct cap_assembler_params sets; /* how many images a set must have */
-    int64_t stale_ns;              /* a set older than that makes way for a newer one; 0 = never */
+    atomic_llong stale_ns;         /* a set older than that makes way for a newer one; 0 = never */
     const atomic_size_t *wait_for; /* no image is taken before this is not 0; or NULL */
     const atomic_bool *stopping;   /* then it is not waited for */
     dmn_background *background;    /* looks at each set that is given on; or NULL */

@@ -115,6 +115,19 @@ static void carved(void *ctx, const struct dmn_slot *s)
     dmn_previews_offer(l->previews, s);
 }
 
+/* What of c may change while it runs. */
+static struct dmn_tuning tuning(const dmn_live *l, const struct dmn_config *c)
+{
+    struct rec_frame_params f;
+    dmn_config_frame(c, &f);
+    bool free = c->deadline_ms < 0 && !c->lossless;
+    return (struct dmn_tuning){.photo = f.photo,
+                               .solve = f.solve,
+                               .warm = dmn_config_warm(c),
+                               .limit_ns = dmn_config_deadline(c),
+                               .period_ns = free ? l->sources.capture.sets.period_ns : 0};
+}
+
 /* The pipeline between cameras and publisher. */
 static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
 {
@@ -127,12 +140,12 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
     PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
     PVX_TRY(dmn_background_new(l->S, &l->rig, ip.nch, &l->background, d));
-    int64_t limit = dmn_config_deadline(c), period = l->sources.capture.sets.period_ns;
+    const struct dmn_tuning t = tuning(l, c);
     l->in = (struct dmn_cameras_in){.capture = l->capture,
                                     .images = l->images,
                                     .rig = &l->rig,
                                     .sets = l->sources.capture.sets,
-                                    .stale_ns = c->lossless ? 0 : limit,
+                                    .stale_ns = c->lossless ? 0 : t.limit_ns,
                                     .wait_for = c->wait_subscriber ? &l->out.subscribers : NULL,
                                     .stopping = &l->stopping,
                                     .background = l->background,
@@ -142,9 +155,8 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
         .rig = &l->rig,
         .pool = l->pool,
         .lossless = c->lossless,
-        .warm = dmn_config_warm(c),
-        .deadline = {.limit_ns = limit,
-                     .period_ns = c->deadline_ms >= 0 || c->lossless ? 0 : period},
+        .warm = t.warm,
+        .deadline = {.limit_ns = t.limit_ns, .period_ns = t.period_ns},
         .source = dmn_cameras_source(&l->in),
         .sink = dmn_publish_sink(&l->out),
         .carved = carved,
@@ -294,6 +306,14 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
 {
     return start ? dmn_recording_start(l->recording, path, where, size, d)
                  : dmn_recording_stop(l->recording, where, size, d);
+}
+
+void dmn_live_tune(dmn_live *l, const struct dmn_config *c)
+{
+    const struct dmn_tuning t = tuning(l, c);
+    dmn_pipeline_tune(l->pipeline, &t);
+    atomic_store(&l->in.stale_ns, c->lossless ? 0 : t.limit_ns);
+    dmn_publish_compress(&l->out, c);
 }
 
 pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d)

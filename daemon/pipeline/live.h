@@ -29,6 +29,9 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out);
 /* Begin (path NULL: where record.path says) or end a take of raw frames; where = its file. */
 PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where,
                                        size_t size, struct pvx_diag *d);
+/* What of cfg may change while it runs (dmn_option_live), each stage before its next set: none is lost, and
+ * none waits. */
+void dmn_live_tune(dmn_live *l, const struct dmn_config *cfg);
 /* The mean of the next `sets` becomes the background, 0: none any more; and how far it is (background.h).  From
  * one thread at a time. */
 PVX_MUST_CHECK pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d);

@@ -1,5 +1,6 @@
 #include "daemon/pipeline/pipeline.h"
 
+#include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -29,8 +30,54 @@ struct dmn_pipeline {
     float *prev_value;
     size_t prev_bytes;
 
+    pthread_mutex_t tuning_lock; /* held to copy, and never waited for by a stage */
+    struct dmn_tuning tuning;
+    atomic_uint tunings;           /* so many came */
+    unsigned carve_has, solve_has; /* of these; each its stage's */
+
     atomic_uint_fast64_t produced, out, dropped[DMN_N_DROP];
 };
+
+/* ---- what changes between sets ---- */
+
+/* A newer tuning than number *has, if there is one. */
+static bool newer_tuning(dmn_pipeline *p, unsigned *has, struct dmn_tuning *out)
+{
+    if (atomic_load(&p->tunings) == *has || pthread_mutex_trylock(&p->tuning_lock) != 0)
+        return false;
+    *out = p->tuning;
+    *has = atomic_load(&p->tunings);
+    pthread_mutex_unlock(&p->tuning_lock);
+    return true;
+}
+
+static void tune_carve(dmn_pipeline *p)
+{
+    struct dmn_tuning t;
+    if (newer_tuning(p, &p->carve_has, &t))
+        rec_carver_tune(p->carver, &t.photo);
+}
+
+static void tune_solve(dmn_pipeline *p)
+{
+    struct dmn_tuning t;
+    if (!newer_tuning(p, &p->solve_has, &t))
+        return;
+    rec_solver_tune(p->solver, &t.solve);
+    p->a.deadline.limit_ns = t.limit_ns;
+    p->a.deadline.period_ns = t.period_ns;
+    p->a.warm = t.warm;
+    if (!t.warm)
+        p->prev = (struct rec_sparse){0};
+}
+
+void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t)
+{
+    pthread_mutex_lock(&p->tuning_lock);
+    p->tuning = *t;
+    atomic_fetch_add(&p->tunings, 1);
+    pthread_mutex_unlock(&p->tuning_lock);
+}
 
 /* ---- slots ---- */
 
@@ -93,6 +140,7 @@ static bool carve(void *ctx)
     atomic_fetch_add(&p->dropped[DMN_DROP_STALE], s->passed_over);
     int64_t t0 = pvx_now_mono();
     if (s->why == DMN_N_DROP) {
+        tune_carve(p);
         rec_frame_carve(s->frame);
         if (p->a.carved != NULL)
             p->a.carved(p->a.carved_ctx, s);
@@ -118,6 +166,7 @@ static void remember(dmn_pipeline *p, const struct dmn_slot *s)
 static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
 {
     int64_t t0 = pvx_now_mono();
+    tune_solve(p);
     int64_t until = dmn_deadline_at(&p->a.deadline, p->a.lossless ? t0 : s->t_last_mono_ns, t0);
     pvx_err e = rec_frame_solve(s->frame, until, p->prev.grid != NULL ? &p->prev : NULL);
     if (e != PVX_OK) {
@@ -194,14 +243,13 @@ static pvx_err build(dmn_pipeline *p, struct pvx_diag *d)
         PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
         give_back(p, &p->slot[i]);
     }
-    if (a->warm) {
-        size_t n = rec_grid_count(&a->S->grid);
-        p->prev_bytes = n * (sizeof(int32_t) + 4 * sizeof(float));
-        p->prev_value = pvx_reserve(p->prev_bytes);
-        if (p->prev_value == NULL)
-            return PVX_ENOMEM;
-        p->prev_index = (int32_t *)(p->prev_value + 4 * n);
-    }
+    /* Also where no solve starts warm: that may change, and what is not used costs nothing. */
+    size_t n = rec_grid_count(&a->S->grid);
+    p->prev_bytes = n * (sizeof(int32_t) + 4 * sizeof(float));
+    p->prev_value = pvx_reserve(p->prev_bytes);
+    if (p->prev_value == NULL)
+        return PVX_ENOMEM;
+    p->prev_index = (int32_t *)(p->prev_value + 4 * n);
     return PVX_OK;
 }
 
@@ -212,6 +260,7 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
     if (p == NULL)
         return PVX_ENOMEM;
     p->a = *params;
+    pthread_mutex_init(&p->tuning_lock, NULL);
     pvx_err e = build(p, d);
     if (e != PVX_OK)
         dmn_pipeline_free(out);
@@ -263,6 +312,7 @@ void dmn_pipeline_free(dmn_pipeline **pp)
     pvx_queue_free(&p->to_sink);
     if (p->prev_value != NULL)
         pvx_unreserve(p->prev_value, p->prev_bytes);
+    pthread_mutex_destroy(&p->tuning_lock);
     PVX_FREE(*pp);
 }
 

@@ -70,6 +70,14 @@ struct dmn_pipeline_params { /* all pointers borrowed */
     void *carved_ctx;
 };
 
+/* What may change while it runs. */
+struct dmn_tuning {
+    struct rec_photo_params photo;
+    struct rec_solve_params solve; /* but the method */
+    bool warm;
+    int64_t limit_ns, period_ns; /* of the deadline */
+};
+
 typedef struct dmn_pipeline dmn_pipeline;
 /* Errors: those of rec_carver_new and rec_frame_new, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params,
@@ -83,6 +91,9 @@ void dmn_pipeline_free(dmn_pipeline **p);
 
 /* Camera c's background from the next set on, as rec_carver_exchange_background; from the source's `next` only. */
 void dmn_pipeline_background(dmn_pipeline *p, size_t camera, float **bg);
+
+/* Each stage takes it before its next set, and never waits for it.  Any thread. */
+void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t);
 
 /* produced, published, inside, dropped and the stages. */
 void dmn_pipeline_counts(dmn_pipeline *p, struct dmn_state *out);

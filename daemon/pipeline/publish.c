@@ -47,6 +47,7 @@ static bool put(void *ctx, const struct dmn_slot *s)
                            .grid = p->start.grid};
     fill_report(r, &m.report);
     size_t bytes = 0;
+    pvp_pub_compress(p->pub, (enum pvp_compress)atomic_load(&p->compress));
     pvx_err e = pvp_pub_volume(p->pub, &m,
                                &(struct pvp_voxels){(uint32_t)v.n, v.index, v.value, v.cs}, &bytes);
     int64_t t1 = pvx_now_mono();
@@ -125,12 +126,18 @@ struct dmn_sink dmn_publish_sink(struct dmn_publish *p)
     return (struct dmn_sink){.name = "publish", .put = put, .tick = tick, .end = end, .ctx = p};
 }
 
+void dmn_publish_compress(struct dmn_publish *p, const struct dmn_config *c)
+{
+    static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
+    atomic_store(&p->compress, (int)comps[c->compress]);
+}
+
 pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                          const struct rec_rig *rig, pvp_auth *auth, struct pvx_diag *d)
 {
     p->votes.patience = TORN;
     static const enum pvp_sample samples[] = {PVP_F16, PVP_F32};
-    static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
+    dmn_publish_compress(p, c);
     const char *open[DMN_TEXTS_MAX], *guarded[DMN_TEXTS_MAX];
     size_t n = c->endpoints.n == 0 ? 1 : c->endpoints.n, n_open = 0, n_guarded = 0;
     for (size_t i = 0; i < n; i++) {
@@ -164,7 +171,7 @@ pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                                 .rig = p->rig_text,
                                 .send_hwm = (int)c->hwm,
                                 .sample = samples[c->sample],
-                                .comp = comps[c->compress],
+                                .comp = (enum pvp_compress)atomic_load(&p->compress),
                                 .lossless = c->lossless};
     pthread_mutex_init(&p->lock, NULL);
     return pvp_pub_new(&pp, s, &p->pub, d);

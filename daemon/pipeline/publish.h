@@ -18,6 +18,7 @@ struct dmn_publish {
     const char *rig_text;   /* what newcomers are told of it; borrowed, for open; NULL: nothing */
     struct pvp_start start; /* .session is the caller's to choose before open */
     atomic_size_t subscribers;
+    atomic_int compress; /* enum pvp_compress, from the next volume on */
     atomic_bool reset_latency;        /* the statistics start anew with the next volume */
     _Atomic(const char *) end_reason; /* NULL: the source has ended by itself */
     /* what the status message says */
@@ -45,6 +46,8 @@ struct dmn_publish {
 PVX_MUST_CHECK pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                                         const struct rec_rig *rig, pvp_auth *auth,
                                         struct pvx_diag *d);
+/* Compression as c says, from the next volume on.  Any thread. */
+void dmn_publish_compress(struct dmn_publish *p, const struct dmn_config *c);
 /* Closes; a struct of zeros is fine. */
 void dmn_publish_close(struct dmn_publish *p);
 struct dmn_sink dmn_publish_sink(struct dmn_publish *p);

@@ -3,6 +3,7 @@
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -153,14 +154,26 @@ static pvx_err name_file(const dmn_recording *r, char *out, size_t size, struct 
 }
 #pragma GCC diagnostic pop
 
+/* in: a file's whole name, out: `name` in its folder. */
+static pvx_err name_beside(const char *name, char *file, size_t size, struct pvx_diag *d)
+{
+    char *at = strrchr(file, '/') + 1; /* the name is absolute */
+    int n = snprintf(at, size - (size_t)(at - file), "%s", name);
+    return n < (int)(size - (size_t)(at - file))
+               ? PVX_OK
+               : pvx_fail(d, PVX_ERANGE, "'%s' is too long for a file's name", name);
+}
+
 pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where, size_t size,
                             struct pvx_diag *d)
 {
     if (r == NULL)
         return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
     char name[PATH_MAX];
-    if (path == NULL) {
+    if (path == NULL || strchr(path, '/') == NULL) {
         PVX_TRY(name_file(r, name, sizeof name, d));
+        if (path != NULL)
+            PVX_TRY(name_beside(path, name, sizeof name, d));
         path = name;
     }
     pthread_mutex_lock(&r->lock);

@@ -100,6 +100,11 @@ void rec_carver_exchange_background(rec_carver *k, size_t camera, float **bg)
     *bg = before;
 }
 
+void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p)
+{
+    k->p.photo = *p;
+}
+
 /* Samples along an axis of a bin: colours of a Bayer filter have a quarter of them all. */
 static float per_bin(const rec_carver *k, bool bayer)
 {

@@ -74,11 +74,17 @@ void rec_carver_free(rec_carver **k);
 /* Background image of camera c, [bh][bw][cs], copied; NULL = none. */
 PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const float *bg);
 
+/* Other photometry from the next set on; the carve stage's thread, between sets.  Allocates nothing. */
+void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p);
+
 /* Errors: PVX_EINVAL, PVX_ENOMEM. */
 typedef struct rec_solver rec_solver;
 PVX_MUST_CHECK pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p,
                                       rec_solver **out, struct pvx_diag *d);
 void rec_solver_free(rec_solver **s);
+/* Other limits and weight from the next set on, but the method: it is what the work areas were made for.  The
+ * solve stage's thread, between sets.  Allocates nothing. */
+void rec_solver_tune(rec_solver *s, const struct rec_solve_params *p);
 
 /* A slot for these two, which were made from one matrix and the same params.  Errors: PVX_ENOMEM, those of
  * rec_subsys_new. */

@@ -35,6 +35,13 @@ void rec_solver_free(rec_solver **s)
     PVX_FREE(*s);
 }
 
+void rec_solver_tune(rec_solver *s, const struct rec_solve_params *p)
+{
+    const char *method = s->p.solver;
+    s->p = *p;
+    s->p.solver = method;
+}
+
 /* x = the earlier volume on this frame's voxels, 0 where it had none; both lists ascend. */
 static void earlier_volume(rec_frame *f, const struct rec_sparse *from)
 {

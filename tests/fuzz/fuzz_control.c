@@ -29,6 +29,20 @@ static void taken(void *ctx, struct dmn_background_state *out)
     out->state = (enum dmn_taking)(asked % 4);
 }
 
+static struct dmn_config config;
+static const struct dmn_config *in_effect(void *ctx)
+{
+    (void)ctx;
+    return &config;
+}
+static pvx_err apply(void *ctx, const struct dmn_config *c, struct pvx_diag *d)
+{
+    (void)ctx;
+    (void)d;
+    MUST(c->compress >= 0 && c->compress <= 2 && c->margin >= 0 && c->margin <= 100);
+    return PVX_OK;
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static char reply[DMN_REPLY_MAX];
@@ -36,7 +50,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
                                         .reset_latency = nothing,
                                         .stop = nothing,
                                         .background = take,
-                                        .background_state = taken};
+                                        .background_state = taken,
+                                        .config = in_effect,
+                                        .apply = apply};
+    if (config.fps == 0)
+        dmn_config_defaults(&config);
     size_t n = dmn_control_handle(&ops, data, size, reply, sizeof reply);
     cJSON *j = cJSON_ParseWithLength(reply, n);
     MUST(n >= 2 && n < sizeof reply && cJSON_IsObject(j));

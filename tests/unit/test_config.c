@@ -336,3 +336,23 @@ T_CASE(values_reach_recon)
         T_EQ_S(p.solve.solver, *name);
     }
 }
+
+T_CASE(what_a_running_daemon_takes)
+{
+    static const char *const live[] = {"log_level",   "publish.compress",   "solver.lambda",
+                                       "solver.stop", "solver.deadline_ms", "photometry.margin"};
+    static const char *const restart[] = {"solver.name", "fps", "publish.sample", "hull.min_views",
+                                          "rig"};
+    for (size_t i = 0; i < sizeof live / sizeof *live; i++)
+        T_OK(dmn_option_live(dmn_option_find(live[i])));
+    for (size_t i = 0; i < sizeof restart / sizeof *restart; i++)
+        T_OK(!dmn_option_live(dmn_option_find(restart[i])));
+    T_OK(dmn_option_find("solver") == NULL && dmn_option_find("") == NULL);
+    T_EQ_S(dmn_option_nearest("photometry.flor"), "photometry.floor");
+    T_EQ_S(dmn_option_nearest("lambda"), "solver.lambda");
+    T_EQ_S(dmn_option_nearest("loglevel"), "log_level");
+    char long_one[300];
+    memset(long_one, 'x', sizeof long_one - 1);
+    long_one[sizeof long_one - 1] = '\0';
+    T_OK(dmn_option_nearest(long_one)[0] != '\0');
+}

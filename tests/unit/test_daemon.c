@@ -16,6 +16,8 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "capture/pixel/pixfmt.h"
+#include "base/file.h"
+#include "daemon/control/commands.h"
 #include "daemon/control/control.h"
 #include "daemon/control/json.h"
 #include "daemon/pipeline/scene.h"
@@ -170,7 +172,7 @@ static void answer_is(const char *request, const char *part)
 T_CASE(control_answers)
 {
     answer_is("{\"cmd\":\"ping\"}", "\"ok\":true");
-    answer_is("{\"cmd\":\"status\"}", "{\"up\":1}");
+    answer_is("{\"cmd\":\"status\"}", "\"up\":1}");
     answer_is("{\"cmd\":\"stop\"}", "\"ok\":true");
     T_EQ_I(stops, 1);
     answer_is("{\"cmd\":\"reset-latency\"}", "\"ok\":true");
@@ -199,7 +201,7 @@ T_CASE(control_answers)
     answer_is(long_one, "longer than");
     /* a status that does not fit is an answer too */
     int fits = 0;
-    char reply[300];
+    char reply[600];
     struct dmn_control_ops ops = {.status = fake_status,
                                   .reset_latency = fake_reset,
                                   .stop = fake_stop,
@@ -230,7 +232,7 @@ static void fake_background_state(void *ctx, struct dmn_background_state *out)
 T_CASE(background_requests)
 {
     uint32_t sets = 99;
-    char reply[300];
+    char reply[600];
     const struct dmn_control_ops ops = {.status = fake_status,
                                         .reset_latency = fake_reset,
                                         .stop = fake_stop,
@@ -242,10 +244,10 @@ T_CASE(background_requests)
         const char *request, *answer;
         uint32_t sets;
     } of[] = {
-        {"{\"cmd\":\"background\",\"sets\":16}", "{\"ok\":true,\"request\":7}", 16},
+        {"{\"cmd\":\"background\",\"sets\":16}", "\"ok\":true,\"request\":7}", 16},
         {"{\"cmd\":\"background\"}",
-         "{\"ok\":true,\"request\":7,\"state\":\"taking\",\"sets\":16,\"have\":1}", 16},
-        {"{\"cmd\":\"background\",\"sets\":0}", "{\"ok\":true,\"request\":7}", 0},
+         "\"ok\":true,\"request\":7,\"state\":\"taking\",\"sets\":16,\"have\":1}", 16},
+        {"{\"cmd\":\"background\",\"sets\":0}", "\"ok\":true,\"request\":7}", 0},
         {"{\"cmd\":\"background\",\"sets\":3}", "a flame", 3},
         {"{\"cmd\":\"background\",\"sets\":1.5}", "whole number", 3},
         {"{\"cmd\":\"background\",\"sets\":-1}", "whole number", 3},
@@ -263,6 +265,114 @@ T_CASE(background_requests)
                                            .ctx = &sets};
     dmn_control_handle(&cannot, of[0].request, strlen(of[0].request), reply, sizeof reply);
     T_CONTAINS(reply, "not possible here");
+}
+
+static struct dmn_config in_effect;
+static int applied;
+static const struct dmn_config *fake_config(void *ctx)
+{
+    (void)ctx;
+    return &in_effect;
+}
+static pvx_err fake_apply(void *ctx, const struct dmn_config *c, struct pvx_diag *d)
+{
+    (void)ctx;
+    if (c->floor > 0.5)
+        return pvx_fail(d, PVX_EBUSY, "not now");
+    in_effect = *c;
+    applied++;
+    return PVX_OK;
+}
+static pvx_err fake_reload(void *ctx, struct pvx_diag *d)
+{
+    (void)ctx;
+    return pvx_fail(d, PVX_EFORMAT, "line 3 of it");
+}
+
+T_CASE(options_are_read_and_set)
+{
+    static char reply[DMN_REPLY_MAX];
+    struct dmn_control_ops ops = {.status = fake_status,
+                                  .reset_latency = fake_reset,
+                                  .stop = fake_stop,
+                                  .record = fake_record,
+                                  .config = fake_config,
+                                  .apply = fake_apply,
+                                  .reload_keys = fake_reload};
+    static const struct {
+        const char *request, *answer;
+        int applied; /* by then */
+    } of[] = {
+        {"{\"cmd\":\"get\",\"key\":\"solver.lambda\"}",
+         "\"value\":\"-1\",\"default\":\"-1\",\"live\":true", 0},
+        {"{\"cmd\":\"get\",\"key\":\"fps\"}", "\"live\":false", 0},
+        {"{\"cmd\":\"get\"}", "\"key\":\"sim.period_s\"", 0},
+        {"{\"cmd\":\"get\",\"key\":\"solver.lamda\"}", "the nearest is solver.lambda", 0},
+        {"{\"cmd\":\"get\",\"key\":3}", "key should be text", 0},
+        {"{\"cmd\":\"set\",\"key\":\"solver.lambda\",\"value\":0.5}",
+         "\"value\":\"0.5\",\"before\":\"-1\"", 1},
+        {"{\"cmd\":\"set\",\"key\":\"photometry.despeckle\",\"value\":false}",
+         "\"before\":\"true\"", 2},
+        {"{\"cmd\":\"set\",\"key\":\"publish.compress\",\"value\":\"lz4\"}", "\"value\":\"lz4\"",
+         3},
+        {"{\"cmd\":\"set\",\"key\":\"log_level\",\"value\":\"warn\"}", "\"ok\":true", 4},
+        {"{\"cmd\":\"log-level\",\"level\":\"info\"}", "\"ok\":true", 5},
+        {"{\"cmd\":\"set\",\"key\":\"solver.name\",\"value\":\"cgls\"}", "needs a restart", 5},
+        {"{\"cmd\":\"set\",\"key\":\"fps\",\"value\":30}", "fps needs a restart", 5},
+        {"{\"cmd\":\"set\",\"key\":\"compress\",\"value\":1}", "the nearest is publish.compress",
+         5},
+        {"{\"cmd\":\"set\",\"key\":\"solver.lambda\",\"value\":\"much\"}", "error", 5},
+        {"{\"cmd\":\"set\",\"key\":\"solver.lambda\",\"value\":1e300}", "error", 5},
+        {"{\"cmd\":\"set\",\"key\":\"solver.lambda\",\"value\":\"\"}", "error", 5},
+        {"{\"cmd\":\"set\",\"key\":\"solver.lambda\",\"value\":[1]}", "set needs", 5},
+        {"{\"cmd\":\"set\",\"key\":\"solver.lambda\"}", "set needs", 5},
+        {"{\"cmd\":\"set\",\"value\":1}", "set needs", 5},
+        {"{\"cmd\":\"set\",\"key\":\"photometry.floor\",\"value\":0.9}", "not now", 5},
+        {"{\"cmd\":\"reload-keys\"}", "line 3 of it", 5},
+        {"{\"cmd\":\"ping\",\"version\":1}", "{\"version\":1,\"ok\":true", 5},
+        {"{\"cmd\":\"ping\",\"version\":2}", "no other", 5},
+        {"{\"cmd\":\"ping\",\"version\":\"1\"}", "no other", 5},
+        {"{\"cmd\":\"stop\",\"now\":1}", "unknown key \\\"now\\\"", 5},
+        {"{\"cmd\":\"set\",\"key value\":1}", "unknown key", 5},
+        {"{\"cmd\":\"set\",\"\":1}", "unknown key", 5}};
+    dmn_config_defaults(&in_effect);
+    applied = 0;
+    int before = stops;
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        dmn_control_handle(&ops, of[i].request, strlen(of[i].request), reply, sizeof reply);
+        T_CONTAINS(reply, of[i].answer);
+        T_EQ_I(applied, of[i].applied);
+    }
+    T_EQ_I(stops, before);
+    T_OK(in_effect.lambda == 0.5 && !in_effect.despeckle && in_effect.compress == 1);
+    T_OK(in_effect.log_level == PVX_LOG_INFO && in_effect.floor < 0.5);
+}
+
+T_CASE(a_take_is_named_without_its_folder)
+{
+    answer_is("{\"cmd\":\"record\",\"action\":\"start\",\"name\":\"a.h5\"}", "\"path\":\"a.h5\"");
+    static const char *const bad[] = {"", ".", "..", ".a", "a/b", "/a", "../a"};
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        char request[100];
+        snprintf(request, sizeof request,
+                 "{\"cmd\":\"record\",\"action\":\"start\",\"name\":\"%s\"}", bad[i]);
+        answer_is(request, "name should be");
+    }
+    answer_is("{\"cmd\":\"record\",\"action\":\"start\",\"name\":\"a\",\"path\":\"/a\"}",
+              "not both");
+    answer_is("{\"cmd\":\"record\",\"action\":\"start\",\"what\":\"sound\"}", "what should be");
+}
+
+T_CASE(control_md_has_every_command)
+{
+    char *text, want[80];
+    size_t len;
+    T_EQ_I(pvx_file_read("daemon/CONTROL.md", 1 << 20, &text, &len, NULL), PVX_OK);
+    for (size_t i = 0; i < dmn_n_commands; i++) {
+        snprintf(want, sizeof want, "`{\"cmd\":\"%s\"", dmn_commands[i].name);
+        T_CONTAINS(text, want);
+    }
+    free(text);
 }
 
 T_CASE(the_fullest_state_fits_and_parses)
@@ -363,7 +473,7 @@ static bool is_answered(void *s)
     char reply[64];
     int n = zmq_recv(s, reply, sizeof reply, 0);
     zmq_close(s);
-    T_OK(n > 0 && memcmp(reply, "{\"ok\":true", 10) == 0);
+    T_OK(n > 0 && memcmp(reply, "{\"version\":1,\"ok\":true", 22) == 0);
     return n > 0;
 }
 

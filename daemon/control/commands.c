@@ -1,0 +1,266 @@
+/* commands.c - the requests of the control socket and their answers. */
+#include "daemon/control/commands.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/log.h"
+#include "daemon/control/json.h"
+
+#define OPS const struct dmn_control_ops *ops, const cJSON *request, struct dmn_answer to
+
+static const char *text_of(const cJSON *request, const char *key)
+{
+    return cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(request, key));
+}
+
+size_t dmn_answer_error(struct dmn_answer to, const char *text)
+{
+    struct dmn_json j;
+    dmn_json_init(&j, to.text, to.size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_str(&j, "error", text);
+    dmn_json_close(&j, '}');
+    return dmn_json_end(&j);
+}
+
+static size_t done(struct dmn_answer to)
+{
+    return (size_t)snprintf(to.text, to.size, "{\"ok\":true}");
+}
+
+static size_t ping(OPS)
+{
+    (void)ops;
+    (void)request;
+    return (size_t)snprintf(to.text, to.size, "{\"ok\":true,\"pong\":%lld}",
+                            (long long)pvx_now_real());
+}
+
+static size_t status(OPS)
+{
+    (void)request;
+    size_t n = ops->status(ops->ctx, to.text, to.size);
+    return n > 0 ? n : dmn_answer_error(to, "the status does not fit into a reply");
+}
+
+static size_t log_level(OPS)
+{
+    const char *word = text_of(request, "level");
+    enum pvx_log_level level;
+    if (word == NULL || pvx_log_level_parse(word, &level) != PVX_OK)
+        return dmn_answer_error(to, "level should be \"error\", \"warn\", \"info\" or \"debug\"");
+    if (ops->config != NULL && ops->apply != NULL) {
+        static struct dmn_config next; /* the control thread's */
+        struct pvx_diag d = {""};
+        next = *ops->config(ops->ctx);
+        next.log_level = (int)level;
+        pvx_err e = ops->apply(ops->ctx, &next, &d);
+        return e == PVX_OK ? done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
+    }
+    pvx_log_set_level(level);
+    return done(to);
+}
+
+static size_t reset_latency(OPS)
+{
+    (void)request;
+    ops->reset_latency(ops->ctx);
+    return done(to);
+}
+
+static size_t stop(OPS)
+{
+    (void)request;
+    ops->stop(ops->ctx);
+    return done(to);
+}
+
+static size_t reload_keys(OPS)
+{
+    struct pvx_diag d = {""};
+    (void)request;
+    if (ops->reload_keys == NULL)
+        return dmn_answer_error(to, "there are no keys here");
+    pvx_err e = ops->reload_keys(ops->ctx, &d);
+    return e == PVX_OK ? done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
+}
+
+/* Which file: a whole path; or a name, in the folder of record.path; or NULL, as configured.  false: why. */
+static bool which_file(const struct dmn_control_ops *ops, const cJSON *request, const char **file,
+                       const char **why)
+{
+    const char *path = text_of(request, "path"), *name = text_of(request, "name");
+    *file = path != NULL ? path : name;
+    *why = path != NULL && name != NULL ? "path or name, not both"
+           : path != NULL && ops->remote
+               ? "over the network a take goes to record.path: leave path out, or give a name"
+           : path != NULL && path[0] != '/' ? "path should be absolute"
+           : name != NULL && (name[0] == '\0' || name[0] == '.' || strchr(name, '/') != NULL)
+               ? "name should be that of a file, without a folder and not beginning with a dot"
+               : NULL;
+    return *why == NULL;
+}
+
+static size_t record(OPS)
+{
+    const char *action = text_of(request, "action"), *what = text_of(request, "what"), *file, *why;
+    bool start = action != NULL && strcmp(action, "start") == 0;
+    if (what != NULL && strcmp(what, "raw") != 0)
+        return dmn_answer_error(to, "what should be \"raw\": nothing else is recorded here");
+    if (!start && (action == NULL || strcmp(action, "stop") != 0))
+        return dmn_answer_error(to, "action should be \"start\" or \"stop\"");
+    if (!which_file(ops, request, &file, &why))
+        return dmn_answer_error(to, why);
+    if (ops->record == NULL)
+        return dmn_answer_error(to, "recording is not possible here");
+    char where[DMN_REQUEST_MAX] = "";
+    struct pvx_diag d = {""};
+    pvx_err e = ops->record(ops->ctx, start, file, where, sizeof where, &d);
+    if (e != PVX_OK)
+        return dmn_answer_error(to, pvx_diag_text(&d, e));
+    struct dmn_json j;
+    dmn_json_init(&j, to.text, to.size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_str(&j, "path", where);
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    return n > 0 ? n : done(to);
+}
+
+static size_t background_is(const struct dmn_background_state *s, struct dmn_answer to)
+{
+    struct dmn_json j;
+    dmn_json_init(&j, to.text, to.size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_int(&j, "request", s->request);
+    dmn_json_str(&j, "state", dmn_taking_names[s->state]);
+    dmn_json_int(&j, "sets", s->sets);
+    dmn_json_int(&j, "have", s->have);
+    if (s->state == DMN_TAKING_FAILED)
+        dmn_json_str(&j, "why", s->why.text);
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    return n > 0 ? n : dmn_answer_error(to, "no room");
+}
+
+static size_t background(OPS)
+{
+    const cJSON *sets = cJSON_GetObjectItemCaseSensitive(request, "sets");
+    double n = cJSON_IsNumber(sets) ? sets->valuedouble : -1;
+    struct dmn_background_state s = {0};
+    struct pvx_diag d = {""};
+    if (sets == NULL && ops->background_state != NULL) {
+        ops->background_state(ops->ctx, &s);
+        return background_is(&s, to);
+    }
+    if (!(n >= 0 && n <= 1e6 && n == (double)(uint32_t)n))
+        return dmn_answer_error(to,
+                                "sets should be a whole number, 2 or more, or 0 for no background");
+    if (ops->background == NULL)
+        return dmn_answer_error(to, "a background is not possible here");
+    pvx_err e = ops->background(ops->ctx, (uint32_t)n, &d);
+    if (e != PVX_OK)
+        return dmn_answer_error(to, pvx_diag_text(&d, e));
+    ops->background_state(ops->ctx, &s);
+    return (size_t)snprintf(to.text, to.size, "{\"ok\":true,\"request\":%u}", s.request);
+}
+
+const struct dmn_command dmn_commands[] = {
+    {"ping", "", "", "is it there", ping},
+    {"status", "", "", "all that the daemon knows of itself (`pyrovox status`)", status},
+    {"get", "key", "[KEY]", "an option, or all: value, default, whether it can be set",
+     dmn_answer_get},
+    {"set", "key value", "KEY VALUE",
+     "another value from the next frame set on; log_level, solver.* but solver.name, photometry.*, "
+     "publish.compress",
+     dmn_answer_set},
+    {"log-level", "level", "error|warn|info|debug", "as set log_level", log_level},
+    {"record", "action name path what", "start|stop [NAME|/PATH]",
+     "a take of raw frames; a NAME goes to the folder of record.path", record},
+    {"background", "sets", "[SETS]",
+     "subtract the mean of the next SETS from then on, 0: no more; without: how far it is",
+     background},
+    {"reset-latency", "", "", "the latency statistics start anew", reset_latency},
+    {"reload-keys", "", "", "read keys.clients again, as on SIGHUP", reload_keys},
+    {"stop", "", "", "drain and end", stop},
+};
+const size_t dmn_n_commands = sizeof dmn_commands / sizeof *dmn_commands;
+
+const struct dmn_command *dmn_command_find(const char *name)
+{
+    for (size_t i = 0; i < dmn_n_commands; i++)
+        if (strcmp(dmn_commands[i].name, name) == 0)
+            return &dmn_commands[i];
+    return NULL;
+}
+
+static size_t no_command(struct dmn_answer to)
+{
+    char text[512] = "unknown command; there are";
+    for (size_t i = 0, n = strlen(text); i < dmn_n_commands && n < sizeof text; i++)
+        n += (size_t)snprintf(text + n, sizeof text - n, "%s %s", i > 0 ? "," : "",
+                              dmn_commands[i].name);
+    return dmn_answer_error(to, text);
+}
+
+static bool word_in(const char *word, const char *list)
+{
+    size_t n = strlen(word);
+    for (const char *p = list; n > 0 && (p = strstr(p, word)) != NULL; p++)
+        if ((p == list || p[-1] == ' ') && (p[n] == '\0' || p[n] == ' '))
+            return strchr(word, ' ') == NULL;
+    return false;
+}
+
+/* A key that is neither the command's nor everybody's; NULL: there is none. */
+static const char *foreign_key(const struct dmn_command *k, const cJSON *request)
+{
+    const cJSON *item;
+    cJSON_ArrayForEach(item, request) if (!word_in(item->string, "cmd version") &&
+                                          !word_in(item->string, k->keys)) return item->string;
+    return NULL;
+}
+
+static size_t command(OPS)
+{
+    const char *cmd = text_of(request, "cmd");
+    const cJSON *version = cJSON_GetObjectItemCaseSensitive(request, "version");
+    if (cmd == NULL)
+        return dmn_answer_error(to, "the request has no text \"cmd\"");
+    if (version != NULL &&
+        (!cJSON_IsNumber(version) || version->valuedouble != DMN_CONTROL_VERSION))
+        return dmn_answer_error(to, "version should be 1: this daemon speaks no other");
+    const struct dmn_command *k = dmn_command_find(cmd);
+    if (k == NULL)
+        return no_command(to);
+    const char *foreign = foreign_key(k, request);
+    if (foreign != NULL) {
+        char text[300];
+        snprintf(text, sizeof text, "%s: unknown key \"%.64s\"; it may have %s", k->name, foreign,
+                 k->keys[0] != '\0' ? k->keys : "none");
+        return dmn_answer_error(to, text);
+    }
+    size_t n = k->answer(ops, request, to);
+    return n > 0 ? n : dmn_answer_error(to, "the answer does not fit into a reply");
+}
+
+size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request, size_t len,
+                          char *reply, size_t size)
+{
+    static const char head[] =
+        "{\"version\":1"; /* goes before what the command answers, in its place of { */
+    struct dmn_answer to = {reply + sizeof head - 1, size - (sizeof head - 1)};
+    cJSON *req = len > DMN_REQUEST_MAX ? NULL : cJSON_ParseWithLength(request, len);
+    size_t n = len > DMN_REQUEST_MAX ? dmn_answer_error(to, "the request is longer than 4096 bytes")
+               : cJSON_IsObject(req) ? command(ops, req, to)
+                                     : dmn_answer_error(to, "the request is not a JSON object");
+    cJSON_Delete(req);
+    memcpy(reply, head, sizeof head - 1);
+    to.text[0] = ',';
+    return n + sizeof head - 1;
+}
