@@ -15,6 +15,7 @@
 #include "daemon/control/control.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/control/json.h"
+#include "daemon/control/metrics.h"
 #include "daemon/control/survive.h"
 #include "daemon/pipeline/live.h"
 
@@ -163,6 +164,15 @@ static pvx_err control_reload_keys(void *ctx, struct pvx_diag *d)
                             : pvx_fail(d, PVX_ENOENT,
                                        "there are no keys to read again: the "
                                        "configuration has no keys.server");
+}
+
+static bool metrics_state(void *ctx, struct dmn_state *out)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    if (p != NULL)
+        dmn_live_snapshot(p, out);
+    return p != NULL;
 }
 
 static void control_stop(void *ctx)
@@ -330,6 +340,7 @@ static int run(const struct dmn_config *cfg)
                                   .reload_keys = control_reload_keys,
                                   .ctx = &dm};
     dmn_control *control = NULL;
+    dmn_metrics *metrics = NULL;
     dmn_live *p = NULL;
     const char *open;
     pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
@@ -343,6 +354,8 @@ static int run(const struct dmn_config *cfg)
         e = dmn_control_new(endpoint,
                             dmn_endpoint_guarded(cfg, endpoint, DMN_CONTROL) ? dm.auth : NULL, &ops,
                             &control, &d);
+    if (e == PVX_OK && cfg->metrics[0] != '\0')
+        e = dmn_metrics_new(cfg->metrics, cfg->insecure, metrics_state, &dm, &metrics, &d);
     struct building b = {.dm = &dm, .set = &set};
     if (e == PVX_OK)
         e = dmn_live_new(cfg, dm.auth, progress, &b, &p, &d);
@@ -365,6 +378,7 @@ static int run(const struct dmn_config *cfg)
     } else if (started) {
         dmn_live_stop(p, "failed to start");
     }
+    dmn_metrics_free(&metrics);
     dmn_control_free(&control); /* before what it looks at */
     if (started && e == PVX_OK) /* nobody can begin a recording any more */
         dmn_remember_recording(false);

@@ -83,7 +83,7 @@ struct dmn_config {
     int sample, compress;
     int64_t hwm;
     int wait_subscriber;
-    char control[DMN_WORD_MAX];
+    char control[DMN_WORD_MAX], metrics[DMN_WORD_MAX];
     int insecure;
     char key_server[DMN_WORD_MAX], key_clients[DMN_WORD_MAX];
 

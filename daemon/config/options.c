@@ -205,6 +205,10 @@ const struct dmn_option dmn_options[] = {
     TEXT("control.endpoint", control,
          "ZeroMQ endpoint of `pyrovox status`; empty = ipc in the run folder."),
 
+    TEXT("metrics.endpoint", metrics,
+         "Counters for Prometheus at this address and port, as 127.0.0.1:9464, GET /metrics; empty "
+         "= none. Other addresses than loopback need insecure: true."),
+
     TEXT("keys.server", key_server,
          "The daemon's key, a .key file of `pyrovox keygen`. With keys.clients, volumes may be "
          "published on any address and control be on tcp://: encrypted, and for listed keys only; "

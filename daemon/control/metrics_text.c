@@ -1,0 +1,141 @@
+/* metrics_text.c - a snapshot of the daemon in Prometheus' text format. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "daemon/control/metrics.h"
+
+static void family(FILE *f, const char *name, const char *type, const char *help)
+{
+    fprintf(f, "# HELP pyrovox_%s ", name);
+    for (const char *p = help; *p != '\0'; p++)
+        fputs(*p == '\\' ? "\\\\" : *p == '\n' ? "\\n" : (char[]){*p, '\0'}, f);
+    fprintf(f, "\n# TYPE pyrovox_%s %s\n", name, type);
+}
+
+/* name{key="value"}; quotes, backslashes and line ends are escaped. */
+static void label(FILE *f, const char *key, const char *value)
+{
+    fprintf(f, "%s=\"", key);
+    for (const char *p = value; *p != '\0'; p++)
+        fputs(*p == '\\'   ? "\\\\"
+              : *p == '"'  ? "\\\""
+              : *p == '\n' ? "\\n"
+                           : (char[]){*p, '\0'},
+              f);
+    fputc('"', f);
+}
+
+static void gauge(FILE *f, const char *name, const char *help, double v)
+{
+    family(f, name, "gauge", help);
+    if (isfinite(v))
+        fprintf(f, "pyrovox_%s %.17g\n", name, v);
+    else
+        fprintf(f, "pyrovox_%s NaN\n", name);
+}
+
+static void counter(FILE *f, const char *name, const char *help, uint64_t v)
+{
+    family(f, name, "counter", help);
+    fprintf(f, "pyrovox_%s %llu\n", name, (unsigned long long)v);
+}
+
+static void cause(FILE *f, const char *name, const char *why, uint64_t v)
+{
+    fprintf(f, "pyrovox_%s{", name);
+    label(f, "cause", why);
+    fprintf(f, "} %llu\n", (unsigned long long)v);
+}
+
+static void drops(FILE *f, const struct dmn_state *s)
+{
+    family(f, "sets_dropped_total", "counter",
+           "frame sets that did not become a volume, by cause (`pyrovox status` explains each)");
+    for (int i = 0; i < DMN_N_DROP; i++)
+        cause(f, "sets_dropped_total", dmn_drop_defs[i].name, s->dropped[i]);
+    cause(f, "sets_dropped_total", "incomplete", s->capture.sets_failed);
+    cause(f, "sets_dropped_total", "displaced", s->capture.sets_dropped);
+}
+
+static void camera_count(FILE *f, const struct dmn_state *s, const struct dmn_count_def *def,
+                         const uint64_t *first, size_t stride)
+{
+    char name[96];
+    snprintf(name, sizeof name, "camera_%s_total", def->name);
+    family(f, name, "counter", def->help);
+    for (size_t c = 0; c < s->n_cameras; c++) {
+        fprintf(f, "pyrovox_%s{", name);
+        label(f, "camera", s->camera[c]);
+        fprintf(f, "} %llu\n", (unsigned long long)first[c * stride]);
+    }
+}
+
+static void cameras(FILE *f, const struct dmn_state *s)
+{
+    family(f, "camera_running", "gauge", "1 while the camera runs");
+    for (size_t c = 0; c < s->n_cameras; c++) {
+        fputs("pyrovox_camera_running{", f);
+        label(f, "camera", s->camera[c]);
+        fprintf(f, "} %d\n", s->capture.camera[c].state == CAP_RUNNING);
+    }
+    for (int i = 0; i < CAP_N_COUNT; i++) {
+        const struct dmn_count_def def = {cap_count_defs[i].name, cap_count_defs[i].unit,
+                                          cap_count_defs[i].help};
+        camera_count(f, s, &def, &s->capture.camera[0].count[i],
+                     sizeof s->capture.camera[0] / sizeof(uint64_t));
+    }
+    for (int i = 0; i < DMN_N_IMAGE; i++)
+        camera_count(f, s, &dmn_image_defs[i], &s->images[0][i], DMN_N_IMAGE);
+}
+
+static void stages(FILE *f, const struct dmn_state *s)
+{
+    family(f, "stage_items_total", "counter", "frame sets that a stage has worked on");
+    for (int i = 0; i < DMN_N_STAGES; i++) {
+        fputs("pyrovox_stage_items_total{", f);
+        label(f, "stage", s->stage[i].name);
+        fprintf(f, "} %llu\n", (unsigned long long)s->stage[i].items);
+    }
+}
+
+static void latency(FILE *f, const struct dmn_state *s)
+{
+    family(f, "latency_seconds", "summary", "from a set's last frame received to its volume sent");
+    fprintf(f, "pyrovox_latency_seconds{quantile=\"0.5\"} %.9g\n", s->latency_p50_ms * 1e-3);
+    fprintf(f, "pyrovox_latency_seconds{quantile=\"0.99\"} %.9g\n", s->latency_p99_ms * 1e-3);
+    fprintf(f, "pyrovox_latency_seconds{quantile=\"1\"} %.9g\n", s->latency_max_ms * 1e-3);
+    fprintf(f, "pyrovox_latency_seconds_count %llu\n", (unsigned long long)s->latency_n);
+}
+
+char *dmn_metrics_text(const struct dmn_state *s)
+{
+    char *text = NULL;
+    size_t len = 0;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return NULL;
+    gauge(f, "uptime_seconds", "since the start", s->uptime_s);
+    gauge(f, "open_to_all", "1: an endpoint lets everybody in (insecure: true)",
+          s->open_to[0] != '\0');
+    counter(f, "sets_produced_total", "frame sets that the cameras gave", s->produced);
+    counter(f, "sets_published_total", "volumes that went out", s->published);
+    drops(f, s);
+    gauge(f, "sets_inside", "frame sets under way", (double)s->inside);
+    gauge(f, "sets_per_second", "published, over the last second or two", s->sets_per_s);
+    latency(f, s);
+    gauge(f, "clients_listed", "keys that may come in", (double)s->clients_listed);
+    counter(f, "connections_refused_total", "keys that are not listed, or of another role",
+            s->connections_refused);
+    gauge(f, "record_active", "1 while a take of raw frames is written",
+          s->record.state != CAP_REC_IDLE);
+    gauge(f, "record_sets_missed", "of the take at hand: sets that were not recorded",
+          (double)s->record.sets_missed);
+    stages(f, s);
+    cameras(f, s);
+    if (fclose(f) != 0) {
+        free(text);
+        return NULL;
+    }
+    return text;
+}
