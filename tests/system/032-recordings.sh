@@ -1,0 +1,130 @@
+#!/bin/bash
+# Recordings of volumes: recorded, converted, played again, and read by programs that are not ours.
+name=032
+. "$(dirname "$0")/lib.sh"
+publish() { "$b/tests/unit/test_pub" --publish "$volumes" "$1" 0 & pub=$!; pids+=("$pub"); }
+record() { # arguments: from the publisher of 12 volumes of 8 x 9 x 10 x 3
+    publish 12
+    timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet "$@" > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
+    wait "$pub"
+    grep -q '^12 volumes in .*, 0 messages lost$' "$dir/log" || { cat "$dir/log"; return 1; }
+}
+
+formats() {
+    record --out "$dir/npy" && record --out "$dir/v.h5" && record --format vdb --out "$dir/vdb" && record --format nvdb --out "$dir/nvdb" || return 1
+    [ "$(ls "$dir"/vdb/*.vdb | wc -l)" = 12 ] && [ "$(ls "$dir"/nvdb/*.nvdb | wc -l)" = 12 ]
+}
+check records_every_format formats
+
+h5() { # h5dump and h5py: values, places, times, NeXus
+    h5dump -d /sets/number "$dir/v.h5" | grep -q '(0): 0, 1, 2, 3' && h5dump -H "$dir/v.h5" > "$dir/h5.log" || return 1
+    "$py" - "$dir" <<'PY'
+import json, sys, h5py, numpy as np
+d = sys.argv[1]
+f = h5py.File(f"{d}/v.h5", "r")
+assert f.attrs["format"] == "pyrovox volumes" and f.attrs["closed"] == 1
+for s in range(12):
+    a, j = np.load(f"{d}/npy/{s:06d}.npy"), json.load(open(f"{d}/npy/{s:06d}.json"))
+    assert a.any() and np.array_equal(f["emission"][s], a), s
+    assert f["sets/t_exposure_ns"][s] == j["t_exposure_ns"] and f["sets/number"][s] == j["set"]
+    for axis, n in enumerate("xyz"):
+        want = j["origin"][axis] + (np.arange(len(f[n])) + 0.5) * j["spacing"][axis]
+        assert np.allclose(f[n][:], want, rtol=0, atol=1e-12), n
+assert abs(f["sets/time"][3] - 3 * 0.066666667) < 1e-9
+data = f[f.attrs["default"]]
+data = data[data.attrs["default"]]
+assert data.attrs["NX_class"] == "NXdata" and data[data.attrs["signal"]] == f["emission"]
+axes = [a.decode() for a in data.attrs["axes"]]
+assert len(axes) == 5 and all(len(data[a]) == f["emission"].shape[k] for k, a in enumerate(axes[:4])), axes
+PY
+}
+check h5py_and_h5dump_read_it h5
+
+vtk() { # ParaView's reader, on one volume; it gives the voxels' centres
+    timeout 300 "$pyrovox" convert "$dir/v.h5" "$dir/one.h5" --from 5 --to 5 > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
+    "$py" - "$dir" <<'PY'
+import sys, json, numpy as np
+from vtkmodules.vtkIOHDF import vtkHDFReader
+from vtkmodules.util.numpy_support import vtk_to_numpy
+d = sys.argv[1]
+r = vtkHDFReader()
+r.SetFileName(f"{d}/one.h5")
+r.Update()
+o, a, j = r.GetOutput(), np.load(f"{d}/npy/000005.npy"), json.load(open(f"{d}/npy/000005.json"))
+assert o.GetDimensions() == a.shape[2::-1], o.GetDimensions()
+got = vtk_to_numpy(o.GetPointData().GetArray("emission")).reshape(a.shape)
+assert np.array_equal(got, a)
+assert np.allclose(o.GetOrigin(), np.array(j["origin"]) + np.array(j["spacing"]) / 2)
+assert np.allclose(o.GetSpacing(), j["spacing"])
+PY
+}
+check paraview_reads_one_volume vtk
+
+vdb() { # vdb_print, python's openvdb, nanovdb_validate
+    vdb_print "$dir/vdb/vdb_0003.vdb" > "$dir/vdb.log" 2>&1 && grep -q density "$dir/vdb.log" && grep -q emission "$dir/vdb.log" || { cat "$dir/vdb.log"; return 1; }
+    nanovdb_validate "$dir/nvdb/nvdb_0003.nvdb" > "$dir/nvdb.log" 2>&1 || { cat "$dir/nvdb.log"; return 1; }
+    "$py" - "$dir" <<'PY'
+import json, sys, numpy as np
+import pyopenvdb as vdb
+d = sys.argv[1]
+a, j = np.load(f"{d}/npy/000002.npy"), json.load(open(f"{d}/npy/000002.json"))
+grids = {g.name: g for g in vdb.readAll(f"{d}/vdb/vdb_0003.vdb")[0]}
+g = grids["emission"]
+seen = 0
+for item in g.iterOnValues():
+    x, y, z = item.min
+    assert np.allclose(item.value, a[z, y, x], rtol=1e-3), (item.min, item.value, a[z, y, x])
+    seen += 1
+assert seen == np.count_nonzero(a.any(axis=3)), seen
+at = g.transform.indexToWorld((1, 2, 3))
+assert np.allclose(at, [j["origin"][k] + (i + 0.5) * j["spacing"][k] for k, i in enumerate((1, 2, 3))], atol=1e-6), at
+assert grids["density"].saveFloatAsHalf
+PY
+}
+check others_read_vdb_and_nvdb vdb
+
+circle() { # npy -> hdf5 -> vdb -> npy
+    for step in "npy c.h5" "c.h5 c.vdb --format vdb" "c.vdb back --format npy"; do
+        set -- $step
+        timeout 300 "$pyrovox" convert "$dir/$1" "$dir/$2" ${3:+$3 $4} > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
+    done
+    "$py" - "$dir" <<'PY'
+import sys, glob, json, numpy as np
+d = sys.argv[1]
+names = sorted(glob.glob(f"{d}/npy/0*.npy"))
+assert len(names) == 12 == len(glob.glob(f"{d}/back/0*.npy"))
+for n in names:
+    m = n.replace("/npy/", "/back/")
+    assert np.array_equal(np.load(n), np.load(m)), n
+    a, b = (json.load(open(x.replace(".npy", ".json"))) for x in (n, m))
+    assert a["t_exposure_ns"] == b["t_exposure_ns"] and a["report"]["solver"] == b["report"]["solver"]
+    assert np.allclose(a["origin"], b["origin"], atol=1e-9) and np.allclose(a["spacing"], b["spacing"], rtol=1e-9)
+PY
+}
+check converted_there_and_back circle
+
+again() { # played, and recorded once more
+    "$pyrovox" play "$dir/v.h5" --speed 0 --endpoint "$volumes" > "$dir/play.log" 2>&1 & local p=$!; pids+=("$p")
+    timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/copy.h5" > "$dir/log" 2>&1 || { cat "$dir/log" "$dir/play.log"; return 1; }
+    wait "$p" || { cat "$dir/play.log"; return 1; }
+    "$py" - "$dir" <<'PY'
+import sys, h5py, numpy as np
+a, b = (h5py.File(f"{sys.argv[1]}/{n}.h5", "r") for n in ("v", "copy"))
+assert np.array_equal(a["emission"][:], b["emission"][:]) and a["emission"].shape[0] == 12
+for c in a["sets"]:
+    if c not in ("t_publish_ns", "latency_ns", "check"):
+        assert np.array_equal(a["sets"][c][:], b["sets"][c][:]), c
+PY
+}
+check played_and_recorded_again again
+
+refused() {
+    run "$pyrovox" convert "$dir/npy" "$dir/v.h5"; says 1 "v.h5" "already" || return 1
+    run "$pyrovox" convert "$dir/nothing" "$dir/x.h5"; says 1 "nothing" || return 1
+    run "$pyrovox" record --format foo; says 2 "npy, hdf5, vdb or nvdb" || return 1
+    run "$pyrovox" record --out "$dir/v.h5"; says 1 "v.h5" "already" || return 1
+    head -c 1000 "$dir/v.h5" > "$dir/short.h5"
+    run "$pyrovox" play "$dir/short.h5" --endpoint "$volumes"; says 1 "short.h5"
+}
+check refuses_with_a_sentence refused
+exit $rc
