@@ -59,6 +59,7 @@ static void print_sets(const cJSON *s)
     if (cJSON_HasObjectItem(s, "keys"))
         printf("keys      %.0f may come in, %.0f connections were refused\n",
                ask_num(s, "keys", "listed"), ask_num(s, "keys", "refused"));
+    printf("clients   %.0f subscribed\n", ask_num(s, "subscribers", NULL));
     printf("latency   p50 %.1f ms, p99 %.1f ms, max %.1f ms over %.0f sets\n",
            ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
            ask_num(s, "latency_ms", "max"), ask_num(s, "latency_ms", "n"));

@@ -32,8 +32,7 @@ static void draw_daemon(struct page *p, const struct follow *f)
     }
     const struct pvp_report *r = &f->last.report;
     double active = r->active_voxels;
-    page_line(p,
-              "latency  p50 %6.1f ms   p99 %6.1f ms   max %6.1f ms   (last frame received -> sent)",
+    page_line(p, "latency  p50 %6.1f ms   p99 %6.1f ms   max %6.1f ms   (received -> sent)",
               ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
               ask_num(s, "latency_ms", "max"));
     page_line(p, "spread   p50 %6.2f ms   p99 %6.2f ms   (exposures within a set)",
@@ -42,13 +41,30 @@ static void draw_daemon(struct page *p, const struct follow *f)
     bar(total > 0 ? active / total : 0, b);
     page_line(p, "hull     %6.0f of %.0f voxels [%s] %4.1f %%", active, total, b,
               total > 0 ? 100 * active / total : 0);
-    page_line(p,
-              "solver   %s, %u iterations, relative residual %.4f, %.2f M entries, %.0f kB/volume",
+    page_line(p, "solver   %s, %u iterations, residual %.4f, %.2f M entries, %.0f kB/volume",
               r->solver, r->iterations, r->rel_residual, (double)r->entries * 1e-6,
               ask_num(s, "last", "bytes") * 1e-3);
     page_line(p, "ms       photometry %.1f   hull %.1f   restrict %.1f   solve %.1f",
               (double)r->photometry_ns * 1e-6, (double)r->hull_ns * 1e-6,
               (double)r->restrict_ns * 1e-6, (double)r->solve_ns * 1e-6);
+}
+
+/* In as many lines as it takes. */
+static void draw_words(struct page *p, int label, const char *name, const char *text)
+{
+    int room = p->cols - label - 1;
+    while (*text != '\0') {
+        int n = (int)strlen(text);
+        if (n > room && room > 0)
+            for (n = room; n > 0 && text[n] != ' ';)
+                n--;
+        if (n == 0) /* one long word: cut */
+            n = (int)strlen(text);
+        page_line(p, "%-*.*s %.*s", label, label, name, n, text);
+        name = "";
+        text += n;
+        text += *text == ' ';
+    }
 }
 
 static void draw_stages(struct page *p, const cJSON *s)
@@ -57,21 +73,38 @@ static void draw_stages(struct page *p, const cJSON *s)
     size_t n = 0;
     const cJSON *k;
     cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "stages")) if (n < sizeof text) n +=
-        (size_t)snprintf(text + n, sizeof text - n, "  %s %.1f ms (p99 %.1f, %.0f waiting)",
-                         ask_text(k, "name", NULL), ask_num(k, "mean_ms", NULL),
+        (size_t)snprintf(text + n, sizeof text - n, "%s%s %.1f ms (p99 %.1f, %.0f waiting)",
+                         n > 0 ? ", " : "", ask_text(k, "name", NULL), ask_num(k, "mean_ms", NULL),
                          ask_num(k, "p99_ms", NULL), ask_num(k, "queued", NULL));
-    page_line(p, "stages %s", text);
+    draw_words(p, 8, "stages", text);
 }
 
+/* Sets that did not become a volume or were not recorded, by place; only where there are any. */
 static void draw_drops(struct page *p, const cJSON *s)
 {
-    char text[256] = "";
+    char text[400] = "";
     size_t n = 0;
     const cJSON *k;
-    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "drops")) if (n < sizeof text) n +=
-        (size_t)snprintf(text + n, sizeof text - n, "  %s %.0f", ask_text(k, "name", NULL),
-                         ask_num(k, "value", NULL));
-    page_line(p, "dropped%s", text);
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "drops"))
+    {
+        if (n < sizeof text && ask_num(k, "value", NULL) > 0)
+            n += (size_t)snprintf(text + n, sizeof text - n, "%s%s %.0f", n > 0 ? ", " : "",
+                                  ask_text(k, "name", NULL), ask_num(k, "value", NULL));
+    }
+    if (n < sizeof text && ask_num(s, "record", "sets_missed") > 0)
+        snprintf(text + n, sizeof text - n, "%snot recorded %.0f", n > 0 ? ", " : "",
+                 ask_num(s, "record", "sets_missed"));
+    draw_words(p, 8, "dropped", text[0] != '\0' ? text : "nothing");
+}
+
+static void draw_clients(struct page *p, const cJSON *s)
+{
+    if (cJSON_HasObjectItem(s, "keys"))
+        page_line(p, "clients  %.0f subscribed, %.0f keys listed, %.0f refused",
+                  ask_num(s, "subscribers", NULL), ask_num(s, "keys", "listed"),
+                  ask_num(s, "keys", "refused"));
+    else
+        page_line(p, "clients  %.0f subscribed; no keys", ask_num(s, "subscribers", NULL));
 }
 
 /* Why it does not run, that it is left out and why, or else the first thing that is wrong with it and what to do. */
@@ -94,24 +127,6 @@ static void camera_trouble(const cJSON *camera, char out[TROUBLE])
         snprintf(out, TROUBLE, "%s%s", why[0] != '\0' ? "left out: " : "", check);
     else if (t != NULL)
         snprintf(out, TROUBLE, "%s", detail[0] != '\0' ? detail : ask_text(t, "text", NULL));
-}
-
-/* In as many lines as it takes. */
-static void draw_words(struct page *p, const char *name, const char *text)
-{
-    int room = p->cols - LABEL - 1;
-    while (*text != '\0') {
-        int n = (int)strlen(text);
-        if (n > room && room > 0)
-            for (n = room; n > 0 && text[n] != ' ';)
-                n--;
-        if (n == 0) /* one long word: cut */
-            n = (int)strlen(text);
-        page_line(p, "%-*.*s %.*s", LABEL, LABEL, name, n, text);
-        name = "";
-        text += n;
-        text += *text == ' ';
-    }
 }
 
 static void draw_cameras(struct page *p, const cJSON *s)
@@ -137,7 +152,7 @@ static void draw_cameras(struct page *p, const cJSON *s)
     cJSON_ArrayForEach(k, all)
     {
         camera_trouble(k, text);
-        draw_words(p, ask_text(k, "name", NULL), text);
+        draw_words(p, LABEL, ask_text(k, "name", NULL), text);
     }
 }
 
@@ -159,6 +174,7 @@ static void draw_page(const struct follow *f, const char *title, const char *foo
                   ask_text(f->status, "open_to_all", NULL));
     draw_daemon(&p, f);
     draw_stages(&p, f->status);
+    draw_clients(&p, f->status);
     draw_drops(&p, f->status);
     page_line(&p, "%s", "");
     draw_cameras(&p, f->status);

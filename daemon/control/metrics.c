@@ -34,6 +34,7 @@ static enum MHD_Result send_text(struct MHD_Connection *to, unsigned code, const
     return ok;
 }
 
+/* NOLINTNEXTLINE(readability-function-size): libmicrohttpd says what it is given */
 static enum MHD_Result answer(void *ctx, struct MHD_Connection *to, const char *url,
                               const char *method, const char *version, const char *body,
                               size_t *body_size, void **own)

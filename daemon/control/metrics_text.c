@@ -124,6 +124,7 @@ char *dmn_metrics_text(const struct dmn_state *s)
     gauge(f, "sets_inside", "frame sets under way", (double)s->inside);
     gauge(f, "sets_per_second", "published, over the last second or two", s->sets_per_s);
     latency(f, s);
+    gauge(f, "subscribers", "subscriptions that are open", (double)s->subscribers);
     gauge(f, "clients_listed", "keys that may come in", (double)s->clients_listed);
     counter(f, "connections_refused_total", "keys that are not listed, or of another role",
             s->connections_refused);

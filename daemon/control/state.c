@@ -187,6 +187,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
         dmn_json_int(&j, "refused", (long long)s->connections_refused);
         dmn_json_close(&j, '}');
     }
+    dmn_json_int(&j, "subscribers", (long long)s->subscribers);
     dmn_json_open(&j, "previews", '{');
     dmn_json_int(&j, "subscribers", (long long)s->previews_subscribers);
     dmn_json_int(&j, "made", (long long)s->previews_made);

@@ -70,6 +70,7 @@ struct dmn_state {
     char open_to[256]; /* an endpoint that lets everybody in (insecure: true); "" */
     bool keys;         /* some endpoint asks for one */
     uint64_t clients_listed, connections_refused;
+    uint64_t subscribers;
     uint64_t session;
     uint64_t produced, published, inside, dropped[DMN_N_DROP];
     double sets_per_s; /* published, over the last second or two */

@@ -193,6 +193,7 @@ static double to_ms(int64_t ns)
 void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out)
 {
     pthread_mutex_lock(&p->lock);
+    out->subscribers = atomic_load(&p->subscribers);
     out->sets_per_s = p->sets_per_s;
     out->latency_n = p->latency.count;
     out->latency_p50_ms = to_ms(pvx_hist_quantile(&p->latency, 0.5));

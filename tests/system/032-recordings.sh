@@ -22,7 +22,8 @@ h5() { # h5dump and h5py: values, places, times, NeXus
 import json, sys, h5py, numpy as np
 d = sys.argv[1]
 f = h5py.File(f"{d}/v.h5", "r")
-assert f.attrs["format"] == "pyrovox volumes" and f.attrs["closed"] == 1
+text = lambda at, name: at.attrs[name].decode() if isinstance(at.attrs[name], bytes) else at.attrs[name]
+assert text(f, "format") == "pyrovox volumes" and f.attrs["closed"] == 1
 for s in range(12):
     a, j = np.load(f"{d}/npy/{s:06d}.npy"), json.load(open(f"{d}/npy/{s:06d}.json"))
     assert a.any() and np.array_equal(f["emission"][s], a), s
@@ -31,9 +32,9 @@ for s in range(12):
         want = j["origin"][axis] + (np.arange(len(f[n])) + 0.5) * j["spacing"][axis]
         assert np.allclose(f[n][:], want, rtol=0, atol=1e-12), n
 assert abs(f["sets/time"][3] - 3 * 0.066666667) < 1e-9
-data = f[f.attrs["default"]]
-data = data[data.attrs["default"]]
-assert data.attrs["NX_class"] == "NXdata" and data[data.attrs["signal"]] == f["emission"]
+data = f[text(f, "default")]
+data = data[text(data, "default")]
+assert text(data, "NX_class") == "NXdata" and data[text(data, "signal")] == f["emission"]
 axes = [a.decode() for a in data.attrs["axes"]]
 assert len(axes) == 5 and all(len(data[a]) == f["emission"].shape[k] for k, a in enumerate(axes[:4])), axes
 PY

@@ -44,6 +44,10 @@ check read-by-a-client-again "$pyrovox" record --quiet --endpoint "$volumes" --v
 check compress-none does 0 'before lz4' set publish.compress none
 check none-was-dropped field "s['sets']['dropped'] == 0 and s['sets']['displaced'] == 0"
 
+start sub.log "$pyrovox" top --endpoint "$volumes"
+check subscriber-is-counted wait_for field "s['subscribers'] == 1"
+kill "$started"
+check and-not-when-gone wait_for field "s['subscribers'] == 0"
 check take-by-name does 0 "$dir/takes/mine.h5" record start mine.h5
 n=$(sets); check goes-on wait_for published $((n + 5))
 check take-ends does 0 "$dir/takes/mine.h5" record stop
