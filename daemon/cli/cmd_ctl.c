@@ -85,8 +85,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 /* Word number i of the request: its key, out of the command's, in their order. */
 static bool add_word(cJSON *request, const struct dmn_command *k, int i, const char *word)
 {
-    char key[32] = "";
-    const char *p = k->keys, *end;
+    char key[32] = "", *end = NULL;
+    const char *p = k->keys;
     for (int skip = 1; skip < i && *p != '\0'; skip++) {
         p += strcspn(p, " ");
         p += *p == ' ';
@@ -96,8 +96,8 @@ static bool add_word(cJSON *request, const struct dmn_command *k, int i, const c
         return false;
     if (strcmp(key, "name") == 0 && word[0] == '/')
         snprintf(key, sizeof key, "path");
-    double number = strcmp(key, "sets") == 0 ? strtod(word, (char **)&end) : 0;
-    if (strcmp(key, "sets") == 0 && end != word && *end == '\0')
+    double number = strcmp(key, "sets") == 0 ? strtod(word, &end) : 0;
+    if (end != NULL && end != word && *end == '\0')
         cJSON_AddNumberToObject(request, key, number);
     else
         cJSON_AddStringToObject(request, key, word);

@@ -41,6 +41,19 @@ run "${ask[@]}" --key "$keys/anna.key" --timeout 1
 check read-is-not-control says 1 "refuses this key"
 run "${ask[@]}" --timeout 1
 check no-key-no-answer says 1 "asks for a key"
+ctl() { run "$pyrovox" ctl --control "tcp://127.0.0.1:$control_port" --key "$keys/$1.key" "${@:2}"; }
+told() { ctl bert set solver.iterations 9; says 0 'value 9'; }
+check control-sets told
+placed() { ctl bert record start "$dir/elsewhere.h5"; says 1 'over the network a take goes to record.path'; }
+check control-does-not-place-a-take placed
+named() { ctl bert record start named.h5; says 0 "$dir/named.h5" && ctl bert record stop && says 0 "$dir/named.h5"; }
+check control-names-a-take named
+reread() { ctl bert reload-keys; says 0 ok; }
+check control-reads-keys-again reread
+untold() { ctl anna set solver.iterations 8; says 1 'refuses this key'; }
+check read-does-not-set untold
+ground() { run "$pyrovox" calibrate background --live --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --sets 0; says 0 'no background any more'; }
+check background-with-a-key ground
 check reads volumes_for anna 1
 check control-reads-too volumes_for bert 1
 check a-file-needs-none "$pyrovox" record --endpoint "$volumes" --volumes 3 --out "$dir/out-file" -q
