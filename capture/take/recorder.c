@@ -454,6 +454,32 @@ static bool join(cap_recorder *r)
     return true;
 }
 
+/* Before anything is made: of the disk that the take's folder is on, or will be.  A take that could hold nothing
+ * would end at once, and nobody looks at it again once it has been begun. */
+static pvx_err may_begin(const cap_recorder *r, const char *path, struct pvx_diag *d)
+{
+    char dir[sizeof r->stats.path];
+    struct statvfs v;
+    snprintf(dir, sizeof dir, "%s", path);
+    char *slash;
+    do {
+        slash = strrchr(dir, '/');
+        if (slash == NULL)
+            snprintf(dir, sizeof dir, ".");
+        else
+            slash[slash == dir] = '\0'; /* "/" stays */
+    } while (statvfs(dir, &v) != 0 && errno == ENOENT && slash != NULL && slash != dir);
+    if (statvfs(dir, &v) != 0)
+        return PVX_OK; /* making it says why */
+    uint64_t have = (uint64_t)v.f_bavail * v.f_frsize, want = SPACE_MORE + r->cfg.keep_free_bytes;
+    if (have >= want)
+        return PVX_OK;
+    return pvx_fail(d, PVX_ENOSPC,
+                    "%s: the disk is too full to record: %.2f GB are free, %.2f needed; make room "
+                    "there, name another place, or lower record.keep_free_gb",
+                    path, (double)have * 1e-9, (double)want * 1e-9);
+}
+
 static pvx_err start_threads(cap_recorder *r, struct pvx_diag *d)
 {
     if (pthread_create(&r->writer, NULL, write_loop, r) != 0)
@@ -506,6 +532,7 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
         return pvx_fail(d, PVX_EBUSY,
                         "%s: its disk does not answer; nothing else is recorded before",
                         r->stats.path);
+    PVX_TRY(may_begin(r, path, d));
     PVX_TRY(cap_take_create(path, head, &r->take, d));
     r->fd = open(path, O_RDONLY | O_CLOEXEC);
     pthread_mutex_lock(&r->lock);

@@ -49,7 +49,8 @@ struct cap_recorder_stats {
 typedef struct cap_recorder cap_recorder;
 PVX_MUST_CHECK pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out);
 struct cap_tap cap_recorder_tap(cap_recorder *r);
-/* Begin a take; head is read during the call.  PVX_EBUSY: one is being recorded; else cap_take_create's. */
+/* Begin a take; head is read during the call.  PVX_EBUSY: one is being recorded; PVX_ENOSPC:
+ * the disk has no more than keep_free_bytes and some, nothing was made; else cap_take_create's. */
 PVX_MUST_CHECK pvx_err cap_recorder_start(cap_recorder *r, const char *path,
                                           const struct cap_take_head *head, struct pvx_diag *d);
 /* Lossless, before the capture is stopped, which waits for the tap: from now on that waits for room no longer

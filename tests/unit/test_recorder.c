@@ -341,6 +341,28 @@ static int on_a_full_disk(void)
     return t_case_fails > 0;
 }
 
+/* A disk that is full already: the recording does not begin, and nothing is left behind. */
+static int on_a_disk_too_small(void)
+{
+    if (!small_disk("size=20m"))
+        return 77;
+    cap_recorder *r;
+    struct cap_recorder_config c = {.n_cameras = CAMERAS, .queue = 4};
+    struct cap_take_head head = {.n_cameras = CAMERAS, .camera = cameras};
+    struct pvx_diag d = {""};
+    char deep[600];
+    snprintf(deep, sizeof deep, "%s/new/folder/take.h5", dir);
+    T_EQ_I(cap_recorder_new(&c, &r), PVX_OK);
+    T_EQ_I(cap_recorder_start(r, deep, &head, &d), PVX_ENOSPC);
+    T_CONTAINS(d.text, deep);
+    T_CONTAINS(d.text, "0.02 GB are free");
+    T_CONTAINS(d.text, "record.keep_free_gb");
+    T_EQ_I(access(at("new"), F_OK), -1);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_ENOENT);
+    cap_recorder_free(&r);
+    return t_case_fails > 0;
+}
+
 /* Writing fails in the middle of a frame, and closing fails too: the take is as if it had been cut. */
 static int with_a_failing_disk(void)
 {
@@ -390,6 +412,11 @@ T_CASE(full_disk_ends_it_in_order)
 T_CASE(a_disk_that_others_fill_ends_it_in_order)
 {
     in_child(on_a_full_disk);
+}
+
+T_CASE(too_full_a_disk_is_refused)
+{
+    in_child(on_a_disk_too_small);
 }
 
 T_CASE(failing_disk_ends_it)
