@@ -121,6 +121,15 @@ static pvx_err control_record(void *ctx, bool start, const char *path, char *whe
     return e;
 }
 
+static pvx_err control_record_volumes(void *ctx, bool start, char *where, size_t size,
+                                      struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    return p != NULL ? dmn_live_record_volumes(p, start, where, size, d)
+                     : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+}
+
 static pvx_err control_background(void *ctx, uint32_t sets, struct pvx_diag *d)
 {
     struct daemon *dm = ctx;
@@ -333,6 +342,7 @@ static int run(const struct dmn_config *cfg)
                                   .reset_latency = control_reset,
                                   .stop = control_stop,
                                   .record = control_record,
+                                  .record_volumes = control_record_volumes,
                                   .background = control_background,
                                   .background_state = control_background_state,
                                   .config = control_config,

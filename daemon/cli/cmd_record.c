@@ -2,8 +2,10 @@
 #include <argp.h>
 #include <errno.h>
 #include <stdio.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/prctl.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -14,11 +16,13 @@
 #include "daemon/volumes/recorder.h"
 #include "proto/clients/sub.h"
 
+enum { KEEP_FREE = 256, DAEMON };
 #define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
 
 struct record {
     const char *endpoint, *key, *control, *raw, *out;
     char default_out[64];
+    int64_t parent;  /* 0: whoever it is */
     int64_t volumes; /* stop after so many; 0 = no limit */
     double seconds;  /* after the first volume; 0 = no limit */
     int quiet;
@@ -57,6 +61,8 @@ static const struct argp_option options[] = {
     {"volumes", 'n', "N", 0, "Stop after N volumes", 0},
     {"seconds", 's', "S", 0, "Stop S seconds after the first volume", 0},
     {"quiet", 'q', NULL, 0, "No status line", 0},
+    {"keep-free", KEEP_FREE, "GB", 0, "End before the disk has less (default: 0)", 0},
+    {"daemon", DAEMON, "PID", OPTION_HIDDEN, "End with this process, which began it", 0},
     {0}};
 
 static error_t parse(int key, char *arg, struct argp_state *state)
@@ -76,6 +82,11 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         argp_error(state, "--format %s: should be npy, hdf5, vdb or nvdb", arg);
         return EINVAL;
     case 'q': r->quiet = 1; return 0;
+    case KEEP_FREE:
+        r->config.options.keep_free_bytes =
+            (uint64_t)(cli_arg_double(state, "keep-free", arg, 0, 1e6) * 1e9);
+        return 0;
+    case DAEMON: cli_arg_int(state, "daemon", arg, 1, INT32_MAX, &r->parent); return 0;
     case 'c': r->control = arg; return 0;
     case 'r':
         if (strcmp(arg, "start") != 0 && strcmp(arg, "stop") != 0)
@@ -293,6 +304,9 @@ static int run(int argc, char **argv)
         name_out(&r);
     r.config.path = r.out;
     cli_catch_stop();
+    /* However the daemon ends, nobody else begins the next session's recording. */
+    if (r.parent != 0 && (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != (pid_t)r.parent))
+        return 130;
     pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* now, not after an hour of waiting */
     if (e == PVX_OK)
         e = pvp_decoder_new(&r.decoder);

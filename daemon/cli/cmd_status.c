@@ -85,6 +85,19 @@ static void print_record(const cJSON *s)
         ask_text(s, "record", "error")[0] != '\0' ? "; " : "", ask_text(s, "record", "error"));
 }
 
+static void print_record_volumes(const cJSON *s)
+{
+    const char *what = "record_volumes", *error = ask_text(s, what, "error");
+    if (ask_text(s, what, "path")[0] == '\0')
+        return;
+    bool running = cJSON_IsTrue(
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(s, what), "running"));
+    printf("recorded  %s: %s, %.0f volumes, %.0f lost, ended unasked %.0f times%s%s\n",
+           running ? "recording" : "ended", ask_text(s, what, "path"), ask_num(s, what, "written"),
+           ask_num(s, what, "lost"), ask_num(s, what, "deaths"), error[0] != '\0' ? "; " : "",
+           error);
+}
+
 static void print_tables(const cJSON *s)
 {
     const cJSON *k, *v;
@@ -139,6 +152,7 @@ static int run(int argc, char **argv)
     } else {
         print_sets(s);
         print_record(s);
+        print_record_volumes(s);
         print_tables(s);
         troubles_print(s);
         votes_print(s);

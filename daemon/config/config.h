@@ -90,6 +90,8 @@ struct dmn_config {
     int record_mode; /* 0 off, 1 raw */
     char record_path[DMN_WORD_MAX];
     int64_t record_queue;
+    int record_volumes; /* 0 none, 1 npy, 2 hdf5, 3 vdb, 4 nvdb */
+    char record_volumes_path[DMN_WORD_MAX];
     double record_limit_gb, record_keep_free_gb, record_sync_s;
 
     int64_t sim_seed;

@@ -229,10 +229,19 @@ const struct dmn_option dmn_options[] = {
     REAL("record.limit_gb", record_limit_gb, "0", 0, 1e6, "GB",
          "A take ends at this size; 0 = no limit."),
     REAL("record.keep_free_gb", record_keep_free_gb, "1", 0, 1e6, "GB",
-         "A take ends before the disk has less."),
+         "A recording ends before the disk has less; with less it is not begun."),
     REAL("record.sync_s", record_sync_s, "2", 0, 3600, "s",
          "How often what is recorded is forced to the disk, against a power cut; 0 = never. The "
          "end of the daemon, however sudden, loses nothing in either case."),
+
+    CHOICE("record.volumes", record_volumes, "none", "none|npy|hdf5|vdb|nvdb",
+           "Record the volumes from the start: `pyrovox record --format` beside the daemon, which "
+           "ends with it and is begun again when it dies."),
+    {"record.volumes_path", DMN_TEXT, AT(record_volumes_path), "takes/%Y%m%d-%H%M%S-volumes", 0, 0,
+     "", NULL,
+     "File or folder for that; % as in record.path. The session, which raw takes carry too, and "
+     ".h5 "
+     "are put behind it."},
 
     INT("sim.seed", sim_seed, "1", 0, 4294967295.0, "", "Flame that sim: cameras see."),
     REAL("sim.period_s", sim_period_s, "2", 0.01, 3600, "s", "The flame's motion repeats."),

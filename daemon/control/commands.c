@@ -108,17 +108,21 @@ static size_t record(OPS)
 {
     const char *action = text_of(request, "action"), *what = text_of(request, "what"), *file, *why;
     bool start = action != NULL && strcmp(action, "start") == 0;
-    if (what != NULL && strcmp(what, "raw") != 0)
-        return dmn_answer_error(to, "what should be \"raw\": nothing else is recorded here");
+    bool volumes = what != NULL && strcmp(what, "volumes") == 0;
+    if (what != NULL && !volumes && strcmp(what, "raw") != 0)
+        return dmn_answer_error(to, "what should be \"raw\" or \"volumes\"");
     if (!start && (action == NULL || strcmp(action, "stop") != 0))
         return dmn_answer_error(to, "action should be \"start\" or \"stop\"");
     if (!which_file(ops, request, &file, &why))
         return dmn_answer_error(to, why);
-    if (ops->record == NULL)
+    if (volumes && file != NULL)
+        return dmn_answer_error(to, "volumes go to record.volumes_path: leave path and name out");
+    if (volumes ? ops->record_volumes == NULL : ops->record == NULL)
         return dmn_answer_error(to, "recording is not possible here");
     char where[DMN_REQUEST_MAX] = "";
     struct pvx_diag d = {""};
-    pvx_err e = ops->record(ops->ctx, start, file, where, sizeof where, &d);
+    pvx_err e = volumes ? ops->record_volumes(ops->ctx, start, where, sizeof where, &d)
+                        : ops->record(ops->ctx, start, file, where, sizeof where, &d);
     if (e != PVX_OK)
         return dmn_answer_error(to, pvx_diag_text(&d, e));
     struct dmn_json j;

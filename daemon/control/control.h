@@ -23,6 +23,8 @@ struct dmn_control_ops {
     /* Begin (path NULL: as configured; without a slash: that name in the same folder) or end a take; where = its file.  NULL = cannot. */
     pvx_err (*record)(void *ctx, bool start, const char *path, char *where, size_t size,
                       struct pvx_diag *d);
+    /* The same for volumes, where the configuration says. */
+    pvx_err (*record_volumes)(void *ctx, bool start, char *where, size_t size, struct pvx_diag *d);
     void *ctx;
     /* Begin to take a background of so many sets, and what became of it; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);

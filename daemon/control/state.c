@@ -155,6 +155,18 @@ static void json_record(struct dmn_json *j, const struct cap_recorder_stats *r)
     dmn_json_close(j, '}');
 }
 
+static void json_volumes(struct dmn_json *j, const struct dmn_beside_state *v)
+{
+    dmn_json_open(j, "record_volumes", '{');
+    dmn_json_bool(j, "running", v->running);
+    dmn_json_str(j, "path", v->path);
+    dmn_json_int(j, "written", (long long)v->written);
+    dmn_json_int(j, "lost", (long long)v->lost);
+    dmn_json_int(j, "deaths", v->deaths);
+    dmn_json_str(j, "error", v->error);
+    dmn_json_close(j, '}');
+}
+
 static void json_stages(struct dmn_json *j, const struct dmn_state *s)
 {
     dmn_json_open(j, "stages", '[');
@@ -220,6 +232,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_state_action(&j, &s->capture);
     json_stages(&j, s);
     json_record(&j, &s->record);
+    json_volumes(&j, &s->volumes);
     dmn_json_close(&j, '}');
     return dmn_json_end(&j);
 }

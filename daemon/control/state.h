@@ -65,6 +65,15 @@ struct dmn_stage_state {
     size_t queued;                  /* items that wait for it */
 };
 
+/* The recorder of volumes beside the daemon (daemon/pipeline/beside.h). */
+struct dmn_beside_state {
+    bool running, failed;   /* failed: it ended by itself, and not with the daemon */
+    char path[512];         /* of the last that was begun, "" = none */
+    uint64_t written, lost; /* volumes; since it was begun by configuration or command */
+    unsigned deaths;
+    char error[512]; /* the last that it said, "" = nothing was wrong */
+};
+
 struct dmn_state {
     double uptime_s;
     char open_to[256]; /* an endpoint that lets everybody in (insecure: true); "" */
@@ -92,6 +101,7 @@ struct dmn_state {
     struct dmn_checks checks;
     struct cap_stats capture;
     struct cap_recorder_stats record;
+    struct dmn_beside_state volumes;
     struct dmn_stage_state stage[DMN_N_STAGES];
     uint64_t previews_made, previews_subscribers;
 };

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "daemon/config/endpoints.h"
+#include "daemon/pipeline/beside.h"
 #include "daemon/pipeline/cameras_in.h"
 #include "daemon/pipeline/previews.h"
 #include "daemon/pipeline/publish.h"
@@ -32,6 +33,7 @@ struct dmn_live {
     struct dmn_sources sources;
     cap_capture *capture;
     dmn_recording *recording; /* NULL = cannot */
+    dmn_beside *beside;       /* NULL = cannot */
     dmn_photometry *light;    /* NULL = none */
     dmn_images *images;
     dmn_background *background;
@@ -85,6 +87,7 @@ static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
     if (getrandom(session, sizeof *session, 0) != (ssize_t)sizeof *session)
         *session = (uint64_t)pvx_now_real();
     PVX_TRY(dmn_recording_new(c, &l->rig, &l->sources, &l->capture, *session, &l->recording, d));
+    PVX_TRY(dmn_beside_new(c, *session, &l->beside, d));
     PVX_TRY(find_light(l, d)); /* takes gains out of the rig, which the recording has */
     PVX_TRY(cap_capture_new(&l->sources.capture, &l->capture, d));
     l->matrix = (struct rec_sysmat_params){.binning = (int32_t)c->binning,
@@ -150,17 +153,16 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
                                     .stopping = &l->stopping,
                                     .background = l->background,
                                     .pipeline = &l->pipeline};
-    struct dmn_pipeline_params pp = {
-        .S = l->S,
-        .rig = &l->rig,
-        .pool = l->pool,
-        .lossless = c->lossless,
-        .warm = t.warm,
-        .deadline = {.limit_ns = t.limit_ns, .period_ns = t.period_ns},
-        .source = dmn_cameras_source(&l->in),
-        .sink = dmn_publish_sink(&l->out),
-        .carved = carved,
-        .carved_ctx = l};
+    struct dmn_pipeline_params pp = {.S = l->S,
+                                     .rig = &l->rig,
+                                     .pool = l->pool,
+                                     .lossless = c->lossless,
+                                     .warm = t.warm,
+                                     .deadline = {.limit_ns = t.limit_ns, .period_ns = t.period_ns},
+                                     .source = dmn_cameras_source(&l->in),
+                                     .sink = dmn_publish_sink(&l->out),
+                                     .carved = carved,
+                                     .carved_ctx = l};
     PVX_TRY(dmn_watch_new(&l->rig, l->S, &l->watch, d));
     const struct dmn_previews_params vp = {.config = c,
                                            .rig = &l->rig,
@@ -222,6 +224,8 @@ pvx_err dmn_live_start(dmn_live *l, struct pvx_diag *d)
     l->t_start_ns = l->out.rate_t_ns = pvx_now_mono();
     if (l->cfg.record_mode != 0)
         PVX_TRY(dmn_recording_start(l->recording, NULL, where, sizeof where, d));
+    if (l->cfg.record_volumes != 0)
+        PVX_TRY(dmn_beside_start(l->beside, where, sizeof where, d));
     PVX_TRY(cap_capture_start(l->capture, d));
     return dmn_pipeline_start(l->pipeline, d);
 }
@@ -238,6 +242,7 @@ void dmn_live_stop(dmn_live *l, const char *reason)
     dmn_recording_hurry(l->recording);
     cap_capture_stop(l->capture); /* carve sees the end, and so do the others in their turn */
     dmn_pipeline_join(l->pipeline);
+    dmn_beside_end(l->beside);
     struct cap_recorder_stats s;
     dmn_recording_stats(l->recording, &s);
     char where[PATH_MAX];
@@ -253,6 +258,7 @@ void dmn_live_free(dmn_live **lp)
         return;
     cap_capture_free(&l->capture);
     dmn_recording_free(&l->recording);
+    dmn_beside_free(&l->beside);
     dmn_publish_close(&l->out);
     dmn_pipeline_free(&l->pipeline);
     dmn_watch_free(&l->watch);       /* the pipeline offers it sets, */
@@ -286,6 +292,7 @@ void dmn_live_snapshot(dmn_live *l, struct dmn_state *out)
     dmn_publish_state(&l->out, out);
     cap_capture_stats(l->capture, &out->capture);
     dmn_recording_stats(l->recording, &out->record);
+    dmn_beside_state(l->beside, &out->volumes);
     out->spread_p50_ms = (double)pvx_hist_quantile(&out->capture.spread, 0.5) * 1e-6;
     out->spread_p99_ms = (double)pvx_hist_quantile(&out->capture.spread, 0.99) * 1e-6;
     for (int a = 0; a < 3; a++)
@@ -314,6 +321,13 @@ void dmn_live_tune(dmn_live *l, const struct dmn_config *c)
     dmn_pipeline_tune(l->pipeline, &t);
     atomic_store(&l->in.stale_ns, c->lossless ? 0 : t.limit_ns);
     dmn_publish_compress(&l->out, c);
+}
+
+pvx_err dmn_live_record_volumes(dmn_live *l, bool start, char *where, size_t size,
+                                struct pvx_diag *d)
+{
+    return start ? dmn_beside_start(l->beside, where, size, d)
+                 : dmn_beside_stop(l->beside, where, size, d);
 }
 
 pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d)

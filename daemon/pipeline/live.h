@@ -32,6 +32,9 @@ PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path
 /* What of cfg may change while it runs (dmn_option_live), each stage before its next set: none is lost, and
  * none waits. */
 void dmn_live_tune(dmn_live *l, const struct dmn_config *cfg);
+/* The same for volumes, by a process beside the daemon: record.volumes, hdf5 when that is none. */
+PVX_MUST_CHECK pvx_err dmn_live_record_volumes(dmn_live *l, bool start, char *where, size_t size,
+                                               struct pvx_diag *d);
 /* The mean of the next `sets` becomes the background, 0: none any more; and how far it is (background.h).  From
  * one thread at a time. */
 PVX_MUST_CHECK pvx_err dmn_live_background(dmn_live *l, uint32_t sets, struct pvx_diag *d);

@@ -139,18 +139,18 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
 
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wformat-nonliteral" /* the user's, for strftime: it cannot harm */
-/* "%Y%m%d-%H%M%S" and the like, in local time as other files of the user are named. */
-static pvx_err name_file(const dmn_recording *r, char *out, size_t size, struct pvx_diag *d)
+pvx_err dmn_recording_name(const char *key, const char *pattern, const char *base, char *out,
+                           size_t size, struct pvx_diag *d)
 {
     time_t now = time(NULL);
     struct tm tm;
     char name[1024];
     localtime_r(&now, &tm);
-    if (r->pattern[0] == '\0' || strftime(name, sizeof name, r->pattern, &tm) == 0)
-        return pvx_fail(d, PVX_EINVAL, "record.path: '%s' makes no name for a file", r->pattern);
-    int n = name[0] == '/' ? snprintf(out, size, "%s", name)
-                           : snprintf(out, size, "%s/%s", r->base, name);
-    return n < (int)size ? PVX_OK : pvx_fail(d, PVX_ERANGE, "record.path: '%s' is too long", name);
+    if (pattern[0] == '\0' || strftime(name, sizeof name, pattern, &tm) == 0)
+        return pvx_fail(d, PVX_EINVAL, "%s: '%s' makes no name for a file", key, pattern);
+    int n =
+        name[0] == '/' ? snprintf(out, size, "%s", name) : snprintf(out, size, "%s/%s", base, name);
+    return n < (int)size ? PVX_OK : pvx_fail(d, PVX_ERANGE, "%s: '%s' is too long", key, name);
 }
 #pragma GCC diagnostic pop
 
@@ -171,7 +171,7 @@ pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where, siz
         return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
     char name[PATH_MAX];
     if (path == NULL || strchr(path, '/') == NULL) {
-        PVX_TRY(name_file(r, name, sizeof name, d));
+        PVX_TRY(dmn_recording_name("record.path", r->pattern, r->base, name, sizeof name, d));
         if (path != NULL)
             PVX_TRY(name_beside(path, name, sizeof name, d));
         path = name;

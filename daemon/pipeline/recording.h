@@ -14,6 +14,10 @@ typedef struct dmn_recording dmn_recording;
 PVX_MUST_CHECK pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
                                          struct dmn_sources *sources, cap_capture *const *capture,
                                          uint64_t session, dmn_recording **out, struct pvx_diag *d);
+/* What a key's pattern for strftime(3) makes now, in local time as other files of the user are named; relative to
+ * base.  PVX_EINVAL, PVX_ERANGE: no name. */
+PVX_MUST_CHECK pvx_err dmn_recording_name(const char *key, const char *pattern, const char *base,
+                                          char *out, size_t size, struct pvx_diag *d);
 /* path NULL: record.path.  where: the file's name.  r may be NULL: PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where,
                                            size_t size, struct pvx_diag *d);
