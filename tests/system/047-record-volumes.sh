@@ -1,0 +1,48 @@
+#!/bin/bash
+# record.volumes: the recorder beside the daemon ends with it, comes back when it is killed, goes when the daemon
+# is killed, and is begun and ended by a request; what does not fit is refused at the start.
+name=047
+source "$(dirname "$0")/lib.sh"
+run_daemon() { # lines of record
+    config v.yaml < <(echo 'cameras: "sim:"'; echo 'fps: 25'; echo "record: { $1 }")
+    start v.log "$pyrovoxd" -c "$dir/v.yaml"; d=$started
+    wait_for field "s['sets']['published'] >= 5"
+}
+child() { pgrep -P "$d" -x pyrovox; }
+count() { h5dump -H -d /sets/number "$1" | grep -c 'DATASPACE  SIMPLE { ( [1-9]'; }
+
+beside() { # killed: a new one, in a file of its own; the daemon's end closes it
+    run_daemon "volumes: hdf5" || return 1
+    wait_for child > /dev/null || return 1
+    local first; first=$(child)
+    sleep 1
+    kill -KILL "$first"
+    wait_for field "s['record_volumes']['deaths'] == 1 and s['record_volumes']['running']" || return 1
+    sleep 1
+    kill -INT "$d"; ended "$d" 0 || return 1
+    [ "$(ls "$dir"/takes/*-volumes-*.h5 | wc -l)" = 2 ] && h5dump -a /closed "$dir"/takes/*-2.h5 | grep -q '(0): 1' && count "$dir"/takes/*-2.h5 > /dev/null
+}
+check comes_back_and_is_closed beside
+
+orphan() {
+    run_daemon "volumes: npy" || return 1
+    wait_for child > /dev/null || return 1
+    local c; c=$(child)
+    kill -KILL "$d"; wait "$d" 2> /dev/null
+    wait_for gone "$c"
+}
+check goes_when_the_daemon_is_killed orphan 2> /dev/null
+
+full() {
+    config f.yaml < <(echo 'cameras: "sim:"'; echo "record: { mode: raw, keep_free_gb: 1000000 }")
+    run "$pyrovoxd" -c "$dir/f.yaml"
+    says 1 "too full to record" "record.keep_free_gb"
+}
+check full_disk_is_refused full
+
+open() {
+    run "$pyrovoxd" -c <(echo "{rig: $PWD/tests/data/rig4.yaml, cameras: \"sim:\", insecure: true, publish: {endpoints: [\"tcp://*:5599\"]}, record: {volumes: hdf5}}") --check-config
+    says 1 "record.volumes: needs an ipc://"
+}
+check needs_an_endpoint open
+exit $rc
