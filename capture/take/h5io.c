@@ -19,6 +19,8 @@ hid_t take_h5_access(void)
     H5Pset_libver_bounds(fapl, H5F_LIBVER_V110, H5F_LIBVER_V110);
     H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG); /* closes what is open in it */
     H5Pset_meta_block_size(fapl, META);
+    /* A reader that holds a lock must not keep the file from being closed; it is ours alone (O_EXCL). */
+    H5Pset_file_locking(fapl, 0, 1);
     return fapl;
 }
 

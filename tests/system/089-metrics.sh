@@ -1,7 +1,7 @@
 #!/bin/bash
 # metrics.endpoint: Prometheus' text by the letter, the values of the status, what is refused, and clients that send nothing
 # or rubbish.
-name=088
+name=089
 . "$(dirname "$0")/lib.sh"
 port=$("$py" -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 config a.yaml <<< "cameras: \"sim:\"
@@ -65,13 +65,13 @@ for i in range(200):
 PY
 }
 check refuses-the-rest refuses
-held() { # with 200 connections held open, which send nothing
+held() { # with 200 connections held open, which send nothing: a scrape has to wait its turn, sets do not
     start idle.log "$py" -c 'import socket, sys, time
 a = [socket.create_connection(("127.0.0.1", int(sys.argv[1]))) for _ in range(200)]
 print("held", flush=True); time.sleep(3000)' "$port"
     wait_for grep -q held "$dir/idle.log" || return 1
     local n; n=$(sets)
-    wait_for published $((n + 40)) && parsed
+    wait_for published $((n + 40)) && wait_for parsed 2> "$dir/turns.log"
     local r=$?
     kill "$started"; return $r
 }
