@@ -119,6 +119,18 @@ PY
 }
 check played_and_recorded_again again
 
+repaired() { # killed in mid-recording: h5py reads it when it is finished, and the original is kept
+    "$b/tests/unit/test_pub" --publish "$volumes" 12 0 no-end & local p=$!; pids+=("$p")
+    "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/cut.h5" > "$dir/log" 2>&1 & local rec=$!; pids+=("$rec")
+    # the reader of a file that is being written
+    wait_for "$py" -c 'import sys, h5py; sys.exit(h5py.File(sys.argv[1], "r", libver="latest", swmr=True, locking=False)["sets/number"].shape[0] < 12)' "$dir/cut.h5" 2> /dev/null || return 1
+    kill -KILL "$rec"; wait "$rec" 2>/dev/null; kill "$p" 2>/dev/null
+    run "$pyrovox" repair "$dir/cut.h5"; says 0 "12 volumes, finished" "cut.h5.cut-off" || return 1
+    [ -s "$dir/cut.h5.cut-off" ] && "$py" -c 'import sys, h5py; a, b = (h5py.File(n, "r")["emission"][:] for n in sys.argv[1:]); assert (a == b).all() and a.any()' "$dir/cut.h5" "$dir/v.h5" || return 1
+    run "$pyrovox" repair "$dir/cut.h5"; says 0 "nothing to repair"
+}
+check repaired_after_a_kill repaired
+
 refused() {
     run "$pyrovox" convert "$dir/npy" "$dir/v.h5"; says 1 "v.h5" "already" || return 1
     run "$pyrovox" convert "$dir/nothing" "$dir/x.h5"; says 1 "nothing" || return 1
