@@ -7,7 +7,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include "base/file.h"
@@ -147,22 +146,10 @@ static pvx_err grow(void **array, size_t n, size_t *cap, size_t one)
     void *p = realloc(*array, more * one);
     if (p == NULL)
         return PVX_ENOMEM;
+    memset((char *)p + n * one, 0, (more - n) * one);
     *array = p;
     *cap = more;
     return PVX_OK;
-}
-
-static pvx_err room(const struct vol_numbered *n, size_t len, struct pvx_diag *d)
-{
-    struct statvfs st;
-    if (n->o.keep_free_bytes == 0 || statvfs(n->dir, &st) != 0)
-        return PVX_OK;
-    uint64_t left = (uint64_t)st.f_bavail * st.f_frsize;
-    return left >= n->o.keep_free_bytes + len
-               ? PVX_OK
-               : pvx_fail(d, PVX_ENOSPC,
-                          "%s: the disk has less than %.1f GB left, which are kept free", n->dir,
-                          (double)n->o.keep_free_bytes * 1e-9);
 }
 
 /* The file of `from` again: a link, or a copy where there are none (or no more of this one). */
@@ -175,7 +162,7 @@ static pvx_err again(struct vol_numbered *n, uint64_t from, uint64_t frame, stru
     if (link(old, new) == 0)
         return PVX_OK;
     PVX_TRY(pvx_file_read(old, FILE_MAX, &data, &len, d));
-    pvx_err e = room(n, len, d);
+    pvx_err e = PVX_OK;
     if (e == PVX_OK)
         e = pvx_file_write(new, data, len, d);
     free(data);
@@ -194,7 +181,6 @@ pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v, const void
         return PVX_OK;
     }
     PVX_TRY(grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
-    PVX_TRY(room(n, len, d));
     struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
     while (before != NULL && before->last + 1 < frame) {
         PVX_TRY(again(n, before->first, before->last + 1, d));

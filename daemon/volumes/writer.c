@@ -1,4 +1,8 @@
+#include <libgen.h>
+#include <limits.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <sys/statvfs.h>
 
 #include "base/mem.h"
 #include "daemon/volumes/volumes.h"
@@ -17,6 +21,8 @@ struct vol_writer {
     const struct vol_writer_ops *ops;
     void *self;
     struct pvp_grid grid;
+    char path[PATH_MAX];
+    uint64_t keep_free_bytes;
     pvx_err broken; /* why nothing more is taken */
 };
 
@@ -33,11 +39,13 @@ pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_he
     vol_writer *w = pvx_calloc(1, sizeof *w);
     if (w == NULL)
         return PVX_ENOMEM;
+    if (o == NULL)
+        o = &defaults;
+    snprintf(w->path, sizeof w->path, "%s", path);
+    w->keep_free_bytes = o->keep_free_bytes;
     w->ops = writers[f];
     w->grid = head->start.grid;
-    pvx_err e = w->ops == NULL ? pvx_fail(d, PVX_EUNSUP, "%s: volumes cannot be written as %s",
-                                          path, vol_format_names[f])
-                               : w->ops->open(&w->self, path, head, o != NULL ? o : &defaults, d);
+    pvx_err e = w->ops->open(&w->self, path, head, o, d);
     if (e != PVX_OK) {
         free(w);
         return e;
@@ -61,13 +69,32 @@ static pvx_err is_broken(const vol_writer *w, struct pvx_diag *d)
                                           pvx_strerror(w->broken));
 }
 
+/* Room for the volume as it is in memory: a little more than most formats need. */
+static pvx_err has_room(const vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
+{
+    struct statvfs st;
+    char dir[PATH_MAX];
+    snprintf(dir, sizeof dir, "%s", w->path);
+    if (w->keep_free_bytes == 0 || statvfs(dirname(dir), &st) != 0)
+        return PVX_OK;
+    uint64_t left = (uint64_t)st.f_bavail * st.f_frsize;
+    uint64_t need = (uint64_t)v->n_bricks * PVP_BRICK * PVP_BRICK * PVP_BRICK * v->v.grid.channels *
+                    sizeof(float);
+    return left >= w->keep_free_bytes + need
+               ? PVX_OK
+               : pvx_fail(d, PVX_ENOSPC,
+                          "%s: the disk has less than the %.1f GB that are kept free", w->path,
+                          (double)w->keep_free_bytes * 1e-9);
+}
+
 pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
 {
     PVX_TRY(is_broken(w, d));
     if (!pvp_grid_same(&v->v.grid, &w->grid))
         return pvx_fail(d, PVX_ERANGE, "set %llu: its grid is not that of the recording",
                         (unsigned long long)v->v.set);
-    return note(w, w->ops->put(w->self, v, d));
+    pvx_err e = has_room(w, v, d);
+    return note(w, e != PVX_OK ? e : w->ops->put(w->self, v, d));
 }
 
 pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d)
