@@ -87,7 +87,7 @@ pvx_err pvp_decode_rig(const void *msg, size_t len, uint64_t *rig_hash, const ch
 {
     struct pvp_header h;
     struct wire in = {0};
-    uint32_t at, size;
+    uint32_t at = 0, size = 0;
     *yaml = "";
     *yaml_len = 0;
     *rig_hash = 0;

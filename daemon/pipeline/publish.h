@@ -18,7 +18,7 @@ struct dmn_publish {
     const char *rig_text;   /* what newcomers are told of it; borrowed, for open; NULL: nothing */
     struct pvp_start start; /* .session is the caller's to choose before open */
     atomic_size_t subscribers;
-    atomic_int compress; /* enum pvp_compress, from the next volume on */
+    atomic_int compress;              /* enum pvp_compress, from the next volume on */
     atomic_bool reset_latency;        /* the statistics start anew with the next volume */
     _Atomic(const char *) end_reason; /* NULL: the source has ended by itself */
     /* what the status message says */

@@ -119,8 +119,8 @@ static pvx_err receive(int fd, const char *path, struct vol_vdb_bricks *v, struc
     a.text[sizeof a.text - 1] = '\0';
     if (a.error != PVX_OK)
         return vol_vdb_error(a.error == PVX_EFORMAT ? PVX_ECORRUPT : a.error, path, a.text, d);
-    uint32_t *ids = malloc((a.n_bricks + (size_t)1) * sizeof *ids);
-    float *brick = malloc(a.n_bricks * brick_bytes(v) + 1);
+    uint32_t *ids = calloc(a.n_bricks + (size_t)1, sizeof *ids);
+    float *brick = calloc(a.n_bricks + (size_t)1, brick_bytes(v));
     v->ids = ids;
     v->brick = brick;
     v->n_bricks = a.n_bricks;
