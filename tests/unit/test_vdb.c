@@ -177,12 +177,13 @@ T_CASE(writes_over_nothing)
     T_EQ_I(vol_vdb_writer.open(&w, at("mine"), &b.head, &(struct vol_options){0}, &d), PVX_EBUSY);
     T_CONTAINS(d.text, "mine: there is something in it");
     d = (struct pvx_diag){""};
-    T_EQ_I(vol_vdb_writer.open(&w, at("full"), &b.head,
-                               &(struct vol_options){.keep_free_bytes = UINT64_MAX / 2}, &d),
+    vol_writer *all = NULL;
+    T_EQ_I(vol_writer_open(VOL_VDB, at("full"), &b.head,
+                           &(struct vol_options){.keep_free_bytes = UINT64_MAX / 2}, &all, &d),
            PVX_OK);
-    T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, 0, T0), &d), PVX_ENOSPC);
+    T_EQ_I(vol_writer_put(all, volume_bed_make(&b, 0, T0), &d), PVX_ENOSPC);
     T_CONTAINS(d.text, "kept free");
-    T_EQ_I(vol_vdb_writer.close(w, NULL), PVX_OK);
+    T_EQ_I(vol_writer_close(&all, NULL), PVX_OK);
     volume_bed_free(&b);
 }
 
