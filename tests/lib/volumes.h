@@ -94,7 +94,9 @@ static inline bool volumes_same(const struct vol_volume *a, const struct vol_vol
            p->restrict_ns == q->restrict_ns && p->solve_ns == q->solve_ns &&
            p->total_ns == q->total_ns && a->sample == b->sample && a->clamped == b->clamped &&
            a->n_bricks == b->n_bricks &&
-           memcmp(a->ids, b->ids, a->n_bricks * sizeof *a->ids) == 0 &&
-           memcmp(a->brick, b->brick, a->n_bricks * sizeof *a->brick * 512 * x->grid.channels) == 0;
+           (a->n_bricks == 0 ||
+            (memcmp(a->ids, b->ids, a->n_bricks * sizeof *a->ids) == 0 &&
+             memcmp(a->brick, b->brick, a->n_bricks * sizeof *a->brick * 512 * x->grid.channels) ==
+                 0));
 }
 #endif

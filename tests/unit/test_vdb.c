@@ -232,6 +232,14 @@ static void try_damaged(const char *bytes, size_t n)
     }
 }
 
+#ifdef __SANITIZE_ADDRESS__ /* each is a fork of a process with a shadow: a tenth of them */
+#define CUTS    15
+#define CHANGES 60
+#else
+#define CUTS    150
+#define CHANGES 600
+#endif
+
 T_CASE(damaged_files)
 {
     struct volume_bed b;
@@ -244,9 +252,9 @@ T_CASE(damaged_files)
         T_OK(!"written");
         return;
     }
-    for (int i = 0; i < 150; i++)
+    for (int i = 0; i < CUTS; i++)
         try_damaged(bytes, t_rand() % n);
-    for (int i = 0; i < 600; i++) {
+    for (int i = 0; i < CHANGES; i++) {
         size_t where[3];
         char was[3];
         for (int k = 0; k < 3; k++) {
