@@ -34,6 +34,8 @@ bool take_h5_looks(const char *path, uint64_t *bytes);
 hid_t take_h5_open(const char *path);
 
 bool take_h5_put_attr(hid_t at, const char *name, hid_t type, const void *value);
+/* A new attribute of n elements in one dimension. */
+bool take_h5_put_list(hid_t at, const char *name, hid_t type, hsize_t n, const void *v);
 bool take_h5_put_int(hid_t at, const char *name, int64_t v);
 bool take_h5_put_text(hid_t at, const char *name, const char *text);
 /* Long texts are datasets: an attribute may hold 64 KiB only. */

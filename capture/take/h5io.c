@@ -54,6 +54,16 @@ bool take_h5_put_attr(hid_t at, const char *name, hid_t type, const void *value)
     return ok;
 }
 
+bool take_h5_put_list(hid_t at, const char *name, hid_t type, hsize_t n, const void *v)
+{
+    hid_t space = H5Screate_simple(1, &n, NULL);
+    hid_t a = H5Acreate2(at, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = a >= 0 && H5Awrite(a, type, v) >= 0;
+    H5Aclose(a);
+    H5Sclose(space);
+    return ok;
+}
+
 bool take_h5_put_int(hid_t at, const char *name, int64_t v)
 {
     return take_h5_put_attr(at, name, H5T_STD_I64LE, &v);

@@ -44,7 +44,8 @@ struct vol_tiles vol_tiles(const struct pvp_grid *g);
 /* A hash of chunk `id` of which the floats hash to h, after those before it; 0 before the first. */
 uint64_t vol_hash(uint64_t before, uint32_t id, uint64_t h);
 /* XXH3-64 of a row without its `check`, seeded with vol_hash of its chunks. */
-uint64_t vol_row_check(const struct vol_row *r, uint64_t seed);
+uint64_t vol_row_check(const struct vol_column c[VOL_COLUMNS], const struct vol_row *r,
+                       uint64_t seed);
 /* The group that ParaView reads, on the same data: of `sets` volumes, when the file is complete. */
 bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets);
 #endif

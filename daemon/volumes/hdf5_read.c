@@ -296,7 +296,7 @@ static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
             return PVX_ECORRUPT;
         seed = vol_hash(seed, id, XXH3_64bits(r->chunk, r->t.floats * sizeof *r->chunk));
     }
-    if (found != row->chunks || row->check != vol_row_check(row, seed))
+    if (found != row->chunks || row->check != vol_row_check(r->column, row, seed))
         return PVX_ECORRUPT;
     return sort_bricks(r);
 }

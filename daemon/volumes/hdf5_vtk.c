@@ -6,16 +6,6 @@
 
 #include "daemon/volumes/hdf5.h"
 
-static bool put_list(hid_t at, const char *name, hid_t type, hsize_t n, const void *v)
-{
-    hid_t space = H5Screate_simple(1, &n, NULL);
-    hid_t a = H5Acreate2(at, name, type, space, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = a >= 0 && H5Awrite(a, type, v) >= 0;
-    H5Aclose(a);
-    H5Sclose(space);
-    return ok;
-}
-
 /* ASCII, without the 0: this reader compares the length too. */
 static bool put_type(hid_t at)
 {
@@ -40,11 +30,11 @@ static bool put_image(hid_t at, const struct pvp_grid *g, bool several)
         extent[2 * a] = 0;
         extent[2 * a + 1] = (int64_t)g->n[a] - 1;
     }
-    return put_list(at, "Version", H5T_STD_I64LE, 2, version) && put_type(at) &&
-           put_list(at, "WholeExtent", H5T_STD_I64LE, 6, extent) &&
-           put_list(at, "Origin", H5T_IEEE_F64LE, 3, first) &&
-           put_list(at, "Spacing", H5T_IEEE_F64LE, 3, spacing) &&
-           put_list(at, "Direction", H5T_IEEE_F64LE, 9, turn);
+    return take_h5_put_list(at, "Version", H5T_STD_I64LE, 2, version) && put_type(at) &&
+           take_h5_put_list(at, "WholeExtent", H5T_STD_I64LE, 6, extent) &&
+           take_h5_put_list(at, "Origin", H5T_IEEE_F64LE, 3, first) &&
+           take_h5_put_list(at, "Spacing", H5T_IEEE_F64LE, 3, spacing) &&
+           take_h5_put_list(at, "Direction", H5T_IEEE_F64LE, 9, turn);
 }
 
 /* Set 0 of /emission without its first dimension; without its last one too when there is one colour. */

@@ -203,7 +203,7 @@ static void fill_row(struct out *w, struct vol_row *r)
     uint64_t seed = 0;
     for (uint32_t k = 0; k < w->n_chunks; k++)
         seed = vol_hash(seed, w->chunk[k], w->hash[k]);
-    r->check = vol_row_check(r, seed);
+    r->check = vol_row_check(w->column, r, seed);
 }
 
 static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag *d)
@@ -254,17 +254,6 @@ static pvx_err hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
 
 /* ---- the file ---- */
 
-static bool put_triple(hid_t at, const char *name, const double v[3])
-{
-    hsize_t n = 3;
-    hid_t space = H5Screate_simple(1, &n, NULL);
-    hid_t a = H5Acreate2(at, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = a >= 0 && H5Awrite(a, H5T_NATIVE_DOUBLE, v) >= 0;
-    H5Aclose(a);
-    H5Sclose(space);
-    return ok;
-}
-
 /* Centres of the voxels along one axis. */
 static bool put_axis(hid_t file, const struct pvp_grid *g, int axis)
 {
@@ -289,13 +278,9 @@ static bool put_axis(hid_t file, const struct pvp_grid *g, int axis)
 static bool put_axes(hid_t group)
 {
     static const char axes[VOL_RANK][8] = {"time", "z", "y", "x", "."};
-    hsize_t n = VOL_RANK;
-    hid_t type = H5Tcopy(H5T_C_S1), space = H5Screate_simple(1, &n, NULL);
+    hid_t type = H5Tcopy(H5T_C_S1);
     H5Tset_size(type, sizeof axes[0]);
-    hid_t a = H5Acreate2(group, "axes", type, space, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = a >= 0 && H5Awrite(a, type, axes) >= 0;
-    H5Aclose(a);
-    H5Sclose(space);
+    bool ok = take_h5_put_list(group, "axes", type, VOL_RANK, axes);
     H5Tclose(type);
     return ok;
 }
@@ -375,7 +360,8 @@ static bool make_head(struct out *w, const struct vol_head *h)
            take_h5_put_text(w->file, "software", s->software) &&
            take_h5_put_text(w->file, "host", host) &&
            take_h5_put_text(w->file, "basis", s->grid.basis == 1 ? "trilinear" : "box") &&
-           put_triple(w->file, "origin", s->grid.min) && put_triple(w->file, "spacing", spacing) &&
+           take_h5_put_list(w->file, "origin", H5T_IEEE_F64LE, 3, s->grid.min) &&
+           take_h5_put_list(w->file, "spacing", H5T_IEEE_F64LE, 3, spacing) &&
            take_h5_put_long_text(w->file, "rig", h->rig != NULL ? h->rig : "") &&
            take_h5_put_long_text(w->file, "config", h->config != NULL ? h->config : "");
 }
@@ -457,6 +443,7 @@ static bool make_room(struct out *w)
 static pvx_err hdf5_open(void **self, const char *path, const struct vol_head *head,
                          const struct vol_options *o, struct pvx_diag *d)
 {
+    (void)o;
     take_h5_init();
     struct out *w = pvx_calloc(1, sizeof *w);
     if (w == NULL)
@@ -471,7 +458,7 @@ static pvx_err hdf5_open(void **self, const char *path, const struct vol_head *h
     unsigned threads = cpus < 1 ? 1 : cpus < THREADS ? (unsigned)cpus : THREADS;
     pvx_err e = w->path != NULL && make_room(w) ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK)
-        e = pvx_pool_new(o->threads > 0 ? o->threads : threads, "vol-pack", &w->pool);
+        e = pvx_pool_new(threads, "vol-pack", &w->pool);
     if (e == PVX_OK)
         e = create(w, head, d);
     if (e != PVX_OK) {

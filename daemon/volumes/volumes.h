@@ -40,11 +40,10 @@ struct vol_gap {
 };
 
 struct vol_options {
-    bool split;       /* vdb, nvdb: three grids red, green, blue instead of one of vectors */
-    bool y_up;        /* vdb, nvdb: y points up */
-    double unit_m;    /* vdb, nvdb: metres in the file's unit of length; 0 = 1 */
-    double fps;       /* vdb, nvdb: frames a second of the numbered files; 0 = one file a set */
-    unsigned threads; /* hdf5: that compress; 0 = as many as processors, at most 4 */
+    bool split;    /* vdb, nvdb: three grids red, green, blue instead of one of vectors */
+    bool y_up;     /* vdb, nvdb: y points up */
+    double unit_m; /* vdb, nvdb: metres in the file's unit of length; 0 = 1 */
+    double fps;    /* vdb, nvdb: frames a second of the numbered files; 0 = one file a set */
     uint64_t keep_free_bytes; /* end before the disk has less */
 };
 
