@@ -5,11 +5,6 @@
 #include "proto/pvp.h"
 #include "proto/wire.h"
 
-/* Within the limits of the format. */
-bool pvp_grid_valid(const struct pvp_grid *g);
-bool pvp_grid_same(const struct pvp_grid *a, const struct pvp_grid *b);
-/* nb[3]: bricks along x, y, z; returns their product (at most 2^21). */
-uint32_t pvp_grid_bricks(const struct pvp_grid *g, uint32_t nb[3]);
 /* Bytes of one sample. */
 size_t pvp_sample_size(enum pvp_sample s);
 

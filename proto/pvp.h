@@ -52,6 +52,14 @@ struct pvp_grid {
     uint32_t basis;        /* 0 box, 1 trilinear */
     uint32_t channels;     /* 1 or 3 */
 };
+/* Voxels times channels: the `count` that pvp_volume_unpack wants. */
+size_t pvp_grid_count(const struct pvp_grid *g);
+/* nb[3]: bricks along x, y, z; returns their product (at most 2^21). */
+uint32_t pvp_grid_bricks(const struct pvp_grid *g, uint32_t nb[3]);
+/* Within the limits of the format. */
+bool pvp_grid_valid(const struct pvp_grid *g);
+bool pvp_grid_same(const struct pvp_grid *a, const struct pvp_grid *b);
+
 struct pvp_start {
     struct pvp_grid grid;
     uint64_t session; /* differs between runs of the daemon */
@@ -172,8 +180,6 @@ PVX_MUST_CHECK pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp
 typedef struct pvp_decoder pvp_decoder;
 PVX_MUST_CHECK pvx_err pvp_decoder_new(pvp_decoder **out);
 void pvp_decoder_free(pvp_decoder **dec);
-/* Voxels times channels: the `count` that pvp_volume_unpack wants. */
-size_t pvp_grid_count(const struct pvp_grid *g);
 /* dense [nz][ny][nx][channels] out, zeroed first; count must be pvp_grid_count.  Errors: PVX_EINVAL
  * (count), PVX_ECORRUPT (does not decompress to what it says, not finite), PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *dense,

@@ -30,13 +30,6 @@ void vol_store_free(struct vol_store *s)
     *s = (struct vol_store){0};
 }
 
-uint32_t vol_bricks(const struct pvp_grid *g, uint32_t nb[3])
-{
-    for (int a = 0; a < 3; a++)
-        nb[a] = (g->n[a] + B - 1) / B;
-    return nb[0] * nb[1] * nb[2];
-}
-
 /* Where a brick lies: its first voxel, and how many of it are inside the grid. */
 struct place {
     uint32_t at[3], in[3];
@@ -59,7 +52,7 @@ void vol_to_dense(const struct vol_volume *v, float *dense)
 {
     const struct pvp_grid *g = &v->v.grid;
     uint32_t nb[3], c = g->channels;
-    vol_bricks(g, nb);
+    pvp_grid_bricks(g, nb);
     for (uint32_t b = 0; b < v->n_bricks; b++) {
         struct place p = place(g, nb, v->ids[b]);
         const float *brick = v->brick + (size_t)b * B * B * B * c;
@@ -92,7 +85,7 @@ static bool gather(const struct pvp_grid *g, const struct place *p, const float 
 
 pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g, const float *dense)
 {
-    uint32_t nb[3], all = vol_bricks(g, nb);
+    uint32_t nb[3], all = pvp_grid_bricks(g, nb);
     size_t cells = (size_t)B * B * B * g->channels;
     bool finite = true;
     PVX_TRY(vol_store_grow(s, all, g->channels));

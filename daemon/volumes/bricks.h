@@ -13,8 +13,6 @@ struct vol_store {
 PVX_MUST_CHECK pvx_err vol_store_grow(struct vol_store *s, uint32_t bricks, uint32_t channels);
 void vol_store_free(struct vol_store *s);
 
-/* Bricks along x, y, z; their product. */
-uint32_t vol_bricks(const struct pvp_grid *g, uint32_t nb[3]);
 /* dense, zeroed before, gets the volume's bricks. */
 void vol_to_dense(const struct vol_volume *v, float *dense);
 /* The bricks of a dense volume that are not all 0 into s.  PVX_ECORRUPT: a value is not finite; PVX_ENOMEM. */

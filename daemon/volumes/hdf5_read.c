@@ -398,7 +398,7 @@ static pvx_err open_all(struct in *r, const char *path, uint64_t *count, bool *c
     PVX_TRY(open_columns(r, d));
     PVX_TRY(read_gaps(r, bytes, d));
     r->t = vol_tiles(&r->start.grid);
-    r->n_bricks = vol_bricks(&r->start.grid, r->nb);
+    r->n_bricks = pvp_grid_bricks(&r->start.grid, r->nb);
     r->chunk = malloc(r->t.floats * sizeof *r->chunk);
     r->brick_at = malloc(r->n_bricks * sizeof *r->brick_at);
     if (r->chunk == NULL || r->brick_at == NULL)

@@ -427,7 +427,7 @@ static void free_out(struct out *w)
 static bool make_room(struct out *w)
 {
     w->bound = compressBound(w->t.floats * sizeof(float));
-    w->n_bricks = vol_bricks(&w->grid, w->nb);
+    w->n_bricks = pvp_grid_bricks(&w->grid, w->nb);
     w->brick_at = malloc(w->n_bricks * sizeof *w->brick_at);
     w->chunk = malloc(w->t.all * sizeof *w->chunk);
     w->size = malloc(w->t.all * sizeof *w->size);

@@ -12,8 +12,8 @@
 #include <unistd.h>
 
 #include "daemon/volumes/vdb_module.h"
+#include "proto/pvp.h"
 
-#define SIDE   8
 #define CELLS  512
 #define CPU_S  300
 #define MEMORY ((size_t)1 << 30) /* beside what the grid may need */
@@ -32,10 +32,8 @@ static size_t brick_bytes(const struct vol_vdb_bricks *v)
 
 static size_t most_bricks(const struct vol_vdb_bricks *v)
 {
-    size_t n = 1;
-    for (int a = 0; a < 3; a++)
-        n *= (v->n[a] + SIDE - 1) / SIDE;
-    return n;
+    uint32_t nb[3];
+    return pvp_grid_bricks(&(struct pvp_grid){.n = {v->n[0], v->n[1], v->n[2]}}, nb);
 }
 
 static bool send_all(int fd, const void *data, size_t n)

@@ -6,8 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "proto/fields.h"
-
 #define FORMAT  "pyrovox volume"
 #define VERSION 1
 

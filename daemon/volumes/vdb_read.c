@@ -12,7 +12,6 @@
 #include "daemon/volumes/vdb_child.h"
 #include "daemon/volumes/vdb_module.h"
 #include "daemon/volumes/vdb_notes.h"
-#include "proto/fields.h"
 
 #define HEAD_BYTES ((size_t)65536) /* metadata comes first in a file, and needs some 3 KB */
 #define FILE_MAX   ((size_t)1 << 36)

@@ -6,7 +6,6 @@
 
 #include "base/mem.h"
 #include "daemon/volumes/volumes.h"
-#include "proto/fields.h"
 
 const char *const vol_format_names[VOL_FORMATS] = {"npy", "hdf5", "vdb", "nvdb"};
 

@@ -1,10 +1,7 @@
 /* volume_bed.h - volumes for recordings, with values that a half holds exactly. */
 #ifndef TESTS_VOLUME_BED_H
 #define TESTS_VOLUME_BED_H
-#include <stdlib.h>
-#include <string.h>
-
-#include "daemon/volumes/volumes.h"
+#include "tests/lib/volumes.h"
 
 struct volume_bed {
     struct vol_head head;
@@ -50,32 +47,11 @@ static inline const struct vol_volume *volume_bed_make(struct volume_bed *b, uin
                                                        int64_t t_ns)
 {
     const struct pvp_grid *g = &b->head.start.grid;
-    const uint32_t nb[3] = {(g->n[0] + 7) / 8, (g->n[1] + 7) / 8, (g->n[2] + 7) / 8};
-    b->v = (struct vol_volume){.v = {.session = b->head.start.session,
-                                     .set = set,
-                                     .t_exposure_ns = t_ns,
-                                     .t_publish_ns = t_ns + 30000000,
-                                     .spread_ns = 1234,
-                                     .latency_ns = 20000000,
-                                     .cameras_present = 4,
-                                     .camera_mask = 0x800000000000000du,
-                                     .grid = *g,
-                                     .report = {.status = 1,
-                                                .solver = "mrnsd",
-                                                .iterations = 17,
-                                                .rel_residual = 0.0625,
-                                                .active_voxels = 99,
-                                                .active_rays = 77,
-                                                .entries = 5000000000u,
-                                                .photometry_ns = 1,
-                                                .hull_ns = 2,
-                                                .restrict_ns = 3,
-                                                .solve_ns = 4,
-                                                .total_ns = 10}},
-                               .sample = PVP_F16,
-                               .ids = b->ids,
-                               .brick = b->brick};
-    for (uint32_t id = (uint32_t)(set & 1); id < nb[0] * nb[1] * nb[2]; id += 2) {
+    uint32_t nb[3], all = pvp_grid_bricks(g, nb);
+    b->v = volumes_empty(&b->head.start, set, t_ns);
+    b->v.ids = b->ids;
+    b->v.brick = b->brick;
+    for (uint32_t id = (uint32_t)(set & 1); id < all; id += 2) {
         float *out = b->brick + (size_t)b->v.n_bricks * 512 * g->channels;
         memset(out, 0, 512 * g->channels * sizeof *out);
         const uint32_t x = id % nb[0] * 8, y = id / nb[0] % nb[1] * 8, z = id / nb[0] / nb[1] * 8;

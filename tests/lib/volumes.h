@@ -27,6 +27,33 @@ static inline struct pvp_start volumes_start(uint32_t nx, uint32_t ny, uint32_t 
                               .software = "pyrovoxd test"};
 }
 
+/* The volume of set `set`, exposed at t_ns, with a report; no bricks yet. */
+static inline struct vol_volume volumes_empty(const struct pvp_start *s, uint64_t set, int64_t t_ns)
+{
+    return (struct vol_volume){.v = {.session = s->session,
+                                     .set = set,
+                                     .t_exposure_ns = t_ns,
+                                     .t_publish_ns = t_ns + 20000000,
+                                     .spread_ns = 12345,
+                                     .latency_ns = 17000001,
+                                     .cameras_present = 7,
+                                     .camera_mask = 0x80000000000000f7u,
+                                     .grid = s->grid,
+                                     .report = {.status = 2,
+                                                .solver = "pcg",
+                                                .iterations = 11,
+                                                .rel_residual = 0.0625,
+                                                .active_voxels = 1234,
+                                                .active_rays = 56789,
+                                                .entries = 5000000000,
+                                                .photometry_ns = 1000,
+                                                .hull_ns = 2000,
+                                                .restrict_ns = 3000,
+                                                .solve_ns = 4000,
+                                                .total_ns = 10000}},
+                               .sample = PVP_F16};
+}
+
 /* About `share` of the bricks, values that are float16 exactly. */
 static inline struct made_volume volumes_make(const struct pvp_start *s, uint64_t set, double share)
 {
@@ -35,7 +62,7 @@ static inline struct made_volume volumes_make(const struct pvp_start *s, uint64_
     size_t n = pvp_grid_count(g);
     float *dense = calloc(n, sizeof *dense);
     struct made_volume m = {0};
-    uint32_t nb[3], all = vol_bricks(g, nb);
+    uint32_t nb[3], all = pvp_grid_bricks(g, nb);
     unsigned char *lit = calloc(all, 1);
     if (dense == NULL || lit == NULL)
         abort();
@@ -51,31 +78,10 @@ static inline struct made_volume volumes_make(const struct pvp_start *s, uint64_
         abort();
     free(dense);
     free(lit);
-    m.v = (struct vol_volume){.v = {.session = s->session,
-                                    .set = set,
-                                    .t_exposure_ns = 1767225600123456789 + (int64_t)set * 50000001,
-                                    .t_publish_ns = 1767225600143456789 + (int64_t)set * 50000003,
-                                    .spread_ns = 12345,
-                                    .latency_ns = 17000001,
-                                    .cameras_present = 7,
-                                    .camera_mask = 0xf7,
-                                    .grid = *g,
-                                    .report = {.status = 2,
-                                               .solver = "pcg",
-                                               .iterations = 11,
-                                               .rel_residual = 0.0625,
-                                               .active_voxels = 1234,
-                                               .active_rays = 56789,
-                                               .entries = 5000000000,
-                                               .photometry_ns = 1000,
-                                               .hull_ns = 2000,
-                                               .restrict_ns = 3000,
-                                               .solve_ns = 4000,
-                                               .total_ns = 10000}},
-                              .sample = PVP_F16,
-                              .n_bricks = m.store.n,
-                              .ids = m.store.ids,
-                              .brick = m.store.brick};
+    m.v = volumes_empty(s, set, 1767225600123456789 + (int64_t)set * 50000001);
+    m.v.n_bricks = m.store.n;
+    m.v.ids = m.store.ids;
+    m.v.brick = m.store.brick;
     return m;
 }
 

@@ -8,7 +8,6 @@
 
 #include "base/file.h"
 #include "daemon/volumes/volumes.h"
-#include "proto/fields.h"
 #include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 #include "tests/lib/volume_bed.h"
@@ -46,18 +45,6 @@ static void record(struct volume_bed *b, const struct vol_writer_ops *f, const c
     T_EQ_I(f->close(w, &d), PVX_OK);
 }
 
-static bool same_volume(const struct vol_volume *a, const struct vol_volume *b, uint32_t channels)
-{
-    return memcmp(&a->v.report, &b->v.report, sizeof a->v.report) == 0 && a->v.set == b->v.set &&
-           a->v.session == b->v.session && a->v.t_exposure_ns == b->v.t_exposure_ns &&
-           a->v.t_publish_ns == b->v.t_publish_ns && a->v.spread_ns == b->v.spread_ns &&
-           a->v.latency_ns == b->v.latency_ns && a->v.camera_mask == b->v.camera_mask &&
-           a->v.cameras_present == b->v.cameras_present && pvp_grid_same(&a->v.grid, &b->v.grid) &&
-           a->sample == b->sample && a->clamped == b->clamped && a->n_bricks == b->n_bricks &&
-           memcmp(a->ids, b->ids, a->n_bricks * sizeof *a->ids) == 0 &&
-           memcmp(a->brick, b->brick, a->n_bricks * sizeof *a->brick * 512 * channels) == 0;
-}
-
 static void reread(struct volume_bed *b, const char *path, uint64_t first, uint64_t n)
 {
     void *r = NULL;
@@ -80,8 +67,8 @@ static void reread(struct volume_bed *b, const char *path, uint64_t first, uint6
     T_EQ_S(head.start.units, "1/m");
     for (uint64_t k = 0; k < count; k++) {
         T_EQ_I(vol_vdb_reader.get(r, k, &got, &d), PVX_OK);
-        T_OK(same_volume(&got, volume_bed_make(b, first + k, T0 + (int64_t)(first + k) * 50000000),
-                         head.start.grid.channels));
+        T_OK(volumes_same(&got,
+                          volume_bed_make(b, first + k, T0 + (int64_t)(first + k) * 50000000)));
     }
     vol_vdb_reader.close(r);
 }
