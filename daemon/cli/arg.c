@@ -68,3 +68,10 @@ enum cap_transfer cli_arg_transfer(struct argp_state *st, const char *text)
     static const char *const names[] = {"auto", "linear", "srgb", "bt709", NULL};
     return (enum cap_transfer)cli_arg_choice(st, "transfer", text, names);
 }
+
+void cli_arg_one(struct argp_state *st, const char *what, const char *text, const char **out)
+{
+    if (*out != NULL)
+        argp_error(st, "'%s': one %s at a time", text, what);
+    *out = text;
+}

@@ -19,6 +19,8 @@ void cli_arg_size(struct argp_state *st, const char *name, const char *text, int
 /* Number of the word; words end with NULL. */
 int cli_arg_choice(struct argp_state *st, const char *name, const char *text,
                    const char *const *words);
+/* A command's only argument; `what` it is is said when there is a second. */
+void cli_arg_one(struct argp_state *st, const char *what, const char *text, const char **out);
 /* --pixel-format NAME, --transfer auto|linear|srgb|bt709. */
 enum cap_pixfmt cli_arg_pixfmt(struct argp_state *st, const char *text);
 enum cap_transfer cli_arg_transfer(struct argp_state *st, const char *text);

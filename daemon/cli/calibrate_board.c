@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "daemon/cli/arg.h"
 #include "daemon/cli/calibrate.h"
 #include "daemon/cli/cli.h"
 #include "recon/board/sheet.h"
@@ -59,11 +60,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case 'o': a->out = arg; return 0;
     case 'p': a->page = arg; return 0;
     case OPT_TWO_SIDED: a->two_sided = true; return 0;
-    case ARGP_KEY_ARG:
-        if (a->spec != NULL)
-            argp_error(st, "'%s': one board at a time", arg);
-        a->spec = arg;
-        return 0;
+    case ARGP_KEY_ARG: cli_arg_one(st, "board", arg, &a->spec); return 0;
     case ARGP_KEY_END:
         if (a->spec == NULL || a->out == NULL)
             argp_error(st, "%s",

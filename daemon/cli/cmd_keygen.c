@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "daemon/cli/arg.h"
 #include "daemon/cli/cli.h"
 #include "proto/keys.h"
 
@@ -38,11 +39,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     switch (key) {
     case 's': a->server = arg; return 0;
     case OPT_CONTROL: a->control = true; return 0;
-    case ARGP_KEY_ARG:
-        if (a->name != NULL)
-            argp_error(state, "'%s': one name at a time", arg);
-        a->name = arg;
-        return 0;
+    case ARGP_KEY_ARG: cli_arg_one(state, "name", arg, &a->name); return 0;
     case ARGP_KEY_END:
         if (a->name == NULL)
             argp_error(state, "no name given");

@@ -55,11 +55,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_CLIENTS: p->clients = arg; return 0;
     case OPT_INSECURE: p->insecure = true; return 0;
     case 'q': p->quiet = true; return 0;
-    case ARGP_KEY_ARG:
-        if (state->arg_num > 0)
-            argp_error(state, "'%s': one recording at a time", arg);
-        p->file = arg;
-        return 0;
+    case ARGP_KEY_ARG: cli_arg_one(state, "recording", arg, &p->file); return 0;
     case ARGP_KEY_END:
         if (p->file == NULL)
             argp_error(state, "name a recording of volumes");

@@ -5,6 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "daemon/cli/arg.h"
 #include "daemon/cli/cli.h"
 #include "daemon/volumes/volumes.h"
 
@@ -18,11 +19,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 {
     struct repair *r = state->input;
     switch (key) {
-    case ARGP_KEY_ARG:
-        if (r->file != NULL)
-            argp_error(state, "'%s': one recording at a time", arg);
-        r->file = arg;
-        return 0;
+    case ARGP_KEY_ARG: cli_arg_one(state, "recording", arg, &r->file); return 0;
     case ARGP_KEY_END:
         if (r->file == NULL)
             argp_error(state, "name a recording of volumes, as in flame.h5");

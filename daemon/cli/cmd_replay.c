@@ -74,11 +74,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
             argp_error(st, "--set %s: should be KEY=VALUE, at most %d times", arg, SETS_MAX);
         a->set[a->n_sets++] = arg;
         return 0;
-    case ARGP_KEY_ARG:
-        if (a->take != NULL)
-            argp_error(st, "'%s': one take at a time", arg);
-        a->take = arg;
-        return 0;
+    case ARGP_KEY_ARG: cli_arg_one(st, "take", arg, &a->take); return 0;
     case ARGP_KEY_NO_ARGS: argp_error(st, "name a take, as take.h5"); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
