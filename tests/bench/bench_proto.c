@@ -11,63 +11,18 @@
 #include <unistd.h>
 
 #include "base/hist.h"
-#include "bench.h"
 #include "proto/clients/sub.h"
 #include "proto/pub.h"
-#include "recon/view/flame.h"
+#include "volume.h"
 
 enum { FLOW = 300, RATE = 60 };
 
 static const char *const samples[] = {[PVP_F32] = "f32", [PVP_F16] = "f16"};
 static const char *const comps[] = {[PVP_RAW] = "none", [PVP_LZ4] = "lz4", [PVP_ZSTD] = "zstd"};
 
-struct volume {
-    struct pvp_grid grid;
-    struct pvp_voxels x; /* of stride 4, as the solver leaves them */
-};
-
-static struct volume volume_new(int side)
-{
-    struct rec_grid g = {.min = {-0.5, -0.5, 0}, .max = {0.5, 0.5, 1}, .n = {side, side, side}};
-    size_t n = rec_grid_count(&g), k = 0;
-    float *dense = must_floats(n * 3), *value = must_floats(n * 4);
-    int32_t *index = pvx_calloc(n, sizeof *index);
-    if (index == NULL)
-        CHECK(PVX_ENOMEM);
-    struct rec_flame flame;
-    struct rec_flame_pose pose;
-    rec_flame_init(&flame, &g, 1);
-    rec_flame_at(&flame, 0.3, &pose);
-    rec_flame_voxels(&pose, &g, 0, side, dense);
-    for (size_t i = 0; i < n; i++) {
-        const float *v = dense + 3 * i;
-        if (v[0] + v[1] + v[2] <= 0.01F)
-            continue;
-        index[k] = (int32_t)i;
-        for (int c = 0; c < 3; c++) /* what a solver finds is not smooth to the last bit */
-            value[4 * k + (size_t)c] = v[c] * (float)(1 + 0.02 * bench_normal());
-        k++;
-    }
-    free(dense);
-    struct volume v = {.x = {(uint32_t)k, index, value, 4}};
-    for (int a = 0; a < 3; a++) {
-        v.grid.n[a] = (uint32_t)side;
-        v.grid.min[a] = g.min[a];
-        v.grid.max[a] = g.max[a];
-    }
-    v.grid.channels = 3;
-    return v;
-}
-
-static void volume_free(struct volume *v)
-{
-    free((void *)v->x.index);
-    free((void *)v->x.value);
-}
-
 static void encoding(FILE *csv, int side, double bandwidth)
 {
-    struct volume v = volume_new(side);
+    struct volume v = volume_ring(side, 0.3);
     struct pvp_volume m = {.grid = v.grid};
     double floats = (double)pvp_grid_count(&v.grid) * 4;
     for (int sample = PVP_F32; sample <= PVP_F16; sample++)
@@ -217,7 +172,7 @@ int main(int argc, char **argv)
     static const int crowds[] = {0, 1, 4, 16};
     FILE *csv = bench_csv(argc, argv, "proto",
                           "part,voxels,sample,compress,lit share,ms,bound ms,MB/s,ratio");
-    struct volume v = volume_new(64);
+    struct volume v = volume_ring(64, 0.3);
     bench_row(csv,
               "part,healthy,,publish p50,publish p99,came share,latency p50,latency p99,grown MiB");
     for (size_t i = 0; i < sizeof crowds / sizeof *crowds; i++)

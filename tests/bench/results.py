@@ -176,6 +176,20 @@ section("Pixels to floats, one core", "pixels", "GB/s of raw bytes without binni
         lambda: [[r["format"], "%.1f" % (1e-3 * float(r["raw_mb_per_s"])), r["time_over_copy"] or "-"]
                  for r in pick(pixels, binning="1")])
 
+section("Recording volumes, live", "record", "HDF5, 128^3 in three colours at 20 sets/s through the recorder's queue. Wanted: no gap. ms from a "
+        "set's arrival to its last byte in the file; of one core: processor time, receiving included; bound: the same bytes onto "
+        "the disk, or through zlib on all cores; file: over raw RGB8 frames of 8 cameras, and over dense floats",
+        ["flame", "lit", "sets", "gaps", "ms", "99 %", "bound ms", "queue", "of one core", "MB a set", "of 8x320x240", "of 8x640x480",
+         "of dense"],
+        lambda: [[r["flame"], "%.0f %%" % (100 * float(r["lit share"])), r["sets"], r["gaps"], r["ms p50"], r["ms p99"], r["bound ms"],
+                  r["queue MB"] + " MB", "%.0f %%" % (2000 * float(r["cpu s"])), r["set MB"], r["of raw 320"], r["of raw 640"],
+                  r["of dense"]] for r in table("record")])
+section("Recording volumes, as fast as it goes", "record_rate", "Wanted of VDB on one core: 40 volumes/s at 64^3, 15 at 128^3. Bound: "
+        "the same bytes onto the disk, a file a volume but for HDF5; for HDF5 zlib's time where that is longer",
+        ["flame", "voxels", "format", "cores", "volumes/s", "ms", "99 %", "bound ms", "processor ms", "MB"],
+        lambda: [[r["flame"], r["voxels"] + "^3", r["format"], r["cores"], r["sets/s"], r["ms"], r["ms p99"], r["bound ms"], r["cpu ms"],
+                  r["set MB"]] for r in table("record_rate")])
+
 section("A camera back", "replug", "Four simulated GigE cameras at 25 Hz, away for 1.5 s: seconds from the moment at which it could "
         "answer again to the first set with all of them", ["after", "runs", "median", "95 %", "worst"],
         lambda: [list(r.values()) for r in table("replug")])

@@ -25,11 +25,16 @@ static inline int scratch_remove_one(const char *path, const struct stat *st, in
     return remove(path);
 }
 
-/* With all that is in it; nothing where there is none. */
+/* A file, or a folder with all that is in it; nothing where there is none. */
+static inline void remove_all(const char *path)
+{
+    nftw(path, scratch_remove_one, 16, FTW_DEPTH | FTW_PHYS);
+}
+
 static inline void scratch_remove(void)
 {
     if (dir[0] != '\0')
-        nftw(dir, scratch_remove_one, 16, FTW_DEPTH | FTW_PHYS);
+        remove_all(dir);
     dir[0] = '\0';
 }
 
