@@ -1,30 +1,58 @@
 /* bench_proto.c - volumes on their way out.
  *
- * (a) encoding: the flame of the simulated cameras on 64^3 and 128^3 in three colours, every number format
- *     and compression, one core: least time of a volume; ratio: its floats, dense, over the message;
- *     bound: what is read and written over the bandwidth of one core.
+ * (a) encoding: flames on 64^3 and 128^3 in three colours, every number format and compression, one core: the one of
+ *     the simulated cameras, and what the solver makes of pictures of others ("solved"); least time of a volume;
+ *     ratio: its floats, dense, over the message; bound: what is read and written over the bandwidth of one core;
+ *     unpack: least time of a reader's dense volume; most/s on 1 GbE: messages of that size, 117 MB/s.
  * (b) fan-out: 64^3 at 60 volumes a second over ipc to 0 to 16 subscribers, processes of their own that
  *     unpack each, and one more that is stopped with SIGSTOP: time of a publish, volumes that came,
- *     latency from publish to unpacked, growth of the publisher's memory. */
+ *     latency from publish to unpacked, growth of the publisher's memory.
+ * (c) keys: the same over ipc, loopback and loopback with CURVE, in turns: median time of a publish, the least of
+ *     the turns; processor time of either side for a byte and subscriber, what the keys add to it, and what
+ *     crypto_box of the libsodium that libzmq has loaded takes for such a message (bound). */
+#include <arpa/inet.h>
+#include <dlfcn.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <zmq.h>
 
+#include "base/file.h"
 #include "base/hist.h"
 #include "proto/clients/sub.h"
 #include "proto/pub.h"
+#include "tests/lib/scratch.h"
 #include "volume.h"
 
-enum { FLOW = 300, RATE = 60 };
+enum { FLOW = 300, SHORT = 150, TURNS = 3, RATE = 60, MOST = 17 };
 
 static const char *const samples[] = {[PVP_F32] = "f32", [PVP_F16] = "f16"};
 static const char *const comps[] = {[PVP_RAW] = "none", [PVP_LZ4] = "lz4", [PVP_ZSTD] = "zstd"};
 
-static void encoding(FILE *csv, int side, double bandwidth)
+static double unpacking(const void *msg, size_t len, float *dense, size_t n)
 {
-    struct volume v = volume_ring(side, 0.3);
+    double least = INFINITY;
+    pvp_decoder *dec;
+    struct pvp_view v;
+    CHECK(pvp_decoder_new(&dec));
+    for (int r = 0; r < 10; r++) {
+        int64_t t0 = pvx_now_mono();
+        CHECK(pvp_decode_volume(msg, len, &v, NULL));
+        CHECK(pvp_volume_unpack(dec, &v, dense, n, NULL));
+        least = fmin(least, ms(pvx_now_mono() - t0));
+    }
+    pvp_decoder_free(&dec);
+    return least;
+}
+
+/* Frees v. */
+static void encoding(FILE *csv, const char *flame, struct volume v, double bandwidth)
+{
     struct pvp_volume m = {.grid = v.grid};
-    double floats = (double)pvp_grid_count(&v.grid) * 4;
+    size_t n = pvp_grid_count(&v.grid);
+    double floats = (double)n * 4;
+    float *dense = must_floats(n);
     for (int sample = PVP_F32; sample <= PVP_F16; sample++)
         for (int comp = PVP_RAW; comp <= PVP_ZSTD; comp++) {
             pvp_encoder *e;
@@ -38,24 +66,83 @@ static void encoding(FILE *csv, int side, double bandwidth)
                 least = fmin(least, ms(pvx_now_mono() - t0));
             }
             double bound = ((double)v.x.n * 20 + (double)len) / bandwidth * 1e3;
-            bench_row(csv, "encode,%d,%s,%s,%.3f,%.2f,%.2f,%.0f,%.1f", side, samples[sample],
-                      comps[comp], 3.0 * v.x.n / (double)pvp_grid_count(&v.grid), least, bound,
-                      floats / least * 1e-3, floats / (double)len);
+            bench_row(csv, "%s,%u,%s,%s,%.3f,%.2f,%.2f,%.0f,%.3f,%.1f,%.2f,%.0f", flame,
+                      v.grid.n[2], samples[sample], comps[comp], volume_lit(&v), least, bound,
+                      floats / least * 1e-3, (double)len * 1e-6, floats / (double)len,
+                      unpacking(msg, len, dense, n), 117e6 / (double)len);
             pvp_encoder_free(&e);
         }
+    free(dense);
     volume_free(&v);
 }
 
 /* ---- fan-out ------------------------------------------------------------------------------------ */
 
+/* One way from the publisher to its subscribers. */
+struct road {
+    const char *name;
+    char endpoint[80];
+    pvp_auth *auth; /* NULL: no keys */
+    char key[80];   /* a subscriber's */
+};
+
 struct tally {
     uint64_t volumes;
+    double cpu; /* s */
     struct pvx_hist latency;
 };
 
-/* A process: unpacks until the end, then says what came.  It has no threads yet when it is made. */
-static pid_t subscriber(const char *endpoint, int *from)
+static double cpu(void)
 {
+    struct rusage u;
+    getrusage(RUSAGE_SELF, &u);
+    return (double)(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
+           1e-6 * (double)(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
+}
+
+static void check(pvx_err e, const struct pvx_diag *d)
+{
+    if (e == PVX_OK)
+        return;
+    fprintf(stderr, "bench_proto: %s\n", pvx_diag_text(d, e));
+    exit(1);
+}
+
+/* Until the end of the session.  Unpacks each, or only takes it. */
+static void listen_to(const struct road *way, bool unpack, struct tally *t)
+{
+    struct pvp_sub_options o = {.key = way->auth != NULL ? way->key : NULL};
+    struct pvx_diag d = {""};
+    pvp_sub *sub;
+    pvp_decoder *dec;
+    struct pvp_header h;
+    struct pvp_view v;
+    const void *msg;
+    size_t len, n;
+    check(pvp_sub_new(way->endpoint, &o, &sub, &d), &d);
+    CHECK(pvp_decoder_new(&dec));
+    float *dense = NULL;
+    while (pvp_sub_next(sub, 20 * PVX_NS_PER_S, &h, &msg, &len, NULL) == PVX_OK &&
+           h.type != PVP_END) {
+        if (h.type != PVP_VOLUME)
+            continue;
+        if (t->volumes++ == 0)
+            t->cpu = cpu();
+        CHECK(pvp_decode_volume(msg, len, &v, NULL));
+        n = pvp_grid_count(&pvp_sub_start(sub)->grid);
+        if (unpack && dense == NULL)
+            dense = must_floats(n);
+        if (unpack)
+            CHECK(pvp_volume_unpack(dec, &v, dense, n, NULL));
+        pvx_hist_add(&t->latency, pvx_now_real() - v.v.t_publish_ns);
+    }
+    t->cpu = cpu() - t->cpu;
+}
+
+/* A process that says at its end what came.  It has no threads yet when it is made. */
+static pid_t subscriber(const struct road *way, bool unpack, int *from)
+{
+    static struct tally t;
     int ends[2];
     if (pipe(ends) != 0)
         exit(1);
@@ -66,28 +153,7 @@ static pid_t subscriber(const char *endpoint, int *from)
         close(ends[1]);
         return p;
     }
-    static struct tally t;
-    pvp_sub *sub;
-    pvp_decoder *dec;
-    struct pvp_header h;
-    struct pvp_view v;
-    const void *msg;
-    size_t len, n;
-    CHECK(pvp_sub_new(endpoint, NULL, &sub, NULL));
-    CHECK(pvp_decoder_new(&dec));
-    float *dense = NULL;
-    while (pvp_sub_next(sub, 20 * PVX_NS_PER_S, &h, &msg, &len, NULL) == PVX_OK &&
-           h.type != PVP_END) {
-        if (h.type != PVP_VOLUME)
-            continue;
-        n = pvp_grid_count(&pvp_sub_start(sub)->grid);
-        if (dense == NULL)
-            dense = must_floats(n);
-        CHECK(pvp_decode_volume(msg, len, &v, NULL));
-        CHECK(pvp_volume_unpack(dec, &v, dense, n, NULL));
-        t.volumes++;
-        pvx_hist_add(&t.latency, pvx_now_real() - v.v.t_publish_ns);
-    }
+    listen_to(way, unpack, &t);
     _exit(write(ends[1], &t, sizeof t) != sizeof t);
 }
 
@@ -102,90 +168,243 @@ static double resident_mib(void)
     return (double)pages * (double)sysconf(_SC_PAGESIZE) / (1 << 20);
 }
 
-/* After all others of the run: who is stopped still holds its place. */
-static void fan_out(FILE *csv, const struct volume *v, int healthy, bool stopped)
+struct run {
+    int healthy, volumes;
+    bool stopped, unpack;
+    /* what came of it */
+    double took[FLOW], cpu, grown;
+    size_t bytes; /* of a volume */
+    struct tally all;
+};
+
+static pvp_pub *publisher(const struct road *way, const struct volume *v)
 {
-    enum { MOST = 17 };
-    static struct tally t, all;
-    struct pvx_hist took = {0};
-    char endpoint[64];
-    int from[MOST], n = healthy + stopped;
-    pid_t who[MOST];
-    all = (struct tally){0};
-    snprintf(endpoint, sizeof endpoint, "ipc:///tmp/pyrovox-bench-%ld", (long)getpid());
-    for (int i = 0; i < n; i++)
-        who[i] = subscriber(endpoint, &from[i]);
-    const char *at = endpoint;
-    struct pvp_pub_params params = {
-        .endpoints = &at, .n_endpoints = 1, .sample = PVP_F16, .comp = PVP_RAW};
+    const char *at = way->endpoint;
+    struct pvp_pub_params params = {.endpoints = &at,
+                                    .n_endpoints = way->auth == NULL,
+                                    .guarded = &at,
+                                    .n_guarded = way->auth != NULL,
+                                    .auth = way->auth,
+                                    .sample = PVP_F16,
+                                    .comp = PVP_RAW};
     struct pvp_start start = {.grid = v->grid, .session = 1, .n_cameras = 8, .fps = RATE};
     struct pvx_diag d = {""};
     pvp_pub *pub;
-    if (pvp_pub_new(&params, &start, &pub, &d) != PVX_OK) {
-        fprintf(stderr, "bench_proto: %s\n", d.text);
-        exit(1);
+    check(pvp_pub_new(&params, &start, &pub, &d), &d);
+    return pub;
+}
+
+static void publish_all(pvp_pub *pub, const struct volume *v, struct run *r)
+{
+    int64_t next = pvx_now_mono();
+    for (int set = 0; set < r->volumes; set++) {
+        struct pvp_volume m = {
+            .set = (uint64_t)set, .grid = v->grid, .t_publish_ns = pvx_now_real()};
+        int64_t t0 = pvx_now_mono();
+        CHECK(pvp_pub_volume(pub, &m, &v->x, &r->bytes));
+        r->took[set] = ms(pvx_now_mono() - t0);
+        next += PVX_NS_PER_S / RATE;
+        for (int64_t left; (left = next - pvx_now_mono()) > 0;)
+            nanosleep(&(struct timespec){.tv_nsec = left}, NULL);
     }
+}
+
+static void add_up(struct tally *all, const struct tally *t)
+{
+    all->volumes += t->volumes;
+    all->cpu += t->cpu;
+    for (int k = 0; k < PVX_HIST_BUCKETS; k++)
+        all->latency.bucket[k] += t->latency.bucket[k];
+    all->latency.count += t->latency.count;
+    if (all->latency.max_ns < t->latency.max_ns)
+        all->latency.max_ns = t->latency.max_ns;
+}
+
+static int by_size(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void travel(const struct road *way, const struct volume *v, struct run *r)
+{
+    static struct tally t;
+    int from[MOST], n = r->healthy + r->stopped;
+    pid_t who[MOST];
+    r->all = (struct tally){0};
+    for (int i = 0; i < n; i++)
+        who[i] = subscriber(way, r->unpack, &from[i]);
+    pvp_pub *pub = publisher(way, v);
     while (pvp_pub_subscribers(pub) < (size_t)n) {
         pvp_pub_tick(pub);
         usleep(1000);
     }
-    if (stopped)
+    if (r->stopped)
         kill(who[n - 1], SIGSTOP);
     double before = resident_mib();
-    int64_t next = pvx_now_mono();
-    for (uint64_t set = 0; set < FLOW; set++) {
-        struct pvp_volume m = {.set = set, .grid = v->grid, .t_publish_ns = pvx_now_real()};
-        int64_t t0 = pvx_now_mono();
-        CHECK(pvp_pub_volume(pub, &m, &v->x, NULL));
-        pvx_hist_add(&took, pvx_now_mono() - t0);
-        next += PVX_NS_PER_S / RATE;
-        while (pvx_now_mono() < next)
-            usleep(200);
-    }
-    double grown = resident_mib() - before;
+    r->cpu = cpu();
+    publish_all(pub, v, r);
+    r->grown = resident_mib() - before;
     CHECK(pvp_pub_end(pub, "done"));
     for (int i = 0; i < n; i++) {
-        if (i >= healthy) {
+        if (i >= r->healthy)
             kill(who[i], SIGKILL);
-        } else if (read(from[i], &t, sizeof t) == sizeof t) {
-            all.volumes += t.volumes;
-            for (int k = 0; k < PVX_HIST_BUCKETS; k++)
-                all.latency.bucket[k] += t.latency.bucket[k];
-            all.latency.count += t.latency.count;
-            if (all.latency.max_ns < t.latency.max_ns)
-                all.latency.max_ns = t.latency.max_ns;
-        }
+        else if (read(from[i], &t, sizeof t) == sizeof t)
+            add_up(&r->all, &t);
         close(from[i]);
         waitpid(who[i], NULL, 0);
     }
+    r->cpu = cpu() - r->cpu;
     pvp_pub_free(&pub);
-    bench_row(csv, "fan-out,%d,%s,%.3f,%.3f,%.3f,%.2f,%.2f,%.1f", healthy,
-              stopped ? "one more stopped" : "", ms(pvx_hist_quantile(&took, 0.5)),
-              ms(pvx_hist_quantile(&took, 0.99)),
-              healthy > 0 ? (double)all.volumes / (FLOW * healthy) : 1,
-              ms(pvx_hist_quantile(&all.latency, 0.5)), ms(pvx_hist_quantile(&all.latency, 0.99)),
-              grown);
+    qsort(r->took, (size_t)r->volumes, sizeof *r->took, by_size);
+}
+
+/* After all others of the run: who is stopped still holds its place. */
+static void fan_out(FILE *csv, const struct volume *v, int healthy, bool stopped)
+{
+    static struct run r;
+    struct road ipc = {.name = "ipc"};
+    snprintf(ipc.endpoint, sizeof ipc.endpoint, "ipc://%s/v", dir);
+    r = (struct run){.healthy = healthy, .volumes = FLOW, .stopped = stopped, .unpack = true};
+    travel(&ipc, v, &r);
+    bench_row(csv, "%d,%s,%.3f,%.3f,%.3f,%.2f,%.2f,%.1f", healthy,
+              stopped ? "one more stopped" : "", r.took[FLOW / 2], r.took[FLOW * 99 / 100],
+              healthy > 0 ? (double)r.all.volumes / (FLOW * healthy) : 1,
+              ms(pvx_hist_quantile(&r.all.latency, 0.5)),
+              ms(pvx_hist_quantile(&r.all.latency, 0.99)), r.grown);
+}
+
+/* ---- keys --------------------------------------------------------------------------------------- */
+
+static void loopback(struct road *way, const char *name)
+{
+    struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
+    socklen_t len = sizeof a;
+    int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (s < 0 || bind(s, (struct sockaddr *)&a, sizeof a) != 0 ||
+        getsockname(s, (struct sockaddr *)&a, &len) != 0)
+        exit(1);
+    close(s);
+    *way = (struct road){.name = name};
+    snprintf(way->endpoint, sizeof way->endpoint, "tcp://127.0.0.1:%d", ntohs(a.sin_port));
+}
+
+/* Every subscriber with the same key. */
+static void give_keys(struct road *way)
+{
+    struct pvp_key_pair lab, anna;
+    struct pvx_diag d = {""};
+    check(pvp_key_make(&lab, &d), &d);
+    check(pvp_key_make(&anna, &d), &d);
+    snprintf(anna.server, sizeof anna.server, "%s", lab.public_key);
+    check(pvp_key_write(at("lab"), PVP_ROLE_READ, &lab, &d), &d);
+    check(pvp_key_write(at("anna"), PVP_ROLE_READ, &anna, &d), &d);
+    check(pvp_auth_new(at("lab.key"), at("anna.pub"), &way->auth, &d), &d);
+    snprintf(way->key, sizeof way->key, "%s", at("anna.key"));
+}
+
+/* ns a byte; which library libzmq has loaded, it says itself by having the symbol. */
+static double box_ns(size_t bytes)
+{
+    int (*box)(unsigned char *, const unsigned char *, unsigned long long, const unsigned char *,
+               const unsigned char *);
+    *(void **)&box = dlsym(RTLD_DEFAULT, "crypto_box_afternm");
+    if (box == NULL)
+        return NAN; /* libzmq with its own tweetnacl */
+    enum { HEAD = 32 };
+    static unsigned char nonce[24], shared[32];
+    unsigned char *m = calloc(1, bytes + HEAD), *c = calloc(1, bytes + HEAD);
+    double least = INFINITY;
+    for (int r = 0; r < 40 && m != NULL && c != NULL; r++) {
+        int64_t t0 = pvx_now_mono();
+        if (box(c, m, bytes + HEAD, nonce, shared) != 0)
+            exit(1);
+        least = fmin(least, (double)(pvx_now_mono() - t0) / (double)bytes);
+    }
+    free(m);
+    free(c);
+    return least;
+}
+
+struct cost {
+    double publish, sender, receiver; /* ms; ns a byte and subscriber */
+    double came;
+    size_t bytes;
+};
+
+static void keys(FILE *csv, const struct volume *v)
+{
+    enum { IPC, TCP, CURVE, ROADS };
+    static const int crowds[] = {0, 1, 4};
+    static struct run r;
+    struct road way[ROADS] = {{.name = "ipc"}};
+    snprintf(way[IPC].endpoint, sizeof way[IPC].endpoint, "ipc://%s/v", dir);
+    loopback(&way[TCP], "tcp");
+    loopback(&way[CURVE], "tcp with keys");
+    give_keys(&way[CURVE]);
+    for (size_t i = 0; i < sizeof crowds / sizeof *crowds; i++) {
+        struct cost cost[ROADS];
+        int n = crowds[i];
+        for (int k = 0; k < ROADS; k++)
+            cost[k] = (struct cost){INFINITY, INFINITY, INFINITY, INFINITY, 0};
+        for (int turn = 0; turn < TURNS; turn++)
+            for (int k = 0; k < ROADS; k++) {
+                r = (struct run){.healthy = n, .volumes = SHORT};
+                travel(&way[k], v, &r);
+                double bytes = (double)r.bytes * SHORT * (n > 0 ? n : 1);
+                cost[k].bytes = r.bytes;
+                cost[k].publish = fmin(cost[k].publish, r.took[SHORT / 2]);
+                cost[k].sender = fmin(cost[k].sender, r.cpu / bytes * 1e9);
+                cost[k].receiver = fmin(cost[k].receiver, r.all.cpu / bytes * 1e9);
+                cost[k].came = fmin(cost[k].came, n > 0 ? (double)r.all.volumes / (SHORT * n) : 1);
+            }
+        for (int k = 0; k < ROADS; k++) {
+            bool keyed = k == CURVE && n > 0;
+            bench_row(csv, "%d,%s,%zu,%.3f,%.3f,%.3f,%.3f,%.2f,%.2f,%.2f,%.2f", n, way[k].name,
+                      cost[k].bytes, cost[k].came, cost[k].publish,
+                      cost[k].publish / cost[IPC].publish, n > 0 ? cost[k].sender : 0,
+                      n > 0 ? cost[k].receiver : 0,
+                      keyed ? cost[CURVE].sender - cost[TCP].sender : 0,
+                      keyed ? cost[CURVE].receiver - cost[TCP].receiver : 0,
+                      keyed ? box_ns(cost[k].bytes) : 0);
+        }
+    }
+    pvp_auth_free(&way[CURVE].auth);
 }
 
 int main(int argc, char **argv)
 {
     static const int crowds[] = {0, 1, 4, 16};
-    FILE *csv = bench_csv(argc, argv, "proto",
-                          "part,voxels,sample,compress,lit share,ms,bound ms,MB/s,ratio");
+    static const int32_t size[3] = {320, 240, 128};
+    scratch_new();
     struct volume v = volume_ring(64, 0.3);
-    bench_row(csv,
-              "part,healthy,,publish p50,publish p99,came share,latency p50,latency p99,grown MiB");
+    FILE *csv = bench_csv(argc, argv, "proto_keys",
+                          "subscribers,way,bytes,came share,publish ms,over ipc,sender ns/B,"
+                          "receiver ns/B,keys ns/B,opening ns/B,box ns/B");
+    keys(csv, &v);
+    fclose(csv);
+    csv = bench_csv(argc, argv, "proto_fanout",
+                    "healthy,more,publish p50,publish p99,came share,latency p50,latency p99,"
+                    "grown MiB");
     for (size_t i = 0; i < sizeof crowds / sizeof *crowds; i++)
         fan_out(csv, &v, crowds[i], false);
     fan_out(csv, &v, 16, true);
+    fclose(csv);
     volume_free(&v);
-    pvx_pool *one; /* threads only now: who forks has none */
+    scratch_remove();
+    pvx_pool *one, *all; /* threads only now: who forks has none */
     CHECK(pvx_pool_new(1, "bench", &one));
+    CHECK(pvx_pool_new(2, "bench", &all));
     double bandwidth = bench_bandwidth((size_t)96 << 20, one);
-    bench_row(csv, "part,voxels,sample,compress,lit share,ms,bound ms,MB/s,ratio");
-    encoding(csv, 64, bandwidth);
-    encoding(csv, 128, bandwidth);
+    csv = bench_csv(argc, argv, "proto_encode",
+                    "flame,voxels,sample,compress,lit share,ms,bound ms,MB/s,MB,ratio,unpack ms,"
+                    "most/s on 1 GbE");
+    encoding(csv, "ring", volume_ring(64, 0.3), bandwidth);
+    encoding(csv, "ring", volume_ring(128, 0.3), bandwidth);
+    encoding(csv, "ring solved", volume_solved(FLAME_RING, size, all), bandwidth);
+    encoding(csv, "pool solved", volume_solved(FLAME_POOL, size, all), bandwidth);
     pvx_pool_free(&one);
+    pvx_pool_free(&all);
     fclose(csv);
     return 0;
 }
