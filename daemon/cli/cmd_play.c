@@ -85,7 +85,6 @@ static const struct argp argp = {
 /* The daemon's own rules. */
 static pvx_err may_publish(struct play *p, struct pvx_diag *d)
 {
-    static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
     const char *open;
     struct dmn_config *c = malloc(sizeof *c);
     if (c == NULL)
@@ -98,7 +97,7 @@ static pvx_err may_publish(struct play *p, struct pvx_diag *d)
     snprintf(c->key_server, sizeof c->key_server, "%s", p->server != NULL ? p->server : "");
     snprintf(c->key_clients, sizeof c->key_clients, "%s", p->clients != NULL ? p->clients : "");
     c->insecure = p->insecure;
-    p->comp = comps[c->compress];
+    p->comp = dmn_endpoints_compress(c);
     pvx_err e = dmn_endpoints_allowed(c, &open, d);
     p->guarded = e == PVX_OK && dmn_endpoint_guarded(c, p->endpoint, DMN_VOLUMES);
     if (e == PVX_OK && open != NULL)

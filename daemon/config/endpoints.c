@@ -120,6 +120,16 @@ bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum
     return asks && c->key_server[0] != '\0';
 }
 
+enum pvp_compress dmn_endpoints_compress(const struct dmn_config *c)
+{
+    enum { AUTO };
+    static const enum pvp_compress said[] = {[AUTO] = PVP_RAW, PVP_RAW, PVP_LZ4, PVP_ZSTD};
+    for (size_t i = 0; c->compress == AUTO && i < c->endpoints.n; i++)
+        if (dmn_endpoint_reach(c->endpoints.v[i]) == DMN_REACH_NET)
+            return PVP_LZ4;
+    return said[c->compress];
+}
+
 pvx_err dmn_endpoints_allowed(const struct dmn_config *c, const char **open, struct pvx_diag *d)
 {
     *open = NULL;

@@ -8,6 +8,7 @@
 #define DMN_ENDPOINTS_H
 #include <stdbool.h>
 #include "daemon/config/config.h"
+#include "proto/pvp.h"
 
 enum dmn_endpoint { DMN_VOLUMES, DMN_CONTROL };
 
@@ -32,6 +33,10 @@ enum dmn_reach {
 enum dmn_reach dmn_endpoint_reach(const char *endpoint);
 /* Whether who comes there has to have a key: one that is beyond what needs none, where there are keys. */
 bool dmn_endpoint_guarded(const struct dmn_config *c, const char *endpoint, enum dmn_endpoint kind);
+
+/* publish.compress; `auto` is LZ4 where volumes go to other hosts, and none where all readers are on this one
+ * (proto/README.md has the figures). */
+enum pvp_compress dmn_endpoints_compress(const struct dmn_config *c);
 
 /* Volumes may be had on this host and control by a file; beyond that there are keys, or the configuration
  * says `insecure: true`.  *open = what is open beyond it, for a warning: an endpoint of c's, NULL = nothing.

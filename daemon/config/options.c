@@ -196,7 +196,8 @@ const struct dmn_option dmn_options[] = {
          "first "
          "ipc path of publish.endpoints with .previews behind it; off = none."),
     CHOICE("publish.sample", sample, "f16", "f16|f32", "Number format of the voxels."),
-    CHOICE("publish.compress", compress, "none", "none|lz4|zstd", "Compression of the voxels."),
+    CHOICE("publish.compress", compress, "auto", "auto|none|lz4|zstd",
+           "Compression of the voxels; auto = lz4 if an endpoint is for other hosts, else none."),
     BOOL("publish.wait_subscriber", wait_subscriber, "false",
          "Take no images before somebody subscribes; for replays that are recorded."),
     INT("publish.hwm", hwm, "8", 1, 100000, "messages",

@@ -128,8 +128,7 @@ struct dmn_sink dmn_publish_sink(struct dmn_publish *p)
 
 void dmn_publish_compress(struct dmn_publish *p, const struct dmn_config *c)
 {
-    static const enum pvp_compress comps[] = {PVP_RAW, PVP_LZ4, PVP_ZSTD};
-    atomic_store(&p->compress, (int)comps[c->compress]);
+    atomic_store(&p->compress, (int)dmn_endpoints_compress(c));
 }
 
 pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,

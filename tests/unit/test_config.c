@@ -134,6 +134,26 @@ T_CASE(who_is_let_in)
     T_EQ_S(open, "ipc://@x");
 }
 
+T_CASE(what_goes_to_other_hosts_is_compressed)
+{
+    static const struct {
+        const char *yaml;
+        enum pvp_compress comp;
+    } rows[] = {
+        {"{}\n", PVP_RAW},
+        {"publish: {endpoints: ['ipc:///tmp/x', 'tcp://127.0.0.1:1']}\n", PVP_RAW},
+        {"publish: {endpoints: ['ipc:///tmp/x', 'tcp://*:1']}\n", PVP_LZ4},
+        {"publish: {previews: 'tcp://*:1'}\n", PVP_RAW}, /* which are JPEG */
+        {"publish: {endpoints: ['tcp://*:1'], compress: none}\n", PVP_RAW},
+        {"publish: {endpoints: ['tcp://*:1'], compress: zstd}\n", PVP_ZSTD},
+        {"publish: {compress: lz4}\n", PVP_LZ4},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        T_EQ_I(parse(rows[i].yaml), PVX_OK);
+        T_EQ_I(dmn_endpoints_compress(&c), rows[i].comp);
+    }
+}
+
 T_CASE(printing_gives_back_the_same)
 {
     T_EQ_I(parse("rig: \"a \\\"b\\\" \\\\ c.yaml\"\ncameras: {cam0: \"aravis:GV01\", c.1: 'sim:'}\n"

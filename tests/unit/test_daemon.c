@@ -344,7 +344,7 @@ T_CASE(options_are_read_and_set)
         T_EQ_I(applied, of[i].applied);
     }
     T_EQ_I(stops, before);
-    T_OK(in_effect.lambda == 0.5 && !in_effect.despeckle && in_effect.compress == 1);
+    T_OK(in_effect.lambda == 0.5 && !in_effect.despeckle && in_effect.compress == 2);
     T_OK(in_effect.log_level == PVX_LOG_INFO && in_effect.floor < 0.5);
 }
 
