@@ -176,6 +176,22 @@ section("Pixels to floats, one core", "pixels", "GB/s of raw bytes without binni
         lambda: [[r["format"], "%.1f" % (1e-3 * float(r["raw_mb_per_s"])), r["time_over_copy"] or "-"]
                  for r in pick(pixels, binning="1")])
 
+section("On the wire", "proto_encode", "One core; lit: share of the voxels; bound: what is read and written over the bandwidth. Wanted at "
+        "128^3 in f16: 3 ms, 6 ms with the default compression. Reconstructed flames have the solver's own noise",
+        ["flame", "voxels", "lit", "", "", "ms", "bound ms", "MB/s of floats", "MB", "ratio", "unpack ms", "volumes/s on 1 GbE"],
+        lambda: [[r["flame"], r["voxels"] + "^3", "%.0f %%" % (100 * float(r["lit share"])), r["sample"], r["compress"], r["ms"],
+                  r["bound ms"], r["MB/s"], r["MB"], r["ratio"], r["unpack ms"], r["most/s on 1 GbE"]] for r in table("proto_encode")])
+section("Subscribers", "proto_fanout", "64^3, f16, 60 volumes/s by ipc, processes that unpack each. Wanted with 16 and one that is stopped: "
+        "all volumes, the publisher's memory bounded",
+        ["subscribers", "", "publish ms", "99 %", "came", "latency ms", "99 %", "grown MiB"],
+        lambda: [[r["healthy"], r["more"], r["publish p50"], r["publish p99"], "%.1f %%" % (100 * float(r["came share"])),
+                  r["latency p50"], r["latency p99"], r["grown MiB"]] for r in table("proto_fanout")])
+section("Keys", "proto_keys", "The same volumes, in turns. Wanted: CURVE under 2.5 ns a byte and subscriber, the time of a publish within 5 %. "
+        "Sender, receiver: processor time a byte and subscriber; of these the keys; crypto_box: libsodium alone",
+        ["subscribers", "by", "publish ms", "over ipc", "came", "sender ns", "of it keys", "receiver ns", "of it keys", "crypto_box ns"],
+        lambda: [[r["subscribers"], r["way"], r["publish ms"], r["over ipc"], "%.1f %%" % (100 * float(r["came share"])), r["sender ns/B"],
+                  r["keys ns/B"], r["receiver ns/B"], r["opening ns/B"], r["box ns/B"]] for r in table("proto_keys")])
+
 section("Recording volumes, live", "record", "HDF5, 128^3 in three colours at 20 sets/s through the recorder's queue. Wanted: no gap. ms from a "
         "set's arrival to its last byte in the file; of one core: processor time, receiving included; bound: the same bytes onto "
         "the disk, or through zlib on all cores; file: over raw RGB8 frames of 8 cameras, and over dense floats",
