@@ -164,6 +164,7 @@ clean: ## remove everything that was built
 # ---- rules ------------------------------------------------------------------------------------
 # Four lanes at a time in plain C: at -O2 gcc 12 leaves most of these loops scalar.
 $(B)/recon/%.o: CFLAGS += -O3
+$(B)/proto/pvp_encode.o $(B)/proto/pvp_decode.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/recon/simd/kernels_avx512.% $(B)/recon/simd/windows_avx512.%: CFLAGS += -mavx512f -mavx512vl -mavx2 -mfma -mbmi2
 $(B)/recon/carve/photo_pass_avx2.%: CFLAGS += -mavx2
 $(B)/recon/simd/kernels_avx2.% $(B)/recon/simd/windows_avx2.% $(B)/recon/solve/passes/pcg_pass_avx2.%: CFLAGS += -mavx2 -mfma -mbmi2

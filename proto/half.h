@@ -1,4 +1,5 @@
-/* half.h - IEEE 754 binary16 in plain integer arithmetic: the same bits on every machine.
+/* half.h - IEEE 754 binary16 without a branch, as what a solver finds lies on both sides of the smallest normal
+ * half: the same bits on every machine that rounds float32 to nearest.
  *
  * To half: round to nearest, ties to even; magnitudes above 65504 become 65504 (the caller flags
  * it), as a reader is better served by a cut value than by an infinity.  The input is finite.
@@ -8,38 +9,41 @@
 #include <stdint.h>
 #include <string.h>
 
+static inline uint32_t pvp_float_bits(float f)
+{
+    uint32_t bits;
+    memcpy(&bits, &f, sizeof bits);
+    return bits;
+}
+
+static inline float pvp_bits_float(uint32_t bits)
+{
+    float f;
+    memcpy(&f, &bits, sizeof f);
+    return f;
+}
+
 /* `bits`: of a finite float. */
 static inline uint16_t pvp_half_from_bits(uint32_t bits)
 {
     uint32_t sign = bits >> 16 & 0x8000u, mag = bits & 0x7fffffffu;
-    if (mag >= 0x477fe000u) /* 65504 */
-        return (uint16_t)(sign | 0x7bffu);
-    if (mag < 0x38800000u) {    /* below 2^-14: a subnormal half, in units of 2^-24 */
-        if (mag <= 0x33000000u) /* 2^-25 and less; the tie goes to even, 0 */
-            return (uint16_t)sign;
-        uint32_t shift = 126 - (mag >> 23); /* 14..24: value = mant * 2^(e-150) = mant >> shift */
-        uint32_t mant = (mag & 0x7fffffu) | 0x800000u;
-        uint32_t h = mant >> shift, rest = mant & ((1u << shift) - 1), half = 1u << (shift - 1);
-        h += rest > half || (rest == half && (h & 1));
-        return (uint16_t)(sign | h);
-    }
+    mag = mag > 0x477fe000u ? 0x477fe000u : mag; /* 65504 */
+    /* Below 2^-14 a half counts units of 2^-24, and so does the last bit of a float from 1/2 on: the sum rounds. */
+    uint32_t few = pvp_float_bits(pvp_bits_float(mag) + 0.5F) - 0x3f000000u;
     /* Exponent bias 127 -> 15, 13 bits of mantissa rounded away; a carry runs into the exponent. */
-    uint32_t odd = mag >> 13 & 1;
-    return (uint16_t)(sign | ((mag - (112u << 23) + 0xfffu + odd) >> 13));
+    uint32_t many = (mag - (112u << 23) + 0xfffu + (mag >> 13 & 1)) >> 13;
+    uint32_t is_few = 0u - (mag < 0x38800000u);
+    return (uint16_t)(sign | (few & is_few) | (many & ~is_few));
 }
 
 static inline float pvp_half_to_float(uint32_t h)
 {
-    uint32_t sign = (h & 0x8000u) << 16, e = h >> 10 & 31, m = h & 0x3ffu, bits;
-    if (e == 0) {
-        float f = (float)m * 0x1p-24f; /* exact: m has 10 bits */
-        memcpy(&bits, &f, sizeof bits);
-    } else {
-        bits = (e == 31 ? 255u : e + 112) << 23 | m << 13;
-    }
-    bits |= sign;
-    float f;
-    memcpy(&f, &bits, sizeof f);
-    return f;
+    uint32_t sign = (h & 0x8000u) << 16, mag = (h & 0x7fffu) << 13;
+    /* A subnormal one's bits are those of a float from 2^-14 on, less that. */
+    uint32_t few = pvp_float_bits(pvp_bits_float(mag + (113u << 23)) - 0x1p-14F);
+    uint32_t beyond = 0u - (mag >= 31u << 23); /* infinities and NaN */
+    uint32_t many = mag + (112u << 23) + (beyond & 112u << 23);
+    uint32_t is_few = 0u - (mag < 1u << 23);
+    return pvp_bits_float(sign | (few & is_few) | (many & ~is_few));
 }
 #endif

@@ -203,16 +203,15 @@ static pvx_err decompress(struct pvp_decoder *dec, const struct pvp_view *v, con
 static bool load_samples(const uint8_t *p, enum pvp_sample sample, size_t n, float *out)
 {
     uint32_t unfit = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (sample == PVP_F16) {
-            uint32_t h = wire_load16(p + 2 * i);
-            unfit |= (h & 0x7c00u) == 0x7c00u;
-            out[i] = pvp_half_to_float(h);
-        } else {
-            uint32_t bits = wire_load32(p + 4 * i);
-            unfit |= (bits & 0x7f800000u) == 0x7f800000u;
-            memcpy(out + i, &bits, sizeof bits);
-        }
+    for (size_t i = 0; sample == PVP_F16 && i < n; i++) {
+        uint32_t h = wire_load16(p + 2 * i);
+        unfit |= (h & 0x7c00u) == 0x7c00u;
+        out[i] = pvp_half_to_float(h);
+    }
+    for (size_t i = 0; sample == PVP_F32 && i < n; i++) {
+        uint32_t bits = wire_load32(p + 4 * i);
+        unfit |= (bits & 0x7f800000u) == 0x7f800000u;
+        memcpy(out + i, &bits, sizeof bits);
     }
     return unfit == 0;
 }

@@ -162,32 +162,47 @@ static uint32_t put_ids(struct pvp_encoder *e, struct wire *w)
     return n;
 }
 
+/* Floats as the message has them, in place: the loops are the vector unit's. */
+static pvx_err convert(enum pvp_sample sample, size_t n, uint32_t *bits, bool *clamped)
+{
+    uint32_t cut = 0, unfit = 0;
+    for (size_t i = 0; i < n; i++) {
+        uint32_t mag = bits[i] & 0x7fffffffu;
+        unfit |= mag >= 0x7f800000u;
+        cut |= mag > 0x477fe000u; /* 65504, the largest half */
+    }
+    for (size_t i = 0; sample == PVP_F16 && i < n; i++)
+        bits[i] = pvp_half_from_bits(bits[i]);
+    *clamped |= sample == PVP_F16 && cut != 0;
+    return unfit ? PVX_EINVAL : PVX_OK;
+}
+
 /* The voxels' values into zeroed bricks at `p`. */
 static pvx_err put_values(const struct pvp_encoder *e, const struct pvp_voxels *x, uint8_t *p,
                           bool *clamped)
 {
+    enum { BLOCK = 128 };
     const float *value = x->value;
-    uint32_t nch = e->grid.channels;
-    uint32_t cut = 0, unfit = 0;
+    uint32_t nch = e->grid.channels, bits[BLOCK * 3];
     struct walk w = walk_start(e);
-    for (uint32_t v = 0; v < x->n; v++, value += x->stride) {
-        uint32_t cell, brick = walk_to(&w, (uint32_t)x->index[v], &cell);
-        size_t at = ((size_t)e->slot[brick] * WIRE_CELLS + cell) * nch;
-        for (uint32_t c = 0; c < nch; c++) {
-            uint32_t bits;
-            memcpy(&bits, value + c, sizeof bits);
-            uint32_t mag = bits & 0x7fffffffu;
-            unfit |= mag >= 0x7f800000u;
-            if (e->sample == PVP_F32) {
-                wire_store32(p + 4 * (at + c), bits);
-            } else {
-                cut |= mag > 0x477fe000u; /* 65504, the largest half */
-                wire_store16(p + 2 * (at + c), pvp_half_from_bits(bits));
-            }
+    *clamped = false;
+    for (uint32_t from = 0, n; from < x->n; from += n) {
+        n = x->n - from < BLOCK ? x->n - from : BLOCK;
+        for (uint32_t v = 0; v < n; v++, value += x->stride)
+            memcpy(bits + v * nch, value, nch * sizeof *bits);
+        PVX_TRY(convert(e->sample, (size_t)n * nch, bits, clamped));
+        const uint32_t *in = bits;
+        for (uint32_t v = 0; v < n; v++) {
+            uint32_t cell, brick = walk_to(&w, (uint32_t)x->index[from + v], &cell);
+            size_t at = ((size_t)e->slot[brick] * WIRE_CELLS + cell) * nch;
+            for (uint32_t c = 0; c < nch; c++, in++)
+                if (e->sample == PVP_F32)
+                    wire_store32(p + 4 * (at + c), *in);
+                else
+                    wire_store16(p + 2 * (at + c), *in);
         }
     }
-    *clamped = cut != 0;
-    return unfit ? PVX_EINVAL : PVX_OK;
+    return PVX_OK;
 }
 
 /* raw -> msg at `dst`.  0 when it would not become smaller (or LZ4 cannot take that much). */
