@@ -8,8 +8,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 
 #include "base/clock.h"
+#include "base/err.h"
 #include "base/pool.h"
 #include "base/random.h"
 #include "tests/lib/must.h"
@@ -41,6 +43,24 @@ static inline double bench_normal(void)
 static inline double ms(int64_t ns)
 {
     return (double)ns * 1e-6;
+}
+
+/* Processor time of this process, s. */
+static inline double bench_cpu(void)
+{
+    struct rusage u;
+    getrusage(RUSAGE_SELF, &u);
+    return (double)(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
+           1e-6 * (double)(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
+}
+
+/* CHECK, with what the diagnosis says. */
+static inline void bench_check(pvx_err e, const struct pvx_diag *d)
+{
+    if (e == PVX_OK)
+        return;
+    fprintf(stderr, "%s\n", pvx_diag_text(d, e));
+    exit(1);
 }
 
 /* A file of the data that may not be shipped, PATH below $PYROVOX_DATA, into out. */

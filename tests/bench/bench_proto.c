@@ -13,7 +13,6 @@
 #include <arpa/inet.h>
 #include <dlfcn.h>
 #include <signal.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #include <zmq.h>
@@ -92,22 +91,6 @@ struct tally {
     struct pvx_hist latency;
 };
 
-static double cpu(void)
-{
-    struct rusage u;
-    getrusage(RUSAGE_SELF, &u);
-    return (double)(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-           1e-6 * (double)(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
-}
-
-static void check(pvx_err e, const struct pvx_diag *d)
-{
-    if (e == PVX_OK)
-        return;
-    fprintf(stderr, "bench_proto: %s\n", pvx_diag_text(d, e));
-    exit(1);
-}
-
 /* Until the end of the session.  Unpacks each, or only takes it. */
 static void listen_to(const struct road *way, bool unpack, struct tally *t)
 {
@@ -119,7 +102,7 @@ static void listen_to(const struct road *way, bool unpack, struct tally *t)
     struct pvp_view v;
     const void *msg;
     size_t len, n;
-    check(pvp_sub_new(way->endpoint, &o, &sub, &d), &d);
+    bench_check(pvp_sub_new(way->endpoint, &o, &sub, &d), &d);
     CHECK(pvp_decoder_new(&dec));
     float *dense = NULL;
     while (pvp_sub_next(sub, 20 * PVX_NS_PER_S, &h, &msg, &len, NULL) == PVX_OK &&
@@ -127,7 +110,7 @@ static void listen_to(const struct road *way, bool unpack, struct tally *t)
         if (h.type != PVP_VOLUME)
             continue;
         if (t->volumes++ == 0)
-            t->cpu = cpu();
+            t->cpu = bench_cpu();
         CHECK(pvp_decode_volume(msg, len, &v, NULL));
         n = pvp_grid_count(&pvp_sub_start(sub)->grid);
         if (unpack && dense == NULL)
@@ -136,7 +119,7 @@ static void listen_to(const struct road *way, bool unpack, struct tally *t)
             CHECK(pvp_volume_unpack(dec, &v, dense, n, NULL));
         pvx_hist_add(&t->latency, pvx_now_real() - v.v.t_publish_ns);
     }
-    t->cpu = cpu() - t->cpu;
+    t->cpu = bench_cpu() - t->cpu;
 }
 
 /* A process that says at its end what came.  It has no threads yet when it is made. */
@@ -190,7 +173,7 @@ static pvp_pub *publisher(const struct road *way, const struct volume *v)
     struct pvp_start start = {.grid = v->grid, .session = 1, .n_cameras = 8, .fps = RATE};
     struct pvx_diag d = {""};
     pvp_pub *pub;
-    check(pvp_pub_new(&params, &start, &pub, &d), &d);
+    bench_check(pvp_pub_new(&params, &start, &pub, &d), &d);
     return pub;
 }
 
@@ -242,7 +225,7 @@ static void travel(const struct road *way, const struct volume *v, struct run *r
     if (r->stopped)
         kill(who[n - 1], SIGSTOP);
     double before = resident_mib();
-    r->cpu = cpu();
+    r->cpu = bench_cpu();
     publish_all(pub, v, r);
     r->grown = resident_mib() - before;
     CHECK(pvp_pub_end(pub, "done"));
@@ -254,7 +237,7 @@ static void travel(const struct road *way, const struct volume *v, struct run *r
         close(from[i]);
         waitpid(who[i], NULL, 0);
     }
-    r->cpu = cpu() - r->cpu;
+    r->cpu = bench_cpu() - r->cpu;
     pvp_pub_free(&pub);
     qsort(r->took, (size_t)r->volumes, sizeof *r->took, by_size);
 }
@@ -294,12 +277,12 @@ static void give_keys(struct road *way)
 {
     struct pvp_key_pair lab, anna;
     struct pvx_diag d = {""};
-    check(pvp_key_make(&lab, &d), &d);
-    check(pvp_key_make(&anna, &d), &d);
+    bench_check(pvp_key_make(&lab, &d), &d);
+    bench_check(pvp_key_make(&anna, &d), &d);
     snprintf(anna.server, sizeof anna.server, "%s", lab.public_key);
-    check(pvp_key_write(at("lab"), PVP_ROLE_READ, &lab, &d), &d);
-    check(pvp_key_write(at("anna"), PVP_ROLE_READ, &anna, &d), &d);
-    check(pvp_auth_new(at("lab.key"), at("anna.pub"), &way->auth, &d), &d);
+    bench_check(pvp_key_write(at("lab"), PVP_ROLE_READ, &lab, &d), &d);
+    bench_check(pvp_key_write(at("anna"), PVP_ROLE_READ, &anna, &d), &d);
+    bench_check(pvp_auth_new(at("lab.key"), at("anna.pub"), &way->auth, &d), &d);
     snprintf(way->key, sizeof way->key, "%s", at("anna.key"));
 }
 

@@ -7,7 +7,6 @@
  * bound: the same bytes written in the same run by write(2) and fdatasync, a file a set where the format has that;
  * for HDF5 the larger of it and zlib's time for the same chunks shuffled, shared among the cores. */
 #include <sched.h>
-#include <sys/resource.h>
 #include <sys/stat.h>
 #include <unistd.h>
 #include <zlib.h>
@@ -27,22 +26,6 @@ static unsigned cores;
 static double seconds(void)
 {
     return (double)pvx_now_mono() * 1e-9;
-}
-
-static double cpu(void)
-{
-    struct rusage u;
-    getrusage(RUSAGE_SELF, &u);
-    return (double)(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-           1e-6 * (double)(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
-}
-
-static void check(pvx_err e, const struct pvx_diag *d)
-{
-    if (e == PVX_OK)
-        return;
-    fprintf(stderr, "bench_record: %s\n", pvx_diag_text(d, e));
-    exit(1);
 }
 
 /* ---- what is recorded --------------------------------------------------------------------------- */
@@ -72,11 +55,11 @@ static void reel_add(struct reel *r, pvp_encoder *e, pvp_decoder *dec, const str
         CHECK(PVX_ENOMEM);
     memcpy(copy, msg, len);
     struct pvp_view view;
-    check(pvp_decode_volume(copy, len, &view, &d), &d);
+    bench_check(pvp_decode_volume(copy, len, &view, &d), &d);
     struct vol_store s = {0};
     CHECK(vol_store_grow(&s, view.n_bricks, v->grid.channels));
     size_t floats = (size_t)view.n_bricks * PVP_BRICK * PVP_BRICK * PVP_BRICK * v->grid.channels;
-    check(pvp_volume_bricks(dec, &view, s.ids, s.brick, floats, &d), &d);
+    bench_check(pvp_volume_bricks(dec, &view, s.ids, s.brick, floats, &d), &d);
     s.n = view.n_bricks;
     r->frame[r->n].msg = copy;
     r->frame[r->n].view = view;
@@ -254,21 +237,21 @@ static void live(FILE *csv, const struct reel *reel, int sets)
         CHECK(PVX_ENOMEM);
     remove_all(path);
     CHECK(pvp_decoder_new(&dec));
-    check(vol_recorder_new(&c, &r, &d), &d);
-    check(vol_recorder_session(r, &head, where, sizeof where, &d), &d);
-    double used = cpu();
+    bench_check(vol_recorder_new(&c, &r, &d), &d);
+    bench_check(vol_recorder_session(r, &head, where, sizeof where, &d), &d);
+    double used = bench_cpu();
     int64_t next = pvx_now_mono();
     for (int k = 0; k < sets; k++) {
         watch(r, next, came, &seen, &took, &most);
         struct pvp_view view = reel->frame[k % reel->n].view;
         view.v = reel_about(reel, (uint64_t)k);
         came[k] = pvx_now_mono();
-        check(vol_recorder_put(r, dec, &view, &d), &d);
+        bench_check(vol_recorder_put(r, dec, &view, &d), &d);
         next += PVX_NS_PER_S / RATE;
     }
     watch(r, next, came, &seen, &took, &most);
-    check(vol_recorder_finish(&r, &st, &d), &d);
-    used = (cpu() - used) / sets;
+    bench_check(vol_recorder_finish(&r, &st, &d), &d);
+    used = (bench_cpu() - used) / sets;
     double bytes = file_bytes() / sets;
     struct packed p = deflated(reel, 0);
     double disk = plain_write((size_t)bytes, 20);
@@ -307,8 +290,8 @@ static void rate(FILE *csv, const struct reel *reel, enum vol_format f, bool spl
     bool one = f == VOL_VDB || f == VOL_NVDB;
     remove_all(path);
     pin(one); /* before the library makes its threads */
-    check(vol_writer_open(f, path, &head, &o, &w, &d), &d);
-    double t0 = seconds(), used = cpu();
+    bench_check(vol_writer_open(f, path, &head, &o, &w, &d), &d);
+    double t0 = seconds(), used = bench_cpu();
     int sets = 0;
     for (; sets < 200 && (sets < 16 || seconds() - t0 < 4); sets++) {
         const struct vol_store *s = &reel->frame[sets % reel->n].store;
@@ -318,13 +301,13 @@ static void rate(FILE *csv, const struct reel *reel, enum vol_format f, bool spl
                                .ids = s->ids,
                                .brick = s->brick};
         int64_t t = pvx_now_mono();
-        check(vol_writer_put(w, &v, &d), &d);
+        bench_check(vol_writer_put(w, &v, &d), &d);
         pvx_hist_add(&took, pvx_now_mono() - t);
     }
     double s = (seconds() - t0) / sets;
-    used = (cpu() - used) / sets;
+    used = (bench_cpu() - used) / sets;
     double bytes = (double)vol_writer_bytes(w) / sets;
-    check(vol_writer_close(&w, &d), &d);
+    bench_check(vol_writer_close(&w, &d), &d);
     double bound = plain_write((size_t)bytes, 20);
     if (f == VOL_HDF5)
         bound = fmax(bound, deflated(reel, 0).s / cores);
