@@ -39,6 +39,8 @@ void rec_kernels_avx2(struct rec_kernels *k);
 void rec_kernels_avx512(struct rec_kernels *k);
 void rec_windows_avx2(struct rec_kernels *k);
 void rec_windows_avx512(struct rec_kernels *k);
+void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                       const float *y, float *x); /* for those shapes where it is the fastest */
 #endif
 
 #endif

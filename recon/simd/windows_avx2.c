@@ -40,37 +40,26 @@ INLINE void add_to(float *y, __m256 w, __m256 x)
     _mm256_storeu_ps(y, _mm256_fmadd_ps(w, x, _mm256_loadu_ps(y)));
 }
 
-/* Where window `at` lies in y, and its weights. */
-struct place {
-    const uint8_t *w;
-    size_t y, pitch; /* in floats */
-};
-INLINE struct place place_of(const struct rec_windows *m, int32_t q, int32_t c, size_t size,
-                             size_t cs)
-{
-    size_t at = (size_t)q * (size_t)m->slots + (size_t)c;
-    return (struct place){m->w + at * size, m->at[at] * cs, (size_t)m->pitch[c] * cs};
-}
-
 /* ---- four channels ------------------------------------------------------------------------------ */
 
 INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *y, float *x, int high)
 {
     const __m128 unit = _mm_set1_ps(m->unit);
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 4);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
-        for (int32_t slot = s.s0; slot < s.s1; slot++) {
-            struct place p = place_of(m, q, slot, (size_t)high * 4, 4);
-            const float *v = y + p.y;
-            for (int r = 0; r < high; r += 2, v += 2 * p.pitch) {
-                __m256 w = weights8(p.w + 4 * r);
+        for (int32_t i = 0; i < k.slots; i++) {
+            const uint8_t *weights = k.w + (size_t)i * (size_t)high * 4;
+            const float *v = y + (size_t)k.at[i] * 4;
+            for (int r = 0; r < high; r += 2, v += 2 * k.pitch[i]) {
+                __m256 w = weights8(weights + 4 * r);
                 a = _mm256_fmadd_ps(spread(w, 0), _mm256_loadu_ps(v), a);
                 b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(v + 8), b);
                 if (r + 1 == high)
                     break;
-                c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(v + p.pitch), c);
-                d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(v + p.pitch + 8), d);
+                c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(v + k.pitch[i]), c);
+                d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(v + k.pitch[i] + 8), d);
             }
         }
         a = _mm256_add_ps(_mm256_add_ps(a, b), _mm256_add_ps(c, d));
@@ -80,19 +69,20 @@ INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32
 INLINE void scatter4_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *x, float *y, int high)
 {
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 4);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
-        for (int32_t slot = s.s0; slot < s.s1; slot++) {
-            struct place p = place_of(m, q, slot, (size_t)high * 4, 4);
-            float *v = y + p.y;
-            for (int r = 0; r < high; r += 2, v += 2 * p.pitch) {
-                __m256 w = weights8(p.w + 4 * r);
+        for (int32_t c = 0; c < k.slots; c++) {
+            const uint8_t *weights = k.w + (size_t)c * (size_t)high * 4;
+            float *v = y + (size_t)k.at[c] * 4;
+            for (int r = 0; r < high; r += 2, v += 2 * k.pitch[c]) {
+                __m256 w = weights8(weights + 4 * r);
                 add_to(v, spread(w, 0), xx);
                 add_to(v + 8, spread(w, 1), xx);
                 if (r + 1 == high)
                     break;
-                add_to(v + p.pitch, spread(w, 2), xx);
-                add_to(v + p.pitch + 8, spread(w, 3), xx);
+                add_to(v + k.pitch[c], spread(w, 2), xx);
+                add_to(v + k.pitch[c] + 8, spread(w, 3), xx);
             }
         }
     }
@@ -103,18 +93,19 @@ INLINE void adjoint4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
                          const float *y, float *x)
 {
     const __m128 unit = _mm_set1_ps(m->unit);
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, 4, 4);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
-        for (int32_t slot = s.s0; slot < s.s1; slot += 2) {
-            struct place p = place_of(m, q, slot, 4, 4);
-            __m256 w = weights8(p.w);
-            a = _mm256_fmadd_ps(spread(w, 0), _mm256_loadu_ps(y + p.y), a);
-            b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(y + p.y + p.pitch), b);
-            if (slot + 1 == s.s1)
+        for (int32_t i = 0; i < k.slots; i += 2) {
+            __m256 w = weights8(k.w + (size_t)i * 4);
+            const float *v = y + (size_t)k.at[i] * 4;
+            a = _mm256_fmadd_ps(spread(w, 0), _mm256_loadu_ps(v), a);
+            b = _mm256_fmadd_ps(spread(w, 1), _mm256_loadu_ps(v + k.pitch[i]), b);
+            if (i + 1 == k.slots)
                 break;
-            p = place_of(m, q, slot + 1, 4, 4);
-            c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(y + p.y), c);
-            d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(y + p.y + p.pitch), d);
+            v = y + (size_t)k.at[i + 1] * 4;
+            c = _mm256_fmadd_ps(spread(w, 2), _mm256_loadu_ps(v), c);
+            d = _mm256_fmadd_ps(spread(w, 3), _mm256_loadu_ps(v + k.pitch[i + 1]), d);
         }
         a = _mm256_add_ps(_mm256_add_ps(a, b), _mm256_add_ps(c, d));
         _mm_store_ps(x + (size_t)q * 4, _mm_mul_ps(unit, fold(a)));
@@ -123,18 +114,19 @@ INLINE void adjoint4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 INLINE void scatter4_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *x, float *y)
 {
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, 4, 4);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
-        for (int32_t slot = s.s0; slot < s.s1; slot += 2) {
-            struct place p = place_of(m, q, slot, 4, 4);
-            __m256 w = weights8(p.w);
-            add_to(y + p.y, spread(w, 0), xx);
-            add_to(y + p.y + p.pitch, spread(w, 1), xx);
-            if (slot + 1 == s.s1)
+        for (int32_t c = 0; c < k.slots; c += 2) {
+            __m256 w = weights8(k.w + (size_t)c * 4);
+            float *v = y + (size_t)k.at[c] * 4;
+            add_to(v, spread(w, 0), xx);
+            add_to(v + k.pitch[c], spread(w, 1), xx);
+            if (c + 1 == k.slots)
                 break;
-            p = place_of(m, q, slot + 1, 4, 4);
-            add_to(y + p.y, spread(w, 2), xx);
-            add_to(y + p.y + p.pitch, spread(w, 3), xx);
+            v = y + (size_t)k.at[c + 1] * 4;
+            add_to(v, spread(w, 2), xx);
+            add_to(v + k.pitch[c + 1], spread(w, 3), xx);
         }
     }
 }
@@ -144,18 +136,20 @@ INLINE void scatter4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 INLINE void adjoint1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *y, float *x, int high)
 {
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 1);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 two = _mm256_setzero_ps(), more = two;
         __m128 one = _mm_setzero_ps();
-        for (int32_t slot = s.s0; slot < s.s1; slot++) {
-            struct place p = place_of(m, q, slot, (size_t)high * 4, 1);
-            const float *v = y + p.y;
-            two = _mm256_fmadd_ps(weights8(p.w), _mm256_loadu2_m128(v + p.pitch, v), two);
-            v += 2 * p.pitch;
+        for (int32_t c = 0; c < k.slots; c++) {
+            const uint8_t *w = k.w + (size_t)c * (size_t)high * 4;
+            const float *v = y + k.at[c];
+            two = _mm256_fmadd_ps(weights8(w), _mm256_loadu2_m128(v + k.pitch[c], v), two);
+            v += 2 * k.pitch[c];
             if (high == 3)
-                one = _mm_fmadd_ps(weights4(p.w + 8), _mm_loadu_ps(v), one);
+                one = _mm_fmadd_ps(weights4(w + 8), _mm_loadu_ps(v), one);
             if (high == 4)
-                more = _mm256_fmadd_ps(weights8(p.w + 8), _mm256_loadu2_m128(v + p.pitch, v), more);
+                more =
+                    _mm256_fmadd_ps(weights8(w + 8), _mm256_loadu2_m128(v + k.pitch[c], v), more);
         }
         one = _mm_add_ps(one, fold(_mm256_add_ps(two, more)));
         x[q] = m->unit * fold4(one);
@@ -168,12 +162,14 @@ INLINE void add_row(float *y, __m128 w, __m128 x)
 INLINE void scatter1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *x, float *y, int high)
 {
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 1);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m128 xx = _mm_set1_ps(x[q]);
-        for (int32_t slot = s.s0; slot < s.s1; slot++) {
-            struct place p = place_of(m, q, slot, (size_t)high * 4, 1);
-            for (int r = 0; r < high; r++)
-                add_row(y + p.y + (size_t)r * p.pitch, weights4(p.w + 4 * r), xx);
+        for (int32_t c = 0; c < k.slots; c++) {
+            const uint8_t *w = k.w + (size_t)c * (size_t)high * 4;
+            float *v = y + k.at[c];
+            for (int r = 0; r < high; r++, v += k.pitch[c])
+                add_row(v, weights4(w + 4 * r), xx);
         }
     }
 }
@@ -186,15 +182,15 @@ INLINE __m128 load2x2(const float *y, size_t pitch)
 INLINE void adjoint1_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *y, float *x)
 {
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, 4, 1);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m128 a = _mm_setzero_ps(), b = a;
-        for (int32_t slot = s.s0; slot < s.s1; slot += 2) {
-            struct place p = place_of(m, q, slot, 4, 1);
-            a = _mm_fmadd_ps(weights4(p.w), load2x2(y + p.y, p.pitch), a);
-            if (slot + 1 == s.s1)
+        for (int32_t c = 0; c < k.slots; c += 2) {
+            const uint8_t *w = k.w + (size_t)c * 4;
+            a = _mm_fmadd_ps(weights4(w), load2x2(y + k.at[c], k.pitch[c]), a);
+            if (c + 1 == k.slots)
                 break;
-            p = place_of(m, q, slot + 1, 4, 1);
-            b = _mm_fmadd_ps(weights4(p.w), load2x2(y + p.y, p.pitch), b);
+            b = _mm_fmadd_ps(weights4(w + 4), load2x2(y + k.at[c + 1], k.pitch[c + 1]), b);
         }
         x[q] = m->unit * fold4(_mm_add_ps(a, b));
     }
@@ -202,14 +198,14 @@ INLINE void adjoint1_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 INLINE void scatter1_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *x, float *y)
 {
-    for (int32_t q = q0; q < q1; q++) {
+    struct walk k = walk_from(m, s, q0, 4, 1);
+    for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m128 xx = _mm_set1_ps(x[q]);
-        for (int32_t slot = s.s0; slot < s.s1; slot++) {
-            struct place p = place_of(m, q, slot, 4, 1);
-            float *v = y + p.y;
-            __m128 sum = _mm_fmadd_ps(weights4(p.w), xx, load2x2(v, p.pitch));
+        for (int32_t c = 0; c < k.slots; c++) {
+            float *v = y + k.at[c];
+            __m128 sum = _mm_fmadd_ps(weights4(k.w + (size_t)c * 4), xx, load2x2(v, k.pitch[c]));
             _mm_storel_pi((void *)v, sum);
-            _mm_storeh_pi((void *)(v + p.pitch), sum);
+            _mm_storeh_pi((void *)(v + k.pitch[c]), sum);
         }
     }
 }
@@ -220,6 +216,12 @@ REC_BY_SHAPE(adjoint1)
 REC_BY_SHAPE(adjoint4)
 REC_BY_SHAPE(scatter1)
 REC_BY_SHAPE(scatter4)
+
+void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
+                       const float *y, float *x)
+{
+    adjoint4(m, s, q0, q1, y, x);
+}
 
 void rec_windows_avx2(struct rec_kernels *k)
 {

@@ -4,6 +4,34 @@
 #define REC_WINDOWS_SHAPES_H
 #include "recon/simd/windows.h"
 
+/* The windows of a column in some slots, column after column; of its own, as a compiler takes every store into y for
+ * one that may change what `m` points to, and would read it all again. */
+struct walk {
+    const uint32_t *at; /* [slots] */
+    const uint8_t *w;   /* [slots][size] */
+    int32_t slots;
+    size_t columns_at, columns_w; /* from column to column */
+    size_t pitch[REC_SLOTS_MAX];  /* in floats */
+};
+static inline __attribute__((always_inline)) struct walk
+walk_from(const struct rec_windows *m, struct rec_slots s, int32_t q, size_t size, size_t cs)
+{
+    size_t first = (size_t)q * (size_t)m->slots + (size_t)s.s0;
+    struct walk k = {.at = m->at + first,
+                     .w = m->w + first * size,
+                     .slots = s.s1 - s.s0,
+                     .columns_at = (size_t)m->slots,
+                     .columns_w = (size_t)m->slots * size};
+    for (int32_t i = 0; i < k.slots; i++)
+        k.pitch[i] = (size_t)m->pitch[s.s0 + i] * cs;
+    return k;
+}
+static inline __attribute__((always_inline)) void walk_on(struct walk *k)
+{
+    k->at += k->columns_at;
+    k->w += k->columns_w;
+}
+
 /* name(m, s, q0, q1, in, out) from name_2x2 and name_rows. */
 #define REC_BY_SHAPE(name)                                                                    \
     static void name(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1, \
