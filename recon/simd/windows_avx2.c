@@ -46,7 +46,8 @@ INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32
                           const float *y, float *x, int high)
 {
     const __m128 unit = _mm_set1_ps(m->unit);
-    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 4);
+    struct walk k;
+    walk_from(&k, m, s, q0, (size_t)high * 4, 4);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
         for (int32_t i = 0; i < k.slots; i++) {
@@ -69,7 +70,8 @@ INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32
 INLINE void scatter4_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *x, float *y, int high)
 {
-    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 4);
+    struct walk k;
+    walk_from(&k, m, s, q0, (size_t)high * 4, 4);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
         for (int32_t c = 0; c < k.slots; c++) {
@@ -93,7 +95,8 @@ INLINE void adjoint4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
                          const float *y, float *x)
 {
     const __m128 unit = _mm_set1_ps(m->unit);
-    struct walk k = walk_from(m, s, q0, 4, 4);
+    struct walk k;
+    walk_from(&k, m, s, q0, 4, 4);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 a = _mm256_setzero_ps(), b = a, c = a, d = a;
         for (int32_t i = 0; i < k.slots; i += 2) {
@@ -114,7 +117,8 @@ INLINE void adjoint4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 INLINE void scatter4_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *x, float *y)
 {
-    struct walk k = walk_from(m, s, q0, 4, 4);
+    struct walk k;
+    walk_from(&k, m, s, q0, 4, 4);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
         for (int32_t c = 0; c < k.slots; c += 2) {
@@ -136,7 +140,8 @@ INLINE void scatter4_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 INLINE void adjoint1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *y, float *x, int high)
 {
-    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 1);
+    struct walk k;
+    walk_from(&k, m, s, q0, (size_t)high * 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m256 two = _mm256_setzero_ps(), more = two;
         __m128 one = _mm_setzero_ps();
@@ -162,7 +167,8 @@ INLINE void add_row(float *y, __m128 w, __m128 x)
 INLINE void scatter1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *x, float *y, int high)
 {
-    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 1);
+    struct walk k;
+    walk_from(&k, m, s, q0, (size_t)high * 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m128 xx = _mm_set1_ps(x[q]);
         for (int32_t c = 0; c < k.slots; c++) {
@@ -182,7 +188,8 @@ INLINE __m128 load2x2(const float *y, size_t pitch)
 INLINE void adjoint1_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *y, float *x)
 {
-    struct walk k = walk_from(m, s, q0, 4, 1);
+    struct walk k;
+    walk_from(&k, m, s, q0, 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m128 a = _mm_setzero_ps(), b = a;
         for (int32_t c = 0; c < k.slots; c += 2) {
@@ -198,7 +205,8 @@ INLINE void adjoint1_2x2(const struct rec_windows *m, struct rec_slots s, int32_
 INLINE void scatter1_2x2(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                          const float *x, float *y)
 {
-    struct walk k = walk_from(m, s, q0, 4, 1);
+    struct walk k;
+    walk_from(&k, m, s, q0, 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m128 xx = _mm_set1_ps(x[q]);
         for (int32_t c = 0; c < k.slots; c++) {

@@ -32,7 +32,8 @@ INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32
                           const float *y, float *x, int high)
 {
     const __m128 unit = _mm_set1_ps(m->unit);
-    struct walk k = walk_from(m, s, q0, (size_t)high * 4, 4);
+    struct walk k;
+    walk_from(&k, m, s, q0, (size_t)high * 4, 4);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
         __m512 sum[4] = {_mm512_setzero_ps(), _mm512_setzero_ps(), _mm512_setzero_ps(),
                          _mm512_setzero_ps()};

@@ -13,18 +13,19 @@ struct walk {
     size_t columns_at, columns_w; /* from column to column */
     size_t pitch[REC_SLOTS_MAX];  /* in floats */
 };
-static inline __attribute__((always_inline)) struct walk
-walk_from(const struct rec_windows *m, struct rec_slots s, int32_t q, size_t size, size_t cs)
+static inline __attribute__((always_inline)) void walk_from(struct walk *k,
+                                                            const struct rec_windows *m,
+                                                            struct rec_slots s, int32_t q,
+                                                            size_t size, size_t cs)
 {
     size_t first = (size_t)q * (size_t)m->slots + (size_t)s.s0;
-    struct walk k = {.at = m->at + first,
-                     .w = m->w + first * size,
-                     .slots = s.s1 - s.s0,
-                     .columns_at = (size_t)m->slots,
-                     .columns_w = (size_t)m->slots * size};
-    for (int32_t i = 0; i < k.slots; i++)
-        k.pitch[i] = (size_t)m->pitch[s.s0 + i] * cs;
-    return k;
+    k->at = m->at + first;
+    k->w = m->w + first * size;
+    k->slots = s.s1 - s.s0;
+    k->columns_at = (size_t)m->slots;
+    k->columns_w = (size_t)m->slots * size;
+    for (int32_t i = 0; i < k->slots; i++)
+        k->pitch[i] = (size_t)m->pitch[s.s0 + i] * cs;
 }
 static inline __attribute__((always_inline)) void walk_on(struct walk *k)
 {
