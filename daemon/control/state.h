@@ -84,6 +84,7 @@ struct dmn_state {
     uint64_t produced, published, inside, dropped[DMN_N_DROP];
     double sets_per_s; /* published, over the last second or two */
     uint64_t latency_n;
+    double latency_sum_s;                                  /* of these latency_n */
     double latency_p50_ms, latency_p99_ms, latency_max_ms; /* last frame received -> sent */
     double spread_p50_ms, spread_p99_ms;                   /* exposures within a set */
     uint64_t bytes;                                        /* of the last volume message */

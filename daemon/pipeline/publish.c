@@ -195,6 +195,7 @@ void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out)
     out->subscribers = atomic_load(&p->subscribers);
     out->sets_per_s = p->sets_per_s;
     out->latency_n = p->latency.count;
+    out->latency_sum_s = (double)p->latency.sum_ns * 1e-9;
     out->latency_p50_ms = to_ms(pvx_hist_quantile(&p->latency, 0.5));
     out->latency_p99_ms = to_ms(pvx_hist_quantile(&p->latency, 0.99));
     out->latency_max_ms = to_ms(p->latency.max_ns);

@@ -46,6 +46,8 @@ for c in before["cameras"]:
     for k, v in c["counts"].items():
         assert seen["pyrovox_camera_%s_total" % k, '{camera="%s"}' % c["name"]] >= v, (c["name"], k)
 assert seen["pyrovox_latency_seconds", '{quantile="0.5"}'] > 0
+n, total = (seen["pyrovox_latency_seconds_" + k, None] for k in ("count", "sum"))
+assert n > 0 and 0 < total <= n * seen["pyrovox_latency_seconds", '{quantile="1"}'] * (1 + 1e-6), (n, total)
 PY
 }
 check by-the-letter-and-true parsed
