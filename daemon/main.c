@@ -130,6 +130,15 @@ static pvx_err control_record_volumes(void *ctx, bool start, char *where, size_t
                      : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
 }
 
+static pvx_err control_snapshot(void *ctx, const char *path, char *where, size_t size,
+                                struct pvx_diag *d)
+{
+    struct daemon *dm = ctx;
+    dmn_live *p = atomic_load(&dm->pipeline);
+    return p != NULL ? dmn_live_keep(p, &dm->cfg, path, where, size, d)
+                     : pvx_fail(d, PVX_EBUSY, "the daemon is still starting");
+}
+
 static pvx_err control_background(void *ctx, uint32_t sets, struct pvx_diag *d)
 {
     struct daemon *dm = ctx;
@@ -343,6 +352,7 @@ static int run(const struct dmn_config *cfg)
                                   .stop = control_stop,
                                   .record = control_record,
                                   .record_volumes = control_record_volumes,
+                                  .snapshot = control_snapshot,
                                   .background = control_background,
                                   .background_state = control_background_state,
                                   .config = control_config,

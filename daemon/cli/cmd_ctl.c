@@ -11,7 +11,7 @@
 #include "daemon/control/commands.h"
 
 #define ANSWER_MS 5000
-#define WRITE_MS  60000 /* record stop answers when all that waits is written */
+#define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 #define WORDS_MAX 4
 
 enum { OPT_JSON = 0x100, OPT_CONTROL };
@@ -175,7 +175,8 @@ static int run(int argc, char **argv)
     }
     struct pvx_diag d = {""};
     cJSON *reply;
-    int timeout_ms = strcmp(a.word[0], "record") == 0 ? WRITE_MS : ANSWER_MS;
+    bool writes = strcmp(a.word[0], "record") == 0 || strcmp(a.word[0], "snapshot") == 0;
+    int timeout_ms = writes ? WRITE_MS : ANSWER_MS;
     pvx_err e = ask_request(a.endpoint, a.key, request, timeout_ms, &reply, &d);
     free(request);
     if (e != PVX_OK)

@@ -94,14 +94,26 @@ static bool which_file(const struct dmn_control_ops *ops, const cJSON *request, 
 {
     const char *path = text_of(request, "path"), *name = text_of(request, "name");
     *file = path != NULL ? path : name;
-    *why = path != NULL && name != NULL ? "path or name, not both"
-           : path != NULL && ops->remote
-               ? "over the network a take goes to record.path: leave path out, or give a name"
+    *why = path != NULL && name != NULL  ? "path or name, not both"
+           : path != NULL && ops->remote ? "over the network it goes to the folder of record.path: "
+                                           "leave path out, or give a name"
            : path != NULL && path[0] != '/' ? "path should be absolute"
            : name != NULL && (name[0] == '\0' || name[0] == '.' || strchr(name, '/') != NULL)
                ? "name should be that of a file, without a folder and not beginning with a dot"
                : NULL;
     return *why == NULL;
+}
+
+static size_t done_there(const char *path, struct dmn_answer to)
+{
+    struct dmn_json j;
+    dmn_json_init(&j, to.text, to.size);
+    dmn_json_open(&j, NULL, '{');
+    dmn_json_bool(&j, "ok", true);
+    dmn_json_str(&j, "path", path);
+    dmn_json_close(&j, '}');
+    size_t n = dmn_json_end(&j);
+    return n > 0 ? n : done(to);
 }
 
 static size_t record(OPS)
@@ -123,16 +135,20 @@ static size_t record(OPS)
     struct pvx_diag d = {""};
     pvx_err e = volumes ? ops->record_volumes(ops->ctx, start, where, sizeof where, &d)
                         : ops->record(ops->ctx, start, file, where, sizeof where, &d);
-    if (e != PVX_OK)
-        return dmn_answer_error(to, pvx_diag_text(&d, e));
-    struct dmn_json j;
-    dmn_json_init(&j, to.text, to.size);
-    dmn_json_open(&j, NULL, '{');
-    dmn_json_bool(&j, "ok", true);
-    dmn_json_str(&j, "path", where);
-    dmn_json_close(&j, '}');
-    size_t n = dmn_json_end(&j);
-    return n > 0 ? n : done(to);
+    return e == PVX_OK ? done_there(where, to) : dmn_answer_error(to, pvx_diag_text(&d, e));
+}
+
+static size_t snapshot(OPS)
+{
+    const char *file, *why;
+    char where[DMN_REQUEST_MAX] = "";
+    struct pvx_diag d = {""};
+    if (!which_file(ops, request, &file, &why))
+        return dmn_answer_error(to, why);
+    if (ops->snapshot == NULL)
+        return dmn_answer_error(to, "a snapshot is not possible here");
+    pvx_err e = ops->snapshot(ops->ctx, file, where, sizeof where, &d);
+    return e == PVX_OK ? done_there(where, to) : dmn_answer_error(to, pvx_diag_text(&d, e));
 }
 
 static size_t background_is(const struct dmn_background_state *s, struct dmn_answer to)
@@ -186,6 +202,10 @@ const struct dmn_command dmn_commands[] = {
     {"log-level", "level", "error|warn|info|debug", "as set log_level", log_level},
     {"record", "action name path what", "start|stop [NAME|/PATH]",
      "a take of raw frames; a NAME goes to the folder of record.path", record},
+    {"snapshot", "name path", "[NAME|/PATH]",
+     "one frame set, the volume made of it and the status into a folder, to look at later or to "
+     "send to somebody; a NAME is beside record.path",
+     snapshot},
     {"background", "sets", "[SETS]",
      "subtract the mean of the next SETS from then on, 0: no more; without: how far it is",
      background},

@@ -25,6 +25,8 @@ struct dmn_control_ops {
                       struct pvx_diag *d);
     /* The same for volumes, where the configuration says. */
     pvx_err (*record_volumes)(void *ctx, bool start, char *where, size_t size, struct pvx_diag *d);
+    /* One frame set, its volume and the status into a folder, named as a take.  NULL = cannot. */
+    pvx_err (*snapshot)(void *ctx, const char *path, char *where, size_t size, struct pvx_diag *d);
     void *ctx;
     /* Begin to take a background of so many sets, and what became of it; NULL = cannot. */
     pvx_err (*background)(void *ctx, uint32_t sets, struct pvx_diag *d);

@@ -106,6 +106,8 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
         s->why = DMN_DROP_IMAGES;
     else if (in->background != NULL)
         dmn_background_look(in->background, s, *in->pipeline);
+    if (s->why == DMN_N_DROP)
+        dmn_instant_look(in->instant, set);
     cap_set_release(set);
     return PVX_OK;
 }

@@ -10,6 +10,7 @@
 #include "capture/rig/capture.h"
 #include "daemon/pipeline/background.h"
 #include "daemon/pipeline/images.h"
+#include "daemon/pipeline/instant.h"
 #include "daemon/pipeline/pipeline.h"
 
 /* What has been said of a camera. */
@@ -27,6 +28,7 @@ struct dmn_cameras_in {
     const atomic_size_t *wait_for; /* no image is taken before this is not 0; or NULL */
     const atomic_bool *stopping;   /* then it is not waited for */
     dmn_background *background;    /* looks at each set that is given on; or NULL */
+    dmn_instant *instant;          /* may keep a set that is given on; or NULL */
     dmn_pipeline *const *pipeline; /* whose source this is, for that */
     struct dmn_camera_said said[REC_MAX_CAMERAS]; /* 0 */
 };

@@ -13,6 +13,7 @@
 #include "daemon/config/endpoints.h"
 #include "daemon/pipeline/beside.h"
 #include "daemon/pipeline/cameras_in.h"
+#include "daemon/pipeline/instant.h"
 #include "daemon/pipeline/previews.h"
 #include "daemon/pipeline/publish.h"
 #include "daemon/pipeline/recording.h"
@@ -37,6 +38,7 @@ struct dmn_live {
     dmn_photometry *light;    /* NULL = none */
     dmn_images *images;
     dmn_background *background;
+    dmn_instant *instant;
     struct dmn_cameras_in in;
     struct dmn_publish out;
     dmn_watch *watch;
@@ -143,6 +145,8 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
     PVX_TRY(dmn_config_mosaic(c, &ip.mosaic, d));
     PVX_TRY(dmn_images_new(&ip, &l->rig, l->pool, &l->images, d));
     PVX_TRY(dmn_background_new(l->S, &l->rig, ip.nch, &l->background, d));
+    PVX_TRY(dmn_instant_new(&l->rig.grid, ip.nch, &l->stopping, &l->instant));
+    l->out.instant = l->instant;
     const struct dmn_tuning t = tuning(l, c);
     l->in = (struct dmn_cameras_in){.capture = l->capture,
                                     .images = l->images,
@@ -152,6 +156,7 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
                                     .wait_for = c->wait_subscriber ? &l->out.subscribers : NULL,
                                     .stopping = &l->stopping,
                                     .background = l->background,
+                                    .instant = l->instant,
                                     .pipeline = &l->pipeline};
     struct dmn_pipeline_params pp = {.S = l->S,
                                      .rig = &l->rig,
@@ -266,6 +271,7 @@ void dmn_live_free(dmn_live **lp)
     dmn_images_free(&l->images);
     dmn_photometry_free(&l->light);
     dmn_background_free(&l->background);
+    dmn_instant_free(&l->instant);
     rec_sysmat_free(&l->S);
     dmn_scene_free(&l->scene);
     pvx_pool_free(&l->pool);
@@ -313,6 +319,50 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
 {
     return start ? dmn_recording_start(l->recording, path, where, size, d)
                  : dmn_recording_stop(l->recording, where, size, d);
+}
+
+static void health(void *ctx, uint32_t camera, struct cap_health *out)
+{
+    cap_capture_health(((dmn_live *)ctx)->capture, camera, out);
+}
+
+/* Owner: caller, free(); NULL: out of memory. */
+static char *status_text(dmn_live *l)
+{
+    struct dmn_state *s = pvx_calloc(1, sizeof *s);
+    char *text = malloc(DMN_STATE_JSON_MAX);
+    if (s != NULL && text != NULL)
+        dmn_live_snapshot(l, s);
+    if (s == NULL || text == NULL || dmn_state_json(s, text, DMN_STATE_JSON_MAX) == 0)
+        PVX_FREE(text);
+    free(s);
+    return text;
+}
+
+pvx_err dmn_live_keep(dmn_live *l, const struct dmn_config *c, const char *path, char *where,
+                      size_t size, struct pvx_diag *d)
+{
+    struct dmn_instant_about about = {.start = l->out.start,
+                                      .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * 1e9),
+                                      .health = health,
+                                      .ctx = l};
+    struct dmn_instant_got got;
+    PVX_TRY(dmn_recording_snapshot(l->recording, path, where, size, &about.head, d));
+    PVX_TRY(dmn_instant_place(where, d));
+    pthread_mutex_lock(&l->out.lock);
+    size_t voxels = l->out.report.active_voxels;
+    pthread_mutex_unlock(&l->out.lock);
+    PVX_TRY(dmn_instant_take(l->instant, 2 * voxels, &got, d));
+    char *config = dmn_config_format(c), *status = status_text(l);
+    about.head.config = config;
+    about.status = status;
+    pvx_err e = config != NULL && status != NULL
+                    ? dmn_instant_write(where, &got, &about, d)
+                    : pvx_fail(d, PVX_ENOMEM, "no memory for a snapshot");
+    free(config);
+    free(status);
+    dmn_instant_done(l->instant, &got);
+    return e;
 }
 
 void dmn_live_tune(dmn_live *l, const struct dmn_config *c)

@@ -33,6 +33,10 @@ PVX_MUST_CHECK pvx_err dmn_live_record(dmn_live *l, bool start, const char *path
  * none waits. */
 void dmn_live_tune(dmn_live *l, const struct dmn_config *cfg);
 /* The same for volumes, by a process beside the daemon: record.volumes, hdf5 when that is none. */
+/* One frame set, its volume and the status into a folder (instant.h), named as for dmn_live_record; c: the options in
+ * effect.  Answers when all is on the disk. */
+PVX_MUST_CHECK pvx_err dmn_live_keep(dmn_live *l, const struct dmn_config *c, const char *path,
+                                     char *where, size_t size, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err dmn_live_record_volumes(dmn_live *l, bool start, char *where, size_t size,
                                                struct pvx_diag *d);
 /* The mean of the next `sets` becomes the background, 0: none any more; and how far it is (background.h).  From

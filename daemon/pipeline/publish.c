@@ -67,6 +67,7 @@ static bool put(void *ctx, const struct dmn_slot *s)
     p->bytes = bytes;
     pthread_mutex_unlock(&p->lock);
     p->published++;
+    dmn_instant_volume(p->instant, &m, &v);
     return true;
 }
 

@@ -9,6 +9,7 @@
 #include <stdatomic.h>
 #include "daemon/config/config.h"
 #include "daemon/pipeline/events.h"
+#include "daemon/pipeline/instant.h"
 #include "daemon/pipeline/pipeline.h"
 #include "proto/pub.h"
 
@@ -24,6 +25,7 @@ struct dmn_publish {
     /* what the status message says */
     void (*snapshot)(void *ctx, struct dmn_state *out);
     void *ctx;
+    dmn_instant *instant; /* may keep a volume; borrowed, or NULL */
 
     pthread_mutex_t lock;
     struct pvx_hist latency;

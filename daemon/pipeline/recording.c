@@ -132,7 +132,7 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
     }
     sources->capture.tap = cap_recorder_tap(r->recorder);
     for (size_t i = 0; i < rig->n_cameras; i++)
-        sources->source[i].buffers += rc.queue;
+        sources->source[i].buffers += rc.queue + 1; /* a snapshot's (instant.h) */
     *out = r;
     return PVX_OK;
 }
@@ -164,18 +164,41 @@ static pvx_err name_beside(const char *name, char *file, size_t size, struct pvx
                : pvx_fail(d, PVX_ERANGE, "'%s' is too long for a file's name", name);
 }
 
+/* name: a whole path, or one that goes to the folder of record.path; NULL: record.path. */
+static pvx_err place(const dmn_recording *r, const char *name, char *out, size_t size,
+                     struct pvx_diag *d)
+{
+    if (name != NULL && strchr(name, '/') != NULL)
+        return snprintf(out, size, "%s", name) < (int)size
+                   ? PVX_OK
+                   : pvx_fail(d, PVX_ERANGE, "%s: is too long", name);
+    PVX_TRY(dmn_recording_name("record.path", r->pattern, r->base, out, size, d));
+    return name != NULL ? name_beside(name, out, size, d) : PVX_OK;
+}
+
+pvx_err dmn_recording_snapshot(dmn_recording *r, const char *name, char *where, size_t size,
+                               struct cap_take_head *head, struct pvx_diag *d)
+{
+    char now[PATH_MAX];
+    if (r == NULL)
+        return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
+    PVX_TRY(dmn_recording_name("snapshot", "snapshot-%Y%m%dT%H%M%S", "", now, sizeof now, d));
+    PVX_TRY(place(r, name != NULL ? name : now + 1, where, size, d));
+    pthread_mutex_lock(&r->lock);
+    *head = r->head;
+    pthread_mutex_unlock(&r->lock);
+    head->t_created_ns = pvx_now_real();
+    return PVX_OK;
+}
+
 pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where, size_t size,
                             struct pvx_diag *d)
 {
     if (r == NULL)
         return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
     char name[PATH_MAX];
-    if (path == NULL || strchr(path, '/') == NULL) {
-        PVX_TRY(dmn_recording_name("record.path", r->pattern, r->base, name, sizeof name, d));
-        if (path != NULL)
-            PVX_TRY(name_beside(path, name, sizeof name, d));
-        path = name;
-    }
+    PVX_TRY(place(r, path, name, sizeof name, d));
+    path = name;
     pthread_mutex_lock(&r->lock);
     r->head.t_created_ns = pvx_now_real();
     pvx_err e = cap_recorder_start(r->recorder, path, &r->head, d);

@@ -21,6 +21,10 @@ PVX_MUST_CHECK pvx_err dmn_recording_name(const char *key, const char *pattern, 
 /* path NULL: record.path.  where: the file's name.  r may be NULL: PVX_EUNSUP. */
 PVX_MUST_CHECK pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where,
                                            size_t size, struct pvx_diag *d);
+/* Where a snapshot goes, and what its take says; both as a recording's.  name NULL: by the time.  head borrows from r. */
+PVX_MUST_CHECK pvx_err dmn_recording_snapshot(dmn_recording *r, const char *name, char *where,
+                                              size_t size, struct cap_take_head *head,
+                                              struct pvx_diag *d);
 /* As cap_recorder_hurry. */
 void dmn_recording_hurry(dmn_recording *r);
 /* As cap_recorder_stop; where = the take that was ended. */

@@ -44,7 +44,7 @@ check no-key-no-answer says 1 "asks for a key"
 ctl() { run "$pyrovox" ctl --control "tcp://127.0.0.1:$control_port" --key "$keys/$1.key" "${@:2}"; }
 told() { ctl bert set solver.iterations 9; says 0 'value 9'; }
 check control-sets told
-placed() { ctl bert record start "$dir/elsewhere.h5"; says 1 'over the network a take goes to record.path'; }
+placed() { ctl bert record start "$dir/elsewhere.h5"; says 1 'over the network it goes to the folder of record.path'; }
 check control-does-not-place-a-take placed
 named() { ctl bert record start named.h5; says 0 "$dir/named.h5" && ctl bert record stop && says 0 "$dir/named.h5"; }
 check control-names-a-take named

@@ -213,7 +213,13 @@ T_CASE(control_answers)
     static const char take[] = "{\"cmd\":\"record\",\"action\":\"start\",\"path\":\"/a.h5\"}";
     ops.remote = true;
     dmn_control_handle(&ops, take, strlen(take), reply, sizeof reply);
-    T_CONTAINS(reply, "goes to record.path");
+    T_CONTAINS(reply, "goes to the folder of record.path");
+    static const char snapshot[] = "{\"cmd\":\"snapshot\",\"path\":\"/a\"}";
+    dmn_control_handle(&ops, snapshot, strlen(snapshot), reply, sizeof reply);
+    T_CONTAINS(reply, "goes to the folder of record.path");
+    static const char up[] = "{\"cmd\":\"snapshot\",\"name\":\"../a\"}";
+    dmn_control_handle(&ops, up, strlen(up), reply, sizeof reply);
+    T_CONTAINS(reply, "name should be");
 }
 
 static pvx_err fake_background(void *ctx, uint32_t sets, struct pvx_diag *d)
