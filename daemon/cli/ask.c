@@ -2,12 +2,17 @@
 
 #include <errno.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <zmq.h>
 
 #include "base/clock.h"
+#include "daemon/control/commands.h"
 #include "proto/auth.h"
 #include "proto/door.h"
+
+#define ANSWER_MS 5000
+#define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 
 /* Room for an answer, or why there will be none. */
 static pvx_err answer(void *socket, pvp_door *door, const char *endpoint, bool has_key,
@@ -79,9 +84,7 @@ static pvx_err exchange(void *socket, pvp_door *door, struct whom whom, const ch
 pvx_err ask(const char *endpoint, const char *key, const char *cmd, int timeout_ms, cJSON **out,
             struct pvx_diag *d)
 {
-    char text[256];
-    snprintf(text, sizeof text, "{\"cmd\":\"%s\"}", cmd);
-    return ask_request(endpoint, key, text, timeout_ms, out, d);
+    return ask_words(endpoint, key, (const char *const[]){cmd, NULL}, timeout_ms, out, d);
 }
 
 pvx_err ask_request(const char *endpoint, const char *key, const char *request, int timeout_ms,
@@ -103,6 +106,61 @@ pvx_err ask_request(const char *endpoint, const char *key, const char *request, 
         cJSON_Delete(*out);
         *out = NULL;
     }
+    return e;
+}
+
+/* Word number i of a request: its key, out of the command's, in their order; what is recorded may be left out, a name
+ * that begins with / is a path.  false: one too many. */
+static bool add_word(cJSON *request, const struct dmn_command *k, int i, const char *word)
+{
+    char key[32] = "", *end = NULL;
+    const char *p = k->keys;
+    for (int skip = 1; skip < i && *p != '\0'; skip++) {
+        p += strcspn(p, " ");
+        p += *p == ' ';
+    }
+    snprintf(key, sizeof key, "%.*s", (int)strcspn(p, " "), p);
+    if (strcmp(key, "what") == 0 && strcmp(word, "raw") != 0 && strcmp(word, "volumes") != 0)
+        snprintf(key, sizeof key, "name");
+    if (key[0] == '\0' || strcmp(key, "path") == 0 ||
+        (strcmp(key, "name") == 0 && (cJSON_HasObjectItem(request, "name") || /* two */
+                                      cJSON_HasObjectItem(request, "path"))))
+        return false;
+    if (strcmp(key, "name") == 0 && word[0] == '/')
+        snprintf(key, sizeof key, "path");
+    double number = strcmp(key, "sets") == 0 ? strtod(word, &end) : 0;
+    if (end != NULL && end != word && *end == '\0')
+        cJSON_AddNumberToObject(request, key, number);
+    else
+        cJSON_AddStringToObject(request, key, word);
+    return true;
+}
+
+pvx_err ask_words(const char *endpoint, const char *key, const char *const *word, int timeout_ms,
+                  cJSON **out, struct pvx_diag *d)
+{
+    const struct dmn_command *k = dmn_command_find(word[0]);
+    cJSON *request = cJSON_CreateObject();
+    bool writes = strcmp(k->name, "record") == 0 || strcmp(k->name, "snapshot") == 0;
+    *out = NULL;
+    cJSON_AddStringToObject(request, "cmd", k->name);
+    cJSON_AddNumberToObject(request, "version", DMN_CONTROL_VERSION);
+    pvx_err e = PVX_OK;
+    for (int i = 1; e == PVX_OK && word[i] != NULL; i++)
+        e = add_word(request, k, i, word[i])
+                ? PVX_OK
+                : pvx_fail(d, PVX_ERANGE, "usage: pyrovox ctl %s %s", k->name, k->usage);
+    char *text = cJSON_PrintUnformatted(request);
+    cJSON_Delete(request);
+    if (text == NULL)
+        e = PVX_ENOMEM;
+    if (e == PVX_OK)
+        e = ask_request(endpoint, key, text,
+                        timeout_ms > 0 ? timeout_ms
+                        : writes       ? WRITE_MS
+                                       : ANSWER_MS,
+                        out, d);
+    free(text);
     return e;
 }
 

@@ -10,8 +10,6 @@
 #include "daemon/config/endpoints.h"
 #include "daemon/control/commands.h"
 
-#define ANSWER_MS 5000
-#define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 #define WORDS_MAX 4
 
 enum { OPT_JSON = 0x100, OPT_CONTROL };
@@ -20,7 +18,7 @@ struct args {
     const char *endpoint, *key;
     bool json;
     int n;
-    const char *word[WORDS_MAX + 1]; /* the command first */
+    const char *word[WORDS_MAX + 2]; /* the command first; NULL ends them */
 };
 
 static const struct argp_option options[] = {
@@ -52,6 +50,8 @@ static char *help(int key, const char *text, void *input)
           "  pyrovox ctl get solver.lambda\n"
           "  pyrovox ctl set publish.compress lz4\n"
           "  pyrovox ctl record start flame7.h5\n"
+          "  pyrovox ctl record start volumes\n"
+          "  pyrovox ctl snapshot strange\n"
           "  pyrovox ctl --control tcp://lab:5556 --key me.key stop",
           f);
     return fclose(f) == 0 ? out : NULL;
@@ -80,41 +80,6 @@ static error_t parse(int key, char *arg, struct argp_state *st)
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
-}
-
-/* Word number i of the request: its key, out of the command's, in their order. */
-static bool add_word(cJSON *request, const struct dmn_command *k, int i, const char *word)
-{
-    char key[32] = "", *end = NULL;
-    const char *p = k->keys;
-    for (int skip = 1; skip < i && *p != '\0'; skip++) {
-        p += strcspn(p, " ");
-        p += *p == ' ';
-    }
-    snprintf(key, sizeof key, "%.*s", (int)strcspn(p, " "), p);
-    if (key[0] == '\0')
-        return false;
-    if (strcmp(key, "name") == 0 && word[0] == '/')
-        snprintf(key, sizeof key, "path");
-    double number = strcmp(key, "sets") == 0 ? strtod(word, &end) : 0;
-    if (end != NULL && end != word && *end == '\0')
-        cJSON_AddNumberToObject(request, key, number);
-    else
-        cJSON_AddStringToObject(request, key, word);
-    return true;
-}
-
-static char *request_of(const struct args *a)
-{
-    const struct dmn_command *k = dmn_command_find(a->word[0]);
-    cJSON *request = cJSON_CreateObject();
-    bool ok = cJSON_AddStringToObject(request, "cmd", k->name) != NULL &&
-              cJSON_AddNumberToObject(request, "version", DMN_CONTROL_VERSION) != NULL;
-    for (int i = 1; i < a->n && ok; i++)
-        ok = add_word(request, k, i, a->word[i]);
-    char *text = ok ? cJSON_PrintUnformatted(request) : NULL;
-    cJSON_Delete(request);
-    return text;
 }
 
 static void print_options(const cJSON *list)
@@ -167,20 +132,13 @@ static int run(int argc, char **argv)
     argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
-    char *request = request_of(&a);
-    if (request == NULL) {
-        const struct dmn_command *k = dmn_command_find(a.word[0]);
-        fprintf(stderr, "pyrovox: usage: pyrovox ctl %s %s\n", k->name, k->usage);
-        return 2;
-    }
     struct pvx_diag d = {""};
     cJSON *reply;
-    bool writes = strcmp(a.word[0], "record") == 0 || strcmp(a.word[0], "snapshot") == 0;
-    int timeout_ms = writes ? WRITE_MS : ANSWER_MS;
-    pvx_err e = ask_request(a.endpoint, a.key, request, timeout_ms, &reply, &d);
-    free(request);
-    if (e != PVX_OK)
-        return cli_error(&d, e);
+    pvx_err e = ask_words(a.endpoint, a.key, a.word, 0, &reply, &d);
+    if (e != PVX_OK) {
+        int code = cli_error(&d, e);
+        return e == PVX_ERANGE ? 2 : code;
+    }
     if (a.json) {
         char *text = cJSON_Print(reply);
         puts(text != NULL ? text : "");

@@ -1,13 +1,10 @@
 #include <limits.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "daemon/cli/ask.h"
 #include "daemon/cli/cli.h"
-
-#define TIMEOUT_MS 60000 /* the daemon answers a stop when all that waits is written */
 
 /* As the daemon has to hear it: it runs in another folder. */
 static pvx_err absolute(const char *path, char *out, size_t size, struct pvx_diag *d)
@@ -21,29 +18,15 @@ static pvx_err absolute(const char *path, char *out, size_t size, struct pvx_dia
                : pvx_fail(d, PVX_EINVAL, "--out %s: is not a name for a file", path);
 }
 
-static pvx_err send_request(const char *control, const char *key, const char *action,
-                            const char *path, cJSON **reply, struct pvx_diag *d)
-{
-    cJSON *req = cJSON_CreateObject();
-    cJSON_AddStringToObject(req, "cmd", "record");
-    cJSON_AddStringToObject(req, "action", action);
-    if (path != NULL)
-        cJSON_AddStringToObject(req, "path", path);
-    char *text = cJSON_PrintUnformatted(req);
-    cJSON_Delete(req);
-    pvx_err e = text != NULL ? ask_request(control, key, text, TIMEOUT_MS, reply, d) : PVX_ENOMEM;
-    free(text);
-    return e;
-}
-
 int record_raw(const char *control, const char *key, const char *action, const char *out)
 {
     char path[PATH_MAX + 256];
     struct pvx_diag d = {""};
     cJSON *reply = NULL;
+    const char *const words[] = {"record", action, "raw", out == NULL ? NULL : path, NULL};
     pvx_err e = out == NULL ? PVX_OK : absolute(out, path, sizeof path, &d);
     if (e == PVX_OK)
-        e = send_request(control, key, action, out == NULL ? NULL : path, &reply, &d);
+        e = ask_words(control, key, words, 0, &reply, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
     printf("%s %s\n", strcmp(action, "start") == 0 ? "recording raw frames to" : "recorded",

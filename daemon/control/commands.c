@@ -200,8 +200,10 @@ const struct dmn_command dmn_commands[] = {
      "publish.compress",
      dmn_answer_set},
     {"log-level", "level", "error|warn|info|debug", "as set log_level", log_level},
-    {"record", "action name path what", "start|stop [NAME|/PATH]",
-     "a take of raw frames; a NAME goes to the folder of record.path", record},
+    {"record", "action what name path", "start|stop [raw|volumes] [NAME|/PATH]",
+     "a take of raw frames, a NAME goes to the folder of record.path; or a recording of volumes, "
+     "which goes to record.volumes_path",
+     record},
     {"snapshot", "name path", "[NAME|/PATH]",
      "one frame set, the volume made of it and the status into a folder, to look at later or to "
      "send to somebody; a NAME is beside record.path",

@@ -3,7 +3,7 @@
 # see, takes by name, over the network with a key, and what is refused.
 name=088
 . "$(dirname "$0")/lib.sh"
-config a.yaml <<< $'cameras: "sim:"\nfps: 20\nshared_clock: true\nlossless: true\nrecord: {path: takes/%Y.h5, keep_free_gb: 0}'
+config a.yaml <<< $'cameras: "sim:"\nfps: 20\nshared_clock: true\nlossless: true\nrecord: {path: takes/%Y.h5, volumes_path: seen/run, keep_free_gb: 0}'
 start a.log "$pyrovoxd" --config "$dir/a.yaml"
 daemon=$started
 ctl() { run "$pyrovox" ctl --control "$control" "$@"; }
@@ -54,11 +54,30 @@ check take-ends does 0 "$dir/takes/mine.h5" record stop
 check take-is-there [ -s "$dir/takes/mine.h5" ]
 check take-elsewhere does 0 "$dir/other.h5" record start "$dir/other.h5"
 check take-elsewhere-ends does 0 other.h5 record stop
+check take-by-kind does 0 "$dir/takes/kind.h5" record start raw kind.h5
+check one-at-a-time does 1 'is being recorded' record start raw
+check take-by-kind-ends does 0 "$dir/takes/kind.h5" record stop raw
+check two-names does 2 'usage: pyrovox ctl record' record start a.h5 b.h5
+check too-many-for-record does 2 'usage: pyrovox ctl record' record start raw a.h5 b.h5
+check volumes-have-no-name does 1 'leave path and name out' record start volumes a.h5
+check no-volumes-yet does 1 'no volumes are being recorded' record stop volumes
+check volumes does 0 "$dir/seen/run-" record start volumes
+check volumes-are-written wait_for field "s['record_volumes']['running'] and s['record_volumes']['written'] >= 5"
+check volumes-one-at-a-time does 1 'volumes are being recorded to' record start volumes
+check both-kinds-at-once does 0 "$dir/takes/both.h5" record start both.h5
+check volumes-end does 0 "$dir/seen/run-" record stop volumes
+check only-they-end wait_for field "not s['record_volumes']['running'] and s['record']['state'] == 'recording'"
+check take-ends-too does 0 "$dir/takes/both.h5" record stop
+check volumes-again does 0 -2.h5 record start volumes
+check volumes-end-again does 0 -2.h5 record stop volumes
+readable() { local f; for f in "$dir"/seen/run-*.h5; do h5dump -a /closed "$f" | grep -q '(0): 1' || return 1; done; [ "$(ls "$dir"/seen | wc -l)" = 2 ]; }
+check volumes-are-closed readable
 check bad-name does 1 'name should be' record start ../a.h5
 check no-keys does 1 'no keys to read again' reload-keys
 check background does 0 'state none' background
 check json does 0 '"version":' --json ping
-check stop does 0 ok stop
+stops() { run "$pyrovox" status --endpoint "$control" --stop; says 0 "the daemon is stopping"; }
+check stop stops
 check ends ended "$daemon" 0
 check nobody does 1 'is pyrovoxd running' ping
 exit $rc
