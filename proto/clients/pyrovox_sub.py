@@ -12,6 +12,7 @@
 import argparse, ctypes, ctypes.util, functools, json, os, struct, sys
 import numpy as np
 import zmq
+from zmq.utils.monitor import recv_monitor_message
 
 HEADER = struct.Struct("<4s4HI4Q")
 START = struct.Struct("<3I3I6dQd32s32s")
@@ -21,6 +22,7 @@ PREVIEW = struct.Struct("<2IQq2I")
 CAMERA = struct.Struct("<64sI4H7I")
 TYPES = {100: "start", 200: "volume", 300: "status", 400: "end", 500: "rig", 600: "event", 700: "preview"}
 MEMORY = 1 << 30  # bytes: a volume as floats, 645^3 voxels of one colour, 447^3 of three
+BROKEN_OFF = 3  # connections that are not let in, one after the other, until that is said
 TIMES = ("photometry_ns", "hull_ns", "restrict_ns", "solve_ns", "total_ns")
 
 
@@ -29,6 +31,10 @@ class BadMessage(ValueError):
 
 
 class TooLarge(BadMessage):
+    pass
+
+
+class Refused(ConnectionError):
     pass
 
 
@@ -247,7 +253,7 @@ def use_key(socket, path):
 class Subscriber:
     """Iterate over decoded messages; volumes only after their session's start.  `lost` counts gaps.
 
-    Raises TooLarge when the daemon's volumes need more than `memory` bytes.
+    Raises TooLarge when the daemon's volumes need more than `memory` bytes, Refused when it does not let us in.
     """
 
     def __init__(self, endpoint, timeout_ms=-1, memory=MEMORY, key=None):
@@ -257,7 +263,14 @@ class Subscriber:
         self.socket.setsockopt(zmq.SUBSCRIBE, b"PVX1")
         if key:
             use_key(self.socket, key)
+        self.door = self.socket.get_monitor_socket(
+            zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH |
+            zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
         self.socket.connect(endpoint)
+        self.endpoint, self.key, self.broken_off = endpoint, key, 0
+        self.poller = zmq.Poller()
+        self.poller.register(self.socket, zmq.POLLIN)
+        self.poller.register(self.door, zmq.POLLIN)
         self.timeout_ms, self.memory = timeout_ms, memory
         self.start, self.session, self.next = None, None, 0
         self.received = self.lost = self.malformed = 0
@@ -266,15 +279,32 @@ class Subscriber:
         return self
 
     def __exit__(self, *_):
+        self.socket.disable_monitor()
         self.socket.close(0)
 
     def __iter__(self):
         return self
 
+    def look_at_door(self):
+        """libzmq would try again for ever in silence."""
+        while self.door.poll(0):
+            event = recv_monitor_message(self.door)["event"]
+            if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                raise Refused(f"{self.endpoint} refuses the key in {self.key}: it is not in the daemon's keys.clients")
+            self.broken_off = 0 if event == zmq.EVENT_HANDSHAKE_SUCCEEDED else self.broken_off + 1
+            if self.broken_off == BROKEN_OFF or event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
+                raise Refused(f"{self.endpoint} breaks off: " + (
+                    f"the daemon has another key than {self.key} says (its 'server' line), or asks for none"
+                    if self.key else "the daemon asks for a key (--key FILE, made by pyrovox keygen), or is none"))
+
     def __next__(self):
         while True:
-            if not self.socket.poll(self.timeout_ms):
+            ready = dict(self.poller.poll(None if self.timeout_ms < 0 else self.timeout_ms))
+            if not ready:
                 raise StopIteration
+            self.look_at_door()
+            if self.socket not in ready:
+                continue
             msg = self.socket.recv()
             try:
                 m, _ = decode_header(msg)
@@ -342,3 +372,5 @@ if __name__ == "__main__":
         sys.exit(130)
     except TooLarge as e:
         sys.exit(f"pyrovox_sub.py: {e}; --memory MIB allows more")
+    except (OSError, ValueError) as e:
+        sys.exit(f"pyrovox_sub.py: {e}")

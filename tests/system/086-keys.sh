@@ -63,6 +63,13 @@ python_reads() {
     "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" --key "$keys/anna.key" --frames 3 --timeout 120 | tail -n 1 | grep -q '^3 volumes'
 }
 if "$py" -c 'import numpy, zmq' 2> /dev/null; then check python-reads python_reads
+    page_says() { run "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" "${@:2}"; says 1 "$1"; }
+    check python-without-a-key page_says 'asks for a key'
+    "$pyrovox" keygen "$keys/carl" --server "$keys/lab.pub" > "$dir/said"
+    check python-not-listed page_says "refuses the key in $keys/carl.key" --key "$keys/carl.key"
+    "$pyrovox" keygen "$keys/other" > "$dir/said"; "$pyrovox" keygen "$keys/dora" --server "$keys/other.pub" > "$dir/said"
+    check python-another-daemon page_says "another key than $keys/dora.key says" --key "$keys/dora.key"
+    check python-no-key-file page_says "none.key" --key "$keys/none.key"
 else echo "SKIP $name:python-reads (no python3 with numpy and zmq)"; fi
 
 # nobody without a key gets a byte, however long it asks
