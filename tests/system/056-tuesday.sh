@@ -57,6 +57,7 @@ daemon=$!
 pids+=("$daemon")
 exec 5> "$dir/orders"
 check starts wait_for field "s['sets']['published'] >= 20 and s['last']['cameras'] == 6"
+start heard.log listen
 # a bump too small to be worth a camera: the drift alarm's affair, which first learns where the cameras are
 check looked wait_for field "all(c['rig']['looks'] >= 8 for c in s['cameras'])"
 order 'shift cam3 1.5:0'
@@ -75,6 +76,10 @@ check checks_name_nobody_else field "all(c['check']['wrong'] == '' and c['check'
 check nor_did_they eval '! grep -q "camera cam[0-245] does not agree" "$dir/run.log"'
 tuesday
 check nobody_else field "all(c['vote']['sets'] == 0 for i, c in enumerate(s['cameras']) if i != 3)"
+check "subscribers hear it" heard "^event .*'kind': 'camera_voted_out', 'camera': 'cam3', 'why': 'dark', 'remedy'"
+check "each time" [ "$(grep -c "^event .*camera_voted_out', 'camera': 'cam3'.*'remedy': '[a-z]" "$dir/heard.log")" -ge 7 ]
+check "and that it is back" heard "^event .*'kind': 'camera_believed', 'camera': 'cam3'"
+check "of nobody else" eval '! grep "^event .*camera_" "$dir/heard.log" | grep -qv cam3'
 check logs_why grep -q 'cam3.*dark.*cap' "$dir/run.log"
 check one_life field "all(c['state'] == 'running' and c['counts']['lost_camera'] == 0 for c in s['cameras'])"
 "$pyrovox" status --endpoint "$control" --stop > "$dir/null"

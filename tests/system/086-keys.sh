@@ -35,6 +35,7 @@ start daemon.log "$pyrovoxd" --config "$dir/a.yaml"
 daemon=$started
 ask=("$pyrovox" status --endpoint "tcp://127.0.0.1:$control_port")
 answers() { "${ask[@]}" --key "$keys/bert.key" --timeout 5 > "$dir/said" 2>&1; }
+start heard.log listen # by the file, which needs no key
 volumes_for() { "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$keys/$1.key" --volumes 3 --out "$dir/out-$1-$2" -q; }
 check control-with-its-key wait_for answers
 run "${ask[@]}" --key "$keys/anna.key" --timeout 1
@@ -83,6 +84,7 @@ bert=$started
 have() { [ "$(find "$dir/out-$1" -name '*.npy' 2> /dev/null | wc -l)" -ge "$2" ]; }
 check one-reads wait_for have anna 3
 check another-reads wait_for have bert 3
+check a-refused-key-is-told wait_for heard "^event .*'kind': 'key_refused', 'connections': [1-9]"
 cat "$keys/bert.pub" > "$keys/clients.keys"
 kill -HUP "$daemon"
 check taken-back wait_for grep -q 'refused a connection from 127.0.0.1' "$dir/daemon.log"

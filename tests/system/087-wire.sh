@@ -59,15 +59,6 @@ n=$(made); # one may have been asked for
 m=$(sets); wait_for published $((m + 20))
 check and-no-more-are-made [ "$(made)" -le $((n + 1)) ]
 
-listen() { # what comes in, a line each
-    "$py" -u - "$volumes" <<'PY'
-import sys
-import pyrovox_sub as pvx
-with pvx.Subscriber(sys.argv[1], 120000) as sub:
-    for m in sub:
-        print(m["type"], m.get("event") or m.get("rig", "")[:40].replace("\n", " "))
-PY
-}
 old() { # the reader of 1.0, as it was
     "$py" -u - "$volumes" <<'PY'
 import sys
@@ -84,7 +75,6 @@ PY
 start old.log old
 old=$started
 start heard.log listen
-heard() { grep -q -- "$1" "$dir/heard.log"; }
 check hears-the-rig wait_for heard '^rig '
 check rig-after-start [ "$(head -n 1 "$dir/heard.log" | cut -d ' ' -f 1)" = start ]
 "$pyrovox" record --control "$control" --raw start > "$dir/said" 2>&1
@@ -95,4 +85,12 @@ kill -TERM "$daemon"
 check ends ended "$daemon" 0
 wait "$old"
 check reads-as-1.0 grep -q ' volumes, 0 lost, 0 malformed' "$dir/old.log"
+# more sets than can be solved: what was dropped is told, and how many in all
+config b.yaml <<< $'cameras: "sim:"\nfps: 1000\nthreads: 1'
+start b.log "$pyrovoxd" --config "$dir/b.yaml"
+daemon=$started
+start heard.log listen
+check drops-are-told wait_for heard "^event .*'kind': 'drops', 'sets': [1-9]"
+kill -TERM "$daemon"
+check b-ends ended "$daemon" 0
 exit $rc

@@ -70,3 +70,13 @@ ended() { # id, expected exit code
     [ $got = "$2" ] || { echo "  exit $got, want $2"; return 1; }
 }
 gone() { ! kill -0 "$1" 2>/dev/null; }
+listen() { # [endpoint]: what a subscriber hears, a line each, until it is ended
+    PYTHONPATH=proto/clients "$py" -u - "${1:-$volumes}" <<'PY'
+import sys
+import pyrovox_sub as pvx
+with pvx.Subscriber(sys.argv[1]) as sub:
+    for m in sub:
+        print(m["type"], m.get("event") or m.get("rig", "")[:40].replace("\n", " "))
+PY
+}
+heard() { grep -q -- "$1" "$dir/heard.log"; }
