@@ -49,11 +49,36 @@ pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_
     return PVX_OK;
 }
 
+pvx_err rec_frame_alone(const rec_sysmat *S, const struct rec_rig *rig,
+                        const struct rec_frame_params *p, pvx_pool *pool, rec_frame **out,
+                        struct pvx_diag *d)
+{
+    rec_carver *k = NULL;
+    rec_solver *s = NULL;
+    *out = NULL;
+    pvx_err e = rec_carver_new(S, rig, p, pool, &k, d);
+    if (e == PVX_OK)
+        e = rec_solver_new(S, p, &s, d);
+    if (e == PVX_OK)
+        e = rec_frame_new(k, s, out, d);
+    if (e == PVX_OK) {
+        (*out)->alone = true;
+        return PVX_OK;
+    }
+    rec_carver_free(&k);
+    rec_solver_free(&s);
+    return e;
+}
+
 void rec_frame_free(rec_frame **fp)
 {
     rec_frame *f = *fp;
     if (f == NULL)
         return;
+    if (f->alone) {
+        rec_carver_free(&f->carver);
+        rec_solver_free(&f->solver);
+    }
     free(f->b);
     free(f->weight);
     free(f->lit);

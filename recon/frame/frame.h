@@ -91,6 +91,10 @@ void rec_solver_tune(rec_solver *s, const struct rec_solve_params *p);
 typedef struct rec_frame rec_frame;
 PVX_MUST_CHECK pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out,
                                      struct pvx_diag *d);
+/* A slot with a carver and a solver of its own: for one frame set at a time. */
+PVX_MUST_CHECK pvx_err rec_frame_alone(const rec_sysmat *S, const struct rec_rig *rig,
+                                       const struct rec_frame_params *p, pvx_pool *pool,
+                                       rec_frame **out, struct pvx_diag *d);
 void rec_frame_free(rec_frame **f);
 void rec_frame_reset(rec_frame *f);
 

@@ -34,6 +34,7 @@ struct rec_solver {
 struct rec_frame {
     rec_carver *carver;
     rec_solver *solver;
+    bool alone; /* they are its own */
     const rec_sysmat *S;
     int nch, cs;
     size_t rows, voxels;

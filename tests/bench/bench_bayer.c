@@ -54,7 +54,7 @@ static void measure(const struct scene *s, enum flame_kind kind, const rec_sysma
     struct rec_sparse v;
     float *dense = must_floats(rec_grid_count(&S->grid) * 3);
     double best = INFINITY;
-    CHECK(slot_new(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &s->rig, &p, pool, &f, NULL));
     for (int r = 0; r < 3; r++) {
         expose(s, way, noise, S->binning, f);
         int64_t t0 = pvx_now_mono();
@@ -69,7 +69,7 @@ static void measure(const struct scene *s, enum flame_kind kind, const rec_sysma
     bench_row(csv, "%s,%s,%s,%.3f,%s,%.6f,%.4f,%.3f,%.5f,%d,%u,%.3f", flames[kind].name,
               flames[kind].use, rec_basis_name(S->grid.basis), noise, way_name[way], q.volume,
               q.view, q.psnr, q.ssim, (int)r->active_voxels, r->solve.iterations, best);
-    slot_free(&f);
+    rec_frame_free(&f);
     free(dense);
 }
 

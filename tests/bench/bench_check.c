@@ -39,7 +39,7 @@ static double volume(struct shots *s, const struct rec_rig *rig, pvx_pool *pool)
     (void)rec_gauge_hold(&q->rig, &mine.rig, NULL);
     rec_sysmat *S = scene_matrix(&mine, 2, pool, NULL);
     p.nch = q->nch;
-    CHECK(slot_new(S, &mine.rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &mine.rig, &p, pool, &f, NULL));
     bench_seed(77);
     scene_fill(q, f, 0.01);
     rec_frame_carve(f);
@@ -47,7 +47,7 @@ static double volume(struct shots *s, const struct rec_rig *rig, pvx_pool *pool)
     rec_frame_volume(f, &v);
     rec_sparse_to_dense(&v, dense);
     double e = rec_rel_l2(dense, q->truth, n);
-    slot_free(&f);
+    rec_frame_free(&f);
     rec_sysmat_free(&S);
     rec_rig_fini(&mine.rig);
     free(dense);

@@ -23,7 +23,7 @@ static struct outcome solve(const struct scene *s, const rec_sysmat *S, const ch
         p.hull.min_views = 1;
     }
     rec_frame *f;
-    CHECK(slot_new(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &s->rig, &p, pool, &f, NULL));
     struct outcome o = {.solve_ms = 1e300};
     struct rec_sparse v;
     float *dense = must_floats(rec_grid_count(&S->grid) * 3);
@@ -39,7 +39,7 @@ static struct outcome solve(const struct scene *s, const rec_sysmat *S, const ch
     o.voxels = rec_frame_get_report(f)->active_voxels;
     o.iterations = rec_frame_get_report(f)->solve.iterations;
     free(dense);
-    slot_free(&f);
+    rec_frame_free(&f);
     return o;
 }
 

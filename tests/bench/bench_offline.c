@@ -58,7 +58,7 @@ static void run(FILE *csv, const int32_t size[3], double want, unsigned threads,
     mp.rays_per_bin = rays;
     CHECK(rec_sysmat_build(&s.rig, &mp, pool, NULL, NULL, &S, NULL));
     double build_s = (double)(pvx_now_mono() - t0) * 1e-9;
-    CHECK(slot_new(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
 
     int64_t bin = 0, photo = 0, hull = 0, restricted = 0, solve = 0;
     int sets = 0;
@@ -121,7 +121,7 @@ static void run(FILE *csv, const int32_t size[3], double want, unsigned threads,
     free(dense);
     for (size_t c = 0; c < 8; c++)
         free(in.px[c]);
-    slot_free(&f);
+    rec_frame_free(&f);
     rec_sysmat_free(&S);
     scene_fini(&s);
     pvx_pool_free(&pool);

@@ -78,7 +78,7 @@ static void run(FILE *csv, const int32_t size[3], pvx_pool *pool)
     scene_flame(&s, size, REC_BOX, pool);
     shot_new(&b.shot, &s, &noise_8bit, 1);
     CHECK(rec_sysmat_build(&s.rig, &rec_sysmat_defaults, pool, NULL, NULL, &S, NULL));
-    CHECK(slot_new(S, &s.rig, &rec_frame_defaults, pool, &b.slot.frame, NULL));
+    CHECK(rec_frame_alone(S, &s.rig, &rec_frame_defaults, pool, &b.slot.frame, NULL));
     snprintf(text, sizeof text, "publish: {endpoints: ['ipc://%s/v']}\n", dir);
     CHECK(dmn_config_parse(text, strlen(text), "bench", &cfg, &d));
     snprintf(b.endpoint, sizeof b.endpoint, "ipc://%s/v.previews", dir);
@@ -108,7 +108,7 @@ static void run(FILE *csv, const int32_t size[3], pvx_pool *pool)
               (double)came / TURNS / (SETS / RATE), mean[0], mean[1], mean[1] / mean[0],
               took[0][half], took[1][half], took[0][late], took[1][late]);
     dmn_previews_free(&b.previews);
-    slot_free(&b.slot.frame);
+    rec_frame_free(&b.slot.frame);
     rec_sysmat_free(&S);
     shot_free(&b.shot);
     scene_fini(&s);

@@ -92,7 +92,7 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
     rec_kernels_init(&kernels, level);
     CHECK(pvx_pool_new(threads, "bench", &pool));
     p.photo.saturation = 1e30f;
-    CHECK(slot_new(S, &s->rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &s->rig, &p, pool, &f, NULL));
     bench_seed(1);
     scene_fill(s, f, 0.01);
     rec_frame_carve(f);
@@ -160,7 +160,7 @@ static void products(const struct scene *s, const rec_sysmat *S, int nch, unsign
     free(y_out);
     rec_images_free(&images);
     rec_subsys_free(&a);
-    slot_free(&f);
+    rec_frame_free(&f);
     pvx_pool_free(&pool);
 }
 

@@ -212,7 +212,7 @@ static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_gri
             struct sums sum = {0};
             p.nch = 1;
             p.solve.solver = rec_solver_names()[k];
-            CHECK(slot_new(S, &s.rig, &p, pool, &f, NULL));
+            CHECK(rec_frame_alone(S, &s.rig, &p, pool, &f, NULL));
             for (int i = 0; i < N_FRAMES; i++) {
                 float *used_image[CAMERAS];
                 for (int c = 0; c < n; c++)
@@ -225,7 +225,7 @@ static void leave_out(const struct rec_camera cam[CAMERAS], const struct rec_gri
                       rec_basis_name(s.rig.grid.basis), p.solve.solver, sum.view, sum.psnr,
                       sum.ssim, sum.iterations, sum.ms, (long long)r->active_voxels,
                       (unsigned long long)r->entries, cover, (double)r->sigma);
-            slot_free(&f);
+            rec_frame_free(&f);
         }
         rec_sysmat_free(&S);
     }

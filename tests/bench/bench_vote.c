@@ -166,7 +166,7 @@ static void time_faults(const struct take *t, uint32_t hold, const char *what, p
     rec_frame *f;
     fp.nch = t->now.nch;
     fp.hold = hold;
-    CHECK(slot_new(t->S, &t->now.rig, &fp, pool, &f, NULL));
+    CHECK(rec_frame_alone(t->S, &t->now.rig, &fp, pool, &f, NULL));
     const struct rec_frame_report *r = rec_frame_get_report(f);
     for (int fault = HEALTHY; fault <= HALF; fault++) {
         double vote = INFINITY, set = INFINITY;
@@ -184,7 +184,7 @@ static void time_faults(const struct take *t, uint32_t hold, const char *what, p
         bench_row(csv, "%s,%s,%s,%.3f,%.2f,%.1f", what, fault_names[fault],
                   rec_vote_state_name(r->vote.state), vote, set, 100 * vote / set);
     }
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 static void times(int32_t voxels, int32_t w, enum flame_kind kind, pvx_pool *pool)

@@ -146,7 +146,7 @@ static inline struct point measure(const struct course *c, const struct setting 
     p.solve.stop = set->stop;
     p.solve.iterations = set->iterations;
     for (int i = 0; i < (c->n > 1 ? 2 : 1); i++) /* as in a pipeline: the volume before stays */
-        CHECK(slot_new(c->S, &c->scene->rig, &p, c->pool, &f[i], NULL));
+        CHECK(rec_frame_alone(c->S, &c->scene->rig, &p, c->pool, &f[i], NULL));
     for (int i = 0; i < c->n; i++) {
         rec_frame *now = f[i % 2];
         bool count = i >= c->from;
@@ -177,7 +177,7 @@ static inline struct point measure(const struct course *c, const struct setting 
     }
     out.ms += fmax(0, out.restrict_ms - c->restrict_ms);
     for (int i = 0; i < 2; i++)
-        slot_free(&f[i]);
+        rec_frame_free(&f[i]);
     free(dense);
     return out;
 }
@@ -193,7 +193,7 @@ static inline struct rec_frame_report solve_once(const struct scene *s, const st
     p.nch = s->nch;
     p.photo.saturation = 1e30F;
     p.solve.solver = solver;
-    CHECK(slot_new(S, &s->rig, &p, pool, &slot, NULL));
+    CHECK(rec_frame_alone(S, &s->rig, &p, pool, &slot, NULL));
     shot_put(shot, slot);
     rec_frame_carve(slot);
     *least_ms = INFINITY;
@@ -205,7 +205,7 @@ static inline struct rec_frame_report solve_once(const struct scene *s, const st
     rec_frame_volume(slot, &v);
     rec_sparse_to_dense(&v, dense);
     struct rec_frame_report r = *rec_frame_get_report(slot);
-    slot_free(&slot);
+    rec_frame_free(&slot);
     return r;
 }
 

@@ -111,16 +111,16 @@ static inline bool take_new(struct take *t, const struct rec_rig *rig, enum flam
     scene_truth(&t->now, basis, pool);
     CHECK(rec_sysmat_build(&t->now.rig, &p, pool, NULL, NULL, &t->S, NULL));
     fp.nch = t->now.nch;
-    CHECK(slot_new(t->S, &t->now.rig, &fp, pool, &t->f, NULL));
+    CHECK(rec_frame_alone(t->S, &t->now.rig, &fp, pool, &t->f, NULL));
     fp.trust_all = true;
-    CHECK(slot_new(t->S, &t->now.rig, &fp, pool, &t->trusting, NULL));
+    CHECK(rec_frame_alone(t->S, &t->now.rig, &fp, pool, &t->trusting, NULL));
     return true;
 }
 
 static inline void take_free(struct take *t)
 {
-    slot_free(&t->f);
-    slot_free(&t->trusting);
+    rec_frame_free(&t->f);
+    rec_frame_free(&t->trusting);
     rec_sysmat_free(&t->S);
     scene_fini(&t->now);
     if (t->moves) {

@@ -79,7 +79,7 @@ static inline struct volume volume_solved(enum flame_kind kind, const int32_t si
     if (!scene_new(&s, kind, &views_8, size, flames[kind].t, pool))
         return (struct volume){0};
     CHECK(rec_sysmat_build(&s.rig, &rec_sysmat_defaults, pool, NULL, NULL, &S, NULL));
-    CHECK(slot_new(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &s.rig, &rec_frame_defaults, pool, &f, NULL));
     scene_fill(&s, f, 0.01);
     rec_frame_carve(f);
     CHECK(rec_frame_solve(f, 0, NULL));
@@ -92,7 +92,7 @@ static inline struct volume volume_solved(enum flame_kind kind, const int32_t si
     memcpy(index, v.index, n * sizeof *index);
     memcpy(value, v.value, floats * sizeof *value);
     struct volume out = {volume_grid(v.grid), {(uint32_t)n, index, value, v.cs}};
-    slot_free(&f);
+    rec_frame_free(&f);
     rec_sysmat_free(&S);
     scene_fini(&s);
     return out;

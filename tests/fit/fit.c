@@ -148,11 +148,11 @@ static void run(FILE *csv, int number, pvx_pool *pool)
     p.solve.stop = REC_STOP_ITERATIONS;
     p.solve.iterations = 1;
     p.coarse_start = false; /* whose misfit would count */
-    CHECK(slot_new(S, &s.rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(S, &s.rig, &p, pool, &f, NULL));
     fill(&s, c.noise, (uint64_t)number, f);
     (void)error_at(&s, f, dense, &used);
     struct features q = measure_features(f);
-    slot_free(&f);
+    rec_frame_free(&f);
     fprintf(csv, "%s,%s,%.2f,%d,%d,%d,%.4f,%s,%d,%.6g,%.6g,%.6g,%.6g,%.6g", flames[c.kind].name,
             flames[c.kind].use, c.t, c.size[2], c.size[0], c.cameras, c.noise,
             rec_basis_name(c.basis), c.rays, q.noise, q.rough, q.chord, q.density,
@@ -161,10 +161,10 @@ static void run(FILE *csv, int number, pvx_pool *pool)
     p.solve.iterations = ITERATIONS;
     for (int k = -1; k < SWEEP; k++) { /* the automatic one first */
         p.solve.lambda = k < 0 ? -1 : (float)pow(10, -3 + 0.5 * k);
-        CHECK(slot_new(S, &s.rig, &p, pool, &f, NULL));
+        CHECK(rec_frame_alone(S, &s.rig, &p, pool, &f, NULL));
         fill(&s, c.noise, (uint64_t)number, f);
         fprintf(csv, ",%.6f", error_at(&s, f, dense, &used));
-        slot_free(&f);
+        rec_frame_free(&f);
     }
     fprintf(csv, "\n");
     fflush(csv);

@@ -1,38 +1,8 @@
-/* slot.h - a slot with a carver and a solver of its own, for tests and benches of one frame set at a time. */
+/* slot.h - a slot looked into, for tests and benches of one frame set at a time (rec_frame_alone). */
 #ifndef SLOT_H
 #define SLOT_H
 #include "recon/frame/impl.h"
 #include "recon/solve/start.h"
-
-static inline void slot_free(rec_frame **f)
-{
-    if (*f == NULL)
-        return;
-    rec_carver *k = (*f)->carver;
-    rec_solver *s = (*f)->solver;
-    rec_frame_free(f);
-    rec_carver_free(&k);
-    rec_solver_free(&s);
-}
-
-static inline pvx_err slot_new(const rec_sysmat *S, const struct rec_rig *rig,
-                               const struct rec_frame_params *p, pvx_pool *pool, rec_frame **out,
-                               struct pvx_diag *d)
-{
-    rec_carver *k = NULL;
-    rec_solver *s = NULL;
-    *out = NULL;
-    pvx_err e = rec_carver_new(S, rig, p, pool, &k, d);
-    if (e == PVX_OK)
-        e = rec_solver_new(S, p, &s, d);
-    if (e == PVX_OK)
-        e = rec_frame_new(k, s, out, d);
-    if (e != PVX_OK) {
-        rec_carver_free(&k);
-        rec_solver_free(&s);
-    }
-    return e;
-}
 
 /* One problem from x on: an earlier volume, or zero. */
 static inline pvx_err solve_from(rec_problem *pb, const struct rec_subsys *a,

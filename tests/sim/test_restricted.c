@@ -18,7 +18,7 @@ struct bed {
 
 static void bed_free(struct bed *b)
 {
-    slot_free(&b->f);
+    rec_frame_free(&b->f);
     scene_free(&b->sc);
 }
 
@@ -29,7 +29,7 @@ static void bed_new(struct bed *b, float threshold, const char *solver)
     b->p.photo.saturation = 1e30F;
     b->p.photo.threshold = threshold;
     b->p.solve.solver = solver;
-    T_EQ_I(slot_new(b->sc.S, &b->sc.rig, &b->p, b->sc.pool, &b->f, NULL), PVX_OK);
+    T_EQ_I(rec_frame_alone(b->sc.S, &b->sc.rig, &b->p, b->sc.pool, &b->f, NULL), PVX_OK);
 }
 
 /* The flame at time t as every camera sees it, carved. */

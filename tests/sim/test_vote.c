@@ -176,11 +176,11 @@ T_CASE(same_for_any_number_of_threads)
         rec_frame *f;
         struct rec_frame_params p = rec_frame_defaults;
         CHECK(pvx_pool_new(threads, "other", &other));
-        CHECK(slot_new(t.S, &t.now.rig, &p, other, &f, NULL));
+        CHECK(rec_frame_alone(t.S, &t.now.rig, &p, other, &f, NULL));
         shoot(&t, f, SHIFTED, 3, 0.05, 5);
         rec_frame_carve(f);
         T_OK(memcmp(&first, &rec_frame_get_report(f)->vote, sizeof first) == 0);
-        slot_free(&f);
+        rec_frame_free(&f);
         pvx_pool_free(&other);
     }
     take_free(&t);
@@ -202,13 +202,13 @@ T_CASE(same_in_any_order)
     CHECK(rec_rig_copy(&t.now.rig, &u.now.rig));
     memcpy(u.now.rig.cameras, cameras, sizeof cameras);
     CHECK(rec_sysmat_build(&u.now.rig, &p, pool, NULL, NULL, &u.S, NULL));
-    CHECK(slot_new(u.S, &u.now.rig, &fp, pool, &u.f, NULL));
+    CHECK(rec_frame_alone(u.S, &u.now.rig, &fp, pool, &u.f, NULL));
     struct rec_verdict a = *vote(&t, HALF, 2, 0), b = *vote(&u, HALF, (size_t)2 * STEP % N, 0);
     T_EQ_I(a.out, 4);
     T_EQ_I(b.out, 1 << 2 * STEP % N);
     for (size_t c = 0; c < N; c++)
         T_NEAR(a.cost[c], b.cost[c * STEP % N], 1e-3 * a.cost[2]);
-    slot_free(&u.f);
+    rec_frame_free(&u.f);
     rec_sysmat_free(&u.S);
     rec_rig_fini(&u.now.rig);
     take_free(&t);
@@ -282,7 +282,7 @@ T_CASE(back_when_it_agrees_again)
     struct rec_frame_params p = rec_frame_defaults;
     rec_frame *f;
     p.hold = 3;
-    CHECK(slot_new(t.S, &t.now.rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(t.S, &t.now.rig, &p, pool, &f, NULL));
     static const struct {
         bool lies, dark;
         uint64_t out;
@@ -298,7 +298,7 @@ T_CASE(back_when_it_agrees_again)
         if (v->out != 0)
             T_EQ_I(v->why[1], REC_WRONG_DARK);
     }
-    slot_free(&f);
+    rec_frame_free(&f);
     take_free(&t);
 }
 
@@ -311,7 +311,7 @@ T_CASE(asked_now_and_then)
     rec_frame *f;
     uint32_t asked = 0, back = 0;
     p.hold = 15;
-    CHECK(slot_new(t.S, &t.now.rig, &p, pool, &f, NULL));
+    CHECK(rec_frame_alone(t.S, &t.now.rig, &p, pool, &f, NULL));
     for (uint32_t i = 0; i < 60; i++) {
         bool lies = i >= 10 && i < 32;
         shoot(&t, f, lies ? SHIFTED : HEALTHY, 3, 0.01, i);
@@ -326,7 +326,7 @@ T_CASE(asked_now_and_then)
     T_LE(asked, 6);           /* of 22 */
     T_LE(32 + 14, back);      /* not before it agreed in 15 */
     T_LE(back, 32 + 14 + 10); /* and then with the next that is asked */
-    slot_free(&f);
+    rec_frame_free(&f);
     take_free(&t);
 }
 

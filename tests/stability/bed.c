@@ -262,9 +262,9 @@ struct stab_result stab_reconstruct(const struct stab_bed *b, const char *solver
     struct rec_frame_params p = b->p;
     rec_frame *f;
     p.solve.solver = solver;
-    CHECK(slot_new(b->S, &b->rig, &p, b->run->pool, &f, NULL));
+    CHECK(rec_frame_alone(b->S, &b->rig, &p, b->run->pool, &f, NULL));
     struct stab_result r = stab_solve(b, f, NULL);
-    slot_free(&f);
+    rec_frame_free(&f);
     return r;
 }
 

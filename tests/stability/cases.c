@@ -315,7 +315,7 @@ static void mid_stream(const struct stab_run *run, enum rec_basis basis)
     stab_bed_new(&b, run, RIG_RING, 8, basis, run->size);
     rec_flame_init(&flame, &b.rig.grid, 1);
     for (int i = 0; i < 2; i++)
-        CHECK(slot_new(b.S, &b.rig, &b.p, run->pool, &f[i], NULL));
+        CHECK(rec_frame_alone(b.S, &b.rig, &b.p, run->pool, &f[i], NULL));
     for (int k = 0; k < 5; k++) {
         rec_flame_at(&flame, 0.3 + 0.02 * k, &b.pose);
         stab_bed_render(&b, NULL);
@@ -330,7 +330,7 @@ static void mid_stream(const struct stab_run *run, enum rec_basis basis)
     }
     struct rec_sparse again, fresh;
     rec_frame *clean;
-    CHECK(slot_new(b.S, &b.rig, &b.p, run->pool, &clean, NULL));
+    CHECK(rec_frame_alone(b.S, &b.rig, &b.p, run->pool, &clean, NULL));
     stab_solve(&b, f[0], NULL);
     stab_solve(&b, clean, NULL);
     rec_frame_volume(f[0], &again);
@@ -342,9 +342,9 @@ static void mid_stream(const struct stab_run *run, enum rec_basis basis)
         stab_row_of("a camera drops out in mid-stream", &b, rec_solver_names()[0], &worst);
     row.sound = row.sound && same;
     stab_add(&row);
-    slot_free(&clean);
+    rec_frame_free(&clean);
     for (int i = 0; i < 2; i++)
-        slot_free(&f[i]);
+        rec_frame_free(&f[i]);
     stab_bed_free(&b);
 }
 

@@ -127,7 +127,7 @@ static void measure(const struct stab_run *run, struct ring *t, enum rec_basis b
     rec_frame *f;
     stab_bed_new(&b, run, RIG_RING, t->views, basis, (struct stab_size){SIDE, 48, 36});
     stab_bed_noise(&b, 0.01);
-    CHECK(slot_new(b.S, &b.rig, &b.p, run->pool, &f, NULL));
+    CHECK(rec_frame_alone(b.S, &b.rig, &b.p, run->pool, &f, NULL));
     struct stab_result r = stab_solve(&b, f, NULL);
     const struct rec_subsys *a = rec_frame_subsys(f);
     t->lambda[basis] = r.report.solve.lambda;
@@ -140,7 +140,7 @@ static void measure(const struct stab_run *run, struct ring *t, enum rec_basis b
     row.sound = row.sound && t->plain[basis].max > 0 &&
                 t->regular[basis].max < REGULAR * t->regular[basis].min;
     stab_add(&row);
-    slot_free(&f);
+    rec_frame_free(&f);
     stab_bed_free(&b);
 }
 

@@ -147,7 +147,7 @@ void stab_iterations(const struct stab_run *run)
         rec_problem *s;
         stab_bed_new(&b, run, RIG_RING, 8, (enum rec_basis)basis, run->long_size);
         stab_bed_noise(&b, 0.01);
-        CHECK(slot_new(b.S, &b.rig, &b.p, run->pool, &f, NULL));
+        CHECK(rec_frame_alone(b.S, &b.rig, &b.p, run->pool, &f, NULL));
         CHECK(rec_problem_new(b.S, 3, &s));
         stab_fill(&b, f);
         rec_frame_carve(f);
@@ -179,7 +179,7 @@ void stab_iterations(const struct stab_run *run)
         free(t.row);
         free(t.ax);
         rec_problem_free(&s);
-        slot_free(&f);
+        rec_frame_free(&f);
         stab_bed_free(&b);
     }
 }

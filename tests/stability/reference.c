@@ -292,7 +292,7 @@ void stab_reference(const struct stab_run *run)
         for (int nch = 1; nch <= 3; nch += 2) {
             rec_frame *f;
             b.p.nch = nch;
-            CHECK(slot_new(b.S, &b.rig, &b.p, run->pool, &f, NULL));
+            CHECK(rec_frame_alone(b.S, &b.rig, &b.p, run->pool, &f, NULL));
             stab_fill(&b, f);
             rec_frame_carve(f);
             products(&b, f);
@@ -301,7 +301,7 @@ void stab_reference(const struct stab_run *run)
                     minimisers(&b, f, 0.5f);
                 minimisers(&b, f, 0.02f);
             }
-            slot_free(&f);
+            rec_frame_free(&f);
         }
         stab_bed_free(&b);
     }

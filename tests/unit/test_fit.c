@@ -275,7 +275,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
     fp.photo.saturation = 1e30F;
     T_EQ_I(pvx_pool_new(2, "t", &pool), PVX_OK);
     T_EQ_I(rec_sysmat_build(rig, &p, pool, NULL, NULL, &S, NULL), PVX_OK);
-    T_EQ_I(slot_new(S, rig, &fp, pool, &f, NULL), PVX_OK);
+    T_EQ_I(rec_frame_alone(S, rig, &fp, pool, &f, NULL), PVX_OK);
     float *raw = pvx_calloc(W * H * 3, sizeof *raw);
     for (size_t c = 0; c < CAMERAS; c++) {
         float *in = rec_frame_input(f, c);
@@ -309,7 +309,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
     }
     free(raw);
     free(dense);
-    slot_free(&f);
+    rec_frame_free(&f);
     rec_sysmat_free(&S);
     pvx_pool_free(&pool);
     return sqrt(e / t);

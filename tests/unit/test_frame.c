@@ -13,7 +13,7 @@ static rec_frame *frame(const struct rec_frame_params *p)
 {
     rec_frame *f = NULL;
     struct pvx_diag d = {""};
-    if (slot_new(sc.S, &sc.rig, p, sc.pool, &f, &d) != PVX_OK) {
+    if (rec_frame_alone(sc.S, &sc.rig, p, sc.pool, &f, &d) != PVX_OK) {
         printf("%s\n", d.text);
         exit(2);
     }
@@ -64,7 +64,7 @@ static size_t faintly_lit(const struct rec_photometry *known)
     rec_frame_carve(f);
     for (size_t i = 0; i < n; i++)
         lit += rec_frame_lit(f, 0)[i];
-    slot_free(&f);
+    rec_frame_free(&f);
     return lit;
 }
 
@@ -92,7 +92,7 @@ T_CASE(known_noise_of_light_reaches_the_solver)
     rec_frame_carve(f);
     double bins = sc.S->binning * sc.S->binning, n = (double)sc.rig.n_cameras * 3;
     T_NEAR(rec_frame_pictures(f).shot, 2e-3 * (1 + 1 + 4) / bins / n, 1e-9);
-    slot_free(&f);
+    rec_frame_free(&f);
     *of = old;
     gain[2] = was;
 }
@@ -126,7 +126,7 @@ T_CASE(flame_comes_out)
             d += v.value[q * 4 + l];
     T_NEAR(sum, d, 1e-9 * d);
     free(dense);
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 /* A camera that is not there leaves the system: as if the rig had never had it. */
@@ -162,7 +162,7 @@ T_CASE(absent_cameras)
         T_EQ_I(rec_frame_get_report(f)->cameras, left);
         T_EQ_I(rec_frame_get_report(f)->solve.status == REC_EMPTY, left < 2);
     }
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 enum picture {
@@ -239,7 +239,7 @@ T_CASE(hard_pictures)
                 if (what == HOT_PIXELS)
                     T_OK(!empty);
             }
-            slot_free(&f);
+            rec_frame_free(&f);
         }
     }
 }
@@ -271,7 +271,7 @@ T_CASE(hull_of_one_voxel)
     for (int32_t q = 0; q < v.n; q++)
         found = found || (v.index[q] == j && v.value[q * 4] > 0);
     T_OK(found);
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 T_CASE(same_bits_for_any_number_of_threads)
@@ -301,7 +301,7 @@ T_CASE(same_bits_for_any_number_of_threads)
                 T_EQ_I(v.n * 4, n);
                 T_OK(memcmp(want, v.value, n * sizeof *want) == 0);
             }
-            slot_free(&f);
+            rec_frame_free(&f);
             pvx_pool_free(&pool);
             sc.pool = keep;
         }
@@ -347,8 +347,8 @@ T_CASE(slots_and_warm_starts)
     T_LE(rec_frame_get_report(g)->solve.rel_residual,
          rec_frame_get_report(f)->solve.rel_residual * 1.01);
     T_OK(sound(g));
-    slot_free(&f);
-    slot_free(&g);
+    rec_frame_free(&f);
+    rec_frame_free(&g);
 }
 
 T_CASE(grey_and_background)
@@ -385,7 +385,7 @@ T_CASE(grey_and_background)
     for (size_t c = 0; c < sc.rig.n_cameras; c++)
         free(bg[c]);
     free(dense);
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 T_CASE(refused)
@@ -394,14 +394,14 @@ T_CASE(refused)
     struct pvx_diag d = {""};
     rec_frame *f;
     p.nch = 2;
-    T_EQ_I(slot_new(sc.S, &sc.rig, &p, sc.pool, &f, &d), PVX_EINVAL);
+    T_EQ_I(rec_frame_alone(sc.S, &sc.rig, &p, sc.pool, &f, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "2 channels");
     struct rec_rig other;
     if (rec_rig_ring(3, 2.2, 40, 30, 12, &other) != PVX_OK)
         exit(2);
     p.nch = 3;
     d.text[0] = '\0';
-    T_EQ_I(slot_new(sc.S, &other, &p, sc.pool, &f, &d), PVX_EINVAL);
+    T_EQ_I(rec_frame_alone(sc.S, &other, &p, sc.pool, &f, &d), PVX_EINVAL);
     T_CONTAINS(d.text, "3 cameras");
     rec_rig_fini(&other);
 }

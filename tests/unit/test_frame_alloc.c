@@ -45,7 +45,7 @@ T_CASE(nothing_is_allocated)
         struct rec_frame_params p = rec_frame_defaults;
         p.solve.solver = *name;
         rec_frame *f, *g;
-        if (slot_new(sc.S, &sc.rig, &p, sc.pool, &f, NULL) != PVX_OK ||
+        if (rec_frame_alone(sc.S, &sc.rig, &p, sc.pool, &f, NULL) != PVX_OK ||
             rec_frame_new(f->carver, f->solver, &g, NULL) != PVX_OK)
             exit(2);
         long long before = atomic_load(&calls);
@@ -60,7 +60,7 @@ T_CASE(nothing_is_allocated)
         }
         T_EQ_I(atomic_load(&calls), before);
         rec_frame_free(&g);
-        slot_free(&f);
+        rec_frame_free(&f);
     }
     scene_free(&sc);
 }

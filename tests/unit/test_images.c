@@ -28,7 +28,7 @@ static void set_up(void)
     T_EQ_I(rec_rig_ring(N, 2.5, W, H, 8, &rig), PVX_OK);
     T_EQ_I(pvx_pool_new(2, "test", &pool), PVX_OK);
     T_EQ_I(rec_sysmat_open(&rig, &mp, NULL, pool, (struct rec_progress){0}, &S, &d), PVX_OK);
-    T_EQ_I(slot_new(S, &rig, &fp, pool, &frame, &d), PVX_OK);
+    T_EQ_I(rec_frame_alone(S, &rig, &fp, pool, &frame, &d), PVX_OK);
     for (size_t i = 0; i < sizeof yuyv; i++)
         yuyv[i] = (uint8_t)(t_rand() >> 40);
     tjhandle tj = tjInitCompress();
@@ -47,7 +47,7 @@ static void tear_down(void)
 {
     tjFree(coded[0]);
     tjFree(coded[1]);
-    slot_free(&frame);
+    rec_frame_free(&frame);
     rec_sysmat_free(&S);
     pvx_pool_free(&pool);
     rec_rig_fini(&rig);

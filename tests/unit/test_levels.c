@@ -30,7 +30,7 @@ T_CASE(start_is_near_the_truth)
             struct rec_frame_params p = rec_frame_defaults;
             p.photo.saturation = 1e30f;
             rec_frame *f;
-            T_EQ_I(slot_new(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
+            T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
             scene_shoot(&s, f, 0);
             rec_frame_present(f, 3, away == 0);
             rec_frame_carve(f);
@@ -50,7 +50,7 @@ T_CASE(start_is_near_the_truth)
             rec_frame_volume(f, &end);
             T_OK(scene_error(&s, &end) < scene_error(&s, &v));
             free(x);
-            slot_free(&f);
+            rec_frame_free(&f);
         }
         scene_free(&s);
     }
@@ -64,7 +64,7 @@ T_CASE(same_bits_for_any_number_of_threads)
         struct scene s;
         scene_new(&s, 6, 80, 32, 1, threads);
         rec_frame *f;
-        T_EQ_I(slot_new(s.S, &s.rig, &rec_frame_defaults, s.pool, &f, NULL), PVX_OK);
+        T_EQ_I(rec_frame_alone(s.S, &s.rig, &rec_frame_defaults, s.pool, &f, NULL), PVX_OK);
         scene_shoot(&s, f, 0);
         rec_frame_carve(f);
         n = (size_t)rec_frame_subsys(f)->n * 4;
@@ -77,7 +77,7 @@ T_CASE(same_bits_for_any_number_of_threads)
             T_OK(memcmp(first, x, n * sizeof *x) == 0);
             free(x);
         }
-        slot_free(&f);
+        rec_frame_free(&f);
         scene_free(&s);
     }
     free(first);
@@ -88,7 +88,7 @@ T_CASE(no_time_and_no_light)
     struct scene s;
     scene_new(&s, 6, 80, 32, 1, 2);
     rec_frame *f;
-    T_EQ_I(slot_new(s.S, &s.rig, &rec_frame_defaults, s.pool, &f, NULL), PVX_OK);
+    T_EQ_I(rec_frame_alone(s.S, &s.rig, &rec_frame_defaults, s.pool, &f, NULL), PVX_OK);
     scene_shoot(&s, f, 0);
     rec_frame_carve(f);
     size_t n = (size_t)rec_frame_subsys(f)->n * 4;
@@ -109,6 +109,6 @@ T_CASE(no_time_and_no_light)
     rec_frame_carve(f);
     float none[4];
     T_OK(!start(f, 0, none, &iterations));
-    slot_free(&f);
+    rec_frame_free(&f);
     scene_free(&s);
 }

@@ -303,7 +303,7 @@ T_CASE(coarse_levels_agree)
     float *x[2];
     rec_kernels_init(&k, PVX_CPU_BEST);
     fp.photo.saturation = 1e30f;
-    T_EQ_I(slot_new(sc.S, &sc.rig, &fp, sc.pool, &f, NULL), PVX_OK);
+    T_EQ_I(rec_frame_alone(sc.S, &sc.rig, &fp, sc.pool, &f, NULL), PVX_OK);
     scene_shoot(&sc, f, 0);
     rec_frame_carve(f);
     const struct rec_subsys *a = rec_frame_subsys(f);
@@ -334,7 +334,7 @@ T_CASE(coarse_levels_agree)
     free(ones);
     free(x[0]);
     free(x[1]);
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 T_CASE(other_solvers_refuse)
@@ -392,7 +392,7 @@ static rec_frame *new_frame(pvx_pool *pool)
 {
     rec_frame *f = NULL;
     struct rec_frame_params p = rec_frame_defaults;
-    if (slot_new(sc.S, &sc.rig, &p, pool, &f, NULL) != PVX_OK)
+    if (rec_frame_alone(sc.S, &sc.rig, &p, pool, &f, NULL) != PVX_OK)
         exit(2);
     return f;
 }
@@ -415,7 +415,7 @@ T_CASE(pixels_as_they_are_beat_interpolated_ones)
     T_LE(rays, 0.85 * bilinear);
     T_LE(rgb, rays);
     T_LE(mixed, rays);
-    slot_free(&f);
+    rec_frame_free(&f);
 }
 
 /* Solved, both have the same bits. */
@@ -439,8 +439,8 @@ T_CASE(threads_change_nothing)
     shoot(a, CAP_MOSAIC_RAYS, NULL);
     shoot(b, CAP_MOSAIC_RAYS, NULL);
     same_volumes(a, b);
-    slot_free(&a);
-    slot_free(&b);
+    rec_frame_free(&a);
+    rec_frame_free(&b);
     pvx_pool_free(&single);
 }
 
@@ -453,8 +453,8 @@ T_CASE(a_reset_forgets_the_mosaic)
     shoot(f, CAP_MOSAIC_DEMOSAIC, NULL);
     shoot(fresh, CAP_MOSAIC_DEMOSAIC, NULL);
     same_volumes(f, fresh);
-    slot_free(&f);
-    slot_free(&fresh);
+    rec_frame_free(&f);
+    rec_frame_free(&fresh);
 }
 
 T_MAIN(scene_new(&sc, 8, W, 32, 2, 3), scene_free(&sc))

@@ -54,7 +54,7 @@ T_CASE(falls_between_renewals)
         p.solve.lambda = t < 3 ? -1 : 0.5f;
         p.solve.trace = keep;
         p.solve.trace_ctx = &c;
-        T_EQ_I(slot_new(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
+        T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
         scene_shoot(&s, f, noise[t % 3]);
         rec_frame_carve(f);
         T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
@@ -65,7 +65,7 @@ T_CASE(falls_between_renewals)
         for (uint32_t k = 1; k < c.n; k++)
             T_OK(renewed_after(r, k) || c.objective[k] <= c.objective[k - 1] * (1 + 1e-6));
         T_NEAR(r->objective, c.objective[c.n - 1], 1e-6 * r->objective);
-        slot_free(&f);
+        rec_frame_free(&f);
     }
     scene_free(&s);
 }
@@ -78,13 +78,13 @@ T_CASE(a_start_that_knows_nothing)
     rec_frame *f;
     scene_new(&s, 6, 80, 32, 1, 2);
     p.coarse_start = false;
-    T_EQ_I(slot_new(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
+    T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
     scene_shoot(&s, f, 0.02);
     rec_frame_carve(f);
     T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
     T_EQ_I(rec_frame_get_report(f)->solve.renewals, 0);
     T_OK(rec_frame_get_report(f)->solve.iterations > 3);
-    slot_free(&f);
+    rec_frame_free(&f);
     scene_free(&s);
 }
 
@@ -329,7 +329,7 @@ T_CASE(same_bits_for_any_number_of_threads)
         struct rec_sparse v;
         rec_frame *f;
         scene_new(&s, 6, 80, 32, 1, threads[t]);
-        T_EQ_I(slot_new(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
+        T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
         scene_shoot(&s, f, 0);
         rec_frame_carve(f);
         T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
@@ -342,7 +342,7 @@ T_CASE(same_bits_for_any_number_of_threads)
         } else {
             T_OK(memcmp(first, v.value, bytes) == 0);
         }
-        slot_free(&f);
+        rec_frame_free(&f);
         scene_free(&s);
     }
     free(first);
@@ -356,7 +356,7 @@ T_CASE(deadlines_fall_anywhere)
     struct rec_sparse v;
     rec_frame *f;
     scene_new(&s, 6, 80, 32, 1, 2);
-    T_EQ_I(slot_new(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
+    T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
     scene_shoot(&s, f, 0.02);
     rec_frame_carve(f);
     T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
@@ -371,7 +371,7 @@ T_CASE(deadlines_fall_anywhere)
         T_OK(sound);
         T_OK(r->renewals <= r->iterations);
     }
-    slot_free(&f);
+    rec_frame_free(&f);
     scene_free(&s);
 }
 
@@ -385,13 +385,13 @@ T_CASE(stops_when_it_stands_still)
         struct rec_frame_params p = frame_params();
         rec_frame *f;
         p.solve.tolerance = tolerance;
-        T_EQ_I(slot_new(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
+        T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
         scene_shoot(&s, f, 0);
         rec_frame_carve(f);
         T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
         T_OK(rec_frame_get_report(f)->solve.iterations > last);
         last = rec_frame_get_report(f)->solve.iterations;
-        slot_free(&f);
+        rec_frame_free(&f);
     }
     scene_free(&s);
 }
