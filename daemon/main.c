@@ -6,6 +6,7 @@
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/prctl.h>
 #include <systemd/sd-daemon.h>
 #include <time.h>
 
@@ -344,6 +345,7 @@ static int run(const struct dmn_config *cfg)
     dm.cfg = *cfg;
     dm.cfg.log_level = (int)pvx_log_get_level(); /* the command line may say another */
     block_signals(&set);
+    prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* ours, not those of what we begin */
     dmn_survive();
     const char *endpoint =
         cfg->control[0] != '\0' ? cfg->control : dmn_default_endpoint(DMN_CONTROL);

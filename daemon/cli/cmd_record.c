@@ -17,7 +17,8 @@
 #include "proto/clients/sub.h"
 
 enum { KEEP_FREE = 256, DAEMON };
-#define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
+#define CONFIG_MAX ((size_t)1 << 20)
+#define WAIT_NS    (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
 
 struct record {
     const char *endpoint, *key, *control, *raw, *out;
@@ -38,6 +39,7 @@ struct record {
         last_set;        /* of the session: messages of volumes so far, number of the last */
     int64_t begun, told; /* mono: first volume, last status line */
     uint64_t told_written;
+    char *daemon_config;
     bool in_session, ended, told_waiting;
 };
 
@@ -127,7 +129,8 @@ static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint6
     const struct pvp_start *s = pvp_sub_start(r->sub);
     if (r->in_session && s->session == r->session)
         return PVX_OK;
-    struct vol_head head = {.start = *s, .rig = pvp_sub_rig(r->sub, NULL)};
+    struct vol_head head = {
+        .start = *s, .rig = pvp_sub_rig(r->sub, NULL), .config = r->daemon_config};
     PVX_TRY(vol_recorder_session(r->rec, &head, r->path, sizeof r->path, d));
     if (r->in_session)
         fprintf(stderr, "pyrovox: the daemon restarted; going on in %s\n", r->path);
@@ -177,12 +180,13 @@ static pvx_err save(struct record *r, const struct pvp_header *h, const void *ms
     return PVX_OK;
 }
 
-/* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere. */
+/* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere; the daemon that began it
+ * counts by them. */
 static void tell(struct record *r)
 {
     int64_t now = pvx_now_mono();
-    int tty = isatty(STDERR_FILENO);
-    if (r->quiet || now - r->told < (tty ? 1 : 10) * PVX_NS_PER_S)
+    int tty = isatty(STDERR_FILENO), often = tty || r->parent != 0;
+    if (r->quiet || now - r->told < (often ? 1 : 10) * PVX_NS_PER_S)
         return;
     struct pvp_sub_stats st;
     struct vol_recorder_stats rec;
@@ -288,6 +292,26 @@ static void name_out(struct record *r)
     r->out = r->default_out;
 }
 
+/* The configuration of the daemon that began this. */
+static char *read_config(void)
+{
+    char *text = NULL;
+    size_t len = 0, room = 0;
+    for (ssize_t n = 1; n > 0; len += (size_t)n) {
+        if (room - len < 4096 && len < CONFIG_MAX) {
+            char *more = realloc(text, room += 65536);
+            if (more == NULL)
+                break;
+            text = more;
+        }
+        n = read(STDIN_FILENO, text + len, room - len - 1);
+        n = n < 0 ? 0 : n;
+    }
+    if (text != NULL)
+        text[len] = '\0';
+    return text;
+}
+
 static int run(int argc, char **argv)
 {
     struct record r = {.endpoint = dmn_client_endpoint(DMN_VOLUMES)};
@@ -307,6 +331,8 @@ static int run(int argc, char **argv)
     /* However the daemon ends, nobody else begins the next session's recording. */
     if (r.parent != 0 && (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != (pid_t)r.parent))
         return 130;
+    if (r.parent != 0)
+        r.daemon_config = read_config();
     pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* now, not after an hour of waiting */
     if (e == PVX_OK)
         e = pvp_decoder_new(&r.decoder);
@@ -327,6 +353,7 @@ static int run(int argc, char **argv)
     int rc = e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;
     pvp_sub_free(&r.sub);
     pvp_decoder_free(&r.decoder);
+    free(r.daemon_config);
     return rc;
 }
 

@@ -11,6 +11,7 @@
 
 #include "base/log.h"
 #include "base/mem.h"
+#include "proto/door.h"
 #include "proto/ipc.h"
 
 #define WAY_MAX 8 /* a client, and devices between */
@@ -22,6 +23,7 @@ struct dmn_control {
     char *endpoint;
     pvp_auth *auth;
     pvp_zap *zap;
+    pvp_door *door;      /* with auth, of the socket that is open */
     uint64_t generation; /* of auth, when the socket was opened */
     pthread_t thread;
     bool started;
@@ -83,11 +85,21 @@ static pvx_err bind_socket(dmn_control *c, struct pvx_diag *d)
     zmq_setsockopt(c->socket, ZMQ_MAXMSGSIZE, &max, sizeof max);
     zmq_setsockopt(c->socket, ZMQ_RCVTIMEO, &wait_ms, sizeof wait_ms);
     zmq_setsockopt(c->socket, ZMQ_LINGER, &linger, sizeof linger);
-    if (c->auth != NULL)
+    if (c->auth != NULL) {
         PVX_TRY(pvp_auth_guard(c->auth, c->socket, PVP_ROLE_CONTROL));
+        PVX_TRY(pvp_door_new(c->zmq, c->socket, &c->door));
+    }
     if (zmq_bind(c->socket, c->endpoint) != 0)
         return pvp_bind_fail(c->endpoint, errno, d);
     return PVX_OK;
+}
+
+static void close_socket(dmn_control *c)
+{
+    pvp_door_free(&c->door);
+    if (c->socket != NULL)
+        zmq_close(c->socket);
+    c->socket = NULL;
 }
 
 /* Somebody may do less than before: all have to come in again (pub.c). */
@@ -97,17 +109,15 @@ static void guard_again(dmn_control *c)
     if (c->auth == NULL)
         return;
     uint64_t now = pvp_auth_generation(c->auth);
-    if (now != c->generation && c->socket != NULL) {
-        zmq_close(c->socket);
-        c->socket = NULL;
-    }
+    if (now != c->generation)
+        close_socket(c);
     c->generation = now;
     if (c->socket == NULL && bind_socket(c, &d) != PVX_OK) {
-        if (c->socket != NULL)
-            zmq_close(c->socket);
-        c->socket = NULL;
+        close_socket(c);
         usleep(100000);
     }
+    if (c->door != NULL)
+        pvp_auth_count_failed(c->auth, pvp_door_failed(c->door));
 }
 
 static void *run(void *arg)
@@ -172,8 +182,7 @@ void dmn_control_free(dmn_control **pc)
     atomic_store(&c->quit, true);
     if (c->started)
         pthread_join(c->thread, NULL);
-    if (c->socket != NULL)
-        zmq_close(c->socket);
+    close_socket(c);
     pvp_zap_free(&c->zap);
     if (c->zmq != NULL)
         zmq_ctx_term(c->zmq);

@@ -131,7 +131,7 @@ pvx_err dmn_metrics_new(const char *endpoint, bool insecure,
             MHD_USE_INTERNAL_POLLING_THREAD, 0, NULL, NULL, answer, m, MHD_OPTION_LISTEN_SOCKET, fd,
             MHD_OPTION_CONNECTION_LIMIT, (unsigned)DMN_METRICS_CLIENTS,
             MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)DMN_METRICS_PATIENCE_S,
-            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)16384, MHD_OPTION_END);
+            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)8192, MHD_OPTION_END);
     }
     if (m == NULL || m->http == NULL) {
         close(fd);

@@ -8,8 +8,8 @@
 #include "daemon/config/config.h"
 #include "daemon/control/state.h"
 
-#define DMN_METRICS_CLIENTS    64
-#define DMN_METRICS_PATIENCE_S 3
+#define DMN_METRICS_CLIENTS    256
+#define DMN_METRICS_PATIENCE_S 1
 
 /* s as text.  Owner: caller, free(); NULL when out of memory. */
 char *dmn_metrics_text(const struct dmn_state *s);

@@ -133,6 +133,12 @@ char *dmn_metrics_text(const struct dmn_state *s)
           s->record.state != CAP_REC_IDLE);
     gauge(f, "record_sets_missed", "of the take at hand: sets that were not recorded",
           (double)s->record.sets_missed);
+    gauge(f, "volumes_active", "1 while volumes are recorded beside the daemon",
+          s->volumes.running);
+    gauge(f, "volumes_written", "by the recording at hand", (double)s->volumes.written);
+    gauge(f, "volumes_lost", "to the recording at hand: the disk or the way to it was too slow",
+          (double)s->volumes.lost);
+    gauge(f, "volumes_deaths", "how often its process died", s->volumes.deaths);
     stages(f, s);
     cameras(f, s);
     if (fclose(f) != 0) {

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -28,6 +29,7 @@ struct dmn_beside {
     char program[PATH_MAX], pattern[DMN_WORD_MAX], base[PATH_MAX];
     char endpoint[DMN_WORD_MAX], format[8], keep_free[32];
     uint64_t session;
+    int config; /* all keys, as text: what it reads at its standard input */
     pthread_mutex_t lock;
     pthread_cond_t wake;
     pthread_t thread;
@@ -103,7 +105,7 @@ static pvx_err name_it(dmn_beside *b, char *path, size_t size, struct pvx_diag *
 
 /* No signal is blocked or ignored there, no handle of ours is open, and a terminal's Ctrl-C, which ends the daemon,
  * leaves it to take what is published until then. */
-static int spawn(const dmn_beside *b, const char *const argv[], int out, pid_t *pid)
+static int spawn(dmn_beside *b, const char *const argv[], int out, pid_t *pid)
 {
     posix_spawn_file_actions_t files;
     posix_spawnattr_t attr;
@@ -111,7 +113,8 @@ static int spawn(const dmn_beside *b, const char *const argv[], int out, pid_t *
     sigemptyset(&none);
     sigfillset(&all);
     posix_spawn_file_actions_init(&files);
-    posix_spawn_file_actions_addopen(&files, 0, "/dev/null", O_RDONLY, 0);
+    lseek(b->config, 0, SEEK_SET);
+    posix_spawn_file_actions_adddup2(&files, b->config, 0);
     posix_spawn_file_actions_adddup2(&files, out, 1);
     posix_spawn_file_actions_adddup2(&files, out, 2);
     posix_spawn_file_actions_addclosefrom_np(&files, 3);
@@ -162,10 +165,13 @@ static pvx_err begin(dmn_beside *b, int *fd, struct pvx_diag *d)
     return PVX_OK;
 }
 
-/* Its status, when it has closed its output: then it ends. */
+/* Its status, when it has ended: it has closed its output, but may live on. */
 static int reap(dmn_beside *b)
 {
     int status = 0;
+    siginfo_t is;
+    while (waitid(P_PID, (id_t)b->pid, &is, WEXITED | WNOWAIT) != 0 && errno == EINTR)
+        ;
     pthread_mutex_lock(&b->lock); /* nobody signals a number that is somebody else's by now */
     while (waitpid(b->pid, &status, 0) < 0 && errno == EINTR)
         ;
@@ -237,6 +243,10 @@ static void *watch_over(void *arg)
         pvx_err e = begin(b, &fd, &d);
         if (e != PVX_OK) {
             LOG_E(DAEMON, "recording volumes: %s", pvx_diag_text(&d, e));
+            pthread_mutex_lock(&b->lock);
+            snprintf(b->st.error, sizeof b->st.error, "not begun again: %.200s",
+                     pvx_diag_text(&d, e));
+            pthread_mutex_unlock(&b->lock);
             break;
         }
     }
@@ -257,6 +267,17 @@ static const char *find_endpoint(const struct dmn_config *c)
             strchr(c->endpoints.v[i], '*') == NULL)
             return c->endpoints.v[i];
     return c->endpoints.n == 0 ? dmn_default_endpoint(DMN_VOLUMES) : NULL;
+}
+
+/* A file without a name, so that nothing of it is left. */
+static pvx_err describe(dmn_beside *b, const struct dmn_config *c)
+{
+    char *text = dmn_config_format(c);
+    size_t n = text == NULL ? 0 : strlen(text);
+    b->config = memfd_create("pyrovoxd.yaml", MFD_CLOEXEC);
+    bool ok = text != NULL && b->config >= 0 && write(b->config, text, n) == (ssize_t)n;
+    free(text);
+    return ok ? PVX_OK : PVX_ENOMEM;
 }
 
 pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside **out,
@@ -288,8 +309,11 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
         snprintf(b->base, sizeof b->base, "%s", c->dir);
     b->session = session;
     b->over = true;
+    pvx_err e = describe(b, c);
+    if (e != PVX_OK)
+        dmn_beside_free(&b);
     *out = b;
-    return PVX_OK;
+    return e;
 }
 
 /* The thread of one that has ended by itself. */
@@ -428,5 +452,7 @@ void dmn_beside_free(dmn_beside **bp)
         return; /* a disk holds it in the kernel: the memory stays with its thread */
     pthread_mutex_destroy(&b->lock);
     pthread_cond_destroy(&b->wake);
+    if (b->config >= 0)
+        close(b->config);
     free(b);
 }
