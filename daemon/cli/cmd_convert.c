@@ -73,8 +73,8 @@ static const struct argp argp = {
     .args_doc = "IN OUT",
     .doc =
         "Make a recording of volumes into one of another format.\vIN: what `pyrovox record` or "
-        "`reconstruct` wrote: a folder of .npy files, an HDF5 file, a folder of .vdb files, or one "
-        ".npy or .vdb.  OUT: a file (hdf5) or a folder to make (npy, vdb, nvdb); nothing is "
+        "`reconstruct` wrote: a folder of .npy, .vdb or .nvdb files, an HDF5 file, or one .npy, "
+        ".vdb or .nvdb.  OUT: a file (hdf5) or a folder to make (npy, vdb, nvdb); nothing is "
         "written "
         "over.\n\n"
         "vdb and nvdb are files numbered without holes, OUT/NAME_0001.vdb and on, as Blender, "
@@ -83,9 +83,7 @@ static const struct argp argp = {
         "a "
         "program shows by itself; emission has the colours.  Values are halves there, as they "
         "mostly "
-        "travel; npy, hdf5 and nvdb keep floats.  nvdb is for renderers on a GPU and cannot be "
-        "read "
-        "back.\n\n"
+        "travel; npy, hdf5 and nvdb keep floats.  nvdb is for renderers on a GPU.\n\n"
         "Examples:\n"
         "  pyrovox convert flame.h5 flame --format vdb\n"
         "  pyrovox convert flame.h5 flame-houdini --format vdb --up y --fps 24\n"

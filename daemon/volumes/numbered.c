@@ -32,6 +32,7 @@ struct vol_numbered {
     uint64_t base, base_set, session; /* the frame from which is counted */
     int64_t base_t_ns;
     uint64_t bytes, left_out;
+    bool closed;
 };
 
 static const struct shown *newest(const struct vol_numbered *n)
@@ -258,6 +259,7 @@ static void put_list(struct dmn_json *j, const void *what)
     dmn_json_open(j, NULL, '{');
     dmn_json_str(j, "format", "pyrovox numbered volumes");
     dmn_json_int(j, "version", 1);
+    dmn_json_bool(j, "closed", n->closed);
     dmn_json_str(j, "file", n->ext);
     dmn_json_int(j, "frames", s != NULL ? (long long)s->last : 0);
     dmn_json_num(j, "fps", n->o.fps > 0 ? n->o.fps : n->start.fps);
@@ -308,6 +310,7 @@ pvx_err vol_numbered_close(vol_numbered **np, struct pvx_diag *d)
     struct vol_numbered *n = *np;
     if (n == NULL)
         return PVX_OK;
+    n->closed = true;
     pvx_err e = write_list(n, d);
     free(n->shown);
     free(n->gap);

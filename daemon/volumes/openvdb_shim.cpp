@@ -18,6 +18,8 @@
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
 
+#include <nanovdb/util/GridChecksum.h>
+#include <nanovdb/util/GridValidator.h>
 #include <nanovdb/util/IO.h>
 #include <nanovdb/util/OpenToNanoVDB.h>
 
@@ -223,12 +225,40 @@ int write_vdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err
     });
 }
 
+using Nano = nanovdb::GridHandle<nanovdb::HostBuffer>;
+
+/* The same grid with the notes behind it. */
+Nano with_notes(const Nano &from, const std::string &notes)
+{
+    using nanovdb::GridBlindMetaData;
+    const size_t tail = (sizeof(GridBlindMetaData) + notes.size() + NANOVDB_DATA_ALIGNMENT - 1) /
+                        NANOVDB_DATA_ALIGNMENT * NANOVDB_DATA_ALIGNMENT;
+    auto buffer = nanovdb::HostBuffer::create(from.size() + tail);
+    memcpy(buffer.data(), from.data(), from.size());
+    memset(buffer.data() + from.size(), 0, tail);
+    auto *grid = reinterpret_cast<nanovdb::GridData *>(buffer.data());
+    auto *meta = reinterpret_cast<GridBlindMetaData *>(buffer.data() + from.size());
+    grid->mGridSize = from.size() + tail;
+    grid->mBlindMetadataOffset = static_cast<int64_t>(from.size());
+    grid->mBlindMetadataCount = 1;
+    meta->setBlindData(meta + 1);
+    meta->mElementCount = notes.size();
+    snprintf(meta->mName, sizeof meta->mName, VOL_NVDB_NOTES);
+    memcpy(meta + 1, notes.data(), notes.size());
+    Nano to(std::move(buffer));
+    nanovdb::updateChecksum(*to.grid<float>());
+    return to;
+}
+
 int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err_size) noexcept
 {
     return guarded(err, err_size, [&]() -> int {
-        std::vector<nanovdb::GridHandle<nanovdb::HostBuffer>> all;
+        std::vector<Nano> all;
+        std::ostringstream notes;
+        make_meta(*v).writeMeta(notes);
         for (const GridBase::Ptr &g : make_grids(*v, false))
             all.push_back(nanovdb::openToNanoVDB(g));
+        all[0] = with_notes(all[0], notes.str());
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);
@@ -259,57 +289,123 @@ bool brick_id(const vol_vdb_bricks &v, const Coord &at, uint32_t *id)
 
 using Bricks = std::map<uint32_t, std::vector<float>>; /* by id, ascending */
 
-/* The values of one leaf to channel `c` and on. */
-template <typename Leaf>
-bool take_leaf(const vol_vdb_bricks &v, const Leaf &leaf, uint32_t id, unsigned c, float *out)
+bool finite(float x)
 {
-    using Value = typename Leaf::ValueType;
-    const uint32_t nx = (v.n[0] + SIDE - 1) / SIDE, ny = (v.n[1] + SIDE - 1) / SIDE;
-    const uint32_t at[3] = {id % nx * SIDE, id / nx % ny * SIDE, id / nx / ny * SIDE};
-    for (uint32_t k = 0; k < SIDE && at[2] + k < v.n[2]; k++)
-        for (uint32_t j = 0; j < SIDE && at[1] + j < v.n[1]; j++)
-            for (uint32_t i = 0; i < SIDE && at[0] + i < v.n[0]; i++) {
-                const unsigned cell = leaf_cell(static_cast<int>(i), static_cast<int>(j),
-                                                static_cast<int>(k), v.y_up != 0);
-                if (!leaf.isValueOn(cell))
-                    continue;
-                const Value x = leaf.getValue(cell);
-                float *to = out + ((k * SIDE + j) * SIDE + i) * v.channels + c;
-                if constexpr (std::is_same_v<Value, float>) {
-                    to[0] = x;
-                    if (!std::isfinite(x))
-                        return false;
-                } else {
-                    for (int a = 0; a < 3; a++)
-                        to[a] = x[a];
-                    if (!x.isFinite())
-                        return false;
-                }
-            }
-    return true;
+    return std::isfinite(x);
+}
+template <typename Vector> bool finite(const Vector &x)
+{
+    return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
+}
+void put(float x, float *to)
+{
+    to[0] = x;
+}
+template <typename Vector> void put(const Vector &x, float *to)
+{
+    for (int a = 0; a < 3; a++)
+        to[a] = x[a];
 }
 
-/* All leaves of one grid, which is channel c (and on) of the bricks. */
-template <typename GridT>
-int take_grid(const vol_vdb_bricks &v, const openvdb::GridPtrVec &grids, const char *name,
-              unsigned c, Bricks *out, char *err, size_t err_size)
+/* The values of one leaf to channel `c` and on; `on` and `value` ask for a cell. */
+template <typename On, typename Value>
+int take_leaf(const vol_vdb_bricks &v, const Coord &at, unsigned c, On on, Value value, Bricks *all,
+              char *err, size_t err_size)
 {
-    const auto grid = openvdb::gridPtrCast<GridT>(openvdb::findGridByName(grids, name));
-    if (!grid)
-        return fail(PVX_EFORMAT, err, err_size,
-                    (std::string("has no grid ") + name + " as pyrovox writes it").c_str());
-    if (grid->tree().activeTileCount() != 0)
-        return fail(PVX_EUNSUP, err, err_size, "has tiles: another program made it anew");
-    for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf) {
-        uint32_t id;
-        if (!brick_id(v, leaf->origin(), &id))
-            return fail(PVX_ECORRUPT, err, err_size, "has voxels outside its grid");
-        auto &brick = (*out)[id];
-        brick.resize(static_cast<size_t>(CELLS) * v.channels);
-        if (!take_leaf(v, *leaf, id, c, brick.data()))
-            return fail(PVX_ECORRUPT, err, err_size, "has a value that is not finite");
-    }
+    uint32_t id;
+    if (!brick_id(v, at, &id))
+        return fail(PVX_ECORRUPT, err, err_size, "has voxels outside its grid");
+    auto &brick = (*all)[id];
+    brick.resize(static_cast<size_t>(CELLS) * v.channels);
+    const uint32_t nx = (v.n[0] + SIDE - 1) / SIDE, ny = (v.n[1] + SIDE - 1) / SIDE;
+    const uint32_t first[3] = {id % nx * SIDE, id / nx % ny * SIDE, id / nx / ny * SIDE};
+    for (uint32_t k = 0; k < SIDE && first[2] + k < v.n[2]; k++)
+        for (uint32_t j = 0; j < SIDE && first[1] + j < v.n[1]; j++)
+            for (uint32_t i = 0; i < SIDE && first[0] + i < v.n[0]; i++) {
+                const unsigned cell = leaf_cell(static_cast<int>(i), static_cast<int>(j),
+                                                static_cast<int>(k), v.y_up != 0);
+                if (!on(cell))
+                    continue;
+                if (!finite(value(cell)))
+                    return fail(PVX_ECORRUPT, err, err_size, "has a value that is not finite");
+                put(value(cell), brick.data() + ((k * SIDE + j) * SIDE + i) * v.channels + c);
+            }
     return PVX_OK;
+}
+
+int no_grid(const char *name, char *err, size_t err_size)
+{
+    return fail(PVX_EFORMAT, err, err_size,
+                (std::string("has no grid ") + name + " as pyrovox writes it").c_str());
+}
+
+/* A .vdb's grids; all leaves of one are channel c (and on) of the bricks. */
+struct Open {
+    openvdb::GridPtrVecPtr grids;
+
+    template <typename T>
+    int take(const vol_vdb_bricks &v, const char *name, unsigned c, Bricks *out, char *err,
+             size_t err_size) const
+    {
+        using Grid = openvdb::Grid<typename openvdb::tree::Tree4<T, 5, 4, 3>::Type>;
+        const auto grid = openvdb::gridPtrCast<Grid>(openvdb::findGridByName(*grids, name));
+        if (!grid)
+            return no_grid(name, err, err_size);
+        if (grid->tree().activeTileCount() != 0)
+            return fail(PVX_EUNSUP, err, err_size, "has tiles: another program made it anew");
+        int e = PVX_OK;
+        for (auto leaf = grid->tree().cbeginLeaf(); leaf && e == PVX_OK; ++leaf)
+            e = take_leaf(
+                v, leaf->origin(), c, [&](unsigned cell) { return leaf->isValueOn(cell); },
+                [&](unsigned cell) { return leaf->getValue(cell); }, out, err, err_size);
+        return e;
+    }
+    using Vector = Vec3f;
+};
+
+/* The same of a .nvdb, whose leaves lie one behind the other. */
+struct Flat {
+    std::vector<Nano> grids;
+
+    template <typename T>
+    int take(const vol_vdb_bricks &v, const char *name, unsigned c, Bricks *out, char *err,
+             size_t err_size) const
+    {
+        const nanovdb::NanoGrid<T> *grid = nullptr;
+        for (const Nano &g : grids)
+            if (g.grid<T>() != nullptr && strcmp(g.grid<T>()->gridName(), name) == 0)
+                grid = g.grid<T>();
+        if (grid == nullptr)
+            return no_grid(name, err, err_size);
+        if (!nanovdb::isValid(*grid, true))
+            return fail(PVX_ECORRUPT, err, err_size, "its grids and their checksums do not agree");
+        const uint32_t n = grid->tree().nodeCount(0);
+        const auto *leaf = grid->tree().template getFirstNode<0>();
+        int e = PVX_OK;
+        for (uint32_t k = 0; k < n && e == PVX_OK; k++, leaf++) {
+            const auto at = leaf->origin();
+            e = take_leaf(
+                v, Coord(at[0], at[1], at[2]), c,
+                [&](unsigned cell) { return leaf->isActive(cell); },
+                [&](unsigned cell) { return leaf->getValue(cell); }, out, err, err_size);
+        }
+        return e;
+    }
+    using Vector = nanovdb::Vec3f;
+};
+
+template <typename Grids>
+int take_all(const Grids &g, const vol_vdb_bricks &v, Bricks *all, char *err, size_t err_size)
+{
+    if (v.channels == 1)
+        return g.template take<float>(v, "density", 0, all, err, err_size);
+    if (!v.split)
+        return g.template take<typename Grids::Vector>(v, "emission", 0, all, err, err_size);
+    const char *const names[] = {"red", "green", "blue"};
+    int e = PVX_OK;
+    for (unsigned c = 0; c < 3 && e == PVX_OK; c++)
+        e = g.template take<float>(v, names[c], c, all, err, err_size);
+    return e;
 }
 
 int give(const Bricks &bricks, vol_vdb_bricks *v)
@@ -333,32 +429,36 @@ int give(const Bricks &bricks, vol_vdb_bricks *v)
     return PVX_OK;
 }
 
-int read(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
+int read_vdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
 {
     return guarded(err, err_size, [&]() -> int {
         View bytes(data, len);
         std::istream is(&bytes);
         is.exceptions(std::ios::badbit | std::ios::eofbit | std::ios::failbit);
         openvdb::io::Stream stream(is, false);
-        const auto grids = stream.getGrids();
-        if (!grids)
+        const Open open{stream.getGrids()};
+        if (!open.grids)
             return fail(PVX_EFORMAT, err, err_size, "has no grids");
         Bricks all;
-        int e = PVX_OK;
-        if (v->channels == 1) {
-            e = take_grid<FloatGrid>(*v, *grids, "density", 0, &all, err, err_size);
-        } else if (!v->split) {
-            e = take_grid<Vec3SGrid>(*v, *grids, "emission", 0, &all, err, err_size);
-        } else {
-            const char *const names[] = {"red", "green", "blue"};
-            for (unsigned c = 0; c < 3 && e == PVX_OK; c++)
-                e = take_grid<FloatGrid>(*v, *grids, names[c], c, &all, err, err_size);
-        }
+        const int e = take_all(open, *v, &all, err, err_size);
         return e == PVX_OK ? give(all, v) : e;
     });
 }
 
-const struct vol_vdb module = {VOL_VDB_VERSION, write_vdb, write_nvdb, read};
+int read_nvdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        View bytes(data, len);
+        std::istream is(&bytes);
+        Flat flat;
+        flat.grids = nanovdb::io::readGrids<nanovdb::HostBuffer, std::vector>(is);
+        Bricks all;
+        const int e = take_all(flat, *v, &all, err, err_size);
+        return e == PVX_OK ? give(all, v) : e;
+    });
+}
+
+const struct vol_vdb module = {VOL_VDB_VERSION, write_vdb, write_nvdb, read_vdb, read_nvdb};
 
 } // namespace
 

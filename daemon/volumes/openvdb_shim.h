@@ -10,7 +10,9 @@
  * and leaves bricks on leaves.  World = origin + spacing * index, so a voxel's centre is on whole numbers.
  * Grids: `density`, luminance (Rec. 709), and with three channels `emission` of vectors, or with `split`
  * red, green, blue.  Active is where some channel is not 0.
- * .vdb is saved as half (values cut to +-65504), .nvdb as float. */
+ * .vdb is saved as half (values cut to +-65504), .nvdb as float.
+ * The notes are a .vdb's metadata; NanoVDB has none, so there they are blind data of the first grid, called
+ * VOL_NVDB_NOTES, in the same bytes as in a .vdb. */
 #ifndef VOL_OPENVDB_SHIM_H
 #define VOL_OPENVDB_SHIM_H
 #include <stddef.h>
@@ -23,7 +25,8 @@ extern "C" {
 #define VOL_VDB_NOEXCEPT
 #endif
 
-#define VOL_VDB_VERSION   1
+#define VOL_VDB_VERSION   2
+#define VOL_NVDB_NOTES    "pyrovox"
 #define VOL_VDB_NOTES_MAX 64
 
 enum vol_vdb_kind { VOL_VDB_TEXT, VOL_VDB_INT, VOL_VDB_REAL, VOL_VDB_VECTOR };
@@ -56,12 +59,14 @@ struct vol_vdb {
                      size_t err_size) VOL_VDB_NOEXCEPT;
     int (*write_nvdb)(const struct vol_vdb_bricks *v, struct vol_vdb_bytes *out, char *err,
                       size_t err_size) VOL_VDB_NOEXCEPT;
-    /* The bricks of a .vdb.  OpenVDB trusts what it reads and may crash on damaged bytes: for a process of its
-     * own, whose answer is checked (vdb_child.c).  n, channels,
-     * split and y_up are given, ids and brick are from malloc.  PVX_EFORMAT: not such a file, or of other grids; PVX_ECORRUPT: a value that is not finite, a leaf
-     * outside the grid. */
-    int (*read)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
-                size_t err_size) VOL_VDB_NOEXCEPT;
+    /* The bricks of a file.  OpenVDB and NanoVDB trust what they read and may crash on damaged bytes: for a process
+     * of its own, whose answer is checked (vdb_child.c).  n, channels, split and y_up are given, ids and brick are
+     * from malloc.  PVX_EFORMAT: not such a file, or of other grids; PVX_ECORRUPT: a value that is not finite, a
+     * leaf outside the grid. */
+    int (*read_vdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
+                    size_t err_size) VOL_VDB_NOEXCEPT;
+    int (*read_nvdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
+                     size_t err_size) VOL_VDB_NOEXCEPT;
 };
 
 const struct vol_vdb *vol_vdb_module(void) VOL_VDB_NOEXCEPT;

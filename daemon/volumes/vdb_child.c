@@ -85,12 +85,12 @@ static void bound(const struct vol_vdb_bricks *v)
 }
 
 /* The child's whole life. */
-static void serve(const struct vol_vdb *module, int fd, const void *bytes, size_t len,
+static void serve(vol_vdb_read_fn *decode, int fd, const void *bytes, size_t len,
                   struct vol_vdb_bricks *v)
 {
     struct answer a = {.error = PVX_OK};
     bound(v);
-    a.error = module->read(bytes, len, v, a.text, sizeof a.text);
+    a.error = decode(bytes, len, v, a.text, sizeof a.text);
     a.n_bricks = a.error == PVX_OK ? v->n_bricks : 0;
     bool sent = send_all(fd, &a, sizeof a) &&
                 (a.error != PVX_OK || (send_all(fd, v->ids, a.n_bricks * sizeof *v->ids) &&
@@ -137,8 +137,8 @@ static pvx_err receive(int fd, const char *path, struct vol_vdb_bricks *v, struc
     return e;
 }
 
-pvx_err vol_vdb_child_read(const struct vol_vdb *module, const char *path, const void *bytes,
-                           size_t len, struct vol_vdb_bricks *v, struct pvx_diag *d)
+pvx_err vol_vdb_child_read(vol_vdb_read_fn *decode, const char *path, const void *bytes, size_t len,
+                           struct vol_vdb_bricks *v, struct pvx_diag *d)
 {
     int fd[2], status;
     if (pipe(fd) != 0)
@@ -146,7 +146,7 @@ pvx_err vol_vdb_child_read(const struct vol_vdb *module, const char *path, const
     pid_t pid = fork();
     if (pid == 0) {
         close(fd[0]);
-        serve(module, fd[1], bytes, len, v);
+        serve(decode, fd[1], bytes, len, v);
     }
     close(fd[1]);
     pvx_err e = pid > 0 ? receive(fd[0], path, v, d) : PVX_EIO;
@@ -154,7 +154,9 @@ pvx_err vol_vdb_child_read(const struct vol_vdb *module, const char *path, const
     while (pid > 0 && waitpid(pid, &status, 0) < 0 && errno == EINTR)
         continue;
     if (e == PVX_ECORRUPT)
-        pvx_fail(d, e, "%s: damaged: OpenVDB cannot read it; make it again from its recording",
+        pvx_fail(d, e,
+                 "%s: damaged: it cannot be read; make it again from its recording, or `pyrovox "
+                 "repair` its folder",
                  path);
     return e != PVX_OK ? pvx_fail(d, e, "%s: %s", path, pvx_strerror(e)) : PVX_OK;
 }

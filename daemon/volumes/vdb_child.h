@@ -5,8 +5,10 @@
 #include "base/err.h"
 #include "daemon/volumes/openvdb_shim.h"
 
-/* As vol_vdb.read: ids ascending and within the grid, values finite.  PVX_ECORRUPT: it cannot be read. */
-PVX_MUST_CHECK pvx_err vol_vdb_child_read(const struct vol_vdb *module, const char *path,
+typedef int vol_vdb_read_fn(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
+                            size_t err_size);
+/* As the module's `read`: ids ascending and within the grid, values finite.  PVX_ECORRUPT: it cannot be read. */
+PVX_MUST_CHECK pvx_err vol_vdb_child_read(vol_vdb_read_fn *decode, const char *path,
                                           const void *bytes, size_t len, struct vol_vdb_bricks *v,
                                           struct pvx_diag *d);
 #endif

@@ -1,9 +1,11 @@
-/* vdb_notes.h - what a .vdb says of its volume as metadata, and back: everything that came with it on the
+/* vdb_notes.h - what a .vdb or .nvdb says of its volume beside the grids, and back: everything that came with it on the
  * wire, so that a file can be understood alone and played again.
  *
  * Keys are the wire's fields (PROTOCOL.md); 64-bit identities are text of 16 hexadecimal digits.  Threads: pure. */
 #ifndef VOL_VDB_NOTES_H
 #define VOL_VDB_NOTES_H
+#include <stdio.h>
+
 #include "daemon/volumes/openvdb_shim.h"
 #include "daemon/volumes/volumes.h"
 
@@ -17,11 +19,11 @@ struct vol_vdb_about {
 
 /* note [VOL_VDB_NOTES_MAX] out; how many. */
 size_t vol_vdb_notes_make(const struct vol_vdb_about *a, struct vol_vdb_note *note);
-/* The metadata at the beginning of a .vdb, of which the first `len` bytes are there: read here, as OpenVDB trusts
- * every length.  note [VOL_VDB_NOTES_MAX] out, those of kinds that pyrovox writes.  PVX_EFORMAT. */
-PVX_MUST_CHECK pvx_err vol_vdb_notes_parse(const void *bytes, size_t len, const char *name,
-                                           struct vol_vdb_note *note, size_t *n,
-                                           struct pvx_diag *d);
+/* The notes of a .vdb, its metadata; of a .nvdb, the blind data of its first grid (openvdb_shim.h): read here, as
+ * OpenVDB and NanoVDB trust every length.  note [VOL_VDB_NOTES_MAX] out, those of kinds that pyrovox writes.
+ * PVX_EFORMAT. */
+PVX_MUST_CHECK pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name,
+                                          struct vol_vdb_note *note, size_t *n, struct pvx_diag *d);
 /* PVX_EFORMAT: not from pyrovox, or a key is missing or outside its range (diag names it); PVX_EVERSION.
  * `name` is what messages call the file. */
 PVX_MUST_CHECK pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n,

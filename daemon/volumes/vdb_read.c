@@ -1,4 +1,4 @@
-/* vdb_read.c - numbered .vdb files (or one) as a recording again.  What stands in their metadata is believed
+/* vdb_read.c - numbered .vdb or .nvdb files (or one) as a recording again.  What stands in their notes is believed
  * within bounds (vdb_notes.h); the rest is OpenVDB's to read, where it can do no harm (vdb_child.h). */
 #include <dirent.h>
 #include <errno.h>
@@ -13,9 +13,8 @@
 #include "daemon/volumes/vdb_module.h"
 #include "daemon/volumes/vdb_notes.h"
 
-#define HEAD_BYTES ((size_t)65536) /* metadata comes first in a file, and needs some 3 KB */
-#define FILE_MAX   ((size_t)1 << 36)
-#define TEXT_MAX   ((size_t)1 << 24)
+#define FILE_MAX ((size_t)1 << 36)
+#define TEXT_MAX ((size_t)1 << 24)
 
 struct file {
     char *path;
@@ -23,7 +22,8 @@ struct file {
 };
 
 struct vdb_in {
-    const struct vol_vdb *module;
+    vol_vdb_read_fn *decode;
+    bool nano;
     struct file *file;
     size_t n;
     struct vol_gap *gap;
@@ -80,25 +80,22 @@ static bool is_vdb(const char *path)
 {
     return has(path, ".vdb", is_vdb_name);
 }
+static bool is_nvdb(const char *path)
+{
+    return has(path, ".nvdb", is_nvdb_name);
+}
 
-static pvx_err read_about(const char *path, struct vol_vdb_about *out, struct pvx_diag *d)
+static pvx_err read_about(const char *path, bool nano, struct vol_vdb_about *out,
+                          struct pvx_diag *d)
 {
     struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
-    char *bytes = malloc(HEAD_BYTES);
+    size_t n = 0;
     FILE *f = fopen(path, "rbe");
-    size_t n = 0, len = f != NULL && bytes != NULL ? fread(bytes, 1, HEAD_BYTES, f) : 0;
-    pvx_err e = bytes == NULL ? PVX_ENOMEM
-                : f == NULL
-                    ? pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno))
-                    : PVX_OK;
-    if (f != NULL)
-        fclose(f);
-    if (e == PVX_OK)
-        e = vol_vdb_notes_parse(bytes, len, path, note, &n, d);
-    if (e == PVX_OK)
-        e = vol_vdb_notes_read(note, n, path, out, d);
-    free(bytes);
-    return e;
+    if (f == NULL)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    pvx_err e = vol_vdb_notes_load(f, nano, path, note, &n, d);
+    fclose(f);
+    return e == PVX_OK ? vol_vdb_notes_read(note, n, path, out, d) : e;
 }
 
 static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
@@ -113,10 +110,10 @@ static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
 }
 
 /* The next file of the recording; one that repeats the set before is passed over. */
-static pvx_err add_file(struct vdb_in *r, const char *path, struct pvx_diag *d)
+static pvx_err add_file(struct vdb_in *r, const char *path, const struct vol_vdb_about *about,
+                        struct pvx_diag *d)
 {
-    struct vol_vdb_about a;
-    PVX_TRY(read_about(path, &a, d));
+    const struct vol_vdb_about a = *about;
     const struct file *before = r->n > 0 ? &r->file[r->n - 1] : NULL;
     if (before == NULL)
         r->head.start = a.start;
@@ -151,22 +148,52 @@ static int is_list_name(const struct dirent *e)
     return ends_in(e->d_name, ".json");
 }
 
+/* Whether the list beside the files (numbered.h) says that the recording was closed. */
+static bool closed(const char *dir)
+{
+    struct dirent **entry;
+    char path[PATH_MAX], *text;
+    size_t len;
+    bool yes = false;
+    int n = list(dir, is_list_name, &entry);
+    if (n > 0) {
+        snprintf(path, sizeof path, "%s/%s", dir, entry[0]->d_name);
+        if (pvx_file_read(path, TEXT_MAX, &text, &len, NULL) == PVX_OK) {
+            yes = strstr(text, "\"closed\":true") != NULL;
+            free(text);
+        }
+    }
+    free_list(entry, n);
+    return yes;
+}
+
+/* A file whose beginning is damaged or cut off is a set that is missing. */
 static pvx_err add_folder(struct vdb_in *r, const char *dir, bool *cut, struct pvx_diag *d)
 {
     struct dirent **entry;
+    struct vol_vdb_about a;
+    struct pvx_diag first = {""}, one = {""};
     char path[PATH_MAX];
-    int n = list(dir, is_list_name, &entry);
-    *cut = n == 0;
-    free_list(entry, n);
-    n = list(dir, is_vdb_name, &entry);
+    *cut = !closed(dir);
+    int n = list(dir, r->nano ? is_nvdb_name : is_vdb_name, &entry);
     if (n < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
-    pvx_err e = n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volumes (.vdb) in it", dir);
+    pvx_err e = PVX_OK;
     for (int i = 0; i < n && e == PVX_OK; i++) {
         snprintf(path, sizeof path, "%s/%s", dir, entry[i]->d_name);
-        e = add_file(r, path, d);
+        e = read_about(path, r->nano, &a, &one);
+        if (e == PVX_EFORMAT) {
+            first = first.text[0] == '\0' ? one : first;
+            *cut = true;
+            e = PVX_OK;
+        } else {
+            e = e == PVX_OK ? add_file(r, path, &a, d) : pvx_fail(d, e, "%s", one.text);
+        }
     }
     free_list(entry, n);
+    if (e == PVX_OK && r->n == 0)
+        e = n > 0 ? pvx_fail(d, PVX_EFORMAT, "%s", first.text)
+                  : pvx_fail(d, PVX_ENOENT, "%s: no volumes in it", dir);
     if (e == PVX_OK)
         e = take_text(dir, "rig.yaml", &r->rig, d);
     if (e == PVX_OK)
@@ -188,8 +215,15 @@ static void close_in(void *self)
     free(r);
 }
 
-static pvx_err open_in(void **self, const char *path, struct vol_head *head, uint64_t *count,
-                       bool *cut, struct pvx_diag *d)
+static pvx_err open_file(struct vdb_in *r, const char *path, struct pvx_diag *d)
+{
+    struct vol_vdb_about a;
+    PVX_TRY(read_about(path, r->nano, &a, d));
+    return add_file(r, path, &a, d);
+}
+
+static pvx_err open_any(bool nano, void **self, const char *path, struct vol_head *head,
+                        uint64_t *count, bool *cut, struct pvx_diag *d)
 {
     const struct vol_vdb *module;
     struct stat st;
@@ -199,9 +233,10 @@ static pvx_err open_in(void **self, const char *path, struct vol_head *head, uin
     struct vdb_in *r = calloc(1, sizeof *r);
     if (r == NULL)
         return PVX_ENOMEM;
-    r->module = module;
+    r->nano = nano;
+    r->decode = nano ? module->read_nvdb : module->read_vdb;
     pvx_err e = stat(path, &st) == 0 && S_ISDIR(st.st_mode) ? add_folder(r, path, cut, d)
-                                                            : add_file(r, path, d);
+                                                            : open_file(r, path, d);
     if (e != PVX_OK) {
         close_in(r);
         return e;
@@ -212,6 +247,17 @@ static pvx_err open_in(void **self, const char *path, struct vol_head *head, uin
     *count = r->n;
     *self = r;
     return PVX_OK;
+}
+
+static pvx_err open_vdb(void **self, const char *path, struct vol_head *head, uint64_t *count,
+                        bool *cut, struct pvx_diag *d)
+{
+    return open_any(false, self, path, head, count, cut, d);
+}
+static pvx_err open_nvdb(void **self, const char *path, struct vol_head *head, uint64_t *count,
+                         bool *cut, struct pvx_diag *d)
+{
+    return open_any(true, self, path, head, count, cut, d);
 }
 
 static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
@@ -227,7 +273,7 @@ static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_di
     free(r->brick);
     r->ids = NULL;
     r->brick = NULL;
-    PVX_TRY(read_about(path, &a, d));
+    PVX_TRY(read_about(path, r->nano, &a, d));
     if (!pvp_grid_same(&a.v.grid, &r->head.start.grid))
         return pvx_fail(d, PVX_ECORRUPT, "%s: has changed while it was read", path);
     PVX_TRY(pvx_file_read(path, FILE_MAX, &bytes, &len, d));
@@ -236,13 +282,14 @@ static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_di
                                .channels = g->channels,
                                .split = a.split != 0,
                                .y_up = a.y_up != 0};
-    pvx_err e = vol_vdb_child_read(r->module, path, bytes, len, &b, d);
+    pvx_err e = vol_vdb_child_read(r->decode, path, bytes, len, &b, d);
     free(bytes);
     PVX_TRY(e);
     r->ids = (uint32_t *)b.ids;
     r->brick = (float *)b.brick;
     *out = (struct vol_volume){.v = a.v,
-                               .sample = PVP_F16, /* so the file holds them */
+                               /* a .vdb holds halves */
+                               .sample = r->nano && a.sample == PVP_F32 ? PVP_F32 : PVP_F16,
                                .clamped = a.clamped != 0,
                                .n_bricks = b.n_bricks,
                                .ids = r->ids,
@@ -256,24 +303,5 @@ static const struct vol_gap *gap_at(const void *self, uint64_t k)
     return k < r->n_gaps ? &r->gap[k] : NULL;
 }
 
-const struct vol_reader_ops vol_vdb_reader = {is_vdb, open_in, get, gap_at, close_in};
-
-/* ---- NanoVDB: written only ---------------------------------------------------------------------- */
-
-static bool is_nvdb(const char *path)
-{
-    return has(path, ".nvdb", is_nvdb_name);
-}
-
-/* Its trees are addresses within the file that its library follows unchecked. */
-static pvx_err refuse_nvdb(void **self, const char *path, struct vol_head *head, uint64_t *count,
-                           bool *cut, struct pvx_diag *d)
-{
-    (void)self, (void)head, (void)count, (void)cut;
-    return pvx_fail(d, PVX_EUNSUP,
-                    "%s: NanoVDB is written, not read; name the recording that it was made from "
-                    "(npy, hdf5 or vdb)",
-                    path);
-}
-
-const struct vol_reader_ops vol_nvdb_reader = {is_nvdb, refuse_nvdb, NULL, NULL, NULL};
+const struct vol_reader_ops vol_vdb_reader = {is_vdb, open_vdb, get, gap_at, close_in};
+const struct vol_reader_ops vol_nvdb_reader = {is_nvdb, open_nvdb, get, gap_at, close_in};

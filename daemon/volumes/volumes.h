@@ -83,7 +83,7 @@ PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volu
 const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k);
 void vol_reader_close(vol_reader **r);
 
-/* --- what a format gives to the dispatcher (writer.c, reader.c); a format that cannot be read has no reader --- */
+/* --- what a format gives to the dispatcher (writer.c, reader.c) --- */
 struct vol_writer_ops {
     pvx_err (*check)(const char *path, struct pvx_diag *d);
     pvx_err (*open)(void **self, const char *path, const struct vol_head *head,
