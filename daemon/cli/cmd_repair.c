@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "daemon/cli/arg.h"
@@ -30,19 +31,23 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 
 static const struct argp argp = {
     .parser = parse,
-    .args_doc = "FILE",
+    .args_doc = "RECORDING",
     .doc =
-        "Finish a recording of volumes in HDF5 that was cut off: by a kill, a power cut, a copy "
+        "Finish a recording of volumes that was cut off: by a kill, a power cut, a copy "
         "that "
-        "ended early.\vWhat is whole goes into a new file, which takes the place of FILE when it "
-        "is "
-        "complete; the original stays beside it as FILE.cut-off.  Volumes that are damaged are "
-        "left "
-        "out and counted.  A file that was closed in order is left alone.\n\n"
-        "Pyrovox itself reads files that were cut off as they are; other programs (h5py, MATLAB, "
-        "ParaView) want them finished.  Folders of .npy, .vdb and .nvdb need no repair: a file "
+        "ended early.\vOf an HDF5 file, what is whole goes into a new file, which takes the place "
+        "of "
+        "FILE when it is complete; the original stays beside it as FILE.cut-off.  In a folder of "
+        ".npy, "
+        ".vdb or .nvdb files those that are damaged are put aside as NAME.cut-off, the set before "
+        "takes their numbers (vdb, nvdb), and the list of what is there is made anew.  Volumes "
         "that "
-        "is there is whole.  Takes of raw frames: `pyrovox replay` reads them as they are.\n\n"
+        "are damaged are left out and counted.  A recording that was closed in order, and has no "
+        "damaged file, is left alone.\n\n"
+        "Pyrovox itself reads recordings that were cut off as they are; other programs (h5py, "
+        "MATLAB, "
+        "ParaView) want HDF5 files finished.  Takes of raw frames: `pyrovox replay` reads them as "
+        "they are.\n\n"
         "Exit: 0 whole now, 1 failed, 130 stopped by Ctrl-C, with FILE as it was.",
 };
 
@@ -97,32 +102,46 @@ static pvx_err finish(struct repair *r, vol_reader *in, struct pvx_diag *d)
     return e;
 }
 
+static int conclude(const struct repair *r, bool done)
+{
+    struct stat st;
+    bool folder = stat(r->file, &st) == 0 && S_ISDIR(st.st_mode);
+    printf("%s: %llu %s, ", r->file, (unsigned long long)r->good, folder ? "files" : "volumes");
+    if (!done)
+        printf("nothing to repair\n");
+    else if (folder)
+        printf("finished; %llu damaged files put aside%s\n", (unsigned long long)r->bad,
+               r->bad > 0 ? " as *.cut-off" : "");
+    else
+        printf("finished; %llu damaged ones left out; the original is %s\n",
+               (unsigned long long)r->bad, r->kept);
+    return 0;
+}
+
 static int run(int argc, char **argv)
 {
     struct repair r = {0};
     struct pvx_diag d = {""};
     vol_reader *in = NULL;
+    bool done = false;
     if (argp_parse(&argp, argc, argv, 0, NULL, &r) != 0)
         return 2;
     cli_catch_stop();
     pvx_err e = strlen(r.file) < 1000
                     ? vol_reader_open(r.file, &in, &d)
                     : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
-    bool whole = e == PVX_OK && (vol_reader_format(in) != VOL_HDF5 || !vol_reader_cut(in));
-    if (whole)
-        printf("%s: %llu volumes, nothing to repair\n", r.file,
-               (unsigned long long)vol_reader_count(in));
-    else if (e == PVX_OK)
+    if (e == PVX_OK && vol_reader_format(in) != VOL_HDF5) {
+        e = vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
+    } else if (e == PVX_OK && vol_reader_cut(in)) {
+        done = true;
         e = finish(&r, in, &d);
+    } else if (e == PVX_OK) {
+        r.good = vol_reader_count(in);
+    }
     vol_reader_close(&in);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    if (cli_stop)
-        return 130;
-    if (!whole)
-        printf("%s: %llu volumes, finished; %llu damaged ones left out; the original is %s\n",
-               r.file, (unsigned long long)r.good, (unsigned long long)r.bad, r.kept);
-    return 0;
+    return cli_stop ? 130 : conclude(&r, done);
 }
 
 const struct cli_command cmd_repair = {"repair", "finish a recording of volumes that was cut off",

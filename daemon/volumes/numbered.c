@@ -9,6 +9,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include <cjson/cJSON.h>
+
 #include "base/file.h"
 #include "base/mem.h"
 #include "daemon/control/json.h"
@@ -66,6 +68,8 @@ bool vol_numbered_wants(const vol_numbered *n, const struct pvp_volume *v)
     bool anew;
     return frame_of(n, v, &anew) != 0;
 }
+
+static pvx_err write_list(const struct vol_numbered *n, struct pvx_diag *d);
 
 /* ---- opening ------------------------------------------------------------------------------------ */
 
@@ -131,6 +135,8 @@ pvx_err vol_numbered_new(const char *dir, const char *ext, const struct vol_head
     if (e == PVX_OK)
         e = put_text(n, "pyrovoxd.yaml", head->config, d);
     if (e == PVX_OK)
+        e = write_list(n, d);
+    if (e == PVX_OK)
         *out = n;
     else
         free(n);
@@ -171,6 +177,17 @@ static pvx_err again(struct vol_numbered *n, uint64_t from, uint64_t frame, stru
     return e;
 }
 
+/* Fills what is missing before `frame` with the set before. */
+static pvx_err fill(struct vol_numbered *n, uint64_t frame, struct pvx_diag *d)
+{
+    struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
+    while (before != NULL && before->last + 1 < frame) {
+        PVX_TRY(again(n, before->first, before->last + 1, d));
+        before->last++;
+    }
+    return PVX_OK;
+}
+
 pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v, const void *data, size_t len,
                          struct pvx_diag *d)
 {
@@ -182,11 +199,7 @@ pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v, const void
         return PVX_OK;
     }
     PVX_TRY(grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
-    struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
-    while (before != NULL && before->last + 1 < frame) {
-        PVX_TRY(again(n, before->first, before->last + 1, d));
-        before->last++;
-    }
+    PVX_TRY(fill(n, frame, d));
     file_name(n, frame, path);
     PVX_TRY(pvx_file_write(path, data, len, d));
     n->shown[n->n_shown++] = (struct shown){frame, frame, v->set, v->session, v->t_exposure_ns};
@@ -210,6 +223,79 @@ pvx_err vol_numbered_gap(vol_numbered *n, const struct vol_gap *g)
 uint64_t vol_numbered_bytes(const vol_numbered *n)
 {
     return n->bytes;
+}
+
+/* ---- what is there already ---------------------------------------------------------------------- */
+
+static void take_rate(struct vol_numbered *n)
+{
+    char path[PATH_MAX], *text;
+    size_t len;
+    snprintf(path, sizeof path, "%s/%s.json", n->dir, n->name);
+    if (pvx_file_read(path, FILE_MAX, &text, &len, NULL) != PVX_OK)
+        return;
+    cJSON *o = cJSON_ParseWithLength(text, len);
+    const cJSON *fps = cJSON_GetObjectItemCaseSensitive(o, "fps");
+    if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "resampled")) && cJSON_IsNumber(fps))
+        n->o.fps = fps->valuedouble;
+    cJSON_Delete(o);
+    free(text);
+}
+
+/* Where a file's number begins; NULL: it has none. */
+static const char *number_in(const char *name)
+{
+    const char *p = strrchr(name, '_');
+    return p != NULL && p > name && p[1] >= '0' && p[1] <= '9' ? p + 1 : NULL;
+}
+
+pvx_err vol_numbered_again(const char *dir, const char *any, const char *ext,
+                           const struct vol_head *head, const struct vol_options *o,
+                           vol_numbered **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct vol_numbered *n = calloc(1, sizeof *n);
+    if (n == NULL)
+        return PVX_ENOMEM;
+    n->ext = ext;
+    n->start = head->start;
+    n->o = *o;
+    const char *number = number_in(any);
+    pvx_err e = set_names(n, dir, d);
+    if (e == PVX_OK && number != NULL && (size_t)(number - any) <= sizeof n->name)
+        snprintf(n->name, sizeof n->name, "%.*s", (int)(number - 1 - any), any);
+    take_rate(n);
+    if (e == PVX_OK)
+        *out = n;
+    else
+        free(n);
+    return e;
+}
+
+pvx_err vol_numbered_found(vol_numbered *n, const char *name, const struct pvp_volume *v,
+                           struct pvx_diag *d)
+{
+    const char *number = number_in(name);
+    const struct shown *s = newest(n);
+    uint64_t frame = number != NULL ? strtoull(number, NULL, 10) : 0;
+    if (frame == 0 || (s != NULL && (frame <= s->last || frame > s->last + VOL_HOLE_MAX)))
+        return pvx_fail(d, PVX_EFORMAT, "%s/%s: is not numbered as the files of this recording",
+                        n->dir, name);
+    PVX_TRY(fill(n, frame, d));
+    PVX_TRY(grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
+    struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
+    if (before != NULL && before->session == v->session && before->set == v->set) {
+        before->last = frame;
+        return PVX_OK;
+    }
+    if (before != NULL && before->session == v->session && v->set > before->set + 1 &&
+        !(n->o.fps > 0)) {
+        const struct vol_gap g = {
+            .why = VOL_GAP_LOST, .set_first = before->set + 1, .set_last = v->set - 1};
+        PVX_TRY(vol_numbered_gap(n, &g));
+    }
+    n->shown[n->n_shown++] = (struct shown){frame, frame, v->set, v->session, v->t_exposure_ns};
+    return PVX_OK;
 }
 
 /* ---- the list ----------------------------------------------------------------------------------- */
@@ -312,8 +398,15 @@ pvx_err vol_numbered_close(vol_numbered **np, struct pvx_diag *d)
         return PVX_OK;
     n->closed = true;
     pvx_err e = write_list(n, d);
-    free(n->shown);
-    free(n->gap);
-    PVX_FREE(*np);
+    vol_numbered_drop(np);
     return e;
+}
+
+void vol_numbered_drop(vol_numbered **np)
+{
+    if (*np == NULL)
+        return;
+    free((*np)->shown);
+    free((*np)->gap);
+    PVX_FREE(*np);
 }

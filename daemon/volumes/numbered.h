@@ -4,8 +4,9 @@
  * Frame = 1 + set - first set; with `fps` = 1 + round((time - first time) * fps).  A frame without a volume
  * of its own is the one before again (a link where the file system has links); a volume whose frame is taken
  * is left out.  A new session, and a hole of more than VOL_HOLE_MAX frames, goes on with the next frame.
- * NAME.json, rig.yaml and pyrovoxd.yaml lie beside the files; NAME.json is written at the end, so where it is
- * missing the recording was cut off: the files that are there are whole.
+ * NAME.json, rig.yaml and pyrovoxd.yaml lie beside the files; NAME.json is written at the beginning and, with
+ * `closed` true and what each frame shows, at the end.  Where it is not closed the recording was cut off: the files
+ * that are there are whole, and vol_repair_folder makes the list from them.
  * Threads: one at a time. */
 #ifndef VOL_NUMBERED_H
 #define VOL_NUMBERED_H
@@ -20,6 +21,14 @@ PVX_MUST_CHECK pvx_err vol_numbered_check(const char *dir, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_numbered_new(const char *dir, const char *ext,
                                         const struct vol_head *head, const struct vol_options *o,
                                         vol_numbered **out, struct pvx_diag *d);
+/* The files that are there already, to list them anew; `any`: the name of one of them.  What they show is said by
+ * vol_numbered_found, in order; the rate is taken from the list that is there. */
+PVX_MUST_CHECK pvx_err vol_numbered_again(const char *dir, const char *any, const char *ext,
+                                          const struct vol_head *head, const struct vol_options *o,
+                                          vol_numbered **out, struct pvx_diag *d);
+/* The file `name` shows v; frames that are missing before it are filled. */
+PVX_MUST_CHECK pvx_err vol_numbered_found(vol_numbered *n, const char *name,
+                                          const struct pvp_volume *v, struct pvx_diag *d);
 /* false: this volume is to be left out. */
 bool vol_numbered_wants(const vol_numbered *n, const struct pvp_volume *v);
 /* Fills what is missing before it, then writes its file. */
@@ -27,6 +36,7 @@ PVX_MUST_CHECK pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume
                                         const void *data, size_t len, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err vol_numbered_gap(vol_numbered *n, const struct vol_gap *g);
 uint64_t vol_numbered_bytes(const vol_numbered *n);
-/* Writes NAME.json.  *n is gone afterwards, whatever is returned. */
+/* Writes NAME.json, closed.  *n is gone afterwards, whatever is returned. */
 pvx_err vol_numbered_close(vol_numbered **n, struct pvx_diag *d);
+void vol_numbered_drop(vol_numbered **n); /* as it is, without the list */
 #endif

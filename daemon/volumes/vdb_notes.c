@@ -1,5 +1,6 @@
 #include "daemon/volumes/vdb_notes.h"
 
+#include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -178,4 +179,17 @@ pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n, const char
     out->start.grid = out->v.grid;
     out->start.session = out->v.session;
     return PVX_OK;
+}
+
+pvx_err vol_vdb_about_load(const char *path, bool nano, struct vol_vdb_about *out,
+                           struct pvx_diag *d)
+{
+    struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
+    size_t n = 0;
+    FILE *f = fopen(path, "rbe");
+    if (f == NULL)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    pvx_err e = vol_vdb_notes_load(f, nano, path, note, &n, d);
+    fclose(f);
+    return e == PVX_OK ? vol_vdb_notes_read(note, n, path, out, d) : e;
 }

@@ -29,4 +29,7 @@ PVX_MUST_CHECK pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name,
 PVX_MUST_CHECK pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n,
                                           const char *name, struct vol_vdb_about *out,
                                           struct pvx_diag *d);
+/* All that the file `path` says of its volume.  Errors: of both, and those of opening it. */
+PVX_MUST_CHECK pvx_err vol_vdb_about_load(const char *path, bool nano, struct vol_vdb_about *out,
+                                          struct pvx_diag *d);
 #endif

@@ -85,19 +85,6 @@ static bool is_nvdb(const char *path)
     return has(path, ".nvdb", is_nvdb_name);
 }
 
-static pvx_err read_about(const char *path, bool nano, struct vol_vdb_about *out,
-                          struct pvx_diag *d)
-{
-    struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
-    size_t n = 0;
-    FILE *f = fopen(path, "rbe");
-    if (f == NULL)
-        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
-    pvx_err e = vol_vdb_notes_load(f, nano, path, note, &n, d);
-    fclose(f);
-    return e == PVX_OK ? vol_vdb_notes_read(note, n, path, out, d) : e;
-}
-
 static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
 {
     struct vol_gap *more = realloc(r->gap, (r->n_gaps + 1) * sizeof *more);
@@ -171,7 +158,7 @@ static bool closed(const char *dir)
 static pvx_err add_folder(struct vdb_in *r, const char *dir, bool *cut, struct pvx_diag *d)
 {
     struct dirent **entry;
-    struct vol_vdb_about a;
+    struct vol_vdb_about a = {.unit_m = 1};
     struct pvx_diag first = {""}, one = {""};
     char path[PATH_MAX];
     *cut = !closed(dir);
@@ -181,7 +168,7 @@ static pvx_err add_folder(struct vdb_in *r, const char *dir, bool *cut, struct p
     pvx_err e = PVX_OK;
     for (int i = 0; i < n && e == PVX_OK; i++) {
         snprintf(path, sizeof path, "%s/%s", dir, entry[i]->d_name);
-        e = read_about(path, r->nano, &a, &one);
+        e = vol_vdb_about_load(path, r->nano, &a, &one);
         if (e == PVX_EFORMAT) {
             first = first.text[0] == '\0' ? one : first;
             *cut = true;
@@ -217,8 +204,8 @@ static void close_in(void *self)
 
 static pvx_err open_file(struct vdb_in *r, const char *path, struct pvx_diag *d)
 {
-    struct vol_vdb_about a;
-    PVX_TRY(read_about(path, r->nano, &a, d));
+    struct vol_vdb_about a = {.unit_m = 1};
+    PVX_TRY(vol_vdb_about_load(path, r->nano, &a, d));
     return add_file(r, path, &a, d);
 }
 
@@ -263,7 +250,7 @@ static pvx_err open_nvdb(void **self, const char *path, struct vol_head *head, u
 static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
 {
     struct vdb_in *r = self;
-    struct vol_vdb_about a;
+    struct vol_vdb_about a = {.unit_m = 1};
     char *bytes;
     size_t len;
     if (k >= r->n)
@@ -273,7 +260,7 @@ static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_di
     free(r->brick);
     r->ids = NULL;
     r->brick = NULL;
-    PVX_TRY(read_about(path, r->nano, &a, d));
+    PVX_TRY(vol_vdb_about_load(path, r->nano, &a, d));
     if (!pvp_grid_same(&a.v.grid, &r->head.start.grid))
         return pvx_fail(d, PVX_ECORRUPT, "%s: has changed while it was read", path);
     PVX_TRY(pvx_file_read(path, FILE_MAX, &bytes, &len, d));

@@ -83,6 +83,12 @@ PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volu
 const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k);
 void vol_reader_close(vol_reader **r);
 
+/* A folder (npy, vdb, nvdb) that was cut off is finished where it is: files that are damaged are put aside as
+ * FILE.cut-off, the list of the others is made anew and closed.  *good, *bad: how many files there are; *done: there was
+ * something to do. */
+PVX_MUST_CHECK pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *done,
+                                         struct pvx_diag *d);
+
 /* --- what a format gives to the dispatcher (writer.c, reader.c) --- */
 struct vol_writer_ops {
     pvx_err (*check)(const char *path, struct pvx_diag *d);

@@ -266,6 +266,89 @@ static void try_damaged(const struct format *f, const char *bytes, size_t n)
 #define CHANGES 600
 #endif
 
+static bool same_files(const char *a, const char *b)
+{
+    char *x = NULL, *y = NULL;
+    size_t n = 0, m = 1;
+    bool same = pvx_file_read(a, 1 << 24, &x, &n, NULL) == PVX_OK &&
+                pvx_file_read(b, 1 << 24, &y, &m, NULL) == PVX_OK && n == m && memcmp(x, y, n) == 0;
+    free(x);
+    free(y);
+    return same;
+}
+
+/* Sets 0 to 4, of which file 3 is cut off at `share`; then the list too is as a kill leaves it. */
+static void repair_one(const struct format *f, double share)
+{
+    struct volume_bed b;
+    uint64_t good, bad, count = 0;
+    bool done, cut;
+    char folder[300], third[400], *bytes;
+    size_t n;
+    void *r = NULL;
+    struct vol_head head;
+    snprintf(folder, sizeof folder, "%s", at("cut%d_%s", (int)(share * 1000), f->end));
+    snprintf(third, sizeof third, "%s/cut%d_%s_0003.%s", folder, (int)(share * 1000), f->end,
+             f->end);
+    volume_bed_new(&b, 19, 25, 9, 3, 0);
+    record(&b, f->writer, folder, &(struct vol_options){0}, 0, 5, NULL);
+    volume_bed_free(&b);
+    d = (struct pvx_diag){""};
+    T_EQ_I(vol_repair_folder(folder, &good, &bad, &done, &d), PVX_OK);
+    T_OK(!done && good == 5 && bad == 0);
+    T_EQ_I(pvx_file_read(third, 1 << 24, &bytes, &n, NULL), PVX_OK);
+    T_EQ_I(pvx_file_write(third, bytes, (size_t)((double)n * share), NULL), PVX_OK);
+    free(bytes);
+    T_EQ_I(vol_repair_folder(folder, &good, &bad, &done, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_OK(done && good == 4 && bad == 1);
+    T_OK(there(at("cut%d_%s/cut%d_%s_0003.%s.cut-off", (int)(share * 1000), f->end,
+                  (int)(share * 1000), f->end, f->end)));
+    T_OK(same_files(third, at("cut%d_%s/cut%d_%s_0002.%s", (int)(share * 1000), f->end,
+                              (int)(share * 1000), f->end, f->end)));
+    T_EQ_I(f->reader->open(&r, folder, &head, &count, &cut, &d), PVX_OK);
+    if (r != NULL) {
+        const struct vol_gap *g = f->reader->gap(r, 0);
+        T_OK(count == 4 && !cut && g != NULL && g->set_first == 2 && g->set_last == 2);
+        f->reader->close(r);
+    }
+    T_EQ_I(vol_repair_folder(folder, &good, &bad, &done, &d), PVX_OK);
+    T_OK(!done && good == 5 && bad == 0);
+}
+
+T_CASE(cut_anywhere_and_repaired)
+{
+    for (int k = 0; k < 2; k++)
+        for (int i = 0; i < 10; i++)
+            repair_one(&formats[k], i / 10.0);
+}
+
+T_CASE(list_of_a_killed_recorder_is_made_anew)
+{
+    struct volume_bed b;
+    uint64_t good, bad;
+    bool done;
+    char *text;
+    size_t n;
+    const uint64_t skip[] = {103, 104, 0};
+    struct vol_options o = {.y_up = true, .unit_m = 0.01};
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    record(&b, &vol_vdb_writer, at("killed"), &o, 100, 8, skip);
+    T_EQ_I(rename(at("killed/killed.json"), at("list")), 0);
+    T_EQ_I(vol_repair_folder(at("killed"), &good, &bad, &done, &d), PVX_OK);
+    T_OK(done && good == 8 && bad == 0);
+    T_EQ_I(pvx_file_read(at("killed/killed.json"), 1 << 20, &text, &n, NULL), PVX_OK);
+    T_CONTAINS(text, "\"gaps\":[{\"why\":\"lost\",\"set_first\":103,\"set_last\":104,");
+    char *gaps = strstr(text, "\"gaps\""), *was;
+    *gaps = '\0'; /* the writer is told of gaps, and was not */
+    T_EQ_I(pvx_file_read(at("list"), 1 << 20, &was, &n, NULL), PVX_OK);
+    *strstr(was, "\"gaps\"") = '\0';
+    T_EQ_S(text, was);
+    free(text);
+    free(was);
+    volume_bed_free(&b);
+}
+
 static void damage(const struct format *f)
 {
     struct volume_bed b;

@@ -224,6 +224,33 @@ T_CASE(killed_at_any_time_gives_the_volumes_before)
     }
 }
 
+T_CASE(folder_of_npy_is_repaired)
+{
+    struct pvp_start s = volumes_start(24, 24, 24, 3);
+    uint64_t good, bad;
+    bool done;
+    struct pvx_diag d = {""};
+    scratch_new();
+    vol_writer *w = begin(VOL_NPY, at("npy"), &s);
+    for (uint64_t k = 1; k <= 4; k++)
+        put(w, &s, k, 0.3);
+    copy(at("npy/recording.json"), at("open.json"), -1);
+    finish(w);
+    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
+    T_OK(!done && good == 4 && bad == 0);
+    copy(at("open.json"), at("npy/recording.json"), -1); /* killed */
+    copy(at("npy/000004.npy"), at("npy/000004.npy"), 5000);
+    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_OK(done && good == 3 && bad == 1 && access(at("npy/000004.npy.cut-off"), F_OK) == 0);
+    T_EQ_I(whole(at("npy"), &s, 0.3), 3);
+    T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
+    T_OK(!done && good == 3 && bad == 0);
+    T_EQ_I(vol_repair_folder(at("npy/000001.npy"), &good, &bad, &done, &d), PVX_EINVAL);
+    T_CONTAINS(d.text, "name its folder");
+    scratch_remove();
+}
+
 static void set_int(const char *path, const char *name, int64_t v)
 {
     hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT), a = H5Aopen(f, name, H5P_DEFAULT);

@@ -1,0 +1,182 @@
+/* repair.c - folders of volumes that were cut off: a kill leaves whole files and a list that is not closed, a power
+ * cut or a copy that ended early also files that are not whole. */
+#include <dirent.h>
+#include <errno.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cjson/cJSON.h>
+
+#include "base/file.h"
+#include "daemon/volumes/numbered.h"
+#include "daemon/volumes/vdb_notes.h"
+
+#define TEXT_MAX ((size_t)1 << 30)
+
+static const char *const ends[VOL_FORMATS] = {
+    [VOL_NPY] = ".npy", [VOL_VDB] = ".vdb", [VOL_NVDB] = ".nvdb"};
+
+struct folder {
+    const char *dir;
+    enum vol_format format;
+    struct dirent **entry; /* in order of their numbers */
+    int n;
+};
+
+static void free_entries(struct folder *f)
+{
+    for (int i = 0; i < f->n; i++)
+        free(f->entry[i]);
+    free(f->entry);
+    f->entry = NULL;
+    f->n = 0;
+}
+
+static pvx_err list(struct folder *f, struct pvx_diag *d)
+{
+    const char *end = ends[f->format];
+    f->n = scandir(f->dir, &f->entry, NULL, versionsort);
+    if (f->n < 0) {
+        f->n = 0;
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", f->dir, strerror(errno));
+    }
+    int kept = 0;
+    for (int i = 0; i < f->n; i++) {
+        size_t len = strlen(f->entry[i]->d_name), k = strlen(end);
+        if (len > k && strcmp(f->entry[i]->d_name + len - k, end) == 0)
+            f->entry[kept++] = f->entry[i];
+        else
+            free(f->entry[i]);
+    }
+    f->n = kept;
+    return PVX_OK;
+}
+
+static void path_of(const struct folder *f, int i, char path[PATH_MAX])
+{
+    snprintf(path, PATH_MAX, "%s/%s", f->dir, f->entry[i]->d_name);
+}
+
+/* Whether the whole file can be read, as a recording of one volume. */
+static pvx_err look(const char *path, struct pvx_diag *d)
+{
+    vol_reader *r;
+    struct vol_volume v;
+    PVX_TRY(vol_reader_open(path, &r, d));
+    pvx_err e = vol_reader_get(r, 0, &v, d);
+    vol_reader_close(&r);
+    return e;
+}
+
+static pvx_err put_aside(const char *path, struct pvx_diag *d)
+{
+    char kept[PATH_MAX];
+    if (snprintf(kept, sizeof kept, "%s.cut-off", path) >= (int)sizeof kept)
+        return pvx_fail(d, PVX_EINVAL, "%s: over-long name", path);
+    if (access(kept, F_OK) == 0)
+        return pvx_fail(d, PVX_EBUSY, "%s: is there already, of an earlier repair; move it away",
+                        kept);
+    return rename(path, kept) == 0
+               ? PVX_OK
+               : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+}
+
+static pvx_err look_at_all(const struct folder *f, uint64_t *good, uint64_t *bad,
+                           struct pvx_diag *d)
+{
+    char path[PATH_MAX];
+    for (int i = 0; i < f->n; i++) {
+        struct pvx_diag one = {""};
+        path_of(f, i, path);
+        pvx_err e = look(path, &one);
+        /* PVX_ENOENT: a .npy without its .json */
+        bool damaged = e == PVX_ECORRUPT || e == PVX_EFORMAT || e == PVX_ENOENT;
+        if (e != PVX_OK && !damaged)
+            return pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
+        if (damaged)
+            PVX_TRY(put_aside(path, d));
+        *(damaged ? bad : good) += 1;
+    }
+    return PVX_OK;
+}
+
+static pvx_err close_npy(const char *dir, struct pvx_diag *d)
+{
+    char path[PATH_MAX], *text;
+    size_t len;
+    snprintf(path, sizeof path, "%s/recording.json", dir);
+    if (access(path, F_OK) != 0)
+        return PVX_OK; /* of `pyrovox reconstruct`, or of an earlier version */
+    PVX_TRY(pvx_file_read(path, TEXT_MAX, &text, &len, d));
+    cJSON *o = cJSON_ParseWithLength(text, len);
+    free(text);
+    cJSON_DeleteItemFromObjectCaseSensitive(o, "closed");
+    cJSON_AddBoolToObject(o, "closed", true);
+    text = cJSON_Print(o);
+    cJSON_Delete(o);
+    if (text == NULL)
+        return pvx_fail(d, PVX_EFORMAT, "%s: is not JSON", path);
+    pvx_err e = pvx_file_write(path, text, strlen(text), d);
+    cJSON_free(text);
+    return e;
+}
+
+static pvx_err list_numbered(const struct folder *f, const struct vol_head *head,
+                             struct pvx_diag *d)
+{
+    vol_numbered *n = NULL;
+    const bool nano = f->format == VOL_NVDB;
+    char path[PATH_MAX];
+    pvx_err e = f->n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", f->dir);
+    for (int i = 0; i < f->n && e == PVX_OK; i++) {
+        struct vol_vdb_about a = {.unit_m = 1};
+        path_of(f, i, path);
+        e = vol_vdb_about_load(path, nano, &a, d);
+        const struct vol_options o = {.y_up = a.y_up != 0, .unit_m = a.unit_m};
+        if (e == PVX_OK && n == NULL)
+            e = vol_numbered_again(f->dir, f->entry[i]->d_name, ends[f->format] + 1, head, &o, &n,
+                                   d);
+        if (e == PVX_OK)
+            e = vol_numbered_found(n, f->entry[i]->d_name, &a.v, d);
+    }
+    if (e == PVX_OK)
+        return vol_numbered_close(&n, d);
+    vol_numbered_drop(&n);
+    return e;
+}
+
+/* r: of the folder as it was. */
+static pvx_err repair(struct folder *f, const vol_reader *r, uint64_t *good, uint64_t *bad,
+                      bool *done, struct pvx_diag *d)
+{
+    PVX_TRY(list(f, d));
+    PVX_TRY(look_at_all(f, good, bad, d));
+    *done = *bad > 0 || vol_reader_cut(r);
+    if (!*done)
+        return PVX_OK;
+    free_entries(f);
+    PVX_TRY(list(f, d)); /* without those that were put aside */
+    return f->format == VOL_NPY ? close_npy(f->dir, d) : list_numbered(f, vol_reader_head(r), d);
+}
+
+pvx_err vol_repair_folder(const char *dir, uint64_t *good, uint64_t *bad, bool *done,
+                          struct pvx_diag *d)
+{
+    vol_reader *r;
+    *good = *bad = 0;
+    *done = false;
+    PVX_TRY(vol_reader_open(dir, &r, d));
+    struct folder f = {.dir = dir, .format = vol_reader_format(r)};
+    struct stat st;
+    pvx_err e =
+        stat(dir, &st) == 0 && S_ISDIR(st.st_mode)
+            ? repair(&f, r, good, bad, done, d)
+            : pvx_fail(d, PVX_EINVAL, "%s: is one file of a recording; name its folder", dir);
+    free_entries(&f);
+    vol_reader_close(&r);
+    return e;
+}
