@@ -281,18 +281,18 @@ pvx_err vol_numbered_found(vol_numbered *n, const char *name, const struct pvp_v
     if (frame == 0 || (s != NULL && (frame <= s->last || frame > s->last + VOL_HOLE_MAX)))
         return pvx_fail(d, PVX_EFORMAT, "%s/%s: is not numbered as the files of this recording",
                         n->dir, name);
-    PVX_TRY(fill(n, frame, d));
     PVX_TRY(grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
-    struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
-    if (before != NULL && before->session == v->session && before->set == v->set) {
-        before->last = frame;
-        return PVX_OK;
-    }
-    if (before != NULL && before->session == v->session && v->set > before->set + 1 &&
-        !(n->o.fps > 0)) {
+    PVX_TRY(fill(n, frame, d));
+    if (n->n_shown > 0 && newest(n)->session == v->session) {
+        struct shown *before = &n->shown[n->n_shown - 1];
         const struct vol_gap g = {
             .why = VOL_GAP_LOST, .set_first = before->set + 1, .set_last = v->set - 1};
-        PVX_TRY(vol_numbered_gap(n, &g));
+        if (before->set == v->set) {
+            before->last = frame;
+            return PVX_OK;
+        }
+        if (g.set_first <= g.set_last && !(n->o.fps > 0))
+            PVX_TRY(vol_numbered_gap(n, &g));
     }
     n->shown[n->n_shown++] = (struct shown){frame, frame, v->set, v->session, v->t_exposure_ns};
     return PVX_OK;

@@ -1,8 +1,10 @@
+#include <errno.h>
 #include <libgen.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/statvfs.h>
+#include <unistd.h>
 
 #include "base/mem.h"
 #include "daemon/volumes/volumes.h"
@@ -86,14 +88,34 @@ static pvx_err has_room(const vol_writer *w, const struct vol_volume *v, struct 
                           (double)w->keep_free_bytes * 1e-9);
 }
 
+/* An HDF5 file that is deleted could be written on for hours, into nothing. */
+static pvx_err is_there(const vol_writer *w, struct pvx_diag *d)
+{
+    return access(w->path, F_OK) == 0 || errno != ENOENT
+               ? PVX_OK
+               : pvx_fail(d, PVX_EIO,
+                          "%s: was removed or renamed while it was written; record again, to a "
+                          "place that stays",
+                          w->path);
+}
+
 pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
 {
     PVX_TRY(is_broken(w, d));
     if (!pvp_grid_same(&v->v.grid, &w->grid))
         return pvx_fail(d, PVX_ERANGE, "set %llu: its grid is not that of the recording",
                         (unsigned long long)v->v.set);
-    pvx_err e = has_room(w, v, d);
-    return note(w, e != PVX_OK ? e : w->ops->put(w->self, v, d));
+    struct pvx_diag own = {""}, gone = {""};
+    pvx_err e = has_room(w, v, &own);
+    if (e == PVX_OK)
+        e = w->ops->put(w->self, v, &own);
+    if (is_there(w, &gone) != PVX_OK) { /* says more than what became of it in the format */
+        e = PVX_EIO;
+        own = gone;
+    }
+    if (e != PVX_OK)
+        pvx_fail(d, e, "%s", pvx_diag_text(&own, e));
+    return note(w, e);
 }
 
 pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d)
