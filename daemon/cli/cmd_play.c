@@ -69,8 +69,8 @@ static const struct argp argp = {
     .parser = parse,
     .args_doc = "FILE",
     .doc = "Publish a recording of volumes as the daemon published them, so that a renderer is "
-           "developed without a rig.\vFILE: a folder of .npy files, an HDF5 file, a folder of .vdb "
-           "files.  It begins when somebody subscribes.  Volumes keep their set numbers, times and "
+           "developed without a rig.\vFILE: a folder of .npy, .vdb or .nvdb files, an HDF5 "
+           "file.  It begins when somebody subscribes.  Volumes keep their set numbers, times and "
            "reports; the session is a new one, as sequence numbers begin anew, and with --loop "
            "another one each time, as sets go back.  A subscriber that is too slow misses volumes, "
            "as it would live; with --speed 0 nobody does.\n\n"
@@ -155,11 +155,14 @@ static pvx_err play_once(struct play *p, struct pvx_diag *d)
 {
     struct vol_volume v;
     struct pvp_voxels x;
-    int64_t began = pvx_now_mono(), first_ns = 0;
+    int64_t began = pvx_now_mono(), first_ns = 0, last_ns = INT64_MAX;
     for (uint64_t k = 0; k < vol_reader_count(p->in) && !cli_stop; k++) {
         PVX_TRY(vol_reader_get(p->in, k, &v, d));
-        if (k == 0)
+        if (v.v.t_exposure_ns < last_ns) { /* the first, or the clock was set back */
+            began = pvx_now_mono();
             first_ns = v.v.t_exposure_ns;
+        }
+        last_ns = v.v.t_exposure_ns;
         if (p->speed > 0)
             pause_until(p, began + (int64_t)((double)(v.v.t_exposure_ns - first_ns) / p->speed));
         if (cli_stop)

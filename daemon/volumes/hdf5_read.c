@@ -114,8 +114,9 @@ static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
                     : wrong(r, d, "HDF5, but of another kind");
     }
     if (version != VOL_VERSION)
-        return pvx_fail(d, PVX_EVERSION, "%s: version %lld of the layout; this program reads %d",
-                        r->path, (long long)version, VOL_VERSION);
+        return pvx_fail(d, PVX_EVERSION,
+                        "%s: version %lld of the layout; this program reads %d: update it", r->path,
+                        (long long)version, VOL_VERSION);
     PVX_TRY(open_emission(r, &r->said, d));
     r->rig = take_h5_get_text(r->file, "rig", true);
     r->config = take_h5_get_text(r->file, "config", true);

@@ -121,6 +121,13 @@ for x, y in zip(a, c):
 PY
 }
 check clock_set_back each set_back
+paced() { # 5 pauses before and 5 after, of 0.33 s each
+    local t0=$EPOCHREALTIME
+    timeout 300 "$pyrovox" play "$dir/back" --speed 0.2 --quiet --endpoint "$volumes" & local play=$!
+    record npy --out "$dir/paced" > "$dir/log" 2>&1 && ended "$play" 0 || { cat "$dir/log"; return 1; }
+    "$py" -c 'import sys; t = float(sys.argv[2]) - float(sys.argv[1]); assert t > 3.2, t' "$t0" "$EPOCHREALTIME"
+}
+check clock_set_back_keeps_the_rate paced
 
 anew() { # the daemon is killed and comes back: said, and both recordings are whole
     local p second; p=$(place anew "$1")

@@ -80,3 +80,6 @@ with pvx.Subscriber(sys.argv[1]) as sub:
 PY
 }
 heard() { grep -q -- "$1" "$dir/heard.log"; }
+valid_nvdb() { # nanovdb_validate exits with 0 also where a grid has "failed", and says nothing of a good one
+    nanovdb_validate "$1" > "$dir/nvdb.log" 2>&1 && ! grep -q failed "$dir/nvdb.log" || { cat "$dir/nvdb.log"; return 1; }
+}

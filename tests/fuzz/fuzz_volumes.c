@@ -1,0 +1,194 @@
+/* fuzz_volumes.c - HDF5 recordings of volumes whose contents are not what the recorder writes.
+ *
+ * libhdf5's own structures carry checksums, so bytes at random would test those only.  Here a good recording is made
+ * once; the input says what is changed in it: 11 bytes each, (kind, which, place, value of 64 bits).
+ *     0  a byte anywhere                   1  the file is cut there
+ *     2  an attribute of the head          3  a row of a column, of sets or gaps
+ *     4  a length: of a column, of emission    5  something is deleted
+ * Whatever opens is read from end to end; what it says must be consistent. */
+#include <fcntl.h>
+#include <hdf5.h>
+#include <math.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include "tests/fuzz/fuzz.h"
+#include "tests/lib/volumes.h"
+
+#define SETS 4
+
+static unsigned char *base; /* the good recording */
+static size_t base_size;
+static int fd = -1;
+static char path[64];
+static char link_name[64][64]; /* of groups and datasets, as "sets/number" */
+static unsigned links;
+
+static herr_t note_link(hid_t at, const char *name, const H5L_info_t *info, void *ctx)
+{
+    (void)at, (void)info, (void)ctx;
+    if (links < sizeof link_name / sizeof link_name[0])
+        snprintf(link_name[links++], sizeof link_name[0], "%s", name);
+    return 0;
+}
+
+static void make_base(void)
+{
+    struct pvp_start s = volumes_start(20, 9, 17, 3);
+    struct vol_head head = {.start = s, .rig = "cameras: []\n", .config = "x: 1\n"};
+    struct vol_gap gap = {VOL_GAP_LOST, 3, 3, 1};
+    vol_writer *w;
+    char folder[] = "/tmp/fuzz_volumes-XXXXXX", name[64];
+    MUST(mkdtemp(folder) != NULL);
+    snprintf(name, sizeof name, "%s/v.h5", folder);
+    MUST(vol_writer_open(VOL_HDF5, name, &head, NULL, &w, NULL) == PVX_OK);
+    for (uint64_t k = 0; k < SETS; k++) {
+        struct made_volume m = volumes_make(&s, k < 3 ? k : k + 1, 0.6);
+        MUST(vol_writer_put(w, &m.v, NULL) == PVX_OK);
+        vol_store_free(&m.store);
+    }
+    MUST(vol_writer_gap(w, &gap, NULL) == PVX_OK && vol_writer_close(&w, NULL) == PVX_OK);
+    FILE *f = fopen(name, "rb");
+    MUST(f != NULL);
+    fseek(f, 0, SEEK_END);
+    base_size = (size_t)ftell(f);
+    rewind(f);
+    base = malloc(base_size);
+    MUST(base != NULL && fread(base, 1, base_size, f) == base_size);
+    fclose(f);
+    hid_t h = H5Fopen(name, H5F_ACC_RDONLY, H5P_DEFAULT);
+    MUST(h >= 0);
+    H5Lvisit(h, H5_INDEX_NAME, H5_ITER_INC, note_link, NULL);
+    H5Fclose(h);
+    MUST(links > 20);
+    unlink(name);
+    rmdir(folder);
+    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+    fd = memfd_create("volumes", MFD_CLOEXEC);
+    MUST(fd >= 0);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+}
+
+static void set_attribute(hid_t f, unsigned which, const uint8_t *value)
+{
+    int64_t v[8] = {0};
+    memcpy(v, value, 8);
+    v[1] = v[2] = v[0];
+    hsize_t n = (hsize_t)H5Aget_num_attrs(f);
+    hid_t a =
+        H5Aopen_by_idx(f, ".", H5_INDEX_NAME, H5_ITER_INC, which % n, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t type = H5Aget_type(a);
+    if (H5Aget_storage_size(a) <= sizeof v)
+        H5Awrite(a, type, v);
+    H5Tclose(type);
+    H5Aclose(a);
+}
+
+static void set_row(hid_t set, unsigned row, const uint8_t *value)
+{
+    char v[64] = {0};
+    memcpy(v, value, 8);
+    hid_t space = H5Dget_space(set), type = H5Dget_type(set), one;
+    hsize_t n = 0, at, k = 1;
+    if (H5Sget_simple_extent_ndims(space) == 1 && H5Tget_size(type) <= sizeof v) {
+        H5Sget_simple_extent_dims(space, &n, NULL);
+        at = n > 0 ? row % n : 0;
+        one = H5Screate_simple(1, &k, NULL);
+        if (n > 0 && H5Sselect_hyperslab(space, H5S_SELECT_SET, &at, NULL, &k, NULL) >= 0)
+            H5Dwrite(set, type, one, space, H5P_DEFAULT, v);
+        H5Sclose(one);
+    }
+    H5Tclose(type);
+    H5Sclose(space);
+}
+
+static void set_length(hid_t set, unsigned length)
+{
+    hsize_t n[8];
+    hid_t space = H5Dget_space(set);
+    if (H5Sget_simple_extent_ndims(space) >= 1 && H5Sget_simple_extent_ndims(space) <= 8) {
+        H5Sget_simple_extent_dims(space, n, NULL);
+        n[0] = length % (2 * SETS);
+        H5Dset_extent(set, n);
+    }
+    H5Sclose(space);
+}
+
+/* By libhdf5 itself, so that its checksums are right. */
+static void edit(const uint8_t *p)
+{
+    hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT);
+    if (f < 0)
+        return;
+    const char *name = link_name[p[1] % links];
+    hid_t set = p[0] % 6 == 3 || p[0] % 6 == 4 ? H5Dopen2(f, name, H5P_DEFAULT) : -1;
+    switch (p[0] % 6) {
+    case 2: set_attribute(f, p[1], p + 3); break;
+    case 3:
+        if (set >= 0)
+            set_row(set, p[2], p + 3);
+        break;
+    case 4:
+        if (set >= 0)
+            set_length(set, p[2]);
+        break;
+    default: H5Ldelete(f, name, H5P_DEFAULT);
+    }
+    if (set >= 0)
+        H5Dclose(set);
+    H5Fclose(f);
+}
+
+static void use(vol_reader *r)
+{
+    const struct vol_head *h = vol_reader_head(r);
+    uint64_t n = vol_reader_count(r);
+    const struct vol_gap *g;
+    uint32_t nb[3], all;
+    MUST(pvp_grid_valid(&h->start.grid));
+    MUST(memchr(h->start.units, 0, sizeof h->start.units) != NULL);
+    all = pvp_grid_bricks(&h->start.grid, nb);
+    for (uint64_t k = 0; k < n && k < 4 * SETS; k++) {
+        struct vol_volume v;
+        struct pvx_diag d = {""};
+        if (vol_reader_get(r, k, &v, &d) != PVX_OK) {
+            MUST(d.text[0] != '\0');
+            continue;
+        }
+        for (uint32_t b = 0; b < v.n_bricks; b++)
+            MUST(v.ids[b] < all && (b == 0 || v.ids[b] > v.ids[b - 1]));
+        for (size_t i = 0; i < (size_t)v.n_bricks * 512 * h->start.grid.channels; i++)
+            MUST(isfinite(v.brick[i]));
+        MUST(memchr(v.v.report.solver, 0, sizeof v.v.report.solver) != NULL);
+    }
+    for (uint64_t k = 0; (g = vol_reader_gap(r, k)) != NULL; k++)
+        MUST(g->why <= VOL_GAP_UNREADABLE);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    if (base == NULL)
+        make_base();
+    MUST(ftruncate(fd, 0) == 0 && pwrite(fd, base, base_size, 0) == (ssize_t)base_size);
+    /* libhdf5 is not for editing what is damaged already: edits first */
+    for (int damage = 0; damage < 2; damage++)
+        for (size_t i = 0; i + 11 <= size && i < 88; i += 11) {
+            const uint8_t *p = data + i;
+            size_t place = (size_t)p[3] | (size_t)p[4] << 8 | (size_t)p[5] << 16;
+            if (p[0] % 6 >= 2 && damage == 0)
+                edit(p);
+            else if (p[0] % 6 == 0 && damage == 1)
+                MUST(pwrite(fd, p + 6, 1, (off_t)(place % base_size)) == 1);
+            else if (p[0] % 6 == 1 && damage == 1)
+                MUST(ftruncate(fd, (off_t)(place % base_size)) == 0);
+        }
+    vol_reader *r;
+    struct pvx_diag d = {""};
+    if (vol_reader_open(path, &r, &d) == PVX_OK)
+        use(r);
+    else
+        MUST(r == NULL && d.text[0] != '\0');
+    vol_reader_close(&r);
+    return 0;
+}
