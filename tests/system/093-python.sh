@@ -417,6 +417,39 @@ PY
 }
 check recordings_as_folders folder
 
+recorded() { # pyrovox record's own file: followed while it is written, and read when it is closed
+    "$b/tests/unit/test_pub" --publish "$volumes" 200 0 & pub=$!; pids+=("$pub")
+    start recorded.log timeout 300 "$pyrovox" record --endpoint "$volumes" --out "$dir/rec.h5" -q
+    wait_for test -e "$dir/rec.h5" || return 1
+    "$py" - "$dir/rec.h5" <<'PY' || return 1
+import sys, time
+import numpy as np
+import pyrovox
+def right(v):
+    i = np.arange(720)
+    want = (v.set % 64 + (i % 8) / 8)[:, None] + 64 * np.arange(3)[None, :]
+    want[i % 3 != v.set % 3] = 0
+    return (np.array_equal(v.dense, want.reshape(8, 9, 10, 3)) and v.report.solver == "mrnsd" and
+            v.t_exposure_ns == 1767225600000000000 + v.set * 66666667)
+end = time.monotonic() + 120
+while True:
+    try:
+        r = pyrovox.open(sys.argv[1], follow=True, timeout=120)
+        break
+    except ValueError: # its head is not written yet
+        if time.monotonic() > end:
+            raise
+        time.sleep(0.05)
+followed = [v.set for v in r if right(v)]
+if followed != list(range(200)): sys.exit(f"followed: {followed}")
+r = pyrovox.open(sys.argv[1])
+if not (r.closed and len(r) == 200 and all(right(v) for v in r) and np.allclose(r.grid.x, -0.5 + (np.arange(10) + 0.5) / 10)):
+    sys.exit(f"{r}")
+PY
+    ended "$started" 0 && wait "$pub"
+}
+if has h5py; then check recorded_by_pyrovox recorded; else echo "SKIP $name:recorded_by_pyrovox (apt-get install python3-h5py)"; fi
+
 to_xarray() {
     "$py" - <<'PY'
 import sys
