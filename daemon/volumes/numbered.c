@@ -51,7 +51,8 @@ static void file_name(const struct vol_numbered *n, uint64_t frame, char path[PA
 static uint64_t frame_of(const struct vol_numbered *n, const struct pvp_volume *v, bool *anew)
 {
     const struct shown *s = newest(n);
-    *anew = s == NULL || v->session != n->session;
+    *anew = s == NULL || v->session != n->session ||
+            (n->o.fps > 0 && v->t_exposure_ns < s->t_ns); /* the clock was set back */
     if (*anew)
         return s == NULL ? 1 : s->last + 1;
     double ahead = n->o.fps > 0 ? round((double)(v->t_exposure_ns - n->base_t_ns) * 1e-9 * n->o.fps)

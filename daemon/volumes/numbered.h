@@ -3,7 +3,8 @@
  *
  * Frame = 1 + set - first set; with `fps` = 1 + round((time - first time) * fps).  A frame without a volume
  * of its own is the one before again (a link where the file system has links); a volume whose frame is taken
- * is left out.  A new session, and a hole of more than VOL_HOLE_MAX frames, goes on with the next frame.
+ * is left out.  A new session, a hole of more than VOL_HOLE_MAX frames and, with `fps`, a clock that was set back go on with the
+ * next frame.
  * NAME.json, rig.yaml and pyrovoxd.yaml lie beside the files; NAME.json is written at the beginning and, with
  * `closed` true and what each frame shows, at the end.  Where it is not closed the recording was cut off: the files
  * that are there are whole, and vol_repair_folder makes the list from them.

@@ -174,6 +174,22 @@ T_CASE(resampled) /* 20 sets/s as 10 files, as 40 */
     volume_bed_free(&b);
 }
 
+T_CASE(clock_set_back_goes_on) /* by an hour, resampled: not an hour of volumes is left out */
+{
+    struct volume_bed b;
+    void *w = NULL;
+    volume_bed_new(&b, 8, 8, 8, 1, 0);
+    T_EQ_I(vol_vdb_writer.open(&w, at("back"), &b.head, &(struct vol_options){.fps = 20}, &d),
+           PVX_OK);
+    for (uint64_t s = 0; s < 8; s++) {
+        int64_t t = T0 + (int64_t)s * 50000000 - (s < 4 ? 0 : INT64_C(3600000000000));
+        T_EQ_I(vol_vdb_writer.put(w, volume_bed_make(&b, s, t), &d), PVX_OK);
+    }
+    T_EQ_I(vol_vdb_writer.close(w, &d), PVX_OK);
+    T_OK(there(at("back/back_0008.vdb")) && !there(at("back/back_0009.vdb")));
+    volume_bed_free(&b);
+}
+
 T_CASE(another_session_goes_on)
 {
     struct volume_bed b;

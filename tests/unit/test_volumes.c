@@ -239,7 +239,22 @@ T_CASE(folder_of_npy_is_repaired)
     T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
     T_OK(!done && good == 4 && bad == 0);
     copy(at("open.json"), at("npy/recording.json"), -1); /* killed */
-    copy(at("npy/000004.npy"), at("npy/000004.npy"), 5000);
+    struct stat st;
+    char last[512];
+    snprintf(last, sizeof last, "%s", at("npy/000004.npy"));
+    copy(last, at("4"), -1);
+    T_EQ_I(stat(last, &st), 0);
+    for (int i = 0; i < 20; i++) { /* cut anywhere: refused, with its name */
+        vol_reader *r;
+        struct vol_volume v;
+        copy(at("4"), last, (long)st.st_size * i / 20);
+        d.text[0] = '\0';
+        T_EQ_I(vol_reader_open(at("npy"), &r, &d), PVX_OK);
+        T_OK(vol_reader_cut(r) && vol_reader_get(r, 3, &v, &d) != PVX_OK);
+        T_CONTAINS(d.text, "000004.npy");
+        vol_reader_close(&r);
+    }
+    d.text[0] = '\0';
     T_EQ_I(vol_repair_folder(at("npy"), &good, &bad, &done, &d), PVX_OK);
     T_EQ_S(d.text, "");
     T_OK(done && good == 3 && bad == 1 && access(at("npy/000004.npy.cut-off"), F_OK) == 0);
