@@ -24,6 +24,23 @@ beside() { # killed: a new one, in a file of its own; the daemon's end closes it
 }
 check comes_back_and_is_closed beside
 
+folders() { # the same of numbered files: the first is finished by repair, the second was closed
+    rm -rf "$dir/takes"
+    run_daemon "volumes: $1" || return 1
+    wait_for eval '[ "$(ls "$dir"/takes/*-volumes-*/*.'"$1"' 2> /dev/null | wc -l)" -ge 3 ]' || return 1
+    kill -KILL "$(child)"
+    wait_for field "s['record_volumes']['deaths'] == 1 and s['record_volumes']['running']" || return 1
+    wait_for eval '[ "$(ls -d "$dir"/takes/*-volumes-* | wc -l)" = 2 ] && [ "$(ls "$dir"/takes/*-2/*.'"$1"' 2> /dev/null | wc -l)" -ge 1 ]' || return 1
+    kill -INT "$d"; ended "$d" 0 || return 1
+    local first second; first=$(ls -d "$dir"/takes/*-volumes-* | head -n 1) second=$(ls -d "$dir"/takes/*-volumes-* | tail -n 1)
+    [ "${#first}" -le "${#second}" ] || { local t=$first; first=$second second=$t; }
+    run "$pyrovox" repair "$second"; says 0 "nothing to repair" || return 1
+    run "$pyrovox" repair "$first"; says 0 "finished; 0 damaged" || return 1
+    run "$pyrovox" convert "$first" "$dir/first-$1.h5"; says 0 "volumes in" && ! grep -q "cut off" <<< "$out"
+}
+check numbered_files_of_a_killed_recorder folders vdb 2> /dev/null
+check nanovdb_of_a_killed_recorder folders nvdb 2> /dev/null
+
 orphan() {
     run_daemon "volumes: npy" || return 1
     wait_for child > /dev/null || return 1
