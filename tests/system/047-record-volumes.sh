@@ -23,6 +23,8 @@ beside() { # killed: a new one, in a file of its own; the daemon's end closes it
     [ "$(ls "$dir"/takes/*-volumes-*.h5 | wc -l)" = 2 ] && h5dump -a /closed "$dir"/takes/*-2.h5 | grep -q '(0): 1' && count "$dir"/takes/*-2.h5 > /dev/null
 }
 check comes_back_and_is_closed beside
+configured() { h5dump -d /config "$dir"/takes/*-2.h5 | grep -q "fps: 25"; }
+check has_the_configuration configured
 
 folders() { # the same of numbered files: the first is finished by repair, the second was closed
     rm -rf "$dir/takes"

@@ -42,6 +42,9 @@ run "${ask[@]}" --key "$keys/anna.key" --timeout 1
 check read-is-not-control says 1 "refuses this key"
 run "${ask[@]}" --timeout 1
 check no-key-no-answer says 1 "asks for a key"
+# twice refused by the handler, which reads this; one without a key never gets so far
+refused() { "${ask[@]}" --key "$keys/bert.key" --timeout 120 --json | "$py" -c 'import json, sys; sys.exit(json.load(sys.stdin)["keys"]["refused"] < 2)'; }
+check those-without-a-key-are-counted wait_for refused
 ctl() { run "$pyrovox" ctl --control "tcp://127.0.0.1:$control_port" --key "$keys/$1.key" "${@:2}"; }
 told() { ctl bert set solver.iterations 9; says 0 'value 9'; }
 check control-sets told
@@ -59,7 +62,7 @@ check reads volumes_for anna 1
 check control-reads-too volumes_for bert 1
 check a-file-needs-none "$pyrovox" record --endpoint "$volumes" --volumes 3 --out "$dir/out-file" -q
 run "$pyrovox" record --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --raw start --out "$dir/elsewhere.h5"
-check writes-where-it-is-told-here says 1 "goes to record.path"
+check writes-where-it-is-told-here says 1 "to the folder of record.path"
 python_reads() {
     "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" --key "$keys/anna.key" --frames 3 --timeout 120 | tail -n 1 | grep -q '^3 volumes'
 }

@@ -69,6 +69,7 @@ check volumes-end does 0 "$dir/seen/run-" record stop volumes
 check only-they-end wait_for field "not s['record_volumes']['running'] and s['record']['state'] == 'recording'"
 check take-ends-too does 0 "$dir/takes/both.h5" record stop
 check volumes-again does 0 -2.h5 record start volumes
+check volumes-are-written-again wait_for field "s['record_volumes']['written'] >= 1"
 check volumes-end-again does 0 -2.h5 record stop volumes
 readable() { local f; for f in "$dir"/seen/run-*.h5; do h5dump -a /closed "$f" | grep -q '(0): 1' || return 1; done; [ "$(ls "$dir"/seen | wc -l)" = 2 ]; }
 check volumes-are-closed readable

@@ -75,4 +75,17 @@ check runs-without-a-queue wait_for published 3
 check cannot does 1 'record.queue is 0' snapshot one
 kill -TERM "$daemon"
 check ends-that-too ended "$daemon" 0
+# where sets are dropped between the stages: one that was not, and its own volume
+config d.yaml <<< $'cameras: "sim:"\nfps: 1000\nrecord: {path: takes/%Y.h5, keep_free_gb: 0}'
+start d.log "$pyrovoxd" --config "$dir/d.yaml"
+daemon=$started
+check drops wait_for field "s['sets']['dropped'] > 20"
+check one-that-was-not-dropped does 0 takes/live snapshot live
+of_one_set() {
+    "$pyrovox" reconstruct --quiet --rig "$dir/takes/live/rig.yaml" --frames "$dir/takes/live/raw.h5" --out "$dir/live" &&
+        [ "$(basename "$dir"/live/*.npy)" = "$(basename "$dir"/takes/live/*.npy)" ]
+}
+check of-one-set of_one_set
+kill -TERM "$daemon"
+check ends-after-all ended "$daemon" 0
 exit $rc
