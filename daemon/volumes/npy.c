@@ -249,10 +249,11 @@ static pvx_err npy_put(void *self, const struct vol_volume *v, struct pvx_diag *
     text[len++] = '\n';
     memset(w->dense, 0, w->count * sizeof *w->dense);
     vol_to_dense(v, w->dense);
-    PVX_TRY(cap_npy_save(npy, w->dense, shape, 4, d));
-    pvx_err e = pvx_file_write(path, text, len, d);
+    PVX_TRY(pvx_file_write(path, text, len, d));
+    pvx_err e =
+        cap_npy_save(npy, w->dense, shape, 4, d); /* last: a volume that is there is described */
     if (e != PVX_OK)
-        unlink(npy);
+        unlink(path);
     else
         w->bytes += w->count * sizeof *w->dense + len;
     return e;

@@ -39,27 +39,30 @@ to_npy() { "$pyrovox" convert "$1" "$2" --format npy > "$dir/convert.log" 2>&1 |
 each() { local f; for f in $formats; do "$1" "$f" || { echo "  $f"; return 1; }; done; }
 
 killed() { # at twenty moments: what is there is read, and is finished by repair
-    local i p cut=0
+    local i p had cut=0 # had: whole files in a folder before; the last may be the one at hand
     for i in {1..20}; do
         p=$(place "kill$i" "$1")
         publish 300 0 no-end
         begin "$1" "$p"
-        wait_for test -e "$p" || return 1
+        wait_for test -e "$p" && wait_for holds "$p" $((i % 4)) || return 1
         sleep "0.0$((RANDOM % 10))$((RANDOM % 10))"
+        had=0; [ -d "$p" ] && had=$(find "$p" -maxdepth 1 -name "*.$1" | wc -l)
         kill -KILL "$rec"; wait "$rec" 2> /dev/null
         unpublish
         "$pyrovox" convert "$p" "$dir/back-$i-$1" --format npy > "$dir/convert.log" 2>&1
         if [ $? != 0 ]; then # so early that there is no volume yet
+            [ "$had" -le 1 ] || { echo "  $had volumes before, none after"; return 1; }
             grep -qE 'no volume|not a recording|written by pyrovox|cut off|No such' "$dir/convert.log" || { cat "$dir/convert.log"; return 1; }
             continue
         fi
         grep -q "cut off, or is being written" "$dir/convert.log" || { cat "$dir/convert.log"; return 1; }
         cut=$((cut + 1))
+        [ "$(find "$dir/back-$i-$1" -name '*.npy' | wc -l)" -ge $((had - 1)) ] || { echo "  of $had volumes more than one is lost"; return 1; }
         run "$pyrovox" repair "$p"; says 0 finished || return 1
         run "$pyrovox" repair "$p"; says 0 "nothing to repair" || return 1
         to_npy "$p" "$dir/mended-$i-$1" && [ "$(ls "$dir/mended-$i-$1" | wc -l)" = "$(ls "$dir/back-$i-$1" | wc -l)" ] || return 1
     done
-    [ $cut -ge 1 ] || { echo "  none of the kills came while volumes were written"; return 1; }
+    [ $cut -ge 10 ] || { echo "  $cut of the kills came while volumes were written"; return 1; }
     whole "$dir"/back-*-"$1" "$dir"/mended-*-"$1"
 }
 check killed_at_any_moment each killed 2> /dev/null

@@ -66,9 +66,8 @@ import pyopenvdb as vdb
 d = sys.argv[1]
 a, j = np.load(f"{d}/made/000002.npy"), json.load(open(f"{d}/made/000002.json"))
 centre = lambda v: [j["origin"][k] + (v[k] + 0.5) * j["spacing"][k] for k in range(3)] # x, y, z in metres
-for o in "", "--split", "--upy--unitcm", "--splity", "--split--upy", "--unitcm":
+for o in "", "--split", "--upy--unitcm", "--split--upy", "--unitcm":
     names = sorted(glob.glob(f"{d}/vdb{o}/*.vdb"))
-    if o == "--splity": continue
     assert len(names) == 12, o
     grids = {g.name: g for g in vdb.readAll(names[2])[0]}
     assert set(grids) == {"density"} | ({"red", "green", "blue"} if "split" in o else {"emission"}), o
@@ -136,8 +135,7 @@ stopped() { # Ctrl-C: what is finished is whole, and closed
     local f=$1 to=$dir/stopped.$1 n
     [ "$f" = hdf5 ] && to=$dir/stopped.h5
     start stopped.log "$pyrovox" convert "$dir/long" "$to" --format "$f"
-    wait_for test -e "$to" || return 1
-    sleep 0.3
+    wait_for grep -q 'converting: [1-9]' "$dir/stopped.log" || return 1
     kill -INT "$started"; ended "$started" 130 || return 1
     n=$(sed -n 's/^\([0-9]*\) volumes in .*/\1/p' "$dir/stopped.log")
     [ "${n:-0}" -gt 0 ] && [ "$n" -lt 20000 ] || { cat "$dir/stopped.log"; return 1; }
@@ -175,8 +173,10 @@ keyed() { # other hosts reach it: refused without keys, and nobody without a key
     start play.log "$pyrovox" play "$dir/src.h5" --loop --speed 20 --endpoint "tcp://*:$port" --key "$dir/keys/lab.key" --clients "$dir/keys/anna.pub"
     local p=$started
     timeout 300 "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$dir/keys/anna.key" --volumes 3 --quiet --out "$dir/keyed" > "$dir/record.log" 2>&1 || { cat "$dir/record.log"; return 1; }
-    timeout 5 "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$dir/keys/eve.key" --volumes 1 --quiet --out "$dir/eve" > "$dir/eve.log" 2>&1
-    timeout 5 "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --volumes 1 --quiet --out "$dir/nobody" > "$dir/eve.log" 2>&1
+    run "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$dir/keys/eve.key" --volumes 1 --quiet --out "$dir/eve"
+    says 1 "refuses this key" || return 1
+    run "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --volumes 1 --quiet --out "$dir/nobody"
+    says 1 "asks for a key" || return 1
     kill -INT "$p"; ended "$p" 130 && [ "$(ls "$dir"/keyed/*.npy | wc -l)" = 3 ] && ! ls "$dir"/eve/*.npy "$dir"/nobody/*.npy 2> /dev/null
 }
 check played_to_those_with_a_key keyed

@@ -71,7 +71,7 @@ ended() { # id, expected exit code
 }
 gone() { ! kill -0 "$1" 2>/dev/null; }
 listen() { # [endpoint]: what a subscriber hears, a line each, until it is ended
-    PYTHONPATH=proto/clients "$py" -u - "${1:-$volumes}" <<'PY'
+    PYTHONPATH=proto/clients exec "$py" -u - "${1:-$volumes}" <<'PY'
 import sys
 import pyrovox_sub as pvx
 with pvx.Subscriber(sys.argv[1]) as sub:
