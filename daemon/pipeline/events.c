@@ -56,30 +56,61 @@ static void look_at_camera(struct dmn_events *e, const struct dmn_state *now, si
     close_event(&v, to);
 }
 
-static void look_at_recording(struct dmn_events *e, const struct cap_recorder_stats *r,
+/* A take of raw frames, or a recording of volumes. */
+struct recording {
+    const char *what, *path, *error;
+    bool running, failed;
+    uint64_t sets, missed;
+};
+
+static void look_at_recording(struct dmn_events_recording *e, const struct recording *r,
                               int64_t time_ns, const struct dmn_events_listener *to)
 {
     struct event v;
-    bool was = e->record == CAP_REC_RUNNING, is = r->state == CAP_REC_RUNNING;
-    bool another = was && is && strcmp(e->path, r->path) != 0;
-    if (was && (!is || another)) {
-        bool full = r->state == CAP_REC_FAILED && strstr(r->error, "disk is full") != NULL;
+    bool another = e->running && r->running && strcmp(e->path, r->path) != 0;
+    if (e->running && (!r->running || another)) {
+        bool full = !another && r->failed && strstr(r->error, "disk is full") != NULL;
         open_event(&v, time_ns, full ? "disk_full" : "recording_ended");
         dmn_json_str(&v.j, "path", e->path);
+        dmn_json_str(&v.j, "what", r->what);
         if (!another) {
             dmn_json_int(&v.j, "sets", (long long)r->sets);
-            dmn_json_int(&v.j, "sets_missed", (long long)r->sets_missed);
+            dmn_json_int(&v.j, "sets_missed", (long long)r->missed);
             dmn_json_str(&v.j, "why", r->error);
         }
         close_event(&v, to);
     }
-    if (is && (!was || another)) {
+    if (r->running && (!e->running || another)) {
         open_event(&v, time_ns, "recording_begun");
         dmn_json_str(&v.j, "path", r->path);
+        dmn_json_str(&v.j, "what", r->what);
         close_event(&v, to);
     }
-    e->record = r->state;
+    e->running = r->running;
     snprintf(e->path, sizeof e->path, "%s", r->path);
+}
+
+static void look_at_recordings(struct dmn_events *e, const struct dmn_state *now, int64_t time_ns,
+                               const struct dmn_events_listener *to)
+{
+    const struct cap_recorder_stats *r = &now->record;
+    const struct dmn_beside_state *v = &now->volumes;
+    const struct recording raw = {.what = "raw",
+                                  .path = r->path,
+                                  .error = r->error,
+                                  .running = r->state == CAP_REC_RUNNING,
+                                  .failed = r->state == CAP_REC_FAILED,
+                                  .sets = r->sets,
+                                  .missed = r->sets_missed};
+    const struct recording volumes = {.what = "volumes",
+                                      .path = v->path,
+                                      .error = v->error,
+                                      .running = v->running,
+                                      .failed = v->failed,
+                                      .sets = v->written,
+                                      .missed = v->lost};
+    look_at_recording(&e->raw, &raw, time_ns, to);
+    look_at_recording(&e->volumes, &volumes, time_ns, to);
 }
 
 static uint64_t all_dropped(const struct dmn_state *s)
@@ -127,7 +158,7 @@ void dmn_events_look(struct dmn_events *e, const struct dmn_state *now, int64_t 
     for (size_t c = 0; c < now->n_cameras; c++)
         look_at_camera(e, now, c, time_ns, to);
     e->out = now->votes.out;
-    look_at_recording(e, &now->record, time_ns, to);
+    look_at_recordings(e, now, time_ns, to);
     if (mono_ns - e->t_second < PVX_NS_PER_S)
         return;
     e->t_second = mono_ns;

@@ -2,7 +2,7 @@
  * about itself now with what it knew at the last look.
  *
  * So no thread has to hand anything over, nothing waits in a queue that could overflow, and who comes and goes a hundred
- * times a second is one event a look: a look gives at most two for each camera and four others.  Allocates nothing.
+ * times a second is one event a look: a look gives at most two for each camera and six others.  Allocates nothing.
  * Threads: one caller per object. */
 #ifndef DMN_EVENTS_H
 #define DMN_EVENTS_H
@@ -14,8 +14,10 @@ struct dmn_events {
     bool begun; /* there was a look */
     enum cap_state camera[CAP_MAX_CAMERAS];
     uint64_t out;
-    enum cap_recorder_state record;
-    char path[512];
+    struct dmn_events_recording {
+        bool running;
+        char path[512];
+    } raw, volumes;
     int64_t t_second; /* mono, of the counts: */
     uint64_t dropped, refused;
 };

@@ -39,7 +39,7 @@ int main(void)
         return fprintf(stderr, "%s\n", pvx_diag_text(&why, e)), 1;
     rec_frame_volume(frame, &made);
     for (int i = 0; i < made.n; i++)
-        miss += fabs(made.value[i] - flame[made.index[i]]) / made.n;
+        miss += fabsf(made.value[i] - flame[made.index[i]]) / made.n;
     printf("%d voxels, mean error %.3f\n", made.n, miss);
     rec_frame_free(&frame);
     rec_sysmat_free(&S);

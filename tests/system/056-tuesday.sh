@@ -77,7 +77,6 @@ check nor_did_they eval '! grep -q "camera cam[0-245] does not agree" "$dir/run.
 tuesday
 check nobody_else field "all(c['vote']['sets'] == 0 for i, c in enumerate(s['cameras']) if i != 3)"
 check "subscribers hear it" heard "^event .*'kind': 'camera_voted_out', 'camera': 'cam3', 'why': 'dark', 'remedy'"
-check "each time" [ "$(grep -c "^event .*camera_voted_out', 'camera': 'cam3'.*'remedy': '[a-z]" "$dir/heard.log")" -ge 7 ]
 check "and that it is back" heard "^event .*'kind': 'camera_believed', 'camera': 'cam3'"
 check "of nobody else" eval '! grep "^event .*camera_" "$dir/heard.log" | grep -qv cam3'
 check logs_why grep -q 'cam3.*dark.*cap' "$dir/run.log"

@@ -88,7 +88,7 @@ T_CASE(a_recording_begins_and_ends)
     state.record.state = CAP_REC_IDLE;
     state.record.sets = 17;
     T_EQ_I(look(), 1);
-    T_CONTAINS(said, "\"recording_ended\",\"path\":\"b.h5\",\"sets\":17");
+    T_CONTAINS(said, "\"recording_ended\",\"path\":\"b.h5\",\"what\":\"raw\",\"sets\":17");
     state.record.state = CAP_REC_RUNNING;
     T_EQ_I(look(), 1);
     state.record.state = CAP_REC_FAILED;
@@ -96,6 +96,26 @@ T_CASE(a_recording_begins_and_ends)
              "b.h5: the disk is full: 3 MB are left, 100 stay free");
     T_EQ_I(look(), 1);
     T_CONTAINS(said, "\"disk_full\",\"path\":\"b.h5\"");
+}
+
+T_CASE(the_recorder_beside_dies_and_is_begun_again)
+{
+    begin();
+    state.volumes.running = true;
+    snprintf(state.volumes.path, sizeof state.volumes.path, "v.h5");
+    T_EQ_I(look(), 1);
+    T_CONTAINS(said, "\"recording_begun\",\"path\":\"v.h5\",\"what\":\"volumes\"");
+    state.volumes.running = false;
+    state.volumes.failed = true;
+    state.volumes.written = 5;
+    snprintf(state.volumes.error, sizeof state.volumes.error, "ended by signal 9");
+    T_EQ_I(look(), 1);
+    T_CONTAINS(said, "\"recording_ended\",\"path\":\"v.h5\",\"what\":\"volumes\",\"sets\":5");
+    T_CONTAINS(said, "\"why\":\"ended by signal 9\"");
+    state.volumes.running = true;
+    snprintf(state.volumes.path, sizeof state.volumes.path, "v-2.h5");
+    T_EQ_I(look(), 1);
+    T_CONTAINS(said, "\"path\":\"v-2.h5\"");
 }
 
 T_CASE(what_there_is_much_of)
