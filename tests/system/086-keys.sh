@@ -3,13 +3,13 @@
 # and without a key, a key that is taken back while its owner reads.
 name=086
 . "$(dirname "$0")/lib.sh"
-# two ports that are ours: who holds them without listening lets the daemon have them
+# three ports that are ours: who holds them without listening lets the daemon have them
 start ports.log "$py" -c 'import socket, time
-held = [socket.socket() for _ in range(2)]
+held = [socket.socket() for _ in range(3)]
 for s in held: s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1); s.bind(("", 0))
 print(*(s.getsockname()[1] for s in held), flush=True); time.sleep(3000)'
 wait_for test -s "$dir/ports.log"
-read -r port control_port < "$dir/ports.log"
+read -r port control_port previews_port < "$dir/ports.log"
 keys=$dir/keys
 mkdir "$keys"
 
@@ -26,7 +26,7 @@ cat > "$dir/a.yaml" <<E2
 rig: $PWD/tests/data/rig4.yaml
 cameras: "sim:"
 fps: 20
-publish: {endpoints: ["tcp://*:$port", "$volumes"]}
+publish: {endpoints: ["tcp://*:$port", "$volumes"], previews: "tcp://*:$previews_port"}
 control: {endpoint: "tcp://127.0.0.1:$control_port"}
 keys: {server: keys/lab.key, clients: keys/clients.keys}
 record: {path: "$dir/take.h5"}
@@ -68,6 +68,13 @@ python_reads() {
 }
 if "$py" -c 'import numpy, zmq' 2> /dev/null; then check python-reads python_reads
     page_says() { run "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" "${@:2}"; says 1 "$1"; }
+    previews() { # key or none: 0 when one came
+        PYTHONPATH=proto/clients timeout 300 "$py" -c 'import sys, pyrovox_sub as pvx
+with pvx.Subscriber(sys.argv[1], key=sys.argv[2] if len(sys.argv) > 2 else None) as sub:
+    next(m for m in sub if m["type"] == "preview")' "tcp://127.0.0.1:$previews_port" "$@" > "$dir/previews.log" 2>&1
+    }
+    check previews-with-a-key previews "$keys/anna.key"
+    check no-previews-without eval '! previews && grep -q "asks for a key" "$dir/previews.log"'
     check python-without-a-key page_says 'asks for a key'
     "$pyrovox" keygen "$keys/carl" --server "$keys/lab.pub" > "$dir/said"
     check python-not-listed page_says "refuses the key in $keys/carl.key" --key "$keys/carl.key"
