@@ -42,7 +42,8 @@ static void make_input(const struct scene *s, struct input *in)
     }
 }
 
-static void run(FILE *csv, const int32_t size[3], double want, unsigned threads, int32_t rays)
+static void run(FILE *csv, const int32_t size[3], enum rec_basis basis, double want,
+                unsigned threads, int32_t rays)
 {
     const int32_t w = size[0], h = size[1], voxels = size[2];
     pvx_pool *pool;
@@ -51,7 +52,7 @@ static void run(FILE *csv, const int32_t size[3], double want, unsigned threads,
     rec_sysmat *S;
     rec_frame *f;
     CHECK(pvx_pool_new(threads, "bench", &pool));
-    scene_flame(&s, size, REC_BOX, pool);
+    scene_flame(&s, size, basis, pool);
     make_input(&s, &in);
     int64_t t0 = pvx_now_mono();
     struct rec_sysmat_params mp = rec_sysmat_defaults;
@@ -96,11 +97,12 @@ static void run(FILE *csv, const int32_t size[3], double want, unsigned threads,
     int64_t ns[] = {bin, photo, hull, restricted, solve};
     static const char *const stage[] = {"unpack+bin", "photometry", "hull", "restrict", "solve"};
     double bw = bench_bandwidth((size_t)(entries * 8 + vectors), pool);
-    printf("\n%d^3 from 8 x %dx%d RGB8, binning %d, %dx%d rays, %u thread%s: %.1f sets/s (target "
-           "%.0f), matrix "
-           "%.0f MB in %.1f s\n",
-           voxels, w, h, S->binning, S->rays_per_bin, S->rays_per_bin, threads,
-           threads > 1 ? "s" : "", rate, want, (double)S->nnz * 6e-6, build_s);
+    printf(
+        "\n%d^3 %s from 8 x %dx%d RGB8, binning %d, %dx%d rays, %u thread%s: %.1f sets/s (target "
+        "%.0f), matrix "
+        "%.0f MB in %.1f s\n",
+        voxels, rec_basis_name(basis), w, h, S->binning, S->rays_per_bin, S->rays_per_bin, threads,
+        threads > 1 ? "s" : "", rate, want, (double)S->nnz * 6e-6, build_s);
     printf("  %lld voxels, %lld rays, %.2f M entries, %u + %u iterations (coarser grids, this one; "
            "%s); "
            "bandwidth of that working set %.1f GB/s\n",
@@ -108,8 +110,8 @@ static void run(FILE *csv, const int32_t size[3], double want, unsigned threads,
            r.coarse_iterations, r.solve.iterations, rec_status_name(r.solve.status), bw * 1e-9);
     for (int i = 0; i < 5; i++) {
         double t = ms(ns[i]) / sets, bound = bytes[i] / bw * 1e3;
-        bench_row(csv, "%d,%d,%d,%d,%u,%s,%.4f,%.4f,%.2f", voxels, w, h, rays, threads, stage[i], t,
-                  bound, rate);
+        bench_row(csv, "%d,%d,%d,%s,%d,%u,%s,%.4f,%.4f,%.2f", voxels, w, h, rec_basis_name(basis),
+                  rays, threads, stage[i], t, bound, rate);
     }
     struct rec_sparse v;
     float *dense = must_floats(N * 3);
@@ -132,14 +134,15 @@ int main(int argc, char **argv)
     static const int32_t size_128[3] = {320, 240, 128}, live[3] = {640, 480, 64};
     printf("offline: raw pixels to volume, one set after the other\n");
     FILE *csv = bench_csv(argc, argv, "offline",
-                          "voxels,width,height,rays,threads,stage,ms,bound_ms,sets_per_s");
-    for (int32_t rays = 1; rays <= 2; rays++) { /* the paper's pixel, and the default */
-        run(csv, size_64, 100, 1, rays);
-        run(csv, size_64, 100, 2, rays);
-        run(csv, size_128, 15, 1, rays);
-        run(csv, size_128, 15, 2, rays);
-    }
-    run(csv, live, 15, 2, 2);
+                          "voxels,width,height,basis,rays,threads,stage,ms,bound_ms,sets_per_s");
+    for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++)
+        for (unsigned threads = 1; threads <= 2; threads++) {
+            run(csv, size_64, basis, basis == REC_BOX ? 170 : 120, threads, 2);
+            run(csv, size_128, basis, basis == REC_BOX ? 30 : 20, threads, 2);
+        }
+    run(csv, size_64, REC_BOX, 170, 2, 1); /* the paper's pixel */
+    run(csv, size_128, REC_BOX, 30, 2, 1);
+    run(csv, live, REC_TRILINEAR, 15, 2, 2);
     fclose(csv);
     return 0;
 }
