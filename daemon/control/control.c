@@ -109,6 +109,8 @@ static void guard_again(dmn_control *c)
     if (c->auth == NULL)
         return;
     uint64_t now = pvp_auth_generation(c->auth);
+    if (c->door != NULL)
+        pvp_auth_count_failed(c->auth, pvp_door_failed(c->door));
     if (now != c->generation)
         close_socket(c);
     c->generation = now;
@@ -116,8 +118,6 @@ static void guard_again(dmn_control *c)
         close_socket(c);
         usleep(100000);
     }
-    if (c->door != NULL)
-        pvp_auth_count_failed(c->auth, pvp_door_failed(c->door));
 }
 
 static void *run(void *arg)

@@ -15,7 +15,7 @@ typedef struct pvp_sub pvp_sub;
 struct pvp_sub_options {
     size_t memory; /* bytes that a volume as floats may need, and half of what a message may be;
                     * 0: PVP_SUB_MEMORY */
-    bool newest;   /* of the volumes that wait, only the last comes out; all other messages do */
+    bool newest;   /* of volumes one behind the other only the last comes out; all else does */
     const char
         *key; /* a .key file of `pyrovox keygen`, for a daemon that asks for one; NULL: none */
 };
