@@ -10,6 +10,7 @@
 #include "daemon/cli/cli.h"
 #include "daemon/cli/frames_in.h"
 #include "daemon/cli/hull_picture.h"
+#include "daemon/cli/reconstruct_absorb.h"
 #include "daemon/cli/reconstruct_fit.h"
 #include "daemon/cli/reconstruct_options.h"
 #include "daemon/pipeline/volume_file.h"
@@ -237,6 +238,8 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
     PVX_TRY(frames_in_open(&j->in, o->frames, o->first, o->last, o->grey, d));
     PVX_TRY(frames_in_check_light(&j->in, d));
     j->params.nch = j->in.nch;
+    if (o->find_absorption)
+        PVX_TRY(reconstruct_absorb(o, &j->params.absorption, d));
     return o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK;
 }
 

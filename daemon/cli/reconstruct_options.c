@@ -26,6 +26,7 @@ enum {
     OPT_STRICT,
     OPT_NO_HULL,
     OPT_TRUST_ALL,
+    OPT_ABSORPTION,
     OPT_SAVE_HULL,
     OPT_BACKGROUND,
     OPT_GREY,
@@ -119,6 +120,13 @@ static const struct argp_option option_table[] = {
      "a picture of each frame's hull, DIR/<6 digits>.png: voxels inside (red), partly inside "
      "(green), outside (yellow), and the silhouettes they come from",
      4},
+    {NULL, 0, NULL, 0, "Model:", 5},
+    {"absorption", OPT_ABSORPTION, "off|auto|C", 0,
+     "soot absorbs what burns behind it: kappa = C times the emission, in pixel values of full "
+     "scale "
+     "1. auto: the C that shows left-out cameras best, off where that is no gain; it is said, for "
+     "`model.absorption` of the daemon. Default off",
+     5},
     /* earlier names */
     {"strict-hull", OPT_STRICT, NULL, OPTION_HIDDEN, NULL, 4},
     {"warm-start", OPT_WARM, NULL, OPTION_HIDDEN, NULL, 3},
@@ -169,6 +177,12 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     case OPT_STRICT: hull->keep_partial = 0; return 0;
     case OPT_NO_HULL: o->no_hull = true; return 0;
     case OPT_TRUST_ALL: o->frame.trust_all = true; return 0;
+    case OPT_ABSORPTION:
+        o->find_absorption = strcmp(arg, "auto") == 0;
+        o->frame.absorption = o->find_absorption || strcmp(arg, "off") == 0
+                                  ? 0
+                                  : cli_arg_double(st, "absorption", arg, 0, 1e6);
+        return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }

@@ -18,7 +18,8 @@ struct reconstruct_options {
     uint32_t first, last;
     double deadline_ms; /* 0 = none */
     bool grey, warm, quiet, no_hull;
-    int bayer; /* 0 auto, 1 rays, 2 demosaic */
+    bool find_absorption; /* of frame.absorption */
+    int bayer;            /* 0 auto, 1 rays, 2 demosaic */
     struct frames_in_reading reading;
 };
 

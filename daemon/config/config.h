@@ -69,6 +69,8 @@ struct dmn_config {
     int64_t min_views;
     int keep_partial;
 
+    double absorption;
+
     int trust; /* 0 vote, 1 all */
 
     int solver;

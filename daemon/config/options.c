@@ -175,6 +175,10 @@ const struct dmn_option dmn_options[] = {
     BOOL("hull.keep_partial", keep_partial, "true",
          "Keep voxels that are only partly inside a silhouette."),
 
+    REAL("model.absorption", absorption, "0", 0, 1e6, "per full scale",
+         "How much the flame absorbs of its own light: kappa over its emission, as `pyrovox "
+         "reconstruct --absorption auto` finds it in a recording; 0 = nothing."),
+
     CHOICE("solver.name", solver, "pcg", &(REC_SOLVERS(ONE_MORE))[1],
            "Method of solution; the others than pcg are for comparison."),
     INT("solver.iterations", iterations, "0", 0, 100000, "",

@@ -28,6 +28,8 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
     cJSON_AddNumberToObject(o, "entries", (double)r->entries);
     cJSON_AddNumberToObject(o, "cameras", r->cameras);
     cJSON_AddNumberToObject(o, "sigma", r->sigma);
+    if (r->absorption > 0)
+        cJSON_AddNumberToObject(o, "absorption", r->absorption);
     cJSON_AddNumberToObject(o, "saturated", r->saturated);
     cJSON_AddNumberToObject(o, "not_finite", r->not_finite);
     cJSON *hull = cJSON_AddObjectToObject(o, "hull");

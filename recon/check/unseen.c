@@ -186,6 +186,11 @@ double rec_unseen_sigma(const rec_unseen *u)
     return u->sigma;
 }
 
+void rec_unseen_absorb(rec_unseen *u, double absorption)
+{
+    rec_carver_absorb(u->carver, absorption);
+}
+
 pvx_err rec_unseen_solve(rec_unseen *u, const bool *use, int32_t *n)
 {
     struct rec_sparse v;

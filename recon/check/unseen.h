@@ -46,6 +46,10 @@ const float *rec_unseen_weight(const rec_unseen *u, size_t camera);
 const uint8_t *rec_unseen_lit(const rec_unseen *u, size_t camera);
 double rec_unseen_sigma(const rec_unseen *u);
 
+/* A flame that absorbs from the next load or solve on: b is its emission then (absorb.h), which is as far as
+ * rec_unseen_project is from what is seen. */
+void rec_unseen_absorb(rec_unseen *u, double absorption);
+
 /* The volume of the set's cameras with use[c], by (1).  Its voxels: n; 0 = their silhouettes do not meet.
  * Errors: those of rec_frame_solve. */
 PVX_MUST_CHECK pvx_err rec_unseen_solve(rec_unseen *u, const bool *use, int32_t *n);

@@ -5,6 +5,7 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
+#include "recon/carve/absorb.h"
 #include "recon/frame/impl.h"
 
 #define REC_LEAST_FLOOR 0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
@@ -105,6 +106,11 @@ void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p)
     k->p.photo = *p;
 }
 
+void rec_carver_absorb(rec_carver *k, double absorption)
+{
+    k->p.absorption = absorption;
+}
+
 /* Samples along an axis of a bin: colours of a Bayer filter have a quarter of them all. */
 static float per_bin(const rec_carver *k, bool bayer)
 {
@@ -150,6 +156,24 @@ static void photo(rec_frame *f)
         im->lit = f->lit + row0;
     }
     rec_photo_apply(k->photo, cameras, k->pool);
+}
+
+static void absorb_camera(void *ctx, size_t c)
+{
+    rec_frame *f = ctx;
+    size_t row0 = f->S->row0[c];
+    const struct rec_absorb_picture p = {
+        .c = f->carver->p.absorption,
+        .n = f->S->row0[c + 1] - row0,
+        .nch = f->nch,
+        .lit = f->lit + row0,
+        .mean = f->mosaic[c] ? f->carver->plane + row0 * 4 : NULL,
+        .b = rec_frame_input(f, c),
+        .weight = f->weight + row0,
+        .weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL,
+    };
+    if (f->present[c])
+        rec_absorb_apply(&p);
 }
 
 /* A camera as if it were absent; what it showed stays, without weight, for whoever asks why. */
@@ -217,6 +241,8 @@ void rec_frame_carve(rec_frame *f)
     *r = (struct rec_frame_report){0};
     int64_t t0 = pvx_now_mono();
     photo(f);
+    if (k->p.absorption > 0)
+        pvx_pool_run(k->pool, f->S->n_cameras, absorb_camera, f);
     int64_t t1 = pvx_now_mono();
     vote(f);
     sum_up(f);
@@ -230,6 +256,7 @@ void rec_frame_carve(rec_frame *f)
         struct rec_pictures in = rec_frame_pictures(f);
         rec_levels_restrict(f->levels, k->restrictor, f->sub, &in);
     }
+    r->absorption = k->p.absorption;
     r->hull = kept.counts;
     r->active_voxels = kept.n;
     r->active_rays = f->sub->rows;

@@ -5,7 +5,7 @@
  * to the other: {pixels, lit, A on every level, x, report}.
  *   1. write pixels of camera c to rec_frame_input(f, c) and rec_frame_present(f, c, true); for Bayer
  *      cameras rec_frame_bayer
- *   2. rec_frame_carve: photometry, silhouettes, vote, hull, restricted system
+ *   2. rec_frame_carve: photometry, silhouettes, absorption, vote, hull, restricted system
  *   3. rec_frame_solve
  *   4. read rec_frame_volume; then rec_frame_reset for the next set
  * Threads: one slot at a time in each of 2 and 3; different slots may be in different steps.
@@ -30,6 +30,7 @@ struct rec_frame_params {
     struct rec_solve_params solve;
     bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
     bool trust_all;    /* no vote (vote.h): every camera is believed */
+    double absorption; /* c of absorb.h, 1 over pixel value; 0, the default: none */
     uint32_t hold;     /* sets that a camera which was voted out has to agree in before it is back;
                           0, the default: each set by itself */
 };
@@ -43,6 +44,7 @@ struct rec_frame_report {
     uint32_t cameras;                       /* present and believed */
     uint32_t saturated, not_finite;         /* bins, all cameras */
     uint32_t saturated_in[REC_MAX_CAMERAS]; /* each camera that is present, believed or not */
+    double absorption;                      /* rec_frame_params */
     float sigma;                            /* noise estimate, mean over cameras and channels */
     struct rec_verdict vote;    /* which cameras are not believed; they are as if absent */
     bool warm;                  /* the start was the earlier volume */
@@ -76,6 +78,9 @@ PVX_MUST_CHECK pvx_err rec_carver_background(rec_carver *k, size_t camera, const
 
 /* Other photometry from the next set on; the carve stage's thread, between sets.  Allocates nothing. */
 void rec_carver_tune(rec_carver *k, const struct rec_photo_params *p);
+
+/* Another absorption from the next set on; as rec_carver_tune. */
+void rec_carver_absorb(rec_carver *k, double absorption);
 
 /* Errors: PVX_EINVAL, PVX_ENOMEM. */
 typedef struct rec_solver rec_solver;

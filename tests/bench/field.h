@@ -17,6 +17,7 @@ struct field {
     void (*at)(const double x[3], double out[3]); /* a function that does not bend within a cell */
     int n[3];                                     /* 0: no field */
     double lo[3], hi[3];
+    double absorb; /* of its own light: kappa over the mean of the channels' emission */
 };
 
 /* The volume of a file, its box set by the caller.  false: no such file (one that is there and cannot be
@@ -72,11 +73,11 @@ static inline void field_at(const struct field *f, const double x[3], double out
     }
 }
 
-/* Integral along the part of the ray inside the field. */
+/* Integral along the part of the ray inside the field, times the transmission from there to its origin. */
 static inline void field_ray(const struct field *f, const double o[3], const double d[3],
                              double out[3])
 {
-    double s0 = 0, s1 = 1e9, cell = 1e9;
+    double s0 = 0, s1 = 1e9, cell = 1e9, depth = 0;
     out[0] = out[1] = out[2] = 0;
     for (int a = 0; a < 3; a++) {
         double h = (f->hi[a] - f->lo[a]) / f->n[a], lo = f->lo[a] - h / 2, hi = f->hi[a] + h / 2;
@@ -99,8 +100,11 @@ static inline void field_ray(const struct field *f, const double o[3], const dou
         for (int a = 0; a < 3; a++)
             x[a] = o[a] + (s0 + (i + 0.5) * ds) * d[a];
         field_at(f, x, e);
+        double thick = f->absorb * (e[0] + e[1] + e[2]) / 3 * ds;
+        double through = f->absorb > 0 ? exp(-depth - 0.5 * thick) : 1;
         for (int ch = 0; ch < 3; ch++)
-            out[ch] += e[ch] * ds;
+            out[ch] += e[ch] * ds * through;
+        depth += thick;
     }
 }
 

@@ -1,0 +1,103 @@
+#!/bin/bash
+# What a scene needs beyond the paper's model: a flame that absorbs its own light, offline and live.
+name=094
+. "$(dirname "$0")/lib.sh"
+cd "$dir" || exit 1
+deep=4 # c, 1 over pixel value
+# A slab of flame, deep from two sides: its volume, and what every camera sees of it, thin and absorbing.
+recording() {
+    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --voxels 32 --write-rig rig.yaml --write-frames take
+    says 0 '3 frame sets in take' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out vol --quiet; says 0 || return 1
+    /usr/bin/python3 - <<'P' || return 1
+import glob, numpy as np
+for f in glob.glob("vol/*.npy"):
+    v = np.load(f)
+    x = (np.arange(v.shape[2]) + 0.5) / v.shape[2] - 0.5
+    np.save(f, (1.5 * v * np.exp(-(x / 0.08) ** 2)[None, None, :, None]).astype(np.float32))
+P
+    for c in 0 1 2 3 4 5 6 7; do
+        run "$pyrovox" render --rig rig.yaml --camera cam$c --format npy vol thin/cam$c; says 0 || return 1
+    done
+    /usr/bin/python3 - "$deep" <<'P'
+import glob, os, sys, numpy as np
+c, r = float(sys.argv[1]), np.random.default_rng(1)
+for f in sorted(glob.glob("thin/*/*.npy")):
+    e = np.load(f)
+    m = e.mean(axis=2, keepdims=True)
+    t = np.where(c * m > 1e-6, -np.expm1(-c * m) / np.maximum(c * m, 1e-9), 1)
+    to = f.replace("thin", "deep")
+    os.makedirs(os.path.dirname(to), exist_ok=True)
+    noise = 0.003 * r.standard_normal(e.shape)
+    np.save(to, (e * t + noise).astype(np.float32))
+    np.save(f, (e + noise).astype(np.float32))
+P
+}
+# Relative L2 error of folder $1's volumes.
+error() {
+    /usr/bin/python3 - "$1" <<'P'
+import glob, sys, numpy as np
+n = d = 0
+for f in sorted(glob.glob("vol/*.npy")):
+    t, v = np.load(f), np.load(f.replace("vol", sys.argv[1]))
+    n += ((v - t) ** 2).sum()
+    d += (t ** 2).sum()
+assert d > 0
+print((n / d) ** 0.5)
+P
+}
+below() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a > 0 && a < b) }'; }
+absorbs() {
+    run "$pyrovox" reconstruct --rig rig.yaml --frames deep --out off --quiet; says 0 || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames deep --out known --absorption $deep --quiet; says 0 || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames deep --out found --absorption auto --save-report r.json
+    says 0 'absorption: c ' 'optical depth' || return 1
+    local c; c=$(sed -n 's/^absorption: c \([0-9.]*\),.*/\1/p' <<< "$out")
+    echo "errors: off $(error off), c known $(error known), found ($c) $(error found)"
+    below "$c" "$(awk "BEGIN { print 1.15 * $deep }")" && below "$(awk "BEGIN { print 0.85 * $deep }")" "$c" || return 1
+    below "$(error known)" "$(awk "BEGIN { print 0.7 * $(error off) }")" || return 1
+    below "$(error found)" "$(awk "BEGIN { print 0.75 * $(error off) }")" || return 1
+    grep -q '"absorption":' r.json
+}
+nothing_absorbs() { # then it is off, and the volumes are the same bytes
+    run "$pyrovox" reconstruct --rig rig.yaml --frames thin --out plain --quiet; says 0 || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames thin --out looked --absorption auto
+    says 0 'absorption: none' || return 1
+    local f
+    for f in plain/*.npy; do cmp "$f" "looked/${f#*/}" || return 1; done
+}
+# The daemon has it from its configuration: what it makes of these pictures is what reconstruct makes.
+live() {
+    cat > m.yaml <<Y
+rig: $dir/rig.yaml
+cameras: "files:$dir/deep/{name}/%06d.npy"
+lossless: true
+model: { absorption: $deep }
+publish: { endpoints: ["$volumes"], sample: f32, wait_subscriber: true }
+control: { endpoint: "$control" }
+Y
+    start live.log "$pyrovoxd" -c m.yaml
+    run "$pyrovox" record --endpoint "$volumes" --volumes 3 --out live; local r=$code
+    [ "$r" = 0 ] || { echo "$out"; return 1; }
+    /usr/bin/python3 - <<'P'
+import glob, sys, numpy as np
+live, known = sorted(glob.glob("live/*.npy")), sorted(glob.glob("known/*.npy"))
+assert len(live) == len(known) == 3, (live, known)
+for a, b in zip(live, known):
+    a, b = np.load(a), np.load(b)
+    assert np.abs(b).max() > 0
+    assert np.linalg.norm(a - b) < 1e-3 * np.linalg.norm(b), np.linalg.norm(a - b) / np.linalg.norm(b)
+P
+}
+refuses() {
+    run "$pyrovox" reconstruct --rig rig.yaml --frames deep --out x --absorption much; says 2 "absorption" || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames deep --out x --absorption=-1; says 2 "absorption" || return 1
+    mkdir -p dark; local c
+    for c in 0 1 2 3 4 5 6 7; do
+        mkdir -p dark/cam$c
+        /usr/bin/python3 -c 'import sys, numpy as np; np.save(sys.argv[1], np.zeros((120, 160, 3), np.float32))' dark/cam$c/000000.npy
+    done
+    run "$pyrovox" reconstruct --rig rig.yaml --frames dark --out x --absorption auto; says 1 'has a flame in 3 cameras'
+}
+for t in recording absorbs nothing_absorbs live refuses; do check $t $t; done
+exit $rc
