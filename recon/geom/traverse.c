@@ -46,10 +46,10 @@ static int32_t fixed_cell(double x, double first, double h, int32_t n)
     return m;
 }
 
-/* Clip the half line against the lattice of `extra` more cells than the grid, half of them on either
+/* Clip the first `length` metres of the half line against the lattice of `extra` more cells than the grid, half of them on either
  * side, and find the cell it starts in.  False: misses. */
 static bool start(const struct rec_grid *g, int32_t extra, const double origin[3],
-                  const double dir[3], struct walk *w)
+                  const double dir[3], double length, struct walk *w)
 {
     for (int a = 0; a < 3; a++)
         if (!isfinite(origin[a]) || !isfinite(dir[a]))
@@ -68,7 +68,7 @@ static bool start(const struct rec_grid *g, int32_t extra, const double origin[3
     }
     w->scale = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     w->s0 = 0;
-    w->s1 = INFINITY;
+    w->s1 = length / w->scale;
     for (int a = 0; a < 3; a++) {
         struct axis *x = &w->ax[a];
         double h = rec_grid_h(g, a), pad = 0.5 * extra * h;
@@ -120,10 +120,10 @@ static int32_t step_of(const struct rec_grid *g, const double dir[3], int a)
 }
 
 static size_t walk_box(const struct rec_grid *g, const double origin[3], const double dir[3],
-                       int32_t *index, float *value)
+                       double length, int32_t *index, float *value)
 {
     struct walk w;
-    if (!start(g, 0, origin, dir, &w))
+    if (!start(g, 0, origin, dir, length, &w))
         return 0;
     int32_t step[3], cur = 0;
     const double *t[3]; /* next crossing of each axis */
@@ -233,10 +233,11 @@ static void integrate(const struct walk *w, struct corners *k, double s, double 
 }
 
 static size_t walk_trilinear(const struct rec_grid *g, const double origin[3], const double dir[3],
-                             int32_t *index, float *value)
+                             double length, int32_t *index, float *value)
 {
     struct walk w;
-    if (!start(g, 1, origin, dir, &w)) /* cells of the lattice of centres, one rim outside */
+    if (!start(g, 1, origin, dir, length,
+               &w)) /* cells of the lattice of centres, one rim outside */
         return 0;
     struct corners k = {.sum = {0}};
     for (int a = 0; a < 3; a++) {
@@ -277,9 +278,15 @@ static size_t walk_trilinear(const struct rec_grid *g, const double origin[3], c
     return n;
 }
 
+size_t rec_traverse_until(const struct rec_grid *g, const double origin[3], const double dir[3],
+                          double length, int32_t *index, float *value)
+{
+    return g->basis == REC_TRILINEAR ? walk_trilinear(g, origin, dir, length, index, value)
+                                     : walk_box(g, origin, dir, length, index, value);
+}
+
 size_t rec_traverse(const struct rec_grid *g, const double origin[3], const double dir[3],
                     int32_t *index, float *value)
 {
-    return g->basis == REC_TRILINEAR ? walk_trilinear(g, origin, dir, index, value)
-                                     : walk_box(g, origin, dir, index, value);
+    return rec_traverse_until(g, origin, dir, INFINITY, index, value);
 }

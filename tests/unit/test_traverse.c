@@ -651,3 +651,44 @@ T_CASE(watertight)
         T_LE(worst[b], 1e-6);
     }
 }
+
+/* A ray cut in two sees in both parts together what it sees uncut; behind the end there is nothing. */
+T_CASE(cut_where_a_surface_is)
+{
+    for (int t = 0; t < 400; t++) {
+        struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.7, 1}, {9, 7, 8}, REC_BOX};
+        g.basis = t % 2 == 0 ? REC_BOX : REC_TRILINEAR;
+        double o[3], d[3], at[3], len = 0, cut = t_uniform(0, 3), first = 0;
+        for (int a = 0; a < 3; a++) {
+            o[a] = t_uniform(-1, 1);
+            d[a] = t_uniform(-0.4, 0.4) - o[a];
+            len += d[a] * d[a];
+        }
+        for (int a = 0; a < 3; a++)
+            at[a] = o[a] + cut * d[a] / sqrt(len);
+        size_t max = rec_traverse_max(&g), n;
+        int32_t *index = malloc(max * sizeof *index);
+        float *value = malloc(max * sizeof *value);
+        float *sum = calloc(rec_grid_count(&g), sizeof *sum);
+        struct hits all = walk(&g, o, d), rest = walk(&g, at, d);
+        n = rec_traverse_until(&g, o, d, cut, index, value);
+        T_LE(n, max);
+        for (size_t i = 0; i < n; i++) {
+            sum[index[i]] += value[i];
+            first += value[i];
+        }
+        for (size_t i = 0; i < rest.n; i++)
+            sum[rest.index[i]] += rest.value[i];
+        for (int32_t i = 0; i < (int32_t)rec_grid_count(&g); i++)
+            T_NEAR(sum[i], value_at(&all, i), 1e-6);
+        T_LE(first, cut * (1 + 1e-6));
+        T_EQ_I(rec_traverse_until(&g, o, d, 0, index, value), 0);
+        T_EQ_I(rec_traverse_until(&g, o, d, NAN, index, value), 0);
+        T_EQ_I(rec_traverse_until(&g, o, d, INFINITY, index, value), all.n);
+        drop(&all);
+        drop(&rest);
+        free(index);
+        free(value);
+        free(sum);
+    }
+}
