@@ -13,6 +13,7 @@
 #include "daemon/cli/strip.h"
 #include "daemon/pipeline/volume_file.h"
 #include "recon/view/render.h"
+#include "recon/view/room.h"
 
 /* Paths of the volumes to show, in order. */
 struct sources {
@@ -113,9 +114,16 @@ static pvx_err render_one(const struct render_options *o, const struct rec_camer
     float *image = pvx_calloc(n, sizeof *image);
     if (image == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", o->out);
-    pvx_err e = rec_render(g, dense, nch, c, o->sub, pool, image);
+    rec_room *room = NULL;
+    pvx_err e = o->room ? dmn_room_of(g, dense, nch, pool, &room) : PVX_OK;
+    if (e == PVX_OK)
+        e = room != NULL ? rec_room_render(room, c, o->sub, image)
+                         : rec_render(g, dense, nch, c, o->sub, pool, image);
+    rec_room_free(&room);
     double factor = o->exposure;
     bool png = ends_in(o->out, ".png");
+    if (e == PVX_OK && png && factor == 0 && o->room)
+        e = dmn_room_exposure(g, dense, nch, pool, &factor);
     if (e == PVX_OK && png && factor == 0)
         e = dmn_auto_exposure(image, n, &factor);
     for (size_t i = 0; i < n && png && factor > 0; i++)
@@ -154,7 +162,8 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
                                      .elevation_deg = o->elevation_deg,
                                      .sub = o->sub,
                                      .exposure = ends_in(o->out, ".png") ? o->exposure : 1,
-                                     .gamma = o->gamma};
+                                     .gamma = o->gamma,
+                                     .room = o->room};
         e = dmn_strip_save(&g, dense, nch, &p, pool, o->out, d);
     }
     free(dense);

@@ -29,6 +29,8 @@ struct movie {
     struct rec_grid box; /* what a turntable frames */
     double exposure;
     rec_view *view;       /* of a fixed viewpoint; NULL = trace anew */
+    rec_room *room;       /* NULL: none */
+    size_t lit;           /* the volume that lights it, as `loaded` */
     struct rec_camera at; /* where the pictures are taken from */
     float *image, *shown; /* [height][width][3] */
     struct rec_grid grid; /* of the volume that is loaded */
@@ -45,7 +47,7 @@ static pvx_err load(struct movie *m, size_t i, struct pvx_diag *d)
     if (m->loaded == i)
         return PVX_OK;
     PVX_FREE(m->dense);
-    m->loaded = SIZE_MAX;
+    m->loaded = m->lit = SIZE_MAX;
     m->grid = m->rig->grid;
     PVX_TRY(dmn_volume_load(m->vol[i], &m->grid, &m->nch, &m->dense, d));
     m->loaded = i;
@@ -81,49 +83,41 @@ static void widen(struct rec_grid *box, const struct rec_grid *by)
     }
 }
 
-/* Least factor that the loaded volume asks for, 0 = dark: seen small from the viewpoint, or from two
- * sides. */
+/* The factor that the loaded volume asks for, 0 = dark. */
 static pvx_err exposure_of(struct movie *m, double *out)
 {
-    *out = 0;
-    for (int side = 0; side < (turntable(m) ? 2 : 1); side++) {
-        struct rec_camera c = m->at;
-        if (turntable(m)) {
-            struct rec_grid box = dmn_lit_box(&m->grid, m->dense, m->nch);
-            rec_orbit_camera(&box, side * pi / 2, m->o->elevation_deg * pi / 180, SMALL, SMALL, &c);
-        } else {
-            double k = fmin(1, (double)SMALL / c.width);
-            c.width = (int32_t)fmax(1, c.width * k);
-            c.height = (int32_t)fmax(1, c.height * k);
-            c.fx *= k;
-            c.fy *= k;
-            c.cx = (c.cx + 0.5) * k - 0.5;
-            c.cy = (c.cy + 0.5) * k - 0.5;
-        }
-        size_t n = (size_t)c.width * (size_t)c.height * (size_t)m->nch;
-        float *pix = pvx_calloc(n, sizeof *pix);
-        double f = 0;
-        if (pix == NULL)
-            return PVX_ENOMEM;
-        pvx_err e = rec_render(&m->grid, m->dense, m->nch, &c, 1, m->pool, pix);
-        if (e == PVX_OK)
-            e = dmn_auto_exposure(pix, n, &f);
-        free(pix);
-        if (e != PVX_OK)
-            return e;
-        *out = f > 0 && (*out == 0 || f < *out) ? f : *out;
-    }
-    return PVX_OK;
+    if (m->o->room)
+        return dmn_room_exposure(&m->grid, m->dense, m->nch, m->pool, out);
+    if (turntable(m))
+        return dmn_flame_exposure(&m->grid, m->dense, m->nch, m->o->elevation_deg, m->pool, out);
+    struct rec_camera c = m->at;
+    double k = fmin(1, (double)SMALL / c.width);
+    c.width = (int32_t)fmax(1, c.width * k);
+    c.height = (int32_t)fmax(1, c.height * k);
+    c.fx *= k;
+    c.fy *= k;
+    c.cx = (c.cx + 0.5) * k - 0.5;
+    c.cy = (c.cy + 0.5) * k - 0.5;
+    size_t n = (size_t)c.width * (size_t)c.height * (size_t)m->nch;
+    float *pix = pvx_calloc(n, sizeof *pix);
+    if (pix == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = rec_render(&m->grid, m->dense, m->nch, &c, 1, m->pool, pix);
+    if (e == PVX_OK)
+        e = dmn_auto_exposure(pix, n, out);
+    free(pix);
+    return e;
 }
 
 /* What must not change from picture to picture, from a few volumes spread over all: the box that a
- * turntable frames, the exposure of the brightest. */
+ * turntable frames or a room is made for, the exposure of the brightest. */
 static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
 {
     bool expose = m->o->png && m->o->exposure == 0;
     size_t k = m->n < SAMPLES ? m->n : SAMPLES;
     m->exposure = m->o->exposure;
-    for (size_t i = 0; i < k && (expose || turntable(m)) && !cli_stop; i++) {
+    bool boxed = turntable(m) || m->o->room;
+    for (size_t i = 0; i < k && (expose || boxed) && !cli_stop; i++) {
         PVX_TRY(load(m, k > 1 ? i * (m->n - 1) / (k - 1) : 0, d));
         struct rec_grid box = dmn_lit_box(&m->grid, m->dense, m->nch);
         if (i == 0)
@@ -140,6 +134,17 @@ static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* The turntable's camera, `deg` degrees from where it begins. */
+static void place(struct movie *m, double deg)
+{
+    const struct render_options *o = m->o;
+    double angle = (o->deg0 + deg) * pi / 180, elevation = o->elevation_deg * pi / 180;
+    if (m->room != NULL)
+        rec_room_camera(m->room, angle, elevation, o->width, o->height, &m->at);
+    else
+        rec_orbit_camera(&m->box, angle, elevation, o->width, o->height, &m->at);
+}
+
 static pvx_err set_up(struct movie *m, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
@@ -149,18 +154,28 @@ static pvx_err set_up(struct movie *m, struct pvx_diag *d)
     else if (o->from == RENDER_EYE)
         PVX_TRY(render_eye(o, &m->grid, &m->at, d));
     PVX_TRY(look_ahead(m, d));
+    if (o->room)
+        PVX_TRY(rec_room_new(m->box.min, m->box.max, m->pool, &m->room));
     if (turntable(m))
-        rec_orbit_camera(&m->box, o->deg0 * pi / 180, o->elevation_deg * pi / 180, o->width,
-                         o->height, &m->at);
+        place(m, 0);
     size_t n = (size_t)m->at.width * (size_t)m->at.height * 3;
     m->image = pvx_calloc(n, sizeof *m->image);
     m->shown = pvx_calloc(n, sizeof *m->shown);
     if (m->image == NULL || m->shown == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a picture", o->out);
-    if (o->from == RENDER_ORBIT || o->anew || m->n == 1)
+    if (o->from == RENDER_ORBIT || o->anew || m->n == 1 || o->room)
         return PVX_OK;
     size_t half = (size_t)sysconf(_SC_PHYS_PAGES) / 2 * (size_t)sysconf(_SC_PAGESIZE);
     return rec_view_new(&m->at, o->sub, half, m->pool, &m->view);
+}
+
+/* The room in the light of the loaded volume. */
+static pvx_err draw_room(struct movie *m)
+{
+    if (m->lit != m->loaded)
+        PVX_TRY(rec_room_light(m->room, &m->grid, m->dense, m->nch));
+    m->lit = m->loaded;
+    return rec_room_render(m->room, &m->at, m->o->sub, m->image);
 }
 
 /* The picture of the loaded volume into m->image. */
@@ -175,7 +190,9 @@ static pvx_err draw_picture(struct movie *m)
         rec_view_free(&m->view);
     }
     int64_t t0 = pvx_now_mono();
-    pvx_err e = rec_render(&m->grid, m->dense, m->nch, &m->at, m->o->sub, m->pool, m->image);
+    pvx_err e = m->room != NULL
+                    ? draw_room(m)
+                    : rec_render(&m->grid, m->dense, m->nch, &m->at, m->o->sub, m->pool, m->image);
     m->anew_ns += pvx_now_mono() - t0;
     return e;
 }
@@ -219,8 +236,7 @@ static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
             return PVX_ECANCELED;
         PVX_TRY(load(m, i % m->n, d));
         if (o->from == RENDER_ORBIT)
-            rec_orbit_camera(&m->box, (o->deg0 + 360.0 * (double)i / (double)all) * pi / 180,
-                             o->elevation_deg * pi / 180, o->width, o->height, &m->at);
+            place(m, 360.0 * (double)i / (double)all);
         pvx_err e = draw_picture(m);
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", m->vol[i % m->n], pvx_strerror(e));
@@ -257,8 +273,14 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
                      const struct rec_camera *camera, char *const *vol, size_t n, pvx_pool *pool,
                      struct pvx_diag *d)
 {
-    struct movie m = {
-        .o = o, .rig = rig, .camera = camera, .vol = vol, .n = n, .pool = pool, .loaded = SIZE_MAX};
+    struct movie m = {.o = o,
+                      .rig = rig,
+                      .camera = camera,
+                      .vol = vol,
+                      .n = n,
+                      .pool = pool,
+                      .loaded = SIZE_MAX,
+                      .lit = SIZE_MAX};
     pvx_err e = pvx_mkdirs(o->out, d);
     if (e == PVX_OK)
         e = set_up(&m, d);
@@ -267,6 +289,7 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
     if (!o->quiet && (e == PVX_OK || e == PVX_ECANCELED))
         say_how_fast(&m);
     rec_view_free(&m.view);
+    rec_room_free(&m.room);
     free(m.dense);
     free(m.image);
     free(m.shown);

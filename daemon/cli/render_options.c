@@ -19,6 +19,7 @@ enum {
     OPT_STRIP,
     OPT_ORBIT,
     OPT_ELEVATION,
+    OPT_ROOM,
     OPT_SIZE,
     OPT_SUB,
     OPT_GAMMA,
@@ -44,14 +45,20 @@ static const struct argp_option options[] = {
     {"look-at", OPT_LOOK_AT, "X,Y,Z", 0, "what --eye looks at (default: middle of the volume)", 2},
     {"up", OPT_UP, "X,Y,Z", 0, "what is up for --eye (default: 0,0,1)", 2},
     {"fov", OPT_FOV, "DEG", 0, "--eye: angle from the image's top to its bottom (default 40)", 2},
-    {"elevation", OPT_ELEVATION, "DEG", 0, "turntable camera above the horizon (default 5)", 2},
+    {"elevation", OPT_ELEVATION, "DEG", 0,
+     "turntable camera above the horizon (default 5, in a room 20)", 2},
     {"size", OPT_SIZE, "WxH", 0,
-     "pixels of a view (default: --eye 640x480, turntable 240x320, a camera its own)", 2},
+     "pixels of a view (default: --eye and --room 640x480, turntable 240x320, a camera its own)",
+     2},
+    {"room", OPT_ROOM, NULL, 0,
+     "the flame in a virtual room: it lights floor, walls, a pillar on the side of +x and a block, "
+     "which throw shadows and hide it",
+     2},
     {NULL, 0, NULL, 0, "Pictures:", 3},
     {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (default 2)", 3},
     {"exposure", OPT_EXPOSURE, "F|auto", 0,
      ".png: factor on the values, one for all pictures (default: auto, the brightest frame fills "
-     "the range; --camera: 1, as recorded)",
+     "the range, --room: 5 times that, for the room to be seen; --camera: 1, as recorded)",
      3},
     {"gamma", OPT_GAMMA, "G", 0, ".png: display gamma (default 2.2; --camera: 1, as recorded)", 3},
     {"format", OPT_FORMAT, "png|npy|both", 0, "files of an animation (default png)", 3},
@@ -168,6 +175,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_ELEVATION:
         o->elevation_deg = cli_arg_double(state, "elevation", arg, -85, 85);
         return 0;
+    case OPT_ROOM: o->room = true; return 0;
     case OPT_SUB: o->sub = (int)cli_arg_double(state, "sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
     case OPT_EXPOSURE:
         o->exposure = 0;
@@ -212,23 +220,28 @@ void render_parse(int argc, char **argv, struct render_options *o)
                "      all volumes of a folder from one place: movie/000000.png ...\n"
                "  pyrovox render --orbit 120 vol movie\n"
                "      the flame burns while the camera goes round it\n"
+               "  pyrovox render --room --angle 0 vol/000000.npy room.png\n"
+               "      the flame lights a room, half hidden by a pillar\n"
                "  ffmpeg -framerate 25 -i movie/%06d.png -pix_fmt yuv420p movie.mp4\n"
                "      pictures into a film\n"};
     *o = (struct render_options){.up = {0, 0, 1},
                                  .fov_deg = 40,
-                                 .elevation_deg = 5,
+                                 .elevation_deg = NAN,
                                  .sub = 2,
                                  .exposure = -1,
                                  .gamma = -1,
                                  .png = true};
     argp_parse(&parser, argc, argv, 0, NULL, o);
-    bool recorded = o->from == RENDER_CAMERA;
+    bool recorded = o->from == RENDER_CAMERA && !o->room;
+    if (isnan(o->elevation_deg))
+        o->elevation_deg = o->room ? 20 : 5;
     if (o->gamma < 0)
         o->gamma = recorded ? 1 : 2.2;
     if (o->exposure < 0)
         o->exposure = recorded ? 1 : 0;
     if (o->width == 0) {
-        o->width = o->from == RENDER_EYE ? 640 : 240;
-        o->height = o->from == RENDER_EYE ? 480 : 320;
+        bool wide = o->from == RENDER_EYE || o->room;
+        o->width = wide ? 640 : 240;
+        o->height = wide ? 480 : 320;
     }
 }

@@ -22,6 +22,7 @@ struct render_options {
     double deg0, deg1;                        /* RENDER_ANGLE, RENDER_STRIP */
     int views;                                /* RENDER_STRIP, RENDER_ORBIT */
     double elevation_deg;                     /* turntable */
+    bool room;                                /* the flame lights a room, and is hidden in it */
     int32_t width, height;                    /* 0 = not given */
     int sub;                                  /* rays per pixel side */
     double exposure;                          /* factor; 0 = auto, < 0 = not given */

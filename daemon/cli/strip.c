@@ -8,6 +8,8 @@
 #include "capture/files/imgio.h"
 #include "recon/view/render.h"
 
+static const double pi = 3.14159265358979323846;
+
 const struct dmn_strip_params dmn_strip_defaults = {.deg0 = 0,
                                                     .deg1 = 120,
                                                     .views = 5,
@@ -73,6 +75,87 @@ pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out)
     return PVX_OK;
 }
 
+pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch,
+                           double elevation_deg, pvx_pool *pool, double *out)
+{
+    enum { SMALL = 160 /* px across */ };
+    struct rec_grid box = dmn_lit_box(g, dense, nch);
+    size_t n = (size_t)SMALL * SMALL * (size_t)nch;
+    float *pix = pvx_calloc(n, sizeof *pix);
+    pvx_err e = pix != NULL ? PVX_OK : PVX_ENOMEM;
+    *out = 0;
+    for (int side = 0; side < 2 && e == PVX_OK; side++) {
+        struct rec_camera c;
+        double f = 0;
+        rec_orbit_camera(&box, side * pi / 2, elevation_deg * pi / 180, SMALL, SMALL, &c);
+        e = rec_render(g, dense, nch, &c, 1, pool, pix);
+        if (e == PVX_OK)
+            e = dmn_auto_exposure(pix, n, &f);
+        *out = f > 0 && (*out == 0 || f < *out) ? f : *out;
+    }
+    free(pix);
+    return e;
+}
+
+pvx_err dmn_room_exposure(const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
+                          double *out)
+{
+    pvx_err e = dmn_flame_exposure(g, dense, nch, 0, pool, out);
+    *out *= 5;
+    return e;
+}
+
+pvx_err dmn_room_of(const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
+                    rec_room **out)
+{
+    struct rec_grid box = dmn_lit_box(g, dense, nch);
+    PVX_TRY(rec_room_new(box.min, box.max, pool, out));
+    pvx_err e = rec_room_light(*out, g, dense, nch);
+    if (e != PVX_OK)
+        rec_room_free(out);
+    return e;
+}
+
+struct strip {
+    const struct rec_grid *g;
+    const float *dense;
+    int nch;
+    const struct dmn_strip_params *p;
+    pvx_pool *pool;
+    struct rec_grid box; /* what is lit */
+    rec_room *room;      /* NULL: none */
+};
+
+/* View v of the turntable. */
+static pvx_err draw_view(const struct strip *s, int v, float *view)
+{
+    const struct dmn_strip_params *p = s->p;
+    double share = p->views > 1 ? (double)v / (p->views - 1) : 0;
+    double angle = (p->deg0 + (p->deg1 - p->deg0) * share) * pi / 180;
+    double elevation = p->elevation_deg * pi / 180;
+    struct rec_camera c;
+    if (s->room != NULL) {
+        rec_room_camera(s->room, angle, elevation, p->width, p->height, &c);
+        return rec_room_render(s->room, &c, p->sub, view);
+    }
+    rec_orbit_camera(&s->box, angle, elevation, p->width, p->height, &c);
+    return rec_render(s->g, s->dense, s->nch, &c, p->sub, s->pool, view);
+}
+
+/* Factor on the values of a strip of n. */
+static pvx_err expose(const struct strip *s, const float *strip, size_t n, double *factor)
+{
+    *factor = s->p->exposure;
+    pvx_err e = PVX_OK;
+    if (!(*factor > 0) && s->p->room)
+        e = dmn_room_exposure(s->g, s->dense, s->nch, s->pool, factor);
+    else if (!(*factor > 0))
+        e = dmn_auto_exposure(strip, n, factor);
+    if (!(*factor > 0))
+        *factor = 1;
+    return e;
+}
+
 pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
                        const struct dmn_strip_params *p, pvx_pool *pool, const char *path,
                        struct pvx_diag *d)
@@ -85,27 +168,25 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     float *view = pvx_calloc(row * (size_t)p->height, sizeof *view);
     float *strip = pvx_calloc(n, sizeof *strip);
     pvx_err e = view != NULL && strip != NULL ? PVX_OK : PVX_ENOMEM;
-    struct rec_grid box = dmn_lit_box(g, dense, nch);
-    const double rad = 3.14159265358979323846 / 180;
+    struct strip s = {g, dense, nch, p, pool, dmn_lit_box(g, dense, nch), NULL};
+    if (e == PVX_OK && p->room)
+        e = dmn_room_of(g, dense, nch, pool, &s.room);
     for (int v = 0; v < p->views && e == PVX_OK; v++) {
-        double share = p->views > 1 ? (double)v / (p->views - 1) : 0;
-        struct rec_camera c;
-        rec_orbit_camera(&box, (p->deg0 + (p->deg1 - p->deg0) * share) * rad,
-                         p->elevation_deg * rad, p->width, p->height, &c);
-        e = rec_render(g, dense, nch, &c, p->sub, pool, view);
+        e = draw_view(&s, v, view);
         for (int32_t y = 0; y < p->height && e == PVX_OK; y++)
             memcpy(strip + (size_t)y * wide + (size_t)v * row, view + (size_t)y * row,
                    row * sizeof *view);
     }
-    double factor = p->exposure;
-    if (e == PVX_OK && !(factor > 0))
-        e = dmn_auto_exposure(strip, n, &factor);
+    double factor = 1;
+    if (e == PVX_OK)
+        e = expose(&s, strip, n, &factor);
     for (size_t i = 0; i < n && e == PVX_OK; i++)
-        strip[i] *= (float)(factor > 0 ? factor : 1);
+        strip[i] *= (float)factor;
     if (e != PVX_OK)
         pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     else
         e = cap_image_save(path, strip, p->width * p->views, p->height, nch, p->gamma, d);
+    rec_room_free(&s.room);
     free(view);
     free(strip);
     return e;

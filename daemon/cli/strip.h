@@ -1,9 +1,11 @@
 /* strip.h - several views of a volume side by side in one PNG, for people to look at. */
 #ifndef DMN_STRIP_H
 #define DMN_STRIP_H
+#include <stdbool.h>
 #include "base/err.h"
 #include "base/pool.h"
 #include "recon/geom/grid.h"
+#include "recon/view/room.h"
 
 struct dmn_strip_params {
     double deg0, deg1;     /* first and last turntable angle */
@@ -13,6 +15,7 @@ struct dmn_strip_params {
     int sub;         /* rays per pixel side */
     double exposure; /* factor; 0 = so that the 99.8th percentile of the lit pixels is 1 */
     double gamma;    /* 2.2 for looking at, 1 = linear (.png only) */
+    bool room;       /* in the virtual room that it lights (recon/view/room.h) */
 };
 extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
 
@@ -29,5 +32,18 @@ struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nc
 /* Factor that puts the 99.8th percentile of the values above 1 % of the brightest to 1; 0 when all
  * are dark.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out);
+
+/* That of the lit box seen from two sides of the turntable: the lesser.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch,
+                                          double elevation_deg, pvx_pool *pool, double *out);
+
+/* A room for the lit box, lit by the volume, which is borrowed (rec_room_light).  Errors: its own. */
+PVX_MUST_CHECK pvx_err dmn_room_of(const struct rec_grid *g, const float *dense, int nch,
+                                   pvx_pool *pool, rec_room **out);
+
+/* Exposure of a picture of it: 5 x that of the flame alone, as a photographer does who wants to see the
+ * room too (a flame's height away, surfaces are a hundredth as bright as its core, which burns out). */
+PVX_MUST_CHECK pvx_err dmn_room_exposure(const struct rec_grid *g, const float *dense, int nch,
+                                         pvx_pool *pool, double *out);
 
 #endif

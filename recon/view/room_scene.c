@@ -17,8 +17,8 @@ static bool slab(const double o[3], const double d[3], const double half[3], dou
                 return false;
             continue;
         }
-        double in = (copysign(half[a], -d[a]) - o[a]) / d[a];
-        double out = (copysign(half[a], d[a]) - o[a]) / d[a];
+        double per = 1 / d[a], mid = -o[a] * per, reach = half[a] * fabs(per);
+        double in = mid - reach, out = mid + reach;
         if (in > t[0]) {
             t[0] = in;
             axis[0] = a;
@@ -79,13 +79,12 @@ static void add_walls(struct room_scene *s, double spacing)
     s->face[ROOM_FLOOR].albedo[1] = 0.4;
 }
 
-/* Its sides +x, +y, -x, -y, and its top where there is air above it. */
-static void add_body(struct room_scene *s, const struct room_body *b, double spacing)
+/* Its sides +x, +y, -x, -y, and the fifth, its top, where there is air above it. */
+static void add_body(struct room_scene *s, const struct room_body *b, int sides, double spacing)
 {
     int k = s->n_bodies++;
     s->body[k] = *b;
-    bool top = b->centre[2] + b->half[2] < s->max[2];
-    for (int side = 0; side < (top ? 5 : 4); side++) {
+    for (int side = 0; side < sides; side++) {
         int a = side == 4 ? 2 : side % 2, p = (a + 1) % 3, q = (a + 2) % 3;
         double e[3][3] = {{b->cosine, b->sine, 0}, {-b->sine, b->cosine, 0}, {0, 0, 1}};
         double sign = side == 2 || side == 3 ? -1 : 1, o[3], u[3], v[3], n[3];
@@ -124,8 +123,8 @@ void room_scene_init(struct room_scene *s, const double min[3], const double max
                               {0.15 * size, 0.15 * size, 0.15 * size},
                               cos(0.9),
                               sin(0.9)};
-    add_body(s, &pillar, spacing);
-    add_body(s, &block, spacing);
+    add_body(s, &pillar, 4, spacing);
+    add_body(s, &block, 5, spacing);
 }
 
 /* ---- rays ------------------------------------------------------------------------------------- */
@@ -224,5 +223,5 @@ enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p
     double d[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
     if (!passes(from, d, b->half, r))
         return ROOM_ALL;
-    return passes(from, d, b->half, -r) ? ROOM_NONE : ROOM_PART;
+    return r == 0 || passes(from, d, b->half, -r) ? ROOM_NONE : ROOM_PART;
 }

@@ -45,6 +45,22 @@ film() {
     run "$pyrovox" render --orbit 5 --size 48x64 vol turn
     says 0 '5 pictures in turn' && [ "$(find turn -name '*.png' | wc -l)" = 5 ]
 }
+room() { # the flame lights all that it does not, and the pillar hides half of it
+    run "$pyrovox" render --room --angle 0 --size 96x72 vol/000002.npy room.npy; says 0 || return 1
+    run "$pyrovox" render --room --angle 180 --size 96x72 vol/000002.npy back.npy; says 0 || return 1
+    "$py" - <<'PY' || return 1
+import numpy as np
+front, back = np.load("room.npy"), np.load("back.npy")
+assert front.shape == (72, 96, 3) and np.isfinite(front).all() and (front > 0).all(), front.min()
+flame = [(a[:, :, 0] > 0.3 * back.max()).sum() for a in (front, back)]
+assert 0.2 * flame[1] < flame[0] < 0.8 * flame[1], flame
+PY
+    run "$pyrovox" render --room --strip 0,240,3 --size 48x36 --sub 1 vol/000000.npy strip.png; says 0 || return 1
+    run "$pyrovox" render --room --orbit 4 --size 48x36 --sub 1 vol turned
+    says 0 '4 pictures in turned' && [ "$(find turned -name '*.png' | wc -l)" = 4 ] || return 1
+    run "$pyrovox" render --room --eye 1.5,-1,1 --size 48x36 --sub 1 --format both vol/000000.npy vol/000001.npy burns
+    says 0 '2 pictures in burns' && [ "$(find burns -name '*.*' | wc -l)" = 4 ]
+}
 stops() { # what was written before is whole
     "$pyrovox" render --orbit 20000 --size 48x64 --format npy vol long > int.log 2>&1 &
     local pid=$!
@@ -89,5 +105,5 @@ cpu() {
     run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
     run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
 }
-for t in recording forgotten_black_level fits grows_out_of_the_box film stops reconstruct_stops light_in_check cpu; do check $t $t; done
+for t in recording forgotten_black_level fits grows_out_of_the_box film room stops reconstruct_stops light_in_check cpu; do check $t $t; done
 exit $rc

@@ -330,6 +330,38 @@ T_CASE(pixels_are_flame_and_surface)
     free(v);
 }
 
+/* Wherever the box is and whatever its shape: all faces there, each where its normal says, no ray lost. */
+T_CASE(any_box)
+{
+    for (int t = 0; t < 200; t++) {
+        double min[3], max[3], scale = pow(10, t_uniform(-3, 3));
+        for (int a = 0; a < 3; a++) {
+            min[a] = scale * t_uniform(-9, 9);
+            max[a] = min[a] + scale * t_uniform(0.05, 3);
+        }
+        struct room_scene s;
+        room_scene_init(&s, min, max, 40);
+        T_EQ_I(s.n_faces, ROOM_FACES);
+        const struct room_face *last = &s.face[ROOM_FACES - 1];
+        T_EQ_I(s.n_points, last->first + (size_t)(last->nu + 1) * (size_t)(last->nv + 1));
+        for (int k = 0; k < s.n_faces; k++) { /* straight at the middle of each */
+            const struct room_face *f = &s.face[k];
+            double o[3], d[3], enter, leave, back = 1e-3 * s.size;
+            struct room_hit hit;
+            for (int a = 0; a < 3; a++) {
+                o[a] = f->o[a] + 0.5 * f->u[a] + 0.5 * f->v[a] + back * f->n[a];
+                d[a] = -f->n[a];
+            }
+            T_OK(room_scene_free(&s, o));
+            T_OK(room_scene_ray(&s, o, d, &enter, &leave, &hit));
+            T_EQ_I(hit.face, k);
+            T_NEAR(leave, back, 1e-6 * s.size);
+            T_NEAR(hit.a, 0.5, 1e-9);
+            T_NEAR(hit.b, 0.5, 1e-9);
+        }
+    }
+}
+
 /* 1024 times the room with the same emission per metre: 1024 times the light everywhere. */
 T_CASE(all_scales_with_the_box)
 {
