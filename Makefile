@@ -21,7 +21,7 @@ VERSION := 0.1.0
 # packages cost no network, and uses sudo only when not root.
 PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib1g-dev libzmq3-dev \
   libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
-  libopencv-contrib-dev libcairo2-dev \
+  libopencv-contrib-dev libcairo2-dev libavformat-dev libavcodec-dev libavutil-dev \
   libturbojpeg0-dev libhdf5-dev libcamera-dev libceres-dev libopenvdb-dev libboost-dev libnanovdb-dev \
   libmicrohttpd-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
@@ -213,10 +213,10 @@ $(B)/lib/%.pc: Makefile
 	@sed 's|@VERSION@|$(VERSION)|' $(filter %.in,$^) > $@
 
 # The OpenCV, aruco and libcamera modules are C++ and loaded on first use; each is its own shared object.
-$(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/opencv_shim.h
+$(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio
+	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $(filter %.cpp,$^) -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio -lavformat -lavcodec -lavutil
 
 $(B)/lib/pyrovox-aruco.so: recon/board/aruco_shim.cpp recon/board/aruco_shim.h
 	@mkdir -p $(@D)

@@ -190,6 +190,75 @@ pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
     return pvx_fail(d, PVX_EUNSUP, "%s: images are written as .png or .npy", path);
 }
 
+/* ---- animated PNG ------------------------------------------------------------------------------- */
+
+struct cap_apng {
+    struct cap_cv_apng *cv;
+    char *path;
+    size_t n;       /* samples of a picture */
+    uint8_t *bytes; /* [n] */
+};
+
+pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps, cap_apng **out,
+                       struct pvx_diag *d)
+{
+    *out = NULL;
+    if (w < 1 || h < 1 || w > 1 << 15 || h > 1 << 15 || (nch != 1 && nch != 3) || fps < 1 ||
+        fps > 100)
+        return pvx_fail(d, PVX_EINVAL, "%s: an animation has 1 or 3 channels, 1 to 100 fps", path);
+    PVX_TRY(need_module(path, d));
+    cap_apng *a = pvx_calloc(1, sizeof *a);
+    if (a == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the animation", path);
+    a->n = (size_t)w * (size_t)h * (size_t)nch;
+    a->path = strdup(path);
+    a->bytes = pvx_calloc(a->n, 1);
+    char err[256] = "out of memory";
+    int e = a->path == NULL || a->bytes == NULL
+                ? PVX_ENOMEM
+                : module.cv->apng->begin(w, h, nch, fps, &a->cv, err, sizeof err);
+    if (e != 0) {
+        cap_apng_drop(&a);
+        return module_error(e, path, err, d);
+    }
+    *out = a;
+    return PVX_OK;
+}
+
+pvx_err cap_apng_add(cap_apng *a, const float *pix, double gamma, struct pvx_diag *d)
+{
+    char err[256] = "";
+    for (size_t i = 0; i < a->n; i++)
+        a->bytes[i] = to_byte(pix[i], gamma);
+    int e = module.cv->apng->add(a->cv, a->bytes, err, sizeof err);
+    return e == 0 ? PVX_OK : module_error(e, a->path, err, d);
+}
+
+pvx_err cap_apng_end(cap_apng **a, struct pvx_diag *d)
+{
+    void *bytes;
+    size_t len;
+    char err[256] = "";
+    int e = module.cv->apng->end((*a)->cv, &bytes, &len, err, sizeof err);
+    (*a)->cv = NULL;
+    pvx_err r =
+        e != 0 ? module_error(e, (*a)->path, err, d) : pvx_file_write((*a)->path, bytes, len, d);
+    free(bytes);
+    cap_apng_drop(a);
+    return r;
+}
+
+void cap_apng_drop(cap_apng **a)
+{
+    if (*a == NULL)
+        return;
+    if ((*a)->cv != NULL)
+        module.cv->apng->drop((*a)->cv);
+    free((*a)->path);
+    free((*a)->bytes);
+    PVX_FREE(*a);
+}
+
 /* ---- video -------------------------------------------------------------------------------------- */
 
 struct cap_video {

@@ -1,4 +1,4 @@
-/* imgio.h - images and arrays in files: PNG/TIFF/JPEG (8, 16 bit, float) and video through OpenCV,
+/* imgio.h - images and arrays in files: PNG/TIFF/JPEG (8, 16 bit, float) and video through OpenCV, animated PNG,
  * .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (lib/pyrovox-opencv.so
  * beside ../ of the executable, or $PYROVOX_LIBDIR), so that programs that need no image file start
  * fast and run without it.
@@ -27,6 +27,17 @@ PVX_MUST_CHECK pvx_err cap_image_save(const char *path, const float *pix, int32_
  * .png; atomic write. */
 PVX_MUST_CHECK pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h,
                                        int nch, int depth, struct pvx_diag *d);
+
+/* Pictures of one size into one animated PNG (browsers show it; it goes round for ever), as cap_image_save:
+ * clipped to 0..1, with gamma.  fps 1..100.  It is kept in memory, at most 2 GB, and written whole by
+ * cap_apng_end, which frees it also when that fails; atomic write.  Errors name the file. */
+typedef struct cap_apng cap_apng;
+PVX_MUST_CHECK pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
+                                      cap_apng **out, struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err cap_apng_add(cap_apng *a, const float *pix, double gamma,
+                                    struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err cap_apng_end(cap_apng **a, struct pvx_diag *d);
+void cap_apng_drop(cap_apng **a); /* without a file */
 
 /* n-dimensional float32 .npy, C order. ndim 1..4; atomic write. */
 PVX_MUST_CHECK pvx_err cap_npy_save(const char *path, const float *data, const size_t *shape,

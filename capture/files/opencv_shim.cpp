@@ -158,7 +158,8 @@ void video_close(struct cap_cv_video *v) noexcept
     });
 }
 
-const struct cap_cv module = {CAP_CV_VERSION, decode, encode, video_open, video_next, video_close};
+const struct cap_cv module = {CAP_CV_VERSION, decode,      encode,          video_open,
+                              video_next,     video_close, &cap_cv_apng_ops};
 
 } // namespace
 

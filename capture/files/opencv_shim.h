@@ -16,7 +16,7 @@ extern "C" {
 #define CAP_CV_NOEXCEPT
 #endif
 
-#define CAP_CV_VERSION 1
+#define CAP_CV_VERSION 2
 
 struct cap_cv_image {
     void *data; /* malloc */
@@ -25,6 +25,20 @@ struct cap_cv_image {
 };
 
 struct cap_cv_video; /* opaque */
+struct cap_cv_apng;
+
+/* Pictures of 1 or 3 channels of 8 bits, fps a second, into the bytes of an animated PNG, in memory (at
+ * most 2 GB).  end gives the bytes and frees, also when it fails; drop frees. */
+struct cap_cv_apng_ops {
+    int (*begin)(int32_t width, int32_t height, int32_t channels, int32_t fps,
+                 struct cap_cv_apng **out, char *err, size_t err_size) CAP_CV_NOEXCEPT;
+    int (*add)(struct cap_cv_apng *a, const void *pixels, char *err,
+               size_t err_size) CAP_CV_NOEXCEPT;
+    int (*end)(struct cap_cv_apng *a, void **out, size_t *len, char *err,
+               size_t err_size) CAP_CV_NOEXCEPT;
+    void (*drop)(struct cap_cv_apng *a) CAP_CV_NOEXCEPT;
+};
+extern const struct cap_cv_apng_ops cap_cv_apng_ops; /* inside the module */
 
 struct cap_cv {
     int version; /* CAP_CV_VERSION */
@@ -40,6 +54,7 @@ struct cap_cv {
     int (*video_next)(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
                       size_t err_size) CAP_CV_NOEXCEPT;
     void (*video_close)(struct cap_cv_video *v) CAP_CV_NOEXCEPT;
+    const struct cap_cv_apng_ops *apng;
 };
 
 const struct cap_cv *cap_cv_module(void) CAP_CV_NOEXCEPT;

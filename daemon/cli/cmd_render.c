@@ -182,12 +182,16 @@ static pvx_err render(const struct render_options *o, const struct rec_rig *rig,
                         "--strip shows one volume, %s has %zu; --orbit N steps "
                         "through them",
                         o->source[0], s->n);
-    if (many && file && !is_folder(o->out))
+    if (o->from == RENDER_STRIP && o->apng)
         return pvx_fail(d, PVX_EINVAL,
-                        "%s: these are several pictures: name a folder, or for one view of one "
-                        "volume a .npy and --camera, --eye or --angle",
-                        o->out);
-    if (many || (is_folder(o->out) && o->from != RENDER_STRIP))
+                        "%s: --strip is one picture, a .png; --orbit N is an animation", o->out);
+    if (many && file && !is_folder(o->out))
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "%s: these are several pictures: name a folder or an .apng, or for one view "
+            "of one volume a .npy and --camera, --eye or --angle",
+            o->out);
+    if (many || o->apng || (is_folder(o->out) && o->from != RENDER_STRIP))
         return render_movie(o, rig, camera, s->path, s->n, pool, d);
     return single(o, rig, camera, s->path[0], pool, d);
 }

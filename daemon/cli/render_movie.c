@@ -33,6 +33,8 @@ struct movie {
     size_t lit;           /* the volume that lights it, as `loaded` */
     struct rec_camera at; /* where the pictures are taken from */
     float *image, *shown; /* [height][width][3] */
+    cap_apng *apng;       /* NULL: files in a folder, or no picture yet */
+    int apng_nch;
     struct rec_grid grid; /* of the volume that is loaded */
     float *dense;
     int nch;
@@ -208,18 +210,43 @@ static void name_of(const struct movie *m, size_t i, char *out, size_t size)
     snprintf(out, size, "%s/%.*s", m->o->out, (int)(strlen(name) - 4), name);
 }
 
+static void expose(struct movie *m)
+{
+    size_t n = (size_t)m->at.width * (size_t)m->at.height * (size_t)m->nch;
+    for (size_t k = 0; k < n; k++)
+        m->shown[k] = m->image[k] * (float)m->exposure;
+}
+
+/* As the next picture of the one file. */
+static pvx_err append(struct movie *m, struct pvx_diag *d)
+{
+    if (m->apng == NULL)
+        PVX_TRY(
+            cap_apng_begin(m->o->out, m->at.width, m->at.height, m->nch, m->o->fps, &m->apng, d));
+    if (m->pictures == 0)
+        m->apng_nch = m->nch;
+    if (m->apng_nch != m->nch)
+        return pvx_fail(
+            d, PVX_EFORMAT,
+            "%s: %d channel(s), the first volume has %d; an animation in one file needs "
+            "the same of all, a folder does not",
+            m->vol[m->loaded], m->nch, m->apng_nch);
+    expose(m);
+    return cap_apng_add(m->apng, m->shown, m->o->gamma, d);
+}
+
 static pvx_err save(struct movie *m, size_t i, struct pvx_diag *d)
 {
     char stem[4096], path[4110];
-    size_t n = (size_t)m->at.width * (size_t)m->at.height * (size_t)m->nch;
+    if (m->o->apng)
+        return append(m, d);
     name_of(m, i, stem, sizeof stem);
     if (m->o->npy) {
         snprintf(path, sizeof path, "%s.npy", stem);
         PVX_TRY(cap_image_save(path, m->image, m->at.width, m->at.height, m->nch, 1, d));
     }
     if (m->o->png) {
-        for (size_t k = 0; k < n; k++)
-            m->shown[k] = m->image[k] * (float)m->exposure;
+        expose(m);
         snprintf(path, sizeof path, "%s.png", stem);
         PVX_TRY(cap_image_save(path, m->shown, m->at.width, m->at.height, m->nch, m->o->gamma, d));
     }
@@ -281,13 +308,18 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
                       .pool = pool,
                       .loaded = SIZE_MAX,
                       .lit = SIZE_MAX};
-    pvx_err e = pvx_mkdirs(o->out, d);
+    pvx_err e = o->apng ? PVX_OK : pvx_mkdirs(o->out, d);
     if (e == PVX_OK)
         e = set_up(&m, d);
     if (e == PVX_OK)
         e = draw_all(&m, d);
+    if (m.apng != NULL && (e == PVX_OK || e == PVX_ECANCELED)) {
+        pvx_err written = cap_apng_end(&m.apng, d); /* what there is until Ctrl-C */
+        e = written != PVX_OK ? written : e;
+    }
     if (!o->quiet && (e == PVX_OK || e == PVX_ECANCELED))
         say_how_fast(&m);
+    cap_apng_drop(&m.apng);
     rec_view_free(&m.view);
     rec_room_free(&m.room);
     free(m.dense);

@@ -25,6 +25,7 @@ enum {
     OPT_GAMMA,
     OPT_EXPOSURE,
     OPT_FORMAT,
+    OPT_FPS,
     OPT_ANEW,
     OPT_QUIET,
     OPT_THREADS
@@ -61,7 +62,8 @@ static const struct argp_option options[] = {
      "the range, --room: 5 times that, for the room to be seen; --camera: 1, as recorded)",
      3},
     {"gamma", OPT_GAMMA, "G", 0, ".png: display gamma (default 2.2; --camera: 1, as recorded)", 3},
-    {"format", OPT_FORMAT, "png|npy|both", 0, "files of an animation (default png)", 3},
+    {"format", OPT_FORMAT, "png|npy|both", 0, "files of an animation in a folder (default png)", 3},
+    {"fps", OPT_FPS, "N", 0, "pictures a second of an .apng (default 15)", 3},
     {"anew", OPT_ANEW, NULL, 0,
      "trace every picture's rays anew, instead of keeping those of a fixed viewpoint: needs less "
      "memory, takes longer",
@@ -135,6 +137,11 @@ static void check(struct argp_state *state)
         argp_error(state, "--camera needs --rig FILE, which has the camera");
     if (o->from == RENDER_CAMERA && o->width != 0)
         argp_error(state, "--size is for ideal cameras; a camera of the rig has its own");
+    if (o->apng && o->npy)
+        argp_error(state,
+                   "%s: an animation in one file is for looking at; --format npy and both "
+                   "need a folder",
+                   o->out);
     if (o->from == RENDER_STRIP && o->n_sources > 1)
         argp_error(state, "--strip shows one volume; --orbit N steps through several");
 }
@@ -184,6 +191,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_GAMMA: o->gamma = cli_arg_double(state, "gamma", arg, 0.1, 10); return 0;
     case OPT_FORMAT: parse_format(state, arg); return 0;
+    case OPT_FPS: o->fps = (int)cli_arg_double(state, "fps", arg, 1, 100); return 0;
     case OPT_ANEW: o->anew = true; return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case OPT_THREADS:
@@ -193,6 +201,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->source = state->argv + state->next;
         o->n_sources = state->argc - state->next - 1;
         o->out = state->argv[state->argc - 1];
+        o->apng = strlen(o->out) > 5 && strcmp(o->out + strlen(o->out) - 5, ".apng") == 0;
         state->next = state->argc;
         return 0;
     case ARGP_KEY_END: check(state); return 0;
@@ -205,7 +214,7 @@ void render_parse(int argc, char **argv, struct render_options *o)
     static const struct argp parser = {
         .options = options,
         .parser = parse,
-        .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR",
+        .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR|OUT.apng",
         .doc = "Render views of reconstructed volumes by forward projection.\vBox and basis come "
                "from the .json beside each .npy, else from the rig.  A .npy picture is float32 "
                "[h][w][channels], linear, unclipped, in the units of the input images; --exposure "
@@ -222,12 +231,15 @@ void render_parse(int argc, char **argv, struct render_options *o)
                "      the flame burns while the camera goes round it\n"
                "  pyrovox render --room --angle 0 vol/000000.npy room.png\n"
                "      the flame lights a room, half hidden by a pillar\n"
+               "  pyrovox render --room --orbit 120 vol/000000.npy room.apng\n"
+               "      once round it, one file that browsers play\n"
                "  ffmpeg -framerate 25 -i movie/%06d.png -pix_fmt yuv420p movie.mp4\n"
                "      pictures into a film\n"};
     *o = (struct render_options){.up = {0, 0, 1},
                                  .fov_deg = 40,
                                  .elevation_deg = NAN,
                                  .sub = 2,
+                                 .fps = 15,
                                  .exposure = -1,
                                  .gamma = -1,
                                  .png = true};

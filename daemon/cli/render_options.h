@@ -25,6 +25,7 @@ struct render_options {
     bool room;                                /* the flame lights a room, and is hidden in it */
     int32_t width, height;                    /* 0 = not given */
     int sub;                                  /* rays per pixel side */
+    int fps;                                  /* of an .apng */
     double exposure;                          /* factor; 0 = auto, < 0 = not given */
     double gamma;                             /* < 0 = not given */
     bool png, npy;                            /* in a folder */
@@ -33,7 +34,8 @@ struct render_options {
     unsigned threads;
     char **source; /* volumes and folders of volumes */
     int n_sources;
-    const char *out;
+    const char *out; /* file or folder */
+    bool apng;       /* an animation in one file */
 };
 
 /* Exits on wrong usage and on --help.  Borrows argv. */

@@ -61,6 +61,30 @@ PY
     run "$pyrovox" render --room --eye 1.5,-1,1 --size 48x36 --sub 1 --format both vol/000000.npy vol/000001.npy burns
     says 0 '2 pictures in burns' && [ "$(find burns -name '*.*' | wc -l)" = 4 ]
 }
+one_file() { # an animated PNG: whole after Ctrl-C too, with the pictures until then
+    run "$pyrovox" render --room --orbit 4 --size 48x36 --sub 1 --fps 10 vol turned.apng
+    says 0 '4 pictures in turned.apng' || return 1
+    "$pyrovox" render --orbit 20000 --size 48x64 vol cut.apng > int.log 2>&1 &
+    local pid=$!
+    wait_for grep -q 'render: ' int.log
+    kill -INT $pid; wait $pid; code=$?
+    out=$(cat int.log)
+    says 130 'in cut.apng' 'stopped' && [ -z "$(find . -name '*.tmp*')" ] || return 1
+    "$py" - turned.apng cut.apng <<'PY' || return 1
+import struct, sys
+for name in sys.argv[1:]:
+    b, at, frames, told = open(name, "rb").read(), 8, 0, 0
+    while at < len(b):
+        n, what = struct.unpack(">I4s", b[at:at + 8])
+        frames += what == b"fcTL"
+        told = struct.unpack(">I", b[at + 8:at + 12])[0] if what == b"acTL" else told
+        at += 12 + n
+    assert at == len(b) and what == b"IEND" and frames == told < 20000, (name, frames, told)
+    assert name == "cut.apng" or frames == 4, frames
+PY
+    run "$pyrovox" render --orbit 4 --format npy vol x.apng; says 2 'need a folder' || return 1
+    run "$pyrovox" render --strip 0,90,3 vol/000000.npy x.apng; says 1 '--strip is one picture'
+}
 stops() { # what was written before is whole
     "$pyrovox" render --orbit 20000 --size 48x64 --format npy vol long > int.log 2>&1 &
     local pid=$!
@@ -105,5 +129,5 @@ cpu() {
     run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
     run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
 }
-for t in recording forgotten_black_level fits grows_out_of_the_box film room stops reconstruct_stops light_in_check cpu; do check $t $t; done
+for t in recording forgotten_black_level fits grows_out_of_the_box film room one_file stops reconstruct_stops light_in_check cpu; do check $t $t; done
 exit $rc

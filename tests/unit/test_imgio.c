@@ -253,6 +253,91 @@ T_CASE(damaged_and_missing)
     T_CONTAINS(d.text, "bad.mp4");
 }
 
+static uint32_t big_endian(const char *b)
+{
+    const uint8_t *u = (const uint8_t *)b;
+    return (uint32_t)u[0] << 24 | (uint32_t)u[1] << 16 | (uint32_t)u[2] << 8 | u[3];
+}
+
+/* Chunks of that name, after the whole file was walked from signature to IEND; *data: the last one's. */
+static int chunks(const char *b, size_t len, const char *name, const char **data)
+{
+    int n = 0;
+    size_t p = 8;
+    T_EQ_I(memcmp(b, "\x89PNG\r\n\x1a\n", 8), 0);
+    while (p + 12 <= len) {
+        if (memcmp(b + p + 4, name, 4) == 0) {
+            *data = b + p + 8;
+            n++;
+        }
+        if (memcmp(b + p + 4, "IEND", 4) == 0)
+            T_EQ_I(p + 12, len);
+        p += 12 + (size_t)big_endian(b + p);
+    }
+    T_EQ_I(p, len);
+    return n;
+}
+
+/* An animated PNG has all pictures in order, goes round for ever, and another program reads the same bytes. */
+T_CASE(animated_png)
+{
+    enum { W = 33, H = 20, N = 5 };
+    struct pvx_diag d = {""};
+    for (int nch = 1; nch <= 3; nch += 2) {
+        float pix[W * H * 3];
+        cap_apng *a;
+        T_EQ_I(cap_apng_begin(at("a.apng"), W, H, nch, 25, &a, &d), PVX_OK);
+        for (int k = 0; k < N; k++) {
+            for (int i = 0; i < W * H * nch; i++)
+                pix[i] = (float)((i * 7 + k * 31) % 300) / 255; /* some over 1 */
+            T_EQ_I(cap_apng_add(a, pix, 1, &d), PVX_OK);
+        }
+        T_OK(access(at("a.apng"), F_OK) != 0); /* whole or not at all */
+        T_EQ_I(cap_apng_end(&a, &d), PVX_OK);
+        T_OK(a == NULL);
+        char *b;
+        const char *actl = "", *fctl = "";
+        size_t len;
+        T_EQ_I(pvx_file_read(at("a.apng"), 1 << 20, &b, &len, &d), PVX_OK);
+        T_EQ_I(chunks(b, len, "acTL", &actl), 1);
+        T_EQ_I(big_endian(actl), N);
+        T_EQ_I(big_endian(actl + 4), 0); /* times round: for ever */
+        T_EQ_I(chunks(b, len, "fcTL", &fctl), N);
+        T_EQ_I(25 * ((uint8_t)fctl[20] << 8 | (uint8_t)fctl[21]),
+               (uint8_t)fctl[22] << 8 | (uint8_t)fctl[23]);
+        free(b);
+        cap_video *v;
+        struct cap_image img;
+        double fps;
+        T_EQ_I(cap_video_open(at("a.apng"), &v, &fps, &d), PVX_OK);
+        for (int k = 0; k < N; k++) {
+            T_EQ_I(cap_video_next(v, &img, &d), PVX_OK);
+            T_OK(img.width == W && img.height == H);
+            int wrong = 0;
+            for (int i = 0; i < W * H * 3; i++) {
+                int value = ((nch == 3 ? i : i / 3) * 7 + k * 31) % 300;
+                wrong += ((const uint8_t *)img.data)[i] != (value < 255 ? value : 255);
+            }
+            T_EQ_I(wrong, 0);
+        }
+        T_EQ_I(cap_video_next(v, &img, &d), PVX_ECLOSED);
+        cap_video_close(&v);
+        T_EQ_I(unlink(at("a.apng")), 0);
+    }
+    cap_apng *a;
+    T_EQ_I(cap_apng_begin(at("a.apng"), W, H, 2, 25, &a, &d), PVX_EINVAL);
+    T_EQ_I(cap_apng_begin(at("a.apng"), W, H, 3, 0, &a, &d), PVX_EINVAL);
+    T_EQ_I(cap_apng_begin(at("a.apng"), W, H, 3, 25, &a, &d), PVX_OK);
+    cap_apng_drop(&a); /* leaves no file */
+    T_OK(access(at("a.apng"), F_OK) != 0);
+    d.text[0] = 0;
+    T_EQ_I(cap_apng_begin(at("none/a.apng"), W, H, 3, 25, &a, &d), PVX_OK);
+    float black[W * H * 3] = {0};
+    T_EQ_I(cap_apng_add(a, black, 1, &d), PVX_OK);
+    T_EQ_I(cap_apng_end(&a, &d), PVX_ENOENT);
+    T_CONTAINS(d.text, "none/a.apng");
+}
+
 T_CASE(full_disk_is_named)
 {
     struct stat st;
