@@ -25,7 +25,7 @@
  *     e = rec_room_render(room, &c, 2, image);              // per view
  *     rec_room_free(&room);
  *
- * Memory: 1.5 MB, and 250 bytes per voxel with light in it while it is being lit.
+ * Memory: 1.5 MB, and 150 bytes per voxel with light in it while it is being lit.
  * Threads: one call per rec_room at a time; parallel inside, same bits for any thread count. */
 #ifndef REC_ROOM_H
 #define REC_ROOM_H
@@ -48,7 +48,8 @@ void rec_room_free(rec_room **r);
 
 /* Put a volume into the room in place of the one before: dense [nz][ny][nx][nch], nch 1 or 3, on g.
  * It is borrowed until the next one or the end.  PVX_EINVAL, PVX_ENOMEM: the room is empty.
- * Cost: about 10^5 points x some hundred balls of voxels each. */
+ * Cost: 10^5 points x some hundred balls of voxels, and where the shadow of a body has its edges, the voxels that
+ * the edge runs through: on two cores a second for 14 000 voxels with light, seven for 400 000. */
 PVX_MUST_CHECK pvx_err rec_room_light(rec_room *r, const struct rec_grid *g, const float *dense,
                                       int nch);
 

@@ -91,21 +91,38 @@ static size_t split(struct room_lamp *lamp, const struct room_node *k, int axis)
     return low - k->first;
 }
 
-/* Node of lamps [first, first + n) and all below it; a grid's side is halved at most 3 x 10 times. */
-static size_t grow(struct room_lamps *l, size_t first, size_t n)
+/* A place for one more node. */
+static bool make_room(struct room_lamps *l)
 {
+    if (l->n_nodes < l->room)
+        return true;
+    size_t room = 2 * l->room + 1024;
+    struct room_node *node = realloc(l->node, room * sizeof *node);
+    if (node == NULL)
+        return false;
+    l->node = node;
+    l->room = room;
+    return true;
+}
+
+/* Node of lamps [first, first + n) and all below it, after the last; a grid's side is halved at most
+ * 3 x 10 times.  PVX_ENOMEM. */
+static pvx_err grow(struct room_lamps *l, size_t first, size_t n)
+{
+    if (!make_room(l))
+        return PVX_ENOMEM;
     size_t at = l->n_nodes++;
     struct room_node *k = &l->node[at];
     *k = (struct room_node){.first = first, .n = n};
     int axis = measure(l->lamp, k);
-    if (n <= LEAF || !(k->r > 0))
-        return at;
+    if (n <= LEAF)
+        return PVX_OK;
     size_t low = split(l->lamp, k, axis);
     if (low == 0 || low == n)
-        return at;
-    grow(l, first, low);
-    k->right = grow(l, first + low, n - low);
-    return at;
+        return PVX_OK;
+    PVX_TRY(grow(l, first, low));
+    l->node[at].right = l->n_nodes;
+    return grow(l, first + low, n - low);
 }
 
 pvx_err room_lamps_init(struct room_lamps *l, const struct room_scene *s, const struct rec_grid *g,
@@ -118,14 +135,14 @@ pvx_err room_lamps_init(struct room_lamps *l, const struct room_scene *s, const 
     if (l->n == 0)
         return PVX_OK;
     l->lamp = pvx_calloc(l->n, sizeof *l->lamp);
-    l->node = pvx_calloc(2 * l->n, sizeof *l->node); /* splits leave nobody empty */
-    if (l->lamp == NULL || l->node == NULL) {
-        room_lamps_fini(l);
-        return PVX_ENOMEM;
+    pvx_err e = l->lamp != NULL ? PVX_OK : PVX_ENOMEM;
+    if (e == PVX_OK) {
+        collect(s, g, dense, nch, l->lamp);
+        e = grow(l, 0, l->n);
     }
-    collect(s, g, dense, nch, l->lamp);
-    grow(l, 0, l->n);
-    return PVX_OK;
+    if (e != PVX_OK)
+        room_lamps_fini(l);
+    return e;
 }
 
 void room_lamps_fini(struct room_lamps *l)

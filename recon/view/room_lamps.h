@@ -41,7 +41,7 @@ struct room_node {
 struct room_lamps {
     struct room_lamp *lamp;
     struct room_node *node;
-    size_t n, n_nodes;
+    size_t n, n_nodes, room; /* room: for nodes */
     int nch;
     double volume, ball; /* dV, R */
 };

@@ -203,25 +203,33 @@ bool room_scene_free(const struct room_scene *s, const double x[3])
     return !room_scene_covered(s, x);
 }
 
-/* Some of the way from p (t = 0) to p + d (t = 1) lies in the box. */
-static bool passes(const double p[3], const double d[3], const double half[3], double grown)
+/* Some of the way from p (t = 0) to p + d (t = 1) lies in the box, the last of it at *end. */
+static bool passes(const double p[3], const double d[3], const double half[3], double grown,
+                   double *end)
 {
     double h[3] = {half[0] + grown, half[1] + grown, half[2] + grown}, t[2];
     int axis[2];
     if (!(h[0] > 0 && h[1] > 0 && h[2] > 0) || !slab(p, d, h, t, axis))
         return false;
-    return fmin(t[1], 1) - fmax(t[0], 0) > 1e-9; /* more than a touch */
+    *end = fmin(t[1], 1);
+    return *end - fmax(t[0], 0) > 1e-9; /* more than a touch */
 }
 
 enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p[3],
                                const double c[3], double r)
 {
     const struct room_body *b = &s->body[k];
-    double from[3], to[3];
+    double from[3], to[3], end;
     local(b, p, from);
     local(b, c, to);
     double d[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
-    if (!passes(from, d, b->half, r))
+    if (!passes(from, d, b->half, r, &end))
         return ROOM_ALL;
-    return r == 0 || passes(from, d, b->half, -r) ? ROOM_NONE : ROOM_PART;
+    if (r == 0)
+        return ROOM_NONE;
+    r *=
+        end; /* that is how far from q a ray to the ball is at most, where there is a body at all */
+    if (!passes(from, d, b->half, r, &end))
+        return ROOM_ALL;
+    return passes(from, d, b->half, -r, &end) ? ROOM_NONE : ROOM_PART;
 }

@@ -54,8 +54,8 @@ bool room_scene_free(const struct room_scene *s, const double x[3]);
 bool room_scene_covered(const struct room_scene *s, const double x[3]);
 
 /* How much of the ball (c, r) body k lets p see.  r = 0: all or none.  Never wrong, but ROOM_PART may
- * be all or none: with q = p + t (c - p) in the body shrunk by r, every p + t (c' - p), |c' - c| <= r,
- * is in the body; and none is when no q is in the body grown by r. */
+ * be all or none: what p + t (c' - p), |c' - c| <= r, is from q = p + t (c - p) is at most t r.  So all of
+ * them are in the body where q is in the body shrunk by that, and none is where no q is in it grown by that. */
 enum room_seen { ROOM_ALL, ROOM_PART, ROOM_NONE };
 enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p[3],
                                const double c[3], double r);

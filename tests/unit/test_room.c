@@ -330,6 +330,43 @@ T_CASE(pixels_are_flame_and_surface)
     free(v);
 }
 
+/* A ball that is seen whole has no point that is hidden, a hidden one none that is seen; few are neither. */
+T_CASE(balls_and_their_points)
+{
+    const double lo[3] = {-0.5, -0.5, 0}, hi[3] = {0.5, 0.5, 1};
+    struct room_scene s;
+    room_scene_init(&s, lo, hi, 40);
+    int count[3] = {0}, needless = 0;
+    for (int t = 0; t < 20000; t++) {
+        const struct room_face *f = &s.face[t_rand() % 6];
+        double p[3], c[3], r = t_uniform(0, 0.2), a = t_uniform(0, 1), b = t_uniform(0, 1);
+        int k = (int)(t_rand() % ROOM_BODIES), seen = 0;
+        for (int i = 0; i < 3; i++) {
+            p[i] = f->o[i] + a * f->u[i] + b * f->v[i];
+            c[i] = t_uniform(lo[i], hi[i]);
+        }
+        enum room_seen says = room_scene_sees(&s, k, p, c, r);
+        count[says]++;
+        for (int j = 0; j < 40; j++) {
+            double x[3], len = 0;
+            for (int i = 0; i < 3; i++) {
+                x[i] = t_normal();
+                len += x[i] * x[i];
+            }
+            for (int i = 0; i < 3; i++) /* on the ball's surface, which is its most */
+                x[i] = c[i] + r * x[i] / sqrt(len);
+            seen += room_scene_sees(&s, k, p, x, 0) == ROOM_ALL;
+        }
+        T_OK(says != ROOM_ALL || seen == 40);
+        T_OK(says != ROOM_NONE || seen == 0);
+        needless += says == ROOM_PART && (seen == 0 || seen == 40);
+    }
+    T_LE(100, count[ROOM_ALL]);
+    T_LE(100, count[ROOM_NONE]);
+    T_LE(100, count[ROOM_PART]);
+    T_LE(needless, 0.6 * count[ROOM_PART]);
+}
+
 /* Wherever the box is and whatever its shape: all faces there, each where its normal says, no ray lost. */
 T_CASE(any_box)
 {
