@@ -227,8 +227,7 @@ enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p
         return ROOM_ALL;
     if (r == 0)
         return ROOM_NONE;
-    r *=
-        end; /* that is how far from q a ray to the ball is at most, where there is a body at all */
+    r *= end; /* the most that a ray to the ball is off q where there is a body at all */
     if (!passes(from, d, b->half, r, &end))
         return ROOM_ALL;
     return passes(from, d, b->half, -r, &end) ? ROOM_NONE : ROOM_PART;
