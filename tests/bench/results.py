@@ -191,6 +191,8 @@ section("Keys", "proto_keys", "The same volumes, in turns. Wanted: CURVE under 2
         ["subscribers", "by", "publish ms", "over ipc", "came", "sender ns", "of it keys", "receiver ns", "of it keys", "crypto_box ns"],
         lambda: [[r["subscribers"], r["way"], r["publish ms"], r["over ipc"], "%.1f %%" % (100 * float(r["came share"])), r["sender ns/B"],
                   r["keys ns/B"], r["receiver ns/B"], r["opening ns/B"], r["box ns/B"]] for r in table("proto_keys")])
+section("A flame in its room", "room", "The ring's flame: ms to light the room, once for a volume, and of a view of 640x480, 2 x 2 rays a pixel",
+        ["side", "basis", "voxels with light", "light", "view"], lambda: [list(r.values()) for r in table("room")])
 section("Previews", "previews", "The carve stage's ms a set with one subscriber to previews and with none, in turns, 20 sets/s of 8 cameras. "
         "Wanted: 1.05 of the mean", ["pictures", "previews/s", "none", "one", "ratio", "median: none", "one", "95 %: none", "one"],
         lambda: [[r["width"] + "x" + r["height"]] + list(r.values())[2:] for r in table("previews")])
