@@ -27,6 +27,7 @@ enum {
     OPT_NO_HULL,
     OPT_TRUST_ALL,
     OPT_ABSORPTION,
+    OPT_SATURATED,
     OPT_SAVE_HULL,
     OPT_BACKGROUND,
     OPT_GREY,
@@ -127,6 +128,11 @@ static const struct argp_option option_table[] = {
      "1. auto: the C that shows left-out cameras best, off where that is no gain; it is said, for "
      "`model.absorption` of the daemon. Default off",
      5},
+    {"saturated", OPT_SATURATED, "left-out|at-least", 0,
+     "what a saturated pixel says: nothing (default), or that it is at least as bright as that, "
+     "which "
+     "only the solver pcg knows how to use",
+     5},
     /* earlier names */
     {"strict-hull", OPT_STRICT, NULL, OPTION_HIDDEN, NULL, 4},
     {"warm-start", OPT_WARM, NULL, OPTION_HIDDEN, NULL, 3},
@@ -142,6 +148,7 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     static const enum rec_stop stop[] = {REC_STOP_AUTO, REC_STOP_LCURVE, REC_STOP_DISCREPANCY,
                                          REC_STOP_ITERATIONS};
     static const char *const starts[] = {"cold", "warm", NULL};
+    static const char *const saturated[] = {"left-out", "at-least", NULL};
     static const char *const rules[] = {"inside", "conservative", NULL};
     struct reconstruct_options *o = st->input;
     struct rec_solve_params *solve = &o->frame.solve;
@@ -177,6 +184,9 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     case OPT_STRICT: hull->keep_partial = 0; return 0;
     case OPT_NO_HULL: o->no_hull = true; return 0;
     case OPT_TRUST_ALL: o->frame.trust_all = true; return 0;
+    case OPT_SATURATED:
+        o->frame.at_least = cli_arg_choice(st, "saturated", arg, saturated) == 1;
+        return 0;
     case OPT_ABSORPTION:
         o->find_absorption = strcmp(arg, "auto") == 0;
         o->frame.absorption = o->find_absorption || strcmp(arg, "off") == 0

@@ -70,6 +70,7 @@ struct dmn_config {
     int keep_partial;
 
     double absorption;
+    int saturated; /* 0 left out, 1 at least */
 
     int trust; /* 0 vote, 1 all */
 

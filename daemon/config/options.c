@@ -179,6 +179,10 @@ const struct dmn_option dmn_options[] = {
          "How much the flame absorbs of its own light: kappa over its emission, as `pyrovox "
          "reconstruct --absorption auto` finds it in a recording; 0 = nothing."),
 
+    CHOICE("model.saturated", saturated, "left-out", "left-out|at-least",
+           "What a saturated pixel says: nothing, or that it is at least as bright as that; pcg "
+           "only."),
+
     CHOICE("solver.name", solver, "pcg", &(REC_SOLVERS(ONE_MORE))[1],
            "Method of solution; the others than pcg are for comparison."),
     INT("solver.iterations", iterations, "0", 0, 100000, "",

@@ -48,5 +48,7 @@ void rec_absorb_apply(const struct rec_absorb_picture *p)
         p->weight[i] *= (float)w;
         for (size_t l = 0; l < 4 && p->weight4 != NULL; l++)
             p->weight4[i * 4 + l] *= (float)w;
+        if (p->least != NULL)
+            p->least[i] *= (float)w;
     }
 }

@@ -41,6 +41,7 @@ struct rec_absorb_picture {
     const float *mean;  /* or NULL */
     float *b, *weight;  /* [n][1 or 4], [n] */
     float *weight4;     /* [n][4] or NULL */
+    float *least;       /* [n] or NULL: another weight, of rows that are bounds */
 };
 /* (3) and (4) of every bin.  What is not finite or has no weight stays without; c 0 changes nothing.
  * Threads: pure.  Cost: a logarithm a lit bin. */

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "recon/carve/absorb.h"
+#include "recon/check/holdout.h"
 
 static const double depths[] = {0, 0.25, 0.5, 0.75, 1, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6};
 #define N_DEPTHS (sizeof depths / sizeof *depths)
@@ -18,12 +18,6 @@ struct search {
     uint32_t views; /* of error[] that are there */
 };
 
-static size_t bins_of(const rec_unseen *u, size_t c)
-{
-    const rec_sysmat *S = rec_unseen_matrix(u);
-    return S->row0[c + 1] - S->row0[c];
-}
-
 static pvx_err load(struct search *s, size_t i, bool *floats)
 {
     struct rec_check_set set;
@@ -32,25 +26,6 @@ static pvx_err load(struct search *s, size_t i, bool *floats)
     rec_unseen_absorb(s->u, 0);
     rec_unseen_load(s->u, set.picture, set.floats);
     return PVX_OK;
-}
-
-/* Cameras that see a flame in the set that is loaded. */
-static size_t who_sees(struct search *s, bool *sees)
-{
-    const rec_sysmat *S = rec_unseen_matrix(s->u);
-    size_t n = 0;
-    for (size_t c = 0; c < S->n_cameras; c++) {
-        const float *b = rec_unseen_b(s->u, c), *w = rec_unseen_weight(s->u, c);
-        const uint8_t *lit = rec_unseen_lit(s->u, c);
-        sees[c] = false;
-        for (size_t i = 0; i < bins_of(s->u, c) && rec_unseen_present(s->u, c); i++) {
-            sees[c] |= lit[i] != 0;
-            if (lit[i] && w[i] > 0)
-                s->brightest = fmax(s->brightest, (double)b[i]);
-        }
-        n += sees[c];
-    }
-    return n;
 }
 
 /* Sets with a flame, evenly spread over the source. */
@@ -63,7 +38,7 @@ static pvx_err choose(struct search *s, struct rec_absorption *out, struct pvx_d
             continue;
         last = i;
         PVX_TRY(load(s, i, &floats));
-        if (who_sees(s, sees) >= REC_ABSORPTION_LEAST)
+        if (rec_holdout_who(s->u, sees, &s->brightest) >= REC_ABSORPTION_LEAST)
             s->at[out->sets++] = i;
     }
     if (out->sets > 0 && s->brightest > 0)
@@ -72,21 +47,6 @@ static pvx_err choose(struct search *s, struct rec_absorption *out, struct pvx_d
                     "absorption: none of %zu frame sets has a flame in %d cameras; is it "
                     "--threshold or --black?",
                     s->from->n, REC_ABSORPTION_LEAST);
-}
-
-/* (1) of camera k, the volume being without it. */
-static double miss(struct search *s, size_t k, double c)
-{
-    const float *b = rec_unseen_b(s->u, k), *w = rec_unseen_weight(s->u, k), *e;
-    const uint8_t *lit = rec_unseen_lit(s->u, k);
-    double sum = 0;
-    rec_unseen_project(s->u, k, &e, NULL);
-    for (size_t i = 0; i < bins_of(s->u, k); i++)
-        if (w[i] > 0 && (lit[i] || e[i] > 0)) {
-            double off = rec_absorb_seen(c, (double)e[i]) - (double)b[i];
-            sum += off * off;
-        }
-    return sum;
 }
 
 static double c_of(const struct search *s, double depth)
@@ -105,7 +65,7 @@ static pvx_err without(struct search *s, const bool *sees, size_t k)
         int32_t n;
         rec_unseen_absorb(s->u, c);
         PVX_TRY(rec_unseen_solve(s->u, use, &n));
-        s->error[i][s->views] = miss(s, k, c);
+        s->error[i][s->views] = rec_holdout_miss(s->u, k, c, NULL);
     }
     s->views++;
     return PVX_OK;
@@ -118,7 +78,7 @@ static pvx_err measure(struct search *s, uint32_t sets)
     each = each < n ? each : n;
     for (uint32_t j = 0; j < sets; j++) {
         PVX_TRY(load(s, s->at[j], &floats));
-        (void)who_sees(s, sees);
+        (void)rec_holdout_who(s->u, sees, &s->brightest);
         for (size_t m = 0; m < each; m++) {
             size_t k = (j + m * n / each) % n; /* around the ring */
             if (sees[k])

@@ -15,7 +15,7 @@
 #define REC_ABSORPTION_H
 #include "recon/check/judge.h"
 
-#define REC_ABSORPTION_GAIN  0.03
+#define REC_ABSORPTION_GAIN  0.05
 #define REC_ABSORPTION_SETS  4  /* at most, evenly spread */
 #define REC_ABSORPTION_VIEWS 16 /* left out of all of them together, one after the other */
 #define REC_ABSORPTION_LEAST 3  /* cameras of a set; two others make no volume else */

@@ -171,6 +171,7 @@ static void absorb_camera(void *ctx, size_t c)
         .b = rec_frame_input(f, c),
         .weight = f->weight + row0,
         .weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL,
+        .least = f->any_least ? f->least + row0 : NULL,
     };
     if (f->present[c])
         rec_absorb_apply(&p);
@@ -181,6 +182,7 @@ static void dismiss(rec_frame *f, size_t c)
 {
     size_t row0 = f->S->row0[c], n = f->S->row0[c + 1] - row0;
     f->present[c] = false;
+    memset(f->least_of + row0, 0, f->any_least ? n : 0);
     memset(f->weight + row0, 0, n * sizeof *f->weight);
     memset(f->weight4 + row0 * 4, 0, f->per_channel ? n * 4 * sizeof *f->weight4 : 0);
     memset(f->lit + row0, 0, n);
@@ -241,6 +243,9 @@ void rec_frame_carve(rec_frame *f)
     *r = (struct rec_frame_report){0};
     int64_t t0 = pvx_now_mono();
     photo(f);
+    f->any_least = false;
+    if (k->p.at_least)
+        rec_frame_mark_saturated(f);
     if (k->p.absorption > 0)
         pvx_pool_run(k->pool, f->S->n_cameras, absorb_camera, f);
     int64_t t1 = pvx_now_mono();

@@ -17,10 +17,12 @@ static pvx_err allocate(rec_frame *f)
     f->weight = pvx_calloc(f->rows, sizeof *f->weight);
     f->lit = pvx_calloc(f->rows, 1);
     f->weight4 = pvx_reserve(f->rows * 4 * sizeof *f->weight4);
+    f->least = pvx_reserve(f->rows * sizeof *f->least);
+    f->least_of = pvx_reserve(f->rows);
     f->col = pvx_reserve(f->voxels * sizeof *f->col);
     f->x = pvx_reserve(f->voxels * (size_t)f->cs * sizeof *f->x);
     if (f->b == NULL || f->weight == NULL || f->lit == NULL || f->weight4 == NULL ||
-        f->col == NULL || f->x == NULL)
+        f->least == NULL || f->least_of == NULL || f->col == NULL || f->x == NULL)
         return PVX_ENOMEM;
     PVX_TRY(rec_subsys_new(f->S, &k->kernels, k->pool, f->cs, &f->sub));
     return f->solver->coarse ? rec_levels_new(f->S, &k->kernels, k->pool, f->cs, &f->levels)
@@ -83,6 +85,8 @@ void rec_frame_free(rec_frame **fp)
     free(f->weight);
     free(f->lit);
     pvx_unreserve(f->weight4, f->rows * 4 * sizeof *f->weight4);
+    pvx_unreserve(f->least, f->rows * sizeof *f->least);
+    pvx_unreserve(f->least_of, f->rows);
     pvx_unreserve(f->col, f->voxels * sizeof *f->col);
     pvx_unreserve(f->x, f->voxels * (size_t)f->cs * sizeof *f->x);
     rec_subsys_free(&f->sub);
@@ -97,7 +101,7 @@ void rec_frame_reset(rec_frame *f)
     memset(f->mosaic, 0, sizeof f->mosaic);
     memset(f->floats, 0, sizeof f->floats);
     memset(f->saturated, 0, sizeof f->saturated);
-    f->per_channel = false;
+    f->per_channel = f->any_least = false;
     f->sub->n = f->sub->rows = 0;
     f->sub->nnz = 0;
     f->report = (struct rec_frame_report){0};

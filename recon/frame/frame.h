@@ -30,6 +30,9 @@ struct rec_frame_params {
     struct rec_solve_params solve;
     bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
     bool trust_all;    /* no vote (vote.h): every camera is believed */
+    bool
+        at_least; /* saturated pixels are lower bounds (recon/solve/bound.h), which only the default solver
+                          knows; false, the default: they are left out */
     double absorption; /* c of absorb.h, 1 over pixel value; 0, the default: none */
     uint32_t hold;     /* sets that a camera which was voted out has to agree in before it is back;
                           0, the default: each set by itself */

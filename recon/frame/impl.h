@@ -50,6 +50,9 @@ struct rec_frame {
     uint8_t *lit;   /* [rows] */
     double sigma, shot;
     bool per_channel; /* weight4 holds */
+    float *least;     /* [rows] with params.at_least: rec_pictures */
+    uint8_t *least_of;
+    bool any_least;
 
     int32_t *col; /* [voxels] */
     struct rec_subsys *sub;
@@ -61,11 +64,17 @@ struct rec_frame {
 /* The carved frame's right-hand side. */
 static inline struct rec_pictures rec_frame_pictures(const rec_frame *f)
 {
+    bool bounds = f->any_least && rec_solver_is_default(f->solver->p.solver);
     return (struct rec_pictures){.b = f->b,
                                  .w = f->per_channel ? f->weight4 : f->weight,
                                  .per_channel = f->per_channel,
+                                 .least = bounds ? f->least : NULL,
+                                 .least_of = bounds ? f->least_of : NULL,
                                  .sigma = f->sigma,
                                  .shot = f->shot};
 }
+
+/* After photometry: which rows are saturated, into least and least_of. */
+void rec_frame_mark_saturated(rec_frame *f);
 
 #endif

@@ -206,15 +206,16 @@ REC_INLINE void average(const struct walk *t, const struct patch *p, size_t ray,
 {
     rec_f4 sum = {0};
     float weight = 0;
+    size_t measured = 0, bins = p->wide * p->high;
     for (size_t y = 0; y < p->high; y++)
         for (size_t x = 0; x < p->wide; x++) {
             size_t at = p->first + y * p->pitch + x;
             sum += rec_splat(t->in->w[at]) * rec_ld(t->in->b, at, cs);
             weight += t->in->w[at];
+            measured += t->in->w[at] > 0;
         }
-    float share = weight / (float)(p->wide * p->high);
-    bool use = share >= 0.5f;
-    t->v->w[ray] = use ? share : 0;
+    bool use = measured > 0 && 2 * measured >= bins;
+    t->v->w[ray] = use ? weight / (float)bins : 0;
     sum *= rec_splat(use ? 1 / weight : 0);
     rec_st(t->v->b, ray, cs, sum);
 }
@@ -372,7 +373,8 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
     d->iterations = 0;
     for (int i = l->n - 1; i >= 0; i--) {
         const struct level *v = &l->at[i], *finer = i > 0 ? &l->at[i - 1] : NULL;
-        const struct rec_pictures in = {v->b, v->w, l->per_channel, -1, 0};
+        const struct rec_pictures in = {
+            .b = v->b, .w = v->w, .per_channel = l->per_channel, .sigma = -1};
         const struct rec_subsys *next = finer != NULL ? finer->sub : fine->a;
         float *vx = d->x[i % 2] + cs;
         rec_problem_load(d->problem, v->sub, &in);

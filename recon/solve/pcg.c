@@ -26,6 +26,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "recon/solve/bound.h"
 #include "recon/solve/passes/pcg_pass.h"
 #include "recon/solve/stop.h"
 
@@ -65,6 +66,7 @@ static void refresh(struct rec_pcg *t, double rwr[4])
 {
     const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
     rec_residual(t->pb, t->x, t->r, t->q, rwr);
+    rec_bound_raise(t->pb, t->r, t->q, rwr);
     pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
 }
 
@@ -100,6 +102,7 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
     pvx_pool_run(pool, rows + chunks, pass->curvature, t);
     rec_sum(pb, 0, rows, S_A, qwq);
     rec_sum(pb, rows, rows + chunks, S_A, ldld);
+    rec_bound_curvature(pb, t->q, qwq);
     for (int l = 0; l < 4; l++) {
         double curve = qwq[l] + t->lambda[l] * ldld[l];
         double alpha = curve > 0 && down[l] < 0 ? -down[l] / curve : 0;
@@ -130,6 +133,7 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
     }
     pvx_pool_run(pool, rows + chunks, pass->residual, t);
     rec_sum(pb, 0, rows, S_A, rwr);
+    rec_bound_raise(pb, t->r, t->q, rwr);
 }
 
 /* Gradient of t->x by one of the two passes for it; value of (1) per lane. */
@@ -232,13 +236,15 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     size_t chunks = rec_column_chunks(pb);
     struct rec_stopper stop;
     double gamma[4], cross[4], rwr[4], norm2[4], f[4], now[4], next[4];
+    const int most_tries = pb->in.least != NULL ? 4 : 1; /* f is no parabola along a step then */
 
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
     memcpy(t.lambda, pb->lambda, sizeof t.lambda);
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
     pvx_pool_run(pool, chunks, pass->begin, &t); /* L; V = 1; d = 0 */
 
-    rec_start_residual(pb, x, rwr);                   /* r = A x - b, q = W r */
+    rec_start_residual(pb, x, rwr); /* r = A x - b, q = W r */
+    rec_bound_raise(pb, t.r, t.q, rwr);
     pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */
     if (pb->start == REC_START_FITS)
         stiffen(&t, next);                                     /* V, lx from x */
@@ -253,7 +259,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
         advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
         evaluate(&t, pass->gradient, rwr, now, next, cross,
                  norm2); /* phi, f, phi'M phi, phi'M phi_old */
-        if (risen(pb, now, f)) {
+        for (int tries = 0; tries < most_tries && risen(pb, now, f); tries++) {
             go_back(&t, f, now, rwr); /* x to the least f on the step's way */
             evaluate(&t, pass->gradient, rwr, now, next, cross, norm2);
         }

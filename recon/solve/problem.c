@@ -150,15 +150,16 @@ void rec_residual(rec_problem *pb, const float *x, float *r, float *wr, double o
 /* Weight of row i from the pictures': that of all channels, or of each and the most of them. */
 static float load_weight(rec_problem *pb, size_t i, double measured[4], double sum[4])
 {
+    float least = pb->in.least != NULL && pb->in.least_of[i] != 0 ? pb->in.least[i] : 0, most = 0;
     if (!pb->in.per_channel)
-        return pb->in.w[i];
+        return least > 0 ? least : pb->in.w[i];
     const float *w = pb->in.w + i * 4;
-    float most = 0;
     for (size_t l = 0; l < 3; l++) {
-        pb->w4[i * 4 + l] = w[l];
-        measured[l] += w[l] > 0;
-        sum[l] += (double)w[l];
-        most = w[l] > most ? w[l] : most;
+        float of = least > 0 ? (float)(pb->in.least_of[i] >> l & 1) * least : w[l];
+        pb->w4[i * 4 + l] = of;
+        measured[l] += of > 0;
+        sum[l] += (double)of;
+        most = of > most ? of : most;
     }
     pb->w4[i * 4 + 3] = 0;
     sum[3] += (double)most;

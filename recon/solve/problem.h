@@ -28,6 +28,10 @@ struct rec_pictures {
     bool per_channel; /* a row measures some channels only, b is 0 in the others: three channels */
     double sigma;     /* noise of b where it is dark, full-scale units; 0 = none, < 0 = unknown */
     double shot;      /* what light adds: variance of b = sigma^2 + shot b; 0 = none or unknown */
+    /* Rows that say "at least b" in the channels of these bits, with this weight > 0, whatever w is (bound.h);
+       NULL, NULL: none.  The default solver alone looks at them. */
+    const float *least;      /* [rowspace] */
+    const uint8_t *least_of; /* [rowspace] */
 };
 
 /* Non-finite pictures are the caller's bug (photo.h cleans them).  false: there is nothing to solve, all

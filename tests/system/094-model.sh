@@ -99,5 +99,31 @@ refuses() {
     done
     run "$pyrovox" reconstruct --rig rig.yaml --frames dark --out x --absorption auto; says 1 'has a flame in 3 cameras'
 }
-for t in recording absorbs nothing_absorbs live refuses; do check $t $t; done
+# Nothing in these pictures is saturated: the term changes no bit.
+saturated() {
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out out --quiet; says 0 || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out least --saturated at-least --quiet; says 0 || return 1
+    local f
+    for f in out/*.npy; do cmp "$f" "least/${f#*/}" || return 1; done
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --out x --saturated maybe; says 2 'left-out'
+}
+# What is needed is found in the pictures, and what is not is not.
+advises() {
+    run "$pyrovox" advise --rig rig.yaml --frames deep --quiet
+    says 0 'absorption   on' 'black        fine' 'saturated    left-out' 'model: { absorption: ' || return 1
+    local c; c=$(sed -n 's/^model: { absorption: \([0-9.]*\),.*/\1/p' <<< "$out")
+    below "$c" "$(awk "BEGIN { print 1.15 * $deep }")" && below "$(awk "BEGIN { print 0.85 * $deep }")" "$c" || return 1
+    sed -n '/^rig:/,$p' <<< "$out" > advised.yaml # it is a configuration
+    printf 'cameras: "files:%s/deep/{name}/%%06d.npy"\n' "$dir" >> advised.yaml
+    run "$pyrovoxd" --check-config -c advised.yaml; says 0 || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames thin --quiet; says 0 'absorption   off' 'absorption: 0,' || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames take --quiet; says 0 'black        subtract' || return 1
+    local level; level=$(sed -n 's/^photometry: { black: \([0-9.]*\) }/\1/p' <<< "$out")
+    below 0.018 "$level" && below "$level" 0.023 || { echo "level $level"; return 1; }
+    run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --gain all=3 --write-frames bright; says 0 || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least }' || return 1
+    run "$pyrovox" advise --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames dark --quiet; says 1 'flame'
+}
+for t in recording absorbs nothing_absorbs live saturated refuses advises; do check $t $t; done
 exit $rc

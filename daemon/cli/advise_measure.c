@@ -1,0 +1,146 @@
+#include <math.h>
+#include <stdlib.h>
+
+#include "base/mem.h"
+#include "daemon/cli/advise.h"
+#include "recon/check/holdout.h"
+
+static const int32_t sides[ADVISE_GRIDS] = {16, 24, 32, 48, 64};
+static const struct rec_holdout_params some = {.sets = 3, .views = 12, .step = 1};
+
+static int ascending(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* A quarter of a picture is dark wherever the flame stands: that quantile of noise is 0.67 sigma below the level. */
+static double dark_level(const rec_unseen *u, size_t c, float *room)
+{
+    const rec_sysmat *S = rec_unseen_matrix(u);
+    size_t n = 0, bins = S->row0[c + 1] - S->row0[c];
+    const float *b = rec_unseen_b(u, c), *w = rec_unseen_weight(u, c);
+    for (size_t i = 0; i < bins; i++)
+        if (w[i] > 0)
+            room[n++] = b[i];
+    if (n < 16)
+        return 0;
+    qsort(room, n, sizeof *room, ascending);
+    return (double)room[n / 4] + 0.67 * rec_unseen_sigma(u);
+}
+
+static void look(const rec_unseen *u, struct advice *a, double count[3], double *level, float *room)
+{
+    const rec_sysmat *S = rec_unseen_matrix(u);
+    for (size_t c = 0; c < S->n_cameras; c++) {
+        const float *b = rec_unseen_b(u, c), *w = rec_unseen_weight(u, c);
+        const uint8_t *lit = rec_unseen_lit(u, c);
+        if (!rec_unseen_present(u, c))
+            continue;
+        for (size_t i = 0; i < S->row0[c + 1] - S->row0[c]; i++) {
+            count[0]++;
+            count[1] += lit[i];
+            count[2] += lit[i] && !(w[i] > 0);
+            if (w[i] > 0)
+                a->brightest = fmax(a->brightest, (double)b[i]);
+        }
+        level[c] += dark_level(u, c, room);
+    }
+}
+
+/* Levels, noise, what is saturated. */
+static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
+{
+    struct rec_check_source from = flame_sets_source(s, "pictures");
+    double count[3] = {0}, level[REC_MAX_CAMERAS] = {0};
+    float *room = pvx_calloc(rec_unseen_matrix(u)->row0[s->rig.n_cameras], sizeof *room);
+    pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;
+    for (size_t i = 0; i < from.n && e == PVX_OK; i++) {
+        struct rec_check_set set;
+        e = from.get(from.ctx, i, &set);
+        if (e == PVX_OK) {
+            rec_unseen_load(u, set.picture, set.floats);
+            look(u, a, count, level, room);
+            a->sigma += rec_unseen_sigma(u) / (double)from.n;
+        }
+        if (e == PVX_OK && !from.progress(from.ctx, (double)(i + 1) / (double)from.n))
+            e = PVX_ECANCELED;
+    }
+    free(room);
+    a->lit = count[0] > 0 ? count[1] / count[0] : 0;
+    a->saturated = count[1] > 0 ? count[2] / count[1] : 0;
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        if (level[c] / (double)from.n > a->level) {
+            a->level = level[c] / (double)from.n;
+            a->level_camera = c;
+        }
+    return e;
+}
+
+/* Error of left-out pictures on a grid of its own. */
+static pvx_err on_grid(struct flame_sets *s, int32_t voxels, size_t step, const char *label,
+                       double *error, double *ms, struct pvx_diag *d)
+{
+    struct rec_unseen_params p = s->params;
+    struct rec_check_source from = flame_sets_source(s, label);
+    struct rec_holdout_params how = some;
+    rec_unseen *u;
+    p.voxels = voxels;
+    how.step = step;
+    PVX_TRY(rec_unseen_new(&s->rig, &p, s->pool, &u, d));
+    pvx_err e = rec_holdout(u, &from, &how, error, ms);
+    rec_unseen_free(&u);
+    return e == PVX_ENOENT
+               ? pvx_fail(d, e,
+                          "%s: no flame that three cameras besides a fourth see; is it --black?",
+                          s->a->frames)
+               : e;
+}
+
+static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    double best = INFINITY;
+    for (; a->n_grids < ADVISE_GRIDS; a->n_grids++) {
+        struct advise_grid *g = &a->grid[a->n_grids];
+        char label[32];
+        g->voxels = sides[a->n_grids];
+        snprintf(label, sizeof label, "%d voxels", g->voxels);
+        PVX_TRY(on_grid(s, g->voxels, 1, label, &g->error, &g->ms, d));
+        best = fmin(best, g->error);
+    }
+    while (a->grid[a->best_grid].error > ADVISE_SAME * best)
+        a->best_grid++;
+    a->all = a->grid[a->best_grid].error;
+    return PVX_OK;
+}
+
+pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    struct rec_rig *rig = &s->rig;
+    enum rec_basis own = rig->grid.basis;
+    double ms;
+    int32_t n[3];
+    rec_unseen *u;
+    *a = (struct advice){0};
+    PVX_TRY(rec_unseen_new(rig, &s->params, s->pool, &u, d));
+    pvx_err e = pictures(u, s, a);
+    if (e == PVX_OK) {
+        struct rec_check_source from = flame_sets_source(s, "absorption");
+        e = rec_absorption_find(u, &from, &a->absorption, d);
+    }
+    rec_unseen_free(&u);
+    for (int b = REC_BOX; b <= REC_TRILINEAR && e == PVX_OK; b++) {
+        rig->grid.basis = (enum rec_basis)b;
+        e = on_grid(s, s->params.voxels, 1, rec_basis_name(rig->grid.basis), &a->basis[b], &ms, d);
+    }
+    rig->grid.basis = own;
+    if (e == PVX_OK)
+        e = grids(s, a, d);
+    a->half = a->all;
+    if (e == PVX_OK && rig->n_cameras >= 7)
+        e = on_grid(s, a->grid[a->best_grid].voxels, 2, "half the cameras", &a->half, &ms, d);
+    if (e == PVX_OK && rec_rig_finest(rig, s->params.binning, n) == PVX_OK)
+        for (int k = 0; k < 3; k++)
+            a->finest = n[k] > a->finest ? n[k] : a->finest;
+    return e;
+}

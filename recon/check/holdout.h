@@ -1,0 +1,26 @@
+/* holdout.h - how well volumes show cameras that had no part in them: the figure by which settings are compared where
+ * no truth is known.
+ *
+ *     e^2 = sum over left-out pictures k of || I(S_k x_others) - b_k ||^2 / sum of || b_k ||^2         (1)
+ * over bins that are lit or have light in the volume; I: absorb.h.
+ * Cost: a solve of unseen's grid for each of them.  Threads: as unseen.h. */
+#ifndef REC_HOLDOUT_H
+#define REC_HOLDOUT_H
+#include "recon/check/judge.h"
+
+/* Numerator of (1) of camera k, of the set that was loaded without absorption, the volume being of others and
+ * solved with absorption c; *all, unless NULL: the denominator. */
+double rec_holdout_miss(rec_unseen *u, size_t k, double c, double *all);
+
+/* (1) over at most `sets` sets and `views` pictures, evenly spread; every `step`-th of the other cameras makes the
+ * volume, 1 = all of them.  *ms: time of a solve, mean.  Errors: PVX_ENOENT: no set has a flame in three cameras
+ * that make volumes; PVX_ECANCELED; those of the source and of rec_unseen_solve. */
+struct rec_holdout_params {
+    size_t sets, views, step;
+};
+PVX_MUST_CHECK pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source *from,
+                                   const struct rec_holdout_params *p, double *error, double *ms);
+/* Cameras that see a flame in the set that is loaded, and its brightest measured bin so far. */
+size_t rec_holdout_who(const rec_unseen *u, bool *sees, double *brightest);
+
+#endif
