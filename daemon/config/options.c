@@ -197,6 +197,10 @@ const struct dmn_option dmn_options[] = {
            "Start from the volume before. auto = live only, so that in a replay no set depends on "
            "another."),
 
+    CHOICE("model.temporal", temporal, "off", "off|on",
+           "Expect what the volume before says, moved along the flame's motion, as far as the "
+           "pictures bear it out: for noisy pictures of a flame that moves slowly. Only pcg does."),
+
     {"publish.endpoints", DMN_TEXTS, AT(endpoints), "[]", 0, 0, "", NULL,
      "ZeroMQ endpoints that volumes are published on; empty = ipc in the run folder."},
     TEXT("publish.previews", previews,

@@ -67,7 +67,7 @@ static void tune_solve(dmn_pipeline *p)
     p->a.deadline.limit_ns = t.limit_ns;
     p->a.deadline.period_ns = t.period_ns;
     p->a.warm = t.warm;
-    if (!t.warm)
+    if (!t.warm && !p->a.frame.temporal)
         p->prev = (struct rec_sparse){0};
 }
 
@@ -178,7 +178,7 @@ static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
     dmn_deadline_learn(&p->a.deadline, r->solve.status == REC_DEADLINE,
                        r->coarse_iterations + r->solve.iterations, r->solve.iterations);
-    if (p->a.warm)
+    if (p->a.warm || p->a.frame.temporal)
         remember(p, s);
     pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);
 }

@@ -34,7 +34,10 @@ struct rec_frame_params {
         at_least; /* saturated pixels are lower bounds (recon/solve/bound.h), which only the default solver
                           knows; false, the default: they are left out */
     double absorption; /* c of absorb.h, 1 over pixel value; 0, the default: none */
-    uint32_t hold;     /* sets that a camera which was voted out has to agree in before it is back;
+    bool
+        temporal; /* expect what the volume before says, where the pictures bear it out (temporal.h); with
+                      coarse_start alone */
+    uint32_t hold; /* sets that a camera which was voted out has to agree in before it is back;
                           0, the default: each set by itself */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */
@@ -50,6 +53,7 @@ struct rec_frame_report {
     double absorption;                      /* rec_frame_params */
     float sigma;                            /* noise estimate, mean over cameras and channels */
     struct rec_verdict vote;    /* which cameras are not believed; they are as if absent */
+    double temporal;            /* how far the volume before was trusted, 0..1 */
     bool warm;                  /* the start was the earlier volume */
     uint32_t coarse_iterations; /* on coarser grids, before those of `solve` */
     int64_t photo_ns, vote_ns, hull_ns, restrict_ns, solve_ns; /* wall time of each stage */
@@ -124,7 +128,8 @@ void rec_frame_saturated(rec_frame *f, size_t camera, float value);
 void rec_frame_carve(rec_frame *f);
 /* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or
  * NULL.  With coarse_start the solver starts from the coarser grids' solution or from `previous`,
- * whichever fits better; without from `previous`, or zero. */
+ * whichever fits better; without from `previous`, or zero.  With `temporal` it is what the frame is
+ * expected to be, and no start. */
 PVX_MUST_CHECK pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns,
                                        const struct rec_sparse *previous);
 

@@ -4,6 +4,7 @@
 #include "recon/frame/inside.h"
 #include "recon/solve/levels.h"
 #include "recon/solve/solve.h"
+#include "recon/solve/temporal.h"
 #include "recon/vote/vote.h"
 
 struct rec_carver {
@@ -29,6 +30,7 @@ struct rec_solver {
     bool coarse; /* start from coarser grids */
     rec_problem *problem;
     struct rec_descent descent; /* with `coarse` */
+    rec_temporal *temporal;     /* or NULL: off */
 };
 
 struct rec_frame {

@@ -18,6 +18,8 @@ pvx_err rec_solver_new(const rec_sysmat *S, const struct rec_frame_params *p, re
     pvx_err e = rec_problem_new(S, p->nch, &s->problem);
     if (e == PVX_OK && s->coarse)
         e = rec_descent_init(&s->descent, S, p->nch);
+    if (e == PVX_OK && s->coarse && p->temporal)
+        e = rec_temporal_new(&S->grid, p->nch == 3 ? 4 : 1, &s->temporal);
     if (e != PVX_OK) {
         rec_solver_free(out);
         return pvx_fail(d, e, "solver: work areas for %zu voxels and %d channels: %s",
@@ -32,6 +34,7 @@ void rec_solver_free(rec_solver **s)
         return;
     rec_problem_free(&(*s)->problem);
     rec_descent_fini(&(*s)->descent);
+    rec_temporal_free(&(*s)->temporal);
     PVX_FREE(*s);
 }
 
@@ -87,10 +90,17 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     bool warm = previous != NULL && previous->n > 0;
     if (warm && (previous->cs != f->cs || previous->value == f->x))
         return PVX_EINVAL;
-    if (warm)
+    bool expect = warm && f->solver->temporal != NULL;
+    if (warm && !expect)
         earlier_volume(f, previous);
     bool any = rec_problem_load(problem, f->sub, &in);
-    start(f, &p, any, warm);
+    start(f, &p, any, warm && !expect);
+    f->report.temporal = 0;
+    if (expect && any && (p.deadline_ns == 0 || pvx_now_mono() < p.deadline_ns)) {
+        const struct rec_flow_volume v = {previous->n, previous->index, previous->value, f->cs,
+                                          f->nch};
+        f->report.temporal = rec_temporal_expect(f->solver->temporal, problem, &v, f->x);
+    }
     pvx_err e = rec_solve(problem, &p, f->x, &f->report.solve);
     f->report.solve_ns = pvx_now_mono() - t0;
     return e;

@@ -7,7 +7,7 @@
 #include "recon/solve/smooth.h"
 #include "recon/solve/solve.h"
 
-#define N_XVEC           6
+#define N_XVEC           7
 #define N_YVEC           3
 #define REC_OSEM_SUBSETS 4
 
@@ -53,6 +53,10 @@ struct rec_problem {
     double formula[4]; /* the same without rec_problem_misfit */
     double noise2[4];  /* variance of b about A x that it was chosen for; 0 when it was given */
     double shot2[4];   /* mean variance of b beyond sigma^2; only where the weight is automatic */
+
+    /* what x is expected to be, [n][cs], or NULL (temporal.h); nu of (1b) in pcg.c */
+    const float *expect;
+    double nu[4];
 
     /* start.h */
     enum rec_start start;

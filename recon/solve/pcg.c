@@ -4,6 +4,9 @@
  *     g = A'W(A x - b) + lambda L V L x,   L: smooth.h                                      (2)
  *     V = 1 from a start that knows nothing; from a coarser solution, where it is brighter than
  *         usual less: V_q = (c + y_q / y_usual)^(-1/2),  y = sum of the lanes of x - L x / 8  (2a)
+ * Where an earlier volume says what to expect (temporal.h), its term is in place of the second of (1):
+ *     lambda/2 (||V^(1/2) L (x - xhat)||^2 + nu ||x - xhat||^2)                             (1b)
+ * with lambda nu (x - xhat) in g, lambda nu in H and its diagonal.
  * One iteration:
  *     phi = g where x > 0 or g < 0, else 0          (the bound holds where it should)       (3)
  *     d   = -M phi + beta d,  beta = max(0, phi'M(phi - phi_old) / phi_old'M phi_old)       (4)
@@ -230,6 +233,8 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
                         .d = pb->xv[3],
                         .lx = pb->xv[4],
                         .ar = pb->xv[5],
+                        .expect = pb->expect,
+                        .lhat = pb->xv[6],
                         .r = pb->yv[0],
                         .q = pb->yv[1]};
     pvx_pool *pool = pb->a->pool;
@@ -243,6 +248,9 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     rec_smooth_init(&t.smooth, &pb->a->S->grid);
     pvx_pool_run(pool, chunks, pass->begin, &t); /* L; V = 1; d = 0 */
 
+    memcpy(t.nu, pb->nu, sizeof t.nu);
+    if (t.expect != NULL)
+        pvx_pool_run(pool, chunks, pass->expected, &t);
     rec_start_residual(pb, x, rwr); /* r = A x - b, q = W r */
     rec_bound_raise(pb, t.r, t.q, rwr);
     pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */

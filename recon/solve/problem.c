@@ -213,6 +213,7 @@ bool rec_problem_load(rec_problem *pb, const struct rec_subsys *a, const struct 
     pb->a = a;
     pb->in = *in;
     pb->weighed = false;
+    pb->expect = NULL;
     pb->start = REC_START_NONE;
     pb->renewals = REC_RENEWALS;
     size_t rows = rec_row_chunks(pb);

@@ -44,6 +44,7 @@ T_CASE(nothing_is_allocated)
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
         struct rec_frame_params p = rec_frame_defaults;
         p.solve.solver = *name;
+        p.temporal = true; /* of the default one */
         rec_frame *f, *g;
         if (rec_frame_alone(sc.S, &sc.rig, &p, sc.pool, &f, NULL) != PVX_OK ||
             rec_frame_new(f->carver, f->solver, &g, NULL) != PVX_OK)

@@ -16,8 +16,11 @@ struct rec_pcg {
     struct rec_stiff stiff;              /* [n] V of (1) */
     float *x, *next, *phi, *phi_old, *d; /* x space */
     float *lx, *ar;                      /* V L x, A'W r */
-    float *r, *q;                        /* row space: A x - b; A d, then W r */
-    bool any_clipped;                    /* in the last step */
+    const float *expect;                 /* or NULL */
+    float *lhat;                         /* L expect */
+    double nu[4];
+    float *r, *q;     /* row space: A x - b; A d, then W r */
+    bool any_clipped; /* in the last step */
     double alpha[4], beta[4], mu[4], back[4];
     bool restless;                /* the last renewal changed some lambda by more than a factor 2 */
     double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
@@ -28,6 +31,7 @@ struct rec_pcg {
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
  * slabs for clipped. */
 struct rec_pcg_passes {
+    pvx_task_fn expected;   /* lhat = L expect */
     pvx_task_fn begin;      /* neighbours; V = 1; d = 0 */
     pvx_task_fn direction;  /* (4); sum A: d'phi */
     pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */

@@ -77,6 +77,8 @@ REC_INLINE rec_fw inverse_diagonal(const struct elements *e, size_t i, size_t m,
 {
     rec_fw zero = {0}, h = e->share * rec_wide_each(e->diag, i, m, cs) +
                            e->b * rec_wide_each(e->v.stiff.diag, i, m, cs);
+    if (e->v.expect != NULL)
+        h += e->b * rec_wide_lanes(e->v.nu, cs);
     return rec_wide_select(h > 0, rec_wide_splat(1) / h, zero);
 }
 
@@ -102,11 +104,27 @@ REC_INLINE void of_direction(struct elements *e, size_t i, size_t m, size_t cs)
 {
     rec_fw lap = rec_wide(e->lap, i - e->from, m);
     rec_wide_add(&e->sum[S_A], e->half, lap, rec_wide_each(e->v.stiff.by, i, m, cs) * lap);
+    if (e->v.expect != NULL) {
+        rec_fw d = rec_wide(e->v.d, i, m);
+        rec_wide_add(&e->sum[S_A], e->half, rec_wide_lanes(e->v.nu, cs) * d, d);
+    }
 }
 REC_INLINE void of_iterate(struct elements *e, size_t i, size_t m, size_t cs)
 {
     rec_fw lap = rec_wide(e->lap, i - e->from, m);
+    if (e->v.expect != NULL)
+        lap -= rec_wide(e->v.lhat, i, m);
     rec_put_wide(e->v.lx, i, m, rec_wide_each(e->v.stiff.by, i, m, cs) * lap);
+}
+REC_INLINE void of_expect(struct elements *e, size_t i, size_t m, size_t cs)
+{
+    (void)cs;
+    rec_put_wide(e->v.lhat, i, m, rec_wide(e->lap, i - e->from, m));
+}
+static void expected_chunk(void *ctx, size_t k)
+{
+    struct rec_pcg *t = ctx;
+    OVER_COLUMNS(t, k, k, of_expect, nothing, nothing, t->expect, 0);
 }
 static void lx_chunk(void *ctx, size_t k)
 {
@@ -208,7 +226,10 @@ REC_INLINE void brightness(struct elements *e, size_t i, size_t m, size_t cs)
     const struct rec_pcg *t = &e->v;
     rec_fw x = rec_wide(t->x, i, m), one = rec_wide_splat(1), zero = {0};
     rec_fw lap = rec_wide_each(t->stiff.inverse, i, m, cs) * rec_wide(t->lx, i, m);
-    rec_fw y = x - rec_wide_splat(0.125F) * lap;
+    rec_fw whole = lap;
+    if (e->v.expect != NULL)
+        whole += rec_wide(e->v.lhat, i, m);
+    rec_fw y = x - rec_wide_splat(0.125F) * whole;
     rec_put_wide(t->lx, i, m, lap);
     if (cs == 4) { /* of a column in its lane 0 */
         rec_f4 u = rec_four(y, 0), v = rec_four(y, REC_WIDE / 4 - 1);
@@ -259,6 +280,11 @@ REC_INLINE void gradient(struct elements *e, size_t i, size_t m, size_t cs)
     const struct rec_pcg *t = &e->v;
     rec_fw x = rec_wide(t->x, i, m), lx = rec_wide(t->lx, i, m), zero = {0};
     rec_fw g = rec_wide(t->ar, i, m) + e->b * rec_wide(e->lap, i - e->from, m);
+    if (t->expect != NULL) {
+        rec_fw off = x - rec_wide(t->expect, i, m), nu = rec_wide_lanes(t->nu, cs);
+        g += e->b * nu * off;
+        rec_wide_add(&e->sum[S_C], e->half, nu * off, off);
+    }
     g = rec_wide_select((x > 0) | (g < 0), g, zero);
     rec_put_wide(t->phi, i, m, g);
     rec_fw mg = inverse_diagonal(e, i, m, cs) * g;
@@ -308,6 +334,7 @@ static void retreat_chunk(void *ctx, size_t k)
 }
 
 const struct rec_pcg_passes PASSES = {
+    .expected = expected_chunk,
     .begin = begin_chunk,
     .direction = direction_chunk,
     .curvature = curvature_task,
