@@ -54,9 +54,9 @@ struct rec_problem {
     double noise2[4];  /* variance of b about A x that it was chosen for; 0 when it was given */
     double shot2[4];   /* mean variance of b beyond sigma^2; only where the weight is automatic */
 
-    /* what x is expected to be, [n][cs], or NULL (temporal.h); nu of (1b) in pcg.c */
+    /* what x is expected to be, [n][cs], or NULL (temporal.h); nu and a of (1b) in pcg.c */
     const float *expect;
-    double nu[4];
+    double nu[4], keep[4];
 
     /* start.h */
     enum rec_start start;

@@ -5,7 +5,7 @@
  *     V = 1 from a start that knows nothing; from a coarser solution, where it is brighter than
  *         usual less: V_q = (c + y_q / y_usual)^(-1/2),  y = sum of the lanes of x - L x / 8  (2a)
  * Where an earlier volume says what to expect (temporal.h), its term is in place of the second of (1):
- *     lambda/2 (||V^(1/2) L (x - xhat)||^2 + nu ||x - xhat||^2)                             (1b)
+ *     lambda/2 (||V^(1/2) L (x - a xhat)||^2 + nu ||x - xhat||^2)                             (1b)
  * with lambda nu (x - xhat) in g, lambda nu in H and its diagonal.
  * One iteration:
  *     phi = g where x > 0 or g < 0, else 0          (the bound holds where it should)       (3)

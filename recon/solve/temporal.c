@@ -20,7 +20,6 @@ struct rec_temporal {
     float *expect; /* [voxels][cs] of the active columns */
     const int32_t *col;
     int32_t n;
-    float trust[4];
 };
 
 pvx_err rec_temporal_new(const struct rec_grid *g, int cs, rec_temporal **out)
@@ -109,17 +108,6 @@ static void move_chunk(void *ctx, size_t k)
 
 /* ---- (2) ----------------------------------------------------------------------------------------*/
 
-static void trust_chunk(void *ctx, size_t k)
-{
-    const rec_temporal *t = ctx;
-    int32_t q0, q1;
-    size_t cs = (size_t)t->cs;
-    rec_chunk_range(t->n, k, &q0, &q1);
-    for (size_t q = (size_t)q0; q < (size_t)q1; q++)
-        for (size_t l = 0; l < cs; l++)
-            t->expect[q * cs + l] *= t->trust[l];
-}
-
 /* 0 at `none`, 1 at `all`, and beyond; 0 for NaN. */
 static double ramp(double x, double none, double all)
 {
@@ -127,11 +115,11 @@ static double ramp(double x, double none, double all)
     return r >= 1 ? 1 : r > 0 ? r : 0;
 }
 
-static double judge(rec_temporal *t, rec_problem *pb, const float *x)
+static double judge(const rec_temporal *t, rec_problem *pb, const float *x)
 {
     double p[4], s[4], least = 1;
-    memset(t->trust, 0, sizeof t->trust);
     memset(pb->nu, 0, sizeof pb->nu);
+    memset(pb->keep, 0, sizeof pb->keep);
     if (!(pb->in.sigma > 0))
         return 0;
     rec_residual(pb, t->expect, pb->yv[0], pb->yv[1], p);
@@ -145,7 +133,7 @@ static double judge(rec_temporal *t, rec_problem *pb, const float *x)
     }
     for (int l = 0; l < pb->nch; l++) {
         double by = 1 - (1 - LIGHTER) * least;
-        t->trust[l] = (float)(KEPT * least);
+        pb->keep[l] = KEPT * least;
         pb->nu[l] = WHITE * least;
         pb->lambda[l] *= by;
         pb->formula[l] *= by;
@@ -171,7 +159,6 @@ double rec_temporal_expect(rec_temporal *t, rec_problem *pb, const struct rec_fl
     double mean = judge(t, pb, x);
     if (mean == 0)
         return 0;
-    pvx_pool_run(a->pool, rec_column_chunks(pb), trust_chunk, t);
     pb->expect = t->expect;
     return mean;
 }

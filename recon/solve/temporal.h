@@ -1,11 +1,11 @@
 /* temporal.h - what a frame is expected to be from the volume before it, and how far to believe that.
  *
- *     xhat(q) = 0.9 trust * previous(q - u(q)),   u: flow.h, from the volume before to this frame's start    (1)
+ *     xhat(q) = previous(q - u(q)),   u: flow.h, from the volume before to this frame's start    (1)
  * The default solver then penalises x - xhat where it penalised x (pcg.c, (1b)).  Trust is measured in the
  * pictures, which xhat has not seen; m rows; the least of the channels counts, since in a dim one all is noise:
  *     share = m sigma^2 / p,   p = ||W^(1/2) (A previous(u) - b)||^2,  s = ||W^(1/2) (A start - b)||^2
  *     trust = ramp(share; 0.3, 0.6) ramp(p / s; 1.3, 1.15)                                             (2)
- *     lambda: (1 - trust / 2) of that without, nu = trust
+ *     lambda: (1 - trust / 2) of that without, nu = trust, a = 0.9 trust
  * share: how much of what the prediction misses is noise.  At 1 % noise, and after a jump, nearly nothing is;
  * p / s: the start was fitted to b, so a prediction that misses it by as little is as good as one can be.  Trust 0,
  * or the noise unknown: the term is off and the solve has the bits that it has without it.

@@ -71,12 +71,13 @@ static double objective(struct system *y, const float *x, const float *expect, d
 {
     const struct rec_grid *g = &y->a->S->grid;
     double *dense = pvx_calloc(rec_grid_count(g), sizeof *dense), f = 0;
+    const double a = y->s->keep[0];
     float *r = y->s->yv[0], *wr = y->s->yv[1];
     double rwr[4];
     rec_residual(y->s, x, r, wr, rwr);
     f = 0.5 * rwr[0];
     for (int32_t q = 0; q < y->a->n; q++)
-        dense[y->a->col[q]] = (double)x[q] - (double)expect[q];
+        dense[y->a->col[q]] = (double)x[q] - a * (double)expect[q];
     for (int32_t q = 0; q < y->a->n; q++) {
         int32_t ijk[3], near[3];
         rec_grid_ijk(g, y->a->col[q], ijk);
@@ -87,7 +88,9 @@ static double objective(struct system *y, const float *x, const float *expect, d
             if (near[s / 2] >= 0 && near[s / 2] < g->n[s / 2])
                 lap -= dense[rec_grid_index(g, near[0], near[1], near[2])];
         }
-        f += 0.5 * lambda * (lap * lap + nu * own * own);
+        f += 0.5 * lambda * lap * lap;
+        double off = (double)x[q] - (double)expect[q];
+        f += 0.5 * lambda * nu * off * off;
     }
     free(dense);
     return f;
@@ -115,6 +118,7 @@ T_CASE(minimum_of_the_objective)
     rec_start_zero(y.s, y.x);
     y.s->expect = expect;
     y.s->nu[0] = nu;
+    y.s->keep[0] = 0.9;
     T_EQ_I(rec_solve(y.s, &p, y.x, &r), PVX_OK);
     double least = objective(&y, y.x, expect, r.lambda, nu);
     T_NEAR(r.objective, least, 1e-4 * least);

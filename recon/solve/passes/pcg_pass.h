@@ -17,7 +17,7 @@ struct rec_pcg {
     float *x, *next, *phi, *phi_old, *d; /* x space */
     float *lx, *ar;                      /* V L x, A'W r */
     const float *expect;                 /* or NULL */
-    float *lhat;                         /* L expect */
+    float *lhat;                         /* a L expect */
     double nu[4];
     float *r, *q;     /* row space: A x - b; A d, then W r */
     bool any_clipped; /* in the last step */
@@ -31,7 +31,7 @@ struct rec_pcg {
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
  * slabs for clipped. */
 struct rec_pcg_passes {
-    pvx_task_fn expected;   /* lhat = L expect */
+    pvx_task_fn expected;   /* lhat = a L expect */
     pvx_task_fn begin;      /* neighbours; V = 1; d = 0 */
     pvx_task_fn direction;  /* (4); sum A: d'phi */
     pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */

@@ -119,12 +119,12 @@ REC_INLINE void of_iterate(struct elements *e, size_t i, size_t m, size_t cs)
 REC_INLINE void of_expect(struct elements *e, size_t i, size_t m, size_t cs)
 {
     (void)cs;
-    rec_put_wide(e->v.lhat, i, m, rec_wide(e->lap, i - e->from, m));
+    rec_put_wide(e->v.lhat, i, m, e->a * rec_wide(e->lap, i - e->from, m));
 }
 static void expected_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, of_expect, nothing, nothing, t->expect, 0);
+    OVER_COLUMNS(t, k, k, of_expect, t->pb->keep, nothing, t->expect, 0);
 }
 static void lx_chunk(void *ctx, size_t k)
 {
