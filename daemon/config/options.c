@@ -182,6 +182,9 @@ const struct dmn_option dmn_options[] = {
     CHOICE("model.saturated", saturated, "left-out", "left-out|at-least",
            "What a saturated pixel says: nothing, or that it is at least as bright as that; pcg "
            "only."),
+    CHOICE("model.temporal", temporal, "off", "off|on",
+           "Expect what the volume before says, moved along the flame's motion, as far as the "
+           "pictures bear it out: for noisy pictures of a flame that moves slowly. Only pcg does."),
 
     CHOICE("solver.name", solver, "pcg", &(REC_SOLVERS(ONE_MORE))[1],
            "Method of solution; the others than pcg are for comparison."),
@@ -196,10 +199,6 @@ const struct dmn_option dmn_options[] = {
     CHOICE("solver.warm_start", warm_start, "auto", "auto|on|off",
            "Start from the volume before. auto = live only, so that in a replay no set depends on "
            "another."),
-
-    CHOICE("model.temporal", temporal, "off", "off|on",
-           "Expect what the volume before says, moved along the flame's motion, as far as the "
-           "pictures bear it out: for noisy pictures of a flame that moves slowly. Only pcg does."),
 
     {"publish.endpoints", DMN_TEXTS, AT(endpoints), "[]", 0, 0, "", NULL,
      "ZeroMQ endpoints that volumes are published on; empty = ipc in the run folder."},
