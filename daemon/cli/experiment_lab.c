@@ -1,0 +1,142 @@
+#include "daemon/cli/experiment_lab.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/mem.h"
+#include "recon/carve/fit.h"
+
+#define SHOWS (0.5F / 255)
+
+static pvx_err allocate(struct experiment_lab *l, pvx_pool *pool)
+{
+    size_t rows = l->S->row0[l->S->n_cameras], cs = (size_t)l->cs;
+    l->raw = pvx_calloc(rows * cs, sizeof *l->raw);
+    l->b = pvx_calloc(rows * cs, sizeof *l->b);
+    l->weight = pvx_calloc(rows, sizeof *l->weight);
+    l->lit = pvx_calloc(rows, 1);
+    l->seen = pvx_calloc(l->S->win.room * cs, sizeof *l->seen);
+    if (l->raw == NULL || l->b == NULL || l->weight == NULL || l->lit == NULL || l->seen == NULL)
+        return PVX_ENOMEM;
+    rec_kernels_init(&l->kernels, PVX_CPU_BEST);
+    PVX_TRY(rec_restrictor_new(l->S, &l->restrictor));
+    PVX_TRY(rec_images_new(l->S, l->cs, &l->images));
+    return rec_subsys_new(l->S, &l->kernels, pool, l->cs, &l->view);
+}
+
+pvx_err experiment_lab_open(struct experiment_lab *l, const struct experiment_lab_params *p,
+                            struct pvx_diag *d)
+{
+    struct rec_fit_box whole = {.cell = 0};
+    const int32_t n[3] = {p->voxels, 0, 0};
+    *l = (struct experiment_lab){.nch = p->frame.nch, .cs = p->frame.nch == 1 ? 1 : 4};
+    PVX_TRY(rec_rig_copy(p->rig, &l->rig));
+    memcpy(whole.min, p->rig->grid.min, sizeof whole.min);
+    memcpy(whole.max, p->rig->grid.max, sizeof whole.max);
+    pvx_err e = rec_fit_grid(&p->rig->grid, &whole, n, &l->rig.grid);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%d voxels along the longest side of the volume: %s", p->voxels,
+                        pvx_strerror(e));
+    l->rig.grid.basis = p->basis;
+    PVX_TRY(rec_sysmat_open(&l->rig, &p->matrix, NULL, p->pool, p->progress, &l->S, d));
+    PVX_TRY(rec_frame_alone(l->S, &l->rig, &p->frame, p->pool, &l->frame, d));
+    e = allocate(l, p->pool);
+    return e == PVX_OK
+               ? e
+               : pvx_fail(d, e, "work areas of a grid of %d: %s", p->voxels, pvx_strerror(e));
+}
+
+void experiment_lab_close(struct experiment_lab *l)
+{
+    rec_frame_free(&l->frame);
+    rec_subsys_free(&l->view);
+    if (l->images.bytes > 0)
+        rec_images_free(&l->images);
+    rec_restrictor_free(&l->restrictor);
+    rec_sysmat_free(&l->S);
+    rec_rig_fini(&l->rig);
+    PVX_FREE(l->raw);
+    PVX_FREE(l->b);
+    PVX_FREE(l->weight);
+    PVX_FREE(l->lit);
+    PVX_FREE(l->seen);
+    *l = (struct experiment_lab){0};
+}
+
+/* Photometry works in place: the pictures come from `raw` each time.  What a set says of its files stays. */
+static void fill(struct experiment_lab *l, uint64_t used)
+{
+    size_t cs = (size_t)l->cs;
+    for (size_t c = 0; c < l->S->n_cameras; c++) {
+        size_t row0 = l->S->row0[c], n = l->S->row0[c + 1] - row0;
+        memcpy(rec_frame_input(l->frame, c), l->raw + row0 * cs, n * cs * sizeof *l->raw);
+        rec_frame_present(l->frame, c, (used >> c & 1) != 0);
+    }
+    rec_frame_carve(l->frame);
+}
+
+pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size_t i,
+                            struct pvx_diag *d)
+{
+    size_t rows = l->S->row0[l->S->n_cameras], n = l->S->n_cameras;
+    uint64_t all = n == 64 ? UINT64_MAX : ((uint64_t)1 << n) - 1;
+    rec_frame_reset(l->frame);
+    if (frames_in_load_frame(in, i, l->frame) != all)
+        return pvx_fail(d, PVX_EIO,
+                        "frame %06u: a camera's picture cannot be used (its error stands above); "
+                        "mend or remove it, or leave the frame out with --first or --last",
+                        in->number[i]);
+    memcpy(l->raw, rec_frame_input(l->frame, 0), rows * (size_t)l->cs * sizeof *l->raw);
+    fill(l, all);
+    memcpy(l->b, rec_frame_rhs(l->frame), rows * (size_t)l->cs * sizeof *l->b);
+    memcpy(l->weight, rec_frame_weight(l->frame), rows * sizeof *l->weight);
+    memcpy(l->lit, rec_frame_lit(l->frame, 0), rows);
+    return PVX_OK;
+}
+
+pvx_err experiment_lab_solve(struct experiment_lab *l, uint64_t used)
+{
+    fill(l, used);
+    return rec_frame_solve(l->frame, 0, NULL);
+}
+
+static bool shows(const struct experiment_lab *l, const float *q)
+{
+    bool any = false;
+    for (int i = 0; i < l->nch; i++)
+        any |= q[i] >= SHOWS;
+    return any;
+}
+
+void experiment_lab_compare(struct experiment_lab *l, size_t c, struct experiment_error *out)
+{
+    size_t row0 = l->S->row0[c], rows = l->S->row0[c + 1] - row0, cs = (size_t)l->cs;
+    bool one[REC_MAX_CAMERAS] = {false};
+    struct rec_sparse v;
+    one[c] = true;
+    *out = (struct experiment_error){.bins = 0};
+    rec_frame_volume(l->frame, &v);
+    memset(l->seen + row0 * cs, 0, rows * cs * sizeof *l->seen);
+    if (v.n > 0) {
+        rec_subsys_restrict(l->view, l->restrictor, v.index, v.n, one);
+        rec_forward(l->view, &l->images, v.value, l->seen);
+    }
+    for (size_t r = row0; r < row0 + rows; r++) {
+        const float *p = l->b + r * cs, *q = l->seen + r * cs;
+        bool in = shows(l, q);
+        if (!(l->weight[r] > 0) || !(in || l->lit[r]))
+            continue;
+        out->bins_all++;
+        out->bins += in;
+        for (int i = 0; i < l->nch; i++) {
+            double diff = 255 * fabs((double)p[i] - (double)q[i]);
+            out->all[i] += diff;
+            out->inside[i] += in ? diff : 0;
+        }
+    }
+    for (int i = 0; i < l->nch; i++) {
+        out->all[i] /= fmax(1, out->bins_all);
+        out->inside[i] /= fmax(1, out->bins);
+    }
+}

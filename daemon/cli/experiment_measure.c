@@ -1,0 +1,281 @@
+#include "daemon/cli/experiment.h"
+
+#include <math.h>
+#include <string.h>
+
+/* ---- choices of views ---- */
+
+size_t experiment_views_max(const struct experiment *x)
+{
+    size_t most = x->rig.n_cameras - 1;
+    return most < EXPERIMENT_VIEWS_MAX ? most : EXPERIMENT_VIEWS_MAX;
+}
+
+uint64_t experiment_used(const struct experiment *x)
+{
+    return (x->rig.n_cameras == 64 ? UINT64_MAX : ((uint64_t)1 << x->rig.n_cameras) - 1) &
+           ~((uint64_t)1 << x->unused);
+}
+
+/* n over k; at most 64 over 7: 6e8. */
+static uint64_t binomial(size_t n, size_t k)
+{
+    uint64_t b = 1;
+    for (size_t i = 1; i <= k; i++)
+        b = b * (n - k + i) / i;
+    return k > n ? 0 : b;
+}
+
+size_t experiment_choices(const struct experiment *x, size_t views)
+{
+    uint64_t all = binomial(x->rig.n_cameras, views);
+    return all < EXPERIMENT_CHOICES ? (size_t)all : EXPERIMENT_CHOICES;
+}
+
+/* They are counted in the order of their first cameras; where there are too many, evenly spread over it. */
+uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k)
+{
+    size_t n = x->rig.n_cameras, left = views;
+    uint64_t all = binomial(n, views), mask = 0, at = k;
+    if (all > EXPERIMENT_CHOICES)
+        at = k * (all - 1) / (EXPERIMENT_CHOICES - 1);
+    for (size_t c = 0; c < n && left > 0; c++) {
+        uint64_t with = binomial(n - c - 1, left - 1);
+        if (at < with) {
+            mask |= (uint64_t)1 << c;
+            left--;
+        } else {
+            at -= with;
+        }
+    }
+    return mask;
+}
+
+/* ---- units ---- */
+
+struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels)
+{
+    return (struct experiment_lab_params){.rig = &x->rig,
+                                          .voxels = voxels,
+                                          .basis = x->rig.grid.basis,
+                                          .matrix = x->matrix,
+                                          .frame = x->params,
+                                          .pool = x->pool};
+}
+
+static bool go_on(void *ctx, double done)
+{
+    (void)ctx;
+    (void)done;
+    return !cli_stop;
+}
+
+static pvx_err open_lab(struct experiment_lab *l, struct experiment_lab_params *p,
+                        struct pvx_diag *d)
+{
+    p->progress = (struct rec_progress){go_on, NULL};
+    return experiment_lab_open(l, p, d);
+}
+
+static pvx_err finished(struct experiment *x, const char *key, const double *v, struct pvx_diag *d)
+{
+    PVX_TRY(experiment_state_add(&x->state, key, v, d));
+    x->done++;
+    if (!x->o->quiet)
+        cli_progress(&x->bar, (double)x->done / (double)x->units);
+    return PVX_OK;
+}
+
+static void add_error(const struct experiment_error *e, double *v)
+{
+    for (int i = 0; i < 3; i++) {
+        v[EXPERIMENT_INSIDE + i] += e->inside[i];
+        v[EXPERIMENT_ALL + i] += e->all[i];
+    }
+    v[EXPERIMENT_BINS] += e->bins;
+}
+
+/* The loaded set from the cameras used, compared with all that are not, as one unit: their mean. */
+static pvx_err measure(struct experiment_lab *l, uint64_t used, double v[EXPERIMENT_VALUES])
+{
+    const struct rec_frame_report *r = rec_frame_get_report(l->frame);
+    struct experiment_error e;
+    double n = 0;
+    memset(v, 0, EXPERIMENT_VALUES * sizeof *v);
+    PVX_TRY(experiment_lab_solve(l, used));
+    for (size_t c = 0; c < l->S->n_cameras; c++)
+        if ((used >> c & 1) == 0) {
+            experiment_lab_compare(l, c, &e);
+            add_error(&e, v);
+            n++;
+        }
+    for (int i = 0; i < EXPERIMENT_VALUES; i++)
+        v[i] /= n;
+    v[EXPERIMENT_MS] = (double)(r->hull_ns + r->restrict_ns + r->solve_ns) * 1e-6;
+    v[EXPERIMENT_VOXELS] = (double)r->active_voxels;
+    v[EXPERIMENT_ITERATIONS] = r->solve.iterations;
+    return PVX_OK;
+}
+
+/* Of all cameras but the unused one; the others that are not used are none. */
+static pvx_err measure_unused(struct experiment *x, struct experiment_lab *l, const char *key,
+                              struct pvx_diag *d)
+{
+    double v[EXPERIMENT_VALUES];
+    pvx_err e = measure(l, experiment_used(x), v);
+    return e == PVX_OK ? finished(x, key, v, d) : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
+}
+
+static bool has(const struct experiment *x, const char *key)
+{
+    return experiment_state_find(&x->state, key) != NULL;
+}
+
+/* ---- Figures 5 and 6b ---- */
+
+static void grid_key(const struct experiment *x, int g, size_t i, char *key, size_t size)
+{
+    snprintf(key, size, "grid:%d:%06u", x->o->grids[g], x->in.number[x->set[i]]);
+}
+
+static pvx_err one_grid(struct experiment *x, int g, struct pvx_diag *d)
+{
+    struct experiment_lab l = {.S = NULL};
+    struct experiment_lab_params p = experiment_lab_of(x, x->o->grids[g]);
+    pvx_err e = PVX_OK;
+    char key[64];
+    for (size_t i = 0; i < x->sets && e == PVX_OK; i++) {
+        grid_key(x, g, i, key, sizeof key);
+        if (has(x, key))
+            continue;
+        if (l.S == NULL)
+            e = open_lab(&l, &p, d);
+        if (e == PVX_OK && cli_stop)
+            e = PVX_ECANCELED;
+        if (e == PVX_OK)
+            e = experiment_lab_load(&l, &x->in, x->set[i], d);
+        if (e == PVX_OK)
+            e = measure_unused(x, &l, key, d);
+    }
+    experiment_lab_close(&l);
+    return e;
+}
+
+/* ---- Figure 6a ---- */
+
+static pvx_err one_choice(struct experiment *x, struct experiment_lab *l, size_t views, size_t k,
+                          struct pvx_diag *d)
+{
+    double v[EXPERIMENT_VALUES];
+    char key[64];
+    snprintf(key, sizeof key, "views:%zu:%zu", views, k);
+    if (has(x, key))
+        return PVX_OK;
+    if (cli_stop)
+        return PVX_ECANCELED;
+    if (l->S == NULL) {
+        struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
+        PVX_TRY(open_lab(l, &p, d));
+        PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
+    }
+    pvx_err e = measure(l, experiment_choice(x, views, k), v);
+    return e == PVX_OK ? finished(x, key, v, d) : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
+}
+
+static pvx_err all_views(struct experiment *x, struct pvx_diag *d)
+{
+    struct experiment_lab l = {.S = NULL};
+    pvx_err e = PVX_OK;
+    for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
+        for (size_t k = 0; k < experiment_choices(x, v) && e == PVX_OK; k++)
+            e = one_choice(x, &l, v, k, d);
+    experiment_lab_close(&l);
+    return e;
+}
+
+/* ---- error against time ---- */
+
+static pvx_err one_solver(struct experiment *x, const char *name, enum rec_basis basis,
+                          struct pvx_diag *d)
+{
+    struct experiment_lab l = {.S = NULL};
+    struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
+    char key[64];
+    p.basis = basis;
+    p.frame.solve.solver = name;
+    snprintf(key, sizeof key, "solver:%s:%s", name, rec_basis_name(basis));
+    if (has(x, key))
+        return PVX_OK;
+    if (cli_stop)
+        return PVX_ECANCELED;
+    pvx_err e = open_lab(&l, &p, d);
+    if (e == PVX_OK)
+        e = experiment_lab_load(&l, &x->in, x->set[x->one], d);
+    if (e == PVX_OK)
+        e = measure_unused(x, &l, key, d);
+    experiment_lab_close(&l);
+    return e;
+}
+
+static pvx_err all_solvers(struct experiment *x, struct pvx_diag *d)
+{
+    const char *const *name = rec_solver_names();
+    for (size_t i = 0; name[i] != NULL; i++) {
+        PVX_TRY(one_solver(x, name[i], REC_BOX, d));
+        PVX_TRY(one_solver(x, name[i], REC_TRILINEAR, d));
+    }
+    return PVX_OK;
+}
+
+/* ---- the frame that is looked at closely ---- */
+
+/* How far it is from the middle of the recording, outwards. */
+static size_t outwards(size_t n, size_t k)
+{
+    size_t m = n / 2, step = (k + 1) / 2;
+    return k % 2 == 1 ? m - step : m + step;
+}
+
+/* The one nearest to the middle in which the hull of the cameras used holds something. */
+static pvx_err find_one(struct experiment *x, struct pvx_diag *d)
+{
+    struct experiment_lab l = {.S = NULL};
+    struct experiment_lab_params p = experiment_lab_of(x, x->o->grids[0]);
+    pvx_err e = open_lab(&l, &p, d);
+    bool found = false;
+    for (size_t k = 0; k < x->sets && e == PVX_OK && !found; k++) {
+        x->one = outwards(x->sets, k);
+        e = cli_stop ? PVX_ECANCELED : experiment_lab_load(&l, &x->in, x->set[x->one], d);
+        found = e == PVX_OK && rec_frame_get_report(l.frame)->active_voxels > 0;
+    }
+    experiment_lab_close(&l);
+    if (e == PVX_OK && !found)
+        return pvx_fail(d, PVX_ENOENT,
+                        "%s: no flame in any of %zu frame sets: the silhouettes of the cameras "
+                        "meet nowhere in the rig's box; is --threshold too high or --black "
+                        "brighter than the flame, is the rig of this recording?",
+                        x->o->frames, x->sets);
+    return e;
+}
+
+static void count_units(struct experiment *x)
+{
+    size_t solvers = 0;
+    while (rec_solver_names()[solvers] != NULL)
+        solvers++;
+    x->units = (size_t)x->o->n_grids * x->sets + 2 * solvers;
+    for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
+        x->units += experiment_choices(x, v);
+    x->done = x->state.n;
+}
+
+pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d)
+{
+    x->bar.label = "experiment";
+    count_units(x);
+    PVX_TRY(find_one(x, d));
+    for (int g = 0; g < x->o->n_grids; g++)
+        PVX_TRY(one_grid(x, g, d));
+    PVX_TRY(all_views(x, d));
+    return all_solvers(x, d);
+}
