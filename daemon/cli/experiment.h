@@ -58,6 +58,20 @@ struct experiment_mean {
 };
 struct experiment_mean experiment_mean_of(const struct experiment *x, const char *prefix);
 
+/* Keep a unit that was just done, and say so. */
+PVX_MUST_CHECK pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
+                                           struct pvx_diag *d);
+
+/* Figures as PNG, as many units; values of
+ *   figure:3  share of the unused view's light on dark bins, mean difference of all bins: with hull, and without;
+ *             share of the emission outside the hull
+ *   figure:4  voxels inside, partly inside, outside
+ *   figure:7  difference of each channel in the model's silhouette, in the picture's as well
+ *   figure:8  numbers of the frames
+ * Errors: the files'; PVX_ECANCELED. */
+PVX_MUST_CHECK pvx_err experiment_pictures(struct experiment *x, struct pvx_diag *d);
+size_t experiment_figures(void);
+
 /* fig5.csv fig6a.csv fig6b.csv solvers.csv.  Errors: the files'. */
 PVX_MUST_CHECK pvx_err experiment_csv(const struct experiment *x, struct pvx_diag *d);
 

@@ -77,7 +77,8 @@ static pvx_err open_lab(struct experiment_lab *l, struct experiment_lab_params *
     return experiment_lab_open(l, p, d);
 }
 
-static pvx_err finished(struct experiment *x, const char *key, const double *v, struct pvx_diag *d)
+pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
+                            struct pvx_diag *d)
 {
     PVX_TRY(experiment_state_add(&x->state, key, v, d));
     x->done++;
@@ -123,7 +124,8 @@ static pvx_err measure_unused(struct experiment *x, struct experiment_lab *l, co
 {
     double v[EXPERIMENT_VALUES];
     pvx_err e = measure(l, experiment_used(x), v);
-    return e == PVX_OK ? finished(x, key, v, d) : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
+    return e == PVX_OK ? experiment_finished(x, key, v, d)
+                       : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
 }
 
 static bool has(const struct experiment *x, const char *key)
@@ -179,7 +181,8 @@ static pvx_err one_choice(struct experiment *x, struct experiment_lab *l, size_t
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
     }
     pvx_err e = measure(l, experiment_choice(x, views, k), v);
-    return e == PVX_OK ? finished(x, key, v, d) : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
+    return e == PVX_OK ? experiment_finished(x, key, v, d)
+                       : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
 }
 
 static pvx_err all_views(struct experiment *x, struct pvx_diag *d)
@@ -263,7 +266,7 @@ static void count_units(struct experiment *x)
     size_t solvers = 0;
     while (rec_solver_names()[solvers] != NULL)
         solvers++;
-    x->units = (size_t)x->o->n_grids * x->sets + 2 * solvers;
+    x->units = (size_t)x->o->n_grids * x->sets + 2 * solvers + experiment_figures();
     for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
         x->units += experiment_choices(x, v);
     x->done = x->state.n;
@@ -277,5 +280,6 @@ pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d)
     for (int g = 0; g < x->o->n_grids; g++)
         PVX_TRY(one_grid(x, g, d));
     PVX_TRY(all_views(x, d));
-    return all_solvers(x, d);
+    PVX_TRY(all_solvers(x, d));
+    return experiment_pictures(x, d);
 }

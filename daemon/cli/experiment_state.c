@@ -11,6 +11,11 @@
 
 static pvx_err keep(struct experiment_state *s, const struct experiment_unit *u)
 {
+    for (size_t i = 0; i < s->n; i++)
+        if (strcmp(s->unit[i].key, u->key) == 0) { /* the later one counts */
+            s->unit[i] = *u;
+            return PVX_OK;
+        }
     if (s->n == s->room) {
         size_t room = 2 * s->room + 64;
         struct experiment_unit *more = realloc(s->unit, room * sizeof *more);

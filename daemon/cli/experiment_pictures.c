@@ -1,0 +1,317 @@
+/* Figures 3, 4, 7, 8 and 9, of one frame at the experiment's grid.  Each is a unit as measurements are: it is not made
+ * again while its file is there. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+#include "daemon/cli/experiment.h"
+#include "daemon/cli/hull_picture.h"
+#include "daemon/cli/room_film.h"
+#include "daemon/cli/strip.h"
+
+static void path_of(const struct experiment *x, const char *name, char *path, size_t size)
+{
+    snprintf(path, size, "%s/%s", x->o->out, name);
+}
+
+static bool is_made(const struct experiment *x, const char *key, const char *file)
+{
+    char path[4300];
+    path_of(x, file, path, sizeof path);
+    return experiment_state_find(&x->state, key) != NULL && access(path, R_OK) == 0;
+}
+
+/* The solved frame as a dense volume; owner: caller, free(). */
+static float *dense_of(const struct experiment_lab *l)
+{
+    struct rec_sparse v;
+    float *dense = pvx_calloc(rec_grid_count(&l->S->grid) * (size_t)l->nch, sizeof *dense);
+    rec_frame_volume(l->frame, &v);
+    if (dense != NULL)
+        rec_sparse_to_dense(&v, dense);
+    return dense;
+}
+
+/* ---- Figure 3: without hull, and with ---- */
+
+/* What a volume shows that is not there, in the unused view: share of its light on dark bins, and the mean difference
+ * of all bins and channels, 0..255. */
+static void ghosts(const struct experiment_lab *l, size_t c, const uint8_t *lit, double *share,
+                   double *difference)
+{
+    size_t cs = (size_t)l->cs, rows = l->S->row0[c + 1] - l->S->row0[c];
+    double all = 0, dark = 0, sum = 0;
+    for (size_t i = 0; i < rows; i++)
+        for (int k = 0; k < l->nch; k++) {
+            size_t at = (l->S->row0[c] + i) * cs + (size_t)k;
+            double q = (double)l->seen[at];
+            all += q;
+            dark += lit[i] ? 0 : q;
+            sum += 255 * fabs((double)l->b[at] - q);
+        }
+    *share = all > 0 ? dark / all : 0;
+    *difference = sum / (double)rows / l->nch;
+}
+
+/* Share of a volume's emission outside the columns that `inside` has. */
+static double outside(const float *dense, const float *inside, size_t voxels, int nch)
+{
+    double all = 0, out = 0;
+    for (size_t i = 0; i < voxels * (size_t)nch; i += (size_t)nch) {
+        double v = 0, in = 0;
+        for (size_t k = 0; k < (size_t)nch; k++) {
+            v += (double)dense[i + k];
+            in += (double)inside[i + k];
+        }
+        all += v;
+        out += in > 0 ? 0 : v;
+    }
+    return all > 0 ? out / all : 0;
+}
+
+struct hulls {
+    struct experiment_lab with, without;
+    float *dense[2]; /* with, without */
+};
+
+static pvx_err solve_hulls(struct experiment *x, struct hulls *h, double *v, struct pvx_diag *d)
+{
+    struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
+    struct experiment_error e;
+    size_t at = 0;
+    p.frame.solve.solver = "cgls-paper";
+    for (int i = 0; i < 2; i++) {
+        struct experiment_lab *l = i == 0 ? &h->with : &h->without;
+        if (i == 1) { /* everything is flame: only what no camera sees is left out */
+            p.frame.photo.threshold = 0;
+            p.frame.photo.margin = 16;
+            p.frame.hull.min_views = 1;
+        }
+        PVX_TRY(experiment_lab_open(l, &p, d));
+        PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
+        PVX_TRY(experiment_lab_solve(l, experiment_used(x)));
+        experiment_lab_compare(l, x->unused, &e);
+        at = h->with.S->row0[x->unused];
+        ghosts(l, x->unused, h->with.lit + at, &v[2 * i], &v[2 * i + 1]);
+        if ((h->dense[i] = dense_of(l)) == NULL)
+            return pvx_fail(d, PVX_ENOMEM, "out of memory for a volume");
+    }
+    v[4] = outside(h->dense[1], h->dense[0], rec_grid_count(&h->with.S->grid), h->with.nch);
+    return PVX_OK;
+}
+
+static pvx_err figure3(struct experiment *x, double *v, struct pvx_diag *d)
+{
+    struct hulls h = {.with = {.S = NULL}};
+    struct dmn_strip_params s = dmn_strip_defaults;
+    char path[4300];
+    s.deg1 = 90;
+    pvx_err e = solve_hulls(x, &h, v, d);
+    if (e == PVX_OK) /* the same for both */
+        e = dmn_flame_exposure(&h.with.S->grid, h.dense[0], h.with.nch, s.elevation_deg, x->pool,
+                               &s.exposure);
+    path_of(x, "fig3-without.png", path, sizeof path);
+    if (e == PVX_OK)
+        e = dmn_strip_save(&h.with.S->grid, h.dense[1], h.with.nch, &s, x->pool, path, d);
+    path_of(x, "fig3.png", path, sizeof path);
+    if (e == PVX_OK)
+        e = dmn_strip_save(&h.with.S->grid, h.dense[0], h.with.nch, &s, x->pool, path, d);
+    experiment_lab_close(&h.with);
+    experiment_lab_close(&h.without);
+    free(h.dense[0]);
+    free(h.dense[1]);
+    return e;
+}
+
+/* ---- Figure 4 ---- */
+
+static pvx_err figure4(struct experiment *x, struct experiment_lab *l, double *v,
+                       struct pvx_diag *d)
+{
+    const struct rec_hull_counts *k = &rec_frame_get_report(l->frame)->hull;
+    bool present[REC_MAX_CAMERAS];
+    hull_picture *h = NULL;
+    char path[4300];
+    for (size_t c = 0; c < l->S->n_cameras; c++)
+        present[c] = c != x->unused;
+    v[0] = (double)k->inside;
+    v[1] = (double)k->partial;
+    v[2] = (double)k->outside;
+    path_of(x, "fig4.png", path, sizeof path);
+    pvx_err e = hull_picture_new(l->S, &l->rig, l->nch, x->params.hull.min_views, x->pool, &h);
+    if (e == PVX_OK)
+        e = hull_picture_save(h, l->frame, present, x->in.number[x->set[x->one]], path, d);
+    hull_picture_free(&h);
+    return e;
+}
+
+/* ---- Figure 7: original, reconstruction, difference ---- */
+
+static void panel(const struct experiment_lab *l, const float *p, const float *q, float *out,
+                  size_t row)
+{
+    for (size_t i = 0; i < row; i++)
+        for (size_t k = 0; k < (size_t)l->nch; k++) {
+            float a = p[i * (size_t)l->cs + k], b = q == NULL ? 0 : q[i * (size_t)l->cs + k];
+            out[i * (size_t)l->nch + k] = fabsf(a - b);
+        }
+}
+
+static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v,
+                       struct pvx_diag *d)
+{
+    const struct rec_sysmat_block *b = &l->S->block[x->unused];
+    size_t row0 = l->S->row0[x->unused], w = (size_t)b->bw, nch = (size_t)l->nch;
+    size_t n = 3 * w * (size_t)b->bh * nch;
+    struct experiment_error err;
+    double exposure;
+    char path[4300];
+    experiment_lab_compare(l, x->unused, &err);
+    memcpy(v, err.inside, sizeof err.inside);
+    memcpy(v + 3, err.all, sizeof err.all);
+    float *pix = pvx_calloc(n, sizeof *pix);
+    if (pix == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "out of memory for a picture");
+    for (size_t y = 0; y < (size_t)b->bh; y++) {
+        const float *p = l->b + (row0 + y * w) * (size_t)l->cs;
+        const float *q = l->seen + (row0 + y * w) * (size_t)l->cs;
+        float *to = pix + 3 * y * w * nch;
+        panel(l, p, NULL, to, w);
+        panel(l, q, NULL, to + w * nch, w);
+        panel(l, p, q, to + 2 * w * nch, w);
+    }
+    pvx_err e = dmn_auto_exposure(pix, n, &exposure);
+    for (size_t i = 0; i < n; i++)
+        pix[i] *= (float)exposure;
+    path_of(x, "fig7.png", path, sizeof path);
+    if (e == PVX_OK)
+        e = cap_image_save(path, pix, 3 * b->bw, b->bh, l->nch, 2.2, d);
+    free(pix);
+    return e;
+}
+
+/* ---- Figures 8 and 9 ---- */
+
+/* A strip of the frame at set[i], from all cameras; none where there is no flame. */
+static pvx_err flame(struct experiment *x, struct experiment_lab *l, size_t i, const char *name,
+                     struct pvx_diag *d)
+{
+    char path[4300];
+    PVX_TRY(experiment_lab_load(l, &x->in, x->set[i], d));
+    PVX_TRY(experiment_lab_solve(l, experiment_used(x) | (uint64_t)1 << x->unused));
+    float *dense = dense_of(l);
+    if (dense == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "out of memory for a volume");
+    path_of(x, name, path, sizeof path);
+    pvx_err e = dmn_strip_save(&l->S->grid, dense, l->nch, &dmn_strip_defaults, x->pool, path, d);
+    free(dense);
+    return e;
+}
+
+static pvx_err figure8(struct experiment *x, struct experiment_lab *l, double *v,
+                       struct pvx_diag *d)
+{
+    size_t other = (x->one + (x->sets + 1) / 2) % x->sets;
+    v[0] = x->in.number[x->set[x->one]];
+    v[1] = x->in.number[x->set[other]];
+    PVX_TRY(flame(x, l, other, "fig8-other.png", d));
+    return flame(x, l, x->one, "fig8.png", d);
+}
+
+static bool go_on(void *ctx, double done)
+{
+    (void)ctx;
+    (void)done;
+    return !cli_stop;
+}
+
+/* The frame of Figure 8 in a room that it lights: from three sides, and once round. */
+static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pvx_diag *d)
+{
+    struct dmn_strip_params s = dmn_strip_defaults;
+    struct dmn_room_film film = dmn_room_film_defaults;
+    char path[4300];
+    float *dense = dense_of(l);
+    if (dense == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "out of memory for a volume");
+    s.room = true;
+    s.deg1 = 240;
+    s.views = 3;
+    s.width = 400;
+    s.height = 300;
+    s.elevation_deg = film.elevation_deg;
+    film.views = 36;
+    film.width = 400;
+    film.height = 300;
+    film.progress = go_on;
+    path_of(x, "fig9.apng", path, sizeof path);
+    pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
+    path_of(x, "fig9.png", path, sizeof path);
+    if (e == PVX_OK)
+        e = dmn_strip_save(&l->S->grid, dense, l->nch, &s, x->pool, path, d);
+    free(dense);
+    return e;
+}
+
+/* ---- all ---- */
+
+enum { HULL, COUNTS, VIEW, FLAMES, ROOM, FIGURES };
+static const struct {
+    const char *key, *file;
+} figure[FIGURES] = {{"figure:3", "fig3.png"},
+                     {"figure:4", "fig4.png"},
+                     {"figure:7", "fig7.png"},
+                     {"figure:8", "fig8.png"},
+                     {"figure:9", "fig9.png"}};
+
+size_t experiment_figures(void)
+{
+    return FIGURES;
+}
+
+static pvx_err draw(struct experiment *x, struct experiment_lab *l, int i, struct pvx_diag *d)
+{
+    double v[EXPERIMENT_VALUES] = {0};
+    pvx_err e = PVX_OK;
+    if (i == COUNTS || i == VIEW) {
+        PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
+        e = experiment_lab_solve(l, experiment_used(x));
+    } else if (i == ROOM) {
+        e = experiment_lab_load(l, &x->in, x->set[x->one], d);
+        if (e == PVX_OK)
+            e = experiment_lab_solve(l, experiment_used(x) | (uint64_t)1 << x->unused);
+    }
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: %s", figure[i].file, pvx_strerror(e));
+    e = i == HULL     ? figure3(x, v, d)
+        : i == COUNTS ? figure4(x, l, v, d)
+        : i == VIEW   ? figure7(x, l, v, d)
+        : i == FLAMES ? figure8(x, l, v, d)
+                      : figure9(x, l, d);
+    if (e == PVX_ECANCELED)
+        return e;
+    return e == PVX_OK ? experiment_finished(x, figure[i].key, v, d)
+                       : pvx_fail(d, e, "%s: %s", figure[i].file, pvx_strerror(e));
+}
+
+pvx_err experiment_pictures(struct experiment *x, struct pvx_diag *d)
+{
+    struct experiment_lab l = {.S = NULL};
+    struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
+    pvx_err e = PVX_OK;
+    for (int i = 0; i < FIGURES && e == PVX_OK; i++) {
+        if (is_made(x, figure[i].key, figure[i].file))
+            continue;
+        if (cli_stop)
+            e = PVX_ECANCELED;
+        else if (l.S == NULL)
+            e = experiment_lab_open(&l, &p, d);
+        if (e == PVX_OK)
+            e = draw(x, &l, i, d);
+    }
+    experiment_lab_close(&l);
+    return e;
+}
