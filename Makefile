@@ -27,7 +27,7 @@ PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
-  libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9
+  libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint
 PACKAGES_BENCH := python3-matplotlib
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils

@@ -5,7 +5,7 @@
 #include <sys/stat.h>
 
 #include "base/mem.h"
-#include "daemon/cli/experiment.h"
+#include "daemon/cli/experiment_report.h"
 
 /* Frame sets that lack no camera, at most frames_max, evenly spread. */
 static pvx_err choose_sets(struct experiment *x, struct pvx_diag *d)
@@ -169,6 +169,10 @@ static int run(int argc, char **argv)
         e = experiment_measure(&x, &d);
     if (e == PVX_OK)
         e = experiment_csv(&x, &d);
+    if (e == PVX_OK)
+        e = experiment_report(&x, &d);
+    if (e == PVX_OK)
+        e = experiment_pdf(&x);
     if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop))
         rc = stopped(&x);
     else if (e != PVX_OK)

@@ -66,7 +66,7 @@ PVX_MUST_CHECK pvx_err experiment_finished(struct experiment *x, const char *key
  *   figure:3  share of the unused view's light on dark bins, mean difference of all bins: with hull, and without;
  *             share of the emission outside the hull
  *   figure:4  voxels inside, partly inside, outside
- *   figure:7  difference of each channel in the model's silhouette, in the picture's as well
+ *   figure:7  difference of each channel in the model's silhouette, in the picture's as well; correlation of the two
  *   figure:8  numbers of the frames
  * Errors: the files'; PVX_ECANCELED. */
 PVX_MUST_CHECK pvx_err experiment_pictures(struct experiment *x, struct pvx_diag *d);

@@ -160,6 +160,25 @@ static void panel(const struct experiment_lab *l, const float *p, const float *q
         }
 }
 
+/* Correlation of picture and model over all bins and channels of camera c. */
+static double likeness(const struct experiment_lab *l, size_t c)
+{
+    double n = 0, sp = 0, sq = 0, pp = 0, qq = 0, pq = 0;
+    for (size_t r = l->S->row0[c]; r < l->S->row0[c + 1]; r++)
+        for (size_t k = 0; l->weight[r] > 0 && k < (size_t)l->nch; k++) {
+            double p = (double)l->b[r * (size_t)l->cs + k];
+            double q = (double)l->seen[r * (size_t)l->cs + k];
+            n++;
+            sp += p;
+            sq += q;
+            pp += p * p;
+            qq += q * q;
+            pq += p * q;
+        }
+    double vp = pp - sp * sp / fmax(n, 1), vq = qq - sq * sq / fmax(n, 1);
+    return vp > 0 && vq > 0 ? (pq - sp * sq / n) / sqrt(vp * vq) : 0;
+}
+
 static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v,
                        struct pvx_diag *d)
 {
@@ -172,6 +191,7 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
     experiment_lab_compare(l, x->unused, &err);
     memcpy(v, err.inside, sizeof err.inside);
     memcpy(v + 3, err.all, sizeof err.all);
+    v[6] = likeness(l, x->unused);
     float *pix = pvx_calloc(n, sizeof *pix);
     if (pix == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a picture");

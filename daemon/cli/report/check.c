@@ -18,19 +18,6 @@
 
 enum { COLOURS = 256, HEAD = 54 };
 
-static void base64(FILE *f, const uint8_t *v, size_t n)
-{
-    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    for (size_t i = 0; i < n; i += 3) {
-        uint32_t a = v[i], b = i + 1 < n ? v[i + 1] : 0, c = i + 2 < n ? v[i + 2] : 0;
-        uint32_t w = a << 16 | b << 8 | c;
-        fputc(digit[w >> 18], f);
-        fputc(digit[w >> 12 & 63], f);
-        fputc(i + 1 < n ? digit[w >> 6 & 63] : '=', f);
-        fputc(i + 2 < n ? digit[w & 63] : '=', f);
-    }
-}
-
 static void put32(uint8_t *at, uint32_t v)
 {
     for (int i = 0; i < 4; i++)
@@ -78,7 +65,7 @@ static pvx_err bitmap(FILE *f, const struct rec_check_picture *q, double height)
             "<image x=\"0\" y=\"0\" width=\"%.0f\" height=\"%.1f\" preserveAspectRatio=\"none\" "
             "style=\"image-rendering:pixelated\" href=\"data:image/bmp;base64,",
             WIDTH, height);
-    base64(f, v, size);
+    html_base64(f, v, size);
     fputs("\"/>", f);
     free(v);
     return PVX_OK;

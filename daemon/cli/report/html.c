@@ -41,3 +41,16 @@ void html_cell(FILE *f, double v, int decimals)
     html_number(f, v, decimals);
     fputs("</td>", f);
 }
+
+void html_base64(FILE *f, const uint8_t *v, size_t n)
+{
+    static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    for (size_t i = 0; i < n; i += 3) {
+        uint32_t a = v[i], b = i + 1 < n ? v[i + 1] : 0, c = i + 2 < n ? v[i + 2] : 0;
+        uint32_t w = a << 16 | b << 8 | c;
+        fputc(digit[w >> 18], f);
+        fputc(digit[w >> 12 & 63], f);
+        fputc(i + 1 < n ? digit[w >> 6 & 63] : '=', f);
+        fputc(i + 2 < n ? digit[w & 63] : '=', f);
+    }
+}

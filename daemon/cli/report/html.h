@@ -2,6 +2,7 @@
  * message is called, it stays text. */
 #ifndef CALIBRATE_REPORT_HTML_H
 #define CALIBRATE_REPORT_HTML_H
+#include <stdint.h>
 #include <stdio.h>
 
 /* Escaped, between tags as well as in quotes; what is no UTF-8 or no character of XML becomes a '?'. */
@@ -10,5 +11,7 @@ void html_text(FILE *f, const char *s);
 void html_number(FILE *f, double v, int decimals);
 /* The same as a cell of a table. */
 void html_cell(FILE *f, double v, int decimals);
+/* A file inside the page, behind "data:TYPE;base64,". */
+void html_base64(FILE *f, const uint8_t *v, size_t n);
 
 #endif

@@ -1,0 +1,154 @@
+#include "daemon/cli/report/plot.h"
+
+#include <math.h>
+
+#include "daemon/cli/report/figures.h"
+#include "daemon/cli/report/html.h"
+
+#define WIDTH  720.0
+#define HEIGHT 380.0
+#define LEFT   64.0
+#define RIGHT  150.0 /* the series' names */
+#define TOP    14.0
+#define BOTTOM 52.0
+#define INK    "#5b6670"
+
+struct frame {
+    const struct plot *p;
+    double x0, x1, y1; /* of the axes; y0 = 0 */
+};
+
+static double along(const struct frame *t, double x)
+{
+    double share =
+        t->p->log_x ? log(x / t->x0) / log(t->x1 / t->x0) : (x - t->x0) / (t->x1 - t->x0);
+    return LEFT + share * (WIDTH - LEFT - RIGHT);
+}
+
+static double up(const struct frame *t, double y)
+{
+    return HEIGHT - BOTTOM - y / t->y1 * (HEIGHT - TOP - BOTTOM);
+}
+
+static bool drawn(const struct plot_series *s, size_t i)
+{
+    return isfinite(s->x[i]) && isfinite(s->y[i]);
+}
+
+static void find_frame(struct frame *t)
+{
+    *t = (struct frame){.p = t->p, .x0 = INFINITY, .x1 = -INFINITY};
+    for (size_t k = 0; k < t->p->n; k++)
+        for (size_t i = 0; i < t->p->series[k].n; i++) {
+            const struct plot_series *s = &t->p->series[k];
+            if (!drawn(s, i))
+                continue;
+            t->x0 = fmin(t->x0, s->x[i]);
+            t->x1 = fmax(t->x1, s->x[i]);
+            t->y1 = fmax(t->y1, s->y[i] + (s->spread != NULL ? s->spread[i] : 0));
+        }
+    if (!(t->x1 >= t->x0))
+        t->x0 = t->x1 = 1;
+    if (t->p->log_x) {
+        t->x0 /= 1.2;
+        t->x1 *= 1.2;
+    } else {
+        double rim = t->x1 > t->x0 ? 0.03 * (t->x1 - t->x0) : 1;
+        t->x0 -= rim;
+        t->x1 += rim;
+    }
+    t->y1 = t->y1 > 0 ? 1.08 * t->y1 : 1;
+}
+
+static void text(FILE *f, double x, double y, const char *anchor, const char *s)
+{
+    fprintf(f, "<text x=\"%.1f\" y=\"%.1f\" font-size=\"13\" fill=\"" INK "\" text-anchor=\"%s\">",
+            x, y, anchor);
+    html_text(f, s);
+    fputs("</text>", f);
+}
+
+static void tick(FILE *f, const struct frame *t, bool is_x, double v)
+{
+    char s[32];
+    snprintf(s, sizeof s, "%.6g", v);
+    if (is_x) {
+        text(f, along(t, v), HEIGHT - BOTTOM + 18, "middle", s);
+        return;
+    }
+    fprintf(f,
+            "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"" INK
+            "\" stroke-opacity=\".3\"/>",
+            LEFT, WIDTH - RIGHT, up(t, v), up(t, v));
+    text(f, LEFT - 7, up(t, v) + 4, "end", s);
+}
+
+static void axes(FILE *f, const struct frame *t)
+{
+    double step = report_round(t->y1 / 4),
+           wide = t->p->log_x ? 0 : report_round((t->x1 - t->x0) / 6);
+    for (double y = 0; y <= t->y1; y += step)
+        tick(f, t, false, y);
+    if (!t->p->log_x && wide < 1)
+        wide = 1; /* frames, voxels, views: whole numbers */
+    for (double x = ceil(t->x0 / fmax(wide, 1e-9)) * wide; !t->p->log_x && x <= t->x1; x += wide)
+        tick(f, t, true, x);
+    for (double ten = pow(10, floor(log10(fmax(t->x0, 1e-9)))); t->p->log_x && ten <= t->x1;
+         ten *= 10)
+        for (int k = 1; k <= 5; k += k == 2 ? 3 : 1)
+            if (k * ten >= t->x0 && k * ten <= t->x1)
+                tick(f, t, true, k * ten);
+    text(f, (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 12, "middle", t->p->x);
+    fprintf(f, "<g transform=\"translate(14 %.1f) rotate(-90)\">", (HEIGHT - BOTTOM + TOP) / 2);
+    text(f, 0, 0, "middle", t->p->y);
+    fputs("</g>", f);
+}
+
+static void line(FILE *f, const struct frame *t, const struct plot_series *s)
+{
+    fprintf(f, "<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.8\"%s points=\"", s->colour,
+            s->dashed ? " stroke-dasharray=\"5 4\"" : "");
+    for (size_t i = 0; i < s->n; i++)
+        if (drawn(s, i))
+            fprintf(f, "%.1f,%.1f ", along(t, s->x[i]), up(t, s->y[i]));
+    fputs("\"/>", f);
+}
+
+static void point(FILE *f, const struct frame *t, const struct plot_series *s, size_t i)
+{
+    double x = along(t, s->x[i]), y = up(t, s->y[i]);
+    fprintf(f, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>", x, y, s->colour);
+    if (s->spread != NULL)
+        fprintf(f,
+                "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
+                "stroke-opacity=\".6\"/>",
+                x, x, up(t, s->y[i] + s->spread[i]), up(t, fmax(0, s->y[i] - s->spread[i])),
+                s->colour);
+    if (s->label != NULL)
+        text(f, x + 6, y + 4, "start", s->label[i]);
+}
+
+void plot_svg(FILE *f, const struct plot *p)
+{
+    struct frame t = {.p = p};
+    find_frame(&t);
+    fprintf(f, "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 %.0f %.0f\" role=\"img\">",
+            WIDTH, HEIGHT);
+    axes(f, &t);
+    for (size_t k = 0; k < p->n; k++) {
+        const struct plot_series *s = &p->series[k];
+        double y = TOP + 12 + 20 * (double)k;
+        if (!s->points)
+            line(f, &t, s);
+        for (size_t i = 0; i < s->n && (s->points || s->n <= 20); i++)
+            if (drawn(s, i))
+                point(f, &t, s, i);
+        fprintf(f,
+                "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
+                "stroke-width=\"3\"%s/>",
+                WIDTH - RIGHT + 12, WIDTH - RIGHT + 34, y - 4, y - 4, s->colour,
+                s->dashed ? " stroke-dasharray=\"5 4\"" : "");
+        text(f, WIDTH - RIGHT + 40, y, "start", s->name);
+    }
+    fputs("</svg>", f);
+}

@@ -1,0 +1,26 @@
+/* plot.h - lines and points over two axes, as SVG inside a page.  Colours are attributes, so that they are right where a
+ * style sheet does not reach into a drawing (PDF).  Threads: pure. */
+#ifndef REPORT_PLOT_H
+#define REPORT_PLOT_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+
+struct plot_series {
+    const char *name, *colour;
+    size_t n;
+    const double *x, *y;      /* [n]; what is no number is not drawn */
+    const double *spread;     /* [n] a bar of so much up and down, or NULL */
+    const char *const *label; /* [n] beside each point, or NULL */
+    bool points, dashed;      /* points: no line */
+};
+struct plot {
+    const char *x, *y; /* what the axes say */
+    bool log_x;        /* all x > 0 */
+    const struct plot_series *series;
+    size_t n;
+};
+/* A figure's svg; y begins at 0. */
+void plot_svg(FILE *f, const struct plot *p);
+
+#endif
