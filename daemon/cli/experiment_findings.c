@@ -155,8 +155,9 @@ static void view(const struct experiment *x, struct experiment_finding *f)
     const double *v = figure(x, "figure:7");
     f->figure = "7, unused view";
     f->paper = "The volume seen from the unused camera is like its picture.";
-    SAY(f, "Their correlation is %.3f; the mean difference is %.2f of 255.", v[6],
-        experiment_over_channels(x, v));
+    SAY(f,
+        "Where either shows light, their correlation is %.3f; the mean difference is %.2f of 255.",
+        v[6], experiment_over_channels(x, v));
     f->holds = v[6] >= 0.95;
 }
 

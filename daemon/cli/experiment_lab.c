@@ -7,8 +7,6 @@
 #include "base/mem.h"
 #include "recon/carve/fit.h"
 
-#define SHOWS (0.5F / 255)
-
 static pvx_err allocate(struct experiment_lab *l, pvx_pool *pool)
 {
     size_t rows = l->S->row0[l->S->n_cameras], cs = (size_t)l->cs;
@@ -105,7 +103,7 @@ static bool shows(const struct experiment_lab *l, const float *q)
 {
     bool any = false;
     for (int i = 0; i < l->nch; i++)
-        any |= q[i] >= SHOWS;
+        any |= q[i] >= EXPERIMENT_SHOWS;
     return any;
 }
 

@@ -11,6 +11,8 @@
 #include "daemon/cli/frames_in.h"
 #include "recon/frame/inside.h"
 
+#define EXPERIMENT_SHOWS (0.5F / 255)
+
 struct experiment_lab {
     struct rec_rig rig; /* with the lab's grid */
     rec_sysmat *S;

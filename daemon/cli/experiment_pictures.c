@@ -150,22 +150,46 @@ static pvx_err figure4(struct experiment *x, struct experiment_lab *l, double *v
 
 /* ---- Figure 7: original, reconstruction, difference ---- */
 
-static void panel(const struct experiment_lab *l, const float *p, const float *q, float *out,
-                  size_t row)
+/* What there is to see: bins in the model's silhouette or the picture's, and some around them. */
+struct crop {
+    size_t x0, y0, w, h;
+};
+static bool seen_at(const struct experiment_lab *l, size_t r)
 {
-    for (size_t i = 0; i < row; i++)
-        for (size_t k = 0; k < (size_t)l->nch; k++) {
-            float a = p[i * (size_t)l->cs + k], b = q == NULL ? 0 : q[i * (size_t)l->cs + k];
-            out[i * (size_t)l->nch + k] = fabsf(a - b);
-        }
+    float most = 0;
+    for (size_t k = 0; k < (size_t)l->nch; k++)
+        most = fmaxf(most, l->seen[r * (size_t)l->cs + k]);
+    return l->lit[r] != 0 || most >= EXPERIMENT_SHOWS;
 }
 
-/* Correlation of picture and model over all bins and channels of camera c. */
+static struct crop crop_of(const struct experiment_lab *l, size_t c)
+{
+    enum { AROUND = 6 };
+    size_t w = (size_t)l->S->block[c].bw, h = (size_t)l->S->block[c].bh;
+    size_t x0 = w, y0 = h, x1 = 0, y1 = 0;
+    for (size_t y = 0; y < h; y++)
+        for (size_t x = 0; x < w; x++)
+            if (seen_at(l, l->S->row0[c] + y * w + x)) {
+                x0 = x < x0 ? x : x0;
+                x1 = x > x1 ? x : x1;
+                y0 = y < y0 ? y : y0;
+                y1 = y > y1 ? y : y1;
+            }
+    if (x0 > x1)
+        return (struct crop){0, 0, w, h};
+    x0 -= x0 < AROUND ? x0 : AROUND;
+    y0 -= y0 < AROUND ? y0 : AROUND;
+    x1 = x1 + AROUND < w ? x1 + AROUND : w - 1;
+    y1 = y1 + AROUND < h ? y1 + AROUND : h - 1;
+    return (struct crop){x0, y0, x1 - x0 + 1, y1 - y0 + 1};
+}
+
+/* Correlation of picture and model where either shows, over all channels of camera c. */
 static double likeness(const struct experiment_lab *l, size_t c)
 {
     double n = 0, sp = 0, sq = 0, pp = 0, qq = 0, pq = 0;
     for (size_t r = l->S->row0[c]; r < l->S->row0[c + 1]; r++)
-        for (size_t k = 0; l->weight[r] > 0 && k < (size_t)l->nch; k++) {
+        for (size_t k = 0; l->weight[r] > 0 && seen_at(l, r) && k < (size_t)l->nch; k++) {
             double p = (double)l->b[r * (size_t)l->cs + k];
             double q = (double)l->seen[r * (size_t)l->cs + k];
             n++;
@@ -179,36 +203,46 @@ static double likeness(const struct experiment_lab *l, size_t c)
     return vp > 0 && vq > 0 ? (pq - sp * sq / n) / sqrt(vp * vq) : 0;
 }
 
+/* A row of original, reconstruction and |difference|, each `w` bins of `big` pixels. */
+static void three(const struct experiment_lab *l, size_t row, size_t w, size_t big, float *out)
+{
+    size_t nch = (size_t)l->nch, cs = (size_t)l->cs;
+    for (size_t i = 0; i < w * big; i++)
+        for (size_t k = 0; k < nch; k++) {
+            float p = l->b[(row + i / big) * cs + k], q = l->seen[(row + i / big) * cs + k];
+            out[i * nch + k] = p;
+            out[(w * big + i) * nch + k] = q;
+            out[(2 * w * big + i) * nch + k] = fabsf(p - q);
+        }
+}
+
 static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v,
                        struct pvx_diag *d)
 {
-    const struct rec_sysmat_block *b = &l->S->block[x->unused];
-    size_t row0 = l->S->row0[x->unused], w = (size_t)b->bw, nch = (size_t)l->nch;
-    size_t n = 3 * w * (size_t)b->bh * nch;
+    enum { TALL = 320 /* pixels, at least */ };
+    size_t row0 = l->S->row0[x->unused], wide = (size_t)l->S->block[x->unused].bw;
     struct experiment_error err;
     double exposure;
     char path[4300];
     experiment_lab_compare(l, x->unused, &err);
+    struct crop at = crop_of(l, x->unused);
+    size_t big = (TALL + at.h - 1) / at.h;
+    size_t row = 3 * at.w * big * (size_t)l->nch, n = row * at.h * big;
     memcpy(v, err.inside, sizeof err.inside);
     memcpy(v + 3, err.all, sizeof err.all);
     v[6] = likeness(l, x->unused);
     float *pix = pvx_calloc(n, sizeof *pix);
     if (pix == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a picture");
-    for (size_t y = 0; y < (size_t)b->bh; y++) {
-        const float *p = l->b + (row0 + y * w) * (size_t)l->cs;
-        const float *q = l->seen + (row0 + y * w) * (size_t)l->cs;
-        float *to = pix + 3 * y * w * nch;
-        panel(l, p, NULL, to, w);
-        panel(l, q, NULL, to + w * nch, w);
-        panel(l, p, q, to + 2 * w * nch, w);
-    }
+    for (size_t y = 0; y < at.h * big; y++)
+        three(l, row0 + (at.y0 + y / big) * wide + at.x0, at.w, big, pix + y * row);
     pvx_err e = dmn_auto_exposure(pix, n, &exposure);
     for (size_t i = 0; i < n; i++)
         pix[i] *= (float)exposure;
     path_of(x, "fig7.png", path, sizeof path);
     if (e == PVX_OK)
-        e = cap_image_save(path, pix, 3 * b->bw, b->bh, l->nch, 2.2, d);
+        e = cap_image_save(path, pix, (int32_t)(3 * at.w * big), (int32_t)(at.h * big), l->nch, 2.2,
+                           d);
     free(pix);
     return e;
 }
@@ -263,9 +297,9 @@ static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pv
     s.width = 400;
     s.height = 300;
     s.elevation_deg = film.elevation_deg;
-    film.views = 36;
-    film.width = 400;
-    film.height = 300;
+    film.views = 24;
+    film.width = 320;
+    film.height = 240;
     film.progress = go_on;
     path_of(x, "fig9.apng", path, sizeof path);
     pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);

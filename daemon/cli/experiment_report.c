@@ -1,6 +1,7 @@
 #include "daemon/cli/experiment_report.h"
 
 #include <errno.h>
+#include <math.h>
 #include <spawn.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,6 +19,9 @@
 static const char *const colours[2][CHANNELS] = {{"#c0272d", "#1d7a46", "#1f6fb2"},
                                                  {"#5b6670", "", ""}};
 static const char *const names[2][CHANNELS] = {{"red", "green", "blue"}, {"grey", "", ""}};
+static const char *const rims[2][CHANNELS] = {
+    {"red, with the rim", "green, with the rim", "blue, with the rim"},
+    {"grey, with the rim", "", ""}};
 static const char *const shades[] = {"#1d7a46", "#7a4fb0", "#c0272d", "#a86200", "#1f6fb2"};
 
 struct page {
@@ -94,7 +98,7 @@ static void curves(const struct page *p, const struct curve *c)
         }
     }
     for (size_t k = 0; k < 2 * nch; k++)
-        s[k] = (struct plot_series){.name = k < nch ? names[set][k] : "with the rim",
+        s[k] = (struct plot_series){.name = k < nch ? names[set][k] : rims[set][k - nch],
                                     .colour = colours[set][k % nch],
                                     .n = c->n,
                                     .x = x,
@@ -140,6 +144,29 @@ static pvx_err by_frame(const struct page *p)
     return PVX_OK;
 }
 
+static void solver_cell(const struct page *p, const char *name, enum rec_basis basis)
+{
+    char key[64];
+    snprintf(key, sizeof key, "solver:%s:%s", name, rec_basis_name(basis));
+    const double *v = experiment_state_find(&p->x->state, key);
+    html_cell(p->f, v != NULL ? experiment_over_channels(p->x, v) : NAN, 3);
+    html_cell(p->f, v != NULL ? v[EXPERIMENT_MS] : NAN, 1);
+}
+
+static void solver_table(const struct page *p)
+{
+    fputs("<div class=\"wide\"><table class=\"small\"><tr><th>Solver</th><th>box</th><th>ms</th>"
+          "<th>trilinear</th><th>ms</th></tr>\n",
+          p->f);
+    for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
+        fprintf(p->f, "<tr><td>%s</td>", *name);
+        solver_cell(p, *name, REC_BOX);
+        solver_cell(p, *name, REC_TRILINEAR);
+        fputs("</tr>\n", p->f);
+    }
+    fputs("</table></div>\n", p->f);
+}
+
 static void by_solver(const struct page *p)
 {
     enum { MOST = 32 };
@@ -173,7 +200,7 @@ static void by_solver(const struct page *p)
                              .log_x = true,
                              .series = s,
                              .n = 2},
-              "One frame, mean over the channels; pcg is the default. Numbers: solvers.csv.");
+              "One frame, mean over the channels. Numbers: solvers.csv.");
 }
 
 /* ---- the page ---- */
@@ -185,7 +212,9 @@ static void head(const struct page *p)
             "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\"><head>"
             "<meta charset=\"utf-8\"/><meta name=\"viewport\" "
             "content=\"width=device-width,initial-scale=1\"/><title>Experiment</title><style>\n%s"
-            "figure{max-width:60rem;margin:.8rem 0}\n@page{size:A4;margin:1.6cm}</style></head>\n"
+            "figure{max-width:60rem;margin:.8rem "
+            "0}img{display:block;margin:auto}td:last-child{white-space:nowrap}\n@page{size:A4;"
+            "margin:1.6cm}</style></head>\n"
             "<body>\n<h1>The paper's experiments on <code>",
             report_style);
     html_text(p->f, x->o->frames);
@@ -270,6 +299,7 @@ static pvx_err body(const struct page *p, struct pvx_diag *d)
     section(p, FINDING_RIM, "Section 6.2: beside the silhouette");
     section(p, FINDING_SOLVERS, "Error against time");
     by_solver(p);
+    solver_table(p);
     PVX_TRY(pictures(p, d));
     fputs("</body></html>\n", p->f);
     return PVX_OK;

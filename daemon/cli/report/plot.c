@@ -12,10 +12,13 @@
 #define TOP    14.0
 #define BOTTOM 52.0
 #define INK    "#5b6670"
+#define LABELS 64
 
 struct frame {
     const struct plot *p;
-    double x0, x1, y1; /* of the axes; y0 = 0 */
+    double x0, x1, y0, y1;
+    double label[LABELS][2]; /* where some are; x, y */
+    size_t labels;
 };
 
 static double along(const struct frame *t, double x)
@@ -27,7 +30,7 @@ static double along(const struct frame *t, double x)
 
 static double up(const struct frame *t, double y)
 {
-    return HEIGHT - BOTTOM - y / t->y1 * (HEIGHT - TOP - BOTTOM);
+    return HEIGHT - BOTTOM - (y - t->y0) / (t->y1 - t->y0) * (HEIGHT - TOP - BOTTOM);
 }
 
 static bool drawn(const struct plot_series *s, size_t i)
@@ -37,7 +40,7 @@ static bool drawn(const struct plot_series *s, size_t i)
 
 static void find_frame(struct frame *t)
 {
-    *t = (struct frame){.p = t->p, .x0 = INFINITY, .x1 = -INFINITY};
+    *t = (struct frame){.p = t->p, .x0 = INFINITY, .x1 = -INFINITY, .y0 = INFINITY};
     for (size_t k = 0; k < t->p->n; k++)
         for (size_t i = 0; i < t->p->series[k].n; i++) {
             const struct plot_series *s = &t->p->series[k];
@@ -45,6 +48,7 @@ static void find_frame(struct frame *t)
                 continue;
             t->x0 = fmin(t->x0, s->x[i]);
             t->x1 = fmax(t->x1, s->x[i]);
+            t->y0 = fmin(t->y0, s->points ? s->y[i] : 0);
             t->y1 = fmax(t->y1, s->y[i] + (s->spread != NULL ? s->spread[i] : 0));
         }
     if (!(t->x1 >= t->x0))
@@ -58,6 +62,7 @@ static void find_frame(struct frame *t)
         t->x1 += rim;
     }
     t->y1 = t->y1 > 0 ? 1.08 * t->y1 : 1;
+    t->y0 = isfinite(t->y0) ? 0.9 * t->y0 : 0;
 }
 
 static void text(FILE *f, double x, double y, const char *anchor, const char *s)
@@ -71,7 +76,7 @@ static void text(FILE *f, double x, double y, const char *anchor, const char *s)
 static void tick(FILE *f, const struct frame *t, bool is_x, double v)
 {
     char s[32];
-    snprintf(s, sizeof s, "%.6g", v);
+    snprintf(s, sizeof s, "%.6g", fabs(v) < 1e-9 ? 0 : v); /* no -0 */
     if (is_x) {
         text(f, along(t, v), HEIGHT - BOTTOM + 18, "middle", s);
         return;
@@ -85,9 +90,9 @@ static void tick(FILE *f, const struct frame *t, bool is_x, double v)
 
 static void axes(FILE *f, const struct frame *t)
 {
-    double step = report_round(t->y1 / 4),
+    double step = report_round((t->y1 - t->y0) / 4),
            wide = t->p->log_x ? 0 : report_round((t->x1 - t->x0) / 6);
-    for (double y = 0; y <= t->y1; y += step)
+    for (double y = ceil(t->y0 / step) * step; y <= t->y1; y += step)
         tick(f, t, false, y);
     if (!t->p->log_x && wide < 1)
         wide = 1; /* frames, voxels, views: whole numbers */
@@ -114,7 +119,22 @@ static void line(FILE *f, const struct frame *t, const struct plot_series *s)
     fputs("\"/>", f);
 }
 
-static void point(FILE *f, const struct frame *t, const struct plot_series *s, size_t i)
+/* Beside a point; lower where there is one already. */
+static void beside(FILE *f, struct frame *t, double x, double y, const char *s)
+{
+    for (size_t i = 0; i < t->labels; i++)
+        if (fabs(t->label[i][0] - x) < 60 && fabs(t->label[i][1] - y) < 12) {
+            y = t->label[i][1] + 12;
+            i = (size_t)-1; /* again from the first */
+        }
+    if (t->labels < LABELS) {
+        t->label[t->labels][0] = x;
+        t->label[t->labels++][1] = y;
+    }
+    text(f, x, y, "start", s);
+}
+
+static void point(FILE *f, struct frame *t, const struct plot_series *s, size_t i)
 {
     double x = along(t, s->x[i]), y = up(t, s->y[i]);
     fprintf(f, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>", x, y, s->colour);
@@ -125,7 +145,7 @@ static void point(FILE *f, const struct frame *t, const struct plot_series *s, s
                 x, x, up(t, s->y[i] + s->spread[i]), up(t, fmax(0, s->y[i] - s->spread[i])),
                 s->colour);
     if (s->label != NULL)
-        text(f, x + 6, y + 4, "start", s->label[i]);
+        beside(f, t, x + 6, y + 4, s->label[i]);
 }
 
 void plot_svg(FILE *f, const struct plot *p)

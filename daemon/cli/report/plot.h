@@ -20,7 +20,7 @@ struct plot {
     const struct plot_series *series;
     size_t n;
 };
-/* A figure's svg; y begins at 0. */
+/* A figure's svg; y begins at 0, of points alone below the lowest. */
 void plot_svg(FILE *f, const struct plot *p);
 
 #endif
