@@ -81,7 +81,7 @@ TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test test-vm test-sanitize bench fit stability soak lint check-layers format-check tidy \
+.PHONY: all help setup setup-test run test paper test-vm test-sanitize bench fit stability soak lint check-layers format-check tidy \
   fuzz clean install install-recon uninstall tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -131,6 +131,12 @@ fit: setup-test ## fit the automatic weight's exponents anew from random cases (
 	@mkdir -p $(B)/fit
 	@$(B)/tests/fit/fit $(B)/fit $(CASES)
 	@/usr/bin/python3 tests/fit/fit.py $(B)/fit/fit.csv
+
+paper: setup-test ## the paper's figures on a recording like its own, simulated: build/paper/report.html and .pdf (goes on where it stopped)
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@test -e $(B)/paper/recorded || $(B)/bin/pyrovox simcams --cameras 8 --size 640x480 --fps 15 --ring 100 --noise 2 \
+	  --write-frames $(B)/paper/take --write-rig $(B)/paper/rig.yaml && touch $(B)/paper/recorded
+	@$(B)/bin/pyrovox experiment $(B)/paper/take --rig $(B)/paper/rig.yaml --black 0.02 --out $(B)/paper
 
 stability: setup-test ## every hard case: outcome, error against the truth, bound (writes build/stability/)
 	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/stability/stability
