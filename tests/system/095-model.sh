@@ -1,6 +1,6 @@
 #!/bin/bash
 # What a scene needs beyond the paper's model: a flame that absorbs its own light, offline and live.
-name=094
+name=095
 . "$(dirname "$0")/lib.sh"
 cd "$dir" || exit 1
 deep=4 # c, 1 over pixel value
