@@ -95,6 +95,7 @@ pvx_err calibrate_merge(const struct calibrate_look *l, const struct rec_rig *ol
     }
     rec_rig_fini(rig);
     *rig = all;
+    PVX_TRY(rec_bodies_copy(&old->bodies, &rig->bodies));
     return all.n_cameras <= REC_MAX_CAMERAS
                ? PVX_OK
                : pvx_fail(d, PVX_ERANGE, "more than %d cameras", REC_MAX_CAMERAS);

@@ -40,6 +40,8 @@ pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig)
     if (rig->cameras == NULL)
         return PVX_ENOMEM;
     rig->n_cameras = k->nc;
+    if (k->in->options.old != NULL)
+        PVX_TRY(rec_bodies_copy(&k->in->options.old->bodies, &rig->bodies));
     for (size_t c = 0; c < k->nc; c++) {
         struct rec_camera *to = &rig->cameras[c];
         const struct rec_calib_camera *m = &k->in->camera[c];

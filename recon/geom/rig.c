@@ -11,6 +11,7 @@
 #include "base/mem.h"
 #include "base/yaml.h"
 #include "recon/geom/photometry_text.h"
+#include "recon/geom/rig_bodies.h"
 
 #define MAX_FILE  (4u << 20)
 #define MAX_COORD 1e6 /* m; keeps every product of coordinates far from overflow */
@@ -19,6 +20,7 @@
 
 struct reader {
     const pvx_yaml *y;
+    const char *name; /* of the file */
     struct pvx_diag *d;
 };
 
@@ -275,7 +277,7 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
 {
     int root = pvx_yaml_root(r->y), node;
     int64_t version;
-    PVX_TRY(pvx_yaml_known(r->y, root, "rig", "version volume cameras", r->d));
+    PVX_TRY(pvx_yaml_known(r->y, root, "rig", "version volume cameras bodies", r->d));
     PVX_TRY(need(r, root, "rig", "version", &node));
     PVX_TRY(pvx_yaml_int(r->y, node, "version", 0, INT32_MAX, &version, r->d));
     if (version != 1)
@@ -301,6 +303,8 @@ static pvx_err read_rig(const struct reader *r, struct rec_rig *rig)
         return pvx_yaml_fail(r->y, pvx_yaml_get(r->y, pvx_yaml_get(r->y, root, "volume"), "voxels"),
                              "volume.voxels", PVX_EINVAL, r->d,
                              "auto: no camera has the middle of the volume in front of it");
+    if ((node = pvx_yaml_get(r->y, root, "bodies")) != 0)
+        return rec_bodies_read(r->y, node, r->name, rig, &rig->bodies, r->d);
     return PVX_OK;
 }
 
@@ -310,7 +314,7 @@ pvx_err rec_rig_parse(const char *text, size_t len, const char *name, struct rec
     pvx_yaml *y;
     memset(out, 0, sizeof *out);
     PVX_TRY(pvx_yaml_parse(text, len, name, &y, d));
-    struct reader r = {y, d};
+    struct reader r = {y, name, d};
     pvx_err e = read_rig(&r, out);
     if (e != PVX_OK)
         rec_rig_fini(out);
@@ -375,6 +379,7 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
                 "    uncertainty: { px: %.17g, px_95: %.17g, voxels: %.17g, voxels_95: %.17g }\n",
                 u->px, u->px_95, u->voxels, u->voxels_95);
     }
+    rec_bodies_write(f, &r->bodies);
     bool bad = ferror(f) != 0;
     if (fclose(f) != 0 || bad) {
         PVX_FREE(*out);
@@ -389,6 +394,7 @@ void rec_rig_fini(struct rec_rig *r)
 {
     PVX_FREE(r->cameras);
     r->n_cameras = 0;
+    rec_bodies_fini(&r->bodies);
 }
 
 pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out)
@@ -396,9 +402,15 @@ pvx_err rec_rig_copy(const struct rec_rig *r, struct rec_rig *out)
     struct rec_camera *c = pvx_calloc(r->n_cameras, sizeof *c);
     if (c == NULL)
         return PVX_ENOMEM;
+    struct rec_bodies bodies;
+    if (rec_bodies_copy(&r->bodies, &bodies) != PVX_OK) {
+        free(c);
+        return PVX_ENOMEM;
+    }
     memcpy(c, r->cameras, r->n_cameras * sizeof *c);
     *out = *r;
     out->cameras = c;
+    out->bodies = bodies;
     return PVX_OK;
 }
 
@@ -503,6 +515,10 @@ uint64_t rec_rig_hash(const struct rec_rig *r)
         hash_doubles(&h, c->dist, 8);
         hash_doubles(&h, c->R, 9);
         hash_doubles(&h, c->t, 3);
+    }
+    for (size_t i = 0; i < r->bodies.n; i++) { /* none: the hash that the rig always had */
+        double b[8];
+        hash_doubles(&h, b, rec_body_numbers(&r->bodies.body[i], b));
     }
     return XXH3_64bits_digest(&h);
 }

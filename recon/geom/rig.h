@@ -7,14 +7,19 @@
  *                R: [9], t: [3], gain: [1 or 3 numbers, optional],
  *                photometry: {...} (optional; photometry.h),
  *                uncertainty: { px, px_95, voxels, voxels_95 } (optional; struct rec_uncertainty) }
+ *   bodies:  (optional: opaque things in the flame or before it; body.h; metres)
+ *            - { name, box: { min: [3], max: [3] } }  or  { name, cylinder: { from: [3], to: [3], radius } }
+ *            or { name, mesh: FILE.stl or .ply (relative to this file), scale: m per unit (1) }
  * Refused with "file:line: key: reason": unknown/duplicate keys, R not a rotation (|R R^T - I| and
  * |det - 1| > 1e-3; nearer ones are re-orthonormalised), empty or inverted volume, duplicate names,
- * names that are not [A-Za-z0-9._-]+, more than REC_MAX_CAMERAS, sizes outside 1..16384.
- * Ownership: struct is the caller's memory; init by load/parse/ring, fini frees the cameras. */
+ * names that are not [A-Za-z0-9._-]+, more than REC_MAX_CAMERAS, sizes outside 1..16384, a body around a
+ * camera, a mesh that is not closed, has NaN, is a hundred times the volume or over 10^6 triangles.
+ * Ownership: struct is the caller's memory; init by load/parse/ring, fini frees the cameras and bodies. */
 #ifndef REC_RIG_H
 #define REC_RIG_H
 #include <stddef.h>
 #include "base/err.h"
+#include "recon/geom/body.h"
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
 
@@ -28,6 +33,7 @@ struct rec_rig {
     struct rec_grid grid;
     size_t n_cameras;
     struct rec_camera *cameras; /* [n_cameras] */
+    struct rec_bodies bodies;
 };
 
 PVX_MUST_CHECK pvx_err rec_rig_load(const char *path, struct rec_rig *out, struct pvx_diag *d);
