@@ -3,7 +3,8 @@
  *     H = { j : |{c sees j}| >= min_views and for every present camera c that sees j:
  *               the footprint of j in c has a lit bin }                                   (1)
  * A footprint that reaches the edge of the image may go on beside it: dark, it neither drops the voxel
- * nor counts as a view.  So with exact images no voxel with light in it is ever dropped.
+ * nor counts as a view.  What a body of the rig hides from a camera is not seen by it; what it hides in part is
+ * never dropped by it.  So with exact images no voxel with light in it is ever dropped.
  * inside = every bin of every footprint is lit; partial = kept by (1) but not inside; outside = the
  * rest.  keep_partial = 0 keeps inside only (the strict rule).
  * Source: A. Laurentini, IEEE TPAMI 16(2):150-162, 1994, on footprints instead of points.

@@ -1,5 +1,6 @@
 /* Building S, one camera after the other:
- *   trace    bands of rows of the image; the rays of a bin are walked and its entries rounded and
+ *   trace    bands of rows of the image; the rays of a bin are walked, each to the first body of the rig,
+ *            and its entries rounded and
  *            written one after the other, bin after bin
  *   count    strips of bands of about as many entries: entries per column
  *   sum      colptr, and where each strip's entries of a column start
@@ -7,7 +8,7 @@
  * then the cameras' columns are merged and the coarser levels added.
  * No two tasks write to one place, and the rows of a column ascend because strips and bins do, so the
  * result does not depend on how many bands, strips or threads there are. */
-#include <float.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
@@ -90,7 +91,14 @@ static size_t trace(const struct build *b, struct scratch *s, int32_t x, int32_t
     double v = (double)y * b->binning - 0.5 + (j + 0.5) * step;
     if (!rec_camera_ray(b->c, u, v, o, d)) /* the lens does not reach here: sees nothing */
         return 0;
-    return rec_traverse(&b->m->grid, o, d, s->index, s->value);
+    double end = INFINITY;
+    float *depth = b->part[b->camera].depth;
+    if (depth != NULL) {
+        end = rec_body_hit(&b->rig->bodies, o, d);
+        float *bin = &depth[(size_t)y * (size_t)b->bw + (size_t)x];
+        *bin = end < *bin ? (float)end : *bin;
+    }
+    return rec_traverse_until(&b->m->grid, o, d, end, s->index, s->value);
 }
 
 /* Add a ray to the bin's table; `used` slots so far. */
@@ -343,6 +351,17 @@ static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* Where bodies end the rays of each bin; none: nothing. */
+static bool new_depth(const struct build *b, size_t rows, float **out)
+{
+    if (b->rig->bodies.n == 0)
+        return true;
+    *out = rec_sysmat_array(rows * sizeof **out);
+    for (size_t i = 0; *out != NULL && i < rows; i++)
+        (*out)[i] = INFINITY;
+    return *out != NULL;
+}
+
 static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     struct rec_sysmat_block *block = &b->m->block[b->camera];
@@ -359,13 +378,15 @@ static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     struct rec_rect *fp = rec_sysmat_array(rec_brick_places(&b->m->grid) * sizeof *fp);
     block->fp = fp;
     b->bin_n = rec_sysmat_array(rows * sizeof *b->bin_n);
-    pvx_err e = out->colptr == NULL || fp == NULL || b->bin_n == NULL
+    bool room = new_depth(b, rows, &out->depth);
+    pvx_err e = out->colptr == NULL || fp == NULL || b->bin_n == NULL || !room
                     ? no_memory(b, b->N * (sizeof *fp + sizeof *out->colptr), d)
                     : trace_camera(b, pool, d);
     PVX_FREE(b->bin_n);
     PVX_TRY(e);
     if (rec_sysmat_footprints(b->m, b->c, block, out, pool, fp) != PVX_OK)
         return no_memory(b, 0, d);
+    PVX_FREE(out->depth);
     return PVX_OK;
 }
 

@@ -165,11 +165,40 @@ static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_
     return (struct rec_rect){(uint16_t)x0, (uint16_t)y0, (uint16_t)x1, (uint16_t)y};
 }
 
+/* Whether a body may be nearer to the camera than some of the support, in a bin of the rectangle or beside it (between
+ * its rays the outline of a body is not known). */
+static bool behind_body(const struct job *j, size_t col, struct rec_rect r)
+{
+    const struct rec_grid *g = &j->m->grid;
+    int32_t ijk[3];
+    double centre[3], d2 = 0, h2 = 0;
+    if (j->part->depth == NULL || !rec_rect_seen(r))
+        return false;
+    rec_grid_ijk(g, (int32_t)col, ijk);
+    rec_camera_centre(j->c, centre);
+    for (int a = 0; a < 3; a++) {
+        double h = rec_grid_h(g, a), d = g->min[a] + (ijk[a] + 0.5) * h - centre[a];
+        d2 += d * d;
+        h2 += h * h;
+    }
+    double far = (sqrt(d2) + 0.5 * j->span * sqrt(h2)) * (1 + 1e-6); /* depth is a float */
+    int32_t x0 = r.x0 > 0 ? r.x0 - 1 : 0, x1 = r.x1 + 1 < j->b->bw ? r.x1 + 1 : r.x1;
+    int32_t y0 = r.y0 > 0 ? r.y0 - 1 : 0, y1 = r.y1 + 1 < j->b->bh ? r.y1 + 1 : r.y1;
+    for (int32_t y = y0; y <= y1; y++)
+        for (int32_t x = x0; x <= x1; x++)
+            if (j->part->depth[(size_t)y * (size_t)j->b->bw + (size_t)x] < far)
+                return true;
+    return false;
+}
+
 static struct rec_rect footprint(const struct job *j, size_t col, const struct corners *k, size_t x)
 {
-    if (!k->hidden[x])
-        return with_entries(j, col, rectangle(j, k, x));
-    /* partly behind the camera or past the fold of the lens: its outline is not known */
+    if (!k->hidden[x]) {
+        struct rec_rect r = rectangle(j, k, x);
+        if (!behind_body(j, col, r))
+            return with_entries(j, col, r);
+    }
+    /* partly behind a body or the camera or past the fold of the lens: its outline is not known */
     if (j->part->colptr[col] == j->part->colptr[col + 1])
         return unseen;
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};

@@ -46,6 +46,7 @@ void rec_entries_free(struct rec_entries *e)
     free(e->colptr);
     free(e->row);
     free(e->val);
+    free(e->depth);
     *e = (struct rec_entries){0};
 }
 

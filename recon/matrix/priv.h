@@ -21,6 +21,7 @@ struct rec_entries {
     uint32_t *row;
     uint8_t *val;
     uint64_t nnz;
+    float *depth; /* of one camera, or NULL: m to the nearest body in a bin */
 };
 void rec_entries_free(struct rec_entries *e);
 
@@ -62,6 +63,8 @@ PVX_MUST_CHECK pvx_err rec_sysmat_add_levels(rec_sysmat *m, struct rec_entries *
 /* All of them unseen, and what is no voxel's for good. */
 void rec_no_footprints(const rec_sysmat *m, struct rec_rect *fp);
 /* Footprints of all columns of camera c from its lens, widened to every entry that is there.
+ * A support that is partly behind a body is like one that is partly behind the camera: where it has entries its
+ * footprint is the whole image, which never carves, else it is unseen.
  * fp [rec_brick_places] out.  Parallel over slabs of voxels, same bits for any thread count.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
                                              const struct rec_sysmat_block *b,

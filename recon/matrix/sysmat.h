@@ -31,6 +31,7 @@
  * Footprint of a column in a camera: the rectangle of bins that the support of basis function j
  * touches (conservative: every bin with a ray through the support is inside it; a support smaller
  * than a bin still has one).  seen = some part of it is in the image; behind or outside = unseen.
+ * Rays end at the first body of the rig: what is behind has no entries there and is unseen.
  * On coarser levels: the children's together.
  * Files: little-endian, one version, header and sections with XXH3-64 checksums, key = hash of all
  * that S depends on, all levels in one file.
