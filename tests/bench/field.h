@@ -8,6 +8,7 @@
 
 #include "base.h"
 #include "capture/files/imgio.h"
+#include "recon/geom/body.h"
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
 #include "tests/lib/centre.h"
@@ -18,6 +19,7 @@ struct field {
     int n[3];                                     /* 0: no field */
     double lo[3], hi[3];
     double absorb; /* of its own light: kappa over the mean of the channels' emission */
+    const struct rec_bodies *bodies; /* rays end there; or NULL */
 };
 
 /* The volume of a file, its box set by the caller.  false: no such file (one that is there and cannot be
@@ -91,6 +93,8 @@ static inline void field_ray(const struct field *f, const double o[3], const dou
         s0 = fmax(s0, fmin(u, v));
         s1 = fmin(s1, fmax(u, v));
     }
+    if (f->bodies != NULL)
+        s1 = fmin(s1, rec_body_hit(f->bodies, o, d));
     if (s1 <= s0)
         return;
     int steps = (int)ceil((s1 - s0) / (cell / 4));
