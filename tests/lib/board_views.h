@@ -196,7 +196,7 @@ static inline void bv_everywhere(struct bv *s)
 static inline void bv_truth(const struct bv *s, struct rec_camera cameras[BV_CAMERAS],
                             struct rec_rig *rig)
 {
-    *rig = (struct rec_rig){s->in.grid, s->cameras, cameras};
+    *rig = (struct rec_rig){.grid = s->in.grid, .n_cameras = s->cameras, .cameras = cameras};
     for (size_t i = 0; i < s->cameras; i++) {
         const struct bv_camera *c = &s->cam[i];
         struct rec_camera *r = &cameras[i];

@@ -102,7 +102,7 @@ static inline bool cs_read(struct cs *s, const char *folder, const char *corners
     s->in.camera = s->camera;
     s->in.view = s->view;
     s->in.grid = (struct rec_grid){{-0.3, -0.3, 0}, {0.3, 0.3, 0.6}, {64, 64, 64}, REC_TRILINEAR};
-    s->rig = (struct rec_rig){s->in.grid, CS_CAMERAS, s->own};
+    s->rig = (struct rec_rig){.grid = s->in.grid, .n_cameras = CS_CAMERAS, .cameras = s->own};
     return true;
 }
 
