@@ -16,7 +16,7 @@
 enum {
     EXPERIMENT_INSIDE,  /* [3] difference in the model's silhouette */
     EXPERIMENT_ALL = 3, /* [3] in the picture's as well */
-    EXPERIMENT_MS = 6,  /* of solving; of carving and solving for grids */
+    EXPERIMENT_MS = 6,  /* of hull, restriction and solution */
     EXPERIMENT_VOXELS,  /* in the hull; 0: no flame */
     EXPERIMENT_BINS,    /* compared, in the model's silhouette */
     EXPERIMENT_ITERATIONS

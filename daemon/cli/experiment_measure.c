@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#define TIMES 3 /* a solver is timed */
+
 /* ---- choices of views ---- */
 
 size_t experiment_views_max(const struct experiment *x)
@@ -81,7 +83,7 @@ pvx_err experiment_finished(struct experiment *x, const char *key, const double 
                             struct pvx_diag *d)
 {
     PVX_TRY(experiment_state_add(&x->state, key, v, d));
-    x->done++;
+    x->done = x->state.n; /* one that is made again counts once */
     if (!x->o->quiet)
         cli_progress(&x->bar, (double)x->done / (double)x->units);
     return PVX_OK;
@@ -198,6 +200,21 @@ static pvx_err all_views(struct experiment *x, struct pvx_diag *d)
 
 /* ---- error against time ---- */
 
+/* The least time of some: the first touches its memory, others may be disturbed.  The volume is the same. */
+static pvx_err time_solver(struct experiment *x, struct experiment_lab *l, const char *key,
+                           struct pvx_diag *d)
+{
+    double v[EXPERIMENT_VALUES], least = INFINITY;
+    for (int i = 0; i < TIMES; i++) {
+        pvx_err e = measure(l, experiment_used(x), v);
+        if (e != PVX_OK)
+            return pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
+        least = fmin(least, v[EXPERIMENT_MS]);
+    }
+    v[EXPERIMENT_MS] = least;
+    return experiment_finished(x, key, v, d);
+}
+
 static pvx_err one_solver(struct experiment *x, const char *name, enum rec_basis basis,
                           struct pvx_diag *d)
 {
@@ -215,7 +232,7 @@ static pvx_err one_solver(struct experiment *x, const char *name, enum rec_basis
     if (e == PVX_OK)
         e = experiment_lab_load(&l, &x->in, x->set[x->one], d);
     if (e == PVX_OK)
-        e = measure_unused(x, &l, key, d);
+        e = time_solver(x, &l, key, d);
     experiment_lab_close(&l);
     return e;
 }

@@ -128,7 +128,8 @@ static pvx_err by_frame(const struct page *p)
             snprintf(key, sizeof key, "grid:%d:%06u", x->o->grids[g], frame);
             const double *u = experiment_state_find(&x->state, key);
             v[i] = frame;
-            v[(g + 1) * n + i] = u != NULL ? experiment_over_channels(x, u) : 0;
+            v[(g + 1) * n + i] =
+                u != NULL && u[EXPERIMENT_VOXELS] > 0 ? experiment_over_channels(x, u) : NAN;
         }
         snprintf(name[g], sizeof name[g], "%d voxels", x->o->grids[g]);
         s[g] = (struct plot_series){.name = name[g],
@@ -200,7 +201,7 @@ static void by_solver(const struct page *p)
                              .log_x = true,
                              .series = s,
                              .n = 2},
-              "One frame, mean over the channels. Numbers: solvers.csv.");
+              "One frame, mean over the channels; the least of three times. Numbers: solvers.csv.");
 }
 
 /* ---- the page ---- */
