@@ -241,6 +241,56 @@ static void any_value(struct stab_bed *b)
 }
 
 #define RING RIG_RING, 8
+/* ---- terms of the model -------------------------------------------------------------------------*/
+
+/* An optical depth of `depth` along the densest ray, by the closed form of absorb.h for one colour. */
+static void absorb(struct stab_bed *b, double depth)
+{
+    double densest = 0, c;
+    for (size_t k = 0; k < b->rig.n_cameras; k++)
+        for (size_t i = 0; i < stab_pixels(b, k); i++) {
+            const float *v = b->image[k] + 3 * i;
+            densest = fmax(densest, ((double)v[0] + (double)v[1] + (double)v[2]) / 3);
+        }
+    b->p.absorption = c = depth / densest;
+    for (size_t k = 0; k < b->rig.n_cameras; k++)
+        for (size_t i = 0; i < stab_pixels(b, k); i++) {
+            float *v = b->image[k] + 3 * i;
+            double thick = c * ((double)v[0] + (double)v[1] + (double)v[2]) / 3;
+            for (int l = 0; l < 3 && thick > 0; l++)
+                v[l] *= (float)(-expm1(-thick) / thick);
+        }
+    b->peak *= -expm1(-depth) / depth; /* the noise is a share of what is seen */
+}
+static void depth_5(struct stab_bed *b)
+{
+    absorb(b, 5);
+}
+static void bounds(struct stab_bed *b)
+{
+    b->p.at_least = true;
+    saturate(b);
+}
+static float clip_low(float v)
+{
+    return fminf(v, 0.05F);
+}
+static void all_saturated(struct stab_bed *b)
+{
+    b->p.at_least = true;
+    b->p.photo.saturation = 0.05F;
+    each(b, clip_low);
+}
+static void in_vain(struct stab_bed *b)
+{
+    b->p.at_least = b->p.temporal = true;
+}
+static void all_terms(struct stab_bed *b)
+{
+    absorb(b, 2);
+    in_vain(b);
+}
+
 static const struct hard_case cases[] = {
     {"nothing hard, 1 % noise", RING, NULL, 0.01, NULL},
     {"empty frame", RING, dark, 0, NULL},
@@ -277,6 +327,11 @@ static const struct hard_case cases[] = {
     {"noise 30 %", RING, NULL, 0.3, any_value},
     {"8-bit pictures, no noise", RING, NULL, 0, quantised},
     {"8-bit pictures, noise 5 % clipped at black", RING, NULL, 0.05, quantised},
+    {"saturated pixels, exposure doubled, as bounds", RING, exposed_twice, 0.01, bounds},
+    {"all of the flame saturated, as bounds", RING, NULL, 0.01, all_saturated},
+    {"absorption to a depth of 5, c known", RING, depth_5, 0.01, NULL},
+    {"terms that the scene has no need of", RING, NULL, 0.01, in_vain},
+    {"all terms at once, depth 2", RING, all_terms, 0.01, NULL},
 };
 #undef RING
 
