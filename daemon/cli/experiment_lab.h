@@ -25,6 +25,7 @@ struct experiment_lab {
     float *raw, *b, *weight; /* [rows][cs], [rows][cs], [rows] of the set, of all cameras */
     uint8_t *lit;            /* [rows] */
     float *seen;             /* [room][cs] by the last comparison */
+    bool said_lit;           /* that nearly all of a picture is */
 };
 
 /* How to make one. */
