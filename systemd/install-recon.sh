@@ -9,7 +9,7 @@ put() { install -D -m 0644 "$1" "$2"; }
 
 install -D -m 0755 "$build/lib/libpyrovox-recon.so.1" "$lib/libpyrovox-recon.so.1"
 ln -sf libpyrovox-recon.so.1 "$lib/libpyrovox-recon.so"
-for h in recon/carve/{hull,photo}.h recon/frame/frame.h recon/geom/{camera,grid,photometry,rig}.h recon/matrix/sysmat.h \
+for h in recon/carve/{hull,photo}.h recon/frame/frame.h recon/geom/{body,camera,grid,photometry,rig}.h recon/matrix/sysmat.h \
     recon/simd/windows.h recon/solve/params.h recon/view/{render,room,view}.h recon/vote/{verdict,wrong}.h; do
     put "$h" "$inc/$h"
 done
