@@ -448,6 +448,19 @@ static pvx_err build_cameras(struct build *b, pvx_pool *pool, struct pvx_diag *d
     return PVX_OK;
 }
 
+/* Bodies that leave no camera a ray in the volume. */
+static pvx_err all_hidden(const struct build *b, struct pvx_diag *d)
+{
+    for (size_t c = 0; c < b->rig->n_cameras; c++)
+        if (b->part[c].nnz > 0)
+            return PVX_OK;
+    return pvx_fail(
+        d, PVX_EINVAL,
+        "bodies of the rig hide the whole volume from all cameras (the first is '%s'): are "
+        "they where they are in the lab, in metres?",
+        b->rig->bodies.body[0].name);
+}
+
 static pvx_err build_all(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     rec_sysmat *m = b->m;
@@ -459,6 +472,8 @@ static pvx_err build_all(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     b->part = pvx_calloc(m->n_cameras, sizeof *b->part);
     pvx_err e = b->part == NULL ? PVX_ENOMEM : build_cameras(b, pool, d);
     free_scratch(b);
+    if (e == PVX_OK && b->rig->bodies.n > 0)
+        e = all_hidden(b, d);
     struct rec_entries all = {0};
     if (e == PVX_OK)
         e = rec_sysmat_merge(m, b->part, pool, &all, d);

@@ -152,6 +152,21 @@ T_CASE(entries_of_trilinear_end_at_bodies)
 }
 
 /* A body that no ray meets changes no bit but the key; none, not even that. */
+T_CASE(a_body_around_everything_is_refused)
+{
+    struct rec_rig r;
+    rec_sysmat *S;
+    struct pvx_diag d = {""};
+    struct rec_body crate = {
+        .name = "crate", .kind = REC_BODY_BOX, .a = {-0.9, -0.9, -0.4}, .b = {0.9, 0.9, 1.4}};
+    T_OK(rec_rig_ring(4, 2.2, 32, 24, 8, &r) == PVX_OK);
+    r.bodies = (struct rec_bodies){1, &crate};
+    T_EQ_I(rec_sysmat_build(&r, &rec_sysmat_defaults, NULL, NULL, NULL, &S, &d), PVX_EINVAL);
+    T_OK(S == NULL);
+    T_CONTAINS(d.text, "'crate'");
+    r.bodies = (struct rec_bodies){0};
+    rec_rig_fini(&r);
+}
 T_CASE(no_body_in_the_way_same_bits)
 {
     struct rec_rig r, beside;
