@@ -9,7 +9,7 @@ recording() {
     run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --voxels 32 --write-rig rig.yaml --write-frames take
     says 0 '3 frame sets in take' || return 1
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out vol --quiet; says 0 || return 1
-    /usr/bin/python3 - <<'P' || return 1
+    "$py" - <<'P' || return 1
 import glob, numpy as np
 for f in glob.glob("vol/*.npy"):
     v = np.load(f)
@@ -19,7 +19,7 @@ P
     for c in 0 1 2 3 4 5 6 7; do
         run "$pyrovox" render --rig rig.yaml --camera cam$c --format npy vol thin/cam$c; says 0 || return 1
     done
-    /usr/bin/python3 - "$deep" <<'P'
+    "$py" - "$deep" <<'P'
 import glob, os, sys, numpy as np
 c, r = float(sys.argv[1]), np.random.default_rng(1)
 for f in sorted(glob.glob("thin/*/*.npy")):
@@ -35,7 +35,7 @@ P
 }
 # Relative L2 error of folder $1's volumes.
 error() {
-    /usr/bin/python3 - "$1" <<'P'
+    "$py" - "$1" <<'P'
 import glob, sys, numpy as np
 n = d = 0
 for f in sorted(glob.glob("vol/*.npy")):
@@ -79,7 +79,7 @@ Y
     start live.log "$pyrovoxd" -c m.yaml
     run "$pyrovox" record --endpoint "$volumes" --volumes 3 --out live; local r=$code
     [ "$r" = 0 ] || { echo "$out"; return 1; }
-    /usr/bin/python3 - <<'P'
+    "$py" - <<'P'
 import glob, sys, numpy as np
 live, known = sorted(glob.glob("live/*.npy")), sorted(glob.glob("known/*.npy"))
 assert len(live) == len(known) == 3, (live, known)
@@ -95,9 +95,34 @@ refuses() {
     mkdir -p dark; local c
     for c in 0 1 2 3 4 5 6 7; do
         mkdir -p dark/cam$c
-        /usr/bin/python3 -c 'import sys, numpy as np; np.save(sys.argv[1], np.zeros((120, 160, 3), np.float32))' dark/cam$c/000000.npy
+        "$py" -c 'import sys, numpy as np; np.save(sys.argv[1], np.zeros((120, 160, 3), np.float32))' dark/cam$c/000000.npy
     done
     run "$pyrovox" reconstruct --rig rig.yaml --frames dark --out x --absorption auto; says 1 'has a flame in 3 cameras'
+}
+# The volume before as what is expected, in the daemon and offline: no worse than each set by itself.
+temporal() {
+    run "$pyrovox" reconstruct --rig rig.yaml --frames thin --out alone --quiet; says 0 || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames thin --out before --temporal --quiet; says 0 || return 1
+    below "$(error before)" "$(awk "BEGIN { print 1.02 * $(error alone) }")" || return 1
+    cat > t.yaml <<Y
+rig: $dir/rig.yaml
+cameras: "files:$dir/thin/{name}/%06d.npy"
+lossless: true
+model: { temporal: on }
+publish: { endpoints: ["$volumes"], sample: f32, wait_subscriber: true }
+control: { endpoint: "$control" }
+Y
+    start temporal.log "$pyrovoxd" -c t.yaml
+    run "$pyrovox" record --endpoint "$volumes" --volumes 3 --out lt; says 0 || return 1
+    "$py" - <<'P' || return 1
+import glob, numpy as np
+live, off = sorted(glob.glob("lt/*.npy")), sorted(glob.glob("before/*.npy"))
+assert len(live) == len(off) == 3, (live, off)
+for a, b in zip(live, off):
+    a, b = np.load(a), np.load(b)
+    assert np.linalg.norm(a - b) < 1e-3 * np.linalg.norm(b), np.linalg.norm(a - b) / np.linalg.norm(b)
+P
+    run "$pyrovox" reconstruct --rig rig.yaml --frames thin --out x --temporal --solver mlem; says 2 'temporal'
 }
 # Nothing in these pictures is saturated: the term changes no bit.
 saturated() {
@@ -125,5 +150,5 @@ advises() {
     run "$pyrovox" advise --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames dark --quiet; says 1 'flame'
 }
-for t in recording absorbs nothing_absorbs live saturated refuses advises; do check $t $t; done
+for t in recording absorbs nothing_absorbs live temporal saturated refuses advises; do check $t $t; done
 exit $rc
