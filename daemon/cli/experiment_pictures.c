@@ -91,6 +91,7 @@ static pvx_err solve_hulls(struct experiment *x, struct hulls *h, double *v, str
             p.frame.hull.min_views = 1;
         }
         PVX_TRY(experiment_lab_open(l, &p, d));
+        l->said_lit = i == 1;
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
         PVX_TRY(experiment_lab_solve(l, experiment_used(x)));
         experiment_lab_compare(l, x->unused, &e);

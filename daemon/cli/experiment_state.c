@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/file.h"
 #include "base/mem.h"
@@ -90,19 +91,27 @@ static pvx_err check_arguments(const char *out, const char *arguments, bool anew
     return same ? PVX_OK : pvx_file_write(path, arguments, strlen(arguments), d);
 }
 
-/* What was read is written again: without the piece of a line that a crash may have left. */
+/* What was read is written again: without the piece of a line that a crash may have left.  Beside the file that is
+ * there, which stays until all of it is written: the disk may be full. */
 static pvx_err rewrite(struct experiment_state *s, const char *path, struct pvx_diag *d)
 {
+    char beside[4310];
     size_t n = s->n;
-    s->file = fopen(path, "we");
+    pvx_err e = PVX_OK;
+    snprintf(beside, sizeof beside, "%s.tmp", path);
+    s->file = fopen(beside, "we");
     if (s->file == NULL)
-        return pvx_fail(d, PVX_EIO, "%s: %s", path, strerror(errno));
+        return pvx_fail(d, PVX_EIO, "%s: %s", beside, strerror(errno));
     s->n = 0;
-    for (size_t i = 0; i < n; i++) {
+    for (size_t i = 0; i < n && e == PVX_OK; i++) {
         struct experiment_unit u = s->unit[i];
-        PVX_TRY(experiment_state_add(s, u.key, u.v, d));
+        e = experiment_state_add(s, u.key, u.v, d);
     }
-    return PVX_OK;
+    if (e == PVX_OK && rename(beside, path) != 0)
+        e = pvx_fail(d, PVX_EIO, "%s: %s", path, strerror(errno));
+    if (e != PVX_OK)
+        unlink(beside);
+    return e;
 }
 
 pvx_err experiment_state_open(struct experiment_state *s, const char *out, const char *arguments,

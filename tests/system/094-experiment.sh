@@ -25,9 +25,15 @@ goes_on() {
     printf 'views:3:1,0.1,0.2' >> out/state/done.csv
     local kept; kept=$(wc -l < before.csv)
     experiment --out out; says 0 "44 measurements in out, $kept of them from an earlier run" || return 1
+    ! grep -q 'count as flame' <<< "$out" || { echo "it warns: $out"; return 1; }
     head -n "$kept" out/state/done.csv | cmp - before.csv || return 1
     local now; now=$(cksum < out/state/done.csv)
     experiment --out out; says 0 '44 measurements in out, 44 of them' && [ "$now" = "$(cksum < out/state/done.csv)" ]
+}
+full_disk() { # what was measured before stays
+    local before; before=$(cksum < out/state/done.csv)
+    out=$( (trap '' XFSZ; ulimit -f 1; "$pyrovox" experiment take --rig rig.yaml --black 0.02 --grids 16,24 --grid 24 --out out) 2>&1); code=$?
+    [ "$code" = 1 ] && [ "$before" = "$(cksum < out/state/done.csv)" ] && [ ! -e out/state/done.csv.tmp ] || { echo "exit $code: $out"; return 1; }
 }
 # The same numbers from any number of threads, however often it was stopped; times are others.
 same_numbers() {
@@ -104,5 +110,5 @@ bad_input() {
     head -c 100 take/cam1/000001.png > gaps/cut && cp -f take/cam2/*.png gaps/cam2/ && mv gaps/cut gaps/cam1/000001.png
     run "$pyrovox" experiment gaps --rig rig.yaml --black 0.02 --grids 16 --grid 16 --out y; says 1 '000001' 'cannot be used'
 }
-for t in recording stops goes_on same_numbers plausible report no_weasyprint others bad_input; do check $t $t; done
+for t in recording stops goes_on full_disk same_numbers plausible report no_weasyprint others bad_input; do check $t $t; done
 exit $rc
