@@ -151,7 +151,7 @@ static int stopped(const struct experiment *x)
     fprintf(stderr,
             "pyrovox: stopped; %zu of %zu measurements are kept in %s/state, the same command goes "
             "on\n",
-            x->done, x->units, x->o->out);
+            x->state.n, x->units, x->o->out);
     return 130;
 }
 

@@ -111,14 +111,10 @@ static bool reaches_side(const struct job *j, const struct rec_sparse *v)
 
 static void check_lit(struct job *j, const struct dmn_slot *s)
 {
-    for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++) {
-        const struct rec_sysmat_block *b = &j->S->block[c];
-        size_t bins = (size_t)b->bw * (size_t)b->bh, lit = 0;
-        const uint8_t *at = rec_frame_lit(s->frame, c);
-        for (size_t i = 0; has(s, c) && i < bins; i++)
-            lit += at[i] != 0;
-        reconstruct_check_lit(j->rig.cameras[c].name, lit, bins, &j->said_lit);
-    }
+    for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++)
+        if (has(s, c))
+            (void)reconstruct_check_lit(j->rig.cameras[c].name, rec_frame_lit(s->frame, c),
+                                        j->S->row0[c + 1] - j->S->row0[c], &j->said_lit);
 }
 
 static void say_missing(const struct job *j, const struct dmn_slot *s)
@@ -205,14 +201,6 @@ static pvx_err save_report(const char *path, cJSON *root, struct pvx_diag *d)
     return e;
 }
 
-/* Everything is flame: the hull then drops only what no camera sees. */
-static void without_hull(struct rec_frame_params *p)
-{
-    p->photo.threshold = 0;
-    p->photo.margin = 16; /* noise may be below 0 here and there */
-    p->hull.min_views = 1;
-}
-
 /* Rig, frames and the grid to work on. */
 static pvx_err find_input(struct job *j, struct pvx_diag *d)
 {
@@ -223,7 +211,7 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
         as_in_file.grid_auto = false;
     }
     if (o->no_hull)
-        without_hull(&j->params);
+        reconstruct_without_hull(&j->params);
     PVX_TRY(opt_rig_load(&as_in_file, &j->rig, d));
     if (j->params.hull.min_views > j->rig.n_cameras)
         return pvx_fail(

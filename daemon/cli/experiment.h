@@ -36,13 +36,15 @@ struct experiment {
     size_t sets, one; /* one: of the experiments on one frame, a place in `set` */
     struct experiment_state state;
     struct cli_progress bar;
-    size_t done, units;
+    size_t units; /* in all */
 };
 
 /* Everything that was not measured yet.  PVX_ECANCELED: stopped; what is done is kept. */
 PVX_MUST_CHECK pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d);
 /* Of this many voxels along the longest side, at the experiment's binning. */
 struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels);
+/* A rec_progress that ends at Ctrl-C. */
+bool experiment_go_on(void *ctx, double done);
 /* How many choices of `views` of the rig's cameras are measured, and the k-th: a mask. */
 size_t experiment_choices(const struct experiment *x, size_t views);
 uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k);

@@ -90,49 +90,44 @@ static pvx_err by_frame(const struct experiment *x, struct pvx_diag *d)
     return save(&c, x, "fig5.csv", d);
 }
 
-static void mean_row(struct csv *c, const struct experiment_mean *m)
+static void mean_row(struct csv *c, const struct experiment *x, const char *what, size_t value)
 {
-    values(c, m->mean + EXPERIMENT_INSIDE);
-    values(c, m->spread + EXPERIMENT_INSIDE);
-    values(c, m->mean + EXPERIMENT_ALL);
-    fprintf(c->f, ",%.4g,%zu\n", m->mean[EXPERIMENT_MS], m->n);
+    char key[64];
+    snprintf(key, sizeof key, "%s:%zu:", what, value);
+    struct experiment_mean m = experiment_mean_of(x, key);
+    fprintf(c->f, "%zu", value);
+    values(c, m.mean + EXPERIMENT_INSIDE);
+    values(c, m.spread + EXPERIMENT_INSIDE);
+    values(c, m.mean + EXPERIMENT_ALL);
+    fprintf(c->f, ",%.4g,%zu\n", m.mean[EXPERIMENT_MS], m.n);
 }
 
-static void mean_head(struct csv *c, const char *counted)
+static pvx_err mean_begin(struct csv *c, const struct experiment *x, const char *what,
+                          const char *counted, struct pvx_diag *d)
 {
+    PVX_TRY(begin(c, x, what, d));
     columns(c, "inside");
     columns(c, "spread");
     columns(c, "all");
     fprintf(c->f, ",ms,%s\n", counted);
+    return PVX_OK;
 }
 
 static pvx_err by_grid(const struct experiment *x, struct pvx_diag *d)
 {
     struct csv c;
-    PVX_TRY(begin(&c, x, "grid", d));
-    mean_head(&c, "frames");
-    for (int g = 0; g < x->o->n_grids; g++) {
-        char key[64];
-        snprintf(key, sizeof key, "grid:%d:", x->o->grids[g]);
-        struct experiment_mean m = experiment_mean_of(x, key);
-        fprintf(c.f, "%d", x->o->grids[g]);
-        mean_row(&c, &m);
-    }
+    PVX_TRY(mean_begin(&c, x, "grid", "frames", d));
+    for (int g = 0; g < x->o->n_grids; g++)
+        mean_row(&c, x, "grid", (size_t)x->o->grids[g]);
     return save(&c, x, "fig6b.csv", d);
 }
 
 static pvx_err by_views(const struct experiment *x, struct pvx_diag *d)
 {
     struct csv c;
-    PVX_TRY(begin(&c, x, "views", d));
-    mean_head(&c, "choices");
-    for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++) {
-        char key[64];
-        snprintf(key, sizeof key, "views:%zu:", v);
-        struct experiment_mean m = experiment_mean_of(x, key);
-        fprintf(c.f, "%zu", v);
-        mean_row(&c, &m);
-    }
+    PVX_TRY(mean_begin(&c, x, "views", "choices", d));
+    for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
+        mean_row(&c, x, "views", v);
     return save(&c, x, "fig6a.csv", d);
 }
 

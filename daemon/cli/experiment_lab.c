@@ -91,12 +91,9 @@ pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size
     memcpy(l->b, rec_frame_rhs(l->frame), rows * (size_t)l->cs * sizeof *l->b);
     memcpy(l->weight, rec_frame_weight(l->frame), rows * sizeof *l->weight);
     memcpy(l->lit, rec_frame_lit(l->frame, 0), rows);
-    for (size_t c = 0; c < n; c++) {
-        size_t lit = 0, bins = l->S->row0[c + 1] - l->S->row0[c];
-        for (size_t k = 0; k < bins; k++)
-            lit += l->lit[l->S->row0[c] + k] != 0;
-        reconstruct_check_lit(in->rig->cameras[c].name, lit, bins, &l->said_lit);
-    }
+    for (size_t c = 0; c < n; c++)
+        (void)reconstruct_check_lit(in->rig->cameras[c].name, l->lit + l->S->row0[c],
+                                    l->S->row0[c + 1] - l->S->row0[c], &l->said_lit);
     return PVX_OK;
 }
 

@@ -55,6 +55,13 @@ uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k)
 
 /* ---- units ---- */
 
+bool experiment_go_on(void *ctx, double done)
+{
+    (void)ctx;
+    (void)done;
+    return !cli_stop;
+}
+
 struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels)
 {
     return (struct experiment_lab_params){.rig = &x->rig,
@@ -62,30 +69,16 @@ struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t vox
                                           .basis = x->rig.grid.basis,
                                           .matrix = x->matrix,
                                           .frame = x->params,
-                                          .pool = x->pool};
-}
-
-static bool go_on(void *ctx, double done)
-{
-    (void)ctx;
-    (void)done;
-    return !cli_stop;
-}
-
-static pvx_err open_lab(struct experiment_lab *l, struct experiment_lab_params *p,
-                        struct pvx_diag *d)
-{
-    p->progress = (struct rec_progress){go_on, NULL};
-    return experiment_lab_open(l, p, d);
+                                          .pool = x->pool,
+                                          .progress = {experiment_go_on, NULL}};
 }
 
 pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
                             struct pvx_diag *d)
 {
     PVX_TRY(experiment_state_add(&x->state, key, v, d));
-    x->done = x->state.n; /* one that is made again counts once */
-    if (!x->o->quiet)
-        cli_progress(&x->bar, (double)x->done / (double)x->units);
+    if (!x->o->quiet) /* one that is made again counts once */
+        cli_progress(&x->bar, (double)x->state.n / (double)x->units);
     return PVX_OK;
 }
 
@@ -153,7 +146,7 @@ static pvx_err one_grid(struct experiment *x, int g, struct pvx_diag *d)
         if (has(x, key))
             continue;
         if (l.S == NULL)
-            e = open_lab(&l, &p, d);
+            e = experiment_lab_open(&l, &p, d);
         if (e == PVX_OK && cli_stop)
             e = PVX_ECANCELED;
         if (e == PVX_OK)
@@ -179,7 +172,7 @@ static pvx_err one_choice(struct experiment *x, struct experiment_lab *l, size_t
         return PVX_ECANCELED;
     if (l->S == NULL) {
         struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
-        PVX_TRY(open_lab(l, &p, d));
+        PVX_TRY(experiment_lab_open(l, &p, d));
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
     }
     pvx_err e = measure(l, experiment_choice(x, views, k), v);
@@ -228,7 +221,7 @@ static pvx_err one_solver(struct experiment *x, const char *name, enum rec_basis
         return PVX_OK;
     if (cli_stop)
         return PVX_ECANCELED;
-    pvx_err e = open_lab(&l, &p, d);
+    pvx_err e = experiment_lab_open(&l, &p, d);
     if (e == PVX_OK)
         e = experiment_lab_load(&l, &x->in, x->set[x->one], d);
     if (e == PVX_OK)
@@ -261,7 +254,7 @@ static pvx_err find_one(struct experiment *x, struct pvx_diag *d)
 {
     struct experiment_lab l = {.S = NULL};
     struct experiment_lab_params p = experiment_lab_of(x, x->o->grids[0]);
-    pvx_err e = open_lab(&l, &p, d);
+    pvx_err e = experiment_lab_open(&l, &p, d);
     bool found = false;
     for (size_t k = 0; k < x->sets && e == PVX_OK && !found; k++) {
         x->one = outwards(x->sets, k);
@@ -286,7 +279,6 @@ static void count_units(struct experiment *x)
     x->units = (size_t)x->o->n_grids * x->sets + 2 * solvers + experiment_figures();
     for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
         x->units += experiment_choices(x, v);
-    x->done = x->state.n;
 }
 
 pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d)

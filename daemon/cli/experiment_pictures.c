@@ -9,6 +9,7 @@
 #include "capture/files/imgio.h"
 #include "daemon/cli/experiment.h"
 #include "daemon/cli/hull_picture.h"
+#include "daemon/cli/reconstruct_fit.h"
 #include "daemon/cli/room_film.h"
 #include "daemon/cli/strip.h"
 
@@ -85,11 +86,8 @@ static pvx_err solve_hulls(struct experiment *x, struct hulls *h, double *v, str
     p.frame.solve.solver = "cgls-paper";
     for (int i = 0; i < 2; i++) {
         struct experiment_lab *l = i == 0 ? &h->with : &h->without;
-        if (i == 1) { /* everything is flame: only what no camera sees is left out */
-            p.frame.photo.threshold = 0;
-            p.frame.photo.margin = 16;
-            p.frame.hull.min_views = 1;
-        }
+        if (i == 1)
+            reconstruct_without_hull(&p.frame);
         PVX_TRY(experiment_lab_open(l, &p, d));
         l->said_lit = i == 1;
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
@@ -276,13 +274,6 @@ static pvx_err figure8(struct experiment *x, struct experiment_lab *l, double *v
     return flame(x, l, x->one, "fig8.png", d);
 }
 
-static bool go_on(void *ctx, double done)
-{
-    (void)ctx;
-    (void)done;
-    return !cli_stop;
-}
-
 /* The frame of Figure 8 in a room that it lights: from three sides, and once round. */
 static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pvx_diag *d)
 {
@@ -301,7 +292,7 @@ static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pv
     film.views = 24;
     film.width = 320;
     film.height = 240;
-    film.progress = go_on;
+    film.progress = experiment_go_on;
     path_of(x, "fig9.apng", path, sizeof path);
     pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
     path_of(x, "fig9.png", path, sizeof path);

@@ -64,16 +64,6 @@ static void tear_down(struct fit *f)
     rec_sysmat_free(&f->S);
 }
 
-static size_t lit_bins(const struct fit *f, size_t c)
-{
-    const struct rec_sysmat_block *b = &f->S->block[c];
-    const uint8_t *at = rec_frame_lit(f->frame, c);
-    size_t lit = 0;
-    for (size_t i = 0; i < (size_t)b->bw * (size_t)b->bh; i++)
-        lit += at[i] != 0;
-    return lit;
-}
-
 /* Set i's silhouettes into the fit; whether any camera saw flame. */
 static bool look(struct fit *f, size_t i, rec_fit *fit)
 {
@@ -94,11 +84,9 @@ static bool look(struct fit *f, size_t i, rec_fit *fit)
         }
         if (!present[c])
             continue;
-        size_t n = lit_bins(f, c);
         there++;
-        light += n;
-        reconstruct_check_lit(f->in->rig->cameras[c].name, n, (size_t)b->bw * (size_t)b->bh,
-                              &f->said);
+        light += reconstruct_check_lit(f->in->rig->cameras[c].name, lit[c],
+                                       (size_t)b->bw * (size_t)b->bh, &f->said);
     }
     f->sets++;
     if (there > 0)
@@ -141,15 +129,26 @@ static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool qui
     return err;
 }
 
-void reconstruct_check_lit(const char *camera, size_t lit, size_t bins, bool *said)
+void reconstruct_without_hull(struct rec_frame_params *p)
 {
-    if (*said || (double)lit < 0.9 * (double)bins)
-        return;
+    p->photo.threshold = 0;
+    p->photo.margin = 16; /* noise may be below 0 here and there */
+    p->hull.min_views = 1;
+}
+
+size_t reconstruct_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < bins; i++)
+        n += lit[i] != 0;
+    if (*said || (double)n < 0.9 * (double)bins)
+        return n;
     *said = true;
     fprintf(stderr,
             "pyrovox: %.0f %% of the image of %s count as flame: is there a black level (--black "
             "X, share of full scale) or a lit scene (--background DIR)?\n",
-            100 * (double)lit / (double)bins, camera);
+            100 * (double)n / (double)bins, camera);
+    return n;
 }
 
 static void say_left_out(const struct fit *f)

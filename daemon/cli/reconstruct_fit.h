@@ -12,7 +12,10 @@ PVX_MUST_CHECK pvx_err reconstruct_fit(const struct reconstruct_options *o, stru
                                        const struct rec_frame_params *p, pvx_pool *pool,
                                        struct rec_rig *rig, struct pvx_diag *d);
 
-/* A remark, once, when nearly all of an image counts as flame: mostly a black level not given. */
-void reconstruct_check_lit(const char *camera, size_t lit, size_t bins, bool *said);
+/* Everything is flame: the hull then drops only what no camera sees. */
+void reconstruct_without_hull(struct rec_frame_params *p);
+
+/* How many bins of an image are lit; a remark, once, when nearly all are: mostly a black level not given. */
+size_t reconstruct_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said);
 
 #endif

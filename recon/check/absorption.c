@@ -18,11 +18,10 @@ struct search {
     uint32_t views; /* of error[] that are there */
 };
 
-static pvx_err load(struct search *s, size_t i, bool *floats)
+static pvx_err load(struct search *s, size_t i)
 {
     struct rec_check_set set;
     PVX_TRY(s->from->get(s->from->ctx, i, &set));
-    *floats = set.floats;
     rec_unseen_absorb(s->u, 0);
     rec_unseen_load(s->u, set.picture, set.floats);
     return PVX_OK;
@@ -31,13 +30,13 @@ static pvx_err load(struct search *s, size_t i, bool *floats)
 /* Sets with a flame, evenly spread over the source. */
 static pvx_err choose(struct search *s, struct rec_absorption *out, struct pvx_diag *d)
 {
-    bool sees[REC_MAX_CAMERAS], floats;
+    bool sees[REC_MAX_CAMERAS];
     for (size_t k = 0, last = SIZE_MAX; k < REC_ABSORPTION_SETS; k++) {
         size_t i = (2 * k + 1) * s->from->n / (2 * REC_ABSORPTION_SETS);
         if (i == last || i >= s->from->n)
             continue;
         last = i;
-        PVX_TRY(load(s, i, &floats));
+        PVX_TRY(load(s, i));
         if (rec_holdout_who(s->u, sees, &s->brightest) >= REC_ABSORPTION_LEAST)
             s->at[out->sets++] = i;
     }
@@ -73,11 +72,11 @@ static pvx_err without(struct search *s, const bool *sees, size_t k)
 
 static pvx_err measure(struct search *s, uint32_t sets)
 {
-    bool sees[REC_MAX_CAMERAS], floats;
+    bool sees[REC_MAX_CAMERAS];
     size_t n = rec_unseen_matrix(s->u)->n_cameras, each = REC_ABSORPTION_VIEWS / sets;
     each = each < n ? each : n;
     for (uint32_t j = 0; j < sets; j++) {
-        PVX_TRY(load(s, s->at[j], &floats));
+        PVX_TRY(load(s, s->at[j]));
         (void)rec_holdout_who(s->u, sees, &s->brightest);
         for (size_t m = 0; m < each; m++) {
             size_t k = (j + m * n / each) % n; /* around the ring */

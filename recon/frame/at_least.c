@@ -46,13 +46,16 @@ void rec_frame_mark_saturated(rec_frame *f)
     for (size_t c = 0; c < f->S->n_cameras; c++) {
         size_t from = f->S->row0[c], to = f->S->row0[c + 1];
         memset(f->least_of + from, 0, to - from);
+        memset(f->least + from, 0, (to - from) * sizeof *f->least);
         if (!f->present[c] || f->carver->stats[c].saturated == 0)
             continue;
-        for (size_t i = from; i < to; i++)
-            f->least_of[i] = is_inner(f, c, i) ? lanes_of(f, c, i) : 0;
         for (size_t i = from; i < to; i++) {
-            f->least[i] = f->least_of[i] != 0;
-            f->any_least |= f->least_of[i] != 0;
+            uint8_t lanes = lanes_of(f, c, i);
+            if (lanes == 0 || !is_inner(f, c, i))
+                continue;
+            f->least_of[i] = lanes;
+            f->least[i] = 1;
+            f->any_least = true;
         }
     }
 }

@@ -30,14 +30,10 @@ struct rec_frame_params {
     struct rec_solve_params solve;
     bool coarse_start; /* solve on coarser grids first (levels.h); only the default solver does */
     bool trust_all;    /* no vote (vote.h): every camera is believed */
-    bool
-        at_least; /* saturated pixels are lower bounds (recon/solve/bound.h), which only the default solver
-                          knows; false, the default: they are left out */
+    bool at_least; /* saturated pixels are lower bounds (bound.h; default solver), else left out */
+    bool temporal; /* expect what the volume before says (temporal.h); with coarse_start alone */
     double absorption; /* c of absorb.h, 1 over pixel value; 0, the default: none */
-    bool
-        temporal; /* expect what the volume before says, where the pictures bear it out (temporal.h); with
-                      coarse_start alone */
-    uint32_t hold; /* sets that a camera which was voted out has to agree in before it is back;
+    uint32_t hold;     /* sets that a camera which was voted out has to agree in before it is back;
                           0, the default: each set by itself */
 };
 extern const struct rec_frame_params rec_frame_defaults; /* nch 3 */

@@ -8,68 +8,61 @@ struct raise {
     rec_problem *pb;
     float *r, *wr;
     const float *q;
+    /* What one entry that has a bound, of lane l at row i, takes off the sum. */
+    double (*less)(struct raise *t, size_t i, size_t l);
 };
 
-/* Sum of w q^2 over rows that are above their bounds. */
-static void free_chunk(void *ctx, size_t k)
+static void chunk(void *ctx, size_t k)
 {
     struct raise *t = ctx;
     rec_problem *pb = t->pb;
-    size_t cs = (size_t)pb->cs;
     double less[4] = {0};
     REC_FOR_ROWS (i, pb->a, k) {
         uint8_t lanes = pb->a->is_row[i] && pb->in.least[i] > 0 ? pb->in.least_of[i] : 0;
-        for (size_t l = 0; l < cs && lanes >> l != 0; l++) {
-            size_t at = i * cs + l;
-            if ((lanes >> l & 1) != 0 && pb->b[at] > pb->in.b[at])
-                less[l] += (double)rec_weight_at(pb, i, l) * t->q[at] * t->q[at];
-        }
+        for (size_t l = 0; l < (size_t)pb->cs && lanes >> l != 0; l++)
+            if ((lanes >> l & 1) != 0)
+                less[l] += t->less(t, i, l);
     }
     memcpy(pb->part[k][0], less, sizeof less);
+}
+
+/* A sum of squares, less what the entries with bounds take off it. */
+static void reduce(struct raise *t, double sum[4])
+{
+    rec_problem *pb = t->pb;
+    double less[4];
+    if (pb->in.least == NULL)
+        return;
+    pvx_pool_run(pb->a->pool, rec_row_chunks(pb), chunk, t);
+    rec_sum(pb, 0, rec_row_chunks(pb), 0, less);
+    for (int l = 0; l < 4; l++)
+        sum[l] = sum[l] > less[l] ? sum[l] - less[l] : 0;
+}
+
+/* w q^2 where the row is above its bound. */
+static double freed(struct raise *t, size_t i, size_t l)
+{
+    const rec_problem *pb = t->pb;
+    size_t at = i * (size_t)pb->cs + l;
+    return pb->b[at] > pb->in.b[at] ? (double)rec_weight_at(pb, i, l) * t->q[at] * t->q[at] : 0;
 }
 
 void rec_bound_curvature(rec_problem *pb, const float *q, double qwq[4])
 {
-    struct raise t = {.pb = pb, .q = q};
-    double less[4];
-    if (pb->in.least == NULL)
-        return;
-    pvx_pool_run(pb->a->pool, rec_row_chunks(pb), free_chunk, &t);
-    rec_sum(pb, 0, rec_row_chunks(pb), 0, less);
-    for (int l = 0; l < 4; l++)
-        qwq[l] = qwq[l] > less[l] ? qwq[l] - less[l] : 0;
+    reduce(&(struct raise){.pb = pb, .q = q, .less = freed}, qwq);
 }
 
-/* Sum of what r'Wr becomes less by. */
-static void raise_chunk(void *ctx, size_t k)
+static double raised(struct raise *t, size_t i, size_t l)
 {
-    struct raise *t = ctx;
     rec_problem *pb = t->pb;
-    size_t cs = (size_t)pb->cs;
-    double less[4] = {0};
-    REC_FOR_ROWS (i, pb->a, k) {
-        uint8_t lanes = pb->a->is_row[i] && pb->in.least[i] > 0 ? pb->in.least_of[i] : 0;
-        for (size_t l = 0; l < cs && lanes >> l != 0; l++) {
-            size_t at = i * cs + l;
-            if ((lanes >> l & 1) == 0)
-                continue;
-            float seen = t->r[at] + pb->b[at], b = pb->in.b[at];
-            double before = (double)t->wr[at] * t->r[at];
-            pb->b[at] = seen > b ? seen : b;
-            less[l] += before - rec_put_residual(pb, i, l, seen - pb->b[at], &t->r[at], &t->wr[at]);
-        }
-    }
-    memcpy(pb->part[k][0], less, sizeof less);
+    size_t at = i * (size_t)pb->cs + l;
+    float seen = t->r[at] + pb->b[at], b = pb->in.b[at];
+    double before = (double)t->wr[at] * t->r[at];
+    pb->b[at] = seen > b ? seen : b;
+    return before - rec_put_residual(pb, i, l, seen - pb->b[at], &t->r[at], &t->wr[at]);
 }
 
 void rec_bound_raise(rec_problem *pb, float *r, float *wr, double rwr[4])
 {
-    struct raise t = {.pb = pb, .r = r, .wr = wr};
-    double less[4];
-    if (pb->in.least == NULL)
-        return;
-    pvx_pool_run(pb->a->pool, rec_row_chunks(pb), raise_chunk, &t);
-    rec_sum(pb, 0, rec_row_chunks(pb), 0, less);
-    for (int l = 0; l < 4; l++)
-        rwr[l] = rwr[l] > less[l] ? rwr[l] - less[l] : 0;
+    reduce(&(struct raise){.pb = pb, .r = r, .wr = wr, .less = raised}, rwr);
 }

@@ -156,9 +156,9 @@ double rec_temporal_expect(rec_temporal *t, rec_problem *pb, const struct rec_fl
     pvx_pool_run(a->pool, rec_column_chunks(pb), move_chunk, t);
     for (int32_t q = 0; q < previous->n; q++)
         memset(t->dense + (size_t)previous->index[q] * (size_t)t->cs, 0, bytes);
-    double mean = judge(t, pb, x);
-    if (mean == 0)
+    double trust = judge(t, pb, x);
+    if (trust == 0)
         return 0;
     pb->expect = t->expect;
-    return mean;
+    return trust;
 }
