@@ -108,10 +108,12 @@ static void grids(const struct experiment *x, struct experiment_finding *f)
     double before = grid_error(x, last - 1, EXPERIMENT_INSIDE);
     SAY(f,
         "From %.2f of 255 with %d voxels to %.2f with %d; the last step, from %d voxels, changes "
-        "it "
-        "by %+.1f %%.",
+        "it by %+.1f %%.%s",
         first, x->o->grids[0], end, x->o->grids[last], x->o->grids[last - 1],
-        100 * (end / fmax(before, 1e-9) - 1));
+        100 * (end / fmax(before, 1e-9) - 1),
+        end > SAME * first ? " Finer grids lose where cameras contradict each other: `pyrovox "
+                             "calibrate check` says which, `calibrate refine` mends poses."
+                           : "");
     f->holds = falls;
 }
 
@@ -127,7 +129,8 @@ static void rim(const struct experiment *x, struct experiment_finding *f)
         "%.2f of 255 instead of %.2f (%+.1f %%): %s.",
         all, in, 100 * (all / fmax(in, 1e-9) - 1),
         all > 1.1 * in ? "the hull is too small: calibrate anew, or give a --margin"
-                       : "the calibration costs next to nothing");
+                       : "no hull is too small (a few pixels off would not show in it: `pyrovox "
+                         "calibrate check`)");
     f->holds = all > 1.1 * in ? 1 : -1;
 }
 
