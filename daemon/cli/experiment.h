@@ -60,6 +60,12 @@ struct experiment_mean {
 };
 struct experiment_mean experiment_mean_of(const struct experiment *x, const char *prefix);
 
+/* What a solver did on the one frame; NULL: not measured.  Grids that this was done on, ascending: those of Figure 5 and
+ * the experiment's own. */
+const double *experiment_solver(const struct experiment *x, const char *name, enum rec_basis basis,
+                                int32_t voxels);
+size_t experiment_solver_grids(const struct experiment *x, int32_t voxels[EXPERIMENT_GRIDS + 1]);
+
 /* Keep a unit that was just done, and say so. */
 PVX_MUST_CHECK pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
                                            struct pvx_diag *d);

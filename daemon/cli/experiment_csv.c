@@ -131,26 +131,33 @@ static pvx_err by_views(const struct experiment *x, struct pvx_diag *d)
     return save(&c, x, "fig6a.csv", d);
 }
 
+static void solvers_on(struct csv *c, const struct experiment *x, enum rec_basis basis,
+                       int32_t voxels)
+{
+    for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
+        const double *v = experiment_solver(x, *name, basis, voxels);
+        if (v == NULL)
+            continue;
+        fprintf(c->f, "%s,%s,%d", *name, rec_basis_name(basis), voxels);
+        values(c, v + EXPERIMENT_INSIDE);
+        values(c, v + EXPERIMENT_ALL);
+        fprintf(c->f, ",%.4g,%.0f\n", v[EXPERIMENT_MS], v[EXPERIMENT_ITERATIONS]);
+    }
+}
+
 static pvx_err by_solver(const struct experiment *x, struct pvx_diag *d)
 {
     struct csv c;
-    PVX_TRY(begin(&c, x, "solver,basis", d));
+    int32_t voxels[EXPERIMENT_GRIDS + 1];
+    size_t n = experiment_solver_grids(x, voxels);
+    PVX_TRY(begin(&c, x, "solver,basis,grid", d));
     columns(&c, "inside");
     columns(&c, "all");
     fputs(",ms,iterations\n", c.f);
-    for (size_t i = 0; i < 2; i++)
-        for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
-            const char *basis = rec_basis_name(i == 0 ? REC_BOX : REC_TRILINEAR);
-            char key[64];
-            snprintf(key, sizeof key, "solver:%s:%s", *name, basis);
-            const double *v = experiment_state_find(&x->state, key);
-            if (v == NULL)
-                continue;
-            fprintf(c.f, "%s,%s", *name, basis);
-            values(&c, v + EXPERIMENT_INSIDE);
-            values(&c, v + EXPERIMENT_ALL);
-            fprintf(c.f, ",%.4g,%.0f\n", v[EXPERIMENT_MS], v[EXPERIMENT_ITERATIONS]);
-        }
+    for (size_t g = 0; g < n; g++) {
+        solvers_on(&c, x, REC_BOX, voxels[g]);
+        solvers_on(&c, x, REC_TRILINEAR, voxels[g]);
+    }
     return save(&c, x, "solvers.csv", d);
 }
 

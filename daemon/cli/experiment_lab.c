@@ -24,6 +24,13 @@ static pvx_err allocate(struct experiment_lab *l, pvx_pool *pool)
     return rec_subsys_new(l->S, &l->kernels, pool, l->cs, &l->view);
 }
 
+pvx_err experiment_lab_frame(struct experiment_lab *l, const struct experiment_lab_params *p,
+                             struct pvx_diag *d)
+{
+    rec_frame_free(&l->frame);
+    return rec_frame_alone(l->S, &l->rig, &p->frame, p->pool, &l->frame, d);
+}
+
 pvx_err experiment_lab_open(struct experiment_lab *l, const struct experiment_lab_params *p,
                             struct pvx_diag *d)
 {
@@ -39,7 +46,7 @@ pvx_err experiment_lab_open(struct experiment_lab *l, const struct experiment_la
                         pvx_strerror(e));
     l->rig.grid.basis = p->basis;
     PVX_TRY(rec_sysmat_open(&l->rig, &p->matrix, NULL, p->pool, p->progress, &l->S, d));
-    PVX_TRY(rec_frame_alone(l->S, &l->rig, &p->frame, p->pool, &l->frame, d));
+    PVX_TRY(experiment_lab_frame(l, p, d));
     e = allocate(l, p->pool);
     return e == PVX_OK
                ? e

@@ -48,6 +48,10 @@ PVX_MUST_CHECK pvx_err experiment_lab_open(struct experiment_lab *l,
                                            const struct experiment_lab_params *p,
                                            struct pvx_diag *d);
 void experiment_lab_close(struct experiment_lab *l);
+/* Solve as p->frame says from now on, on the matrix that is there; load again.  Errors: those of rec_frame_alone. */
+PVX_MUST_CHECK pvx_err experiment_lab_frame(struct experiment_lab *l,
+                                            const struct experiment_lab_params *p,
+                                            struct pvx_diag *d);
 /* Set i, which lacks no camera.  PVX_EIO: a file of it cannot be used. */
 PVX_MUST_CHECK pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size_t i,
                                            struct pvx_diag *d);

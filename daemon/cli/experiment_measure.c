@@ -208,34 +208,70 @@ static pvx_err time_solver(struct experiment *x, struct experiment_lab *l, const
     return experiment_finished(x, key, v, d);
 }
 
-static pvx_err one_solver(struct experiment *x, const char *name, enum rec_basis basis,
-                          struct pvx_diag *d)
+static void solver_key(const char *name, enum rec_basis basis, int32_t voxels, char key[64])
 {
-    struct experiment_lab l = {.S = NULL};
-    struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
+    snprintf(key, 64, "solver:%s:%s:%d", name, rec_basis_name(basis), voxels);
+}
+
+const double *experiment_solver(const struct experiment *x, const char *name, enum rec_basis basis,
+                                int32_t voxels)
+{
     char key[64];
-    p.basis = basis;
-    p.frame.solve.solver = name;
-    snprintf(key, sizeof key, "solver:%s:%s", name, rec_basis_name(basis));
+    solver_key(name, basis, voxels, key);
+    return experiment_state_find(&x->state, key);
+}
+
+size_t experiment_solver_grids(const struct experiment *x, int32_t voxels[EXPERIMENT_GRIDS + 1])
+{
+    size_t n = 0;
+    int g = 0;
+    for (; g < x->o->n_grids && x->o->grids[g] < x->o->grid; g++)
+        voxels[n++] = x->o->grids[g];
+    voxels[n++] = x->o->grid;
+    for (g += g < x->o->n_grids && x->o->grids[g] == x->o->grid; g < x->o->n_grids; g++)
+        voxels[n++] = x->o->grids[g];
+    return n;
+}
+
+static pvx_err one_solver(struct experiment *x, struct experiment_lab *l,
+                          struct experiment_lab_params *p, const char *name, struct pvx_diag *d)
+{
+    char key[64];
+    solver_key(name, p->basis, p->voxels, key);
     if (has(x, key))
         return PVX_OK;
     if (cli_stop)
         return PVX_ECANCELED;
-    pvx_err e = experiment_lab_open(&l, &p, d);
-    if (e == PVX_OK)
-        e = experiment_lab_load(&l, &x->in, x->set[x->one], d);
-    if (e == PVX_OK)
-        e = time_solver(x, &l, key, d);
+    p->frame.solve.solver = name;
+    if (l->S == NULL)
+        PVX_TRY(experiment_lab_open(l, p, d));
+    else
+        PVX_TRY(experiment_lab_frame(l, p, d));
+    PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
+    return time_solver(x, l, key, d);
+}
+
+/* All of them on one matrix. */
+static pvx_err one_matrix(struct experiment *x, enum rec_basis basis, int32_t voxels,
+                          struct pvx_diag *d)
+{
+    struct experiment_lab l = {.S = NULL};
+    struct experiment_lab_params p = experiment_lab_of(x, voxels);
+    pvx_err e = PVX_OK;
+    p.basis = basis;
+    for (const char *const *name = rec_solver_names(); *name != NULL && e == PVX_OK; name++)
+        e = one_solver(x, &l, &p, *name, d);
     experiment_lab_close(&l);
     return e;
 }
 
 static pvx_err all_solvers(struct experiment *x, struct pvx_diag *d)
 {
-    const char *const *name = rec_solver_names();
-    for (size_t i = 0; name[i] != NULL; i++) {
-        PVX_TRY(one_solver(x, name[i], REC_BOX, d));
-        PVX_TRY(one_solver(x, name[i], REC_TRILINEAR, d));
+    int32_t voxels[EXPERIMENT_GRIDS + 1];
+    size_t n = experiment_solver_grids(x, voxels);
+    for (size_t g = 0; g < n; g++) {
+        PVX_TRY(one_matrix(x, REC_BOX, voxels[g], d));
+        PVX_TRY(one_matrix(x, REC_TRILINEAR, voxels[g], d));
     }
     return PVX_OK;
 }
@@ -273,10 +309,12 @@ static pvx_err find_one(struct experiment *x, struct pvx_diag *d)
 
 static void count_units(struct experiment *x)
 {
+    int32_t voxels[EXPERIMENT_GRIDS + 1];
     size_t solvers = 0;
     while (rec_solver_names()[solvers] != NULL)
         solvers++;
-    x->units = (size_t)x->o->n_grids * x->sets + 2 * solvers + experiment_figures();
+    x->units = (size_t)x->o->n_grids * x->sets + experiment_figures() +
+               2 * solvers * experiment_solver_grids(x, voxels);
     for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
         x->units += experiment_choices(x, v);
 }

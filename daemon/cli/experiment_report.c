@@ -145,33 +145,60 @@ static pvx_err by_frame(const struct page *p)
     return PVX_OK;
 }
 
-static void solver_cell(const struct page *p, const char *name, enum rec_basis basis)
+/* Error over ms. */
+static void solver_cell(const struct page *p, const char *name, enum rec_basis basis,
+                        int32_t voxels)
 {
-    char key[64];
-    snprintf(key, sizeof key, "solver:%s:%s", name, rec_basis_name(basis));
-    const double *v = experiment_state_find(&p->x->state, key);
-    html_cell(p->f, v != NULL ? experiment_over_channels(p->x, v) : NAN, 3);
+    const double *v = experiment_solver(p->x, name, basis, voxels);
+    html_cell(p->f, v != NULL ? experiment_over_channels(p->x, v) : NAN, 2);
     html_cell(p->f, v != NULL ? v[EXPERIMENT_MS] : NAN, 1);
 }
 
-static void solver_table(const struct page *p)
+static void solver_table(const struct page *p, enum rec_basis basis)
 {
-    fputs("<div class=\"wide\"><table class=\"small\"><tr><th>Solver</th><th>box</th><th>ms</th>"
-          "<th>trilinear</th><th>ms</th></tr>\n",
-          p->f);
+    int32_t voxels[EXPERIMENT_GRIDS + 1];
+    size_t n = experiment_solver_grids(p->x, voxels);
+    fprintf(p->f, "<div class=\"wide\"><table class=\"small\"><tr><th>%s</th>",
+            rec_basis_name(basis));
+    for (size_t g = 0; g < n; g++)
+        fprintf(p->f, "<th>%d</th><th>ms</th>", voxels[g]);
+    fputs("</tr>\n", p->f);
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {
         fprintf(p->f, "<tr><td>%s</td>", *name);
-        solver_cell(p, *name, REC_BOX);
-        solver_cell(p, *name, REC_TRILINEAR);
+        for (size_t g = 0; g < n; g++)
+            solver_cell(p, *name, basis, voxels[g]);
         fputs("</tr>\n", p->f);
     }
     fputs("</table></div>\n", p->f);
 }
 
+/* Error over time, n points. */
+static void against_time(const struct page *p, const struct plot_series *s, size_t n,
+                         const char *caption)
+{
+    figure_of(p,
+              &(struct plot){.x = "hull and solution, ms",
+                             .y = "mean difference, 0 to 255",
+                             .log_x = true,
+                             .series = s,
+                             .n = n},
+              caption);
+}
+
+static void point_of(const struct page *p, const char *name, enum rec_basis basis, int32_t voxels,
+                     double *ms, double *error)
+{
+    const double *v = experiment_solver(p->x, name, basis, voxels);
+    bool there = v != NULL && v[EXPERIMENT_MS] > 0;
+    *ms = there ? v[EXPERIMENT_MS] : 1;
+    *error = there ? experiment_over_channels(p->x, v) : NAN;
+}
+
+static const char *const basis_colours[] = {[REC_BOX] = "#a86200", [REC_TRILINEAR] = "#1f6fb2"};
+
 static void by_solver(const struct page *p)
 {
     enum { MOST = 32 };
-    const struct experiment *x = p->x;
     const char *const *label = rec_solver_names();
     double ms[2][MOST], error[2][MOST];
     struct plot_series s[2];
@@ -179,29 +206,52 @@ static void by_solver(const struct page *p)
     while (label[n] != NULL && n < MOST)
         n++;
     for (size_t b = 0; b < 2; b++) {
-        const char *basis = rec_basis_name(b == 0 ? REC_BOX : REC_TRILINEAR);
-        for (size_t i = 0; i < n; i++) {
-            char key[64];
-            snprintf(key, sizeof key, "solver:%s:%s", label[i], basis);
-            const double *v = experiment_state_find(&x->state, key);
-            ms[b][i] = v != NULL && v[EXPERIMENT_MS] > 0 ? v[EXPERIMENT_MS] : 1e-3;
-            error[b][i] = v != NULL ? experiment_over_channels(x, v) : 0;
-        }
-        s[b] = (struct plot_series){.name = basis,
-                                    .colour = b == 0 ? "#a86200" : "#1f6fb2",
+        enum rec_basis basis = b == 0 ? REC_BOX : REC_TRILINEAR;
+        for (size_t i = 0; i < n; i++)
+            point_of(p, label[i], basis, p->x->o->grid, &ms[b][i], &error[b][i]);
+        s[b] = (struct plot_series){.name = rec_basis_name(basis),
+                                    .colour = basis_colours[basis],
                                     .n = n,
                                     .x = ms[b],
                                     .y = error[b],
                                     .label = label,
                                     .points = true};
     }
-    figure_of(p,
-              &(struct plot){.x = "hull and solution, ms",
-                             .y = "mean difference, 0 to 255",
-                             .log_x = true,
-                             .series = s,
-                             .n = 2},
-              "One frame, mean over the channels; the least of three times. Numbers: solvers.csv.");
+    against_time(p, s, 2,
+                 "One frame and grid, mean over the channels; the least of three times. Numbers: "
+                 "solvers.csv.");
+}
+
+/* The default and the paper's solver, from grid to grid. */
+static void by_size(const struct page *p)
+{
+    enum { MOST = EXPERIMENT_GRIDS + 1 };
+    const char *const name[2] = {rec_solver_names()[0], "cgls-paper"};
+    int32_t voxels[MOST];
+    size_t n = experiment_solver_grids(p->x, voxels);
+    double ms[4][MOST], error[4][MOST];
+    char label[MOST][12], title[4][48];
+    const char *labels[MOST];
+    struct plot_series s[4];
+    for (size_t g = 0; g < n; g++) {
+        snprintf(label[g], sizeof label[g], "%d", voxels[g]);
+        labels[g] = label[g];
+    }
+    for (size_t i = 0; i < 4; i++) {
+        enum rec_basis basis = i / 2 == 0 ? REC_BOX : REC_TRILINEAR;
+        for (size_t g = 0; g < n; g++)
+            point_of(p, name[i % 2], basis, voxels[g], &ms[i][g], &error[i][g]);
+        snprintf(title[i], sizeof title[i], "%s, %s", i % 2 == 0 ? name[0] : "paper",
+                 rec_basis_name(basis));
+        s[i] = (struct plot_series){.name = title[i],
+                                    .colour = basis_colours[basis],
+                                    .n = n,
+                                    .x = ms[i],
+                                    .y = error[i],
+                                    .label = labels,
+                                    .dashed = i % 2 != 0};
+    }
+    against_time(p, s, 4, "The default and the paper's solver, by voxels along the longest side.");
 }
 
 /* ---- the page ---- */
@@ -300,7 +350,9 @@ static pvx_err body(const struct page *p, struct pvx_diag *d)
     section(p, FINDING_RIM, "Section 6.2: beside the silhouette");
     section(p, FINDING_SOLVERS, "Error against time");
     by_solver(p);
-    solver_table(p);
+    by_size(p);
+    solver_table(p, REC_BOX);
+    solver_table(p, REC_TRILINEAR);
     PVX_TRY(pictures(p, d));
     fputs("</body></html>\n", p->f);
     return PVX_OK;
