@@ -97,7 +97,7 @@ static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
                                     .n = (size_t)a->ring,
                                     .fps = a->fps,
                                     .seed = (uint32_t)a->seed,
-                                    .noise = a->noise / 100,
+                                    .noise = {a->noise[0] / 100, a->noise[1] / 100, a->noise[2] / 100},
                                     .sub = (int)a->sub,
                                     .keep =
                                         a->write_frames == NULL && (a->control || s->plan.n > 0),

@@ -71,7 +71,8 @@ static const struct argp_option options[] = {
     {"ring", OPT_RING, "N", 0, "images per camera, rendered before and repeated (30)", 2},
     {"seed", OPT_SEED, "N", 0, "another flame (1)", 2},
     {"black", OPT_BLACK, "PERCENT", 0, "black level, share of full scale (2)", 2},
-    {"noise", OPT_NOISE, "PERCENT", 0, "Gaussian noise, share of full scale (0.5)", 2},
+    {"noise", OPT_NOISE, "PERCENT[,G,B]", 0,
+     "Gaussian noise, share of full scale (0.5); of red, green and blue, where they differ", 2},
     {"sub", OPT_SUB, "N", 0, "N x N rays per pixel (1)", 2},
     {"board", OPT_BOARD, "SPEC", 0,
      "a calibration board instead of the flame, as for `pyrovox calibrate board`: flat on the "
@@ -212,6 +213,22 @@ static void want_format(struct argp_state *st, const char *arg, struct simcams_a
     argp_error(st, "--format %s: should be mono8, rgb8 or bayerrg8", arg);
 }
 
+/* One for all channels, or three. */
+static void parse_noise(struct argp_state *st, const char *arg, double noise[3])
+{
+    char text[64], *save = NULL;
+    size_t n = 0;
+    if (snprintf(text, sizeof text, "%s", arg) >= (int)sizeof text)
+        argp_error(st, "--noise %s: too long", arg);
+    for (char *s = strtok_r(text, ",", &save); s != NULL && n < 4; s = strtok_r(NULL, ",", &save))
+        if (n++ < 3)
+            noise[n - 1] = cli_arg_double(st, "noise", s, 0, 100);
+    if (n != 1 && n != 3)
+        argp_error(st, "--noise %s: should be one number, or three: of red, green and blue", arg);
+    if (n == 1)
+        noise[1] = noise[2] = noise[0];
+}
+
 static void add_fault(struct argp_state *st, int key, const char *arg, struct simcams_args *a)
 {
     if (a->n_faults == SIMCAMS_MAX_OPTIONS)
@@ -243,7 +260,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_HOLD: a->hold_s = cli_arg_double(st, "hold", arg, 0, 1e6); return 0;
     case OPT_FPS: a->fps = cli_arg_double(st, "fps", arg, 0.1, 1000); return 0;
     case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 50); return 0;
-    case OPT_NOISE: a->noise = cli_arg_double(st, "noise", arg, 0, 100); return 0;
+    case OPT_NOISE: parse_noise(st, arg, a->noise); return 0;
     case OPT_SIZE: cli_arg_size(st, "size", arg, 8, 16384, &a->width, &a->height); return 0;
     case OPT_FORMAT: want_format(st, arg, a); return 0;
     case OPT_BOOT_CLOCK: a->boot_clock = true; return 0;
@@ -293,7 +310,7 @@ bool simcams_options(int argc, char **argv, struct simcams_args *a)
                                .hold_s = 2,
                                .fps = 15,
                                .black = 2,
-                               .noise = 0.5,
+                               .noise = {0.5, 0.5, 0.5},
                                .fmt = CAP_RGB8};
     const struct argp argp = {
         .options = options, .parser = parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};

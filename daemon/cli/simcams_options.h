@@ -18,7 +18,8 @@ struct simcams_args {
     const char *rig, *write_rig, *write_frames, *address, *board;
     int64_t cameras, ring, seed, sub, max_memory, voxels, poses;
     int32_t width, height;
-    double radius, raise, fps, black, noise, hold_s;
+    double radius, raise, fps, black, hold_s;
+    double noise[3]; /* per cent, red green blue */
     double line_hz, link_mbit, camera_mbit, tick_hz, ptp_ms, tai_s;
     bool boot_clock, zip;
     enum cap_pixfmt fmt;

@@ -41,11 +41,11 @@ static float *noise_table(uint32_t seed)
 /* ---- images of scenes ------------------------------------------------------------------------- */
 
 /* (1); NaN cannot come in. */
-static void quantise(const float *restrict v, const float *restrict noise, float sigma, size_t n,
-                     unsigned char *restrict out)
+static void quantise(const float *restrict v, const float *restrict noise,
+                     const float *restrict sigma, size_t n, unsigned char *restrict out)
 {
     for (size_t k = 0; k < n; k++) {
-        float x = (v[k] + sigma * noise[k]) * 255.0f + 0.5f;
+        float x = (v[k] + sigma[k] * noise[k]) * 255.0f + 0.5f;
         x = x > 0 ? x : 0;
         out[k] = (unsigned char)(int)(x < 255 ? x : 255);
     }
@@ -65,14 +65,33 @@ static size_t pick(const struct simcams_ring *r, const float *row, int32_t w, in
     return (size_t)n;
 }
 
-static void quantise_row(const struct simcams_ring *r, const float *v, size_t n, uint64_t key,
-                         unsigned char *out)
+/* What each sample of an even and of an odd row has of noise. */
+static pvx_err noise_of_rows(struct simcams_ring *r, const double noise[3])
+{
+    int32_t w = 0;
+    for (size_t c = 0; c < r->n_cameras; c++)
+        w = r->rig->cameras[c].width > w ? r->rig->cameras[c].width : w;
+    for (int32_t y = 0; y < 2; y++) {
+        if ((r->sigma[y] = pvx_calloc((size_t)w, 3 * sizeof **r->sigma)) == NULL)
+            return PVX_ENOMEM;
+        for (int32_t k = 0; k < 3 * w; k++)
+            r->sigma[y][k] =
+                (float)(r->fmt == CAP_RGB8        ? noise[k % 3]
+                        : r->fmt == CAP_BAYER_RG8 ? noise[(k & 1) + y]
+                                                  : (noise[0] + noise[1] + noise[2]) / 3);
+    }
+    return PVX_OK;
+}
+
+static void quantise_row(const struct simcams_ring *r, const float *v, const float *sigma, size_t n,
+                         uint64_t key, unsigned char *out)
 {
     size_t at = (uint32_t)pvx_mix(key) % NOISE_N;
     while (n > 0) { /* the table is a circle */
         size_t some = NOISE_N - at < n ? NOISE_N - at : n;
-        quantise(v, r->noise + at, r->sigma, some, out);
+        quantise(v, r->noise + at, sigma, some, out);
         v += some;
+        sigma += some;
         out += some;
         n -= some;
         at = 0;
@@ -102,7 +121,7 @@ static void make(struct simcams_ring *r, size_t c, size_t i, const struct cap_op
     for (int32_t y = 0; y < cam->height; y++) {
         uint64_t key = ((s.seed * 65536 + i) * 65536) + (uint64_t)y;
         size_t samples = pick(r, v + (size_t)y * row, cam->width, y, picks);
-        quantise_row(r, picks, samples, key + 1, image + (size_t)y * bytes);
+        quantise_row(r, picks, r->sigma[y & 1], samples, key + 1, image + (size_t)y * bytes);
     }
     memcpy(&r->made[c * r->n + i], o, sizeof *o);
 }
@@ -199,7 +218,7 @@ static pvx_err allocate(struct job *j)
         return PVX_ENOMEM;
     for (size_t c = 0; c < r->n_cameras; c++)
         PVX_TRY(allocate_camera(j, c));
-    return PVX_OK;
+    return noise_of_rows(r, j->p->noise);
 }
 
 void simcams_flame(const struct rec_rig *rig, size_t n, double fps, uint32_t seed,
@@ -264,6 +283,8 @@ static void drop_scenes(struct simcams_ring *r)
     r->scene = NULL;
     r->work = NULL;
     PVX_FREE(r->noise);
+    PVX_FREE(r->sigma[0]);
+    PVX_FREE(r->sigma[1]);
     PVX_FREE(r->made);
 }
 
@@ -276,7 +297,6 @@ pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_p
                                  .rig = rig,
                                  .fmt = p->fmt,
                                  .seed = p->seed,
-                                 .sigma = (float)p->noise,
                                  .nch = scene_channels(p),
                                  .keep = p->keep};
     for (size_t c = 0; p->state != NULL && c < rig->n_cameras; c++)

@@ -25,8 +25,8 @@ struct simcams_ring_params {
     size_t n;            /* images per camera */
     double fps;
     uint32_t seed;
-    double noise; /* standard deviation, share of full scale */
-    int sub;      /* sub x sub rays per pixel */
+    double noise[3]; /* red, green, blue: standard deviation, share of full scale */
+    int sub;         /* sub x sub rays per pixel */
     bool keep;
     const struct simcams_state *state; /* [n_cameras]; NULL: healthy, no pedestal */
     const struct simcams_board *board; /* instead of the flame: n is its pictures'; NULL: none */
@@ -40,12 +40,12 @@ struct simcams_ring {
     const struct rec_rig *rig; /* borrowed */
     enum cap_pixfmt fmt;
     uint32_t seed;
-    float sigma;
     int nch; /* samples of a pixel of a scene */
     bool keep;
     uint16_t **scene;        /* [n_cameras][n], or [n_cameras] for the one at hand: L 2^14 */
     float **work;            /* [n_cameras], two pictures each */
     float *noise;            /* table, standard deviation 1 */
+    float *sigma[2];         /* of even rows and odd, a value each sample */
     struct cap_optics *made; /* [n_cameras][n], of the images */
 };
 

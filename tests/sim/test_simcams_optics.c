@@ -22,7 +22,7 @@ static void make_ring(bool keep, struct simcams_ring *out)
                                     .n = BED_RING,
                                     .fps = BED_FPS,
                                     .seed = 2,
-                                    .noise = NOISE,
+                                    .noise = {NOISE, NOISE, NOISE},
                                     .sub = 1,
                                     .keep = keep,
                                     .state = state};

@@ -231,7 +231,7 @@ T_CASE(control_orders)
 static struct simcams_ring_params params(enum cap_pixfmt fmt, double noise)
 {
     return (struct simcams_ring_params){
-        .fmt = fmt, .n = 6, .fps = 12, .seed = 3, .noise = noise, .sub = 1};
+        .fmt = fmt, .n = 6, .fps = 12, .seed = 3, .noise = {noise, noise, noise}, .sub = 1};
 }
 
 /* Every pixel is the flame's at i/fps, rounded. */
@@ -275,6 +275,39 @@ T_CASE(ring_is_the_flame)
         simcams_ring_fini(&ring);
     }
     free(want);
+}
+
+/* Of each colour its own, on the pixels that have it. */
+T_CASE(noise_by_channel)
+{
+    static const double noise[3] = {0.05, 0.02, 0.01};
+    static const enum cap_pixfmt fmts[] = {CAP_RGB8, CAP_BAYER_RG8};
+    size_t w = (size_t)rig.cameras[0].width, pixels = w * (size_t)rig.cameras[0].height;
+    for (int f = 0; f < 2; f++) {
+        struct simcams_ring clean, noisy;
+        struct simcams_ring_params p = params(fmts[f], 0);
+        double sum2[3] = {0}, n[3] = {0};
+        T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &clean), PVX_OK);
+        memcpy(p.noise, noise, sizeof noise);
+        T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &noisy), PVX_OK);
+        for (size_t i = 0; i < 3 * 6; i++) {
+            const unsigned char *u = clean.image[i], *v = noisy.image[i];
+            for (size_t k = 0; k < (f == 0 ? 3 : 1) * pixels; k++) {
+                size_t channel = f == 0 ? k % 3 : (k % w & 1) + (k / w & 1);
+                double clipped = 4 * 255 * noise[channel];
+                if (u[k] < clipped || u[k] > 255 - clipped)
+                    continue;
+                n[channel]++;
+                sum2[channel] += (v[k] - u[k]) * (v[k] - u[k]);
+            }
+        }
+        for (int k = 0; k < 3; k++) {
+            T_LE(60, n[k]); /* 4 standard errors, and rounding */
+            T_NEAR(sqrt(sum2[k] / n[k]) / 255, noise[k], noise[k] * (0.03 + 4 / sqrt(2 * n[k])));
+        }
+        simcams_ring_fini(&clean);
+        simcams_ring_fini(&noisy);
+    }
 }
 
 T_CASE(noise_is_as_asked_and_repeats)
@@ -402,7 +435,7 @@ T_CASE(pictures_of_the_board)
     p.board = &b;
     p.n = 2 * SIMCAMS_OF_POSE;
     T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &clean), PVX_OK);
-    p.noise = 0.01;
+    p.noise[0] = p.noise[1] = p.noise[2] = 0.01;
     T_EQ_I(simcams_ring_init(&rig, &p, NULL, NULL, &noisy), PVX_OK);
     size_t n = 80 * 60;
     T_EQ_I(memcmp(clean.image[0], clean.image[1], n), 0);
