@@ -213,7 +213,9 @@ static void sum_up(rec_frame *f)
 {
     const rec_carver *k = f->carver;
     struct rec_frame_report *r = &f->report;
-    double sigma = 0, sigma2 = 0, shot = 0;
+    double sigma = 0;
+    memset(f->sigma, 0, sizeof f->sigma);
+    memset(f->shot, 0, sizeof f->shot);
     for (size_t c = 0; c < f->S->n_cameras; c++) {
         r->saturated_in[c] = k->stats[c].saturated;
         if (!f->present[c])
@@ -223,15 +225,17 @@ static void sum_up(rec_frame *f)
         r->not_finite += k->stats[c].not_finite;
         for (int l = 0; l < f->nch; l++) {
             sigma += k->stats[c].sigma[l];
-            sigma2 += (double)k->stats[c].sigma[l] * k->stats[c].sigma[l];
+            f->sigma[l] += (double)k->stats[c].sigma[l] * k->stats[c].sigma[l];
             float n = per_bin(k, f->bayer[c]);
-            shot += (double)(k->noise_gain[c] * k->gain[c][l] / (n * n));
+            f->shot[l] += (double)(k->noise_gain[c] * k->gain[c][l] / (n * n));
         }
     }
-    double n_sigma = r->cameras > 0 ? (double)r->cameras * f->nch : 1;
-    r->sigma = (float)(sigma / n_sigma);
-    f->sigma = sqrt(sigma2 / n_sigma);
-    f->shot = shot / n_sigma;
+    double n = r->cameras > 0 ? r->cameras : 1;
+    r->sigma = (float)(sigma / (n * f->nch));
+    for (int l = 0; l < 4; l++) {
+        f->sigma[l] = l < f->nch ? sqrt(f->sigma[l] / n) : f->sigma[0];
+        f->shot[l] = l < f->nch ? f->shot[l] / n : f->shot[0];
+    }
 }
 
 void rec_frame_carve(rec_frame *f)

@@ -1,6 +1,8 @@
 /* impl.h - the slot and the two stages' workspaces.  Private to recon/frame. */
 #ifndef REC_FRAME_IMPL_H
 #define REC_FRAME_IMPL_H
+#include <string.h>
+
 #include "recon/frame/inside.h"
 #include "recon/solve/levels.h"
 #include "recon/solve/solve.h"
@@ -46,13 +48,13 @@ struct rec_frame {
     bool bayer[REC_MAX_CAMERAS], mosaic[REC_MAX_CAMERAS]; /* with a filter; pixels as they are */
     bool floats[REC_MAX_CAMERAS];                         /* without a full scale */
     float saturated[REC_MAX_CAMERAS];                     /* value of such pixels; 0 = 1 */
-    float *b;       /* [rows][cs] pixels in, right-hand side after carve */
-    float *weight;  /* [rows] */
-    float *weight4; /* [rows][4] of each channel, where cameras have mosaics */
-    uint8_t *lit;   /* [rows] */
-    double sigma, shot;
-    bool per_channel; /* weight4 holds */
-    float *least;     /* [rows] with params.at_least: rec_pictures */
+    float *b;                 /* [rows][cs] pixels in, right-hand side after carve */
+    float *weight;            /* [rows] */
+    float *weight4;           /* [rows][4] of each channel, where cameras have mosaics */
+    uint8_t *lit;             /* [rows] */
+    double sigma[4], shot[4]; /* rec_pictures */
+    bool per_channel;         /* weight4 holds */
+    float *least;             /* [rows] with params.at_least: rec_pictures */
     uint8_t *least_of;
     bool any_least;
 
@@ -67,13 +69,14 @@ struct rec_frame {
 static inline struct rec_pictures rec_frame_pictures(const rec_frame *f)
 {
     bool bounds = f->any_least && rec_solver_is_default(f->solver->p.solver);
-    return (struct rec_pictures){.b = f->b,
-                                 .w = f->per_channel ? f->weight4 : f->weight,
-                                 .per_channel = f->per_channel,
-                                 .least = bounds ? f->least : NULL,
-                                 .least_of = bounds ? f->least_of : NULL,
-                                 .sigma = f->sigma,
-                                 .shot = f->shot};
+    struct rec_pictures in = {.b = f->b,
+                              .w = f->per_channel ? f->weight4 : f->weight,
+                              .per_channel = f->per_channel,
+                              .least = bounds ? f->least : NULL,
+                              .least_of = bounds ? f->least_of : NULL};
+    memcpy(in.sigma, f->sigma, sizeof in.sigma);
+    memcpy(in.shot, f->shot, sizeof in.shot);
+    return in;
 }
 
 /* After photometry: which rows are saturated, into least and least_of. */

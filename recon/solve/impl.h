@@ -113,6 +113,12 @@ static inline bool rec_late(const struct rec_solve_params *p)
     return p->deadline_ns != 0 && pvx_now_mono() >= p->deadline_ns;
 }
 
+/* Rows that a lane was measured in. */
+static inline double rec_rows_of(const rec_problem *pb, int l)
+{
+    return pb->in.per_channel ? pb->measured[l] : pb->m / pb->nch;
+}
+
 /* Weight of row i in lane l. */
 static inline float rec_weight_at(const rec_problem *pb, size_t i, size_t l)
 {

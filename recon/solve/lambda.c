@@ -138,7 +138,7 @@ static void automatic(rec_problem *pb, double mean_diag, double chord)
 {
     const struct rec_grid *g = &pb->a->S->grid;
     size_t chunks = rec_row_chunks(pb);
-    double first[4], second[4], count[4], rows = pb->a->rows, sigma = pb->in.sigma;
+    double first[4], second[4], count[4], rows = pb->a->rows;
     double h = cbrt(rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2));
     double voxels = chord / rows / h;
     pvx_pool_run(pb->a->pool, chunks, measure_chunk, pb);
@@ -146,9 +146,9 @@ static void automatic(rec_problem *pb, double mean_diag, double chord)
     rec_sum(pb, 0, chunks, 1, second);
     rec_sum(pb, 0, chunks, 2, count);
     for (int l = 0; l < 4; l++) {
-        double rel = UNKNOWN, density = pb->share[l] * mean_diag / (h * h);
+        double rel = UNKNOWN, sigma = pb->in.sigma[l], density = pb->share[l] * mean_diag / (h * h);
         double mean = pb->light[l] / (pb->share[l] * rows);
-        pb->shot2[l] = sigma >= 0 && mean > 0 ? pb->in.shot * mean : 0;
+        pb->shot2[l] = sigma >= 0 && mean > 0 ? pb->in.shot[l] * mean : 0;
         double s2 = sigma * sigma + pb->shot2[l];
         double in_mean = s2 / fmin(pb->share[l], 1); /* four times the variance of a mean of 2x2 */
         if (sigma >= 0 && mean > 0 && count[0] > 0) {
@@ -225,17 +225,11 @@ void rec_problem_misfit(rec_problem *pb, const double misfit2[4])
             pb->lambda[l] = pb->formula[l] * fmin(misfit2[l] / pb->noise2[l], MOST_MISFIT);
 }
 
-/* Rows that a lane was measured in. */
-static double rows_of(const rec_problem *pb, int l)
-{
-    return pb->in.per_channel ? pb->measured[l] : pb->m / pb->nch;
-}
-
 void rec_problem_reweigh(const rec_problem *pb, const double rwr[4], const double penalty[4],
                          const double lit[4], double lambda[4])
 {
     for (int l = 0; l < pb->nch && pb->automatic; l++) {
-        double sigma = fmax(pb->in.sigma, 0), rows = rows_of(pb, l),
+        double sigma = fmax(pb->in.sigma[l], 0), rows = rec_rows_of(pb, l),
                least = pb->in.per_channel ? LEAST_MOSAIC : LEAST;
         if (pb->noise2[l] > 0 && rwr[l] > FAULT * rows * pb->noise2[l])
             continue;

@@ -374,7 +374,7 @@ void rec_levels_solve(const rec_problem *fine, struct rec_descent *d, float *x)
     for (int i = l->n - 1; i >= 0; i--) {
         const struct level *v = &l->at[i], *finer = i > 0 ? &l->at[i - 1] : NULL;
         const struct rec_pictures in = {
-            .b = v->b, .w = v->w, .per_channel = l->per_channel, .sigma = -1};
+            .b = v->b, .w = v->w, .per_channel = l->per_channel, .sigma = {-1, -1, -1, -1}};
         const struct rec_subsys *next = finer != NULL ? finer->sub : fine->a;
         float *vx = d->x[i % 2] + cs;
         rec_problem_load(d->problem, v->sub, &in);

@@ -26,8 +26,9 @@ struct rec_pictures {
     const float *b;   /* [rowspace][cs] */
     const float *w;   /* [rowspace], or per_channel [rowspace][4]: 0..1, 0 = left out */
     bool per_channel; /* a row measures some channels only, b is 0 in the others: three channels */
-    double sigma;     /* noise of b where it is dark, full-scale units; 0 = none, < 0 = unknown */
-    double shot;      /* what light adds: variance of b = sigma^2 + shot b; 0 = none or unknown */
+    /* Of each channel (a grey one in all four): noise of b where it is dark, full-scale units; 0 = none,
+       < 0 = unknown.  What light adds: variance of b = sigma^2 + shot b; 0 = none or unknown. */
+    double sigma[4], shot[4];
     /* Rows that say "at least b" in the channels of these bits, with this weight > 0, whatever w is (bound.h);
        NULL, NULL: none.  The default solver alone looks at them. */
     const float *least;      /* [rowspace] */

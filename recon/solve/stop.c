@@ -5,10 +5,21 @@
 #define BEYOND 6   /* points after a corner before it is believed */
 #define NEAR   4.0 /* residual^2 over sigma^2 m from which a stall counts */
 
+/* What the noise is expected to leave of the residual, squared; 0: it is unknown, or none. */
+static double noise2_of(const rec_problem *pb)
+{
+    double sum = 0;
+    for (int l = 0; l < pb->nch; l++) {
+        if (pb->in.sigma[l] < 0)
+            return 0;
+        sum += pb->in.sigma[l] * pb->in.sigma[l] * rec_rows_of(pb, l);
+    }
+    return sum;
+}
+
 void rec_stop_begin(struct rec_stopper *t, rec_problem *pb, const struct rec_stop_own *own,
                     const struct rec_solve_params *p, struct rec_solve_report *out)
 {
-    double sigma = pb->in.sigma;
     enum rec_stop rule = p->stop;
     bool own_rule = rule == REC_STOP_AUTO;
     if (own_rule)
@@ -17,12 +28,12 @@ void rec_stop_begin(struct rec_stopper *t, rec_problem *pb, const struct rec_sto
                              : REC_STOP_DISCREPANCY;
     *t = (struct rec_stopper){.pb = pb, .p = p, .out = out};
     t->corner = rule == REC_STOP_LCURVE;
-    t->noise2 = rule == REC_STOP_DISCREPANCY && sigma > 0 ? sigma * sigma * pb->m : 0;
+    t->noise2 = rule == REC_STOP_DISCREPANCY ? noise2_of(pb) : 0;
     t->stall = own_rule && t->noise2 > 0 ? own->stall : 0;
     t->gain = own->gain;
     t->still = own->still;
     t->objective = out->objective;
-    t->limit = rule == REC_STOP_DISCREPANCY && sigma < 0 ? own->blind : own->most;
+    t->limit = rule == REC_STOP_DISCREPANCY && pb->in.sigma[0] < 0 ? own->blind : own->most;
     if (p->iterations > 0)
         t->limit = p->iterations;
 }

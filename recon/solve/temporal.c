@@ -120,13 +120,14 @@ static double judge(const rec_temporal *t, rec_problem *pb, const float *x)
     double p[4], s[4], least = 1;
     memset(pb->nu, 0, sizeof pb->nu);
     memset(pb->keep, 0, sizeof pb->keep);
-    if (!(pb->in.sigma > 0))
-        return 0;
+    for (int l = 0; l < pb->nch; l++)
+        if (!(pb->in.sigma[l] > 0))
+            return 0;
     rec_residual(pb, t->expect, pb->yv[0], pb->yv[1], p);
     rec_residual(pb, x, pb->yv[0], pb->yv[1], s);
     for (int l = 0; l < pb->nch; l++) {
-        double rows = pb->in.per_channel ? pb->measured[l] : pb->m / pb->nch;
-        double noise = rows * (pb->in.sigma * pb->in.sigma + pb->shot2[l]);
+        double rows = rec_rows_of(pb, l);
+        double noise = rows * (pb->in.sigma[l] * pb->in.sigma[l] + pb->shot2[l]);
         double trust =
             p[l] > 0 && s[l] > 0 ? ramp(noise / p[l], 0.3, 0.6) * ramp(p[l] / s[l], 1.3, 1.15) : 0;
         least = trust < least ? trust : least;

@@ -18,7 +18,8 @@ static inline pvx_err solve_from(rec_problem *pb, const struct rec_subsys *a,
 static inline struct rec_pictures slot_pictures(const rec_frame *f, double sigma)
 {
     struct rec_pictures in = rec_frame_pictures(f);
-    in.sigma = sigma;
+    for (int l = 0; l < 4; l++)
+        in.sigma[l] = sigma;
     return in;
 }
 

@@ -82,7 +82,8 @@ static void run_solver(struct watch *t, rec_problem *s, double sigma, const char
 {
     struct rec_solve_report stop, rep = {0};
     struct rec_solve_params p = rec_solve_defaults;
-    const struct rec_pictures in = {.b = t->rhs, .w = t->weight, .sigma = sigma};
+    const struct rec_pictures in = {
+        .b = t->rhs, .w = t->weight, .sigma = {sigma, sigma, sigma, sigma}};
     float *x = must_floats((size_t)t->a->n * 4);
     p.solver = solver;
     CHECK(solve_from(s, t->a, &in, &p, x, &stop));

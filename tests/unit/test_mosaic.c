@@ -211,8 +211,10 @@ static void make_mosaic(struct system *y)
 static pvx_err solve(struct system *y, bool per_channel, const struct rec_solve_params *p)
 {
     struct rec_solve_report r;
-    const struct rec_pictures in = {
-        .b = y->b, .w = per_channel ? y->w4 : y->w, .per_channel = per_channel, .sigma = 0.01};
+    const struct rec_pictures in = {.b = y->b,
+                                    .w = per_channel ? y->w4 : y->w,
+                                    .per_channel = per_channel,
+                                    .sigma = {0.01, 0.01, 0.01, 0.01}};
     return solve_from(y->s, y->a, &in, p, y->x, &r);
 }
 
@@ -234,8 +236,10 @@ static pvx_err solve_weighed(struct system *y, bool per_channel, double lambda,
                              const struct rec_solve_params *p)
 {
     struct rec_solve_report r;
-    const struct rec_pictures in = {
-        .b = y->b, .w = per_channel ? y->w4 : y->w, .per_channel = per_channel, .sigma = 0.01};
+    const struct rec_pictures in = {.b = y->b,
+                                    .w = per_channel ? y->w4 : y->w,
+                                    .per_channel = per_channel,
+                                    .sigma = {0.01, 0.01, 0.01, 0.01}};
     rec_problem_load(y->s, y->a, &in);
     rec_problem_weigh(y->s, 0);
     for (int l = 0; l < 4; l++)

@@ -106,7 +106,10 @@ static void ball(struct scene *s, struct system *y, double noise)
 
 static void load_lit(struct system *y, double sigma, double shot)
 {
-    const struct rec_pictures in = {.b = y->b, .w = y->w, .sigma = sigma, .shot = shot};
+    const struct rec_pictures in = {.b = y->b,
+                                    .w = y->w,
+                                    .sigma = {sigma, sigma, sigma, sigma},
+                                    .shot = {shot, shot, shot, shot}};
     T_OK(rec_problem_load(y->s, y->a, &in));
     rec_problem_weigh(y->s, -1);
 }
@@ -176,7 +179,8 @@ T_CASE(fault_keeps_what_the_misfit_raised)
         T_OK(lambda[0] >= 0.0199 * formula && lambda[0] <= 4.01 * formula);
     }
 
-    rec_problem_load(pb, y.a, &(struct rec_pictures){.b = y.b, .w = y.w, .sigma = 0.02});
+    rec_problem_load(pb, y.a,
+                     &(struct rec_pictures){.b = y.b, .w = y.w, .sigma = {0.02, 0.02, 0.02, 0.02}});
     rec_problem_weigh(pb, 2); /* what somebody asked for is left alone */
     memcpy(lambda, pb->lambda, sizeof lambda);
     rec_problem_misfit(pb, misses);

@@ -17,7 +17,7 @@ static void clear(struct system *y)
 static pvx_err solve_with(struct system *y, double sigma, const struct rec_solve_params *p,
                           struct rec_solve_report *out)
 {
-    const struct rec_pictures in = {.b = y->b, .w = y->w, .sigma = sigma};
+    const struct rec_pictures in = {.b = y->b, .w = y->w, .sigma = {sigma, sigma, sigma, sigma}};
     return solve_from(y->s, y->a, &in, p, y->x, out);
 }
 static struct rec_solve_report solve(struct system *y, const struct rec_solve_params *p)

@@ -108,7 +108,7 @@ T_CASE(minimum_of_the_objective)
     const double nu = 0.7;
     for (int32_t q = 0; q < y.a->n; q++)
         expect[q] = s.truth[(size_t)y.col[q] * 3] * (float)(1 + 0.3 * t_normal());
-    const struct rec_pictures in = {.b = y.b, .w = y.w, .sigma = 0.02};
+    const struct rec_pictures in = {.b = y.b, .w = y.w, .sigma = {0.02, 0.02, 0.02, 0.02}};
     struct rec_solve_params p = rec_solve_defaults;
     struct rec_solve_report r;
     p.lambda = 0.3f;
