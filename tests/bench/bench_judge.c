@@ -13,7 +13,8 @@
 static const struct view_set views_4 = {"4 on a ring", 8, 4, 3, {0, 2, 4, 6}},
                              arc_6 = {"6 on 150 deg", 12, 6, 6, {0, 1, 2, 3, 4, 5}},
                              arc_5 = {"5 on 120 deg", 12, 5, 5, {0, 1, 2, 3, 4}};
-static const struct noise noise_3 = {"3 %", 0.03, false}, noise_low = {"0.3 %", 0.003, false};
+static const struct noise noise_3 = {"3 %", 0.03, false, 0}, noise_low = {"0.3 %", 0.003, false, 0},
+                          noise_blue = {"0.5; blue 2 %", 0.005, false, 0.02};
 static const int32_t size_96[3] = {240, 180, 96};
 
 /* Calibration off by 0.7 pixels of 320x240 pictures in bins of 2x2, as which these stand. */
@@ -31,6 +32,7 @@ static const struct judged {
     {FLAME_CAMPFIRE, &arc_6, &noise_3, 0, size_64},
     {FLAME_GAUSS40, &views_8, &noise_1, 0, size_64},
     {FLAME_RAGGED, &views_8, &noise_1, 0, size_64},
+    {FLAME_RAGGED, &views_8, &noise_blue, 0, size_64},
     {FLAME_RAGGED, &views_4, &noise_1, 0, size_64},
     {FLAME_POOL, &views_8, &noise_1, 0, size_64},
     {FLAME_POOL, &views_8, &noise_0, 0, size_64},
@@ -40,14 +42,17 @@ static const struct judged {
     {FLAME_SHELL, &views_8, &noise_low, 0, size_96},
     {FLAME_SHELL, &views_8, &noise_5, 0, size_64},
     {FLAME_WALL, &views_8, &noise_1, 0, size_64},
+    {FLAME_WALL, &views_8, &noise_blue, 0, size_64},
     {FLAME_WALL, &arc_6, &noise_3, 0, size_64},
     {FLAME_JET, &views_8, &noise_0, 0, size_64},
     {FLAME_JET, &views_8, &noise_1, 0, size_64},
+    {FLAME_JET, &views_8, &noise_blue, 0, size_64},
     {FLAME_JET, &arc_5, &noise_1, 0, size_64},
     {FLAME_HOLLOW, &views_8, &noise_1, 0, size_64},
     {FLAME_HOLLOW, &views_8, &noise_1, OFF, size_64},
     {FLAME_HOLLOW, &views_4, &noise_1, 0, size_64},
     {FLAME_CANDLES, &views_8, &noise_1, 0, size_64},
+    {FLAME_CANDLES, &views_8, &noise_blue, 0, size_64},
     {FLAME_CANDLES, &views_8, &noise_5, 0, size_64},
     {FLAME_CANDLES, &views_8, &noise_8bit, 0, size_64},
 };

@@ -78,7 +78,7 @@ static void flame(FILE *csv, enum flame_kind kind, double share, pvx_pool *pool)
     if (!scene_new(&s, kind, &views_8, size_64, flames[kind].t, pool))
         return;
     scene_rescale(&s, 1 / level(&s, share));
-    const struct noise noise = {"1 %", 0.01 / s.peak, false}; /* of full scale */
+    const struct noise noise = {"1 %", 0.01 / s.peak, false, 0}; /* of full scale */
     shot_new(&shot, &s, &noise, 1);
     scene_truth(&s, REC_TRILINEAR, pool);
     rec_sysmat *S = scene_matrix(&s, 0, pool, NULL);

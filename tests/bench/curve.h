@@ -15,9 +15,11 @@ struct noise {
     const char *name;
     double sigma; /* share of the peak */
     bool bits8;   /* rounded and clipped to 0..255 as an 8-bit camera does, silhouettes included */
+    double blue;  /* sigma of the last channel, where it has one of its own; else 0 */
 };
-static const struct noise noise_0 = {"0 %", 0, false}, noise_1 = {"1 %", 0.01, false},
-                          noise_5 = {"5 %", 0.05, false}, noise_8bit = {"1 % 8-bit", 0.01, true};
+static const struct noise noise_0 = {"0 %", 0, false, 0}, noise_1 = {"1 %", 0.01, false, 0},
+                          noise_5 = {"5 %", 0.05, false, 0},
+                          noise_8bit = {"1 % 8-bit", 0.01, true, 0};
 
 /* Pixels of one instant, ready to be copied into a slot: every solver gets the same ones. */
 struct shot {
@@ -39,7 +41,8 @@ static inline void shot_new(struct shot *t, const struct scene *s, const struct 
             for (size_t ch = 0; ch < nch; ch++) {
                 double v = s->image[c][i * nch + ch];
                 if (noise->sigma > 0)
-                    v += noise->sigma * s->peak * bench_normal();
+                    v += (ch == 2 && noise->blue > 0 ? noise->blue : noise->sigma) * s->peak *
+                         bench_normal();
                 if (noise->bits8)
                     v = fmin(255, fmax(0, floor(255 * v + 0.5))) / 255;
                 t->px[c][i * cs + ch] = (float)v;
