@@ -48,7 +48,7 @@ static pvx_err tables(struct cap_maps *m, const struct cap_photometry *c, struct
 
 static bool says_nothing(const struct cap_photometry *c, size_t pixel)
 {
-    bool bad = false;
+    bool bad = c->mask != NULL && c->mask[pixel] == 0;
     for (int k = 0; k < c->channels; k++) {
         size_t at = pixel * (size_t)c->channels + (size_t)k;
         bad |= c->dark != NULL && !isfinite(c->dark[at]);
@@ -71,7 +71,7 @@ static pvx_err mask(struct cap_maps *m, const struct cap_photometry *c)
 {
     size_t pixels = (size_t)m->width * (size_t)m->height;
     int32_t bw = m->width / m->p.binning, bh = m->height / m->p.binning;
-    if (c->dark == NULL && c->flat == NULL)
+    if (c->dark == NULL && c->flat == NULL && c->mask == NULL)
         return PVX_OK;
     m->mask = pvx_calloc(pixels / 8 + 1, 1);
     if (m->mask == NULL)

@@ -11,7 +11,7 @@
  * (1 % by 10 %: 0.1 %).  nch = 1 from a colour image: the maps' mean over the channels, (2) over them too.
  * A bin's dark and g/flat are kept in 4 bytes a channel: g/flat in 2^-13 of its greatest, dark with 11 bits.
  * What is off by that: at most 2^-14 max(g/flat) light + 2^-11 dark g/flat.
- * A pixel whose dark or flat is NaN, or flat less than CAP_FLAT_LEAST, says nothing: its samples are left out
+ * A pixel whose dark or flat is NaN, flat less than CAP_FLAT_LEAST or mask 0 says nothing: its samples are left out
  * of sum and count; a channel of a bin without any other sample is NaN, and with nch = 1 the bin.
  * Saturation is judged by raw samples as without maps, but out then has cap_maps_saturated, which is above
  * everything that (1) can give; with M in all three channels.
@@ -35,6 +35,7 @@ struct cap_photometry {
     /* [height][width][1 or 3], 3 where a pixel has three samples (RGB, YUV, JPEG); NULL = none */
     const float *dark, *flat;
     int channels;           /* of these */
+    const uint8_t *mask;    /* [height][width] 0 = a pixel says nothing; or NULL */
     const double *response; /* [n_response], ascending from 0 to 1; or NULL */
     int n_response;         /* 2..CAP_RESPONSE_MAX */
     const double *matrix;   /* [9] or NULL */

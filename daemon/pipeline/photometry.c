@@ -19,6 +19,7 @@ struct dmn_photometry {
     struct light {
         bool acts;
         float *dark, *flat;
+        uint8_t *mask;
         double response[REC_RESPONSE_MAX], matrix[9];
         struct cap_photometry of;
     } camera[REC_MAX_CAMERAS];
@@ -77,18 +78,18 @@ pvx_err dmn_photometry_move(struct rec_rig *rig, const char *from, const char *t
     else
         snprintf(way, sizeof way, "%s", old);
     for (size_t c = 0; c < rig->n_cameras && way[0] != '\0'; c++) {
-        struct rec_map *map[] = {&rig->cameras[c].photometry.dark,
-                                 &rig->cameras[c].photometry.flat};
-        for (size_t i = 0; i < 2; i++) {
-            if (map[i]->file[0] == '\0' || map[i]->file[0] == '/')
+        struct rec_photometry *of = &rig->cameras[c].photometry;
+        char *file[] = {of->dark.file, of->flat.file, of->mask};
+        for (size_t i = 0; i < sizeof file / sizeof *file; i++) {
+            if (file[i][0] == '\0' || file[i][0] == '/')
                 continue;
-            snprintf(name, sizeof name, "%s%s", way, map[i]->file);
-            if (strlen(name) >= sizeof map[i]->file || strpbrk(way, "\"\\") != NULL)
+            snprintf(name, sizeof name, "%s%s", way, file[i]);
+            if (strlen(name) >= REC_MAP_FILE_MAX || strpbrk(way, "\"\\") != NULL)
                 return pvx_fail(d, PVX_ERANGE,
                                 "%s: camera %s: its map would be called %s, which no rig can hold: "
                                 "write the rig beside %s",
                                 to != NULL ? to : from, rig->cameras[c].name, name, from);
-            snprintf(map[i]->file, sizeof map[i]->file, "%.*s", (int)sizeof map[i]->file - 1, name);
+            snprintf(file[i], REC_MAP_FILE_MAX, "%.*s", REC_MAP_FILE_MAX - 1, name);
         }
     }
     return PVX_OK;
@@ -137,6 +138,54 @@ static pvx_err read_map(const char *rig_path, const struct rec_camera *k, const 
     return PVX_OK;
 }
 
+/* Darker than half in every channel: covered.  Not black alone, since drawings have soft edges. */
+static void covered(const struct cap_image *img, uint8_t *mask)
+{
+    int channels = cap_pixfmt_channels(img->fmt);
+    size_t n = (size_t)img->width * (size_t)img->height;
+    for (size_t i = 0; i < n; i++) {
+        mask[i] = 0;
+        for (int c = 0; c < channels; c++) {
+            size_t at = i * (size_t)channels + (size_t)c;
+            mask[i] |= img->fmt == CAP_GREY8 || img->fmt == CAP_RGB8
+                           ? ((const uint8_t *)img->data)[at] >= 128
+                       : img->fmt == CAP_GREY16 || img->fmt == CAP_RGB16
+                           ? ((const uint16_t *)img->data)[at] >= 32768
+                           : ((const float *)img->data)[at] >= 0.5F;
+        }
+    }
+}
+
+static pvx_err read_mask(const char *rig_path, const struct rec_camera *k, uint8_t **out,
+                         struct pvx_diag *d)
+{
+    char path[PATH_MAX];
+    struct cap_loaded l;
+    struct pvx_diag why = {""};
+    size_t n = (size_t)k->width * (size_t)k->height;
+    beside(rig_path, k->photometry.mask, path, sizeof path);
+    pvx_err e = cap_image_load(path, &l, &why);
+    if (e != PVX_OK)
+        return pvx_fail(d, e, "%s: camera %s: mask: %s", rig_path, k->name, pvx_diag_text(&why, e));
+    if (l.img.width != k->width || l.img.height != k->height)
+        e = pvx_fail(d, PVX_EINVAL,
+                     "%s: camera %s: the mask %s has %dx%d pixels, but the camera takes %dx%d: "
+                     "draw it over one of its pictures",
+                     rig_path, k->name, path, l.img.width, l.img.height, k->width, k->height);
+    else if ((*out = pvx_calloc(n, 1)) == NULL)
+        e = PVX_ENOMEM;
+    if (e == PVX_OK) {
+        covered(&l.img, *out);
+        if (memchr(*out, 1, n) == NULL)
+            e = pvx_fail(d, PVX_EINVAL,
+                         "%s: camera %s: the mask %s covers all of it: what is to be used has to "
+                         "be bright in it; to do without a camera, leave it out of the rig",
+                         rig_path, k->name, path);
+    }
+    cap_loaded_free(&l);
+    return e;
+}
+
 /* The gain goes to the maps, and noise is what it will be behind them. */
 static void take_gain(struct rec_camera *k, float gain[3])
 {
@@ -161,8 +210,11 @@ static pvx_err load_one(const char *rig_path, unsigned what, struct rec_camera *
         PVX_TRY(read_map(rig_path, k, &p->dark, &l->dark, &of->channels, d));
     if (p->flat.file[0] != '\0' && what & DMN_LIGHT_FLAT)
         PVX_TRY(read_map(rig_path, k, &p->flat, &l->flat, &of->channels, d));
+    if (p->mask[0] != '\0' && what & DMN_LIGHT_MASK)
+        PVX_TRY(read_mask(rig_path, k, &l->mask, d));
     of->dark = l->dark;
     of->flat = l->flat;
+    of->mask = l->mask;
     if (p->n_response > 0 && what & DMN_LIGHT_RESPONSE) {
         memcpy(l->response, p->response, sizeof l->response);
         of->response = l->response;
@@ -172,7 +224,8 @@ static pvx_err load_one(const char *rig_path, unsigned what, struct rec_camera *
         memcpy(l->matrix, p->matrix, sizeof l->matrix);
         of->matrix = l->matrix;
     }
-    l->acts = of->dark != NULL || of->flat != NULL || of->response != NULL || of->matrix != NULL;
+    l->acts = of->dark != NULL || of->flat != NULL || of->mask != NULL || of->response != NULL ||
+              of->matrix != NULL;
     if (l->acts && what & DMN_LIGHT_GAIN)
         take_gain(k, of->gain);
     return PVX_OK;
@@ -199,6 +252,7 @@ void dmn_photometry_free(dmn_photometry **pp)
     for (size_t c = 0; p != NULL && c < REC_MAX_CAMERAS; c++) {
         free(p->camera[c].dark);
         free(p->camera[c].flat);
+        free(p->camera[c].mask);
     }
     PVX_FREE(*pp);
 }

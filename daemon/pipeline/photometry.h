@@ -15,7 +15,8 @@ enum dmn_light {
     DMN_LIGHT_FLAT = 4,
     DMN_LIGHT_GAIN = 8,
     DMN_LIGHT_MATRIX = 16,
-    DMN_LIGHT_ALL = 31
+    DMN_LIGHT_MASK = 32,
+    DMN_LIGHT_ALL = 63
 };
 
 /* Maps of the rig that was read from rig_path, of the steps in `what`; *out = NULL: no camera has any.

@@ -5,7 +5,8 @@
 
 bool rec_photometry_acts(const struct rec_photometry *p)
 {
-    return p->n_response > 0 || p->dark.file[0] != '\0' || p->flat.file[0] != '\0' || p->has_matrix;
+    return p->n_response > 0 || p->dark.file[0] != '\0' || p->flat.file[0] != '\0' ||
+           p->mask[0] != '\0' || p->has_matrix;
 }
 
 /* ---- reading ---- */
@@ -117,8 +118,8 @@ pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
     bool gain = false;
     *out = (struct rec_photometry){0};
     PVX_TRY(pvx_yaml_known(
-        y, node, path, "serial device exposure gain_db temperature response dark flat matrix noise",
-        d));
+        y, node, path,
+        "serial device exposure gain_db temperature response dark flat mask matrix noise", d));
     PVX_TRY(text(&r, node, "serial", out->serial, sizeof out->serial));
     PVX_TRY(text(&r, node, "device", out->device, sizeof out->device));
     PVX_TRY(number(&r, node, "exposure", 1e-9, 1e6, &out->has_exposure, &out->exposure));
@@ -128,6 +129,7 @@ pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
     PVX_TRY(response(&r, node, out));
     PVX_TRY(map_file(&r, node, "dark", &out->dark));
     PVX_TRY(map_file(&r, node, "flat", &out->flat));
+    PVX_TRY(text(&r, node, "mask", out->mask, sizeof out->mask));
     PVX_TRY(matrix(&r, node, out));
     int noise = pvx_yaml_get(y, node, "noise");
     if (noise == 0)
@@ -179,6 +181,8 @@ void rec_photometry_write(FILE *f, const struct rec_photometry *p)
         put_numbers(f, "response", p->response, p->n_response);
     put_map(f, "dark", &p->dark);
     put_map(f, "flat", &p->flat);
+    if (p->mask[0] != '\0')
+        fprintf(f, "      mask: \"%s\"\n", p->mask);
     if (p->has_matrix)
         put_numbers(f, "matrix", p->matrix, 9);
     if (p->has_noise)

@@ -7,6 +7,8 @@
  *     response: [2..65 numbers]   light at samples 0 .. full scale in even steps, rising from 0 to 1
  *     dark: { file: F, hash: H }  light of each pixel that is not lit, .npy; NaN = a hot or dead pixel
  *     flat: { file: F, hash: H }  sensitivity of each pixel, .npy, 1 = the picture's middle; NaN as above
+ *     mask: F                 picture of the camera's size, dark where something covers the view (a burner's edge, a
+ *                             cable): such pixels say nothing, and carve nothing
  *     matrix: [9]             colours to those of one camera
  *     noise: { read: r, gain: g }    variance of a sample of light l: r^2 + g l, full scale = 1
  * Files relative to rig.yaml; H is XXH3-64 of the file's bytes, 16 digits: a map that was changed is refused.
@@ -37,6 +39,8 @@ struct rec_photometry {
     int n_response;                        /* 0 = none */
     double response[REC_RESPONSE_MAX];
     struct rec_map dark, flat;
+    char
+        mask[REC_MAP_FILE_MAX]; /* "" = none; it may be drawn anew at any time, so without a hash */
     bool has_matrix, has_noise;
     double matrix[9], read_noise, noise_gain;
 };

@@ -134,6 +134,44 @@ T_CASE(a_hot_pixel_is_left_out)
     }
 }
 
+/* A mask is a map of its own, and is the same as a dark that says nothing there: bit by bit, bin by bin. */
+T_CASE(a_mask_alone_and_beside_maps)
+{
+    static const enum cap_pixfmt of[] = {CAP_GREY12, CAP_RGB16, CAP_BAYER_RG12};
+    uint8_t used[W * H];
+    for (size_t i = 0; i < W * H; i++)
+        used[i] = i % W < 3 || i / W == 7 ? 0 : 255;
+    for (size_t k = 0; k < 3; k++)
+        for (int binning = 1; binning <= 4; binning *= 2) {
+            struct bed b, other;
+            size_t bins = W * H / (size_t)(binning * binning);
+            int blank = 0;
+            bed_init(&b, of[k], binning, k == 0 ? 1 : 3);
+            memset(b.dark, 0, sizeof b.dark);
+            other = b;
+            other.img.data = other.raw;
+            other.c.dark = other.dark;
+            other.c.flat = other.flat;
+            for (size_t i = 0; i < W * H * (size_t)b.c.channels; i++)
+                other.dark[i] = used[i / (size_t)b.c.channels] != 0 ? 0 : NAN;
+            b.c.dark = b.c.flat = NULL;
+            b.c.mask = used;
+            run(&b);
+            run(&other);
+            T_EQ_I(cap_maps_masked(b.maps), cap_maps_masked(other.maps));
+            for (size_t i = 0; i < bins * (k == 0 ? 1 : 4); i++) {
+                bool none = isnan(b.out[i]);
+                T_EQ_I(none, isnan(other.out[i]));
+                if (!none)
+                    T_NEAR((double)b.out[i], (double)other.out[i], 1e-6);
+                blank += none;
+            }
+            T_OK(binning == 4 || blank > 0);
+            cap_maps_free(&b.maps);
+            cap_maps_free(&other.maps);
+        }
+}
+
 T_CASE(saturation_is_judged_by_raw_samples)
 {
     static const enum cap_pixfmt of[] = {CAP_GREY12, CAP_RGB16, CAP_BAYER_RG12};

@@ -110,7 +110,7 @@ T_CASE(photometry_reads_back)
     size_t len, len2;
     T_EQ_I(parse(HEAD CAM("a", P("serial: 'aravis:GV01', device: S7, exposure: 0.001, gain_db: 6, "
                                  "response: [0, 0.3, 1], dark: {file: maps/a.npy, hash: "
-                                 "'0123456789abcdef'}, matrix: [1,0,0,0,1,0,0,0,1], "
+                                 "'0123456789abcdef'}, mask: m.png, matrix: [1,0,0,0,1,0,0,0,1], "
                                  "noise: {read: 0.01, gain: 0.0001}")) CAM("b", ""),
                  &r, &d),
            PVX_OK);
@@ -122,6 +122,7 @@ T_CASE(photometry_reads_back)
     T_NEAR(p->response[1], 0.3, 0);
     T_EQ_S(p->dark.file, "maps/a.npy");
     T_OK(p->dark.hash == 0x0123456789abcdef && p->flat.file[0] == '\0');
+    T_EQ_S(p->mask, "m.png");
     T_NEAR(p->noise_gain, 1e-4, 0);
     T_OK(rec_photometry_acts(p) && !rec_photometry_acts(&r.cameras[1].photometry));
     T_EQ_I(rec_rig_format(&r, &text, &len), PVX_OK);
