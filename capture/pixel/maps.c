@@ -57,14 +57,20 @@ static bool says_nothing(const struct cap_photometry *c, size_t pixel)
     return bad;
 }
 
-static bool any_masked(const struct cap_maps *m, int32_t X, int32_t Y)
+/* How many of the pixels that count in a bin are masked. */
+enum masked { NONE, SOME, ALL };
+static enum masked masked_of(const struct cap_maps *m, int32_t X, int32_t Y)
 {
     int b = m->p.binning, more = m->cell != NULL; /* a filter's neighbours count too */
+    bool any = false, all = true;
     for (int32_t y = Y * b - more; y < (Y + 1) * b + more; y++)
         for (int32_t x = X * b - more; x < (X + 1) * b + more; x++)
-            if (x >= 0 && y >= 0 && x < m->width && y < m->height && cap_pix_masked(m, x, y))
-                return true;
-    return false;
+            if (x >= 0 && y >= 0 && x < m->width && y < m->height) {
+                bool masked = cap_pix_masked(m, x, y);
+                any |= masked;
+                all &= masked;
+            }
+    return all ? ALL : any ? SOME : NONE;
 }
 
 static pvx_err mask(struct cap_maps *m, const struct cap_photometry *c)
@@ -89,9 +95,11 @@ static pvx_err mask(struct cap_maps *m, const struct cap_photometry *c)
     if (m->patch == NULL)
         return PVX_ENOMEM;
     for (int32_t Y = 0; Y < bh; Y++)
-        for (int32_t X = 0; X < bw; X++)
-            if (any_masked(m, X, Y))
-                m->patch[m->n_patches++] = (uint32_t)(Y * bw + X);
+        for (int32_t X = 0; X < bw; X++) {
+            enum masked how = masked_of(m, X, Y);
+            if (how != NONE)
+                m->patch[m->n_patches++] = (uint32_t)(Y * bw + X) | (how == ALL ? CAP_BLANK : 0);
+        }
     return PVX_OK;
 }
 

@@ -93,21 +93,35 @@ void cap_pix_ways_init(struct cap_pix_ways *w, enum pvx_cpu most)
 #endif
 }
 
-/* Bins that a masked pixel would count in, once more: they are few. */
+/* Bins that a masked pixel would count in, once more.  What a blank one is hangs on nothing but its place in a filter's
+ * cell: it is worked out once. */
 static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
 {
     const struct cap_maps *m = j->maps;
     const uint32_t bw = (uint32_t)(j->img.width / j->binning);
+    const size_t cs = j->nch == 3 ? 4 : 1;
+    const float *blank[4] = {NULL};
     size_t lo = 0, hi = m->n_patches;
     while (lo < hi) { /* the first from row y0 on */
         size_t mid = (lo + hi) / 2;
-        if (m->patch[mid] < (uint32_t)y0 * bw)
+        if ((m->patch[mid] & ~CAP_BLANK) < (uint32_t)y0 * bw)
             lo = mid + 1;
         else
             hi = mid;
     }
-    for (; lo < m->n_patches && m->patch[lo] < (uint32_t)y1 * bw; lo++)
-        cap_pix_ref_bin(j, (int32_t)(m->patch[lo] % bw), (int32_t)(m->patch[lo] / bw), out);
+    for (; lo < m->n_patches && (m->patch[lo] & ~CAP_BLANK) < (uint32_t)y1 * bw; lo++) {
+        uint32_t at = m->patch[lo] & ~CAP_BLANK;
+        int32_t x = (int32_t)(at % bw), y = (int32_t)(at / bw);
+        const float **known = &blank[(y * j->binning & 1) << 1 | (x * j->binning & 1)];
+        bool is_blank = (m->patch[lo] & CAP_BLANK) != 0;
+        if (is_blank && *known != NULL) {
+            memcpy(out + at * cs, *known, cs * sizeof *out);
+            continue;
+        }
+        cap_pix_ref_bin(j, x, y, out);
+        if (is_blank)
+            *known = out + at * cs;
+    }
 }
 
 static void run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,

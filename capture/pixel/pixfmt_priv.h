@@ -53,8 +53,10 @@ struct cap_maps {
     uint32_t *table[17]; /* by bits; NULL = no response */
     uint8_t *mask;       /* a bit for each raw pixel; NULL = all are good */
     size_t n_masked, n_patches;
-    uint32_t *patch; /* [n_patches] ascending: bins that a masked pixel would count in */
+    /* [n_patches] ascending: bins that a masked pixel would count in; CAP_BLANK: where no other would */
+    uint32_t *patch;
 };
+#define CAP_BLANK 0x80000000u
 CAP_PIX_INLINE bool cap_pix_masked(const struct cap_maps *m, int32_t x, int32_t y)
 {
     size_t i = (size_t)y * (size_t)m->width + (size_t)x;

@@ -32,14 +32,14 @@ static double copy_rate(size_t bytes)
     return (double)bytes / best * 1e9;
 }
 
-enum { RESPONSE = 1, MATRIX = 2 };
+enum { RESPONSE = 1, MATRIX = 2, MASK = 4 };
 struct way {
     enum cap_pixfmt fmt;
     const char *note;
     enum cap_transfer transfer;
     enum cap_mosaic mosaic;
     int nch;
-    int too; /* RESPONSE, MATRIX */
+    int too; /* RESPONSE, MATRIX, MASK of a quarter of the picture */
 };
 
 /* Dark, flat and gain of a camera: a pedestal and vignetting, one pixel in 20000 is hot. */
@@ -51,18 +51,21 @@ static struct cap_maps *maps_of(const struct cap_image *img, const struct cap_co
     int channels = cap_pixfmt_bayer(img->fmt) == NULL ? cap_pixfmt_channels(img->fmt) : 1;
     size_t n = (size_t)img->width * (size_t)img->height * (size_t)channels;
     float *dark = must_floats(n), *flat = must_floats(n);
+    uint8_t *used = pvx_calloc(n, 1);
     for (size_t i = 0; i < n; i++) {
         size_t at = i / (size_t)channels, wide = (size_t)img->width;
         double x = (double)(at % wide) / (double)wide - 0.5;
         double y = (double)(at / wide) / (double)wide - 0.375;
         dark[i] = at % 20000 == 9999 ? NAN : (float)(0.02 + 0.002 * bench_even());
         flat[i] = (float)(1 - 0.8 * (x * x + y * y));
+        used[at] = x > -0.25;
     }
     struct cap_photometry c = {.width = img->width,
                                .height = img->height,
                                .dark = dark,
                                .flat = flat,
                                .channels = channels,
+                               .mask = w->too & MASK ? used : NULL,
                                .response = w->too & RESPONSE ? curve : NULL,
                                .n_response = 4,
                                .matrix = w->too & MATRIX ? colours : NULL,
@@ -71,6 +74,7 @@ static struct cap_maps *maps_of(const struct cap_image *img, const struct cap_co
     CHECK(cap_maps_new(&c, img, p, &m, NULL));
     free(dark);
     free(flat);
+    free(used);
     return m;
 }
 
@@ -156,6 +160,8 @@ static void all_formats(void)
         {CAP_BAYER_RG12CSI, " rays", 0, CAP_MOSAIC_RAYS, 3, 0},
         {CAP_GREY_F32, "", 0, 0, 1, 0},
         {CAP_RGB_F32, "", 0, 0, 3, 0},
+        {CAP_RGB8, " masked too", 0, 0, 3, MASK},
+        {CAP_BAYER_RG8, " rays, masked too", 0, CAP_MOSAIC_RAYS, 3, MASK},
         {CAP_RGB8, " matrix too", 0, 0, 3, MATRIX},
         {CAP_GREY8, " response too", 0, 0, 1, RESPONSE},
         {CAP_YUYV, " all", 0, 0, 3, RESPONSE | MATRIX},
