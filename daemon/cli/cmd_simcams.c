@@ -93,15 +93,15 @@ static pvx_err get_faults(struct simcams *s, struct pvx_diag *d)
 static pvx_err get_ring(struct simcams *s, struct pvx_diag *d)
 {
     const struct simcams_args *a = s->a;
-    struct simcams_ring_params p = {.fmt = a->fmt,
-                                    .n = (size_t)a->ring,
-                                    .fps = a->fps,
-                                    .seed = (uint32_t)a->seed,
-                                    .noise = {a->noise[0] / 100, a->noise[1] / 100, a->noise[2] / 100},
-                                    .sub = (int)a->sub,
-                                    .keep =
-                                        a->write_frames == NULL && (a->control || s->plan.n > 0),
-                                    .state = s->state};
+    struct simcams_ring_params p = {
+        .fmt = a->fmt,
+        .n = (size_t)a->ring,
+        .fps = a->fps,
+        .seed = (uint32_t)a->seed,
+        .noise = {a->noise[0] / 100, a->noise[1] / 100, a->noise[2] / 100},
+        .sub = (int)a->sub,
+        .keep = a->write_frames == NULL && (a->control || s->plan.n > 0),
+        .state = s->state};
     if (a->board != NULL) {
         PVX_TRY(simcams_board_init(a->board, &s->rig, (size_t)a->poses, a->hold_s,
                                    (uint32_t)a->seed, &s->board, d));
