@@ -164,6 +164,9 @@ def rates():
 section("Offline, raw pixels to volume", "offline", "Ring, RGB8. Wanted on two threads: 170 sets/s at 64^3 (trilinear 120), 30 at 128^3 (20). Stages in ms, in brackets over the time that moving their bytes takes",
         ["size", "basis", "rays", "threads", "sets/s"] + [s for s, in unique(offline, "stage")], rates)
 
+say("", "## The paper's Figure 5", "", "100 frames of 7 simulated cameras, 640x480 in bins of 2x2, box, grids of 32 to 96, compared with an eighth;",
+    "`make bench ONLY=figure5`:", "", *["- " + l for l in log if l.startswith("figure 5:")])
+
 products = table("products")
 section("One A and one A^T", "products", "Over the time to stream their entries; wanted 2",
         ["size", "basis", "channels", "threads", "kernels", "ms", "ratio"],

@@ -26,10 +26,19 @@ run() { # name, command...
     esac
 }
 live() { LIVE_SECONDS=${LIVE_SECONDS:-60} bash tests/bench/live.sh "$b" > "$out/live.md"; local r=$?; cat "$out/live.md"; return $r; }
+figure5() { # the paper's: 100 frames of 7 cameras, 640x480 in bins of 2x2, five grids from 32 to 96
+    local at; at=$(mktemp -d) || return 1
+    "$b/bin/pyrovox" simcams --cameras 8 --size 640x480 --ring 100 --noise 1,1,4 --write-rig "$at/rig.yaml" \
+        --write-frames "$at/take" > /dev/null 2>&1 &&
+        "$b/bin/pyrovox" experiment "$at/take" --rig "$at/rig.yaml" --black 0.02 --threads 2 --out "$at/out" 2>&1 | tr '\r' '\n' |
+        grep '^figure 5'
+    local r=$?; rm -rf "$at"; return $r
+}
 {
     for t in "$b"/tests/bench/bench_*; do
         [[ $t == *.o || $t == *.d || ! -x $t ]] || run "${t##*/}" "$t" "$out"
     done
+    run figure5 figure5
     run live live # end to end, with simulated cameras
     run judge /usr/bin/python3 tests/bench/judge.py "$out"
     run plot /usr/bin/python3 tests/bench/plot.py "$out"
