@@ -119,12 +119,13 @@ static void line(FILE *f, const struct frame *t, const struct plot_series *s)
     fputs("\"/>", f);
 }
 
-/* Beside a point; lower where there is one already. */
+/* Beside a point; lower where there is one already: by more than what counts as being there, so that rounding does not
+ * find the same one again and again. */
 static void beside(FILE *f, struct frame *t, double x, double y, const char *s)
 {
     for (size_t i = 0; i < t->labels; i++)
         if (fabs(t->label[i][0] - x) < 60 && fabs(t->label[i][1] - y) < 12) {
-            y = t->label[i][1] + 12;
+            y = t->label[i][1] + 12.1;
             i = (size_t)-1; /* again from the first */
         }
     if (t->labels < LABELS) {

@@ -1,0 +1,76 @@
+/* test_plot.c - daemon/cli/report/plot.h: what is in the drawing, and that it ends whatever is to be drawn. */
+#include "../t.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "daemon/cli/report/plot.h"
+
+enum { N = 20 };
+
+static size_t count(const char *text, const char *what)
+{
+    size_t n = 0;
+    for (const char *at = text; (at = strstr(at, what)) != NULL; at++)
+        n++;
+    return n;
+}
+
+static char *draw(const double *x, const double *y, bool points)
+{
+    static const char *const label[N] = {"a", "b", "c", "d", "e", "f", "g", "h", "i", "j",
+                                         "k", "l", "m", "n", "o", "p", "q", "r", "s", "t"};
+    const struct plot_series s[2] = {{.name = "one",
+                                      .colour = "#111111",
+                                      .n = N,
+                                      .x = x,
+                                      .y = y,
+                                      .label = label,
+                                      .points = points},
+                                     {.name = "two",
+                                      .colour = "#222222",
+                                      .n = N,
+                                      .x = x,
+                                      .y = y,
+                                      .label = label,
+                                      .points = points}};
+    char *text = NULL;
+    size_t len;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        abort();
+    plot_svg(f, &(struct plot){.x = "ms", .y = "error", .log_x = true, .series = s, .n = 2});
+    fclose(f);
+    return text;
+}
+
+/* All at about one place, by any fraction of a pixel: each has its label, at a place of its own. */
+T_CASE(labels_that_would_lie_on_each_other)
+{
+    for (int k = 0; k < 200; k++) {
+        double x[N], y[N];
+        for (int i = 0; i < N; i++) {
+            x[i] = 20 * exp(t_uniform(0, 0.05));
+            y[i] = 10 + t_uniform(0, 0.3);
+        }
+        char *text = draw(x, y, k % 2 == 0);
+        T_EQ_I(count(text, "<circle"), 2 * N);
+        T_EQ_I(count(text, ">a<"), 2);
+        T_EQ_I(count(text, ">t<"), 2);
+        T_EQ_I(count(text, "nan") + count(text, "inf"), 0);
+        free(text);
+    }
+}
+
+T_CASE(what_is_no_number_is_left_out)
+{
+    double x[N], y[N];
+    for (int i = 0; i < N; i++) {
+        x[i] = i == 3 ? NAN : 1 + i;
+        y[i] = i == 5 ? INFINITY : i == 7 ? NAN : 2;
+    }
+    char *text = draw(x, y, false);
+    T_EQ_I(count(text, "<circle"), 2 * (N - 3));
+    T_EQ_I(count(text, "nan") + count(text, "inf"), 0);
+    free(text);
+}
