@@ -132,11 +132,9 @@ fit: setup-test ## fit the automatic weight's exponents anew from random cases (
 	@$(B)/tests/fit/fit $(B)/fit $(CASES)
 	@/usr/bin/python3 tests/fit/fit.py $(B)/fit/fit.csv
 
-paper: setup-test ## the paper's figures on a recording like its own, simulated: build/paper/report.html and .pdf (goes on where it stopped)
-	@$(MAKE) --no-print-directory -j$$(nproc) all
-	@test -e $(B)/paper/recorded || $(B)/bin/pyrovox simcams --cameras 8 --size 640x480 --fps 15 --ring 100 --noise 1,1,4 \
-	  --write-frames $(B)/paper/take --write-rig $(B)/paper/rig.yaml && touch $(B)/paper/recorded
-	@$(B)/bin/pyrovox experiment $(B)/paper/take --rig $(B)/paper/rig.yaml --black 0.02 --out $(B)/paper
+paper: setup-test ## the paper's figures on a recording like its own and on fires held out: build/paper/report.html and .pdf (goes on where it stopped)
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/bench/record
+	@tests/bench/paper.sh $(B)
 
 stability: setup-test ## every hard case: outcome, error against the truth, bound (writes build/stability/)
 	@$(MAKE) --no-print-directory -j$$(nproc) $(B)/tests/stability/stability
