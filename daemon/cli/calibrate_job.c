@@ -119,18 +119,36 @@ static void say_next(const struct calibrate_job *j)
         printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
 }
 
-/* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures. */
+/* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures.
+ * Bodies stand where they stood in the old one's world. */
 static pvx_err complete(struct calibrate_job *j, struct pvx_diag *d)
 {
     if (j->a->add.n + j->a->recover.n > 0)
         PVX_TRY(calibrate_merge(&j->look, &j->old, &j->rig, d));
+    else if (j->a->keep != NULL)
+        PVX_TRY(rec_bodies_copy(&j->old.bodies, &j->rig.bodies));
     calibrate_mode_crop(&j->look, &j->rig);
     return PVX_OK;
+}
+
+/* Another world than that of `from`, or of the rig that is written over: their bodies are nowhere in it. */
+static void say_lost(const struct calibrate_job *j, const char *from)
+{
+    struct rec_rig was;
+    if (j->a->keep != NULL || rec_rig_load(from, &was, NULL) != PVX_OK)
+        return;
+    if (was.bodies.n > 0)
+        fprintf(stderr,
+                "%s: the bodies of %s are left out, for the world is another; --keep %s stays in "
+                "its world and keeps them\n",
+                j->a->out, from, from);
+    rec_rig_fini(&was);
 }
 
 static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
 {
     const char *old = j->a->keep != NULL ? j->a->keep : j->a->lenses;
+    say_lost(j, old != NULL ? old : j->a->out);
     return opt_rig_save(&j->rig, old, j->a->out, d);
 }
 

@@ -1,5 +1,6 @@
 #include "daemon/cli/opt_rig.h"
 
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -127,6 +128,25 @@ pvx_err opt_rig_load(const struct opt_rig *o, struct rec_rig *out, struct pvx_di
     return e;
 }
 
+/* Meshes that lie beside the file `to` or below are named from there, so that a folder can be moved as a whole; others
+ * are named from the root. */
+static void name_meshes(struct rec_rig *rig, const char *to)
+{
+    char name[PATH_MAX], folder[PATH_MAX];
+    const char *slash = strrchr(to, '/');
+    snprintf(name, sizeof name, "%.*s", slash == NULL ? 1 : (int)(slash - to) + 1,
+             slash == NULL ? "." : to);
+    if (realpath(name, folder) == NULL) /* writing it will say why */
+        return;
+    size_t n = strcmp(folder, "/") == 0 ? 0 : strlen(folder);
+    for (size_t i = 0; i < rig->bodies.n; i++) {
+        char *file = rig->bodies.body[i].file;
+        if (rig->bodies.body[i].kind == REC_BODY_MESH && strncmp(file, folder, n) == 0 &&
+            file[n] == '/')
+            memmove(file, file + n + 1, strlen(file + n + 1) + 1);
+    }
+}
+
 pvx_err opt_rig_save(const struct rec_rig *rig, const char *from, const char *to,
                      struct pvx_diag *d)
 {
@@ -136,6 +156,7 @@ pvx_err opt_rig_save(const struct rec_rig *rig, const char *from, const char *to
     pvx_err e = rec_rig_copy(rig, &there);
     if (e == PVX_OK && from != NULL)
         e = dmn_photometry_move(&there, from, to, d);
+    name_meshes(&there, to);
     if (e == PVX_OK)
         e = rec_rig_format(&there, &text, &len);
     rec_rig_fini(&there);

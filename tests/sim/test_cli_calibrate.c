@@ -230,6 +230,54 @@ T_CASE(one_camera_among_others_that_stay)
     rec_rig_fini(&less);
 }
 
+/* A tetrahedron. */
+static void write_mesh(const char *name)
+{
+    static const char ply[] =
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n0.01 0 0\n0 0.01 0\n0 0 0.01\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+    T_EQ_I(pvx_file_write(at("%s", name), ply, strlen(ply), NULL), PVX_OK);
+}
+
+/* In the old world bodies stay, with meshes that are found from the new file; in another one it is said. */
+T_CASE(bodies_are_kept_or_missed)
+{
+    static char yaml[1 << 16];
+    struct rec_rig old = {0}, rig = {0};
+    struct pvx_diag d = {""};
+    T_EQ_I(mkdir(at("parts"), 0755), 0);
+    T_EQ_I(mkdir(at("else"), 0755), 0);
+    write_mesh("parts/rod.ply");
+    snprintf(yaml, sizeof yaml, "%sbodies:\n  - { name: rod, mesh: parts/rod.ply }\n",
+             slurp("true.yaml"));
+    T_EQ_I(pvx_file_write(at("bodies.yaml"), yaml, strlen(yaml), NULL), PVX_OK);
+    T_EQ_I(rec_rig_load(at("bodies.yaml"), &old, &d), PVX_OK);
+    static const char *const out[] = {"kept.yaml", "else/kept.yaml"};
+    for (int i = 0; i < 2; i++) {
+        char arg[256];
+        snprintf(arg, sizeof arg,
+                 SOLVE "take --board " BOARD " " VOLUME " --voxels 32 --keep bodies.yaml --out %s",
+                 out[i]);
+        T_EQ_I(pyrovox(arg), 0);
+        T_OK(strstr(slurp("err"), "left out") == NULL);
+        T_OK((strstr(slurp(out[i]), "mesh: \"parts/rod.ply\"") != NULL) == (i == 0));
+        T_OK((strstr(slurp(out[i]), "mesh: \"/") != NULL) == (i == 1));
+        T_EQ_I(rec_rig_load(at("%s", out[i]), &rig, &d), PVX_OK);
+        T_EQ_S(d.text, "");
+        T_EQ_I(rig.bodies.n, 1);
+        if (rig.bodies.n == 1)
+            T_EQ_S(rig.bodies.body[0].file, old.bodies.body[0].file);
+        rec_rig_fini(&rig);
+    }
+    T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME
+                         " --voxels 32 --fix-intrinsics bodies.yaml --out lenses.yaml --accept"),
+           0);
+    T_CONTAINS(slurp("err"), "the bodies of bodies.yaml are left out");
+    T_CONTAINS(slurp("err"), "--keep bodies.yaml");
+    rec_rig_fini(&old);
+}
+
 T_CASE(some_of_the_frames)
 {
     T_EQ_I(pyrovox(SOLVE "take --board " BOARD " " VOLUME
