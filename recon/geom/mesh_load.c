@@ -20,6 +20,7 @@
 
 struct assimp {
     const struct aiScene *(*import)(const char *, unsigned);
+    const struct aiScene *(*process)(const struct aiScene *, unsigned);
     void (*release)(const struct aiScene *);
     const char *(*why)(void);
 };
@@ -30,9 +31,10 @@ static bool find(struct assimp *a)
     if (so == NULL)
         return false;
     *(void **)&a->import = dlsym(so, "aiImportFile");
+    *(void **)&a->process = dlsym(so, "aiApplyPostProcessing");
     *(void **)&a->release = dlsym(so, "aiReleaseImport");
     *(void **)&a->why = dlsym(so, "aiGetErrorString");
-    return a->import != NULL && a->release != NULL && a->why != NULL;
+    return a->import != NULL && a->process != NULL && a->release != NULL && a->why != NULL;
 }
 
 static size_t count(const struct aiScene *s)
@@ -41,6 +43,19 @@ static size_t count(const struct aiScene *s)
     for (unsigned i = 0; i < s->mNumMeshes; i++)
         n += s->mMeshes[i]->mNumFaces;
     return n;
+}
+
+/* assimp takes the corners of a PLY's faces as they are written, and would cut such a face into triangles. */
+static bool corners_exist(const struct aiScene *s)
+{
+    for (unsigned i = 0; i < s->mNumMeshes; i++) {
+        const struct aiMesh *m = s->mMeshes[i];
+        for (unsigned f = 0; f < m->mNumFaces; f++)
+            for (unsigned k = 0; k < m->mFaces[f].mNumIndices; k++)
+                if (m->mFaces[f].mIndices[k] >= m->mNumVertices)
+                    return false;
+    }
+    return true;
 }
 
 /* Corners of all triangles; returns how many triangles. */
@@ -124,7 +139,15 @@ pvx_err rec_mesh_load(const char *path, double scale, double side, struct rec_me
         return pvx_fail(d, PVX_EUNSUP,
                         "meshes are read by libassimp 5, which is not installed; apt install "
                         "libassimp5, or use boxes and cylinders");
-    const struct aiScene *s = a.import(path, aiProcess_Triangulate);
+    const struct aiScene *s = a.import(path, 0);
+    if (s != NULL && !corners_exist(s)) {
+        a.release(s);
+        return pvx_fail(
+            d, PVX_EFORMAT,
+            "a face has a corner that is not among the vertices; export the mesh again");
+    }
+    if (s != NULL)
+        s = a.process(s, aiProcess_Triangulate); /* of NULL: gone */
     if (s == NULL)
         return pvx_fail(d, PVX_EFORMAT, "cannot be read: %s; export the mesh again", a.why());
     pvx_err e = convert(s, scale, out, d);

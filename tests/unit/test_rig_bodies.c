@@ -214,6 +214,16 @@ T_CASE(meshes_that_are_refused)
     fputs("no mesh at all\n", f);
     fclose(f);
     refuse_mesh("text.ply", "cannot be read");
+    for (int n = 3; n <= 4; n++) { /* one that is cut into triangles too */
+        f = fopen(at("far.ply"), "w");
+        fputs("ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+              "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+              "end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n",
+              f);
+        fputs(n == 3 ? "3 0 1 4000000\n" : "4 0 1 2 4000000\n", f);
+        fclose(f);
+        refuse_mesh("far.ply", "not among the vertices");
+    }
     size_t n = REC_MESH_MAX / 12 * 12 + 12;
     double *many = malloc(n * 9 * sizeof *many);
     for (size_t i = 0; i < n; i += 12)
