@@ -29,7 +29,7 @@ static double dark_level(const rec_unseen *u, size_t c, float *room)
     return (double)room[n / 4] + 0.67 * rec_unseen_sigma(u);
 }
 
-static void look(const rec_unseen *u, struct advice *a, double count[3], double *level, float *room)
+static void look(const rec_unseen *u, struct advice *a, double count[3], float *room)
 {
     const rec_sysmat *S = rec_unseen_matrix(u);
     for (size_t c = 0; c < S->n_cameras; c++) {
@@ -44,7 +44,7 @@ static void look(const rec_unseen *u, struct advice *a, double count[3], double 
             if (w[i] > 0)
                 a->brightest = fmax(a->brightest, (double)b[i]);
         }
-        level[c] += dark_level(u, c, room);
+        a->level[c] += dark_level(u, c, room);
     }
 }
 
@@ -52,7 +52,7 @@ static void look(const rec_unseen *u, struct advice *a, double count[3], double 
 static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
 {
     struct rec_check_source from = flame_sets_source(s, "pictures");
-    double count[3] = {0}, level[REC_MAX_CAMERAS] = {0};
+    double count[3] = {0};
     float *room = pvx_calloc(rec_unseen_matrix(u)->row0[s->rig.n_cameras], sizeof *room);
     pvx_err e = room != NULL ? PVX_OK : PVX_ENOMEM;
     for (size_t i = 0; i < from.n && e == PVX_OK; i++) {
@@ -60,7 +60,7 @@ static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
         e = from.get(from.ctx, i, &set);
         if (e == PVX_OK) {
             rec_unseen_load(u, set.picture, set.floats);
-            look(u, a, count, level, room);
+            look(u, a, count, room);
             a->sigma += rec_unseen_sigma(u) / (double)from.n;
         }
         if (e == PVX_OK && !from.progress(from.ctx, (double)(i + 1) / (double)from.n))
@@ -69,12 +69,22 @@ static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
     free(room);
     a->lit = count[0] > 0 ? count[1] / count[0] : 0;
     a->saturated = count[1] > 0 ? count[2] / count[1] : 0;
-    for (size_t c = 0; c < s->rig.n_cameras; c++)
-        if (level[c] / (double)from.n > a->level) {
-            a->level = level[c] / (double)from.n;
-            a->level_camera = c;
-        }
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        a->level[c] /= (double)from.n;
+        a->darkest = a->level[c] > a->level[a->darkest] ? c : a->darkest;
+    }
     return e;
+}
+
+/* What follows sees the pictures as they are once black is subtracted. */
+static void subtract(struct flame_sets *s, const struct advice *a)
+{
+    float top = s->floats ? INFINITY : 0.998F;
+    for (size_t i = 0; i < s->n; i++)
+        for (size_t c = 0; c < s->rig.n_cameras; c++)
+            for (size_t k = 0; k < s->bins[c] && a->level[c] > ADVISE_LEVEL; k++)
+                if (s->picture[i][c] != NULL && !(s->picture[i][c][k] >= top))
+                    s->picture[i][c][k] -= (float)a->level[c];
 }
 
 /* Error of left-out pictures on a grid of its own. */
@@ -97,8 +107,10 @@ static pvx_err on_grid(struct flame_sets *s, int32_t voxels, size_t step, const 
                : e;
 }
 
+/* The grids by the rig's basis, then the other basis on that of the check. */
 static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
+    enum rec_basis own = s->rig.grid.basis, other = own == REC_BOX ? REC_TRILINEAR : REC_BOX;
     double best = INFINITY;
     for (; a->n_grids < ADVISE_GRIDS; a->n_grids++) {
         struct advise_grid *g = &a->grid[a->n_grids];
@@ -107,39 +119,38 @@ static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
         snprintf(label, sizeof label, "%d voxels", g->voxels);
         PVX_TRY(on_grid(s, g->voxels, 1, label, &g->error, &g->ms, d));
         best = fmin(best, g->error);
+        if (g->voxels == s->params.voxels)
+            a->basis[own] = g->error;
     }
     while (a->grid[a->best_grid].error > ADVISE_SAME * best)
         a->best_grid++;
     a->all = a->grid[a->best_grid].error;
-    return PVX_OK;
+    s->rig.grid.basis = other;
+    pvx_err e =
+        on_grid(s, s->params.voxels, 1, rec_basis_name(other), &a->basis[other], &a->other_ms, d);
+    s->rig.grid.basis = own;
+    return e;
 }
 
 pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
-    struct rec_rig *rig = &s->rig;
-    enum rec_basis own = rig->grid.basis;
     double ms;
     int32_t n[3];
     rec_unseen *u;
     *a = (struct advice){0};
-    PVX_TRY(rec_unseen_new(rig, &s->params, s->pool, &u, d));
+    PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &u, d));
     pvx_err e = pictures(u, s, a);
-    if (e == PVX_OK) {
-        struct rec_check_source from = flame_sets_source(s, "absorption");
-        e = rec_absorption_find(u, &from, &a->absorption, d);
-    }
     rec_unseen_free(&u);
-    for (int b = REC_BOX; b <= REC_TRILINEAR && e == PVX_OK; b++) {
-        rig->grid.basis = (enum rec_basis)b;
-        e = on_grid(s, s->params.voxels, 1, rec_basis_name(rig->grid.basis), &a->basis[b], &ms, d);
-    }
-    rig->grid.basis = own;
+    if (e == PVX_OK)
+        subtract(s, a);
+    if (e == PVX_OK)
+        e = advise_light(s, a, d);
     if (e == PVX_OK)
         e = grids(s, a, d);
     a->half = a->all;
-    if (e == PVX_OK && rig->n_cameras >= 7)
+    if (e == PVX_OK && s->rig.n_cameras >= 7)
         e = on_grid(s, a->grid[a->best_grid].voxels, 2, "half the cameras", &a->half, &ms, d);
-    if (e == PVX_OK && rec_rig_finest(rig, s->params.binning, n) == PVX_OK)
+    if (e == PVX_OK && rec_rig_finest(&s->rig, s->params.binning, n) == PVX_OK)
         for (int k = 0; k < 3; k++)
             a->finest = n[k] > a->finest ? n[k] : a->finest;
     return e;

@@ -31,10 +31,11 @@ static void light(const struct flame_sets *s, const struct advice *a)
            100 * a->brightest, 100 * a->sigma);
     line("saturated", a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
     printf("%.1f %% of the flame's pixels are at full scale\n", 100 * a->saturated);
-    line("black", a->level > ADVISE_LEVEL ? "subtract" : "fine");
-    printf("where it is darkest %s has %.2f %% of full scale%s\n",
-           s->rig.cameras[a->level_camera].name, 100 * a->level,
-           a->level > ADVISE_LEVEL
+    double level = a->level[a->darkest];
+    line("black", level > ADVISE_LEVEL ? "subtract" : "fine");
+    printf("where it is darkest %s has %.2f %% of full scale%s\n", s->rig.cameras[a->darkest].name,
+           100 * level,
+           level > ADVISE_LEVEL
                ? "; `pyrovox calibrate dark` or `background` measure it pixel by pixel"
                : "");
     if (a->lit > 0.9)
@@ -63,6 +64,31 @@ static void model(const struct advice *a)
            100 * a->basis[REC_BOX], 100 * a->basis[REC_TRILINEAR]);
 }
 
+static void gains(const struct flame_sets *s, const struct advice *a)
+{
+    const struct advise_gain *g = &a->gain;
+    if (!g->known) {
+        line("gain", "unknown");
+        printf("too few sets or cameras with a flame to tell\n");
+        return;
+    }
+    line("gain", g->on ? "on" : "off");
+    printf("%s is furthest off the others, %.3f of what it should have; left-out pictures are "
+           "missed by %.1f %% as they "
+           "are, by %.1f %% with gains; no time\n",
+           s->rig.cameras[g->worst].name, 1 / g->gain[g->worst], 100 * g->error[0],
+           100 * g->error[1]);
+    if (!g->on)
+        return;
+    printf("%-23s ", "");
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        if (fabs(log(g->gain[c])) > log(1 + ADVISE_GAIN))
+            printf("%s: %.3f, ", s->rig.cameras[c].name, g->gain[c]);
+    printf("which `pyrovox calibrate gain --rig %s --flame --frames %s --out with-gains.yaml` "
+           "measures by colour\n",
+           s->a->rig, s->a->frames);
+}
+
 static void size(const struct flame_sets *s, const struct advice *a)
 {
     char n[16];
@@ -86,15 +112,16 @@ void advise_print(const struct flame_sets *s, const struct advice *a)
 {
     light(s, a);
     model(a);
+    gains(s, a);
     size(s, a);
     printf("\nrig: %s\nbasis: %s\n", s->a->rig, rec_basis_name(basis(a)));
     if (a->best_grid + 1 == a->n_grids && a->finest > a->grid[a->best_grid].voxels)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
     else
         printf("grid: [%d]\n", a->grid[a->best_grid].voxels);
-    if (a->level > ADVISE_LEVEL || s->a->black > 0)
-        printf("photometry: { black: %.4g }\n",
-               s->a->black + (a->level > ADVISE_LEVEL ? a->level : 0));
+    double level = a->level[a->darkest];
+    if (level > ADVISE_LEVEL || s->a->black > 0)
+        printf("photometry: { black: %.4g }\n", s->a->black + (level > ADVISE_LEVEL ? level : 0));
     printf("model: { absorption: %.3g, saturated: %s }\n", a->absorption.c,
            a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
 }
