@@ -2,14 +2,16 @@
  * distribution, and has a fuzzer of its own running on it day and night (OSS-Fuzz).  Loaded where a rig names a mesh: who
  * has none does not need it. */
 #include <dlfcn.h>
+#include <errno.h>
+#include <limits.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 #include <sys/stat.h>
 
 #include <assimp/cimport.h>
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include "base/mem.h"
@@ -20,7 +22,6 @@
 
 struct assimp {
     const struct aiScene *(*import)(const char *, unsigned);
-    const struct aiScene *(*process)(const struct aiScene *, unsigned);
     void (*release)(const struct aiScene *);
     const char *(*why)(void);
 };
@@ -31,31 +32,45 @@ static bool find(struct assimp *a)
     if (so == NULL)
         return false;
     *(void **)&a->import = dlsym(so, "aiImportFile");
-    *(void **)&a->process = dlsym(so, "aiApplyPostProcessing");
     *(void **)&a->release = dlsym(so, "aiReleaseImport");
     *(void **)&a->why = dlsym(so, "aiGetErrorString");
-    return a->import != NULL && a->process != NULL && a->release != NULL && a->why != NULL;
+    return a->import != NULL && a->release != NULL && a->why != NULL;
+}
+
+/* Of a face with so many corners; a point or a line covers nothing. */
+static size_t triangles(const struct aiFace *f)
+{
+    return f->mNumIndices >= 3 ? f->mNumIndices - 2 : 0;
 }
 
 static size_t count(const struct aiScene *s)
 {
     size_t n = 0;
     for (unsigned i = 0; i < s->mNumMeshes; i++)
-        n += s->mMeshes[i]->mNumFaces;
+        for (unsigned f = 0; f < s->mMeshes[i]->mNumFaces; f++)
+            n += triangles(&s->mMeshes[i]->mFaces[f]);
     return n;
 }
 
-/* assimp takes the corners of a PLY's faces as they are written, and would cut such a face into triangles. */
-static bool corners_exist(const struct aiScene *s)
+/* assimp takes a PLY's faces as they are written, and its own cutting into triangles ends the program where none is one. */
+static pvx_err check_faces(const struct aiScene *s, struct pvx_diag *d)
 {
     for (unsigned i = 0; i < s->mNumMeshes; i++) {
         const struct aiMesh *m = s->mMeshes[i];
-        for (unsigned f = 0; f < m->mNumFaces; f++)
+        for (unsigned f = 0; f < m->mNumFaces; f++) {
+            if (m->mFaces[f].mNumIndices > 4)
+                return pvx_fail(d, PVX_EFORMAT,
+                                "a face has %u corners; export the mesh as triangles, which are "
+                                "never bent inwards",
+                                m->mFaces[f].mNumIndices);
             for (unsigned k = 0; k < m->mFaces[f].mNumIndices; k++)
                 if (m->mFaces[f].mIndices[k] >= m->mNumVertices)
-                    return false;
+                    return pvx_fail(d, PVX_EFORMAT,
+                                    "a face has a corner that is not among the vertices; export "
+                                    "the mesh again");
+        }
     }
-    return true;
+    return PVX_OK;
 }
 
 /* Corners of all triangles; returns how many triangles. */
@@ -64,17 +79,15 @@ static size_t gather(const struct aiScene *s, double scale, double *out)
     size_t n = 0;
     for (unsigned i = 0; i < s->mNumMeshes; i++) {
         const struct aiMesh *m = s->mMeshes[i];
-        for (unsigned f = 0; f < m->mNumFaces; f++) {
-            if (m->mFaces[f].mNumIndices != 3) /* a point or a line covers nothing */
-                continue;
-            for (unsigned k = 0; k < 3; k++) {
-                const struct aiVector3D *v = &m->mVertices[m->mFaces[f].mIndices[k]];
-                out[9 * n + 3 * k] = scale * (double)v->x;
-                out[9 * n + 3 * k + 1] = scale * (double)v->y;
-                out[9 * n + 3 * k + 2] = scale * (double)v->z;
-            }
-            n++;
-        }
+        for (unsigned f = 0; f < m->mNumFaces; f++)
+            for (size_t t = 0; t < triangles(&m->mFaces[f]); t++, n++)
+                for (size_t k = 0; k < 3; k++) { /* 0 1 2, 0 2 3 */
+                    const struct aiVector3D *v =
+                        &m->mVertices[m->mFaces[f].mIndices[k > 0 ? t + k : 0]];
+                    out[9 * n + 3 * k] = scale * (double)v->x;
+                    out[9 * n + 3 * k + 1] = scale * (double)v->y;
+                    out[9 * n + 3 * k + 2] = scale * (double)v->z;
+                }
     }
     return n;
 }
@@ -129,6 +142,35 @@ static pvx_err readable(const char *path, struct pvx_diag *d)
     return PVX_OK;
 }
 
+/* A PLY says how many elements follow, and assimp makes room for them before it looks: of a byte each at least, they have
+ * to fit into the file.  In a head without an end it would look for one for ever. */
+static pvx_err elements_fit(const char *path, struct pvx_diag *d)
+{
+    char line[256];
+    long long n = 0, bytes = 0;
+    bool ends = false;
+    FILE *f = fopen(path, "rb");
+    if (f == NULL)
+        return pvx_fail(d, PVX_ENOENT, "cannot be opened: %s", strerror(errno));
+    for (int i = 0; i < 1000 && !ends && fgets(line, sizeof line, f) != NULL; i++) {
+        char *count = strncmp(line, "element ", 8) == 0 ? strchr(line + 8, ' ') : NULL;
+        long long some = count != NULL ? strtoll(count, NULL, 10) : 0;
+        n = some > LLONG_MAX - n ? LLONG_MAX : n + some;
+        if (some < 0)
+            n = LLONG_MAX;
+        ends = strcmp(line, "end_header\n") == 0 || strcmp(line, "end_header\r\n") == 0;
+    }
+    bool known = fseek(f, 0, SEEK_END) == 0 && (bytes = ftell(f)) >= 0;
+    fclose(f);
+    return ends && known && n <= bytes
+               ? PVX_OK
+               : pvx_fail(d, PVX_EFORMAT,
+                          "its head has no end, or says more vertices and faces than "
+                          "its %lld bytes can hold: it was cut off; export the mesh "
+                          "again",
+                          bytes);
+}
+
 pvx_err rec_mesh_load(const char *path, double scale, double side, struct rec_mesh **out,
                       struct pvx_diag *d)
 {
@@ -139,18 +181,14 @@ pvx_err rec_mesh_load(const char *path, double scale, double side, struct rec_me
         return pvx_fail(d, PVX_EUNSUP,
                         "meshes are read by libassimp 5, which is not installed; apt install "
                         "libassimp5, or use boxes and cylinders");
+    if (strcasecmp(strrchr(path, '.'), ".ply") == 0)
+        PVX_TRY(elements_fit(path, d));
     const struct aiScene *s = a.import(path, 0);
-    if (s != NULL && !corners_exist(s)) {
-        a.release(s);
-        return pvx_fail(
-            d, PVX_EFORMAT,
-            "a face has a corner that is not among the vertices; export the mesh again");
-    }
-    if (s != NULL)
-        s = a.process(s, aiProcess_Triangulate); /* of NULL: gone */
     if (s == NULL)
         return pvx_fail(d, PVX_EFORMAT, "cannot be read: %s; export the mesh again", a.why());
-    pvx_err e = convert(s, scale, out, d);
+    pvx_err e = check_faces(s, d);
+    if (e == PVX_OK)
+        e = convert(s, scale, out, d);
     a.release(s);
     if (e == PVX_OK && (e = of_this_size(*out, side, d)) != PVX_OK)
         rec_mesh_free(out);

@@ -213,16 +213,24 @@ T_CASE(meshes_that_are_refused)
     FILE *f = fopen(at("text.ply"), "w");
     fputs("no mesh at all\n", f);
     fclose(f);
-    refuse_mesh("text.ply", "cannot be read");
-    for (int n = 3; n <= 4; n++) { /* one that is cut into triangles too */
+    refuse_mesh("text.ply", "its head has no end");
+    static const char *const face[][2] = {
+        {"4", "3 0 1 4000000"},   /* vertices; a face that cannot be */
+        {"4", "4 0 1 2 4000000"}, /* of two triangles */
+        {"4", "5 0 1 2 3 0"},
+        {"4", "2 0 1"},
+        {"400000000", "3 0 1 2"}};
+    static const char *const why[] = {"not among the vertices", "not among the vertices",
+                                      "a face has 5 corners", "no triangle", "than its"};
+    for (int n = 0; n < 5; n++) {
         f = fopen(at("far.ply"), "w");
-        fputs("ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-              "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
-              "end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n",
-              f);
-        fputs(n == 3 ? "3 0 1 4000000\n" : "4 0 1 2 4000000\n", f);
+        fprintf(f,
+                "ply\nformat ascii 1.0\nelement vertex %s\nproperty float x\nproperty float y\n"
+                "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
+                "end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n%s\n",
+                face[n][0], face[n][1]);
         fclose(f);
-        refuse_mesh("far.ply", "not among the vertices");
+        refuse_mesh("far.ply", why[n]);
     }
     size_t n = REC_MESH_MAX / 12 * 12 + 12;
     double *many = malloc(n * 9 * sizeof *many);

@@ -1,0 +1,56 @@
+/* fuzz_mesh.c - any bytes as a mesh file: the first says as what (STL or PLY), the rest is the file.
+ * Refused in one line, or a closed body of finite size at which rays end or do not. */
+#include <math.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "recon/geom/body.h"
+#include "tests/fuzz/fuzz.h"
+
+static void use(struct rec_mesh *m)
+{
+    struct rec_body b = {.kind = REC_BODY_MESH, .scale = 1, .mesh = m};
+    const struct rec_bodies one = {1, &b};
+    double min[3], max[3];
+    rec_mesh_box(m, min, max);
+    for (int a = 0; a < 3; a++)
+        MUST(isfinite(min[a]) && isfinite(max[a]) && min[a] <= max[a]);
+    for (int a = 0; a < 3; a++) {
+        double o[3], d[3] = {0};
+        for (int k = 0; k < 3; k++)
+            o[k] = 0.5 * (min[k] + max[k]);
+        (void)rec_body_inside(&b, o);
+        o[a] = min[a] - 1;
+        d[a] = 1;
+        double t = rec_body_hit(&one, o, d);
+        MUST(t >= 0); /* not NaN either; INFINITY where it meets nothing */
+    }
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    static char path[2][64]; /* one of each kind, written over again and again */
+    struct pvx_diag d = {""};
+    struct rec_mesh *m;
+    if (size == 0)
+        return 0;
+    int kind = data[0] == 'p';
+    char *name = path[kind];
+    if (name[0] == '\0')
+        snprintf(name, sizeof path[0], "/dev/shm/pvx_fuzz_mesh_%d.%s", (int)getpid(),
+                 kind ? "ply" : "stl");
+    FILE *f = fopen(name, "wb");
+    MUST(f != NULL);
+    MUST(fwrite(data + 1, 1, size - 1, f) == size - 1);
+    MUST(fclose(f) == 0);
+    pvx_err e = rec_mesh_load(name, 1, 1, &m, &d);
+    MUST(unlink(name) == 0);
+    if (e == PVX_OK) {
+        use(m);
+        rec_mesh_free(&m);
+    } else {
+        MUST(m == NULL && strchr(d.text, '\n') == NULL);
+        MUST(e == PVX_ENOMEM || d.text[0] != '\0');
+    }
+    return 0;
+}
