@@ -119,7 +119,11 @@ void advise_print(const struct flame_sets *s, const struct advice *a)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
     else
         printf("grid: [%d]\n", a->grid[a->best_grid].voxels);
-    double level = a->level[a->darkest];
+    double level = INFINITY; /* what all of them have; one number takes no more off */
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        level = fmin(level, a->level[c]);
+    if (a->level[a->darkest] > level + ADVISE_LEVEL)
+        printf("# black levels differ by camera: `pyrovox calibrate dark` gives each its own\n");
     if (level > ADVISE_LEVEL || s->a->black > 0)
         printf("photometry: { black: %.4g }\n", s->a->black + (level > ADVISE_LEVEL ? level : 0));
     printf("model: { absorption: %.3g, saturated: %s }\n", a->absorption.c,

@@ -1,8 +1,8 @@
 /* advise_scenes.h - recordings of which it is known what they need: random rigs and flames, each with or without
  * absorption, saturated pixels, a camera of another gain, a black level and a body in the way.
  *
- * Scenes are numbered; the number is all that they come from.  Thresholds
- * were chosen on negative numbers, and without the flames that are held out (flames.h). */
+ * Scenes are numbered; the number is all that they come from.  Negative ones are without the flames that are held out
+ * (flames.h). */
 #ifndef BENCH_ADVISE_SCENES_H
 #define BENCH_ADVISE_SCENES_H
 #include "daemon/cli/advise.h"

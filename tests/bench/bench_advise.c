@@ -2,7 +2,7 @@
  * switches on in vain, term by term.  Bodies are in some scenes, but it does not look for them.
  *
  *   bench_advise [DIR] [SCENES] [FIRST]
- * Numbers from FIRST on (default 0); below zero, of flames that are not held out: to choose thresholds on. */
+ * Numbers from FIRST on (default 0); below zero, of flames that are not held out: to choose thresholds on, if any. */
 #include "advise_scenes.h"
 
 enum { TERMS = 4 };
