@@ -28,7 +28,6 @@ struct advice {
     struct rec_absorption absorption;
     struct advise_gain gain;
     double basis[2]; /* error of left-out pictures: box, trilinear */
-    double other_ms; /* a solve with the basis that is not the rig's */
     struct advise_grid grid[ADVISE_GRIDS];
     size_t n_grids, best_grid; /* the coarsest that is not worse by REC_ADVISE_SAME than the best */
     int32_t finest;            /* that the pictures hold, rec_rig_finest */

@@ -51,8 +51,7 @@ static void judge(const struct flame_sets *s, const double *gain, struct advise_
     size_t n = s->rig.n_cameras;
     for (size_t c = 0; c < n; c++)
         sorted[c] = gain[c];
-    qsort(sorted, n, sizeof *sorted, pvx_ascending);
-    double median = 0.5 * (sorted[n / 2] + sorted[(n - 1) / 2]);
+    double median = pvx_median(sorted, n);
     for (size_t c = 0; c < n; c++) {
         g->gain[c] = gain[c] / median;
         if (fabs(log(g->gain[c])) > most) {

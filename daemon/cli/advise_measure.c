@@ -111,7 +111,7 @@ static pvx_err on_grid(struct flame_sets *s, int32_t voxels, size_t step, const 
 static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     enum rec_basis own = s->rig.grid.basis, other = own == REC_BOX ? REC_TRILINEAR : REC_BOX;
-    double best = INFINITY;
+    double best = INFINITY, ms;
     for (; a->n_grids < ADVISE_GRIDS; a->n_grids++) {
         struct advise_grid *g = &a->grid[a->n_grids];
         char label[32];
@@ -126,8 +126,7 @@ static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
         a->best_grid++;
     a->all = a->grid[a->best_grid].error;
     s->rig.grid.basis = other;
-    pvx_err e =
-        on_grid(s, s->params.voxels, 1, rec_basis_name(other), &a->basis[other], &a->other_ms, d);
+    pvx_err e = on_grid(s, s->params.voxels, 1, rec_basis_name(other), &a->basis[other], &ms, d);
     s->rig.grid.basis = own;
     return e;
 }
