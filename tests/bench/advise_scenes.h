@@ -187,9 +187,9 @@ static inline void random_body(struct rec_body *b)
     b->b[2] = between(0.4, 1.2);
 }
 
-static inline void spoil_pixels(struct advise_scene *s, float *const *clean, size_t i)
+static inline void spoil_pixels(struct advise_scene *s, float *const *clean, size_t n, size_t i)
 {
-    for (size_t c = 0; c < s->sets.rig.n_cameras; c++)
+    for (size_t c = 0; c < n; c++)
         for (size_t k = 0; k < SEEN_W * SEEN_H; k++) {
             double v = (double)clean[c][k] * (c == s->which ? s->off : 1) + s->level +
                        s->sigma * bench_normal();
@@ -285,7 +285,7 @@ static inline void advise_scene_new(struct advise_scene *s, uint64_t number, boo
             s->sets.bins[c] = SEEN_W * SEEN_H;
             s->sets.picture[i][c] = must_floats(SEEN_W * SEEN_H);
         }
-        spoil_pixels(s, clean, i);
+        spoil_pixels(s, clean, n, i);
         for (size_t c = 0; c < n; c++)
             free(clean[c]);
     }
