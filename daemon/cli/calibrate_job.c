@@ -119,14 +119,11 @@ static void say_next(const struct calibrate_job *j)
         printf("next: %s: %.2g -> %.2g voxels\n", n.text, n.now, n.then);
 }
 
-/* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures.
- * Bodies stand where they stood in the old one's world. */
+/* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures. */
 static pvx_err complete(struct calibrate_job *j, struct pvx_diag *d)
 {
     if (j->a->add.n + j->a->recover.n > 0)
         PVX_TRY(calibrate_merge(&j->look, &j->old, &j->rig, d));
-    else if (j->a->keep != NULL)
-        PVX_TRY(rec_bodies_copy(&j->old.bodies, &j->rig.bodies));
     calibrate_mode_crop(&j->look, &j->rig);
     return PVX_OK;
 }

@@ -40,7 +40,7 @@ pvx_err rec_calib_rig(const struct calib *k, struct rec_rig *rig)
     if (rig->cameras == NULL)
         return PVX_ENOMEM;
     rig->n_cameras = k->nc;
-    if (k->in->options.old != NULL)
+    if (k->in->options.world == REC_WORLD_OLD) /* elsewhere bodies are nowhere */
         PVX_TRY(rec_bodies_copy(&k->in->options.old->bodies, &rig->bodies));
     for (size_t c = 0; c < k->nc; c++) {
         struct rec_camera *to = &rig->cameras[c];

@@ -275,6 +275,7 @@ T_CASE(bodies_are_kept_or_missed)
            0);
     T_CONTAINS(slurp("err"), "the bodies of bodies.yaml are left out");
     T_CONTAINS(slurp("err"), "--keep bodies.yaml");
+    T_OK(strstr(slurp("lenses.yaml"), "rod") == NULL);
     rec_rig_fini(&old);
 }
 
