@@ -143,6 +143,14 @@ section("How fine a grid", "grid", "Trilinear: error of the field at the same po
         ["flame", "use", "cameras", "noise", "pictures"] + ["%.1f px" % float(r["pixels"]) for r in grid[:5]] +
         ["auto", "px", "voxels"], finer)
 
+cells = table("finer")
+section("Cells of several sizes", "finer", "Error of the field, trilinear, 8 cameras of 320x240, 1 % noise; oracle and rule: every block of 8^3 from one of 32^3, "
+        "64^3, 128^3, a quarter of 128^3's unknowns in all (NUMERICS 15); unknowns, entries, time: 80^3 over 128^3",
+        ["flame", "use", "32^3", "64^3", "80^3", "128^3", "oracle", "rule", "unknowns", "entries", "time"],
+        lambda: [[r["scene"], r["use"]] + ["%.3f" % float(r[k]) for k in
+                  ("volume_32", "volume_64", "volume_80", "volume_128", "oracle", "rule")] +
+                 ["%.2f" % float(r[k]) for k in ("unknowns_80", "entries_80", "time_80")] for r in cells])
+
 hull = table("hull")
 section("The visual hull", "hull", "Restricted over full solve, ring (fitted), 1 % noise; wanted 10 times faster, half the error",
         ["solver", "stop", "times faster", "volume error", "unseen view"],
