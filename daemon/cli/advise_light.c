@@ -24,7 +24,7 @@ static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
 {
     struct emitted *m = ctx;
     PVX_TRY(m->of.get(m->of.ctx, (2 * i + 1) * m->of.n / (2 * m->n), out));
-    float top = out->floats ? INFINITY : 0.998F;
+    float top = out->floats ? INFINITY : REC_PHOTO_FULL;
     for (size_t c = 0; c < m->s->rig.n_cameras && m->c > 0; c++) {
         const float *p = out->picture[c];
         m->at[c] = p != NULL ? m->room[c] : NULL;

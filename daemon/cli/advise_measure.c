@@ -79,7 +79,7 @@ static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
 /* What follows sees the pictures as they are once black is subtracted. */
 static void subtract(struct flame_sets *s, const struct advice *a)
 {
-    float top = s->floats ? INFINITY : 0.998F;
+    float top = s->floats ? INFINITY : REC_PHOTO_FULL;
     for (size_t i = 0; i < s->n; i++)
         for (size_t c = 0; c < s->rig.n_cameras; c++)
             for (size_t k = 0; k < s->bins[c] && a->level[c] > ADVISE_LEVEL; k++)

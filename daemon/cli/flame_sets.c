@@ -107,7 +107,7 @@ static void blank_saturated(const struct flame_sets *s, const struct dmn_images 
                             float *picture)
 {
     float top = dmn_images_floats(images, c) ? INFINITY : dmn_images_saturated(images, c);
-    top = top > 0 ? 0.999F * top : 0.998F;
+    top = top > 0 ? 0.999F * top : REC_PHOTO_FULL;
     for (size_t i = 0; i < s->bins[c] * (s->nch == 3 ? 4 : 1); i++)
         if (picture[i] >= top)
             picture[i] = NAN;
@@ -134,7 +134,7 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
                 blank_saturated(s, in->images, c, at[c]);
             if (background[c] != NULL || black > 0)
                 subtract(at[c], black, background[c], s->bins[c],
-                         s->light != NULL ? INFINITY : 0.998F);
+                         s->light != NULL ? INFINITY : REC_PHOTO_FULL);
             s->floats = s->floats || dmn_images_floats(in->images, c);
         }
         if (cli_stop || (!s->a->quiet && !cli_progress(&bar, (double)(k + 1) / (double)s->n)))

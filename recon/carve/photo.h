@@ -40,6 +40,7 @@
 extern "C" {
 #endif
 
+#define REC_PHOTO_FULL        0.998f /* from here on a pixel is at full scale */
 #define REC_PHOTO_UNSATURATED 1e30f
 
 struct rec_photo_params {
@@ -47,7 +48,7 @@ struct rec_photo_params {
     float threshold;  /* full-scale units; < 0 = auto */
     float floor;      /* least automatic threshold, default 0.004 (1/255) */
     float auto_k;     /* default 4 */
-    float saturation; /* < 0, the default = 0.998; REC_PHOTO_UNSATURATED = off */
+    float saturation; /* < 0, the default = REC_PHOTO_FULL; REC_PHOTO_UNSATURATED = off */
     int32_t margin;   /* bins, >= 0, default 0: grows silhouettes for calibration error */
     int despeckle;    /* default 1 */
 };

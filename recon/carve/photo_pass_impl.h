@@ -298,7 +298,7 @@ REC_INLINE void linear(const struct rec_photo_image *image, int32_t b, size_t cs
     const struct rec_photo_params *p = im->params;
     const float *g = im->gain;
     struct tone t = {
-        .full = rec_splat(p->saturation < 0 ? 0.998f : p->saturation),
+        .full = rec_splat(p->saturation < 0 ? REC_PHOTO_FULL : p->saturation),
         .black = rec_splat(p->black),
         .scale = cs == 4 ? (rec_f4){g[0], g[1], g[2], 0} : rec_splat(g[0]),
         .most = repeat(rec_splat(LIMIT), cs),

@@ -8,7 +8,7 @@
 static float full_scale(const rec_carver *k, size_t c, size_t i, size_t l)
 {
     const struct rec_photo_params *p = &k->photo_params[c];
-    float full = p->saturation < 0 ? 0.998F : p->saturation, back = 0;
+    float full = p->saturation < 0 ? REC_PHOTO_FULL : p->saturation, back = 0;
     size_t cs = k->p.nch == 3 ? 4 : 1;
     if (k->background[c] != NULL)
         back = k->background[c][(i - k->S->row0[c]) * cs + l];

@@ -35,7 +35,7 @@ static float *value(const struct rec_photo_image *im, float *of, int x, int y, i
 static void ref_linear(const struct rec_photo_image *im, uint8_t *raw)
 {
     const struct rec_photo_params *p = im->params;
-    float full = p->saturation < 0 ? 0.998f : p->saturation;
+    float full = p->saturation < 0 ? REC_PHOTO_FULL : p->saturation;
     for (int y = 0; y < im->bh; y++)
         for (int x = 0; x < im->bw; x++) {
             size_t i = at(im, x, y);
