@@ -37,6 +37,8 @@ struct job {
     struct dmn_votes votes;
     unsigned dark; /* of them, without one iteration before the deadline */
     unsigned cut;  /* of them, flame at a side of the fitted box */
+    bool back;     /* the second pass of --temporal=both, */
+    size_t means;  /* whose volumes are written */
     bool failed;   /* something went wrong, but the others went on */
     pvx_err error; /* what ended it */
     struct pvx_diag why;
@@ -136,6 +138,17 @@ static void say(void *ctx, bool bad, const char *sentence)
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 
+static pvx_err save_volume(const struct job *j, const struct dmn_slot *s, const char *path,
+                           struct pvx_diag *d)
+{
+    struct dmn_volume_meta m = {.grid = j->S->grid,
+                                .nch = j->params.nch,
+                                .frame = (int64_t)s->set,
+                                .clock = "frame-number",
+                                .report = rec_frame_get_report(s->frame)};
+    return dmn_volume_save(path, &m, j->dense, d);
+}
+
 static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     uint32_t no = (uint32_t)s->set;
@@ -157,14 +170,46 @@ static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
     rec_frame_volume(s->frame, &v);
     rec_sparse_to_dense(&v, j->dense);
     snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
-    struct dmn_volume_meta m = {
-        .grid = j->S->grid, .nch = v.nch, .frame = no, .clock = "frame-number", .report = r};
-    PVX_TRY(dmn_volume_save(path, &m, j->dense, d));
+    PVX_TRY(save_volume(j, s, path, d));
     j->volumes++;
     j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
                r->coarse_iterations == 0 && !r->warm;
     j->cut += j->o->fit && reaches_side(j, &v);
     return PVX_OK;
+}
+
+/* The mean of this pass' volume and the first one's, in its place. */
+static pvx_err save_mean(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
+{
+    size_t n = rec_grid_count(&j->S->grid) * (size_t)j->params.nch;
+    struct rec_grid grid = j->S->grid;
+    struct rec_sparse v;
+    char path[4300];
+    float *first;
+    int nch;
+    snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, (unsigned)s->set);
+    PVX_TRY(dmn_volume_load(path, &grid, &nch, &first, d));
+    pvx_err e = nch == j->params.nch && memcmp(grid.n, j->S->grid.n, sizeof grid.n) == 0
+                    ? PVX_OK
+                    : pvx_fail(d, PVX_EFORMAT, "%s: somebody else wrote it meanwhile", path);
+    rec_frame_volume(s->frame, &v);
+    rec_sparse_to_dense(&v, j->dense);
+    for (size_t i = 0; e == PVX_OK && i < n; i++)
+        j->dense[i] = 0.5F * (j->dense[i] + first[i]);
+    free(first);
+    return e == PVX_OK ? save_volume(j, s, path, d) : e;
+}
+
+/* The sink of the second pass, which reports and counts nothing again. */
+static bool put_mean(struct job *j, const struct dmn_slot *s)
+{
+    if (s->why == DMN_N_DROP)
+        j->error = save_mean(j, s, &j->why);
+    if (j->error != PVX_OK)
+        atomic_store(&j->in.stop, true);
+    else
+        j->means += s->why == DMN_N_DROP;
+    return j->error == PVX_OK && s->why == DMN_N_DROP;
 }
 
 /* The sink.  After an error the source is told to end, and nothing more is written. */
@@ -173,6 +218,10 @@ static bool put(void *ctx, const struct dmn_slot *s)
     struct job *j = ctx;
     if (j->error != PVX_OK)
         return false;
+    if (!j->o->quiet)
+        cli_progress(&j->bar, (double)++j->sets / (double)(j->o->both ? 2 * j->in.n : j->in.n));
+    if (j->back)
+        return put_mean(j, s);
     j->failed |= s->problem.text[0] != '\0';
     if (s->why == DMN_N_DROP)
         j->error = save(j, s, &j->why);
@@ -183,9 +232,6 @@ static bool put(void *ctx, const struct dmn_slot *s)
         report_frame(j, s);
     else
         atomic_store(&j->in.stop, true);
-    j->sets++;
-    if (!j->o->quiet)
-        cli_progress(&j->bar, (double)j->sets / (double)j->in.n);
     return j->error == PVX_OK && s->why == DMN_N_DROP;
 }
 
@@ -244,7 +290,7 @@ static pvx_err connect_all(struct job *j, struct pvx_diag *d)
                                     .lossless = true,
                                     .warm = o->warm,
                                     .deadline = {.limit_ns = (int64_t)(o->deadline_ms * 1e6)},
-                                    .source = frames_in_source(&j->in),
+                                    .source = frames_in_source(&j->in, j->back),
                                     .sink = {.name = "save", .put = put, .ctx = j}};
     pvx_err e = PVX_OK;
     if (o->background != NULL)
@@ -290,6 +336,15 @@ static void finish(struct job *j)
     rec_rig_fini(&j->rig);
 }
 
+static pvx_err pass(struct job *j, struct pvx_diag *d)
+{
+    pvx_err e = dmn_pipeline_start(j->pipeline, d);
+    dmn_pipeline_join(j->pipeline);
+    if (e == PVX_OK && (e = j->error) != PVX_OK)
+        *d = j->why;
+    return e;
+}
+
 /* After an error or Ctrl-C too the report is written for what was done. */
 static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 {
@@ -298,10 +353,14 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     describe_volume(root, j);
     j->list = cJSON_AddArrayToObject(root, "frames");
     j->bar.label = "reconstruct";
-    pvx_err e = dmn_pipeline_start(j->pipeline, d);
-    dmn_pipeline_join(j->pipeline);
-    if (e == PVX_OK && (e = j->error) != PVX_OK)
-        *d = j->why;
+    pvx_err e = pass(j, d);
+    if (e == PVX_OK && o->both && !cli_stop) {
+        j->back = true;
+        dmn_pipeline_free(&j->pipeline);
+        e = connect_all(j, d);
+        if (e == PVX_OK)
+            e = pass(j, d);
+    }
     struct pvx_diag dr = {""};
     pvx_err er = o->report == NULL ? PVX_OK : save_report(o->report, root, &dr);
     if (er != PVX_OK) {
@@ -311,6 +370,11 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     cJSON_Delete(root);
     if (e == PVX_OK && !o->quiet)
         fprintf(stderr, "%u volume%s in %s\n", j->volumes, j->volumes == 1 ? "" : "s", o->out);
+    if (o->both && j->means < j->volumes)
+        fprintf(stderr,
+                "pyrovox: %zu of %u volumes are from both sides, the first ones from the frames "
+                "before alone\n",
+                j->means, j->volumes);
     if (j->dark > 0)
         fprintf(stderr,
                 "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "

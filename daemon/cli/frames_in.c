@@ -213,7 +213,8 @@ static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
             pvx_fail(why, PVX_EINVAL, "%s: %s", name_of(f, f->at, c, room),
                      dmn_images_why(f->images, c));
         if (why->text[0] != '\0') {
-            fprintf(stderr, "pyrovox: %s\n", why->text);
+            if (!f->backwards)
+                fprintf(stderr, "pyrovox: %s\n", why->text);
             if (first->text[0] == '\0')
                 *first = *why;
         }
@@ -242,9 +243,10 @@ uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame)
 static pvx_err next(void *ctx, struct dmn_slot *s)
 {
     struct frames_in *f = ctx;
-    if (f->at == f->n || cli_stop || atomic_load(&f->stop))
+    if (f->left == 0 || cli_stop || atomic_load(&f->stop))
         return PVX_ECLOSED;
-    load_set(f, f->at);
+    f->left--;
+    load_set(f, f->backwards ? f->left : f->n - 1 - f->left);
     int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
     s->set = f->number[f->at];
     s->n_present = dmn_images_bin_frame(f->images, f->image, s->frame, &s->mask);
@@ -252,13 +254,13 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
     let_go(f, s->mask, &s->problem);
     if (s->n_present == 0)
         s->why = DMN_DROP_IMAGES;
-    f->at++;
     return PVX_OK;
 }
 
-struct dmn_source frames_in_source(struct frames_in *f)
+struct dmn_source frames_in_source(struct frames_in *f, bool backwards)
 {
-    f->at = 0;
+    f->left = f->n;
+    f->backwards = backwards;
     return (struct dmn_source){.next = next, .ctx = f};
 }
 

@@ -39,7 +39,8 @@ struct frames_in {
 
     int32_t binning;
     enum cap_mosaic mosaic;
-    size_t at;          /* the set that is read next */
+    size_t at, left;    /* the set that is read, those that are not read yet */
+    bool backwards;     /* as a source: from the last set to the first */
     dmn_images *images; /* NULL before frames_in_begin */
     struct cap_loaded loaded[REC_MAX_CAMERAS];
     const struct cap_image *image[REC_MAX_CAMERAS]; /* NULL = missing */
@@ -72,7 +73,7 @@ uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame);
  * after an error too. */
 PVX_MUST_CHECK pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out,
                                             struct pvx_diag *d);
-/* All sets, until `stop` or Ctrl-C. */
-struct dmn_source frames_in_source(struct frames_in *f);
+/* All sets, until `stop` or Ctrl-C; from the last to the first, what cannot be used is not told again. */
+struct dmn_source frames_in_source(struct frames_in *f, bool backwards);
 
 #endif

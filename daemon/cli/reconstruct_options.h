@@ -19,6 +19,7 @@ struct reconstruct_options {
     double deadline_ms; /* 0 = none */
     bool grey, warm, quiet, no_hull;
     bool find_absorption; /* of frame.absorption */
+    bool both;            /* frame.temporal, from the frame after too */
     int bayer;            /* 0 auto, 1 rays, 2 demosaic */
     struct frames_in_reading reading;
 };

@@ -3,7 +3,8 @@
  *
  * Eight cameras, 160x120, 64 voxels high, 5 % and 1 % noise, both bases.  The ring moves at 30 Hz; the fires are
  * volumes 1/24 s apart and stay so, which is harder: nothing between them is made up.  Means over all frames but
- * the first.  And a flame that jumps: frame by frame another one, 16 cm to the side. */
+ * the first; both: the mean with the way from the last frame to the first, over the frames between those two.
+ * And a flame that jumps: frame by frame another one, 16 cm to the side. */
 #include "curve.h"
 
 #define MAX_FRAME 12
@@ -12,6 +13,8 @@ struct way {
     rec_frame *f[2];
     bool temporal;
     double error, ms;
+    double inner; /* error of the frames that have one on either side */
+    float *volume[MAX_FRAME];
 };
 
 static void way_new(struct way *w, const struct scene *s, const rec_sysmat *S, bool temporal,
@@ -49,6 +52,32 @@ static void way_step(struct way *w, const struct scene *s, const struct shot *sh
     w->ms += ms(least);
 }
 
+/* From the last frame to the first, and the mean with w's volumes: error of the inner frames. */
+static double both_ways(struct way *w, const struct scene *s, int n, const rec_sysmat *S,
+                        const struct noise *noise, pvx_pool *pool)
+{
+    size_t floats = rec_grid_count(&S->grid) * (size_t)s->nch;
+    float *dense = must_floats(floats);
+    struct way back;
+    double error = 0;
+    way_new(&back, s, S, true, pool);
+    for (int k = 0; k < n; k++) {
+        int i = n - 1 - k;
+        struct shot shot;
+        shot_new(&shot, &s[i], noise, 1 + (uint64_t)i);
+        way_step(&back, &s[i], &shot, k, dense);
+        for (size_t q = 0; q < floats; q++)
+            dense[q] = 0.5F * (dense[q] + w->volume[i][q]);
+        if (i > 0 && k > 0)
+            error += rec_rel_l2(dense, s[i].truth, floats) / (n - 2);
+        shot_free(&shot);
+    }
+    for (int i = 0; i < 2; i++)
+        rec_frame_free(&back.f[i]);
+    free(dense);
+    return error;
+}
+
 static void sequence(FILE *csv, const char *name, const char *use, struct scene *s, int n,
                      pvx_pool *pool)
 {
@@ -57,7 +86,7 @@ static void sequence(FILE *csv, const char *name, const char *use, struct scene 
         for (int i = 0; i < n; i++)
             scene_truth(&s[i], (enum rec_basis)basis, pool);
         rec_sysmat *S = scene_matrix(&s[0], 2, pool, NULL);
-        float *dense = must_floats(rec_grid_count(&S->grid) * (size_t)s->nch);
+        size_t floats = rec_grid_count(&S->grid) * (size_t)s->nch;
         for (int k = 0; k < 2; k++) {
             struct way way[2];
             double trust = 0;
@@ -66,20 +95,27 @@ static void sequence(FILE *csv, const char *name, const char *use, struct scene 
             for (int i = 0; i < n; i++) {
                 struct shot shot;
                 shot_new(&shot, &s[i], noise[k], 1 + (uint64_t)i);
-                for (int t = 0; t < 2; t++)
-                    way_step(&way[t], &s[i], &shot, i, dense);
+                for (int t = 0; t < 2; t++) {
+                    way[t].volume[i] = must_floats(floats);
+                    way_step(&way[t], &s[i], &shot, i, way[t].volume[i]);
+                    if (i > 0 && i < n - 1)
+                        way[t].inner += rec_rel_l2(way[t].volume[i], s[i].truth, floats) / (n - 2);
+                }
                 trust += rec_frame_get_report(way[1].f[i % 2])->temporal / (n - 1);
                 shot_free(&shot);
             }
-            bench_row(csv, "%s,%s,%s,%s,%.4f,%.4f,%.3f,%.1f,%.2f,%.2f", name, use,
+            bench_row(csv, "%s,%s,%s,%s,%.4f,%.4f,%.3f,%.1f,%.2f,%.2f,%.3f", name, use,
                       rec_basis_name((enum rec_basis)basis), noise[k]->name, way[0].error / (n - 1),
                       way[1].error / (n - 1), way[1].error / way[0].error, way[0].ms / (n - 1),
-                      way[1].ms / way[0].ms, trust);
-            for (int t = 0; t < 2; t++)
+                      way[1].ms / way[0].ms, trust,
+                      both_ways(&way[1], s, n, S, noise[k], pool) / way[0].inner);
+            for (int t = 0; t < 2; t++) {
                 for (int i = 0; i < 2; i++)
                     rec_frame_free(&way[t].f[i]);
+                for (int i = 0; i < n; i++)
+                    free(way[t].volume[i]);
+            }
         }
-        free(dense);
         rec_sysmat_free(&S);
     }
     for (int i = 0; i < n; i++)
@@ -110,7 +146,7 @@ int main(int argc, char **argv)
     printf("\nthe volume before as what is expected, 8 x 160x120, %u threads; trust: how far\n",
            pvx_pool_threads(pool));
     FILE *csv = bench_csv(argc, argv, "temporal",
-                          "scene,use,basis,noise,single,temporal,ratio,ms,time,trust");
+                          "scene,use,basis,noise,single,temporal,ratio,ms,time,trust,both");
     for (int i = 0; i < MAX_FRAME; i++)
         (void)scene_new(&s[i], FLAME_RING, &views_8, size_64, 0.3 + i / 30.0, pool);
     sequence(csv, "ring", "fitted", s, MAX_FRAME, pool);
