@@ -175,9 +175,8 @@ static bool decompress_lz4(struct pvp_decoder *dec, const struct pvp_view *v)
                                (int)v->raw_len) == (int)v->raw_len;
 }
 
-/* *raw = the uncompressed payload, in the message or in the decoder. */
-static pvx_err decompress(struct pvp_decoder *dec, const struct pvp_view *v, const uint8_t **raw,
-                          struct pvx_diag *d)
+pvx_err pvp_volume_payload(pvp_decoder *dec, const struct pvp_view *v, const uint8_t **raw,
+                           struct pvx_diag *d)
 {
     *raw = v->payload;
     if (v->comp == PVP_RAW)
@@ -249,7 +248,7 @@ pvx_err pvp_volume_bricks(pvp_decoder *dec, const struct pvp_view *v, uint32_t *
     if (count < n)
         return pvx_fail(d, PVX_EINVAL, "room for %zu values, the bricks have %zu", count, n);
     const uint8_t *raw;
-    PVX_TRY(decompress(dec, v, &raw, d));
+    PVX_TRY(pvp_volume_payload(dec, v, &raw, d));
     bool finite = load_samples(raw, v->sample, n, brick);
     for (uint32_t b = 0; b < v->n_bricks; b++) {
         ids[b] = wire_load32(v->ids + 4 * (size_t)b);
@@ -266,7 +265,7 @@ pvx_err pvp_volume_unpack(pvp_decoder *dec, const struct pvp_view *v, float *den
         return pvx_fail(d, PVX_EINVAL, "room for %zu values, the volume has %zu", count,
                         pvp_grid_count(g));
     const uint8_t *raw;
-    PVX_TRY(decompress(dec, v, &raw, d));
+    PVX_TRY(pvp_volume_payload(dec, v, &raw, d));
     memset(dense, 0, count * sizeof *dense);
     uint32_t nb[3];
     pvp_grid_bricks(g, nb);

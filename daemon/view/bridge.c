@@ -1,0 +1,277 @@
+#include "daemon/view/bridge.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "daemon/view/poses.h"
+
+#define LINK_NS  PVX_NS_PER_S          /* how often a page is told of the link */
+#define TURN_NS  (200 * PVX_NS_PER_MS) /* how often `stop` is asked */
+#define TURN_MAX 64                    /* messages taken from the source in one turn */
+
+struct seat {
+    view_page *page; /* NULL: free */
+    void *handle;
+    int fd;
+};
+struct view_bridge {
+    const struct view_gate *gate;
+    view_http *http;
+    struct view_source source;
+    view_shelf *shelf;
+    struct seat seat[VIEW_PAGES_MAX];
+    struct view_bridge_stats stats;
+    int64_t link_ns, came_ns; /* came: the last message, 0 none yet */
+    uint64_t links;
+    char said[PVX_DIAG_MAX]; /* said last, so that it is said once */
+    void (*say)(const char *line);
+};
+
+static bool room(void *ctx)
+{
+    struct view_bridge *b = ctx;
+    for (int i = 0; i < VIEW_PAGES_MAX; i++)
+        if (b->seat[i].page == NULL)
+            return true;
+    b->stats.refused_full++;
+    return false;
+}
+
+static void upgraded(void *ctx, int fd, void *handle, const void *early, size_t n)
+{
+    struct view_bridge *b = ctx;
+    struct seat *s = b->seat;
+    while (s < b->seat + VIEW_PAGES_MAX && s->page != NULL)
+        s++;
+    if (s == b->seat + VIEW_PAGES_MAX || view_page_new(fd, b->gate, early, n, &s->page) != PVX_OK) {
+        view_http_drop(handle);
+        return;
+    }
+    s->handle = handle;
+    s->fd = fd;
+    b->stats.pages_ever++;
+}
+
+pvx_err view_bridge_new(const struct view_http_params *p, const struct view_source *source,
+                        view_bridge **out, struct pvx_diag *d)
+{
+    struct view_bridge *b = *out = pvx_calloc(1, sizeof *b);
+    if (b == NULL) {
+        source->ops->free(source->self);
+        return PVX_ENOMEM;
+    }
+    struct view_http_params mine = *p;
+    mine.room = room;
+    mine.upgraded = upgraded;
+    mine.ctx = b;
+    b->gate = p->gate;
+    b->source = *source;
+    pvx_err e = view_shelf_new(&b->shelf);
+    if (e == PVX_OK)
+        e = view_http_new(&mine, &b->http, d);
+    if (e != PVX_OK)
+        view_bridge_free(out);
+    return e;
+}
+
+static void add(struct pvx_hist *to, const struct pvx_hist *from)
+{
+    for (int i = 0; i < PVX_HIST_BUCKETS; i++)
+        to->bucket[i] += from->bucket[i];
+    to->count += from->count;
+    to->sum_ns += from->sum_ns;
+    if (from->max_ns > to->max_ns)
+        to->max_ns = from->max_ns;
+}
+
+static void leave(struct view_bridge *b, struct seat *s)
+{
+    const struct view_page_stats *st = view_page_stats(s->page);
+    struct view_page_stats *sum = &b->stats.gone;
+    b->stats.refused_token += view_page_refused(s->page);
+    sum->sent += st->sent;
+    sum->drawn += st->drawn;
+    sum->superseded += st->superseded;
+    sum->hidden += st->hidden;
+    add(&sum->drawn_ns, &st->drawn_ns);
+    add(&sum->held_ns, &st->held_ns);
+    add(&sum->whole_ns, &st->whole_ns);
+    view_page_free(&s->page);
+    view_http_drop(s->handle);
+}
+
+void view_bridge_free(view_bridge **b)
+{
+    if (*b == NULL)
+        return;
+    for (int i = 0; i < VIEW_PAGES_MAX; i++)
+        if ((*b)->seat[i].page != NULL)
+            leave(*b, &(*b)->seat[i]);
+    view_http_free(&(*b)->http);
+    view_shelf_free(&(*b)->shelf);
+    (*b)->source.ops->free((*b)->source.self);
+    PVX_FREE(*b);
+}
+
+const char *view_bridge_at(const view_bridge *b)
+{
+    return view_http_at(b->http);
+}
+
+static void tell(struct view_bridge *b, pvx_err e, const struct pvx_diag *d)
+{
+    const char *text = pvx_diag_text(d, e);
+    if (b->say == NULL || strcmp(text, b->said) == 0)
+        return;
+    snprintf(b->said, sizeof b->said, "%s", text);
+    b->say(text);
+}
+
+static pvx_err put_poses(struct view_bridge *b, const void *msg, size_t len, struct pvx_diag *d)
+{
+    uint64_t hash;
+    const char *yaml;
+    char *text;
+    size_t n;
+    PVX_TRY(pvp_decode_rig(msg, len, &hash, &yaml, &n, d));
+    PVX_TRY(view_poses(yaml, n, &text, d));
+    pvx_err e = view_shelf_put_text(b->shelf, VIEW_POSES, text, d);
+    free(text);
+    return e;
+}
+
+static void take_one(struct view_bridge *b, const struct pvp_header *h, const void *msg, size_t len)
+{
+    struct pvx_diag d = {""};
+    uint64_t before = view_shelf_number(b->shelf, VIEW_VOLUME);
+    b->came_ns = pvx_now_mono();
+    b->said[0] = '\0';
+    if (h->type == PVP_VOLUME)
+        for (int i = 0; i < VIEW_PAGES_MAX; i++)
+            if (b->seat[i].page != NULL)
+                view_page_count(b->seat[i].page, before);
+    pvx_err e = view_shelf_put(b->shelf, h, msg, len, &d);
+    if (e == PVX_OK && h->type == PVP_RIG)
+        e = put_poses(b, msg, len, &d);
+    if (e == PVX_OK)
+        return;
+    b->stats.unreadable++;
+    tell(b, e, &d);
+}
+
+/* What is there, up to a limit; true: there may be more. */
+static bool take(struct view_bridge *b)
+{
+    for (int i = 0; i < TURN_MAX; i++) {
+        struct pvp_header h;
+        const void *msg;
+        size_t len;
+        struct pvx_diag d = {""};
+        pvx_err e = b->source.ops->next(b->source.self, &h, &msg, &len, &d);
+        if (e == PVX_ETIMEDOUT)
+            return false;
+        if (e == PVX_OK)
+            take_one(b, &h, msg, len);
+        else
+            tell(b, e, &d);
+    }
+    return true;
+}
+
+static double ms(const struct pvx_hist *h, double q)
+{
+    return (double)pvx_hist_quantile(h, q) * 1e-6;
+}
+
+/* What a page is told once a second of the way to it. */
+static void link_text(struct view_bridge *b, const view_page *p, char *out, size_t size)
+{
+    const struct view_page_stats *st = view_page_stats(p);
+    const struct view_source_stats *s = &b->stats.source;
+    double silent = b->came_ns != 0 ? (double)(pvx_now_mono() - b->came_ns) * 1e-9 : -1;
+    snprintf(out, size,
+             "{\"link\":{\"received\":%llu,\"lost\":%llu,\"malformed\":%llu,\"unreadable\":%llu,"
+             "\"silent_s\":%.1f,\"pages\":%llu,\"volumes_sent\":%llu,\"volumes_drawn\":%llu,"
+             "\"superseded\":%llu,\"hidden\":%llu,\"drawn_ms\":[%.3f,%.3f],"
+             "\"held_ms\":[%.3f,%.3f],\"whole_ms\":[%.3f,%.3f]}%s%s}",
+             (unsigned long long)s->received, (unsigned long long)s->lost,
+             (unsigned long long)s->malformed, (unsigned long long)b->stats.unreadable, silent,
+             (unsigned long long)b->stats.pages_now, (unsigned long long)st->sent,
+             (unsigned long long)st->drawn, (unsigned long long)st->superseded,
+             (unsigned long long)st->hidden, ms(&st->drawn_ns, 0.5), ms(&st->drawn_ns, 0.95),
+             ms(&st->held_ns, 0.5), ms(&st->held_ns, 0.95), ms(&st->whole_ns, 0.5),
+             ms(&st->whole_ns, 0.95), s->words[0] != '\0' ? "," : "", s->words);
+}
+
+static void serve_pages(struct view_bridge *b)
+{
+    int64_t now = pvx_now_mono();
+    bool previews = false;
+    b->stats.pages_now = 0;
+    b->source.ops->stats(b->source.self, &b->stats.source);
+    if (now >= b->link_ns) {
+        b->link_ns = now + LINK_NS;
+        b->links++;
+    }
+    for (int i = 0; i < VIEW_PAGES_MAX; i++) {
+        struct seat *s = &b->seat[i];
+        struct view_words w;
+        char link[1024];
+        if (s->page == NULL)
+            continue;
+        if (view_page_read(s->page, &w)) {
+            b->source.ops->said(b->source.self, &w);
+            b->link_ns = 0; /* the others see at once where the film is */
+        }
+        link_text(b, s->page, link, sizeof link);
+        view_page_write(s->page, b->shelf, link, b->links);
+        if (view_page_over(s->page, now)) {
+            leave(b, s);
+            continue;
+        }
+        previews |= view_page_wants_previews(s->page);
+        b->stats.pages_now += view_page_let_in(s->page);
+    }
+    b->source.ops->previews(b->source.self, previews);
+}
+
+static void wait_for_more(struct view_bridge *b, bool more)
+{
+    struct pollfd p[VIEW_SOURCE_FDS + VIEW_PAGES_MAX + 1];
+    nfds_t n = (nfds_t)b->source.ops->fds(b->source.self, p);
+    p[n++] = (struct pollfd){.fd = view_http_fd(b->http), .events = POLLIN};
+    for (int i = 0; i < VIEW_PAGES_MAX; i++)
+        if (b->seat[i].page != NULL)
+            p[n++] =
+                (struct pollfd){.fd = b->seat[i].fd, .events = view_page_wants(b->seat[i].page)};
+    int64_t now = pvx_now_mono(), until = now + TURN_NS;
+    int64_t film = b->source.ops->due_ns(b->source.self), http = view_http_due_ns(b->http);
+    if (film < until)
+        until = film;
+    if (http < until)
+        until = http;
+    int64_t left = until > now && !more ? until - now : 0;
+    poll(p, n, (int)((left + PVX_NS_PER_MS - 1) / PVX_NS_PER_MS));
+}
+
+void view_bridge_run(view_bridge *b, bool (*stop)(void *ctx), void (*say)(const char *line),
+                     void *ctx)
+{
+    b->say = say;
+    while (!stop(ctx)) {
+        /* ZeroMQ's handle is edge-triggered: everything is taken before waiting */
+        bool more = take(b);
+        view_http_run(b->http);
+        serve_pages(b);
+        wait_for_more(b, more);
+    }
+}
+
+void view_bridge_stats(const view_bridge *b, struct view_bridge_stats *out)
+{
+    *out = b->stats;
+    view_http_stats(b->http, &out->http);
+}

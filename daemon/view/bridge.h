@@ -1,0 +1,31 @@
+/* bridge.h - volumes to pages: a source's messages on a shelf, HTTP and WebSockets around it, one loop.
+ *
+ * A WebSocket message is a message of PROTOCOL.md as the daemon made it; what is packed by Zstandard is packed anew as LZ4.
+ * The bridge only subscribes: whatever pages do, the daemon does not wait.
+ * Threads: all in view_bridge_run.  Memory: the newest message of each kind, and one on its way to each page. */
+#ifndef VIEW_BRIDGE_H
+#define VIEW_BRIDGE_H
+#include "daemon/view/http.h"
+#include "daemon/view/page.h"
+#include "daemon/view/source.h"
+
+#define VIEW_PAGES_MAX 16
+
+struct view_bridge_stats {
+    struct view_http_stats http;
+    struct view_source_stats source;
+    uint64_t pages_now, pages_ever, refused_token, refused_full, unreadable;
+    struct view_page_stats gone; /* of pages that have left, volumes only */
+};
+typedef struct view_bridge view_bridge;
+/* p: gate, listen, cert and key.  The source is the bridge's from now on, on error too. */
+PVX_MUST_CHECK pvx_err view_bridge_new(const struct view_http_params *p,
+                                       const struct view_source *source, view_bridge **out,
+                                       struct pvx_diag *d);
+void view_bridge_free(view_bridge **b);
+const char *view_bridge_at(const view_bridge *b);
+/* Until stop says so (asked five times a second).  say: one line on what went wrong, for people; may be NULL. */
+void view_bridge_run(view_bridge *b, bool (*stop)(void *ctx), void (*say)(const char *line),
+                     void *ctx);
+void view_bridge_stats(const view_bridge *b, struct view_bridge_stats *out);
+#endif

@@ -1,0 +1,63 @@
+#include "daemon/view/certificate.h"
+
+#include <gnutls/gnutls.h>
+#include <gnutls/x509.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
+
+#include "base/file.h"
+
+#define PEM_MAX ((size_t)1 << 18)
+
+static pvx_err when(const char *file, gnutls_x509_crt_t crt, struct pvx_diag *d)
+{
+    time_t now = time(NULL), from = gnutls_x509_crt_get_activation_time(crt);
+    time_t to = gnutls_x509_crt_get_expiration_time(crt);
+    char day[32] = "";
+    struct tm tm;
+    if (now >= from && now <= to)
+        return PVX_OK;
+    time_t t = now > to ? to : from;
+    strftime(day, sizeof day, "%Y-%m-%d", gmtime_r(&t, &tm));
+    return pvx_fail(d, PVX_ESTALE, "%s: the certificate %s %s; %s", file,
+                    now > to ? "expired on" : "is valid from", day,
+                    now > to ? "make a new one" : "is this host's clock right?");
+}
+
+/* Both read: do they belong together, today? */
+static pvx_err look(const char *cert_file, const char *key_file, const char *cert, const char *key,
+                    struct pvx_diag *d)
+{
+    const gnutls_datum_t cert_pem = {(void *)cert, (unsigned)strlen(cert)};
+    const gnutls_datum_t key_pem = {(void *)key, (unsigned)strlen(key)};
+    gnutls_certificate_credentials_t both;
+    gnutls_x509_crt_t crt;
+    if (gnutls_x509_crt_init(&crt) != 0)
+        return PVX_ENOMEM;
+    pvx_err e = gnutls_x509_crt_import(crt, &cert_pem, GNUTLS_X509_FMT_PEM) == 0
+                    ? when(cert_file, crt, d)
+                    : pvx_fail(d, PVX_EFORMAT, "%s: not a certificate in PEM", cert_file);
+    gnutls_x509_crt_deinit(crt);
+    PVX_TRY(e);
+    if (gnutls_certificate_allocate_credentials(&both) != 0)
+        return PVX_ENOMEM;
+    int bad = gnutls_certificate_set_x509_key_mem(both, &cert_pem, &key_pem, GNUTLS_X509_FMT_PEM);
+    gnutls_certificate_free_credentials(both);
+    return bad >= 0 ? PVX_OK
+                    : pvx_fail(d, PVX_EFORMAT, "%s: not the key of %s: %s", key_file, cert_file,
+                               gnutls_strerror(bad));
+}
+
+pvx_err view_certificate(const char *cert_file, const char *key_file, char **cert, char **key,
+                         struct pvx_diag *d)
+{
+    struct stat st;
+    size_t n;
+    PVX_TRY(pvx_file_read(cert_file, PEM_MAX, cert, &n, d));
+    PVX_TRY(pvx_file_read(key_file, PEM_MAX, key, &n, d));
+    if (stat(key_file, &st) == 0 && (st.st_mode & 0007) != 0)
+        return pvx_fail(d, PVX_EPERM, "%s: others may read the key; chmod o= %s", key_file,
+                        key_file);
+    return look(cert_file, key_file, *cert, *key, d);
+}

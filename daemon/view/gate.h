@@ -1,0 +1,43 @@
+/* gate.h - who may come in: addresses, Host and Origin, the token.
+ *
+ * A browser lets any site's page open a WebSocket to this host, and any name resolve to it (DNS rebinding).  So a request
+ * is answered only where Host names the address that the connection really came to, or a name that was given; and where
+ * Origin, if there is one, is the page of that same Host.  Addresses are parsed, never compared by their beginning.
+ * The token is asked for on loopback too, where other users of the host are.
+ * Threads: pure, but for the token's file. */
+#ifndef VIEW_GATE_H
+#define VIEW_GATE_H
+#include <stdbool.h>
+#include <stddef.h>
+#include <sys/socket.h>
+#include "base/err.h"
+#include "daemon/view/words.h"
+
+#define VIEW_HOSTS_MAX 8
+
+struct view_gate {
+    bool tls;
+    const char *host[VIEW_HOSTS_MAX]; /* names that the page is reached by; borrowed */
+    size_t n_hosts;
+    char token[VIEW_TOKEN_DIGITS + 1];
+};
+
+/* ADDRESS:PORT or [ADDRESS]:PORT, no name is looked up; a port alone is of 127.0.0.1. */
+PVX_MUST_CHECK pvx_err view_gate_address(const char *text, struct sockaddr_storage *out,
+                                         socklen_t *len, struct pvx_diag *d);
+bool view_gate_loopback(const struct sockaddr_storage *a);
+
+/* host: the request's Host, NULL none; here: the address that the connection came to. */
+bool view_gate_host(const struct view_gate *g, const char *host,
+                    const struct sockaddr_storage *here);
+/* origin: the request's Origin, NULL none, as programs send none. */
+bool view_gate_origin(const struct view_gate *g, const char *origin, const char *host);
+/* In a time that does not depend on where they differ. */
+bool view_gate_token(const struct view_gate *g, const char *token);
+
+/* A fresh token. */
+PVX_MUST_CHECK pvx_err view_gate_make_token(char out[VIEW_TOKEN_DIGITS + 1], struct pvx_diag *d);
+/* The token in the file, which is made, mode 0600, if it is not there.  PVX_EPERM: others may read it; PVX_EFORMAT. */
+PVX_MUST_CHECK pvx_err view_gate_read_token(const char *path, char out[VIEW_TOKEN_DIGITS + 1],
+                                            struct pvx_diag *d);
+#endif

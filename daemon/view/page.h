@@ -1,0 +1,50 @@
+/* page.h - one page, or another program, at the other end of a WebSocket.
+ *
+ * A browser cannot push back on a WebSocket, so the page grants credits: a volume is sent for a credit, and it is the
+ * newest at that instant.  At most one message waits to be sent, and TCP_NOTSENT_LOWAT keeps the kernel from taking more
+ * than it can send, so what is slow gets fewer volumes and never older ones.  A hidden page gets no volumes, but all else.
+ * Threads: one. */
+#ifndef VIEW_PAGE_H
+#define VIEW_PAGE_H
+#include <poll.h>
+#include "base/hist.h"
+#include "daemon/view/gate.h"
+#include "daemon/view/shelf.h"
+
+#define VIEW_CREDITS_MAX  8
+#define VIEW_HELLO_NS     5000000000LL /* a page that has not shown its token by then is closed */
+#define VIEW_CLOSE_TOKEN  4401         /* close codes: the token is not this bridge's */
+#define VIEW_CLOSE_WORDS  4400         /* a message that is not understood */
+#define VIEW_CLOSE_SILENT 4408         /* no token in time */
+
+struct view_page_stats {
+    uint64_t sent, drawn;     /* volumes */
+    uint64_t superseded;      /* not sent, as a newer one came first */
+    uint64_t hidden;          /* not sent, as nobody looked */
+    struct pvx_hist drawn_ns; /* handed to the socket -> said to be drawn */
+    struct pvx_hist held_ns;  /* published by a daemon on this host -> said to be in the texture */
+    struct pvx_hist whole_ns; /* ... -> said to be drawn */
+};
+typedef struct view_page view_page;
+/* fd stays the caller's, non-blocking.  early: bytes that came behind the request. */
+PVX_MUST_CHECK pvx_err view_page_new(int fd, const struct view_gate *gate, const void *early,
+                                     size_t n_early, view_page **out);
+void view_page_free(view_page **p);
+short view_page_wants(const view_page *p); /* events to poll for */
+/* What was said since the last call, when it may have been something; only after the token was right, and only what
+ * the source wants to know of. */
+bool view_page_read(view_page *p, struct view_words *out);
+/* Sends what there is to send.  link: a text of the bridge's, number counts them. */
+void view_page_write(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number);
+/* Once the connection is over: true.  now: mono clock. */
+bool view_page_over(view_page *p, int64_t now);
+void view_page_close(view_page *p, unsigned code, const char *why);
+
+bool view_page_let_in(const view_page *p);
+bool view_page_refused(const view_page *p); /* a wrong token, or none in time */
+bool view_page_wants_previews(const view_page *p);
+bool view_page_looks(const view_page *p); /* let in, and not hidden */
+const struct view_page_stats *view_page_stats(const view_page *p);
+/* A volume has come: does it take the place of one that was not sent? */
+void view_page_count(view_page *p, uint64_t volume_before);
+#endif

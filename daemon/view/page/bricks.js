@@ -1,0 +1,73 @@
+// From one volume to the next: what has to go into the texture.  Bricks that came and bricks that left, which become
+// zeros, joined along x into boxes, so that there are few uploads.
+import { CELLS } from "./pvx.js";
+
+const SIDE = 8;
+
+export class Bricks {
+  constructor() { this.forget(); }
+  forget() { this.had = new Uint32Array(0); this.last = null; }
+
+  // The last volume whole, for a texture that was lost.
+  again() {
+    const v = this.last;
+    this.forget();
+    return v ? this.take(v) : null;
+  }
+
+  // {boxes: [{at, size, offset}] with offsets in half floats into data, data, occupied: Uint8Array of the bricks}
+  take(v) {
+    const { grid: g, ids } = v, [nbx, nby, nbz] = g.nb, runs = [];
+    let i = 0, j = 0, total = 0;
+    // both lists ascend: merge them
+    while (i < ids.length || j < this.had.length) {
+      const a = i < ids.length ? ids[i] : Infinity, b = j < this.had.length ? this.had[j] : Infinity;
+      const id = Math.min(a, b), from = a <= b ? i : -1, run = runs[runs.length - 1];
+      if (a === id) i++;
+      if (b === id) j++;
+      if (run && run.id + run.from.length === id && id % nbx !== 0) run.from.push(from);
+      else runs.push({ id, from: [from] });
+      total++;
+    }
+    const per = CELLS * g.channels, data = new Uint16Array(total * per), boxes = [];
+    let offset = 0;
+    for (const run of runs) {
+      const bx = run.id % nbx, by = Math.floor(run.id / nbx) % nby, bz = Math.floor(run.id / nbx / nby);
+      run.from.forEach((b, k) => {
+        if (b >= 0) this.copy(v, b, [bx + k, by, bz], data, offset, run.from.length, k);
+      });
+      boxes.push({ at: [bx * SIDE, by * SIDE, bz * SIDE], size: [run.from.length * SIDE, SIDE, SIDE], offset });
+      offset += run.from.length * per;
+    }
+    const occupied = new Uint8Array(nbx * nby * nbz);
+    for (const id of ids) occupied[id] = 1;
+    this.had = ids;
+    this.last = v;
+    return { boxes, data, occupied };
+  }
+
+  // Brick b of the payload as the k-th of a box of `n`; what lies outside the grid is 0, whatever it says.
+  copy(v, b, brick, data, offset, n, k) {
+    const c = v.grid.channels, row = SIDE * c, inside = v.grid.n.map((s, a) => Math.min(SIDE, s - brick[a] * SIDE));
+    for (let z = 0; z < inside[2]; z++)
+      for (let y = 0; y < inside[1]; y++) {
+        const from = (b * SIDE * SIDE + z * SIDE + y) * row;
+        data.set(v.half.subarray(from, from + inside[0] * c), offset + ((z * SIDE + y) * n + k) * row);
+      }
+  }
+}
+
+// Which cells of 8 need a look, for a shader that walks through them.  The box basis' cells are voxels; the trilinear
+// one's lie between voxel centres, so they reach one further, and into the next brick.
+export function cells(g, occupied) {
+  const more = g.basis === 1 ? 1 : 0, n = g.n.map((s) => Math.ceil((s + more) / SIDE)), out = new Uint8Array(n[0] * n[1] * n[2]);
+  const [nbx, nby, nbz] = g.nb;
+  for (let z = 0, at = 0; z < n[2]; z++)
+    for (let y = 0; y < n[1]; y++)
+      for (let x = 0; x < n[0]; x++, at++)
+        for (let d = 0; d < (more ? 8 : 1) && !out[at]; d++) {
+          const bx = x - (d & 1), by = y - (d >> 1 & 1), bz = z - (d >> 2);
+          if (bx >= 0 && by >= 0 && bz >= 0 && bx < nbx && by < nby && bz < nbz && occupied[(bz * nby + by) * nbx + bx]) out[at] = 255;
+        }
+  return { n, out };
+}

@@ -1,0 +1,278 @@
+// The page: what comes from the bridge goes to the flame, the lines and the panel; what a person does, to the view.
+import { Flame } from "./flame.js";
+import { Flat } from "./flat.js";
+import { Orbit, frame } from "./orbit.js";
+import { Link } from "./link.js";
+import { Overlay } from "./overlay.js";
+import { Chart } from "./chart.js";
+import { Cameras } from "./cameras.js";
+import { Lost } from "./lost.js";
+import { Player } from "./player.js";
+import { names, table } from "./colours.js";
+import { fromHalf } from "./pvx.js";
+
+const $ = (id) => document.getElementById(id);
+const view = { start: null, set: -1, volumes: 0, exposureAuto: 0, kept: 0, textureReady: 0 };
+let dirty = false, whole = false, moved = 0, drawing = false, pending = null, ended = "", last = 0;
+
+function state(words, kind = "") { const s = $("state"); if (s.textContent !== words) s.textContent = words; s.className = kind; }
+function notice(words) { const n = $("notice"); n.hidden = !words; if (n.textContent !== words) n.textContent = words; }
+function change() { dirty = true; whole = false; moved = performance.now(); }
+
+let flame;
+try {
+  if (new URLSearchParams(location.search).has("flat")) throw new Error("asked for without WebGL2");
+  flame = new Flame($("flame"), (back) => {
+    if (!back) { notice("The graphics were taken away from this page; it waits for them."); return; }
+    notice("");
+    link.again();
+    change();
+  });
+} catch (x) {
+  const fresh = $("flame").cloneNode();
+  $("flame").replaceWith(fresh);
+  flame = new Flat(fresh);
+  notice(`Three projections instead of the turning flame: ${x.message}.`);
+  $("stage").classList.add("flat");
+}
+const orbit = new Orbit($("flame"), change), overlay = new Overlay($("lines"));
+const charts = {
+  rate: new Chart($("charts"), "sets a second", "1/s"), latency: new Chart($("charts"), "latency, daemon", "ms"),
+  hull: new Chart($("charts"), "visual hull", "voxels", 0), residual: new Chart($("charts"), "residual", "%", 2),
+  way: new Chart($("charts"), "published to drawn, median", "ms"),
+};
+const cameras = new Cameras($("cameras"), (states) => {
+  overlay.states = states;
+  const bad = [...states].filter(([, s]) => s === "bad").map(([n]) => n);
+  $("camera-sum").textContent = bad.length ? `${bad.join(", ")} need a look` : `${states.size}`;
+  change();
+});
+const lost = new Lost($("lost"));
+const token = location.hash.slice(1);
+const seen = [];
+
+function newSession() {
+  flame.clear();
+  lost.clear();
+  cameras.clear();
+  for (const c of Object.values(charts)) c.clear();
+  overlay.rig = [];
+  view.set = -1;
+  view.start = null;
+  ended = "";
+  seen.length = 0;
+  pending = null;
+  change();
+}
+
+// So that the brightest columns fill the range: the brightest value by the grid's width, smoothed over time.
+function autoExposure(v) {
+  let most = 0;
+  for (let i = 0; i < v.data.length; i += 7) { const h = v.data[i]; if (h < 0x7c00 && h > most) most = h; }
+  if (most === 0) return;
+  const g = v.grid, want = Math.log2(7 / (fromHalf(most) * Math.min(...g.max.map((m, a) => m - g.min[a]))));
+  view.exposureAuto = view.exposureKnown ? view.exposureAuto + 0.1 * (want - view.exposureAuto) : want;
+  view.exposureKnown = true;
+  if ($("auto").checked) { $("exposure").value = view.exposureAuto; setExposure(); }
+}
+function setExposure() {
+  const s = Number($("exposure").value);
+  flame.look.exposure = 2 ** s;
+  $("stops").textContent = `${s >= 0 ? "+" : "−"}${Math.abs(s).toFixed(1)} stops`;
+  legend();
+}
+function legend() {
+  const g = view.start?.grid, grey = g?.channels === 1;
+  $("colours-row").hidden = $("legend").hidden = !grey;
+  if (!grey) return;
+  $("map").getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(table(flame.look.colours)), 256, 1), 0, 0);
+  const full = 1 / flame.look.exposure, deep = Math.min(...g.max.map((m, a) => m - g.min[a])) * 0.25;
+  $("map-high").textContent = (flame.look.slices ? full / deep : full).toPrecision(3);
+  $("map-unit").textContent = flame.look.slices ? "1/m" : "pixel value";
+}
+
+function volume(v) {
+  if (!view.start) { link.say({ credits: 1 }); return; }
+  const why = flame.misfit(v.grid);
+  if (why) {
+    notice(`${why}: three projections instead.`);
+    const fresh = $("flame").cloneNode();
+    $("flame").replaceWith(fresh);
+    orbit.listen(fresh);
+    flame = Object.assign(new Flat(fresh), { look: flame.look });
+  }
+  if (!flame.take(v)) { link.say({ credits: 1 }); return; }
+  autoExposure(v);
+  view.set = v.set;
+  view.volumes++;
+  const set = v.set;
+  flame.fence(() => link.say({ held: set }));
+  pending = v.set;
+  const now = performance.now();
+  seen.push(now);
+  while (seen.length > 40 || now - seen[0] > 4000) seen.shift();
+  charts.rate.add(seen.length > 1 ? (seen.length - 1) * 1000 / (now - seen[0]) : NaN);
+  charts.latency.add(v.latency);
+  charts.hull.add(v.voxels);
+  charts.residual.add(100 * v.residual);
+  const g = v.grid;
+  $("what").textContent = `${g.n.join("×")}${g.channels === 3 ? " RGB" : ""} · set ${v.set} · ${v.cameras} cameras · ${v.n_bricks} bricks · ${(v.bytes / 1e6).toFixed(2)} MB`;
+  change();
+}
+
+const link = new Link(token, {
+  "link-state": (m) => {
+    view.link = m.state;
+    if (m.state === "open") state("connected, waiting for volumes");
+    if (m.state === "connecting" && m.tries > 0) state("reconnecting", "bad");
+    if (m.state === "closed") state("the bridge is gone; trying again", "bad");
+    if (m.state === "refused") {
+      state("turned away", "bad");
+      notice(token ? `The address is not this bridge's: ${m.why || "its token is an old one"}. Open the one that pyrovox view printed last.`
+        : "The address lacks its token, the part behind #. Open the one that pyrovox view printed.");
+    }
+  },
+  session: newSession,
+  start: (m) => {
+    const same = view.start && JSON.stringify(view.start.grid) === JSON.stringify(m.grid);
+    view.start = m;
+    if (!same) {
+      flame.clear();
+      orbit.frameBox(m.grid.min, m.grid.max);
+      view.exposureKnown = false;
+      link.again();
+    }
+    state("connected, waiting for volumes");
+    legend();
+    change();
+  },
+  volume,
+  status: (m) => {
+    lost.status(m.status);
+    cameras.status(m.status);
+    const c = m.status.check, p = $("check");
+    p.hidden = !c || !c.checks;
+    p.textContent = c?.checks ? `calibrate check: ${c.text || c.outcome}` : "";
+    $("lost-sum").textContent = lost.sum;
+  },
+  event: (m) => {
+    const li = document.createElement("li"), { kind, time_ns: t, version: _, ...rest } = m.event;
+    li.textContent = `${new Date(t / 1e6).toLocaleTimeString()} ${String(kind).replaceAll("_", " ")} ${Object.values(rest).filter((x) => x !== "").join(", ")}`;
+    $("events").prepend(li);
+    while ($("events").children.length > 50) $("events").lastChild.remove();
+  },
+  preview: (m) => cameras.preview(m),
+  end: (m) => { ended = m.reason; state(`the daemon has ended: ${m.reason}`, "bad"); },
+  malformed: (m) => { view.malformed = (view.malformed || 0) + 1; lost.set("page", "not understood", view.malformed, m.why); },
+  words: (m) => {
+    if (m.rig) { overlay.rig = m.rig.cameras; change(); }
+    if (m.film) player.film(m.film);
+    if (!m.link) return;
+    view.words = m.link;
+    lost.link(m.link);
+    $("lost-sum").textContent = lost.sum;
+    charts.way.add(m.link.whole_ms[0]);
+    if (ended || view.link !== "open") return;
+    if (view.set >= 0 && (m.film || m.link.silent_s < 3)) state(m.film ? "recording" : "live", "live");
+    else if (m.link.silent_s < 0) state("no daemon there yet; waiting for it", "bad");
+    else if (m.link.silent_s >= 3) state(`nothing from the daemon for ${m.link.silent_s.toFixed(0)} s; waiting`, "bad");
+  },
+});
+const player = new Player($("film"), (o) => link.say(o));
+
+// One picture at a time; the volume on it is acknowledged, and the next one asked for, when the GPU has drawn it.
+function tick(now) {
+  requestAnimationFrame(tick);
+  orbit.step(Math.min(0.1, (now - last) / 1000));
+  last = now;
+  if (!dirty && !whole && now - moved > Flame.settle && (flame.scale ?? 1) < 1) { whole = true; dirty = true; }
+  if (!dirty || drawing) return;
+  dirty = false;
+  drawing = true;
+  const f = orbit.frame(), set = pending;
+  pending = null;
+  overlay.draw(f, orbit.fov, view.start?.grid, flame.look);
+  flame.draw(f, orbit.fov, whole, () => {
+    drawing = false;
+    view.drawn = (view.drawn || 0) + 1;
+    if (set !== null) link.say({ drawn: set, credits: 1 });
+  });
+  for (const c of Object.values(charts)) c.draw();
+}
+requestAnimationFrame(tick);
+addEventListener("resize", change);
+
+// ---- the panel
+for (const n of names) $("colours").append(new Option(n, n, n === "fire", n === "fire"));
+const on = (id, what) => { $(id).addEventListener("input", what); };
+on("exposure", () => { $("auto").checked = false; setExposure(); change(); });
+on("auto", () => { if ($("auto").checked && view.exposureKnown) { $("exposure").value = view.exposureAuto; setExposure(); change(); } });
+on("colours", () => { flame.look.colours = $("colours").value; legend(); change(); });
+on("box", () => { overlay.show.box = $("box").checked; change(); });
+on("frusta", () => { overlay.show.cameras = $("frusta").checked; change(); });
+overlay.show.cameras = $("frusta").checked;
+on("slices", () => { flame.look.slices = $("slices").checked; legend(); change(); });
+on("silhouettes", () => { cameras.silhouettes = $("silhouettes").checked; });
+function slider(parent, words, value, set) {
+  const row = document.createElement("label"), range = document.createElement("input");
+  row.className = "row";
+  Object.assign(range, { type: "range", min: 0, max: 1, step: 0.005, value });
+  range.addEventListener("input", () => { set(Number(range.value)); change(); });
+  row.append(words, range);
+  $(parent).append(row);
+  return range;
+}
+if (flame.look.sliceAt) {
+  ["x", "y", "z"].forEach((a, i) => slider("slice-rows", `slice across ${a}`, 0.5, (x) => { flame.look.sliceAt[i] = x; }));
+  const clips = [];
+  ["x", "y", "z"].forEach((a, i) => {
+    clips.push(slider("clip-rows", `show ${a} from`, 0, (x) => { flame.look.clip[i] = Math.min(x, flame.look.clip[i + 3]); }));
+    clips.push(slider("clip-rows", `show ${a} to`, 1, (x) => { flame.look.clip[i + 3] = Math.max(x, flame.look.clip[i]); }));
+  });
+  $("unclip").onclick = () => { flame.look.clip = [0, 0, 0, 1, 1, 1]; clips.forEach((c, i) => { c.value = i & 1; }); change(); };
+}
+const panel = $("cameras").closest("details");
+panel.addEventListener("toggle", () => link.say({ previews: panel.open }));
+
+function turn() { orbit.turning = !orbit.turning; $("turn").setAttribute("aria-pressed", orbit.turning); }
+function fullScreen() { if (document.fullscreenElement) document.exitFullscreen(); else $("stage").requestFullscreen?.(); }
+function shot() {
+  flame.draw(orbit.frame(), orbit.fov, true, () => {
+    $("flame").toBlob((b) => {
+      const a = document.createElement("a");
+      a.href = URL.createObjectURL(b);
+      a.download = `pyrovox-${view.set}.png`;
+      a.click();
+      setTimeout(() => URL.revokeObjectURL(a.href), 1000);
+    });
+  });
+}
+$("reset").onclick = () => orbit.reset();
+$("turn").onclick = turn;
+$("full").onclick = fullScreen;
+$("shot").onclick = shot;
+addEventListener("keydown", (e) => {
+  if (e.ctrlKey || e.altKey || e.metaKey || /INPUT|SELECT|TEXTAREA/.test(e.target.tagName)) return;
+  const key = e.key.toLowerCase();
+  if (key === "t") turn();
+  else if (key === "f") fullScreen();
+  else if (key === "p") shot();
+  else if (key === "," || key === ".") player.step(key === "." ? 1 : -1);
+  else if (key === " " && !/BUTTON|SUMMARY/.test(e.target.tagName) && !$("film").hidden) { e.preventDefault(); player.play.click(); }
+});
+addEventListener("hashchange", () => location.reload());
+setExposure();
+
+// For tests: the state, and pictures from a given place.
+window.pyrovox = {
+  view, orbit, flame: () => flame, link, lost, overlay,
+  picture(w, h, eye, target, fov, exposure, colours = "grey", count = 0) {
+    const was = { ...flame.look };
+    Object.assign(flame.look, { exposure, colours, slices: false, clip: [0, 0, 0, 1, 1, 1] });
+    const p = flame.pixels(w, h, frame(eye, target), fov * Math.PI / 180, count);
+    Object.assign(flame.look, was);
+    let s = "";
+    for (let i = 0; i < p.length; i += 8192) s += String.fromCharCode(...p.subarray(i, i + 8192));
+    return btoa(s);
+  },
+};

@@ -1,0 +1,71 @@
+// The connection and the decoder, away from the thread that draws.  Every message from the bridge is read here; of a
+// volume only what the texture needs goes on.
+import { read, Malformed } from "./pvx.js";
+import { Bricks, cells } from "./bricks.js";
+
+const RETRY_MS = [250, 500, 1000, 2000, 4000];
+let socket = null, url = "", token = "", tries = 0, session = "", most = 1 << 30, timer = 0;
+let wants = { hidden: false, previews: false };
+const bricks = new Bricks();
+
+function say(o) {
+  if (socket && socket.readyState === 1) socket.send(JSON.stringify(o));
+}
+
+function texture(v, whole) {
+  const t = whole || bricks.take(v), c = cells(v.grid, t.occupied), { half, ids, mask, ...about } = v;
+  postMessage({ ...about, n_bricks: ids.length, mask: mask.toString(), boxes: t.boxes, data: t.data, cells: c.out, cells_n: c.n },
+    [t.data.buffer, c.out.buffer]);
+}
+
+function message(buffer) {
+  const m = read(buffer, most);
+  if (m.kind === "other") return;
+  if (m.session && m.session !== session) {
+    session = m.session;
+    bricks.forget();
+    postMessage({ kind: "session", session });
+  }
+  if (m.kind === "volume") texture(m);
+  else if (m.kind === "preview") postMessage({ kind: "preview", set: m.set, cameras: m.cameras.map((k) => ({ ...k, jpeg: k.jpeg.slice(), bits: k.bits.slice() })) });
+  else postMessage(m);
+}
+
+function connect() {
+  clearTimeout(timer);
+  if (socket) { socket.onclose = null; socket.close(); }
+  postMessage({ kind: "link-state", state: "connecting", tries });
+  socket = new WebSocket(url, "pyrovox.1");
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => {
+    say({ token, ...wants, credits: 1 });
+    postMessage({ kind: "link-state", state: "open" });
+    tries = 0;
+  };
+  socket.onmessage = (e) => {
+    try {
+      if (typeof e.data === "string") postMessage({ kind: "words", ...JSON.parse(e.data) });
+      else message(e.data);
+    } catch (x) {
+      if (!(x instanceof Malformed) && !(x instanceof SyntaxError)) throw x;
+      postMessage({ kind: "malformed", why: x.message });
+      say({ credits: 1 }); // it may have been a volume
+    }
+  };
+  socket.onclose = (e) => {
+    const refused = e.code === 4401 || e.code === 4400 || e.code === 4408;
+    postMessage({ kind: "link-state", state: refused ? "refused" : "closed", code: e.code, why: e.reason });
+    if (!refused) timer = setTimeout(connect, RETRY_MS[Math.min(tries++, RETRY_MS.length - 1)]);
+  };
+}
+
+onmessage = (e) => {
+  const m = e.data;
+  if (m.connect) { ({ url, token, most } = m.connect); connect(); }
+  if (m.retry) { tries = 0; connect(); }
+  if (m.say) {
+    for (const k of ["hidden", "previews"]) if (k in m.say) wants[k] = m.say[k];
+    say(m.say);
+  }
+  if (m.again) { const v = bricks.last, t = bricks.again(); if (t) texture(v, t); }
+};
