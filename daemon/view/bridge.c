@@ -210,7 +210,7 @@ static void serve_pages(struct view_bridge *b)
 {
     int64_t now = pvx_now_mono();
     bool previews = false;
-    b->stats.pages_now = 0;
+    uint64_t let_in = 0;
     b->source.ops->stats(b->source.self, &b->stats.source);
     if (now >= b->link_ns) {
         b->link_ns = now + LINK_NS;
@@ -233,8 +233,9 @@ static void serve_pages(struct view_bridge *b)
             continue;
         }
         previews |= view_page_wants_previews(s->page);
-        b->stats.pages_now += view_page_let_in(s->page);
+        let_in += view_page_let_in(s->page);
     }
+    b->stats.pages_now = let_in;
     b->source.ops->previews(b->source.self, previews);
 }
 

@@ -30,7 +30,7 @@ struct view_page {
     const struct view_gate *gate;
     uint8_t *early;
     size_t n_early, at_early, turn;
-    int64_t opened_ns, closing_ns;
+    int64_t opened_ns, closing_ns, ended_ns; /* ended: all was said, the other end reads it */
     bool let_in, refused, gone, hidden, previews, slow;
     uint64_t credits, had[VIEW_SLOTS], events, links, session;
     int64_t volume_ns; /* the volume in the queue was put there then; 0: none is */
@@ -205,16 +205,31 @@ void view_page_free(view_page **p)
 
 short view_page_wants(const view_page *p)
 {
+    if (p->ended_ns != 0)
+        return POLLIN;
     short wants = wslay_event_want_write(p->ws) ? POLLOUT : 0;
     if (wslay_event_want_read(p->ws) && wslay_event_get_queued_msg_count(p->ws) <= REPLIES_MAX)
         wants |= POLLIN;
     return wants;
 }
 
+/* What still comes is read, as closing with something unread would take back what was sent last. */
+static void drain(view_page *p)
+{
+    char nothing[4096];
+    ssize_t n;
+    do
+        n = recv(p->fd, nothing, sizeof nothing, MSG_DONTWAIT);
+    while (n > 0 || (n < 0 && errno == EINTR));
+    p->gone |= n == 0 || (errno != EAGAIN && errno != EWOULDBLOCK);
+}
+
 bool view_page_read(view_page *p, struct view_words *out)
 {
     p->turn = 0;
-    if (wslay_event_recv(p->ws) != 0)
+    if (p->ended_ns != 0)
+        drain(p);
+    else if (wslay_event_recv(p->ws) != 0)
         p->gone = true;
     *out = p->words;
     p->words.said = 0;
@@ -291,7 +306,8 @@ static bool fill(view_page *p, view_shelf *shelf, const char *link, uint64_t lin
 void view_page_write(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number)
 {
     push(p);
-    while (p->let_in && !p->gone && p->closing_ns == 0 &&
+    while (p->let_in && !p->gone && p->closing_ns == 0 && wslay_event_get_write_enabled(p->ws) &&
+           !wslay_event_get_close_sent(p->ws) && !wslay_event_get_close_received(p->ws) &&
            wslay_event_get_queued_msg_count(p->ws) == 0 && fill(p, shelf, link, link_number))
         push(p);
 }
@@ -313,7 +329,12 @@ bool view_page_over(view_page *p, int64_t now)
         view_page_close(p, VIEW_CLOSE_SILENT, "no token came");
     }
     bool done = !wslay_event_want_read(p->ws) && !wslay_event_want_write(p->ws);
-    return p->gone || done || (p->closing_ns != 0 && now - p->closing_ns > CLOSING_NS);
+    if (done && p->ended_ns == 0) {
+        p->ended_ns = now;
+        shutdown(p->fd, SHUT_WR);
+    }
+    return p->gone || (p->ended_ns != 0 && now - p->ended_ns > CLOSING_NS) ||
+           (p->closing_ns != 0 && now - p->closing_ns > 2 * CLOSING_NS);
 }
 
 bool view_page_let_in(const view_page *p)

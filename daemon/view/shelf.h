@@ -14,10 +14,10 @@ enum view_slot {
     VIEW_START,
     VIEW_RIG,
     VIEW_POSES, /* a text that the bridge made of it (poses.h) */
-    VIEW_END,
     VIEW_STATUS,
     VIEW_VOLUME,
     VIEW_PREVIEW,
+    VIEW_END,
     VIEW_SLOTS
 };
 struct view_msg {

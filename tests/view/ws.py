@@ -6,6 +6,7 @@ import os
 import socket
 import ssl
 import struct
+import time
 
 GUID = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 
@@ -124,8 +125,9 @@ class WebSocket:
 
     def until(self, wanted, patience=60):
         """The first message for which wanted(kind, message) is true."""
+        end = time.monotonic() + patience
         while True:
-            kind, m = self.next(patience)
+            kind, m = self.next(max(0.01, end - time.monotonic()))
             if wanted(kind, m):
                 return m
 

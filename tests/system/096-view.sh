@@ -1,0 +1,76 @@
+#!/bin/bash
+# pyrovox view on real sockets: who may come in and who not, what a slow or greedy or silent page does, TLS, recordings,
+# and what cannot be served, with its sentence.
+name=096
+. "$(dirname "$0")/lib.sh"
+"$b/tests/unit/test_pub" --publish "$volumes" 40 0 > "$dir/pub.log" 2>&1 & pids+=($!)
+timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/film.h5" --format hdf5 > "$dir/record.log" 2>&1
+view() { # log, arguments...: its address without the token is $at, the token $token
+    local log=$1; shift
+    start "$log" "$pyrovox" view --listen 127.0.0.1:0 "$@"
+    wait_for grep -q '#' "$dir/$log" || return 1
+    local url; url=$(grep -m1 '#' "$dir/$log")
+    token=${url#*#} at=${url%%/#*}; at=${at#*//}
+}
+does() { # what of bridge.py
+    local what=$1; shift
+    timeout 300 "$py" tests/view/bridge.py "$what" "$at" "$token" "$@"
+}
+view film.log "$dir/film.h5"
+film=$started
+check files does files
+check foreign-host does host
+check foreign-origin does origin
+check token does token
+check a-volume-is-the-daemons does volume
+check credits does credits
+check words does words
+check frames does frames
+check film does film
+check too-many-pages does full
+check slow-headers does slow
+counted() { kill -INT "$film"; wait "$film"; grep -q 'without the right token' "$dir/film.log" && grep -q 'by a name that is not' "$dir/film.log" &&
+    grep -q "another site's page" "$dir/film.log" && grep -q 'no room' "$dir/film.log" && grep -q 'nothing in time' "$dir/film.log"; }
+check counted counted
+
+openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=localhost -addext subjectAltName=DNS:localhost \
+    -keyout "$dir/key.pem" -out "$dir/cert.pem" 2> /dev/null
+faketime() { # an expired certificate, signed for a time that has passed
+    openssl req -new -key "$dir/key.pem" -subj /CN=localhost 2>/dev/null | openssl x509 -req -signkey "$dir/key.pem" -days -1 -out "$dir/old.pem" 2>/dev/null; }
+tls() { view tls.log "$dir/film.h5" --cert "$dir/cert.pem" --cert-key "$dir/key.pem" --host localhost && does tls "$dir/cert.pem"; local r=$?; kill -INT "$started"; return $r; }
+check tls tls
+
+refuses() {
+    run "$pyrovox" view --listen 0.0.0.0:0 "$dir/film.h5"; says 1 "--cert" "ssh -L" || return 1
+    run "$pyrovox" view --listen elsewhere:80 "$dir/film.h5"; says 1 "address and a port" || return 1
+    faketime
+    run "$pyrovox" view "$dir/film.h5" --cert "$dir/old.pem" --cert-key "$dir/key.pem"; says 1 "expired on" || return 1
+    run "$pyrovox" view "$dir/film.h5" --cert "$dir/cert.pem" --cert-key "$dir/cert.pem"; [ "$code" = 1 ] || return 1
+    run "$pyrovox" view "$dir/film.h5" --cert "$dir/cert.pem"; says 2 "go together" || return 1
+    run "$pyrovox" view "$dir/none.h5"; says 1 "none.h5" || return 1
+    echo 00 > "$dir/bad-token"; chmod 600 "$dir/bad-token"
+    run "$pyrovox" view "$dir/film.h5" --token-file "$dir/bad-token"; says 1 "32 digits" || return 1
+    chmod 644 "$dir/bad-token"
+    run "$pyrovox" view "$dir/film.h5" --token-file "$dir/bad-token"; says 1 "others may read"
+}
+check refuses refuses
+# two bridges, one port; a token that stays, and one of before
+port_taken() {
+    view one.log "$dir/film.h5" --token-file "$dir/token" || return 1
+    run "$pyrovox" view "$dir/film.h5" --listen "$at"; says 1 "is in use" "port of its own" || return 1
+    kill -INT "$started"; wait "$started"
+    local before=$token
+    view two.log "$dir/film.h5" --token-file "$dir/token" || return 1
+    [ "$token" = "$before" ] && [ "$(stat -c %a "$dir/token")" = 600 ] && does volume
+}
+check port-taken-and-a-token-that-stays port_taken
+not_a_recording() {
+    echo not a recording > "$dir/text.h5"; run "$pyrovox" view "$dir/text.h5"; says 1 "text.h5"
+}
+check not-a-recording not_a_recording
+live() { # waits for a daemon that comes, and for the next one
+    view live.log --endpoint "$volumes" || return 1
+    does live "$b/tests/unit/test_pub" "$volumes"
+}
+check live live
+exit $rc
