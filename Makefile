@@ -30,6 +30,8 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
   nodejs openssl ffmpeg
 PACKAGES_BENCH := python3-matplotlib
+# make test-view: the page in a browser.
+PACKAGES_VIEW := chromium-headless-shell
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
@@ -82,7 +84,7 @@ TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test paper test-vm test-sanitize bench fit stability soak lint check-layers format-check tidy \
+.PHONY: all help setup setup-test run test paper test-vm test-view test-sanitize bench fit stability soak lint check-layers format-check tidy \
   fuzz clean install install-recon uninstall tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -118,6 +120,11 @@ test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtua
 	@tests/setup.sh $(PACKAGES_VM) || echo "without them most of this cannot run" >&2
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(VM)
 	@tests/vm/test.sh $(B) $(if $(QUICK),--quick)
+
+test-view: setup-test ## the page in a headless browser, driven as a person would; screenshots in build/view/
+	@tests/setup.sh $(PACKAGES_VIEW)
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@tests/view/test.sh $(B)
 
 tests-run: $(UNIT) $(FUZZ)
 tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability
@@ -192,6 +199,9 @@ $(PIX_AVX2): $(B)/%_avx2.o: %.c Makefile
 	@mkdir -p $(@D)
 	$(call say,CC)
 	$(Q)$(CC) $(CPPFLAGS) -DCAP_PIX_AVX2 $(CFLAGS) -mavx2 $(pkg_cflags) -c $< -o $@
+
+# The page's files are compiled in.
+$(B)/daemon/view/files.o: $(wildcard daemon/view/page/*)
 
 archive = @rm -f $@ && mkdir -p $(@D) && ar qcs $@ $^
 define room

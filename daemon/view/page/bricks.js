@@ -3,6 +3,7 @@
 import { CELLS } from "./pvx.js";
 
 const SIDE = 8;
+export const MACRO = 4; // cells that are stepped over together (shader.js)
 
 export class Bricks {
   constructor() { this.forget(); }
@@ -15,7 +16,7 @@ export class Bricks {
     return v ? this.take(v) : null;
   }
 
-  // {boxes: [{at, size, offset}] with offsets in half floats into data, data, occupied: Uint8Array of the bricks}
+  // {boxes: [{at, size, offset}] with offsets in half floats into data, data, occupied: Uint8Array of the blocks}
   take(v) {
     const { grid: g, ids } = v, [nbx, nby, nbz] = g.nb, runs = [];
     let i = 0, j = 0, total = 0;
@@ -39,11 +40,24 @@ export class Bricks {
       boxes.push({ at: [bx * SIDE, by * SIDE, bz * SIDE], size: [run.from.length * SIDE, SIDE, SIDE], offset });
       offset += run.from.length * per;
     }
-    const occupied = new Uint8Array(nbx * nby * nbz);
-    for (const id of ids) occupied[id] = 1;
     this.had = ids;
     this.last = v;
-    return { boxes, data, occupied };
+    return { boxes, data, occupied: this.occupied(v) };
+  }
+
+  // The blocks of MACRO^3 voxels in which something is not 0.
+  occupied(v) {
+    const [bx, by, bz] = v.grid.nb, out = new Uint8Array(bx * by * bz * 8), c = v.grid.channels, row = SIDE * c / 2;
+    const rows = CELLS / SIDE * 2;
+    v.ids.forEach((id, b) => {
+      const x = 2 * (id % bx), y = 2 * (Math.floor(id / bx) % by), z = 2 * Math.floor(id / bx / by);
+      for (let r = 0, at = b * CELLS * c; r < rows; r++) { // half rows: 4 voxels
+        let any = 0;
+        for (let i = 0; i < row; i++) any |= v.half[at++];
+        if (any) out[((z + (r >> 6)) * 2 * by + y + (r >> 3 & 1)) * 2 * bx + x + (r & 1)] = 1;
+      }
+    });
+    return out;
   }
 
   // Brick b of the payload as the k-th of a box of `n`; what lies outside the grid is 0, whatever it says.
@@ -57,11 +71,11 @@ export class Bricks {
   }
 }
 
-// Which cells of 8 need a look, for a shader that walks through them.  The box basis' cells are voxels; the trilinear
-// one's lie between voxel centres, so they reach one further, and into the next brick.
+// Which blocks of cells need a look, for a shader that walks through them.  The box basis' cells are voxels; the trilinear
+// one's lie between voxel centres, so they reach one further, and into the next block.
 export function cells(g, occupied) {
-  const more = g.basis === 1 ? 1 : 0, n = g.n.map((s) => Math.ceil((s + more) / SIDE)), out = new Uint8Array(n[0] * n[1] * n[2]);
-  const [nbx, nby, nbz] = g.nb;
+  const more = g.basis === 1 ? 1 : 0, n = g.n.map((s) => Math.ceil((s + more) / MACRO)), out = new Uint8Array(n[0] * n[1] * n[2]);
+  const [nbx, nby, nbz] = g.nb.map((b) => 2 * b);
   for (let z = 0, at = 0; z < n[2]; z++)
     for (let y = 0; y < n[1]; y++)
       for (let x = 0; x < n[0]; x++, at++)

@@ -2,6 +2,7 @@
 // the next picture only when something has changed.
 import { vertex, fragment } from "./shader.js";
 import { table } from "./colours.js";
+import { MACRO } from "./bricks.js";
 
 const SLOW_MS = 30, FAST_MS = 10, SETTLE_MS = 350, SCALE_MIN = 0.2;
 
@@ -51,6 +52,7 @@ export class Flame {
   }
   // What a grid takes; "" if it fits.
   misfit(g) {
+    if (this.gl.isContextLost()) return "";
     const most = this.gl.getParameter(this.gl.MAX_3D_TEXTURE_SIZE), side = Math.max(...g.nb) * 8 + 2;
     return side > most ? `this machine's textures end at ${most} voxels a side, the volume needs ${side}` : "";
   }
@@ -62,7 +64,7 @@ export class Flame {
     // a border of zeros: the trilinear basis falls to zero one spacing outside
     gl.texStorage3D(gl.TEXTURE_3D, 1, grey ? gl.R16F : gl.RGB16F, ...g.nb.map((n) => n * 8 + 2));
     this.cells = this.texture(1, gl.NEAREST);
-    this.macros = g.n.map((n) => Math.ceil((n + (g.basis === 1 ? 1 : 0)) / 8));
+    this.macros = g.n.map((n) => Math.ceil((n + (g.basis === 1 ? 1 : 0)) / MACRO));
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.R8, ...this.macros);
     this.grid = g;
   }

@@ -1,6 +1,6 @@
 // The ray integral, exact but for the texture's own precision: a ray is cut where it crosses cells.  In a cell the box
 // basis is constant, and the trilinear one a cubic, which two Gauss points integrate exactly.  Light adds up, so there
-// is no early end; empty cells of 8^3 are stepped over.
+// is no early end; empty blocks of 4^3 cells are stepped over (MACRO in bricks.js).
 export const vertex = `#version 300 es
 out vec2 at;
 void main() { vec2 p = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0); at = p; gl_Position = vec4(p, 0, 1); }`;
@@ -32,18 +32,18 @@ float most(vec3 v) { return max(v.x, max(v.y, v.z)); }
 
 // From t0 to t1 inside one macro cell.
 vec3 walk(vec3 o, vec3 d, vec3 inv, float t0, float t1, ivec3 m) {
-  vec3 sum = vec3(0), s = step(0.0, d), first = vec3(m) * 8.0;
+  vec3 sum = vec3(0), s = step(0.0, d), first = vec3(m) * 4.0;
   float e = 1e-4 / most(abs(d));
-  vec3 c = clamp(floor(o + d * (t0 + e)), first, first + 7.0), next = (c + s - o) * inv, dt = abs(inv);
+  vec3 c = clamp(floor(o + d * (t0 + e)), first, first + 3.0), next = (c + s - o) * inv, dt = abs(inv);
   float a = t0;
-  for (int i = 0; i < 26; i++) {
+  for (int i = 0; i < 14; i++) {
     float b = min(least(next), t1);
     if (b > a) { sum += (b - a) * value(ivec3(c), o, d, a, b); a = b; }
     if (b >= t1) break;
     vec3 cross = vec3(lessThanEqual(next, vec3(b)));
     c += cross * (2.0 * s - 1.0);
     next += cross * dt;
-    if (any(lessThan(c, first)) || any(greaterThan(c, first + 7.0))) break;
+    if (any(lessThan(c, first)) || any(greaterThan(c, first + 3.0))) break;
   }
   return sum;
 }
@@ -53,9 +53,9 @@ vec3 integral(vec3 o, vec3 d) {
   d = g * max(abs(d), vec3(1e-7));
   vec3 inv = 1.0 / d, a = (lo - o) * inv, b = (hi - o) * inv, sum = vec3(0), s = step(0.0, d);
   float t = max(most(min(a, b)), 0.0), end = least(max(a, b)), e = 1e-4 / most(abs(d));
-  for (int i = 0; i < 400 && t < end; i++) {
-    ivec3 m = clamp(ivec3(floor((o + d * (t + e)) / 8.0)), ivec3(0), macros - 1);
-    float far = min(least((8.0 * (vec3(m) + s) - o) * inv), end);
+  for (int i = 0; i < 800 && t < end; i++) {
+    ivec3 m = clamp(ivec3(floor((o + d * (t + e)) / 4.0)), ivec3(0), macros - 1);
+    float far = min(least((4.0 * (vec3(m) + s) - o) * inv), end);
     if (texelFetch(cells, m, 0).r > 0.0) sum += walk(o, d, inv, t, far, m);
     t = max(far, t + e);
   }

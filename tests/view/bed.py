@@ -1,0 +1,107 @@
+"""What the browser's tests stand on: programs started and ended, recordings made, one check a line."""
+import json
+import os
+import signal
+import subprocess
+import tempfile
+import time
+import traceback
+
+import numpy as np
+
+
+class Bed:
+    def __init__(self, build):
+        self.build = build
+        self.bin = f"{build}/bin"
+        self.shots = f"{build}/view"
+        self.tmp = tempfile.TemporaryDirectory(prefix="pyrovox-view-", ignore_cleanup_errors=True)
+        self.dir = self.tmp.name
+        self.started = []
+        self.passed = self.failed = 0
+
+    def start(self, *command, log="log", env=None):
+        with open(f"{self.dir}/{log}", "ab") as f:
+            p = subprocess.Popen(command, stdout=subprocess.PIPE if log == "view" else f, stderr=f, start_new_session=True,
+                                 env={**os.environ, **(env or {})})
+        self.started.append(p)
+        return p
+
+    def view(self, *arguments):
+        """A bridge: (process, its address)."""
+        p = self.start(f"{self.bin}/pyrovox", "view", "--listen", "127.0.0.1:0", *arguments, log="view")
+        url = p.stdout.readline().decode().strip()
+        assert url.startswith("http"), open(f"{self.dir}/view").read()
+        return p, url
+
+    def end(self, p, how=signal.SIGTERM):
+        if p.poll() is None:
+            os.killpg(p.pid, how)
+            try:
+                p.wait(60)
+            except subprocess.TimeoutExpired:
+                os.killpg(p.pid, signal.SIGKILL)
+                p.wait()
+
+    def close(self):
+        for p in self.started:
+            self.end(p)
+        self.tmp.cleanup()
+
+    def run(self, *command):
+        r = subprocess.run(command, capture_output=True, text=True, timeout=600)
+        assert r.returncode == 0, (command, r.stdout[-800:], r.stderr[-800:])
+        return r.stdout
+
+    def rig(self, voxels, basis="box", cameras=4):
+        path = f"{self.dir}/rig-{voxels}-{basis}.yaml"
+        with open("tests/data/rig4.yaml") as f:
+            text = f.read()
+        head, tail = text.split("cameras:", 1)
+        with open(path, "w") as f:
+            f.write(f"version: 1\nvolume: {{ min: [-0.5, -0.5, 0], max: [0.5, 0.5, 1], voxels: [{voxels}, {voxels}, {voxels}], basis: {basis} }}\ncameras:{tail}")
+        return path
+
+    def daemon(self, rig, fps=10, fmt="rgb8", seconds=600):
+        """Simulated GigE cameras and a daemon, in a network of their own; its endpoint."""
+        at = f"ipc://{self.dir}/volumes"
+        with open(f"{self.dir}/pyrovoxd.yaml", "w") as f:
+            f.write(f'rig: {rig}\ncameras: "aravis:127.0.0.2+"\nfps: {fps}\npixel_format: {"RGB8" if fmt == "rgb8" else "Mono8"}\nshared_clock: true\n'
+                    f'photometry: {{ black: 0.02 }}\npublish:\n  endpoints: ["{at}"]\ncontrol:\n  endpoint: "ipc://{self.dir}/control"\n')
+        p = self.start(f"{self.bin}/pyrovox", "simcams", "--private-net", "--rig", rig, "--format", fmt, "--fps", str(fps), "--ring", str(2 * fps), "--",
+                       f"{self.bin}/pyrovoxd", "--config", f"{self.dir}/pyrovoxd.yaml", log="daemon", env={"PYROVOX_CACHE": f"{self.dir}/cache"})
+        return p, at
+
+    def recording(self, name, volumes, basis, lo=(-0.5, -0.4, 0.1), hi=(0.5, 0.4, 1.3)):
+        """A folder of .npy with its .json, as `pyrovox reconstruct` leaves it."""
+        folder = f"{self.dir}/{name}"
+        os.makedirs(folder)
+        for i, v in enumerate(volumes):
+            v = np.asarray(v, np.float32)
+            if v.ndim == 3:
+                v = v[..., None]
+            nz, ny, nx, c = v.shape
+            n = (nx, ny, nz)
+            np.save(f"{folder}/{i:06d}.npy", v)
+            with open(f"{folder}/{i:06d}.json", "w") as f:
+                json.dump({"set": i, "shape": list(v.shape), "origin": list(lo), "spacing": [(h - l) / s for l, h, s in zip(lo, hi, n)], "basis": basis,
+                           "units": "1/m", "t_exposure_ns": 1767225600000000000 + i * 100000000, "t_publish_ns": 1767225600000000000 + i * 100000000,
+                           "spread_ns": 0, "latency_ns": 5000000, "cameras_present": 8, "camera_mask": "00000000000000ff", "session": "0000000000000007",
+                           "rig_hash": "0000000000000001", "software": "bed", "sample": "float16", "clamped": False,
+                           "report": {"status": "converged", "solver": "none", "iterations": 1, "rel_residual": 0.01, "active_voxels": int((v != 0).sum()),
+                                      "active_rays": 1, "entries": 1, "ms": {"photometry": 0, "hull": 0, "restrict": 0, "solve": 0, "total": 0}}}, f)
+        with open(f"{folder}/recording.json", "w") as f:
+            json.dump({"format": "pyrovox volumes", "version": 1, "session": "0000000000000007", "fps": 10, "n_cameras": 8, "closed": True, "gaps": []}, f)
+        return folder
+
+    def check(self, name, what):
+        t0 = time.monotonic()
+        try:
+            what()
+        except Exception:  # a check that fails does not keep the others from running
+            traceback.print_exc()
+            print(f"FAIL view:{name}", flush=True)
+            self.failed += 1
+        else:
+            print(f"PASS view:{name} ({time.monotonic() - t0:.0f} s)", flush=True)
+            self.passed += 1

@@ -1,0 +1,362 @@
+"""The page in a browser: view.py BUILD [CHECK].  Each check is a line; what it looks at is in build/view/."""
+import base64
+import http.server
+import json
+import os
+import signal
+import sys
+import threading
+import time
+
+import numpy as np
+
+from bed import Bed
+from devtools import Browser
+
+bed = Bed(sys.argv[1])
+only = sys.argv[2] if len(sys.argv) > 2 else ""
+browser = Browser()
+FOV, W, H = 40, 320, 240
+EYES = [(2.0, -1.4, 0.9), (-0.3, 2.2, 0.2), (0.35, 0.1, 3.4)]
+
+
+def blobs(n, channels, seed):
+    """A few soft balls and a sharp box, in a grid whose sides are no multiples of 8."""
+    r, (nx, ny, nz) = np.random.default_rng(seed), n
+    z, y, x = np.mgrid[0:nz, 0:ny, 0:nx].astype(float)
+    v = np.zeros((nz, ny, nx, channels))
+    for _ in range(4):
+        c, s = r.uniform(0.25, 0.75, 3) * n, r.uniform(0.06, 0.15) * min(n)
+        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * s * s))[..., None] * r.uniform(0.3, 2, channels)
+    v[v < 0.05] = 0
+    v[3:7, 2:6, nx - 5:nx] = 1.5  # reaches the grid's side
+    return v.astype(np.float16).astype(np.float32)
+
+
+def pixels(page, eye, target, exposure, w=W, h=H, count=0):
+    data = page.eval(f"pyrovox.picture({w}, {h}, {list(eye)}, {list(target)}, {FOV}, {exposure}, 'grey', {count})")
+    return np.frombuffer(base64.b64decode(data), np.uint8).reshape(h, w, 4)[..., :3]
+
+
+def shown(page, url):
+    page.until("window.pyrovox && pyrovox.view.set >= 0 && pyrovox.view.drawn > 0")
+
+
+def exact(volume, eye, target, exposure):
+    """What pyrovox render makes of it, as sRGB."""
+    out = f"{bed.dir}/picture.npy"
+    number = ",".join
+    bed.run(f"{bed.bin}/pyrovox", "render", "--quiet", "--sub", "1", "--eye=" + number(map(str, eye)), "--look-at=" + number(map(str, target)), "--fov", str(FOV),
+            "--size", f"{W}x{H}", volume, out)
+    p = np.load(out).astype(float)
+    p = p.reshape(H, W, -1) * exposure
+    p = np.clip(p, 0, 1)
+    return 255 * np.where(p < 0.0031308, 12.92 * p, 1.055 * np.maximum(p, 0) ** (1 / 2.4) - 0.055)
+
+
+def golden():
+    for basis in ("box", "trilinear"):
+        for channels in (1, 3):
+            v = blobs((21, 17, 30), channels, 5 + channels)
+            folder = bed.recording(f"golden-{basis}-{channels}", [v], basis)
+            bridge, url = bed.view(folder)
+            page = browser.page(url)
+            shown(page, url)
+            for eye in EYES:
+                got, want = pixels(page, eye, (0, 0, 0.7), 1.2), exact(f"{folder}/000000.npy", eye, (0, 0, 0.7), 1.2)
+                diff = np.abs(got - want)
+                print(f"  {basis} {channels} {eye}: mean {diff.mean():.3f}, largest {diff.max():.1f}, brightest {want.max():.0f}, lit {(want > 5).mean():.2f}")
+                assert want.max() > 100 and (want > 5).mean() > 0.05, "there is nothing to compare"
+                assert diff.mean() <= 2 and diff[np.broadcast_to(want > 5, diff.shape)].mean() <= 2, diff.mean()
+            assert not page.troubles(), page.troubles()
+            page.close()
+            bed.end(bridge)
+
+
+def ghosts():
+    """Bricks that left are dark again: every volume of a recording looks as it does alone."""
+    n = (40, 40, 40)
+    volumes = []
+    for i in range(6):
+        v = np.zeros((40, 40, 40, 1), np.float32)
+        if i != 3:
+            v[4 + 5 * i:9 + 5 * i, 3:9 + 4 * i, 30 - 4 * i:36] = 1 + i / 4
+        volumes.append(v)
+    folder = bed.recording("ghosts", volumes, "trilinear")
+    bridge, url = bed.view(folder)
+    page = browser.page(url)
+    shown(page, url)
+    for i in (0, 4, 1, 5, 3, 2, 5, 0):
+        page.eval(f"pyrovox.link.say({{play: false, seek: {i}}})")
+        page.until(f"pyrovox.view.set === {i}")
+        got, want = pixels(page, EYES[0], (0, 0, 0.7), 0.8), exact(f"{folder}/{i:06d}.npy", EYES[0], (0, 0, 0.7), 0.8)
+        assert np.abs(got - want).max() <= 6, (i, np.abs(got - want).max())
+        assert (want.max() > 50) == (i != 3)
+    page.close()
+    bed.end(bridge)
+
+
+def samples():
+    """Empty space is stepped over: samples against a march through the whole box, half a voxel a step."""
+    v = np.zeros((64, 64, 64, 3), np.float32)
+    z, y, x = np.mgrid[0:64, 0:64, 0:64]
+    v[((x - 32) ** 2 + (y - 30) ** 2) * 9 + (z - 30) ** 2 < 800] = 1
+    folder = bed.recording("samples", [v], "trilinear", (-0.5, -0.5, 0), (0.5, 0.5, 1))
+    bridge, url = bed.view(folder)
+    page = browser.page(url)
+    shown(page, url)
+    red = pixels(page, EYES[0], (0, 0, 0.5), 1, count=1)[..., 0].astype(float) * 1024 / 255
+    eye, target = np.array(EYES[0]), np.array((0, 0, 0.5))
+    f = (target - eye) / np.linalg.norm(target - eye)
+    r = np.cross(f, (0, 0, 1))
+    r /= np.linalg.norm(r)
+    u, t = np.cross(r, f), np.tan(np.radians(FOV) / 2)
+    py, px = np.mgrid[0:H, 0:W]
+    d = f + ((px + 0.5) / W * 2 - 1)[..., None] * t * W / H * r - ((py + 0.5) / H * 2 - 1)[..., None] * t * u
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        a, b = (np.array((-0.5, -0.5, 0)) - eye) / d, (np.array((0.5, 0.5, 1)) - eye) / d
+    long = np.maximum(np.minimum(np.maximum(a, b).min(-1) - np.minimum(a, b).max(-1), 9), 0)
+    dense = (long * 64 * 2).sum()
+    print(f"  {red.sum():.0f} samples, dense march {dense:.0f}: {red.sum() / dense:.3f}")
+    assert 0.005 < red.sum() / dense < 1 / 3
+    page.close()
+    bed.end(bridge)
+
+
+def clicks(page, id):
+    page.eval(f"document.getElementById('{id}').click()")
+
+
+def live():
+    """A daemon with simulated cameras: the flame moves; narrow and wide; mouse, touch, keyboard; killed and back."""
+    daemon, at = bed.daemon(bed.rig(24))
+    bridge, url = bed.view("--endpoint", at)
+    page = browser.page(url)
+    page.until("window.pyrovox && pyrovox.view.volumes > 20 && document.getElementById('state').textContent === 'live'")
+    page.eval("for (const d of document.querySelectorAll('details')) d.open = true; 0")
+    clicks(page, "frusta")
+    page.until("document.querySelectorAll('.camera img[src^=blob]').length === 4")
+    page.until("[...document.querySelectorAll('.camera p')].every((p) => p.textContent.includes('good'))")
+    page.until("document.querySelectorAll('.camera canvas').length === 4 && [...document.querySelectorAll('.camera canvas')].every((c) => c.width > 1)")
+    page.until("pyrovox.overlay.rig.length === 4")
+    page.until("pyrovox.view.words.volumes_drawn > 10 && pyrovox.view.words.whole_ms[0] > 0")
+    page.shot(f"{bed.shots}/wide.png")
+    w = json.loads(page.eval("JSON.stringify(pyrovox.view.words)"))
+    print(f"  held {w['held_ms']} ms, drawn {w['whole_ms']} ms from published [p50, p95]")
+
+    def view():
+        return page.eval("JSON.stringify([pyrovox.orbit.azimuth, pyrovox.orbit.elevation, pyrovox.orbit.distance, pyrovox.orbit.target])")
+
+    def moves(what):
+        was = view()
+        what()
+        end = time.monotonic() + 60
+        while view() == was:
+            assert time.monotonic() < end, what
+            time.sleep(0.02)
+    moves(lambda: page.drag(400, 400, 500, 430))
+    moves(lambda: page.drag(400, 400, 450, 430, "right"))
+    moves(lambda: page.mouse("mouseWheel", 400, 400, deltaX=0, deltaY=-120))
+    clicks(page, "reset")
+    # the keyboard alone: Tab reaches the flame and everything else that can be used
+    seen = set()
+    for _ in range(60):
+        page.key("Tab")
+        seen.add(page.eval("document.activeElement.id || document.activeElement.tagName"))
+    assert {"flame", "reset", "turn", "full", "shot", "exposure", "auto", "box", "frusta", "slices", "SUMMARY"} <= seen, seen
+    page.eval("document.getElementById('flame').focus(); 0")
+    for k in ("ArrowLeft", "ArrowUp", "+", "-"):
+        moves(lambda: page.key(k))
+    moves(lambda: page.key("ArrowRight", modifiers=8))
+    page.key("Home")
+    page.key("t")
+    page.until("document.getElementById('turn').getAttribute('aria-pressed') === 'true'")
+    page.key("t")
+    page.size(360, 740, touch=True)
+    page.until("document.documentElement.scrollWidth <= 360 && document.getElementById('flame').clientWidth === 360")
+    moves(lambda: (page.touch("touchStart", (150, 200)), page.touch("touchMove", (180, 220)), page.touch("touchMove", (210, 230)), page.touch("touchEnd")))
+    was = float(page.eval("pyrovox.orbit.distance"))
+    page.touch("touchStart", (120, 200), (240, 200))
+    for i in range(1, 6):
+        page.touch("touchMove", (120 - 8 * i, 200), (240 + 8 * i, 200))
+    page.touch("touchEnd")
+    page.until(f"pyrovox.orbit.distance < {was} * 0.95")
+    page.eval("pyrovox.orbit.reset()")
+    time.sleep(0.5)
+    page.shot(f"{bed.shots}/narrow.png")
+    page.size(1280, 800)
+
+    # a page that is hidden gets none, a stalled one few, and both the newest when they are back
+    page.eval("pyrovox.link.say({hidden: true}); 0")
+    page.until("pyrovox.view.words.hidden > 5")
+    page.eval("pyrovox.link.say({hidden: false}); 0")
+    n = page.eval("pyrovox.view.volumes")
+    page.until(f"pyrovox.view.volumes > {n} + 3")
+    lost = page.eval("pyrovox.view.words.superseded")
+    page.eval("{ const end = performance.now() + 1500; while (performance.now() < end); } 0")
+    page.until(f"pyrovox.view.words.superseded > {lost}")
+    page.until("[...document.querySelectorAll('#lost tr')].some((r) => r.textContent.includes('newer came first'))")
+
+    # the daemon is killed, and comes back with another session
+    session = page.eval("pyrovox.view.start.session")
+    bed.end(daemon, signal.SIGKILL)
+    page.until("/nothing from the daemon|has ended/.test(document.getElementById('state').textContent)")
+    page.shot(f"{bed.shots}/gone.png")
+    daemon, _ = bed.daemon(bed.rig(24, "trilinear"))
+    page.until(f"pyrovox.view.start && pyrovox.view.start.session !== '{session}' && pyrovox.view.volumes > 3 && document.getElementById('state').textContent === 'live'", 180)
+    assert page.eval("pyrovox.view.start.grid.basis") == 1
+    # the bridge is killed: it says so; its token is an old one for the next
+    bed.end(bridge, signal.SIGKILL)
+    page.until("/bridge is gone|reconnecting/.test(document.getElementById('state').textContent)")
+    assert [t for t in page.troubles() if "WebSocket" not in t] == [], page.troubles()
+    page.close()
+    bed.end(daemon)
+
+
+def context_lost():
+    folder = bed.recording("context", [blobs((24, 24, 24), 3, 3)], "trilinear")
+    bridge, url = bed.view(folder)
+    page = browser.page(url)
+    shown(page, url)
+    want = pixels(page, EYES[0], (0, 0, 0.7), 1)
+    page.eval("window.taken = pyrovox.flame().gl.getExtension('WEBGL_lose_context'); taken.loseContext(); 0")
+    page.until("!document.getElementById('notice').hidden")
+    page.shot(f"{bed.shots}/context-lost.png")
+    page.eval("taken.restoreContext(); 0")
+    page.until("document.getElementById('notice').hidden && pyrovox.flame().grid")
+    time.sleep(0.5)
+    got = pixels(page, EYES[0], (0, 0, 0.7), 1)
+    assert want.max() > 100 and np.array_equal(got, want)
+    page.close()
+    bed.end(bridge)
+
+
+def grey():
+    """One channel: colours and their bar; slices; clipping; exposure in stops."""
+    folder = bed.recording("grey", [blobs((40, 40, 48), 1, 8 + i) for i in range(5)], "box")
+    bridge, url = bed.view(folder)
+    page = browser.page(url)
+    shown(page, url)
+    page.until("!document.getElementById('legend').hidden && Number(document.getElementById('map-high').textContent) > 0")
+    page.eval("document.getElementById('colours').value = 'viridis'; document.getElementById('colours').dispatchEvent(new Event('input')); 0")
+    page.until("pyrovox.flame().look.colours === 'viridis'")
+    page.shot(f"{bed.shots}/grey.png")
+    page.eval("document.querySelectorAll('details')[1].open = true; 0")
+    clicks(page, "slices")
+    page.until("document.getElementById('map-unit').textContent === '1/m'")
+    time.sleep(0.4)
+    page.shot(f"{bed.shots}/slices.png")
+    clicks(page, "slices")
+    page.eval("{ const r = document.querySelectorAll('#clip-rows input')[0]; r.value = 0.5; r.dispatchEvent(new Event('input')); } 0")
+    page.until("pyrovox.flame().look.clip[0] === 0.5")
+    clicks(page, "unclip")
+    page.until("pyrovox.flame().look.clip[0] === 0")
+    page.eval("{ const r = document.getElementById('exposure'); r.value = 3; r.dispatchEvent(new Event('input')); } 0")
+    page.until("pyrovox.flame().look.exposure === 8 && document.getElementById('stops').textContent === '+3.0 stops' && !document.getElementById('auto').checked")
+    # the recording's bar: pause, go to a volume, a step by the keyboard
+    page.eval("document.querySelector('[data-film=play]').click(); 0")
+    page.until("document.querySelector('[data-film=play]').textContent === 'Play'")
+    page.eval("{ const r = document.querySelector('[data-film=bar]'); r.value = 2; r.dispatchEvent(new Event('input')); } 0")
+    page.until("pyrovox.view.set === 2")
+    page.eval("document.getElementById('flame').focus(); 0")
+    page.key(".")
+    page.until("pyrovox.view.set === 3 && document.querySelector('[data-film=at]').textContent === '4 of 5'")
+    assert not page.troubles(), page.troubles()
+    page.close()
+    bed.end(bridge)
+
+
+def still():
+    """A picture that does not change is drawn once at full resolution, and then no more."""
+    folder = bed.recording("still", [blobs((24, 24, 24), 3, 1)], "box")
+    bridge, url = bed.view(folder)
+    page = browser.page(url)
+    shown(page, url)
+    page.eval("pyrovox.link.say({play: false}); 0")
+    page.until("document.querySelector('[data-film=play]').textContent === 'Play'")
+    time.sleep(2)
+    n = page.eval("pyrovox.view.drawn")
+    time.sleep(2)
+    assert page.eval("pyrovox.view.drawn") - n <= 1, "it draws though nothing has changed"
+    assert page.eval("document.getElementById('flame').width === document.getElementById('flame').clientWidth")
+    page.close()
+    bed.end(bridge)
+
+
+def flat():
+    """Without WebGL2: three projections, and why; the same sums as the volume has."""
+    v = blobs((24, 20, 28), 3, 2)
+    folder = bed.recording("flat", [v], "box")
+    bridge, url = bed.view(folder)
+    base, token = url.split("#")
+    page = browser.page(base + "?flat#" + token)
+    shown(page, url)
+    page.until("document.getElementById('notice').textContent.includes('WebGL2')")
+    assert abs(page.eval("pyrovox.flame().sums[0].v.reduce((a, b) => a + b)") / (v.sum() * 0.8 / 20) - 1) < 1e-4
+    page.shot(f"{bed.shots}/flat.png")
+    page.close()
+    # a machine whose textures are too small
+    page = browser.page(url)
+    shown(page, url)
+    page.eval("pyrovox.flame().misfit = () => 'this machine\\'s textures end at 16 voxels a side'; 0")
+    page.until("document.getElementById('notice').textContent.includes('textures end') && pyrovox.flame().sums.length === 3")
+    page.close()
+    bed.end(bridge)
+
+
+def turned_away():
+    folder = bed.recording("away", [blobs((16, 16, 16), 1, 1)], "box")
+    bridge, url = bed.view(folder)
+    for bad, words in ((url.split("#")[0], "lacks its token"), (url[:-4] + "0000", "pyrovox view printed last")):
+        page = browser.page(bad)
+        page.until(f"document.getElementById('notice').textContent.includes('{words}')")
+        assert page.eval("document.getElementById('state').textContent") == "turned away"
+        page.shot(f"{bed.shots}/turned-away.png")
+        page.close()
+    bed.end(bridge)
+
+
+def other_origin():
+    """Another site's page cannot connect, even with the token, nor show this one in a frame."""
+    folder = bed.recording("origin", [blobs((16, 16, 16), 1, 1)], "box")
+    bridge, url = bed.view(folder)
+    at, token = url.split("//")[1].split("/#")
+
+    class Evil(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+            self.wfile.write(f"""<iframe src="http://{at}/"></iframe><script>
+const s = new WebSocket("ws://{at}/live", "pyrovox.1"); window.got = "";
+s.onopen = () => {{ s.send('{{"token":"{token}","credits":1}}'); window.got = "open"; }};
+s.onclose = (e) => {{ window.got = "closed " + e.code; }};
+fetch("http://{at}/main.js").then(() => {{ window.read = "read"; }}, () => {{ window.read = "refused"; }});</script>""".encode())
+
+        def log_message(self, *a):
+            pass
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Evil)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    page = browser.page(f"http://127.0.0.1:{server.server_port}/")
+    page.until("window.got.startsWith('closed')")
+    page.until("window.read")
+    assert page.eval("window.got") == "closed 1006" and page.eval("window.read") == "refused"
+    tree = page.do("Page.getFrameTree")["frameTree"]["childFrames"]
+    assert all(f["frame"].get("unreachableUrl") or "chrome-error" in f["frame"]["url"] for f in tree), tree
+    server.shutdown()
+    page.close()
+    bed.end(bridge)
+
+
+checks = {"picture-is-the-renderers": golden, "no-ghosts": ghosts, "samples": samples, "context-lost": context_lost, "grey-slices-film": grey,
+          "draws-only-changes": still, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "live": live}
+try:
+    for name, what in checks.items():
+        if only in name:
+            bed.check(name, what)
+finally:
+    browser.close()
+    bed.close()
+print(f"{bed.passed} passed, {bed.failed} failed, 0 skipped")
+sys.exit(1 if bed.failed or not bed.passed else 0)
