@@ -52,7 +52,7 @@ put 0644 systemd/pyrovoxd.sysusers "$sys/sysusers.d/pyrovoxd.conf"
 put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$sys/udev/rules.d/70-pyrovox-cameras.rules"
 if [ -n "$remove" ]; then
-    rm -f "$units/pyrovoxd.service" "$lib"/libpyrovox-{client,recon}.so "$lib/libpyrovox-recon.so.1" \
+    rm -f "$units/pyrovoxd.service" "$units/pyrovox-view.service" "$lib"/libpyrovox-{client,recon}.so "$lib/libpyrovox-recon.so.1" \
         "$lib"/pkgconfig/pyrovox-{client,recon}.pc "$doc/example-recon.c"
     rm -rf "$inc" "$python/pyrovox"
     find "$inc" "$doc" -depth -type d -empty -delete 2>/dev/null || true
@@ -62,8 +62,10 @@ systemd/install-recon.sh "$build" "$dest" "$prefix"
 ln -sf libpyrovox-client.so.1 "$lib/libpyrovox-client.so"
 install -d "$units" "$lib/pkgconfig"
 sed "s|@PREFIX@|$prefix|" "$build/lib/pyrovox-client.pc" > "$lib/pkgconfig/pyrovox-client.pc"
-sed "s|@BINDIR@|$prefix/bin|" systemd/pyrovoxd.service > "$units/pyrovoxd.service"
-chmod 0644 "$units/pyrovoxd.service"
+for u in pyrovoxd pyrovox-view; do
+    sed "s|@BINDIR@|$prefix/bin|" "systemd/$u.service" > "$units/$u.service"
+    chmod 0644 "$units/$u.service"
+done
 if [ -z "$dest" ]; then
     echo "installed; next: systemd-sysusers, systemd-tmpfiles --create, then systemd/README.md" >&2
 fi

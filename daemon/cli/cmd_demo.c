@@ -20,6 +20,7 @@
 #include "daemon/cli/arg.h"
 #include "daemon/cli/ask.h"
 #include "daemon/cli/cli.h"
+#include "daemon/cli/demo_view.h"
 #include "daemon/cli/screen.h"
 #include "daemon/cli/strip.h"
 #include "recon/geom/rig.h"
@@ -37,7 +38,8 @@ enum {
     OPT_GRID,
     OPT_FORMAT,
     OPT_OUT,
-    OPT_KEEP
+    OPT_KEEP,
+    OPT_VIEW
 };
 
 struct args {
@@ -45,7 +47,7 @@ struct args {
     int64_t cameras, grid;
     int32_t width, height;
     const char *format, *out;
-    bool keep;
+    bool keep, view;
 };
 
 struct demo {
@@ -58,6 +60,7 @@ struct demo {
     struct follow follow;
     bool following;
     struct screen screen;
+    struct demo_view view;
     double dropped0; /* daemon's count at the start of the steady period */
     char png[PATH_MAX];
 };
@@ -70,6 +73,8 @@ static const struct argp_option options[] = {
     {"grid", OPT_GRID, "N", 0, "voxels per side (64)", 0},
     {"format", OPT_FORMAT, "FORMAT", 0, "rgb8 (default), mono8 or bayerrg8", 0},
     {"out", OPT_OUT, "DIR", 0, "folder for flame.png, default build if it is there, else here", 0},
+    {"view", OPT_VIEW, NULL, 0, "the flame in a browser too: opens the page, and says its address",
+     0},
     {"keep", OPT_KEEP, NULL, 0, "keep the run folder: rig, configuration, log", 0},
     {0}};
 
@@ -83,6 +88,7 @@ static const char doc[] =
     "\"rel_error\":..}\n"
     "for the time after everything had started.\n\nExamples:\n"
     "  pyrovox demo\n"
+    "  pyrovox demo --view\n"
     "  pyrovox demo --seconds 20 --fps 15 --grid 32 --size 320x240";
 
 static error_t parse(int key, char *arg, struct argp_state *st)
@@ -101,6 +107,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
         return 0;
     case OPT_OUT: a->out = arg; return 0;
     case OPT_KEEP: a->keep = true; return 0;
+    case OPT_VIEW: a->view = true; return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -327,11 +334,16 @@ static pvx_err warm_up(struct demo *m, struct pvx_diag *d)
 
 static pvx_err watch(struct demo *m, struct pvx_diag *d)
 {
-    char title[160];
+    char title[160], hint[256];
     snprintf(title, sizeof title,
              "pyrovox demo   %lld cameras %dx%d %s at %g Hz -> %lld^3 voxels, over GigE Vision",
              (long long)m->a.cameras, m->a.width, m->a.height, m->a.format, m->a.fps,
              (long long)m->a.grid);
+    const char *how = m->a.seconds > 0 ? "Ctrl-C ends it early" : "Ctrl-C ends it";
+    snprintf(hint, sizeof hint, "%s%s%s", how, m->a.view ? "   page: " : "", m->view.url);
+    if (m->a.view && !isatty(STDOUT_FILENO))
+        printf("page: %s\n", m->view.url);
+    fflush(stdout);
     follow_mark(&m->follow);
     screen_open(&m->screen);
     pvx_err e = PVX_OK;
@@ -341,8 +353,7 @@ static pvx_err watch(struct demo *m, struct pvx_diag *d)
         e = follow_poll(&m->follow, 50 * PVX_NS_PER_MS, d);
         if (child_gone(m))
             e = pvx_fail(d, PVX_EIO, "the cameras or the daemon have ended by themselves");
-        screen_draw(&m->screen, &m->follow, title,
-                    m->a.seconds > 0 ? "Ctrl-C ends it early" : "Ctrl-C ends it");
+        screen_draw(&m->screen, &m->follow, title, hint);
     }
     screen_close(&m->screen);
     return e;
@@ -401,6 +412,8 @@ static pvx_err play(struct demo *m, char *line, size_t size, struct pvx_diag *d)
     m->following = true;
     PVX_TRY(follow_init(&m->follow, m->volumes, NULL, &truth, d));
     PVX_TRY(warm_up(m, d));
+    if (m->a.view)
+        PVX_TRY(demo_view_start(&m->view, m->bin, m->volumes, m->log, d));
     PVX_TRY(watch(m, d));
     PVX_TRY(result(m, line, size, d));
     return write_picture(m, d);
@@ -423,6 +436,7 @@ static int run(int argc, char **argv)
     screen_close(&m->screen);
     if (e != PVX_OK && e != PVX_ECANCELED)
         show_failure(m);
+    demo_view_stop(&m->view);
     uint64_t sets = m->following ? m->follow.volumes : 0;
     bool clean = stop_child(m);
     if (m->following)

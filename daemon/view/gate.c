@@ -38,7 +38,7 @@ static bool split(const char *text, struct authority *out)
         return true;
     if (*rest++ != ':' || !digits(rest, 5))
         return false;
-    strcpy(out->port, rest);
+    memcpy(out->port, rest, strlen(rest) + 1);
     return true;
 }
 

@@ -22,7 +22,7 @@ static bool token(const cJSON *j, char *out)
 {
     if (!cJSON_IsString(j) || strlen(j->valuestring) > VIEW_TOKEN_DIGITS)
         return false;
-    strcpy(out, j->valuestring);
+    memcpy(out, j->valuestring, strlen(j->valuestring) + 1);
     return true;
 }
 

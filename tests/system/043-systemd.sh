@@ -10,19 +10,26 @@ unit() { grep -qx "$1" "$dir/root/usr/lib/systemd/system/pyrovoxd.service"; }
 check comes-back-always unit StartLimitIntervalSec=0 # with what it was doing: 046
 check comes-back-after-any-end unit Restart=on-failure
 check remembers unit StateDirectory=pyrovox
+view_unit() { grep -qx "$1" "$dir/root/usr/lib/systemd/system/pyrovox-view.service"; }
+check view-has-a-user-of-its-own view_unit User=pyrovox-view
+check view-keeps-its-token-to-itself view_unit StateDirectoryMode=0700
 if command -v systemd-analyze > /dev/null; then
     # verify looks for the programs on this machine: point it at the ones just built
-    sed "s|/usr/bin/pyrovoxd|$pyrovoxd|" "$dir/root/usr/lib/systemd/system/pyrovoxd.service" > "$dir/pyrovoxd.service"
-    verify() {
+    for u in pyrovoxd pyrovox-view; do
+        sed "s|/usr/bin/|${pyrovox%/*}/|" "$dir/root/usr/lib/systemd/system/$u.service" > "$dir/$u.service"
+    done
+    verify() { # unit
         local out
-        out=$(SYSTEMD_LOG_LEVEL=warning systemd-analyze verify --man=no "$dir/pyrovoxd.service" 2>&1)
+        out=$(SYSTEMD_LOG_LEVEL=warning systemd-analyze verify --man=no "$dir/$1" 2>&1)
         local code=$?
         case $out in *"Failed to"*"bus"*|*"not been booted"*) return 77;; esac
-        [ $code = 0 ] && ! grep -q 'pyrovoxd.service' <<< "$out" || { echo "$out"; return 1; }
+        [ $code = 0 ] && ! grep -q "$1" <<< "$out" || { echo "$out"; return 1; }
     }
-    verify; got=$?
-    if [ $got = 77 ]; then echo "SKIP $name:unit-is-valid (systemd-analyze does not work here)"
-    else check unit-is-valid [ $got = 0 ]; fi
+    for u in pyrovoxd pyrovox-view; do
+        verify $u.service; got=$?
+        if [ $got = 77 ]; then echo "SKIP $name:$u-is-valid (systemd-analyze does not work here)"
+        else check $u-is-valid [ $got = 0 ]; fi
+    done
 else
     echo "SKIP $name:unit-is-valid (no systemd-analyze)"
 fi

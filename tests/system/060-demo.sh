@@ -23,6 +23,15 @@ check folder-is-removed [ -z "$(ls -d "$dir"/pyrovox-demo-* 2>/dev/null)" ]
 check picture test -s "$dir/flame.png"
 check lines-while-it-runs grep -q 'sets/s.*error' "$dir/demo.log"
 
+page() { # beside it, as long as it runs
+    start view.log "$pyrovox" demo $small --view --out "$dir/three"
+    local demo=$started url
+    wait_for grep -q '^page: http' "$dir/view.log" || return 1
+    url=$(sed -n 's/^page: //p' "$dir/view.log"); url=${url#http://}
+    timeout 300 "$py" tests/view/bridge.py volume "${url%%/#*}" "${url#*#}" || return 1
+    kill -INT "$demo"; ended "$demo" 0 && nobody
+}
+check page-beside-it page
 start stop.log "$pyrovox" demo $small --out "$dir/two" --keep
 demo=$started
 wait_for grep -q 'sets/s' "$dir/stop.log"

@@ -103,6 +103,7 @@ function volume(v) {
   }
   if (!flame.take(v)) { link.say({ credits: 1 }); return; }
   autoExposure(v);
+  if (view.set < 0) state("live", "live");
   view.set = v.set;
   view.volumes++;
   const set = v.set;

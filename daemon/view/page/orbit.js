@@ -28,7 +28,7 @@ export class Orbit {
   frameBox(min, max) {
     const size = max.map((m, i) => m - min[i]);
     this.home.target = max.map((m, i) => (m + min[i]) / 2);
-    this.home.distance = 0.62 * Math.hypot(...size) / Math.tan(this.fov / 2);
+    this.home.distance = 0.54 * Math.hypot(...size) / Math.tan(this.fov / 2);
     this.size = Math.max(...size);
     this.reset();
   }
