@@ -134,6 +134,7 @@ PY
 stopped() { # Ctrl-C: what is finished is whole, and closed
     local f=$1 to=$dir/stopped.$1 n
     [ "$f" = hdf5 ] && to=$dir/stopped.h5
+    rm -f "$dir/stopped.log" # the format before has one, which must not be taken for this one's
     start stopped.log "$pyrovox" convert "$dir/long" "$to" --format "$f"
     wait_for grep -q 'converting: [1-9]' "$dir/stopped.log" || return 1
     kill -INT "$started"; ended "$started" 130 || return 1
