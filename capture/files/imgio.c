@@ -127,12 +127,9 @@ void cap_loaded_free(struct cap_loaded *l)
     *l = (struct cap_loaded){0};
 }
 
-static uint8_t to_byte(float v, double gamma)
+static uint8_t to_byte(float v)
 {
-    if (!(v > 0)) /* NaN too */
-        return 0;
-    double x = v < 1 ? v : 1;
-    return (uint8_t)lrint(255 * (gamma == 1 ? x : pow(x, 1 / gamma)));
+    return v > 0 ? (uint8_t)lrint(255 * (v < 1 ? (double)v : 1)) : 0; /* 0: NaN too */
 }
 
 static pvx_err write_png(const char *path, const struct cap_cv_image *img, struct pvx_diag *d)
@@ -149,7 +146,7 @@ static pvx_err write_png(const char *path, const struct cap_cv_image *img, struc
 }
 
 static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h, int nch,
-                        double gamma, struct pvx_diag *d)
+                        struct pvx_diag *d)
 {
     PVX_TRY(need_module(path, d));
     size_t n = (size_t)w * (size_t)h * (size_t)nch;
@@ -157,7 +154,7 @@ static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h
     if (px == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", path);
     for (size_t i = 0; i < n; i++)
-        px[i] = to_byte(pix[i], gamma);
+        px[i] = to_byte(pix[i]);
     struct cap_cv_image img = {px, n, w, h, nch, 8};
     pvx_err e = write_png(path, &img, d);
     free(px);
@@ -178,15 +175,14 @@ pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_
 }
 
 pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h, int nch,
-                       double gamma, struct pvx_diag *d)
+                       struct pvx_diag *d)
 {
-    if (w < 1 || h < 1 || (nch != 1 && nch != 3) || !(gamma > 0))
-        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels and a gamma above 0",
-                        path);
+    if (w < 1 || h < 1 || (nch != 1 && nch != 3))
+        return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels", path);
     if (has_extension(path, ".npy"))
         return cap_npy_save(path, pix, (size_t[3]){(size_t)h, (size_t)w, (size_t)nch}, 3, d);
     if (has_extension(path, ".png"))
-        return save_png(path, pix, w, h, nch, gamma, d);
+        return save_png(path, pix, w, h, nch, d);
     return pvx_fail(d, PVX_EUNSUP, "%s: images are written as .png or .npy", path);
 }
 
@@ -195,8 +191,6 @@ pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
 struct cap_apng {
     struct cap_cv_apng *cv;
     char *path;
-    size_t n;       /* samples of a picture */
-    uint8_t *bytes; /* [n] */
 };
 
 pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps, cap_apng **out,
@@ -210,13 +204,10 @@ pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
     cap_apng *a = pvx_calloc(1, sizeof *a);
     if (a == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the animation", path);
-    a->n = (size_t)w * (size_t)h * (size_t)nch;
     a->path = strdup(path);
-    a->bytes = pvx_calloc(a->n, 1);
     char err[256] = "out of memory";
-    int e = a->path == NULL || a->bytes == NULL
-                ? PVX_ENOMEM
-                : module.cv->apng->begin(w, h, nch, fps, &a->cv, err, sizeof err);
+    int e = a->path == NULL ? PVX_ENOMEM
+                            : module.cv->apng->begin(w, h, nch, fps, &a->cv, err, sizeof err);
     if (e != 0) {
         cap_apng_drop(&a);
         return module_error(e, path, err, d);
@@ -225,12 +216,10 @@ pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
     return PVX_OK;
 }
 
-pvx_err cap_apng_add(cap_apng *a, const float *pix, double gamma, struct pvx_diag *d)
+pvx_err cap_apng_add(cap_apng *a, const uint8_t *samples, struct pvx_diag *d)
 {
     char err[256] = "";
-    for (size_t i = 0; i < a->n; i++)
-        a->bytes[i] = to_byte(pix[i], gamma);
-    int e = module.cv->apng->add(a->cv, a->bytes, err, sizeof err);
+    int e = module.cv->apng->add(a->cv, samples, err, sizeof err);
     return e == 0 ? PVX_OK : module_error(e, a->path, err, d);
 }
 
@@ -255,7 +244,6 @@ void cap_apng_drop(cap_apng **a)
     if ((*a)->cv != NULL)
         module.cv->apng->drop((*a)->cv);
     free((*a)->path);
-    free((*a)->bytes);
     PVX_FREE(*a);
 }
 

@@ -19,23 +19,22 @@ struct cap_loaded {
 PVX_MUST_CHECK pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d);
 void cap_loaded_free(struct cap_loaded *l);
 
-/* .png (8-bit, values clipped to 0..1, optional gamma for looking at: 1 = linear) or .npy float32. */
+/* .png (8-bit, linear, values clipped to 0..1) or .npy float32. */
 PVX_MUST_CHECK pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
-                                      int nch, double gamma, struct pvx_diag *d);
+                                      int nch, struct pvx_diag *d);
 
 /* Samples as they are, without loss: 8 or 16 bits (uint8_t, uint16_t), 1 channel or RGB, tightly packed, to
  * .png; atomic write. */
 PVX_MUST_CHECK pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_t h,
                                        int nch, int depth, struct pvx_diag *d);
 
-/* Pictures of one size into one animated PNG (browsers show it; it goes round for ever), as cap_image_save:
- * clipped to 0..1, with gamma.  fps 1..100.  It is kept in memory, at most 2 GB, and written whole by
- * cap_apng_end, which frees it also when that fails; atomic write.  Errors name the file. */
+/* Pictures of one size and 8 bits into one animated PNG (browsers show it; it goes round for ever).  fps
+ * 1..100.  It is kept in memory, at most 2 GB, and written whole by cap_apng_end, which frees it also when
+ * that fails; atomic write.  Errors name the file. */
 typedef struct cap_apng cap_apng;
 PVX_MUST_CHECK pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
                                       cap_apng **out, struct pvx_diag *d);
-PVX_MUST_CHECK pvx_err cap_apng_add(cap_apng *a, const float *pix, double gamma,
-                                    struct pvx_diag *d);
+PVX_MUST_CHECK pvx_err cap_apng_add(cap_apng *a, const uint8_t *samples, struct pvx_diag *d);
 PVX_MUST_CHECK pvx_err cap_apng_end(cap_apng **a, struct pvx_diag *d);
 void cap_apng_drop(cap_apng **a); /* without a file */
 

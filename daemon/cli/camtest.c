@@ -9,6 +9,7 @@
 #include "capture/files/imgio.h"
 #include "capture/pixel/jpeg.h"
 #include "capture/pixel/pixfmt.h"
+#include "daemon/cli/look.h"
 
 #define OPEN_NS (10 * PVX_NS_PER_S) /* patience with cameras that do not open */
 #define SAID_NS (2 * PVX_NS_PER_S)  /* and have said why */
@@ -315,7 +316,7 @@ static pvx_err save(const struct cap_image *raw, const char *path, struct pvx_di
     for (size_t i = 0; e == PVX_OK && nch == 3 && i < pixels; i++) /* four floats to three */
         memmove(pix + 3 * i, pix + 4 * i, 3 * sizeof *pix);
     if (e == PVX_OK)
-        e = cap_image_save(path, pix, img.width, img.height, nch, 2.2, d);
+        e = look_save(&look_defaults, path, pix, img.width, img.height, nch, d);
     free(pix);
     cap_jpeg_free(&jpeg);
     return e;

@@ -120,18 +120,20 @@ static pvx_err render_one(const struct render_options *o, const struct rec_camer
         e = room != NULL ? rec_room_render(room, c, o->sub, image)
                          : rec_render(g, dense, nch, c, o->sub, pool, image);
     rec_room_free(&room);
-    double factor = o->exposure;
+    struct look look = o->look;
     bool png = ends_in(o->out, ".png");
-    if (e == PVX_OK && png && factor == 0 && o->room)
-        e = dmn_room_exposure(g, dense, nch, pool, &factor);
-    if (e == PVX_OK && png && factor == 0)
-        e = dmn_auto_exposure(image, n, &factor);
-    for (size_t i = 0; i < n && png && factor > 0; i++)
-        image[i] *= (float)factor;
-    if (e == PVX_OK)
-        e = cap_image_save(o->out, image, c->width, c->height, nch, o->gamma, d);
-    else
+    if (e == PVX_OK && png && look.exposure == 0 && o->room)
+        e = dmn_room_exposure(g, dense, nch, pool, &look.exposure);
+    if (e == PVX_OK && png && look.exposure == 0) {
+        e = dmn_auto_exposure(image, n, &look.exposure);
+        look.exposure *= look_headroom(&look);
+    }
+    if (e != PVX_OK)
         pvx_fail(d, e, "%s: %s", o->out, pvx_strerror(e));
+    else if (png)
+        e = look_save(&look, o->out, image, c->width, c->height, nch, d);
+    else
+        e = cap_image_save(o->out, image, c->width, c->height, nch, d);
     free(image);
     return e;
 }
@@ -161,8 +163,7 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
                                      .height = o->height,
                                      .elevation_deg = o->elevation_deg,
                                      .sub = o->sub,
-                                     .exposure = ends_in(o->out, ".png") ? o->exposure : 1,
-                                     .gamma = o->gamma,
+                                     .look = o->look,
                                      .room = o->room};
         e = dmn_strip_save(&g, dense, nch, &p, pool, o->out, d);
     }
@@ -176,22 +177,22 @@ static pvx_err render(const struct render_options *o, const struct rec_rig *rig,
     const struct rec_camera *camera;
     PVX_TRY(find_camera(o, rig, &camera, d));
     bool file = ends_in(o->out, ".png") || ends_in(o->out, ".npy");
-    bool many = s->n != 1 || o->from == RENDER_ORBIT;
+    bool many = s->n != 1 || o->from == RENDER_ORBIT || o->from == RENDER_PATH;
     if (o->from == RENDER_STRIP && s->n > 1)
         return pvx_fail(d, PVX_EINVAL,
                         "--strip shows one volume, %s has %zu; --orbit N steps "
                         "through them",
                         o->source[0], s->n);
-    if (o->from == RENDER_STRIP && o->apng)
+    if (o->from == RENDER_STRIP && o->film)
         return pvx_fail(d, PVX_EINVAL,
                         "%s: --strip is one picture, a .png; --orbit N is an animation", o->out);
     if (many && file && !is_folder(o->out))
         return pvx_fail(
             d, PVX_EINVAL,
-            "%s: these are several pictures: name a folder or an .apng, or for one view "
+            "%s: these are several pictures: name a folder, an .apng or a video, or for one view "
             "of one volume a .npy and --camera, --eye or --angle",
             o->out);
-    if (many || o->apng || (is_folder(o->out) && o->from != RENDER_STRIP))
+    if (many || o->film || (is_folder(o->out) && o->from != RENDER_STRIP))
         return render_movie(o, rig, camera, s->path, s->n, pool, d);
     return single(o, rig, camera, s->path[0], pool, d);
 }

@@ -111,7 +111,7 @@ static pvx_err figure3(struct experiment *x, double *v, struct pvx_diag *d)
     pvx_err e = solve_hulls(x, &h, v, d);
     if (e == PVX_OK) /* the same for both */
         e = dmn_flame_exposure(&h.with.S->grid, h.dense[0], h.with.nch, s.elevation_deg, x->pool,
-                               &s.exposure);
+                               &s.look.exposure);
     path_of(x, "fig3-without.png", path, sizeof path);
     if (e == PVX_OK)
         e = dmn_strip_save(&h.with.S->grid, h.dense[1], h.with.nch, &s, x->pool, path, d);
@@ -221,7 +221,6 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
     enum { TALL = 320 /* pixels, at least */ };
     size_t row0 = l->S->row0[x->unused], wide = (size_t)l->S->block[x->unused].bw;
     struct experiment_error err;
-    double exposure;
     char path[4300];
     experiment_lab_compare(l, x->unused, &err);
     struct crop at = crop_of(l, x->unused);
@@ -235,13 +234,12 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a picture");
     for (size_t y = 0; y < at.h * big; y++)
         three(l, row0 + (at.y0 + y / big) * wide + at.x0, at.w, big, pix + y * row);
-    pvx_err e = dmn_auto_exposure(pix, n, &exposure);
-    for (size_t i = 0; i < n; i++)
-        pix[i] *= (float)exposure;
+    struct look look = look_defaults;
+    pvx_err e = dmn_auto_exposure(pix, n, &look.exposure);
     path_of(x, "fig7.png", path, sizeof path);
     if (e == PVX_OK)
-        e = cap_image_save(path, pix, (int32_t)(3 * at.w * big), (int32_t)(at.h * big), l->nch, 2.2,
-                           d);
+        e = look_save(&look, path, pix, (int32_t)(3 * at.w * big), (int32_t)(at.h * big), l->nch,
+                      d);
     free(pix);
     return e;
 }

@@ -409,7 +409,7 @@ pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *prese
     float most = brightest(h, f, present);
     for (size_t c = 0; c < h->rig->n_cameras; c++)
         draw_camera(h, &p, f, c, present[c], most);
-    e = cap_image_save(path, p.pix, p.w, p.h, 3, 1, d);
+    e = cap_image_save(path, p.pix, p.w, p.h, 3, d);
     paint_fini(&p);
     return e;
 }

@@ -3,6 +3,7 @@
 #define RENDER_OPTIONS_H
 #include <stdbool.h>
 #include <stdint.h>
+#include "daemon/cli/look.h"
 
 enum render_from {
     RENDER_NOTHING,
@@ -10,7 +11,8 @@ enum render_from {
     RENDER_EYE,
     RENDER_ANGLE,
     RENDER_STRIP,
-    RENDER_ORBIT
+    RENDER_ORBIT,
+    RENDER_PATH
 };
 
 struct render_options {
@@ -21,21 +23,22 @@ struct render_options {
     bool target_given;                        /* else the middle of the volume */
     double deg0, deg1;                        /* RENDER_ANGLE, RENDER_STRIP */
     int views;                                /* RENDER_STRIP, RENDER_ORBIT */
+    int rounds;                               /* RENDER_ORBIT; 0: until every volume was shown */
+    const char *path;                         /* RENDER_PATH: key frames */
     double elevation_deg;                     /* turntable */
     bool room;                                /* the flame lights a room, and is hidden in it */
     int32_t width, height;                    /* 0 = not given */
     int sub;                                  /* rays per pixel side */
-    int fps;                                  /* of an .apng */
-    double exposure;                          /* factor; 0 = auto, < 0 = not given */
-    double gamma;                             /* < 0 = not given */
-    bool png, npy;                            /* in a folder */
-    bool anew;                                /* trace every picture's rays anew */
+    int fps;                                  /* of a film */
+    struct look look;
+    bool png, npy; /* in a folder */
+    bool anew;     /* trace every picture's rays anew */
     bool quiet;
     unsigned threads;
     char **source; /* volumes and folders of volumes */
     int n_sources;
     const char *out; /* file or folder */
-    bool apng;       /* an animation in one file */
+    bool film;       /* an animation in one file */
 };
 
 /* Exits on wrong usage and on --help.  Borrows argv. */

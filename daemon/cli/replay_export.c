@@ -71,7 +71,7 @@ static pvx_err write_float(struct export *x, const struct cap_image *img, const 
     for (size_t i = 0; i < n && nch == 3; i++)
         memmove(&x->values[3 * i], &x->values[4 * i], 3 * sizeof *x->values);
     snprintf(path, sizeof path, "%s.npy", stem);
-    return cap_image_save(path, x->values, img->width, img->height, nch, 1, d);
+    return cap_image_save(path, x->values, img->width, img->height, nch, d);
 }
 
 static pvx_err write_samples(struct export *x, const struct cap_image *img, const char *stem,

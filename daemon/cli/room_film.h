@@ -6,15 +6,15 @@
  *     e = dmn_room_film_save(&grid, dense, nch, &p, pool, "DIR/room.apng", d); */
 #ifndef DMN_ROOM_FILM_H
 #define DMN_ROOM_FILM_H
+#include "daemon/cli/look.h"
 #include "recon/matrix/sysmat.h"
 
 struct dmn_room_film {
     int views;             /* 1..100000, from 0 degrees (the pillar in front) by +y */
     int32_t width, height; /* px */
     double elevation_deg;
-    int sub;         /* rays per pixel side */
-    double exposure; /* factor; 0 = dmn_room_exposure */
-    double gamma;
+    int sub;                  /* rays per pixel side */
+    struct look look;         /* automatic: dmn_room_exposure */
     int fps;                  /* 1..100 */
     rec_progress_fn progress; /* NULL: none; false from it stops after that view */
     void *ctx;

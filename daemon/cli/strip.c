@@ -17,8 +17,7 @@ const struct dmn_strip_params dmn_strip_defaults = {.deg0 = 0,
                                                     .height = 320,
                                                     .elevation_deg = 5,
                                                     .sub = 2,
-                                                    .exposure = 0,
-                                                    .gamma = 2.2};
+                                                    .look = {.gamma = 2.2, .depth = 8}};
 
 struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nch)
 {
@@ -142,18 +141,16 @@ static pvx_err draw_view(const struct strip *s, int v, float *view)
     return rec_render(s->g, s->dense, s->nch, &c, p->sub, s->pool, view);
 }
 
-/* Factor on the values of a strip of n. */
-static pvx_err expose(const struct strip *s, const float *strip, size_t n, double *factor)
+/* Exposure of a strip of n. */
+static pvx_err expose(const struct strip *s, const float *strip, size_t n, struct look *look)
 {
-    *factor = s->p->exposure;
-    pvx_err e = PVX_OK;
-    if (!(*factor > 0) && s->p->room)
-        e = dmn_room_exposure(s->g, s->dense, s->nch, s->pool, factor);
-    else if (!(*factor > 0))
-        e = dmn_auto_exposure(strip, n, factor);
-    if (!(*factor > 0))
-        *factor = 1;
-    return e;
+    if (look->exposure > 0)
+        return PVX_OK;
+    if (s->p->room)
+        return dmn_room_exposure(s->g, s->dense, s->nch, s->pool, &look->exposure);
+    PVX_TRY(dmn_auto_exposure(strip, n, &look->exposure));
+    look->exposure *= look_headroom(look);
+    return PVX_OK;
 }
 
 pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
@@ -177,15 +174,15 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
             memcpy(strip + (size_t)y * wide + (size_t)v * row, view + (size_t)y * row,
                    row * sizeof *view);
     }
-    double factor = 1;
-    if (e == PVX_OK)
-        e = expose(&s, strip, n, &factor);
-    for (size_t i = 0; i < n && e == PVX_OK; i++)
-        strip[i] *= (float)factor;
+    struct look look = p->look;
+    bool png = strlen(path) > 4 && strcmp(path + strlen(path) - 4, ".png") == 0;
+    if (e == PVX_OK && png)
+        e = expose(&s, strip, n, &look);
     if (e != PVX_OK)
         pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     else
-        e = cap_image_save(path, strip, p->width * p->views, p->height, nch, p->gamma, d);
+        e = png ? look_save(&look, path, strip, p->width * p->views, p->height, nch, d)
+                : cap_image_save(path, strip, p->width * p->views, p->height, nch, d);
     rec_room_free(&s.room);
     free(view);
     free(strip);

@@ -4,6 +4,7 @@
 #include <stdbool.h>
 #include "base/err.h"
 #include "base/pool.h"
+#include "daemon/cli/look.h"
 #include "recon/geom/grid.h"
 #include "recon/view/room.h"
 
@@ -12,15 +13,14 @@ struct dmn_strip_params {
     int views;             /* 1..64 */
     int32_t width, height; /* px of one view */
     double elevation_deg;
-    int sub;         /* rays per pixel side */
-    double exposure; /* factor; 0 = so that the 99.8th percentile of the lit pixels is 1 */
-    double gamma;    /* 2.2 for looking at, 1 = linear (.png only) */
-    bool room;       /* in the virtual room that it lights (recon/view/room.h) */
+    int sub;          /* rays per pixel side */
+    struct look look; /* of a .png; automatic: the 99.8th percentile of the lit pixels is 1 */
+    bool room;        /* in the virtual room that it lights (recon/view/room.h) */
 };
 extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
 
 /* dense [nz][ny][nx][nch] on g; the camera frames what is lit (more than 2 % of the brightest
- * voxel), not the whole box.  path .png or .npy.  Errors: PVX_EINVAL, PVX_ENOMEM, the file's. */
+ * voxel), not the whole box.  path .png, or .npy: linear, as they are.  Errors: PVX_EINVAL, PVX_ENOMEM, the file's. */
 PVX_MUST_CHECK pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
                                       const struct dmn_strip_params *p, pvx_pool *pool,
                                       const char *path, struct pvx_diag *d);

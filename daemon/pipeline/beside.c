@@ -4,7 +4,6 @@
 #include <fcntl.h>
 #include <pthread.h>
 #include <signal.h>
-#include <spawn.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +15,7 @@
 #include "base/file.h"
 #include "base/log.h"
 #include "base/mem.h"
+#include "base/spawn.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/pipeline/recording.h"
 
@@ -103,33 +103,6 @@ static pvx_err name_it(dmn_beside *b, char *path, size_t size, struct pvx_diag *
                          : pvx_fail(d, PVX_ERANGE, "record.volumes_path: '%s' is too long", path);
 }
 
-/* No signal is blocked or ignored there, no handle of ours is open, and a terminal's Ctrl-C, which ends the daemon,
- * leaves it to take what is published until then. */
-static int spawn(dmn_beside *b, const char *const argv[], int out, pid_t *pid)
-{
-    posix_spawn_file_actions_t files;
-    posix_spawnattr_t attr;
-    sigset_t none, all;
-    sigemptyset(&none);
-    sigfillset(&all);
-    posix_spawn_file_actions_init(&files);
-    lseek(b->config, 0, SEEK_SET);
-    posix_spawn_file_actions_adddup2(&files, b->config, 0);
-    posix_spawn_file_actions_adddup2(&files, out, 1);
-    posix_spawn_file_actions_adddup2(&files, out, 2);
-    posix_spawn_file_actions_addclosefrom_np(&files, 3);
-    posix_spawnattr_init(&attr);
-    posix_spawnattr_setsigmask(&attr, &none);
-    posix_spawnattr_setsigdefault(&attr, &all);
-    posix_spawnattr_setpgroup(&attr, 0);
-    posix_spawnattr_setflags(&attr, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF |
-                                        POSIX_SPAWN_SETPGROUP);
-    int err = posix_spawn(pid, b->program, &files, &attr, (char *const *)argv, environ);
-    posix_spawn_file_actions_destroy(&files);
-    posix_spawnattr_destroy(&attr);
-    return err;
-}
-
 /* *fd: what it says. */
 static pvx_err begin(dmn_beside *b, int *fd, struct pvx_diag *d)
 {
@@ -143,7 +116,9 @@ static pvx_err begin(dmn_beside *b, int *fd, struct pvx_diag *d)
     const char *const argv[] = {b->program, "record", "--endpoint", b->endpoint,   "--format",
                                 b->format,  "--out",  path,         "--keep-free", b->keep_free,
                                 "--daemon", parent,   NULL};
-    int err = spawn(b, argv, ends[1], &pid);
+    lseek(b->config, 0, SEEK_SET);
+    int err = pvx_spawn(argv, b->config, ends[1],
+                        &pid); /* Ctrl-C ends the daemon; it takes what is published until then */
     close(ends[1]);
     if (err != 0) {
         close(ends[0]);

@@ -51,7 +51,7 @@ static void record(const char *dir, const struct scene *s)
             for (size_t k = 0; k < n; k++)
                 px[k] = s->image[c][k] + (float)(0.01 * s->peak * bench_normal());
             snprintf(path, sizeof path, "%.900s/frames/%.64s/%06d.npy", dir, cam->name, i);
-            check(cap_image_save(path, px, cam->width, cam->height, s->nch, 1, &d), &d);
+            check(cap_image_save(path, px, cam->width, cam->height, s->nch, &d), &d);
         }
         free(px);
     }

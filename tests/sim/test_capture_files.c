@@ -23,7 +23,7 @@ static void write_image(int cam, int number, const char *ext, int32_t w)
     px[0] = (float)cam / 255;
     px[1] = (float)number / 255;
     struct pvx_diag d = {""};
-    pvx_err e = cap_image_save(path_of(cam, number, ext), px, w, H, 1, 1, &d);
+    pvx_err e = cap_image_save(path_of(cam, number, ext), px, w, H, 1, &d);
     T_CHECK_(e == PVX_OK, "%s", d.text);
 }
 
@@ -277,7 +277,7 @@ T_CASE(png_folder_and_bayer)
     begin();
     float px[W * H] = {0};
     struct pvx_diag d = {""};
-    if (cap_image_save(path_of(0, 0, "png"), px, W, H, 1, 1, &d) == PVX_EUNSUP) {
+    if (cap_image_save(path_of(0, 0, "png"), px, W, H, 1, &d) == PVX_EUNSUP) {
         scratch_remove();
         T_SKIP("the OpenCV module is not there");
     }

@@ -41,17 +41,17 @@ static void record(void)
         T_EQ_I(pvx_mkdirs(at("window/cam%d", c), &d), PVX_OK);
         for (int p = 0; p < POSES; p++) {
             shoot(&b, c, p, 1, level);
-            T_EQ_I(cap_image_save(at("take/cam%d/%06d.png", c, p), level, W, H, 1, 1, &d), PVX_OK);
+            T_EQ_I(cap_image_save(at("take/cam%d/%06d.png", c, p), level, W, H, 1, &d), PVX_OK);
             if (c == 1)
                 window(level, bent);
             T_EQ_I(cap_image_save(at("window/cam%d/%06d.png", c, p), c == 1 ? bent : level, W, H, 1,
-                                  1, &d),
+                                  &d),
                    PVX_OK);
         }
     }
     for (size_t i = 0; i < W * H; i++)
         level[i] = 0.02f;
-    T_EQ_I(cap_image_save(at("take/cam0/%06d.png", POSES), level, W, H, 1, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("take/cam0/%06d.png", POSES), level, W, H, 1, &d), PVX_OK);
     T_EQ_I(pvx_file_write(at("take/cam0/%06d.png", POSES + 1), "\211PNG\r\n\032\n", 8, &d), PVX_OK);
     T_EQ_S(d.text, "");
 }

@@ -19,7 +19,7 @@ static float level[4 * W * H], other[W * H];
 static void save(int camera, int pose, const float *pixels, int w, int h)
 {
     struct pvx_diag d = {""};
-    pvx_err e = cap_image_save(at("mixed/cam%d/%06d.png", camera, pose), pixels, w, h, 1, 1, &d);
+    pvx_err e = cap_image_save(at("mixed/cam%d/%06d.png", camera, pose), pixels, w, h, 1, &d);
     T_CHECK_(e == PVX_OK, "%s", d.text);
 }
 

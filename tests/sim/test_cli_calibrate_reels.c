@@ -278,11 +278,11 @@ T_CASE(broken_pictures)
     put("bad/cam0/000000.png", "", 0);
     put("bad/cam0/\x1b[J\n000001.png", "\211PNG\r\n\032\n", 8);
     T_CONTAINS(refused("bad"), "cam0: none of its 2 pictures can be read: bad/cam0/000000.png: ");
-    T_EQ_I(cap_image_save(at("bad/cam0/000002.npy"), nan, W, H, 1, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("bad/cam0/000002.npy"), nan, W, H, 1, &d), PVX_OK);
     T_CONTAINS(refused("bad"), "cam0: the board is in none of 3 pictures");
     T_CONTAINS(slurp("x.html"), "?[J?000001.png");
     T_OK(strchr(slurp("out.txt"), '\x1b') == NULL);
-    T_EQ_I(cap_image_save(at("bad/cam0/000003.npy"), nan, W, H - 2, 1, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("bad/cam0/000003.npy"), nan, W, H - 2, 1, &d), PVX_OK);
     T_CONTAINS(refused("bad"), "bad/cam0/000003.npy: 320 x 238 pixels, but other pictures of cam0");
     T_CONTAINS(refused("bad --every 2"), "--every is for videos and takes");
     put("bad/cam1.mp4", "", 0);

@@ -24,7 +24,7 @@ static void record_board(void)
         T_EQ_I(pvx_mkdirs(at("take/cam%d", c), &d), PVX_OK);
         for (int p = 0; p < POSES; p++) {
             shoot(&b, c, p, 1, level);
-            T_EQ_I(cap_image_save(at("take/cam%d/%06d.png", c, p), level, W, H, 1, 1, &d), PVX_OK);
+            T_EQ_I(cap_image_save(at("take/cam%d/%06d.png", c, p), level, W, H, 1, &d), PVX_OK);
         }
     }
     T_EQ_S(d.text, "");
@@ -41,7 +41,7 @@ static void record_flame(const char *name, const struct rec_rig *rig, bool still
         T_EQ_I(pvx_mkdirs(at("%s/cam%zu", name, c), &d), PVX_OK);
         for (size_t i = 0; i < SETS; i++)
             T_EQ_I(cap_image_save(at("%s/cam%zu/%06zu.npy", name, c, i),
-                                  f.picture[still ? 0 : i][c], W, H, 1, 1, &d),
+                                  f.picture[still ? 0 : i][c], W, H, 1, &d),
                    PVX_OK);
     }
     T_EQ_S(d.text, "");

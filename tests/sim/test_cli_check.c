@@ -24,7 +24,7 @@ static void record_some(const char *name, size_t first, size_t last, enum spoil 
         for (size_t i = 0; i < SETS; i++) {
             spoil_picture(&f, c >= first && c <= last ? what : SPOIL_NOTHING, i, c, t_normal, out);
             T_EQ_I(cap_image_save(at("%s/%s/%06zu.npy", name, f.rig.cameras[c].name, i), out, f.w,
-                                  f.h, 1, 1, &d),
+                                  f.h, 1, &d),
                    PVX_OK);
         }
     }

@@ -41,7 +41,7 @@ static void record(const char *name, const char *ext)
             image_of(c, f, img);
             for (int i = 0; i < W * H * 3; i++)
                 img[i] += 0.008f * (float)t_normal();
-            T_EQ_I(cap_image_save(at("%s/cam%zu/%06d.%s", name, c, f, ext), img, W, H, 3, 1, &d),
+            T_EQ_I(cap_image_save(at("%s/cam%zu/%06d.%s", name, c, f, ext), img, W, H, 3, &d),
                    PVX_OK);
             T_EQ_S(d.text, "");
         }
@@ -172,7 +172,7 @@ T_CASE(bad_and_missing_frames)
     record("png", "png");
     T_EQ_I(unlink(at("png/cam3/000001.png")), 0);
     float small[8 * 6 * 3] = {0};
-    T_EQ_I(cap_image_save(at("png/cam4/000002.png"), small, 8, 6, 3, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("png/cam4/000002.png"), small, 8, 6, 3, &d), PVX_OK);
     T_EQ_I(pvx_file_write(at("png/cam5/000002.png"), "hello", 5, &d), PVX_OK);
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames png " EIGHT
                    " --out vol8 --save-report r8.json"),
@@ -199,7 +199,7 @@ T_CASE(a_camera_that_lies_is_left_out)
     float *black = calloc(W * H * 3, sizeof *black);
     struct pvx_diag d = {""};
     record("capped", "npy");
-    T_EQ_I(cap_image_save(at("capped/cam3/000001.npy"), black, W, H, 3, 1, &d), PVX_OK);
+    T_EQ_I(cap_image_save(at("capped/cam3/000001.npy"), black, W, H, 3, &d), PVX_OK);
     free(black);
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
                    " --out believed --save-report vote.json"),
@@ -645,10 +645,10 @@ T_CASE(grey_and_background)
         for (int i = 0; i < W * H * 3; i++)
             img[i] += 0.3f;
         T_EQ_I(pvx_mkdirs(at("lamp/cam%d", c), &d), PVX_OK);
-        T_EQ_I(cap_image_save(at("lamp/cam%d/000000.npy", c), img, W, H, 3, 1, &d), PVX_OK);
+        T_EQ_I(cap_image_save(at("lamp/cam%d/000000.npy", c), img, W, H, 3, &d), PVX_OK);
         for (int i = 0; i < W * H * 3; i++)
             img[i] = 0.3f;
-        T_EQ_I(cap_image_save(at("bg/cam%d.npy", c), img, W, H, 3, 1, &d), PVX_OK);
+        T_EQ_I(cap_image_save(at("bg/cam%d.npy", c), img, W, H, 3, &d), PVX_OK);
     }
     free(img);
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames lamp " EIGHT

@@ -1,0 +1,52 @@
+/* key_frames.h - a camera's way past a flame, from a file of key frames.
+ *
+ *     version: 1
+ *     keys:
+ *       - { t: 0, eye: [2, -1, 0.8] }                                  # seconds, metres
+ *       - { t: 3, eye: [0, -2, 1.5], look_at: [0, 0, 0.4], fov: 25 }   # degrees, top to bottom
+ *       - { t: 5, camera: cam3 }                                       # where that of the rig stands
+ *
+ * t rises; look_at, up and fov are those of the options where a key has none.  A rig's camera gives eye,
+ * look_at (as deep as the middle of the volume), up and fov; its lens and the middle of its picture it does not.
+ * Between keys eye, look_at, up and log fov are cubics through them, slopes those of the parabola through a
+ * key and its neighbours (C. Bessel's; at the ends the chord's): no jump in speed, and in a straight line
+ * at one speed where the keys are.
+ * Threads: pure after loading. */
+#ifndef KEY_FRAMES_H
+#define KEY_FRAMES_H
+#include <stddef.h>
+#include "base/err.h"
+#include "recon/geom/rig.h"
+
+#define KEY_FRAMES_MAX   10000
+#define KEY_PICTURES_MAX 1000000 /* of a film */
+
+struct key_frame {
+    double t, eye[3], look_at[3], up[3], fov_deg;
+};
+
+struct key_frames {
+    size_t n; /* 2..KEY_FRAMES_MAX */
+    struct key_frame *key;
+};
+
+/* `base`: what a key does not say (its look_at is the middle of the volume, or --look-at); rig: for `camera`,
+ * may be NULL.  Errors: PVX_EFORMAT, PVX_ENOENT, PVX_ENOMEM with file, line and key; then *out is empty.
+ * Owner: caller, until key_frames_fini. */
+PVX_MUST_CHECK pvx_err key_frames_load(const char *path, const struct key_frame *base,
+                                       const struct rec_rig *rig, struct key_frames *out,
+                                       struct pvx_diag *d);
+/* The same from memory (fuzzed). */
+PVX_MUST_CHECK pvx_err key_frames_parse(const char *text, size_t len, const char *name,
+                                        const struct key_frame *base, const struct rec_rig *rig,
+                                        struct key_frames *out, struct pvx_diag *d);
+void key_frames_fini(struct key_frames *k);
+
+/* Pictures from the first key to the last, both shown where fps (1..100) hits them. */
+size_t key_frames_pictures(const struct key_frames *k, int fps);
+
+/* The camera of picture i.  PVX_EINVAL: it stands in what it looks at, or looks along `up`; says when. */
+PVX_MUST_CHECK pvx_err key_frames_camera(const struct key_frames *k, size_t i, int fps, int32_t w,
+                                         int32_t h, struct rec_camera *out, struct pvx_diag *d);
+
+#endif

@@ -1,0 +1,297 @@
+/* test_film.c - what linear values look like, pictures into one file, a camera's way along key frames. */
+#include "tests/t.h"
+
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "capture/files/imgio.h"
+#include "daemon/cli/ffmpeg.h"
+#include "daemon/cli/film.h"
+#include "daemon/cli/key_frames.h"
+#include "tests/lib/plugins.h"
+#include "tests/lib/scratch.h"
+
+static const float nan_inf[3] = {NAN, INFINITY, -INFINITY};
+
+/* (1) of look.h, its formulas once more. */
+T_CASE(tones)
+{
+    float pix[300];
+    for (int i = 0; i < 300; i++)
+        pix[i] = (float)(0.00002 * pow(1.06, i)); /* to 740 */
+    for (int tone = LOOK_CLIP; tone <= LOOK_FILMIC; tone++)
+        for (int depth = 8; depth <= 16; depth += 8) {
+            struct look l = {
+                .exposure = 2, .gamma = 2.2, .tone = (enum look_tone)tone, .depth = depth};
+            uint16_t wide[300];
+            look_samples(&l, pix, 100, 3, wide);
+            for (int i = 0; i < 300; i++) {
+                int at = i / 3 * 3;
+                double v = 2 * (double)pix[i];
+                double L = 2 * (0.2126 * (double)pix[at] + 0.7152 * (double)pix[at + 1] +
+                                0.0722 * (double)pix[at + 2]);
+                double x = tone == LOOK_CLIP ? v
+                           : tone == LOOK_REINHARD
+                               ? v / L * (L * (1 + L / 16) / (1 + L))
+                               : (2.51 * v * v + 0.03 * v) / (2.43 * v * v + 0.59 * v + 0.14);
+                double want = ((1 << depth) - 1) * pow(fmin(x, 1), 1 / 2.2);
+                double got = depth == 16 ? wide[i] : ((const uint8_t *)wide)[i];
+                T_NEAR(got, want, 0.50001);
+                T_OK(i < 3 || got >= (depth == 16 ? wide[i - 3] : ((const uint8_t *)wide)[i - 3]));
+            }
+            look_samples(&l, nan_inf, 1, 3, wide);
+            const uint8_t *b = (const uint8_t *)wide;
+            T_OK(depth == 16 ? wide[0] == 0 && wide[2] == 0 : b[0] == 0 && b[2] == 0);
+        }
+    uint8_t one;
+    float grey = 0.25f;
+    look_samples(&(struct look){.exposure = 0, .gamma = 1, .depth = 8}, &grey, 1, 1, &one);
+    T_EQ_I(one, 64);
+}
+
+T_CASE(sixteen_bits_in_a_file)
+{
+    struct pvx_diag d = {""};
+    struct look l = {.exposure = 1, .gamma = 1, .depth = 16};
+    float pix[12];
+    for (int i = 0; i < 12; i++)
+        pix[i] = (float)(i * 1000 + 1) / 65535;
+    T_EQ_I(look_save(&l, at("deep.png"), pix, 2, 2, 3, &d), PVX_OK);
+    struct cap_loaded got;
+    T_EQ_I(cap_image_load(at("deep.png"), &got, &d), PVX_OK);
+    T_EQ_I(got.img.fmt, CAP_RGB16);
+    for (int i = 0; i < 12; i++)
+        T_EQ_I(((const uint16_t *)got.img.data)[i], i * 1000 + 1);
+    cap_loaded_free(&got);
+}
+
+enum { W = 37, H = 22, N = 6 }; /* odd: a video is a pixel wider */
+
+static void picture(int k, int nch, float *pix)
+{
+    for (int i = 0; i < W * H; i++)
+        for (int c = 0; c < nch; c++)
+            pix[i * nch + c] = 0.02f * (float)(i % W) + 0.1f * (float)((k + c) % N);
+}
+
+static void film_of(const char *path, int nch, struct pvx_diag *d)
+{
+    struct film *f;
+    float pix[W * H * 3];
+    T_EQ_I(film_new(path, 10, &(struct look){.exposure = 1, .gamma = 1, .depth = 8}, &f, d),
+           PVX_OK);
+    for (int k = 0; k < N; k++) {
+        picture(k, nch, pix);
+        T_EQ_I(film_add(f, pix, W, H, nch, d), PVX_OK);
+    }
+    T_EQ_I(film_add(f, pix, W - 1, H, nch, d), PVX_EFORMAT);
+    T_OK(access(path, F_OK) != 0); /* whole or not at all */
+    T_EQ_I(film_end(&f, d), PVX_OK);
+    T_OK(f == NULL);
+}
+
+/* Every kind of film holds its pictures in order, in the colours that they had. */
+T_CASE(pictures_in_one_file)
+{
+    static const char *const names[] = {"f.apng", "f.mp4", "f.mov", "f.mkv", "f.webm"};
+    struct pvx_diag d = {""};
+    T_EQ_I(film_kind("x.png"), FILM_NONE);
+    for (int q = 0; q < 5; q++)
+        for (int nch = 1; nch <= 3; nch += 2) {
+            film_of(at("%s", names[q]), nch, &d);
+            cap_video *v;
+            struct cap_image img;
+            double fps, far = 0;
+            float pix[W * H * 3];
+            T_EQ_I(cap_video_open(at("%s", names[q]), &v, &fps, &d), PVX_OK);
+            T_NEAR(fps, 10, 0.01);
+            for (int k = 0; k < N; k++) {
+                picture(k, nch, pix);
+                T_EQ_I(cap_video_next(v, &img, &d), PVX_OK);
+                T_OK(img.width >= W && img.width <= W + 1 && img.height == H);
+                for (int y = 0; y < H; y++)
+                    for (int x = 0; x < 3 * W; x++) {
+                        int own = nch == 3 ? x : x / 3;
+                        far += fabs(fmin(255, 255 * pix[y * W * nch + own]) -
+                                    ((const uint8_t *)img.data)[y * img.width * 3 + x]);
+                    }
+            }
+            T_LE(far / (N * W * H * 3), q == 0 ? 0.5 : 4); /* a neighbouring picture is 17 away */
+            T_EQ_I(cap_video_next(v, &img, &d), PVX_ECLOSED);
+            cap_video_close(&v);
+            T_EQ_I(unlink(at("%s", names[q])), 0);
+        }
+}
+
+/* No ffmpeg, none that works, a folder that is not there: a line, and nothing left behind. */
+T_CASE(videos_that_fail)
+{
+    struct pvx_diag d = {""};
+    struct film *f;
+    float pix[W * H * 3] = {0};
+    const char *had = getenv("PATH");
+    char *path = strdup(had != NULL ? had : "/usr/bin:/bin");
+    T_EQ_I(film_new("f.avi", 10, &look_defaults, &f, &d), PVX_EINVAL);
+    d.text[0] = '\0';
+    T_EQ_I(film_new(at("none/f.mp4"), 10, &look_defaults, &f, &d), PVX_OK);
+    pvx_err e = PVX_OK;
+    for (int k = 0; k < 1000 && e == PVX_OK; k++)
+        e = film_add(f, pix, W, H, 3, &d);
+    pvx_err last = film_end(&f, &d);
+    T_OK(e != PVX_OK || last != PVX_OK);
+    T_CONTAINS(d.text, "none/f.mp4: ffmpeg");
+    T_EQ_I(setenv("PATH", at("."), 1), 0);
+    d.text[0] = '\0';
+    T_EQ_I(film_new(at("f.mp4"), 10, &look_defaults, &f, &d), PVX_OK);
+    T_EQ_I(film_add(f, pix, W, H, 3, &d), PVX_ENOENT);
+    T_CONTAINS(d.text, "apt install ffmpeg");
+    T_EQ_I(film_end(&f, &d), PVX_OK); /* it had not begun */
+    static const char fake[] = "#!/bin/sh\necho 'no disk today' >&2\nexit 3\n";
+    T_EQ_I(pvx_file_write(at("ffmpeg"), fake, sizeof fake - 1, &d), PVX_OK);
+    T_EQ_I(chmod(at("ffmpeg"), 0755), 0);
+    d.text[0] = '\0';
+    T_EQ_I(film_new(at("f.mp4"), 10, &look_defaults, &f, &d), PVX_OK);
+    e = PVX_OK;
+    for (int k = 0; k < 1000 && e == PVX_OK; k++)
+        e = film_add(f, pix, W, H, 3, &d);
+    last = film_end(&f, &d);
+    T_OK(e != PVX_OK || last != PVX_OK);
+    T_CONTAINS(d.text, "f.mp4: ffmpeg");
+    T_OK(access(at("f.mp4"), F_OK) != 0);
+    T_EQ_I(setenv("PATH", path, 1), 0);
+    free(path);
+    T_EQ_I(film_new(at("f.mp4"), 10, &look_defaults, &f, &d), PVX_OK); /* dropped: nothing */
+    T_EQ_I(film_add(f, pix, W, H, 3, &d), PVX_OK);
+    film_drop(&f);
+    T_OK(access(at("f.mp4"), F_OK) != 0);
+}
+
+/* ---- key frames ---- */
+
+static const struct key_frame base = {.look_at = {0, 0, 0.5}, .up = {0, 0, 1}, .fov_deg = 40};
+
+static void eye_of(const struct rec_camera *c, double eye[3])
+{
+    for (int a = 0; a < 3; a++)
+        eye[a] = -(c->R[a] * c->t[0] + c->R[3 + a] * c->t[1] + c->R[6 + a] * c->t[2]);
+}
+
+static pvx_err keys(const char *text, const struct rec_rig *rig, struct key_frames *k,
+                    struct pvx_diag *d)
+{
+    d->text[0] = '\0';
+    return key_frames_parse(text, strlen(text), "way.yaml", &base, rig, k, d);
+}
+
+/* It stands in its keys when they are due; a straight even way is straight and even between them. */
+T_CASE(a_way_along_keys)
+{
+    struct pvx_diag d = {""};
+    struct key_frames k;
+    struct rec_camera c;
+    double eye[3];
+    T_EQ_I(keys("version: 1\nkeys:\n- {t: 1, eye: [2, 0, 1]}\n- {t: 2, eye: [2, 2, 1], fov: 20}\n"
+                "- {t: 5, eye: [2, 8, 1], look_at: [0, 8, 1]}\n",
+                NULL, &k, &d),
+           PVX_OK);
+    T_EQ_I(key_frames_pictures(&k, 10), 41);
+    for (size_t i = 0; i <= 40; i++) {
+        T_EQ_I(key_frames_camera(&k, i, 10, 64, 48, &c, &d), PVX_OK);
+        eye_of(&c, eye);
+        T_NEAR(eye[0], 2, 1e-9);
+        T_NEAR(eye[1], 0.2 * (double)i, 1e-9);
+        T_NEAR(eye[2], 1, 1e-9);
+    }
+    T_NEAR(-c.R[6], 1, 1e-9); /* the last looks along -x */
+    T_NEAR(c.fy, 24 / tan(20 * 0.017453292519943295), 1e-9);
+    T_EQ_I(key_frames_camera(&k, 10, 10, 64, 48, &c, &d), PVX_OK);
+    T_NEAR(c.fy, 24 / tan(10 * 0.017453292519943295), 1e-9);
+    key_frames_fini(&k);
+    /* round a corner without a jump in speed */
+    T_EQ_I(
+        keys("version: 1\nkeys:\n- {t: 0, eye: [2, 0, 1]}\n- {t: 1, eye: [0, 2, 1]}\n- {t: 2, eye: "
+             "[-3, 0, 2]}\n",
+             NULL, &k, &d),
+        PVX_OK);
+    const double key[3] = {0, 2, 1};
+    double before[3], at_key[3], after[3];
+    T_EQ_I(key_frames_camera(&k, 99, 100, 64, 48, &c, &d), PVX_OK);
+    eye_of(&c, before);
+    T_EQ_I(key_frames_camera(&k, 100, 100, 64, 48, &c, &d), PVX_OK);
+    eye_of(&c, at_key);
+    T_EQ_I(key_frames_camera(&k, 101, 100, 64, 48, &c, &d), PVX_OK);
+    eye_of(&c, after);
+    for (int a = 0; a < 3; a++) {
+        T_NEAR(at_key[a], key[a], 1e-9);
+        T_NEAR(after[a] - at_key[a], at_key[a] - before[a], 2e-3); /* of 0.025 */
+    }
+    key_frames_fini(&k);
+}
+
+/* A key that is a camera of the rig stands and looks as that. */
+T_CASE(a_way_by_the_rig)
+{
+    struct pvx_diag d = {""};
+    struct key_frames k;
+    struct rec_rig rig;
+    struct rec_camera c;
+    T_EQ_I(rec_rig_ring(5, 2.2, 64, 48, 20, &rig), PVX_OK);
+    T_EQ_I(
+        keys("version: 1\nkeys:\n- {t: 0, camera: cam1}\n- {t: 2, camera: cam3}\n", &rig, &k, &d),
+        PVX_OK);
+    for (size_t i = 0; i < 2; i++) {
+        const struct rec_camera *want = &rig.cameras[1 + 2 * i];
+        T_EQ_I(key_frames_camera(&k, 2 * i, 1, 64, 48, &c, &d), PVX_OK);
+        for (int a = 0; a < 9; a++)
+            T_NEAR(c.R[a], want->R[a], 1e-9);
+        for (int a = 0; a < 3; a++)
+            T_NEAR(c.t[a], want->t[a], 1e-9);
+        T_NEAR(c.fy, want->fy, 1e-6);
+    }
+    key_frames_fini(&k);
+    T_EQ_I(
+        keys("version: 1\nkeys:\n- {t: 0, camera: cam1}\n- {t: 2, camera: cam9}\n", &rig, &k, &d),
+        PVX_ENOENT);
+    T_CONTAINS(d.text, "way.yaml:4: keys[1]: the rig has no camera 'cam9'");
+    rec_rig_fini(&rig);
+}
+
+T_CASE(ways_that_are_none)
+{
+    static const struct {
+        const char *text, *says;
+    } bad[] = {
+        {"", "should be a mapping"},
+        {"version: 2\nkeys: []", "version"},
+        {"version: 1", "keys: should be a list of 2"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}]", "2 to"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 0, eye: [2, 0, 0]}]", "t: 0 is no"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {eye: [2, 0, 0]}]", "keys[1].t"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1}]", "from where"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0]}]", "keys[1].eye"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, .nan]}]", "keys[1].eye"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, 9e9]}]", "keys[1].eye"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, 0], fov: 180}]", "fov"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 1, eye: [1, 0, 0], zoom: 2}]", "zoom"},
+        {"version: 1\nkeys: [{t: 0, camera: a}, {t: 1, eye: [1, 0, 0]}]", "add --rig"},
+        {"version: 1\nkeys: [{t: 0, eye: [1, 0, 0]}, {t: 99999, eye: [2, 0, 0]}]", "seconds"},
+    };
+    struct pvx_diag d = {""};
+    struct key_frames k;
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        T_OK(keys(bad[i].text, NULL, &k, &d) != PVX_OK);
+        T_CONTAINS(d.text, bad[i].says);
+        T_CONTAINS(d.text, "way.yaml:");
+        T_OK(k.key == NULL && k.n == 0);
+    }
+    struct rec_camera c;
+    T_EQ_I(keys("version: 1\nkeys: [{t: 0, eye: [1, 0, 0.5]}, {t: 2, eye: [-1, 0, 0.5]}]", NULL, &k,
+                &d),
+           PVX_OK);
+    T_EQ_I(key_frames_camera(&k, 1, 1, 64, 48, &c, &d), PVX_EINVAL); /* through what it looks at */
+    T_CONTAINS(d.text, "at 1.000 s");
+    key_frames_fini(&k);
+}
+
+T_MAIN((scratch_new(), plugins_of_this_build()), scratch_remove())
