@@ -14,19 +14,24 @@
 #include "daemon/view/bridge.h"
 
 struct args {
-    const char *file, *endpoint, *previews, *key, *listen, *cert, *cert_key, *token_file;
+    const char *file, *endpoint, *previews, *key, *control, *listen, *cert, *cert_key, *token_file;
     const char *host[VIEW_HOSTS_MAX];
     size_t n_hosts;
     bool open, quiet;
 };
 
-enum { OPT_PREVIEWS = 256, OPT_HOST, OPT_CERT, OPT_CERT_KEY, OPT_TOKEN };
+enum { OPT_PREVIEWS = 256, OPT_CONTROL, OPT_HOST, OPT_CERT, OPT_CERT_KEY, OPT_TOKEN };
 
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0, "The daemon's volumes (default: those of a local one)", 0},
     {"previews", OPT_PREVIEWS, "ENDPOINT", 0,
      "The daemon's previews (default: ENDPOINT.previews of an ipc one); \"\": none", 0},
     {"key", 'k', "FILE", 0, "A .key file of `pyrovox keygen`, for a daemon that asks for one", 0},
+    {"control", OPT_CONTROL, "ENDPOINT", OPTION_ARG_OPTIONAL,
+     "Pages may record volumes and take snapshots, by the daemon's control.endpoint (default: that "
+     "of a local one); "
+     "without it they only look",
+     0},
     {"open", 'o', NULL, 0, "Open the page in the desktop's browser", 0},
     {"listen", 'l', "ADDRESS:PORT", 0,
      "Where the page is (127.0.0.1:8737); another host's browser reaches it only with --cert", 1},
@@ -45,6 +50,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case 'e': a->endpoint = arg; return 0;
     case OPT_PREVIEWS: a->previews = arg; return 0;
     case 'k': a->key = arg; return 0;
+    case OPT_CONTROL: a->control = arg != NULL ? arg : dmn_client_endpoint(DMN_CONTROL); return 0;
     case 'o': a->open = true; return 0;
     case 'l': a->listen = arg; return 0;
     case OPT_CERT: a->cert = arg; return 0;
@@ -60,8 +66,9 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case ARGP_KEY_END:
         if ((a->cert == NULL) != (a->cert_key == NULL))
             argp_error(st, "--cert and --cert-key go together");
-        if (a->file != NULL && (a->endpoint != NULL || a->previews != NULL || a->key != NULL))
-            argp_error(st, "a recording has no --endpoint, --previews or --key");
+        if (a->file != NULL &&
+            (a->endpoint != NULL || a->previews != NULL || a->key != NULL || a->control != NULL))
+            argp_error(st, "a recording has no --endpoint, --previews, --key or --control");
         return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -170,15 +177,22 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
 {
     struct view_gate gate = {.tls = a->cert != NULL, .n_hosts = a->n_hosts};
     struct view_source source;
+    view_orders *orders = NULL;
     view_bridge *b;
     char at[300], url[400];
     memcpy(gate.host, a->host, sizeof gate.host);
     PVX_TRY(a->token_file != NULL ? view_gate_read_token(a->token_file, gate.token, d)
                                   : view_gate_make_token(gate.token, d));
-    PVX_TRY(open_source(a, &source, d));
+    if (a->control != NULL)
+        PVX_TRY(view_orders_new(a->control, a->key, &orders, d));
+    pvx_err e = open_source(a, &source, d);
+    if (e != PVX_OK) {
+        view_orders_free(&orders);
+        return e;
+    }
     const struct view_http_params p = {
         .gate = &gate, .listen = a->listen, .cert = a->cert, .key = a->cert_key};
-    PVX_TRY(view_bridge_new(&p, &source, &b, d));
+    PVX_TRY(view_bridge_new(&p, &source, orders, &b, d));
     address_of(a, b, at, sizeof at);
     snprintf(url, sizeof url, "%s://%s/#%s", gate.tls ? "https" : "http", at, gate.token);
     if (!a->quiet) {

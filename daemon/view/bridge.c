@@ -21,6 +21,7 @@ struct view_bridge {
     const struct view_gate *gate;
     view_http *http;
     struct view_source source;
+    view_orders *orders; /* NULL: none are taken */
     view_shelf *shelf;
     struct seat seat[VIEW_PAGES_MAX];
     struct view_bridge_stats stats;
@@ -56,11 +57,12 @@ static void upgraded(void *ctx, int fd, void *handle, const void *early, size_t 
 }
 
 pvx_err view_bridge_new(const struct view_http_params *p, const struct view_source *source,
-                        view_bridge **out, struct pvx_diag *d)
+                        view_orders *orders, view_bridge **out, struct pvx_diag *d)
 {
     struct view_bridge *b = *out = pvx_calloc(1, sizeof *b);
     if (b == NULL) {
         source->ops->free(source->self);
+        view_orders_free(&orders);
         return PVX_ENOMEM;
     }
     struct view_http_params mine = *p;
@@ -69,6 +71,7 @@ pvx_err view_bridge_new(const struct view_http_params *p, const struct view_sour
     mine.ctx = b;
     b->gate = p->gate;
     b->source = *source;
+    b->orders = orders;
     pvx_err e = view_shelf_new(&b->shelf);
     if (e == PVX_OK)
         e = view_http_new(&mine, &b->http, d);
@@ -113,6 +116,7 @@ void view_bridge_free(view_bridge **b)
     view_http_free(&(*b)->http);
     view_shelf_free(&(*b)->shelf);
     (*b)->source.ops->free((*b)->source.self);
+    view_orders_free(&(*b)->orders);
     PVX_FREE(*b);
 }
 
@@ -196,14 +200,15 @@ static void link_text(struct view_bridge *b, const view_page *p, char *out, size
              "{\"link\":{\"received\":%llu,\"lost\":%llu,\"malformed\":%llu,\"unreadable\":%llu,"
              "\"silent_s\":%.1f,\"pages\":%llu,\"volumes_sent\":%llu,\"volumes_drawn\":%llu,"
              "\"superseded\":%llu,\"hidden\":%llu,\"drawn_ms\":[%.3f,%.3f],"
-             "\"held_ms\":[%.3f,%.3f],\"whole_ms\":[%.3f,%.3f]}%s%s}",
+             "\"held_ms\":[%.3f,%.3f],\"whole_ms\":[%.3f,%.3f]}%s%s%s%s}",
              (unsigned long long)s->received, (unsigned long long)s->lost,
              (unsigned long long)s->malformed, (unsigned long long)b->stats.unreadable, silent,
              (unsigned long long)b->stats.pages_now, (unsigned long long)st->sent,
              (unsigned long long)st->drawn, (unsigned long long)st->superseded,
              (unsigned long long)st->hidden, ms(&st->drawn_ns, 0.5), ms(&st->drawn_ns, 0.95),
              ms(&st->held_ns, 0.5), ms(&st->held_ns, 0.95), ms(&st->whole_ns, 0.5),
-             ms(&st->whole_ns, 0.95), s->words[0] != '\0' ? "," : "", s->words);
+             ms(&st->whole_ns, 0.95), s->words[0] != '\0' ? "," : "", s->words,
+             b->orders != NULL ? "," : "", b->orders != NULL ? view_orders_text(b->orders) : "");
 }
 
 static void serve_pages(struct view_bridge *b)
@@ -212,18 +217,20 @@ static void serve_pages(struct view_bridge *b)
     bool previews = false;
     uint64_t let_in = 0;
     b->source.ops->stats(b->source.self, &b->stats.source);
-    if (now >= b->link_ns) {
+    if (now >= b->link_ns || (b->orders != NULL && view_orders_run(b->orders))) {
         b->link_ns = now + LINK_NS;
         b->links++;
     }
     for (int i = 0; i < VIEW_PAGES_MAX; i++) {
         struct seat *s = &b->seat[i];
         struct view_words w;
-        char link[1024];
+        char link[1024 + VIEW_ORDER_TEXT];
         if (s->page == NULL)
             continue;
         if (view_page_read(s->page, &w)) {
             b->source.ops->said(b->source.self, &w);
+            if ((w.said & VIEW_SAID_ORDER) != 0 && b->orders != NULL)
+                view_orders_give(b->orders, w.order);
             b->link_ns = 0; /* the others see at once where the film is */
         }
         link_text(b, s->page, link, sizeof link);

@@ -6,6 +6,7 @@
 #ifndef VIEW_BRIDGE_H
 #define VIEW_BRIDGE_H
 #include "daemon/view/http.h"
+#include "daemon/view/orders.h"
 #include "daemon/view/page.h"
 #include "daemon/view/source.h"
 
@@ -18,10 +19,11 @@ struct view_bridge_stats {
     struct view_page_stats gone; /* of pages that have left, volumes only */
 };
 typedef struct view_bridge view_bridge;
-/* p: gate, listen, cert and key.  The source is the bridge's from now on, on error too. */
+/* p: gate, listen, cert and key.  orders: NULL, pages only look.  The source and orders are the bridge's from now on, on
+ * error too. */
 PVX_MUST_CHECK pvx_err view_bridge_new(const struct view_http_params *p,
-                                       const struct view_source *source, view_bridge **out,
-                                       struct pvx_diag *d);
+                                       const struct view_source *source, view_orders *orders,
+                                       view_bridge **out, struct pvx_diag *d);
 void view_bridge_free(view_bridge **b);
 const char *view_bridge_at(const view_bridge *b);
 /* Until stop says so (asked five times a second).  say: one line on what went wrong, for people; may be NULL. */

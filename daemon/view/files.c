@@ -25,6 +25,7 @@
     X(cameras, "cameras.js", JS) \
     X(lost, "lost.js", JS)       \
     X(player, "player.js", JS)   \
+    X(orders, "orders.js", JS)   \
     X(flat, "flat.js", JS)
 
 #define BYTES(id, file, type)                                              \

@@ -144,13 +144,16 @@ static void heed(view_page *p, const struct view_words *w)
     if (w->said & VIEW_SAID_PREVIEWS)
         p->previews = w->previews;
     unsigned film = w->said & (VIEW_SAID_PLAY | VIEW_SAID_SEEK | VIEW_SAID_SPEED);
+    unsigned order = w->said & VIEW_SAID_ORDER;
+    if (order != 0)
+        p->words.order = w->order;
     if (film & VIEW_SAID_PLAY)
         p->words.play = w->play;
     if (film & VIEW_SAID_SEEK)
         p->words.seek = w->seek;
     if (film & VIEW_SAID_SPEED)
         p->words.speed = w->speed;
-    p->words.said |= film;
+    p->words.said |= film | order;
 }
 
 static void message(wslay_event_context_ptr ws, const struct wslay_event_on_msg_recv_arg *m,

@@ -32,7 +32,7 @@ PVX_MUST_CHECK pvx_err view_page_new(int fd, const struct view_gate *gate, const
 void view_page_free(view_page **p);
 short view_page_wants(const view_page *p); /* events to poll for */
 /* What was said since the last call, when it may have been something; only after the token was right, and only what
- * the source wants to know of. */
+ * the source wants to know of, and orders. */
 bool view_page_read(view_page *p, struct view_words *out);
 /* Sends what there is to send.  link: a text of the bridge's, number counts them. */
 void view_page_write(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number);

@@ -34,15 +34,22 @@ static bool speed(const cJSON *j, double *out)
     return true;
 }
 
+static bool order(const cJSON *j, enum view_order *out)
+{
+    *out = cJSON_IsString(j) ? view_order_of(j->valuestring) : VIEW_N_ORDERS;
+    return *out != VIEW_N_ORDERS;
+}
+
 static bool take(const cJSON *j, struct view_words *w)
 {
     static const struct {
         const char *name;
         enum view_said said;
-    } keys[] = {
-        {"token", VIEW_SAID_TOKEN},   {"credits", VIEW_SAID_CREDITS},   {"drawn", VIEW_SAID_DRAWN},
-        {"hidden", VIEW_SAID_HIDDEN}, {"previews", VIEW_SAID_PREVIEWS}, {"play", VIEW_SAID_PLAY},
-        {"seek", VIEW_SAID_SEEK},     {"speed", VIEW_SAID_SPEED},       {"held", VIEW_SAID_HELD}};
+    } keys[] = {{"token", VIEW_SAID_TOKEN},       {"credits", VIEW_SAID_CREDITS},
+                {"drawn", VIEW_SAID_DRAWN},       {"hidden", VIEW_SAID_HIDDEN},
+                {"previews", VIEW_SAID_PREVIEWS}, {"play", VIEW_SAID_PLAY},
+                {"seek", VIEW_SAID_SEEK},         {"speed", VIEW_SAID_SPEED},
+                {"held", VIEW_SAID_HELD},         {"order", VIEW_SAID_ORDER}};
     unsigned said = 0;
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++)
         if (j->string != NULL && strcmp(j->string, keys[i].name) == 0)
@@ -58,6 +65,7 @@ static bool take(const cJSON *j, struct view_words *w)
     case VIEW_SAID_PLAY: return flag(j, &w->play);
     case VIEW_SAID_SEEK: return whole(j, &w->seek);
     case VIEW_SAID_SPEED: return speed(j, &w->speed);
+    case VIEW_SAID_ORDER: return order(j, &w->order);
     default: return true;
     }
 }

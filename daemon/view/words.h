@@ -7,6 +7,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include "daemon/view/orders.h"
 
 #define VIEW_WORDS_MAX    1024u /* bytes of a message */
 #define VIEW_TOKEN_DIGITS 32    /* 128 bits */
@@ -20,7 +21,8 @@ enum view_said {
     VIEW_SAID_PLAY = 32,
     VIEW_SAID_SEEK = 64,
     VIEW_SAID_SPEED = 128,
-    VIEW_SAID_HELD = 256
+    VIEW_SAID_HELD = 256,
+    VIEW_SAID_ORDER = 512
 };
 struct view_words {
     unsigned said; /* VIEW_SAID_*: which of these are there */
@@ -31,6 +33,7 @@ struct view_words {
     bool hidden, previews, play;
     uint64_t seek; /* volume of the recording */
     double speed;  /* 0.01 to 100 */
+    enum view_order order;
 };
 /* false: not an object of JSON, or unfit. */
 bool view_words_read(const char *text, size_t len, struct view_words *out);

@@ -168,7 +168,7 @@ T_CASE(readers_of_every_speed)
     snprintf(endpoint, sizeof endpoint, "ipc://%s/volumes", dir);
     T_EQ_I(view_live_new(endpoint, NULL, NULL, &source, &d), PVX_OK);
     const struct view_http_params p = {.gate = &gate, .listen = "127.0.0.1:0"};
-    T_EQ_I(view_bridge_new(&p, &source, &b, &d), PVX_OK);
+    T_EQ_I(view_bridge_new(&p, &source, NULL, &b, &d), PVX_OK);
     const unsigned port = (unsigned)atoi(strrchr(view_bridge_at(b), ':') + 1);
     pthread_create(&pub, NULL, publish, &sets);
     pthread_create(&bridge, NULL, serve, b);

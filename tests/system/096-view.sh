@@ -73,4 +73,11 @@ live() { # waits for a daemon that comes, and for the next one
     does live "$b/tests/unit/test_pub" "$volumes"
 }
 check live live
+orders() { # what pages may tell the daemon, and only with --control
+    view orders.log --endpoint "$volumes" "--control=ipc://$dir/orders" && does orders "ipc://$dir/orders" tells || return 1
+    kill -INT "$started"; wait "$started"
+    view reads.log --endpoint "$volumes" && does orders "ipc://$dir/none" reads || return 1
+    run "$pyrovox" view "$dir/film.h5" --control; says 2 'a recording has no'
+}
+check orders orders
 exit $rc

@@ -324,11 +324,13 @@ T_CASE(events_in_order)
 T_CASE(words)
 {
     struct view_words w;
-    const char *good = "{\"credits\":3,\"drawn\":9007199254740992,\"speed\":0.5,\"x\":[{}]}";
+    const char *good = "{\"credits\":3,\"drawn\":9007199254740992,\"speed\":0.5,\"order\":"
+                       "\"snapshot\",\"x\":[{}]}";
     T_OK(view_words_read(good, strlen(good), &w));
-    T_EQ_I(w.said, VIEW_SAID_CREDITS | VIEW_SAID_DRAWN | VIEW_SAID_SPEED);
+    T_EQ_I(w.said, VIEW_SAID_CREDITS | VIEW_SAID_DRAWN | VIEW_SAID_SPEED | VIEW_SAID_ORDER);
     T_EQ_I(w.drawn, 9007199254740992);
     T_NEAR(w.speed, 0.5, 0);
+    T_EQ_I(w.order, VIEW_ORDER_SNAPSHOT);
     const char *const bad[] = {"",
                                "{",
                                "null",
@@ -338,6 +340,9 @@ T_CASE(words)
                                "{\"credits\":1e300}",
                                "{\"hidden\":0}",
                                "{\"speed\":0}",
+                               "{\"order\":\"\"}",
+                               "{\"order\":\"Stop\"}",
+                               "{\"order\":2}",
                                "{\"speed\":101}",
                                "{\"seek\":\"1\"}",
                                "{\"token\":\"0123456789012345678901234567890123\"}"};

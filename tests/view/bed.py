@@ -62,12 +62,12 @@ class Bed:
             f.write(f"version: 1\nvolume: {{ min: [-0.5, -0.5, 0], max: [0.5, 0.5, 1], voxels: [{voxels}, {voxels}, {voxels}], basis: {basis} }}\ncameras:{tail}")
         return path
 
-    def daemon(self, rig, fps=10, fmt="rgb8", seconds=600):
+    def daemon(self, rig, fps=10, fmt="rgb8", more=""):
         """Simulated GigE cameras and a daemon, in a network of their own; its endpoint."""
         at = f"ipc://{self.dir}/volumes"
         with open(f"{self.dir}/pyrovoxd.yaml", "w") as f:
             f.write(f'rig: {rig}\ncameras: "aravis:127.0.0.2+"\nfps: {fps}\npixel_format: {"RGB8" if fmt == "rgb8" else "Mono8"}\nshared_clock: true\n'
-                    f'photometry: {{ black: 0.02 }}\npublish:\n  endpoints: ["{at}"]\ncontrol:\n  endpoint: "ipc://{self.dir}/control"\n')
+                    f'photometry: {{ black: 0.02 }}\npublish:\n  endpoints: ["{at}"]\ncontrol:\n  endpoint: "ipc://{self.dir}/control"\n{more}')
         p = self.start(f"{self.bin}/pyrovox", "simcams", "--private-net", "--rig", rig, "--format", fmt, "--fps", str(fps), "--ring", str(2 * fps), "--",
                        f"{self.bin}/pyrovoxd", "--config", f"{self.dir}/pyrovoxd.yaml", log="daemon", env={"PYROVOX_CACHE": f"{self.dir}/cache"})
         return p, at

@@ -269,5 +269,57 @@ def live():
     assert l["volumes_drawn"] > 0 and l["volumes_drawn"] <= l["volumes_sent"] and l["drawn_ms"][0] > 0 and l["whole_ms"] == [0, 0], l  # published long ago by its clock: not believed
 
 
+def orders():
+    """With --control three words do three things, and nothing else of a page reaches the daemon; without it none does."""
+    import json
+    import zmq
+    control, mode = more
+    rep = zmq.Context.instance().socket(zmq.REP)
+    ws = page()
+
+    def said(wanted, **words):
+        if words:
+            ws.say(**words)
+        return ws.until(lambda k, m: k == "text" and "orders" in m and wanted(m["orders"]))["orders"]
+    if mode == "reads":
+        rep.bind(control)
+        ws.say(order="record", token=token)
+        ws.until(lambda k, m: k == "text" and "link" in m)
+        assert "orders" not in ws.until(lambda k, m: k == "text" and "link" in m)
+        assert not rep.poll(1000), "a bridge without --control passed an order on"
+        return
+    o = said(lambda o: o["said"], order="record")
+    assert not o["good"] and not o["busy"] and "no daemon takes orders" in o["said"], o
+    rep.bind(control)
+    wants = {"record": {"cmd": "record", "version": 1, "what": "volumes", "action": "start"}, "snapshot": {"cmd": "snapshot", "version": 1},
+             "stop": {"cmd": "record", "version": 1, "what": "volumes", "action": "stop"}}
+    for word, request in wants.items():
+        end = time.monotonic() + 60
+        while not rep.poll(0):  # a connection takes a moment
+            assert time.monotonic() < end, word
+            said(lambda o: o["said"].startswith(word), order=word)
+            rep.poll(200)
+        assert json.loads(rep.recv()) == request
+        ws.say(order="stop" if word == "record" else "record")  # one at a time
+        assert "one thing at a time" in said(lambda o: not o["good"])["said"]
+        assert not rep.poll(300)
+        if word == "stop":
+            rep.send_json({"version": 1, "error": "nothing is \"recorded\"\n"})
+            o = said(lambda o: not o["busy"])
+            assert not o["good"] and o["said"] == "stop: nothing is \"recorded\"\n", o
+        else:
+            rep.send_json({"version": 1, "ok": True, "path": f"/data/{word}.h5"})
+            o = said(lambda o: not o["busy"])
+            assert o["good"] and o["said"] == f"{word}: /data/{word}.h5", o
+    # words that are none close the page, and reach nobody
+    for bad in ("halt", 7, {"cmd": "stop"}, None):
+        ws = page()
+        ws.say(order=bad)
+        closed(ws, 4400)
+    stranger = WebSocket(address)
+    stranger.say(order="stop")
+    assert not rep.poll(1000)
+
+
 {"files": files, "host": hosts, "origin": origins, "token": tokens, "volume": volume, "credits": credits, "words": words, "frames": frames, "film": film,
- "full": full, "slow": slow, "tls": tls, "live": live}[what]()
+ "full": full, "slow": slow, "orders": orders, "tls": tls, "live": live}[what]()

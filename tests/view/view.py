@@ -267,6 +267,32 @@ def grey():
     bed.end(bridge)
 
 
+def orders():
+    """A page of a bridge with --control records and takes a snapshot; one of a bridge without shows no such buttons."""
+    daemon, at = bed.daemon(bed.rig(24), more=f'record:\n  volumes_path: "{bed.dir}/takes/v-%Y"\n  path: "{bed.dir}/takes/r-%Y.h5"\n')
+    bridge, url = bed.view("--endpoint", at, f"--control=ipc://{bed.dir}/control")
+    reader, plain = bed.view("--endpoint", at)
+    page, other = browser.page(url), browser.page(plain)
+    button = "document.querySelector('[data-order=record]')"
+    page.until(f"window.pyrovox && pyrovox.view.volumes > 5 && !document.getElementById('orders').hidden && !{button}.disabled")
+    page.eval(f"{button}.click(); 0")
+    page.until(f"{button}.textContent === 'Stop recording' && document.querySelector('[data-order=now]').textContent.includes('/takes/v-')")
+    page.until("document.querySelector('[data-order=said]').textContent.startsWith('record: ')")
+    page.eval("document.querySelector('[data-order=snapshot]').click(); 0")
+    page.until("document.querySelector('[data-order=said]').textContent.startsWith('snapshot: /')")
+    page.shot(f"{bed.shots}/orders.png")
+    page.eval(f"{button}.click(); 0")
+    page.until(f"{button}.textContent === 'Record volumes' && document.querySelector('[data-order=said]').textContent.startsWith('stop: /')")
+    path = page.eval("document.querySelector('[data-order=said]').textContent").split(": ", 1)[1]
+    assert os.path.exists(path), path
+    other.until("window.pyrovox && pyrovox.view.volumes > 5 && document.getElementById('orders').hidden")
+    assert not page.troubles() and not other.troubles(), (page.troubles(), other.troubles())
+    for p in (page, other):
+        p.close()
+    for p in (bridge, reader, daemon):
+        bed.end(p)
+
+
 def still():
     """A picture that does not change is drawn once at full resolution, and then no more."""
     folder = bed.recording("still", [blobs((24, 24, 24), 3, 1)], "box")
@@ -350,7 +376,7 @@ fetch("http://{at}/main.js").then(() => {{ window.read = "read"; }}, () => {{ wi
 
 
 checks = {"picture-is-the-renderers": golden, "no-ghosts": ghosts, "samples": samples, "context-lost": context_lost, "grey-slices-film": grey,
-          "draws-only-changes": still, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "live": live}
+          "draws-only-changes": still, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "orders": orders, "live": live}
 try:
     for name, what in checks.items():
         if only in name:

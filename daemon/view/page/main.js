@@ -8,6 +8,7 @@ import { Chart } from "./chart.js";
 import { Cameras } from "./cameras.js";
 import { Lost } from "./lost.js";
 import { Player } from "./player.js";
+import { Orders } from "./orders.js";
 import { names, table } from "./colours.js";
 import { fromHalf } from "./pvx.js";
 
@@ -151,6 +152,7 @@ const link = new Link(token, {
   status: (m) => {
     lost.status(m.status);
     cameras.status(m.status);
+    orders.status(m.status);
     const c = m.status.check, p = $("check");
     p.hidden = !c || !c.checks;
     p.textContent = c?.checks ? `calibrate check: ${c.text || c.outcome}` : "";
@@ -168,6 +170,7 @@ const link = new Link(token, {
   words: (m) => {
     if (m.rig) { overlay.rig = m.rig.cameras; change(); }
     if (m.film) player.film(m.film);
+    if (m.orders) orders.words(m.orders);
     if (!m.link) return;
     view.words = m.link;
     lost.link(m.link);
@@ -180,6 +183,7 @@ const link = new Link(token, {
   },
 });
 const player = new Player($("film"), (o) => link.say(o));
+const orders = new Orders($("orders"), (o) => link.say(o));
 
 // One picture at a time; the volume on it is acknowledged, and the next one asked for, when the GPU has drawn it.
 function tick(now) {

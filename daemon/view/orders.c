@@ -1,0 +1,152 @@
+#include "daemon/view/orders.h"
+
+#include <cjson/cJSON.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zmq.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "proto/auth.h"
+
+#define ANSWER_NS (60 * PVX_NS_PER_S) /* a snapshot answers when it is on the disk */
+#define SAID_MAX  400                 /* bytes of the daemon's words */
+
+struct view_orders {
+    void *zmq, *socket;
+    enum view_order order;
+    bool busy, good, changed;
+    int64_t until_ns;
+    unsigned asked;
+    char said[SAID_MAX], text[VIEW_ORDER_TEXT];
+};
+
+static const struct {
+    const char *name, *request;
+} orders[VIEW_N_ORDERS] = {
+    {"record", "{\"cmd\":\"record\",\"version\":1,\"what\":\"volumes\",\"action\":\"start\"}"},
+    {"stop", "{\"cmd\":\"record\",\"version\":1,\"what\":\"volumes\",\"action\":\"stop\"}"},
+    {"snapshot", "{\"cmd\":\"snapshot\",\"version\":1}"}};
+
+enum view_order view_order_of(const char *name)
+{
+    int i = 0;
+    while (i < VIEW_N_ORDERS && strcmp(name, orders[i].name) != 0)
+        i++;
+    return (enum view_order)i;
+}
+
+static void say(view_orders *o, bool good, const char *words)
+{
+    o->good = good;
+    o->changed = true;
+    snprintf(o->said, sizeof o->said, "%s: %s", orders[o->order].name, words);
+    cJSON *j = cJSON_CreateObject(), *in = cJSON_AddObjectToObject(j, "orders");
+    cJSON_AddNumberToObject(in, "asked", o->asked);
+    cJSON_AddBoolToObject(in, "busy", o->busy);
+    cJSON_AddBoolToObject(in, "good", good);
+    cJSON_AddStringToObject(in, "said", o->asked > 0 ? o->said : "");
+    char text[VIEW_ORDER_TEXT + 2] = "{}";
+    if (!cJSON_PrintPreallocated(j, text, sizeof text, false)) /* words of control characters */
+        snprintf(text, sizeof text,
+                 "{\"orders\":{\"asked\":%u,\"busy\":%s,\"good\":%s,\"said\":\"\"}}", o->asked,
+                 o->busy ? "true" : "false", good ? "true" : "false");
+    cJSON_Delete(j);
+    snprintf(o->text, sizeof o->text, "%.*s", (int)strlen(text) - 2, text + 1);
+}
+
+pvx_err view_orders_new(const char *endpoint, const char *key, view_orders **out,
+                        struct pvx_diag *d)
+{
+    const int zero = 0, one = 1;
+    view_orders *o = *out = pvx_calloc(1, sizeof *o);
+    if (o == NULL)
+        return PVX_ENOMEM;
+    o->zmq = zmq_ctx_new();
+    o->socket = o->zmq != NULL ? zmq_socket(o->zmq, ZMQ_REQ) : NULL;
+    pvx_err e = o->socket != NULL ? PVX_OK : PVX_ENOMEM;
+    if (e == PVX_OK && key != NULL)
+        e = pvp_auth_client(o->socket, key, d);
+    if (e == PVX_OK) {
+        /* answers to orders that were given up are not taken for those to later ones; nothing waits for a daemon */
+        zmq_setsockopt(o->socket, ZMQ_REQ_RELAXED, &one, sizeof one);
+        zmq_setsockopt(o->socket, ZMQ_REQ_CORRELATE, &one, sizeof one);
+        zmq_setsockopt(o->socket, ZMQ_IMMEDIATE, &one, sizeof one);
+        zmq_setsockopt(o->socket, ZMQ_LINGER, &zero, sizeof zero);
+        if (zmq_connect(o->socket, endpoint) != 0)
+            e = pvx_fail(d, PVX_EINVAL, "--control %s: %s", endpoint, zmq_strerror(errno));
+    }
+    if (e != PVX_OK)
+        view_orders_free(out);
+    else
+        say(o, true, "");
+    return e;
+}
+
+void view_orders_free(view_orders **o)
+{
+    if (*o == NULL)
+        return;
+    if ((*o)->socket != NULL)
+        zmq_close((*o)->socket);
+    if ((*o)->zmq != NULL)
+        zmq_ctx_term((*o)->zmq);
+    PVX_FREE(*o);
+}
+
+void view_orders_give(view_orders *o, enum view_order order)
+{
+    if (o->busy) {
+        say(o, false, "not done yet, one thing at a time");
+        return;
+    }
+    o->order = order;
+    o->asked++;
+    const char *r = orders[order].request;
+    o->busy = zmq_send(o->socket, r, strlen(r), ZMQ_DONTWAIT) >= 0;
+    o->until_ns = pvx_now_mono() + ANSWER_NS;
+    if (o->busy)
+        say(o, true, "asked");
+    else
+        say(o, false,
+            "no daemon takes orders there: is it running, and is --control its control.endpoint?");
+}
+
+/* What the daemon said to it. */
+static void answered(view_orders *o, const char *text, size_t len)
+{
+    cJSON *j = cJSON_ParseWithLength(text, len);
+    const char *error = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(j, "error"));
+    const char *path = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(j, "path"));
+    bool good = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(j, "ok")) != 0;
+    say(o, good,
+        error != NULL  ? error
+        : !good        ? "the daemon's answer is not understood"
+        : path != NULL ? path
+                       : "done");
+    cJSON_Delete(j);
+}
+
+bool view_orders_run(view_orders *o)
+{
+    zmq_msg_t m;
+    zmq_msg_init(&m);
+    if (o->busy && zmq_msg_recv(&m, o->socket, ZMQ_DONTWAIT) >= 0) {
+        o->busy = false;
+        answered(o, zmq_msg_data(&m), zmq_msg_size(&m));
+    } else if (o->busy && pvx_now_mono() > o->until_ns) {
+        o->busy = false;
+        say(o, false, "the daemon does not answer");
+    }
+    zmq_msg_close(&m);
+    bool changed = o->changed;
+    o->changed = false;
+    return changed;
+}
+
+const char *view_orders_text(const view_orders *o)
+{
+    return o->text;
+}
