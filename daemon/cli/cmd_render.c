@@ -106,10 +106,11 @@ static pvx_err find_camera(const struct render_options *o, const struct rec_rig 
     return pvx_fail(d, PVX_ENOENT, "%s: no camera '%s'; it has%s", o->rig, o->camera, names);
 }
 
-static pvx_err render_one(const struct render_options *o, const struct rec_camera *c,
+static pvx_err render_one(const struct render_options *o, const struct rec_eye *eye,
                           const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
                           struct pvx_diag *d)
 {
+    const struct rec_camera *c = eye->camera;
     size_t n = (size_t)c->width * (size_t)c->height * (size_t)nch;
     float *image = pvx_calloc(n, sizeof *image);
     if (image == NULL)
@@ -118,7 +119,7 @@ static pvx_err render_one(const struct render_options *o, const struct rec_camer
     pvx_err e = o->room ? dmn_room_of(g, dense, nch, pool, &room) : PVX_OK;
     if (e == PVX_OK)
         e = room != NULL ? rec_room_render(room, c, o->sub, image)
-                         : rec_render(g, dense, nch, c, o->sub, pool, image);
+                         : rec_render(g, dense, nch, eye, pool, image);
     rec_room_free(&room);
     struct look look = o->look;
     bool png = ends_in(o->out, ".png");
@@ -144,15 +145,17 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
                       struct pvx_diag *d)
 {
     struct rec_grid g = rig->grid;
-    struct rec_camera eye;
+    struct rec_camera ideal;
+    struct rec_eye eye = {.camera = camera, .bodies = &rig->bodies, .sub = o->sub};
     float *dense;
     int nch;
     PVX_TRY(dmn_volume_load(path, &g, &nch, &dense, d));
     pvx_err e;
     if (camera != NULL) {
-        e = render_one(o, camera, &g, dense, nch, pool, d);
+        e = render_one(o, &eye, &g, dense, nch, pool, d);
     } else if (o->from == RENDER_EYE) {
-        e = render_eye(o, &g, &eye, d);
+        e = render_eye(o, &g, &ideal, d);
+        eye.camera = &ideal;
         if (e == PVX_OK)
             e = render_one(o, &eye, &g, dense, nch, pool, d);
     } else {
@@ -164,7 +167,8 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
                                      .elevation_deg = o->elevation_deg,
                                      .sub = o->sub,
                                      .look = o->look,
-                                     .room = o->room};
+                                     .room = o->room,
+                                     .bodies = &rig->bodies};
         e = dmn_strip_save(&g, dense, nch, &p, pool, o->out, d);
     }
     free(dense);

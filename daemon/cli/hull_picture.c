@@ -164,7 +164,8 @@ static pvx_err draw_view(hull_picture *h, struct paint *p, int at, size_t camera
     tile(at, &x0, &y0);
     paint_rect(p, x0, y0, c.width, c.height, panel);
     draw_box(p, &h->S->grid, &c, x0, y0, (struct paint_rgb){0.5f, 0.45f, 0.1f});
-    PVX_TRY(rec_render(&h->S->grid, h->dense, 3, &c, 1, h->pool, h->view));
+    PVX_TRY(rec_render(&h->S->grid, h->dense, 3, &(struct rec_eye){.camera = &c, .sub = 1}, h->pool,
+                       h->view));
     for (size_t i = 0; i < n; i += 3)
         for (size_t l = 0; l < 2; l++)
             most[l] = fmaxf(most[l], h->view[i + l]);

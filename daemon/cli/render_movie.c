@@ -106,7 +106,9 @@ static pvx_err exposure_of(struct movie *m, double *out)
     float *pix = pvx_calloc(n, sizeof *pix);
     if (pix == NULL)
         return PVX_ENOMEM;
-    pvx_err e = rec_render(&m->grid, m->dense, m->nch, &c, 1, m->pool, pix);
+    pvx_err e = rec_render(&m->grid, m->dense, m->nch,
+                           &(struct rec_eye){.camera = &c, .bodies = &m->rig->bodies, .sub = 1},
+                           m->pool, pix);
     if (e == PVX_OK)
         e = dmn_auto_exposure(pix, n, out);
     free(pix);
@@ -233,7 +235,9 @@ static pvx_err multiply(struct movie *m, size_t i)
     rec_view **v = &m->view[i % m->period];
     size_t half = (size_t)sysconf(_SC_PHYS_PAGES) / 2 * (size_t)sysconf(_SC_PAGESIZE);
     if (*v == NULL)
-        PVX_TRY(rec_view_new(&m->at, m->o->sub, half / m->period, m->pool, v));
+        PVX_TRY(rec_view_new(
+            &(struct rec_eye){.camera = &m->at, .bodies = &m->rig->bodies, .sub = m->o->sub},
+            half / m->period, m->pool, v));
     return rec_view_render(*v, &m->grid, m->dense, m->nch, m->image);
 }
 
@@ -253,7 +257,10 @@ static pvx_err draw_picture(struct movie *m, size_t i)
     int64_t t0 = pvx_now_mono();
     pvx_err e = m->room != NULL
                     ? draw_room(m)
-                    : rec_render(&m->grid, m->dense, m->nch, &m->at, m->o->sub, m->pool, m->image);
+                    : rec_render(&m->grid, m->dense, m->nch,
+                                 &(struct rec_eye){
+                                     .camera = &m->at, .bodies = &m->rig->bodies, .sub = m->o->sub},
+                                 m->pool, m->image);
     m->anew_ns += pvx_now_mono() - t0;
     m->anew++;
     return e;

@@ -51,7 +51,10 @@ static const struct argp_option options[] = {
     {"path", OPT_PATH, "FILE", 0, "animation: along key frames (below), --fps pictures a second",
      1},
     {NULL, 0, NULL, 0, "More about it:", 2},
-    {"rig", OPT_RIG, "FILE", 0, "rig.yaml that has the camera (and the box of a bare .npy)", 2},
+    {"rig", OPT_RIG, "FILE", 0,
+     "rig.yaml that has the camera (and the box of a bare .npy, and bodies, which hide what is "
+     "behind them)",
+     2},
     {"look-at", OPT_LOOK_AT, "X,Y,Z", 0,
      "what --eye and --path look at (default: middle of the volume)", 2},
     {"up", OPT_UP, "X,Y,Z", 0, "what is up for them (default: 0,0,1)", 2},

@@ -87,7 +87,7 @@ pvx_err dmn_flame_exposure(const struct rec_grid *g, const float *dense, int nch
         struct rec_camera c;
         double f = 0;
         rec_orbit_camera(&box, side * pi / 2, elevation_deg * pi / 180, SMALL, SMALL, &c);
-        e = rec_render(g, dense, nch, &c, 1, pool, pix);
+        e = rec_render(g, dense, nch, &(struct rec_eye){.camera = &c, .sub = 1}, pool, pix);
         if (e == PVX_OK)
             e = dmn_auto_exposure(pix, n, &f);
         *out = f > 0 && (*out == 0 || f < *out) ? f : *out;
@@ -138,7 +138,9 @@ static pvx_err draw_view(const struct strip *s, int v, float *view)
         return rec_room_render(s->room, &c, p->sub, view);
     }
     rec_orbit_camera(&s->box, angle, elevation, p->width, p->height, &c);
-    return rec_render(s->g, s->dense, s->nch, &c, p->sub, s->pool, view);
+    return rec_render(s->g, s->dense, s->nch,
+                      &(struct rec_eye){.camera = &c, .bodies = p->bodies, .sub = p->sub}, s->pool,
+                      view);
 }
 
 /* Exposure of a strip of n. */

@@ -5,6 +5,7 @@
 #include "base/err.h"
 #include "base/pool.h"
 #include "daemon/cli/look.h"
+#include "recon/geom/body.h"
 #include "recon/geom/grid.h"
 #include "recon/view/room.h"
 
@@ -16,6 +17,7 @@ struct dmn_strip_params {
     int sub;          /* rays per pixel side */
     struct look look; /* of a .png; automatic: the 99.8th percentile of the lit pixels is 1 */
     bool room;        /* in the virtual room that it lights (recon/view/room.h) */
+    const struct rec_bodies *bodies; /* that hide parts of it, else; NULL: none */
 };
 extern const struct dmn_strip_params dmn_strip_defaults; /* 0..120 deg, 5 views of 240x320 */
 

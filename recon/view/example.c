@@ -28,7 +28,8 @@ int main(void)
     if (e == PVX_OK)
         e = rec_frame_alone(S, &rig, &p, NULL, &frame, &why);
     for (size_t c = 0; c < rig.n_cameras && e == PVX_OK; c++) {
-        e = rec_render(&rig.grid, flame, 1, &rig.cameras[c], 2, NULL, rec_frame_input(frame, c));
+        e = rec_render(&rig.grid, flame, 1, &(struct rec_eye){.camera = &rig.cameras[c], .sub = 2},
+                       NULL, rec_frame_input(frame, c));
         rec_frame_present(frame, c, true);
     }
     if (e == PVX_OK) {

@@ -8,6 +8,7 @@
 
 #include "base/mem.h"
 #include "recon/geom/traverse.h"
+#include "recon/view/eye.h"
 
 /* Rows are dealt out in turn to this many tasks, so that the bright middle is shared evenly; each
  * task has its own room for one ray's entries. */
@@ -16,22 +17,30 @@ enum { TASKS = 32 };
 struct view {
     const struct rec_grid *g;
     const float *dense;
-    int nch, sub;
-    const struct rec_camera *c;
+    int nch;
+    const struct rec_eye *eye;
     float *image;
     size_t max;
     int32_t *index; /* [TASKS][max] */
     float *value;   /* [TASKS][max] */
 };
 
+size_t rec_eye_ray(const struct rec_eye *eye, const struct rec_grid *g, double px, double py,
+                   int32_t *index, float *value)
+{
+    double o[3], d[3], end = INFINITY;
+    if (!rec_camera_ray(eye->camera, px, py, o, d))
+        return 0;
+    if (eye->bodies != NULL && eye->bodies->n > 0)
+        end = rec_body_hit(eye->bodies, o, d);
+    return rec_traverse_until(g, o, d, end, index, value);
+}
+
 static void add_ray(const struct view *v, size_t task, double px, double py, double sum[3])
 {
-    double o[3], d[3];
-    if (!rec_camera_ray(v->c, px, py, o, d))
-        return;
     int32_t *index = v->index + task * v->max;
     float *value = v->value + task * v->max;
-    size_t n = rec_traverse(v->g, o, d, index, value);
+    size_t n = rec_eye_ray(v->eye, v->g, px, py, index, value);
     for (size_t e = 0; e < n; e++) {
         const float *a = v->dense + (size_t)index[e] * (size_t)v->nch;
         for (int ch = 0; ch < v->nch; ch++)
@@ -42,31 +51,28 @@ static void add_ray(const struct view *v, size_t task, double px, double py, dou
 static void render_rows(void *ctx, size_t task)
 {
     const struct view *v = ctx;
-    int32_t w = v->c->width;
-    for (int32_t y = (int32_t)task; y < v->c->height; y += TASKS)
+    const struct rec_camera *c = v->eye->camera;
+    int32_t w = c->width;
+    int sub = v->eye->sub;
+    for (int32_t y = (int32_t)task; y < c->height; y += TASKS)
         for (int32_t x = 0; x < w; x++) {
             double sum[3] = {0};
-            for (int s = 0; s < v->sub * v->sub; s++)
-                add_ray(v, task, x + (s % v->sub + 0.5) / v->sub - 0.5,
-                        y + (s / v->sub + 0.5) / v->sub - 0.5, sum);
+            for (int s = 0; s < sub * sub; s++)
+                add_ray(v, task, x + (s % sub + 0.5) / sub - 0.5, y + (s / sub + 0.5) / sub - 0.5,
+                        sum);
             float *out = v->image + ((size_t)y * (size_t)w + (size_t)x) * (size_t)v->nch;
             for (int ch = 0; ch < v->nch; ch++)
-                out[ch] = (float)(sum[ch] / (v->sub * v->sub));
+                out[ch] = (float)(sum[ch] / (sub * sub));
         }
 }
 
-pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
-                   const struct rec_camera *c, int sub, pvx_pool *pool, float *image)
+pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch, const struct rec_eye *eye,
+                   pvx_pool *pool, float *image)
 {
-    if (nch < 1 || nch > 3 || sub < 1 || sub > REC_RENDER_SUB_MAX)
+    if (nch < 1 || nch > 3 || eye->sub < 1 || eye->sub > REC_RENDER_SUB_MAX)
         return PVX_EINVAL;
-    struct view v = {.g = g,
-                     .dense = dense,
-                     .nch = nch,
-                     .sub = sub,
-                     .c = c,
-                     .image = image,
-                     .max = rec_traverse_max(g)};
+    struct view v = {
+        .g = g, .dense = dense, .nch = nch, .eye = eye, .image = image, .max = rec_traverse_max(g)};
     v.index = pvx_calloc(v.max * TASKS, sizeof *v.index);
     v.value = pvx_calloc(v.max * TASKS, sizeof *v.value);
     pvx_err e = v.index != NULL && v.value != NULL ? PVX_OK : PVX_ENOMEM;

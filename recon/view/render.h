@@ -3,6 +3,7 @@
 #define REC_RENDER_H
 #include "base/err.h"
 #include "base/pool.h"
+#include "recon/geom/body.h"
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
 
@@ -12,12 +13,18 @@ extern "C" {
 
 #define REC_RENDER_SUB_MAX 64
 
+/* From where, and past what. */
+struct rec_eye {
+    const struct rec_camera *camera;
+    const struct rec_bodies *bodies; /* rays end at them; NULL: none */
+    int sub;                         /* sub x sub rays per pixel, 1..REC_RENDER_SUB_MAX */
+};
+
 /* dense [nz][ny][nx][nch] on g (basis as g says) -> image [h][w][nch] float, unclipped, mean over
- * sub x sub rays per pixel (1..REC_RENDER_SUB_MAX); what lies behind the camera is not seen.
+ * the rays of a pixel; what lies behind the camera, or behind a body, is not seen.
  * Parallel over rows; same bits for any thread count.  PVX_EINVAL, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch,
-                                  const struct rec_camera *c, int sub, pvx_pool *pool,
-                                  float *image);
+                                  const struct rec_eye *eye, pvx_pool *pool, float *image);
 
 /* Ideal camera on a circle about the volume's vertical axis, `angle` rad from +x towards +y,
  * `elevation` rad above the horizon (to 1.5 either way), looking at the centre, framing the volume

@@ -8,8 +8,8 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "recon/simd/kernels.h"
-#include "recon/view/render.h"
 #include "recon/geom/traverse.h"
+#include "recon/view/eye.h"
 
 /* Image rows are dealt out in turn to this many tasks, so that the bright middle is shared evenly. */
 enum { TASKS = 32 };
@@ -31,8 +31,8 @@ struct sum {
 #define EMPTY UINT32_MAX
 
 struct rec_view {
-    struct rec_camera camera;
-    int sub;
+    struct rec_camera camera; /* of eye */
+    struct rec_eye eye;
     size_t max_bytes;
     pvx_pool *pool;
     struct rec_kernels kernels;
@@ -46,17 +46,18 @@ struct rec_view {
     struct rec_view_stats stats;
 };
 
-pvx_err rec_view_new(const struct rec_camera *c, int sub, size_t max_bytes, pvx_pool *pool,
-                     rec_view **out)
+pvx_err rec_view_new(const struct rec_eye *eye, size_t max_bytes, pvx_pool *pool, rec_view **out)
 {
+    const struct rec_camera *c = eye->camera;
     *out = NULL;
-    if (sub < 1 || sub > REC_RENDER_SUB_MAX || c->width < 1 || c->height < 1)
+    if (eye->sub < 1 || eye->sub > REC_RENDER_SUB_MAX || c->width < 1 || c->height < 1)
         return PVX_EINVAL;
     rec_view *v = pvx_calloc(1, sizeof *v);
     if (v == NULL)
         return PVX_ENOMEM;
     v->camera = *c;
-    v->sub = sub;
+    v->eye = *eye;
+    v->eye.camera = &v->camera;
     v->max_bytes = max_bytes;
     v->pool = pool;
     rec_kernels_init(&v->kernels, PVX_CPU_BEST);
@@ -260,12 +261,10 @@ static bool make_room(struct part *p, size_t entries)
 static void trace_pixel(const rec_view *v, int32_t x, int32_t y, int32_t *index, float *value,
                         struct sum *s)
 {
-    for (int r = 0; r < v->sub * v->sub; r++) {
-        double o[3], d[3];
-        if (!rec_camera_ray(&v->camera, x + (r % v->sub + 0.5) / v->sub - 0.5,
-                            y + (r / v->sub + 0.5) / v->sub - 0.5, o, d))
-            continue;
-        size_t n = rec_traverse(&v->grid, o, d, index, value);
+    int sub = v->eye.sub;
+    for (int r = 0; r < sub * sub; r++) {
+        size_t n = rec_eye_ray(&v->eye, &v->grid, x + (r % sub + 0.5) / sub - 0.5,
+                               y + (r / sub + 0.5) / sub - 0.5, index, value);
         for (size_t e = 0; e < n; e++)
             if (v->number[index[e]] >= 0)
                 sum_add(s, (uint32_t)v->number[index[e]], value[e]);
@@ -280,7 +279,8 @@ static void trace_part(void *ctx, size_t task)
     struct sum s = {0};
     int32_t *index = malloc(t->max * sizeof *index);
     float *value = malloc(t->max * sizeof *value);
-    size_t rays = (size_t)v->sub * (size_t)v->sub * t->max, columns = (size_t)v->stats.columns;
+    size_t rays = (size_t)v->eye.sub * (size_t)v->eye.sub * t->max,
+           columns = (size_t)v->stats.columns;
     uint32_t at = 0;
     size_t pixel = 0;
     int err = PVX_OK;
@@ -297,7 +297,7 @@ static void trace_part(void *ctx, size_t task)
                 err = PVX_ENOMEM;
             else {
                 uint32_t n = s.n;
-                sum_unload(&s, p->v.entry + at, 1.0 / (v->sub * v->sub));
+                sum_unload(&s, p->v.entry + at, 1.0 / (v->eye.sub * v->eye.sub));
                 at += n;
                 p->v.ptr[++pixel] = at;
             }

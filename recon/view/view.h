@@ -6,7 +6,7 @@
  * those next to them; when light shows elsewhere, V is traced again for the union.  Pictures equal
  * those of rec_render but for the order of the sums (floats, 1e-6 of the brightest).
  * Memory: 8 bytes per entry of V.
- * Ownership: camera is copied, pool borrowed.  Threads: one call per rec_view at a time; parallel
+ * Ownership: the camera is copied, bodies and pool are borrowed.  Threads: one call per rec_view at a time; parallel
  * inside, same bits for any thread count. */
 #ifndef REC_VIEW_H
 #define REC_VIEW_H
@@ -15,6 +15,7 @@
 #include "base/pool.h"
 #include "recon/geom/camera.h"
 #include "recon/geom/grid.h"
+#include "recon/view/render.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -29,10 +30,9 @@ struct rec_view_stats {
     int64_t trace_ns, product_ns; /* sums; product_ns is all but the tracing */
 };
 
-/* sub x sub rays per pixel (1..REC_RENDER_SUB_MAX); V takes at most max_bytes.
- * Errors: PVX_EINVAL, PVX_ENOMEM. */
-PVX_MUST_CHECK pvx_err rec_view_new(const struct rec_camera *c, int sub, size_t max_bytes,
-                                    pvx_pool *pool, rec_view **out);
+/* V takes at most max_bytes.  Errors: PVX_EINVAL, PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_view_new(const struct rec_eye *eye, size_t max_bytes, pvx_pool *pool,
+                                    rec_view **out);
 void rec_view_free(rec_view **v);
 
 /* dense [nz][ny][nx][nch], nch 1 or 3, on g -> image [h][w][nch], unclipped.  Another grid than the

@@ -34,7 +34,8 @@ static inline struct quality judge(const struct scene *s, const float *dense, pv
     const struct rec_camera *c = &s->unseen;
     size_t nch = (size_t)s->nch, n = (size_t)c->width * (size_t)c->height * nch;
     float *img = must_floats(n);
-    CHECK(rec_render(&s->rig.grid, dense, s->nch, c, 2, pool, img));
+    CHECK(rec_render(&s->rig.grid, dense, s->nch, &(struct rec_eye){.camera = c, .sub = 2}, pool,
+                     img));
     struct quality q = {
         .volume = rec_rel_l2(dense, s->truth, rec_grid_count(&s->rig.grid) * nch),
         .view = image_mean_abs_255(img, s->unseen_image, n),
@@ -54,7 +55,8 @@ static inline double view_error(const struct scene *s, const float *dense, pvx_p
     size_t nch = (size_t)s->nch, n = (size_t)c->width * (size_t)c->height, lit = 0;
     float *img = must_floats(n * nch), least = 0;
     double sum = 0;
-    CHECK(rec_render(&s->rig.grid, dense, s->nch, c, 2, pool, img));
+    CHECK(rec_render(&s->rig.grid, dense, s->nch, &(struct rec_eye){.camera = c, .sub = 2}, pool,
+                     img));
     for (size_t i = 0; i < n * nch; i++)
         least = fmaxf(least, 0.01F * s->unseen_image[i]);
     for (size_t i = 0; i < n; i++) {

@@ -139,7 +139,8 @@ static double covered(const struct scene *s, const rec_frame *f, pvx_pool *pool)
     double all = 0, in = 0;
     for (int32_t q = 0; q < a->n; q++)
         dense[a->col[q]] = 1;
-    CHECK(rec_render(&s->rig.grid, dense, 1, &s->unseen, 1, pool, img));
+    CHECK(rec_render(&s->rig.grid, dense, 1, &(struct rec_eye){.camera = &s->unseen, .sub = 1},
+                     pool, img));
     for (size_t i = 0; i < n; i++) {
         all += s->unseen_image[i];
         in += img[i] > 0 ? s->unseen_image[i] : 0;
@@ -173,8 +174,8 @@ static void solve(const struct scene *s, rec_frame *f, float *const image[], str
     }
     rec_frame_volume(f, &v);
     rec_sparse_to_dense(&v, dense);
-    CHECK(rec_render(&s->rig.grid, dense, 1, &s->unseen, 1, pool,
-                     img)); /* bins are a quarter voxel */
+    CHECK(rec_render(&s->rig.grid, dense, 1, &(struct rec_eye){.camera = &s->unseen, .sub = 1},
+                     pool, img)); /* bins are a quarter voxel */
     double peak = 0;
     for (size_t i = 0; i < n; i++)
         peak = fmax(peak, s->unseen_image[i]);

@@ -16,6 +16,10 @@ T_CASE(hard_cases)
 {
     all_pass(stab_cases);
 }
+T_CASE(terms_of_the_model)
+{
+    all_pass(stab_terms);
+}
 T_CASE(float_against_double)
 {
     all_pass(stab_reference);

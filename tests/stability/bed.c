@@ -90,18 +90,27 @@ static void half_line(const struct rec_flame_pose *p, const double o[3], const d
     }
 }
 
-static void render_inside(const struct rec_flame_pose *p, const struct rec_camera *c, float *image)
+/* Rays end at the first body (NULL: none stand there). */
+static void render_inside(const struct rec_flame_pose *p, const struct rec_camera *c,
+                          const struct rec_bodies *bodies, float *image)
 {
     for (int32_t y = 0; y < c->height; y++)
         for (int32_t x = 0; x < c->width; x++) {
-            double sum[3] = {0}, o[3], d[3];
-            for (int s = 0; s < SUB * SUB; s++)
-                if (rec_camera_ray(c, x + (s % SUB + 0.5) / SUB - 0.5,
-                                   y + (s / SUB + 0.5) / SUB - 0.5, o, d))
-                    half_line(p, o, d, sum);
+            double sum[3] = {0}, behind[3] = {0}, o[3], d[3];
+            for (int s = 0; s < SUB * SUB; s++) {
+                if (!rec_camera_ray(c, x + (s % SUB + 0.5) / SUB - 0.5,
+                                    y + (s / SUB + 0.5) / SUB - 0.5, o, d))
+                    continue;
+                half_line(p, o, d, sum);
+                double end = bodies != NULL ? rec_body_hit(bodies, o, d) : INFINITY;
+                for (int i = 0; i < 3; i++)
+                    o[i] += end * d[i];
+                if (isfinite(end))
+                    half_line(p, o, d, behind);
+            }
             for (int l = 0; l < 3; l++)
                 image[((size_t)y * (size_t)c->width + (size_t)x) * 3 + (size_t)l] =
-                    (float)(sum[l] / (SUB * SUB));
+                    (float)((sum[l] - behind[l]) / (SUB * SUB));
         }
 }
 
@@ -119,8 +128,8 @@ static void render_camera(void *ctx, size_t i)
     rec_camera_centre(c, at);
     for (int a = 0; a < 3; a++)
         inside = inside && at[a] > g->min[a] && at[a] < g->max[a];
-    if (inside)
-        render_inside(&t->b->pose, c, t->b->image[i]);
+    if (inside || t->b->bodies != NULL)
+        render_inside(&t->b->pose, c, t->b->bodies, t->b->image[i]);
     else
         rec_flame_render(&t->b->pose, c, SUB, 0, c->height, t->b->image[i]);
 }

@@ -84,6 +84,7 @@ struct stab_bed {
     rec_sysmat *S;
     size_t voxels;                           /* of the grid */
     struct rec_flame_pose pose;              /* that the pictures are of */
+    const struct rec_bodies *bodies;         /* that stand in them; NULL: none */
     struct rec_flame_pose pose0;             /* the flame at t = 0.3 s, ... */
     float *truth0, *image0[REC_MAX_CAMERAS]; /* ... its truth and its pictures */
     float *truth;                            /* [voxels][3] */
@@ -131,6 +132,7 @@ void stab_fill(const struct stab_bed *b, rec_frame *f);
 /* ---- the parts ----------------------------------------------------------------------------------*/
 
 void stab_cases(const struct stab_run *run);      /* every line of DESIGN 7 */
+void stab_terms(const struct stab_run *run);      /* bodies, and a flame that jumps */
 void stab_reference(const struct stab_run *run);  /* float against double */
 void stab_iterations(const struct stab_run *run); /* 10^4 of them */
 void stab_conditions(const struct stab_run *run); /* singular values of rigs of 2 to 16 views */

@@ -22,6 +22,7 @@ int main(int argc, char **argv)
     CHECK(pvx_pool_new(0, "stability", &run.pool));
     stab_begin(&run);
     stab_cases(&run);
+    stab_terms(&run);
     stab_reference(&run);
     stab_iterations(&run);
     stab_conditions(&run);

@@ -4,6 +4,7 @@
 #include "recon/view/flame.h"
 #include "recon/view/metrics.h"
 #include "recon/view/render.h"
+#include "recon/view/view.h"
 #include "recon/geom/rig.h"
 
 /* A box full of ones: every ray sees its chord. */
@@ -15,13 +16,49 @@ T_CASE(full_box_gives_chords)
         v[i] = 1;
     struct rec_camera c;
     rec_orbit_camera(&g, 0, 0, 40, 30, &c);
-    T_EQ_I(rec_render(&g, v, 1, &c, 1, NULL, img), PVX_OK);
+    T_EQ_I(rec_render(&g, v, 1, &(struct rec_eye){.camera = &c, .sub = 1}, NULL, img), PVX_OK);
     /* the middle of an even image lies between pixels; all four see almost the whole depth */
     T_NEAR(img[15 * 40 + 20], 1, 2e-3);
     T_NEAR(img[0], 0, 0); /* corners of the image miss */
     double o[3], d[3];
     T_OK(rec_camera_ray(&c, 20, 15, o, d));
     T_NEAR(img[15 * 40 + 20], 1 / fabs(d[0]), 1e-6);
+    free(v);
+}
+
+/* A wall across the middle of a box full of ones leaves the half before it; a view that keeps its rays agrees. */
+T_CASE(bodies_end_rays)
+{
+    struct rec_grid g = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {12, 9, 7}, REC_BOX};
+    size_t n = rec_grid_count(&g);
+    float *v = malloc(n * sizeof *v), clear[40 * 30], img[40 * 30], kept[40 * 30];
+    for (size_t i = 0; i < n; i++)
+        v[i] = 1;
+    struct rec_body wall = {.kind = REC_BODY_BOX,
+                            .a = {-0.01, -9, -9},
+                            .b = {0.01, 9, 9}}; /* half of the camera's rays */
+    const struct rec_bodies one = {1, &wall};
+    struct rec_camera c;
+    rec_orbit_camera(&g, 0, 0, 40, 30, &c);
+    struct rec_eye eye = {.camera = &c, .sub = 2};
+    T_EQ_I(rec_render(&g, v, 1, &eye, NULL, clear), PVX_OK);
+    eye.bodies = &one;
+    for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
+        g.basis = (enum rec_basis)basis;
+        rec_view *view;
+        T_EQ_I(rec_render(&g, v, 1, &eye, NULL, img), PVX_OK);
+        T_EQ_I(rec_view_new(&eye, SIZE_MAX, NULL, &view), PVX_OK);
+        T_EQ_I(rec_view_render(view, &g, v, 1, kept), PVX_OK);
+        rec_view_free(&view);
+        for (int i = 0; i < 40 * 30; i++)
+            T_NEAR(kept[i], img[i], 1e-6);
+    }
+    g.basis = REC_BOX;
+    T_EQ_I(rec_render(&g, v, 1, &eye, NULL, img), PVX_OK);
+    double o[3], d[3];
+    T_OK(rec_camera_ray(&c, 20, 15, o, d));
+    T_NEAR(img[15 * 40 + 20], 0.49 / fabs(d[0]), 2e-5); /* mean of four rays around it */
+    T_NEAR(clear[15 * 40 + 20], 1 / fabs(d[0]), 2e-5);
     free(v);
 }
 
@@ -68,7 +105,9 @@ T_CASE(flame_on_a_grid_looks_like_the_flame)
     for (int basis = 0; basis < 2; basis++) {
         rig.grid.basis = basis == 0 ? REC_BOX : REC_TRILINEAR;
         rec_flame_voxels(&p, &rig.grid, 0, 64, v);
-        T_EQ_I(rec_render(&rig.grid, v, 3, &rig.cameras[1], 2, NULL, a), PVX_OK);
+        T_EQ_I(rec_render(&rig.grid, v, 3, &(struct rec_eye){.camera = &rig.cameras[1], .sub = 2},
+                          NULL, a),
+               PVX_OK);
         rec_flame_render(&p, &rig.cameras[1], 2, 0, 60, b);
         T_LE(rec_rel_l2(a, b, 80 * 60 * 3), 0.03);
     }
@@ -87,14 +126,14 @@ T_CASE(threads_give_the_same_bits)
     struct rec_camera c;
     rec_orbit_camera(&g, 1, 0.3, 50, 41, &c);
     float *a = malloc(50 * 41 * 3 * sizeof *a), *b = malloc(50 * 41 * 3 * sizeof *b);
-    T_EQ_I(rec_render(&g, v, 3, &c, 2, NULL, a), PVX_OK);
+    T_EQ_I(rec_render(&g, v, 3, &(struct rec_eye){.camera = &c, .sub = 2}, NULL, a), PVX_OK);
     pvx_pool *pool;
     T_EQ_I(pvx_pool_new(3, "t", &pool), PVX_OK);
-    T_EQ_I(rec_render(&g, v, 3, &c, 2, pool, b), PVX_OK);
+    T_EQ_I(rec_render(&g, v, 3, &(struct rec_eye){.camera = &c, .sub = 2}, pool, b), PVX_OK);
     pvx_pool_free(&pool);
     T_EQ_I(memcmp(a, b, 50 * 41 * 3 * sizeof *a), 0);
-    T_EQ_I(rec_render(&g, v, 3, &c, 0, NULL, a), PVX_EINVAL);
-    T_EQ_I(rec_render(&g, v, 4, &c, 1, NULL, a), PVX_EINVAL);
+    T_EQ_I(rec_render(&g, v, 3, &(struct rec_eye){.camera = &c, .sub = 0}, NULL, a), PVX_EINVAL);
+    T_EQ_I(rec_render(&g, v, 4, &(struct rec_eye){.camera = &c, .sub = 1}, NULL, a), PVX_EINVAL);
     free(v);
     free(a);
     free(b);

@@ -260,7 +260,8 @@ T_CASE(the_pillar_hides_the_flame)
         struct rec_camera c;
         rec_room_camera(r, 0, 0.3, W, H, &c);
         T_EQ_I(rec_room_render(r, &c, 1, room), PVX_OK);
-        T_EQ_I(rec_render(&g, v, 1, &c, 1, NULL, alone), PVX_OK);
+        T_EQ_I(rec_render(&g, v, 1, &(struct rec_eye){.camera = &c, .sub = 1}, NULL, alone),
+               PVX_OK);
         int hidden = 0, seen = 0;
         for (int i = 0; i < W * H; i++) {
             double o[3], d[3], q[3];

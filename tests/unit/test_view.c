@@ -35,11 +35,16 @@ T_CASE(equals_direct_rendering)
         int nch = turn % 2 == 0 ? 3 : 1, sub = 1 + turn % 3;
         rig.grid.basis = turn % 4 < 2 ? REC_BOX : REC_TRILINEAR;
         rec_view *v;
-        T_EQ_I(rec_view_new(&rig.cameras[turn % 2], sub, SIZE_MAX, NULL, &v), PVX_OK);
+        T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[turn % 2], .sub = sub},
+                            SIZE_MAX, NULL, &v),
+               PVX_OK);
         for (int k = 0; k < 3; k++) { /* light moves about: the columns must follow */
             ball(&rig.grid, nch, dense);
             T_EQ_I(rec_view_render(v, &rig.grid, dense, nch, a), PVX_OK);
-            T_EQ_I(rec_render(&rig.grid, dense, nch, &rig.cameras[turn % 2], sub, NULL, b), PVX_OK);
+            T_EQ_I(rec_render(&rig.grid, dense, nch,
+                              &(struct rec_eye){.camera = &rig.cameras[turn % 2], .sub = sub}, NULL,
+                              b),
+                   PVX_OK);
             double worst = 0, most = 0;
             for (int i = 0; i < W * H * nch; i++) {
                 worst = fmax(worst, fabs((double)a[i] - b[i]));
@@ -61,7 +66,8 @@ T_CASE(traces_only_for_new_light)
     rec_view *v;
     T_EQ_I(rec_rig_ring(2, 2.2, W, H, 20, &rig), PVX_OK);
     float *dense = pvx_calloc(20 * 20 * 20, sizeof *dense), img[W * H];
-    T_EQ_I(rec_view_new(&rig.cameras[0], 2, SIZE_MAX, NULL, &v), PVX_OK);
+    T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[0], .sub = 2}, SIZE_MAX, NULL, &v),
+           PVX_OK);
     T_EQ_I(rec_view_render(v, &rig.grid, dense, 1, img), PVX_OK); /* dark */
     for (int i = 0; i < W * H; i++)
         T_NEAR(img[i], 0, 0);
@@ -85,8 +91,10 @@ T_CASE(traces_only_for_new_light)
     rec_view_get_stats(v, &st);
     T_EQ_I(st.traced, 3);
     rec_view_free(&v);
-    T_EQ_I(rec_view_new(&rig.cameras[0], 0, SIZE_MAX, NULL, &v), PVX_EINVAL);
-    T_EQ_I(rec_view_new(&rig.cameras[0], 2, 1000, NULL, &v), PVX_OK);
+    T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[0], .sub = 0}, SIZE_MAX, NULL, &v),
+           PVX_EINVAL);
+    T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[0], .sub = 2}, 1000, NULL, &v),
+           PVX_OK);
     T_EQ_I(rec_view_render(v, &rig.grid, dense, 1, img), PVX_ERANGE);
     T_EQ_I(rec_view_render(v, &rig.grid, dense, 2, img), PVX_EINVAL);
     rec_view_free(&v);
@@ -102,11 +110,13 @@ T_CASE(threads_give_the_same_bits)
     T_EQ_I(rec_rig_ring(2, 2.2, W, H, 20, &rig), PVX_OK);
     float *dense = pvx_calloc(20 * 20 * 20 * 3, sizeof *dense), a[W * H * 3], b[W * H * 3];
     ball(&rig.grid, 3, dense);
-    T_EQ_I(rec_view_new(&rig.cameras[0], 2, SIZE_MAX, NULL, &v), PVX_OK);
+    T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[0], .sub = 2}, SIZE_MAX, NULL, &v),
+           PVX_OK);
     T_EQ_I(rec_view_render(v, &rig.grid, dense, 3, a), PVX_OK);
     rec_view_free(&v);
     T_EQ_I(pvx_pool_new(3, "t", &pool), PVX_OK);
-    T_EQ_I(rec_view_new(&rig.cameras[0], 2, SIZE_MAX, pool, &v), PVX_OK);
+    T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[0], .sub = 2}, SIZE_MAX, pool, &v),
+           PVX_OK);
     T_EQ_I(rec_view_render(v, &rig.grid, dense, 3, b), PVX_OK);
     rec_view_free(&v);
     pvx_pool_free(&pool);
@@ -124,7 +134,8 @@ T_CASE(a_moving_flame)
     T_EQ_I(rec_rig_ring(2, 2.2, W, H, 32, &rig), PVX_OK);
     size_t n = rec_grid_count(&rig.grid);
     float *dense = pvx_calloc(n * 3, sizeof *dense), img[W * H * 3];
-    T_EQ_I(rec_view_new(&rig.cameras[0], 2, SIZE_MAX, NULL, &v), PVX_OK);
+    T_EQ_I(rec_view_new(&(struct rec_eye){.camera = &rig.cameras[0], .sub = 2}, SIZE_MAX, NULL, &v),
+           PVX_OK);
     for (int k = 0; k < 8; k++) {
         struct rec_flame_pose p = scene_pose(&rig.grid, 1, 0.07 * k);
         rec_flame_voxels(&p, &rig.grid, 0, 32, dense);
