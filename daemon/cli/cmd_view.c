@@ -17,10 +17,10 @@ struct args {
     const char *file, *endpoint, *previews, *key, *control, *listen, *cert, *cert_key, *token_file;
     const char *host[VIEW_HOSTS_MAX];
     size_t n_hosts;
-    bool open, quiet;
+    bool open, turn, quiet;
 };
 
-enum { OPT_PREVIEWS = 256, OPT_CONTROL, OPT_HOST, OPT_CERT, OPT_CERT_KEY, OPT_TOKEN };
+enum { OPT_PREVIEWS = 256, OPT_CONTROL, OPT_HOST, OPT_CERT, OPT_CERT_KEY, OPT_TOKEN, OPT_TURN };
 
 static const struct argp_option options[] = {
     {"endpoint", 'e', "ENDPOINT", 0, "The daemon's volumes (default: those of a local one)", 0},
@@ -33,6 +33,8 @@ static const struct argp_option options[] = {
      "without it they only look",
      0},
     {"open", 'o', NULL, 0, "Open the page in the desktop's browser", 0},
+    {"turn", OPT_TURN, NULL, 0, "The page begins turning, where its user is not averse to motion",
+     0},
     {"listen", 'l', "ADDRESS:PORT", 0,
      "Where the page is (127.0.0.1:8737); another host's browser reaches it only with --cert", 1},
     {"cert", OPT_CERT, "FILE", 0, "TLS certificate, PEM", 1},
@@ -51,6 +53,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_PREVIEWS: a->previews = arg; return 0;
     case 'k': a->key = arg; return 0;
     case OPT_CONTROL: a->control = arg != NULL ? arg : dmn_client_endpoint(DMN_CONTROL); return 0;
+    case OPT_TURN: a->turn = true; return 0;
     case 'o': a->open = true; return 0;
     case 'l': a->listen = arg; return 0;
     case OPT_CERT: a->cert = arg; return 0;
@@ -194,7 +197,8 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
         .gate = &gate, .listen = a->listen, .cert = a->cert, .key = a->cert_key};
     PVX_TRY(view_bridge_new(&p, &source, orders, &b, d));
     address_of(a, b, at, sizeof at);
-    snprintf(url, sizeof url, "%s://%s/#%s", gate.tls ? "https" : "http", at, gate.token);
+    snprintf(url, sizeof url, "%s://%s/%s#%s", gate.tls ? "https" : "http", at,
+             a->turn ? "?turn" : "", gate.token);
     if (!a->quiet) {
         puts(url);
         fflush(stdout);

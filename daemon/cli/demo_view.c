@@ -20,8 +20,8 @@ static void become(const char *bin, const char *endpoint, const char *log, int o
     int err = open(log, O_WRONLY | O_CREAT | O_APPEND, 0600);
     if (getppid() != parent || err < 0 || dup2(out, 1) < 0 || dup2(err, 2) < 0)
         _exit(125);
-    execl(pyrovox, pyrovox, "view", "--open", "--listen", "127.0.0.1:0", "--endpoint", endpoint,
-          (char *)NULL);
+    execl(pyrovox, pyrovox, "view", "--open", "--turn", "--listen", "127.0.0.1:0", "--endpoint",
+          endpoint, (char *)NULL);
     _exit(127);
 }
 

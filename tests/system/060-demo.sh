@@ -28,7 +28,7 @@ page() { # beside it, as long as it runs
     local demo=$started url
     wait_for grep -q '^page: http' "$dir/view.log" || return 1
     url=$(sed -n 's/^page: //p' "$dir/view.log"); url=${url#http://}
-    timeout 300 "$py" tests/view/bridge.py volume "${url%%/#*}" "${url#*#}" || return 1
+    timeout 300 "$py" tests/view/bridge.py volume "${url%%/*}" "${url#*#}" || return 1
     kill -INT "$demo"; ended "$demo" 0 && nobody
 }
 check page-beside-it page

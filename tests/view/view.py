@@ -310,6 +310,26 @@ def still():
     bed.end(bridge)
 
 
+def turning():
+    """--turn: it turns by itself, until somebody takes hold of it, and not for who does not want motion."""
+    folder = bed.recording("turning", [blobs((16, 16, 16), 1, 1)], "box")
+    bridge, url = bed.view(folder, "--turn")
+    page = browser.page(url)
+    shown(page, url)
+    was = page.eval("pyrovox.orbit.azimuth")
+    page.until(f"pyrovox.orbit.azimuth > {was} + 0.05 && document.getElementById('turn').getAttribute('aria-pressed') === 'true'")
+    page.drag(400, 400, 420, 400)
+    page.until("document.getElementById('turn').getAttribute('aria-pressed') === 'false'")
+    page.key("t")
+    page.do("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    page.until("pyrovox.orbit.turning && pyrovox.orbit.still.matches")
+    was = page.eval("pyrovox.orbit.azimuth")
+    time.sleep(0.5)
+    assert page.eval("pyrovox.orbit.azimuth") == was
+    page.close()
+    bed.end(bridge)
+
+
 def flat():
     """Without WebGL2: three projections, and why; the same sums as the volume has."""
     v = blobs((24, 20, 28), 3, 2)
@@ -376,7 +396,7 @@ fetch("http://{at}/main.js").then(() => {{ window.read = "read"; }}, () => {{ wi
 
 
 checks = {"picture-is-the-renderers": golden, "no-ghosts": ghosts, "samples": samples, "context-lost": context_lost, "grey-slices-film": grey,
-          "draws-only-changes": still, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "orders": orders, "live": live}
+          "draws-only-changes": still, "turning": turning, "without-webgl": flat, "turned-away": turned_away, "another-origin": other_origin, "orders": orders, "live": live}
 try:
     for name, what in checks.items():
         if only in name:

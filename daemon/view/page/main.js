@@ -189,6 +189,7 @@ const orders = new Orders($("orders"), (o) => link.say(o));
 function tick(now) {
   requestAnimationFrame(tick);
   orbit.step(Math.min(0.1, (now - last) / 1000));
+  if ($("turn").getAttribute("aria-pressed") !== String(orbit.turning)) $("turn").setAttribute("aria-pressed", orbit.turning);
   last = now;
   if (!dirty && !whole && now - moved > Flame.settle && (flame.scale ?? 1) < 1) { whole = true; dirty = true; }
   if (!dirty || drawing) return;
@@ -239,7 +240,7 @@ if (flame.look.sliceAt) {
 const panel = $("cameras").closest("details");
 panel.addEventListener("toggle", () => link.say({ previews: panel.open }));
 
-function turn() { orbit.turning = !orbit.turning; $("turn").setAttribute("aria-pressed", orbit.turning); }
+function turn() { orbit.turning = !orbit.turning; }
 function fullScreen() { if (document.fullscreenElement) document.exitFullscreen(); else $("stage").requestFullscreen?.(); }
 function shot() {
   flame.draw(orbit.frame(), orbit.fov, true, () => {
@@ -252,6 +253,7 @@ function shot() {
     });
   });
 }
+if (new URLSearchParams(location.search).has("turn")) turn();
 $("reset").onclick = () => orbit.reset();
 $("turn").onclick = turn;
 $("full").onclick = fullScreen;
