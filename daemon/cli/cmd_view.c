@@ -1,6 +1,7 @@
 /* pyrovox view - the flame in a browser: a daemon's volumes, or a recording's. */
 #include <argp.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,7 +40,8 @@ static const struct argp_option options[] = {
      "Where the page is (127.0.0.1:8737); another host's browser reaches it only with --cert", 1},
     {"cert", OPT_CERT, "FILE", 0, "TLS certificate, PEM", 1},
     {"cert-key", OPT_CERT_KEY, "FILE", 0, "Its key, PEM, readable by nobody else", 1},
-    {"host", OPT_HOST, "NAME", 0, "A name by which the page is reached; may be given again", 1},
+    {"host", OPT_HOST, "NAME", 0,
+     "A name or address by which the page is reached; may be given again", 1},
     {"token-file", OPT_TOKEN, "FILE", 0,
      "Keep the token there, so that a bookmark lasts; made if it is not there", 1},
     {"quiet", 'q', NULL, 0, "Say nothing but what goes wrong", 0},
@@ -48,6 +50,7 @@ static const struct argp_option options[] = {
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
+    struct pvx_diag d = {""};
     switch (key) {
     case 'e': a->endpoint = arg; return 0;
     case OPT_PREVIEWS: a->previews = arg; return 0;
@@ -61,11 +64,18 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_HOST:
         if (a->n_hosts == VIEW_HOSTS_MAX)
             argp_error(st, "--host: %d names at most", VIEW_HOSTS_MAX);
+        if (view_gate_name(arg, &d) != PVX_OK)
+            argp_error(st, "%s", d.text);
         a->host[a->n_hosts++] = arg;
         return 0;
     case OPT_TOKEN: a->token_file = arg; return 0;
     case 'q': a->quiet = true; return 0;
-    case ARGP_KEY_ARG: cli_arg_one(st, "recording", arg, &a->file); return 0;
+    case ARGP_KEY_ARG:
+        if (strstr(arg, "://") != NULL)
+            argp_error(st, "'%s' is an endpoint, not a recording: --endpoint %s or --control=%s",
+                       arg, arg, arg);
+        cli_arg_one(st, "recording", arg, &a->file);
+        return 0;
     case ARGP_KEY_END:
         if ((a->cert == NULL) != (a->cert_key == NULL))
             argp_error(st, "--cert and --cert-key go together");
@@ -109,15 +119,39 @@ static void say(const char *line)
     fprintf(stderr, "pyrovox view: %s\n", line);
 }
 
-/* In the background, and not our child when it goes on. */
-static void open_browser(const char *url)
+/* A command line can be read by all users of the host, and the address has the token: so the browser is given a file
+ * that only its user can read, and that leads there.  path "": there is none. */
+static pvx_err write_door(const char *url, char *path, size_t size, struct pvx_diag *d)
+{
+    const char *dir = getenv("XDG_RUNTIME_DIR");
+    snprintf(path, size, "%s/pyrovox-view-XXXXXX.html",
+             dir != NULL && dir[0] == '/' ? dir : "/tmp");
+    int fd = mkostemps(path, 5, O_CLOEXEC); /* mode 0600 */
+    if (fd >= 0 &&
+        dprintf(fd,
+                "<!doctype html><meta charset=\"utf-8\"><meta name=\"referrer\" "
+                "content=\"no-referrer\"><title>Pyrovox</title><meta http-equiv=\"refresh\" "
+                "content=\"0; url=%s\"><a href=\"%s\">Pyrovox</a>\n",
+                url, url) > 0 &&
+        close(fd) == 0)
+        return PVX_OK;
+    pvx_err e = pvx_fail(d, PVX_EIO, "--open: %s: %s", path, strerror(errno));
+    if (fd >= 0)
+        unlink(path);
+    path[0] = '\0';
+    return e;
+}
+
+/* In the background, in a session of its own: a terminal's Ctrl-C is not for it, and it is not our child when it goes on. */
+static void open_browser(const char *path)
 {
     pid_t p = fork();
     if (p == 0) {
+        setsid();
         if (fork() == 0) {
             if (freopen("/dev/null", "w", stdout) != NULL &&
                 freopen("/dev/null", "w", stderr) != NULL)
-                execlp("xdg-open", "xdg-open", url, (char *)NULL);
+                execlp("xdg-open", "xdg-open", path, (char *)NULL);
             _exit(127);
         }
         _exit(0);
@@ -146,9 +180,6 @@ static void farewell(const struct args *a, const view_bridge *b)
 {
     struct view_bridge_stats s;
     view_bridge_stats(b, &s);
-    if (a->quiet)
-        return;
-    fprintf(stderr, "%llu pages", (unsigned long long)s.pages_ever);
     const struct {
         uint64_t n;
         const char *what;
@@ -159,6 +190,12 @@ static void farewell(const struct args *a, const view_bridge *b)
                  {s.http.late, "connections that asked for nothing in time"},
                  {s.source.lost, "messages lost on the way from the daemon"},
                  {s.source.malformed, "messages or volumes that could not be read"}};
+    uint64_t wrong = 0;
+    for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++)
+        wrong += lines[i].n;
+    if (a->quiet && wrong == 0)
+        return;
+    fprintf(stderr, "%llu pages", (unsigned long long)s.pages_ever);
     for (size_t i = 0; i < sizeof lines / sizeof lines[0]; i++)
         if (lines[i].n > 0)
             fprintf(stderr, ", %llu %s", (unsigned long long)lines[i].n, lines[i].what);
@@ -173,7 +210,11 @@ static void address_of(const struct args *a, const view_bridge *b, char *out, si
     if (a->n_hosts > 0)
         snprintf(out, size, "%s%s", a->host[0], port);
     else
-        snprintf(out, size, "%s%s", any ? "127.0.0.1" : "", any ? port : at);
+        snprintf(out, size, "%s%s",
+                 !any           ? ""
+                 : at[0] == '[' ? "[::1]"
+                                : "127.0.0.1",
+                 any ? port : at);
 }
 
 static pvx_err serve(const struct args *a, struct pvx_diag *d)
@@ -182,7 +223,7 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
     struct view_source source;
     view_orders *orders = NULL;
     view_bridge *b;
-    char at[300], url[400];
+    char at[300], url[400], door[300] = "";
     memcpy(gate.host, a->host, sizeof gate.host);
     PVX_TRY(a->token_file != NULL ? view_gate_read_token(a->token_file, gate.token, d)
                                   : view_gate_make_token(gate.token, d));
@@ -204,9 +245,13 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
         fflush(stdout);
         fputs("Ctrl-C ends it\n", stderr);
     }
-    if (a->open)
-        open_browser(url);
+    if (a->open && write_door(url, door, sizeof door, d) == PVX_OK)
+        open_browser(door);
+    else if (a->open)
+        say(d->text);
     view_bridge_run(b, stop, say, NULL);
+    if (door[0] != '\0')
+        unlink(door);
     farewell(a, b);
     view_bridge_free(&b);
     return PVX_OK;

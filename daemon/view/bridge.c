@@ -1,5 +1,6 @@
 #include "daemon/view/bridge.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,6 +11,7 @@
 
 #define LINK_NS  PVX_NS_PER_S          /* how often a page is told of the link */
 #define TURN_NS  (200 * PVX_NS_PER_MS) /* how often `stop` is asked */
+#define AGAIN_NS (60 * PVX_NS_PER_S)   /* how often the same trouble is told */
 #define TURN_MAX 64                    /* messages taken from the source in one turn */
 
 struct seat {
@@ -23,31 +25,39 @@ struct view_bridge {
     struct view_source source;
     view_orders *orders; /* NULL: none are taken */
     view_shelf *shelf;
-    struct seat seat[VIEW_PAGES_MAX];
+    struct seat seat[VIEW_SEATS];
     struct view_bridge_stats stats;
     int64_t link_ns, came_ns; /* came: the last message, 0 none yet */
     uint64_t links;
-    char said[PVX_DIAG_MAX]; /* said last, so that it is said once */
+    char said[PVX_DIAG_MAX]; /* last, */
+    int64_t said_ns;         /* so that it is not said all the time */
     void (*say)(const char *line);
 };
 
-static bool room(void *ctx)
+static void leave(struct view_bridge *b, struct seat *s);
+
+/* A free seat; where there is none, that of whoever has waited longest at the door.  As many seats as pages may come
+ * in are never taken by those who have not shown a token. */
+static struct seat *seat_for(struct view_bridge *b)
 {
-    struct view_bridge *b = ctx;
-    for (int i = 0; i < VIEW_PAGES_MAX; i++)
-        if (b->seat[i].page == NULL)
-            return true;
-    b->stats.refused_full++;
-    return false;
+    struct seat *oldest = NULL;
+    for (struct seat *s = b->seat; s < b->seat + VIEW_SEATS; s++) {
+        if (s->page == NULL)
+            return s;
+        if (!view_page_let_in(s->page) &&
+            (oldest == NULL || view_page_since(s->page) < view_page_since(oldest->page)))
+            oldest = s;
+    }
+    if (oldest != NULL)
+        leave(b, oldest);
+    return oldest;
 }
 
 static void upgraded(void *ctx, int fd, void *handle, const void *early, size_t n)
 {
     struct view_bridge *b = ctx;
-    struct seat *s = b->seat;
-    while (s < b->seat + VIEW_PAGES_MAX && s->page != NULL)
-        s++;
-    if (s == b->seat + VIEW_PAGES_MAX || view_page_new(fd, b->gate, early, n, &s->page) != PVX_OK) {
+    struct seat *s = seat_for(b);
+    if (s == NULL || view_page_new(fd, b->gate, early, n, &s->page) != PVX_OK) {
         view_http_drop(handle);
         return;
     }
@@ -66,7 +76,6 @@ pvx_err view_bridge_new(const struct view_http_params *p, const struct view_sour
         return PVX_ENOMEM;
     }
     struct view_http_params mine = *p;
-    mine.room = room;
     mine.upgraded = upgraded;
     mine.ctx = b;
     b->gate = p->gate;
@@ -80,28 +89,15 @@ pvx_err view_bridge_new(const struct view_http_params *p, const struct view_sour
     return e;
 }
 
-static void add(struct pvx_hist *to, const struct pvx_hist *from)
-{
-    for (int i = 0; i < PVX_HIST_BUCKETS; i++)
-        to->bucket[i] += from->bucket[i];
-    to->count += from->count;
-    to->sum_ns += from->sum_ns;
-    if (from->max_ns > to->max_ns)
-        to->max_ns = from->max_ns;
-}
-
 static void leave(struct view_bridge *b, struct seat *s)
 {
     const struct view_page_stats *st = view_page_stats(s->page);
     struct view_page_stats *sum = &b->stats.gone;
-    b->stats.refused_token += view_page_refused(s->page);
+    b->stats.refused_token += !view_page_let_in(s->page);
     sum->sent += st->sent;
     sum->drawn += st->drawn;
     sum->superseded += st->superseded;
     sum->hidden += st->hidden;
-    add(&sum->drawn_ns, &st->drawn_ns);
-    add(&sum->held_ns, &st->held_ns);
-    add(&sum->whole_ns, &st->whole_ns);
     view_page_free(&s->page);
     view_http_drop(s->handle);
 }
@@ -110,7 +106,7 @@ void view_bridge_free(view_bridge **b)
 {
     if (*b == NULL)
         return;
-    for (int i = 0; i < VIEW_PAGES_MAX; i++)
+    for (int i = 0; i < VIEW_SEATS; i++)
         if ((*b)->seat[i].page != NULL)
             leave(*b, &(*b)->seat[i]);
     view_http_free(&(*b)->http);
@@ -128,8 +124,10 @@ const char *view_bridge_at(const view_bridge *b)
 static void tell(struct view_bridge *b, pvx_err e, const struct pvx_diag *d)
 {
     const char *text = pvx_diag_text(d, e);
-    if (b->say == NULL || strcmp(text, b->said) == 0)
+    int64_t now = pvx_now_mono();
+    if (b->say == NULL || (strcmp(text, b->said) == 0 && now - b->said_ns < AGAIN_NS))
         return;
+    b->said_ns = now;
     snprintf(b->said, sizeof b->said, "%s", text);
     b->say(text);
 }
@@ -152,9 +150,8 @@ static void take_one(struct view_bridge *b, const struct pvp_header *h, const vo
     struct pvx_diag d = {""};
     uint64_t before = view_shelf_number(b->shelf, VIEW_VOLUME);
     b->came_ns = pvx_now_mono();
-    b->said[0] = '\0';
     if (h->type == PVP_VOLUME)
-        for (int i = 0; i < VIEW_PAGES_MAX; i++)
+        for (int i = 0; i < VIEW_SEATS; i++)
             if (b->seat[i].page != NULL)
                 view_page_count(b->seat[i].page, before);
     pvx_err e = view_shelf_put(b->shelf, h, msg, len, &d);
@@ -185,30 +182,46 @@ static bool take(struct view_bridge *b)
     return true;
 }
 
-static double ms(const struct pvx_hist *h, double q)
+/* [median, 95 %] of a way, or [null, null]. */
+static const char *ms(view_page *p, enum view_way way, int64_t now, char out[64])
 {
-    return (double)pvx_hist_quantile(h, q) * 1e-6;
+    double half = view_page_recent(p, way, 0.5, now), most = view_page_recent(p, way, 0.95, now);
+    if (isnan(half))
+        return "[null,null]";
+    snprintf(out, 64, "[%.3f,%.3f]", half, most);
+    return out;
 }
 
 /* What a page is told once a second of the way to it. */
-static void link_text(struct view_bridge *b, const view_page *p, char *out, size_t size)
+static void link_text(struct view_bridge *b, view_page *p, char *out, size_t size)
 {
+    char drawn[64], held[64], whole[64];
+    int64_t now = pvx_now_mono();
     const struct view_page_stats *st = view_page_stats(p);
     const struct view_source_stats *s = &b->stats.source;
-    double silent = b->came_ns != 0 ? (double)(pvx_now_mono() - b->came_ns) * 1e-9 : -1;
+    double silent = b->came_ns != 0 ? (double)(now - b->came_ns) * 1e-9 : -1;
     snprintf(out, size,
              "{\"link\":{\"received\":%llu,\"lost\":%llu,\"malformed\":%llu,\"unreadable\":%llu,"
              "\"silent_s\":%.1f,\"pages\":%llu,\"volumes_sent\":%llu,\"volumes_drawn\":%llu,"
-             "\"superseded\":%llu,\"hidden\":%llu,\"drawn_ms\":[%.3f,%.3f],"
-             "\"held_ms\":[%.3f,%.3f],\"whole_ms\":[%.3f,%.3f]}%s%s%s%s}",
+             "\"superseded\":%llu,\"hidden\":%llu,\"drawn_ms\":%s,\"held_ms\":%s,"
+             "\"whole_ms\":%s}%s%s%s%s}",
              (unsigned long long)s->received, (unsigned long long)s->lost,
              (unsigned long long)s->malformed, (unsigned long long)b->stats.unreadable, silent,
              (unsigned long long)b->stats.pages_now, (unsigned long long)st->sent,
              (unsigned long long)st->drawn, (unsigned long long)st->superseded,
-             (unsigned long long)st->hidden, ms(&st->drawn_ns, 0.5), ms(&st->drawn_ns, 0.95),
-             ms(&st->held_ns, 0.5), ms(&st->held_ns, 0.95), ms(&st->whole_ns, 0.5),
-             ms(&st->whole_ns, 0.95), s->words[0] != '\0' ? "," : "", s->words,
-             b->orders != NULL ? "," : "", b->orders != NULL ? view_orders_text(b->orders) : "");
+             (unsigned long long)st->hidden, ms(p, VIEW_DRAWN, now, drawn),
+             ms(p, VIEW_HELD, now, held), ms(p, VIEW_WHOLE, now, whole),
+             s->words[0] != '\0' ? "," : "", s->words, b->orders != NULL ? "," : "",
+             b->orders != NULL ? view_orders_text(b->orders) : "");
+}
+
+/* One page too many has the right token, too: it is told. */
+static void no_more(struct view_bridge *b, view_page *p, uint64_t let_in)
+{
+    if (let_in <= VIEW_PAGES_MAX || view_page_closing(p))
+        return;
+    b->stats.refused_full++;
+    view_page_close(p, VIEW_CLOSE_FULL, "as many pages are open as there is room for");
 }
 
 static void serve_pages(struct view_bridge *b)
@@ -221,7 +234,7 @@ static void serve_pages(struct view_bridge *b)
         b->link_ns = now + LINK_NS;
         b->links++;
     }
-    for (int i = 0; i < VIEW_PAGES_MAX; i++) {
+    for (int i = 0; i < VIEW_SEATS; i++) {
         struct seat *s = &b->seat[i];
         struct view_words w;
         char link[1024 + VIEW_ORDER_TEXT];
@@ -233,6 +246,8 @@ static void serve_pages(struct view_bridge *b)
                 view_orders_give(b->orders, w.order);
             b->link_ns = 0; /* the others see at once where the film is */
         }
+        let_in += view_page_let_in(s->page) && !view_page_closing(s->page);
+        no_more(b, s->page, let_in);
         link_text(b, s->page, link, sizeof link);
         view_page_write(s->page, b->shelf, link, b->links);
         if (view_page_over(s->page, now)) {
@@ -240,18 +255,17 @@ static void serve_pages(struct view_bridge *b)
             continue;
         }
         previews |= view_page_wants_previews(s->page);
-        let_in += view_page_let_in(s->page);
     }
-    b->stats.pages_now = let_in;
+    b->stats.pages_now = let_in < VIEW_PAGES_MAX ? let_in : VIEW_PAGES_MAX;
     b->source.ops->previews(b->source.self, previews);
 }
 
 static void wait_for_more(struct view_bridge *b, bool more)
 {
-    struct pollfd p[VIEW_SOURCE_FDS + VIEW_PAGES_MAX + 1];
+    struct pollfd p[VIEW_SOURCE_FDS + VIEW_SEATS + VIEW_HTTP_FDS];
     nfds_t n = (nfds_t)b->source.ops->fds(b->source.self, p);
-    p[n++] = (struct pollfd){.fd = view_http_fd(b->http), .events = POLLIN};
-    for (int i = 0; i < VIEW_PAGES_MAX; i++)
+    n += (nfds_t)view_http_fds(b->http, p + n);
+    for (int i = 0; i < VIEW_SEATS; i++)
         if (b->seat[i].page != NULL)
             p[n++] =
                 (struct pollfd){.fd = b->seat[i].fd, .events = view_page_wants(b->seat[i].page)};

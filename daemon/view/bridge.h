@@ -11,6 +11,8 @@
 #include "daemon/view/source.h"
 
 #define VIEW_PAGES_MAX 16
+#define VIEW_SEATS \
+    (VIEW_PAGES_MAX + 16) /* those at the door, who have yet to show a token, among them */
 
 struct view_bridge_stats {
     struct view_http_stats http;

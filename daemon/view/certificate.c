@@ -1,7 +1,8 @@
 #include "daemon/view/certificate.h"
 
-#include <gnutls/gnutls.h>
+#include <gnutls/crypto.h>
 #include <gnutls/x509.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <time.h>
@@ -27,11 +28,10 @@ static pvx_err when(const char *file, gnutls_x509_crt_t crt, struct pvx_diag *d)
 
 /* Both read: do they belong together, today? */
 static pvx_err look(const char *cert_file, const char *key_file, const char *cert, const char *key,
-                    struct pvx_diag *d)
+                    gnutls_certificate_credentials_t *out, struct pvx_diag *d)
 {
     const gnutls_datum_t cert_pem = {(void *)cert, (unsigned)strlen(cert)};
     const gnutls_datum_t key_pem = {(void *)key, (unsigned)strlen(key)};
-    gnutls_certificate_credentials_t both;
     gnutls_x509_crt_t crt;
     if (gnutls_x509_crt_init(&crt) != 0)
         return PVX_ENOMEM;
@@ -40,24 +40,36 @@ static pvx_err look(const char *cert_file, const char *key_file, const char *cer
                     : pvx_fail(d, PVX_EFORMAT, "%s: not a certificate in PEM", cert_file);
     gnutls_x509_crt_deinit(crt);
     PVX_TRY(e);
-    if (gnutls_certificate_allocate_credentials(&both) != 0)
+    if (gnutls_certificate_allocate_credentials(out) != 0) {
+        *out = NULL;
         return PVX_ENOMEM;
-    int bad = gnutls_certificate_set_x509_key_mem(both, &cert_pem, &key_pem, GNUTLS_X509_FMT_PEM);
-    gnutls_certificate_free_credentials(both);
-    return bad >= 0 ? PVX_OK
-                    : pvx_fail(d, PVX_EFORMAT, "%s: not the key of %s: %s", key_file, cert_file,
-                               gnutls_strerror(bad));
+    }
+    int bad = gnutls_certificate_set_x509_key_mem(*out, &cert_pem, &key_pem, GNUTLS_X509_FMT_PEM);
+    if (bad >= 0)
+        return PVX_OK;
+    gnutls_certificate_free_credentials(*out);
+    *out = NULL;
+    return pvx_fail(d, PVX_EFORMAT, "%s: not the key of %s: %s", key_file, cert_file,
+                    gnutls_strerror(bad));
 }
 
-pvx_err view_certificate(const char *cert_file, const char *key_file, char **cert, char **key,
-                         struct pvx_diag *d)
+pvx_err view_certificate(const char *cert_file, const char *key_file,
+                         gnutls_certificate_credentials_t *out, struct pvx_diag *d)
 {
+    char *cert = NULL, *key = NULL;
     struct stat st;
     size_t n;
-    PVX_TRY(pvx_file_read(cert_file, PEM_MAX, cert, &n, d));
-    PVX_TRY(pvx_file_read(key_file, PEM_MAX, key, &n, d));
-    if (stat(key_file, &st) == 0 && (st.st_mode & 0007) != 0)
-        return pvx_fail(d, PVX_EPERM, "%s: others may read the key; chmod o= %s", key_file,
-                        key_file);
-    return look(cert_file, key_file, *cert, *key, d);
+    *out = NULL;
+    pvx_err e = pvx_file_read(cert_file, PEM_MAX, &cert, &n, d);
+    if (e == PVX_OK)
+        e = pvx_file_read(key_file, PEM_MAX, &key, &n, d);
+    if (e == PVX_OK && stat(key_file, &st) == 0 && (st.st_mode & 0007) != 0)
+        e = pvx_fail(d, PVX_EPERM, "%s: others may read the key; chmod o= %s", key_file, key_file);
+    if (e == PVX_OK)
+        e = look(cert_file, key_file, cert, key, out, d);
+    free(cert);
+    if (key != NULL)
+        gnutls_memset(key, 0, n);
+    free(key);
+    return e;
 }

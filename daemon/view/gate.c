@@ -79,6 +79,18 @@ pvx_err view_gate_address(const char *text, struct sockaddr_storage *out, sockle
     return PVX_OK;
 }
 
+pvx_err view_gate_name(const char *text, struct pvx_diag *d)
+{
+    struct authority a;
+    struct sockaddr_storage named;
+    if (!split(text, &a) || a.port[0] != '\0' || (a.bracketed && !address(&a, &named)))
+        return pvx_fail(d, PVX_EINVAL,
+                        "--host %s: should be a name or an address without a port, as lab.example, "
+                        "203.0.113.7 or [2001:db8::7]",
+                        text);
+    return PVX_OK;
+}
+
 /* The four bytes of an IPv4 address, be it in IPv6's clothes; NULL: none. */
 static const uint8_t *as_four(const struct sockaddr_storage *a)
 {
@@ -112,14 +124,21 @@ bool view_gate_host(const struct view_gate *g, const char *host,
     struct sockaddr_storage named;
     if (host == NULL || !split(host, &a))
         return false;
-    if (address(&a, &named))
-        return same(&named, here);
-    if (a.bracketed)
-        return false;
-    for (size_t i = 0; i < g->n_hosts; i++)
-        if (strcasecmp(a.host, g->host[i]) == 0)
+    bool numbers = address(&a, &named);
+    if (numbers && same(&named, here))
+        return true;
+    for (size_t i = 0; i < g->n_hosts; i++) {
+        struct authority allowed;
+        struct sockaddr_storage its;
+        if (!split(g->host[i], &allowed))
+            continue;
+        if (address(&allowed, &its)
+                ? numbers && same(&named, &its)
+                : !numbers && !a.bracketed && strcasecmp(a.host, allowed.host) == 0)
             return true;
-    return strcasecmp(a.host, "localhost") == 0 && view_gate_loopback(here);
+    }
+    return !numbers && !a.bracketed && strcasecmp(a.host, "localhost") == 0 &&
+           view_gate_loopback(here);
 }
 
 bool view_gate_origin(const struct view_gate *g, const char *origin, const char *host)

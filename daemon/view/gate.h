@@ -17,7 +17,8 @@
 
 struct view_gate {
     bool tls;
-    const char *host[VIEW_HOSTS_MAX]; /* names that the page is reached by; borrowed */
+    const char
+        *host[VIEW_HOSTS_MAX]; /* names and addresses that the page is reached by; borrowed */
     size_t n_hosts;
     char token[VIEW_TOKEN_DIGITS + 1];
 };
@@ -25,6 +26,8 @@ struct view_gate {
 /* ADDRESS:PORT or [ADDRESS]:PORT, no name is looked up; a port alone is of 127.0.0.1. */
 PVX_MUST_CHECK pvx_err view_gate_address(const char *text, struct sockaddr_storage *out,
                                          socklen_t *len, struct pvx_diag *d);
+/* A name, or an address, IPv6 in brackets, by which a page is reached: no port. */
+PVX_MUST_CHECK pvx_err view_gate_name(const char *text, struct pvx_diag *d);
 bool view_gate_loopback(const struct sockaddr_storage *a);
 
 /* host: the request's Host, NULL none; here: the address that the connection came to. */

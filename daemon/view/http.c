@@ -16,11 +16,10 @@
 
 #include "base/clock.h"
 #include "base/mem.h"
-#include "daemon/view/certificate.h"
 #include "daemon/view/files.h"
+#include "daemon/view/tls.h"
 
 #define UNSENT_BYTES 16384 /* the kernel takes no more beyond what is under way */
-#define PAIR_BYTES   65536 /* with TLS: between libmicrohttpd and the page's end of its socket pair */
 #define GONE_MS      30000 /* sent and not acknowledged: the other end is no more */
 
 /* A connection that has not yet made its request. */
@@ -31,9 +30,9 @@ struct waiting {
 struct view_http {
     struct view_http_params p;
     struct MHD_Daemon *mhd;
+    view_tls *tls; /* NULL: none */
     struct waiting waiting[VIEW_HTTP_CLIENTS + 1];
     char at[64];
-    char *cert, *key;
     struct view_http_stats stats;
 };
 
@@ -120,10 +119,7 @@ static void upgraded(void *cls, struct MHD_Connection *c, void *con_cls, const c
     struct view_http *h = cls;
     (void)c;
     (void)con_cls;
-    int flags = fcntl(fd, F_GETFL), room = PAIR_BYTES;
-    fcntl(fd, F_SETFL, flags | O_NONBLOCK);
-    if (h->p.cert != NULL)
-        setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &room, sizeof room);
+    fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
     h->p.upgraded(h->p.ctx, fd, urh, extra, n_extra);
 }
 
@@ -138,8 +134,6 @@ static enum MHD_Result up(struct view_http *h, struct MHD_Connection *c)
         !accept_key(header(c, "Sec-WebSocket-Key"), key))
         return say(c, MHD_HTTP_BAD_REQUEST,
                    "a WebSocket of version 13 and subprotocol " VIEW_SUBPROTOCOL " is here\n");
-    if (!h->p.room(h->p.ctx))
-        return say(c, MHD_HTTP_SERVICE_UNAVAILABLE, "as many pages as there is room for\n");
     struct MHD_Response *r = MHD_create_response_for_upgrade(upgraded, h);
     if (r == NULL)
         return MHD_NO;
@@ -158,14 +152,22 @@ static void served(struct view_http *h, struct MHD_Connection *c)
             h->waiting[i].c = NULL;
 }
 
+/* The address that a connection came to. */
+static bool here(const struct view_http *h, struct MHD_Connection *c, struct sockaddr_storage *out)
+{
+    socklen_t len = sizeof *out;
+    memset(out, 0, sizeof *out);
+    return h->tls != NULL ? view_tls_here(h->tls, socket_of(c), out)
+                          : getsockname(socket_of(c), (struct sockaddr *)out, &len) == 0;
+}
+
 /* NOLINTNEXTLINE(readability-function-size): libmicrohttpd says what it is given */
 static enum MHD_Result answer(void *ctx, struct MHD_Connection *c, const char *url,
                               const char *method, const char *version, const char *body,
                               size_t *body_size, void **own)
 {
     struct view_http *h = ctx;
-    struct sockaddr_storage here = {0};
-    socklen_t len = sizeof here;
+    struct sockaddr_storage to;
     (void)version;
     (void)body;
     (void)own;
@@ -173,8 +175,7 @@ static enum MHD_Result answer(void *ctx, struct MHD_Connection *c, const char *u
     served(h, c);
     h->stats.requests++;
     const char *host = header(c, "Host");
-    if (getsockname(socket_of(c), (struct sockaddr *)&here, &len) != 0 ||
-        !view_gate_host(h->p.gate, host, &here)) {
+    if (!here(h, c, &to) || !view_gate_host(h->p.gate, host, &to)) {
         h->stats.refused_host++;
         return say(c, MHD_HTTP_MISDIRECTED_REQUEST,
                    "this address is not known by that name: pyrovox view --host NAME\n");
@@ -196,19 +197,26 @@ static enum MHD_Result answer(void *ctx, struct MHD_Connection *c, const char *u
                  f->type);
 }
 
-static void connection(void *ctx, struct MHD_Connection *c, void **own,
-                       enum MHD_ConnectionNotificationCode what)
+/* Of a TCP connection. */
+static void prepare(int fd)
 {
-    struct view_http *h = ctx;
-    int on = 1, unsent = UNSENT_BYTES, gone = GONE_MS, fd = socket_of(c);
-    (void)own;
-    served(h, c);
-    if (what != MHD_CONNECTION_NOTIFY_STARTED)
-        return;
+    int on = 1, unsent = UNSENT_BYTES, gone = GONE_MS;
     setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
     setsockopt(fd, IPPROTO_TCP, TCP_NOTSENT_LOWAT, &unsent, sizeof unsent);
     setsockopt(fd, IPPROTO_TCP, TCP_USER_TIMEOUT, &gone, sizeof gone);
     setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on);
+}
+
+static void connection(void *ctx, struct MHD_Connection *c, void **own,
+                       enum MHD_ConnectionNotificationCode what)
+{
+    struct view_http *h = ctx;
+    (void)own;
+    served(h, c);
+    if (what != MHD_CONNECTION_NOTIFY_STARTED)
+        return;
+    if (h->tls == NULL)
+        prepare(socket_of(c));
     for (size_t i = 0; i <= VIEW_HTTP_CLIENTS; i++)
         if (h->waiting[i].c == NULL) {
             h->waiting[i] = (struct waiting){c, pvx_now_mono()};
@@ -258,27 +266,37 @@ static pvx_err listen_at(struct view_http *h, int *fd, struct pvx_diag *d)
                           strerror(why));
 }
 
+static bool come(void *ctx, int fd, const struct sockaddr *from, socklen_t len)
+{
+    struct view_http *h = ctx;
+    return MHD_add_connection(h->mhd, fd, from, len) == MHD_YES;
+}
+
+/* fd is its own, on error too. */
 static pvx_err start(struct view_http *h, int fd, struct pvx_diag *d)
 {
-    const unsigned flags = MHD_USE_EPOLL | MHD_ALLOW_UPGRADE | (h->cert != NULL ? MHD_USE_TLS : 0);
-    struct MHD_OptionItem tls[] = {{MHD_OPTION_HTTPS_MEM_CERT, 0, h->cert},
-                                   {MHD_OPTION_HTTPS_MEM_KEY, 0, h->key},
-                                   {MHD_OPTION_END, 0, NULL}};
+    bool tls = h->p.cert != NULL;
+    struct MHD_OptionItem listen[] = {{MHD_OPTION_LISTEN_SOCKET, fd, NULL},
+                                      {MHD_OPTION_END, 0, NULL}};
     h->mhd = MHD_start_daemon(
-        flags, 0, NULL, NULL, answer, h, MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT,
-        (unsigned)VIEW_HTTP_CLIENTS, MHD_OPTION_CONNECTION_TIMEOUT,
-        (unsigned)(VIEW_HTTP_PATIENCE_NS / PVX_NS_PER_S), MHD_OPTION_CONNECTION_MEMORY_LIMIT,
-        (size_t)VIEW_HTTP_HEADERS, MHD_OPTION_NOTIFY_CONNECTION, connection, h, MHD_OPTION_ARRAY,
-        h->cert != NULL ? tls : tls + 2, MHD_OPTION_END);
-    if (h->mhd != NULL)
-        return PVX_OK;
-    close(fd);
-    return h->cert != NULL
-               ? pvx_fail(d, PVX_EFORMAT,
-                          "%s and %s: no certificate and key that belong together, as "
-                          "PEM",
-                          h->p.cert, h->p.key)
-               : pvx_fail(d, PVX_EIO, "--listen %s: no HTTP server to be had", h->p.listen);
+        MHD_USE_EPOLL | MHD_ALLOW_UPGRADE | (tls ? MHD_USE_NO_LISTEN_SOCKET : 0), 0, NULL, NULL,
+        answer, h, MHD_OPTION_CONNECTION_LIMIT, (unsigned)VIEW_HTTP_CLIENTS,
+        MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(VIEW_HTTP_PATIENCE_NS / PVX_NS_PER_S),
+        MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)VIEW_HTTP_HEADERS, MHD_OPTION_NOTIFY_CONNECTION,
+        connection, h, MHD_OPTION_ARRAY, tls ? listen + 1 : listen, MHD_OPTION_END);
+    if (h->mhd == NULL) {
+        close(fd);
+        return pvx_fail(d, PVX_EIO, "--listen %s: no HTTP server to be had", h->p.listen);
+    }
+    const struct view_tls_params p = {.listen = fd,
+                                      .cert = h->p.cert,
+                                      .key = h->p.key,
+                                      .connections = VIEW_HTTP_CLIENTS,
+                                      .patience_ns = VIEW_HTTP_PATIENCE_NS,
+                                      .prepare = prepare,
+                                      .come = come,
+                                      .ctx = h};
+    return tls ? view_tls_new(&p, &h->tls, d) : PVX_OK;
 }
 
 pvx_err view_http_new(const struct view_http_params *p, view_http **out, struct pvx_diag *d)
@@ -288,11 +306,7 @@ pvx_err view_http_new(const struct view_http_params *p, view_http **out, struct 
     if (h == NULL)
         return PVX_ENOMEM;
     h->p = *p;
-    pvx_err e = PVX_OK;
-    if (p->cert != NULL)
-        e = view_certificate(p->cert, p->key, &h->cert, &h->key, d);
-    if (e == PVX_OK)
-        e = listen_at(h, &fd, d);
+    pvx_err e = listen_at(h, &fd, d);
     if (e == PVX_OK)
         e = start(h, fd, d);
     if (e != PVX_OK)
@@ -306,8 +320,7 @@ void view_http_free(view_http **h)
         return;
     if ((*h)->mhd != NULL)
         MHD_stop_daemon((*h)->mhd);
-    free((*h)->cert);
-    free((*h)->key);
+    view_tls_free(&(*h)->tls);
     PVX_FREE(*h);
 }
 
@@ -316,22 +329,31 @@ const char *view_http_at(const view_http *h)
     return h->at;
 }
 
-int view_http_fd(const view_http *h)
+int view_http_fds(const view_http *h, struct pollfd out[VIEW_HTTP_FDS])
 {
     const union MHD_DaemonInfo *i = MHD_get_daemon_info(h->mhd, MHD_DAEMON_INFO_EPOLL_FD);
-    return i != NULL ? i->epoll_fd : -1;
+    int n = 0;
+    if (i != NULL)
+        out[n++] = (struct pollfd){.fd = i->epoll_fd, .events = POLLIN};
+    if (h->tls != NULL)
+        out[n++] = (struct pollfd){.fd = view_tls_fd(h->tls), .events = POLLIN};
+    return n;
 }
 
 int64_t view_http_due_ns(const view_http *h)
 {
     MHD_UNSIGNED_LONG_LONG ms;
-    return MHD_get_timeout(h->mhd, &ms) == MHD_YES
-               ? pvx_now_mono() + (int64_t)(ms < 1000 ? ms : 1000) * PVX_NS_PER_MS
-               : INT64_MAX;
+    int64_t due = h->tls != NULL ? view_tls_due_ns(h->tls) : INT64_MAX;
+    if (MHD_get_timeout(h->mhd, &ms) != MHD_YES)
+        return due;
+    int64_t its = pvx_now_mono() + (int64_t)(ms < 1000 ? ms : 1000) * PVX_NS_PER_MS;
+    return its < due ? its : due;
 }
 
 void view_http_run(view_http *h)
 {
+    if (h->tls != NULL)
+        view_tls_run(h->tls);
     MHD_run(h->mhd);
     int64_t now = pvx_now_mono();
     for (size_t i = 0; i <= VIEW_HTTP_CLIENTS; i++)
@@ -351,4 +373,5 @@ void view_http_drop(void *handle)
 void view_http_stats(const view_http *h, struct view_http_stats *out)
 {
     *out = h->stats;
+    out->late += h->tls != NULL ? view_tls_late(h->tls) : 0;
 }

@@ -5,6 +5,7 @@
  * Threads: one. */
 #ifndef VIEW_HTTP_H
 #define VIEW_HTTP_H
+#include <poll.h>
 #include <stdint.h>
 #include "daemon/view/gate.h"
 
@@ -21,8 +22,6 @@ struct view_http_params {
     const struct view_gate *gate; /* borrowed */
     const char *listen;           /* ADDRESS:PORT; port 0: any */
     const char *cert, *key;       /* PEM files, both or none */
-    /* May another page come?  Then `upgraded` will be called, unless the connection breaks. */
-    bool (*room)(void *ctx);
     /* fd is non-blocking, and lives until view_http_drop(handle). */
     void (*upgraded)(void *ctx, int fd, void *handle, const void *early, size_t n_early);
     void *ctx;
@@ -35,7 +34,8 @@ PVX_MUST_CHECK pvx_err view_http_new(const struct view_http_params *p, view_http
 void view_http_free(view_http **h); /* after every handle was dropped */
 /* Where it listens, "127.0.0.1:8737"; as long as h. */
 const char *view_http_at(const view_http *h);
-int view_http_fd(const view_http *h);
+#define VIEW_HTTP_FDS 2
+int view_http_fds(const view_http *h, struct pollfd out[VIEW_HTTP_FDS]); /* to wait for; how many */
 int64_t view_http_due_ns(const view_http *h); /* mono clock: run it then at the latest */
 void view_http_run(view_http *h);
 void view_http_drop(void *handle);

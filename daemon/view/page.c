@@ -1,6 +1,7 @@
 #include "daemon/view/page.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -38,6 +39,8 @@ struct view_page {
     unsigned n_away;
     struct view_words words; /* said and not yet asked for */
     struct view_page_stats stats;
+    struct pvx_hist recent[2][VIEW_WAYS]; /* of these seconds, and of those before */
+    int64_t recent_ns;
 };
 
 static ssize_t receive(wslay_event_context_ptr ws, uint8_t *buf, size_t len, int flags, void *user)
@@ -87,11 +90,11 @@ static ssize_t transmit(wslay_event_context_ptr ws, const uint8_t *data, size_t 
 }
 
 /* Since it was published, if that was by this host's clock. */
-static void since_published(struct pvx_hist *h, const struct away *a)
+static void since_published(view_page *p, enum view_way way, const struct away *a)
 {
     int64_t whole = pvx_now_real() - a->published_ns;
     if (whole >= 0 && whole < SANE_NS)
-        pvx_hist_add(h, whole);
+        pvx_hist_add(&p->recent[0][way], whole);
 }
 
 static void held(view_page *p, uint64_t set)
@@ -99,7 +102,7 @@ static void held(view_page *p, uint64_t set)
     for (unsigned i = 0; i < p->n_away; i++)
         if (p->away[i].set == set && !p->away[i].held) {
             p->away[i].held = true;
-            since_published(&p->stats.held_ns, &p->away[i]);
+            since_published(p, VIEW_HELD, &p->away[i]);
             return;
         }
 }
@@ -110,8 +113,8 @@ static void drawn(view_page *p, uint64_t set)
         if (p->away[i].set != set)
             continue;
         p->stats.drawn++;
-        pvx_hist_add(&p->stats.drawn_ns, pvx_now_mono() - p->away[i].sent_ns);
-        since_published(&p->stats.whole_ns, &p->away[i]);
+        pvx_hist_add(&p->recent[0][VIEW_DRAWN], pvx_now_mono() - p->away[i].sent_ns);
+        since_published(p, VIEW_WHOLE, &p->away[i]);
         /* those before it were passed over by the page */
         p->n_away -= i + 1;
         memmove(p->away, p->away + i + 1, p->n_away * sizeof *p->away);
@@ -183,7 +186,7 @@ pvx_err view_page_new(int fd, const struct view_gate *gate, const void *early, s
         return PVX_ENOMEM;
     p->fd = fd;
     p->gate = gate;
-    p->opened_ns = pvx_now_mono();
+    p->opened_ns = p->recent_ns = pvx_now_mono();
     p->early = malloc(n_early + 1);
     if (p->early == NULL || wslay_event_context_server_init(&p->ws, &calls, p) != 0) {
         view_page_free(out);
@@ -281,7 +284,7 @@ static bool due(const view_page *p, const view_shelf *shelf, enum view_slot slot
 static bool fill(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number)
 {
     struct view_msg m;
-    if (view_shelf_event(shelf, p->events, &m)) {
+    if (p->had[VIEW_START] > 0 && view_shelf_event(shelf, p->events, &m)) {
         p->events = m.number;
         queue(p, WSLAY_BINARY_FRAME, m.data, m.len);
         return true;
@@ -340,6 +343,30 @@ bool view_page_over(view_page *p, int64_t now)
            (p->closing_ns != 0 && now - p->closing_ns > 2 * CLOSING_NS);
 }
 
+double view_page_recent(view_page *p, enum view_way way, double q, int64_t now)
+{
+    if (now - p->recent_ns > VIEW_RECENT_NS) {
+        memcpy(p->recent[1], p->recent[0], sizeof p->recent[1]);
+        memset(p->recent[0], 0, sizeof p->recent[0]);
+        p->recent_ns = now;
+    }
+    struct pvx_hist both = p->recent[0][way];
+    const struct pvx_hist *before = &p->recent[1][way];
+    for (int i = 0; i < PVX_HIST_BUCKETS; i++)
+        both.bucket[i] += before->bucket[i];
+    both.count += before->count;
+    both.max_ns = both.max_ns > before->max_ns ? both.max_ns : before->max_ns;
+    return both.count > 0 ? (double)pvx_hist_quantile(&both, q) * 1e-6 : NAN;
+}
+
+int64_t view_page_since(const view_page *p)
+{
+    return p->opened_ns;
+}
+bool view_page_closing(const view_page *p)
+{
+    return p->closing_ns != 0 || p->gone;
+}
 bool view_page_let_in(const view_page *p)
 {
     return p->let_in;

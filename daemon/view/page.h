@@ -12,18 +12,23 @@
 #include "daemon/view/shelf.h"
 
 #define VIEW_CREDITS_MAX  8
-#define VIEW_HELLO_NS     5000000000LL /* a page that has not shown its token by then is closed */
-#define VIEW_CLOSE_TOKEN  4401         /* close codes: the token is not this bridge's */
-#define VIEW_CLOSE_WORDS  4400         /* a message that is not understood */
-#define VIEW_CLOSE_SILENT 4408         /* no token in time */
+#define VIEW_HELLO_NS     5000000000LL  /* a page that has not shown its token by then is closed */
+#define VIEW_CLOSE_TOKEN  4401          /* close codes: the token is not this bridge's */
+#define VIEW_CLOSE_WORDS  4400          /* a message that is not understood */
+#define VIEW_CLOSE_SILENT 4408          /* no token in time */
+#define VIEW_CLOSE_FULL   4503          /* as many pages as there is room for */
+#define VIEW_RECENT_NS    10000000000LL /* what `recent` looks back at, and as much again at most */
 
 struct view_page_stats {
-    uint64_t sent, drawn;     /* volumes */
-    uint64_t superseded;      /* not sent, as a newer one came first */
-    uint64_t hidden;          /* not sent, as nobody looked */
-    struct pvx_hist drawn_ns; /* handed to the socket -> said to be drawn */
-    struct pvx_hist held_ns;  /* published by a daemon on this host -> said to be in the texture */
-    struct pvx_hist whole_ns; /* ... -> said to be drawn */
+    uint64_t sent, drawn; /* volumes */
+    uint64_t superseded;  /* not sent, as a newer one came first */
+    uint64_t hidden;      /* not sent, as nobody looked */
+};
+enum view_way {
+    VIEW_DRAWN, /* handed to the socket -> said to be drawn */
+    VIEW_HELD,  /* published by a daemon on this host -> said to be in the texture */
+    VIEW_WHOLE, /* ... -> said to be drawn */
+    VIEW_WAYS
 };
 typedef struct view_page view_page;
 /* fd stays the caller's, non-blocking.  early: bytes that came behind the request. */
@@ -41,10 +46,14 @@ bool view_page_over(view_page *p, int64_t now);
 void view_page_close(view_page *p, unsigned code, const char *why);
 
 bool view_page_let_in(const view_page *p);
-bool view_page_refused(const view_page *p); /* a wrong token, or none in time */
+int64_t view_page_since(const view_page *p); /* mono clock: it was opened then */
+bool view_page_closing(const view_page *p);  /* all was said to it */
+bool view_page_refused(const view_page *p);  /* a wrong token, or none in time */
 bool view_page_wants_previews(const view_page *p);
 bool view_page_looks(const view_page *p); /* let in, and not hidden */
 const struct view_page_stats *view_page_stats(const view_page *p);
+/* Quantile q of a way's times of late, ms; NAN: there were none, or the clocks differ. */
+double view_page_recent(view_page *p, enum view_way way, double q, int64_t now);
 /* A volume has come: does it take the place of one that was not sent? */
 void view_page_count(view_page *p, uint64_t volume_before);
 #endif

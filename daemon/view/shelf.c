@@ -50,7 +50,7 @@ static pvx_err hold(struct held *h, const void *msg, size_t len, struct pvx_diag
 {
     if (len > h->room) {
         free(h->data);
-        h->room = 0;
+        h->m.len = h->room = 0;
         h->data = malloc(len);
         if (h->data == NULL)
             return pvx_fail(d, PVX_ENOMEM, "no memory for a message of %zu bytes", len);

@@ -16,6 +16,8 @@
 #include "daemon/volumes/bricks.h"
 #include "recon/solve/solve.h"
 
+#define VERSION 1 /* of recording.json */
+
 #define TEXT_MAX ((size_t)4 << 20)
 
 struct in {
@@ -229,13 +231,21 @@ static char *text_file(const char *dir, const char *name)
 }
 
 /* *cut: it was not closed. */
-static pvx_err read_list(struct in *r, const char *dir, bool *cut)
+static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_diag *d)
 {
     char *text = text_file(dir, "recording.json");
     cJSON *o = text != NULL ? cJSON_Parse(text) : NULL;
     free(text);
     if (o == NULL)
         return PVX_OK; /* of `pyrovox reconstruct`, or of an earlier version */
+    double version = number(o, "version");
+    if (version > VERSION) {
+        cJSON_Delete(o);
+        return pvx_fail(d, PVX_EFORMAT,
+                        "%s/recording.json: version %g of the layout; this program reads %d: "
+                        "update it",
+                        dir, version, VERSION);
+    }
     *cut = !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "closed"));
     double fps = number(o, "fps");
     r->start.fps = isfinite(fps) && fps >= 0 ? fps : 0;
@@ -289,7 +299,7 @@ static pvx_err npy_open(void **self, const char *path, struct vol_head *head, ui
     if (e == PVX_OK && folder) {
         r->rig = text_file(path, "rig.yaml");
         r->config = text_file(path, "config.yaml");
-        e = read_list(r, path, cut);
+        e = read_list(r, path, cut, d);
     }
     if (e != PVX_OK) {
         npy_close(r);

@@ -40,6 +40,34 @@ faketime() { # an expired certificate, signed for a time that has passed
 tls() { view tls.log "$dir/film.h5" --cert "$dir/cert.pem" --cert-key "$dir/key.pem" --host localhost && does tls "$dir/cert.pem"; local r=$?; kill -INT "$started"; return $r; }
 check tls tls
 
+names() {
+    view names.log "$dir/film.h5" --host lab.example --host 203.0.113.7 --host '[2001:db8::7]' || return 1
+    at=127.0.0.1:${at##*:}
+    does names; local r=$?; kill -INT "$started"; [ $r = 0 ] || return 1
+    run "$pyrovox" view "$dir/film.h5" --host lab.example:80; says 2 'without a port' || return 1
+    run "$pyrovox" view ipc:///tmp/x; says 2 'is an endpoint'
+}
+check names names
+opens() { # what is started to open the page is never told the token where others can read it
+    mkdir -p "$dir/fake" "$dir/run"
+    printf '#!/bin/sh\nps -o pgid= $$ > %s/pgid; echo "$@" > %s/opened\n' "$dir" "$dir" > "$dir/fake/xdg-open"; chmod 755 "$dir/fake/xdg-open"
+    start open.log env PATH="$dir/fake:$PATH" XDG_RUNTIME_DIR="$dir/run" "$pyrovox" view --listen 127.0.0.1:0 --open "$dir/film.h5"
+    wait_for test -s "$dir/opened" || return 1
+    local url file; url=$(grep -m1 '#' "$dir/open.log"); file=$(cat "$dir/opened")
+    ! grep -q "${url#*#}" "$dir/opened" && [ "$(stat -c %a "$file")" = 600 ] && grep -qF "url=$url\"" "$file" &&
+        [ "$(tr -d ' ' < "$dir/pgid")" != "$(ps -o pgid= "$started" | tr -d ' ')" ] || return 1
+    kill -INT "$started"; wait "$started"; [ ! -e "$file" ]
+}
+check opens opens
+recordings() { # cut off: shown as far as it is whole; of a later version: refused
+    run "$pyrovox" convert --format npy "$dir/film.h5" "$dir/folder"; says 0 || return 1
+    sed -i 's/"closed":[[:space:]]*true/"closed": false/' "$dir/folder/recording.json"
+    view cut.log "$dir/folder" && does cut || return 1
+    kill -INT "$started"; wait "$started"
+    sed -i 's/"version":[[:space:]]*1/"version": 9/' "$dir/folder/recording.json"
+    run "$pyrovox" view "$dir/folder"; says 1 'version 9' 'update it'
+}
+check recordings recordings
 refuses() {
     run "$pyrovox" view --listen 0.0.0.0:0 "$dir/film.h5"; says 1 "--cert" "ssh -L" || return 1
     run "$pyrovox" view --listen elsewhere:80 "$dir/film.h5"; says 1 "address and a port" || return 1

@@ -18,7 +18,7 @@ static struct sockaddr_storage here(const char *text)
 
 T_CASE(hosts)
 {
-    struct view_gate g = {.host = {"lab.example"}, .n_hosts = 1};
+    struct view_gate g = {.host = {"lab.example", "203.0.113.7"}, .n_hosts = 2};
     const struct {
         const char *host, *here;
         bool good;
@@ -38,6 +38,9 @@ T_CASE(hosts)
         {"127.0.0.1.evil.test:8737", "127.0.0.1:8737", false},
         {"evil.test", "127.0.0.1:8737", false},
         {"lab.example.evil.test", "192.0.2.7:8737", false},
+        {"203.0.113.7:8737", "192.0.2.7:8737", true}, /* a forwarded port */
+        {"203.0.113.8", "192.0.2.7:8737", false},
+        {"203.0.113.7.evil.test", "192.0.2.7:8737", false},
         {"xlab.example", "192.0.2.7:8737", false},
         {"127.0.0.2", "127.0.0.1:8737", false},
         {"127.1", "127.0.0.1:8737", false},

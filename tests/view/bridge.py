@@ -202,16 +202,41 @@ def full():
     for p in pages:
         p.say(credits=1)
         p.volume()
-    refused(503)
-    for p in pages:
+    closed(page(), 4503)
+    # those who show no token take nobody's place, however many
+    strangers = [WebSocket(address) for _ in range(40)]
+    closed(page(), 4503)
+    for p in pages[:8]:
         p.close()
     end = time.monotonic() + 60
     while True:
         try:
-            page().close()
-            return
-        except Refused:
+            p = page()
+            p.say(credits=1)
+            p.volume()
+            break
+        except Closed:
             assert time.monotonic() < end
+    for p in pages[8:]:
+        p.say(credits=1)
+    for s in strangers:
+        s.close()
+
+
+def cut():
+    """A recording that was cut off says so, and shows what is whole."""
+    ws = page()
+    ws.say(credits=1)
+    ws.volume()
+    assert ws.until(lambda k, m: k == "text" and "film" in m)["film"]["cut"]
+
+
+def names():
+    """--host lab.example --host 203.0.113.7 --host [2001:db8::7]"""
+    for h in ("lab.example", f"LAB.example:{port}", "203.0.113.7", f"203.0.113.7:{port}", "[2001:db8::7]", f"[2001:db8:0::7]:{port}", at):
+        assert get("/", Host=h)[0] == 200, h
+    for h in ("203.0.113.8", "203.0.113.7.lab.example", "lab.example.evil.test", "[2001:db8::8]", "2001:db8::7", "lab.example:x"):
+        assert get("/", Host=h)[0] in (400, 421), h
 
 
 def slow():
@@ -234,13 +259,52 @@ def slow():
 
 
 def tls():
-    ws = WebSocket(("localhost", int(port)), tls=more[0], host=f"localhost:{port}", origin=f"https://localhost:{port}")
-    ws.say(token=token, credits=3)
+    import ssl
+    ws = WebSocket(address, host=f"localhost:{port}", tls=more[0])
+    ws.say(token=token)
+    sizes, real = [], ws.s.recv
+
+    class Counting:
+        def recv(self, n):
+            got = real(n)
+            sizes.append(len(got))
+            return got
+
+        def __getattr__(self, name):
+            return getattr(plain, name)
+    plain, ws.s = ws.s, Counting()
     for _ in range(3):
+        ws.say(credits=1)
         ws.volume()
+    assert max(sizes) > 500, sizes  # records are not crumbs; a volume here has a kilobyte
     out = request(("localhost", int(port)), f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n", tls=more[0])
     assert b"<title>Pyrovox" in out
+    out = request(("localhost", int(port)), f"GET / HTTP/1.1\r\nHost: 127.0.0.1.evil.test:{port}\r\n\r\n", tls=more[0])
+    assert b" 421 " in out.split(b"\r\n")[0], out[:80]
     assert b"<title>" not in request(address, f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n")
+    for version in (ssl.TLSVersion.TLSv1, ssl.TLSVersion.TLSv1_1):
+        old = ssl.create_default_context(cafile=more[0])
+        old.set_ciphers("ALL:@SECLEVEL=0")
+        old.minimum_version = old.maximum_version = version
+        try:
+            old.wrap_socket(socket.create_connection(address), server_hostname="localhost")
+        except (ssl.SSLError, ConnectionResetError, OSError):
+            continue
+        raise AssertionError(f"{version} is let in")
+    # many at a time, those that say nothing among them, and one that goes in the middle
+    idle = [socket.create_connection(address) for _ in range(20)]
+    many = [WebSocket(address, host=f"localhost:{port}", tls=more[0]) for _ in range(8)]
+    for w in many:
+        w.say(token=token, credits=1)
+    for w in many:
+        w.volume()
+    many[0].s.close()
+    for w in many[1:]:
+        w.say(credits=1)
+        w.volume()
+        w.close()
+    for s in idle:
+        s.close()
 
 
 def live():
@@ -266,7 +330,7 @@ def live():
         p.kill()  # it would wait for the bridge to leave
         p.wait()
     l = ws.until(lambda k, m: k == "text" and "link" in m and m["link"]["lost"] >= 60)["link"]
-    assert l["volumes_drawn"] > 0 and l["volumes_drawn"] <= l["volumes_sent"] and l["drawn_ms"][0] > 0 and l["whole_ms"] == [0, 0], l  # published long ago by its clock: not believed
+    assert l["volumes_drawn"] > 0 and l["volumes_drawn"] <= l["volumes_sent"] and l["drawn_ms"][0] > 0 and l["whole_ms"] == [None, None], l  # published long ago by its clock: not believed
 
 
 def orders():
@@ -322,4 +386,4 @@ def orders():
 
 
 {"files": files, "host": hosts, "origin": origins, "token": tokens, "volume": volume, "credits": credits, "words": words, "frames": frames, "film": film,
- "full": full, "slow": slow, "orders": orders, "tls": tls, "live": live}[what]()
+ "full": full, "cut": cut, "names": names, "slow": slow, "orders": orders, "tls": tls, "live": live}[what]()

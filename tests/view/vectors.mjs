@@ -106,6 +106,23 @@ const tests = {
       }
     }
   },
+  async flat() { // the projections are those of the volume, and nothing is left of a session before
+    const { Flat } = await load("flat"), n = [20, 17, 25], nb = n.map((x) => x + 7 >> 3), b = new Bricks(), f = new Flat({ getContext: () => null });
+    for (let round = 0; round < 20; round++) {
+      const v = made(n, 1, [...Array(nb[0] * nb[1] * nb[2]).keys()].filter(() => random(round % 3 + 1) === 0));
+      Object.assign(v.grid, { min: [0, 0, 0], max: n });
+      if (round % 5 === 4) { b.forget(); f.clear(); }
+      f.take({ ...v, ...b.take(v) });
+      const want = dense(v).reduce((s, x) => s + x, 0);
+      for (const s of f.sums) assert.ok(Math.abs(s.v.filter((_, i) => i % 3 === 0).reduce((t, x) => t + x, 0) / want - 1) < 1e-4 || want === 0);
+    }
+  },
+  async bright() { // a brick of ones alone, seen through its depth
+    const { brightest } = await load("bricks"), v = made([16, 16, 16], 3, [3]);
+    Object.assign(v.grid, { min: [0, 0, 0], max: [1.6, 3.2, 1.6] });
+    v.half.fill(0x3c00);
+    assert.ok(Math.abs(brightest(v) - 1.6) < 1e-5); // 8 voxels of 0.2 m along y
+  },
   cells() { // no cell with light is stepped over, and few without are not
     for (const basis of [0, 1]) {
       const v = made([24, 16, 16], 1, [1, 5, 9], basis), want = new Set();

@@ -33,8 +33,8 @@ def blobs(n, channels, seed):
     return v.astype(np.float16).astype(np.float32)
 
 
-def pixels(page, eye, target, exposure, w=W, h=H, count=0):
-    data = page.eval(f"pyrovox.picture({w}, {h}, {list(eye)}, {list(target)}, {FOV}, {exposure}, 'grey', {count})")
+def pixels(page, eye, target, exposure, w=W, h=H, count=0, fov=FOV):
+    data = page.eval(f"pyrovox.picture({w}, {h}, {list(eye)}, {list(target)}, {fov}, {exposure}, 'grey', {count})")
     return np.frombuffer(base64.b64decode(data), np.uint8).reshape(h, w, 4)[..., :3]
 
 
@@ -42,11 +42,11 @@ def shown(page, url):
     page.until("window.pyrovox && pyrovox.view.set >= 0 && pyrovox.view.drawn > 0")
 
 
-def exact(volume, eye, target, exposure):
+def exact(volume, eye, target, exposure, fov=FOV):
     """What pyrovox render makes of it, as sRGB."""
     out = f"{bed.dir}/picture.npy"
     number = ",".join
-    bed.run(f"{bed.bin}/pyrovox", "render", "--quiet", "--sub", "1", "--eye=" + number(map(str, eye)), "--look-at=" + number(map(str, target)), "--fov", str(FOV),
+    bed.run(f"{bed.bin}/pyrovox", "render", "--quiet", "--sub", "1", "--eye=" + number(map(str, eye)), "--look-at=" + number(map(str, target)), "--fov", str(fov),
             "--size", f"{W}x{H}", volume, out)
     p = np.load(out).astype(float)
     p = p.reshape(H, W, -1) * exposure
@@ -62,12 +62,12 @@ def golden():
             bridge, url = bed.view(folder)
             page = browser.page(url)
             shown(page, url)
-            for eye in EYES:
-                got, want = pixels(page, eye, (0, 0, 0.7), 1.2), exact(f"{folder}/000000.npy", eye, (0, 0, 0.7), 1.2)
+            for eye, fov in [(e, FOV) for e in EYES] + [((20.0, -14.0, 9.0), 4)]:  # the last from far away
+                got, want = pixels(page, eye, (0, 0, 0.7), 1.2, fov=fov), exact(f"{folder}/000000.npy", eye, (0, 0, 0.7), 1.2, fov)
                 diff = np.abs(got - want)
                 print(f"  {basis} {channels} {eye}: mean {diff.mean():.3f}, largest {diff.max():.1f}, brightest {want.max():.0f}, lit {(want > 5).mean():.2f}")
                 assert want.max() > 100 and (want > 5).mean() > 0.05, "there is nothing to compare"
-                assert diff.mean() <= 2 and diff[np.broadcast_to(want > 5, diff.shape)].mean() <= 2, diff.mean()
+                assert diff.max() <= 10 and diff.mean() <= 2 and diff[np.broadcast_to(want > 5, diff.shape)].mean() <= 2, diff.mean()
             assert not page.troubles(), page.troubles()
             page.close()
             bed.end(bridge)
@@ -201,11 +201,17 @@ def live():
     # the daemon is killed, and comes back with another session
     session = page.eval("pyrovox.view.start.session")
     bed.end(daemon, signal.SIGKILL)
-    page.until("/nothing from the daemon|has ended/.test(document.getElementById('state').textContent)")
+    page.until("/nothing comes from the daemon|has ended/.test(document.getElementById('state').textContent)")
     page.shot(f"{bed.shots}/gone.png")
     daemon, _ = bed.daemon(bed.rig(24, "trilinear"))
     page.until(f"pyrovox.view.start && pyrovox.view.start.session !== '{session}' && pyrovox.view.volumes > 3 && document.getElementById('state').textContent === 'live'", 180)
     assert page.eval("pyrovox.view.start.grid.basis") == 1
+    # a bridge that stands still does not close: it is noticed, and is back when it goes on
+    os.kill(bridge.pid, signal.SIGSTOP)
+    page.until("/does not answer|reconnecting/.test(document.getElementById('state').textContent)")
+    os.kill(bridge.pid, signal.SIGCONT)
+    n = page.eval("pyrovox.view.volumes")
+    page.until(f"pyrovox.view.volumes > {n} + 3 && document.getElementById('state').textContent === 'live'")
     # the bridge is killed: it says so; its token is an old one for the next
     bed.end(bridge, signal.SIGKILL)
     page.until("/bridge is gone|reconnecting/.test(document.getElementById('state').textContent)")
@@ -215,11 +221,12 @@ def live():
 
 
 def context_lost():
-    folder = bed.recording("context", [blobs((24, 24, 24), 3, 3)], "trilinear")
+    folder = bed.recording("context", [blobs((24, 24, 24), 3, 3)] * 2, "trilinear")
     bridge, url = bed.view(folder)
     page = browser.page(url)
     shown(page, url)
     want = pixels(page, EYES[0], (0, 0, 0.7), 1)
+    page.until("pyrovox.view.volumes > 5")
     page.eval("window.taken = pyrovox.flame().gl.getExtension('WEBGL_lose_context'); taken.loseContext(); 0")
     page.until("!document.getElementById('notice').hidden")
     page.shot(f"{bed.shots}/context-lost.png")
@@ -228,6 +235,8 @@ def context_lost():
     time.sleep(0.5)
     got = pixels(page, EYES[0], (0, 0, 0.7), 1)
     assert want.max() > 100 and np.array_equal(got, want)
+    n, drawn = page.eval("pyrovox.view.volumes"), page.eval("pyrovox.view.drawn")
+    page.until(f"pyrovox.view.volumes > {n} + 5 && pyrovox.view.drawn > {drawn} + 5")  # and it goes on
     page.close()
     bed.end(bridge)
 
@@ -242,6 +251,17 @@ def grey():
     page.eval("document.getElementById('colours').value = 'viridis'; document.getElementById('colours').dispatchEvent(new Event('input')); 0")
     page.until("pyrovox.flame().look.colours === 'viridis'")
     page.shot(f"{bed.shots}/grey.png")
+    # the bar is even in the value: where it stands for a quarter of the range, it has the colour of that
+    bar = page.eval("JSON.stringify([...document.getElementById('map').getContext('2d').getImageData(64, 0, 1, 1).data])")
+    want = page.eval("import('./colours.js').then((m) => JSON.stringify([...m.table('viridis').slice(4 * Math.round(255 * (1.055 * (64 / 255) ** (1 / 2.4) - 0.055)))].slice(0, 4)))")
+    assert bar == want, (bar, want)
+    page.size(360, 740, touch=True)
+    page.until("document.documentElement.scrollWidth <= 360")
+    boxes = json.loads(page.eval("JSON.stringify(['film', 'legend', 'tools'].map((i) => document.getElementById(i).getBoundingClientRect()))"))
+    assert all(b["left"] >= 0 and b["right"] <= 360 for b in boxes), boxes
+    assert boxes[1]["bottom"] <= boxes[0]["top"] or boxes[1]["top"] >= boxes[0]["bottom"], boxes
+    page.shot(f"{bed.shots}/narrow-grey.png")
+    page.size(1280, 800)
     page.eval("document.querySelectorAll('details')[1].open = true; 0")
     clicks(page, "slices")
     page.until("document.getElementById('map-unit').textContent === '1/m'")
@@ -322,10 +342,11 @@ def turning():
     page.until("document.getElementById('turn').getAttribute('aria-pressed') === 'false'")
     page.key("t")
     page.do("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
-    page.until("pyrovox.orbit.turning && pyrovox.orbit.still.matches")
+    page.until("pyrovox.orbit.still.matches && pyrovox.orbit.turning")  # they asked for it
     was = page.eval("pyrovox.orbit.azimuth")
-    time.sleep(0.5)
-    assert page.eval("pyrovox.orbit.azimuth") == was
+    page.until(f"pyrovox.orbit.azimuth > {was} + 0.02")
+    page.do("Page.reload")
+    page.until("window.pyrovox && pyrovox.view.set >= 0 && pyrovox.orbit.still.matches && !pyrovox.orbit.turning")
     page.close()
     bed.end(bridge)
 
@@ -340,6 +361,7 @@ def flat():
     shown(page, url)
     page.until("document.getElementById('notice').textContent.includes('WebGL2')")
     assert abs(page.eval("pyrovox.flame().sums[0].v.reduce((a, b) => a + b)") / (v.sum() * 0.8 / 20) - 1) < 1e-4
+    assert page.eval("['slices-part', 'turn', 'reset'].every((i) => document.getElementById(i).offsetParent === null)")
     page.shot(f"{bed.shots}/flat.png")
     page.close()
     # a machine whose textures are too small

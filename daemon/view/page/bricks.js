@@ -1,6 +1,6 @@
 // From one volume to the next: what has to go into the texture.  Bricks that came and bricks that left, which become
 // zeros, joined along x into boxes, so that there are few uploads.
-import { CELLS } from "./pvx.js";
+import { CELLS, HALF } from "./pvx.js";
 
 const SIDE = 8;
 export const MACRO = 4; // cells that are stepped over together (shader.js)
@@ -69,6 +69,24 @@ export class Bricks {
         data.set(v.half.subarray(from, from + inside[0] * c), offset + ((z * SIDE + y) * n + k) * row);
       }
   }
+}
+
+// About the brightest pixel that it makes: the largest sum along x or y, of every other voxel.
+export function brightest(v) {
+  const { grid: g, ids, half } = v, [nbx, nby, nbz] = g.nb, c = g.channels;
+  const front = new Float32Array(nbx * nbz * 16), left = new Float32Array(nby * nbz * 16);
+  ids.forEach((id, b) => {
+    const x0 = id % nbx * 4, y0 = Math.floor(id / nbx) % nby * 4, z0 = Math.floor(id / nbx / nby) * 4;
+    for (let i = 0; i < 64; i++) {
+      const x = i & 3, y = i >> 2 & 3, z = i >> 4, at = (b * CELLS + (2 * z * SIDE + 2 * y) * SIDE + 2 * x) * c;
+      let e = HALF[half[at]];
+      for (let q = 1; q < c; q++) e = Math.max(e, HALF[half[at + q]]);
+      front[(z0 + z) * nbx * 4 + x0 + x] += e;
+      left[(z0 + z) * nby * 4 + y0 + y] += e;
+    }
+  });
+  const most = (a) => a.reduce((m, s) => Math.max(m, s), 0), side = (a) => 2 * (g.max[a] - g.min[a]) / g.n[a];
+  return Math.max(most(front) * side(1), most(left) * side(0));
 }
 
 // Which blocks of cells need a look, for a shader that walks through them.  The box basis' cells are voxels; the trilinear

@@ -14,9 +14,9 @@ export class Cameras {
     k = { box: el("figure", "camera"), image: el("img"), over: el("canvas"), title: el("figcaption", "", name), words: el("p"), url: "", preview: "", saturated: 0 };
     k.image.alt = `${name}: no picture yet`;
     k.over.setAttribute("aria-hidden", "true");
-    const frame = el("div", "frame");
-    frame.append(k.image, k.over);
-    k.box.append(frame, k.title, k.words);
+    k.frame = el("div", "frame");
+    k.frame.append(k.image, k.over);
+    k.box.append(k.frame, k.title, k.words);
     this.parent.append(k.box);
     this.cards.set(name, k);
     return k;
@@ -30,6 +30,7 @@ export class Cameras {
     for (const c of p.cameras) {
       const k = this.card(c.name), bins = c.across * c.down;
       k.saturated = bins ? c.saturated / bins : 0;
+      k.frame.style.aspectRatio = c.height ? `${c.width} / ${c.height}` : "";
       if (c.jpeg.length) {
         const url = URL.createObjectURL(new Blob([c.jpeg], { type: "image/jpeg" })), old = k.url;
         k.image.onload = k.image.onerror = () => { if (old) URL.revokeObjectURL(old); };

@@ -6,6 +6,9 @@ const anchors = {
   ice: [[0, 0, 0], [8, 24, 58], [18, 62, 120], [34, 116, 170], [84, 172, 206], [160, 218, 230], [255, 255, 255]],
 };
 export const names = Object.keys(anchors);
+// 0..1 to 0..255, as screens take it.
+export const srgb = (x) => x <= 0 ? 0 : x >= 1 ? 255 : 255 * (x < 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
+export const srgb8 = (x) => Math.round(srgb(x));
 
 export function table(name) {
   const a = anchors[name] || anchors.fire, out = new Uint8Array(256 * 4);

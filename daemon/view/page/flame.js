@@ -14,13 +14,15 @@ function build(gl, kind, source) {
   return s;
 }
 
+export const plain = () => ({ exposure: 1, colours: "fire", slices: false, sliceAt: [0.5, 0.5, 0.5], sliceOn: [1, 1, 1], clip: [0, 0, 0, 1, 1, 1] });
+
 export class Flame {
   // lost(back): the context went, or is there again and wants the volume anew.
   constructor(canvas, lost) {
     this.canvas = canvas;
     this.gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance", preserveDrawingBuffer: true });
     if (!this.gl) throw new Error("this browser has no WebGL2");
-    this.look = { exposure: 1, colours: "fire", slices: false, sliceAt: [0.5, 0.5, 0.5], sliceOn: [1, 1, 1], clip: [0, 0, 0, 1, 1, 1] };
+    this.look = plain();
     this.scale = 1;
     this.ms = 0;
     canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); this.grid = null; lost(false); });
@@ -66,6 +68,7 @@ export class Flame {
     this.cells = this.texture(1, gl.NEAREST);
     this.macros = g.n.map((n) => Math.ceil((n + (g.basis === 1 ? 1 : 0)) / MACRO));
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.R8, ...this.macros);
+    if (gl.getError() === gl.OUT_OF_MEMORY) throw new Error("this machine's graphics have no memory for the volume");
     this.grid = g;
   }
   // A volume of the worker's (bricks.js); false if its context is gone.
@@ -87,8 +90,7 @@ export class Flame {
     gl.flush();
     let turns = 0;
     const ask = () => {
-      if (gl.isContextLost()) return;
-      const s = gl.clientWaitSync(f, 0, 0);
+      const s = gl.isContextLost() ? gl.CONDITION_SATISFIED : gl.clientWaitSync(f, 0, 0); // nothing is to be waited for
       if (s === gl.TIMEOUT_EXPIRED) { if (turns++ < 50) channel.port2.postMessage(0); else setTimeout(ask, 1); return; }
       gl.deleteSync(f);
       channel.port1.close();

@@ -1,19 +1,18 @@
 // Without WebGL2: the sums along the three axes, on an ordinary canvas.
-import { fromHalf } from "./pvx.js";
-import { table } from "./colours.js";
+import { HALF } from "./pvx.js";
+import { plain } from "./flame.js";
+import { srgb, table } from "./colours.js";
 
-const HALF = Float32Array.from({ length: 65536 }, (_, h) => fromHalf(h));
-const srgb = (x) => x <= 0 ? 0 : x >= 1 ? 255 : 255 * (x < 0.0031308 ? 12.92 * x : 1.055 * x ** (1 / 2.4) - 0.055);
 
 export class Flat {
   constructor(canvas) {
     this.canvas = canvas;
     this.c2d = canvas.getContext("2d");
-    this.look = { exposure: 1, colours: "fire" };
+    this.look = plain();
     this.clear();
   }
   misfit() { return ""; }
-  clear() { this.grid = null; this.sums = []; }
+  clear() { this.grid = this.dense = null; this.sums = []; }
   take(v) {
     const g = this.grid = v.grid, c = g.channels, side = g.n.map((n, a) => (g.max[a] - g.min[a]) / n);
     // kept whole: what comes is only what has changed

@@ -17,6 +17,7 @@ export class Lost {
     r[2].textContent = n.toLocaleString("en");
     this.total.set(key, n);
   }
+  more(place, cause) { this.set(place, cause, (this.total.get(`${place}/${cause}`) || 0) + 1); }
   get sum() { return [...this.total.values()].reduce((a, b) => a + b, 0); }
   clear() { this.rows.clear(); this.total.clear(); this.table.replaceChildren(); }
   status(s) { for (const d of s.drops || []) this.set("daemon", d.name.replaceAll("_", " "), d.value, d.help); }

@@ -9,17 +9,25 @@ import { Cameras } from "./cameras.js";
 import { Lost } from "./lost.js";
 import { Player } from "./player.js";
 import { Orders } from "./orders.js";
-import { names, table } from "./colours.js";
-import { fromHalf } from "./pvx.js";
+import { names, table, srgb8 } from "./colours.js";
 
 const $ = (id) => document.getElementById(id);
-const view = { start: null, set: -1, volumes: 0, exposureAuto: 0, kept: 0, textureReady: 0 };
+const view = { start: null, set: -1, volumes: 0, exposureAuto: 0 };
 let dirty = false, whole = false, moved = 0, drawing = false, pending = null, ended = "", last = 0;
 
 function state(words, kind = "") { const s = $("state"); if (s.textContent !== words) s.textContent = words; s.className = kind; }
 function notice(words) { const n = $("notice"); n.hidden = !words; if (n.textContent !== words) n.textContent = words; }
 function change() { dirty = true; whole = false; moved = performance.now(); }
 
+// The three projections, from now on.
+function flat(why) {
+  const fresh = $("flame").cloneNode(), look = flame?.look;
+  $("flame").replaceWith(fresh);
+  flame = new Flat(fresh);
+  if (look) flame.look = look;
+  notice(`Three projections instead of the turning flame: ${why}.`);
+  document.body.classList.add("flat");
+}
 let flame;
 try {
   if (new URLSearchParams(location.search).has("flat")) throw new Error("asked for without WebGL2");
@@ -30,11 +38,7 @@ try {
     change();
   });
 } catch (x) {
-  const fresh = $("flame").cloneNode();
-  $("flame").replaceWith(fresh);
-  flame = new Flat(fresh);
-  notice(`Three projections instead of the turning flame: ${x.message}.`);
-  $("stage").classList.add("flat");
+  flat(x.message);
 }
 const orbit = new Orbit($("flame"), change), overlay = new Overlay($("lines"));
 const charts = {
@@ -44,6 +48,9 @@ const charts = {
 };
 const cameras = new Cameras($("cameras"), (states) => {
   overlay.states = states;
+  const now = JSON.stringify([...states]);
+  if (now === view.states) return;
+  view.states = now;
   const bad = [...states].filter(([, s]) => s === "bad").map(([n]) => n);
   $("camera-sum").textContent = bad.length ? `${bad.join(", ")} need a look` : `${states.size}`;
   change();
@@ -66,12 +73,10 @@ function newSession() {
   change();
 }
 
-// So that the brightest columns fill the range: the brightest value by the grid's width, smoothed over time.
+// So that the brightest columns fill the range, smoothed over time.
 function autoExposure(v) {
-  let most = 0;
-  for (let i = 0; i < v.data.length; i += 7) { const h = v.data[i]; if (h < 0x7c00 && h > most) most = h; }
-  if (most === 0) return;
-  const g = v.grid, want = Math.log2(7 / (fromHalf(most) * Math.min(...g.max.map((m, a) => m - g.min[a]))));
+  if (!(v.bright > 0)) return;
+  const want = 0.2 - Math.log2(v.bright);
   view.exposureAuto = view.exposureKnown ? view.exposureAuto + 0.1 * (want - view.exposureAuto) : want;
   view.exposureKnown = true;
   if ($("auto").checked) { $("exposure").value = view.exposureAuto; setExposure(); }
@@ -86,25 +91,35 @@ function legend() {
   const g = view.start?.grid, grey = g?.channels === 1;
   $("colours-row").hidden = $("legend").hidden = !grey;
   if (!grey) return;
-  $("map").getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(table(flame.look.colours)), 256, 1), 0, 0);
+  const map = table(flame.look.colours), bar = new ImageData(256, 1); // even in the value; the colours are even in sRGB
+  for (let i = 0; i < 256; i++) bar.data.set(map.subarray(4 * srgb8(i / 255), 4 * srgb8(i / 255) + 4), 4 * i);
+  $("map").getContext("2d").putImageData(bar, 0, 0);
   const full = 1 / flame.look.exposure, deep = Math.min(...g.max.map((m, a) => m - g.min[a])) * 0.25;
   $("map-high").textContent = (flame.look.slices ? full / deep : full).toPrecision(3);
   $("map-unit").textContent = flame.look.slices ? "1/m" : "pixel value";
 }
 
+// A volume that is not shown: counted, and the next one asked for.
+function passOver(cause) {
+  lost.more("page", cause);
+  $("lost-sum").textContent = lost.sum;
+  link.say({ credits: 1 });
+}
+function take(v) {
+  let why = flame.misfit(v.grid);
+  try {
+    if (!why) return flame.take(v);
+  } catch (x) { why = x.message; }
+  flat(why);
+  if (!v.again) link.again(); // all of it
+  return flame.take(v);
+}
 function volume(v) {
-  if (!view.start) { link.say({ credits: 1 }); return; }
-  const why = flame.misfit(v.grid);
-  if (why) {
-    notice(`${why}: three projections instead.`);
-    const fresh = $("flame").cloneNode();
-    $("flame").replaceWith(fresh);
-    orbit.listen(fresh);
-    flame = Object.assign(new Flat(fresh), { look: flame.look });
-  }
-  if (!flame.take(v)) { link.say({ credits: 1 }); return; }
+  if (v.again) { take(v); change(); return; } // it was counted when it came
+  if (!view.start) { passOver("before the session began"); return; }
+  if (!take(v)) { passOver("graphics were away"); return; }
+  if (pending !== null) passOver("newer came before it was drawn");
   autoExposure(v);
-  if (view.set < 0) state("live", "live");
   view.set = v.set;
   view.volumes++;
   const set = v.set;
@@ -128,6 +143,8 @@ const link = new Link(token, {
     if (m.state === "open") state("connected, waiting for volumes");
     if (m.state === "connecting" && m.tries > 0) state("reconnecting", "bad");
     if (m.state === "closed") state("the bridge is gone; trying again", "bad");
+    if (m.state === "silent") state("the bridge does not answer; trying again", "bad");
+    if (m.state === "full") state("as many pages are open as the bridge has room for; trying again", "bad");
     if (m.state === "refused") {
       state("turned away", "bad");
       notice(token ? `The address is not this bridge's: ${m.why || "its token is an old one"}. Open the one that pyrovox view printed last.`
@@ -175,11 +192,11 @@ const link = new Link(token, {
     view.words = m.link;
     lost.link(m.link);
     $("lost-sum").textContent = lost.sum;
-    charts.way.add(m.link.whole_ms[0]);
+    if (m.link.whole_ms[0] !== null) charts.way.add(m.link.whole_ms[0]);
     if (ended || view.link !== "open") return;
-    if (view.set >= 0 && (m.film || m.link.silent_s < 3)) state(m.film ? "recording" : "live", "live");
+    if (view.set >= 0 && (m.film || m.link.silent_s < 3)) state(!m.film ? "live" : m.film.playing ? "playing" : "paused", "live");
     else if (m.link.silent_s < 0) state("no daemon there yet; waiting for it", "bad");
-    else if (m.link.silent_s >= 3) state(`nothing from the daemon for ${m.link.silent_s.toFixed(0)} s; waiting`, "bad");
+    else if (m.link.silent_s >= 3) state("nothing comes from the daemon; waiting", "bad");
   },
 });
 const player = new Player($("film"), (o) => link.say(o));
@@ -197,12 +214,19 @@ function tick(now) {
   drawing = true;
   const f = orbit.frame(), set = pending;
   pending = null;
-  overlay.draw(f, orbit.fov, view.start?.grid, flame.look);
-  flame.draw(f, orbit.fov, whole, () => {
+  const done = () => {
     drawing = false;
     view.drawn = (view.drawn || 0) + 1;
     if (set !== null) link.say({ drawn: set, credits: 1 });
-  });
+  };
+  try {
+    if (flame instanceof Flame) overlay.draw(f, orbit.fov, view.start?.grid, flame.look);
+    else overlay.clear();
+    flame.draw(f, orbit.fov, whole, done);
+  } catch (x) { // a picture that fails is one picture, not the page
+    done();
+    throw x;
+  }
   for (const c of Object.values(charts)) c.draw();
 }
 requestAnimationFrame(tick);
@@ -240,7 +264,7 @@ if (flame.look.sliceAt) {
 const panel = $("cameras").closest("details");
 panel.addEventListener("toggle", () => link.say({ previews: panel.open }));
 
-function turn() { orbit.turning = !orbit.turning; }
+function turn() { orbit.spin(!orbit.turning, true); }
 function fullScreen() { if (document.fullscreenElement) document.exitFullscreen(); else $("stage").requestFullscreen?.(); }
 function shot() {
   flame.draw(orbit.frame(), orbit.fov, true, () => {
@@ -253,7 +277,7 @@ function shot() {
     });
   });
 }
-if (new URLSearchParams(location.search).has("turn")) turn();
+if (new URLSearchParams(location.search).has("turn")) orbit.spin(true, false);
 $("reset").onclick = () => orbit.reset();
 $("turn").onclick = turn;
 $("full").onclick = fullScreen;

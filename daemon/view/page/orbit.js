@@ -52,7 +52,9 @@ export class Orbit {
     this.target = this.target.map((t, i) => t - k * (dx * f.right[i] - dy * f.up[i]));
     this.changed();
   }
-  step(seconds) { if (this.turning && !this.still.matches) this.turn(-0.35 * seconds, 0); }
+  // asked: by a person, now; else it is left to what they said of motion.
+  spin(on, asked) { this.turning = on && (asked || !this.still.matches); }
+  step(seconds) { if (this.turning) this.turn(-0.35 * seconds, 0); }
 
   listen(canvas) {
     const at = new Map();
@@ -75,6 +77,7 @@ export class Orbit {
     canvas.addEventListener("dblclick", () => this.reset());
     canvas.addEventListener("contextmenu", (e) => e.preventDefault());
     canvas.addEventListener("keydown", (e) => {
+      if (e.ctrlKey || e.altKey || e.metaKey) return; // the browser's
       const k = e.key, move = e.shiftKey ? (x, y) => this.pan(x * 0.04, y * 0.04) : (x, y) => this.turn(x * 0.08, y * 0.08);
       if (k === "ArrowLeft") move(-1, 0); else if (k === "ArrowRight") move(1, 0);
       else if (k === "ArrowUp") move(0, -1); else if (k === "ArrowDown") move(0, 1);

@@ -24,6 +24,7 @@ export class Overlay {
     if (x < -wide || x > this.w + wide || y < 0 || y > this.h) return;
     c.fillText(words, Math.max(4, Math.min(this.w - wide - 4, x)), Math.max(14, Math.min(this.h - 6, y)));
   }
+  clear() { this.canvas.width = 1; }
   draw(f, fov, grid, look) {
     const k = this.canvas, dpr = Math.min(devicePixelRatio || 1, 2), c = this.c;
     const w = Math.round(k.clientWidth * dpr), h = Math.round(k.clientHeight * dpr);

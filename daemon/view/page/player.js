@@ -13,6 +13,8 @@ export class Player {
     this.playing = f.playing;
     this.count = f.count;
     this.play.textContent = f.playing ? "Pause" : "Play";
+    if (![...this.speed.options].some((o) => Number(o.value) === f.speed)) this.speed.append(new Option(`${f.speed}×`, f.speed));
+    this.speed.value = String(f.speed);
     this.bar.max = f.count - 1;
     this.at(f.at);
     this.box.classList.toggle("cut", f.cut);

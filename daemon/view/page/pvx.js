@@ -97,6 +97,8 @@ export function fromHalf(h) {
   return s * (e === 0 ? m * 2 ** -24 : (1 + m / 1024) * 2 ** (e - 15));
 }
 
+export const HALF = Float32Array.from({ length: 65536 }, (_, h) => fromHalf(h));
+
 // What a volume says of itself, its brick ids, and its payload as half floats.
 export function volume(buffer, h, most = 1 << 30) {
   need(h.body >= 248, "a volume that is cut short");
@@ -179,7 +181,7 @@ export function read(buffer, most) {
     case START: return { kind: "start", ...start(buffer, h) };
     case VOLUME: return { kind: "volume", ...volume(buffer, h, most) };
     case STATUS: return { kind: "status", status: json(buffer, h), session: h.session };
-    case EVENT: return { kind: "event", event: json(buffer, h), session: h.session };
+    case EVENT: return { kind: "event", event: json(buffer, h), session: h.session, sequence: h.sequence };
     case END: return { kind: "end", ...end(buffer, h), session: h.session };
     case PREVIEW: return { kind: "preview", ...preview(buffer, h), session: h.session };
     default: return { kind: "other" };

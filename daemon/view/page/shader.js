@@ -52,7 +52,9 @@ vec3 integral(vec3 o, vec3 d) {
   vec3 g = vec3(greaterThanEqual(d, vec3(0))) * 2.0 - 1.0;
   d = g * max(abs(d), vec3(1e-7));
   vec3 inv = 1.0 / d, a = (lo - o) * inv, b = (hi - o) * inv, sum = vec3(0), s = step(0.0, d);
-  float t = max(most(min(a, b)), 0.0), end = least(max(a, b)), e = 1e-4 / most(abs(d));
+  float t = max(most(min(a, b)), 0.0), end = least(max(a, b)) - t, e = 1e-4 / most(abs(d));
+  o += t * d; // far away t + e would be t
+  t = 0.0;
   for (int i = 0; i < 800 && t < end; i++) {
     ivec3 m = clamp(ivec3(floor((o + d * (t + e)) / 4.0)), ivec3(0), macros - 1);
     float far = min(least((4.0 * (vec3(m) + s) - o) * inv), end);

@@ -1,10 +1,12 @@
 // The connection and the decoder, away from the thread that draws.  Every message from the bridge is read here; of a
 // volume only what the texture needs goes on.
 import { read, Malformed } from "./pvx.js";
-import { Bricks, cells } from "./bricks.js";
+import { Bricks, brightest, cells } from "./bricks.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000];
-let socket = null, url = "", token = "", tries = 0, session = "", most = 1 << 30, timer = 0;
+const SILENT_MS = 5000; // the bridge says something every second
+let socket = null, url = "", token = "", tries = 0, session = "", most = 1 << 30, timer = 0, watch = 0, heard = 0;
+let events = new Set(); // that were seen, by session and sequence: a bridge tells the last ones to whoever comes
 let wants = { hidden: false, previews: false };
 const bricks = new Bricks();
 
@@ -14,17 +16,23 @@ function say(o) {
 
 function texture(v, whole) {
   const t = whole || bricks.take(v), c = cells(v.grid, t.occupied), { half, ids, mask, ...about } = v;
-  postMessage({ ...about, n_bricks: ids.length, mask: mask.toString(), boxes: t.boxes, data: t.data, cells: c.out, cells_n: c.n },
+  postMessage({ ...about, n_bricks: ids.length, bright: brightest(v), mask: mask.toString(), boxes: t.boxes, data: t.data, cells: c.out, cells_n: c.n },
     [t.data.buffer, c.out.buffer]);
 }
 
 function message(buffer) {
   const m = read(buffer, most);
   if (m.kind === "other") return;
-  if (m.session && m.session !== session) {
+  if (m.kind === "start" && m.session !== session) {
     session = m.session;
     bricks.forget();
     postMessage({ kind: "session", session });
+  }
+  if (m.kind === "event") {
+    const id = `${m.session} ${m.sequence}`;
+    if (events.has(id)) return;
+    if (events.size > 500) events = new Set();
+    events.add(id);
   }
   if (m.kind === "volume") texture(m);
   else if (m.kind === "preview") postMessage({ kind: "preview", set: m.set, cameras: m.cameras.map((k) => ({ ...k, jpeg: k.jpeg.slice(), bits: k.bits.slice() })) });
@@ -33,7 +41,8 @@ function message(buffer) {
 
 function connect() {
   clearTimeout(timer);
-  if (socket) { socket.onclose = null; socket.close(); }
+  clearInterval(watch);
+  if (socket) { socket.onclose = socket.onmessage = socket.onopen = null; socket.close(); }
   postMessage({ kind: "link-state", state: "connecting", tries });
   socket = new WebSocket(url, "pyrovox.1");
   socket.binaryType = "arraybuffer";
@@ -41,20 +50,28 @@ function connect() {
     say({ token, ...wants, credits: 1 });
     postMessage({ kind: "link-state", state: "open" });
     tries = 0;
+    heard = performance.now();
+    watch = setInterval(() => { // a way that is dead is not closed by itself for many minutes
+      if (performance.now() - heard < SILENT_MS) return;
+      postMessage({ kind: "link-state", state: "silent" });
+      connect();
+    }, 1000);
   };
   socket.onmessage = (e) => {
+    heard = performance.now();
     try {
       if (typeof e.data === "string") postMessage({ kind: "words", ...JSON.parse(e.data) });
       else message(e.data);
     } catch (x) {
-      if (!(x instanceof Malformed) && !(x instanceof SyntaxError)) throw x;
-      postMessage({ kind: "malformed", why: x.message });
+      // one that says no more of itself, as no memory does not, is no reason to stand still
+      postMessage({ kind: "malformed", why: x instanceof Malformed ? x.message : `${x.name}: ${x.message}` });
       say({ credits: 1 }); // it may have been a volume
     }
   };
   socket.onclose = (e) => {
-    const refused = e.code === 4401 || e.code === 4400 || e.code === 4408;
-    postMessage({ kind: "link-state", state: refused ? "refused" : "closed", code: e.code, why: e.reason });
+    clearInterval(watch);
+    const refused = e.code === 4401;
+    postMessage({ kind: "link-state", state: refused ? "refused" : e.code === 4503 ? "full" : "closed", code: e.code, why: e.reason });
     if (!refused) timer = setTimeout(connect, RETRY_MS[Math.min(tries++, RETRY_MS.length - 1)]);
   };
 }
@@ -67,5 +84,5 @@ onmessage = (e) => {
     for (const k of ["hidden", "previews"]) if (k in m.say) wants[k] = m.say[k];
     say(m.say);
   }
-  if (m.again) { const v = bricks.last, t = bricks.again(); if (t) texture(v, t); }
+  if (m.again) { const v = bricks.last, t = bricks.again(); if (t) texture({ ...v, again: true }, t); }
 };
