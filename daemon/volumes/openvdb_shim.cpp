@@ -458,8 +458,16 @@ int read_nvdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t
     });
 }
 
-const struct vol_vdb module = {VOL_VDB_VERSION, write_vdb, write_nvdb, read_vdb,
-                               read_nvdb,       nano_room, nano_make};
+const struct vol_vdb module = {VOL_VDB_VERSION,
+                               write_vdb,
+                               write_nvdb,
+                               read_vdb,
+                               read_nvdb,
+                               NANOVDB_MAJOR_VERSION_NUMBER << 21 |
+                                   NANOVDB_MINOR_VERSION_NUMBER << 10 |
+                                   NANOVDB_PATCH_VERSION_NUMBER,
+                               nano_room,
+                               nano_make};
 
 } // namespace
 
