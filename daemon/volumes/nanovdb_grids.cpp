@@ -70,76 +70,88 @@ struct Topology {
     }
 };
 
-/* A brick's voxels in the order of a leaf, a channel behind the other. */
+constexpr int LANES = 4; /* of a sum: what gcc keeps in registers */
+constexpr float MOST = std::numeric_limits<float>::max();
+
+/* A brick's voxels in the order of a leaf, a channel behind the other, and which of them burn. */
 struct Cells {
     float c[3][CELLS];
-    uint32_t on[CELLS]; /* some channel is not 0: 1 */
+    float off[CELLS]; /* 0: some channel is not 0; else MOST */
+    uint64_t mask[SIDE];
+    unsigned count;
 
-    void take(const float *in, unsigned channels, bool y_up)
+    template <int C> void take(const float *in, bool y_up)
     {
+        unsigned char on[CELLS];
         for (int k = 0; k < SIDE; k++)
             for (int j = 0; j < SIDE; j++)
-                for (int i = 0; i < SIDE; i++, in += channels) {
+                for (int i = 0; i < SIDE; i++, in += C) {
                     const unsigned cell = leaf_cell(i, j, k, y_up);
-                    for (unsigned a = 0; a < channels; a++)
+                    for (int a = 0; a < C; a++)
                         c[a][cell] = in[a];
                 }
-        for (int n = 0; n < CELLS; n++)
-            on[n] = channels == 1 ? c[0][n] != 0 : c[0][n] != 0 || c[1][n] != 0 || c[2][n] != 0;
-    }
-    void mask(nanovdb::Mask<3> *out) const
-    {
+        for (int n = 0; n < CELLS; n++) {
+            on[n] = C == 1 ? c[0][n] != 0 : (c[0][n] != 0) | (c[1][n] != 0) | (c[2][n] != 0);
+            off[n] = on[n] ? 0 : MOST;
+        }
+        count = 0;
         for (int w = 0; w < SIDE; w++) {
-            uint64_t bits = 0;
-            for (int n = 0; n < 64; n++)
-                bits |= static_cast<uint64_t>(on[w * 64 + n]) << n;
-            out->getWord<uint64_t>(w) = bits;
+            mask[w] = 0;
+            for (int row = 0; row < SIDE; row++) {
+                uint64_t bytes;
+                memcpy(&bytes, on + (w * SIDE + row) * SIDE, sizeof bytes);
+                /* The product's highest byte has the lowest bit of each. */
+                mask[w] |= bytes * 0x0102040810204080 >> 56 << row * SIDE;
+            }
+            count += nanovdb::CountOn(mask[w]);
         }
     }
 };
 
-/* NanoVDB's statistics, a leaf at once: its own take a voxel after the other, with a division each.  `scalar` is what
- * they are of, 0 where it is not on. */
+/* NanoVDB's statistics, a leaf at once: its own take a voxel after the other, with a division each.  Of `scalar`, which is 0
+ * where nothing burns; value(n) is what cell n stores. */
 template <typename T> struct Stats : nanovdb::Stats<T> {
     template <typename Value> void leaf(const float *scalar, const Cells &in, Value value)
     {
-        constexpr float most = std::numeric_limits<float>::max();
-        double sum[SIDE] = {0}, square[SIDE] = {0};
-        float low[SIDE], high[SIDE];
-        uint32_t count[SIDE] = {0};
-        std::fill(low, low + SIDE, most);
-        std::fill(high, high + SIDE, -most);
-        for (int n = 0; n < CELLS; n += SIDE)
-            for (int k = 0; k < SIDE; k++) {
+        double sum[LANES] = {0}, square[LANES] = {0};
+        float low[LANES], high[LANES];
+        std::fill(low, low + LANES, MOST);
+        std::fill(high, high + LANES, -MOST);
+        for (int n = 0; n < CELLS; n += LANES)
+            for (int k = 0; k < LANES; k++) {
                 const float x = scalar[n + k];
-                const uint32_t on = in.on[n + k];
                 sum[k] += x;
                 square[k] += static_cast<double>(x) * x;
-                count[k] += on;
-                const float a = on ? x : most, b = on ? x : -most;
+            }
+        for (int n = 0; n < CELLS; n += LANES)
+            for (int k = 0; k < LANES; k++) {
+                const float a = scalar[n + k] + in.off[n + k], b = scalar[n + k] - in.off[n + k];
                 low[k] = a < low[k] ? a : low[k];
                 high[k] = b > high[k] ? b : high[k];
             }
-        for (int k = 1; k < SIDE; k++) {
+        for (int k = 1; k < LANES; k++) {
             sum[0] += sum[k];
             square[0] += square[k];
-            count[0] += count[k];
         }
-        const double n = count[0], aux = square[0] - sum[0] * sum[0] / n;
-        this->mSize = count[0];
-        this->mAvg = sum[0] / n;
+        const double aux = square[0] - sum[0] * sum[0] / in.count;
+        this->mSize = in.count;
+        this->mAvg = sum[0] / in.count;
         this->mAux = aux > 0 ? aux : 0;
-        this->min(value(find(scalar, in, *std::min_element(low, low + SIDE))));
-        this->max(value(find(scalar, in, *std::max_element(high, high + SIDE))));
+        this->min(stored(scalar, in, *std::min_element(low, low + LANES), value));
+        this->max(stored(scalar, in, *std::max_element(high, high + LANES), value));
     }
 
   private:
-    static int find(const float *scalar, const Cells &in, float x)
+    /* What the first cell with that scalar stores. */
+    template <typename Value>
+    static T stored(const float *scalar, const Cells &in, float x, Value value)
     {
         int n = 0;
-        while (n < CELLS - 1 && (!in.on[n] || scalar[n] != x))
+        if constexpr (std::is_same<T, float>::value)
+            return x;
+        while (n < CELLS - 1 && (scalar[n] != x || in.off[n] != 0))
             n++;
-        return n;
+        return value(n);
     }
 };
 
@@ -208,7 +220,8 @@ template <typename T, typename Value, typename Scalar> class SheetOf final : pub
         float of[CELLS];
         memset(static_cast<void *>(to), 0, nanovdb::PtrDiff(to->mValues, to));
         to->mBBoxMin = at;
-        in.mask(&to->mValueMask);
+        for (int w = 0; w < SIDE; w++)
+            to->mValueMask.template getWord<uint64_t>(w) = in.mask[w];
         for (int n = 0; n < CELLS; n++) {
             to->mValues[n] = value(in, n);
             of[n] = scalar(in, n);
@@ -363,8 +376,11 @@ struct Book {
         for (size_t k = 0; k < topology.leaves.size(); k++) {
             const uint32_t b = topology.leaves[k].brick;
             const Index first = leaf_origin(v, v.ids[b]);
-            cells.take(v.brick + static_cast<size_t>(b) * CELLS * v.channels, v.channels,
-                       v.y_up != 0);
+            const float *brick = v.brick + static_cast<size_t>(b) * CELLS * v.channels;
+            if (v.channels == 1)
+                cells.take<1>(brick, v.y_up != 0);
+            else
+                cells.take<3>(brick, v.y_up != 0);
             for (auto &s : sheets)
                 s->put_leaf(k, Coord(first.x, first.y, first.z), cells);
         }
