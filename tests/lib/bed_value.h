@@ -3,6 +3,16 @@
 #define TESTS_BED_VALUE_H
 #include <stdint.h>
 
+/* Voxels that are no cubes, a box off the centre. */
+#define BED_MIN        \
+    {                  \
+        -0.3, 0.2, 1.1 \
+    }
+#define BED_MAX        \
+    {                  \
+        0.5, 0.9, 1.75 \
+    }
+
 /* Of voxel (i, j, k), 0 in two of three voxels; a half holds it exactly. */
 static inline float bed_value(const uint32_t n[3], uint64_t set, uint32_t i, uint32_t j, uint32_t k,
                               uint32_t c)

@@ -11,19 +11,17 @@ struct volume_bed {
     struct vol_volume v;
 };
 
-/* Sides that are no multiples of 8, voxels that are no cubes, a box off the centre. */
 static inline void volume_bed_new(struct volume_bed *b, uint32_t nx, uint32_t ny, uint32_t nz,
                                   uint32_t channels, uint32_t basis)
 {
     *b = (struct volume_bed){.head = {.rig = "cameras: []\n"}};
-    b->head.start = (struct pvp_start){
-        .grid = {{nx, ny, nz}, {-0.3, 0.2, 1.1}, {0.5, 0.9, 1.75}, basis, channels},
-        .session = 0xfedcba9876543210u,
-        .rig_hash = 0x8123456789abcdefu,
-        .n_cameras = 5,
-        .fps = 20,
-        .units = "1/m",
-        .software = "volume_bed"};
+    b->head.start = (struct pvp_start){.grid = {{nx, ny, nz}, BED_MIN, BED_MAX, basis, channels},
+                                       .session = 0xfedcba9876543210u,
+                                       .rig_hash = 0x8123456789abcdefu,
+                                       .n_cameras = 5,
+                                       .fps = 20,
+                                       .units = "1/m",
+                                       .software = "volume_bed"};
     b->brick = calloc(sizeof b->ids / sizeof b->ids[0] * 512 * channels, sizeof *b->brick);
     if (b->brick == NULL)
         exit(1);
