@@ -194,7 +194,7 @@ T_CASE(not_intact_from_the_first_byte) /* which is before anything is written */
 {
     vol_segment *s;
     struct pvp_share r;
-    struct pvp_share_volume v;
+    struct pvp_share_volume v, old[3];
     void *grids;
     T_EQ_I(vol_segment_new(name, 0600, &s, &d), PVX_OK);
     T_EQ_I(newest(&v), PVP_SHARE_NONE);
@@ -205,11 +205,13 @@ T_CASE(not_intact_from_the_first_byte) /* which is before anything is written */
         T_EQ_I(vol_segment_begin(s, 8192, &grids, &d), PVX_OK);
         T_EQ_I(pvp_share_newest(&r, &v), k == 1 ? PVP_SHARE_NONE : PVP_SHARE_OK);
         T_EQ_I(v.number, k - 1);
+        T_OK(k < 4 || !pvp_share_intact(&r, &old[k % 3]));
         memset(grids, k, 8192);
         vol_segment_commit(s, &(struct pvp_share_slot){.size = 8192, .n_grids = 1});
         T_OK(k == 1 || (pvp_share_intact(&r, &v) && *(const char *)v.grids == k - 1));
         T_EQ_I(pvp_share_newest(&r, &v), PVP_SHARE_OK);
         T_OK(*(const char *)v.grids == k && ((const char *)v.grids)[8191] == k);
+        old[k % 3] = v;
     }
     T_EQ_I(vol_segment_begin(s, 8192, &grids, &d), PVX_OK);
     T_EQ_I(vol_segment_begin(s, 8192, &grids, &d), PVX_OK); /* one that failed does not count */
