@@ -140,11 +140,10 @@ static inline int pvp_share_attach(struct pvp_share *s, int fd)
         s->size = (size_t)st.st_size;
         s->owner = st.st_uid;
         memcpy(&h, map, sizeof h);
-        if (memcmp(h.magic, PVP_SHARE_MAGIC, sizeof h.magic) != 0)
-            result = PVP_SHARE_FOREIGN;
-        else if (h.major != PVP_SHARE_MAJOR)
+        const int ours = memcmp(h.magic, PVP_SHARE_MAGIC, sizeof h.magic) == 0;
+        if (ours && h.major != PVP_SHARE_MAJOR)
             result = PVP_SHARE_LATER;
-        else if (h.n_slots != PVP_SHARE_SLOTS || h.size != (uint64_t)s->size ||
+        else if (!ours || h.n_slots != PVP_SHARE_SLOTS || h.size != (uint64_t)s->size ||
                  h.data_offset < heads || h.data_offset > h.size || h.data_offset % 32 != 0 ||
                  h.slot_size % 32 != 0 || h.slot_size > (h.size - h.data_offset) / PVP_SHARE_SLOTS)
             result = PVP_SHARE_FOREIGN;
