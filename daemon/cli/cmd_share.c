@@ -123,6 +123,13 @@ static void first_line(struct share *s, const struct pvp_grid *g)
             s->config.name);
 }
 
+static pvx_err unreadable(struct share *s, const char *why)
+{
+    if (s->unreadable++ == 0)
+        fprintf(stderr, "pyrovox: %s\n", why);
+    return PVX_OK;
+}
+
 /* A volume that cannot be read is counted, and one for which there is no memory; the next may do. */
 static pvx_err volume(struct share *s, const void *msg, size_t len, struct pvx_diag *d)
 {
@@ -137,11 +144,8 @@ static pvx_err volume(struct share *s, const void *msg, size_t len, struct pvx_d
                               cells * w.n_bricks * w.v.grid.channels, &bad);
     if (e == PVX_ENOMEM)
         return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
-    if (e != PVX_OK) {
-        if (s->unreadable++ == 0)
-            fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&bad, e));
-        return PVX_OK;
-    }
+    if (e != PVX_OK)
+        return unreadable(s, pvx_diag_text(&bad, e));
     const struct vol_volume v = {.v = w.v,
                                  .sample = w.sample,
                                  .clamped = w.clamped,
@@ -197,11 +201,14 @@ static pvx_err run_loop(struct share *s, struct pvx_diag *d)
         struct pvp_header h;
         const void *msg;
         size_t len;
-        pvx_err e = next(s, &h, &msg, &len, d);
+        struct pvx_diag why = {""};
+        pvx_err e = next(s, &h, &msg, &len, &why);
         if (e == PVX_OK)
-            e = message(s, &h, msg, len, d);
+            e = message(s, &h, msg, len, &why);
+        else if (e == PVX_ECORRUPT) /* one of a recording */
+            e = unreadable(s, pvx_diag_text(&why, e));
         if (e != PVX_OK && e != PVX_ETIMEDOUT)
-            return e;
+            return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
         tell(s);
         if (s->shared == 0 && !s->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
             fprintf(stderr,
