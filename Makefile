@@ -250,10 +250,10 @@ $(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim
 	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -std=c++20 -shared -o $@ $< $$(pkg-config --libs libcamera)
 
 # Its headers warn; most of the library's own cost is theirs too.
-$(B)/lib/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/openvdb_shim.h
+$(B)/lib/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/nanovdb_grids.cpp daemon/volumes/openvdb_shim.h daemon/volumes/nanovdb_grids.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' -DNANOVDB_USE_OPENVDB $(CXXFLAGS) -shared -o $@ $< -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
+	$(Q)$(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(CXXFLAGS) -shared -o $@ $(filter %.cpp,$^) -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
 
 link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) $(filter %.a,$^) $(LDLIBS)
 $(B)/bin/pyrovox: $(B)/daemon/cli/pyrovox.o $(LIBS)

@@ -44,7 +44,7 @@ for f in _page.pyi py.typed; do put 0644 "proto/clients/python/pyrovox/$f" "$pyt
 put 0644 proto/clients/example.c "$doc/example.c"
 put 0644 proto/PROTOCOL.md "$doc/PROTOCOL.md"
 # what a program includes (sub.h), and what that includes
-for h in proto/pvp.h proto/clients/sub.h; do put 0644 "$h" "$inc/$h"; done
+for h in proto/pvp.h proto/clients/sub.h proto/clients/pyrovox_share.h; do put 0644 "$h" "$inc/$h"; done
 put 0644 daemon/base/err.h "$inc/base/err.h"
 for m in daemon/man/*.[1358]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m")"; done
 put 0644 daemon/config/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"

@@ -21,9 +21,9 @@
 #include <nanovdb/util/GridChecksum.h>
 #include <nanovdb/util/GridValidator.h>
 #include <nanovdb/util/IO.h>
-#include <nanovdb/util/OpenToNanoVDB.h>
 
 #include "base/err.h"
+#include "daemon/volumes/nanovdb_grids.h"
 
 namespace
 {
@@ -34,7 +34,9 @@ using openvdb::GridBase;
 using openvdb::Vec3f;
 using openvdb::Vec3SGrid;
 
-constexpr int SIDE = 8, CELLS = SIDE * SIDE * SIDE;
+using vol::CELLS;
+using vol::leaf_cell;
+using vol::SIDE;
 constexpr float MOST_HALF = 65504;
 
 /* The library's texts may be long and have several lines. */
@@ -66,34 +68,19 @@ template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
 
 /* ---- bricks to leaves --------------------------------------------------------------------------- */
 
-/* What a leaf stores of a voxel's channels. */
-float luminance(const float *v, unsigned channels)
+Coord coord(const vol::Index &at)
 {
-    return channels == 1 ? v[0] : 0.2126f * v[0] + 0.7152f * v[1] + 0.0722f * v[2];
-}
-
-/* Where a brick's voxel (i, j, k) is in its leaf: z fastest there. */
-unsigned leaf_cell(int i, int j, int k, bool y_up)
-{
-    return static_cast<unsigned>(y_up ? i << 6 | k << 3 | (SIDE - 1 - j) : i << 6 | j << 3 | k);
-}
-
-Coord leaf_origin(const vol_vdb_bricks &v, uint32_t id)
-{
-    const uint32_t nx = (v.n[0] + SIDE - 1) / SIDE, ny = (v.n[1] + SIDE - 1) / SIDE;
-    const int x = SIDE * static_cast<int>(id % nx), y = SIDE * static_cast<int>(id / nx % ny),
-              z = SIDE * static_cast<int>(id / nx / ny);
-    return v.y_up ? Coord(x, z, -SIDE - y) : Coord(x, y, z);
+    return Coord(at.x, at.y, at.z);
 }
 
 /* A leaf for each brick that has a voxel with flame; `get`: the leaf's value of a voxel's channels. */
 template <typename GridT, typename F>
-GridBase::Ptr make_grid(const vol_vdb_bricks &v, const char *name, bool half, F get)
+GridBase::Ptr make_grid(const vol_vdb_bricks &v, const char *name, F get)
 {
     using Leaf = typename GridT::TreeType::LeafNodeType;
     auto grid = GridT::create();
     for (uint32_t b = 0; b < v.n_bricks; b++) {
-        auto leaf = std::make_unique<Leaf>(leaf_origin(v, v.ids[b]));
+        auto leaf = std::make_unique<Leaf>(coord(vol::leaf_origin(v, v.ids[b])));
         auto *out = leaf->buffer().data();
         const float *in = v.brick + static_cast<size_t>(b) * CELLS * v.channels;
         for (int k = 0; k < SIDE; k++)
@@ -116,29 +103,29 @@ GridBase::Ptr make_grid(const vol_vdb_bricks &v, const char *name, bool half, F 
     grid->setTransform(openvdb::math::Transform::createLinearTransform(m));
     grid->setName(name);
     grid->setCreator("pyrovox " PVX_VERSION);
-    grid->setSaveFloatAsHalf(half);
+    grid->setSaveFloatAsHalf(true);
     return grid;
 }
 
-std::vector<GridBase::Ptr> make_grids(const vol_vdb_bricks &v, bool half)
+std::vector<GridBase::Ptr> make_grids(const vol_vdb_bricks &v)
 {
     const unsigned channels = v.channels;
-    const float most = half ? MOST_HALF : HUGE_VALF;
-    auto cut = [most](float x) { return std::min(std::max(x, -most), most); };
+    auto cut = [](float x) { return std::min(std::max(x, -MOST_HALF), MOST_HALF); };
     std::vector<GridBase::Ptr> all;
     auto scalar = [&](const char *name, auto get) {
-        all.push_back(make_grid<FloatGrid>(v, name, half, get));
+        all.push_back(make_grid<FloatGrid>(v, name, get));
         all.back()->setGridClass(openvdb::GRID_FOG_VOLUME);
     };
-    scalar("density", [=](const float *p) { return cut(luminance(p, channels)); });
+    scalar("density", [=](const float *p) {
+        return cut(channels == 1 ? p[0] : vol::luminance(p[0], p[1], p[2]));
+    });
     if (channels == 3 && v.split) {
         scalar("red", [=](const float *p) { return cut(p[0]); });
         scalar("green", [=](const float *p) { return cut(p[1]); });
         scalar("blue", [=](const float *p) { return cut(p[2]); });
     } else if (channels == 3) {
-        all.push_back(make_grid<Vec3SGrid>(v, "emission", half, [=](const float *p) {
-            return Vec3f(cut(p[0]), cut(p[1]), cut(p[2]));
-        }));
+        all.push_back(make_grid<Vec3SGrid>(
+            v, "emission", [=](const float *p) { return Vec3f(cut(p[0]), cut(p[1]), cut(p[2])); }));
         all.back()->setVectorType(openvdb::VEC_INVARIANT);
     }
     return all;
@@ -219,7 +206,7 @@ int write_vdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);
-        Archive().put(os, make_grids(*v, true), make_meta(*v));
+        Archive().put(os, make_grids(*v), make_meta(*v));
         os.seekp(0, std::ios::end);
         return bytes.take(os.tellp(), out);
     });
@@ -227,38 +214,51 @@ int write_vdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err
 
 using Nano = nanovdb::GridHandle<nanovdb::HostBuffer>;
 
-/* The same grid with the notes behind it. */
-Nano with_notes(const Nano &from, const std::string &notes)
+std::string notes_of(const vol_vdb_bricks &v)
 {
-    using nanovdb::GridBlindMetaData;
-    const size_t tail = (sizeof(GridBlindMetaData) + notes.size() + NANOVDB_DATA_ALIGNMENT - 1) /
-                        NANOVDB_DATA_ALIGNMENT * NANOVDB_DATA_ALIGNMENT;
-    auto buffer = nanovdb::HostBuffer::create(from.size() + tail);
-    memcpy(buffer.data(), from.data(), from.size());
-    memset(buffer.data() + from.size(), 0, tail);
-    auto *grid = reinterpret_cast<nanovdb::GridData *>(buffer.data());
-    auto *meta = reinterpret_cast<GridBlindMetaData *>(buffer.data() + from.size());
-    grid->mGridSize = from.size() + tail;
-    grid->mBlindMetadataOffset = static_cast<int64_t>(from.size());
-    grid->mBlindMetadataCount = 1;
-    meta->setBlindData(meta + 1);
-    meta->mElementCount = notes.size();
-    snprintf(meta->mName, sizeof meta->mName, VOL_NVDB_NOTES);
-    memcpy(meta + 1, notes.data(), notes.size());
-    Nano to(std::move(buffer));
-    nanovdb::updateChecksum(*to.grid<float>());
-    return to;
+    std::ostringstream notes;
+    make_meta(v).writeMeta(notes);
+    return notes.str();
+}
+
+size_t nano_room(const vol_vdb_bricks *v) noexcept
+{
+    return vol::nano_room(*v, VOL_VDB_NOTES_MAX * (sizeof(vol_vdb_note) + 64));
+}
+
+int nano_make(const vol_vdb_bricks *v, void *out, size_t *size, char *err, size_t err_size) noexcept
+{
+    return guarded(err, err_size, [&]() -> int {
+        *size = vol::nano_make(*v, notes_of(*v), out);
+        return PVX_OK;
+    });
+}
+
+/* A grid of several as one alone, with its checksum. */
+Nano alone(const nanovdb::GridData *from)
+{
+    auto buffer = nanovdb::HostBuffer::create(from->mGridSize);
+    memcpy(buffer.data(), from, from->mGridSize);
+    auto *to = reinterpret_cast<nanovdb::GridData *>(buffer.data());
+    to->mGridIndex = 0;
+    to->mGridCount = 1;
+    Nano grid(std::move(buffer));
+    if (to->mGridType == nanovdb::GridType::Float)
+        nanovdb::updateChecksum(*grid.grid<float>());
+    else
+        nanovdb::updateChecksum(*grid.grid<nanovdb::Vec3f>());
+    return grid;
 }
 
 int write_nvdb(const vol_vdb_bricks *v, vol_vdb_bytes *out, char *err, size_t err_size) noexcept
 {
     return guarded(err, err_size, [&]() -> int {
+        const std::string notes = notes_of(*v);
+        auto made = nanovdb::HostBuffer::create(vol::nano_room(*v, notes.size()));
+        const size_t n = vol::nano_make(*v, notes, made.data());
         std::vector<Nano> all;
-        std::ostringstream notes;
-        make_meta(*v).writeMeta(notes);
-        for (const GridBase::Ptr &g : make_grids(*v, false))
-            all.push_back(nanovdb::openToNanoVDB(g));
-        all[0] = with_notes(all[0], notes.str());
+        for (size_t at = 0; at < n; at += all.back().size())
+            all.push_back(alone(reinterpret_cast<const nanovdb::GridData *>(made.data() + at)));
         Bytes bytes;
         std::ostream os(&bytes);
         os.exceptions(std::ios::badbit);
@@ -458,7 +458,16 @@ int read_nvdb(const void *data, size_t len, vol_vdb_bricks *v, char *err, size_t
     });
 }
 
-const struct vol_vdb module = {VOL_VDB_VERSION, write_vdb, write_nvdb, read_vdb, read_nvdb};
+const struct vol_vdb module = {VOL_VDB_VERSION,
+                               write_vdb,
+                               write_nvdb,
+                               read_vdb,
+                               read_nvdb,
+                               NANOVDB_MAJOR_VERSION_NUMBER << 21 |
+                                   NANOVDB_MINOR_VERSION_NUMBER << 10 |
+                                   NANOVDB_PATCH_VERSION_NUMBER,
+                               nano_room,
+                               nano_make};
 
 } // namespace
 

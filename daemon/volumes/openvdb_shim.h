@@ -25,7 +25,7 @@ extern "C" {
 #define VOL_VDB_NOEXCEPT
 #endif
 
-#define VOL_VDB_VERSION   2
+#define VOL_VDB_VERSION   3
 #define VOL_NVDB_NOTES    "pyrovox"
 #define VOL_VDB_NOTES_MAX 64
 
@@ -66,6 +66,13 @@ struct vol_vdb {
     int (*read_vdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
                     size_t err_size) VOL_VDB_NOEXCEPT;
     int (*read_nvdb)(const void *bytes, size_t len, struct vol_vdb_bricks *v, char *err,
+                     size_t err_size) VOL_VDB_NOEXCEPT;
+    /* The grids of a .nvdb as they lie in memory, behind each other, without checksums.  nano_room: bytes that any
+     * n_bricks bricks of the grid need at most.  nano_make: out is aligned to 32 bytes and has them; *size: used.
+     * nano_version: as a grid's head has it. */
+    uint32_t nano_version;
+    size_t (*nano_room)(const struct vol_vdb_bricks *v) VOL_VDB_NOEXCEPT;
+    int (*nano_make)(const struct vol_vdb_bricks *v, void *out, size_t *size, char *err,
                      size_t err_size) VOL_VDB_NOEXCEPT;
 };
 

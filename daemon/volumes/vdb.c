@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "daemon/volumes/numbered.h"
+#include "daemon/volumes/vdb_layout.h"
 #include "daemon/volumes/vdb_module.h"
-#include "daemon/volumes/vdb_notes.h"
 
 struct vdb {
     const struct vol_vdb *module;
@@ -59,38 +59,14 @@ static pvx_err open_nvdb(void **self, const char *path, const struct vol_head *h
     return open_any(true, self, path, head, o, d);
 }
 
-/* World of the index coordinates of openvdb_shim.h: with y up the axes are x, z, -y. */
-static void place(const struct vol_vdb_about *a, struct vol_vdb_bricks *b)
-{
-    const struct pvp_grid *g = &a->v.grid;
-    for (int i = 0; i < 3; i++) {
-        int axis = a->y_up && i > 0 ? 3 - i : i;
-        double spacing = (g->max[axis] - g->min[axis]) / g->n[axis];
-        double corner = a->y_up && i == 2 ? -g->min[1] : g->min[axis];
-        b->n[i] = g->n[i];
-        b->spacing[i] = spacing / a->unit_m;
-        b->origin[i] = (corner + spacing / 2) / a->unit_m;
-    }
-    b->channels = g->channels;
-    b->split = a->split != 0;
-    b->y_up = a->y_up != 0;
-}
-
 static pvx_err put(void *self, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct vdb *w = self;
     struct vol_vdb_bytes bytes = {NULL, 0};
     if (vol_numbered_wants(w->files, &v->v)) {
-        w->about.v = v->v;
-        w->about.sample = v->sample;
-        w->about.clamped = v->clamped;
-        struct vol_vdb_bricks b = {.n_bricks = v->n_bricks,
-                                   .ids = v->ids,
-                                   .brick = v->brick,
-                                   .notes = w->note,
-                                   .n_notes = vol_vdb_notes_make(&w->about, w->note)};
+        struct vol_vdb_bricks b;
         char err[256] = "";
-        place(&w->about, &b);
+        vol_vdb_lay(&w->about, v, w->note, &b);
         int e =
             (w->nano ? w->module->write_nvdb : w->module->write_vdb)(&b, &bytes, err, sizeof err);
         if (e != PVX_OK)

@@ -192,6 +192,11 @@ section("On the wire", "proto_encode", "One core; lit: share of the voxels; boun
         ["flame", "voxels", "lit", "", "", "ms", "bound ms", "MB/s of floats", "MB", "ratio", "unpack ms", "volumes/s on 1 GbE"],
         lambda: [[r["flame"], r["voxels"] + "^3", "%.0f %%" % (100 * float(r["lit share"])), r["sample"], r["compress"], r["ms"],
                   r["bound ms"], r["MB/s"], r["MB"], r["ratio"], r["unpack ms"], r["most/s on 1 GbE"]] for r in table("proto_encode")])
+section("In shared memory", "share", "From the message (f16, LZ4) to NanoVDB that a renderer maps, one core: unpacked, made in place; bound: the grids' "
+        "bytes over the bandwidth. Wanted at 128^3: 5 ms. Vectors: density and emission; split: density, red, green, blue; one: a grey rig's",
+        ["flame", "voxels", "grids", "bricks", "MB", "unpack ms", "make ms", "both ms", "99 %", "bound ms", "make over bound"],
+        lambda: [[r["flame"], r["voxels"] + "^3", r["grids"], r["bricks"], r["MB"], r["unpack ms"], r["make ms"], r["both ms"],
+                  r["both p99 ms"], r["bound ms"], r["make over bound"]] for r in table("share")])
 section("Subscribers", "proto_fanout", "64^3, f16, 60 volumes/s by ipc, processes that unpack each. Wanted with 16 and one that is stopped: "
         "all volumes, the publisher's memory bounded",
         ["subscribers", "", "publish ms", "99 %", "came", "latency ms", "99 %", "grown MiB"],

@@ -1,6 +1,7 @@
 /* volume_bed.h - volumes for recordings, with values that a half holds exactly. */
 #ifndef TESTS_VOLUME_BED_H
 #define TESTS_VOLUME_BED_H
+#include "tests/lib/bed_value.h"
 #include "tests/lib/volumes.h"
 
 struct volume_bed {
@@ -10,19 +11,17 @@ struct volume_bed {
     struct vol_volume v;
 };
 
-/* Sides that are no multiples of 8, voxels that are no cubes, a box off the centre. */
 static inline void volume_bed_new(struct volume_bed *b, uint32_t nx, uint32_t ny, uint32_t nz,
                                   uint32_t channels, uint32_t basis)
 {
     *b = (struct volume_bed){.head = {.rig = "cameras: []\n"}};
-    b->head.start = (struct pvp_start){
-        .grid = {{nx, ny, nz}, {-0.3, 0.2, 1.1}, {0.5, 0.9, 1.75}, basis, channels},
-        .session = 0xfedcba9876543210u,
-        .rig_hash = 0x8123456789abcdefu,
-        .n_cameras = 5,
-        .fps = 20,
-        .units = "1/m",
-        .software = "volume_bed"};
+    b->head.start = (struct pvp_start){.grid = {{nx, ny, nz}, BED_MIN, BED_MAX, basis, channels},
+                                       .session = 0xfedcba9876543210u,
+                                       .rig_hash = 0x8123456789abcdefu,
+                                       .n_cameras = 5,
+                                       .fps = 20,
+                                       .units = "1/m",
+                                       .software = "volume_bed"};
     b->brick = calloc(sizeof b->ids / sizeof b->ids[0] * 512 * channels, sizeof *b->brick);
     if (b->brick == NULL)
         exit(1);
@@ -32,14 +31,6 @@ static inline void volume_bed_free(struct volume_bed *b)
 {
     free(b->brick);
     b->brick = NULL;
-}
-
-/* Of voxel (i, j, k), 0 in two of three voxels. */
-static inline float volume_bed_value(const struct volume_bed *b, uint64_t set, uint32_t i,
-                                     uint32_t j, uint32_t k, uint32_t c)
-{
-    uint32_t at = (k * b->head.start.grid.n[1] + j) * b->head.start.grid.n[0] + i;
-    return (at + set) % 3 != 0 ? 0 : (float)((at * 7 + set * 13 + c * 5) % 1000 + 1) / 16;
 }
 
 /* Every second brick of set `set`, at `t_ns`. */
@@ -58,7 +49,7 @@ static inline const struct vol_volume *volume_bed_make(struct volume_bed *b, uin
         for (uint32_t cell = 0; cell < 512 * g->channels; cell++) {
             const uint32_t v = cell / g->channels, i = x + v % 8, j = y + v / 8 % 8, k = z + v / 64;
             if (i < g->n[0] && j < g->n[1] && k < g->n[2])
-                out[cell] = volume_bed_value(b, set, i, j, k, cell % g->channels);
+                out[cell] = bed_value(g->n, set, i, j, k, cell % g->channels);
         }
         b->ids[b->v.n_bricks++] = id;
     }

@@ -84,6 +84,41 @@ PY
 }
 check others_read_vdb_and_nvdb vdb
 
+oracle() { # what nanovdb_convert makes of the .vdb of a volume: every node of ours byte for byte, and a head that says the same
+    "$b/tests/unit/test_vdb" --write "$dir/made" > /dev/null || return 1
+    local k
+    for k in $(seq 0 15); do
+        nanovdb_convert -f -c none -s all "$dir/made/v$k/v${k}_0001.vdb" "$dir/oracle.nvdb" > /dev/null || return 1
+        "$py" - "$dir/made/n$k/n${k}_0001.nvdb" "$dir/oracle.nvdb" "$k" <<'PY' || return 1
+import struct, sys
+def grids(path): # heads and names of several, then they themselves; as often as there are such parts
+    b, at, out = open(path, "rb").read(), 0, {}
+    while at < len(b):
+        n, at, heads = struct.unpack_from("<H", b, at + 12)[0], at + 16, []
+        for _ in range(n):
+            size, name = struct.unpack_from("<Q", b, at)[0], struct.unpack_from("<I", b, at + 136)[0]
+            heads.append((b[at + 176:at + 175 + name].decode(), size))
+            at += 176 + name
+        for name, size in heads:
+            out[name] = b[at:at + size]
+            at += size
+    return out
+ours, theirs = grids(sys.argv[1]), grids(sys.argv[2])
+grey, split = int(sys.argv[3]) & 8, int(sys.argv[3]) & 2
+assert set(ours) == set(theirs) == {"density"} | (set() if grey else {"red", "green", "blue"} if split else {"emission"}), (set(ours), set(theirs))
+for name, a in ours.items():
+    b = theirs[name]
+    assert a[16:32] == b[16:32] and a[40:296] == b[40:296] and a[632:640] == b[632:640], name # version, flags, number, name, class, type
+    for form, at, n in (("f", 296, 22), ("d", 384, 22), ("d", 560, 9)): # map, box, size of a voxel
+        for x, y in zip(struct.unpack_from(f"<{n}{form}", a, at), struct.unpack_from(f"<{n}{form}", b, at)):
+            assert abs(x - y) <= (1e-6 if form == "f" else 1e-12) * max(1, abs(y)), (name, at, x, y)
+    if grey or name != "density": # the luminance of a .vdb was rounded to half
+        assert a[672:len(b)] == b[672:], (name, [i for i in range(672, len(b)) if a[i] != b[i]][:9])
+PY
+    done
+}
+check nvdb_is_what_nanovdb_makes_of_the_vdb oracle
+
 circle() { # npy -> hdf5 -> vdb -> npy
     for step in "npy c.h5" "c.h5 c.vdb --format vdb" "c.vdb back --format npy"; do
         set -- $step

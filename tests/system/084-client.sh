@@ -17,7 +17,7 @@ check links_in_c builds gcc c
 headers() { # by itself, in C and C++
     local h bad=0
     cd "$root/usr/include/pyrovox" || return 1
-    for h in base/err.h proto/pvp.h proto/clients/sub.h; do
+    for h in base/err.h proto/pvp.h proto/clients/sub.h proto/clients/pyrovox_share.h; do
         echo "#include <$h>" | g++ -std=c++17 -Wall -Wextra -Werror -I. -fsyntax-only -x c++ - || bad=1
     done
     for h in */*.h */*/*.h; do
