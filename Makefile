@@ -32,6 +32,8 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell
+# make test-blender: the add-on, in the background and on a screen that nobody sees.
+PACKAGES_BLENDER := blender python3-openvdb xvfb xauth libgl1-mesa-dri
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
@@ -84,7 +86,7 @@ TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test paper test-vm test-view test-sanitize bench fit stability soak lint check-layers format-check tidy \
+.PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers format-check tidy \
   fuzz clean install install-recon uninstall tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -125,6 +127,19 @@ test-view: setup-test ## the page in a headless browser, driven as a person woul
 	@tests/setup.sh $(PACKAGES_VIEW)
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@tests/view/test.sh $(B)
+
+ADDON := $(wildcard proto/clients/blender/pyrovox_blender/*.py)
+blender-addon: $(B)/pyrovox-blender.zip ## the Blender add-on as a zip that Blender installs: build/pyrovox-blender.zip
+$(B)/pyrovox-blender.zip: $(ADDON) proto/clients/pyrovox_sub.py
+	@rm -rf $@ $(@D)/addon && mkdir -p $(@D)/addon/pyrovox_blender
+	$(call say,ZIP)
+	@cp -L $(ADDON) $(@D)/addon/pyrovox_blender/
+	$(Q)cd $(@D)/addon && python3 -m zipfile -c ../$(@F) pyrovox_blender
+
+test-blender: setup-test ## Blender: the add-on follows a live daemon, pictures agree with pyrovox render; screenshots in build/blender/
+	@tests/setup.sh $(PACKAGES_BLENDER)
+	@$(MAKE) --no-print-directory -j$$(nproc) all blender-addon
+	@tests/blender/test.sh $(B)
 
 tests-run: $(UNIT) $(FUZZ)
 tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability

@@ -11,8 +11,11 @@
 """
 import argparse, ctypes, ctypes.util, functools, json, os, struct, sys
 import numpy as np
-import zmq
-from zmq.utils.monitor import recv_monitor_message
+try:
+    import zmq
+    from zmq.utils.monitor import recv_monitor_message
+except ImportError:  # messages that come by another way can be read without (Blender has none)
+    zmq = None
 
 HEADER = struct.Struct("<4s4HI4Q")
 START = struct.Struct("<3I3I6dQd32s32s")
@@ -257,6 +260,8 @@ class Subscriber:
     """
 
     def __init__(self, endpoint, timeout_ms=-1, memory=MEMORY, key=None):
+        if zmq is None:
+            raise ImportError("a Subscriber needs pyzmq: apt-get install python3-zmq, or pip install pyzmq")
         self.socket = zmq.Context.instance().socket(zmq.SUB)
         self.socket.setsockopt(zmq.RCVHWM, 16)
         self.socket.setsockopt(zmq.MAXMSGSIZE, 2 * memory + (1 << 20))

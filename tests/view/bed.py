@@ -11,8 +11,8 @@ import numpy as np
 
 
 class Bed:
-    def __init__(self, build):
-        self.build = build
+    def __init__(self, build, label="view"):
+        self.build, self.label = build, label
         self.bin = f"{build}/bin"
         self.shots = f"{build}/view"
         self.tmp = tempfile.TemporaryDirectory(prefix="pyrovox-view-", ignore_cleanup_errors=True)
@@ -100,8 +100,8 @@ class Bed:
             what()
         except Exception:  # a check that fails does not keep the others from running
             traceback.print_exc()
-            print(f"FAIL view:{name}", flush=True)
+            print(f"FAIL {self.label}:{name}", flush=True)
             self.failed += 1
         else:
-            print(f"PASS view:{name} ({time.monotonic() - t0:.0f} s)", flush=True)
+            print(f"PASS {self.label}:{name} ({time.monotonic() - t0:.0f} s)", flush=True)
             self.passed += 1

@@ -1,0 +1,1 @@
+../../pyrovox_sub.py
