@@ -37,7 +37,7 @@ struct rec_pcg_passes {
     pvx_task_fn direction; /* (4); sum A: d'phi */
     pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
     pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */
-    pvx_task_fn clipped;   /* what clipping changes in A d, into the images */
+    pvx_task_fn clipped;   /* what clipping changes in A d, A e, into the images */
     pvx_task_fn residual;  /* rows: q where clipped, r, q = W r, sum A: r'Wr; columns: smoothness */
     pvx_task_fn smoothness; /* lx = V L x; sums A x'L lx, B ||x||^2 */
     pvx_task_fn brightness; /* lx = L x; (2a): y to next, sums A y, B y^2, C columns with x > 0 */

@@ -190,7 +190,7 @@ static void step_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, step, t->alpha, nothing, NULL, 1);
 }
 
-/* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image of A d. */
+/* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image. */
 REC_INLINE void clipped(struct rec_pcg *t, size_t slab, size_t cs)
 {
     const rec_problem *pb = t->pb;
@@ -218,7 +218,7 @@ static void clipped_slab(void *ctx, size_t slab)
     t->pb->a->cs == 4 ? clipped(t, slab, 4) : clipped(t, slab, 1);
 }
 
-/* Rows: q = A d, where columns were clipped A (d + e), r += alpha q, r'Wr, q = W r.  Columns: lx. */
+/* Rows: q = A d, where columns were clipped + A e, r += alpha q, r'Wr, q = W r.  Columns: lx. */
 static void residual_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
@@ -229,7 +229,7 @@ static void residual_task(void *ctx, size_t i)
         return;
     }
     if (t->any_clipped)
-        rec_take_product(t->pb, i, t->q);
+        rec_collect_blocks(t->pb->a, &t->pb->images, rec_blocks_of(t->pb->a, i), t->q, true);
     t->pb->in.per_channel ? rec_rows_step(t->pb, i, 4, true, t->alpha, t->r, t->q, t->q, out)
     : t->pb->cs == 4      ? rec_rows_step(t->pb, i, 4, false, t->alpha, t->r, t->q, t->q, out)
                           : rec_rows_step(t->pb, i, 1, false, t->alpha, t->r, t->q, t->q, out);
