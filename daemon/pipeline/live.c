@@ -133,6 +133,20 @@ static struct dmn_tuning tuning(const dmn_live *l, const struct dmn_config *c)
                                .period_ns = free ? l->sources.capture.sets.period_ns : 0};
 }
 
+/* When a set makes way for a newer one; 0 = never. */
+static int64_t stale_after(const struct dmn_config *c, const struct dmn_tuning *t)
+{
+    bool least = c->deadline_ms < 0 && t->limit_ns < DMN_HICCUP_NS;
+    return c->lossless ? 0 : least ? DMN_HICCUP_NS : t->limit_ns;
+}
+
+/* Sets that come within a hiccup. */
+static size_t waiting(const struct dmn_config *c, const struct dmn_tuning *t)
+{
+    int64_t n = !c->lossless && t->period_ns > 0 ? DMN_HICCUP_NS / t->period_ns : 1;
+    return n < 1 ? 1 : n > DMN_WAITING_MAX ? DMN_WAITING_MAX : (size_t)n;
+}
+
 /* The pipeline between cameras and publisher. */
 static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
 {
@@ -152,7 +166,7 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
                                     .images = l->images,
                                     .rig = &l->rig,
                                     .sets = l->sources.capture.sets,
-                                    .stale_ns = c->lossless ? 0 : t.limit_ns,
+                                    .stale_ns = stale_after(c, &t),
                                     .wait_for = c->wait_subscriber ? &l->out.subscribers : NULL,
                                     .stopping = &l->stopping,
                                     .background = l->background,
@@ -163,6 +177,7 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
                                      .pool = l->pool,
                                      .lossless = c->lossless,
                                      .warm = t.warm,
+                                     .waiting = waiting(c, &t),
                                      .deadline = {.limit_ns = t.limit_ns, .period_ns = t.period_ns},
                                      .source = dmn_cameras_source(&l->in),
                                      .sink = dmn_publish_sink(&l->out),
@@ -369,7 +384,7 @@ void dmn_live_tune(dmn_live *l, const struct dmn_config *c)
 {
     const struct dmn_tuning t = tuning(l, c);
     dmn_pipeline_tune(l->pipeline, &t);
-    atomic_store(&l->in.stale_ns, c->lossless ? 0 : t.limit_ns);
+    atomic_store(&l->in.stale_ns, stale_after(c, &t));
     dmn_publish_compress(&l->out, c);
 }
 

@@ -232,14 +232,16 @@ static bool sink(void *ctx)
 static pvx_err build(dmn_pipeline *p, struct pvx_diag *d)
 {
     const struct dmn_pipeline_params *a = &p->a;
+    size_t waiting = a->waiting < 1 ? 1 : a->waiting,
+           slots = DMN_N_SLOTS - DMN_WAITING_MAX + waiting;
     PVX_TRY(pvx_queue_new(DMN_N_SLOTS, &p->idle));
-    PVX_TRY(pvx_queue_new(1, &p->to_solve));
+    PVX_TRY(pvx_queue_new(waiting, &p->to_solve));
     PVX_TRY(pvx_queue_new(1, &p->to_sink));
     PVX_TRY(rec_carver_new(a->S, a->rig, &a->frame, a->pool, &p->carver, d));
     for (size_t c = 0; a->background != NULL && c < a->rig->n_cameras; c++)
         PVX_TRY(rec_carver_background(p->carver, c, a->background[c]));
     PVX_TRY(rec_solver_new(a->S, &a->frame, &p->solver, d));
-    for (size_t i = 0; i < (a->lossless ? DMN_N_SLOTS_LOSSLESS : DMN_N_SLOTS); i++) {
+    for (size_t i = 0; i < (a->lossless ? DMN_N_SLOTS_LOSSLESS : slots); i++) {
         PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
         give_back(p, &p->slot[i]);
     }

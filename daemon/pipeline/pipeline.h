@@ -4,7 +4,7 @@
  *     carve = photometry + hull + restricted system; each [stage] is a thread of its own and shares
  *     one pool of workers for its loops
  *
- * While set k is solved, k+1 is carved and k-1 goes out.  DMN_N_SLOTS... slots go round, each with what is
+ * While set k is solved, k+1 is carved and k-1 goes out.  Slots go round, each with what is
  * one frame set's own; the stages keep their work areas.  Sets come out in the order of the source.  Once
  * started, it allocates nothing.
  * Live: newest wins - a full queue gives up its oldest set, counted by cause.
@@ -16,9 +16,14 @@
 #include "daemon/control/state.h"
 #include "daemon/pipeline/deadline.h"
 
-/* One being carved, one waiting and one in the solver, one waiting and one in the sink, and one more so
+/* A machine that does something else for a moment does so for as long whatever the rate of the cameras is: the
+ * sets that come meanwhile wait for the solver, so many at most, and are not stale.  It works them off in half a
+ * period each (deadline.h). */
+#define DMN_HICCUP_NS   (60 * PVX_NS_PER_MS)
+#define DMN_WAITING_MAX 3
+/* One being carved, some waiting and one in the solver, one waiting and one in the sink, and one more so
  * that carve never waits for a slot while older sets could be given up. */
-#define DMN_N_SLOTS 6
+#define DMN_N_SLOTS (5 + DMN_WAITING_MAX)
 /* Lossless nothing is given up: one in each stage keeps all three at work, and one waits for the slowest. */
 #define DMN_N_SLOTS_LOSSLESS 4
 
@@ -61,6 +66,7 @@ struct dmn_pipeline_params { /* all pointers borrowed */
     struct rec_frame_params frame;
     float *const *background; /* [cameras] as for rec_carver_background, copied; or NULL */
     bool lossless, warm;      /* warm: a solve starts from the volume before */
+    size_t waiting;           /* sets before the solver, 1..DMN_WAITING_MAX; 0 is 1 */
     struct dmn_deadline
         deadline; /* counts from the set's last frame; lossless, from the solve's begin */
     struct dmn_source source;

@@ -2,7 +2,7 @@
  *
  *   header, 128 bytes
  *     0  u8[8]  "PVXMATRX"          88  i32[3] voxels n
- *     8  u32    format version 4   100  u32    basis: 0 box, 1 trilinear
+ *     8  u32    format version 5   100  u32    basis: 0 box, 1 trilinear
  *    12  u32    header + table     104  i32    binning
  *    16  u64    key                108  i32    rays per bin side
  *    24  u64    bytes of the file  112  f32    unit of the values
@@ -33,7 +33,7 @@ _Static_assert(sizeof(struct rec_rect) == 8 && sizeof(float) == 4 && sizeof(stru
                "as the file has them");
 
 #define MAGIC    "PVXMATRX"
-#define VERSION  4u
+#define VERSION  5u
 #define HEADER   128u
 #define HASH_AT  120u
 #define PIECE    ((uint64_t)1 << 20)

@@ -2,7 +2,7 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "recon/matrix/subsys.h"
+#include "recon/matrix/collect.h"
 
 /* The first of a slab's further windows that is of column q or later. */
 static const struct rec_more *more_from(const struct rec_subsys *a, int32_t slab, int32_t q)
@@ -98,7 +98,7 @@ void rec_images_free(struct rec_images *im)
 
 struct product {
     const struct rec_subsys *a;
-    const struct rec_images *im;
+    struct rec_images *im;
     struct rec_cameras c;
     const float *x;
     float *y;
@@ -126,14 +126,10 @@ static void scatter_slab(void *ctx, size_t slab)
     const struct rec_subsys *a = t->a;
     const struct rec_slots slots = {t->c.c0, t->c.c1};
     float *y = t->im->of[slab];
-    size_t cs = (size_t)a->cs, bytes = REC_ROW_BLOCK * cs * sizeof *y;
     int32_t q0, q1;
-    for (int32_t b = 0; b < a->n_blocks; b++)
-        if (a->slabs_of[b] >> slab & 1)
-            memset(y + (size_t)a->block[b] * REC_ROW_BLOCK * cs, 0, bytes);
     rec_slab_range(a, slab, &q0, &q1);
-    (cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, q0, q1, t->x, y);
-    cs == 4 ? scatter_more(a, slab, t->c, t->x, y, 4) : scatter_more(a, slab, t->c, t->x, y, 1);
+    (a->cs == 4 ? a->k->scatter4 : a->k->scatter1)(&a->win, slots, q0, q1, t->x, y);
+    a->cs == 4 ? scatter_more(a, slab, t->c, t->x, y, 4) : scatter_more(a, slab, t->c, t->x, y, 1);
 }
 
 void rec_scatter_cameras(const struct rec_subsys *a, struct rec_images *im, struct rec_cameras c,
@@ -147,27 +143,10 @@ void rec_scatter(const struct rec_subsys *a, struct rec_images *im, const float 
     rec_scatter_cameras(a, im, (struct rec_cameras){0, a->win.slots}, x);
 }
 
-REC_INLINE void collect(const struct rec_subsys *a, const struct rec_images *im,
-                        struct rec_block_range r, float *y, size_t cs)
+void rec_collect(const struct rec_subsys *a, struct rec_images *im, struct rec_block_range blocks,
+                 float *y)
 {
-    size_t vectors = REC_ROW_BLOCK * cs / 4;
-    for (int32_t b = r.at; b < r.end; b++) {
-        size_t at = (size_t)a->block[b] * REC_ROW_BLOCK * cs;
-        uint32_t slabs = a->slabs_of[b];
-        rec_f4 sum[REC_ROW_BLOCK] = {{0}};
-        for (; slabs != 0; slabs &= slabs - 1) {
-            const float *from = im->of[__builtin_ctz(slabs)] + at;
-            for (size_t v = 0; v < vectors; v++)
-                sum[v] += rec_ld(from, v, 4);
-        }
-        for (size_t v = 0; v < vectors; v++)
-            rec_st(y + at, v, 4, rec_splat(a->win.unit) * sum[v]);
-    }
-}
-void rec_collect(const struct rec_subsys *a, const struct rec_images *im,
-                 struct rec_block_range blocks, float *y)
-{
-    a->cs == 4 ? collect(a, im, blocks, y, 4) : collect(a, im, blocks, y, 1);
+    rec_collect_blocks(a, im, blocks, y, false);
 }
 
 static void collect_chunk(void *ctx, size_t k)

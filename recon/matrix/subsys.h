@@ -151,17 +151,18 @@ static inline struct rec_block_range rec_blocks_of(const struct rec_subsys *a, s
 void rec_adjoint_range(const struct rec_subsys *a, const float *y, int32_t q0, int32_t q1,
                        float *x);
 
-/* The slabs' images, for S and coarser levels: one product at a time. */
+/* The slabs' images, for S and coarser levels: one product at a time, and 0 between two: who collects it
+ * leaves 0 behind. */
 struct rec_images {
     size_t bytes;
     float *of[REC_SLABS_MAX]; /* [room][cs] */
 };
 PVX_MUST_CHECK pvx_err rec_images_new(const rec_sysmat *S, int cs, struct rec_images *out);
 void rec_images_free(struct rec_images *im);
-/* A x into the images (parallel); then, some blocks at a time, their sum into y. */
+/* A x into the images (parallel); then, some blocks at a time and each once, their sum into y. */
 void rec_scatter(const struct rec_subsys *a, struct rec_images *im, const float *x);
-void rec_collect(const struct rec_subsys *a, const struct rec_images *im,
-                 struct rec_block_range blocks, float *y);
+void rec_collect(const struct rec_subsys *a, struct rec_images *im, struct rec_block_range blocks,
+                 float *y);
 /* Both: y = A x in all blocks. */
 void rec_forward(const struct rec_subsys *a, struct rec_images *im, const float *x, float *y);
 

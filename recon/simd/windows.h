@@ -8,6 +8,9 @@
  * Rows are the bins of all images, one after the other; a vector over them has room for `room` bins:
  * those from `nowhere` on are 0 always.  A window that is not there has its place at `nowhere`, one at
  * the border of a tiny image may hang over its end; the weights are 0 there.
+ * Columns q and q+1 that have all windows at the same places are multiplied together where that is faster;
+ * the matrix is built so that neighbours mostly do (matrix/windows.c).  The sums of a column and of a bin
+ * are the same either way.
  * Shapes: 2x2, 2x4, 3x4, 4x4 (rows x columns).  Slots are the cameras, rounded up to whole groups of 4. */
 #ifndef REC_WINDOWS_H
 #define REC_WINDOWS_H

@@ -67,12 +67,42 @@ INLINE void adjoint4_rows(const struct rec_windows *m, struct rec_slots s, int32
         _mm_store_ps(x + (size_t)q * 4, _mm_mul_ps(unit, fold(a)));
     }
 }
+/* Two columns whose windows lie at the same places: each bin is read and written once. */
+INLINE void add_two(float *y, const __m256 w[2], const __m256 x[2], int p)
+{
+    __m256 sum = _mm256_fmadd_ps(spread(w[0], p), x[0], _mm256_loadu_ps(y));
+    _mm256_storeu_ps(y, _mm256_fmadd_ps(spread(w[1], p), x[1], sum));
+}
+INLINE void scatter4_two(const struct walk *k, const float *x, float *y, int high)
+{
+    const __m256 xx[2] = {_mm256_broadcast_ps((const void *)x),
+                          _mm256_broadcast_ps((const void *)(x + 4))};
+    for (int32_t c = 0; c < k->slots; c++) {
+        const uint8_t *weights = k->w + (size_t)c * (size_t)high * 4,
+                      *next = weights + k->columns_w;
+        float *v = y + (size_t)k->at[c] * 4;
+        for (int r = 0; r < high; r += 2, v += 2 * k->pitch[c]) {
+            const __m256 w[2] = {weights8(weights + 4 * r), weights8(next + 4 * r)};
+            add_two(v, w, xx, 0);
+            add_two(v + 8, w, xx, 1);
+            if (r + 1 == high)
+                break;
+            add_two(v + k->pitch[c], w, xx, 2);
+            add_two(v + k->pitch[c] + 8, w, xx, 3);
+        }
+    }
+}
 INLINE void scatter4_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *x, float *y, int high)
 {
     struct walk k;
     walk_from(&k, m, s, q0, (size_t)high * 4, 4);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
+        if (q + 1 < q1 && walk_two(&k)) {
+            scatter4_two(&k, x + (size_t)q++ * 4, y, high);
+            walk_on(&k);
+            continue;
+        }
         __m256 xx = _mm256_broadcast_ps((const void *)(x + (size_t)q * 4));
         for (int32_t c = 0; c < k.slots; c++) {
             const uint8_t *weights = k.w + (size_t)c * (size_t)high * 4;
@@ -164,12 +194,29 @@ INLINE void add_row(float *y, __m128 w, __m128 x)
 {
     _mm_storeu_ps(y, _mm_fmadd_ps(w, x, _mm_loadu_ps(y)));
 }
+INLINE void scatter1_two(const struct walk *k, const float *x, float *y, int high)
+{
+    const __m128 x0 = _mm_set1_ps(x[0]), x1 = _mm_set1_ps(x[1]);
+    for (int32_t c = 0; c < k->slots; c++) {
+        const uint8_t *w = k->w + (size_t)c * (size_t)high * 4, *next = w + k->columns_w;
+        float *v = y + k->at[c];
+        for (int r = 0; r < high; r++, v += k->pitch[c]) {
+            __m128 sum = _mm_fmadd_ps(weights4(w + 4 * r), x0, _mm_loadu_ps(v));
+            _mm_storeu_ps(v, _mm_fmadd_ps(weights4(next + 4 * r), x1, sum));
+        }
+    }
+}
 INLINE void scatter1_rows(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
                           const float *x, float *y, int high)
 {
     struct walk k;
     walk_from(&k, m, s, q0, (size_t)high * 4, 1);
     for (int32_t q = q0; q < q1; q++, walk_on(&k)) {
+        if (q + 1 < q1 && walk_two(&k)) {
+            scatter1_two(&k, x + q++, y, high);
+            walk_on(&k);
+            continue;
+        }
         __m128 xx = _mm_set1_ps(x[q]);
         for (int32_t c = 0; c < k.slots; c++) {
             const uint8_t *w = k.w + (size_t)c * (size_t)high * 4;
@@ -230,7 +277,6 @@ void rec_adjoint4_avx2(const struct rec_windows *m, struct rec_slots s, int32_t 
 {
     adjoint4(m, s, q0, q1, y, x);
 }
-
 void rec_windows_avx2(struct rec_kernels *k)
 {
     k->adjoint1 = adjoint1;

@@ -2,6 +2,8 @@
  * number as a constant.  Private to windows_*.c. */
 #ifndef REC_WINDOWS_SHAPES_H
 #define REC_WINDOWS_SHAPES_H
+#include <stdbool.h>
+
 #include "recon/simd/windows.h"
 
 /* The windows of a column in some slots, column after column; of its own, as a compiler takes every store into y for
@@ -31,6 +33,20 @@ static inline __attribute__((always_inline)) void walk_on(struct walk *k)
 {
     k->at += k->columns_at;
     k->w += k->columns_w;
+}
+/* Whether the next column, which there has to be, has all its windows where this one has them. */
+static inline __attribute__((always_inline)) bool walk_two(const struct walk *k)
+{
+    const uint32_t *next = k->at + k->columns_at;
+    int32_t i = 0;
+    for (; i + 4 <= k->slots; i += 4)
+        if (((k->at[i] ^ next[i]) | (k->at[i + 1] ^ next[i + 1]) | (k->at[i + 2] ^ next[i + 2]) |
+             (k->at[i + 3] ^ next[i + 3])) != 0)
+            return false;
+    for (; i < k->slots; i++)
+        if (k->at[i] != next[i])
+            return false;
+    return true;
 }
 
 /* name(m, s, q0, q1, in, out) from name_2x2 and name_rows. */

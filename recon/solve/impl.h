@@ -3,6 +3,7 @@
 #ifndef REC_SOLVE_IMPL_H
 #define REC_SOLVE_IMPL_H
 #include "base/clock.h"
+#include "recon/matrix/collect.h"
 #include "recon/solve/lcurve.h"
 #include "recon/solve/smooth.h"
 #include "recon/solve/solve.h"
@@ -144,9 +145,9 @@ static inline void rec_start_product(rec_problem *pb, const float *x)
 {
     rec_scatter(pb->a, &pb->images, x);
 }
-static inline void rec_take_product(const rec_problem *pb, size_t k, float *y)
+REC_INLINE void rec_take_product(rec_problem *pb, size_t k, float *y)
 {
-    rec_collect(pb->a, &pb->images, rec_blocks_of(pb->a, k), y);
+    rec_collect_blocks(pb->a, &pb->images, rec_blocks_of(pb->a, k), y, false);
 }
 
 /* q = A d on one chunk of rows, after rec_start_product; out = q'W q per lane. */
@@ -156,8 +157,8 @@ REC_INLINE void rec_square(const rec_problem *pb, size_t i, size_t cs, bool per_
     rec_f4 v = rec_ld(q, i, cs);
     rec_add_product(sum, rec_row_weight(pb, i, cs, per_channel) * v, v);
 }
-REC_INLINE void rec_rows_product(const rec_problem *pb, size_t k, size_t cs, bool per_channel,
-                                 float *q, double out[4])
+REC_INLINE void rec_rows_product(rec_problem *pb, size_t k, size_t cs, bool per_channel, float *q,
+                                 double out[4])
 {
     rec_d4 sum = {0}, quads = {0};
     rec_take_product(pb, k, q);

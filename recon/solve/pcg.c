@@ -41,8 +41,8 @@
 #define RESTLESS           2.0  /* more than this factor */
 #define SETTLED            0.03 /* or sooner, when x moved by less than this share of ||x|| */
 
-/* V from x, lx with it, and the columns with x > 0 per lane. */
-static void stiffen(struct rec_pcg *t, double lit[4])
+/* V from x, lx and the penalty with it, and the columns with x > 0 per lane. */
+static void stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
 {
     const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
     size_t chunks = rec_column_chunks(t->pb);
@@ -53,6 +53,7 @@ static void stiffen(struct rec_pcg *t, double lit[4])
     rec_sum(t->pb, 0, chunks, S_C, lit);
     t->usual = sum[0] > 0 ? sum2[0] / sum[0] : 0;
     pvx_pool_run(t->pb->a->pool, chunks, pass->stiffness, t);
+    rec_sum(t->pb, 0, chunks, S_A, penalty);
 }
 
 /* ---- the method ---------------------------------------------------------------------------------*/
@@ -64,13 +65,27 @@ static void swap(float **a, float **b)
     *b = t;
 }
 
+/* The penalty and ||x||^2 from what a pass that forms lx has left at `slot`. */
+static void take_penalty(struct rec_pcg *t, size_t slot)
+{
+    size_t end = slot + rec_column_chunks(t->pb);
+    rec_sum(t->pb, slot, end, S_A, t->penalty);
+    rec_sum(t->pb, slot, end, S_B, t->norm2);
+}
+
+/* Second differences of t->x. */
+static void smoothness(struct rec_pcg *t)
+{
+    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
+    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
+    take_penalty(t, 0);
+}
 /* Residual and second differences of t->x anew; rwr = r'Wr. */
 static void refresh(struct rec_pcg *t, double rwr[4])
 {
-    const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
     rec_residual(t->pb, t->x, t->r, t->q, rwr);
     rec_bound_raise(t->pb, t->r, t->q, rwr);
-    pvx_pool_run(t->pb->a->pool, rec_column_chunks(t->pb), pass->smoothness, t);
+    smoothness(t);
 }
 
 /* d and alpha; false: no lane can move any more. */
@@ -136,12 +151,18 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
     }
     pvx_pool_run(pool, rows + chunks, pass->residual, t);
     rec_sum(pb, 0, rows, S_A, rwr);
+    take_penalty(t, rows);
     rec_bound_raise(pb, t->r, t->q, rwr);
 }
 
-/* Gradient of t->x by one of the two passes for it; value of (1) per lane. */
-static void evaluate(struct rec_pcg *t, pvx_task_fn gradient, const double rwr[4], double f[4],
-                     double gamma[4], double cross[4], double norm2[4])
+/* Value of (1) per lane. */
+static void value(const struct rec_pcg *t, const double rwr[4], double f[4])
+{
+    for (int l = 0; l < 4; l++)
+        f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * t->penalty[l];
+}
+/* Gradient of t->x by one of the two passes for it. */
+static void differentiate(struct rec_pcg *t, pvx_task_fn gradient, double gamma[4], double cross[4])
 {
     rec_problem *pb = t->pb;
     size_t chunks = rec_column_chunks(pb);
@@ -149,10 +170,6 @@ static void evaluate(struct rec_pcg *t, pvx_task_fn gradient, const double rwr[4
     pvx_pool_run(pb->a->pool, chunks, gradient, t);
     rec_sum(pb, 0, chunks, S_A, gamma);
     rec_sum(pb, 0, chunks, S_B, cross);
-    rec_sum(pb, 0, chunks, S_C, t->penalty);
-    rec_sum(pb, 0, chunks, S_D, norm2);
-    for (int l = 0; l < 4; l++)
-        f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * t->penalty[l];
 }
 
 /* Some lane's f rose in the step from t->next to t->x: to the least f along that step.  f(t) = f0 +
@@ -164,7 +181,6 @@ static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], d
     size_t chunks = rec_column_chunks(pb);
     double down[4];
     swap(&t->x, &t->next);
-    swap(&t->phi, &t->phi_old);
     pvx_pool_run(pb->a->pool, chunks, pass->slope, t);
     rec_sum(pb, 0, chunks, S_A, down);
     for (int l = 0; l < 4; l++) {
@@ -200,18 +216,19 @@ static bool due(const struct rec_pcg *t, const struct rec_solve_report *out,
 
 /* V and lambda from t->x, which they led to; f and phi of the new objective there.  Directions stay: few
  * columns change much, and (4) restarts the lane whose direction is no descent any more. */
-static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4],
-                  double norm2[4])
+static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4])
 {
     const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
-    double lit[4], cross[4], before[4];
+    double penalty[4], lit[4], cross[4], before[4];
     memcpy(before, t->lambda, sizeof before);
-    stiffen(t, lit);
+    stiffen(t, penalty, lit);
     rec_problem_reweigh(t->pb, rwr, t->penalty, lit, t->lambda);
+    memcpy(t->penalty, penalty, sizeof penalty);
     t->restless = false;
     for (int l = 0; l < t->pb->nch; l++)
         t->restless = t->restless || fabs(log(t->lambda[l] / before[l])) > log(RESTLESS);
-    evaluate(t, pass->regradient, rwr, f, gamma, cross, norm2); /* r has not changed */
+    value(t, rwr, f);
+    differentiate(t, pass->regradient, gamma, cross); /* r has not changed */
 }
 
 void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
@@ -240,7 +257,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     pvx_pool *pool = pb->a->pool;
     size_t chunks = rec_column_chunks(pb);
     struct rec_stopper stop;
-    double gamma[4], cross[4], rwr[4], norm2[4], f[4], now[4], next[4];
+    double gamma[4], cross[4], rwr[4], f[4], now[4], next[4];
     const int most_tries = pb->in.least != NULL ? 4 : 1; /* f is no parabola along a step then */
 
     rec_problem_weigh(pb, p->lambda); /* lambda, diag(A'WA) */
@@ -253,35 +270,38 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
         pvx_pool_run(pool, chunks, pass->expected, &t);
     rec_start_residual(pb, x, rwr); /* r = A x - b, q = W r */
     rec_bound_raise(pb, t.r, t.q, rwr);
-    pvx_pool_run(pool, chunks, pass->smoothness, &t); /* lx = V L x */
+    smoothness(&t); /* lx = V L x */
     if (pb->start == REC_START_FITS)
-        stiffen(&t, next);                                     /* V, lx from x */
-    evaluate(&t, pass->gradient, rwr, f, gamma, cross, norm2); /* phi of (3), f, phi'M phi */
+        stiffen(&t, t.penalty, next); /* V, lx from x */
+    value(&t, rwr, f);
+    differentiate(&t, pass->gradient, gamma, cross); /* phi of (3), phi'M phi */
     out->objective = rec_lanes_total(f);
     rec_stop_begin(&stop, pb, &own, p, out);
-    while (rec_stop_next(&stop)) {
+    for (bool on = rec_stop_next(&stop); on;) {
         if (!line_search(&t, gamma)) { /* d = -M phi + beta d, alpha = -phi'd / d'Hd */
             out->status = REC_CONVERGED;
             break;
         }
         advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
-        evaluate(&t, pass->gradient, rwr, now, next, cross,
-                 norm2); /* phi, f, phi'M phi, phi'M phi_old */
+        value(&t, rwr, now);
         for (int tries = 0; tries < most_tries && risen(pb, now, f); tries++) {
             go_back(&t, f, now, rwr); /* x to the least f on the step's way */
-            evaluate(&t, pass->gradient, rwr, now, next, cross, norm2);
+            value(&t, rwr, now);
         }
+        memcpy(f, now, sizeof f);
+        stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(t.norm2));
+        on = !rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)) &&
+             rec_stop_next(&stop);
+        if (!on) /* nobody asks for the gradient any more */
+            break;
+        differentiate(&t, pass->gradient, next, cross); /* phi, phi'M phi, phi'M phi_old */
         for (int l = 0; l < 4; l++) { /* beta = phi'M(phi - phi_old) / phi_old'M phi_old */
             double beta = gamma[l] > 0 ? (next[l] - cross[l]) / gamma[l] : 0;
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
             gamma[l] = next[l];
         }
-        memcpy(f, now, sizeof f);
-        stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(norm2));
-        if (rec_stop_after(&stop, t.x, rec_lanes_total(f), rec_lanes_total(rwr)))
-            break;
         if (due(&t, out, &stop) && !rec_late(p)) { /* V and lambda from x */
-            renew(&t, rwr, f, gamma, norm2);
+            renew(&t, rwr, f, gamma);
             out->renewed[out->renewals++] = stop.k;
             rec_stop_anew(&stop, rec_lanes_total(f), t.restless);
         }
@@ -293,7 +313,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     if (rec_stop_end(&stop, x))
         return;
     out->residual_norm = sqrt(rec_lanes_total(rwr));
-    out->solution_norm = sqrt(rec_lanes_total(norm2));
+    out->solution_norm = sqrt(rec_lanes_total(t.norm2));
     for (int l = 0; l < pb->nch; l++)
         out->misfit2[l] = !pb->in.per_channel   ? rwr[l] * pb->nch / pb->m
                           : pb->measured[l] > 0 ? rwr[l] / pb->measured[l]

@@ -37,8 +37,17 @@ struct bed {
     uint32_t *terms;
 };
 
-/* A window anywhere in the camera's image that sees its weights: what hangs over is 0. */
-static void fill_window(struct bed *b, size_t camera, uint32_t *at, uint8_t *w)
+/* Weights of a window that begins there: what hangs over the camera's image is 0. */
+static void fill_weights(const struct bed *b, size_t camera, uint32_t at, uint8_t *w)
+{
+    const struct image *im = &images[camera];
+    int32_t bin = (int32_t)(at - b->row0[camera]), x = bin % im->w, y = bin / im->w;
+    for (int32_t r = 0; r < b->m.high; r++)
+        for (int32_t k = 0; k < b->m.wide; k++, w++)
+            *w = y + r < im->h && x + k < im->w && t_rand() % 5 > 0 ? (uint8_t)t_rand() : 0;
+}
+/* A window anywhere in the image. */
+static void fill_window(const struct bed *b, size_t camera, uint32_t *at, uint8_t *w)
 {
     const struct image *im = &images[camera];
     int32_t high = b->m.high, wide = b->m.wide;
@@ -49,9 +58,7 @@ static void fill_window(struct bed *b, size_t camera, uint32_t *at, uint8_t *w)
         y = im->h > high ? im->h - high : im->h - 1;
     }
     *at = (uint32_t)b->row0[camera] + (uint32_t)(y * im->w + x);
-    for (int32_t r = 0; r < high; r++)
-        for (int32_t k = 0; k < wide; k++, w++)
-            *w = y + r < im->h && x + k < im->w && t_rand() % 5 > 0 ? (uint8_t)t_rand() : 0;
+    fill_weights(b, camera, *at, w);
 }
 
 static void bed_new(struct bed *b, const struct shape *s, size_t cameras, enum data d, int cs)
@@ -75,10 +82,15 @@ static void bed_new(struct bed *b, const struct shape *s, size_t cameras, enum d
     b->m.at = guarded(COLUMNS * slots * sizeof *b->m.at);
     b->m.w = guarded(COLUMNS * slots * size + REC_WINDOWS_PAD);
     memset(b->m.w + COLUMNS * slots * size, 255, REC_WINDOWS_PAD); /* read, but not used */
-    for (size_t i = 0; i < COLUMNS * slots; i++) {
-        b->m.at[i] = b->m.nowhere;
-        if (i % slots < cameras && t_rand() % 6 > 0)
-            fill_window(b, i % slots, &b->m.at[i], b->m.w + i * size);
+    for (size_t q = 0; q < COLUMNS; q++) {
+        bool as_before = q > 0 && t_rand() % 2 == 0; /* where the column before has its windows */
+        for (size_t c = 0, i = q * slots; c < slots; c++, i++) {
+            b->m.at[i] = as_before ? b->m.at[i - slots] : b->m.nowhere;
+            if (as_before && b->m.at[i] != b->m.nowhere)
+                fill_weights(b, c, b->m.at[i], b->m.w + i * size);
+            else if (!as_before && c < cameras && t_rand() % 6 > 0)
+                fill_window(b, c, &b->m.at[i], b->m.w + i * size);
+        }
     }
     size_t lanes = (size_t)cs, room = b->m.room * lanes;
     b->x = guarded(COLUMNS * lanes * 4);

@@ -1020,7 +1020,7 @@ T_CASE(cache_is_used_and_healed)
     T_OK(f != NULL && fseek(f, 8, SEEK_SET) == 0 && fwrite(two, 4, 1, f) == 1 && fclose(f) == 0);
     struct pvx_diag old = {""};
     T_EQ_I(rec_sysmat_load(path, 0, true, NULL, &b, &old), PVX_EVERSION);
-    T_CONTAINS(old.text, "matrix format 2, this program reads 4");
+    T_CONTAINS(old.text, "matrix format 2, this program reads 5");
     opens(&r, NULL, false, a);
     opens(&r, NULL, true, a);
     /* a named file made for another rig is replaced ... */

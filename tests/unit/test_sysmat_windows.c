@@ -164,6 +164,43 @@ T_CASE(each_shape)
     shape((struct patch){.w = 6, .h = 4}, 4, 4, true);
 }
 
+/* Columns 2i and 2i+1 have their windows at one place as long as one holds both, at an even bin where there is room;
+ * a column that is not seen, or seen elsewhere, has its own. */
+static void two_columns(int32_t apart, bool one_place)
+{
+    struct bed b;
+    int64_t apart_n = 0, odd = 0;
+    bed_new(&b, 4, &large, 1);
+    for (size_t j = 0; j < COLUMNS; j += 2) {
+        struct patch p = {below(large.w - 7), below(large.h - 4), 2, 3};
+        for (int32_t i = 0; i < 2; i++) {
+            for (size_t c = 0; c < 4; c++)
+                if (c < 3 || i == 0) /* the last camera sees but one of the two */
+                    put_patch(&b, c, (struct patch){p.x + i * apart, p.y, p.w, p.h}, 1);
+            b.e.colptr[j + (size_t)i + 1] = (uint32_t)b.e.nnz;
+        }
+    }
+    windows(&b, NULL);
+    same(&b);
+    T_EQ_I(b.m->win.wide, 4);
+    const uint32_t *at = b.m->win.at;
+    for (size_t j = 0; j < COLUMNS; j += 2, at += 8) {
+        for (size_t c = 0; c < 3; c++)
+            apart_n += at[c] != at[4 + c];
+        odd += at[3] % 2;
+        T_EQ_I(at[7], b.m->win.nowhere);
+    }
+    T_EQ_I(apart_n, one_place ? 0 : COLUMNS / 2 * 3);
+    T_EQ_I(odd, 0);
+    bed_free(&b);
+}
+T_CASE(two_columns_at_one_place)
+{
+    two_columns(1, true);
+    two_columns(2, true);
+    two_columns(3, false);
+}
+
 /* A column that leans takes windows that begin left of where it was met first. */
 T_CASE(leaning_columns)
 {

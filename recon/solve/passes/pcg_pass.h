@@ -8,7 +8,7 @@
 #define REC_PCG_PASS_H
 #include "recon/solve/impl.h"
 
-enum { S_A, S_B, S_C, S_D };
+enum { S_A, S_B, S_C };
 
 struct rec_pcg {
     rec_problem *pb;
@@ -24,6 +24,7 @@ struct rec_pcg {
     double alpha[4], beta[4], mu[4], back[4];
     bool restless;                /* the last renewal changed some lambda by more than a factor 2 */
     double lambda[4], penalty[4]; /* ||V^(1/2) L x||^2 */
+    double norm2[4];              /* ||x||^2 */
     double usual;                 /* brightness of (2a), weighted by itself; 0: V = 1 */
     double moved2[4];             /* ||x - next||^2 of the last step */
 };
@@ -31,17 +32,17 @@ struct rec_pcg {
 /* ctx: struct rec_pcg.  Tasks are chunks of columns; of rows, then of columns for curvature and residual;
  * slabs for clipped. */
 struct rec_pcg_passes {
-    pvx_task_fn expected;   /* lhat = a L expect */
-    pvx_task_fn begin;      /* neighbours; V = 1; d = 0 */
-    pvx_task_fn direction;  /* (4); sum A: d'phi */
-    pvx_task_fn curvature;  /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
-    pvx_task_fn step;       /* (5): next, the clipped columns; sum A: ||next - x||^2 */
-    pvx_task_fn clipped;    /* what clipping changes in A d, into the images */
-    pvx_task_fn residual;   /* rows: q where clipped, r, q = W r, sum A: r'Wr; columns: lx */
-    pvx_task_fn smoothness; /* lx = V L x */
+    pvx_task_fn expected;  /* lhat = a L expect */
+    pvx_task_fn begin;     /* neighbours; V = 1; d = 0 */
+    pvx_task_fn direction; /* (4); sum A: d'phi */
+    pvx_task_fn curvature; /* rows: q = A d, sum A: q'Wq; columns, sum A: d'L V L d */
+    pvx_task_fn step;      /* (5): next, the clipped columns; sum A: ||next - x||^2 */
+    pvx_task_fn clipped;   /* what clipping changes in A d, A e, into the images */
+    pvx_task_fn residual;  /* rows: q where clipped, r, q = W r, sum A: r'Wr; columns: smoothness */
+    pvx_task_fn smoothness; /* lx = V L x; sums A x'L lx, B ||x||^2 */
     pvx_task_fn brightness; /* lx = L x; (2a): y to next, sums A y, B y^2, C columns with x > 0 */
-    pvx_task_fn stiffness;  /* V of (2a) from that, lx = V lx */
-    pvx_task_fn gradient;   /* ar, (3); sums A phi'M phi, B phi'M phi_old, C x'L lx, D ||x||^2 */
+    pvx_task_fn stiffness;  /* V of (2a) from that, lx = V lx; sum A: x'L lx */
+    pvx_task_fn gradient;   /* ar, (3); sums A phi'M phi, B phi'M phi_old */
     pvx_task_fn regradient; /* the same from the ar that is there */
     pvx_task_fn slope;      /* sum A: (next - x)'phi */
     pvx_task_fn retreat;    /* next = x + back (next - x) */

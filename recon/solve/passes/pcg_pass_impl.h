@@ -99,6 +99,18 @@ static void direction_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, direction, t->beta, t->lambda, NULL, 1);
 }
 
+/* lx = V L x and what f has of it. */
+REC_INLINE void put_lx(struct elements *e, size_t i, size_t m, size_t cs, rec_fw lap)
+{
+    const struct rec_pcg *t = &e->v;
+    rec_fw lx = rec_wide_each(t->stiff.by, i, m, cs) * lap;
+    rec_put_wide(t->lx, i, m, lx);
+    rec_wide_add(&e->sum[S_A], e->half, lx, rec_wide_each(t->stiff.inverse, i, m, cs) * lx);
+    if (t->expect != NULL) {
+        rec_fw off = rec_wide(t->x, i, m) - rec_wide(t->expect, i, m);
+        rec_wide_add(&e->sum[S_A], e->half, rec_wide_lanes(t->nu, cs) * off, off);
+    }
+}
 /* d'L V L d;  lx = V L x. */
 REC_INLINE void of_direction(struct elements *e, size_t i, size_t m, size_t cs)
 {
@@ -109,12 +121,15 @@ REC_INLINE void of_direction(struct elements *e, size_t i, size_t m, size_t cs)
         rec_wide_add(&e->sum[S_A], e->half, rec_wide_lanes(e->v.nu, cs) * d, d);
     }
 }
+/* Sums: x'L lx, ||x||^2. */
 REC_INLINE void of_iterate(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    rec_fw lap = rec_wide(e->lap, i - e->from, m);
-    if (e->v.expect != NULL)
-        lap -= rec_wide(e->v.lhat, i, m);
-    rec_put_wide(e->v.lx, i, m, rec_wide_each(e->v.stiff.by, i, m, cs) * lap);
+    const struct rec_pcg *t = &e->v;
+    rec_fw x = rec_wide(t->x, i, m), lap = rec_wide(e->lap, i - e->from, m);
+    if (t->expect != NULL)
+        lap -= rec_wide(t->lhat, i, m);
+    put_lx(e, i, m, cs, lap);
+    rec_wide_add(&e->sum[S_B], e->half, x, x);
 }
 REC_INLINE void of_expect(struct elements *e, size_t i, size_t m, size_t cs)
 {
@@ -126,10 +141,13 @@ static void expected_chunk(void *ctx, size_t k)
     struct rec_pcg *t = ctx;
     OVER_COLUMNS(t, k, k, of_expect, t->pb->keep, nothing, t->expect, 0);
 }
+static void lx_to(struct rec_pcg *t, size_t k, size_t slot)
+{
+    OVER_COLUMNS(t, k, slot, of_iterate, nothing, nothing, t->x, 2);
+}
 static void lx_chunk(void *ctx, size_t k)
 {
-    struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, of_iterate, nothing, nothing, t->x, 0);
+    lx_to(ctx, k, k);
 }
 
 /* What d'Hd is made of.  Rows: q = A d, q'Wq.  Columns: d'L V L d. */
@@ -172,7 +190,7 @@ static void step_chunk(void *ctx, size_t k)
     OVER_COLUMNS(t, k, k, step, t->alpha, nothing, NULL, 1);
 }
 
-/* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image of A d. */
+/* e = s/alpha - d, not 0 but in the clipped columns: A e to the slab's image. */
 REC_INLINE void clipped(struct rec_pcg *t, size_t slab, size_t cs)
 {
     const rec_problem *pb = t->pb;
@@ -200,18 +218,18 @@ static void clipped_slab(void *ctx, size_t slab)
     t->pb->a->cs == 4 ? clipped(t, slab, 4) : clipped(t, slab, 1);
 }
 
-/* Rows: q = A d, where columns were clipped A (d + e), r += alpha q, r'Wr, q = W r.  Columns: lx. */
+/* Rows: q = A d, where columns were clipped + A e, r += alpha q, r'Wr, q = W r.  Columns: lx. */
 static void residual_task(void *ctx, size_t i)
 {
     struct rec_pcg *t = ctx;
     size_t rows = rec_row_chunks(t->pb);
     double *out = t->pb->part[i][S_A];
     if (i >= rows) {
-        lx_chunk(t, i - rows);
+        lx_to(t, i - rows, i);
         return;
     }
     if (t->any_clipped)
-        rec_take_product(t->pb, i, t->q);
+        rec_collect_blocks(t->pb->a, &t->pb->images, rec_blocks_of(t->pb->a, i), t->q, true);
     t->pb->in.per_channel ? rec_rows_step(t->pb, i, 4, true, t->alpha, t->r, t->q, t->q, out)
     : t->pb->cs == 4      ? rec_rows_step(t->pb, i, 4, false, t->alpha, t->r, t->q, t->q, out)
                           : rec_rows_step(t->pb, i, 1, false, t->alpha, t->r, t->q, t->q, out);
@@ -253,8 +271,7 @@ static void brightness_chunk(void *ctx, size_t k)
 }
 REC_INLINE void stiffen(struct elements *e, size_t i, size_t m, size_t cs)
 {
-    rec_fw lx = rec_wide(e->v.lx, i, m);
-    rec_put_wide(e->v.lx, i, m, rec_wide_each(e->v.stiff.by, i, m, cs) * lx);
+    put_lx(e, i, m, cs, rec_wide(e->v.lx, i, m));
 }
 static void stiffness_chunk(void *ctx, size_t k)
 {
@@ -271,32 +288,27 @@ static void stiffness_chunk(void *ctx, size_t k)
         by[q] = 1 / inverse[q];
         diag[q] = by[q] * diag2[q];
     }
-    OVER_COLUMNS(t, k, k, stiffen, nothing, nothing, NULL, 0);
+    OVER_COLUMNS(t, k, k, stiffen, nothing, nothing, NULL, 1);
 }
 
-/* phi of (3) from ar = A'W r and lx.  Sums: phi'M phi, phi'M phi_old, x'L lx, ||x||^2. */
+/* phi of (3) from ar = A'W r and lx.  Sums: phi'M phi, phi'M phi_old. */
 REC_INLINE void gradient(struct elements *e, size_t i, size_t m, size_t cs)
 {
     const struct rec_pcg *t = &e->v;
-    rec_fw x = rec_wide(t->x, i, m), lx = rec_wide(t->lx, i, m), zero = {0};
+    rec_fw x = rec_wide(t->x, i, m), zero = {0};
     rec_fw g = rec_wide(t->ar, i, m) + e->b * rec_wide(e->lap, i - e->from, m);
-    if (t->expect != NULL) {
-        rec_fw off = x - rec_wide(t->expect, i, m), nu = rec_wide_lanes(t->nu, cs);
-        g += e->b * nu * off;
-        rec_wide_add(&e->sum[S_C], e->half, nu * off, off);
-    }
+    if (t->expect != NULL)
+        g += e->b * rec_wide_lanes(t->nu, cs) * (x - rec_wide(t->expect, i, m));
     g = rec_wide_select((x > 0) | (g < 0), g, zero);
     rec_put_wide(t->phi, i, m, g);
     rec_fw mg = inverse_diagonal(e, i, m, cs) * g;
     rec_wide_add(&e->sum[S_A], e->half, mg, g);
     rec_wide_add(&e->sum[S_B], e->half, mg, rec_wide(t->phi_old, i, m));
-    rec_wide_add(&e->sum[S_C], e->half, lx, rec_wide_each(t->stiff.inverse, i, m, cs) * lx);
-    rec_wide_add(&e->sum[S_D], e->half, x, x);
 }
 static void regradient_chunk(void *ctx, size_t k)
 {
     struct rec_pcg *t = ctx;
-    OVER_COLUMNS(t, k, k, gradient, nothing, t->lambda, t->lx, 4);
+    OVER_COLUMNS(t, k, k, gradient, nothing, t->lambda, t->lx, 2);
 }
 static void gradient_chunk(void *ctx, size_t k)
 {
