@@ -5,7 +5,7 @@
 
 FLAME: a folder of .vdb files, or one.  The room is built around the flame, in its size.  Light is the flame's alone: what
 the camera and what is polished sees is the volume itself; what is matt is lit by 64 lamps that share out its emission,
-since Cycles finds a volume's light only by chance.  README.md beside this says how far the two agree.
+since Cycles finds a volume's light only by chance.
 """
 import argparse
 import math
