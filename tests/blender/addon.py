@@ -186,7 +186,7 @@ def answers():
         e = raises(error, lambda: WebSocket(("127.0.0.1", Server(turn).port)))
         text = stream.trouble(e, Address.read(f"http://127.0.0.1:8737/#{TOKEN}"))
         assert text and "\n" not in text and TOKEN not in text, text
-    assert "16 places" in stream.trouble(Refused(503, ""), Address.read("http://lab/"))
+    assert "16 places" in stream.trouble(Closed(4503, ""), Address.read("http://lab/"))
 
     def pings(self, c):
         self.upgrade(c)

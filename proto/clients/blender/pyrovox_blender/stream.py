@@ -29,7 +29,6 @@ REMEDY = {
     4400: "the bridge does not understand this add-on: take both from the same version of Pyrovox",
 }
 STATUS = {
-    503: "all 16 places of the bridge are taken: close a page",
     403: "the bridge takes this for a page of another site",
     421: "the bridge is not known by this name: use the address that it prints, or start it with --host NAME",
     400: "the bridge does not speak pyrovox.1: take both from the same version of Pyrovox",
@@ -44,6 +43,8 @@ class Hopeless(Exception):
 def trouble(e: BaseException, address: Address) -> str:
     """One sentence with its remedy."""
     if isinstance(e, Closed):
+        if e.code == 4503:
+            return "all 16 places of the bridge are taken: close a page; trying again"
         return REMEDY.get(e.code, f"{address.name} went away ({e.why or e.code}): waiting for it")
     if isinstance(e, Refused):
         return STATUS.get(e.status, f"{address.name} answers, but is no pyrovox view{' of this kind (http or https?)' if e.status == 0 else ''}: correct the address")
@@ -146,8 +147,8 @@ class Stream:
 
     def age_ms(self) -> float:
         """Since published, the median of late ones as the bridge knows it; where clocks do not agree, since sent."""
-        whole, drawn = self.link.get("whole_ms", [0, 0]), self.link.get("drawn_ms", [0, 0])
-        return float((whole if whole[0] > 0 else drawn)[0])
+        whole, drawn = self.link.get("whole_ms", [None]), self.link.get("drawn_ms", [None])
+        return float(whole[0] if whole[0] is not None else drawn[0] or 0)
 
     def drops(self) -> dict[str, int]:
         """Volumes that were not shown, by place."""
