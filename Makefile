@@ -283,7 +283,7 @@ $(B)/tests/%: $(B)/tests/%.o $(LIBS)
 	$(Q)$(link)
 $(UNIT): $(B)/tests/lib/main.o
 $(B)/tests/stability/stability $(B)/tests/sim/test_stability: $(STABILITY)
-$(B)/tests/stability/stability $(B)/tests/sim/test_stability: LDLIBS += -llapacke
+$(B)/tests/stability/stability $(B)/tests/sim/test_stability $(B)/tests/unit/test_resolution: LDLIBS += -llapacke
 # libaravis' fake camera, the peer that is not of our own making.
 $(B)/tests/unit/test_simgv $(B)/tests/sim/test_aravis_loopback: $(B)/tests/lib/simgv.o $(B)/tests/lib/simgv_poll.o
 # A V4L2 device that umockdev answers for.

@@ -8,7 +8,8 @@
 
 #define SETS   6
 #define VOXELS 32
-#define ROUNDS 2 /* of absorption and gains */
+#define ROUNDS 3   /* of gains and absorption */
+#define GUESS  2.0 /* a depth */
 
 /* Some sets, as emission. */
 struct emitted {
@@ -59,12 +60,14 @@ static void judge(const struct flame_sets *s, const double *gain, struct advise_
             g->worst = c;
         }
     }
-    g->on = most > log(1 + ADVISE_GAIN) && g->error[1] < (1 - ADVISE_GAIN_BUYS) * g->error[0];
+    double was = g->error[0] * g->error[0], is = g->error[1] * g->error[1];
+    g->on = most > log(1 + ADVISE_GAIN) &&
+            was - is > ADVISE_GAIN_BUYS * fmax(was - g->noise * g->noise, 0);
 }
 
-/* Gains of pictures that absorb by c, from `own`. */
-static pvx_err gains(struct flame_sets *s, double c, const double *own, struct advise_gain *g,
-                     struct pvx_diag *d)
+/* Gains of pictures that absorb by c, over `own`, begun with those that are believed already, if any. */
+static pvx_err gains(struct flame_sets *s, double c, const double *own,
+                     const struct advise_gain *begin, struct advise_gain *g, struct pvx_diag *d)
 {
     struct emitted m = {.s = s, .of = flame_sets_source(s, "gains"), .c = c};
     struct rec_unseen_params p = s->params;
@@ -74,7 +77,7 @@ static pvx_err gains(struct flame_sets *s, double c, const double *own, struct a
     m.n = s->n < SETS ? s->n : SETS;
     p.voxels = VOXELS;
     for (size_t k = 0; k < s->rig.n_cameras; k++) {
-        gain[k] = m.gain[k] = own[k];
+        gain[k] = m.gain[k] = own[k] * (begin->on ? begin->gain[k] : 1);
         m.room[k] = pvx_calloc(s->bins[k], sizeof(float));
         e = m.room[k] == NULL ? PVX_ENOMEM : e;
     }
@@ -87,43 +90,103 @@ static pvx_err gains(struct flame_sets *s, double c, const double *own, struct a
     if (e == PVX_EINVAL) /* it tells nothing */
         return PVX_OK;
     PVX_TRY(e);
+    g->noise = r.noise;
     g->error[0] = r.error[0];
     g->error[1] = r.accepted ? r.error[1] : r.error[0];
     for (size_t k = 0; k < s->rig.n_cameras; k++)
         gain[k] /= own[k];
     judge(s, gain, g);
+    if (begin->on) { /* believed: what is left of it is asked */
+        g->error[0] = begin->error[0];
+        g->on = fabs(log(g->gain[g->worst])) > log(1 + ADVISE_GAIN);
+    }
     return PVX_OK;
 }
 
-static pvx_err absorption(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+static pvx_err absorption(struct flame_sets *s, struct rec_absorption *out, struct pvx_diag *d)
 {
     struct rec_check_source from = flame_sets_source(s, "absorption");
     rec_unseen *u;
     PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &u, d));
-    pvx_err e = rec_absorption_find(u, &from, &a->absorption, d);
+    pvx_err e = rec_absorption_find(u, &from, out, d);
     rec_unseen_free(&u);
     return e;
 }
 
-/* A flame that absorbs has other gains than one that does not, and the other way round: where the two change each
- * other's verdict they are asked again. */
+bool advise_told(const struct flame_sets *s, const struct advice *a)
+{
+    bool told = a->saturated <= ADVISE_SATURATED;
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        told &= !(a->body[c].share > 0);
+    return told;
+}
+
+/* From now on the cameras are as bright as that, or as they came. */
+static void use(struct flame_sets *s, const double *own, const struct advise_gain *g)
+{
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        for (int ch = 0; ch < 3; ch++)
+            s->rig.cameras[c].gain[ch] = (float)(own[c] * (g->on ? g->gain[c] : 1));
+}
+
+/* Absorption and gains that go together. */
+struct light {
+    struct rec_absorption absorption;
+    struct advise_gain gain;
+};
+
+/* Absorption with these gains; *best: the better of the two.  least: errors without and with absorption so far. */
+static pvx_err try(struct flame_sets *s, const double *own, const struct advise_gain *g,
+                   struct light *best, double least[2], struct pvx_diag *d)
+{
+    struct light now = {.gain = *g};
+    use(s, own, g);
+    PVX_TRY(absorption(s, &now.absorption, d));
+    if (now.absorption.missed[1] < least[1])
+        *best = now;
+    for (int k = 0; k < 2; k++)
+        least[k] = fmin(least[k], now.absorption.missed[k]);
+    return PVX_OK;
+}
+
+/* A flame that absorbs looks like cameras of other gains from its thin sides, and the other way round: absorption is
+ * believed if it betters what gains can do alone.  Gains are asked for without it first: with it a camera that is
+ * brighter than full absorption allows has none. */
 pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
-    double own[REC_MAX_CAMERAS] = {0};
+    struct advise_gain none = {0}, thin, deep;
+    struct light best = {0};
+    double own[REC_MAX_CAMERAS] = {0}, least[2] = {INFINITY, INFINITY};
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         own[c] = (double)s->rig.cameras[c].gain[0];
-    PVX_TRY(absorption(s, a, d));
+    PVX_TRY(try(s, own, &none, &best, least, d));
+    PVX_TRY(gains(s, 0, own, &none, &thin, d));
+    if (thin.on)
+        PVX_TRY(try(s, own, &thin, &best, least, d));
     for (int round = 0; round < ROUNDS; round++) {
-        double before = a->absorption.c;
-        PVX_TRY(gains(s, before, own, &a->gain, d));
-        for (size_t c = 0; c < s->rig.n_cameras; c++)
-            for (int ch = 0; ch < 3; ch++)
-                s->rig.cameras[c].gain[ch] = (float)(own[c] * (a->gain.on ? a->gain.gain[c] : 1));
-        if (!a->gain.on)
+        double before = least[1], c = best.absorption.best;
+        if (best.absorption.gain < 0.5 * REC_ABSORPTION_GAIN) {
+            if (!thin.on || round > 0)
+                break;
+            c = -expm1(-GUESS) / best.absorption.brightest; /* gains may have taken it all */
+        }
+        PVX_TRY(gains(s, c, own, &best.gain, &deep, d));
+        if (!deep.on && !best.gain.on) {
+            best.gain = deep; /* what it measured */
             break;
-        PVX_TRY(absorption(s, a, d));
-        if ((a->absorption.c > 0) == (before > 0))
+        }
+        PVX_TRY(try(s, own, &deep, &best, least, d));
+        if (least[1] > 0.98 * before)
             break;
     }
+    double was = least[0] * least[0], is = least[1] * least[1];
+    struct rec_absorption *b = &best.absorption;
+    b->gain = fmax(was - is, 0) / fmax(was - b->noise * b->noise, 1e-3 * was + 1e-300);
+    b->c = b->gain >= (advise_told(s, a) ? REC_ABSORPTION_GAIN : ADVISE_ABSORPTION) ? b->c : 0;
+    b->missed[0] = least[0];
+    b->missed[1] = least[1];
+    a->absorption = *b;
+    a->gain = b->c > 0 ? best.gain : thin;
+    use(s, own, &a->gain);
     return PVX_OK;
 }

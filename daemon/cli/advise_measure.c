@@ -1,5 +1,6 @@
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/mem.h"
 #include "daemon/cli/advise.h"
@@ -87,18 +88,22 @@ static void subtract(struct flame_sets *s, const struct advice *a)
                     s->picture[i][c][k] -= (float)a->level[c];
 }
 
-/* Error of left-out pictures on a grid of its own. */
-static pvx_err on_grid(struct flame_sets *s, int32_t voxels, size_t step, const char *label,
-                       double *error, double *ms, struct pvx_diag *d)
+/* Error of left-out pictures, and time of a solve. */
+struct outcome {
+    double error, ms;
+};
+
+/* With other params, by every step-th of the others. */
+static pvx_err with(struct flame_sets *s, const struct advice *a, const struct rec_unseen_params *p,
+                    size_t step, const char *label, struct outcome *o, struct pvx_diag *d)
 {
-    struct rec_unseen_params p = s->params;
     struct rec_check_source from = flame_sets_source(s, label);
     struct rec_holdout_params how = some;
     rec_unseen *u;
-    p.voxels = voxels;
     how.step = step;
-    PVX_TRY(rec_unseen_new(&s->rig, &p, s->pool, &u, d));
-    pvx_err e = rec_holdout(u, &from, &how, error, ms);
+    how.absorption = a->absorption.c;
+    PVX_TRY(rec_unseen_new(&s->rig, p, s->pool, &u, d));
+    pvx_err e = rec_holdout(u, &from, &how, &o->error, &o->ms);
     rec_unseen_free(&u);
     return e == PVX_ENOENT
                ? pvx_fail(d, e,
@@ -111,13 +116,17 @@ static pvx_err on_grid(struct flame_sets *s, int32_t voxels, size_t step, const 
 static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     enum rec_basis own = s->rig.grid.basis, other = own == REC_BOX ? REC_TRILINEAR : REC_BOX;
-    double best = INFINITY, ms;
+    struct outcome o = {0};
+    double best = INFINITY;
     for (; a->n_grids < ADVISE_GRIDS; a->n_grids++) {
         struct advise_grid *g = &a->grid[a->n_grids];
+        struct rec_unseen_params p = s->params;
         char label[32];
-        g->voxels = sides[a->n_grids];
+        p.voxels = g->voxels = sides[a->n_grids];
         snprintf(label, sizeof label, "%d voxels", g->voxels);
-        PVX_TRY(on_grid(s, g->voxels, 1, label, &g->error, &g->ms, d));
+        PVX_TRY(with(s, a, &p, 1, label, &o, d));
+        g->error = o.error;
+        g->ms = o.ms;
         best = fmin(best, g->error);
         if (g->voxels == s->params.voxels)
             a->basis[own] = g->error;
@@ -126,31 +135,102 @@ static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
         a->best_grid++;
     a->all = a->grid[a->best_grid].error;
     s->rig.grid.basis = other;
-    pvx_err e = on_grid(s, s->params.voxels, 1, rec_basis_name(other), &a->basis[other], &ms, d);
+    pvx_err e = with(s, a, &s->params, 1, rec_basis_name(other), &o, d);
+    a->basis[other] = o.error;
     s->rig.grid.basis = own;
     return e;
 }
 
-pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
-    double ms;
-    int32_t n[3];
     rec_unseen *u;
+    float came[REC_MAX_CAMERAS][3];
     *a = (struct advice){0};
     PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &u, d));
     pvx_err e = pictures(u, s, a);
-    rec_unseen_free(&u);
-    if (e == PVX_OK)
+    if (e == PVX_OK && a->level[a->darkest] > ADVISE_LEVEL) { /* what follows sees them without */
+        struct advice without = {0};
         subtract(s, a);
+        e = pictures(u, s, &without);
+        a->lit = without.lit;
+        a->saturated = without.saturated;
+    }
+    rec_unseen_free(&u);
+    s->params.at_least = a->saturated > ADVISE_SATURATED;
+    if (e == PVX_OK)
+        e = advise_bodies(s, a->body, d);
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        memcpy(came[c], s->rig.cameras[c].gain, sizeof came[c]);
     if (e == PVX_OK)
         e = advise_light(s, a, d);
     if (e == PVX_OK)
-        e = grids(s, a, d);
-    a->half = a->all;
-    if (e == PVX_OK && s->rig.n_cameras >= 7)
-        e = on_grid(s, a->grid[a->best_grid].voxels, 2, "half the cameras", &a->half, &ms, d);
-    if (e == PVX_OK && rec_rig_finest(&s->rig, s->params.binning, n) == PVX_OK)
+        e = advise_response(s, a, d);
+    if (e != PVX_OK || !a->response.on)
+        return e;
+    advise_straighten(s, a->response.power);
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        memcpy(s->rig.cameras[c].gain, came[c], sizeof came[c]);
+    return advise_light(s, a, d);
+}
+
+/* Silhouettes grown by more than they need let in what is not there, by less cut the flame. */
+static pvx_err margins(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    struct outcome o = {0};
+    double best = INFINITY;
+    for (int32_t m = 0; m < ADVISE_MARGINS; m++) {
+        struct rec_unseen_params p = s->params;
+        p.margin = m;
+        PVX_TRY(with(s, a, &p, 1, "margin", &o, d));
+        a->margin[m] = o.error;
+        best = fmin(best, a->margin[m]);
+    }
+    while (a->margin[a->best_margin] > ADVISE_SAME * best)
+        a->best_margin++;
+    return PVX_OK;
+}
+
+/* The margin in bins of the grid that is advised. */
+static pvx_err configured(const struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    const struct rec_sysmat_params p = {.binning = 0, .rays_per_bin = s->params.rays};
+    struct rec_sysmat_params got;
+    struct rec_rig rig = s->rig; /* its grid alone is changed */
+    struct rec_grid *g = &rig.grid;
+    double longest = 0;
+    for (int k = 0; k < 3; k++)
+        longest = fmax(longest, g->max[k] - g->min[k]);
+    for (int k = 0; k < 3; k++)
+        g->n[k] = (int32_t)fmax(
+            4, ceil((g->max[k] - g->min[k]) / longest * a->grid[a->best_grid].voxels - 1e-6));
+    PVX_TRY(rec_sysmat_resolve(&rig, &p, &got, d));
+    a->margin_bins = (a->best_margin * s->params.binning + got.binning - 1) / got.binning;
+    return PVX_OK;
+}
+
+/* Whether every second camera would do. */
+static pvx_err cameras(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    struct rec_unseen_params p = s->params;
+    struct outcome o = {.error = a->all};
+    p.voxels = a->grid[a->best_grid].voxels;
+    if (s->rig.n_cameras >= 7)
+        PVX_TRY(with(s, a, &p, 2, "half the cameras", &o, d));
+    a->half = o.error;
+    return PVX_OK;
+}
+
+pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+{
+    int32_t n[3];
+    PVX_TRY(advise_terms(s, a, d));
+    PVX_TRY(advise_motion(s, a, d));
+    PVX_TRY(margins(s, a, d));
+    PVX_TRY(grids(s, a, d));
+    PVX_TRY(cameras(s, a, d));
+    PVX_TRY(configured(s, a, d));
+    if (rec_rig_finest(&s->rig, s->params.binning, n) == PVX_OK)
         for (int k = 0; k < 3; k++)
             a->finest = n[k] > a->finest ? n[k] : a->finest;
-    return e;
+    return PVX_OK;
 }

@@ -5,18 +5,19 @@
 
 #include "daemon/cli/advise.h"
 
-static const char doc[] = "Look at a recording and say what its scene needs: which terms of the "
-                          "model, which basis and grid, and "
-                          "whether light and cameras suffice.\v"
-                          "Settings are compared by cameras that had no part in a volume: it is "
-                          "made of the others, and shown as "
-                          "they should see it. No truth is needed. A line a question: verdict, "
-                          "evidence, what it buys; then a "
-                          "pyrovoxd.yaml to paste.\n\n"
-                          "  pyrovox advise --rig rig.yaml --frames take.h5\n"
-                          "Not looked at: bodies in the flame, and whether the rig is right, which "
-                          "`pyrovox calibrate check` "
-                          "says.";
+static const char doc[] =
+    "Look at a recording and say what its scene needs: which terms of the "
+    "model, which basis and grid, and "
+    "whether light and cameras suffice.\v"
+    "Settings are compared by cameras that had no part in a volume: it is "
+    "made of the others, and shown as "
+    "they should see it. No truth is needed. A line a question: verdict, "
+    "evidence, what it buys; then a "
+    "pyrovoxd.yaml to paste.\n\n"
+    "  pyrovox advise --rig rig.yaml --frames take.h5\n"
+    "Detail is told by the singular values of the rig's own system on that "
+    "flame. Not looked at: whether the rig is right, which `pyrovox calibrate "
+    "check` says.";
 
 static void line(const char *term, const char *verdict)
 {
@@ -45,6 +46,148 @@ static void light(const struct flame_sets *s, const struct advice *a)
                "", 100 * a->lit);
 }
 
+/* Where it is dark, and whose. */
+static void bodies(const struct flame_sets *s, const struct advice *a)
+{
+    size_t n = 0;
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        const struct advise_body *b = &a->body[c];
+        if (!(b->share > 0))
+            continue;
+        if (n++ == 0)
+            line("bodies", "found");
+        else
+            printf("%-23s ", "");
+        printf("%s stays dark in pixels %d..%d, %d..%d (right, down) where %.0f %% of its light is "
+               "due; "
+               "without them the "
+               "others' pictures are missed by %.1f %%, not %.1f %%\n",
+               s->rig.cameras[c].name, b->from[0], b->to[0], b->from[1], b->to[1], 100 * b->share,
+               100 * b->error[1], 100 * b->error[0]);
+    }
+    if (n == 0) {
+        line("bodies", "none");
+        printf("no camera stays dark where the others say there is flame\n");
+        return;
+    }
+    printf(
+        "%-23s %s; no time. What follows is without these pixels\n", "",
+        n == 1
+            ? "something before that lens: draw it dark into its `photometry: { mask: FILE }` in "
+              "rig.yaml"
+            : "several see it: it stands about the flame, `bodies` of rig.yaml if its shape is "
+              "known, else a mask "
+              "for each camera");
+}
+
+static void motion(const struct advice *a, int32_t voxels)
+{
+    const struct advise_motion *m = &a->motion;
+    if (!m->known) {
+        line("rate", "unknown");
+        printf("no three sets of the recording follow each other\n");
+        line("temporal", "off");
+        printf("the same\n");
+        return;
+    }
+    line("rate", m->voxels > ADVISE_FAR ? "raise" : "fine");
+    printf(
+        "from set to set the flame moves by %.1f voxels of %d and its pictures change by %.0f %%, "
+        "by noise alone by "
+        "%.0f %%; ",
+        m->voxels, voxels, 100 * m->change, 100 * m->noise);
+    if (m->voxels > 0.5)
+        printf("exposures over %.0f %% of the period smear it by half a voxel\n", 50 / m->voxels);
+    else
+        printf("no exposure smears it\n");
+    line("temporal", m->on ? "on" : "off");
+    printf(
+        "left-out pictures are missed by %.2f %% by each set alone, by %.2f %% leaning on the one "
+        "before, %.2f %% of it "
+        "noise; %.0f ms, %.0f ms at %d voxels\n",
+        100 * m->error[0], 100 * m->error[1], 100 * m->floor, m->ms[0], m->ms[1], voxels);
+}
+
+static void margin(const struct flame_sets *s, const struct advice *a)
+{
+    char n[16];
+    snprintf(n, sizeof n, "%d", a->best_margin);
+    line("margin", n);
+    printf("left-out pictures with silhouettes grown by bins of %d pixels:", s->params.binning);
+    for (int m = 0; m < ADVISE_MARGINS; m++)
+        printf("%s %d: %.1f %%", m > 0 ? "," : "", m, 100 * a->margin[m]);
+    printf("; no time\n");
+}
+
+static void response(const struct advice *a)
+{
+    const struct advise_response *r = &a->response;
+    line("response", r->on ? "bent" : "linear");
+    printf("left-out pictures are missed by %.1f %% as they are", 100 * r->error[0]);
+    if (r->power != 1)
+        printf(", by %.1f %% to the power of %.2g", 100 * r->error[1], r->power);
+    else
+        printf(", by more to any other power");
+    printf("; no time\n");
+    if (r->on)
+        printf("%-23s `pyrovox calibrate response` measures the curve%s. What follows is with this "
+               "power\n",
+               "", r->power > 2 ? "; if the files are sRGB, --transfer srgb is all" : "");
+}
+
+static void millimetres(const struct rec_resolution *r, int noise)
+{
+    for (int k = 0; k < 3; k++) {
+        double mm = 1000 * r->least[k][noise], finest = 1000 * r->size[0] * r->voxel[k];
+        printf(k > 0 ? ", " : "");
+        if (isinf(mm))
+            printf("none");
+        else
+            printf("%.3g mm%s", mm, mm > finest ? "" : " or less");
+    }
+}
+
+/* Of a flame's own brightness; by which of noise and cameras it ends. */
+static void detail(const struct advice *a)
+{
+    const struct rec_resolution *r = &a->resolution;
+    bool light = false;
+    if (!(r->least[0][0] > 0)) {
+        line("detail", "unknown");
+        printf("without noise or flame nothing limits it\n");
+        return;
+    }
+    bool all = true;
+    for (int k = 0; k < 3; k++) {
+        all &= r->least[k][0] <= r->size[0] * r->voxel[k];
+        light |= r->least[k][0] > 1.25 * r->least[k][1];
+    }
+    line("detail", all ? "fine" : light ? "by noise" : "by rig");
+    printf("of the flame's own brightness survives noise and views from ");
+    millimetres(r, 0);
+    printf(" on (along x, y, z)");
+    if (all) {
+        printf(", the voxels of this check\n");
+        return;
+    }
+    printf("; with a quarter of the noise from ");
+    millimetres(r, 1);
+    printf(": more %s\n", light ? "light helps" : "cameras help, more light does not");
+}
+
+/* Of colours, where pictures have them. */
+static void noise(const struct advice *a)
+{
+    if (!(a->noise[0] > 0))
+        return;
+    double most = fmax(a->noise[0], fmax(a->noise[1], a->noise[2]));
+    double least = fmin(a->noise[0], fmin(a->noise[1], a->noise[2]));
+    line("noise", most > 1.5 * least ? "by channel" : "alike");
+    printf("red %.2f %%, green %.2f %%, blue %.2f %% of full scale; each channel is weighed by its "
+           "own, no time\n",
+           100 * a->noise[0], 100 * a->noise[1], 100 * a->noise[2]);
+}
+
 /* Alike, and volumes that are smooth serve whoever renders them. */
 static enum rec_basis basis(const struct advice *a)
 {
@@ -55,10 +198,11 @@ static void model(const struct advice *a)
 {
     const struct rec_absorption *b = &a->absorption;
     line("absorption", b->c > 0 ? "on" : "off");
-    printf("c %.3g (depth %.1f at the brightest pixel) betters %u of %u left-out pictures, their "
-           "error by %.1f "
-           "%%; no time\n",
-           b->best, b->depth, b->better, b->views, 100 * (1 - sqrt(fmax(1 - b->gain, 0))));
+    printf(
+        "c %.3g (depth %.1f at the brightest pixel) betters %u of %u left-out pictures, which are "
+        "missed by %.1f %%, without by %.1f %%, %.1f %% of it noise; no time\n",
+        b->best, b->depth, b->better, b->views, 100 * b->missed[1], 100 * b->missed[0],
+        100 * b->noise);
     line("basis", rec_basis_name(basis(a)));
     printf("left-out pictures are missed by %.1f %% (box), %.1f %% (trilinear)\n",
            100 * a->basis[REC_BOX], 100 * a->basis[REC_TRILINEAR]);
@@ -73,6 +217,10 @@ static void gains(const struct flame_sets *s, const struct advice *a)
         return;
     }
     line("gain", g->on ? "on" : "off");
+    if (g->gain[g->worst] == 1) {
+        printf("all cameras are alike: no gains show other sets better; no time\n");
+        return;
+    }
     printf("%s is furthest off the others, %.3f of what it should have; left-out pictures are "
            "missed by %.1f %% as they "
            "are, by %.1f %% with gains; no time\n",
@@ -111,9 +259,15 @@ static void size(const struct flame_sets *s, const struct advice *a)
 void advise_print(const struct flame_sets *s, const struct advice *a)
 {
     light(s, a);
+    noise(a);
+    bodies(s, a);
     model(a);
     gains(s, a);
+    response(a);
+    motion(a, s->params.voxels);
+    margin(s, a);
     size(s, a);
+    detail(a);
     printf("\nrig: %s\nbasis: %s\n", s->a->rig, rec_basis_name(basis(a)));
     if (a->best_grid + 1 == a->n_grids && a->finest > a->grid[a->best_grid].voxels)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
@@ -124,10 +278,20 @@ void advise_print(const struct flame_sets *s, const struct advice *a)
         level = fmin(level, a->level[c]);
     if (a->level[a->darkest] > level + ADVISE_LEVEL)
         printf("# black levels differ by camera: `pyrovox calibrate dark` gives each its own\n");
-    if (level > ADVISE_LEVEL || s->a->black > 0)
-        printf("photometry: { black: %.4g }\n", s->a->black + (level > ADVISE_LEVEL ? level : 0));
-    printf("model: { absorption: %.3g, saturated: %s }\n", a->absorption.c,
-           a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
+    level = s->a->black + (level > ADVISE_LEVEL ? level : 0);
+    if (a->margin_bins > 0)
+        printf("photometry: { black: %.4g, margin: %d }\n", level, a->margin_bins);
+    else if (level > 0)
+        printf("photometry: { black: %.4g }\n", level);
+    printf("model: { absorption: %.3g, saturated: %s, temporal: %s }\n", a->absorption.c,
+           a->saturated > ADVISE_SATURATED ? "at-least" : "left-out", a->motion.on ? "on" : "off");
+    if (a->response.on)
+        printf("# the cameras' response goes into %s\n", s->a->rig);
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        if (a->body[c].share > 0) {
+            printf("# bodies and masks stand in %s\n", s->a->rig);
+            break;
+        }
 }
 
 static error_t parse(int key, char *arg, struct argp_state *st)
@@ -163,6 +327,8 @@ static int run(int argc, char **argv)
             s.rig.n_cameras);
     if (e == PVX_OK)
         e = advise_measure(&s, &a, &d);
+    if (e == PVX_OK)
+        e = advise_noise(&s, &a, &d);
     if (e == PVX_OK)
         advise_print(&s, &a);
     flame_sets_fini(&s);

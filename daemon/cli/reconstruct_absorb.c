@@ -10,12 +10,13 @@ static void say(const struct rec_absorption *a)
     if (a->c > 0)
         fprintf(stderr,
                 "absorption: c %.3g, an optical depth of %.1f at the brightest pixel: %u of %u "
-                "pictures that were left out are met better, the error's square is %.0f %% less\n",
+                "pictures that were left out are met better, the error's square beyond noise is "
+                "%.0f %% less\n",
                 a->c, a->depth, a->better, a->views, 100 * a->gain);
     else
         fprintf(stderr,
                 "absorption: none; the best c, %.3g, would better %u of %u left-out pictures, the "
-                "error's square by %.1f %%\n",
+                "error's square beyond noise by %.1f %%\n",
                 a->best, a->better, a->views, 100 * a->gain);
 }
 

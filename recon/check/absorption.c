@@ -8,14 +8,18 @@
 
 static const double depths[] = {0, 0.25, 0.5, 0.75, 1, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6};
 #define N_DEPTHS (sizeof depths / sizeof *depths)
+#define EVERY    0x1555u /* second of them; then those beside the best */
 
 struct search {
     rec_unseen *u;
     const struct rec_check_source *from;
     size_t at[REC_ABSORPTION_SETS]; /* sets of the source */
-    double brightest;               /* bin of them all */
+    double top[REC_MAX_CAMERAS];    /* brightest bin of each camera */
+    double brightest;               /* the second of those: one may be of another gain */
     double error[N_DEPTHS][REC_ABSORPTION_VIEWS];
-    uint32_t views; /* of error[] that are there */
+    double size, noise; /* sum of b^2 of those pictures; N */
+    uint32_t views;     /* of error[] that are there */
+    uint32_t tried;     /* bit i: depth i */
 };
 
 static pvx_err load(struct search *s, size_t i)
@@ -25,6 +29,29 @@ static pvx_err load(struct search *s, size_t i)
     rec_unseen_absorb(s->u, 0);
     rec_unseen_load(s->u, set.picture, set.floats);
     return PVX_OK;
+}
+
+static void tops(struct search *s)
+{
+    const rec_sysmat *S = rec_unseen_matrix(s->u);
+    for (size_t c = 0; c < S->n_cameras; c++) {
+        const float *b = rec_unseen_b(s->u, c), *w = rec_unseen_weight(s->u, c);
+        const uint8_t *lit = rec_unseen_lit(s->u, c);
+        for (size_t i = 0; i < S->row0[c + 1] - S->row0[c] && rec_unseen_present(s->u, c); i++)
+            if (lit[i] && w[i] > 0)
+                s->top[c] = fmax(s->top[c], (double)b[i]);
+    }
+}
+
+static double second(const struct search *s)
+{
+    double most[2] = {0, 0};
+    for (size_t c = 0; c < rec_unseen_matrix(s->u)->n_cameras; c++) {
+        double v = s->top[c];
+        most[1] = fmax(most[1], fmin(v, most[0]));
+        most[0] = fmax(most[0], v);
+    }
+    return most[1];
 }
 
 /* Sets with a flame, evenly spread over the source. */
@@ -37,9 +64,11 @@ static pvx_err choose(struct search *s, struct rec_absorption *out, struct pvx_d
             continue;
         last = i;
         PVX_TRY(load(s, i));
-        if (rec_holdout_who(s->u, sees, &s->brightest) >= REC_ABSORPTION_LEAST)
+        if (rec_holdout_who(s->u, sees) >= REC_ABSORPTION_LEAST)
             s->at[out->sets++] = i;
+        tops(s);
     }
+    s->brightest = second(s);
     if (out->sets > 0 && s->brightest > 0)
         return PVX_OK;
     return pvx_fail(d, PVX_ENOENT,
@@ -53,35 +82,44 @@ static double c_of(const struct search *s, double depth)
     return -expm1(-depth) / s->brightest;
 }
 
-/* Every depth without camera k, of the set that is loaded. */
-static pvx_err without(struct search *s, const bool *sees, size_t k)
+/* These depths without camera k, of the set that is loaded. */
+static pvx_err without(struct search *s, const bool *sees, size_t k, uint32_t which)
 {
     bool use[REC_MAX_CAMERAS];
     memcpy(use, sees, sizeof use);
     use[k] = false;
     for (size_t i = 0; i < N_DEPTHS; i++) {
+        if ((which >> i & 1) == 0)
+            continue;
         double c = c_of(s, depths[i]);
         int32_t n;
         rec_unseen_absorb(s->u, c);
         PVX_TRY(rec_unseen_solve(s->u, use, &n));
-        s->error[i][s->views] = rec_holdout_miss(s->u, k, c, NULL);
+        double size;
+        s->error[i][s->views] = rec_holdout_miss(s->u, k, c, &size);
+        if (i == 0) {
+            s->size += size;
+            s->noise += rec_holdout_noise(s->u, k);
+        }
     }
     s->views++;
     return PVX_OK;
 }
 
-static pvx_err measure(struct search *s, uint32_t sets)
+static pvx_err measure(struct search *s, uint32_t sets, uint32_t which)
 {
     bool sees[REC_MAX_CAMERAS];
     size_t n = rec_unseen_matrix(s->u)->n_cameras, each = REC_ABSORPTION_VIEWS / sets;
     each = each < n ? each : n;
+    s->views = 0;
+    s->tried |= which;
     for (uint32_t j = 0; j < sets; j++) {
         PVX_TRY(load(s, s->at[j]));
-        (void)rec_holdout_who(s->u, sees, &s->brightest);
+        (void)rec_holdout_who(s->u, sees);
         for (size_t m = 0; m < each; m++) {
             size_t k = (j + m * n / each) % n; /* around the ring */
             if (sees[k])
-                PVX_TRY(without(s, sees, k));
+                PVX_TRY(without(s, sees, k, which));
             double done = ((double)j + (double)(m + 1) / (double)each) / sets;
             if (s->from->progress != NULL && !s->from->progress(s->from->ctx, done))
                 return PVX_ECANCELED;
@@ -90,18 +128,27 @@ static pvx_err measure(struct search *s, uint32_t sets)
     return PVX_OK;
 }
 
+/* F; INFINITY: not tried. */
 static double total(const struct search *s, size_t i)
 {
-    double sum = 0;
+    double sum = (s->tried >> i & 1) != 0 ? 0 : INFINITY;
     for (uint32_t v = 0; v < s->views; v++)
         sum += s->error[i][v];
     return sum;
 }
 
+static size_t least(const struct search *s)
+{
+    size_t best = 0;
+    for (size_t i = 1; i < N_DEPTHS; i++)
+        best = total(s, i) < total(s, best) ? i : best;
+    return best;
+}
+
 /* The least of a parabola through three depths. */
 static double between(const struct search *s, size_t i)
 {
-    if (i == 0 || i + 1 == N_DEPTHS)
+    if (i == 0 || i + 1 == N_DEPTHS || !isfinite(total(s, i - 1)) || !isfinite(total(s, i + 1)))
         return depths[i];
     double x0 = depths[i - 1] - depths[i], x1 = depths[i + 1] - depths[i], f = total(s, i);
     double f0 = total(s, i - 1) - f, f1 = total(s, i + 1) - f;
@@ -115,7 +162,6 @@ pvx_err rec_absorption_find(rec_unseen *u, const struct rec_check_source *sets,
                             struct rec_absorption *out, struct pvx_diag *d)
 {
     struct search *s = calloc(1, sizeof *s);
-    size_t best = 0;
     *out = (struct rec_absorption){0};
     if (s == NULL)
         return pvx_fail(d, PVX_ENOMEM, "absorption: out of memory");
@@ -123,18 +169,26 @@ pvx_err rec_absorption_find(rec_unseen *u, const struct rec_check_source *sets,
     s->from = sets;
     pvx_err e = choose(s, out, d);
     if (e == PVX_OK)
-        e = measure(s, out->sets);
+        e = measure(s, out->sets, EVERY);
+    size_t best = least(s);
+    if (e == PVX_OK)
+        e = measure(s, out->sets,
+                    (2u << best | 1u << best >> 1) & ((1u << N_DEPTHS) - 1) & ~s->tried);
     rec_unseen_absorb(u, 0);
-    for (size_t i = 1; i < N_DEPTHS && e == PVX_OK; i++)
-        best = total(s, i) < total(s, best) ? i : best;
+    best = least(s);
     if (e == PVX_OK && s->views > 0) {
         out->views = s->views;
+        out->brightest = s->brightest;
         out->depth = between(s, best);
         out->best = c_of(s, out->depth);
-        out->gain = 1 - total(s, best) / fmax(total(s, 0), 1e-300);
+        out->gain = fmax(total(s, 0) - total(s, best), 0) /
+                    fmax(total(s, 0) - s->noise, 1e-3 * total(s, 0) + 1e-300);
+        out->noise = sqrt(s->noise / fmax(s->size, 1e-300));
+        out->missed[0] = sqrt(total(s, 0) / fmax(s->size, 1e-300));
+        out->missed[1] = sqrt(total(s, best) / fmax(s->size, 1e-300));
         for (uint32_t v = 0; v < s->views; v++)
             out->better += s->error[best][v] < s->error[0][v];
-        if (out->gain >= REC_ABSORPTION_GAIN && 3 * out->better >= 2 * out->views)
+        if (out->gain >= REC_ABSORPTION_GAIN && 4 * out->better >= 3 * out->views)
             out->c = out->best;
     }
     free(s);

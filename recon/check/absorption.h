@@ -6,23 +6,27 @@
  * An absorbing flame looks thinner than it is where it is deep.  From another side it is deep elsewhere, so
  * volumes with a wrong c miss the pictures that they were not made from.  Residuals of the pictures they
  * were made from do not tell: thin sheets leave more of those than absorption does.
- * c is looked for among those that give the brightest bin an optical depth of 0 .. 6, then between the three
- * best.  It is believed where F gets smaller by REC_ABSORPTION_GAIN and two thirds of the pictures get better;
+ * c is looked for among those that give the brightest bin of all cameras but one an optical depth of 0 .. 6, then between the three
+ * best.  It is believed where
+ *     gain = (F(0) - F(c)) / (F(0) - N) >= REC_ABSORPTION_GAIN,   N: what noise alone makes of F           (2)
+ * and three quarters of the pictures get better;
  * else nothing absorbs.  A flame that looks alike from all sides says nothing: c stays 0 (NUMERICS.md).
- * Cost: 13 x REC_ABSORPTION_VIEWS solves of unseen's grid, a second or two.
+ * Cost: 9 x REC_ABSORPTION_VIEWS solves of unseen's grid, a second or two.
  * Threads: as unseen.h. */
 #ifndef REC_ABSORPTION_H
 #define REC_ABSORPTION_H
 #include "recon/check/judge.h"
 
-#define REC_ABSORPTION_GAIN  0.05
+#define REC_ABSORPTION_GAIN  0.12
 #define REC_ABSORPTION_SETS  4  /* at most, evenly spread */
 #define REC_ABSORPTION_VIEWS 16 /* left out of all of them together, one after the other */
 #define REC_ABSORPTION_LEAST 3  /* cameras of a set; two others make no volume else */
 
 struct rec_absorption {
     double c;                 /* 1 over pixel value; 0: none that is worth it */
-    double best, depth, gain; /* argmin of (1); at the brightest bin; 1 - F(best) / F(0) */
+    double best, depth, gain; /* argmin of (1); at the brightest bin; (2) */
+    double missed[2], noise;  /* (F / sum b^2)^(1/2) at 0 and at the best of those tried; N's */
+    double brightest;         /* that bin, of all cameras but one */
     uint32_t sets, views;     /* with a flame; pictures left out */
     uint32_t better;          /* of them */
 };

@@ -18,6 +18,7 @@ struct gains {
     struct rec_rig rig; /* with the gains of the round */
     double *ratio;      /* [cameras][sets]: logarithms; NAN where a camera saw nothing */
     double error2;      /* (2), summed over cameras and sets */
+    double noise2;      /* the same of noise alone */
     size_t errors;
     struct pvx_diag *d;
 };
@@ -28,7 +29,7 @@ static pvx_err one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
     const rec_sysmat *S = rec_unseen_matrix(u);
     const float *p, *hull, *b = rec_unseen_b(u, c), *w = rec_unseen_weight(u, c);
     bool use[REC_MAX_CAMERAS];
-    double due = 0, own = 0, off = 0, all = 0;
+    double due = 0, own = 0, off = 0, all = 0, bins = 0;
     int32_t n;
     for (size_t i = 0; i < S->n_cameras; i++)
         use[i] = i != c;
@@ -40,12 +41,14 @@ static pvx_err one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
             continue;
         off += (bi - pi) * (bi - pi);
         all += bi * bi;
+        bins++;
         due += hull[i] > 0 ? pi : 0;
         own += hull[i] > 0 ? bi : 0;
     }
     *ratio = due > 0 && own > 0 ? log(due / own) : NAN;
     if (isfinite(*ratio)) {
         g->error2 += off / all;
+        g->noise2 += bins * rec_unseen_sigma(u) * rec_unseen_sigma(u) / all;
         g->errors++;
     }
     return PVX_OK;
@@ -59,7 +62,7 @@ static pvx_err look(struct gains *g, const double *gain, size_t from, size_t to,
     for (size_t c = 0; c < g->rig.n_cameras; c++)
         for (int a = 0; a < 3; a++)
             g->rig.cameras[c].gain[a] = (float)gain[c];
-    g->error2 = 0;
+    g->error2 = g->noise2 = 0;
     g->errors = 0;
     pvx_err e = rec_unseen_new(&g->rig, g->p, g->pool, &u, g->d);
     for (size_t k = from; k < to && e == PVX_OK; k++) {
@@ -135,6 +138,7 @@ static pvx_err rounds(struct gains *g, double *gain)
                 seen, REC_CHECK_LEAST);
     }
     PVX_TRY(look(g, now, o->fitted, g->s->n, &o->error[1]));
+    o->noise = g->errors > 0 ? sqrt(g->noise2 / (double)g->errors) : 0;
     o->accepted = o->error[1] <= o->error[0];
     if (o->accepted)
         memcpy(gain, now, n * sizeof *now);

@@ -27,6 +27,7 @@ struct rec_gains_report {
     uint32_t rounds;
     size_t fitted, held_out;          /* sets */
     double error[2];                  /* E with the gains as they came, and as they were found */
+    double noise;                     /* what of E noise alone makes, of the same sets */
     double changed[REC_GAINS_ROUNDS]; /* largest change of a gain's logarithm, of that round */
 };
 

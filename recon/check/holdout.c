@@ -31,18 +31,24 @@ double rec_holdout_miss(rec_unseen *u, size_t k, double c, double *all)
     return sum;
 }
 
-size_t rec_holdout_who(const rec_unseen *u, bool *sees, double *brightest)
+double rec_holdout_noise(const rec_unseen *u, size_t k)
+{
+    const float *w = rec_unseen_weight(u, k);
+    const uint8_t *lit = rec_unseen_lit(u, k);
+    double sigma = rec_unseen_sigma(u), sum = 0;
+    for (size_t i = 0; i < bins_of(u, k); i++)
+        sum += w[i] > 0 && lit[i] ? sigma * sigma : 0;
+    return sum;
+}
+
+size_t rec_holdout_who(const rec_unseen *u, bool *sees)
 {
     size_t n = 0;
     for (size_t c = 0; c < rec_unseen_matrix(u)->n_cameras; c++) {
-        const float *b = rec_unseen_b(u, c), *w = rec_unseen_weight(u, c);
         const uint8_t *lit = rec_unseen_lit(u, c);
         sees[c] = false;
-        for (size_t i = 0; i < bins_of(u, c) && rec_unseen_present(u, c); i++) {
+        for (size_t i = 0; i < bins_of(u, c) && rec_unseen_present(u, c); i++)
             sees[c] |= lit[i] != 0;
-            if (lit[i] && w[i] > 0)
-                *brightest = fmax(*brightest, (double)b[i]);
-        }
         n += sees[c];
     }
     return n;
@@ -53,12 +59,13 @@ struct sums {
     size_t views;
 };
 
-/* Camera k of the set that is loaded, by every step-th of the others. */
-static pvx_err leave_out(rec_unseen *u, size_t k, size_t step, const bool *sees, struct sums *s)
+/* Camera k of the set that is loaded. */
+static pvx_err leave_out(rec_unseen *u, size_t k, const struct rec_holdout_params *p,
+                         const bool *sees, struct sums *s)
 {
     bool use[REC_MAX_CAMERAS] = {false};
     size_t n = rec_unseen_matrix(u)->n_cameras, makers = 0;
-    for (size_t i = 1; i < n; i += step) {
+    for (size_t i = 1; i < n; i += p->step) {
         use[(k + i) % n] = sees[(k + i) % n];
         makers += use[(k + i) % n];
     }
@@ -69,7 +76,7 @@ static pvx_err leave_out(rec_unseen *u, size_t k, size_t step, const bool *sees,
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_unseen_solve(u, use, &voxels));
     s->ms += 1e-6 * (double)(pvx_now_mono() - t0);
-    s->miss += rec_holdout_miss(u, k, 0, &all);
+    s->miss += rec_holdout_miss(u, k, p->absorption, &all);
     s->all += all;
     s->views++;
     return PVX_OK;
@@ -82,19 +89,20 @@ pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source *from,
     size_t each = sets > 0 ? p->views / sets : 0;
     struct sums s = {0};
     bool sees[REC_MAX_CAMERAS] = {false};
-    double brightest = 0;
     each = each < n ? each : n;
     for (size_t j = 0; j < sets; j++) {
         struct rec_check_set set;
         if (from->progress != NULL && !from->progress(from->ctx, (double)j / (double)sets))
             return PVX_ECANCELED;
         PVX_TRY(from->get(from->ctx, (2 * j + 1) * from->n / (2 * sets), &set));
+        rec_unseen_absorb(u, 0);
         rec_unseen_load(u, set.picture, set.floats);
-        (void)rec_holdout_who(u, sees, &brightest);
+        rec_unseen_absorb(u, p->absorption);
+        (void)rec_holdout_who(u, sees);
         for (size_t m = 0; m < each; m++) {
             size_t k = (j + m * n / each) % n; /* around the ring */
             if (sees[k])
-                PVX_TRY(leave_out(u, k, p->step, sees, &s));
+                PVX_TRY(leave_out(u, k, p, sees, &s));
         }
     }
     if (from->progress != NULL && !from->progress(from->ctx, 1))

@@ -12,15 +12,19 @@
  * solved with absorption c; *all, unless NULL: the denominator. */
 double rec_holdout_miss(rec_unseen *u, size_t k, double c, double *all);
 
+/* sigma^2 over its bins that count and are lit: what of the numerator noise alone makes. */
+double rec_holdout_noise(const rec_unseen *u, size_t k);
+
 /* (1) over at most `sets` sets and `views` pictures, evenly spread; every `step`-th of the other cameras makes the
- * volume, 1 = all of them.  *ms: time of a solve, mean.  Errors: PVX_ENOENT: no set has a flame in three cameras
- * that make volumes; PVX_ECANCELED; those of the source and of rec_unseen_solve. */
+ * volume, 1 = all of them.  absorption: c of I.  *ms: time of a solve, mean.  Errors: PVX_ENOENT: no set has a flame
+ * in three cameras that make volumes; PVX_ECANCELED; those of the source and of rec_unseen_solve. */
 struct rec_holdout_params {
     size_t sets, views, step;
+    double absorption;
 };
 PVX_MUST_CHECK pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source *from,
                                    const struct rec_holdout_params *p, double *error, double *ms);
-/* Cameras that see a flame in the set that is loaded, and its brightest measured bin so far. */
-size_t rec_holdout_who(const rec_unseen *u, bool *sees, double *brightest);
+/* Cameras that see a flame in the set that is loaded. */
+size_t rec_holdout_who(const rec_unseen *u, bool *sees);
 
 #endif

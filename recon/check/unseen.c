@@ -23,6 +23,9 @@ struct rec_unseen {
     float *raw, *b, *weight;               /* [rows] */
     uint8_t *lit;
     float *ones, *seen, *through; /* [voxels], [room], [room] */
+    struct rec_sparse before;     /* with params.temporal: own copies, n 0: none */
+    int32_t *before_index;        /* [voxels] */
+    float *before_value;
     size_t rows;
 };
 
@@ -41,7 +44,7 @@ int32_t rec_unseen_binning(const struct rec_rig *rig, const struct rec_unseen_pa
     return b;
 }
 
-static pvx_err allocate(rec_unseen *u, pvx_pool *pool)
+static pvx_err allocate(rec_unseen *u, bool temporal, pvx_pool *pool)
 {
     size_t voxels = rec_grid_count(&u->S->grid), room = u->S->win.room;
     u->rows = u->S->row0[u->S->n_cameras];
@@ -57,6 +60,12 @@ static pvx_err allocate(rec_unseen *u, pvx_pool *pool)
         return PVX_ENOMEM;
     for (size_t i = 0; i < voxels; i++)
         u->ones[i] = 1;
+    if (temporal) {
+        u->before_index = pvx_calloc(voxels, sizeof *u->before_index);
+        u->before_value = pvx_calloc(voxels, sizeof *u->before_value);
+        if (u->before_index == NULL || u->before_value == NULL)
+            return PVX_ENOMEM;
+    }
     rec_kernels_init(&u->kernels, PVX_CPU_BEST);
     PVX_TRY(rec_restrictor_new(u->S, &u->restrictor));
     PVX_TRY(rec_images_new(u->S, 1, &u->images));
@@ -83,11 +92,13 @@ static pvx_err make(rec_unseen *u, const struct rec_rig *rig, const struct rec_u
     PVX_TRY(rec_sysmat_build(&u->rig, &m, pool, NULL, NULL, &u->S, d));
     f.nch = 1;
     f.photo.margin = p->margin;
+    f.at_least = p->at_least;
+    f.temporal = p->temporal;
     f.trust_all = true; /* who is believed is asked here by whoever asks for a volume */
     PVX_TRY(rec_carver_new(u->S, &u->rig, &f, pool, &u->carver, d));
     PVX_TRY(rec_solver_new(u->S, &f, &u->solver, d));
     PVX_TRY(rec_frame_new(u->carver, u->solver, &u->frame, d));
-    pvx_err e = allocate(u, pool);
+    pvx_err e = allocate(u, p->temporal, pool);
     return e == PVX_OK
                ? e
                : pvx_fail(d, e, "check: work areas for %zu bins: %s", u->rows, pvx_strerror(e));
@@ -126,6 +137,8 @@ void rec_unseen_free(rec_unseen **up)
     free(u->ones);
     free(u->seen);
     free(u->through);
+    free(u->before_index);
+    free(u->before_value);
     PVX_FREE(*up);
 }
 
@@ -195,10 +208,22 @@ pvx_err rec_unseen_solve(rec_unseen *u, const bool *use, int32_t *n)
 {
     struct rec_sparse v;
     fill(u, use);
-    PVX_TRY(rec_frame_solve(u->frame, 0, NULL));
+    PVX_TRY(rec_frame_solve(u->frame, 0, u->before.n > 0 ? &u->before : NULL));
     rec_frame_volume(u->frame, &v);
     *n = v.n;
+    if (u->before_index == NULL)
+        return PVX_OK;
+    memcpy(u->before_index, v.index, (size_t)v.n * sizeof *v.index);
+    memcpy(u->before_value, v.value, (size_t)v.n * sizeof *v.value);
+    u->before = v;
+    u->before.index = u->before_index;
+    u->before.value = u->before_value;
     return PVX_OK;
+}
+
+void rec_unseen_forget(rec_unseen *u)
+{
+    u->before.n = 0;
 }
 
 void rec_unseen_project(rec_unseen *u, size_t camera, const float **picture, const float **hull)
@@ -224,4 +249,13 @@ void rec_unseen_project(rec_unseen *u, size_t camera, const float **picture, con
 void rec_unseen_volume(const rec_unseen *u, struct rec_sparse *out)
 {
     rec_frame_volume(u->frame, out);
+}
+
+const struct rec_subsys *rec_unseen_system(rec_unseen *u, const bool *use, struct rec_images **im)
+{
+    struct rec_sparse v;
+    rec_frame_volume(u->frame, &v);
+    rec_subsys_restrict(u->view, u->restrictor, v.index, v.n, use);
+    *im = &u->images;
+    return u->view;
 }

@@ -11,6 +11,7 @@
 #ifndef REC_UNSEEN_H
 #define REC_UNSEEN_H
 #include "recon/frame/frame.h"
+#include "recon/matrix/subsys.h"
 
 struct rec_unseen_params {
     int32_t voxels; /* along the longest side of the rig's box */
@@ -19,6 +20,8 @@ struct rec_unseen_params {
         binning;    /* 0 = the largest power of two with that many bins that divides all pictures */
     int32_t rays;   /* per bin side */
     int32_t margin; /* bins */
+    bool at_least;  /* saturated pixels are lower bounds, else left out (frame.h) */
+    bool temporal;  /* volumes lean on the one before (frame.h), see rec_unseen_forget */
 };
 #define REC_UNSEEN_DEFAULTS                                               \
     {                                                                     \
@@ -53,9 +56,13 @@ void rec_unseen_absorb(rec_unseen *u, double absorption);
 /* The volume of the set's cameras with use[c], by (1).  Its voxels: n; 0 = their silhouettes do not meet.
  * Errors: those of rec_frame_solve. */
 PVX_MUST_CHECK pvx_err rec_unseen_solve(rec_unseen *u, const bool *use, int32_t *n);
+/* With params.temporal: the next volume has none before it.  Else the one of the last solve. */
+void rec_unseen_forget(rec_unseen *u);
 /* That volume as camera c should see it, and how many metres of its hull a bin looks through; either may be
  * NULL.  Owner: u, until the next call. */
 void rec_unseen_project(rec_unseen *u, size_t camera, const float **picture, const float **hull);
 void rec_unseen_volume(const rec_unseen *u, struct rec_sparse *out);
+/* That volume's columns and the rows of cameras use[c].  Owner: u, until the next project. */
+const struct rec_subsys *rec_unseen_system(rec_unseen *u, const bool *use, struct rec_images **im);
 
 #endif

@@ -1,5 +1,6 @@
 /* advise_scenes.h - recordings of which it is known what they need: random rigs and flames, each with or without
- * absorption, saturated pixels, a camera of another gain, a black level and a body in the way.
+ * absorption, saturated pixels, a camera of another gain, a black level, a body in the way and,
+ * where nothing absorbs (which bends what is bright as well), a response of power 1/2.2.
  *
  * Scenes are numbered; the number is all that they come from.  Negative ones are without the flames that are held out
  * (flames.h). */
@@ -11,7 +12,7 @@
 enum { SEEN_W = 96, SEEN_H = 72, SEEN_SETS = 6, SEEN_CELLS = 64 };
 
 struct needs {
-    bool black, saturated, absorption, gain, body;
+    bool black, saturated, absorption, gain, body, response;
 };
 
 struct advise_scene {
@@ -191,7 +192,8 @@ static inline void spoil_pixels(struct advise_scene *s, float *const *clean, siz
 {
     for (size_t c = 0; c < n; c++)
         for (size_t k = 0; k < SEEN_W * SEEN_H; k++) {
-            double v = (double)clean[c][k] * (c == s->which ? s->off : 1) + s->level +
+            double light = (double)clean[c][k] * (c == s->which ? s->off : 1);
+            double v = (s->needs.response ? pow(light, 1 / 2.2) : light) + s->level +
                        s->sigma * bench_normal();
             s->sets.picture[i][c][k] = (float)fmin(v, 1);
         }
@@ -256,6 +258,8 @@ static inline void advise_scene_new(struct advise_scene *s, uint64_t number, boo
     struct rec_bodies bodies = {1, &body};
     struct burning q = {0};
     struct field f = {0};
+    bench_seed(number + 1000003);
+    bool bent = bench_even() < 0.2; /* of its own numbers: the others are as they were without */
     bench_seed(number);
     *s = (struct advise_scene){.args = quiet};
     size_t n = 5 + (size_t)(8 * bench_even());
@@ -264,6 +268,7 @@ static inline void advise_scene_new(struct advise_scene *s, uint64_t number, boo
     burn(&q, &s->sets.rig.grid, held_out);
     s->flame = advise_flames[q.kind];
     advise_scene_draw(s, n);
+    s->needs.response = bent && !s->needs.absorption;
     s->sets.a = &s->args;
     s->sets.nch = 1;
     s->sets.pool = pool;
@@ -290,6 +295,27 @@ static inline void advise_scene_new(struct advise_scene *s, uint64_t number, boo
             free(clean[c]);
     }
     free(f.v);
+}
+
+/* ---- verdicts ----------------------------------------------------------------------------------- */
+
+enum { ADVISE_TERMS = 6 };
+static const char *const advise_term_names[ADVISE_TERMS] = {"black", "saturated", "absorption",
+                                                            "gain",  "body",      "response"};
+
+static inline void advise_verdict(const struct advise_scene *s, const struct advice *a,
+                                  bool needed[ADVISE_TERMS], bool found[ADVISE_TERMS])
+{
+    const struct needs *q = &s->needs;
+    bool body = false;
+    for (size_t c = 0; c < s->sets.rig.n_cameras; c++)
+        body |= a->body[c].share > 0;
+    memcpy(needed, (bool[]){q->black, q->saturated, q->absorption, q->gain, q->body, q->response},
+           ADVISE_TERMS);
+    memcpy(found,
+           (bool[]){a->level[a->darkest] > ADVISE_LEVEL, a->saturated > ADVISE_SATURATED,
+                    a->absorption.c > 0, a->gain.on, body, a->response.on},
+           ADVISE_TERMS);
 }
 
 static inline void advise_scene_free(struct advise_scene *s)

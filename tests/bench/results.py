@@ -217,6 +217,16 @@ section("Saturated pixels", "saturated", "64^3 trilinear, 8 views, 1 % noise; er
 section("Bodies in the flame", "bodies", "64^3 trilinear, 8 cameras, 1 % noise; error in what two cameras see (wanted: known at most 1.1 of without)",
         ["scene", "use", "body", "rig", "judged", "volume", "of without", "columns", "entries", "build s", "solve ms"],
         lambda: [list(r.values()) for r in table("bodies")])
+def advised():
+    terms = ["black", "saturated", "absorption", "gain", "body", "response"]
+    seen = [r["verdict"] for r in table("advise")]
+    for k, term in enumerate(terms):
+        v = [s[k] for s in seen]
+        yield [term, sum(c in "+M" for c in v), "%.0f %%" % (100 * sum(c in "+." for c in v) / len(v)), v.count("M"), v.count("V")]
+
+
+section("What a recording needs", "advise", "Random scenes whose needs are known, by `pyrovox advise`; wanted: right in 95 %, at most 5 % in vain",
+        ["term", "needed", "right", "missed", "in vain"], lambda: list(advised()))
 section("The volume before as what is expected", "temporal", "64^3, 8 views of 160x120 (wanted at 5 %: 0.8 of single frames in 1.5 of the time; at 1 %: 1.02); "
         "both: with the way back, offline, over single frames",
         ["scene", "use", "basis", "noise", "single", "temporal", "ratio", "ms", "time", "trust", "both"],

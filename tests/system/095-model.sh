@@ -228,7 +228,13 @@ advises() {
     sed -n '/^rig:/,$p' <<< "$out" > advised.yaml # it is a configuration
     printf 'cameras: "files:%s/deep/{name}/%%06d.npy"\n' "$dir" >> advised.yaml
     run "$pyrovoxd" --check-config -c advised.yaml; says 0 || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames thin --quiet; says 0 'absorption   off' 'absorption: 0,' 'gain         off' || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames thin --quiet
+    says 0 'absorption   off' 'absorption: 0,' 'gain         off' 'bodies       none' 'response     linear' 'rate ' 'detail ' || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames covered --quiet # cam2's bar, columns 70 to 83, and cam5's beam, rows 60 to 71
+    says 0 'bodies       found' 'cam2 stays dark in pixels' 'cam5 stays dark in pixels' '# bodies and masks' || return 1
+    [ "$(grep -c 'stays dark in' <<< "$out")" = 2 ] || return 1
+    awk '/cam2 stays dark/ { split($0, a, "pixels "); split(a[2], b, /\.\.|,/); exit !(b[1] >= 66 && b[2] <= 87) }' <<< "$out" || return 1
+    run "$pyrovox" advise --rig masked.yaml --frames covered --quiet; says 0 'bodies       none' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames take --quiet; says 0 'black        subtract' || return 1
     local level; level=$(sed -n 's/^photometry: { black: \([0-9.]*\) }/\1/p' <<< "$out")
     below 0.018 "$level" && below "$level" 0.023 || { echo "level $level"; return 1; }
@@ -236,7 +242,7 @@ advises() {
     run "$pyrovox" advise --rig rig.yaml --frames dim --black 0.02 --quiet
     says 0 'gain         on' 'cam5 is furthest off' 'pyrovox calibrate gain' 'absorption   off' || return 1
     run "$pyrovox" simcams --cameras 8 --size 160x120 --ring 3 --gain all=3 --write-frames bright; says 0 || return 1
-    run "$pyrovox" advise --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least }' || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames bright --black 0.02 --quiet; says 0 'exposure     lower' 'saturated    at-least' 'saturated: at-least,' || return 1
     run "$pyrovox" advise --rig rig.yaml --cameras cam0,cam1,cam2 --frames thin --quiet; says 1 'it takes four' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames dark --quiet; says 1 'flame'
 }

@@ -258,6 +258,6 @@ T_CASE(a_volume_and_its_absorption_from_pictures)
     T_OK(on < 1.1 * thin);
     T_OK(found < 1.1 * thin);
     T_OK(a.c > 0.85 * 6 && a.c < 1.15 * 6);
-    T_OK(a.gain > REC_ABSORPTION_GAIN && 3 * a.better >= 2 * a.views);
+    T_OK(a.gain > REC_ABSORPTION_GAIN && 4 * a.better >= 3 * a.views);
     scene_free(&s);
 }

@@ -1,0 +1,42 @@
+/* test_advise.c - `pyrovox advise` on some of the random scenes whose needs are known (tests/bench/bench_advise.c has
+ * more). */
+#include "../t.h"
+
+#include "tests/bench/advise_scenes.h"
+
+static pvx_pool *pool;
+
+static void right(long number)
+{
+    static struct advise_scene s;
+    static struct advice a;
+    struct pvx_diag d = {""};
+    bool found[ADVISE_TERMS], needed[ADVISE_TERMS];
+    advise_scene_new(&s, (uint64_t)(number + (1L << 40)), number >= 0, pool);
+    T_EQ_I(advise_terms(&s.sets, &a, &d), PVX_OK);
+    advise_verdict(&s, &a, needed, found);
+    for (int k = 0; k < ADVISE_TERMS; k++)
+        T_CHECK_(needed[k] == found[k], "scene %ld, %s: needed %d, found %d", number,
+                 advise_term_names[k], needed[k], found[k]);
+    if (s.needs.gain)
+        T_EQ_I(a.gain.worst, s.which);
+    advise_scene_free(&s);
+}
+
+T_CASE(a_black_level_and_a_body)
+{
+    T_NOT_UNDER_TSAN();
+    right(-28);
+}
+T_CASE(a_flame_that_absorbs)
+{
+    T_NOT_UNDER_TSAN();
+    right(-32);
+}
+T_CASE(a_camera_of_another_gain_and_a_black_level)
+{
+    T_NOT_UNDER_TSAN();
+    right(-35);
+}
+
+T_MAIN(if (pvx_pool_new(2, "test", &pool) != PVX_OK) return 2, pvx_pool_free(&pool))
