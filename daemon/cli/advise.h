@@ -33,8 +33,9 @@ struct advise_motion {
     double voxels;        /* of the check's grid, that its light moves from set to set */
     double change, noise; /* of the pictures from set to set, share: beyond noise, and by noise */
     double sigma;
-    double error[2], ms[2]; /* of left-out pictures and of a solve, each set alone and leaning */
-    double floor;           /* what noise alone makes of error */
+    double error[2], ms[2];  /* of left-out pictures and of a solve, each set alone and leaning */
+    double floor;            /* what noise alone makes of error */
+    size_t better, pictures; /* by leaning; of so many */
 };
 /* Where a camera stays dark though the volume of the others has light there. */
 struct advise_body {
@@ -74,8 +75,8 @@ struct advice {
 #define ADVISE_ABSORPTION    0.3
 #define ADVISE_BENT          0.45
 #define ADVISE_BENT_AT_LEAST 0.65
-#define ADVISE_FAR           2    /* voxels from set to set */
-#define ADVISE_LEANS         0.05 /* share of the squared error that is not noise */
+#define ADVISE_FAR           2 /* voxels from set to set */
+#define ADVISE_LEANS         0.01 /* share of the squared error that is not noise; in 3 pictures of 4 */
 #define ADVISE_GAIN          0.05 /* off the median */
 #define ADVISE_GAIN_BUYS     0.06 /* share of left-out pictures' squared error that is not noise */
 

@@ -134,18 +134,31 @@ struct light {
     struct rec_absorption absorption;
     struct advise_gain gain;
 };
+/* Errors of left-out pictures so far. */
+struct least {
+    double without, with; /* absorption */
+    double alone;         /* with it and no gains: */
+    struct rec_absorption plain;
+};
 
-/* Absorption with these gains; *best: the better of the two.  least: errors without and with absorption so far. */
+/* Absorption with these gains; *best: the better of the two.  One number that explains the pictures as well as a gain
+ * for every camera does is not judged against those. */
 static pvx_err try(struct flame_sets *s, const double *own, const struct advise_gain *g,
-                   struct light *best, double least[2], struct pvx_diag *d)
+                   struct light *best, struct least *l, struct pvx_diag *d)
 {
     struct light now = {.gain = *g};
     use(s, own, g);
     PVX_TRY(absorption(s, &now.absorption, d));
-    if (now.absorption.missed[1] < least[1])
+    const double *missed = now.absorption.missed;
+    if (missed[1] < l->with)
         *best = now;
-    for (int k = 0; k < 2; k++)
-        least[k] = fmin(least[k], now.absorption.missed[k]);
+    if (!g->on) {
+        l->alone = missed[1];
+        l->plain = now.absorption;
+    }
+    if (!g->on || missed[0] < l->alone)
+        l->without = fmin(l->without, missed[0]);
+    l->with = fmin(l->with, missed[1]);
     return PVX_OK;
 }
 
@@ -156,15 +169,16 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     struct advise_gain none = {0}, thin, deep;
     struct light best = {0};
-    double own[REC_MAX_CAMERAS] = {0}, least[2] = {INFINITY, INFINITY};
+    double own[REC_MAX_CAMERAS] = {0};
+    struct least l = {.without = INFINITY, .with = INFINITY, .alone = INFINITY};
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         own[c] = (double)s->rig.cameras[c].gain[0];
-    PVX_TRY(try(s, own, &none, &best, least, d));
+    PVX_TRY(try(s, own, &none, &best, &l, d));
     PVX_TRY(gains(s, 0, own, &none, &thin, d));
     if (thin.on)
-        PVX_TRY(try(s, own, &thin, &best, least, d));
+        PVX_TRY(try(s, own, &thin, &best, &l, d));
     for (int round = 0; round < ROUNDS; round++) {
-        double before = least[1], c = best.absorption.best;
+        double before = l.with, c = best.absorption.best;
         if (best.absorption.gain < 0.5 * REC_ABSORPTION_GAIN) {
             if (!thin.on || round > 0)
                 break;
@@ -175,16 +189,22 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
             best.gain = deep; /* what it measured */
             break;
         }
-        PVX_TRY(try(s, own, &deep, &best, least, d));
-        if (least[1] > 0.98 * before)
+        PVX_TRY(try(s, own, &deep, &best, &l, d));
+        if (l.with > 0.98 * before)
             break;
     }
-    double was = least[0] * least[0], is = least[1] * least[1];
+    double was = l.alone * l.alone, is = l.with * l.with, noise = best.absorption.noise;
+    if (best.gain.on && was - is < ADVISE_GAIN_BUYS * fmax(was - noise * noise, 0)) {
+        best.absorption = l.plain;
+        best.gain.on = false;
+        is = was;
+    }
+    was = l.without * l.without;
     struct rec_absorption *b = &best.absorption;
-    b->gain = fmax(was - is, 0) / fmax(was - b->noise * b->noise, 1e-3 * was + 1e-300);
+    b->gain = fmax(was - is, 0) / fmax(was - noise * noise, 1e-3 * was + 1e-300);
     b->c = b->gain >= (advise_told(s, a) ? REC_ABSORPTION_GAIN : ADVISE_ABSORPTION) ? b->c : 0;
-    b->missed[0] = least[0];
-    b->missed[1] = least[1];
+    b->missed[0] = l.without;
+    b->missed[1] = sqrt(is);
     a->absorption = *b;
     a->gain = b->c > 0 ? best.gain : thin;
     use(s, own, &a->gain);

@@ -29,6 +29,8 @@ struct motion {
         light; /* without and with what is expected; emission times way */
     double noise;
     size_t solves[2];
+    double alone[CAMERAS * RUN]; /* miss of each picture, each set alone */
+    size_t pictures[2];
 };
 
 /* The longest run of sets that follow each other. */
@@ -134,7 +136,13 @@ static pvx_err leave_out(struct motion *w, size_t k, int leaning, bool track)
         if (track)
             follow(w, j > 0);
         if (j > 0) {
-            w->miss[leaning] += rec_holdout_miss(w->u, k, w->c, &all);
+            double miss = rec_holdout_miss(w->u, k, w->c, &all);
+            w->miss[leaning] += miss;
+            if (leaning)
+                w->m->better += miss < w->alone[w->pictures[1]];
+            else
+                w->alone[w->pictures[0]] = miss;
+            w->pictures[leaning]++;
             w->all += leaning ? 0 : all;
             w->noise += leaning ? 0 : rec_holdout_noise(w->u, k);
         }
@@ -220,6 +228,8 @@ pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d
     }
     m->floor = sqrt(w.noise / w.all);
     m->voxels = w.light > 0 ? w.moved / w.light : 0;
-    m->on = w.miss[0] - w.miss[1] > ADVISE_LEANS * fmax(w.miss[0] - w.noise, 0);
+    m->pictures = w.pictures[1];
+    m->on = w.miss[0] - w.miss[1] > ADVISE_LEANS * fmax(w.miss[0] - w.noise, 0) &&
+            4 * m->better >= 3 * m->pictures;
     return PVX_OK;
 }

@@ -101,11 +101,11 @@ static void motion(const struct advice *a, int32_t voxels)
     else
         printf("no exposure smears it\n");
     line("temporal", m->on ? "on" : "off");
-    printf(
-        "left-out pictures are missed by %.2f %% by each set alone, by %.2f %% leaning on the one "
-        "before, %.2f %% of it "
-        "noise; %.0f ms, %.0f ms at %d voxels\n",
-        100 * m->error[0], 100 * m->error[1], 100 * m->floor, m->ms[0], m->ms[1], voxels);
+    printf("leaning on the set before betters %zu of %zu left-out pictures, which are missed by "
+           "%.2f %%, "
+           "without by %.2f %%, %.2f %% of it noise; %.0f ms, without %.0f ms at %d voxels\n",
+           m->better, m->pictures, 100 * m->error[1], 100 * m->error[0], 100 * m->floor, m->ms[1],
+           m->ms[0], voxels);
 }
 
 static void margin(const struct flame_sets *s, const struct advice *a)
@@ -276,7 +276,7 @@ void advise_print(const struct flame_sets *s, const struct advice *a)
     double level = INFINITY; /* what all of them have; one number takes no more off */
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         level = fmin(level, a->level[c]);
-    if (a->level[a->darkest] > level + ADVISE_LEVEL)
+    if (a->level[a->darkest] > ADVISE_LEVEL && a->level[a->darkest] > level + ADVISE_LEVEL)
         printf("# black levels differ by camera: `pyrovox calibrate dark` gives each its own\n");
     level = s->a->black + (level > ADVISE_LEVEL ? level : 0);
     if (a->margin_bins > 0)

@@ -235,6 +235,7 @@ advises() {
     [ "$(grep -c 'stays dark in' <<< "$out")" = 2 ] || return 1
     awk '/cam2 stays dark/ { split($0, a, "pixels "); split(a[2], b, /\.\.|,/); exit !(b[1] >= 66 && b[2] <= 87) }' <<< "$out" || return 1
     run "$pyrovox" advise --rig masked.yaml --frames covered --quiet; says 0 'bodies       none' || return 1
+    run "$pyrovox" advise --rig rig.yaml --frames noisy --quiet; says 0 'temporal     on' 'temporal: on }' 'rate         fine' || return 1
     run "$pyrovox" advise --rig rig.yaml --frames take --quiet; says 0 'black        subtract' || return 1
     local level; level=$(sed -n 's/^photometry: { black: \([0-9.]*\) }/\1/p' <<< "$out")
     below 0.018 "$level" && below "$level" 0.023 || { echo "level $level"; return 1; }
