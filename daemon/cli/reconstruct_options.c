@@ -85,7 +85,8 @@ static const struct argp_option option_table[] = {
      "noise, which is measured beside the flame) or iterations (the budget, no less)",
      3},
     {"tolerance", OPT_TOLERANCE, "X", 0,
-     "--stop auto of pcg: the share of the objective that an iteration must gain (default 0.006)",
+     "--stop auto of pcg: the share by which an iteration must move the volume, or half of it the "
+     "objective (default 0.006)",
      3},
     {"deadline", OPT_DEADLINE, "MS", 0,
      "stop after MS milliseconds of solving at the latest and keep the best iterate by then", 3},

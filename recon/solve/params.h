@@ -26,8 +26,8 @@ struct rec_solve_params {
     enum rec_stop stop;
     uint32_t iterations; /* upper bound; 0 = the solver's default */
     float lambda;    /* weight of the smoothness term over the mean diagonal of A'WA; < 0 = auto */
-    float tolerance; /* REC_STOP_AUTO: stop when x moves by less than this share of ||x||, or the
-                        objective falls by less than half of it */
+    float tolerance; /* REC_STOP_AUTO: stop when x moves by less than this share of ||x|| (stop.c: a
+                        good start), or the objective falls by less than half of it */
     int64_t deadline_ns; /* mono clock; 0 = none: return the best iterate by then */
     rec_trace_fn trace;  /* or NULL */
     void *trace_ctx;

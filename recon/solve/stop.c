@@ -5,6 +5,11 @@
 #define BEYOND 6   /* points after a corner before it is believed */
 #define NEAR   4.0 /* residual^2 over sigma^2 m from which a stall counts */
 
+/* A first iteration that hardly moves x says that the start was good: what follows is worth less. */
+#define GOOD_START 0.03 /* share of ||x|| */
+#define THEN       1.5  /* own.still counts so many times from then on, */
+#define AT_ONCE    2.0  /* and so many times in that first iteration */
+
 /* What the noise is expected to leave of the residual, squared; 0: it is unknown, or none. */
 static double noise2_of(const rec_problem *pb)
 {
@@ -71,7 +76,10 @@ bool rec_stop_after(struct rec_stopper *t, const float *x, double objective, dou
         t->prev_objective = objective;
     }
     bool slow = t->gain > 0 && t->objective - objective <= t->gain * objective;
-    slow = slow || (t->still > 0 && t->moved <= t->still);
+    if (t->k == 1)
+        t->first = t->moved;
+    double still = t->still * (t->k == 1 ? AT_ONCE : t->first <= GOOD_START ? THEN : 1);
+    slow = slow || (t->still > 0 && t->moved <= still);
     done = done || (slow && t->k >= t->hold);
     t->objective = objective;
     if (done)

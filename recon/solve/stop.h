@@ -31,9 +31,9 @@ struct rec_stop_own {
     uint32_t most;  /* bound on the iterations */
     uint32_t blind; /* the same when AUTO has to do without sigma */
     double stall;   /* share of the residual^2 that an iteration has to take off */
-    double gain;  /* share of the objective that an iteration has to take off, under any rule; then
-                       AUTO is this and `still` alone.  0: not a rule of the method */
-    double still; /* share of ||x|| that x has to move in an iteration; 0: not a rule */
+    /* Under any rule, 0: not a rule of the method; where gain is, AUTO is these two alone.  Shares that an iteration
+     * has to take off the objective, and of ||x|| that x has to move in it, more after a good start (stop.c). */
+    double gain, still;
 };
 
 struct rec_stopper {
@@ -47,6 +47,7 @@ struct rec_stopper {
     double gain;       /* 0 = not the rule */
     double still;      /* the same of own.still */
     double moved;      /* in: ||dx|| / ||x|| of the iteration that rec_stop_after is told of */
+    double first;      /* the same of the first iteration */
     uint32_t hold;     /* until then neither gain nor still counts */
     double objective;  /* of the iterate before */
     bool corner;
