@@ -70,15 +70,14 @@ struct advice {
 #define ADVISE_SATURATED   0.005
 #define ADVISE_HIDDEN      0.015 /* share of a camera's light */
 #define ADVISE_HIDDEN_BUYS 0.03  /* share of the others' squared error */
-/* Shares of left-out pictures' squared error that is not noise; second ones (of absorption: instead of
- * REC_ABSORPTION_GAIN) where light is taken away otherwise as well, !advise_told */
-#define ADVISE_ABSORPTION    0.3
-#define ADVISE_BENT          0.45
-#define ADVISE_BENT_AT_LEAST 0.65
-#define ADVISE_FAR           2 /* voxels from set to set */
-#define ADVISE_LEANS         0.01 /* share of the squared error that is not noise; in 3 pictures of 4 */
-#define ADVISE_GAIN          0.05 /* off the median */
-#define ADVISE_GAIN_BUYS     0.06 /* share of left-out pictures' squared error that is not noise */
+/* Shares of left-out pictures' squared error that is not noise; of absorption instead of REC_ABSORPTION_GAIN where
+ * bodies or full scale take light away as well */
+#define ADVISE_ABSORPTION 0.18
+#define ADVISE_BENT       0.2
+#define ADVISE_FAR        2    /* voxels from set to set */
+#define ADVISE_LEANS      0.01 /* share of the squared error that is not noise; in 3 pictures of 4 */
+#define ADVISE_GAIN       0.05 /* off the median */
+#define ADVISE_GAIN_BUYS  0.06 /* share of left-out pictures' squared error that is not noise */
 
 /* Black levels are taken off the pictures, bodies masked and gains put into s->rig as they are found, so that each
  * term is judged with the others right.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */
@@ -88,8 +87,6 @@ PVX_MUST_CHECK pvx_err advise_terms(struct flame_sets *s, struct advice *a, stru
 /* found [REC_MAX_CAMERAS]; what is dark becomes NaN in all sets. */
 PVX_MUST_CHECK pvx_err advise_bodies(struct flame_sets *s, struct advise_body *found,
                                      struct pvx_diag *d);
-/* Neither bodies nor full scale were found. */
-bool advise_told(const struct flame_sets *s, const struct advice *a);
 /* Absorption and gains, each with the other as it is found. */
 PVX_MUST_CHECK pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
 /* Motion, rate, what leaning on the set before buys; resolution. */

@@ -113,12 +113,13 @@ static pvx_err absorption(struct flame_sets *s, struct rec_absorption *out, stru
     return e;
 }
 
-bool advise_told(const struct flame_sets *s, const struct advice *a)
+/* Neither bodies nor full scale were found. */
+static bool told(const struct flame_sets *s, const struct advice *a)
 {
-    bool told = a->saturated <= ADVISE_SATURATED;
+    bool all = a->saturated <= ADVISE_SATURATED;
     for (size_t c = 0; c < s->rig.n_cameras; c++)
-        told &= !(a->body[c].share > 0);
-    return told;
+        all &= !(a->body[c].share > 0);
+    return all;
 }
 
 /* From now on the cameras are as bright as that, or as they came. */
@@ -202,7 +203,7 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     was = l.without * l.without;
     struct rec_absorption *b = &best.absorption;
     b->gain = fmax(was - is, 0) / fmax(was - noise * noise, 1e-3 * was + 1e-300);
-    b->c = b->gain >= (advise_told(s, a) ? REC_ABSORPTION_GAIN : ADVISE_ABSORPTION) ? b->c : 0;
+    b->c = b->gain >= (told(s, a) ? REC_ABSORPTION_GAIN : ADVISE_ABSORPTION) ? b->c : 0;
     b->missed[0] = l.without;
     b->missed[1] = sqrt(is);
     a->absorption = *b;
