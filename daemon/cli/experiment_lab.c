@@ -110,42 +110,90 @@ pvx_err experiment_lab_solve(struct experiment_lab *l, uint64_t used)
     return rec_frame_solve(l->frame, 0, NULL);
 }
 
-static bool shows(const struct experiment_lab *l, const float *q)
+struct experiment_view experiment_lab_view(const struct experiment_lab *l, size_t c)
 {
-    bool any = false;
-    for (int i = 0; i < l->nch; i++)
-        any |= q[i] >= EXPERIMENT_SHOWS;
-    return any;
+    size_t row0 = l->S->row0[c], cs = (size_t)l->cs;
+    return (struct experiment_view){.rows = l->S->row0[c + 1] - row0,
+                                    .nch = l->nch,
+                                    .cs = l->cs,
+                                    .p = l->b + row0 * cs,
+                                    .q = l->seen + row0 * cs,
+                                    .weight = l->weight + row0,
+                                    .lit = l->lit + row0};
 }
 
 void experiment_lab_compare(struct experiment_lab *l, size_t c, struct experiment_error *out)
 {
-    size_t row0 = l->S->row0[c], rows = l->S->row0[c + 1] - row0, cs = (size_t)l->cs;
+    size_t row0 = l->S->row0[c], cs = (size_t)l->cs;
+    const struct experiment_view view = experiment_lab_view(l, c);
     bool one[REC_MAX_CAMERAS] = {false};
     struct rec_sparse v;
     one[c] = true;
-    *out = (struct experiment_error){.bins = 0};
     rec_frame_volume(l->frame, &v);
-    memset(l->seen + row0 * cs, 0, rows * cs * sizeof *l->seen);
+    memset(l->seen + row0 * cs, 0, view.rows * cs * sizeof *l->seen);
     if (v.n > 0) {
         rec_subsys_restrict(l->view, l->restrictor, v.index, v.n, one);
         rec_forward(l->view, &l->images, v.value, l->seen);
     }
-    for (size_t r = row0; r < row0 + rows; r++) {
-        const float *p = l->b + r * cs, *q = l->seen + r * cs;
-        bool in = shows(l, q);
-        if (!(l->weight[r] > 0) || !(in || l->lit[r]))
+    experiment_difference(&view, out);
+}
+
+static bool shows(const float *q, int nch)
+{
+    bool any = false;
+    for (int i = 0; i < nch; i++)
+        any |= q[i] >= EXPERIMENT_SHOWS;
+    return any;
+}
+
+void experiment_difference(const struct experiment_view *v, struct experiment_error *out)
+{
+    *out = (struct experiment_error){.bins = 0};
+    for (size_t r = 0; r < v->rows; r++) {
+        const float *p = v->p + r * (size_t)v->cs, *q = v->q + r * (size_t)v->cs;
+        bool in = shows(q, v->nch);
+        if (!(v->weight[r] > 0) || !(in || v->lit[r]))
             continue;
         out->bins_all++;
         out->bins += in;
-        for (int i = 0; i < l->nch; i++) {
+        for (int i = 0; i < v->nch; i++) {
             double diff = 255 * fabs((double)p[i] - (double)q[i]);
             out->all[i] += diff;
             out->inside[i] += in ? diff : 0;
         }
     }
-    for (int i = 0; i < l->nch; i++) {
+    for (int i = 0; i < v->nch; i++) {
         out->all[i] /= fmax(1, out->bins_all);
         out->inside[i] /= fmax(1, out->bins);
     }
+}
+
+void experiment_ghosts(const struct experiment_view *v, double *share, double *difference)
+{
+    double all = 0, dark = 0, sum = 0;
+    for (size_t r = 0; r < v->rows; r++)
+        for (int i = 0; i < v->nch; i++) {
+            size_t at = r * (size_t)v->cs + (size_t)i;
+            double q = (double)v->q[at];
+            all += q;
+            dark += v->lit[r] ? 0 : q;
+            sum += 255 * fabs((double)v->p[at] - q);
+        }
+    *share = all > 0 ? dark / all : 0;
+    *difference = sum / (double)v->rows / v->nch;
+}
+
+double experiment_outside(const float *dense, const float *inside, size_t voxels, int nch)
+{
+    double all = 0, out = 0;
+    for (size_t i = 0; i < voxels * (size_t)nch; i += (size_t)nch) {
+        double v = 0, in = 0;
+        for (size_t k = 0; k < (size_t)nch; k++) {
+            v += (double)dense[i + k];
+            in += (double)inside[i + k];
+        }
+        all += v;
+        out += in > 0 ? 0 : v;
+    }
+    return all > 0 ? out / all : 0;
 }

@@ -38,6 +38,14 @@ struct experiment_lab_params {
     pvx_pool *pool;
     struct rec_progress progress;
 };
+/* The bins of one camera. */
+struct experiment_view {
+    size_t rows;
+    int nch, cs;
+    const float *p, *q;  /* [rows][cs]: the picture, what the model shows */
+    const float *weight; /* [rows]; 0: saturated, or no number */
+    const uint8_t *lit;  /* [rows]: in the picture's silhouette */
+};
 struct experiment_error {
     double inside[3], all[3]; /* of each channel, 0..255 */
     double bins, bins_all;
@@ -59,5 +67,15 @@ PVX_MUST_CHECK pvx_err experiment_lab_load(struct experiment_lab *l, struct fram
 PVX_MUST_CHECK pvx_err experiment_lab_solve(struct experiment_lab *l, uint64_t used);
 /* (1) in camera c. */
 void experiment_lab_compare(struct experiment_lab *l, size_t c, struct experiment_error *out);
+/* Camera c as it was compared last; borrowed. */
+struct experiment_view experiment_lab_view(const struct experiment_lab *l, size_t c);
+
+/* (1) */
+void experiment_difference(const struct experiment_view *v, struct experiment_error *out);
+/* What the model shows that is not there: share of its light on bins that are not lit, and the mean difference of all
+ * bins and channels, 0..255. */
+void experiment_ghosts(const struct experiment_view *v, double *share, double *difference);
+/* Share of a volume's emission, [voxels][nch], in voxels where `inside` has none. */
+double experiment_outside(const float *dense, const float *inside, size_t voxels, int nch);
 
 #endif

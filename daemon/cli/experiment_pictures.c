@@ -38,41 +38,6 @@ static float *dense_of(const struct experiment_lab *l)
 
 /* ---- Figure 3: without hull, and with ---- */
 
-/* What a volume shows that is not there, in the unused view: share of its light on dark bins, and the mean difference
- * of all bins and channels, 0..255. */
-static void ghosts(const struct experiment_lab *l, size_t c, const uint8_t *lit, double *share,
-                   double *difference)
-{
-    size_t cs = (size_t)l->cs, rows = l->S->row0[c + 1] - l->S->row0[c];
-    double all = 0, dark = 0, sum = 0;
-    for (size_t i = 0; i < rows; i++)
-        for (int k = 0; k < l->nch; k++) {
-            size_t at = (l->S->row0[c] + i) * cs + (size_t)k;
-            double q = (double)l->seen[at];
-            all += q;
-            dark += lit[i] ? 0 : q;
-            sum += 255 * fabs((double)l->b[at] - q);
-        }
-    *share = all > 0 ? dark / all : 0;
-    *difference = sum / (double)rows / l->nch;
-}
-
-/* Share of a volume's emission outside the columns that `inside` has. */
-static double outside(const float *dense, const float *inside, size_t voxels, int nch)
-{
-    double all = 0, out = 0;
-    for (size_t i = 0; i < voxels * (size_t)nch; i += (size_t)nch) {
-        double v = 0, in = 0;
-        for (size_t k = 0; k < (size_t)nch; k++) {
-            v += (double)dense[i + k];
-            in += (double)inside[i + k];
-        }
-        all += v;
-        out += in > 0 ? 0 : v;
-    }
-    return all > 0 ? out / all : 0;
-}
-
 struct hulls {
     struct experiment_lab with, without;
     float *dense[2]; /* with, without */
@@ -82,7 +47,7 @@ static pvx_err solve_hulls(struct experiment *x, struct hulls *h, double *v, str
 {
     struct experiment_lab_params p = experiment_lab_of(x, x->o->grid);
     struct experiment_error e;
-    size_t at = 0;
+    struct experiment_view view;
     p.frame.solve.solver = "cgls-paper";
     for (int i = 0; i < 2; i++) {
         struct experiment_lab *l = i == 0 ? &h->with : &h->without;
@@ -93,12 +58,14 @@ static pvx_err solve_hulls(struct experiment *x, struct hulls *h, double *v, str
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
         PVX_TRY(experiment_lab_solve(l, experiment_used(x)));
         experiment_lab_compare(l, x->unused, &e);
-        at = h->with.S->row0[x->unused];
-        ghosts(l, x->unused, h->with.lit + at, &v[2 * i], &v[2 * i + 1]);
+        view = experiment_lab_view(l, x->unused);
+        view.lit = experiment_lab_view(&h->with, x->unused).lit; /* the same for both */
+        experiment_ghosts(&view, &v[2 * i], &v[2 * i + 1]);
         if ((h->dense[i] = dense_of(l)) == NULL)
             return pvx_fail(d, PVX_ENOMEM, "out of memory for a volume");
     }
-    v[4] = outside(h->dense[1], h->dense[0], rec_grid_count(&h->with.S->grid), h->with.nch);
+    v[4] =
+        experiment_outside(h->dense[1], h->dense[0], rec_grid_count(&h->with.S->grid), h->with.nch);
     return PVX_OK;
 }
 

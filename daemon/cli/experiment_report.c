@@ -2,7 +2,7 @@
 
 #include <errno.h>
 #include <math.h>
-#include <spawn.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
@@ -10,6 +10,7 @@
 
 #include "base/file.h"
 #include "base/mem.h"
+#include "base/spawn.h"
 #include "daemon/cli/report/figures.h"
 #include "daemon/cli/report/html.h"
 #include "daemon/cli/report/plot.h"
@@ -379,20 +380,21 @@ pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d)
 
 /* ---- PDF ---- */
 
-extern char **environ;
-
 /* Its exit code, or -1 - errno. */
 static int weasyprint(const char *html, const char *pdf)
 {
     const char *const argv[] = {"weasyprint", "--quiet", html, pdf, NULL};
     pid_t pid;
     int status;
-    int err = posix_spawnp(&pid, argv[0], NULL, NULL, (char *const *)argv, environ);
+    int err = pvx_spawn(argv, STDIN_FILENO, STDERR_FILENO, &pid);
     if (err != 0)
         return -1 - err;
-    while (waitpid(pid, &status, 0) < 0)
+    while (waitpid(pid, &status, 0) < 0) {
         if (errno != EINTR)
             return 1;
+        if (cli_stop) /* a terminal's Ctrl-C does not reach it */
+            kill(pid, SIGTERM);
+    }
     return WIFEXITED(status) ? WEXITSTATUS(status) : 1;
 }
 

@@ -2,123 +2,28 @@
  * of 114 degrees, real noise, compression and calibration.  Four views reconstruct, the fifth judges.
  *
  * What tells a fault from a sharp flame was fitted on it: in-sample (flames.h).
- * Grey, 1080x1920 in bins of 4x4 (270x480).  The box is the data set's own: world = M (scale u), u in
- * [0,1]^3, axis-parallel with y up; the camera left out is each of the named ones in turn. */
-#include <cjson/cJSON.h>
-
-#include "base/file.h"
-#include "capture/files/imgio.h"
+ * Grey, 1080x1920 in bins of 4x4 (270x480); the camera left out is each of the named ones in turn. */
 #include "capture/pixel/pixfmt.h"
 #include "curve.h"
+#include "plume.h"
 #include "recon/frame/inside.h"
 
 #define BIN     4
-#define CAMERAS 5
+#define CAMERAS PLUME_CAMERAS
 
 static const int frames[] = {40, 75, 110};
 #define N_FRAMES ((int)(sizeof frames / sizeof *frames))
 
 static FILE *csv;
 
-/* ---- the data set ------------------------------------------------------------------------------- */
-
-static double number(const cJSON *array, int i)
-{
-    const cJSON *v = cJSON_GetArrayItem(array, i);
-    if (!cJSON_IsNumber(v)) {
-        fprintf(stderr, "cameras_opencv.json: a number is missing\n");
-        exit(1);
-    }
-    return v->valuedouble;
-}
-
-static void read_camera(const cJSON *from, struct rec_camera *c)
-{
-    const cJSON *K = cJSON_GetObjectItem(from, "K"), *R = cJSON_GetObjectItem(from, "R");
-    const cJSON *t = cJSON_GetObjectItem(from, "t"), *file = cJSON_GetObjectItem(from, "file");
-    memset(c, 0, sizeof *c);
-    snprintf(c->name, sizeof c->name, "%s", cJSON_IsString(file) ? file->valuestring : "");
-    c->width = 1080;
-    c->height = 1920;
-    c->fx = number(cJSON_GetArrayItem(K, 0), 0);
-    c->fy = number(cJSON_GetArrayItem(K, 1), 1);
-    c->cx = number(cJSON_GetArrayItem(K, 0), 2);
-    c->cy = number(cJSON_GetArrayItem(K, 1), 2);
-    for (int i = 0; i < 9; i++)
-        c->R[i] = number(cJSON_GetArrayItem(R, i / 3), i % 3);
-    for (int i = 0; i < 3; i++) {
-        c->t[i] = number(t, i);
-        c->gain[i] = 1;
-    }
-}
-
-/* Cameras of the bins: the same lens with pixels four times as wide, pixel (0,0) again a centre. */
-static void bin_camera(struct rec_camera *c)
-{
-    c->width /= BIN;
-    c->height /= BIN;
-    c->fx /= BIN;
-    c->fy /= BIN;
-    c->cx = (c->cx + 0.5) / BIN - 0.5;
-    c->cy = (c->cy + 0.5) / BIN - 0.5;
-}
-
-static bool read_rig(struct rec_camera cam[CAMERAS], struct rec_grid *g)
-{
-    char path[1024], *text;
-    size_t len;
-    struct pvx_diag d = {""};
-    bench_data(path, "scalarflow/cameras_opencv.json");
-    if (pvx_file_read(path, 1 << 20, &text, &len, &d) != PVX_OK) {
-        bench_not_run("plume", path);
-        return false;
-    }
-    cJSON *root = cJSON_ParseWithLength(text, len);
-    const cJSON *list = cJSON_GetObjectItem(root, "cameras");
-    const cJSON *M = cJSON_GetObjectItem(root, "voxel_matrix");
-    const cJSON *scale = cJSON_GetObjectItem(root, "voxel_scale");
-    if (cJSON_GetArraySize(list) != CAMERAS) {
-        fprintf(stderr, "%s: not five cameras\n", path);
-        exit(1);
-    }
-    for (int c = 0; c < CAMERAS; c++) {
-        read_camera(cJSON_GetArrayItem(list, c), &cam[c]);
-        bin_camera(&cam[c]);
-    }
-    for (int a = 0; a < 3; a++) { /* corners u = 0 and u = 1; M turns by quarters */
-        const cJSON *row = cJSON_GetArrayItem(M, a);
-        double p = number(row, 3), q = p;
-        for (int k = 0; k < 3; k++)
-            q += number(row, k) * number(scale, k);
-        g->min[a] = fmin(p, q);
-        g->max[a] = fmax(p, q);
-    }
-    g->n[0] = g->n[2] = 64;
-    g->n[1] = 96;
-    cJSON_Delete(root);
-    free(text);
-    return true;
-}
-
 /* The chosen frames of one camera, grey, [480][270] each; false: no video can be read here. */
 static bool read_video(const struct rec_camera *c, float *out[N_FRAMES])
 {
-    char path[1024], file[128];
-    cap_video *v;
-    struct cap_image img;
-    struct pvx_diag d = {""};
-    snprintf(file, sizeof file, "scalarflow/%.64s", c->name);
-    bench_data(path, file);
-    if (cap_video_open(path, &v, NULL, &d) != PVX_OK) {
-        bench_not_run("plume", d.text);
+    cap_video *v = plume_video(c);
+    if (v == NULL)
         return false;
-    }
     for (int at = 0, i = 0; i < N_FRAMES; at++) {
-        if (cap_video_next(v, &img, &d) != PVX_OK || img.width != BIN * c->width ||
-            img.height != BIN * c->height) {
-            fprintf(stderr, "%s: frame %d: %s\n", path, at, d.text);
-            exit(1);
-        }
+        struct cap_image img = plume_next(v, c, BIN);
         if (at != frames[i])
             continue;
         out[i] = must_floats((size_t)c->width * (size_t)c->height);
@@ -238,7 +143,7 @@ int main(int argc, char **argv)
     struct rec_grid g;
     static float *image[CAMERAS][N_FRAMES];
     pvx_pool *pool;
-    if (!read_rig(cam, &g))
+    if (!plume_rig(BIN, cam, &g))
         return *bench_status();
     for (int c = 0; c < CAMERAS; c++)
         if (!read_video(&cam[c], image[c]))

@@ -24,7 +24,7 @@ def cases(folder):
         case = "%s, %s, %s%s%s" % (r["scene"], r["rig"], r["noise"], off, size)
         found.setdefault(case, (r["use"], {}))[1][r["basis"], r["solver"]] = float(r["volume"]), float(r["view"])
     for r in read(folder / "scalarflow.csv"):
-        case = "plume, %s left out" % r["left_out"].removesuffix(".mp4")
+        case = "plume, %s left out" % r["left_out"]
         found.setdefault(case, ("real", {}))[1][r["basis"], r["solver"]] = None, float(r["view"])
     return dict(sorted(found.items(), key=lambda c: USES.index(c[1][0])))
 

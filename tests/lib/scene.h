@@ -84,14 +84,29 @@ __attribute__((unused)) static void scene_shoot(const struct scene *s, rec_frame
     }
 }
 
-/* Relative L2 error of a sparse volume against the truth. */
+/* Of frame f's pixels what an RGGB filter leaves: one channel each. */
+__attribute__((unused)) static void scene_filter(const struct scene *s, rec_frame *f)
+{
+    static const uint8_t cell[4] = {0, 1, 1, 2};
+    for (size_t k = 0; k < s->rig.n_cameras; k++) {
+        size_t w = (size_t)s->S->block[k].bw, n = s->S->row0[k + 1] - s->S->row0[k];
+        float *in = rec_frame_input(f, k);
+        rec_frame_bayer(f, k, cell, true);
+        for (size_t i = 0; i < n; i++)
+            for (size_t l = 0; l < 3; l++)
+                if (l != cell[(i / w % 2) * 2 + i % w % 2])
+                    in[i * 4 + l] = NAN;
+    }
+}
+
+/* Relative L2 error of a sparse volume against the truth; one of one channel, against the truth's first. */
 __attribute__((unused)) static double scene_error(const struct scene *s, const struct rec_sparse *v)
 {
     double e = 0, t = 0;
     int32_t at = 0;
     for (size_t i = 0; i < s->voxels; i++) {
         bool in = at < v->n && v->index[at] == (int32_t)i;
-        for (int l = 0; l < 3; l++) {
+        for (int l = 0; l < (v->cs == 1 ? 1 : 3); l++) {
             double truth = s->truth[i * 3 + (size_t)l];
             double d = (in ? v->value[(size_t)at * (size_t)v->cs + (size_t)l] : 0) - truth;
             e += d * d;

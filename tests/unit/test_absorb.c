@@ -159,21 +159,6 @@ static void darken(struct scene *s, double c)
     }
 }
 
-/* Pixels of a Bayer filter: one channel each. */
-static void filter(const struct scene *s, rec_frame *f)
-{
-    static const uint8_t cell[4] = {0, 1, 1, 2};
-    for (size_t k = 0; k < s->rig.n_cameras; k++) {
-        size_t w = (size_t)s->S->block[k].bw, n = s->S->row0[k + 1] - s->S->row0[k];
-        float *in = rec_frame_input(f, k);
-        rec_frame_bayer(f, k, cell, true);
-        for (size_t i = 0; i < n; i++)
-            for (size_t l = 0; l < 3; l++)
-                if (l != cell[(i / w % 2) * 2 + i % w % 2])
-                    in[i * 4 + l] = NAN;
-    }
-}
-
 static double error_with(const struct scene *s, double c, bool bayer)
 {
     struct rec_frame_params p = rec_frame_defaults;
@@ -185,7 +170,7 @@ static double error_with(const struct scene *s, double c, bool bayer)
         exit(2);
     scene_shoot(s, f, 0);
     if (bayer)
-        filter(s, f);
+        scene_filter(s, f);
     rec_frame_carve(f);
     T_OK(rec_frame_solve(f, 0, NULL) == PVX_OK);
     rec_frame_volume(f, &v);

@@ -1,5 +1,6 @@
 /* test_temporal.c - the volume before as what is expected: the flow between two volumes, the objective and its
- * minimum against ones written out, off and after a jump as without, the same bits for any number of threads. */
+ * minimum against ones written out, off and after a jump as without, the same bits for any number of threads; colours,
+ * one channel, Bayer pixels. */
 #include <math.h>
 
 #include "recon/solve/flow.h"
@@ -149,26 +150,45 @@ T_CASE(minimum_of_the_objective)
 
 /* ---- frames -------------------------------------------------------------------------------------*/
 
-static rec_frame *frame_new(const struct scene *s, bool temporal)
+enum pixels { COLOURS, BAYER, GREY };
+
+static rec_frame *frame_new(const struct scene *s, enum pixels px, bool temporal)
 {
     struct rec_frame_params p = rec_frame_defaults;
     rec_frame *f;
     p.photo.saturation = 1e30f;
     p.temporal = temporal;
+    p.nch = px == GREY ? 1 : 3;
     T_EQ_I(rec_frame_alone(s->S, &s->rig, &p, s->pool, &f, NULL), PVX_OK);
     return f;
 }
 
+static void shoot(const struct scene *s, rec_frame *f, enum pixels px, double noise)
+{
+    if (px == GREY)
+        rec_frame_reset(f);
+    else
+        scene_shoot(s, f, noise);
+    if (px == BAYER)
+        scene_filter(s, f);
+    for (size_t c = 0; c < s->rig.n_cameras && px == GREY; c++) {
+        size_t n = s->S->row0[c + 1] - s->S->row0[c];
+        for (size_t i = 0; i < n; i++)
+            rec_frame_input(f, c)[i] = s->image[c][i * 4] + (float)(noise * t_normal());
+        rec_frame_present(f, c, true);
+    }
+}
+
 /* The frames t0, t0 + dt, ... one after the other; error of the last, its values in *v, borrowed from a slot. */
-static double follow(struct scene *s, rec_frame *f[2], const double *t, int n, double noise,
-                     struct rec_sparse *v)
+static double follow(struct scene *s, rec_frame *f[2], enum pixels px, const double *t, int n,
+                     double noise, struct rec_sparse *v)
 {
     struct rec_sparse before;
     t_state = 7;
     for (int i = 0; i < n; i++) {
         rec_frame_volume(f[(i + 1) % 2], &before);
         scene_at(s, t[i]);
-        scene_shoot(s, f[i % 2], noise);
+        shoot(s, f[i % 2], px, noise);
         rec_frame_carve(f[i % 2]);
         T_EQ_I(rec_frame_solve(f[i % 2], 0, i > 0 ? &before : NULL), PVX_OK);
     }
@@ -186,9 +206,9 @@ T_CASE(used_where_it_moves_slowly_and_not_after_a_jump)
     for (int far = 0; far < 2; far++) {
         double error[2], trust = 0;
         for (int on = 0; on < 2; on++) {
-            rec_frame *f[2] = {frame_new(&s, on), frame_new(&s, on)};
+            rec_frame *f[2] = {frame_new(&s, COLOURS, on), frame_new(&s, COLOURS, on)};
             int n = far ? 2 : 5;
-            error[on] = follow(&s, f, far ? jump : slow, n, 0.04, &v);
+            error[on] = follow(&s, f, COLOURS, far ? jump : slow, n, 0.04, &v);
             trust = rec_frame_get_report(f[(n - 1) % 2])->temporal;
             if (!on)
                 T_OK(trust == 0);
@@ -209,11 +229,12 @@ T_CASE(same_bits_without_a_volume_before)
     struct scene s;
     struct rec_sparse v, w;
     scene_new(&s, 6, 60, 24, 1, 2);
-    rec_frame *f[2] = {frame_new(&s, false), NULL}, *g[2] = {frame_new(&s, true), NULL};
+    rec_frame *f[2] = {frame_new(&s, COLOURS, false), NULL},
+              *g[2] = {frame_new(&s, COLOURS, true), NULL};
     f[1] = f[0];
     g[1] = g[0];
-    follow(&s, f, slow, 1, 0.05, &v);
-    follow(&s, g, slow, 1, 0.05, &w);
+    follow(&s, f, COLOURS, slow, 1, 0.05, &v);
+    follow(&s, g, COLOURS, slow, 1, 0.05, &w);
     T_EQ_I(v.n, w.n);
     T_OK(memcmp(v.value, w.value, (size_t)v.n * 4 * sizeof *v.value) == 0);
     rec_frame_free(&f[0]);
@@ -221,7 +242,28 @@ T_CASE(same_bits_without_a_volume_before)
     scene_free(&s);
 }
 
-T_CASE(same_bits_for_any_number_of_threads)
+/* Pixels of one channel, each camera's own or its filter's: no worse than single frames, and not by being off. */
+T_CASE(one_channel_and_bayer_pixels)
+{
+    struct scene s;
+    struct rec_sparse v;
+    scene_new(&s, 8, 80, 32, 1, 2);
+    for (enum pixels px = BAYER; px <= GREY; px++) {
+        double error[2];
+        for (int on = 0; on < 2; on++) {
+            rec_frame *f[2] = {frame_new(&s, px, on), frame_new(&s, px, on)};
+            error[on] = follow(&s, f, px, slow, 5, 0.05, &v);
+            T_EQ_I(rec_frame_get_report(f[0])->not_finite, 0);
+            T_OK((rec_frame_get_report(f[0])->temporal > 0.5) == on);
+            rec_frame_free(&f[0]);
+            rec_frame_free(&f[1]);
+        }
+        T_LE(error[1], error[0]);
+    }
+    scene_free(&s);
+}
+
+static void same_bits(enum pixels px)
 {
     struct rec_sparse first = {0};
     rec_frame *keep[2];
@@ -229,8 +271,8 @@ T_CASE(same_bits_for_any_number_of_threads)
     for (int k = 0; k < 2; k++) {
         struct rec_sparse v;
         scene_new(&s[k], 8, 80, 32, 1, k == 0 ? 1 : 4);
-        rec_frame *f[2] = {frame_new(&s[k], true), frame_new(&s[k], true)};
-        follow(&s[k], f, slow, 3, 0.04, &v);
+        rec_frame *f[2] = {frame_new(&s[k], px, true), frame_new(&s[k], px, true)};
+        follow(&s[k], f, px, slow, 3, 0.04, &v);
         T_OK(rec_frame_get_report(f[0])->temporal > 0);
         if (k == 0) {
             first = v;
@@ -238,7 +280,7 @@ T_CASE(same_bits_for_any_number_of_threads)
             continue;
         }
         T_EQ_I(v.n, first.n);
-        T_OK(memcmp(v.value, first.value, (size_t)v.n * 4 * sizeof *v.value) == 0);
+        T_OK(memcmp(v.value, first.value, (size_t)v.n * (size_t)v.cs * sizeof *v.value) == 0);
         rec_frame_free(&f[0]);
         rec_frame_free(&f[1]);
     }
@@ -246,4 +288,10 @@ T_CASE(same_bits_for_any_number_of_threads)
     rec_frame_free(&keep[1]);
     scene_free(&s[0]);
     scene_free(&s[1]);
+}
+
+T_CASE(same_bits_for_any_number_of_threads)
+{
+    for (enum pixels px = COLOURS; px <= GREY; px++)
+        same_bits(px);
 }
