@@ -14,7 +14,8 @@ VARIANT := $(if $(filter-out gcc cc,$(notdir $(CC))),-$(notdir $(CC)))$(if $(str
 B := build$(VARIANT)
 PREFIX ?= /usr/local
 DESTDIR ?=
-VERSION := 0.1.0
+# The newest entry of NEWS.
+VERSION := $(shell awk '/^[0-9]/ { print $$1; exit }' NEWS)
 
 # ---- packages ---------------------------------------------------------------------------------
 # What a bare Debian 12 needs to build, run and test.  tests/setup.sh asks dpkg first, so installed
@@ -36,6 +37,10 @@ PACKAGES_VIEW := chromium-headless-shell
 PACKAGES_BLENDER := blender python3-openvdb xvfb xauth libgl1-mesa-dri
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
+
+# make deb, make test-deb: Debian's packages, and a clean Debian to try them in.
+PACKAGES_DEB := debhelper dh-python lintian python3
+PACKAGES_CHROOT := mmdebstrap systemd
 
 PKGS := aravis-0.8 zlib libzmq yaml-0.1 libcjson libxxhash liblz4 libzstd libsystemd libturbojpeg hdf5 cairo libmicrohttpd gnutls
 # The set-up targets must work before the packages are there, so pkg-config is asked lazily, once.
@@ -73,7 +78,8 @@ RECON_ROOMS := $(filter-out recon/light recon/board recon/calib recon/check,$(fi
 RECON_LIBS := -lyaml -lxxhash -lpthread -lm
 RECON := $(B)/lib/libpyrovox-recon.so.1 $(B)/lib/pyrovox-recon.pc
 CLIENT := $(B)/lib/libpyrovox-client.so.1 $(B)/lib/pyrovox-client.pc
-PLUGINS := $(B)/lib/pyrovox-opencv.so $(B)/lib/pyrovox-aruco.so $(B)/lib/pyrovox-calib.so $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),$(B)/lib/pyrovox-libcamera.so) $(if $(wildcard /usr/include/openvdb/openvdb.h),$(if $(wildcard /usr/include/nanovdb/NanoVDB.h),$(B)/lib/pyrovox-openvdb.so))
+PLUGINS := $(patsubst %,$(B)/lib/pyrovox/pyrovox-%.so,opencv aruco calib $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),libcamera) \
+  $(if $(wildcard /usr/include/openvdb/openvdb.h),$(if $(wildcard /usr/include/nanovdb/NanoVDB.h),openvdb)))
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
@@ -87,7 +93,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
 .PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers format-check tidy \
-  fuzz clean install install-recon uninstall tests-run tests-build
+  fuzz clean install install-recon uninstall deb test-deb tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -155,7 +161,7 @@ fit: setup-test ## fit the automatic weight's exponents anew from random cases (
 	@$(B)/tests/fit/fit $(B)/fit $(CASES)
 	@/usr/bin/python3 tests/fit/fit.py $(B)/fit/fit.csv
 
-paper: setup-test ## the paper's figures on a recording like its own and on fires held out: build/paper/report.html and .pdf (goes on where it stopped)
+paper: setup-test ## the paper's figures on a recording like its own, fires held out and a real plume: build/paper/report.html and .pdf (goes on where it stopped)
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/bench/record
 	@tests/bench/paper.sh $(B)
 
@@ -177,7 +183,7 @@ fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
 	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
 
 lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy
-	@tests/lint.sh
+	@tests/lint.sh $(VERSION)
 	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy
 check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
 	@tests/check-layers.sh
@@ -242,33 +248,34 @@ $(B)/lib/%.pc: Makefile
 	@mkdir -p $(@D)
 	@sed 's|@VERSION@|$(VERSION)|' $(filter %.in,$^) > $@
 
-# The OpenCV, aruco and libcamera modules are C++ and loaded on first use; each is its own shared object.
-$(B)/lib/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
+# The modules are C++ and loaded on first use; each is its own shared object.
+module = $(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(1) $(CXXFLAGS) -shared $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $(filter %.cpp,$^)
+$(B)/lib/pyrovox/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $(filter %.cpp,$^) -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio -lavformat -lavcodec -lavutil
+	$(Q)$(call module,-I/usr/include/opencv4) -lopencv_core -lopencv_imgcodecs -lopencv_imgproc -lopencv_videoio -lavformat -lavcodec -lavutil
 
-$(B)/lib/pyrovox-aruco.so: recon/board/aruco_shim.cpp recon/board/aruco_shim.h
+$(B)/lib/pyrovox/pyrovox-aruco.so: recon/board/aruco_shim.cpp recon/board/aruco_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 $(CXXFLAGS) -shared -o $@ $< -lopencv_aruco -lopencv_calib3d -lopencv_imgproc -lopencv_core
+	$(Q)$(call module,-I/usr/include/opencv4) -lopencv_aruco -lopencv_calib3d -lopencv_imgproc -lopencv_core
 
 # Least squares by Ceres, planes by OpenCV: one C++ file, since the headers of both are most of its cost.
-$(B)/lib/pyrovox-calib.so: recon/calib/shim.cpp recon/calib/shim.h
+$(B)/lib/pyrovox/pyrovox-calib.so: recon/calib/shim.cpp recon/calib/shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon -I/usr/include/opencv4 -isystem /usr/include/eigen3 $(CXXFLAGS) -shared -o $@ $< -lceres -lglog -lopencv_core -lopencv_calib3d
+	$(Q)$(call module,-I/usr/include/opencv4 -isystem /usr/include/eigen3) -lceres -lglog -lopencv_core -lopencv_calib3d
 
-$(B)/lib/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
+$(B)/lib/pyrovox/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcamera/shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon $$(pkg-config --cflags libcamera) $(CXXFLAGS) -std=c++20 -shared -o $@ $< $$(pkg-config --libs libcamera)
+	$(Q)$(call module,$$(pkg-config --cflags libcamera)) -std=c++20 $$(pkg-config --libs libcamera)
 
 # Its headers warn; most of the library's own cost is theirs too.
-$(B)/lib/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/nanovdb_grids.cpp daemon/volumes/openvdb_shim.h daemon/volumes/nanovdb_grids.h
+$(B)/lib/pyrovox/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/nanovdb_grids.cpp daemon/volumes/openvdb_shim.h daemon/volumes/nanovdb_grids.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
-	$(Q)$(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(CXXFLAGS) -shared -o $@ $(filter %.cpp,$^) -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
+	$(Q)$(call module) -lopenvdb -ltbb -lImath-3_1 -Wl,--gc-sections -s
 
 link = $(CC) $(CFLAGS) $(LDFLAGS) -rdynamic -o $@ $(filter %.o,$^) $(filter %.a,$^) $(LDLIBS)
 $(B)/bin/pyrovox: $(B)/daemon/cli/pyrovox.o $(LIBS)
@@ -299,6 +306,8 @@ $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/test
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
 	$(call say,LD)
 	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
+# Where Debian's packages have the modules.
+$(B)/daemon/base/module.%: CPPFLAGS += -DPVX_MULTIARCH='"$(shell $(CC) -print-multiarch 2>/dev/null)"'
 # The allocation test interposes malloc in the executable.
 -include $(shell test -d $(B) && find $(B) -type f -name '*.d')
 
@@ -306,5 +315,13 @@ install: all ## install programs, man pages, units and headers under DESTDIR/PRE
 	@systemd/install.sh "$(B)" "$(DESTDIR)" "$(PREFIX)"
 install-recon: $(RECON) ## install the reconstruction as a library alone; needs no camera's packages
 	@systemd/install-recon.sh "$(B)" "$(DESTDIR)" "$(PREFIX)"
+REVISION ?= 1
+deb: setup ## Debian packages of what make install installs: build/deb/*.deb, lintian clean (REVISION=n, 1)
+	@tests/setup.sh $(PACKAGES_DEB)
+	@nice systemd/deb.sh $(B) $(VERSION) $(REVISION) $(PACKAGES_BUILD)
+test-deb: deb ## the packages in a clean Debian: what each needs, upgrade, removal, purge; upgrade of a daemon that runs; the same bits again
+	@tests/setup.sh $(PACKAGES_CHROOT) $(PACKAGES_VM)
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@tests/deb/test.sh $(B) $(VERSION) $(REVISION) $(PACKAGES_BUILD)
 uninstall: ## remove what install put there
 	@systemd/install.sh --remove "$(DESTDIR)" "$(PREFIX)"

@@ -4,10 +4,12 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 build=$1 dest=$2 prefix=$3
-lib=$dest$prefix/lib inc=$dest$prefix/include/pyrovox
+libdir=$prefix/lib inc=$dest$prefix/include/pyrovox
+[ "$prefix" != /usr ] || libdir+=/$(gcc -print-multiarch) # as Debian's packages
+lib=$dest$libdir
 put() { install -D -m 0644 "$1" "$2"; }
 
-install -D -m 0755 "$build/lib/libpyrovox-recon.so.1" "$lib/libpyrovox-recon.so.1"
+put "$build/lib/libpyrovox-recon.so.1" "$lib/libpyrovox-recon.so.1"
 ln -sf libpyrovox-recon.so.1 "$lib/libpyrovox-recon.so"
 for h in recon/carve/{hull,photo}.h recon/frame/frame.h recon/geom/{body,camera,grid,photometry,rig}.h recon/matrix/sysmat.h \
     recon/simd/windows.h recon/solve/params.h recon/view/{render,room,view}.h recon/vote/{verdict,wrong}.h; do
@@ -17,4 +19,4 @@ for h in err pool; do put "daemon/base/$h.h" "$inc/base/$h.h"; done
 put daemon/man/pyrovox-recon.3 "$dest$prefix/share/man/man3/pyrovox-recon.3"
 put recon/view/example.c "$dest$prefix/share/doc/pyrovox/example-recon.c"
 install -d "$lib/pkgconfig"
-sed "s|@PREFIX@|$prefix|" "$build/lib/pyrovox-recon.pc" > "$lib/pkgconfig/pyrovox-recon.pc"
+sed "s|@PREFIX@|$prefix|; s|@LIBDIR@|$libdir|" "$build/lib/pyrovox-recon.pc" > "$lib/pkgconfig/pyrovox-recon.pc"

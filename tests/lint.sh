@@ -1,6 +1,8 @@
 #!/bin/bash
 # Style checks that need no build: man pages, shell syntax, conventions of STYLE.
+#   lint.sh VERSION
 set -u
+version=$1
 cd "$(dirname "$0")/.."
 bad=0
 for s in $(git ls-files '*.sh' '.ci/run'); do bash -n "$s" || bad=1; done
@@ -15,5 +17,7 @@ if git ls-files '*.c' '*.h' '*.cpp' Makefile | grep -v '^tests/lint' | xargs -r 
 if git ls-files '*.c' '*.h' | xargs -r grep -nP '\t| +$'; then echo "  ^ tabs or trailing blanks"; bad=1; fi
 # each header says what it is in its first line
 for h in $(git ls-files '*.h'); do head -1 "$h" | grep -q '^/\* ' || { echo "$h: no opening comment"; bad=1; }; done
+grep -qxF "__version__ = \"$version\"" proto/clients/python/pyrovox/__init__.py && grep -qxF "version = \"$version\"" proto/clients/python/pyproject.toml ||
+    { echo "the Python package is not of version $version, as NEWS is"; bad=1; }
 [ $bad = 0 ] && echo "lint: ok"
 exit $bad

@@ -1,7 +1,6 @@
 /* imgio.h - images and arrays in files: PNG/TIFF/JPEG (8, 16 bit, float) and video through OpenCV, animated PNG,
- * .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (lib/pyrovox-opencv.so
- * beside ../ of the executable, or $PYROVOX_LIBDIR), so that programs that need no image file start
- * fast and run without it.
+ * .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (pyrovox-opencv.so; where it is
+ * looked for: base/module.h), so that programs that need no image file start fast and run without it.
  * Samples are taken to be linear, those of JPEG files gamma-coded (img.yuv says so).
  * Ownership: cap_loaded is caller's, freed by cap_loaded_free. */
 #ifndef CAP_IMGIO_H

@@ -1,4 +1,4 @@
-/* opencv_shim.h - what the OpenCV module (lib/pyrovox-opencv.so) offers, as plain C.
+/* opencv_shim.h - what the OpenCV module (lib/pyrovox/pyrovox-opencv.so) offers, as plain C.
  *
  * The module is C++ and is loaded with dlopen by imgio.c on first use; it exports one function,
  * cap_cv_module.  Nothing throws across this border: every entry returns a pvx_err value as int and

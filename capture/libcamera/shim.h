@@ -1,4 +1,4 @@
-/* shim.h - what the libcamera module (lib/pyrovox-libcamera.so) offers, as plain C.
+/* shim.h - what the libcamera module (lib/pyrovox/pyrovox-libcamera.so) offers, as plain C.
  *
  * The module is C++ and is loaded with dlopen by libcamera.c on first use, so that the program runs where
  * there is no libcamera; it exports one function, cap_lc_module.  Nothing throws across this border:

@@ -4,6 +4,7 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "base/file.h"
@@ -49,17 +50,14 @@ const void *pvx_module_load(const char *file, const char *entry, int version, ch
     if (env != NULL && *env != '\0') {
         m = try_folder(&w, env, "");
     } else if (pvx_exe_dir(exe, sizeof exe) == PVX_OK) {
-        m = try_folder(&w, exe, "/../lib");
+        m = try_folder(&w, exe, "/../lib/pyrovox");
         if (m == NULL)
-            m = try_folder(&w, exe, "/../lib/pyrovox");
-    }
-    if (m == NULL && (env == NULL || *env == '\0')) {
-        m = try_folder(&w, "/usr/local/lib/pyrovox", "");
-        if (m == NULL)
-            m = try_folder(&w, "/usr/lib/pyrovox", "");
+            m = try_folder(&w, exe, "/../lib/" PVX_MULTIARCH "/pyrovox");
     }
     if (m == NULL && why[0] == '\0')
-        snprintf(why, size, "%s not found in %.600s (PYROVOX_LIBDIR names its folder)", file,
-                 env != NULL && *env != '\0' ? env : "../lib and ../lib/pyrovox of the program");
+        snprintf(why, size,
+                 "%s not found in %.600s (package %.*s, or PYROVOX_LIBDIR names its folder)", file,
+                 env != NULL && *env != '\0' ? env : "../lib/pyrovox of the program",
+                 (int)strcspn(file, "."), file);
     return m;
 }

@@ -1,8 +1,8 @@
 /* module.h - shared objects in C++ that are loaded on first use (OpenCV, libcamera, ...), so that programs
  * start fast and run where the library is not installed.
  *
- * Looked for in $PYROVOX_LIBDIR when that is set, else beside the executable (../lib,
- * ../lib/pyrovox), else in /usr/local/lib/pyrovox and /usr/lib/pyrovox.  Never unloaded. */
+ * Looked for in $PYROVOX_LIBDIR when that is set, else in ../lib/pyrovox of the executable, where
+ * Debian's packages have it below ../lib/<machine>.  Never unloaded. */
 #ifndef PVX_MODULE_H
 #define PVX_MODULE_H
 #include <stddef.h>

@@ -1,4 +1,4 @@
-/* openvdb_shim.h - what the OpenVDB module (lib/pyrovox-openvdb.so) offers, as plain C.
+/* openvdb_shim.h - what the OpenVDB module (lib/pyrovox/pyrovox-openvdb.so) offers, as plain C.
  *
  * The module is C++ and is loaded with dlopen by vdb_module.c on first use; it exports one function,
  * vol_vdb_module.  Nothing throws across this border: every entry returns a pvx_err value as int and

@@ -1,4 +1,4 @@
-/* aruco_shim.h - what the marker module (lib/pyrovox-aruco.so) offers, as plain C.
+/* aruco_shim.h - what the marker module (lib/pyrovox/pyrovox-aruco.so) offers, as plain C.
  *
  * OpenCV's contrib module aruco (Garrido-Jurado et al., Pattern Recognition 47(6), 2014) has the marker
  * dictionaries that everybody prints and a detector that is proven; it has no C interface.  The module is

@@ -15,7 +15,7 @@
  * independent and the sides of the squares are what the board's spec says: a print that was scaled
  * scales the rig, and nothing here can see it but rec_calib_options.measured.
  *
- * Needs lib/pyrovox-calib.so (shim.h).  Deterministic: the same input gives the same bits.
+ * Needs lib/pyrovox/pyrovox-calib.so (shim.h).  Deterministic: the same input gives the same bits.
  * Threads: pure.  Cost: 100 poses before 8 cameras about 1 s. */
 #ifndef REC_CALIB_H
 #define REC_CALIB_H

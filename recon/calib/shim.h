@@ -1,4 +1,4 @@
-/* shim.h - what the calibration module (lib/pyrovox-calib.so) offers, as plain C: nonlinear least squares
+/* shim.h - what the calibration module (lib/pyrovox/pyrovox-calib.so) offers, as plain C: nonlinear least squares
  * by Ceres, and from OpenCV the homography and the two poses of a plane.
  *
  * The module is C++ and is loaded with dlopen by module.c on first use; it exports one function,

@@ -11,22 +11,12 @@ import sys
 import numpy as np
 
 sys.path.insert(1, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../view"))
-from bed import Bed  # noqa: E402
+from bed import Bed, flame  # noqa: E402
 
 if not shutil.which("blender"):
     print("NOT RUN blender: blender is not installed (make test-blender does that)")
     sys.exit(77)
 bed = Bed(os.path.realpath(sys.argv[1]))
-
-
-def flame(n, phase):
-    z, y, x = np.mgrid[0:n, 0:n, 0:n] / n
-    v = np.zeros((n, n, n, 3), np.float32)
-    for k in range(5):
-        c = 0.5 + 0.05 * np.cos(phase + 2 * k), 0.5 + 0.05 * np.sin(phase + 3 * k), 0.25 + 0.1 * k
-        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * 0.08 ** 2))[..., None] * np.array((1, 0.6, 0.2), np.float32)
-    v[v < 0.08] = 0
-    return v * (1 + 0.1 * np.random.default_rng(int(phase * 100)).standard_normal(v.shape).astype(np.float32))
 
 
 try:

@@ -14,7 +14,7 @@ void board_module_here(void)
 {
     char exe[4000], lib[4100];
     if (pvx_exe_dir(exe, sizeof exe) == PVX_OK) {
-        snprintf(lib, sizeof lib, "%s/../../lib", exe);
+        snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
         setenv("PYROVOX_LIBDIR", lib, 0);
     }
 }

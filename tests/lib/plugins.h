@@ -11,7 +11,7 @@ static inline void plugins_of_this_build(void)
     char bin[400], lib[450];
     if (pvx_exe_dir(bin, sizeof bin) != PVX_OK)
         exit(1);
-    snprintf(lib, sizeof lib, "%s/../../lib", bin);
+    snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", bin);
     setenv("PYROVOX_LIBDIR", lib, 1);
 }
 #endif

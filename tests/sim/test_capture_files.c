@@ -388,10 +388,10 @@ T_CASE(videos_are_cameras)
 int main(int argc, char **argv)
 {
     (void)argc;
-    /* programs lie in BUILD/tests/sim, the module in BUILD/lib */
+    /* programs lie in BUILD/tests/sim, the module in BUILD/lib/pyrovox */
     char lib[512];
     const char *slash = strrchr(argv[0], '/');
-    snprintf(lib, sizeof lib, "%.*s/../../lib", slash != NULL ? (int)(slash - argv[0]) : 1,
+    snprintf(lib, sizeof lib, "%.*s/../../lib/pyrovox", slash != NULL ? (int)(slash - argv[0]) : 1,
              slash != NULL ? argv[0] : ".");
     setenv("PYROVOX_LIBDIR", lib, 0);
     pvx_log_set_level(PVX_LOG_ERROR);

@@ -5,7 +5,7 @@
 set -u
 cd "$(dirname "$0")/../.."
 b=$(realpath "${1:-build}") seconds=${2:-600} fps=${SOAK_FPS:-30} n=${SOAK_CAMERAS:-8}
-export PYROVOX_LIBDIR=$b/lib
+export PYROVOX_LIBDIR=$b/lib/pyrovox
 dir=$(mktemp -d)
 trap 'rm -rf "$dir"' EXIT
 rc=0

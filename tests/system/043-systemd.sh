@@ -5,18 +5,18 @@ name=043
 check install systemd/install.sh "$b" "$dir/root" /usr
 check programs test -x "$dir/root/usr/bin/pyrovoxd" -a -x "$dir/root/usr/bin/pyrovox"
 check manuals test -f "$dir/root/usr/share/man/man8/pyrovoxd.8" -a -f "$dir/root/usr/share/man/man5/pyrovoxd.yaml.5"
-check unit-is-filled-in grep -q '^ExecStart=/usr/bin/pyrovoxd ' "$dir/root/usr/lib/systemd/system/pyrovoxd.service"
-unit() { grep -qx "$1" "$dir/root/usr/lib/systemd/system/pyrovoxd.service"; }
+check unit-is-filled-in grep -q '^ExecStart=/usr/bin/pyrovoxd ' "$dir/root/lib/systemd/system/pyrovoxd.service"
+unit() { grep -qx "$1" "$dir/root/lib/systemd/system/pyrovoxd.service"; }
 check comes-back-always unit StartLimitIntervalSec=0 # with what it was doing: 046
 check comes-back-after-any-end unit Restart=on-failure
 check remembers unit StateDirectory=pyrovox
-view_unit() { grep -qx "$1" "$dir/root/usr/lib/systemd/system/pyrovox-view.service"; }
+view_unit() { grep -qx "$1" "$dir/root/lib/systemd/system/pyrovox-view.service"; }
 check view-has-a-user-of-its-own view_unit User=pyrovox-view
 check view-keeps-its-token-to-itself view_unit StateDirectoryMode=0700
 if command -v systemd-analyze > /dev/null; then
     # verify looks for the programs on this machine: point it at the ones just built
     for u in pyrovoxd pyrovox-view; do
-        sed "s|/usr/bin/|${pyrovox%/*}/|" "$dir/root/usr/lib/systemd/system/$u.service" > "$dir/$u.service"
+        sed "s|/usr/bin/|${pyrovox%/*}/|" "$dir/root/lib/systemd/system/$u.service" > "$dir/$u.service"
     done
     verify() { # unit
         local out
@@ -33,8 +33,18 @@ if command -v systemd-analyze > /dev/null; then
 else
     echo "SKIP $name:unit-is-valid (no systemd-analyze)"
 fi
+completes() { # words of a command line: what is offered for the last, in one line
+    PATH=${pyrovox%/*}:$PATH bash -c '. "$1/usr/share/bash-completion/completions/pyrovox"; shift; COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+        _pyrovox; echo "${COMPREPLY[*]}"' - "$dir/root" "$@"
+}
+completion() {
+    [ "$(completes pyrovox rec)" = "reconstruct record" ] && [ "$(completes pyrovox --cpu avx2 calibrate fl)" = flat ] &&
+        [ "$(completes pyrovox calibrate flat --fra)" = --frames ] && [ "$(completes pyrovoxd --check)" = --check-config ] &&
+        [ -z "$(completes pyrovox record f)" ] # a file's name
+}
+check completion completion
 check uninstall systemd/install.sh --remove "$dir/root" /usr
-check nothing-stays [ -z "$(find "$dir/root" -type f)" ]
+check nothing-stays [ -z "$(find "$dir/root" ! -type d)" ]
 
 # the protocol of Type=notify, with a socket of our own
 notified() {

@@ -2,9 +2,9 @@
 # A program against the installed client: it compiles, links and reads volumes; nothing private is shown.
 name=084
 . "$(dirname "$0")/lib.sh"
-root=$dir/root
+root=$dir/root libdir=$dir/root/usr/lib/$(gcc -print-multiarch)
 systemd/install.sh "$b" "$root" /usr || { echo "FAIL $name:install"; exit 1; }
-export PKG_CONFIG_PATH=$root/usr/lib/pkgconfig PKG_CONFIG_SYSROOT_DIR=$root LD_LIBRARY_PATH=$root/usr/lib
+export PKG_CONFIG_PATH=$libdir/pkgconfig PKG_CONFIG_SYSROOT_DIR=$root LD_LIBRARY_PATH=$libdir
 flags=$(pkg-config --cflags --libs pyrovox-client)
 sanitizer=$([[ $b == *undefined* ]] && echo -fsanitize=address,undefined; [[ $b == *thread* ]] && echo -fsanitize=thread)
 
@@ -29,7 +29,7 @@ headers() { # by itself, in C and C++
 check headers_compile_alone headers
 
 names() { # the functions that its headers declare, and no others
-    nm -D --defined-only "$root/usr/lib/libpyrovox-client.so.1" | awk '$2 == "T" { sub(/@.*/, "", $3); print $3 }' | sort > "$dir/shown"
+    nm -D --defined-only "$libdir/libpyrovox-client.so.1" | awk '$2 == "T" { sub(/@.*/, "", $3); print $3 }' | sort > "$dir/shown"
     (cd "$root/usr/include/pyrovox" && gcc -I. -E -P base/err.h proto/pvp.h proto/clients/sub.h) |
         tr '\n' ' ' | tr ';{}' '\n\n\n' | grep -v typedef | grep -oE '\bpv[xp]_[a-z0-9_]+ *\(' | tr -d ' (' | sort -u > "$dir/declared"
     [ -s "$dir/shown" ] && diff "$dir/declared" "$dir/shown"

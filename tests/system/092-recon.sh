@@ -2,10 +2,10 @@
 # A program against the installed reconstruction, which is built and installed without any camera's packages.
 name=092
 . "$(dirname "$0")/lib.sh"
-root=$dir/root
+root=$dir/root libdir=$dir/root/usr/lib/$(gcc -print-multiarch)
 systemd/install-recon.sh "$b" "$root" /usr || { echo "FAIL $name:install"; exit 1; }
-export PKG_CONFIG_SYSROOT_DIR=$root LD_LIBRARY_PATH=$root/usr/lib
-flags=$(PKG_CONFIG_LIBDIR=$root/usr/lib/pkgconfig pkg-config --cflags --libs pyrovox-recon)
+export PKG_CONFIG_SYSROOT_DIR=$root LD_LIBRARY_PATH=$libdir
+flags=$(PKG_CONFIG_LIBDIR=$libdir/pkgconfig pkg-config --cflags --libs pyrovox-recon)
 sanitizer=$([[ $b == *undefined* ]] && echo -fsanitize=address,undefined; [[ $b == *thread* ]] && echo -fsanitize=thread)
 lib=libpyrovox-recon.so.1
 
@@ -38,7 +38,7 @@ cpp() { # its functions are found from C++
 check links_in_cpp cpp
 
 names() { # what its headers declare, and nothing else
-    nm -D --defined-only "$root/usr/lib/$lib" | awk '$2 ~ /[TBDR]/ { sub(/@.*/, "", $3); print $3 }' | sort > "$dir/shown"
+    nm -D --defined-only "$libdir/$lib" | awk '$2 ~ /[TBDR]/ { sub(/@.*/, "", $3); print $3 }' | sort > "$dir/shown"
     (cd "$root/usr/include/pyrovox" && ls base/*.h recon/*/*.h | sed 's/.*/#include <&>/' | gcc -I. -E -P -x c -) | tr '\n' ' ' |
         sed -E 's/__attribute__\(\([a-z_]+(\([^)]*\))?\)\)//g; s/static inline [^{]*\{/{/g' | tr '{};' '\n\n\n' | grep -v 'typedef\|^ *return' |
         grep -oE '^ *[a-zA-Z_][a-zA-Z0-9_ *]*[ *](pvx|rec)_[a-z0-9_]+ *\(|^ *extern const [a-z_ ]+' | sed -E 's/ *\(//; s/.*[ *]//' | sort -u > "$dir/declared"
@@ -60,7 +60,7 @@ both() { # with the client in one program
         'puts(pvx_diag_text(&w, e)); w.text[0] = 0; e = pvp_sub_new("nonsense", NULL, &s, &w); puts(pvx_diag_text(&w, e)); return 0; }' > "$dir/b.c"
     # shellcheck disable=SC2086
     gcc -Wall -Wextra -Werror -I. -Idaemon "$dir/b.c" $flags "$b/lib/libpyrovox-client.so.1" $sanitizer -o "$dir/b" &&
-        (cd "$dir" && LD_LIBRARY_PATH=$root/usr/lib:$b/lib ./b > said) && grep -q 'none.yaml' "$dir/said" && grep -q nonsense "$dir/said" ||
+        (cd "$dir" && LD_LIBRARY_PATH=$libdir:$b/lib ./b > said) && grep -q 'none.yaml' "$dir/said" && grep -q nonsense "$dir/said" ||
         { cat "$dir/said"; return 1; }
 }
 check beside_the_client both
@@ -76,7 +76,7 @@ bare() { # every other package's headers refuse, pkg-config knows none
     [ "$(uname -m)" = x86_64 ] && machine='-mavx2 -mfma -mbmi2 -mavx512f -mavx512vl' # compiled, never run
     env -u MAKEFLAGS -u MAKELEVEL CPPFLAGS="-I$no" PKG_CONFIG_LIBDIR="$dir/pc" make -s -j2 B="$dir/build" CC=gcc SAN= \
         CFLAGS="-std=c17 -O0 -fPIC $machine" DESTDIR="$dir/bare" PREFIX=/usr install-recon > "$dir/make.log" 2>&1 || return 1
-    [ -f "$dir/bare/usr/lib/$lib" ] && needs "$dir/build/lib/$lib" && ! [ -e "$dir/bare/usr/include/pyrovox/proto" ]
+    [ -f "${libdir/root/bare}/$lib" ] && needs "$dir/build/lib/$lib" && ! [ -e "$dir/bare/usr/include/pyrovox/proto" ]
 }
 check without_cameras bare
 exit $rc

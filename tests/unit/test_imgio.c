@@ -359,7 +359,7 @@ int main(void)
     char exe[200], lib[256];
     if (pvx_exe_dir(exe, sizeof exe) != PVX_OK)
         return 1;
-    snprintf(lib, sizeof lib, "%s/../../lib", exe);
+    snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
     setenv("PYROVOX_LIBDIR", lib, 1);
     scratch_new();
     t_run();

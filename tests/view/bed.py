@@ -10,6 +10,17 @@ import traceback
 import numpy as np
 
 
+def flame(n, phase):
+    """Puffs that wander, with noise; 8 % of the voxels are lit."""
+    z, y, x = np.mgrid[0:n, 0:n, 0:n] / n
+    v = np.zeros((n, n, n, 3), np.float32)
+    for k in range(5):
+        c = 0.5 + 0.05 * np.cos(phase + 2 * k), 0.5 + 0.05 * np.sin(phase + 3 * k), 0.25 + 0.1 * k
+        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * 0.08 ** 2))[..., None] * np.array((1, 0.6, 0.2), np.float32)
+    v[v < 0.08] = 0
+    return v * (1 + 0.1 * np.random.default_rng(int(phase * 100)).standard_normal(v.shape).astype(np.float32))
+
+
 class Bed:
     def __init__(self, build, label="view"):
         self.build, self.label = build, label

@@ -11,21 +11,11 @@ import time
 
 import numpy as np
 
-from bed import Bed
+from bed import Bed, flame
 from devtools import BROWSER, Browser
 from ws import WebSocket, set_of, type_of
 
 bed = Bed(os.path.realpath(sys.argv[1]))
-
-
-def flame(n, phase):
-    z, y, x = np.mgrid[0:n, 0:n, 0:n] / n
-    v = np.zeros((n, n, n, 3), np.float32)
-    for k in range(5):
-        c = 0.5 + 0.05 * np.cos(phase + 2 * k), 0.5 + 0.05 * np.sin(phase + 3 * k), 0.25 + 0.1 * k
-        v += np.exp(-((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) / (2 * 0.08 ** 2))[..., None] * np.array((1, 0.6, 0.2), np.float32)
-    v[v < 0.08] = 0
-    return v * (1 + 0.1 * np.random.default_rng(int(phase * 100)).standard_normal(v.shape).astype(np.float32))
 
 
 def recording(n):

@@ -41,7 +41,7 @@ one() { # script
     out+=/$(basename "$s" .sh); rm -rf "$out"; mkdir -p "$out"
     # What takes long when emulated is done outside; the guest finds it in /out.
     local before; before=$(sed -n 's/^# vm-before: *//p' "$s")
-    if [ -n "$before" ] && ! text=$(out=$out b=$PYROVOX_BUILD PYROVOX_LIBDIR=$PYROVOX_BUILD/lib bash -euc "$before" 2>&1); then
+    if [ -n "$before" ] && ! text=$(out=$out b=$PYROVOX_BUILD PYROVOX_LIBDIR=$PYROVOX_BUILD/lib/pyrovox bash -euc "$before" 2>&1); then
         fail=$((fail + 1)); printf '%s\nFAIL %s: before: %s\n' "$text" "$n" "$before" | tee -a "$log"; return
     fi
     text=$(tests/vm/run.sh "${opts[@]+"${opts[@]}"}" -t "$(sed -n 's/^# vm-seconds: *//p' "$s" | grep . || echo 60)" \

@@ -4,7 +4,7 @@
 . "$(dirname "${BASH_SOURCE[0]}")/../../system/lib.sh"
 [ -n "${VM_SLOW:-}" ] || { echo "runs inside the virtual machine: tests/vm/run.sh -- $0"; exit 77; }
 vm=$b/tests/vm # the programs of tests/vm/vm_*.c
-export PYROVOX_LIBDIR=$b/lib
+export PYROVOX_LIBDIR=$b/lib/pyrovox
 
 # Emulated, everything takes several times as long as outside; on a busy machine VM_SLOW times that.
 patient() { awk -v s="$1" -v f="$VM_SLOW" 'BEGIN { printf "%d\n", s * f + 0.999 }'; }
