@@ -65,7 +65,7 @@ without() { # a module's libraries are missing: one line that says so
 }
 check names_the_package_that_is_missing without
 
-all=(pyrovox pyrovox-view pyrovox-libcamera pyrovox-openvdb libpyrovox-client1 libpyrovox-client-dev libpyrovox-recon1 libpyrovox-recon-dev python3-pyrovox)
+all=(pyrovox pyrovox-view pyrovox-libcamera pyrovox-openvdb pyrovox-mpi libpyrovox-client1 libpyrovox-client-dev libpyrovox-recon1 libpyrovox-recon-dev python3-pyrovox)
 check all_install packages 1 "${all[@]}"
 openvdb() { in_it pyrovox convert --format vdb /tmp/vol /tmp/vdb && [ -n "$(ls "$root"/tmp/vdb/*.vdb)" ]; }
 check openvdb_is_found openvdb
