@@ -86,7 +86,7 @@ static uint32_t *numbers(const cJSON *all, size_t *n)
         last = b->valuedouble;
         sets += b->valuedouble - a->valuedouble + 1;
     }
-    uint32_t *out = sets > 0 && sets < 1e9 ? malloc((size_t)sets * sizeof *out) : NULL;
+    uint32_t *out = sets > 0 && sets < 1e8 ? malloc((size_t)sets * sizeof *out) : NULL;
     *n = 0;
     if (out == NULL)
         return NULL;

@@ -5,6 +5,7 @@
  *     0  a byte anywhere                   1  the file is cut there
  *     2  an attribute of the head          3  a row of a column, of sets or gaps
  *     4  a length: of a column, of emission    5  something is deleted
+ * One byte more than a multiple of 11: the same done to a file that is joined of two parts.
  * Whatever opens is read from end to end; what it says must be consistent. */
 #include <fcntl.h>
 #include <hdf5.h>
@@ -13,61 +14,107 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include "daemon/volumes/join.h"
 #include "tests/fuzz/fuzz.h"
 #include "tests/lib/volumes.h"
 
 #define SETS 4
 
-static unsigned char *base; /* the good recording */
-static size_t base_size;
-static int fd = -1;
-static char path[64];
-static char link_name[64][64]; /* of groups and datasets, as "sets/number" */
-static unsigned links;
+static struct subject {
+    unsigned char *base; /* the good recording */
+    size_t base_size;
+    int fd;
+    char path[64];
+    char link_name[64][64]; /* of groups and datasets, as "sets/number" */
+    unsigned links;
+} whole, joined, *now;
+static char parts[] = "/tmp/fuzz_joined-XXXXXX";
 
-static herr_t note_link(hid_t at, const char *name, const H5L_info_t *info, void *ctx)
+static herr_t note_link(hid_t group, const char *name, const H5L_info_t *info, void *ctx)
 {
-    (void)at, (void)info, (void)ctx;
-    if (links < sizeof link_name / sizeof link_name[0])
-        snprintf(link_name[links++], sizeof link_name[0], "%s", name);
+    struct subject *s = ctx;
+    (void)group, (void)info;
+    if (s->links < sizeof s->link_name / sizeof s->link_name[0])
+        snprintf(s->link_name[s->links++], sizeof s->link_name[0], "%s", name);
     return 0;
 }
 
-static void make_base(void)
+/* Sets [first, end) of five, of which set 3 is missing. */
+static void record(const char *name, uint64_t first, uint64_t end)
 {
     struct pvp_start s = volumes_start(20, 9, 17, 3);
     struct vol_head head = {.start = s, .rig = "cameras: []\n", .config = "x: 1\n"};
     struct vol_gap gap = {VOL_GAP_LOST, 3, 3, 1};
     vol_writer *w;
-    char folder[] = "/tmp/fuzz_volumes-XXXXXX", name[64];
-    MUST(mkdtemp(folder) != NULL);
-    snprintf(name, sizeof name, "%s/v.h5", folder);
     MUST(vol_writer_open(VOL_HDF5, name, &head, NULL, &w, NULL) == PVX_OK);
-    for (uint64_t k = 0; k < SETS; k++) {
+    for (uint64_t k = first; k < end; k++) {
         struct made_volume m = volumes_make(&s, k < 3 ? k : k + 1, 0.6);
         MUST(vol_writer_put(w, &m.v, NULL) == PVX_OK);
         vol_store_free(&m.store);
     }
     MUST(vol_writer_gap(w, &gap, NULL) == PVX_OK && vol_writer_close(&w, NULL) == PVX_OK);
+}
+
+static void keep(struct subject *s, const char *name)
+{
     FILE *f = fopen(name, "rb");
     MUST(f != NULL);
     fseek(f, 0, SEEK_END);
-    base_size = (size_t)ftell(f);
+    s->base_size = (size_t)ftell(f);
     rewind(f);
-    base = malloc(base_size);
-    MUST(base != NULL && fread(base, 1, base_size, f) == base_size);
+    s->base = malloc(s->base_size);
+    MUST(s->base != NULL && fread(s->base, 1, s->base_size, f) == s->base_size);
     fclose(f);
     hid_t h = H5Fopen(name, H5F_ACC_RDONLY, H5P_DEFAULT);
     MUST(h >= 0);
-    H5Lvisit(h, H5_INDEX_NAME, H5_ITER_INC, note_link, NULL);
+    H5Lvisit(h, H5_INDEX_NAME, H5_ITER_INC, note_link, s);
     H5Fclose(h);
-    MUST(links > 20);
+    MUST(s->links > 20);
+    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
+}
+
+static void remove_parts(void)
+{
+    static const char *const names[] = {"/v.h5", "/a.h5", "/b.h5", ""};
+    char name[64];
+    for (int i = 0; i < 4; i++) {
+        snprintf(name, sizeof name, "%s%s", parts, names[i]);
+        remove(name);
+    }
+}
+
+static void make_joined(void)
+{
+    static const uint64_t numbers[] = {0, 1, 2, 4, 9}; /* the last is not there */
+    char a[64], b[64];
+    const char *const part[] = {a, b};
+    size_t missing;
+    MUST(mkdtemp(parts) != NULL);
+    atexit(remove_parts);
+    snprintf(a, sizeof a, "%s/a.h5", parts);
+    snprintf(b, sizeof b, "%s/b.h5", parts);
+    snprintf(joined.path, sizeof joined.path, "%s/v.h5", parts);
+    record(a, 0, 2);
+    record(b, 2, SETS);
+    const struct vol_join j = {joined.path, part, 2, numbers, 5};
+    MUST(vol_join(&j, &missing, NULL) == PVX_OK && missing == 1);
+    keep(&joined, joined.path);
+    joined.fd = open(joined.path, O_RDWR | O_CLOEXEC);
+    MUST(joined.fd >= 0);
+}
+
+static void make_whole(void)
+{
+    char folder[] = "/tmp/fuzz_volumes-XXXXXX", name[64];
+    MUST(mkdtemp(folder) != NULL);
+    snprintf(name, sizeof name, "%s/v.h5", folder);
+    record(name, 0, SETS);
+    keep(&whole, name);
     unlink(name);
     rmdir(folder);
-    H5Eset_auto2(H5E_DEFAULT, NULL, NULL);
-    fd = memfd_create("volumes", MFD_CLOEXEC);
-    MUST(fd >= 0);
-    snprintf(path, sizeof path, "/proc/self/fd/%d", fd);
+    whole.fd = memfd_create("volumes", MFD_CLOEXEC);
+    MUST(whole.fd >= 0);
+    snprintf(whole.path, sizeof whole.path, "/proc/self/fd/%d", whole.fd);
 }
 
 static void set_attribute(hid_t f, unsigned which, const uint8_t *value)
@@ -118,10 +165,10 @@ static void set_length(hid_t set, unsigned length)
 /* By libhdf5 itself, so that its checksums are right. */
 static void edit(const uint8_t *p)
 {
-    hid_t f = H5Fopen(path, H5F_ACC_RDWR, H5P_DEFAULT);
+    hid_t f = H5Fopen(now->path, H5F_ACC_RDWR, H5P_DEFAULT);
     if (f < 0)
         return;
-    const char *name = link_name[p[1] % links];
+    const char *name = now->link_name[p[1] % now->links];
     hid_t set = p[0] % 6 == 3 || p[0] % 6 == 4 ? H5Dopen2(f, name, H5P_DEFAULT) : -1;
     switch (p[0] % 6) {
     case 2: set_attribute(f, p[1], p + 3); break;
@@ -168,9 +215,13 @@ static void use(vol_reader *r)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    if (base == NULL)
-        make_base();
-    MUST(ftruncate(fd, 0) == 0 && pwrite(fd, base, base_size, 0) == (ssize_t)base_size);
+    if (whole.base == NULL) {
+        make_whole();
+        make_joined();
+    }
+    now = size % 11 == 1 ? &joined : &whole;
+    MUST(ftruncate(now->fd, 0) == 0 &&
+         pwrite(now->fd, now->base, now->base_size, 0) == (ssize_t)now->base_size);
     /* libhdf5 is not for editing what is damaged already: edits first */
     for (int damage = 0; damage < 2; damage++)
         for (size_t i = 0; i + 11 <= size && i < 88; i += 11) {
@@ -179,13 +230,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             if (p[0] % 6 >= 2 && damage == 0)
                 edit(p);
             else if (p[0] % 6 == 0 && damage == 1)
-                MUST(pwrite(fd, p + 6, 1, (off_t)(place % base_size)) == 1);
+                MUST(pwrite(now->fd, p + 6, 1, (off_t)(place % now->base_size)) == 1);
             else if (p[0] % 6 == 1 && damage == 1)
-                MUST(ftruncate(fd, (off_t)(place % base_size)) == 0);
+                MUST(ftruncate(now->fd, (off_t)(place % now->base_size)) == 0);
         }
     vol_reader *r;
     struct pvx_diag d = {""};
-    if (vol_reader_open(path, &r, &d) == PVX_OK)
+    if (vol_reader_open(now->path, &r, &d) == PVX_OK)
         use(r);
     else
         MUST(r == NULL && d.text[0] != '\0');
