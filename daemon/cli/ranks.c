@@ -4,15 +4,17 @@
 
 #include "base/module.h"
 
-/* As mpirun says it, or srun by PMIx or PMI-2. */
+static bool several(const char *name)
+{
+    const char *n = getenv(name);
+    return n != NULL && atoi(n) > 1;
+}
+
+/* As mpirun says it, or srun by PMI-2 or PMIx. */
 static bool one_of_several(void)
 {
-    static const char *const sizes[] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"};
-    for (int i = 0; i < 2; i++)
-        if (getenv(sizes[i]) != NULL && atoi(getenv(sizes[i])) > 1)
-            return true;
-    const char *tasks = getenv("SLURM_STEP_NUM_TASKS");
-    return getenv("PMIX_RANK") != NULL && tasks != NULL && atoi(tasks) > 1;
+    return several("OMPI_COMM_WORLD_SIZE") || several("PMI_SIZE") ||
+           (getenv("PMIX_RANK") != NULL && several("SLURM_STEP_NUM_TASKS"));
 }
 
 pvx_err ranks_open(struct ranks *r, struct pvx_diag *d)
