@@ -26,10 +26,15 @@ pvx_err ranks_open(struct ranks *r, struct pvx_diag *d)
     r->module = pvx_module_load("pyrovox-mpi.so", "pyrovox_ranks", RANKS_VERSION, why, sizeof why);
     if (r->module == NULL)
         return pvx_fail(d, PVX_EUNSUP, "several processes were started together, but %s", why);
-    if (r->module->open(&r->rank, &r->n, &r->on_node))
+    bool begun = r->module->open(&r->rank, &r->n, &r->on_node);
+    if (begun && r->n > 1)
         return PVX_OK;
+    if (begun)
+        ranks_close(r);
     r->module = NULL;
-    return pvx_fail(d, PVX_EIO, "MPI cannot be begun");
+    return pvx_fail(d, PVX_EIO,
+                    "several processes were started together, but MPI sees one: start them by "
+                    "mpirun, or by srun --mpi=pmix");
 }
 
 int ranks_worst(const struct ranks *r, int value)

@@ -199,10 +199,21 @@ static bool read_row(struct in *r, uint64_t k, struct vol_row *row)
     return true;
 }
 
-bool vol_hdf5_row(void *self, uint64_t k, struct vol_row *row)
+bool vol_hdf5_rows(void *self, uint64_t n, struct vol_row *rows)
 {
+    struct in *r = self;
     take_h5_init();
-    return read_row(self, k, row);
+    memset(rows, 0, n * sizeof *rows);
+    bool ok = true;
+    for (int c = 0; c < VOL_COLUMNS && ok; c++) {
+        size_t size = H5Tget_size(r->column[c].type);
+        char *all = pvx_calloc(n, size);
+        ok = all != NULL && take_h5_read_rows(r->col[c], r->column[c].type, 1, 1, 0, n, all);
+        for (uint64_t k = 0; k < n && ok; k++)
+            memcpy((char *)&rows[k] + r->column[c].offset, all + k * size, size);
+        free(all);
+    }
+    return ok;
 }
 
 static bool read_chunk(struct in *r, uint64_t k, const uint32_t at[3])

@@ -56,22 +56,26 @@ static bool same_recording(const struct vol_head *a, const struct vol_head *b)
 /* The rows of one part, where nobody had them before. */
 static pvx_err take_rows(struct joining *w, void *part, uint32_t p, struct pvx_diag *d)
 {
-    struct vol_row row;
     const struct vol_gap *g;
     size_t k;
-    for (uint64_t i = 0; i < w->count[p]; i++) {
-        if (!vol_hdf5_row(part, i, &row))
-            return pvx_fail(d, PVX_ECORRUPT, "%s: row %llu cannot be read", w->j->part[p],
-                            (unsigned long long)i);
-        struct place *at = find(w, row.number, &k);
+    struct vol_row *row = pvx_calloc(w->count[p], sizeof *row);
+    pvx_err e = row == NULL ? PVX_ENOMEM
+                : vol_hdf5_rows(part, w->count[p], row)
+                    ? PVX_OK
+                    : pvx_fail(d, PVX_ECORRUPT, "%s: /sets cannot be read", w->j->part[p]);
+    for (uint64_t i = 0; i < w->count[p] && e == PVX_OK; i++) {
+        struct place *at = find(w, row[i].number, &k);
         if (at == NULL)
-            return pvx_fail(d, PVX_EFORMAT, "%s: set %llu is none of this recording", w->j->part[p],
-                            (unsigned long long)row.number);
-        if (at->part == NOWHERE) {
+            e = pvx_fail(d, PVX_EFORMAT, "%s: set %llu is none of this recording", w->j->part[p],
+                         (unsigned long long)row[i].number);
+        if (at != NULL && at->part == NOWHERE) {
             *at = (struct place){.part = p, .row = i};
-            w->row[k] = row;
+            w->row[k] = row[i];
         }
     }
+    free(row);
+    if (e != PVX_OK)
+        return e;
     for (uint64_t i = 0; (g = vol_hdf5_reader.gap(part, i)) != NULL; i++)
         for (k = 0; k < w->j->n; k++)
             w->at[k].gone |= w->j->number[k] >= g->set_first && w->j->number[k] <= g->set_last;
