@@ -1,5 +1,5 @@
 #!/bin/bash
-# From nothing to a film, offline, as a new user does it: a simulated recording, the box of its flame,
+# offline: From nothing to a film, offline, as a new user does it: a simulated recording, the box of its flame,
 # volumes, pictures; Ctrl-C in the middle of both; the CPU's kernels.
 name=070
 . "$(dirname "$0")/lib.sh"

@@ -1,5 +1,5 @@
 #!/bin/bash
-# A program against the installed reconstruction, which is built and installed without any camera's packages.
+# offline: A program against the installed reconstruction, which is built and installed without any camera's packages.
 name=092
 . "$(dirname "$0")/lib.sh"
 root=$dir/root libdir=$dir/root/usr/lib/$(gcc -print-multiarch)

@@ -1,5 +1,5 @@
 #!/bin/bash
-# The paper's experiments on a recording: measured, stopped and gone on with, plausible, and a report that needs nothing.
+# offline: The paper's experiments on a recording: measured, stopped and gone on with, plausible, and a report that needs nothing.
 name=094
 . "$(dirname "$0")/lib.sh"
 cd "$dir" || exit 1

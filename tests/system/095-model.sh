@@ -1,5 +1,5 @@
 #!/bin/bash
-# What a scene needs beyond the paper's model: a flame that absorbs its own light, offline and live.
+# offline: What a scene needs beyond the paper's model: a flame that absorbs its own light, offline and live.
 name=095
 . "$(dirname "$0")/lib.sh"
 cd "$dir" || exit 1

@@ -1,5 +1,5 @@
 #!/bin/bash
-# One recording solved by several processes: the same bits as by one; what dies is gone on with; what is missing is said.
+# offline: One recording solved by several processes: the same bits as by one; what dies is gone on with; what is missing is said.
 name=100
 . "$(dirname "$0")/lib.sh"
 cd "$dir" || exit 1
