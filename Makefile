@@ -10,7 +10,7 @@ say = $(if $(V),,@printf '  %-4s %s\n' $(1) $@)
 O   ?= -O2
 SAN ?=
 comma := ,
-VARIANT := $(if $(filter-out gcc cc,$(notdir $(CC))),-$(notdir $(CC)))$(if $(strip $(SAN)),-$(subst $(comma),-,$(strip $(SAN))))$(if $(filter-out -O2,$(O)),$(O))
+VARIANT := $(if $(filter-out gcc cc,$(notdir $(CC))),-$(notdir $(CC)))$(if $(strip $(SAN)),-$(subst $(comma),-,$(strip $(SAN))))$(if $(COVERAGE),-coverage)$(if $(filter-out -O2,$(O)),$(O))
 B := build$(VARIANT)
 PREFIX ?= /usr/local
 DESTDIR ?=
@@ -51,9 +51,9 @@ WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -W
   -Wpointer-arith -Wwrite-strings -Wundef
 CPPFLAGS += -I. -Idaemon -D_GNU_SOURCE -DPVX_VERSION='"$(VERSION)"' -MMD -MP
 CFLAGS   += -std=c17 $(O) -g $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
-  $(if $(WERROR),-Werror) $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer) $(if $(LIBFUZZER),-fsanitize=fuzzer-no-link)
+  $(if $(WERROR),-Werror) $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer) $(if $(LIBFUZZER),-fsanitize=fuzzer-no-link) $(if $(COVERAGE),-fprofile-instr-generate -fcoverage-mapping)
 CXXFLAGS += -std=c++17 $(O) -g -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
-LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN))
+LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN)) $(if $(COVERAGE),-fprofile-instr-generate)
 # A program is tied to what it calls: the daemon has no need of cairo.
 LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
 
@@ -94,7 +94,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
 .PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers format-check tidy \
-  fuzz clean install install-recon uninstall deb test-deb tests-run tests-build
+  fuzz fuzz-keep fuzz-coverage clean install install-recon uninstall deb test-deb tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -179,9 +179,15 @@ else
 	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)
 endif
 
-fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
+fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n, ONLY=REGEX); inputs stay in build-clang-address-undefined/fuzz
 	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
-	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
+	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60) '$(ONLY)'
+fuzz-keep: ## what make fuzz found, as few inputs as reach as much, into tests/fuzz/found
+	@tests/fuzz/keep.sh build-clang-address-undefined '$(ONLY)'
+fuzz-coverage: ## a table: what the inputs in the tree reach of each parser
+	@tests/setup.sh llvm clang
+	@$(MAKE) --no-print-directory -s -j$$(nproc) CC=clang COVERAGE=1 $(patsubst $(B)/%,build-clang-coverage/%,$(FUZZ))
+	@tests/fuzz/coverage.sh build-clang-coverage
 
 lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy
 	@tests/lint.sh $(VERSION)

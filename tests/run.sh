@@ -54,7 +54,10 @@ programs unit; programs check
 for t in "$b"/tests/fuzz/fuzz_*; do
     [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
     n=${t##*/fuzz_}
-    one "fuzz/$n" 1200 "$t" tests/fuzz/corpus/"$n"
+    found=$(mktemp -d)
+    [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$found"
+    one "fuzz/$n" 1200 "$t" tests/fuzz/corpus/"$n" --once "$found"
+    rm -rf "$found"
 done
 [ $system = 0 ] || scripts no
 wait $sim; ended=$?

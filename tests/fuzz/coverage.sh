@@ -1,0 +1,22 @@
+#!/bin/bash
+# What the inputs in the tree reach of each parser: a table, lines and branches of its files.
+#   coverage.sh BUILD     built by make fuzz-coverage
+set -eu
+cd "$(dirname "$0")/../.."
+b=$1
+mkdir -p "$b/fuzz"
+echo "| target | inputs | parser | lines | branches |"
+echo "|---|---|---|---|---|"
+for t in "$b"/tests/fuzz/fuzz_*; do
+    [[ $t == *.o || $t == *.d || ! -x $t ]] && continue
+    n=${t##*/fuzz_}
+    found=$(mktemp -d)
+    [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$found"
+    LLVM_PROFILE_FILE=$b/fuzz/$n.profraw "$t" "tests/fuzz/corpus/$n" --once "$found" > "$b/fuzz/$n.log"
+    llvm-profdata-14 merge -sparse "$b/fuzz/$n.profraw" -o "$b/fuzz/$n.profdata"
+    read -r -a files < <(sed -n "s/^$n  *//p" tests/fuzz/parsers.txt)
+    [ ${#files[@]} -gt 0 ] || { echo "tests/fuzz/parsers.txt: $n is missing" >&2; exit 1; }
+    llvm-cov-14 report "$t" -instr-profile="$b/fuzz/$n.profdata" "${files[@]}" | awk -v n="$n" -v inputs="$(sed -n 's/.*(\([0-9]*\) inputs.*/\1/p' "$b/fuzz/$n.log")" -v files="${files[*]}" \
+        '$1 == "TOTAL" { gsub(" ", "` `", files); printf "| %s | %s | `%s` | %s | %s |\n", n, inputs, files, $10, $13 }'
+    rm -rf "$found"
+done
