@@ -50,9 +50,11 @@ pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Wformat=2 \
   -Wpointer-arith -Wwrite-strings -Wundef
 CPPFLAGS += -I. -Idaemon -D_GNU_SOURCE -DPVX_VERSION='"$(VERSION)"' -MMD -MP
-CFLAGS   += -std=c17 $(O) -g $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
+# Where it is built is not in it: the same bits anywhere.  (A debugger finds the sources from here.)
+ANYWHERE := -g -ffile-prefix-map='$(CURDIR)=.'
+CFLAGS   += -std=c17 $(O) $(ANYWHERE) $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
   $(if $(WERROR),-Werror) $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer) $(if $(LIBFUZZER),-fsanitize=fuzzer-no-link)
-CXXFLAGS += -std=c++17 $(O) -g -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
+CXXFLAGS += -std=c++17 $(O) $(ANYWHERE) -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
 LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN))
 # A program is tied to what it calls: the daemon has no need of cairo.
 LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
@@ -250,6 +252,7 @@ $(B)/lib/%.pc: Makefile
 
 # The modules are C++ and loaded on first use; each is its own shared object.
 module = $(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(1) $(CXXFLAGS) -shared $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $(filter %.cpp,$^)
+$(PLUGINS): Makefile
 $(B)/lib/pyrovox/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
