@@ -29,7 +29,7 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
-  nodejs openssl ffmpeg
+  nodejs openssl ffmpeg abigail-tools
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell
@@ -94,7 +94,7 @@ TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers format-check tidy \
+.PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
   fuzz clean install install-recon uninstall deb test-deb tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -184,12 +184,16 @@ fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n)
 	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
 	@tests/fuzz/run.sh build-clang-address-undefined $(or $(FUZZ_SECONDS),60)
 
-lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy
+lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy, what the libraries show
 	@tests/lint.sh $(VERSION)
-	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy
+	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy check-abi
 check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
 	@tests/check-layers.sh
 tidy: $(TIDY) ## clang-tidy (.clang-tidy) over what changed since it was last clean
+check-abi: all ## what the libraries show breaks no program that was built with their last release
+	@tests/abi.sh $(B)
+abi: all ## write down what the libraries show (*.abi): for a release, and before the first whenever it changes
+	@tests/abi.sh $(B) --renew
 format-check: ## clang-format --dry-run over the C sources
 	@clang-format --dry-run -Werror $$(git ls-files '*.c' '*.h' '*.cpp')
 
