@@ -29,7 +29,7 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
-  nodejs openssl ffmpeg abigail-tools
+  nodejs openssl ffmpeg abigail-tools node-spdx-expression-parse
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell
@@ -95,7 +95,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
 .PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
-  fuzz clean install install-recon uninstall deb test-deb tests-run tests-build
+  fuzz clean install install-recon uninstall deb test-deb sbom tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -330,5 +330,9 @@ test-deb: deb ## the packages in a clean Debian: what each needs, upgrade, remov
 	@tests/setup.sh $(PACKAGES_CHROOT) $(PACKAGES_VM)
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@tests/deb/test.sh $(B) $(VERSION) $(REVISION) $(PACKAGES_BUILD)
+sbom: all ## what each program, library and module is linked with, versions and licences (SPDX 2.3): build/pyrovox.spdx.json
+	@rm -rf $(B)/sbom
+	@systemd/install.sh $(B) $(CURDIR)/$(B)/sbom /usr
+	@/usr/bin/python3 systemd/sbom.py $(B)/sbom $(VERSION) $(B)/pyrovox.spdx.json
 uninstall: ## remove what install put there
 	@systemd/install.sh --remove "$(DESTDIR)" "$(PREFIX)"
