@@ -95,7 +95,7 @@ BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
 .PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
-  fuzz clean install install-recon uninstall deb test-deb sbom tests-run tests-build
+  fuzz clean install install-recon uninstall deb test-deb sbom release tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -334,5 +334,7 @@ sbom: all ## what each program, library and module is linked with, versions and 
 	@rm -rf $(B)/sbom
 	@systemd/install.sh $(B) $(CURDIR)/$(B)/sbom /usr
 	@/usr/bin/python3 systemd/sbom.py $(B)/sbom $(VERSION) $(B)/pyrovox.spdx.json
+release: setup-test ## all that a release wants, checked: NEWS, what the libraries show, test, lint, test-deb; its files: build/release/
+	@systemd/release.sh $(B) $(VERSION)
 uninstall: ## remove what install put there
 	@systemd/install.sh --remove "$(DESTDIR)" "$(PREFIX)"
