@@ -29,7 +29,7 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux openmpi-bin \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
-  nodejs openssl ffmpeg
+  nodejs openssl ffmpeg abigail-tools node-spdx-expression-parse
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell
@@ -50,9 +50,11 @@ pkg_libs   = $(eval pkg_libs := $$(shell pkg-config --libs $(PKGS)))$(pkg_libs)
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wvla -Wformat=2 \
   -Wpointer-arith -Wwrite-strings -Wundef
 CPPFLAGS += -I. -Idaemon -D_GNU_SOURCE -DPVX_VERSION='"$(VERSION)"' -MMD -MP
-CFLAGS   += -std=c17 $(O) -g $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
+# Where it is built is not in it: the same bits anywhere.  (A debugger finds the sources from here.)
+ANYWHERE := -g -ffile-prefix-map='$(CURDIR)=.'
+CFLAGS   += -std=c17 $(O) $(ANYWHERE) $(WARN) -fno-math-errno -ffp-contract=off -fPIC \
   $(if $(WERROR),-Werror) $(if $(SAN),-fsanitize=$(SAN) -fno-omit-frame-pointer) $(if $(LIBFUZZER),-fsanitize=fuzzer-no-link) $(if $(COVERAGE),-fprofile-instr-generate -fcoverage-mapping)
-CXXFLAGS += -std=c++17 $(O) -g -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
+CXXFLAGS += -std=c++17 $(O) $(ANYWHERE) -Wall -Wextra -fPIC $(if $(WERROR),-Werror)
 LDFLAGS  += $(if $(SAN),-fsanitize=$(SAN)) $(if $(COVERAGE),-fprofile-instr-generate)
 # A program is tied to what it calls: the daemon has no need of cairo.
 LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
@@ -93,8 +95,8 @@ TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers format-check tidy \
-  fuzz fuzz-keep fuzz-coverage clean install install-recon uninstall deb test-deb tests-run tests-build
+.PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
+  fuzz fuzz-keep fuzz-coverage clean install install-recon uninstall deb test-deb sbom release tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
 
@@ -189,12 +191,16 @@ fuzz-coverage: ## a table: what the inputs in the tree reach of each parser
 	@$(MAKE) --no-print-directory -s -j$$(nproc) CC=clang COVERAGE=1 $(patsubst $(B)/%,build-clang-coverage/%,$(FUZZ))
 	@tests/fuzz/coverage.sh build-clang-coverage
 
-lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy
+lint: check-layers format-check ## layers, formatting, man pages, shell scripts, conventions, clang-tidy, what the libraries show
 	@tests/lint.sh $(VERSION)
-	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy
+	@$(MAKE) --no-print-directory -k -j$$(nproc) tidy check-abi
 check-layers: ## dependencies one way: daemon/base <- {capture, recon, proto} <- daemon
 	@tests/check-layers.sh
 tidy: $(TIDY) ## clang-tidy (.clang-tidy) over what changed since it was last clean
+check-abi: all ## what the libraries show breaks no program that was built with their last release
+	@tests/abi.sh $(B)
+abi: all ## write down what the libraries show (*.abi): for a release, and before the first whenever it changes
+	@tests/abi.sh $(B) --renew
 format-check: ## clang-format --dry-run over the C sources
 	@clang-format --dry-run -Werror $$(git ls-files '*.c' '*.h' '*.cpp')
 
@@ -257,6 +263,7 @@ $(B)/lib/%.pc: Makefile
 
 # The modules are C++ and loaded on first use; each is its own shared object.
 module = $(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(1) $(CXXFLAGS) -shared $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $(filter %.cpp,$^)
+$(PLUGINS): Makefile
 $(B)/lib/pyrovox/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
@@ -337,5 +344,11 @@ test-deb: deb ## the packages in a clean Debian: what each needs, upgrade, remov
 	@tests/setup.sh $(PACKAGES_CHROOT) $(PACKAGES_VM)
 	@$(MAKE) --no-print-directory -j$$(nproc) all
 	@tests/deb/test.sh $(B) $(VERSION) $(REVISION) $(PACKAGES_BUILD)
+sbom: all ## what each program, library and module is linked with, versions and licences (SPDX 2.3): build/pyrovox.spdx.json
+	@rm -rf $(B)/sbom
+	@systemd/install.sh $(B) $(CURDIR)/$(B)/sbom /usr
+	@/usr/bin/python3 systemd/sbom.py $(B)/sbom $(VERSION) $(B)/pyrovox.spdx.json
+release: setup-test ## all that a release wants, checked: NEWS, what the libraries show, test, lint, test-deb; its files: build/release/
+	@systemd/release.sh $(B) $(VERSION)
 uninstall: ## remove what install put there
 	@systemd/install.sh --remove "$(DESTDIR)" "$(PREFIX)"

@@ -6,6 +6,8 @@ check install systemd/install.sh "$b" "$dir/root" /usr
 check programs test -x "$dir/root/usr/bin/pyrovoxd" -a -x "$dir/root/usr/bin/pyrovox"
 check manuals test -f "$dir/root/usr/share/man/man8/pyrovoxd.8" -a -f "$dir/root/usr/share/man/man5/pyrovoxd.yaml.5"
 check unit-is-filled-in grep -q '^ExecStart=/usr/bin/pyrovoxd ' "$dir/root/lib/systemd/system/pyrovoxd.service"
+# two builds are the same bits: here, that no file tells where it was built; of the packages test-deb compares every byte
+check built-anywhere [ -z "$(grep -rlF "$PWD" "$dir/root")" ]
 unit() { grep -qx "$1" "$dir/root/lib/systemd/system/pyrovoxd.service"; }
 check comes-back-always unit StartLimitIntervalSec=0 # with what it was doing: 046
 check comes-back-after-any-end unit Restart=on-failure
