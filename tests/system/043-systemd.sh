@@ -30,6 +30,19 @@ if command -v systemd-analyze > /dev/null; then
         if [ $got = 77 ]; then echo "SKIP $name:$u-is-valid (systemd-analyze does not work here)"
         else check $u-is-valid [ $got = 0 ]; fi
     done
+    # What they may do (systemd/README.md has the list, and why): 0 is nothing, 10 everything.
+    exposed() { # unit, most
+        local out; out=$(systemd-analyze security --no-pager --offline=true "$dir/$1.service" 2>&1 | grep Overall)
+        out=${out% [A-Z]*}; echo "figures $name:$1: exposure ${out##* }"
+        local level=${out##* }
+        awk -v is="$level" -v most="$2" 'BEGIN { exit !(is ~ /^[0-9]+\.[0-9]$/ && is <= most) }'
+    }
+    if systemd-analyze security --help 2>&1 | grep -q -- --offline; then
+        check pyrovoxd-may-do-little exposed pyrovoxd 1.5
+        check pyrovox-view-may-do-less exposed pyrovox-view 1.2
+    else
+        echo "SKIP $name:may-do-little (this systemd-analyze has no --offline)"
+    fi
 else
     echo "SKIP $name:unit-is-valid (no systemd-analyze)"
 fi
