@@ -15,6 +15,7 @@
 #include "base/log.h"
 #include "daemon/control/control.h"
 #include "daemon/config/endpoints.h"
+#include "daemon/config/keys.h"
 #include "daemon/control/json.h"
 #include "daemon/control/metrics.h"
 #include "daemon/control/survive.h"
@@ -326,16 +327,6 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
     }
 }
 
-static pvx_err open_keys(const struct dmn_config *cfg, pvp_auth **out, struct pvx_diag *d)
-{
-    char server[PATH_MAX], clients[PATH_MAX];
-    if (cfg->key_server[0] == '\0')
-        return PVX_OK;
-    dmn_config_path(cfg, cfg->key_server, server, sizeof server);
-    dmn_config_path(cfg, cfg->key_clients, clients, sizeof clients);
-    return pvp_auth_new(server, clients, out, d);
-}
-
 static int run(const struct dmn_config *cfg)
 {
     static struct daemon dm;
@@ -369,7 +360,7 @@ static int run(const struct dmn_config *cfg)
     if (e == PVX_OK && open != NULL)
         LOG_W(DAEMON, "%s is open to all who reach it (insecure: true)", open);
     if (e == PVX_OK)
-        e = open_keys(cfg, &dm.auth, &d);
+        e = dmn_keys_open(cfg, &dm.auth, &d);
     if (e == PVX_OK)
         e = dmn_endpoint_prepare(endpoint, &d);
     if (e == PVX_OK)
@@ -419,8 +410,11 @@ static int check(const struct dmn_config *cfg)
     const char *open;
     pvp_auth *auth = NULL;
     pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
-    if (e == PVX_OK)
-        e = open_keys(cfg, &auth, &d);
+    if (e == PVX_OK && dmn_keys_hidden(cfg))
+        printf("%-16s %s, for the service alone: not looked at here\n", "keys.server",
+               cfg->key_server);
+    else if (e == PVX_OK)
+        e = dmn_keys_open(cfg, &auth, &d);
     pvp_auth_free(&auth);
     if (e == PVX_OK)
         e = dmn_config_rig(cfg, &rig, &d);
