@@ -311,6 +311,7 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
         if (dmn_live_finished(p))
             return "end of the recording";
         int64_t now = pvx_now_mono(), stuck = dmn_live_stuck_ns(p);
+        pvx_log_flush(false);
         if (stuck > STUCK_NS)
             LOG_EVERY(PVX_LOG_ERROR, DAEMON, "a stage has not moved for %.0f s",
                       (double)stuck * 1e-9);
@@ -397,6 +398,7 @@ static int run(const struct dmn_config *cfg)
         dmn_remember_recording(false);
     dmn_live_free(&p);
     pvp_auth_free(&dm.auth);
+    pvx_log_flush(true);
     if (e == PVX_ECANCELED && atomic_load(&dm.stop))
         return 0;
     return e == PVX_OK ? 0 : fail(&d, e);
