@@ -16,6 +16,7 @@
 #include "daemon/control/control.h"
 #include "daemon/config/endpoints.h"
 #include "daemon/config/keys.h"
+#include "daemon/control/journal.h"
 #include "daemon/control/json.h"
 #include "daemon/control/metrics.h"
 #include "daemon/control/survive.h"
@@ -299,6 +300,7 @@ static void record_again(dmn_live *p)
 static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
 {
     static struct dmn_state s;
+    char line[1024];
     uint64_t usec = 0; /* WatchdogSec, of which half may pass without a sign of life */
     int64_t next_alive = 0, next_status = 0;
     int64_t interval = sd_watchdog_enabled(0, &usec) > 0 ? (int64_t)usec * 1000 / 2 : 0;
@@ -322,8 +324,8 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
         if (now >= next_status) {
             next_status = now + 2 * PVX_NS_PER_S;
             dmn_live_snapshot(p, &s);
-            sd_notifyf(0, "STATUS=%.1f sets/s, %llu published, latency p99 %.0f ms", s.sets_per_s,
-                       (unsigned long long)s.published, s.latency_p99_ms);
+            dmn_state_sentence(&s, line, sizeof line);
+            sd_notifyf(0, "STATUS=%s%s", stuck > STUCK_NS ? "a stage does not move; " : "", line);
         }
     }
 }
@@ -339,6 +341,7 @@ static int run(const struct dmn_config *cfg)
     block_signals(&set);
     prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* ours, not those of what we begin */
     dmn_survive();
+    dmn_journal_use();
     const char *endpoint =
         cfg->control[0] != '\0' ? cfg->control : dmn_default_endpoint(DMN_CONTROL);
     struct dmn_control_ops ops = {.status = control_status,

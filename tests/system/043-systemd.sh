@@ -61,20 +61,42 @@ check nothing-stays [ -z "$(find "$dir/root" ! -type d)" ]
 
 # the protocol of Type=notify, with a socket of our own
 notified() {
-    timeout 300 "$py" - "$pyrovoxd" "$dir/a.yaml" "$dir/notify" <<'PY'
+    timeout 300 "$py" - "$pyrovoxd" "$dir/j.yaml" "$dir/notify" <<'PY'
 import os, socket, subprocess, sys, time
 s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); s.settimeout(120)
 env = dict(os.environ, NOTIFY_SOCKET=sys.argv[3], WATCHDOG_USEC="1000000")
 p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], env=env, stderr=subprocess.DEVNULL)
 seen, end = "", time.time() + 120
-while time.time() < end and not ("READY=1" in seen and "WATCHDOG=1" in seen):
+while time.time() < end and not all(w in seen for w in ("READY=1", "WATCHDOG=1", "STATUS=0.0 sets/s, ", "; not there: cam2 (1 of 4 cameras)")):
     seen += s.recv(4096).decode() + "\n"
 p.terminate(); code = p.wait(120)
 while "STOPPING=1" not in seen:
     seen += s.recv(4096).decode() + "\n"
-assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "STATUS=" in seen, seen
+assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "not there: cam2 (1 of 4" in seen, seen
 PY
 }
-config a.yaml <<< $'cameras: "sim:"\nfps: 20'
+config j.yaml <<< $'cameras: {cam0: "sim:", cam1: "sim:", cam2: "v4l2:/dev/none", cam3: "sim:"}\nfps: 20'
 check ready-watchdog-stopping notified
+
+# the protocol of systemd's journal, its socket in a mount namespace of our own
+journal() {
+    timeout 300 unshare "${apart[@]}" "$py" - "$pyrovoxd" "$dir/j.yaml" <<'PY'
+import os, socket, subprocess, sys, time
+subprocess.run(["mount", "-t", "tmpfs", "run", "/run"], check=True); os.makedirs("/run/systemd/journal")
+s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind("/run/systemd/journal/socket"); s.settimeout(120)
+r, w = os.pipe(); st = os.fstat(w)
+p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], stderr=w, env=dict(os.environ, JOURNAL_STREAM="%d:%d" % (st.st_dev, st.st_ino)))
+while True: # fields are lines; a text with a newline in it would be sent otherwise
+    f = dict(l.split("=", 1) for l in s.recv(65536).decode().splitlines())
+    if f.get("PYROVOX_CAUSE") == "lost_camera": break
+p.terminate(); assert p.wait(120) == 0
+assert f["PYROVOX_CAMERA"] == "cam2" and f["PRIORITY"] == "4" and f["SYSLOG_IDENTIFIER"] == "pyrovoxd", f
+assert f["MESSAGE"].startswith("capture: camera cam2 (v4l2:/dev/none): "), f
+os.close(w); said = os.read(r, 65536).decode()
+assert "capture:" not in said, said # each line once
+PY
+}
+if apart=(--mount) && unshare "${apart[@]}" true 2> /dev/null || { apart=(--user --map-root-user --mount) && unshare "${apart[@]}" true 2> /dev/null; }; then
+    check journal-has-cause-and-camera journal
+else echo "SKIP $name:journal-has-cause-and-camera (no mount namespace to be had here)"; fi
 exit $rc
