@@ -13,6 +13,8 @@ check remembers unit StateDirectory=pyrovox
 view_unit() { grep -qx "$1" "$dir/root/lib/systemd/system/pyrovox-view.service"; }
 check view-has-a-user-of-its-own view_unit User=pyrovox-view
 check view-keeps-its-token-to-itself view_unit StateDirectoryMode=0700
+check socket-of-its-control grep -qx 'ListenStream=/run/pyrovox/control' "$dir/root/lib/systemd/system/pyrovoxd.socket"
+check socket-stays unit RuntimeDirectoryPreserve=yes
 if command -v systemd-analyze > /dev/null; then
     # verify looks for the programs on this machine: point it at the ones just built
     for u in pyrovoxd pyrovox-view; do
@@ -77,6 +79,19 @@ PY
 }
 config j.yaml <<< $'cameras: {cam0: "sim:", cam1: "sim:", cam2: "v4l2:/dev/none", cam3: "sim:"}\nfps: 20'
 check ready-watchdog-stopping notified
+
+# Socket activation, as systemd does it: nothing runs until somebody asks, who is answered; the socket is systemd's and stays.
+sleeps() { [ -S "$dir/control" ] && tr '\0' ' ' < "/proc/$started/cmdline" | grep -q socket-activate; }
+wakes() { run "$pyrovox" status --endpoint "$control" --timeout 120 --json; says 0 '{' && ! sleeps; } # one question
+ends_and_leaves_it() { kill "$started" && wait "$started" && [ -S "$dir/control" ] && [ ! -e "$dir/control.lock" ]; }
+if command -v systemd-socket-activate > /dev/null; then
+    config s.yaml <<< $'cameras: "sim:"\nfps: 20'
+    start activated.log systemd-socket-activate --listen="$dir/control" "$pyrovoxd" --config "$dir/s.yaml"
+    check sleeps-until-asked wait_for sleeps
+    check is-woken-by-a-question wait_for wakes
+    check answers-others wait_for field 's["sets"]["published"] > 0'
+    check socket-is-left ends_and_leaves_it
+else echo "SKIP $name:socket-activation (no systemd-socket-activate)"; fi
 
 # the protocol of systemd's journal, its socket in a mount namespace of our own
 journal() {
