@@ -15,6 +15,8 @@
 #include "base/log.h"
 #include "daemon/control/control.h"
 #include "daemon/config/endpoints.h"
+#include "daemon/config/keys.h"
+#include "daemon/control/journal.h"
 #include "daemon/control/json.h"
 #include "daemon/control/metrics.h"
 #include "daemon/control/survive.h"
@@ -298,6 +300,7 @@ static void record_again(dmn_live *p)
 static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
 {
     static struct dmn_state s;
+    char line[1024];
     uint64_t usec = 0; /* WatchdogSec, of which half may pass without a sign of life */
     int64_t next_alive = 0, next_status = 0;
     int64_t interval = sd_watchdog_enabled(0, &usec) > 0 ? (int64_t)usec * 1000 / 2 : 0;
@@ -310,6 +313,7 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
         if (dmn_live_finished(p))
             return "end of the recording";
         int64_t now = pvx_now_mono(), stuck = dmn_live_stuck_ns(p);
+        pvx_log_flush(false);
         if (stuck > STUCK_NS)
             LOG_EVERY(PVX_LOG_ERROR, DAEMON, "a stage has not moved for %.0f s",
                       (double)stuck * 1e-9);
@@ -320,20 +324,10 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
         if (now >= next_status) {
             next_status = now + 2 * PVX_NS_PER_S;
             dmn_live_snapshot(p, &s);
-            sd_notifyf(0, "STATUS=%.1f sets/s, %llu published, latency p99 %.0f ms", s.sets_per_s,
-                       (unsigned long long)s.published, s.latency_p99_ms);
+            dmn_state_sentence(&s, line, sizeof line);
+            sd_notifyf(0, "STATUS=%s%s", stuck > STUCK_NS ? "a stage does not move; " : "", line);
         }
     }
-}
-
-static pvx_err open_keys(const struct dmn_config *cfg, pvp_auth **out, struct pvx_diag *d)
-{
-    char server[PATH_MAX], clients[PATH_MAX];
-    if (cfg->key_server[0] == '\0')
-        return PVX_OK;
-    dmn_config_path(cfg, cfg->key_server, server, sizeof server);
-    dmn_config_path(cfg, cfg->key_clients, clients, sizeof clients);
-    return pvp_auth_new(server, clients, out, d);
 }
 
 static int run(const struct dmn_config *cfg)
@@ -347,6 +341,7 @@ static int run(const struct dmn_config *cfg)
     block_signals(&set);
     prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* ours, not those of what we begin */
     dmn_survive();
+    dmn_journal_use();
     const char *endpoint =
         cfg->control[0] != '\0' ? cfg->control : dmn_default_endpoint(DMN_CONTROL);
     struct dmn_control_ops ops = {.status = control_status,
@@ -369,7 +364,7 @@ static int run(const struct dmn_config *cfg)
     if (e == PVX_OK && open != NULL)
         LOG_W(DAEMON, "%s is open to all who reach it (insecure: true)", open);
     if (e == PVX_OK)
-        e = open_keys(cfg, &dm.auth, &d);
+        e = dmn_keys_open(cfg, &dm.auth, &d);
     if (e == PVX_OK)
         e = dmn_endpoint_prepare(endpoint, &d);
     if (e == PVX_OK)
@@ -406,6 +401,7 @@ static int run(const struct dmn_config *cfg)
         dmn_remember_recording(false);
     dmn_live_free(&p);
     pvp_auth_free(&dm.auth);
+    pvx_log_flush(true);
     if (e == PVX_ECANCELED && atomic_load(&dm.stop))
         return 0;
     return e == PVX_OK ? 0 : fail(&d, e);
@@ -419,8 +415,11 @@ static int check(const struct dmn_config *cfg)
     const char *open;
     pvp_auth *auth = NULL;
     pvx_err e = dmn_endpoints_allowed(cfg, &open, &d);
-    if (e == PVX_OK)
-        e = open_keys(cfg, &auth, &d);
+    if (e == PVX_OK && dmn_keys_hidden(cfg))
+        printf("%-16s %s, for the service alone: not looked at here\n", "keys.server",
+               cfg->key_server);
+    else if (e == PVX_OK)
+        e = dmn_keys_open(cfg, &auth, &d);
     pvp_auth_free(&auth);
     if (e == PVX_OK)
         e = dmn_config_rig(cfg, &rig, &d);

@@ -36,7 +36,7 @@ PVX_MUST_CHECK pvx_err pvp_key_make(struct pvp_key_pair *out, struct pvx_diag *d
  * a pair is left.  PVX_EBUSY: one of them is there; PVX_EINVAL: that part is no name. */
 PVX_MUST_CHECK pvx_err pvp_key_write(const char *path, enum pvp_role role,
                                      const struct pvp_key_pair *k, struct pvx_diag *d);
-/* A .key file.  PVX_EPERM: others may read it. */
+/* A .key file.  PVX_EPERM: others may read it; of what is below $CREDENTIALS_DIRECTORY the group may. */
 PVX_MUST_CHECK pvx_err pvp_key_read(const char *path, struct pvp_key_pair *out, struct pvx_diag *d);
 /* A list, a .pub file being one of one line.  Errors: PVX_EFORMAT (line is named), PVX_EINVAL (a key twice),
  * PVX_ERANGE (too many). */

@@ -48,6 +48,8 @@ for m in daemon/man/*.[1358]; do put 0644 "$m" "$man/man${m##*.}/$(basename "$m"
 put 0644 daemon/config/pyrovoxd.example.yaml "$doc/pyrovoxd.example.yaml"
 for u in pyrovoxd pyrovox-view; do put 0644 "systemd/$u.sysusers" "$sys/sysusers.d/$u.conf"; done
 put 0644 systemd/pyrovoxd.tmpfiles "$sys/tmpfiles.d/pyrovoxd.conf"
+put 0644 systemd/pyrovoxd.socket "$units/pyrovoxd.socket"
+put 0644 systemd/pyrovoxd.sysctl "$sys/sysctl.d/60-pyrovoxd.conf"
 put 0644 systemd/70-pyrovox-cameras.rules "$rules/70-pyrovox-cameras.rules"
 put 0644 systemd/pyrovox.completion "$complete/pyrovox"
 if [ -n "$remove" ]; then

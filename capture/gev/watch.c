@@ -143,11 +143,11 @@ static void watch_ptp(const struct aravis_source *s, const struct cap_health *h,
         return;
     *bad = !good;
     if (good)
-        LOG_I(CAPTURE, "camera %s (aravis:%s): its clock is synchronized again", s->c.name,
-              s->c.uri);
+        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "ptp", .camera = s->c.name),
+                  "camera %s (aravis:%s): its clock is synchronized again", s->c.name, s->c.uri);
     else
-        LOG_W(
-            CAPTURE,
+        LOG_ABOUT(
+            PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "ptp", .camera = s->c.name),
             "camera %s (aravis:%s): its clock is no longer synchronized: PTP says %s, offset %.3g "
             "us; its exposures drift away from the others'",
             s->c.name, s->c.uri, p.state[0] != '\0' ? p.state : "nothing", p.offset_ns * 1e-3);

@@ -76,16 +76,17 @@ static void tell(const struct cap_camera *cam, int k, const struct episode *e, e
     const struct cap_trouble_def *d = &cap_trouble_defs[k];
     char detail[CAP_DETAIL_MAX];
     const char *remedy = d->remedy;
+    const struct pvx_about *about = ABOUT(.cause = cap_count_defs[k].name, .camera = cam->name);
     pvx_board_read(&cam->detail[k], detail, sizeof detail);
     if (cam->ops->recorded && (k == CAP_INCOMPLETE || k == CAP_ID_GAP))
         remedy = "the recording lacks them, or its file is damaged (pyrovox replay --info)";
     if (c == BEGINS)
-        LOG_W(CAPTURE, "camera %s (%s): %s%s%s; %s", cam->name, cam->uri, d->what,
-              detail[0] != '\0' ? ": " : "", detail, remedy);
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, about, "camera %s (%s): %s%s%s; %s", cam->name, cam->uri,
+                  d->what, detail[0] != '\0' ? ": " : "", detail, remedy);
     else
-        LOG_I(CAPTURE, "camera %s (%s): no more: %s (%llu %s in %.0f s)", cam->name, cam->uri,
-              d->what, (unsigned long long)(e->seen - e->begin), cap_count_defs[k].unit,
-              (double)(e->last_ns - e->begin_ns) * 1e-9);
+        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, about, "camera %s (%s): no more: %s (%llu %s in %.0f s)",
+                  cam->name, cam->uri, d->what, (unsigned long long)(e->seen - e->begin),
+                  cap_count_defs[k].unit, (double)(e->last_ns - e->begin_ns) * 1e-9);
 }
 
 static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t now)
@@ -139,11 +140,13 @@ static void look_at_bandwidth(struct monitor *m, int64_t now)
     struct episode *e = &m->bandwidth;
     enum change c = look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
     if (c == BEGINS)
-        LOG_W(CAPTURE, "%u of %u cameras send incomplete frames at once; %s", hit, running,
-              cap_trouble_defs[CAP_BANDWIDTH].remedy);
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = cap_count_defs[CAP_BANDWIDTH].name),
+                  "%u of %u cameras send incomplete frames at once; %s", hit, running,
+                  cap_trouble_defs[CAP_BANDWIDTH].remedy);
     else if (c == ENDS)
-        LOG_I(CAPTURE, "no more: several cameras send incomplete frames at once (%.0f s)",
-              (double)(e->last_ns - e->begin_ns) * 1e-9);
+        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = cap_count_defs[CAP_BANDWIDTH].name),
+                  "no more: several cameras send incomplete frames at once (%.0f s)",
+                  (double)(e->last_ns - e->begin_ns) * 1e-9);
 }
 
 static bool is_master(const struct cap_camera *cam)
@@ -179,11 +182,13 @@ static void look_at_masters(struct monitor *m, int64_t now)
         m->next_master_second = now + PVX_NS_PER_S;
     enum change c = look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
     if (c == BEGINS)
-        LOG_W(CAPTURE, "%u cameras are PTP masters at once (%s); %s", n, names,
-              cap_trouble_defs[CAP_PTP_MASTERS].remedy);
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = cap_count_defs[CAP_PTP_MASTERS].name),
+                  "%u cameras are PTP masters at once (%s); %s", n, names,
+                  cap_trouble_defs[CAP_PTP_MASTERS].remedy);
     else if (c == ENDS)
-        LOG_I(CAPTURE, "no more: several cameras are PTP masters at once (%.0f s)",
-              (double)(e->last_ns - e->begin_ns) * 1e-9);
+        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = cap_count_defs[CAP_PTP_MASTERS].name),
+                  "no more: several cameras are PTP masters at once (%.0f s)",
+                  (double)(e->last_ns - e->begin_ns) * 1e-9);
 }
 
 /* All of several cameras gone: that is not the cameras. */
@@ -199,14 +204,16 @@ static void look_at_all(struct monitor *m, int64_t now)
         m->all_gone = true;
         m->all_gone_ns = now;
         cap->times_all_gone++;
-        LOG_E(CAPTURE,
-              "all %u cameras are gone; look at the switch, its power and this host's network or "
-              "USB port; they are used again as they come back",
-              cap->n);
+        LOG_ABOUT(
+            PVX_LOG_ERROR, CAPTURE, ABOUT(.cause = "all_lost"),
+            "all %u cameras are gone; look at the switch, its power and this host's network or "
+            "USB port; they are used again as they come back",
+            cap->n);
     } else if (lost == 0 && m->all_gone) {
         m->all_gone = false;
-        LOG_I(CAPTURE, "all %u cameras are back, after %.1f s", cap->n,
-              (double)(now - m->all_gone_ns) * 1e-9);
+        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "all_lost"),
+                  "all %u cameras are back, after %.1f s", cap->n,
+                  (double)(now - m->all_gone_ns) * 1e-9);
     }
 }
 
@@ -217,10 +224,10 @@ static void look_at_host_clock(struct monitor *m)
     int64_t step_ns = m->cap->host.last_step_ns;
     pthread_mutex_unlock(&m->cap->figures);
     if (steps != m->steps)
-        LOG_W(CAPTURE,
-              "the host's clock was set by %+.3f s; the times of frames follow it, no frame is "
-              "lost (let chrony or ntpd steer it instead of setting it)",
-              (double)step_ns * 1e-9);
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "host_clock"),
+                  "the host's clock was set by %+.3f s; the times of frames follow it, no frame is "
+                  "lost (let chrony or ntpd steer it instead of setting it)",
+                  (double)step_ns * 1e-9);
     m->steps = steps;
 }
 

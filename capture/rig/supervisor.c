@@ -61,6 +61,8 @@ static void set_state(struct cap_camera *cam, enum cap_state state)
     pvx_bell_ring(&cam->cap->work);
 }
 
+#define LOST cap_count_defs[CAP_LOST_CAMERA].name
+
 static void trouble(struct watch *w, const char *text)
 {
     struct cap_camera *cam = w->cam;
@@ -77,8 +79,9 @@ static void trouble(struct watch *w, const char *text)
     bool named =
         n < (int)sizeof who && strncmp(text, who, (size_t)n) == 0; /* a driver's own words */
     bool held = cam->cap->cfg.sets.policy == CAP_POLICY_DROP;
-    LOG_W(CAPTURE, "%s%s; trying again every 0.25 to 0.5 s, %s", named ? "" : who, text,
-          held ? "no set is whole until it is back (sync.policy: drop)" : "the others go on");
+    LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = LOST, .camera = cam->name),
+              "%s%s; trying again every 0.25 to 0.5 s, %s", named ? "" : who, text,
+              held ? "no set is whole until it is back (sync.policy: drop)" : "the others go on");
 }
 
 static bool all_looked_at(const struct cap_capture *cap)
@@ -128,7 +131,8 @@ static void report(struct watch *w)
         pvx_board_write(&cam->life.error, "", 1);
     w->error = false;
     if (w->said[0] != '\0')
-        LOG_I(CAPTURE, "camera %s (%s): frames come again", cam->name, cam->uri);
+        LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = LOST, .camera = cam->name),
+                  "camera %s (%s): frames come again", cam->name, cam->uri);
     w->said[0] = '\0';
     w->backoff_ns = BACKOFF_MIN_NS;
 }
@@ -242,8 +246,10 @@ static enum fate watch(struct watch *w, cap_source *src)
         if (now >= next) {
             pvx_err e = cam->ops->trigger(src);
             if (e != PVX_OK)
-                LOG_EVERY(PVX_LOG_WARN, CAPTURE, "camera %s (%s): software trigger failed: %s",
-                          cam->name, cam->uri, pvx_strerror(e));
+                LOG_ABOUT(PVX_LOG_WARN, CAPTURE,
+                          ABOUT(.cause = "software_trigger", .camera = cam->name),
+                          "camera %s (%s): software trigger failed: %s", cam->name, cam->uri,
+                          pvx_strerror(e));
             /* the grid is common to all cameras; points that have passed are left out */
             next = (pvx_now_mono() / period + 1) * period;
         }

@@ -93,10 +93,11 @@ static void close_open(struct run *r, struct cap_trigger_open *o)
         r->answers[i].silent++;
         show_answers(r, i);
         if ((r->silent & bit) == 0)
-            LOG_W(CAPTURE,
-                  "camera %s (%s): does not acknowledge action commands: wrong keys, another "
-                  "network, or a camera that never does (action.acknowledge: false)",
-                  cap->camera[i].name, cap->camera[i].uri);
+            LOG_ABOUT(PVX_LOG_WARN, CAPTURE,
+                      ABOUT(.cause = "action_silent", .camera = cap->camera[i].name),
+                      "camera %s (%s): does not acknowledge action commands: wrong keys, another "
+                      "network, or a camera that never does (action.acknowledge: false)",
+                      cap->camera[i].name, cap->camera[i].uri);
     }
     r->silent = (r->silent | silent) & ~o->answered;
 }

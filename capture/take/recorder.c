@@ -169,9 +169,10 @@ static void tap_set(void *ctx, struct cap_set *s)
     }
     pthread_mutex_unlock(&r->lock);
     if (missed)
-        LOG_EVERY(PVX_LOG_WARN, CAPTURE,
-                  "set %llu is not recorded: the disk is slower than the cameras",
-                  (unsigned long long)s->number);
+        LOG_EVERY_ABOUT(PVX_LOG_WARN, CAPTURE,
+                        ABOUT(.cause = "not_recorded", .of_set = true, .set = s->number),
+                        "set %llu is not recorded: the disk is slower than the cameras",
+                        (unsigned long long)s->number);
 }
 
 static void tap_stray(void *ctx, struct cap_frame *f, enum cap_count why)

@@ -1,11 +1,15 @@
 /* log.h - levelled, topic-tagged messages on stderr, fit for journald.
  *
  * Line: "<N>topic: text" under systemd (JOURNAL_STREAM set), else "HH:MM:SS.mmm level topic: text".
- * One write(2) per line.  Threads: any thread may log; the frame path uses LOG_EVERY only, which
- * allows one line per second and place and says how many it kept back.
- * Never log in a camera's driver callback. */
+ * One write(2) per line, or one call of the sink.  Threads: any thread may log; the frame path uses
+ * LOG_EVERY only.  Never log in a camera's driver callback.
+ *
+ * What may repeat for a week is bounded: LOG_EVERY by its place, LOG_ABOUT by cause and camera. 8 lines come as they
+ * are (LOG_EVERY's a second apart), the next 1, 2, 4... s apart, and then one an hour, each with the number of those
+ * that were kept back: 187 lines in a week.  After an hour without any it begins anew. */
 #ifndef PVX_LOG_H
 #define PVX_LOG_H
+#include <stdbool.h>
 #include <stdint.h>
 #include "base/err.h"
 
@@ -15,32 +19,63 @@ enum pvx_log_topic { TOPIC_DAEMON, TOPIC_CAPTURE, TOPIC_RECON, TOPIC_PROTO, TOPI
 /* Messages above `level` are dropped.  Live; default INFO. */
 void pvx_log_set_level(enum pvx_log_level level);
 enum pvx_log_level pvx_log_get_level(void);
+int pvx_log_syslog(enum pvx_log_level level); /* syslog(3)'s priority */
 /* "error" "warn" "info" "debug"; PVX_EINVAL otherwise. */
 PVX_MUST_CHECK pvx_err pvx_log_level_parse(const char *name, enum pvx_log_level *out);
 
 void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const char *fmt, ...)
     PVX_PRINTF(3, 4);
 
-/* Rate limit for one place in the code: returns 1 if the message may go out now, and then gives in
- * *held how many were kept back since the last one. */
-struct pvx_log_gate {
-    int64_t next_ns;
-    uint64_t held;
+/* What a line is about, for those who search (journal fields PYROVOX_CAUSE, _CAMERA, _SET); what is not said is 0. */
+struct pvx_about {
+    const char *cause;  /* a word: "lost_camera" */
+    const char *camera; /* its name in the rig */
+    bool of_set;        /* `set` says which */
+    uint64_t set;
 };
-int pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held);
 
-#define LOG_E(topic, ...) pvx_log(PVX_LOG_ERROR, TOPIC_##topic, __VA_ARGS__)
-#define LOG_W(topic, ...) pvx_log(PVX_LOG_WARN, TOPIC_##topic, __VA_ARGS__)
-#define LOG_I(topic, ...) pvx_log(PVX_LOG_INFO, TOPIC_##topic, __VA_ARGS__)
-#define LOG_D(topic, ...) pvx_log(PVX_LOG_DEBUG, TOPIC_##topic, __VA_ARGS__)
-/* At most one line a second from this place; `fmt` gets a trailing "(N more like it)" */
-#define LOG_EVERY(level, topic, fmt, ...)                                                      \
-    do {                                                                                       \
-        static struct pvx_log_gate gate_;                                                      \
-        uint64_t held_;                                                                        \
-        if (pvx_log_gate_pass(&gate_, &held_))                                                 \
-            pvx_log(level, TOPIC_##topic, fmt " (%llu more like it held back)", ##__VA_ARGS__, \
-                    (unsigned long long)held_);                                                \
+/* Of those of one cause and camera - two sides of a trouble, that it begins and that it is over, are one cause - not
+ * all may go out at once; the last one always does, sooner or later (pvx_log_flush). */
+void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
+                   const struct pvx_about *about, const char *fmt, ...) PVX_PRINTF(4, 5);
+/* Let out what is due of what LOG_ABOUT kept back; now and then.  `all`: at the end, whether due or not. */
+void pvx_log_flush(bool all);
+
+/* Where lines go instead of stderr: text begins with "topic: " and has no newline at its end; `about` may be NULL.
+ * Any thread.  Returns whether it took it; what it did not goes to stderr.  NULL: stderr. */
+typedef bool pvx_log_sink(enum pvx_log_level level, const struct pvx_about *about,
+                          const char *text);
+void pvx_log_set_sink(pvx_log_sink *sink);
+/* Of the bounds, CLOCK_MONOTONIC in ns; for tests.  NULL: pvx_now_mono. */
+void pvx_log_set_clock(int64_t (*now)(void));
+
+/* The bound of one place: returns true if the message may go out now, and then gives in *held how
+ * many were kept back since the last one. */
+struct pvx_log_gate {
+    int64_t next_ns, last_ns;
+    uint64_t held;
+    uint32_t passed; /* since it began anew */
+};
+bool pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held);
+/* One line of what LOG_EVERY let through. */
+void pvx_log_line(enum pvx_log_level level, enum pvx_log_topic topic, const struct pvx_about *about,
+                  const char *fmt, ...) PVX_PRINTF(4, 5);
+
+#define LOG_E(topic, ...)                   pvx_log(PVX_LOG_ERROR, TOPIC_##topic, __VA_ARGS__)
+#define LOG_W(topic, ...)                   pvx_log(PVX_LOG_WARN, TOPIC_##topic, __VA_ARGS__)
+#define LOG_I(topic, ...)                   pvx_log(PVX_LOG_INFO, TOPIC_##topic, __VA_ARGS__)
+#define LOG_D(topic, ...)                   pvx_log(PVX_LOG_DEBUG, TOPIC_##topic, __VA_ARGS__)
+#define ABOUT(...)                          (&(const struct pvx_about){__VA_ARGS__})
+#define LOG_ABOUT(level, topic, about, ...) pvx_log_about(level, TOPIC_##topic, about, __VA_ARGS__)
+/* `fmt` gets a trailing "(N more like it held back)" */
+#define LOG_EVERY_ABOUT(level, topic, about, fmt, ...)                                      \
+    do {                                                                                    \
+        static struct pvx_log_gate gate_;                                                   \
+        uint64_t held_;                                                                     \
+        if (pvx_log_gate_pass(&gate_, &held_))                                              \
+            pvx_log_line(level, TOPIC_##topic, about, fmt " (%llu more like it held back)", \
+                         ##__VA_ARGS__, (unsigned long long)held_);                         \
     } while (0)
+#define LOG_EVERY(level, topic, ...) LOG_EVERY_ABOUT(level, topic, NULL, __VA_ARGS__)
 
 #endif

@@ -27,6 +27,7 @@ static const char doc[] = "Make NAME.key, which stays with its owner (mode 0600)
                           "  pyrovox keygen /etc/pyrovox/lab\n"
                           "      on the daemon's host; in pyrovoxd.yaml:\n"
                           "      keys: {server: lab.key, clients: clients.keys}\n"
+                          "      (a key that only the service can read: systemd/README.md)\n"
                           "  pyrovox keygen me --server lab.pub\n"
                           "      on a client's, with the daemon's lab.pub\n"
                           "  cat me.pub >> /etc/pyrovox/clients.keys; systemctl reload pyrovoxd\n"

@@ -137,10 +137,11 @@ static void say_missing(const struct job *j, const struct dmn_slot *s)
                 (unsigned long long)s->set, s->n_present, j->rig.n_cameras, names);
 }
 
-static void say(void *ctx, bool bad, const char *sentence)
+static void say(void *ctx, bool bad, const struct pvx_about *about, const char *sentence)
 {
     const uint64_t *frame = ctx;
     (void)bad;
+    (void)about;
     fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
 }
 

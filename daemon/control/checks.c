@@ -28,7 +28,7 @@ static void say(struct dmn_checks_camera *o, uint8_t known, const char *camera,
     else
         snprintf(text, sizeof text, "camera %s agrees with the flame again", camera);
     o->said = wrong;
-    to->say(to->ctx, wrong, text);
+    to->say(to->ctx, wrong, ABOUT(.cause = "check", .camera = camera), text);
 }
 
 static void name(struct dmn_checks_camera *o, enum rec_wrong now, int patience)
@@ -48,10 +48,11 @@ static void torn(struct dmn_checks *k, size_t n, const struct dmn_votes_listener
     k->torn = count(k->torn, k->outcome == REC_CHECK_UNTOLD, most);
     if (k->torn == most && !k->said_torn) {
         dmn_check_conclusion(k->outcome, k->n_wrong, n, text);
-        to->say(to->ctx, true, text);
+        to->say(to->ctx, true, ABOUT(.cause = "check"), text);
         k->said_torn = true;
     } else if (k->torn == 0 && k->said_torn) {
-        to->say(to->ctx, false, "it can be told again which cameras agree with the flame");
+        to->say(to->ctx, false, ABOUT(.cause = "check"),
+                "it can be told again which cameras agree with the flame");
         k->said_torn = false;
     }
 }

@@ -1,11 +1,14 @@
 #include "daemon/control/control.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <pthread.h>
 #include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
+#include <systemd/sd-daemon.h>
 #include <unistd.h>
 #include <zmq.h>
 
@@ -20,6 +23,7 @@ struct dmn_control {
     struct dmn_control_ops ops;
     void *zmq, *socket;
     pvp_ipc_claim *claim;
+    int given; /* socket that systemd listens on at the endpoint, and keeps; -1: none */
     char *endpoint;
     pvp_auth *auth;
     pvp_zap *zap;
@@ -75,6 +79,16 @@ static void answer(dmn_control *c, size_t length)
         LOG_EVERY(PVX_LOG_WARN, DAEMON, "control reply not sent: %s", zmq_strerror(errno));
 }
 
+/* Socket activation: of those that systemd passes, the one whose path the endpoint is. */
+static int given_socket(const char *endpoint)
+{
+    int n = strncmp(endpoint, "ipc://", 6) == 0 ? sd_listen_fds(0) : 0;
+    for (int fd = SD_LISTEN_FDS_START; fd < SD_LISTEN_FDS_START + n; fd++)
+        if (sd_is_socket_unix(fd, SOCK_STREAM, 1, endpoint + 6, 0) > 0)
+            return fd;
+    return -1;
+}
+
 static pvx_err bind_socket(dmn_control *c, struct pvx_diag *d)
 {
     int64_t max = DMN_REQUEST_MAX * 4; /* above this libzmq closes the connection */
@@ -89,6 +103,10 @@ static pvx_err bind_socket(dmn_control *c, struct pvx_diag *d)
         PVX_TRY(pvp_auth_guard(c->auth, c->socket, PVP_ROLE_CONTROL));
         PVX_TRY(pvp_door_new(c->zmq, c->socket, &c->door));
     }
+    /* libzmq closes what it is given, and leaves its file alone */
+    int fd = c->given >= 0 ? fcntl(c->given, F_DUPFD_CLOEXEC, 0) : -1;
+    if (fd >= 0)
+        zmq_setsockopt(c->socket, ZMQ_USE_FD, &fd, sizeof fd);
     if (zmq_bind(c->socket, c->endpoint) != 0)
         return pvp_bind_fail(c->endpoint, errno, d);
     return PVX_OK;
@@ -153,8 +171,9 @@ pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth, const struct dmn_c
     c->auth = auth;
     c->endpoint = strdup(endpoint);
     c->zmq = zmq_ctx_new();
+    c->given = given_socket(endpoint);
     pvx_err e = c->endpoint != NULL && c->zmq != NULL ? PVX_OK : PVX_ENOMEM;
-    if (e == PVX_OK)
+    if (e == PVX_OK && c->given < 0) /* systemd's is nobody else's */
         e = pvp_ipc_claim_new(endpoint, &c->claim, d);
     if (e == PVX_OK && auth != NULL) {
         c->generation = pvp_auth_generation(auth);

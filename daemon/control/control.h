@@ -1,7 +1,8 @@
 /* control.h - the control socket: one JSON object in, one out, over ZeroMQ REQ/REP.
  *
  * The requests are those of the table in commands.h; CONTROL.md says what they ask and answer.
- * A second daemon on the same endpoint is refused (proto/ipc.h).
+ * A second daemon on the same endpoint is refused (proto/ipc.h).  An ipc:// endpoint may be systemd's (socket
+ * activation): who asks first wakes the daemon, and is answered by it.
  * Threads: a thread of its own; the calls in dmn_control_ops come from it, and should answer at once. */
 #ifndef DMN_CONTROL_H
 #define DMN_CONTROL_H

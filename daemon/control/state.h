@@ -110,5 +110,7 @@ struct dmn_state {
 #define DMN_STATE_JSON_MAX (448u << 10)
 /* JSON text of `s`; returns its length, 0 when it does not fit.  Allocates nothing. */
 size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size);
+/* How it does in one line, cut to fit: rate, cameras that are not there or not believed, what else is wrong. */
+void dmn_state_sentence(const struct dmn_state *s, char *out, size_t size);
 const char *dmn_camera_state_name(enum cap_state s);
 #endif

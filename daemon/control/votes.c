@@ -5,13 +5,10 @@
 
 #include "base/log.h"
 
-static void log_it(void *ctx, bool bad, const char *sentence)
+static void log_it(void *ctx, bool bad, const struct pvx_about *about, const char *sentence)
 {
     (void)ctx;
-    if (bad)
-        LOG_W(RECON, "%s", sentence);
-    else
-        LOG_I(RECON, "%s", sentence);
+    LOG_ABOUT(bad ? PVX_LOG_WARN : PVX_LOG_INFO, RECON, about, "%s", sentence);
 }
 const struct dmn_votes_listener dmn_votes_log = {log_it, NULL};
 
@@ -31,7 +28,8 @@ static void say_camera(const struct dmn_votes *v, size_t c, const struct rec_rig
     else
         snprintf(text, sizeof text, "camera %s agrees with the others again and is back",
                  rig->cameras[c].name);
-    to->say(to->ctx, has(v->out, c), text);
+    to->say(to->ctx, has(v->out, c), ABOUT(.cause = "voted_out", .camera = rig->cameras[c].name),
+            text);
 }
 
 static void say_state(struct dmn_votes *v, const struct dmn_votes_listener *to)
@@ -44,17 +42,18 @@ static void say_state(struct dmn_votes *v, const struct dmn_votes_listener *to)
         v->lasting--;
     if (v->state == REC_VOTE_FEW && !v->said_few) {
         v->said_few = true;
-        to->say(to->ctx, false, "fewer than four cameras: none is left out, whatever it shows");
+        to->say(to->ctx, false, ABOUT(.cause = "few_cameras"),
+                "fewer than four cameras: none is left out, whatever it shows");
     }
     if (v->lasting == lasts && !v->said_torn) {
         v->said_torn = true;
-        to->say(to->ctx, true,
+        to->say(to->ctx, true, ABOUT(.cause = "torn"),
                 "the cameras contradict each other, and which of them are wrong cannot be told: "
                 "pyrovox "
                 "calibrate check");
     } else if (v->lasting == 0 && v->said_torn) {
         v->said_torn = false;
-        to->say(to->ctx, false, "the cameras agree again");
+        to->say(to->ctx, false, ABOUT(.cause = "torn"), "the cameras agree again");
     }
 }
 

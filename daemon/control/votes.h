@@ -4,6 +4,7 @@
 #ifndef DMN_VOTES_H
 #define DMN_VOTES_H
 #include <cjson/cJSON.h>
+#include "base/log.h"
 #include "daemon/control/json.h"
 #include "recon/geom/rig.h"
 #include "recon/vote/vote.h"
@@ -21,7 +22,7 @@ struct dmn_votes {
 
 /* bad: something is wrong from now on; false: no more. */
 struct dmn_votes_listener {
-    void (*say)(void *ctx, bool bad, const char *sentence);
+    void (*say)(void *ctx, bool bad, const struct pvx_about *about, const char *sentence);
     void *ctx;
 };
 extern const struct dmn_votes_listener dmn_votes_log; /* into the log: warnings, and news */

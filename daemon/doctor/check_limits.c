@@ -70,21 +70,29 @@ bool doc_has_cap(struct doctor *d, int cap)
     return has;
 }
 
+/* The service goes without: the right to read every packet is more than it needs, where its buffers
+ * hold what comes while it is not scheduled. */
 static void raw_sockets(struct doctor *d)
 {
+    int64_t room = 0;
+    double need = 2 * (double)d->load.frame_bytes;
     if (doc_load_count(&d->load, DOC_CAM_GIGE) == 0)
         return;
     if (doc_settled(doc_has_cap(d, CAP_NET_RAW_BIT), d, DOC_OK, 68, "cap.net_raw",
                     "pyrovoxd may read packets past the socket buffers"))
         return;
+    if (doc_settled(doc_int(d->host, &room, "/proc/sys/net/core/rmem_max") && (double)room >= need,
+                    d, DOC_OK, 68, "cap.net_raw",
+                    "pyrovoxd reads packets through socket buffers, and these are large enough"))
+        return;
     struct doc_finding *f = doc_say(d, DOC_WARN, 68, "cap.net_raw",
                                     "pyrovoxd may not read packets past the socket buffers "
-                                    "(CAP_NET_RAW)");
-    doc_means(f, "every packet goes through a socket: three to four times the processor time, and "
-                 "its buffer may overflow");
+                                    "(CAP_NET_RAW), and these are small");
+    doc_means(f, "every packet goes through a buffer that may overflow");
     doc_command(f, "setcap cap_net_raw,cap_sys_nice+ep %s/pyrovoxd",
                 d->host->exe_dir[0] != '\0' ? doc_quote(d->host->exe_dir) : "/usr/local/bin");
-    doc_note(f, "or run it as the service (systemd/README.md), which has the right");
+    doc_note(f, "or larger buffers (net.core.rmem_max), which is all that the service needs "
+                "(systemd/README.md)");
 }
 
 static void realtime(struct doctor *d, const char *limits, const char *title)
@@ -154,9 +162,6 @@ static void unit(struct doctor *d)
         const char *key, *want, *means;
         bool list;
     } line[] = {
-        {"AmbientCapabilities", "CAP_NET_RAW", "packets go through sockets", true},
-        {"AmbientCapabilities", "CAP_SYS_NICE", "receiving threads get no real-time priority",
-         true},
         {"LimitRTPRIO", NULL, "receiving threads get no real-time priority", false},
         {"LimitMEMLOCK", NULL, "frames may be swapped out", false},
         {"SupplementaryGroups", "video", "V4L2 and libcamera cameras cannot be opened", true},

@@ -80,8 +80,10 @@ static void load(struct dmn_cameras_in *in, const struct cap_set *set, struct dm
     s->bin_ns = pvx_now_mono() - t0;
     for (size_t c = 0; c < in->rig->n_cameras; c++)
         if (image[c] != NULL && !(s->mask >> c & 1))
-            LOG_EVERY(PVX_LOG_WARN, DAEMON, "camera %s: image cannot be used: %s",
-                      in->rig->cameras[c].name, dmn_images_why(in->images, c));
+            LOG_EVERY_ABOUT(PVX_LOG_WARN, DAEMON,
+                            ABOUT(.cause = "bad_image", .camera = in->rig->cameras[c].name),
+                            "camera %s: image cannot be used: %s", in->rig->cameras[c].name,
+                            dmn_images_why(in->images, c));
 }
 
 static pvx_err next(void *ctx, struct dmn_slot *s)

@@ -170,8 +170,9 @@ static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
     int64_t until = dmn_deadline_at(&p->a.deadline, p->a.lossless ? t0 : s->t_last_mono_ns, t0);
     pvx_err e = rec_frame_solve(s->frame, until, p->prev.grid != NULL ? &p->prev : NULL);
     if (e != PVX_OK) {
-        LOG_EVERY(PVX_LOG_ERROR, RECON, "set %llu cannot be solved: %s", (unsigned long long)s->set,
-                  pvx_strerror(e));
+        LOG_EVERY_ABOUT(
+            PVX_LOG_ERROR, RECON, ABOUT(.cause = "not_solved", .of_set = true, .set = s->set),
+            "set %llu cannot be solved: %s", (unsigned long long)s->set, pvx_strerror(e));
         s->why = DMN_DROP_FAILED;
         return;
     }

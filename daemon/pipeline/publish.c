@@ -32,8 +32,9 @@ static bool put(void *ctx, const struct dmn_slot *s)
     pvx_err e = pvp_pub_volume(p->pub, &m, &x, &bytes);
     int64_t t1 = pvx_now_mono();
     if (e != PVX_OK) {
-        LOG_EVERY(PVX_LOG_ERROR, PROTO, "set %llu cannot be published: %s",
-                  (unsigned long long)s->set, pvx_strerror(e));
+        LOG_EVERY_ABOUT(
+            PVX_LOG_ERROR, PROTO, ABOUT(.cause = "not_published", .of_set = true, .set = s->set),
+            "set %llu cannot be published: %s", (unsigned long long)s->set, pvx_strerror(e));
         return false;
     }
     pthread_mutex_lock(&p->lock);

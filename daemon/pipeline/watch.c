@@ -137,14 +137,16 @@ static void tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
         if ((changed >> c & 1) == 0)
             continue;
         if (k->moved)
-            LOG_W(DAEMON,
-                  "camera %s has moved: its pictures are %.1f px to the %s and %.1f px %s of where "
-                  "the "
-                  "others see the flame; %s",
-                  name, fabs(by[0]), by[0] < 0 ? "left" : "right", fabs(by[1]),
-                  by[1] < 0 ? "above" : "below", rec_wrong_remedy(REC_WRONG_MOVED));
+            LOG_ABOUT(
+                PVX_LOG_WARN, DAEMON, ABOUT(.cause = "moved", .camera = name),
+                "camera %s has moved: its pictures are %.1f px to the %s and %.1f px %s of where "
+                "the "
+                "others see the flame; %s",
+                name, fabs(by[0]), by[0] < 0 ? "left" : "right", fabs(by[1]),
+                by[1] < 0 ? "above" : "below", rec_wrong_remedy(REC_WRONG_MOVED));
         else
-            LOG_I(DAEMON, "camera %s is again where the rig says", name);
+            LOG_ABOUT(PVX_LOG_INFO, DAEMON, ABOUT(.cause = "moved", .camera = name),
+                      "camera %s is again where the rig says", name);
     }
 }
 

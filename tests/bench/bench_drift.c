@@ -118,9 +118,10 @@ static pvx_err kept(void *ctx, size_t i, struct rec_check_set *out)
     return PVX_OK;
 }
 
-static void nothing_said(void *ctx, bool bad, const char *sentence)
+static void nothing_said(void *ctx, bool bad, const struct pvx_about *about, const char *sentence)
 {
     int *wrongly = ctx;
+    (void)about;
     *wrongly += bad;
     printf("  %s\n", sentence);
 }

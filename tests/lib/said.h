@@ -9,9 +9,10 @@
 static char said[4096]; /* a sentence a line, until it is emptied */
 static int bad_ones;
 
-static void say(void *ctx, bool bad, const char *sentence)
+static void say(void *ctx, bool bad, const struct pvx_about *about, const char *sentence)
 {
     (void)ctx;
+    (void)about;
     bad_ones += bad;
     size_t n = strlen(said);
     snprintf(said + n, sizeof said - n, "%s\n", sentence);

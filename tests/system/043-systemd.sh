@@ -15,6 +15,8 @@ check remembers unit StateDirectory=pyrovox
 view_unit() { grep -qx "$1" "$dir/root/lib/systemd/system/pyrovox-view.service"; }
 check view-has-a-user-of-its-own view_unit User=pyrovox-view
 check view-keeps-its-token-to-itself view_unit StateDirectoryMode=0700
+check socket-of-its-control grep -qx 'ListenStream=/run/pyrovox/control' "$dir/root/lib/systemd/system/pyrovoxd.socket"
+check socket-stays unit RuntimeDirectoryPreserve=yes
 if command -v systemd-analyze > /dev/null; then
     # verify looks for the programs on this machine: point it at the ones just built
     for u in pyrovoxd pyrovox-view; do
@@ -32,6 +34,19 @@ if command -v systemd-analyze > /dev/null; then
         if [ $got = 77 ]; then echo "SKIP $name:$u-is-valid (systemd-analyze does not work here)"
         else check $u-is-valid [ $got = 0 ]; fi
     done
+    # What they may do (systemd/README.md has the list, and why): 0 is nothing, 10 everything.
+    exposed() { # unit, most
+        local out; out=$(systemd-analyze security --no-pager --offline=true "$dir/$1.service" 2>&1 | grep Overall)
+        out=${out% [A-Z]*}; echo "figures $name:$1: exposure ${out##* }"
+        local level=${out##* }
+        awk -v is="$level" -v most="$2" 'BEGIN { exit !(is ~ /^[0-9]+\.[0-9]$/ && is <= most) }'
+    }
+    if systemd-analyze security --help 2>&1 | grep -q -- --offline; then
+        check pyrovoxd-may-do-little exposed pyrovoxd 1.5
+        check pyrovox-view-may-do-less exposed pyrovox-view 1.2
+    else
+        echo "SKIP $name:may-do-little (this systemd-analyze has no --offline)"
+    fi
 else
     echo "SKIP $name:unit-is-valid (no systemd-analyze)"
 fi
@@ -50,20 +65,55 @@ check nothing-stays [ -z "$(find "$dir/root" ! -type d)" ]
 
 # the protocol of Type=notify, with a socket of our own
 notified() {
-    timeout 300 "$py" - "$pyrovoxd" "$dir/a.yaml" "$dir/notify" <<'PY'
+    timeout 300 "$py" - "$pyrovoxd" "$dir/j.yaml" "$dir/notify" <<'PY'
 import os, socket, subprocess, sys, time
 s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); s.settimeout(120)
 env = dict(os.environ, NOTIFY_SOCKET=sys.argv[3], WATCHDOG_USEC="1000000")
 p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], env=env, stderr=subprocess.DEVNULL)
 seen, end = "", time.time() + 120
-while time.time() < end and not ("READY=1" in seen and "WATCHDOG=1" in seen):
+while time.time() < end and not all(w in seen for w in ("READY=1", "WATCHDOG=1", "STATUS=0.0 sets/s, ", "; not there: cam2 (1 of 4 cameras)")):
     seen += s.recv(4096).decode() + "\n"
 p.terminate(); code = p.wait(120)
 while "STOPPING=1" not in seen:
     seen += s.recv(4096).decode() + "\n"
-assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "STATUS=" in seen, seen
+assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "not there: cam2 (1 of 4" in seen, seen
 PY
 }
-config a.yaml <<< $'cameras: "sim:"\nfps: 20'
+config j.yaml <<< $'cameras: {cam0: "sim:", cam1: "sim:", cam2: "v4l2:/dev/none", cam3: "sim:"}\nfps: 20'
 check ready-watchdog-stopping notified
+
+# Socket activation, as systemd does it: nothing runs until somebody asks, who is answered; the socket is systemd's and stays.
+sleeps() { [ -S "$dir/control" ] && tr '\0' ' ' < "/proc/$started/cmdline" | grep -q socket-activate; }
+wakes() { run "$pyrovox" status --endpoint "$control" --timeout 120 --json; says 0 '{' && ! sleeps; } # one question
+ends_and_leaves_it() { kill "$started" && wait "$started" && [ -S "$dir/control" ] && [ ! -e "$dir/control.lock" ]; }
+if command -v systemd-socket-activate > /dev/null; then
+    config s.yaml <<< $'cameras: "sim:"\nfps: 20'
+    start activated.log systemd-socket-activate --listen="$dir/control" "$pyrovoxd" --config "$dir/s.yaml"
+    check sleeps-until-asked wait_for sleeps
+    check is-woken-by-a-question wait_for wakes
+    check answers-others wait_for field 's["sets"]["published"] > 0'
+    check socket-is-left ends_and_leaves_it
+else echo "SKIP $name:socket-activation (no systemd-socket-activate)"; fi
+
+# the protocol of systemd's journal, its socket in a mount namespace of our own
+journal() {
+    timeout 300 unshare "${apart[@]}" "$py" - "$pyrovoxd" "$dir/j.yaml" <<'PY'
+import os, socket, subprocess, sys, time
+subprocess.run(["mount", "-t", "tmpfs", "run", "/run"], check=True); os.makedirs("/run/systemd/journal")
+s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind("/run/systemd/journal/socket"); s.settimeout(120)
+r, w = os.pipe(); st = os.fstat(w)
+p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], stderr=w, env=dict(os.environ, JOURNAL_STREAM="%d:%d" % (st.st_dev, st.st_ino)))
+while True: # fields are lines; a text with a newline in it would be sent otherwise
+    f = dict(l.split("=", 1) for l in s.recv(65536).decode().splitlines())
+    if f.get("PYROVOX_CAUSE") == "lost_camera": break
+p.terminate(); assert p.wait(120) == 0
+assert f["PYROVOX_CAMERA"] == "cam2" and f["PRIORITY"] == "4" and f["SYSLOG_IDENTIFIER"] == "pyrovoxd", f
+assert f["MESSAGE"].startswith("capture: camera cam2 (v4l2:/dev/none): "), f
+os.close(w); said = os.read(r, 65536).decode()
+assert "capture:" not in said, said # each line once
+PY
+}
+if apart=(--mount) && unshare "${apart[@]}" true 2> /dev/null || { apart=(--user --map-root-user --mount) && unshare "${apart[@]}" true 2> /dev/null; }; then
+    check journal-has-cause-and-camera journal
+else echo "SKIP $name:journal-has-cause-and-camera (no mount namespace to be had here)"; fi
 exit $rc

@@ -115,6 +115,22 @@ run "${ask[@]}" --key "$keys/bert.key" --stop --timeout 120
 check stops-by-its-key says 0 "stopping"
 check ends wait "$daemon"
 
+# as systemd gives it: in a folder that it names, readable by a list that shows as the group's bits
+mkdir "$dir/credentials" && cp "$keys/lab.key" "$dir/credentials/pyrovox.key" && chmod 440 "$dir/credentials/pyrovox.key"
+sed 's|server: keys/lab.key|server: "credential:pyrovox.key"|' "$dir/a.yaml" > "$dir/c.yaml"
+checked() { run env "$@" "$pyrovoxd" --check-config --config "$dir/c.yaml"; }
+checked CREDENTIALS_DIRECTORY="$dir/credentials"
+check key-is-a-credential says 0 ok
+checked -u CREDENTIALS_DIRECTORY # as by hand
+check no-credentials-to-check says 0 "credential:pyrovox.key, for the service alone"
+run env -u CREDENTIALS_DIRECTORY "$pyrovoxd" --config "$dir/c.yaml"
+check no-credentials says 1 "keys.server: systemd gives no credential pyrovox.key" LoadCredential=
+checked CREDENTIALS_DIRECTORY="$dir"
+check not-that-credential says 1 "keys.server: systemd gives no credential pyrovox.key"
+chmod 444 "$dir/credentials/pyrovox.key"
+checked CREDENTIALS_DIRECTORY="$dir/credentials"
+check a-credential-that-others-read says 1 "pyrovox.key: others may read this secret key"
+
 chmod 644 "$keys/lab.key"
 run "$pyrovoxd" --check-config --config "$dir/a.yaml"
 check a-secret-that-others-read says 1 "lab.key: others may read this secret key"

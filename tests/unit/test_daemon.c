@@ -19,6 +19,7 @@
 #include "base/file.h"
 #include "daemon/control/commands.h"
 #include "daemon/control/control.h"
+#include "daemon/control/journal.h"
 #include "daemon/control/json.h"
 #include "daemon/pipeline/scene.h"
 #include "daemon/pipeline/stage.h"
@@ -648,4 +649,49 @@ T_CASE(pictures_in_every_format)
         for (int k = 0; k < 4; k++)
             T_EQ_I(u8[k], bayer[i].want[k]);
     }
+}
+
+/* What a line is in the journal. */
+T_CASE(journal_fields)
+{
+    struct dmn_journal_room room;
+    struct iovec f[DMN_JOURNAL_FIELDS];
+    const char *want[] = {"MESSAGE=recon: set 7",       "PRIORITY=4",
+                          "SYSLOG_IDENTIFIER=pyrovoxd", "PYROVOX_CAUSE=late",
+                          "PYROVOX_CAMERA=c 1",         "PYROVOX_SET=0"};
+    T_EQ_I(dmn_journal_fields(PVX_LOG_WARN, ABOUT(.cause = "late", .camera = "c 1", .of_set = true),
+                              "recon: set 7", &room, f),
+           6);
+    for (int i = 0; i < 6; i++)
+        T_OK(f[i].iov_len == strlen(want[i]) && memcmp(f[i].iov_base, want[i], f[i].iov_len) == 0);
+    T_EQ_I(dmn_journal_fields(PVX_LOG_ERROR, NULL, "x", &room, f), 3);
+    T_OK(memcmp(f[1].iov_base, "PRIORITY=3", f[1].iov_len) == 0);
+    T_EQ_I(dmn_journal_fields(PVX_LOG_INFO, ABOUT(.camera = ""), "x", &room, f), 3);
+}
+
+T_CASE(one_line_for_systemd)
+{
+    static struct dmn_state s;
+    char line[1024], small[24];
+    s = (struct dmn_state){
+        .sets_per_s = 29.94, .published = 12, .latency_p99_ms = 12, .n_cameras = 4};
+    for (int c = 0; c < 4; c++) {
+        snprintf(s.camera[c], sizeof s.camera[c], "cam%d", c);
+        s.capture.camera[c].state = CAP_RUNNING;
+    }
+    dmn_state_sentence(&s, line, sizeof line);
+    T_EQ_S(line, "29.9 sets/s, 12 published, latency p99 12 ms");
+    s.capture.camera[1].state = CAP_LOST;
+    s.capture.camera[3].state = CAP_OPENING;
+    s.votes.out = 1;
+    s.votes.why[0] = REC_WRONG_DARK;
+    s.rig[2].moved = true;
+    s.record.state = CAP_REC_FAILED;
+    snprintf(s.record.error, sizeof s.record.error, "disk is full\nREADY=1");
+    dmn_state_sentence(&s, line, sizeof line);
+    T_EQ_S(line,
+           "29.9 sets/s, 12 published, latency p99 12 ms; not there: cam1, cam3 (2 of 4 cameras); "
+           "cam0 is left out (dark); cam2 has moved; recording ended: disk is full READY=1");
+    dmn_state_sentence(&s, small, sizeof small);
+    T_EQ_S(small, "29.9 sets/s, 12 publish");
 }

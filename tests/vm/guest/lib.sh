@@ -82,3 +82,23 @@ uvc_stat() { # camera, word: its number in the statistics
     uvc_order stats && grep "^camera $1 " "$dir/uvccams.log" | tail -n 1 | sed "s/.* $2 \([0-9-]*\).*/\1/"
 }
 uvc_stop() { exec 8>&-; wait "$uvc"; }
+
+# ---- systemd ------------------------------------------------------------------------------------------------
+# The first process of a PID namespace, for the machine's own is a shell; `in_it COMMAND` runs beside it.
+systemd_start() {
+    [ -x /lib/systemd/systemd ] || { echo "no systemd here: apt-get install systemd"; exit 77; }
+    unset PYROVOX_LIBDIR PYROVOX_CACHE
+    local units=/etc/systemd/system
+    # nothing of this machine's own, nor what an emulated one takes minutes for (hardware database, ld.so.cache)
+    mv $units /run/units && mkdir $units
+    rm -rf /lib/systemd/system/{sysinit,local-fs,sockets,timers,multi-user}.target.wants
+    printf '[Unit]\nRequires=systemd-journald.socket\nWants=systemd-journald.service\n' > $units/pyrovox-test.target
+    mount -t cgroup2 cgroup2 /sys/fs/cgroup
+    # Ends with the machine: unshare takes no signal.  Mounts are shared as systemd has them outside of containers:
+    # that is how credentials get to their service.
+    unshare --pid --fork --kill-child --propagation shared --mount-proc env -i PATH="$PATH" container=vm /lib/systemd/systemd --unit=pyrovox-test.target > "$dir/systemd.log" 2>&1 &
+    outer=$!
+    check systemd_runs wait_for 60 booted || { cat "$dir/systemd.log"; exit 1; }
+}
+in_it() { timeout -k 5 $(($(patient 60) * 3)) nsenter -t "$(pgrep -P "$outer")" -p -m "$@"; }
+booted() { [ -S /run/systemd/private ] && in_it systemctl list-units > /dev/null; }
