@@ -198,11 +198,6 @@ static pvx_err all_hidden(const struct build *b, struct pvx_diag *d)
 static pvx_err build_all(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     rec_sysmat *m = b->m;
-    for (size_t c = 0; c < m->n_cameras; c++) {
-        m->block[c].bw = b->rig->cameras[c].width / m->binning;
-        m->block[c].bh = b->rig->cameras[c].height / m->binning;
-    }
-    PVX_TRY(rec_sysmat_number_rows(m, d));
     b->part = pvx_calloc(m->n_cameras, sizeof *b->part);
     pvx_err e = b->part == NULL ? PVX_ENOMEM : build_cameras(b, pool, d);
     free_scratch(b);
@@ -236,11 +231,7 @@ pvx_err rec_sysmat_build(const struct rec_rig *rig, const struct rec_sysmat_para
     *out = NULL;
     PVX_TRY(rec_sysmat_resolve(rig, p, &r, d));
     PVX_TRY(rec_sysmat_alloc(rig->n_cameras, &b.m));
-    pvx_err e = rec_sysmat_key(rig, &r, &b.m->key, d);
-    b.m->grid = rig->grid;
-    b.m->unit = rec_sysmat_unit(&rig->grid);
-    b.m->binning = r.binning;
-    b.m->rays_per_bin = r.rays_per_bin;
+    pvx_err e = rec_sysmat_finest_frame(rig, &r, b.m, d);
     rec_tracer_init(&b.t, rig, &r);
     if (e == PVX_OK)
         e = build_all(&b, pool, d);
