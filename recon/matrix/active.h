@@ -58,6 +58,24 @@ PVX_MUST_CHECK pvx_err rec_sysmat_outline(const struct rec_rig *rig,
                                           const struct rec_sysmat_params *p, pvx_pool *pool,
                                           rec_sysmat **out, struct pvx_diag *d);
 
+/* What building it would take, from a share of the rows of bins, evenly spread over each camera's, that are traced as
+ * they would be. */
+struct rec_active_estimate {
+    double seconds;       /* to trace all rows with this pool's threads */
+    double entries;       /* of all columns: what a whole S would have */
+    double kept;          /* of those kept, all levels */
+    size_t columns, bins; /* kept on the finest level; of all cameras */
+    uint64_t stored;   /* bytes of what stays, at most: windows of the largest shape, whole pages */
+    uint64_t building; /* bytes at most, what stays included */
+};
+/* Of the bricks that the outline has marked, which it leaves as they are.  share in (0,1].  Errors: as
+ * rec_sysmat_build_active. */
+PVX_MUST_CHECK pvx_err rec_sysmat_estimate_active(const struct rec_rig *rig,
+                                                  const rec_sysmat *outline, double share,
+                                                  pvx_pool *pool, struct rec_progress progress,
+                                                  struct rec_active_estimate *out,
+                                                  struct pvx_diag *d);
+
 /* As rec_sysmat_build, which is 2^32-1 entries of what is kept at most.  Takes the outline's marks, and frees it. */
 PVX_MUST_CHECK pvx_err rec_sysmat_build_active(const struct rec_rig *rig, rec_sysmat **outline,
                                                pvx_pool *pool, struct rec_progress progress,

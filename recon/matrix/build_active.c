@@ -13,6 +13,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/mem.h"
 #include "recon/matrix/columns.h"
 #include "recon/matrix/rays.h"
@@ -56,6 +57,9 @@ struct build {
     size_t n_scratch;
     _Atomic uint64_t *met; /* [voxels] bits: has entries of the camera */
     size_t camera;
+    size_t
+        of; /* every so many-th band is traced, and what was met is counted; 0: all, and it is not */
+    atomic_uint_fast64_t entries, row_most;
     /* progress */
     pthread_t caller;
     struct rec_progress progress;
@@ -74,8 +78,9 @@ static void tell(struct build *b)
 {
     if (b->progress.call == NULL || !pthread_equal(pthread_self(), b->caller))
         return;
-    double rows = (double)b->level[0].m->block[b->camera].bh;
-    double cameras = (double)b->camera + 0.9 * atomic_load(&b->rows_done) / rows;
+    double rows = (double)b->level[0].m->block[b->camera].bh / (double)(b->of > 0 ? b->of : 1);
+    double done = atomic_load(&b->rows_done) / rows;
+    double cameras = (double)b->camera + 0.9 * (done < 1 ? done : 1);
     if (!b->progress.call(b->progress.ctx, 0.95 * cameras / (double)b->rig->n_cameras))
         atomic_store(&b->canceled, true);
 }
@@ -282,6 +287,13 @@ static bool trace_row(struct build *b, struct scratch *s, int32_t y)
         p->all.n += n;
         p->end[(size_t)(y & 1) * (size_t)b->t.bw + (size_t)x] = p->all.n;
     }
+    if (b->of > 0) {
+        size_t n = p->all.n - ((y & 1) != 0 ? p->second : 0);
+        uint64_t most = atomic_load(&b->row_most);
+        atomic_fetch_add(&b->entries, n);
+        while (n > most && !atomic_compare_exchange_weak(&b->row_most, &most, n)) {
+        }
+    }
     return true;
 }
 
@@ -289,15 +301,16 @@ static void trace_band(void *ctx, size_t task)
 {
     struct build *b = ctx;
     struct scratch *s = get_scratch(b);
-    const struct rec_band *rows = &b->level[0].rows.band[task];
+    size_t band = b->of > 0 ? task * b->of + b->of / 2 : task;
+    const struct rec_band *rows = &b->level[0].rows.band[band];
     for (size_t l = 0; l < b->levels; l++) {
-        b->level[l].rows.band[task].n = 0;
+        b->level[l].rows.band[band].n = 0;
         s->pair[l].all.n = s->pair[l].second = 0;
     }
     for (int32_t y = rows->row0; y < rows[1].row0; y++) {
         if (atomic_load(&b->canceled) || atomic_load(&b->out_of_memory))
             break;
-        if (!trace_row(b, s, y) || !finish_row(b, s, task, 0, y))
+        if (!trace_row(b, s, y) || !finish_row(b, s, band, 0, y))
             atomic_store(&b->out_of_memory, true);
         atomic_fetch_add(&b->rows_done, 1);
         tell(b);
@@ -319,7 +332,8 @@ static pvx_err no_memory(const struct build *b, uint64_t bytes, struct pvx_diag 
 /* Bands of whole rows of the coarsest level. */
 static void cut_bands(struct build *b)
 {
-    size_t tall = (size_t)bins_down(b, b->levels - 1), bands = 16 * b->n_scratch;
+    size_t tall = (size_t)bins_down(b, b->levels - 1);
+    size_t bands = b->of > 0 ? REC_BANDS_MAX : 16 * b->n_scratch;
     bands = bands < REC_BANDS_MAX ? bands : REC_BANDS_MAX;
     bands = bands < tall ? bands : tall;
     for (size_t l = 0; l < b->levels; l++) {
@@ -372,13 +386,19 @@ static bool fits(const struct build *b)
     return entries * REC_ENTRY <= have;
 }
 
+/* The bands' entries, of all of them or of a share. */
+static pvx_err trace_bands(struct build *b, pvx_pool *pool)
+{
+    size_t bands = b->level[0].rows.bands;
+    atomic_store(&b->rows_done, 0);
+    pvx_pool_run(pool, b->of > 0 ? (bands - b->of / 2 + b->of - 1) / b->of : bands, trace_band, b);
+    return atomic_load(&b->canceled) ? PVX_ECANCELED : PVX_OK;
+}
+
 static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     cut_bands(b);
-    atomic_store(&b->rows_done, 0);
-    pvx_pool_run(pool, b->level[0].rows.bands, trace_band, b);
-    if (atomic_load(&b->canceled))
-        return PVX_ECANCELED;
+    PVX_TRY(trace_bands(b, pool));
     uint64_t nnz = rec_band_entries(&b->level[0].rows);
     if (atomic_load(&b->out_of_memory) || !fits(b))
         return no_memory(b, nnz * REC_ENTRY, d);
@@ -527,37 +547,196 @@ static pvx_err build(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     return PVX_OK;
 }
 
+static pvx_err new_build(struct build **out, const struct rec_rig *rig, rec_sysmat *finest,
+                         size_t threads, struct rec_progress progress)
+{
+    struct rec_sysmat_params p = {finest->binning, finest->rays_per_bin};
+    struct build *b = *out = pvx_calloc(1, sizeof *b);
+    if (b == NULL)
+        return PVX_ENOMEM;
+    b->rig = rig;
+    b->caller = pthread_self();
+    b->progress = progress;
+    b->n_scratch = threads;
+    rec_tracer_init(&b->t, rig, &p);
+    return set_up(b, finest);
+}
+static void free_build(struct build **bp)
+{
+    struct build *b = *bp;
+    if (b == NULL)
+        return;
+    free_scratch(b);
+    for (size_t l = 0; l < b->levels; l++)
+        for (size_t c = 0; c < b->rig->n_cameras; c++)
+            rec_entries_free(&b->level[l].part[c]);
+    PVX_FREE(*bp);
+}
+static pvx_err say(pvx_err e, struct pvx_diag *d)
+{
+    if (e == PVX_ECANCELED)
+        pvx_fail(d, e, "stopped while building the system matrix");
+    return e;
+}
+
 pvx_err rec_sysmat_build_active(const struct rec_rig *rig, rec_sysmat **outline, pvx_pool *pool,
                                 struct rec_progress progress, rec_sysmat **out, struct pvx_diag *d)
 {
     rec_sysmat *m = *outline;
-    struct rec_sysmat_params p = {m->binning, m->rays_per_bin};
-    struct build *b = pvx_calloc(1, sizeof *b);
+    struct build *b;
     *outline = *out = NULL;
-    pvx_err e = b == NULL ? PVX_ENOMEM : PVX_OK;
-    if (e == PVX_OK) {
-        b->rig = rig;
-        b->caller = pthread_self();
-        b->progress = progress;
-        b->n_scratch = pvx_pool_threads(pool);
-        rec_tracer_init(&b->t, rig, &p);
-        e = set_up(b, m);
-    }
+    pvx_err e = new_build(&b, rig, m, pvx_pool_threads(pool), progress);
     if (e != PVX_OK)
         pvx_fail(d, e, "out of memory for the active part of the system matrix");
     else
-        e = build(b, pool, d);
-    if (e == PVX_ECANCELED)
-        pvx_fail(d, e, "stopped while building the system matrix");
-    if (b != NULL) {
-        free_scratch(b);
-        for (size_t l = 0; l < b->levels; l++)
-            for (size_t c = 0; c < rig->n_cameras; c++)
-                rec_entries_free(&b->level[l].part[c]);
-        free(b);
-    }
+        e = say(build(b, pool, d), d);
+    free_build(&b);
     if (e != PVX_OK)
         rec_sysmat_free(&m);
     *out = m;
     return e;
+}
+
+/* ---- what it would take ---- */
+
+#define PAGE 4096
+#define MORE_BINS \
+    4 /* in a window that is not a column's first, mean; fewer make no difference to what they fill */
+
+static uint64_t pages_of(const struct rec_active *a, size_t bytes)
+{
+    uint64_t n = 0, next = 0;
+    for (size_t i = 0; i < a->columns; i++) {
+        uint64_t first = a->column[i] * bytes / PAGE,
+                 last = ((a->column[i] + 1) * bytes - 1) / PAGE;
+        first = first > next ? first : next;
+        n += last >= first ? last - first + 1 : 0;
+        next = last + 1;
+    }
+    return n * PAGE;
+}
+
+static uint64_t pages_of_footprints(const struct rec_active *a)
+{
+    uint64_t n = 0, next = 0;
+    for (size_t i = 0; i < a->bricks; i++) {
+        uint64_t page = i * REC_BRICK_VOXELS * sizeof(struct rec_rect) / PAGE;
+        n += a->brick[i] && page >= next;
+        next = a->brick[i] ? page + 1 : next;
+    }
+    return n * PAGE;
+}
+
+/* A level's bytes, without further windows. */
+static uint64_t stored(const rec_sysmat *m)
+{
+    size_t slots = (size_t)m->win.slots, of_column = slots * (sizeof *m->win.at + REC_WINDOW_MAX);
+    size_t voxels = rec_grid_count(&m->grid);
+    const struct rec_active *a = m->active;
+    if (a == NULL)
+        return voxels * of_column + rec_sparse_bytes(m).fp * m->n_cameras;
+    return pages_of(a, slots * sizeof *m->win.at) + pages_of(a, slots * REC_WINDOW_MAX) +
+           pages_of_footprints(a) * m->n_cameras +
+           a->bricks * (1 + sizeof(struct rec_rect) * m->n_cameras) +
+           voxels / 64 * (sizeof *a->bits + sizeof *a->rank) + a->columns * sizeof *a->column;
+}
+
+/* Entries come in a band, whose room grows by half, then in columns; those of all cameras, then merged, slice by
+ * slice; and while windows are made of them. */
+static void add_up(const struct build *b, double kept_most, struct rec_active_estimate *o)
+{
+    double entries = o->kept * REC_ENTRY, windows = 0, columns = 0, first = 0;
+    double rows = 2 * 1.34 * 1.5 * (double)atomic_load(&b->row_most) * REC_ENTRY;
+    for (size_t l = 0; l < b->levels; l++) {
+        const rec_sysmat *m = b->level[l].m;
+        o->stored += stored(m);
+        columns += (double)rec_sysmat_columns(m);
+        first += (double)rec_sysmat_columns(m) * (double)m->n_cameras;
+    }
+    windows = (o->kept - first) / MORE_BINS * sizeof(struct rec_more);
+    o->stored += windows > 0 ? (uint64_t)windows : 0;
+    columns *= (double)(b->rig->n_cameras + 1 + b->n_scratch) * sizeof(uint32_t);
+    o->building = o->stored +
+                  (uint64_t)(1.1 * entries + 2.5 * kept_most * REC_ENTRY + columns +
+                             rows * (double)b->n_scratch) +
+                  rec_grid_count(&b->level[0].m->grid) / 8;
+}
+
+static pvx_err estimate(struct build *b, double share, pvx_pool *pool,
+                        struct rec_active_estimate *o)
+{
+    double kept_most = 0;
+    for (; b->camera < b->rig->n_cameras; b->camera++) {
+        const struct rec_sysmat_block *block = &b->level[0].m->block[b->camera];
+        size_t bins = (size_t)block->bw * (size_t)block->bh, traced = 0;
+        int64_t t0 = pvx_now_mono();
+        struct rec_entries *part = &b->level[0].part[b->camera];
+        b->t.c = &b->rig->cameras[b->camera];
+        b->t.bw = block->bw;
+        if (!rec_rays_new_depth(b->rig, bins, &part->depth) || !new_rows(b))
+            return PVX_ENOMEM;
+        b->t.depth = part->depth;
+        b->of = 1;
+        cut_bands(b);
+        double bands = (double)b->level[0].rows.bands;
+        b->of = share * bands < 1 ? (size_t)bands : (size_t)(1 / share);
+        uint64_t before = atomic_load(&b->entries);
+        pvx_err e = trace_bands(b, pool);
+        free_rows(b);
+        PVX_FREE(part->depth);
+        if (e != PVX_OK || atomic_load(&b->out_of_memory))
+            return e != PVX_OK ? e : PVX_ENOMEM;
+        const struct rec_band_rows *r = &b->level[0].rows;
+        for (size_t k = b->of / 2; k < r->bands; k += b->of)
+            traced += (size_t)(r->band[k + 1].row0 - r->band[k].row0) * (size_t)block->bw;
+        double by = (double)bins / (double)traced, kept = 0;
+        for (size_t l = 0; l < b->levels; l++) {
+            kept += by * (double)rec_band_entries(&b->level[l].rows);
+            rec_band_rows_free(&b->level[l].rows);
+        }
+        kept_most = kept > kept_most ? kept : kept_most;
+        o->kept += kept;
+        o->bins += bins;
+        o->entries += by * (double)(atomic_load(&b->entries) - before);
+        o->seconds += by * (double)(pvx_now_mono() - t0) * 1e-9;
+    }
+    add_up(b, kept_most, o);
+    return PVX_OK;
+}
+
+/* The outline again, with its marks, to be thrown away. */
+static pvx_err copy_outline(const struct rec_rig *rig, const rec_sysmat *outline, rec_sysmat **out,
+                            struct pvx_diag *d)
+{
+    struct rec_sysmat_params p = {outline->binning, outline->rays_per_bin};
+    PVX_TRY(rec_sysmat_alloc(rig->n_cameras, out));
+    pvx_err e = rec_sysmat_finest_frame(rig, &p, *out, d);
+    rec_sysmat_window_frame(*out);
+    if (e == PVX_OK)
+        e = rec_active_new(&outline->grid, &(*out)->active);
+    if (e == PVX_OK)
+        memcpy((*out)->active->brick, outline->active->brick, outline->active->bricks);
+    else
+        rec_sysmat_free(out);
+    return e;
+}
+
+pvx_err rec_sysmat_estimate_active(const struct rec_rig *rig, const rec_sysmat *outline,
+                                   double share, pvx_pool *pool, struct rec_progress progress,
+                                   struct rec_active_estimate *out, struct pvx_diag *d)
+{
+    rec_sysmat *m;
+    struct build *b = NULL;
+    *out = (struct rec_active_estimate){0};
+    PVX_TRY(copy_outline(rig, outline, &m, d));
+    pvx_err e = new_build(&b, rig, m, pvx_pool_threads(pool), progress);
+    if (e == PVX_OK) {
+        e = estimate(b, share < 1 ? share : 1, pool, out);
+        out->columns = m->active->columns;
+    }
+    free_build(&b);
+    rec_sysmat_free(&m);
+    if (e == PVX_ENOMEM)
+        pvx_fail(d, e, "out of memory while the system matrix is estimated");
+    return say(e, d);
 }

@@ -295,6 +295,60 @@ T_CASE(the_rest_has_no_memory)
     bed_free(&b);
 }
 
+/* Entries of all levels. */
+static double all_entries(const rec_sysmat *m)
+{
+    double n = 0;
+    for (; m != NULL; m = m->coarse)
+        n += (double)m->nnz;
+    return n;
+}
+/* Bytes in memory of all levels' windows and footprints. */
+static double all_resident(const rec_sysmat *m)
+{
+    double n = 0;
+    for (; m != NULL; m = m->coarse) {
+        size_t N = rec_grid_count(&m->grid), slots = (size_t)m->win.slots;
+        n += (double)m->win.n_more * sizeof *m->win.more;
+        if (m->active == NULL) {
+            n += (double)(N * slots) * (double)(sizeof *m->win.at + rec_window_size(&m->win));
+            n += (double)(rec_brick_places(&m->grid) * sizeof(struct rec_rect) * m->n_cameras);
+            continue;
+        }
+        n += (double)resident(m->win.w, N * slots * rec_window_size(&m->win));
+        n += (double)resident(m->win.at, N * slots * sizeof *m->win.at);
+        for (size_t c = 0; c < m->n_cameras; c++)
+            n += (double)resident(m->block[c].fp, rec_brick_places(&m->grid) * 8);
+    }
+    return n;
+}
+
+T_CASE(an_estimate_is_what_it_becomes)
+{
+    struct bed b = bed_new(170, REC_TRILINEAR, 2, odd);
+    struct rec_active_estimate all, share;
+    const struct rec_progress quiet = {0};
+    struct pvx_diag d = {""};
+    bed_build(&b);
+    mark(b.outline, 0.2);
+    T_EQ_I(rec_sysmat_estimate_active(&b.rig, b.outline, 1, b.pool, quiet, &all, &d), PVX_OK);
+    T_EQ_I(rec_sysmat_estimate_active(&b.rig, b.outline, 0.2, b.pool, quiet, &share, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    rec_sysmat *part = part_of(&b, b.pool);
+    T_NEAR(all.entries, (double)b.whole->nnz, 0.5);
+    T_NEAR(all.kept, all_entries(part), 0.5);
+    T_EQ_I(all.columns, part->active->columns);
+    T_NEAR(share.entries / all.entries, 1, 0.1);
+    T_NEAR(share.kept / all.kept, 1, 0.1);
+    T_OK(all.seconds > 0 && share.seconds > 0);
+    /* a bound, and one that says something */
+    T_LE(all_resident(part), (double)all.stored);
+    T_LE((double)all.stored, 2 * all_resident(part));
+    T_OK(all.building > all.stored);
+    rec_sysmat_free(&part);
+    bed_free(&b);
+}
+
 /* ---- with pictures ---- */
 
 static bool stop_at_half(void *ctx, double done)
