@@ -11,6 +11,7 @@
 #include "daemon/cli/frames_in.h"
 #include "daemon/cli/hull_picture.h"
 #include "daemon/cli/reconstruct_absorb.h"
+#include "daemon/cli/reconstruct_active.h"
 #include "daemon/cli/reconstruct_fit.h"
 #include "daemon/cli/reconstruct_options.h"
 #include "daemon/pipeline/volume_file.h"
@@ -155,6 +156,7 @@ static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
     char path[4300];
     say_missing(j, s);
     check_lit(j, s);
+    j->failed |= reconstruct_say_cut(rec_frame_get_report(s->frame), s->set);
     uint64_t frame = s->set;
     dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
                   &(struct dmn_votes_listener){say, &frame});
@@ -311,9 +313,7 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
     PVX_TRY(pvx_mkdirs(o->out, d));
     if (o->save_hull != NULL)
         PVX_TRY(pvx_mkdirs(o->save_hull, d));
-    struct cli_progress bar = {.label = "system matrix"};
-    PVX_TRY(rec_sysmat_open(&j->rig, &o->rig.matrix, o->cache, j->pool,
-                            (struct rec_progress){o->quiet ? NULL : cli_progress, &bar}, &j->S, d));
+    PVX_TRY(reconstruct_matrix(o, &j->in, &j->params, j->pool, &j->rig, &j->S, d));
     PVX_TRY(frames_in_begin(&j->in, j->S->binning, o->reading.mosaic, d));
     if (o->save_hull != NULL)
         PVX_TRY(hull_picture_new(j->S, &j->rig, j->params.nch, j->params.hull.min_views, j->pool,

@@ -134,7 +134,7 @@ struct carve {
     const bool *present;
     int32_t *col;
     uint8_t *klass;
-    struct rec_active *mark;
+    uint8_t *brick;
 };
 
 /* A table is a sum over all rows above.  So that its bands can be summed apart from each other, their
@@ -360,22 +360,27 @@ static void list_layer(void *ctx, size_t z)
     }
 }
 
-static void mark_row(void *ctx, size_t row)
+static void test_row(void *ctx, size_t row)
 {
     const struct carve *t = ctx;
     size_t n = (size_t)t->h->nb[0];
+    int64_t kept = 0;
     for (size_t i = row * n; i < row * n + n; i++)
-        if (!t->mark->brick[i] && look_at_brick(t, i).keep)
-            t->mark->brick[i] = 1;
+        kept += t->brick[i] = look_at_brick(t, i).keep;
+    t->h->row[row].partial = kept;
 }
 
-void rec_hull_mark(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
-                   const bool *present, pvx_pool *pool, struct rec_active *mark)
+size_t rec_hull_bricks(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
+                       const bool *present, pvx_pool *pool, uint8_t *brick)
 {
-    struct carve t = {.h = h, .p = p, .lit = lit, .present = present, .mark = mark};
+    struct carve t = {.h = h, .p = p, .lit = lit, .present = present, .brick = brick};
     pvx_pool_run(pool, rec_bands_all(&h->bands), count_band, &t);
     pvx_pool_run(pool, rec_bands_all(&h->bands), table_band, &t);
-    pvx_pool_run(pool, (size_t)h->nb[1] * (size_t)h->nb[2], mark_row, &t);
+    size_t rows = (size_t)h->nb[1] * (size_t)h->nb[2], kept = 0;
+    pvx_pool_run(pool, rows, test_row, &t);
+    for (size_t i = 0; i < rows; i++)
+        kept += (size_t)h->row[i].partial;
+    return kept;
 }
 
 void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,

@@ -1,7 +1,7 @@
 /* active.h - S of the part of a grid where a recording's flame can be: for grids whose whole S would not fit.
  *
  *   1. rec_sysmat_outline: a matrix of footprints of bricks alone (4^3 voxels; sysmat.h), from the lenses
- *   2. rec_hull_mark (recon/carve/hull.h), set after set: marks the bricks that its silhouettes leave
+ *   2. rec_hull_bricks (recon/carve/hull.h), set after set: those that its silhouettes leave are marked
  *   3. rec_sysmat_build_active: S with the columns of the marked bricks' voxels
  * So a set's hull lies inside the marked part if its silhouettes were seen in 2; one that does not is cut there, and
  * its count in rec_hull_counts says so.
@@ -65,6 +65,7 @@ struct rec_active_estimate {
     double entries;       /* of all columns: what a whole S would have */
     double kept;          /* of those kept, all levels */
     size_t columns, bins; /* kept on the finest level; of all cameras */
+    size_t window;        /* weights of one, at most */
     uint64_t stored;   /* bytes of what stays, at most: windows of the largest shape, whole pages */
     uint64_t building; /* bytes at most, what stays included */
 };

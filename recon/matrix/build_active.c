@@ -628,14 +628,14 @@ static uint64_t pages_of_footprints(const struct rec_active *a)
 }
 
 /* A level's bytes, without further windows. */
-static uint64_t stored(const rec_sysmat *m)
+static uint64_t stored(const rec_sysmat *m, size_t window)
 {
-    size_t slots = (size_t)m->win.slots, of_column = slots * (sizeof *m->win.at + REC_WINDOW_MAX);
+    size_t slots = (size_t)m->win.slots, of_column = slots * (sizeof *m->win.at + window);
     size_t voxels = rec_grid_count(&m->grid);
     const struct rec_active *a = m->active;
     if (a == NULL)
         return voxels * of_column + rec_sparse_bytes(m).fp * m->n_cameras;
-    return pages_of(a, slots * sizeof *m->win.at) + pages_of(a, slots * REC_WINDOW_MAX) +
+    return pages_of(a, slots * sizeof *m->win.at) + pages_of(a, slots * window) +
            pages_of_footprints(a) * m->n_cameras +
            a->bricks * (1 + sizeof(struct rec_rect) * m->n_cameras) +
            voxels / 64 * (sizeof *a->bits + sizeof *a->rank) + a->columns * sizeof *a->column;
@@ -647,9 +647,14 @@ static void add_up(const struct build *b, double kept_most, struct rec_active_es
 {
     double entries = o->kept * REC_ENTRY, windows = 0, columns = 0, first = 0;
     double rows = 2 * 1.34 * 1.5 * (double)atomic_load(&b->row_most) * REC_ENTRY;
+    /* up to so many a voxel and camera fit 3x4 bins, that of the next voxel as well */
+    o->window =
+        o->entries <= 6.0 * (double)b->rig->n_cameras * (double)rec_grid_count(&b->rig->grid)
+            ? 12
+            : REC_WINDOW_MAX;
     for (size_t l = 0; l < b->levels; l++) {
         const rec_sysmat *m = b->level[l].m;
-        o->stored += stored(m);
+        o->stored += stored(m, o->window);
         columns += (double)rec_sysmat_columns(m);
         first += (double)rec_sysmat_columns(m) * (double)m->n_cameras;
     }

@@ -400,7 +400,11 @@ static void mark_by(const struct scene *s, const rec_frame *f, rec_sysmat *outli
         lit[c] = rec_frame_lit(f, c);
         present[c] = (rec_frame_get_report(f)->vote.out >> c & 1) == 0;
     }
-    rec_hull_mark(h, &p, lit, present, s->pool, outline->active);
+    size_t n = rec_hull_bricks(h, &p, lit, present, s->pool, outline->active->brick), marked = 0;
+    for (size_t i = 0; i < outline->active->bricks; i++)
+        marked += outline->active->brick[i];
+    T_EQ_I(n, marked);
+    T_LE(rec_frame_get_report(f)->active_voxels, REC_BRICK_VOXELS * n);
     rec_hull_free(&h);
 }
 
