@@ -12,6 +12,7 @@
 #include "daemon/cli/hull_picture.h"
 #include "daemon/cli/ranks.h"
 #include "daemon/cli/reconstruct_absorb.h"
+#include "daemon/cli/reconstruct_active.h"
 #include "daemon/cli/reconstruct_fit.h"
 #include "daemon/cli/reconstruct_join.h"
 #include "daemon/cli/reconstruct_options.h"
@@ -162,6 +163,7 @@ static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
     char path[4300];
     say_missing(j, s);
     check_lit(j, s);
+    j->failed |= reconstruct_say_cut(rec_frame_get_report(s->frame), s->set);
     uint64_t frame = s->set;
     dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
                   &(struct dmn_votes_listener){say, &frame});
@@ -293,13 +295,10 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
 /* One of a node's processes builds it, the others map what that one has cached: it is there once. */
 static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
 {
-    struct cli_progress bar = {.label = "system matrix"};
     ranks_first(&j->ranks);
     pvx_err e = j->part.nothing
                     ? PVX_OK
-                    : rec_sysmat_open(
-                          &j->rig, &j->o->rig.matrix, j->o->cache, j->pool,
-                          (struct rec_progress){j->o->quiet ? NULL : cli_progress, &bar}, &j->S, d);
+                    : reconstruct_matrix(j->o, &j->in, &j->params, j->pool, &j->rig, &j->S, d);
     ranks_others(&j->ranks);
     return e;
 }

@@ -9,88 +9,36 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "daemon/cli/cli.h"
+#include "daemon/cli/silhouettes.h"
 
-#define VOXELS 24 /* of the vote: its own grid has 16 to 31 */
-
-/* Silhouettes of those cameras that the reconstruction will believe: the stages of a frame set as far as the vote, on
- * a grid as coarse as the vote's. */
 struct fit {
-    struct frames_in *in;
-    rec_sysmat *S;
-    rec_carver *carver;
-    rec_solver *solver; /* a slot wants one */
-    rec_frame *frame;
+    struct silhouettes see;
     bool said; /* that all is lit */
     uint32_t sets, left_out[REC_MAX_CAMERAS];
     uint8_t why[REC_MAX_CAMERAS]; /* of the last of them */
 };
 
-static pvx_err set_up(struct fit *f, const struct rec_frame_params *p, const char *background,
-                      pvx_pool *pool, struct pvx_diag *d)
-{
-    const struct rec_sysmat_params one = {.binning = f->in->binning, .rays_per_bin = 1};
-    float *dark[REC_MAX_CAMERAS] = {0};
-    const int32_t n[3] = {VOXELS, 0, 0};
-    struct rec_fit_box whole = {.cell = 0};
-    struct rec_rig rig;
-    PVX_TRY(rec_rig_copy(f->in->rig, &rig));
-    memcpy(whole.min, rig.grid.min, sizeof whole.min);
-    memcpy(whole.max, rig.grid.max, sizeof whole.max);
-    pvx_err e = rec_fit_grid(&f->in->rig->grid, &whole, n, &rig.grid);
-    if (e == PVX_OK)
-        e = rec_sysmat_build(&rig, &one, pool, NULL, NULL, &f->S, d);
-    if (e == PVX_OK)
-        e = rec_carver_new(f->S, &rig, p, pool, &f->carver, d);
-    if (e == PVX_OK)
-        e = rec_solver_new(f->S, p, &f->solver, d);
-    if (e == PVX_OK)
-        e = rec_frame_new(f->carver, f->solver, &f->frame, d);
-    if (e == PVX_OK && background != NULL)
-        e = frames_in_background(f->in, background, dark, d);
-    for (size_t c = 0; c < rig.n_cameras; c++) {
-        if (e == PVX_OK && dark[c] != NULL)
-            e = rec_carver_background(f->carver, c, dark[c]);
-        free(dark[c]);
-    }
-    rec_rig_fini(&rig);
-    return e;
-}
-
-static void tear_down(struct fit *f)
-{
-    rec_frame_free(&f->frame);
-    rec_solver_free(&f->solver);
-    rec_carver_free(&f->carver);
-    rec_sysmat_free(&f->S);
-}
-
 /* Set i's silhouettes into the fit; whether any camera saw flame. */
 static bool look(struct fit *f, size_t i, rec_fit *fit)
 {
-    const struct rec_verdict *v = &rec_frame_get_report(f->frame)->vote;
-    const uint8_t *lit[REC_MAX_CAMERAS];
-    bool present[REC_MAX_CAMERAS];
+    struct silhouettes *see = &f->see;
     size_t light = 0, there = 0;
-    rec_frame_reset(f->frame);
-    uint64_t mask = frames_in_load_frame(f->in, i, f->frame);
-    rec_frame_carve(f->frame);
-    for (size_t c = 0; c < f->S->n_cameras && c < REC_MAX_CAMERAS; c++) {
-        const struct rec_sysmat_block *b = &f->S->block[c];
-        lit[c] = rec_frame_lit(f->frame, c);
-        present[c] = ((mask & ~v->out) >> c & 1) != 0;
-        if (v->out >> c & 1) {
+    silhouettes_load(see, i);
+    for (size_t c = 0; c < see->S->n_cameras && c < REC_MAX_CAMERAS; c++) {
+        const struct rec_sysmat_block *b = &see->S->block[c];
+        if (see->verdict->out >> c & 1) {
             f->left_out[c]++;
-            f->why[c] = v->why[c];
+            f->why[c] = see->verdict->why[c];
         }
-        if (!present[c])
+        if (!see->believed[c])
             continue;
         there++;
-        light += reconstruct_check_lit(f->in->rig->cameras[c].name, lit[c],
+        light += reconstruct_check_lit(see->in->rig->cameras[c].name, see->lit[c],
                                        (size_t)b->bw * (size_t)b->bh, &f->said);
     }
     f->sets++;
     if (there > 0)
-        rec_fit_add(fit, lit, present);
+        rec_fit_add(fit, see->lit, see->believed);
     return light > 0;
 }
 
@@ -112,11 +60,11 @@ static size_t candidates(const struct frames_in *in, size_t *set)
 static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool quiet,
                             size_t *with_light)
 {
-    size_t *set = pvx_calloc(f->in->n, sizeof *set);
+    size_t *set = pvx_calloc(f->see.in->n, sizeof *set);
     if (set == NULL)
         return PVX_ENOMEM;
     struct cli_progress bar = {.label = "fit volume"};
-    size_t all = candidates(f->in, set), n = most > 0 && most < all ? most : all;
+    size_t all = candidates(f->see.in, set), n = most > 0 && most < all ? most : all;
     pvx_err err = PVX_OK;
     for (size_t k = 0; k < n && err == PVX_OK; k++) {
         *with_light += look(f, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], fit);
@@ -153,12 +101,12 @@ size_t reconstruct_check_lit(const char *camera, const uint8_t *lit, size_t bins
 
 static void say_left_out(const struct fit *f)
 {
-    for (size_t c = 0; c < f->S->n_cameras; c++)
+    for (size_t c = 0; c < f->see.S->n_cameras; c++)
         if (f->left_out[c] > 0)
             fprintf(stderr,
                     "note: the box is without camera %s in %u of %u frame sets, it contradicts the "
                     "others: %s; %s\n",
-                    f->in->rig->cameras[c].name, f->left_out[c], f->sets,
+                    f->see.in->rig->cameras[c].name, f->left_out[c], f->sets,
                     rec_wrong_name((enum rec_wrong)f->why[c]),
                     rec_wrong_remedy((enum rec_wrong)f->why[c]));
 }
@@ -283,7 +231,7 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
 {
     int64_t t0 = pvx_now_mono();
     PVX_TRY(choose_binning(o, in, d));
-    struct fit f = {.in = in};
+    struct fit f = {.said = false};
     struct rec_fit_params fp = REC_FIT_DEFAULTS;
     struct rec_fit_box box;
     rec_fit *fit = NULL;
@@ -292,7 +240,7 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
     fp.min_views = p->hull.min_views;
     pvx_err e = rec_fit_new(rig, &fp, pool, &fit, d);
     if (e == PVX_OK)
-        e = set_up(&f, p, o->background, pool, d);
+        e = silhouettes_new(&f.see, in, p, o->background, pool, d);
     if (e == PVX_OK)
         e = look_at_sets(&f, fit, o->fit_frames, o->quiet, &with_light);
     if (e == PVX_OK && (e = rec_fit_get(fit, 0, o->fit_margin, &box)) != PVX_OK)
@@ -301,7 +249,7 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
         e = use_box(o, fit, &box, in->n, (double)(pvx_now_mono() - t0) * 1e-9, rig, d);
     if (e == PVX_OK && !o->quiet)
         say_left_out(&f);
-    tear_down(&f);
+    silhouettes_free(&f.see);
     rec_fit_free(&fit);
     if (e != PVX_OK)
         return e;

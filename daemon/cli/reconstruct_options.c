@@ -44,6 +44,7 @@ enum {
     OPT_FIT,
     OPT_FIT_FRAMES,
     OPT_SAVE_RIG,
+    OPT_MEMORY,
     OPT_ARRAY,
     OPT_RESUME,
     OPT_JOIN,
@@ -71,6 +72,12 @@ static const struct argp_option option_table[] = {
     {"transfer", OPT_TRANSFER, "auto|linear|srgb|bt709", 0,
      "how samples stand for light (auto: JPEG files srgb, all others linear)", 0},
     {"matrix-cache", OPT_CACHE, "FILE", 0, "where the system matrix is kept (default: user cache)",
+     0},
+    {"memory", OPT_MEMORY, "GB", 0,
+     "memory to use (default: four fifths of what is free). Where the whole system matrix would "
+     "take "
+     "more, only its part where the frame sets have flame is built, found from their silhouettes: "
+     "the same volumes, but nothing is cached. 0: only that part, however much it takes",
      0},
     {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
     {NULL, 0, NULL, 0, "Volume fitted to the flame:", 2},
@@ -280,6 +287,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
     case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
     case OPT_BAYER: o->bayer = cli_arg_choice(st, "bayer", arg, bayers); return 0;
+    case OPT_MEMORY: o->memory = 1e9 * cli_arg_double(st, "memory", arg, 0, 1e9); return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case OPT_BACKGROUND: o->background = arg; return 0;
     case OPT_SAVE_HULL: o->save_hull = arg; return 0;
@@ -341,8 +349,9 @@ static char *help_text(int key, const char *text, void *input)
 static const struct aside {
     const char *name;
     int words; /* with its value, if that is not joined by = */
-} asides[] = {{"--array", 2}, {"--resume", 1},  {"--slurm", 2},        {"--sbatch", 2},
-              {"--quiet", 1}, {"--threads", 2}, {"--matrix-cache", 2}, {"--out", 2}};
+} asides[] = {{"--array", 2},        {"--resume", 1}, {"--slurm", 2},
+              {"--sbatch", 2},       {"--quiet", 1},  {"--threads", 2},
+              {"--matrix-cache", 2}, {"--memory", 2}, {"--out", 2}};
 #define ABOUT_JOBS 5
 
 /* argp takes beginnings of names too. */
@@ -434,8 +443,11 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                "  pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
                "          --out volumes.h5 --slurm 100\n"
                "      the same by Slurm; `--out volumes.h5 --join` shows how far it is\n"};
-    *o = (struct reconstruct_options){
-        .rig = OPT_RIG_INIT, .last = FRAMES_IN_LAST, .fit_margin = -1, .fit_frames = 50};
+    *o = (struct reconstruct_options){.rig = OPT_RIG_INIT,
+                                      .last = FRAMES_IN_LAST,
+                                      .fit_margin = -1,
+                                      .fit_frames = 50,
+                                      .memory = -1};
     o->frame = rec_frame_defaults;
     argp_parse(&argp, argc, argv, 0, NULL, o);
     o->said = said(argc, argv);

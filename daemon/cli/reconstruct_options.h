@@ -21,6 +21,7 @@ struct reconstruct_options {
     bool find_absorption; /* of frame.absorption */
     bool both;            /* frame.temporal, from the frame after too */
     int bayer;            /* 0 auto, 1 rays, 2 demosaic */
+    double memory;        /* bytes; < 0 = what is free */
     struct frames_in_reading reading;
     bool recording;       /* out is one HDF5 file, not a folder */
     unsigned part, parts; /* --array; 0: all in one */

@@ -5,6 +5,7 @@
 
 #include "base/mem.h"
 #include "recon/carve/bands.h"
+#include "recon/matrix/active.h"
 
 #define BRICK  REC_BRICK
 #define VOXELS REC_BRICK_VOXELS
@@ -28,7 +29,7 @@ struct rec_hull {
     uint8_t *klass;  /* [bricks][VOXELS] of what is kept: 1 partial, 2 inside, else 0 */
     int32_t *at;     /* [n z][n y] voxels kept in a row, then before it */
     struct row {
-        int64_t inside, partial;
+        int64_t inside, partial, cut;
     } * row; /* [rows of bricks] */
 };
 
@@ -62,7 +63,7 @@ static struct rec_rect brick_rect(const rec_hull *h, size_t c, size_t brick)
         if (!is_voxel(&e, o))
             continue;
         if (!rec_rect_seen(fp[o]))
-            return (struct rec_rect){.x0 = 1, .y0 = 1, .x1 = 0, .y1 = 0};
+            return REC_RECT_UNKNOWN;
         u.x0 = fp[o].x0 < u.x0 ? fp[o].x0 : u.x0;
         u.y0 = fp[o].y0 < u.y0 ? fp[o].y0 : u.y0;
         u.x1 = fp[o].x1 > u.x1 ? fp[o].x1 : u.x1;
@@ -86,15 +87,16 @@ pvx_err rec_hull_new(const rec_sysmat *S, rec_hull **out)
     h->row = pvx_calloc((size_t)h->nb[1] * (size_t)h->nb[2], sizeof *h->row);
     h->at = pvx_calloc(rows, sizeof *h->at);
     h->klass = pvx_reserve(rec_brick_places(&S->grid));
+    const struct rec_active *part = S->active;
     bool ok = h->brick_state != NULL && h->row != NULL && h->at != NULL && h->klass != NULL;
     for (size_t c = 0; ok && c < S->n_cameras; c++) {
         const struct rec_sysmat_block *b = &S->block[c];
-        h->brick[c] = pvx_calloc(bricks, sizeof **h->brick);
+        h->brick[c] = part != NULL ? part->rect[c] : pvx_calloc(bricks, sizeof **h->brick);
         h->sat[c] = pvx_calloc((size_t)(b->bw + 1) * (size_t)(b->bh + 1), sizeof **h->sat);
         h->column[c] = pvx_calloc(rec_band_count(b->bh), (size_t)b->bw);
         rec_bands_add(&h->bands, b->bh);
         ok = h->brick[c] != NULL && h->sat[c] != NULL && h->column[c] != NULL;
-        for (size_t i = 0; ok && i < bricks; i++)
+        for (size_t i = 0; ok && part == NULL && i < bricks; i++)
             h->brick[c][i] = brick_rect(h, c, i);
     }
     if (!ok) {
@@ -112,7 +114,8 @@ void rec_hull_free(rec_hull **hp)
     if (h == NULL)
         return;
     for (size_t c = 0; c < h->S->n_cameras; c++) {
-        free(h->brick[c]);
+        if (h->S->active == NULL)
+            free(h->brick[c]);
         free(h->sat[c]);
         free(h->column[c]);
     }
@@ -131,6 +134,7 @@ struct carve {
     const bool *present;
     int32_t *col;
     uint8_t *klass;
+    uint8_t *brick;
 };
 
 /* A table is a sum over all rows above.  So that its bands can be summed apart from each other, their
@@ -213,11 +217,13 @@ static inline bool cut_off(struct view v, struct rec_rect r)
     return (r.x0 == 0) | (r.y0 == 0) | (r.x1 + 1 == v.bw) | (r.y1 + 1 == v.bh);
 }
 
-/* A whole brick: it goes when some camera sees all of it and nothing lit there. */
+/* A whole brick: it goes when some camera sees all of it and nothing lit there, or fewer may have flame there than are
+ * wanted. */
 static struct brick look_at_brick(const struct carve *t, size_t brick)
 {
     const rec_hull *h = t->h;
     struct brick b = {.keep = true};
+    uint32_t may = 0;
     for (size_t c = 0; c < h->S->n_cameras; c++) {
         if (!t->present[c])
             continue;
@@ -227,9 +233,11 @@ static struct brick look_at_brick(const struct carve *t, size_t brick)
             s = look(view_of(h, c), r);
         if (s.lit == 0 && !cut_off(view_of(h, c), r))
             return (struct brick){0};
+        may += rec_rect_unknown(r) || (rec_rect_seen(r) && s.lit != 0);
         b.open |= (uint64_t)(s.dark != 0) << c;
         b.views += s.dark == 0;
     }
+    b.keep = may >= t->p->min_views;
     return b;
 }
 
@@ -288,14 +296,21 @@ static void carve_row(void *ctx, size_t row)
     const size_t n = (size_t)h->nb[0], first = row * n;
     int32_t kept[BRICK * BRICK] = {0};
     struct row out = {0};
+    const struct rec_active *part = h->S->active;
     for (size_t i = first; i < first + n; i++) {
         h->brick_state[i] = look_at_brick(t, i);
-        fetch(h, i);
+        if (part == NULL || part->brick[i])
+            fetch(h, i);
     }
     for (size_t i = first; i < first + n; i++) {
         uint8_t *klass = h->klass + i * VOXELS;
         if (!h->brick_state[i].keep)
             continue;
+        if (part != NULL && !part->brick[i]) {
+            h->brick_state[i].keep = false;
+            out.cut++;
+            continue;
+        }
         classify(t, i, klass);
         int32_t partial = 0, inside = 0;
         for (int o = 0; o < VOXELS; o++) {
@@ -345,6 +360,29 @@ static void list_layer(void *ctx, size_t z)
     }
 }
 
+static void test_row(void *ctx, size_t row)
+{
+    const struct carve *t = ctx;
+    size_t n = (size_t)t->h->nb[0];
+    int64_t kept = 0;
+    for (size_t i = row * n; i < row * n + n; i++)
+        kept += t->brick[i] = look_at_brick(t, i).keep;
+    t->h->row[row].partial = kept;
+}
+
+size_t rec_hull_bricks(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
+                       const bool *present, pvx_pool *pool, uint8_t *brick)
+{
+    struct carve t = {.h = h, .p = p, .lit = lit, .present = present, .brick = brick};
+    pvx_pool_run(pool, rec_bands_all(&h->bands), count_band, &t);
+    pvx_pool_run(pool, rec_bands_all(&h->bands), table_band, &t);
+    size_t rows = (size_t)h->nb[1] * (size_t)h->nb[2], kept = 0;
+    pvx_pool_run(pool, rows, test_row, &t);
+    for (size_t i = 0; i < rows; i++)
+        kept += (size_t)h->row[i].partial;
+    return kept;
+}
+
 void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
                     const bool *present, pvx_pool *pool, struct rec_hull_kept *out)
 {
@@ -365,6 +403,7 @@ void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t 
     for (size_t i = 0; i < (size_t)h->nb[1] * (size_t)h->nb[2]; i++) {
         sum.inside += h->row[i].inside;
         sum.partial += h->row[i].partial;
+        sum.cut += h->row[i].cut;
     }
     sum.outside -= sum.inside + sum.partial;
     out->n = total;

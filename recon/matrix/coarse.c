@@ -255,9 +255,8 @@ pvx_err rec_sysmat_coarsen(const rec_sysmat *fine, const struct rec_entries *e, 
     return PVX_OK;
 }
 
-/* The windows of one level, and what there is to say when it has none. */
-static pvx_err make_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool *pool,
-                            struct pvx_diag *d)
+pvx_err rec_sysmat_make_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool *pool,
+                                struct pvx_diag *d)
 {
     pvx_err err = rec_sysmat_windows(m, e, pool);
     if (err == PVX_ERANGE)
@@ -272,13 +271,13 @@ pvx_err rec_sysmat_add_levels(rec_sysmat *m, struct rec_entries *e, pvx_pool *po
 {
     struct rec_entries now = *e, coarser;
     *e = (struct rec_entries){0};
-    pvx_err err = make_windows(m, &now, pool, d);
+    pvx_err err = rec_sysmat_make_windows(m, &now, pool, d);
     for (size_t n = rec_sysmat_levels(&m->grid); err == PVX_OK && n > 1; n--, m = m->coarse) {
         err = rec_sysmat_coarsen(m, &now, pool, &m->coarse, &coarser, d);
         rec_entries_free(&now);
         now = coarser;
         if (err == PVX_OK)
-            err = make_windows(m->coarse, &now, pool, d);
+            err = rec_sysmat_make_windows(m->coarse, &now, pool, d);
     }
     rec_entries_free(&now);
     return err;

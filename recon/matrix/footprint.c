@@ -13,14 +13,22 @@
 #include "base/mem.h"
 #include "recon/matrix/priv.h"
 
-#define SLAB 8 /* layers of voxels per task */
+#define SLAB 8 /* layers of voxels per task, at least */
+
+/* What is known of a brick's voxels while its union is made. */
+enum { SOME_SEEN = 1, SOME_UNSEEN = 2 };
 
 struct job {
     const rec_sysmat *m;
     const struct rec_camera *c;
     const struct rec_sysmat_block *b;
-    const struct rec_entries *part;
-    struct rec_rect *fp;
+    const struct rec_entries *part; /* colptr NULL: none are known */
+    struct rec_rect *fp;            /* of all voxels, or: */
+    struct rec_rect *brick;         /* of bricks, and what is known of each, or: */
+    uint8_t *known;
+    const _Atomic uint64_t *met; /* of what all levels keep; camera */
+    size_t camera;
+    int32_t slab;   /* layers of voxels per task */
     int32_t span;   /* lattice cells per support: 1 box, 2 trilinear */
     int32_t nx, ny; /* lattice points per layer */
     double per_bin; /* 1 / binning */
@@ -139,7 +147,11 @@ static struct rec_rect rectangle(const struct job *j, const struct corners *k, s
 /* Rectangle with the rows of column `col` added: holds by construction then. */
 static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_rect r)
 {
-    uint32_t e0 = j->part->colptr[col], e1 = j->part->colptr[col + 1];
+    const struct rec_active *a = j->m->active;
+    if (a != NULL && !rec_active_has(a, col))
+        return r;
+    size_t at = a != NULL ? rec_active_rank(a, col) : col;
+    uint32_t e0 = j->part->colptr[at], e1 = j->part->colptr[at + 1];
     const uint32_t *row = j->part->row;
     if (e0 == e1)
         return r;
@@ -191,17 +203,70 @@ static bool behind_body(const struct job *j, size_t col, struct rec_rect r)
     return false;
 }
 
+static bool has_entries(const struct job *j, size_t col)
+{
+    if (j->met != NULL)
+        return (atomic_load_explicit(&j->met[col / 64], memory_order_relaxed) >> col % 64 & 1) != 0;
+    return j->part->colptr[col] != j->part->colptr[col + 1];
+}
+
 static struct rec_rect footprint(const struct job *j, size_t col, const struct corners *k, size_t x)
 {
     if (!k->hidden[x]) {
         struct rec_rect r = rectangle(j, k, x);
         if (!behind_body(j, col, r))
-            return with_entries(j, col, r);
+            return j->part->colptr != NULL ? with_entries(j, col, r) : r;
     }
     /* partly behind a body or the camera or past the fold of the lens: its outline is not known */
-    if (j->part->colptr[col] == j->part->colptr[col + 1])
+    if (j->part->colptr == NULL)
+        return REC_RECT_UNKNOWN;
+    if (!has_entries(j, col))
         return unseen;
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
+}
+
+/* r also into u. */
+static void widen(struct rec_rect *u, struct rec_rect r)
+{
+    if (!rec_rect_seen(r))
+        return;
+    if (!rec_rect_seen(*u)) {
+        *u = r;
+        return;
+    }
+    u->x0 = r.x0 < u->x0 ? r.x0 : u->x0;
+    u->y0 = r.y0 < u->y0 ? r.y0 : u->y0;
+    u->x1 = r.x1 > u->x1 ? r.x1 : u->x1;
+    u->y1 = r.y1 > u->y1 ? r.y1 : u->y1;
+}
+
+/* Into its voxel on every level that keeps it; only this task has voxels of these. */
+static void to_levels(const struct job *j, int32_t x, int32_t y, int32_t k, struct rec_rect r)
+{
+    for (const rec_sysmat *m = j->m; m != NULL; m = m->coarse, x /= 2, y /= 2, k /= 2) {
+        size_t place = rec_brick_place(&m->grid, x, y, k);
+        if (m->active == NULL || m->active->brick[place / REC_BRICK_VOXELS])
+            widen((struct rec_rect *)&m->block[j->camera].fp[place], r);
+        if (rec_rect_seen(r))
+            r = (struct rec_rect){r.x0 / 2, r.y0 / 2, r.x1 / 2, r.y1 / 2};
+    }
+}
+
+static void put(const struct job *j, int32_t x, int32_t y, int32_t k, struct rec_rect r)
+{
+    size_t place = rec_brick_place(&j->m->grid, x, y, k);
+    if (j->fp != NULL) {
+        j->fp[place] = r;
+    } else if (j->brick != NULL) {
+        size_t brick = place / REC_BRICK_VOXELS;
+        uint8_t known = rec_rect_seen(r)      ? SOME_SEEN
+                        : rec_rect_unknown(r) ? SOME_SEEN | SOME_UNSEEN
+                                              : SOME_UNSEEN;
+        j->known[brick] |= known;
+        widen(&j->brick[brick], r);
+    } else {
+        to_levels(j, x, y, k, r);
+    }
 }
 
 /* The layers that a slab goes through and one row of corners, in one piece of memory. */
@@ -236,8 +301,8 @@ static void slab(void *ctx, size_t task)
 {
     struct job *j = ctx;
     const struct rec_grid *g = &j->m->grid;
-    int32_t planes = j->span + 1, k0 = (int32_t)task * SLAB;
-    int32_t k1 = k0 + SLAB < g->n[2] ? k0 + SLAB : g->n[2];
+    int32_t planes = j->span + 1, k0 = (int32_t)task * j->slab;
+    int32_t k1 = k0 + j->slab < g->n[2] ? k0 + j->slab : g->n[2];
     struct work w;
     if (!new_work(j, &w)) {
         atomic_store(&j->out_of_memory, true);
@@ -252,27 +317,65 @@ static void slab(void *ctx, size_t task)
             gather_corners(j, &w.ring[k % planes], &w.ring[far % planes], y, &w.corners);
             size_t col = (size_t)rec_grid_index(g, 0, y, k);
             for (size_t x = 0; x < (size_t)g->n[0]; x++)
-                j->fp[rec_brick_place(g, (int32_t)x, y, k)] = footprint(j, col + x, &w.corners, x);
+                put(j, (int32_t)x, y, k, footprint(j, col + x, &w.corners, x));
         }
     }
     free(w.memory);
+}
+
+static pvx_err project(struct job *j, pvx_pool *pool)
+{
+    const struct rec_grid *g = &j->m->grid;
+    j->span = g->basis == REC_TRILINEAR ? 2 : 1;
+    j->nx = g->n[0] + j->span;
+    j->ny = g->n[1] + j->span;
+    j->per_bin = 1.0 / j->m->binning;
+    pvx_pool_run(pool, (size_t)((g->n[2] + j->slab - 1) / j->slab), slab, j);
+    return atomic_load(&j->out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }
 
 pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
                               const struct rec_sysmat_block *b, const struct rec_entries *part,
                               pvx_pool *pool, struct rec_rect *fp)
 {
-    int32_t span = m->grid.basis == REC_TRILINEAR ? 2 : 1;
-    struct job j = {.m = m,
-                    .c = c,
-                    .b = b,
-                    .part = part,
-                    .fp = fp,
-                    .span = span,
-                    .nx = m->grid.n[0] + span,
-                    .ny = m->grid.n[1] + span,
-                    .per_bin = 1.0 / m->binning};
+    struct job j = {.m = m, .c = c, .b = b, .part = part, .fp = fp, .slab = SLAB};
     rec_no_footprints(m, fp);
-    pvx_pool_run(pool, (size_t)(m->grid.n[2] + SLAB - 1) / SLAB, slab, &j);
-    return atomic_load(&j.out_of_memory) ? PVX_ENOMEM : PVX_OK;
+    return project(&j, pool);
+}
+
+pvx_err rec_sysmat_brick_footprints(const rec_sysmat *m, const struct rec_camera *c,
+                                    const struct rec_sysmat_block *b, float *depth, pvx_pool *pool,
+                                    struct rec_rect *brick)
+{
+    const struct rec_entries none = {.depth = depth};
+    struct job j = {.m = m, .c = c, .b = b, .part = &none, .brick = brick, .slab = SLAB};
+    size_t bricks = rec_brick_places(&m->grid) / REC_BRICK_VOXELS;
+    j.known = pvx_calloc(bricks, 1);
+    if (j.known == NULL)
+        return PVX_ENOMEM;
+    for (size_t i = 0; i < bricks; i++)
+        brick[i] = unseen;
+    pvx_err e = project(&j, pool);
+    for (size_t i = 0; i < bricks; i++)
+        if (j.known[i] == (SOME_SEEN | SOME_UNSEEN))
+            brick[i] = REC_RECT_UNKNOWN;
+    free(j.known);
+    return e;
+}
+
+pvx_err rec_sysmat_active_footprints(const rec_sysmat *m, size_t c, const struct rec_camera *camera,
+                                     const struct rec_entries *part, const _Atomic uint64_t *met,
+                                     pvx_pool *pool)
+{
+    struct job j = {
+        .m = m, .c = camera, .b = &m->block[c], .part = part, .met = met, .camera = c, .slab = 1};
+    for (const rec_sysmat *l = m; l != NULL; l = l->coarse) {
+        struct rec_rect *fp = (struct rec_rect *)l->block[c].fp;
+        for (size_t i = 0; i < rec_brick_places(&l->grid); i++)
+            if (l->active == NULL || l->active->brick[i / REC_BRICK_VOXELS])
+                fp[i] = unseen;
+        j.slab *= l->coarse != NULL ? 2 : 1;
+    }
+    j.slab = j.slab > SLAB ? j.slab : SLAB;
+    return project(&j, pool);
 }

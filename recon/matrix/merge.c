@@ -74,7 +74,7 @@ static void merge_slice(struct job *j, size_t first, size_t end, pvx_pool *pool)
 pvx_err rec_sysmat_merge(rec_sysmat *m, struct rec_entries *part, pvx_pool *pool,
                          struct rec_entries *out, struct pvx_diag *d)
 {
-    struct job j = {.m = m, .part = part, .N = rec_grid_count(&m->grid)};
+    struct job j = {.m = m, .part = part, .N = rec_sysmat_columns(m)};
     m->nnz = 0;
     *out = (struct rec_entries){0};
     for (size_t c = 0; c < m->n_cameras; c++)

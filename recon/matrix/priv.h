@@ -2,7 +2,7 @@
  * construction.  Not for other modules. */
 #ifndef REC_SYSMAT_PRIV_H
 #define REC_SYSMAT_PRIV_H
-#include "recon/matrix/sysmat.h"
+#include "recon/matrix/active.h"
 
 #define REC_SYSMAT_LEVELS_MAX 8 /* 1024 voxels a side have 7 */
 
@@ -12,12 +12,14 @@ struct rec_sysmat_store {
     void *map;
     size_t map_bytes;
     bool borrowed;
+    bool sparse; /* windows and footprints are reserved address space */
 };
 
 /* A level while S is built, by columns: the entries of column j are [colptr[j],colptr[j+1]), rows
- * ascending, values > 0 in units.  Of one camera: its own columns, rows without row0. */
+ * ascending, values > 0 in units.  Of one camera: its own columns, rows without row0.  Of a part of S the columns
+ * are those kept. */
 struct rec_entries {
-    uint32_t *colptr; /* [N+1] */
+    uint32_t *colptr; /* [columns+1] */
     uint32_t *row;
     uint8_t *val;
     uint64_t nnz;
@@ -34,6 +36,36 @@ PVX_MUST_CHECK pvx_err rec_sysmat_number_rows(rec_sysmat *m, struct pvx_diag *d)
 /* `bytes` from the heap, aligned but not zeroed.  free(); NULL when there are none. */
 void *rec_sysmat_array(uint64_t bytes);
 
+/* Columns that there are, N or those kept. */
+size_t rec_sysmat_columns(const rec_sysmat *m);
+static inline size_t rec_sysmat_voxel(const rec_sysmat *m, size_t column)
+{
+    return m->active != NULL ? m->active->column[column] : column;
+}
+
+/* Address space of a level that keeps a part. */
+struct rec_sparse_bytes {
+    size_t at, w, fp;
+};
+static inline struct rec_sparse_bytes rec_sparse_bytes(const rec_sysmat *m)
+{
+    size_t windows = rec_grid_count(&m->grid) * (size_t)m->win.slots;
+    return (struct rec_sparse_bytes){.at = windows * sizeof *m->win.at,
+                                     .w = windows * rec_window_size(&m->win) + REC_WINDOWS_PAD,
+                                     .fp = rec_brick_places(&m->grid) * sizeof(struct rec_rect)};
+}
+
+/* No brick marked; the marks' columns; those of a coarser grid.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_active_new(const struct rec_grid *g, struct rec_active **out);
+PVX_MUST_CHECK pvx_err rec_active_close(struct rec_active *a, const struct rec_grid *g);
+PVX_MUST_CHECK pvx_err rec_active_coarser(const struct rec_active *a, const struct rec_grid *g,
+                                          const struct rec_grid *coarse, struct rec_active **out);
+void rec_active_free(struct rec_active **a);
+
+/* Everything of the finest level but its entries and footprints, and rows.  p is resolved. */
+PVX_MUST_CHECK pvx_err rec_sysmat_finest_frame(const struct rec_rig *rig,
+                                               const struct rec_sysmat_params *p, rec_sysmat *m,
+                                               struct pvx_diag *d);
 /* Everything of a coarser level but its entries and footprints. */
 void rec_sysmat_coarse_frame(const rec_sysmat *fine, rec_sysmat *coarse);
 
@@ -50,6 +82,10 @@ void rec_sysmat_window_frame(rec_sysmat *m);
 /* m->win from all entries of m.  PVX_ENOMEM; PVX_ERANGE: 2^32 windows or more do not fit theirs. */
 PVX_MUST_CHECK pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e,
                                           pvx_pool *pool);
+
+/* The same, and what there is to say when it has none. */
+PVX_MUST_CHECK pvx_err rec_sysmat_make_windows(rec_sysmat *m, const struct rec_entries *e,
+                                               pvx_pool *pool, struct pvx_diag *d);
 
 /* (4) of sysmat.h: the level below `fine`, whose entries these are; the coarser one's into *out.
  * Exact but for the rounding (3), which here goes along a row in the order of the columns. */
@@ -70,4 +106,17 @@ PVX_MUST_CHECK pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct r
                                              const struct rec_sysmat_block *b,
                                              const struct rec_entries *part, pvx_pool *pool,
                                              struct rec_rect *fp);
+
+/* The unions of bricks of those of camera c, as far as they are known without entries, into brick [bricks];
+ * depth as in rec_entries.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_sysmat_brick_footprints(const rec_sysmat *m, const struct rec_camera *c,
+                                                   const struct rec_sysmat_block *b, float *depth,
+                                                   pvx_pool *pool, struct rec_rect *brick);
+
+/* Those of camera c on all levels of m, which keep a part each, into their blocks.  part: the finest's; met [N bits]
+ * which of its columns have entries at all.  PVX_ENOMEM. */
+PVX_MUST_CHECK pvx_err rec_sysmat_active_footprints(const rec_sysmat *m, size_t c,
+                                                    const struct rec_camera *camera,
+                                                    const struct rec_entries *part,
+                                                    const _Atomic uint64_t *met, pvx_pool *pool);
 #endif

@@ -66,15 +66,10 @@ static struct sizes sizes_of(const rec_sysmat *S)
                           .is_row = S->win.room};
 }
 
-/* The most voxels that a list of them is reserved for. */
-#define MOST ((size_t)1 << 26)
-
 pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool *pool, int cs,
                        struct rec_subsys **out)
 {
     *out = NULL;
-    if (rec_grid_count(&S->grid) > MOST)
-        return PVX_ERANGE;
     struct rec_subsys *a = pvx_calloc(1, sizeof *a);
     if (a == NULL)
         return PVX_ENOMEM;

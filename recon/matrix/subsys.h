@@ -63,7 +63,7 @@ struct rec_subsys {
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera; then the number of bins */
 };
 
-/* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM; PVX_ERANGE: S has over 2^26 voxels. */
+/* Sizes everything for S; cs 1 or 4.  Errors: PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_subsys_new(const rec_sysmat *S, const struct rec_kernels *k,
                                       pvx_pool *pool, int cs, struct rec_subsys **out);
 void rec_subsys_free(struct rec_subsys **a);

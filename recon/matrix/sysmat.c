@@ -172,6 +172,13 @@ void rec_sysmat_free(rec_sysmat **pm)
     struct rec_sysmat_store *s = m->priv;
     if (s->map != NULL) {
         munmap(s->map, s->map_bytes);
+    } else if (s->sparse) {
+        struct rec_sparse_bytes z = rec_sparse_bytes(m);
+        pvx_unreserve(m->win.at, z.at);
+        pvx_unreserve(m->win.w, z.w);
+        free(m->win.more);
+        for (size_t i = 0; i < m->n_cameras; i++)
+            pvx_unreserve((void *)m->block[i].fp, z.fp);
     } else if (!s->borrowed) {
         free(m->win.at);
         free(m->win.w);
@@ -179,6 +186,7 @@ void rec_sysmat_free(rec_sysmat **pm)
         for (size_t i = 0; i < m->n_cameras; i++)
             free((void *)m->block[i].fp);
     }
+    rec_active_free(&m->active);
     free(s);
     free(m->block);
     PVX_FREE(*pm);

@@ -95,6 +95,7 @@ struct rec_sysmat {
     struct rec_sysmat_block *block;   /* [n_cameras] */
     size_t row0[REC_MAX_CAMERAS + 1]; /* first row of each camera; [n_cameras] = rows in all */
     rec_sysmat *coarse;               /* or NULL */
+    struct rec_active *active;        /* what there is of it (active.h), or NULL: all of it */
     bool cached;                      /* rec_sysmat_open found it */
     void *priv;                       /* mapping or heap */
 };

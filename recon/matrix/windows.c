@@ -25,7 +25,7 @@ static const struct shape {
 struct job {
     rec_sysmat *m;
     const struct rec_entries *e;
-    size_t N;
+    size_t N;                 /* columns */
     uint64_t (*more)[SHAPES]; /* [chunks] windows in `more`, then the first of each chunk */
     size_t shape;
 };
@@ -116,9 +116,9 @@ static void fill_chunk(void *ctx, size_t task)
     struct bins b = {.n = 0};
     uint8_t w[REC_WINDOW_MAX];
     size_t size = rec_window_size(out), more = (size_t)j->more[task][j->shape];
-    for (size_t q = task * CHUNK; q < chunk_end(j, task); q++) {
-        uint32_t e = j->e->colptr[q], end = j->e->colptr[q + 1];
-        size_t at = q * (size_t)out->slots;
+    for (size_t i = task * CHUNK; i < chunk_end(j, task); i++) {
+        uint32_t e = j->e->colptr[i], end = j->e->colptr[i + 1];
+        size_t q = rec_sysmat_voxel(j->m, i), at = q * (size_t)out->slots;
         memset(out->w + at * size, 0, (size_t)out->slots * size);
         for (size_t c = 0; c < (size_t)out->slots; c++)
             out->at[at + c] = out->nowhere;
@@ -193,13 +193,25 @@ static bool settle(const struct job *j, size_t c, size_t q, size_t n)
     return true;
 }
 
+/* Voxels 2i and 2i+1 of a row; bricks are even, so both are kept or none.  Not across what is a chunk of the whole. */
+static bool is_pair(size_t voxel, size_t nx)
+{
+    return voxel % nx % 2 == 0 && voxel % nx + 1 < nx && voxel / CHUNK == (voxel + 1) / CHUNK;
+}
+/* First column of a chunk of whole pairs. */
+static size_t settle_from(const struct job *j, size_t task, size_t nx)
+{
+    size_t i = task * CHUNK < j->N ? task * CHUNK : j->N;
+    return i > 0 && i < j->N && is_pair(rec_sysmat_voxel(j->m, i - 1), nx) ? i + 1 : i;
+}
+
 static void settle_chunk(void *ctx, size_t task)
 {
     const struct job *j = ctx;
-    size_t nx = (size_t)j->m->grid.n[0];
-    for (size_t q = task * CHUNK, n; q < chunk_end(j, task); q += n) {
-        size_t i = q % nx;
-        n = i % 2 == 0 && i + 1 < nx && q + 1 < chunk_end(j, task) ? 2 : 1;
+    size_t nx = (size_t)j->m->grid.n[0], end = settle_from(j, task + 1, nx);
+    for (size_t i = settle_from(j, task, nx), n; i < end; i += n) {
+        size_t q = rec_sysmat_voxel(j->m, i);
+        n = is_pair(q, nx) ? 2 : 1;
         for (size_t c = 0; c < j->m->n_cameras; c++)
             for (size_t k = n == 2 && settle(j, c, q, 2) ? n : 0; k < n; k++)
                 settle(j, c, q + k, 1);
@@ -251,7 +263,7 @@ void rec_sysmat_window_frame(rec_sysmat *m)
 
 pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool *pool)
 {
-    struct job j = {.m = m, .e = e, .N = rec_grid_count(&m->grid)};
+    struct job j = {.m = m, .e = e, .N = rec_sysmat_columns(m)};
     struct rec_windows *w = &m->win;
     size_t chunks = (j.N + CHUNK - 1) / CHUNK;
     rec_sysmat_window_frame(m);
@@ -261,14 +273,15 @@ pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool 
     pvx_pool_run(pool, chunks, count_chunk, &j);
     pvx_err err = choose(&j, chunks) ? PVX_OK : PVX_ERANGE;
     if (err == PVX_OK) {
-        size_t bytes = j.N * (size_t)w->slots * rec_window_size(w);
-        w->at = rec_sysmat_array(j.N * (size_t)w->slots * sizeof *w->at);
-        w->w = rec_sysmat_array(bytes + REC_WINDOWS_PAD);
+        struct rec_sparse_bytes z = rec_sparse_bytes(m);
+        bool part = m->active != NULL;
+        w->at = part ? pvx_reserve(z.at) : rec_sysmat_array(z.at);
+        w->w = part ? pvx_reserve(z.w) : rec_sysmat_array(z.w);
         w->more = rec_sysmat_array(w->n_more * sizeof *w->more);
         if (w->at == NULL || w->w == NULL || w->more == NULL)
             err = PVX_ENOMEM;
         else
-            memset(w->w + bytes, 0, REC_WINDOWS_PAD);
+            memset(w->w + z.w - REC_WINDOWS_PAD, 0, REC_WINDOWS_PAD);
     }
     if (err == PVX_OK)
         pvx_pool_run(pool, chunks, fill_chunk, &j);
