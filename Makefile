@@ -24,9 +24,9 @@ PACKAGES_BUILD := build-essential pkg-config libaravis-dev libusb-1.0-0-dev zlib
   libyaml-dev libcjson-dev libxxhash-dev liblz4-dev libzstd-dev libsystemd-dev libopencv-dev \
   libopencv-contrib-dev libcairo2-dev libavformat-dev libavcodec-dev libavutil-dev \
   libturbojpeg0-dev libhdf5-dev libcamera-dev libceres-dev libopenvdb-dev libboost-dev libnanovdb-dev \
-  libmicrohttpd-dev libgnutls28-dev libwslay-dev libassimp-dev
+  libmicrohttpd-dev libgnutls28-dev libwslay-dev libassimp-dev libopenmpi-dev
 PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format clang-tidy \
-  libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux \
+  libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux openmpi-bin \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
   nodejs openssl ffmpeg
@@ -63,7 +63,7 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
-MAINS := daemon/main.c daemon/cli/pyrovox.c proto/clients/example.c recon/view/example.c
+MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/ranks_mpi.c proto/clients/example.c recon/view/example.c
 ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 FOREIGN := %_avx2.c %_avx512.c
 endif
@@ -81,8 +81,9 @@ RECON_ROOMS := $(filter-out recon/light recon/board recon/calib recon/check,$(fi
 RECON_LIBS := -lyaml -lxxhash -lpthread -lm
 RECON := $(B)/lib/libpyrovox-recon.so.1 $(B)/lib/pyrovox-recon.pc
 CLIENT := $(B)/lib/libpyrovox-client.so.1 $(B)/lib/pyrovox-client.pc
+MPI := $(shell pkg-config --exists ompi-c 2>/dev/null && echo 1)
 PLUGINS := $(patsubst %,$(B)/lib/pyrovox/pyrovox-%.so,opencv aruco calib $(if $(shell pkg-config --exists libcamera 2>/dev/null && echo 1),libcamera) \
-  $(if $(wildcard /usr/include/openvdb/openvdb.h),$(if $(wildcard /usr/include/nanovdb/NanoVDB.h),openvdb)))
+  $(if $(wildcard /usr/include/openvdb/openvdb.h),$(if $(wildcard /usr/include/nanovdb/NanoVDB.h),openvdb)) $(if $(MPI),mpi))
 
 UNIT  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/unit/test_*.c tests/check/test_*.c tests/sim/test_*.c)))
 VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
@@ -91,7 +92,7 @@ FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 # A stamp beside each object, made after it: a header that changed makes both anew.
-TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c),$(wildcard */*.c */*/*.c */*/*/*.c)))
+TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c) $(if $(MPI),,%_mpi.c),$(wildcard */*.c */*/*.c */*/*/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
@@ -278,6 +279,13 @@ $(B)/lib/pyrovox/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcam
 	@mkdir -p $(@D)
 	$(call say,CXX)
 	$(Q)$(call module,$$(pkg-config --cflags libcamera)) -std=c++20 $$(pkg-config --libs libcamera)
+
+# In C, since MPI has a C API.
+$(B)/daemon/cli/ranks_mpi.%: pkg_cflags = $(shell pkg-config --cflags ompi-c)
+$(B)/lib/pyrovox/pyrovox-mpi.so: $(B)/daemon/cli/ranks_mpi.o
+	@mkdir -p $(@D)
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $^ $$(pkg-config --libs ompi-c)
 
 # Its headers warn; most of the library's own cost is theirs too.
 $(B)/lib/pyrovox/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/nanovdb_grids.cpp daemon/volumes/openvdb_shim.h daemon/volumes/nanovdb_grids.h

@@ -10,9 +10,13 @@
 #include "daemon/cli/cli.h"
 #include "daemon/cli/frames_in.h"
 #include "daemon/cli/hull_picture.h"
+#include "daemon/cli/ranks.h"
 #include "daemon/cli/reconstruct_absorb.h"
 #include "daemon/cli/reconstruct_fit.h"
+#include "daemon/cli/reconstruct_join.h"
 #include "daemon/cli/reconstruct_options.h"
+#include "daemon/cli/reconstruct_part.h"
+#include "daemon/cli/reconstruct_slurm.h"
 #include "daemon/pipeline/volume_file.h"
 
 struct job {
@@ -25,6 +29,8 @@ struct job {
     struct rec_frame_params params;
     pvx_pool *pool;
     dmn_pipeline *pipeline;
+    struct ranks ranks;
+    struct reconstruct_part part; /* where out is one file */
 
     /* the sink's: */
     hull_picture *picture; /* NULL = none wanted */
@@ -168,9 +174,11 @@ static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
     struct rec_sparse v;
     rec_frame_volume(s->frame, &v);
-    rec_sparse_to_dense(&v, j->dense);
-    snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
-    PVX_TRY(save_volume(j, s, path, d));
+    if (!j->o->recording) {
+        rec_sparse_to_dense(&v, j->dense);
+        snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
+        PVX_TRY(save_volume(j, s, path, d));
+    }
     j->volumes++;
     j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
                r->coarse_iterations == 0 && !r->warm;
@@ -222,15 +230,18 @@ static bool put(void *ctx, const struct dmn_slot *s)
         cli_progress(&j->bar, (double)++j->sets / (double)(j->o->both ? 2 * j->in.n : j->in.n));
     if (j->back)
         return put_mean(j, s);
-    j->failed |= s->problem.text[0] != '\0';
-    if (s->why == DMN_N_DROP)
-        j->error = save(j, s, &j->why);
-    else if (s->why != DMN_DROP_IMAGES)
+    bool own = true;
+    if (s->why != DMN_N_DROP && s->why != DMN_DROP_IMAGES)
         j->error = pvx_fail(&j->why, PVX_EINVAL, "frame %06llu: cannot be solved",
                             (unsigned long long)s->set);
-    if (j->error == PVX_OK)
+    else if (j->o->recording)
+        j->error = reconstruct_part_put(&j->part, s, &j->rig, j->params.nch, &own, &j->why);
+    j->failed |= own && s->problem.text[0] != '\0';
+    if (j->error == PVX_OK && own && s->why == DMN_N_DROP)
+        j->error = save(j, s, &j->why);
+    if (j->error == PVX_OK && own)
         report_frame(j, s);
-    else
+    if (j->error != PVX_OK)
         atomic_store(&j->in.stop, true);
     return j->error == PVX_OK && s->why == DMN_N_DROP;
 }
@@ -274,7 +285,22 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
     j->params.nch = j->in.nch;
     if (o->find_absorption)
         PVX_TRY(reconstruct_absorb(o, &j->params.absorption, d));
-    return o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK;
+    PVX_TRY(o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK);
+    return o->recording ? reconstruct_part_begin(&j->part, o, &j->rig, &j->in, d) : PVX_OK;
+}
+
+/* One of a node's processes builds it, the others map what that one has cached: it is there once. */
+static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "system matrix"};
+    ranks_first(&j->ranks);
+    pvx_err e = j->part.nothing
+                    ? PVX_OK
+                    : rec_sysmat_open(
+                          &j->rig, &j->o->rig.matrix, j->o->cache, j->pool,
+                          (struct rec_progress){j->o->quiet ? NULL : cli_progress, &bar}, &j->S, d);
+    ranks_others(&j->ranks);
+    return e;
 }
 
 /* The pipeline between the frames and their volumes. */
@@ -305,21 +331,26 @@ static pvx_err connect_all(struct job *j, struct pvx_diag *d)
 static pvx_err prepare(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
-    PVX_TRY(find_input(j, d));
-    if (o->out == NULL)
+    PVX_TRY(ranks_all(&j->ranks, find_input(j, d)));
+    if (o->out == NULL || o->slurm > 0)
         return PVX_OK;
-    PVX_TRY(pvx_mkdirs(o->out, d));
+    PVX_TRY(open_matrix(j, d));
+    if (j->part.nothing)
+        return PVX_OK;
+    if (o->recording)
+        PVX_TRY(reconstruct_part_open(&j->part, &j->rig, &j->in, d));
+    else
+        PVX_TRY(pvx_mkdirs(o->out, d));
     if (o->save_hull != NULL)
         PVX_TRY(pvx_mkdirs(o->save_hull, d));
-    struct cli_progress bar = {.label = "system matrix"};
-    PVX_TRY(rec_sysmat_open(&j->rig, &o->rig.matrix, o->cache, j->pool,
-                            (struct rec_progress){o->quiet ? NULL : cli_progress, &bar}, &j->S, d));
     PVX_TRY(frames_in_begin(&j->in, j->S->binning, o->reading.mosaic, d));
     if (o->save_hull != NULL)
         PVX_TRY(hull_picture_new(j->S, &j->rig, j->params.nch, j->params.hull.min_views, j->pool,
                                  &j->picture));
-    j->dense = pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
-    if (j->dense == NULL)
+    if (!o->recording)
+        j->dense =
+            pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
+    if (!o->recording && j->dense == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
     return connect_all(j, d);
 }
@@ -388,24 +419,75 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     return e;
 }
 
+/* What is left to do when the parts of the others are done too. */
+static int join(const struct job *j, int code)
+{
+    const struct reconstruct_options *o = j->o;
+    if (o->parts == 0 || o->slurm > 0)
+        return code;
+    code = ranks_worst(&j->ranks, code);
+    if (j->ranks.rank > 0 || cli_stop || (j->ranks.n == 1 && !reconstruct_join_is_due(o->out)))
+        return code;
+    int joined = reconstruct_join(o->out);
+    return code != 0 ? code : joined;
+}
+
+static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
+{
+    if (e == PVX_OK && cli_stop)
+        e = PVX_ECANCELED;
+    if (j->o->recording)
+        e = reconstruct_part_end(&j->part, e, d);
+    if (e == PVX_ECANCELED && cli_stop)
+        fprintf(stderr, "pyrovox: stopped\n");
+    if (e == PVX_ECANCELED) /* else: another rank says why */
+        return cli_stop ? 130 : 1;
+    if (e != PVX_OK)
+        return cli_error(d, e);
+    return j->failed ? 1 : 0;
+}
+
+/* Each process of mpirun takes the part of its rank. */
+static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
+{
+    PVX_TRY(ranks_open(&j->ranks, d));
+    if (j->ranks.n == 1 || o->join)
+        return PVX_OK;
+    if (!o->recording || o->parts > 0 || o->slurm > 0)
+        return pvx_fail(d, PVX_EINVAL, "%u processes were started together: %s", j->ranks.n,
+                        o->recording ? "leave --array and --slurm away"
+                                     : "they need --out FILE.h5");
+    o->part = j->ranks.rank + 1;
+    o->parts = j->ranks.n;
+    o->quiet |= j->ranks.rank > 0;
+    return PVX_OK;
+}
+
 static int run(int argc, char **argv)
 {
     struct reconstruct_options o;
     reconstruct_parse(argc, argv, &o);
+    if (o.join) {
+        free(o.said);
+        return reconstruct_join(o.out);
+    }
     cli_catch_stop();
     struct job j = {.o = &o, .params = o.frame};
     struct pvx_diag d = {""};
-    pvx_err e = prepare(&j, &d);
-    if (e == PVX_OK && o.out != NULL)
+    pvx_err e = deal(&j, &o, &d);
+    if (o.slurm > 0)
+        o.parts = o.slurm;
+    if (e == PVX_OK)
+        e = prepare(&j, &d);
+    if (e == PVX_OK && o.slurm > 0)
+        e = reconstruct_slurm(&j.part.job, o.resume, argc, argv, o.sbatch, &d);
+    else if (e == PVX_OK && o.out != NULL && !j.part.nothing)
         e = reconstruct(&j, &d);
+    int code = join(&j, conclude(&j, e, &d));
     finish(&j);
-    if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop)) {
-        fprintf(stderr, "pyrovox: stopped\n");
-        return 130;
-    }
-    if (e != PVX_OK)
-        return cli_error(&d, e);
-    return j.failed ? 1 : 0;
+    ranks_close(&j.ranks);
+    free(o.said);
+    return code;
 }
 
 const struct cli_command cmd_reconstruct = {

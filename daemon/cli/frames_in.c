@@ -249,6 +249,13 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
     load_set(f, f->backwards ? f->left : f->n - 1 - f->left);
     int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
     s->set = f->number[f->at];
+    s->t_exposure_ns = s->spread_ns = 0;
+    if (f->take != NULL) {
+        int64_t k = cap_take_find_set(f->take, f->number[f->at]);
+        const struct cap_take_set *set = cap_take_set(f->take, (uint64_t)k, NULL);
+        s->t_exposure_ns = set->t_exposure_ns;
+        s->spread_ns = set->spread_ns;
+    }
     s->n_present = dmn_images_bin_frame(f->images, f->image, s->frame, &s->mask);
     s->bin_ns = pvx_now_mono() - t0;
     let_go(f, s->mask, &s->problem);
@@ -408,6 +415,20 @@ pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
     if (f->take != NULL)
         note_unknown(f);
     return PVX_OK;
+}
+
+void frames_in_only(struct frames_in *f, size_t first, size_t end)
+{
+    size_t cams = f->rig->n_cameras, n = end - first;
+    for (size_t i = 0; f->path != NULL && i < f->n * cams; i++)
+        if (i < first * cams || i >= end * cams)
+            PVX_FREE(f->path[i]);
+    memmove(f->number, f->number + first, n * sizeof *f->number);
+    if (f->path != NULL)
+        memmove(f->path, f->path + first * cams, n * cams * sizeof *f->path);
+    if (f->row != NULL)
+        memmove(f->row, f->row + first * cams, n * cams * sizeof *f->row);
+    f->n = n;
 }
 
 void frames_in_close(struct frames_in *f)

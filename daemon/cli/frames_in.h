@@ -55,6 +55,8 @@ PVX_MUST_CHECK pvx_err frames_in_open(struct frames_in *f, const char *dir, uint
 /* A take's pictures are of the cameras, exposures and gains that the rig's photometry was measured with.
  * PVX_EINVAL: they are not.  Of folders nothing is known. */
 PVX_MUST_CHECK pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d);
+/* From now on there are only the sets [first, end) of those that there were. */
+void frames_in_only(struct frames_in *f, size_t first, size_t end);
 void frames_in_close(struct frames_in *f);
 
 /* Raw pixels per bin side, before loading; may be called again.  Bayer images at binning 1 as `mosaic`. */

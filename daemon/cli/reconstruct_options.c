@@ -1,9 +1,11 @@
 #include "daemon/cli/reconstruct_options.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "daemon/cli/arg.h"
+#include "daemon/cli/parts.h"
 #include "daemon/config/config.h"
 
 enum {
@@ -41,13 +43,19 @@ enum {
     OPT_QUIET,
     OPT_FIT,
     OPT_FIT_FRAMES,
-    OPT_SAVE_RIG
+    OPT_SAVE_RIG,
+    OPT_ARRAY,
+    OPT_RESUME,
+    OPT_JOIN,
+    OPT_SLURM,
+    OPT_SBATCH
 };
 
 static const struct argp_option option_table[] = {
     {"frames", OPT_FRAMES, "DIR|TAKE.h5", 0,
      "DIR/<camera>/<6 digits>.(npy|png|tif), or a take of raw frames, FILE.h5", 0},
-    {"out", OPT_OUT, "DIR", 0, "volumes go to DIR/<6 digits>.npy with a .json beside each", 0},
+    {"out", OPT_OUT, "DIR|FILE.h5", 0,
+     "volumes go to DIR/<6 digits>.npy with a .json beside each, or into one HDF5 file", 0},
     {"save-report", OPT_REPORT, "FILE", 0, "solver and hull report of every frame as JSON", 0},
     {"first", OPT_FIRST, "N", 0, "first frame number", 0},
     {"last", OPT_LAST, "N", 0, "last frame number", 0},
@@ -142,6 +150,23 @@ static const struct argp_option option_table[] = {
      "which "
      "only the solver pcg knows how to use",
      5},
+    {NULL, 0, NULL, 0, "On several machines (--out FILE.h5):", 6},
+    {"array", OPT_ARRAY, "I/N", 0,
+     "solve part I, from 1, of N runs of the recording's sets, into FILE.h5.parts; whoever ends "
+     "last joins "
+     "them into FILE.h5. For job arrays of any scheduler: --array $TASK/100",
+     6},
+    {"resume", OPT_RESUME, NULL, 0,
+     "go on with a part that died, failed or was stopped; one that is done is left alone", 6},
+    {"join", OPT_JOIN, NULL, 0,
+     "with --out alone: show how far the parts are, and join those that are done", 6},
+    {"slurm", OPT_SLURM, "N", 0,
+     "hand N parts to Slurm as a job array, and a job that joins them; with --resume only what is "
+     "not "
+     "done",
+     6},
+    {"sbatch", OPT_SBATCH, "OPTIONS", 0,
+     "more for sbatch, as in --sbatch '--partition=long --time=8:00:00 --cpus-per-task=16'", 6},
     /* earlier names */
     {"strict-hull", OPT_STRICT, NULL, OPTION_HIDDEN, NULL, 4},
     {"warm-start", OPT_WARM, NULL, OPTION_HIDDEN, NULL, 3},
@@ -211,6 +236,32 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     }
 }
 
+static void parse_array(struct argp_state *st, const char *arg, struct reconstruct_options *o)
+{
+    char rest;
+    if (sscanf(arg, "%u/%u%c", &o->part, &o->parts, &rest) != 2 || o->part < 1 ||
+        o->part > o->parts || o->parts > PARTS_MAX)
+        argp_error(st, "--array: '%s' should be I/N: part I, from 1, of N", arg);
+}
+
+/* What goes with what, where volumes go into one file. */
+static void check_parts(struct argp_state *st, struct reconstruct_options *o)
+{
+    size_t n = o->out != NULL ? strlen(o->out) : 0;
+    o->recording = n > 3 && strcmp(o->out + n - 3, ".h5") == 0;
+    bool several = o->parts > 0 || o->slurm > 0;
+    if ((several || o->join) && !o->recording)
+        argp_error(st, "%s needs --out FILE.h5", o->join ? "--join" : "--array, --slurm");
+    if (o->parts > 0 && o->slurm > 0)
+        argp_error(st, "--slurm says --array to each part itself");
+    if (several && o->report != NULL)
+        argp_error(st, "--save-report: of parts the reports are in FILE.h5, /sets");
+    if (o->recording && o->both)
+        argp_error(st, "--temporal=both needs a folder: --out DIR");
+    if (o->sbatch != NULL && o->slurm == 0)
+        argp_error(st, "--sbatch goes with --slurm");
+}
+
 static error_t parse(int key, char *arg, struct argp_state *st)
 {
     static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
@@ -243,8 +294,16 @@ static error_t parse(int key, char *arg, struct argp_state *st)
                             : (uint32_t)cli_arg_double(st, "fit-frames", arg, 1, 999999);
         return 0;
     case OPT_SAVE_RIG: o->save_rig = arg; return 0;
+    case OPT_ARRAY: parse_array(st, arg, o); return 0;
+    case OPT_RESUME: o->resume = true; return 0;
+    case OPT_JOIN: o->join = true; return 0;
+    case OPT_SLURM: o->slurm = (unsigned)cli_arg_double(st, "slurm", arg, 1, PARTS_MAX); return 0;
+    case OPT_SBATCH: o->sbatch = arg; return 0;
     case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
     case ARGP_KEY_END:
+        check_parts(st, o);
+        if (o->join)
+            return 0;
         if (o->frames == NULL || o->rig.path == NULL || (o->out == NULL && o->save_rig == NULL))
             argp_error(st, "needs --rig, --frames and --out");
         if (o->save_rig != NULL && !o->fit)
@@ -278,6 +337,66 @@ static char *help_text(int key, const char *text, void *input)
     return strdup(list);
 }
 
+/* Options that have no bearing on the volumes, nor where they are made; those that only say who makes which are first. */
+static const struct aside {
+    const char *name;
+    int words; /* with its value, if that is not joined by = */
+} asides[] = {{"--array", 2}, {"--resume", 1},  {"--slurm", 2},        {"--sbatch", 2},
+              {"--quiet", 1}, {"--threads", 2}, {"--matrix-cache", 2}, {"--out", 2}};
+#define ABOUT_JOBS 5
+
+/* argp takes beginnings of names too. */
+static int aside(const char *arg, size_t n)
+{
+    size_t len = strcspn(arg, "=");
+    for (size_t i = 0; len > 2 && i < n; i++)
+        if (strncmp(arg, asides[i].name, len) == 0)
+            return arg[len] == '=' ? 1 : asides[i].words;
+    return 0;
+}
+
+int reconstruct_about_jobs(const char *arg)
+{
+    return aside(arg, ABOUT_JOBS);
+}
+
+static int by_text(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+/* "--grid 64" and "--grid=64" are one line, in whatever order they were said. */
+static char *said(int argc, char **argv)
+{
+    char **line = calloc((size_t)argc, sizeof *line), *all = calloc(1, 1);
+    size_t n = 0;
+    for (int i = 1; i < argc && line != NULL; i++) {
+        int skip = aside(argv[i], sizeof asides / sizeof asides[0]);
+        size_t name = strcspn(argv[i], "=");
+        bool more = skip == 0 && argv[i][name] == '\0' && i + 1 < argc &&
+                    strncmp(argv[i + 1], "--", 2) != 0;
+        if (skip == 0 && asprintf(&line[n], "%.*s%s%s\n", (int)name, argv[i],
+                                  argv[i][name] == '=' || more ? " " : "",
+                                  argv[i][name] == '=' ? argv[i] + name + 1
+                                  : more               ? argv[i + 1]
+                                                       : "") >= 0)
+            n++;
+        i += skip > 1 || more;
+    }
+    if (line != NULL)
+        qsort(line, n, sizeof *line, by_text);
+    for (size_t i = 0; i < n; i++) {
+        char *longer;
+        if (all != NULL && asprintf(&longer, "%s%s", all, line[i]) >= 0) {
+            free(all);
+            all = longer;
+        }
+        free(line[i]);
+    }
+    free(line);
+    return all;
+}
+
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
 {
     static const struct argp_child children[] = {{&opt_rig_argp, 0, "", 1}, {0}};
@@ -308,9 +427,16 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                "      raw pictures of colour cameras, each pixel used as it is\n"
                "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
                "          --deadline 100\n"
-               "      within 100 ms of solving per frame\n"};
+               "      within 100 ms of solving per frame\n"
+               "  mpirun -n 8 pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
+               "          --out volumes.h5\n"
+               "      every process a part, on one machine or many\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames night.h5 \\\n"
+               "          --out volumes.h5 --slurm 100\n"
+               "      the same by Slurm; `--out volumes.h5 --join` shows how far it is\n"};
     *o = (struct reconstruct_options){
         .rig = OPT_RIG_INIT, .last = FRAMES_IN_LAST, .fit_margin = -1, .fit_frames = 50};
     o->frame = rec_frame_defaults;
     argp_parse(&argp, argc, argv, 0, NULL, o);
+    o->said = said(argc, argv);
 }

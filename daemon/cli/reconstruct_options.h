@@ -22,9 +22,17 @@ struct reconstruct_options {
     bool both;            /* frame.temporal, from the frame after too */
     int bayer;            /* 0 auto, 1 rays, 2 demosaic */
     struct frames_in_reading reading;
+    bool recording;       /* out is one HDF5 file, not a folder */
+    unsigned part, parts; /* --array; 0: all in one */
+    bool resume, join;
+    unsigned slurm; /* parts to hand to it; 0 = none */
+    const char *sbatch;
+    char *said; /* what bears on the volumes, a line an option, sorted; owner: caller, free() */
 };
 
 /* Exits on wrong usage and on --help. */
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o);
+/* Words that `arg` and its value take when it is about which part is solved where: not for a part's own command. */
+int reconstruct_about_jobs(const char *arg);
 
 #endif

@@ -5,27 +5,12 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "daemon/config/endpoints.h"
+#include "daemon/pipeline/wire.h"
 
 #define TORN 16 /* sets in which the cameras contradict each other: then it is said */
 
 #define STATUS_EVERY_NS PVX_NS_PER_S
 #define LOOK_EVERY_NS   (200 * PVX_NS_PER_MS)
-
-static void fill_report(const struct rec_frame_report *r, struct pvp_report *out)
-{
-    *out = (struct pvp_report){.status = (uint32_t)r->solve.status,
-                               .iterations = r->solve.iterations,
-                               .rel_residual = r->solve.rel_residual,
-                               .active_voxels = (uint32_t)r->active_voxels,
-                               .active_rays = (uint32_t)r->active_rays,
-                               .entries = r->entries,
-                               .photometry_ns = r->photo_ns,
-                               .hull_ns = r->hull_ns,
-                               .restrict_ns = r->restrict_ns,
-                               .solve_ns = r->solve_ns,
-                               .total_ns = rec_frame_total_ns(r)};
-    snprintf(out->solver, sizeof out->solver, "%s", r->solve.solver);
-}
 
 static bool put(void *ctx, const struct dmn_slot *s)
 {
@@ -33,23 +18,18 @@ static bool put(void *ctx, const struct dmn_slot *s)
     if (s->why != DMN_N_DROP)
         return false;
     const struct rec_frame_report *r = rec_frame_get_report(s->frame);
+    struct pvp_volume m;
+    struct pvp_voxels x;
     struct rec_sparse v;
     rec_frame_volume(s->frame, &v);
     int64_t t0 = pvx_now_mono();
-    struct pvp_volume m = {.session = p->start.session,
-                           .set = s->set,
-                           .t_exposure_ns = s->t_exposure_ns,
-                           .t_publish_ns = pvx_now_real(),
-                           .spread_ns = s->spread_ns,
-                           .latency_ns = t0 - s->t_last_mono_ns,
-                           .cameras_present = r->cameras,
-                           .camera_mask = s->mask & ~r->vote.out,
-                           .grid = p->start.grid};
-    fill_report(r, &m.report);
+    dmn_wire_volume(s, &p->start.grid, &m, &x);
+    m.session = p->start.session;
+    m.t_publish_ns = pvx_now_real();
+    m.latency_ns = t0 - s->t_last_mono_ns;
     size_t bytes = 0;
     pvp_pub_compress(p->pub, (enum pvp_compress)atomic_load(&p->compress));
-    pvx_err e = pvp_pub_volume(p->pub, &m,
-                               &(struct pvp_voxels){(uint32_t)v.n, v.index, v.value, v.cs}, &bytes);
+    pvx_err e = pvp_pub_volume(p->pub, &m, &x, &bytes);
     int64_t t1 = pvx_now_mono();
     if (e != PVX_OK) {
         LOG_EVERY(PVX_LOG_ERROR, PROTO, "set %llu cannot be published: %s",
@@ -148,21 +128,10 @@ pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
         else
             open[n_open++] = e;
     }
-    struct pvp_start *s = &p->start;
     p->rig = rig;
-    const struct rec_grid *g = &rig->grid;
-    for (int a = 0; a < 3; a++) {
-        s->grid.n[a] = (uint32_t)g->n[a];
-        s->grid.min[a] = g->min[a];
-        s->grid.max[a] = g->max[a];
-    }
-    s->grid.basis = g->basis == REC_TRILINEAR ? 1 : 0;
-    s->grid.channels = (uint32_t)dmn_config_channels(c);
-    s->rig_hash = rec_rig_hash(rig);
-    s->n_cameras = (uint32_t)rig->n_cameras;
-    s->fps = c->fps;
-    snprintf(s->units, sizeof s->units, "1/m");
-    snprintf(s->software, sizeof s->software, "pyrovoxd %s", PVX_VERSION);
+    uint64_t session = p->start.session;
+    dmn_wire_start(rig, dmn_config_channels(c), c->fps, "pyrovoxd", &p->start);
+    p->start.session = session;
     struct pvp_pub_params pp = {.endpoints = open,
                                 .n_endpoints = n_open,
                                 .guarded = guarded,
@@ -174,7 +143,7 @@ pvx_err dmn_publish_open(struct dmn_publish *p, const struct dmn_config *c,
                                 .comp = (enum pvp_compress)atomic_load(&p->compress),
                                 .lossless = c->lossless};
     pthread_mutex_init(&p->lock, NULL);
-    return pvp_pub_new(&pp, s, &p->pub, d);
+    return pvp_pub_new(&pp, &p->start, &p->pub, d);
 }
 
 void dmn_publish_close(struct dmn_publish *p)

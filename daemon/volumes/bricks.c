@@ -97,3 +97,57 @@ pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g, const floa
     }
     return finite ? PVX_OK : PVX_ECORRUPT;
 }
+
+#define NOT_THERE UINT32_MAX
+
+/* The brick of a voxel, and the voxel in it. */
+static uint32_t brick_of(const struct pvp_grid *g, const uint32_t nb[3], int32_t index, size_t *in)
+{
+    uint32_t i = (uint32_t)index % g->n[0], j = (uint32_t)index / g->n[0] % g->n[1];
+    uint32_t k = (uint32_t)index / g->n[0] / g->n[1];
+    *in = ((size_t)(k % B) * B + j % B) * B + i % B;
+    return (k / B * nb[1] + j / B) * nb[0] + i / B;
+}
+
+/* at [bricks of the grid], NOT_THERE: gets the place of each that has a voxel. */
+static pvx_err find_bricks(struct vol_store *s, const struct pvp_grid *g, const uint32_t nb[3],
+                           uint32_t all, const struct pvp_voxels *x, uint32_t *at)
+{
+    uint32_t n = 0;
+    size_t in;
+    for (uint32_t v = 0; v < x->n; v++)
+        at[brick_of(g, nb, x->index[v], &in)] = 0;
+    for (uint32_t id = 0; id < all; id++)
+        if (at[id] != NOT_THERE)
+            at[id] = n++;
+    PVX_TRY(vol_store_grow(s, n, g->channels));
+    s->n = n;
+    for (uint32_t id = 0; id < all; id++)
+        if (at[id] != NOT_THERE)
+            s->ids[at[id]] = id;
+    memset(s->brick, 0, (size_t)n * B * B * B * g->channels * sizeof *s->brick);
+    return PVX_OK;
+}
+
+pvx_err vol_from_voxels(struct vol_store *s, const struct pvp_grid *g, const struct pvp_voxels *x)
+{
+    uint32_t nb[3], all = pvp_grid_bricks(g, nb), c = g->channels;
+    uint32_t *at = malloc(all * sizeof *at);
+    bool finite = true;
+    s->n = 0;
+    if (at == NULL)
+        return PVX_ENOMEM;
+    memset(at, 0xff, all * sizeof *at);
+    pvx_err e = x->n > 0 ? find_bricks(s, g, nb, all, x, at) : PVX_OK;
+    for (uint32_t v = 0; v < x->n && e == PVX_OK; v++) {
+        size_t in;
+        uint32_t b = at[brick_of(g, nb, x->index[v], &in)];
+        float *to = s->brick + ((size_t)b * B * B * B + in) * c;
+        for (uint32_t l = 0; l < c; l++) {
+            to[l] = x->value[(size_t)v * (size_t)x->stride + l];
+            finite &= isfinite(to[l]) != 0;
+        }
+    }
+    free(at);
+    return e == PVX_OK && !finite ? PVX_ECORRUPT : e;
+}

@@ -18,4 +18,7 @@ void vol_to_dense(const struct vol_volume *v, float *dense);
 /* The bricks of a dense volume that are not all 0 into s.  PVX_ECORRUPT: a value is not finite; PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g,
                                       const float *dense);
+/* The same of voxels that are not 0. */
+PVX_MUST_CHECK pvx_err vol_from_voxels(struct vol_store *s, const struct pvp_grid *g,
+                                       const struct pvp_voxels *x);
 #endif

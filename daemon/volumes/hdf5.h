@@ -46,6 +46,12 @@ uint64_t vol_hash(uint64_t before, uint32_t id, uint64_t h);
 /* XXH3-64 of a row without its `check`, seeded with vol_hash of its chunks. */
 uint64_t vol_row_check(const struct vol_column c[VOL_COLUMNS], const struct vol_row *r,
                        uint64_t seed);
+/* Row k of what vol_hdf5_reader opened, as it stands there: `check` is of the chunks too. */
+bool vol_hdf5_row(void *self, uint64_t k, struct vol_row *row);
+/* Attributes, rig and configuration of a new file; not closed yet. */
+bool vol_hdf5_head(hid_t file, const struct vol_head *h);
+/* Axes, units and the groups of NeXus, once /emission and /sets are there. */
+bool vol_hdf5_nexus(hid_t file, const struct vol_head *h);
 /* The group that ParaView reads, on the same data: of `sets` volumes, when the file is complete. */
 bool vol_hdf5_vtk(hid_t file, const struct pvp_grid *g, uint64_t sets);
 #endif

@@ -178,7 +178,7 @@ static pvx_err read_gaps(struct in *r, uint64_t file_bytes, struct pvx_diag *d)
         for (int k = 0; k < VOL_GAP_COLS; k++)
             if (!take_h5_read_rows(gap[k], H5T_NATIVE_UINT64, 1, 1, i, 1, to[k]))
                 n = i;
-        if (i >= n || value > VOL_GAP_UNREADABLE)
+        if (i >= n || value >= VOL_GAPS)
             break;
         r->gap[i].why = (enum vol_gap_why)value;
         r->n_gaps = i + 1;
@@ -197,6 +197,12 @@ static bool read_row(struct in *r, uint64_t k, struct vol_row *row)
                                (char *)row + r->column[c].offset))
             return false;
     return true;
+}
+
+bool vol_hdf5_row(void *self, uint64_t k, struct vol_row *row)
+{
+    take_h5_init();
+    return read_row(self, k, row);
 }
 
 static bool read_chunk(struct in *r, uint64_t k, const uint32_t at[3])

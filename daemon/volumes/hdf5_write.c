@@ -254,60 +254,6 @@ static pvx_err hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
 
 /* ---- the file ---- */
 
-/* Centres of the voxels along one axis. */
-static bool put_axis(hid_t file, const struct pvp_grid *g, int axis)
-{
-    const char name[2] = {"xyz"[axis], '\0'};
-    double h = (g->max[axis] - g->min[axis]) / g->n[axis], *at = malloc(g->n[axis] * sizeof *at);
-    hsize_t n = g->n[axis];
-    if (at == NULL)
-        return false;
-    for (uint32_t i = 0; i < g->n[axis]; i++)
-        at[i] = g->min[axis] + (i + 0.5) * h;
-    hid_t space = H5Screate_simple(1, &n, NULL);
-    hid_t s = H5Dcreate2(file, name, H5T_IEEE_F64LE, space, H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = s >= 0 && H5Dwrite(s, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, at) >= 0 &&
-              take_h5_put_text(s, "units", "m");
-    H5Dclose(s);
-    H5Sclose(space);
-    free(at);
-    return ok;
-}
-
-/* The names of the axes of NXdata, one for each dimension of its signal. */
-static bool put_axes(hid_t group)
-{
-    static const char axes[VOL_RANK][8] = {"time", "z", "y", "x", "."};
-    hid_t type = H5Tcopy(H5T_C_S1);
-    H5Tset_size(type, sizeof axes[0]);
-    bool ok = take_h5_put_list(group, "axes", type, VOL_RANK, axes);
-    H5Tclose(type);
-    return ok;
-}
-
-static bool also(hid_t file, const char *from, hid_t group, const char *name)
-{
-    return H5Lcreate_hard(file, from, group, name, H5P_DEFAULT, H5P_DEFAULT) >= 0;
-}
-
-/* NeXus: what h5web, silx and NeXpy show by themselves. */
-static bool make_nexus(hid_t f)
-{
-    hid_t entry = H5Gcreate2(f, "entry", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    hid_t data = H5Gcreate2(f, "entry/data", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
-    bool ok = take_h5_put_text(f, "NX_class", "NXroot") &&
-              take_h5_put_text(f, "default", "entry") &&
-              take_h5_put_text(entry, "NX_class", "NXentry") &&
-              take_h5_put_text(entry, "default", "data") &&
-              take_h5_put_text(data, "NX_class", "NXdata") &&
-              take_h5_put_text(data, "signal", "emission") && put_axes(data) &&
-              also(f, "/emission", data, "emission") && also(f, "/sets/time", data, "time") &&
-              also(f, "/z", data, "z") && also(f, "/y", data, "y") && also(f, "/x", data, "x");
-    H5Gclose(data);
-    H5Gclose(entry);
-    return ok;
-}
-
 static bool make_emission(struct out *w)
 {
     const struct pvp_grid *g = &w->grid;
@@ -340,32 +286,6 @@ static bool make_columns(struct out *w)
     return ok;
 }
 
-static bool make_head(struct out *w, const struct vol_head *h)
-{
-    const struct pvp_start *s = &h->start;
-    char host[256] = "";
-    double spacing[3];
-    for (int a = 0; a < 3; a++)
-        spacing[a] = (s->grid.max[a] - s->grid.min[a]) / s->grid.n[a];
-    gethostname(host, sizeof host - 1);
-    return take_h5_put_text(w->file, "format", VOL_FORMAT) &&
-           take_h5_put_int(w->file, "version", VOL_VERSION) &&
-           take_h5_put_int(w->file, "t_created_ns", pvx_now_real()) &&
-           take_h5_put_int(w->file, "t_closed_ns", 0) && take_h5_put_int(w->file, "closed", 0) &&
-           take_h5_put_attr(w->file, "session", H5T_STD_U64LE, &s->session) &&
-           take_h5_put_attr(w->file, "rig_hash", H5T_STD_U64LE, &s->rig_hash) &&
-           take_h5_put_attr(w->file, "fps", H5T_IEEE_F64LE, &s->fps) &&
-           take_h5_put_int(w->file, "n_cameras", s->n_cameras) &&
-           take_h5_put_text(w->file, "units", s->units) &&
-           take_h5_put_text(w->file, "software", s->software) &&
-           take_h5_put_text(w->file, "host", host) &&
-           take_h5_put_text(w->file, "basis", s->grid.basis == 1 ? "trilinear" : "box") &&
-           take_h5_put_list(w->file, "origin", H5T_IEEE_F64LE, 3, s->grid.min) &&
-           take_h5_put_list(w->file, "spacing", H5T_IEEE_F64LE, 3, spacing) &&
-           take_h5_put_long_text(w->file, "rig", h->rig != NULL ? h->rig : "") &&
-           take_h5_put_long_text(w->file, "config", h->config != NULL ? h->config : "");
-}
-
 /* Its folder is made. */
 static pvx_err check(const char *path, struct pvx_diag *d)
 {
@@ -393,12 +313,8 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     H5Pclose(fapl);
     pvx_err e = w->file < 0 ? fail(w, "cannot be begun", d)
                             : take_h5_reserve(&w->room, w->file, w->path, 0, d);
-    if (e == PVX_OK && (!make_head(w, head) || !make_emission(w) || !make_columns(w) ||
-                        !put_axis(w->file, &w->grid, 0) || !put_axis(w->file, &w->grid, 1) ||
-                        !put_axis(w->file, &w->grid, 2) ||
-                        !take_h5_put_text(w->emission, "units", head->start.units) ||
-                        !take_h5_put_text(w->col[0], "units", "s") || !make_nexus(w->file) ||
-                        H5Fstart_swmr_write(w->file) < 0))
+    if (e == PVX_OK && (!vol_hdf5_head(w->file, head) || !make_emission(w) || !make_columns(w) ||
+                        !vol_hdf5_nexus(w->file, head) || H5Fstart_swmr_write(w->file) < 0))
         e = fail(w, "cannot be begun", d);
     if (e != PVX_OK)
         unlink(w->path);

@@ -257,13 +257,13 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
         const char *why = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(g, "why"));
         if (r->gap == NULL || why == NULL)
             break;
-        r->gap[r->n_gaps++] =
-            (struct vol_gap){.why = strcmp(why, "queue") == 0  ? VOL_GAP_QUEUE
-                                    : strcmp(why, "lost") == 0 ? VOL_GAP_LOST
-                                                               : VOL_GAP_UNREADABLE,
-                             .set_first = big(g, "set_first"),
-                             .set_last = big(g, "set_last"),
-                             .volumes = big(g, "volumes")};
+        int known = VOL_GAPS - 1;
+        while (known > VOL_GAP_LOST && strcmp(why, vol_gap_names[known]) != 0)
+            known--;
+        r->gap[r->n_gaps++] = (struct vol_gap){.why = (enum vol_gap_why)known,
+                                               .set_first = big(g, "set_first"),
+                                               .set_last = big(g, "set_last"),
+                                               .volumes = big(g, "volumes")};
     }
     cJSON_Delete(o);
     return r->gap != NULL ? PVX_OK : PVX_ENOMEM;

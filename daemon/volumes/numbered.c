@@ -321,13 +321,11 @@ static void put_frames(struct dmn_json *j, const struct vol_numbered *n)
 
 static void put_gaps(struct dmn_json *j, const struct vol_numbered *n)
 {
-    static const char *const why[] = {
-        [VOL_GAP_LOST] = "lost", [VOL_GAP_QUEUE] = "queue", [VOL_GAP_UNREADABLE] = "unreadable"};
     dmn_json_open(j, "gaps", '[');
     for (size_t i = 0; i < n->n_gaps; i++) {
         const struct vol_gap *g = &n->gap[i];
         dmn_json_open(j, NULL, '{');
-        dmn_json_str(j, "why", why[g->why]);
+        dmn_json_str(j, "why", vol_gap_names[g->why]);
         dmn_json_int(j, "set_first", (long long)g->set_first);
         dmn_json_int(j, "set_last", (long long)g->set_last);
         dmn_json_int(j, "volumes", (long long)g->volumes);

@@ -11,10 +11,8 @@ static const struct {
     enum vol_format format;
     const struct vol_reader_ops *ops;
 } readers[] = {
-    {VOL_HDF5, &vol_hdf5_reader},
-    {VOL_VDB, &vol_vdb_reader},
-    {VOL_NVDB, &vol_nvdb_reader},
-    {VOL_NPY, &vol_npy_reader},
+    {VOL_HDF5, &vol_joined_reader}, {VOL_HDF5, &vol_hdf5_reader}, {VOL_VDB, &vol_vdb_reader},
+    {VOL_NVDB, &vol_nvdb_reader},   {VOL_NPY, &vol_npy_reader},
 };
 
 struct vol_reader {

@@ -32,7 +32,10 @@ enum vol_gap_why {
     VOL_GAP_LOST,       /* messages lost on the way here, or never published */
     VOL_GAP_QUEUE,      /* the writer was slower than the volumes */
     VOL_GAP_UNREADABLE, /* arrived, but damaged */
+    VOL_GAP_UNSOLVED,   /* not solved yet: of a recording that is made in parts (join.h) */
+    VOL_GAPS
 };
+extern const char *const vol_gap_names[VOL_GAPS]; /* "lost", "queue", "unreadable", "unsolved" */
 struct vol_gap {
     enum vol_gap_why why;
     uint64_t set_first, set_last; /* both missing */
@@ -109,5 +112,6 @@ struct vol_reader_ops {
     void (*close)(void *self);
 };
 extern const struct vol_writer_ops vol_npy_writer, vol_hdf5_writer, vol_vdb_writer, vol_nvdb_writer;
-extern const struct vol_reader_ops vol_npy_reader, vol_hdf5_reader, vol_vdb_reader, vol_nvdb_reader;
+extern const struct vol_reader_ops vol_npy_reader, vol_hdf5_reader, vol_joined_reader,
+    vol_vdb_reader, vol_nvdb_reader;
 #endif

@@ -11,6 +11,8 @@
 
 const char *const vol_format_names[VOL_FORMATS] = {"npy", "hdf5", "vdb", "nvdb"};
 
+const char *const vol_gap_names[VOL_GAPS] = {"lost", "queue", "unreadable", "unsolved"};
+
 static const struct vol_writer_ops *const writers[VOL_FORMATS] = {
     [VOL_NPY] = &vol_npy_writer,
     [VOL_HDF5] = &vol_hdf5_writer,

@@ -20,7 +20,8 @@ except ImportError:
                       "or pip install 'pyrovox[hdf5]'") from None
 
 FORMAT, VERSION = "pyrovox volumes", 1
-WHY = ("lost", "queue", "unreadable")
+WHY = ("lost", "queue", "unreadable", "unsolved")
+UNSOLVED = 0xffffffff  # status of a set that no part of a joined recording has yet
 ATTEMPTS = 22  # to read something that a writer is changing; each waits twice as long, all together 8 ms
 CACHE = 8 << 20  # bytes: a layer of chunks
 TEXT = 8 << 20  # bytes
@@ -143,8 +144,10 @@ class File:
             count = min(count, c.shape[0])
         if 16 * count > self.memory:
             raise _page.TooLarge(f"{self.path}: says that it has {count} sets; memory=BYTES allows more")
-        self.sets = self._column("number", 0, count).astype(np.uint64)
-        self.t_exposure_ns = self._column("t_exposure_ns", 0, count).astype(np.int64)
+        self._at = np.flatnonzero(self._column("status", 0, count) != UNSOLVED)
+        self._count = count
+        self.sets = self._column("number", 0, count).astype(np.uint64)[self._at]
+        self.t_exposure_ns = self._column("t_exposure_ns", 0, count).astype(np.int64)[self._at]
         self._first = -1
         self._rows: dict[str, Any] = {}
 
@@ -163,19 +166,20 @@ class File:
         first = k - k % ROWS
         if first != self._first:
             with reading(self.path):
-                self._rows = {c: self._column(c, first, min(first + ROWS, len(self.sets))) for c in COLUMNS}
+                self._rows = {c: self._column(c, first, min(first + ROWS, self._count)) for c in COLUMNS}
             self._first = first
         return {c: column[k - first] for c, column in self._rows.items()}
 
     def volume(self, k: int) -> Volume:
-        row = self._row(k)
+        at = int(self._at[k])
+        row = self._row(at)
         report = Report(status_name(int(row["status"])), row["solver"].decode(errors="replace"), **{c: row[c].item() for c in REPORT})
 
         def read(z0: int, z1: int) -> Floats:
             if self.file is None:
                 raise ValueError(f"{self.path}: was closed")
             with reading(self.path):
-                planes = np.asarray(self.emission[k, z0:z1], np.float32)
+                planes = np.asarray(self.emission[at, z0:z1], np.float32)
                 if not np.isfinite(planes).all():
                     raise self.fail(f"set {int(row['number'])} has a value that is not finite")
                 return planes

@@ -1,0 +1,36 @@
+/* ranks.h - the processes that mpirun or srun started together, by the module pyrovox-mpi.so (Open MPI), which is only
+ * loaded there.  Without it, and started alone, a process is rank 0 of 1 and every call returns at once.
+ * Threads: that of main.  All ranks must make the same calls in the same order. */
+#ifndef CLI_RANKS_H
+#define CLI_RANKS_H
+#include <stdbool.h>
+#include "base/err.h"
+
+#define RANKS_VERSION 1
+
+/* What the module gives (ranks_mpi.c). */
+struct ranks_module {
+    int version;
+    bool (*open)(unsigned *rank, unsigned *n, unsigned *on_node);
+    int (*worst)(int value);    /* the largest of all ranks' */
+    void (*node_barrier)(void); /* until all ranks of this node are here */
+    void (*close)(void);
+};
+
+struct ranks {
+    unsigned rank, n;
+    unsigned on_node; /* place among the ranks of this node */
+    const struct ranks_module *module;
+};
+
+/* Errors: PVX_EUNSUP (one of several, but the module is not installed: names the package), PVX_EIO. */
+PVX_MUST_CHECK pvx_err ranks_open(struct ranks *r, struct pvx_diag *d);
+/* e, or PVX_ECANCELED where only another rank failed. */
+pvx_err ranks_all(const struct ranks *r, pvx_err e);
+/* The largest of all. */
+int ranks_worst(const struct ranks *r, int value);
+/* What the first of a node does before the others: between these two calls. */
+void ranks_first(const struct ranks *r);
+void ranks_others(const struct ranks *r);
+void ranks_close(struct ranks *r);
+#endif

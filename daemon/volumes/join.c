@@ -1,0 +1,286 @@
+#include "daemon/volumes/join.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "daemon/volumes/hdf5.h"
+
+#define NOWHERE UINT32_MAX
+
+/* Where a set is. */
+struct place {
+    uint32_t part;
+    bool gone; /* a part says that there is no volume of it */
+    uint64_t row;
+};
+
+struct joining {
+    const struct vol_join *j;
+    struct vol_head head; /* of the first part that has volumes, which stays open: */
+    void *first;
+    uint64_t *count; /* [n_parts] sets of each */
+    struct place *at;
+    struct vol_row *row;
+    size_t n; /* sets of the new file: at and row have that many */
+    char *tmp;
+    hid_t file;
+};
+
+static int by_number(const void *a, const void *b)
+{
+    uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+    return (x > y) - (x < y);
+}
+
+static struct place *find(struct joining *w, uint64_t number, size_t *k)
+{
+    const uint64_t *hit = bsearch(&number, w->j->number, w->j->n, sizeof number, by_number);
+    if (hit == NULL)
+        return NULL;
+    *k = (size_t)(hit - w->j->number);
+    return &w->at[*k];
+}
+
+static bool same_recording(const struct vol_head *a, const struct vol_head *b)
+{
+    return a->start.session == b->start.session && a->start.rig_hash == b->start.rig_hash &&
+           pvp_grid_same(&a->start.grid, &b->start.grid) && strcmp(a->rig, b->rig) == 0;
+}
+
+/* The rows of one part, where nobody had them before. */
+static pvx_err take_rows(struct joining *w, void *part, uint32_t p, struct pvx_diag *d)
+{
+    struct vol_row row;
+    const struct vol_gap *g;
+    size_t k;
+    for (uint64_t i = 0; i < w->count[p]; i++) {
+        if (!vol_hdf5_row(part, i, &row))
+            return pvx_fail(d, PVX_ECORRUPT, "%s: row %llu cannot be read", w->j->part[p],
+                            (unsigned long long)i);
+        struct place *at = find(w, row.number, &k);
+        if (at == NULL)
+            return pvx_fail(d, PVX_EFORMAT, "%s: set %llu is none of this recording", w->j->part[p],
+                            (unsigned long long)row.number);
+        if (at->part == NOWHERE) {
+            *at = (struct place){.part = p, .row = i};
+            w->row[k] = row;
+        }
+    }
+    for (uint64_t i = 0; (g = vol_hdf5_reader.gap(part, i)) != NULL; i++)
+        for (k = 0; k < w->j->n; k++)
+            w->at[k].gone |= w->j->number[k] >= g->set_first && w->j->number[k] <= g->set_last;
+    return PVX_OK;
+}
+
+static pvx_err read_part(struct joining *w, uint32_t p, struct pvx_diag *d)
+{
+    struct vol_head head;
+    void *part;
+    bool cut;
+    PVX_TRY(vol_hdf5_reader.open(&part, w->j->part[p], &head, &w->count[p], &cut, d));
+    pvx_err e = cut ? PVX_OK
+                : w->first == NULL || same_recording(&w->head, &head)
+                    ? take_rows(w, part, p, d)
+                    : pvx_fail(d, PVX_EFORMAT, "%s: is of another recording than %s", w->j->part[p],
+                               w->j->part[0]);
+    if (e == PVX_OK && !cut && w->first == NULL && w->count[p] > 0) {
+        w->first = part;
+        w->head = head;
+    } else {
+        vol_hdf5_reader.close(part);
+    }
+    return e;
+}
+
+/* Sets that there will never be a volume of are left out, the others keep their order. */
+static size_t close_ranks(struct joining *w)
+{
+    size_t missing = 0;
+    for (size_t k = 0; k < w->j->n; k++) {
+        if (w->at[k].part == NOWHERE && w->at[k].gone)
+            continue;
+        if (w->at[k].part == NOWHERE) {
+            missing++;
+            w->row[k] = (struct vol_row){.number = w->j->number[k],
+                                         .status = VOL_UNSOLVED,
+                                         .time = NAN,
+                                         .rel_residual = NAN};
+        }
+        w->at[w->n] = w->at[k];
+        w->row[w->n++] = w->row[k];
+    }
+    /* times of a part count from its own first set */
+    bool any = false;
+    int64_t t0 = 0;
+    for (size_t k = 0; k < w->n; k++) {
+        if (w->at[k].part == NOWHERE)
+            continue;
+        t0 = any ? t0 : w->row[k].t_exposure_ns;
+        any = true;
+        w->row[k].time = (double)(w->row[k].t_exposure_ns - t0) * 1e-9;
+    }
+    return missing;
+}
+
+static bool put_columns(struct joining *w)
+{
+    struct vol_column column[VOL_COLUMNS];
+    hsize_t rows = VOL_ROWS;
+    hid_t sets = H5Gcreate2(w->file, "sets", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    bool ok = sets >= 0;
+    vol_columns(column);
+    for (int c = 0; c < VOL_COLUMNS && ok; c++) {
+        size_t size = H5Tget_size(column[c].type);
+        char *all = malloc(w->n * size);
+        hid_t table = -1;
+        for (size_t k = 0; k < w->n && all != NULL; k++)
+            memcpy(all + k * size, (const char *)&w->row[k] + column[c].offset, size);
+        ok = all != NULL &&
+             take_h5_make_table(sets, column[c].name, column[c].type, 1, &rows, &table) &&
+             take_h5_append(table, column[c].type, 0, 0, w->n, all);
+        H5Dclose(table);
+        free(all);
+    }
+    vol_columns_done(column);
+    H5Gclose(sets);
+    return ok;
+}
+
+/* One for each run of sets that nobody has solved. */
+static bool put_gaps(struct joining *w)
+{
+    hid_t gaps = H5Gcreate2(w->file, "gaps", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
+    hid_t table[VOL_GAP_COLS];
+    hsize_t rows = VOL_ROWS, n_gaps = 0;
+    bool ok = gaps >= 0;
+    for (int c = 0; c < VOL_GAP_COLS; c++) {
+        table[c] = -1;
+        ok = ok && take_h5_make_table(gaps, vol_gap_columns[c], H5T_STD_U64LE, 1, &rows, &table[c]);
+    }
+    for (size_t k = 0, n; k < w->n && ok; k += n) {
+        for (n = 1; k + n < w->n && (w->at[k + n].part == NOWHERE) == (w->at[k].part == NOWHERE);)
+            n++;
+        if (w->at[k].part != NOWHERE)
+            continue;
+        const uint64_t gap[VOL_GAP_COLS] = {VOL_GAP_UNSOLVED, w->row[k].number,
+                                            w->row[k + n - 1].number, n};
+        for (int c = 0; c < VOL_GAP_COLS && ok; c++)
+            ok = take_h5_append(table[c], H5T_STD_U64LE, 0, n_gaps, 1, &gap[c]);
+        n_gaps++;
+    }
+    for (int c = 0; c < VOL_GAP_COLS; c++)
+        H5Dclose(table[c]);
+    H5Gclose(gaps);
+    return ok;
+}
+
+/* Sets [k, k + n) of the new file are `n` consecutive ones of a part. */
+static bool map_run(struct joining *w, hid_t p, hid_t space, size_t k, size_t n)
+{
+    const struct pvp_grid *g = &w->head.start.grid;
+    const struct place *at = &w->at[k];
+    const char *path = w->j->part[at->part], *slash = strrchr(w->j->out, '/');
+    const char *name = slash != NULL ? path + (slash - w->j->out) + 1 : path;
+    const hsize_t whole[VOL_RANK] = {w->count[at->part], g->n[2], g->n[1], g->n[0], g->channels};
+    const hsize_t to[VOL_RANK] = {k}, from[VOL_RANK] = {at->row};
+    const hsize_t size[VOL_RANK] = {n, g->n[2], g->n[1], g->n[0], g->channels};
+    hid_t source = H5Screate_simple(VOL_RANK, whole, NULL);
+    bool ok = H5Sselect_hyperslab(source, H5S_SELECT_SET, from, NULL, size, NULL) >= 0 &&
+              H5Sselect_hyperslab(space, H5S_SELECT_SET, to, NULL, size, NULL) >= 0 &&
+              H5Pset_virtual(p, space, name, "/emission", source) >= 0;
+    H5Sclose(source);
+    return ok;
+}
+
+static bool put_emission(struct joining *w)
+{
+    const struct pvp_grid *g = &w->head.start.grid;
+    const hsize_t all[VOL_RANK] = {w->n, g->n[2], g->n[1], g->n[0], g->channels};
+    const float unsolved = NAN;
+    hid_t space = H5Screate_simple(VOL_RANK, all, NULL), p = H5Pcreate(H5P_DATASET_CREATE);
+    bool ok = H5Pset_fill_value(p, H5T_NATIVE_FLOAT, &unsolved) >= 0;
+    for (size_t k = 0, n; k < w->n && ok; k += n) {
+        for (n = 1; k + n < w->n && w->at[k + n].part == w->at[k].part &&
+                    (w->at[k].part == NOWHERE || w->at[k + n].row == w->at[k].row + n);)
+            n++;
+        ok = w->at[k].part == NOWHERE || map_run(w, p, space, k, n);
+    }
+    H5Sselect_all(space);
+    hid_t s =
+        ok ? H5Dcreate2(w->file, "emission", H5T_IEEE_F32LE, space, H5P_DEFAULT, p, H5P_DEFAULT)
+           : -1;
+    H5Dclose(s);
+    H5Pclose(p);
+    H5Sclose(space);
+    return s >= 0;
+}
+
+static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
+{
+    hid_t fapl = take_h5_access();
+    w->file = H5Fcreate(w->tmp, H5F_ACC_TRUNC, H5P_DEFAULT, fapl);
+    H5Pclose(fapl);
+    bool ok = w->file >= 0 && vol_hdf5_head(w->file, &w->head) && put_emission(w) &&
+              put_columns(w) && put_gaps(w) && vol_hdf5_nexus(w->file, &w->head) &&
+              vol_hdf5_vtk(w->file, &w->head.start.grid, w->n) &&
+              take_h5_put_int(w->file, "t_closed_ns", missing == 0 ? pvx_now_real() : 0) &&
+              take_h5_put_int(w->file, "closed", missing == 0);
+    pvx_err e = ok ? PVX_OK : take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
+    if (w->file >= 0 && H5Fclose(w->file) < 0 && e == PVX_OK)
+        e = take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
+    if (e == PVX_OK && rename(w->tmp, w->j->out) != 0)
+        e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->j->out, strerror(errno));
+    if (e != PVX_OK)
+        unlink(w->tmp);
+    return e;
+}
+
+static pvx_err join(struct joining *w, size_t *missing, struct pvx_diag *d)
+{
+    for (size_t k = 0; k < w->j->n; k++)
+        w->at[k].part = NOWHERE;
+    for (uint32_t p = 0; p < w->j->n_parts; p++)
+        PVX_TRY(read_part(w, p, d));
+    *missing = close_ranks(w);
+    if (w->first == NULL)
+        return pvx_fail(d, PVX_ENOENT, "%s: no part of it has a volume yet", w->j->out);
+    return write_out(w, *missing, d);
+}
+
+/* Only what was joined before is written over. */
+static pvx_err may_replace(const char *path, struct pvx_diag *d)
+{
+    return access(path, F_OK) != 0 || vol_joined_reader.is(path)
+               ? PVX_OK
+               : pvx_fail(d, PVX_EBUSY,
+                          "%s: is there already, and not made of parts; name another file", path);
+}
+
+pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
+{
+    struct joining w = {.j = j};
+    take_h5_init();
+    *missing = j->n;
+    PVX_TRY(may_replace(j->out, d));
+    w.count = pvx_calloc(j->n_parts, sizeof *w.count);
+    w.at = pvx_calloc(j->n, sizeof *w.at);
+    w.row = pvx_calloc(j->n, sizeof *w.row);
+    pvx_err e = asprintf(&w.tmp, "%s.tmp.%ld", j->out, (long)getpid()) < 0 || w.count == NULL ||
+                        w.at == NULL || w.row == NULL
+                    ? pvx_fail(d, PVX_ENOMEM, "%s: no memory for %zu sets", j->out, j->n)
+                    : join(&w, missing, d);
+    H5Eclear2(H5E_DEFAULT);
+    if (w.first != NULL)
+        vol_hdf5_reader.close(w.first);
+    free(w.count);
+    free(w.at);
+    free(w.row);
+    free(w.tmp);
+    return e;
+}

@@ -1,0 +1,172 @@
+#!/bin/bash
+# One recording solved by several processes: the same bits as by one; what dies is gone on with; what is missing is said.
+name=100
+. "$(dirname "$0")/lib.sh"
+cd "$dir" || exit 1
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+here=$OLDPWD
+solve() { run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --quiet "$@"; }
+bits() { # recordings: the same sets, the same bits, and light in them
+    "$py" - "$@" <<'P'
+import sys, h5py, numpy as np
+first = h5py.File(sys.argv[1], "r")
+e = first["emission"][:]
+assert len(e) > 1 and (e > 0).any(axis=(1, 2, 3, 4)).all()
+for f in sys.argv[2:]:
+    f = h5py.File(f, "r")
+    assert np.array_equal(e.view("u4"), f["emission"][:].view("u4")), f
+    assert np.array_equal(first["sets/number"][:], f["sets/number"][:]), f
+P
+}
+recording() {
+    run "$pyrovox" simcams --cameras 4 --size 96x72 --ring 12 --write-rig rig.yaml --write-frames take
+    says 0 '12 frame sets in take'
+}
+check recording recording
+
+one_file() { # the volumes of a folder
+    solve --out vol && says 0 && solve --out one.h5 && says 0 || return 1
+    "$py" - <<'P'
+import glob, h5py, numpy as np
+e = h5py.File("one.h5", "r")["emission"]
+files = sorted(glob.glob("vol/*.npy"))
+assert len(files) == 12 == len(e)
+assert all(np.array_equal(np.load(f), v) for f, v in zip(files, e)), "not those of the folder"
+P
+}
+check one_file one_file
+not_over() { solve --out one.h5; says 1 'one.h5: is there already'; }
+check nothing_is_written_over not_over
+
+parts() {
+    local i
+    for i in 3 1; do solve --out three.h5 --array $i/3; says 0 || return 1; done
+    run "$pyrovox" reconstruct --out three.h5 --join
+    says 1 'not begun' 'three.h5: 8 of 12 sets, 2 of 3 parts' 'missing: 4 sets' || return 1
+    "$py" - <<'P' || return 1
+import h5py, numpy as np
+f = h5py.File("three.h5", "r")
+e, dark = f["emission"], np.isnan(f["emission"][:]).all(axis=(1, 2, 3, 4))
+assert list(np.flatnonzero(dark)) == [4, 5, 6, 7], dark
+assert list(np.flatnonzero(f["sets/status"][:] == 0xffffffff)) == [4, 5, 6, 7]
+P
+    solve --out three.h5 --array 2/3
+    says 0 'three.h5: 12 of 12 sets, 3 of 3 parts' && bits one.h5 three.h5
+}
+check parts_are_one_recording parts
+read_by_all() {
+    run "$pyrovox" convert --format npy three.h5 back; says 0 || return 1
+    "$py" - <<'P' || return 1
+import glob, numpy as np
+a, b = sorted(glob.glob("vol/*.npy")), sorted(glob.glob("back/*.npy"))
+assert len(a) == len(b) == 12 and all(np.array_equal(np.load(x), np.load(y)) for x, y in zip(a, b))
+P
+    run env PYTHONPATH="$here/proto/clients/python:$here/proto/clients" "$py" -c '
+import pyrovox
+r = pyrovox.open("three.h5")
+assert len(r) == 12 and not r.gaps, (len(r), r.gaps)'
+    says 0
+}
+check read_by_all read_by_all
+python_sees_what_is_missing() {
+    mv three.h5.parts/part-0002-of-0003.h5 aside.h5
+    run "$pyrovox" reconstruct --out three.h5 --join
+    says 1 '8 of 12 sets' || return 1
+    run env PYTHONPATH="$here/proto/clients/python:$here/proto/clients" "$py" -c '
+import pyrovox
+r = pyrovox.open("three.h5")
+g, = r.gaps
+assert len(r) == 8 and g.why == "unsolved" and g.volumes == 4, (len(r), r.gaps)
+assert [float(v.dense.max()) > 0 for v in r] == [True] * 8'
+    says 0 || return 1
+    run "$pyrovox" repair three.h5; says 1 'made of parts' || return 1
+    mv aside.h5 three.h5.parts/part-0002-of-0003.h5
+    run "$pyrovox" reconstruct --out three.h5 --join; says 0 && bits one.h5 three.h5
+}
+check what_is_missing_is_not_dark python_sees_what_is_missing
+
+ranks() {
+    run mpirun --oversubscribe -n 2 "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --quiet --out ranks.h5
+    says 0 'ranks.h5: 12 of 12 sets, 2 of 2 parts' && bits one.h5 ranks.h5 || return 1
+    run mpirun --oversubscribe -n 2 "$pyrovox" reconstruct --rig rig.yaml --frames nowhere --out x.h5 --quiet
+    [ "$code" != 0 ] && grep -q nowhere <<< "$out"
+}
+check ranks_of_mpirun ranks
+
+# ---- what dies, is stopped, or does not belong -------------------------------------------------------------------
+slowly() { start slow.log "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 64 --threads 1 --iterations 400 --out slow.h5 --array "$1/2" --quiet "${@:2}"; }
+how() { "$py" -c 'import json, sys
+s = json.load(open("slow.h5.parts/part-000%s-of-0002.json" % sys.argv[1])); print(s["state"], s["done"])' "$1" 2> how.err; }
+under_way() { [[ $(how 1) =~ ^running\ [1-9] ]]; }
+dies() {
+    slowly 1; wait_for under_way || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid=64 --iterations 400 --out slow.h5 --array 1/2
+    says 1 "part 1 of 2 is being solved by process $started on" || return 1
+    kill -9 "$started"; wait "$started" 2> /dev/null
+    run "$pyrovox" reconstruct --out slow.h5 --join; [ "$code" = 1 ] && grep -q " died .* process $started" <<< "$out" || { echo "$out"; return 1; }
+    slowly 1; ended "$started" 1 && grep -q 'is there already (died.*--resume goes on' slow.log || { cat slow.log; return 1; }
+    slowly 1 --resume; ended "$started" 0 && grep -qE 'earlier try: [1-6] of 6 sets are there' slow.log || { cat slow.log; return 1; }
+    [ "$(how 1)" = 'done 6' ]
+}
+check killed_and_gone_on_with dies
+under_way_2() { [[ $(how 2) =~ ^running\ [1-9] ]]; }
+stops() { # by Ctrl-C, or what a scheduler sends
+    slowly 2; wait_for under_way_2 || return 1
+    kill -TERM "$started"; ended "$started" 130 || return 1
+    [[ $(how 2) =~ ^stopped ]] || { how 2; return 1; }
+    slowly 2 --resume; ended "$started" 0 && grep -q 'slow.h5: 12 of 12 sets, 2 of 2 parts' slow.log || { cat slow.log; return 1; }
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid=64 --iterations 400 --out fast.h5 --quiet
+    says 0 && bits fast.h5 slow.h5
+}
+check stopped_and_gone_on_with stops
+nothing_to_do() {
+    local before; before=$(stat -c '%i %Y' slow.h5.parts/part-*.h5)
+    slowly 1 --resume; ended "$started" 0 && [ "$before" = "$(stat -c '%i %Y' slow.h5.parts/part-*.h5)" ]
+}
+check what_is_done_stays nothing_to_do
+
+refused() {
+    solve --out three.h5 --array 1/3 --resume --lambda 3; says 1 "begun with other options (then 'nothing', now '--lambda 3')" || return 1
+    solve --out three.h5 --array 1/4 --resume; says 1 'begun in 3 parts, not in 4' || return 1
+    solve --out three.h5 --array 1/3 --resume --last 9; says 1 'begun with other options' || return 1
+    sed 's/gain: \[1/gain: [1.001/; t; s/^version: 1/version: 1 #/' rig.yaml > r && cp rig.yaml kept && sed 's/min: \[-0.5/min: [-0.501/' kept > rig.yaml
+    cmp -s rig.yaml kept && { echo "the rig is the same"; return 1; }
+    solve --out three.h5 --array 1/3 --resume; says 1 'begun with another rig.yaml' || return 1
+    cp kept rig.yaml
+    mkdir -p more && mv take/*/000011.* more/ 2> /dev/null || rm -f take/*/000011.*
+    solve --out three.h5 --array 1/3 --resume; says 1 'begun with 12 frame sets, now there are 11'
+}
+check another_job_is_refused refused
+wrong() {
+    solve --out folder --array 1/2; says 2 '--out FILE.h5' || return 1
+    solve --out x.h5 --array 3/2; says 2 'part I, from 1, of N' || return 1
+    solve --out x.h5 --array 1/40; says 1 '40 parts, but there are only' || return 1
+    run "$pyrovox" reconstruct --out nothing.h5 --join; says 1 nothing.h5.parts/job.json
+}
+check wrong_use_is_told wrong
+
+seams() { # what leans on the set before begins early, and the overlap is compared
+    local i
+    for i in 1 2; do solve --out lean.h5 --temporal --array $i/2; says 0 || return 1; done
+    grep -qE 'at the seams volumes differ by [0-9.]+ % at most' <<< "$out" || { echo "$out"; return 1; }
+    "$py" - <<'P'
+import h5py
+seam = h5py.File("lean.h5.parts/part-0002-of-0002.seam.h5", "r")
+part = h5py.File("lean.h5.parts/part-0001-of-0002.h5", "r")
+assert list(seam["sets/number"]) == [part["sets/number"][-1]]
+P
+}
+check seams_overlap seams
+
+growing() { # a take that is not closed has no last set yet
+    (cd "$here" && config d.yaml <<< $'cameras: "sim:"\nfps: 20')
+    start d.log "$pyrovoxd" -c d.yaml; local d=$started
+    wait_for published 1 || return 1
+    run "$pyrovox" record --raw start --control "$control" --out "$dir/live.h5"; says 0 || return 1
+    local n; n=$(sets); wait_for published $((n + 10)) || return 1
+    run "$pyrovox" reconstruct --rig "$here/tests/data/rig4.yaml" --frames live.h5 --grid 16 --out g.h5 --array 1/2 --quiet
+    says 1 'still being written' '--last' || return 1
+    kill -INT "$d"; ended "$d" 0
+}
+check growing_take growing
+exit $rc
