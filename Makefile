@@ -38,6 +38,9 @@ PACKAGES_BLENDER := blender python3-openvdb xvfb xauth libgl1-mesa-dri
 # make test-vm: a small virtual machine with a real kernel's camera drivers.
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
+# make test-cluster: a cluster of two nodes, with a file server that can be slow or stall.
+PACKAGES_CLUSTER := slurm-wlm munge openmpi-bin bindfs
+
 # make deb, make test-deb: Debian's packages, and a clean Debian to try them in.
 PACKAGES_DEB := debhelper dh-python lintian python3
 PACKAGES_CHROOT := mmdebstrap systemd
@@ -95,7 +98,7 @@ TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test paper test-vm test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
+.PHONY: all help setup setup-test run test paper test-vm test-cluster test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
   fuzz fuzz-keep fuzz-coverage clean install install-recon uninstall deb test-deb sbom release tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -131,6 +134,11 @@ test-vm: setup-test ## cameras behind a real kernel's drivers, in a small virtua
 	@tests/setup.sh $(PACKAGES_VM) || echo "without them most of this cannot run" >&2
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(VM)
 	@tests/vm/test.sh $(B) $(if $(QUICK),--quick)
+
+test-cluster: setup-test ## recordings solved by Slurm and by Open MPI on a cluster made for it: tasks and nodes die, disks fill, the file server stalls
+	@tests/setup.sh $(PACKAGES_CLUSTER)
+	@$(MAKE) --no-print-directory -j$$(nproc) all
+	@tests/cluster/test.sh $(B) '$(ONLY)'
 
 test-view: setup-test ## the page in a headless browser, driven as a person would; screenshots in build/view/
 	@tests/setup.sh $(PACKAGES_VIEW)
