@@ -298,7 +298,7 @@ $(B)/daemon/cli/ranks_mpi.%: pkg_cflags = $(shell pkg-config --cflags ompi-c)
 $(B)/lib/pyrovox/pyrovox-mpi.so: $(B)/daemon/cli/ranks_mpi.o
 	@mkdir -p $(@D)
 	$(call say,LD)
-	$(Q)$(CC) -shared $(CFLAGS) $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $^ $$(pkg-config --libs ompi-c)
+	$(Q)$(CC) -shared $(CFLAGS) $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $(filter %.o,$^) $$(pkg-config --libs ompi-c)
 
 # Its headers warn; most of the library's own cost is theirs too.
 $(B)/lib/pyrovox/pyrovox-openvdb.so: daemon/volumes/openvdb_shim.cpp daemon/volumes/nanovdb_grids.cpp daemon/volumes/openvdb_shim.h daemon/volumes/nanovdb_grids.h
