@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 
 #include "base/mem.h"
 #include "capture/take/h5.h"
@@ -36,8 +37,15 @@ pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const char *path, ui
                   (off_t)(want + ROOM - r->reserved)) != 0 &&
         errno != EOPNOTSUPP) {
         pvx_err e = pvx_err_from_errno(errno);
-        return pvx_fail(d, e, "%s: cannot be written: %s", path,
-                        e == PVX_ENOSPC ? "the disk is full" : strerror(errno));
+        struct statvfs st = {0};
+        int why = errno;
+        if (e == PVX_ENOSPC && fstatvfs(r->fd, &st) == 0)
+            return pvx_fail(d, e,
+                            "%s: cannot be written: the disk is full: %.1f MB are left, %.1f are "
+                            "needed",
+                            path, (double)st.f_bavail * (double)st.f_frsize * 1e-6,
+                            (double)(want + ROOM - r->reserved) * 1e-6);
+        return pvx_fail(d, e, "%s: cannot be written: %s", path, strerror(why));
     }
     r->reserved = want + ROOM;
     return PVX_OK;

@@ -15,6 +15,17 @@ static pvx_err fail_errno(struct pvx_diag *d, const char *path, const char *what
     return pvx_fail(d, pvx_err_from_errno(en), "%s: %s: %s", path, what, strerror(en));
 }
 
+pvx_err pvx_file_sync(const char *path, struct pvx_diag *d)
+{
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    pvx_err e = fd < 0 || (fsync(fd) != 0 && errno != EINVAL)
+                    ? fail_errno(d, path, "cannot be written")
+                    : PVX_OK;
+    if (fd >= 0)
+        close(fd);
+    return e;
+}
+
 pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len, struct pvx_diag *d)
 {
     *out = NULL;

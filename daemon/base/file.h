@@ -14,6 +14,9 @@ PVX_MUST_CHECK pvx_err pvx_file_read(const char *path, size_t max, char **out, s
 PVX_MUST_CHECK pvx_err pvx_file_write(const char *path, const void *data, size_t len,
                                       struct pvx_diag *d);
 
+/* What was written to `path` by anybody outlives a power cut from now on: fsync. */
+PVX_MUST_CHECK pvx_err pvx_file_sync(const char *path, struct pvx_diag *d);
+
 /* mkdir -p, mode 0777 & ~umask. */
 PVX_MUST_CHECK pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d);
 

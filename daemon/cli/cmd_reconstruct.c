@@ -450,13 +450,15 @@ static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
 /* Each process of mpirun takes the part of its rank. */
 static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
 {
-    PVX_TRY(ranks_open(&j->ranks, d));
-    if (j->ranks.n == 1 || o->join)
+    j->ranks.n = 1;
+    if (o->parts > 0 || o->slurm > 0) /* each was told its part */
         return PVX_OK;
-    if (!o->recording || o->parts > 0 || o->slurm > 0)
-        return pvx_fail(d, PVX_EINVAL, "%u processes were started together: %s", j->ranks.n,
-                        o->recording ? "leave --array and --slurm away"
-                                     : "they need --out FILE.h5");
+    PVX_TRY(ranks_open(&j->ranks, d));
+    if (j->ranks.n == 1)
+        return PVX_OK;
+    if (!o->recording)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%u processes were started together: they need --out FILE.h5", j->ranks.n);
     o->part = j->ranks.rank + 1;
     o->parts = j->ranks.n;
     o->quiet |= j->ranks.rank > 0;

@@ -13,8 +13,10 @@
 #include "base/clock.h"
 #include "base/file.h"
 #include "base/mem.h"
+#include "daemon/volumes/volumes.h"
 
 #define JOB_VERSION 1
+#define SOFTWARE    "pyrovox " PVX_VERSION
 #define JOB_MAX     ((size_t)256 << 20)
 #define STATUS_MAX  ((size_t)64 << 10)
 #define PATH_ROOM   4400
@@ -53,7 +55,7 @@ static char *job_text(const struct parts_job *j)
 {
     cJSON *o = cJSON_CreateObject();
     cJSON_AddNumberToObject(o, "version", JOB_VERSION);
-    cJSON_AddStringToObject(o, "software", "pyrovox " PVX_VERSION);
+    cJSON_AddStringToObject(o, "software", SOFTWARE);
     cJSON_AddNumberToObject(o, "parts", j->n);
     cJSON_AddItemToObject(o, "sets", ranges(j));
     cJSON_AddStringToObject(o, "options", j->options);
@@ -116,9 +118,10 @@ static pvx_err read_job(const cJSON *o, struct parts_job *j, const char *path, s
         (j->number = numbers(cJSON_GetObjectItemCaseSensitive(o, "sets"), &j->n_sets)) == NULL)
         return pvx_fail(d, PVX_EFORMAT, "%s: is damaged, or no job of `pyrovox reconstruct`", path);
     j->n = (unsigned)n->valuedouble;
+    j->software = strdup(software != NULL ? software : "unknown");
     j->rig = strdup(rig);
     j->options = strdup(options);
-    return j->rig != NULL && j->options != NULL ? PVX_OK : PVX_ENOMEM;
+    return j->rig != NULL && j->options != NULL && j->software != NULL ? PVX_OK : PVX_ENOMEM;
 }
 
 pvx_err parts_load(const char *out, struct parts_job *j, struct pvx_diag *d)
@@ -141,6 +144,7 @@ void parts_free(struct parts_job *j)
 {
     free((char *)j->rig);
     free((char *)j->options);
+    free((char *)j->software);
     free((uint32_t *)j->number);
     *j = (struct parts_job){0};
 }
@@ -170,6 +174,11 @@ static void other_line(const char *a, const char *b, char *out, size_t size)
 static pvx_err compare(const struct parts_job *was, const struct parts_job *j, struct pvx_diag *d)
 {
     char old[120], new[120];
+    if (strcmp(was->software, SOFTWARE) != 0)
+        return pvx_fail(d, PVX_ESTALE,
+                        "%s.parts: was begun by %.40s, this is %s: finish it with that version, or "
+                        "name another --out",
+                        j->out, was->software, SOFTWARE);
     if (was->n != j->n)
         return pvx_fail(
             d, PVX_ESTALE,
@@ -240,7 +249,7 @@ struct part {
     const struct parts_job *job;
     unsigned i;
     int lock;
-    uint64_t sets, before; /* done by earlier tries */
+    uint64_t sets, before; /* done before t0 */
     int64_t t0, t_said;
     enum part_state said;
 };
@@ -284,6 +293,19 @@ static void read_status(const cJSON *o, struct part_status *s)
     copy_text(o, "error", s->error, sizeof s->error);
 }
 
+/* A power cut, or a file server, may take back what was done. */
+static bool is_whole(const struct parts_job *j, unsigned i, uint64_t done)
+{
+    char path[PATH_ROOM];
+    vol_reader *r;
+    parts_path(j, i, "h5", path, sizeof path);
+    if (vol_reader_open(path, &r, NULL) != PVX_OK)
+        return false;
+    bool whole = !vol_reader_cut(r) && vol_reader_count(r) == done;
+    vol_reader_close(&r);
+    return whole;
+}
+
 void parts_status(const struct parts_job *j, unsigned i, struct part_status *s)
 {
     char path[PATH_ROOM], *text;
@@ -299,6 +321,10 @@ void parts_status(const struct parts_job *j, unsigned i, struct part_status *s)
     free(text);
     if (s->state == PART_RUNNING && !is_held(j, i))
         s->state = PART_DIED;
+    if (s->state == PART_DONE && !is_whole(j, i, s->done)) {
+        s->state = PART_FAILED;
+        snprintf(s->error, sizeof s->error, "its file is not as it was when it was done");
+    }
 }
 
 static pvx_err is_busy(const struct parts_job *j, unsigned i, struct pvx_diag *d)
@@ -316,6 +342,14 @@ static bool has_file(const struct parts_job *j, unsigned i, const char *what)
     return access(path, F_OK) == 0;
 }
 
+void part_begin(part *p, uint64_t done)
+{
+    p->before = done;
+    p->t0 = pvx_now_mono();
+    p->said = PART_NONE;
+    part_say(p, PART_RUNNING, done, NULL);
+}
+
 static pvx_err look(part *p, bool resume, bool *done, struct pvx_diag *d)
 {
     struct part_status s;
@@ -323,9 +357,12 @@ static pvx_err look(part *p, bool resume, bool *done, struct pvx_diag *d)
     if (s.state == PART_RUNNING) /* the lock is ours */
         s.state = PART_DIED;
     p->sets = s.sets;
-    *done = s.state == PART_DONE && has_file(p->job, p->i, "h5");
-    if (resume || !has_file(p->job, p->i, "h5"))
+    *done = s.state == PART_DONE;
+    if (resume || !has_file(p->job, p->i, "h5")) {
+        if (!*done) /* before the matrix, which may take its time */
+            part_begin(p, s.done);
         return PVX_OK;
+    }
     return pvx_fail(d, PVX_EBUSY,
                     "%s.parts: part %u of %u is there already (%s, %" PRIu64 " of %" PRIu64
                     " sets): --resume goes on with it",
@@ -363,8 +400,6 @@ void part_say(part *p, enum part_state state, uint64_t done, const char *error)
 {
     char path[PATH_ROOM], host[256] = "";
     int64_t now = pvx_now_mono();
-    if (p->said == PART_NONE)
-        p->before = done;
     if (state == p->said && state == PART_RUNNING && now - p->t_said < PVX_NS_PER_S)
         return;
     p->said = state;

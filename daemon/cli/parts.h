@@ -19,9 +19,10 @@
 
 struct parts_job {
     const char *out;
-    unsigned n; /* parts */
-    const char *rig,
-        *options;           /* texts that must be the same in all: rig.yaml, and a line an option */
+    unsigned n;      /* parts */
+    const char *rig; /* rig.yaml, and a line an option: the same in all */
+    const char *options;
+    const char *software;   /* who began it, where it was loaded */
     const uint32_t *number; /* [n_sets] ascending */
     size_t n_sets;
 };
@@ -60,6 +61,8 @@ typedef struct part part;
  * *done: there is nothing left to do.  Errors: PVX_EBUSY (somebody solves it: names host and process), PVX_EPERM, ... */
 PVX_MUST_CHECK pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done,
                                  part **out, struct pvx_diag *d);
+/* Of its sets `done` are done from before: the rate counts from here. */
+void part_begin(part *p, uint64_t done);
 /* How far it is; writes at most once a second while it runs. */
 void part_say(part *p, enum part_state state, uint64_t done, const char *error);
 /* Gives it back; what was said last stays. */

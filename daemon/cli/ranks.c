@@ -10,11 +10,11 @@ static bool several(const char *name)
     return n != NULL && atoi(n) > 1;
 }
 
-/* As mpirun says it, or srun by PMI-2 or PMIx. */
+/* As mpirun says it, or srun. */
 static bool one_of_several(void)
 {
     return several("OMPI_COMM_WORLD_SIZE") || several("PMI_SIZE") ||
-           (getenv("PMIX_RANK") != NULL && several("SLURM_STEP_NUM_TASKS"));
+           several("SLURM_STEP_NUM_TASKS");
 }
 
 pvx_err ranks_open(struct ranks *r, struct pvx_diag *d)

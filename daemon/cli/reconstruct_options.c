@@ -349,9 +349,12 @@ static char *help_text(int key, const char *text, void *input)
 static const struct aside {
     const char *name;
     int words; /* with its value, if that is not joined by = */
-} asides[] = {{"--array", 2},        {"--resume", 1}, {"--slurm", 2},
-              {"--sbatch", 2},       {"--quiet", 1},  {"--threads", 2},
-              {"--matrix-cache", 2}, {"--memory", 2}, {"--out", 2}};
+} asides[] = {{"--array", 2},        {"--resume", 1},
+              {"--slurm", 2},        {"--sbatch", 2},
+              {"--quiet", 1},        {"--threads", 2},
+              {"--matrix-cache", 2}, {"--memory", 2},
+              {"--out", 2},          /* compared by what they are: */ {"--rig", 2},
+              {"--frames", 2}};
 #define ABOUT_JOBS 5
 
 /* argp takes beginnings of names too. */

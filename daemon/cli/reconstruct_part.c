@@ -1,11 +1,13 @@
 #include "daemon/cli/reconstruct_part.h"
 
 #include <errno.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "base/file.h"
 #include "daemon/cli/cli.h"
 
 #define EARLY \
@@ -23,10 +25,18 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
         return e;
     }
     memcpy(number, in->number, in->n * sizeof *number);
+    char *options = NULL, real[PATH_MAX], what[PATH_MAX + 40];
+    if (in->take != NULL)
+        snprintf(what, sizeof what, "take of session %016llx",
+                 (unsigned long long)cap_take_info(in->take)->head.session);
+    else
+        snprintf(what, sizeof what, "%s", basename(realpath(o->frames, real) != NULL ? real : ""));
+    if (asprintf(&options, "%s--frames %s\n", o->said, what) < 0)
+        options = NULL;
     p->job = (struct parts_job){.out = o->out,
                                 .n = o->parts,
                                 .rig = text,
-                                .options = strdup(o->said),
+                                .options = options,
                                 .number = number,
                                 .n_sets = in->n};
     if (p->job.options == NULL)
@@ -102,6 +112,7 @@ static pvx_err take_over(struct reconstruct_part *p, const struct rec_rig *rig,
     }
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
+    PVX_TRY(pvx_file_sync(p->path, d));
     unlink(aside);
     return PVX_OK;
 }
@@ -114,15 +125,15 @@ pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *
     PVX_TRY(take_over(p, rig, in, &last, d));
     p->done = p->copied;
     if (p->part != NULL)
-        part_say(p->part, PART_RUNNING, p->done, NULL);
+        part_begin(p->part, p->done);
     if (p->copied == 0)
         return PVX_OK;
     fprintf(stderr, "pyrovox: part of an earlier try: %llu of %zu sets are there\n",
             (unsigned long long)p->copied, in->n - p->early);
     while (own < in->n && in->number[own] <= last)
         own++;
-    if (own == in->n) {
-        p->nothing = true;
+    if (own == in->n) { /* but to close it */
+        frames_in_only(in, 0, 0);
         return PVX_OK;
     }
     p->own = in->number[own];
@@ -160,10 +171,11 @@ pvx_err reconstruct_part_put(struct reconstruct_part *p, const struct dmn_slot *
 
 pvx_err reconstruct_part_end(struct reconstruct_part *p, pvx_err e, struct pvx_diag *d)
 {
-    bool opened = p->out != NULL;
     pvx_err closing = volumes_out_close(&p->out, d);
     e = e == PVX_OK ? closing : e;
-    if (p->part != NULL && opened)
+    if (e == PVX_OK && p->part != NULL && !p->nothing)
+        e = pvx_file_sync(p->path, d);
+    if (p->part != NULL && !p->nothing)
         part_say(p->part,
                  e == PVX_OK          ? PART_DONE
                  : e == PVX_ECANCELED ? PART_STOPPED

@@ -119,6 +119,12 @@ stops() { # by Ctrl-C, or what a scheduler sends
     says 0 && bits fast.h5 slow.h5
 }
 check stopped_and_gone_on_with stops
+damaged() { # a power cut, or a file server, took back what was done
+    truncate -s 100k slow.h5.parts/part-0002-of-0002.h5
+    run "$pyrovox" reconstruct --out slow.h5 --join; says 1 'not as it was when it was done' 'missing: ' || return 1
+    slowly 2 --resume; ended "$started" 0 && bits fast.h5 slow.h5
+}
+check damaged_and_gone_on_with damaged
 nothing_to_do() {
     local before; before=$(stat -c '%i %Y' slow.h5.parts/part-*.h5)
     slowly 1 --resume; ended "$started" 0 && [ "$before" = "$(stat -c '%i %Y' slow.h5.parts/part-*.h5)" ]
@@ -127,12 +133,19 @@ check what_is_done_stays nothing_to_do
 
 refused() {
     solve --out three.h5 --array 1/3 --resume --lambda 3; says 1 "begun with other options (then 'nothing', now '--lambda 3')" || return 1
+    cp three.h5.parts/job.json job && sed -i 's/"pyrovox [0-9.]*"/"pyrovox 0.0.7"/' three.h5.parts/job.json
+    solve --out three.h5 --array 1/3 --resume; says 1 'was begun by pyrovox 0.0.7, this is pyrovox' || return 1
+    cp job three.h5.parts/job.json
     solve --out three.h5 --array 1/4 --resume; says 1 'begun in 3 parts, not in 4' || return 1
     solve --out three.h5 --array 1/3 --resume --last 9; says 1 'begun with other options' || return 1
     sed 's/gain: \[1/gain: [1.001/; t; s/^version: 1/version: 1 #/' rig.yaml > r && cp rig.yaml kept && sed 's/min: \[-0.5/min: [-0.501/' kept > rig.yaml
     cmp -s rig.yaml kept && { echo "the rig is the same"; return 1; }
     solve --out three.h5 --array 1/3 --resume; says 1 'begun with another rig.yaml' || return 1
     cp kept rig.yaml
+    cp -r take other
+    run "$pyrovox" reconstruct --rig ./rig.yaml --frames other --black 0.02 --grid 24 --out three.h5 --array 1/3 --resume
+    says 1 "(then '--frames take', now '--frames other')" || return 1
+    run "$pyrovox" reconstruct --grid=24 --rig ./rig.yaml --frames ../"${dir##*/}"/take --black 0.02 --out three.h5 --array 1/3 --resume; says 0 || return 1
     mkdir -p more && mv take/*/000011.* more/ 2> /dev/null || rm -f take/*/000011.*
     solve --out three.h5 --array 1/3 --resume; says 1 'begun with 12 frame sets, now there are 11'
 }
