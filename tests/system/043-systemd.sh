@@ -83,11 +83,12 @@ check ready-watchdog-stopping notified
 # Socket activation, as systemd does it: nothing runs until somebody asks, who is answered; the socket is systemd's and stays.
 sleeps() { [ -S "$dir/control" ] && tr '\0' ' ' < "/proc/$started/cmdline" | grep -q socket-activate; }
 wakes() { run "$pyrovox" status --endpoint "$control" --timeout 120 --json; says 0 '{' && ! sleeps; } # one question
-ends_and_leaves_it() { kill "$started" && wait "$started" && [ -S "$dir/control" ] && [ ! -e "$dir/control.lock" ]; }
+ends_and_leaves_it() { kill "$started" && wait "$started" && [ "$(stat -c %F%i "$dir/control")" = "$its" ] && [ ! -e "$dir/control.lock" ]; }
 if command -v systemd-socket-activate > /dev/null; then
     config s.yaml <<< $'cameras: "sim:"\nfps: 20'
     start activated.log systemd-socket-activate --listen="$dir/control" "$pyrovoxd" --config "$dir/s.yaml"
     check sleeps-until-asked wait_for sleeps
+    its=$(stat -c %F%i "$dir/control")
     check is-woken-by-a-question wait_for wakes
     check answers-others wait_for field 's["sets"]["published"] > 0'
     check socket-is-left ends_and_leaves_it
