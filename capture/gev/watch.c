@@ -158,10 +158,11 @@ static void tell_unread_chunks(struct aravis_source *s, bool *told)
     if (*told || !atomic_load(&s->chunks.unread))
         return;
     *told = true;
-    LOG_W(CAPTURE,
-          "camera %s (aravis:%s): its chunk data are of a kind that Aravis does not read (payload "
-          "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown",
-          s->c.name, s->c.uri);
+    LOG_ABOUT(
+        PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "chunks", .camera = s->c.name),
+        "camera %s (aravis:%s): its chunk data are of a kind that Aravis does not read (payload "
+        "type 5, GigE Vision 1.2): exposure and gain of its frames stay unknown",
+        s->c.name, s->c.uri);
 }
 
 /* ---- the loop --------------------------------------------------------------------------------- */
@@ -233,8 +234,8 @@ void aravis_watch_start(struct aravis_source *s)
     s->health = known_at_once(s);
     pthread_mutex_unlock(&s->lock);
     if (pthread_create(&s->watch, NULL, watch, s) != 0) {
-        LOG_W(CAPTURE, "camera %s (aravis:%s): no thread to watch its clock with", s->c.name,
-              s->c.uri);
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "unwatched", .camera = s->c.name),
+                  "camera %s (aravis:%s): no thread to watch its clock with", s->c.name, s->c.uri);
         return;
     }
     s->watching = true;

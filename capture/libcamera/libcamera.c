@@ -396,8 +396,8 @@ static pvx_err set_up(struct source *s, struct pvx_diag *d)
     if (e == PVX_OK)
         e = open_camera(s, all.id[i], d);
     if (e == PVX_OK && s->c.fps > 0 && !s->layout.has_duration)
-        LOG_I(
-            CAPTURE,
+        LOG_ABOUT(
+            PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "own_rate", .camera = s->name),
             "camera %s (libcamera:%s): its frame rate cannot be set through libcamera %s: it sends "
             "at its own",
             s->name, s->uri, module.lc->library);
@@ -474,7 +474,8 @@ static void libcamera_health(cap_source *base, struct cap_health *out)
     pthread_mutex_unlock(&s->lock);
     cap_lend_retry(s->lend);
     if (module.lc->differs(s->camera, text, sizeof text))
-        LOG_W(CAPTURE, "camera %s (libcamera:%s): %s", s->name, s->uri, text);
+        LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "controls", .camera = s->name),
+                  "camera %s (libcamera:%s): %s", s->name, s->uri, text);
     if (odd)
         LOG_EVERY(PVX_LOG_WARN, CAPTURE,
                   "a libcamera camera's time stamps are of no clock of this host: the time of "

@@ -185,10 +185,11 @@ static pvx_err set_rate(const struct cap_source_config *c, const struct v4l_devi
     if (can && period->numerator > 0)
         l->fps = (double)period->denominator / (double)period->numerator;
     if (!can && c->fps > 0)
-        LOG_W(CAPTURE,
-              "camera %s (v4l2:%s): its driver %s has no frame rate to set: the camera runs at its "
-              "own, which has to be %g Hz",
-              c->name, c->uri, dev->driver, c->fps);
+        LOG_ABOUT(
+            PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "own_rate", .camera = c->name),
+            "camera %s (v4l2:%s): its driver %s has no frame rate to set: the camera runs at its "
+            "own, which has to be %g Hz",
+            c->name, c->uri, dev->driver, c->fps);
     if (c->fps <= 0 || !can || fabs(l->fps - c->fps) <= 0.01 * c->fps)
         return PVX_OK;
     char offered[300] = "";

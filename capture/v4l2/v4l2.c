@@ -190,8 +190,9 @@ static pvx_err make_buffers(struct source *s, struct pvx_diag *d)
         export_buffers(&s->dev, bs);
         return PVX_OK;
     }
-    LOG_I(CAPTURE, "camera %s (v4l2:%s): %u buffers of the driver for %u frames: images are copied",
-          s->name, s->uri, n, want);
+    LOG_ABOUT(PVX_LOG_INFO, CAPTURE, ABOUT(.cause = "copied", .camera = s->name),
+              "camera %s (v4l2:%s): %u buffers of the driver for %u frames: images are copied",
+              s->name, s->uri, n, want);
     size_t most = 0;
     for (unsigned i = 0; i < n; i++)
         most = bs->at[i].bytes > most ? bs->at[i].bytes : most;
@@ -252,12 +253,12 @@ static int64_t exposure_time(struct source *s, const struct filled *b, int64_t a
                   start ? "start of exposure" : "end of the frame",
                   !start && s->exposure_us > 0 ? ", moved back by the exposure" : "");
         else
-            LOG_W(CAPTURE,
-                  "camera %s (v4l2:%s): %s: the time of arrival is used, which is late by the "
-                  "readout and jitters",
-                  s->name, s->uri,
-                  mono ? "its driver's time stamps are off by more than 10 s"
-                       : "its driver does not say which clock its time stamps are of");
+            LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "odd_stamps", .camera = s->name),
+                      "camera %s (v4l2:%s): %s: the time of arrival is used, which is late by the "
+                      "readout and jitters",
+                      s->name, s->uri,
+                      mono ? "its driver's time stamps are off by more than 10 s"
+                           : "its driver does not say which clock its time stamps are of");
     }
     if (!good)
         return 0;

@@ -45,25 +45,28 @@ static bool is_ours(struct dmn_cameras_in *in, size_t c)
     cap_capture_health(in->capture, (uint32_t)c, &h);
     bool other = p->device[0] != '\0' && h.serial[0] != '\0' && strcmp(p->device, h.serial) != 0;
     if (other && !said->other)
-        LOG_E(DAEMON,
-              "camera %s is %s, but the rig's photometry was measured on %s: %s; plug that one in, "
-              "or "
-              "measure this one (pyrovox calibrate dark, flat)",
-              k->name, h.serial, p->device,
-              in->sets.policy == CAP_POLICY_DROP ? "no set is whole (sync.policy: drop)"
-                                                 : "it is left out");
+        LOG_ABOUT(
+            PVX_LOG_ERROR, DAEMON, ABOUT(.cause = "other_device", .camera = k->name),
+            "camera %s is %s, but the rig's photometry was measured on %s: %s; plug that one in, "
+            "or "
+            "measure this one (pyrovox calibrate dark, flat)",
+            k->name, h.serial, p->device,
+            in->sets.policy == CAP_POLICY_DROP ? "no set is whole (sync.policy: drop)"
+                                               : "it is left out");
     bool far = !other && dmn_photometry_too_far(k, h.temperature_c);
     if (far && !said->far)
-        LOG_W(
-            DAEMON,
+        LOG_ABOUT(
+            PVX_LOG_WARN, DAEMON, ABOUT(.cause = "temperature", .camera = k->name),
             "camera %s has %.1f degrees Celsius, but its dark is of %.1f: let it warm up, or take "
             "darks as it is (pyrovox calibrate dark)",
             k->name, h.temperature_c, p->temperature);
     if (isfinite(h.temperature_c) && p->has_temperature)
         said->unknown = 0;
     else if (p->dark.file[0] != '\0' && ++said->unknown == UNKNOWN_SETS)
-        LOG_I(DAEMON, "camera %s: its dark's temperature is not checked: %s", k->name,
-              p->has_temperature ? "the camera does not say its own" : "the rig does not say it");
+        LOG_ABOUT(PVX_LOG_INFO, DAEMON, ABOUT(.cause = "temperature", .camera = k->name),
+                  "camera %s: its dark's temperature is not checked: %s", k->name,
+                  p->has_temperature ? "the camera does not say its own"
+                                     : "the rig does not say it");
     said->other = other;
     said->far = far || (said->far && fabs(h.temperature_c - p->temperature) > DMN_DARK_DEGREES - 1);
     return !other;

@@ -82,14 +82,38 @@ PY
 config j.yaml <<< $'cameras: {cam0: "sim:", cam1: "sim:", cam2: "v4l2:/dev/none", cam3: "sim:"}\nfps: 20'
 check ready-watchdog-stopping notified
 
+# A fault that goes on and on: 8 lines, then fewer, of which each says how many it stands for; the last is what is the case.
+config f.yaml <<< "cameras: {cam0: 'sim:', cam1: 'sim:', cam2: 'v4l2:$dir/device', cam3: 'sim:'}"
+becomes() { wait_for field "'$1' in s['cameras'][2]['error']"; }
+told() { # lines of it, and what they stand for
+    grep 'camera cam2' "$dir/flips.log" | awk '{ n++; if (match($0, /\([0-9]+ more/)) more += substr($0, RSTART + 1) + 0 } END { print n + 0, n + more }'
+}
+changes() { # until one is kept back, which the 20th is however slow this is
+    start flips.log "$pyrovoxd" --config "$dir/f.yaml"
+    flips=0
+    until read -r n _ < <(told); [ $((n + 1)) -lt $flips ]; do # the last one may be on its way
+        [ $flips -lt 40 ] || return 1
+        rm -f "$dir/device"; becomes 'there is no' || return 1
+        : > "$dir/device"; becomes 'is no V4L2' || return 1
+        flips=$((flips + 2))
+    done
+}
+all_told() { read -r n all < <(told); [ "$n" -lt "$flips" ] && [ "$all" = "$flips" ]; }
+last_word() { grep 'camera cam2' "$dir/flips.log" | tail -n 1 | grep -q 'is no V4L2'; }
+check a-fault-that-goes-on changes
+check is-told-in-fewer-lines wait_for all_told
+check and-what-is-the-case-at-last last_word
+kill "$started"; wait "$started"
+
 # Socket activation, as systemd does it: nothing runs until somebody asks, who is answered; the socket is systemd's and stays.
 sleeps() { [ -S "$dir/control" ] && tr '\0' ' ' < "/proc/$started/cmdline" | grep -q socket-activate; }
 wakes() { run "$pyrovox" status --endpoint "$control" --timeout 120 --json; says 0 '{' && ! sleeps; } # one question
-ends_and_leaves_it() { kill "$started" && wait "$started" && [ -S "$dir/control" ] && [ ! -e "$dir/control.lock" ]; }
+ends_and_leaves_it() { kill "$started" && wait "$started" && [ "$(stat -c %F%i "$dir/control")" = "$its" ] && [ ! -e "$dir/control.lock" ]; }
 if command -v systemd-socket-activate > /dev/null; then
     config s.yaml <<< $'cameras: "sim:"\nfps: 20'
     start activated.log systemd-socket-activate --listen="$dir/control" "$pyrovoxd" --config "$dir/s.yaml"
     check sleeps-until-asked wait_for sleeps
+    its=$(stat -c %F%i "$dir/control")
     check is-woken-by-a-question wait_for wakes
     check answers-others wait_for field 's["sets"]["published"] > 0'
     check socket-is-left ends_and_leaves_it

@@ -72,18 +72,34 @@ check status-is-well wait_for 20 eval '! status_says "not there"'
 check libcamera backend libcamera "{${libcamera#, }}"
 check aravis backend aravis '"aravis:127.0.0.2+"' 'gige: {frame_retention_ms: 500}'
 check aravis-in-real-time real_time
+packet_sockets() { tail -n +2 /proc/net/packet | grep -c .; }
+check has-no-packet-sockets [ "$(packet_sockets)" = 0 ]
+drop_in() { # its lines on standard input
+    mkdir -p /etc/systemd/system/pyrovoxd.service.d && cat > /etc/systemd/system/pyrovoxd.service.d/override.conf && in_it systemctl daemon-reload
+}
+sed -n '/^    \[Service\]/,$s/^    //p' systemd/README.md | drop_in
+check aravis-with-the-lines-of-the-manual backend aravis '"aravis:127.0.0.2+"' 'gige: {frame_retention_ms: 500}'
+check has-packet-sockets [ "$(packet_sockets)" -ge 4 ]
+drop_in < /dev/null
 check files backend files '"files:/out/mono8/{name}/%06d.npy"' 'loop: true'
 for i in v4l2 libcamera aravis files; do check $i-recorded recorded $i; done
 # the key of a daemon that others reach lies encrypted on the disk
 keep_key() {
     mkdir -p -m 700 /etc/credstore.encrypted && "$pyrovox" keygen "$dir/lab" > /dev/null && "$pyrovox" keygen "$dir/bert" --control --server "$dir/lab.pub" > /dev/null &&
-        in_it systemd-creds encrypt --with-key=host --name=pyrovox.key "$dir/lab.key" /etc/credstore.encrypted/pyrovox.key && rm "$dir/lab.key" &&
+        in_it systemd-creds encrypt --with-key=host --name=pyrovox.key "$dir/lab.key" /etc/credstore.encrypted/pyrovox.key && mv "$dir/lab.key" /etc/pyrovox/ &&
         cp "$dir/bert.pub" /etc/pyrovox/clients.keys && ! grep -q secret /etc/credstore.encrypted/pyrovox.key
 }
 check key-is-encrypted keep_key
-check starts-with-that-key backend keyed '"files:/out/mono8/{name}/%06d.npy"' 'loop: true
+keyed() {
+    backend keyed '"files:/out/mono8/{name}/%06d.npy"' 'loop: true
 control: {endpoint: "tcp://127.0.0.1:5556"}
 keys: {server: "credential:pyrovox.key", clients: clients.keys}' tcp://127.0.0.1:5556 --key "$dir/bert.key"
+}
+check starts-with-that-key keyed
+rm /etc/credstore.encrypted/pyrovox.key
+drop_in <<< $'[Service]\nLoadCredential=pyrovox.key:/etc/pyrovox/lab.key'
+check starts-with-one-of-root keyed
+drop_in < /dev/null
 
 in_it systemctl start pyrovox-view
 view_serves() { in_it bash -c 'exec 3<> /dev/tcp/127.0.0.1/8737' 2> /dev/null && [ "$(in_it systemctl show -P NRestarts pyrovox-view)" = 0 ]; }
