@@ -64,6 +64,7 @@ complete() { local s; s=$(status "$1" state "${2:-2}"); [ "$s" = "done" ] || { e
 in_middle() { solved 1 3 && solved 2 3; } # both parts are
 begun() { wait_for in_middle_or_over && in_middle; }
 in_middle_or_over() { queue_empty || in_middle; }
+gone() { ! kill -0 "$1" 2> /dev/null; }
 queue_empty() { [ -z "$(squeue -h 2>&1)" ]; }
 settled() { patience=900 wait_for queue_empty; }
 next_job() { scontrol show config | awk '/^NEXT_JOB_ID/ { print $3 }'; }
@@ -198,9 +199,11 @@ case_stalled_server() {
     kill -STOP "$stalled"; fast
     local one; one=$(status 1 'done')
     timeout -k 10 600 "$pyrovox" reconstruct --out "$out" --join > "$dir/join.log" 2>&1 & local j=$!
+    "$pyrovox" reconstruct --out "$out" --join > "$dir/join2.log" 2>&1 & local k=$!
     # Long enough for a heartbeat that Slurm or anybody might miss; how long it is decides nothing.
     sleep 30
     [ "$(status 1 'done')" -le $((one + 1)) ] || { kill -CONT "$stalled"; echo "  it did not stall"; return 1; }
+    kill -TERM $k; patience=60 wait_for gone $k || { kill -CONT "$stalled"; return 1; } # who waits for it can be ended
     kill -CONT "$stalled"
     wait $j; local rc=$?
     [ $rc -lt 2 ] || { echo "  --join: exit $rc"; cat "$dir/join.log"; return 1; }
@@ -216,6 +219,38 @@ case_two_tasks() {
     refuses || return
     fast; wait $first || { cat "$dir/first.log"; return 1; }
     run solve --array 2/2; says 0 && same
+}
+# Before it has a volume a task may be busy for long with the matrix: here with a file server that stalls.
+case_two_tasks_before_the_first_set() {
+    local one=$out; out=$disk/two_tasks_before_the_first_set/volumes.h5
+    kill -STOP "$the_server"
+    on_node 1 "$pyrovox" reconstruct "${how[@]}" --matrix-cache "${one%/*}/matrix" --out "$out" --array 1/2 > "$dir/first.log" 2>&1 & local first=$!
+    patience=100 wait_for begun_by node1 || { ls "$out.parts"; return 1; }
+    run on_node 2 "$pyrovox" reconstruct "${how[@]}" --out "$out" --array 1/2 --resume
+    refuses node1 "\b$(status 1 pid)\b" || return
+    [ ! -e "$(part 1).h5" ] || { echo "  the matrix did not wait"; return 1; }
+    kill -CONT "$the_server"; wait $first
+}
+begun_by() { [ "$(status 1 state) $(status 1 host)" = "running $1" ]; }
+case_other_clocks() { # one node is ten minutes behind, the other a day ahead
+    slow
+    on_node 1 faketime -f -10m "$pyrovox" reconstruct "${how[@]}" --out "$out" --array 1/2 > "$dir/first.log" 2>&1 & local first=$!
+    on_node 2 faketime -f +1d "$pyrovox" reconstruct "${how[@]}" --out "$out" --array 2/2 > "$dir/second.log" 2>&1 & local second=$!
+    wait_for in_middle || { cat "$dir/first.log" "$dir/second.log"; return 1; }
+    run solve --join; says 1 '^ +1 +running' '^ +2 +running' || return
+    run on_node 2 faketime -f +1d "$pyrovox" reconstruct "${how[@]}" --out "$out" --array 1/2 --resume
+    refuses node1 || return
+    on_node 2 kill -9 "$(status 2 pid)"; wait $second 2> /dev/null; fast
+    wait $first || { cat "$dir/first.log"; return 1; }
+    run solve --join; says 1 '^ +1 +done' '^ +2 +died' || return
+    run on_node 1 faketime -f -10m "$pyrovox" reconstruct "${how[@]}" --out "$out" --array 2/2 --resume; says 0 && same
+}
+case_damaged_part() { # cut off after it was done, as where a file server has lost its power
+    run solve --slurm=2; says 0 && settled && same || return
+    local whole; whole=$(stat -c %s "$(part 1).h5")
+    truncate -s $((whole / 2)) "$(part 1).h5"
+    run solve --join; says 1 '^ +1 +[^d ]' '^ +2 +done' || return # it does not say done
+    run solve --slurm=2 --resume; says 0 && settled && same
 }
 case_without_resume() { # what was solved is not solved over by mistake
     run solve --array 1/2; says 0 || return
@@ -300,7 +335,7 @@ one() { # case
     "case_$1" > "$dir/said" 2>&1; rc=$?
     kill -CONT "$the_server"; fast
     scancel -u root; settled
-    local n; for n in 1 2; do node_is $n idle || { kill -9 "${node[$n]}" 2> /dev/null; node_start $n; patience=900 wait_for node_is $n idle; }; done
+    local n; for n in 1 2; do [ $rc = 0 ] && node_is $n idle || { kill -9 "${node[$n]}" 2> /dev/null; node_start $n; patience=900 wait_for node_is $n idle; }; done
     { echo "=== $name (exit $rc, $((SECONDS - t0)) s)"; cat "$dir/said"; } >> "$log"
     case $rc in
         0) pass=$((pass + 1)); tell "PASS $name";;
