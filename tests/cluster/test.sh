@@ -180,7 +180,7 @@ small() { # size of the disk that volumes go to now, for all
 }
 # One node has no room of its own: its cache, its shared memory.
 case_full_node() {
-    node_kill 1; node_start 1 64k; wait_for node_is 1 idle || return
+    node_kill 1; node_start 1 64k; node_up 1 || return
     run solve --slurm=2; says 0 || return
     settled || return
     local n; n=$(cat "$out.parts"/part-*.json | grep -c '"host".*node1')
@@ -188,7 +188,7 @@ case_full_node() {
     cat "$out.parts"/*.json
     same && return # it does without
     run solve --join; says 1 'failed' 'node1' 'No space left|full' || return
-    node_kill 1; node_start 1; wait_for node_is 1 idle || return
+    node_kill 1; node_start 1; node_up 1 || return
     run solve --slurm=2 --resume; says 0 && settled && same
 }
 # Reads and writes of everybody wait; the locks are held on.
@@ -327,7 +327,7 @@ finish() {
     [ $fail = 0 ]; exit
 }
 one() { # case
-    local name=cluster:$1 rc t0=$SECONDS
+    local name=cluster:$1 rc n t0=$SECONDS
     [[ $name == *"$filter"* ]] || return
     disk=$dir/disk share=$dir/share out=$share/$1/volumes.h5 server=$the_server
     how=("${plain[@]}")
@@ -335,13 +335,13 @@ one() { # case
     "case_$1" > "$dir/said" 2>&1; rc=$?
     kill -CONT "$the_server"; fast
     scancel -u root; settled
-    local n; for n in 1 2; do [ $rc = 0 ] && node_is $n idle || { kill -9 "${node[$n]}" 2> /dev/null; node_start $n; patience=900 wait_for node_is $n idle; }; done
+    for n in 1 2; do [ $rc = 0 ] && node_is $n idle || { node_kill $n; node_start $n; patience=900 node_up $n; }; done
     { echo "=== $name (exit $rc, $((SECONDS - t0)) s)"; cat "$dir/said"; } >> "$log"
     case $rc in
         0) pass=$((pass + 1)); tell "PASS $name";;
         77) skip=$((skip + 1)); tell "SKIP $name ($(tail -n 1 "$dir/said"))";;
         *) fail=$((fail + 1)); cat "$dir/said"
-           tail -n 20 "$out.parts"/*.json "$out.parts"/*.out "$out.parts"/*.log 2> /dev/null | tee -a "$log"; tell "FAIL $name";;
+           tail -n 20 "$out.parts"/*.json "$out.parts"/*.out "$out.parts"/*.log 2> /dev/null | tee -a "$log"; tell ""; tell "FAIL $name";;
     esac
     ! mountpoint -q "$dir/small" || umount -l "$dir/small"
 }
