@@ -39,7 +39,7 @@ PACKAGES_BLENDER := blender python3-openvdb xvfb xauth libgl1-mesa-dri
 PACKAGES_VM := qemu-system-x86 busybox-static kmod cpio libcamera-ipa libcamera-tools v4l-utils
 
 # make test-cluster: a cluster of two nodes, with a file server that can be slow or stall.
-PACKAGES_CLUSTER := slurm-wlm munge openmpi-bin bindfs
+PACKAGES_CLUSTER := slurm-wlm munge openmpi-bin bindfs faketime
 
 # make deb, make test-deb: Debian's packages, and a clean Debian to try them in.
 PACKAGES_DEB := debhelper dh-python lintian python3

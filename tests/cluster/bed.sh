@@ -60,10 +60,11 @@ CONF
     slurmctld -D > "$dir/slurm/log/slurmctld.out" 2>&1 &
     node_start 1
     node_start 2
-    wait_for node_is 1 idle && wait_for node_is 2 idle || { tail "$dir"/slurm/log/*; return 1; }
+    node_up 1 && node_up 2 || { tail "$dir"/slurm/log/*; return 1; }
 }
 # Mounts of the bed are seen on its nodes.  What is a node's own: /run/bed/local and /dev/shm.
 node_start() { # N [size of both, 256m]
+    rm -f "$dir/slurm/log/slurmd-node$1.log"
     # shellcheck disable=SC2016 # the node's own
     unshare --mount --propagation slave --pid --uts --ipc --fork --kill-child --mount-proc -- bash -c '
         hostname "node$1"
@@ -71,8 +72,9 @@ node_start() { # N [size of both, 256m]
         slurmd -D -N "node$1" & wait' - "$1" "${2:-256m}" > "$dir/slurm/log/node$1.out" 2>&1 &
     node[$1]=$!
 }
+node_up() { wait_for grep -q 'slurmd started' "$dir/slurm/log/slurmd-node$1.log" && wait_for node_is "$1" idle; } # N
 # As a power cut: every process of it at once.
-node_kill() { kill -9 "${node[$1]}"; wait "${node[$1]}" 2> /dev/null; } # N
+node_kill() { kill -9 "${node[$1]}" 2> /dev/null; wait "${node[$1]}" 2> /dev/null; } # N
 node_is() { local s; s=$(sinfo -h -n "node$1" -o %t) && [[ ${s%\*} == "$2" ]]; } # N, state
 on_node() { # N, command...: as a process of that node
     local n=$1 first; shift
