@@ -14,6 +14,7 @@
 #include "daemon/cli/reconstruct_active.h"
 #include "daemon/cli/reconstruct_fit.h"
 #include "daemon/cli/reconstruct_options.h"
+#include "daemon/cli/reconstruct_plan.h"
 #include "daemon/pipeline/volume_file.h"
 
 struct job {
@@ -308,6 +309,8 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     PVX_TRY(find_input(j, d));
+    if (o->plan)
+        return reconstruct_plan(o, &j->in, &j->params, j->pool, &j->rig, d);
     if (o->out == NULL)
         return PVX_OK;
     PVX_TRY(pvx_mkdirs(o->out, d));
@@ -396,7 +399,7 @@ static int run(int argc, char **argv)
     struct job j = {.o = &o, .params = o.frame};
     struct pvx_diag d = {""};
     pvx_err e = prepare(&j, &d);
-    if (e == PVX_OK && o.out != NULL)
+    if (e == PVX_OK && o.out != NULL && !o.plan)
         e = reconstruct(&j, &d);
     finish(&j);
     if (e == PVX_ECANCELED || (e == PVX_OK && cli_stop)) {
