@@ -17,6 +17,7 @@
 #include "daemon/cli/reconstruct_join.h"
 #include "daemon/cli/reconstruct_options.h"
 #include "daemon/cli/reconstruct_part.h"
+#include "daemon/cli/reconstruct_plan.h"
 #include "daemon/cli/reconstruct_slurm.h"
 #include "daemon/pipeline/volume_file.h"
 
@@ -289,7 +290,8 @@ static pvx_err find_input(struct job *j, struct pvx_diag *d)
     if (o->find_absorption)
         PVX_TRY(reconstruct_absorb(o, &j->params.absorption, d));
     PVX_TRY(o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK);
-    return o->recording ? reconstruct_part_begin(&j->part, o, &j->rig, &j->in, d) : PVX_OK;
+    return o->recording && !o->plan ? reconstruct_part_begin(&j->part, o, &j->rig, &j->in, d)
+                                    : PVX_OK;
 }
 
 /* One of a node's processes builds it, the others map what that one has cached: it is there once. */
@@ -332,6 +334,8 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     PVX_TRY(ranks_all(&j->ranks, find_input(j, d)));
+    if (o->plan)
+        return reconstruct_plan(o, &j->in, &j->params, j->pool, &j->rig, d);
     if (o->out == NULL || o->slurm > 0)
         return PVX_OK;
     PVX_TRY(open_matrix(j, d));
@@ -451,7 +455,7 @@ static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
 static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
 {
     j->ranks.n = 1;
-    if (o->parts > 0 || o->slurm > 0) /* each was told its part */
+    if (o->parts > 0 || o->slurm > 0 || o->plan) /* each was told its part */
         return PVX_OK;
     PVX_TRY(ranks_open(&j->ranks, d));
     if (j->ranks.n == 1)
@@ -483,7 +487,7 @@ static int run(int argc, char **argv)
         e = prepare(&j, &d);
     if (e == PVX_OK && o.slurm > 0)
         e = reconstruct_slurm(&j.part.job, o.resume, argc, argv, o.sbatch, &d);
-    else if (e == PVX_OK && o.out != NULL && !j.part.nothing)
+    else if (e == PVX_OK && o.out != NULL && !o.plan && !j.part.nothing)
         e = reconstruct(&j, &d);
     int code = join(&j, conclude(&j, e, &d));
     finish(&j);

@@ -10,8 +10,20 @@
 
 #define SHARE 0.03 /* of the rows of bins, for the estimate */
 
-/* Of what is free this much is planned with: others run as well, and files want to be cached. */
-#define USE 0.8
+size_t reconstruct_spread(size_t k, size_t n)
+{
+    size_t step = n < 3 ? 1 : (size_t)(0.618 * (double)n);
+    for (;; step++) { /* no divisor in common: all of them, before the first comes again */
+        size_t a = n, b = step, c;
+        while (b != 0) {
+            c = a % b;
+            a = b;
+            b = c;
+        }
+        if (a == 1)
+            return k * step % n;
+    }
+}
 
 /* The rows of bins that brick i's voxels are in, as part of `slab` or, as surfaces are not even, of one beside it. */
 static void reach(const rec_sysmat *outline, size_t i, size_t slab, struct reconstruct_seen *out)
@@ -36,6 +48,7 @@ static void add_set(const rec_sysmat *outline, const uint8_t *brick, size_t bric
 {
     struct rec_active *a = outline->active;
     out->sets++;
+    out->bricks_mean += ((double)bricks - out->bricks_mean) / (double)out->sets;
     out->bricks_most = bricks > out->bricks_most ? bricks : out->bricks_most;
     for (size_t i = 0, n = 0; i < a->bricks; i++) {
         if (!brick[i])
@@ -62,12 +75,12 @@ static pvx_err mark_sets(struct silhouettes *see, const struct rec_frame_params 
     size_t all = see->in->n, n = how->sets > 0 && how->sets < all ? how->sets : all;
     int64_t t0 = pvx_now_mono();
     for (size_t k = 0; k < n; k++) {
-        double seconds = (double)(pvx_now_mono() - t0) * 1e-9;
-        if (how->seconds > 0 && k >= 2 && seconds > how->seconds)
+        if (how->seconds > 0 && k >= 2 && out->seconds > how->seconds)
             break;
-        silhouettes_load(see, n > 1 ? k * (all - 1) / (n - 1) : all / 2);
+        silhouettes_load(see, reconstruct_spread(k, all));
         add_set(outline, brick,
                 rec_hull_bricks(hull, &p->hull, see->lit, see->believed, pool, brick), out);
+        out->seconds = (double)(pvx_now_mono() - t0) * 1e-9;
         if (!how->quiet)
             cli_progress(&bar, (double)(k + 1) / (double)n);
         if (cli_stop)
@@ -128,9 +141,9 @@ static pvx_err prepare(const struct reconstruct_options *o, struct frames_in *in
     reconstruct_need(o, rig, p, &e, &seen, &need);
     fprintf(stderr,
             "pyrovox: active part: %.1f %% of the %dx%dx%d voxels, of %.3g entries in all about "
-            "%.3g; memory: at most %.1f GB\n",
+            "%.3g; memory: at most %.2f GB\n",
             share_of(rig, &e), rig->grid.n[0], rig->grid.n[1], rig->grid.n[2], e.entries, e.kept,
-            need.most * 1e-9);
+            need.most * 1e-9 + 0.005);
     if (room > 0 && need.most > room)
         return pvx_fail(
             d, PVX_ENOMEM,
@@ -152,7 +165,7 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
     *out = NULL;
     PVX_TRY(rec_sysmat_resolve(rig, &o->rig.matrix, &r, d));
     double whole = reconstruct_whole(rig, &r);
-    double room = o->memory >= 0 ? o->memory : USE * reconstruct_free();
+    double room = o->memory >= 0 ? o->memory : reconstruct_room();
     if (whole <= room)
         return rec_sysmat_open(rig, &o->rig.matrix, o->cache, pool, progress, out, d);
     fprintf(

@@ -13,6 +13,9 @@ PVX_MUST_CHECK pvx_err reconstruct_matrix(const struct reconstruct_options *o, s
                                           const struct rec_rig *rig, rec_sysmat **out,
                                           struct pvx_diag *d);
 
+/* The k-th of n sets to look at, each once: the first few are spread over all. */
+size_t reconstruct_spread(size_t k, size_t n);
+
 /* Part of the frame sets, evenly spread: marks their bricks in `outline`. */
 struct reconstruct_look {
     size_t sets;    /* at most; 0 = all */

@@ -152,10 +152,10 @@ static double free_in_cgroup(void)
     return least;
 }
 
-double reconstruct_free(void)
+double reconstruct_room(void)
 {
     double kib = number_in("/proc/meminfo", "MemAvailable:");
     if (!isfinite(kib))
         kib = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE) / 1024;
-    return fmin(kib * 1024, free_in_cgroup());
+    return 0.8 * fmin(kib * 1024, free_in_cgroup());
 }

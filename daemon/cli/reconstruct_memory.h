@@ -9,7 +9,9 @@
 /* What silhouettes said of the sets that were looked at. */
 struct reconstruct_seen {
     size_t sets;
+    double seconds;     /* all of them took */
     size_t bricks_most; /* that one set's hull is in, the most of them */
+    double bricks_mean;
     /* Rows of bins of each camera that a slab of a set's columns may reach (recon/matrix/subsys.h); lo > hi: none. */
     struct {
         int32_t lo, hi;
@@ -35,7 +37,8 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
 /* The whole matrix while it is built, about: 2x2 or 3x4 windows and 5.4 entries a voxel and camera (NUMERICS.md, 16). */
 double reconstruct_whole(const struct rec_rig *rig, const struct rec_sysmat_params *resolved);
 
-/* What this process may still take: MemAvailable, and what its cgroup leaves it. */
-double reconstruct_free(void);
+/* What this process may plan with: four fifths of MemAvailable, or of what its cgroup leaves it: others run as well, and
+ * files want to be cached. */
+double reconstruct_room(void);
 
 #endif

@@ -45,6 +45,7 @@ enum {
     OPT_FIT_FRAMES,
     OPT_SAVE_RIG,
     OPT_MEMORY,
+    OPT_PLAN,
     OPT_ARRAY,
     OPT_RESUME,
     OPT_JOIN,
@@ -78,6 +79,10 @@ static const struct argp_option option_table[] = {
      "take "
      "more, only its part where the frame sets have flame is built, found from their silhouettes: "
      "the same volumes, but nothing is cached. 0: only that part, however much it takes",
+     0},
+    {"plan", OPT_PLAN, "HOURS", OPTION_ARG_OPTIONAL,
+     "reconstruct nothing, but say what it would take: time, memory and disk, stage by stage, from "
+     "about a minute of it; and how many machines like this one would be done in HOURS",
      0},
     {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
     {NULL, 0, NULL, 0, "Volume fitted to the flame:", 2},
@@ -288,6 +293,10 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
     case OPT_BAYER: o->bayer = cli_arg_choice(st, "bayer", arg, bayers); return 0;
     case OPT_MEMORY: o->memory = 1e9 * cli_arg_double(st, "memory", arg, 0, 1e9); return 0;
+    case OPT_PLAN:
+        o->plan = true;
+        o->plan_hours = arg != NULL ? cli_arg_double(st, "plan", arg, 0.01, 1e6) : 0;
+        return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case OPT_BACKGROUND: o->background = arg; return 0;
     case OPT_SAVE_HULL: o->save_hull = arg; return 0;
@@ -312,7 +321,8 @@ static error_t parse(int key, char *arg, struct argp_state *st)
         check_parts(st, o);
         if (o->join)
             return 0;
-        if (o->frames == NULL || o->rig.path == NULL || (o->out == NULL && o->save_rig == NULL))
+        if (o->frames == NULL || o->rig.path == NULL ||
+            (o->out == NULL && o->save_rig == NULL && !o->plan))
             argp_error(st, "needs --rig, --frames and --out");
         if (o->save_rig != NULL && !o->fit)
             argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");

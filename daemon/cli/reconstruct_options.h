@@ -22,6 +22,8 @@ struct reconstruct_options {
     bool both;            /* frame.temporal, from the frame after too */
     int bayer;            /* 0 auto, 1 rays, 2 demosaic */
     double memory;        /* bytes; < 0 = what is free */
+    bool plan;            /* only say what it would take, */
+    double plan_hours;    /* and how many machines for so long; 0 = no matter */
     struct frames_in_reading reading;
     bool recording;       /* out is one HDF5 file, not a folder */
     unsigned part, parts; /* --array; 0: all in one */
