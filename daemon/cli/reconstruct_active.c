@@ -173,6 +173,8 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
         "pyrovox: the whole system matrix would take about %.1f GB, %.1f GB are to be used: only "
         "its part where these %zu frame sets have flame is built, and not cached (--memory GB)\n",
         whole * 1e-9, room * 1e-9, in->n);
+    /* the whole one would be there once for all processes of a node, a part is each one's own */
+    room /= o->node_n;
     PVX_TRY(rec_sysmat_outline(rig, &r, pool, &outline, d));
     pvx_err e = prepare(o, in, p, pool, rig, room, outline, d);
     if (e == PVX_OK)
