@@ -324,6 +324,9 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                "  pyrovox reconstruct --rig rig.yaml --frames raw --out vol \\\n"
                "          --pixel-format BayerRG8 --binning 1\n"
                "      raw pictures of colour cameras, each pixel used as it is\n"
+               "  pyrovox reconstruct --rig rig.yaml --frames take --out vol --grid 256 \\\n"
+               "          --plan=12\n"
+               "      will it be done in 12 hours, how much memory and disk?\n"
                "  pyrovox reconstruct --rig rig.yaml --frames take --out vol \\\n"
                "          --deadline 100\n"
                "      within 100 ms of solving per frame\n"};
