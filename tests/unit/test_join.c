@@ -217,4 +217,3 @@ T_CASE(what_does_not_belong_together_is_refused)
     free((char *)parts[1]);
     scratch_remove();
 }
-
