@@ -92,13 +92,14 @@ VM    := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/vm/vm_*.c)))
 VM_UVC := $(call obj,$(sort $(wildcard tests/vm/uvc/*.c)))
 FUZZ  := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/fuzz/fuzz_*.c)))
 STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildcard tests/stability/*.c))))
+POWER := $(B)/tests/power/power $(B)/tests/power/shim.so
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 # A stamp beside each object, made after it: a header that changed makes both anew.
 TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c) $(if $(MPI),,%_mpi.c),$(wildcard */*.c */*/*.c */*/*/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup setup-test run test paper test-vm test-cluster test-view test-blender blender-addon test-sanitize bench fit stability soak lint check-layers check-abi abi format-check tidy \
+.PHONY: all help setup setup-test run test paper test-vm test-cluster test-view test-blender blender-addon test-sanitize bench fit stability soak power lint check-layers check-abi abi format-check tidy \
   fuzz fuzz-keep fuzz-coverage clean install install-recon uninstall deb test-deb sbom release tests-run tests-build
 .DELETE_ON_ERROR:
 .SECONDARY:
@@ -159,7 +160,7 @@ test-blender: setup-test ## Blender: the add-on follows a live daemon, pictures 
 	@tests/blender/test.sh $(B)
 
 tests-run: $(UNIT) $(FUZZ)
-tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability
+tests-build: tests-run $(BENCH) $(VM) $(B)/tests/bench/record $(B)/tests/fit/fit $(B)/tests/stability/stability $(POWER)
 
 bench: setup-test ## all figures (build/bench/, tests/bench/RESULTS.md); ONLY=REGEX: these; AGAINST=DIR: beside another built checkout, in turns
 	@tests/setup.sh $(PACKAGES_BENCH)
@@ -188,6 +189,10 @@ ifdef FAULTS
 else
 	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)
 endif
+
+power: setup-test ## power cuts of a take and of a recording of volumes, CUTS=n (1000) of each kind of disk, SETS=n (300) long
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(POWER)
+	@POWER_CUTS=$(or $(CUTS),1000) POWER_SETS=$(or $(SETS),300) tests/system/048-power-cut.sh
 
 fuzz: setup-test ## libFuzzer on every parser, 60 s each (FUZZ_SECONDS=n, ONLY=REGEX); inputs stay in build-clang-address-undefined/fuzz
 	@$(MAKE) --no-print-directory -j$$(nproc) CC=clang SAN=address,undefined LIBFUZZER=1 tests-build
@@ -330,6 +335,10 @@ $(B)/tests/lib/mock_v4l2.%: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0
 $(addprefix $(B)/tests/bench/,bench_board bench_calib) $(addprefix $(B)/tests/unit/,test_board test_board_detect test_board_shot) $(addprefix $(B)/tests/sim/test_cli_,calibrate calibrate_reels calibrate_modes calibrate_refine): $(B)/tests/lib/board_picture.o $(B)/tests/lib/board_judge.o
 
 $(B)/tests/soak/soak: $(SOAK)
+# Preloaded into what records.
+$(B)/tests/power/shim.so: $(B)/tests/power/shim.o
+	$(call say,LD)
+	$(Q)$(CC) -shared $(CFLAGS) -o $@ $< -ldl
 $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/tests/unit/test_usbip: $(VM_UVC)
 # Fuzz targets: with LIBFUZZER=1 libFuzzer's main, else a plain main that runs the corpus.
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)

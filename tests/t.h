@@ -94,6 +94,14 @@ __attribute__((unused)) static double t_normal(void)
 #define T_NOT_UNDER_TSAN() ((void)0)
 #endif
 
+/* Many times the arithmetic of a case that runs. */
+#if defined(__SANITIZE_THREAD__) || defined(__SANITIZE_ADDRESS__)
+#define T_NOT_UNDER_SANITIZERS() \
+    T_SKIP("many minutes under sanitizers; another case goes the same way")
+#else
+#define T_NOT_UNDER_SANITIZERS() ((void)0)
+#endif
+
 /* A case is run because it is written: no list to keep. */
 struct t_case {
     const char *name;

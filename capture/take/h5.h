@@ -8,6 +8,7 @@
 
 #define TAKE_ROWS     64          /* rows per chunk of a table */
 #define TAKE_STREAM   (64u << 10) /* bytes per chunk of a stream of JPEGs */
+#define TAKE_ALIGN    4096        /* a page: frames are larger by far */
 #define TAKE_SIDE_MAX 65536       /* pixels */
 
 /* Before any other call: errors are not printed, and nothing is done at exit. */
@@ -15,8 +16,10 @@ void take_h5_init(void);
 /* "PATH: what: libhdf5's reason"; PVX_ENOSPC when the disk is full, else e. */
 pvx_err take_h5_fail(struct pvx_diag *d, pvx_err e, const char *path, const char *what);
 
-/* Format 1.10, a file that closes with all that is open in it, metadata in blocks.  Owner: caller. */
-hid_t take_h5_access(void);
+/* Format 1.10, a file that closes with all that is open in it, metadata in blocks.  Owner: caller.
+ * Each piece begins at a multiple of `align`: a power cut leaves pages of different times, and a piece of which
+ * one half is older is lost with all that it speaks of. */
+hid_t take_h5_access(hsize_t align);
 
 /* libhdf5 (1.10.8) crashes when it closes a dataset that it cannot write: on a full disk, in H5D_close.  So
  * the disk gives room before libhdf5 knows of what is to come. */
@@ -29,8 +32,9 @@ PVX_MUST_CHECK pvx_err take_h5_reserve(struct take_h5_room *r, hid_t file, const
 
 /* A regular file that begins as HDF5 does; its size. */
 bool take_h5_looks(const char *path, uint64_t *bytes);
-/* SWMR reading takes a file that is being written or was not closed.  One that was, and cut afterwards, is
- * shorter than it says; for that there is only the property that h5clear uses. */
+/* SWMR reading takes a file that is being written or was not closed.  One that was left while it was out of that
+ * mode says that somebody writes it; one that was cut after it was closed is shorter than it says: for these there are
+ * only the properties that h5clear uses. */
 hid_t take_h5_open(const char *path);
 
 bool take_h5_put_attr(hid_t at, const char *name, hid_t type, const void *value);

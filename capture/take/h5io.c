@@ -12,14 +12,16 @@
 
 #define TEXT_MAX (4u << 20)
 #define META     (256u << 10)
+#define SMALL    64u        /* what is smaller is part of something larger */
 #define ROOM     (4u << 20) /* for all metadata between two reservations, and for closing */
 
-hid_t take_h5_access(void)
+hid_t take_h5_access(hsize_t align)
 {
     hid_t fapl = H5Pcreate(H5P_FILE_ACCESS);
     H5Pset_libver_bounds(fapl, H5F_LIBVER_V110, H5F_LIBVER_V110);
     H5Pset_fclose_degree(fapl, H5F_CLOSE_STRONG); /* closes what is open in it */
     H5Pset_meta_block_size(fapl, META);
+    H5Pset_alignment(fapl, SMALL, align);
     /* A reader that holds a lock must not keep the file from being closed; it is ours alone (O_EXCL). */
     H5Pset_file_locking(fapl, 0, 1);
     return fapl;
@@ -231,6 +233,7 @@ bool take_h5_looks(const char *path, uint64_t *bytes)
 
 hid_t take_h5_open(const char *path)
 {
+    static const char *const hidden[] = {"clear_status_flags", "skip_eof_check"};
     hbool_t yes = 1;
     hid_t fapl = H5Pcreate(H5P_FILE_ACCESS);
     H5Pset_libver_bounds(fapl, H5F_LIBVER_EARLIEST, H5F_LIBVER_LATEST);
@@ -240,8 +243,9 @@ hid_t take_h5_open(const char *path)
     hid_t f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
     if (f < 0)
         f = H5Fopen(path, H5F_ACC_RDONLY | H5F_ACC_SWMR_READ, fapl);
-    if (f < 0 && H5Pexist(fapl, "skip_eof_check") > 0 && H5Pset(fapl, "skip_eof_check", &yes) >= 0)
-        f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
+    for (size_t i = 0; i < sizeof hidden / sizeof *hidden && f < 0; i++)
+        if (H5Pexist(fapl, hidden[i]) > 0 && H5Pset(fapl, hidden[i], &yes) >= 0)
+            f = H5Fopen(path, H5F_ACC_RDONLY, fapl);
     H5Pclose(fapl);
     return f;
 }

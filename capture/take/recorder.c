@@ -369,7 +369,14 @@ static void *write_loop(void *arg)
     return NULL;
 }
 
-/* Writing back is begun all the time, so that the disk is never far behind, in a thread that may wait. */
+static void sync_take(const cap_recorder *r)
+{
+    if (fdatasync(r->fd) != 0)
+        LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->stats.path, strerror(errno));
+}
+
+/* Writing back is begun all the time, so that the disk is never far behind, in a thread that may wait; and once
+ * more when the take is closed. */
 static void *sync_loop(void *arg)
 {
     cap_recorder *r = arg;
@@ -380,10 +387,12 @@ static void *sync_loop(void *arg)
         if (pthread_cond_timedwait(&r->wake, &r->lock, &ts) != ETIMEDOUT)
             continue;
         pthread_mutex_unlock(&r->lock);
-        if (fdatasync(r->fd) != 0)
-            LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->stats.path, strerror(errno));
+        sync_take(r);
         pthread_mutex_lock(&r->lock);
     }
+    pthread_mutex_unlock(&r->lock);
+    sync_take(r);
+    pthread_mutex_lock(&r->lock);
     r->syncer_done = true;
     pthread_mutex_unlock(&r->lock);
     return NULL;

@@ -7,7 +7,7 @@
  * ones too, and the good frames that made no set; not the frames that capture itself refuses or loses
  * (enum cap_count: their numbers are missing between the rows).
  * Every set is committed: it survives the end of the process at any moment.  What has been synced, which
- * is begun every sync_ns, survives a power cut too.
+ * is begun every sync_ns and when the take is closed, survives a power cut too.
  * A full disk, a limit or an error ends the recording in order and says so; capture goes on.
  * Threads: start and stop from one thread at a time, stats and hurry from any.  The tap allocates nothing and
  * waits for nobody (lossless: for room in the queue). */

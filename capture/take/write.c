@@ -90,7 +90,7 @@ static bool close_file(cap_take_writer *w)
 
 static bool reopen(cap_take_writer *w)
 {
-    hid_t fapl = take_h5_access();
+    hid_t fapl = take_h5_access(TAKE_ALIGN);
     if (!close_file(w)) {
         H5Pclose(fapl);
         return false;
@@ -284,7 +284,7 @@ static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
     PVX_TRY(make_folder(w->path, d));
     if (access(w->path, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", w->path);
-    hid_t fapl = take_h5_access(), fcpl = H5Pcreate(H5P_FILE_CREATE);
+    hid_t fapl = take_h5_access(TAKE_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
     H5Pset_attr_phase_change(fcpl, ATTRS, 0);
     w->file = H5Fcreate(w->path, H5F_ACC_EXCL, fcpl, fapl);
     H5Pclose(fcpl);

@@ -192,13 +192,13 @@ static struct kept *place(const struct pvx_about *a)
     return best;
 }
 
-static void let_out(struct kept *k, const struct pvx_about *about, const char *text)
+static void out_counted(enum pvx_log_level level, const struct pvx_about *about, const char *text,
+                        uint64_t held)
 {
     char counted[TEXT_MAX];
     snprintf(counted, sizeof counted, "%.*s (%llu more like it held back)", TEXT_MAX - 64, text,
-             (unsigned long long)k->gate.held);
-    k->gate.held = 0;
-    out(k->level, about, counted);
+             (unsigned long long)held);
+    out(level, about, counted);
 }
 
 void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
@@ -213,31 +213,42 @@ void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
     va_end(ap);
     pthread_mutex_lock(&kept_lock);
     struct kept *k = place(about);
-    k->level = level;
-    if (!pass(&k->gate, atomic_load(&current_clock)(), 0)) {
-        k->gate.held++;
+    bool now = pass(&k->gate, atomic_load(&current_clock)(), 0);
+    uint64_t held = k->gate.held;
+    k->gate.held = now ? 0 : held + 1;
+    if (!now) {
+        k->level = level;
         snprintf(k->text, sizeof k->text, "%.*s", (int)sizeof k->text - 1, text);
-    } else if (k->gate.held > 0) {
-        let_out(k, about, text);
-    } else {
-        out(level, about, text);
     }
     pthread_mutex_unlock(&kept_lock);
+    if (now && held > 0)
+        out_counted(level, about, text, held);
+    else if (now)
+        out(level, about, text);
+}
+
+/* Takes what is due out of k. */
+static bool take(struct kept *k, bool all, struct kept *due)
+{
+    int64_t now = atomic_load(&current_clock)(), last = k->gate.last_ns;
+    if (k->gate.held == 0 || (!all && now < k->gate.next_ns))
+        return false;
+    (void)pass(&k->gate, now, 0);
+    k->gate.last_ns = last; /* it is said again, it did not happen again */
+    *due = *k;
+    k->gate.held = 0;
+    return true;
 }
 
 void pvx_log_flush(bool all)
 {
-    pthread_mutex_lock(&kept_lock);
-    int64_t now = atomic_load(&current_clock)();
     for (size_t i = 0; i < sizeof kept / sizeof *kept; i++) {
-        struct kept *k = &kept[i];
-        if (k->gate.held == 0 || (!all && now < k->gate.next_ns))
-            continue;
-        int64_t last = k->gate.last_ns;
-        k->gate.held--; /* the one that is shown */
-        if (pass(&k->gate, now, 0) || all)
-            let_out(k, ABOUT(.cause = k->cause, .camera = k->camera), k->text);
-        k->gate.last_ns = last; /* it was said again, it did not happen again */
+        struct kept due;
+        pthread_mutex_lock(&kept_lock);
+        bool is = take(&kept[i], all, &due);
+        pthread_mutex_unlock(&kept_lock);
+        if (is) /* one of them is shown */
+            out_counted(due.level, ABOUT(.cause = due.cause, .camera = due.camera), due.text,
+                        due.gate.held - 1);
     }
-    pthread_mutex_unlock(&kept_lock);
 }

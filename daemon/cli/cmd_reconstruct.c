@@ -454,7 +454,7 @@ static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
 /* Each process of mpirun takes the part of its rank. */
 static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
 {
-    j->ranks.n = 1;
+    o->node_n = j->ranks.n = 1;
     if (o->parts > 0 || o->slurm > 0 || o->plan) /* each was told its part */
         return PVX_OK;
     PVX_TRY(ranks_open(&j->ranks, d));
@@ -465,6 +465,7 @@ static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_dia
                         "%u processes were started together: they need --out FILE.h5", j->ranks.n);
     o->part = j->ranks.rank + 1;
     o->parts = j->ranks.n;
+    o->node_n = j->ranks.node_n;
     o->quiet |= j->ranks.rank > 0;
     return PVX_OK;
 }

@@ -20,13 +20,13 @@ static bool one_of_several(void)
 pvx_err ranks_open(struct ranks *r, struct pvx_diag *d)
 {
     char why[700] = "";
-    *r = (struct ranks){.n = 1};
+    *r = (struct ranks){.n = 1, .node_n = 1};
     if (!one_of_several())
         return PVX_OK;
     r->module = pvx_module_load("pyrovox-mpi.so", "pyrovox_ranks", RANKS_VERSION, why, sizeof why);
     if (r->module == NULL)
         return pvx_fail(d, PVX_EUNSUP, "several processes were started together, but %s", why);
-    bool begun = r->module->open(&r->rank, &r->n, &r->on_node);
+    bool begun = r->module->open(&r->rank, &r->n, &r->on_node, &r->node_n);
     if (begun && r->n > 1)
         return PVX_OK;
     if (begun)

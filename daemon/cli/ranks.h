@@ -11,7 +11,7 @@
 /* What the module gives (ranks_mpi.c). */
 struct ranks_module {
     int version;
-    bool (*open)(unsigned *rank, unsigned *n, unsigned *on_node);
+    bool (*open)(unsigned *rank, unsigned *n, unsigned *on_node, unsigned *node_n);
     int (*worst)(int value);    /* the largest of all ranks' */
     void (*node_barrier)(void); /* until all ranks of this node are here */
     void (*close)(void);
@@ -19,7 +19,7 @@ struct ranks_module {
 
 struct ranks {
     unsigned rank, n;
-    unsigned on_node; /* place among the ranks of this node */
+    unsigned on_node, node_n; /* place among the ranks of this node, and how many they are */
     const struct ranks_module *module;
 };
 

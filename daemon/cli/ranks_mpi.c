@@ -6,9 +6,9 @@
 
 static MPI_Comm node;
 
-static bool begin(unsigned *rank, unsigned *n, unsigned *on_node)
+static bool begin(unsigned *rank, unsigned *n, unsigned *on_node, unsigned *node_n)
 {
-    int had, all, mine, there;
+    int had, all, mine, there, together;
     /* a failed call ends the program with MPI's own message */
     if (MPI_Init_thread(NULL, NULL, MPI_THREAD_FUNNELED, &had) != MPI_SUCCESS)
         return false;
@@ -16,9 +16,11 @@ static bool begin(unsigned *rank, unsigned *n, unsigned *on_node)
     MPI_Comm_size(MPI_COMM_WORLD, &all);
     MPI_Comm_split_type(MPI_COMM_WORLD, MPI_COMM_TYPE_SHARED, mine, MPI_INFO_NULL, &node);
     MPI_Comm_rank(node, &there);
+    MPI_Comm_size(node, &together);
     *rank = (unsigned)mine;
     *n = (unsigned)all;
     *on_node = (unsigned)there;
+    *node_n = (unsigned)together;
     return true;
 }
 

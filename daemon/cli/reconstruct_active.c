@@ -67,21 +67,21 @@ static void add_slabs(const rec_sysmat *outline, struct reconstruct_seen *out)
                     (double)(out->rows[s][c].hi - out->rows[s][c].lo + 3) * outline->block[c].bw;
 }
 
-static pvx_err mark_sets(struct silhouettes *see, const struct rec_frame_params *p, rec_hull *hull,
-                         pvx_pool *pool, const struct reconstruct_look *how,
+static pvx_err mark_sets(const struct reconstruct_look *l, struct silhouettes *see, rec_hull *hull,
                          const rec_sysmat *outline, uint8_t *brick, struct reconstruct_seen *out)
 {
     struct cli_progress bar = {.label = "silhouettes"};
-    size_t all = see->in->n, n = how->sets > 0 && how->sets < all ? how->sets : all;
+    size_t all = l->in->n, n = l->sets > 0 && l->sets < all ? l->sets : all;
     int64_t t0 = pvx_now_mono();
     for (size_t k = 0; k < n; k++) {
-        if (how->seconds > 0 && k >= 2 && out->seconds > how->seconds)
+        if (l->seconds > 0 && k >= 2 && out->seconds > l->seconds)
             break;
         silhouettes_load(see, reconstruct_spread(k, all));
-        add_set(outline, brick,
-                rec_hull_bricks(hull, &p->hull, see->lit, see->believed, pool, brick), out);
+        size_t bricks =
+            rec_hull_bricks(hull, &l->params->hull, see->lit, see->believed, l->pool, brick);
+        add_set(outline, brick, bricks, out);
         out->seconds = (double)(pvx_now_mono() - t0) * 1e-9;
-        if (!how->quiet)
+        if (!l->quiet)
             cli_progress(&bar, (double)(k + 1) / (double)n);
         if (cli_stop)
             return PVX_ECANCELED;
@@ -89,9 +89,8 @@ static pvx_err mark_sets(struct silhouettes *see, const struct rec_frame_params 
     return PVX_OK;
 }
 
-pvx_err reconstruct_mark(struct frames_in *in, const struct rec_frame_params *p,
-                         const char *background, pvx_pool *pool, const struct reconstruct_look *how,
-                         rec_sysmat *outline, struct reconstruct_seen *out, struct pvx_diag *d)
+pvx_err reconstruct_mark(const struct reconstruct_look *l, rec_sysmat *outline,
+                         struct reconstruct_seen *out, struct pvx_diag *d)
 {
     struct silhouettes see;
     rec_hull *hull = NULL;
@@ -100,11 +99,11 @@ pvx_err reconstruct_mark(struct frames_in *in, const struct rec_frame_params *p,
     for (size_t s = 0; s < REC_SLABS_MAX; s++)
         for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
             out->rows[s][c].lo = INT32_MAX;
-    pvx_err e = silhouettes_new(&see, in, p, background, pool, d);
+    pvx_err e = silhouettes_new(&see, l->in, l->params, l->background, l->pool, d);
     if (e == PVX_OK && (brick == NULL || rec_hull_new(outline, &hull) != PVX_OK))
         e = pvx_fail(d, PVX_ENOMEM, "out of memory for silhouettes");
     if (e == PVX_OK)
-        e = mark_sets(&see, p, hull, pool, how, outline, brick, out);
+        e = mark_sets(l, &see, hull, outline, brick, out);
     if (e == PVX_OK)
         add_slabs(outline, out);
     free(brick);
@@ -119,26 +118,25 @@ static double share_of(const struct rec_rig *rig, const struct rec_active_estima
 }
 
 /* Marked, estimated and said, or refused. */
-static pvx_err prepare(const struct reconstruct_options *o, struct frames_in *in,
-                       const struct rec_frame_params *p, pvx_pool *pool, const struct rec_rig *rig,
-                       double room, rec_sysmat *outline, struct pvx_diag *d)
+static pvx_err prepare(const struct reconstruct_options *o, const struct reconstruct_look *all,
+                       const struct rec_rig *rig, double room, rec_sysmat *outline,
+                       struct pvx_diag *d)
 {
-    const struct reconstruct_look all = {.quiet = o->quiet};
     struct reconstruct_seen seen;
     struct rec_active_estimate e;
     struct reconstruct_need need;
     struct cli_progress bar = {.label = "estimate"};
-    PVX_TRY(frames_in_begin(in, outline->binning, o->reading.mosaic, d));
-    PVX_TRY(reconstruct_mark(in, p, o->background, pool, &all, outline, &seen, d));
+    PVX_TRY(frames_in_begin(all->in, outline->binning, o->reading.mosaic, d));
+    PVX_TRY(reconstruct_mark(all, outline, &seen, d));
     if (seen.bricks_most == 0)
         return pvx_fail(d, PVX_ENOENT,
                         "no flame in any of the %zu frame sets that all cameras agree on: is "
                         "--threshold too high, or --black or --background brighter than the flame?",
                         seen.sets);
-    PVX_TRY(rec_sysmat_estimate_active(rig, outline, SHARE, pool,
+    PVX_TRY(rec_sysmat_estimate_active(rig, outline, SHARE, all->pool,
                                        (struct rec_progress){o->quiet ? NULL : cli_progress, &bar},
                                        &e, d));
-    reconstruct_need(o, rig, p, &e, &seen, &need);
+    reconstruct_need(o, rig, all->params, &e, &seen, &need);
     fprintf(stderr,
             "pyrovox: active part: %.1f %% of the %dx%dx%d voxels, of %.3g entries in all about "
             "%.3g; memory: at most %.2f GB\n",
@@ -173,8 +171,11 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
         "pyrovox: the whole system matrix would take about %.1f GB, %.1f GB are to be used: only "
         "its part where these %zu frame sets have flame is built, and not cached (--memory GB)\n",
         whole * 1e-9, room * 1e-9, in->n);
+    const struct reconstruct_look all = {
+        .in = in, .params = p, .background = o->background, .pool = pool, .quiet = o->quiet};
     PVX_TRY(rec_sysmat_outline(rig, &r, pool, &outline, d));
-    pvx_err e = prepare(o, in, p, pool, rig, room, outline, d);
+    /* the whole one would be there once for all processes of a node, a part is each one's own */
+    pvx_err e = prepare(o, &all, rig, room / o->node_n, outline, d);
     if (e == PVX_OK)
         e = rec_sysmat_build_active(rig, &outline, pool, progress, out, d);
     rec_sysmat_free(&outline);

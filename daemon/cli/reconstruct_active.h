@@ -16,15 +16,18 @@ PVX_MUST_CHECK pvx_err reconstruct_matrix(const struct reconstruct_options *o, s
 /* The k-th of n sets to look at, each once: the first few are spread over all. */
 size_t reconstruct_spread(size_t k, size_t n);
 
-/* Part of the frame sets, evenly spread: marks their bricks in `outline`. */
+/* Frame sets to look at, evenly spread, and how. */
 struct reconstruct_look {
+    struct frames_in *in; /* has begun */
+    const struct rec_frame_params *params;
+    const char *background; /* or NULL */
+    pvx_pool *pool;
     size_t sets;    /* at most; 0 = all */
     double seconds; /* at most, but two sets; 0 = as long as it takes */
     bool quiet;
 };
-PVX_MUST_CHECK pvx_err reconstruct_mark(struct frames_in *in, const struct rec_frame_params *p,
-                                        const char *background, pvx_pool *pool,
-                                        const struct reconstruct_look *how, rec_sysmat *outline,
+/* Marks their bricks in `outline`. */
+PVX_MUST_CHECK pvx_err reconstruct_mark(const struct reconstruct_look *l, rec_sysmat *outline,
                                         struct reconstruct_seen *out, struct pvx_diag *d);
 
 /* A set's hull leaves the part: says so.  Whether it does. */

@@ -27,6 +27,7 @@ struct reconstruct_options {
     struct frames_in_reading reading;
     bool recording;       /* out is one HDF5 file, not a folder */
     unsigned part, parts; /* --array; 0: all in one */
+    unsigned node_n;      /* processes of it that share this node's memory, at least 1 */
     bool resume, join;
     unsigned slurm; /* parts to hand to it; 0 = none */
     const char *sbatch;

@@ -55,8 +55,7 @@ static pvx_err look(struct plan *p, struct measure *m, const struct reconstruct_
     PVX_TRY(rec_sysmat_outline(&m->rig, &m->p, p->pool, &m->outline, d));
     m->outline_s = seconds_since(t0);
     PVX_TRY(frames_in_begin(p->in, m->p.binning, p->o->reading.mosaic, d));
-    PVX_TRY(reconstruct_mark(p->in, p->params, p->o->background, p->pool, how, m->outline, &m->seen,
-                             d));
+    PVX_TRY(reconstruct_mark(how, m->outline, &m->seen, d));
     m->look_s = m->seen.seconds / (double)m->seen.sets;
     if (m->seen.bricks_most == 0)
         return pvx_fail(d, PVX_ENOENT, "--plan: no flame in %zu frame sets evenly spread",
@@ -261,8 +260,15 @@ static void print(const struct plan *p, const struct reconstruct_need *need, boo
 
 static pvx_err run(struct plan *p, struct pvx_diag *d)
 {
-    const struct reconstruct_look many = {.seconds = LOOK_SECONDS, .quiet = p->o->quiet};
-    const struct reconstruct_look few = {.sets = SETS, .quiet = true};
+    const struct reconstruct_look many = {.in = p->in,
+                                          .params = p->params,
+                                          .background = p->o->background,
+                                          .pool = p->pool,
+                                          .seconds = LOOK_SECONDS,
+                                          .quiet = p->o->quiet};
+    struct reconstruct_look few = many;
+    few.sets = SETS;
+    few.quiet = true;
     struct reconstruct_need need;
     PVX_TRY(look(p, &p->full, &many, d));
     PVX_TRY(choose_part(p, d));

@@ -7,8 +7,9 @@
 
 #define VOL_FORMAT   "pyrovox volumes"
 #define VOL_VERSION  1
-#define VOL_CHUNK    16 /* voxels along a side of a chunk of /emission */
-#define VOL_ROWS     64 /* sets per chunk of a column */
+#define VOL_CHUNK    16  /* voxels along a side of a chunk of /emission */
+#define VOL_ROWS     64  /* sets per chunk of a column */
+#define VOL_ALIGN    512 /* a page would cost a third of a file of small volumes */
 #define VOL_RANK     5
 #define VOL_COLUMNS  24
 #define VOL_GAP_COLS 4

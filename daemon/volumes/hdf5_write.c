@@ -17,12 +17,15 @@
 #include "base/pool.h"
 #include "daemon/volumes/hdf5.h"
 
-#define LEVEL    1  /* of deflate: higher ones cost several times the time for a few per cent */
-#define AS_IT_IS 3u /* filter mask: neither shuffled nor deflated */
-#define FLOATS   ((size_t)VOL_CHUNK * VOL_CHUNK * VOL_CHUNK * 3)
-#define B        PVP_BRICK
-#define NO_BRICK UINT32_MAX
-#define THREADS  4
+#define LEVEL     1  /* of deflate: higher ones cost several times the time for a few per cent */
+#define AS_IT_IS  3u /* filter mask: neither shuffled nor deflated */
+#define FLOATS    ((size_t)VOL_CHUNK * VOL_CHUNK * VOL_CHUNK * 3)
+#define B         PVP_BRICK
+#define NO_BRICK  UINT32_MAX
+#define THREADS   4
+#define ROOT_MOST 64 /* attributes, links */
+#define SYNC_NS \
+    (2 * PVX_NS_PER_S) /* a power cut takes no more than what came since, and what took the disk */
 
 struct out {
     char *path;
@@ -34,7 +37,7 @@ struct out {
     struct vol_tiles t;
     uint32_t nb[3], n_bricks;
     uint64_t n_sets, n_gaps, bytes;
-    int64_t t_first_ns;
+    int64_t t_first_ns, t_synced_ns;
     pvx_pool *pool;
     bool hurry;
     /* the volume at hand */
@@ -206,6 +209,14 @@ static void fill_row(struct out *w, struct vol_row *r)
     r->check = vol_row_check(w->column, r, seed);
 }
 
+static pvx_err sync_file(struct out *w, struct pvx_diag *d)
+{
+    w->t_synced_ns = pvx_now_mono();
+    return fdatasync(w->room.fd) == 0 || errno == EINVAL
+               ? PVX_OK
+               : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
+}
+
 static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct out *w = self;
@@ -234,7 +245,7 @@ static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag 
         return fail(w, "cannot be written", d);
     w->n_sets++;
     w->bytes += bytes + sizeof r;
-    return PVX_OK;
+    return pvx_now_mono() - w->t_synced_ns < SYNC_NS ? PVX_OK : sync_file(w, d);
 }
 
 static pvx_err hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
@@ -307,9 +318,14 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     w->room.fd = open(w->path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (w->room.fd < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
-    hid_t fapl = take_h5_access();
+    hid_t fapl = take_h5_access(VOL_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
+    /* What is changed when the file is closed lies in one piece, the root's own: else a cut then leaves half of it. */
+    H5Pset_attr_phase_change(fcpl, ROOT_MOST, 0);
+    H5Pset_link_phase_change(fcpl, ROOT_MOST, 0);
+    H5Pset_est_link_info(fcpl, ROOT_MOST, 16);
     H5Pset_small_data_block_size(fapl, 0); /* chunks lie in the order of the sets */
-    w->file = H5Fcreate(w->path, H5F_ACC_TRUNC, H5P_DEFAULT, fapl);
+    w->file = H5Fcreate(w->path, H5F_ACC_TRUNC, fcpl, fapl);
+    H5Pclose(fcpl);
     H5Pclose(fapl);
     pvx_err e = w->file < 0 ? fail(w, "cannot be begun", d)
                             : take_h5_reserve(&w->room, w->file, w->path, 0, d);
@@ -400,7 +416,7 @@ static pvx_err hdf5_close(void *self, struct pvx_diag *d)
     struct out *w = self;
     take_h5_init();
     bool ok = H5Fclose(w->file) >= 0;
-    hid_t fapl = take_h5_access();
+    hid_t fapl = take_h5_access(VOL_ALIGN);
     w->file = ok ? H5Fopen(w->path, H5F_ACC_RDWR, fapl) : -1;
     H5Pclose(fapl);
     ok = w->file >= 0 && vol_hdf5_vtk(w->file, &w->grid, w->n_sets) &&
@@ -414,6 +430,8 @@ static pvx_err hdf5_close(void *self, struct pvx_diag *d)
         off_t end = lseek(w->room.fd, 0, SEEK_END);
         if (end < 0 || ftruncate(w->room.fd, end) != 0)
             e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
+        if (e == PVX_OK)
+            e = sync_file(w, d);
     }
     free_out(w);
     return e;

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/file.h"
 #include "base/mem.h"
 #include "daemon/volumes/hdf5.h"
 
@@ -227,7 +228,7 @@ static bool put_emission(struct joining *w)
 
 static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
 {
-    hid_t fapl = take_h5_access();
+    hid_t fapl = take_h5_access(VOL_ALIGN);
     w->file = H5Fcreate(w->tmp, H5F_ACC_TRUNC, H5P_DEFAULT, fapl);
     H5Pclose(fapl);
     bool ok = w->file >= 0 && vol_hdf5_head(w->file, &w->head) && put_emission(w) &&
@@ -238,6 +239,8 @@ static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
     pvx_err e = ok ? PVX_OK : take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
     if (w->file >= 0 && H5Fclose(w->file) < 0 && e == PVX_OK)
         e = take_h5_fail(d, PVX_EIO, w->j->out, "cannot be joined");
+    if (e == PVX_OK)
+        e = pvx_file_sync(w->tmp, d);
     if (e == PVX_OK && rename(w->tmp, w->j->out) != 0)
         e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->j->out, strerror(errno));
     if (e != PVX_OK)

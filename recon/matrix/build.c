@@ -119,7 +119,7 @@ static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 static void cut_bands(struct build *b)
 {
     /* rays in the middle of an image are longer: many bands even that out */
-    size_t bands = b->n_scratch == 1 ? 1 : 16 * b->n_scratch;
+    size_t bands = b->n_scratch <= 1 ? 1 : 16 * b->n_scratch;
     bands = bands < REC_BANDS_MAX ? bands : REC_BANDS_MAX;
     bands = bands < (size_t)b->bh ? bands : (size_t)b->bh;
     b->rows.bands = bands;

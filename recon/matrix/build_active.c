@@ -182,7 +182,7 @@ static pvx_err new_footprints(rec_sysmat *m)
     size_t bytes = rec_sparse_bytes(m).fp;
     s->sparse = m->active != NULL;
     for (size_t c = 0; c < m->n_cameras; c++) {
-        m->block[c].fp = s->sparse ? pvx_reserve(bytes) : rec_sysmat_array(bytes);
+        m->block[c].fp = s->sparse ? rec_sysmat_sparse(bytes) : rec_sysmat_array(bytes);
         if (m->block[c].fp == NULL)
             return PVX_ENOMEM;
     }

@@ -62,6 +62,9 @@ PVX_MUST_CHECK pvx_err rec_active_coarser(const struct rec_active *a, const stru
                                           const struct rec_grid *coarse, struct rec_active **out);
 void rec_active_free(struct rec_active **a);
 
+/* Address space of which pages are touched here and there: small ones.  pvx_unreserve(). */
+void *rec_sysmat_sparse(size_t bytes);
+
 /* Everything of the finest level but its entries and footprints, and rows.  p is resolved. */
 PVX_MUST_CHECK pvx_err rec_sysmat_finest_frame(const struct rec_rig *rig,
                                                const struct rec_sysmat_params *p, rec_sysmat *m,

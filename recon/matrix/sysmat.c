@@ -131,6 +131,14 @@ void *rec_sysmat_array(uint64_t bytes)
     return aligned_alloc(PVX_ALIGN, ((size_t)bytes + PVX_ALIGN) & ~((size_t)PVX_ALIGN - 1));
 }
 
+void *rec_sysmat_sparse(size_t bytes)
+{
+    void *p = pvx_reserve(bytes);
+    if (p != NULL)
+        madvise(p, bytes, MADV_NOHUGEPAGE); /* a huge one would hold what nobody keeps */
+    return p;
+}
+
 float rec_sysmat_unit(const struct rec_grid *g)
 {
     double h[3] = {rec_grid_h(g, 0), rec_grid_h(g, 1), rec_grid_h(g, 2)};

@@ -275,8 +275,8 @@ pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool 
     if (err == PVX_OK) {
         struct rec_sparse_bytes z = rec_sparse_bytes(m);
         bool part = m->active != NULL;
-        w->at = part ? pvx_reserve(z.at) : rec_sysmat_array(z.at);
-        w->w = part ? pvx_reserve(z.w) : rec_sysmat_array(z.w);
+        w->at = part ? rec_sysmat_sparse(z.at) : rec_sysmat_array(z.at);
+        w->w = part ? rec_sysmat_sparse(z.w) : rec_sysmat_array(z.w);
         w->more = rec_sysmat_array(w->n_more * sizeof *w->more);
         if (w->at == NULL || w->w == NULL || w->more == NULL)
             err = PVX_ENOMEM;

@@ -30,18 +30,18 @@ T_CASE(a_black_level_and_a_body)
 }
 T_CASE(a_flame_that_absorbs)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     right(-32);
 }
 T_CASE(a_camera_of_another_gain_and_a_black_level)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     right(-35);
 }
 
 T_CASE(pictures_that_are_a_power_of_the_light)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     right(376); /* a camera of another gain besides; a ring */
 }
 

@@ -84,6 +84,7 @@ W
 seen() { [ -f "$dir/list" ] && [ "$(grep -c aravis: "$dir/list")" = "$1" ]; }
 by_hand() {
     mkfifo "$dir/ctl"
+    : > "$dir/out"
     "$pyrovox" simcams --private-net "${small[@]}" --control -- sh "$dir/watch.sh" "$pyrovox" "$dir" < "$dir/ctl" > "$dir/out" 2> "$dir/err" & p=$!; pids+=("$p")
     exec 5> "$dir/ctl"
     local ok=0
@@ -120,6 +121,7 @@ check command_ends_with_the_cameras orphan
 
 interrupt() {
     rm -f "$dir/out" # of the last test, which says so too
+    : > "$dir/out"
     "$pyrovox" simcams --private-net "${small[@]}" > "$dir/out" 2> "$dir/err" & p=$!; pids+=("$p")
     wait_for grep -q '^serving' "$dir/out" || return 1
     kill -INT $p; wait $p; local code=$?

@@ -61,6 +61,7 @@ again() { # an earlier recording is left alone
 check refuses_old_folder again
 
 waits() { # nobody publishes: says so, and Ctrl-C ends it
+    : > "$dir/log"
     "$pyrovox" record --endpoint "$ep" --out "$dir/d" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
     wait_for grep -q 'waiting for a daemon' "$dir/log"
     kill -TERM "$rec"; wait "$rec"; local r=$?; rec=

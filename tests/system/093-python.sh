@@ -227,6 +227,7 @@ except KeyboardInterrupt:
     sys.exit(42)
 PY
     : > "$dir/wait.log"
+    : > "$dir/wait.log"
     "$py" "$dir/wait.py" "ipc://$dir/nobody" "$1" > "$dir/wait.log" 2>&1 & local p=$!; pids+=("$p")
     wait_for grep -q waiting "$dir/wait.log" && sleep 0.3 && kill -INT "$p" && wait_for gone "$p"
     ended "$p" 42
@@ -350,9 +351,11 @@ if has h5py; then check recordings_in_hdf5 recordings; else echo "SKIP $name:rec
 follows() { # a file that is being written, and then is closed | cut off
     rm -f "$dir/go"; mkfifo "$dir/go"
     : > "$dir/written"; : > "$dir/read.log"
+    : > "$dir/written"
     "$py" tests/lib/volumes_h5.py "$dir/$1.h5" 5 follow < "$dir/go" > "$dir/written" & local p=$!; pids+=("$p")
     exec 7> "$dir/go"
     wait_for grep -q 100 "$dir/written" || return 1
+    : > "$dir/read.log"
     timeout 300 "$py" - "$dir/$1.h5" > "$dir/read.log" 2>&1 <<'PY' & local reader=$!
 import sys
 import numpy as np

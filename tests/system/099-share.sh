@@ -105,6 +105,7 @@ users() {
 full() { # a /dev/shm of its own, too small at first
     export -f wait_for; export dir pyrovox shm volumes
     unshare -rm bash -c 'mount -t tmpfs -o size=300k none /dev/shm || exit 77
+        : > "$dir/full.log"
         "$pyrovox" share "$shm" --endpoint "$volumes" > "$dir/full.log" 2>&1 & p=$!
         wait_for grep -q "no room in /dev/shm" "$dir/full.log"; r=$?
         grep -q ^sharing "$dir/full.log" && r=1

@@ -44,6 +44,7 @@ config() { # file [more keys of publish], then lines on standard input
 }
 start() { # log, command...: in the background; its id is $started
     local log=$1; shift
+    : > "$dir/$log" # or what another left in it is read before the child has emptied it
     "$@" > "$dir/$log" 2>&1 &
     started=$!
     pids+=("$started")

@@ -11,7 +11,7 @@
 #include "base/clock.h"
 #include "capture/rig/capture.h"
 #include "capture/source/backends.h"
-#include "capture/take/take.h"
+#include "capture/take/h5.h"
 #include "tests/lib/box.h"
 #include "tests/lib/scratch.h"
 
@@ -566,8 +566,9 @@ static void sweep(bool close_it, enum cap_pixfmt fmt, int sets, int cuts)
         last = n;
         if (fmt != CAP_JPEG) {
             long fit = 0, bytes = 2 * (256 << 10), frame = (long)cap_pixfmt_row(fmt, W) * H;
+            frame = (frame + TAKE_ALIGN - 1) / TAKE_ALIGN * TAKE_ALIGN;
             for (; fit < sets; fit++) { /* pixels, rows with room, blocks of metadata */
-                bytes += (frame + 120) * (2 + in_set(1, (uint64_t)fit)) + 120;
+                bytes += (frame + 130) * (2 + in_set(1, (uint64_t)fit)) + 130;
                 if (bytes > cut)
                     break;
             }
