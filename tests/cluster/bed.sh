@@ -72,7 +72,7 @@ node_start() { # N [size of both, 256m]
         slurmd -D -N "node$1" & wait' - "$1" "${2:-256m}" > "$dir/slurm/log/node$1.out" 2>&1 &
     node[$1]=$!
 }
-node_up() { wait_for grep -q 'slurmd started' "$dir/slurm/log/slurmd-node$1.log" && wait_for node_is "$1" idle; } # N
+node_up() { wait_for grep -qs 'slurmd started' "$dir/slurm/log/slurmd-node$1.log" && wait_for node_is "$1" idle; } # N
 # As a power cut: every process of it at once.
 node_kill() { kill -9 "${node[$1]}" 2> /dev/null; wait "${node[$1]}" 2> /dev/null; } # N
 node_is() { local s; s=$(sinfo -h -n "node$1" -o %t) && [[ ${s%\*} == "$2" ]]; } # N, state

@@ -8,12 +8,12 @@ set -u
 cd "$(dirname "$0")/../.." || exit
 . tests/cluster/bed.sh
 if [ "${1:-}" != --in ]; then
-    b=$PWD/$1 bed=
+    b=$PWD/$1 bed='' as_root=()
+    [ "$(id -u)" = 0 ] || as_root=(sudo)
     rm -rf "$b/cluster"; mkdir -p "$b/cluster"
     # The first process of the bed hears no signal; with it all others end.
-    trap '[ -z "$bed" ] || kill -9 "$bed" 2> /dev/null' EXIT
+    trap '[ -z "$bed" ] || "${as_root[@]}" kill -9 "$bed" 2> /dev/null' EXIT
     trap 'exit 130' INT TERM
-    as_root=(); [ "$(id -u)" = 0 ] || as_root=(sudo)
     if ! said=$("${as_root[@]}" bash -c '. tests/cluster/bed.sh; bed_enter test -w /dev/fuse' 2>&1); then
         echo "SKIP cluster (no namespaces or no /dev/fuse for $(id -un) here: $said)"
         echo; echo "0 passed, 0 failed, 1 skipped"; exit
@@ -160,7 +160,7 @@ case_full_disk() {
     small 24m; run solve --slurm=2; says 0 || return
     settled || return
     n=$(grep -l '"failed"' "$out.parts"/part-*.json | wc -l); [ "$n" -ge 1 ] || { cat "$out.parts"/part-*.json; return 1; }
-    run solve --join; says 1 "failed .*: $out\.parts/part-000.-of-0002\.h5: .*(full|No space)" || return
+    run solve --join; says 1 "failed .*: $out\.parts/part-000.-of-0002\.h5: .*full: .* MB are left, .* are needed" || return
     a=$(rows "$(part 1).h5") b=$(rows "$(part 2).h5")
     [ "$(grep -c . <<< "$a")" -ge 3 ] && [ "$(grep -c . <<< "$b")" -ge 3 ] || { echo "  hardly anything was solved"; return 1; }
     mount -o remount,size=100m "$dir/small"
@@ -170,7 +170,7 @@ case_full_disk() {
 case_full_disk_from_the_start() {
     small 2m; run solve --slurm=2; says 0 || return
     settled || return
-    run solve --join; says 1 "^ +1 +failed .*: $out\.parts/part-0001-of-0002\.h5: .*(full|No space)" "^ +2 +failed " || return
+    run solve --join; says 1 "^ +1 +failed .*: $out\.parts/part-0001-of-0002\.h5: .*full: .* MB are left, .* are needed" "^ +2 +failed " || return
     mount -o remount,size=100m "$dir/small"
     run solve --slurm=2 --resume; says 0 && settled && complete 1 && complete 2 && same
 }
@@ -347,7 +347,8 @@ one() { # case
 }
 : > "$log"
 mkdir -p "$disk" "$share" "$dir/one"
-serve "$disk" "$share" >> "$log" 2>&1; the_server=$server
+serve "$disk" "$share" >> "$log" 2>&1 || { cat "$log"; fail=1; tell "FAIL cluster:file_server"; finish; }
+the_server=$server
 bed_start >> "$log" 2>&1 || { cat "$log"; fail=1; tell "FAIL cluster:bed"; finish; }
 pass=1; tell "PASS cluster:bed"
 "$pyrovox" simcams --cameras 4 --size 96x72 --voxels 32 --format mono8 --fps 30 --ring $sets --write-rig "$dir/rig.yaml" --write-frames "$take" >> "$log" 2>&1 &&
