@@ -7,6 +7,7 @@
 #include "base/mem.h"
 #include "daemon/cli/cli.h"
 #include "daemon/cli/silhouettes.h"
+#include "recon/carve/hull_bricks.h"
 
 #define SHARE 0.03 /* of the rows of bins, for the estimate */
 

@@ -5,6 +5,7 @@
 
 #include "base/mem.h"
 #include "recon/carve/bands.h"
+#include "recon/carve/hull_bricks.h"
 #include "recon/matrix/active.h"
 
 #define BRICK  REC_BRICK

@@ -47,10 +47,6 @@ struct rec_hull_kept {
     int32_t n;
     struct rec_hull_counts counts;
 };
-/* The bricks that a set's hull may be in, more than it is in: brick[i] = 1, else 0.  S may be an outline
- * (recon/matrix/active.h).  How many. */
-size_t rec_hull_bricks(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
-                       const bool *present, pvx_pool *pool, uint8_t *brick);
 /* lit[c] [bh*bw] silhouettes, 0/1; present[c] false: camera c neither carves nor counts. */
 void rec_hull_carve(rec_hull *h, const struct rec_hull_params *p, const uint8_t *const *lit,
                     const bool *present, pvx_pool *pool, struct rec_hull_kept *out);

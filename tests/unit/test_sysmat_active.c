@@ -4,7 +4,7 @@
 
 #include <sys/mman.h>
 
-#include "recon/carve/hull.h"
+#include "recon/carve/hull_bricks.h"
 #include "tests/lib/scene.h"
 
 #define PAGE 4096
