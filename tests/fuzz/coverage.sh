@@ -16,7 +16,7 @@ for t in "$b"/tests/fuzz/fuzz_*; do
     llvm-profdata-14 merge -sparse "$b/fuzz/$n.profraw" -o "$b/fuzz/$n.profdata"
     read -r -a files < <(sed -n "s/^$n  *//p" tests/fuzz/parsers.txt)
     [ ${#files[@]} -gt 0 ] || { echo "tests/fuzz/parsers.txt: $n is missing" >&2; exit 1; }
-    llvm-cov-14 report "$t" -instr-profile="$b/fuzz/$n.profdata" "${files[@]}" | awk -v n="$n" -v inputs="$(sed -n 's/.*(\([0-9]*\) inputs.*/\1/p' "$b/fuzz/$n.log")" -v files="${files[*]}" \
+    llvm-cov-14 report "$t" -instr-profile="$b/fuzz/$n.profdata" -path-equivalence=.,"$PWD" "${files[@]}" | awk -v n="$n" -v inputs="$(sed -n 's/.*(\([0-9]*\) inputs.*/\1/p' "$b/fuzz/$n.log")" -v files="${files[*]}" \
         '$1 == "TOTAL" { gsub(" ", "` `", files); printf "| %s | %s | `%s` | %s | %s |\n", n, inputs, files, $10, $13 }'
     rm -rf "$found"
 done
