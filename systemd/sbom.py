@@ -20,8 +20,6 @@ import uuid
 SOURCES = {"pyrovox-opencv.so": "capture/files/*_shim.cpp", "pyrovox-aruco.so": "recon/board/*_shim.cpp",
            "pyrovox-calib.so": "recon/calib/shim.cpp", "pyrovox-libcamera.so": "capture/libcamera/shim.cpp",
            "pyrovox-openvdb.so": "daemon/volumes/*.cpp"}
-# Loaded by its name, for meshes.
-LOADED = "libassimp.so.5"
 # Debian's names of licences -> SPDX's, where they are the same text.
 NAMES = {"expat": "MIT", "mit": "MIT", "isc": "ISC", "zlib": "Zlib", "curl": "curl", "ftl": "FTL", "postgresql": "PostgreSQL",
          "apache-2.0": "Apache-2.0", "bsl-1.0": "BSL-1.0", "cc0-1.0": "CC0-1.0", "mpl-1.1": "MPL-1.1", "mpl-2.0": "MPL-2.0",
@@ -141,7 +139,7 @@ def main(root, version, out):
     where, links, todo = loader(), needed(shipped), []
     own = {os.path.basename(p) for p in shipped}
     while True: # until everything that is linked with has been read
-        names = {n for names in links.values() for n in names} | {LOADED}
+        names = {n for names in links.values() for n in names}
         todo = sorted({where[n] for n in names if n in where} - set(links))
         if not todo:
             break
@@ -198,8 +196,6 @@ def main(root, version, out):
             "externalRefs": [{"referenceCategory": "PACKAGE-MANAGER", "referenceType": "purl",
                               "referenceLocator": f"pkg:deb/debian/{x[0].replace('+', '%2B')}@{x[1].replace('+', '%2B')}"}]})
         relations += [(ident("Package", x[0]), "DEPENDS_ON", ident("Package", y[0])) for y in sorted(uses[x])]
-    if LOADED in where:
-        relations.append((ident("Package", package[where[LOADED]][0]), "OPTIONAL_DEPENDENCY_OF", "SPDXRef-Package-pyrovox"))
     date = int(os.environ.get("SOURCE_DATE_EPOCH") or run("git", "log", "-1", "--format=%ct") or os.stat("NEWS").st_mtime)
     doc["creationInfo"] = {"created": datetime.datetime.fromtimestamp(date, datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
                            "creators": [f"Tool: pyrovox-sbom-{version}"]}

@@ -66,10 +66,11 @@ bool rec_mesh_inside(const struct rec_mesh *m, const double x[3]);
 void rec_mesh_box(const struct rec_mesh *m, double min[3], double max[3]);
 uint64_t rec_mesh_hash(const struct rec_mesh *m); /* XXH3-64 of its corners */
 
-/* Read a mesh file (STL, PLY) by libassimp, corners times `scale`.  A surface whose longest side is over a hundred times `side`
- * [m] is refused: the file is in millimetres.  `path` from the working directory.
- * Errors: PVX_ENOENT, PVX_EFORMAT, PVX_EINVAL, PVX_EUNSUP where libassimp is not installed; diag: one
- * sentence with the remedy. */
+/* Read a mesh file, corners times `scale`: STL as bytes or text; PLY as text or bytes of either order, whose polygons become
+ * triangles unless they are bent inwards, and of which vertices and faces alone are looked at.  A surface whose longest side is
+ * over a hundred times `side` [m] is refused: the file is in millimetres.  `path` from the working directory.
+ * Errors: PVX_ENOENT, PVX_EPERM, PVX_EIO, PVX_EFORMAT (also: cut off), PVX_EINVAL, PVX_ENOMEM; diag: one sentence with the
+ * remedy. */
 PVX_MUST_CHECK pvx_err rec_mesh_load(const char *path, double scale, double side,
                                      struct rec_mesh **out, struct pvx_diag *d);
 

@@ -221,7 +221,7 @@ T_CASE(meshes_that_are_refused)
         {"4", "2 0 1"},
         {"400000000", "3 0 1 2"}};
     static const char *const why[] = {"not among the vertices", "not among the vertices",
-                                      "a face has 5 corners", "no triangle", "than its"};
+                                      "not closed", "no triangle", "than its"};
     for (int n = 0; n < 5; n++) {
         f = fopen(at("far.ply"), "w");
         fprintf(f,
