@@ -52,8 +52,9 @@ static void put(const void *p, size_t n)
 
 static void note(enum power_what what, off_t at, const void *data, size_t n)
 {
-    if (log_fd < 0)
-        log_fd = open(getenv("PYROVOX_POWER_LOG"), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
+    const char *log = getenv("PYROVOX_POWER_LOG");
+    if (log_fd < 0 && log != NULL)
+        log_fd = open(log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
     struct power_op op = {
         .what = what, .thread = (uint32_t)gettid(), .at = (uint64_t)at, .bytes = n};
     put(&op, sizeof op);
