@@ -84,6 +84,7 @@ static void out(enum pvx_log_level level, const struct pvx_about *about, const c
     (void)w; /* nothing to be done when stderr is gone */
 }
 
+PVX_PRINTF(3, 0)
 static void print(char text[TEXT_MAX], enum pvx_log_topic topic, const char *fmt, va_list ap)
 {
     int n = snprintf(text, TEXT_MAX, "%s: ", topic_names[topic]);
