@@ -72,14 +72,13 @@ static double seam(const struct parts_job *j, unsigned i)
     return !ok ? -1 : all > 0 ? sqrt(off / all) : off > 0 ? INFINITY : 0;
 }
 
-static void say_part(const struct parts_job *j, unsigned i, const struct part_status *s)
+static void say_part(unsigned i, const struct part_status *s, double off)
 {
     printf("%5u  %-9s  %7llu of %-7llu  %8.1f  %s", i, part_state_names[s->state],
            (unsigned long long)s->done, (unsigned long long)s->sets, s->sets_per_s, s->host);
     if (s->state == PART_RUNNING || s->state == PART_DIED)
         printf(", process %lld", (long long)s->pid);
     printf("%s%s\n", s->error[0] != '\0' ? ": " : "", s->error);
-    double off = i > 1 ? seam(j, i) : -1;
     if (off > SEAM_WRONG)
         printf(
             "       its beginning and the end of part %u differ by %.1f %%: motion there is lost "
@@ -99,7 +98,7 @@ static unsigned table(const struct parts_job *j, double *worst)
         double off = i > 1 ? seam(j, i) : -1;
         *worst = off > *worst ? off : *worst;
         if (j->n <= 40 || s.state != PART_DONE || off > SEAM_WRONG)
-            say_part(j, i, &s);
+            say_part(i, &s, off);
     }
     return done;
 }
