@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/file.h"
 #include "base/log.h"
 #include "base/mem.h"
 #include "base/queue.h"
@@ -51,11 +52,17 @@ struct cap_recorder {
     int64_t t0_mono_ns, t1_mono_ns;
     pvx_err error;
     int fd;           /* for syncing and free space */
+    int old_fd;       /* of the take before, not synced yet; -1 = none */
     bool threads;     /* to be joined */
     bool stuck;       /* was waited for in vain */
     bool syncer_done; /* as written, of the other thread */
     pthread_t writer, syncer;
-    cap_take_writer *take; /* the writer thread's */
+    /* the writer thread's */
+    cap_take_writer *take;
+    struct cap_take_head says;
+    char first[512];       /* path of the first take */
+    int64_t t_roll_ns;     /* mono: the next take begins */
+    uint64_t bytes_before; /* of the takes before this one */
 };
 
 /* ---- the tap: the assembler's thread ---- */
@@ -274,8 +281,63 @@ static pvx_err write_item(cap_recorder *r, const struct item *it, struct pvx_dia
     r->stats.sets += it->set != NULL;
     r->stats.strays += it->stray != NULL;
     r->stats.frames += it->set != NULL ? it->set->n : 1;
-    r->stats.bytes = cap_take_bytes(r->take);
+    r->stats.bytes = r->bytes_before + cap_take_bytes(r->take);
     pthread_mutex_unlock(&r->lock);
+    return PVX_OK;
+}
+
+static void sync_take(const cap_recorder *r, int fd)
+{
+    if (fdatasync(fd) != 0)
+        LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->first, strerror(errno));
+}
+
+/* The take before is synced and closed by the syncer, which may wait. */
+static void put_aside(cap_recorder *r, int fd)
+{
+    pthread_mutex_lock(&r->lock);
+    int old = r->fd;
+    if (r->cfg.sync_ns > 0)
+        r->old_fd = old;
+    r->fd = fd;
+    pthread_mutex_unlock(&r->lock);
+    if (r->cfg.sync_ns == 0)
+        close(old);
+}
+
+static bool may_roll(cap_recorder *r, int64_t now)
+{
+    pthread_mutex_lock(&r->lock);
+    bool behind = r->old_fd >= 0; /* the disk has not even taken the take before */
+    pthread_mutex_unlock(&r->lock);
+    return r->cfg.roll_ns > 0 && now >= r->t_roll_ns && !behind && cap_take_bytes(r->take) > 0;
+}
+
+/* Item by item: the next one is this take's last or another's first. */
+static pvx_err roll(cap_recorder *r, struct pvx_diag *d)
+{
+    int64_t now = pvx_now_mono();
+    if (!may_roll(r, now))
+        return PVX_OK;
+    char path[sizeof r->stats.path], more[16];
+    snprintf(more, sizeof more, "-%04u", r->stats.takes + 1);
+    if (pvx_path_more(r->first, more, path, sizeof path) != PVX_OK)
+        return pvx_fail(d, PVX_ERANGE, "%s: too long a name for the take after it", r->first);
+    PVX_TRY(write_gaps(r, d));
+    r->bytes_before += cap_take_bytes(r->take);
+    PVX_TRY(cap_take_close(&r->take, d));
+    r->says.t_created_ns = pvx_now_real();
+    PVX_TRY(cap_take_create(path, &r->says, &r->take, d));
+    int fd = open(path, O_RDONLY | O_CLOEXEC);
+    if (fd < 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    put_aside(r, fd);
+    r->t_roll_ns += ((now - r->t_roll_ns) / r->cfg.roll_ns + 1) * r->cfg.roll_ns;
+    pthread_mutex_lock(&r->lock);
+    r->stats.takes++;
+    snprintf(r->stats.path, sizeof r->stats.path, "%s", path);
+    pthread_mutex_unlock(&r->lock);
+    LOG_I(CAPTURE, "recording goes on in %s", path);
     return PVX_OK;
 }
 
@@ -318,7 +380,7 @@ static void shut(cap_recorder *r)
 
 static void finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
 {
-    pvx_err gap_error = write_gaps(r, d);
+    pvx_err gap_error = r->take != NULL ? write_gaps(r, d) : PVX_OK;
     if (e == PVX_OK)
         e = gap_error;
     pvx_err close_error = cap_take_close(&r->take, d); /* text of the first cause stays */
@@ -358,7 +420,7 @@ static void *write_loop(void *arg)
     pvx_err e = PVX_OK;
     struct item it;
     while (next(r, &it)) {
-        if (e == PVX_OK && (e = write_item(r, &it, &d)) != PVX_OK)
+        if (e == PVX_OK && ((e = roll(r, &d)) != PVX_OK || (e = write_item(r, &it, &d)) != PVX_OK))
             shut(r);
         if (e != PVX_OK)
             lose(r, &it);
@@ -369,30 +431,28 @@ static void *write_loop(void *arg)
     return NULL;
 }
 
-static void sync_take(const cap_recorder *r)
-{
-    if (fdatasync(r->fd) != 0)
-        LOG_EVERY(PVX_LOG_ERROR, CAPTURE, "%s: %s", r->stats.path, strerror(errno));
-}
-
 /* Writing back is begun all the time, so that the disk is never far behind, in a thread that may wait; and once
  * more when the take is closed. */
 static void *sync_loop(void *arg)
 {
     cap_recorder *r = arg;
     pthread_mutex_lock(&r->lock);
-    while (!r->written) {
+    for (bool last = false; !last;) {
         int64_t t = pvx_now_mono() + r->cfg.sync_ns;
         struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
-        if (pthread_cond_timedwait(&r->wake, &r->lock, &ts) != ETIMEDOUT)
+        if (!r->written && pthread_cond_timedwait(&r->wake, &r->lock, &ts) != ETIMEDOUT)
             continue;
+        last = r->written;
+        int fd = r->fd, old = r->old_fd; /* r->fd is closed by nobody else while this runs */
+        r->old_fd = -1;
         pthread_mutex_unlock(&r->lock);
-        sync_take(r);
+        if (old >= 0) {
+            sync_take(r, old);
+            close(old);
+        }
+        sync_take(r, fd);
         pthread_mutex_lock(&r->lock);
     }
-    pthread_mutex_unlock(&r->lock);
-    sync_take(r);
-    pthread_mutex_lock(&r->lock);
     r->syncer_done = true;
     pthread_mutex_unlock(&r->lock);
     return NULL;
@@ -411,7 +471,7 @@ pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out
         return PVX_ENOMEM;
     r->cfg = *c;
     r->until_ns = INT64_MAX;
-    r->fd = -1;
+    r->fd = r->old_fd = -1;
     r->size = c->queue * c->n_cameras; /* as many as held[] lets in */
     r->ring = pvx_calloc(r->size, sizeof *r->ring);
     if (r->ring == NULL) {
@@ -535,13 +595,12 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
     bool busy = r->stats.state == CAP_REC_RUNNING;
     pthread_mutex_unlock(&r->lock);
     if (busy)
-        return pvx_fail(d, PVX_EBUSY, "%s is being recorded; stop that first", r->stats.path);
+        return pvx_fail(d, PVX_EBUSY, "%s is being recorded; stop that first", r->first);
     if (strlen(path) >= sizeof r->stats.path || head->n_cameras != r->cfg.n_cameras)
         return pvx_fail(d, PVX_EINVAL, "%.100s: too long a name for a take", path);
     if (!join(r))
         return pvx_fail(d, PVX_EBUSY,
-                        "%s: its disk does not answer; nothing else is recorded before",
-                        r->stats.path);
+                        "%s: its disk does not answer; nothing else is recorded before", r->first);
     PVX_TRY(may_begin(r, path, d));
     PVX_TRY(cap_take_create(path, head, &r->take, d));
     r->fd = open(path, O_RDONLY | O_CLOEXEC);
@@ -552,9 +611,13 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
     memset(r->run, 0, sizeof r->run);
     for (uint32_t c = 0; c < CAP_MAX_CAMERAS; c++)
         r->about[c] = (struct about){.temperature_c = NAN};
-    r->stats = (struct cap_recorder_stats){.state = CAP_REC_RUNNING};
+    r->stats = (struct cap_recorder_stats){.state = CAP_REC_RUNNING, .takes = 1};
     snprintf(r->stats.path, sizeof r->stats.path, "%s", path);
+    memcpy(r->first, r->stats.path, sizeof r->first);
+    r->says = *head;
+    r->bytes_before = 0;
     r->t0_mono_ns = pvx_now_mono();
+    r->t_roll_ns = r->t0_mono_ns + r->cfg.roll_ns;
     r->error = PVX_OK;
     pthread_mutex_unlock(&r->lock);
     pvx_err e = r->fd < 0 ? pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno))
@@ -570,11 +633,14 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
 static void tell(const struct cap_recorder_stats *s)
 {
     enum pvx_log_level level = s->frames_missed > 0 ? PVX_LOG_WARN : PVX_LOG_INFO;
+    char takes[40] = "";
+    if (s->takes > 1)
+        snprintf(takes, sizeof takes, "the last of %u takes, ", s->takes);
     pvx_log(
         level, TOPIC_CAPTURE,
-        "%s: %.1f s, %llu sets, %llu frames (%llu in no set), %.1f MB, %.1f MB/s; %llu sets and "
+        "%s: %.1f s, %s%llu sets, %llu frames (%llu in no set), %.1f MB, %.1f MB/s; %llu sets and "
         "%llu frames could not be recorded%s",
-        s->path, s->seconds, (unsigned long long)s->sets, (unsigned long long)s->frames,
+        s->path, s->seconds, takes, (unsigned long long)s->sets, (unsigned long long)s->frames,
         (unsigned long long)s->strays, (double)s->bytes * 1e-6,
         s->seconds > 0 ? (double)s->bytes * 1e-6 / s->seconds : 0,
         (unsigned long long)s->sets_missed, (unsigned long long)s->frames_missed,
@@ -625,7 +691,7 @@ void cap_recorder_free(cap_recorder **rp)
     if (r->threads && (!r->stuck || come_home(r, 0))) /* not twice */
         cap_recorder_stop(r, NULL);
     if (r->threads) {
-        LOG_W(CAPTURE, "%s: the disk does not answer; what records is left behind", r->stats.path);
+        LOG_W(CAPTURE, "%s: the disk does not answer; what records is left behind", r->first);
         return;
     }
     pthread_mutex_destroy(&r->lock);

@@ -9,6 +9,8 @@
  * Every set is committed: it survives the end of the process at any moment.  What has been synced, which
  * is begun every sync_ns and when the take is closed, survives a power cut too.
  * A full disk, a limit or an error ends the recording in order and says so; capture goes on.
+ * A recording that rolls goes on in a new take when one is roll_ns old: every set is in one of them, or a gap of
+ * one.  The second of NAME.h5 is NAME-0002.h5.
  * Threads: start and stop from one thread at a time, stats and hurry from any.  The tap allocates nothing and
  * waits for nobody (lossless: for room in the queue). */
 #ifndef CAP_RECORDER_H
@@ -27,6 +29,7 @@ struct cap_recorder_config {
     uint64_t limit_bytes;     /* of pixels in one take; 0 = none */
     uint64_t keep_free_bytes; /* end before the disk has less */
     int64_t sync_ns;          /* 0 = never */
+    int64_t roll_ns;          /* of a take; 0 = one take, however long */
     /* What camera c says of itself, asked at each of its frames by the tap; NULL = nobody knows. */
     void (*health)(void *ctx, uint32_t camera, struct cap_health *out);
     void *ctx;
@@ -36,7 +39,8 @@ extern const char *const cap_recorder_state_names[];
 
 struct cap_recorder_stats {
     enum cap_recorder_state state;
-    char path[512];
+    char path[512];                /* of the last take */
+    unsigned takes;                /* of this recording; the counts are of all of them */
     uint64_t sets, frames, strays; /* written; strays: of these, frames in no set */
     uint64_t bytes;                /* of pixels */
     uint64_t sets_missed;          /* not recorded: queue full */
@@ -49,7 +53,7 @@ struct cap_recorder_stats {
 typedef struct cap_recorder cap_recorder;
 PVX_MUST_CHECK pvx_err cap_recorder_new(const struct cap_recorder_config *c, cap_recorder **out);
 struct cap_tap cap_recorder_tap(cap_recorder *r);
-/* Begin a take; head is read during the call.  PVX_EBUSY: one is being recorded; PVX_ENOSPC:
+/* Begin a take; head is read during the call, and where takes roll until the stop.  PVX_EBUSY: one is being recorded; PVX_ENOSPC:
  * the disk has no more than keep_free_bytes and some, nothing was made; else cap_take_create's. */
 PVX_MUST_CHECK pvx_err cap_recorder_start(cap_recorder *r, const char *path,
                                           const struct cap_take_head *head, struct pvx_diag *d);

@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -136,6 +137,15 @@ pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d)
         return fail_errno(d, path, "cannot create directory");
     }
     return PVX_OK;
+}
+
+pvx_err pvx_path_more(const char *path, const char *more, char *out, size_t size)
+{
+    const char *dot = strrchr(path, '.'), *slash = strrchr(path, '/');
+    bool ending = dot != NULL && dot > path && (slash == NULL || dot > slash + 1);
+    int stem = (int)(ending ? (size_t)(dot - path) : strlen(path));
+    int n = snprintf(out, size, "%.*s%s%s", stem, path, more, path + stem);
+    return n >= 0 && (size_t)n < size ? PVX_OK : PVX_ERANGE;
 }
 
 pvx_err pvx_exe_dir(char *out, size_t size)

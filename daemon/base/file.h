@@ -20,6 +20,9 @@ PVX_MUST_CHECK pvx_err pvx_file_sync(const char *path, struct pvx_diag *d);
 /* mkdir -p, mode 0777 & ~umask. */
 PVX_MUST_CHECK pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d);
 
+/* `path` with `more` before its ending: "a/b.h5", "-0002": "a/b-0002.h5".  PVX_ERANGE: no room. */
+PVX_MUST_CHECK pvx_err pvx_path_more(const char *path, const char *more, char *out, size_t size);
+
 /* Directory the running executable lies in ("/usr/bin"), no trailing slash. */
 PVX_MUST_CHECK pvx_err pvx_exe_dir(char *out, size_t size);
 

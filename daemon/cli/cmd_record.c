@@ -16,7 +16,7 @@
 #include "daemon/volumes/recorder.h"
 #include "proto/clients/sub.h"
 
-enum { KEEP_FREE = 256, DAEMON };
+enum { KEEP_FREE = 256, ROLL, DAEMON };
 #define CONFIG_MAX ((size_t)1 << 20)
 #define WAIT_NS    (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
 
@@ -64,6 +64,10 @@ static const struct argp_option options[] = {
     {"seconds", 's', "S", 0, "Stop S seconds after the first volume", 0},
     {"quiet", 'q', NULL, 0, "No status line", 0},
     {"keep-free", KEEP_FREE, "GB", 0, "End before the disk has less (default: 0)", 0},
+    {"roll", ROLL, "S", 0,
+     "Go on in another file or folder every S seconds, NAME-0002, NAME-0003, ...: nothing is lost "
+     "between them (0: one)",
+     0},
     {"daemon", DAEMON, "PID", OPTION_HIDDEN, "End with this process, which began it", 0},
     {0}};
 
@@ -87,6 +91,9 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case KEEP_FREE:
         r->config.options.keep_free_bytes =
             (uint64_t)(cli_arg_double(state, "keep-free", arg, 0, 1e6) * 1e9);
+        return 0;
+    case ROLL:
+        r->config.roll_ns = (int64_t)(cli_arg_double(state, "roll", arg, 0, 1e8) * 1e9);
         return 0;
     case DAEMON: cli_arg_int(state, "daemon", arg, 1, INT32_MAX, &r->parent); return 0;
     case 'c': r->control = arg; return 0;
@@ -278,8 +285,11 @@ static void conclude(const struct record *r, const struct vol_recorder_stats *re
     if (st.malformed + r->unreadable > 0)
         fprintf(stderr, "pyrovox: %llu messages could not be read (another wire version?)\n",
                 (unsigned long long)st.malformed + r->unreadable);
-    printf("%llu volumes in %s, %llu messages lost\n", (unsigned long long)rec->written, r->out,
-           (unsigned long long)(st.lost + rec->left_out));
+    char more[40] = "";
+    if (rec->rolled > 0)
+        snprintf(more, sizeof more, " and %u after it", rec->rolled);
+    printf("%llu volumes in %s%s, %llu messages lost\n", (unsigned long long)rec->written, r->out,
+           more, (unsigned long long)(st.lost + rec->left_out));
 }
 
 /* Where it goes, when nobody says so. */

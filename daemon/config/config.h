@@ -96,7 +96,7 @@ struct dmn_config {
     int64_t record_queue;
     int record_volumes; /* 0 none, 1 npy, 2 hdf5, 3 vdb, 4 nvdb */
     char record_volumes_path[DMN_WORD_MAX];
-    double record_limit_gb, record_keep_free_gb, record_sync_s;
+    double record_limit_gb, record_roll_s, record_keep_free_gb, record_sync_s;
 
     int64_t sim_seed;
     double sim_period_s;

@@ -241,6 +241,10 @@ const struct dmn_option dmn_options[] = {
         "recording is possible."),
     REAL("record.limit_gb", record_limit_gb, "0", 0, 1e6, "GB",
          "A take ends at this size; 0 = no limit."),
+    REAL(
+        "record.roll_s", record_roll_s, "0", 0, 1e8, "s",
+        "After so long a recording, of raw frames or of volumes, goes on in another file or folder "
+        "(NAME-0002, NAME-0003, ...) without losing a set between them; 0 = one, however long."),
     REAL("record.keep_free_gb", record_keep_free_gb, "1", 0, 1e6, "GB",
          "A recording ends before the disk has less; with less it is not begun."),
     REAL("record.sync_s", record_sync_s, "2", 0, 3600, "s",

@@ -143,6 +143,7 @@ static void json_record(struct dmn_json *j, const struct cap_recorder_stats *r)
     dmn_json_open(j, "record", '{');
     dmn_json_str(j, "state", cap_recorder_state_names[r->state]);
     dmn_json_str(j, "path", r->path);
+    dmn_json_int(j, "takes", r->takes);
     dmn_json_num(j, "seconds", r->seconds);
     dmn_json_int(j, "sets", (long long)r->sets);
     dmn_json_int(j, "frames", (long long)r->frames);

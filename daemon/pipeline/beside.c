@@ -27,7 +27,7 @@
 
 struct dmn_beside {
     char program[PATH_MAX], pattern[DMN_WORD_MAX], base[PATH_MAX];
-    char endpoint[DMN_WORD_MAX], format[8], keep_free[32];
+    char endpoint[DMN_WORD_MAX], format[8], keep_free[32], roll[32];
     uint64_t session;
     int config; /* all keys, as text: what it reads at its standard input */
     pthread_mutex_t lock;
@@ -115,7 +115,7 @@ static pvx_err begin(dmn_beside *b, int *fd, struct pvx_diag *d)
     snprintf(parent, sizeof parent, "%ld", (long)getpid());
     const char *const argv[] = {b->program, "record", "--endpoint", b->endpoint,   "--format",
                                 b->format,  "--out",  path,         "--keep-free", b->keep_free,
-                                "--daemon", parent,   NULL};
+                                "--roll",   b->roll,  "--daemon",   parent,        NULL};
     lseek(b->config, 0, SEEK_SET);
     int err = pvx_spawn(argv, b->config, ends[1],
                         &pid); /* Ctrl-C ends the daemon; it takes what is published until then */
@@ -280,6 +280,7 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
     snprintf(b->format, sizeof b->format, "%s",
              formats[c->record_volumes == 0 ? 2 : c->record_volumes]);
     snprintf(b->keep_free, sizeof b->keep_free, "%.17g", c->record_keep_free_gb);
+    snprintf(b->roll, sizeof b->roll, "%.17g", c->record_roll_s);
     if (realpath(c->dir, b->base) == NULL)
         snprintf(b->base, sizeof b->base, "%s", c->dir);
     b->session = session;

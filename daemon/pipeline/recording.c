@@ -120,6 +120,7 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
                                      .limit_bytes = (uint64_t)(c->record_limit_gb * GB),
                                      .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
                                      .sync_ns = (int64_t)(c->record_sync_s * 1e9),
+                                     .roll_ns = (int64_t)(c->record_roll_s * 1e9),
                                      .health = health,
                                      .ctx = r};
     r->capture = capture;

@@ -1,10 +1,13 @@
 #include "daemon/volumes/recorder.h"
 
+#include <limits.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/clock.h"
+#include "base/file.h"
 #include "base/mem.h"
 
 #define B3 ((size_t)PVP_BRICK * PVP_BRICK * PVP_BRICK)
@@ -36,6 +39,9 @@ struct vol_recorder {
     /* the thread's own */
     vol_writer *writer;
     uint64_t bytes_before; /* of recordings that are closed */
+    struct item *session;  /* that is being written */
+    unsigned part;         /* of the session; 1 = the first */
+    int64_t t_roll_ns;     /* mono */
 };
 
 static void item_free(struct item *i)
@@ -56,14 +62,45 @@ static pvx_err close_writer(vol_recorder *r, struct pvx_diag *d)
     return vol_writer_close(&r->writer, d);
 }
 
-static pvx_err carry_out(vol_recorder *r, const struct item *i, struct pvx_diag *d)
+static pvx_err open_writer(vol_recorder *r, const char *path, struct pvx_diag *d)
 {
-    switch (i->kind) {
+    PVX_TRY(close_writer(r, d));
+    r->t_roll_ns = pvx_now_mono() + r->c.roll_ns;
+    return vol_writer_open(r->c.format, path, &r->session->head, &r->c.options, &r->writer, d);
+}
+
+static pvx_err roll(vol_recorder *r, struct pvx_diag *d)
+{
+    char path[PATH_MAX], more[16];
+    snprintf(more, sizeof more, "-%04u", ++r->part);
+    const char *of = r->session->path;
+    int n = snprintf(path, sizeof path, "%s%s", of, more); /* a folder's name has no ending */
+    bool fits = r->c.format == VOL_HDF5 ? pvx_path_more(of, more, path, sizeof path) == PVX_OK
+                                        : n < (int)sizeof path;
+    if (!fits)
+        return pvx_fail(d, PVX_ERANGE, "%s: too long a name for the one after it", of);
+    PVX_TRY(open_writer(r, path, d));
+    pthread_mutex_lock(&r->lock);
+    r->st.rolled++;
+    pthread_mutex_unlock(&r->lock);
+    return PVX_OK;
+}
+
+/* *i is gone, or kept. */
+static pvx_err carry_out(vol_recorder *r, struct item **i, struct pvx_diag *d)
+{
+    switch ((*i)->kind) {
     case SESSION:
-        PVX_TRY(close_writer(r, d));
-        return vol_writer_open(r->c.format, i->path, &i->head, &r->c.options, &r->writer, d);
-    case GAP: return r->writer != NULL ? vol_writer_gap(r->writer, &i->gap, d) : PVX_OK;
-    case VOLUME: return vol_writer_put(r->writer, &i->v, d);
+        item_free(r->session);
+        r->session = *i;
+        *i = NULL;
+        r->part = 1;
+        return open_writer(r, r->session->path, d);
+    case GAP: return r->writer != NULL ? vol_writer_gap(r->writer, &(*i)->gap, d) : PVX_OK;
+    case VOLUME:
+        if (r->c.roll_ns > 0 && pvx_now_mono() >= r->t_roll_ns)
+            PVX_TRY(roll(r, d));
+        return vol_writer_put(r->writer, &(*i)->v, d);
     }
     return PVX_OK;
 }
@@ -81,6 +118,8 @@ static void *write_all(void *ctx)
         r->first = i->next;
         if (r->first == NULL)
             r->last = &r->first;
+        enum kind kind = i->kind;
+        size_t taken = i->bytes;
         bool hurry = r->st.queued > r->c.queue_bytes / 2, skip = r->st.error != PVX_OK;
         pthread_mutex_unlock(&r->lock);
         struct pvx_diag d = {""};
@@ -88,12 +127,12 @@ static void *write_all(void *ctx)
         if (!skip && r->writer != NULL)
             vol_writer_hurry(r->writer, hurry);
         if (!skip)
-            e = carry_out(r, i, &d);
+            e = carry_out(r, &i, &d);
         uint64_t bytes = r->bytes_before + (r->writer != NULL ? vol_writer_bytes(r->writer) : 0);
         pthread_mutex_lock(&r->lock);
-        r->st.queued -= i->bytes;
+        r->st.queued -= taken;
         r->st.bytes = bytes;
-        r->st.written += !skip && e == PVX_OK && i->kind == VOLUME;
+        r->st.written += !skip && e == PVX_OK && kind == VOLUME;
         if (e != PVX_OK && r->st.error == PVX_OK) {
             r->st.error = e;
             r->st.why = d;
@@ -144,16 +183,13 @@ pvx_err vol_recorder_new(const struct vol_recorder_config *c, vol_recorder **out
 /* The first session's place is the one asked for; the others get their number. */
 static char *place(const vol_recorder *r, uint64_t session)
 {
-    char *out = NULL;
-    const char *dot = strrchr(r->path, '.'), *slash = strrchr(r->path, '/');
-    int stem = dot != NULL && (slash == NULL || dot > slash + 1) ? (int)(dot - r->path)
-                                                                 : (int)strlen(r->path);
-    int n = !r->begun ? asprintf(&out, "%s", r->path)
-            : r->c.format == VOL_HDF5
-                ? asprintf(&out, "%.*s-session-%016llx%s", stem, r->path,
-                           (unsigned long long)session, r->path + stem)
-                : asprintf(&out, "%s/session-%016llx", r->path, (unsigned long long)session);
-    return n >= 0 ? out : NULL;
+    char *out = NULL, more[32], path[PATH_MAX];
+    if (!r->begun)
+        return strdup(r->path);
+    snprintf(more, sizeof more, "-session-%016llx", (unsigned long long)session);
+    if (r->c.format == VOL_HDF5)
+        return pvx_path_more(r->path, more, path, sizeof path) == PVX_OK ? strdup(path) : NULL;
+    return asprintf(&out, "%s/%s", r->path, more + 1) >= 0 ? out : NULL;
 }
 
 pvx_err vol_recorder_session(vol_recorder *r, const struct vol_head *head, char *where, size_t size,
@@ -271,6 +307,7 @@ pvx_err vol_recorder_finish(vol_recorder **rp, struct vol_recorder_stats *last, 
         *last = r->st;
     pthread_mutex_destroy(&r->lock);
     pthread_cond_destroy(&r->more);
+    item_free(r->session);
     free(r->path);
     free(r);
     return e;

@@ -2,7 +2,8 @@
  *
  * A flush may stall for seconds; the caller never waits for it.  Past half of the queue the writer is told to
  * hurry (volumes.h); when the queue is full the newest volume is left out and listed as a gap.
- * A new session goes on in a recording of its own: PATH/session-ID for folders, PATH-session-ID.EXT for files.
+ * A new session goes on in a recording of its own: PATH/session-ID for folders, PATH-session-ID.EXT for files; one that
+ * rolls, when it is roll_ns old, in PATH-0002 or PATH-0002.EXT.
  * Threads: all calls from one. */
 #ifndef VOL_RECORDER_H
 #define VOL_RECORDER_H
@@ -15,11 +16,13 @@ struct vol_recorder_config {
     const char *path;
     struct vol_options options;
     size_t queue_bytes; /* of volumes that wait; 0: VOL_QUEUE_BYTES */
+    int64_t roll_ns;    /* of a recording; 0 = however long */
 };
 struct vol_recorder_stats {
     uint64_t written, bytes;
     uint64_t left_out; /* the queue was full */
     size_t queued;     /* bytes */
+    unsigned rolled;   /* recordings that others went on in */
     pvx_err error;     /* why nothing more is written, PVX_OK = it goes on */
     struct pvx_diag why;
 };

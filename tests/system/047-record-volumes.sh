@@ -1,6 +1,6 @@
 #!/bin/bash
 # record.volumes: the recorder beside the daemon ends with it, comes back when it is killed, goes when the daemon
-# is killed, and is begun and ended by a request; what does not fit is refused at the start.
+# is killed, rolls, and is begun and ended by a request; what does not fit is refused at the start.
 name=047
 source "$(dirname "$0")/lib.sh"
 run_daemon() { # lines of record
@@ -52,6 +52,33 @@ orphan() {
 }
 check goes_when_the_daemon_is_killed orphan 2> /dev/null
 
+rolls() { # raw frames and volumes go on in other files: every set is in one of them, or told to be missing
+    rm -rf "$dir/takes"
+    run_daemon "mode: raw, volumes: hdf5, roll_s: 1, keep_free_gb: 0, path: takes/raw.h5" || return 1
+    wait_for eval '[ -e "$dir/takes/raw-0003.h5" ] && [ "$(ls "$dir"/takes/*-volumes-*-0003.h5 2> /dev/null | wc -l)" = 1 ]' || return 1
+    field "s['record']['takes'] >= 3 and s['record']['path'].endswith('.h5')" || return 1
+    kill -INT "$d"; ended "$d" 0 || return 1
+    "$py" - "$dir/takes" <<'P'
+import glob, h5py, sys
+def series(first, numbers, gaps):
+    stem, n, out, there = first[:-3], 1, [], first
+    while glob.glob(there):
+        with h5py.File(there, "r") as f:
+            assert f.attrs["closed"] == 1 and len(numbers(f)) > 0, there
+            out += list(numbers(f)) + [k for a, b in gaps(f) for k in range(int(a), int(b) + 1)]
+        n += 1
+        there = "%s-%04d.h5" % (stem, n)
+    assert n > 3 and len(glob.glob(stem + "*.h5")) == n - 1, (stem, n)
+    assert sorted(set(out)) == list(range(int(min(out)), int(max(out)) + 1)), "a set is missing"
+    assert len(out) == len(set(out)), "a set is in two files"
+    return out
+raw = series(sys.argv[1] + "/raw.h5", lambda f: f["sets"]["number"], lambda f: [(g["set_first"], g["set_last"]) for g in f["gaps"][:] if g["camera"] == 0])
+first = min(glob.glob(sys.argv[1] + "/*-volumes-*.h5"), key=len)
+volumes = series(first, lambda f: f["sets/number"], lambda f: zip(f["gaps/set_first"], f["gaps/set_last"]))
+assert set(volumes) <= set(raw) and len(volumes) > 10
+P
+}
+check goes_on_in_other_files rolls
 full() {
     config f.yaml < <(echo 'cameras: "sim:"'; echo "record: { mode: raw, keep_free_gb: 1000000 }")
     run "$pyrovoxd" -c "$dir/f.yaml"

@@ -11,6 +11,21 @@
 #include "base/queue.h"
 #include "base/yaml.h"
 
+T_CASE(more_in_a_path)
+{
+    static const char *const cases[][2] = {
+        {"b.h5", "b-2.h5"}, {"/a.x/b.h5", "/a.x/b-2.h5"}, {"a.x/b", "a.x/b-2"},
+        {".h5", ".h5-2"},   {"a/.h5", "a/.h5-2"},         {"a.b.c", "a.b-2.c"},
+    };
+    char out[16];
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        T_EQ_I(pvx_path_more(cases[i][0], "-2", out, sizeof out), PVX_OK);
+        T_EQ_S(out, cases[i][1]);
+    }
+    T_EQ_I(pvx_path_more("a.h5", "-2", out, 7), PVX_OK);
+    T_EQ_I(pvx_path_more("a.h5", "-2", out, 6), PVX_ERANGE);
+}
+
 T_CASE(queue_drops_oldest_and_counts)
 {
     pvx_queue *q;

@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/file.h"
 #include "base/log.h"
 #include "capture/source/bufpool.h"
 #include "capture/take/recorder.h"
@@ -229,6 +230,92 @@ T_CASE(lossless_waits_for_the_disk)
     T_EQ_I(send_sets(0, 200), 200);
     T_EQ_I(cap_recorder_stop(r, NULL), PVX_OK);
     T_EQ_I(check_account(200, 200), 0);
+    tear_down(&r);
+}
+
+/* The takes of a recording that rolled: each closed, every set of 0..n in one of them, in order; how many takes. */
+static unsigned check_takes(uint64_t n)
+{
+    unsigned takes = 0;
+    uint64_t sets = 0;
+    char first[sizeof path], more[16];
+    snprintf(first, sizeof first, "%s", path);
+    while (access(path, F_OK) == 0) {
+        cap_take *t = open_take();
+        const struct cap_take_info *i = cap_take_info(t);
+        T_OK(i->closed);
+        T_LE(1, i->sets);
+        T_EQ_I(i->gaps, 0);
+        for (uint64_t k = 0; k < i->sets; k++)
+            T_EQ_I(cap_take_set(t, k, NULL)->number, sets++);
+        cap_take_free(&t);
+        unlink(path);
+        snprintf(more, sizeof more, "-%04u", ++takes + 1);
+        T_EQ_I(pvx_path_more(first, more, path, sizeof path), PVX_OK);
+    }
+    snprintf(path, sizeof path, "%s", first);
+    T_EQ_I(sets, n);
+    return takes;
+}
+
+static cap_recorder *rolling(int64_t every_ns, int64_t sync_ns, struct cap_take_head *h)
+{
+    struct cap_recorder_config c = plain;
+    c.lossless = true;
+    c.roll_ns = every_ns;
+    c.sync_ns = sync_ns;
+    cap_recorder *r = set_up(&c);
+    *h = take_head(cameras, CAMERAS);
+    T_EQ_I(cap_recorder_start(r, path, h, NULL), PVX_OK);
+    return r;
+}
+
+T_CASE(goes_on_in_another_take)
+{
+    struct cap_take_head h;
+    struct cap_recorder_stats s;
+    cap_recorder *r = rolling(1, 0, &h); /* one set each */
+    T_EQ_I(send_sets(0, 12), 12);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_OK);
+    cap_recorder_stats(r, &s);
+    T_EQ_I(s.sets, 12);
+    T_EQ_I(s.takes, 12);
+    T_EQ_I(s.bytes, 12 * CAMERAS * WIDTH * HEIGHT);
+    T_OK(strstr(s.path, "-0012.h5") != NULL);
+    T_EQ_I(check_takes(12), 12);
+    tear_down(&r);
+
+    r = rolling(1, PVX_NS_PER_MS, &h); /* as fast as they are synced */
+    uint64_t n = 0;
+    do {
+        T_EQ_I(send_sets(n, 20), 20);
+        n += 20;
+        cap_recorder_stats(r, &s);
+    } while (s.takes < 4);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_OK);
+    cap_recorder_stats(r, &s);
+    T_EQ_I(s.sets, n);
+    T_EQ_I(check_takes(n), s.takes);
+    tear_down(&r);
+}
+
+T_CASE(the_next_take_is_there_already)
+{
+    struct cap_take_head h;
+    struct cap_recorder_stats s;
+    char next[sizeof path];
+    T_EQ_I(pvx_path_more(path, "-0002", next, sizeof next), PVX_OK);
+    fclose(fopen(next, "w"));
+    cap_recorder *r = rolling(1, PVX_NS_PER_MS, &h);
+    T_EQ_I(send_sets(0, 5), 5);
+    T_EQ_I(cap_recorder_stop(r, NULL), PVX_EBUSY);
+    cap_recorder_stats(r, &s);
+    T_EQ_I(s.state, CAP_REC_FAILED);
+    T_OK(strstr(s.error, "-0002.h5") != NULL);
+    T_EQ_I(s.sets, 1);
+    T_LE(s.sets + s.sets_missed, 5); /* the others came when it had ended */
+    unlink(next);
+    T_EQ_I(check_takes(1), 1);
     tear_down(&r);
 }
 
