@@ -182,10 +182,11 @@ stability: setup-test ## every hard case: outcome, error against the truth, boun
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
 
-soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, every set right, what it costs; FAULTS=1: FAULTS_N=n (1000) faults
+soak: setup-test ## eight GigE cameras: HOURS=n under faults, slopes of memory and latency, picture (SEED=n BUSY=1); else SECONDS=n (600): every frame there, what it costs
 	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak
-ifdef FAULTS
-	@tests/soak/faults.sh $(B) $(or $(FAULTS_N),1000)
+ifdef HOURS
+	@tests/setup.sh $(PACKAGES_BENCH)
+	@tests/soak/hours.sh $(B) $(HOURS)
 else
 	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)
 endif
