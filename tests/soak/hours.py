@@ -4,12 +4,12 @@ import collections, csv, os, random, sys, threading, time
 import numpy as np
 import lab, recordings
 
-hours, seed, out = float(sys.argv[6]), sys.argv[7], sys.argv[8]
-lab.begin(*sys.argv[1:6], 8)
+view, url, hours, seed, out = int(sys.argv[6]), sys.argv[7], float(sys.argv[8]), sys.argv[9], sys.argv[10]
+lab.begin(*sys.argv[1:6], url, 8)
 random.seed(int(seed))
 FAULTS_S, REST_S, LEAST = 60, 12, 8 # of a cycle; rests that a slope needs
 # What must not grow; the slope that is too small to matter, per hour: 64 KiB are half a gigabyte a year.
-COLUMNS = {"memory": ("KiB", 64), "threads": ("", 0.01), "handles": ("", 0.01), "recorder": ("KiB", None), "p50": ("ms", None), "p99": ("ms", None),
+COLUMNS = {"memory": ("KiB", 64), "threads": ("", 0.01), "handles": ("", 0.01), "view": ("KiB", 64), "view handles": ("", 0.01), "recorder": ("KiB", None), "p50": ("ms", None), "p99": ("ms", None),
            "spread": ("ms", None), "cpu": ("%", None), "rate": ("sets/s", None), "disk": ("%", None)}
 
 volumes = collections.deque(maxlen=1 << 18) # of the steady subscriber: set, latency, spread
@@ -41,11 +41,13 @@ def rest(pid):
     volumes_before, t0, cpu0 = len(volumes), time.monotonic(), busy_s(pid)
     first = volumes[-1][0] if volumes else -1
     memory, threads, handles = lab.least_used(pid, REST_S)
+    view_memory, _, view_handles = lab.used(view)
     took = time.monotonic() - t0
     late = np.array([v for v in volumes if v[0] > first] or [(0, np.nan, np.nan)], float) * 1e-6
     s = lab.ask(cmd="status")
     lab.accounts(s)
     return whole, dict(hours=(time.monotonic() - begun) / 3600, memory=memory, threads=threads, handles=handles, recorder=recorder_kib(pid),
+                       **{"view": view_memory, "view handles": view_handles},
                        p50=np.median(late[:, 1]), p99=np.quantile(late[:, 1], 0.99), spread=np.quantile(late[:, 2], 0.99), cpu=100 * (busy_s(pid) - cpu0) / took,
                        rate=len(late) / took, disk=100 * (1 - recordings.share_free()))
 
@@ -65,7 +67,7 @@ def picture(x, rows, found, path):
     import matplotlib
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-    figure, axes = plt.subplots(5, 2, figsize=(11, 11), sharex=True)
+    figure, axes = plt.subplots(6, 2, figsize=(11, 13), sharex=True)
     for ax, (name, (unit, _)) in zip(axes.flat, COLUMNS.items()):
         y, (b, error) = np.array([r[name] for r in rows], float), found[name]
         ax.plot(x, y, ".", ms=4)
@@ -85,11 +87,11 @@ def conclude(rows, tally, whole, s):
     x = np.array([r["hours"] for r in rows])
     late = x >= x[-1] / 4 # the heap has found its size by then
     found = {k: slope(x[late], np.array([r[k] for r in rows], float)[late]) for k in COLUMNS}
-    print("\n| at rest | at first | at the end | per hour | of that, least that matters |\n|---|---|---|---|---|")
+    print("\n| at rest | at first | at the end | per hour | wrong if surely more than |\n|---|---|---|---|---|")
     for k, (unit, matters) in COLUMNS.items():
         b, error = found[k]
         print("| %s%s | %.4g | %.4g | %+.3g ± %.2g | %s |" % (k, ", " + unit if unit else "", rows[0][k], rows[-1][k], b, error, "" if matters is None else "%g" % matters))
-        if matters is not None and not b - 3 * error < matters: lab.wrong.append("%s: %+.3g ± %.2g per hour" % (k, b, error))
+        if matters is not None and b - 3 * error > matters: lab.wrong.append("%s: %+.3g ± %.2g per hour" % (k, b, error))
     if late.sum() < LEAST: lab.wrong.append("too short: %d rests in its last three quarters, slopes need %d" % (late.sum(), LEAST))
     print("\nfaults: " + ", ".join("%s %d" % kv for kv in sorted(tally.items())))
     counts = collections.Counter()
@@ -123,7 +125,8 @@ with open(out + ".csv", "w", newline="") as f:
             table.writerow(row); f.flush()
             print("%7.3f of %g h %6d faults " % (row["hours"], hours, sum(tally.values())) + " ".join("%s %.4g" % (k, row[k]) for k in COLUMNS) + ("" if ok else "  not whole"), flush=True)
     except KeyboardInterrupt: print("stopped: what there is until now")
-    except (OSError, KeyError, lab.zmq.ZMQError) as e: lab.wrong.append("%s: %s" % (type(e).__name__, e))
+    except (OSError, KeyError, lab.zmq.ZMQError) as e: # the daemon, or the page's server, is gone
+        lab.wrong.append("%s: %s" % (type(e).__name__, e))
 if os.path.exists("/proc/%d" % pid) and rows:
     lab.faults_for(None, meanwhile)
     for what in "raw", "volumes": lab.ask(cmd="record", what=what, action="stop")

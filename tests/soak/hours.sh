@@ -32,7 +32,9 @@ sim=$!
 pids+=("$sim")
 for ((i = 0; i < ${BUSY:-0} * $(nproc); i++)); do start "load$i" bash -c 'while :; do :; done'; done
 echo "machine: $(sed -n 's/^model name[^:]*: //p' /proc/cpuinfo | head -1), $(nproc) CPUs${BUSY:+, all busy}; $hours h, 8 x 160x120 RGB8 at $fps Hz, seed $seed; log $out.log"
-PYTHONPATH=proto/clients "$py" tests/soak/hours.py "$control" "$volumes" "$dir/orders" "$disk" "$sim" "$hours" "$seed" "$out" || rc=1
+start view.log "$pyrovox" view --endpoint "$volumes" --listen 127.0.0.1:0; view=$started
+wait_for grep -q '#' "$dir/view.log" || exit 1
+PYTHONPATH=proto/clients:tests/view "$py" tests/soak/hours.py "$control" "$volumes" "$dir/orders" "$disk" "$sim" "$view" "$(grep -m1 "#" "$dir/view.log")" "$hours" "$seed" "$out" || rc=1
 "$pyrovox" status --endpoint "$control" --stop > /dev/null
 check ends ended "$sim" 0
 exit $rc

@@ -1,17 +1,21 @@
 """A built daemon, its simulated cameras and its disk, for hours: what is asked of it, what can go wrong there."""
 import os, random, socket, threading, time
 import zmq
-import pyrovox_sub
+import pyrovox_sub, ws
 
 ctx = zmq.Context()
-control = volumes = orders = disk = sim = None
+control = volumes = orders = disk = sim = page_at = token = None
 cameras = []
 wrong = [] # what no fault explains
+threading.excepthook = lambda a: wrong.append("%s: %s: %s" % (a.thread.name.split(" ")[-1], a.exc_type.__name__, a.exc_value))
 
-def begin(control_, volumes_, orders_, disk_, sim_, n):
-    """Endpoints; the cameras' standard input, a folder that is a disk of its own, the process id of `pyrovox simcams`."""
-    global control, volumes, orders, disk, sim
+def begin(control_, volumes_, orders_, disk_, sim_, url, n):
+    """Endpoints; the cameras' standard input, a folder that is a disk of its own, the process id of `pyrovox simcams`, what
+    `pyrovox view` has printed."""
+    global control, volumes, orders, disk, sim, page_at, token
     control, volumes, orders, disk, sim = control_, volumes_, open(orders_, "w"), disk_, sim_
+    host, token = url.split("//")[1].split("/#")
+    page_at = (host.rsplit(":", 1)[0], int(host.rsplit(":", 1)[1]))
     cameras[:] = ["cam%d" % i for i in range(n)]
 
 def order(text):
@@ -91,6 +95,21 @@ def passing_subscribers(_):
     for _ in range(3): threading.Thread(target=listen, args=(stop, lambda m: None), daemon=True).start()
     return stop.set
 
+def look(stop, silent):
+    """As a page does: volumes as fast as it shows them, or, hidden, none."""
+    page = ws.WebSocket(page_at)
+    page.say(token=token)
+    while not stop.is_set():
+        if not silent: page.say(credits=1)
+        try: page.volume(patience=0.5)
+        except TimeoutError: pass
+    page.close()
+
+def passing_pages(_):
+    stop = threading.Event()
+    for i in range(3): threading.Thread(target=look, args=(stop, i == 2), daemon=True).start()
+    return stop.set
+
 def slow_subscribers(_):
     subs = [ctx.socket(zmq.SUB) for _ in range(8)]
     for s in subs: # they read nothing
@@ -115,8 +134,8 @@ FAULTS = [("switch reboots", "line", switch), ("bandwidth", "line", bandwidth), 
           ("packets overtake", "reorder", share("reorder", 0.3)), ("packets twice", "duplicate", share("duplicate", 0.3)),
           ("frames lost", "drop", share("drop", 0.4)), ("frames late", "delay", share("delay", 80)),
           ("wrong size", "size", share("size", 0.5)), ("wrong trigger mode", "mode", lambda cam: order("trigger-mode %s 1" % cam)),
-          ("full disk", "disk", full_disk), ("slow subscribers", "slow", slow_subscribers), ("passing subscribers", "pass", passing_subscribers), ("rude clients", "rude", rude_clients)]
-COMMON = ("line", "disk", "slow", "pass", "rude") # not of one camera
+          ("full disk", "disk", full_disk), ("slow subscribers", "slow", slow_subscribers), ("passing subscribers", "pass", passing_subscribers), ("passing pages", "page", passing_pages), ("rude clients", "rude", rude_clients)]
+COMMON = ("line", "disk", "slow", "pass", "page", "rude") # not of one camera
 
 active = [] # when it ends, what it is about, camera, what ends it
 
