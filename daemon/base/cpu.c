@@ -1,8 +1,10 @@
 #include "base/cpu.h"
 
+#include <sched.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 static _Atomic int chosen = -1; /* nobody has asked */
 
@@ -45,4 +47,13 @@ enum pvx_cpu pvx_cpu(void)
     if (level < 0 && pvx_cpu_use(NULL, NULL) != PVX_OK)
         return pvx_cpu_have();
     return (enum pvx_cpu)atomic_load_explicit(&chosen, memory_order_relaxed);
+}
+
+unsigned pvx_cpu_count(void)
+{
+    cpu_set_t mine;
+    if (sched_getaffinity(0, sizeof mine, &mine) == 0)
+        return (unsigned)CPU_COUNT(&mine);
+    long n = sysconf(_SC_NPROCESSORS_ONLN); /* more than fit into the set */
+    return n < 1 ? 1 : (unsigned)n;
 }

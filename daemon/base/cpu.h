@@ -25,4 +25,7 @@ enum pvx_cpu pvx_cpu_have(void);
 PVX_MUST_CHECK pvx_err pvx_cpu_use(const char *name, struct pvx_diag *d);
 /* The level to use.  Where pvx_cpu_use was never called PYROVOX_CPU counts if it is right. */
 enum pvx_cpu pvx_cpu(void);
+
+/* Processors that the calling thread may run on, at least one: what taskset, mpirun, Slurm or CPUAffinity= leave it. */
+unsigned pvx_cpu_count(void);
 #endif

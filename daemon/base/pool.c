@@ -5,9 +5,9 @@
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <unistd.h>
 
 #include "base/clock.h"
+#include "base/cpu.h"
 #include "base/mem.h"
 
 /* A loop lives on its caller's stack and hangs in the pool's list while it has tasks to hand out.
@@ -127,8 +127,8 @@ pvx_err pvx_pool_new(unsigned threads, const char *name, pvx_pool **out)
 {
     *out = NULL;
     if (threads == 0) {
-        long n = sysconf(_SC_NPROCESSORS_ONLN);
-        threads = n < 1 ? 1 : n > 256 ? 256 : (unsigned)n;
+        threads = pvx_cpu_count();
+        threads = threads > 256 ? 256 : threads;
     }
     if (threads > 256)
         return PVX_EINVAL;

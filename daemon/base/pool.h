@@ -16,7 +16,7 @@ extern "C" {
 typedef struct pvx_pool pvx_pool;
 typedef void (*pvx_task_fn)(void *ctx, size_t task);
 
-/* `threads` in all, counting the caller of pvx_pool_run: 1..256; 0 = one per online CPU.
+/* `threads` in all, counting the caller of pvx_pool_run: 1..256; 0 = one per CPU that it may run on.
  * `name` prefixes the thread names.  Errors: PVX_EINVAL, PVX_ENOMEM, PVX_EIO. */
 PVX_MUST_CHECK pvx_err pvx_pool_new(unsigned threads, const char *name, pvx_pool **out);
 void pvx_pool_free(pvx_pool **p);

@@ -4,7 +4,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
+#include "base/cpu.h"
 #include "base/file.h"
 #include "base/mem.h"
 #include "daemon/cli/cli.h"
@@ -451,6 +453,14 @@ static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
     return j->failed ? 1 : 0;
 }
 
+/* Threads of one of n ranks on a node that may itself run on so many processors. */
+static unsigned share_of(unsigned mine, unsigned n)
+{
+    long all = sysconf(_SC_NPROCESSORS_ONLN);
+    unsigned share = all < (long)n ? 1 : (unsigned)all / n;
+    return mine < share ? mine : share;
+}
+
 /* Each process of mpirun takes the part of its rank. */
 static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
 {
@@ -466,6 +476,8 @@ static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_dia
     o->part = j->ranks.rank + 1;
     o->parts = j->ranks.n;
     o->node_n = j->ranks.node_n;
+    if (o->rig.threads == 0) /* ranks that share a NUMA domain each may run on all of it */
+        o->rig.threads = share_of(pvx_cpu_count(), o->node_n);
     o->quiet |= j->ranks.rank > 0;
     return PVX_OK;
 }

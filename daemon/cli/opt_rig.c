@@ -26,7 +26,7 @@ static const struct argp_option options[] = {
      "raw pixels per bin side; must divide the image sizes (auto: a bin is at most 1.1 voxels)", 1},
     {"rays", OPT_RAYS, "N|auto", 0,
      "N x N rays per bin (auto: 2, the mean over its area; 1 is faster and less accurate)", 1},
-    {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 1},
+    {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU that it may use)", 1},
     {0},
 };
 

@@ -12,6 +12,7 @@
 #include <zlib.h>
 
 #include "base/clock.h"
+#include "base/cpu.h"
 #include "base/file.h"
 #include "base/mem.h"
 #include "base/pool.h"
@@ -386,8 +387,7 @@ static pvx_err hdf5_open(void **self, const char *path, const struct vol_head *h
     w->t = vol_tiles(&w->grid);
     w->path = strdup(path);
     vol_columns(w->column);
-    long cpus = sysconf(_SC_NPROCESSORS_ONLN);
-    unsigned threads = cpus < 1 ? 1 : cpus < THREADS ? (unsigned)cpus : THREADS;
+    unsigned cpus = pvx_cpu_count(), threads = cpus < THREADS ? cpus : THREADS;
     pvx_err e = w->path != NULL && make_room(w) ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK)
         e = pvx_pool_new(threads, "vol-pack", &w->pool);

@@ -2,14 +2,32 @@
 #include "../t.h"
 
 #include <pthread.h>
+#include <sched.h>
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/cpu.h"
 #include "base/file.h"
 #include "base/hist.h"
 #include "base/pool.h"
 #include "base/queue.h"
 #include "base/yaml.h"
+
+T_CASE(threads_are_as_many_as_may_run)
+{
+    cpu_set_t all, one;
+    pvx_pool *p;
+    T_EQ_I(sched_getaffinity(0, sizeof all, &all), 0);
+    T_EQ_I(pvx_cpu_count(), CPU_COUNT(&all));
+    CPU_ZERO(&one);
+    CPU_SET(sched_getcpu(), &one);
+    T_EQ_I(sched_setaffinity(0, sizeof one, &one), 0);
+    T_EQ_I(pvx_cpu_count(), 1);
+    T_EQ_I(pvx_pool_new(0, "one", &p), PVX_OK);
+    T_EQ_I(pvx_pool_threads(p), 1);
+    pvx_pool_free(&p);
+    T_EQ_I(sched_setaffinity(0, sizeof all, &all), 0);
+}
 
 T_CASE(more_in_a_path)
 {
