@@ -1,6 +1,7 @@
 /* main.c - pyrovoxd: arguments and start/stop order only. */
 #include <argp.h>
 #include <limits.h>
+#include <malloc.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -458,6 +459,10 @@ int main(int argc, char **argv)
     const struct argp argp = {.options = options, .parser = parse, .doc = doc};
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
+    /* One heap for all threads.  A camera that comes back brings threads, and libc gives a new thread a heap of its own, up
+     * to eight per processor: each finds its size (megabytes of GenICam) before any room is used again, so that a daemon
+     * whose cameras are often away grew for days.  The frame path allocates nothing: nobody waits for another here. */
+    mallopt(M_ARENA_MAX, 1);
     static struct dmn_config cfg;
     struct pvx_diag d = {0};
     if (pvx_cpu_use(NULL, &d) != PVX_OK) {
