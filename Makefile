@@ -29,7 +29,7 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux openmpi-bin \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
-  nodejs openssl ffmpeg abigail-tools node-spdx-expression-parse
+  nodejs openssl ffmpeg faketime abigail-tools node-spdx-expression-parse
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell
@@ -182,9 +182,11 @@ stability: setup-test ## every hard case: outcome, error against the truth, boun
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
 
-soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, every set right, what it costs; FAULTS=1: FAULTS_N=n (1000) faults
-	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak
-ifdef FAULTS
+soak: setup-test ## eight GigE cameras for SECONDS=n (600): every frame there, every set right, what it costs; FAULTS=1: FAULTS_N=n (1000) faults; LAPSE=1: what comes after years
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak $(B)/tests/unit/test_pub
+ifdef LAPSE
+	@PYROVOX_BUILD=$(abspath $(B)) LAPSE_S=$(or $(LAPSE_S),120) tests/system/058-lapse.sh
+else ifdef FAULTS
 	@tests/soak/faults.sh $(B) $(or $(FAULTS_N),1000)
 else
 	@tests/soak/soak.sh $(B) $(if $(filter command line,$(origin SECONDS)),$(SECONDS),600)

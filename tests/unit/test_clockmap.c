@@ -79,7 +79,7 @@ T_CASE(ten_years_later)
         }
         printf("  readings %d: apart by %.0f ns at most, wrong by %.1f us\n", readings, apart,
                wrong * 1e-3);
-        T_LE(apart, 100);
+        T_LE(apart, 10);
         T_LE(wrong, readings ? 20e3 : 300e3);
         T_NEAR(cap_clockmap_drift(&old), cap_clockmap_drift(&young), 1e-10);
         T_EQ_I(old.jumps, 0);
