@@ -275,7 +275,9 @@ print(s.getsockname()[1], flush=True); time.sleep(3000)' # who holds it without 
     { cat "$dir/next.key" > "$dir/new" && chmod 600 "$dir/new" && mv "$dir/new" "$dir/lab.key"; } || return 1
     kill -HUP "$daemon"
     check read-again wait_for grep -q 'keys: read again; 1 may come in' "$dir/keys.log"
-    check the-old-one-is-out ended "$anna" 1
+    check the-old-one-is-put-out wait_for gone "$anna"
+    kill "$anna" 2> "$dir/null"
+    check and-has-failed ended "$anna" 1
     check and-told grep -q 'another key than' "$dir/anna.log"
     check it-goes-on wait_for published $(($(sets) + 5))
     sed -i "s|^server .*|server $(sed -n 's/^public //p' "$dir/next.key")|" "$dir/anna.key" 2> "$dir/null" || return 1
