@@ -240,6 +240,7 @@ while True: ws.say(credits=1); ws.volume(600); print("lives")' "$port" "$dir/fir
     # the certificate is there, its key is not yet
     put third.pem cert.pem
     check goes-on-without-its-key meets second
+    check and-again meets second
     check why-not said 'not the key of'
     put third.key cert.key
     check with-its-key meets third
