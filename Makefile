@@ -29,7 +29,7 @@ PACKAGES_TEST := python3 python3-numpy python3-zmq iproute2 clang clang-format c
   libclang-rt-14-dev mandoc aravis-tools-cli util-linux tmux openmpi-bin \
   umockdev libumockdev-dev hdf5-tools python3-h5py python3-xarray python3-mypy python3-pip python3-setuptools python3-wheel nftables liblapacke-dev libopenblas0-serial \
   libopenvdb-tools libnanovdb-tools python3-openvdb python3-vtk9 weasyprint \
-  nodejs openssl ffmpeg abigail-tools node-spdx-expression-parse
+  nodejs openssl ffmpeg faketime abigail-tools node-spdx-expression-parse
 PACKAGES_BENCH := python3-matplotlib
 # make test-view: the page in a browser.
 PACKAGES_VIEW := chromium-headless-shell
@@ -182,9 +182,11 @@ stability: setup-test ## every hard case: outcome, error against the truth, boun
 	@mkdir -p $(B)/stability
 	@$(B)/tests/stability/stability $(B)/stability
 
-soak: setup-test ## eight GigE cameras: HOURS=n under faults, slopes of memory and latency, picture (SEED=n BUSY=1); else SECONDS=n (600): every frame there, what it costs
-	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak
-ifdef HOURS
+soak: setup-test ## eight GigE cameras: HOURS=n under faults, slopes of memory and latency, picture (SEED=n BUSY=1); LAPSE=1: what comes after years; else SECONDS=n (600): every frame there, what it costs
+	@$(MAKE) --no-print-directory -j$$(nproc) all $(B)/tests/soak/soak $(B)/tests/unit/test_pub
+ifdef LAPSE
+	@PYROVOX_BUILD=$(abspath $(B)) LAPSE_S=$(or $(LAPSE_S),120) tests/system/058-lapse.sh
+else ifdef HOURS
 	@tests/setup.sh $(PACKAGES_BENCH)
 	@tests/soak/hours.sh $(B) $(HOURS)
 else

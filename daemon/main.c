@@ -226,9 +226,9 @@ static void read_keys_again(pvp_auth *auth)
     }
     pvx_err e = pvp_auth_reload(auth, &d);
     if (e == PVX_OK)
-        LOG_I(DAEMON, "keys.clients: %zu may come in", pvp_auth_clients(auth));
+        LOG_I(DAEMON, "keys: read again; %zu may come in", pvp_auth_clients(auth));
     else
-        LOG_E(DAEMON, "keys.clients stays as it was: %s", pvx_diag_text(&d, e));
+        LOG_E(DAEMON, "keys stay as they were: %s", pvx_diag_text(&d, e));
 }
 
 /* SIGINT or SIGTERM; 0 in time. */

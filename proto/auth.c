@@ -24,9 +24,9 @@ static const char *const domains[] = {
     [PVP_ROLE_READ] = "pyrovox-read", [PVP_ROLE_CONTROL] = "pyrovox-control"};
 
 struct pvp_auth {
+    char server_path[4096], path[4096];
+    pthread_mutex_t lock; /* of server, list and next */
     struct pvp_key_pair server;
-    char path[4096];
-    pthread_mutex_t lock; /* of list and next */
     struct pvp_client_list list, next;
     _Atomic uint64_t generation, refused;
 };
@@ -49,7 +49,9 @@ pvx_err pvp_auth_new(const char *server, const char *clients, pvp_auth **out, st
     pvx_err e = pvp_key_read(server, &a->server, d);
     if (e == PVX_OK)
         e = pvp_clients_read(clients, &a->list, d);
-    if (e == PVX_OK && snprintf(a->path, sizeof a->path, "%s", clients) >= (int)sizeof a->path)
+    if (e == PVX_OK && (snprintf(a->path, sizeof a->path, "%s", clients) >= (int)sizeof a->path ||
+                        snprintf(a->server_path, sizeof a->server_path, "%s", server) >=
+                            (int)sizeof a->server_path))
         e = PVX_EINVAL;
     if (e == PVX_OK)
         *out = a;
@@ -77,16 +79,21 @@ static const struct pvp_client *find(const struct pvp_client_list *l, const char
 
 pvx_err pvp_auth_reload(pvp_auth *a, struct pvx_diag *d)
 {
+    struct pvp_key_pair server;
+    PVX_TRY(pvp_key_read(a->server_path, &server, d));
     pthread_mutex_lock(&a->lock);
     pvx_err e = pvp_clients_read(a->path, &a->next, d);
-    bool less = false;
+    bool less = e == PVX_OK && strcmp(server.secret_key, a->server.secret_key) != 0;
     for (size_t i = 0; e == PVX_OK && i < a->list.n; i++) {
         const struct pvp_client *now = find(&a->next, a->list.client[i].key);
         less |= now == NULL || now->role < a->list.client[i].role;
     }
-    if (e == PVX_OK)
+    if (e == PVX_OK) {
         a->list = a->next;
+        a->server = server;
+    }
     pthread_mutex_unlock(&a->lock);
+    explicit_bzero(&server, sizeof server);
     if (less)
         atomic_fetch_add(&a->generation, 1);
     return e;
@@ -116,19 +123,20 @@ void pvp_auth_count_failed(pvp_auth *a, uint64_t n)
     atomic_fetch_add(&a->refused, n);
 }
 
-pvx_err pvp_auth_guard(const pvp_auth *a, void *socket, enum pvp_role role)
+pvx_err pvp_auth_guard(const pvp_auth *ca, void *socket, enum pvp_role role)
 {
     /* Without a domain libzmq 4.3.4 asks nobody and lets all in; without the last option it lets all in
      * where nobody answers. */
     const int yes = 1;
-    return zmq_setsockopt(socket, ZMQ_CURVE_SERVER, &yes, sizeof yes) == 0 &&
-                   zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, a->server.secret_key,
-                                  PVP_KEY_TEXT) == 0 &&
-                   zmq_setsockopt(socket, ZMQ_ZAP_DOMAIN, domains[role], strlen(domains[role])) ==
-                       0 &&
-                   zmq_setsockopt(socket, ENFORCE_DOMAIN, &yes, sizeof yes) == 0
-               ? PVX_OK
-               : pvx_err_from_errno(errno);
+    pvp_auth *a = (pvp_auth *)ca;
+    pthread_mutex_lock(&a->lock);
+    bool ok =
+        zmq_setsockopt(socket, ZMQ_CURVE_SERVER, &yes, sizeof yes) == 0 &&
+        zmq_setsockopt(socket, ZMQ_CURVE_SECRETKEY, a->server.secret_key, PVP_KEY_TEXT) == 0 &&
+        zmq_setsockopt(socket, ZMQ_ZAP_DOMAIN, domains[role], strlen(domains[role])) == 0 &&
+        zmq_setsockopt(socket, ENFORCE_DOMAIN, &yes, sizeof yes) == 0;
+    pthread_mutex_unlock(&a->lock);
+    return ok ? PVX_OK : pvx_err_from_errno(errno);
 }
 
 pvx_err pvp_auth_client(void *socket, const char *key_file, struct pvx_diag *d)

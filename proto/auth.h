@@ -3,8 +3,8 @@
  * A guarded socket lets in who proves to have the secret half of a listed key with the role that it asks
  * for, and nobody else: it asks by name (its ZAP domain is that of the role), and turns everybody away
  * where nobody answers.  What CURVE hides is what is said, not that something is said, how much and when.
- * A list that is read again counts a generation up where somebody may do less than before: who guards a
- * socket then closes it and opens it anew, so that whoever is connected has to prove it again.
+ * What is read again counts a generation up where somebody may do less than before, or the daemon's key is another: who
+ * guards a socket then closes it and opens it anew, so that whoever is connected has to prove it again.
  * Threads: any.  Owner: caller; the sockets are closed, and the handlers ended, before it is freed. */
 #ifndef PVP_AUTH_H
 #define PVP_AUTH_H
@@ -17,7 +17,7 @@ typedef struct pvp_auth pvp_auth;
 PVX_MUST_CHECK pvx_err pvp_auth_new(const char *server, const char *clients, pvp_auth **out,
                                     struct pvx_diag *d);
 void pvp_auth_free(pvp_auth **a);
-/* The list again.  On error the old one stays. */
+/* Key and list again.  On error both stay as they were. */
 PVX_MUST_CHECK pvx_err pvp_auth_reload(pvp_auth *a, struct pvx_diag *d);
 uint64_t pvp_auth_generation(const pvp_auth *a);
 size_t pvp_auth_clients(const pvp_auth *a); /* listed */

@@ -155,7 +155,8 @@ static bool is_short(const struct cap_image *img)
 
 static void done(struct aravis_source *s, ArvBuffer *b)
 {
-    int64_t real = pvx_now_real(), mono = pvx_now_mono();
+    int64_t real, mono;
+    pvx_now_both(&real, &mono);
     ArvBufferStatus status = arv_buffer_get_status(b);
     if (status == ARV_BUFFER_STATUS_ABORTED || status == ARV_BUFFER_STATUS_CLEARED) {
         give_back(s, b); /* the stream is being stopped */

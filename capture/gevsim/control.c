@@ -32,7 +32,7 @@ void gvcam_control_reboot(struct cap_gvcam *c, int64_t now, double seconds)
 {
     release(c);
     gvcam_reg_reboot(c);
-    gvcam_expose_restart_ids(c);
+    gvcam_expose_restart_ids(c, 0);
     c->control.last.id = 0;
     c->stats.reboots++;
     c->control.gone_until = now + (int64_t)((seconds > 0 ? seconds : c->c.reboot_s) * 1e9);

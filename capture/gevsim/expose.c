@@ -227,7 +227,7 @@ int64_t gvcam_expose_step(struct cap_gvcam *c, int64_t now)
     return c->expose.trigger_at < next ? c->expose.trigger_at : next;
 }
 
-void gvcam_expose_restart_ids(struct cap_gvcam *c)
+void gvcam_expose_restart_ids(struct cap_gvcam *c, uint64_t first)
 {
-    c->expose.id = 1;
+    c->expose.id = first > 0 ? first : 1;
 }

@@ -26,7 +26,7 @@ struct gvcam_expose {
 enum gvcam_trigger { GVCAM_SOFTWARE, GVCAM_LINE1, GVCAM_ACTION1 };
 void gvcam_expose_start(struct cap_gvcam *c, int64_t now);
 void gvcam_expose_stop(struct cap_gvcam *c);
-void gvcam_expose_restart_ids(struct cap_gvcam *c);
+void gvcam_expose_restart_ids(struct cap_gvcam *c, uint64_t first); /* 0 = 1 */
 int64_t gvcam_expose_step(struct cap_gvcam *c, int64_t now); /* when it wants to be called next */
 double gvcam_expose_rate(const struct cap_gvcam *c);         /* free run, frames per second */
 void gvcam_trigger(struct cap_gvcam *c, enum gvcam_trigger source, int64_t at);

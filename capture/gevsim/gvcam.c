@@ -269,7 +269,7 @@ void cap_gvcam_do(cap_gvcam *c, enum cap_gvcam_act act, double arg)
     switch (act) {
     case CAP_GVCAM_REBOOT: gvcam_control_reboot(c, now, arg); break;
     case CAP_GVCAM_CLOCK_JUMP: gvcam_clock_jump(&c->clock, now, (int64_t)(arg * 1e9)); break;
-    case CAP_GVCAM_RESTART_IDS: gvcam_expose_restart_ids(c); break;
+    case CAP_GVCAM_RESTART_IDS: gvcam_expose_restart_ids(c, (uint64_t)arg); break;
     case CAP_GVCAM_TRIGGER_MODE: c->reg.v[GVF_TRIGGER_MODE] = arg != 0; break;
     }
     gvnet_unlock(c->net);

@@ -107,7 +107,7 @@ struct cap_gvcam_fault {
 enum cap_gvcam_act {
     CAP_GVCAM_REBOOT,       /* silent for arg seconds (0 = reboot_s), then as after power-up */
     CAP_GVCAM_CLOCK_JUMP,   /* the device clock goes forward by arg seconds (may be negative) */
-    CAP_GVCAM_RESTART_IDS,  /* the next frame has number 1 */
+    CAP_GVCAM_RESTART_IDS,  /* the next frame has number arg, 1 to 2^53 (0 = 1) */
     CAP_GVCAM_TRIGGER_MODE, /* becomes Off (arg 0) or On, whoever has control */
 };
 

@@ -84,7 +84,7 @@ static void hand_over(struct cap_capture *cap)
 static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f)
 {
     struct cap_host_clock *h = &cap->host;
-    int64_t says = f->t_arrival_ns - f->t_arrival_mono_ns;
+    int64_t says = f->t_arrival_ns - f->t_arrival_mono_ns, real, mono;
     if (!h->known) {
         h->known = true;
         h->offset_ns = says;
@@ -100,7 +100,8 @@ static void follow_host_clock(struct cap_capture *cap, const struct cap_frame *f
     }
     h->n_doubts = llabs(says - h->doubt_ns) <= STEP_NS ? h->n_doubts + 1 : 1;
     h->doubt_ns = says;
-    if (h->n_doubts < 3 && llabs(pvx_now_real() - pvx_now_mono() - says) > STEP_NS)
+    pvx_now_both(&real, &mono);
+    if (h->n_doubts < 3 && llabs(real - mono - says) > STEP_NS)
         return;
     h->offset_ns = says;
     h->n_doubts = 0;

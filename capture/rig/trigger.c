@@ -48,11 +48,12 @@ static void add_address(struct targets *t, uint32_t address)
 static void look_at_cameras(struct cap_capture *cap, struct targets *t)
 {
     const struct cap_action_config *a = &cap->cfg.action;
-    int64_t now = pvx_now_mono(), best = INT64_MAX;
+    int64_t real, now, best = INT64_MAX;
+    pvx_now_both(&real, &now);
     memset(t, 0, sizeof *t);
     if (cap->cfg.shared_clock) {
         t->clock = true;
-        t->offset_ns = pvx_now_real() - now;
+        t->offset_ns = real - now;
     }
     for (size_t i = 0; i < a->n_addresses; i++)
         add_address(t, a->address[i]);

@@ -209,8 +209,8 @@ static void expose(struct sim *s, const struct shot *x)
                                                 : CAP_GREY8;
     f->id = x->id;
     f->t_device_ns = x->t_device;
-    f->t_arrival_ns = pvx_now_real() + (now_faulty(o) ? (int64_t)(o->host_step_s * 1e9) : 0);
-    f->t_arrival_mono_ns = pvx_now_mono();
+    pvx_now_both(&f->t_arrival_ns, &f->t_arrival_mono_ns);
+    f->t_arrival_ns += now_faulty(o) ? (int64_t)(o->host_step_s * 1e9) : 0;
     s->player.sink.push(s->player.sink.ctx, f);
 }
 

@@ -38,7 +38,8 @@ static const struct argp_option options[] = {
      0},
     {"listen", 'l', "ADDRESS:PORT", 0,
      "Where the page is (127.0.0.1:8737); another host's browser reaches it only with --cert", 1},
-    {"cert", OPT_CERT, "FILE", 0, "TLS certificate, PEM", 1},
+    {"cert", OPT_CERT, "FILE", 0,
+     "TLS certificate, PEM; one that is renewed in its place is used by whoever comes then", 1},
     {"cert-key", OPT_CERT_KEY, "FILE", 0, "Its key, PEM, readable by nobody else", 1},
     {"host", OPT_HOST, "NAME", 0,
      "A name or address by which the page is reached; may be given again", 1},
@@ -235,7 +236,7 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
         return e;
     }
     const struct view_http_params p = {
-        .gate = &gate, .listen = a->listen, .cert = a->cert, .key = a->cert_key};
+        .gate = &gate, .listen = a->listen, .cert = a->cert, .key = a->cert_key, .say = say};
     PVX_TRY(view_bridge_new(&p, &source, orders, &b, d));
     address_of(a, b, at, sizeof at);
     snprintf(url, sizeof url, "%s://%s/%s#%s", gate.tls ? "https" : "http", at,

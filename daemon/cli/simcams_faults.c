@@ -229,7 +229,7 @@ static pvx_err unknown(const char *line, struct pvx_diag *d)
     }
     return pvx_fail(
         d, PVX_EINVAL,
-        "'%.60s': should be %skill|revive|ids CAMERA, reboot CAMERA [SECONDS], "
+        "'%.60s': should be %skill|revive CAMERA, ids CAMERA [NUMBER], reboot CAMERA [SECONDS], "
         "jump CAMERA SECONDS, trigger-mode CAMERA 0|1, line HZ, pulse, link MBIT_S [KIB], "
         "switch SECONDS, stats or pose NUMBER",
         line, words);

@@ -5,8 +5,8 @@
  *           kill and freeze lines
  * By hand   one line each; CAMERA may be "all":
  *           WORD CAMERA NUMBER|X:Y|on|off   each word of SIMCAMS_FAULTS, below
- *           kill|revive|ids           CAMERA
- *           reboot CAMERA [SECONDS]   jump CAMERA SECONDS   trigger-mode CAMERA 0|1
+ *           kill|revive CAMERA   ids CAMERA [NUMBER]   reboot CAMERA [SECONDS]
+ *           jump CAMERA SECONDS   trigger-mode CAMERA 0|1
  *           line HZ    pulse    link MBIT_S [KIB]    switch SECONDS    stats    pose NUMBER */
 #ifndef SIMCAMS_FAULTS_H
 #define SIMCAMS_FAULTS_H
@@ -25,7 +25,7 @@ struct simcams_state {
     M(SIMCAMS_DROP, "drop", 1, 0, 1, drop)                                                  \
     M(SIMCAMS_LOSS, "loss", 1, 0, 1, packet_loss)                                           \
     M(SIMCAMS_DELAY, "delay", 1, 0, 10000, delay_ms)                                        \
-    M(SIMCAMS_SKEW, "skew", 1, -1e12, 1e12, skew_us)                                        \
+    M(SIMCAMS_SKEW, "skew", 1, -1e15, 1e15, skew_us)                                        \
     M(SIMCAMS_DRIFT, "drift", 1, -1000, 1000, drift_ppm)                                    \
     M(SIMCAMS_JITTER, "jitter", 1, 0, 10000, jitter_ms)                                     \
     M(SIMCAMS_REORDER, "reorder", 1, 0, 1, reorder)                                         \
@@ -64,7 +64,7 @@ enum simcams_fault_kind { SIMCAMS_FAULTS(SIMCAMS_NUMBER) SIMCAMS_N_KINDS };
 #define SIMCAMS_ORDERS(M)                             \
     M(SIMCAMS_REBOOT, "reboot", 2, 3, true, 0, 3600)  \
     M(SIMCAMS_JUMP, "jump", 3, 3, true, -1e9, 1e9)    \
-    M(SIMCAMS_IDS, "ids", 2, 2, true, 0, 0)           \
+    M(SIMCAMS_IDS, "ids", 2, 3, true, 1, 0x1p53)      \
     M(SIMCAMS_MODE, "trigger-mode", 3, 3, true, 0, 1) \
     M(SIMCAMS_LINE, "line", 2, 2, false, 0, 1000)     \
     M(SIMCAMS_PULSE, "pulse", 1, 1, false, 0, 0)      \

@@ -172,7 +172,7 @@ static const char doc[] =
     "  lock-trigger CAM on|off and cannot be set during acquisition\n"
     "  kill CAM, revive CAM, reboot CAM [SECONDS]\n"
     "  jump CAM SECONDS        its clock jumps\n"
-    "  ids CAM                 its frame numbers begin anew\n"
+    "  ids CAM [NUMBER]        its frame numbers begin anew, with 1 or this\n"
     "  line HZ, pulse          trigger line: pulses, or one\n"
     "  link MBIT_S [KIB]       what the network carries (0: all), the switch's buffer\n"
     "  pose NUMBER             the board goes on to that pose, counted from 0\n"

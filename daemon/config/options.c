@@ -225,7 +225,8 @@ const struct dmn_option dmn_options[] = {
          "The daemon's key, a .key file of `pyrovox keygen`, or credential:NAME, given by "
          "systemd's LoadCredential=. With keys.clients, volumes may be published on any address "
          "and control be on tcp://: encrypted, and for listed keys only; ipc:// files, and volumes "
-         "on loopback addresses, need none."),
+         "on loopback addresses, need none. Read again on SIGHUP; clients then need the new one's "
+         "public half."),
     TEXT("keys.clients", key_clients,
          "Who may come in: lines NAME read|control KEY, as in .pub files of `pyrovox keygen`. Read "
          "again on SIGHUP; who is no longer in it is put out."),

@@ -212,7 +212,7 @@ const struct dmn_command dmn_commands[] = {
      "subtract the mean of the next SETS from then on, 0: no more; without: how far it is",
      background},
     {"reset-latency", "", "", "the latency statistics start anew", reset_latency},
-    {"reload-keys", "", "", "read keys.clients again, as on SIGHUP", reload_keys},
+    {"reload-keys", "", "", "read keys.server and keys.clients again, as on SIGHUP", reload_keys},
     {"stop", "", "", "drain and end", stop},
 };
 const size_t dmn_n_commands = sizeof dmn_commands / sizeof *dmn_commands;

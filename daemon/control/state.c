@@ -1,5 +1,7 @@
 #include "daemon/control/state.h"
 
+#include <math.h>
+
 #include "daemon/control/json.h"
 #include "daemon/control/state_sync.h"
 
@@ -17,6 +19,12 @@ const char *dmn_camera_state_name(enum cap_state s)
     case CAP_ENDED: return "ended";
     }
     return "unknown";
+}
+
+/* To the millisecond, however long it runs: six digits end after eleven days. */
+static void seconds(struct dmn_json *j, const char *key, double s)
+{
+    dmn_json_exact(j, key, rint(s * 1e3) / 1e3);
 }
 
 static void ms(struct dmn_json *j, const char *key, int64_t ns)
@@ -144,7 +152,7 @@ static void json_record(struct dmn_json *j, const struct cap_recorder_stats *r)
     dmn_json_str(j, "state", cap_recorder_state_names[r->state]);
     dmn_json_str(j, "path", r->path);
     dmn_json_int(j, "takes", r->takes);
-    dmn_json_num(j, "seconds", r->seconds);
+    seconds(j, "seconds", r->seconds);
     dmn_json_int(j, "sets", (long long)r->sets);
     dmn_json_int(j, "frames", (long long)r->frames);
     dmn_json_int(j, "frames_in_no_set", (long long)r->strays);
@@ -192,7 +200,7 @@ size_t dmn_state_json(const struct dmn_state *s, char *out, size_t size)
     dmn_json_init(&j, out, size);
     dmn_json_open(&j, NULL, '{');
     dmn_json_str(&j, "software", "pyrovoxd " PVX_VERSION);
-    dmn_json_num(&j, "uptime_s", s->uptime_s);
+    seconds(&j, "uptime_s", s->uptime_s);
     dmn_json_str(&j, "open_to_all", s->open_to);
     if (s->keys) {
         dmn_json_open(&j, "keys", '{');

@@ -295,7 +295,8 @@ static pvx_err start(struct view_http *h, int fd, struct pvx_diag *d)
                                       .patience_ns = VIEW_HTTP_PATIENCE_NS,
                                       .prepare = prepare,
                                       .come = come,
-                                      .ctx = h};
+                                      .ctx = h,
+                                      .say = h->p.say};
     return tls ? view_tls_new(&p, &h->tls, d) : PVX_OK;
 }
 

@@ -19,9 +19,10 @@ struct view_http_stats {
     uint64_t requests, refused_host, refused_origin, late;
 };
 struct view_http_params {
-    const struct view_gate *gate; /* borrowed */
-    const char *listen;           /* ADDRESS:PORT; port 0: any */
-    const char *cert, *key;       /* PEM files, both or none */
+    const struct view_gate *gate;  /* borrowed */
+    const char *listen;            /* ADDRESS:PORT; port 0: any */
+    const char *cert, *key;        /* PEM files, both or none */
+    void (*say)(const char *line); /* with a certificate: see tls.h */
     /* fd is non-blocking, and lives until view_http_drop(handle). */
     void (*upgraded)(void *ctx, int fd, void *handle, const void *early, size_t n_early);
     void *ctx;

@@ -2,9 +2,11 @@
 
 #include <errno.h>
 #include <gnutls/gnutls.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/clock.h"
@@ -16,6 +18,11 @@
 #define ACCEPTS    16    /* at one go */
 #define ENDING_NS  (2 * PVX_NS_PER_S)
 
+/* A certificate and its key, of the connections that began with it. */
+struct papers {
+    gnutls_certificate_credentials_t with;
+    unsigned users; /* connections, and the view_tls while it is the one in use */
+};
 /* What waits to go one way. */
 struct half {
     size_t at, n;
@@ -25,6 +32,7 @@ struct half {
 struct conn {
     int tcp, pair, its;       /* its: the server's end, as it was handed over */
     gnutls_session_t session; /* NULL: the place is free */
+    struct papers *with;
     bool shaken;
     int64_t since, ending_ns; /* ending: all was said */
     uint32_t want_tcp, want_pair;
@@ -33,13 +41,78 @@ struct conn {
 };
 struct view_tls {
     struct view_tls_params p;
-    gnutls_certificate_credentials_t keys;
+    struct papers *with;     /* NULL: none yet */
+    int64_t read[2][3];      /* which files it was read from: number, time of their last change */
+    struct pvx_diag trouble; /* with what is there instead, once it was said */
     gnutls_priority_t priority;
     int epoll;
     bool waiting; /* for the listening socket: there is room */
     struct conn *conn;
     uint64_t late;
 };
+
+static void leave(struct papers *p)
+{
+    if (p == NULL || --p->users > 0)
+        return;
+    gnutls_certificate_free_credentials(p->with);
+    free(p);
+}
+
+static void look_at_files(const view_tls *t, int64_t out[2][3])
+{
+    const char *const file[] = {t->p.cert, t->p.key};
+    for (int i = 0; i < 2; i++) {
+        struct stat st = {0};
+        (void)stat(file[i], &st); /* gone: reading it says so */
+        out[i][0] = (int64_t)st.st_ino;
+        out[i][1] = st.st_ctim.tv_sec;
+        out[i][2] = st.st_ctim.tv_nsec;
+    }
+}
+
+static pvx_err read_papers(view_tls *t, struct pvx_diag *d)
+{
+    int64_t files[2][3];
+    struct papers *p = pvx_calloc(1, sizeof *p);
+    if (p == NULL)
+        return PVX_ENOMEM;
+    look_at_files(t, files); /* before: what changes while it is read is read again */
+    pvx_err e = view_certificate(t->p.cert, t->p.key, &p->with, d);
+    if (e != PVX_OK) {
+        free(p);
+        return e;
+    }
+    p->users = 1;
+    leave(t->with);
+    t->with = p;
+    memcpy(t->read, files, sizeof files);
+    return PVX_OK;
+}
+
+/* A certificate lasts for weeks, a page for months.  Who comes meets the one that is there now; if that is none, for
+ * certificate and key come one after the other, the one of before. */
+static void renew(view_tls *t)
+{
+    int64_t files[2][3];
+    struct pvx_diag d = {""};
+    char line[sizeof d.text + 64];
+    look_at_files(t, files);
+    if (memcmp(files, t->read, sizeof files) == 0)
+        return;
+    pvx_err e = read_papers(t, &d);
+    if (e == PVX_OK) {
+        t->trouble.text[0] = '\0';
+        snprintf(line, sizeof line, "%s is used from now on", t->p.cert);
+    } else {
+        if (strcmp(t->trouble.text, pvx_diag_text(&d, e)) == 0)
+            return;
+        snprintf(t->trouble.text, sizeof t->trouble.text, "%s", pvx_diag_text(&d, e));
+        snprintf(line, sizeof line, "goes on with the certificate that it has: %s",
+                 t->trouble.text);
+    }
+    t->p.say(line);
+}
 
 static void watch(view_tls *t, int fd, uint32_t *have, uint32_t want)
 {
@@ -64,6 +137,7 @@ static void drop(view_tls *t, struct conn *c)
     close(c->tcp);
     gnutls_deinit(c->session);
     c->session = NULL;
+    leave(c->with);
 }
 
 /* A handshake further; false: it failed. */
@@ -190,9 +264,13 @@ static bool take(view_tls *t, struct conn *c)
         close(fd);
         return true;
     }
+    renew(t);
+    c->with = t->with;
+    c->with->users++;
     gnutls_transport_set_int(c->session, fd);
     if (gnutls_priority_set(c->session, t->priority) != 0 ||
-        gnutls_credentials_set(c->session, GNUTLS_CRD_CERTIFICATE, t->keys) != 0 || !pump(t, c))
+        gnutls_credentials_set(c->session, GNUTLS_CRD_CERTIFICATE, c->with->with) != 0 ||
+        !pump(t, c))
         drop(t, c);
     return true;
 }
@@ -252,7 +330,7 @@ pvx_err view_tls_new(const struct view_tls_params *p, view_tls **out, struct pvx
     t->conn = pvx_calloc(p->connections, sizeof *t->conn);
     pvx_err e = t->conn == NULL ? PVX_ENOMEM : t->epoll < 0 ? PVX_EIO : PVX_OK;
     if (e == PVX_OK)
-        e = view_certificate(p->cert, p->key, &t->keys, d);
+        e = read_papers(t, d);
     /* NORMAL alone lets versions in that RFC 8996 forbids */
     if (e == PVX_OK &&
         gnutls_priority_init(&t->priority, "NORMAL:-VERS-TLS1.0:-VERS-TLS1.1:-VERS-DTLS-ALL",
@@ -277,8 +355,7 @@ void view_tls_free(view_tls **t)
         close((*t)->epoll);
     if ((*t)->priority != NULL)
         gnutls_priority_deinit((*t)->priority);
-    if ((*t)->keys != NULL)
-        gnutls_certificate_free_credentials((*t)->keys);
+    leave((*t)->with);
     free((*t)->conn);
     PVX_FREE(*t);
 }

@@ -15,14 +15,15 @@
 typedef struct view_tls view_tls;
 
 struct view_tls_params {
-    int listen;               /* non-blocking; its own from now on */
-    const char *cert, *key;   /* PEM files */
-    unsigned connections;     /* at most */
-    int64_t patience_ns;      /* for a handshake */
+    int listen;             /* non-blocking; its own from now on */
+    const char *cert, *key; /* PEM files; looked at again by whoever comes, for they are renewed */
+    unsigned connections;   /* at most */
+    int64_t patience_ns;    /* for a handshake */
     void (*prepare)(int tcp); /* options of a fresh connection's socket */
     /* A connection has shaken hands: fd is the server's end of it, and the server's.  false: it is not wanted. */
     bool (*come)(void *ctx, int fd, const struct sockaddr *from, socklen_t len);
     void *ctx;
+    void (*say)(const char *line); /* that they were read again, or cannot be */
 };
 /* Errors: those of view_certificate, PVX_ENOMEM, PVX_EIO; listen is then closed. */
 PVX_MUST_CHECK pvx_err view_tls_new(const struct view_tls_params *p, view_tls **out,

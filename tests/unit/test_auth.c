@@ -349,6 +349,44 @@ T_CASE(a_revoked_key_is_out)
     pvp_auth_free(&a);
 }
 
+/* The daemon's own key is changed while it runs: who knows the new one comes in, who knows the old one is told. */
+T_CASE(another_key_of_the_daemon)
+{
+    struct pvp_key_pair anna, lab;
+    pvp_auth *a = guard();
+    pvp_pub *p = publisher(a);
+    pvp_sub *before = subscriber("bert");
+    T_OK(reads(p, before, 0));
+    T_EQ_I(pvp_key_read(at("anna.key"), &anna, &d), PVX_OK);
+    T_EQ_I(rename(at("lab.key"), at("first.key")) + unlink(at("lab.pub")), 0);
+    lab = make("lab", PVP_ROLE_READ);
+    T_EQ_I(pvp_auth_reload(a, &d), PVX_OK);
+    told(p, "anna", "another key than the file says");
+    memcpy(anna.server, lab.public_key,
+           sizeof anna.server); /* her key stays hers, and in the list */
+    T_EQ_I(pvp_key_write(at("anna2"), PVP_ROLE_READ, &anna, &d), PVX_OK);
+    pvp_sub *s = subscriber("anna2");
+    T_OK(reads(p, s, 0));
+    drain(before, 0); /* what was on its way when the key was changed */
+    uint64_t had = received(before);
+    T_OK(reads(p, s, publish(p)));
+    T_EQ_I(drain(before, had), 0);
+    /* One that cannot be read changes nothing, nor does the list beside it. */
+    uint64_t generation = pvp_auth_generation(a);
+    write_text(at("lab.key"), "nonsense\n", 0600);
+    write_text(at("clients.keys"), "", 0644);
+    d.text[0] = '\0';
+    T_EQ_I(pvp_auth_reload(a, &d), PVX_EFORMAT);
+    T_EQ_I(pvp_auth_generation(a), generation);
+    T_EQ_I(pvp_auth_clients(a), 2);
+    T_OK(reads(p, s, publish(p)));
+    T_EQ_I(rename(at("first.key"), at("lab.key")), 0); /* what others' keys know */
+    pvp_sub_free(&s);
+    pvp_sub_free(&before);
+    pvp_pub_free(&p);
+    pvp_auth_free(&a);
+}
+
 static void *connected(void *ctx)
 {
     void *client = zmq_socket(ctx, ZMQ_SUB);

@@ -300,3 +300,38 @@ T_CASE(no_device_clock_means_arrival)
     cap_clockmap_init(&m, true);
     T_EQ_I(cap_clockmap_add(&m, 0, 4711), 4711);
 }
+
+/* A map that has run for ten years knows a frame's time as well as one that has just begun: the same frames and readings of
+ * the clock give both the same, though one counts from ten years ago, where a double of ns has steps of 64. */
+T_CASE(ten_years_later)
+{
+    const double ppm = -80; /* the other way round ten years of nothing would be a jump */
+    const int64_t years = 10 * 365 * 86400 * S;
+    for (int readings = 0; readings < 2; readings++) {
+        struct cap_clockmap young = fresh(false), old = fresh(false);
+        double apart = 0, wrong = 0;
+        (void)cap_clockmap_add(&old, 5 * S, HOST0 - years);
+        for (int64_t i = 0; i < 150 * 30; i++) {
+            int64_t t = i * S / 30, host = HOST0 + t;
+            int64_t dev = 5 * S + years + t + llrint((double)t * ppm * 1e-6) +
+                          llrint((double)years * ppm * 1e-6);
+            int64_t arrival = host + 200000 + (int64_t)exponential(1e6);
+            if (readings && i % 60 == 0) {
+                cap_clockmap_measure(&young, dev, host + 3000, 20000);
+                cap_clockmap_measure(&old, dev, host + 3000, 20000);
+            }
+            int64_t a = cap_clockmap_add(&young, dev, arrival);
+            int64_t b = cap_clockmap_add(&old, dev, arrival);
+            if (t < 70 * S) /* until the old one's first frame is out of its window */
+                continue;
+            apart = fmax(apart, fabs((double)(a - b)));
+            wrong = fmax(wrong, fabs((double)(b - host)));
+        }
+        printf("  readings %d: apart by %.0f ns at most, wrong by %.1f us\n", readings, apart,
+               wrong * 1e-3);
+        T_LE(apart, 10);
+        T_LE(wrong, readings ? 20e3 : 300e3);
+        T_NEAR(cap_clockmap_drift(&old), cap_clockmap_drift(&young), 1e-10);
+        T_EQ_I(old.jumps, 0);
+    }
+}

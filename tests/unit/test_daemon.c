@@ -420,6 +420,7 @@ T_CASE(the_fullest_state_fits_and_parses)
         k->action =
             (struct cap_action_answers){INT64_MAX, INT64_MAX, INT64_MAX, INT64_MAX, INT64_MAX};
     }
+    s.uptime_s = s.record.seconds = 34712345.678; /* 402 days */
     size_t n = dmn_state_json(&s, text, sizeof text);
     T_OK(n > 1000);
     printf("  %zu of %zu bytes\n", n, sizeof text);
@@ -427,6 +428,8 @@ T_CASE(the_fullest_state_fits_and_parses)
     T_OK(j != NULL);
     T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "cameras")), CAP_MAX_CAMERAS);
     T_EQ_I(cJSON_GetArraySize(cJSON_GetObjectItem(j, "drops")), DMN_N_DROP + 2);
+    T_CONTAINS(text, "\"uptime_s\":34712345.678,");
+    T_CONTAINS(text, "\"seconds\":34712345.678,");
     cJSON_Delete(j);
     for (int i = 0; i < DMN_N_DROP; i++)
         T_OK(dmn_drop_defs[i].name != NULL && dmn_drop_defs[i].help != NULL);

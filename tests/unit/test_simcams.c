@@ -186,6 +186,7 @@ T_CASE(control_lines)
                                       "pulse 3",
                                       "stats all",
                                       "ids",
+                                      "ids cam1 0",
                                       "trigger-mode cam1",
                                       "trigger-mode cam1 2"};
     for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
@@ -211,6 +212,7 @@ T_CASE(control_orders)
              {"reboot all 4", {SIMCAMS_REBOOT, 0, 3, 4, 0}},
              {"jump cam2 -1.5", {SIMCAMS_JUMP, 2, 3, -1.5, 0}},
              {"ids cam0", {SIMCAMS_IDS, 0, 1, 0, 0}},
+             {"ids all 65500", {SIMCAMS_IDS, 0, 3, 65500, 0}},
              {"trigger-mode cam1 1", {SIMCAMS_MODE, 1, 2, 1, 0}},
              {"line 25", {SIMCAMS_LINE, 0, 3, 25, 0}},
              {"pulse", {SIMCAMS_PULSE, 0, 3, 0, 0}},
