@@ -135,13 +135,11 @@ static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
               take_h5_get_attr(r->file, "session", H5T_NATIVE_UINT64, 8, &s->session) &&
               take_h5_get_attr(r->file, "rig_hash", H5T_NATIVE_UINT64, 8, &s->rig_hash) &&
               take_h5_get_attr(r->file, "fps", H5T_NATIVE_DOUBLE, 8, &s->fps) && isfinite(s->fps);
-    for (int a = 0; a < 3 && ok; a++) {
-        ok = spacing[a] > 0;
+    for (int a = 0; a < 3 && ok; a++)
         s->grid.max[a] = s->grid.min[a] + spacing[a] * s->grid.n[a];
-    }
-    if (!ok)
+    s->grid.basis = ok && strcmp(basis, "trilinear") == 0;
+    if (!ok || !pvp_grid_valid(&s->grid))
         return wrong(r, d, "an attribute of the head");
-    s->grid.basis = strcmp(basis, "trilinear") == 0;
     s->n_cameras = (uint32_t)cameras;
     *closed = take_h5_get_int(r->file, "closed", &is_closed) && is_closed == 1;
     return PVX_OK;
