@@ -49,6 +49,9 @@ uint64_t vol_row_check(const struct vol_column c[VOL_COLUMNS], const struct vol_
                        uint64_t seed);
 /* The first n rows of what vol_hdf5_reader opened, as they stand there: `check` is of the chunks too. */
 bool vol_hdf5_rows(void *self, uint64_t n, struct vol_row *rows);
+/* /emission is there and goes through filters, as volumes do, so that it is not that of a joined file.  It is not opened:
+ * where its data are is not looked at. */
+bool vol_hdf5_filtered(hid_t file);
 /* Attributes, rig and configuration of a new file; not closed yet. */
 bool vol_hdf5_head(hid_t file, const struct vol_head *h);
 /* Axes, units and the groups of NeXus, once /emission and /sets are there. */

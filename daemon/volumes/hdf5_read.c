@@ -73,13 +73,19 @@ static bool get_short(hid_t at, const char *name, char *out, size_t size)
     return ok;
 }
 
+bool vol_hdf5_filtered(hid_t file)
+{
+    enum { FILTERS = 0x0B }; /* a message in a dataset's head, which has a checksum */
+    H5O_info_t about;
+    return H5Oget_info_by_name2(file, "emission", &about, H5O_INFO_HDR, H5P_DEFAULT) >= 0 &&
+           (about.hdr.mesg.present >> FILTERS & 1) != 0;
+}
+
 static pvx_err open_emission(struct in *r, uint64_t *sets, struct pvx_diag *d)
 {
     struct pvp_grid *g = &r->start.grid;
     hsize_t n[VOL_RANK];
-    r->emission = H5Lexists(r->file, "emission", H5P_DEFAULT) > 0
-                      ? H5Dopen2(r->file, "emission", H5P_DEFAULT)
-                      : -1;
+    r->emission = vol_hdf5_filtered(r->file) ? H5Dopen2(r->file, "emission", H5P_DEFAULT) : -1;
     if (r->emission < 0)
         return wrong(r, d, "no emission");
     hid_t type = H5Dget_type(r->emission), space = H5Dget_space(r->emission);
@@ -129,13 +135,11 @@ static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
               take_h5_get_attr(r->file, "session", H5T_NATIVE_UINT64, 8, &s->session) &&
               take_h5_get_attr(r->file, "rig_hash", H5T_NATIVE_UINT64, 8, &s->rig_hash) &&
               take_h5_get_attr(r->file, "fps", H5T_NATIVE_DOUBLE, 8, &s->fps) && isfinite(s->fps);
-    for (int a = 0; a < 3 && ok; a++) {
-        ok = spacing[a] > 0;
+    for (int a = 0; a < 3 && ok; a++)
         s->grid.max[a] = s->grid.min[a] + spacing[a] * s->grid.n[a];
-    }
-    if (!ok)
+    s->grid.basis = ok && strcmp(basis, "trilinear") == 0;
+    if (!ok || !pvp_grid_valid(&s->grid))
         return wrong(r, d, "an attribute of the head");
-    s->grid.basis = strcmp(basis, "trilinear") == 0;
     s->n_cameras = (uint32_t)cameras;
     *closed = take_h5_get_int(r->file, "closed", &is_closed) && is_closed == 1;
     return PVX_OK;

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "daemon/volumes/hdf5.h"
 #include "daemon/volumes/join.h"
@@ -42,11 +43,52 @@ static pvx_err wrong(const struct joined *r, struct pvx_diag *d, const char *wha
                     r->path, what);
 }
 
-static bool is_virtual(hid_t file)
+static uint64_t load(const char *p, size_t bytes)
 {
-    hid_t s = file >= 0 && H5Lexists(file, "emission", H5P_DEFAULT) > 0
-                  ? H5Dopen2(file, "emission", H5P_DEFAULT)
-                  : -1;
+    uint64_t v = 0;
+    memcpy(&v, p, bytes); /* little-endian, as the file */
+    return v;
+}
+
+/* A collection of the global heap (HDF5's format, III.E): its objects follow each other to the end, number 0 is room.
+ * p[0, n) begins with it. */
+static bool heap_ends(const char *p, size_t n)
+{
+    uint64_t size = n >= 16 ? load(p + 8, 8) : 0;
+    if (size < 16 || size > n)
+        return false;
+    for (uint64_t at = 16, need; size - at >= 16; at += need) {
+        need = load(p + at + 8, 8);
+        if (load(p + at, 2) != 0)
+            need = need <= size ? 16 + (need + 7) / 8 * 8 : size + 1;
+        if (need == 0 || need > size - at)
+            return false;
+    }
+    return true;
+}
+
+/* libhdf5 (1.10.8) believes the heap, which has no checksum, and the mapping lies there: it looks for ever, or past
+ * the end, where that is damaged. */
+static bool heaps_end(const char *path, uint64_t bytes)
+{
+    static const char begin[5] = "GCOL\1";
+    char *file, *p;
+    size_t n;
+    if (pvx_file_read(path, bytes, &file, &n, NULL) != PVX_OK)
+        return false;
+    bool good = true;
+    for (p = file; good && (p = memmem(p, n - (size_t)(p - file), begin, sizeof begin)); p++)
+        good = heap_ends(p, n - (size_t)(p - file));
+    free(file);
+    return good;
+}
+
+/* Only a file without volumes of its own is read as a whole. */
+static bool is_virtual(hid_t file, const char *path, uint64_t bytes)
+{
+    bool candidate = file >= 0 && !vol_hdf5_filtered(file) &&
+                     H5Lexists(file, "emission", H5P_DEFAULT) > 0 && heaps_end(path, bytes);
+    hid_t s = candidate ? H5Dopen2(file, "emission", H5P_DEFAULT) : -1;
     hid_t p = s >= 0 ? H5Dget_create_plist(s) : -1;
     bool yes = p >= 0 && H5Pget_layout(p) == H5D_VIRTUAL;
     H5Pclose(p);
@@ -61,7 +103,7 @@ static bool joined_is(const char *path)
     if (!take_h5_looks(path, &bytes))
         return false;
     hid_t file = take_h5_open(path);
-    bool yes = is_virtual(file);
+    bool yes = is_virtual(file, path, bytes);
     H5Fclose(file);
     H5Eclear2(H5E_DEFAULT);
     return yes;
@@ -228,7 +270,8 @@ static pvx_err open_all(struct joined *r, const char *path, uint64_t *count, str
     if (!take_h5_looks(path, &bytes))
         return wrong(r, d, "not HDF5");
     hid_t file = take_h5_open(path);
-    pvx_err e = is_virtual(file) ? read_numbers(r, file, bytes, d) : wrong(r, d, "emission");
+    pvx_err e =
+        is_virtual(file, path, bytes) ? read_numbers(r, file, bytes, d) : wrong(r, d, "emission");
     if (e == PVX_OK)
         e = read_mappings(r, file, d);
     H5Fclose(file);

@@ -19,6 +19,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST(b.cols == 0);
         return 0;
     }
+    fuzz_taken++;
     rec_board_text(&b, said);
     MUST(rec_board_parse(said, &c, &d) == PVX_OK);
     rec_board_text(&c, again);

@@ -13,6 +13,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST(d.text[0] != '\0');
         return 0;
     }
+    fuzz_taken++;
     char *text = dmn_config_format(&a);
     MUST(text != NULL && dmn_config_parse(text, strlen(text), "again", &b, &d) == PVX_OK);
     char *again = dmn_config_format(&b);

@@ -1,9 +1,18 @@
-/* fuzz_control.c - any bytes as a request to the control socket: always a JSON object back. */
+/* fuzz_control.c - any bytes as a request to the control socket: always a JSON object back.
+ * An input that begins with a byte 0 goes through the socket itself, as frames, each after a byte of its length; one that
+ * begins with a blank is as from another host, which may not say where a file goes. */
 #include <cjson/cJSON.h>
+#include <string.h>
+#include <unistd.h>
 
 #include "base/log.h"
 #include "daemon/control/control.h"
 #include "tests/fuzz/fuzz.h"
+#include "tests/fuzz/fuzz_zmq.h"
+
+#define WAY \
+    7 /* frames before the request, the empty one too, that an answer finds its way back through */
+#define FRAMES 12
 
 static size_t status(void *ctx, char *out, size_t size)
 {
@@ -43,22 +52,105 @@ static pvx_err apply(void *ctx, const struct dmn_config *c, struct pvx_diag *d)
     return PVX_OK;
 }
 
+static struct dmn_control_ops ops;
+static pvx_err written(void *ctx, const char *file, char *where, size_t size, struct pvx_diag *d)
+{
+    (void)ctx;
+    MUST(file == NULL || (file[0] == '/' && !ops.remote) ||
+         (file[0] != '\0' && file[0] != '.' && strchr(file, '/') == NULL));
+    snprintf(where, size, "%s", file != NULL ? file : "/data/a");
+    return file != NULL && file[0] == 'f' ? pvx_fail(d, PVX_ENOSPC, "%s: full", file) : PVX_OK;
+}
+static pvx_err record(void *ctx, bool start, const char *file, char *where, size_t size,
+                      struct pvx_diag *d)
+{
+    (void)start;
+    return written(ctx, file, where, size, d);
+}
+static pvx_err record_volumes(void *ctx, bool start, char *where, size_t size, struct pvx_diag *d)
+{
+    return written(ctx, start ? NULL : "full", where, size, d);
+}
+static pvx_err reload_keys(void *ctx, struct pvx_diag *d)
+{
+    (void)ctx;
+    return pvx_fail(d, PVX_EFORMAT, "keys: %s", "none");
+}
+
+static void *socket_to_it;
+static void begin(void)
+{
+    static dmn_control *c; /* as long as the program */
+    char endpoint[64];
+    const int patience = 60000;
+    pvx_log_set_level(PVX_LOG_ERROR);
+    dmn_config_defaults(&config);
+    ops = (struct dmn_control_ops){.status = status,
+                                   .reset_latency = nothing,
+                                   .stop = nothing,
+                                   .record = record,
+                                   .record_volumes = record_volumes,
+                                   .snapshot = written,
+                                   .background = take,
+                                   .background_state = taken,
+                                   .config = in_effect,
+                                   .apply = apply,
+                                   .reload_keys = reload_keys};
+    snprintf(endpoint, sizeof endpoint, "ipc://@pyrovox-fuzz-%d", (int)getpid());
+    MUST(dmn_control_new(endpoint, NULL, &ops, &c, NULL) == PVX_OK);
+    socket_to_it = zmq_socket(zmq_ctx_new(), ZMQ_DEALER);
+    MUST(zmq_setsockopt(socket_to_it, ZMQ_RCVTIMEO, &patience, sizeof patience) == 0);
+    MUST(zmq_connect(socket_to_it, endpoint) == 0);
+}
+
+static void answered(const char *reply, size_t n)
+{
+    cJSON *j = cJSON_ParseWithLength(reply, n);
+    MUST(n >= 2 && cJSON_IsObject(j));
+    fuzz_taken += cJSON_IsTrue(cJSON_GetObjectItem(j, "ok")) != 0;
+    cJSON_Delete(j);
+}
+
+/* What has an empty frame and one behind it is answered by the same frames and a text; anything else by nothing. */
+static void frames(const uint8_t *data, size_t size)
+{
+    static char reply[DMN_REPLY_MAX];
+    const uint8_t *frame[FRAMES];
+    size_t len[FRAMES];
+    int n = 0, bottom = 0;
+    for (size_t at = 0; at < size && n < FRAMES; n++) {
+        size_t l = data[at++];
+        frame[n] = data + at;
+        len[n] = l < size - at ? l : size - at;
+        at += len[n];
+    }
+    for (int i = 0; i < n; i++)
+        MUST(zmq_send(socket_to_it, frame[i], len[i], i < n - 1 ? ZMQ_SNDMORE : 0) >= 0);
+    while (bottom < n && len[bottom] > 0)
+        bottom++;
+    if (bottom >= WAY || bottom + 1 >= n)
+        return;
+    for (int i = 0; i <= bottom; i++)
+        MUST(fuzz_recv(socket_to_it, reply, sizeof reply) == (int)len[i] &&
+             memcmp(reply, frame[i], len[i]) == 0);
+    int l = fuzz_recv(socket_to_it, reply, sizeof reply);
+    MUST(l >= 0 && l < (int)sizeof reply);
+    answered(reply, (size_t)l);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     static char reply[DMN_REPLY_MAX];
-    const struct dmn_control_ops ops = {.status = status,
-                                        .reset_latency = nothing,
-                                        .stop = nothing,
-                                        .background = take,
-                                        .background_state = taken,
-                                        .config = in_effect,
-                                        .apply = apply};
-    if (config.fps == 0)
-        dmn_config_defaults(&config);
+    if (socket_to_it == NULL)
+        begin();
+    ops.remote = size > 0 && data[0] == ' ';
+    if (size > 0 && data[0] == 0) {
+        frames(data + 1, size - 1);
+        return 0;
+    }
     size_t n = dmn_control_handle(&ops, data, size, reply, sizeof reply);
-    cJSON *j = cJSON_ParseWithLength(reply, n);
-    MUST(n >= 2 && n < sizeof reply && cJSON_IsObject(j));
-    MUST(size <= DMN_REQUEST_MAX || cJSON_GetObjectItem(j, "error") != NULL);
-    cJSON_Delete(j);
+    MUST(n < sizeof reply);
+    answered(reply, n);
+    MUST(size <= DMN_REQUEST_MAX || strstr(reply, "\"error\"") != NULL);
     return 0;
 }

@@ -65,6 +65,7 @@ static void datagram(struct cap_gvcam *c, uint8_t who, const uint8_t *p, size_t 
     for (int k = 0; k < 8; k++)
         (void)gvcam_send_step(c, *now);
     MUST(!cap_gvcp_parse_ack(exact, n, &answer) || answer.n <= n);
+    fuzz_taken += c->control.ccp != 0; /* it has an owner */
     stream_packet(exact, n);
     free(exact);
     check(c);

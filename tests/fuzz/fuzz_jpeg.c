@@ -15,6 +15,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct cap_image in = {data, size, W, H, 0, CAP_JPEG, 0}, img;
     if (cap_jpeg_decode(j, &in, &img, NULL) != PVX_OK)
         return 0;
+    fuzz_taken++;
     MUST(img.width == W && img.height == H && cap_bin(&img, 1, 3, 0, H, out) == PVX_OK);
     for (size_t i = 0; i < W * H * 4; i++)
         if (!(out[i] >= 0 && out[i] <= 1))

@@ -21,6 +21,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     memcpy(text, data, size);
     text[size] = 0;
     if (pvp_key_parse(text, "fuzz", &k, &d) == PVX_OK) {
+        fuzz_taken++;
         whole(k.public_key);
         whole(k.secret_key);
     } else if (d.text[0] == 0)

@@ -46,6 +46,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     pvx_err e = rec_mesh_load(name, 1, 1, &m, &d);
     MUST(unlink(name) == 0);
     if (e == PVX_OK) {
+        fuzz_taken++;
         use(m);
         rec_mesh_free(&m);
     } else {

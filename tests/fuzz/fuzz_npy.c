@@ -9,6 +9,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     size_t shape[4];
     int ndim;
     if (cap_npy_parse(data, size, "fuzz", &v, shape, &ndim, NULL) == PVX_OK) {
+        fuzz_taken++;
         size_t n = shape[0] * shape[1] * shape[2] * shape[3];
         MUST(ndim >= 1 && ndim <= 4 && n != 0 && n <= size);
         volatile float last = v[n - 1];

@@ -18,6 +18,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST(k.key == NULL && k.n == 0);
         return 0;
     }
+    fuzz_taken++;
     size_t n = key_frames_pictures(&k, 100);
     MUST(n >= 1 && n <= KEY_PICTURES_MAX + 1);
     for (size_t i = 0; i < n; i += 1 + n / 64) {

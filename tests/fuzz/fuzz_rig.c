@@ -1,6 +1,8 @@
-/* Any bytes as a rig.yaml: refused with a message, or a rig that is sound and reads back the same. */
+/* Any bytes as a rig.yaml: refused with a message, or a rig that is sound and reads back the same.
+ * Beside it lies a mesh, m.stl. */
 #include <math.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "recon/geom/rig.h"
 #include "recon/matrix/sysmat.h"
@@ -24,16 +26,49 @@ static void use(const struct rec_rig *r)
     MUST(rec_sysmat_resolve(r, &rec_sysmat_defaults, &p, NULL) == PVX_OK);
 }
 
+static char folder[] = "/dev/shm/fuzz_rig-XXXXXX", rig[64], mesh[64];
+
+static void remove_all(void)
+{
+    unlink(mesh);
+    rmdir(folder);
+}
+
+static void make(void)
+{
+    static const int corner[4][3] = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    static const int side[4][3] = {{0, 2, 1}, {0, 1, 3}, {0, 3, 2}, {1, 2, 3}};
+    MUST(mkdtemp(folder) != NULL && atexit(remove_all) == 0);
+    snprintf(mesh, sizeof mesh, "%s/m.stl", folder);
+    FILE *f = fopen(mesh, "w");
+    MUST(f != NULL);
+    fputs("solid m\n", f);
+    for (int i = 0; i < 4; i++) {
+        fputs("facet normal 0 0 0\nouter loop\n", f);
+        for (int k = 0; k < 3; k++) {
+            const int *v = corner[side[i][k]];
+            fprintf(f, "vertex %d %d %d\n", v[0], v[1], v[2]);
+        }
+        fputs("endloop\nendfacet\n", f);
+    }
+    fputs("endsolid m\n", f);
+    MUST(fclose(f) == 0);
+    snprintf(rig, sizeof rig, "%s/rig.yaml", folder);
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct rec_rig r, again;
     struct pvx_diag d = {""};
-    pvx_err e = rec_rig_parse((const char *)data, size, "rig.yaml", &r, &d);
+    if (rig[0] == '\0')
+        make();
+    pvx_err e = rec_rig_parse((const char *)data, size, rig, &r, &d);
     if (e != PVX_OK) {
         MUST(d.text[0] != '\0' && strchr(d.text, '\n') == NULL);
         MUST(r.cameras == NULL);
         return 0;
     }
+    fuzz_taken++;
     use(&r);
     char *text;
     size_t len;

@@ -33,6 +33,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     MUST(e == PVP_SHARE_ENDED || e == PVP_SHARE_FOREIGN);
     MUST((v.number != 0) == (v.grids != NULL) && (e == PVP_SHARE_ENDED || v.number == 0));
     if (v.number != 0) {
+        fuzz_taken++;
         inside(&s, v.grids, v.size);
         MUST(pvp_share_intact(&s, &v));
         for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {

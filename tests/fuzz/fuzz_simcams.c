@@ -35,14 +35,19 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (n > 0)
         memcpy(text, data, n);
     text[n] = '\0';
-    MUST((simcams_control(&rig, text, state, &order, &d) == PVX_OK) == (d.text[0] == '\0'));
+    pvx_err e = simcams_control(&rig, text, state, &order, &d);
+    MUST((e == PVX_OK) == (d.text[0] == '\0'));
+    fuzz_taken += e == PVX_OK;
     d.text[0] = '\0';
     MUST((simcams_plan_line(&rig, text, &plan, &d) == PVX_OK) == (d.text[0] == '\0'));
     for (int k = 0; k < SIMCAMS_N_KINDS; k++) {
         d.text[0] = '\0';
-        pvx_err e = simcams_fault_option(&rig, (enum simcams_fault_kind)k, text, state, &d);
+        e = simcams_fault_option(&rig, (enum simcams_fault_kind)k, text, state, &d);
         MUST((e == PVX_OK) == (d.text[0] == '\0'));
     }
+    d.text[0] = '\0';
+    e = simcams_plan_option(&rig, (size & 1) != 0, text, &plan, &d);
+    MUST((e == PVX_OK) == (d.text[0] == '\0'));
     for (int c = 0; c < CAMERAS; c++)
         in_range(&state[c]);
     return 0;

@@ -96,6 +96,7 @@ static void try(const uint8_t *data, size_t size)
     rec_sysmat *m;
     pvx_err e = rec_sysmat_load(path, 0, true, NULL, &m, &d);
     if (e == PVX_OK) {
+        fuzz_taken++;
         use(m);
         solve(m);
     } else {

@@ -67,6 +67,10 @@ static void make_base(void)
     close(tmp);
     for (uint64_t k = 0; k < SETS; k++)
         put_set(w, 0x7700 + k);
+    for (uint32_t c = 0; c < CAMERAS; c++) {
+        const struct cap_take_gap g = {.camera = c, .why = CAP_TAKE_QUEUE, .frames = 2};
+        MUST(cap_take_put_gap(w, &g, NULL) == PVX_OK);
+    }
     MUST(cap_take_close(&w, NULL) == PVX_OK);
     FILE *f = fopen(name, "rb");
     MUST(f != NULL);
@@ -173,6 +177,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct pvx_diag d = {""};
     pvx_err e = cap_take_open(path, &t, &d);
     MUST(size > 0 || e == PVX_OK); /* as it was written */
+    fuzz_taken += e == PVX_OK;
     if (e == PVX_OK)
         use(t);
     else if (t != NULL || d.text[0] == '\0')

@@ -24,6 +24,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST(d.text[0] != '\0');
         return 0;
     }
+    fuzz_taken++;
     MUST(pvp_grid_valid(&a.v.grid));
     n = vol_vdb_notes_make(&a, again);
     MUST(vol_vdb_notes_read(again, n, "again", &b, NULL) == PVX_OK);

@@ -70,6 +70,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         turn(p, fd[0]);
     }
     const struct view_page_stats *s = view_page_stats(p);
+    fuzz_taken += s->drawn > 0;
     MUST(s->sent <= 1 && s->drawn <= s->sent);
     view_page_free(&p);
     close(fd[0]);

@@ -239,6 +239,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     struct pvx_diag d = {""};
     pvx_err e = vol_reader_open(now->path, &r, &d);
     MUST(size > 1 || e == PVX_OK); /* as it was written */
+    fuzz_taken += e == PVX_OK;
     if (e == PVX_OK)
         use(r);
     else

@@ -1,7 +1,8 @@
 /* main.c - runs a fuzz target over files and folders given, without libFuzzer: the corpus as a test.
  * Each input is also tried cut short at every length up to 512 and with single bytes changed, so
  * that a plain build exercises more than the well-formed files.  What stands behind --once is run as it is, and may be
- * nothing: inputs that a campaign found, each of which reaches something of its own. */
+ * nothing: inputs that a campaign found, each of which reaches something of its own.  Where the target takes none of the
+ * corpus as good, the test fails: it says nothing then. */
 #include <dirent.h>
 #include <stdbool.h>
 #include <string.h>
@@ -9,7 +10,7 @@
 
 #include "tests/fuzz/fuzz.h"
 
-static int inputs;
+static int inputs, good;
 static bool once;
 
 static void mutate(const uint8_t *data, size_t n)
@@ -47,9 +48,12 @@ static void file(const char *path)
         uint8_t *exact = malloc((size_t)n > 0 ? (size_t)n : 1);
         if (exact != NULL) {
             memcpy(exact, data, (size_t)n);
+            unsigned before = fuzz_taken;
             LLVMFuzzerTestOneInput(exact, (size_t)n);
-            if (!once)
+            if (!once) {
+                good += fuzz_taken > before;
                 mutate(exact, (size_t)n);
+            }
             inputs++;
         }
         free(exact);
@@ -84,6 +88,10 @@ int main(int argc, char **argv)
     name = name != NULL ? name + 1 : argv[0];
     if (inputs == 0) {
         printf("FAIL %s: no corpus\n", name);
+        return 1;
+    }
+    if (good == 0) {
+        printf("FAIL %s: nothing of its corpus is good\n", name);
         return 1;
     }
     printf("PASS %s (%d inputs and their mutations)\n", name, inputs);

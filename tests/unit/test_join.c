@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/file.h"
 #include "daemon/volumes/join.h"
 #include "tests/lib/scratch.h"
 #include "tests/lib/volumes.h"
@@ -215,5 +216,42 @@ T_CASE(what_does_not_belong_together_is_refused)
     vol_reader_close(&r);
     free((char *)parts[0]);
     free((char *)parts[1]);
+    scratch_remove();
+}
+
+/* What libhdf5 would look through for ever, or past its end: the heap in which the mapping lies. */
+static void damage_heap(const char *path, long from, int value)
+{
+    char *file;
+    size_t n;
+    T_EQ_I(pvx_file_read(path, 1 << 24, &file, &n, NULL), PVX_OK);
+    char *heap = memmem(file, n, "GCOL", 4);
+    T_OK(heap != NULL);
+    FILE *f = fopen(path, "r+b");
+    T_OK(f != NULL && fseek(f, heap - file + from, SEEK_SET) == 0);
+    for (int i = 0; i < 24; i++)
+        fputc(value, f);
+    T_EQ_I(fclose(f), 0);
+    free(file);
+}
+
+T_CASE(a_damaged_mapping_is_refused)
+{
+    begin();
+    const char *parts[1] = {strdup(part("v.h5.parts/a.h5", 0, SETS, 0))};
+    const char *out = at("v.h5");
+    for (int value = 0; value < 256; value += 255) {
+        vol_reader *r = NULL;
+        size_t missing;
+        struct pvx_diag d = {""};
+        T_EQ_I(join(out, parts, 1, &missing, &d), PVX_OK);
+        T_EQ_I(vol_reader_open(out, &r, &d), PVX_OK);
+        vol_reader_close(&r);
+        damage_heap(out, 16, value);
+        T_EQ_I(vol_reader_open(out, &r, &d), PVX_EFORMAT);
+        T_OK(r == NULL && d.text[0] != '\0');
+        T_EQ_I(unlink(out), 0);
+    }
+    free((char *)parts[0]);
     scratch_remove();
 }
