@@ -105,7 +105,7 @@ static void latency(FILE *f, const struct dmn_state *s)
     fprintf(f, "pyrovox_latency_seconds{quantile=\"0.5\"} %.9g\n", s->latency_p50_ms * 1e-3);
     fprintf(f, "pyrovox_latency_seconds{quantile=\"0.99\"} %.9g\n", s->latency_p99_ms * 1e-3);
     fprintf(f, "pyrovox_latency_seconds{quantile=\"1\"} %.9g\n", s->latency_max_ms * 1e-3);
-    fprintf(f, "pyrovox_latency_seconds_sum %.9g\n", s->latency_sum_s);
+    fprintf(f, "pyrovox_latency_seconds_sum %.15g\n", s->latency_sum_s);
     fprintf(f, "pyrovox_latency_seconds_count %llu\n", (unsigned long long)s->latency_n);
 }
 
