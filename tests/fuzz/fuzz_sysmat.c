@@ -5,9 +5,8 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
-#define XXH_INLINE_ALL
-#include <xxhash.h>
 
+#include "recon/matrix/format.h"
 #include "recon/matrix/subsys.h"
 #include "tests/fuzz/fuzz.h"
 
@@ -85,7 +84,7 @@ static void solve(const rec_sysmat *m)
     free(y);
 }
 
-static void try(const uint8_t *data, size_t size)
+static bool try(const uint8_t *data, size_t size)
 {
     char path[64];
     struct pvx_diag d = {""};
@@ -104,62 +103,66 @@ static void try(const uint8_t *data, size_t size)
     }
     rec_sysmat_free(&m);
     close(fd);
+    return e == PVX_OK;
 }
 
 /* Checksum of a section of any length: that of its pieces' checksums. */
-static uint64_t section_hash(const uint8_t *p, uint64_t bytes)
+static uint64_t section_hash(const struct section *s)
 {
-    uint64_t piece[64], n = 0;
-    for (uint64_t at = 0; at < bytes && n < 64; at += 1 << 20)
-        piece[n++] = XXH3_64bits(p + at, bytes - at < 1 << 20 ? bytes - at : 1 << 20);
+    uint64_t piece[64], n = pieces(s->bytes) < 64 ? pieces(s->bytes) : 64;
+    for (uint64_t i = 0; i < n; i++)
+        piece[i] = piece_hash(s, i);
     return XXH3_64bits(piece, n * sizeof *piece);
 }
 
 /* Length and checksums that fit what is there, wherever the table points inside the file. */
 static void mend(uint8_t *p, size_t size)
 {
-    uint32_t cameras, levels, head;
-    uint64_t length = size, zero = 0, at, bytes, hash;
-    if (size < 128)
+    struct cursor c = {p + 32};
+    if (size < HEADER)
         return;
-    memcpy(&cameras, p + 32, 4);
-    memcpy(&levels, p + 36, 4);
-    cameras = cameras < 1 || cameras > 64 ? 1 : cameras;
-    levels = levels < 1 || levels > 7 ? 1 : levels;
-    const uint32_t row = 8 * cameras + 8 + 24 * (3 + cameras); /* of a level */
-    head = 128 + 8 * cameras + levels * row;
+    uint32_t cameras = get_u32(&c), levels = get_u32(&c);
+    cameras = cameras < 1 || cameras > REC_MAX_CAMERAS ? 1 : cameras;
+    levels = levels < 1 || levels > REC_SYSMAT_LEVELS_MAX ? 1 : levels;
+    size_t head = head_bytes(cameras, levels);
     if (head > size)
         return;
-    memcpy(p, "PVXMATRX\4\0\0\0", 12);
-    memcpy(p + 12, &head, 4);
-    memcpy(p + 24, &length, 8);
-    memcpy(p + 32, &cameras, 4);
-    memcpy(p + 36, &levels, 4);
-    for (uint32_t l = 0; l < levels; l++)
-        for (uint32_t s = 0; s < 3 + cameras; s++) {
-            uint8_t *level = p + 128 + 8 * cameras + l * row;
-            uint8_t *section = level + 8 * cameras + 8 + 24 * s;
-            memcpy(&at, section, 8);
-            memcpy(&bytes, section + 8, 8);
-            if (at <= size && bytes <= size - at) {
-                hash = section_hash(p + at, bytes);
-                memcpy(section + 16, &hash, 8);
+    c.p = p;
+    put(&c, MAGIC, 8);
+    put_u32(&c, VERSION);
+    put_u32(&c, (uint32_t)head);
+    c.p = p + 24;
+    put_u64(&c, size);
+    put_u32(&c, cameras);
+    put_u32(&c, levels);
+    c.p = p + HEADER + 8 * cameras;
+    for (uint32_t l = 0; l < levels; l++) {
+        c.p += 8 * cameras + 8;
+        for (uint32_t i = 0; i < SECTION_FP + cameras; i++) {
+            struct section s;
+            s.offset = get_u64(&c);
+            s.bytes = get_u64(&c);
+            if (s.offset <= size && s.bytes <= size - s.offset) {
+                s.data = p + s.offset;
+                s.hash = section_hash(&s);
+                memcpy(c.p, &s.hash, 8);
             }
+            c.p += 8;
         }
-    memcpy(p + 120, &zero, 8);
-    hash = XXH3_64bits(p, head);
-    memcpy(p + 120, &hash, 8);
+    }
+    c.p = p + HASH_AT;
+    put_u64(&c, head_hash(p, head));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    try(data, size);
+    bool good = try(data, size);
     uint8_t *copy = malloc(size + 1);
     if (copy == NULL)
         return 0;
     memcpy(copy, data, size);
     mend(copy, size);
-    try(copy, size);
+    MUST(try(copy, size) || !good); /* else this mends what is no matrix any more */
     free(copy);
     return 0;
 }
