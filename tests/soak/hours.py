@@ -15,7 +15,7 @@ COLUMNS = {"memory": ("KiB", 64), "threads": ("", 0.01), "handles": ("", 0.01), 
 volumes = collections.deque(maxlen=1 << 18) # of the steady subscriber: set, latency, spread
 def tend(all_of_them=False):
     s = lab.ask(cmd="status")
-    for what in recordings.tend(s, {v[0] for v in volumes}, all_of_them):
+    for what in recordings.tend(s, {v[0] for v in volumes.copy()}, all_of_them):
         lab.ask(cmd="record", what=what, action="start")
 
 tended = 0
@@ -43,7 +43,7 @@ def rest(pid):
     memory, threads, handles = lab.least_used(pid, REST_S)
     view_memory, _, view_handles = lab.used(view)
     took = time.monotonic() - t0
-    late = np.array([v for v in volumes if v[0] > first] or [(0, np.nan, np.nan)], float) * 1e-6
+    late = np.array([v for v in volumes.copy() if v[0] > first] or [(0, np.nan, np.nan)], float) * 1e-6
     s = lab.ask(cmd="status")
     lab.accounts(s)
     return whole, dict(hours=(time.monotonic() - begun) / 3600, memory=memory, threads=threads, handles=handles, recorder=recorder_kib(pid),
