@@ -13,6 +13,14 @@ void cli_arg_int(struct argp_state *st, const char *name, const char *text, int6
                    (long long)lo, (long long)hi);
 }
 
+int64_t cli_arg_whole(struct argp_state *st, const char *name, const char *text, int64_t lo,
+                      int64_t hi)
+{
+    int64_t v = lo;
+    cli_arg_int(st, name, text, lo, hi, &v);
+    return v;
+}
+
 double cli_arg_double(struct argp_state *st, const char *name, const char *text, double lo,
                       double hi)
 {

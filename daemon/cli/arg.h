@@ -11,6 +11,8 @@
 
 void cli_arg_int(struct argp_state *st, const char *name, const char *text, int64_t lo, int64_t hi,
                  int64_t *out);
+int64_t cli_arg_whole(struct argp_state *st, const char *name, const char *text, int64_t lo,
+                      int64_t hi);
 double cli_arg_double(struct argp_state *st, const char *name, const char *text, double lo,
                       double hi);
 /* "640x480": pixels across and down, lo to hi each. */

@@ -98,7 +98,7 @@ static error_t parse_pictures(int key, char *arg, struct argp_state *st)
             strcmp(arg, "auto") == 0 ? -1 : (float)cli_arg_double(st, "threshold", arg, 0, 1e6);
         return 0;
     case OPT_BLACK: photo->black = (float)cli_arg_double(st, "black", arg, 0, 1); return 0;
-    case OPT_MARGIN: photo->margin = (int32_t)cli_arg_double(st, "margin", arg, 0, 64); return 0;
+    case OPT_MARGIN: photo->margin = (int32_t)cli_arg_whole(st, "margin", arg, 0, 64); return 0;
     case OPT_GREY: o->grey = true; return 0;
     case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
     case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;

@@ -206,7 +206,7 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
         solve->solver = rec_solver_names()[cli_arg_choice(st, "solver", arg, rec_solver_names())];
         return 0;
     case OPT_ITER:
-        solve->iterations = (uint32_t)cli_arg_double(st, "iterations", arg, 1, 1e6);
+        solve->iterations = (uint32_t)cli_arg_whole(st, "iterations", arg, 1, 1000000);
         if (solve->stop == REC_STOP_AUTO)
             solve->stop = REC_STOP_ITERATIONS;
         return 0;
@@ -223,9 +223,9 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
             strcmp(arg, "auto") == 0 ? -1 : (float)cli_arg_double(st, "threshold", arg, 0, 1e6);
         return 0;
     case OPT_BLACK: photo->black = (float)cli_arg_double(st, "black", arg, 0, 1); return 0;
-    case OPT_MARGIN: photo->margin = (int32_t)cli_arg_double(st, "margin", arg, 0, 64); return 0;
+    case OPT_MARGIN: photo->margin = (int32_t)cli_arg_whole(st, "margin", arg, 0, 64); return 0;
     case OPT_MIN_VIEWS:
-        hull->min_views = (uint32_t)cli_arg_double(st, "min-views", arg, 1, REC_MAX_CAMERAS);
+        hull->min_views = (uint32_t)cli_arg_whole(st, "min-views", arg, 1, REC_MAX_CAMERAS);
         return 0;
     case OPT_HULL_RULE: hull->keep_partial = cli_arg_choice(st, "hull-rule", arg, rules); return 0;
     case OPT_STRICT: hull->keep_partial = 0; return 0;
@@ -285,9 +285,9 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_REPORT: o->report = arg; return 0;
     case OPT_CACHE: o->cache = arg; return 0;
     case OPT_FIRST:
-        o->first = (uint32_t)cli_arg_double(st, "first", arg, 0, FRAMES_IN_LAST);
+        o->first = (uint32_t)cli_arg_whole(st, "first", arg, 0, FRAMES_IN_LAST);
         return 0;
-    case OPT_LAST: o->last = (uint32_t)cli_arg_double(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
+    case OPT_LAST: o->last = (uint32_t)cli_arg_whole(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
     case OPT_GREY: o->grey = true; return 0;
     case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
     case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
@@ -306,15 +306,14 @@ static error_t parse(int key, char *arg, struct argp_state *st)
             o->fit_margin = cli_arg_double(st, "fit-volume", arg, 0, 1e6);
         return 0;
     case OPT_FIT_FRAMES:
-        o->fit_frames = strcmp(arg, "all") == 0
-                            ? 0
-                            : (uint32_t)cli_arg_double(st, "fit-frames", arg, 1, 999999);
+        o->fit_frames =
+            strcmp(arg, "all") == 0 ? 0 : (uint32_t)cli_arg_whole(st, "fit-frames", arg, 1, 999999);
         return 0;
     case OPT_SAVE_RIG: o->save_rig = arg; return 0;
     case OPT_ARRAY: parse_array(st, arg, o); return 0;
     case OPT_RESUME: o->resume = true; return 0;
     case OPT_JOIN: o->join = true; return 0;
-    case OPT_SLURM: o->slurm = (unsigned)cli_arg_double(st, "slurm", arg, 1, PARTS_MAX); return 0;
+    case OPT_SLURM: o->slurm = (unsigned)cli_arg_whole(st, "slurm", arg, 1, PARTS_MAX); return 0;
     case OPT_SBATCH: o->sbatch = arg; return 0;
     case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
     case ARGP_KEY_END:

@@ -225,14 +225,14 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_ORBIT:
         seen_from(state, RENDER_ORBIT);
-        o->views = (int)cli_arg_double(state, "orbit", arg, 1, 100000);
+        o->views = (int)cli_arg_whole(state, "orbit", arg, 1, 100000);
         return 0;
     case OPT_SIZE: cli_arg_size(state, "size", arg, 1, 8192, &o->width, &o->height); return 0;
     case OPT_ELEVATION:
         o->elevation_deg = cli_arg_double(state, "elevation", arg, -85, 85);
         return 0;
     case OPT_ROOM: o->room = true; return 0;
-    case OPT_SUB: o->sub = (int)cli_arg_double(state, "sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
+    case OPT_SUB: o->sub = (int)cli_arg_whole(state, "sub", arg, 1, REC_RENDER_SUB_MAX); return 0;
     case OPT_EXPOSURE:
         o->look.exposure = 0;
         if (strcmp(arg, "auto") != 0)
@@ -241,7 +241,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     case OPT_GAMMA: o->look.gamma = cli_arg_double(state, "gamma", arg, 0.1, 10); return 0;
     case OPT_TONE: parse_tone(state, arg); return 0;
     case OPT_DEPTH:
-        o->look.depth = (int)cli_arg_double(state, "depth", arg, 8, 16);
+        o->look.depth = (int)cli_arg_whole(state, "depth", arg, 8, 16);
         if (o->look.depth != 8 && o->look.depth != 16)
             argp_error(state, "--depth %s: should be 8 or 16", arg);
         return 0;
@@ -250,18 +250,16 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         if (film_kind(arg) != FILM_VIDEO)
             argp_error(state, "--video %s: a video is a .mp4, .mov, .mkv or .webm", arg);
         return 0;
-    case OPT_ROUNDS: o->rounds = (int)cli_arg_double(state, "rounds", arg, 1, 100000); return 0;
+    case OPT_ROUNDS: o->rounds = (int)cli_arg_whole(state, "rounds", arg, 1, 100000); return 0;
     case OPT_PATH:
         seen_from(state, RENDER_PATH);
         o->path = arg;
         return 0;
     case OPT_FORMAT: parse_format(state, arg); return 0;
-    case OPT_FPS: o->fps = (int)cli_arg_double(state, "fps", arg, 1, 100); return 0;
+    case OPT_FPS: o->fps = (int)cli_arg_whole(state, "fps", arg, 1, 100); return 0;
     case OPT_ANEW: o->anew = true; return 0;
     case OPT_QUIET: o->quiet = true; return 0;
-    case OPT_THREADS:
-        o->threads = (unsigned)cli_arg_double(state, "threads", arg, 0, 256);
-        return 0;
+    case OPT_THREADS: o->threads = (unsigned)cli_arg_whole(state, "threads", arg, 0, 256); return 0;
     case ARGP_KEY_ARGS: /* all that are left, after all options: sources, then where to */
         o->source = state->argv + state->next;
         o->n_sources = state->argc - state->next;
