@@ -12,6 +12,8 @@
 #include "daemon/cli/cli.h"
 #include "daemon/cli/reconstruct_active.h"
 #include "daemon/pipeline/volume_file.h"
+#include "daemon/pipeline/wire.h"
+#include "daemon/volumes/bricks.h"
 
 #define SHARE        0.03 /* of the rows of bins that are traced */
 #define LOOK_SECONDS 15.0
@@ -81,28 +83,66 @@ static pvx_err choose_part(struct plan *p, struct pvx_diag *d)
     return rec_sysmat_resolve(&m->rig, &larger, &m->p, d);
 }
 
-static pvx_err write_once(struct plan *p, struct measure *m, const rec_frame *f, struct pvx_diag *d)
+/* Into the folder that is planned for. */
+static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_frame *f,
+                            const float *dense, struct pvx_diag *d)
 {
-    struct rec_sparse v;
     char path[4300], json[4300];
-    if (p->o->out == NULL)
-        return PVX_OK;
-    rec_frame_volume(f, &v);
-    float *dense = pvx_calloc(rec_grid_count(&m->rig.grid) * (size_t)p->params->nch, sizeof *dense);
-    if (dense == NULL)
-        return pvx_fail(d, PVX_ENOMEM, "--plan: out of memory for a volume");
+    int64_t t0 = pvx_now_mono();
     snprintf(path, sizeof path, "%s/plan-%ld.npy", p->o->out, (long)getpid());
     snprintf(json, sizeof json, "%s/plan-%ld.json", p->o->out, (long)getpid());
     struct dmn_volume_meta meta = {
         .grid = m->rig.grid, .nch = p->params->nch, .report = rec_frame_get_report(f)};
-    int64_t t0 = pvx_now_mono();
-    rec_sparse_to_dense(&v, dense);
     pvx_err e = pvx_mkdirs(p->o->out, d);
     if (e == PVX_OK)
         e = dmn_volume_save(path, &meta, dense, d);
     m->write_s = seconds_since(t0);
     unlink(path);
     unlink(json);
+    return e;
+}
+
+/* Into a file beside the one that is planned for; the second of two, as the first comes with the file. */
+static pvx_err write_recording(const struct plan *p, struct measure *m, const float *dense,
+                               struct pvx_diag *d)
+{
+    struct vol_head head = {.rig = NULL};
+    struct vol_volume v = {.sample = PVP_F32};
+    struct vol_store store = {0};
+    vol_writer *w;
+    char path[4300];
+    snprintf(path, sizeof path, "%s.plan-%ld", p->o->out, (long)getpid());
+    dmn_wire_start(&m->rig, p->params->nch, 0, "pyrovox", &head.start);
+    v.v.grid = head.start.grid;
+    PVX_TRY(vol_writer_open(VOL_HDF5, path, &head, NULL, &w, d));
+    pvx_err e = PVX_OK;
+    for (; v.v.set < 2 && e == PVX_OK; v.v.set++) {
+        int64_t t0 = pvx_now_mono();
+        e = vol_from_dense(&store, &v.v.grid, dense);
+        v.n_bricks = store.n;
+        v.ids = store.ids;
+        v.brick = store.brick;
+        if (e == PVX_OK)
+            e = vol_writer_put(w, &v, d);
+        m->write_s = seconds_since(t0);
+    }
+    pvx_err closing = vol_writer_close(&w, d);
+    vol_store_free(&store);
+    unlink(path);
+    return e == PVX_OK ? closing : e;
+}
+
+static pvx_err write_once(struct plan *p, struct measure *m, const rec_frame *f, struct pvx_diag *d)
+{
+    struct rec_sparse v;
+    if (p->o->out == NULL)
+        return PVX_OK;
+    rec_frame_volume(f, &v);
+    float *dense = pvx_calloc(rec_grid_count(&m->rig.grid) * (size_t)p->params->nch, sizeof *dense);
+    if (dense == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "--plan: out of memory for a volume");
+    rec_sparse_to_dense(&v, dense);
+    pvx_err e = p->o->recording ? write_recording(p, m, dense, d) : write_folder(p, m, f, dense, d);
     free(dense);
     return e;
 }
@@ -253,8 +293,9 @@ static void print(const struct plan *p, const struct reconstruct_need *need, boo
            f->seen.sets < p->in->n
                ? ", if the sets that were not looked at have flame where these have"
                : "");
-    printf("disk: %.3g GB of volumes (float, %d channel%s)\n", disk * 1e-9, p->params->nch,
-           p->params->nch == 1 ? "" : "s");
+    printf("disk: %s%.3g GB of volumes (float, %d channel%s)%s\n",
+           p->o->recording ? "at most " : "", disk * 1e-9, p->params->nch,
+           p->params->nch == 1 ? "" : "s", p->o->recording ? ", less where there is no flame" : "");
     say_nodes(p, once, each);
 }
 
