@@ -434,6 +434,8 @@ static int join(const struct job *j, int code)
     code = ranks_worst(&j->ranks, code);
     if (j->ranks.rank > 0 || cli_stop || (j->ranks.n == 1 && !reconstruct_join_is_due(o->out)))
         return code;
+    if (code != 0 && !reconstruct_join_has_job(o->out)) /* nothing was begun */
+        return code;
     int joined = reconstruct_join(o->out);
     return code != 0 ? code : joined;
 }
@@ -468,6 +470,10 @@ static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_dia
     if (o->parts > 0 || o->slurm > 0 || o->plan) /* each was told its part */
         return PVX_OK;
     PVX_TRY(ranks_open(&j->ranks, d));
+    if (j->ranks.n == 1 && o->resume)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--resume goes on with parts: say --array I/N, --slurm N or mpirun -n N as "
+                        "before; one process that is to be gone on with is --array 1/1");
     if (j->ranks.n == 1)
         return PVX_OK;
     if (!o->recording)

@@ -14,6 +14,15 @@
 
 #define SEAM_WRONG 0.02 /* of the volume: more than a few sets' memory leaves */
 
+bool reconstruct_join_has_job(const char *out)
+{
+    struct parts_job j;
+    bool has = parts_load(out, &j, NULL) == PVX_OK;
+    if (has)
+        parts_free(&j);
+    return has;
+}
+
 bool reconstruct_join_is_due(const char *out)
 {
     struct parts_job j;

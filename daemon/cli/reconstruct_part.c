@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "daemon/cli/cli.h"
+#include "daemon/volumes/join.h"
 
 #define EARLY \
     5 /* sets: after as many, what a warm start or a temporal term began with is forgotten */
@@ -69,6 +70,7 @@ pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstr
         p->path = strdup(o->out);
         return p->path != NULL ? vol_writer_check(VOL_HDF5, o->out, d) : PVX_ENOMEM;
     }
+    PVX_TRY(vol_join_check(o->out, d)); /* not when all is solved */
     PVX_TRY(is_whole(o, in, d));
     PVX_TRY(name_job(p, o, rig, in, d));
     if (o->part == 0) /* only begun, for others (reconstruct_slurm.h) */

@@ -260,8 +260,7 @@ static pvx_err join(struct joining *w, size_t *missing, struct pvx_diag *d)
     return write_out(w, *missing, d);
 }
 
-/* Only what was joined before is written over. */
-static pvx_err may_replace(const char *path, struct pvx_diag *d)
+pvx_err vol_join_check(const char *path, struct pvx_diag *d)
 {
     return access(path, F_OK) != 0 || vol_joined_reader.is(path)
                ? PVX_OK
@@ -274,7 +273,7 @@ pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
     struct joining w = {.j = j};
     take_h5_init();
     *missing = j->n;
-    PVX_TRY(may_replace(j->out, d));
+    PVX_TRY(vol_join_check(j->out, d));
     w.count = pvx_calloc(j->n_parts, sizeof *w.count);
     w.at = pvx_calloc(j->n, sizeof *w.at);
     w.row = pvx_calloc(j->n, sizeof *w.row);

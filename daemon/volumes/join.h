@@ -19,6 +19,8 @@ struct vol_join {
     const uint64_t *number; /* [n] ascending: the sets that there are to be */
     size_t n;
 };
+/* Only what was joined before is written over: PVX_EBUSY, something else has that name. */
+PVX_MUST_CHECK pvx_err vol_join_check(const char *path, struct pvx_diag *d);
 /* *missing: of the sets, those that no part has; sets that a part lists as a gap are not wanted any more.
  * Errors: PVX_ENOENT (no part has a volume), PVX_EFORMAT (a part is of another recording: names it), those of
  * vol_reader_open for a part, PVX_EBUSY (out is there and is no joined recording), PVX_ENOSPC, PVX_EIO, PVX_ENOMEM. */
