@@ -96,7 +96,7 @@ static bool triple(const cJSON *o, const char *key, double out[3])
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, key);
     for (int a = 0; a < 3; a++) {
         const cJSON *v = cJSON_GetArrayItem(list, a);
-        if (!cJSON_IsNumber(v) || !isfinite(v->valuedouble) || fabs(v->valuedouble) > 1e9)
+        if (!cJSON_IsNumber(v) || !isfinite(v->valuedouble) || fabs(v->valuedouble) >= 1e9)
             return false;
         out[a] = v->valuedouble;
     }
@@ -164,8 +164,11 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
         g->max[a] = g->min[a] + h[a] * g->n[a];
     }
     if (ok) {
-        bool wire = cJSON_HasObjectItem(o, "set");
         g->channels = (uint32_t)shape[3];
+        ok = pvp_grid_valid(g);
+    }
+    if (ok) {
+        bool wire = cJSON_HasObjectItem(o, "set");
         g->basis = strcmp(basis, "trilinear") == 0;
         v->set = (uint64_t)whole(text, wire ? "set" : "frame");
         v->t_exposure_ns = whole(text, wire ? "t_exposure_ns" : "time_ns");

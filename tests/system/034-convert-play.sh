@@ -192,6 +192,8 @@ refused() {
     cp -r "$dir/made" "$dir/other"
     "$py" -c 'import sys, numpy as np; np.save(sys.argv[1], np.load(sys.argv[1])[:4])' "$dir/other/000005.npy"
     run "$pyrovox" convert "$dir/other" "$dir/x2.h5"; says 1 "set 5" grid || return 1
+    cp -r "$dir/made" "$dir/flat" && sed -i -z 's/"spacing":[^]]*]/"spacing": [1e-300, 1e-300, 1e-300]/' "$dir"/flat/*.json
+    run "$pyrovox" convert "$dir/flat" "$dir/x5.h5"; says 1 "does not describe the .npy beside it" || return 1
     mkdir "$dir/bin" && cp "$pyrovox" "$dir/bin/" # without its modules
     run "$dir/bin/pyrovox" record --format vdb --out "$dir/x3"; says 1 libopenvdb10.0 "npy and hdf5 work without" || return 1
     run "$dir/bin/pyrovox" convert "$dir/vdb" "$dir/x4.h5"; says 1 libopenvdb10.0
