@@ -159,7 +159,14 @@ static pvx_err convert(struct convert *c, struct pvx_diag *d)
     vol_writer *w = NULL;
     struct pvx_diag closing = {""};
     PVX_TRY(vol_reader_open(c->in, &r, d));
-    if (vol_reader_cut(r))
+    if (vol_reader_unsolved(r) > 0)
+        fprintf(
+            stderr,
+            "pyrovox: %s: %llu of its sets are not solved, or their part is not there: `pyrovox "
+            "reconstruct --join --out FILE` says which; %llu volumes are there\n",
+            c->in, (unsigned long long)vol_reader_unsolved(r),
+            (unsigned long long)vol_reader_count(r));
+    else if (vol_reader_cut(r))
         fprintf(stderr, "pyrovox: %s was cut off, or is being written: %llu volumes are whole\n",
                 c->in, (unsigned long long)vol_reader_count(r));
     pvx_err e =

@@ -201,6 +201,11 @@ static pvx_err open_recording(struct play *p, struct pvx_diag *d)
         fprintf(stderr, "playing %llu volumes of %u x %u x %u x %u at %s\n",
                 (unsigned long long)vol_reader_count(p->in), s->grid.n[0], s->grid.n[1],
                 s->grid.n[2], s->grid.channels, p->endpoint);
+    if (!p->quiet && vol_reader_unsolved(p->in) > 0)
+        fprintf(stderr,
+                "pyrovox: %s: %llu of its sets are not solved, or their part is not there, and are "
+                "skipped\n",
+                p->file, (unsigned long long)vol_reader_unsolved(p->in));
     return vol_voxels_new(&s->grid, &p->voxels);
 }
 

@@ -73,7 +73,9 @@ static pvx_err find_sources(const struct render_options *o, struct sources *s, s
         pvx_err e = is_folder(o->source[i]) ? add_folder(s, o->source[i], d)
                     : ends_in(o->source[i], ".npy")
                         ? add(s, "", o->source[i])
-                        : pvx_fail(d, PVX_EINVAL, "%s: a volume is a .npy file or a folder of them",
+                        : pvx_fail(d, PVX_EINVAL,
+                                   "%s: a volume is a .npy file or a folder of them; of a "
+                                   "recording `pyrovox convert --format npy` makes such a folder",
                                    o->source[i]);
         if (e != PVX_OK)
             return e;

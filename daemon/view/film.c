@@ -125,9 +125,11 @@ static void stats(void *self, struct view_source_stats *out)
     const struct film *f = self;
     *out = (struct view_source_stats){.received = f->sequence, .malformed = f->bad};
     snprintf(out->words, sizeof out->words,
-             "\"film\":{\"count\":%llu,\"at\":%llu,\"playing\":%s,\"speed\":%g,\"cut\":%s}",
+             "\"film\":{\"count\":%llu,\"at\":%llu,\"playing\":%s,\"speed\":%g,\"cut\":%s,"
+             "\"unsolved\":%llu}",
              (unsigned long long)f->count, (unsigned long long)f->shown,
-             f->playing ? "true" : "false", f->speed, vol_reader_cut(f->in) ? "true" : "false");
+             f->playing ? "true" : "false", f->speed, vol_reader_cut(f->in) ? "true" : "false",
+             (unsigned long long)vol_reader_unsolved(f->in));
 }
 
 static void film_free(void *self)

@@ -84,6 +84,15 @@ const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k)
     return r->ops->gap != NULL ? r->ops->gap(r->self, k) : NULL;
 }
 
+uint64_t vol_reader_unsolved(const vol_reader *r)
+{
+    const struct vol_gap *g;
+    uint64_t n = 0;
+    for (uint64_t k = 0; (g = vol_reader_gap(r, k)) != NULL; k++)
+        n += g->why == VOL_GAP_UNSOLVED ? g->volumes : 0;
+    return n;
+}
+
 void vol_reader_close(vol_reader **rp)
 {
     if (*rp == NULL)

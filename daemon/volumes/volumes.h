@@ -84,6 +84,8 @@ PVX_MUST_CHECK pvx_err vol_reader_get(vol_reader *r, uint64_t k, struct vol_volu
                                       struct pvx_diag *d);
 /* Gaps, in order; NULL at the end. */
 const struct vol_gap *vol_reader_gap(const vol_reader *r, uint64_t k);
+/* Sets that are to come: of a recording in parts, those that no part has (join.h). */
+uint64_t vol_reader_unsolved(const vol_reader *r);
 void vol_reader_close(vol_reader **r);
 
 /* A folder (npy, vdb, nvdb) that was cut off is finished where it is: files that are damaged are put aside as

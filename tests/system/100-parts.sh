@@ -35,8 +35,16 @@ assert all(np.array_equal(np.load(f), v) for f, v in zip(files, e)), "not those 
 P
 }
 check one_file one_file
-not_over() { solve --out one.h5; says 1 'one.h5: is there already'; }
+not_over() { # nor found out when all is solved
+    solve --out one.h5; says 1 'one.h5: is there already' || return 1
+    solve --out one.h5 --array 1/2; says 1 'one.h5: is there already, and not made of parts' && [ ! -e one.h5.parts ]
+}
 check nothing_is_written_over not_over
+planned() { # nothing of it stays where the recording is to be, nor is one in its way
+    solve --out plan.h5 --plan; says 0 'memory:' 'disk: at most' && [ -z "$(ls -d plan.h5* 2> /dev/null)" ] || return 1
+    solve --out one.h5 --plan; says 0 'memory:' && [ "$(ls -d one.h5*)" = one.h5 ]
+}
+check a_plan_leaves_nothing planned
 
 parts() {
     local i
@@ -70,6 +78,16 @@ assert len(r) == 12 and not r.gaps, (len(r), r.gaps)'
 check read_by_all read_by_all
 python_sees_what_is_missing() {
     mv three.h5.parts/part-0002-of-0003.h5 aside.h5
+    # since it was joined
+    run env PYTHONPATH="$here/proto/clients/python:$here/proto/clients" "$py" -c '
+import pyrovox
+try: pyrovox.open("three.h5")[5].dense
+except pyrovox.BadRecording as e: print(e)'
+    says 0 'set 5 is not there: its part, in three.h5.parts, is gone' || return 1
+    run "$pyrovox" convert --format npy three.h5 eight; says 0 '4 of its sets are not solved, or their part is not there' '8 volumes in eight' || return 1
+    start play.log "$pyrovox" play three.h5 --speed 0 --endpoint "$volumes"
+    wait_for grep -q '4 of its sets are not solved, or their part is not there, and are skipped' play.log || return 1
+    kill -INT "$started"; wait "$started"
     run "$pyrovox" reconstruct --out three.h5 --join
     says 1 '8 of 12 sets' || return 1
     run env PYTHONPATH="$here/proto/clients/python:$here/proto/clients" "$py" -c '
@@ -89,7 +107,7 @@ ranks() {
     run mpirun --oversubscribe -n 2 "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --quiet --out ranks.h5
     says 0 'ranks.h5: 12 of 12 sets, 2 of 2 parts' && bits one.h5 ranks.h5 || return 1
     run mpirun --oversubscribe -n 2 "$pyrovox" reconstruct --rig rig.yaml --frames nowhere --out x.h5 --quiet
-    [ "$code" != 0 ] && grep -q nowhere <<< "$out"
+    [ "$code" != 0 ] && grep -q nowhere <<< "$out" && ! grep -q 'x.h5.parts' <<< "$out"
 }
 check ranks_of_mpirun ranks
 
@@ -162,7 +180,11 @@ wrong() {
     solve --out folder --array 1/2; says 2 '--out FILE.h5' || return 1
     solve --out x.h5 --array 3/2; says 2 'part I, from 1, of N' || return 1
     solve --out x.h5 --array 1/40; says 1 '40 parts, but there are only' || return 1
-    run "$pyrovox" reconstruct --out nothing.h5 --join; says 1 nothing.h5.parts/job.json
+    run "$pyrovox" reconstruct --out nothing.h5 --join; says 1 nothing.h5.parts/job.json || return 1
+    solve --out x.h5 --resume; says 1 'say --array I/N' && [ ! -e x.h5 ] || return 1
+    solve --out x.h5 --slurm 1.5; says 2 '--slurm 1.5: should be a whole number' || return 1
+    solve --out x --margin 0.5; says 2 '--margin 0.5: should be a whole number' || return 1
+    run "$pyrovox" render one.h5 x.png --angle 0; says 1 'pyrovox convert'
 }
 check wrong_use_is_told wrong
 

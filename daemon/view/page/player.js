@@ -18,7 +18,8 @@ export class Player {
     this.bar.max = f.count - 1;
     this.at(f.at);
     this.box.classList.toggle("cut", f.cut);
-    this.words.title = f.cut ? "the recording was cut off: it is shown as far as it is whole" : "";
+    this.words.title = f.unsolved ? `${f.unsolved} sets are not solved yet and are left out`
+      : f.cut ? "the recording was cut off: it is shown as far as it is whole" : "";
   }
   at(k) {
     if (performance.now() - (this.held || 0) > 300) this.bar.value = k;

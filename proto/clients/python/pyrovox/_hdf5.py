@@ -180,6 +180,9 @@ class File:
                 raise ValueError(f"{self.path}: was closed")
             with reading(self.path):
                 planes = np.asarray(self.emission[at, z0:z1], np.float32)
+                if self.emission.is_virtual and np.isnan(planes).all():
+                    raise self.fail(f"set {int(row['number'])} is not there: its part, in {self.path}.parts, is gone or "
+                                    "was written anew since they were joined")
                 if not np.isfinite(planes).all():
                     raise self.fail(f"set {int(row['number'])} has a value that is not finite")
                 return planes

@@ -29,7 +29,8 @@ class CutOff(BadRecording):
 
 @dataclass(frozen=True)
 class Gap:
-    """Sets that are missing: `why` is lost (on the way), queue (the writer was slower) or unreadable.
+    """Sets that are missing: `why` is lost (on the way), queue (the writer was slower), unreadable, or unsolved (of a
+    recording in parts: not solved yet).
 
     >>> Gap("lost", 10, 12, 3).volumes       # how many are known to be missing
     3
