@@ -13,6 +13,11 @@ check comes-back-always unit StartLimitIntervalSec=0 # with what it was doing: 0
 check comes-back-after-any-end unit Restart=on-failure
 check remembers unit StateDirectory=pyrovox
 view_unit() { grep -qx "$1" "$dir/root/lib/systemd/system/pyrovox-view.service"; }
+promised() { # what is said to who asks about security
+    local c
+    for c in $(grep -o 'CAP_[A-Z_]*' .github/SECURITY.md); do unit "CapabilityBoundingSet=.*$c.*" || { echo "  the unit has no $c"; return 1; }; done
+}
+check capabilities-as-SECURITY.md-says promised
 check view-has-a-user-of-its-own view_unit User=pyrovox-view
 check view-keeps-its-token-to-itself view_unit StateDirectoryMode=0700
 check socket-of-its-control grep -qx 'ListenStream=/run/pyrovox/control' "$dir/root/lib/systemd/system/pyrovoxd.socket"
