@@ -307,20 +307,26 @@ static pvx_err bin_some(struct frames_in *f, bool floats, const char *dir, float
     return e;
 }
 
-pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, struct pvx_diag *d)
+bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size)
 {
     static const char *const ext[] = {"npy", "tif", "tiff", "png"};
+    bool is = false;
+    for (size_t i = 0; i < sizeof ext / sizeof ext[0] && !is; i++) {
+        snprintf(path, size, "%s/%s.%s", dir, camera, ext[i]);
+        is = access(path, F_OK) == 0;
+    }
+    return is;
+}
+
+pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, struct pvx_diag *d)
+{
     char path[PATH_ROOM];
     pvx_err e = PVX_OK;
     size_t n = 0;
     for (; n < f->rig->n_cameras && e == PVX_OK; n++) {
         const char *name = f->rig->cameras[n].name;
-        size_t i = 0;
         f->loaded[n] = (struct cap_loaded){0};
-        do
-            snprintf(path, sizeof path, "%s/%s.%s", dir, name, ext[i]);
-        while (access(path, F_OK) != 0 && ++i < sizeof ext / sizeof ext[0]);
-        if (i == sizeof ext / sizeof ext[0])
+        if (!frames_in_background_file(dir, name, path, sizeof path))
             e = pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s",
                          dir, name, name);
         if (e == PVX_OK)

@@ -70,6 +70,8 @@ float *frames_in_room(const struct frames_in *f, size_t c);
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out);
 /* The same into a frame that was reset. */
 uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame);
+/* DIR/<camera>.npy, .tif, .tiff or .png, the first that is there; false: none is. */
+bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size);
 /* DIR/<camera>.(npy|tif|tiff|png) of every camera, the same way; but .npy of floats are what
  * `calibrate background` wrote, with the rig's photometry in them.  Owner of each out[camera]: caller, free(),
  * after an error too. */

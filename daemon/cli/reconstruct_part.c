@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include "base/file.h"
 #include "daemon/cli/cli.h"
@@ -13,6 +14,34 @@
 
 #define EARLY \
     5 /* sets: after as many, what a warm start or a temporal term began with is forgotten */
+
+/* Of what the rig's text or an option names, without saying what is in it; 0: nothing. */
+static uint64_t hash_masks(const struct rec_rig *rig, const dmn_photometry *light)
+{
+    uint64_t h = 0;
+    for (size_t c = 0; c < rig->n_cameras; c++) {
+        const struct cap_photometry *of = dmn_photometry_of(light, c);
+        size_t n = (size_t)rig->cameras[c].width * (size_t)rig->cameras[c].height;
+        if (of != NULL && of->mask != NULL)
+            h = XXH3_64bits_withSeed(of->mask, n, h + c);
+    }
+    return h;
+}
+
+static pvx_err hash_background(const char *dir, const struct rec_rig *rig, uint64_t *h,
+                               struct pvx_diag *d)
+{
+    *h = 0;
+    for (size_t c = 0; c < rig->n_cameras && dir != NULL; c++) {
+        char path[PATH_MAX];
+        uint64_t one[2] = {*h, 0};
+        if (!frames_in_background_file(dir, rig->cameras[c].name, path, sizeof path))
+            continue; /* said when it is read */
+        PVX_TRY(dmn_photometry_hash(path, &one[1], d));
+        *h = XXH3_64bits(one, sizeof one);
+    }
+    return PVX_OK;
+}
 
 static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_options *o,
                         const struct rec_rig *rig, const struct frames_in *in, struct pvx_diag *d)
@@ -26,13 +55,20 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
         return e;
     }
     memcpy(number, in->number, in->n * sizeof *number);
-    char *options = NULL, real[PATH_MAX], what[PATH_MAX + 40];
+    char *options = NULL, real[PATH_MAX], what[PATH_MAX + 40], within[120] = "";
+    uint64_t masks = hash_masks(rig, in->light), background;
+    e = hash_background(o->background, rig, &background, d);
+    if (masks != 0)
+        snprintf(within, sizeof within, "in the masks: %016llx\n", (unsigned long long)masks);
+    if (background != 0)
+        snprintf(within + strlen(within), sizeof within - strlen(within),
+                 "in --background: %016llx\n", (unsigned long long)background);
     if (in->take != NULL)
         snprintf(what, sizeof what, "take of session %016llx",
                  (unsigned long long)cap_take_info(in->take)->head.session);
     else
         snprintf(what, sizeof what, "%s", basename(realpath(o->frames, real) != NULL ? real : ""));
-    if (asprintf(&options, "%s--frames %s\n", o->said, what) < 0)
+    if (asprintf(&options, "%s--frames %s\n%s", o->said, what, within) < 0)
         options = NULL;
     p->job = (struct parts_job){.out = o->out,
                                 .n = o->parts,
@@ -40,8 +76,8 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
                                 .options = options,
                                 .number = number,
                                 .n_sets = in->n};
-    if (p->job.options == NULL)
-        return PVX_ENOMEM;
+    if (e != PVX_OK || p->job.options == NULL)
+        return e != PVX_OK ? e : PVX_ENOMEM;
     if (o->parts > in->n)
         return pvx_fail(d, PVX_EINVAL, "%u parts, but there are only %zu frame sets", o->parts,
                         in->n);

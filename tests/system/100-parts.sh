@@ -176,6 +176,20 @@ refused() {
     solve --out three.h5 --array 1/3 --resume; says 1 'begun with 12 frame sets, now there are 11'
 }
 check another_job_is_refused refused
+drawn_anew() { # what options and rig.yaml only name
+    local two=(run "$pyrovox" reconstruct --rig masked.yaml --frames drawn --black 0.02 --grid 24 --quiet --background empty --out drawn.h5 --array)
+    masks() { "$py" -c 'import sys, numpy as np; a = np.full((72, 96), 255, "u1"); a[:, :int(sys.argv[1])] = 0; np.save("mask.npy", a)' "$1"; }
+    run "$pyrovox" simcams --rig rig.yaml --ring 4 --write-frames drawn; says 0 || return 1
+    sed '0,/^    t: .*/s//&\n    photometry: { mask: mask.npy }/' rig.yaml > masked.yaml && masks 1 || return 1
+    "$py" -c 'import os, numpy as np
+os.mkdir("empty")
+for c in range(4): np.save("empty/cam%d.npy" % c, np.zeros((72, 96, 3), "u1"))' || return 1
+    "${two[@]}" 1/2; says 0 || return 1
+    masks 40; "${two[@]}" 2/2; says 1 "then 'in the masks: " || return 1
+    masks 1; "$py" -c 'import numpy as np; np.save("empty/cam2.npy", np.full((72, 96, 3), 9, "u1"))'
+    "${two[@]}" 2/2; says 1 "then 'in --background: "
+}
+check what_is_drawn_anew_is_refused drawn_anew
 wrong() {
     solve --out folder --array 1/2; says 2 '--out FILE.h5' || return 1
     solve --out x.h5 --array 3/2; says 2 'part I, from 1, of N' || return 1
