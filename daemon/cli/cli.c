@@ -31,6 +31,8 @@ int cli_error(const struct pvx_diag *d, pvx_err e)
 bool cli_progress(void *ctx, double done)
 {
     struct cli_progress *p = ctx;
+    if (p->quiet)
+        return !cli_stop;
     int tty = isatty(STDERR_FILENO);
     if (p->t0 == 0)
         p->t0 = pvx_now_mono();

@@ -29,6 +29,7 @@ int cli_error(const struct pvx_diag *d, pvx_err e);
  * a struct cli_progress; returns false once cli_stop is set. */
 struct cli_progress {
     const char *label;
+    bool quiet; /* nothing is said; work is still stopped */
     double last;
     long long t0;
 };

@@ -71,7 +71,7 @@ static void add_slabs(const rec_sysmat *outline, struct reconstruct_seen *out)
 static pvx_err mark_sets(const struct reconstruct_look *l, struct silhouettes *see, rec_hull *hull,
                          const rec_sysmat *outline, uint8_t *brick, struct reconstruct_seen *out)
 {
-    struct cli_progress bar = {.label = "silhouettes"};
+    struct cli_progress bar = {.label = "silhouettes", .quiet = l->quiet};
     size_t all = l->in->n, n = l->sets > 0 && l->sets < all ? l->sets : all;
     int64_t t0 = pvx_now_mono();
     for (size_t k = 0; k < n; k++) {
@@ -82,9 +82,7 @@ static pvx_err mark_sets(const struct reconstruct_look *l, struct silhouettes *s
             rec_hull_bricks(hull, &l->params->hull, see->lit, see->believed, l->pool, brick);
         add_set(outline, brick, bricks, out);
         out->seconds = (double)(pvx_now_mono() - t0) * 1e-9;
-        if (!l->quiet)
-            cli_progress(&bar, (double)(k + 1) / (double)n);
-        if (cli_stop)
+        if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
     }
     return PVX_OK;
@@ -126,7 +124,7 @@ static pvx_err prepare(const struct reconstruct_options *o, const struct reconst
     struct reconstruct_seen seen;
     struct rec_active_estimate e;
     struct reconstruct_need need;
-    struct cli_progress bar = {.label = "estimate"};
+    struct cli_progress bar = {.label = "estimate", .quiet = o->quiet};
     PVX_TRY(frames_in_begin(all->in, outline->binning, o->reading.mosaic, d));
     PVX_TRY(reconstruct_mark(all, outline, &seen, d));
     if (seen.bricks_most == 0)
@@ -135,8 +133,7 @@ static pvx_err prepare(const struct reconstruct_options *o, const struct reconst
                         "--threshold too high, or --black or --background brighter than the flame?",
                         seen.sets);
     PVX_TRY(rec_sysmat_estimate_active(rig, outline, SHARE, all->pool,
-                                       (struct rec_progress){o->quiet ? NULL : cli_progress, &bar},
-                                       &e, d));
+                                       (struct rec_progress){cli_progress, &bar}, &e, d));
     reconstruct_need(o, rig, all->params, &e, &seen, &need);
     fprintf(stderr,
             "pyrovox: active part: %.1f %% of the %dx%dx%d voxels, of %.3g entries in all about "
@@ -157,8 +154,9 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
                            const struct rec_frame_params *p, pvx_pool *pool,
                            const struct rec_rig *rig, rec_sysmat **out, struct pvx_diag *d)
 {
-    struct cli_progress bar = {.label = "system matrix"};
-    const struct rec_progress progress = {o->quiet ? NULL : cli_progress, &bar};
+    struct cli_progress bar = {.label = "system matrix", .quiet = o->quiet};
+    struct cli_progress bricks = {.label = "bricks", .quiet = o->quiet};
+    const struct rec_progress progress = {cli_progress, &bar};
     struct rec_sysmat_params r;
     rec_sysmat *outline;
     *out = NULL;
@@ -174,7 +172,8 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
         whole * 1e-9, room * 1e-9, in->n);
     const struct reconstruct_look all = {
         .in = in, .params = p, .background = o->background, .pool = pool, .quiet = o->quiet};
-    PVX_TRY(rec_sysmat_outline(rig, &r, pool, &outline, d));
+    PVX_TRY(rec_sysmat_outline(rig, &r, pool, (struct rec_progress){cli_progress, &bricks},
+                               &outline, d));
     /* the whole one would be there once for all processes of a node, a part is each one's own */
     pvx_err e = prepare(o, &all, rig, room / o->node_n, outline, d);
     if (e == PVX_OK)

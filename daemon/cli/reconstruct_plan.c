@@ -53,8 +53,11 @@ static double seconds_since(int64_t t0)
 static pvx_err look(struct plan *p, struct measure *m, const struct reconstruct_look *how,
                     struct pvx_diag *d)
 {
+    struct cli_progress bricks = {.label = "bricks", .quiet = p->o->quiet},
+                        estimate = {.label = "estimate", .quiet = p->o->quiet};
     int64_t t0 = pvx_now_mono();
-    PVX_TRY(rec_sysmat_outline(&m->rig, &m->p, p->pool, &m->outline, d));
+    PVX_TRY(rec_sysmat_outline(&m->rig, &m->p, p->pool,
+                               (struct rec_progress){cli_progress, &bricks}, &m->outline, d));
     m->outline_s = seconds_since(t0);
     PVX_TRY(frames_in_begin(p->in, m->p.binning, p->o->reading.mosaic, d));
     PVX_TRY(reconstruct_mark(how, m->outline, &m->seen, d));
@@ -62,8 +65,8 @@ static pvx_err look(struct plan *p, struct measure *m, const struct reconstruct_
     if (m->seen.bricks_most == 0)
         return pvx_fail(d, PVX_ENOENT, "--plan: no flame in %zu frame sets evenly spread",
                         m->seen.sets);
-    return rec_sysmat_estimate_active(&m->rig, m->outline, SHARE, p->pool, (struct rec_progress){0},
-                                      &m->e, d);
+    return rec_sysmat_estimate_active(&m->rig, m->outline, SHARE, p->pool,
+                                      (struct rec_progress){cli_progress, &estimate}, &m->e, d);
 }
 
 /* The planned grid, halved until its matrix is built in no time, with bins as much larger as they may be. */
@@ -176,9 +179,10 @@ static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struc
 static pvx_err solve(struct plan *p, struct measure *m, struct pvx_diag *d)
 {
     rec_frame *f = NULL;
+    struct cli_progress bar = {.label = "system matrix", .quiet = p->o->quiet};
     int64_t t0 = pvx_now_mono();
-    PVX_TRY(
-        rec_sysmat_build_active(&m->rig, &m->outline, p->pool, (struct rec_progress){0}, &m->S, d));
+    PVX_TRY(rec_sysmat_build_active(&m->rig, &m->outline, p->pool,
+                                    (struct rec_progress){cli_progress, &bar}, &m->S, d));
     m->build_s = seconds_since(t0);
     PVX_TRY(rec_frame_alone(m->S, &m->rig, p->params, p->pool, &f, d));
     pvx_err e = solve_sets(p, m, f, d);

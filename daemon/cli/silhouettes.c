@@ -30,7 +30,7 @@ static pvx_err new_matrix(const struct rec_rig *in, int32_t binning, pvx_pool *p
     memcpy(whole.min, rig->grid.min, sizeof whole.min);
     memcpy(whole.max, rig->grid.max, sizeof whole.max);
     PVX_TRY(rec_fit_grid(&in->grid, &whole, n, &rig->grid));
-    PVX_TRY(rec_sysmat_outline(rig, &one, pool, &outline, d));
+    PVX_TRY(rec_sysmat_outline(rig, &one, pool, (struct rec_progress){0}, &outline, d));
     return rec_sysmat_build_active(rig, &outline, pool, (struct rec_progress){0}, S, d);
 }
 

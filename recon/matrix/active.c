@@ -129,7 +129,8 @@ static pvx_err outline_camera(rec_sysmat *m, const struct rec_rig *rig,
 }
 
 pvx_err rec_sysmat_outline(const struct rec_rig *rig, const struct rec_sysmat_params *p,
-                           pvx_pool *pool, rec_sysmat **out, struct pvx_diag *d)
+                           pvx_pool *pool, struct rec_progress progress, rec_sysmat **out,
+                           struct pvx_diag *d)
 {
     struct rec_sysmat_params r;
     *out = NULL;
@@ -143,10 +144,16 @@ pvx_err rec_sysmat_outline(const struct rec_rig *rig, const struct rec_sysmat_pa
     }
     rec_sysmat_window_frame(m);
     e = rec_active_new(&m->grid, &m->active);
-    for (size_t c = 0; c < m->n_cameras && e == PVX_OK; c++)
+    for (size_t c = 0; c < m->n_cameras && e == PVX_OK; c++) {
         e = outline_camera(m, rig, &r, c, pool);
+        if (e == PVX_OK && progress.call != NULL &&
+            !progress.call(progress.ctx, (double)(c + 1) / (double)m->n_cameras))
+            e = PVX_ECANCELED;
+    }
     if (e != PVX_OK) {
         rec_sysmat_free(&m);
+        if (e == PVX_ECANCELED)
+            return pvx_fail(d, e, "stopped while bricks were looked for");
         return pvx_fail(d, e, "out of memory for the bricks of %d x %d x %d voxels", rig->grid.n[0],
                         rig->grid.n[1], rig->grid.n[2]);
     }

@@ -53,10 +53,11 @@ static inline uint32_t rec_active_rank(const struct rec_active *a, size_t voxel)
     return a->rank[voxel / 64] + (uint32_t)__builtin_popcountll(before);
 }
 
-/* No brick marked, no windows, no coarser levels.  Errors: as rec_sysmat_build. */
+/* No brick marked, no windows, no coarser levels.  Errors: as rec_sysmat_build, canceled between two cameras. */
 PVX_MUST_CHECK pvx_err rec_sysmat_outline(const struct rec_rig *rig,
                                           const struct rec_sysmat_params *p, pvx_pool *pool,
-                                          rec_sysmat **out, struct pvx_diag *d);
+                                          struct rec_progress progress, rec_sysmat **out,
+                                          struct pvx_diag *d);
 
 /* What building it would take, from a share of the rows of bins, evenly spread over each camera's, that are traced as
  * they would be. */

@@ -34,7 +34,8 @@ static void bed_build(struct bed *b)
 {
     struct pvx_diag d = {""};
     T_EQ_I(rec_sysmat_build(&b->rig, &b->p, b->pool, NULL, NULL, &b->whole, &d), PVX_OK);
-    T_EQ_I(rec_sysmat_outline(&b->rig, &b->p, b->pool, &b->outline, &d), PVX_OK);
+    T_EQ_I(rec_sysmat_outline(&b->rig, &b->p, b->pool, (struct rec_progress){0}, &b->outline, &d),
+           PVX_OK);
     T_EQ_S(d.text, "");
     if (b->whole == NULL || b->outline == NULL)
         exit(2);
@@ -205,7 +206,8 @@ T_CASE(same_bits_for_any_number_of_threads)
     mark(b.outline, 0.3);
     memcpy(marks, b.outline->active->brick, b.outline->active->bricks);
     rec_sysmat *three = part_of(&b, b.pool);
-    T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, NULL, &b.outline, NULL), PVX_OK);
+    T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, NULL, (struct rec_progress){0}, &b.outline, NULL),
+           PVX_OK);
     memcpy(b.outline->active->brick, marks, b.outline->active->bricks);
     rec_sysmat *one = part_of(&b, NULL);
     T_EQ_I(one->nnz, three->nnz);
@@ -281,7 +283,8 @@ static size_t resident(const void *p, size_t bytes)
 T_CASE(the_rest_has_no_memory)
 {
     struct bed b = bed_new(75, REC_BOX, 1, (int32_t[3]){128, 128, 96});
-    T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, b.pool, &b.outline, NULL), PVX_OK);
+    T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, b.pool, (struct rec_progress){0}, &b.outline, NULL),
+           PVX_OK);
     b.outline->active->brick[b.outline->active->bricks / 2] = 1;
     rec_sysmat *m = part_of(&b, b.pool);
     size_t N = rec_grid_count(&m->grid), slots = (size_t)m->win.slots;
@@ -362,7 +365,8 @@ T_CASE(a_stop_leaves_nothing)
     struct bed b = bed_new(75, REC_BOX, 1, odd);
     struct pvx_diag d = {""};
     rec_sysmat *m;
-    T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, b.pool, &b.outline, NULL), PVX_OK);
+    T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, b.pool, (struct rec_progress){0}, &b.outline, NULL),
+           PVX_OK);
     T_EQ_I(rec_sysmat_build_active(&b.rig, &b.outline, b.pool,
                                    (struct rec_progress){stop_at_half, NULL}, &m, &d),
            PVX_ECANCELED);
@@ -419,6 +423,33 @@ static size_t volumes_differ(const rec_frame *f, const rec_frame *g)
            (memcmp(v.value, w.value, (size_t)v.n * (size_t)v.cs * sizeof *v.value) != 0);
 }
 
+/* Stops after the camera that is number *ctx. */
+static bool stop_at(void *ctx, double done)
+{
+    double *camera = ctx;
+    return done * 6 < *camera - 0.5;
+}
+
+T_CASE(an_outline_is_stopped)
+{
+    struct scene s;
+    struct rec_sysmat_params p = {1, 2};
+    struct pvx_diag d = {""};
+    double last = 2, never = 7;
+    rec_sysmat *outline = NULL;
+    scene_new(&s, 6, 96, 64, 2, 2);
+    T_EQ_I(
+        rec_sysmat_outline(&s.rig, &p, s.pool, (struct rec_progress){stop_at, &last}, &outline, &d),
+        PVX_ECANCELED);
+    T_OK(outline == NULL);
+    T_OK(strstr(d.text, "stopped") != NULL);
+    T_EQ_I(rec_sysmat_outline(&s.rig, &p, s.pool, (struct rec_progress){stop_at, &never}, &outline,
+                              &d),
+           PVX_OK);
+    rec_sysmat_free(&outline);
+    scene_free(&s);
+}
+
 T_CASE(volumes_are_those_of_the_whole)
 {
     struct scene s;
@@ -429,7 +460,8 @@ T_CASE(volumes_are_those_of_the_whole)
     shoot(&s, f);
     T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);
     T_EQ_I(rec_frame_get_report(f)->hull.cut, 0);
-    T_EQ_I(rec_sysmat_outline(&s.rig, &p, s.pool, &outline, NULL), PVX_OK);
+    T_EQ_I(rec_sysmat_outline(&s.rig, &p, s.pool, (struct rec_progress){0}, &outline, NULL),
+           PVX_OK);
     mark_by(&s, f, outline);
     T_EQ_I(rec_sysmat_build_active(&s.rig, &outline, s.pool, (struct rec_progress){0}, &part, NULL),
            PVX_OK);
