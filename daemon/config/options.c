@@ -160,7 +160,9 @@ const struct dmn_option dmn_options[] = {
     REAL("photometry.black", black, "0", 0, 1, "full scale", "Black level, subtracted."),
     REAL("photometry.threshold", threshold, "-1", -1, 1, "full scale",
          "Pixels from here on are flame; negative = from the noise."),
-    REAL("photometry.floor", floor, "0.004", 0, 1, "full scale", "Least automatic threshold."),
+    REAL("photometry.floor", floor, "0.004", 0, 1, "full scale",
+         "Least automatic threshold; half a percent of a dim picture's brightest bin, if its "
+         "pixels have more than 8 bits."),
     REAL("photometry.auto_k", auto_k, "4", 0, 100, "sigma", "Automatic threshold over the noise."),
     REAL("photometry.saturation", saturation, "-1", -1, 1000, "full scale",
          "Pixels from here on are saturated and do not count; negative = 0.998, or off for images "

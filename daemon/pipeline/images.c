@@ -201,6 +201,7 @@ uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *imag
         bool good = *mask >> c & 1;
         rec_frame_present(f, c, good);
         rec_frame_floats(f, c, good && dmn_images_floats(i, c));
+        rec_frame_fine(f, c, good && cap_pixfmt_depth(i->image[c].fmt) > 8);
         rec_frame_saturated(f, c, good ? dmn_images_saturated(i, c) : 0);
         rec_frame_bayer(f, c, good ? dmn_images_bayer(i, c) : NULL,
                         i->p.mosaic == CAP_MOSAIC_RAYS && i->p.binning == 1);

@@ -56,6 +56,19 @@ static void spread_weights(const struct rec_photo_image *im, int32_t y0, int32_t
         }
 }
 
+static int32_t brightest(const struct rec_photo_image *im, int32_t y0, int32_t y1)
+{
+    size_t cs = im->nch == 3 ? 4 : 1, row = (size_t)im->bw * cs;
+    const float *b = im->img + (size_t)y0 * row;
+    int32_t peak = 0;
+    for (size_t i = 0, n = (size_t)(y1 - y0) * row; i < n; i++) {
+        int32_t bits;
+        memcpy(&bits, b + i, sizeof bits);
+        peak = bits > peak ? bits : peak;
+    }
+    return peak;
+}
+
 static void linear(void *ctx, size_t task)
 {
     const struct job *j = ctx;
@@ -70,6 +83,7 @@ static void linear(void *ctx, size_t task)
         memset(im->lit + from, 0, n);
     } else {
         j->pass->linear(im, band);
+        im->work->band[band].peak = im->params->dim > 0 ? brightest(im, y0, y1) : 0;
     }
     if (im->weight4 != NULL)
         spread_weights(im, y0, y1);
@@ -91,19 +105,34 @@ static void levels(void *ctx, size_t task)
         j->pass->plane(im, band);
 }
 
+/* Of a dim picture the floor is less: what is a share of its light, not of what it might have been. */
+static float least(const struct rec_photo_image *im)
+{
+    const struct rec_photo_params *p = im->params;
+    int32_t bits = 0;
+    float peak;
+    if (p->dim <= 0)
+        return p->floor;
+    for (size_t b = 0; b < rec_band_count(im->bh); b++)
+        bits = im->work->band[b].peak > bits ? im->work->band[b].peak : bits;
+    memcpy(&peak, &bits, sizeof peak);
+    return fminf(p->floor, fmaxf(p->dim * peak, REC_PHOTO_DIMMEST));
+}
+
 /* Thresholds of bins and means. */
 static void set_limits(const struct rec_photo_image *im)
 {
     const struct rec_photo_params *p = im->params;
     struct rec_photo_work *w = im->work;
     bool automatic = p->threshold < 0;
+    float low = im->absent ? p->floor : least(im);
     w->means = automatic && im->bh >= 5; /* less of a picture has no faint edges to find */
     w->limit = w->faint = w->fainter = rec_splat(INFINITY);
     for (int c = 0; c < im->nch; c++) {
-        w->limit[c] = automatic ? fmaxf(p->floor, p->auto_k * w->sigma[c]) : p->threshold;
-        w->faint[c] = w->dark[c] + fmaxf(p->floor, p->auto_k * w->sigma[c] / w->grain.near[c]);
+        w->limit[c] = automatic ? fmaxf(low, p->auto_k * w->sigma[c]) : p->threshold;
+        w->faint[c] = w->dark[c] + fmaxf(low, p->auto_k * w->sigma[c] / w->grain.near[c]);
         w->fainter[c] =
-            w->dark[c] + fmaxf(p->floor, WIDE_MARGIN * p->auto_k * w->sigma[c] / w->grain.wide[c]);
+            w->dark[c] + fmaxf(low, WIDE_MARGIN * p->auto_k * w->sigma[c] / w->grain.wide[c]);
     }
 }
 

@@ -6,7 +6,8 @@
  * count as lit (they say nothing, so they may not carve).  Saturated pixels (>= saturation) keep
  * their value, weight 0 and lit, and are counted.
  * Automatic threshold: the noise sigma is estimated per camera and channel from the darker half of
- * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), and for
+ * the image, by differences that are blind to slopes; threshold = max(floor, auto_k * sigma), where the floor of a
+ * dim picture is max(REC_PHOTO_DIMMEST, dim * its brightest bin) if that is less, and for
  * the mean of 3x3 bins max(floor, auto_k * sigma / 3) above the level of the dark blocks; where the
  * lit bins' mean is less than 7.5 sigma, 7x7 bins are judged as well, at 1.25 auto_k sigma / 7: with
  * noise of 5 % of the peak and more the flame's outskirts would be carved away otherwise.  A uniform
@@ -42,20 +43,22 @@ extern "C" {
 
 #define REC_PHOTO_FULL        0.998f /* from here on a pixel is at full scale */
 #define REC_PHOTO_UNSATURATED 1e30f
+#define REC_PHOTO_DIMMEST     0.0005f /* of full scale: black levels are not known better */
 
 struct rec_photo_params {
     float black;      /* full-scale units, subtracted */
     float threshold;  /* full-scale units; < 0 = auto */
     float floor;      /* least automatic threshold, default 0.004 (1/255) */
+    float dim;        /* share of the brightest bin that is enough as floor, default 0 = off */
     float auto_k;     /* default 4 */
     float saturation; /* < 0, the default = REC_PHOTO_FULL; REC_PHOTO_UNSATURATED = off */
     int32_t margin;   /* bins, >= 0, default 0: grows silhouettes for calibration error */
     int despeckle;    /* default 1 */
 };
-#define REC_PHOTO_DEFAULTS                                                                        \
-    {                                                                                             \
-        .black = 0, .threshold = -1, .floor = 0.004f, .auto_k = 4, .saturation = -1, .margin = 0, \
-        .despeckle = 1                                                                            \
+#define REC_PHOTO_DEFAULTS                                                                     \
+    {                                                                                          \
+        .black = 0, .threshold = -1, .floor = 0.004f, .dim = 0, .auto_k = 4, .saturation = -1, \
+        .margin = 0, .despeckle = 1                                                            \
     }
 extern const struct rec_photo_params rec_photo_defaults;
 

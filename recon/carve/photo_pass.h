@@ -26,6 +26,7 @@ struct rec_photo_band {
     double sum[4]; /* over the lit bins, and how many they are */
     uint32_t hits;
     uint32_t saturated, not_finite, lit;
+    int32_t peak; /* bits of the brightest bin's float, which above 0 are ordered as floats are */
 };
 
 struct rec_photo_work {

@@ -8,6 +8,7 @@
 #include "recon/carve/absorb.h"
 #include "recon/frame/impl.h"
 
+#define REC_DIM_SHARE   0.005F /* of pictures whose peak is 0.8 this is the floor, 0.004 */
 #define REC_LEAST_FLOOR 0.002F /* of full scale, half an 8-bit step; NUMERICS.md, 3 */
 
 pvx_err rec_carver_new(const rec_sysmat *S, const struct rec_rig *rig,
@@ -146,6 +147,7 @@ static void photo(rec_frame *f)
         k->photo_params[c].saturation =
             rec_photo_saturation(&k->p.photo, f->floats[c], f->saturated[c]);
         k->photo_params[c].floor = least_threshold(k, c, f->bayer[c]);
+        k->photo_params[c].dim = f->fine[c] ? REC_DIM_SHARE : 0;
         im->absent = !f->present[c];
         im->img = rec_frame_input(f, c);
         im->cell = f->mosaic[c] ? f->cell[c] : NULL;

@@ -100,6 +100,7 @@ void rec_frame_reset(rec_frame *f)
     memset(f->bayer, 0, sizeof f->bayer);
     memset(f->mosaic, 0, sizeof f->mosaic);
     memset(f->floats, 0, sizeof f->floats);
+    memset(f->fine, 0, sizeof f->fine);
     memset(f->saturated, 0, sizeof f->saturated);
     f->per_channel = f->any_least = false;
     f->sub->n = f->sub->rows = 0;
@@ -121,6 +122,11 @@ void rec_frame_present(rec_frame *f, size_t camera, bool present)
 void rec_frame_saturated(rec_frame *f, size_t camera, float value)
 {
     f->saturated[camera] = value;
+}
+
+void rec_frame_fine(rec_frame *f, size_t camera, bool fine)
+{
+    f->fine[camera] = fine;
 }
 
 void rec_frame_floats(rec_frame *f, size_t camera, bool floats)

@@ -116,6 +116,9 @@ void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_t
 /* This set's pixels of the camera were floating-point numbers: they have no full scale to run into, so an
  * automatic saturation does not count.  Forgotten by rec_frame_reset. */
 void rec_frame_floats(rec_frame *f, size_t camera, bool floats);
+/* This set's pixels of the camera have finer steps than 8 bits: of dim pictures fainter light counts as flame, half a
+ * percent of the brightest (photo.h, dim).  Forgotten by rec_frame_reset. */
+void rec_frame_fine(rec_frame *f, size_t camera, bool fine);
 
 /* Saturated pixels of the camera have this value in this set, above all others; 0 = 1, full scale.  Instead of
  * params.photo.saturation, unless that is off.  Forgotten by rec_frame_reset. */

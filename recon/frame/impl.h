@@ -47,6 +47,7 @@ struct rec_frame {
     uint8_t cell[REC_MAX_CAMERAS][4];
     bool bayer[REC_MAX_CAMERAS], mosaic[REC_MAX_CAMERAS]; /* with a filter; pixels as they are */
     bool floats[REC_MAX_CAMERAS];                         /* without a full scale */
+    bool fine[REC_MAX_CAMERAS];                           /* than 8 bits */
     float saturated[REC_MAX_CAMERAS];                     /* value of such pixels; 0 = 1 */
     float *b;                 /* [rows][cs] pixels in, right-hand side after carve */
     float *weight;            /* [rows] */

@@ -40,6 +40,36 @@ static void paint(int cs, double top, double noise, int clip)
         }
 }
 
+/* A flame of a fiftieth of full scale, exact: with steps of 8 bits its outer fifth is dark, else half a percent is; no
+ * picture is judged below REC_PHOTO_DIMMEST, and a bright one as ever. */
+T_CASE(a_dim_picture_has_a_lower_floor)
+{
+    static const struct {
+        double top;
+        float dim, threshold;
+    } cases[] = {{0.02, 0, 0.004f},     {0.2, 0.005f, 0.001f}, {0.02, 0.005f, REC_PHOTO_DIMMEST},
+                 {0.8, 0.005f, 0.004f}, {3, 0.005f, 0.004f},   {0, 0.005f, REC_PHOTO_DIMMEST}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        for (int nch = 1; nch <= 3; nch += 2) {
+            struct rec_photo_params p = rec_photo_defaults;
+            uint32_t above = 0;
+            p.dim = cases[i].dim;
+            p.despeckle = 0;
+            paint(nch == 3 ? 4 : 1, cases[i].top, 0, 0);
+            img[0] = -7; /* a dead bin is not the brightest */
+            for (int k = 0; k < W * H; k++)
+                above += img[k * (nch == 3 ? 4 : 1)] >= cases[i].threshold;
+            apply(nch, NULL, one, &p);
+            T_NEAR(st.threshold, cases[i].threshold, 1e-9);
+            T_OK(st.lit >= above); /* and means */
+            T_OK(st.lit <= (cases[i].top > 0 ? 361 : 0));
+            p.threshold = 0.003f;
+            paint(nch == 3 ? 4 : 1, cases[i].top, 0, 0);
+            apply(nch, NULL, one, &p);
+            T_NEAR(st.threshold, 0.003, 1e-9);
+        }
+}
+
 T_CASE(gain_black_background)
 {
     struct rec_photo_params p = rec_photo_defaults;
