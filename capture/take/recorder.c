@@ -325,9 +325,14 @@ static pvx_err roll(cap_recorder *r, struct pvx_diag *d)
         return pvx_fail(d, PVX_ERANGE, "%s: too long a name for the take after it", r->first);
     PVX_TRY(write_gaps(r, d));
     r->bytes_before += cap_take_bytes(r->take);
-    PVX_TRY(cap_take_close(&r->take, d));
+    cap_take_writer *next;
     r->says.t_created_ns = pvx_now_real();
-    PVX_TRY(cap_take_create(path, &r->says, &r->take, d));
+    PVX_TRY(cap_take_create(path, &r->says, &next, d));
+    cap_take_goes_on(r->take);
+    pvx_err e = cap_take_close(&r->take, d);
+    r->take = next;
+    if (e != PVX_OK)
+        return e;
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     if (fd < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
@@ -615,6 +620,7 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
     snprintf(r->stats.path, sizeof r->stats.path, "%s", path);
     memcpy(r->first, r->stats.path, sizeof r->first);
     r->says = *head;
+    r->says.t_began_ns = head->t_created_ns;
     r->bytes_before = 0;
     r->t0_mono_ns = pvx_now_mono();
     r->t_roll_ns = r->t0_mono_ns + r->cfg.roll_ns;

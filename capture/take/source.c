@@ -75,9 +75,8 @@ static pvx_err open_shared(struct shared *s, struct pvx_diag *d)
     s->pace_ns = turn_of(b->t_last_mono_ns - a->t_last_mono_ns, info->sets);
     int64_t span = b->t_exposure_ns - a->t_exposure_ns; /* not > 0: the clock was set back */
     s->length_ns = span > 0 ? turn_of(span, info->sets) : s->pace_ns;
-    if (!info->closed)
-        LOG_W(CAPTURE, "%s: was cut off, or is being recorded: %llu complete sets, %llu lost",
-              s->path, (unsigned long long)info->sets, (unsigned long long)info->sets_lost);
+    for (uint64_t k = 0; k < info->notes; k++)
+        LOG_W(CAPTURE, "%s", cap_take_note(s->take, k));
     return PVX_OK;
 }
 

@@ -1,5 +1,6 @@
 /* take.h - a take: the raw frames of a recording in one HDF5 file (daemon/TAKE.md is the layout, field by
- * field).
+ * field), or in several, when it rolled over: NAME.h5, NAME-0002.h5, ...  A writer writes one of them, the reader reads
+ * all as one.
  *
  * The writer appends: pixels straight to their chunk, then the frame's row, then the set's row, and a
  * commit makes the rows visible.  It uses HDF5's single-writer mode (SWMR), in which the file on the disk
@@ -73,7 +74,8 @@ struct cap_take_head {
     const char *base; /* folder that relative names in the configuration start at */
     uint64_t session; /* of the daemon, as in its volumes */
     int64_t t_created_ns;
-    double fps; /* nominal */
+    int64_t t_began_ns; /* t_created_ns of the first file; 0 = this is it, or not known */
+    double fps;         /* nominal */
     uint32_t n_cameras;
     const struct cap_take_camera *camera; /* [n_cameras] */
 };
@@ -97,6 +99,8 @@ PVX_MUST_CHECK pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_tak
 void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, double temperature_c);
 /* What was put is in the file from now on, whatever becomes of this process. */
 PVX_MUST_CHECK pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d);
+/* The recording goes on in another file, says this one from its close on. */
+void cap_take_goes_on(cap_take_writer *w);
 /* Closes; the take is whole if this says PVX_OK.  The writer is gone in each case. */
 pvx_err cap_take_close(cap_take_writer **w, struct pvx_diag *d);
 uint64_t cap_take_bytes(const cap_take_writer *w); /* of pixels, so far */
@@ -104,17 +108,31 @@ uint64_t cap_take_bytes(const cap_take_writer *w); /* of pixels, so far */
 /* ---- reading ---- */
 
 typedef struct cap_take cap_take;
-/* Reads everything but the pixels.  Errors: PVX_ENOENT, PVX_EFORMAT (not a take, or damaged so that
- * nothing can be had), PVX_EVERSION, PVX_ENOMEM. */
+/* Reads everything but the pixels: of NAME.h5, and of the files beside it (where it is a link: beside what it leads to) in
+ * which that recording went on.  What is missing, damaged or not of it (another session, rig or cameras, sets that do not go
+ * on) is left out and noted, also NAME.h5 itself where it is damaged and others can be read; what follows is read.
+ * NAME-0002.h5 is that file alone.  A camera of which one file has pictures of another size or format than those before it
+ * is left out of the sets there.
+ * Errors: PVX_ENOENT, PVX_EFORMAT (not a take, or damaged so that nothing can be had), PVX_EVERSION, PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err cap_take_open(const char *path, cap_take **out, struct pvx_diag *d);
 void cap_take_free(cap_take **t);
 
 struct cap_take_info {
     struct cap_take_head head; /* strings belong to the take */
     uint64_t sets, gaps;
-    bool closed;        /* ended in order; else it was cut off, or is being recorded */
-    uint64_t sets_lost; /* rows of sets that are there, but not all they refer to */
+    bool closed; /* the last file ended in order; else it was cut off, or is being recorded */
+    /* Rows of sets that are there, but not all they refer to; and numbers between two files where one is missing. */
+    uint64_t sets_lost;
+    uint64_t pieces; /* files */
+    uint64_t notes;  /* what is not as it was recorded, for people: a line each */
 };
+struct cap_take_piece {
+    const char *path;
+    uint64_t first, sets; /* of the take's */
+    bool closed;
+};
+struct cap_take_piece cap_take_piece(const cap_take *t, uint64_t k);
+const char *cap_take_note(const cap_take *t, uint64_t k);
 const struct cap_take_info *cap_take_info(const cap_take *t);
 int cap_take_find(const cap_take *t, const char *camera); /* -1 = none of this name */
 /* Set k < sets; member[n_cameras] = row in the camera's list, -1 = missing. */
@@ -125,6 +143,8 @@ const struct cap_take_row *cap_take_row(const cap_take *t, uint32_t camera, uint
 const struct cap_take_gap *cap_take_gap(const cap_take *t, uint64_t k);
 /* Bytes of the largest frame of a camera: the room that cap_take_read needs. */
 size_t cap_take_frame_max(const cap_take *t, uint32_t camera);
+/* From now on frames of the sets [first, end) are asked for only: what others need is let go, file by file. */
+void cap_take_only(cap_take *t, uint64_t first, uint64_t end);
 /* Pixels of a frame into mem, and the image that they are.  PVX_ECORRUPT: not what was recorded (cut
  * off, or damaged). */
 PVX_MUST_CHECK pvx_err cap_take_read(const cap_take *t, uint32_t camera, uint64_t row, void *mem,

@@ -39,7 +39,7 @@ struct cap_take_writer {
     char *path;
     struct take_h5_room room;
     hid_t file, sets, members, gaps, row_type, set_type, gap_type;
-    bool swmr;
+    bool swmr, goes_on;
     uint32_t n_cameras;
     struct camera *camera;
     uint64_t n_sets, n_gaps, n_frames, bytes;
@@ -115,15 +115,17 @@ static bool make_attributes(cap_take_writer *w, const struct cap_take_head *h)
     return take_h5_put_text(w->file, "format", "pyrovox take") &&
            take_h5_put_int(w->file, "version", CAP_TAKE_FORMAT) &&
            take_h5_put_int(w->file, "t_created_ns", h->t_created_ns) &&
+           take_h5_put_int(w->file, "t_began_ns",
+                           h->t_began_ns != 0 ? h->t_began_ns : h->t_created_ns) &&
            take_h5_put_attr(w->file, "session", H5T_STD_U64LE, &h->session) &&
            take_h5_put_attr(w->file, "fps", H5T_IEEE_F64LE, &h->fps) &&
            take_h5_put_text(w->file, "host", h->host) &&
            take_h5_put_text(w->file, "software", h->software) &&
            take_h5_put_text(w->file, "base", h->base) &&
            /* overwritten at the end: a new one would lie behind all pixels, and be cut off first */
-           take_h5_put_int(w->file, "closed", 0) && take_h5_put_int(w->file, "t_closed_ns", 0) &&
-           take_h5_put_int(w->file, "n_sets", -1) && take_h5_put_int(w->file, "n_frames", -1) &&
-           take_h5_put_int(w->file, "n_gaps", -1) &&
+           take_h5_put_int(w->file, "closed", 0) && take_h5_put_int(w->file, "goes_on", 0) &&
+           take_h5_put_int(w->file, "t_closed_ns", 0) && take_h5_put_int(w->file, "n_sets", -1) &&
+           take_h5_put_int(w->file, "n_frames", -1) && take_h5_put_int(w->file, "n_gaps", -1) &&
            take_h5_put_long_text(w->file, "rig", h->rig) &&
            take_h5_put_long_text(w->file, "config", h->config);
 }
@@ -497,7 +499,7 @@ static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
          take_h5_put_int(w->file, "n_frames", (int64_t)w->n_frames) &&
          take_h5_put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
          take_h5_put_int(w->file, "t_closed_ns", pvx_now_real()) &&
-         take_h5_put_int(w->file, "closed", 1);
+         take_h5_put_int(w->file, "goes_on", w->goes_on) && take_h5_put_int(w->file, "closed", 1);
     return close_file(w) && ok ? PVX_OK : fail(w, "cannot be closed", d);
 }
 
@@ -508,6 +510,11 @@ void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, dou
         memcpy(k->serial, serial, strlen(serial) + 1);
     if (isfinite(temperature_c))
         k->temperature_c = temperature_c;
+}
+
+void cap_take_goes_on(cap_take_writer *w)
+{
+    w->goes_on = true;
 }
 
 pvx_err cap_take_close(cap_take_writer **wp, struct pvx_diag *d)

@@ -4,7 +4,7 @@
  * made once; the input says what is changed in it: 6 bytes each, (kind, place 24 bits, value 16 bits).
  *     0  a byte anywhere                       1  a byte of a row, the rows' checksums made right again
  *     2  a byte of the table of members, ditto 3  the file is cut there
- * Whatever opens is read from end to end; what it says must be consistent. */
+ * A second good take goes on from it.  Whatever opens is read from end to end; what it says must be consistent. */
 #include <fcntl.h>
 #include <string.h>
 #include <unistd.h>
@@ -15,13 +15,14 @@
 
 #define CAMERAS 2
 #define SETS    3
+#define FROM    0x7700u
 #define ROWS    (CAMERAS * SETS)
 
 static unsigned char *base; /* the good take */
 static size_t base_size;
 static size_t row_at[ROWS], set_at[SETS], member_at;
 static int fd = -1;
-static char path[64];
+static char path[64], next[72];
 
 static void no_release(struct cap_frame *f)
 {
@@ -44,9 +45,10 @@ static void put_set(cap_take_writer *w, uint64_t number)
     MUST(cap_take_put_set(w, &s, NULL) == PVX_OK);
 }
 
-static void remove_file(void)
+static void remove_files(void)
 {
     unlink(path);
+    unlink(next);
 }
 
 static size_t find(const void *what, size_t n)
@@ -56,22 +58,30 @@ static size_t find(const void *what, size_t n)
     return (size_t)(p - base);
 }
 
-static void make_base(void)
+static void make_take(const char *name, uint64_t from)
 {
     static const struct cap_take_camera cameras[CAMERAS] = {{.name = "a"}, {.name = "b"}};
     struct cap_take_head h = take_head(cameras, CAMERAS);
-    char name[] = "/tmp/fuzz_take-XXXXXX";
-    int tmp = mkstemp(name);
     cap_take_writer *w;
-    MUST(tmp >= 0 && unlink(name) == 0 && cap_take_create(name, &h, &w, NULL) == PVX_OK);
-    close(tmp);
+    h.t_began_ns = h.t_created_ns;
+    h.t_created_ns += (int64_t)(from - FROM);
+    MUST(cap_take_create(name, &h, &w, NULL) == PVX_OK);
     for (uint64_t k = 0; k < SETS; k++)
-        put_set(w, 0x7700 + k);
+        put_set(w, from + k);
     for (uint32_t c = 0; c < CAMERAS; c++) {
         const struct cap_take_gap g = {.camera = c, .why = CAP_TAKE_QUEUE, .frames = 2};
         MUST(cap_take_put_gap(w, &g, NULL) == PVX_OK);
     }
     MUST(cap_take_close(&w, NULL) == PVX_OK);
+}
+
+static void make_base(void)
+{
+    char name[] = "/tmp/fuzz_take-XXXXXX";
+    int tmp = mkstemp(name);
+    MUST(tmp >= 0 && unlink(name) == 0);
+    close(tmp);
+    make_take(name, FROM);
     FILE *f = fopen(name, "rb");
     MUST(f != NULL);
     fseek(f, 0, SEEK_END);
@@ -82,11 +92,11 @@ static void make_base(void)
     fclose(f);
     unlink(name);
     for (uint64_t i = 0; i < ROWS; i++) {
-        uint64_t id = 0x1122334455660000u + 0x7700 * CAMERAS + i;
+        uint64_t id = 0x1122334455660000u + FROM * CAMERAS + i;
         row_at[i] = find(&id, sizeof id);
     }
     for (uint64_t k = 0; k < SETS; k++) {
-        uint64_t number[2] = {0x7700 + k, 0x5555}; /* and t_exposure_ns */
+        uint64_t number[2] = {FROM + k, 0x5555}; /* and t_exposure_ns */
         set_at[k] = find(number, sizeof number);
     }
     int64_t members[SETS * CAMERAS] = {0, 0, 1, 1, 2, 2};
@@ -94,7 +104,9 @@ static void make_base(void)
     /* with a name of its own: libhdf5 asks for the real one of what it opens */
     snprintf(path, sizeof path, "/dev/shm/fuzz_take-XXXXXX");
     fd = mkstemp(path);
-    MUST(fd >= 0 && atexit(remove_file) == 0);
+    MUST(fd >= 0 && atexit(remove_files) == 0);
+    snprintf(next, sizeof next, "%s-0002", path);
+    make_take(next, FROM + SETS);
 }
 
 /* Rows as they are now get the checksums that they should have. */

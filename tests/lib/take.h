@@ -10,6 +10,7 @@ static inline struct cap_take_head take_head(const struct cap_take_camera *camer
                                   .software = "test",
                                   .host = "",
                                   .base = "/",
+                                  .t_created_ns = 1,
                                   .fps = 20,
                                   .n_cameras = n,
                                   .camera = camera};
