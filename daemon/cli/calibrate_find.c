@@ -8,6 +8,7 @@
 
 #include "capture/files/sequence.h"
 #include "daemon/cli/calibrate_look.h"
+#include "daemon/cli/take_notes.h"
 
 size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t len)
 {
@@ -109,6 +110,7 @@ static pvx_err find_take(struct calibrate_look *l, const char *path, struct pvx_
     const char *name[REC_MAX_CAMERAS];
     size_t n = 0;
     PVX_TRY(cap_take_open(path, &l->take, d));
+    take_notes(l->take);
     const struct cap_take_info *info = cap_take_info(l->take);
     l->source = CALIBRATE_TAKE;
     if (info->sets == 0)

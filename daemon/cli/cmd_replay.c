@@ -50,7 +50,9 @@ static const char doc[] =
     "exactly those of the recording, with their numbers and times; `pyrovox record`, `top` and "
     "`status` see an ordinary daemon.  With --lossless the volumes are bit for bit those of the "
     "live run if that ran with solver.warm_start: off and solver.deadline_ms: 0.  A take that was "
-    "cut off is played up to its last complete set.\n\n"
+    "cut off is played up to its last complete set; one that went on in other files, NAME-0002.h5 "
+    "..., "
+    "is played with all of them where NAME.h5 is named.\n\n"
     "Examples:\n"
     "  pyrovox replay --info take.h5\n"
     "  pyrovox replay take.h5\n"
@@ -248,10 +250,6 @@ static int play(const struct args *a, const cap_take *t)
     struct pvx_diag d = {""};
     if (c == NULL)
         return cli_error(NULL, PVX_ENOMEM);
-    const struct cap_take_info *info = cap_take_info(t);
-    if (!info->closed)
-        fprintf(stderr, "pyrovox: %s was cut off, or is being recorded: %llu sets are complete\n",
-                a->take, (unsigned long long)info->sets);
     cli_catch_stop();
     pvx_err e = make_config(a, t, c, &d);
     if (e == PVX_OK)

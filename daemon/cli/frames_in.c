@@ -10,6 +10,7 @@
 #include "base/mem.h"
 #include "capture/files/sequence.h"
 #include "daemon/cli/cli.h"
+#include "daemon/cli/take_notes.h"
 
 #define PATH_ROOM 4300
 
@@ -114,6 +115,7 @@ static pvx_err scan_folder(struct frames_in *f, uint32_t first, uint32_t last, s
 static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
 {
     PVX_TRY(cap_take_open(f->dir, &f->take, d));
+    take_notes(f->take);
     uint64_t sets = cap_take_info(f->take)->sets;
     size_t cams = f->rig->n_cameras;
     bool any = false;
@@ -423,6 +425,11 @@ pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
     return PVX_OK;
 }
 
+static uint64_t place_in_take(const struct frames_in *f, size_t i)
+{
+    return (uint64_t)cap_take_find_set(f->take, f->number[i]);
+}
+
 void frames_in_only(struct frames_in *f, size_t first, size_t end)
 {
     size_t cams = f->rig->n_cameras, n = end - first;
@@ -432,8 +439,10 @@ void frames_in_only(struct frames_in *f, size_t first, size_t end)
     memmove(f->number, f->number + first, n * sizeof *f->number);
     if (f->path != NULL)
         memmove(f->path, f->path + first * cams, n * cams * sizeof *f->path);
-    if (f->row != NULL)
+    if (f->take != NULL) {
         memmove(f->row, f->row + first * cams, n * cams * sizeof *f->row);
+        cap_take_only(f->take, place_in_take(f, 0), n > 0 ? place_in_take(f, n - 1) + 1 : 0);
+    }
     f->n = n;
 }
 

@@ -15,6 +15,7 @@
 #include "capture/files/imgio.h"
 #include "capture/pixel/pixfmt.h"
 #include "daemon/cli/replay.h"
+#include "daemon/cli/take_notes.h"
 
 struct export
 {
@@ -183,6 +184,7 @@ int replay_export(const cap_take *t, const char *dir)
     struct export x = {.t = t, .dir = dir};
     struct pvx_diag d = {""};
     cli_catch_stop();
+    take_notes(t);
     pvx_err e = export_all(&x, &d);
     free(x.mem);
     free(x.values);

@@ -71,6 +71,23 @@ static void print_gaps(const cap_take *t)
         printf("  and %" PRIu64 " more: h5dump -d /gaps\n", i->gaps - GAPS_SHOWN);
 }
 
+static void print_pieces(const cap_take *t)
+{
+    const struct cap_take_info *i = cap_take_info(t);
+    if (i->pieces > 1)
+        printf("files     %" PRIu64 "\n", i->pieces);
+    for (uint64_t k = 0; k < i->pieces && i->pieces > 1; k++) {
+        struct cap_take_piece p = cap_take_piece(t, k);
+        printf("          %s: ", p.path);
+        if (p.sets > 0)
+            printf("sets %" PRIu64 " to %" PRIu64 ", ", cap_take_set(t, p.first, NULL)->number,
+                   cap_take_set(t, p.first + p.sets - 1, NULL)->number);
+        printf("%" PRIu64 " complete%s\n", p.sets, p.closed ? "" : ", not closed");
+    }
+    for (uint64_t k = 0; k < i->notes; k++)
+        printf("%s %s\n", k == 0 ? "note     " : "         ", cap_take_note(t, k));
+}
+
 int replay_info(const char *path, const cap_take *t)
 {
     const struct cap_take_info *i = cap_take_info(t);
@@ -85,6 +102,10 @@ int replay_info(const char *path, const cap_take *t)
     printf("%s\n", path);
     printf("recorded  %s on %s by %s, session %016" PRIx64 "\n", created, i->head.host,
            i->head.software, i->head.session);
+    if (i->head.t_began_ns != 0 && i->head.t_began_ns != i->head.t_created_ns) {
+        when(i->head.t_began_ns, created, sizeof created);
+        printf("began     %s, in a file before this one\n", created);
+    }
     printf("state     %s\n", i->closed ? "closed in order" : "cut off, or still being recorded");
     printf("sets      %" PRIu64 ", of these %" PRIu64 " with all %u cameras; %" PRIu64
            " more are not complete and left out\n",
@@ -97,6 +118,7 @@ int replay_info(const char *path, const cap_take *t)
                a->number, b->number, s, s > 0 ? (double)(i->sets - 1) / s : 0, i->head.fps);
     }
     printf("pixels    %.1f MB\n", (double)bytes * 1e-6);
+    print_pieces(t);
     print_cameras(t);
     print_gaps(t);
     return 0;

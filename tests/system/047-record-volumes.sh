@@ -1,6 +1,7 @@
 #!/bin/bash
 # record.volumes: the recorder beside the daemon ends with it, comes back when it is killed, goes when the daemon
-# is killed, rolls, and is begun and ended by a request; what does not fit is refused at the start.
+# is killed, rolls, and is begun and ended by a request; what does not fit is refused at the start.  Raw frames that
+# rolled over are read as one recording.
 name=047
 source "$(dirname "$0")/lib.sh"
 run_daemon() { # lines of record
@@ -79,6 +80,61 @@ assert set(volumes) <= set(raw) and len(volumes) > 10
 P
 }
 check goes_on_in_other_files rolls
+
+take=$dir/takes/raw.h5
+solve() { run "$pyrovox" reconstruct --rig tests/data/rig4.yaml --black 0.02 --grid 12 --start cold --quiet "$@"; }
+one() { # the volumes of NAME.h5 are those of its files, each alone
+    local f v n=0 all=0
+    solve --frames "$take" --out "$dir/one" && says 0 || return 1
+    mkdir "$dir/alone"
+    for f in "$dir"/takes/raw*.h5; do
+        n=$((n + 1))
+        ln "$f" "$dir/alone/$n.h5"
+        solve --frames "$dir/alone/$n.h5" --out "$dir/alone/$n" && says 0 || return 1
+        for v in "$dir/alone/$n"/*.npy; do cmp "$v" "$dir/one/${v##*/}" || return 1; all=$((all + 1)); done
+    done
+    [ "$n" -ge 3 ] && [ "$all" = "$(ls "$dir"/one/*.npy | wc -l)" ]
+}
+check is_read_as_one one
+told() { # how many files, and what the first one alone lacks
+    local first; for first in "$dir"/alone/*.h5; do cmp -s "$first" "$take" && break; done
+    run "$pyrovox" replay --info "$take"
+    says 0 'closed in order' "files     $(ls "$dir"/takes/raw*.h5 | wc -l)" "raw-0002.h5: sets " "; 0 more are not complete" || return 1
+    run "$pyrovox" replay --info "$first"
+    says 0 'cut off, or still being recorded' '-0002.h5: is missing, in which the recording went on'
+}
+check files_are_told told
+parts() {
+    local i
+    for i in 2 1; do solve --frames "$take" --out "$dir/parts.h5" --array $i/2; says 0 || return 1; done
+    "$py" - "$dir" <<'P'
+import glob, h5py, numpy as np, sys
+f = h5py.File(sys.argv[1] + "/parts.h5", "r")
+files = sorted(glob.glob(sys.argv[1] + "/one/*.npy"))
+assert len(files) == len(f["emission"]) > 50
+assert all(np.array_equal(np.load(a), b) for a, b in zip(files, f["emission"]))
+P
+}
+check is_solved_in_parts parts
+job() { # all files are of the job: without one it is another, and what lacks its end is not dealt out
+    mkdir "$dir/some"; ln "$dir"/takes/raw*.h5 "$dir/some"
+    solve --frames "$dir/some/raw.h5" --out "$dir/some.h5" --array 1/2; says 0 || return 1
+    mv "$dir/some/raw-0002.h5" "$dir/aside.h5"
+    solve --frames "$dir/some/raw.h5" --out "$dir/some.h5" --array 2/2
+    says 1 'some/raw-0002.h5: is missing' ', before it, are lost' 'was begun with' || return 1
+    mv "$dir/aside.h5" "$dir/some/raw-0002.h5"
+    rm "$(ls "$dir"/some/raw-*.h5 | tail -n 1)"
+    solve --frames "$dir/some/raw.h5" --out "$dir/new.h5" --array 1/2
+    says 1 'is missing, in which the recording went on' 'is still being written, or was cut off'
+}
+check all_files_are_of_the_job job
+replayed() { # each set of all files comes once more
+    start replay.log "$pyrovox" replay --lossless --set publish.wait_subscriber=true --set record.volumes=none "$take"; local d=$started
+    start again.log "$pyrovox" record --endpoint "$volumes" --out "$dir/again" --quiet; local r=$started
+    ended "$r" 0 && ended "$d" 0 || return 1
+    diff <(cd "$dir/one" && ls -- *.npy) <(cd "$dir/again" && ls -- *.npy)
+}
+check all_is_replayed replayed
 full() {
     config f.yaml < <(echo 'cameras: "sim:"'; echo "record: { mode: raw, keep_free_gb: 1000000 }")
     run "$pyrovoxd" -c "$dir/f.yaml"
