@@ -4,6 +4,7 @@
  * few are open at a time, for libhdf5 keeps some MB for each. */
 #include <dirent.h>
 #include <limits.h>
+#include <malloc.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdarg.h>
@@ -477,6 +478,7 @@ void cap_take_only(cap_take *t, uint64_t first, uint64_t end)
         for (uint32_t c = 0; c < p->head.n_cameras; c++)
             PVX_FREE(p->camera[c].row);
     }
+    malloc_trim(0); /* tables of short files lie among others */
 }
 
 /* ---- pixels ---- */
