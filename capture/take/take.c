@@ -338,9 +338,12 @@ static pvx_err read_all(cap_take *t, const char *path, struct pvx_diag *d)
         bool goes_on = whole && end->goes_on;
         note_states(t);
         t->info.closed = end->closed && !goes_on && !broken;
-        if (goes_on && !broken && name_other(&o, last + 1, next) == PVX_OK &&
-            access(next, F_OK) != 0)
-            note(t, "%s: is missing, in which the recording went on", next);
+        last++;
+        if (goes_on && !broken && name_other(&o, last, next) == PVX_OK &&
+            (o.n == 0 || bsearch(&last, o.number, o.n, sizeof last, by_number) == NULL))
+            note(t, "%s: is %s", next,
+                 access(next, F_OK) != 0 ? "missing, in which the recording went on"
+                                         : "not read: it was begun meanwhile");
     }
     free(o.number);
     return e;
