@@ -115,7 +115,7 @@ pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag
                         "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
     char *bytes;
     size_t len;
-    PVX_TRY(pvx_file_read(path, (size_t)1 << 32, &bytes, &len, d));
+    PVX_TRY(pvx_file_await(path, (size_t)1 << 32, &bytes, &len, d));
     pvx_err e = npy ? from_npy(bytes, len, path, out, d) : from_module(bytes, len, path, out, d);
     free(bytes);
     return e;
@@ -259,6 +259,7 @@ pvx_err cap_video_open(const char *path, cap_video **out, double *fps, struct pv
     *out = NULL;
     if (access(path, R_OK) != 0)
         return pvx_fail(d, PVX_ENOENT, "%s: no such video file, or not readable", path);
+    PVX_TRY(pvx_file_check(path, d));
     PVX_TRY(need_module(path, d));
     cap_video *v = pvx_calloc(1, sizeof *v);
     if (v == NULL || (v->path = strdup(path)) == NULL) {

@@ -14,7 +14,7 @@ struct cap_loaded {
 };
 
 /* By extension .npy .png .tif .tiff .jpg .jpeg.  .npy: [h][w] or [h][w][1|3], little-endian f4, u1,
- * u2, f8 (narrowed), C order.  Errors name the file and the reason. */
+ * u2, f8 (narrowed), C order.  A named pipe is waited for (pvx_file_await).  Errors name the file and the reason. */
 PVX_MUST_CHECK pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d);
 void cap_loaded_free(struct cap_loaded *l);
 

@@ -3,11 +3,13 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <linux/magic.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 static pvx_err fail_errno(struct pvx_diag *d, const char *path, const char *what)
@@ -27,13 +29,51 @@ pvx_err pvx_file_sync(const char *path, struct pvx_diag *d)
     return e;
 }
 
-pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len, struct pvx_diag *d)
+/* Looked at before it is opened: that alone would wait for a pipe's writer, and does something to some devices. */
+static pvx_err may_read(const char *path, bool named_pipe, struct pvx_diag *d)
 {
+    struct stat st;
+    struct statfs fs;
+    if (stat(path, &st) != 0)
+        return fail_errno(d, path, "cannot open");
+    if (S_ISREG(st.st_mode) ||
+        (S_ISFIFO(st.st_mode) &&
+         (named_pipe || (statfs(path, &fs) == 0 && fs.f_type == PIPEFS_MAGIC))))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EFORMAT, "%s: is %s", path,
+                    S_ISFIFO(st.st_mode)   ? "a named pipe, which may never end: write what comes "
+                                             "through it into a file, and name that"
+                    : S_ISDIR(st.st_mode)  ? "a folder: name a file in it"
+                    : S_ISSOCK(st.st_mode) ? "a socket: name a file"
+                                           : "a device, which may never end: name a file");
+}
+
+pvx_err pvx_file_check(const char *path, struct pvx_diag *d)
+{
+    return may_read(path, false, d);
+}
+
+static pvx_err open_it(const char *path, int *fd, struct pvx_diag *d)
+{
+    *fd = open(path, O_RDONLY | O_CLOEXEC);
+    return *fd >= 0 ? PVX_OK : fail_errno(d, path, "cannot open");
+}
+
+pvx_err pvx_file_open(const char *path, int *fd, struct pvx_diag *d)
+{
+    *fd = -1;
+    PVX_TRY(may_read(path, false, d));
+    return open_it(path, fd, d);
+}
+
+static pvx_err read_whole(const char *path, size_t max, bool named_pipe, char **out, size_t *len,
+                          struct pvx_diag *d)
+{
+    int fd;
     *out = NULL;
     *len = 0;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return fail_errno(d, path, "cannot open");
+    PVX_TRY(may_read(path, named_pipe, d));
+    PVX_TRY(open_it(path, &fd, d));
     pvx_err e = PVX_OK;
     size_t cap = 65536, n = 0;
     struct stat st;
@@ -78,6 +118,16 @@ pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len, str
     *out = buf;
     *len = n;
     return PVX_OK;
+}
+
+pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len, struct pvx_diag *d)
+{
+    return read_whole(path, max, false, out, len, d);
+}
+
+pvx_err pvx_file_await(const char *path, size_t max, char **out, size_t *len, struct pvx_diag *d)
+{
+    return read_whole(path, max, true, out, len, d);
 }
 
 pvx_err pvx_file_write(const char *path, const void *data, size_t len, struct pvx_diag *d)

@@ -1,13 +1,25 @@
-/* file.h - whole-file reading and crash-safe writing. */
+/* file.h - whole-file reading and crash-safe writing.
+ *
+ * Read is what comes to an end: a regular file, or a pipe without a name, which whoever started us has opened
+ * (/dev/stdin, the shell's <(...)).  Folders, devices, sockets and named pipes, whose writer may never come, are
+ * refused with PVX_EFORMAT, by name and with the remedy. */
 #ifndef PVX_FILE_H
 #define PVX_FILE_H
 #include <stddef.h>
 #include "base/err.h"
 
+/* Whether it may be read, for libraries that open by name themselves.  Errors: PVX_EFORMAT, PVX_ENOENT, PVX_EPERM. */
+PVX_MUST_CHECK pvx_err pvx_file_check(const char *path, struct pvx_diag *d);
+/* The same, and opened: *fd is the caller's to close; -1 on error. */
+PVX_MUST_CHECK pvx_err pvx_file_open(const char *path, int *fd, struct pvx_diag *d);
+
 /* Read all of `path` (at most `max` bytes) into a fresh buffer with a 0 byte after the end.
- * Owner: caller, free().  Errors: PVX_ENOENT, PVX_EPERM, PVX_EIO, PVX_ERANGE (too large). */
+ * Owner: caller, free().  Errors: those of pvx_file_check, PVX_EIO, PVX_ERANGE (too large). */
 PVX_MUST_CHECK pvx_err pvx_file_read(const char *path, size_t max, char **out, size_t *len,
                                      struct pvx_diag *d);
+/* The same of a frame, which somebody may hand over through a named pipe: it is waited for. */
+PVX_MUST_CHECK pvx_err pvx_file_await(const char *path, size_t max, char **out, size_t *len,
+                                      struct pvx_diag *d);
 
 /* Write to `path`.tmp.PID, fsync, rename: readers see the old file or the whole new one.  On error
  * (PVX_ENOSPC, PVX_EPERM, PVX_EIO) the old file is untouched and the temporary is removed. */

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "base/clock.h"
+#include "base/file.h"
 #include "base/mem.h"
 #include "capture/files/sequence.h"
 #include "daemon/cli/cli.h"
@@ -331,6 +332,8 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
         if (!frames_in_background_file(dir, name, path, sizeof path))
             e = pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s",
                          dir, name, name);
+        if (e == PVX_OK)
+            e = pvx_file_check(path, d);
         if (e == PVX_OK)
             e = cap_image_load(path, &f->loaded[n], d);
         if (e == PVX_OK)

@@ -164,7 +164,9 @@ static pvx_err read_mask(const char *rig_path, const struct rec_camera *k, uint8
     struct pvx_diag why = {""};
     size_t n = (size_t)k->width * (size_t)k->height;
     beside(rig_path, k->photometry.mask, path, sizeof path);
-    pvx_err e = cap_image_load(path, &l, &why);
+    pvx_err e = pvx_file_check(path, &why); /* no frame, which would be waited for */
+    if (e == PVX_OK)
+        e = cap_image_load(path, &l, &why);
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: camera %s: mask: %s", rig_path, k->name, pvx_diag_text(&why, e));
     if (l.img.width != k->width || l.img.height != k->height)

@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include <xxhash.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "daemon/volumes/hdf5.h"
 
@@ -411,6 +412,7 @@ static pvx_err open_all(struct in *r, const char *path, uint64_t *count, bool *c
 {
     uint64_t bytes;
     bool closed = false;
+    PVX_TRY(pvx_file_check(path, d));
     if (!take_h5_looks(path, &bytes))
         return wrong(r, d, "not HDF5");
     r->file = take_h5_open(path);

@@ -1,8 +1,10 @@
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "daemon/volumes/volumes.h"
 
@@ -27,8 +29,11 @@ struct vol_reader {
 pvx_err vol_reader_open(const char *path, vol_reader **out, struct pvx_diag *d)
 {
     *out = NULL;
+    struct stat st;
     if (access(path, R_OK) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
+    if (stat(path, &st) != 0 || !S_ISDIR(st.st_mode))
+        PVX_TRY(pvx_file_check(path, d));
     size_t k = 0, n = sizeof readers / sizeof readers[0];
     while (k < n && !readers[k].ops->is(path))
         k++;

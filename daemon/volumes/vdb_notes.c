@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/file.h"
+
 #define FORMAT  "pyrovox volume"
 #define VERSION 1
 
@@ -186,7 +188,9 @@ pvx_err vol_vdb_about_load(const char *path, bool nano, struct vol_vdb_about *ou
 {
     struct vol_vdb_note note[VOL_VDB_NOTES_MAX];
     size_t n = 0;
-    FILE *f = fopen(path, "rbe");
+    int fd;
+    PVX_TRY(pvx_file_open(path, &fd, d));
+    FILE *f = fdopen(fd, "rb");
     if (f == NULL)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
     pvx_err e = vol_vdb_notes_load(f, nano, path, note, &n, d);

@@ -36,9 +36,10 @@ static pvx_err readable(const char *path, struct pvx_diag *d)
     if (dot == NULL || (strcasecmp(dot, ".stl") != 0 && strcasecmp(dot, ".ply") != 0))
         return pvx_fail(d, PVX_EFORMAT,
                         "should end with .stl or .ply; export the mesh as one of these");
-    if (stat(path, &st) != 0 || !S_ISREG(st.st_mode))
+    if (stat(path, &st) != 0)
         return pvx_fail(d, PVX_ENOENT,
                         "there is no such file; a path is relative to the rig's folder");
+    PVX_TRY(pvx_file_check(path, d));
     if (st.st_size > FILE_MAX)
         return pvx_fail(
             d, PVX_EINVAL,

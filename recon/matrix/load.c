@@ -1,5 +1,4 @@
 #include <errno.h>
-#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,6 +6,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "recon/matrix/format.h"
 
@@ -403,9 +403,8 @@ pvx_err rec_sysmat_load(const char *path, uint64_t key, bool verify, pvx_pool *p
                         rec_sysmat **out, struct pvx_diag *d)
 {
     *out = NULL;
-    int fd = open(path, O_RDONLY | O_CLOEXEC);
-    if (fd < 0)
-        return fail_errno(d, path, "cannot open");
+    int fd;
+    PVX_TRY(pvx_file_open(path, &fd, d));
     struct stat st;
     pvx_err e = PVX_OK;
     struct loader l = {.path = path, .d = d};

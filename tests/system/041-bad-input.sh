@@ -38,6 +38,26 @@ check open-if-told bash -c "'$pyrovoxd' --check-config --config <(echo '{rig: $r
 check wrong-usage bash -c "'$pyrovoxd' --nonsense 2>/dev/null; [ \$? = 2 ]"
 check good-file bash -c "'$pyrovoxd' --config daemon/config/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
 
+# what may never end is not opened; a pipe that the shell hands over is read
+mkfifo -m 600 "$dir/pipe" "$dir/pipe.png" "$dir/pipe.npy"
+with() { # photometry of cam0
+    sed "0,/^    t: /s|^    t: |    photometry: { $1 }\n&|" "$rig" > "$dir/with.yaml"
+    echo "{rig: with.yaml, cameras: \"sim:\", publish: {endpoints: [\"$volumes\"]}, control: {endpoint: \"$control\"}}"
+}
+run "$pyrovoxd" --check-config --config "$dir/pipe"
+check pipe-as-configuration says 1 "pipe: is a named pipe, which may never end"
+check pipe-as-rig refused "pipe: is a named pipe" <<< '{rig: pipe, cameras: "sim:"}'
+check device-as-rig refused "/dev/zero: is a device" <<< '{rig: /dev/zero, cameras: "sim:"}'
+check pipe-as-mask refused "cam0: mask: $dir/pipe.png: is a named pipe" < <(with 'mask: pipe.png')
+check pipe-as-dark refused "cam0: $dir/pipe.npy: is a named pipe" < <(with "dark: {file: pipe.npy, hash: '0123456789abcdef'}")
+check pipe-as-keys refused "pipe: is a named pipe" <<< "{rig: $rig, cameras: \"sim:\", keys: {server: pipe, clients: pipe}, publish: {endpoints: [\"tcp://*:5599\"]}, control: {endpoint: \"$control\"}}"
+run "$pyrovox" status --endpoint "$control" --key "$dir/pipe" --timeout 1
+check pipe-as-key says 1 "pipe: is a named pipe"
+run "$pyrovox" matrix --rig <(cat "$rig")
+check rig-from-the-shell says 0 "24 x 24 x 24"
+run "$pyrovox" matrix --rig /dev/stdin < <(cat "$rig")
+check rig-from-standard-input says 0 "24 x 24 x 24"
+
 if "$py" -c 'import zmq' 2>/dev/null; then
     start port.log "$py" -c 'import sys, time, zmq
 s = zmq.Context().socket(zmq.PUB); print(s.bind_to_random_port("tcp://127.0.0.1"), flush=True); time.sleep(3000)'

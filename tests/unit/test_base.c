@@ -1,8 +1,10 @@
 /* test_base.c - the promises of daemon/base: queue, pool, yaml, hist, numbers. */
 #include "../t.h"
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include "base/clock.h"
@@ -12,6 +14,7 @@
 #include "base/pool.h"
 #include "base/queue.h"
 #include "base/yaml.h"
+#include "tests/lib/scratch.h"
 
 T_CASE(threads_are_as_many_as_may_run)
 {
@@ -216,6 +219,53 @@ T_CASE(file_write_is_atomic_and_reads_back)
     T_EQ_I(pvx_file_write("/dev/full/x", "hello", 5, &d), PVX_ENOENT);
 }
 
+/* What may never end is refused before it is opened; a pipe that was handed over is read, a named one where that is meant. */
+T_CASE(files_that_may_never_end)
+{
+    static const struct {
+        const char *name, *says;
+    } refused[] = {{"pipe", "pipe: is a named pipe"},
+                   {"socket", "socket: is a socket"},
+                   {"/dev/zero", "/dev/zero: is a device"},
+                   {".", "is a folder"}};
+    struct pvx_diag d;
+    char path[128], *t;
+    size_t n;
+    int fd, ends[2];
+    scratch_new();
+    T_EQ_I(mkfifo(at("pipe"), 0600), 0);
+    T_EQ_I(mknod(at("socket"), S_IFSOCK | 0600, 0), 0);
+    for (size_t i = 0; i < sizeof refused / sizeof refused[0]; i++) {
+        const char *p = refused[i].name[0] == '/' ? refused[i].name : at("%s", refused[i].name);
+        for (int how = 0; how < 3; how++) {
+            d.text[0] = '\0';
+            pvx_err e = how == 0   ? pvx_file_check(p, &d)
+                        : how == 1 ? pvx_file_open(p, &fd, &d)
+                                   : pvx_file_read(p, 5, &t, &n, &d);
+            T_EQ_I(e, PVX_EFORMAT);
+            T_CONTAINS(d.text, refused[i].says);
+        }
+    }
+    T_EQ_I(pvx_file_await("/dev/zero", 5, &t, &n, &d), PVX_EFORMAT);
+    T_EQ_I(pipe(ends), 0);
+    T_EQ_I(write(ends[1], "hello", 5), 5);
+    close(ends[1]);
+    snprintf(path, sizeof path, "/proc/self/fd/%d", ends[0]); /* what <(...) and /dev/stdin are */
+    T_EQ_I(pvx_file_read(path, 5, &t, &n, &d), PVX_OK);
+    T_EQ_S(t, "hello");
+    free(t);
+    close(ends[0]);
+    pid_t writer = fork();
+    if (writer == 0) {
+        int to = open(at("pipe"), O_WRONLY);
+        _exit(write(to, "frame", 5) == 5 ? 0 : 1);
+    }
+    T_EQ_I(pvx_file_await(at("pipe"), 5, &t, &n, &d), PVX_OK);
+    T_EQ_S(t, "frame");
+    free(t);
+    waitpid(writer, NULL, 0);
+    scratch_remove();
+}
 T_CASE(both_clocks_at_one_instant)
 {
     for (int i = 0; i < 100; i++) {

@@ -203,6 +203,8 @@ T_CASE(meshes_that_are_refused)
 {
     double t[12 * 9];
     refuse_mesh("nothing.stl", "no such file");
+    T_EQ_I(mkfifo(at("pipe.stl"), 0600), 0);
+    refuse_mesh("pipe.stl", "is a named pipe");
     write_stl(at("mm.stl"), t_box(1000, t), 12, true);
     refuse_mesh("mm.stl", "scale: 0.001");
     write_stl(at("hole.stl"), t_box(1, t), 11, false);

@@ -800,6 +800,8 @@ T_CASE(every_length_but_one_is_refused)
     T_EQ_I(rec_sysmat_load(at("absent"), 0, true, NULL, &m, &d), PVX_ENOENT);
     T_EQ_I(rec_sysmat_load(dir, 0, true, NULL, &m, &d), PVX_EFORMAT);
     T_EQ_I(rec_sysmat_load("/dev/null", 0, true, NULL, &m, &d), PVX_EFORMAT);
+    T_EQ_I(mkfifo(at("pipe"), 0600), 0);
+    T_EQ_I(rec_sysmat_load(at("pipe"), 0, true, NULL, &m, &d), PVX_EFORMAT);
 }
 
 /* A matrix with windows of less than 16 weights, and more of them than one a column. */

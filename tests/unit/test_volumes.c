@@ -318,3 +318,14 @@ T_CASE(what_is_wrong_is_refused)
     T_EQ_I(vol_reader_open(at("text.h5"), &r, NULL), PVX_EFORMAT);
     scratch_remove();
 }
+T_CASE(pipes_are_no_recordings)
+{
+    static const char *const ends[] = {"npy", "h5", "vdb", "nvdb"};
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        vol_reader *r;
+        struct pvx_diag d = {""};
+        T_EQ_I(mkfifo(at("pipe.%s", ends[i]), 0600), 0);
+        T_EQ_I(vol_reader_open(at("pipe.%s", ends[i]), &r, &d), PVX_EFORMAT);
+        T_CONTAINS(d.text, "is a named pipe");
+    }
+}
