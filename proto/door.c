@@ -15,8 +15,11 @@
      ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
 
 struct pvp_door {
-    void *watched, *news;
+    void *zmq, *watched, *news;
     int broken; /* handshakes that the other side broke off, since one that went well */
+    /* A second connection, without a key, which says nothing: that it is let in tells a daemon that asks for none. */
+    void *keyless;
+    pvp_door *keyless_door;
 };
 
 pvx_err pvp_door_new(void *zmq, void *socket, pvp_door **out)
@@ -29,6 +32,7 @@ pvx_err pvp_door_new(void *zmq, void *socket, pvp_door **out)
     if (p == NULL)
         return PVX_ENOMEM;
     snprintf(at, sizeof at, "inproc://pyrovox-door-%u", atomic_fetch_add(&made, 1));
+    p->zmq = zmq;
     p->watched = socket;
     p->news = zmq_socket(zmq, ZMQ_PAIR);
     bool ok = p->news != NULL && zmq_setsockopt(p->news, ZMQ_LINGER, &linger, sizeof linger) == 0 &&
@@ -43,11 +47,20 @@ pvx_err pvp_door_new(void *zmq, void *socket, pvp_door **out)
     return PVX_OK;
 }
 
+static void stop_trying(pvp_door *p)
+{
+    pvp_door_free(&p->keyless_door);
+    if (p->keyless != NULL)
+        zmq_close(p->keyless);
+    p->keyless = NULL;
+}
+
 void pvp_door_free(pvp_door **pp)
 {
     pvp_door *p = *pp;
     if (p == NULL)
         return;
+    stop_trying(p);
     zmq_socket_monitor(p->watched, NULL, 0);
     if (p->news != NULL)
         zmq_close(p->news);
@@ -59,49 +72,101 @@ void *pvp_door_socket(const pvp_door *p)
     return p->news;
 }
 
-/* The next event, a frame of its number and one of where; 0: none. */
-static unsigned next_event(pvp_door *p)
+struct event {
+    uint16_t what; /* 0: none */
+    uint32_t value;
+};
+
+/* The next one: a frame of what it is, and one of where. */
+static struct event next_event(pvp_door *p)
 {
-    unsigned char what[6], where[256];
-    int n = zmq_recv(p->news, what, sizeof what, ZMQ_DONTWAIT);
+    unsigned char frame[6], where[256];
+    struct event e = {0};
+    int n = zmq_recv(p->news, frame, sizeof frame, ZMQ_DONTWAIT);
     if (n < 0)
-        return 0;
+        return e;
     zmq_recv(p->news, where, sizeof where, ZMQ_DONTWAIT);
-    uint16_t event;
-    memcpy(&event, what, sizeof event); /* the host's own order, as libzmq writes it */
-    return n == sizeof what ? event : 0;
+    if (n == sizeof frame) { /* the host's own order, as libzmq writes it */
+        memcpy(&e.what, frame, sizeof e.what);
+        memcpy(&e.value, frame + sizeof e.what, sizeof e.value);
+    }
+    return e;
 }
 
 uint64_t pvp_door_failed(pvp_door *p)
 {
     uint64_t n = 0;
-    for (unsigned e; (e = next_event(p)) != 0;)
-        n += e == ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL || e == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL;
+    for (struct event e; (e = next_event(p)).what != 0;)
+        n += e.what == ZMQ_EVENT_HANDSHAKE_FAILED_NO_DETAIL ||
+             e.what == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL;
     return n;
+}
+
+static void try_without_key(pvp_door *p, const char *endpoint)
+{
+    const int linger = 0;
+    int type;
+    size_t size = sizeof type;
+    if (p->keyless != NULL || zmq_getsockopt(p->watched, ZMQ_TYPE, &type, &size) != 0)
+        return;
+    p->keyless = zmq_socket(p->zmq, type);
+    if (p->keyless == NULL || zmq_setsockopt(p->keyless, ZMQ_LINGER, &linger, sizeof linger) != 0 ||
+        pvp_door_new(p->zmq, p->keyless, &p->keyless_door) != PVX_OK ||
+        zmq_connect(p->keyless, endpoint) != 0)
+        stop_trying(p); /* another time */
+}
+
+static pvx_err no_key(const char *endpoint, struct pvx_diag *d)
+{
+    return pvx_fail(d, PVX_EPERM,
+                    "the daemon at %s asks for no key: leave --key out; nothing is encrypted there",
+                    endpoint);
+}
+
+/* Several times broken off, with a key: either end may be the first to notice that the other one has none, and libzmq
+ * then says the same as of a key that is wrong.  PVX_OK: not known yet, the next try ends in an event as well. */
+static pvx_err broken_off(pvp_door *p, const char *endpoint, struct pvx_diag *d)
+{
+    struct event e = {0};
+    try_without_key(p, endpoint);
+    if (p->keyless_door != NULL && p->broken >= BROKEN_OFF)
+        e = next_event(p->keyless_door);
+    if (e.what == 0)
+        return PVX_OK;
+    stop_trying(p);
+    p->broken = 0;
+    if (e.what == ZMQ_EVENT_HANDSHAKE_SUCCEEDED)
+        return no_key(endpoint, d);
+    return pvx_fail(d, PVX_EPERM,
+                    "the daemon at %s breaks off: it has another key than the file says (its "
+                    "'server' line)",
+                    endpoint);
 }
 
 pvx_err pvp_door_refused(pvp_door *p, const char *endpoint, bool has_key, struct pvx_diag *d)
 {
-    for (unsigned e; (e = next_event(p)) != 0;) {
-        if (e == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
+    for (struct event e; (e = next_event(p)).what != 0;) {
+        p->broken = e.what == ZMQ_EVENT_HANDSHAKE_SUCCEEDED ? 0 : p->broken + 1;
+        if (p->broken == 0) {
+            stop_trying(p);
+            continue;
+        }
+        if (e.what == ZMQ_EVENT_HANDSHAKE_FAILED_AUTH)
             return pvx_fail(d, PVX_EPERM,
                             "the daemon at %s refuses this key: it is not in its keys.clients, or "
                             "may not do that",
                             endpoint);
-        if (e == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL)
-            return pvx_fail(d, PVX_EPERM,
-                            has_key ? "the daemon at %s asks for no key, or is none: try without"
-                                    : "the daemon at %s asks for a key: --key FILE, made by "
-                                      "pyrovox keygen",
-                            endpoint);
-        p->broken = e == ZMQ_EVENT_HANDSHAKE_SUCCEEDED ? 0 : p->broken + 1;
-        if (p->broken >= BROKEN_OFF) {
+        if (e.what == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL &&
+            e.value != ZMQ_PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
+            return pvx_fail(d, PVX_EPERM, "what listens at %s is no pyrovoxd", endpoint);
+        if (e.what == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL && has_key)
+            return no_key(endpoint, d);
+        if (has_key)
+            PVX_TRY(broken_off(p, endpoint, d));
+        else if (e.what == ZMQ_EVENT_HANDSHAKE_FAILED_PROTOCOL || p->broken >= BROKEN_OFF) {
             p->broken = 0;
             return pvx_fail(d, PVX_EPERM,
-                            has_key ? "the daemon at %s breaks off: it has another key than the "
-                                      "file says (its 'server' line)"
-                                    : "the daemon at %s breaks off: it asks for a key (--key FILE, "
-                                      "made by pyrovox keygen)",
+                            "the daemon at %s asks for a key: --key FILE, made by pyrovox keygen",
                             endpoint);
         }
     }

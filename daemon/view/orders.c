@@ -10,17 +10,21 @@
 #include "base/clock.h"
 #include "base/mem.h"
 #include "proto/auth.h"
+#include "proto/door.h"
 
 #define ANSWER_NS (60 * PVX_NS_PER_S) /* a snapshot answers when it is on the disk */
 #define SAID_MAX  400                 /* bytes of the daemon's words */
 
 struct view_orders {
     void *zmq, *socket;
+    pvp_door *door;
+    char *endpoint;
     enum view_order order;
-    bool busy, good, changed;
+    bool has_key, busy, good, changed;
     int64_t until_ns;
     unsigned asked;
     char said[SAID_MAX], text[VIEW_ORDER_TEXT];
+    struct pvx_diag refusal; /* "": it did not turn us away since it last took something */
 };
 
 static const struct {
@@ -66,7 +70,11 @@ pvx_err view_orders_new(const char *endpoint, const char *key, view_orders **out
         return PVX_ENOMEM;
     o->zmq = zmq_ctx_new();
     o->socket = o->zmq != NULL ? zmq_socket(o->zmq, ZMQ_REQ) : NULL;
-    pvx_err e = o->socket != NULL ? PVX_OK : PVX_ENOMEM;
+    o->endpoint = strdup(endpoint);
+    o->has_key = key != NULL;
+    pvx_err e = o->socket != NULL && o->endpoint != NULL ? PVX_OK : PVX_ENOMEM;
+    if (e == PVX_OK)
+        e = pvp_door_new(o->zmq, o->socket, &o->door);
     if (e == PVX_OK && key != NULL)
         e = pvp_auth_client(o->socket, key, d);
     if (e == PVX_OK) {
@@ -89,11 +97,21 @@ void view_orders_free(view_orders **o)
 {
     if (*o == NULL)
         return;
+    pvp_door_free(&(*o)->door);
+    free((*o)->endpoint);
     if ((*o)->socket != NULL)
         zmq_close((*o)->socket);
     if ((*o)->zmq != NULL)
         zmq_ctx_term((*o)->zmq);
     PVX_FREE(*o);
+}
+
+/* An order that is under way when the daemon turns us away waits for its minute. */
+static void look_at_door(view_orders *o)
+{
+    struct pvx_diag why = {""};
+    if (pvp_door_refused(o->door, o->endpoint, o->has_key, &why) != PVX_OK)
+        o->refusal = why;
 }
 
 void view_orders_give(view_orders *o, enum view_order order)
@@ -107,11 +125,16 @@ void view_orders_give(view_orders *o, enum view_order order)
     const char *r = orders[order].request;
     o->busy = zmq_send(o->socket, r, strlen(r), ZMQ_DONTWAIT) >= 0;
     o->until_ns = pvx_now_mono() + ANSWER_NS;
-    if (o->busy)
+    look_at_door(o);
+    if (o->busy) {
+        o->refusal.text[0] = '\0';
         say(o, true, "asked");
-    else
+    } else {
         say(o, false,
-            "no daemon takes orders there: is it running, and is --control its control.endpoint?");
+            o->refusal.text[0] != '\0' ? o->refusal.text
+                                       : "no daemon takes orders there: is it running, and is "
+                                         "--control its control.endpoint?");
+    }
 }
 
 /* What the daemon said to it. */
@@ -133,6 +156,7 @@ bool view_orders_run(view_orders *o)
 {
     zmq_msg_t m;
     zmq_msg_init(&m);
+    look_at_door(o);
     if (o->busy && zmq_msg_recv(&m, o->socket, ZMQ_DONTWAIT) >= 0) {
         o->busy = false;
         answered(o, zmq_msg_data(&m), zmq_msg_size(&m));

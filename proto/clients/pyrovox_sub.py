@@ -9,11 +9,11 @@
                 m["dense"]      # float32 [nz][ny][nx][channels]
         print(sub.lost)         # messages that did not reach us
 """
-import argparse, ctypes, ctypes.util, functools, json, os, struct, sys
+import argparse, ctypes, ctypes.util, functools, json, os, struct, sys, time
 import numpy as np
 try:
     import zmq
-    from zmq.utils.monitor import recv_monitor_message
+    from zmq.utils.monitor import parse_monitor_message
 except ImportError:  # messages that come by another way can be read without (Blender has none)
     zmq = None
 
@@ -25,7 +25,8 @@ PREVIEW = struct.Struct("<2IQq2I")
 CAMERA = struct.Struct("<64sI4H7I")
 TYPES = {100: "start", 200: "volume", 300: "status", 400: "end", 500: "rig", 600: "event", 700: "preview"}
 MEMORY = 1 << 30  # bytes: a volume as floats, 645^3 voxels of one colour, 447^3 of three
-BROKEN_OFF = 3  # connections that are not let in, one after the other, until that is said
+BROKEN_OFF = 3  # handshakes in a row that the other end breaks off, before it is no accident
+MISMATCH = 0x11000002  # libzmq's PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: one end has keys, the other none
 TIMES = ("photometry_ns", "hull_ns", "restrict_ns", "solve_ns", "total_ns")
 
 
@@ -253,6 +254,81 @@ def use_key(socket, path):
         raise ValueError(f"{path}: has no {e.args[0]} key; make it with pyrovox keygen --server") from None
 
 
+class Door:
+    """Says why we are not let in: libzmq would try again for ever in silence, or not at all.
+
+    Either end may be the first to notice that the other one has no keys, and the later one hears the same as of a key that is
+    wrong: a second connection, which has none and says nothing, tells the two apart.
+    """
+
+    def __init__(self, socket, endpoint, key=None):
+        self.socket, self.endpoint, self.key = socket, endpoint, key
+        self.broken, self.keyless = 0, None
+        at = f"inproc://pyrovox-{id(self)}-{time.monotonic_ns()}"
+        socket.monitor(at, zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH |
+                       zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
+        self.news = zmq.Context.instance().socket(zmq.PAIR)
+        self.news.setsockopt(zmq.LINGER, 0)
+        self.news.connect(at)
+
+    def close(self):
+        self.stop_trying()
+        if not self.socket.closed:
+            self.socket.disable_monitor()
+        self.news.close(0)
+
+    def stop_trying(self):
+        if self.keyless:
+            self.keyless.close()
+            self.keyless.socket.close(0)
+        self.keyless = None
+
+    def event(self):
+        """The next one, its number and value; (0, 0): none."""
+        try:
+            e = parse_monitor_message(self.news.recv_multipart(zmq.NOBLOCK))
+            return e["event"], e["value"]
+        except zmq.Again:
+            return 0, 0
+
+    def without_key(self):
+        """What became of the second connection: 0 while nothing did."""
+        if not self.keyless:
+            self.keyless = Door(zmq.Context.instance().socket(self.socket.getsockopt(zmq.TYPE)), self.endpoint)
+            self.keyless.socket.connect(self.endpoint)
+        return self.keyless.event()[0] if self.broken >= BROKEN_OFF else 0
+
+    def look(self):
+        """Why we are not let in, with the remedy; "" while nobody said no."""
+        while not self.news.closed:
+            event, value = self.event()
+            if event == 0:
+                break
+            if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+                self.broken = 0
+                self.stop_trying()
+                continue
+            self.broken += 1
+            if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
+                return (f"the daemon refuses the key in {self.key}: its list of clients (keys.clients) has to name it, "
+                        "and no longer or not yet does")
+            mismatch = event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+            if mismatch and value != MISMATCH:
+                return "what listens there is no pyrovoxd"
+            if not self.key:
+                if mismatch or self.broken >= BROKEN_OFF:
+                    return ("the daemon asks for a key (--key FILE, key=FILE; pyrovox keygen NAME --server DAEMON.pub "
+                            "makes one)")
+                continue
+            keyless = zmq.EVENT_HANDSHAKE_SUCCEEDED if mismatch else self.without_key()
+            if keyless == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+                return f"the daemon asks for no key: leave {self.key} out; nothing is encrypted there"
+            if keyless:
+                return (f"the daemon has another key than {self.key} says (its 'server' line): it was made anew, or this is "
+                        "another daemon; ask who runs it for its .pub")
+        return ""
+
+
 class Subscriber:
     """Iterate over decoded messages; volumes only after their session's start.  `lost` counts gaps.
 
@@ -268,14 +344,12 @@ class Subscriber:
         self.socket.setsockopt(zmq.SUBSCRIBE, b"PVX1")
         if key:
             use_key(self.socket, key)
-        self.door = self.socket.get_monitor_socket(
-            zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_AUTH |
-            zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
+        self.door = Door(self.socket, endpoint, key)
         self.socket.connect(endpoint)
-        self.endpoint, self.key, self.broken_off = endpoint, key, 0
+        self.endpoint = endpoint
         self.poller = zmq.Poller()
         self.poller.register(self.socket, zmq.POLLIN)
-        self.poller.register(self.door, zmq.POLLIN)
+        self.poller.register(self.door.news, zmq.POLLIN)
         self.timeout_ms, self.memory = timeout_ms, memory
         self.start, self.session, self.next = None, None, 0
         self.received = self.lost = self.malformed = 0
@@ -284,30 +358,20 @@ class Subscriber:
         return self
 
     def __exit__(self, *_):
-        self.socket.disable_monitor()
+        self.door.close()
         self.socket.close(0)
 
     def __iter__(self):
         return self
-
-    def look_at_door(self):
-        """libzmq would try again for ever in silence."""
-        while self.door.poll(0):
-            event = recv_monitor_message(self.door)["event"]
-            if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-                raise Refused(f"{self.endpoint} refuses the key in {self.key}: it is not in the daemon's keys.clients")
-            self.broken_off = 0 if event == zmq.EVENT_HANDSHAKE_SUCCEEDED else self.broken_off + 1
-            if self.broken_off == BROKEN_OFF or event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
-                raise Refused(f"{self.endpoint} breaks off: " + (
-                    f"the daemon has another key than {self.key} says (its 'server' line), or asks for none"
-                    if self.key else "the daemon asks for a key (--key FILE, made by pyrovox keygen), or is none"))
 
     def __next__(self):
         while True:
             ready = dict(self.poller.poll(None if self.timeout_ms < 0 else self.timeout_ms))
             if not ready:
                 raise StopIteration
-            self.look_at_door()
+            refusal = self.door.look()
+            if refusal:
+                raise Refused(f"{self.endpoint}: {refusal}")
             if self.socket not in ready:
                 continue
             msg = self.socket.recv()

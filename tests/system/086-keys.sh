@@ -60,6 +60,17 @@ ground() { run "$pyrovox" calibrate background --live --control "tcp://127.0.0.1
 check background-with-a-key ground
 check reads volumes_for anna 1
 check control-reads-too volumes_for bert 1
+# a key where none is asked for is not a wrong key
+needless() { run "$pyrovox" "$@" --key "$keys/anna.key"; says 1 "asks for no key: leave --key out"; }
+check a-needless-key-is-told needless record --endpoint "$volumes" --volumes 1 --out "$dir/out-needless" -q
+config k.yaml < <(echo 'cameras: "sim:"'; echo 'fps: 2')
+sed -i "s|$volumes|ipc://$dir/keyless|" "$dir/k.yaml"
+start keyless.log "$pyrovoxd" --config "$dir/k.yaml"
+keyless=$started
+check without-keys wait_for "$pyrovox" status --endpoint "$control" --timeout 5
+check needless-for-status needless status --endpoint "$control" --timeout 120
+check needless-for-view eval 'start view.log "$pyrovox" view --listen 127.0.0.1:0 --endpoint "ipc://$dir/keyless" --key "$keys/anna.key" && wait_for grep -q "asks for no key" "$dir/view.log"; kill -INT "$started"'
+kill -INT "$keyless"; wait "$keyless"
 check a-file-needs-none "$pyrovox" record --endpoint "$volumes" --volumes 3 --out "$dir/out-file" -q
 run "$pyrovox" record --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --raw start --out "$dir/elsewhere.h5"
 check writes-where-it-is-told-here says 1 "to the folder of record.path"
@@ -80,6 +91,8 @@ with pvx.Subscriber(sys.argv[1], key=sys.argv[2] if len(sys.argv) > 2 else None)
     check python-not-listed page_says "refuses the key in $keys/carl.key" --key "$keys/carl.key"
     "$pyrovox" keygen "$keys/other" > "$dir/said"; "$pyrovox" keygen "$keys/dora" --server "$keys/other.pub" > "$dir/said"
     check python-another-daemon page_says "another key than $keys/dora.key says" --key "$keys/dora.key"
+    run "$py" proto/clients/pyrovox_sub.py "$volumes" --key "$keys/anna.key"
+    check python-needless-key says 1 "asks for no key: leave $keys/anna.key out"
     check python-no-key-file page_says "none.key" --key "$keys/none.key"
 else echo "SKIP $name:python-reads (no python3 with numpy and zmq)"; fi
 

@@ -494,7 +494,7 @@ cat > "$dir/d.yaml" <<E2
 rig: $PWD/tests/data/rig4.yaml
 cameras: "sim:"
 fps: 20
-publish: {endpoints: ["tcp://*:$port"]}
+publish: {endpoints: ["tcp://*:$port", "$volumes"]}
 control: {endpoint: "$control"}
 keys: {server: keys/lab.key, clients: keys/clients.keys}
 E2
@@ -504,14 +504,16 @@ enter() { # key or None: one volume
     run "$py" -c 'import pyrovox, sys
 try:
     with pyrovox.subscribe(sys.argv[1], key=sys.argv[2] or None, timeout=120) as s: print("set", next(s).set, s.grid.n)
-except (ConnectionError, OSError, ValueError) as e: sys.exit(f"{type(e).__name__}: {e}")' "tcp://127.0.0.1:$port" "${1:+$keys/$1.key}"
+except (ConnectionError, OSError, ValueError) as e: sys.exit(f"{type(e).__name__}: {e}")' "${2:-tcp://127.0.0.1:$port}" "${1:+$keys/$1.key}"
 }
 enters() { enter anna; says 0 "set "; }
 check with_its_key wait_for enters
 refused() { enter "$1"; says 1 "Refused" "$2"; }
-check a_key_that_is_not_listed refused bert "does not let the key in $keys/bert.key in"
+check a_key_that_is_not_listed refused bert "refuses the key in $keys/bert.key"
 check no_key refused "" "asks for a key"
-check another_daemons_key refused wrong "not the server key in"
+check another_daemons_key refused wrong "another key than $keys/wrong.key says"
+enter anna "$volumes"
+check a_key_where_none_is_asked_for says 1 "Refused" "asks for no key: leave $keys/anna.key out"
 enter none
 check no_key_file says 1 "FileNotFoundError" "none.key"
 head -c 60 "$keys/anna.key" > "$keys/cut.key"; chmod 600 "$keys/cut.key"

@@ -104,6 +104,9 @@ check live live
 orders() { # what pages may tell the daemon, and only with --control
     view orders.log --endpoint "$volumes" "--control=ipc://$dir/orders" && does orders "ipc://$dir/orders" tells || return 1
     kill -INT "$started"; wait "$started"
+    { "$pyrovox" keygen "$dir/lab" && "$pyrovox" keygen "$dir/me" --server "$dir/lab.pub"; } > "$dir/keygen.log" || return 1
+    view keyed.log --endpoint "$volumes" "--control=ipc://$dir/keyless" --key "$dir/me.key" && does orders "ipc://$dir/keyless" keyed || return 1
+    kill -INT "$started"; wait "$started"
     view reads.log --endpoint "$volumes" && does orders "ipc://$dir/none" reads || return 1
     run "$pyrovox" view "$dir/film.h5" --control; says 2 'a recording has no'
 }

@@ -10,14 +10,9 @@ from types import TracebackType
 from typing import Any, AsyncIterator, Iterator, Optional, Union
 
 import zmq
-from zmq.utils.monitor import parse_monitor_message
 
 from . import _page
 from .volume import Grid, Volume, grid_of, volume_of
-
-SHUT = 3  # handshakes in a row that the other end breaks off before it is no accident
-HANDSHAKES = (zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
-              | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH)
 
 
 class Refused(ConnectionError):
@@ -48,12 +43,12 @@ class Subscription:
         self.events: deque[dict[str, Any]] = deque(maxlen=100)
         self._start: Optional[dict[str, Any]] = None
         self._session: Optional[int] = None
-        self._next = self._shut = 0
+        self._next = 0
         self._waiting: Optional[tuple[dict[str, Any], bytes]] = None  # the newest volume so far
         self._ended = False
         self._refusal = ""
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.SUB)
-        self._monitor: Optional[zmq.Socket[bytes]] = None
+        self._door: Optional[_page.Door] = None
         try:
             self._connect()
         except BaseException:
@@ -71,11 +66,7 @@ class Subscription:
                 _page.use_key(s, self.key)
             except (zmq.ZMQError, UnicodeDecodeError):
                 raise ValueError(f"{self.key}: is not a key file; make one with pyrovox keygen --server") from None
-        monitored = f"inproc://pyrovox-{id(self)}-{time.monotonic_ns()}"
-        s.monitor(monitored, HANDSHAKES)
-        self._monitor = zmq.Context.instance().socket(zmq.PAIR)
-        self._monitor.setsockopt(zmq.LINGER, 0)
-        self._monitor.connect(monitored)
+        self._door = _page.Door(s, self.endpoint, self.key)
         try:
             s.connect(self.endpoint)
         except zmq.ZMQError as e:
@@ -91,11 +82,9 @@ class Subscription:
 
         >>> sub.close()                     # doctest: +SKIP
         """
-        if not self._socket.closed:
-            self._socket.disable_monitor()
-            self._socket.close(0)
-        if self._monitor is not None:
-            self._monitor.close(0)
+        if self._door is not None:
+            self._door.close()
+        self._socket.close(0)
 
     def __enter__(self) -> "Subscription":
         return self
@@ -150,7 +139,7 @@ class Subscription:
                 loop.remove_reader(fd)
 
     def _sockets(self) -> list["zmq.Socket[bytes]"]:
-        return [s for s in (self._socket, self._monitor) if s is not None]
+        return [self._socket] + ([self._door.news] if self._door is not None else [])
 
     def _until(self) -> Optional[float]:
         return None if self.timeout is None else time.monotonic() + self.timeout
@@ -181,25 +170,9 @@ class Subscription:
         return self._volume(*waiting) if waiting else None
 
     def _look(self) -> None:
-        """Raises Refused where the daemon does not let us in: libzmq would try again for ever, or never."""
-        while not self._refusal and self._monitor is not None and not self._monitor.closed:
-            try:
-                event = parse_monitor_message(self._monitor.recv_multipart(zmq.NOBLOCK))["event"]
-            except zmq.Again:
-                return
-            if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
-                self._shut = 0
-            elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-                self._refusal = (f"the daemon does not let the key in {self.key} in: its list of clients "
-                                 "(keys.clients) has to name it, and no longer or not yet does")
-            else:  # which of the two it is depends on which end noticed first
-                self._shut += SHUT if event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL else 1
-                if self._shut >= SHUT:
-                    self._refusal = (
-                        f"the daemon's key is not the server key in {self.key}: it was made anew, or this is "
-                        "another daemon, ask who runs it for its .pub; or it asks for no key" if self.key else
-                        "the daemon asks for a key (key=FILE; pyrovox keygen NAME --server DAEMON.pub makes one), "
-                        "or whoever listens there is none")
+        """Raises Refused where the daemon does not let us in."""
+        if not self._refusal and self._door is not None:
+            self._refusal = self._door.look()
         if self._refusal:
             raise Refused(f"{self.endpoint}: {self._refusal}")
 
