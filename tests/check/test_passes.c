@@ -143,8 +143,8 @@ static void same(const char *pass, const struct bed *a, const struct bed *b)
              "%s: others clipped", pass);
 }
 
-/* Each pass on what the passes before it left. */
-static void compare(const struct rec_subsys *a, bool per_channel)
+/* Each pass on what the passes before it left.  How many voxels were clipped. */
+static size_t compare(const struct rec_subsys *a, bool per_channel)
 {
     enum { ROWS = 1, COLUMNS = 2, SLABS = 4 };
     static const struct {
@@ -192,7 +192,7 @@ static void compare(const struct rec_subsys *a, bool per_channel)
     size_t clipped = 0;
     for (size_t k = 0; k < rec_column_chunks(&bed[0].pb); k++)
         clipped += (size_t)bed[0].pb.n_clipped[k];
-    T_OK(clipped > 0 || a->n < 8); /* `clipped` had something to do */
+    return clipped;
 }
 
 /* n voxels in runs, so that some have neighbours along every axis and some none. */
@@ -216,18 +216,20 @@ T_CASE(same_bits_on_every_instruction_set)
     memset(present, true, sizeof present);
     rec_kernels_init(&k, PVX_CPU_REF); /* one product for both */
     T_EQ_I(rec_restrictor_new(sc.S, &r), PVX_OK);
+    size_t clipped = 0; /* of 17 voxels there may be none */
     for (int cs = 1; cs <= 4; cs += 3) {
         struct rec_subsys *a;
         T_EQ_I(rec_subsys_new(sc.S, &k, sc.pool, cs, &a), PVX_OK);
         for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
             rec_subsys_restrict(a, r, col, pick(sizes[i], col), present);
             T_EQ_I(a->n, sizes[i]);
-            compare(a, false);
+            clipped += compare(a, false);
             if (cs == 4)
-                compare(a, true);
+                clipped += compare(a, true);
         }
         rec_subsys_free(&a);
     }
+    T_OK(clipped > 0);
     rec_restrictor_free(&r);
     free(col);
 }
