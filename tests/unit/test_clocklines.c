@@ -59,7 +59,7 @@ T_CASE(it_lies_under_every_point_and_late_ones_do_not_pull_it)
         for (int64_t k = 20 * 30; k < 120 * 30; k++) {
             double x = (double)(k * (S / 30)), y = 60e-6 * x + what[i](k);
             (void)cap_envelope_add(&e, k * (S / 30), y, &above);
-            T_OK(cap_envelope_at(&e, k * (S / 30)) <= y);
+            T_LE(cap_envelope_at(&e, k * (S / 30)), y + 1e-8); /* of 7e6, four roundings */
             T_NEAR(cap_envelope_at(&e, k * (S / 30)), 60e-6 * x, i == 0 ? 150e3 : 1);
         }
         T_NEAR(e.drift * 1e6, 60, i == 0 ? 3 : 1e-6);
@@ -120,11 +120,12 @@ T_CASE(weights_are_those_of_the_bounds)
     T_OK(f.bound_ns < 1001 && f.drift_bound < 1e-6);
 }
 
-/* The estimate is off by its standard error, as the bounds say; many draws. */
+/* The estimate is off by its standard error, as the bounds say: chi-square of n draws, 1 +- sqrt(2 / n) = 0.0224; the limit
+ * is 6.7 of that. */
 T_CASE(it_knows_how_sure_it_is)
 {
     double sum = 0, drift = 0;
-    int n = 2000;
+    int n = 4000;
     for (int k = 0; k < n; k++) {
         struct cap_clockfit f = {0};
         for (int64_t i = 0; i < CAP_CLOCKFIT_READINGS; i++) {
