@@ -89,6 +89,8 @@ T_CASE(gain_black_background)
     T_NEAR(st.sigma[0], 0, 1e-6);
 }
 
+/* In 6000 draws sigma was off by 0.0004 (one deviation; clipped by 0.0007 +- 0.0004), the threshold by 0.0021, and five
+ * pixels outside were lit at most: limits are six deviations and more. */
 T_CASE(noise_is_estimated)
 {
     struct rec_photo_params p = rec_photo_defaults;
@@ -97,8 +99,8 @@ T_CASE(noise_is_estimated)
             paint(nch == 3 ? 4 : 1, 0.6, 0.01, clip);
             apply(nch, NULL, one, &p);
             for (int c = 0; c < nch; c++) /* of clipped noise a block's mean tells of its spread */
-                T_NEAR(st.sigma[c], 0.01, clip ? 0.0025 : 0.0015);
-            T_NEAR(st.threshold, 0.04, 0.01);
+                T_NEAR(st.sigma[c], 0.01, clip ? 0.0035 : 0.0025);
+            T_NEAR(st.threshold, 0.04, 0.014);
             int centre = lit[H / 2 * W + W / 2], edge = lit[H / 2 * W + W / 2 + 9], outside = 0;
             for (int i = 0; i < W * H; i++) {
                 double x = i % W - W / 2, y = i / W - H / 2;
@@ -106,7 +108,7 @@ T_CASE(noise_is_estimated)
             }
             T_EQ_I(centre, 1);
             T_EQ_I(edge, 1); /* 0.06 bright: lit by itself or by the mean of 3x3 */
-            T_LE(outside, 4);
+            T_LE(outside, 20);
         }
 }
 
