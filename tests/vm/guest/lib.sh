@@ -102,3 +102,32 @@ systemd_start() {
 }
 in_it() { timeout -k 5 $(($(patient 60) * 3)) nsenter -t "$(pgrep -P "$outer")" -p -m "$@"; }
 booted() { [ -S /run/systemd/private ] && in_it systemctl list-units > /dev/null; }
+
+# ---- the packages of `make test-deb` --------------------------------------------------------------------------
+packages_start() {
+    [ -d "$b/deb-test/2" ] || { echo "no packages here: make test-deb"; exit 77; }
+    export DEBIAN_FRONTEND=noninteractive
+    rm -f /usr/sbin/policy-rc.d # containers have one that starts no service
+    # dpkg would read the list of files of every package here, through an emulated machine: it is told what is installed, no more
+    export DPKG_ADMINDIR=/var/lib/dpkg-test
+    mkdir -p $DPKG_ADMINDIR/{info,updates,triggers} && cp /var/lib/dpkg/status $DPKG_ADMINDIR/
+    systemd_start
+}
+packages() { # 1 or 2
+    in_it dpkg --force-unsafe-io -i "$b/deb-test/$1"/pyrovox{,-view}_*.deb > "$dir/dpkg-$1.log" 2>&1 || { cat "$dir/dpkg-$1.log"; return 1; }
+}
+packaged_daemon() { # that records what simulated cameras see
+    cp tests/data/rig4.yaml /etc/pyrovox/rig.yaml
+    cat > /etc/pyrovox/pyrovoxd.yaml << 'Y'
+rig: rig.yaml
+cameras: "sim:"
+fps: 5
+record: { mode: raw, path: "/var/lib/pyrovox/%Y%m%d-%H%M%S.h5" }
+Y
+}
+value() { in_it systemctl show -P "$1" "${2:-pyrovoxd}"; }
+is() { [ "$(value "$1" "${3:-}")" = "$2" ]; }
+takes() { find /var/lib/pyrovox -name '*.h5' | sort; }
+first_take_is_closed() { pyrovox replay --info "$(takes | head -n 1)" | grep -q 'closed in order'; }
+records() { in_it pyrovox status --json 2> /dev/null | "$py" -c 'import json, sys; sys.exit(json.load(sys.stdin)["record"]["sets"] < 5)' 2> /dev/null; }
+ends() { in_it journalctl --no-pager -q -o cat -u pyrovoxd | grep -c 'stopping: terminated'; }
