@@ -49,7 +49,7 @@ again() { # in another folder, time zone and umask
 }
 if again "$@" > "$work/differs" 2>&1; then echo "PASS deb:same_bits_again"; else cat "$work/differs"; echo "FAIL deb:same_bits_again"; fi | tee -a "$log" | lines
 
-tests/vm/test.sh "$1" 200-package > "$work/vm"
+tests/vm/test.sh "$1" -package > "$work/vm"
 cat "$work/vm" >> "$log"
 lines < "$work/vm"
 n() { grep -c "^$1 " "$work/lines"; }
