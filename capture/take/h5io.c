@@ -6,7 +6,9 @@
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/statvfs.h>
+#include <unistd.h>
 
+#include "base/file.h"
 #include "base/mem.h"
 #include "capture/take/h5.h"
 
@@ -222,12 +224,13 @@ bool take_h5_looks(const char *path, uint64_t *bytes)
     static const unsigned char magic[8] = {0x89, 'H', 'D', 'F', '\r', '\n', 0x1a, '\n'};
     unsigned char got[8];
     struct stat st;
-    FILE *f = fopen(path, "rb");
-    bool ok = f != NULL && fread(got, 1, 8, f) == 8 && memcmp(got, magic, 8) == 0 &&
-              fstat(fileno(f), &st) == 0 && S_ISREG(st.st_mode);
+    int fd = -1;
+    /* a named pipe whose writer never comes is not waited for */
+    bool ok = pvx_file_open(path, &fd, NULL) == PVX_OK && read(fd, got, 8) == 8 &&
+              memcmp(got, magic, 8) == 0 && fstat(fd, &st) == 0 && S_ISREG(st.st_mode);
     *bytes = ok ? (uint64_t)st.st_size : 0;
-    if (f != NULL)
-        fclose(f);
+    if (fd >= 0)
+        close(fd);
     return ok;
 }
 

@@ -39,7 +39,7 @@ check wrong-usage bash -c "'$pyrovoxd' --nonsense 2>/dev/null; [ \$? = 2 ]"
 check good-file bash -c "'$pyrovoxd' --config daemon/config/pyrovoxd.example.yaml --print-config | grep -q '^fps: 20'"
 
 # what may never end is not opened; a pipe that the shell hands over is read
-mkfifo -m 600 "$dir/pipe" "$dir/pipe.png" "$dir/pipe.npy"
+mkfifo -m 600 "$dir/pipe" "$dir/pipe.png" "$dir/pipe.npy" "$dir/pipe.h5"
 with() { # photometry of cam0
     sed "0,/^    t: /s|^    t: |    photometry: { $1 }\n&|" "$rig" > "$dir/with.yaml"
     echo "{rig: with.yaml, cameras: \"sim:\", publish: {endpoints: [\"$volumes\"]}, control: {endpoint: \"$control\"}}"
@@ -53,6 +53,8 @@ check pipe-as-dark refused "cam0: $dir/pipe.npy: is a named pipe" < <(with "dark
 check pipe-as-keys refused "pipe: is a named pipe" <<< "{rig: $rig, cameras: \"sim:\", keys: {server: pipe, clients: pipe}, publish: {endpoints: [\"tcp://*:5599\"]}, control: {endpoint: \"$control\"}}"
 run "$pyrovox" status --endpoint "$control" --key "$dir/pipe" --timeout 1
 check pipe-as-key says 1 "pipe: is a named pipe"
+run timeout 60 "$pyrovox" replay --info "$dir/pipe.h5"
+check pipe-as-take says 1 "pipe.h5"
 run "$pyrovox" matrix --rig <(cat "$rig")
 check rig-from-the-shell says 0 "24 x 24 x 24"
 run "$pyrovox" matrix --rig /dev/stdin < <(cat "$rig")
