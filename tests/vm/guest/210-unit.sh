@@ -1,6 +1,6 @@
 #!/bin/bash
-# Every camera backend under the unit as it is, with all that it forbids: V4L2, libcamera, GigE Vision and files.  What only
-# systemd itself can show: journal, status, credentials, socket activation.
+# Camera backends under the unit as it is, with all that it forbids: V4L2, libcamera, GigE Vision, files and takes; USB3 Vision
+# needs a camera of metal.  What only systemd itself can show: journal, status, credentials, socket activation.
 # vm-modprobe: vhci-hcd
 # vm-modprobe: uvcvideo
 # vm-seconds: 240
@@ -82,7 +82,13 @@ check aravis-with-the-lines-of-the-manual backend aravis '"aravis:127.0.0.2+"' '
 check has-packet-sockets [ "$(packet_sockets)" -ge 4 ]
 drop_in < /dev/null
 check files backend files '"files:/out/mono8/{name}/%06d.npy"' 'loop: true'
-for i in v4l2 libcamera aravis files; do check $i-recorded recorded $i; done
+raw() { # a take of its frames, by the unit
+    in_it "$pyrovox" record --raw start --control ipc:///run/pyrovox/control --out /var/lib/pyrovox/raw.h5 &&
+        wait_for 60 says 's["record"]["sets"] >= 10' ipc:///run/pyrovox/control && in_it "$pyrovox" record --raw stop --control ipc:///run/pyrovox/control
+}
+check take-is-made raw
+check take backend take '"take:/var/lib/pyrovox/raw.h5"' 'loop: true'
+for i in v4l2 libcamera aravis files take; do check $i-recorded recorded $i; done
 # the key of a daemon that others reach lies encrypted on the disk
 keep_key() {
     mkdir -p -m 700 /etc/credstore.encrypted && "$pyrovox" keygen "$dir/lab" > /dev/null && "$pyrovox" keygen "$dir/bert" --control --server "$dir/lab.pub" > /dev/null &&
