@@ -8,6 +8,7 @@ cd "$(dirname "$0")/.."
 b=$1 renew=${2:-} bad=0
 command -v abidiff > /dev/null || { echo "abi: apt install abigail-tools" >&2; exit 1; }
 released=; grep '^[0-9]' NEWS | grep -qv '(unreleased)$' && released=1
+version=$(awk '/^[0-9]/ { print $1; exit }' NEWS)
 out=$b/abi
 rm -rf "$out"; mkdir -p "$out"
 systemd/install.sh "$b" "$PWD/$out/root" /usr || exit 1
@@ -28,7 +29,7 @@ for dump in proto/clients/libpyrovox-client.abi recon/libpyrovox-recon.abi; do
             cat "$out/$name.diff" >&2
             if [ -n "$released" ]; then
                 echo "abi: programs built with the last release of $name would break: take it back, or give the library a new" \
-                    "SONAME (Makefile, *.map, systemd/debian)" >&2
+                    "SONAME (Makefile, *.map, systemd)" >&2
             else
                 echo "abi: $name is no longer what $dump says: if that is meant, 'make abi' and commit it" >&2
             fi
@@ -37,8 +38,14 @@ for dump in proto/clients/libpyrovox-client.abi recon/libpyrovox-recon.abi; do
         fi
         # what is new is of a version of its own, so that packages know from which release on it is there
         for s in ${released:+$(comm -13 <(symbols "$dump") <(symbols "$now"))}; do
-            symbols "$dump" | grep -q "'${s#*\'}\$" || continue
-            echo "abi: $name: ${s%\'*} is new and says ${s#*\'}, as the last release does: give it a node of its own in the .map" >&2
+            node=${s#*\'} known=$(echo systemd/debian/"$name"?.symbols)
+            if symbols "$dump" | grep -q "'$node\$"; then
+                echo "abi: $name: ${s%\'*} is new and says $node, as the last release does: give it a node of its own in the .map" >&2
+            elif ! grep -qF "(symver)$node " "$known"; then
+                echo "abi: $name: ${s%\'*} is new: \" (symver)$node $version\" into $known" >&2
+            else
+                continue
+            fi
             bad=1
         done
     fi

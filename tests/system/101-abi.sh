@@ -64,6 +64,9 @@ no_node() { abi "$@" && says 1 "pvp_sub_more is new and says PYROVOX_CLIENT_1," 
 check wants_a_node_of_its_own no_node
 check is_not_written_down_without no_node --renew
 check has_more_with_nodes with_nodes
+unknown() { abi && says 1 ' (symver)PYROVOX_CLIENT_1_1 0.2.0' ' (symver)PYROVOX_RECON_1_1 0.2.0' .symbols; }
+check packages_must_know_it unknown
+for n in client recon; do echo " (symver)PYROVOX_${n^^}_1_1 0.2.0" >> "$t/systemd/debian/libpyrovox-${n}1.symbols"; done
 check is_compatible unchanged
 next() { abi --renew && says 0 'abi: ok' && grep -q "pvp_sub_more' version='PYROVOX_CLIENT_1_1'" "$t/proto/clients/libpyrovox-client.abi" && grep -q rec_view_more "$t/recon/libpyrovox-recon.abi"; }
 check is_written_down next
