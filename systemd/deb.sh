@@ -1,12 +1,13 @@
 #!/bin/bash
 # Debian's packages of this tree, in BUILD/deb.
 #   deb.sh BUILD VERSION REVISION PACKAGE...     (the packages that it is built with)
-# SOURCE_DATE_EPOCH: the date in them; else that of the last commit, or of NEWS where there is no git.
+# SOURCE_DATE_EPOCH: the date in them; else that of the last commit, or of NEWS where this is no repository
+# of its own: a release's tarball, wherever it was unpacked.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$1/deb version=$2 revision=$3; shift 3
 src=$out/pyrovox-$version log=$out/build.log
-date=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2> /dev/null || stat -c %Y NEWS)}
+date=${SOURCE_DATE_EPOCH:-$({ [ -e .git ] && git log -1 --format=%ct; } 2> /dev/null || stat -c %Y NEWS)}
 rm -rf "$out"; mkdir -p "$src"
 tar -c --exclude=./.git --exclude='./build*' --exclude=./config.mk . | tar -x -C "$src"
 cp -r systemd/debian "$src/debian"

@@ -4,8 +4,8 @@
     sbom.py ROOT VERSION OUT.json       (ROOT: what `make install PREFIX=/usr DESTDIR=ROOT` put there)
 
 Each library is looked up where the loader of this machine finds it, and its Debian package asked for version and licence;
-then what that is linked with, to the last.  SOURCE_DATE_EPOCH is the date, else that of the last commit.  Prints what each
-file needs by itself."""
+then what that is linked with, to the last.  SOURCE_DATE_EPOCH is the date, else that of the last commit, or of NEWS in a
+tarball.  Prints what each file needs by itself."""
 import datetime
 import glob
 import hashlib
@@ -196,7 +196,7 @@ def main(root, version, out):
             "externalRefs": [{"referenceCategory": "PACKAGE-MANAGER", "referenceType": "purl",
                               "referenceLocator": f"pkg:deb/debian/{x[0].replace('+', '%2B')}@{x[1].replace('+', '%2B')}"}]})
         relations += [(ident("Package", x[0]), "DEPENDS_ON", ident("Package", y[0])) for y in sorted(uses[x])]
-    date = int(os.environ.get("SOURCE_DATE_EPOCH") or run("git", "log", "-1", "--format=%ct") or os.stat("NEWS").st_mtime)
+    date = int(os.environ.get("SOURCE_DATE_EPOCH") or (os.path.exists(".git") and run("git", "log", "-1", "--format=%ct")) or os.stat("NEWS").st_mtime)
     doc["creationInfo"] = {"created": datetime.datetime.fromtimestamp(date, datetime.timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
                            "creators": [f"Tool: pyrovox-sbom-{version}"]}
     doc["files"] = files

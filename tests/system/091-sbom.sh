@@ -92,4 +92,13 @@ check complete complete
 
 again() { sbom "$dir/b.json" > /dev/null && cmp "$dir/a.json" "$dir/b.json"; }
 check same_again again
+
+tarball() { # unpacked in somebody's repository: the date is that of NEWS
+    local theirs=$dir/theirs
+    mkdir -p "$theirs/tree" && git -C "$theirs" init -q && git -C "$theirs" -c user.name=they -c user.email=they@example.org commit -q --allow-empty -m theirs &&
+        touch -d @1700000000 "$theirs/tree/NEWS" &&
+        (sbom=$PWD/systemd/sbom.py && cd "$theirs/tree" && env -u SOURCE_DATE_EPOCH "$py" "$sbom" "$dir/root" 9.8.7 "$dir/c.json" > /dev/null) &&
+        grep -q '"created": "2023-11-14T22:13:20Z"' "$dir/c.json"
+}
+check date_of_a_tarball tarball
 exit $rc
