@@ -12,6 +12,7 @@
 struct cap_jpeg {
     tjhandle tj;
     int32_t width, height;
+    int last_kind; /* SOFn that is decoded */
     unsigned char *pixels;
     size_t bytes;
 };
@@ -26,6 +27,7 @@ pvx_err cap_jpeg_new(int32_t width, int32_t height, cap_jpeg **out)
         return PVX_ENOMEM;
     j->width = width;
     j->height = height;
+    j->last_kind = 1;
     j->bytes = (size_t)width * (size_t)height * 3;
     j->tj = tjInitDecompress();
     j->pixels = pvx_reserve(j->bytes);
@@ -98,7 +100,7 @@ static pvx_err check_header(const cap_jpeg *j, const struct header *h, struct pv
     if (h->width != j->width || h->height != j->height)
         return pvx_fail(d, PVX_ERANGE, "JPEG of %dx%d instead of %dx%d", h->width, h->height,
                         j->width, j->height);
-    if (h->kind > 1)
+    if (h->kind > j->last_kind)
         return pvx_fail(d, PVX_EUNSUP,
                         "JPEG of kind SOF%d (progressive, lossless or arithmetic); cameras send "
                         "sequential ones",
@@ -107,6 +109,21 @@ static pvx_err check_header(const cap_jpeg *j, const struct header *h, struct pv
         return pvx_fail(d, PVX_EUNSUP, "JPEG of %d components of %d bits; 1 or 3 of 8 can be read",
                         h->components, h->depth);
     return PVX_OK;
+}
+
+pvx_err cap_jpeg_size(const void *bytes, size_t n, uint32_t *width, uint32_t *height,
+                      struct pvx_diag *d)
+{
+    struct header h;
+    PVX_TRY(read_header(bytes, n, &h, d));
+    *width = (uint32_t)h.width;
+    *height = (uint32_t)h.height;
+    return PVX_OK;
+}
+
+void cap_jpeg_progressive(cap_jpeg *j)
+{
+    j->last_kind = 2;
 }
 
 /* The library's first warning was about a few bytes too many at the very end. */
@@ -130,7 +147,7 @@ pvx_err cap_jpeg_decode(cap_jpeg *j, const struct cap_image *in, struct cap_imag
     /* Not tjDecompressHeader3: in 2.1.5 a decoder stays broken after a bad header.  The library refuses
      * a second frame header, so the size is the one above. */
     if (tjDecompress2(j->tj, in->data, in->size, j->pixels, j->width, row, j->height,
-                      grey ? TJPF_GRAY : TJPF_RGB, TJFLAG_ACCURATEDCT) != 0 &&
+                      grey ? TJPF_GRAY : TJPF_RGB, TJFLAG_ACCURATEDCT | TJFLAG_LIMITSCANS) != 0 &&
         !harmless(j->tj))
         return pvx_fail(d, PVX_ECORRUPT, "JPEG: %s", tjGetErrorStr2(j->tj));
     *out = (struct cap_image){.data = j->pixels,

@@ -24,6 +24,13 @@ typedef struct cap_jpeg cap_jpeg;
 PVX_MUST_CHECK pvx_err cap_jpeg_new(int32_t width, int32_t height, cap_jpeg **out);
 void cap_jpeg_free(cap_jpeg **j);
 
+/* From now on progressive pictures too, which files may be and cameras do not send: of at most 500 scans. */
+void cap_jpeg_progressive(cap_jpeg *j);
+
+/* What the frame header says, whatever its kind.  PVX_EFORMAT, PVX_ECORRUPT. */
+PVX_MUST_CHECK pvx_err cap_jpeg_size(const void *bytes, size_t n, uint32_t *width, uint32_t *height,
+                                     struct pvx_diag *d);
+
 /* in: JPEG.  *out: CAP_GREY8 or CAP_RGB8, borrowed until the next call.
  * Errors: PVX_EFORMAT (not a JPEG), PVX_ERANGE (another size), PVX_EUNSUP (progressive, arithmetic,
  * 12-bit, CMYK ...), PVX_ECORRUPT (cut off or damaged); *out untouched. */
