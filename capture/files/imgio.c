@@ -13,7 +13,9 @@
 #include "base/module.h"
 #include "capture/files/npy.h"
 #include "capture/files/opencv_shim.h"
+#include "capture/files/picture.h"
 #include "capture/files/sequence.h"
+#include "capture/pixel/jpeg.h"
 
 /* ---- the OpenCV module: found and loaded once, never unloaded ----------------------------------- */
 
@@ -34,8 +36,9 @@ static pvx_err need_module(const char *path, struct pvx_diag *d)
     pthread_once(&module.once, find_module);
     if (module.cv != NULL)
         return PVX_OK;
-    return pvx_fail(d, PVX_EUNSUP, "%s: image module cannot be loaded: %.500s; .npy works without",
-                    path, module.why);
+    return pvx_fail(d, PVX_EUNSUP,
+                    "%s: image module cannot be loaded: %.500s; JPEG and .npy work without", path,
+                    module.why);
 }
 
 /* The module's error, with the file's name in front. */
@@ -91,8 +94,33 @@ static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct 
     return PVX_OK;
 }
 
-static pvx_err from_module(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
-                           struct pvx_diag *d)
+/* By the decoder of the cameras' pictures: OpenCV takes one that is cut or damaged for whole. */
+static pvx_err from_jpeg(const char *bytes, size_t len, const char *path,
+                         const struct cap_picture *p, struct cap_loaded *out, struct pvx_diag *d)
+{
+    const struct cap_image in = {bytes, len, (int32_t)p->width, (int32_t)p->height, 0, CAP_JPEG, 0};
+    struct cap_image img;
+    struct pvx_diag why = {""};
+    void *mem = NULL;
+    cap_jpeg *j;
+    pvx_err e = cap_jpeg_new(in.width, in.height, &j);
+    if (e == PVX_OK) {
+        cap_jpeg_progressive(j);
+        e = cap_jpeg_decode(j, &in, &img, &why);
+    }
+    if (e == PVX_OK && (mem = malloc(img.size)) == NULL)
+        e = PVX_ENOMEM;
+    if (e == PVX_OK) {
+        memcpy(mem, img.data, img.size);
+        describe(out, mem, img.width, img.height, img.fmt);
+        out->img.yuv = img.yuv;
+    }
+    cap_jpeg_free(&j);
+    return e == PVX_OK ? e : pvx_fail(d, e, "%s: %s", path, pvx_diag_text(&why, e));
+}
+
+static pvx_err from_module(const char *bytes, size_t len, const char *path,
+                           const struct cap_picture *p, struct cap_loaded *out, struct pvx_diag *d)
 {
     PVX_TRY(need_module(path, d));
     struct cap_cv_image img;
@@ -101,9 +129,21 @@ static pvx_err from_module(const char *bytes, size_t len, const char *path, stru
     if (e != 0)
         return module_error(e, path, err, d);
     describe(out, img.data, img.width, img.height, format_of(img.channels, img.depth));
-    if (has_extension(path, ".jpg") || has_extension(path, ".jpeg"))
-        out->img.yuv = CAP_YUV_CODED;
-    return PVX_OK;
+    uint32_t w = (uint32_t)img.width, h = (uint32_t)img.height;
+    bool turned = p->kind == CAP_FILE_TIFF && w == p->height && h == p->width; /* so it says */
+    if ((w == p->width && h == p->height) || turned)
+        return PVX_OK;
+    cap_loaded_free(out);
+    return pvx_fail(d, PVX_ECORRUPT, "%s: damaged: says it has %ux%u pixels, but has %dx%d", path,
+                    p->width, p->height, img.width, img.height);
+}
+
+static pvx_err from_picture(const char *bytes, size_t len, const char *path, struct cap_loaded *out,
+                            struct pvx_diag *d)
+{
+    struct cap_picture p;
+    PVX_TRY(cap_picture_head(bytes, len, path, &p, d));
+    return (p.kind == CAP_FILE_JPEG ? from_jpeg : from_module)(bytes, len, path, &p, out, d);
 }
 
 pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d)
@@ -116,7 +156,7 @@ pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag
     char *bytes;
     size_t len;
     PVX_TRY(pvx_file_await(path, (size_t)1 << 32, &bytes, &len, d));
-    pvx_err e = npy ? from_npy(bytes, len, path, out, d) : from_module(bytes, len, path, out, d);
+    pvx_err e = npy ? from_npy(bytes, len, path, out, d) : from_picture(bytes, len, path, out, d);
     free(bytes);
     return e;
 }

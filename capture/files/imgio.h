@@ -1,5 +1,5 @@
-/* imgio.h - images and arrays in files: PNG/TIFF/JPEG (8, 16 bit, float) and video through OpenCV, animated PNG,
- * .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (pyrovox-opencv.so; where it is
+/* imgio.h - images and arrays in files: PNG/TIFF (8, 16 bit, float) and video through OpenCV, animated PNG,
+ * JPEG by libjpeg-turbo, .npy float32/uint8/uint16 here.  OpenCV is a module loaded on first use (pyrovox-opencv.so; where it is
  * looked for: base/module.h), so that programs that need no image file start fast and run without it.
  * Samples are taken to be linear, those of JPEG files gamma-coded (img.yuv says so).
  * Ownership: cap_loaded is caller's, freed by cap_loaded_free. */
@@ -14,7 +14,9 @@ struct cap_loaded {
 };
 
 /* By extension .npy .png .tif .tiff .jpg .jpeg.  .npy: [h][w] or [h][w][1|3], little-endian f4, u1,
- * u2, f8 (narrowed), C order.  A named pipe is waited for (pvx_file_await).  Errors name the file and the reason. */
+ * u2, f8 (narrowed), C order.  Of the others the bytes say what they are; at most 16384 pixels each way, and no more for
+ * the size of the file than picture.h says.  A named pipe is waited for (pvx_file_await). Errors name
+ * the file and the reason. */
 PVX_MUST_CHECK pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d);
 void cap_loaded_free(struct cap_loaded *l);
 
@@ -47,7 +49,7 @@ PVX_MUST_CHECK pvx_err cap_npy_load(const char *path, float **data, size_t shape
 PVX_MUST_CHECK pvx_err cap_npy_parse(const void *bytes, size_t len, const char *name, float **data,
                                      size_t shape[4], int *ndim, struct pvx_diag *d);
 
-/* Video file, frame by frame, RGB8. */
+/* Video file, frame by frame, RGB8, at most 16384 pixels each way: MP4, MOV, Matroska, AVI, animated PNG. */
 typedef struct cap_video cap_video;
 PVX_MUST_CHECK pvx_err cap_video_open(const char *path, cap_video **out, double *fps,
                                       struct pvx_diag *d);

@@ -14,6 +14,7 @@
 #include <opencv2/videoio.hpp>
 
 #include "base/err.h"
+#include "capture/files/picture.h"
 
 struct cap_cv_video {
     cv::VideoCapture capture;
@@ -49,13 +50,20 @@ template <typename F> int guarded(char *err, size_t err_size, F f) noexcept
     }
 }
 
-/* Grey, BGR or BGRA -> grey or RGB. */
+struct freed {
+    void operator()(void *p) const
+    {
+        free(p);
+    }
+};
+
+/* Grey, BGR or BGRA -> grey or RGB, without a copy more where `out` has that shape already. */
 void to_rgb(const cv::Mat &in, cv::Mat &out)
 {
     switch (in.channels()) {
     case 3: cv::cvtColor(in, out, cv::COLOR_BGR2RGB); break;
     case 4: cv::cvtColor(in, out, cv::COLOR_BGRA2RGB); break;
-    default: out = in.isContinuous() ? in : in.clone();
+    default: in.copyTo(out);
     }
 }
 
@@ -79,14 +87,14 @@ int decode(const void *bytes, size_t len, struct cap_cv_image *out, char *err,
                         "pixels are neither 8 or 16 bit unsigned nor float");
         if (img.channels() == 2 || img.channels() > 4)
             return fail(PVX_EUNSUP, err, err_size, "has neither 1 nor 3 channels (and alpha)");
-        cv::Mat rgb;
-        to_rgb(img, rgb);
-        size_t size = rgb.total() * rgb.elemSize();
-        void *data = malloc(size);
+        int channels = img.channels() == 1 ? 1 : 3;
+        size_t size = img.total() * img.elemSize1() * static_cast<size_t>(channels);
+        std::unique_ptr<void, freed> data(malloc(size));
         if (data == nullptr)
             return fail(PVX_ENOMEM, err, err_size, "out of memory");
-        memcpy(data, rgb.data, size);
-        *out = {data, size, rgb.cols, rgb.rows, rgb.channels(), depth};
+        cv::Mat rgb(img.rows, img.cols, CV_MAKETYPE(img.depth(), channels), data.get());
+        to_rgb(img, rgb);
+        *out = {data.release(), size, img.cols, img.rows, channels, depth};
         return PVX_OK;
     });
 }
@@ -115,6 +123,14 @@ int encode(const char *ext, const struct cap_cv_image *img, void **out, size_t *
     });
 }
 
+int too_large(char *err, size_t err_size)
+{
+    snprintf(err, err_size,
+             "its pictures are too large: at most %d pixels each way; make it smaller",
+             CAP_SIDE_MAX);
+    return PVX_ERANGE;
+}
+
 int video_open(const char *path, struct cap_cv_video **out, double *fps, char *err,
                size_t err_size) noexcept
 {
@@ -124,6 +140,9 @@ int video_open(const char *path, struct cap_cv_video **out, double *fps, char *e
         /* files only: the other backends go looking for cameras */
         if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
             return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
+        if (!(v->capture.get(cv::CAP_PROP_FRAME_WIDTH) <= CAP_SIDE_MAX &&
+              v->capture.get(cv::CAP_PROP_FRAME_HEIGHT) <= CAP_SIDE_MAX))
+            return too_large(err, err_size);
         double rate = v->capture.get(cv::CAP_PROP_FPS);
         if (fps != nullptr)
             *fps = rate > 0 && rate < 1e6 ? rate : 0;
@@ -138,6 +157,8 @@ int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
     return guarded(err, err_size, [&]() -> int {
         if (!v->capture.read(v->frame) || v->frame.empty())
             return PVX_ECLOSED;
+        if (v->frame.cols > CAP_SIDE_MAX || v->frame.rows > CAP_SIDE_MAX)
+            return too_large(err, err_size);
         if (v->frame.depth() != CV_8U)
             return fail(PVX_EUNSUP, err, err_size, "video frames are not 8 bit");
         if (v->frame.channels() == 1)
@@ -170,6 +191,10 @@ const struct cap_cv *cap_cv_module(void) noexcept
                                                   cv::utils::logging::setLogLevel(
                                                       cv::utils::logging::LOG_LEVEL_SILENT);
                                                   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+                                                  /* no playlist that names other files, whatever it is called */
+                                                  setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS",
+                                                         "format_whitelist;mov,matroska,avi,apng",
+                                                         0);
                                                   return PVX_OK;
     });
     return &module;

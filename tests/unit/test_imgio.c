@@ -227,6 +227,141 @@ T_CASE(jpeg_files_are_coded)
     cap_loaded_free(&l);
 }
 
+/* A small picture of a kind of its own, in colour. */
+static unsigned char *coded(int sampling, int flags, unsigned long *n)
+{
+    unsigned char px[48 * 32 * 3], *out = NULL;
+    for (int i = 0; i < 48 * 32 * 3; i++)
+        px[i] = (unsigned char)(i * 7 + i / 97);
+    tjhandle tj = tjInitCompress();
+    T_EQ_I(tjCompress2(tj, px, 48, 0, 32, TJPF_RGB, &out, n, sampling, 90, flags), 0);
+    tjDestroy(tj);
+    return out;
+}
+
+/* Progressive ones are read, too, to the same pixels; a cut one is refused wherever the cut is. */
+T_CASE(jpeg_files_are_whole)
+{
+    struct pvx_diag d = {""};
+    struct cap_loaded l, p;
+    unsigned long n, np;
+    unsigned char *a = coded(TJSAMP_420, 0, &n), *b = coded(TJSAMP_420, TJFLAG_PROGRESSIVE, &np);
+    T_EQ_I(pvx_file_write(at("a.jpg"), a, n, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("p.jpg"), b, np, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("a.jpg"), &l, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("p.jpg"), &p, &d), PVX_OK);
+    T_EQ_S(d.text, "");
+    T_OK(l.img.fmt == CAP_RGB8 && l.img.width == 48 && l.img.height == 32);
+    T_OK(l.img.size == p.img.size && memcmp(l.img.data, p.img.data, l.img.size) == 0);
+    cap_loaded_free(&l);
+    cap_loaded_free(&p);
+    int taken = 0;
+    for (unsigned long cut = 0; cut < n - 2; cut += cut < n / 2 ? 13 : 1) {
+        d.text[0] = '\0';
+        FILE *f = fopen(at("cut.jpg"), "wb");
+        T_OK(fwrite(a, 1, cut, f) == cut);
+        fclose(f);
+        taken += cap_image_load(at("cut.jpg"), &l, &d) == PVX_OK;
+        cap_loaded_free(&l);
+    }
+    T_EQ_I(taken, 0);
+    T_CONTAINS(d.text, "cut.jpg: ");
+    tjFree(a);
+    tjFree(b);
+}
+
+/* Head of a PNG, of a TIFF (Intel's order, Motorola's, BigTIFF) that says it has that size, and little more. */
+static size_t head_of(int kind, uint32_t w, uint32_t h, uint8_t out[200])
+{
+    bool big_endian = kind == 0 || kind == 2;
+    memset(out, 0, 200);
+    size_t at_w = kind == 0 ? 16 : kind == 3 ? 16 + 8 + 12 : 8 + 2 + 8;
+    size_t at_h = at_w + (kind == 0 ? 4 : kind == 3 ? 20 : 12);
+    if (kind == 0)
+        memcpy(out, "\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16);
+    else if (kind == 1)
+        memcpy(out, "II*\0\x08\0\0\0\x02\0\0\x01\x04\0\x01\0\0\0....\x01\x01\x04\0\x01\0\0\0", 30);
+    else if (kind == 2)
+        memcpy(out, "MM\0*\0\0\0\x08\0\x02\x01\0\0\x04\0\0\0\x01....\x01\x01\0\x04\0\0\0\x01", 30);
+    else
+        memcpy(out,
+               "II+\0\x08\0\0\0\x10\0\0\0\0\0\0\0\x02\0\0\0\0\0\0\0\0\x01\x04\0\x01\0\0\0\0\0\0\0"
+               "........\x01\x01\x04\0\x01\0\0\0\0\0\0\0",
+               56);
+    for (int i = 0; i < 4; i++) {
+        out[at_w + (size_t)i] = (uint8_t)(w >> 8 * (big_endian ? 3 - i : i));
+        out[at_h + (size_t)i] = (uint8_t)(h >> 8 * (big_endian ? 3 - i : i));
+    }
+    return 200;
+}
+
+/* A small file cannot ask for much memory: refused by its head, with a remedy. */
+T_CASE(pictures_are_bounded)
+{
+    static const char *const name[] = {"head.png", "intel.tif", "motorola.tif", "big.tiff"};
+    for (int kind = 0; kind < 4; kind++) {
+        uint8_t b[200];
+        struct cap_loaded l;
+        struct pvx_diag d = {""};
+        T_EQ_I(pvx_file_write(at("%s", name[kind]), b, head_of(kind, 60000, 59999, b), &d), PVX_OK);
+        T_EQ_I(cap_image_load(at("%s", name[kind]), &l, &d), PVX_ERANGE);
+        T_CONTAINS(d.text, name[kind]);
+        T_CONTAINS(d.text, "60000x59999");
+        T_CONTAINS(d.text, "at most 16384");
+        d.text[0] = '\0';
+        T_EQ_I(pvx_file_write(at("%s", name[kind]), b, head_of(kind, 16384, 16383, b), &d), PVX_OK);
+        T_EQ_I(cap_image_load(at("%s", name[kind]), &l, &d), PVX_ECORRUPT);
+        T_CONTAINS(d.text, "16384x16383");
+        T_CONTAINS(d.text, "only 200 bytes");
+        d.text[0] = '\0';
+        T_EQ_I(pvx_file_write(at("%s", name[kind]), b, head_of(kind, 0, 7, b), &d), PVX_OK);
+        T_EQ_I(cap_image_load(at("%s", name[kind]), &l, &d), PVX_ECORRUPT);
+        T_CONTAINS(d.text, "no size or no samples");
+        T_OK(l.mem == NULL);
+    }
+}
+
+/* OpenCV would read a dozen more, by what is in the file. */
+T_CASE(only_what_is_promised_is_read)
+{
+    static const char bmp[] = "BM\x3a\0\0\0\0\0\0\0\x36\0\0\0\x28\0\0\0\1\0\0\0\1\0\0\0\1\0\x18"
+                              "\0\0\0\0\0\4\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\1\2\3";
+    struct cap_loaded l;
+    struct pvx_diag d = {""};
+    T_EQ_I(pvx_file_write(at("b.png"), bmp, sizeof bmp, &d), PVX_OK);
+    T_EQ_I(cap_image_load(at("b.png"), &l, &d), PVX_EFORMAT);
+    T_CONTAINS(d.text, "neither PNG nor TIFF nor JPEG");
+}
+
+/* A film of pictures that are too large is told, and a list of other files is none. */
+T_CASE(films_are_bounded)
+{
+    struct pvx_diag d = {""};
+    cap_apng *a;
+    cap_video *v;
+    static const uint8_t pix[16385 * 16 + 1];
+    static const char list[] = "ffconcat version 1.0\nfile small.apng\n";
+    for (int w = 16384; w <= 16385; w++) {
+        T_EQ_I(cap_apng_begin(at("wide.apng"), w, 16, 1, 25, &a, &d), PVX_OK);
+        for (int k = 0; k < 2; k++)
+            T_EQ_I(cap_apng_add(a, pix + k, &d), PVX_OK);
+        T_EQ_I(cap_apng_end(&a, &d), PVX_OK);
+        T_EQ_I(cap_video_open(at("wide.apng"), &v, NULL, &d), w > 16384 ? PVX_ERANGE : PVX_OK);
+        cap_video_close(&v);
+    }
+    T_CONTAINS(d.text, "wide.apng: ");
+    T_CONTAINS(d.text, "at most 16384");
+    d.text[0] = '\0';
+    T_EQ_I(cap_apng_begin(at("small.apng"), 8, 8, 1, 25, &a, &d), PVX_OK);
+    for (int k = 0; k < 2; k++)
+        T_EQ_I(cap_apng_add(a, pix + k, &d), PVX_OK);
+    T_EQ_I(cap_apng_end(&a, &d), PVX_OK);
+    T_EQ_I(pvx_file_write(at("list.mp4"), list, sizeof list - 1, &d), PVX_OK);
+    T_EQ_I(cap_video_open(at("list.mp4"), &v, NULL, &d), PVX_EFORMAT);
+    T_OK(v == NULL);
+    cap_video_close(&v);
+}
+
 T_CASE(damaged_and_missing)
 {
     struct pvx_diag d = {""};
