@@ -3,9 +3,11 @@
 #include <math.h>
 #include <pthread.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "base/file.h"
@@ -294,12 +296,31 @@ struct cap_video {
     char *path;
 };
 
+/* An animated PNG says its size before libavformat, which decodes a picture to open it, makes room for one. */
+static pvx_err check_png(const char *path, uint64_t bytes, struct pvx_diag *d)
+{
+    unsigned char b[24] = {0};
+    FILE *f = fopen(path, "rb");
+    size_t n = f != NULL ? fread(b, 1, sizeof b, f) : 0;
+    if (f != NULL)
+        fclose(f);
+    if (n < sizeof b || memcmp(b, "\x89PNG", 4) != 0)
+        return PVX_OK;
+    return cap_picture_fits(
+        (uint32_t)b[16] << 24 | (uint32_t)b[17] << 16 | (uint32_t)b[18] << 8 | b[19],
+        (uint32_t)b[20] << 24 | (uint32_t)b[21] << 16 | (uint32_t)b[22] << 8 | b[23], bytes, path,
+        d);
+}
+
 pvx_err cap_video_open(const char *path, cap_video **out, double *fps, struct pvx_diag *d)
 {
+    struct stat st;
     *out = NULL;
-    if (access(path, R_OK) != 0)
+    if (access(path, R_OK) != 0 || stat(path, &st) != 0)
         return pvx_fail(d, PVX_ENOENT, "%s: no such video file, or not readable", path);
     PVX_TRY(pvx_file_check(path, d));
+    uint64_t bytes = (uint64_t)st.st_size;
+    PVX_TRY(check_png(path, bytes, d));
     PVX_TRY(need_module(path, d));
     cap_video *v = pvx_calloc(1, sizeof *v);
     if (v == NULL || (v->path = strdup(path)) == NULL) {
@@ -307,24 +328,28 @@ pvx_err cap_video_open(const char *path, cap_video **out, double *fps, struct pv
         return PVX_ENOMEM;
     }
     char err[256] = "";
-    int e = module.cv->video_open(path, &v->cv, fps, err, sizeof err);
-    if (e != 0) {
+    int32_t size[2] = {0, 0};
+    int failed = module.cv->video_open(path, &v->cv, fps, size, err, sizeof err);
+    pvx_err e = failed != 0
+                    ? module_error(failed, path, err, d)
+                    : cap_picture_fits((uint32_t)size[0], (uint32_t)size[1], bytes, path, d);
+    if (e != PVX_OK)
         cap_video_close(&v);
-        return module_error(e, path, err, d);
-    }
     *out = v;
-    return PVX_OK;
+    return e;
 }
 
 pvx_err cap_video_next(cap_video *v, struct cap_image *img, struct pvx_diag *d)
 {
     struct cap_cv_image f;
     char err[256] = "";
-    int e = module.cv->video_next(v->cv, &f, err, sizeof err);
-    if (e == PVX_ECLOSED)
+    int failed = module.cv->video_next(v->cv, &f, err, sizeof err);
+    if (failed == PVX_ECLOSED)
         return PVX_ECLOSED;
-    if (e != 0)
-        return module_error(e, v->path, err, d);
+    if (failed != 0)
+        return module_error(failed, v->path, err, d);
+    /* A picture within may have another size: it is there already. */
+    PVX_TRY(cap_picture_fits((uint32_t)f.width, (uint32_t)f.height, UINT64_MAX, v->path, d));
     *img =
         (struct cap_image){f.data, f.size, f.width, f.height, (ptrdiff_t)f.width * 3, CAP_RGB8, 0};
     return PVX_OK;

@@ -14,7 +14,6 @@
 #include <opencv2/videoio.hpp>
 
 #include "base/err.h"
-#include "capture/files/picture.h"
 
 struct cap_cv_video {
     cv::VideoCapture capture;
@@ -123,15 +122,7 @@ int encode(const char *ext, const struct cap_cv_image *img, void **out, size_t *
     });
 }
 
-int too_large(char *err, size_t err_size)
-{
-    snprintf(err, err_size,
-             "its pictures are too large: at most %d pixels each way; make it smaller",
-             CAP_SIDE_MAX);
-    return PVX_ERANGE;
-}
-
-int video_open(const char *path, struct cap_cv_video **out, double *fps, char *err,
+int video_open(const char *path, struct cap_cv_video **out, double *fps, int32_t size[2], char *err,
                size_t err_size) noexcept
 {
     return guarded(err, err_size, [&]() -> int {
@@ -140,9 +131,8 @@ int video_open(const char *path, struct cap_cv_video **out, double *fps, char *e
         /* files only: the other backends go looking for cameras */
         if (!v->capture.open(path, cv::CAP_FFMPEG) && !v->capture.open(path, cv::CAP_OPENCV_MJPEG))
             return fail(PVX_EFORMAT, err, err_size, "not a video that OpenCV can read");
-        if (!(v->capture.get(cv::CAP_PROP_FRAME_WIDTH) <= CAP_SIDE_MAX &&
-              v->capture.get(cv::CAP_PROP_FRAME_HEIGHT) <= CAP_SIDE_MAX))
-            return too_large(err, err_size);
+        size[0] = static_cast<int32_t>(v->capture.get(cv::CAP_PROP_FRAME_WIDTH));
+        size[1] = static_cast<int32_t>(v->capture.get(cv::CAP_PROP_FRAME_HEIGHT));
         double rate = v->capture.get(cv::CAP_PROP_FPS);
         if (fps != nullptr)
             *fps = rate > 0 && rate < 1e6 ? rate : 0;
@@ -157,8 +147,6 @@ int video_next(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
     return guarded(err, err_size, [&]() -> int {
         if (!v->capture.read(v->frame) || v->frame.empty())
             return PVX_ECLOSED;
-        if (v->frame.cols > CAP_SIDE_MAX || v->frame.rows > CAP_SIDE_MAX)
-            return too_large(err, err_size);
         if (v->frame.depth() != CV_8U)
             return fail(PVX_EUNSUP, err, err_size, "video frames are not 8 bit");
         if (v->frame.channels() == 1)

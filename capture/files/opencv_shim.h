@@ -16,7 +16,7 @@ extern "C" {
 #define CAP_CV_NOEXCEPT
 #endif
 
-#define CAP_CV_VERSION 2
+#define CAP_CV_VERSION 3
 
 struct cap_cv_image {
     void *data; /* malloc */
@@ -48,8 +48,9 @@ struct cap_cv {
     /* 8- or 16-bit grey or RGB -> bytes of a file of type ext (".png"). */
     int (*encode)(const char *ext, const struct cap_cv_image *img, void **out, size_t *len,
                   char *err, size_t err_size) CAP_CV_NOEXCEPT;
-    int (*video_open)(const char *path, struct cap_cv_video **out, double *fps, char *err,
-                      size_t err_size) CAP_CV_NOEXCEPT;
+    /* size: width and height that it says. */
+    int (*video_open)(const char *path, struct cap_cv_video **out, double *fps, int32_t size[2],
+                      char *err, size_t err_size) CAP_CV_NOEXCEPT;
     /* RGB8; data borrowed until the next call.  PVX_ECLOSED at the end. */
     int (*video_next)(struct cap_cv_video *v, struct cap_cv_image *borrowed, char *err,
                       size_t err_size) CAP_CV_NOEXCEPT;

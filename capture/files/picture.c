@@ -81,25 +81,30 @@ static pvx_err sizes(struct bytes *b, const char *name, struct cap_picture *out,
     return PVX_OK;
 }
 
+pvx_err cap_picture_fits(uint32_t width, uint32_t height, uint64_t len, const char *name,
+                         struct pvx_diag *d)
+{
+    if (width > CAP_SIDE_MAX || height > CAP_SIDE_MAX)
+        return pvx_fail(d, PVX_ERANGE,
+                        "%s: says it has %ux%u pixels; at most %d each way are read: crop it, make "
+                        "it smaller, or save it again if it is damaged",
+                        name, width, height, CAP_SIDE_MAX);
+    if ((uint64_t)width * height / CAP_PER_BYTE_MAX > len)
+        return pvx_fail(d, PVX_ECORRUPT,
+                        "%s: says it has %ux%u pixels, but only %llu bytes: damaged or cut; save "
+                        "it again",
+                        name, width, height, (unsigned long long)len);
+    return PVX_OK;
+}
+
 pvx_err cap_picture_head(const void *bytes, size_t len, const char *name, struct cap_picture *out,
                          struct pvx_diag *d)
 {
     struct bytes b = {bytes, len, false};
     *out = (struct cap_picture){0};
     PVX_TRY(sizes(&b, name, out, d));
-    uint32_t w = out->width, h = out->height;
-    if (w == 0 || h == 0)
+    if (out->width == 0 || out->height == 0)
         return pvx_fail(d, PVX_ECORRUPT,
                         "%s: its head is damaged or cut: no size or no samples in it", name);
-    if (w > CAP_SIDE_MAX || h > CAP_SIDE_MAX)
-        return pvx_fail(d, PVX_ERANGE,
-                        "%s: says it has %ux%u pixels; at most %d each way are read: crop it, make "
-                        "it smaller, or save it again if it is damaged",
-                        name, w, h, CAP_SIDE_MAX);
-    if ((uint64_t)w * h / CAP_PER_BYTE_MAX > len)
-        return pvx_fail(d, PVX_ECORRUPT,
-                        "%s: says it has %ux%u pixels, but only %zu bytes: damaged or cut; save it "
-                        "again",
-                        name, w, h, len);
-    return PVX_OK;
+    return cap_picture_fits(out->width, out->height, len, name, d);
 }

@@ -20,6 +20,10 @@ struct cap_picture {
     uint32_t width, height;
 };
 
+/* Whether a picture of that size may come out of a file of `len` bytes.  PVX_ECORRUPT, PVX_ERANGE. */
+PVX_MUST_CHECK pvx_err cap_picture_fits(uint32_t width, uint32_t height, uint64_t len,
+                                        const char *name, struct pvx_diag *d);
+
 /* `name` is what messages call the file.  PVX_EFORMAT (none of the three), PVX_ECORRUPT, PVX_ERANGE. */
 PVX_MUST_CHECK pvx_err cap_picture_head(const void *bytes, size_t len, const char *name,
                                         struct cap_picture *out, struct pvx_diag *d);

@@ -352,6 +352,11 @@ T_CASE(films_are_bounded)
     T_CONTAINS(d.text, "wide.apng: ");
     T_CONTAINS(d.text, "at most 16384");
     d.text[0] = '\0';
+    uint8_t head[200];
+    T_EQ_I(pvx_file_write(at("few.apng"), head, head_of(0, 16384, 9999, head), &d), PVX_OK);
+    T_EQ_I(cap_video_open(at("few.apng"), &v, NULL, &d), PVX_ECORRUPT);
+    T_CONTAINS(d.text, "few.apng: says it has 16384x9999 pixels, but only 200 bytes");
+    d.text[0] = '\0';
     T_EQ_I(cap_apng_begin(at("small.apng"), 8, 8, 1, 25, &a, &d), PVX_OK);
     for (int k = 0; k < 2; k++)
         T_EQ_I(cap_apng_add(a, pix + k, &d), PVX_OK);
