@@ -2,6 +2,7 @@
 
 #include <ctype.h>
 #include <math.h>
+#include <pthread.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -169,9 +170,11 @@ static pvx_err unknown(const pvx_yaml *y, int node, const char *path, struct pvx
                          "unknown key (`pyrovoxd --print-config` lists them)");
 }
 
-void dmn_config_defaults(struct dmn_config *c)
+static struct dmn_config defaults;
+
+static void make_defaults(void)
 {
-    memset(c, 0, sizeof *c);
+    struct dmn_config *c = &defaults;
     snprintf(c->dir, sizeof c->dir, ".");
     snprintf(c->name, sizeof c->name, "defaults");
     for (size_t i = 0; i < dmn_n_options; i++) {
@@ -183,6 +186,13 @@ void dmn_config_defaults(struct dmn_config *c)
         (void)e;
         pvx_yaml_free(&y);
     }
+}
+
+void dmn_config_defaults(struct dmn_config *c)
+{
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, make_defaults);
+    *c = defaults;
 }
 
 static pvx_err read_map(const pvx_yaml *y, int map, const char *section, struct dmn_config *c,
