@@ -280,6 +280,11 @@ $(B)/lib/%.pc: Makefile
 # The modules are C++ and loaded on first use; each is its own shared object.
 module = $(CXX) -I. -Idaemon -DPVX_VERSION='"$(VERSION)"' $(1) $(CXXFLAGS) -shared $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $(filter %.cpp,$^)
 $(PLUGINS): Makefile
+# Where fuzz targets see into it, it is instrumented as they are: by clang, too, whose run-time library is theirs.
+ifneq ($(LIBFUZZER)$(COVERAGE),)
+$(B)/lib/pyrovox/pyrovox-opencv.so: CXX := clang++
+$(B)/lib/pyrovox/pyrovox-opencv.so: CXXFLAGS += $(if $(SAN),-fsanitize=$(SAN) -fno-sanitize=vptr) $(if $(LIBFUZZER),-fsanitize=fuzzer-no-link) $(if $(COVERAGE),-fprofile-instr-generate -fcoverage-mapping)
+endif
 $(B)/lib/pyrovox/pyrovox-opencv.so: capture/files/opencv_shim.cpp capture/files/apng_shim.cpp capture/files/opencv_shim.h
 	@mkdir -p $(@D)
 	$(call say,CXX)
@@ -347,6 +352,7 @@ $(B)/tests/vm/vm_uvccams $(B)/tests/vm/vm_flame $(B)/tests/vm/vm_views $(B)/test
 $(FUZZ): $(B)/tests/fuzz/fuzz_%: $(B)/tests/fuzz/fuzz_%.o $(if $(LIBFUZZER),,$(B)/tests/fuzz/main.o) $(LIBS)
 	$(call say,LD)
 	$(Q)$(link) $(if $(LIBFUZZER),-fsanitize=fuzzer)
+$(B)/tests/fuzz/fuzz_pictures: | $(B)/lib/pyrovox/pyrovox-opencv.so
 # Where Debian's packages have the modules.
 $(B)/daemon/base/module.%: CPPFLAGS += -DPVX_MULTIARCH='"$(shell $(CC) -print-multiarch 2>/dev/null)"'
 # The allocation test interposes malloc in the executable.

@@ -18,7 +18,7 @@ for t in "$b"/tests/fuzz/fuzz_*; do
     [ ! -f "tests/fuzz/found/$n.tar.gz" ] || tar -xzf "tests/fuzz/found/$n.tar.gz" -C "$work"
     # a target's own leaks, and memory that a good input may ask for, are for its corpus in make test-sanitize; what is freed
     # is watched for longer than any input takes (the 256 MB that are usual halve the speed); an input of 20 s hangs
-    ASAN_OPTIONS=detect_leaks=0:quarantine_size_mb=8 "$t" -max_total_time="$seconds" -max_len="$longest" -rss_limit_mb=4096 -timeout=20 -print_final_stats=1 -artifact_prefix="$b/fuzz/broken/$n-" \
+    UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1 ASAN_OPTIONS=detect_leaks=0:quarantine_size_mb=8 "$t" -max_total_time="$seconds" -max_len="$longest" -rss_limit_mb=4096 -timeout=20 -print_final_stats=1 -artifact_prefix="$b/fuzz/broken/$n-" \
         "$work" "tests/fuzz/corpus/$n" > "$b/fuzz/$n.log" 2>&1
     r=$?
     get() { sed -n "s/^stat::$1: *//p" "$b/fuzz/$n.log"; }

@@ -1,0 +1,164 @@
+/* fuzz_pictures.c - any bytes as a picture or a film in a file: refused with a line that names the file, or read, to the
+ * size and depth that its head says, the same twice.
+ *
+ * What begins as PNG, AVI, MP4 or Matroska is a film too (a PNG: where it is animated).  Where the number of bytes is
+ * odd the checksums of a PNG are made right, or libpng would look at nothing behind the first that changed. */
+#include <fcntl.h>
+#include <malloc.h>
+#include <stdbool.h>
+#include <string.h>
+#include <unistd.h>
+#include <zlib.h>
+
+#include "base/file.h"
+#include "capture/files/imgio.h"
+#include "tests/fuzz/fuzz.h"
+
+#define SIDE_MAX 16384
+
+static char folder[] = "/dev/shm/fuzz_pictures-XXXXXX", picture[64], film[64];
+
+static void remove_all(void)
+{
+    unlink(picture);
+    unlink(film);
+    rmdir(folder);
+}
+
+static void make(void)
+{
+    char exe[200], lib[256];
+    MUST(pvx_exe_dir(exe, sizeof exe) == PVX_OK);
+    snprintf(lib, sizeof lib, "%s/../../lib/pyrovox", exe);
+    setenv("PYROVOX_LIBDIR", lib, 1);
+    MUST(mkdtemp(folder) != NULL);
+    snprintf(picture, sizeof picture, "%s/picture.png", folder);
+    snprintf(film, sizeof film, "%s/film.avi", folder);
+    atexit(remove_all);
+}
+
+static void put(const char *path, const uint8_t *data, size_t size)
+{
+    int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+    MUST(fd >= 0 && write(fd, data, size) == (ssize_t)size);
+    close(fd);
+}
+
+static uint32_t four(const uint8_t *p)
+{
+    return (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3];
+}
+
+static bool is_png(const uint8_t *p, size_t n)
+{
+    return n >= 33 && memcmp(p, "\x89PNG\r\n\x1a\n", 8) == 0;
+}
+
+static void make_right(uint8_t *p, size_t n)
+{
+    for (size_t at = 8; n - at >= 12 && four(p + at) <= n - at - 12; at += 12 + four(p + at)) {
+        uint32_t size = four(p + at), sum = (uint32_t)crc32(0, p + at + 4, size + 4);
+        for (unsigned i = 0; i < 4; i++)
+            p[at + 8 + size + i] = (uint8_t)(sum >> (24 - 8 * i));
+    }
+}
+
+static bool is_film(const uint8_t *p, size_t n)
+{
+    return (is_png(p, n) && memmem(p, n, "acTL", 4) != NULL) ||
+           (n >= 12 && (memcmp(p, "RIFF", 4) == 0 || memcmp(p + 4, "ftyp", 4) == 0 ||
+                        memcmp(p, "\x1a\x45\xdf\xa3", 4) == 0));
+}
+
+static void said(pvx_err e, const struct pvx_diag *d, const char *path)
+{
+    MUST(e == PVX_ENOMEM || strncmp(d->text, path, strlen(path)) == 0);
+    MUST(strchr(d->text, '\n') == NULL);
+}
+
+static void check(const struct cap_image *img)
+{
+    MUST(img->width >= 1 && img->width <= SIDE_MAX && img->height >= 1 && img->height <= SIDE_MAX);
+    MUST(img->stride == (ptrdiff_t)cap_pixfmt_row(img->fmt, img->width));
+    MUST(img->size == (size_t)img->stride * (size_t)img->height);
+}
+
+/* What a PNG's head says must be what comes. */
+static void check_png(const struct cap_image *img, const uint8_t *p)
+{
+    MUST((uint32_t)img->width == four(p + 16) && (uint32_t)img->height == four(p + 20));
+    MUST(cap_pixfmt_depth(img->fmt) == (p[24] == 16 ? 16 : 8));
+    MUST(img->yuv == 0);
+}
+
+static void as_picture(const uint8_t *data, size_t size)
+{
+    struct cap_loaded l, again;
+    struct pvx_diag d = {""};
+    put(picture, data, size);
+    pvx_err e = cap_image_load(picture, &l, &d);
+    if (e != PVX_OK) {
+        MUST(l.mem == NULL);
+        said(e, &d, picture);
+        return;
+    }
+    fuzz_taken++;
+    check(&l.img);
+    if (is_png(data, size))
+        check_png(&l.img, data);
+    if (l.img.size <= 1 << 16) { /* what was never written is not the same twice */
+        mallopt(M_PERTURB, 0x55);
+        MUST(cap_image_load(picture, &again, NULL) == PVX_OK);
+        mallopt(M_PERTURB, 0);
+        MUST(again.img.size == l.img.size && again.img.fmt == l.img.fmt);
+        MUST(memcmp(again.img.data, l.img.data, l.img.size) == 0);
+        cap_loaded_free(&again);
+    }
+    cap_loaded_free(&l);
+}
+
+static void as_film(const uint8_t *data, size_t size)
+{
+    cap_video *v;
+    double fps;
+    struct cap_image img;
+    struct pvx_diag d = {""};
+    put(film, data, size);
+    pvx_err e = cap_video_open(film, &v, &fps, &d);
+    if (e != PVX_OK) {
+        MUST(v == NULL);
+        said(e, &d, film);
+        return;
+    }
+    MUST(fps >= 0 && fps < 1e6);
+    unsigned sum = 0;
+    for (int k = 0; k < 8 && (e = cap_video_next(v, &img, &d)) == PVX_OK; k++) {
+        check(&img);
+        MUST(img.fmt == CAP_RGB8);
+        for (size_t i = 0; i < img.size; i++)
+            sum += ((const uint8_t *)img.data)[i];
+        fuzz_taken++;
+    }
+    if (e != PVX_OK && e != PVX_ECLOSED)
+        said(e, &d, film);
+    static volatile unsigned keep;
+    keep = sum;
+    (void)keep;
+    cap_video_close(&v);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    if (picture[0] == '\0')
+        make();
+    uint8_t *copy = malloc(size > 0 ? size : 1);
+    MUST(copy != NULL);
+    memcpy(copy, data, size);
+    if (size % 2 == 1 && is_png(copy, size))
+        make_right(copy, size);
+    as_picture(copy, size);
+    if (is_film(copy, size))
+        as_film(copy, size);
+    free(copy);
+    return 0;
+}
