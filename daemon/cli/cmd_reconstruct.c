@@ -16,6 +16,7 @@
 #include "daemon/cli/reconstruct_absorb.h"
 #include "daemon/cli/reconstruct_active.h"
 #include "daemon/cli/reconstruct_fit.h"
+#include "daemon/cli/reconstruct_hints.h"
 #include "daemon/cli/reconstruct_join.h"
 #include "daemon/cli/reconstruct_options.h"
 #include "daemon/cli/reconstruct_part.h"
@@ -41,12 +42,10 @@ struct job {
     float *dense;
     cJSON *list; /* of frames, in the report */
     struct cli_progress bar;
-    size_t sets;      /* that came */
-    unsigned volumes; /* written */
-    bool said_lit;    /* that nearly all of an image is */
+    size_t sets;                    /* that came */
+    struct reconstruct_hints hints; /* of what was written */
+    bool said_lit;                  /* that nearly all of an image is */
     struct dmn_votes votes;
-    unsigned dark; /* of them, without one iteration before the deadline */
-    unsigned cut;  /* of them, flame at a side of the fitted box */
     bool back;     /* the second pass of --temporal=both, */
     size_t means;  /* whose volumes are written */
     bool failed;   /* something went wrong, but the others went on */
@@ -96,29 +95,6 @@ static void describe_volume(cJSON *root, const struct job *j)
     cJSON_AddItemToObject(v, "voxels", cJSON_CreateIntArray(g->n, 3));
     cJSON_AddStringToObject(v, "basis", rec_basis_name(g->basis));
     cJSON_AddBoolToObject(v, "fitted", j->o->fit);
-}
-
-/* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
- * fitted to had none there. */
-static bool reaches_side(const struct job *j, const struct rec_sparse *v)
-{
-    const struct rec_grid *g = v->grid;
-    bool cut[3][2];
-    for (int a = 0; a < 3; a++) {
-        cut[a][0] = g->min[a] > j->whole.min[a] + 1e-9;
-        cut[a][1] = g->max[a] < j->whole.max[a] - 1e-9;
-    }
-    for (int32_t q = 0; q < v->n; q++) {
-        int32_t ijk[3];
-        float light = 0;
-        for (int l = 0; l < v->nch; l++)
-            light += v->value[(size_t)q * (size_t)v->cs + (size_t)l];
-        rec_grid_ijk(g, v->index[q], ijk);
-        for (int a = 0; light > 0 && a < 3; a++)
-            if ((ijk[a] == 0 && cut[a][0]) || (ijk[a] == g->n[a] - 1 && cut[a][1]))
-                return true;
-    }
-    return false;
 }
 
 static void check_lit(struct job *j, const struct dmn_slot *s)
@@ -185,10 +161,7 @@ static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
         snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
         PVX_TRY(save_volume(j, s, path, d));
     }
-    j->volumes++;
-    j->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
-               r->coarse_iterations == 0 && !r->warm;
-    j->cut += j->o->fit && reaches_side(j, &v);
+    reconstruct_hints_add(&j->hints, r, &v, j->o->fit ? &j->whole : NULL);
     return PVX_OK;
 }
 
@@ -406,22 +379,14 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     }
     cJSON_Delete(root);
     if (e == PVX_OK && !o->quiet)
-        fprintf(stderr, "%u volume%s in %s\n", j->volumes, j->volumes == 1 ? "" : "s", o->out);
-    if (o->both && j->means < j->volumes)
+        fprintf(stderr, "%u volume%s in %s\n", j->hints.volumes, j->hints.volumes == 1 ? "" : "s",
+                o->out);
+    if (o->both && j->means < j->hints.volumes)
         fprintf(stderr,
                 "pyrovox: %zu of %u volumes are from both sides, the first ones from the frames "
                 "before alone\n",
-                j->means, j->volumes);
-    if (j->dark > 0)
-        fprintf(stderr,
-                "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "
-                "empty; allow more than --deadline %g, or make less of it (--grid, --binning)\n",
-                j->dark, j->volumes, o->deadline_ms);
-    if (j->cut > 0)
-        fprintf(stderr,
-                "pyrovox: in %u of %u volumes the flame reaches a side of the fitted box: look at "
-                "more frames (--fit-frames all) or leave more room (--fit-volume=MARGIN)\n",
-                j->cut, j->volumes);
+                j->means, j->hints.volumes);
+    reconstruct_hints_say(&j->hints, o);
     return e;
 }
 

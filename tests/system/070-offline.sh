@@ -14,6 +14,16 @@ forgotten_black_level() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --out dark --last 0
     says 0 'count as flame' '--black'
 }
+# What is odd about all volumes is said, and how it is mended.
+odd_volumes() {
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out dark --last 1 --threshold 0.99 --quiet
+    says 0 'no volume of 2 has any light' '--threshold, --black' || return 1
+    sed 's/ min: .*/ min: [-3, -3, -2.5]/; s/ max: .*/ max: [3, 3, 3.5]/; s/ voxels: .*/ voxels: [24, 24, 24]/' rig.yaml > far.yaml
+    run "$pyrovox" reconstruct --rig far.yaml --frames take --black 0.02 --out far --last 0
+    says 0 'the flame is ' ' voxels of 24 x 24 x 24' '--fit-volume --grid auto' || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --out near --last 0
+    says 0 && ! grep -q -e 'the flame is' -e 'any light' <<< "$out"
+}
 fits() {
     run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --fit-volume --save-rig tight.yaml
     says 0 'volume fitted: x ' 'from 6 of 6 frame sets' && [ ! -e vol ] || return 1
@@ -174,5 +184,5 @@ cpu() {
     run "$pyrovox" --cpu abacus cpu; says 2 'no such kernels' || return 1
     run "$pyrovox" --cpu ref reconstruct --rig tight.yaml --frames take --black 0.02 --out vol2 --last 0 --quiet; says 0
 }
-for t in recording forgotten_black_level fits grows_out_of_the_box film videos room one_file stops reconstruct_stops light_in_check cpu; do check $t $t; done
+for t in recording forgotten_black_level odd_volumes fits grows_out_of_the_box film videos room one_file stops reconstruct_stops light_in_check cpu; do check $t $t; done
 exit $rc

@@ -1,0 +1,97 @@
+#include "daemon/cli/reconstruct_hints.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define CORNER \
+    4 /* a flame so many times smaller than its box, each way, is told of a tighter one */
+
+/* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
+ * fitted to had none there. */
+static bool at_side(const struct rec_grid *g, const struct rec_grid *whole, const int32_t lo[3],
+                    const int32_t hi[3])
+{
+    for (int a = 0; a < 3; a++)
+        if ((lo[a] == 0 && g->min[a] > whole->min[a] + 1e-9) ||
+            (hi[a] == g->n[a] - 1 && g->max[a] < whole->max[a] - 1e-9))
+            return true;
+    return false;
+}
+
+/* The voxels with light; false: none has any. */
+static bool extent(const struct rec_sparse *v, int32_t lo[3], int32_t hi[3])
+{
+    bool any = false;
+    for (int32_t q = 0; q < v->n; q++) {
+        int32_t ijk[3];
+        float light = 0;
+        for (int l = 0; l < v->nch; l++)
+            light += v->value[(size_t)q * (size_t)v->cs + (size_t)l];
+        if (!(light > 0))
+            continue;
+        rec_grid_ijk(v->grid, v->index[q], ijk);
+        for (int a = 0; a < 3; a++) {
+            lo[a] = !any || ijk[a] < lo[a] ? ijk[a] : lo[a];
+            hi[a] = !any || ijk[a] > hi[a] ? ijk[a] : hi[a];
+        }
+        any = true;
+    }
+    return any;
+}
+
+void reconstruct_hints_add(struct reconstruct_hints *h, const struct rec_frame_report *r,
+                           const struct rec_sparse *v, const struct rec_grid *whole)
+{
+    int32_t lo[3], hi[3];
+    h->volumes++;
+    h->grid = v->grid;
+    h->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
+               r->coarse_iterations == 0 && !r->warm;
+    if (!extent(v, lo, hi)) {
+        h->empty++;
+        return;
+    }
+    for (int a = 0; a < 3; a++) {
+        bool first = h->volumes == h->empty + 1;
+        h->lo[a] = first || lo[a] < h->lo[a] ? lo[a] : h->lo[a];
+        h->hi[a] = first || hi[a] > h->hi[a] ? hi[a] : h->hi[a];
+    }
+    h->cut += whole != NULL && at_side(v->grid, whole, lo, hi);
+}
+
+static void say_corner(const struct reconstruct_hints *h)
+{
+    int32_t n[3];
+    for (int a = 0; a < 3; a++) {
+        n[a] = h->hi[a] - h->lo[a] + 1;
+        if (n[a] * CORNER > h->grid->n[a])
+            return;
+    }
+    fprintf(stderr,
+            "pyrovox: the flame is %d x %d x %d voxels of %d x %d x %d, as coarse as that: "
+            "--fit-volume --grid auto makes a box of it alone, as fine as the pictures are\n",
+            n[0], n[1], n[2], h->grid->n[0], h->grid->n[1], h->grid->n[2]);
+}
+
+void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o)
+{
+    if (h->volumes == 0)
+        return;
+    if (h->dark > 0)
+        fprintf(stderr,
+                "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "
+                "empty; allow more than --deadline %g, or make less of it (--grid, --binning)\n",
+                h->dark, h->volumes, o->deadline_ms);
+    else if (h->empty == h->volumes)
+        fprintf(stderr,
+                "pyrovox: no volume of %u has any light: are the pictures as dark as that? "
+                "--threshold, --black and --background say what counts as flame\n",
+                h->volumes);
+    else if (!o->fit && !o->quiet)
+        say_corner(h);
+    if (h->cut > 0)
+        fprintf(stderr,
+                "pyrovox: in %u of %u volumes the flame reaches a side of the fitted box: look at "
+                "more frames (--fit-frames all) or leave more room (--fit-volume=MARGIN)\n",
+                h->cut, h->volumes);
+}
