@@ -134,8 +134,6 @@ struct out {
     uint64_t bytes;
 };
 
-static const char *const why_names[] = {"lost", "queue", "unreadable"};
-
 static char *list_text(const struct out *w, bool closed)
 {
     const struct pvp_start *s = &w->start;
@@ -151,7 +149,7 @@ static char *list_text(const struct out *w, bool closed)
     for (uint64_t k = 0; k < w->gaps.n; k++) {
         const struct vol_gap *g = &w->gaps.gap[k];
         cJSON *one = cJSON_CreateObject();
-        cJSON_AddStringToObject(one, "why", why_names[g->why]);
+        cJSON_AddStringToObject(one, "why", vol_gap_names[g->why]);
         cJSON_AddNumberToObject(one, "set_first", (double)g->set_first);
         cJSON_AddNumberToObject(one, "set_last", (double)g->set_last);
         cJSON_AddNumberToObject(one, "volumes", (double)g->volumes);

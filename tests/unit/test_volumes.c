@@ -50,6 +50,11 @@ static void comes_back(enum vol_format f, const struct pvp_start *s, double shar
     }
     T_EQ_I(vol_writer_gap(w, &g, NULL), PVX_OK);
     put(w, s, 7, share);
+    for (int why = 0; why < VOL_GAPS; why++) {
+        uint64_t set = 8 + (uint64_t)why;
+        T_EQ_I(vol_writer_gap(w, &(struct vol_gap){(enum vol_gap_why)why, set, set, 1}, NULL),
+               PVX_OK);
+    }
     finish(w);
     vol_reader *r = NULL;
     struct pvx_diag d = {""};
@@ -82,7 +87,11 @@ static void comes_back(enum vol_format f, const struct pvp_start *s, double shar
     const struct vol_gap *back = vol_reader_gap(r, 0);
     T_OK(back != NULL && back->why == VOL_GAP_QUEUE && back->set_first == 4 &&
          back->set_last == 6 && back->volumes == 3);
-    T_OK(vol_reader_gap(r, 1) == NULL);
+    for (uint64_t why = 0; why < VOL_GAPS; why++) {
+        back = vol_reader_gap(r, 1 + why);
+        T_OK(back != NULL && back->why == why && back->set_first == 8 + why);
+    }
+    T_OK(vol_reader_gap(r, 1 + VOL_GAPS) == NULL);
     vol_reader_close(&r);
     scratch_remove();
 }
