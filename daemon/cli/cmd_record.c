@@ -153,15 +153,17 @@ static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint6
     return PVX_OK;
 }
 
-/* Volumes that should have come before this message, by the count that it carries. */
-static pvx_err note_lost(struct record *r, const struct pvp_header *h, uint64_t set)
+/* Sets between the last volume and this one, whoever left them out; of how many the volumes were lost on the way the
+ * count in this message says. */
+static pvx_err note_missing(struct record *r, const struct pvp_header *h, uint64_t set)
 {
+    uint64_t came = h->type_sequence, due = r->next_volume;
     struct vol_gap g = {.why = VOL_GAP_LOST,
                         .set_first = r->last_set + 1,
                         .set_last = set - 1,
-                        .volumes = h->type_sequence - r->next_volume};
-    bool missing = h->type_sequence > r->next_volume && g.set_first <= g.set_last;
-    r->next_volume = h->type_sequence + 1;
+                        .volumes = came > due ? came - due : 0};
+    bool missing = set > 0 && g.set_first <= g.set_last;
+    r->next_volume = came + 1;
     r->last_set = set;
     return missing ? vol_recorder_gap(r->rec, &g) : PVX_OK;
 }
@@ -175,7 +177,7 @@ static pvx_err save(struct record *r, const struct pvp_header *h, const void *ms
     pvx_err e = pvp_decode_volume(msg, len, &view, &bad);
     if (e == PVX_OK) {
         PVX_TRY(enter_session(r, h, view.v.set, d));
-        PVX_TRY(note_lost(r, h, view.v.set));
+        PVX_TRY(note_missing(r, h, view.v.set));
         e = vol_recorder_put(r->rec, r->decoder, &view, &bad);
         r->accepted += e == PVX_OK;
     }
