@@ -140,8 +140,11 @@ static pvx_err read_sidecar(const char *json, const double shape[3], struct rec_
               h[1] > 0 && h[2] > 0;
     if (ok) {
         g->basis = strcmp(basis, "box") == 0 ? REC_BOX : REC_TRILINEAR;
-        for (int a = 0; a < 3; a++)
+        for (int a = 0; a < 3; a++) {
             g->max[a] = g->min[a] + h[a] * shape[a];
+            ok &= isfinite(g->max[a]) &&
+                  g->max[a] > g->min[a]; /* a spacing may be lost in rounding */
+        }
         /* the shape counts in the .npy; where the .json gives one too, they must agree */
         const cJSON *s = cJSON_GetObjectItem(o, "shape");
         for (int a = 0; a < 3 && cJSON_GetArraySize(s) >= 3; a++)

@@ -103,10 +103,14 @@ static bool triple(const cJSON *o, const char *key, double out[3])
     return cJSON_GetArraySize(list) == 3;
 }
 
+/* As far as a message can carry it: up to what would move a terminal's cursor. */
 static void text_of(const cJSON *o, const char *key, char *out, size_t size)
 {
     const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));
-    snprintf(out, size, "%s", s != NULL ? s : "");
+    size_t n = 0;
+    while (s != NULL && n + 1 < size && (unsigned char)s[n] >= ' ' && s[n] != 0x7f)
+        n++;
+    snprintf(out, size, "%.*s", (int)n, s != NULL ? s : "");
 }
 
 static uint32_t status_of(const cJSON *report)
@@ -252,7 +256,8 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
     *cut = !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "closed"));
     double fps = number(o, "fps");
     r->start.fps = isfinite(fps) && fps >= 0 ? fps : 0;
-    r->start.n_cameras = count(o, "n_cameras");
+    uint32_t cameras = count(o, "n_cameras");
+    r->start.n_cameras = cameras <= PVP_CAMERAS_MAX ? cameras : 0;
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, "gaps"), *g;
     r->gap = pvx_calloc((size_t)cJSON_GetArraySize(list), sizeof *r->gap);
     cJSON_ArrayForEach(g, list)

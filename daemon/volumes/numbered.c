@@ -237,7 +237,8 @@ static void take_rate(struct vol_numbered *n)
         return;
     cJSON *o = cJSON_ParseWithLength(text, len);
     const cJSON *fps = cJSON_GetObjectItemCaseSensitive(o, "fps");
-    if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "resampled")) && cJSON_IsNumber(fps))
+    if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "resampled")) && cJSON_IsNumber(fps) &&
+        isfinite(fps->valuedouble))
         n->o.fps = fps->valuedouble;
     cJSON_Delete(o);
     free(text);

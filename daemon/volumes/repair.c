@@ -114,12 +114,13 @@ static pvx_err close_npy(const char *dir, struct pvx_diag *d)
     PVX_TRY(pvx_file_read(path, TEXT_MAX, &text, &len, d));
     cJSON *o = cJSON_ParseWithLength(text, len);
     free(text);
-    cJSON_DeleteItemFromObjectCaseSensitive(o, "closed");
+    while (cJSON_HasObjectItem(o, "closed")) /* whatever their case is, and however many */
+        cJSON_DeleteItemFromObject(o, "closed");
     cJSON_AddBoolToObject(o, "closed", true);
-    text = cJSON_Print(o);
+    text = cJSON_IsObject(o) ? cJSON_Print(o) : NULL;
     cJSON_Delete(o);
     if (text == NULL)
-        return pvx_fail(d, PVX_EFORMAT, "%s: is not JSON", path);
+        return pvx_fail(d, PVX_EFORMAT, "%s: is not a JSON object", path);
     pvx_err e = pvx_file_write(path, text, strlen(text), d);
     cJSON_free(text);
     return e;
