@@ -146,8 +146,8 @@ assert g == [[0, 0], [3, 7], [4, 7], [0, 0]], g' "$dir/holes.h5"
 }
 check gaps_are_played skipped
 
-looped() { # each time a session of its own, until Ctrl-C, which subscribers are told
-    start play.log "$pyrovox" play "$dir/src.h5" --loop --speed 20 --endpoint "$volumes"
+looped() { # each time a session of its own, until Ctrl-C, which subscribers are told; at speed 0 none misses the end
+    start play.log "$pyrovox" play "$dir/src.h5" --loop --speed 0 --endpoint "$volumes"
     local p=$started
     start record.log "$pyrovox" record --endpoint "$volumes" --out "$dir/loop.h5"
     local rec=$started
