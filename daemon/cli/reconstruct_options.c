@@ -178,7 +178,9 @@ static const struct argp_option option_table[] = {
      "done",
      6},
     {"sbatch", OPT_SBATCH, "OPTIONS", 0,
-     "more for sbatch, as in --sbatch '--partition=long --time=8:00:00 --cpus-per-task=16'", 6},
+     "more for sbatch, split as a shell does: --sbatch '--partition=long --cpus-per-task=16'. For "
+     "the parts; the job that joins them is given the same, but one processor",
+     6},
     /* earlier names */
     {"strict-hull", OPT_STRICT, NULL, OPTION_HIDDEN, NULL, 4},
     {"warm-start", OPT_WARM, NULL, OPTION_HIDDEN, NULL, 3},

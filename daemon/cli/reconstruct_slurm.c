@@ -8,8 +8,10 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <wordexp.h>
 
 #include "base/file.h"
+#include "base/mem.h"
 #include "base/spawn.h"
 #include "daemon/cli/reconstruct_options.h"
 
@@ -148,20 +150,32 @@ static unsigned choose(const struct parts_job *j, bool resume, char *list, size_
     return n;
 }
 
-#define WORDS 64
+/* The words of --sbatch as a shell would give them to it. */
+static pvx_err split(const char *options, wordexp_t *w, struct pvx_diag *d)
+{
+    static const char *const why[] = {
+        [WRDE_BADCHAR] = "a character of | & ; < > ( ) { }, or a new line, is not quoted",
+        [WRDE_BADVAL] = "a variable in it is not set",
+        [WRDE_CMDSUB] = "it would run a command",
+        [WRDE_SYNTAX] = "a quote is not closed"};
+    int err = wordexp(options, w, WRDE_NOCMD | WRDE_UNDEF);
+    if (err == WRDE_NOSPACE)
+        return PVX_ENOMEM;
+    return err == 0 ? PVX_OK : pvx_fail(d, PVX_EINVAL, "--sbatch %s: %s", options, why[err]);
+}
 
 static pvx_err submit(const struct parts_job *j, const char *list, const char *script,
-                      const char *more, struct pvx_diag *d)
+                      const wordexp_t *more, bool *begun, struct pvx_diag *d)
 {
     char array[8100], output[4500], after[4100], join[8300], dir[3000], said[SAID], id[64];
-    const char *argv[WORDS] = {"sbatch", "--parsable"};
-    char *words = strdup(more != NULL ? more : ""), *rest = words;
-    size_t n = 2;
-    if (words == NULL)
+    const char **argv = pvx_calloc(more->we_wordc + 10, sizeof *argv);
+    size_t n = 0;
+    if (argv == NULL)
         return PVX_ENOMEM;
-    for (char *w; (w = strsep(&rest, " ")) != NULL && n < WORDS - 8;)
-        if (*w != '\0')
-            argv[n++] = w;
+    argv[n++] = "sbatch";
+    argv[n++] = "--parsable";
+    for (size_t i = 0; i < more->we_wordc; i++)
+        argv[n++] = more->we_wordv[i];
     size_t given = n;
     snprintf(array, sizeof array, "--array=%s", list);
     snprintf(output, sizeof output, "--output=%s.parts/slurm-%%A-%%a.log", j->out);
@@ -169,6 +183,7 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
     argv[n++] = output;
     argv[n++] = script;
     pvx_err e = sbatch(argv, said, d);
+    *begun = e == PVX_OK;
     if (e == PVX_OK) {
         snprintf(id, sizeof id, "%.60s", said);
         printf("job %s: parts %s of %u; squeue -j %s shows them\n", id, list, j->n, id);
@@ -179,6 +194,7 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
         snprintf(join, sizeof join, "--wrap=exec '%s/pyrovox' reconstruct --join --out '%s'", dir,
                  j->out);
         argv[n++] = "--job-name=pyrovox-join";
+        argv[n++] = "--cpus-per-task=1"; /* of an option said twice sbatch takes the later */
         argv[n++] = after;
         argv[n++] = output;
         argv[n++] = join;
@@ -188,7 +204,47 @@ static pvx_err submit(const struct parts_job *j, const char *list, const char *s
         if (e == PVX_OK)
             printf("job %.60s: joins them into %s when they have ended\n", said, j->out);
     }
-    free(words);
+    free(argv);
+    return e;
+}
+
+static bool nobody_began(const struct parts_job *j)
+{
+    char path[4500];
+    bool none = true;
+    for (unsigned i = 1; i <= j->n && none; i++) {
+        parts_path(j, i, "lock", path, sizeof path);
+        none = access(path, F_OK) != 0;
+    }
+    return none;
+}
+
+/* Of a job that nobody has, so that it can be begun in another number of parts. */
+static void take_away(const struct parts_job *j)
+{
+    static const char *const files[] = {"/job.sh", "/job.json", ""};
+    char path[4500];
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        snprintf(path, sizeof path, "%s.parts%s", j->out, files[i]);
+        (void)!remove(path);
+    }
+}
+
+static pvx_err hand_out(const struct parts_job *j, const char *list, int argc, char **argv,
+                        const char *options, bool *begun, struct pvx_diag *d)
+{
+    char script[4500];
+    wordexp_t words = {0};
+    if (strchr(j->out, '\'') != NULL || strchr(j->out, '%') != NULL)
+        return pvx_fail(d, PVX_EINVAL, "%s: Slurm cannot be given a name with ' or %%", j->out);
+    PVX_TRY(split(options != NULL ? options : "", &words, d));
+    snprintf(script, sizeof script, "%s.parts/job.sh", j->out);
+    pvx_err e = write_script(j, argc, argv, script, d);
+    if (e == PVX_OK && chmod(script, 0755) != 0)
+        e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", script, strerror(errno));
+    if (e == PVX_OK)
+        e = submit(j, list, script, &words, begun, d);
+    wordfree(&words);
     return e;
 }
 
@@ -196,6 +252,13 @@ pvx_err reconstruct_slurm(const struct parts_job *j, bool resume, int argc, char
                           const char *options, struct pvx_diag *d)
 {
     char script[4500], list[8000];
+    snprintf(script, sizeof script, "%s.parts/job.sh", j->out);
+    bool fresh = nobody_began(j), begun = access(script, F_OK) == 0;
+    if (!resume && (begun || !fresh))
+        return pvx_fail(d, PVX_EBUSY,
+                        "%s.parts: is there already: --resume hands out what is not done; squeue "
+                        "shows what still waits",
+                        j->out);
     unsigned n = choose(j, resume, list, sizeof list);
     if (n == 0)
         return pvx_fail(d, PVX_EBUSY,
@@ -204,11 +267,8 @@ pvx_err reconstruct_slurm(const struct parts_job *j, bool resume, int argc, char
                         j->out, j->out);
     if (strlen(list) > sizeof list - 20)
         return pvx_fail(d, PVX_ERANGE, "%u parts in too many runs for one job array", n);
-    if (strchr(j->out, '\'') != NULL || strchr(j->out, '%') != NULL)
-        return pvx_fail(d, PVX_EINVAL, "%s: Slurm cannot be given a name with ' or %%", j->out);
-    snprintf(script, sizeof script, "%s.parts/job.sh", j->out);
-    PVX_TRY(write_script(j, argc, argv, script, d));
-    if (chmod(script, 0755) != 0)
-        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", script, strerror(errno));
-    return submit(j, list, script, options, d);
+    pvx_err e = hand_out(j, list, argc, argv, options, &begun, d);
+    if (e != PVX_OK && fresh && !begun)
+        take_away(j);
+    return e;
 }

@@ -202,6 +202,37 @@ wrong() {
 }
 check wrong_use_is_told wrong
 
+# A scheduler that keeps its words, a line each, and refuses while there is a file "full".
+mkdir bin && cat > bin/sbatch <<'S'
+#!/bin/sh
+[ ! -e full ] || { echo "sbatch: error: no room"; exit 1; }
+printf '%s\n' "$@" > "words$(ls words* 2> /dev/null | wc -l)"
+echo 17
+S
+chmod +x bin/sbatch
+slurm() { rm -f words*; run env PATH="$dir/bin:$PATH" "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --out job.h5 --slurm "$@"; }
+handed_out() {
+    local many; many=$(printf -- '--x=%d ' {1..80})
+    slurm 2 --sbatch "--comment=\"flame of tuesday\" --cpus-per-task=16 $many"
+    says 0 'job 17: parts 1-2 of 2' 'joins them into job.h5' || return 1
+    grep -qx -- '--comment=flame of tuesday' words0 && grep -qx -- '--x=80' words0 && grep -qx 'job.h5.parts/job.sh' words0 || { cat words0; return 1; }
+    [ "$(grep -e --cpus words0)" = --cpus-per-task=16 ] && [ "$(grep -e --cpus words1 | tail -n 1)" = --cpus-per-task=1 ] || return 1
+    slurm 2; says 1 'job.h5.parts: is there already: --resume' && [ ! -e words0 ] || return 1
+    slurm 2 --resume; says 0 'parts 1-2 of 2' && rm -r job.h5.parts
+}
+check handed_to_slurm handed_out
+not_handed_out() { # what nobody has can be begun in another number of parts
+    slurm 2 --sbatch "--comment='flame"; says 1 'a quote is not closed' && [ ! -e job.h5.parts ] || return 1
+    slurm 2 --sbatch '--time=$nothing'; says 1 'variable' && slurm 2 --sbatch '$(touch ran)'; says 1 'would run a command' && [ ! -e ran ] || return 1
+    touch full; slurm 2; rm full; says 1 'sbatch refuses: sbatch: error: no room' && [ ! -e job.h5.parts ] || return 1
+    run env PATH="$dir/none" "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --out job.h5 --slurm 3
+    says 1 'slurm-client' && [ ! -e job.h5.parts ] || return 1
+    run "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --out job.h5 --array 1/4 --quiet; says 0 || return 1
+    touch full; slurm 4 --resume; rm full; says 1 'no room' && [ -e job.h5.parts/job.json ] || return 1
+    slurm 4; says 1 'job.h5.parts: is there already: --resume' && slurm 4 --resume; says 0 'parts 2-4 of 4'
+}
+check what_slurm_refuses_is_not_begun not_handed_out
+
 seams() { # what leans on the set before begins early, and the overlap is compared
     local i
     for i in 1 2; do solve --out lean.h5 --temporal --array $i/2; says 0 || return 1; done
