@@ -397,7 +397,8 @@ static int join(const struct job *j, int code)
     if (o->parts == 0 || o->slurm > 0)
         return code;
     code = ranks_worst(&j->ranks, code);
-    if (j->ranks.rank > 0 || cli_stop || (j->ranks.n == 1 && !reconstruct_join_is_due(o->out)))
+    if (j->ranks.rank > 0 || cli_stop ||
+        (j->ranks.n == 1 && !reconstruct_join_is_due(o->out, o->part)))
         return code;
     if (code != 0 && !reconstruct_join_has_job(o->out)) /* nothing was begun */
         return code;

@@ -11,6 +11,7 @@
 #include <xxhash.h>
 
 #include "base/clock.h"
+#include "base/cpu.h"
 #include "base/file.h"
 #include "base/mem.h"
 #include "daemon/volumes/volumes.h"
@@ -250,7 +251,8 @@ struct part {
     unsigned i;
     int lock;
     uint64_t sets, before; /* done before t0 */
-    int64_t t0, t_said;
+    int64_t t_taken, t0, t_said;
+    struct part_status earlier; /* tries */
     enum part_state said;
 };
 
@@ -288,7 +290,9 @@ static void read_status(const cJSON *o, struct part_status *s)
             s->state = (enum part_state)k;
     s->done = (uint64_t)number_of(o, "done");
     s->sets_per_s = number_of(o, "sets_per_s");
+    s->elapsed_s = number_of(o, "elapsed_s");
     s->pid = (int64_t)number_of(o, "pid");
+    copy_text(o, "kernels", s->kernels, sizeof s->kernels);
     copy_text(o, "host", s->host, sizeof s->host);
     copy_text(o, "error", s->error, sizeof s->error);
 }
@@ -357,6 +361,7 @@ static pvx_err look(part *p, bool resume, bool *done, struct pvx_diag *d)
     if (s.state == PART_RUNNING) /* the lock is ours */
         s.state = PART_DIED;
     p->sets = s.sets;
+    p->earlier = s;
     *done = s.state == PART_DONE;
     if (resume || !has_file(p->job, p->i, "h5")) {
         if (!*done) /* before the matrix, which may take its time */
@@ -378,7 +383,7 @@ pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done
     part *p = pvx_calloc(1, sizeof *p);
     if (p == NULL)
         return PVX_ENOMEM;
-    *p = (part){.job = j, .i = i, .t0 = pvx_now_mono()};
+    *p = (part){.job = j, .i = i, .t_taken = pvx_now_mono()};
     parts_path(j, i, "lock", path, sizeof path);
     p->lock = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     pvx_err e = p->lock >= 0
@@ -394,6 +399,14 @@ pvx_err part_take(const struct parts_job *j, unsigned i, bool resume, bool *done
         part_free(&p);
     *out = p;
     return e;
+}
+
+static void add_kernels(cJSON *o, const struct part_status *earlier)
+{
+    const char *was = earlier->done > 0 ? earlier->kernels : "", *now = pvx_cpu_name(pvx_cpu());
+    char all[80];
+    snprintf(all, sizeof all, "%s%s%s", was, was[0] != '\0' ? ", " : "", now);
+    cJSON_AddStringToObject(o, "kernels", strstr(was, now) != NULL ? was : all);
 }
 
 void part_say(part *p, enum part_state state, uint64_t done, const char *error)
@@ -419,6 +432,9 @@ void part_say(part *p, enum part_state state, uint64_t done, const char *error)
     }
     cJSON_AddNumberToObject(o, "sets_per_s",
                             (double)(done - p->before) / ((double)(now - p->t0 + 1) * 1e-9));
+    cJSON_AddNumberToObject(o, "elapsed_s",
+                            p->earlier.elapsed_s + (double)(now - p->t_taken) * 1e-9);
+    add_kernels(o, &p->earlier);
     cJSON_AddStringToObject(o, "host", host);
     cJSON_AddNumberToObject(o, "pid", (double)getpid());
     cJSON_AddNumberToObject(o, "updated_ns", (double)pvx_now_real());

@@ -47,6 +47,8 @@ struct part_status {
     enum part_state state;
     uint64_t sets, done; /* of its run, and of them with a volume */
     double sets_per_s;   /* of the last try */
+    double elapsed_s;    /* of all tries */
+    char kernels[32]; /* levels of base/cpu.h: "avx2"; "avx2, ref" when a try went on elsewhere */
     int64_t pid;
     char host[256];
     char error[PVX_DIAG_MAX];

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/cpu.h"
 #include "base/mem.h"
 #include "daemon/cli/cli.h"
 #include "daemon/cli/parts.h"
@@ -23,15 +24,15 @@ bool reconstruct_join_has_job(const char *out)
     return has;
 }
 
-bool reconstruct_join_is_due(const char *out)
+bool reconstruct_join_is_due(const char *out, unsigned i)
 {
     struct parts_job j;
     struct part_status s;
     bool all = parts_load(out, &j, NULL) == PVX_OK;
     if (!all)
         return false;
-    for (unsigned i = 1; i <= j.n && all; i++) {
-        parts_status(&j, i, &s);
+    for (unsigned k = 0; k < j.n && all; k++) {
+        parts_status(&j, (i + k) % j.n + 1, &s);
         all = s.state == PART_DONE;
     }
     parts_free(&j);
@@ -81,10 +82,19 @@ static double seam(const struct parts_job *j, unsigned i)
     return !ok ? -1 : all > 0 ? sqrt(off / all) : off > 0 ? INFINITY : 0;
 }
 
+static const char *duration(double s, char out[32])
+{
+    bool min = s >= 120, h = s >= 7200;
+    snprintf(out, 32, "%.3g %s", h ? s / 3600 : min ? s / 60 : s, h ? "h" : min ? "min" : "s");
+    return out;
+}
+
 static void say_part(unsigned i, const struct part_status *s, double off)
 {
-    printf("%5u  %-9s  %7llu of %-7llu  %8.1f  %s", i, part_state_names[s->state],
-           (unsigned long long)s->done, (unsigned long long)s->sets, s->sets_per_s, s->host);
+    char took[32];
+    printf("%5u  %-9s  %7llu of %-7llu  %8.1f  %9s  %s", i, part_state_names[s->state],
+           (unsigned long long)s->done, (unsigned long long)s->sets, s->sets_per_s,
+           duration(s->elapsed_s, took), s->host);
     if (s->state == PART_RUNNING || s->state == PART_DIED)
         printf(", process %lld", (long long)s->pid);
     printf("%s%s\n", s->error[0] != '\0' ? ": " : "", s->error);
@@ -95,21 +105,66 @@ static void say_part(unsigned i, const struct part_status *s, double off)
             i - 1, 100 * off);
 }
 
+/* What the table comes to. */
+struct sum {
+    unsigned done, running;
+    double left, rate;       /* sets of parts that run or will; a second, by those that run */
+    double elapsed, slowest; /* s: of all; until the last of those that run has ended */
+    double seam;             /* the worst; < 0: none is known */
+    bool by[PVX_CPU_BEST + 1];
+};
+
+static void count(struct sum *sum, const struct part_status *s, double off)
+{
+    bool running = s->state == PART_RUNNING;
+    double left = (double)s->sets - (double)s->done;
+    sum->done += s->state == PART_DONE;
+    sum->elapsed += s->elapsed_s;
+    sum->seam = fmax(sum->seam, off);
+    sum->left += running || s->state == PART_NONE ? left : 0;
+    sum->running += running;
+    sum->rate += running ? s->sets_per_s : 0;
+    if (running)
+        sum->slowest = fmax(sum->slowest, left / s->sets_per_s); /* of none yet: not finite */
+    for (int k = 0; k <= PVX_CPU_BEST && s->done > 0; k++)
+        sum->by[k] |= strstr(s->kernels, pvx_cpu_name((enum pvx_cpu)k)) != NULL;
+}
+
 /* A line for each that is not as it should be; where there are few, for all. */
-static unsigned table(const struct parts_job *j, double *worst)
+static void table(const struct parts_job *j, struct sum *sum)
 {
     struct part_status s;
-    unsigned done = 0;
-    printf(" part  state      sets                sets/s  where\n");
+    *sum = (struct sum){.seam = -1};
+    printf(" part  state      sets                sets/s       time  where\n");
     for (unsigned i = 1; i <= j->n; i++) {
         parts_status(j, i, &s);
-        done += s.state == PART_DONE;
         double off = i > 1 ? seam(j, i) : -1;
-        *worst = off > *worst ? off : *worst;
+        count(sum, &s, off);
         if (j->n <= 40 || s.state != PART_DONE || off > SEAM_WRONG)
             say_part(i, &s, off);
     }
-    return done;
+}
+
+/* By durations alone: clocks of two nodes may differ. */
+static void say_end(const struct sum *sum)
+{
+    char in[32];
+    double s = fmax(sum->slowest, sum->left / sum->rate);
+    if (sum->running > 0 && isfinite(s))
+        printf("running parts: %u, %.3g sets/s; the %.0f sets that are left take them %s\n",
+               sum->running, sum->rate, sum->left, duration(s, in));
+}
+
+static void say_kernels(const struct sum *sum)
+{
+    char names[64] = "";
+    int n = 0;
+    for (int k = 0; k <= PVX_CPU_BEST; k++)
+        if (sum->by[k])
+            snprintf(names + strlen(names), sizeof names - strlen(names), "%s%s",
+                     n++ > 0 ? ", " : "", pvx_cpu_name((enum pvx_cpu)k));
+    if (n > 1)
+        printf("the parts were solved by different kernels (%s): equal only to rounding\n", names);
 }
 
 static pvx_err join(const struct parts_job *j, size_t *missing, struct pvx_diag *d)
@@ -143,17 +198,23 @@ int reconstruct_join(const char *out)
 {
     struct parts_job j;
     struct pvx_diag d = {""};
-    double worst = -1;
+    struct sum sum;
     size_t missing = 0;
     pvx_err e = parts_load(out, &j, &d);
+    if (e == PVX_ENOENT && access(out, F_OK) == 0)
+        snprintf(d.text, sizeof d.text, "%s: was not made in parts, there is nothing to join", out);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    unsigned done = table(&j, &worst);
+    table(&j, &sum);
+    say_end(&sum);
+    say_kernels(&sum);
     e = join(&j, &missing, &d);
     if (e == PVX_OK) {
-        printf("%s: %zu of %zu sets, %u of %u parts", out, j.n_sets - missing, j.n_sets, done, j.n);
-        if (worst >= 0)
-            printf("; at the seams volumes differ by %.2f %% at most", 100 * worst);
+        char took[32];
+        printf("%s: %zu of %zu sets, %u of %u parts, in %s of all of them together", out,
+               j.n_sets - missing, j.n_sets, sum.done, j.n, duration(sum.elapsed, took));
+        if (sum.seam >= 0)
+            printf("; at the seams volumes differ by %.2f %% at most", 100 * sum.seam);
         printf("\n");
     }
     if (e == PVX_OK && missing > 0)

@@ -1,5 +1,6 @@
 #include "daemon/cli/reconstruct_options.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -209,10 +210,13 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
         return 0;
     case OPT_ITER:
         solve->iterations = (uint32_t)cli_arg_whole(st, "iterations", arg, 1, 1000000);
-        if (solve->stop == REC_STOP_AUTO)
+        if (!o->stop_said)
             solve->stop = REC_STOP_ITERATIONS;
         return 0;
-    case OPT_STOP: solve->stop = stop[cli_arg_choice(st, "stop", arg, stops)]; return 0;
+    case OPT_STOP:
+        solve->stop = stop[cli_arg_choice(st, "stop", arg, stops)];
+        o->stop_said = true;
+        return 0;
     case OPT_LAMBDA: solve->lambda = (float)cli_arg_double(st, "lambda", arg, 0, 1e6); return 0;
     case OPT_TOLERANCE:
         solve->tolerance = (float)cli_arg_double(st, "tolerance", arg, 0, 1);
@@ -250,6 +254,83 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     }
 }
 
+/* Options that have no bearing on the volumes, nor where they are made; those that only say who makes which are first. */
+static const struct aside {
+    const char *name;
+    int words; /* with its value, if that is not joined by = */
+} asides[] = {{"--array", 2},  {"--resume", 1}, {"--slurm", 2},   {"--sbatch", 2},
+              {"--join", 1},   {"--quiet", 1},  {"--threads", 2}, {"--matrix-cache", 2},
+              {"--memory", 2}, {"--out", 2},    {"--rig", 2}, /* compared by what they are, */
+              {"--frames", 2}};
+#define ABOUT_JOBS 6
+
+/* argp takes beginnings of names too. */
+static int aside(const char *arg, size_t n)
+{
+    size_t len = strcspn(arg, "=");
+    for (size_t i = 0; len > 2 && i < n; i++)
+        if (strncmp(arg, asides[i].name, len) == 0)
+            return arg[len] == '=' ? 1 : asides[i].words;
+    return 0;
+}
+
+int reconstruct_about_jobs(const char *arg)
+{
+    return aside(arg, ABOUT_JOBS);
+}
+
+/* Both name one option, whole or by its beginning. */
+static bool same_option(const char *a, const char *b)
+{
+    size_t n = strcspn(a, " \n"), m = strcspn(b, " \n");
+    return strncmp(a, b, n < m ? n : m) == 0;
+}
+
+static int by_text(const void *a, const void *b)
+{
+    return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+/* "--grid 64" and "--grid=64" are one line, in whatever order they were said; of one that is said twice the last counts, as
+ * it does for the parser. */
+static char *said(int argc, char **argv)
+{
+    char **line = calloc((size_t)argc, sizeof *line), *all = calloc(1, 1);
+    size_t n = 0;
+    for (int i = 1; i < argc && line != NULL; i++) {
+        int skip = aside(argv[i], sizeof asides / sizeof asides[0]);
+        size_t name = strcspn(argv[i], "=");
+        bool more = skip == 0 && argv[i][name] == '\0' && i + 1 < argc &&
+                    strncmp(argv[i + 1], "--", 2) != 0;
+        if (skip == 0 && asprintf(&line[n], "%.*s%s%s\n", (int)name, argv[i],
+                                  argv[i][name] == '=' || more ? " " : "",
+                                  argv[i][name] == '=' ? argv[i] + name + 1
+                                  : more               ? argv[i + 1]
+                                                       : "") >= 0) {
+            size_t k = 0;
+            while (k < n && !same_option(line[k], line[n]))
+                k++;
+            if (k < n)
+                free(line[k]);
+            line[k] = line[n];
+            n += k == n;
+        }
+        i += skip > 1 || more;
+    }
+    if (line != NULL)
+        qsort(line, n, sizeof *line, by_text);
+    for (size_t i = 0; i < n; i++) {
+        char *longer;
+        if (all != NULL && asprintf(&longer, "%s%s", all, line[i]) >= 0) {
+            free(all);
+            all = longer;
+        }
+        free(line[i]);
+    }
+    free(line);
+    return all;
+}
+
 static void parse_array(struct argp_state *st, const char *arg, struct reconstruct_options *o)
 {
     char rest;
@@ -264,6 +345,11 @@ static void check_parts(struct argp_state *st, struct reconstruct_options *o)
     size_t n = o->out != NULL ? strlen(o->out) : 0;
     o->recording = n > 3 && strcmp(o->out + n - 3, ".h5") == 0;
     bool several = o->parts > 0 || o->slurm > 0;
+    if (o->join && (several || o->resume || o->sbatch != NULL || o->frames != NULL ||
+                    o->rig.path != NULL || o->said[0] != '\0'))
+        argp_error(st, "--join goes with --out alone: the parts know the rest");
+    if (o->plan && (several || o->resume))
+        argp_error(st, "--plan is of all frame sets: not with --array, --slurm or --resume");
     if ((several || o->join) && !o->recording)
         argp_error(st, "%s needs --out FILE.h5", o->join ? "--join" : "--array, --slurm");
     if (o->parts > 0 && o->slurm > 0)
@@ -319,6 +405,9 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_SBATCH: o->sbatch = arg; return 0;
     case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
     case ARGP_KEY_END:
+        o->said = said(st->argc, st->argv);
+        if (o->said == NULL)
+            argp_failure(st, 1, ENOMEM, "options");
         check_parts(st, o);
         if (o->join)
             return 0;
@@ -354,70 +443,6 @@ static char *help_text(int key, const char *text, void *input)
     snprintf(list + strlen(list), sizeof list - strlen(list),
              "; all but the first are for comparison");
     return strdup(list);
-}
-
-/* Options that have no bearing on the volumes, nor where they are made; those that only say who makes which are first. */
-static const struct aside {
-    const char *name;
-    int words; /* with its value, if that is not joined by = */
-} asides[] = {{"--array", 2},        {"--resume", 1},
-              {"--slurm", 2},        {"--sbatch", 2},
-              {"--quiet", 1},        {"--threads", 2},
-              {"--matrix-cache", 2}, {"--memory", 2},
-              {"--out", 2},          /* compared by what they are: */ {"--rig", 2},
-              {"--frames", 2}};
-#define ABOUT_JOBS 5
-
-/* argp takes beginnings of names too. */
-static int aside(const char *arg, size_t n)
-{
-    size_t len = strcspn(arg, "=");
-    for (size_t i = 0; len > 2 && i < n; i++)
-        if (strncmp(arg, asides[i].name, len) == 0)
-            return arg[len] == '=' ? 1 : asides[i].words;
-    return 0;
-}
-
-int reconstruct_about_jobs(const char *arg)
-{
-    return aside(arg, ABOUT_JOBS);
-}
-
-static int by_text(const void *a, const void *b)
-{
-    return strcmp(*(char *const *)a, *(char *const *)b);
-}
-
-/* "--grid 64" and "--grid=64" are one line, in whatever order they were said. */
-static char *said(int argc, char **argv)
-{
-    char **line = calloc((size_t)argc, sizeof *line), *all = calloc(1, 1);
-    size_t n = 0;
-    for (int i = 1; i < argc && line != NULL; i++) {
-        int skip = aside(argv[i], sizeof asides / sizeof asides[0]);
-        size_t name = strcspn(argv[i], "=");
-        bool more = skip == 0 && argv[i][name] == '\0' && i + 1 < argc &&
-                    strncmp(argv[i + 1], "--", 2) != 0;
-        if (skip == 0 && asprintf(&line[n], "%.*s%s%s\n", (int)name, argv[i],
-                                  argv[i][name] == '=' || more ? " " : "",
-                                  argv[i][name] == '=' ? argv[i] + name + 1
-                                  : more               ? argv[i + 1]
-                                                       : "") >= 0)
-            n++;
-        i += skip > 1 || more;
-    }
-    if (line != NULL)
-        qsort(line, n, sizeof *line, by_text);
-    for (size_t i = 0; i < n; i++) {
-        char *longer;
-        if (all != NULL && asprintf(&longer, "%s%s", all, line[i]) >= 0) {
-            free(all);
-            all = longer;
-        }
-        free(line[i]);
-    }
-    free(line);
-    return all;
 }
 
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
@@ -467,5 +492,4 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                                       .memory = -1};
     o->frame = rec_frame_defaults;
     argp_parse(&argp, argc, argv, 0, NULL, o);
-    o->said = said(argc, argv);
 }

@@ -59,7 +59,9 @@ assert list(np.flatnonzero(dark)) == [4, 5, 6, 7], dark
 assert list(np.flatnonzero(f["sets/status"][:] == 0xffffffff)) == [4, 5, 6, 7]
 P
     solve --out three.h5 --array 2/3
-    says 0 'three.h5: 12 of 12 sets, 3 of 3 parts' && bits one.h5 three.h5
+    says 0 'three.h5: 12 of 12 sets, 3 of 3 parts, in ' && bits one.h5 three.h5 || return 1
+    if grep -q 'kernels\|running parts' <<< "$out"; then echo "$out"; return 1; fi
+    [ "$(grep -cE '^ +[1-3]  done +4 of 4 +[0-9.]+ +[0-9.e+-]+ (s|min|h)  ' <<< "$out")" = 3 ] || { echo "$out"; return 1; }
 }
 check parts_are_one_recording parts
 read_by_all() {
@@ -128,6 +130,8 @@ dies() {
     solving_half 1 000002 000004 || return 1
     solve --out slow.h5 --array 1/2
     says 1 "part 1 of 2 is being solved by process $started on" || return 1
+    run "$pyrovox" reconstruct --out slow.h5 --join
+    grep -qE '^running parts: 1, .* sets/s; the ([6-9]|1[01]) sets that are left take them [0-9.e+]+ (s|min|h)$' <<< "$out" || { echo "$out"; return 1; }
     kill -9 "$started"; wait "$started" 2> /dev/null
     let_go 000002 000004
     run "$pyrovox" reconstruct --out slow.h5 --join; [ "$code" = 1 ] && grep -q " died .* process $started" <<< "$out" || { echo "$out"; return 1; }
@@ -191,10 +195,16 @@ for c in range(4): np.save("empty/cam%d.npy" % c, np.zeros((72, 96, 3), "u1"))' 
 }
 check what_is_drawn_anew_is_refused drawn_anew
 wrong() {
+    local i
     solve --out folder --array 1/2; says 2 '--out FILE.h5' || return 1
     solve --out x.h5 --array 3/2; says 2 'part I, from 1, of N' || return 1
     solve --out x.h5 --array 1/40; says 1 '40 parts, but there are only' || return 1
     run "$pyrovox" reconstruct --out nothing.h5 --join; says 1 nothing.h5.parts/job.json || return 1
+    run "$pyrovox" reconstruct --out one.h5 --join; says 1 'one.h5: was not made in parts' || return 1
+    for i in --array=1/2 --resume --plan --slurm=2 --lambda=1 --frames=take; do
+        run "$pyrovox" reconstruct --out three.h5 --join $i; says 2 '--join goes with --out alone' || return 1
+    done
+    for i in --array=1/2 --resume --slurm=2; do solve --out x.h5 --plan $i; says 2 '--plan is of all frame sets' || return 1; done
     solve --out x.h5 --resume; says 1 'say --array I/N' && [ ! -e x.h5 ] || return 1
     solve --out x.h5 --slurm 1.5; says 2 '--slurm 1.5: should be a whole number' || return 1
     solve --out x --margin 0.5; says 2 '--margin 0.5: should be a whole number' || return 1
@@ -232,6 +242,19 @@ not_handed_out() { # what nobody has can be begun in another number of parts
     slurm 4; says 1 'job.h5.parts: is there already: --resume' && slurm 4 --resume; says 0 'parts 2-4 of 4'
 }
 check what_slurm_refuses_is_not_begun not_handed_out
+
+said_twice() { # of an option the last counts, in whatever order
+    solve --out twice.h5 --array 1/2 --lambda 0.1 --lambda 0.001; says 0 || return 1
+    solve --out twice.h5 --array 2/2 --lambda 0.001 --lambda 0.1; says 1 "(then '--lambda 0.001', now '--lambda 0.1')" || return 1
+    solve --out twice.h5 --array 2/2 --lam 7 --lambda 0.001; says 0
+}
+check said_twice said_twice
+two_kernels() { # as on two kinds of processor
+    PYROVOX_CPU=ref solve --out mixed.h5 --array 1/2; says 0 || return 1
+    solve --out mixed.h5 --array 2/2; says 0 'solved by different kernels (ref, '
+}
+if [ "$("$py" -c 'import json; print(json.load(open("three.h5.parts/part-0001-of-0003.json"))["kernels"])')" != ref ]; then check two_kernels two_kernels
+else echo "SKIP $name:two_kernels (this processor has but one)"; fi
 
 seams() { # what leans on the set before begins early, and the overlap is compared
     local i
