@@ -12,29 +12,40 @@
 #include "proto/door.h"
 
 #define ANSWER_MS 5000
+#define SAY_MS    1000  /* until a wait that may be long is said */
 #define WRITE_MS  60000 /* record stop and snapshot answer when all is written */
 
+/* Whom is asked, and with which key. */
+struct whom {
+    const char *endpoint, *key;
+    bool patient; /* the answer may take long: that is said */
+};
+
 /* Room for an answer, or why there will be none. */
-static pvx_err answer(void *socket, pvp_door *door, const char *endpoint, bool has_key,
-                      int timeout_ms, struct pvx_diag *d)
+static pvx_err answer(void *socket, pvp_door *door, struct whom whom, int timeout_ms,
+                      struct pvx_diag *d)
 {
     zmq_pollitem_t item[] = {{.socket = socket, .events = ZMQ_POLLIN},
                              {.socket = pvp_door_socket(door), .events = ZMQ_POLLIN}};
     for (int64_t until = pvx_now_mono() + timeout_ms * PVX_NS_PER_MS;;) {
         int64_t left = (until - pvx_now_mono()) / PVX_NS_PER_MS;
-        int n = zmq_poll(item, 2, left > 0 ? (long)left : 0);
+        bool brief = whom.patient && left > SAY_MS;
+        int n = zmq_poll(item, 2, brief ? SAY_MS : left > 0 ? (long)left : 0);
         if (n < 0 && errno == EINTR)
             return PVX_ECANCELED;
+        if (n == 0 && brief) {
+            fprintf(stderr,
+                    "waiting for a daemon at %s to answer (`pyrovox status` tells if one runs); "
+                    "Ctrl-C stops\n",
+                    whom.endpoint);
+            whom.patient = false;
+            continue;
+        }
         if (n <= 0 || (item[0].revents & ZMQ_POLLIN) != 0)
             return PVX_OK; /* it comes, or does not: the socket says */
-        PVX_TRY(pvp_door_refused(door, endpoint, has_key, d));
+        PVX_TRY(pvp_door_refused(door, whom.endpoint, whom.key != NULL, d));
     }
 }
-
-/* Whom is asked, and with which key. */
-struct whom {
-    const char *endpoint, *key;
-};
 
 static pvx_err reach(void *socket, const char *endpoint, const char *key, int timeout_ms,
                      struct pvx_diag *d)
@@ -60,7 +71,7 @@ static pvx_err exchange(void *socket, pvp_door *door, struct whom whom, const ch
     pvx_err e = PVX_OK;
     int sent = zmq_send(socket, text, strlen(text), 0);
     if (sent >= 0)
-        e = answer(socket, door, endpoint, key != NULL, timeout_ms, d);
+        e = answer(socket, door, whom, timeout_ms, d);
     if (e != PVX_OK) {
         /* said */
     } else if (sent < 0 || zmq_msg_recv(&reply, socket, ZMQ_DONTWAIT) < 0) {
@@ -87,8 +98,8 @@ pvx_err ask(const char *endpoint, const char *key, const char *cmd, int timeout_
     return ask_words(endpoint, key, (const char *const[]){cmd, NULL}, timeout_ms, out, d);
 }
 
-pvx_err ask_request(const char *endpoint, const char *key, const char *request, int timeout_ms,
-                    cJSON **out, struct pvx_diag *d)
+static pvx_err put_to(struct whom whom, const char *text, int timeout_ms, cJSON **out,
+                      struct pvx_diag *d)
 {
     *out = NULL;
     void *zmq = zmq_ctx_new();
@@ -96,7 +107,7 @@ pvx_err ask_request(const char *endpoint, const char *key, const char *request, 
     pvp_door *door = NULL;
     pvx_err e = socket == NULL ? PVX_ENOMEM : pvp_door_new(zmq, socket, &door);
     if (e == PVX_OK)
-        e = exchange(socket, door, (struct whom){endpoint, key}, request, timeout_ms, out, d);
+        e = exchange(socket, door, whom, text, timeout_ms, out, d);
     pvp_door_free(&door);
     if (socket != NULL)
         zmq_close(socket);
@@ -107,6 +118,12 @@ pvx_err ask_request(const char *endpoint, const char *key, const char *request, 
         *out = NULL;
     }
     return e;
+}
+
+pvx_err ask_request(const char *endpoint, const char *key, const char *text, int timeout_ms,
+                    cJSON **out, struct pvx_diag *d)
+{
+    return put_to((struct whom){endpoint, key, false}, text, timeout_ms, out, d);
 }
 
 /* Word number i of a request: its key, out of the command's, in their order; what is recorded may be left out, a name
@@ -155,11 +172,11 @@ pvx_err ask_words(const char *endpoint, const char *key, const char *const *word
     if (text == NULL)
         e = PVX_ENOMEM;
     if (e == PVX_OK)
-        e = ask_request(endpoint, key, text,
-                        timeout_ms > 0 ? timeout_ms
-                        : writes       ? WRITE_MS
-                                       : ANSWER_MS,
-                        out, d);
+        e = put_to((struct whom){endpoint, key, writes}, text,
+                   timeout_ms > 0 ? timeout_ms
+                   : writes       ? WRITE_MS
+                                  : ANSWER_MS,
+                   out, d);
     free(text);
     return e;
 }

@@ -54,7 +54,7 @@ static const struct argp_option options[] = {
     {"format", 'f', "FORMAT", 0,
      "npy: a folder of SET.npy and SET.json; hdf5: one file; vdb, nvdb: a folder of numbered files "
      "for Blender and "
-     "others (default: as --out ends, .h5 is hdf5; else npy)",
+     "others (default: as --out ends, .h5 or .hdf5 is hdf5; else npy)",
      0},
     {"raw", 'r', "start|stop", 0, "Let the daemon begin or end a take of the cameras' raw frames",
      0},
@@ -104,6 +104,12 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case 'n': cli_arg_int(state, "volumes", arg, 1, INT64_MAX, &r->volumes); return 0;
     case 's': r->seconds = cli_arg_double(state, "seconds", arg, 0.001, 1e9); return 0;
+    case ARGP_KEY_END:
+        if (r->raw != NULL && (r->format != NULL || r->volumes > 0 || r->seconds > 0 ||
+                               r->config.roll_ns > 0 || r->config.options.keep_free_bytes > 0))
+            argp_error(state, "--raw: --format, --volumes, --seconds, --keep-free and --roll are "
+                              "for volumes; the daemon's takes roll over by its record.roll_s");
+        return 0;
     case ARGP_KEY_ARG: argp_error(state, "'%s' is not expected here", arg); return EINVAL;
     default: return ARGP_ERR_UNKNOWN;
     }
@@ -335,12 +341,12 @@ static int run(int argc, char **argv)
     if (r.raw != NULL)
         return record_raw(r.control != NULL ? r.control : dmn_client_endpoint(DMN_CONTROL), r.key,
                           r.raw, r.out);
-    size_t n = r.out != NULL ? strlen(r.out) : 0;
-    if (r.format == NULL && n > 3 && strcmp(r.out + n - 3, ".h5") == 0)
+    if (r.format == NULL && r.out != NULL && vol_hdf5_name(r.out))
         r.config.format = VOL_HDF5;
     if (r.out == NULL)
         name_out(&r);
     r.config.path = r.out;
+    bool there = access(r.out, F_OK) == 0;
     cli_catch_stop();
     /* However the daemon ends, nobody else begins the next session's recording. */
     if (r.parent != 0 && (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != (pid_t)r.parent))
@@ -360,7 +366,7 @@ static int run(int argc, char **argv)
         e = closing;
     if (r.sub != NULL)
         conclude(&r, &st);
-    if (st.written == 0 && r.out == r.default_out)
+    if (st.written == 0 && !there)
         rmdir(r.out); /* fails, rightly, when something is in it */
     if (e == PVX_ENOSPC)
         fprintf(stderr, "pyrovox: the disk is full; the volumes recorded before are complete\n");

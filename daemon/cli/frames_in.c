@@ -12,6 +12,7 @@
 #include "capture/files/sequence.h"
 #include "daemon/cli/cli.h"
 #include "daemon/cli/take_notes.h"
+#include "daemon/volumes/volumes.h"
 
 #define PATH_ROOM 4300
 
@@ -379,10 +380,8 @@ static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uint32_t last,
                        bool grey, struct pvx_diag *d)
 {
-    size_t n = strlen(dir);
     f->dir = dir;
-    pvx_err e = n > 3 && strcmp(dir + n - 3, ".h5") == 0 ? scan_take(f, first, last, d)
-                                                         : scan_folder(f, first, last, d);
+    pvx_err e = vol_hdf5_name(dir) ? scan_take(f, first, last, d) : scan_folder(f, first, last, d);
     if (e == PVX_ENOMEM)
         pvx_fail(d, e, "%s: no memory for the list of frames", dir);
     return e == PVX_OK ? look_at_first(f, grey, d) : e;

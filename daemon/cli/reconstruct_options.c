@@ -8,6 +8,7 @@
 #include "daemon/cli/arg.h"
 #include "daemon/cli/parts.h"
 #include "daemon/config/config.h"
+#include "daemon/volumes/volumes.h"
 
 enum {
     OPT_FRAMES = 0x100,
@@ -342,8 +343,7 @@ static void parse_array(struct argp_state *st, const char *arg, struct reconstru
 /* What goes with what, where volumes go into one file. */
 static void check_parts(struct argp_state *st, struct reconstruct_options *o)
 {
-    size_t n = o->out != NULL ? strlen(o->out) : 0;
-    o->recording = n > 3 && strcmp(o->out + n - 3, ".h5") == 0;
+    o->recording = o->out != NULL && vol_hdf5_name(o->out);
     bool several = o->parts > 0 || o->slurm > 0;
     if (o->join && (several || o->resume || o->sbatch != NULL || o->frames != NULL ||
                     o->rig.path != NULL || o->said[0] != '\0'))

@@ -10,6 +10,8 @@
 
 enum vol_format { VOL_NPY, VOL_HDF5, VOL_VDB, VOL_NVDB, VOL_FORMATS };
 extern const char *const vol_format_names[VOL_FORMATS]; /* "npy", "hdf5", "vdb", "nvdb" */
+/* Ends in .h5 or .hdf5. */
+bool vol_hdf5_name(const char *path);
 
 /* What a whole recording has in common.  Texts are borrowed. */
 struct vol_head {

@@ -3,6 +3,7 @@
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/statvfs.h>
 #include <unistd.h>
 
@@ -10,6 +11,13 @@
 #include "daemon/volumes/volumes.h"
 
 const char *const vol_format_names[VOL_FORMATS] = {"npy", "hdf5", "vdb", "nvdb"};
+
+bool vol_hdf5_name(const char *path)
+{
+    const char *end = strrchr(path, '.');
+    return end != NULL && end > path && end[-1] != '/' &&
+           (strcmp(end, ".h5") == 0 || strcmp(end, ".hdf5") == 0);
+}
 
 const char *const vol_gap_names[VOL_GAPS] = {"lost", "queue", "unreadable", "unsolved"};
 

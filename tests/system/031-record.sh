@@ -65,7 +65,7 @@ waits() { # nobody publishes: says so, and Ctrl-C ends it
     "$pyrovox" record --endpoint "$ep" --out "$dir/d" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
     wait_for grep -q 'waiting for a daemon' "$dir/log"
     kill -TERM "$rec"; wait "$rec"; local r=$?; rec=
-    [ $r = 130 ] && grep -q 'waiting for a daemon' "$dir/log" && grep -q '^0 volumes' "$dir/log" || { echo "exit $r"; cat "$dir/log"; return 1; }
+    [ $r = 130 ] && grep -q 'waiting for a daemon' "$dir/log" && grep -q '^0 volumes' "$dir/log" && [ ! -e "$dir/d" ] || { echo "exit $r"; cat "$dir/log"; return 1; }
 }
 check waits_and_stops waits
 
@@ -81,6 +81,25 @@ restart() { # the daemon is killed and comes back: its sets count anew, in a fol
         [ "$(ls "$dir"/g/session-*/*.npy | wc -l)" = 5 ] || { cat "$dir/log"; ls -R "$dir/g"; return 1; }
 }
 check daemon_restarts restart 2>/dev/null
+
+raw_waits() { # no daemon: says so
+    : > "$dir/log"
+    "$pyrovox" record --raw start --control "$control" > "$dir/log" 2>&1 & rec=$!; pids+=($rec)
+    wait_for grep -qF "waiting for a daemon at $control" "$dir/log"; local r=$?
+    kill -TERM "$rec"; wait "$rec"; rec=
+    [ $r = 0 ] || { cat "$dir/log"; return 1; }
+    run "$pyrovox" record --raw start --control "$control" --roll 60
+    says 2 record.roll_s
+} 2> /dev/null # "Terminated"
+check raw_waits raw_waits
+
+hdf5() {
+    publish 3 0
+    record --out "$dir/r.hdf5" > "$dir/log" 2>&1; local r=$?
+    reap
+    [ $r = 0 ] && [ -f "$dir/r.hdf5" ] || { cat "$dir/log"; return 1; }
+}
+check hdf5_by_its_name hdf5
 
 usage() {
     "$pyrovox" record --volumes 0 > "$dir/log" 2>&1 && return 1
