@@ -1,6 +1,5 @@
 #include "daemon/cli/reconstruct_options.h"
 
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -255,15 +254,125 @@ static error_t parse_rest(int key, char *arg, struct argp_state *st)
     }
 }
 
+static void parse_array(struct argp_state *st, const char *arg, struct reconstruct_options *o)
+{
+    char rest;
+    if (sscanf(arg, "%u/%u%c", &o->part, &o->parts, &rest) != 2 || o->part < 1 ||
+        o->part > o->parts || o->parts > PARTS_MAX)
+        argp_error(st, "--array: '%s' should be I/N: part I, from 1, of N", arg);
+}
+
+/* What goes with what, where volumes go into one file. */
+static void check_parts(struct argp_state *st, struct reconstruct_options *o)
+{
+    o->recording = o->out != NULL && vol_hdf5_name(o->out);
+    bool several = o->parts > 0 || o->slurm > 0;
+    if (o->join && (several || o->resume || o->plan || o->sbatch != NULL || o->report != NULL ||
+                    o->save_rig != NULL))
+        argp_error(st, "--join solves nothing: it goes with --out alone");
+    if (o->plan && (several || o->resume))
+        argp_error(st, "--plan is of all frame sets: not with --array, --slurm or --resume");
+    if ((several || o->join) && !o->recording)
+        argp_error(st, "%s needs --out FILE.h5", o->join ? "--join" : "--array, --slurm");
+    if (o->parts > 0 && o->slurm > 0)
+        argp_error(st, "--slurm says --array to each part itself");
+    if (several && o->report != NULL)
+        argp_error(st, "--save-report: of parts the reports are in FILE.h5, /sets");
+    if (o->recording && o->both)
+        argp_error(st, "--temporal=both needs a folder: --out DIR");
+    if (o->sbatch != NULL && o->slurm == 0)
+        argp_error(st, "--sbatch goes with --slurm");
+}
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
+    struct reconstruct_options *o = st->input;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = &o->rig; return 0;
+    case OPT_FRAMES: o->frames = arg; return 0;
+    case OPT_OUT: o->out = arg; return 0;
+    case OPT_REPORT: o->report = arg; return 0;
+    case OPT_CACHE: o->cache = arg; return 0;
+    case OPT_FIRST:
+        o->first = (uint32_t)cli_arg_whole(st, "first", arg, 0, FRAMES_IN_LAST);
+        return 0;
+    case OPT_LAST: o->last = (uint32_t)cli_arg_whole(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
+    case OPT_GREY: o->grey = true; return 0;
+    case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
+    case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
+    case OPT_BAYER: o->bayer = cli_arg_choice(st, "bayer", arg, bayers); return 0;
+    case OPT_MEMORY: o->memory = 1e9 * cli_arg_double(st, "memory", arg, 0, 1e9); return 0;
+    case OPT_PLAN:
+        o->plan = true;
+        o->plan_hours = arg != NULL ? cli_arg_double(st, "plan", arg, 0.01, 1e6) : 0;
+        return 0;
+    case OPT_QUIET: o->quiet = true; return 0;
+    case OPT_BACKGROUND: o->background = arg; return 0;
+    case OPT_SAVE_HULL: o->save_hull = arg; return 0;
+    case OPT_FIT:
+        o->fit = true;
+        if (arg != NULL)
+            o->fit_margin = cli_arg_double(st, "fit-volume", arg, 0, 1e6);
+        return 0;
+    case OPT_FIT_FRAMES:
+        o->fit_frames =
+            strcmp(arg, "all") == 0 ? 0 : (uint32_t)cli_arg_whole(st, "fit-frames", arg, 1, 999999);
+        return 0;
+    case OPT_SAVE_RIG: o->save_rig = arg; return 0;
+    case OPT_ARRAY: parse_array(st, arg, o); return 0;
+    case OPT_RESUME: o->resume = true; return 0;
+    case OPT_JOIN: o->join = true; return 0;
+    case OPT_SLURM: o->slurm = (unsigned)cli_arg_whole(st, "slurm", arg, 1, PARTS_MAX); return 0;
+    case OPT_SBATCH: o->sbatch = arg; return 0;
+    case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
+    case ARGP_KEY_END:
+        check_parts(st, o);
+        if (o->join)
+            return 0;
+        if (o->frames == NULL || o->rig.path == NULL ||
+            (o->out == NULL && o->save_rig == NULL && !o->plan))
+            argp_error(st, "needs --rig, --frames and --out");
+        if (o->save_rig != NULL && !o->fit)
+            argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");
+        if (o->fit && o->no_hull)
+            argp_error(st, "--fit-volume comes from the hull: it cannot go with --no-hull");
+        if (o->frame.temporal && !rec_solver_is_default(o->frame.solve.solver))
+            argp_error(st, "--temporal needs the solver %s", rec_solver_names()[0]);
+        if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
+                               &o->reading.mosaic))
+            argp_error(st, "--bayer rays needs the solver %s and three channels",
+                       rec_solver_names()[0]);
+        return 0;
+    default: return parse_rest(key, arg, st);
+    }
+}
+
+/* The solvers of this build, in --help. */
+static char *help_text(int key, const char *text, void *input)
+{
+    (void)input;
+    if (key != OPT_SOLVER)
+        return (char *)text;
+    const char *const *names = rec_solver_names();
+    char list[300] = "";
+    for (int i = 0; names[i] != NULL; i++)
+        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s%s", i == 0 ? "" : ", ",
+                 names[i], i == 0 ? " (default)" : "");
+    snprintf(list + strlen(list), sizeof list - strlen(list),
+             "; all but the first are for comparison");
+    return strdup(list);
+}
+
 /* Options that have no bearing on the volumes, nor where they are made; those that only say who makes which are first. */
 static const struct aside {
     const char *name;
     int words; /* with its value, if that is not joined by = */
-} asides[] = {{"--array", 2},  {"--resume", 1}, {"--slurm", 2},   {"--sbatch", 2},
-              {"--join", 1},   {"--quiet", 1},  {"--threads", 2}, {"--matrix-cache", 2},
-              {"--memory", 2}, {"--out", 2},    {"--rig", 2}, /* compared by what they are, */
+} asides[] = {{"--array", 2}, {"--resume", 1},  {"--slurm", 2},        {"--sbatch", 2},
+              {"--quiet", 1}, {"--threads", 2}, {"--matrix-cache", 2}, {"--memory", 2},
+              {"--out", 2},   {"--rig", 2}, /* compared by what they are, */
               {"--frames", 2}};
-#define ABOUT_JOBS 6
+#define ABOUT_JOBS 5
 
 /* argp takes beginnings of names too. */
 static int aside(const char *arg, size_t n)
@@ -332,119 +441,6 @@ static char *said(int argc, char **argv)
     return all;
 }
 
-static void parse_array(struct argp_state *st, const char *arg, struct reconstruct_options *o)
-{
-    char rest;
-    if (sscanf(arg, "%u/%u%c", &o->part, &o->parts, &rest) != 2 || o->part < 1 ||
-        o->part > o->parts || o->parts > PARTS_MAX)
-        argp_error(st, "--array: '%s' should be I/N: part I, from 1, of N", arg);
-}
-
-/* What goes with what, where volumes go into one file. */
-static void check_parts(struct argp_state *st, struct reconstruct_options *o)
-{
-    o->recording = o->out != NULL && vol_hdf5_name(o->out);
-    bool several = o->parts > 0 || o->slurm > 0;
-    if (o->join && (several || o->resume || o->sbatch != NULL || o->frames != NULL ||
-                    o->rig.path != NULL || o->said[0] != '\0'))
-        argp_error(st, "--join goes with --out alone: the parts know the rest");
-    if (o->plan && (several || o->resume))
-        argp_error(st, "--plan is of all frame sets: not with --array, --slurm or --resume");
-    if ((several || o->join) && !o->recording)
-        argp_error(st, "%s needs --out FILE.h5", o->join ? "--join" : "--array, --slurm");
-    if (o->parts > 0 && o->slurm > 0)
-        argp_error(st, "--slurm says --array to each part itself");
-    if (several && o->report != NULL)
-        argp_error(st, "--save-report: of parts the reports are in FILE.h5, /sets");
-    if (o->recording && o->both)
-        argp_error(st, "--temporal=both needs a folder: --out DIR");
-    if (o->sbatch != NULL && o->slurm == 0)
-        argp_error(st, "--sbatch goes with --slurm");
-}
-
-static error_t parse(int key, char *arg, struct argp_state *st)
-{
-    static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
-    struct reconstruct_options *o = st->input;
-    switch (key) {
-    case ARGP_KEY_INIT: st->child_inputs[0] = &o->rig; return 0;
-    case OPT_FRAMES: o->frames = arg; return 0;
-    case OPT_OUT: o->out = arg; return 0;
-    case OPT_REPORT: o->report = arg; return 0;
-    case OPT_CACHE: o->cache = arg; return 0;
-    case OPT_FIRST:
-        o->first = (uint32_t)cli_arg_whole(st, "first", arg, 0, FRAMES_IN_LAST);
-        return 0;
-    case OPT_LAST: o->last = (uint32_t)cli_arg_whole(st, "last", arg, 0, FRAMES_IN_LAST); return 0;
-    case OPT_GREY: o->grey = true; return 0;
-    case OPT_FORMAT: o->reading.fmt = cli_arg_pixfmt(st, arg); return 0;
-    case OPT_TRANSFER: o->reading.transfer = cli_arg_transfer(st, arg); return 0;
-    case OPT_BAYER: o->bayer = cli_arg_choice(st, "bayer", arg, bayers); return 0;
-    case OPT_MEMORY: o->memory = 1e9 * cli_arg_double(st, "memory", arg, 0, 1e9); return 0;
-    case OPT_PLAN:
-        o->plan = true;
-        o->plan_hours = arg != NULL ? cli_arg_double(st, "plan", arg, 0.01, 1e6) : 0;
-        return 0;
-    case OPT_QUIET: o->quiet = true; return 0;
-    case OPT_BACKGROUND: o->background = arg; return 0;
-    case OPT_SAVE_HULL: o->save_hull = arg; return 0;
-    case OPT_FIT:
-        o->fit = true;
-        if (arg != NULL)
-            o->fit_margin = cli_arg_double(st, "fit-volume", arg, 0, 1e6);
-        return 0;
-    case OPT_FIT_FRAMES:
-        o->fit_frames =
-            strcmp(arg, "all") == 0 ? 0 : (uint32_t)cli_arg_whole(st, "fit-frames", arg, 1, 999999);
-        return 0;
-    case OPT_SAVE_RIG: o->save_rig = arg; return 0;
-    case OPT_ARRAY: parse_array(st, arg, o); return 0;
-    case OPT_RESUME: o->resume = true; return 0;
-    case OPT_JOIN: o->join = true; return 0;
-    case OPT_SLURM: o->slurm = (unsigned)cli_arg_whole(st, "slurm", arg, 1, PARTS_MAX); return 0;
-    case OPT_SBATCH: o->sbatch = arg; return 0;
-    case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
-    case ARGP_KEY_END:
-        o->said = said(st->argc, st->argv);
-        if (o->said == NULL)
-            argp_failure(st, 1, ENOMEM, "options");
-        check_parts(st, o);
-        if (o->join)
-            return 0;
-        if (o->frames == NULL || o->rig.path == NULL ||
-            (o->out == NULL && o->save_rig == NULL && !o->plan))
-            argp_error(st, "needs --rig, --frames and --out");
-        if (o->save_rig != NULL && !o->fit)
-            argp_error(st, "--save-rig writes the fitted volume: it needs --fit-volume");
-        if (o->fit && o->no_hull)
-            argp_error(st, "--fit-volume comes from the hull: it cannot go with --no-hull");
-        if (o->frame.temporal && !rec_solver_is_default(o->frame.solve.solver))
-            argp_error(st, "--temporal needs the solver %s", rec_solver_names()[0]);
-        if (!dmn_choose_mosaic(o->bayer, o->frame.solve.solver, o->grey ? 1 : 3,
-                               &o->reading.mosaic))
-            argp_error(st, "--bayer rays needs the solver %s and three channels",
-                       rec_solver_names()[0]);
-        return 0;
-    default: return parse_rest(key, arg, st);
-    }
-}
-
-/* The solvers of this build, in --help. */
-static char *help_text(int key, const char *text, void *input)
-{
-    (void)input;
-    if (key != OPT_SOLVER)
-        return (char *)text;
-    const char *const *names = rec_solver_names();
-    char list[300] = "";
-    for (int i = 0; names[i] != NULL; i++)
-        snprintf(list + strlen(list), sizeof list - strlen(list), "%s%s%s", i == 0 ? "" : ", ",
-                 names[i], i == 0 ? " (default)" : "");
-    snprintf(list + strlen(list), sizeof list - strlen(list),
-             "; all but the first are for comparison");
-    return strdup(list);
-}
-
 void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
 {
     static const struct argp_child children[] = {{&opt_rig_argp, 0, "", 1}, {0}};
@@ -492,4 +488,5 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                                       .memory = -1};
     o->frame = rec_frame_defaults;
     argp_parse(&argp, argc, argv, 0, NULL, o);
+    o->said = said(argc, argv);
 }
