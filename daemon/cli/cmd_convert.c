@@ -105,11 +105,9 @@ static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
     static const struct {
         const char *end;
         enum vol_format format;
-    } ends[] = {{".h5", VOL_HDF5},
-                {".hdf5", VOL_HDF5},
-                {".npy", VOL_NPY},
-                {".nvdb", VOL_NVDB},
-                {".vdb", VOL_VDB}};
+    } ends[] = {{".npy", VOL_NPY}, {".nvdb", VOL_NVDB}, {".vdb", VOL_VDB}};
+    if (c->format < 0 && vol_hdf5_name(c->out))
+        c->format = VOL_HDF5;
     for (size_t i = 0; c->format < 0 && i < sizeof ends / sizeof ends[0]; i++)
         if (ends_in(c->out, ends[i].end))
             c->format = (int)ends[i].format;
@@ -135,22 +133,32 @@ static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_write
     return PVX_OK;
 }
 
-static pvx_err copy(struct convert *c, vol_reader *r, vol_writer *w, struct pvx_diag *d)
+/* *w is opened for the first volume: where there is none, nothing is made. */
+static pvx_err copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "converting"};
     struct vol_volume v;
-    uint64_t n = vol_reader_count(r), gap = 0;
+    uint64_t n = vol_reader_count(r), gap = 0, lo = UINT64_MAX, hi = 0;
     for (uint64_t k = 0; k < n; k++) {
         PVX_TRY(vol_reader_get(r, k, &v, d));
+        lo = v.v.set < lo ? v.v.set : lo;
+        hi = v.v.set > hi ? v.v.set : hi;
         if (v.v.set >= (uint64_t)c->from && v.v.set <= (uint64_t)c->to) {
-            PVX_TRY(copy_gaps(c, r, w, &gap, v.v.set, d));
-            PVX_TRY(vol_writer_put(w, &v, d));
+            if (*w == NULL)
+                PVX_TRY(vol_writer_open((enum vol_format)c->format, c->out, vol_reader_head(r),
+                                        &c->o, w, d));
+            PVX_TRY(copy_gaps(c, r, *w, &gap, v.v.set, d));
+            PVX_TRY(vol_writer_put(*w, &v, d));
             c->written++;
         }
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             return PVX_ECANCELED;
     }
-    return copy_gaps(c, r, w, &gap, UINT64_MAX, d);
+    if (*w == NULL)
+        return pvx_fail(d, PVX_ENOENT,
+                        "%s: none of its sets, %llu to %llu, is one from --from to --to", c->in,
+                        (unsigned long long)lo, (unsigned long long)hi);
+    return copy_gaps(c, r, *w, &gap, UINT64_MAX, d);
 }
 
 static pvx_err convert(struct convert *c, struct pvx_diag *d)
@@ -172,9 +180,9 @@ static pvx_err convert(struct convert *c, struct pvx_diag *d)
     pvx_err e =
         vol_reader_count(r) > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", c->in);
     if (e == PVX_OK)
-        e = vol_writer_open((enum vol_format)c->format, c->out, vol_reader_head(r), &c->o, &w, d);
+        e = vol_writer_check((enum vol_format)c->format, c->out, d);
     if (e == PVX_OK)
-        e = copy(c, r, w, d);
+        e = copy(c, r, &w, d);
     pvx_err e2 = vol_writer_close(&w, &closing);
     vol_reader_close(&r);
     return e != PVX_OK    ? e
@@ -194,8 +202,6 @@ static int run(int argc, char **argv)
     }
     cli_catch_stop();
     e = convert(&c, &d);
-    if (e == PVX_OK && c.written == 0)
-        fprintf(stderr, "pyrovox: %s has no set from --from to --to\n", c.in);
     if (e == PVX_OK || e == PVX_ECANCELED)
         printf("%llu volumes in %s\n", (unsigned long long)c.written, c.out);
     return e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;

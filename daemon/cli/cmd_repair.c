@@ -130,13 +130,14 @@ static int run(int argc, char **argv)
     pvx_err e = strlen(r.file) < 1000
                     ? vol_reader_open(r.file, &in, &d)
                     : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
-    if (e == PVX_OK && vol_joined_reader.is(r.file))
+    bool joined = e == PVX_OK && vol_joined_reader.is(r.file);
+    if (joined && vol_reader_unsolved(in) > 0)
         e = pvx_fail(&d, PVX_EINVAL,
                      "%s: is made of parts; `pyrovox reconstruct --resume` makes what is missing",
                      r.file);
     else if (e == PVX_OK && vol_reader_format(in) != VOL_HDF5) {
         e = vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
-    } else if (e == PVX_OK && vol_reader_cut(in)) {
+    } else if (e == PVX_OK && !joined && vol_reader_cut(in)) {
         done = true;
         e = finish(&r, in, &d);
     } else if (e == PVX_OK) {

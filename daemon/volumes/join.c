@@ -271,14 +271,16 @@ pvx_err vol_join_check(const char *path, struct pvx_diag *d)
 pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
 {
     struct joining w = {.j = j};
+    char host[256] = ""; /* processes of two nodes may have one number */
+    gethostname(host, sizeof host - 1);
     take_h5_init();
     *missing = j->n;
     PVX_TRY(vol_join_check(j->out, d));
     w.count = pvx_calloc(j->n_parts, sizeof *w.count);
     w.at = pvx_calloc(j->n, sizeof *w.at);
     w.row = pvx_calloc(j->n, sizeof *w.row);
-    pvx_err e = asprintf(&w.tmp, "%s.tmp.%ld", j->out, (long)getpid()) < 0 || w.count == NULL ||
-                        w.at == NULL || w.row == NULL
+    pvx_err e = asprintf(&w.tmp, "%s.tmp.%s.%ld", j->out, host, (long)getpid()) < 0 ||
+                        w.count == NULL || w.at == NULL || w.row == NULL
                     ? pvx_fail(d, PVX_ENOMEM, "%s: no memory for %zu sets", j->out, j->n)
                     : join(&w, missing, d);
     H5Eclear2(H5E_DEFAULT);

@@ -114,6 +114,8 @@ check files_a_second rate
 
 parts() { # one .npy, some sets
     convert "$dir/made/000004.npy" "$dir/one.h5" && convert "$dir/src.h5" "$dir/part" --format npy --from 3 --to 5 || return 1
+    run "$pyrovox" convert "$dir/src.h5" "$dir/none.h5" --from 900 --to 907
+    says 1 "src.h5: none of its sets, 0 to 11, is one from --from to --to" && [ ! -e "$dir/none.h5" ] || return 1
     [ "$(ls "$dir"/part/*.npy | xargs -n1 basename | tr '\n' ' ')" = "000003.npy 000004.npy 000005.npy " ] || return 1
     "$py" -c 'import sys, h5py, numpy as np; f = h5py.File(sys.argv[1], "r"); assert f["sets/number"][:].tolist() == [4] and np.array_equal(f["emission"][0], np.load(sys.argv[2]))' "$dir/one.h5" "$dir/made/000004.npy"
 }
