@@ -18,7 +18,7 @@ struct reconstruct_options {
     uint32_t first, last;
     double deadline_ms; /* 0 = none */
     bool grey, warm, quiet, no_hull;
-    bool stop_said; /* --stop */
+    bool stop_said;       /* --stop */
     bool find_absorption; /* of frame.absorption */
     bool both;            /* frame.temporal, from the frame after too */
     int bayer;            /* 0 auto, 1 rays, 2 demosaic */
