@@ -110,11 +110,11 @@ static pvx_err find_take(struct calibrate_look *l, const char *path, struct pvx_
     const char *name[REC_MAX_CAMERAS];
     size_t n = 0;
     PVX_TRY(cap_take_open(path, &l->take, d));
-    take_notes(l->take);
     const struct cap_take_info *info = cap_take_info(l->take);
     l->source = CALIBRATE_TAKE;
     if (info->sets == 0)
         return pvx_fail(d, PVX_ENOENT, "%s: no complete set in it", path);
+    take_notes(l->take);
     if (cap_take_set(l->take, info->sets - 1, NULL)->number >= REC_NO_FRAME)
         return pvx_fail(d, PVX_ERANGE, "%s: its sets' numbers are too large", path);
     for (uint32_t c = 0; c < info->head.n_cameras && n < REC_MAX_CAMERAS; c++)

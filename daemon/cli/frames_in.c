@@ -117,7 +117,6 @@ static pvx_err scan_folder(struct frames_in *f, uint32_t first, uint32_t last, s
 static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
 {
     PVX_TRY(cap_take_open(f->dir, &f->take, d));
-    take_notes(f->take);
     uint64_t sets = cap_take_info(f->take)->sets;
     size_t cams = f->rig->n_cameras;
     bool any = false;
@@ -128,6 +127,7 @@ static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, str
     if (sets == 0 || !any)
         return pvx_fail(d, PVX_ENOENT, "%s: %s", f->dir,
                         any ? "no complete set in it" : "none of the rig's cameras is in it");
+    take_notes(f->take);
     if (cap_take_set(f->take, sets - 1, NULL)->number > FRAMES_IN_LAST)
         return pvx_fail(d, PVX_ERANGE, "%s: its sets' numbers are too large", f->dir);
     f->number = pvx_calloc(sets, sizeof *f->number);

@@ -330,6 +330,7 @@ T_CASE(what_is_wrong_is_refused)
 T_CASE(pipes_are_no_recordings)
 {
     static const char *const ends[] = {"npy", "h5", "vdb", "nvdb"};
+    scratch_new();
     for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
         vol_reader *r;
         struct pvx_diag d = {""};
@@ -337,4 +338,5 @@ T_CASE(pipes_are_no_recordings)
         T_EQ_I(vol_reader_open(at("pipe.%s", ends[i]), &r, &d), PVX_EFORMAT);
         T_CONTAINS(d.text, "is a named pipe");
     }
+    scratch_remove();
 }
