@@ -83,7 +83,8 @@ bad_arguments() {
     run "$pyrovox" matrix --rig "$rig" --out "$dir/no/such/m"; says 1 'does not exist or is not writable' || return 1
     run "$pyrovox" matrix --help; says 0 'Examples:' '--binning'
 }
-catches_term() { # bit 14
+catches_term() { # bit 14; of the program: the shell that becomes it catches it, too
+    [ "/proc/$1/exe" -ef "$pyrovox" ] || return 1
     local caught; caught=$(sed -n 's/^SigCgt:\s*//p' "/proc/$1/status" 2>/dev/null)
     [ $((0x${caught:-0} & 0x4000)) -ne 0 ]
 }
