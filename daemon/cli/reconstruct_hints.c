@@ -1,10 +1,6 @@
 #include "daemon/cli/reconstruct_hints.h"
 
 #include <stdio.h>
-#include <string.h>
-
-#define CORNER \
-    4 /* a flame so many times smaller than its box, each way, is told of a tighter one */
 
 /* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
  * fitted to had none there. */
@@ -44,33 +40,12 @@ void reconstruct_hints_add(struct reconstruct_hints *h, const struct rec_frame_r
 {
     int32_t lo[3], hi[3];
     h->volumes++;
-    h->grid = v->grid;
     h->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
                r->coarse_iterations == 0 && !r->warm;
-    if (!extent(v, lo, hi)) {
+    if (!extent(v, lo, hi))
         h->empty++;
-        return;
-    }
-    for (int a = 0; a < 3; a++) {
-        bool first = h->volumes == h->empty + 1;
-        h->lo[a] = first || lo[a] < h->lo[a] ? lo[a] : h->lo[a];
-        h->hi[a] = first || hi[a] > h->hi[a] ? hi[a] : h->hi[a];
-    }
-    h->cut += whole != NULL && at_side(v->grid, whole, lo, hi);
-}
-
-static void say_corner(const struct reconstruct_hints *h)
-{
-    int32_t n[3];
-    for (int a = 0; a < 3; a++) {
-        n[a] = h->hi[a] - h->lo[a] + 1;
-        if (n[a] * CORNER > h->grid->n[a])
-            return;
-    }
-    fprintf(stderr,
-            "pyrovox: the flame is %d x %d x %d voxels of %d x %d x %d, as coarse as that: "
-            "--fit-volume --grid auto makes a box of it alone, as fine as the pictures are\n",
-            n[0], n[1], n[2], h->grid->n[0], h->grid->n[1], h->grid->n[2]);
+    else
+        h->cut += whole != NULL && at_side(v->grid, whole, lo, hi);
 }
 
 void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o)
@@ -87,8 +62,6 @@ void reconstruct_hints_say(const struct reconstruct_hints *h, const struct recon
                 "pyrovox: no volume of %u has any light: are the pictures as dark as that? "
                 "--threshold, --black and --background say what counts as flame\n",
                 h->volumes);
-    else if (!o->fit && !o->quiet)
-        say_corner(h);
     if (h->cut > 0)
         fprintf(stderr,
                 "pyrovox: in %u of %u volumes the flame reaches a side of the fitted box: look at "

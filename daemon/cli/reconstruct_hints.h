@@ -1,16 +1,14 @@
 /* reconstruct_hints.h - what is odd about a recording's volumes, told once at its end, with the remedy: all of them empty,
- * stopped before they began, cut at the sides of a fitted box, in a corner of the box. */
+ * stopped before they began, cut at the sides of a fitted box. */
 #ifndef RECONSTRUCT_HINTS_H
 #define RECONSTRUCT_HINTS_H
 #include "daemon/cli/reconstruct_options.h"
 
 struct reconstruct_hints {
     unsigned volumes;
-    unsigned empty;       /* of them, without a voxel of light */
-    unsigned dark;        /* without one iteration before the deadline */
-    unsigned cut;         /* flame at a side of the fitted box */
-    int32_t lo[3], hi[3]; /* voxels with light, of all */
-    const struct rec_grid *grid;
+    unsigned empty; /* of them, without a voxel of light */
+    unsigned dark;  /* without one iteration before the deadline */
+    unsigned cut;   /* flame at a side of the fitted box */
 };
 
 /* One volume more; `whole`: the box that one was fitted in, or NULL. */
