@@ -299,17 +299,14 @@ struct cap_video {
 /* An animated PNG says its size before libavformat, which decodes a picture to open it, makes room for one. */
 static pvx_err check_png(const char *path, uint64_t bytes, struct pvx_diag *d)
 {
-    unsigned char b[24] = {0};
+    unsigned char b[24];
+    uint32_t width, height;
     FILE *f = fopen(path, "rb");
     size_t n = f != NULL ? fread(b, 1, sizeof b, f) : 0;
     if (f != NULL)
         fclose(f);
-    if (n < sizeof b || memcmp(b, "\x89PNG", 4) != 0)
-        return PVX_OK;
-    return cap_picture_fits(
-        (uint32_t)b[16] << 24 | (uint32_t)b[17] << 16 | (uint32_t)b[18] << 8 | b[19],
-        (uint32_t)b[20] << 24 | (uint32_t)b[21] << 16 | (uint32_t)b[22] << 8 | b[23], bytes, path,
-        d);
+    cap_picture_png(b, n, &width, &height);
+    return cap_picture_fits(width, height, bytes, path, d);
 }
 
 pvx_err cap_video_open(const char *path, cap_video **out, double *fps, struct pvx_diag *d)

@@ -5,6 +5,8 @@
 
 #include "capture/pixel/jpeg.h"
 
+#define PNG "\x89PNG\r\n\x1a\n"
+
 struct bytes {
     const uint8_t *p;
     size_t n;
@@ -22,13 +24,17 @@ static uint64_t number(const struct bytes *b, uint64_t at, unsigned size)
     return v;
 }
 
-static void png(struct bytes *b, struct cap_picture *out)
+static bool begins(const struct bytes *b, const char *with, size_t n)
 {
-    b->big_endian = true;
-    if (b->n >= 16 && memcmp(b->p + 12, "IHDR", 4) == 0) {
-        out->width = (uint32_t)number(b, 16, 4);
-        out->height = (uint32_t)number(b, 20, 4);
-    }
+    return b->n >= n && memcmp(b->p, with, n) == 0;
+}
+
+void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *height)
+{
+    const struct bytes b = {bytes, len, true};
+    bool says = begins(&b, PNG, 8) && b.n >= 16 && memcmp(b.p + 12, "IHDR", 4) == 0;
+    *width = says ? (uint32_t)number(&b, 16, 4) : 0;
+    *height = says ? (uint32_t)number(&b, 20, 4) : 0;
 }
 
 /* The first folder of tags; TIFF 6.0, section 2, and BigTIFF, where counts and offsets have 8 bytes.  Of colour the number
@@ -54,17 +60,12 @@ static void tiff(struct bytes *b, struct cap_picture *out)
         out->width = 0;
 }
 
-static bool begins(const struct bytes *b, const char *with, size_t n)
-{
-    return b->n >= n && memcmp(b->p, with, n) == 0;
-}
-
 static pvx_err sizes(struct bytes *b, const char *name, struct cap_picture *out, struct pvx_diag *d)
 {
     struct pvx_diag why = {""};
-    if (begins(b, "\x89PNG\r\n\x1a\n", 8)) {
+    if (begins(b, PNG, 8)) {
         out->kind = CAP_FILE_PNG;
-        png(b, out);
+        cap_picture_png(b->p, b->n, &out->width, &out->height);
     } else if (begins(b, "II*\0", 4) || begins(b, "MM\0*", 4) || begins(b, "II+\0", 4) ||
                begins(b, "MM\0+", 4)) {
         out->kind = CAP_FILE_TIFF;

@@ -21,7 +21,7 @@ struct looking {
     pvx_err e;
     struct pvx_diag d;
     struct cli_progress bar;
-    bool quiet, reels;
+    bool reels;
     size_t of_reel[REC_MAX_CAMERAS]; /* the next of each */
 };
 
@@ -122,8 +122,7 @@ static void work(void *ctx, size_t task)
         e = look_at(det, w->reels ? &reel : NULL, p);
         pthread_mutex_lock(&w->lock);
         w->done++;
-        if (!w->quiet)
-            cli_progress(&w->bar, (double)w->done / (double)w->l->n);
+        cli_progress(&w->bar, (double)w->done / (double)w->l->n);
     }
     pthread_mutex_unlock(&w->lock);
     calibrate_reel_close(&reel);
@@ -171,8 +170,7 @@ pvx_err calibrate_look(struct calibrate_look *l, const struct rec_board *b, pvx_
     struct looking w = {.l = l,
                         .board = b,
                         .lock = PTHREAD_MUTEX_INITIALIZER,
-                        .bar = {.label = "boards"},
-                        .quiet = quiet,
+                        .bar = {.label = "boards", .quiet = quiet},
                         .reels = reels};
     for (size_t i = l->n; i-- > 0;)
         w.of_reel[l->picture[i].camera] = i;

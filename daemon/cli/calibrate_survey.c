@@ -25,7 +25,6 @@ struct survey {
     pvx_err e;
     struct pvx_diag d;
     struct cli_progress bar;
-    bool quiet;
 };
 
 struct thumb {
@@ -138,8 +137,7 @@ static void survey_camera(void *ctx, size_t c)
         s->d = d;
     }
     s->done++;
-    if (!s->quiet)
-        cli_progress(&s->bar, (double)s->done / (double)s->l->n_cameras);
+    cli_progress(&s->bar, (double)s->done / (double)s->l->n_cameras);
     pthread_mutex_unlock(&s->lock);
 }
 
@@ -289,7 +287,7 @@ static pvx_err choose(struct survey *s, struct pvx_diag *d)
 pvx_err calibrate_survey(struct calibrate_look *l, pvx_pool *pool, bool quiet, struct pvx_diag *d)
 {
     struct survey s = {
-        .l = l, .lock = PTHREAD_MUTEX_INITIALIZER, .bar = {.label = "motion"}, .quiet = quiet};
+        .l = l, .lock = PTHREAD_MUTEX_INITIALIZER, .bar = {.label = "motion", .quiet = quiet}};
     pvx_pool_run(pool, l->n_cameras, survey_camera, &s);
     pthread_mutex_destroy(&s.lock);
     pvx_err e = s.e == PVX_OK ? choose(&s, d) : pvx_fail(d, s.e, "%s", pvx_diag_text(&s.d, s.e));

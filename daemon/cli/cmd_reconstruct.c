@@ -205,8 +205,7 @@ static bool put(void *ctx, const struct dmn_slot *s)
     struct job *j = ctx;
     if (j->error != PVX_OK)
         return false;
-    if (!j->o->quiet)
-        cli_progress(&j->bar, (double)++j->sets / (double)(j->o->both ? 2 * j->in.n : j->in.n));
+    cli_progress(&j->bar, (double)++j->sets / (double)(j->o->both ? 2 * j->in.n : j->in.n));
     if (j->back)
         return put_mean(j, s);
     bool own = true;
@@ -362,7 +361,7 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     cJSON *root = cJSON_CreateObject();
     describe_volume(root, j);
     j->list = cJSON_AddArrayToObject(root, "frames");
-    j->bar.label = "reconstruct";
+    j->bar = (struct cli_progress){.label = "reconstruct", .quiet = o->quiet};
     pvx_err e = pass(j, d);
     if (e == PVX_OK && o->both && !cli_stop) {
         j->back = true;

@@ -79,8 +79,8 @@ pvx_err experiment_finished(struct experiment *x, const char *key, const double 
                             struct pvx_diag *d)
 {
     PVX_TRY(experiment_state_add(&x->state, key, v, d));
-    if (!x->o->quiet) /* one that is made again counts once */
-        cli_progress(&x->bar, (double)x->state.n / (double)x->units);
+    /* one that is made again counts once */
+    cli_progress(&x->bar, (double)x->state.n / (double)x->units);
     return PVX_OK;
 }
 
@@ -335,7 +335,7 @@ static pvx_err all_grids(struct experiment *x, struct pvx_diag *d)
 
 pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d)
 {
-    x->bar.label = "experiment";
+    x->bar = (struct cli_progress){.label = "experiment", .quiet = x->o->quiet};
     count_units(x);
     PVX_TRY(find_one(x, d));
     PVX_TRY(all_grids(x, d));

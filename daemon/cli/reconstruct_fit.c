@@ -63,14 +63,12 @@ static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool qui
     size_t *set = pvx_calloc(f->see.in->n, sizeof *set);
     if (set == NULL)
         return PVX_ENOMEM;
-    struct cli_progress bar = {.label = "fit volume"};
+    struct cli_progress bar = {.label = "fit volume", .quiet = quiet};
     size_t all = candidates(f->see.in, set), n = most > 0 && most < all ? most : all;
     pvx_err err = PVX_OK;
     for (size_t k = 0; k < n && err == PVX_OK; k++) {
         *with_light += look(f, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], fit);
-        if (!quiet)
-            cli_progress(&bar, (double)(k + 1) / (double)n);
-        if (cli_stop)
+        if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             err = PVX_ECANCELED;
     }
     free(set);

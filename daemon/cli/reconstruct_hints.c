@@ -2,50 +2,50 @@
 
 #include <stdio.h>
 
-/* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
- * fitted to had none there. */
-static bool at_side(const struct rec_grid *g, const struct rec_grid *whole, const int32_t lo[3],
-                    const int32_t hi[3])
+static bool lit(const struct rec_sparse *v, int32_t q)
 {
-    for (int a = 0; a < 3; a++)
-        if ((lo[a] == 0 && g->min[a] > whole->min[a] + 1e-9) ||
-            (hi[a] == g->n[a] - 1 && g->max[a] < whole->max[a] - 1e-9))
-            return true;
-    return false;
+    float light = 0;
+    for (int l = 0; l < v->nch; l++)
+        light += v->value[(size_t)q * (size_t)v->cs + (size_t)l];
+    return light > 0;
 }
 
-/* The voxels with light; false: none has any. */
-static bool extent(const struct rec_sparse *v, int32_t lo[3], int32_t hi[3])
+static bool any_lit(const struct rec_sparse *v)
 {
-    bool any = false;
+    int32_t q = 0;
+    while (q < v->n && !lit(v, q))
+        q++;
+    return q < v->n;
+}
+
+/* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
+ * fitted to had none there. */
+static bool reaches_side(const struct rec_sparse *v, const struct rec_grid *whole)
+{
+    const struct rec_grid *g = v->grid;
+    bool cut[3][2];
+    for (int a = 0; a < 3; a++) {
+        cut[a][0] = g->min[a] > whole->min[a] + 1e-9;
+        cut[a][1] = g->max[a] < whole->max[a] - 1e-9;
+    }
     for (int32_t q = 0; q < v->n; q++) {
         int32_t ijk[3];
-        float light = 0;
-        for (int l = 0; l < v->nch; l++)
-            light += v->value[(size_t)q * (size_t)v->cs + (size_t)l];
-        if (!(light > 0))
-            continue;
-        rec_grid_ijk(v->grid, v->index[q], ijk);
-        for (int a = 0; a < 3; a++) {
-            lo[a] = !any || ijk[a] < lo[a] ? ijk[a] : lo[a];
-            hi[a] = !any || ijk[a] > hi[a] ? ijk[a] : hi[a];
-        }
-        any = true;
+        rec_grid_ijk(g, v->index[q], ijk);
+        for (int a = 0; a < 3; a++)
+            if (((ijk[a] == 0 && cut[a][0]) || (ijk[a] == g->n[a] - 1 && cut[a][1])) && lit(v, q))
+                return true;
     }
-    return any;
+    return false;
 }
 
 void reconstruct_hints_add(struct reconstruct_hints *h, const struct rec_frame_report *r,
                            const struct rec_sparse *v, const struct rec_grid *whole)
 {
-    int32_t lo[3], hi[3];
     h->volumes++;
     h->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
                r->coarse_iterations == 0 && !r->warm;
-    if (!extent(v, lo, hi))
-        h->empty++;
-    else
-        h->cut += whole != NULL && at_side(v->grid, whole, lo, hi);
+    h->empty += !any_lit(v);
+    h->cut += whole != NULL && reaches_side(v, whole);
 }
 
 void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o)

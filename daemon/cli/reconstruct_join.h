@@ -5,7 +5,8 @@
 #include "base/err.h"
 
 /* Joins what is done, and prints a table of the parts, what is missing, when those that run will have done it, and how far
- * volumes of two parts that lean on their neighbours differ at the seams.  Exit code: 0 nothing is missing, 1 something is, or it failed (printed). */
+ * volumes of two parts that lean on their neighbours differ at the seams.  Exit code: 0 nothing is missing, 1 something is, or
+ * it failed (printed). */
 int reconstruct_join(const char *out);
 /* Parts of it were begun. */
 bool reconstruct_join_has_job(const char *out);

@@ -296,7 +296,7 @@ static pvx_err save(struct movie *m, size_t i, struct pvx_diag *d)
 
 static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
 {
-    struct cli_progress bar = {.label = "render"};
+    struct cli_progress bar = {.label = "render", .quiet = m->o->quiet};
     for (size_t i = 0; i < m->pictures; i++) {
         if (cli_stop)
             return PVX_ECANCELED;
@@ -307,8 +307,7 @@ static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
             return pvx_fail(d, e, "%s: %s", m->vol[i % m->n], pvx_strerror(e));
         PVX_TRY(save(m, i, d));
         m->drawn++;
-        if (!m->o->quiet)
-            cli_progress(&bar, (double)(i + 1) / (double)m->pictures);
+        cli_progress(&bar, (double)(i + 1) / (double)m->pictures);
     }
     return PVX_OK;
 }

@@ -14,6 +14,7 @@
 #include "capture/take/h5.h"
 #include "tests/lib/box.h"
 #include "tests/lib/scratch.h"
+#include "tests/lib/take_open.h"
 
 static char path[96], copy[96];
 
@@ -184,15 +185,6 @@ static int64_t whole_sets(const cap_take *t, enum cap_pixfmt fmt, int32_t wd, in
                 return -1;
     }
     return (int64_t)info->sets;
-}
-
-static cap_take *open_take(const char *name)
-{
-    cap_take *t;
-    struct pvx_diag d = {""};
-    pvx_err e = cap_take_open(name, &t, &d);
-    T_CHECK_(e == PVX_OK, "%s", pvx_diag_text(&d, e));
-    return t;
 }
 
 /* What has been written, closed and opened again. */

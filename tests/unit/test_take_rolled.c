@@ -12,6 +12,7 @@
 #include "tests/lib/box.h"
 #include "tests/lib/scratch.h"
 #include "tests/lib/take.h"
+#include "tests/lib/take_open.h"
 
 #define CAMERAS 2
 #define WIDTH   8
@@ -93,15 +94,6 @@ static void record(unsigned files)
     head = take_head(cameras, CAMERAS);
     for (unsigned k = 1; k <= files; k++)
         write_file(k, k < files);
-}
-
-static cap_take *open_take(const char *name)
-{
-    cap_take *t;
-    struct pvx_diag d = {""};
-    pvx_err e = cap_take_open(name, &t, &d);
-    T_CHECK_(e == PVX_OK, "%s", pvx_diag_text(&d, e));
-    return t;
 }
 
 /* A frame is the one of its set. */
