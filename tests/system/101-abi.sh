@@ -16,7 +16,7 @@ change() { # file, sed's...: it is as in the tree but for that
     ! cmp -s "$f" "$t/$f" || { echo "  $f is as it was: $*"; return 1; }
 }
 as_it_was() { local f; for f in proto/clients/{sub.h,sub.c,client.map} recon/recon.map recon/view/view.{h,c}; do cat "$f" > "$t/$f"; done; }
-build() { env -u MAKEFLAGS -u MAKELEVEL make -s -C "$t" B=build CC=gcc SAN= "${libraries[@]}" > "$dir/make.log" 2>&1; }
+build() { env -u MAKEFLAGS -u MAKELEVEL make -s -C "$t" B=build CC=gcc SAN= WERROR= "${libraries[@]}" > "$dir/make.log" 2>&1; }
 abi() { run "$t/tests/abi.sh" build "$@"; }
 released() { printf '%s\n' '0.2.0 (unreleased)' '- news' '' '0.1.0 (2027-01-02)' '- all' > "$t/NEWS"; }
 unreleased() { printf '%s\n' '0.1.0 (unreleased)' '- all' > "$t/NEWS"; }
