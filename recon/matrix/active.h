@@ -21,8 +21,8 @@
 extern "C" {
 #endif
 
-/* What a brick's footprint is where not all of its voxels are seen or known to be: it does not carve it, and may be
- * a view of some of it.  As a rec_rect it is not seen. */
+/* What a brick's footprint is where not all of its voxels need be seen, or are known to be: it does not carve it, and may
+ * be a view of some of it.  As a rec_rect it is not seen. */
 #define REC_RECT_UNKNOWN ((struct rec_rect){2, 2, 0, 0})
 static inline bool rec_rect_unknown(struct rec_rect r)
 {
@@ -33,7 +33,7 @@ struct rec_active {
     size_t bricks, marked;
     uint8_t *brick; /* [bricks] 1 = marked */
     struct rec_rect
-        *rect[REC_MAX_CAMERAS]; /* [bricks] union of its voxels' footprints; finest level only */
+        *rect[REC_MAX_CAMERAS]; /* [bricks] its voxels' footprints and what is between them; finest level only */
 
     /* once there are columns: */
     size_t columns;   /* kept */

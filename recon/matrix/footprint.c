@@ -15,21 +15,20 @@
 
 #define SLAB 8 /* layers of voxels per task, at least */
 
-/* What is known of a brick's voxels while its union is made. */
-enum { SOME_SEEN = 1, SOME_UNSEEN = 2 };
-
 struct job {
     const rec_sysmat *m;
     const struct rec_camera *c;
     const struct rec_sysmat_block *b;
     const struct rec_entries *part; /* colptr NULL: none are known */
     struct rec_rect *fp;            /* of all voxels, or: */
-    struct rec_rect *brick;         /* of bricks, and what is known of each, or: */
-    uint8_t *known;
-    const _Atomic uint64_t *met; /* of what all levels keep; camera */
+    struct rec_rect *brick;         /* of bricks, or: */
+    const _Atomic uint64_t *met;    /* of what all levels keep; camera */
     size_t camera;
-    int32_t slab;   /* layers of voxels per task */
-    int32_t span;   /* lattice cells per support: 1 box, 2 trilinear */
+    int32_t side;   /* voxels along an item: 1, or those of a brick */
+    int32_t n[3];   /* items */
+    int32_t slab;   /* layers of items per task */
+    int32_t stride; /* lattice points from an item's first to the next one's */
+    int32_t span;   /* and to its own last */
     int32_t nx, ny; /* lattice points per layer */
     double per_bin; /* 1 / binning */
     atomic_bool out_of_memory;
@@ -59,19 +58,25 @@ void rec_no_footprints(const rec_sysmat *m, struct rec_rect *fp)
 }
 
 /* Lattice plane i along an axis: the faces of the cells, or for trilinear the centres with one more
- * at either end. */
-static double plane(const struct rec_grid *g, int a, int32_t i)
+ * at either end.  Bricks have two each, as their supports overlap: where their first voxel's begins and the last one's
+ * ends. */
+static double plane(const struct job *j, int a, int32_t i)
 {
-    return g->min[a] + (g->basis == REC_TRILINEAR ? i - 0.5 : i) * rec_grid_h(g, a);
+    const struct rec_grid *g = &j->m->grid;
+    bool trilinear = g->basis == REC_TRILINEAR;
+    if (j->brick != NULL) {
+        int32_t end = (i / 2 + 1) * j->side;
+        i = i % 2 == 0 ? i / 2 * j->side : (end < g->n[a] ? end : g->n[a]) + trilinear;
+    }
+    return g->min[a] + (trilinear ? i - 0.5 : i) * rec_grid_h(g, a);
 }
 
 static void project_layer(const struct job *j, int32_t k, struct layer *l)
 {
-    const struct rec_grid *g = &j->m->grid;
     for (int32_t y = 0; y < j->ny; y++)
         for (int32_t x = 0; x < j->nx; x++) {
             size_t at = (size_t)y * (size_t)j->nx + (size_t)x;
-            double point[3] = {plane(g, 0, x), plane(g, 1, y), plane(g, 2, k)};
+            double point[3] = {plane(j, 0, x), plane(j, 1, y), plane(j, 2, k)};
             struct rec_projection p;
             l->hidden[at] = !rec_camera_project_full(j->c, point, &p);
             if (l->hidden[at])
@@ -91,11 +96,11 @@ static inline double most(double a, double b)
     return a > b ? a : b;
 }
 
-/* Over the four lattice rows of the supports of voxel row y between two layers, then along them. */
+/* Over the four lattice rows of the supports of item row y between two layers, then along them. */
 static void gather_corners(const struct job *j, const struct layer *near, const struct layer *far,
                            int32_t y, struct corners *out)
 {
-    size_t n = (size_t)j->nx, a = (size_t)y * n, b = a + (size_t)j->span * n;
+    size_t n = (size_t)j->nx, a = (size_t)(y * j->stride) * n, b = a + (size_t)j->span * n;
     size_t span = (size_t)j->span;
     for (int q = 0; q < QUANTITIES; q++) {
         const double *na = near->q[q] + a, *nb = near->q[q] + b;
@@ -117,18 +122,21 @@ static void gather_corners(const struct job *j, const struct layer *near, const 
         out->hidden[x] |= out->hidden[x + span];
 }
 
-/* Bins of the pixel range [lo,hi], clipped to `n` bins; false when it lies outside. */
-static bool bins(double lo, double hi, double per_bin, int32_t n, uint16_t *first, uint16_t *last)
+/* Bins of the pixel range [lo,hi], clipped to `n` bins; false when it lies outside, *cut when some of it does. */
+static bool bins(double lo, double hi, double per_bin, int32_t n, uint16_t *first, uint16_t *last,
+                 bool *cut)
 {
     double a = (lo + 0.5) * per_bin, b = (hi + 0.5) * per_bin;
     if (!(b >= 0) || !(a < n))
         return false;
+    *cut = *cut || a < 0 || !(b < n);
     *first = (uint16_t)(a < 0 ? 0 : a);
     *last = (uint16_t)(b > n - 1 ? n - 1 : b);
     return true;
 }
 
-/* All corners in front of the camera: the rectangle of the support, grown for the lens. */
+/* All corners in front of the camera: the rectangle of the support, grown for the lens.  Of a brick that goes beyond the
+ * image not all voxels may be seen. */
 static struct rec_rect rectangle(const struct job *j, const struct corners *k, size_t x)
 {
     double range[QUANTITIES];
@@ -138,10 +146,12 @@ static struct rec_rect rectangle(const struct job *j, const struct corners *k, s
     double bend_u = 0.5 * D * (range[J0] + range[J1]) + 1e-6;
     double bend_v = 0.5 * D * (range[J2] + range[J3]) + 1e-6;
     struct rec_rect r;
-    if (!bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0, &r.x1) ||
-        !bins(k->lo[V][x] - bend_v, k->hi[V][x] + bend_v, j->per_bin, j->b->bh, &r.y0, &r.y1))
+    bool cut = false;
+    if (!bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0, &r.x1,
+              &cut) ||
+        !bins(k->lo[V][x] - bend_v, k->hi[V][x] + bend_v, j->per_bin, j->b->bh, &r.y0, &r.y1, &cut))
         return unseen;
-    return r;
+    return j->brick != NULL && cut ? REC_RECT_UNKNOWN : r;
 }
 
 /* Rectangle with the rows of column `col` added: holds by construction then. */
@@ -179,21 +189,20 @@ static struct rec_rect with_entries(const struct job *j, size_t col, struct rec_
 
 /* Whether a body may be nearer to the camera than some of the support, in a bin of the rectangle or beside it (between
  * its rays the outline of a body is not known). */
-static bool behind_body(const struct job *j, size_t col, struct rec_rect r)
+static bool behind_body(const struct job *j, const int32_t item[3], struct rec_rect r)
 {
-    const struct rec_grid *g = &j->m->grid;
-    int32_t ijk[3];
-    double centre[3], d2 = 0, h2 = 0;
+    double centre[3], d2 = 0, half2 = 0;
     if (j->part->depth == NULL || !rec_rect_seen(r))
         return false;
-    rec_grid_ijk(g, (int32_t)col, ijk);
     rec_camera_centre(j->c, centre);
     for (int a = 0; a < 3; a++) {
-        double h = rec_grid_h(g, a), d = g->min[a] + (ijk[a] + 0.5) * h - centre[a];
+        double lo = plane(j, a, item[a] * j->stride),
+               hi = plane(j, a, item[a] * j->stride + j->span);
+        double d = 0.5 * (lo + hi) - centre[a], half = 0.5 * (hi - lo);
         d2 += d * d;
-        h2 += h * h;
+        half2 += half * half;
     }
-    double far = (sqrt(d2) + 0.5 * j->span * sqrt(h2)) * (1 + 1e-6); /* depth is a float */
+    double far = (sqrt(d2) + sqrt(half2)) * (1 + 1e-6); /* depth is a float */
     int32_t x0 = r.x0 > 0 ? r.x0 - 1 : 0, x1 = r.x1 + 1 < j->b->bw ? r.x1 + 1 : r.x1;
     int32_t y0 = r.y0 > 0 ? r.y0 - 1 : 0, y1 = r.y1 + 1 < j->b->bh ? r.y1 + 1 : r.y1;
     for (int32_t y = y0; y <= y1; y++)
@@ -203,6 +212,11 @@ static bool behind_body(const struct job *j, size_t col, struct rec_rect r)
     return false;
 }
 
+static size_t column(const struct job *j, const int32_t voxel[3])
+{
+    return (size_t)rec_grid_index(&j->m->grid, voxel[0], voxel[1], voxel[2]);
+}
+
 static bool has_entries(const struct job *j, size_t col)
 {
     if (j->met != NULL)
@@ -210,17 +224,19 @@ static bool has_entries(const struct job *j, size_t col)
     return j->part->colptr[col] != j->part->colptr[col + 1];
 }
 
-static struct rec_rect footprint(const struct job *j, size_t col, const struct corners *k, size_t x)
+static struct rec_rect footprint(const struct job *j, const int32_t item[3],
+                                 const struct corners *k)
 {
+    size_t x = (size_t)(item[0] * j->stride);
     if (!k->hidden[x]) {
         struct rec_rect r = rectangle(j, k, x);
-        if (!behind_body(j, col, r))
-            return j->part->colptr != NULL ? with_entries(j, col, r) : r;
+        if (!behind_body(j, item, r))
+            return j->part->colptr != NULL ? with_entries(j, column(j, item), r) : r;
     }
     /* partly behind a body or the camera or past the fold of the lens: its outline is not known */
     if (j->part->colptr == NULL)
         return REC_RECT_UNKNOWN;
-    if (!has_entries(j, col))
+    if (!has_entries(j, column(j, item)))
         return unseen;
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
 }
@@ -241,8 +257,9 @@ static void widen(struct rec_rect *u, struct rec_rect r)
 }
 
 /* Into its voxel on every level that keeps it; only this task has voxels of these. */
-static void to_levels(const struct job *j, int32_t x, int32_t y, int32_t k, struct rec_rect r)
+static void to_levels(const struct job *j, const int32_t voxel[3], struct rec_rect r)
 {
+    int32_t x = voxel[0], y = voxel[1], k = voxel[2];
     for (const rec_sysmat *m = j->m; m != NULL; m = m->coarse, x /= 2, y /= 2, k /= 2) {
         size_t place = rec_brick_place(&m->grid, x, y, k);
         if (m->active == NULL || m->active->brick[place / REC_BRICK_VOXELS])
@@ -252,21 +269,15 @@ static void to_levels(const struct job *j, int32_t x, int32_t y, int32_t k, stru
     }
 }
 
-static void put(const struct job *j, int32_t x, int32_t y, int32_t k, struct rec_rect r)
+static void put(const struct job *j, const int32_t item[3], struct rec_rect r)
 {
-    size_t place = rec_brick_place(&j->m->grid, x, y, k);
-    if (j->fp != NULL) {
-        j->fp[place] = r;
-    } else if (j->brick != NULL) {
-        size_t brick = place / REC_BRICK_VOXELS;
-        uint8_t known = rec_rect_seen(r)      ? SOME_SEEN
-                        : rec_rect_unknown(r) ? SOME_SEEN | SOME_UNSEEN
-                                              : SOME_UNSEEN;
-        j->known[brick] |= known;
-        widen(&j->brick[brick], r);
-    } else {
-        to_levels(j, x, y, k, r);
-    }
+    if (j->brick != NULL)
+        j->brick[((size_t)item[2] * (size_t)j->n[1] + (size_t)item[1]) * (size_t)j->n[0] +
+                 (size_t)item[0]] = r;
+    else if (j->fp != NULL)
+        j->fp[rec_brick_place(&j->m->grid, item[0], item[1], item[2])] = r;
+    else
+        to_levels(j, item, r);
 }
 
 /* The layers that a slab goes through and one row of corners, in one piece of memory. */
@@ -300,24 +311,23 @@ static bool new_work(const struct job *j, struct work *w)
 static void slab(void *ctx, size_t task)
 {
     struct job *j = ctx;
-    const struct rec_grid *g = &j->m->grid;
     int32_t planes = j->span + 1, k0 = (int32_t)task * j->slab;
-    int32_t k1 = k0 + j->slab < g->n[2] ? k0 + j->slab : g->n[2];
+    int32_t k1 = k0 + j->slab < j->n[2] ? k0 + j->slab : j->n[2], next = k0 * j->stride;
     struct work w;
     if (!new_work(j, &w)) {
         atomic_store(&j->out_of_memory, true);
         return;
     }
-    for (int32_t k = k0; k < k0 + j->span; k++)
-        project_layer(j, k, &w.ring[k % planes]);
     for (int32_t k = k0; k < k1; k++) {
-        int32_t far = k + j->span;
-        project_layer(j, far, &w.ring[far % planes]);
-        for (int32_t y = 0; y < g->n[1]; y++) {
-            gather_corners(j, &w.ring[k % planes], &w.ring[far % planes], y, &w.corners);
-            size_t col = (size_t)rec_grid_index(g, 0, y, k);
-            for (size_t x = 0; x < (size_t)g->n[0]; x++)
-                put(j, (int32_t)x, y, k, footprint(j, col + x, &w.corners, x));
+        int32_t near = k * j->stride, far = near + j->span;
+        for (; next <= far; next++)
+            project_layer(j, next, &w.ring[next % planes]);
+        for (int32_t y = 0; y < j->n[1]; y++) {
+            gather_corners(j, &w.ring[near % planes], &w.ring[far % planes], y, &w.corners);
+            for (int32_t x = 0; x < j->n[0]; x++) {
+                int32_t item[3] = {x, y, k};
+                put(j, item, footprint(j, item, &w.corners));
+            }
         }
     }
     free(w.memory);
@@ -326,11 +336,16 @@ static void slab(void *ctx, size_t task)
 static pvx_err project(struct job *j, pvx_pool *pool)
 {
     const struct rec_grid *g = &j->m->grid;
-    j->span = g->basis == REC_TRILINEAR ? 2 : 1;
-    j->nx = g->n[0] + j->span;
-    j->ny = g->n[1] + j->span;
+    bool bricks = j->brick != NULL;
+    j->side = bricks ? REC_BRICK : 1;
+    j->stride = bricks ? 2 : 1;
+    j->span = bricks || g->basis != REC_TRILINEAR ? 1 : 2;
+    for (int a = 0; a < 3; a++)
+        j->n[a] = bricks ? rec_bricks(g, a) : g->n[a];
+    j->nx = (j->n[0] - 1) * j->stride + j->span + 1;
+    j->ny = (j->n[1] - 1) * j->stride + j->span + 1;
     j->per_bin = 1.0 / j->m->binning;
-    pvx_pool_run(pool, (size_t)((g->n[2] + j->slab - 1) / j->slab), slab, j);
+    pvx_pool_run(pool, (size_t)((j->n[2] + j->slab - 1) / j->slab), slab, j);
     return atomic_load(&j->out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }
 
@@ -348,19 +363,9 @@ pvx_err rec_sysmat_brick_footprints(const rec_sysmat *m, const struct rec_camera
                                     struct rec_rect *brick)
 {
     const struct rec_entries none = {.depth = depth};
-    struct job j = {.m = m, .c = c, .b = b, .part = &none, .brick = brick, .slab = SLAB};
-    size_t bricks = rec_brick_places(&m->grid) / REC_BRICK_VOXELS;
-    j.known = pvx_calloc(bricks, 1);
-    if (j.known == NULL)
-        return PVX_ENOMEM;
-    for (size_t i = 0; i < bricks; i++)
-        brick[i] = unseen;
-    pvx_err e = project(&j, pool);
-    for (size_t i = 0; i < bricks; i++)
-        if (j.known[i] == (SOME_SEEN | SOME_UNSEEN))
-            brick[i] = REC_RECT_UNKNOWN;
-    free(j.known);
-    return e;
+    struct job j = {
+        .m = m, .c = c, .b = b, .part = &none, .brick = brick, .slab = SLAB / REC_BRICK};
+    return project(&j, pool);
 }
 
 pvx_err rec_sysmat_active_footprints(const rec_sysmat *m, size_t c, const struct rec_camera *camera,

@@ -110,8 +110,9 @@ PVX_MUST_CHECK pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct r
                                              const struct rec_entries *part, pvx_pool *pool,
                                              struct rec_rect *fp);
 
-/* The unions of bricks of those of camera c, as far as they are known without entries, into brick [bricks];
- * depth as in rec_entries.  PVX_ENOMEM. */
+/* Those of whole bricks in camera c, as far as they are known without entries, into brick [bricks]: projected as one
+ * support each, which holds those of its voxels and may be larger by what a lens bends along a brick; depth as in
+ * rec_entries.  PVX_ENOMEM. */
 PVX_MUST_CHECK pvx_err rec_sysmat_brick_footprints(const rec_sysmat *m, const struct rec_camera *c,
                                                    const struct rec_sysmat_block *b, float *depth,
                                                    pvx_pool *pool, struct rec_rect *brick);
