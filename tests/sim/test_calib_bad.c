@@ -98,6 +98,7 @@ T_CASE(still_pictures_count_once)
 
 T_CASE(a_camera_that_was_moved)
 {
+    T_NOT_UNDER_TSAN();
     struct bv_result r;
     bv_init(&s, 4, true);
     s.frames = 40;
@@ -118,6 +119,7 @@ T_CASE(a_camera_that_was_moved)
 
 T_CASE(cameras_out_of_step)
 {
+    T_NOT_UNDER_TSAN();
     struct bv_result r;
     bv_init(&s, 4, true);
     s.frames = 50;
@@ -149,6 +151,7 @@ T_CASE(cameras_out_of_step)
 /* The board is held still in a new pose for every picture, and one camera's numbers are one too high. */
 T_CASE(numbers_that_are_one_too_high)
 {
+    T_NOT_UNDER_TSAN();
     struct bv_result r;
     bool late = false;
     bv_init(&s, 4, true);

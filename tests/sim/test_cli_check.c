@@ -184,7 +184,7 @@ T_CASE(what_is_not_refined)
 /* What such cameras cannot see is held, and said. */
 T_CASE(cameras_in_a_line)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     int code = pyrovox("calibrate refine --rig line.yaml --frames line --quiet --out bent.yaml");
     T_LE(code, 1);
     T_OK(says("out.txt", "the cameras stand in a line: the direction from which each looks, its "

@@ -288,6 +288,7 @@ static double a_flame(size_t c, int g, int x, int y)
 
 T_CASE(dark_flat_and_gain_in_their_order)
 {
+    T_NOT_UNDER_TSAN();
     struct light_camera *cam = faulty();
     take("dark", cam, 0, 16, nothing);
     T_EQ_I(pyrovox("calibrate dark --rig rig.yaml --frames dark --exposure 5 --out dark.yaml"), 0);

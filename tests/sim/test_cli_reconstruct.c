@@ -121,6 +121,7 @@ T_CASE(flame_comes_back)
 
 T_CASE(trilinear_and_other_solvers)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(reconstruct("--out tri --basis trilinear --last 0 --quiet"), 0);
     T_LE(volume_error("tri/000000.npy", 0, REC_TRILINEAR), 0.25);
     T_OK(access(at("tri/000001.npy"), F_OK) != 0); /* --last */
@@ -236,6 +237,7 @@ T_CASE(a_camera_that_lies_is_left_out)
 /* The same frame: a black camera, believed, leaves no box; left out, the box is that of the other seven. */
 T_CASE(nor_does_it_spoil_the_fitted_volume)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig with, without;
     struct pvx_diag d = {""};
     T_EQ_I(pyrovox("reconstruct --rig rig.yaml --frames capped --cameras " EIGHT_NAMES
@@ -370,6 +372,7 @@ static void write_rig(const char *name, const struct rec_rig *r)
 /* A rig with a box of eight times the volume: fitted, the same number of voxels gives less error. */
 T_CASE(volume_fitted_to_the_flame)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig wide, tight;
     struct rec_grid g, fitted;
     struct pvx_diag d = {""};

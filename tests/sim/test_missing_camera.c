@@ -97,6 +97,7 @@ T_CASE(a_flapping_camera_does_no_harm)
 /* drop: only whole sets.  wait: whole ones as long as the camera lives, then those of the others. */
 T_CASE(the_other_policies_do_what_they_say)
 {
+    T_NOT_UNDER_TSAN();
     static struct seen y;
     watch("drop=0.3", "sync: {policy: wait}\n", &y, 15, 0);
     T_OK(y.with[8].n >= 15);

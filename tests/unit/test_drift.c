@@ -102,6 +102,7 @@ T_CASE(off_from_the_start)
 
 T_CASE(healthy)
 {
+    T_NOT_UNDER_TSAN();
     struct bed b;
     bed_new(&b, 0.2);
     play(&b, 4 * ROUND, 0.02, 0);

@@ -257,6 +257,7 @@ static void paint(rec_frame *f, enum picture what)
 
 T_CASE(hard_pictures)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_frame_params p = params();
     p.photo.saturation = 0.998f;
     for (const char *const *name = rec_solver_names(); *name != NULL; name++) {

@@ -292,6 +292,7 @@ static struct held hold_voxels(enum rec_basis basis, bool in_the_way)
  * of its voxels is in it. */
 T_CASE(bricks_hold_their_voxels_and_little_more)
 {
+    T_NOT_UNDER_TSAN();
     for (int basis = REC_BOX; basis <= REC_TRILINEAR; basis++) {
         struct held h = hold_voxels((enum rec_basis)basis, false);
         T_EQ_I(h.wrong, 0);
@@ -318,6 +319,7 @@ static size_t resident(const void *p, size_t bytes)
 
 T_CASE(the_rest_has_no_memory)
 {
+    T_NOT_UNDER_TSAN();
     struct bed b = bed_new(75, REC_BOX, 1, (int32_t[3]){128, 128, 96});
     T_EQ_I(rec_sysmat_outline(&b.rig, &b.p, b.pool, (struct rec_progress){0}, &b.outline, NULL),
            PVX_OK);
@@ -364,6 +366,7 @@ static double all_resident(const rec_sysmat *m)
 
 T_CASE(an_estimate_is_what_it_becomes)
 {
+    T_NOT_UNDER_TSAN();
     struct bed b = bed_new(170, REC_TRILINEAR, 2, odd);
     struct rec_active_estimate all, share;
     const struct rec_progress quiet = {0};
