@@ -9,7 +9,7 @@
 #include "daemon/cli/silhouettes.h"
 #include "recon/carve/hull_bricks.h"
 
-#define SHARE 0.03 /* of the rows of bins, for the estimate */
+#define SHARE 0.03 /* of the rows of bins, at least, for the estimate */
 
 size_t reconstruct_spread(size_t k, size_t n)
 {

@@ -15,7 +15,7 @@
 #include "daemon/pipeline/wire.h"
 #include "daemon/volumes/bricks.h"
 
-#define SHARE        0.03 /* of the rows of bins that are traced */
+#define SHARE        0.03 /* of the rows of bins that are traced, at least */
 #define LOOK_SECONDS 15.0
 #define BUILD_SECONDS \
     15.0 /* of the matrix that is built: the grid is halved until it takes no more */
@@ -219,7 +219,7 @@ static void add_up(const struct plan *p, const struct reconstruct_need *need, bo
         (struct stage){"system matrix", f->e.seconds + f->outline_s + rest * f->e.kept / m->e.kept,
                        0, whole ? reconstruct_whole(&f->rig, &f->p) : need->build, ""};
     snprintf(s[MATRIX].from, sizeof s->from,
-             "%.0f %% of its rows traced; sorted as on %s, by entries", 100 * SHARE, grid);
+             "%.0f %% of its rows traced; sorted as on %s, by entries", 100 * f->e.share, grid);
     s[READ] = (struct stage){"read", 0, p->halved > 0 ? f->look_s : m->read_s, need->base, ""};
     snprintf(s[READ].from, sizeof s->from, "%s",
              p->halved > 0 ? "as silhouettes took, with photometry" : "measured");

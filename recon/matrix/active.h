@@ -32,8 +32,8 @@ static inline bool rec_rect_unknown(struct rec_rect r)
 struct rec_active {
     size_t bricks, marked;
     uint8_t *brick; /* [bricks] 1 = marked */
-    struct rec_rect
-        *rect[REC_MAX_CAMERAS]; /* [bricks] its voxels' footprints and what is between them; finest level only */
+    struct rec_rect *rect
+        [REC_MAX_CAMERAS]; /* [bricks] its voxels' footprints and what is between them; finest level only */
 
     /* once there are columns: */
     size_t columns;   /* kept */
@@ -62,6 +62,7 @@ PVX_MUST_CHECK pvx_err rec_sysmat_outline(const struct rec_rig *rig,
 /* What building it would take, from a share of the rows of bins, evenly spread over each camera's, that are traced as
  * they would be. */
 struct rec_active_estimate {
+    double share;         /* of the rows of bins that was traced */
     double seconds;       /* to trace all rows with this pool's threads */
     double entries;       /* of all columns: what a whole S would have */
     double kept;          /* of those kept, all levels */
@@ -70,7 +71,8 @@ struct rec_active_estimate {
     uint64_t stored;   /* bytes of what stays, at most: windows of the largest shape, whole pages */
     uint64_t building; /* bytes at most, what stays included */
 };
-/* Of the bricks that the outline has marked, which it leaves as they are.  share in (0,1].  Errors: as
+/* Of the bricks that the outline has marked, which it leaves as they are.  share in (0,1]: as much of each camera's rows
+ * at least, and eight bands of them.  Errors: as
  * rec_sysmat_build_active. */
 PVX_MUST_CHECK pvx_err rec_sysmat_estimate_active(const struct rec_rig *rig,
                                                   const rec_sysmat *outline, double share,

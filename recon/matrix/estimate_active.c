@@ -1,9 +1,12 @@
+#include <math.h>
 #include <string.h>
 
 #include "base/clock.h"
 #include "recon/matrix/build_active.h"
 
 #define PAGE 4096
+/* Bands of rows that are traced at least: a flame may be in few of an image's rows. */
+#define LEAST_BANDS 8
 #define MORE_BINS \
     4 /* in a window that is not a column's first, mean; fewer make no difference to what they fill */
 
@@ -75,7 +78,7 @@ static void add_up(const struct rec_active_build *b, double kept_most,
 static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool,
                         struct rec_active_estimate *o)
 {
-    double kept_most = 0;
+    double kept_most = 0, least, all_traced = 0;
     for (; b->camera < b->rig->n_cameras; b->camera++) {
         const struct rec_sysmat_block *block = &b->level[0].m->block[b->camera];
         size_t bins = (size_t)block->bw * (size_t)block->bh, traced = 0;
@@ -83,8 +86,10 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
         pvx_err e = rec_active_begin(b);
         b->of = 1;
         rec_active_cut(b);
-        double bands = (double)b->level[0].rows.bands;
-        b->of = share * bands < 1 ? (size_t)bands : (size_t)(1 / share);
+        size_t bands = b->level[0].rows.bands;
+        b->of = (size_t)(1 / share);
+        if (b->of > bands / LEAST_BANDS)
+            b->of = bands > LEAST_BANDS ? bands / LEAST_BANDS : 1;
         uint64_t before = atomic_load(&b->entries);
         if (e == PVX_OK)
             e = rec_active_trace(b, pool);
@@ -99,13 +104,19 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
             kept += by * (double)rec_band_entries(&b->level[l].rows);
             rec_band_rows_free(&b->level[l].rows);
         }
-        kept_most = kept > kept_most ? kept : kept_most;
+        kept_most = fmax(kept, kept_most);
         o->kept += kept;
+        all_traced += (double)traced;
         o->bins += bins;
         o->entries += by * (double)(atomic_load(&b->entries) - before);
         o->seconds += by * (double)(pvx_now_mono() - t0) * 1e-9;
     }
-    add_up(b, kept_most, o);
+    /* a thin one may be between all that were traced: columns have about as many entries each */
+    least = o->entries * (double)rec_sysmat_columns(b->level[0].m) /
+            (double)rec_grid_count(&b->level[0].m->grid);
+    o->kept = fmax(o->kept, least);
+    o->share = all_traced / (double)o->bins;
+    add_up(b, fmax(kept_most, least / (double)b->rig->n_cameras), o);
     return PVX_OK;
 }
 

@@ -61,6 +61,18 @@ static rec_sysmat *part_of(struct bed *b, pvx_pool *pool)
     return m;
 }
 
+/* Marks the bricks of a ball low in the box, a seventh of it across. */
+static void mark_low(rec_sysmat *outline)
+{
+    const struct rec_grid *g = &outline->grid;
+    int32_t nx = rec_bricks(g, 0), ny = rec_bricks(g, 1), nz = rec_bricks(g, 2);
+    for (int32_t i = 0; i < (int32_t)outline->active->bricks; i++) {
+        double x = (i % nx + 0.5) / nx - 0.5, y = (i / nx % ny + 0.5) / ny - 0.5;
+        double z = (i / nx / ny + 0.5) / nz - 0.2;
+        outline->active->brick[i] = x * x + y * y + z * z < 0.07 * 0.07;
+    }
+}
+
 /* Marks some bricks; each is kept with that probability. */
 static void mark(rec_sysmat *outline, double density)
 {
@@ -387,6 +399,26 @@ T_CASE(an_estimate_is_what_it_becomes)
     T_LE(all_resident(part), (double)all.stored);
     T_LE((double)all.stored, 2 * all_resident(part));
     T_OK(all.building > all.stored);
+    rec_sysmat_free(&part);
+    bed_free(&b);
+}
+
+/* Few rows of a large picture see it. */
+T_CASE(a_small_flame_is_not_missed)
+{
+    T_NOT_UNDER_TSAN();
+    struct bed b = bed_new(300, REC_BOX, 1, odd);
+    struct rec_active_estimate e;
+    struct pvx_diag d = {""};
+    bed_build(&b);
+    mark_low(b.outline);
+    T_EQ_I(rec_sysmat_estimate_active(&b.rig, b.outline, 0.01, b.pool, (struct rec_progress){0}, &e,
+                                      &d),
+           PVX_OK);
+    rec_sysmat *part = part_of(&b, b.pool);
+    T_LE(e.share, 0.5);
+    T_NEAR(e.kept / all_entries(part), 1, 0.3);
+    T_LE(all_resident(part), (double)e.stored);
     rec_sysmat_free(&part);
     bed_free(&b);
 }
