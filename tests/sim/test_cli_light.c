@@ -449,6 +449,7 @@ static double apart(const char *a, const char *b)
 /* By the rigs of the case before. */
 T_CASE(the_volume_is_that_of_healthy_cameras)
 {
+    T_NOT_UNDER_TSAN();
     struct light_camera cam[N];
     for (size_t c = 0; c < N; c++) {
         cam[c] = healthy(c);
