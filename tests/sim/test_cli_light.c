@@ -474,6 +474,7 @@ T_CASE(the_volume_is_that_of_healthy_cameras)
 /* By the rig with maps of the cases before: one that is written elsewhere finds them. */
 T_CASE(a_rig_that_is_saved_elsewhere)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pvx_mkdirs(at("else/where"), NULL), PVX_OK);
     T_EQ_I(pyrovox("reconstruct --quiet --rig gain.yaml --frames flame --last 0 --fit-volume "
                    "--save-rig else/where/tight.yaml"),
