@@ -255,11 +255,11 @@ section("Recording volumes, as fast as it goes", "record_rate", "Wanted of VDB o
         lambda: [[r["flame"], r["voxels"] + "^3", r["format"], r["cores"], r["sets/s"], r["ms"], r["ms p99"], r["bound ms"], r["cpu ms"],
                   r["set MB"]] for r in table("record_rate")])
 
-section("Large grids", "large", "Eight cameras, recordings of a few sets: the whole matrix, and its active part (the same bits); s: of "
+section("Large grids", "large", "Recordings of a few sets: the whole matrix, and its active part (the same bits); s: of "
         "all, silhouettes and matrix included; planned: by `reconstruct --plan`; GB: the most at any time, and what was said "
         "before; sets/s: from pixels to volume",
         ["grid", "pictures", "matrix", "sets", "active", "s", "processors, s", "planned, s", "GB", "said", "sets/s"],
-        lambda: [[r["voxels"] + "^3", r["width"] + "x" + r["height"], r["matrix"], r["sets"], r["active"] + " %", r["s"],
+        lambda: [[r["voxels"] + "^3", r["cameras"] + " x " + r["width"] + "x" + r["height"], r["matrix"], r["sets"], r["active"] + " %", r["s"],
                   r["cpu s"], r["planned s"], r["GB"], r["said GB"], r["sets/s"]] for r in table("large")])
 
 section("A camera back", "replug", "Four simulated GigE cameras at 25 Hz, away for 1.5 s: seconds from the moment at which it could "
