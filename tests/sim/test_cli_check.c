@@ -91,6 +91,7 @@ static bool says(const char *file, const char *words)
 
 T_CASE(a_right_rig)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate check --rig rig.yaml --frames good --quiet"), 0);
     T_OK(says("out.txt", "the flame agrees with the rig in all 6 cameras"));
     T_EQ_S(slurp("err"), "");
@@ -139,7 +140,7 @@ T_CASE(a_cap_on_a_lens)
 /* The picture is right and the rig is not: the rig is corrected, and the flame then agrees with it. */
 T_CASE(a_rig_refined)
 {
-    T_NOT_UNDER_TSAN();
+    T_NOT_UNDER_SANITIZERS();
     struct rec_rig rig;
     const double mid[3] = {0, 0, 0.5}, none[3] = {0}, aside[3] = {0.05, -0.03, 0};
     T_EQ_I(rec_rig_copy(&f.rig, &rig), PVX_OK);

@@ -117,6 +117,7 @@ static double error_of(const char *folder, const struct rec_rig *rig)
 
 T_CASE(takes_poses_by_itself_and_writes_a_rig)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(session("--poses 8", 0, FIRST, false), 0);
     T_CONTAINS(slurp("out.txt"), "8 poses in rig-frames, 8 of them new");
     T_CONTAINS(text, "\nnext: ");
@@ -127,6 +128,7 @@ T_CASE(takes_poses_by_itself_and_writes_a_rig)
 
 T_CASE(goes_on_and_ctrl_c_keeps_everything)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate live --config live.yaml --board " BOARD " " VOLUME " --out rig.yaml"),
            1);
     T_CONTAINS(slurp("err"), "rig.yaml is there already");
@@ -138,6 +140,7 @@ T_CASE(goes_on_and_ctrl_c_keeps_everything)
 /* What solve makes of the pictures is what live made of them. */
 T_CASE(solve_finds_the_same_rig)
 {
+    T_NOT_UNDER_TSAN();
     T_EQ_I(pyrovox("calibrate solve --quiet --frames rig-frames --board " BOARD " " VOLUME
                    " --floor 0 --out same.yaml"),
            0);
@@ -149,6 +152,7 @@ T_CASE(solve_finds_the_same_rig)
 
 T_CASE(the_flame_is_as_near_as_with_the_true_rig)
 {
+    T_NOT_UNDER_TSAN();
     struct rec_rig truth, rig;
     struct pvx_diag d = {""};
     double rms = NAN, worst = NAN;
