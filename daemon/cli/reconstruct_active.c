@@ -9,8 +9,6 @@
 #include "daemon/cli/silhouettes.h"
 #include "recon/carve/hull_bricks.h"
 
-#define SHARE 0.03 /* of the rows of bins, at least, for the estimate */
-
 size_t reconstruct_spread(size_t k, size_t n)
 {
     size_t step = n < 3 ? 1 : (size_t)(0.618 * (double)n);
@@ -132,7 +130,7 @@ static pvx_err prepare(const struct reconstruct_options *o, const struct reconst
                         "no flame in any of the %zu frame sets that all cameras agree on: is "
                         "--threshold too high, or --black or --background brighter than the flame?",
                         seen.sets);
-    PVX_TRY(rec_sysmat_estimate_active(rig, outline, SHARE, all->pool,
+    PVX_TRY(rec_sysmat_estimate_active(rig, outline, RECONSTRUCT_SHARE, all->pool,
                                        (struct rec_progress){cli_progress, &bar}, &e, d));
     reconstruct_need(o, rig, all->params, &e, &seen, &need);
     fprintf(stderr,

@@ -6,6 +6,9 @@
 
 struct silhouettes;
 
+/* Of the rows of bins, at least: what of a matrix is traced to know what it would take (rec_sysmat_estimate_active). */
+#define RECONSTRUCT_SHARE 0.03
+
 /* The matrix that the sets of `in` are solved with; which part of it and what that takes is said on stderr.
  * Errors: as rec_sysmat_open; PVX_ENOMEM: even the part has no room, with what helps; PVX_ENOENT: no flame. */
 PVX_MUST_CHECK pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in *in,

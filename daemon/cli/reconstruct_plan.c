@@ -15,7 +15,6 @@
 #include "daemon/pipeline/wire.h"
 #include "daemon/volumes/bricks.h"
 
-#define SHARE        0.03 /* of the rows of bins that are traced, at least */
 #define LOOK_SECONDS 15.0
 #define BUILD_SECONDS \
     15.0 /* of the matrix that is built: the grid is halved until it takes no more */
@@ -65,7 +64,7 @@ static pvx_err look(struct plan *p, struct measure *m, const struct reconstruct_
     if (m->seen.bricks_most == 0)
         return pvx_fail(d, PVX_ENOENT, "--plan: no flame in %zu frame sets evenly spread",
                         m->seen.sets);
-    return rec_sysmat_estimate_active(&m->rig, m->outline, SHARE, p->pool,
+    return rec_sysmat_estimate_active(&m->rig, m->outline, RECONSTRUCT_SHARE, p->pool,
                                       (struct rec_progress){cli_progress, &estimate}, &m->e, d);
 }
 

@@ -32,8 +32,8 @@ static inline bool rec_rect_unknown(struct rec_rect r)
 struct rec_active {
     size_t bricks, marked;
     uint8_t *brick; /* [bricks] 1 = marked */
-    struct rec_rect *rect
-        [REC_MAX_CAMERAS]; /* [bricks] its voxels' footprints and what is between them; finest level only */
+    /* [bricks] of each camera: its voxels' footprints and what is between them; finest level only */
+    struct rec_rect *rect[REC_MAX_CAMERAS];
 
     /* once there are columns: */
     size_t columns;   /* kept */
@@ -72,8 +72,7 @@ struct rec_active_estimate {
     uint64_t building; /* bytes at most, what stays included */
 };
 /* Of the bricks that the outline has marked, which it leaves as they are.  share in (0,1]: as much of each camera's rows
- * at least, and eight bands of them.  Errors: as
- * rec_sysmat_build_active. */
+ * at least, and eight bands of them.  Errors: as rec_sysmat_build_active. */
 PVX_MUST_CHECK pvx_err rec_sysmat_estimate_active(const struct rec_rig *rig,
                                                   const rec_sysmat *outline, double share,
                                                   pvx_pool *pool, struct rec_progress progress,

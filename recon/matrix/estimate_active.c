@@ -78,7 +78,7 @@ static void add_up(const struct rec_active_build *b, double kept_most,
 static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool,
                         struct rec_active_estimate *o)
 {
-    double kept_most = 0, least, all_traced = 0;
+    double kept_most = 0, all_traced = 0;
     for (; b->camera < b->rig->n_cameras; b->camera++) {
         const struct rec_sysmat_block *block = &b->level[0].m->block[b->camera];
         size_t bins = (size_t)block->bw * (size_t)block->bh, traced = 0;
@@ -86,10 +86,8 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
         pvx_err e = rec_active_begin(b);
         b->of = 1;
         rec_active_cut(b);
-        size_t bands = b->level[0].rows.bands;
-        b->of = (size_t)(1 / share);
-        if (b->of > bands / LEAST_BANDS)
-            b->of = bands > LEAST_BANDS ? bands / LEAST_BANDS : 1;
+        double most = (double)(b->level[0].rows.bands / LEAST_BANDS);
+        b->of = (size_t)fmax(fmin(1 / share, most), 1);
         uint64_t before = atomic_load(&b->entries);
         if (e == PVX_OK)
             e = rec_active_trace(b, pool);
@@ -112,8 +110,8 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
         o->seconds += by * (double)(pvx_now_mono() - t0) * 1e-9;
     }
     /* a thin one may be between all that were traced: columns have about as many entries each */
-    least = o->entries * (double)rec_sysmat_columns(b->level[0].m) /
-            (double)rec_grid_count(&b->level[0].m->grid);
+    double least = o->entries * (double)rec_sysmat_columns(b->level[0].m) /
+                   (double)rec_grid_count(&b->level[0].m->grid);
     o->kept = fmax(o->kept, least);
     o->share = all_traced / (double)o->bins;
     add_up(b, fmax(kept_most, least / (double)b->rig->n_cameras), o);

@@ -24,7 +24,6 @@ struct job {
     struct rec_rect *brick;         /* of bricks, or: */
     const _Atomic uint64_t *met;    /* of what all levels keep; camera */
     size_t camera;
-    int32_t side;   /* voxels along an item: 1, or those of a brick */
     int32_t n[3];   /* items */
     int32_t slab;   /* layers of items per task */
     int32_t stride; /* lattice points from an item's first to the next one's */
@@ -65,8 +64,8 @@ static double plane(const struct job *j, int a, int32_t i)
     const struct rec_grid *g = &j->m->grid;
     bool trilinear = g->basis == REC_TRILINEAR;
     if (j->brick != NULL) {
-        int32_t end = (i / 2 + 1) * j->side;
-        i = i % 2 == 0 ? i / 2 * j->side : (end < g->n[a] ? end : g->n[a]) + trilinear;
+        int32_t end = (i / 2 + 1) * REC_BRICK;
+        i = i % 2 == 0 ? i / 2 * REC_BRICK : (end < g->n[a] ? end : g->n[a]) + trilinear;
     }
     return g->min[a] + (trilinear ? i - 0.5 : i) * rec_grid_h(g, a);
 }
@@ -271,11 +270,12 @@ static void to_levels(const struct job *j, const int32_t voxel[3], struct rec_re
 
 static void put(const struct job *j, const int32_t item[3], struct rec_rect r)
 {
+    const struct rec_grid *g = &j->m->grid;
     if (j->brick != NULL)
-        j->brick[((size_t)item[2] * (size_t)j->n[1] + (size_t)item[1]) * (size_t)j->n[0] +
-                 (size_t)item[0]] = r;
+        j->brick[rec_brick_place(g, item[0] * REC_BRICK, item[1] * REC_BRICK, item[2] * REC_BRICK) /
+                 REC_BRICK_VOXELS] = r;
     else if (j->fp != NULL)
-        j->fp[rec_brick_place(&j->m->grid, item[0], item[1], item[2])] = r;
+        j->fp[rec_brick_place(g, item[0], item[1], item[2])] = r;
     else
         to_levels(j, item, r);
 }
@@ -337,7 +337,6 @@ static pvx_err project(struct job *j, pvx_pool *pool)
 {
     const struct rec_grid *g = &j->m->grid;
     bool bricks = j->brick != NULL;
-    j->side = bricks ? REC_BRICK : 1;
     j->stride = bricks ? 2 : 1;
     j->span = bricks || g->basis != REC_TRILINEAR ? 1 : 2;
     for (int a = 0; a < 3; a++)

@@ -39,7 +39,8 @@ def widen(by):
     """rig.yaml's box about its middle, 1 m wide as simcams writes it."""
     more = 0.5 * (by - 1)
     text = Path("rig.yaml").read_text()
-    for was, now in (("min: [-0.5, -0.5, 0]", (-0.5 - more, -0.5 - more, -more)), ("max: [0.5, 0.5, 1]", (0.5 + more, 0.5 + more, 1 + more))):
+    for was, now in (("min: [-0.5, -0.5, 0]", (-0.5 - more, -0.5 - more, -more)),
+                     ("max: [0.5, 0.5, 1]", (0.5 + more, 0.5 + more, 1 + more))):
         if was not in text:
             sys.exit("FAIL large: no '%s' in rig.yaml" % was)
         text = text.replace(was, "%s [%g, %g, %g]" % (was[:4], *now))
