@@ -65,13 +65,13 @@ LDLIBS    = -Wl,--as-needed $(pkg_libs) -lwslay -lpthread -ldl -lm
 # ---- sources ----------------------------------------------------------------------------------
 # One archive a room, the last room of tests/rooms.txt first: what a room calls upwards does not link.
 ROOMS := $(shell awk '/^[a-z]/ { r = $$1 " " r } END { print r }' tests/rooms.txt)
-MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/ranks_mpi.c proto/clients/example.c recon/view/example.c
+MAINS := daemon/main.c daemon/cli/pyrovox.c daemon/cli/reconstruct/ranks_mpi.c proto/clients/example.c recon/view/example.c
 ifneq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
 FOREIGN := %_avx2.c %_avx512.c
 endif
 obj = $(patsubst %.c,$(B)/%.o,$(1))
-# Folders inside a room belong to it (proto/clients is a room of its own).
-room_obj = $(call obj,$(filter-out $(MAINS) $(FOREIGN),$(sort $(wildcard $(1)/*.c $(if $(findstring /,$(1)),$(1)/*/*.c)))))
+# Folders inside a room belong to it, unless they are rooms themselves.
+room_obj = $(call obj,$(filter-out $(MAINS) $(FOREIGN) $(addsuffix /%,$(filter $(1)/%,$(ROOMS))),$(sort $(wildcard $(1)/*.c $(if $(findstring /,$(1)),$(1)/*/*.c)))))
 # The fast ways from pixels to floats (capture/pixel/pixfmt_fast.h): once for any processor, once for AVX2.
 ifndef FOREIGN
 PIX_AVX2 := $(addprefix $(B)/capture/pixel/pixfmt_,$(addsuffix _avx2.o,unpack sums bayer mosaic finish))
@@ -95,7 +95,7 @@ STABILITY := $(call obj,$(filter-out tests/stability/stability.c,$(sort $(wildca
 POWER := $(B)/tests/power/power $(B)/tests/power/shim.so
 SOAK := $(call obj,$(sort $(wildcard tests/soak/*.c)))
 # A stamp beside each object, made after it: a header that changed makes both anew.
-TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c) $(if $(MPI),,%_mpi.c),$(wildcard */*.c */*/*.c */*/*/*.c)))
+TIDY := $(patsubst %.c,$(B)/%.tidy,$(filter-out $(if $(PIX_AVX2),,%_avx2.c %_avx512.c) $(if $(MPI),,%_mpi.c),$(wildcard */*.c */*/*.c */*/*/*.c */*/*/*/*.c)))
 BENCH := $(patsubst %.c,$(B)/%,$(sort $(wildcard tests/bench/bench_*.c)))
 
 .DEFAULT_GOAL := all
@@ -231,7 +231,7 @@ $(B)/recon/simd/kernels_avx512.% $(B)/recon/simd/windows_avx512.%: CFLAGS += -ma
 $(B)/recon/carve/photo_pass_avx2.%: CFLAGS += -mavx2
 $(B)/recon/simd/kernels_avx2.% $(B)/recon/simd/windows_avx2.% $(B)/recon/solve/passes/pcg_pass_avx2.%: CFLAGS += -mavx2 -mfma -mbmi2
 # Plain loops written to be vectorised.
-$(B)/recon/view/flame.o $(B)/capture/gevsim/optics.o $(B)/daemon/cli/simcams_ring.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
+$(B)/recon/view/flame.o $(B)/capture/gevsim/optics.o $(B)/daemon/cli/simcams/simcams_ring.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/pixel/pixfmt_%.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/%.o $(B)/proto/%.o: CFLAGS += -Wconversion -Wno-sign-conversion
 
@@ -307,8 +307,8 @@ $(B)/lib/pyrovox/pyrovox-libcamera.so: capture/libcamera/shim.cpp capture/libcam
 	$(Q)$(call module,$$(pkg-config --cflags libcamera)) -std=c++20 $$(pkg-config --libs libcamera)
 
 # In C, since MPI has a C API.
-$(B)/daemon/cli/ranks_mpi.%: pkg_cflags = $(shell pkg-config --cflags ompi-c)
-$(B)/lib/pyrovox/pyrovox-mpi.so: $(B)/daemon/cli/ranks_mpi.o
+$(B)/daemon/cli/reconstruct/ranks_mpi.%: pkg_cflags = $(shell pkg-config --cflags ompi-c)
+$(B)/lib/pyrovox/pyrovox-mpi.so: $(B)/daemon/cli/reconstruct/ranks_mpi.o
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) $(filter-out -fsanitize=%,$(LDFLAGS)) -o $@ $(filter %.o,$^) $$(pkg-config --libs ompi-c)

@@ -3,8 +3,8 @@
 set -u
 cd "$(dirname "$0")/.."
 git ls-files --cached --others --exclude-standard '*.c' '*.h' '*.cpp' | grep -v ^tests/ | xargs awk '
-# The folder, down to two levels: what lies deeper is part of its room.
-function room(f, p, n) { n = split(f, p, "/"); return n > 2 ? p[1] "/" p[2] : p[1] }
+# The deepest room that holds the file; folders inside a room that are none themselves belong to it.
+function room(f) { do sub(/\/?[^\/]*$/, "", f); while (f != "" && !(f in order)); return f }
 function house(r) { sub(/\/.*/, "", r); return r }
 FILENAME == "tests/rooms.txt" { if ($0 ~ /^[a-z]/) order[$1] = ++n; next }
 FNR == 1 && !(room(FILENAME) in order) { print FILENAME ": its room is not in tests/rooms.txt"; bad = 1 }
@@ -14,6 +14,8 @@ FNR == 1 && !(room(FILENAME) in order) { print FILENAME ": its room is not in te
     from = room(FILENAME); at = room(to)
     if (!(at in order)) { print FILENAME ":" FNR ": " to " is in no room: write its path from the top"; bad = 1 }
     else if (order[at] > order[from]) { print FILENAME ":" FNR ": " from " must not include " to ", which is further down"; bad = 1 }
+    else if (from != at && from ~ /^daemon\/cli\// && at ~ /^daemon\/cli\// && at !~ /\/(common|pictures|report)$/) {
+        print FILENAME ":" FNR ": " from " must not know " to ": commands share common, pictures and report"; bad = 1 }
     else if (house(at) != house(from) && house(from) != "daemon" && at != "daemon/base") {
         print FILENAME ":" FNR ": " house(from) " must not know " to; bad = 1 }
 }

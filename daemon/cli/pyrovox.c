@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/cpu.h"
-#include "daemon/cli/cli.h"
+#include "daemon/cli/common/cli.h"
 
 static const struct cli_command *const commands[] = {
     &cmd_demo,   &cmd_matrix,     &cmd_reconstruct, &cmd_render,  &cmd_simcams,   &cmd_status,

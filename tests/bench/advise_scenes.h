@@ -6,7 +6,7 @@
  * (flames.h). */
 #ifndef BENCH_ADVISE_SCENES_H
 #define BENCH_ADVISE_SCENES_H
-#include "daemon/cli/advise.h"
+#include "daemon/cli/advise/advise.h"
 #include "liars.h"
 
 enum { SEEN_W = 96, SEEN_H = 72, SEEN_SETS = 6, SEEN_CELLS = 64 };

@@ -1,7 +1,7 @@
 /* test_experiment.c - what `pyrovox experiment` measures, on pictures of a few bins: each number can be had by hand. */
 #include "../t.h"
 
-#include "daemon/cli/experiment.h"
+#include "daemon/cli/experiment/experiment.h"
 
 /* ---- mean difference ---- */
 

@@ -6,9 +6,9 @@
 
 #include "base/file.h"
 #include "capture/files/imgio.h"
-#include "daemon/cli/ffmpeg.h"
-#include "daemon/cli/film.h"
-#include "daemon/cli/key_frames.h"
+#include "daemon/cli/pictures/ffmpeg.h"
+#include "daemon/cli/pictures/film.h"
+#include "daemon/cli/pictures/key_frames.h"
 #include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 

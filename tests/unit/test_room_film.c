@@ -3,8 +3,8 @@
 
 #include "base/mem.h"
 #include "capture/files/imgio.h"
-#include "daemon/cli/room_film.h"
-#include "daemon/cli/strip.h"
+#include "daemon/cli/pictures/room_film.h"
+#include "daemon/cli/pictures/strip.h"
 #include "tests/lib/plugins.h"
 #include "tests/lib/scratch.h"
 

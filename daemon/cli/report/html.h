@@ -5,6 +5,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
+/* The style sheet of every page: light, dark by the reader's own choice, and on paper. */
+extern const char report_style[];
+
 /* Escaped, between tags as well as in quotes; what is no UTF-8 or no character of XML becomes a '?'. */
 void html_text(FILE *f, const char *s);
 /* With so many decimals; a dash where it is no number. */

@@ -2,8 +2,13 @@
 
 #include <math.h>
 
-#include "daemon/cli/report/figures.h"
 #include "daemon/cli/report/html.h"
+
+double report_round(double v)
+{
+    double ten = pow(10, floor(log10(v) + 1e-9)), lead = v / ten;
+    return ten * (lead >= 5 ? 5 : lead >= 2 ? 2 : 1);
+}
 
 #define WIDTH  720.0
 #define HEIGHT 380.0

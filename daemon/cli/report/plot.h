@@ -20,6 +20,8 @@ struct plot {
     const struct plot_series *series;
     size_t n;
 };
+/* A round number (1, 2, 5 times a power of ten) that is not above v > 0. */
+double report_round(double v);
 /* A figure's svg; y begins at 0, of points alone below the lowest. */
 void plot_svg(FILE *f, const struct plot *p);
 

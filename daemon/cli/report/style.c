@@ -1,5 +1,5 @@
 /* The look of the report: light, dark by the reader's own choice, and on paper. */
-#include "daemon/cli/report/figures.h"
+#include "daemon/cli/report/html.h"
 
 const char report_style[] =
     ":root{color-scheme:light "

@@ -1,0 +1,103 @@
+/* advise.h - what `pyrovox advise` measures in a recording, and what it says of it. */
+#ifndef ADVISE_H
+#define ADVISE_H
+#include "daemon/cli/common/flame_sets.h"
+#include "recon/check/absorption.h"
+#include "recon/check/gains.h"
+#include "recon/check/resolution.h"
+
+#define ADVISE_GRIDS   5
+#define ADVISE_MARGINS 3
+
+struct advise_grid {
+    int32_t voxels; /* along the longest side */
+    double error, ms;
+};
+/* Brightness of the cameras, by volumes of the others in which light is emission by the c that was found. */
+struct advise_gain {
+    bool known, on;               /* known: three cameras see flame in three sets */
+    double gain[REC_MAX_CAMERAS]; /* over the median of all */
+    size_t worst;                 /* camera */
+    double error[2], noise;       /* rec_gains_report */
+};
+/* Whether pictures are a power of the light. */
+struct advise_response {
+    double power;    /* that makes light of them: 1, or the best of those tried */
+    double error[2]; /* of left-out pictures, as they are and by the power */
+    bool on;
+};
+/* Sets that follow each other. */
+struct advise_motion {
+    bool known, on;       /* known: there are three in a row; on: leaning on the set before helps */
+    size_t sets;          /* of the run */
+    double voxels;        /* of the check's grid, that its light moves from set to set */
+    double change, noise; /* of the pictures from set to set, share: beyond noise, and by noise */
+    double sigma;
+    double error[2], ms[2];  /* of left-out pictures and of a solve, each set alone and leaning */
+    double floor;            /* what noise alone makes of error */
+    size_t better, pictures; /* by leaning; of so many */
+};
+/* Where a camera stays dark though the volume of the others has light there. */
+struct advise_body {
+    double share;           /* of the light that it should see, 0: nowhere */
+    int32_t from[2], to[2]; /* raw pixels, right and down, last ones included */
+    double error[2];        /* of the other cameras' pictures, with these pixels and without */
+};
+struct advice {
+    /* pictures, over all sets */
+    double brightest;      /* measured value, full scale = 1 */
+    double saturated, lit; /* share of the flame's bins at full scale; of all bins that are flame */
+    double sigma;          /* noise */
+    double level[REC_MAX_CAMERAS]; /* where each camera is darkest, */
+    size_t darkest;                /* and whose that is most */
+    struct advise_body body[REC_MAX_CAMERAS];
+    struct rec_absorption absorption;
+    struct advise_gain gain;
+    struct advise_response response;
+    struct advise_motion motion;
+    struct rec_resolution resolution; /* least 0: not known */
+    double margin[ADVISE_MARGINS];    /* error with silhouettes grown by so many bins */
+    int32_t best_margin, margin_bins; /* the latter in those of a daemon's pictures */
+    double noise[3];                  /* by channel; 0: grey */
+    double basis[2];                  /* error of left-out pictures: box, trilinear */
+    struct advise_grid grid[ADVISE_GRIDS];
+    size_t n_grids, best_grid; /* the coarsest that is not worse by REC_ADVISE_SAME than the best */
+    int32_t finest;            /* that the pictures hold, rec_rig_finest */
+    double half, all;          /* error with every second camera, with all but the one */
+};
+#define ADVISE_SAME        1.02  /* errors that are alike */
+#define ADVISE_LEVEL       0.002 /* half a step of 8 bits */
+#define ADVISE_SATURATED   0.005
+#define ADVISE_HIDDEN      0.015 /* share of a camera's light */
+#define ADVISE_HIDDEN_BUYS 0.03  /* share of the others' squared error */
+/* Shares of left-out pictures' squared error that is not noise; of absorption instead of REC_ABSORPTION_GAIN where
+ * bodies or full scale take light away as well */
+#define ADVISE_ABSORPTION 0.18
+#define ADVISE_BENT       0.2
+#define ADVISE_FAR        2    /* voxels from set to set */
+#define ADVISE_LEANS      0.01 /* share of the squared error that is not noise; in 3 pictures of 4 */
+#define ADVISE_GAIN       0.05 /* off the median */
+#define ADVISE_GAIN_BUYS  0.06 /* share of left-out pictures' squared error that is not noise */
+
+/* Black levels are taken off the pictures, bodies masked and gains put into s->rig as they are found, so that each
+ * term is judged with the others right.  Errors: PVX_ENOENT: no flame; PVX_ECANCELED; those of unseen.h. */
+PVX_MUST_CHECK pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* The part of it that is about light: pictures, absorption, gains. */
+PVX_MUST_CHECK pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* found [REC_MAX_CAMERAS]; what is dark becomes NaN in all sets. */
+PVX_MUST_CHECK pvx_err advise_bodies(struct flame_sets *s, struct advise_body *found,
+                                     struct pvx_diag *d);
+/* Absorption and gains, each with the other as it is found. */
+PVX_MUST_CHECK pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* Motion, rate, what leaning on the set before buys; resolution. */
+PVX_MUST_CHECK pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+/* Noise of each channel, from the files again, in colour. */
+PVX_MUST_CHECK pvx_err advise_noise(const struct flame_sets *s, struct advice *a,
+                                    struct pvx_diag *d);
+/* Against what the light's terms explain; then: makes light of the pictures. */
+PVX_MUST_CHECK pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag *d);
+void advise_straighten(struct flame_sets *s, double power);
+/* A line a term on stdout, then a configuration to paste. */
+void advise_print(const struct flame_sets *s, const struct advice *a);
+
+#endif

@@ -1,0 +1,29 @@
+/* check_say.h - what a check found, for people and programs. */
+#ifndef CHECK_SAY_H
+#define CHECK_SAY_H
+#include <stdio.h>
+
+#include "daemon/cli/common/flame_sets.h"
+#include "daemon/control/check_words.h"
+
+struct check_result {
+    const char *rig, *frames; /* as they were named */
+    const struct flame_sets *sets;
+    rec_check *check;
+    const struct rec_check_verdict *verdict;
+};
+
+#define CHECK_SENTENCE 700
+/* Of camera c: what is wrong, by how much, and what to do about it; "" for nothing. */
+void check_sentence(const struct check_result *r, size_t c, char out[CHECK_SENTENCE]);
+/* Of all of them. */
+void check_conclusion(const struct check_result *r, char out[CHECK_SENTENCE]);
+/* On stdout: a line per camera, then the sentences. */
+void check_print(const struct check_result *r);
+/* FILE.html or FILE.json, there whole or not at all; an older one is replaced. */
+PVX_MUST_CHECK pvx_err check_write(const struct check_result *r, const char *path,
+                                   struct pvx_diag *d);
+/* The page; report/check.c.  Errors: those of rec_check_look. */
+PVX_MUST_CHECK pvx_err check_html(FILE *f, const struct check_result *r);
+
+#endif

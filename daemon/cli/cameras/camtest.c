@@ -1,0 +1,339 @@
+#include "daemon/cli/cameras/camtest.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+#include "capture/pixel/jpeg.h"
+#include "capture/pixel/pixfmt.h"
+#include "daemon/cli/pictures/look.h"
+
+#define OPEN_NS (10 * PVX_NS_PER_S) /* patience with cameras that do not open */
+#define SAID_NS (2 * PVX_NS_PER_S)  /* and have said why */
+#define LOOK_NS (50 * PVX_NS_PER_MS)
+
+/* ---- frames ----------------------------------------------------------------------------------- */
+
+/* Under the lock. */
+static void note_frame(struct camtest *t, const struct cap_frame *f)
+{
+    struct camtest_camera *c = &t->camera[f->camera];
+    c->seen = true;
+    if (!t->measuring)
+        return;
+    if (c->frames > 0 && f->id == c->last_id + 1) {
+        camtest_add(&c->arrival, (double)(f->t_arrival_mono_ns - c->last_arrival_ns) * 1e-9);
+        if (f->t_device_ns != 0 && c->last_device_ns != 0)
+            camtest_add(&c->device, (double)(f->t_device_ns - c->last_device_ns) * 1e-9);
+    }
+    if (c->frames == 0)
+        c->first_mono_ns = f->t_arrival_mono_ns;
+    c->last_mono_ns = c->last_arrival_ns = f->t_arrival_mono_ns;
+    c->last_id = f->id;
+    c->last_device_ns = f->t_device_ns;
+    c->width = f->img.width;
+    c->height = f->img.height;
+    c->fmt = f->img.fmt;
+    c->frames++;
+    c->bytes += f->img.size;
+}
+
+static void on_stray(void *ctx, struct cap_frame *f, enum cap_count why)
+{
+    struct camtest *t = ctx;
+    (void)why;
+    pthread_mutex_lock(&t->lock);
+    note_frame(t, f);
+    pthread_mutex_unlock(&t->lock);
+    cap_frame_release(f);
+}
+
+static void note_set(struct camtest *t, struct cap_set *s)
+{
+    pthread_mutex_lock(&t->lock);
+    for (uint32_t i = 0; i < t->n; i++) {
+        const struct cap_frame *f = s->frame[i];
+        struct camtest_camera *c = &t->camera[i];
+        if (f == NULL)
+            continue;
+        note_frame(t, f);
+        if (t->measuring && s->n > 1)
+            camtest_add(&c->offset, (double)(f->t_exposure_ns - s->t_exposure_ns) * 1e-9);
+        cap_set_ref(s);
+        cap_set_release(c->last);
+        c->last = s;
+    }
+    if (t->measuring) {
+        t->sets++;
+        t->by_size[s->n]++;
+        if (s->n > 1) {
+            camtest_add(&t->spread, (double)s->spread_ns * 1e-9);
+            pvx_hist_add(&t->spread_hist, s->spread_ns);
+        }
+    }
+    pthread_mutex_unlock(&t->lock);
+}
+
+/* ---- set-up ----------------------------------------------------------------------------------- */
+
+/* A rig of cameras that are nothing but names and sizes; `text`: the configuration that goes with it. */
+static pvx_err make_rig(struct camtest *t, const struct camtest_options *o, struct dmn_config *c,
+                        struct pvx_diag *d)
+{
+    if (o->n > REC_MAX_CAMERAS)
+        return pvx_fail(d, PVX_EINVAL, "%zu cameras; at most %d are possible", o->n,
+                        REC_MAX_CAMERAS);
+    t->made = pvx_calloc(o->n, sizeof *t->made);
+    if (t->made == NULL)
+        return PVX_ENOMEM;
+    t->rig.cameras = t->made;
+    t->rig.n_cameras = o->n;
+    c->cameras.n = o->n;
+    for (size_t i = 0; i < o->n; i++) {
+        struct rec_camera *k = &t->made[i];
+        bool sim = strncmp(o->uri[i], "sim:", 4) == 0;
+        snprintf(k->name, sizeof k->name, "cam%zu", i);
+        k->width = o->width > 0 || !sim ? o->width : 640;
+        k->height = o->height > 0 || !sim ? o->height : 480;
+        snprintf(c->cameras.item[i].key, sizeof c->cameras.item[i].key, "%s", k->name);
+        if (snprintf(c->cameras.item[i].value, DMN_WORD_MAX, "%s", o->uri[i]) >= DMN_WORD_MAX)
+            return pvx_fail(d, PVX_ERANGE, "'%s' is too long", o->uri[i]);
+    }
+    return PVX_OK;
+}
+
+/* What sim: cameras without a rig see: a ramp that moves. */
+static void ramp(void *ctx, uint32_t camera, int64_t t_ns, enum cap_pixfmt fmt, int32_t w,
+                 int32_t h, void *data)
+{
+    (void)ctx;
+    size_t row = cap_pixfmt_row(fmt, w);
+    uint32_t shift = (uint32_t)(t_ns / 10000000) + 40 * camera;
+    for (int32_t y = 0; y < h; y++)
+        for (size_t x = 0; x < row; x++)
+            ((uint8_t *)data)[(size_t)y * row + x] = (uint8_t)((x + (size_t)y + shift) % 240);
+}
+
+static pvx_err override(const struct camtest_options *o, struct dmn_config *c, struct pvx_diag *d)
+{
+    char text[256];
+    int n = 0;
+    if (o->fps > 0)
+        c->fps = o->fps;
+    if (o->pixel_format == NULL && o->trigger == NULL)
+        return PVX_OK;
+    if (o->pixel_format != NULL)
+        n += snprintf(text + n, sizeof text - (size_t)n, "pixel_format: %.60s\n", o->pixel_format);
+    if (o->trigger != NULL)
+        n += snprintf(text + n, sizeof text - (size_t)n, "trigger: %.60s\n", o->trigger);
+    struct dmn_config *word = pvx_calloc(1, sizeof *word);
+    if (word == NULL)
+        return PVX_ENOMEM;
+    dmn_config_defaults(word);
+    pvx_err e = dmn_config_parse(text, (size_t)n, "options", word, d);
+    if (e == PVX_OK && o->pixel_format != NULL)
+        c->pixel_format = word->pixel_format;
+    if (e == PVX_OK && o->trigger != NULL)
+        c->trigger = word->trigger;
+    free(word);
+    return e;
+}
+
+static pvx_err set_up(struct camtest *t, const struct camtest_options *o, struct dmn_config *c,
+                      struct pvx_diag *d)
+{
+    static const struct cap_scene moving = {.render = ramp};
+    const struct cap_scene *scene = &moving;
+    if (o->config != NULL) {
+        PVX_TRY(dmn_config_load(o->config, c, d));
+        PVX_TRY(override(o, c, d));
+        PVX_TRY(dmn_config_rig(c, &t->rig, d));
+        if (dmn_config_simulated(c))
+            PVX_TRY(dmn_scene_new(&t->rig, (uint32_t)c->sim_seed, c->sim_period_s, &t->scene));
+        scene = dmn_scene_cap(t->scene);
+    } else {
+        dmn_config_defaults(c);
+        c->min_cameras = c->min_views = 1; /* one camera may be judged alone */
+        PVX_TRY(override(o, c, d));
+        PVX_TRY(make_rig(t, o, c, d));
+    }
+    t->n = (uint32_t)t->rig.n_cameras;
+    t->fps = c->fps;
+    t->seconds = o->seconds;
+    t->triggered = c->trigger != CAP_TRIGGER_FREE_RUN;
+    t->ptp = c->ptp;
+    for (uint32_t i = 0; i < t->n; i++)
+        snprintf(t->camera[i].name, sizeof t->camera[i].name, "%s", t->rig.cameras[i].name);
+    PVX_TRY(dmn_sources_init(&t->sources, c, &t->rig, scene, d));
+    struct cap_capture_config *cc = &t->sources.capture;
+    cc->sets.policy = CAP_POLICY_PARTIAL; /* every frame is looked at */
+    cc->sets.min_cameras = 1;
+    cc->tap = (struct cap_tap){.stray = on_stray, .ctx = t};
+    return cap_capture_new(cc, &t->capture, d);
+}
+
+pvx_err camtest_new(const struct camtest_options *o, struct camtest **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    struct camtest *t = pvx_calloc(1, sizeof *t);
+    struct dmn_config *c = pvx_calloc(1, sizeof *c);
+    pvx_err e = t == NULL || c == NULL ? PVX_ENOMEM : PVX_OK;
+    if (e == PVX_OK) {
+        pthread_mutex_init(&t->lock, NULL);
+        e = set_up(t, o, c, d);
+        if (e != PVX_OK)
+            camtest_free(&t);
+        *out = t;
+    } else {
+        free(t);
+    }
+    free(c);
+    return e;
+}
+
+/* ---- run -------------------------------------------------------------------------------------- */
+
+/* Every camera gives frames that count; or there is no more patience with those that do not: less with
+ * one that has said what is wrong, unless it only waits for its clock. */
+static bool settled(struct camtest *t, struct cap_stats *s, int64_t waited_ns)
+{
+    bool all = true, all_said = true;
+    cap_capture_stats(t->capture, s);
+    pthread_mutex_lock(&t->lock);
+    for (uint32_t i = 0; i < t->n; i++) {
+        if (t->camera[i].seen || s->camera[i].state == CAP_ENDED)
+            continue;
+        all = false;
+        all_said = all_said && s->camera[i].error[0] != '\0' && !t->ptp;
+    }
+    pthread_mutex_unlock(&t->lock);
+    return all || waited_ns > (all_said ? SAID_NS : OPEN_NS);
+}
+
+/* PVX_ECLOSED: all sources have ended. */
+static pvx_err next_set(struct camtest *t)
+{
+    struct cap_set *s = NULL;
+    pvx_err e = cap_capture_next(t->capture, LOOK_NS, &s);
+    if (e == PVX_OK) {
+        note_set(t, s);
+        cap_set_release(s);
+    }
+    return e == PVX_ECLOSED ? e : PVX_OK;
+}
+
+static void finish(struct camtest *t, struct cap_stats *s, int64_t t0)
+{
+    t->measured_s = (double)(pvx_now_mono() - t0) * 1e-9;
+    cap_capture_stats(t->capture, s);
+    pthread_mutex_lock(&t->lock);
+    t->measuring = false;
+    for (uint32_t i = 0; i < t->n; i++) {
+        t->camera[i].stats = s->camera[i];
+        for (int k = 0; k < CAP_N_COUNT; k++)
+            t->camera[i].count[k] = s->camera[i].count[k] - t->camera[i].base[k];
+    }
+    pthread_mutex_unlock(&t->lock);
+}
+
+pvx_err camtest_run(struct camtest *t, struct pvx_diag *d)
+{
+    struct cap_stats *s = pvx_calloc(1, sizeof *s);
+    struct cli_progress opening = {.label = "opening"}, watching = {.label = "watching"};
+    if (s == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = cap_capture_start(t->capture, d);
+    int64_t t0 = pvx_now_mono();
+    while (e == PVX_OK && !cli_stop && !settled(t, s, pvx_now_mono() - t0)) {
+        cli_progress(&opening, (double)(pvx_now_mono() - t0) / (double)OPEN_NS);
+        e = next_set(t);
+    }
+    if (e == PVX_OK || e == PVX_ECLOSED) {
+        cli_progress(&opening, 1);
+        pthread_mutex_lock(&t->lock);
+        for (uint32_t i = 0; i < t->n; i++)
+            memcpy(t->camera[i].base, s->camera[i].count, sizeof t->camera[i].base);
+        t->measuring = true;
+        pthread_mutex_unlock(&t->lock);
+        t0 = pvx_now_mono();
+        double done = 0;
+        while (e == PVX_OK && done < 1 && !cli_stop) {
+            e = next_set(t);
+            done = (double)(pvx_now_mono() - t0) * 1e-9 / t->seconds;
+            if (done < 1)
+                cli_progress(&watching, done);
+        }
+        finish(t, s, t0);
+        if (!cli_stop)
+            cli_progress(&watching, 1);
+        else
+            fputc('\n', stderr);
+        t->interrupted = cli_stop;
+        e = PVX_OK;
+    }
+    cap_capture_stop(t->capture);
+    free(s);
+    return e;
+}
+
+void camtest_free(struct camtest **tp)
+{
+    struct camtest *t = *tp;
+    if (t == NULL)
+        return;
+    *tp = NULL;
+    for (uint32_t i = 0; i < t->n; i++)
+        cap_set_release(t->camera[i].last);
+    cap_capture_free(&t->capture);
+    dmn_scene_free(&t->scene);
+    if (t->made == NULL)
+        rec_rig_fini(&t->rig);
+    free(t->made);
+    pthread_mutex_destroy(&t->lock);
+    free(t);
+}
+
+/* ---- pictures --------------------------------------------------------------------------------- */
+
+static pvx_err save(const struct cap_image *raw, const char *path, struct pvx_diag *d)
+{
+    cap_jpeg *jpeg = NULL;
+    struct cap_image img = *raw;
+    pvx_err e = PVX_OK;
+    if (raw->fmt == CAP_JPEG) {
+        e = cap_jpeg_new(raw->width, raw->height, &jpeg);
+        if (e == PVX_OK)
+            e = cap_jpeg_decode(jpeg, raw, &img, d);
+    }
+    int nch = e == PVX_OK ? cap_pixfmt_channels(img.fmt) : 1;
+    size_t pixels = (size_t)img.width * (size_t)img.height;
+    float *pix = e == PVX_OK ? pvx_calloc(pixels * 4, sizeof *pix) : NULL;
+    if (e == PVX_OK)
+        e = pix == NULL ? PVX_ENOMEM : cap_bin(&img, 1, nch, 0, img.height, pix);
+    for (size_t i = 0; e == PVX_OK && nch == 3 && i < pixels; i++) /* four floats to three */
+        memmove(pix + 3 * i, pix + 4 * i, 3 * sizeof *pix);
+    if (e == PVX_OK)
+        e = look_save(&look_defaults, path, pix, img.width, img.height, nch, d);
+    free(pix);
+    cap_jpeg_free(&jpeg);
+    return e;
+}
+
+pvx_err camtest_save(const struct camtest *t, const char *dir, struct pvx_diag *d)
+{
+    PVX_TRY(pvx_mkdirs(dir, d));
+    for (uint32_t i = 0; i < t->n; i++) {
+        const struct camtest_camera *c = &t->camera[i];
+        char path[PATH_MAX];
+        if (c->last == NULL)
+            continue;
+        if (snprintf(path, sizeof path, "%s/%s.png", dir, c->name) >= (int)sizeof path)
+            return pvx_fail(d, PVX_ERANGE, "%s: too long a name", dir);
+        PVX_TRY(save(&c->last->frame[i]->img, path, d));
+        fprintf(stderr, "%s\n", path);
+    }
+    return PVX_OK;
+}

@@ -1,0 +1,65 @@
+/* flame_sets.h - frame sets of a recording for the commands that hold a flame against its rig: their options and
+ * the binned grey pictures, in memory, as often as they are asked for.
+ *
+ *   --rig FILE --cameras A,B --frames DIR|TAKE.h5 --first N --last N --sets N --background DIR --black X
+ *   --binning N --pixel-format NAME --transfer NAME --threads N --quiet
+ *
+ * A command lists flame_sets_argp among its children, hands over the struct in ARGP_KEY_INIT as with opt_rig.h, and
+ * then calls flame_sets_load.  Strings point into argv.
+ * Of more than --sets frame sets, runs of FLAME_SETS_RUN that follow each other are taken, evenly spread: what is
+ * one frame late shows against its neighbours alone. */
+#ifndef FLAME_SETS_H
+#define FLAME_SETS_H
+#include <argp.h>
+#include <stdbool.h>
+
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/frames_in.h"
+#include "recon/check/judge.h"
+
+#define FLAME_SETS_RUN 10
+
+struct flame_sets_args {
+    const char *rig, *cameras, *frames, *background;
+    double black; /* share of full scale */
+    int64_t first, last, sets, binning, threads;
+    struct frames_in_reading reading;
+    bool quiet;
+};
+#define FLAME_SETS_INIT                    \
+    {                                      \
+        .last = FRAMES_IN_LAST, .sets = 60 \
+    }
+extern const struct argp flame_sets_argp;
+
+struct flame_sets {
+    const struct flame_sets_args *a;
+    struct rec_rig rig;
+    const dmn_photometry *light; /* of the rig, borrowed; NULL: pictures as they are */
+    dmn_photometry *own;         /* the same, where flame_sets_load read it */
+    bool colour;                 /* in: the pictures' own channels, not their mean */
+    int nch;                     /* of the pictures, 1 or 3 */
+    int channel;                 /* that the source gives, of those */
+    pvx_pool *pool;
+    struct rec_unseen_params params;    /* binning is set */
+    size_t there, n;                    /* frame sets; taken */
+    uint64_t *number;                   /* [n] */
+    float *(*picture)[REC_MAX_CAMERAS]; /* [n] [bins][1 or 4], NULL = missing */
+    float *plane[REC_MAX_CAMERAS];      /* the source's, where there are three channels */
+    const float *given[REC_MAX_CAMERAS];
+    size_t bins[REC_MAX_CAMERAS]; /* of a picture */
+    bool floats;
+    struct cli_progress bar;
+};
+
+/* With what the rig says of light: s->rig is as dmn_photometry_load leaves it, not what to write.
+ * Owner: caller, flame_sets_fini, after an error too. */
+PVX_MUST_CHECK pvx_err flame_sets_load(struct flame_sets *s, const struct flame_sets_args *a,
+                                       struct pvx_diag *d);
+/* The same of a rig that is in s already, with `light` and `colour`.  With light saturated bins are NaN. */
+PVX_MUST_CHECK pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d);
+void flame_sets_fini(struct flame_sets *s);
+/* All of them, with a progress under this name unless --quiet; borrowed by the source. */
+struct rec_check_source flame_sets_source(struct flame_sets *s, const char *label);
+
+#endif

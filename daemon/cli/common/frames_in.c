@@ -1,0 +1,484 @@
+#include "daemon/cli/common/frames_in.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/files/sequence.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/take_notes.h"
+#include "daemon/volumes/volumes.h"
+
+#define PATH_ROOM 4300
+
+static const char *const exts[] = {"npy", "png", "tif", "tiff", "jpg"}; /* the first counts */
+#define N_EXT (sizeof exts / sizeof exts[0])
+
+/* ---- what is there ---- */
+
+static bool there(const struct frames_in *f, size_t i, size_t c)
+{
+    size_t at = i * f->rig->n_cameras + c;
+    return f->take != NULL ? f->row[at] >= 0 : f->path[at] != NULL;
+}
+
+/* A take's frame gets a name for messages. */
+static const char *name_of(const struct frames_in *f, size_t i, size_t c, char room[PATH_ROOM])
+{
+    if (f->take == NULL)
+        return f->path[i * f->rig->n_cameras + c];
+    snprintf(room, PATH_ROOM, "%s: set %u, camera %s", f->dir, f->number[i],
+             f->rig->cameras[c].name);
+    return room;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+    return x < y ? -1 : x > y;
+}
+
+/* The numbers found, `all` of them in number[], in order and each once, from `first` to `last`. */
+static pvx_err choose(struct frames_in *f, size_t all, uint32_t first, uint32_t last,
+                      struct pvx_diag *d)
+{
+    qsort(f->number, all, sizeof *f->number, by_number);
+    uint32_t least = f->number[0], most = f->number[all - 1];
+    for (size_t k = 0; k < all; k++)
+        if (f->number[k] >= first && f->number[k] <= last &&
+            (f->n == 0 || f->number[f->n - 1] != f->number[k]))
+            f->number[f->n++] = f->number[k];
+    return f->n > 0
+               ? PVX_OK
+               : pvx_fail(d, PVX_ENOENT, "%s: no frames from %06u to %06u; it has %06u to %06u",
+                          f->dir, first, last, least, most);
+}
+
+/* Of a file; what is beyond what can be asked for stays so. */
+static uint32_t number_of(const struct cap_sequence_item *item)
+{
+    return item->number > UINT32_MAX ? UINT32_MAX : (uint32_t)item->number;
+}
+
+static size_t place(const struct frames_in *f, uint32_t number)
+{
+    uint32_t *at = bsearch(&number, f->number, f->n, sizeof number, by_number);
+    return at == NULL ? f->n : (size_t)(at - f->number);
+}
+
+static pvx_err scan_folder(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
+{
+    size_t cams = f->rig->n_cameras, all = 0, k = 0;
+    struct cap_sequence *seq = pvx_calloc(cams * N_EXT, sizeof *seq);
+    if (seq == NULL)
+        return PVX_ENOMEM;
+    for (size_t s = 0; s < cams * N_EXT; s++) {
+        char pattern[PATH_ROOM];
+        snprintf(pattern, sizeof pattern, "%s/%s/%%06d.%s", f->dir, f->rig->cameras[s / N_EXT].name,
+                 exts[s % N_EXT]);
+        if (cap_sequence_find(pattern, &seq[s], NULL) == PVX_OK)
+            all += seq[s].n; /* else that camera has none */
+    }
+    pvx_err e =
+        all > 0
+            ? PVX_OK
+            : pvx_fail(d, PVX_ENOENT,
+                       "%s: no frames for the rig's cameras; looked for %s/%s/000000.(npy|png|tif)",
+                       f->dir, f->dir, f->rig->cameras[0].name);
+    if (e == PVX_OK && (f->number = pvx_calloc(all, sizeof *f->number)) == NULL)
+        e = PVX_ENOMEM;
+    for (size_t s = 0; s < cams * N_EXT && e == PVX_OK; s++)
+        for (size_t i = 0; i < seq[s].n; i++)
+            f->number[k++] = number_of(&seq[s].item[i]);
+    if (e == PVX_OK)
+        e = choose(f, all, first, last, d);
+    if (e == PVX_OK && (f->path = pvx_calloc(f->n * cams, sizeof *f->path)) == NULL)
+        e = PVX_ENOMEM;
+    for (size_t s = 0; s < cams * N_EXT; s++) {
+        for (size_t i = 0; i < seq[s].n && e == PVX_OK; i++) {
+            size_t at = place(f, number_of(&seq[s].item[i]));
+            char **path = at < f->n ? &f->path[at * cams + s / N_EXT] : NULL;
+            if (path == NULL || *path != NULL)
+                continue;
+            *path = seq[s].item[i].path;
+            seq[s].item[i].path = NULL;
+        }
+        cap_sequence_free(&seq[s]);
+    }
+    free(seq);
+    return e;
+}
+
+static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, struct pvx_diag *d)
+{
+    PVX_TRY(cap_take_open(f->dir, &f->take, d));
+    uint64_t sets = cap_take_info(f->take)->sets;
+    size_t cams = f->rig->n_cameras;
+    bool any = false;
+    for (size_t c = 0; c < cams; c++) {
+        f->take_camera[c] = cap_take_find(f->take, f->rig->cameras[c].name);
+        any = any || f->take_camera[c] >= 0;
+    }
+    if (sets == 0 || !any)
+        return pvx_fail(d, PVX_ENOENT, "%s: %s", f->dir,
+                        any ? "no complete set in it" : "none of the rig's cameras is in it");
+    take_notes(f->take);
+    if (cap_take_set(f->take, sets - 1, NULL)->number > FRAMES_IN_LAST)
+        return pvx_fail(d, PVX_ERANGE, "%s: its sets' numbers are too large", f->dir);
+    f->number = pvx_calloc(sets, sizeof *f->number);
+    if (f->number == NULL)
+        return PVX_ENOMEM;
+    for (uint64_t k = 0; k < sets; k++)
+        f->number[k] = (uint32_t)cap_take_set(f->take, k, NULL)->number;
+    PVX_TRY(choose(f, sets, first, last, d));
+    f->row = pvx_calloc(f->n * cams, sizeof *f->row);
+    if (f->row == NULL)
+        return PVX_ENOMEM;
+    for (size_t i = 0; i < f->n; i++) {
+        const int64_t *member;
+        int64_t k = cap_take_find_set(f->take, f->number[i]);
+        cap_take_set(f->take, (uint64_t)k, &member);
+        for (size_t c = 0; c < cams; c++)
+            f->row[i * cams + c] = f->take_camera[c] >= 0 ? member[f->take_camera[c]] : -1;
+    }
+    return PVX_OK;
+}
+
+/* ---- one set ---- */
+
+static pvx_err load_from_take(const struct frames_in *f, size_t i, size_t c, struct cap_loaded *l,
+                              struct pvx_diag *d)
+{
+    uint32_t camera = (uint32_t)f->take_camera[c];
+    size_t size = cap_take_frame_max(f->take, camera);
+    *l = (struct cap_loaded){.mem = malloc(size)};
+    if (l->mem == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a frame", f->dir);
+    uint64_t row = (uint64_t)f->row[i * f->rig->n_cameras + c];
+    pvx_err e = cap_take_read(f->take, camera, row, l->mem, size, &l->img, d);
+    if (e != PVX_OK)
+        cap_loaded_free(l);
+    return e;
+}
+
+/* A loaded image as the user says it is to be read; else it is given up. */
+static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_loaded *l,
+                       struct pvx_diag *d)
+{
+    if (f->how.fmt == CAP_FMT_NONE)
+        return PVX_OK;
+    pvx_err e = PVX_OK;
+    if (!cap_pixfmt_fits(l->img.fmt, f->how.fmt))
+        e = pvx_fail(d, PVX_EINVAL, "%s: a %s image cannot be read as %s", path,
+                     cap_pixfmt_name(l->img.fmt), cap_pixfmt_name(f->how.fmt));
+    l->img.fmt = f->how.fmt;
+    if (e != PVX_OK)
+        cap_loaded_free(l);
+    return e;
+}
+
+static pvx_err load(const struct frames_in *f, size_t i, size_t c, struct cap_loaded *l,
+                    struct pvx_diag *d)
+{
+    char room[PATH_ROOM];
+    const char *name = name_of(f, i, c, room);
+    PVX_TRY(f->take != NULL ? load_from_take(f, i, c, l, d) : cap_image_load(name, l, d));
+    return read_as(f, name, l, d);
+}
+
+static void load_piece(void *ctx, size_t c)
+{
+    struct frames_in *f = ctx;
+    f->image[c] = NULL;
+    f->why[c].text[0] = '\0';
+    f->loaded[c] = (struct cap_loaded){0};
+    if (there(f, f->at, c) && load(f, f->at, c, &f->loaded[c], &f->why[c]) == PVX_OK)
+        f->image[c] = &f->loaded[c].img;
+}
+
+static void load_set(struct frames_in *f, size_t i)
+{
+    f->at = i;
+    pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
+}
+
+/* After a set: what could not be used is told, the first of it in *first, and the images are let go. */
+static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
+{
+    for (size_t c = 0; c < f->rig->n_cameras; c++) {
+        char room[PATH_ROOM];
+        struct pvx_diag *why = &f->why[c];
+        if (f->image[c] != NULL && !(mask >> c & 1))
+            pvx_fail(why, PVX_EINVAL, "%s: %s", name_of(f, f->at, c, room),
+                     dmn_images_why(f->images, c));
+        if (why->text[0] != '\0') {
+            if (!f->backwards)
+                fprintf(stderr, "pyrovox: %s\n", why->text);
+            if (first->text[0] == '\0')
+                *first = *why;
+        }
+        cap_loaded_free(&f->loaded[c]);
+    }
+}
+
+uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out)
+{
+    uint64_t mask;
+    load_set(f, i);
+    dmn_images_bin(f->images, f->image, out, &mask);
+    let_go(f, mask, &(struct pvx_diag){""});
+    return mask;
+}
+
+uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame)
+{
+    uint64_t mask;
+    load_set(f, i);
+    (void)dmn_images_bin_frame(f->images, f->image, frame, &mask);
+    let_go(f, mask, &(struct pvx_diag){""});
+    return mask;
+}
+
+static pvx_err next(void *ctx, struct dmn_slot *s)
+{
+    struct frames_in *f = ctx;
+    if (f->left == 0 || cli_stop || atomic_load(&f->stop))
+        return PVX_ECLOSED;
+    f->left--;
+    load_set(f, f->backwards ? f->left : f->n - 1 - f->left);
+    int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
+    s->set = f->number[f->at];
+    s->t_exposure_ns = s->spread_ns = 0;
+    if (f->take != NULL) {
+        int64_t k = cap_take_find_set(f->take, f->number[f->at]);
+        const struct cap_take_set *set = cap_take_set(f->take, (uint64_t)k, NULL);
+        s->t_exposure_ns = set->t_exposure_ns;
+        s->spread_ns = set->spread_ns;
+    }
+    s->n_present = dmn_images_bin_frame(f->images, f->image, s->frame, &s->mask);
+    s->bin_ns = pvx_now_mono() - t0;
+    let_go(f, s->mask, &s->problem);
+    if (s->n_present == 0)
+        s->why = DMN_DROP_IMAGES;
+    return PVX_OK;
+}
+
+struct dmn_source frames_in_source(struct frames_in *f, bool backwards)
+{
+    f->left = f->n;
+    f->backwards = backwards;
+    return (struct dmn_source){.next = next, .ctx = f};
+}
+
+float *frames_in_room(const struct frames_in *f, size_t c)
+{
+    const struct rec_camera *k = &f->rig->cameras[c];
+    size_t bins = (size_t)(k->width / f->binning) * (size_t)(k->height / f->binning);
+    return pvx_calloc(bins * (f->nch == 3 ? 4 : 1), sizeof(float));
+}
+
+/* The images with the rig's photometry or, floats, without: those are what `calibrate background` wrote. */
+static pvx_err bin_some(struct frames_in *f, bool floats, const char *dir, float **out,
+                        struct pvx_diag *d)
+{
+    const struct cap_image *some[REC_MAX_CAMERAS] = {0};
+    struct frames_in plain = *f;
+    dmn_images *images = f->images;
+    pvx_err e = PVX_OK;
+    uint64_t mask;
+    for (size_t c = 0; c < f->rig->n_cameras; c++)
+        if ((cap_pixfmt_layout(f->image[c]->fmt) == CAP_LAYOUT_F32) == floats)
+            some[c] = f->image[c];
+    if (floats && f->light != NULL) {
+        plain.light = NULL;
+        plain.images = NULL;
+        e = frames_in_begin(&plain, f->binning, f->mosaic, d);
+        images = plain.images;
+    }
+    if (e == PVX_OK)
+        dmn_images_bin(images, some, out, &mask);
+    for (size_t c = 0; c < f->rig->n_cameras && e == PVX_OK; c++)
+        if (some[c] != NULL && !(mask >> c & 1))
+            e = pvx_fail(d, PVX_EINVAL, "%s/%s: %s", dir, f->rig->cameras[c].name,
+                         dmn_images_why(images, c));
+    if (images != f->images)
+        dmn_images_free(&images);
+    return e;
+}
+
+bool frames_in_background_file(const char *dir, const char *camera, char *path, size_t size)
+{
+    static const char *const ext[] = {"npy", "tif", "tiff", "png"};
+    bool is = false;
+    for (size_t i = 0; i < sizeof ext / sizeof ext[0] && !is; i++) {
+        snprintf(path, size, "%s/%s.%s", dir, camera, ext[i]);
+        is = access(path, F_OK) == 0;
+    }
+    return is;
+}
+
+pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, struct pvx_diag *d)
+{
+    char path[PATH_ROOM];
+    pvx_err e = PVX_OK;
+    size_t n = 0;
+    for (; n < f->rig->n_cameras && e == PVX_OK; n++) {
+        const char *name = f->rig->cameras[n].name;
+        f->loaded[n] = (struct cap_loaded){0};
+        if (!frames_in_background_file(dir, name, path, sizeof path))
+            e = pvx_fail(d, PVX_ENOENT, "%s: no background %s.(npy|tif|tiff|png) for camera %s",
+                         dir, name, name);
+        if (e == PVX_OK)
+            e = pvx_file_check(path, d);
+        if (e == PVX_OK)
+            e = cap_image_load(path, &f->loaded[n], d);
+        if (e == PVX_OK)
+            e = read_as(f, path, &f->loaded[n], d);
+        f->image[n] = &f->loaded[n].img;
+        out[n] = frames_in_room(f, n);
+        if (e == PVX_OK && out[n] == NULL)
+            e = pvx_fail(d, PVX_ENOMEM, "%s: no memory for backgrounds", dir);
+    }
+    if (e == PVX_OK)
+        e = bin_some(f, false, dir, out, d);
+    if (e == PVX_OK)
+        e = bin_some(f, true, dir, out, d);
+    for (size_t c = 0; c < n; c++)
+        cap_loaded_free(&f->loaded[c]);
+    return e;
+}
+
+/* ---- open and close ---- */
+
+/* As many channels as the first image that can be read. */
+static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
+{
+    struct pvx_diag first = {""};
+    pvx_err bad = PVX_ENOENT;
+    for (size_t i = 0; i < f->n; i++)
+        for (size_t c = 0; c < f->rig->n_cameras; c++) {
+            struct cap_loaded l;
+            if (!there(f, i, c))
+                continue;
+            pvx_err e = load(f, i, c, &l, &first);
+            if (e != PVX_OK) {
+                bad = bad == PVX_ENOENT ? e : bad;
+                continue;
+            }
+            f->nch = grey ? 1 : cap_pixfmt_channels(l.img.fmt);
+            cap_loaded_free(&l);
+            return PVX_OK;
+        }
+    return pvx_fail(d, bad, "%s", pvx_diag_text(&first, bad));
+}
+
+pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uint32_t last,
+                       bool grey, struct pvx_diag *d)
+{
+    f->dir = dir;
+    pvx_err e = vol_hdf5_name(dir) ? scan_take(f, first, last, d) : scan_folder(f, first, last, d);
+    if (e == PVX_ENOMEM)
+        pvx_fail(d, e, "%s: no memory for the list of frames", dir);
+    return e == PVX_OK ? look_at_first(f, grey, d) : e;
+}
+
+/* Of a take that does not say how warm its cameras were, or of darks. */
+static void note_unknown(const struct frames_in *f)
+{
+    const char *first = NULL;
+    size_t n = 0;
+    for (size_t c = 0; c < f->rig->n_cameras; c++) {
+        const struct rec_photometry *p = &f->rig->cameras[c].photometry;
+        int k = f->take_camera[c];
+        if (k < 0 || p->dark.file[0] == '\0' ||
+            (p->has_temperature && isfinite(cap_take_info(f->take)->head.camera[k].temperature_c)))
+            continue;
+        first = n++ == 0 ? f->rig->cameras[c].name : first;
+    }
+    if (n > 0)
+        fprintf(stderr,
+                "pyrovox: %s: the temperature of %zu cameras' darks is not checked (%s and "
+                "others): take "
+                "or rig does not say it\n",
+                f->dir, n, first);
+}
+
+pvx_err frames_in_check_light(const struct frames_in *f, struct pvx_diag *d)
+{
+    for (size_t c = 0; f->take != NULL && c < f->rig->n_cameras; c++)
+        for (size_t i = 0; i < f->n; i++) {
+            if (!there(f, i, c))
+                continue;
+            uint32_t camera = (uint32_t)f->take_camera[c];
+            const struct cap_take_row *row =
+                cap_take_row(f->take, camera, (uint64_t)f->row[i * f->rig->n_cameras + c]);
+            const struct cap_take_camera *k = &cap_take_info(f->take)->head.camera[camera];
+            const struct dmn_photometry_taken as = {row->exposure_us * 1e-6, row->gain,
+                                                    k->temperature_c, k->uri, k->serial};
+            PVX_TRY(dmn_photometry_check(&f->rig->cameras[c], &as, f->dir, d));
+        }
+    if (f->take != NULL)
+        note_unknown(f);
+    return PVX_OK;
+}
+
+static uint64_t place_in_take(const struct frames_in *f, size_t i)
+{
+    return (uint64_t)cap_take_find_set(f->take, f->number[i]);
+}
+
+void frames_in_only(struct frames_in *f, size_t first, size_t end)
+{
+    size_t cams = f->rig->n_cameras, n = end - first;
+    for (size_t i = 0; f->path != NULL && i < f->n * cams; i++)
+        if (i < first * cams || i >= end * cams)
+            PVX_FREE(f->path[i]);
+    memmove(f->number, f->number + first, n * sizeof *f->number);
+    if (f->path != NULL)
+        memmove(f->path, f->path + first * cams, n * cams * sizeof *f->path);
+    if (f->take != NULL) {
+        memmove(f->row, f->row + first * cams, n * cams * sizeof *f->row);
+        cap_take_only(f->take, place_in_take(f, 0), n > 0 ? place_in_take(f, n - 1) + 1 : 0);
+    }
+    f->n = n;
+}
+
+void frames_in_close(struct frames_in *f)
+{
+    for (size_t i = 0; f->path != NULL && i < f->n * f->rig->n_cameras; i++)
+        free(f->path[i]);
+    PVX_FREE(f->path);
+    PVX_FREE(f->row);
+    PVX_FREE(f->number);
+    cap_take_free(&f->take);
+    dmn_images_free(&f->images);
+}
+
+pvx_err frames_in_begin(struct frames_in *f, int32_t binning, enum cap_mosaic mosaic,
+                        struct pvx_diag *d)
+{
+    const struct dmn_images_params p = {.nch = f->nch,
+                                        .binning = binning,
+                                        /* files come decoded */
+                                        .fmt = f->take != NULL ? CAP_FMT_NONE : CAP_GREY8,
+                                        .transfer = f->how.transfer,
+                                        .mosaic = mosaic,
+                                        .light = f->light};
+    dmn_images_free(&f->images);
+    f->binning = binning;
+    f->mosaic = mosaic;
+    return dmn_images_new(&p, f->rig, f->pool, &f->images, d);
+}
+
+bool frames_in_complete(const struct frames_in *f, size_t i)
+{
+    for (size_t c = 0; c < f->rig->n_cameras; c++)
+        if (!there(f, i, c))
+            return false;
+    return true;
+}

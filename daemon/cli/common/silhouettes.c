@@ -1,0 +1,106 @@
+#include "daemon/cli/common/silhouettes.h"
+
+#include <stdio.h>
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "recon/carve/fit.h"
+#include "recon/matrix/active.h"
+
+#define VOXELS 24 /* of the vote: its own grid has 16 to 31 */
+
+/* Entries of a bin on it, about, with what they take while the matrix is built; and what that may come to. */
+#define BIN_BYTES 1500
+#define MOST      ((size_t)512 << 20)
+
+/* A matrix of nothing but the vote's grid, below finer ones that keep nothing: with bins that are not far smaller than
+ * its voxels, which would be gigabytes for large pictures. */
+static pvx_err new_matrix(const struct rec_rig *in, int32_t binning, pvx_pool *pool,
+                          struct rec_rig *rig, rec_sysmat **S, struct pvx_diag *d)
+{
+    const struct rec_sysmat_params one = {.binning = binning, .rays_per_bin = 1};
+    struct rec_fit_box whole = {.cell = 0};
+    int32_t n[3] = {VOXELS, 0, 0};
+    size_t bins = 0;
+    rec_sysmat *outline;
+    for (size_t c = 0; c < rig->n_cameras; c++)
+        bins +=
+            (size_t)(rig->cameras[c].width / binning) * (size_t)(rig->cameras[c].height / binning);
+    for (; bins > MOST / BIN_BYTES && n[0] <= REC_GRID_MAX / 2; bins /= 4)
+        n[0] *= 2;
+    memcpy(whole.min, rig->grid.min, sizeof whole.min);
+    memcpy(whole.max, rig->grid.max, sizeof whole.max);
+    PVX_TRY(rec_fit_grid(&in->grid, &whole, n, &rig->grid));
+    PVX_TRY(rec_sysmat_outline(rig, &one, pool, (struct rec_progress){0}, &outline, d));
+    return rec_sysmat_build_active(rig, &outline, pool, (struct rec_progress){0}, S, d);
+}
+
+pvx_err silhouettes_new(struct silhouettes *s, struct frames_in *in,
+                        const struct rec_frame_params *p, const char *background, pvx_pool *pool,
+                        struct pvx_diag *d)
+{
+    float *dark[REC_MAX_CAMERAS] = {0};
+    struct rec_rig rig;
+    *s = (struct silhouettes){.in = in};
+    PVX_TRY(rec_rig_copy(in->rig, &rig));
+    pvx_err e = new_matrix(in->rig, in->binning, pool, &rig, &s->S, d);
+    if (e == PVX_OK)
+        e = rec_carver_new(s->S, &rig, p, pool, &s->carver, d);
+    if (e == PVX_OK)
+        e = rec_solver_new(s->S, p, &s->solver, d);
+    if (e == PVX_OK)
+        e = rec_frame_new(s->carver, s->solver, &s->frame, d);
+    if (e == PVX_OK && background != NULL)
+        e = frames_in_background(in, background, dark, d);
+    for (size_t c = 0; c < rig.n_cameras; c++) {
+        if (e == PVX_OK && dark[c] != NULL)
+            e = rec_carver_background(s->carver, c, dark[c]);
+        free(dark[c]);
+    }
+    rec_rig_fini(&rig);
+    return e;
+}
+
+void silhouettes_free(struct silhouettes *s)
+{
+    rec_frame_free(&s->frame);
+    rec_solver_free(&s->solver);
+    rec_carver_free(&s->carver);
+    rec_sysmat_free(&s->S);
+}
+
+void silhouettes_load(struct silhouettes *s, size_t set)
+{
+    rec_frame_reset(s->frame);
+    uint64_t mask = frames_in_load_frame(s->in, set, s->frame);
+    rec_frame_carve(s->frame);
+    s->verdict = &rec_frame_get_report(s->frame)->vote;
+    for (size_t c = 0; c < s->S->n_cameras && c < REC_MAX_CAMERAS; c++) {
+        s->lit[c] = rec_frame_lit(s->frame, c);
+        s->there[c] = (mask >> c & 1) != 0;
+        s->believed[c] = ((mask & ~s->verdict->out) >> c & 1) != 0;
+    }
+}
+
+void silhouettes_without_hull(struct rec_frame_params *p)
+{
+    p->photo.threshold = 0;
+    p->photo.margin = 16; /* noise may be below 0 here and there */
+    p->hull.min_views = 1;
+}
+
+size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said)
+{
+    size_t n = 0;
+    for (size_t i = 0; i < bins; i++)
+        n += lit[i] != 0;
+    if (*said || (double)n < 0.9 * (double)bins)
+        return n;
+    *said = true;
+    fprintf(stderr,
+            "pyrovox: %.0f %% of the image of %s count as flame: is there a black level (--black "
+            "X, share of full scale) or a lit scene (--background DIR)?\n",
+            100 * (double)n / (double)bins, camera);
+    return n;
+}

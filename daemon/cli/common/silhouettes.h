@@ -1,0 +1,36 @@
+/* silhouettes.h - what the cameras of a recorded set see of the flame, without the set's matrix: the stages of a frame set
+ * as far as the vote, on a grid as coarse as the vote's.  Threads: one. */
+#ifndef SILHOUETTES_H
+#define SILHOUETTES_H
+#include "daemon/cli/common/frames_in.h"
+#include "recon/frame/frame.h"
+
+struct silhouettes {
+    struct frames_in *in;
+    rec_sysmat *S;
+    rec_carver *carver;
+    rec_solver *solver; /* a slot wants one */
+    rec_frame *frame;
+
+    /* of the set that was loaded last: */
+    const uint8_t *lit[REC_MAX_CAMERAS]; /* [bins] 0/1, the slot's */
+    bool there[REC_MAX_CAMERAS];         /* cameras that are in the set, */
+    bool believed[REC_MAX_CAMERAS];      /* of those the vote's */
+    const struct rec_verdict *verdict;   /* the slot's */
+};
+
+/* `in` has begun; background: a folder as for frames_in_background, or NULL.  Errors: what it reads; PVX_ENOMEM.
+ * silhouettes_free after an error too. */
+PVX_MUST_CHECK pvx_err silhouettes_new(struct silhouettes *s, struct frames_in *in,
+                                       const struct rec_frame_params *p, const char *background,
+                                       pvx_pool *pool, struct pvx_diag *d);
+void silhouettes_free(struct silhouettes *s);
+void silhouettes_load(struct silhouettes *s, size_t set);
+
+/* Everything is flame: the hull then drops only what no camera sees. */
+void silhouettes_without_hull(struct rec_frame_params *p);
+
+/* How many bins of an image are lit; a remark, once, when nearly all are: mostly a black level not given. */
+size_t silhouettes_check_lit(const char *camera, const uint8_t *lit, size_t bins, bool *said);
+
+#endif

@@ -1,0 +1,86 @@
+/* experiment.h - the parts of `pyrovox experiment`: what is measured (experiment_measure.c), written as CSV
+ * (experiment_csv.c), shown in pictures (experiment_pictures.c) and as a report (experiment_report.c).
+ * Threads: one, parallel inside. */
+#ifndef EXPERIMENT_H
+#define EXPERIMENT_H
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/experiment/experiment_lab.h"
+#include "daemon/cli/experiment/experiment_options.h"
+#include "daemon/cli/experiment/experiment_state.h"
+
+#define EXPERIMENT_VIEWS_MIN 3
+#define EXPERIMENT_VIEWS_MAX 7
+#define EXPERIMENT_CHOICES   35 /* of views, at most */
+
+/* Places among a unit's values. */
+enum {
+    EXPERIMENT_INSIDE,  /* [3] difference in the model's silhouette */
+    EXPERIMENT_ALL = 3, /* [3] in the picture's as well */
+    EXPERIMENT_MS = 6,  /* of hull, restriction and solution */
+    EXPERIMENT_VOXELS,  /* in the hull; 0: no flame */
+    EXPERIMENT_BINS,    /* compared, in the model's silhouette */
+    EXPERIMENT_ITERATIONS
+};
+
+struct experiment {
+    const struct experiment_options *o;
+    struct rec_rig rig;
+    pvx_pool *pool;
+    dmn_photometry *light;
+    struct frames_in in;
+    struct rec_frame_params params;
+    struct rec_sysmat_params
+        matrix; /* one binning for all grids, so that the same bins are compared */
+    size_t unused;
+    size_t *set;      /* [sets] places in `in`, ascending */
+    size_t sets, one; /* one: of the experiments on one frame, a place in `set` */
+    struct experiment_state state;
+    struct cli_progress bar;
+    size_t units; /* in all */
+};
+
+/* Everything that was not measured yet.  PVX_ECANCELED: stopped; what is done is kept. */
+PVX_MUST_CHECK pvx_err experiment_measure(struct experiment *x, struct pvx_diag *d);
+/* Of this many voxels along the longest side, at the experiment's binning. */
+struct experiment_lab_params experiment_lab_of(struct experiment *x, int32_t voxels);
+/* A rec_progress that ends at Ctrl-C. */
+bool experiment_go_on(void *ctx, double done);
+/* How many choices of `views` of the rig's cameras are measured, and the k-th: a mask. */
+size_t experiment_choices(const struct experiment *x, size_t views);
+uint64_t experiment_choice(const struct experiment *x, size_t views, size_t k);
+/* Most views that leave one camera to compare with. */
+size_t experiment_views_max(const struct experiment *x);
+uint64_t experiment_used(const struct experiment *x); /* all but the unused one */
+
+/* Mean of a unit's values over the frames of a grid, or the choices of a number of views, and their standard
+ * deviation; how many there were. */
+struct experiment_mean {
+    double mean[EXPERIMENT_VALUES], spread[EXPERIMENT_VALUES];
+    size_t n;
+};
+struct experiment_mean experiment_mean_of(const struct experiment *x, const char *prefix);
+
+/* What a solver did on the one frame; NULL: not measured.  Grids that this was done on, ascending: those of Figure 5 and
+ * the experiment's own. */
+const double *experiment_solver(const struct experiment *x, const char *name, enum rec_basis basis,
+                                int32_t voxels);
+size_t experiment_solver_grids(const struct experiment *x, int32_t voxels[EXPERIMENT_GRIDS + 1]);
+
+/* Keep a unit that was just done, and say so. */
+PVX_MUST_CHECK pvx_err experiment_finished(struct experiment *x, const char *key, const double *v,
+                                           struct pvx_diag *d);
+
+/* Figures as PNG, as many units; values of
+ *   figure:3  share of the unused view's light on dark bins, mean difference of all bins: with hull, and without;
+ *             share of the emission outside the hull
+ *   figure:4  voxels inside, partly inside, outside
+ *   figure:7  difference of each channel in the model's silhouette, in the picture's as well; correlation of the two
+ *   figure:8  numbers of the frames
+ * Errors: the files'; PVX_ECANCELED. */
+PVX_MUST_CHECK pvx_err experiment_pictures(struct experiment *x, struct pvx_diag *d);
+size_t experiment_figures(void);
+
+/* fig5.csv fig6a.csv fig6b.csv solvers.csv.  Errors: the files'. */
+PVX_MUST_CHECK pvx_err experiment_csv(const struct experiment *x, struct pvx_diag *d);
+
+#endif

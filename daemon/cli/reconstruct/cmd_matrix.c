@@ -1,0 +1,227 @@
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/opt_rig.h"
+
+struct options {
+    struct opt_rig rig;
+    const char *out, *check;
+};
+
+enum { OPT_OUT = 0x600, OPT_CHECK };
+
+static const struct argp_option options[] = {
+    {"out", OPT_OUT, "FILE", 0,
+     "write the matrix here instead of the cache; used as it is when it already fits", 2},
+    {"check", OPT_CHECK, "FILE", 0, "verify a matrix file: sizes, checksums, every index", 2},
+    {0},
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct options *o = state->input;
+    switch (key) {
+    case ARGP_KEY_INIT: state->child_inputs[0] = &o->rig; return 0;
+    case OPT_OUT: o->out = arg; return 0;
+    case OPT_CHECK: o->check = arg; return 0;
+    case ARGP_KEY_ARG:
+        argp_error(state, "'%s' is not an option; a rig is given by --rig %s", arg, arg);
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const char doc[] =
+    "Build the system matrix of a rig, or verify one.\n\n"
+    "The matrix says how much every voxel adds to every pixel.  It depends on the rig alone, so it "
+    "is built once and cached, in $PYROVOX_CACHE, else $XDG_CACHE_HOME/pyrovox, else "
+    "~/.cache/pyrovox; every other command finds it there.  Building it beforehand shows its size "
+    "and time.\vExamples:\n"
+    "  pyrovox matrix --rig rig.yaml\n"
+    "  pyrovox matrix --rig rig.yaml --grid 128 --basis trilinear --binning 2\n"
+    "  pyrovox matrix --rig rig.yaml --cameras cam0,cam3 --out two.pvxm\n"
+    "  pyrovox matrix --check two.pvxm\n";
+
+static const struct argp_child children[] = {{&opt_rig_argp, 0, NULL, 0}, {0}};
+static const struct argp argp = {
+    .options = options, .parser = parse, .doc = doc, .children = children};
+
+static double bytes_of_level(const rec_sysmat *m)
+{
+    double N = (double)rec_grid_count(&m->grid);
+    double window = (double)(sizeof *m->win.at + rec_window_size(&m->win));
+    return N * m->win.slots * window + (double)m->win.n_more * sizeof *m->win.more +
+           (double)rec_brick_places(&m->grid) * (double)m->n_cameras * sizeof *m->block[0].fp;
+}
+
+/* names NULL: the file does not hold them.  Footprints that are seen, in all. */
+static double print_cameras(const rec_sysmat *m, const struct rec_rig *names)
+{
+    size_t N = rec_grid_count(&m->grid);
+    double all = 0;
+    printf("%-18s %10s %12s %14s %10s\n", "camera", "bins", "rows", "entries", "seen");
+    for (size_t c = 0; c < m->n_cameras; c++) {
+        const struct rec_sysmat_block *b = &m->block[c];
+        size_t seen = 0;
+        for (size_t j = 0; j < rec_brick_places(&m->grid); j++)
+            seen += rec_rect_seen(b->fp[j]);
+        all += (double)seen;
+        char index[24], size[32];
+        snprintf(index, sizeof index, "%zu", c);
+        snprintf(size, sizeof size, "%dx%d", b->bw, b->bh);
+        printf("%-18s %10s %12lld %14llu %8.1f %%\n",
+               names == NULL ? index : names->cameras[c].name, size, (long long)b->bw * b->bh,
+               (unsigned long long)b->nnz, 100.0 * (double)seen / (double)N);
+    }
+    return all;
+}
+
+static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
+{
+    double bytes = 0, coarse = 0, seen = print_cameras(m, names);
+    printf("\n%-18s %zu\n", "cameras", m->n_cameras);
+    printf("%-18s %d x %d x %d = %zu, %s\n", "voxels", m->grid.n[0], m->grid.n[1], m->grid.n[2],
+           rec_grid_count(&m->grid), rec_basis_name(m->grid.basis));
+    printf("%-18s %zu (binning %d, %d x %d rays per bin)\n", "rows", m->row0[m->n_cameras],
+           m->binning, m->rays_per_bin, m->rays_per_bin);
+    printf("%-18s %llu\n", "entries", (unsigned long long)m->nnz);
+    printf("%-18s %d x %d x %d", "levels", m->grid.n[0], m->grid.n[1], m->grid.n[2]);
+    for (const rec_sysmat *l = m; l != NULL; l = l->coarse) {
+        bytes += bytes_of_level(l);
+        if (l == m)
+            continue;
+        printf(", %d x %d x %d", l->grid.n[0], l->grid.n[1], l->grid.n[2]);
+        coarse += bytes_of_level(l);
+    }
+    printf("\n");
+    if (m->nnz > 0)
+        printf("%-18s %.2f (windows, footprints, coarser levels)\n", "bytes per entry",
+               bytes / (double)m->nnz);
+    printf("%-18s %d x %d bins; %.2f %% of what is seen needs more than one\n", "windows",
+           m->win.wide, m->win.high, 100 * (double)m->win.n_more / (seen > 0 ? seen : 1));
+    printf("%-18s %.1f MiB, %.1f MiB of it coarser levels\n", "size", bytes / (1 << 20),
+           coarse / (1 << 20));
+    printf("%-18s %016llx\n", "key", (unsigned long long)m->key);
+}
+
+static double seconds_since(int64_t t0)
+{
+    return (double)(pvx_now_mono() - t0) * 1e-9;
+}
+
+static int check(const char *path, pvx_pool *pool)
+{
+    struct pvx_diag d = {""};
+    rec_sysmat *m;
+    int64_t t0 = pvx_now_mono();
+    pvx_err e = rec_sysmat_load(path, 0, true, pool, &m, &d);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    double s = seconds_since(t0);
+    print_matrix(m, NULL);
+    printf("%-18s %.0f ms\n%s: sound\n", "checked in", s * 1e3, path);
+    rec_sysmat_free(&m);
+    return 0;
+}
+
+/* Where --out points at must be writable, or the work would be for nothing. */
+static pvx_err check_writable(const char *out, struct pvx_diag *d)
+{
+    char dir[4096];
+    const char *slash = strrchr(out, '/');
+    int n = slash == NULL ? 1 : slash == out ? 1 : (int)(slash - out);
+    snprintf(dir, sizeof dir, "%.*s", n, slash == NULL ? "." : out);
+    if (access(dir, W_OK | X_OK) != 0)
+        return pvx_fail(d, PVX_EPERM, "%s: the folder %s does not exist or is not writable", out,
+                        dir);
+    return PVX_OK;
+}
+
+/* Progress that notes when building ended and saving began. */
+struct watch {
+    struct cli_progress bar;
+    int64_t built;
+};
+
+static bool watch(void *ctx, double done)
+{
+    struct watch *w = ctx;
+    if (done >= 1)
+        w->built = pvx_now_mono();
+    return cli_progress(&w->bar, done);
+}
+
+static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *pool)
+{
+    struct pvx_diag d = {""};
+    struct watch w = {.bar = {.label = "system matrix"}};
+    rec_sysmat *m;
+    pvx_err e = o->out == NULL ? PVX_OK : check_writable(o->out, &d);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    cli_catch_stop();
+    int64_t t0 = pvx_now_mono();
+    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, (struct rec_progress){watch, &w}, &m,
+                        &d);
+    if (e == PVX_ECANCELED) {
+        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
+        return 130;
+    }
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    double s = seconds_since(t0), saving = seconds_since(w.built);
+    print_matrix(m, rig);
+    if (m->cached) {
+        printf("%-18s %.0f ms (found and verified, not built)\n", "cached, opened in", s * 1e3);
+    } else {
+        unsigned threads = pvx_pool_threads(pool);
+        printf("%-18s %.2f s with %u thread%s, %.1f M entries/s\n", "built in", s - saving, threads,
+               threads == 1 ? "" : "s", (double)m->nnz / (s - saving) * 1e-6);
+        printf("%-18s %.2f s\n", "saved in", saving);
+    }
+    uint64_t key = m->key;
+    bool done = o->out == NULL || m->cached;
+    rec_sysmat_free(&m);
+    if (done)
+        return 0;
+    t0 = pvx_now_mono();
+    e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log has said why it is not there */
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    printf("%-18s %.0f ms\n", "opened in", seconds_since(t0) * 1e3);
+    rec_sysmat_free(&m);
+    return 0;
+}
+
+static int run_with(const struct options *o, pvx_pool *pool)
+{
+    struct pvx_diag d = {""};
+    struct rec_rig rig;
+    if (o->check != NULL)
+        return check(o->check, pool);
+    pvx_err e = opt_rig_load(&o->rig, &rig, &d);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    int rc = build(o, &rig, pool);
+    rec_rig_fini(&rig);
+    return rc;
+}
+
+static int run(int argc, char **argv)
+{
+    struct options o = {.rig = OPT_RIG_INIT};
+    pvx_pool *pool;
+    argp_parse(&argp, argc, argv, 0, NULL, &o);
+    pvx_err e = pvx_pool_new(o.rig.threads, "matrix", &pool);
+    if (e != PVX_OK)
+        return cli_error(NULL, e);
+    int rc = run_with(&o, pool);
+    pvx_pool_free(&pool);
+    return rc;
+}
+
+const struct cli_command cmd_matrix = {"matrix",
+                                       "build, cache or verify the system matrix of a rig", run};

@@ -1,0 +1,210 @@
+/* pyrovox convert - a recording of volumes in another format. */
+#include <argp.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/volumes/volumes.h"
+
+struct convert {
+    const char *in, *out;
+    int format; /* -1: as the name says */
+    int64_t from, to;
+    struct vol_options o;
+    uint64_t written;
+};
+
+enum { OPT_FROM = 256, OPT_TO, OPT_UP, OPT_UNIT, OPT_SPLIT, OPT_FPS };
+
+static const struct argp_option options[] = {
+    {"format", 'f', "NAME", 0, "npy, hdf5, vdb or nvdb (default: what OUT ends in, as in flame.h5)",
+     0},
+    {"from", OPT_FROM, "SET", 0, "Only this set and later ones", 0},
+    {"to", OPT_TO, "SET", 0, "Only this set and earlier ones", 0},
+    {"up", OPT_UP, "y|z", 0, "vdb, nvdb: the axis that points up (default: z; Houdini wants y)", 0},
+    {"unit", OPT_UNIT, "m|cm", 0, "vdb, nvdb: unit of length (default: m; Unreal wants cm)", 0},
+    {"split", OPT_SPLIT, NULL, 0,
+     "vdb, nvdb: grids red, green, blue instead of one of vectors, emission", 0},
+    {"fps", OPT_FPS, "F", 0,
+     "vdb, nvdb: F files a second of the recording (default: a file for every set)", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    static const char *const ups[] = {"z", "y", NULL}, *const units[] = {"m", "cm", NULL};
+    const char *names[VOL_FORMATS + 1] = {NULL};
+    struct convert *c = state->input;
+    switch (key) {
+    case 'f':
+        for (int i = 0; i < VOL_FORMATS; i++)
+            names[i] = vol_format_names[i];
+        c->format = cli_arg_choice(state, "format", arg, names);
+        return 0;
+    case OPT_FROM: cli_arg_int(state, "from", arg, 0, INT64_MAX, &c->from); return 0;
+    case OPT_TO: cli_arg_int(state, "to", arg, 0, INT64_MAX, &c->to); return 0;
+    case OPT_UP: c->o.y_up = cli_arg_choice(state, "up", arg, ups) == 1; return 0;
+    case OPT_UNIT:
+        c->o.unit_m = cli_arg_choice(state, "unit", arg, units) == 1 ? 0.01 : 1;
+        return 0;
+    case OPT_SPLIT: c->o.split = true; return 0;
+    case OPT_FPS: c->o.fps = cli_arg_double(state, "fps", arg, 0.001, 10000); return 0;
+    case ARGP_KEY_ARG:
+        if (state->arg_num > 1)
+            argp_error(state, "'%s': one recording IN and one OUT", arg);
+        *(state->arg_num == 0 ? &c->in : &c->out) = arg;
+        return 0;
+    case ARGP_KEY_END:
+        if (c->out == NULL)
+            argp_error(state, "name a recording and what to make of it: IN OUT");
+        if (c->from > c->to)
+            argp_error(state, "--from %lld is after --to %lld", (long long)c->from,
+                       (long long)c->to);
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp argp = {
+    .options = options,
+    .parser = parse,
+    .args_doc = "IN OUT",
+    .doc =
+        "Make a recording of volumes into one of another format.\vIN: what `pyrovox record` or "
+        "`reconstruct` wrote: a folder of .npy, .vdb or .nvdb files, an HDF5 file, or one .npy, "
+        ".vdb or .nvdb.  OUT: a file (hdf5) or a folder to make (npy, vdb, nvdb); nothing is "
+        "written "
+        "over.\n\n"
+        "vdb and nvdb are files numbered without holes, OUT/NAME_0001.vdb and on, as Blender, "
+        "Houdini "
+        "and Unreal read them; OUT/NAME.json says which set each shows.  The grid density is what "
+        "a "
+        "program shows by itself; emission has the colours.  Values are halves there, as they "
+        "mostly "
+        "travel; npy, hdf5 and nvdb keep floats.  nvdb is for renderers on a GPU.\n\n"
+        "Examples:\n"
+        "  pyrovox convert flame.h5 flame --format vdb\n"
+        "  pyrovox convert flame.h5 flame-houdini --format vdb --up y --fps 24\n"
+        "  pyrovox convert flame flame-unreal --format vdb --unit cm --split\n"
+        "  pyrovox convert flame.h5 part.h5 --from 100 --to 199\n\n"
+        "Exit: 0 done, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C; what was written until then "
+        "is "
+        "complete.",
+};
+
+static bool ends_in(const char *s, const char *end)
+{
+    size_t n = strlen(s), k = strlen(end);
+    return n > k && strcmp(s + n - k, end) == 0;
+}
+
+static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
+{
+    static const struct {
+        const char *end;
+        enum vol_format format;
+    } ends[] = {{".npy", VOL_NPY}, {".nvdb", VOL_NVDB}, {".vdb", VOL_VDB}};
+    if (c->format < 0 && vol_hdf5_name(c->out))
+        c->format = VOL_HDF5;
+    for (size_t i = 0; c->format < 0 && i < sizeof ends / sizeof ends[0]; i++)
+        if (ends_in(c->out, ends[i].end))
+            c->format = (int)ends[i].format;
+    if (c->format < 0)
+        return pvx_fail(d, PVX_EINVAL, "%s: of which format?  Say --format npy, hdf5, vdb or nvdb",
+                        c->out);
+    bool numbered = c->format == VOL_VDB || c->format == VOL_NVDB;
+    if (!numbered && (c->o.split || c->o.y_up || c->o.fps > 0 || c->o.unit_m > 0))
+        return pvx_fail(d, PVX_EINVAL,
+                        "--up, --unit, --split and --fps are for vdb and nvdb, not %s",
+                        vol_format_names[c->format]);
+    return PVX_OK;
+}
+
+/* Gaps that lie before set `before`, from the k-th on. */
+static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_writer *w, uint64_t *k,
+                         uint64_t before, struct pvx_diag *d)
+{
+    const struct vol_gap *g;
+    for (; (g = vol_reader_gap(r, *k)) != NULL && g->set_last < before; ++*k)
+        if (g->set_first >= (uint64_t)c->from && g->set_last <= (uint64_t)c->to)
+            PVX_TRY(vol_writer_gap(w, g, d));
+    return PVX_OK;
+}
+
+/* *w is opened for the first volume: where there is none, nothing is made. */
+static pvx_err copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "converting"};
+    struct vol_volume v;
+    uint64_t n = vol_reader_count(r), gap = 0, lo = UINT64_MAX, hi = 0;
+    for (uint64_t k = 0; k < n; k++) {
+        PVX_TRY(vol_reader_get(r, k, &v, d));
+        lo = v.v.set < lo ? v.v.set : lo;
+        hi = v.v.set > hi ? v.v.set : hi;
+        if (v.v.set >= (uint64_t)c->from && v.v.set <= (uint64_t)c->to) {
+            if (*w == NULL)
+                PVX_TRY(vol_writer_open((enum vol_format)c->format, c->out, vol_reader_head(r),
+                                        &c->o, w, d));
+            PVX_TRY(copy_gaps(c, r, *w, &gap, v.v.set, d));
+            PVX_TRY(vol_writer_put(*w, &v, d));
+            c->written++;
+        }
+        if (!cli_progress(&bar, (double)(k + 1) / (double)n))
+            return PVX_ECANCELED;
+    }
+    if (*w == NULL)
+        return pvx_fail(d, PVX_ENOENT,
+                        "%s: none of its sets, %llu to %llu, is one from --from to --to", c->in,
+                        (unsigned long long)lo, (unsigned long long)hi);
+    return copy_gaps(c, r, *w, &gap, UINT64_MAX, d);
+}
+
+static pvx_err convert(struct convert *c, struct pvx_diag *d)
+{
+    vol_reader *r;
+    vol_writer *w = NULL;
+    struct pvx_diag closing = {""};
+    PVX_TRY(vol_reader_open(c->in, &r, d));
+    if (vol_reader_unsolved(r) > 0)
+        fprintf(
+            stderr,
+            "pyrovox: %s: %llu of its sets are not solved, or their part is not there: `pyrovox "
+            "reconstruct --join --out FILE` says which; %llu volumes are there\n",
+            c->in, (unsigned long long)vol_reader_unsolved(r),
+            (unsigned long long)vol_reader_count(r));
+    else if (vol_reader_cut(r))
+        fprintf(stderr, "pyrovox: %s was cut off, or is being written: %llu volumes are whole\n",
+                c->in, (unsigned long long)vol_reader_count(r));
+    pvx_err e =
+        vol_reader_count(r) > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", c->in);
+    if (e == PVX_OK)
+        e = vol_writer_check((enum vol_format)c->format, c->out, d);
+    if (e == PVX_OK)
+        e = copy(c, r, &w, d);
+    pvx_err e2 = vol_writer_close(&w, &closing);
+    vol_reader_close(&r);
+    return e != PVX_OK    ? e
+           : e2 != PVX_OK ? pvx_fail(d, e2, "%s", pvx_diag_text(&closing, e2))
+                          : PVX_OK;
+}
+
+static int run(int argc, char **argv)
+{
+    struct convert c = {.format = -1, .to = INT64_MAX};
+    struct pvx_diag d = {""};
+    argp_parse(&argp, argc, argv, 0, NULL, &c);
+    pvx_err e = choose_format(&c, &d);
+    if (e != PVX_OK) {
+        cli_error(&d, e);
+        return 2;
+    }
+    cli_catch_stop();
+    e = convert(&c, &d);
+    if (e == PVX_OK || e == PVX_ECANCELED)
+        printf("%llu volumes in %s\n", (unsigned long long)c.written, c.out);
+    return e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;
+}
+
+const struct cli_command cmd_convert = {"convert", "a recording of volumes in another format", run};

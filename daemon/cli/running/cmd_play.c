@@ -1,0 +1,233 @@
+/* pyrovox play - a recording of volumes published again, for who develops against it without a rig. */
+#include <argp.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "base/clock.h"
+#include "base/mem.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/config/endpoints.h"
+#include "daemon/volumes/voxels.h"
+#include "proto/pub.h"
+
+#define TICK_NS (20 * PVX_NS_PER_MS)
+
+struct play {
+    const char *file, *endpoint, *server, *clients;
+    double speed; /* 0 = as fast as subscribers take them */
+    bool loop, insecure, quiet;
+    /* running */
+    vol_reader *in;
+    vol_voxels *voxels;
+    pvp_auth *auth;
+    bool guarded;
+    enum pvp_sample sample;
+    enum pvp_compress comp;
+    pvp_pub *pub;
+    uint64_t published, session;
+};
+
+enum { OPT_LOOP = 256, OPT_CLIENTS, OPT_INSECURE };
+
+static const struct argp_option options[] = {
+    {"speed", 's', "F", 0,
+     "F times as fast as it was recorded (default 1); 0: as fast as subscribers take them", 0},
+    {"loop", OPT_LOOP, NULL, 0, "Again and again, each time as a new session", 0},
+    {"endpoint", 'e', "ENDPOINT", 0, "Where to publish (default: where a local daemon would)", 0},
+    {"key", 'k', "FILE", 0, "The server's .key file, for an address that other hosts reach", 0},
+    {"clients", OPT_CLIENTS, "FILE", 0, "Who may read there: with --key", 0},
+    {"insecure", OPT_INSECURE, NULL, 0, "Let everybody in who reaches the address", 0},
+    {"quiet", 'q', NULL, 0, "Say nothing", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct play *p = state->input;
+    switch (key) {
+    case 's': p->speed = cli_arg_double(state, "speed", arg, 0, 1000); return 0;
+    case OPT_LOOP: p->loop = true; return 0;
+    case 'e': p->endpoint = arg; return 0;
+    case 'k': p->server = arg; return 0;
+    case OPT_CLIENTS: p->clients = arg; return 0;
+    case OPT_INSECURE: p->insecure = true; return 0;
+    case 'q': p->quiet = true; return 0;
+    case ARGP_KEY_ARG: cli_arg_one(state, "recording", arg, &p->file); return 0;
+    case ARGP_KEY_END:
+        if (p->file == NULL)
+            argp_error(state, "name a recording of volumes");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp argp = {
+    .options = options,
+    .parser = parse,
+    .args_doc = "FILE",
+    .doc = "Publish a recording of volumes as the daemon published them, so that a renderer is "
+           "developed without a rig.\vFILE: a folder of .npy, .vdb or .nvdb files, an HDF5 "
+           "file.  It begins when somebody subscribes.  Volumes keep their set numbers, times and "
+           "reports; the session is a new one, as sequence numbers begin anew, and with --loop "
+           "another one each time, as sets go back.  A subscriber that is too slow misses volumes, "
+           "as it would live; with --speed 0 nobody does.\n\n"
+           "Raw frames of cameras are played by `pyrovox replay`, through a daemon.\n\n"
+           "Examples:\n"
+           "  pyrovox play flame.h5 --loop\n"
+           "  pyrovox play flame --endpoint tcp://127.0.0.1:5555 --speed 0.5\n"
+           "  pyrovox play flame --speed 0 & pyrovox record --format hdf5 --out copy.h5\n\n"
+           "Exit: 0 at the end, 1 failed, 2 wrong usage, 130 stopped by Ctrl-C.",
+};
+
+/* The daemon's own rules. */
+static pvx_err may_publish(struct play *p, struct pvx_diag *d)
+{
+    const char *open;
+    struct dmn_config *c = malloc(sizeof *c);
+    if (c == NULL)
+        return PVX_ENOMEM;
+    dmn_config_defaults(c);
+    snprintf(c->name, sizeof c->name,
+             "--endpoint (here --key is keys.server, --clients keys.clients)");
+    c->endpoints.n = 1;
+    snprintf(c->endpoints.v[0], sizeof c->endpoints.v[0], "%s", p->endpoint);
+    snprintf(c->key_server, sizeof c->key_server, "%s", p->server != NULL ? p->server : "");
+    snprintf(c->key_clients, sizeof c->key_clients, "%s", p->clients != NULL ? p->clients : "");
+    c->insecure = p->insecure;
+    p->comp = dmn_endpoints_compress(c);
+    pvx_err e = dmn_endpoints_allowed(c, &open, d);
+    p->guarded = e == PVX_OK && dmn_endpoint_guarded(c, p->endpoint, DMN_VOLUMES);
+    if (e == PVX_OK && open != NULL)
+        fprintf(stderr, "pyrovox: %s lets everybody in who reaches it, unencrypted\n", open);
+    free(c);
+    if (e == PVX_OK && p->guarded)
+        e = pvp_auth_new(p->server, p->clients, &p->auth, d);
+    return e == PVX_OK ? dmn_endpoint_prepare(p->endpoint, d) : e;
+}
+
+/* A session of its own: one publisher. */
+static pvx_err begin_session(struct play *p, struct pvx_diag *d)
+{
+    struct pvp_start s = vol_reader_head(p->in)->start;
+    uint64_t now = (uint64_t)pvx_now_real();
+    s.session = p->session = now != p->session ? now : now + 1;
+    const char *const at[] = {p->endpoint};
+    return pvp_pub_new(&(struct pvp_pub_params){.endpoints = at,
+                                                .n_endpoints = p->guarded ? 0 : 1,
+                                                .guarded = at,
+                                                .n_guarded = p->guarded ? 1 : 0,
+                                                .auth = p->auth,
+                                                .rig = vol_reader_head(p->in)->rig,
+                                                .sample = p->sample,
+                                                .comp = p->comp,
+                                                .lossless = p->speed == 0},
+                       &s, &p->pub, d);
+}
+
+static void pause_until(struct play *p, int64_t until)
+{
+    for (int64_t now; !cli_stop && (now = pvx_now_mono()) < until;) {
+        int64_t left = until - now < TICK_NS ? until - now : TICK_NS;
+        nanosleep(&(struct timespec){left / PVX_NS_PER_S, left % PVX_NS_PER_S}, NULL);
+        pvp_pub_tick(p->pub);
+    }
+}
+
+static void wait_for_subscriber(struct play *p)
+{
+    int64_t t0 = pvx_now_mono();
+    bool told = p->quiet;
+    pvp_pub_tick(p->pub);
+    while (!cli_stop && pvp_pub_subscribers(p->pub) == 0) {
+        if (!told && pvx_now_mono() - t0 > PVX_NS_PER_S) {
+            fprintf(stderr, "waiting for a subscriber at %s; Ctrl-C stops\n", p->endpoint);
+            told = true;
+        }
+        pause_until(p, pvx_now_mono() + TICK_NS);
+    }
+}
+
+/* All volumes once, each at its time. */
+static pvx_err play_once(struct play *p, struct pvx_diag *d)
+{
+    struct vol_volume v;
+    struct pvp_voxels x;
+    int64_t began = pvx_now_mono(), first_ns = 0, last_ns = INT64_MAX;
+    for (uint64_t k = 0; k < vol_reader_count(p->in) && !cli_stop; k++) {
+        PVX_TRY(vol_reader_get(p->in, k, &v, d));
+        if (v.v.t_exposure_ns < last_ns) { /* the first, or the clock was set back */
+            began = pvx_now_mono();
+            first_ns = v.v.t_exposure_ns;
+        }
+        last_ns = v.v.t_exposure_ns;
+        if (p->speed > 0)
+            pause_until(p, began + (int64_t)((double)(v.v.t_exposure_ns - first_ns) / p->speed));
+        if (cli_stop)
+            break;
+        vol_voxels_of(p->voxels, &v, &x);
+        pvx_err e = pvp_pub_volume(p->pub, &v.v, &x, NULL);
+        if (e != PVX_OK)
+            return pvx_fail(d, e, "%s: set %llu cannot be published: %s", p->file,
+                            (unsigned long long)v.v.set, pvx_strerror(e));
+        p->published++;
+    }
+    return PVX_OK;
+}
+
+static pvx_err play_session(struct play *p, struct pvx_diag *d)
+{
+    PVX_TRY(begin_session(p, d));
+    wait_for_subscriber(p);
+    pvx_err e = play_once(p, d);
+    if (pvp_pub_end(p->pub, cli_stop ? "stopped" : "end of the recording") != PVX_OK)
+        fprintf(stderr, "pyrovox: subscribers were not told of the end\n");
+    pvp_pub_free(&p->pub);
+    return e;
+}
+
+static pvx_err open_recording(struct play *p, struct pvx_diag *d)
+{
+    struct vol_volume first;
+    PVX_TRY(vol_reader_open(p->file, &p->in, d));
+    if (vol_reader_count(p->in) == 0)
+        return pvx_fail(d, PVX_ENOENT, "%s: no volume in it", p->file);
+    PVX_TRY(vol_reader_get(p->in, 0, &first, d));
+    p->sample = first.sample;
+    const struct pvp_start *s = &vol_reader_head(p->in)->start;
+    if (!p->quiet)
+        fprintf(stderr, "playing %llu volumes of %u x %u x %u x %u at %s\n",
+                (unsigned long long)vol_reader_count(p->in), s->grid.n[0], s->grid.n[1],
+                s->grid.n[2], s->grid.channels, p->endpoint);
+    if (!p->quiet && vol_reader_unsolved(p->in) > 0)
+        fprintf(stderr,
+                "pyrovox: %s: %llu of its sets are not solved, or their part is not there, and are "
+                "skipped\n",
+                p->file, (unsigned long long)vol_reader_unsolved(p->in));
+    return vol_voxels_new(&s->grid, &p->voxels);
+}
+
+static int run(int argc, char **argv)
+{
+    struct play p = {.endpoint = dmn_default_endpoint(DMN_VOLUMES), .speed = 1};
+    struct pvx_diag d = {""};
+    argp_parse(&argp, argc, argv, 0, NULL, &p);
+    cli_catch_stop();
+    pvx_err e = may_publish(&p, &d);
+    if (e == PVX_OK)
+        e = open_recording(&p, &d);
+    if (e == PVX_OK)
+        do
+            e = play_session(&p, &d);
+        while (e == PVX_OK && p.loop && !cli_stop);
+    if (e == PVX_OK && !p.quiet)
+        fprintf(stderr, "%llu volumes published\n", (unsigned long long)p.published);
+    vol_voxels_free(&p.voxels);
+    vol_reader_close(&p.in);
+    pvp_auth_free(&p.auth);
+    return e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;
+}
+
+const struct cli_command cmd_play = {"play", "a recording of volumes published again", run};

@@ -1,0 +1,381 @@
+/* pyrovox record - a subscriber whose volumes go to disk. */
+#include <argp.h>
+#include <errno.h>
+#include <stdio.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/config/endpoints.h"
+#include "daemon/volumes/recorder.h"
+#include "proto/clients/sub.h"
+
+enum { KEEP_FREE = 256, ROLL, DAEMON };
+#define CONFIG_MAX ((size_t)1 << 20)
+#define WAIT_NS    (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
+
+struct record {
+    const char *endpoint, *key, *control, *raw, *out;
+    char default_out[64];
+    int64_t parent;  /* 0: whoever it is */
+    int64_t volumes; /* stop after so many; 0 = no limit */
+    double seconds;  /* after the first volume; 0 = no limit */
+    int quiet;
+    /* running */
+    pvp_sub *sub;
+    pvp_decoder *decoder;
+    vol_recorder *rec;
+    struct vol_recorder_config config;
+    const char *format;
+    char path[1200]; /* where this session's volumes go */
+    uint64_t session, accepted, unreadable;
+    uint64_t next_volume,
+        last_set;        /* of the session: messages of volumes so far, number of the last */
+    int64_t begun, told; /* mono: first volume, last status line */
+    uint64_t told_written;
+    char *daemon_config;
+    bool in_session, ended, told_waiting;
+};
+
+static const struct argp_option options[] = {
+    {"endpoint", 'e', "ENDPOINT", 0, "Where the daemon publishes (default: the local daemon)", 0},
+    {"key", 'k', "FILE", 0, "Your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
+    {"out", 'o', "DIR", 0,
+     "Folder to make and fill (default: volumes-DATE-TIME); with --raw start: the take's file "
+     "(default: the daemon's record.path)",
+     0},
+    {"format", 'f', "FORMAT", 0,
+     "npy: a folder of SET.npy and SET.json; hdf5: one file; vdb, nvdb: a folder of numbered files "
+     "for Blender and "
+     "others (default: as --out ends, .h5 or .hdf5 is hdf5; else npy)",
+     0},
+    {"raw", 'r', "start|stop", 0, "Let the daemon begin or end a take of the cameras' raw frames",
+     0},
+    {"control", 'c', "ENDPOINT", 0,
+     "The daemon's control socket, for --raw (default: the local daemon)", 0},
+    {"volumes", 'n', "N", 0, "Stop after N volumes", 0},
+    {"seconds", 's', "S", 0, "Stop S seconds after the first volume", 0},
+    {"quiet", 'q', NULL, 0, "No status line", 0},
+    {"keep-free", KEEP_FREE, "GB", 0, "End before the disk has less (default: 0)", 0},
+    {"roll", ROLL, "S", 0,
+     "Go on in another file or folder every S seconds, NAME-0002, NAME-0003, ...: nothing is lost "
+     "between them (0: one)",
+     0},
+    {"daemon", DAEMON, "PID", OPTION_HIDDEN, "End with this process, which began it", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct record *r = state->input;
+    switch (key) {
+    case 'e': r->endpoint = arg; return 0;
+    case 'k': r->key = arg; return 0;
+    case 'o': r->out = arg; return 0;
+    case 'f':
+        for (int f = 0; f < VOL_FORMATS; f++)
+            if (strcmp(arg, vol_format_names[f]) == 0) {
+                r->format = vol_format_names[f];
+                r->config.format = (enum vol_format)f;
+                return 0;
+            }
+        argp_error(state, "--format %s: should be npy, hdf5, vdb or nvdb", arg);
+        return EINVAL;
+    case 'q': r->quiet = 1; return 0;
+    case KEEP_FREE:
+        r->config.options.keep_free_bytes =
+            (uint64_t)(cli_arg_double(state, "keep-free", arg, 0, 1e6) * 1e9);
+        return 0;
+    case ROLL:
+        r->config.roll_ns = (int64_t)(cli_arg_double(state, "roll", arg, 0, 1e8) * 1e9);
+        return 0;
+    case DAEMON: cli_arg_int(state, "daemon", arg, 1, INT32_MAX, &r->parent); return 0;
+    case 'c': r->control = arg; return 0;
+    case 'r':
+        if (strcmp(arg, "start") != 0 && strcmp(arg, "stop") != 0)
+            argp_error(state, "--raw %s: should be start or stop", arg);
+        r->raw = arg;
+        return 0;
+    case 'n': cli_arg_int(state, "volumes", arg, 1, INT64_MAX, &r->volumes); return 0;
+    case 's': r->seconds = cli_arg_double(state, "seconds", arg, 0.001, 1e9); return 0;
+    case ARGP_KEY_END:
+        if (r->raw != NULL && (r->format != NULL || r->volumes > 0 || r->seconds > 0 ||
+                               r->config.roll_ns > 0 || r->config.options.keep_free_bytes > 0))
+            argp_error(state, "--raw: --format, --volumes, --seconds, --keep-free and --roll are "
+                              "for volumes; the daemon's takes roll over by its record.roll_s");
+        return 0;
+    case ARGP_KEY_ARG: argp_error(state, "'%s' is not expected here", arg); return EINVAL;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp argp = {
+    .options = options,
+    .parser = parse,
+    .doc = "Write the volumes that a running pyrovoxd publishes to disk, or let it record its raw "
+           "frames.\vEach volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels], with SET the "
+           "number of its frame set in six digits, and DIR/SET.json with origin, spacing, basis, "
+           "units, times and the solver's report.  A file is there whole or not at all.  If the "
+           "daemon restarts, its further volumes go to DIR/session-ID (hdf5: NAME-session-ID.h5), "
+           "as they "
+           "count anew.  A recorder that was killed leaves what `pyrovox repair` finishes.\n\n"
+           "Volumes that did not arrive are counted from the gaps in the sequence and reported.\n\n"
+           "With --raw nothing is written here: the daemon records the cameras' frames to an HDF5 "
+           "file beside the live solve, until --raw stop, and `pyrovox status` counts what it "
+           "could not.  `pyrovox replay` plays it back.\n\n"
+           "Examples:\n"
+           "  pyrovox record --seconds 10 --out flame\n"
+           "  pyrovox record --raw start --out take.h5; sleep 10; pyrovox record --raw stop\n"
+           "  pyrovox record --endpoint tcp://lab:5555 --volumes 100\n\n"
+           "Exit: 0 done or daemon ended, 1 failed, 130 stopped by Ctrl-C; what was recorded until "
+           "then is complete in each case.",
+};
+
+/* With the first volume: by then all is known that the daemon says of itself. */
+static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint64_t set,
+                             struct pvx_diag *d)
+{
+    const struct pvp_start *s = pvp_sub_start(r->sub);
+    if (r->in_session && s->session == r->session)
+        return PVX_OK;
+    struct vol_head head = {
+        .start = *s, .rig = pvp_sub_rig(r->sub, NULL), .config = r->daemon_config};
+    PVX_TRY(vol_recorder_session(r->rec, &head, r->path, sizeof r->path, d));
+    if (r->in_session)
+        fprintf(stderr, "pyrovox: the daemon restarted; going on in %s\n", r->path);
+    r->in_session = true;
+    r->session = s->session;
+    r->next_volume = h->type_sequence;
+    r->last_set = set > 0 ? set - 1 : 0;
+    if (!r->quiet)
+        fprintf(stderr, "recording %u x %u x %u x %u from %s (%s) to %s\n", s->grid.n[0],
+                s->grid.n[1], s->grid.n[2], s->grid.channels, r->endpoint, s->software, r->path);
+    return PVX_OK;
+}
+
+/* Sets between the last volume and this one, whoever left them out; of how many the volumes were lost on the way the
+ * count in this message says. */
+static pvx_err note_missing(struct record *r, const struct pvp_header *h, uint64_t set)
+{
+    uint64_t came = h->type_sequence, due = r->next_volume;
+    struct vol_gap g = {.why = VOL_GAP_LOST,
+                        .set_first = r->last_set + 1,
+                        .set_last = set - 1,
+                        .volumes = came > due ? came - due : 0};
+    bool missing = set > 0 && g.set_first <= g.set_last;
+    r->next_volume = came + 1;
+    r->last_set = set;
+    return missing ? vol_recorder_gap(r->rec, &g) : PVX_OK;
+}
+
+/* One message that cannot be read is reported and counted; the recording goes on. */
+static pvx_err save(struct record *r, const struct pvp_header *h, const void *msg, size_t len,
+                    struct pvx_diag *d)
+{
+    struct pvp_view view;
+    struct pvx_diag bad = {""};
+    pvx_err e = pvp_decode_volume(msg, len, &view, &bad);
+    if (e == PVX_OK) {
+        PVX_TRY(enter_session(r, h, view.v.set, d));
+        PVX_TRY(note_missing(r, h, view.v.set));
+        e = vol_recorder_put(r->rec, r->decoder, &view, &bad);
+        r->accepted += e == PVX_OK;
+    }
+    if (e == PVX_ENOMEM)
+        return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
+    if (e != PVX_OK && r->unreadable++ == 0)
+        fprintf(stderr, "pyrovox: %s\n", pvx_diag_text(&bad, e));
+    if (e != PVX_OK && r->in_session && view.v.set > 0)
+        return vol_recorder_gap(r->rec,
+                                &(struct vol_gap){VOL_GAP_UNREADABLE, view.v.set, view.v.set, 1});
+    return PVX_OK;
+}
+
+/* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere; the daemon that began it
+ * counts by them. */
+static void tell(struct record *r)
+{
+    int64_t now = pvx_now_mono();
+    int tty = isatty(STDERR_FILENO), often = tty || r->parent != 0;
+    if (r->quiet || now - r->told < (often ? 1 : 10) * PVX_NS_PER_S)
+        return;
+    struct pvp_sub_stats st;
+    struct vol_recorder_stats rec;
+    pvp_sub_stats(r->sub, &st);
+    vol_recorder_stats(r->rec, &rec);
+    double rate = (double)(rec.written - r->told_written) * 1e9 / (double)(now - r->told);
+    fprintf(stderr, "%s%llu volumes, %.1f/s, %.1f MB, %llu messages lost%s", tty ? "\r" : "",
+            (unsigned long long)rec.written, rate, (double)rec.bytes * 1e-6,
+            (unsigned long long)(st.lost + rec.left_out), tty ? "  \x1b[K" : "\n");
+    r->told = now;
+    r->told_written = rec.written;
+}
+
+static pvx_err record_message(struct record *r, const struct pvp_header *h, const void *msg,
+                              size_t len, struct pvx_diag *d)
+{
+    char reason[PVP_REASON_MAX];
+    uint64_t session;
+    switch (h->type) {
+    case PVP_START: return PVX_OK;
+    case PVP_VOLUME:
+        if (r->begun == 0)
+            r->begun = pvx_now_mono();
+        return save(r, h, msg, len, d);
+    case PVP_END:
+        if (!r->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
+            fprintf(stderr, "%sthe daemon ended: %s\n", isatty(STDERR_FILENO) ? "\n" : "", reason);
+        r->ended = true;
+        return PVX_OK;
+    default: return PVX_OK;
+    }
+}
+
+static bool finished(const struct record *r)
+{
+    return cli_stop || r->ended || (r->volumes > 0 && r->accepted >= (uint64_t)r->volumes) ||
+           (r->seconds > 0 && r->begun != 0 &&
+            (double)(pvx_now_mono() - r->begun) * 1e-9 >= r->seconds);
+}
+
+static pvx_err run_loop(struct record *r, struct pvx_diag *d)
+{
+    int64_t t0 = pvx_now_mono();
+    struct vol_recorder_stats st;
+    while (!finished(r)) {
+        struct pvp_header h;
+        const void *msg;
+        size_t len;
+        pvx_err e = pvp_sub_next(r->sub, WAIT_NS, &h, &msg, &len, d);
+        if (e == PVX_OK)
+            e = record_message(r, &h, msg, len, d);
+        else if (e == PVX_ETIMEDOUT)
+            e = PVX_OK;
+        PVX_TRY(e);
+        vol_recorder_stats(r->rec, &st);
+        if (st.error != PVX_OK)
+            return PVX_OK; /* vol_recorder_finish says why */
+        if (r->in_session)
+            tell(r);
+        else if (!r->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
+            fprintf(
+                stderr,
+                "waiting for a daemon at %s (`pyrovox status` tells if one runs); Ctrl-C stops\n",
+                r->endpoint);
+            r->told_waiting = true;
+        }
+    }
+    return PVX_OK;
+}
+
+static void conclude(const struct record *r, const struct vol_recorder_stats *rec)
+{
+    struct pvp_sub_stats st;
+    pvp_sub_stats(r->sub, &st);
+    if (isatty(STDERR_FILENO) && r->in_session && !r->quiet)
+        fputc('\n', stderr);
+    if (st.lost > 0)
+        fprintf(stderr,
+                "pyrovox: %llu messages were lost on the way: this machine or the way to it is too "
+                "slow for the daemon's rate\n",
+                (unsigned long long)st.lost);
+    if (rec->left_out > 0)
+        fprintf(
+            stderr,
+            "pyrovox: %llu volumes were left out: this disk is too slow for the daemon's rate\n",
+            (unsigned long long)rec->left_out);
+    if (st.malformed + r->unreadable > 0)
+        fprintf(stderr, "pyrovox: %llu messages could not be read (another wire version?)\n",
+                (unsigned long long)st.malformed + r->unreadable);
+    char more[40] = "";
+    if (rec->rolled > 0)
+        snprintf(more, sizeof more, " and %u after it", rec->rolled);
+    printf("%llu volumes in %s%s, %llu messages lost\n", (unsigned long long)rec->written, r->out,
+           more, (unsigned long long)(st.lost + rec->left_out));
+}
+
+/* Where it goes, when nobody says so. */
+static void name_out(struct record *r)
+{
+    time_t now = time(NULL);
+    struct tm tm;
+    size_t n = strftime(r->default_out, sizeof r->default_out, "volumes-%Y%m%d-%H%M%S",
+                        localtime_r(&now, &tm));
+    if (r->config.format == VOL_HDF5)
+        snprintf(r->default_out + n, sizeof r->default_out - n, ".h5");
+    r->out = r->default_out;
+}
+
+/* The configuration of the daemon that began this. */
+static char *read_config(void)
+{
+    char *text = NULL;
+    size_t len = 0, room = 0;
+    for (ssize_t n = 1; n > 0; len += (size_t)n) {
+        if (room - len < 4096 && len < CONFIG_MAX) {
+            char *more = realloc(text, room += 65536);
+            if (more == NULL)
+                break;
+            text = more;
+        }
+        n = read(STDIN_FILENO, text + len, room - len - 1);
+        n = n < 0 ? 0 : n;
+    }
+    if (text != NULL)
+        text[len] = '\0';
+    return text;
+}
+
+static int run(int argc, char **argv)
+{
+    struct record r = {.endpoint = dmn_client_endpoint(DMN_VOLUMES)};
+    struct pvx_diag d = {""};
+    if (argp_parse(&argp, argc, argv, 0, NULL, &r) != 0)
+        return 2;
+    if (r.raw != NULL)
+        return record_raw(r.control != NULL ? r.control : dmn_client_endpoint(DMN_CONTROL), r.key,
+                          r.raw, r.out);
+    if (r.format == NULL && r.out != NULL && vol_hdf5_name(r.out))
+        r.config.format = VOL_HDF5;
+    if (r.out == NULL)
+        name_out(&r);
+    r.config.path = r.out;
+    bool there = access(r.out, F_OK) == 0;
+    cli_catch_stop();
+    /* However the daemon ends, nobody else begins the next session's recording. */
+    if (r.parent != 0 && (prctl(PR_SET_PDEATHSIG, SIGTERM) != 0 || getppid() != (pid_t)r.parent))
+        return 130;
+    if (r.parent != 0)
+        r.daemon_config = read_config();
+    pvx_err e = vol_recorder_new(&r.config, &r.rec, &d); /* now, not after an hour of waiting */
+    if (e == PVX_OK)
+        e = pvp_decoder_new(&r.decoder);
+    if (e == PVX_OK)
+        e = pvp_sub_new(r.endpoint, &(struct pvp_sub_options){.key = r.key}, &r.sub, &d);
+    if (e == PVX_OK)
+        e = run_loop(&r, &d);
+    struct vol_recorder_stats st = {0};
+    pvx_err closing = vol_recorder_finish(&r.rec, &st, &d);
+    if (e == PVX_OK)
+        e = closing;
+    if (r.sub != NULL)
+        conclude(&r, &st);
+    if (st.written == 0 && !there)
+        rmdir(r.out); /* fails, rightly, when something is in it */
+    if (e == PVX_ENOSPC)
+        fprintf(stderr, "pyrovox: the disk is full; the volumes recorded before are complete\n");
+    int rc = e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;
+    pvp_sub_free(&r.sub);
+    pvp_decoder_free(&r.decoder);
+    free(r.daemon_config);
+    return rc;
+}
+
+const struct cli_command cmd_record = {"record",
+                                       "write a daemon's volumes to disk, or its raw frames", run};

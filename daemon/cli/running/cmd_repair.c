@@ -1,0 +1,153 @@
+/* pyrovox repair - a recording of volumes that was cut off, finished. */
+#include <argp.h>
+#include <errno.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/volumes/volumes.h"
+
+struct repair {
+    const char *file;
+    char made[1200], kept[1200]; /* the finished one while it is written; the original afterwards */
+    uint64_t good, bad;
+};
+
+static error_t parse(int key, char *arg, struct argp_state *state)
+{
+    struct repair *r = state->input;
+    switch (key) {
+    case ARGP_KEY_ARG: cli_arg_one(state, "recording", arg, &r->file); return 0;
+    case ARGP_KEY_END:
+        if (r->file == NULL)
+            argp_error(state, "name a recording of volumes, as in flame.h5");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp argp = {
+    .parser = parse,
+    .args_doc = "RECORDING",
+    .doc =
+        "Finish a recording of volumes that was cut off: by a kill, a power cut, a copy "
+        "that "
+        "ended early.\vOf an HDF5 file, what is whole goes into a new file, which takes the place "
+        "of "
+        "FILE when it is complete; the original stays beside it as FILE.cut-off.  In a folder of "
+        ".npy, "
+        ".vdb or .nvdb files those that are damaged are put aside as NAME.cut-off, the set before "
+        "takes their numbers (vdb, nvdb), and the list of what is there is made anew.  Volumes "
+        "that "
+        "are damaged are left out and counted.  A recording that was closed in order, and has no "
+        "damaged file, is left alone.\n\n"
+        "Pyrovox itself reads recordings that were cut off as they are; other programs (h5py, "
+        "MATLAB, "
+        "ParaView) want HDF5 files finished.  Takes of raw frames: `pyrovox replay` reads them as "
+        "they are.\n\n"
+        "Exit: 0 whole now, 1 failed, 130 stopped by Ctrl-C, with FILE as it was.",
+};
+
+static pvx_err copy(struct repair *r, vol_reader *in, vol_writer *out, struct pvx_diag *d)
+{
+    uint64_t n = vol_reader_count(in);
+    const struct vol_gap *g;
+    for (uint64_t k = 0; k < n && !cli_stop; k++) {
+        struct vol_volume v;
+        pvx_err e = vol_reader_get(in, k, &v, NULL);
+        if (e == PVX_ECORRUPT) {
+            r->bad++;
+            continue;
+        }
+        if (e == PVX_OK)
+            e = vol_writer_put(out, &v, d);
+        if (e != PVX_OK)
+            return e;
+        r->good++;
+        if (isatty(STDERR_FILENO) && (k % 64 == 63 || k + 1 == n))
+            fprintf(stderr, "\r%llu of %llu volumes%s", (unsigned long long)(k + 1),
+                    (unsigned long long)n, k + 1 == n ? "\n" : "");
+    }
+    for (uint64_t k = 0; (g = vol_reader_gap(in, k)) != NULL; k++)
+        PVX_TRY(vol_writer_gap(out, g, d));
+    return PVX_OK;
+}
+
+static pvx_err swap(const struct repair *r, struct pvx_diag *d)
+{
+    if (access(r->kept, F_OK) == 0)
+        return pvx_fail(d, PVX_EBUSY, "%s: is there already, of an earlier repair; move it away",
+                        r->kept);
+    if (rename(r->file, r->kept) != 0 || rename(r->made, r->file) != 0)
+        return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", r->file, strerror(errno));
+    return PVX_OK;
+}
+
+static pvx_err finish(struct repair *r, vol_reader *in, struct pvx_diag *d)
+{
+    vol_writer *out;
+    snprintf(r->made, sizeof r->made, "%s.tmp.%ld", r->file, (long)getpid());
+    snprintf(r->kept, sizeof r->kept, "%s.cut-off", r->file);
+    PVX_TRY(vol_writer_open(VOL_HDF5, r->made, vol_reader_head(in), NULL, &out, d));
+    pvx_err e = copy(r, in, out, d), closing = vol_writer_close(&out, d);
+    if (e == PVX_OK)
+        e = closing;
+    if (e == PVX_OK && !cli_stop)
+        e = swap(r, d);
+    if (e != PVX_OK || cli_stop)
+        unlink(r->made);
+    return e;
+}
+
+static int conclude(const struct repair *r, bool done)
+{
+    struct stat st;
+    bool folder = stat(r->file, &st) == 0 && S_ISDIR(st.st_mode);
+    printf("%s: %llu %s, ", r->file, (unsigned long long)r->good, folder ? "files" : "volumes");
+    if (!done)
+        printf("nothing to repair\n");
+    else if (folder)
+        printf("finished; %llu damaged files put aside%s\n", (unsigned long long)r->bad,
+               r->bad > 0 ? " as *.cut-off" : "");
+    else
+        printf("finished; %llu damaged ones left out; the original is %s\n",
+               (unsigned long long)r->bad, r->kept);
+    return 0;
+}
+
+static int run(int argc, char **argv)
+{
+    struct repair r = {0};
+    struct pvx_diag d = {""};
+    vol_reader *in = NULL;
+    bool done = false;
+    if (argp_parse(&argp, argc, argv, 0, NULL, &r) != 0)
+        return 2;
+    cli_catch_stop();
+    pvx_err e = strlen(r.file) < 1000
+                    ? vol_reader_open(r.file, &in, &d)
+                    : pvx_fail(&d, PVX_EINVAL, "the name of the file is too long");
+    bool joined = e == PVX_OK && vol_joined_reader.is(r.file);
+    if (joined && vol_reader_unsolved(in) > 0)
+        e = pvx_fail(&d, PVX_EINVAL,
+                     "%s: is made of parts; `pyrovox reconstruct --resume` makes what is missing",
+                     r.file);
+    else if (e == PVX_OK && vol_reader_format(in) != VOL_HDF5) {
+        e = vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
+    } else if (e == PVX_OK && !joined && vol_reader_cut(in)) {
+        done = true;
+        e = finish(&r, in, &d);
+    } else if (e == PVX_OK) {
+        r.good = vol_reader_count(in);
+    }
+    vol_reader_close(&in);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    return cli_stop ? 130 : conclude(&r, done);
+}
+
+const struct cli_command cmd_repair = {"repair", "finish a recording of volumes that was cut off",
+                                       run};

@@ -1,0 +1,276 @@
+/* pyrovox share - the newest volume in shared memory, for programs of this host. */
+#include <argp.h>
+#include <errno.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/config/endpoints.h"
+#include "daemon/view/source.h"
+#include "daemon/volumes/bricks.h"
+#include "daemon/volumes/share.h"
+
+#define WAIT_NS (200 * PVX_NS_PER_MS) /* how long Ctrl-C may take */
+
+struct share {
+    const char *endpoint, *key, *file;
+    struct vol_share_config config;
+    bool quiet;
+    /* running */
+    pvp_sub *sub;
+    struct view_source film; /* of a recording instead */
+    pvp_decoder *decoder;
+    struct vol_store store;
+    vol_share *out;
+    struct pvp_start start;
+    uint64_t shared, left_out, unreadable, set;
+    uint64_t told_shared;
+    int64_t told; /* mono: last status line */
+    bool full, told_waiting;
+};
+
+enum { OPT_READERS = 256, OPT_SPLIT };
+
+static const struct argp_option options[] = {
+    {"endpoint", 'e', "ENDPOINT", 0, "Where the daemon publishes (default: the local daemon)", 0},
+    {"key", 'k', "FILE", 0, "Your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
+    {"readers", OPT_READERS, "me|group|all", 0, "Who may read it (default: me)", 0},
+    {"split", OPT_SPLIT, NULL, 0,
+     "Three colours as grids red, green and blue instead of one of vectors, emission", 0},
+    {"quiet", 'q', NULL, 0, "No status line", 0},
+    {0}};
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    static const char *const readers[] = {"me", "group", "all", NULL};
+    static const mode_t modes[] = {0600, 0640, 0644};
+    struct share *s = st->input;
+    switch (key) {
+    case 'e': s->endpoint = arg; return 0;
+    case 'k': s->key = arg; return 0;
+    case OPT_READERS: s->config.mode = modes[cli_arg_choice(st, "readers", arg, readers)]; return 0;
+    case OPT_SPLIT: s->config.split = true; return 0;
+    case 'q': s->quiet = true; return 0;
+    case ARGP_KEY_ARG:
+        if (s->config.name == NULL)
+            s->config.name = arg;
+        else
+            cli_arg_one(st, "recording", arg, &s->file);
+        return 0;
+    case ARGP_KEY_END:
+        if (s->config.name == NULL)
+            argp_error(st, "the NAME under which programs find it is missing");
+        if (s->file != NULL && (s->endpoint != NULL || s->key != NULL))
+            argp_error(st, "a recording has no --endpoint or --key");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static const struct argp argp = {
+    .options = options,
+    .parser = parse,
+    .args_doc = "NAME [FILE]",
+    .doc =
+        "Keep the newest volume of a running daemon, or of a recording that is played, in shared "
+        "memory, as NanoVDB: a renderer on this host maps it or uploads it to its GPU as it is.\v"
+        "The grids are those of `pyrovox record --format nvdb`: density, and of three colours "
+        "emission; voxel (i, j, k) at index (i, j, k), the world in metres, z up.  They lie in "
+        "POSIX shared memory /NAME (/dev/shm/NAME).  pyrovox_share.h, one file that needs nothing "
+        "but libc, reads them from C and C++, NanoVDB.h or PNanoVDB.h what is in them; PROTOCOL.md "
+        "has the layout for other languages.\n\n"
+        "Three slots: the newest volume stays whole while the next is written, and the one before "
+        "too.  Readers never make this program wait, nor it the daemon: who is slow misses "
+        "volumes.  It waits for a daemon that is not there yet, and for the next one when it ends; "
+        "the last volume stays meanwhile, its times say how old it is.\n\n"
+        "A name is taken by one `pyrovox share` at a time.  One that was killed leaves its last "
+        "volume behind, readers can tell, and the next of the same user takes the name over.\n\n"
+        "Examples:\n"
+        "  pyrovox share flame\n"
+        "  pyrovox share flame --readers all --endpoint tcp://lab:5555 --key me.key\n"
+        "  pyrovox share flame recording.h5\n\n"
+        "Exit: 130 stopped by Ctrl-C, 1 failed, 2 wrong usage.",
+};
+
+/* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere. */
+static void tell(struct share *s)
+{
+    const int64_t now = pvx_now_mono();
+    const bool tty = isatty(STDERR_FILENO) == 1;
+    if (s->quiet || s->shared == 0 || now - s->told < (tty ? 1 : 10) * PVX_NS_PER_S)
+        return;
+    const double rate = (double)(s->shared - s->told_shared) * 1e9 / (double)(now - s->told);
+    fprintf(stderr, "%s%llu volumes, %.1f/s, the newest of set %llu%s", tty ? "\r" : "",
+            (unsigned long long)s->shared, rate, (unsigned long long)s->set,
+            tty ? "  \x1b[K" : "\n");
+    s->told = now;
+    s->told_shared = s->shared;
+}
+
+static void first_line(struct share *s, const struct pvp_grid *g)
+{
+    s->told = pvx_now_mono();
+    if (s->quiet)
+        return;
+    fprintf(stderr, "sharing %u x %u x %u x %u from %s (%s) as %s\n", g->n[0], g->n[1], g->n[2],
+            g->channels, s->file != NULL ? s->file : s->endpoint, s->start.software,
+            s->config.name);
+}
+
+static pvx_err unreadable(struct share *s, const char *why)
+{
+    if (s->unreadable++ == 0)
+        fprintf(stderr, "pyrovox: %s\n", why);
+    return PVX_OK;
+}
+
+/* A volume that cannot be read is counted, and one for which there is no memory; the next may do. */
+static pvx_err volume(struct share *s, const void *msg, size_t len, struct pvx_diag *d)
+{
+    struct pvp_view w;
+    struct pvx_diag bad = {""};
+    const size_t cells = (size_t)PVP_BRICK * PVP_BRICK * PVP_BRICK;
+    pvx_err e = pvp_decode_volume(msg, len, &w, &bad);
+    if (e == PVX_OK)
+        e = vol_store_grow(&s->store, w.n_bricks, w.v.grid.channels);
+    if (e == PVX_OK)
+        e = pvp_volume_bricks(s->decoder, &w, s->store.ids, s->store.brick,
+                              cells * w.n_bricks * w.v.grid.channels, &bad);
+    if (e == PVX_ENOMEM)
+        return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
+    if (e != PVX_OK)
+        return unreadable(s, pvx_diag_text(&bad, e));
+    const struct vol_volume v = {.v = w.v,
+                                 .sample = w.sample,
+                                 .clamped = w.clamped,
+                                 .n_bricks = w.n_bricks,
+                                 .ids = s->store.ids,
+                                 .brick = s->store.brick};
+    e = vol_share_put(s->out, &s->start, &v, &bad);
+    if (e != PVX_OK && e != PVX_ENOSPC)
+        return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
+    if (e == PVX_ENOSPC && !s->full)
+        fprintf(stderr, "pyrovox: %s; the volume before stays\n", pvx_diag_text(&bad, e));
+    s->full = e == PVX_ENOSPC;
+    s->left_out += s->full;
+    if (!s->full && s->shared++ == 0)
+        first_line(s, &w.v.grid);
+    s->set = w.v.set;
+    return PVX_OK;
+}
+
+static pvx_err message(struct share *s, const struct pvp_header *h, const void *msg, size_t len,
+                       struct pvx_diag *d)
+{
+    char reason[PVP_REASON_MAX];
+    uint64_t session;
+    switch (h->type) {
+    case PVP_START: return pvp_decode_start(msg, len, &s->start, d);
+    case PVP_VOLUME: return volume(s, msg, len, d);
+    case PVP_END:
+        if (!s->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
+            fprintf(stderr, "%sthe daemon ended: %s; waiting for the next\n",
+                    isatty(STDERR_FILENO) ? "\n" : "", reason);
+        return PVX_OK;
+    default: return PVX_OK;
+    }
+}
+
+static pvx_err next(struct share *s, struct pvp_header *h, const void **msg, size_t *len,
+                    struct pvx_diag *d)
+{
+    if (s->file == NULL)
+        return pvp_sub_next(s->sub, WAIT_NS, h, msg, len, d);
+    int64_t wait = s->film.ops->due_ns(s->film.self) - pvx_now_mono();
+    wait = wait > WAIT_NS ? WAIT_NS : wait;
+    if (wait > 0)
+        poll(NULL, 0, (int)((wait + PVX_NS_PER_MS - 1) / PVX_NS_PER_MS));
+    return s->film.ops->next(s->film.self, h, msg, len, d);
+}
+
+static pvx_err run_loop(struct share *s, struct pvx_diag *d)
+{
+    const int64_t t0 = pvx_now_mono();
+    while (cli_stop == 0) {
+        struct pvp_header h;
+        const void *msg;
+        size_t len;
+        struct pvx_diag why = {""};
+        pvx_err e = next(s, &h, &msg, &len, &why);
+        if (e == PVX_OK)
+            e = message(s, &h, msg, len, &why);
+        else if (e == PVX_ECORRUPT) /* one of a recording */
+            e = unreadable(s, pvx_diag_text(&why, e));
+        if (e != PVX_OK && e != PVX_ETIMEDOUT)
+            return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
+        tell(s);
+        if (s->shared == 0 && !s->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
+            fprintf(stderr,
+                    "waiting for a daemon at %s (`pyrovox status` tells if one runs); Ctrl-C "
+                    "stops\n",
+                    s->endpoint);
+            s->told_waiting = true;
+        }
+    }
+    return PVX_OK;
+}
+
+static void conclude(const struct share *s)
+{
+    if (s->quiet)
+        return;
+    fprintf(stderr, "%s%llu volumes were shared",
+            isatty(STDERR_FILENO) && s->shared > 0 ? "\n" : "", (unsigned long long)s->shared);
+    if (s->sub != NULL) {
+        struct pvp_sub_stats st;
+        pvp_sub_stats(s->sub, &st);
+        fprintf(stderr, ", %llu passed over for a newer one, %llu messages lost on the way",
+                (unsigned long long)st.skipped, (unsigned long long)st.lost);
+    }
+    if (s->left_out > 0)
+        fprintf(stderr, ", %llu left out as there was no room", (unsigned long long)s->left_out);
+    if (s->unreadable > 0)
+        fprintf(stderr, ", %llu could not be read", (unsigned long long)s->unreadable);
+    fputc('\n', stderr);
+}
+
+static pvx_err begin(struct share *s, struct pvx_diag *d)
+{
+    PVX_TRY(vol_share_new(&s->config, &s->out, d));
+    PVX_TRY(pvp_decoder_new(&s->decoder));
+    if (s->file != NULL)
+        return view_film_new(s->file, &s->film, d);
+    return pvp_sub_new(s->endpoint, &(struct pvp_sub_options){.key = s->key, .newest = true},
+                       &s->sub, d);
+}
+
+static int run(int argc, char **argv)
+{
+    struct share s = {.config.mode = 0600};
+    struct pvx_diag d = {""};
+    argp_parse(&argp, argc, argv, 0, NULL, &s);
+    if (s.endpoint == NULL)
+        s.endpoint = dmn_client_endpoint(DMN_VOLUMES);
+    cli_catch_stop();
+    pvx_err e = begin(&s, &d);
+    if (e == PVX_OK) {
+        e = run_loop(&s, &d);
+        conclude(&s);
+    }
+    vol_share_free(&s.out);
+    if (s.film.self != NULL)
+        s.film.ops->free(s.film.self);
+    pvp_sub_free(&s.sub);
+    pvp_decoder_free(&s.decoder);
+    vol_store_free(&s.store);
+    return e != PVX_OK ? cli_error(&d, e) : 130;
+}
+
+const struct cli_command cmd_share = {
+    "share", "the newest volume in shared memory, for a renderer here", run};
