@@ -231,7 +231,7 @@ $(B)/recon/simd/kernels_avx512.% $(B)/recon/simd/windows_avx512.%: CFLAGS += -ma
 $(B)/recon/carve/photo_pass_avx2.%: CFLAGS += -mavx2
 $(B)/recon/simd/kernels_avx2.% $(B)/recon/simd/windows_avx2.% $(B)/recon/solve/passes/pcg_pass_avx2.%: CFLAGS += -mavx2 -mfma -mbmi2
 # Plain loops written to be vectorised.
-$(B)/recon/view/flame.o $(B)/capture/gevsim/optics.o $(B)/daemon/cli/simcams/simcams_ring.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
+$(B)/recon/view/flame.o $(B)/capture/gevsim/optics.o $(B)/daemon/cli/simcams/ring.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/pixel/pixfmt_%.o: CFLAGS += $(if $(filter -O2,$(O)),-O3)
 $(B)/capture/%.o $(B)/proto/%.o: CFLAGS += -Wconversion -Wno-sign-conversion
 

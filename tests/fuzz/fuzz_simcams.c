@@ -2,7 +2,7 @@
  * or refused with a reason, and what was taken is in range. */
 #include <string.h>
 
-#include "daemon/cli/simcams/simcams_faults.h"
+#include "daemon/cli/simcams/faults.h"
 #include "tests/fuzz/fuzz.h"
 
 #define CAMERAS 3

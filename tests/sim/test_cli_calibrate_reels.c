@@ -5,7 +5,7 @@
 #include <cjson/cJSON.h>
 
 #include "capture/files/imgio.h"
-#include "daemon/cli/calibrate/calibrate_reel.h"
+#include "daemon/cli/calibrate/reel.h"
 #include "recon/board/spec.h"
 #include "recon/calib/calib.h"
 #include "tests/lib/avi.h"

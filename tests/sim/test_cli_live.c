@@ -10,7 +10,7 @@
 
 #include "base/clock.h"
 #include "base/file.h"
-#include "daemon/cli/simcams/simcams_ring.h"
+#include "daemon/cli/simcams/ring.h"
 #include "daemon/pipeline/volume_file.h"
 #include "recon/calib/calib.h"
 #include "recon/view/metrics.h"

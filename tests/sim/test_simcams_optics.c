@@ -1,6 +1,6 @@
 /* Orders to simulated cameras reach the pictures of a client of the real protocol: the frame exposed after an order
  * shows it, bit for bit as a camera that was so from the start, and the next one after it was taken back is healthy. */
-#include "daemon/cli/simcams/simcams_ring.h"
+#include "daemon/cli/simcams/ring.h"
 #include "tests/lib/gvraw.h"
 
 #define CAMERAS 3

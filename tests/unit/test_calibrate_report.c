@@ -1,6 +1,6 @@
 /* The report of a calibration as a page: well-formed whatever things are called, small, and with the numbers of the
  * JSON.  Known cameras look at a known board (lib/board_views.h); some of their pictures are bad. */
-#include "daemon/cli/calibrate/calibrate_report.h"
+#include "daemon/cli/calibrate/report.h"
 
 #include <cjson/cJSON.h>
 

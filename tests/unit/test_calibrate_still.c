@@ -1,5 +1,5 @@
 /* What calibrate live decides by: stillness, poses that are known, what joins cameras. */
-#include "daemon/cli/calibrate/calibrate_still.h"
+#include "daemon/cli/calibrate/still.h"
 
 #include "tests/t.h"
 

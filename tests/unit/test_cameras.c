@@ -1,7 +1,7 @@
 /* pyrovox cameras: formats in few words; the judgement of `cameras test`; wrapped text. */
 #include "tests/t.h"
-#include "daemon/cli/cameras/cameras_list.c"
-#include "daemon/cli/cameras/camtest_judge.c"
+#include "daemon/cli/cameras/list.c"
+#include "daemon/cli/cameras/judge.c"
 #include "base/file.h"
 #include "daemon/doctor/wrap.h"
 

@@ -1,6 +1,6 @@
 /* What `pyrovox simcams` serves and how it is told to break: ring of images, fault options, control. */
-#include "daemon/cli/simcams/simcams_faults.c"
-#include "daemon/cli/simcams/simcams_ring.c"
+#include "daemon/cli/simcams/faults.c"
+#include "daemon/cli/simcams/ring.c"
 #include "tests/lib/plugins.h"
 #include "tests/t.h"
 

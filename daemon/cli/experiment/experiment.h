@@ -1,12 +1,12 @@
-/* experiment.h - the parts of `pyrovox experiment`: what is measured (experiment_measure.c), written as CSV
- * (experiment_csv.c), shown in pictures (experiment_pictures.c) and as a report (experiment_report.c).
+/* experiment.h - the parts of `pyrovox experiment`: what is measured (measure.c), written as CSV
+ * (csv.c), shown in pictures (pictures.c) and as a report (report.c).
  * Threads: one, parallel inside. */
 #ifndef EXPERIMENT_H
 #define EXPERIMENT_H
 #include "daemon/cli/common/cli.h"
-#include "daemon/cli/experiment/experiment_lab.h"
-#include "daemon/cli/experiment/experiment_options.h"
-#include "daemon/cli/experiment/experiment_state.h"
+#include "daemon/cli/experiment/lab.h"
+#include "daemon/cli/experiment/options.h"
+#include "daemon/cli/experiment/state.h"
 
 #define EXPERIMENT_VIEWS_MIN 3
 #define EXPERIMENT_VIEWS_MAX 7

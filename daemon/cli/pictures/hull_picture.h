@@ -1,7 +1,7 @@
 /* hull_picture.h - the visual hull of a frame as a picture (paper Fig. 4): voxels inside red, partly
  * inside green, outside yellow, seen from two cameras and in three slices, and the silhouette of
  * every camera that they come from.
- * Threads: one picture at a time per object.  Used by: cmd_reconstruct.c. */
+ * Threads: one picture at a time per object.  Used by: reconstruct.c. */
 #ifndef HULL_PICTURE_H
 #define HULL_PICTURE_H
 #include "recon/frame/frame.h"

@@ -4,7 +4,7 @@
 #define CALIBRATE_REPORT_FIGURES_H
 #include <stdio.h>
 
-#include "daemon/cli/calibrate/calibrate_report.h"
+#include "daemon/cli/calibrate/report.h"
 
 /* How many times longer than in the picture residuals are drawn, the same for all cameras; 0: there are none. */
 double report_enlargement(const struct calibrate_result *r);

@@ -1,0 +1,343 @@
+/* advise.c - `pyrovox advise`: which terms and settings a scene needs, by what a recording shows. */
+#include <argp.h>
+#include <math.h>
+#include <stdio.h>
+
+#include "daemon/cli/advise/advise.h"
+
+static const char doc[] =
+    "Look at a recording and say what its scene needs: which terms of the "
+    "model, which basis and grid, and "
+    "whether light and cameras suffice.\v"
+    "Settings are compared by cameras that had no part in a volume: it is "
+    "made of the others, and shown as "
+    "they should see it. No truth is needed. A line a question: verdict, "
+    "evidence, what it buys; then a "
+    "pyrovoxd.yaml to paste.\n\n"
+    "  pyrovox advise --rig rig.yaml --frames take.h5\n"
+    "Detail is told by the singular values of the rig's own system on that "
+    "flame. Not looked at: whether the rig is right, which `pyrovox calibrate "
+    "check` says.";
+
+static void line(const char *term, const char *verdict)
+{
+    printf("%-12s %-10s ", term, verdict);
+}
+
+static void light(const struct flame_sets *s, const struct advice *a)
+{
+    bool dim = a->brightest < 0.2 && a->saturated < ADVISE_SATURATED && !s->floats;
+    line("exposure", dim ? "raise" : a->saturated > 0.05 ? "lower" : "fine");
+    printf("the brightest pixel is at %.0f %% of full scale, noise at %.2f %%\n",
+           100 * a->brightest, 100 * a->sigma);
+    line("saturated", a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
+    printf("%.1f %% of the flame's pixels are at full scale\n", 100 * a->saturated);
+    double level = a->level[a->darkest];
+    line("black", level > ADVISE_LEVEL ? "subtract" : "fine");
+    printf("where it is darkest %s has %.2f %% of full scale%s\n", s->rig.cameras[a->darkest].name,
+           100 * level,
+           level > ADVISE_LEVEL
+               ? "; `pyrovox calibrate dark` or `background` measure it pixel by pixel"
+               : "");
+    if (a->lit > 0.9)
+        printf("%-23s nearly all pixels count as flame (%.0f %%): what follows is of little worth "
+               "before that "
+               "is mended\n",
+               "", 100 * a->lit);
+}
+
+/* Where it is dark, and whose. */
+static void bodies(const struct flame_sets *s, const struct advice *a)
+{
+    size_t n = 0;
+    for (size_t c = 0; c < s->rig.n_cameras; c++) {
+        const struct advise_body *b = &a->body[c];
+        if (!(b->share > 0))
+            continue;
+        if (n++ == 0)
+            line("bodies", "found");
+        else
+            printf("%-23s ", "");
+        printf("%s stays dark in pixels %d..%d, %d..%d (right, down) where %.0f %% of its light is "
+               "due; "
+               "without them the "
+               "others' pictures are missed by %.1f %%, not %.1f %%\n",
+               s->rig.cameras[c].name, b->from[0], b->to[0], b->from[1], b->to[1], 100 * b->share,
+               100 * b->error[1], 100 * b->error[0]);
+    }
+    if (n == 0) {
+        line("bodies", "none");
+        printf("no camera stays dark where the others say there is flame\n");
+        return;
+    }
+    printf(
+        "%-23s %s; no time. What follows is without these pixels\n", "",
+        n == 1
+            ? "something before that lens: draw it dark into its `photometry: { mask: FILE }` in "
+              "rig.yaml"
+            : "several see it: it stands about the flame, `bodies` of rig.yaml if its shape is "
+              "known, else a mask "
+              "for each camera");
+}
+
+static void motion(const struct advice *a, int32_t voxels)
+{
+    const struct advise_motion *m = &a->motion;
+    if (!m->known) {
+        line("rate", "unknown");
+        printf("no three sets of the recording follow each other\n");
+        line("temporal", "off");
+        printf("the same\n");
+        return;
+    }
+    line("rate", m->voxels > ADVISE_FAR ? "raise" : "fine");
+    printf(
+        "from set to set the flame moves by %.1f voxels of %d and its pictures change by %.0f %%, "
+        "by noise alone by "
+        "%.0f %%; ",
+        m->voxels, voxels, 100 * m->change, 100 * m->noise);
+    if (m->voxels > 0.5)
+        printf("exposures over %.0f %% of the period smear it by half a voxel\n", 50 / m->voxels);
+    else
+        printf("no exposure smears it\n");
+    line("temporal", m->on ? "on" : "off");
+    printf("leaning on the set before betters %zu of %zu left-out pictures, which are missed by "
+           "%.2f %%, "
+           "without by %.2f %%, %.2f %% of it noise; %.0f ms, without %.0f ms at %d voxels\n",
+           m->better, m->pictures, 100 * m->error[1], 100 * m->error[0], 100 * m->floor, m->ms[1],
+           m->ms[0], voxels);
+}
+
+static void margin(const struct flame_sets *s, const struct advice *a)
+{
+    char n[16];
+    snprintf(n, sizeof n, "%d", a->best_margin);
+    line("margin", n);
+    printf("left-out pictures with silhouettes grown by bins of %d pixels:", s->params.binning);
+    for (int m = 0; m < ADVISE_MARGINS; m++)
+        printf("%s %d: %.1f %%", m > 0 ? "," : "", m, 100 * a->margin[m]);
+    printf("; no time\n");
+}
+
+static void response(const struct advice *a)
+{
+    const struct advise_response *r = &a->response;
+    line("response", r->on ? "bent" : "linear");
+    printf("left-out pictures are missed by %.1f %% as they are", 100 * r->error[0]);
+    if (r->power != 1)
+        printf(", by %.1f %% to the power of %.2g", 100 * r->error[1], r->power);
+    else
+        printf(", by more to any other power");
+    printf("; no time\n");
+    if (r->on)
+        printf("%-23s `pyrovox calibrate response` measures the curve%s. What follows is with this "
+               "power\n",
+               "", r->power > 2 ? "; if the files are sRGB, --transfer srgb is all" : "");
+}
+
+static void millimetres(const struct rec_resolution *r, int noise)
+{
+    for (int k = 0; k < 3; k++) {
+        double mm = 1000 * r->least[k][noise], finest = 1000 * r->size[0] * r->voxel[k];
+        printf(k > 0 ? ", " : "");
+        if (isinf(mm))
+            printf("none");
+        else
+            printf("%.3g mm%s", mm, mm > finest ? "" : " or less");
+    }
+}
+
+/* Of a flame's own brightness; by which of noise and cameras it ends. */
+static void detail(const struct advice *a)
+{
+    const struct rec_resolution *r = &a->resolution;
+    bool light = false;
+    if (!(r->least[0][0] > 0)) {
+        line("detail", "unknown");
+        printf("without noise or flame nothing limits it\n");
+        return;
+    }
+    bool all = true;
+    for (int k = 0; k < 3; k++) {
+        all &= r->least[k][0] <= r->size[0] * r->voxel[k];
+        light |= r->least[k][0] > 1.25 * r->least[k][1];
+    }
+    line("detail", all ? "fine" : light ? "by noise" : "by rig");
+    printf("of the flame's own brightness survives noise and views from ");
+    millimetres(r, 0);
+    printf(" on (along x, y, z)");
+    if (all) {
+        printf(", the voxels of this check\n");
+        return;
+    }
+    printf("; with a quarter of the noise from ");
+    millimetres(r, 1);
+    printf(": more %s\n", light ? "light helps" : "cameras help, more light does not");
+}
+
+/* Of colours, where pictures have them. */
+static void noise(const struct advice *a)
+{
+    if (!(a->noise[0] > 0))
+        return;
+    double most = fmax(a->noise[0], fmax(a->noise[1], a->noise[2]));
+    double least = fmin(a->noise[0], fmin(a->noise[1], a->noise[2]));
+    line("noise", most > 1.5 * least ? "by channel" : "alike");
+    printf("red %.2f %%, green %.2f %%, blue %.2f %% of full scale; each channel is weighed by its "
+           "own, no time\n",
+           100 * a->noise[0], 100 * a->noise[1], 100 * a->noise[2]);
+}
+
+/* Alike, and volumes that are smooth serve whoever renders them. */
+static enum rec_basis basis(const struct advice *a)
+{
+    return ADVISE_SAME * a->basis[REC_BOX] < a->basis[REC_TRILINEAR] ? REC_BOX : REC_TRILINEAR;
+}
+
+static void model(const struct advice *a)
+{
+    const struct rec_absorption *b = &a->absorption;
+    line("absorption", b->c > 0 ? "on" : "off");
+    printf(
+        "c %.3g (depth %.1f at the brightest pixel) betters %u of %u left-out pictures, which are "
+        "missed by %.1f %%, without by %.1f %%, %.1f %% of it noise; no time\n",
+        b->best, b->depth, b->better, b->views, 100 * b->missed[1], 100 * b->missed[0],
+        100 * b->noise);
+    line("basis", rec_basis_name(basis(a)));
+    printf("left-out pictures are missed by %.1f %% (box), %.1f %% (trilinear)\n",
+           100 * a->basis[REC_BOX], 100 * a->basis[REC_TRILINEAR]);
+}
+
+static void gains(const struct flame_sets *s, const struct advice *a)
+{
+    const struct advise_gain *g = &a->gain;
+    if (!g->known) {
+        line("gain", "unknown");
+        printf("too few sets or cameras with a flame to tell\n");
+        return;
+    }
+    line("gain", g->on ? "on" : "off");
+    if (g->gain[g->worst] == 1) {
+        printf("all cameras are alike: no gains show other sets better; no time\n");
+        return;
+    }
+    printf("%s is furthest off the others, %.3f of what it should have; left-out pictures are "
+           "missed by %.1f %% as they "
+           "are, by %.1f %% with gains; no time\n",
+           s->rig.cameras[g->worst].name, 1 / g->gain[g->worst], 100 * g->error[0],
+           100 * g->error[1]);
+    if (!g->on)
+        return;
+    printf("%-23s ", "");
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        if (fabs(log(g->gain[c])) > log(1 + ADVISE_GAIN))
+            printf("%s: %.3f, ", s->rig.cameras[c].name, g->gain[c]);
+    printf("which `pyrovox calibrate gain --rig %s --flame --frames %s --out with-gains.yaml` "
+           "measures by colour\n",
+           s->a->rig, s->a->frames);
+}
+
+static void size(const struct flame_sets *s, const struct advice *a)
+{
+    char n[16];
+    snprintf(n, sizeof n, "%d", a->grid[a->best_grid].voxels);
+    line("grid", n);
+    for (size_t i = 0; i < a->n_grids; i++)
+        printf("%s%d: %.1f %% %.0f ms", i > 0 ? ", " : "", a->grid[i].voxels,
+               100 * a->grid[i].error, a->grid[i].ms);
+    printf(" (grey)%s\n",
+           a->best_grid + 1 == a->n_grids ? "; finer may be better yet: --grid auto" : "");
+    if (s->rig.n_cameras < 7)
+        return;
+    bool more = a->half > 1.25 * a->all;
+    line("cameras", more ? "more help" : "enough");
+    printf("left-out pictures are missed by %.1f %% by every second of the others, by %.1f %% by "
+           "all\n",
+           100 * a->half, 100 * a->all);
+}
+
+void advise_print(const struct flame_sets *s, const struct advice *a)
+{
+    light(s, a);
+    noise(a);
+    bodies(s, a);
+    model(a);
+    gains(s, a);
+    response(a);
+    motion(a, s->params.voxels);
+    margin(s, a);
+    size(s, a);
+    detail(a);
+    printf("\nrig: %s\nbasis: %s\n", s->a->rig, rec_basis_name(basis(a)));
+    if (a->best_grid + 1 == a->n_grids && a->finest > a->grid[a->best_grid].voxels)
+        printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
+    else
+        printf("grid: [%d]\n", a->grid[a->best_grid].voxels);
+    double level = INFINITY; /* what all of them have; one number takes no more off */
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        level = fmin(level, a->level[c]);
+    if (a->level[a->darkest] > ADVISE_LEVEL && a->level[a->darkest] > level + ADVISE_LEVEL)
+        printf("# black levels differ by camera: `pyrovox calibrate dark` gives each its own\n");
+    level = s->a->black + (level > ADVISE_LEVEL ? level : 0);
+    if (a->margin_bins > 0)
+        printf("photometry: { black: %.4g, margin: %d }\n", level, a->margin_bins);
+    else if (level > 0)
+        printf("photometry: { black: %.4g }\n", level);
+    printf("model: { absorption: %.3g, saturated: %s, temporal: %s }\n", a->absorption.c,
+           a->saturated > ADVISE_SATURATED ? "at-least" : "left-out", a->motion.on ? "on" : "off");
+    if (a->response.on)
+        printf("# the cameras' response goes into %s\n", s->a->rig);
+    for (size_t c = 0; c < s->rig.n_cameras; c++)
+        if (a->body[c].share > 0) {
+            printf("# bodies and masks stand in %s\n", s->a->rig);
+            break;
+        }
+}
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    struct flame_sets_args *a = st->input;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = a; return 0;
+    case ARGP_KEY_ARG: argp_error(st, "unexpected argument '%s'", arg); return 0;
+    case ARGP_KEY_END:
+        if (a->rig == NULL || a->frames == NULL)
+            argp_error(st, "needs --rig and --frames");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static int run(int argc, char **argv)
+{
+    static const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 1}, {0}};
+    static const struct argp argp = {.parser = parse, .children = children, .doc = doc};
+    struct flame_sets_args args = FLAME_SETS_INIT;
+    struct flame_sets s;
+    struct advice a;
+    struct pvx_diag d = {""};
+    args.sets = 20;
+    argp_parse(&argp, argc, argv, 0, NULL, &args);
+    cli_catch_stop();
+    pvx_err e = flame_sets_load(&s, &args, &d);
+    if (e == PVX_OK && s.rig.n_cameras < 4)
+        e = pvx_fail(
+            &d, PVX_EINVAL,
+            "advise: %zu cameras: one is left out and three make a volume, so it takes four",
+            s.rig.n_cameras);
+    if (e == PVX_OK)
+        e = advise_measure(&s, &a, &d);
+    if (e == PVX_OK)
+        e = advise_noise(&s, &a, &d);
+    if (e == PVX_OK)
+        advise_print(&s, &a);
+    flame_sets_fini(&s);
+    if (e == PVX_ECANCELED) {
+        fprintf(stderr, "pyrovox: stopped\n");
+        return 130;
+    }
+    return e == PVX_OK ? 0 : cli_error(&d, e);
+}
+
+const struct cli_command cmd_advise = {
+    "advise", "what a recording's scene needs: terms, grid, light, cameras", run};

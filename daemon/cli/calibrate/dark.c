@@ -1,0 +1,73 @@
+/* dark.c - `pyrovox calibrate dark`: what cameras see with their caps on. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "base/mem.h"
+#include "daemon/cli/calibrate/calibrate.h"
+#include "daemon/cli/calibrate/light.h"
+
+static const char doc[] =
+    "The mean of dark pictures per camera, with hot and dead pixels marked, into rig.yaml.\v"
+    "Caps on, exposure, gain and temperature as for the flame; 16 pictures or more:\n"
+    "  pyrovox calibrate dark --rig rig.yaml --frames darks.h5 --out rig2.yaml\n"
+    "A dark is subtracted from each picture; marked pixels are left out. It holds for its own "
+    "exposure, gain and temperature (5 degrees): takes of others are refused. Every camera of the "
+    "rig that has pictures gets one.";
+
+static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+{
+    struct rec_camera *k = &l->rig.cameras[c];
+    struct rec_photometry *p = &k->photometry;
+    const struct calibrate_stack *s = calibrate_light_stack(l, 0, c);
+    const struct rec_light_picture *pic = &s->picture;
+    struct pvx_diag why = {""};
+    struct rec_dark r;
+    size_t n = (size_t)pic->width * (size_t)pic->height * (size_t)pic->channels;
+    float *map = pvx_calloc(n, sizeof *map);
+    if (map == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = rec_light_dark(pic, map, &r, &why);
+    e = e != PVX_OK ? calibrate_light_fail(k, e, &why, d)
+                    : calibrate_light_map(l, c, "dark", map, &p->dark, d);
+    free(map);
+    if (e != PVX_OK)
+        return e;
+    p->has_exposure = isfinite(pic->exposure);
+    p->exposure = p->has_exposure ? pic->exposure : 0;
+    p->has_gain = isfinite(s->gain);
+    p->gain_db = p->has_gain ? s->gain : 0;
+    p->has_temperature = isfinite(s->temperature);
+    p->temperature = p->has_temperature ? s->temperature : 0;
+    calibrate_light_who(s, p);
+    printf(
+        "%-12s %u pictures: level %.4f, noise of a picture %.5f (full scale = 1), %zu hot and %zu "
+        "dead pixels\n",
+        k->name, pic->n, r.level, r.read, r.hot, r.dead);
+    return PVX_OK;
+}
+
+static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+{
+    bool any = false;
+    if (l->a->n != 1)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "a rig has darks of one exposure: give one --frames, and a rig for each exposure");
+    for (size_t c = 0; c < l->rig.n_cameras; c++)
+        if (calibrate_light_stack(l, 0, c)->picture.n > 0) {
+            PVX_TRY(one(l, c, d));
+            any = true;
+        }
+    if (!any)
+        return pvx_fail(d, PVX_ENOENT, "%s: no picture could be used", l->a->frames[0]);
+    return calibrate_light_save(l, d);
+}
+
+int calibrate_dark(int argc, char **argv)
+{
+    struct calibrate_light_args a;
+    if (calibrate_light_parse(&a, doc, argc, argv) != 0)
+        return 2;
+    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE, step);
+}

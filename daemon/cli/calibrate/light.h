@@ -1,0 +1,79 @@
+/* light.h - what the steps of `pyrovox calibrate` that measure a camera's response to light share:
+ * dark, flat, response, gain, colour, background.
+ *
+ * Each --frames is a group: pictures of one scene at one exposure, of which mean and variance per raw sample
+ * are kept, for every camera that has some.  In this order: parse, begin, read, the step's own, save, fini.
+ * Ownership: the struct is the caller's, fini frees what it holds, after an error too. */
+#ifndef CALIBRATE_LIGHT_H
+#define CALIBRATE_LIGHT_H
+#include <argp.h>
+
+#include "daemon/cli/common/frames_in.h"
+#include "recon/light/light.h"
+
+#define CALIBRATE_GROUPS 64
+
+struct calibrate_light_args {
+    const char *rig, *out, *frames[CALIBRATE_GROUPS];
+    double exposure_ms[CALIBRATE_GROUPS]; /* NAN: as the take says */
+    size_t n;
+    int64_t threads;
+    struct frames_in_reading reading;
+    bool force;
+    bool nothing; /* no pictures are wanted: nothing has to be given */
+};
+/* Child of a step's argp; its input is the args.  Usage errors end the program with 2. */
+extern const struct argp calibrate_light_argp;
+/* A step whose options are these only; exit code 2 or 0. */
+int calibrate_light_parse(struct calibrate_light_args *a, const char *doc, int argc, char **argv);
+
+/* A camera's pictures of a group. */
+struct calibrate_stack {
+    struct rec_light_picture picture; /* n 0: it has none */
+    double *sum, *sum2;
+    double whole, whole2; /* of the pictures' means */
+    float *mean, *var;
+    struct rec_light_still still;
+    uint64_t samples, saturated;
+    double gain;                                         /* as the camera said; NAN */
+    double temperature;                                  /* the same, degrees C; NAN */
+    char serial[REC_SERIAL_MAX], device[REC_SERIAL_MAX]; /* "" = not known (photometry.h) */
+};
+
+struct calibrate_light {
+    const struct calibrate_light_args *a;
+    struct rec_rig rig; /* as it will be written */
+    struct rec_rig as;  /* as pictures are read: gains are in `light` where there is some */
+    pvx_pool *pool;
+    dmn_photometry *light;
+    struct calibrate_stack *stack; /* [groups][REC_MAX_CAMERAS] */
+};
+
+/* The rig; `what` (enum dmn_light) of it is applied to the pictures.  Errors: the rig's, its maps',
+ * PVX_EBUSY (--out is there), PVX_EINVAL (maps would lie elsewhere than --out). */
+PVX_MUST_CHECK pvx_err calibrate_light_begin(struct calibrate_light *l,
+                                             const struct calibrate_light_args *a, unsigned what,
+                                             struct pvx_diag *d);
+/* All groups.  Errors: those of frames_in.h, PVX_EINVAL, PVX_ECANCELED. */
+PVX_MUST_CHECK pvx_err calibrate_light_read(struct calibrate_light *l, struct pvx_diag *d);
+struct calibrate_stack *calibrate_light_stack(const struct calibrate_light *l, size_t group,
+                                              size_t camera);
+/* Camera c's pictures in all groups that have some, into out[CALIBRATE_GROUPS]; how many. */
+size_t calibrate_light_of(const struct calibrate_light *l, size_t camera,
+                          struct rec_light_picture *out);
+/* A map of camera c beside the new rig, and its name and hash into *m.  kind "dark", "flat". */
+PVX_MUST_CHECK pvx_err calibrate_light_map(const struct calibrate_light *l, size_t camera,
+                                           const char *kind, const float *v, struct rec_map *m,
+                                           struct pvx_diag *d);
+/* Who was measured, of a stack, into what the rig says. */
+void calibrate_light_who(const struct calibrate_stack *s, struct rec_photometry *p);
+/* The rig to --out. */
+PVX_MUST_CHECK pvx_err calibrate_light_save(const struct calibrate_light *l, struct pvx_diag *d);
+void calibrate_light_fini(struct calibrate_light *l);
+/* begin, read, `step`, save and fini; exit code. */
+int calibrate_light_run(const struct calibrate_light_args *a, unsigned what,
+                        pvx_err (*step)(struct calibrate_light *l, struct pvx_diag *d));
+/* "camera NAME: why" in the place of why. */
+PVX_MUST_CHECK pvx_err calibrate_light_fail(const struct rec_camera *k, pvx_err e,
+                                            const struct pvx_diag *why, struct pvx_diag *d);
+#endif

@@ -1,0 +1,382 @@
+/* live.c - `pyrovox calibrate live`: pictures through the rig's own cameras, and the rig from them. */
+#include <ctype.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/log.h"
+#include "base/mem.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/calibrate/calibrate.h"
+#include "daemon/cli/calibrate/screen.h"
+#include "daemon/cli/common/cli.h"
+
+#define LOOK_NS  (50 * PVX_NS_PER_MS)
+#define STATS_NS (500 * PVX_NS_PER_MS)
+
+struct args {
+    struct calibrate_args c;
+    const char *config, *frames;
+    int64_t poses;
+    int argc;
+    char **argv;
+};
+
+enum { OPT_FRAMES = 0x100, OPT_POSES };
+
+static const struct argp_option options[] = {
+    {"config", 'c', "FILE", 0, "the cameras of this pyrovoxd.yaml, set up and triggered as it says",
+     0},
+    {"frames", OPT_FRAMES, "DIR", 0,
+     "keep the pictures here, and go on from those that are there (default: beside the rig, "
+     "rig-frames for rig.yaml)",
+     0},
+    {"poses", OPT_POSES, "N", 0, "end by itself once there are so many (0, the default: never)", 0},
+    {0}};
+
+static const char doc[] =
+    "Calibrate through the rig's own cameras and triggers.\v"
+    "Stop pyrovoxd first: a camera has one master. Then:\n"
+    "  1. Lay the board flat where the middle of the volume's floor is. The first picture is taken "
+    "of it there: x = y = 0 is its middle, its rows are x, z is up. (Not with --up or --keep.)\n"
+    "  2. Carry it from pose to pose and hold it still. A picture is taken by itself, by all "
+    "cameras "
+    "at one instant, once the board has stood still for half a second in a pose that is new.\n"
+    "  3. Do what the screen says: it shows which cameras still lack joint poses, the volume error "
+    "to expect now, and the pose that would lower it most: \"face cam3, low, tilt left\" means "
+    "that the board looks at cam3, low in the volume, with its face turned to the left as cam3 "
+    "sees it.\n"
+    "  4. Ctrl-C: every picture stays, all is solved once more with all checks, and the rig is "
+    "written unless it should not be believed. The same command goes on from there; so does "
+    "`pyrovox calibrate solve --frames DIR`.\n"
+    "\n"
+    "In the configuration, `cameras` names each camera as long as there is no rig yet: cameras: "
+    "{cam0: \"aravis:192.168.1.21\", cam1: ...}. Pictures have the size that the cameras are set "
+    "to, "
+    "or the older rig's. --volume is the older rig's where none is given.\n"
+    "\n"
+    "Elsewhere than on a terminal it prints a line whenever something happens.\n"
+    "Exit code 0 when the rig was written, after Ctrl-C too.\n"
+    "\n"
+    "Examples:\n"
+    "  pyrovox calibrate live --config pyrovoxd.yaml --board charuco:8x11:0.03:0.022:two-sided "
+    "--volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml\n"
+    "Without cameras, after `printf 'cameras: {cam0: \"aravis:127.0.0.2\", cam1: "
+    "\"aravis:127.0.0.3\", cam2: \"aravis:127.0.0.4\", cam3: \"aravis:127.0.0.5\"}\\nfps: "
+    "10\\nshared_clock: true\\n' > sim.yaml`:\n"
+    "  pyrovox simcams --private-net --cameras 4 --radius 1.6 --height 0.9 --board "
+    "charuco:5x6:0.14:0.105:two-sided -- pyrovox calibrate live --config sim.yaml --board "
+    "charuco:5x6:0.14:0.105:two-sided --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml";
+
+static error_t parse_opt(int key, char *arg, struct argp_state *st)
+{
+    struct args *a = st->input;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
+    case 'c': a->config = arg; return 0;
+    case OPT_FRAMES: a->frames = arg; return 0;
+    case OPT_POSES: cli_arg_int(st, "poses", arg, 0, 1000000, &a->poses); return 0;
+    case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
+    case ARGP_KEY_END:
+        if (a->config == NULL)
+            argp_error(st, "which cameras? --config pyrovoxd.yaml");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+/* ---- before ---- */
+
+/* "rig.yaml" -> "rig-frames". */
+static pvx_err name_frames(const char *out, char *dir, size_t size)
+{
+    const char *slash = strrchr(out, '/'), *dot = strrchr(out, '.');
+    int n = (int)(dot != NULL && (slash == NULL || dot > slash + 1) && dot > out
+                      ? dot - out
+                      : (ptrdiff_t)strlen(out));
+    return snprintf(dir, size, "%.*s-frames", n, out) < (int)size ? PVX_OK : PVX_ERANGE;
+}
+
+/* The cameras of the configuration, by name, as calibrate_find has those of a folder. */
+static void name_cameras(struct live *l)
+{
+    struct calibrate_look *k = &l->job.look;
+    const struct rec_rig *rig = &l->cams.rig;
+    for (size_t i = 0; i < rig->n_cameras; i++) {
+        const char *name = rig->cameras[i].name;
+        size_t at = k->n_cameras++;
+        for (; at > 0 && strcmp(k->camera[at - 1].name, name) > 0; at--)
+            k->camera[at] = k->camera[at - 1];
+        k->camera[at] = (struct rec_calib_camera){0};
+        snprintf(k->camera[at].name, sizeof k->camera[at].name, "%s", name);
+    }
+    for (size_t i = 0; i < rig->n_cameras; i++)
+        l->look_of[i] =
+            (uint32_t)calibrate_camera(k, rig->cameras[i].name, strlen(rig->cameras[i].name));
+}
+
+static pvx_err make_folders(const struct live *l, struct pvx_diag *d)
+{
+    const struct calibrate_look *k = &l->job.look;
+    for (size_t c = 0; c < k->n_cameras; c++) {
+        char path[4096];
+        if (snprintf(path, sizeof path, "%s/%s", l->frames, k->camera[c].name) >= (int)sizeof path)
+            return pvx_fail(d, PVX_ERANGE, "%.80s...: name too long", l->frames);
+        PVX_TRY(pvx_mkdirs(path, d));
+    }
+    return PVX_OK;
+}
+
+static int by_number(const void *a, const void *b)
+{
+    uint32_t p = ((const struct calibrate_picture *)a)->frame,
+             q = ((const struct calibrate_picture *)b)->frame;
+    return (p > q) - (p < q);
+}
+
+/* What was taken before, with the board found in it anew. */
+static pvx_err take_over(struct live *l, struct pvx_diag *d)
+{
+    struct calibrate_look old, *k = &l->job.look;
+    pvx_err e = calibrate_find(&old, l->frames, d);
+    if (e == PVX_ENOENT && old.source == CALIBRATE_FOLDERS) {
+        d->text[0] = '\0';
+        return PVX_OK;
+    }
+    if (e == PVX_OK && old.source != CALIBRATE_FOLDERS)
+        e = pvx_fail(d, PVX_EINVAL,
+                     "%s: there is a take or a video, and pictures cannot be added to it; take "
+                     "another --frames",
+                     l->frames);
+    uint32_t to[REC_MAX_CAMERAS];
+    for (size_t i = 0; e == PVX_OK && i < old.n_cameras; i++) {
+        to[i] = (uint32_t)calibrate_camera(k, old.camera[i].name, strlen(old.camera[i].name));
+        if (to[i] == k->n_cameras)
+            e = pvx_fail(d, PVX_EINVAL,
+                         "%s/%s: pictures of a camera that the configuration does not have; take "
+                         "another --frames, or move them away",
+                         l->frames, old.camera[i].name);
+    }
+    if (e == PVX_OK)
+        e = calibrate_look(&old, &l->job.board, l->pool, l->a->quiet, d);
+    if (e == PVX_OK && (k->picture = pvx_calloc(old.n, sizeof *k->picture)) == NULL)
+        e = PVX_ENOMEM;
+    for (size_t i = 0; e == PVX_OK && i < old.n; i++) {
+        k->picture[k->n] = old.picture[i];
+        k->picture[k->n].camera = k->picture[k->n].view.camera = to[old.picture[i].camera];
+        k->n++;
+        old.picture[i].path = NULL;
+        old.picture[i].view.corner = NULL;
+    }
+    if (e == PVX_OK)
+        qsort(k->picture, k->n, sizeof *k->picture, by_number);
+    calibrate_look_fini(&old);
+    return e;
+}
+
+static pvx_err prepare(struct live *l, struct calibrate_args *a, const char *config,
+                       struct pvx_diag *d)
+{
+    PVX_TRY(calibrate_start(&l->job, a, d));
+    PVX_TRY(calibrate_cameras_init(&l->cams, config, d));
+    const struct rec_grid *g = &l->cams.rig.grid;
+    bool one = a->add.n + a->recover.n > 0; /* volume and voxels of --keep */
+    if (!a->has_volume && !one && g->n[0] == 0)
+        return pvx_fail(d, PVX_EINVAL,
+                        "where will the flame burn? --volume x0,y0,z0,x1,y1,z1, metres, z up");
+    if (!a->has_volume && !one) {
+        memcpy(a->volume, g->min, sizeof g->min);
+        memcpy(a->volume + 3, g->max, sizeof g->max);
+        a->has_volume = true;
+    }
+    PVX_TRY(pvx_pool_new((unsigned)a->threads, "board", &l->pool));
+    name_cameras(l);
+    PVX_TRY(take_over(l, d));
+    size_t n = l->job.look.n_cameras;
+    if ((l->common = pvx_calloc(n * n, sizeof *l->common)) == NULL)
+        return PVX_ENOMEM;
+    live_count(l);
+    if (a->floor < 0 && !a->has_up && a->keep == NULL) /* the first picture */
+        a->floor = l->job.look.n > 0 ? l->job.look.picture[0].frame : 0;
+    PVX_TRY(calibrate_prepare(&l->job, d));
+    return make_folders(l, d);
+}
+
+/* ---- meanwhile ---- */
+
+static void note_stats(struct live *l, struct cap_stats *s)
+{
+    cap_capture_stats(l->capture, s);
+    pthread_mutex_lock(&l->lock);
+    for (size_t i = 0; i < l->cams.rig.n_cameras; i++) {
+        struct live_camera *c = &l->camera[l->look_of[i]];
+        c->running = s->camera[i].state == CAP_RUNNING;
+        c->fps = s->camera[i].fps;
+        snprintf(c->error, sizeof c->error, "%s", s->camera[i].error);
+    }
+    l->dropped = s->sets_dropped;
+    pthread_mutex_unlock(&l->lock);
+}
+
+static bool enough(struct live *l, int64_t poses)
+{
+    pthread_mutex_lock(&l->lock);
+    bool done = l->e != PVX_OK || (poses > 0 && l->poses >= (size_t)poses);
+    pthread_mutex_unlock(&l->lock);
+    return done;
+}
+
+static pvx_err run(struct live *l, int64_t poses, struct pvx_diag *d)
+{
+    struct live_screen screen;
+    struct cap_stats *stats = pvx_calloc(1, sizeof *stats);
+    if (stats == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = cap_capture_new(&l->cams.sources.capture, &l->capture, d);
+    if (e == PVX_OK)
+        e = live_start(l, d);
+    if (e == PVX_OK)
+        e = cap_capture_start(l->capture, d);
+    int64_t next_ns = 0;
+    live_screen_open(&screen);
+    while (e == PVX_OK && !cli_stop && !enough(l, poses)) {
+        struct cap_set *s = NULL;
+        e = cap_capture_next(l->capture, LOOK_NS, &s);
+        if (e == PVX_OK)
+            live_offer(l, s);
+        e = e == PVX_ETIMEDOUT ? PVX_OK : e;
+        if (pvx_now_mono() >= next_ns) {
+            note_stats(l, stats);
+            next_ns = pvx_now_mono() + STATS_NS;
+        }
+        live_screen_draw(&screen, l);
+    }
+    if (l->capture != NULL)
+        cap_capture_stop(l->capture);
+    live_stop(l);
+    if (e == PVX_OK || e == PVX_ECLOSED)
+        live_screen_draw(&screen, l); /* the last lines */
+    live_screen_close(&screen);
+    free(stats);
+    if (l->e != PVX_OK)
+        return pvx_fail(d, l->e, "%s", pvx_diag_text(&l->d, l->e));
+    return e == PVX_ECLOSED ? PVX_OK : e;
+}
+
+/* ---- after ---- */
+
+static void print_word(const char *w)
+{
+    bool plain = w[0] != '\0';
+    for (const char *p = w; *p != '\0'; p++)
+        plain = plain && (isalnum((unsigned char)*p) || strchr("._-/:,=+%@", *p) != NULL);
+    if (plain) {
+        printf(" %s", w);
+        return;
+    }
+    printf(" '");
+    for (const char *p = w; *p != '\0'; p++)
+        if (*p == '\'')
+            printf("'\\''");
+        else
+            putchar(*p);
+    putchar('\'');
+}
+
+/* The command again, with --force where a rig is in the way now. */
+static void say_how_to_go_on(const struct args *a)
+{
+    printf("more pictures:");
+    for (int i = 0; i < a->argc; i++)
+        if (i == 0)
+            printf(" %s", a->argv[i]);
+        else
+            print_word(a->argv[i]);
+    printf("%s\n", !a->c.force && access(a->c.out, F_OK) == 0 ? " --force" : "");
+}
+
+static int in_order(const void *a, const void *b)
+{
+    const struct calibrate_picture *p = a, *q = b;
+    return p->camera != q->camera ? (p->camera > q->camera) - (p->camera < q->camera)
+                                  : (p->frame > q->frame) - (p->frame < q->frame);
+}
+
+/* The pictures as calibrate_find would have them. */
+static pvx_err put_in_order(struct calibrate_look *k, struct pvx_diag *d)
+{
+    qsort(k->picture, k->n, sizeof *k->picture, in_order);
+    for (size_t i = 0; i < k->n; i++)
+        k->count[k->picture[i].camera].pictures++;
+    for (size_t c = 0; c < k->n_cameras; c++)
+        if (k->count[c].pictures == 0)
+            return pvx_fail(d, PVX_EINVAL, "%s: no picture was taken with it: is it connected?",
+                            k->camera[c].name);
+    return calibrate_look_count(k, d);
+}
+
+static pvx_err conclude(struct live *l, struct pvx_diag *d)
+{
+    if (l->poses == 0)
+        return pvx_fail(d, PVX_ENOENT, "no picture of the board was taken; nothing to solve");
+    printf(
+        "%zu poses in %s, %zu of them new; %llu frame sets looked at, %llu passed over for newer "
+        "ones\n",
+        l->poses, l->frames, l->taken_now, (unsigned long long)l->looks,
+        (unsigned long long)(l->skipped + l->dropped));
+    cli_stop = 0; /* once more ends this too */
+    PVX_TRY(put_in_order(&l->job.look, d));
+    return calibrate_conclude(&l->job, d);
+}
+
+static int live(struct args *a)
+{
+    char dir[4000];
+    struct pvx_diag d = {""};
+    struct live *l = pvx_calloc(1, sizeof *l);
+    if (l == NULL)
+        return cli_error(NULL, PVX_ENOMEM);
+    pthread_mutex_init(&l->lock, NULL);
+    pthread_cond_init(&l->wake, NULL);
+    l->a = &a->c;
+    l->frames = a->frames != NULL ? a->frames : dir;
+    pvx_err e = name_frames(a->c.out, dir, sizeof dir);
+    if (e == PVX_OK)
+        e = prepare(l, &a->c, a->config, &d);
+    bool ready = e == PVX_OK;
+    if (e == PVX_OK)
+        e = run(l, a->poses, &d);
+    if (e == PVX_OK)
+        e = conclude(l, &d);
+    int code = e == PVX_OK ? 0 : e == PVX_ECANCELED ? 130 : cli_error(&d, e);
+    if (code == 130)
+        fprintf(stderr, "\npyrovox: stopped; no rig was written\n");
+    if (ready && (l->poses > 0 || l->taken_now > 0))
+        say_how_to_go_on(a);
+    calibrate_job_fini(&l->job);
+    cap_capture_free(&l->capture);
+    calibrate_cameras_fini(&l->cams);
+    pvx_pool_free(&l->pool);
+    free(l->common);
+    pthread_cond_destroy(&l->wake);
+    pthread_mutex_destroy(&l->lock);
+    free(l);
+    return code;
+}
+
+int calibrate_live(int argc, char **argv)
+{
+    struct args a = {.c = CALIBRATE_ARGS_INIT, .argc = argc, .argv = argv};
+    a.c.volume_later = true;
+    const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
+    const struct argp argp = {
+        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
+        return 2;
+    pvx_log_set_level(PVX_LOG_ERROR); /* the screen says what is wrong */
+    cli_catch_stop();
+    return live(&a);
+}

@@ -1,0 +1,180 @@
+#include "daemon/cli/calibrate/options.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "base/yaml.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/opt_rig.h"
+#include "recon/calib/calib.h"
+
+enum {
+    OPT_VOLUME = 0x800,
+    OPT_VOXELS,
+    OPT_FLOOR,
+    OPT_UP,
+    OPT_KEEP,
+    OPT_LENSES,
+    OPT_ADD,
+    OPT_RECOVER,
+    OPT_MEASURED,
+    OPT_REPORT,
+    OPT_ACCEPT,
+    OPT_FORCE,
+    OPT_THREADS,
+    OPT_QUIET
+};
+
+static const struct argp_option options[] = {
+    {"board", 'b', "SPEC", 0, "the board as it was printed; see `pyrovox calibrate board --help`",
+     0},
+    {"volume", OPT_VOLUME, "X0,Y0,Z0,X1,Y1,Z1", 0,
+     "the box in which the flame will burn, metres, z up", 0},
+    {"out", 'o', "FILE", 0, "write the rig here", 0},
+    {"voxels", OPT_VOXELS, "N|NX,NY,NZ|auto", 0,
+     "voxels along x, y, z (auto, the default: the finest that the pictures hold)", 0},
+    {NULL, 0, NULL, 0, "Where the world is:", 1},
+    {"floor", OPT_FLOOR, "NUMBER", 0,
+     "in the pictures of this number the board lies flat at the bottom of the volume: its middle "
+     "is "
+     "x = y = 0, its rows are x",
+     1},
+    {"up", OPT_UP, "X,Y,Z[,CAMERA]", 0,
+     "z up, in the axes of a camera (the first): 0,-1,0 for one that stands upright and level", 1},
+    {"keep", OPT_KEEP, "RIG", 0, "the world of an older rig, by the cameras that did not move", 1},
+    {NULL, 0, NULL, 0, "What is known already:", 2},
+    {"fix-intrinsics", OPT_LENSES, "RIG", 0, "lenses as they are in this rig, by name", 2},
+    {"add", OPT_ADD, "CAMERA", 0,
+     "a new camera: all others stay as they are in the rig of --keep, to which it is added; may be "
+     "repeated",
+     2},
+    {"recover", OPT_RECOVER, "CAMERA", 0,
+     "a camera that was moved: it keeps its lens, all others stay as they are in the rig of "
+     "--keep; "
+     "may be repeated",
+     2},
+    {"measured", OPT_MEASURED, "A,B,METRES", 0,
+     "the distance of two cameras' lenses by tape, to check the scale; may be repeated", 2},
+    {NULL, 0, NULL, 0, "What comes of it:", 3},
+    {"report", OPT_REPORT, "FILE", 0,
+     "a page to look at (FILE.html) or everything as JSON (FILE.json), every picture with its "
+     "reason; "
+     "also where no rig can be had; may be given twice",
+     3},
+    {"accept", OPT_ACCEPT, NULL, 0, "write the rig even though the report refuses it", 3},
+    {"force", OPT_FORCE, NULL, 0, "write over an older FILE", 3},
+    {"threads", OPT_THREADS, "N", 0, "threads to look at pictures with (0: one per CPU)", 3},
+    {"quiet", OPT_QUIET, NULL, 0, "no progress", 3},
+    {0}};
+
+/* Exactly n numbers with commas between; the text after them, NULL: they are not that. */
+static const char *numbers(const char *s, size_t n, double *out)
+{
+    for (size_t i = 0; i < n; i++) {
+        char item[64];
+        size_t len = strcspn(s, ",");
+        if (len >= sizeof item)
+            return NULL;
+        snprintf(item, sizeof item, "%.*s", (int)len, s);
+        if (pvx_parse_double(item, -1e6, 1e6, &out[i]) != PVX_OK)
+            return NULL;
+        s += len;
+        if (i + 1 < n && *s++ != ',')
+            return NULL;
+    }
+    return s;
+}
+
+static void parse_volume(struct calibrate_args *a, const char *arg, struct argp_state *st)
+{
+    const char *rest = numbers(arg, 6, a->volume);
+    if (rest == NULL || *rest != '\0')
+        argp_error(st, "--volume %s: should be x0,y0,z0,x1,y1,z1 in metres", arg);
+    for (int i = 0; i < 3; i++)
+        if (!(a->volume[3 + i] > a->volume[i]))
+            argp_error(st, "--volume %s: nothing between %g and %g along %c", arg, a->volume[i],
+                       a->volume[3 + i], "xyz"[i]);
+    a->has_volume = true;
+}
+
+static void parse_up(struct calibrate_args *a, const char *arg, struct argp_state *st)
+{
+    const char *rest = numbers(arg, 3, a->up);
+    if (rest == NULL || (*rest != '\0' && (*rest != ',' || rest[1] == '\0')) ||
+        (a->up[0] == 0 && a->up[1] == 0 && a->up[2] == 0))
+        argp_error(st, "--up %s: should be x,y,z or x,y,z,CAMERA, as 0,-1,0", arg);
+    else
+        a->up_camera = *rest == ',' ? rest + 1 : NULL;
+    a->has_up = true;
+}
+
+static void parse_name(struct calibrate_names *o, const char *arg, struct argp_state *st)
+{
+    if (o->n == REC_MAX_CAMERAS)
+        argp_error(st, "%s: more than %d cameras", arg, REC_MAX_CAMERAS);
+    else
+        o->name[o->n++] = arg;
+}
+
+static void check(const struct calibrate_args *a, struct argp_state *st)
+{
+    if (a->board == NULL)
+        argp_error(st, "which board? --board charuco:8x11:0.03:0.022");
+    bool one = a->add.n + a->recover.n > 0;
+    if (one && a->keep == NULL)
+        argp_error(st, "--add and --recover: to which rig? --keep rig.yaml");
+    if (one && (a->has_volume || a->voxels[0] > 0 || a->lenses != NULL))
+        argp_error(st, "--add and --recover take volume, voxels and lenses from the rig of --keep: "
+                       "leave out --volume, --voxels and --fix-intrinsics");
+    if (!a->has_volume && !a->volume_later && !one)
+        argp_error(st, "where will the flame burn? --volume x0,y0,z0,x1,y1,z1");
+    if (a->out == NULL)
+        argp_error(st, "where to? --out rig.yaml");
+    if ((a->floor >= 0) + a->has_up + (a->keep != NULL) > 1)
+        argp_error(st, "--floor, --up and --keep each say where the world is: give one of them");
+    if (a->keep != NULL && a->lenses != NULL && strcmp(a->keep, a->lenses) != 0)
+        argp_error(st, "--keep and --fix-intrinsics must name the same rig");
+}
+
+static error_t parse_opt(int key, char *arg, struct argp_state *st)
+{
+    struct calibrate_args *a = st->input;
+    switch (key) {
+    case 'b': a->board = arg; return 0;
+    case 'o': a->out = arg; return 0;
+    case OPT_VOLUME: parse_volume(a, arg, st); return 0;
+    case OPT_VOXELS:
+        if (strcmp(arg, "auto") == 0)
+            memset(a->voxels, 0, sizeof a->voxels);
+        else if (!opt_rig_parse_grid(arg, a->voxels))
+            argp_error(st, "--voxels %s: should be auto, N or NX,NY,NZ with 1 to %d voxels each",
+                       arg, REC_GRID_MAX);
+        return 0;
+    case OPT_FLOOR: cli_arg_int(st, "floor", arg, 0, REC_NO_FRAME - 1, &a->floor); return 0;
+    case OPT_UP: parse_up(a, arg, st); return 0;
+    case OPT_KEEP: a->keep = arg; return 0;
+    case OPT_LENSES: a->lenses = arg; return 0;
+    case OPT_ADD: parse_name(&a->add, arg, st); return 0;
+    case OPT_RECOVER: parse_name(&a->recover, arg, st); return 0;
+    case OPT_MEASURED:
+        if (a->n_measured == CALIBRATE_MEASURED)
+            argp_error(st, "--measured: at most %d", CALIBRATE_MEASURED);
+        else
+            a->measured[a->n_measured++] = arg;
+        return 0;
+    case OPT_REPORT:
+        if (a->n_reports == CALIBRATE_REPORTS)
+            argp_error(st, "--report: at most %d, one .html and one .json", CALIBRATE_REPORTS);
+        else
+            a->report[a->n_reports++] = arg;
+        return 0;
+    case OPT_ACCEPT: a->accept = true; return 0;
+    case OPT_FORCE: a->force = true; return 0;
+    case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
+    case OPT_QUIET: a->quiet = true; return 0;
+    case ARGP_KEY_END: check(a, st); return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+const struct argp calibrate_options = {.options = options, .parser = parse_opt};

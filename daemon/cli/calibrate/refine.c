@@ -1,0 +1,166 @@
+/* refine.c - `pyrovox calibrate refine`: the poses of a rig corrected by a flame. */
+#include "daemon/cli/calibrate/refine.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "daemon/cli/calibrate/calibrate.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/opt_rig.h"
+#include "recon/check/refine.h"
+
+struct args {
+    struct flame_sets_args sets;
+    const char *out;
+    bool force;
+};
+
+enum { OPT_FORCE = 0x100 };
+
+static const struct argp_option options[] = {
+    {"out", 'o', "FILE", 0, "write the corrected rig here", 0},
+    {"force", OPT_FORCE, NULL, 0, "write over an older FILE", 0},
+    {0}};
+
+static const char doc[] =
+    "Poses of a rig corrected by a flame: each camera is laid onto the volume that the others make "
+    "of "
+    "it, up to 5 rounds.\v"
+    "Two thirds of the frame sets fit; the last third judges: the rig is written only where views "
+    "that "
+    "were left out of its volumes get better there, else refused with the figures (exit code 1).\n"
+    "Where the world is, its direction and its size stay what they were as well as possible: no "
+    "flame "
+    "shows them. Focal lengths are corrected where the flame shows them; of cameras that all stand "
+    "in "
+    "a line the directions and distances are held.\n"
+    "A camera with a cap on, mirrored or late is not a matter of poses: `pyrovox calibrate check` "
+    "names "
+    "it.\n"
+    "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --out refined.yaml";
+
+static error_t parse_opt(int key, char *arg, struct argp_state *st)
+{
+    struct args *a = st->input;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = &a->sets; return 0;
+    case 'o': a->out = arg; return 0;
+    case OPT_FORCE: a->force = true; return 0;
+    case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
+    case ARGP_KEY_END:
+        if (a->sets.frames == NULL)
+            argp_error(st, "which flame? --frames DIR or TAKE.h5");
+        if (a->out == NULL)
+            argp_error(st, "where to? --out refined.yaml");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static void say_held(const struct rec_rig *rig, const struct rec_refine_report *o)
+{
+    size_t focal = 0, nothing = 0;
+    for (size_t c = 0; c < rig->n_cameras; c++) {
+        focal += (o->held[c] & REC_POSE_FOCAL) != 0;
+        nothing += o->held[c] == REC_POSE_ALL;
+    }
+    if (o->in_line)
+        printf("the cameras stand in a line: the direction from which each looks, its distance and "
+               "its focal length cannot be seen and are held\n");
+    else if (focal > 0)
+        printf("focal lengths of %zu of %zu cameras cannot be seen and are held\n", focal,
+               rig->n_cameras);
+    if (nothing > 0)
+        printf("%zu of %zu cameras see nothing of the flame and are held\n", nothing,
+               rig->n_cameras);
+}
+
+static void say(const struct rec_rig *rig, const struct rec_refine_report *o)
+{
+    printf("%zu frame sets fit, %zu judge\n\n%-6s %12s %20s\n", o->fitted, o->held_out, "round",
+           "moved, px", "unseen views, error");
+    for (uint32_t i = 0; i <= o->rounds; i++)
+        printf("%-6u %12.3f %20.4f%s\n", i, o->moved[i], o->error[i], i == o->best ? "  best" : "");
+    printf("\n%-12s %10s\n", "camera", "moved, px");
+    for (size_t c = 0; c < rig->n_cameras; c++)
+        printf("%-12s %10.3f\n", rig->cameras[c].name, o->px[c]);
+    say_held(rig, o);
+}
+
+/* The rig of the command with the refined cameras, whose light is as it was. */
+static pvx_err write_rig(const struct flame_sets *s, const char *path, struct pvx_diag *d)
+{
+    struct rec_rig rig;
+    PVX_TRY(rec_rig_load(s->a->rig, &rig, d));
+    pvx_err e = s->a->cameras != NULL ? rec_rig_select(&rig, s->a->cameras, d) : PVX_OK;
+    for (size_t c = 0; e == PVX_OK && c < rig.n_cameras; c++) {
+        const struct rec_camera *to = &s->rig.cameras[c];
+        struct rec_camera *k = &rig.cameras[c];
+        k->fx = to->fx;
+        k->fy = to->fy;
+        memcpy(k->R, to->R, sizeof k->R);
+        memcpy(k->t, to->t, sizeof k->t);
+    }
+    if (e == PVX_OK)
+        e = opt_rig_save(&rig, s->a->rig, path, d);
+    rec_rig_fini(&rig);
+    return e;
+}
+
+static pvx_err refine(struct flame_sets *s, const char *out, bool *accepted, struct pvx_diag *d)
+{
+    struct rec_refine_report o;
+    struct rec_check_source from = flame_sets_source(s, "refine");
+    PVX_TRY(rec_refine(&s->rig, &s->params, s->pool, &from, &o, d));
+    say(&s->rig, &o);
+    *accepted = o.accepted;
+    if (o.accepted) {
+        PVX_TRY(write_rig(s, out, d));
+        printf("%s: unseen views of held-out frames: error %.4f -> %.4f\n", out, o.error[0],
+               o.error[o.best]);
+    }
+    fflush(stdout);
+    if (!o.accepted)
+        fprintf(stderr,
+                "pyrovox: not refined: held-out frames do not get better (error %.4f -> %.4f in "
+                "unseen views); the rig stays as it was\n",
+                o.error[0], o.error[o.rounds]);
+    return PVX_OK;
+}
+
+pvx_err calibrate_refine_rig(const struct flame_sets_args *a, const char *out, bool *accepted,
+                             struct pvx_diag *d)
+{
+    struct flame_sets s = {0};
+    *accepted = false;
+    pvx_err e = flame_sets_load(&s, a, d);
+    if (e == PVX_OK)
+        e = refine(&s, out, accepted, d);
+    flame_sets_fini(&s);
+    return e;
+}
+
+int calibrate_refine(int argc, char **argv)
+{
+    struct args a = {.sets = FLAME_SETS_INIT};
+    const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 0}, {0}};
+    const struct argp argp = {
+        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
+        return 2;
+    struct pvx_diag d = {""};
+    bool accepted = false;
+    cli_catch_stop();
+    pvx_err e = PVX_OK;
+    if (!a.force && access(a.out, F_OK) == 0)
+        e = pvx_fail(&d, PVX_EBUSY, "%s is there already; --force writes over it", a.out);
+    if (e == PVX_OK)
+        e = calibrate_refine_rig(&a.sets, a.out, &accepted, &d);
+    if (e == PVX_ECANCELED) {
+        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
+        return 130;
+    }
+    return e != PVX_OK ? cli_error(&d, e) : !accepted;
+}

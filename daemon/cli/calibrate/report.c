@@ -1,0 +1,107 @@
+#include "daemon/cli/calibrate/report.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+
+const char *const calibrate_lens[REC_LENS] = {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"};
+const char *const calibrate_fate[REC_VIEW_JOINT + 1] = {
+    "used", "broken", "few corners", "twice", "still", "no board", "disagrees with other cameras"};
+
+const char *calibrate_severity(enum rec_calib_severity s)
+{
+    return s == REC_CALIB_NOTE ? "note" : s == REC_CALIB_WARNING ? "warning" : "refused";
+}
+
+static void print_unreadable(const struct calibrate_look *l, size_t c)
+{
+    for (size_t i = 0; i < l->n; i++)
+        if (l->picture[i].camera == c && l->picture[i].unreadable) {
+            printf("%s: %zu cannot be read: %s\n", l->camera[c].name, l->count[c].unreadable,
+                   l->picture[i].text);
+            return;
+        }
+}
+
+void calibrate_print_pictures(const struct calibrate_result *r)
+{
+    const struct calibrate_look *l = r->look;
+    size_t legacy = 0;
+    for (size_t i = 0; i < l->n; i++)
+        legacy += l->picture[i].outcome == REC_SIGHT_FOUND && l->picture[i].at < l->n_views &&
+                  l->picture[i].legacy;
+    if (l->said[0] != '\0')
+        printf("%s\n", l->said);
+    printf("the board is in %zu of %zu pictures of %zu cameras\n", l->n_views, l->n, l->n_cameras);
+    for (size_t c = 0; c < l->n_cameras; c++) {
+        const struct calibrate_count *n = &l->count[c];
+        print_unreadable(l, c);
+        for (int s = REC_SIGHT_FOUND + 1; s < REC_N_SIGHTS; s++)
+            if (n->sight[s] > 0)
+                printf("%s: %zu without: %s: %s\n", l->camera[c].name, n->sight[s],
+                       rec_sight_name((enum rec_sight)s), l->picture[n->example[s]].text);
+    }
+    if (r->board->kind == REC_CHARUCO && r->board->rows % 2 == 0 && l->n_views > 0)
+        printf("its squares lie as OpenCV %s 4.6 draws them%s\n",
+               2 * legacy > l->n_views ? "before" : "since",
+               2 * legacy > l->n_views && !r->board->legacy ? ": \"legacy\" belongs into its spec"
+                                                            : "");
+}
+
+void calibrate_print_cameras(const struct calibrate_result *r)
+{
+    const struct calibrate_look *l = r->look;
+    printf("\n%-12s %11s %5s %9s %8s %11s %7s %10s\n", "camera", "with board", "used", "single px",
+           "joint px", "expected px", "voxels", "95 % below");
+    for (size_t c = 0; c < l->n_cameras; c++) {
+        const struct rec_calib_of_camera *o = &r->report->camera[c];
+        printf("%-12s %5zu /%4zu %5zu %9.3f %8.3f %11.3f %7.3f %10.3f  %s\n", l->camera[c].name,
+               l->count[c].sight[REC_SIGHT_FOUND], l->count[c].pictures, o->used, o->single,
+               o->joint, o->expected.px, o->expected.voxels, o->expected.voxels_95,
+               rec_calib_verdict(&o->expected));
+    }
+    printf("\n");
+}
+
+void calibrate_print_findings(const struct calibrate_result *r)
+{
+    for (size_t i = 0; i < r->report->n_findings; i++)
+        printf("%s: %s\n", calibrate_severity(r->report->finding[i].severity),
+               r->report->finding[i].text);
+}
+
+static bool ends_in(const char *path, const char *ext)
+{
+    size_t n = strlen(path), m = strlen(ext);
+    return n > m && strcmp(path + n - m, ext) == 0;
+}
+
+pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d)
+{
+    if (ends_in(path, ".json") || ends_in(path, ".html"))
+        return PVX_OK;
+    return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .html or .json", path);
+}
+
+pvx_err calibrate_json_possible(const char *path, struct pvx_diag *d)
+{
+    return ends_in(path, ".json")
+               ? PVX_OK
+               : pvx_fail(d, PVX_EUNSUP, "%s: this report is written as .json", path);
+}
+
+pvx_err calibrate_write_report(const struct calibrate_result *r, const char *path,
+                               struct pvx_diag *d)
+{
+    char *text = NULL;
+    size_t len = 0;
+    PVX_TRY(calibrate_report_possible(path, d));
+    pvx_err e =
+        ends_in(path, ".json") ? calibrate_json(r, &text, &len, d) : calibrate_html(r, &text, &len);
+    if (e == PVX_OK)
+        e = pvx_file_write(path, text, len, d);
+    free(text);
+    return e;
+}

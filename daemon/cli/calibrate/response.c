@@ -1,0 +1,61 @@
+/* response.c - `pyrovox calibrate response`: light of a sample, from a ladder of exposures. */
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "daemon/cli/calibrate/calibrate.h"
+#include "daemon/cli/calibrate/light.h"
+
+static const char doc[] =
+    "Light of each sample value from exposures of one unmoved scene, into rig.yaml.\v"
+    "A steady light, nothing moves; 6 exposures or more from nearly dark to nearly full, a factor "
+    "of 2 "
+    "apart at most:\n"
+    "  pyrovox calibrate response --rig rig.yaml --frames a --exposure 1 --frames b --exposure 1.4 "
+    "--frames c --exposure 2.2 --frames d --exposure 3 ... --out rig2.yaml\n"
+    "Of takes the exposure is known. First of all steps: darks and flats are measured in light, so "
+    "those of "
+    "the rig are taken out of it.";
+
+static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+{
+    struct rec_camera *k = &l->rig.cameras[c];
+    struct rec_photometry *to = &k->photometry;
+    struct rec_light_picture p[CALIBRATE_GROUPS];
+    struct pvx_diag why = {""};
+    struct rec_response r;
+    double bend = 0;
+    size_t m = calibrate_light_of(l, c, p);
+    if (m == 0)
+        return PVX_OK;
+    pvx_err e = rec_light_response(p, m, &r, &why);
+    if (e != PVX_OK)
+        return calibrate_light_fail(k, e, &why, d);
+    to->n_response = REC_RESPONSE_KNOTS;
+    memcpy(to->response, r.value, sizeof r.value);
+    memset(&to->dark, 0, sizeof to->dark);
+    memset(&to->flat, 0, sizeof to->flat);
+    to->has_noise = false;
+    for (int i = 0; i < REC_RESPONSE_KNOTS; i++)
+        bend = fmax(bend, fabs(r.value[i] - (double)i / (REC_RESPONSE_KNOTS - 1)));
+    printf(
+        "%-12s %zu exposures: %.3f of full scale from a straight line at most, %.5f rms is left\n",
+        k->name, m, bend, r.residual);
+    return PVX_OK;
+}
+
+static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+{
+    for (size_t c = 0; c < l->rig.n_cameras; c++)
+        PVX_TRY(one(l, c, d));
+    return calibrate_light_save(l, d);
+}
+
+int calibrate_response(int argc, char **argv)
+{
+    struct calibrate_light_args a;
+    if (calibrate_light_parse(&a, doc, argc, argv) != 0)
+        return 2;
+    a.reading.transfer = CAP_TRANSFER_LINEAR; /* samples as they are */
+    return calibrate_light_run(&a, 0, step);
+}

@@ -1,0 +1,178 @@
+/* solve.c - `pyrovox calibrate solve`: from pictures of a board to rig.yaml. */
+#include <stdio.h>
+
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/calibrate/calibrate.h"
+#include "daemon/cli/calibrate/job.h"
+#include "daemon/cli/calibrate/modes.h"
+#include "daemon/cli/calibrate/refine.h"
+#include "daemon/cli/common/cli.h"
+
+struct args {
+    struct calibrate_args c;
+    const char *frames, *flame;
+    double black;            /* of the flame */
+    int64_t every, from, to; /* every 0: not said */
+    const char *binning[REC_MAX_CAMERAS], *region[REC_MAX_CAMERAS];
+    size_t n_binning, n_region;
+};
+
+enum {
+    OPT_FRAMES = 0x100,
+    OPT_EVERY,
+    OPT_FROM,
+    OPT_TO,
+    OPT_BINNING,
+    OPT_REGION,
+    OPT_FLAME,
+    OPT_BLACK
+};
+
+static const struct argp_option options[] = {
+    {"frames", OPT_FRAMES, "DIR", 0,
+     "DIR/<camera>/<number>.(png|tif|jpg|npy), pictures of one instant have one number; or videos "
+     "that "
+     "started together, DIR/<camera>.(mp4|avi|mkv|mov); or a take, FILE.h5",
+     0},
+    {"every", OPT_EVERY, "N", 0,
+     "of every N frames of videos, or sets of a take, look at the one in which the least moves "
+     "(default: so that 200 are looked at; 1: all)",
+     0},
+    {"from", OPT_FROM, "NUMBER", 0, "only pictures of this number and later ones", 0},
+    {"to", OPT_TO, "NUMBER", 0, "only pictures up to this number", 0},
+    {"binning", OPT_BINNING, "N[,CAMERA]", 0,
+     "the flame is taken with N x N pixels as one, these pictures are not; may be repeated", 0},
+    {"region", OPT_REGION, "X,Y,W,H[,CAMERA]", 0,
+     "pictures of the flame are these W x H pixels, after binning, of the whole ones, which these "
+     "are; "
+     "may be repeated",
+     0},
+    {"refine-with-flame", OPT_FLAME, "DIR|TAKE.h5", 0,
+     "then correct the poses by a flame, as `pyrovox calibrate refine` does; where that makes "
+     "nothing better the rig of the board stays",
+     0},
+    {"black", OPT_BLACK, "X", 0, "black level of the flame's pictures, share of full scale (0)", 0},
+    {0}};
+
+static const char doc[] =
+    "From pictures of a calibration board to rig.yaml.\vThe five steps:\n"
+    "  1. Print a board, two-sided where cameras stand all around:\n"
+    "     pyrovox calibrate board charuco:8x11:0.03:0.022 --two-sided --out board.pdf\n"
+    "  2. Fix cameras, focus, zoom, binning and region as they will be; short exposures.\n"
+    "  3. Lay the board flat where the middle of the volume's floor is; take one picture with all "
+    "cameras at the same instant: number 0.\n"
+    "  4. Show the board in 30 to 100 more poses, all cameras at the same instant each time: all "
+    "through the volume, tilted by up to 60 degrees each way, into the corners of every picture, "
+    "and between neighbouring cameras, so that two see it together.\n"
+    "  5. Solve, read the verdict, add poses where it asks for them:\n"
+    "     pyrovox calibrate solve --frames pictures --board charuco:8x11:0.03:0.022:two-sided "
+    "--volume -0.5,-0.5,0,0.5,0.5,1 --floor 0 --out rig.yaml\n"
+    "\n"
+    "How far to trust it: the expected error is that of projections all through the volume, not of "
+    "the corners that were seen; tomography bears 0.10 to 0.15 voxels. single px is how well each "
+    "camera agrees with itself, joint px all of them together: when the second is much larger, "
+    "something moved or the cameras do not expose together.\n"
+    "Exit code 1 and nothing written where the rig should not be believed; --accept overrules.";
+
+static void keep(struct argp_state *st, const char **list, size_t *n, const char *arg)
+{
+    if (*n == REC_MAX_CAMERAS)
+        argp_error(st, "%s: once a camera is enough", arg);
+    else
+        list[(*n)++] = arg;
+}
+
+static error_t parse_opt(int key, char *arg, struct argp_state *st)
+{
+    struct args *a = st->input;
+    switch (key) {
+    case ARGP_KEY_INIT: st->child_inputs[0] = &a->c; return 0;
+    case OPT_FRAMES: a->frames = arg; return 0;
+    case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
+    case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
+    case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
+    case OPT_BINNING: keep(st, a->binning, &a->n_binning, arg); return 0;
+    case OPT_FLAME: a->flame = arg; return 0;
+    case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
+    case OPT_REGION: keep(st, a->region, &a->n_region, arg); return 0;
+    case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
+    case ARGP_KEY_END:
+        if (a->frames == NULL)
+            argp_error(st, "which pictures? --frames DIR");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_diag *d)
+{
+    pvx_pool *pool;
+    PVX_TRY(calibrate_start(j, &a->c, d));
+    PVX_TRY(calibrate_find(&j->look, a->frames, d));
+    if (a->every > 0 && j->look.source == CALIBRATE_FOLDERS)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "--every is for videos and takes; in %s there are single pictures, and all of "
+            "them are looked at",
+            a->frames);
+    j->look.every = (uint32_t)a->every;
+    j->look.from = (uint32_t)a->from;
+    j->look.to = (uint32_t)a->to;
+    if (a->c.floor >= 0 && (a->c.floor < a->from || a->c.floor > a->to))
+        return pvx_fail(d, PVX_EINVAL,
+                        "--floor %lld is not among the pictures of --from and --to, which are all "
+                        "that is looked at",
+                        (long long)a->c.floor);
+    if (a->c.floor >= 0)
+        j->look.always = (uint32_t)a->c.floor;
+    for (size_t i = 0; i < a->n_binning; i++)
+        PVX_TRY(calibrate_mode_binning(&j->look, a->binning[i], d));
+    for (size_t i = 0; i < a->n_region; i++)
+        PVX_TRY(calibrate_mode_region(&j->look, a->region[i], d));
+    PVX_TRY(calibrate_prepare(j, d));
+    PVX_TRY(pvx_pool_new((unsigned)a->c.threads, "board", &pool));
+    cli_catch_stop();
+    pvx_err e = calibrate_look(&j->look, &j->board, pool, a->c.quiet, d);
+    pvx_pool_free(&pool);
+    return e == PVX_OK ? calibrate_conclude(j, d) : e;
+}
+
+/* The rig that was written, by a flame. */
+static pvx_err refine(const struct args *a, struct pvx_diag *d)
+{
+    struct flame_sets_args sets = FLAME_SETS_INIT;
+    bool accepted;
+    sets.rig = a->c.out;
+    sets.frames = a->flame;
+    sets.black = a->black;
+    sets.threads = a->c.threads;
+    sets.quiet = a->c.quiet;
+    printf("\n");
+    return calibrate_refine_rig(&sets, a->c.out, &accepted, d);
+}
+
+int calibrate_solve(int argc, char **argv)
+{
+    struct args a = {.c = CALIBRATE_ARGS_INIT, .to = REC_NO_FRAME};
+    const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
+    const struct argp argp = {
+        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+    if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
+        return 2;
+    struct pvx_diag d = {""};
+    struct calibrate_job j = {0};
+    pvx_err e = run(&j, &a, &d);
+    calibrate_job_fini(&j);
+    bool written = e == PVX_OK;
+    if (written && a.flame != NULL)
+        e = refine(&a, &d);
+    if (e == PVX_ECANCELED && written) {
+        fprintf(stderr, "\npyrovox: stopped; %s is the rig of the board\n", a.c.out);
+        return 130;
+    }
+    if (e == PVX_ECANCELED) {
+        fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
+        return 130;
+    }
+    return e == PVX_OK ? 0 : cli_error(&d, e);
+}

@@ -1,0 +1,150 @@
+/* doctor.c - `pyrovox doctor`: what on this host loses frames, and the remedy for each. */
+#include <argp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/mem.h"
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/config/config.h"
+#include "daemon/doctor/doctor.h"
+#include "daemon/doctor/host.h"
+
+enum { OPT_JSON = 0x100, OPT_FIX, OPT_SAMPLE, OPT_RECORD, OPT_DISK };
+
+struct args {
+    const char *config, *fix_script, *record;
+    bool json, all;
+    double sample_s, disk_mb;
+};
+
+static const struct argp_option options[] = {
+    {"config", 'c', "FILE", 0,
+     "the daemon's configuration: then the checks know how many cameras there are, where, how "
+     "large and how fast",
+     0},
+    {"all", 'a', NULL, 0, "show what is well, too", 0},
+    {"json", OPT_JSON, NULL, 0, "print JSON", 0},
+    {"fix-script", OPT_FIX, "FILE", 0,
+     "write all remedies as a shell script to read and run as root (- = standard output)", 0},
+    {"sample", OPT_SAMPLE, "SECONDS", 0,
+     "read counters of lost packets twice, so far apart (1); what grows meanwhile is a failure", 0},
+    {"record", OPT_RECORD, "DIR", 0, "check room for raw recordings in this folder", 0},
+    {"disk-test", OPT_DISK, "MB", 0, "and write so much there to see how fast it is", 0},
+    {0}};
+
+static const char doc[] =
+    "Check this host for what loses frames, and say how each is put right.\v"
+    "Looks at socket buffers, network cards and their counters, routing, firewall, interrupts, "
+    "processors, memory, limits and rights, USB, PTP and clocks, disks.  The most important comes "
+    "first, with the command or the line of a file to change it.  Nothing is changed.\n"
+    "\n"
+    "Exits with 0 when all is well, 1 with warnings or checks that cannot be made, 2 with "
+    "failures, 3 when the check itself could not be made.\n"
+    "\n"
+    "Examples:\n"
+    "  pyrovox doctor\n"
+    "  sudo pyrovox doctor --config /etc/pyrovox/pyrovoxd.yaml\n"
+    "  pyrovox doctor --sample 10              # while the daemon runs: who loses packets now?\n"
+    "  pyrovox doctor --fix-script fix.sh && less fix.sh && sudo sh fix.sh\n"
+    "  pyrovox doctor --json | jq '.findings[] | select(.verdict == \"fail\") | .id'\n"
+    "  pyrovox doctor --record /data/takes --disk-test 500";
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    struct args *a = st->input;
+    switch (key) {
+    case 'c': a->config = arg; return 0;
+    case 'a': a->all = true; return 0;
+    case OPT_JSON: a->json = true; return 0;
+    case OPT_FIX: a->fix_script = arg; return 0;
+    case OPT_SAMPLE: a->sample_s = cli_arg_double(st, "sample", arg, 0, 3600); return 0;
+    case OPT_RECORD: a->record = arg; return 0;
+    case OPT_DISK: a->disk_mb = cli_arg_double(st, "disk-test", arg, 1, 1e6); return 0;
+    case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
+    case ARGP_KEY_END:
+        if (a->disk_mb > 0 && a->record == NULL)
+            argp_error(st, "--disk-test needs --record DIR");
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static pvx_err get_load(const struct args *a, struct doc_load *l, struct pvx_diag *d)
+{
+    doc_load_assumed(l);
+    if (a->config != NULL) {
+        struct dmn_config *c = pvx_calloc(1, sizeof *c);
+        if (c == NULL)
+            return PVX_ENOMEM;
+        pvx_err e = dmn_config_load(a->config, c, d);
+        if (e == PVX_OK)
+            e = doc_load_config(c, l, d);
+        free(c);
+        PVX_TRY(e);
+    }
+    if (a->record != NULL)
+        snprintf(l->record, sizeof l->record, "%s", a->record);
+    return PVX_OK;
+}
+
+static pvx_err write_script(const char *path, const struct doctor *doctor, struct pvx_diag *d)
+{
+    if (strcmp(path, "-") == 0) {
+        doc_script(stdout, doctor);
+        return PVX_OK;
+    }
+    char *text = NULL;
+    size_t len = 0;
+    FILE *f = open_memstream(&text, &len);
+    if (f == NULL)
+        return PVX_ENOMEM;
+    doc_script(f, doctor);
+    pvx_err e = fclose(f) == 0 ? pvx_file_write(path, text, len, d) : PVX_ENOMEM;
+    free(text);
+    if (e == PVX_OK)
+        fprintf(stderr, "remedies written to %s: read it, then run it as root\n", path);
+    return e;
+}
+
+static int run(int argc, char **argv)
+{
+    struct args a = {.sample_s = 1};
+    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    argp_err_exit_status = 3; /* 1 and 2 say how well the host is */
+    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    struct doctor *doctor = pvx_calloc(1, sizeof *doctor);
+    struct doc_host host;
+    struct pvx_diag d = {""};
+    pvx_err e = doctor == NULL ? PVX_ENOMEM : get_load(&a, &doctor->load, &d);
+    int code = 3;
+    if (e == PVX_OK) {
+        doc_host_init(&host);
+        host.sample_s = a.sample_s;
+        host.disk_write = a.disk_mb * 1e6;
+        doctor->host = &host;
+        doc_run(doctor);
+        const struct doc_style style = {.colour =
+                                            isatty(STDOUT_FILENO) && getenv("NO_COLOR") == NULL,
+                                        .all = a.all,
+                                        .width = cli_columns(120)};
+        bool script_only = a.fix_script != NULL && strcmp(a.fix_script, "-") == 0;
+        if (a.json)
+            e = doc_print_json(stdout, doctor, &d);
+        else if (!script_only)
+            doc_print(stdout, doctor, &style);
+        if (e == PVX_OK && a.fix_script != NULL)
+            e = write_script(a.fix_script, doctor, &d);
+        code = doc_exit_status(&doctor->report);
+    }
+    free(doctor);
+    if (e != PVX_OK)
+        cli_error(&d, e);
+    return e != PVX_OK ? 3 : code;
+}
+
+const struct cli_command cmd_doctor = {"doctor", "what on this host loses frames, and the remedies",
+                                       run};

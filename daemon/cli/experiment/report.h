@@ -1,0 +1,36 @@
+/* report.h - DIR/report.html, one page that needs nothing beside it, and DIR/report.pdf of it. */
+#ifndef EXPERIMENT_REPORT_H
+#define EXPERIMENT_REPORT_H
+#include "daemon/cli/experiment/experiment.h"
+
+/* What came of a figure: what the paper found, what is here; holds: 1 yes, 0 no, -1 there is nothing to measure. */
+struct experiment_finding {
+    const char *figure, *paper;
+    char here[700];
+    int holds;
+};
+enum {
+    FINDING_HULL,
+    FINDING_COUNTS,
+    FINDING_FRAMES,
+    FINDING_GRIDS,
+    FINDING_RIM,
+    FINDING_VIEWS,
+    FINDING_VIEW,
+    FINDING_FLAMES,
+    FINDING_ROOM,
+    FINDING_SOLVERS,
+    EXPERIMENT_FINDINGS
+};
+void experiment_findings(const struct experiment *x,
+                         struct experiment_finding out[EXPERIMENT_FINDINGS]);
+/* Mean over the channels. */
+double experiment_over_channels(const struct experiment *x, const double *v);
+
+/* Errors: the files'. */
+PVX_MUST_CHECK pvx_err experiment_report(const struct experiment *x, struct pvx_diag *d);
+/* By weasyprint; where it is not there or fails, that is said on stderr and there is no PDF.
+ * PVX_ECANCELED: stopped. */
+PVX_MUST_CHECK pvx_err experiment_pdf(const struct experiment *x);
+
+#endif

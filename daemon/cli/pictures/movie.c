@@ -1,0 +1,374 @@
+#include "daemon/cli/pictures/movie.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/clock.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/pictures/film.h"
+#include "daemon/cli/pictures/key_frames.h"
+#include "daemon/cli/pictures/strip.h"
+#include "daemon/pipeline/volume_file.h"
+#include "recon/view/render.h"
+#include "recon/view/view.h"
+
+enum { SAMPLES = 8, SMALL = 160 /* px across of a picture that only finds the exposure */ };
+static const double pi = 3.14159265358979323846;
+
+struct movie {
+    const struct render_options *o;
+    const struct rec_rig *rig;
+    const struct rec_camera *camera; /* of the rig, or NULL */
+    char *const *vol;
+    size_t n;
+    pvx_pool *pool;
+    struct rec_grid box;    /* what a turntable frames */
+    struct key_frames path; /* of RENDER_PATH */
+    struct look look;
+    size_t pictures, period; /* all; after so many the viewpoints come again, 1: there is one */
+    rec_view **view;      /* [period] viewpoints that come again; NULL: none does, or no memory */
+    rec_room *room;       /* NULL: none */
+    size_t lit;           /* the volume that lights it, as `loaded` */
+    struct rec_camera at; /* where the picture is taken from */
+    float *image;         /* [height][width][3] */
+    struct film *film;    /* NULL: files in a folder */
+    struct rec_grid grid; /* of the volume that is loaded */
+    float *dense;
+    int nch;
+    size_t loaded; /* its place in vol, or SIZE_MAX */
+    size_t drawn, anew;
+    int64_t anew_ns;
+};
+
+static pvx_err load(struct movie *m, size_t i, struct pvx_diag *d)
+{
+    if (m->loaded == i)
+        return PVX_OK;
+    PVX_FREE(m->dense);
+    m->loaded = m->lit = SIZE_MAX;
+    m->grid = m->rig->grid;
+    PVX_TRY(dmn_volume_load(m->vol[i], &m->grid, &m->nch, &m->dense, d));
+    m->loaded = i;
+    return PVX_OK;
+}
+
+pvx_err render_eye(const struct render_options *o, const struct rec_grid *g, struct rec_camera *out,
+                   struct pvx_diag *d)
+{
+    double target[3];
+    for (int a = 0; a < 3; a++)
+        target[a] = o->target_given ? o->target[a] : (g->min[a] + g->max[a]) / 2;
+    if (rec_look_at_camera(o->eye, target, o->up, o->fov_deg * pi / 180, o->width, o->height,
+                           out) != PVX_OK)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--eye %g,%g,%g is at what it looks at (%g,%g,%g), or --up %g,%g,%g lies "
+                        "along its line of sight",
+                        o->eye[0], o->eye[1], o->eye[2], target[0], target[1], target[2], o->up[0],
+                        o->up[1], o->up[2]);
+    return PVX_OK;
+}
+
+static bool turntable(const struct movie *m)
+{
+    return m->o->from == RENDER_ANGLE || m->o->from == RENDER_ORBIT;
+}
+
+static void widen(struct rec_grid *box, const struct rec_grid *by)
+{
+    for (int a = 0; a < 3; a++) {
+        box->min[a] = fmin(box->min[a], by->min[a]);
+        box->max[a] = fmax(box->max[a], by->max[a]);
+    }
+}
+
+/* The factor that the loaded volume asks for, 0 = dark. */
+static pvx_err exposure_of(struct movie *m, double *out)
+{
+    if (m->o->room)
+        return dmn_room_exposure(&m->grid, m->dense, m->nch, m->pool, out);
+    if (turntable(m))
+        return dmn_flame_exposure(&m->grid, m->dense, m->nch, m->o->elevation_deg, m->pool, out);
+    struct rec_camera c = m->at;
+    double k = fmin(1, (double)SMALL / c.width);
+    c.width = (int32_t)fmax(1, c.width * k);
+    c.height = (int32_t)fmax(1, c.height * k);
+    c.fx *= k;
+    c.fy *= k;
+    c.cx = (c.cx + 0.5) * k - 0.5;
+    c.cy = (c.cy + 0.5) * k - 0.5;
+    size_t n = (size_t)c.width * (size_t)c.height * (size_t)m->nch;
+    float *pix = pvx_calloc(n, sizeof *pix);
+    if (pix == NULL)
+        return PVX_ENOMEM;
+    pvx_err e = rec_render(&m->grid, m->dense, m->nch,
+                           &(struct rec_eye){.camera = &c, .bodies = &m->rig->bodies, .sub = 1},
+                           m->pool, pix);
+    if (e == PVX_OK)
+        e = dmn_auto_exposure(pix, n, out);
+    free(pix);
+    return e;
+}
+
+/* What must not change from picture to picture, from a few volumes spread over all: the box that a
+ * turntable frames or a room is made for, the exposure of the brightest. */
+static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
+{
+    bool expose = m->o->png && m->look.exposure == 0;
+    size_t k = m->n < SAMPLES ? m->n : SAMPLES;
+    bool boxed = turntable(m) || m->o->room;
+    for (size_t i = 0; i < k && (expose || boxed) && !cli_stop; i++) {
+        PVX_TRY(load(m, k > 1 ? i * (m->n - 1) / (k - 1) : 0, d));
+        struct rec_grid box = dmn_lit_box(&m->grid, m->dense, m->nch);
+        if (i == 0)
+            m->box = box;
+        widen(&m->box, &box);
+        double f = 0;
+        if (expose)
+            PVX_TRY(exposure_of(m, &f));
+        if (f > 0 && (m->look.exposure == 0 || f < m->look.exposure))
+            m->look.exposure = f;
+    }
+    if (expose && !m->o->room)
+        m->look.exposure *= look_headroom(&m->look);
+    if (!(m->look.exposure > 0))
+        m->look.exposure = 1;
+    return PVX_OK;
+}
+
+/* The camera of picture i. */
+static pvx_err place(struct movie *m, size_t i, struct pvx_diag *d)
+{
+    const struct render_options *o = m->o;
+    if (o->from == RENDER_PATH)
+        return key_frames_camera(&m->path, i, o->fps, o->width, o->height, &m->at, d);
+    if (!turntable(m))
+        return PVX_OK;
+    double turn = (double)(i % m->period) / (double)m->period;
+    double angle = (o->deg0 + 360 * turn) * pi / 180, elevation = o->elevation_deg * pi / 180;
+    if (m->room != NULL)
+        rec_room_camera(m->room, angle, elevation, o->width, o->height, &m->at);
+    else
+        rec_orbit_camera(&m->box, angle, elevation, o->width, o->height, &m->at);
+    return PVX_OK;
+}
+
+/* The key frames, and each of their pictures once, so that nothing is drawn on a way that does not end well. */
+static pvx_err read_path(struct movie *m, struct pvx_diag *d)
+{
+    const struct render_options *o = m->o;
+    struct key_frame base = {.fov_deg = o->fov_deg};
+    for (int a = 0; a < 3; a++) {
+        base.up[a] = o->up[a];
+        base.look_at[a] = o->target_given ? o->target[a] : (m->grid.min[a] + m->grid.max[a]) / 2;
+    }
+    PVX_TRY(key_frames_load(o->path, &base, m->rig, &m->path, d));
+    m->pictures = m->period = key_frames_pictures(&m->path, o->fps);
+    for (size_t i = m->pictures; i-- > 0;)
+        PVX_TRY(place(m, i, d));
+    return PVX_OK;
+}
+
+/* How many pictures, and after how many they are taken from the same place again. */
+static void count(struct movie *m)
+{
+    size_t views = (size_t)m->o->views, turns = (size_t)m->o->rounds;
+    m->pictures = m->n;
+    m->period = 1;
+    if (m->o->from != RENDER_ORBIT)
+        return;
+    m->period = views;
+    m->pictures = views * (turns > 0 ? turns : (m->n + views - 1) / views);
+}
+
+static pvx_err set_up(struct movie *m, struct pvx_diag *d)
+{
+    const struct render_options *o = m->o;
+    m->look = o->look;
+    count(m);
+    PVX_TRY(load(m, 0, d));
+    if (m->camera != NULL)
+        m->at = *m->camera;
+    else if (o->from == RENDER_EYE)
+        PVX_TRY(render_eye(o, &m->grid, &m->at, d));
+    else if (o->from == RENDER_PATH)
+        PVX_TRY(read_path(m, d));
+    PVX_TRY(look_ahead(m, d));
+    if (o->room)
+        PVX_TRY(rec_room_new(m->box.min, m->box.max, m->pool, &m->room));
+    PVX_TRY(place(m, 0, d));
+    if (o->film)
+        PVX_TRY(film_new(o->out, o->fps, &m->look, &m->film, d));
+    m->image = pvx_calloc((size_t)m->at.width * (size_t)m->at.height * 3, sizeof *m->image);
+    if (m->image == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a picture", o->out);
+    if (o->anew || o->room || m->pictures <= m->period)
+        return PVX_OK;
+    m->view = pvx_calloc(m->period, sizeof(rec_view *));
+    return m->view != NULL ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "%s: no memory for views", o->out);
+}
+
+/* The room in the light of the loaded volume. */
+static pvx_err draw_room(struct movie *m)
+{
+    if (m->lit != m->loaded)
+        PVX_TRY(rec_room_light(m->room, &m->grid, m->dense, m->nch));
+    m->lit = m->loaded;
+    return rec_room_render(m->room, &m->at, m->o->sub, m->image);
+}
+
+static void free_views(struct movie *m)
+{
+    for (size_t i = 0; m->view != NULL && i < m->period; i++)
+        rec_view_free(&m->view[i]);
+    PVX_FREE(m->view);
+}
+
+/* Picture i of the loaded volume as a product.  PVX_ERANGE: the rays of all views take too much. */
+static pvx_err multiply(struct movie *m, size_t i)
+{
+    rec_view **v = &m->view[i % m->period];
+    size_t half = (size_t)sysconf(_SC_PHYS_PAGES) / 2 * (size_t)sysconf(_SC_PAGESIZE);
+    if (*v == NULL)
+        PVX_TRY(rec_view_new(
+            &(struct rec_eye){.camera = &m->at, .bodies = &m->rig->bodies, .sub = m->o->sub},
+            half / m->period, m->pool, v));
+    return rec_view_render(*v, &m->grid, m->dense, m->nch, m->image);
+}
+
+/* Picture i of the loaded volume into m->image. */
+static pvx_err draw_picture(struct movie *m, size_t i)
+{
+    if (m->view != NULL) {
+        pvx_err e = multiply(m, i);
+        if (e != PVX_ERANGE)
+            return e;
+        fprintf(stderr,
+                "pyrovox: the rays of %zu view%s take over half of the memory: each picture "
+                "is traced anew\n",
+                m->period, m->period == 1 ? "" : "s");
+        free_views(m);
+    }
+    int64_t t0 = pvx_now_mono();
+    pvx_err e = m->room != NULL
+                    ? draw_room(m)
+                    : rec_render(&m->grid, m->dense, m->nch,
+                                 &(struct rec_eye){
+                                     .camera = &m->at, .bodies = &m->rig->bodies, .sub = m->o->sub},
+                                 m->pool, m->image);
+    m->anew_ns += pvx_now_mono() - t0;
+    m->anew++;
+    return e;
+}
+
+/* "out/000012" of volume "dir/000012.npy", or of the i-th view. */
+static void name_of(const struct movie *m, size_t i, char *out, size_t size)
+{
+    if (m->o->from == RENDER_ORBIT || m->o->from == RENDER_PATH) {
+        snprintf(out, size, "%s/%06zu", m->o->out, i);
+        return;
+    }
+    const char *slash = strrchr(m->vol[i], '/'), *name = slash != NULL ? slash + 1 : m->vol[i];
+    snprintf(out, size, "%s/%.*s", m->o->out, (int)(strlen(name) - 4), name);
+}
+
+static pvx_err save(struct movie *m, size_t i, struct pvx_diag *d)
+{
+    char stem[4096], path[4110];
+    if (m->film != NULL)
+        return film_add(m->film, m->image, m->at.width, m->at.height, m->nch, d);
+    name_of(m, i, stem, sizeof stem);
+    if (m->o->npy) {
+        snprintf(path, sizeof path, "%s.npy", stem);
+        PVX_TRY(cap_image_save(path, m->image, m->at.width, m->at.height, m->nch, d));
+    }
+    if (m->o->png) {
+        snprintf(path, sizeof path, "%s.png", stem);
+        PVX_TRY(look_save(&m->look, path, m->image, m->at.width, m->at.height, m->nch, d));
+    }
+    return PVX_OK;
+}
+
+static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
+{
+    struct cli_progress bar = {.label = "render", .quiet = m->o->quiet};
+    for (size_t i = 0; i < m->pictures; i++) {
+        if (cli_stop)
+            return PVX_ECANCELED;
+        PVX_TRY(load(m, i % m->n, d));
+        PVX_TRY(place(m, i, d));
+        pvx_err e = draw_picture(m, i);
+        if (e != PVX_OK)
+            return pvx_fail(d, e, "%s: %s", m->vol[i % m->n], pvx_strerror(e));
+        PVX_TRY(save(m, i, d));
+        m->drawn++;
+        cli_progress(&bar, (double)(i + 1) / (double)m->pictures);
+    }
+    return PVX_OK;
+}
+
+static void say_how_fast(const struct movie *m)
+{
+    fprintf(stderr, "%zu picture%s in %s", m->drawn, m->drawn == 1 ? "" : "s", m->o->out);
+    if (m->o->png)
+        fprintf(stderr, ", exposure %.4g", m->look.exposure);
+    struct rec_view_stats all = {0};
+    for (size_t i = 0; m->view != NULL && i < m->period; i++)
+        if (m->view[i] != NULL) {
+            struct rec_view_stats st;
+            rec_view_get_stats(m->view[i], &st);
+            all.product_ns += st.product_ns;
+            all.trace_ns += st.trace_ns;
+            all.rendered += st.rendered;
+            all.traced += st.traced;
+            all.entries += st.entries;
+        }
+    if (all.rendered > 0)
+        fprintf(stderr,
+                "; %.2f ms per picture as a product, against %.0f ms to trace its rays (done %u "
+                "time%s, %.2f M entries)",
+                (double)all.product_ns * 1e-6 / all.rendered,
+                (double)all.trace_ns * 1e-6 / all.traced, all.traced, all.traced == 1 ? "" : "s",
+                (double)all.entries * 1e-6);
+    else if (m->anew > 0)
+        fprintf(stderr, "; %.1f ms per picture, rays traced anew",
+                (double)m->anew_ns * 1e-6 / (double)m->anew);
+    fputc('\n', stderr);
+}
+
+pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
+                     const struct rec_camera *camera, char *const *vol, size_t n, pvx_pool *pool,
+                     struct pvx_diag *d)
+{
+    struct movie m = {.o = o,
+                      .rig = rig,
+                      .camera = camera,
+                      .vol = vol,
+                      .n = n,
+                      .pool = pool,
+                      .loaded = SIZE_MAX,
+                      .lit = SIZE_MAX};
+    pvx_err e = o->film ? PVX_OK : pvx_mkdirs(o->out, d);
+    if (e == PVX_OK)
+        e = set_up(&m, d);
+    if (e == PVX_OK)
+        e = draw_all(&m, d);
+    if (m.film != NULL && (e == PVX_OK || e == PVX_ECANCELED)) {
+        pvx_err written = film_end(&m.film, d); /* what there is until Ctrl-C */
+        e = written != PVX_OK ? written : e;
+    }
+    if (!o->quiet && (e == PVX_OK || e == PVX_ECANCELED))
+        say_how_fast(&m);
+    film_drop(&m.film);
+    free_views(&m);
+    key_frames_fini(&m.path);
+    rec_room_free(&m.room);
+    free(m.dense);
+    free(m.image);
+    return e;
+}

@@ -1,0 +1,233 @@
+/* render.c - `pyrovox render`: views of volumes, from a camera of the rig, any place, or a
+ * turntable; one picture, or a folder of them (render_movie.h). */
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "base/mem.h"
+#include "capture/files/imgio.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/pictures/movie.h"
+#include "daemon/cli/pictures/strip.h"
+#include "daemon/pipeline/volume_file.h"
+#include "recon/view/render.h"
+#include "recon/view/room.h"
+
+/* Paths of the volumes to show, in order. */
+struct sources {
+    char **path;
+    size_t n;
+};
+
+static bool ends_in(const char *s, const char *end)
+{
+    size_t n = strlen(s), k = strlen(end);
+    return n > k && strcmp(s + n - k, end) == 0;
+}
+
+static bool is_folder(const char *path)
+{
+    struct stat st;
+    return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
+}
+
+static pvx_err add(struct sources *s, const char *dir, const char *name)
+{
+    char **path = realloc(s->path, (s->n + 1) * sizeof *path);
+    if (path == NULL)
+        return PVX_ENOMEM;
+    s->path = path;
+    if (asprintf(&path[s->n], "%s%s%s", dir, *dir != '\0' ? "/" : "", name) < 0)
+        return PVX_ENOMEM;
+    s->n++;
+    return PVX_OK;
+}
+
+static int is_volume(const struct dirent *entry)
+{
+    return ends_in(entry->d_name, ".npy");
+}
+
+/* All .npy of a folder, by name. */
+static pvx_err add_folder(struct sources *s, const char *dir, struct pvx_diag *d)
+{
+    struct dirent **entry;
+    int n = scandir(dir, &entry, is_volume, alphasort);
+    if (n < 0)
+        return pvx_fail(d, PVX_EPERM, "%s: cannot be read", dir);
+    pvx_err e = n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volumes (.npy) in it", dir);
+    for (int i = 0; i < n; i++) {
+        if (e == PVX_OK)
+            e = add(s, dir, entry[i]->d_name);
+        free(entry[i]);
+    }
+    free(entry);
+    return e;
+}
+
+static pvx_err find_sources(const struct render_options *o, struct sources *s, struct pvx_diag *d)
+{
+    for (int i = 0; i < o->n_sources; i++) {
+        pvx_err e = is_folder(o->source[i]) ? add_folder(s, o->source[i], d)
+                    : ends_in(o->source[i], ".npy")
+                        ? add(s, "", o->source[i])
+                        : pvx_fail(d, PVX_EINVAL,
+                                   "%s: a volume is a .npy file or a folder of them; of a "
+                                   "recording `pyrovox convert --format npy` makes such a folder",
+                                   o->source[i]);
+        if (e != PVX_OK)
+            return e;
+    }
+    return PVX_OK;
+}
+
+static void free_sources(struct sources *s)
+{
+    for (size_t i = 0; i < s->n; i++)
+        free(s->path[i]);
+    free(s->path);
+}
+
+/* The rig's camera of that name, NULL when none is asked for. */
+static pvx_err find_camera(const struct render_options *o, const struct rec_rig *rig,
+                           const struct rec_camera **out, struct pvx_diag *d)
+{
+    *out = NULL;
+    if (o->from != RENDER_CAMERA)
+        return PVX_OK;
+    int k = rec_rig_find(rig, o->camera);
+    if (k >= 0) {
+        *out = &rig->cameras[k];
+        return PVX_OK;
+    }
+    char names[400] = "";
+    for (size_t i = 0; i < rig->n_cameras && strlen(names) < 300; i++)
+        snprintf(names + strlen(names), sizeof names - strlen(names), " %s", rig->cameras[i].name);
+    return pvx_fail(d, PVX_ENOENT, "%s: no camera '%s'; it has%s", o->rig, o->camera, names);
+}
+
+static pvx_err render_one(const struct render_options *o, const struct rec_eye *eye,
+                          const struct rec_grid *g, const float *dense, int nch, pvx_pool *pool,
+                          struct pvx_diag *d)
+{
+    const struct rec_camera *c = eye->camera;
+    size_t n = (size_t)c->width * (size_t)c->height * (size_t)nch;
+    float *image = pvx_calloc(n, sizeof *image);
+    if (image == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the image", o->out);
+    rec_room *room = NULL;
+    pvx_err e = o->room ? dmn_room_of(g, dense, nch, pool, &room) : PVX_OK;
+    if (e == PVX_OK)
+        e = room != NULL ? rec_room_render(room, c, o->sub, image)
+                         : rec_render(g, dense, nch, eye, pool, image);
+    rec_room_free(&room);
+    struct look look = o->look;
+    bool png = ends_in(o->out, ".png");
+    if (e == PVX_OK && png && look.exposure == 0 && o->room)
+        e = dmn_room_exposure(g, dense, nch, pool, &look.exposure);
+    if (e == PVX_OK && png && look.exposure == 0) {
+        e = dmn_auto_exposure(image, n, &look.exposure);
+        look.exposure *= look_headroom(&look);
+    }
+    if (e != PVX_OK)
+        pvx_fail(d, e, "%s: %s", o->out, pvx_strerror(e));
+    else if (png)
+        e = look_save(&look, o->out, image, c->width, c->height, nch, d);
+    else
+        e = cap_image_save(o->out, image, c->width, c->height, nch, d);
+    free(image);
+    return e;
+}
+
+/* One volume, one file. */
+static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
+                      const struct rec_camera *camera, const char *path, pvx_pool *pool,
+                      struct pvx_diag *d)
+{
+    struct rec_grid g = rig->grid;
+    struct rec_camera ideal;
+    struct rec_eye eye = {.camera = camera, .bodies = &rig->bodies, .sub = o->sub};
+    float *dense;
+    int nch;
+    PVX_TRY(dmn_volume_load(path, &g, &nch, &dense, d));
+    pvx_err e;
+    if (camera != NULL) {
+        e = render_one(o, &eye, &g, dense, nch, pool, d);
+    } else if (o->from == RENDER_EYE) {
+        e = render_eye(o, &g, &ideal, d);
+        eye.camera = &ideal;
+        if (e == PVX_OK)
+            e = render_one(o, &eye, &g, dense, nch, pool, d);
+    } else {
+        struct dmn_strip_params p = {.deg0 = o->deg0,
+                                     .deg1 = o->deg1,
+                                     .views = o->from == RENDER_STRIP ? o->views : 1,
+                                     .width = o->width,
+                                     .height = o->height,
+                                     .elevation_deg = o->elevation_deg,
+                                     .sub = o->sub,
+                                     .look = o->look,
+                                     .room = o->room,
+                                     .bodies = &rig->bodies};
+        e = dmn_strip_save(&g, dense, nch, &p, pool, o->out, d);
+    }
+    free(dense);
+    return e;
+}
+
+static pvx_err render(const struct render_options *o, const struct rec_rig *rig,
+                      const struct sources *s, pvx_pool *pool, struct pvx_diag *d)
+{
+    const struct rec_camera *camera;
+    PVX_TRY(find_camera(o, rig, &camera, d));
+    bool file = ends_in(o->out, ".png") || ends_in(o->out, ".npy");
+    bool many = s->n != 1 || o->from == RENDER_ORBIT || o->from == RENDER_PATH;
+    if (o->from == RENDER_STRIP && s->n > 1)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--strip shows one volume, %s has %zu; --orbit N steps "
+                        "through them",
+                        o->source[0], s->n);
+    if (o->from == RENDER_STRIP && o->film)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%s: --strip is one picture, a .png; --orbit N is an animation", o->out);
+    if (many && file && !is_folder(o->out))
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "%s: these are several pictures: name a folder, an .apng or a video, or for one view "
+            "of one volume a .npy and --camera, --eye or --angle",
+            o->out);
+    if (many || o->film || (is_folder(o->out) && o->from != RENDER_STRIP))
+        return render_movie(o, rig, camera, s->path, s->n, pool, d);
+    return single(o, rig, camera, s->path[0], pool, d);
+}
+
+static int run(int argc, char **argv)
+{
+    struct render_options o;
+    render_parse(argc, argv, &o);
+    cli_catch_stop();
+    struct pvx_diag d = {""};
+    struct rec_rig rig = {.grid = {{-0.5, -0.5, 0}, {0.5, 0.5, 1}, {1, 1, 1}, REC_BOX}};
+    struct sources s = {0};
+    pvx_pool *pool = NULL;
+    pvx_err e = o.rig != NULL ? rec_rig_load(o.rig, &rig, &d) : PVX_OK;
+    if (e == PVX_OK)
+        e = find_sources(&o, &s, &d);
+    if (e == PVX_OK)
+        e = pvx_pool_new(o.threads, "render", &pool);
+    if (e == PVX_OK)
+        e = render(&o, &rig, &s, pool, &d);
+    pvx_pool_free(&pool);
+    free_sources(&s);
+    rec_rig_fini(&rig);
+    if (e == PVX_ECANCELED) {
+        fprintf(stderr, "pyrovox: stopped\n");
+        return 130;
+    }
+    return e == PVX_OK ? 0 : cli_error(&d, e);
+}
+
+const struct cli_command cmd_render = {
+    "render", "views of volumes from a camera, any place or a turntable; animations", run};

@@ -1,0 +1,11 @@
+/* absorb.h - `pyrovox reconstruct --absorption auto`: c from the recording itself, before it is
+ * reconstructed (recon/check/absorption.h), and a sentence about it. */
+#ifndef RECONSTRUCT_ABSORB_H
+#define RECONSTRUCT_ABSORB_H
+#include "daemon/cli/reconstruct/options.h"
+
+/* *c: 0 where nothing absorbs.  Errors: those of flame_sets_load and rec_absorption_find. */
+PVX_MUST_CHECK pvx_err reconstruct_absorb(const struct reconstruct_options *o, double *c,
+                                          struct pvx_diag *d);
+
+#endif

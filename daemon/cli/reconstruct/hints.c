@@ -1,0 +1,70 @@
+#include "daemon/cli/reconstruct/hints.h"
+
+#include <stdio.h>
+
+static bool lit(const struct rec_sparse *v, int32_t q)
+{
+    float light = 0;
+    for (int l = 0; l < v->nch; l++)
+        light += v->value[(size_t)q * (size_t)v->cs + (size_t)l];
+    return light > 0;
+}
+
+static bool any_lit(const struct rec_sparse *v)
+{
+    int32_t q = 0;
+    while (q < v->n && !lit(v, q))
+        q++;
+    return q < v->n;
+}
+
+/* Flame at a side of the fitted box that is not also a side of the rig's: the frames that the box was
+ * fitted to had none there. */
+static bool reaches_side(const struct rec_sparse *v, const struct rec_grid *whole)
+{
+    const struct rec_grid *g = v->grid;
+    bool cut[3][2];
+    for (int a = 0; a < 3; a++) {
+        cut[a][0] = g->min[a] > whole->min[a] + 1e-9;
+        cut[a][1] = g->max[a] < whole->max[a] - 1e-9;
+    }
+    for (int32_t q = 0; q < v->n; q++) {
+        int32_t ijk[3];
+        rec_grid_ijk(g, v->index[q], ijk);
+        for (int a = 0; a < 3; a++)
+            if (((ijk[a] == 0 && cut[a][0]) || (ijk[a] == g->n[a] - 1 && cut[a][1])) && lit(v, q))
+                return true;
+    }
+    return false;
+}
+
+void reconstruct_hints_add(struct reconstruct_hints *h, const struct rec_frame_report *r,
+                           const struct rec_sparse *v, const struct rec_grid *whole)
+{
+    h->volumes++;
+    h->dark += r->solve.status == REC_DEADLINE && r->solve.iterations == 0 &&
+               r->coarse_iterations == 0 && !r->warm;
+    h->empty += !any_lit(v);
+    h->cut += whole != NULL && reaches_side(v, whole);
+}
+
+void reconstruct_hints_say(const struct reconstruct_hints *h, const struct reconstruct_options *o)
+{
+    if (h->volumes == 0)
+        return;
+    if (h->dark > 0)
+        fprintf(stderr,
+                "pyrovox: in %u of %u volumes not one iteration was done by the deadline: they are "
+                "empty; allow more than --deadline %g, or make less of it (--grid, --binning)\n",
+                h->dark, h->volumes, o->deadline_ms);
+    else if (h->empty == h->volumes)
+        fprintf(stderr,
+                "pyrovox: no volume of %u has any light: are the pictures as dark as that? "
+                "--threshold, --black and --background say what counts as flame\n",
+                h->volumes);
+    if (h->cut > 0)
+        fprintf(stderr,
+                "pyrovox: in %u of %u volumes the flame reaches a side of the fitted box: look at "
+                "more frames (--fit-frames all) or leave more room (--fit-volume=MARGIN)\n",
+                h->cut, h->volumes);
+}

@@ -1,0 +1,485 @@
+/* reconstruct.c - recorded frames in, one volume per frame set out (DESIGN 4): the daemon's pipeline,
+ * lossless, between frames_in.h and the files that are written here. */
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/cpu.h"
+#include "base/file.h"
+#include "base/mem.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/common/frames_in.h"
+#include "daemon/cli/common/silhouettes.h"
+#include "daemon/cli/pictures/hull_picture.h"
+#include "daemon/cli/reconstruct/ranks.h"
+#include "daemon/cli/reconstruct/absorb.h"
+#include "daemon/cli/reconstruct/active.h"
+#include "daemon/cli/reconstruct/fit.h"
+#include "daemon/cli/reconstruct/hints.h"
+#include "daemon/cli/reconstruct/join.h"
+#include "daemon/cli/reconstruct/options.h"
+#include "daemon/cli/reconstruct/part.h"
+#include "daemon/cli/reconstruct/plan.h"
+#include "daemon/cli/reconstruct/slurm.h"
+#include "daemon/pipeline/volume_file.h"
+
+struct job {
+    const struct reconstruct_options *o;
+    struct rec_rig rig;
+    struct rec_grid whole; /* the rig's own, before it was fitted */
+    rec_sysmat *S;
+    dmn_photometry *light; /* NULL = none */
+    struct frames_in in;
+    struct rec_frame_params params;
+    pvx_pool *pool;
+    dmn_pipeline *pipeline;
+    struct ranks ranks;
+    struct reconstruct_part part; /* where out is one file */
+
+    /* the sink's: */
+    hull_picture *picture; /* NULL = none wanted */
+    float *dense;
+    cJSON *list; /* of frames, in the report */
+    struct cli_progress bar;
+    size_t sets;                    /* that came */
+    struct reconstruct_hints hints; /* of what was written */
+    bool said_lit;                  /* that nearly all of an image is */
+    struct dmn_votes votes;
+    bool back;     /* the second pass of --temporal=both, */
+    size_t means;  /* whose volumes are written */
+    bool failed;   /* something went wrong, but the others went on */
+    pvx_err error; /* what ended it */
+    struct pvx_diag why;
+};
+
+/* ---- one set to files ---- */
+
+static bool has(const struct dmn_slot *s, size_t c)
+{
+    return s->mask >> c & 1;
+}
+
+static void report_frame(const struct job *j, const struct dmn_slot *s)
+{
+    cJSON *o = cJSON_CreateObject();
+    cJSON_AddNumberToObject(o, "frame", (double)s->set);
+    dmn_report_to_json(o, rec_frame_get_report(s->frame));
+    dmn_verdict_json(o, &rec_frame_get_report(s->frame)->vote, &j->rig);
+    if (s->why != DMN_N_DROP)
+        cJSON_ReplaceItemInObject(o, "status", cJSON_CreateString("failed"));
+    cJSON_AddStringToObject(o, "start", rec_frame_get_report(s->frame)->warm ? "warm" : "cold");
+    /* unpacking and binning belong to photometry here: total is from raw pixels to volume */
+    cJSON *ms = cJSON_GetObjectItem(o, "ms");
+    static const char *const with_binning[] = {"photometry", "total"};
+    for (int i = 0; i < 2; i++) {
+        cJSON *item = cJSON_GetObjectItem(ms, with_binning[i]);
+        if (item != NULL)
+            cJSON_SetNumberValue(item, item->valuedouble + (double)s->bin_ns * 1e-6);
+    }
+    if (s->problem.text[0] != '\0')
+        cJSON_AddStringToObject(o, "problem", s->problem.text);
+    cJSON *missing = cJSON_AddArrayToObject(o, "cameras_missing");
+    for (size_t c = 0; c < j->rig.n_cameras; c++)
+        if (!has(s, c))
+            cJSON_AddItemToArray(missing, cJSON_CreateString(j->rig.cameras[c].name));
+    cJSON_AddItemToArray(j->list, o);
+}
+
+static void describe_volume(cJSON *root, const struct job *j)
+{
+    const struct rec_grid *g = &j->rig.grid;
+    cJSON *v = cJSON_AddObjectToObject(root, "volume");
+    cJSON_AddItemToObject(v, "min", cJSON_CreateDoubleArray(g->min, 3));
+    cJSON_AddItemToObject(v, "max", cJSON_CreateDoubleArray(g->max, 3));
+    cJSON_AddItemToObject(v, "voxels", cJSON_CreateIntArray(g->n, 3));
+    cJSON_AddStringToObject(v, "basis", rec_basis_name(g->basis));
+    cJSON_AddBoolToObject(v, "fitted", j->o->fit);
+}
+
+static void check_lit(struct job *j, const struct dmn_slot *s)
+{
+    for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++)
+        if (has(s, c))
+            (void)silhouettes_check_lit(j->rig.cameras[c].name, rec_frame_lit(s->frame, c),
+                                        j->S->row0[c + 1] - j->S->row0[c], &j->said_lit);
+}
+
+static void say_missing(const struct job *j, const struct dmn_slot *s)
+{
+    char names[600] = "";
+    for (size_t c = 0; c < j->rig.n_cameras && strlen(names) < 500; c++)
+        if (!has(s, c))
+            snprintf(names + strlen(names), sizeof names - strlen(names), " %s",
+                     j->rig.cameras[c].name);
+    if (names[0] != '\0')
+        fprintf(stderr, "pyrovox: frame %06llu: solved from %u of %zu cameras, without%s\n",
+                (unsigned long long)s->set, s->n_present, j->rig.n_cameras, names);
+}
+
+static void say(void *ctx, bool bad, const struct pvx_about *about, const char *sentence)
+{
+    const uint64_t *frame = ctx;
+    (void)bad;
+    (void)about;
+    fprintf(stderr, "pyrovox: frame %06llu: %s\n", (unsigned long long)*frame, sentence);
+}
+
+static pvx_err save_volume(const struct job *j, const struct dmn_slot *s, const char *path,
+                           struct pvx_diag *d)
+{
+    struct dmn_volume_meta m = {.grid = j->S->grid,
+                                .nch = j->params.nch,
+                                .frame = (int64_t)s->set,
+                                .clock = "frame-number",
+                                .report = rec_frame_get_report(s->frame)};
+    return dmn_volume_save(path, &m, j->dense, d);
+}
+
+static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
+{
+    uint32_t no = (uint32_t)s->set;
+    char path[4300];
+    say_missing(j, s);
+    check_lit(j, s);
+    j->failed |= reconstruct_say_cut(rec_frame_get_report(s->frame), s->set);
+    uint64_t frame = s->set;
+    dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
+                  &(struct dmn_votes_listener){say, &frame});
+    if (j->picture != NULL) {
+        bool have[REC_MAX_CAMERAS];
+        for (size_t c = 0; c < j->rig.n_cameras; c++)
+            have[c] = has(s, c) && (rec_frame_get_report(s->frame)->vote.out >> c & 1) == 0;
+        snprintf(path, sizeof path, "%s/%06u.png", j->o->save_hull, no);
+        PVX_TRY(hull_picture_save(j->picture, s->frame, have, no, path, d));
+    }
+    const struct rec_frame_report *r = rec_frame_get_report(s->frame);
+    struct rec_sparse v;
+    rec_frame_volume(s->frame, &v);
+    if (!j->o->recording) {
+        rec_sparse_to_dense(&v, j->dense);
+        snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, no);
+        PVX_TRY(save_volume(j, s, path, d));
+    }
+    reconstruct_hints_add(&j->hints, r, &v, j->o->fit ? &j->whole : NULL);
+    return PVX_OK;
+}
+
+/* The mean of this pass' volume and the first one's, in its place. */
+static pvx_err save_mean(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
+{
+    size_t n = rec_grid_count(&j->S->grid) * (size_t)j->params.nch;
+    struct rec_grid grid = j->S->grid;
+    struct rec_sparse v;
+    char path[4300];
+    float *first;
+    int nch;
+    snprintf(path, sizeof path, "%s/%06u.npy", j->o->out, (unsigned)s->set);
+    PVX_TRY(dmn_volume_load(path, &grid, &nch, &first, d));
+    pvx_err e = nch == j->params.nch && memcmp(grid.n, j->S->grid.n, sizeof grid.n) == 0
+                    ? PVX_OK
+                    : pvx_fail(d, PVX_EFORMAT, "%s: somebody else wrote it meanwhile", path);
+    rec_frame_volume(s->frame, &v);
+    rec_sparse_to_dense(&v, j->dense);
+    for (size_t i = 0; e == PVX_OK && i < n; i++)
+        j->dense[i] = 0.5F * (j->dense[i] + first[i]);
+    free(first);
+    return e == PVX_OK ? save_volume(j, s, path, d) : e;
+}
+
+/* The sink of the second pass, which reports and counts nothing again. */
+static bool put_mean(struct job *j, const struct dmn_slot *s)
+{
+    if (s->why == DMN_N_DROP)
+        j->error = save_mean(j, s, &j->why);
+    if (j->error != PVX_OK)
+        atomic_store(&j->in.stop, true);
+    else
+        j->means += s->why == DMN_N_DROP;
+    return j->error == PVX_OK && s->why == DMN_N_DROP;
+}
+
+/* The sink.  After an error the source is told to end, and nothing more is written. */
+static bool put(void *ctx, const struct dmn_slot *s)
+{
+    struct job *j = ctx;
+    if (j->error != PVX_OK)
+        return false;
+    cli_progress(&j->bar, (double)++j->sets / (double)(j->o->both ? 2 * j->in.n : j->in.n));
+    if (j->back)
+        return put_mean(j, s);
+    bool own = true;
+    if (s->why != DMN_N_DROP && s->why != DMN_DROP_IMAGES)
+        j->error = pvx_fail(&j->why, PVX_EINVAL, "frame %06llu: cannot be solved",
+                            (unsigned long long)s->set);
+    else if (j->o->recording)
+        j->error = reconstruct_part_put(&j->part, s, &j->rig, j->params.nch, &own, &j->why);
+    j->failed |= own && s->problem.text[0] != '\0';
+    if (j->error == PVX_OK && own && s->why == DMN_N_DROP)
+        j->error = save(j, s, &j->why);
+    if (j->error == PVX_OK && own)
+        report_frame(j, s);
+    if (j->error != PVX_OK)
+        atomic_store(&j->in.stop, true);
+    return j->error == PVX_OK && s->why == DMN_N_DROP;
+}
+
+/* ---- all ---- */
+
+static pvx_err save_report(const char *path, cJSON *root, struct pvx_diag *d)
+{
+    char *text = cJSON_Print(root);
+    if (text == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "%s: out of memory", path);
+    pvx_err e = pvx_file_write(path, text, strlen(text), d);
+    cJSON_free(text);
+    return e;
+}
+
+/* Rig, frames and the grid to work on. */
+static pvx_err find_input(struct job *j, struct pvx_diag *d)
+{
+    const struct reconstruct_options *o = j->o;
+    struct opt_rig as_in_file = o->rig;
+    if (o->fit) { /* --grid is then for the fitted box */
+        memset(as_in_file.grid, 0, sizeof as_in_file.grid);
+        as_in_file.grid_auto = false;
+    }
+    if (o->no_hull)
+        silhouettes_without_hull(&j->params);
+    PVX_TRY(opt_rig_load(&as_in_file, &j->rig, d));
+    if (j->params.hull.min_views > j->rig.n_cameras)
+        return pvx_fail(
+            d, PVX_EINVAL,
+            "--min-views %u: that many cameras must see a voxel, but there are only %zu",
+            j->params.hull.min_views, j->rig.n_cameras);
+    j->whole = j->rig.grid;
+    PVX_TRY(pvx_pool_new(o->rig.threads, "solve", &j->pool));
+    PVX_TRY(dmn_photometry_load(o->rig.path, DMN_LIGHT_ALL, &j->rig, &j->light, d));
+    j->in =
+        (struct frames_in){.rig = &j->rig, .pool = j->pool, .how = o->reading, .light = j->light};
+    PVX_TRY(frames_in_open(&j->in, o->frames, o->first, o->last, o->grey, d));
+    PVX_TRY(frames_in_check_light(&j->in, d));
+    j->params.nch = j->in.nch;
+    if (o->find_absorption)
+        PVX_TRY(reconstruct_absorb(o, &j->params.absorption, d));
+    PVX_TRY(o->fit ? reconstruct_fit(o, &j->in, &j->params, j->pool, &j->rig, d) : PVX_OK);
+    return o->recording && !o->plan ? reconstruct_part_begin(&j->part, o, &j->rig, &j->in, d)
+                                    : PVX_OK;
+}
+
+/* One of a node's processes builds it, the others map what that one has cached: it is there once. */
+static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
+{
+    ranks_first(&j->ranks);
+    pvx_err e = j->part.nothing
+                    ? PVX_OK
+                    : reconstruct_matrix(j->o, &j->in, &j->params, j->pool, &j->rig, &j->S, d);
+    ranks_others(&j->ranks);
+    return e;
+}
+
+/* The pipeline between the frames and their volumes. */
+static pvx_err connect_all(struct job *j, struct pvx_diag *d)
+{
+    const struct reconstruct_options *o = j->o;
+    float *background[REC_MAX_CAMERAS] = {0};
+    struct dmn_pipeline_params p = {.S = j->S,
+                                    .rig = &j->rig,
+                                    .pool = j->pool,
+                                    .frame = j->params,
+                                    .background = o->background != NULL ? background : NULL,
+                                    .lossless = true,
+                                    .warm = o->warm,
+                                    .deadline = {.limit_ns = (int64_t)(o->deadline_ms * 1e6)},
+                                    .source = frames_in_source(&j->in, j->back),
+                                    .sink = {.name = "save", .put = put, .ctx = j}};
+    pvx_err e = PVX_OK;
+    if (o->background != NULL)
+        e = frames_in_background(&j->in, o->background, background, d);
+    if (e == PVX_OK)
+        e = dmn_pipeline_new(&p, &j->pipeline, d);
+    for (size_t c = 0; c < REC_MAX_CAMERAS; c++)
+        free(background[c]);
+    return e;
+}
+
+static pvx_err prepare(struct job *j, struct pvx_diag *d)
+{
+    const struct reconstruct_options *o = j->o;
+    PVX_TRY(ranks_all(&j->ranks, find_input(j, d)));
+    if (o->plan)
+        return reconstruct_plan(o, &j->in, &j->params, j->pool, &j->rig, d);
+    if (o->out == NULL || o->slurm > 0)
+        return PVX_OK;
+    PVX_TRY(open_matrix(j, d));
+    if (j->part.nothing)
+        return PVX_OK;
+    if (o->recording)
+        PVX_TRY(reconstruct_part_open(&j->part, &j->rig, &j->in, d));
+    else
+        PVX_TRY(pvx_mkdirs(o->out, d));
+    if (o->save_hull != NULL)
+        PVX_TRY(pvx_mkdirs(o->save_hull, d));
+    PVX_TRY(frames_in_begin(&j->in, j->S->binning, o->reading.mosaic, d));
+    if (o->save_hull != NULL)
+        PVX_TRY(hull_picture_new(j->S, &j->rig, j->params.nch, j->params.hull.min_views, j->pool,
+                                 &j->picture));
+    if (!o->recording)
+        j->dense =
+            pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
+    if (!o->recording && j->dense == NULL)
+        return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
+    return connect_all(j, d);
+}
+
+static void finish(struct job *j)
+{
+    dmn_pipeline_free(&j->pipeline);
+    free(j->dense);
+    hull_picture_free(&j->picture);
+    frames_in_close(&j->in);
+    dmn_photometry_free(&j->light);
+    rec_sysmat_free(&j->S);
+    pvx_pool_free(&j->pool);
+    rec_rig_fini(&j->rig);
+}
+
+static pvx_err pass(struct job *j, struct pvx_diag *d)
+{
+    pvx_err e = dmn_pipeline_start(j->pipeline, d);
+    dmn_pipeline_join(j->pipeline);
+    if (e == PVX_OK && (e = j->error) != PVX_OK)
+        *d = j->why;
+    return e;
+}
+
+/* After an error or Ctrl-C too the report is written for what was done. */
+static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
+{
+    const struct reconstruct_options *o = j->o;
+    cJSON *root = cJSON_CreateObject();
+    describe_volume(root, j);
+    j->list = cJSON_AddArrayToObject(root, "frames");
+    j->bar = (struct cli_progress){.label = "reconstruct", .quiet = o->quiet};
+    pvx_err e = pass(j, d);
+    if (e == PVX_OK && o->both && !cli_stop) {
+        j->back = true;
+        dmn_pipeline_free(&j->pipeline);
+        e = connect_all(j, d);
+        if (e == PVX_OK)
+            e = pass(j, d);
+    }
+    struct pvx_diag dr = {""};
+    pvx_err er = o->report == NULL ? PVX_OK : save_report(o->report, root, &dr);
+    if (er != PVX_OK) {
+        cli_error(&dr, er);
+        j->failed = true;
+    }
+    cJSON_Delete(root);
+    if (e == PVX_OK && !o->quiet)
+        fprintf(stderr, "%u volume%s in %s\n", j->hints.volumes, j->hints.volumes == 1 ? "" : "s",
+                o->out);
+    if (o->both && j->means < j->hints.volumes)
+        fprintf(stderr,
+                "pyrovox: %zu of %u volumes are from both sides, the first ones from the frames "
+                "before alone\n",
+                j->means, j->hints.volumes);
+    reconstruct_hints_say(&j->hints, o);
+    return e;
+}
+
+/* What is left to do when the parts of the others are done too. */
+static int join(const struct job *j, int code)
+{
+    const struct reconstruct_options *o = j->o;
+    if (o->parts == 0 || o->slurm > 0)
+        return code;
+    code = ranks_worst(&j->ranks, code);
+    if (j->ranks.rank > 0 || cli_stop ||
+        (j->ranks.n == 1 && !reconstruct_join_is_due(o->out, o->part)))
+        return code;
+    if (code != 0 && !reconstruct_join_has_job(o->out)) /* nothing was begun */
+        return code;
+    int joined = reconstruct_join(o->out);
+    return code != 0 ? code : joined;
+}
+
+static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
+{
+    if (e == PVX_OK && cli_stop)
+        e = PVX_ECANCELED;
+    if (j->o->recording)
+        e = reconstruct_part_end(&j->part, e, d);
+    if (e == PVX_ECANCELED && cli_stop)
+        fprintf(stderr, "pyrovox: stopped\n");
+    if (e == PVX_ECANCELED) /* else: another rank says why */
+        return cli_stop ? 130 : 1;
+    if (e != PVX_OK)
+        return cli_error(d, e);
+    return j->failed ? 1 : 0;
+}
+
+/* Threads of one of n ranks on a node that may itself run on so many processors. */
+static unsigned share_of(unsigned mine, unsigned n)
+{
+    long all = sysconf(_SC_NPROCESSORS_ONLN);
+    unsigned share = all < (long)n ? 1 : (unsigned)all / n;
+    return mine < share ? mine : share;
+}
+
+/* Each process of mpirun takes the part of its rank. */
+static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_diag *d)
+{
+    o->node_n = j->ranks.n = 1;
+    if (o->parts > 0 || o->slurm > 0 || o->plan) /* each was told its part */
+        return PVX_OK;
+    PVX_TRY(ranks_open(&j->ranks, d));
+    if (j->ranks.n == 1 && o->resume)
+        return pvx_fail(d, PVX_EINVAL,
+                        "--resume goes on with parts: say --array I/N, --slurm N or mpirun -n N as "
+                        "before; one process that is to be gone on with is --array 1/1");
+    if (j->ranks.n == 1)
+        return PVX_OK;
+    if (!o->recording)
+        return pvx_fail(d, PVX_EINVAL,
+                        "%u processes were started together: they need --out FILE.h5", j->ranks.n);
+    o->part = j->ranks.rank + 1;
+    o->parts = j->ranks.n;
+    o->node_n = j->ranks.node_n;
+    if (o->rig.threads == 0) /* ranks that share a NUMA domain each may run on all of it */
+        o->rig.threads = share_of(pvx_cpu_count(), o->node_n);
+    o->quiet |= j->ranks.rank > 0;
+    return PVX_OK;
+}
+
+static int run(int argc, char **argv)
+{
+    struct reconstruct_options o;
+    reconstruct_parse(argc, argv, &o);
+    if (o.join) {
+        free(o.said);
+        return reconstruct_join(o.out);
+    }
+    cli_catch_stop();
+    struct job j = {.o = &o, .params = o.frame};
+    struct pvx_diag d = {""};
+    pvx_err e = deal(&j, &o, &d);
+    if (o.slurm > 0)
+        o.parts = o.slurm;
+    if (e == PVX_OK)
+        e = prepare(&j, &d);
+    if (e == PVX_OK && o.slurm > 0)
+        e = reconstruct_slurm(&j.part.job, o.resume, argc, argv, o.sbatch, &d);
+    else if (e == PVX_OK && o.out != NULL && !o.plan && !j.part.nothing)
+        e = reconstruct(&j, &d);
+    int code = join(&j, conclude(&j, e, &d));
+    finish(&j);
+    ranks_close(&j.ranks);
+    free(o.said);
+    return code;
+}
+
+const struct cli_command cmd_reconstruct = {
+    "reconstruct", "recorded frames in, one volume per frame set out", run};

@@ -1,0 +1,153 @@
+/* ctl.c - `pyrovox ctl`: tell a running daemon something; the commands are those of its own table. */
+#include <argp.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "daemon/cli/common/ask.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/config/endpoints.h"
+#include "daemon/control/commands.h"
+
+#define WORDS_MAX 4
+
+enum { OPT_JSON = 0x100, OPT_CONTROL };
+
+struct args {
+    const char *endpoint, *key;
+    bool json;
+    int n;
+    const char *word[WORDS_MAX + 2]; /* the command first; NULL ends them */
+};
+
+static const struct argp_option options[] = {
+    {"control", OPT_CONTROL, "ENDPOINT", 0,
+     "the daemon's control.endpoint, default the user's own daemon, else the system's", 0},
+    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
+    {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
+    {0}};
+
+static const char doc[] = "Tell a running pyrovoxd something.\v";
+
+/* The table, and examples, after the options. */
+static char *help(int key, const char *text, void *input)
+{
+    char *out = NULL;
+    size_t len = 0;
+    (void)input;
+    if (key != ARGP_KEY_HELP_POST_DOC)
+        return (char *)text;
+    FILE *f = open_memstream(&out, &len);
+    if (f == NULL)
+        return NULL;
+    fputs("Commands:\n", f);
+    for (size_t i = 0; i < dmn_n_commands; i++)
+        fprintf(f, "  %s%s%s: %s\n", dmn_commands[i].name, dmn_commands[i].usage[0] ? " " : "",
+                dmn_commands[i].usage, dmn_commands[i].help);
+    fputs("\nExits with 1 when no daemon answers, or it refuses.\n\nExamples:\n"
+          "  pyrovox ctl get solver.lambda\n"
+          "  pyrovox ctl set publish.compress lz4\n"
+          "  pyrovox ctl record start flame7.h5\n"
+          "  pyrovox ctl record start volumes\n"
+          "  pyrovox ctl snapshot strange\n"
+          "  pyrovox ctl --control tcp://lab:5556 --key me.key stop",
+          f);
+    return fclose(f) == 0 ? out : NULL;
+}
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    struct args *a = st->input;
+    switch (key) {
+    case OPT_CONTROL: a->endpoint = arg; return 0;
+    case 'k': a->key = arg; return 0;
+    case OPT_JSON: a->json = true; return 0;
+    case ARGP_KEY_ARG:
+        if (a->n > WORDS_MAX)
+            argp_error(st, "'%s': too many words", arg);
+        a->word[a->n++] = arg;
+        /* the value of set may begin with a minus */
+        if (a->n == 2 && strcmp(a->word[0], "set") == 0 && st->next < st->argc)
+            a->word[a->n++] = st->argv[st->next++];
+        return 0;
+    case ARGP_KEY_END:
+        if (a->n == 0)
+            argp_error(st, "which command? --help lists them");
+        else if (dmn_command_find(a->word[0]) == NULL)
+            argp_error(st, "no command '%s'; --help lists them", a->word[0]);
+        return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static void print_options(const cJSON *list)
+{
+    const cJSON *o;
+    cJSON_ArrayForEach(o, list)
+    {
+        bool live = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "live"));
+        printf("%-26s %s%s%s  (default %s%s)\n", ask_text(o, "key", NULL),
+               ask_text(o, "value", NULL), ask_text(o, "unit", NULL)[0] != '\0' ? " " : "",
+               ask_text(o, "unit", NULL), ask_text(o, "default", NULL),
+               live ? "" : "; needs a restart");
+    }
+}
+
+/* What a person wants to see of it: options as a table, else its members but ok and version. */
+static void print(const cJSON *reply, const char *command)
+{
+    const cJSON *m, *list = cJSON_GetObjectItemCaseSensitive(reply, "options");
+    if (list != NULL) {
+        print_options(list);
+    } else if (strcmp(command, "status") == 0) {
+        char *text = cJSON_Print(reply);
+        puts(text != NULL ? text : "");
+        free(text);
+    } else {
+        const char *space = "ok: ";
+        cJSON_ArrayForEach(m, reply)
+        {
+            if (strcmp(m->string, "ok") == 0 || strcmp(m->string, "version") == 0)
+                continue;
+            if (cJSON_IsNumber(m))
+                printf("%s%s %.15g", space, m->string, m->valuedouble);
+            else if (cJSON_IsString(m))
+                printf("%s%s %s", space, m->string, m->valuestring);
+            space = ", ";
+        }
+        puts(space[0] == 'o' ? "ok" : "");
+    }
+}
+
+static int run(int argc, char **argv)
+{
+    struct args a = {0};
+    const struct argp argp = {.options = options,
+                              .parser = parse,
+                              .args_doc = "COMMAND [WORDS]",
+                              .doc = doc,
+                              .help_filter = help};
+    argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, &a);
+    if (a.endpoint == NULL)
+        a.endpoint = dmn_client_endpoint(DMN_CONTROL);
+    struct pvx_diag d = {""};
+    cJSON *reply;
+    pvx_err e = ask_words(a.endpoint, a.key, a.word, 0, &reply, &d);
+    if (e != PVX_OK) {
+        int code = cli_error(&d, e);
+        return e == PVX_ERANGE ? 2 : code;
+    }
+    if (a.json) {
+        char *text = cJSON_Print(reply);
+        puts(text != NULL ? text : "");
+        free(text);
+    } else {
+        print(reply, a.word[0]);
+    }
+    cJSON_Delete(reply);
+    return 0;
+}
+
+const struct cli_command cmd_ctl = {"ctl", "tell a running daemon something", run};

@@ -1,0 +1,167 @@
+/* status.c - `pyrovox status`: what a running daemon says about itself, once. */
+#include <argp.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "daemon/cli/common/arg.h"
+#include "daemon/cli/common/ask.h"
+#include "daemon/cli/common/cli.h"
+#include "daemon/cli/running/status_cameras.h"
+#include "daemon/config/endpoints.h"
+
+enum { OPT_JSON = 0x100, OPT_STOP, OPT_TIMEOUT };
+
+struct args {
+    const char *endpoint, *key;
+    bool json, stop;
+    double timeout_s;
+};
+
+static const struct argp_option options[] = {
+    {"endpoint", 'e', "ENDPOINT", 0,
+     "the daemon's control.endpoint, default the user's own daemon, else the system's", 0},
+    {"key", 'k', "FILE", 0, "your .key file of `pyrovox keygen`, for a daemon that asks for one",
+     0},
+    {"json", OPT_JSON, NULL, 0, "print the answer as it came", 0},
+    {"stop", OPT_STOP, NULL, 0, "ask the daemon to drain and end", 0},
+    {"timeout", OPT_TIMEOUT, "SECONDS", 0, "wait so long for an answer (2)", 0},
+    {0}};
+
+static const char doc[] =
+    "Show what a running pyrovoxd does: rate, latency, drops by cause, cameras, what is wrong with "
+    "them and what to do about it, what the flame says of each beside the others, how far apart "
+    "they expose, stages.\vExits with 1 when no daemon "
+    "answers.\n\nExamples:\n"
+    "  pyrovox status\n"
+    "  pyrovox status --json | jq .latency_ms\n"
+    "  pyrovox status --endpoint ipc:///run/pyrovox/control";
+
+static error_t parse(int key, char *arg, struct argp_state *st)
+{
+    struct args *a = st->input;
+    switch (key) {
+    case 'e': a->endpoint = arg; return 0;
+    case 'k': a->key = arg; return 0;
+    case OPT_JSON: a->json = true; return 0;
+    case OPT_STOP: a->stop = true; return 0;
+    case OPT_TIMEOUT: a->timeout_s = cli_arg_double(st, "timeout", arg, 0.01, 3600); return 0;
+    case ARGP_KEY_ARG: argp_error(st, "'%s': takes options only", arg); return 0;
+    default: return ARGP_ERR_UNKNOWN;
+    }
+}
+
+static void print_sets(const cJSON *s)
+{
+    printf("%s, up %.0f s\n", ask_text(s, "software", NULL), ask_num(s, "uptime_s", NULL));
+    printf("sets      %.2f/s now; %.0f from the cameras, %.0f published, %.0f under way\n",
+           ask_num(s, "sets_per_s", NULL), ask_num(s, "sets", "produced"),
+           ask_num(s, "sets", "published"), ask_num(s, "sets", "inside"));
+    if (cJSON_HasObjectItem(s, "keys"))
+        printf("keys      %.0f may come in, %.0f connections were refused\n",
+               ask_num(s, "keys", "listed"), ask_num(s, "keys", "refused"));
+    printf("clients   %.0f subscribed\n", ask_num(s, "subscribers", NULL));
+    printf("latency   p50 %.1f ms, p99 %.1f ms, max %.1f ms over %.0f sets\n",
+           ask_num(s, "latency_ms", "p50"), ask_num(s, "latency_ms", "p99"),
+           ask_num(s, "latency_ms", "max"), ask_num(s, "latency_ms", "n"));
+    printf("spread    p50 %.2f ms, p99 %.2f ms between the exposures of a set\n",
+           ask_num(s, "spread_ms", "p50"), ask_num(s, "spread_ms", "p99"));
+    printf("hull      %.0f voxels, %.0f rays, %.0f entries\n", ask_num(s, "last", "active_voxels"),
+           ask_num(s, "last", "active_rays"), ask_num(s, "last", "entries"));
+    printf("solver    %s: %s after %.0f iterations, relative residual %.4f\n",
+           ask_text(s, "last", "solver"), ask_text(s, "last", "status"),
+           ask_num(s, "last", "iterations"), ask_num(s, "last", "rel_residual"));
+}
+
+static void print_record(const cJSON *s)
+{
+    if (ask_text(s, "record", "path")[0] == '\0')
+        return;
+    printf(
+        "raw       %s: %s, %.1f s, %.0f sets, %.1f MB; %.0f sets, %.0f frames not recorded%s%s\n",
+        ask_text(s, "record", "state"), ask_text(s, "record", "path"),
+        ask_num(s, "record", "seconds"), ask_num(s, "record", "sets"),
+        ask_num(s, "record", "bytes") * 1e-6, ask_num(s, "record", "sets_missed"),
+        ask_num(s, "record", "frames_missed"),
+        ask_text(s, "record", "error")[0] != '\0' ? "; " : "", ask_text(s, "record", "error"));
+}
+
+static void print_record_volumes(const cJSON *s)
+{
+    const char *what = "record_volumes", *error = ask_text(s, what, "error");
+    if (ask_text(s, what, "path")[0] == '\0')
+        return;
+    bool running = cJSON_IsTrue(
+        cJSON_GetObjectItemCaseSensitive(cJSON_GetObjectItemCaseSensitive(s, what), "running"));
+    printf("recorded  %s: %s, %.0f volumes, %.0f lost, ended unasked %.0f times%s%s\n",
+           running ? "recording" : "ended", ask_text(s, what, "path"), ask_num(s, what, "written"),
+           ask_num(s, what, "lost"), ask_num(s, what, "deaths"), error[0] != '\0' ? "; " : "",
+           error);
+}
+
+static void print_tables(const cJSON *s)
+{
+    const cJSON *k, *v;
+    printf("\n%-16s %8s  %s\n", "dropped", "sets", "meaning");
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "drops"))
+        printf("%-16s %8.0f  %s\n", ask_text(k, "name", NULL), ask_num(k, "value", NULL),
+               ask_text(k, "help", NULL));
+    printf("\n%-16s %8s %9s %9s %9s %8s\n", "stage", "items", "mean ms", "p99 ms", "max ms",
+           "waiting");
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "stages"))
+        printf("%-16s %8.0f %9.2f %9.2f %9.2f %8.0f\n", ask_text(k, "name", NULL),
+               ask_num(k, "items", NULL), ask_num(k, "mean_ms", NULL), ask_num(k, "p99_ms", NULL),
+               ask_num(k, "max_ms", NULL), ask_num(k, "queued", NULL));
+    printf("\n%-16s %-8s %8s %10s  %s\n", "camera", "state", "fps", "drift ppm", "counts");
+    cJSON_ArrayForEach(k, cJSON_GetObjectItemCaseSensitive(s, "cameras"))
+    {
+        printf("%-16s %-8s %8.2f %10.1f ", ask_text(k, "name", NULL), ask_text(k, "state", NULL),
+               ask_num(k, "fps", NULL), ask_num(k, "drift_ppm", NULL));
+        cJSON_ArrayForEach(v,
+                           cJSON_GetObjectItemCaseSensitive(k, "counts")) if (v->valuedouble != 0)
+            printf(" %s %.0f", v->string, v->valuedouble);
+        printf("\n");
+        if (ask_text(k, "error", NULL)[0] != '\0')
+            printf("%-16s %s\n", "", ask_text(k, "error", NULL));
+    }
+}
+
+static int run(int argc, char **argv)
+{
+    struct args a = {.timeout_s = 2};
+    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    argp_parse(&argp, argc, argv, 0, NULL, &a);
+    if (a.endpoint == NULL)
+        a.endpoint = dmn_client_endpoint(DMN_CONTROL);
+    struct pvx_diag d = {0};
+    cJSON *s;
+    pvx_err e =
+        ask(a.endpoint, a.key, a.stop ? "stop" : "status", (int)(a.timeout_s * 1e3), &s, &d);
+    if (e != PVX_OK)
+        return cli_error(&d, e);
+    if (a.json) {
+        char *text = cJSON_Print(s);
+        if (text == NULL)
+            e = PVX_ENOMEM;
+        else
+            puts(text);
+        free(text);
+    } else if (a.stop) {
+        puts("the daemon is stopping");
+    } else if (cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(s, "starting"))) {
+        printf("starting; system matrix %.0f %%\n", 100 * ask_num(s, "matrix_done", NULL));
+    } else {
+        print_sets(s);
+        print_record(s);
+        print_record_volumes(s);
+        print_tables(s);
+        troubles_print(s);
+        votes_print(s);
+        checks_print(s);
+        skew_print(s);
+        health_print(s);
+    }
+    cJSON_Delete(s);
+    return e == PVX_OK ? 0 : cli_error(&d, e);
+}
+
+const struct cli_command cmd_status = {"status", "what a running daemon says about itself", run};

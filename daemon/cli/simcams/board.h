@@ -1,0 +1,50 @@
+/* board.h - what simulated cameras see with --board: a calibration board that is shown to them.
+ *
+ * Pose 0 lies flat on the volume's floor, its middle at x = y = 0 and its print up, as `calibrate` wants the
+ * first picture.  The others are all through the volume: towards each camera in turn, and between
+ * it and the next one.  A pose has SIMCAMS_STILLS pictures that differ by their noise alone, then
+ * SIMCAMS_MOVES of the way to the next pose.  All is a function of rig, board, poses and seed.
+ *
+ * Time: the board lies still until all cameras have sent a frame, then stands still for `hold_s` at every
+ * pose (0: until it is told to go on), and moves on for SIMCAMS_MOVE_TICKS pictures. */
+#ifndef SIMCAMS_BOARD_H
+#define SIMCAMS_BOARD_H
+#include "base/err.h"
+#include "recon/board/print.h"
+#include "recon/geom/rig.h"
+
+#define SIMCAMS_STILLS     2
+#define SIMCAMS_MOVES      2
+#define SIMCAMS_MOVE_TICKS 6
+#define SIMCAMS_OF_POSE    (SIMCAMS_STILLS + SIMCAMS_MOVES)
+
+struct simcams_board {
+    struct rec_print print;
+    size_t n;          /* poses */
+    double (*pose)[6]; /* [n * SIMCAMS_OF_POSE] board -> world: rotation vector, m */
+    double hold_s;
+    /* where it is now */
+    size_t at;  /* pose */
+    int moving; /* pictures until it is there */
+    bool begun; /* all cameras have sent */
+    uint64_t tick;
+    double since_s; /* it stands still */
+};
+
+/* Owner: caller, simcams_board_fini, after an error too.  Errors: the board's; PVX_ENOMEM; PVX_EUNSUP. */
+PVX_MUST_CHECK pvx_err simcams_board_init(const char *spec, const struct rec_rig *rig, size_t poses,
+                                          double hold_s, uint32_t seed, struct simcams_board *b,
+                                          struct pvx_diag *d);
+/* How many cameras see the front of pose 0 by more than 20 degrees. */
+size_t simcams_board_floor(const struct simcams_board *b, const struct rec_rig *rig);
+/* Picture `image` of all as this camera sees it, without noise, in all three channels of out [h][w][3]. */
+PVX_MUST_CHECK pvx_err simcams_board_draw(const struct simcams_board *b, size_t image,
+                                          const struct rec_camera *cam, float *out);
+void simcams_board_fini(struct simcams_board *b);
+
+/* One tick, a picture's time: which picture is shown now.  all: every camera has sent a frame. */
+size_t simcams_board_tick(struct simcams_board *b, double now_s, bool all);
+/* On to that pose (modulo n). */
+void simcams_board_go(struct simcams_board *b, size_t pose);
+
+#endif
