@@ -1,5 +1,5 @@
 #!/bin/bash
-# Style checks that need no build: man pages, shell syntax, conventions of STYLE.
+# Style checks that need no build: language, links, man pages, shell syntax, conventions of CONTRIBUTING.md.
 #   lint.sh VERSION
 set -u
 version=$1
@@ -10,6 +10,7 @@ for m in $(git ls-files '*.[1358]'); do
     [ -f "$m" ] || continue
     mandoc -Tlint -Wwarning "$m" || bad=1
 done
+python3 tests/language.py || bad=1        # README.md and all other pages, and references to what is not here
 if git ls-files '*.c' '*.h' '*.cpp' | xargs -r grep -nE '(^|[^_a-z])(strcpy|strcat|sprintf|gets|setjmp|longjmp)\(' ; then
     echo "  ^ not used here"; bad=1
 fi

@@ -1,4 +1,4 @@
-/* rig.h - the calibrated rig: reconstruction volume and cameras, read from rig.yaml (DESIGN 4).
+/* rig.h - the calibrated rig: reconstruction volume and cameras, read from rig.yaml.
  *
  *   version: 1
  *   volume: { min: [..3], max: [..3], voxels: [..3] or auto (rec_rig_finest),

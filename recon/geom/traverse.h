@@ -1,7 +1,7 @@
 /* traverse.h - exact walk of one ray through the grid: the entries of one row of S.
  *
  * box: s_ni = length of ray n inside voxel i (paper (13)); sum over i = chord of the ray in the box.
- * trilinear: s_ni = integral of basis function i along the ray (paper 4.1.2, (22) with paper.md's
+ * trilinear: s_ni = integral of basis function i along the ray (paper 4.1.2, (22) with its
  * errata), exact per cell of the dual lattice of voxel centres (support reaches h/2 outside).
  * Method: slab clip, then the crossing parameters of the three plane families are each computed
  * from the plane's index (never accumulated), so the walk is watertight: consecutive segments

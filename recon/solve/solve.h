@@ -1,7 +1,7 @@
-/* solve.h - solvers for the restricted system behind one interface (paper 4.3, DESIGN 5).
+/* solve.h - solvers for the restricted system behind one interface (paper 4.3; NUMERICS.md, 4).
  *
  *   "cgls-paper"  the paper's literal CGLS: clip a_k, recursions untouched; stop by L-curve corner.
- *                 The baseline.  Diverges for large k, as paper.md says; returns the chosen iterate.
+ *                 The baseline.  Diverges for large k. Returns the chosen iterate.
  *   "pcg"         minimise 1/2 ||W^(1/2)(A x - b)||^2 + lambda/2 ||L x||^2 over x >= 0, L the
  *                 second differences of the active voxels: projected preconditioned CG; the
  *                 objective never rises.  The default.

@@ -1,4 +1,4 @@
-/* The hard cases of DESIGN 7 in a reduced size; make stability runs them in full. */
+/* The hard cases (make stability) in a reduced size. */
 #include "../t.h"
 
 #include "tests/stability/stab.h"

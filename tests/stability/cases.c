@@ -1,4 +1,4 @@
-/* The hard cases of DESIGN 7, line by line, through the whole chain: pixels to volume.
+/* The hard cases, one by one, through the whole chain: pixels to volume.
  *
  * A case makes the pictures (from another flame, another rig), adds noise, spoils them.  What must come
  * out is the outcome and the error that were measured, for each size of the run, basis and solver

@@ -131,7 +131,7 @@ void stab_fill(const struct stab_bed *b, rec_frame *f);
 
 /* ---- the parts ----------------------------------------------------------------------------------*/
 
-void stab_cases(const struct stab_run *run);      /* every line of DESIGN 7 */
+void stab_cases(const struct stab_run *run);      /* every hard case */
 void stab_terms(const struct stab_run *run);      /* bodies, and a flame that jumps */
 void stab_reference(const struct stab_run *run);  /* float against double */
 void stab_iterations(const struct stab_run *run); /* 10^4 of them */

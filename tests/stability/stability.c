@@ -1,4 +1,4 @@
-/* stability.c - the hard cases of DESIGN 7, each with its outcome, its error against the truth and the
+/* stability.c - the hard cases, each with its outcome, its error against the truth and the
  * bound that the error must keep; exit status 1 when one does not.
  *
  *     stability [--quick] [FOLDER]      FOLDER for stability.csv and condition.csv */

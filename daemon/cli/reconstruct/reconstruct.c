@@ -1,4 +1,4 @@
-/* reconstruct.c - recorded frames in, one volume per frame set out (DESIGN 4): the daemon's pipeline,
+/* reconstruct.c - recorded frames in, one volume per frame set out: the daemon's pipeline,
  * lossless, between frames_in.h and the files that are written here. */
 #include <cjson/cJSON.h>
 #include <stdio.h>
