@@ -340,7 +340,7 @@ $(B)/tests/sim/test_v4l2_umockdev: $(B)/tests/lib/mock_v4l2.o
 $(B)/tests/sim/test_v4l2_umockdev: LDLIBS += $(shell pkg-config --libs umockdev-1.0)
 $(B)/tests/lib/mock_v4l2.%: CPPFLAGS += $(shell pkg-config --cflags umockdev-1.0)
 # Pictures of boards with known truth.
-$(addprefix $(B)/tests/bench/,bench_board bench_calib) $(addprefix $(B)/tests/unit/,test_board test_board_detect test_board_shot) $(addprefix $(B)/tests/sim/test_cli_,calibrate calibrate_reels calibrate_modes calibrate_refine): $(B)/tests/lib/board_picture.o $(B)/tests/lib/board_judge.o
+$(addprefix $(B)/tests/unit/,test_board test_board_detect test_board_shot) $(addprefix $(B)/tests/sim/test_cli_,calibrate calibrate_reels calibrate_modes calibrate_refine): $(B)/tests/lib/board_picture.o $(B)/tests/lib/board_judge.o
 
 $(B)/tests/soak/soak: $(SOAK)
 # Preloaded into what records.

@@ -6,25 +6,18 @@
  *     unpack: least time of a reader's dense volume; most/s on 1 GbE: messages of that size, 117 MB/s.
  * (b) fan-out: 64^3 at 60 volumes a second over ipc to 0 to 16 subscribers, processes of their own that
  *     unpack each, and one more that is stopped with SIGSTOP: time of a publish, volumes that came,
- *     latency from publish to unpacked, growth of the publisher's memory.
- * (c) keys: the same over ipc, loopback and loopback with CURVE, in turns: median time of a publish, the least of
- *     the turns; processor time of either side for a byte and subscriber, what the keys add to it, and what
- *     crypto_box of the libsodium that libzmq has loaded takes for such a message (bound). */
-#include <arpa/inet.h>
-#include <dlfcn.h>
+ *     latency from publish to unpacked, growth of the publisher's memory. */
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#include <zmq.h>
 
-#include "base/file.h"
 #include "base/hist.h"
 #include "proto/clients/sub.h"
 #include "proto/pub.h"
 #include "tests/lib/scratch.h"
 #include "volume.h"
 
-enum { FLOW = 300, SHORT = 150, TURNS = 3, RATE = 60, MOST = 17 };
+enum { FLOW = 300, RATE = 60, MOST = 17 };
 
 static const char *const samples[] = {[PVP_F32] = "f32", [PVP_F16] = "f16"};
 static const char *const comps[] = {[PVP_RAW] = "none", [PVP_LZ4] = "lz4", [PVP_ZSTD] = "zstd"};
@@ -77,24 +70,15 @@ static void encoding(FILE *csv, const char *flame, struct volume v, double bandw
 
 /* ---- fan-out ------------------------------------------------------------------------------------ */
 
-/* One way from the publisher to its subscribers. */
-struct road {
-    const char *name;
-    char endpoint[80];
-    pvp_auth *auth; /* NULL: no keys */
-    char key[80];   /* a subscriber's */
-};
-
 struct tally {
     uint64_t volumes;
-    double cpu; /* s */
     struct pvx_hist latency;
 };
 
-/* Until the end of the session.  Unpacks each, or only takes it. */
-static void listen_to(const struct road *way, bool unpack, struct tally *t)
+/* Unpacks each volume until the end of the session. */
+static void listen_to(const char *endpoint, struct tally *t)
 {
-    struct pvp_sub_options o = {.key = way->auth != NULL ? way->key : NULL};
+    const struct pvp_sub_options o = {0};
     struct pvx_diag d = {""};
     pvp_sub *sub;
     pvp_decoder *dec;
@@ -102,28 +86,25 @@ static void listen_to(const struct road *way, bool unpack, struct tally *t)
     struct pvp_view v;
     const void *msg;
     size_t len, n;
-    bench_check(pvp_sub_new(way->endpoint, &o, &sub, &d), &d);
+    bench_check(pvp_sub_new(endpoint, &o, &sub, &d), &d);
     CHECK(pvp_decoder_new(&dec));
     float *dense = NULL;
     while (pvp_sub_next(sub, 20 * PVX_NS_PER_S, &h, &msg, &len, NULL) == PVX_OK &&
            h.type != PVP_END) {
         if (h.type != PVP_VOLUME)
             continue;
-        if (t->volumes++ == 0)
-            t->cpu = bench_cpu();
+        t->volumes++;
         CHECK(pvp_decode_volume(msg, len, &v, NULL));
         n = pvp_grid_count(&pvp_sub_start(sub)->grid);
-        if (unpack && dense == NULL)
+        if (dense == NULL)
             dense = must_floats(n);
-        if (unpack)
-            CHECK(pvp_volume_unpack(dec, &v, dense, n, NULL));
+        CHECK(pvp_volume_unpack(dec, &v, dense, n, NULL));
         pvx_hist_add(&t->latency, pvx_now_real() - v.v.t_publish_ns);
     }
-    t->cpu = bench_cpu() - t->cpu;
 }
 
 /* A process that says at its end what came.  It has no threads yet when it is made. */
-static pid_t subscriber(const struct road *way, bool unpack, int *from)
+static pid_t subscriber(const char *endpoint, int *from)
 {
     static struct tally t;
     int ends[2];
@@ -136,7 +117,7 @@ static pid_t subscriber(const struct road *way, bool unpack, int *from)
         close(ends[1]);
         return p;
     }
-    listen_to(way, unpack, &t);
+    listen_to(endpoint, &t);
     _exit(write(ends[1], &t, sizeof t) != sizeof t);
 }
 
@@ -152,24 +133,17 @@ static double resident_mib(void)
 }
 
 struct run {
-    int healthy, volumes;
-    bool stopped, unpack;
+    int healthy;
+    bool stopped;
     /* what came of it */
-    double took[FLOW], cpu, grown;
-    size_t bytes; /* of a volume */
+    double took[FLOW], grown;
     struct tally all;
 };
 
-static pvp_pub *publisher(const struct road *way, const struct volume *v)
+static pvp_pub *publisher(const char *endpoint, const struct volume *v)
 {
-    const char *at = way->endpoint;
-    struct pvp_pub_params params = {.endpoints = &at,
-                                    .n_endpoints = way->auth == NULL,
-                                    .guarded = &at,
-                                    .n_guarded = way->auth != NULL,
-                                    .auth = way->auth,
-                                    .sample = PVP_F16,
-                                    .comp = PVP_RAW};
+    struct pvp_pub_params params = {
+        .endpoints = &endpoint, .n_endpoints = 1, .sample = PVP_F16, .comp = PVP_RAW};
     struct pvp_start start = {.grid = v->grid, .session = 1, .n_cameras = 8, .fps = RATE};
     struct pvx_diag d = {""};
     pvp_pub *pub;
@@ -180,11 +154,11 @@ static pvp_pub *publisher(const struct road *way, const struct volume *v)
 static void publish_all(pvp_pub *pub, const struct volume *v, struct run *r)
 {
     int64_t next = pvx_now_mono();
-    for (int set = 0; set < r->volumes; set++) {
+    for (int set = 0; set < FLOW; set++) {
         struct pvp_volume m = {
             .set = (uint64_t)set, .grid = v->grid, .t_publish_ns = pvx_now_real()};
         int64_t t0 = pvx_now_mono();
-        CHECK(pvp_pub_volume(pub, &m, &v->x, &r->bytes));
+        CHECK(pvp_pub_volume(pub, &m, &v->x, NULL));
         r->took[set] = ms(pvx_now_mono() - t0);
         next += PVX_NS_PER_S / RATE;
         for (int64_t left; (left = next - pvx_now_mono()) > 0;)
@@ -195,7 +169,6 @@ static void publish_all(pvp_pub *pub, const struct volume *v, struct run *r)
 static void add_up(struct tally *all, const struct tally *t)
 {
     all->volumes += t->volumes;
-    all->cpu += t->cpu;
     for (int k = 0; k < PVX_HIST_BUCKETS; k++)
         all->latency.bucket[k] += t->latency.bucket[k];
     all->latency.count += t->latency.count;
@@ -203,21 +176,15 @@ static void add_up(struct tally *all, const struct tally *t)
         all->latency.max_ns = t->latency.max_ns;
 }
 
-static int by_size(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static void travel(const struct road *way, const struct volume *v, struct run *r)
+static void travel(const char *endpoint, const struct volume *v, struct run *r)
 {
     static struct tally t;
     int from[MOST], n = r->healthy + r->stopped;
     pid_t who[MOST];
     r->all = (struct tally){0};
     for (int i = 0; i < n; i++)
-        who[i] = subscriber(way, r->unpack, &from[i]);
-    pvp_pub *pub = publisher(way, v);
+        who[i] = subscriber(endpoint, &from[i]);
+    pvp_pub *pub = publisher(endpoint, v);
     while (pvp_pub_subscribers(pub) < (size_t)n) {
         pvp_pub_tick(pub);
         usleep(1000);
@@ -225,7 +192,6 @@ static void travel(const struct road *way, const struct volume *v, struct run *r
     if (r->stopped)
         kill(who[n - 1], SIGSTOP);
     double before = resident_mib();
-    r->cpu = bench_cpu();
     publish_all(pub, v, r);
     r->grown = resident_mib() - before;
     CHECK(pvp_pub_end(pub, "done"));
@@ -237,122 +203,23 @@ static void travel(const struct road *way, const struct volume *v, struct run *r
         close(from[i]);
         waitpid(who[i], NULL, 0);
     }
-    r->cpu = bench_cpu() - r->cpu;
     pvp_pub_free(&pub);
-    qsort(r->took, (size_t)r->volumes, sizeof *r->took, by_size);
+    qsort(r->took, FLOW, sizeof *r->took, bench_less);
 }
 
 /* After all others of the run: who is stopped still holds its place. */
 static void fan_out(FILE *csv, const struct volume *v, int healthy, bool stopped)
 {
     static struct run r;
-    struct road ipc = {.name = "ipc"};
-    snprintf(ipc.endpoint, sizeof ipc.endpoint, "ipc://%s/v", dir);
-    r = (struct run){.healthy = healthy, .volumes = FLOW, .stopped = stopped, .unpack = true};
-    travel(&ipc, v, &r);
+    char endpoint[80];
+    snprintf(endpoint, sizeof endpoint, "ipc://%s/v", dir);
+    r = (struct run){.healthy = healthy, .stopped = stopped};
+    travel(endpoint, v, &r);
     bench_row(csv, "%d,%s,%.3f,%.3f,%.3f,%.2f,%.2f,%.1f", healthy,
               stopped ? "one more stopped" : "", r.took[FLOW / 2], r.took[FLOW * 99 / 100],
               healthy > 0 ? (double)r.all.volumes / (FLOW * healthy) : 1,
               ms(pvx_hist_quantile(&r.all.latency, 0.5)),
               ms(pvx_hist_quantile(&r.all.latency, 0.99)), r.grown);
-}
-
-/* ---- keys --------------------------------------------------------------------------------------- */
-
-static void loopback(struct road *way, const char *name)
-{
-    struct sockaddr_in a = {.sin_family = AF_INET, .sin_addr.s_addr = htonl(INADDR_LOOPBACK)};
-    socklen_t len = sizeof a;
-    int s = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
-    if (s < 0 || bind(s, (struct sockaddr *)&a, sizeof a) != 0 ||
-        getsockname(s, (struct sockaddr *)&a, &len) != 0)
-        exit(1);
-    close(s);
-    *way = (struct road){.name = name};
-    snprintf(way->endpoint, sizeof way->endpoint, "tcp://127.0.0.1:%d", ntohs(a.sin_port));
-}
-
-/* Every subscriber with the same key. */
-static void give_keys(struct road *way)
-{
-    struct pvp_key_pair lab, anna;
-    struct pvx_diag d = {""};
-    bench_check(pvp_key_make(&lab, &d), &d);
-    bench_check(pvp_key_make(&anna, &d), &d);
-    snprintf(anna.server, sizeof anna.server, "%s", lab.public_key);
-    bench_check(pvp_key_write(at("lab"), PVP_ROLE_READ, &lab, &d), &d);
-    bench_check(pvp_key_write(at("anna"), PVP_ROLE_READ, &anna, &d), &d);
-    bench_check(pvp_auth_new(at("lab.key"), at("anna.pub"), &way->auth, &d), &d);
-    snprintf(way->key, sizeof way->key, "%s", at("anna.key"));
-}
-
-/* ns a byte; which library libzmq has loaded, it says itself by having the symbol. */
-static double box_ns(size_t bytes)
-{
-    int (*box)(unsigned char *, const unsigned char *, unsigned long long, const unsigned char *,
-               const unsigned char *);
-    *(void **)&box = dlsym(RTLD_DEFAULT, "crypto_box_afternm");
-    if (box == NULL)
-        return NAN; /* libzmq with its own tweetnacl */
-    enum { HEAD = 32 };
-    static unsigned char nonce[24], shared[32];
-    unsigned char *m = calloc(1, bytes + HEAD), *c = calloc(1, bytes + HEAD);
-    double least = INFINITY;
-    for (int r = 0; r < 40 && m != NULL && c != NULL; r++) {
-        int64_t t0 = pvx_now_mono();
-        if (box(c, m, bytes + HEAD, nonce, shared) != 0)
-            exit(1);
-        least = fmin(least, (double)(pvx_now_mono() - t0) / (double)bytes);
-    }
-    free(m);
-    free(c);
-    return least;
-}
-
-struct cost {
-    double publish, sender, receiver; /* ms; ns a byte and subscriber */
-    double came;
-    size_t bytes;
-};
-
-static void keys(FILE *csv, const struct volume *v)
-{
-    enum { IPC, TCP, CURVE, ROADS };
-    static const int crowds[] = {0, 1, 4};
-    static struct run r;
-    struct road way[ROADS] = {{.name = "ipc"}};
-    snprintf(way[IPC].endpoint, sizeof way[IPC].endpoint, "ipc://%s/v", dir);
-    loopback(&way[TCP], "tcp");
-    loopback(&way[CURVE], "tcp with keys");
-    give_keys(&way[CURVE]);
-    for (size_t i = 0; i < sizeof crowds / sizeof *crowds; i++) {
-        struct cost cost[ROADS];
-        int n = crowds[i];
-        for (int k = 0; k < ROADS; k++)
-            cost[k] = (struct cost){INFINITY, INFINITY, INFINITY, INFINITY, 0};
-        for (int turn = 0; turn < TURNS; turn++)
-            for (int k = 0; k < ROADS; k++) {
-                r = (struct run){.healthy = n, .volumes = SHORT};
-                travel(&way[k], v, &r);
-                double bytes = (double)r.bytes * SHORT * (n > 0 ? n : 1);
-                cost[k].bytes = r.bytes;
-                cost[k].publish = fmin(cost[k].publish, r.took[SHORT / 2]);
-                cost[k].sender = fmin(cost[k].sender, r.cpu / bytes * 1e9);
-                cost[k].receiver = fmin(cost[k].receiver, r.all.cpu / bytes * 1e9);
-                cost[k].came = fmin(cost[k].came, n > 0 ? (double)r.all.volumes / (SHORT * n) : 1);
-            }
-        for (int k = 0; k < ROADS; k++) {
-            bool keyed = k == CURVE && n > 0;
-            bench_row(csv, "%d,%s,%zu,%.3f,%.3f,%.3f,%.3f,%.2f,%.2f,%.2f,%.2f", n, way[k].name,
-                      cost[k].bytes, cost[k].came, cost[k].publish,
-                      cost[k].publish / cost[IPC].publish, n > 0 ? cost[k].sender : 0,
-                      n > 0 ? cost[k].receiver : 0,
-                      keyed ? cost[CURVE].sender - cost[TCP].sender : 0,
-                      keyed ? cost[CURVE].receiver - cost[TCP].receiver : 0,
-                      keyed ? box_ns(cost[k].bytes) : 0);
-        }
-    }
-    pvp_auth_free(&way[CURVE].auth);
 }
 
 int main(int argc, char **argv)
@@ -361,14 +228,9 @@ int main(int argc, char **argv)
     static const int32_t size[3] = {320, 240, 128};
     scratch_new();
     struct volume v = volume_ring(64, 0.3);
-    FILE *csv = bench_csv(argc, argv, "proto_keys",
-                          "subscribers,way,bytes,came share,publish ms,over ipc,sender ns/B,"
-                          "receiver ns/B,keys ns/B,opening ns/B,box ns/B");
-    keys(csv, &v);
-    fclose(csv);
-    csv = bench_csv(argc, argv, "proto_fanout",
-                    "healthy,more,publish p50,publish p99,came share,latency p50,latency p99,"
-                    "grown MiB");
+    FILE *csv = bench_csv(argc, argv, "proto_fanout",
+                          "healthy,more,publish p50,publish p99,came share,latency p50,latency p99,"
+                          "grown MiB");
     for (size_t i = 0; i < sizeof crowds / sizeof *crowds; i++)
         fan_out(csv, &v, crowds[i], false);
     fan_out(csv, &v, 16, true);

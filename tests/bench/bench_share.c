@@ -15,15 +15,9 @@ enum { SETS = 200 };
 
 static const char *const kinds[] = {"one", "vectors", "split"};
 
-static int by_size(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static double quantile(double *t, double q)
 {
-    qsort(t, SETS, sizeof *t, by_size);
+    qsort(t, SETS, sizeof *t, bench_less);
     return t[(int)(q * (SETS - 1))];
 }
 

@@ -3,7 +3,6 @@
  * the end), and what of one core it costs at 30 sets/s; then reading the take back, with its checksums,
  * beside read(2).  Files lie in the folder given, or the current one. */
 #include <fcntl.h>
-#include <sys/resource.h>
 #include <unistd.h>
 
 #include "base.h"
@@ -18,14 +17,6 @@ static char path[4096];
 static double seconds(void)
 {
     return (double)pvx_now_mono() * 1e-9;
-}
-
-static double cpu(void)
-{
-    struct rusage u;
-    getrusage(RUSAGE_THREAD, &u);
-    return (double)(u.ru_utime.tv_sec + u.ru_stime.tv_sec) +
-           1e-6 * (double)(u.ru_utime.tv_usec + u.ru_stime.tv_usec);
 }
 
 static void sync_file(void)
@@ -45,12 +36,12 @@ static struct cost plain(void)
     struct cost c;
     unlink(path);
     int fd = open(path, O_WRONLY | O_CREAT | O_TRUNC, 0600);
-    double t0 = seconds(), c0 = cpu();
+    double t0 = seconds(), c0 = bench_cpu();
     for (int i = 0; i < SETS * CAMERAS; i++)
         if (write(fd, pixels + (size_t)(i % (2 * CAMERAS)) * FRAME, FRAME) != FRAME)
             perror(path);
     c.written = seconds() - t0;
-    c.cpu = cpu() - c0;
+    c.cpu = bench_cpu() - c0;
     close(fd);
     sync_file();
     c.synced = seconds() - t0;
@@ -60,14 +51,6 @@ static struct cost plain(void)
 static void no_release(struct cap_frame *f)
 {
     (void)f;
-}
-
-static void check(pvx_err e, const struct pvx_diag *d)
-{
-    if (e == PVX_OK)
-        return;
-    fprintf(stderr, "bench_take: %s\n", pvx_diag_text(d, e));
-    exit(1);
 }
 
 static struct cost take(void)
@@ -83,8 +66,8 @@ static struct cost take(void)
     struct cost c;
     cap_take_writer *w;
     unlink(path);
-    double t0 = seconds(), c0 = cpu();
-    check(cap_take_create(path, &h, &w, &d), &d);
+    double t0 = seconds(), c0 = bench_cpu();
+    bench_check(cap_take_create(path, &h, &w, &d), &d);
     for (uint64_t k = 0; k < SETS; k++) {
         struct cap_frame f[CAMERAS];
         struct cap_set s = {.number = k, .n = CAMERAS};
@@ -96,12 +79,12 @@ static struct cost take(void)
                                       .release = no_release};
             s.frame[i] = &f[i];
         }
-        check(cap_take_put_set(w, &s, &d), &d);
-        check(cap_take_commit(w, &d), &d);
+        bench_check(cap_take_put_set(w, &s, &d), &d);
+        bench_check(cap_take_commit(w, &d), &d);
     }
     c.written = seconds() - t0;
-    c.cpu = cpu() - c0;
-    check(cap_take_close(&w, &d), &d);
+    c.cpu = bench_cpu() - c0;
+    bench_check(cap_take_close(&w, &d), &d);
     sync_file();
     c.synced = seconds() - t0;
     return c;
@@ -113,12 +96,12 @@ static void reading(double *with_take, double *with_read)
     struct pvx_diag d = {""};
     cap_take *t;
     unsigned char *mem = malloc(FRAME);
-    check(cap_take_open(path, &t, &d), &d);
+    bench_check(cap_take_open(path, &t, &d), &d);
     double t0 = seconds();
     for (uint64_t k = 0; k < SETS; k++)
         for (uint32_t c = 0; c < CAMERAS; c++) {
             struct cap_image img;
-            check(cap_take_read(t, c, k, mem, FRAME, &img, &d), &d);
+            bench_check(cap_take_read(t, c, k, mem, FRAME, &img, &d), &d);
         }
     *with_take = MB / (seconds() - t0);
     cap_take_free(&t);

@@ -12,14 +12,6 @@
 
 #define FRAMES 12 /* of one instant, each with noise of its own */
 
-static void check(pvx_err e, const struct pvx_diag *d)
-{
-    if (e == PVX_OK)
-        return;
-    fprintf(stderr, "record: %s\n", pvx_diag_text(d, e));
-    exit(1);
-}
-
 static void make_folder(const char *path)
 {
     if (mkdir(path, 0777) != 0 && access(path, W_OK) != 0) {
@@ -35,7 +27,7 @@ static void write_rig(const char *dir, const struct rec_rig *r)
     struct pvx_diag d = {""};
     CHECK(rec_rig_format(r, &rig, &len));
     snprintf(path, sizeof path, "%.900s/rig.yaml", dir);
-    check(pvx_file_write(path, rig, len, &d), &d);
+    bench_check(pvx_file_write(path, rig, len, &d), &d);
     free(rig);
 }
 
@@ -49,7 +41,7 @@ static void record(const char *dir, const struct scene *s)
     make_folder(dir);
     write_rig(dir, &s->rig);
     snprintf(path, sizeof path, "%.900s/truth.npy", dir);
-    check(cap_npy_save(path, s->truth, shape, s->nch == 1 ? 3 : 4, &d), &d);
+    bench_check(cap_npy_save(path, s->truth, shape, s->nch == 1 ? 3 : 4, &d), &d);
     snprintf(path, sizeof path, "%.900s/frames", dir);
     make_folder(path);
     for (size_t c = 0; c < s->rig.n_cameras; c++) {
@@ -62,7 +54,7 @@ static void record(const char *dir, const struct scene *s)
             for (size_t k = 0; k < n; k++)
                 px[k] = s->image[c][k] + (float)(0.01 * s->peak * bench_normal());
             snprintf(path, sizeof path, "%.900s/frames/%.64s/%06d.npy", dir, cam->name, i);
-            check(cap_image_save(path, px, cam->width, cam->height, s->nch, &d), &d);
+            bench_check(cap_image_save(path, px, cam->width, cam->height, s->nch, &d), &d);
         }
         free(px);
     }
@@ -83,7 +75,7 @@ static bool record_video(const char *dir, const struct rec_camera *c)
             continue;
         CHECK(cap_bin(&img, 1, 1, 0, c->height, px));
         snprintf(path, sizeof path, "%.900s/frames/%.64s/%06d.png", dir, c->name, i);
-        check(cap_image_save(path, px, c->width, c->height, 1, &d), &d);
+        bench_check(cap_image_save(path, px, c->width, c->height, 1, &d), &d);
     }
     cap_video_close(&v);
     free(px);

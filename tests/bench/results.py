@@ -61,7 +61,7 @@ say("# What it reaches", "",
     "- **seen**: nothing was fitted on it, but it stood in the benches while defaults were chosen",
     "- **held out**: nothing was fitted or chosen on it; these are the figures to believe", "",
     "`tests/bench/flames.h` is the one list of them; [NUMERICS.md](../../recon/NUMERICS.md) says why they are what",
-    "they are.")
+    "they are.  [MEASURED.md](MEASURED.md) has what earlier benches measured once.")
 missing = sorted({l for l in log if l.startswith(("NOT RUN", "FAIL"))})
 if missing:
     say("", "Not in this run:", "", *["- " + l for l in missing])
@@ -103,60 +103,6 @@ section("Judged from outside", "judge", "Every solver as it stops by itself: vol
         *judge.rows(judged))
 section("Judged from outside, in short", "judge", "From the table above", judge.SUMMARY, lambda: judge.summary(judged))
 say("", "![error against time](../../daemon/man/error-time.png)")
-
-motion = table("motion")
-section("In motion", "motion", "1 % noise, automatic stop, mean over the frames: from nothing, and from the frame before",
-        ["flame", "use", "basis", "cold: error", "ms", "warm: error", "ms"],
-        lambda: [[s, u, b] + ["%.3f" % float(r["volume"]) if k else "%.1f" % float(r["ms"])
-                              for r in pick(motion, scene=s, basis=b, stop="auto") for k in (1, 0)]
-                 for s, u, b in unique(motion, "scene", "use", "basis")])
-
-bayer = table("bayer")
-section("Bayer pixels", "bayer", "12 bits, box basis: error with three sensors (rgb), with each pixel as a ray of its own "
-        "colour (rays), demosaiced, and binned", ["flame", "use", "noise"] + [w for w, in unique(bayer, "way")],
-        lambda: [[s, u, "%g %%" % (100 * float(n))] + ["%.3f" % float(r["volume"])
-                                                      for r in pick(bayer, scene=s, noise=n, basis="box")]
-                 for s, u, n in unique(bayer, "scene", "use", "noise")])
-
-model = table("model")
-section("Rays per pixel", "model", "1 % noise: error of the volume and of the unseen view (mean over all its pixels), million "
-        "entries in all and on the hull, s of the build, ms of the solve",
-        ["flame", "use", "basis", "pixels", "rays", "error", "view", "entries", "on the hull", "build", "ms"],
-        lambda: [[r["scene"], r["use"], r["basis"], r["width"] + "x" + r["height"], r["rays"] + "x" + r["rays"],
-                  "%.3f" % float(r["volume"]), "%.3f" % float(r["view"]), "%.1f M" % (1e-6 * float(r["nnz"])),
-                  "%.2f M" % (1e-6 * float(r["entries"])), "%.2f" % float(r["build_s"]), "%.1f" % float(r["solve_ms"])]
-                 for r in model])
-
-grid = table("grid")
-
-
-def finer():
-    keys = "scene", "use", "rig", "noise", "pictures"
-    for case in unique(grid, *keys):
-        *fixed, auto = pick(grid, **dict(zip(keys, case)))
-        yield [*case] + ["%.3f / %.1f" % (float(r["volume"]), float(r["view"])) for r in fixed + [auto]] + [
-            "%.2f" % float(auto["pixels"]), auto["voxels"]]
-
-
-section("How fine a grid", "grid", "Trilinear: error of the field at the same points whatever the grid / of the unseen view, on "
-        "grids whose voxels have so many pixels in the pictures, and on that of `--grid auto`: its voxels, in pixels",
-        ["flame", "use", "cameras", "noise", "pictures"] + ["%.1f px" % float(r["pixels"]) for r in grid[:5]] +
-        ["auto", "px", "voxels"], finer)
-
-cells = table("finer")
-section("Cells of several sizes", "finer", "Error of the field, trilinear, 8 cameras of 320x240, 1 % noise; oracle and rule: every block of 8^3 from one of 32^3, "
-        "64^3, 128^3, a quarter of 128^3's unknowns in all (NUMERICS 15); unknowns, entries, time: 80^3 over 128^3",
-        ["flame", "use", "32^3", "64^3", "80^3", "128^3", "oracle", "rule", "unknowns", "entries", "time"],
-        lambda: [[r["scene"], r["use"]] + ["%.3f" % float(r[k]) for k in
-                  ("volume_32", "volume_64", "volume_80", "volume_128", "oracle", "rule")] +
-                 ["%.2f" % float(r[k]) for k in ("unknowns_80", "entries_80", "time_80")] for r in cells])
-
-hull = table("hull")
-section("The visual hull", "hull", "Restricted over full solve, ring (fitted), 1 % noise; wanted 10 times faster, half the error",
-        ["solver", "stop", "times faster", "volume error", "unseen view"],
-        lambda: [[a["solver"], a["stop"], "%.0f" % (float(b["ms"]) / float(a["ms"])), "%.2f x" %
-                  (float(a["volume"]) / float(b["volume"])), "%.2f x" % (float(a["view"]) / float(b["view"]))]
-                 for a, b in zip(pick(hull, hull="1"), pick(hull, hull="0"))])
 
 offline = table("offline")
 
@@ -206,21 +152,8 @@ section("Subscribers", "proto_fanout", "64^3, f16, 60 volumes/s by ipc, processe
         ["subscribers", "", "publish ms", "99 %", "came", "latency ms", "99 %", "grown MiB"],
         lambda: [[r["healthy"], r["more"], r["publish p50"], r["publish p99"], "%.1f %%" % (100 * float(r["came share"])),
                   r["latency p50"], r["latency p99"], r["grown MiB"]] for r in table("proto_fanout")])
-section("Keys", "proto_keys", "The same volumes, in turns. Wanted: CURVE under 2.5 ns a byte and subscriber, the time of a publish within 5 %. "
-        "Sender, receiver: processor time a byte and subscriber; of these the keys; crypto_box: libsodium alone",
-        ["subscribers", "by", "publish ms", "over ipc", "came", "sender ns", "of it keys", "receiver ns", "of it keys", "crypto_box ns"],
-        lambda: [[r["subscribers"], r["way"], r["publish ms"], r["over ipc"], "%.1f %%" % (100 * float(r["came share"])), r["sender ns/B"],
-                  r["keys ns/B"], r["receiver ns/B"], r["opening ns/B"], r["box ns/B"]] for r in table("proto_keys")])
-section("A flame that absorbs its own light", "absorb", "64^3 trilinear, 8 views of 160x120; optical depth along the densest ray; error with nothing done about "
-        "it, with the c that was and with the c found; over thin: the last over the flame's error without absorption (wanted 1.02, 1.1, 1.15, 1.3)",
-        ["scene", "use", "noise", "depth", "off", "known c", "found c", "over thin", "c", "c found", "gain", "time"],
-        lambda: [list(r.values()) for r in table("absorb")])
-section("Saturated pixels", "saturated", "64^3 trilinear, 8 views, 1 % noise; error of pictures that had room, with saturated pixels left out, and as bounds (wanted: 1.1 of whole at 5 %)",
-        ["scene", "use", "% saturated", "pixels", "whole", "left out", "at least", "left out over whole", "at least over whole", "time"],
-        lambda: [list(r.values()) for r in table("saturated")])
-section("Bodies in the flame", "bodies", "64^3, 8 cameras, 1 % noise; error in what two cameras see (wanted: known at most 1.1 of without)",
-        ["scene", "use", "basis", "body", "rig", "judged", "volume", "of without", "columns", "entries", "build s", "solve ms"],
-        lambda: [list(r.values()) for r in table("bodies")])
+
+
 def advised():
     terms = ["black", "saturated", "absorption", "gain", "body", "response"]
     seen = [r["verdict"] for r in table("advise")]
@@ -231,16 +164,6 @@ def advised():
 
 section("What a recording needs", "advise", "Random scenes whose needs are known, by `pyrovox advise`; wanted: right in 95 %, at most 5 % in vain",
         ["term", "needed", "right", "missed", "in vain"], lambda: list(advised()))
-section("The volume before as what is expected", "temporal", "64^3, 8 views of 160x120 (wanted at 5 %: 0.8 of single frames in 1.5 of the time; at 1 %: 1.02); "
-        "both: with the way back, offline, over single frames",
-        ["scene", "use", "basis", "noise", "single", "temporal", "ratio", "ms", "time", "trust", "both"],
-        lambda: [list(r.values()) for r in table("temporal")])
-section("A flame in its room", "room", "The ring's flame: ms to light the room, once for a volume, and of a view of 640x480, 2 x 2 rays a pixel",
-        ["side", "basis", "voxels with light", "light", "view"], lambda: [list(r.values()) for r in table("room")])
-section("Previews", "previews", "The carve stage's ms a set with one subscriber to previews and with none, in turns, 20 sets/s of 8 cameras. "
-        "Wanted: 1.05 of the mean", ["pictures", "previews/s", "none", "one", "ratio", "median: none", "one", "95 %: none", "one"],
-        lambda: [[r["width"] + "x" + r["height"]] + list(r.values())[2:] for r in table("previews")])
-
 section("Recording volumes, live", "record", "HDF5, 128^3 in three colours at 20 sets/s through the recorder's queue. Wanted: no gap. ms from a "
         "set's arrival to its last byte in the file; of one core: processor time, receiving included; bound: the same bytes onto "
         "the disk, or through zlib on all cores; file: over raw RGB8 frames of 8 cameras, and over dense floats",

@@ -2,14 +2,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <time.h>
-
-double board_cpu_seconds(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 void board_judge(struct board_judged *j, const struct rec_board *b, rec_board_detector *det,
                  const struct board_shot *s, bool floats)
@@ -23,11 +15,8 @@ void board_judge(struct board_judged *j, const struct rec_board *b, rec_board_de
         bytes[i] = (uint8_t)lrint(255 * fmin(1, fmax(0, level[i])));
     struct rec_board_picture p = {floats ? (const void *)level : bytes, s->width, s->height,
                                   s->width * (floats ? 4 : 1), floats};
-    double t0 = board_cpu_seconds();
     if (rec_board_detect(det, &p, &sight) != PVX_OK)
         abort();
-    j->seconds += board_cpu_seconds() - t0;
-    j->outcome[sight.outcome]++;
     size_t at = 0;
     for (uint32_t id = 0; id < rec_board_corners(b); id++) {
         double xy[2];
@@ -61,13 +50,10 @@ void board_judge(struct board_judged *j, const struct rec_board *b, rec_board_de
 
 void board_judged(struct board_judged *j)
 {
-    double n = fmax(1, (double)j->found), shots = 0;
-    for (int i = 0; i < REC_N_SIGHTS; i++)
-        shots += j->outcome[i];
+    double n = fmax(1, (double)j->found);
     for (int a = 0; a < 2; a++) {
         j->bias[a] /= n;
         j->sigma[a] = sqrt(fmax(0, j->sigma[a] / n - j->bias[a] * j->bias[a]));
     }
     j->chi2 /= n;
-    j->seconds /= fmax(1, shots);
 }

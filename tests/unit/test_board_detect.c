@@ -1,5 +1,5 @@
 /* test_board_detect.c - boards found in pictures with known truth: how exactly, which face, and what is said
- * where none is found.  tests/bench/bench_board.c prints the whole table. */
+ * where none is found. */
 #include "../t.h"
 
 #include "recon/board/detect_int.h"

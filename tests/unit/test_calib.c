@@ -114,8 +114,7 @@ T_CASE(a_ring_is_found)
     bv_done(&r);
 }
 
-/* Of 24 cameras 95 in 100 should stay below their px_95; 17 or fewer do so once in 8000 runs.  (bench_calib has
- * the figure over 100 seeds.) */
+/* Of 24 cameras 95 in 100 should stay below their px_95; 17 or fewer do so once in 8000 runs. */
 T_CASE(what_it_states_of_itself_holds)
 {
     int below = 0, within = 0;
