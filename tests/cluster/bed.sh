@@ -82,6 +82,6 @@ on_node() { # N, command...: as a process of that node
     nsenter -t "$first" -m -u -i -p -- "$@"
 }
 wait_for() { # command...: until it succeeds; the end is for what hangs
-    local end=$((SECONDS + ${patience:-300}))
+    local end=$((SECONDS + 900))
     until "$@"; do [ $SECONDS -lt $end ] || { echo "  waited in vain: $*"; return 1; }; sleep 0.2; done
 }

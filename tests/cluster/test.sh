@@ -66,7 +66,7 @@ begun() { wait_for in_middle_or_over && in_middle; }
 in_middle_or_over() { queue_empty || in_middle; }
 gone() { ! kill -0 "$1" 2> /dev/null; }
 queue_empty() { [ -z "$(squeue -h 2>&1)" ]; }
-settled() { patience=900 wait_for queue_empty; }
+settled() { wait_for queue_empty; }
 next_job() { scontrol show config | awk '/^NEXT_JOB_ID/ { print $3 }'; }
 array_tasks() { # first job id: which tasks of arrays were submitted since
     scontrol -o show jobs | sed -n 's/.*ArrayJobId=\([0-9]*\) ArrayTaskId=\([0-9]*\).*/\1 \2/p' | awk -v j="$1" '$1 >= j { print $2 }' | sort -nu | tr '\n' ' '
@@ -149,7 +149,7 @@ case_killed_node() {
     local host; host=$(status 1 host)
     node_kill "${host#node}"; fast
     local was; was=$(rows "$(part 1).h5")
-    patience=900 wait_for node_is "${host#node}" down && settled && complete 1 && same && gone_on 1 "$was" || return
+    wait_for node_is "${host#node}" down && settled && complete 1 && same && gone_on 1 "$was" || return
     [ "$(status 1 host)" != "$host" ] || { echo "  by whom?"; return 1; }
 }
 # Volumes that fill a disk with room for one part and a half; then there is room.
@@ -203,7 +203,7 @@ case_stalled_server() {
     # Long enough for a heartbeat that Slurm or anybody might miss; how long it is decides nothing.
     sleep 30
     [ "$(status 1 'done')" -le $((one + 1)) ] || { kill -CONT "$stalled"; echo "  it did not stall"; return 1; }
-    kill -TERM $k; patience=60 wait_for gone $k || { kill -CONT "$stalled"; return 1; } # who waits for it can be ended
+    kill -TERM $k; wait_for gone $k || { kill -CONT "$stalled"; return 1; } # who waits for it can be ended
     kill -CONT "$stalled"
     wait $j; local rc=$?
     [ $rc -lt 2 ] || { echo "  --join: exit $rc"; cat "$dir/join.log"; return 1; }
@@ -225,7 +225,7 @@ case_two_tasks_before_the_first_set() {
     local one=$out; out=$disk/two_tasks_before_the_first_set/volumes.h5
     kill -STOP "$the_server"
     on_node 1 "$pyrovox" reconstruct "${how[@]}" --matrix-cache "${one%/*}/matrix" --out "$out" --array 1/2 > "$dir/first.log" 2>&1 & local first=$!
-    patience=100 wait_for begun_by node1 || { ls "$out.parts"; return 1; }
+    wait_for begun_by node1 || { ls "$out.parts"; return 1; }
     run on_node 2 "$pyrovox" reconstruct "${how[@]}" --out "$out" --array 1/2 --resume
     refuses node1 "\b$(status 1 pid)\b" || return
     [ ! -e "$(part 1).h5" ] || { echo "  the matrix did not wait"; return 1; }
@@ -335,7 +335,7 @@ one() { # case
     "case_$1" > "$dir/said" 2>&1; rc=$?
     kill -CONT "$the_server"; fast
     scancel -u root; settled
-    for n in 1 2; do [ $rc = 0 ] && node_is $n idle || { node_kill $n; node_start $n; patience=900 node_up $n; }; done
+    for n in 1 2; do [ $rc = 0 ] && node_is $n idle || { node_kill $n; node_start $n; node_up $n; }; done
     { echo "=== $name (exit $rc, $((SECONDS - t0)) s)"; cat "$dir/said"; } >> "$log"
     case $rc in
         0) pass=$((pass + 1)); tell "PASS $name";;

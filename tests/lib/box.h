@@ -8,9 +8,9 @@
 
 #include "base/clock.h"
 #include "capture/source/source.h"
+#include "tests/lib/patience.h"
 
-#define BOX_PATIENCE_NS (60 * PVX_NS_PER_S) /* no wait in here should come near */
-#define BOX_HELD        512
+#define BOX_HELD 512
 
 struct box {
     pthread_mutex_t lock;
@@ -124,8 +124,7 @@ static inline void reset_box(struct box *b, bool keep)
 
 static inline bool wait_under_lock(struct box *b, const uint64_t *what, uint64_t n)
 {
-    int64_t until = pvx_now_mono() + BOX_PATIENCE_NS;
-    while (*what < n && pvx_now_mono() < until) {
+    UNTIL (*what >= n) {
         struct timespec ts;
         clock_gettime(CLOCK_REALTIME, &ts);
         ts.tv_sec++;

@@ -9,6 +9,7 @@
 #include "capture/gevsim/gvcam.h"
 #include "capture/gevsim/netns.h"
 #include "tests/lib/have_addresses.h"
+#include "tests/lib/patience.h"
 #include "tests/t.h"
 
 #define BED_CAMERAS 4

@@ -9,6 +9,7 @@
 #include "proto/clients/sub.h"
 #include "recon/view/flame.h"
 #include "recon/view/metrics.h"
+#include "tests/lib/patience.h"
 #include "tests/lib/scratch.h"
 #include "tests/t.h"
 
@@ -82,13 +83,12 @@ static inline void look(dmn_live *p)
     T_LE(state.inside, DMN_N_SLOTS + 1);
 }
 
-/* Until the condition holds of `state`, or a minute is over. */
-#define LOOK_UNTIL(p, condition)                                      \
-    do {                                                              \
-        int64_t end_ = pvx_now_mono() + 200 * PVX_NS_PER_S;           \
-        for (look(p); !(condition) && pvx_now_mono() < end_; look(p)) \
-            usleep(20000);                                            \
-        T_OK(condition);                                              \
+/* Until the condition holds of `state`. */
+#define LOOK_UNTIL(p, condition)       \
+    do {                               \
+        UNTIL ((look(p), (condition))) \
+            usleep(20000);             \
+        T_OK(condition);               \
     } while (0)
 
 static inline void finish(dmn_live **p)

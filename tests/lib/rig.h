@@ -7,15 +7,11 @@
 #include "base/clock.h"
 #include "base/log.h"
 #include "capture/rig/capture.h"
+#include "tests/lib/patience.h"
 #include "tests/lib/source.h"
 #include "tests/t.h"
 
-#define RIG_MAX     8
-#define PATIENCE_NS (120 * PVX_NS_PER_S) /* no wait in here should come near */
-
-/* The statement behind it again and again until the condition holds, or until patience ends. */
-#define UNTIL(condition) \
-    for (int64_t end_ = pvx_now_mono() + PATIENCE_NS; !(condition) && pvx_now_mono() < end_;)
+#define RIG_MAX 8
 
 /* What sim: cameras see: the true time of exposure and the camera. */
 struct truth {

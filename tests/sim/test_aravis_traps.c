@@ -33,7 +33,7 @@ static bool more_sets(int n, int64_t *last)
 {
     for (int k = 0; k < n; k++) {
         struct cap_set *set;
-        if (cap_capture_next(r.cap, 10 * PVX_NS_PER_S, &set) != PVX_OK)
+        if (cap_capture_next(r.cap, PATIENCE_NS, &set) != PVX_OK)
             return false;
         T_OK(bed_truth(set->frame[0], 0) >= 0);
         T_OK(set->frame[0]->t_device_ns > *last);
@@ -101,8 +101,7 @@ T_CASE(stale_stamps_on_bad_buffers)
     if (begin(&s, &config)) {
         next_many(&s, 3);
         bed_fault(1, (struct cap_gvcam_fault){.packet_loss = 0.05});
-        int64_t end = pvx_now_mono() + 20 * PVX_NS_PER_S;
-        while (counted(&s.box, CAP_INCOMPLETE) < 60 && pvx_now_mono() < end && next_good(&s))
+        UNTIL (counted(&s.box, CAP_INCOMPLETE) >= 60 || !next_good(&s))
             ;
         bed_fault(1, (struct cap_gvcam_fault){0});
         next_many(&s, 20);
@@ -156,8 +155,7 @@ T_CASE(good_frames_behind_an_unanswered_resend)
             next_many(&s, 3);
             /* Most packets of a few frames: too many to be asked for, so they time out. */
             bed_fault(2, (struct cap_gvcam_fault){.packet_loss = 0.6});
-            int64_t end = pvx_now_mono() + 10 * PVX_NS_PER_S;
-            while (counted(&s.box, CAP_INCOMPLETE) < 3 && pvx_now_mono() < end)
+            UNTIL (counted(&s.box, CAP_INCOMPLETE) >= 3)
                 usleep(1000);
             bed_fault(2, (struct cap_gvcam_fault){0});
             for (int n = 0; n < 40; n++) {

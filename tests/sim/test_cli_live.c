@@ -15,11 +15,11 @@
 #include "recon/calib/calib.h"
 #include "recon/view/metrics.h"
 #include "tests/lib/cli.h"
+#include "tests/lib/patience.h"
 
-#define BOARD       "charuco:5x6:0.14:0.105:two-sided"
-#define VOLUME      "--volume -0.5,-0.5,0,0.5,0.5,1 --voxels 32"
-#define RIG         "--cameras 4 --size 400x300 --radius 1.6 --height 0.9 --voxels 32"
-#define PATIENCE_NS (120 * PVX_NS_PER_S)
+#define BOARD  "charuco:5x6:0.14:0.105:two-sided"
+#define VOLUME "--volume -0.5,-0.5,0,0.5,0.5,1 --voxels 32"
+#define RIG    "--cameras 4 --size 400x300 --radius 1.6 --height 0.9 --voxels 32"
 
 enum { FIRST = 8, ALL = 12, IMAGES = 2, FPS = 5 };
 
@@ -56,13 +56,14 @@ static bool taken(int number, pid_t pid, int *status, bool *ended)
 {
     char want[40];
     snprintf(want, sizeof want, "number %d taken", number);
-    for (int64_t end = pvx_now_mono() + PATIENCE_NS; pvx_now_mono() < end; usleep(20000)) {
+    UNTIL (false) {
         if (strstr(slurp("out.txt"), want) != NULL)
             return true;
         if (!*ended && waitpid(pid, status, WNOHANG) == pid)
             *ended = true;
         if (*ended)
             return strstr(slurp("out.txt"), want) != NULL;
+        usleep(20000);
     }
     return false;
 }

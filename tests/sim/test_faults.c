@@ -239,16 +239,15 @@ T_CASE(every_fault_is_found_told_once_and_over)
         for (size_t k = 0; k < i; k++)
             follow(&runs[k]);
     }
-    int64_t until = pvx_now_mono() + PATIENCE_NS;
-    size_t over;
-    do {
+    size_t over = 0;
+    UNTIL (over >= CASES) {
         over = 0;
         for (size_t i = 0; i < CASES; i++) {
             follow(&runs[i]);
             over += runs[i].over;
         }
         pvx_sleep_until_mono(pvx_now_mono() + 5 * PVX_NS_PER_MS);
-    } while (over < CASES && pvx_now_mono() < until);
+    }
     pvx_sleep_until_mono(pvx_now_mono() + 1500 * PVX_NS_PER_MS); /* the last lines */
     for (size_t i = 0; i < CASES; i++) {
         cap_capture_stop(runs[i].rig.cap);

@@ -80,9 +80,8 @@ static void collect(struct raw *r, struct seen *s)
     uint64_t block = UINT64_MAX;
     uint32_t number = 0;
     struct packet p;
-    int64_t until = pvx_now_mono() + 10 * PVX_NS_PER_S;
     bool all = false;
-    while (!all && pvx_now_mono() < until) {
+    UNTIL (all) {
         struct cap_gvcam_stats st = bed_stats(0);
         all = st.frames + st.dropped == st.exposed;
         while (raw_packet(r, all ? 0 : 5, &p)) /* on loopback, what is sent has arrived */

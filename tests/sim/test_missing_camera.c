@@ -60,9 +60,7 @@ static void watch(const char *third, const char *more, struct seen *y, int full,
     memset(y, 0, sizeof *y);
     audience_open(&a, 3, 1.5);
     T_EQ_I(dmn_live_start(p, NULL), PVX_OK);
-    int64_t t0 = pvx_now_mono();
-    while ((y->with[CAMERAS].n < full || y->with[CAMERAS - 1].n < less) &&
-           pvx_now_mono() - t0 < 200 * PVX_NS_PER_S) {
+    UNTIL (y->with[CAMERAS].n >= full && y->with[CAMERAS - 1].n >= less) {
         struct pvp_view v;
         double error;
         if (audience_next(&a, &v, &error))

@@ -10,10 +10,10 @@
 #include "base/clock.h"
 #include "daemon/view/bridge.h"
 #include "proto/pub.h"
+#include "tests/lib/patience.h"
 #include "tests/lib/scratch.h"
 #include "tests/t.h"
 
-#define PATIENCE_NS (120 * PVX_NS_PER_S)
 enum { N = 24, READERS = 3 };
 
 static atomic_bool done;
@@ -129,10 +129,9 @@ static void *read_some(void *ctx)
     struct reader *r = ctx;
     static __thread uint8_t buf[1 << 18];
     int fd = socket(AF_INET, SOCK_STREAM, 0);
-    int64_t end = pvx_now_mono() + PATIENCE_NS;
     r->good = open_up(fd, r->port) &&
               say(fd, "{\"token\":\"aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa\",\"credits\":1}");
-    while (r->good && r->volumes < 40 && pvx_now_mono() < end) {
+    UNTIL (!r->good || r->volumes >= 40) {
         size_t n = message(fd, buf, sizeof buf);
         struct pvp_header h;
         struct pvp_view v;

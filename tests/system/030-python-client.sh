@@ -111,7 +111,7 @@ check without_liblz4 without_liblz4
 
 live() { # volumes, every n-th left out
     "$b/tests/unit/test_pub" --publish "$volumes" "$1" "$2" & pub=$!; pids+=("$pub")
-    timeout 300 "$py" - "$volumes" "$1" "$2" <<'PY'
+    timeout "$patience" "$py" - "$volumes" "$1" "$2" <<'PY'
 import sys
 import numpy as np
 import pyrovox_sub as pvx
@@ -140,7 +140,7 @@ check live_gaps live 40 5
 
 saved() {
     "$b/tests/unit/test_pub" --publish "$volumes" 6 0 & pub=$!; pids+=("$pub")
-    timeout 300 "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
+    timeout "$patience" "$py" proto/clients/pyrovox_sub.py "$volumes" --frames 3 --save "$dir/out" > "$dir/log" || { cat "$dir/log"; return 1; }
     wait "$pub"
     tail -n 1 "$dir/log" | grep -q '^3 volumes, 0 messages lost' || { cat "$dir/log"; return 1; }
     "$py" -c 'import numpy,sys; a=numpy.load(sys.argv[1]); sys.exit(a.shape != (8,9,10,3))' "$dir/out/000002.npy"
@@ -149,7 +149,7 @@ check program_saves saved
 
 refused() { # more than the client allows: one sentence, nothing of it is read
     "$b/tests/unit/test_pub" --publish "$volumes" 6 0 no-end & pub=$!; pids+=("$pub")
-    timeout 300 "$py" proto/clients/pyrovox_sub.py "$volumes" --memory 0 > "$dir/log" 2>&1
+    timeout "$patience" "$py" proto/clients/pyrovox_sub.py "$volumes" --memory 0 > "$dir/log" 2>&1
     local r=$?
     kill "$pub" 2> /dev/null; wait "$pub"
     [ $r = 1 ] && grep -q '^pyrovox_sub.py: .* --memory MIB allows more$' "$dir/log" || { cat "$dir/log"; return 1; }

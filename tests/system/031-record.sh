@@ -6,7 +6,7 @@ name=031
 ep=$volumes
 publish() { "$b/tests/unit/test_pub" --publish "$ep" "$1" "$2" & pub=$!; pids+=($pub); }
 reap() { wait "$pub"; }
-record() { timeout 300 "$pyrovox" record --endpoint "$ep" "$@"; }
+record() { timeout "$patience" "$pyrovox" record --endpoint "$ep" "$@"; }
 # a volume of test_pub is 8 x 9 x 10 x 3 float32 and a header of 128 bytes
 whole() { [ "$(stat -c %s "$1.npy")" = 8768 ] && grep -q '"set":' "$1.json" && [ "$(tail -c 2 "$1.json")" = '}' ]; }
 
@@ -113,7 +113,7 @@ full() { # a disk of 100 KiB: about ten volumes fit
     publish 40 0
     unshare -rm bash -c '
         mount -t tmpfs -o size=100k none "$1/disk" || exit 99
-        timeout 300 "$2/bin/pyrovox" record --endpoint "$3" --out "$1/disk/f" > "$1/log" 2>&1
+        timeout "$patience" "$2/bin/pyrovox" record --endpoint "$3" --out "$1/disk/f" > "$1/log" 2>&1
         echo "exit $?" >> "$1/log"
         cp -r "$1/disk/f" "$1/f"' - "$dir" "$b" "$ep"
     reap

@@ -5,7 +5,7 @@ name=032
 publish() { "$b/tests/unit/test_pub" --publish "$volumes" "$1" 0 & pub=$!; pids+=("$pub"); }
 record() { # arguments: from the publisher of 12 volumes of 8 x 9 x 10 x 3
     publish 12
-    timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet "$@" > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
+    timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet "$@" > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
     wait "$pub"
     grep -q '^12 volumes in .*, 0 messages lost$' "$dir/log" || { cat "$dir/log"; return 1; }
 }
@@ -42,7 +42,7 @@ PY
 check h5py_and_h5dump_read_it h5
 
 vtk() { # ParaView's reader, on one volume; it gives the voxels' centres
-    timeout 300 "$pyrovox" convert "$dir/v.h5" "$dir/one.h5" --from 5 --to 5 > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
+    timeout "$patience" "$pyrovox" convert "$dir/v.h5" "$dir/one.h5" --from 5 --to 5 > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
     "$py" - "$dir" <<'PY'
 import sys, json, numpy as np
 from vtkmodules.vtkIOHDF import vtkHDFReader
@@ -122,7 +122,7 @@ check nvdb_is_what_nanovdb_makes_of_the_vdb oracle
 circle() { # npy -> hdf5 -> vdb -> npy
     for step in "npy c.h5" "c.h5 c.vdb --format vdb" "c.vdb back --format npy"; do
         set -- $step
-        timeout 300 "$pyrovox" convert "$dir/$1" "$dir/$2" ${3:+$3 $4} > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
+        timeout "$patience" "$pyrovox" convert "$dir/$1" "$dir/$2" ${3:+$3 $4} > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
     done
     "$py" - "$dir" <<'PY'
 import sys, glob, json, numpy as np
@@ -141,7 +141,7 @@ check converted_there_and_back circle
 
 again() { # played, and recorded once more
     "$pyrovox" play "$dir/v.h5" --speed 0 --endpoint "$volumes" > "$dir/play.log" 2>&1 & local p=$!; pids+=("$p")
-    timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/copy.h5" > "$dir/log" 2>&1 || { cat "$dir/log" "$dir/play.log"; return 1; }
+    timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/copy.h5" > "$dir/log" 2>&1 || { cat "$dir/log" "$dir/play.log"; return 1; }
     wait "$p" || { cat "$dir/play.log"; return 1; }
     "$py" - "$dir" <<'PY'
 import sys, h5py, numpy as np

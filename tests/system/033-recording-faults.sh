@@ -7,7 +7,7 @@ formats="npy hdf5 vdb nvdb"
 publish() { "$b/tests/unit/test_pub" --publish "$volumes" "$@" & pub=$!; pids+=("$pub"); }
 unpublish() { kill -KILL "$pub" 2> /dev/null; wait "$pub" 2> /dev/null; }
 place() { [ "$2" = hdf5 ] && echo "$dir/$1.h5" || echo "$dir/$1-$2"; } # name, format
-record() { timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --format "$@"; }
+record() { timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet --format "$@"; }
 begin() { # format, path: in the background, until there is something of it
     "$pyrovox" record --endpoint "$volumes" --quiet --format "$1" --out "$2" > "$dir/record.log" 2>&1 & rec=$!
     pids+=("$rec")
@@ -73,7 +73,7 @@ full() { # closed in order, and what is there is valid
     publish 12000 0
     unshare -rm bash -c '
         mount -t tmpfs -o size="$5" none "$1/disk" || exit 99
-        timeout 300 "$2/bin/pyrovox" record --endpoint "$3" --format "$4" --quiet --out "$1/disk/${6##*/}" > "$1/log" 2>&1
+        timeout "$patience" "$2/bin/pyrovox" record --endpoint "$3" --format "$4" --quiet --out "$1/disk/${6##*/}" > "$1/log" 2>&1
         echo "exit $?" >> "$1/log"
         cp -r "$1/disk/${6##*/}" "$6"' - "$dir" "$b" "$volumes" "$1" "$2" "$p"
     unpublish
@@ -92,7 +92,7 @@ removed() { # the folder goes while it is written
     begin "$1" "$p"
     wait_for holds "$p" 2 || return 1
     mv "$dir/gone" "$dir/gone-$1" && rm -rf "$dir/gone-$1"
-    patience=60 wait_for gone "$rec" || { cat "$dir/record.log"; return 1; }
+    wait_for gone "$rec" || { cat "$dir/record.log"; return 1; }
     ended "$rec" 1 && grep -q "$p.*removed or renamed" "$dir/record.log" || { cat "$dir/record.log"; return 1; }
     unpublish
 }
@@ -110,7 +110,7 @@ for n in sorted(glob.glob(f"{sys.argv[1]}/0*.json"))[6:]: # an hour back, as whe
 PY
 set_back() { # sets and times as they came
     local p; p=$(place clock "$1")
-    timeout 300 "$pyrovox" play "$dir/back" --speed 0 --quiet --endpoint "$volumes" & local play=$!
+    timeout "$patience" "$pyrovox" play "$dir/back" --speed 0 --quiet --endpoint "$volumes" & local play=$!
     record "$1" --out "$p" > "$dir/log" 2>&1 || { cat "$dir/log"; return 1; }
     ended "$play" 0 && to_npy "$p" "$dir/clock-back-$1" || return 1
     "$py" - "$dir/back" "$dir/clock-back-$1" <<'PY'
@@ -126,7 +126,7 @@ PY
 check clock_set_back each set_back
 paced() { # 5 pauses before and 5 after, of 0.33 s each
     local t0=$EPOCHREALTIME
-    timeout 300 "$pyrovox" play "$dir/back" --speed 0.2 --quiet --endpoint "$volumes" & local play=$!
+    timeout "$patience" "$pyrovox" play "$dir/back" --speed 0.2 --quiet --endpoint "$volumes" & local play=$!
     record npy --out "$dir/paced" > "$dir/log" 2>&1 && ended "$play" 0 || { cat "$dir/log"; return 1; }
     "$py" -c 'import sys; t = float(sys.argv[2]) - float(sys.argv[1]); assert t > 3.2, t' "$t0" "$EPOCHREALTIME"
 }

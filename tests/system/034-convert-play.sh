@@ -3,9 +3,9 @@
 # Ctrl-C, keys; and what cannot be converted or played, with its sentence.
 name=034
 . "$(dirname "$0")/lib.sh"
-convert() { timeout 300 "$pyrovox" convert "$@" > "$dir/convert.log" 2>&1 || { cat "$dir/convert.log"; return 1; }; }
+convert() { timeout "$patience" "$pyrovox" convert "$@" > "$dir/convert.log" 2>&1 || { cat "$dir/convert.log"; return 1; }; }
 "$b/tests/unit/test_pub" --publish "$volumes" 12 0 & pub=$!; pids+=("$pub")
-timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/pub" > "$dir/record.log" 2>&1; wait "$pub"
+timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/pub" > "$dir/record.log" 2>&1; wait "$pub"
 # the same with voxels that are no cubes, and values that no half holds
 "$py" - "$dir/pub" "$dir/made" <<'PY'
 import glob, json, os, shutil, sys, numpy as np
@@ -20,8 +20,8 @@ for n in glob.glob(f"{out}/0*.json"):
 PY
 
 played() { # floats and places arrive as they are, through the real recorder
-    timeout 300 "$pyrovox" play "$dir/made" --speed 0 --quiet --endpoint "$volumes" & local p=$!
-    timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/src.h5" > "$dir/record.log" 2>&1 || { cat "$dir/record.log"; return 1; }
+    timeout "$patience" "$pyrovox" play "$dir/made" --speed 0 --quiet --endpoint "$volumes" & local p=$!
+    timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/src.h5" > "$dir/record.log" 2>&1 || { cat "$dir/record.log"; return 1; }
     ended "$p" 0 && convert "$dir/src.h5" "$dir/src" --format npy && same 0 "$dir/made" "$dir/src"
 }
 same() { # relative difference, two folders of .npy: values, sets, times, places
@@ -151,8 +151,8 @@ check interrupted_is_whole stopped_all
 
 skipped() { # sets that are not there, or not solved, are gaps of who records what is played
     cp -r "$dir/made" "$dir/holes" && rm "$dir"/holes/00000[347].* || return 1
-    timeout 300 "$pyrovox" play "$dir/holes" --speed 0 --quiet --endpoint "$volumes" & local p=$!
-    run timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/holes.h5"; says 0 "9 volumes in" " 0 messages lost" && ended "$p" 0 || return 1
+    timeout "$patience" "$pyrovox" play "$dir/holes" --speed 0 --quiet --endpoint "$volumes" & local p=$!
+    run "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/holes.h5"; says 0 "9 volumes in" " 0 messages lost" && ended "$p" 0 || return 1
     "$py" -c 'import sys, h5py
 g = h5py.File(sys.argv[1], "r")["gaps"]
 g = [[int(x) for x in g[k]] for k in ("why", "set_first", "set_last", "volumes")]
@@ -186,7 +186,7 @@ keyed() { # other hosts reach it: refused without keys, and nobody without a key
     "$pyrovox" keygen "$dir/keys/eve" --server "$dir/keys/lab.pub" > /dev/null || return 1
     start play.log "$pyrovox" play "$dir/src.h5" --loop --speed 20 --endpoint "tcp://*:$port" --key "$dir/keys/lab.key" --clients "$dir/keys/anna.pub"
     local p=$started
-    timeout 300 "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$dir/keys/anna.key" --volumes 3 --quiet --out "$dir/keyed" > "$dir/record.log" 2>&1 || { cat "$dir/record.log"; return 1; }
+    timeout "$patience" "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$dir/keys/anna.key" --volumes 3 --quiet --out "$dir/keyed" > "$dir/record.log" 2>&1 || { cat "$dir/record.log"; return 1; }
     run "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --key "$dir/keys/eve.key" --volumes 1 --quiet --out "$dir/eve"
     says 1 "refuses this key" || return 1
     run "$pyrovox" record --endpoint "tcp://127.0.0.1:$port" --volumes 1 --quiet --out "$dir/nobody"

@@ -21,7 +21,7 @@ check record "$pyrovox" record --quiet --endpoint "$volumes" --volumes 5 --out "
 check recorded-files [ "$(ls "$dir"/rec/*.npy 2>/dev/null | wc -l)" = 5 ]
 
 second() {
-    timeout 300 "$pyrovoxd" --config "$dir/a.yaml" > "$dir/second.log" 2>&1
+    timeout "$patience" "$pyrovoxd" --config "$dir/a.yaml" > "$dir/second.log" 2>&1
     [ $? = 1 ] && grep -q "in use" "$dir/second.log"
 }
 check second-daemon-is-refused second
@@ -29,7 +29,7 @@ n=$(sets)
 check first-goes-on wait_for published $((n + 10))
 
 requests() {
-    timeout 300 "$py" - "$control" <<'PY'
+    timeout "$patience" "$py" - "$control" <<'PY'
 import json, sys, zmq
 ctx = zmq.Context()
 def ask(raw, parts=False):

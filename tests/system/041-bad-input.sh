@@ -5,7 +5,7 @@ name=041
 refused() { # text that must be in the message; configuration on standard input
     local text=$1 got
     cat > "$dir/bad.yaml"
-    timeout 300 "$pyrovoxd" --config "$dir/bad.yaml" ${2:+$2} > "$dir/out" 2>&1
+    timeout "$patience" "$pyrovoxd" --config "$dir/bad.yaml" ${2:+$2} > "$dir/out" 2>&1
     got=$?
     [ $got = 1 ] && grep -qF -- "$text" "$dir/out" || { echo "  exit $got: $(cat "$dir/out")"; return 1; }
 }
@@ -53,7 +53,7 @@ check pipe-as-dark refused "cam0: $dir/pipe.npy: is a named pipe" < <(with "dark
 check pipe-as-keys refused "pipe: is a named pipe" <<< "{rig: $rig, cameras: \"sim:\", keys: {server: pipe, clients: pipe}, publish: {endpoints: [\"tcp://*:5599\"]}, control: {endpoint: \"$control\"}}"
 run "$pyrovox" status --endpoint "$control" --key "$dir/pipe" --timeout 1
 check pipe-as-key says 1 "pipe: is a named pipe"
-run timeout 60 "$pyrovox" replay --info "$dir/pipe.h5"
+run "$pyrovox" replay --info "$dir/pipe.h5"
 check pipe-as-take says 1 "pipe.h5"
 run "$pyrovox" matrix --rig <(cat "$rig")
 check rig-from-the-shell says 0 "24 x 24 x 24"

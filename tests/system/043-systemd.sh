@@ -70,15 +70,15 @@ check nothing-stays [ -z "$(find "$dir/root" ! -type d)" ]
 
 # the protocol of Type=notify, with a socket of our own
 notified() {
-    timeout 300 "$py" - "$pyrovoxd" "$dir/j.yaml" "$dir/notify" <<'PY'
+    timeout "$patience" "$py" - "$pyrovoxd" "$dir/j.yaml" "$dir/notify" <<'PY'
 import os, socket, subprocess, sys, time
-s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); s.settimeout(120)
+s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind(sys.argv[3]); patience = int(os.environ["patience"]); s.settimeout(patience)
 env = dict(os.environ, NOTIFY_SOCKET=sys.argv[3], WATCHDOG_USEC="1000000")
 p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], env=env, stderr=subprocess.DEVNULL)
-seen, end = "", time.time() + 120
+seen, end = "", time.time() + patience
 while time.time() < end and not all(w in seen for w in ("READY=1", "WATCHDOG=1", "STATUS=0.0 sets/s, ", "; not there: cam2 (1 of 4 cameras)")):
     seen += s.recv(4096).decode() + "\n"
-p.terminate(); code = p.wait(120)
+p.terminate(); code = p.wait(patience)
 while "STOPPING=1" not in seen:
     seen += s.recv(4096).decode() + "\n"
 assert code == 0 and "READY=1" in seen and "WATCHDOG=1" in seen and "not there: cam2 (1 of 4" in seen, seen
@@ -112,7 +112,7 @@ kill "$started"; wait "$started"
 
 # Socket activation, as systemd does it: nothing runs until somebody asks, who is answered; the socket is systemd's and stays.
 sleeps() { [ -S "$dir/control" ] && tr '\0' ' ' < "/proc/$started/cmdline" | grep -q socket-activate; }
-wakes() { run "$pyrovox" status --endpoint "$control" --timeout 120 --json; says 0 '{' && ! sleeps; } # one question
+wakes() { run "$pyrovox" status --endpoint "$control" --timeout "$patience" --json; says 0 '{' && ! sleeps; } # one question
 ends_and_leaves_it() { kill "$started" && wait "$started" && [ "$(stat -c %F%i "$dir/control")" = "$its" ] && [ ! -e "$dir/control.lock" ]; }
 if command -v systemd-socket-activate > /dev/null; then
     config s.yaml <<< $'cameras: "sim:"\nfps: 20'
@@ -126,16 +126,16 @@ else echo "SKIP $name:socket-activation (no systemd-socket-activate)"; fi
 
 # the protocol of systemd's journal, its socket in a mount namespace of our own
 journal() {
-    timeout 300 unshare "${apart[@]}" "$py" - "$pyrovoxd" "$dir/j.yaml" <<'PY'
+    timeout "$patience" unshare "${apart[@]}" "$py" - "$pyrovoxd" "$dir/j.yaml" <<'PY'
 import os, socket, subprocess, sys, time
 subprocess.run(["mount", "-t", "tmpfs", "run", "/run"], check=True); os.makedirs("/run/systemd/journal")
-s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind("/run/systemd/journal/socket"); s.settimeout(120)
+s = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM); s.bind("/run/systemd/journal/socket"); patience = int(os.environ["patience"]); s.settimeout(patience)
 r, w = os.pipe(); st = os.fstat(w)
 p = subprocess.Popen([sys.argv[1], "--config", sys.argv[2]], stderr=w, env=dict(os.environ, JOURNAL_STREAM="%d:%d" % (st.st_dev, st.st_ino)))
 while True: # fields are lines; a text with a newline in it would be sent otherwise
     f = dict(l.split("=", 1) for l in s.recv(65536).decode().splitlines())
     if f.get("PYROVOX_CAUSE") == "lost_camera": break
-p.terminate(); assert p.wait(120) == 0
+p.terminate(); assert p.wait(patience) == 0
 assert f["PYROVOX_CAMERA"] == "cam2" and f["PRIORITY"] == "4" and f["SYSLOG_IDENTIFIER"] == "pyrovoxd", f
 assert f["MESSAGE"].startswith("capture: camera cam2 (v4l2:/dev/none): "), f
 os.close(w); said = os.read(r, 65536).decode()

@@ -10,7 +10,7 @@ recording() { field "s['record']['state'] == 'recording'"; }
 
 # more clients than the soft limit of handles, as systemd sets it to 1024: libzmq aborts when accept() has none left
 crowd() {
-    timeout 300 "$py" - "$volumes" "$control" <<'PY'
+    timeout "$patience" "$py" - "$volumes" "$control" <<'PY'
 import socket, sys
 crowd = []
 for i in range(300):

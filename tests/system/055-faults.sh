@@ -5,7 +5,7 @@
 # their frames arrive as if its clock had been set, or find no buffer as if it were too slow.
 name=055
 . "$(dirname "$0")/lib.sh"
-if ! timeout 300 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+if ! timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
 fi
 "$py" -c 'import zmq' 2> "$dir/null" || { echo "no python3-zmq"; exit 77; }
@@ -33,7 +33,7 @@ def status():
     finally:
         s.close()
 
-PATIENCE_S = 120 # no wait should come near; how soon all is well again is for bench_replug to say
+PATIENCE_S = int(os.environ["patience"]) # how soon all is well again is for bench_replug to say
 
 def until(true):
     """Seconds until true(status), or None."""

@@ -4,9 +4,8 @@
 # out, nobody else is, sets go on, and it is back once it was taken back.  What costs too little to be left out, and what
 # the vote cannot tell, the daemon's checks name: by a thread that has what the others leave of the machine.
 name=056
-patience=600
 . "$(dirname "$0")/lib.sh"
-sim() { timeout 300 "$pyrovox" simcams --private-net --cameras 6 --size 80x60 --voxels 24 --fps 20 --ring 20 "$@"; }
+sim() { timeout "$patience" "$pyrovox" simcams --private-net --cameras 6 --size 80x60 --voxels 24 --fps 20 --ring 20 "$@"; }
 if ! sim --write-rig "$dir/rig.yaml" -- true > "$dir/try.txt" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.txt" | tail -n 1)"; exit 77
 fi
@@ -30,7 +29,7 @@ tuesday() {
 sick() { # what, order, order that takes it back, words in the log
     order "$2"
     check "check names it: $1" wait_for field "s['cameras'][3]['check']['wrong'] == '$1'"
-    "$pyrovox" status --endpoint "$control" --timeout 120 > "$dir/status.txt"
+    "$pyrovox" status --endpoint "$control" --timeout "$patience" > "$dir/status.txt"
     check "status says it: $1" grep -q "cam3  *$4" "$dir/status.txt"
     order "$3"
     check "check takes it back: $1" wait_for field "s['cameras'][3]['check']['wrong'] == ''"

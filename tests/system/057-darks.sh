@@ -4,7 +4,7 @@
 # offline and live.
 name=057
 . "$(dirname "$0")/lib.sh"
-sim() { timeout 300 "$pyrovox" simcams --private-net --cameras 4 --size 80x60 --voxels 24 --fps 20 --ring 20 "$@"; }
+sim() { timeout "$patience" "$pyrovox" simcams --private-net --cameras 4 --size 80x60 --voxels 24 --fps 20 --ring 20 "$@"; }
 if ! sim --write-rig "$dir/rig.yaml" -- true > "$dir/try.txt" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.txt" | tail -n 1)"; exit 77
 fi

@@ -6,10 +6,10 @@
 #   LAPSE_S=n: n seconds (4) past each, for the accuracies that it prints
 name=058
 . "$(dirname "$0")/lib.sh"
-if ! why=$(timeout 60 unshare -rT --monotonic 1000 --boottime 1000 true 2>&1); then
+if ! why=$(timeout "$patience" unshare -rT --monotonic 1000 --boottime 1000 true 2>&1); then
     echo "no time namespaces here: $why"; exit 77
 fi
-if ! timeout 300 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+if ! timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
 fi
 "$py" -c 'import h5py, numpy' 2> "$dir/null" || { echo "no python3-h5py"; exit 77; }
@@ -31,10 +31,10 @@ import numpy as np
 dir, case, *numbers = sys.argv[1:]
 UPTIME, TICK_HZ, CLOCK, FIRST, WIDE, DATE, SET = (float(n) for n in numbers)
 PYROVOX, PYROVOXD, FAKETIME = (os.environ[k] for k in ("pyrovox", "pyrovoxd", "faketime"))
-MORE_S, PATIENCE_S, FPS, SETS = float(os.environ.get("LAPSE_S", 4)), 300, 10, 30
+MORE_S, PATIENCE_S, FPS, SETS = float(os.environ.get("LAPSE_S", 4)), int(os.environ["patience"]), 10, 30
 PPM = [80, -60, 0, 200]
 at = f"{dir}/{case}"
-ask = [PYROVOX, "status", "--endpoint", f"ipc://{at}-control", "--timeout", "120"]
+ask = [PYROVOX, "status", "--endpoint", f"ipc://{at}-control", "--timeout", os.environ["patience"]]
 failed = False
 
 def check(what, ok, more=""):
@@ -171,7 +171,7 @@ done
 # ---- set numbers and times that come after years: of a recording, over the wire, into another ---------------------------
 
 film() {
-    start film.log timeout 300 "$pyrovox" record --endpoint "$volumes" --out "$dir/film.h5" --format hdf5
+    start film.log timeout "$patience" "$pyrovox" record --endpoint "$volumes" --out "$dir/film.h5" --format hdf5
     "$b/tests/unit/test_pub" --publish "$volumes" 40 0 > "$dir/pub.log" 2>&1
     ended "$started" 0 && "$pyrovox" convert --format npy "$dir/film.h5" "$dir/film" > "$dir/convert.log" 2>&1
 }
@@ -188,8 +188,8 @@ for f, r in reversed([*zip(files, rows)]): # named after the set
     os.rename(f, at + ".json"); os.rename(f[:-4] + "npy", at + ".npy")
 PY
     rm -f "$dir/again.h5"
-    start play.log timeout 300 "$pyrovox" play "$dir/film" --speed 0 --endpoint "$volumes"
-    timeout 300 "$pyrovox" record --endpoint "$volumes" --out "$dir/again.h5" --format hdf5 > "$dir/record.log" 2>&1
+    start play.log timeout "$patience" "$pyrovox" play "$dir/film" --speed 0 --endpoint "$volumes"
+    timeout "$patience" "$pyrovox" record --endpoint "$volumes" --out "$dir/again.h5" --format hdf5 > "$dir/record.log" 2>&1
     ended "$started" 0 || return 1
     PYTHONPATH=proto/clients/python "$py" - "$dir/film" "$dir/again.h5" <<'PY'
 import sys
@@ -293,6 +293,6 @@ print(s.getsockname()[1], flush=True); time.sleep(3000)' # who holds it without 
     check one-take grep -q '; 0 sets and 0 frames could not be recorded' "$dir/keys.log"
 }
 have() { [ "$(find "$dir/out" -name '*.npy' 2> "$dir/null" | wc -l)" -ge "$1" ]; }
-anna_reads() { timeout 300 "$pyrovox" record --endpoint "$net" --key "$dir/anna.key" --volumes 3 --out "$dir/out-$RANDOM" -q > "$dir/said" 2>&1; }
+anna_reads() { timeout "$patience" "$pyrovox" record --endpoint "$net" --key "$dir/anna.key" --volumes 3 --out "$dir/out-$RANDOM" -q > "$dir/said" 2>&1; }
 check keys keys
 exit $rc

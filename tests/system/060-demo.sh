@@ -2,14 +2,14 @@
 # `pyrovox demo`, small: rates, error, picture, result line, and nobody left behind.
 name=060
 . "$(dirname "$0")/lib.sh"
-if ! timeout 300 "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
+if ! timeout "$patience" "$pyrovox" simcams --private-net --rig tests/data/rig4.yaml --ring 1 -- true > "$dir/try.log" 2>&1; then
     echo "no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1)"; exit 77
 fi
 small="--cameras 4 --size 160x120 --grid 24 --fps 10"
 export TMPDIR=$dir # run folders of the demo go there, so that what is left can be told by name
 nobody() { ! grep -qs -- "$dir/pyrovox-demo" /proc/[0-9]*/cmdline; }
 
-run() { timeout 300 "$pyrovox" demo $small --seconds 5 --out "$dir" > "$dir/demo.log" 2> "$dir/demo.err.log"; }
+run() { timeout "$patience" "$pyrovox" demo $small --seconds 5 --out "$dir" > "$dir/demo.log" 2> "$dir/demo.err.log"; }
 check runs run
 right() {
     tail -n 1 "$dir/demo.log" | "$py" -c 'import json, sys
@@ -28,7 +28,7 @@ page() { # beside it, as long as it runs
     local demo=$started url
     wait_for grep -q '^page: http' "$dir/view.log" || return 1
     url=$(sed -n 's/^page: //p' "$dir/view.log"); url=${url#http://}
-    timeout 300 "$py" tests/view/bridge.py volume "${url%%/*}" "${url#*#}" || return 1
+    timeout "$patience" "$py" tests/view/bridge.py volume "${url%%/*}" "${url#*#}" || return 1
     kill -INT "$demo"; ended "$demo" 0 && nobody
 }
 check page-beside-it page

@@ -43,7 +43,7 @@ config a.yaml <<< $'cameras: "sim:"\nfps: 30\nshared_clock: true'
 "$pyrovox" cameras test --config "$dir/a.yaml" --seconds 1 --json > "$dir/cfg.json" 2> "$dir/cfg.err"
 check cameras-of-the-configuration json "$dir/cfg.json" "len(r['cameras']) == 4 and r['fps'] == 30 and r['sets']['spread_max_ms'] < 0.1"
 
-simcams() { timeout 300 "$pyrovox" simcams --private-net --cameras 3 --size 64x48 --ring 3 --fps 20 "$@"; }
+simcams() { timeout "$patience" "$pyrovox" simcams --private-net --cameras 3 --size 64x48 --ring 3 --fps 20 "$@"; }
 if ! simcams -- true > "$dir/try.log" 2>&1; then
     echo "SKIP $name:gige (no private network here: $(grep pyrovox "$dir/try.log" | tail -n 1))"; exit $rc
 fi

@@ -38,7 +38,7 @@ check shows_what_is_declared names
 
 reads() { # 20 volumes
     "$b/tests/unit/test_pub" --publish "$volumes" 20 0 & pub=$!; pids+=("$pub")
-    timeout 300 "$dir/example-c" "$volumes" > "$dir/read" || return 1
+    timeout "$patience" "$dir/example-c" "$volumes" > "$dir/read" || return 1
     wait "$pub"
     [ "$(grep -c '^set ' "$dir/read")" = 20 ] && grep -q '^set 19: 147.875 at ' "$dir/read" || { cat "$dir/read"; return 1; }
 }

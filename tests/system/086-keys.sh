@@ -43,7 +43,7 @@ check read-is-not-control says 1 "refuses this key"
 run "${ask[@]}" --timeout 1
 check no-key-no-answer says 1 "asks for a key"
 # twice refused by the handler, which reads this; one without a key never gets so far
-refused() { "${ask[@]}" --key "$keys/bert.key" --timeout 120 --json | "$py" -c 'import json, sys; sys.exit(json.load(sys.stdin)["keys"]["refused"] < 2)'; }
+refused() { "${ask[@]}" --key "$keys/bert.key" --timeout "$patience" --json | "$py" -c 'import json, sys; sys.exit(json.load(sys.stdin)["keys"]["refused"] < 2)'; }
 check those-without-a-key-are-counted wait_for refused
 ctl() { run "$pyrovox" ctl --control "tcp://127.0.0.1:$control_port" --key "$keys/$1.key" "${@:2}"; }
 told() { ctl bert set solver.iterations 9; says 0 'value 9'; }
@@ -68,19 +68,19 @@ sed -i "s|$volumes|ipc://$dir/keyless|" "$dir/k.yaml"
 start keyless.log "$pyrovoxd" --config "$dir/k.yaml"
 keyless=$started
 check without-keys wait_for "$pyrovox" status --endpoint "$control" --timeout 5
-check needless-for-status needless status --endpoint "$control" --timeout 120
+check needless-for-status needless status --endpoint "$control" --timeout "$patience"
 check needless-for-view eval 'start view.log "$pyrovox" view --listen 127.0.0.1:0 --endpoint "ipc://$dir/keyless" --key "$keys/anna.key" && wait_for grep -q "asks for no key" "$dir/view.log"; kill -INT "$started"'
 kill -INT "$keyless"; wait "$keyless"
 check a-file-needs-none "$pyrovox" record --endpoint "$volumes" --volumes 3 --out "$dir/out-file" -q
 run "$pyrovox" record --control "tcp://127.0.0.1:$control_port" --key "$keys/bert.key" --raw start --out "$dir/elsewhere.h5"
 check writes-where-it-is-told-here says 1 "to the folder of record.path"
 python_reads() {
-    "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" --key "$keys/anna.key" --frames 3 --timeout 120 | tail -n 1 | grep -q '^3 volumes'
+    "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" --key "$keys/anna.key" --frames 3 --timeout "$patience" | tail -n 1 | grep -q '^3 volumes'
 }
 if "$py" -c 'import numpy, zmq' 2> /dev/null; then check python-reads python_reads
     page_says() { run "$py" proto/clients/pyrovox_sub.py "tcp://127.0.0.1:$port" "${@:2}"; says 1 "$1"; }
     previews() { # key or none: 0 when one came
-        PYTHONPATH=proto/clients timeout 300 "$py" -c 'import sys, pyrovox_sub as pvx
+        PYTHONPATH=proto/clients timeout "$patience" "$py" -c 'import sys, pyrovox_sub as pvx
 with pvx.Subscriber(sys.argv[1], key=sys.argv[2] if len(sys.argv) > 2 else None) as sub:
     next(m for m in sub if m["type"] == "preview")' "tcp://127.0.0.1:$previews_port" "$@" > "$dir/previews.log" 2>&1
     }
@@ -122,9 +122,9 @@ check none-is-told grep -q 'asks for a key' "$dir/none.log"
 check none-without-a-key [ "$(find "$dir/out-none" -name '*.npy' | wc -l)" = 0 ]
 kill -INT "$bert" # the others were told that they may not, and have ended
 wait "$none" "$anna" "$bert" 2> /dev/null
-run "${ask[@]}" --key "$keys/bert.key" --timeout 120
+run "${ask[@]}" --key "$keys/bert.key" --timeout "$patience"
 check status-says-who-was-refused says 0 "keys      1 may come in"
-run "${ask[@]}" --key "$keys/bert.key" --stop --timeout 120
+run "${ask[@]}" --key "$keys/bert.key" --stop --timeout "$patience"
 check stops-by-its-key says 0 "stopping"
 check ends wait "$daemon"
 

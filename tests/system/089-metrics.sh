@@ -13,7 +13,7 @@ daemon=$started
 check runs wait_for published 20
 parsed() {
     status > "$dir/before.json"
-    timeout 100 "$py" - "$port" "$dir/before.json" <<'PY'
+    timeout "$patience" "$py" - "$port" "$dir/before.json" <<'PY'
 import json, re, sys, urllib.request
 r = urllib.request.urlopen(f"http://127.0.0.1:{sys.argv[1]}/metrics", timeout=60)
 assert r.headers["Content-Type"].startswith("text/plain; version=0.0.4"), r.headers
@@ -52,7 +52,7 @@ PY
 }
 check by-the-letter-and-true parsed
 refuses() {
-    timeout 100 "$py" - "$port" <<'PY'
+    timeout "$patience" "$py" - "$port" <<'PY'
 import socket, sys, urllib.request, urllib.error
 base = f"http://127.0.0.1:{sys.argv[1]}"
 def code(path, method="GET"):

@@ -147,13 +147,13 @@ check claims_of_room claims
 publisher() { "$b/tests/unit/test_pub" --publish "$volumes" "$@" & pub=$!; pids+=("$pub"); }
 live() { # every n-th left out; for, async for
     publisher 40 "$2"
-    timeout 300 "$py" - "$volumes" "$1" "$2" <<'PY'
-import asyncio, sys
+    timeout "$patience" "$py" - "$volumes" "$1" "$2" <<'PY'
+import asyncio, os, sys
 import numpy as np
 import pyrovox
 endpoint, how, skip = sys.argv[1], sys.argv[2], int(sys.argv[3])
 got = []
-with pyrovox.subscribe(endpoint, timeout=120) as sub:
+with pyrovox.subscribe(endpoint, timeout=int(os.environ["patience"])) as sub:
     if how == "for":
         got = list(sub)
     else:
@@ -192,10 +192,10 @@ check live_async live async 5
 
 newest() { # the last of what waits; what was passed over and what was lost are told apart
     publisher 10 0
-    timeout 300 "$py" - "$volumes" <<'PY'
-import sys
+    timeout "$patience" "$py" - "$volumes" <<'PY'
+import os, sys
 import pyrovox
-with pyrovox.subscribe(sys.argv[1], newest=True, timeout=120) as sub:
+with pyrovox.subscribe(sys.argv[1], newest=True, timeout=int(os.environ["patience"])) as sub:
     sub._socket.poll(120000)
     sets = [v.set for v in sub]  # all of it may have come, or some of it
     n = len(sets)
@@ -353,12 +353,12 @@ follows() { # a file that is being written, and then is closed | cut off
     "$py" tests/lib/volumes_h5.py "$dir/$1.h5" 5 follow < "$dir/go" > "$dir/written" & local p=$!; pids+=("$p")
     exec 7> "$dir/go"
     wait_for grep -q 100 "$dir/written" || return 1
-    timeout 300 "$py" - "$dir/$1.h5" > "$dir/read.log" 2>&1 <<'PY' & local reader=$!
+    timeout "$patience" "$py" - "$dir/$1.h5" "$1" > "$dir/read.log" 2>&1 <<'PY' & local reader=$!
 import sys
 import numpy as np
 import pyrovox, volumes_h5
 try:
-    for v in pyrovox.open(sys.argv[1], follow=True, timeout=20):
+    for v in pyrovox.open(sys.argv[1], follow=True, timeout=20 if sys.argv[2] == "cut" else 600):
         if not np.array_equal(v.dense, volumes_h5.dense(v.set)): sys.exit("wrong values")
         print("read", v.set, flush=True)
     print("closed")
@@ -419,10 +419,10 @@ check recordings_as_folders folder
 
 recorded() { # pyrovox record's own file: followed while it is written, and read when it is closed
     "$b/tests/unit/test_pub" --publish "$volumes" 200 0 & pub=$!; pids+=("$pub")
-    start recorded.log timeout 300 "$pyrovox" record --endpoint "$volumes" --out "$dir/rec.h5" -q
+    start recorded.log timeout "$patience" "$pyrovox" record --endpoint "$volumes" --out "$dir/rec.h5" -q
     wait_for test -e "$dir/rec.h5" || return 1
     "$py" - "$dir/rec.h5" <<'PY' || return 1
-import sys, time
+import os, sys, time
 import numpy as np
 import pyrovox
 def right(v):
@@ -431,10 +431,10 @@ def right(v):
     want[i % 3 != v.set % 3] = 0
     return (np.array_equal(v.dense, want.reshape(8, 9, 10, 3)) and v.report.solver == "mrnsd" and
             v.t_exposure_ns == 1767225600000000000 + v.set * 66666667)
-end = time.monotonic() + 120
+end = time.monotonic() + int(os.environ["patience"])
 while True:
     try:
-        r = pyrovox.open(sys.argv[1], follow=True, timeout=120)
+        r = pyrovox.open(sys.argv[1], follow=True, timeout=int(os.environ["patience"]))
         break
     except ValueError: # its head is not written yet
         if time.monotonic() > end:
@@ -501,9 +501,9 @@ E2
 start daemon.log "$pyrovoxd" --config "$dir/d.yaml"
 daemon=$started
 enter() { # key or None: one volume
-    run "$py" -c 'import pyrovox, sys
+    run "$py" -c 'import os, pyrovox, sys
 try:
-    with pyrovox.subscribe(sys.argv[1], key=sys.argv[2] or None, timeout=120) as s: print("set", next(s).set, s.grid.n)
+    with pyrovox.subscribe(sys.argv[1], key=sys.argv[2] or None, timeout=int(os.environ["patience"])) as s: print("set", next(s).set, s.grid.n)
 except (ConnectionError, OSError, ValueError) as e: sys.exit(f"{type(e).__name__}: {e}")' "${2:-tcp://127.0.0.1:$port}" "${1:+$keys/$1.key}"
 }
 enters() { enter anna; says 0 "set "; }

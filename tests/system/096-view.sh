@@ -4,7 +4,7 @@
 name=096
 . "$(dirname "$0")/lib.sh"
 "$b/tests/unit/test_pub" --publish "$volumes" 40 0 > "$dir/pub.log" 2>&1 & pids+=($!)
-timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/film.h5" --format hdf5 > "$dir/record.log" 2>&1
+timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/film.h5" --format hdf5 > "$dir/record.log" 2>&1
 view() { # log, arguments...: its address without the token is $at, the token $token
     local log=$1; shift
     start "$log" "$pyrovox" view --listen 127.0.0.1:0 "$@"
@@ -14,7 +14,7 @@ view() { # log, arguments...: its address without the token is $at, the token $t
 }
 does() { # what of bridge.py
     local what=$1; shift
-    timeout 300 "$py" tests/view/bridge.py "$what" "$at" "$token" "$@"
+    timeout "$patience" "$py" tests/view/bridge.py "$what" "$at" "$token" "$@"
 }
 view film.log "$dir/film.h5"
 film=$started

@@ -6,6 +6,6 @@ name=097
 modules=$dir/page
 cp -r daemon/view/page "$modules"; echo '{"type": "module"}' > "$modules/package.json"
 for what in golden half lz4 mutated bricks flat bright cells camera contrast names; do
-    check "$what" timeout 300 node tests/view/vectors.mjs "$what" "$modules" proto/vectors
+    check "$what" timeout "$patience" node tests/view/vectors.mjs "$what" "$modules" proto/vectors
 done
 exit $rc

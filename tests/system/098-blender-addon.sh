@@ -22,6 +22,6 @@ PY
 }
 check zip zipped
 for what in addresses frames split mutated golden without_zmq answers hostile order stops; do
-    check "$what" timeout 300 "$py" tests/blender/addon.py "$what"
+    check "$what" timeout "$patience" "$py" tests/blender/addon.py "$what"
 done
 exit $rc

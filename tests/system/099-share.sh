@@ -16,7 +16,7 @@ check reader_needs_the_header_alone builds
 publish() { start pub.log "$b/tests/unit/test_share" --publish "$volumes" "$@"; pub=$started; } # SIDES CHANNELS PAUSE_US [VOLUMES [no-end]]
 share() { start share.log "$pyrovox" share "$shm" --endpoint "$volumes" "$@"; share=$started; }
 shared() { grep -q '^sharing' "$dir/share.log"; }
-reads() { timeout 300 "$dir/reader" "$shm" "$@" > "$dir/reader.out" || { cat "$dir/reader.out" "$dir/share.log"; return 1; }; } # SIDES CHANNELS vectors|split what
+reads() { timeout "$patience" "$dir/reader" "$shm" "$@" > "$dir/reader.out" || { cat "$dir/reader.out" "$dir/share.log"; return 1; }; } # SIDES CHANNELS vectors|split what
 stop() { kill -INT "$1"; ended "$1" "$2"; }
 
 live() { # sides, channels, layout; opened twice by who comes before the first volume, when there is no grid yet
@@ -75,11 +75,11 @@ again() { # the daemon ends and comes back with another grid
     publish 41x25x9 1 3000
     wait_for reads_large && stop "$share" 130
 }
-reads_large() { timeout 60 "$dir/reader" "$shm" 41x25x9 1 vectors volumes 5 > "$dir/reader.out"; }
+reads_large() { timeout "$patience" "$dir/reader" "$shm" 41x25x9 1 vectors volumes 5 > "$dir/reader.out"; }
 check another_daemon_another_grid again
 
 recorded() {
-    timeout 300 "$pyrovox" record --endpoint "$volumes" --quiet --volumes 6 --out "$dir/film.h5" > /dev/null || return 1
+    timeout "$patience" "$pyrovox" record --endpoint "$volumes" --quiet --volumes 6 --out "$dir/film.h5" > /dev/null || return 1
     start share.log "$pyrovox" share "/$shm" "$dir/film.h5"; share=$started
     reads 41x25x9 1 vectors volumes 12 && stop "$share" 130 || return 1
     "$pyrovox" convert "$dir/film.h5" "$dir/film" --format npy > /dev/null 2>&1 || return 1 # one of them damaged: the others come
@@ -98,7 +98,7 @@ users() {
     run "${nobody[@]}" "$pyrovox" share "$shm" --endpoint "$volumes"; says 1 "belongs to another user, root (0): choose another name" || return 1
     stop "$share" 130 || return 1
     share --readers all; wait_for shared || return 1
-    timeout 300 "${nobody[@]}" "$dir/reader" "$shm" 41x25x9 1 vectors volumes 5 > /dev/null && stop "$share" 130 || return 1
+    timeout "$patience" "${nobody[@]}" "$dir/reader" "$shm" 41x25x9 1 vectors volumes 5 > /dev/null && stop "$share" 130 || return 1
     "${nobody[@]}" touch "/dev/shm/$shm" # and root takes nobody's
     run "$pyrovox" share "$shm"; says 1 "belongs to another user, nobody (65534)" && [ -e "/dev/shm/$shm" ] && rm "/dev/shm/$shm"
 }
@@ -109,7 +109,7 @@ full() { # a /dev/shm of its own, too small at first
         "$pyrovox" share "$shm" --endpoint "$volumes" > "$dir/full.log" 2>&1 & p=$!
         wait_for grep -q "no room in /dev/shm" "$dir/full.log"; r=$?
         grep -q ^sharing "$dir/full.log" && r=1
-        mount -o remount,size=64m /dev/shm && timeout 300 "$dir/reader" "$shm" 41x25x9 1 vectors volumes 5 || r=1
+        mount -o remount,size=64m /dev/shm && timeout "$patience" "$dir/reader" "$shm" 41x25x9 1 vectors volumes 5 || r=1
         kill -INT $p; wait $p; [ $? = 130 ] && [ $r = 0 ] && grep -q "left out as there was no room" "$dir/full.log"' > "$dir/full.out" 2>&1
     local r=$?
     [ $r = 0 ] || cat "$dir/full.out" "$dir/full.log"

@@ -123,7 +123,7 @@ check ranks_of_mpirun ranks
 # A set whose picture is a pipe is read when the test hands it over: a solve stands at it, however fast the machine is.
 solving() { start slow.log "$pyrovox" reconstruct --rig rig.yaml --frames take --black 0.02 --grid 24 --threads 1 --out slow.h5 --array "$1/2" --quiet "${@:2}"; }
 hold() { local n; for n; do mv take/cam0/$n.png kept-$n.png && mkfifo take/cam0/$n.png || return 1; done; }
-hand_over() { timeout 120 sh -c "{ sleep 1.1; cat kept-$1.png; } > take/cam0/$1.png"; } # waits for its reader first
+hand_over() { timeout "$patience" sh -c "{ sleep 1.1; cat kept-$1.png; } > take/cam0/$1.png"; } # waits for its reader first
 let_go() { local n; for n; do mv kept-$n.png take/cam0/$n.png; done; }
 how() { "$py" -c 'import json, sys
 s = json.load(open("slow.h5.parts/part-000%s-of-0002.json" % sys.argv[1])); print(s["state"], s["done"])' "$1" 2> how.err; }

@@ -9,6 +9,7 @@ dir=$(mktemp -d /tmp/pyrovox-test-XXXXXX)
 export PYROVOX_CACHE=$dir/cache PYTHONDONTWRITEBYTECODE=1
 control=ipc://$dir/control volumes=ipc://$dir/volumes
 pids=() rc=0
+export patience=600 # s; a wait is for an event, and this only ends what hangs
 
 finish() {
     for p in "${pids[@]:+${pids[@]}}"; do kill "$p" 2>/dev/null; done
@@ -23,7 +24,7 @@ check() { # what, command...
     local what=$1; shift
     if "$@"; then echo "PASS $name:$what"; else echo "FAIL $name:$what"; rc=1; fi
 }
-run() { out=$(timeout 300 "$@" 2>&1); code=$?; } # both streams and the exit code, for says
+run() { out=$(timeout "$patience" "$@" 2>&1); code=$?; } # both streams and the exit code, for says
 says() { # code, text that must be there...
     if [ "$code" != "$1" ]; then printf '  exit %s, want %s: %s\n' "$code" "$1" "$out"; return 1; fi
     shift
@@ -32,8 +33,8 @@ says() { # code, text that must be there...
         if ! grep -qF -- "$t" <<< "$out"; then printf '  no "%s" in: %s\n' "$t" "$out"; return 1; fi
     done
 }
-wait_for() { # command...: until it succeeds; with patience (seconds, or $patience) for a machine that is busy
-    local end=$((SECONDS + ${patience:-120}))
+wait_for() { # command...: until it succeeds
+    local end=$((SECONDS + patience))
     until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.1; done
 }
 config() { # file [more keys of publish], then lines on standard input
@@ -49,7 +50,7 @@ start() { # log, command...: in the background; its id is $started
     started=$!
     pids+=("$started")
 }
-status() { "$pyrovox" status --endpoint "$control" --timeout 120 --json 2>/dev/null; }
+status() { "$pyrovox" status --endpoint "$control" --timeout "$patience" --json 2>/dev/null; }
 field() { # expression on the status s
     status | "$py" -c 'import json, sys
 try: s = json.load(sys.stdin)

@@ -20,7 +20,7 @@ finish() {
 mkdir -p "$VM_DIR"; log=$VM_DIR/test.log; : > "$log"
 
 # Can there be a machine?  Exit statuses and quoting have to come through, too.
-said=$(tests/vm/run.sh -t 20 -- sh -c 'test "$1" = "a  b" && exit 7' - 'a  b' 2>&1); rc=$?
+said=$(tests/vm/run.sh -- sh -c 'test "$1" = "a  b" && exit 7' - 'a  b' 2>&1); rc=$?
 case $rc in
     7) pass=1; echo "PASS vm/machine";;
     77) for s in "${scripts[@]}"; do skip=$((skip + 1)); echo "SKIP vm/$(basename "$s") (no virtual machine here: $(tail -n 1 <<< "$said"))"; done; finish;;
@@ -44,8 +44,7 @@ one() { # script
     if [ -n "$before" ] && ! text=$(out=$out b=$PYROVOX_BUILD PYROVOX_LIBDIR=$PYROVOX_BUILD/lib/pyrovox bash -euc "$before" 2>&1); then
         fail=$((fail + 1)); printf '%s\nFAIL %s: before: %s\n' "$text" "$n" "$before" | tee -a "$log"; return
     fi
-    text=$(tests/vm/run.sh "${opts[@]+"${opts[@]}"}" -t "$(sed -n 's/^# vm-seconds: *//p' "$s" | grep . || echo 60)" \
-        -M "$(sed -n 's/^# vm-memory: *//p' "$s" | grep . || echo 1536)" -o "$out" -- bash "$s" 2>&1); rc=$?
+    text=$(tests/vm/run.sh "${opts[@]+"${opts[@]}"}" -M "$(sed -n 's/^# vm-memory: *//p' "$s" | grep . || echo 1536)" -o "$out" -- bash "$s" 2>&1); rc=$?
     printf '=== %s (exit %d, %d s)\n%s\n' "$n" $rc $((SECONDS - t0)) "$text" >> "$log"
     if grep -qE 'BUG:|Oops|general protection|Kernel panic|blocked for more than' "$out/kernel.log" 2>/dev/null; then
         text+=$'\n'$(grep -E -A 20 'BUG:|Oops|general protection|Kernel panic|blocked for more than' "$out/kernel.log" | head -n 40)$'\n'"FAIL $n: the kernel is unwell"

@@ -13,6 +13,7 @@
 
 #include "base/clock.h"
 #include "capture/rig/backends.h"
+#include "tests/lib/patience.h"
 #include "tests/lib/source.h"
 #include "tests/t.h"
 #include "tests/vm/uvc/images.h"
@@ -163,7 +164,6 @@ static bool enough(void)
 T_CASE(streamed)
 {
     const struct cap_sink sink = {.push = push, .event = event, .count = count};
-    const char *slow = getenv("VM_SLOW");
     T_EQ_I(n_listed, n_cams);
     if (n_listed != n_cams)
         return;
@@ -180,9 +180,7 @@ T_CASE(streamed)
             e = ops->start(cam[i].source, &sink, &d);
         T_EQ_S(e == PVX_OK ? "" : pvx_diag_text(&d, e), "");
     }
-    double wait_s = (30 + 3 * (double)frames / rate) * (slow != NULL ? atof(slow) : 1);
-    int64_t end = pvx_now_mono() + (int64_t)(1e9 * wait_s);
-    while (!enough() && pvx_now_mono() < end)
+    UNTIL (enough())
         usleep(20000);
     for (unsigned i = 0; i < n_cams; i++) {
         if (cam[i].source == NULL)

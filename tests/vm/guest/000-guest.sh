@@ -2,7 +2,6 @@
 # The virtual machine is what the other scripts take it for.
 # vm-modprobe: vivid n_devs=2 node_types=1,1 num_inputs=1,1 input_types=0,0
 # vm-quick
-# vm-seconds: 15
 name=000
 . "$(dirname "$0")/lib.sh"
 check is-root [ "$(id -u)" = 0 ]

@@ -3,7 +3,6 @@
 # the images themselves in files - within what the pixel format loses.
 # vm-modprobe: vhci-hcd
 # vm-modprobe: uvcvideo
-# vm-seconds: 150
 # vm-before: "$b/bin/pyrovox" simcams --cameras 8 --size 160x120 --voxels 24 --ring 1 --noise 0 --write-rig "$out/rig.yaml" --write-frames "$out/none"
 # vm-before: for f in mono8 rgb8; do "$b/bin/pyrovox" simcams --rig "$out/rig.yaml" --ring 3 --noise 0 --format $f --write-frames "$out/png-$f"; "$b/tests/vm/vm_flame" "$out/png-$f" "$out/$f"; done
 # vm-before: for f in yuyv mjpg bayer; do "$b/tests/vm/vm_flame" "$out/png-rgb8" "$out/$f" $f; done
@@ -42,7 +41,7 @@ live() { # name, format, cameras: until it has published two rounds of instants
     local recorder=$started
     start "$1.log" "$pyrovoxd" --config "$dir/$1.yaml"
     local daemon=$started
-    wait_for 40 gone $recorder
+    wait_for gone $recorder
     ended $recorder 0 || { status > "$dir/status.log"; return 1; }
     kill -TERM $daemon && ended $daemon 0
 }
@@ -61,7 +60,7 @@ check grey-files reference ref-grey Mono8 /out/mono8
 check grey-cameras-come uvc_start /out/mono8 8 --rate 5
 chain grey Mono8 ref-grey 1e-6 # the same bytes, the same sums in the same order; measured: 0
 uvc_stop > "$dir/uvc.log"
-wait_for 20 uvc_there 0
+wait_for uvc_there 0
 
 # Colour.  Against files of pictures with the format's loss, made by other code: rounding is left.  Against the
 # pictures themselves: the loss, with room over what was measured (0.04 and 0.1).

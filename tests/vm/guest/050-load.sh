@@ -4,7 +4,6 @@
 # arrive or be counted as missing, at every rate.
 # vm-modprobe: vhci-hcd
 # vm-modprobe: uvcvideo
-# vm-seconds: 150
 # vm-memory: 2560
 # vm-before: "$b/bin/pyrovox" simcams --cameras 8 --size 640x480 --voxels 24 --ring 4 --noise 0 --format rgb8 --write-frames "$out/png"; "$b/tests/vm/vm_flame" "$out/png" "$out/flame"
 name=050
@@ -23,7 +22,7 @@ accounted() { # sent, log
 }
 load() { # backend, format, rate, frames
     local before busy; before=$(sums sent) busy=$(sums busy)
-    program 90 vm_views "$1" 8 /out/flame "$2" "$3" "$4" > "$dir/load"
+    program vm_views "$1" 8 /out/flame "$2" "$3" "$4" > "$dir/load"
     grep -E '^(PASS|FAIL) ' "$dir/load" | sed "s/vm_views.c:/$name:$1-$2-$3Hz-/"
     grep -vE '^(PASS|camera )' "$dir/load"
     echo "figures   not sent because the host had not taken the frame before: $(($(sums busy) - busy)); missing: $(awk '/^camera / { s += $6 } END { print s }' "$dir/load")"

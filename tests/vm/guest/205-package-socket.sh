@@ -1,12 +1,11 @@
 #!/bin/bash
 # The package upgraded and removed while pyrovoxd.socket listens: the daemon awake, then asleep.  Who asks meanwhile waits, the
 # socket stays, and nobody is woken by an upgrade.
-# vm-seconds: 180
 # vm-memory: 2048
 name=205
 . "$(dirname "$0")/lib.sh"
 packages_start
-asks() { in_it pyrovox status --timeout "$(($(patient 40) * 3))" --json > "$dir/asked.log" 2>&1 || { cat "$dir/asked.log"; return 1; }; }
+asks() { in_it pyrovox status --timeout "$patience" --json > "$dir/asked.log" 2>&1 || { cat "$dir/asked.log"; return 1; }; }
 socket() { stat -c %i /run/pyrovox/control; } # systemd makes another whenever it starts to listen
 listens() { is ActiveState active pyrovoxd.socket && [ "$(socket)" = "$its" ]; }
 no_trouble() { is Result success pyrovoxd.socket && ! in_it journalctl --no-pager -q -o cat -u pyrovoxd.socket | grep -iE 'refus|fail'; }
@@ -17,7 +16,7 @@ check socket_is_enabled in_it systemctl enable --now pyrovoxd.socket
 its=$(socket)
 check is_asleep is ActiveState inactive
 check is_woken asks
-check records wait_for 60 records
+check records wait_for records
 
 # ---- awake: between the two daemons is one who asks ----------------------------------------------------------------
 mkdir -p /etc/systemd/system/pyrovoxd.service.d
@@ -25,16 +24,16 @@ printf '%s\n' '[Service]' "ExecStartPre=/bin/sh -c 'while [ -e /run/held ]; do s
 touch /run/held
 packages 2 &
 upgrade=$!
-check the_first_ends wait_for 60 is ActiveState activating
+check the_first_ends wait_for is ActiveState activating
 asks &
 asking=$!
 waits() { ss -xlHn | awk '$5 == "/run/pyrovox/control" && $3 > 0 { n = 1 } END { exit !n }'; }
-check a_question_waits_in_the_socket wait_for 60 waits
+check a_question_waits_in_the_socket wait_for waits
 rm /run/held
 check upgrades wait $upgrade
 check is_answered_by_the_next wait $asking
 check is_the_next [ -n "$(in_it dpkg-query -W -f '${Version}' pyrovox | grep next)" ]
-check records_again wait_for 60 records
+check records_again wait_for records
 check restarted_once [ "$(ends)" = 1 -a "$(value NRestarts)" = 0 -a "$(takes | wc -l)" = 2 ]
 check take_was_closed_in_order first_take_is_closed
 check socket_stayed listens

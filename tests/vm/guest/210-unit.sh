@@ -3,7 +3,6 @@
 # needs a camera of metal.  What only systemd itself can show: journal, status, credentials, socket activation.
 # vm-modprobe: vhci-hcd
 # vm-modprobe: uvcvideo
-# vm-seconds: 240
 # vm-memory: 2048
 # vm-before: "$b/bin/pyrovox" simcams --cameras 4 --size 160x120 --voxels 24 --ring 1 --noise 0 --write-rig "$out/rig.yaml" --write-frames "$out/none"
 # vm-before: "$b/bin/pyrovox" simcams --rig "$out/rig.yaml" --ring 3 --noise 0 --format mono8 --write-frames "$out/png"; "$b/tests/vm/vm_flame" "$out/png" "$out/mono8"
@@ -20,7 +19,7 @@ check devices-are-for-the-group-video devices
 for i in 2 3 4 5; do ip addr add 127.0.0.$i/8 dev lo; done
 start simcams.log "$pyrovox" simcams --rig tests/data/rig4.yaml --ring 3 --fps 5 --noise 0 --format mono8
 serving() { grep -q ^serving "$dir/simcams.log"; }
-check gige-cameras-serve wait_for 60 serving
+check gige-cameras-serve wait_for serving
 systemd_start
 
 says() { in_it "$pyrovox" status --json --endpoint "${@:2}" 2> /dev/null | "$py" -c 'import json, sys
@@ -45,7 +44,7 @@ Y
 backend() { # name, cameras, more lines, endpoint and options of control: the daemon starts by its unit, and makes volumes of sets that are whole
     settings "$@"
     [ $# -ge 4 ] || set -- "$1" "$2" "${3:-}" ipc:///run/pyrovox/control
-    in_it systemctl restart pyrovoxd && wait_for 60 says 's["sets"]["published"] >= 5 and all(c["counts"]["received"] >= 5 for c in s["cameras"])' "${@:4}" ||
+    in_it systemctl restart pyrovoxd && wait_for says 's["sets"]["published"] >= 5 and all(c["counts"]["received"] >= 5 for c in s["cameras"])' "${@:4}" ||
         { journal -n 30; return 1; }
 }
 recorded() { [ "$(find /var/lib/pyrovox/"$1"-* -name '*.npy' | wc -l)" -ge 5 ]; }
@@ -63,12 +62,12 @@ check holds-no-right forbidden
 entry() { in_it journalctl --no-pager -q -o cat -u pyrovoxd PYROVOX_CAUSE=lost_camera PYROVOX_CAMERA=cam3 | grep -q "$1"; }
 status_says() { in_it systemctl show -P StatusText pyrovoxd | grep -q "$1"; }
 check unplug uvc_order unplug 3
-check journal-has-cause-and-camera wait_for 20 entry 'trying again'
-check status-has-the-camera wait_for 20 status_says 'not there: cam3 (1 of 4 cameras)'
+check journal-has-cause-and-camera wait_for entry 'trying again'
+check status-has-the-camera wait_for status_says 'not there: cam3 (1 of 4 cameras)'
 check plug uvc_order plug 3
-wait_for 20 uvc_there 4 && devices
-check camera-is-back wait_for 20 entry 'frames come again'
-check status-is-well wait_for 20 eval '! status_says "not there"'
+wait_for uvc_there 4 && devices
+check camera-is-back wait_for entry 'frames come again'
+check status-is-well wait_for eval '! status_says "not there"'
 check libcamera backend libcamera "{${libcamera#, }}"
 check aravis backend aravis '"aravis:127.0.0.2+"' 'gige: {frame_retention_ms: 500}'
 check aravis-in-real-time real_time
@@ -84,7 +83,7 @@ drop_in < /dev/null
 check files backend files '"files:/out/mono8/{name}/%06d.npy"' 'loop: true'
 raw() { # a take of its frames, by the unit
     in_it "$pyrovox" record --raw start --control ipc:///run/pyrovox/control --out /var/lib/pyrovox/raw.h5 &&
-        wait_for 60 says 's["record"]["sets"] >= 10' ipc:///run/pyrovox/control && in_it "$pyrovox" record --raw stop --control ipc:///run/pyrovox/control
+        wait_for says 's["record"]["sets"] >= 10' ipc:///run/pyrovox/control && in_it "$pyrovox" record --raw stop --control ipc:///run/pyrovox/control
 }
 check take-is-made raw
 check take backend take '"take:/var/lib/pyrovox/raw.h5"' 'loop: true'
@@ -109,13 +108,13 @@ drop_in < /dev/null
 
 in_it systemctl start pyrovox-view
 view_serves() { in_it bash -c 'exec 3<> /dev/tcp/127.0.0.1/8737' 2> /dev/null && [ "$(in_it systemctl show -P NRestarts pyrovox-view)" = 0 ]; }
-check page-serves wait_for 30 view_serves
+check page-serves wait_for view_serves
 check stops in_it systemctl stop pyrovoxd
 # asleep, and woken by one question, from a user of its group
 settings woken '"files:/out/mono8/{name}/%06d.npy"' 'loop: true'
 check socket-listens in_it systemctl start pyrovoxd.socket
 asleep() { [ "$(in_it systemctl show -P ActiveState pyrovoxd)" = inactive ]; }
-asks() { in_it setpriv --reuid pyrovox-view --regid pyrovox-view --groups "$(getent group pyrovox | cut -d: -f3)" "$pyrovox" status --endpoint ipc:///run/pyrovox/control --timeout "$(($(patient 20) * 3))" --json | grep -q '^{'; }
+asks() { in_it setpriv --reuid pyrovox-view --regid pyrovox-view --groups "$(getent group pyrovox | cut -d: -f3)" "$pyrovox" status --endpoint ipc:///run/pyrovox/control --timeout "$patience" --json | grep -q '^{'; }
 check is-asleep asleep
 check is-woken-by-a-question asks
 check socket-stays in_it systemctl stop pyrovoxd

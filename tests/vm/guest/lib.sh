@@ -1,22 +1,14 @@
 # lib.sh - shared by the scripts that run inside the virtual machine; sourced after `name` was set.
-# What tests/system/lib.sh has (check, wait_for, config, start, status, field, ended), with limits that
-# grow with VM_SLOW, and what a guest alone needs.
+# What tests/system/lib.sh has (check, wait_for, config, start, status, field, ended), and what a guest alone needs.
 . "$(dirname "${BASH_SOURCE[0]}")/../../system/lib.sh"
 [ -n "${VM_SLOW:-}" ] || { echo "runs inside the virtual machine: tests/vm/run.sh -- $0"; exit 77; }
 vm=$b/tests/vm # the programs of tests/vm/vm_*.c
 export PYROVOX_LIBDIR=$b/lib/pyrovox
 
-# Emulated, everything takes several times as long as outside; on a busy machine VM_SLOW times that.
-patient() { awk -v s="$1" -v f="$VM_SLOW" 'BEGIN { printf "%d\n", s * f + 0.999 }'; }
-wait_for() { # seconds on a quiet machine, command...: until it succeeds
-    local end=$((SECONDS + $(patient "$1") * 3)); shift
-    until "$@"; do [ $SECONDS -lt $end ] || return 1; sleep 0.2; done
-}
 # Relay the PASS/FAIL/SKIP lines of a test program, and its exit status.
-program() { # seconds, name, arguments...
-    local limit; limit=$(patient "$1"); shift
+program() { # name, arguments...
     local t=$1; shift
-    timeout -k 5 $((limit * 3)) "$vm/$t" "$@"
+    timeout -k 5 "$patience" "$vm/$t" "$@"
     local got=$?
     [ $got = 0 ] || { rc=1; [ $got = 1 ] || echo "FAIL $name:$t: exit $got"; }
 }
@@ -31,7 +23,7 @@ udevd_start() {
     mount --bind "$dir/no-rules" /lib/udev/rules.d 2> "$dir/mount.log"
     cp "$u/bin/udevadm" "$dir/systemd-udevd"
     start udevd.log "$dir/systemd-udevd" --children-max=4
-    wait_for 20 test -S /run/udev/control
+    wait_for test -S /run/udev/control
     "$u/bin/udevadm" trigger --subsystem-match=video4linux --subsystem-match=media --action=add > "$dir/trigger.log" 2>&1
     unset LD_LIBRARY_PATH
 }
@@ -70,13 +62,13 @@ uvc_start() { # folder of images, number of cameras, options...: until they can 
     uvc=$!
     pids+=("$uvc")
     exec 8> "$dir/orders"
-    wait_for 60 uvc_there "$n" || { cat "$dir/uvccams.log"; return 1; }
+    wait_for uvc_there "$n" || { cat "$dir/uvccams.log"; return 1; }
 }
 uvc_order() { # an order to the cameras, until it is answered
     local before; before=$(grep -cE '^(ok|no)' "$dir/uvccams.log")
     echo "$*" >&8
     answered() { [ "$(grep -cE '^(ok|no)' "$dir/uvccams.log")" -gt "$before" ]; }
-    wait_for 20 answered && [ "$(grep -E '^(ok|no)' "$dir/uvccams.log" | tail -n 1)" = ok ]
+    wait_for answered && [ "$(grep -E '^(ok|no)' "$dir/uvccams.log" | tail -n 1)" = ok ]
 }
 uvc_stat() { # camera, word: its number in the statistics
     uvc_order stats && grep "^camera $1 " "$dir/uvccams.log" | tail -n 1 | sed "s/.* $2 \([0-9-]*\).*/\1/"
@@ -98,9 +90,9 @@ systemd_start() {
     # that is how credentials get to their service.
     unshare --pid --fork --kill-child --propagation shared --mount-proc env -i PATH="$PATH" container=vm /lib/systemd/systemd --unit=pyrovox-test.target > "$dir/systemd.log" 2>&1 &
     outer=$!
-    check systemd_runs wait_for 60 booted || { cat "$dir/systemd.log"; exit 1; }
+    check systemd_runs wait_for booted || { cat "$dir/systemd.log"; exit 1; }
 }
-in_it() { timeout -k 5 $(($(patient 60) * 3)) nsenter -t "$(pgrep -P "$outer")" -p -m "$@"; }
+in_it() { timeout -k 5 "$patience" nsenter -t "$(pgrep -P "$outer")" -p -m "$@"; }
 booted() { [ -S /run/systemd/private ] && in_it systemctl list-units > /dev/null; }
 
 # ---- the packages of `make test-deb` --------------------------------------------------------------------------
