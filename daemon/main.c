@@ -61,7 +61,7 @@ static const struct argp_option options[] = {
     {"log-level", 'l', "LEVEL", 0, "error, warn, info or debug; overrides the configuration", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t daemon_main_parse(int key, char *arg, struct argp_state *state)
 {
     struct args *a = state->input;
     enum pvx_log_level level;
@@ -79,7 +79,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     }
 }
 
-static int fail(const struct pvx_diag *d, pvx_err e)
+static int daemon_main_fail(const struct pvx_diag *d, pvx_err e)
 {
     LOG_E(DAEMON, "%s", pvx_diag_text(d, e));
     return 1;
@@ -247,7 +247,7 @@ struct building {
     double said;
 };
 
-static bool progress(void *ctx, double done)
+static bool daemon_main_progress(void *ctx, double done)
 {
     struct building *b = ctx;
     atomic_store(&b->dm->matrix_done, done);
@@ -298,7 +298,7 @@ static void record_again(dmn_live *p)
 }
 
 /* Until a signal, a stop command or the end of the recording; says why. */
-static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
+static const char *daemon_main_watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
 {
     static struct dmn_state s;
     char line[1024];
@@ -331,7 +331,7 @@ static const char *watch(struct daemon *dm, dmn_live *p, const sigset_t *set)
     }
 }
 
-static int run(const struct dmn_config *cfg)
+static int daemon_main_run(const struct dmn_config *cfg)
 {
     static struct daemon dm;
     static struct dmn_state s;
@@ -376,7 +376,7 @@ static int run(const struct dmn_config *cfg)
         e = dmn_metrics_new(cfg->metrics, cfg->insecure, metrics_state, &dm, &metrics, &d);
     struct building b = {.dm = &dm, .set = &set};
     if (e == PVX_OK)
-        e = dmn_live_new(cfg, dm.auth, progress, &b, &p, &d);
+        e = dmn_live_new(cfg, dm.auth, daemon_main_progress, &b, &p, &d);
     bool started = false;
     if (e == PVX_OK) {
         started = true;
@@ -387,7 +387,7 @@ static int run(const struct dmn_config *cfg)
         atomic_store(&dm.pipeline, p);
         LOG_I(DAEMON, "ready; control %s", endpoint);
         sd_notify(0, "READY=1\nSTATUS=running");
-        const char *why = watch(&dm, p, &set);
+        const char *why = daemon_main_watch(&dm, p, &set);
         LOG_I(DAEMON, "stopping: %s", why);
         sd_notify(0, "STOPPING=1");
         dmn_live_stop(p, why);
@@ -405,11 +405,11 @@ static int run(const struct dmn_config *cfg)
     pvx_log_flush(true);
     if (e == PVX_ECANCELED && atomic_load(&dm.stop))
         return 0;
-    return e == PVX_OK ? 0 : fail(&d, e);
+    return e == PVX_OK ? 0 : daemon_main_fail(&d, e);
 }
 
 /* What the start does, but for the matrix, the sockets and the cameras themselves. */
-static int check(const struct dmn_config *cfg)
+static int daemon_check(const struct dmn_config *cfg)
 {
     struct pvx_diag d = {0};
     struct rec_rig rig;
@@ -425,7 +425,7 @@ static int check(const struct dmn_config *cfg)
     if (e == PVX_OK)
         e = dmn_config_rig(cfg, &rig, &d);
     if (e != PVX_OK)
-        return fail(&d, e);
+        return daemon_main_fail(&d, e);
     for (size_t i = 0; i < rig.n_cameras && e == PVX_OK; i++) {
         char uri[DMN_WORD_MAX];
         e = dmn_config_source(cfg, rig.cameras[i].name, i, uri, sizeof uri, &d);
@@ -439,14 +439,14 @@ static int check(const struct dmn_config *cfg)
         printf("%s: ok: %zu camera%s, %dx%dx%d voxels\n", cfg->name, rig.n_cameras,
                rig.n_cameras == 1 ? "" : "s", rig.grid.n[0], rig.grid.n[1], rig.grid.n[2]);
     rec_rig_fini(&rig);
-    return e == PVX_OK ? 0 : fail(&d, e);
+    return e == PVX_OK ? 0 : daemon_main_fail(&d, e);
 }
 
-static int print(const struct dmn_config *cfg)
+static int daemon_print(const struct dmn_config *cfg)
 {
     char *text = dmn_config_format(cfg);
     if (text == NULL)
-        return fail(NULL, PVX_ENOMEM);
+        return daemon_main_fail(NULL, PVX_ENOMEM);
     int bad = fputs(text, stdout) == EOF || fflush(stdout) != 0;
     free(text);
     return bad;
@@ -456,7 +456,7 @@ int main(int argc, char **argv)
 {
     argp_program_version = "pyrovoxd " PVX_VERSION;
     struct args a = {0};
-    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    const struct argp argp = {.options = options, .parser = daemon_main_parse, .doc = doc};
     argp_err_exit_status = 2;
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     /* One heap for all threads.  A camera that comes back brings threads, and libc gives a new thread a heap of its own, up
@@ -474,11 +474,11 @@ int main(int argc, char **argv)
         pvx_err e =
             dmn_config_load(a.config != NULL ? a.config : "/etc/pyrovox/pyrovoxd.yaml", &cfg, &d);
         if (e != PVX_OK)
-            return fail(&d, e);
+            return daemon_main_fail(&d, e);
     }
     enum pvx_log_level level = (enum pvx_log_level)cfg.log_level;
     if (a.level != NULL && pvx_log_level_parse(a.level, &level) != PVX_OK)
         return 2;
     pvx_log_set_level(level);
-    return a.print ? print(&cfg) : a.check ? check(&cfg) : run(&cfg);
+    return a.print ? daemon_print(&cfg) : a.check ? daemon_check(&cfg) : daemon_main_run(&cfg);
 }

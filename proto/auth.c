@@ -69,7 +69,7 @@ void pvp_auth_free(pvp_auth **pa)
     PVX_FREE(*pa);
 }
 
-static const struct pvp_client *find(const struct pvp_client_list *l, const char *key)
+static const struct pvp_client *auth_find(const struct pvp_client_list *l, const char *key)
 {
     for (size_t i = 0; i < l->n; i++)
         if (strcmp(l->client[i].key, key) == 0)
@@ -85,7 +85,7 @@ pvx_err pvp_auth_reload(pvp_auth *a, struct pvx_diag *d)
     pvx_err e = pvp_clients_read(a->path, &a->next, d);
     bool less = e == PVX_OK && strcmp(server.secret_key, a->server.secret_key) != 0;
     for (size_t i = 0; e == PVX_OK && i < a->list.n; i++) {
-        const struct pvp_client *now = find(&a->next, a->list.client[i].key);
+        const struct pvp_client *now = auth_find(&a->next, a->list.client[i].key);
         less |= now == NULL || now->role < a->list.client[i].role;
     }
     if (e == PVX_OK) {
@@ -163,13 +163,13 @@ struct frame {
     size_t len;
 };
 
-static bool is(const struct frame *f, const char *text)
+static bool auth_is(const struct frame *f, const char *text)
 {
     return f->len == strlen(text) && memcmp(f->data, text, f->len) == 0;
 }
 
 /* *n frames of one request, more than FRAMES counted but not kept; false when none came. */
-static bool receive(void *socket, struct frame f[FRAMES], int *n)
+static bool auth_receive(void *socket, struct frame f[FRAMES], int *n)
 {
     *n = 0;
     for (int more = 1; more;) {
@@ -191,14 +191,14 @@ static bool admit(pvp_auth *a, const struct frame *domain, const struct frame *k
                   char name[PVP_KEY_NAME])
 {
     char text[PVP_KEY_TEXT];
-    enum pvp_role wanted = is(domain, domains[PVP_ROLE_READ])      ? PVP_ROLE_READ
-                           : is(domain, domains[PVP_ROLE_CONTROL]) ? PVP_ROLE_CONTROL
-                                                                   : PVP_ROLE_NONE;
+    enum pvp_role wanted = auth_is(domain, domains[PVP_ROLE_READ])      ? PVP_ROLE_READ
+                           : auth_is(domain, domains[PVP_ROLE_CONTROL]) ? PVP_ROLE_CONTROL
+                                                                        : PVP_ROLE_NONE;
     name[0] = '\0';
     if (wanted == PVP_ROLE_NONE || key->len != 32 || zmq_z85_encode(text, key->data, 32) == NULL)
         return false;
     pthread_mutex_lock(&a->lock);
-    const struct pvp_client *c = find(&a->list, text);
+    const struct pvp_client *c = auth_find(&a->list, text);
     bool in = c != NULL && c->role >= wanted;
     if (c != NULL)
         memcpy(name, c->name, PVP_KEY_NAME);
@@ -206,11 +206,11 @@ static bool admit(pvp_auth *a, const struct frame *domain, const struct frame *k
     return in;
 }
 
-static void answer(struct pvp_zap *z, const struct frame f[FRAMES], int n)
+static void auth_answer(struct pvp_zap *z, const struct frame f[FRAMES], int n)
 {
     char name[PVP_KEY_NAME] = "";
-    bool in =
-        n == FRAMES && is(&f[0], "1.0") && is(&f[5], "CURVE") && admit(z->auth, &f[2], &f[6], name);
+    bool in = n == FRAMES && auth_is(&f[0], "1.0") && auth_is(&f[5], "CURVE") &&
+              admit(z->auth, &f[2], &f[6], name);
     if (!in) {
         atomic_fetch_add(&z->auth->refused, 1);
         LOG_EVERY(PVX_LOG_WARN, PROTO, "refused a connection from %.*s: %s%s",
@@ -225,14 +225,14 @@ static void answer(struct pvp_zap *z, const struct frame f[FRAMES], int n)
         zmq_send(z->socket, out[i], strlen(out[i]), i < 3 ? ZMQ_SNDMORE : 0);
 }
 
-static void *run(void *arg)
+static void *auth_run(void *arg)
 {
     struct pvp_zap *z = arg;
     struct frame f[FRAMES];
     int n;
     while (!atomic_load(&z->quit))
-        if (receive(z->socket, f, &n))
-            answer(z, f, n);
+        if (auth_receive(z->socket, f, &n))
+            auth_answer(z, f, n);
     return NULL;
 }
 
@@ -249,7 +249,7 @@ pvx_err pvp_zap_new(pvp_auth *a, void *zmq, pvp_zap **out, struct pvx_diag *d)
               zmq_setsockopt(z->socket, ZMQ_RCVTIMEO, &patience, sizeof patience) == 0 &&
               zmq_setsockopt(z->socket, ZMQ_LINGER, &linger, sizeof linger) == 0 &&
               zmq_bind(z->socket, ZAP_ENDPOINT) == 0 &&
-              pthread_create(&z->thread, NULL, run, z) == 0;
+              pthread_create(&z->thread, NULL, auth_run, z) == 0;
     if (!ok) {
         pvp_zap_free(&z);
         return pvx_fail(d, PVX_EIO, "keys: no handler to be had: %s", zmq_strerror(errno));

@@ -165,7 +165,7 @@ static void close_outlet(struct outlet *o)
 
 /* Somebody may do less than before: all have to come in again.  The port is free some time after its
  * socket was closed, so this is tried until it succeeds. */
-static void guard_again(struct pvp_pub *p)
+static void pub_guard_again(struct pvp_pub *p)
 {
     struct outlet *o = &p->out[GUARDED];
     struct pvx_diag d = {""};
@@ -211,7 +211,7 @@ static pvx_err copy_endpoints(struct pvp_pub *p, const struct pvp_pub_params *pa
     return PVX_OK;
 }
 
-static pvx_err open_all(struct pvp_pub *p, struct pvx_diag *d)
+static pvx_err pub_open_all(struct pvp_pub *p, struct pvx_diag *d)
 {
     p->ctx = zmq_ctx_new();
     if (p->ctx == NULL)
@@ -247,7 +247,7 @@ pvx_err pvp_pub_new(const struct pvp_pub_params *params, const struct pvp_start 
     if (e == PVX_OK)
         e = pvp_encoder_new(&start->grid, params->sample, params->comp, &p->encoder);
     if (e == PVX_OK)
-        e = open_all(p, d);
+        e = pub_open_all(p, d);
     if (e == PVX_OK)
         e = send_start(p);
     if (e != PVX_OK) {
@@ -283,7 +283,7 @@ void pvp_pub_free(pvp_pub **pp)
 
 void pvp_pub_tick(pvp_pub *p)
 {
-    guard_again(p);
+    pub_guard_again(p);
     for (int k = 0; k < N_OUTLETS; k++)
         if (p->out[k].socket != NULL)
             read_subscriptions(p, &p->out[k]);

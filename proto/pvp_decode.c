@@ -221,7 +221,7 @@ static pvx_err not_finite(struct pvx_diag *d)
 }
 
 /* Cells outside the grid to 0, whatever the message says of them. */
-static void trim(const struct pvp_grid *g, uint32_t id, float *brick)
+static void pvp_decode_trim(const struct pvp_grid *g, uint32_t id, float *brick)
 {
     uint32_t nb[3], in[3], c = g->channels;
     pvp_grid_bricks(g, nb);
@@ -252,7 +252,7 @@ pvx_err pvp_volume_bricks(pvp_decoder *dec, const struct pvp_view *v, uint32_t *
     bool finite = load_samples(raw, v->sample, n, brick);
     for (uint32_t b = 0; b < v->n_bricks; b++) {
         ids[b] = wire_load32(v->ids + 4 * (size_t)b);
-        trim(g, ids[b], brick + b * cells);
+        pvp_decode_trim(g, ids[b], brick + b * cells);
     }
     return finite ? PVX_OK : not_finite(d);
 }

@@ -163,7 +163,7 @@ static uint32_t put_ids(struct pvp_encoder *e, struct wire *w)
 }
 
 /* Floats as the message has them, in place: the loops are the vector unit's. */
-static pvx_err convert(enum pvp_sample sample, size_t n, uint32_t *bits, bool *clamped)
+static pvx_err pvp_encode_convert(enum pvp_sample sample, size_t n, uint32_t *bits, bool *clamped)
 {
     uint32_t cut = 0, unfit = 0;
     for (size_t i = 0; i < n; i++) {
@@ -190,7 +190,7 @@ static pvx_err put_values(const struct pvp_encoder *e, const struct pvp_voxels *
         n = x->n - from < BLOCK ? x->n - from : BLOCK;
         for (uint32_t v = 0; v < n; v++, value += x->stride)
             memcpy(bits + v * nch, value, nch * sizeof *bits);
-        PVX_TRY(convert(e->sample, (size_t)n * nch, bits, clamped));
+        PVX_TRY(pvp_encode_convert(e->sample, (size_t)n * nch, bits, clamped));
         const uint32_t *in = bits;
         for (uint32_t v = 0; v < n; v++) {
             uint32_t cell, brick = walk_to(&w, (uint32_t)x->index[from + v], &cell);

@@ -36,7 +36,7 @@ void pvp_relay_free(pvp_relay **r)
 }
 
 /* Bytes stored at `to`, which has room for raw_len. */
-static size_t pack(const uint8_t *raw, size_t raw_len, uint8_t *to, enum pvp_compress *comp)
+static size_t relay_pack(const uint8_t *raw, size_t raw_len, uint8_t *to, enum pvp_compress *comp)
 {
     int n = 0;
     if (raw_len > 1 && raw_len <= LZ4_MAX_INPUT_SIZE)
@@ -71,7 +71,7 @@ pvx_err pvp_relay_volume(pvp_relay *r, const void *msg, size_t len, bool small, 
         r->size = room;
     }
     enum pvp_compress comp;
-    size_t stored = pack(raw, v.raw_len, r->msg + front, &comp);
+    size_t stored = relay_pack(raw, v.raw_len, r->msg + front, &comp);
     memcpy(r->msg, msg, front);
     wire_store64(r->msg + AT_BODY_LENGTH, front - h.head + stored);
     wire_store32(r->msg + h.head + AT_COMPRESSION, comp);

@@ -154,7 +154,7 @@ static pvx_err measure_video(struct files *s, struct pvx_diag *d)
 }
 
 /* The first image that can be read says what the configuration leaves open. */
-static pvx_err look_at_first(struct files *s, struct pvx_diag *d)
+static pvx_err files_look_at_first(struct files *s, struct pvx_diag *d)
 {
     if (s->width > 0 && s->height > 0 && s->fmt != CAP_FMT_NONE)
         return PVX_OK;
@@ -213,7 +213,7 @@ static struct cap_frame *copy_to_buffer(struct files *s, const struct cap_image 
     return f;
 }
 
-static void unreadable(struct files *s, const char *text)
+static void files_unreadable(struct files *s, const char *text)
 {
     cap_player_count(&s->player, CAP_INCOMPLETE, 1);
     if (!s->said_unreadable)
@@ -229,7 +229,7 @@ static struct cap_frame *load_image(struct files *s, size_t i)
     struct cap_loaded l;
     pvx_err e = cap_image_load(path, &l, &d);
     if (e != PVX_OK) {
-        unreadable(s, pvx_diag_text(&d, e));
+        files_unreadable(s, pvx_diag_text(&d, e));
         return NULL;
     }
     struct cap_frame *f = image_fits(s, &l.img, path) ? copy_to_buffer(s, &l.img) : NULL;
@@ -240,7 +240,8 @@ static struct cap_frame *load_image(struct files *s, size_t i)
 /* ---- thread ----------------------------------------------------------------------------------- */
 
 /* Hand over at its time; false = stop. */
-static bool deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t due, int64_t real)
+static bool files_deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t due,
+                          int64_t real)
 {
     if (!s->player.lossless && !cap_player_wait_until(&s->player, due)) {
         cap_frame_release(f);
@@ -255,8 +256,8 @@ static bool deliver(struct files *s, struct cap_frame *f, int64_t place, int64_t
 }
 
 /* One frame of turn `turn`: *img of a video, or number i of the sequence.  Adds to *good. */
-static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img,
-                size_t i, uint64_t *good)
+static bool files_one(struct files *s, int64_t turn, int64_t number, const struct cap_image *img,
+                      size_t i, uint64_t *good)
 {
     int64_t place = line_place(turn, number), due = 0, real = 0;
     if (place < 0)
@@ -276,7 +277,7 @@ static bool one(struct files *s, int64_t turn, int64_t number, const struct cap_
     if (f == NULL)
         return !cap_player_stopped(&s->player);
     *good += 1;
-    return deliver(s, f, place, due, real);
+    return files_deliver(s, f, place, due, real);
 }
 
 /* A turn through the images; false = stop. */
@@ -287,7 +288,7 @@ static bool turn_images(struct files *s, int64_t turn, uint64_t *good)
         if (i > 0)
             cap_player_count(&s->player, CAP_ID_GAP,
                              (uint64_t)(number - s->seq.item[i - 1].number - 1));
-        if (!one(s, turn, number, NULL, i, good))
+        if (!files_one(s, turn, number, NULL, i, good))
             return false;
     }
     return true;
@@ -303,17 +304,17 @@ static bool turn_video(struct files *s, int64_t turn, uint64_t *good)
     for (int64_t number = 0; e == PVX_OK; number++) {
         struct cap_image img = s->pending;
         s->pending.data = NULL;
-        if (!one(s, turn, number, &img, 0, good))
+        if (!files_one(s, turn, number, &img, 0, good))
             return false;
         e = cap_video_next(s->video, &s->pending, &d);
     }
     s->pending.data = NULL;
     if (e != PVX_ECLOSED)
-        unreadable(s, pvx_diag_text(&d, e));
+        files_unreadable(s, pvx_diag_text(&d, e));
     return true;
 }
 
-static void *run(void *arg)
+static void *files_run(void *arg)
 {
     struct files *s = arg;
     for (int64_t turn = 0;; turn++) {
@@ -345,7 +346,7 @@ static void files_close(cap_source **sp)
     free(s);
 }
 
-static pvx_err set_up(struct files *s, const struct cap_source_config *c, struct pvx_diag *d)
+static pvx_err files_set_up(struct files *s, const struct cap_source_config *c, struct pvx_diag *d)
 {
     double fps = 0;
     if (s->name == NULL || s->camera_name == NULL)
@@ -357,7 +358,7 @@ static pvx_err set_up(struct files *s, const struct cap_source_config *c, struct
     } else {
         PVX_TRY(cap_sequence_find(s->name, &s->seq, d));
     }
-    PVX_TRY(look_at_first(s, d));
+    PVX_TRY(files_look_at_first(s, d));
     if (c->fps > 0)
         fps = c->fps;
     if (!(fps > 1e-3 && fps < 1e5))
@@ -381,7 +382,7 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
     s->fmt = c->fmt;
     s->loop = c->loop;
     cap_player_init(&s->player, c, CLOCK_MONOTONIC);
-    pvx_err e = set_up(s, c, d);
+    pvx_err e = files_set_up(s, c, d);
     cap_source *base = &s->base;
     if (e == PVX_OK) {
         size_t n = s->seq.n;
@@ -399,7 +400,7 @@ static pvx_err files_open(const struct cap_source_config *c, cap_source **out, s
 static pvx_err files_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
 {
     struct files *s = (struct files *)base;
-    return cap_player_start(&s->player, "files", sink, run, s, d);
+    return cap_player_start(&s->player, "files", sink, files_run, s, d);
 }
 
 static void files_stop(cap_source *base)

@@ -27,15 +27,15 @@ static struct {
     char why[PVX_DIAG_MAX]; /* it could not be loaded */
 } module = {.once = PTHREAD_ONCE_INIT};
 
-static void find_module(void)
+static void imgio_find_module(void)
 {
     module.cv = pvx_module_load("pyrovox-opencv.so", "cap_cv_module", CAP_CV_VERSION, module.why,
                                 sizeof module.why);
 }
 
-static pvx_err need_module(const char *path, struct pvx_diag *d)
+static pvx_err imgio_need_module(const char *path, struct pvx_diag *d)
 {
-    pthread_once(&module.once, find_module);
+    pthread_once(&module.once, imgio_find_module);
     if (module.cv != NULL)
         return PVX_OK;
     return pvx_fail(d, PVX_EUNSUP,
@@ -51,14 +51,14 @@ static pvx_err module_error(int e, const char *path, const char *err, struct pvx
 
 /* ---- images ------------------------------------------------------------------------------------- */
 
-static bool has_extension(const char *path, const char *ext)
+static bool imgio_has_extension(const char *path, const char *ext)
 {
     const char *dot = strrchr(path, '.');
     return dot != NULL && strcasecmp(dot, ext) == 0;
 }
 
 /* Format of `channels` channels (1 or 3) of the given depth in bits. */
-static enum cap_pixfmt format_of(int channels, int depth)
+static enum cap_pixfmt imgio_format_of(int channels, int depth)
 {
     bool rgb = channels == 3;
     return depth == 8    ? (rgb ? CAP_RGB8 : CAP_GREY8)
@@ -66,7 +66,8 @@ static enum cap_pixfmt format_of(int channels, int depth)
                          : (rgb ? CAP_RGB_F32 : CAP_GREY_F32);
 }
 
-static void describe(struct cap_loaded *l, void *mem, int32_t w, int32_t h, enum cap_pixfmt fmt)
+static void imgio_describe(struct cap_loaded *l, void *mem, int32_t w, int32_t h,
+                           enum cap_pixfmt fmt)
 {
     size_t row = cap_pixfmt_row(fmt, w);
     l->mem = mem;
@@ -92,7 +93,8 @@ static pvx_err from_npy(const char *bytes, size_t len, const char *path, struct 
         cap_npy_floats(&a, mem);
     else
         memcpy(mem, a.data, a.count * a.item);
-    describe(out, mem, (int32_t)a.shape[1], (int32_t)a.shape[0], format_of((int)channels, depth));
+    imgio_describe(out, mem, (int32_t)a.shape[1], (int32_t)a.shape[0],
+                   imgio_format_of((int)channels, depth));
     return PVX_OK;
 }
 
@@ -114,7 +116,7 @@ static pvx_err from_jpeg(const char *bytes, size_t len, const char *path,
         e = PVX_ENOMEM;
     if (e == PVX_OK) {
         memcpy(mem, img.data, img.size);
-        describe(out, mem, img.width, img.height, img.fmt);
+        imgio_describe(out, mem, img.width, img.height, img.fmt);
         out->img.yuv = img.yuv;
     }
     cap_jpeg_free(&j);
@@ -124,13 +126,13 @@ static pvx_err from_jpeg(const char *bytes, size_t len, const char *path,
 static pvx_err from_module(const char *bytes, size_t len, const char *path,
                            const struct cap_picture *p, struct cap_loaded *out, struct pvx_diag *d)
 {
-    PVX_TRY(need_module(path, d));
+    PVX_TRY(imgio_need_module(path, d));
     struct cap_cv_image img;
     char err[256] = "";
     int e = module.cv->decode(bytes, len, &img, err, sizeof err);
     if (e != 0)
         return module_error(e, path, err, d);
-    describe(out, img.data, img.width, img.height, format_of(img.channels, img.depth));
+    imgio_describe(out, img.data, img.width, img.height, imgio_format_of(img.channels, img.depth));
     uint32_t w = (uint32_t)img.width, h = (uint32_t)img.height;
     bool turned = p->kind == CAP_FILE_TIFF && w == p->height && h == p->width; /* so it says */
     if ((w == p->width && h == p->height) || turned)
@@ -151,7 +153,7 @@ static pvx_err from_picture(const char *bytes, size_t len, const char *path, str
 pvx_err cap_image_load(const char *path, struct cap_loaded *out, struct pvx_diag *d)
 {
     *out = (struct cap_loaded){0};
-    bool npy = has_extension(path, ".npy");
+    bool npy = imgio_has_extension(path, ".npy");
     if (!cap_is_image(path))
         return pvx_fail(d, PVX_EUNSUP,
                         "%s: unknown type; images are .npy .png .tif .tiff .jpg .jpeg", path);
@@ -190,7 +192,7 @@ static pvx_err write_png(const char *path, const struct cap_cv_image *img, struc
 static pvx_err save_png(const char *path, const float *pix, int32_t w, int32_t h, int nch,
                         struct pvx_diag *d)
 {
-    PVX_TRY(need_module(path, d));
+    PVX_TRY(imgio_need_module(path, d));
     size_t n = (size_t)w * (size_t)h * (size_t)nch;
     uint8_t *px = pvx_calloc(n, 1);
     if (px == NULL)
@@ -208,9 +210,9 @@ pvx_err cap_image_write(const char *path, const void *samples, int32_t w, int32_
 {
     if (w < 1 || h < 1 || (nch != 1 && nch != 3) || (depth != 8 && depth != 16))
         return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels of 8 or 16 bits", path);
-    if (!has_extension(path, ".png"))
+    if (!imgio_has_extension(path, ".png"))
         return pvx_fail(d, PVX_EUNSUP, "%s: samples are written as .png", path);
-    PVX_TRY(need_module(path, d));
+    PVX_TRY(imgio_need_module(path, d));
     size_t n = (size_t)w * (size_t)h * (size_t)nch * (size_t)(depth / 8);
     struct cap_cv_image img = {(void *)samples, n, w, h, nch, depth};
     return write_png(path, &img, d);
@@ -221,9 +223,9 @@ pvx_err cap_image_save(const char *path, const float *pix, int32_t w, int32_t h,
 {
     if (w < 1 || h < 1 || (nch != 1 && nch != 3))
         return pvx_fail(d, PVX_EINVAL, "%s: an image has 1 or 3 channels", path);
-    if (has_extension(path, ".npy"))
+    if (imgio_has_extension(path, ".npy"))
         return cap_npy_save(path, pix, (size_t[3]){(size_t)h, (size_t)w, (size_t)nch}, 3, d);
-    if (has_extension(path, ".png"))
+    if (imgio_has_extension(path, ".png"))
         return save_png(path, pix, w, h, nch, d);
     return pvx_fail(d, PVX_EUNSUP, "%s: images are written as .png or .npy", path);
 }
@@ -242,7 +244,7 @@ pvx_err cap_apng_begin(const char *path, int32_t w, int32_t h, int nch, int fps,
     if (w < 1 || h < 1 || w > 1 << 15 || h > 1 << 15 || (nch != 1 && nch != 3) || fps < 1 ||
         fps > 100)
         return pvx_fail(d, PVX_EINVAL, "%s: an animation has 1 or 3 channels, 1 to 100 fps", path);
-    PVX_TRY(need_module(path, d));
+    PVX_TRY(imgio_need_module(path, d));
     cap_apng *a = pvx_calloc(1, sizeof *a);
     if (a == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for the animation", path);
@@ -318,7 +320,7 @@ pvx_err cap_video_open(const char *path, cap_video **out, double *fps, struct pv
     PVX_TRY(pvx_file_check(path, d));
     uint64_t bytes = (uint64_t)st.st_size;
     PVX_TRY(check_png(path, bytes, d));
-    PVX_TRY(need_module(path, d));
+    PVX_TRY(imgio_need_module(path, d));
     cap_video *v = pvx_calloc(1, sizeof *v);
     if (v == NULL || (v->path = strdup(path)) == NULL) {
         free(v);

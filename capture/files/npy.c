@@ -26,7 +26,7 @@ static void skip_space(struct cursor *c)
         c->p++;
 }
 
-static bool accept(struct cursor *c, char ch)
+static bool npy_accept(struct cursor *c, char ch)
 {
     skip_space(c);
     if (c->p == c->end || *c->p != ch)
@@ -36,7 +36,7 @@ static bool accept(struct cursor *c, char ch)
 }
 
 /* 'text' or "text" into out, cut short never: false when it does not fit. */
-static bool quoted(struct cursor *c, char *out, size_t size)
+static bool npy_quoted(struct cursor *c, char *out, size_t size)
 {
     skip_space(c);
     if (c->p == c->end || (*c->p != '\'' && *c->p != '"'))
@@ -49,10 +49,10 @@ static bool quoted(struct cursor *c, char *out, size_t size)
         out[n++] = *c->p++;
     }
     out[n] = '\0';
-    return accept(c, quote);
+    return npy_accept(c, quote);
 }
 
-static bool word(struct cursor *c, const char *w)
+static bool npy_word(struct cursor *c, const char *w)
 {
     skip_space(c);
     size_t n = strlen(w);
@@ -62,7 +62,7 @@ static bool word(struct cursor *c, const char *w)
     return true;
 }
 
-static bool number(struct cursor *c, size_t *out)
+static bool npy_number(struct cursor *c, size_t *out)
 {
     skip_space(c);
     const char *start = c->p;
@@ -80,17 +80,17 @@ static bool number(struct cursor *c, size_t *out)
 /* (a,) or (a, b, ...); ndim counts beyond 4 too, so that the message can say so. */
 static bool shape(struct cursor *c, struct cap_npy *a)
 {
-    if (!accept(c, '('))
+    if (!npy_accept(c, '('))
         return false;
-    while (!accept(c, ')')) {
+    while (!npy_accept(c, ')')) {
         size_t n;
-        if (!number(c, &n) || a->ndim >= 64)
+        if (!npy_number(c, &n) || a->ndim >= 64)
             return false;
         if (a->ndim < 4)
             a->shape[a->ndim] = n;
         a->ndim++;
-        if (!accept(c, ',')) {
-            if (!accept(c, ')'))
+        if (!npy_accept(c, ',')) {
+            if (!npy_accept(c, ')'))
                 return false;
             break;
         }
@@ -101,18 +101,18 @@ static bool shape(struct cursor *c, struct cap_npy *a)
 static bool dictionary(struct cursor *c, char *descr, size_t size, bool *fortran, struct cap_npy *a)
 {
     unsigned seen = 0;
-    if (!accept(c, '{'))
+    if (!npy_accept(c, '{'))
         return false;
-    while (!accept(c, '}')) {
+    while (!npy_accept(c, '}')) {
         char key[24];
         unsigned which = 0;
-        if (!quoted(c, key, sizeof key) || !accept(c, ':'))
+        if (!npy_quoted(c, key, sizeof key) || !npy_accept(c, ':'))
             return false;
-        if (strcmp(key, "descr") == 0 && quoted(c, descr, size)) {
+        if (strcmp(key, "descr") == 0 && npy_quoted(c, descr, size)) {
             which = 1;
         } else if (strcmp(key, "fortran_order") == 0) {
-            *fortran = word(c, "True");
-            if (*fortran || word(c, "False"))
+            *fortran = npy_word(c, "True");
+            if (*fortran || npy_word(c, "False"))
                 which = 2;
         } else if (strcmp(key, "shape") == 0 && shape(c, a)) {
             which = 4;
@@ -120,8 +120,8 @@ static bool dictionary(struct cursor *c, char *descr, size_t size, bool *fortran
         if (which == 0 || (seen & which) != 0)
             return false;
         seen |= which;
-        if (!accept(c, ',')) {
-            if (!accept(c, '}'))
+        if (!npy_accept(c, ',')) {
+            if (!npy_accept(c, '}'))
                 return false;
             break;
         }

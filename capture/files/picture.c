@@ -14,7 +14,7 @@ struct bytes {
 };
 
 /* `size` bytes from `at` on as a number; 0 where there are not as many. */
-static uint64_t number(const struct bytes *b, uint64_t at, unsigned size)
+static uint64_t picture_number(const struct bytes *b, uint64_t at, unsigned size)
 {
     uint64_t v = 0;
     if (at > b->n || b->n - at < size)
@@ -33,8 +33,8 @@ void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *h
 {
     const struct bytes b = {bytes, len, true};
     bool says = begins(&b, PNG, 8) && b.n >= 16 && memcmp(b.p + 12, "IHDR", 4) == 0;
-    *width = says ? (uint32_t)number(&b, 16, 4) : 0;
-    *height = says ? (uint32_t)number(&b, 20, 4) : 0;
+    *width = says ? (uint32_t)picture_number(&b, 16, 4) : 0;
+    *height = says ? (uint32_t)picture_number(&b, 20, 4) : 0;
 }
 
 /* The first folder of tags; TIFF 6.0, section 2, and BigTIFF, where counts and offsets have 8 bytes.  Of colour the number
@@ -42,19 +42,19 @@ void cap_picture_png(const void *bytes, size_t len, uint32_t *width, uint32_t *h
 static void tiff(struct bytes *b, struct cap_picture *out)
 {
     b->big_endian = b->p[0] == 'M';
-    bool big = number(b, 2, 2) == 43;
-    uint64_t folder = big ? number(b, 8, 8) : number(b, 4, 4);
-    uint64_t n = number(b, folder, big ? 8 : 2), at = folder + (big ? 8 : 2);
+    bool big = picture_number(b, 2, 2) == 43;
+    uint64_t folder = big ? picture_number(b, 8, 8) : picture_number(b, 4, 4);
+    uint64_t n = picture_number(b, folder, big ? 8 : 2), at = folder + (big ? 8 : 2);
     uint32_t photometric = 0, samples = 0;
     for (; n > 0 && at < b->n; n--, at += big ? 20 : 12) {
-        uint64_t tag = number(b, at, 2), type = number(b, at + 2, 2);
+        uint64_t tag = picture_number(b, at, 2), type = picture_number(b, at + 2, 2);
         uint32_t *to = tag == 256   ? &out->width
                        : tag == 257 ? &out->height
                        : tag == 262 ? &photometric
                        : tag == 277 ? &samples
                                     : NULL;
         if (to != NULL && *to == 0 && (type == 3 || type == 4)) /* SHORT, LONG */
-            *to = (uint32_t)number(b, at + (big ? 12 : 8), type == 3 ? 2 : 4);
+            *to = (uint32_t)picture_number(b, at + (big ? 12 : 8), type == 3 ? 2 : 4);
     }
     if (photometric > 1 && samples == 0)
         out->width = 0;

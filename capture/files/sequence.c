@@ -25,7 +25,7 @@ static const char *last_part(const char *path)
     return slash != NULL ? slash + 1 : path;
 }
 
-static bool has_extension(const char *path, const char *const *ext)
+static bool sequence_has_extension(const char *path, const char *const *ext)
 {
     const char *dot = strrchr(path, '.');
     for (; dot != NULL && *ext != NULL; ext++)
@@ -37,13 +37,13 @@ static bool has_extension(const char *path, const char *const *ext)
 bool cap_is_image(const char *path)
 {
     static const char *const ext[] = {".npy", ".png", ".tif", ".tiff", ".jpg", ".jpeg", NULL};
-    return has_extension(path, ext);
+    return sequence_has_extension(path, ext);
 }
 
 bool cap_is_video(const char *path)
 {
     static const char *const ext[] = {".mp4", ".avi", ".mkv", ".mov", NULL};
-    return has_extension(path, ext);
+    return sequence_has_extension(path, ext);
 }
 
 static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_diag *d)
@@ -66,7 +66,7 @@ static pvx_err parse_pattern(const char *name, struct pattern *p, struct pvx_dia
 }
 
 /* Number of n digits at s, or -1. */
-static int64_t digits(const char *s, size_t n)
+static int64_t sequence_digits(const char *s, size_t n)
 {
     int64_t v = 0;
     if (n < 1 || n > MAX_DIGITS)
@@ -91,7 +91,7 @@ static int64_t fits_pattern(const char *file, const char *name, const struct pat
     size_t least = p->width > 0 ? (size_t)p->width : 1;
     if (n < least || (n > least && s[0] == '0'))
         return -1;
-    return digits(s, n);
+    return sequence_digits(s, n);
 }
 
 static int64_t last_digits(const char *file)
@@ -104,11 +104,11 @@ static int64_t last_digits(const char *file)
     const char *s = end;
     while (s > file && isdigit((unsigned char)s[-1]))
         s--;
-    return digits(s, (size_t)(end - s));
+    return sequence_digits(s, (size_t)(end - s));
 }
 
-static pvx_err add(struct cap_sequence *s, size_t *room, int64_t number, const char *dir,
-                   const char *file)
+static pvx_err sequence_add(struct cap_sequence *s, size_t *room, int64_t number, const char *dir,
+                            const char *file)
 {
     if (s->n == *room) {
         size_t more = *room == 0 ? 64 : *room * 2;
@@ -140,7 +140,7 @@ static pvx_err from_folder(const char *dir, const char *name, const struct patte
                          : cap_is_image(f->d_name) ? last_digits(f->d_name)
                                                    : -1;
         if (number >= 0)
-            e = add(s, &room, number, dir, f->d_name);
+            e = sequence_add(s, &room, number, dir, f->d_name);
     }
     closedir(h);
     return e;
@@ -161,13 +161,13 @@ static pvx_err from_glob(const char *name, struct cap_sequence *s, struct pvx_di
         const char *file = last_part(g.gl_pathv[i]);
         int64_t number = cap_is_image(file) ? last_digits(file) : -1;
         if (number >= 0)
-            e = add(s, &room, number, "", g.gl_pathv[i]);
+            e = sequence_add(s, &room, number, "", g.gl_pathv[i]);
     }
     globfree(&g);
     return e;
 }
 
-static pvx_err find(const char *name, struct cap_sequence *s, struct pvx_diag *d)
+static pvx_err sequence_find(const char *name, struct cap_sequence *s, struct pvx_diag *d)
 {
     const char *last = last_part(name);
     struct stat st;
@@ -183,7 +183,7 @@ static pvx_err find(const char *name, struct cap_sequence *s, struct pvx_diag *d
     if (there) { /* one image, also with a * in its name */
         size_t room = 0;
         int64_t number = last_digits(last);
-        return add(s, &room, number < 0 ? 0 : number, "", name);
+        return sequence_add(s, &room, number < 0 ? 0 : number, "", name);
     }
     if (strchr(last, '%') != NULL) {
         struct pattern p;
@@ -198,7 +198,7 @@ static pvx_err find(const char *name, struct cap_sequence *s, struct pvx_diag *d
     return pvx_fail(d, PVX_ENOENT, "%s: no such file or folder", name);
 }
 
-static int by_number(const void *a, const void *b)
+static int sequence_by_number(const void *a, const void *b)
 {
     int64_t x = ((const struct cap_sequence_item *)a)->number;
     int64_t y = ((const struct cap_sequence_item *)b)->number;
@@ -209,12 +209,12 @@ pvx_err cap_sequence_find(const char *name, struct cap_sequence *out, struct pvx
 {
     *out = (struct cap_sequence){0};
     pvx_err e = *name == '\0' ? pvx_fail(d, PVX_EINVAL, "files: needs a pattern, folder or file")
-                              : find(name, out, d);
+                              : sequence_find(name, out, d);
     if (e == PVX_OK && out->n == 0)
         e = pvx_fail(d, PVX_ENOENT, "%s: no numbered image fits (.npy .png .tif .tiff .jpg .jpeg)",
                      name);
     if (e == PVX_OK)
-        qsort(out->item, out->n, sizeof *out->item, by_number);
+        qsort(out->item, out->n, sizeof *out->item, sequence_by_number);
     for (size_t i = 1; e == PVX_OK && i < out->n; i++)
         if (out->item[i].number == out->item[i - 1].number)
             e = pvx_fail(d, PVX_EINVAL, "%.300s and %.300s have the same frame number",

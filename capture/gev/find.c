@@ -28,7 +28,7 @@
 
 /* ---- is somebody there? ----------------------------------------------------------------------- */
 
-static void copy_text(char *out, size_t size, const uint8_t *p)
+static void find_copy_text(char *out, size_t size, const uint8_t *p)
 {
     size_t n = strnlen((const char *)p, size - 1);
     memcpy(out, p, n);
@@ -43,7 +43,7 @@ struct question {
 };
 
 /* Until it is answered with at least `size` bytes of payload; what else comes is passed over. */
-static bool ask(int fd, const struct question *q, uint8_t *out, size_t size)
+static bool find_ask(int fd, const struct question *q, uint8_t *out, size_t size)
 {
     uint8_t p[CAP_GVCP_MAX];
     size_t n = cap_gvcp_put_command(p, CAP_GVCP_ACK, q->command, q->number, q->data, q->n);
@@ -78,7 +78,7 @@ static bool ask_address(uint32_t address, struct question q, uint8_t *out, size_
     if (connect(fd, (const struct sockaddr *)&to, sizeof to) == 0)
         for (uint16_t i = 0; i < PROBES && !got; i++) {
             q.number = (uint16_t)(FIRST_NUMBER + i);
-            got = ask(fd, &q, out, size);
+            got = find_ask(fd, &q, out, size);
         }
     close(fd);
     return got;
@@ -90,10 +90,10 @@ bool aravis_probe(uint32_t address, struct aravis_who *who)
     if (!ask_address(address, (struct question){.command = CAP_GVCP_DISCOVERY}, p, sizeof p))
         return false;
     if (who != NULL) {
-        copy_text(who->vendor, sizeof who->vendor, p + 72);
-        copy_text(who->model, sizeof who->model, p + 104);
-        copy_text(who->serial, sizeof who->serial, p + 216);
-        copy_text(who->name, sizeof who->name, p + 232);
+        find_copy_text(who->vendor, sizeof who->vendor, p + 72);
+        find_copy_text(who->model, sizeof who->model, p + 104);
+        find_copy_text(who->serial, sizeof who->serial, p + 216);
+        find_copy_text(who->name, sizeof who->name, p + 232);
     }
     return true;
 }
@@ -119,7 +119,7 @@ static bool announces_nonsense(uint32_t address)
         struct question q = {.command = CAP_GVCP_READMEM, .data = what, .n = sizeof what};
         if (!ask_address(address, q, got, sizeof got))
             continue; /* nor will it tell Aravis */
-        copy_text(url, sizeof url, got + 4);
+        find_copy_text(url, sizeof url, got + 4);
         const char *size = strrchr(url, ';');
         if (strncasecmp(url, "local:", 6) == 0 && size != NULL &&
             strtoull(size + 1, NULL, 16) > XML_MAX)
@@ -180,7 +180,7 @@ static struct {
 } known[REMEMBERED];
 static unsigned n_known;
 
-static uint32_t remembered(const char *what)
+static uint32_t find_remembered(const char *what)
 {
     uint32_t a = 0;
     pthread_mutex_lock(&known_lock);
@@ -195,7 +195,7 @@ static uint32_t remembered(const char *what)
     return 0;
 }
 
-static void remember(const char *what, uint32_t address)
+static void find_remember(const char *what, uint32_t address)
 {
     if (strlen(what) >= sizeof known[0].what)
         return;
@@ -287,7 +287,7 @@ static ArvCamera *open_address(const struct aravis_route *r)
 /* NULL and *why: PVX_ENOENT, it is not there; PVX_EBUSY, somebody controls it, which is seen before Aravis
  * asks for control (and, where the camera does not answer that, asks again for 5 s with the parser locked);
  * PVX_ECORRUPT, its GenICam file cannot be. */
-static ArvCamera *find_camera(const char *what, struct aravis_route *route, pvx_err *why)
+static ArvCamera *gev_find_camera(const char *what, struct aravis_route *route, pvx_err *why)
 {
     *why = PVX_ENOENT;
     uint32_t address = aravis_address(what);
@@ -297,7 +297,7 @@ static ArvCamera *find_camera(const char *what, struct aravis_route *route, pvx_
     if (address != 0) {
         if (!aravis_probe(address, NULL))
             return NULL;
-    } else if ((address = remembered(what)) == 0) {
+    } else if ((address = find_remembered(what)) == 0) {
         id = look_up(what, &address);
         if (id == NULL)
             return NULL;
@@ -311,7 +311,7 @@ static ArvCamera *find_camera(const char *what, struct aravis_route *route, pvx_
         else if (find_route(address, route))
             cam = open_address(route);
         if (cam != NULL && id != NULL)
-            remember(what, address);
+            find_remember(what, address);
     } else {
         aravis_parser_lock();
         cam = arv_camera_new(id, NULL);
@@ -327,7 +327,7 @@ pvx_err aravis_open_camera(const struct cap_source_config *c, ArvCamera **out,
     aravis_log_messages();
     *route = (struct aravis_route){0};
     pvx_err why;
-    ArvCamera *cam = find_camera(c->uri, route, &why);
+    ArvCamera *cam = gev_find_camera(c->uri, route, &why);
     if (cam == NULL && why == PVX_ECORRUPT)
         return pvx_fail(
             d, why,

@@ -40,7 +40,7 @@ static void free_source(struct aravis_source *s)
 
 static atomic_uint giving_up; /* devices that are being left to Aravis */
 
-static void *give_up(void *source)
+static void *gev_give_up(void *source)
 {
     struct aravis_source *s = source;
     atomic_fetch_add(&giving_up, 1);
@@ -67,10 +67,10 @@ static void aravis_close(cap_source **sp)
     if (s == NULL)
         return;
     *sp = NULL;
-    if (is_slow_to_close(s) && pthread_create(&thread, NULL, give_up, s) == 0)
+    if (is_slow_to_close(s) && pthread_create(&thread, NULL, gev_give_up, s) == 0)
         pthread_detach(thread);
     else
-        give_up(s);
+        gev_give_up(s);
 }
 
 static void aravis_stop(cap_source *base)
@@ -115,7 +115,7 @@ static pvx_err open_in_time(struct aravis_source *s, struct pvx_diag *d)
     }
 }
 
-static pvx_err set_up(struct aravis_source *s, struct pvx_diag *d)
+static pvx_err gev_set_up(struct aravis_source *s, struct pvx_diag *d)
 {
     PVX_TRY(open_in_time(s, d));
     PVX_TRY(aravis_configure(&s->c, s->camera, &s->layout, &s->chunks, d));
@@ -133,7 +133,7 @@ static pvx_err aravis_open(const struct cap_source_config *c, cap_source **out, 
     s->c = *c;
     s->c.uri = s->uri = strdup(c->uri);
     s->c.name = s->name = strdup(c->name != NULL ? c->name : "?");
-    pvx_err e = s->uri == NULL || s->name == NULL ? PVX_ENOMEM : set_up(s, d);
+    pvx_err e = s->uri == NULL || s->name == NULL ? PVX_ENOMEM : gev_set_up(s, d);
     s->c.features = NULL; /* borrowed for the call */
     s->c.n_features = 0;
     s->c.trigger_line = NULL;

@@ -37,7 +37,7 @@ static bool packet_socket(const struct cap_source_config *c)
 }
 
 /* What a socket gets that asks for so many bytes; the kernel doubles it for its own book-keeping. */
-static int room(int asked)
+static int host_room(int asked)
 {
     int got = 0;
     socklen_t len = sizeof got;
@@ -53,7 +53,7 @@ static int room(int asked)
 void aravis_check_room(const struct cap_source_config *c, int asked)
 {
     static atomic_flag said = ATOMIC_FLAG_INIT;
-    int got = room(asked);
+    int got = host_room(asked);
     if (got >= asked || packet_socket(c) || atomic_flag_test_and_set(&said))
         return;
     LOG_W(CAPTURE,

@@ -18,12 +18,12 @@ struct entry {
     char vendor[64], model[64], serial[64], protocol[32];
 };
 
-static void copy(char *out, size_t size, const char *text)
+static void list_copy(char *out, size_t size, const char *text)
 {
     snprintf(out, size, "%s", text != NULL ? text : "");
 }
 
-static void add(char *out, size_t size, const char *text)
+static void list_add(char *out, size_t size, const char *text)
 {
     size_t n = strlen(out);
     snprintf(out + n, size - n, "%s", text);
@@ -46,11 +46,11 @@ static void describe_formats(ArvCamera *cam, char *out, size_t size)
             continue;
         snprintf(line, sizeof line, "%s%s %dx%d", out[0] != '\0' ? "\n" : "", cap_pixfmt_name(fmt),
                  w, h);
-        add(out, size, line);
+        list_add(out, size, line);
         if (max <= 0)
             continue;
         snprintf(line, sizeof line, " %.4g to %.4g Hz", min, max);
-        add(out, size, line);
+        list_add(out, size, line);
     }
     g_free(list);
 }
@@ -65,7 +65,8 @@ static ArvCamera *open_to_read(const struct entry *e, uint32_t address)
     return aravis_open_camera(&c, &cam, &route, NULL) == PVX_OK ? cam : NULL;
 }
 
-static void tell(const struct entry *e, void (*cb)(void *ctx, const struct cap_found *f), void *ctx)
+static void list_tell(const struct entry *e, void (*cb)(void *ctx, const struct cap_found *f),
+                      void *ctx)
 {
     char uri[300], text[512], formats[MAX_TEXT];
     uint32_t address = aravis_address(e->address);
@@ -94,18 +95,18 @@ pvx_err aravis_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx,
     unsigned n = arv_get_n_devices();
     struct entry *list = n > 0 ? pvx_calloc(n, sizeof *list) : NULL;
     for (unsigned i = 0; list != NULL && i < n; i++) {
-        copy(list[i].id, sizeof list[i].id, arv_get_device_id(i));
-        copy(list[i].address, sizeof list[i].address, arv_get_device_address(i));
-        copy(list[i].vendor, sizeof list[i].vendor, arv_get_device_vendor(i));
-        copy(list[i].model, sizeof list[i].model, arv_get_device_model(i));
-        copy(list[i].serial, sizeof list[i].serial, arv_get_device_serial_nbr(i));
-        copy(list[i].protocol, sizeof list[i].protocol, arv_get_device_protocol(i));
+        list_copy(list[i].id, sizeof list[i].id, arv_get_device_id(i));
+        list_copy(list[i].address, sizeof list[i].address, arv_get_device_address(i));
+        list_copy(list[i].vendor, sizeof list[i].vendor, arv_get_device_vendor(i));
+        list_copy(list[i].model, sizeof list[i].model, arv_get_device_model(i));
+        list_copy(list[i].serial, sizeof list[i].serial, arv_get_device_serial_nbr(i));
+        list_copy(list[i].protocol, sizeof list[i].protocol, arv_get_device_protocol(i));
     }
     aravis_list_unlock();
     if (n > 0 && list == NULL)
         return PVX_ENOMEM;
     for (unsigned i = 0; i < n; i++)
-        tell(&list[i], cb, ctx);
+        list_tell(&list[i], cb, ctx);
     free(list);
     return PVX_OK;
 }

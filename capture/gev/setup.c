@@ -20,8 +20,8 @@
 #define GVCP_CAN_RESEND     0x4u
 #define JUMBO               9000 /* no larger packets unless asked for */
 
-static pvx_err set_format(const struct cap_source_config *c, ArvCamera *cam,
-                          struct aravis_layout *l, struct pvx_diag *d)
+static pvx_err setup_set_format(const struct cap_source_config *c, ArvCamera *cam,
+                                struct aravis_layout *l, struct pvx_diag *d)
 {
     GError *err = NULL;
     if (c->fmt != CAP_FMT_NONE) {
@@ -74,7 +74,8 @@ static pvx_err set_region(const struct cap_source_config *c, ArvCamera *cam,
     return PVX_OK;
 }
 
-static pvx_err set_exposure(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
+static pvx_err setup_set_exposure(const struct cap_source_config *c, ArvCamera *cam,
+                                  struct pvx_diag *d)
 {
     GError *err = NULL;
     double min = 0, max = 0;
@@ -120,8 +121,8 @@ static bool same_value(const char *want, const char *got)
     return strcmp(want, got) == 0;
 }
 
-static pvx_err set_feature(const struct cap_source_config *c, ArvCamera *cam,
-                           const struct cap_feature *f, struct pvx_diag *d)
+static pvx_err setup_set_feature(const struct cap_source_config *c, ArvCamera *cam,
+                                 const struct cap_feature *f, struct pvx_diag *d)
 {
     GError *err = NULL;
     ArvDevice *dev = arv_camera_get_device(cam);
@@ -259,7 +260,7 @@ static pvx_err set_features(const struct cap_source_config *c, ArvCamera *cam, b
         const char *name = c->features[i].name;
         bool is = strncmp(name, "Trigger", 7) == 0 || strncmp(name, "Line", 4) == 0;
         if (is == of_trigger)
-            PVX_TRY(set_feature(c, cam, &c->features[i], d));
+            PVX_TRY(setup_set_feature(c, cam, &c->features[i], d));
     }
     return PVX_OK;
 }
@@ -271,11 +272,11 @@ pvx_err aravis_configure(const struct cap_source_config *c, ArvCamera *cam, stru
      * possible (a user set, a binning mode). */
     PVX_TRY(aravis_ptp_enable(c, cam, d));
     PVX_TRY(set_features(c, cam, false, d));
-    PVX_TRY(set_format(c, cam, l, d));
+    PVX_TRY(setup_set_format(c, cam, l, d));
     PVX_TRY(set_region(c, cam, l, d));
     PVX_TRY(aravis_set_trigger(c, cam, d));
     PVX_TRY(set_features(c, cam, true, d));
-    PVX_TRY(set_exposure(c, cam, d));
+    PVX_TRY(setup_set_exposure(c, cam, d));
     PVX_TRY(aravis_chunks_init(chunks, c, cam, d));
     PVX_TRY(set_packet_size(c, cam, d));
     PVX_TRY(set_packet_delay(c, cam, d));

@@ -40,7 +40,7 @@ struct aravis_buffers {
 
 /* Aravis leaves the stamp of the last use in a buffer until a leader comes: with 0 in it, a frame
  * without its own is known. */
-static bool queue(void *ctx, unsigned index)
+static bool stream_queue(void *ctx, unsigned index)
 {
     struct aravis_buffers *bs = ctx;
     arv_buffer_set_timestamp(bs->buffer[index], 0);
@@ -48,7 +48,7 @@ static bool queue(void *ctx, unsigned index)
     return true;
 }
 
-static void free_buffers(void *ctx)
+static void stream_free_buffers(void *ctx)
 {
     struct aravis_buffers *bs = ctx;
     for (unsigned i = 0; i < bs->n; i++)
@@ -57,7 +57,7 @@ static void free_buffers(void *ctx)
     free(bs);
 }
 
-static const struct cap_lend_ops lend_ops = {queue, free_buffers};
+static const struct cap_lend_ops lend_ops = {stream_queue, stream_free_buffers};
 
 pvx_err aravis_make_buffers(struct aravis_source *s)
 {
@@ -73,7 +73,7 @@ pvx_err aravis_make_buffers(struct aravis_source *s)
     pvx_err e = bs->memory == NULL ? PVX_ENOMEM
                                    : cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend);
     if (e != PVX_OK) {
-        free_buffers(bs);
+        stream_free_buffers(bs);
         return e;
     }
     for (; bs->n < n; bs->n++)
@@ -85,13 +85,13 @@ pvx_err aravis_make_buffers(struct aravis_source *s)
 
 /* ---- the stream's thread ---------------------------------------------------------------------- */
 
-static void count(struct aravis_source *s, enum cap_count what, uint64_t n)
+static void stream_count(struct aravis_source *s, enum cap_count what, uint64_t n)
 {
     s->sink.count(s->sink.ctx, s->c.camera, what, n);
 }
 
 /* What the leader says about the size may be wrong: no more than what the buffer has. */
-static struct cap_image image_of(ArvBuffer *b, const unsigned char *mem, size_t payload)
+static struct cap_image stream_image_of(ArvBuffer *b, const unsigned char *mem, size_t payload)
 {
     struct cap_image img = {.data = mem};
     ArvBufferPayloadType type = arv_buffer_get_payload_type(b);
@@ -119,7 +119,7 @@ static void count_gap(struct aravis_source *s, bool first, uint64_t before, uint
 {
     uint64_t gap = first ? 0 : id - before - 1;
     if (gap > s->unnumbered)
-        count(s, CAP_ID_GAP, gap - s->unnumbered);
+        stream_count(s, CAP_ID_GAP, gap - s->unnumbered);
     s->unnumbered = 0;
 }
 
@@ -129,7 +129,7 @@ static unsigned index_of(ArvBuffer *b)
 }
 
 /* To the stream again, or, when that is being stopped, to nobody. */
-static void give_back(struct aravis_source *s, ArvBuffer *b)
+static void stream_give_back(struct aravis_source *s, ArvBuffer *b)
 {
     unsigned i = index_of(b);
     g_object_unref(b); /* the stream's reference; ours stays */
@@ -137,11 +137,11 @@ static void give_back(struct aravis_source *s, ArvBuffer *b)
 }
 
 /* A frame whose number is not known. */
-static void drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
+static void stream_drop(struct aravis_source *s, ArvBuffer *b, enum cap_count cause)
 {
     s->unnumbered++;
-    count(s, cause, 1);
-    give_back(s, b);
+    stream_count(s, cause, 1);
+    stream_give_back(s, b);
 }
 
 /* Fewer bytes than the rows that the frame itself announces. */
@@ -153,35 +153,35 @@ static bool is_short(const struct cap_image *img)
            __builtin_add_overflow(need, row, &need) || img->size < need;
 }
 
-static void done(struct aravis_source *s, ArvBuffer *b)
+static void stream_done(struct aravis_source *s, ArvBuffer *b)
 {
     int64_t real, mono;
     pvx_now_both(&real, &mono);
     ArvBufferStatus status = arv_buffer_get_status(b);
     if (status == ARV_BUFFER_STATUS_ABORTED || status == ARV_BUFFER_STATUS_CLEARED) {
-        give_back(s, b); /* the stream is being stopped */
+        stream_give_back(s, b); /* the stream is being stopped */
         return;
     }
     if (status != ARV_BUFFER_STATUS_SUCCESS) {
-        drop(s, b, CAP_INCOMPLETE);
+        stream_drop(s, b, CAP_INCOMPLETE);
         return;
     }
     int64_t stamp = (int64_t)arv_buffer_get_timestamp(b);
     s->stamps = s->stamps || stamp != 0;
     if (stamp == 0 && s->stamps) {
-        drop(s, b, CAP_INCOMPLETE);
+        stream_drop(s, b, CAP_INCOMPLETE);
         return;
     }
     const unsigned char *mem = s->buffers->memory + index_of(b) * s->buffers->step;
-    struct cap_image img = image_of(b, mem, s->layout.payload);
+    struct cap_image img = stream_image_of(b, mem, s->layout.payload);
     if (is_short(&img)) {
-        drop(s, b, CAP_BAD_SIZE);
+        stream_drop(s, b, CAP_BAD_SIZE);
         return;
     }
     uint64_t number = arv_buffer_get_frame_id(b);
     struct cap_frame said = {.t_device_ns = stamp};
     if (!aravis_chunks_read(&s->chunks, b, &said, &number)) {
-        drop(s, b, CAP_INCOMPLETE);
+        stream_drop(s, b, CAP_INCOMPLETE);
         return;
     }
     bool first = !s->ids.any;
@@ -189,8 +189,8 @@ static void done(struct aravis_source *s, ArvBuffer *b)
     count_gap(s, first, before, id);
     struct cap_frame *f = cap_lend_out(s->lend, index_of(b));
     if (f == NULL) {
-        count(s, CAP_UNDERRUN, 1);
-        give_back(s, b);
+        stream_count(s, CAP_UNDERRUN, 1);
+        stream_give_back(s, b);
         return;
     }
     g_object_unref(b); /* the stream's reference */
@@ -211,10 +211,10 @@ static void pop_done(struct aravis_source *s)
     ArvBuffer *b;
     while ((b = arv_stream_try_pop_buffer(s->stream)) != NULL)
         if (cap_gate_enter(&s->gate)) {
-            done(s, b);
+            stream_done(s, b);
             cap_gate_leave(&s->gate);
         } else {
-            give_back(s, b); /* stopping: nobody wants it */
+            stream_give_back(s, b); /* stopping: nobody wants it */
         }
 }
 

@@ -46,8 +46,8 @@ static pvx_err no_such_trigger(const struct cap_source_config *c, const char *wa
 }
 
 /* Set the source, and see that the camera waits for it. */
-static pvx_err wait_for(const struct cap_source_config *c, ArvCamera *cam, const char *source,
-                        struct pvx_diag *d)
+static pvx_err trigger_wait_for(const struct cap_source_config *c, ArvCamera *cam,
+                                const char *source, struct pvx_diag *d)
 {
     GError *err = NULL;
     arv_camera_set_trigger(cam, source, &err);
@@ -122,7 +122,7 @@ static pvx_err set_action(const struct cap_source_config *c, ArvCamera *cam,
     PVX_TRY(set_key(c, cam, "ActionDeviceKey", c->action.device_key, d));
     PVX_TRY(set_key(c, cam, "ActionGroupKey", c->action.group_key, d));
     PVX_TRY(set_key(c, cam, "ActionGroupMask", c->action.group_mask, d));
-    return wait_for(c, cam, source, d);
+    return trigger_wait_for(c, cam, source, d);
 }
 
 pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam, struct pvx_diag *d)
@@ -152,7 +152,7 @@ pvx_err aravis_set_trigger(const struct cap_source_config *c, ArvCamera *cam, st
         const char *source = c->trigger == CAP_TRIGGER_LINE ? line : "Software";
         if (c->trigger == CAP_TRIGGER_LINE)
             make_input(cam, line);
-        e = offers(have, n, source) ? wait_for(c, cam, source, d)
+        e = offers(have, n, source) ? trigger_wait_for(c, cam, source, d)
                                     : no_such_trigger(c, source, have, n, d);
     }
     g_free(list);
@@ -190,7 +190,7 @@ void aravis_mode_first(ArvCamera *cam, struct aravis_mode *out)
     read_mode(cam, out);
 }
 
-static bool same(const struct aravis_mode *a, const struct aravis_mode *b)
+static bool trigger_same(const struct aravis_mode *a, const struct aravis_mode *b)
 {
     return strcmp(a->mode, b->mode) == 0 && strcmp(a->source, b->source) == 0;
 }
@@ -207,12 +207,12 @@ bool aravis_mode_is(ArvCamera *cam, const struct aravis_mode *want, char *text, 
     if (want->mode[0] == '\0')
         return true;
     read_mode(cam, &is);
-    if (!same(&is, want)) { /* perhaps another trigger is selected */
+    if (!trigger_same(&is, want)) { /* perhaps another trigger is selected */
         select_again(cam, want);
         read_mode(cam, &is);
     }
     bool silent = is.mode[0] == '\0' || (strcmp(is.mode, "On") == 0 && is.source[0] == '\0');
-    if (silent || same(&is, want))
+    if (silent || trigger_same(&is, want))
         return true;
     if (strcmp(is.mode, want->mode) != 0)
         snprintf(text, size, "TriggerMode is %s instead of %s", is.mode, want->mode);
@@ -229,5 +229,5 @@ bool aravis_mode_again(ArvCamera *cam, const struct aravis_mode *want)
         arv_camera_set_string(cam, "TriggerSource", want->source, NULL);
     arv_camera_set_string(cam, "TriggerMode", want->mode, NULL);
     read_mode(cam, &is);
-    return same(&is, want);
+    return trigger_same(&is, want);
 }

@@ -120,7 +120,7 @@ static void look_at_mode(struct aravis_source *s)
 }
 
 /* What Aravis' signal "control-lost" would say (last.h). */
-static bool is_ours(struct aravis_source *s)
+static bool watch_is_ours(struct aravis_source *s)
 {
     ArvDevice *device = arv_camera_get_device(s->camera);
     if (ARV_IS_GV_DEVICE(device))
@@ -175,7 +175,7 @@ static bool quits(struct aravis_source *s)
     return q;
 }
 
-static void look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
+static void watch_look(struct aravis_source *s, struct cap_health *h, bool *bad_ptp)
 {
     look_at_clock(s, h);
     if (!quits(s))
@@ -202,7 +202,7 @@ static struct cap_health known_at_once(const struct aravis_source *s)
     return h;
 }
 
-static void *watch(void *arg)
+static void *gev_watch(void *arg)
 {
     struct aravis_source *s = arg;
     bool bad_ptp = false, told = false;
@@ -210,12 +210,12 @@ static void *watch(void *arg)
     for (unsigned round = 0; !quits(s); round++) {
         /* Aravis would ask a camera that is gone for seconds, and others wait for its features. */
         bool there = s->route.camera == 0 || aravis_probe(s->route.camera, NULL);
-        if (!is_ours(s))
+        if (!watch_is_ours(s))
             aravis_say_lost(s);
         if (there)
             look_at_mode(s);
         if (there && round % ROUND == 0 && !quits(s))
-            look(s, &h, &bad_ptp);
+            watch_look(s, &h, &bad_ptp);
         tell_unread_chunks(s, &told);
         int64_t until = pvx_now_mono() + MODE_NS;
         struct timespec ts = {.tv_sec = until / PVX_NS_PER_S, .tv_nsec = until % PVX_NS_PER_S};
@@ -233,7 +233,7 @@ void aravis_watch_start(struct aravis_source *s)
     s->quit = false;
     s->health = known_at_once(s);
     pthread_mutex_unlock(&s->lock);
-    if (pthread_create(&s->watch, NULL, watch, s) != 0) {
+    if (pthread_create(&s->watch, NULL, gev_watch, s) != 0) {
         LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = "unwatched", .camera = s->c.name),
                   "camera %s (aravis:%s): no thread to watch its clock with", s->c.name, s->c.uri);
         return;

@@ -55,7 +55,7 @@ static int64_t slave_ns(const struct gvcam_clock *k, int64_t now)
 }
 
 /* PTP lets the clock go: it runs on from where it is. */
-static void let_go(struct gvcam_clock *k, int64_t now)
+static void clock_let_go(struct gvcam_clock *k, int64_t now)
 {
     k->dev0 = slave_ns(k, now);
     k->host0 = now;
@@ -66,7 +66,7 @@ static int64_t running_ns(struct gvcam_clock *k, int64_t now)
 {
     bool slave = gvcam_ptp_status(k, now) == GVCAM_PTP_SLAVE;
     if (k->ptp_locked && !slave)
-        let_go(k, now);
+        clock_let_go(k, now);
     k->ptp_locked = slave;
     return slave ? slave_ns(k, now) : free_ns(k, now);
 }
@@ -136,6 +136,6 @@ void gvcam_ptp_enable(struct gvcam_clock *k, int64_t now, bool on)
         return;
     (void)running_ns(k, now);
     if (!on && k->ptp_locked)
-        let_go(k, now);
+        clock_let_go(k, now);
     k->ptp_since = on ? now : 0;
 }

@@ -21,7 +21,7 @@ static void reply(const struct cap_gvcam *c, const uint8_t *p, size_t n,
         (void)sendto(c->control.fd, p, n, MSG_DONTWAIT, (const struct sockaddr *)to, sizeof *to);
 }
 
-static void release(struct cap_gvcam *c)
+static void control_release(struct cap_gvcam *c)
 {
     c->control.ccp = 0;
     gvcam_expose_stop(c);
@@ -30,7 +30,7 @@ static void release(struct cap_gvcam *c)
 
 void gvcam_control_reboot(struct cap_gvcam *c, int64_t now, double seconds)
 {
-    release(c);
+    control_release(c);
     gvcam_reg_reboot(c);
     gvcam_expose_restart_ids(c, 0);
     c->control.last.id = 0;
@@ -46,7 +46,7 @@ static uint16_t write_ccp(struct cap_gvcam *c, const struct sockaddr_in *from, i
     if (c->control.ccp != 0 && !owns(c, from))
         return CAP_GVCP_ACCESS_DENIED;
     if (v == 0) {
-        release(c);
+        control_release(c);
         return CAP_GVCP_OK;
     }
     c->control.ccp = v;
@@ -55,8 +55,8 @@ static uint16_t write_ccp(struct cap_gvcam *c, const struct sockaddr_in *from, i
     return CAP_GVCP_OK;
 }
 
-static uint16_t write_one(struct cap_gvcam *c, const struct sockaddr_in *from, int64_t now,
-                          uint32_t address, uint32_t value)
+static uint16_t control_write_one(struct cap_gvcam *c, const struct sockaddr_in *from, int64_t now,
+                                  uint32_t address, uint32_t value)
 {
     if (address == GVB_CCP)
         return write_ccp(c, from, now, value);
@@ -82,7 +82,7 @@ static uint16_t read_one(struct cap_gvcam *c, int64_t now, uint32_t address, uin
 }
 
 /* Exclusive: others may not even read. */
-static bool may_read(const struct cap_gvcam *c, const struct sockaddr_in *from)
+static bool control_may_read(const struct cap_gvcam *c, const struct sockaddr_in *from)
 {
     return (c->control.ccp & GVCAM_CCP_EXCLUSIVE) == 0 || owns(c, from);
 }
@@ -111,7 +111,8 @@ static void write_registers(struct cap_gvcam *c, const struct cap_gvcp_request *
 {
     uint16_t done = 0;
     for (size_t k = 0; k + 8 <= r->n && a->status == CAP_GVCP_OK; k += 8) {
-        a->status = write_one(c, from, now, cap_get32(r->data + k), cap_get32(r->data + k + 4));
+        a->status =
+            control_write_one(c, from, now, cap_get32(r->data + k), cap_get32(r->data + k + 4));
         done = (uint16_t)(done + (a->status == CAP_GVCP_OK));
     }
     cap_put32(a->out, done);
@@ -144,7 +145,8 @@ static void write_memory(struct cap_gvcam *c, const struct cap_gvcp_request *r,
         a->status = CAP_GVCP_BAD_ALIGNMENT;
     uint16_t done = 0;
     for (size_t k = 0; k < n && a->status == CAP_GVCP_OK; k += 4) {
-        a->status = write_one(c, from, now, address + (uint32_t)k, cap_get32(r->data + 4 + k));
+        a->status =
+            control_write_one(c, from, now, address + (uint32_t)k, cap_get32(r->data + 4 + k));
         done = (uint16_t)(done + (a->status == CAP_GVCP_OK ? 4 : 0));
     }
     cap_put32(a->out, done);
@@ -190,7 +192,7 @@ static void execute(struct cap_gvcam *c, const struct cap_gvcp_request *r,
     case CAP_GVCP_WRITEREG: write_registers(c, r, from, now, a); break;
     case CAP_GVCP_WRITEMEM: write_memory(c, r, from, now, a); break;
     default:
-        if (!may_read(c, from))
+        if (!control_may_read(c, from))
             a->status = CAP_GVCP_ACCESS_DENIED;
         else if (r->command == CAP_GVCP_READREG)
             read_registers(c, r, now, a);
@@ -207,8 +209,8 @@ static bool changes(uint16_t command)
            command == CAP_GVCP_ACTION;
 }
 
-static bool again(struct cap_gvcam *c, const struct cap_gvcp_request *r,
-                  const struct sockaddr_in *from)
+static bool control_again(struct cap_gvcam *c, const struct cap_gvcp_request *r,
+                          const struct sockaddr_in *from)
 {
     return changes(r->command) && c->control.last.id == r->id &&
            c->control.last.command == r->command && same_peer(&c->control.last.from, from);
@@ -224,7 +226,7 @@ void gvcam_control_datagram(struct cap_gvcam *c, const uint8_t *p, size_t n,
     struct answer a = {.status = cap_gvcp_parse(p, n, &r), .out = out + CAP_GVCP_HEAD};
     if (owns(c, from))
         c->control.heartbeat_at = now;
-    if (a.status == CAP_GVCP_OK && again(c, &r, from)) {
+    if (a.status == CAP_GVCP_OK && control_again(c, &r, from)) {
         if (c->control.last.n > 0)
             reply(c, c->control.last.ack, c->control.last.n, from);
         return;
@@ -265,6 +267,6 @@ int64_t gvcam_control_step(struct cap_gvcam *c, int64_t now)
     if (now < end)
         return end;
     c->stats.heartbeats++;
-    release(c);
+    control_release(c);
     return GVCAM_NEVER;
 }

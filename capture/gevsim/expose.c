@@ -64,7 +64,7 @@ void gvcam_expose_stop(struct cap_gvcam *c)
 }
 
 /* The image that the frame with number `count` shows instead of `index`. */
-static int64_t image_of(struct cap_gvcam *c, uint32_t count, int64_t index)
+static int64_t expose_image_of(struct cap_gvcam *c, uint32_t count, int64_t index)
 {
     const uint32_t n = CAP_GVCAM_LATE_MAX + 1;
     double late = fmin(fmin(c->fault.late, CAP_GVCAM_LATE_MAX), count);
@@ -78,7 +78,7 @@ static int64_t image_of(struct cap_gvcam *c, uint32_t count, int64_t index)
 }
 
 /* What is seen at host time `moment` as image `index`. */
-static void frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t now)
+static void expose_frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t now)
 {
     const struct cap_gvcam_fault *f = &c->fault;
     if (moment <= c->expose.last_moment && c->expose.last_moment - moment < 10 * PVX_NS_PER_S)
@@ -94,7 +94,7 @@ static void frame(struct cap_gvcam *c, int64_t moment, int64_t index, int64_t no
     c->expose.id = cap_gvsp_next(c->expose.id, c->send.wide);
     c->stats.exposed++;
     c->expose.busy_until = moment + (int64_t)((double)s.exposure_us * 1e3);
-    s.index = image_of(c, s.count, s.index);
+    s.index = expose_image_of(c, s.count, s.index);
     if (f->freeze && !c->expose.frozen)
         c->expose.frozen_ticks = s.ticks;
     c->expose.frozen = f->freeze;
@@ -120,11 +120,11 @@ static void expose_tick(struct cap_gvcam *c, int64_t t, double rate, int64_t now
 {
     double ring = c->c.ring_fps;
     if (rate > ring * 1.001) { /* faster than the ring: images more than once */
-        frame(c, t, cap_gvcam_index(t, ring), now);
+        expose_frame(c, t, cap_gvcam_index(t, ring), now);
         return;
     }
     int64_t index = (int64_t)floorl((long double)t * (long double)ring / 1e9L + 1e-6L);
-    frame(c, tick_ns(index, ring), index, now);
+    expose_frame(c, tick_ns(index, ring), index, now);
 }
 
 static int64_t free_run_step(struct cap_gvcam *c, int64_t now)
@@ -147,12 +147,12 @@ static bool waits_for(const struct cap_gvcam *c, enum gvcam_trigger source)
            c->reg.v[GVF_TRIGGER_SOURCE] == (uint32_t)source;
 }
 
-static void expose(struct cap_gvcam *c, int64_t at, int64_t now)
+static void gevsim_expose(struct cap_gvcam *c, int64_t at, int64_t now)
 {
     if (at < c->expose.busy_until)
         c->stats.too_fast++;
     else
-        frame(c, at, cap_gvcam_index(at, c->c.ring_fps), now);
+        expose_frame(c, at, cap_gvcam_index(at, c->c.ring_fps), now);
 }
 
 void gvcam_trigger(struct cap_gvcam *c, enum gvcam_trigger source, int64_t at)
@@ -166,7 +166,7 @@ void gvcam_trigger(struct cap_gvcam *c, enum gvcam_trigger source, int64_t at)
     }
     int64_t delay = (int64_t)((double)gvcam_float(c, GVF_TRIGGER_DELAY) * 1e3);
     if (delay == 0)
-        expose(c, at, at);
+        gevsim_expose(c, at, at);
     else if (c->expose.trigger_at != GVCAM_NEVER)
         c->stats.too_fast++; /* one trigger at a time waits */
     else
@@ -222,7 +222,7 @@ int64_t gvcam_expose_step(struct cap_gvcam *c, int64_t now)
     if (c->expose.trigger_at <= now) {
         int64_t at = c->expose.trigger_at;
         c->expose.trigger_at = GVCAM_NEVER;
-        expose(c, at, now);
+        gevsim_expose(c, at, now);
     }
     return c->expose.trigger_at < next ? c->expose.trigger_at : next;
 }

@@ -34,7 +34,7 @@ static bool ring_format(enum cap_pixfmt f)
            ((depth == 8 && l == CAP_LAYOUT_8) || (depth == 16 && l == CAP_LAYOUT_16));
 }
 
-static pvx_err check(const struct cap_gvcam_config *c, struct pvx_diag *d)
+static pvx_err gvcam_check(const struct cap_gvcam_config *c, struct pvx_diag *d)
 {
     if (!ring_format(c->fmt))
         return pvx_fail(d, PVX_EINVAL,
@@ -125,7 +125,8 @@ static pvx_err open_sockets(struct cap_gvcam *c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static void put_text(struct cap_gvcam *c, enum gvcam_bootstrap at, size_t room, const char *text)
+static void gvcam_put_text(struct cap_gvcam *c, enum gvcam_bootstrap at, size_t room,
+                           const char *text)
 {
     size_t n = strlen(text);
     memset(c->reg.boot + at, 0, room);
@@ -144,12 +145,12 @@ static void fill_bootstrap(struct cap_gvcam *c)
     cap_put32(b + GVB_IP_CURRENT, 0x5);
     cap_put32(b + GVB_IP, ip);
     cap_put32(b + GVB_MASK, ntohl(c->mask.s_addr));
-    put_text(c, GVB_VENDOR, 32, "Pyrovox");
-    put_text(c, GVB_MODEL, 32, "SimCam");
-    put_text(c, GVB_DEVICE_VERSION, 32, PVX_VERSION);
-    put_text(c, GVB_INFO, 48, "simulated camera");
-    put_text(c, GVB_SERIAL, 16, c->c.serial);
-    put_text(c, GVB_USER_NAME, 16, c->c.user_name != NULL ? c->c.user_name : "");
+    gvcam_put_text(c, GVB_VENDOR, 32, "Pyrovox");
+    gvcam_put_text(c, GVB_MODEL, 32, "SimCam");
+    gvcam_put_text(c, GVB_DEVICE_VERSION, 32, PVX_VERSION);
+    gvcam_put_text(c, GVB_INFO, 48, "simulated camera");
+    gvcam_put_text(c, GVB_SERIAL, 16, c->c.serial);
+    gvcam_put_text(c, GVB_USER_NAME, 16, c->c.user_name != NULL ? c->c.user_name : "");
 }
 
 static pvx_err copy_config(struct cap_gvcam *c, const struct cap_gvcam_config *from)
@@ -222,7 +223,7 @@ pvx_err cap_gvcam_new(cap_gvnet *net, const struct cap_gvcam_config *config, cap
 {
     struct cap_gvcam *c;
     *out = NULL;
-    PVX_TRY(check(config, d));
+    PVX_TRY(gvcam_check(config, d));
     PVX_TRY(gvcam_build(gvnet_link(net), config, &c));
     c->net = net;
     pvx_err e = find_interface(c, d);

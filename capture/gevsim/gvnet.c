@@ -74,7 +74,7 @@ void cap_gvnet_show(cap_gvnet *n, int64_t image)
 
 /* ---- trigger line ------------------------------------------------------------------------------ */
 
-static void edge(struct cap_gvnet *n, int64_t at)
+static void gvnet_edge(struct cap_gvnet *n, int64_t at)
 {
     n->link.line_level = 1; /* the pulse lasts until the frame has been described */
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
@@ -94,7 +94,7 @@ static int64_t line_step(struct cap_gvnet *n, int64_t now)
     if (now - pulse_ns(n->line_tick, n->line_hz) > PVX_NS_PER_S)
         n->line_tick = (int64_t)((long double)now * n->line_hz / 1e9L);
     while (pulse_ns(n->line_tick + 1, n->line_hz) <= now)
-        edge(n, pulse_ns(++n->line_tick, n->line_hz));
+        gvnet_edge(n, pulse_ns(++n->line_tick, n->line_hz));
     return pulse_ns(n->line_tick + 1, n->line_hz);
 }
 
@@ -109,7 +109,7 @@ void cap_gvnet_line(cap_gvnet *n, double hz)
 void cap_gvnet_pulse(cap_gvnet *n)
 {
     gvnet_lock(n);
-    edge(n, pvx_now_real());
+    gvnet_edge(n, pvx_now_real());
     gvnet_unlock(n);
 }
 
@@ -129,7 +129,7 @@ static void broadcast(struct cap_gvnet *n, const uint8_t *p, size_t bytes,
 }
 
 /* Datagrams waiting at fd; cam NULL = a broadcast socket. */
-static void receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
+static void gvnet_receive(struct cap_gvnet *n, int fd, struct cap_gvcam *cam)
 {
     uint8_t p[2048];
     for (int k = 0; k < READ_AT_ONCE; k++) {
@@ -224,32 +224,32 @@ static void serve_sockets(struct cap_gvnet *n, const struct pollfd *p, unsigned 
         return;
     for (const struct caster *b = n->casters; b != NULL; b = b->next)
         if (ready(p, n_p, b->fd))
-            receive(n, b->fd, NULL);
+            gvnet_receive(n, b->fd, NULL);
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next)
         if (ready(p, n_p, c->control.fd))
-            receive(n, c->control.fd, c);
+            gvnet_receive(n, c->control.fd, c);
 }
 
-static int64_t earlier(int64_t a, int64_t b)
+static int64_t gvnet_earlier(int64_t a, int64_t b)
 {
     return a < b ? a : b;
 }
 
 /* Everything that is due; the time of the next thing. */
-static int64_t step(struct cap_gvnet *n)
+static int64_t gvnet_step(struct cap_gvnet *n)
 {
     int64_t now = pvx_now_real(), next = line_step(n, now);
     for (struct cap_gvcam *c = n->cams; c != NULL; c = c->next) {
-        next = earlier(next, gvcam_control_step(c, now));
+        next = gvnet_earlier(next, gvcam_control_step(c, now));
         if (c->control.gone_until != 0)
             continue;
-        next = earlier(next, gvcam_expose_step(c, now));
-        next = earlier(next, gvcam_send_step(c, pvx_now_real()));
+        next = gvnet_earlier(next, gvcam_expose_step(c, now));
+        next = gvnet_earlier(next, gvcam_send_step(c, pvx_now_real()));
     }
     return next;
 }
 
-static void *run(void *arg)
+static void *gvnet_run(void *arg)
 {
     struct cap_gvnet *n = arg;
     struct pollfd p[MAX_SOCKETS];
@@ -257,7 +257,7 @@ static void *run(void *arg)
     prctl(PR_SET_TIMERSLACK, 1000UL);
     pthread_mutex_lock(&n->lock);
     while (!n->stop) {
-        int64_t next = step(n), left = next - pvx_now_real();
+        int64_t next = gvnet_step(n), left = next - pvx_now_real();
         unsigned k = list_sockets(n, p);
         left = left < 0 ? 0 : left > IDLE_NS ? IDLE_NS : left;
         n->polling = true;
@@ -333,7 +333,7 @@ pvx_err cap_gvnet_new(cap_gvnet **out, struct pvx_diag *d)
     pthread_mutex_init(&n->lock, NULL);
     pthread_cond_init(&n->looked, NULL);
     n->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (n->wake < 0 || pthread_create(&n->thread, NULL, run, n) != 0) {
+    if (n->wake < 0 || pthread_create(&n->thread, NULL, gvnet_run, n) != 0) {
         pvx_fail(d, PVX_EIO, "simulated cameras: thread: %s", strerror(errno));
         if (n->wake >= 0)
             close(n->wake);

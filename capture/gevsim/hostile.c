@@ -4,8 +4,8 @@
 #include "base/clock.h"
 #include "capture/gevsim/gevsim.h"
 
-static void say(struct cap_gvcam *c, int fd, const uint8_t *p, size_t n,
-                const struct sockaddr_in *to)
+static void hostile_say(struct cap_gvcam *c, int fd, const uint8_t *p, size_t n,
+                        const struct sockaddr_in *to)
 {
     if (!gvcam_link_pass(c->link, n + CAP_GVSP_UDP_IP, pvx_now_real(), &c->stats.cut))
         return;
@@ -18,16 +18,16 @@ void gvcam_hostile_acks(struct cap_gvcam *c, const struct cap_gvcp_request *r,
 {
     uint8_t p[CAP_GVCP_MAX];
     memset(p, 0xa5, sizeof p);
-    say(c, c->control.fd, p, 0, to); /* empty */
-    say(c, c->control.fd, p, 3, to); /* not even a head */
+    hostile_say(c, c->control.fd, p, 0, to); /* empty */
+    hostile_say(c, c->control.fd, p, 3, to); /* not even a head */
     cap_gvcp_put_ack(p, CAP_GVCP_OK, r->command, (uint16_t)(r->id + 77), 4);
-    say(c, c->control.fd, p, 12, to); /* to another request */
+    hostile_say(c, c->control.fd, p, 12, to); /* to another request */
     cap_gvcp_put_ack(p, CAP_GVCP_OK, r->command, r->id, 500);
-    say(c, c->control.fd, p, CAP_GVCP_HEAD, to); /* says 500 bytes, has none */
+    hostile_say(c, c->control.fd, p, CAP_GVCP_HEAD, to); /* says 500 bytes, has none */
     cap_gvcp_put_ack(p, CAP_GVCP_OK, 0x7770, r->id, 4);
-    say(c, c->control.fd, p, 12, to); /* of an unknown command */
+    hostile_say(c, c->control.fd, p, 12, to); /* of an unknown command */
     cap_gvcp_put_command(p, CAP_GVCP_ACK, CAP_GVCP_READREG, r->id, "\0\0\0\0", 4);
-    say(c, c->control.fd, p, 12, to); /* a request instead */
+    hostile_say(c, c->control.fd, p, 12, to); /* a request instead */
 }
 
 /* One bad packet about the frame that begins.  It may cost that frame, never another. */
@@ -59,5 +59,5 @@ void gvcam_hostile_packets(struct cap_gvcam *c, const struct gvcam_shot *s,
         size_t m = cap_gvsp_put_head(head, &h);
         memcpy(p, head, m < n ? m : n);
     }
-    say(c, c->send.fd, p, n, to);
+    hostile_say(c, c->send.fd, p, n, to);
 }

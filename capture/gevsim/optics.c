@@ -17,7 +17,7 @@ struct taps {
     float v[8 * CAP_OPTICS_BLUR_MAX + 1];
 };
 
-static void add(float *restrict out, const float *restrict in, size_t n, float t)
+static void optics_add(float *restrict out, const float *restrict in, size_t n, float t)
 {
     for (size_t i = 0; i < n; i++)
         out[i] += t * in[i];
@@ -34,9 +34,9 @@ static void filter(const struct cap_optics_shape *s, const struct taps *t, bool 
             int32_t d = t->first + k, from = down ? y + d : y;
             int32_t x0 = down || d > 0 ? 0 : -d, x1 = down || d < 0 ? s->width : s->width - d;
             if (t->v[k] != 0 && from >= 0 && from < s->height && x0 < x1)
-                add(out + (size_t)y * row + (size_t)x0 * nch,
-                    in + (size_t)from * row + (size_t)(down ? x0 : x0 + d) * nch,
-                    (size_t)(x1 - x0) * nch, t->v[k]);
+                optics_add(out + (size_t)y * row + (size_t)x0 * nch,
+                           in + (size_t)from * row + (size_t)(down ? x0 : x0 + d) * nch,
+                           (size_t)(x1 - x0) * nch, t->v[k]);
         }
 }
 
@@ -97,7 +97,7 @@ static void displace(const struct cap_optics *o, const struct cap_optics_shape *
 /* ---- how much, and what the sensor says ------------------------------------------------------- */
 
 /* -1..1 from edge to edge */
-static double across(double x, int32_t n)
+static double optics_across(double x, int32_t n)
 {
     return (2 * x + 1 - n) / n;
 }
@@ -132,14 +132,15 @@ static struct source source_of(const struct cap_optics *o, const struct cap_opti
     return r;
 }
 
-static float light(const struct source *r, const struct cap_optics_shape *s, int32_t x, int32_t y)
+static float optics_light(const struct source *r, const struct cap_optics_shape *s, int32_t x,
+                          int32_t y)
 {
     double p = r->level;
     if (r->du != 0 || r->dv != 0)
-        p += r->du * across(x, s->width) + r->dv * across(y, s->height);
+        p += r->du * optics_across(x, s->width) + r->dv * optics_across(y, s->height);
     if (r->wave != 0)
-        p += r->wave * sin(7 * across(x - r->dx, s->width) + r->p) *
-             cos(5 * across(y - r->dy, s->height) + r->q);
+        p += r->wave * sin(7 * optics_across(x - r->dx, s->width) + r->p) *
+             cos(5 * optics_across(y - r->dy, s->height) + r->q);
     return (float)p;
 }
 
@@ -160,7 +161,7 @@ static void expose_row(const struct cap_optics *o, const struct cap_optics_shape
     bool curved = o->response != 1;
     for (int32_t x = 0; x < s->width; x++) {
         double dx = 2 * x + 1 - w, fall = 1 + t * (dx * dx + dy * dy) / corner2;
-        float scale = all * (float)(1 / (fall * fall)), more = light(src, s, x, y);
+        float scale = all * (float)(1 / (fall * fall)), more = optics_light(src, s, x, y);
         float base = black;
         if (o->hot > 0)
             base += hot(o, s, (size_t)y * (size_t)s->width + (size_t)x);

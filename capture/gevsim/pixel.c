@@ -106,7 +106,7 @@ static void pack_gige(const uint16_t *s, size_t n, unsigned depth, uint8_t *out)
     }
 }
 
-static void pack(enum cap_pixfmt f, const uint16_t *s, size_t n, uint8_t *out)
+static void pixel_pack(enum cap_pixfmt f, const uint16_t *s, size_t n, uint8_t *out)
 {
     unsigned depth = (unsigned)cap_pixfmt_depth(f);
     switch (cap_pixfmt_layout(f)) {
@@ -125,13 +125,13 @@ static void pack(enum cap_pixfmt f, const uint16_t *s, size_t n, uint8_t *out)
     }
 }
 
-static uint8_t *convert(const struct cap_gvcam *c, const uint8_t *image)
+static uint8_t *pixel_convert(const struct cap_gvcam *c, const uint8_t *image)
 {
     size_t row = cap_pixfmt_row(c->image.fmt, (int32_t)c->image.region[0]);
     uint16_t *samples = pvx_calloc(3 * (size_t)c->image.region[0], sizeof *samples);
     uint8_t *out = pvx_calloc(c->image.region[1], row);
     for (uint32_t y = 0; samples != NULL && out != NULL && y < c->image.region[1]; y++)
-        pack(c->image.fmt, samples, row_samples(c, image, y, samples), out + y * row);
+        pixel_pack(c->image.fmt, samples, row_samples(c, image, y, samples), out + y * row);
     if (samples == NULL)
         PVX_FREE(out);
     free(samples);
@@ -151,7 +151,7 @@ const uint8_t *gvcam_image_of(struct cap_gvcam *c, int64_t index)
         c->image.region[1] == (uint32_t)c->c.height)
         return c->ring[k];
     if (c->image.conv[k] == NULL)
-        c->image.conv[k] = convert(c, c->ring[k]);
+        c->image.conv[k] = pixel_convert(c, c->ring[k]);
     return c->image.conv[k];
 }
 

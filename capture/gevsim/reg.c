@@ -150,7 +150,7 @@ static void load_user_set(struct cap_gvcam *c)
     c->reg.v[GVF_USER_SET_SELECTOR] = keep[3];
 }
 
-static uint16_t command(struct cap_gvcam *c, unsigned k, int64_t now)
+static uint16_t reg_command(struct cap_gvcam *c, unsigned k, int64_t now)
 {
     switch (k) {
     case GVF_DEVICE_RESET: c->reg.reset = true; break;
@@ -204,7 +204,7 @@ static bool region_fits(const struct cap_gvcam *c, unsigned k, uint32_t v)
     }
 }
 
-static bool in_range(const struct cap_gvcam *c, unsigned k, uint32_t v)
+static bool reg_in_range(const struct cap_gvcam *c, unsigned k, uint32_t v)
 {
     const struct gvcam_feature_def *d = &gvcam_features[k];
     float f;
@@ -245,12 +245,12 @@ static uint16_t write_feature(struct cap_gvcam *c, unsigned k, int64_t now, uint
     if ((d->access == GVA_LOCKED || (trigger && c->fault.lock_trigger)) && c->expose.acquiring)
         return CAP_GVCP_ACCESS_DENIED;
     if (d->kind == GVK_COMMAND)
-        return v != 0 ? command(c, k, now) : CAP_GVCP_OK;
+        return v != 0 ? reg_command(c, k, now) : CAP_GVCP_OK;
     if (k == GVF_SCPS)
         return write_packet_size(c, v);
     if (k == GVF_SCP_PORT)
         v &= 0xffff;
-    if (!in_range(c, k, v))
+    if (!reg_in_range(c, k, v))
         return CAP_GVCP_INVALID_PARAMETER;
     if (k == GVF_CHUNK_ENABLE) {
         uint32_t bit = 1u << c->reg.v[GVF_CHUNK_SELECTOR];
@@ -279,9 +279,9 @@ uint16_t gvcam_reg_write(struct cap_gvcam *c, uint32_t address, int64_t now, uin
     if (address == GVB_TIMESTAMP_CONTROL) {
         uint16_t e = CAP_GVCP_OK;
         if ((value & 2) != 0)
-            e = command(c, GVF_TIMESTAMP_LATCH, now);
+            e = reg_command(c, GVF_TIMESTAMP_LATCH, now);
         if ((value & 1) != 0)
-            e = command(c, GVF_TIMESTAMP_RESET, now);
+            e = reg_command(c, GVF_TIMESTAMP_RESET, now);
         return e;
     }
     if (address == GVB_GVCP_CONFIG)

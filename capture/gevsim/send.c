@@ -107,8 +107,8 @@ static unsigned put_data(const struct gvcam_sent *s, size_t at, size_t n, struct
 }
 
 /* Packet number p of frame s as message k of the batch. */
-static void build(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_t status,
-                  struct batch *b, unsigned k)
+static void send_build(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_t status,
+                       struct batch *b, unsigned k)
 {
     struct cap_gvsp_head h = {
         .status = status, .wide = c->send.wide, .block = s->shot.id, .packet = p};
@@ -172,7 +172,7 @@ static void flush(struct cap_gvcam *c, struct batch *b)
 static void offer(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_t status,
                   struct batch *b, int64_t now)
 {
-    build(c, s, p, status, b, b->n);
+    send_build(c, s, p, status, b, b->n);
     if (gvcam_chance(c, c->fault.packet_loss)) {
         c->stats.lost++;
         s->torn = true;
@@ -186,7 +186,7 @@ static void offer(struct cap_gvcam *c, struct gvcam_sent *s, uint32_t p, uint16_
 /* ---- frames ----------------------------------------------------------------------------------- */
 
 /* Frames already sent that showed image k are no longer what it shows. */
-static void renew(struct cap_gvcam *c, size_t k)
+static void send_renew(struct cap_gvcam *c, size_t k)
 {
     if (c->c.renew == NULL || !c->c.renew(c->c.renew_ctx, k, &c->fault.optics))
         return;
@@ -196,9 +196,9 @@ static void renew(struct cap_gvcam *c, size_t k)
             c->send.history[i].used = false;
 }
 
-static void prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct gvcam_shot *shot)
+static void send_prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct gvcam_shot *shot)
 {
-    renew(c, gvcam_image_number(c, shot->index));
+    send_renew(c, gvcam_image_number(c, shot->index));
     *s = (struct gvcam_sent){.shot = *shot, .used = true};
     s->image = gvcam_image_of(c, shot->index);
     s->image_bytes = s->image != NULL ? c->image.frame_bytes : 0;
@@ -209,7 +209,7 @@ static void prepare(struct cap_gvcam *c, struct gvcam_sent *s, const struct gvca
     s->n_data = (uint32_t)((s->image_bytes + s->tail_bytes + s->per_packet - 1) / s->per_packet);
 }
 
-static bool next_frame(struct cap_gvcam *c, int64_t now)
+static bool send_next_frame(struct cap_gvcam *c, int64_t now)
 {
     const struct gvcam_shot *shot = &c->send.queue[c->send.q_first];
     if (c->send.q_n == 0 || shot->send_at > now)
@@ -218,7 +218,7 @@ static bool next_frame(struct cap_gvcam *c, int64_t now)
     c->send.q_n--;
     c->send.cur = &c->send.history[c->send.h_next];
     c->send.h_next = (c->send.h_next + 1) % GVCAM_HISTORY;
-    prepare(c, c->send.cur, shot);
+    send_prepare(c, c->send.cur, shot);
     if (shot->hostile) {
         struct sockaddr_in to = target(c);
         gvcam_hostile_packets(c, shot, &to);
@@ -226,7 +226,7 @@ static bool next_frame(struct cap_gvcam *c, int64_t now)
     return true;
 }
 
-static void finish(struct cap_gvcam *c)
+static void send_finish(struct cap_gvcam *c)
 {
     const struct gvcam_sent *s = c->send.cur;
     c->stats.frames++;
@@ -237,7 +237,7 @@ static void finish(struct cap_gvcam *c)
 }
 
 /* The order in which the next n packets of the frame leave: some are overtaken, some come twice. */
-static unsigned order(struct cap_gvcam *c, unsigned n, uint32_t *out)
+static unsigned send_order(struct cap_gvcam *c, unsigned n, uint32_t *out)
 {
     unsigned m = 0;
     for (unsigned k = 0; k < n; k++) {
@@ -269,13 +269,13 @@ static void send_some(struct cap_gvcam *c, unsigned max, int64_t now)
     unsigned n = left < max ? left : max;
     b.to = target(c);
     b.n = 0;
-    unsigned m = order(c, n, which);
+    unsigned m = send_order(c, n, which);
     for (unsigned k = 0; k < m; k++)
         offer(c, c->send.cur, which[k], 0, &b, now);
     flush(c, &b);
     c->send.cur->next += n;
     if (c->send.cur->next == c->send.cur->n_data + 2)
-        finish(c);
+        send_finish(c);
 }
 
 static int64_t delay_ns(const struct cap_gvcam *c)
@@ -298,7 +298,7 @@ int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now)
             gvcam_send_forget(c);
         return GVCAM_NEVER;
     }
-    if (c->send.cur == NULL && !next_frame(c, now))
+    if (c->send.cur == NULL && !send_next_frame(c, now))
         return c->send.q_n > 0 ? c->send.queue[c->send.q_first].send_at : GVCAM_NEVER;
     int64_t delay = delay_ns(c);
     if (now < c->send.packet_at && c->send.packet_at - now <= MAX_PAUSE_NS)
@@ -315,7 +315,7 @@ int64_t gvcam_send_step(struct cap_gvcam *c, int64_t now)
 
 /* ---- on request ------------------------------------------------------------------------------- */
 
-static struct gvcam_sent *remembered(struct cap_gvcam *c, uint64_t id)
+static struct gvcam_sent *send_remembered(struct cap_gvcam *c, uint64_t id)
 {
     for (size_t k = 0; k < GVCAM_HISTORY; k++)
         if (c->send.history[k].used && c->send.history[k].shot.id == id)
@@ -336,7 +336,7 @@ static void say_why(struct cap_gvcam *c, uint16_t status, uint64_t block, uint32
 
 void gvcam_send_again(struct cap_gvcam *c, const struct cap_gvcp_resend *r)
 {
-    struct gvcam_sent *s = remembered(c, r->block);
+    struct gvcam_sent *s = send_remembered(c, r->block);
     if (c->reg.v[GVF_SCP_PORT] == 0 || r->first > r->last)
         return;
     if (s == NULL) {

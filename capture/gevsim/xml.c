@@ -19,7 +19,7 @@ static const char *const categories[] = {
     "UserSetControl",   "TransportLayerControl"};
 #define N_CATEGORIES (sizeof categories / sizeof categories[0])
 
-static uint32_t address_of(size_t k)
+static uint32_t xml_address_of(size_t k)
 {
     return gvcam_features[k].address != 0 ? gvcam_features[k].address : GVF_ADDRESS(k);
 }
@@ -96,7 +96,7 @@ static void put_selected(FILE *f, const char *name)
 static void put_feature(FILE *f, const struct cap_gvcam *c, size_t k)
 {
     const struct gvcam_feature_def *d = &gvcam_features[k];
-    uint32_t address = address_of(k);
+    uint32_t address = xml_address_of(k);
     double inc = k == GVF_WIDTH && c->c.width % 4 == 0 ? 4 : d->inc;
     double min = k == GVF_WIDTH && inc == 4 ? 4 : d->min;
     switch (d->kind) {
@@ -186,7 +186,7 @@ static void put_categories(FILE *f)
     }
 }
 
-static pvx_err write_text(const struct cap_gvcam *c, char **out, size_t *n)
+static pvx_err xml_write_text(const struct cap_gvcam *c, char **out, size_t *n)
 {
     FILE *f = open_memstream(out, n);
     if (f == NULL)
@@ -287,7 +287,7 @@ pvx_err gvcam_xml_make(struct cap_gvcam *c)
 {
     char *text = NULL;
     size_t n = 0;
-    PVX_TRY(write_text(c, &text, &n));
+    PVX_TRY(xml_write_text(c, &text, &n));
     c->reg.xml = (uint8_t *)text;
     c->reg.xml_bytes = n;
     if (c->c.zip) {

@@ -31,7 +31,7 @@ static bool on_usb(const char *name)
     return realpath(link, path) != NULL && strstr(path, "/usb") != NULL;
 }
 
-static bool is_held(dev_t number)
+static bool hold_is_held(dev_t number)
 {
     for (size_t i = 0; i < held.n; i++)
         if (held.number[i] == number)
@@ -39,12 +39,12 @@ static bool is_held(dev_t number)
     return false;
 }
 
-static void hold(const char *name)
+static void libcamera_hold(const char *name)
 {
     char node[PATH_MAX];
     struct stat st;
     snprintf(node, sizeof node, "/dev/%s", name);
-    if (held.n == MAX || stat(node, &st) != 0 || !S_ISCHR(st.st_mode) || is_held(st.st_rdev) ||
+    if (held.n == MAX || stat(node, &st) != 0 || !S_ISCHR(st.st_mode) || hold_is_held(st.st_rdev) ||
         !on_usb(name))
         return;
     int fd = open(node, O_RDWR | O_NONBLOCK | O_CLOEXEC);
@@ -62,7 +62,7 @@ void lc_hold(void)
     DIR *all = opendir(CLASS);
     for (const struct dirent *e; all != NULL && (e = readdir(all)) != NULL;)
         if (e->d_name[0] != '.')
-            hold(e->d_name);
+            libcamera_hold(e->d_name);
     if (all != NULL)
         closedir(all);
     pthread_mutex_unlock(&held.lock);

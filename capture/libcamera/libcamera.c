@@ -72,7 +72,7 @@ static struct {
     char why[PVX_DIAG_MAX];
 } module = {.once = PTHREAD_ONCE_INIT};
 
-static void find_module(void)
+static void libcamera_find_module(void)
 {
     /* Read when the library is loaded; its errors come back as ours, its chatter is for who asks. */
     setenv("LIBCAMERA_LOG_LEVELS", "*:ERROR", 0);
@@ -80,15 +80,15 @@ static void find_module(void)
                                 sizeof module.why);
 }
 
-static pvx_err need_module(struct pvx_diag *d)
+static pvx_err libcamera_need_module(struct pvx_diag *d)
 {
-    pthread_once(&module.once, find_module);
+    pthread_once(&module.once, libcamera_find_module);
     if (module.lc != NULL)
         return PVX_OK;
     return pvx_fail(d, PVX_EUNSUP, "libcamera cannot be used: %.600s", module.why);
 }
 
-static pvx_err refused(const struct source *s, int e, const char *err, struct pvx_diag *d)
+static pvx_err libcamera_refused(const struct source *s, int e, const char *err, struct pvx_diag *d)
 {
     pvx_err r = e > 0 && e < PVX_N_ERR ? (pvx_err)e : PVX_EIO;
     return pvx_fail(d, r, "camera %s (libcamera:%s): %s", s->name, s->uri,
@@ -128,7 +128,7 @@ static void free_ids(struct ids *all)
 static pvx_err find_ids(struct ids *all, struct pvx_diag *d)
 {
     *all = (struct ids){.n = 0};
-    PVX_TRY(need_module(d));
+    PVX_TRY(libcamera_need_module(d));
     char err[256] = "";
     lc_hold();
     int e = module.lc->list(add_id, all, err, sizeof err);
@@ -180,23 +180,24 @@ static pvx_err libcamera_list(void (*cb)(void *ctx, const struct cap_found *f), 
 
 /* ---- buffers ------------------------------------------------------------------------------------ */
 
-static bool requeue(void *ctx, unsigned index)
+static bool libcamera_requeue(void *ctx, unsigned index)
 {
     const struct buffers *b = ctx;
     return module.lc->requeue(b->camera, index) == PVX_OK;
 }
 
-static void destroy(void *ctx)
+static void libcamera_destroy(void *ctx)
 {
     struct buffers *b = ctx;
     module.lc->unmap(b->memory);
     free(b);
 }
 
-static const struct cap_lend_ops lend_ops = {requeue, destroy};
+static const struct cap_lend_ops lend_ops = {libcamera_requeue, libcamera_destroy};
 
 /* Takes the memory. */
-static pvx_err make_buffers(struct source *s, struct cap_lc_memory *memory, struct pvx_diag *d)
+static pvx_err libcamera_make_buffers(struct source *s, struct cap_lc_memory *memory,
+                                      struct pvx_diag *d)
 {
     unsigned want = s->c.buffers < 4 ? 4 : s->c.buffers, n = s->layout.buffers;
     struct buffers *b = pvx_calloc(1, sizeof *b);
@@ -224,7 +225,7 @@ static pvx_err make_buffers(struct source *s, struct cap_lc_memory *memory, stru
 
 /* ---- libcamera's thread ------------------------------------------------------------------------- */
 
-static void count(struct source *s, enum cap_count what, uint64_t n)
+static void libcamera_count(struct source *s, enum cap_count what, uint64_t n)
 {
     s->sink.count(s->sink.ctx, s->c.camera, what, n);
 }
@@ -236,16 +237,16 @@ static void on_gone(void *ctx)
 }
 
 /* Number of the next good frame; what is missing before it is counted. */
-static uint64_t number(struct source *s, uint32_t counter)
+static uint64_t libcamera_number(struct source *s, uint32_t counter)
 {
     uint64_t gap, id = cap_numbering_next(&s->sequence, counter, &gap);
     if (gap > 0)
-        count(s, CAP_ID_GAP, gap);
+        libcamera_count(s, CAP_ID_GAP, gap);
     return id;
 }
 
 /* On CLOCK_MONOTONIC; 0 = not known. */
-static int64_t exposure_time(struct source *s, int64_t stamp, int64_t mono)
+static int64_t libcamera_exposure_time(struct source *s, int64_t stamp, int64_t mono)
 {
     struct timespec ts;
     clock_gettime(CLOCK_BOOTTIME, &ts);
@@ -260,7 +261,7 @@ static int64_t exposure_time(struct source *s, int64_t stamp, int64_t mono)
     return 0;
 }
 
-static struct cap_frame *frame_for(struct source *s, const struct cap_lc_frame *in)
+static struct cap_frame *libcamera_frame_for(struct source *s, const struct cap_lc_frame *in)
 {
     struct cap_frame *f;
     if (s->pool == NULL) {
@@ -277,7 +278,7 @@ static struct cap_frame *frame_for(struct source *s, const struct cap_lc_frame *
     return f;
 }
 
-static void deliver(struct source *s, const struct cap_lc_frame *in)
+static void libcamera_deliver(struct source *s, const struct cap_lc_frame *in)
 {
     int64_t real = 0, mono = 0;
     pvx_now_both(&real, &mono);
@@ -285,16 +286,16 @@ static void deliver(struct source *s, const struct cap_lc_frame *in)
     if (in->good <= 0 || in->bytes == 0 || !fits) {
         s->sequence.bad++;
         if (in->good >= 0)
-            count(s, CAP_INCOMPLETE, 1);
+            libcamera_count(s, CAP_INCOMPLETE, 1);
         cap_lend_back(s->lend, in->index);
         return;
     }
-    uint64_t id = number(s, in->sequence);
-    struct cap_frame *f = frame_for(s, in);
+    uint64_t id = libcamera_number(s, in->sequence);
+    struct cap_frame *f = libcamera_frame_for(s, in);
     if (f == NULL || s->pool != NULL)
         cap_lend_back(s->lend, in->index);
     if (f == NULL) {
-        count(s, CAP_UNDERRUN, 1);
+        libcamera_count(s, CAP_UNDERRUN, 1);
         return;
     }
     f->img.size = in->bytes;
@@ -304,7 +305,7 @@ static void deliver(struct source *s, const struct cap_lc_frame *in)
     f->img.fmt = s->fmt;
     f->img.yuv = s->yuv;
     f->id = id;
-    f->t_device_ns = exposure_time(s, in->stamp_ns, mono);
+    f->t_device_ns = libcamera_exposure_time(s, in->stamp_ns, mono);
     f->t_arrival_ns = real;
     f->t_arrival_mono_ns = mono;
     f->exposure_us = in->exposure_us;
@@ -322,7 +323,7 @@ static void on_frame(void *ctx, const struct cap_lc_frame *in)
         s->temperature_c = in->temperature_c;
         pthread_mutex_unlock(&s->lock);
     }
-    deliver(s, in);
+    libcamera_deliver(s, in);
     cap_gate_leave(&s->gate);
 }
 
@@ -351,7 +352,8 @@ struct choice {
     struct pvx_diag *d;
 };
 
-static int choose(void *ctx, const struct cap_lc_mode *mode, size_t n, int32_t *w, int32_t *h)
+static int libcamera_choose(void *ctx, const struct cap_lc_mode *mode, size_t n, int32_t *w,
+                            int32_t *h)
 {
     struct choice *k = ctx;
     return lc_choose(k->c, mode, n, w, h, k->d);
@@ -368,7 +370,7 @@ static pvx_err open_camera(struct source *s, const char *id, struct pvx_diag *d)
     struct cap_lc_config cfg = {.id = id,
                                 .raw = cap_pixfmt_bayer(s->c.fmt) != NULL ||
                                        cap_pixfmt_layout(s->c.fmt) == CAP_LAYOUT_CSI,
-                                .choose = choose,
+                                .choose = libcamera_choose,
                                 .choose_ctx = &k,
                                 .buffers = (s->c.buffers < 4 ? 4 : s->c.buffers) + SPARE,
                                 .frame_us = s->c.fps > 0 ? llrint(1e6 / s->c.fps) : 0,
@@ -381,13 +383,13 @@ static pvx_err open_camera(struct source *s, const char *id, struct pvx_diag *d)
     int e = module.lc->open(&cfg, &s->camera, &memory, &s->layout, err, sizeof err);
     free(control);
     if (e != PVX_OK)
-        return refused(s, e, err, d);
+        return libcamera_refused(s, e, err, d);
     s->fmt = lc_pixfmt(s->layout.mode.format);
     s->yuv = lc_yuv(&s->layout);
-    return make_buffers(s, memory, d);
+    return libcamera_make_buffers(s, memory, d);
 }
 
-static pvx_err set_up(struct source *s, struct pvx_diag *d)
+static pvx_err libcamera_set_up(struct source *s, struct pvx_diag *d)
 {
     struct ids all;
     size_t i = 0;
@@ -423,7 +425,7 @@ static pvx_err libcamera_open(const struct cap_source_config *c, cap_source **ou
     s->c = *c;
     s->c.uri = s->uri = strdup(c->uri);
     s->c.name = s->name = strdup(c->name != NULL ? c->name : "?");
-    pvx_err e = s->uri == NULL || s->name == NULL ? PVX_ENOMEM : set_up(s, d);
+    pvx_err e = s->uri == NULL || s->name == NULL ? PVX_ENOMEM : libcamera_set_up(s, d);
     s->c.features = NULL; /* borrowed for the call */
     s->c.n_features = 0;
     cap_source *base = &s->base;
@@ -445,7 +447,7 @@ static pvx_err libcamera_start(cap_source *base, const struct cap_sink *sink, st
     int e = module.lc->start(s->camera, &to, err, sizeof err);
     if (e != PVX_OK) {
         cap_gate_shut(&s->gate);
-        return refused(s, e, err, d);
+        return libcamera_refused(s, e, err, d);
     }
     s->started = true;
     cap_lend_run(s->lend, true);

@@ -76,14 +76,14 @@ static const struct {
     /* clang-format on */
 };
 
-static enum cap_pixfmt known(enum cap_pixfmt f)
+static enum cap_pixfmt image_known(enum cap_pixfmt f)
 {
     return (unsigned)f < CAP_N_FMT ? f : CAP_FMT_NONE;
 }
 
 const char *cap_pixfmt_name(enum cap_pixfmt f)
 {
-    return formats[known(f)].name;
+    return formats[image_known(f)].name;
 }
 
 enum cap_pixfmt cap_pixfmt_parse(const char *name)
@@ -116,7 +116,7 @@ size_t cap_pixfmt_names(char *out, size_t size)
 
 uint32_t cap_pixfmt_pfnc(enum cap_pixfmt f)
 {
-    return formats[known(f)].pfnc;
+    return formats[image_known(f)].pfnc;
 }
 
 enum cap_pixfmt cap_pixfmt_from_pfnc(uint32_t code)
@@ -129,17 +129,17 @@ enum cap_pixfmt cap_pixfmt_from_pfnc(uint32_t code)
 
 int cap_pixfmt_depth(enum cap_pixfmt f)
 {
-    return formats[known(f)].depth;
+    return formats[image_known(f)].depth;
 }
 
 int cap_pixfmt_channels(enum cap_pixfmt f)
 {
-    return formats[known(f)].channels;
+    return formats[image_known(f)].channels;
 }
 
 enum cap_layout cap_pixfmt_layout(enum cap_pixfmt f)
 {
-    return formats[known(f)].layout;
+    return formats[image_known(f)].layout;
 }
 
 const uint8_t *cap_pixfmt_bayer(enum cap_pixfmt f)

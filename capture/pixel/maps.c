@@ -73,7 +73,7 @@ static enum masked masked_of(const struct cap_maps *m, int32_t X, int32_t Y)
     return all ? ALL : any ? SOME : NONE;
 }
 
-static pvx_err mask(struct cap_maps *m, const struct cap_photometry *c)
+static pvx_err maps_mask(struct cap_maps *m, const struct cap_photometry *c)
 {
     size_t pixels = (size_t)m->width * (size_t)m->height;
     int32_t bw = m->width / m->p.binning, bh = m->height / m->p.binning;
@@ -106,8 +106,8 @@ static pvx_err mask(struct cap_maps *m, const struct cap_photometry *c)
 /* ---- maps of bins ---- */
 
 /* The mean of a map in each bin, by the same samples and weights as those of pictures; or `flat` ones. */
-static void bins_of(const struct cap_maps *m, const float *map, float none,
-                    const struct cap_image *img, float *out)
+static void maps_bins_of(const struct cap_maps *m, const float *map, float none,
+                         const struct cap_image *img, float *out)
 {
     struct cap_pix j = {.img = *img,
                         .binning = m->p.binning,
@@ -142,8 +142,8 @@ static size_t channel_of(const struct cap_maps *m, size_t i, size_t c)
 }
 
 /* Where in [bins][cs] of dark and flat the value of a bin is; SIZE_MAX: there is nothing. */
-static size_t place(const struct cap_maps *m, size_t i, size_t c, const float *dark,
-                    const float *flat)
+static size_t maps_place(const struct cap_maps *m, size_t i, size_t c, const float *dark,
+                         const float *flat)
 {
     size_t at = m->p.nch == 3 ? i * 4 + channel_of(m, i, c) : i;
     return isfinite(dark[at]) && isfinite(flat[at]) ? at : SIZE_MAX;
@@ -175,13 +175,14 @@ static uint32_t word_of(double dark, uint32_t factor)
 }
 
 /* dark and flat [bins][cs] to words, and what no value reaches; a bin where there is nothing: 0. */
-static void words(struct cap_maps *m, const float *dark, const float *flat, const float gain[3])
+static void maps_words(struct cap_maps *m, const float *dark, const float *flat,
+                       const float gain[3])
 {
     size_t bins = (size_t)(m->width / m->p.binning) * (size_t)(m->height / m->p.binning);
     double most_dark = 0, most = 0, sum = 1;
     for (size_t c = 0; c < planes_of(m); c++)
         for (size_t i = 0; i < bins; i++) {
-            size_t at = place(m, i, c, dark, flat);
+            size_t at = maps_place(m, i, c, dark, flat);
             if (at == SIZE_MAX)
                 continue;
             most_dark = fmax(most_dark, fabs((double)dark[at]));
@@ -190,7 +191,7 @@ static void words(struct cap_maps *m, const float *dark, const float *flat, cons
     m->unit = most > 0 ? (float)(most / CAP_MAP_FACTOR) : 1;
     for (size_t c = 0; c < planes_of(m); c++)
         for (size_t i = 0; i < bins; i++) {
-            size_t at = place(m, i, c, dark, flat);
+            size_t at = maps_place(m, i, c, dark, flat);
             if (at == SIZE_MAX)
                 continue;
             double factor = (double)gain[channel_of(m, i, c)] / (double)flat[at];
@@ -217,9 +218,9 @@ static pvx_err bin_maps(struct cap_maps *m, const struct cap_photometry *c,
     m->word = pvx_calloc(m->plane * planes_of(m), sizeof *m->word);
     pvx_err e = dark != NULL && flat != NULL && m->word != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK) {
-        bins_of(m, c->dark, 0, img, dark);
-        bins_of(m, c->flat, 1, img, flat);
-        words(m, dark, flat, c->gain);
+        maps_bins_of(m, c->dark, 0, img, dark);
+        maps_bins_of(m, c->flat, 1, img, flat);
+        maps_words(m, dark, flat, c->gain);
     }
     free(dark);
     free(flat);
@@ -228,8 +229,8 @@ static pvx_err bin_maps(struct cap_maps *m, const struct cap_photometry *c,
 
 /* ---- all of it ---- */
 
-static pvx_err check(const struct cap_maps *m, const struct cap_photometry *c,
-                     const struct cap_image *img, struct pvx_diag *d)
+static pvx_err maps_check(const struct cap_maps *m, const struct cap_photometry *c,
+                          const struct cap_image *img, struct pvx_diag *d)
 {
     bool maps = c->dark != NULL || c->flat != NULL;
     if (c->width != img->width || c->height != img->height)
@@ -269,11 +270,11 @@ pvx_err cap_maps_new(const struct cap_photometry *c, const struct cap_image *img
     m->has_matrix = c->matrix != NULL;
     for (int k = 0; k < 9 && m->has_matrix; k++)
         m->matrix[k] = (float)c->matrix[k];
-    pvx_err e = check(m, c, img, d);
+    pvx_err e = maps_check(m, c, img, d);
     if (e == PVX_OK)
         e = tables(m, c, d);
     if (e == PVX_OK)
-        e = mask(m, c);
+        e = maps_mask(m, c);
     if (e == PVX_OK)
         e = bin_maps(m, c, img);
     if (e != PVX_OK)

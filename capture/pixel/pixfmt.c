@@ -29,7 +29,7 @@ static enum cap_transfer curve_of(const struct cap_image *img, enum cap_transfer
     return img->yuv & CAP_YUV_TRANSFER_709 ? CAP_TRANSFER_BT709 : CAP_TRANSFER_SRGB;
 }
 
-static pvx_err check_size(const struct cap_image *img, int binning, int32_t y0, int32_t y1)
+static pvx_err pixfmt_check_size(const struct cap_image *img, int binning, int32_t y0, int32_t y1)
 {
     if (binning < 1 || binning > CAP_BINNING_MAX || img->width < 1 || img->height < 1 ||
         img->width % binning != 0 || img->height % binning != 0 || y0 < 0 ||
@@ -54,7 +54,7 @@ pvx_err cap_pix_check(const struct cap_image *img, const struct cap_convert_para
         return PVX_EUNSUP;
     if (p->nch != 1 && p->nch != 3)
         return PVX_EINVAL;
-    PVX_TRY(check_size(img, p->binning, y0, y1));
+    PVX_TRY(pixfmt_check_size(img, p->binning, y0, y1));
     int bits = layout == CAP_LAYOUT_YUV ? 12 : cap_pixfmt_depth(img->fmt);
     bool grey = cap_pixfmt_channels(img->fmt) == 1;
     *j = (struct cap_pix){.img = *img,
@@ -124,8 +124,8 @@ static void patch(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
     }
 }
 
-static void run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0, int32_t y1,
-                float *out)
+static void pixfmt_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t y0,
+                       int32_t y1, float *out)
 {
     int b = j->binning;
     size_t row = (size_t)(j->img.width / b), cs = j->nch == 3 ? 4 : 1;
@@ -153,7 +153,7 @@ void cap_pix_run(const struct cap_pix_ways *w, const struct cap_pix *j, int32_t 
         cap_pix_ref(&k, y0, y1, out);
         return;
     }
-    run(w, &k, y0, y1, out);
+    pixfmt_run(w, &k, y0, y1, out);
     if (k.maps != NULL)
         patch(&k, y0, y1, out);
 }

@@ -8,7 +8,7 @@ struct piece {
     const float *matrix;
 };
 
-static struct piece piece_of(const struct cap_maps *m, size_t bin)
+static struct piece pixel_piece_of(const struct cap_maps *m, size_t bin)
 {
     const size_t more = m->p.nch == 3 ? m->plane : 0;
     const uint32_t *first = m->word + bin;
@@ -193,8 +193,8 @@ CAP_PIX_INLINE void lanes(const struct cap_pix_bins *v, unsigned full, const str
     }
 }
 
-static void three(const struct cap_pix_bins *v, unsigned full, const struct piece *p, int32_t n,
-                  float *out)
+static void pixel_three(const struct cap_pix_bins *v, unsigned full, const struct piece *p,
+                        int32_t n, float *out)
 {
     if (p->matrix != NULL)
         lanes(v, full, p, true, true, n, out);
@@ -204,8 +204,8 @@ static void three(const struct cap_pix_bins *v, unsigned full, const struct piec
         lanes(v, full, p, false, false, n, out);
 }
 
-static void one(const struct cap_pix_bins *v, bool is_grey, int32_t full, const struct piece *p,
-                int32_t n, float *out)
+static void pixel_one(const struct cap_pix_bins *v, bool is_grey, int32_t full,
+                      const struct piece *p, int32_t n, float *out)
 {
     const bool mapped = p->word[0] != NULL;
     if (is_grey && mapped)
@@ -224,13 +224,13 @@ void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int3
 {
     struct piece p = {.full = 1};
     if (j->maps != NULL)
-        p = piece_of(j->maps, (size_t)(out - j->base) / (j->nch == 3 ? 4 : 1));
+        p = pixel_piece_of(j->maps, (size_t)(out - j->base) / (j->nch == 3 ? 4 : 1));
     if (j->nch != 3) {
-        one(v, j->grey, (int32_t)j->full, &p, n, out);
+        pixel_one(v, j->grey, (int32_t)j->full, &p, n, out);
         return;
     }
     if (!j->grey) {
-        three(v, j->full, &p, n, out);
+        pixel_three(v, j->full, &p, n, out);
         return;
     }
     const struct cap_pix_bins thrice = {
@@ -240,7 +240,7 @@ void CAP_PIX(finish)(const struct cap_pix *j, const struct cap_pix_bins *v, int3
          {v->scale[0][0], v->scale[0][0]},
          {v->scale[0][0], v->scale[0][0]}},
     };
-    three(&thrice, j->full, &p, n, out);
+    pixel_three(&thrice, j->full, &p, n, out);
 }
 
 CAP_PIX_INLINE void mapped_lane(cap_f4 word, const float *matrix, float unit, float *out)
@@ -269,7 +269,7 @@ CAP_PIX_INLINE void mapped_lanes(const struct piece *p, const float *matrix, flo
 
 void CAP_PIX(mapped)(const struct cap_pix *j, size_t at, size_t n, float *restrict out)
 {
-    const struct piece p = piece_of(j->maps, at);
+    const struct piece p = pixel_piece_of(j->maps, at);
     const uint32_t *restrict word = p.word[0];
     const float unit = j->unit;
     if (j->nch == 3 && p.matrix != NULL)

@@ -45,9 +45,9 @@ static void own(const struct cap_pix_line *restrict l, int32_t n, bool first,
 }
 
 /* (1) down the rows: at each edge a row is the bin's own or (beyond) not. */
-static void weigh(const struct cap_pix_line *restrict lo, bool beyond_lo,
-                  const struct cap_pix_line *restrict hi, bool beyond_hi, int32_t n,
-                  struct columns *restrict c)
+static void pixel_weigh(const struct cap_pix_line *restrict lo, bool beyond_lo,
+                        const struct cap_pix_line *restrict hi, bool beyond_hi, int32_t n,
+                        struct columns *restrict c)
 {
     const uint32_t a = beyond_lo ? 0 : ~0u, b = beyond_hi ? 0 : ~0u; /* (v ^ ~0) - ~0 = -v */
     for (int32_t i = 0; i < n; i++)
@@ -63,8 +63,8 @@ struct edges {
 };
 
 /* Sums down the rows of bins Y, of even rows and of odd ones. */
-static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
-                 struct columns c[2])
+static void pixel_down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
+                       const struct edges *e, struct columns c[2])
 {
     struct cap_pix_line l;
     const int b = j->binning, p = (Y * b) & 1, q = (p + b - 1) & 1; /* parities of first and last */
@@ -75,8 +75,8 @@ static void down(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const
     }
     own(e->last, n + 2, b == 2, &c[q]);
     for (int k = 0; k < 2; k++)
-        weigh(p == k ? e->first : e->above, p != k, q == k ? e->last : e->below, q != k, n + 2,
-              &c[k]);
+        pixel_weigh(p == k ? e->first : e->above, p != k, q == k ? e->last : e->below, q != k,
+                    n + 2, &c[k]);
 }
 
 /* (1) along the row for red or blue, every step-th bin from `first` on; the colour's columns are those of
@@ -170,7 +170,8 @@ CAP_PIX_INLINE void across(const struct cap_pix *j, const struct columns c[2], i
 }
 
 /* Bins of row Y, the first one's number even. */
-static void put(const struct cap_pix *j, int32_t Y, const struct bins *v, int32_t bins, float *out)
+static void pixel_put(const struct cap_pix *j, int32_t Y, const struct bins *v, int32_t bins,
+                      float *out)
 {
     const int b = j->binning;
     const float own = cap_pix_scale(j, 4 * b * b);
@@ -188,14 +189,14 @@ static void put(const struct cap_pix *j, int32_t Y, const struct bins *v, int32_
 }
 
 /* One piece of a row of bins. */
-static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, const struct edges *e,
-                    float *out)
+static void pixel_bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
+                          const struct edges *e, float *out)
 {
     struct columns c[2];
     struct bins v;
     const int b = j->binning;
     const int32_t bins = n / b;
-    down(j, Y, x, n, e, c);
+    pixel_down(j, Y, x, n, e, c);
     if (b == 2)
         across(j, c, 2, bins, &v);
     else if (b == 3)
@@ -206,7 +207,7 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, co
         across(j, c, 5, bins, &v);
     else
         across(j, c, b, bins, &v);
-    put(j, Y, &v, bins, out);
+    pixel_put(j, Y, &v, bins, out);
 }
 
 void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
@@ -224,8 +225,8 @@ void CAP_PIX(mosaic)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out
             e = (struct edges){e.last, e.below, e.above, e.first};
             cap_pix_fetch(j, (Y + 1) * b, x, n, e.below);
             cap_pix_fetch(j, (Y + 1) * b - 1, x, n, e.last);
-            bins_of(j, Y, x, n, &e,
-                    out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * (j->nch == 3 ? 4 : 1));
+            pixel_bins_of(j, Y, x, n, &e,
+                          out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * (j->nch == 3 ? 4 : 1));
         }
     }
 }

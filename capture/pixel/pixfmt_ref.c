@@ -3,7 +3,7 @@
 
 #include "capture/pixel/pixfmt_priv.h"
 
-static unsigned word(const uint8_t *p)
+static unsigned pixfmt_ref_word(const uint8_t *p)
 {
     uint16_t v;
     memcpy(&v, p, sizeof v);
@@ -11,7 +11,7 @@ static unsigned word(const uint8_t *p)
 }
 
 /* `depth` bits from bit `at` on, least significant first. */
-static unsigned bits(const uint8_t *p, size_t at, int depth)
+static unsigned pixfmt_ref_bits(const uint8_t *p, size_t at, int depth)
 {
     unsigned v = 0;
     for (int i = 0; i < depth; i++, at++)
@@ -33,8 +33,8 @@ unsigned cap_pix_sample(const struct cap_pix *j, int32_t x, int32_t y, int s)
     int depth = cap_pixfmt_depth(j->img.fmt), odd = x & 1;
     switch (cap_pixfmt_layout(j->img.fmt)) {
     case CAP_LAYOUT_8: return row[i];
-    case CAP_LAYOUT_16: return word(row + i * 2);
-    case CAP_LAYOUT_P: return bits(row, i * (size_t)depth, depth);
+    case CAP_LAYOUT_16: return pixfmt_ref_word(row + i * 2);
+    case CAP_LAYOUT_P: return pixfmt_ref_bits(row, i * (size_t)depth, depth);
     case CAP_LAYOUT_PACKED:
         t = row + u / 2 * 3; /* high bits in bytes 0 and 2, low ones in the halves of byte 1 */
         return (unsigned)(t[odd * 2] << (depth - 8) | (t[1] >> odd * 4 & ((1 << (depth - 8)) - 1)));
@@ -80,7 +80,7 @@ static void add_weighted(struct gather *g, const struct cap_pix *j, int32_t x, i
     g->count += weight;
 }
 
-static void add(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y, int s)
+static void pixfmt_ref_add(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y, int s)
 {
     if (j->full > 0 || j->plane != NULL) {
         add_weighted(g, j, x, y, s, 1);
@@ -97,7 +97,7 @@ static void add(struct gather *g, const struct cap_pix *j, int32_t x, int32_t y,
     }
 }
 
-static float mean_of(const struct gather *g, const struct cap_pix *j)
+static float pixfmt_ref_mean_of(const struct gather *g, const struct cap_pix *j)
 {
     if (g->saturated)
         return 1;
@@ -118,13 +118,13 @@ static int32_t mirrored(int32_t i, int32_t n)
 static void around(const struct cap_pix *j, int32_t x, int32_t y, struct gather g[3])
 {
     int own = j->cell[(y & 1) * 2 + (x & 1)];
-    add(&g[own], j, x, y, 0);
+    pixfmt_ref_add(&g[own], j, x, y, 0);
     for (int32_t dy = -1; dy <= 1 && !j->rays; dy++)
         for (int32_t dx = -1; dx <= 1; dx++) {
             int32_t u = mirrored(x + dx, j->img.width), v = mirrored(y + dy, j->img.height);
             int c = j->cell[(v & 1) * 2 + (u & 1)];
             if (c != own)
-                add(&g[c], j, u, v, 0);
+                pixfmt_ref_add(&g[c], j, u, v, 0);
         }
 }
 
@@ -185,11 +185,11 @@ void cap_pix_ref_bin(const struct cap_pix *j, int32_t X, int32_t Y, float *out)
         for (int32_t y = Y * b; y < (Y + 1) * b; y++)
             for (int32_t x = X * b; x < (X + 1) * b; x++)
                 for (int s = 0; s < j->samples; s++)
-                    add(&g[s], j, x, y, s);
+                    pixfmt_ref_add(&g[s], j, x, y, s);
     float rgb[3], *o = out + bin * (j->nch == 3 ? 4 : 1);
     bool saturated[3] = {false}, lacking = false;
     for (int c = 0; c < 3; c++) {
-        rgb[c] = mean_of(&g[c], j);
+        rgb[c] = pixfmt_ref_mean_of(&g[c], j);
         saturated[c] = g[c].saturated;
         lacking |= g[c].count == 0 && !(j->grey && c > 0);
     }

@@ -22,8 +22,8 @@ static void greatest(const uint16_t *restrict s, int32_t n, uint16_t *restrict t
         top[i] = top[i] > s[i] ? top[i] : s[i];
 }
 
-static void add(const uint16_t *restrict s, const uint32_t *table, int32_t n,
-                uint32_t *restrict sum)
+static void pixfmt_sums_add(const uint16_t *restrict s, const uint32_t *table, int32_t n,
+                            uint32_t *restrict sum)
 {
     if (table != NULL)
         for (int32_t i = 0; i < n; i++)
@@ -40,7 +40,8 @@ static void add16(const uint16_t *restrict s, int32_t n, uint16_t *restrict sum)
 }
 
 /* Rows y .. y+binning-1, pixels [x, x+n). */
-static void down(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struct sums *c)
+static void pixfmt_sums_down(const struct cap_pix *j, int32_t y, int32_t x, int32_t n,
+                             struct sums *c)
 {
     uint16_t s[3 * PITCH];
     CAP_PIX(row)(j, y, x, n, c->top, PITCH);
@@ -49,7 +50,7 @@ static void down(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, struc
     for (int r = 1; r < j->binning; r++) {
         CAP_PIX(row)(j, y + r, x, n, s, PITCH);
         for (size_t k = 0; k < (size_t)j->samples; k++) {
-            add(s + k * PITCH, j->table, n, c->sum + k * PITCH);
+            pixfmt_sums_add(s + k * PITCH, j->table, n, c->sum + k * PITCH);
             greatest(s + k * PITCH, n, c->top + k * PITCH);
         }
     }
@@ -113,8 +114,8 @@ static void down8(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, stru
     }
 }
 
-static void pairs(const uint32_t *restrict sum, const uint16_t *restrict top, int32_t n,
-                  uint32_t *restrict sum2, uint16_t *restrict top2)
+static void pixfmt_sums_pairs(const uint32_t *restrict sum, const uint16_t *restrict top, int32_t n,
+                              uint32_t *restrict sum2, uint16_t *restrict top2)
 {
     for (int32_t i = 0; i < n; i++)
         sum2[i] = sum[2 * i] + sum[2 * i + 1];
@@ -138,13 +139,14 @@ CAP_PIX_INLINE void groups(const uint32_t *restrict sum, const uint16_t *restric
 }
 
 /* Plane c of a, n columns, to bins; in which of the two they are then. */
-static struct sums *across(int b, int32_t n, size_t c, struct sums *from, struct sums *to)
+static struct sums *pixfmt_sums_across(int b, int32_t n, size_t c, struct sums *from,
+                                       struct sums *to)
 {
     size_t at = c * PITCH;
     for (; b % 2 == 0; b /= 2) {
         struct sums *t = from;
         n /= 2;
-        pairs(from->sum + at, from->top + at, n, to->sum + at, to->top + at);
+        pixfmt_sums_pairs(from->sum + at, from->top + at, n, to->sum + at, to->top + at);
         from = to;
         to = t;
     }
@@ -159,7 +161,8 @@ static struct sums *across(int b, int32_t n, size_t c, struct sums *from, struct
     return to;
 }
 
-static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, float *out)
+static void pixfmt_sums_bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n,
+                                float *out)
 {
     struct sums a, b, *done = NULL;
     const float scale = cap_pix_scale(j, j->binning * j->binning);
@@ -169,9 +172,9 @@ static void bins_of(const struct cap_pix *j, int32_t Y, int32_t x, int32_t n, fl
     else if (j->binning > 2 && j->table == NULL && j->full * (unsigned)j->binning <= UINT16_MAX)
         down16(j, Y * j->binning, x, n, &a);
     else
-        down(j, Y * j->binning, x, n, &a);
+        pixfmt_sums_down(j, Y * j->binning, x, n, &a);
     for (size_t c = 0; c < (size_t)j->samples; c++) {
-        done = across(j->binning, n, c, &a, &b);
+        done = pixfmt_sums_across(j->binning, n, c, &a, &b);
         v.sum[c] = done->sum + c * PITCH;
         v.top[c] = done->top + c * PITCH;
         v.scale[c][0] = v.scale[c][1] = scale;
@@ -188,6 +191,6 @@ void CAP_PIX(sums)(const struct cap_pix *j, int32_t y0, int32_t y1, float *out)
     for (int32_t Y = y0; Y < y1; Y++)
         for (int32_t x = 0; x < w; x += piece) {
             int32_t n = w - x < piece ? w - x : piece;
-            bins_of(j, Y, x, n, out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * cs);
+            pixfmt_sums_bins_of(j, Y, x, n, out + ((size_t)Y * (size_t)bw + (size_t)(x / b)) * cs);
         }
 }

@@ -26,7 +26,7 @@ struct spread {
         -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1 \
     }
 
-static const struct spread *spread_of(enum cap_layout layout, int depth)
+static const struct spread *pixel_spread_of(enum cap_layout layout, int depth)
 {
     static const struct spread p[2] = {
         {{0, 1, 1, 2, 2, 3, 3, 4, 5, 6, 6, 7, 7, 8, 8, 9}, NO_HIGH, TIMES4(6, 4, 2, 0), 10, 10},
@@ -105,7 +105,7 @@ static int32_t rgb_by_eight(const uint8_t *p, const uint8_t *end, int32_t n, uin
     return i;
 }
 #else
-static uint64_t load(const uint8_t *p)
+static uint64_t pixel_load(const uint8_t *p)
 {
     uint64_t w;
     memcpy(&w, p, sizeof w);
@@ -147,7 +147,7 @@ CAP_PIX_INLINE int32_t fours(const uint8_t *p, const uint8_t *end, int32_t n,
     if (end - p < 8)
         return 0;
     for (i = 0; i + 4 <= n && i < most; i += 4, p += step) {
-        uint64_t q = four(load(p), layout, depth);
+        uint64_t q = four(pixel_load(p), layout, depth);
         memcpy(out + i, &q, sizeof q);
     }
     return i;
@@ -177,7 +177,7 @@ static int32_t groups_of(const struct cap_pix *j, const uint8_t *p, const uint8_
     enum cap_layout layout = cap_pixfmt_layout(j->img.fmt);
     int depth = cap_pixfmt_depth(j->img.fmt);
 #if defined(CAP_PIX_AVX2)
-    return sixteens(p, end, n, spread_of(layout, depth), out);
+    return sixteens(p, end, n, pixel_spread_of(layout, depth), out);
 #else
     return fours_of(p, end, n, layout, depth == 10, out);
 #endif
@@ -222,7 +222,7 @@ static void rgb16(const uint8_t *p, int32_t n, uint16_t *out, size_t pitch)
             memcpy(out + c * pitch + i, p + 2 * c, 2);
 }
 
-static void words(const uint8_t *p, int32_t n, unsigned full, uint16_t *restrict out)
+static void pixel_words(const uint8_t *p, int32_t n, unsigned full, uint16_t *restrict out)
 {
     const uint16_t most = (uint16_t)full;
     memcpy(out, p, (size_t)n * 2);
@@ -279,7 +279,7 @@ void CAP_PIX(row)(const struct cap_pix *j, int32_t y, int32_t x, int32_t n, uint
         if (j->samples == 3)
             rgb16(p, n, out, pitch);
         else
-            words(p, n, j->full, out);
+            pixel_words(p, n, j->full, out);
         return;
     case CAP_LAYOUT_YUV:
         if (j->img.fmt == CAP_UYVY)

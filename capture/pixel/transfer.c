@@ -7,7 +7,7 @@
 #include <stddef.h>
 
 /* L of V; LINEAR: V itself. */
-static double light_of(enum cap_transfer t, double v)
+static double transfer_light_of(enum cap_transfer t, double v)
 {
     if (t == CAP_TRANSFER_SRGB)
         return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
@@ -33,7 +33,7 @@ const uint32_t *cap_transfer_table(enum cap_transfer t, int bits)
     uint32_t full = (1u << bits) - 1;
     bool mine = !atomic_load(&made[curve][bits - LEAST_BITS]);
     for (uint32_t v = 0; v <= full && mine; v++)
-        table[v] = (uint32_t)lrint(light_of(t, (double)v / full) * CAP_LIGHT_ONE);
+        table[v] = (uint32_t)lrint(transfer_light_of(t, (double)v / full) * CAP_LIGHT_ONE);
     atomic_store_explicit(&made[curve][bits - LEAST_BITS], true, memory_order_release);
     pthread_mutex_unlock(&making);
     return table;

@@ -53,7 +53,7 @@ static void look_at_set(struct cap_capture *cap, const struct cap_set *s)
         cap_syncwatch_set(&cap->watch, s);
 }
 
-static void hand_over(struct cap_capture *cap)
+static void assembly_hand_over(struct cap_capture *cap)
 {
     struct cap_set *s;
     while ((s = cap_assembler_pop(cap->assembler)) != NULL) {
@@ -182,19 +182,19 @@ static bool may_send(const struct cap_camera *cam)
     return state == CAP_RUNNING || (state == CAP_OPENING && !cam->life.tried);
 }
 
-static bool empty(const struct cap_camera *cam)
+static bool assembly_empty(const struct cap_camera *cam)
 {
     return cam->assembly.head == NULL && pvx_ring_length(cam->intake.ring) == 0;
 }
 
 /* Nothing more will come: some source has ended, none runs, none has yet to be tried.  State before
  * ring: a source that has ended has pushed before. */
-static bool finished(const struct cap_capture *cap)
+static bool assembly_finished(const struct cap_capture *cap)
 {
     bool ended = false;
     for (uint32_t i = 0; i < cap->n; i++) {
         const struct cap_camera *cam = &cap->camera[i];
-        if (may_send(cam) || !empty(cam))
+        if (may_send(cam) || !assembly_empty(cam))
             return false;
         ended |= cam->life.state == CAP_ENDED;
     }
@@ -213,13 +213,13 @@ static uint64_t waited_for(const struct cap_capture *cap)
     uint64_t mask = 0;
     int64_t now = pvx_now_mono();
     for (uint32_t i = 0; i < cap->n; i++)
-        if (cap_delivers(&cap->camera[i]) || !empty(&cap->camera[i]) ||
+        if (cap_delivers(&cap->camera[i]) || !assembly_empty(&cap->camera[i]) ||
             on_its_way(cap, &cap->camera[i], now))
             mask |= 1ull << i;
     return mask;
 }
 
-static bool earlier(const struct cap_frame *x, const struct cap_frame *y)
+static bool assembly_earlier(const struct cap_frame *x, const struct cap_frame *y)
 {
     if (x->set != 0 && y->set != 0)
         return x->set < y->set;
@@ -228,7 +228,7 @@ static bool earlier(const struct cap_frame *x, const struct cap_frame *y)
 
 /* The next frame of each camera, and of these the first: live to arrive, lossless to be exposed, for
  * which all that may send must have one. */
-static struct cap_frame *next_frame(struct cap_capture *cap)
+static struct cap_frame *assembly_next_frame(struct cap_capture *cap)
 {
     bool lossless = cap->cfg.lossless, wait = false;
     struct cap_frame **first = NULL;
@@ -241,7 +241,7 @@ static struct cap_frame *next_frame(struct cap_capture *cap)
         if (*head == NULL)
             wait |= lossless && more;
         else if (first == NULL ||
-                 (lossless ? earlier(*head, *first)
+                 (lossless ? assembly_earlier(*head, *first)
                            : (*head)->t_arrival_mono_ns < (*first)->t_arrival_mono_ns))
             first = head;
     }
@@ -255,7 +255,7 @@ static struct cap_frame *next_frame(struct cap_capture *cap)
 }
 
 /* Tell the assembler whom to wait for, before the frame is put; sets may close. */
-static void set_alive(struct cap_capture *cap, uint64_t mask)
+static void assembly_set_alive(struct cap_capture *cap, uint64_t mask)
 {
     for (uint32_t i = 0; i < cap->n; i++)
         cap_assembler_alive(cap->assembler, i, mask >> i & 1);
@@ -273,10 +273,10 @@ static struct cap_frame *wait_for_frame(struct cap_capture *cap, bool wait, uint
         *now = pvx_now_mono();
         if ((*end = cap->stop))
             return NULL;
-        struct cap_frame *f = next_frame(cap);
+        struct cap_frame *f = assembly_next_frame(cap);
         if (f != NULL)
             *alive |= 1ull << f->camera;
-        if (f != NULL || (*end = finished(cap)))
+        if (f != NULL || (*end = assembly_finished(cap)))
             return f;
         if (!wait || *alive != before || *now >= deadline)
             return NULL;
@@ -303,7 +303,7 @@ bool cap_assemble_some(struct cap_capture *cap, bool wait)
     uint64_t alive;
     int64_t now;
     struct cap_frame *f = wait_for_frame(cap, wait, &alive, &end, &now);
-    set_alive(cap, alive);
+    assembly_set_alive(cap, alive);
     if (f == NULL) {
         if (!cap->cfg.lossless)
             cap_assembler_tick(cap->assembler, now);
@@ -316,7 +316,7 @@ bool cap_assemble_some(struct cap_capture *cap, bool wait)
     }
     if (end)
         cap_assembler_flush(cap->assembler);
-    hand_over(cap);
+    assembly_hand_over(cap);
     return !end;
 }
 

@@ -11,7 +11,7 @@
 
 #define STUCK_NS (3 * PVX_NS_PER_S)
 
-static void destroy(struct cap_capture *cap)
+static void capture_destroy(struct cap_capture *cap)
 {
     cap_assemble_nothing(cap); /* of a driver that was left behind */
     for (uint32_t i = 0; i < cap->n; i++) {
@@ -37,7 +37,7 @@ static void destroy(struct cap_capture *cap)
 void cap_capture_unref(struct cap_capture *cap)
 {
     if (--cap->refs == 0)
-        destroy(cap);
+        capture_destroy(cap);
 }
 
 pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out, struct pvx_diag *d)
@@ -78,8 +78,8 @@ pvx_err cap_capture_new(const struct cap_capture_config *c, cap_capture **out, s
     return e;
 }
 
-static pvx_err run(struct cap_capture *cap, pthread_t *thread, bool *started, void *(*body)(void *),
-                   const char *name)
+static pvx_err capture_run(struct cap_capture *cap, pthread_t *thread, bool *started,
+                           void *(*body)(void *), const char *name)
 {
     *started = pthread_create(thread, NULL, body, cap) == 0;
     if (*started)
@@ -106,11 +106,13 @@ pvx_err cap_capture_start(cap_capture *cap, struct pvx_diag *d)
         return pvx_fail(d, PVX_EINVAL, "capture has been started before");
     cap->started = true;
     cap->started_mono_ns = pvx_now_mono();
-    pvx_err e = run(cap, &cap->assembler_thread, &cap->assembler_started, cap_assemble, "assemble");
+    pvx_err e =
+        capture_run(cap, &cap->assembler_thread, &cap->assembler_started, cap_assemble, "assemble");
     if (e == PVX_OK)
-        e = run(cap, &cap->monitor_thread, &cap->monitor_started, cap_monitor, "monitor");
+        e = capture_run(cap, &cap->monitor_thread, &cap->monitor_started, cap_monitor, "monitor");
     if (e == PVX_OK && cap->cfg.trigger == CAP_TRIGGER_ACTION)
-        e = run(cap, &cap->trigger_thread, &cap->trigger_started, cap_trigger_run, "trigger");
+        e = capture_run(cap, &cap->trigger_thread, &cap->trigger_started, cap_trigger_run,
+                        "trigger");
     for (uint32_t i = 0; i < cap->n && e == PVX_OK; i++)
         e = run_supervisor(&cap->camera[i]);
     if (e == PVX_OK)

@@ -153,7 +153,7 @@ double cap_intake_fps(const struct cap_camera *cam, int64_t now)
 /* ---- the sink --------------------------------------------------------------------------------- */
 
 /* Good and wanted? */
-static bool accept(struct cap_camera *cam, const struct cap_frame *f)
+static bool intake_accept(struct cap_camera *cam, const struct cap_frame *f)
 {
     struct cap_intake *in = &cam->intake;
     show(&in->any_ns, f->t_arrival_mono_ns);
@@ -168,7 +168,7 @@ static bool accept(struct cap_camera *cam, const struct cap_frame *f)
 }
 
 /* The frame that had to go: the oldest when it is live; f itself when the capture stops. */
-static struct cap_frame *hand_over(struct cap_camera *cam, struct cap_frame *f)
+static struct cap_frame *intake_hand_over(struct cap_camera *cam, struct cap_frame *f)
 {
     if (!cam->cap->cfg.lossless)
         return pvx_ring_push(cam->intake.ring, f);
@@ -180,15 +180,15 @@ static struct cap_frame *hand_over(struct cap_camera *cam, struct cap_frame *f)
     return f;
 }
 
-static void push(void *ctx, struct cap_frame *f)
+static void intake_push(void *ctx, struct cap_frame *f)
 {
     struct cap_camera *cam = ctx;
     f->camera = cam->index;
-    if (cam->cap->stop || !accept(cam, f)) {
+    if (cam->cap->stop || !intake_accept(cam, f)) {
         cap_frame_release(f);
         return;
     }
-    struct cap_frame *gone = hand_over(cam, f);
+    struct cap_frame *gone = intake_hand_over(cam, f);
     pvx_bell_ring(&cam->cap->work);
     if (gone != NULL)
         cam->count[CAP_OVERFLOW]++;
@@ -214,7 +214,7 @@ static void event(void *ctx, uint32_t camera, enum cap_event ev)
     pvx_bell_ring(&cam->life.wake);
 }
 
-static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+static void intake_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
 {
     struct cap_camera *cam = ctx;
     (void)camera;
@@ -235,7 +235,7 @@ static void clock_reading(void *ctx, uint32_t camera, int64_t device_ns, int64_t
     add_reading(&cam->readings, &(struct cap_reading){device_ns, host_mono_ns, bound_ns});
 }
 
-static void detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
+static void intake_detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
 {
     (void)camera;
     cap_detail(ctx, what, "%s", text);
@@ -243,10 +243,10 @@ static void detail(void *ctx, uint32_t camera, enum cap_count what, const char *
 
 struct cap_sink cap_intake_sink(struct cap_camera *cam)
 {
-    return (struct cap_sink){.push = push,
+    return (struct cap_sink){.push = intake_push,
                              .event = event,
-                             .count = count,
+                             .count = intake_count,
                              .ctx = cam,
                              .clock = clock_reading,
-                             .detail = detail};
+                             .detail = intake_detail};
 }

@@ -46,8 +46,8 @@ struct monitor {
 
 enum change { SAME, BEGINS, ENDS };
 
-static enum change look_at(struct episode *e, uint64_t count, int64_t now, int64_t hold_min,
-                           bool may_end)
+static enum change monitor_look_at(struct episode *e, uint64_t count, int64_t now, int64_t hold_min,
+                                   bool may_end)
 {
     bool more = count != e->seen;
     if (more && !e->on) {
@@ -71,7 +71,8 @@ static enum change look_at(struct episode *e, uint64_t count, int64_t now, int64
     return c;
 }
 
-static void tell(const struct cap_camera *cam, int k, const struct episode *e, enum change c)
+static void monitor_tell(const struct cap_camera *cam, int k, const struct episode *e,
+                         enum change c)
 {
     const struct cap_trouble_def *d = &cap_trouble_defs[k];
     char detail[CAP_DETAIL_MAX];
@@ -89,7 +90,7 @@ static void tell(const struct cap_camera *cam, int k, const struct episode *e, e
                   cap_count_defs[k].unit, (double)(e->last_ns - e->begin_ns) * 1e-9);
 }
 
-static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t now)
+static void monitor_look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t now)
 {
     int64_t hold = 3 * m->cap->watch.window_ns; /* fixed */
     hold = hold > HOLD_MIN_NS ? hold : HOLD_MIN_NS;
@@ -106,10 +107,10 @@ static void look_at_camera(struct monitor *m, struct cap_camera *cam, int64_t no
             e->seen = count;
             continue;
         }
-        enum change c = look_at(e, count, now, hold, delivers);
+        enum change c = monitor_look_at(e, count, now, hold, delivers);
         cam->trouble[k] = e->on ? e->begin + 1 : 0;
         if (c != SAME && k != CAP_BANDWIDTH && k != CAP_PTP_MASTERS) /* one line for all */
-            tell(cam, k, e, c);
+            monitor_tell(cam, k, e, c);
     }
 }
 
@@ -138,7 +139,7 @@ static void look_at_bandwidth(struct monitor *m, int64_t now)
         cap->camera[i].count[CAP_BANDWIDTH]++;
     }
     struct episode *e = &m->bandwidth;
-    enum change c = look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
+    enum change c = monitor_look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
     if (c == BEGINS)
         LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = cap_count_defs[CAP_BANDWIDTH].name),
                   "%u of %u cameras send incomplete frames at once; %s", hit, running,
@@ -180,7 +181,7 @@ static void look_at_masters(struct monitor *m, int64_t now)
         cap->camera[i].count[CAP_PTP_MASTERS] += is_master(&cap->camera[i]);
     if (now_so && now >= m->next_master_second)
         m->next_master_second = now + PVX_NS_PER_S;
-    enum change c = look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
+    enum change c = monitor_look_at(e, e->seen + now_so, now, HOLD_MIN_NS, true);
     if (c == BEGINS)
         LOG_ABOUT(PVX_LOG_WARN, CAPTURE, ABOUT(.cause = cap_count_defs[CAP_PTP_MASTERS].name),
                   "%u cameras are PTP masters at once (%s); %s", n, names,
@@ -192,7 +193,7 @@ static void look_at_masters(struct monitor *m, int64_t now)
 }
 
 /* All of several cameras gone: that is not the cameras. */
-static void look_at_all(struct monitor *m, int64_t now)
+static void monitor_look_at_all(struct monitor *m, int64_t now)
 {
     struct cap_capture *cap = m->cap;
     uint32_t lost = 0;
@@ -231,13 +232,13 @@ static void look_at_host_clock(struct monitor *m)
     m->steps = steps;
 }
 
-static void look(struct monitor *m, int64_t now)
+static void monitor_look(struct monitor *m, int64_t now)
 {
     for (uint32_t i = 0; i < m->cap->n; i++)
-        look_at_camera(m, &m->cap->camera[i], now);
+        monitor_look_at_camera(m, &m->cap->camera[i], now);
     look_at_bandwidth(m, now);
     look_at_masters(m, now);
-    look_at_all(m, now);
+    monitor_look_at_all(m, now);
     look_at_host_clock(m);
 }
 
@@ -250,7 +251,7 @@ void *cap_monitor(void *arg)
         if (!cap->stop)
             pvx_bell_wait(&cap->ending, pvx_now_mono() + LOOK_NS);
         stop = cap->stop;
-        look(&m, pvx_now_mono());
+        monitor_look(&m, pvx_now_mono());
     } while (!stop);
     return NULL;
 }

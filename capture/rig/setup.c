@@ -90,13 +90,13 @@ static pvx_err set_up_camera(struct cap_capture *cap, uint32_t i, struct pvx_dia
     return pvx_ring_new(cam->cfg.buffers / 2, &cam->intake.ring);
 }
 
-static void count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
+static void setup_count(void *ctx, uint32_t camera, enum cap_count what, uint64_t n)
 {
     struct cap_capture *cap = ctx;
     cap->camera[camera].count[what] += n;
 }
 
-static void detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
+static void setup_detail(void *ctx, uint32_t camera, enum cap_count what, const char *text)
 {
     struct cap_capture *cap = ctx;
     cap_detail(&cap->camera[camera], what, "%s", text);
@@ -107,7 +107,7 @@ static void count_stray(void *ctx, uint32_t camera, enum cap_count what, uint64_
 {
     struct cap_capture *cap = ctx;
     cap->stray = what;
-    count(ctx, camera, what, n);
+    setup_count(ctx, camera, what, n);
 }
 
 static void push_stray(void *ctx, struct cap_frame *f)
@@ -152,8 +152,8 @@ pvx_err cap_set_up(struct cap_capture *cap, struct pvx_diag *d)
                                      .tolerance_ns =
                                          p.tolerance_ns != 0 ? p.tolerance_ns : p.period_ns / 4,
                                      .paced_outside = cfg->trigger == CAP_TRIGGER_LINE};
-    struct cap_sink found = {.count = count, .ctx = cap};
-    cap_syncwatch_init(&cap->watch, &w, &found, detail);
+    struct cap_sink found = {.count = setup_count, .ctx = cap};
+    cap_syncwatch_init(&cap->watch, &w, &found, setup_detail);
     cap->watches = !cfg->lossless && cap->n > 1;
     return pvx_queue_new(QUEUED_SETS, &cap->out);
 }

@@ -23,7 +23,7 @@ static void skew_stats(const struct cap_skew_count *k, struct cap_skew *out)
     memcpy(out->bin, k->bin, sizeof out->bin);
 }
 
-static void troubles(const struct cap_camera *cam, struct cap_camera_stats *s)
+static void stats_troubles(const struct cap_camera *cam, struct cap_camera_stats *s)
 {
     s->n_troubles = 0;
     for (int k = 0; k < CAP_N_COUNT && s->n_troubles < CAP_TROUBLES_MAX; k++) {
@@ -47,7 +47,7 @@ static void camera_stats(const struct cap_camera *cam, int64_t now, struct cap_c
     s->fps = cap_intake_fps(cam, now);
     for (int k = 0; k < CAP_N_COUNT; k++)
         s->count[k] = cam->count[k];
-    troubles(cam, s);
+    stats_troubles(cam, s);
 }
 
 /* What the assembler has found.  Under figures. */

@@ -107,7 +107,7 @@ static void wait_for_recorded(struct cap_camera *cam)
         pvx_bell_wait(&cam->life.wake, until);
 }
 
-static pvx_err open_source(struct cap_camera *cam, cap_source **src, struct pvx_diag *d)
+static pvx_err supervisor_open_source(struct cap_camera *cam, cap_source **src, struct pvx_diag *d)
 {
     const struct cap_source_ops *ops = cam->ops;
     pvx_err opened = ops->open(&cam->cfg, src, d);
@@ -122,7 +122,7 @@ static pvx_err open_source(struct cap_camera *cam, cap_source **src, struct pvx_
 }
 
 /* Frames come again? */
-static void report(struct watch *w)
+static void supervisor_report(struct watch *w)
 {
     struct cap_camera *cam = w->cam;
     if (!cap_delivers(cam))
@@ -217,7 +217,7 @@ static void read_health(struct cap_camera *cam, cap_source *src)
     pvx_board_write(&cam->life.health, &h, sizeof h);
 }
 
-static enum fate watch(struct watch *w, cap_source *src)
+static enum fate supervisor_watch(struct watch *w, cap_source *src)
 {
     struct cap_camera *cam = w->cam;
     bool triggers = cam->cfg.trigger == CAP_TRIGGER_SOFTWARE && cam->ops->trigger != NULL;
@@ -240,7 +240,7 @@ static enum fate watch(struct watch *w, cap_source *src)
             now = pvx_now_mono();
         }
         bool ends = over(w, now, &fate, why, sizeof why);
-        report(w);
+        supervisor_report(w);
         if (ends)
             break;
         if (now >= next) {
@@ -270,13 +270,13 @@ static void back_off(struct watch *w)
     w->backoff_ns = w->backoff_ns * 2 < BACKOFF_MAX_NS ? w->backoff_ns * 2 : BACKOFF_MAX_NS;
 }
 
-static void live(struct cap_camera *cam)
+static void supervisor_live(struct cap_camera *cam)
 {
     struct watch w = {.cam = cam, .backoff_ns = BACKOFF_MIN_NS};
     while (!cam->cap->stop) {
         struct pvx_diag d = {""};
         cap_source *src = NULL;
-        pvx_err e = open_source(cam, &src, &d);
+        pvx_err e = supervisor_open_source(cam, &src, &d);
         if (e == PVX_ECANCELED)
             return;
         if (e != PVX_OK) {
@@ -287,7 +287,7 @@ static void live(struct cap_camera *cam)
                 LOG_I(CAPTURE, "camera %s (%s): running", cam->name, cam->uri);
             w.ran = true;
             set_state(cam, CAP_RUNNING);
-            enum fate fate = watch(&w, src);
+            enum fate fate = supervisor_watch(&w, src);
             if (fate == FATE_LOST) /* known now, whatever the driver still takes to let go */
                 set_state(cam, CAP_LOST);
             cam->ops->stop(src);
@@ -304,7 +304,7 @@ void *cap_supervise(void *arg)
 {
     struct cap_camera *cam = arg;
     struct cap_capture *cap = cam->cap;
-    live(cam);
+    supervisor_live(cam);
     cam->life.done = true;
     pvx_bell_ring(&cap->home);
     cap_capture_unref(cap);

@@ -167,7 +167,7 @@ static bool wait_until(struct run *r, int64_t mono_ns)
 
 enum outcome { SENT, LATE, FAILED };
 
-static void count(struct run *r, enum outcome o, uint64_t n)
+static void trigger_count(struct run *r, enum outcome o, uint64_t n)
 {
     struct cap_action_stats *s = &r->stats;
     s->sent += o == SENT ? n : 0;
@@ -215,7 +215,7 @@ static void run_at_once(struct run *r)
         struct targets t;
         look_at_cameras(r->cap, &t);
         if (t.n > 0 && t.cameras != 0)
-            count(r, send_to_all(r, &t, 0), 1);
+            trigger_count(r, send_to_all(r, &t, 0), 1);
     }
 }
 
@@ -229,7 +229,7 @@ static int64_t next_instant(struct run *r, const struct targets *t, int64_t last
         return at;
     if (at <= last)
         return last + period;
-    count(r, LATE, (uint64_t)((at - last) / period - 1));
+    trigger_count(r, LATE, (uint64_t)((at - last) / period - 1));
     return at;
 }
 
@@ -253,10 +253,10 @@ static void run_scheduled(struct run *r)
         if (!wait_until(r, last - t.offset_ns - lead))
             return;
         if (last - t.offset_ns - pvx_now_mono() >= lead / 2) {
-            count(r, send_to_all(r, &t, last), 1);
+            trigger_count(r, send_to_all(r, &t, last), 1);
             continue;
         }
-        count(r, LATE, 1);
+        trigger_count(r, LATE, 1);
         LOG_EVERY(PVX_LOG_WARN, CAPTURE,
                   "an action command was left out: the host was too busy to send it %.1f ms ahead; "
                   "raise action.lead_ms",

@@ -25,7 +25,7 @@ struct cap_bufpool {
     unsigned char *pixels;
 };
 
-static void destroy(cap_bufpool *p)
+static void bufpool_destroy(cap_bufpool *p)
 {
     pthread_mutex_destroy(&p->lock);
     pthread_cond_destroy(&p->freed);
@@ -46,7 +46,7 @@ static void put_back(struct cap_frame *f)
     pthread_cond_signal(&p->freed);
     pthread_mutex_unlock(&p->lock);
     if (last)
-        destroy(p);
+        bufpool_destroy(p);
 }
 
 pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool **out)
@@ -83,7 +83,7 @@ pvx_err cap_bufpool_new(unsigned n, size_t bytes, uint32_t camera, cap_bufpool *
 }
 
 /* Under the lock, with the free list not empty. */
-static struct cap_frame *pop(cap_bufpool *p)
+static struct cap_frame *bufpool_pop(cap_bufpool *p)
 {
     struct slot *s = p->free;
     p->free = s->next;
@@ -100,7 +100,7 @@ static struct cap_frame *pop(cap_bufpool *p)
 struct cap_frame *cap_bufpool_get(cap_bufpool *p)
 {
     pthread_mutex_lock(&p->lock);
-    struct cap_frame *f = p->free != NULL ? pop(p) : NULL;
+    struct cap_frame *f = p->free != NULL ? bufpool_pop(p) : NULL;
     pthread_mutex_unlock(&p->lock);
     return f;
 }
@@ -110,7 +110,7 @@ struct cap_frame *cap_bufpool_get_wait(cap_bufpool *p)
     pthread_mutex_lock(&p->lock);
     while (p->free == NULL && !p->canceled)
         pthread_cond_wait(&p->freed, &p->lock);
-    struct cap_frame *f = p->canceled ? NULL : pop(p);
+    struct cap_frame *f = p->canceled ? NULL : bufpool_pop(p);
     pthread_mutex_unlock(&p->lock);
     return f;
 }
@@ -154,5 +154,5 @@ void cap_bufpool_unref(cap_bufpool **pp)
     bool last = p->n_free == p->n;
     pthread_mutex_unlock(&p->lock);
     if (last)
-        destroy(p);
+        bufpool_destroy(p);
 }

@@ -23,7 +23,7 @@ struct cap_lend {
     struct slot *slot; /* [n] */
 };
 
-static void end(cap_lend *l)
+static void lend_end(cap_lend *l)
 {
     l->ops.destroy(l->ctx);
     pthread_mutex_destroy(&l->lock);
@@ -32,7 +32,7 @@ static void end(cap_lend *l)
 }
 
 /* Under the lock. */
-static void requeue(cap_lend *l, struct slot *s)
+static void lend_requeue(cap_lend *l, struct slot *s)
 {
     if (!l->running)
         return;
@@ -42,18 +42,18 @@ static void requeue(cap_lend *l, struct slot *s)
     s->refused = refused;
 }
 
-static void release(struct cap_frame *f)
+static void lend_release(struct cap_frame *f)
 {
     struct slot *s = (struct slot *)f;
     cap_lend *l = s->lend;
     pthread_mutex_lock(&l->lock);
     s->out = false;
     l->n_out--;
-    requeue(l, s);
+    lend_requeue(l, s);
     bool last = l->closed && l->n_out == 0;
     pthread_mutex_unlock(&l->lock);
     if (last)
-        end(l);
+        lend_end(l);
 }
 
 pvx_err cap_lend_new(unsigned n, unsigned spare, uint32_t camera, const struct cap_lend_ops *ops,
@@ -91,7 +91,7 @@ void cap_lend_run(cap_lend *l, bool on)
         l->slot[i].refused = false;
     for (unsigned i = 0; on && i < l->n; i++)
         if (!l->slot[i].out)
-            requeue(l, &l->slot[i]);
+            lend_requeue(l, &l->slot[i]);
     pthread_mutex_unlock(&l->lock);
 }
 
@@ -108,7 +108,7 @@ struct cap_frame *cap_lend_out(cap_lend *l, unsigned index)
     if (!may)
         return NULL;
     s->frame = (struct cap_frame){
-        .camera = l->camera, .exposure_us = NAN, .gain = NAN, .release = release, .owner = l};
+        .camera = l->camera, .exposure_us = NAN, .gain = NAN, .release = lend_release, .owner = l};
     return &s->frame;
 }
 
@@ -116,7 +116,7 @@ void cap_lend_back(cap_lend *l, unsigned index)
 {
     pthread_mutex_lock(&l->lock);
     if (!l->slot[index].out)
-        requeue(l, &l->slot[index]);
+        lend_requeue(l, &l->slot[index]);
     pthread_mutex_unlock(&l->lock);
 }
 
@@ -125,7 +125,7 @@ unsigned cap_lend_retry(cap_lend *l)
     pthread_mutex_lock(&l->lock);
     for (unsigned i = 0; l->n_refused > 0 && i < l->n; i++)
         if (l->slot[i].refused)
-            requeue(l, &l->slot[i]);
+            lend_requeue(l, &l->slot[i]);
     unsigned n = l->n_refused;
     pthread_mutex_unlock(&l->lock);
     return n;
@@ -151,5 +151,5 @@ void cap_lend_close(cap_lend **lp)
     bool last = l->n_out == 0;
     pthread_mutex_unlock(&l->lock);
     if (last)
-        end(l);
+        lend_end(l);
 }

@@ -62,7 +62,7 @@ bool cap_player_stopped(struct cap_player *p)
     return stop;
 }
 
-static int64_t now(const struct cap_player *p)
+static int64_t player_now(const struct cap_player *p)
 {
     return p->clock == CLOCK_REALTIME ? pvx_now_real() : pvx_now_mono();
 }
@@ -71,7 +71,7 @@ bool cap_player_wait_until(struct cap_player *p, int64_t t)
 {
     struct timespec ts = {.tv_sec = t / PVX_NS_PER_S, .tv_nsec = t % PVX_NS_PER_S};
     pthread_mutex_lock(&p->lock);
-    while (!p->stop && now(p) < t)
+    while (!p->stop && player_now(p) < t)
         pthread_cond_timedwait(&p->wake, &p->lock, &ts);
     bool go = !p->stop;
     pthread_mutex_unlock(&p->lock);

@@ -182,7 +182,7 @@ static bool nth(int64_t every, const struct shot *x)
     return x->faulty && every > 0 && x->number % every == 0;
 }
 
-static void hold(struct sim *s, int64_t n)
+static void sim_hold(struct sim *s, int64_t n)
 {
     struct cap_frame *f;
     while (s->n_held < n && (f = cap_bufpool_get(s->player.pool)) != NULL)
@@ -191,10 +191,10 @@ static void hold(struct sim *s, int64_t n)
         cap_frame_release(s->held[--s->n_held]);
 }
 
-static void expose(struct sim *s, const struct shot *x)
+static void sim_expose(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
-    hold(s, x->faulty ? o->hold : 0);
+    sim_hold(s, x->faulty ? o->hold : 0);
     struct cap_frame *f = cap_player_get(&s->player);
     if (f == NULL)
         return;
@@ -229,7 +229,7 @@ static int64_t next_point(struct sim *s, bool faulty)
     return (int64_t)((__int128)pvx_now_real() * 1000 / s->own_period_ps) + 1;
 }
 
-static bool lost(struct sim *s, const struct shot *x)
+static bool sim_lost(struct sim *s, const struct shot *x)
 {
     const struct faults *o = &s->fault;
     if (x->faulty && o->incomplete > 0 && pvx_uniform(&s->rng) < o->incomplete) {
@@ -243,7 +243,7 @@ static bool lost(struct sim *s, const struct shot *x)
     return false;
 }
 
-static void *run(void *arg)
+static void *sim_run(void *arg)
 {
     struct sim *s = arg;
     const struct faults *o = &s->fault;
@@ -284,8 +284,8 @@ static void *run(void *arg)
         if (nth(o->miss_every, &x))
             missed++;
         x.id = (uint64_t)((s->triggered ? n : k) + renumbered - missed + (x.faulty ? o->slip : 0));
-        if (!nth(o->miss_every, &x) && !(x.faulty && o->silent) && !lost(s, &x))
-            expose(s, &x);
+        if (!nth(o->miss_every, &x) && !(x.faulty && o->silent) && !sim_lost(s, &x))
+            sim_expose(s, &x);
         if (n == o->silent_after)
             return NULL;
         if (n == o->die_after || n == o->end_after) {
@@ -356,7 +356,7 @@ static pvx_err sim_start(cap_source *base, const struct cap_sink *sink, struct p
 {
     struct sim *s = (struct sim *)base;
     s->trigger_real_ns = 0;
-    return cap_player_start(&s->player, "sim", sink, run, s, d);
+    return cap_player_start(&s->player, "sim", sink, sim_run, s, d);
 }
 
 static pvx_err sim_trigger(cap_source *base)
@@ -375,7 +375,7 @@ static void sim_stop(cap_source *base)
 {
     struct sim *s = (struct sim *)base;
     cap_player_stop(&s->player);
-    hold(s, 0);
+    sim_hold(s, 0);
 }
 
 const struct cap_source_ops cap_source_sim = {

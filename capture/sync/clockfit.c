@@ -28,7 +28,7 @@ bool cap_clockfit_holds(const struct cap_clockfit *f, int64_t x)
 }
 
 /* (1) */
-static void fit(struct cap_clockfit *f)
+static void clockfit_fit(struct cap_clockfit *f)
 {
     double weight = 0, mx = 0, my = 0, sxx = 0, sxy = 0;
     for (int i = 0; i < f->n; i++) {
@@ -65,5 +65,5 @@ void cap_clockfit_add(struct cap_clockfit *f, int64_t x, double y, double bound_
     if (f->n < CAP_CLOCKFIT_READINGS)
         f->n++;
     f->newest = x;
-    fit(f);
+    clockfit_fit(f);
 }

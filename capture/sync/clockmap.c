@@ -41,7 +41,7 @@ static void settle_delay(struct cap_clockmap *m)
 }
 
 /* Differences are kept relative to host0 - dev0, where double has ns to spare. */
-static double difference(const struct cap_clockmap *m, int64_t device_ns, int64_t host_ns)
+static double clockmap_difference(const struct cap_clockmap *m, int64_t device_ns, int64_t host_ns)
 {
     return (double)((host_ns - m->host0) - (device_ns - m->dev0));
 }
@@ -60,7 +60,7 @@ int64_t cap_clockmap_add(struct cap_clockmap *m, int64_t device_ns, int64_t arri
     if (!m->valid)
         restart(m, device_ns, arrival_ns, 0);
     bool line = m->envelope.n >= CAP_ENVELOPE_LINE;
-    double diff = difference(m, device_ns, arrival_ns), above;
+    double diff = clockmap_difference(m, device_ns, arrival_ns), above;
     double off = diff - cap_envelope_at(&m->envelope, device_ns - m->dev0);
     /* before there is a line there may have been slow frames only */
     if (backwards || off < (line ? -JUMP_NS : -EARLY_NS)) {
@@ -107,7 +107,7 @@ void cap_clockmap_measure(struct cap_clockmap *m, int64_t device_ns, int64_t hos
     if (!m->valid)
         restart(m, device_ns, host_ns, INFINITY);
     int64_t x = device_ns - m->dev0;
-    double diff = difference(m, device_ns, host_ns);
+    double diff = clockmap_difference(m, device_ns, host_ns);
     double off = cap_envelope_at(&m->envelope, x) - diff; /* the delay, as far as this one knows */
     if (fabs(off) > EARLY_NS)
         return; /* of another life of the clock; frames will tell */

@@ -23,7 +23,7 @@ void cap_envelope_begin(struct cap_envelope *e, int64_t x, double y)
 }
 
 /* Lower side of the convex hull of the buckets, and its edge over their mean time. */
-static void fit(struct cap_envelope *e)
+static void envelope_fit(struct cap_envelope *e)
 {
     double x[CAP_ENVELOPE_BUCKETS] = {0}, y[CAP_ENVELOPE_BUCKETS] = {0}, mean = 0;
     int hull = 0;
@@ -78,7 +78,7 @@ bool cap_envelope_add(struct cap_envelope *e, int64_t x, double y, double *above
     if (full || y < e->current.y)
         e->current = (struct cap_envelope_bucket){x, y};
     if (full && e->n >= CAP_ENVELOPE_LINE)
-        fit(e);
+        envelope_fit(e);
     double below = cap_envelope_at(e, x) - y;
     if (below > 0)
         e->offset_ns -= below;

@@ -179,7 +179,7 @@ static struct slot *remove_open(cap_assembler *a, unsigned i)
     return s;
 }
 
-static void emit(cap_assembler *a, struct slot *s)
+static void frameset_emit(cap_assembler *a, struct slot *s)
 {
     struct cap_set *set = &s->set;
     double sum = 0;
@@ -232,7 +232,7 @@ static void close_set(cap_assembler *a, unsigned i)
             close_set(a, 0);
         struct slot *s = remove_open(a, 0);
         mark_closed(a, s->lo_ns);
-        emit(a, s);
+        frameset_emit(a, s);
         return;
     }
     struct slot *s = remove_open(a, i);

@@ -56,7 +56,8 @@ struct line {
 };
 
 /* Through the `m` blocks that end `skip` before the last full one. */
-static struct line fit(const struct cap_rate *r, unsigned m, unsigned skip, int64_t period_ns)
+static struct line syncrate_fit(const struct cap_rate *r, unsigned m, unsigned skip,
+                                int64_t period_ns)
 {
     double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0;
     unsigned first = r->head + 2 * CAP_RATE_BLOCKS - skip - m;
@@ -88,14 +89,15 @@ double cap_rate_unlike(const struct cap_rate *a, const struct cap_rate *b, unsig
 {
     if (m < CAP_RATE_FEWEST || a->n < m || b->n < m)
         return 0;
-    struct line la = fit(a, m, 0, period_ns), lb = fit(b, m, 0, period_ns);
+    struct line la = syncrate_fit(a, m, 0, period_ns), lb = syncrate_fit(b, m, 0, period_ns);
     double d = (1 + la.off) / (1 + lb.off) - 1;
     double sure = cap_rate_quantile(fmin(la.dof, lb.dof)) * hypot(la.error, lb.error);
     if (!(fabs(d) > LEAST && fabs(d) - CRYSTALS > sure))
         return 0;
     for (unsigned half = 0; half < 2; half++) {
         unsigned skip = half * (m / 2);
-        double part = fit(a, m / 2, skip, period_ns).off - fit(b, m / 2, skip, period_ns).off;
+        double part = syncrate_fit(a, m / 2, skip, period_ns).off -
+                      syncrate_fit(b, m / 2, skip, period_ns).off;
         if (!(part / d > 0.5))
             return 0;
     }
@@ -104,7 +106,7 @@ double cap_rate_unlike(const struct cap_rate *a, const struct cap_rate *b, unsig
 
 double cap_rate_hz(const struct cap_rate *r, unsigned m, int64_t period_ns)
 {
-    return 1e9 / ((double)period_ns * (1 + fit(r, m, 0, period_ns).off));
+    return 1e9 / ((double)period_ns * (1 + syncrate_fit(r, m, 0, period_ns).off));
 }
 
 int64_t cap_rate_span_ns(const struct cap_rate *r, unsigned m)

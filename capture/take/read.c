@@ -18,7 +18,7 @@
 #define SQUEEZE   1100 /* gzip, should somebody have repacked the file, makes no more of a byte */
 #define ROW_SLACK 65536
 
-static pvx_err wrong(const struct piece *p, struct pvx_diag *d, const char *what)
+static pvx_err read_wrong(const struct piece *p, struct pvx_diag *d, const char *what)
 {
     H5Eclear2(H5E_DEFAULT);
     return pvx_fail(d, PVX_EFORMAT, "%s: is not a take of raw frames, or damaged: %s", p->path,
@@ -49,15 +49,15 @@ static void *read_table(const struct piece *p, hid_t set, hid_t type, int rank, 
     return out;
 }
 
-static pvx_err read_gaps(struct piece *p, struct pvx_diag *d)
+static pvx_err take_read_gaps(struct piece *p, struct pvx_diag *d)
 {
     hid_t type = take_h5_gap_type(),
           set = take_h5_open_table(p->file, "gaps", type, 1, NULL, &p->gaps);
     pvx_err e = PVX_OK;
     if (set < 0)
-        e = wrong(p, d, "gaps");
+        e = read_wrong(p, d, "gaps");
     else if ((p->gap = read_table(p, set, type, 1, 1, sizeof *p->gap, &p->gaps)) == NULL)
-        e = wrong(p, d, "too many gaps");
+        e = read_wrong(p, d, "too many gaps");
     for (uint64_t i = 0; e == PVX_OK && i < p->gaps; i++)
         if (p->gap[i].camera >= p->head.n_cameras || p->gap[i].why >= CAP_TAKE_N_WHY)
             p->gaps = i;
@@ -98,7 +98,7 @@ static pvx_err leave_out_cut_frames(struct piece *p, uint32_t camera, struct pvx
 {
     struct piece_camera *k = &p->camera[camera];
     if (k->largest > p->file_bytes * SQUEEZE + ROW_SLACK)
-        return wrong(p, d, "frames larger than the file");
+        return read_wrong(p, d, "frames larger than the file");
     void *mem = malloc(k->largest + 1);
     if (mem == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory for a frame of %zu bytes", p->path,
@@ -129,7 +129,7 @@ static pvx_err read_index(struct piece *p, struct piece_camera *k, hid_t group, 
         H5Dclose(set);
     H5Tclose(type);
     if (k->row == NULL)
-        return wrong(p, d, "a camera's index");
+        return read_wrong(p, d, "a camera's index");
     size_t bytes = cap_pixfmt_row(k->c.fmt, k->c.width) * (size_t)k->c.height;
     k->largest = k->rank > 1 ? bytes : 0;
     uint64_t n = k->rank > 1 && frames < k->c.frames ? frames : k->c.frames;
@@ -152,17 +152,17 @@ static pvx_err read_frames(struct piece *p, struct piece_camera *k, hid_t group,
         !take_h5_get_int(group, "height", &height) || !take_h5_get_int(group, "yuv", &yuv) ||
         width < 1 || height < 1 || width > TAKE_SIDE_MAX || height > TAKE_SIDE_MAX || yuv < 0 ||
         yuv > 255)
-        return wrong(p, d, "a camera's pixel format or size");
+        return read_wrong(p, d, "a camera's pixel format or size");
     k->c.width = (int32_t)width;
     k->c.height = (int32_t)height;
     k->c.yuv = (uint8_t)yuv;
     k->rank = take_h5_shape(k->c.fmt, k->c.width, k->c.height, k->dims, &k->type);
     if (k->rank < 1)
-        return wrong(p, d, "a camera's pixel format");
+        return read_wrong(p, d, "a camera's pixel format");
     uint64_t n;
     k->frames = take_h5_open_table(group, "frames", k->type, k->rank, k->dims, &n);
     if (k->frames < 0)
-        return wrong(p, d, "a camera's frames");
+        return read_wrong(p, d, "a camera's frames");
     k->stream = k->rank == 1 ? n : 0;
     return read_index(p, k, group, n, d);
 }
@@ -173,7 +173,7 @@ struct listing {
     bool bad;
 };
 
-static herr_t list_camera(hid_t group, const char *name, const H5L_info_t *info, void *ctx)
+static herr_t read_list_camera(hid_t group, const char *name, const H5L_info_t *info, void *ctx)
 {
     struct listing *l = ctx;
     struct piece *p = l->p;
@@ -206,16 +206,16 @@ static pvx_err read_cameras(struct piece *p, struct pvx_diag *d)
     struct listing l = {.p = p};
     hid_t cameras = H5Gopen2(p->file, "cameras", H5P_DEFAULT);
     if (cameras < 0)
-        return wrong(p, d, "no cameras");
+        return read_wrong(p, d, "no cameras");
     hsize_t at = 0;
-    if (H5Literate(cameras, H5_INDEX_NAME, H5_ITER_INC, &at, list_camera, &l) < 0 || l.n == 0)
+    if (H5Literate(cameras, H5_INDEX_NAME, H5_ITER_INC, &at, read_list_camera, &l) < 0 || l.n == 0)
         l.bad = true;
-    pvx_err e = l.bad ? wrong(p, d, "the list of cameras") : PVX_OK;
+    pvx_err e = l.bad ? read_wrong(p, d, "the list of cameras") : PVX_OK;
     p->head.n_cameras = l.n;
     for (uint32_t c = 0; c < l.n && e == PVX_OK; c++) {
         struct piece_camera *k = &p->camera[c];
         if (k->c.name == NULL || k->c.uri == NULL || k->c.settings == NULL) {
-            e = wrong(p, d, "a camera's name, source or settings");
+            e = read_wrong(p, d, "a camera's name, source or settings");
             break;
         }
         hid_t g = H5Gopen2(cameras, k->c.name, H5P_DEFAULT);
@@ -289,7 +289,7 @@ static pvx_err read_sets(struct piece *p, struct pvx_diag *d)
         H5Dclose(b);
     H5Tclose(type);
     if (p->set == NULL || p->member == NULL)
-        return wrong(p, d, "the table of sets");
+        return read_wrong(p, d, "the table of sets");
     keep_whole_sets(p, members < sets ? members : sets);
     p->sets_lost = said - p->sets;
     return PVX_OK;
@@ -297,7 +297,7 @@ static pvx_err read_sets(struct piece *p, struct pvx_diag *d)
 
 /* ---- the file ---- */
 
-static pvx_err read_head(struct piece *p, struct pvx_diag *d)
+static pvx_err take_read_head(struct piece *p, struct pvx_diag *d)
 {
     struct cap_take_head *h = &p->head;
     int64_t version, closed = 0, goes_on = 0;
@@ -305,7 +305,7 @@ static pvx_err read_head(struct piece *p, struct pvx_diag *d)
     bool ours = format != NULL && strcmp(format, "pyrovox take") == 0;
     free(format);
     if (!ours || !take_h5_get_int(p->file, "version", &version))
-        return wrong(p, d, "HDF5, but of another kind");
+        return read_wrong(p, d, "HDF5, but of another kind");
     if (version != CAP_TAKE_FORMAT)
         return pvx_fail(d, PVX_EVERSION, "%s: version %lld of the layout; this program reads %d",
                         p->path, (long long)version, CAP_TAKE_FORMAT);
@@ -318,7 +318,7 @@ static pvx_err read_head(struct piece *p, struct pvx_diag *d)
         h->base == NULL || !take_h5_get_int(p->file, "t_created_ns", &h->t_created_ns) ||
         !take_h5_get_attr(p->file, "session", H5T_NATIVE_UINT64, 8, &h->session) ||
         !take_h5_get_attr(p->file, "fps", H5T_NATIVE_DOUBLE, 8, &h->fps) || !isfinite(h->fps))
-        return wrong(p, d, "an attribute of the head");
+        return read_wrong(p, d, "an attribute of the head");
     /* older takes do not say these */
     take_h5_get_int(p->file, "t_began_ns", &h->t_began_ns);
     p->goes_on = take_h5_get_int(p->file, "goes_on", &goes_on) && goes_on == 1;
@@ -326,20 +326,20 @@ static pvx_err read_head(struct piece *p, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err read_all(struct piece *p, struct pvx_diag *d)
+static pvx_err take_read_all(struct piece *p, struct pvx_diag *d)
 {
     if (!take_h5_looks(p->path, &p->file_bytes)) {
         if (access(p->path, R_OK) != 0)
             return pvx_fail(d, PVX_ENOENT, "%s: no such file, or not readable", p->path);
-        return wrong(p, d, "not HDF5");
+        return read_wrong(p, d, "not HDF5");
     }
     p->file = take_h5_open(p->path);
     if (p->file < 0)
-        return wrong(p, d, "libhdf5 cannot open it");
-    PVX_TRY(read_head(p, d));
+        return read_wrong(p, d, "libhdf5 cannot open it");
+    PVX_TRY(take_read_head(p, d));
     PVX_TRY(read_cameras(p, d));
     PVX_TRY(read_sets(p, d));
-    return read_gaps(p, d);
+    return take_read_gaps(p, d);
 }
 
 pvx_err piece_open(const char *path, struct piece **out, struct pvx_diag *d)
@@ -355,7 +355,7 @@ pvx_err piece_open(const char *path, struct piece **out, struct pvx_diag *d)
     if (p->path != NULL && p->camera != NULL) {
         for (int c = 0; c < CAP_MAX_CAMERAS; c++)
             p->camera[c].frames = -1;
-        e = read_all(p, d);
+        e = take_read_all(p, d);
     }
     if (e != PVX_OK)
         piece_free(&p);

@@ -80,7 +80,7 @@ static bool has_camera(const struct item *it, uint32_t c)
 
 /* A frame without a set takes no place from other cameras.  Sets of a few cameras each could wait in
  * larger numbers than frames of one camera: set structs are the live sets' too. */
-static bool fits(const cap_recorder *r, const struct item *it)
+static bool recorder_fits(const cap_recorder *r, const struct item *it)
 {
     if (it->set != NULL && r->sets >= CAP_RECORDER_QUEUE_MAX)
         return false;
@@ -90,18 +90,18 @@ static bool fits(const cap_recorder *r, const struct item *it)
     return true;
 }
 
-static bool has_room(cap_recorder *r, const struct item *it)
+static bool recorder_has_room(cap_recorder *r, const struct item *it)
 {
-    while (r->cfg.lossless && !fits(r, it) && recording(r)) {
+    while (r->cfg.lossless && !recorder_fits(r, it) && recording(r)) {
         struct timespec ts = {.tv_sec = r->until_ns / PVX_NS_PER_S,
                               .tv_nsec = r->until_ns % PVX_NS_PER_S};
         if (pthread_cond_timedwait(&r->room, &r->lock, &ts) == ETIMEDOUT)
             break;
     }
-    return fits(r, it) && recording(r);
+    return recorder_fits(r, it) && recording(r);
 }
 
-static void hold(cap_recorder *r, const struct item *it, int by)
+static void recorder_hold(cap_recorder *r, const struct item *it, int by)
 {
     r->sets += it->set != NULL ? (unsigned)by : 0;
     for (uint32_t c = 0; c < r->cfg.n_cameras; c++)
@@ -112,7 +112,7 @@ static void hold(cap_recorder *r, const struct item *it, int by)
 static void let_in(cap_recorder *r, struct item it)
 {
     r->ring[(r->head + r->len++) % r->size] = it;
-    hold(r, &it, 1);
+    recorder_hold(r, &it, 1);
     pthread_cond_signal(&r->filled);
 }
 
@@ -160,7 +160,7 @@ static void tap_set(void *ctx, struct cap_set *s)
     struct item it = {.set = s};
     bool missed = false;
     pthread_mutex_lock(&r->lock);
-    if (has_room(r, &it)) {
+    if (recorder_has_room(r, &it)) {
         ask_about(r, s);
         cap_set_ref(s);
         let_in(r, it);
@@ -190,7 +190,7 @@ static void tap_stray(void *ctx, struct cap_frame *f, enum cap_count why)
                                                  : CAP_TAKE_OVERFLOW;
     struct item it = {.stray = f, .why = w};
     pthread_mutex_lock(&r->lock);
-    if (has_room(r, &it)) {
+    if (recorder_has_room(r, &it)) {
         let_in(r, it);
         end_gap(r, f->camera);
         f = NULL;
@@ -208,13 +208,13 @@ struct cap_tap cap_recorder_tap(cap_recorder *r)
 
 /* ---- the writer's thread ---- */
 
-static void give_back(struct item it)
+static void recorder_give_back(struct item it)
 {
     cap_set_release(it.set);
     cap_frame_release(it.stray);
 }
 
-static size_t bytes_of(const struct item *it, uint32_t n_cameras)
+static size_t recorder_bytes_of(const struct item *it, uint32_t n_cameras)
 {
     size_t n = it->stray != NULL ? it->stray->img.size : 0;
     for (uint32_t c = 0; c < n_cameras && it->set != NULL; c++)
@@ -223,7 +223,7 @@ static size_t bytes_of(const struct item *it, uint32_t n_cameras)
 }
 
 /* Looked at before a set is written, so that the take can still be ended in order. */
-static pvx_err has_space(const cap_recorder *r, size_t bytes, struct pvx_diag *d)
+static pvx_err recorder_has_space(const cap_recorder *r, size_t bytes, struct pvx_diag *d)
 {
     if (r->cfg.limit_bytes > 0 && cap_take_bytes(r->take) + bytes > r->cfg.limit_bytes)
         return pvx_fail(d, PVX_ERANGE, "%s: has reached its limit of %.3g GB", r->stats.path,
@@ -270,7 +270,7 @@ static void tell_about(cap_recorder *r, const struct item *it)
 static pvx_err write_item(cap_recorder *r, const struct item *it, struct pvx_diag *d)
 {
     tell_about(r, it);
-    PVX_TRY(has_space(r, bytes_of(it, r->cfg.n_cameras), d));
+    PVX_TRY(recorder_has_space(r, recorder_bytes_of(it, r->cfg.n_cameras), d));
     if (it->set != NULL)
         PVX_TRY(cap_take_put_set(r->take, it->set, d));
     else
@@ -293,7 +293,7 @@ static void sync_take(const cap_recorder *r, int fd)
 }
 
 /* The take before is synced and closed by the syncer, which may wait. */
-static void put_aside(cap_recorder *r, int fd)
+static void recorder_put_aside(cap_recorder *r, int fd)
 {
     pthread_mutex_lock(&r->lock);
     int old = r->fd;
@@ -314,7 +314,7 @@ static bool may_roll(cap_recorder *r, int64_t now)
 }
 
 /* Item by item: the next one is this take's last or another's first. */
-static pvx_err roll(cap_recorder *r, struct pvx_diag *d)
+static pvx_err recorder_roll(cap_recorder *r, struct pvx_diag *d)
 {
     int64_t now = pvx_now_mono();
     if (!may_roll(r, now))
@@ -336,7 +336,7 @@ static pvx_err roll(cap_recorder *r, struct pvx_diag *d)
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     if (fd < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
-    put_aside(r, fd);
+    recorder_put_aside(r, fd);
     r->t_roll_ns += ((now - r->t_roll_ns) / r->cfg.roll_ns + 1) * r->cfg.roll_ns;
     pthread_mutex_lock(&r->lock);
     r->stats.takes++;
@@ -347,7 +347,7 @@ static pvx_err roll(cap_recorder *r, struct pvx_diag *d)
 }
 
 /* Next item; false: there will be none. */
-static bool next(cap_recorder *r, struct item *it)
+static bool recorder_next(cap_recorder *r, struct item *it)
 {
     pthread_mutex_lock(&r->lock);
     while (r->len == 0 && !r->stopping)
@@ -365,10 +365,10 @@ static void done_with(cap_recorder *r, struct item it)
     pthread_mutex_lock(&r->lock);
     r->head = (r->head + 1) % r->size;
     r->len--;
-    hold(r, &it, -1);
+    recorder_hold(r, &it, -1);
     pthread_cond_signal(&r->room);
     pthread_mutex_unlock(&r->lock);
-    give_back(it);
+    recorder_give_back(it);
 }
 
 /* Nothing more comes in; gaps that are still open end here. */
@@ -383,7 +383,7 @@ static void shut(cap_recorder *r)
     pthread_mutex_unlock(&r->lock);
 }
 
-static void finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
+static void recorder_finish(cap_recorder *r, pvx_err e, struct pvx_diag *d)
 {
     pvx_err gap_error = r->take != NULL ? write_gaps(r, d) : PVX_OK;
     if (e == PVX_OK)
@@ -424,15 +424,16 @@ static void *write_loop(void *arg)
     struct pvx_diag d = {""};
     pvx_err e = PVX_OK;
     struct item it;
-    while (next(r, &it)) {
-        if (e == PVX_OK && ((e = roll(r, &d)) != PVX_OK || (e = write_item(r, &it, &d)) != PVX_OK))
+    while (recorder_next(r, &it)) {
+        if (e == PVX_OK &&
+            ((e = recorder_roll(r, &d)) != PVX_OK || (e = write_item(r, &it, &d)) != PVX_OK))
             shut(r);
         if (e != PVX_OK)
             lose(r, &it);
         done_with(r, it);
     }
     shut(r);
-    finish(r, e, &d);
+    recorder_finish(r, e, &d);
     return NULL;
 }
 
@@ -513,7 +514,7 @@ static bool come_home(cap_recorder *r, int64_t wait_ns)
 
 /* The threads of a recording that has ended by itself are still to be joined.  false: a disk that does not
  * answer holds one in the kernel, where nothing reaches it; it keeps what it uses. */
-static bool join(cap_recorder *r)
+static bool recorder_join(cap_recorder *r)
 {
     if (!r->threads)
         return true;
@@ -603,7 +604,7 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
         return pvx_fail(d, PVX_EBUSY, "%s is being recorded; stop that first", r->first);
     if (strlen(path) >= sizeof r->stats.path || head->n_cameras != r->cfg.n_cameras)
         return pvx_fail(d, PVX_EINVAL, "%.100s: too long a name for a take", path);
-    if (!join(r))
+    if (!recorder_join(r))
         return pvx_fail(d, PVX_EBUSY,
                         "%s: its disk does not answer; nothing else is recorded before", r->first);
     PVX_TRY(may_begin(r, path, d));
@@ -636,7 +637,7 @@ pvx_err cap_recorder_start(cap_recorder *r, const char *path, const struct cap_t
     return PVX_OK;
 }
 
-static void tell(const struct cap_recorder_stats *s)
+static void recorder_tell(const struct cap_recorder_stats *s)
 {
     enum pvx_log_level level = s->frames_missed > 0 ? PVX_LOG_WARN : PVX_LOG_INFO;
     char takes[40] = "";
@@ -668,10 +669,10 @@ pvx_err cap_recorder_stop(cap_recorder *r, struct pvx_diag *d)
     if (!r->threads)
         return pvx_fail(d, PVX_ENOENT, "nothing is being recorded");
     shut(r);
-    bool home = join(r);
+    bool home = recorder_join(r);
     struct cap_recorder_stats s;
     cap_recorder_stats(r, &s);
-    tell(&s);
+    recorder_tell(&s);
     if (!home)
         return pvx_fail(d, PVX_ETIMEDOUT,
                         "%s: the disk does not answer; the take holds what it took before", s.path);

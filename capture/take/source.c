@@ -151,7 +151,7 @@ static int64_t start_of(struct shared *s)
 /* ---- thread ---- */
 
 /* Read into a buffer; NULL: left out, and counted, or stopped. */
-static struct cap_frame *load(struct source *p, uint64_t row)
+static struct cap_frame *source_load(struct source *p, uint64_t row)
 {
     struct cap_frame *f = cap_player_get(&p->player);
     if (f == NULL)
@@ -171,7 +171,7 @@ static struct cap_frame *load(struct source *p, uint64_t row)
 }
 
 /* When a row is due, mono. */
-static int64_t due(struct source *p, const struct cap_take_row *r, int64_t turns_ns)
+static int64_t source_due(struct source *p, const struct cap_take_row *r, int64_t turns_ns)
 {
     double after = (double)(r->t_arrival_mono_ns - p->file->came_ns + turns_ns) / p->speed;
     int64_t wait = after < 0 ? 0 : after < (double)FAR_NS ? (int64_t)after : FAR_NS;
@@ -186,16 +186,16 @@ static bool can_tell(const struct shared *s, uint64_t turn)
 }
 
 /* One frame of turn `turn`; false = stop. */
-static bool play(struct source *p, uint64_t turn, uint64_t row, const struct cap_take_set *set,
-                 uint64_t *good)
+static bool source_play(struct source *p, uint64_t turn, uint64_t row,
+                        const struct cap_take_set *set, uint64_t *good)
 {
     const struct shared *s = p->file;
     const struct cap_take_row *r = cap_take_row(s->take, (uint32_t)p->in_take, row);
     int64_t shift = (int64_t)turn * s->length_ns;
     if (!p->player.lossless &&
-        !cap_player_wait_until(&p->player, due(p, r, (int64_t)turn * s->pace_ns)))
+        !cap_player_wait_until(&p->player, source_due(p, r, (int64_t)turn * s->pace_ns)))
         return false;
-    struct cap_frame *f = load(p, row);
+    struct cap_frame *f = source_load(p, row);
     if (f == NULL)
         return !cap_player_stopped(&p->player);
     f->id = r->id + turn * s->count;
@@ -227,13 +227,13 @@ static bool play_all(struct source *p, uint64_t turn, uint64_t *good)
         if (last != NULL && r->id > last->id)
             cap_player_count(&p->player, CAP_ID_GAP, r->id - last->id - 1);
         last = r;
-        if (!play(p, turn, (uint64_t)member[p->in_take], set, good))
+        if (!source_play(p, turn, (uint64_t)member[p->in_take], set, good))
             return false;
     }
     return true;
 }
 
-static void *run(void *arg)
+static void *source_run(void *arg)
 {
     struct source *p = arg;
     for (uint64_t turn = 0; can_tell(p->file, turn); turn++) {
@@ -275,8 +275,8 @@ static pvx_err parse_uri(const char *uri, char **path, double *speed, struct pvx
     return PVX_OK;
 }
 
-static pvx_err set_up(struct source *p, const struct cap_source_config *c, const char *path,
-                      struct pvx_diag *d)
+static pvx_err source_set_up(struct source *p, const struct cap_source_config *c, const char *path,
+                             struct pvx_diag *d)
 {
     PVX_TRY(join_shared(path, &p->file, d));
     p->in_take = cap_take_find(p->file->take, p->name);
@@ -309,7 +309,7 @@ static pvx_err take_open(const struct cap_source_config *c, cap_source **out, st
     p->name = strdup(c->name != NULL ? c->name : "");
     pvx_err e = p->name != NULL ? parse_uri(c->uri, &path, &p->speed, d) : PVX_ENOMEM;
     if (e == PVX_OK)
-        e = set_up(p, c, path, d);
+        e = source_set_up(p, c, path, d);
     free(path);
     cap_source *base = &p->base;
     if (e != PVX_OK)
@@ -321,7 +321,7 @@ static pvx_err take_open(const struct cap_source_config *c, cap_source **out, st
 static pvx_err take_start(cap_source *base, const struct cap_sink *sink, struct pvx_diag *d)
 {
     struct source *p = (struct source *)base;
-    return cap_player_start(&p->player, "take", sink, run, p, d);
+    return cap_player_start(&p->player, "take", sink, source_run, p, d);
 }
 
 static void take_health(cap_source *base, struct cap_health *out)

@@ -51,14 +51,14 @@ static pvx_err name_other(const struct others *o, unsigned number, char path[PAT
     return pvx_path_more(o->first, more, path, PATH_MAX);
 }
 
-static int by_number(const void *a, const void *b)
+static int take_by_number(const void *a, const void *b)
 {
     unsigned x = *(const unsigned *)a, y = *(const unsigned *)b;
     return x < y ? -1 : x > y;
 }
 
 /* 0: `name` is no file of the recording. */
-static unsigned number_of(const struct others *o, const char *name)
+static unsigned take_number_of(const struct others *o, const char *name)
 {
     char path[PATH_MAX];
     const char *slash = strrchr(o->first, '/'), *base = slash != NULL ? slash + 1 : o->first;
@@ -88,7 +88,7 @@ static pvx_err find_others(const char *path, struct others *o)
     DIR *all = opendir(dir);
     pvx_err e = PVX_OK;
     for (struct dirent *f; all != NULL && e == PVX_OK && (f = readdir(all)) != NULL;) {
-        unsigned number = number_of(o, f->d_name);
+        unsigned number = take_number_of(o, f->d_name);
         if (number == 0)
             continue;
         unsigned *more = realloc(o->number, (o->n + 1) * sizeof *more);
@@ -102,7 +102,7 @@ static pvx_err find_others(const char *path, struct others *o)
     if (all != NULL)
         closedir(all);
     if (o->n > 0)
-        qsort(o->number, o->n, sizeof *o->number, by_number);
+        qsort(o->number, o->n, sizeof *o->number, take_by_number);
     return e;
 }
 
@@ -178,7 +178,7 @@ static pvx_err leave_out_camera(cap_take *t, struct piece *p, uint32_t c)
     return PVX_OK;
 }
 
-static pvx_err add_camera(cap_take *t, struct piece *p, uint32_t c)
+static pvx_err take_add_camera(cap_take *t, struct piece *p, uint32_t c)
 {
     struct cap_take_camera *all = &t->camera[c];
     struct piece_camera *k = &p->camera[c];
@@ -207,7 +207,7 @@ static pvx_err add_camera(cap_take *t, struct piece *p, uint32_t c)
 }
 
 /* The piece is the take's in any case. */
-static pvx_err add(cap_take *t, struct piece *p)
+static pvx_err take_add(cap_take *t, struct piece *p)
 {
     struct cap_take_info *i = &t->info;
     struct piece **more = realloc(t->piece, (i->pieces + 1) * sizeof *more);
@@ -228,7 +228,7 @@ static pvx_err add(cap_take *t, struct piece *p)
                                                     .temperature_c = NAN};
     }
     for (uint32_t c = 0; c < p->head.n_cameras; c++)
-        PVX_TRY(add_camera(t, p, c));
+        PVX_TRY(take_add_camera(t, p, c));
     p->first[PIECE_SETS] = i->sets;
     p->first[PIECE_GAPS] = i->gaps;
     i->sets += p->sets;
@@ -255,7 +255,7 @@ static void lose_between(cap_take *t, const struct piece *p)
 }
 
 /* Files [from, to] are not there. */
-static void note_missing(cap_take *t, const struct others *o, unsigned from, unsigned to)
+static void take_note_missing(cap_take *t, const struct others *o, unsigned from, unsigned to)
 {
     char a[PATH_MAX], b[PATH_MAX];
     if (to < from || name_other(o, from, a) != PVX_OK || name_other(o, to, b) != PVX_OK)
@@ -289,12 +289,12 @@ static pvx_err add_others(cap_take *t, const struct others *o, unsigned *last, b
             continue;
         }
         for (; since <= i; since++)
-            note_missing(t, o, since > 0 ? o->number[since - 1] + 1 : 2, o->number[since] - 1);
+            take_note_missing(t, o, since > 0 ? o->number[since - 1] + 1 : 2, o->number[since] - 1);
         if (o->number[i] > *last + 1)
             lose_between(t, p);
         *last = o->number[i];
         *broken = false;
-        PVX_TRY(add(t, p));
+        PVX_TRY(take_add(t, p));
     }
     return PVX_OK;
 }
@@ -313,7 +313,7 @@ static void note_states(cap_take *t)
     }
 }
 
-static pvx_err read_all(cap_take *t, const char *path, struct pvx_diag *d)
+static pvx_err take_do_read_all(cap_take *t, const char *path, struct pvx_diag *d)
 {
     struct others o = {.n = 0};
     struct piece *p;
@@ -323,7 +323,7 @@ static pvx_err read_all(cap_take *t, const char *path, struct pvx_diag *d)
         return first;
     bool broken = first != PVX_OK, whole = broken || is_first(p);
     if (first == PVX_OK)
-        e = add(t, p);
+        e = take_add(t, p);
     else
         note(t, "%s; it is left out", pvx_diag_text(d, first));
     if (e == PVX_OK && whole)
@@ -340,7 +340,7 @@ static pvx_err read_all(cap_take *t, const char *path, struct pvx_diag *d)
         t->info.closed = end->closed && !goes_on && !broken;
         last++;
         if (goes_on && !broken && name_other(&o, last, next) == PVX_OK &&
-            (o.n == 0 || bsearch(&last, o.number, o.n, sizeof last, by_number) == NULL))
+            (o.n == 0 || bsearch(&last, o.number, o.n, sizeof last, take_by_number) == NULL))
             note(t, "%s: is %s", next,
                  access(next, F_OK) != 0 ? "missing, in which the recording went on"
                                          : "not read: it was begun meanwhile");
@@ -362,7 +362,7 @@ pvx_err cap_take_open(const char *path, cap_take **out, struct pvx_diag *d)
     if (t->open != NULL)
         pthread_mutex_init(&t->open->lock, NULL);
     if (t->camera != NULL && t->open != NULL)
-        e = read_all(t, path, d);
+        e = take_do_read_all(t, path, d);
     if (e != PVX_OK)
         cap_take_free(&t);
     *out = t;
@@ -416,7 +416,7 @@ int cap_take_find(const cap_take *t, const char *camera)
 }
 
 /* The piece that has a row of one of the tables: the last that begins at it or before. */
-static struct piece *piece_of(const cap_take *t, int table, uint64_t row)
+static struct piece *take_piece_of(const cap_take *t, int table, uint64_t row)
 {
     uint64_t lo = 0, hi = t->info.pieces;
     while (hi - lo > 1) {
@@ -431,7 +431,7 @@ static struct piece *piece_of(const cap_take *t, int table, uint64_t row)
 
 const struct cap_take_set *cap_take_set(const cap_take *t, uint64_t k, const int64_t **member)
 {
-    const struct piece *p = piece_of(t, PIECE_SETS, k);
+    const struct piece *p = take_piece_of(t, PIECE_SETS, k);
     k -= p->first[PIECE_SETS];
     if (member != NULL)
         *member = &p->member[k * t->info.head.n_cameras];
@@ -455,13 +455,13 @@ int64_t cap_take_find_set(const cap_take *t, int64_t number)
 
 const struct cap_take_row *cap_take_row(const cap_take *t, uint32_t camera, uint64_t row)
 {
-    const struct piece *p = piece_of(t, (int)camera, row);
+    const struct piece *p = take_piece_of(t, (int)camera, row);
     return &p->camera[camera].row[row - p->first[camera]];
 }
 
 const struct cap_take_gap *cap_take_gap(const cap_take *t, uint64_t k)
 {
-    const struct piece *p = piece_of(t, PIECE_GAPS, k);
+    const struct piece *p = take_piece_of(t, PIECE_GAPS, k);
     return &p->gap[k - p->first[PIECE_GAPS]];
 }
 
@@ -487,7 +487,7 @@ void cap_take_only(cap_take *t, uint64_t first, uint64_t end)
 /* ---- pixels ---- */
 
 /* Under the lock: the file is open, another may be closed for it. */
-static void reach(const cap_take *t, struct piece *p)
+static void take_reach(const cap_take *t, struct piece *p)
 {
     struct open_files *o = t->open;
     struct piece *oldest = NULL;
@@ -512,14 +512,14 @@ pvx_err cap_take_read(const cap_take *t, uint32_t camera, uint64_t row, void *me
     if (row >= t->camera[camera].frames)
         return pvx_fail(d, PVX_EINVAL, "%s: camera %s has no frame in place %llu",
                         t->piece[0]->path, name, (unsigned long long)row);
-    struct piece *p = piece_of(t, (int)camera, row);
+    struct piece *p = take_piece_of(t, (int)camera, row);
     row -= p->first[camera];
     const struct cap_take_row *r = &p->camera[camera].row[row];
     if (r->bytes > size)
         return pvx_fail(d, PVX_ERANGE, "%s: a frame of camera %s has %llu bytes, room is for %zu",
                         p->path, name, (unsigned long long)r->bytes, size);
     pthread_mutex_lock(&t->open->lock);
-    reach(t, p);
+    take_reach(t, p);
     bool fetched = piece_fetch(p, camera, row, mem);
     pthread_mutex_unlock(&t->open->lock);
     if (!fetched || !piece_is(p, camera, row, mem, img))

@@ -48,12 +48,12 @@ struct cap_take_writer {
     int64_t *member;
 };
 
-static pvx_err fail(cap_take_writer *w, const char *what, struct pvx_diag *d)
+static pvx_err write_fail(cap_take_writer *w, const char *what, struct pvx_diag *d)
 {
     return take_h5_fail(d, PVX_EIO, w->path, what);
 }
 
-static pvx_err reserve(cap_take_writer *w, uint64_t bytes, struct pvx_diag *d)
+static pvx_err write_reserve(cap_take_writer *w, uint64_t bytes, struct pvx_diag *d)
 {
     return take_h5_reserve(&w->room, w->file, w->path, bytes, d);
 }
@@ -105,7 +105,7 @@ static pvx_err start_swmr(cap_take_writer *w, struct pvx_diag *d)
     if (w->swmr)
         return PVX_OK;
     if (H5Fstart_swmr_write(w->file) < 0)
-        return fail(w, "cannot begin to append", d);
+        return write_fail(w, "cannot begin to append", d);
     w->swmr = true;
     return PVX_OK;
 }
@@ -188,7 +188,7 @@ static bool make_datasets(cap_take_writer *w, struct camera *k, hid_t type)
 }
 
 /* Of a format that is known, with all its rows. */
-static bool is_whole(const struct cap_image *img)
+static bool write_is_whole(const struct cap_image *img)
 {
     enum cap_layout layout = cap_pixfmt_layout(img->fmt);
     if (layout == CAP_LAYOUT_NONE || img->width < 1 || img->height < 1 ||
@@ -217,8 +217,8 @@ static pvx_err make_camera(cap_take_writer *w, struct camera *k, const struct ca
                         cap_pixfmt_name(img->fmt));
     k->bytes = cap_pixfmt_row(k->fmt, k->width) * (size_t)k->height;
     if (w->swmr && !reopen(w))
-        return fail(w, "cannot be opened again for another camera", d);
-    return make_datasets(w, k, type) ? PVX_OK : fail(w, "cannot make a camera's tables", d);
+        return write_fail(w, "cannot be opened again for another camera", d);
+    return make_datasets(w, k, type) ? PVX_OK : write_fail(w, "cannot make a camera's tables", d);
 }
 
 static pvx_err new_writer(const char *path, const struct cap_take_head *h, cap_take_writer **out)
@@ -270,7 +270,7 @@ static void free_writer(cap_take_writer *w)
     free(w);
 }
 
-static pvx_err make_folder(const char *path, struct pvx_diag *d)
+static pvx_err write_make_folder(const char *path, struct pvx_diag *d)
 {
     const char *slash = strrchr(path, '/');
     if (slash == NULL || slash == path)
@@ -283,7 +283,7 @@ static pvx_err make_folder(const char *path, struct pvx_diag *d)
 
 static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
 {
-    PVX_TRY(make_folder(w->path, d));
+    PVX_TRY(write_make_folder(w->path, d));
     if (access(w->path, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s: is there already; name another file", w->path);
     hid_t fapl = take_h5_access(TAKE_ALIGN), fcpl = H5Pcreate(H5P_FILE_CREATE);
@@ -292,9 +292,9 @@ static pvx_err create_file(cap_take_writer *w, struct pvx_diag *d)
     H5Pclose(fcpl);
     H5Pclose(fapl);
     if (w->file < 0)
-        return fail(w, "cannot be made", d);
+        return write_fail(w, "cannot be made", d);
     w->room.fd = open(w->path, O_RDWR | O_CLOEXEC);
-    pvx_err e = w->room.fd >= 0 ? reserve(w, 0, d) : fail(w, "cannot be made", d);
+    pvx_err e = w->room.fd >= 0 ? write_reserve(w, 0, d) : write_fail(w, "cannot be made", d);
     if (e != PVX_OK)
         unlink(w->path);
     return e;
@@ -318,7 +318,7 @@ pvx_err cap_take_create(const char *path, const struct cap_take_head *head, cap_
     if (e == PVX_OK)
         e = create_file(w, d);
     if (e == PVX_OK && !make_root(w, head)) {
-        e = fail(w, "cannot be begun", d);
+        e = write_fail(w, "cannot be begun", d);
         close_file(w);
         unlink(path);
     }
@@ -358,10 +358,10 @@ static bool append_image(struct camera *k, const void *pixels)
            H5Dwrite_chunk(k->frames, H5P_DEFAULT, 0, at, k->bytes, pixels) >= 0;
 }
 
-static bool fits(const struct camera *k, const struct cap_image *img)
+static bool write_fits(const struct camera *k, const struct cap_image *img)
 {
     return img->fmt == k->fmt && img->width == k->width && img->height == k->height &&
-           is_whole(img);
+           write_is_whole(img);
 }
 
 static pvx_err unfit(cap_take_writer *w, const struct cap_frame *f, int64_t set, struct pvx_diag *d)
@@ -384,10 +384,10 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
 {
     *place = -1;
     struct camera *k = &w->camera[f->camera];
-    if (!k->made && is_whole(&f->img))
+    if (!k->made && write_is_whole(&f->img))
         PVX_TRY(make_camera(w, k, &f->img, d));
     PVX_TRY(start_swmr(w, d));
-    if (!k->made || !fits(k, &f->img))
+    if (!k->made || !write_fits(k, &f->img))
         return unfit(w, f, set, d);
     struct cap_take_row r = {.id = f->id,
                              .set = set,
@@ -408,7 +408,7 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
     if (!(k->rank == 1 ? take_h5_append(k->frames, H5T_NATIVE_UINT8, 0, k->stream, r.bytes, pixels)
                        : append_image(k, pixels)) ||
         !take_h5_append(k->index, w->row_type, 0, k->n, 1, &r))
-        return fail(w, "cannot be written", d);
+        return write_fail(w, "cannot be written", d);
     k->stream += k->rank == 1 ? r.bytes : 0;
     *place = (int64_t)k->n++;
     w->n_frames++;
@@ -420,7 +420,7 @@ static pvx_err put_frame(cap_take_writer *w, const struct cap_frame *f, int64_t 
 static pvx_err make_cameras(cap_take_writer *w, const struct cap_set *s, struct pvx_diag *d)
 {
     for (uint32_t c = 0; c < w->n_cameras; c++)
-        if (s->frame[c] != NULL && !w->camera[c].made && is_whole(&s->frame[c]->img))
+        if (s->frame[c] != NULL && !w->camera[c].made && write_is_whole(&s->frame[c]->img))
             PVX_TRY(make_camera(w, &w->camera[c], &s->frame[c]->img, d));
     return PVX_OK;
 }
@@ -431,7 +431,7 @@ pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s, struct pvx
     uint64_t bytes = 0;
     for (uint32_t c = 0; c < w->n_cameras; c++)
         bytes += s->frame[c] != NULL ? s->frame[c]->img.size : 0;
-    PVX_TRY(reserve(w, bytes, d));
+    PVX_TRY(write_reserve(w, bytes, d));
     PVX_TRY(make_cameras(w, s, d));
     struct cap_take_set row = {.number = s->number,
                                .t_exposure_ns = s->t_exposure_ns,
@@ -450,7 +450,7 @@ pvx_err cap_take_put_set(cap_take_writer *w, const struct cap_set *s, struct pvx
     row.check = take_set_check(&row, w->member, w->n_cameras);
     if (!take_h5_append(w->members, H5T_NATIVE_INT64, w->n_cameras, w->n_sets, 1, w->member) ||
         !take_h5_append(w->sets, w->set_type, 0, w->n_sets, 1, &row))
-        return fail(w, "cannot be written", d);
+        return write_fail(w, "cannot be written", d);
     w->n_sets++;
     return PVX_OK;
 }
@@ -460,17 +460,17 @@ pvx_err cap_take_put_stray(cap_take_writer *w, const struct cap_frame *f, enum c
 {
     take_h5_init();
     int64_t place;
-    PVX_TRY(reserve(w, f->img.size, d));
+    PVX_TRY(write_reserve(w, f->img.size, d));
     return put_frame(w, f, -1, why, &place, d);
 }
 
 pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g, struct pvx_diag *d)
 {
     take_h5_init();
-    PVX_TRY(reserve(w, 0, d));
+    PVX_TRY(write_reserve(w, 0, d));
     PVX_TRY(start_swmr(w, d));
     if (!take_h5_append(w->gaps, w->gap_type, 0, w->n_gaps, 1, g))
-        return fail(w, "cannot be written", d);
+        return write_fail(w, "cannot be written", d);
     w->n_gaps++;
     return PVX_OK;
 }
@@ -478,14 +478,14 @@ pvx_err cap_take_put_gap(cap_take_writer *w, const struct cap_take_gap *g, struc
 pvx_err cap_take_commit(cap_take_writer *w, struct pvx_diag *d)
 {
     take_h5_init();
-    return H5Fflush(w->file, H5F_SCOPE_LOCAL) >= 0 ? PVX_OK : fail(w, "cannot be written", d);
+    return H5Fflush(w->file, H5F_SCOPE_LOCAL) >= 0 ? PVX_OK : write_fail(w, "cannot be written", d);
 }
 
 /* The totals are written when the file has been closed once: it is whole whether they come or not. */
 static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
 {
     if (!reopen(w))
-        return fail(w, "cannot be closed", d);
+        return write_fail(w, "cannot be closed", d);
     bool ok = true;
     for (uint32_t c = 0; c < w->n_cameras && ok; c++) {
         char name[CAP_TAKE_NAME_MAX + 24];
@@ -500,7 +500,7 @@ static pvx_err put_totals(cap_take_writer *w, struct pvx_diag *d)
          take_h5_put_int(w->file, "n_gaps", (int64_t)w->n_gaps) &&
          take_h5_put_int(w->file, "t_closed_ns", pvx_now_real()) &&
          take_h5_put_int(w->file, "goes_on", w->goes_on) && take_h5_put_int(w->file, "closed", 1);
-    return close_file(w) && ok ? PVX_OK : fail(w, "cannot be closed", d);
+    return close_file(w) && ok ? PVX_OK : write_fail(w, "cannot be closed", d);
 }
 
 void cap_take_about(cap_take_writer *w, uint32_t camera, const char *serial, double temperature_c)

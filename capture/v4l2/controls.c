@@ -63,7 +63,7 @@ static bool query(const struct v4l_device *dev, uint32_t id, control *q)
 }
 
 /* By the number "0x009a0902" or by name.  False: not there. */
-static bool find(const struct v4l_device *dev, const char *name, control *q)
+static bool controls_find(const struct v4l_device *dev, const char *name, control *q)
 {
     const uint32_t next = V4L2_CTRL_FLAG_NEXT_CTRL | V4L2_CTRL_FLAG_NEXT_COMPOUND;
     int64_t number;
@@ -97,7 +97,7 @@ static bool menu_item(const struct v4l_device *dev, const control *q, int64_t i,
 }
 
 /* "0 to 255 in steps of 2", "0 = Auto Mode, 1 = Manual Mode". */
-static void say_range(const struct v4l_device *dev, const control *q, struct v4l_text *t)
+static void controls_say_range(const struct v4l_device *dev, const control *q, struct v4l_text *t)
 {
     char item[64];
     if (is_menu(q)) {
@@ -117,11 +117,11 @@ static void say_range(const struct v4l_device *dev, const control *q, struct v4l
         v4l_say(t, " in steps of %llu", (unsigned long long)q->step);
 }
 
-static pvx_err refused(const struct request *r, const char *why)
+static pvx_err controls_refused(const struct request *r, const char *why)
 {
     char name[64], range[400] = "";
     plain(r->q->name, name, sizeof name);
-    say_range(r->dev, r->q, &(struct v4l_text){range, sizeof range, 0});
+    controls_say_range(r->dev, r->q, &(struct v4l_text){range, sizeof range, 0});
     return pvx_fail(r->d, PVX_EINVAL, "camera %s (v4l2:%s): %s = %s refused: %s; it offers %s",
                     r->c->name, r->c->uri, name, r->value, why, range);
 }
@@ -136,15 +136,15 @@ static int transfer(const struct v4l_device *dev, unsigned long request, struct 
 static pvx_err transfer_failed(const struct request *r)
 {
     if (errno == EBUSY)
-        return refused(r, "the camera is streaming, or another setting rules it");
+        return controls_refused(r, "the camera is streaming, or another setting rules it");
     if (errno == ERANGE || errno == EINVAL)
-        return refused(r, "out of range");
+        return controls_refused(r, "out of range");
     if (errno == EACCES)
-        return refused(r, "it can only be read, or an automatic mode rules it");
+        return controls_refused(r, "it can only be read, or an automatic mode rules it");
     return v4l_fail(r->c, r->dev->node, r->q->name, r->d);
 }
 
-static pvx_err set_number(const struct request *r, int64_t value)
+static pvx_err controls_set_number(const struct request *r, int64_t value)
 {
     const control *q = r->q;
     bool wide = q->type == V4L2_CTRL_TYPE_INTEGER64;
@@ -152,7 +152,7 @@ static pvx_err set_number(const struct request *r, int64_t value)
     /* Drivers clamp without a word: the range is looked at here. */
     if (mask ? (value & ~(int64_t)(uint32_t)q->maximum) != 0
              : value < q->minimum || value > q->maximum)
-        return refused(r, "out of range");
+        return controls_refused(r, "out of range");
     struct v4l2_ext_control x = {.id = q->id};
     if (wide)
         x.value64 = value;
@@ -176,7 +176,7 @@ static pvx_err set_number(const struct request *r, int64_t value)
     char why[120];
     snprintf(why, sizeof why, "the camera has %lld%s", (long long)got,
              q->flags & V4L2_CTRL_FLAG_INACTIVE ? ", because an automatic mode rules it" : "");
-    return refused(r, why);
+    return controls_refused(r, why);
 }
 
 static pvx_err set_string(const struct request *r)
@@ -186,7 +186,7 @@ static pvx_err set_string(const struct request *r)
     size_t len = strlen(r->value);
     if (q->elem_size > sizeof text || len + 1 > q->elem_size || (int64_t)len < q->minimum ||
         (int64_t)len > q->maximum)
-        return refused(r, "too long or too short");
+        return controls_refused(r, "too long or too short");
     memcpy(text, r->value, len + 1);
     struct v4l2_ext_control x = {.id = q->id, .size = q->elem_size, .string = text};
     if (transfer(r->dev, VIDIOC_S_EXT_CTRLS, &x) != 0)
@@ -196,7 +196,7 @@ static pvx_err set_string(const struct request *r)
     x = (struct v4l2_ext_control){.id = q->id, .size = q->elem_size, .string = got};
     if (transfer(r->dev, VIDIOC_G_EXT_CTRLS, &x) != 0)
         return transfer_failed(r);
-    return strcmp(text, got) == 0 ? PVX_OK : refused(r, "the camera has another text");
+    return strcmp(text, got) == 0 ? PVX_OK : controls_refused(r, "the camera has another text");
 }
 
 static bool menu_number(const struct v4l_device *dev, const control *q, const char *name,
@@ -210,8 +210,8 @@ static bool menu_number(const struct v4l_device *dev, const control *q, const ch
 }
 
 /* What a text says for this control; false: nothing. */
-static bool number_of(const struct v4l_device *dev, const control *q, const char *text,
-                      int64_t *out)
+static bool controls_number_of(const struct v4l_device *dev, const control *q, const char *text,
+                               int64_t *out)
 {
     static const char *const on[] = {"true", "on", "yes"}, *const off[] = {"false", "off", "no"};
     if (whole_number(text, out))
@@ -226,17 +226,17 @@ static bool number_of(const struct v4l_device *dev, const control *q, const char
     return false;
 }
 
-static pvx_err set(const struct cap_source_config *c, const struct v4l_device *dev,
-                   const control *q, const char *value, struct pvx_diag *d)
+static pvx_err controls_set(const struct cap_source_config *c, const struct v4l_device *dev,
+                            const control *q, const char *value, struct pvx_diag *d)
 {
     const struct request r = {c, dev, d, q, value};
     int64_t number = 0;
     if (q->flags & V4L2_CTRL_FLAG_DISABLED)
-        return refused(&r, "the control is disabled");
+        return controls_refused(&r, "the control is disabled");
     if (q->flags & V4L2_CTRL_FLAG_READ_ONLY)
-        return refused(&r, "it can only be read");
+        return controls_refused(&r, "it can only be read");
     if (q->flags & V4L2_CTRL_FLAG_GRABBED)
-        return refused(&r, "another program holds it");
+        return controls_refused(&r, "another program holds it");
     switch (q->type) {
     case V4L2_CTRL_TYPE_BUTTON: {
         struct v4l2_ext_control x = {.id = q->id, .value = 1};
@@ -251,23 +251,23 @@ static pvx_err set(const struct cap_source_config *c, const struct v4l_device *d
     case V4L2_CTRL_TYPE_BITMASK:
         if ((q->flags & V4L2_CTRL_FLAG_HAS_PAYLOAD) != 0)
             break;
-        if (!number_of(dev, q, value, &number))
-            return refused(&r, "no value of it");
-        return set_number(&r, number);
+        if (!controls_number_of(dev, q, value, &number))
+            return controls_refused(&r, "no value of it");
+        return controls_set_number(&r, number);
     }
-    return refused(&r, "it is a table, which has no form in the configuration");
+    return controls_refused(&r, "it is a table, which has no form in the configuration");
 }
 
-static pvx_err set_feature(const struct cap_source_config *c, const struct v4l_device *dev,
-                           const struct cap_feature *f, struct pvx_diag *d)
+static pvx_err controls_set_feature(const struct cap_source_config *c, const struct v4l_device *dev,
+                                    const struct cap_feature *f, struct pvx_diag *d)
 {
     control q;
-    if (!find(dev, f->name, &q))
+    if (!controls_find(dev, f->name, &q))
         return pvx_fail(d, PVX_EINVAL,
                         "camera %s (v4l2:%s): the camera has no control %s; `v4l2-ctl -d %s -L` "
                         "lists those it has",
                         c->name, c->uri, f->name, dev->node);
-    return set(c, dev, &q, f->value, d);
+    return controls_set(c, dev, &q, f->value, d);
 }
 
 static pvx_err set_value(const struct cap_source_config *c, const struct v4l_device *dev,
@@ -275,40 +275,40 @@ static pvx_err set_value(const struct cap_source_config *c, const struct v4l_dev
 {
     char text[32];
     snprintf(text, sizeof text, "%lld", (long long)value);
-    return set(c, dev, q, text, d);
+    return controls_set(c, dev, q, text, d);
 }
 
-static bool is_there(const struct v4l_device *dev, uint32_t id, control *q)
+static bool controls_is_there(const struct v4l_device *dev, uint32_t id, control *q)
 {
     return query(dev, id, q) && (q->flags & V4L2_CTRL_FLAG_DISABLED) == 0;
 }
 
 /* Manual exposure; a rate that does not give way to it. */
-static pvx_err set_exposure(const struct cap_source_config *c, const struct v4l_device *dev,
-                            struct pvx_diag *d)
+static pvx_err controls_set_exposure(const struct cap_source_config *c,
+                                     const struct v4l_device *dev, struct pvx_diag *d)
 {
     control q;
     if (c->exposure_us < 0)
         return PVX_OK;
-    if (!is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q))
+    if (!controls_is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q))
         return pvx_fail(d, PVX_EINVAL,
                         "camera %s (v4l2:%s): exposure_us = %g refused: the camera has no exposure "
                         "control in units of time%s",
                         c->name, c->uri, c->exposure_us,
-                        is_there(dev, V4L2_CID_EXPOSURE, &q)
+                        controls_is_there(dev, V4L2_CID_EXPOSURE, &q)
                             ? "; set the one it has, in its own units, under features: exposure"
                             : "");
     control automatic;
-    if (is_there(dev, V4L2_CID_EXPOSURE_AUTO, &automatic)) {
+    if (controls_is_there(dev, V4L2_CID_EXPOSURE_AUTO, &automatic)) {
         char item[64];
         bool manual = menu_item(dev, &automatic, V4L2_EXPOSURE_MANUAL, item, sizeof item);
         PVX_TRY(set_value(c, dev, &automatic,
                           manual ? V4L2_EXPOSURE_MANUAL : V4L2_EXPOSURE_SHUTTER_PRIORITY, d));
     }
-    if (is_there(dev, V4L2_CID_EXPOSURE_AUTO_PRIORITY, &automatic) &&
+    if (controls_is_there(dev, V4L2_CID_EXPOSURE_AUTO_PRIORITY, &automatic) &&
         (automatic.flags & V4L2_CTRL_FLAG_READ_ONLY) == 0)
         PVX_TRY(set_value(c, dev, &automatic, 0, d));
-    if (!is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q)) /* its flags have changed */
+    if (!controls_is_there(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &q)) /* its flags have changed */
         return PVX_EIO;
     double want = c->exposure_us / 100;
     if (want < (double)q.minimum - 0.5 || want > (double)q.maximum + 0.5)
@@ -326,9 +326,10 @@ static pvx_err set_gain(const struct cap_source_config *c, const struct v4l_devi
     control q, automatic;
     if (c->gain < 0)
         return PVX_OK;
-    if (is_there(dev, V4L2_CID_AUTOGAIN, &automatic))
+    if (controls_is_there(dev, V4L2_CID_AUTOGAIN, &automatic))
         PVX_TRY(set_value(c, dev, &automatic, 0, d));
-    if (is_there(dev, V4L2_CID_GAIN, &q) || is_there(dev, V4L2_CID_ANALOGUE_GAIN, &q)) {
+    if (controls_is_there(dev, V4L2_CID_GAIN, &q) ||
+        controls_is_there(dev, V4L2_CID_ANALOGUE_GAIN, &q)) {
         if (fabs(c->gain) < 0x1p52)
             return set_value(c, dev, &q, llrint(c->gain), d);
     }
@@ -339,19 +340,19 @@ static pvx_err set_gain(const struct cap_source_config *c, const struct v4l_devi
 pvx_err v4l_set_controls(const struct cap_source_config *c, const struct v4l_device *dev,
                          struct pvx_diag *d)
 {
-    PVX_TRY(set_exposure(c, dev, d));
+    PVX_TRY(controls_set_exposure(c, dev, d));
     PVX_TRY(set_gain(c, dev, d));
     for (size_t i = 0; i < c->n_features;
          i++) /* in their order: an automatic mode off, then its value */
-        PVX_TRY(set_feature(c, dev, &c->features[i], d));
+        PVX_TRY(controls_set_feature(c, dev, &c->features[i], d));
     return PVX_OK;
 }
 
-static bool value_of(const struct v4l_device *dev, uint32_t id, int32_t *out)
+static bool controls_value_of(const struct v4l_device *dev, uint32_t id, int32_t *out)
 {
     control q;
     struct v4l2_ext_control x = {.id = id};
-    if (!is_there(dev, id, &q) || transfer(dev, VIDIOC_G_EXT_CTRLS, &x) != 0)
+    if (!controls_is_there(dev, id, &q) || transfer(dev, VIDIOC_G_EXT_CTRLS, &x) != 0)
         return false;
     *out = x.value;
     return true;
@@ -360,18 +361,19 @@ static bool value_of(const struct v4l_device *dev, uint32_t id, int32_t *out)
 double v4l_fixed_exposure_us(const struct v4l_device *dev)
 {
     int32_t mode, value;
-    if (value_of(dev, V4L2_CID_EXPOSURE_AUTO, &mode) && mode != V4L2_EXPOSURE_MANUAL &&
+    if (controls_value_of(dev, V4L2_CID_EXPOSURE_AUTO, &mode) && mode != V4L2_EXPOSURE_MANUAL &&
         mode != V4L2_EXPOSURE_SHUTTER_PRIORITY)
         return NAN;
-    return value_of(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &value) ? value * 100.0 : NAN;
+    return controls_value_of(dev, V4L2_CID_EXPOSURE_ABSOLUTE, &value) ? value * 100.0 : NAN;
 }
 
 double v4l_fixed_gain(const struct v4l_device *dev)
 {
     int32_t automatic, value;
-    if (value_of(dev, V4L2_CID_AUTOGAIN, &automatic) && automatic != 0)
+    if (controls_value_of(dev, V4L2_CID_AUTOGAIN, &automatic) && automatic != 0)
         return NAN;
-    if (value_of(dev, V4L2_CID_GAIN, &value) || value_of(dev, V4L2_CID_ANALOGUE_GAIN, &value))
+    if (controls_value_of(dev, V4L2_CID_GAIN, &value) ||
+        controls_value_of(dev, V4L2_CID_ANALOGUE_GAIN, &value))
         return value;
     return NAN;
 }

@@ -126,7 +126,7 @@ pvx_err v4l_fail(const struct cap_source_config *c, const char *node, const char
 /* ---- nodes ------------------------------------------------------------------------------------ */
 
 /* Open and ask what it is; *capture: images can be streamed from it.  errno on failure. */
-static bool look(const char *path, struct v4l_device *dev, bool *capture)
+static bool find_look(const char *path, struct v4l_device *dev, bool *capture)
 {
     struct v4l2_capability cap = {0};
     *dev = (struct v4l_device){.fd = open(path, O_RDWR | O_NONBLOCK | O_CLOEXEC)};
@@ -150,14 +150,14 @@ static bool look(const char *path, struct v4l_device *dev, bool *capture)
     return true;
 }
 
-static int by_number(const void *a, const void *b)
+static int find_by_number(const void *a, const void *b)
 {
     const struct node *x = a, *y = b;
     return (x->number > y->number) - (x->number < y->number);
 }
 
 /* What sysfs says of the node, also where no udevd runs. */
-static void describe(sd_device *dev, struct node *k)
+static void find_describe(sd_device *dev, struct node *k)
 {
     sd_device *usb;
     const char *text;
@@ -190,23 +190,23 @@ static pvx_err scan(struct nodes *out)
         bool capture = false;
         if (sd_device_get_devname(dev, &path) < 0)
             continue;
-        if (!look(path, &k->dev, &capture)) {
+        if (!find_look(path, &k->dev, &capture)) {
             out->forbidden += errno == EACCES || errno == EPERM;
             continue;
         }
         v4l_close(&k->dev);
         if (capture) {
-            describe(dev, k);
+            find_describe(dev, k);
             out->n++;
         }
     }
     sd_device_enumerator_unref(all);
-    qsort(out->at, out->n, sizeof *out->at, by_number);
+    qsort(out->at, out->n, sizeof *out->at, find_by_number);
     return PVX_OK;
 }
 
 /* Does `name` ("usb-SERIAL", "SERIAL", bus, card), without #INDEX, mean this node? */
-static bool means(const struct node *k, const char *name)
+static bool find_means(const struct node *k, const char *name)
 {
     if (strcmp(name, k->dev.bus) == 0 || strcmp(name, k->dev.card) == 0)
         return true;
@@ -217,7 +217,7 @@ static bool means(const struct node *k, const char *name)
 }
 
 /* "NAME#2" -> NAME, 2; no number: -1. */
-static int split(const char *uri, char *name, size_t size)
+static int find_split(const char *uri, char *name, size_t size)
 {
     int index = -1, n = 0;
     snprintf(name, size, "%s", uri);
@@ -229,15 +229,15 @@ static int split(const char *uri, char *name, size_t size)
     return index;
 }
 
-static const struct node *find(const struct nodes *all, const char *uri, unsigned *matches)
+static const struct node *v4l2_find(const struct nodes *all, const char *uri, unsigned *matches)
 {
     char name[256];
-    int index = split(uri, name, sizeof name);
+    int index = find_split(uri, name, sizeof name);
     const struct node *found = NULL;
     *matches = 0;
     for (unsigned i = 0; i < all->n; i++) {
         const struct node *k = &all->at[i];
-        if (!means(k, name) || (index >= 0 && (unsigned)index != k->index))
+        if (!find_means(k, name) || (index >= 0 && (unsigned)index != k->index))
             continue;
         found = k;
         ++*matches;
@@ -255,7 +255,7 @@ static void stable_name(const struct nodes *all, const struct node *k, char *out
                              kind == 0 ? k->serial : k->dev.bus);
             if (with_index && w > 0 && (size_t)w < size)
                 snprintf(out + w, size - (size_t)w, "#%u", k->index);
-            find(all, out, &n);
+            v4l2_find(all, out, &n);
             if (n == 1)
                 return;
         }
@@ -265,10 +265,10 @@ static void stable_name(const struct nodes *all, const struct node *k, char *out
 static void say_candidates(const struct nodes *all, const char *uri, struct v4l_text *t)
 {
     char name[256], stable[192];
-    split(uri, name, sizeof name);
+    find_split(uri, name, sizeof name);
     for (unsigned i = 0; i < all->n; i++) {
         const struct node *k = &all->at[i];
-        if (uri[0] != '\0' && !means(k, name))
+        if (uri[0] != '\0' && !find_means(k, name))
             continue;
         stable_name(all, k, stable, sizeof stable);
         v4l_say(t, "%sv4l2:%s (%s, %s)", t->len > 0 ? ", " : "", stable, k->dev.card, k->dev.node);
@@ -304,7 +304,7 @@ static pvx_err open_path(const struct cap_source_config *c, const char *path,
                          struct v4l_device *out, struct pvx_diag *d)
 {
     bool capture;
-    if (!look(path, out, &capture)) {
+    if (!find_look(path, out, &capture)) {
         if (errno == ENOENT)
             return pvx_fail(d, PVX_ENOENT,
                             "camera %s (v4l2:%s): there is no %s; `pyrovox cameras v4l2` lists "
@@ -338,7 +338,7 @@ static pvx_err open_named(const struct cap_source_config *c, struct v4l_device *
     PVX_TRY(scan(&all));
     unsigned n;
     char list[500] = "";
-    const struct node *k = find(&all, c->uri, &n);
+    const struct node *k = v4l2_find(&all, c->uri, &n);
     struct v4l_text t = {list, sizeof list, 0};
     pvx_err e;
     if (n == 1) {
@@ -398,7 +398,7 @@ pvx_err v4l_list(void (*cb)(void *ctx, const struct cap_found *f), void *ctx, st
         snprintf(text, sizeof text, "%s, %s, driver %s, %s", k->dev.card, k->dev.bus, k->dev.driver,
                  k->dev.node);
         formats[0] = '\0';
-        if (look(k->dev.node, &dev, &capture))
+        if (find_look(k->dev.node, &dev, &capture))
             v4l_say_all(&dev, &(struct v4l_text){formats, LIST_TEXT, 0});
         v4l_close(&dev);
         cb(ctx, &(struct cap_found){uri, text, formats});

@@ -141,7 +141,7 @@ static bool size_at(const struct v4l_device *dev, uint32_t fourcc, unsigned i,
     return i < MAX_ENUM && v4l_call(dev->fd, VIDIOC_ENUM_FRAMESIZES, out) == 0;
 }
 
-static void say_range(const struct v4l2_frmsize_stepwise *s, struct v4l_text *t)
+static void formats_say_range(const struct v4l2_frmsize_stepwise *s, struct v4l_text *t)
 {
     v4l_say(t, "%ux%u..%ux%u", s->min_width, s->min_height, s->max_width, s->max_height);
     if (s->step_width > 1 || s->step_height > 1)
@@ -154,7 +154,7 @@ void v4l_say_sizes(const struct v4l_device *dev, uint32_t fourcc, struct v4l_tex
     for (unsigned i = 0; size_at(dev, fourcc, i, &s); i++) {
         v4l_say(t, "%s", i > 0 ? " " : "");
         if (s.type != V4L2_FRMSIZE_TYPE_DISCRETE) {
-            say_range(&s.stepwise, t);
+            formats_say_range(&s.stepwise, t);
             return;
         }
         v4l_say(t, "%ux%u", s.discrete.width, s.discrete.height);
@@ -190,7 +190,7 @@ static void say_line(const struct v4l_device *dev, uint32_t code, const struct v
     if (one)
         v4l_say(t, "%ux%u", s->discrete.width, s->discrete.height);
     else
-        say_range(&s->stepwise, t);
+        formats_say_range(&s->stepwise, t);
     size_t before = t->len;
     v4l_say(t, " ");
     v4l_say_rates(dev, code, one ? s->discrete.width : s->stepwise.max_width,

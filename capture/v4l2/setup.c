@@ -38,8 +38,8 @@ static struct picture picture_of(const struct v4l2_format *f)
                             extended ? p->xfer_func : V4L2_XFER_FUNC_DEFAULT};
 }
 
-static struct v4l2_format format_of(const struct v4l_device *dev, uint32_t fourcc, uint32_t w,
-                                    uint32_t h)
+static struct v4l2_format setup_format_of(const struct v4l_device *dev, uint32_t fourcc, uint32_t w,
+                                          uint32_t h)
 {
     struct v4l2_format f = {.type = dev->type};
     if (v4l_mplane(dev)) {
@@ -68,8 +68,8 @@ static pvx_err refused_format(const struct cap_source_config *c, const struct v4
 }
 
 /* The code to ask for: the one configured, else what the camera is set to, else its first one. */
-static pvx_err choose(const struct cap_source_config *c, const struct v4l_device *dev,
-                      const struct picture *now, uint32_t *out, struct pvx_diag *d)
+static pvx_err setup_choose(const struct cap_source_config *c, const struct v4l_device *dev,
+                            const struct picture *now, uint32_t *out, struct pvx_diag *d)
 {
     uint32_t code;
     enum cap_pixfmt has = v4l_pixfmt(now->fourcc);
@@ -90,8 +90,8 @@ static pvx_err choose(const struct cap_source_config *c, const struct v4l_device
                     offered);
 }
 
-static pvx_err check_size(const struct cap_source_config *c, const struct v4l_device *dev,
-                          const struct picture *p, struct pvx_diag *d)
+static pvx_err setup_check_size(const struct cap_source_config *c, const struct v4l_device *dev,
+                                const struct picture *p, struct pvx_diag *d)
 {
     if (c->width <= 0 || c->height <= 0 ||
         (p->width == (uint32_t)c->width && p->height == (uint32_t)c->height))
@@ -114,7 +114,7 @@ static pvx_err read_layout(const struct cap_source_config *c, const struct v4l_d
                              .size = p->size};
     if (c->fmt != CAP_FMT_NONE && l->fmt != c->fmt)
         return refused_format(c, dev, d);
-    PVX_TRY(check_size(c, dev, p, d));
+    PVX_TRY(setup_check_size(c, dev, p, d));
     if (p->width < 1 || p->height < 1 || p->width > 65536 || p->height > 65536)
         return pvx_fail(d, PVX_EUNSUP, "camera %s (v4l2:%s): image size %ux%u", c->name, c->uri,
                         p->width, p->height);
@@ -139,17 +139,17 @@ static pvx_err read_layout(const struct cap_source_config *c, const struct v4l_d
     return PVX_OK;
 }
 
-static pvx_err set_format(const struct cap_source_config *c, const struct v4l_device *dev,
-                          struct v4l_layout *l, uint32_t *code, struct pvx_diag *d)
+static pvx_err v4l2_set_format(const struct cap_source_config *c, const struct v4l_device *dev,
+                               struct v4l_layout *l, uint32_t *code, struct pvx_diag *d)
 {
     struct v4l2_format f = {.type = dev->type};
     if (v4l_call(dev->fd, VIDIOC_G_FMT, &f) != 0)
         return v4l_fail(c, dev->node, "VIDIOC_G_FMT", d);
     struct picture now = picture_of(&f);
-    PVX_TRY(choose(c, dev, &now, code, d));
+    PVX_TRY(setup_choose(c, dev, &now, code, d));
     bool sized = c->width > 0 && c->height > 0;
-    f = format_of(dev, *code, sized ? (uint32_t)c->width : now.width,
-                  sized ? (uint32_t)c->height : now.height);
+    f = setup_format_of(dev, *code, sized ? (uint32_t)c->width : now.width,
+                        sized ? (uint32_t)c->height : now.height);
     /* What a driver cannot do it replaces without a word: the answer is looked at. */
     if (v4l_call(dev->fd, VIDIOC_S_FMT, &f) != 0)
         return v4l_fail(c, dev->node, "VIDIOC_S_FMT", d);
@@ -206,6 +206,6 @@ pvx_err v4l_set_layout(const struct cap_source_config *c, const struct v4l_devic
                        struct v4l_layout *l, struct pvx_diag *d)
 {
     uint32_t code = 0;
-    PVX_TRY(set_format(c, dev, l, &code, d));
+    PVX_TRY(v4l2_set_format(c, dev, l, &code, d));
     return set_rate(c, dev, code, l, d);
 }

@@ -87,7 +87,7 @@ struct filled {
 
 /* ---- buffers ---------------------------------------------------------------------------------- */
 
-static struct v4l2_buffer empty(uint32_t type, unsigned index, struct v4l2_plane *plane)
+static struct v4l2_buffer v4l2_empty(uint32_t type, unsigned index, struct v4l2_plane *plane)
 {
     struct v4l2_buffer b = {.type = type, .memory = V4L2_MEMORY_MMAP, .index = index};
     *plane = (struct v4l2_plane){0};
@@ -102,11 +102,11 @@ static bool queue_buffer(void *ctx, unsigned index)
 {
     const struct buffers *bs = ctx;
     struct v4l2_plane plane;
-    struct v4l2_buffer b = empty(bs->type, index, &plane);
+    struct v4l2_buffer b = v4l2_empty(bs->type, index, &plane);
     return v4l_call(bs->fd, VIDIOC_QBUF, &b) == 0;
 }
 
-static void free_buffers(void *ctx)
+static void v4l2_free_buffers(void *ctx)
 {
     struct buffers *bs = ctx;
     for (unsigned i = 0; i < bs->n; i++) {
@@ -117,12 +117,12 @@ static void free_buffers(void *ctx)
     free(bs);
 }
 
-static const struct cap_lend_ops lend_ops = {queue_buffer, free_buffers};
+static const struct cap_lend_ops lend_ops = {queue_buffer, v4l2_free_buffers};
 
 static pvx_err map_buffer(struct source *s, struct buffers *bs, struct pvx_diag *d)
 {
     struct v4l2_plane plane;
-    struct v4l2_buffer b = empty(bs->type, bs->n, &plane);
+    struct v4l2_buffer b = v4l2_empty(bs->type, bs->n, &plane);
     if (v4l_call(s->dev.fd, VIDIOC_QUERYBUF, &b) != 0)
         return v4l_fail(&s->c, s->dev.node, "VIDIOC_QUERYBUF", d);
     bool mplane = v4l_mplane(&s->dev);
@@ -166,7 +166,7 @@ static pvx_err request(struct source *s, unsigned n, unsigned *got, struct pvx_d
                     s->name, s->uri, s->dev.driver, *got);
 }
 
-static pvx_err make_buffers(struct source *s, struct pvx_diag *d)
+static pvx_err v4l2_make_buffers(struct source *s, struct pvx_diag *d)
 {
     unsigned want = s->c.buffers < 4 ? 4 : s->c.buffers, n = 0;
     bool lend = want + SPARE <= VIDEO_MAX_FRAME;
@@ -182,7 +182,7 @@ static pvx_err make_buffers(struct source *s, struct pvx_diag *d)
     if (e == PVX_OK)
         e = cap_lend_new(n, SPARE, s->c.camera, &lend_ops, bs, &s->lend);
     if (e != PVX_OK) {
-        free_buffers(bs);
+        v4l2_free_buffers(bs);
         return e;
     }
     s->buffers = bs;
@@ -201,7 +201,7 @@ static pvx_err make_buffers(struct source *s, struct pvx_diag *d)
 
 /* ---- the camera's thread ---------------------------------------------------------------------- */
 
-static void count(struct source *s, enum cap_count what, uint64_t n)
+static void v4l2_count(struct source *s, enum cap_count what, uint64_t n)
 {
     s->sink.count(s->sink.ctx, s->c.camera, what, n);
 }
@@ -210,7 +210,7 @@ static void count(struct source *s, enum cap_count what, uint64_t n)
 static int dequeue(struct source *s, struct filled *out)
 {
     struct v4l2_plane plane;
-    struct v4l2_buffer b = empty(s->dev.type, 0, &plane);
+    struct v4l2_buffer b = v4l2_empty(s->dev.type, 0, &plane);
     if (v4l_call(s->dev.fd, VIDIOC_DQBUF, &b) != 0)
         return errno != 0 ? errno : EIO;
     if (b.index >= s->buffers->n)
@@ -230,16 +230,16 @@ static int dequeue(struct source *s, struct filled *out)
 }
 
 /* Number of the next good frame; what is missing before it is counted. */
-static uint64_t number(struct source *s, uint32_t counter)
+static uint64_t v4l2_number(struct source *s, uint32_t counter)
 {
     uint64_t gap, id = cap_numbering_next(&s->sequence, counter, &gap);
     if (gap > 0)
-        count(s, CAP_ID_GAP, gap);
+        v4l2_count(s, CAP_ID_GAP, gap);
     return id;
 }
 
 /* Exposure on CLOCK_MONOTONIC, 0 = not known. */
-static int64_t exposure_time(struct source *s, const struct filled *b, int64_t arrival_mono)
+static int64_t v4l2_exposure_time(struct source *s, const struct filled *b, int64_t arrival_mono)
 {
     bool mono = (b->flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
     bool start = (b->flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE;
@@ -267,7 +267,7 @@ static int64_t exposure_time(struct source *s, const struct filled *b, int64_t a
 }
 
 /* The frame for a full buffer, or NULL: none is free.  *lent: the buffer went with it. */
-static struct cap_frame *frame_for(struct source *s, const struct filled *b, bool *lent)
+static struct cap_frame *v4l2_frame_for(struct source *s, const struct filled *b, bool *lent)
 {
     const unsigned char *data = (const unsigned char *)s->buffers->at[b->index].mem + b->offset;
     struct cap_frame *f;
@@ -287,24 +287,24 @@ static struct cap_frame *frame_for(struct source *s, const struct filled *b, boo
     return f;
 }
 
-static void deliver(struct source *s, const struct filled *b)
+static void v4l2_deliver(struct source *s, const struct filled *b)
 {
     int64_t real = 0, mono = 0;
     pvx_now_both(&real, &mono);
     if ((b->flags & V4L2_BUF_FLAG_ERROR) != 0 || b->bytes == 0) {
         s->sequence.bad++;
         cap_lend_back(s->lend, b->index);
-        count(s, CAP_INCOMPLETE, 1);
+        v4l2_count(s, CAP_INCOMPLETE, 1);
         return;
     }
-    uint64_t id = number(s, b->sequence);
-    int64_t exposure = exposure_time(s, b, mono);
+    uint64_t id = v4l2_number(s, b->sequence);
+    int64_t exposure = v4l2_exposure_time(s, b, mono);
     bool lent;
-    struct cap_frame *f = frame_for(s, b, &lent);
+    struct cap_frame *f = v4l2_frame_for(s, b, &lent);
     if (!lent)
         cap_lend_back(s->lend, b->index);
     if (f == NULL) {
-        count(s, CAP_UNDERRUN, 1);
+        v4l2_count(s, CAP_UNDERRUN, 1);
         return;
     }
     f->img.size = b->bytes;
@@ -323,14 +323,14 @@ static void deliver(struct source *s, const struct filled *b)
 }
 
 /* All that is ready; 0 when the device goes on, else why not. */
-static int drain(struct source *s, bool *any)
+static int v4l2_drain(struct source *s, bool *any)
 {
     struct filled b = {0};
     int err;
     *any = false;
     while ((err = dequeue(s, &b)) == 0) {
         *any = true;
-        deliver(s, &b);
+        v4l2_deliver(s, &b);
         struct pollfd stop = {.fd = s->wake, .events = POLLIN};
         if (poll(&stop, 1, 0) > 0)
             return 0;
@@ -352,7 +352,7 @@ static void *camera_thread(void *arg)
         if (p[0].revents != 0)
             return NULL;
         cap_lend_retry(s->lend);
-        int err = drain(s, &any);
+        int err = v4l2_drain(s, &any);
         if (err == 0 && !any && (p[1].revents & (POLLERR | POLLHUP | POLLNVAL)) != 0)
             err = EIO;
         if (err != 0) {
@@ -411,7 +411,7 @@ static pvx_err v4l2_open(const struct cap_source_config *c, cap_source **out, st
     s->c.features = NULL; /* borrowed for the call */
     s->c.n_features = 0;
     if (e == PVX_OK)
-        e = make_buffers(s, d);
+        e = v4l2_make_buffers(s, d);
     cap_source *base = &s->base;
     if (e != PVX_OK) {
         v4l2_close(&base);

@@ -3,7 +3,7 @@
 #include <errno.h>
 #include <time.h>
 
-static int64_t now(clockid_t id)
+static int64_t clock_now(clockid_t id)
 {
     struct timespec ts;
     clock_gettime(id, &ts);
@@ -12,12 +12,12 @@ static int64_t now(clockid_t id)
 
 int64_t pvx_now_mono(void)
 {
-    return now(CLOCK_MONOTONIC);
+    return clock_now(CLOCK_MONOTONIC);
 }
 
 int64_t pvx_now_real(void)
 {
-    return now(CLOCK_REALTIME);
+    return clock_now(CLOCK_REALTIME);
 }
 
 void pvx_now_both(int64_t *real_ns, int64_t *mono_ns)

@@ -12,7 +12,7 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
-static pvx_err fail_errno(struct pvx_diag *d, const char *path, const char *what)
+static pvx_err file_fail_errno(struct pvx_diag *d, const char *path, const char *what)
 {
     int en = errno;
     return pvx_fail(d, pvx_err_from_errno(en), "%s: %s: %s", path, what, strerror(en));
@@ -22,7 +22,7 @@ pvx_err pvx_file_sync(const char *path, struct pvx_diag *d)
 {
     int fd = open(path, O_RDONLY | O_CLOEXEC);
     pvx_err e = fd < 0 || (fsync(fd) != 0 && errno != EINVAL)
-                    ? fail_errno(d, path, "cannot be written")
+                    ? file_fail_errno(d, path, "cannot be written")
                     : PVX_OK;
     if (fd >= 0)
         close(fd);
@@ -30,12 +30,12 @@ pvx_err pvx_file_sync(const char *path, struct pvx_diag *d)
 }
 
 /* Looked at before it is opened: that alone would wait for a pipe's writer, and does something to some devices. */
-static pvx_err may_read(const char *path, bool named_pipe, struct pvx_diag *d)
+static pvx_err file_may_read(const char *path, bool named_pipe, struct pvx_diag *d)
 {
     struct stat st;
     struct statfs fs;
     if (stat(path, &st) != 0)
-        return fail_errno(d, path, "cannot open");
+        return file_fail_errno(d, path, "cannot open");
     if (S_ISREG(st.st_mode) ||
         (S_ISFIFO(st.st_mode) &&
          (named_pipe || (statfs(path, &fs) == 0 && fs.f_type == PIPEFS_MAGIC))))
@@ -50,19 +50,19 @@ static pvx_err may_read(const char *path, bool named_pipe, struct pvx_diag *d)
 
 pvx_err pvx_file_check(const char *path, struct pvx_diag *d)
 {
-    return may_read(path, false, d);
+    return file_may_read(path, false, d);
 }
 
 static pvx_err open_it(const char *path, int *fd, struct pvx_diag *d)
 {
     *fd = open(path, O_RDONLY | O_CLOEXEC);
-    return *fd >= 0 ? PVX_OK : fail_errno(d, path, "cannot open");
+    return *fd >= 0 ? PVX_OK : file_fail_errno(d, path, "cannot open");
 }
 
 pvx_err pvx_file_open(const char *path, int *fd, struct pvx_diag *d)
 {
     *fd = -1;
-    PVX_TRY(may_read(path, false, d));
+    PVX_TRY(file_may_read(path, false, d));
     return open_it(path, fd, d);
 }
 
@@ -72,7 +72,7 @@ static pvx_err read_whole(const char *path, size_t max, bool named_pipe, char **
     int fd;
     *out = NULL;
     *len = 0;
-    PVX_TRY(may_read(path, named_pipe, d));
+    PVX_TRY(file_may_read(path, named_pipe, d));
     PVX_TRY(open_it(path, &fd, d));
     pvx_err e = PVX_OK;
     size_t cap = 65536, n = 0;
@@ -91,7 +91,7 @@ static pvx_err read_whole(const char *path, size_t max, bool named_pipe, char **
         if (r < 0) {
             if (errno == EINTR)
                 continue;
-            e = fail_errno(d, path, "cannot read");
+            e = file_fail_errno(d, path, "cannot read");
             break;
         }
         n += (size_t)r;
@@ -138,7 +138,7 @@ pvx_err pvx_file_write(const char *path, const void *data, size_t len, struct pv
         return pvx_fail(d, PVX_EINVAL, "%s: path too long", path);
     int fd = open(tmp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     if (fd < 0)
-        return fail_errno(d, tmp, "cannot create");
+        return file_fail_errno(d, tmp, "cannot create");
     const char *p = data;
     size_t left = len;
     pvx_err e = PVX_OK;
@@ -146,18 +146,18 @@ pvx_err pvx_file_write(const char *path, const void *data, size_t len, struct pv
         ssize_t w = write(fd, p, left);
         if (w < 0) {
             if (errno != EINTR)
-                e = fail_errno(d, path, "cannot write");
+                e = file_fail_errno(d, path, "cannot write");
             continue;
         }
         p += w;
         left -= (size_t)w;
     }
     if (e == PVX_OK && fsync(fd) != 0 && errno != EINVAL)
-        e = fail_errno(d, path, "cannot flush to disk");
+        e = file_fail_errno(d, path, "cannot flush to disk");
     if (close(fd) != 0 && e == PVX_OK)
-        e = fail_errno(d, path, "cannot close");
+        e = file_fail_errno(d, path, "cannot close");
     if (e == PVX_OK && rename(tmp, path) != 0)
-        e = fail_errno(d, path, "cannot rename into place");
+        e = file_fail_errno(d, path, "cannot rename into place");
     if (e != PVX_OK)
         unlink(tmp);
     return e;
@@ -176,7 +176,7 @@ pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d)
         char c = *p;
         *p = '\0';
         if (mkdir(buf, 0777) != 0 && errno != EEXIST)
-            return fail_errno(d, buf, "cannot create directory");
+            return file_fail_errno(d, buf, "cannot create directory");
         *p = c;
         if (c == '\0')
             break;
@@ -184,7 +184,7 @@ pvx_err pvx_mkdirs(const char *path, struct pvx_diag *d)
     struct stat st;
     if (stat(path, &st) != 0 || !S_ISDIR(st.st_mode)) {
         errno = ENOTDIR;
-        return fail_errno(d, path, "cannot create directory");
+        return file_fail_errno(d, path, "cannot create directory");
     }
     return PVX_OK;
 }

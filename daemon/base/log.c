@@ -85,7 +85,7 @@ static void out(enum pvx_log_level level, const struct pvx_about *about, const c
 }
 
 PVX_PRINTF(3, 0)
-static void print(char text[TEXT_MAX], enum pvx_log_topic topic, const char *fmt, va_list ap)
+static void log_print(char text[TEXT_MAX], enum pvx_log_topic topic, const char *fmt, va_list ap)
 {
     int n = snprintf(text, TEXT_MAX, "%s: ", topic_names[topic]);
     vsnprintf(text + n, TEXT_MAX - (size_t)n, fmt, ap);
@@ -98,7 +98,7 @@ void pvx_log(enum pvx_log_level level, enum pvx_log_topic topic, const char *fmt
     if (!wanted(level))
         return;
     va_start(ap, fmt);
-    print(text, topic, fmt, ap);
+    log_print(text, topic, fmt, ap);
     va_end(ap);
     out(level, NULL, text);
 }
@@ -111,7 +111,7 @@ void pvx_log_line(enum pvx_log_level level, enum pvx_log_topic topic, const stru
     if (!wanted(level))
         return;
     va_start(ap, fmt);
-    print(text, topic, fmt, ap);
+    log_print(text, topic, fmt, ap);
     va_end(ap);
     out(level, about, text);
 }
@@ -130,7 +130,7 @@ static int64_t space(uint32_t n, int64_t least)
 }
 
 /* Who moves next_ns on, which only one can, has the rest of it for himself. */
-static bool pass(struct pvx_log_gate *g, int64_t now, int64_t least)
+static bool log_pass(struct pvx_log_gate *g, int64_t now, int64_t least)
 {
     int64_t next = __atomic_load_n(&g->next_ns, __ATOMIC_RELAXED);
     int64_t last = __atomic_exchange_n(&g->last_ns, now, __ATOMIC_RELAXED);
@@ -148,7 +148,7 @@ static bool pass(struct pvx_log_gate *g, int64_t now, int64_t least)
 
 bool pvx_log_gate_pass(struct pvx_log_gate *g, uint64_t *held)
 {
-    if (!pass(g, atomic_load(&current_clock)(), PVX_NS_PER_S)) {
+    if (!log_pass(g, atomic_load(&current_clock)(), PVX_NS_PER_S)) {
         __atomic_fetch_add(&g->held, 1, __ATOMIC_RELAXED);
         return false;
     }
@@ -173,7 +173,7 @@ static const char *or_empty(const char *s)
 
 /* Its own place, else a free one, else that of who has been quiet for longest and has nothing to say; where all have,
  * it shares the first. */
-static struct kept *place(const struct pvx_about *a)
+static struct kept *log_place(const struct pvx_about *a)
 {
     struct kept *best = NULL;
     for (size_t i = 0; i < sizeof kept / sizeof *kept; i++) {
@@ -210,11 +210,11 @@ void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
     char text[TEXT_MAX];
     va_list ap;
     va_start(ap, fmt);
-    print(text, topic, fmt, ap);
+    log_print(text, topic, fmt, ap);
     va_end(ap);
     pthread_mutex_lock(&kept_lock);
-    struct kept *k = place(about);
-    bool now = pass(&k->gate, atomic_load(&current_clock)(), 0);
+    struct kept *k = log_place(about);
+    bool now = log_pass(&k->gate, atomic_load(&current_clock)(), 0);
     uint64_t held = k->gate.held;
     k->gate.held = now ? 0 : held + 1;
     if (!now) {
@@ -229,12 +229,12 @@ void pvx_log_about(enum pvx_log_level level, enum pvx_log_topic topic,
 }
 
 /* Takes what is due out of k. */
-static bool take(struct kept *k, bool all, struct kept *due)
+static bool log_take(struct kept *k, bool all, struct kept *due)
 {
     int64_t now = atomic_load(&current_clock)(), last = k->gate.last_ns;
     if (k->gate.held == 0 || (!all && now < k->gate.next_ns))
         return false;
-    (void)pass(&k->gate, now, 0);
+    (void)log_pass(&k->gate, now, 0);
     k->gate.last_ns = last; /* it is said again, it did not happen again */
     *due = *k;
     k->gate.held = 0;
@@ -246,7 +246,7 @@ void pvx_log_flush(bool all)
     for (size_t i = 0; i < sizeof kept / sizeof *kept; i++) {
         struct kept due;
         pthread_mutex_lock(&kept_lock);
-        bool is = take(&kept[i], all, &due);
+        bool is = log_take(&kept[i], all, &due);
         pthread_mutex_unlock(&kept_lock);
         if (is) /* one of them is shown */
             out_counted(due.level, ABOUT(.cause = due.cause, .camera = due.camera), due.text,

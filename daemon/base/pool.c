@@ -48,7 +48,7 @@ struct pvx_pool {
 };
 
 /* Tasks for thread `me`; all parts are handed out when it returns. */
-static void drain(struct loop *l, unsigned me)
+static void pool_drain(struct loop *l, unsigned me)
 {
     for (unsigned k = 0; k < l->parts; k++) {
         struct part *p = &l->part[(me + k) % l->parts];
@@ -108,7 +108,7 @@ static void *worker(void *arg)
         struct loop *l = p->list;
         atomic_fetch_add(&l->users, 1);
         pthread_mutex_unlock(&p->lock);
-        drain(l, w->number);
+        pool_drain(l, w->number);
         pthread_mutex_lock(&p->lock);
         unlink_loop(p, l);
         if (atomic_fetch_sub(&l->users, 1) == 1)
@@ -205,7 +205,7 @@ void pvx_pool_run(pvx_pool *p, size_t n, pvx_task_fn fn, void *ctx)
     __atomic_store_n(tail, &l, __ATOMIC_RELAXED);
     pthread_cond_broadcast(&p->work);
     pthread_mutex_unlock(&p->lock);
-    drain(&l, 0);
+    pool_drain(&l, 0);
     pthread_mutex_lock(&p->lock);
     unlink_loop(p, &l);
     if (!is_left(&l)) {

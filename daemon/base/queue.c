@@ -43,14 +43,14 @@ void pvx_queue_free(pvx_queue **q)
     PVX_FREE(*q);
 }
 
-static void push(pvx_queue *q, void *item)
+static void queue_push(pvx_queue *q, void *item)
 {
     q->items[(q->head + q->len) % q->cap] = item;
     q->len++;
     pthread_cond_signal(&q->filled);
 }
 
-static void *pop(pvx_queue *q)
+static void *queue_pop(pvx_queue *q)
 {
     void *item = q->items[q->head];
     q->head = (q->head + 1) % q->cap;
@@ -66,8 +66,8 @@ void pvx_queue_put(pvx_queue *q, void *item, void **displaced)
         *displaced = item;
     } else {
         if (q->len == q->cap)
-            *displaced = pop(q);
-        push(q, item);
+            *displaced = queue_pop(q);
+        queue_push(q, item);
     }
     pthread_mutex_unlock(&q->lock);
 }
@@ -81,7 +81,7 @@ pvx_err pvx_queue_put_wait(pvx_queue *q, void *item)
     if (q->closed)
         e = PVX_ECLOSED;
     else
-        push(q, item);
+        queue_push(q, item);
     pthread_mutex_unlock(&q->lock);
     return e;
 }
@@ -105,7 +105,7 @@ pvx_err pvx_queue_pop(pvx_queue *q, int64_t timeout_ns, void **item)
             break;
     }
     if (q->len > 0) {
-        *item = pop(q);
+        *item = queue_pop(q);
         pthread_cond_signal(&q->room);
     } else {
         e = q->closed ? PVX_ECLOSED : PVX_ETIMEDOUT;

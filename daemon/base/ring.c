@@ -40,7 +40,7 @@ static void *pop_at(pvx_ring *r, size_t head)
                : NULL;
 }
 
-static void add(pvx_ring *r, size_t tail, void *item)
+static void ring_add(pvx_ring *r, size_t tail, void *item)
 {
     atomic_store_explicit(&r->item[tail % r->cap], item, memory_order_relaxed);
     atomic_store_explicit(&r->tail, tail + 1, memory_order_release);
@@ -51,7 +51,7 @@ void *pvx_ring_push(pvx_ring *r, void *item)
     size_t tail = atomic_load_explicit(&r->tail, memory_order_relaxed);
     size_t head = atomic_load_explicit(&r->head, memory_order_acquire);
     void *gone = tail - head == r->cap ? pop_at(r, head) : NULL;
-    add(r, tail, item);
+    ring_add(r, tail, item);
     return gone;
 }
 
@@ -60,7 +60,7 @@ bool pvx_ring_put(pvx_ring *r, void *item)
     size_t tail = atomic_load_explicit(&r->tail, memory_order_relaxed);
     if (tail - atomic_load_explicit(&r->head, memory_order_acquire) == r->cap)
         return false;
-    add(r, tail, item);
+    ring_add(r, tail, item);
     return true;
 }
 

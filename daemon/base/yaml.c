@@ -20,7 +20,7 @@ struct pvx_yaml {
 };
 
 /* libyaml's accessor takes a non-const document but does not change it. */
-static yaml_node_t *at(const pvx_yaml *y, int node)
+static yaml_node_t *yaml_at(const pvx_yaml *y, int node)
 {
     return node > 0 ? yaml_document_get_node((yaml_document_t *)&y->doc, node) : NULL;
 }
@@ -79,7 +79,7 @@ static pvx_err scan_events(const char *text, size_t len, const char *name, struc
 static pvx_err check_maps(const pvx_yaml *y, struct pvx_diag *d)
 {
     yaml_node_t *n;
-    for (int id = 1; (n = at(y, id)) != NULL; id++) {
+    for (int id = 1; (n = yaml_at(y, id)) != NULL; id++) {
         if (n->type != YAML_MAPPING_NODE)
             continue;
         size_t count = pvx_yaml_length(y, id);
@@ -144,12 +144,12 @@ void pvx_yaml_free(pvx_yaml **y)
 
 int pvx_yaml_root(const pvx_yaml *y)
 {
-    return at(y, 1) == NULL ? 0 : 1;
+    return yaml_at(y, 1) == NULL ? 0 : 1;
 }
 
 enum pvx_yaml_kind pvx_yaml_kind(const pvx_yaml *y, int node)
 {
-    yaml_node_t *n = at(y, node);
+    yaml_node_t *n = yaml_at(y, node);
     if (n == NULL)
         return PVX_YAML_NONE;
     switch (n->type) {
@@ -162,19 +162,19 @@ enum pvx_yaml_kind pvx_yaml_kind(const pvx_yaml *y, int node)
 
 unsigned pvx_yaml_line(const pvx_yaml *y, int node)
 {
-    yaml_node_t *n = at(y, node);
+    yaml_node_t *n = yaml_at(y, node);
     return n == NULL ? 1 : (unsigned)n->start_mark.line + 1;
 }
 
 const char *pvx_yaml_text(const pvx_yaml *y, int node)
 {
-    yaml_node_t *n = at(y, node);
+    yaml_node_t *n = yaml_at(y, node);
     return n != NULL && n->type == YAML_SCALAR_NODE ? (const char *)n->data.scalar.value : "";
 }
 
 size_t pvx_yaml_length(const pvx_yaml *y, int node)
 {
-    yaml_node_t *n = at(y, node);
+    yaml_node_t *n = yaml_at(y, node);
     if (n == NULL)
         return 0;
     if (n->type == YAML_SEQUENCE_NODE)
@@ -188,21 +188,21 @@ int pvx_yaml_item(const pvx_yaml *y, int seq, size_t i)
 {
     if (pvx_yaml_kind(y, seq) != PVX_YAML_SEQ || i >= pvx_yaml_length(y, seq))
         return 0;
-    return at(y, seq)->data.sequence.items.start[i];
+    return yaml_at(y, seq)->data.sequence.items.start[i];
 }
 
 const char *pvx_yaml_key(const pvx_yaml *y, int map, size_t i)
 {
     if (pvx_yaml_kind(y, map) != PVX_YAML_MAP || i >= pvx_yaml_length(y, map))
         return "";
-    return pvx_yaml_text(y, at(y, map)->data.mapping.pairs.start[i].key);
+    return pvx_yaml_text(y, yaml_at(y, map)->data.mapping.pairs.start[i].key);
 }
 
 int pvx_yaml_value(const pvx_yaml *y, int map, size_t i)
 {
     if (pvx_yaml_kind(y, map) != PVX_YAML_MAP || i >= pvx_yaml_length(y, map))
         return 0;
-    return at(y, map)->data.mapping.pairs.start[i].value;
+    return yaml_at(y, map)->data.mapping.pairs.start[i].value;
 }
 
 int pvx_yaml_get(const pvx_yaml *y, int map, const char *key)
@@ -224,7 +224,7 @@ pvx_err(pvx_yaml_fail)(const pvx_yaml *y, int node, const char *key, pvx_err e, 
     return pvx_fail(d, e, "%s:%u: %s: %s", y->name, pvx_yaml_line(y, node), key, reason);
 }
 
-static int word_in(const char *word, const char *list)
+static int yaml_word_in(const char *word, const char *list)
 {
     size_t n = strlen(word);
     for (const char *p = list; n > 0 && (p = strstr(p, word)) != NULL; p += n)
@@ -240,9 +240,9 @@ pvx_err pvx_yaml_known(const pvx_yaml *y, int map, const char *path, const char 
         return pvx_yaml_fail(y, map, path, PVX_EFORMAT, d, "should be a mapping (key: value)");
     for (size_t i = 0; i < pvx_yaml_length(y, map); i++) {
         const char *key = pvx_yaml_key(y, map, i);
-        if (!word_in(key, known))
-            return pvx_yaml_fail(y, at(y, map)->data.mapping.pairs.start[i].key, key, PVX_EFORMAT,
-                                 d, "unknown key; known here: %s", known);
+        if (!yaml_word_in(key, known))
+            return pvx_yaml_fail(y, yaml_at(y, map)->data.mapping.pairs.start[i].key, key,
+                                 PVX_EFORMAT, d, "unknown key; known here: %s", known);
     }
     return PVX_OK;
 }

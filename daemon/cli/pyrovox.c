@@ -14,7 +14,7 @@ static const struct cli_command *const commands[] = {
     &cmd_advise, &cmd_experiment, &cmd_view,        &cmd_share,   NULL,
 };
 
-static void help(FILE *f)
+static void pyrovox_help(FILE *f)
 {
     fputs("Usage: pyrovox [--cpu NAME] COMMAND [ARGUMENTS]\n"
           "Multi-camera flame capture and tomographic reconstruction.\n\nCommands:\n",
@@ -39,12 +39,12 @@ int main(int argc, char **argv)
         return 2;
     }
     if (argc < 2) {
-        help(stderr);
+        pyrovox_help(stderr);
         return 2;
     }
     if (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
         strcmp(argv[1], "help") == 0) {
-        help(stdout);
+        pyrovox_help(stdout);
         return 0;
     }
     if (strcmp(argv[1], "--version") == 0) {

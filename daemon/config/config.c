@@ -50,8 +50,8 @@ static pvx_err set_choice(const pvx_yaml *y, int node, const struct dmn_option *
                          pvx_yaml_text(y, node), o->choices);
 }
 
-static pvx_err set_format(const pvx_yaml *y, int node, const struct dmn_option *o, int *out,
-                          struct pvx_diag *d)
+static pvx_err config_set_format(const pvx_yaml *y, int node, const struct dmn_option *o, int *out,
+                                 struct pvx_diag *d)
 {
     char names[CAP_PIXFMT_NAMES_MAX];
     bool scalar = pvx_yaml_kind(y, node) == PVX_YAML_SCALAR;
@@ -134,8 +134,8 @@ static pvx_err set_pairs(const pvx_yaml *y, int node, const struct dmn_option *o
     return PVX_OK;
 }
 
-static pvx_err set(const pvx_yaml *y, int node, const struct dmn_option *o, struct dmn_config *c,
-                   struct pvx_diag *d)
+static pvx_err config_set(const pvx_yaml *y, int node, const struct dmn_option *o,
+                          struct dmn_config *c, struct pvx_diag *d)
 {
     void *m = member(c, o);
     switch (o->type) {
@@ -144,7 +144,7 @@ static pvx_err set(const pvx_yaml *y, int node, const struct dmn_option *o, stru
     case DMN_REAL: return pvx_yaml_double(y, node, o->key, o->min, o->max, m, d);
     case DMN_TEXT: return set_word(y, node, o->key, m, o->size, d);
     case DMN_CHOICE: return set_choice(y, node, o, m, d);
-    case DMN_FORMAT: return set_format(y, node, o, m, d);
+    case DMN_FORMAT: return config_set_format(y, node, o, m, d);
     case DMN_INTS: return set_ints(y, node, o, m, d);
     case DMN_TEXTS: return set_texts(y, node, o, m, d);
     case DMN_PAIRS:
@@ -164,7 +164,7 @@ static int is_section(const char *word)
     return 0;
 }
 
-static pvx_err unknown(const pvx_yaml *y, int node, const char *path, struct pvx_diag *d)
+static pvx_err config_unknown(const pvx_yaml *y, int node, const char *path, struct pvx_diag *d)
 {
     return pvx_yaml_fail(y, node, path, PVX_EINVAL, d,
                          "unknown key (`pyrovoxd --print-config` lists them)");
@@ -182,7 +182,7 @@ static void make_defaults(void)
         pvx_yaml *y;
         if (pvx_yaml_parse(o->def, strlen(o->def), "default", &y, NULL) != PVX_OK)
             continue; /* memory only: the test of the table reads every default */
-        pvx_err e = set(y, pvx_yaml_root(y), o, c, NULL);
+        pvx_err e = config_set(y, pvx_yaml_root(y), o, c, NULL);
         (void)e;
         pvx_yaml_free(&y);
     }
@@ -195,8 +195,8 @@ void dmn_config_defaults(struct dmn_config *c)
     *c = defaults;
 }
 
-static pvx_err read_map(const pvx_yaml *y, int map, const char *section, struct dmn_config *c,
-                        struct pvx_diag *d)
+static pvx_err config_read_map(const pvx_yaml *y, int map, const char *section,
+                               struct dmn_config *c, struct pvx_diag *d)
 {
     for (size_t i = 0; i < pvx_yaml_length(y, map); i++) {
         char path[160];
@@ -205,20 +205,20 @@ static pvx_err read_map(const pvx_yaml *y, int map, const char *section, struct 
         snprintf(path, sizeof path, "%s%s%.64s", section, section[0] != '\0' ? "." : "", word);
         const struct dmn_option *o = strchr(word, '.') == NULL ? dmn_option_find(path) : NULL;
         if (o != NULL) {
-            PVX_TRY(set(y, value, o, c, d));
+            PVX_TRY(config_set(y, value, o, c, d));
         } else if (section[0] == '\0' && is_section(word)) {
             char mode[180];
             snprintf(mode, sizeof mode, "%s.mode", path);
             o = dmn_option_find(mode); /* "record: raw" */
             if (o != NULL && pvx_yaml_kind(y, value) == PVX_YAML_SCALAR) {
-                PVX_TRY(set(y, value, o, c, d));
+                PVX_TRY(config_set(y, value, o, c, d));
                 continue;
             }
             if (pvx_yaml_kind(y, value) != PVX_YAML_MAP)
                 return pvx_yaml_fail(y, value, path, PVX_EFORMAT, d, "should be a mapping");
-            PVX_TRY(read_map(y, value, word, c, d));
+            PVX_TRY(config_read_map(y, value, word, c, d));
         } else {
-            return unknown(y, value, path, d);
+            return config_unknown(y, value, path, d);
         }
     }
     return PVX_OK;
@@ -237,7 +237,7 @@ pvx_err dmn_config_parse(const char *text, size_t len, const char *name, struct 
         if (pvx_yaml_kind(y, root) != PVX_YAML_MAP)
             e = pvx_yaml_fail(y, root, "configuration", PVX_EFORMAT, d, "should be a mapping");
         else
-            e = read_map(y, root, "", c, d);
+            e = config_read_map(y, root, "", c, d);
     }
     pvx_yaml_free(&y);
     return e;
@@ -265,7 +265,7 @@ pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value,
                         "%s: %.64s: unknown key (`pyrovoxd --print-config` lists them)", name, key);
     pvx_yaml *y;
     PVX_TRY(pvx_yaml_parse(value, strlen(value), name, &y, d));
-    pvx_err e = set(y, pvx_yaml_root(y), o, c, d);
+    pvx_err e = config_set(y, pvx_yaml_root(y), o, c, d);
     pvx_yaml_free(&y);
     return e;
 }
@@ -274,7 +274,7 @@ pvx_err dmn_config_set(struct dmn_config *c, const char *key, const char *value,
 
 /* Double-quoted, so that any text comes back as it was; what YAML takes for a line break or does not
  * allow is escaped.  The text came out of libyaml, so it is UTF-8. */
-static void print_word(FILE *f, const char *w)
+static void config_print_word(FILE *f, const char *w)
 {
     fputc('"', f);
     for (const unsigned char *p = (const unsigned char *)w; *p != '\0';) {
@@ -311,7 +311,7 @@ static void print_value(FILE *f, const struct dmn_option *o, const void *m, cons
     case DMN_BOOL: fputs(*(const int *)m ? "true" : "false", f); break;
     case DMN_INT: fprintf(f, "%lld", (long long)*(const int64_t *)m); break;
     case DMN_REAL: print_real(f, *(const double *)m); break;
-    case DMN_TEXT: print_word(f, m); break;
+    case DMN_TEXT: config_print_word(f, m); break;
     case DMN_CHOICE:
         dmn_choice_word(o->choices, *(const int *)m, word, sizeof word);
         fputs(word, f);
@@ -334,7 +334,7 @@ static void print_value(FILE *f, const struct dmn_option *o, const void *m, cons
         fputc('[', f);
         for (size_t i = 0; i < v->n; i++) {
             fputs(i > 0 ? ", " : "", f);
-            print_word(f, v->v[i]);
+            config_print_word(f, v->v[i]);
         }
         fputc(']', f);
         break;
@@ -345,11 +345,11 @@ static void print_value(FILE *f, const struct dmn_option *o, const void *m, cons
         if (v->n == 0)
             fputs(o->type == DMN_CAMERAS ? "\"\"" : "{}", f);
         else if (v->item[0].key[0] == '\0')
-            print_word(f, v->item[0].value);
+            config_print_word(f, v->item[0].value);
         else
             for (size_t i = 0; i < v->n; i++) {
                 fprintf(f, "\n%s  %s: ", indent, v->item[i].key);
-                print_word(f, v->item[i].value);
+                config_print_word(f, v->item[i].value);
             }
         break;
     }

@@ -19,7 +19,7 @@ static char own[2][ENDPOINT_MAX];
 static char installed[2][ENDPOINT_MAX];
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
-static void fill(void)
+static void endpoints_fill(void)
 {
     snprintf(own_dir, sizeof own_dir, "/tmp/pyrovox-%lu", (unsigned long)geteuid());
     const char *run = getenv("RUNTIME_DIRECTORY"); /* several are separated by colons */
@@ -34,11 +34,11 @@ static void fill(void)
 
 const char *dmn_default_endpoint(enum dmn_endpoint kind)
 {
-    pthread_once(&once, fill);
+    pthread_once(&once, endpoints_fill);
     return service[kind][0] != '\0' ? service[kind] : own[kind];
 }
 
-static int is_there(const char *endpoint)
+static int endpoints_is_there(const char *endpoint)
 {
     struct stat st;
     return stat(endpoint + strlen("ipc://"), &st) == 0 && S_ISSOCK(st.st_mode);
@@ -46,17 +46,17 @@ static int is_there(const char *endpoint)
 
 const char *dmn_client_endpoint(enum dmn_endpoint kind)
 {
-    pthread_once(&once, fill);
+    pthread_once(&once, endpoints_fill);
     if (service[kind][0] != '\0')
         return service[kind];
-    if (!is_there(own[kind]) && is_there(installed[kind]))
+    if (!endpoints_is_there(own[kind]) && endpoints_is_there(installed[kind]))
         return installed[kind];
     return own[kind];
 }
 
 pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
 {
-    pthread_once(&once, fill);
+    pthread_once(&once, endpoints_fill);
     size_t n = strlen(own_dir);
     if (strncmp(endpoint, "ipc://", 6) != 0 || strncmp(endpoint + 6, own_dir, n) != 0 ||
         endpoint[6 + n] != '/')
@@ -80,7 +80,7 @@ pvx_err dmn_endpoint_prepare(const char *endpoint, struct pvx_diag *d)
     "and name both as keys.server and keys.clients"
 
 /* Parsed, not compared by its beginning: 127.0.0.1.example.org is a name of somebody's. */
-static bool is_loopback(const char *host, size_t len)
+static bool endpoints_is_loopback(const char *host, size_t len)
 {
     char text[64];
     struct in_addr four;
@@ -108,7 +108,8 @@ enum dmn_reach dmn_endpoint_reach(const char *endpoint)
     if (strncmp(endpoint, "ipc://", 6) == 0)
         return at[0] == '@' ? DMN_REACH_HOST : DMN_REACH_FILE;
     const char *port = strrchr(at, ':');
-    if (strncmp(endpoint, "tcp://", 6) == 0 && port != NULL && is_loopback(at, (size_t)(port - at)))
+    if (strncmp(endpoint, "tcp://", 6) == 0 && port != NULL &&
+        endpoints_is_loopback(at, (size_t)(port - at)))
         return DMN_REACH_HOST;
     return DMN_REACH_NET;
 }

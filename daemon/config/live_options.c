@@ -21,7 +21,7 @@ bool dmn_option_live(const struct dmn_option *o)
 }
 
 /* Letters to add, take away or change (Levenshtein, Sov. Phys. Dokl. 10:707, 1966). */
-static size_t distance(const char *a, const char *b)
+static size_t config_distance(const char *a, const char *b)
 {
     enum { MOST = 64 };
     size_t row[MOST + 1], n = strnlen(b, MOST);
@@ -46,7 +46,7 @@ const char *dmn_option_nearest(const char *key)
     const char *name = "";
     for (size_t i = 0; i < dmn_n_options; i++) {
         const char *dot = strchr(dmn_options[i].key, '.');
-        size_t d = distance(key, dmn_options[i].key);
+        size_t d = config_distance(key, dmn_options[i].key);
         if (dot != NULL && strchr(key, '.') == NULL && strcmp(dot + 1, key) == 0)
             d = 0; /* the section was left out */
         if (d < best) {

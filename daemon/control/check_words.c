@@ -32,7 +32,7 @@ static void how_late(const struct rec_check_camera *o, char *out, size_t size)
                  abs(lag) == 1 ? "" : "s", lag > 0 ? "earlier" : "later");
 }
 
-static void how(const struct rec_check_camera *o, char *out, size_t size)
+static void check_words_how(const struct rec_check_camera *o, char *out, size_t size)
 {
     char way[64];
     static const char *const flip[] = {"", "left to right", "upside down",
@@ -76,7 +76,7 @@ void dmn_check_sentence(const struct rec_check_camera *o, char out[DMN_CHECK_WOR
     out[0] = '\0';
     if (o->wrong == REC_WRONG_NOTHING)
         return;
-    how(o, what, sizeof what);
+    check_words_how(o, what, sizeof what);
     snprintf(out, DMN_CHECK_WORDS, "%s: %s; %s", rec_wrong_name(o->wrong), what,
              rec_wrong_remedy(o->wrong));
 }

@@ -8,15 +8,15 @@ static int patience_of(const struct dmn_checks *k)
 }
 
 /* Up or down by one, within 0 and `most`. */
-static int count(int n, bool up, int most)
+static int checks_count(int n, bool up, int most)
 {
     if (up)
         return n < most ? n + 1 : most;
     return n > 0 ? n - 1 : 0;
 }
 
-static void say(struct dmn_checks_camera *o, uint8_t known, const char *camera,
-                const struct dmn_votes_listener *to)
+static void checks_say(struct dmn_checks_camera *o, uint8_t known, const char *camera,
+                       const struct dmn_votes_listener *to)
 {
     char words[DMN_CHECK_WORDS], text[DMN_CHECK_WORDS + REC_NAME_MAX + 80];
     bool wrong = o->figures.wrong != REC_WRONG_NOTHING;
@@ -31,9 +31,9 @@ static void say(struct dmn_checks_camera *o, uint8_t known, const char *camera,
     to->say(to->ctx, wrong, ABOUT(.cause = "check", .camera = camera), text);
 }
 
-static void name(struct dmn_checks_camera *o, enum rec_wrong now, int patience)
+static void checks_name(struct dmn_checks_camera *o, enum rec_wrong now, int patience)
 {
-    o->lasting = count(o->lasting, now != REC_WRONG_NOTHING, patience);
+    o->lasting = checks_count(o->lasting, now != REC_WRONG_NOTHING, patience);
     if (o->lasting == 0)
         o->figures.wrong = REC_WRONG_NOTHING;
     else if (o->lasting == patience && (patience == 1 || now == o->last))
@@ -45,7 +45,7 @@ static void torn(struct dmn_checks *k, size_t n, const struct dmn_votes_listener
 {
     char text[DMN_CHECK_WORDS];
     int most = patience_of(k);
-    k->torn = count(k->torn, k->outcome == REC_CHECK_UNTOLD, most);
+    k->torn = checks_count(k->torn, k->outcome == REC_CHECK_UNTOLD, most);
     if (k->torn == most && !k->said_torn) {
         dmn_check_conclusion(k->outcome, k->n_wrong, n, text);
         to->say(to->ctx, true, ABOUT(.cause = "check"), text);
@@ -74,9 +74,9 @@ void dmn_checks_add(struct dmn_checks *k, const struct dmn_checks_news *news,
         o->figures.wrong = was;
         if (v->outcome == REC_CHECK_UNTOLD)
             continue; /* all that look wrong: nobody is accused by guessing, nobody acquitted */
-        name(o, v->figures.camera[c].wrong, patience_of(k));
+        checks_name(o, v->figures.camera[c].wrong, patience_of(k));
         if (o->figures.wrong != was)
-            say(o, news->known[c], rig->cameras[c].name, to);
+            checks_say(o, news->known[c], rig->cameras[c].name, to);
     }
     torn(k, rig->n_cameras, to);
 }

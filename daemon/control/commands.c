@@ -11,7 +11,7 @@
 
 #define OPS const struct dmn_control_ops *ops, const cJSON *request, struct dmn_answer to
 
-static const char *text_of(const cJSON *request, const char *key)
+static const char *commands_text_of(const cJSON *request, const char *key)
 {
     return cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(request, key));
 }
@@ -26,7 +26,7 @@ size_t dmn_answer_error(struct dmn_answer to, const char *text)
     return dmn_json_end(&j);
 }
 
-static size_t done(struct dmn_answer to)
+static size_t commands_done(struct dmn_answer to)
 {
     return (size_t)snprintf(to.text, to.size, "{\"ok\":true}");
 }
@@ -48,7 +48,7 @@ static size_t status(OPS)
 
 static size_t log_level(OPS)
 {
-    const char *word = text_of(request, "level");
+    const char *word = commands_text_of(request, "level");
     enum pvx_log_level level;
     if (word == NULL || pvx_log_level_parse(word, &level) != PVX_OK)
         return dmn_answer_error(to, "level should be \"error\", \"warn\", \"info\" or \"debug\"");
@@ -58,24 +58,24 @@ static size_t log_level(OPS)
         next = *ops->config(ops->ctx);
         next.log_level = (int)level;
         pvx_err e = ops->apply(ops->ctx, &next, &d);
-        return e == PVX_OK ? done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
+        return e == PVX_OK ? commands_done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
     }
     pvx_log_set_level(level);
-    return done(to);
+    return commands_done(to);
 }
 
 static size_t reset_latency(OPS)
 {
     (void)request;
     ops->reset_latency(ops->ctx);
-    return done(to);
+    return commands_done(to);
 }
 
-static size_t stop(OPS)
+static size_t commands_stop(OPS)
 {
     (void)request;
     ops->stop(ops->ctx);
-    return done(to);
+    return commands_done(to);
 }
 
 static size_t reload_keys(OPS)
@@ -85,14 +85,14 @@ static size_t reload_keys(OPS)
     if (ops->reload_keys == NULL)
         return dmn_answer_error(to, "there are no keys here");
     pvx_err e = ops->reload_keys(ops->ctx, &d);
-    return e == PVX_OK ? done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
+    return e == PVX_OK ? commands_done(to) : dmn_answer_error(to, pvx_diag_text(&d, e));
 }
 
 /* Which file: a whole path; or a name, in the folder of record.path; or NULL, as configured.  false: why. */
 static bool which_file(const struct dmn_control_ops *ops, const cJSON *request, const char **file,
                        const char **why)
 {
-    const char *path = text_of(request, "path"), *name = text_of(request, "name");
+    const char *path = commands_text_of(request, "path"), *name = commands_text_of(request, "name");
     *file = path != NULL ? path : name;
     *why = path != NULL && name != NULL  ? "path or name, not both"
            : path != NULL && ops->remote ? "over the network it goes to the folder of record.path: "
@@ -113,12 +113,13 @@ static size_t done_there(const char *path, struct dmn_answer to)
     dmn_json_str(&j, "path", path);
     dmn_json_close(&j, '}');
     size_t n = dmn_json_end(&j);
-    return n > 0 ? n : done(to);
+    return n > 0 ? n : commands_done(to);
 }
 
 static size_t record(OPS)
 {
-    const char *action = text_of(request, "action"), *what = text_of(request, "what"), *file, *why;
+    const char *action = commands_text_of(request, "action"),
+               *what = commands_text_of(request, "what"), *file, *why;
     bool start = action != NULL && strcmp(action, "start") == 0;
     bool volumes = what != NULL && strcmp(what, "volumes") == 0;
     if (what != NULL && !volumes && strcmp(what, "raw") != 0)
@@ -138,7 +139,7 @@ static size_t record(OPS)
     return e == PVX_OK ? done_there(where, to) : dmn_answer_error(to, pvx_diag_text(&d, e));
 }
 
-static size_t snapshot(OPS)
+static size_t commands_snapshot(OPS)
 {
     const char *file, *why;
     char where[DMN_REQUEST_MAX] = "";
@@ -207,13 +208,13 @@ const struct dmn_command dmn_commands[] = {
     {"snapshot", "name path", "[NAME|/PATH]",
      "one frame set, the volume made of it and the status into a folder, to look at later or to "
      "send to somebody; a NAME is beside record.path",
-     snapshot},
+     commands_snapshot},
     {"background", "sets", "[SETS]",
      "subtract the mean of the next SETS from then on, 0: no more; without: how far it is",
      background},
     {"reset-latency", "", "", "the latency statistics start anew", reset_latency},
     {"reload-keys", "", "", "read keys.server and keys.clients again, as on SIGHUP", reload_keys},
-    {"stop", "", "", "drain and end", stop},
+    {"stop", "", "", "drain and end", commands_stop},
 };
 const size_t dmn_n_commands = sizeof dmn_commands / sizeof *dmn_commands;
 
@@ -234,7 +235,7 @@ static size_t no_command(struct dmn_answer to)
     return dmn_answer_error(to, text);
 }
 
-static bool word_in(const char *word, const char *list)
+static bool commands_word_in(const char *word, const char *list)
 {
     size_t n = strlen(word);
     for (const char *p = list; n > 0 && (p = strstr(p, word)) != NULL; p++)
@@ -247,14 +248,15 @@ static bool word_in(const char *word, const char *list)
 static const char *foreign_key(const struct dmn_command *k, const cJSON *request)
 {
     const cJSON *item;
-    cJSON_ArrayForEach(item, request) if (!word_in(item->string, "cmd version") &&
-                                          !word_in(item->string, k->keys)) return item->string;
+    cJSON_ArrayForEach(item,
+                       request) if (!commands_word_in(item->string, "cmd version") &&
+                                    !commands_word_in(item->string, k->keys)) return item->string;
     return NULL;
 }
 
-static size_t command(OPS)
+static size_t commands_command(OPS)
 {
-    const char *cmd = text_of(request, "cmd");
+    const char *cmd = commands_text_of(request, "cmd");
     const cJSON *version = cJSON_GetObjectItemCaseSensitive(request, "version");
     if (cmd == NULL)
         return dmn_answer_error(to, "the request has no text \"cmd\"");
@@ -283,7 +285,7 @@ size_t dmn_control_handle(const struct dmn_control_ops *ops, const void *request
     struct dmn_answer to = {reply + sizeof head - 1, size - (sizeof head - 1)};
     cJSON *req = len > DMN_REQUEST_MAX ? NULL : cJSON_ParseWithLength(request, len);
     size_t n = len > DMN_REQUEST_MAX ? dmn_answer_error(to, "the request is longer than 4096 bytes")
-               : cJSON_IsObject(req) ? command(ops, req, to)
+               : cJSON_IsObject(req) ? commands_command(ops, req, to)
                                      : dmn_answer_error(to, "the request is not a JSON object");
     cJSON_Delete(req);
     memcpy(reply, head, sizeof head - 1);

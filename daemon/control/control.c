@@ -43,7 +43,7 @@ struct dmn_control {
  *
  * A ROUTER, not zmq's REP: in 4.3.4 that one loses its place, and with it the next client's reply, when a
  * message without an empty frame comes from a peer that is gone by then. */
-static int receive(dmn_control *c)
+static int control_receive(dmn_control *c)
 {
     int length = -1;
     bool more = true, bottom = false;
@@ -70,7 +70,7 @@ static int receive(dmn_control *c)
 }
 
 /* To whom the request came from; nobody if they are gone. */
-static void answer(dmn_control *c, size_t length)
+static void control_answer(dmn_control *c, size_t length)
 {
     bool sent = true;
     for (int k = 0; sent && k < c->n_way; k++)
@@ -121,7 +121,7 @@ static void close_socket(dmn_control *c)
 }
 
 /* Somebody may do less than before: all have to come in again (pub.c). */
-static void guard_again(dmn_control *c)
+static void control_guard_again(dmn_control *c)
 {
     struct pvx_diag d = {""};
     if (c->auth == NULL)
@@ -138,17 +138,17 @@ static void guard_again(dmn_control *c)
     }
 }
 
-static void *run(void *arg)
+static void *control_run(void *arg)
 {
     dmn_control *c = arg;
     while (!atomic_load(&c->quit)) {
-        guard_again(c);
+        control_guard_again(c);
         if (c->socket == NULL)
             continue;
-        int n = receive(c);
+        int n = control_receive(c);
         if (n >= 0) {
-            answer(c,
-                   dmn_control_handle(&c->ops, c->request, (size_t)n, c->reply, sizeof c->reply));
+            control_answer(
+                c, dmn_control_handle(&c->ops, c->request, (size_t)n, c->reply, sizeof c->reply));
         } else if (errno != EAGAIN && errno != EINTR) {
             LOG_E(DAEMON, "control socket: %s; it is closed now", zmq_strerror(errno));
             break;
@@ -181,7 +181,7 @@ pvx_err dmn_control_new(const char *endpoint, pvp_auth *auth, const struct dmn_c
     }
     if (e == PVX_OK)
         e = bind_socket(c, d);
-    if (e == PVX_OK && pthread_create(&c->thread, NULL, run, c) != 0)
+    if (e == PVX_OK && pthread_create(&c->thread, NULL, control_run, c) != 0)
         e = pvx_fail(d, PVX_EIO, "control: no thread to be had");
     if (e != PVX_OK) {
         dmn_control_free(&c);

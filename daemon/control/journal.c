@@ -7,7 +7,7 @@
 #include <systemd/sd-journal.h>
 #include <unistd.h>
 
-static void add(struct iovec *field, size_t *n, char *text)
+static void journal_add(struct iovec *field, size_t *n, char *text)
 {
     field[(*n)++] = (struct iovec){.iov_base = text, .iov_len = strlen(text)};
 }
@@ -18,21 +18,21 @@ size_t dmn_journal_fields(enum pvx_log_level level, const struct pvx_about *abou
     static char identifier[] = "SYSLOG_IDENTIFIER=pyrovoxd";
     size_t n = 0;
     snprintf(room->message, sizeof room->message, "MESSAGE=%s", text);
-    add(field, &n, room->message);
+    journal_add(field, &n, room->message);
     snprintf(room->priority, sizeof room->priority, "PRIORITY=%d", pvx_log_syslog(level));
-    add(field, &n, room->priority);
-    add(field, &n, identifier);
+    journal_add(field, &n, room->priority);
+    journal_add(field, &n, identifier);
     if (about != NULL && about->cause != NULL) {
         snprintf(room->cause, sizeof room->cause, "PYROVOX_CAUSE=%s", about->cause);
-        add(field, &n, room->cause);
+        journal_add(field, &n, room->cause);
     }
     if (about != NULL && about->camera != NULL && about->camera[0] != '\0') {
         snprintf(room->camera, sizeof room->camera, "PYROVOX_CAMERA=%s", about->camera);
-        add(field, &n, room->camera);
+        journal_add(field, &n, room->camera);
     }
     if (about != NULL && about->of_set) {
         snprintf(room->set, sizeof room->set, "PYROVOX_SET=%llu", (unsigned long long)about->set);
-        add(field, &n, room->set);
+        journal_add(field, &n, room->set);
     }
     return n;
 }

@@ -8,7 +8,7 @@
 #define PRINT_FIRST ((size_t)64 << 10)
 #define PRINT_MAX   ((size_t)64 << 20)
 
-static void put(struct dmn_json *j, const char *s, size_t n)
+static void control_put(struct dmn_json *j, const char *s, size_t n)
 {
     if (j->full || n >= j->size - j->len) {
         j->full = true;
@@ -37,37 +37,37 @@ size_t dmn_utf8(const char *text)
     return n;
 }
 
-static void quoted(struct dmn_json *j, const char *v)
+static void control_quoted(struct dmn_json *j, const char *v)
 {
-    put(j, "\"", 1);
+    control_put(j, "\"", 1);
     for (const char *p = v; *p != '\0';) {
         size_t n = dmn_utf8(p);
         char esc[8];
         if (n == 0) {
-            put(j, "?", 1);
+            control_put(j, "?", 1);
             n = 1;
         } else if (*p == '"' || *p == '\\') {
             esc[0] = '\\';
             esc[1] = *p;
-            put(j, esc, 2);
+            control_put(j, esc, 2);
         } else if ((unsigned char)*p < 0x20) {
             snprintf(esc, sizeof esc, "\\u%04x", (unsigned)*p);
-            put(j, esc, 6);
+            control_put(j, esc, 6);
         } else {
-            put(j, p, n);
+            control_put(j, p, n);
         }
         p += n;
     }
-    put(j, "\"", 1);
+    control_put(j, "\"", 1);
 }
 
-static void start(struct dmn_json *j, const char *key)
+static void control_start(struct dmn_json *j, const char *key)
 {
     if (j->comma)
-        put(j, ",", 1);
+        control_put(j, ",", 1);
     if (key != NULL) {
-        quoted(j, key);
-        put(j, ":", 1);
+        control_quoted(j, key);
+        control_put(j, ":", 1);
     }
     j->comma = true;
 }
@@ -81,56 +81,56 @@ void dmn_json_init(struct dmn_json *j, char *text, size_t size)
 
 void dmn_json_open(struct dmn_json *j, const char *key, char bracket)
 {
-    start(j, key);
-    put(j, &bracket, 1);
+    control_start(j, key);
+    control_put(j, &bracket, 1);
     j->comma = false;
 }
 
 void dmn_json_close(struct dmn_json *j, char bracket)
 {
-    put(j, &bracket, 1);
+    control_put(j, &bracket, 1);
     j->comma = true;
 }
 
 void dmn_json_int(struct dmn_json *j, const char *key, long long v)
 {
     char s[32];
-    start(j, key);
-    put(j, s, (size_t)snprintf(s, sizeof s, "%lld", v));
+    control_start(j, key);
+    control_put(j, s, (size_t)snprintf(s, sizeof s, "%lld", v));
 }
 
-static void number(struct dmn_json *j, const char *key, double v, int digits)
+static void control_number(struct dmn_json *j, const char *key, double v, int digits)
 {
     char s[40];
-    start(j, key);
+    control_start(j, key);
     if (isfinite(v))
-        put(j, s, (size_t)snprintf(s, sizeof s, "%.*g", digits, v));
+        control_put(j, s, (size_t)snprintf(s, sizeof s, "%.*g", digits, v));
     else
-        put(j, "null", 4);
+        control_put(j, "null", 4);
 }
 
 void dmn_json_num(struct dmn_json *j, const char *key, double v)
 {
-    number(j, key, v, 6);
+    control_number(j, key, v, 6);
 }
 
 void dmn_json_exact(struct dmn_json *j, const char *key, double v)
 {
     char s[40];
     snprintf(s, sizeof s, "%.15g", v);
-    number(j, key, v, strtod(s, NULL) == v ? 15 : 17);
+    control_number(j, key, v, strtod(s, NULL) == v ? 15 : 17);
 }
 
 void dmn_json_bool(struct dmn_json *j, const char *key, bool v)
 {
-    start(j, key);
-    put(j, v ? "true" : "false", v ? 4 : 5);
+    control_start(j, key);
+    control_put(j, v ? "true" : "false", v ? 4 : 5);
 }
 
 void dmn_json_str(struct dmn_json *j, const char *key, const char *v)
 {
-    start(j, key);
-    quoted(j, v);
+    control_start(j, key);
+    control_quoted(j, v);
 }
 
 size_t dmn_json_end(struct dmn_json *j)

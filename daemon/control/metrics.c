@@ -35,9 +35,9 @@ static enum MHD_Result send_text(struct MHD_Connection *to, unsigned code, const
 }
 
 /* NOLINTNEXTLINE(readability-function-size): libmicrohttpd says what it is given */
-static enum MHD_Result answer(void *ctx, struct MHD_Connection *to, const char *url,
-                              const char *method, const char *version, const char *body,
-                              size_t *body_size, void **own)
+static enum MHD_Result metrics_answer(void *ctx, struct MHD_Connection *to, const char *url,
+                                      const char *method, const char *version, const char *body,
+                                      size_t *body_size, void **own)
 {
     struct dmn_metrics *m = ctx;
     (void)version;
@@ -57,7 +57,7 @@ static enum MHD_Result answer(void *ctx, struct MHD_Connection *to, const char *
     return text != NULL ? send_text(to, MHD_HTTP_OK, text, MHD_RESPMEM_MUST_FREE) : MHD_NO;
 }
 
-static bool is_loopback(const struct sockaddr *a)
+static bool metrics_is_loopback(const struct sockaddr *a)
 {
     if (a->sa_family == AF_INET6)
         return IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)a)->sin6_addr);
@@ -86,8 +86,8 @@ static pvx_err resolve(const char *endpoint, struct addrinfo **out, struct pvx_d
                     endpoint);
 }
 
-static pvx_err listen_at(const char *endpoint, const struct addrinfo *a, int *fd,
-                         struct pvx_diag *d)
+static pvx_err metrics_listen_at(const char *endpoint, const struct addrinfo *a, int *fd,
+                                 struct pvx_diag *d)
 {
     int on = 1;
     *fd = socket(a->ai_family, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
@@ -115,8 +115,8 @@ pvx_err dmn_metrics_new(const char *endpoint, bool insecure,
     int fd = -1;
     *out = NULL;
     PVX_TRY(resolve(endpoint, &a, d));
-    pvx_err e = insecure || is_loopback(a->ai_addr)
-                    ? listen_at(endpoint, a, &fd, d)
+    pvx_err e = insecure || metrics_is_loopback(a->ai_addr)
+                    ? metrics_listen_at(endpoint, a, &fd, d)
                     : pvx_fail(d, PVX_EINVAL,
                                "metrics.endpoint: other hosts reach %s, and nothing guards it: use "
                                "127.0.0.1 and ssh -L, or say insecure: true",
@@ -127,11 +127,12 @@ pvx_err dmn_metrics_new(const char *endpoint, bool insecure,
     if (m != NULL) {
         m->state = state;
         m->ctx = ctx;
-        m->http = MHD_start_daemon(
-            MHD_USE_INTERNAL_POLLING_THREAD, 0, NULL, NULL, answer, m, MHD_OPTION_LISTEN_SOCKET, fd,
-            MHD_OPTION_CONNECTION_LIMIT, (unsigned)DMN_METRICS_CLIENTS,
-            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)DMN_METRICS_PATIENCE_S,
-            MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)8192, MHD_OPTION_END);
+        m->http =
+            MHD_start_daemon(MHD_USE_INTERNAL_POLLING_THREAD, 0, NULL, NULL, metrics_answer, m,
+                             MHD_OPTION_LISTEN_SOCKET, fd, MHD_OPTION_CONNECTION_LIMIT,
+                             (unsigned)DMN_METRICS_CLIENTS, MHD_OPTION_CONNECTION_TIMEOUT,
+                             (unsigned)DMN_METRICS_PATIENCE_S, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+                             (size_t)8192, MHD_OPTION_END);
     }
     if (m == NULL || m->http == NULL) {
         close(fd);

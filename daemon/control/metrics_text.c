@@ -14,7 +14,7 @@ static void family(FILE *f, const char *name, const char *type, const char *help
 }
 
 /* name{key="value"}; quotes, backslashes and line ends are escaped. */
-static void label(FILE *f, const char *key, const char *value)
+static void control_label(FILE *f, const char *key, const char *value)
 {
     fprintf(f, "%s=\"", key);
     for (const char *p = value; *p != '\0'; p++)
@@ -44,7 +44,7 @@ static void counter(FILE *f, const char *name, const char *help, uint64_t v)
 static void cause(FILE *f, const char *name, const char *why, uint64_t v)
 {
     fprintf(f, "pyrovox_%s{", name);
-    label(f, "cause", why);
+    control_label(f, "cause", why);
     fprintf(f, "} %llu\n", (unsigned long long)v);
 }
 
@@ -66,17 +66,17 @@ static void camera_count(FILE *f, const struct dmn_state *s, const struct dmn_co
     family(f, name, "counter", def->help);
     for (size_t c = 0; c < s->n_cameras; c++) {
         fprintf(f, "pyrovox_%s{", name);
-        label(f, "camera", s->camera[c]);
+        control_label(f, "camera", s->camera[c]);
         fprintf(f, "} %llu\n", (unsigned long long)first[c * stride]);
     }
 }
 
-static void cameras(FILE *f, const struct dmn_state *s)
+static void control_cameras(FILE *f, const struct dmn_state *s)
 {
     family(f, "camera_running", "gauge", "1 while the camera runs");
     for (size_t c = 0; c < s->n_cameras; c++) {
         fputs("pyrovox_camera_running{", f);
-        label(f, "camera", s->camera[c]);
+        control_label(f, "camera", s->camera[c]);
         fprintf(f, "} %d\n", s->capture.camera[c].state == CAP_RUNNING);
     }
     for (int i = 0; i < CAP_N_COUNT; i++) {
@@ -94,7 +94,7 @@ static void stages(FILE *f, const struct dmn_state *s)
     family(f, "stage_items_total", "counter", "frame sets that a stage has worked on");
     for (int i = 0; i < DMN_N_STAGES; i++) {
         fputs("pyrovox_stage_items_total{", f);
-        label(f, "stage", s->stage[i].name);
+        control_label(f, "stage", s->stage[i].name);
         fprintf(f, "} %llu\n", (unsigned long long)s->stage[i].items);
     }
 }
@@ -140,7 +140,7 @@ char *dmn_metrics_text(const struct dmn_state *s)
           (double)s->volumes.lost);
     gauge(f, "volumes_deaths", "how often its process died", s->volumes.deaths);
     stages(f, s);
-    cameras(f, s);
+    control_cameras(f, s);
     if (fclose(f) != 0) {
         free(text);
         return NULL;

@@ -7,7 +7,7 @@
 #include "daemon/control/commands.h"
 #include "daemon/control/json.h"
 
-static size_t unknown(const char *key, struct dmn_answer to)
+static size_t settings_unknown(const char *key, struct dmn_answer to)
 {
     char text[256];
     snprintf(text, sizeof text, "%.64s: unknown key; the nearest is %s", key,
@@ -15,7 +15,8 @@ static size_t unknown(const char *key, struct dmn_answer to)
     return dmn_answer_error(to, text);
 }
 
-static void option(struct dmn_json *j, const struct dmn_config *c, const struct dmn_option *o)
+static void settings_option(struct dmn_json *j, const struct dmn_config *c,
+                            const struct dmn_option *o)
 {
     char *value = dmn_config_value(c, o);
     dmn_json_open(j, NULL, '{');
@@ -39,14 +40,14 @@ size_t dmn_answer_get(const struct dmn_control_ops *ops, const cJSON *request, s
     if (key != NULL && !cJSON_IsString(key))
         return dmn_answer_error(to, "key should be text");
     if (key != NULL && (one = dmn_option_find(key->valuestring)) == NULL)
-        return unknown(key->valuestring, to);
+        return settings_unknown(key->valuestring, to);
     dmn_json_init(&j, to.text, to.size);
     dmn_json_open(&j, NULL, '{');
     dmn_json_bool(&j, "ok", true);
     dmn_json_open(&j, "options", '[');
     for (size_t i = 0; i < dmn_n_options; i++)
         if (one == NULL || one == &dmn_options[i])
-            option(&j, ops->config(ops->ctx), &dmn_options[i]);
+            settings_option(&j, ops->config(ops->ctx), &dmn_options[i]);
     dmn_json_close(&j, ']');
     dmn_json_close(&j, '}');
     return dmn_json_end(&j);
@@ -92,7 +93,7 @@ size_t dmn_answer_set(const struct dmn_control_ops *ops, const cJSON *request, s
                                     "number or true or false");
     const struct dmn_option *o = dmn_option_find(key);
     if (o == NULL)
-        return unknown(key, to);
+        return settings_unknown(key, to);
     if (!dmn_option_live(o)) {
         snprintf(text, sizeof text,
                  "%s needs a restart: change it in the configuration, and start the daemon again",

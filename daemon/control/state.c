@@ -27,13 +27,13 @@ static void seconds(struct dmn_json *j, const char *key, double s)
     dmn_json_exact(j, key, rint(s * 1e3) / 1e3);
 }
 
-static void ms(struct dmn_json *j, const char *key, int64_t ns)
+static void state_ms(struct dmn_json *j, const char *key, int64_t ns)
 {
     dmn_json_num(j, key, (double)ns * 1e-6);
 }
 
-static void count(struct dmn_json *j, const char *name, const char *unit, const char *help,
-                  uint64_t value)
+static void state_count(struct dmn_json *j, const char *name, const char *unit, const char *help,
+                        uint64_t value)
 {
     dmn_json_open(j, NULL, '{');
     dmn_json_str(j, "name", name);
@@ -60,12 +60,13 @@ static void json_sets(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_close(j, '}');
     dmn_json_open(j, "drops", '[');
     for (int i = 0; i < DMN_N_DROP; i++)
-        count(j, dmn_drop_defs[i].name, dmn_drop_defs[i].unit, dmn_drop_defs[i].help,
-              s->dropped[i]);
-    count(j, "incomplete", "sets", "not used: frames of cameras were missing",
-          s->capture.sets_failed);
-    count(j, "displaced", "sets", "the queue to the pipeline was full: newer ones took their place",
-          s->capture.sets_dropped);
+        state_count(j, dmn_drop_defs[i].name, dmn_drop_defs[i].unit, dmn_drop_defs[i].help,
+                    s->dropped[i]);
+    state_count(j, "incomplete", "sets", "not used: frames of cameras were missing",
+                s->capture.sets_failed);
+    state_count(j, "displaced", "sets",
+                "the queue to the pipeline was full: newer ones took their place",
+                s->capture.sets_dropped);
     dmn_json_close(j, ']');
 }
 
@@ -99,11 +100,11 @@ static void json_report(struct dmn_json *j, const struct dmn_state *s)
     dmn_json_int(j, "outside", r->hull.outside);
     dmn_json_close(j, '}');
     dmn_json_open(j, "ms", '{');
-    ms(j, "photometry", r->photo_ns);
-    ms(j, "vote", r->vote_ns);
-    ms(j, "hull", r->hull_ns);
-    ms(j, "restrict", r->restrict_ns);
-    ms(j, "solve", r->solve_ns);
+    state_ms(j, "photometry", r->photo_ns);
+    state_ms(j, "vote", r->vote_ns);
+    state_ms(j, "hull", r->hull_ns);
+    state_ms(j, "restrict", r->restrict_ns);
+    state_ms(j, "solve", r->solve_ns);
     dmn_json_close(j, '}');
     dmn_json_close(j, '}');
 }

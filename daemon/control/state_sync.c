@@ -1,6 +1,6 @@
 #include "daemon/control/state_sync.h"
 
-static void bins(struct dmn_json *j, const char *key, const uint64_t *n, int count)
+static void state_sync_bins(struct dmn_json *j, const char *key, const uint64_t *n, int count)
 {
     dmn_json_open(j, key, '[');
     for (int i = 0; i < count; i++)
@@ -21,7 +21,7 @@ static void skew(struct dmn_json *j, const struct cap_skew *k)
     us(j, "p50_us", (double)k->p50_ns);
     us(j, "p99_us", (double)k->p99_ns);
     us(j, "max_us", (double)k->max_ns);
-    bins(j, "bins", k->bin, CAP_SKEW_BINS);
+    state_sync_bins(j, "bins", k->bin, CAP_SKEW_BINS);
     dmn_json_close(j, '}');
 }
 
@@ -54,7 +54,7 @@ void dmn_state_sync(struct dmn_json *j, const struct cap_stats *s)
     for (int i = 0; i < CAP_SKEW_BINS - 1; i++)
         us(j, NULL, (double)cap_skew_edges_ns[i]);
     dmn_json_close(j, ']');
-    bins(j, "spread_bins", s->spread_bin, CAP_SPREAD_BINS);
+    state_sync_bins(j, "spread_bins", s->spread_bin, CAP_SPREAD_BINS);
     dmn_json_close(j, '}');
     dmn_json_int(j, "all_gone", (long long)s->all_gone);
     dmn_json_open(j, "host_clock", '{');

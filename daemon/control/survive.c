@@ -14,13 +14,13 @@
 
 /* ---- a mapped file that is cut ----------------------------------------------------------------- */
 
-static void say(const char *text, size_t n)
+static void survive_say(const char *text, size_t n)
 {
     if (write(STDERR_FILENO, text, n) < 0)
         return; /* nobody is there to be told */
 }
 
-static uintptr_t hex(const char **p)
+static uintptr_t survive_hex(const char **p)
 {
     uintptr_t v = 0;
     for (; (**p >= '0' && **p <= '9') || (**p >= 'a' && **p <= 'f'); ++*p)
@@ -40,10 +40,10 @@ static void say_mapping(uintptr_t address)
         if (c != '\n')
             continue;
         const char *p = line;
-        uintptr_t from = hex(&p);
+        uintptr_t from = survive_hex(&p);
         p++;
-        if (address >= from && address < hex(&p)) {
-            say(line, n);
+        if (address >= from && address < survive_hex(&p)) {
+            survive_say(line, n);
             return;
         }
         n = 0;
@@ -60,7 +60,7 @@ static void on_bus_error(int sig, siginfo_t *info, void *context)
     (void)context;
     while (atomic_flag_test_and_set(&told))
         pause();
-    say(text, sizeof text - 1);
+    survive_say(text, sizeof text - 1);
     say_mapping((uintptr_t)info->si_addr);
     _exit(1);
 }

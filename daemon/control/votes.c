@@ -12,7 +12,7 @@ static void log_it(void *ctx, bool bad, const struct pvx_about *about, const cha
 }
 const struct dmn_votes_listener dmn_votes_log = {log_it, NULL};
 
-static bool has(uint64_t set, size_t c)
+static bool votes_has(uint64_t set, size_t c)
 {
     return (set >> c & 1) != 0;
 }
@@ -22,14 +22,14 @@ static void say_camera(const struct dmn_votes *v, size_t c, const struct rec_rig
 {
     char text[400];
     enum rec_wrong why = (enum rec_wrong)v->why[c];
-    if (has(v->out, c))
+    if (votes_has(v->out, c))
         snprintf(text, sizeof text, "camera %s is left out, it contradicts the others: %s; %s",
                  rig->cameras[c].name, rec_wrong_name(why), rec_wrong_remedy(why));
     else
         snprintf(text, sizeof text, "camera %s agrees with the others again and is back",
                  rig->cameras[c].name);
-    to->say(to->ctx, has(v->out, c), ABOUT(.cause = "voted_out", .camera = rig->cameras[c].name),
-            text);
+    to->say(to->ctx, votes_has(v->out, c),
+            ABOUT(.cause = "voted_out", .camera = rig->cameras[c].name), text);
 }
 
 static void say_state(struct dmn_votes *v, const struct dmn_votes_listener *to)
@@ -65,7 +65,7 @@ void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const str
     if (set->state == REC_VOTE_NONE)
         return;
     for (size_t c = 0; c < rig->n_cameras; c++)
-        if (has(set->out, c)) {
+        if (votes_has(set->out, c)) {
             if (v->why[c] == REC_WRONG_DISAGREES && set->why[c] != REC_WRONG_DISAGREES)
                 changed |= (uint64_t)1 << c; /* what it is has become clear */
             v->left_out[c][set->why[c]]++;
@@ -73,8 +73,8 @@ void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const str
     if (judged) {
         v->out = set->out;
         for (size_t c = 0; c < rig->n_cameras; c++)
-            if (has(changed, c)) {
-                v->why[c] = has(set->out, c) ? set->why[c] : REC_WRONG_NOTHING;
+            if (votes_has(changed, c)) {
+                v->why[c] = votes_has(set->out, c) ? set->why[c] : REC_WRONG_NOTHING;
                 say_camera(v, c, rig, to);
             }
     }
@@ -87,7 +87,7 @@ void dmn_votes_add(struct dmn_votes *v, const struct rec_verdict *set, const str
 
 void dmn_votes_camera_json(struct dmn_json *j, const struct dmn_votes *v, size_t c)
 {
-    bool out = has(v->out, c);
+    bool out = votes_has(v->out, c);
     enum rec_wrong why = out ? (enum rec_wrong)v->why[c] : REC_WRONG_NOTHING;
     uint64_t sets = 0;
     for (int w = 0; w < REC_N_WRONG; w++)
@@ -113,7 +113,7 @@ void dmn_verdict_json(cJSON *o, const struct rec_verdict *set, const struct rec_
     cJSON_AddNumberToObject(vote, "doubt", (double)set->doubt);
     cJSON *out = cJSON_AddArrayToObject(o, "out");
     for (size_t c = 0; c < rig->n_cameras; c++) {
-        if (!has(set->out, c))
+        if (!votes_has(set->out, c))
             continue;
         cJSON *k = cJSON_CreateObject();
         cJSON_AddStringToObject(k, "camera", rig->cameras[c].name);

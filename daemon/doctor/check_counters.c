@@ -80,8 +80,8 @@ static bool read_counter(struct doctor *d, const struct counter *c, const char *
     return ok;
 }
 
-static void judge(struct doctor *d, const struct counter *c, const char *link, uint64_t before,
-                  uint64_t now)
+static void doctor_judge(struct doctor *d, const struct counter *c, const char *link,
+                         uint64_t before, uint64_t now)
 {
     uint64_t grown = now > before ? now - before : 0;
     const char *on = link[0] != '\0' ? " on " : "";
@@ -136,7 +136,7 @@ void doc_check_counters(struct doctor *d)
                 if (pass == 0)
                     before[c][i] = now;
                 else if (ok)
-                    judge(d, &counters[c], l->name, before[c][i], now);
+                    doctor_judge(d, &counters[c], l->name, before[c][i], now);
             }
         }
     }

@@ -18,7 +18,7 @@ static double cores_needed(const struct doctor *d)
     return packets / 2e5 + d->load.bytes_per_s / 300e6 + 1;
 }
 
-static void number(struct doctor *d)
+static void check_cpu_number(struct doctor *d)
 {
     unsigned n = doc_cpus(d);
     double need = cores_needed(d), load1 = 0;
@@ -48,7 +48,7 @@ static void number(struct doctor *d)
                 "CPUQuota=50%%`)");
 }
 
-static void features(struct doctor *d)
+static void check_cpu_features(struct doctor *d)
 {
     char *text = doc_file(d->host, "/proc/cpuinfo");
     char *flags = malloc(4096);
@@ -137,8 +137,8 @@ static void sleep_states(struct doctor *d)
 
 void doc_check_cpu(struct doctor *d)
 {
-    number(d);
-    features(d);
+    check_cpu_number(d);
+    check_cpu_features(d);
     governor(d);
     sleep_states(d);
 }

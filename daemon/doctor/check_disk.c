@@ -10,7 +10,7 @@
 
 #define CHUNK ((size_t)1 << 20)
 
-static void room(struct doctor *d, const char *dir)
+static void check_disk_room(struct doctor *d, const char *dir)
 {
     double have;
     if (!d->host->space(d->host, dir, &have)) {
@@ -63,7 +63,7 @@ static double write_rate(const char *dir, double bytes, char *err, size_t size)
     return ok && s > 0 ? done / s : 0;
 }
 
-static void speed(struct doctor *d, const char *dir)
+static void check_disk_speed(struct doctor *d, const char *dir)
 {
     char err[128] = "";
     double rate = write_rate(dir, d->host->disk_write, err, sizeof err);
@@ -86,7 +86,7 @@ void doc_check_disk(struct doctor *d)
 {
     if (d->load.record[0] == '\0')
         return;
-    room(d, d->load.record);
+    check_disk_room(d, d->load.record);
     if (d->host->disk_write > 0)
-        speed(d, d->load.record);
+        check_disk_speed(d, d->load.record);
 }

@@ -135,7 +135,7 @@ static void rp_filter(struct doctor *d, const struct doc_link *l, const struct d
         doc_note(f, "better: give each card a network of its own");
 }
 
-static void ring(struct doctor *d, const struct doc_link *l, const struct doc_nic *nic)
+static void check_links_ring(struct doctor *d, const struct doc_link *l, const struct doc_nic *nic)
 {
     if (doc_settled(!nic->ring_known, d, DOC_UNKNOWN, 10, "net.ring",
                     "%s does not say how large its ring is", l->name))
@@ -157,7 +157,7 @@ static void card(struct doctor *d, const struct doc_link *l)
     if (l->loopback || !doc_exists(d->host, "/sys/class/net/%s/device", l->name))
         return;
     d->host->nic(d->host, l->name, &nic);
-    ring(d, l, &nic);
+    check_links_ring(d, l, &nic);
     if (!nic.pause_known) {
         doc_say(d, DOC_UNKNOWN, 10, "net.pause", "%s does not say whether it uses flow control",
                 l->name);

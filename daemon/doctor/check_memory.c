@@ -5,7 +5,7 @@
 #include "daemon/doctor/checks.h"
 #include "daemon/doctor/parse.h"
 
-static void swap(struct doctor *d, const char *meminfo)
+static void doctor_swap(struct doctor *d, const char *meminfo)
 {
     uint64_t total = 0;
     int64_t v;
@@ -62,7 +62,7 @@ void doc_check_memory(struct doctor *d)
 {
     char *meminfo = doc_file(d->host, "/proc/meminfo");
     if (meminfo != NULL) {
-        swap(d, meminfo);
+        doctor_swap(d, meminfo);
         free_memory(d, meminfo);
     }
     free(meminfo);

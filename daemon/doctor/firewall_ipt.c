@@ -6,24 +6,24 @@
 #include "daemon/doctor/firewall.h"
 #include "daemon/doctor/parse.h"
 
-static bool is(const char *a, const char *b)
+static bool doctor_is(const char *a, const char *b)
 {
     return strcmp(a, b) == 0;
 }
 
-static enum doc_match option(const char *o, const char *v, const struct doc_stream *s)
+static enum doc_match doctor_option(const char *o, const char *v, const struct doc_stream *s)
 {
-    if (is(o, "-i") || is(o, "--in-interface"))
+    if (doctor_is(o, "-i") || doctor_is(o, "--in-interface"))
         return doc_match_iface(v, s->iface);
-    if (is(o, "-s") || is(o, "--source"))
+    if (doctor_is(o, "-s") || doctor_is(o, "--source"))
         return doc_match_net(v, s->address);
-    if (is(o, "-p") || is(o, "--protocol"))
-        return is(v, "udp") || is(v, "all") ? DOC_MATCH_YES : DOC_MATCH_NO;
-    if (is(o, "-m") || is(o, "--comment") || is(o, "--reject-with"))
+    if (doctor_is(o, "-p") || doctor_is(o, "--protocol"))
+        return doctor_is(v, "udp") || doctor_is(v, "all") ? DOC_MATCH_YES : DOC_MATCH_NO;
+    if (doctor_is(o, "-m") || doctor_is(o, "--comment") || doctor_is(o, "--reject-with"))
         return DOC_MATCH_YES; /* what it asks comes in options of its own */
-    if (is(o, "--dport") || is(o, "--destination-port"))
+    if (doctor_is(o, "--dport") || doctor_is(o, "--destination-port"))
         return doc_match_ports(v);
-    if (is(o, "--ctstate") || is(o, "--state"))
+    if (doctor_is(o, "--ctstate") || doctor_is(o, "--state"))
         return strstr(v, "NEW") != NULL ? DOC_MATCH_YES : DOC_MATCH_NO;
     return DOC_MATCH_PERHAPS;
 }
@@ -36,7 +36,7 @@ static enum doc_match conditions(char *p, const struct doc_stream *s, const char
     bool negated = false;
     *target = "";
     for (char *o = strtok_r(p, " ", &save); o != NULL; o = strtok_r(NULL, " ", &save)) {
-        if (is(o, "!")) {
+        if (doctor_is(o, "!")) {
             negated = true;
             continue;
         }
@@ -46,11 +46,11 @@ static enum doc_match conditions(char *p, const struct doc_stream *s, const char
         if (v[0] == '"') /* a comment in quotes */
             while (v != NULL && (v[0] == '\0' || v[strlen(v) - 1] != '"'))
                 v = strtok_r(NULL, " ", &save);
-        if (is(o, "-j") || is(o, "-g")) {
+        if (doctor_is(o, "-j") || doctor_is(o, "-g")) {
             *target = v != NULL ? v : "";
             continue;
         }
-        enum doc_match k = v != NULL ? option(o, v, s) : DOC_MATCH_PERHAPS;
+        enum doc_match k = v != NULL ? doctor_option(o, v, s) : DOC_MATCH_PERHAPS;
         m = doc_match_and(m, negated ? doc_match_not(k) : k);
         negated = false;
     }
@@ -66,16 +66,17 @@ enum doc_pass doc_firewall_iptables(const char *text, const struct doc_stream *s
     while (doc_line_next(&text, line, sizeof line)) {
         const char *target;
         if (line[0] == '*')
-            filter = is(line, "*filter");
+            filter = doctor_is(line, "*filter");
         if (filter && strncmp(line, ":INPUT ", 7) == 0)
             drop_policy = strncmp(line + 7, "ACCEPT", 6) != 0;
         if (!filter || strncmp(line, "-A INPUT ", 9) != 0)
             continue;
         snprintf(copy, sizeof copy, "%s", line + 9);
         enum doc_match m = conditions(copy, s, &target);
-        if (m == DOC_MATCH_NO || target[0] == '\0' || is(target, "LOG"))
+        if (m == DOC_MATCH_NO || target[0] == '\0' || doctor_is(target, "LOG"))
             continue;
-        bool accept = is(target, "ACCEPT"), drop = is(target, "DROP") || is(target, "REJECT");
+        bool accept = doctor_is(target, "ACCEPT"),
+             drop = doctor_is(target, "DROP") || doctor_is(target, "REJECT");
         if (m == DOC_MATCH_YES && accept && !perhaps_drop) {
             why[0] = '\0';
             return DOC_PASS_YES;

@@ -34,7 +34,7 @@ static void full_path(const struct doc_host *h, char out[PATH_MAX], const char *
         va_end(ap_);                  \
     } while (0)
 
-static void trim(char *s)
+static void host_trim(char *s)
 {
     size_t n = strlen(s);
     while (n > 0 && isspace((unsigned char)s[n - 1]))
@@ -56,7 +56,7 @@ static bool read_text(const char *path, char *out, size_t size)
     }
     close(fd);
     out[n] = '\0';
-    trim(out);
+    host_trim(out);
     return r >= 0;
 }
 
@@ -92,7 +92,7 @@ bool doc_access(struct doc_host *h, int mode, const char *fmt, ...)
     return access(path, mode) == 0;
 }
 
-static int by_name(const void *a, const void *b)
+static int host_by_name(const void *a, const void *b)
 {
     return strcmp(a, b);
 }
@@ -112,7 +112,7 @@ struct doc_names *doc_names(struct doc_host *h, const char *fmt, ...)
         if (e->d_name[0] != '.' && strlen(e->d_name) < sizeof out->v[0])
             snprintf(out->v[out->n++], sizeof out->v[0], "%s", e->d_name);
     closedir(dir);
-    qsort(out->v, out->n, sizeof out->v[0], by_name);
+    qsort(out->v, out->n, sizeof out->v[0], host_by_name);
     return out;
 }
 

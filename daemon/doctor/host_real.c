@@ -26,7 +26,7 @@
 
 #define RUN_NS (5 * PVX_NS_PER_S) /* patience with a command */
 
-static bool ask(int fd, const char *ifname, void *cmd)
+static bool host_real_ask(int fd, const char *ifname, void *cmd)
 {
     struct ifreq r = {0};
     snprintf(r.ifr_name, sizeof r.ifr_name, "%s", ifname);
@@ -42,25 +42,25 @@ void doc_real_nic(struct doc_host *h, const char *ifname, struct doc_nic *out)
     if (fd < 0)
         return;
     struct ethtool_ringparam ring = {.cmd = ETHTOOL_GRINGPARAM};
-    if (ask(fd, ifname, &ring) && ring.rx_max_pending > 0) {
+    if (host_real_ask(fd, ifname, &ring) && ring.rx_max_pending > 0) {
         out->ring_known = true;
         out->rx_ring = ring.rx_pending;
         out->rx_ring_max = ring.rx_max_pending;
     }
     struct ethtool_pauseparam pause_ = {.cmd = ETHTOOL_GPAUSEPARAM};
-    if (ask(fd, ifname, &pause_)) {
+    if (host_real_ask(fd, ifname, &pause_)) {
         out->pause_known = true;
         out->tx_pause = pause_.tx_pause;
     }
     struct ethtool_coalesce co = {.cmd = ETHTOOL_GCOALESCE};
-    if (ask(fd, ifname, &co)) {
+    if (host_real_ask(fd, ifname, &co)) {
         out->coalesce_known = true;
         out->adaptive_rx = co.use_adaptive_rx_coalesce;
         out->rx_usecs = co.rx_coalesce_usecs;
         out->rx_frames = co.rx_max_coalesced_frames;
     }
     struct ethtool_ts_info ts = {.cmd = ETHTOOL_GET_TS_INFO};
-    if (ask(fd, ifname, &ts)) {
+    if (host_real_ask(fd, ifname, &ts)) {
         const unsigned hw = SOF_TIMESTAMPING_TX_HARDWARE | SOF_TIMESTAMPING_RX_HARDWARE |
                             SOF_TIMESTAMPING_RAW_HARDWARE;
         out->stamp_known = true;
@@ -68,7 +68,7 @@ void doc_real_nic(struct doc_host *h, const char *ifname, struct doc_nic *out)
         out->phc = ts.phc_index;
     }
     struct ethtool_eee eee = {.cmd = ETHTOOL_GEEE};
-    if (ask(fd, ifname, &eee)) {
+    if (host_real_ask(fd, ifname, &eee)) {
         out->eee_known = true;
         out->eee_active = eee.eee_active;
     }
@@ -87,7 +87,7 @@ static void real_clock(struct doc_host *h, struct doc_clock *out)
 }
 
 /* In the child: its two outputs become the pipes, and only this environment is left. */
-static void become(const char *const *argv, const int out[2], const int err[2])
+static void host_real_become(const char *const *argv, const int out[2], const int err[2])
 {
     static char path[] = "PATH=/usr/sbin:/sbin:/usr/bin:/bin", locale[] = "LC_ALL=C";
     static char *const env[] = {path, locale, NULL};
@@ -100,7 +100,8 @@ static void become(const char *const *argv, const int out[2], const int err[2])
 }
 
 /* Read both pipes to their ends or until the time is up. */
-static bool collect(int out_fd, int err_fd, char *out, size_t size, char *err, size_t err_size)
+static bool host_real_collect(int out_fd, int err_fd, char *out, size_t size, char *err,
+                              size_t err_size)
 {
     int64_t until = pvx_now_mono() + RUN_NS;
     struct pollfd p[2] = {{.fd = out_fd, .events = POLLIN}, {.fd = err_fd, .events = POLLIN}};
@@ -145,10 +146,10 @@ pvx_err doc_real_run(struct doc_host *h, const char *const *argv, char *out, siz
     }
     pid_t pid = fork();
     if (pid == 0)
-        become(argv, o, e);
+        host_real_become(argv, o, e);
     close(o[1]);
     close(e[1]);
-    bool whole = pid > 0 && collect(o[0], e[0], out, size, err, sizeof err);
+    bool whole = pid > 0 && host_real_collect(o[0], e[0], out, size, err, sizeof err);
     close(o[0]);
     close(e[0]);
     if (pid < 0)

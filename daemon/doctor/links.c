@@ -36,8 +36,8 @@ static void no_route(struct doctor *d, const struct doc_load_camera *k, const st
 }
 
 /* The interface of the longest prefix that holds the address. */
-static void place(struct doctor *d, const struct doc_load_camera *k, const struct doc_route *r,
-                  size_t n)
+static void links_place(struct doctor *d, const struct doc_load_camera *k,
+                        const struct doc_route *r, size_t n)
 {
     const struct doc_route *best = NULL;
     for (size_t i = 0; i < n; i++)
@@ -93,7 +93,7 @@ void doc_find_links(struct doctor *d)
         if (k->kind != DOC_CAM_GIGE)
             continue;
         if (k->address != 0)
-            place(d, k, r, n);
+            links_place(d, k, r, n);
         else
             anywhere = true;
     }

@@ -8,7 +8,7 @@
 #include "daemon/pipeline/sources.h"
 #include "daemon/doctor/doctor.h"
 
-static void describe(struct doc_load *l, const char *from)
+static void load_describe(struct doc_load *l, const char *from)
 {
     static const char *const kinds[] = {"other", "GigE or USB3 Vision", "USB3 Vision", "V4L2"};
     char list[200] = "";
@@ -51,7 +51,7 @@ void doc_load_assumed(struct doc_load *l)
         snprintf(l->camera[i].name, sizeof l->camera[i].name, "cam%zu", i);
     }
     sum(l);
-    describe(l, "no --config, so assumed");
+    load_describe(l, "no --config, so assumed");
 }
 
 static void camera_kind(struct doc_load_camera *k, const char *uri)
@@ -118,7 +118,7 @@ pvx_err doc_load_config(const struct dmn_config *c, struct doc_load *l, struct p
     l->triggered = c->trigger != 0;
     sum(l);
     if (e == PVX_OK)
-        describe(l, c->name);
+        load_describe(l, c->name);
     free(s);
     rec_rig_fini(&rig);
     return e;

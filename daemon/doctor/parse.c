@@ -33,7 +33,7 @@ void doc_bracketed(const char *list, char *out, size_t size)
 }
 
 /* A number of the given base at *p, blanks before it passed over; *p is then behind it. */
-static bool number(const char **p, int base, uint64_t *out)
+static bool parse_number(const char **p, int base, uint64_t *out)
 {
     char *end;
     while (**p == ' ' || **p == '\t')
@@ -56,7 +56,7 @@ static bool limit_value(const char **p, uint64_t *out)
         *out = DOC_UNLIMITED;
         return true;
     }
-    return number(p, 10, out);
+    return parse_number(p, 10, out);
 }
 
 bool doc_parse_limit(const char *text, const char *name, uint64_t *soft, uint64_t *hard)
@@ -94,11 +94,11 @@ bool doc_parse_key_int(const char *text, const char *key, int base, uint64_t *ou
 {
     char value[64];
     const char *p = value;
-    return doc_parse_key(text, key, value, sizeof value) && number(&p, base, out);
+    return doc_parse_key(text, key, value, sizeof value) && parse_number(&p, base, out);
 }
 
 /* Place of a word in a blank-separated line, -1 when it is not there. */
-static int column(const char *line, const char *word)
+static int parse_column(const char *line, const char *word)
 {
     char copy[1024], *save = NULL;
     snprintf(copy, sizeof copy, "%s", line);
@@ -116,14 +116,14 @@ bool doc_parse_snmp(const char *text, const char *proto, const char *name, uint6
     while (doc_line_next(&text, head, sizeof head)) {
         if (strncmp(head, proto, n) != 0 || head[n] != ':')
             continue;
-        int at = column(head, name);
+        int at = parse_column(head, name);
         if (at < 0 || !doc_line_next(&text, line, sizeof line))
             return false;
         char *save = NULL, *t = strtok_r(line, " ", &save);
         for (int i = 0; i < at && t != NULL; i++)
             t = strtok_r(NULL, " ", &save);
         const char *p = t;
-        return t != NULL && number(&p, 10, out);
+        return t != NULL && parse_number(&p, 10, out);
     }
     return false;
 }
@@ -135,7 +135,8 @@ void doc_parse_softnet(const char *text, struct doc_softnet *out)
     while (doc_line_next(&text, line, sizeof line)) {
         const char *p = line;
         uint64_t v[3];
-        if (!number(&p, 16, &v[0]) || !number(&p, 16, &v[1]) || !number(&p, 16, &v[2]))
+        if (!parse_number(&p, 16, &v[0]) || !parse_number(&p, 16, &v[1]) ||
+            !parse_number(&p, 16, &v[2]))
             continue;
         out->processed += v[0];
         out->dropped += v[1];
@@ -155,8 +156,8 @@ uint64_t doc_parse_udp(const char *text)
             line[--n] = '\0';
         const char *p = strrchr(line, ' ');
         uint64_t drops;
-        if (p != NULL && sscanf(line, " %*u: %*8x:%4x", &port) == 1 && number(&p, 10, &drops) &&
-            *p == '\0')
+        if (p != NULL && sscanf(line, " %*u: %*8x:%4x", &port) == 1 &&
+            parse_number(&p, 10, &drops) && *p == '\0')
             all += drops;
     }
     return all;
@@ -206,10 +207,10 @@ void doc_parse_interrupts(const char *text, const char *name, struct doc_irqs *o
     while (doc_line_next(&text, line, sizeof line)) {
         const char *p = line;
         uint64_t irq, v, sum = 0;
-        if (!names_interface(line, name) || !number(&p, 10, &irq) || *p != ':')
+        if (!names_interface(line, name) || !parse_number(&p, 10, &irq) || *p != ':')
             continue;
         p++;
-        for (size_t c = 0; c < out->cpus && number(&p, 10, &v); c++) {
+        for (size_t c = 0; c < out->cpus && parse_number(&p, 10, &v); c++) {
             count[c] += v;
             sum += v;
         }

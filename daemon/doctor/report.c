@@ -85,7 +85,7 @@ static void json_fix(struct dmn_json *j, const struct doc_fix *x)
     dmn_json_close(j, '}');
 }
 
-static void fill(struct dmn_json *j, const void *what)
+static void doctor_fill(struct dmn_json *j, const void *what)
 {
     const struct doctor *d = what;
     static const char *const lower[DOC_N_VERDICT] = {
@@ -119,5 +119,5 @@ static void fill(struct dmn_json *j, const void *what)
 
 pvx_err doc_print_json(FILE *f, const struct doctor *d, struct pvx_diag *why)
 {
-    return dmn_json_print(f, fill, d, why);
+    return dmn_json_print(f, doctor_fill, d, why);
 }

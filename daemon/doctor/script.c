@@ -22,7 +22,7 @@ static bool seen_before(const struct doctor *d, size_t finding, size_t fix)
 }
 
 /* Of two values for one key the larger one counts. */
-static const char *largest(const struct doctor *d, const char *key, const char *first)
+static const char *script_largest(const struct doctor *d, const char *key, const char *first)
 {
     const char *best = first;
     long long top = -1;
@@ -62,7 +62,7 @@ static size_t each(FILE *f, const struct doctor *d, enum doc_fix_kind kind, emit
 static void sysctl_line(FILE *f, const struct doctor *d, const struct doc_finding *x,
                         const struct doc_fix *fix)
 {
-    fprintf(f, "# %s\n%s = %s\n", x->what, fix->file, largest(d, fix->file, fix->text));
+    fprintf(f, "# %s\n%s = %s\n", x->what, fix->file, script_largest(d, fix->file, fix->text));
 }
 
 /* A word in capitals, as INTERFACE, stands for something that only a person knows. */

@@ -3,7 +3,7 @@
 #include <stdbool.h>
 #include <string.h>
 
-static int columns(const char *s, size_t n)
+static int wrap_columns(const char *s, size_t n)
 {
     int c = 0;
     for (size_t i = 0; i < n; i++)
@@ -16,7 +16,7 @@ void dmn_wrap(FILE *f, const char *text, int at, int indent, int width)
     bool first = true;
     for (const char *p = text + strspn(text, " "); *p != '\0'; p += strspn(p, " ")) {
         size_t n = strcspn(p, " ");
-        int w = columns(p, n);
+        int w = wrap_columns(p, n);
         if (!first && at + 1 + w > width) {
             fprintf(f, "\n%*s", indent, "");
             at = indent;

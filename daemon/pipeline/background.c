@@ -48,7 +48,7 @@ pvx_err dmn_background_new(const rec_sysmat *S, const struct rec_rig *rig, int n
     return PVX_OK;
 }
 
-static void let_go(dmn_background *b)
+static void background_let_go(dmn_background *b)
 {
     PVX_FREE(b->sum);
     PVX_FREE(b->n);
@@ -60,16 +60,16 @@ void dmn_background_free(dmn_background **bp)
 {
     if (*bp == NULL)
         return;
-    let_go(*bp);
+    background_let_go(*bp);
     PVX_FREE(*bp);
 }
 
 /* ---- the request ---- */
 
-static bool get_room(dmn_background *b)
+static bool background_get_room(dmn_background *b)
 {
     size_t n = b->S->row0[b->S->n_cameras] * (size_t)b->cs;
-    let_go(b);
+    background_let_go(b);
     memset(b->count, 0, sizeof b->count);
     memset(b->still, 0, sizeof b->still);
     if (b->sets == 0)
@@ -86,7 +86,7 @@ static bool get_room(dmn_background *b)
 }
 
 /* Takes it back from the carve stage, which holds it for a moment at most. */
-static void give_up(dmn_background *b, const char *why)
+static void background_give_up(dmn_background *b, const char *why)
 {
     int wanted = WANTED;
     while (!atomic_compare_exchange_strong(&b->state, &wanted, IDLE)) {
@@ -108,7 +108,7 @@ void dmn_background_state(dmn_background *b, struct dmn_background_state *out)
         b->looked_ns = pvx_now_mono();
     }
     if (pvx_now_mono() - b->looked_ns > PATIENCE_NS && atomic_load(&b->state) == WANTED)
-        give_up(b, "no set came for 5 s: no background; look at `pyrovox status`");
+        background_give_up(b, "no set came for 5 s: no background; look at `pyrovox status`");
     int state = atomic_load(&b->state);
     *out = (struct dmn_background_state){.request = b->request,
                                          .state = state == IDLE     ? DMN_TAKING_NONE
@@ -133,10 +133,10 @@ pvx_err dmn_background_begin(dmn_background *b, uint32_t sets, struct pvx_diag *
                         "a background is being taken already, %u of %u sets; --sets 0 ends that",
                         s.have, s.sets);
     if (s.state == DMN_TAKING_NOW)
-        give_up(b, "another request ended it");
+        background_give_up(b, "another request ended it");
     b->sets = sets;
-    if (!get_room(b)) {
-        let_go(b);
+    if (!background_get_room(b)) {
+        background_let_go(b);
         return pvx_fail(d, PVX_ENOMEM, "no memory for a background");
     }
     b->request++;
@@ -152,7 +152,7 @@ pvx_err dmn_background_begin(dmn_background *b, uint32_t sets, struct pvx_diag *
 
 /* ---- the carve stage ---- */
 
-static void add(dmn_background *b, const struct dmn_slot *s, size_t c)
+static void background_add(dmn_background *b, const struct dmn_slot *s, size_t c)
 {
     const struct rec_sysmat_block *k = &b->S->block[c];
     const float *v = rec_frame_input(s->frame, c);
@@ -166,7 +166,7 @@ static void add(dmn_background *b, const struct dmn_slot *s, size_t c)
     b->count[c]++;
 }
 
-static pvx_err judge(dmn_background *b)
+static pvx_err background_judge(dmn_background *b)
 {
     for (size_t c = 0; c < b->rig->n_cameras; c++) {
         const char *name = b->rig->cameras[c].name;
@@ -187,7 +187,7 @@ static pvx_err judge(dmn_background *b)
     return PVX_OK;
 }
 
-static void use(dmn_background *b, dmn_pipeline *p)
+static void background_use(dmn_background *b, dmn_pipeline *p)
 {
     for (size_t c = 0; c < b->rig->n_cameras; c++) {
         size_t at = b->S->row0[c] * (size_t)b->cs, n = b->S->row0[c + 1] * (size_t)b->cs - at;
@@ -209,14 +209,14 @@ void dmn_background_look(dmn_background *b, const struct dmn_slot *s, dmn_pipeli
         return;
     for (size_t c = 0; c < b->rig->n_cameras && b->sets > 0; c++)
         if (s->mask >> c & 1)
-            add(b, s, c);
+            background_add(b, s, c);
     uint32_t most = 0;
     for (size_t c = 0; c < b->rig->n_cameras; c++)
         most = b->count[c] > most ? b->count[c] : most;
     atomic_store(&b->have, most);
     atomic_fetch_add(&b->seen, 1);
-    bool good = most < b->sets || b->sets == 0 || judge(b) == PVX_OK;
+    bool good = most < b->sets || b->sets == 0 || background_judge(b) == PVX_OK;
     if (good && most >= b->sets)
-        use(b, p);
+        background_use(b, p);
     atomic_store(&b->state, !good ? FAILED : most < b->sets ? WANTED : DONE);
 }

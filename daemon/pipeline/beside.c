@@ -104,7 +104,7 @@ static pvx_err name_it(dmn_beside *b, char *path, size_t size, struct pvx_diag *
 }
 
 /* *fd: what it says. */
-static pvx_err begin(dmn_beside *b, int *fd, struct pvx_diag *d)
+static pvx_err beside_begin(dmn_beside *b, int *fd, struct pvx_diag *d)
 {
     char path[PATH_MAX], parent[16];
     int ends[2];
@@ -141,7 +141,7 @@ static pvx_err begin(dmn_beside *b, int *fd, struct pvx_diag *d)
 }
 
 /* Its status, when it has ended: it has closed its output, but may live on. */
-static int reap(dmn_beside *b)
+static int beside_reap(dmn_beside *b)
 {
     int status = 0;
     siginfo_t is;
@@ -208,14 +208,14 @@ static void *watch_over(void *arg)
         struct pvx_diag d = {""};
         int64_t t0 = pvx_now_mono();
         listen_to(b, fd);
-        if (!died(b, reap(b)))
+        if (!died(b, beside_reap(b)))
             break;
         tries = pvx_now_mono() - t0 > STEADY_NS ? 0 : tries;
         if (tries == BESIDE_TRIES)
             LOG_E(DAEMON, "recording volumes: given up after %d tries", BESIDE_TRIES);
         if (tries == BESIDE_TRIES || !pause_before(b, tries++))
             break;
-        pvx_err e = begin(b, &fd, &d);
+        pvx_err e = beside_begin(b, &fd, &d);
         if (e != PVX_OK) {
             LOG_E(DAEMON, "recording volumes: %s", pvx_diag_text(&d, e));
             pthread_mutex_lock(&b->lock);
@@ -235,7 +235,7 @@ static void *watch_over(void *arg)
 /* ---- from outside ---- */
 
 /* One that lets this host in without a key, whatever keys there are. */
-static const char *find_endpoint(const struct dmn_config *c)
+static const char *beside_find_endpoint(const struct dmn_config *c)
 {
     for (size_t i = 0; i < c->endpoints.n; i++)
         if (dmn_endpoint_reach(c->endpoints.v[i]) != DMN_REACH_NET &&
@@ -245,7 +245,7 @@ static const char *find_endpoint(const struct dmn_config *c)
 }
 
 /* A file without a name, so that nothing of it is left. */
-static pvx_err describe(dmn_beside *b, const struct dmn_config *c)
+static pvx_err beside_describe(dmn_beside *b, const struct dmn_config *c)
 {
     char *text = dmn_config_format(c);
     size_t n = text == NULL ? 0 : strlen(text);
@@ -260,7 +260,7 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
 {
     char bin[PATH_MAX - 16];
     *out = NULL;
-    const char *endpoint = find_endpoint(c);
+    const char *endpoint = beside_find_endpoint(c);
     if (endpoint == NULL)
         return c->record_volumes == 0
                    ? PVX_OK
@@ -285,7 +285,7 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
         snprintf(b->base, sizeof b->base, "%s", c->dir);
     b->session = session;
     b->over = true;
-    pvx_err e = describe(b, c);
+    pvx_err e = beside_describe(b, c);
     if (e != PVX_OK)
         dmn_beside_free(&b);
     *out = b;
@@ -293,7 +293,7 @@ pvx_err dmn_beside_new(const struct dmn_config *c, uint64_t session, dmn_beside 
 }
 
 /* The thread of one that has ended by itself. */
-static void join(dmn_beside *b)
+static void beside_join(dmn_beside *b)
 {
     if (b->joinable)
         pthread_join(b->thread, NULL);
@@ -312,7 +312,7 @@ pvx_err dmn_beside_start(dmn_beside *b, char *where, size_t size, struct pvx_dia
     if (busy)
         return pvx_fail(d, PVX_EBUSY, "volumes are being recorded to %s; stop that first",
                         b->st.path);
-    join(b);
+    beside_join(b);
     b->stopping = false;
     b->written = b->lost = 0;
     b->st = (struct dmn_beside_state){0};
@@ -320,7 +320,7 @@ pvx_err dmn_beside_start(dmn_beside *b, char *where, size_t size, struct pvx_dia
     if (job == NULL)
         return PVX_ENOMEM;
     job->b = b;
-    pvx_err e = begin(b, &job->fd, d);
+    pvx_err e = beside_begin(b, &job->fd, d);
     if (e != PVX_OK) {
         free(job);
         return e;
@@ -331,7 +331,7 @@ pvx_err dmn_beside_start(dmn_beside *b, char *where, size_t size, struct pvx_dia
         free(job);
         kill(b->pid, SIGTERM);
         close(fd);
-        reap(b);
+        beside_reap(b);
         b->over = true;
         return pvx_fail(d, PVX_EIO, "recording volumes: no thread to be had");
     }
@@ -359,7 +359,7 @@ static void tell_it(const dmn_beside *b, int sig)
 }
 
 /* First it may end by itself, for grace_ns.  PVX_ETIMEDOUT: it had to be killed. */
-static pvx_err finish(dmn_beside *b, int64_t grace_ns)
+static pvx_err beside_finish(dmn_beside *b, int64_t grace_ns)
 {
     pvx_err e = PVX_OK;
     pthread_mutex_lock(&b->lock);
@@ -377,7 +377,7 @@ static pvx_err finish(dmn_beside *b, int64_t grace_ns)
     struct dmn_beside_state s = b->st;
     pthread_mutex_unlock(&b->lock);
     if (over)
-        join(b);
+        beside_join(b);
     LOG_I(DAEMON, "%s: %llu volumes recorded, %llu lost%s", s.path, (unsigned long long)s.written,
           (unsigned long long)s.lost,
           e == PVX_OK ? "" : "; the disk does not answer, what it took before is there");
@@ -391,7 +391,7 @@ pvx_err dmn_beside_stop(dmn_beside *b, char *where, size_t size, struct pvx_diag
     pthread_mutex_lock(&b->lock);
     bool before = b->over;
     pthread_mutex_unlock(&b->lock);
-    pvx_err e = finish(b, 0);
+    pvx_err e = beside_finish(b, 0);
     struct dmn_beside_state s;
     dmn_beside_state(b, &s);
     snprintf(where, size, "%s", s.path);
@@ -403,7 +403,7 @@ pvx_err dmn_beside_stop(dmn_beside *b, char *where, size_t size, struct pvx_diag
 void dmn_beside_end(dmn_beside *b)
 {
     if (b != NULL && b->joinable)
-        finish(b, END_NS); /* it has been said */
+        beside_finish(b, END_NS); /* it has been said */
 }
 
 void dmn_beside_state(dmn_beside *b, struct dmn_beside_state *out)
@@ -423,7 +423,7 @@ void dmn_beside_free(dmn_beside **bp)
         return;
     *bp = NULL;
     if (b->joinable && !b->stopping)
-        finish(b, 0);
+        beside_finish(b, 0);
     if (b->joinable)
         return; /* a disk holds it in the kernel: the memory stays with its thread */
     pthread_mutex_destroy(&b->lock);

@@ -18,7 +18,8 @@ static uint32_t images_needed(const struct dmn_cameras_in *in, const struct cap_
 }
 
 /* A set that is too old makes way for a newer one if there is one. */
-static struct cap_set *newest(struct dmn_cameras_in *in, struct cap_set *set, uint64_t *passed_over)
+static struct cap_set *cameras_in_newest(struct dmn_cameras_in *in, struct cap_set *set,
+                                         uint64_t *passed_over)
 {
     int64_t stale_ns = atomic_load(&in->stale_ns);
     while (stale_ns > 0 && pvx_now_mono() - set->t_last_mono_ns > stale_ns) {
@@ -34,7 +35,7 @@ static struct cap_set *newest(struct dmn_cameras_in *in, struct cap_set *set, ui
 
 /* Is camera c the one that the rig's photometry was measured on, and as warm?  A darker or brighter dark is told, once
  * until it fits again; another camera's pictures are none of this rig's. */
-static bool is_ours(struct dmn_cameras_in *in, size_t c)
+static bool cameras_in_is_ours(struct dmn_cameras_in *in, size_t c)
 {
     const struct rec_camera *k = &in->rig->cameras[c];
     const struct rec_photometry *p = &k->photometry;
@@ -73,12 +74,13 @@ static bool is_ours(struct dmn_cameras_in *in, size_t c)
 }
 
 /* The set's images into the slot; at most once a second one that cannot be used is told. */
-static void load(struct dmn_cameras_in *in, const struct cap_set *set, struct dmn_slot *s)
+static void cameras_in_load(struct dmn_cameras_in *in, const struct cap_set *set,
+                            struct dmn_slot *s)
 {
     const struct cap_image *image[REC_MAX_CAMERAS] = {0};
     int64_t t0 = pvx_now_mono();
     for (size_t c = 0; c < in->rig->n_cameras; c++)
-        image[c] = set->frame[c] != NULL && is_ours(in, c) ? &set->frame[c]->img : NULL;
+        image[c] = set->frame[c] != NULL && cameras_in_is_ours(in, c) ? &set->frame[c]->img : NULL;
     s->n_present = dmn_images_bin_frame(in->images, image, s->frame, &s->mask);
     s->bin_ns = pvx_now_mono() - t0;
     for (size_t c = 0; c < in->rig->n_cameras; c++)
@@ -89,7 +91,7 @@ static void load(struct dmn_cameras_in *in, const struct cap_set *set, struct dm
                             dmn_images_why(in->images, c));
 }
 
-static pvx_err next(void *ctx, struct dmn_slot *s)
+static pvx_err cameras_in_next(void *ctx, struct dmn_slot *s)
 {
     struct dmn_cameras_in *in = ctx;
     struct cap_set *set;
@@ -101,12 +103,12 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
         in->wait_for = NULL; /* from now on it is the subscribers' affair */
     }
     PVX_TRY(cap_capture_next(in->capture, DMN_STAGE_WAIT_NS, &set));
-    set = newest(in, set, &s->passed_over);
+    set = cameras_in_newest(in, set, &s->passed_over);
     s->set = set->number;
     s->t_exposure_ns = set->t_exposure_ns;
     s->spread_ns = set->spread_ns;
     s->t_last_mono_ns = set->t_last_mono_ns;
-    load(in, set, s);
+    cameras_in_load(in, set, s);
     if (s->n_present == 0 || s->n_present < images_needed(in, set))
         s->why = DMN_DROP_IMAGES;
     else if (in->background != NULL)
@@ -119,5 +121,5 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
 
 struct dmn_source dmn_cameras_source(struct dmn_cameras_in *in)
 {
-    return (struct dmn_source){.next = next, .ctx = in};
+    return (struct dmn_source){.next = cameras_in_next, .ctx = in};
 }

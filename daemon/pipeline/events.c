@@ -28,8 +28,8 @@ static void close_event(struct event *v, const struct dmn_events_listener *to)
         to->say(to->ctx, v->text);
 }
 
-static void look_at_camera(struct dmn_events *e, const struct dmn_state *now, size_t c,
-                           int64_t time_ns, const struct dmn_events_listener *to)
+static void events_look_at_camera(struct dmn_events *e, const struct dmn_state *now, size_t c,
+                                  int64_t time_ns, const struct dmn_events_listener *to)
 {
     struct event v;
     const struct cap_camera_stats *k = &now->capture.camera[c];
@@ -156,7 +156,7 @@ void dmn_events_look(struct dmn_events *e, const struct dmn_state *now, int64_t 
         e->begun = true;
     }
     for (size_t c = 0; c < now->n_cameras; c++)
-        look_at_camera(e, now, c, time_ns, to);
+        events_look_at_camera(e, now, c, time_ns, to);
     e->out = now->votes.out;
     look_at_recordings(e, now, time_ns, to);
     if (mono_ns - e->t_second < PVX_NS_PER_S)

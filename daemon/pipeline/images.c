@@ -86,7 +86,7 @@ static void decode_piece(void *ctx, size_t c)
     }
 }
 
-static struct cap_convert_params how(const dmn_images *i)
+static struct cap_convert_params images_how(const dmn_images *i)
 {
     return (struct cap_convert_params){
         .binning = i->p.binning, .nch = i->p.nch, .transfer = i->p.transfer, .mosaic = i->p.mosaic};
@@ -100,7 +100,7 @@ static void find_maps(dmn_images *i, size_t c)
     if (img->data == NULL || light == NULL)
         return;
     if (i->maps_for[c] != img->fmt) {
-        struct cap_convert_params p = how(i);
+        struct cap_convert_params p = images_how(i);
         cap_maps_free(&i->maps[c]);
         i->maps_for[c] = img->fmt;
         i->maps_why[c].text[0] = '\0';
@@ -124,7 +124,7 @@ static void bin_piece(void *ctx, size_t task)
     const struct cap_image *img = &i->image[c];
     if (img->data == NULL)
         return;
-    struct cap_convert_params p = how(i);
+    struct cap_convert_params p = images_how(i);
     p.maps = i->maps[c];
     int64_t rows = i->rig->cameras[c].height / i->p.binning;
     int32_t y0 = (int32_t)(rows * (int64_t)band / BANDS);
@@ -135,7 +135,7 @@ static void bin_piece(void *ctx, size_t task)
 }
 
 /* The image of camera c as it came; false: no JPEG. */
-static bool look_at(dmn_images *i, const struct cap_image *img, size_t c)
+static bool images_look_at(dmn_images *i, const struct cap_image *img, size_t c)
 {
     const struct rec_camera *k = &i->rig->cameras[c];
     i->why[c].text[0] = '\0';
@@ -173,7 +173,7 @@ uint32_t dmn_images_bin(dmn_images *i, const struct cap_image *const *image, flo
     bool jpeg = false;
     uint32_t present = 0;
     for (size_t c = 0; c < n; c++)
-        jpeg |= look_at(i, image[c], c);
+        jpeg |= images_look_at(i, image[c], c);
     i->out = out;
     if (jpeg)
         pvx_pool_run(i->pool, n, decode_piece, i);

@@ -39,7 +39,7 @@ pvx_err dmn_instant_new(const struct rec_grid *g, int nch, const atomic_bool *st
     return PVX_OK;
 }
 
-static void let_go(dmn_instant *in)
+static void instant_let_go(dmn_instant *in)
 {
     cap_set_release(in->set);
     in->set = NULL;
@@ -55,7 +55,7 @@ void dmn_instant_free(dmn_instant **in)
 {
     if (*in == NULL)
         return;
-    let_go(*in);
+    instant_let_go(*in);
     PVX_FREE(*in);
 }
 
@@ -101,7 +101,7 @@ void dmn_instant_volume(dmn_instant *in, const struct pvp_volume *m, const struc
 /* ---- who asks ---- */
 
 /* Room for a volume; what it will need is touched here, not by the stage that fills it. */
-static bool get_room(dmn_instant *in, size_t voxels)
+static bool instant_get_room(dmn_instant *in, size_t voxels)
 {
     in->index = pvx_reserve(in->count * sizeof *in->index);
     in->value = pvx_reserve(in->count * (size_t)in->cs * sizeof *in->value);
@@ -114,7 +114,7 @@ static bool get_room(dmn_instant *in, size_t voxels)
 }
 
 /* Takes it back from a stage, which holds it for a moment at most.  false: the volume came after all. */
-static bool give_up(dmn_instant *in)
+static bool instant_give_up(dmn_instant *in)
 {
     for (;;) {
         int state = atomic_load(&in->state);
@@ -135,7 +135,7 @@ static pvx_err wait_for_it(dmn_instant *in, struct pvx_diag *d)
         bool stop = atomic_load(in->stopping);
         if (!stop && pvx_now_mono() - t0 < (sets > 0 ? VOLUME_NS : SET_NS))
             continue;
-        if (!give_up(in))
+        if (!instant_give_up(in))
             return PVX_OK;
         return stop ? pvx_fail(d, PVX_ECANCELED, "the daemon stops")
                : sets == 0
@@ -153,14 +153,15 @@ static pvx_err wait_for_it(dmn_instant *in, struct pvx_diag *d)
 pvx_err dmn_instant_take(dmn_instant *in, size_t voxels, struct dmn_instant_got *out,
                          struct pvx_diag *d)
 {
-    pvx_err e = get_room(in, voxels) ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "no memory for a volume");
+    pvx_err e =
+        instant_get_room(in, voxels) ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "no memory for a volume");
     if (e == PVX_OK) {
         atomic_store(&in->carried, 0);
         atomic_store(&in->state, WANTED);
         e = wait_for_it(in, d);
     }
     if (e != PVX_OK) {
-        let_go(in);
+        instant_let_go(in);
         return e;
     }
     *out = (struct dmn_instant_got){
@@ -172,7 +173,7 @@ pvx_err dmn_instant_take(dmn_instant *in, size_t voxels, struct dmn_instant_got 
 
 void dmn_instant_done(dmn_instant *in, struct dmn_instant_got *got)
 {
-    let_go(in);
+    instant_let_go(in);
     atomic_store(&in->state, IDLE);
     *got = (struct dmn_instant_got){0};
 }

@@ -47,8 +47,8 @@ pvx_err dmn_instant_place(const char *folder, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err has_space(const char *folder, const struct dmn_instant_got *got,
-                         uint64_t keep_free_bytes, struct pvx_diag *d)
+static pvx_err pipeline_has_space(const char *folder, const struct dmn_instant_got *got,
+                                  uint64_t keep_free_bytes, struct pvx_diag *d)
 {
     struct statvfs v;
     uint64_t need = pvp_grid_count(&got->volume.grid) * sizeof(float) + SPACE_MORE;
@@ -129,12 +129,12 @@ static pvx_err write_take(const char *folder, const struct dmn_instant_got *got,
     return e == PVX_OK ? sync_it(path, d) : e;
 }
 
-static pvx_err write_all(const char *folder, const struct dmn_instant_got *got,
-                         const struct dmn_instant_about *about, struct pvx_diag *d)
+static pvx_err pipeline_write_all(const char *folder, const struct dmn_instant_got *got,
+                                  const struct dmn_instant_about *about, struct pvx_diag *d)
 {
     char path[PATH_MAX + 16];
     snprintf(path, sizeof path, "%s/status.json", folder);
-    PVX_TRY(has_space(folder, got, about->keep_free_bytes, d));
+    PVX_TRY(pipeline_has_space(folder, got, about->keep_free_bytes, d));
     PVX_TRY(write_volume(folder, got, about, d));
     PVX_TRY(write_take(folder, got, about, d));
     PVX_TRY(pvx_file_write(path, about->status, strlen(about->status), d));
@@ -161,7 +161,7 @@ pvx_err dmn_instant_write(const char *folder, const struct dmn_instant_got *got,
     snprintf(part, sizeof part, "%s" PART, folder);
     if (mkdir(part, 0777) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", part, strerror(errno));
-    pvx_err e = write_all(part, got, about, d);
+    pvx_err e = pipeline_write_all(part, got, about, d);
     if (e == PVX_OK && rename(part, folder) != 0)
         e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", folder, strerror(errno));
     if (e != PVX_OK)

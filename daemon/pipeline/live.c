@@ -48,7 +48,7 @@ struct dmn_live {
     int64_t t_start_ns;
 };
 
-static void snapshot(void *ctx, struct dmn_state *out)
+static void live_snapshot(void *ctx, struct dmn_state *out)
 {
     dmn_live_snapshot(ctx, out);
 }
@@ -72,7 +72,7 @@ static pvx_err find_light(dmn_live *l, struct pvx_diag *d)
 }
 
 /* All that can be wrong in configuration and rig, before anything that takes long. */
-static pvx_err prepare(dmn_live *l, struct pvx_diag *d)
+static pvx_err pipeline_prepare(dmn_live *l, struct pvx_diag *d)
 {
     const struct dmn_config *c = &l->cfg;
     enum cap_mosaic mosaic;
@@ -148,7 +148,7 @@ static size_t waiting(const struct dmn_config *c, const struct dmn_tuning *t)
 }
 
 /* The pipeline between cameras and publisher. */
-static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
+static pvx_err live_connect_all(dmn_live *l, struct pvx_diag *d)
 {
     const struct dmn_config *c = &l->cfg;
     struct dmn_images_params ip = {.nch = dmn_config_channels(c),
@@ -196,13 +196,13 @@ static pvx_err connect_all(dmn_live *l, struct pvx_diag *d)
     return dmn_pipeline_new(&pp, &l->pipeline, d);
 }
 
-static dmn_live *empty(const struct dmn_config *cfg)
+static dmn_live *live_empty(const struct dmn_config *cfg)
 {
     dmn_live *l = pvx_calloc(1, sizeof *l);
     if (l == NULL)
         return NULL;
     l->cfg = *cfg;
-    l->out.snapshot = snapshot;
+    l->out.snapshot = live_snapshot;
     l->out.ctx = l;
     return l;
 }
@@ -210,19 +210,19 @@ static dmn_live *empty(const struct dmn_config *cfg)
 pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_fn progress,
                      void *progress_ctx, dmn_live **out, struct pvx_diag *d)
 {
-    dmn_live *l = *out = empty(cfg);
+    dmn_live *l = *out = live_empty(cfg);
     if (l == NULL)
         return PVX_ENOMEM;
     l->auth = auth;
     pvx_err e = dmn_endpoints_allowed(&l->cfg, &l->open_to, d);
     if (e == PVX_OK)
-        e = prepare(l, d);
+        e = pipeline_prepare(l, d);
     if (e == PVX_OK)
         e = dmn_publish_open(&l->out, &l->cfg, &l->rig, auth, d);
     if (e == PVX_OK)
         e = matrix_open(l, progress, progress_ctx, d);
     if (e == PVX_OK)
-        e = connect_all(l, d);
+        e = live_connect_all(l, d);
     if (e != PVX_OK)
         dmn_live_free(out);
     return e;
@@ -230,10 +230,10 @@ pvx_err dmn_live_new(const struct dmn_config *cfg, pvp_auth *auth, rec_progress_
 
 pvx_err dmn_live_check(const struct dmn_config *cfg, struct pvx_diag *d)
 {
-    dmn_live *l = empty(cfg);
+    dmn_live *l = live_empty(cfg);
     if (l == NULL)
         return PVX_ENOMEM;
-    pvx_err e = prepare(l, d);
+    pvx_err e = pipeline_prepare(l, d);
     dmn_live_free(&l);
     return e;
 }
@@ -336,7 +336,7 @@ pvx_err dmn_live_record(dmn_live *l, bool start, const char *path, char *where, 
                  : dmn_recording_stop(l->recording, where, size, d);
 }
 
-static void health(void *ctx, uint32_t camera, struct cap_health *out)
+static void live_health(void *ctx, uint32_t camera, struct cap_health *out)
 {
     cap_capture_health(((dmn_live *)ctx)->capture, camera, out);
 }
@@ -359,7 +359,7 @@ pvx_err dmn_live_keep(dmn_live *l, const struct dmn_config *c, const char *path,
 {
     struct dmn_instant_about about = {.start = l->out.start,
                                       .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * 1e9),
-                                      .health = health,
+                                      .health = live_health,
                                       .ctx = l};
     struct dmn_instant_got got;
     PVX_TRY(dmn_recording_snapshot(l->recording, path, where, size, &about.head, d));

@@ -26,7 +26,7 @@ struct dmn_photometry {
 };
 
 /* A name in rig.yaml, relative to its folder. */
-static void beside(const char *rig_path, const char *file, char *out, size_t size)
+static void photometry_beside(const char *rig_path, const char *file, char *out, size_t size)
 {
     const char *slash = strrchr(rig_path, '/');
     if (file[0] == '/' || slash == NULL)
@@ -105,14 +105,15 @@ pvx_err dmn_photometry_hash(const char *path, uint64_t *out, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err read_map(const char *rig_path, const struct rec_camera *k, const struct rec_map *m,
-                        float **out, int *channels, struct pvx_diag *d)
+static pvx_err photometry_read_map(const char *rig_path, const struct rec_camera *k,
+                                   const struct rec_map *m, float **out, int *channels,
+                                   struct pvx_diag *d)
 {
     char path[PATH_MAX], *bytes;
     size_t len, shape[4];
     int ndim;
     struct pvx_diag why = {""};
-    beside(rig_path, m->file, path, sizeof path);
+    photometry_beside(rig_path, m->file, path, sizeof path);
     pvx_err e = pvx_file_read(path, MAP_BYTES_MAX, &bytes, &len, &why);
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: camera %s: %s", rig_path, k->name, pvx_diag_text(&why, e));
@@ -163,7 +164,7 @@ static pvx_err read_mask(const char *rig_path, const struct rec_camera *k, uint8
     struct cap_loaded l;
     struct pvx_diag why = {""};
     size_t n = (size_t)k->width * (size_t)k->height;
-    beside(rig_path, k->photometry.mask, path, sizeof path);
+    photometry_beside(rig_path, k->photometry.mask, path, sizeof path);
     pvx_err e = pvx_file_check(path, &why); /* no frame, which would be waited for */
     if (e == PVX_OK)
         e = cap_image_load(path, &l, &why);
@@ -209,9 +210,9 @@ static pvx_err load_one(const char *rig_path, unsigned what, struct rec_camera *
     struct cap_photometry *of = &l->of;
     *of = (struct cap_photometry){.width = k->width, .height = k->height, .gain = {1, 1, 1}};
     if (p->dark.file[0] != '\0' && what & DMN_LIGHT_DARK)
-        PVX_TRY(read_map(rig_path, k, &p->dark, &l->dark, &of->channels, d));
+        PVX_TRY(photometry_read_map(rig_path, k, &p->dark, &l->dark, &of->channels, d));
     if (p->flat.file[0] != '\0' && what & DMN_LIGHT_FLAT)
-        PVX_TRY(read_map(rig_path, k, &p->flat, &l->flat, &of->channels, d));
+        PVX_TRY(photometry_read_map(rig_path, k, &p->flat, &l->flat, &of->channels, d));
     if (p->mask[0] != '\0' && what & DMN_LIGHT_MASK)
         PVX_TRY(read_mask(rig_path, k, &l->mask, d));
     of->dark = l->dark;

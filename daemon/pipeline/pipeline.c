@@ -81,17 +81,17 @@ void dmn_pipeline_tune(dmn_pipeline *p, const struct dmn_tuning *t)
 
 /* ---- slots ---- */
 
-static void give_back(dmn_pipeline *p, struct dmn_slot *s)
+static void pipeline_give_back(dmn_pipeline *p, struct dmn_slot *s)
 {
     rec_frame_reset(s->frame);
     void *gone;
     pvx_queue_put(p->idle, s, &gone); /* as many places as slots: never displaces */
 }
 
-static void drop(dmn_pipeline *p, struct dmn_slot *s, enum dmn_drop why)
+static void pipeline_drop(dmn_pipeline *p, struct dmn_slot *s, enum dmn_drop why)
 {
     atomic_fetch_add(&p->dropped[why], 1);
-    give_back(p, s);
+    pipeline_give_back(p, s);
 }
 
 /* Hand a slot on.  Live, a set without a volume goes, and when there is no room the oldest; lossless,
@@ -100,7 +100,7 @@ static void hand_on(dmn_pipeline *p, pvx_queue *q, struct dmn_slot *s, enum dmn_
 {
     void *gone = NULL;
     if (!p->a.lossless && s->why != DMN_N_DROP) {
-        drop(p, s, s->why);
+        pipeline_drop(p, s, s->why);
         return;
     }
     if (!p->a.lossless) {
@@ -112,7 +112,7 @@ static void hand_on(dmn_pipeline *p, pvx_queue *q, struct dmn_slot *s, enum dmn_
         displaced = DMN_DROP_STOPPED;
     }
     if (gone != NULL)
-        drop(p, gone, displaced);
+        pipeline_drop(p, gone, displaced);
 }
 
 /* ---- source and carve ---- */
@@ -152,7 +152,7 @@ static bool carve(void *ctx)
 
 /* ---- solve ---- */
 
-static void remember(dmn_pipeline *p, const struct dmn_slot *s)
+static void pipeline_remember(dmn_pipeline *p, const struct dmn_slot *s)
 {
     struct rec_sparse v;
     rec_frame_volume(s->frame, &v);
@@ -180,11 +180,11 @@ static void solve_slot(dmn_pipeline *p, struct dmn_slot *s)
     dmn_deadline_learn(&p->a.deadline, r->solve.status == REC_DEADLINE,
                        r->coarse_iterations + r->solve.iterations, r->solve.iterations);
     if (p->a.warm || p->a.frame.temporal)
-        remember(p, s);
+        pipeline_remember(p, s);
     pvx_hist_add(&p->stage[SOLVE].busy, pvx_now_mono() - t0);
 }
 
-static bool solve(void *ctx)
+static bool pipeline_solve(void *ctx)
 {
     dmn_pipeline *p = ctx;
     void *item;
@@ -216,9 +216,9 @@ static bool sink(void *ctx)
         if (to->put(to->ctx, s)) {
             pvx_hist_add(&p->stage[SINK].busy, pvx_now_mono() - t0);
             atomic_fetch_add(&p->out, 1);
-            give_back(p, s);
+            pipeline_give_back(p, s);
         } else {
-            drop(p, s, s->why == DMN_N_DROP ? DMN_DROP_FAILED : s->why);
+            pipeline_drop(p, s, s->why == DMN_N_DROP ? DMN_DROP_FAILED : s->why);
         }
     }
     if (to->tick != NULL)
@@ -230,7 +230,7 @@ static bool sink(void *ctx)
 
 /* ---- start and stop ---- */
 
-static pvx_err build(dmn_pipeline *p, struct pvx_diag *d)
+static pvx_err pipeline_build(dmn_pipeline *p, struct pvx_diag *d)
 {
     const struct dmn_pipeline_params *a = &p->a;
     size_t waiting = a->waiting < 1 ? 1 : a->waiting,
@@ -244,7 +244,7 @@ static pvx_err build(dmn_pipeline *p, struct pvx_diag *d)
     PVX_TRY(rec_solver_new(a->S, &a->frame, &p->solver, d));
     for (size_t i = 0; i < (a->lossless ? DMN_N_SLOTS_LOSSLESS : slots); i++) {
         PVX_TRY(rec_frame_new(p->carver, p->solver, &p->slot[i].frame, d));
-        give_back(p, &p->slot[i]);
+        pipeline_give_back(p, &p->slot[i]);
     }
     /* Also where no solve starts warm: that may change, and what is not used costs nothing. */
     size_t n = rec_grid_count(&a->S->grid);
@@ -264,7 +264,7 @@ pvx_err dmn_pipeline_new(const struct dmn_pipeline_params *params, dmn_pipeline 
         return PVX_ENOMEM;
     p->a = *params;
     pthread_mutex_init(&p->tuning_lock, NULL);
-    pvx_err e = build(p, d);
+    pvx_err e = pipeline_build(p, d);
     if (e != PVX_OK)
         dmn_pipeline_free(out);
     return e;
@@ -279,7 +279,7 @@ pvx_err dmn_pipeline_start(dmn_pipeline *p, struct pvx_diag *d)
 {
     pvx_err e = dmn_stage_start(&p->stage[SINK], p->a.sink.name, sink, p);
     if (e == PVX_OK)
-        e = dmn_stage_start(&p->stage[SOLVE], "solve", solve, p);
+        e = dmn_stage_start(&p->stage[SOLVE], "solve", pipeline_solve, p);
     if (e == PVX_OK)
         e = dmn_stage_start(&p->stage[CARVE], "carve", carve, p);
     return e == PVX_OK ? e : pvx_fail(d, e, "no thread to be had for a stage of the pipeline");
@@ -321,7 +321,7 @@ void dmn_pipeline_free(dmn_pipeline **pp)
 
 /* ---- what others ask ---- */
 
-static double to_ms(int64_t ns)
+static double pipeline_to_ms(int64_t ns)
 {
     return (double)ns * 1e-6;
 }
@@ -333,9 +333,9 @@ static void stage_state(const struct dmn_stage *s, const char *name, pvx_queue *
     /* the stage goes on counting meanwhile: each number is whole, the lot may be one item apart */
     out->items = __atomic_load_n(&s->busy.count, __ATOMIC_RELAXED);
     int64_t sum = __atomic_load_n(&s->busy.sum_ns, __ATOMIC_RELAXED);
-    out->mean_ms = out->items == 0 ? 0 : to_ms(sum) / (double)out->items;
-    out->p99_ms = to_ms(pvx_hist_quantile(&s->busy, 0.99));
-    out->max_ms = to_ms(__atomic_load_n(&s->busy.max_ns, __ATOMIC_RELAXED));
+    out->mean_ms = out->items == 0 ? 0 : pipeline_to_ms(sum) / (double)out->items;
+    out->p99_ms = pipeline_to_ms(pvx_hist_quantile(&s->busy, 0.99));
+    out->max_ms = pipeline_to_ms(__atomic_load_n(&s->busy.max_ns, __ATOMIC_RELAXED));
     out->beat_age_s = (double)(pvx_now_mono() - atomic_load(&s->beat_ns)) * 1e-9;
     out->queued = in == NULL ? 0 : pvx_queue_length(in);
 }

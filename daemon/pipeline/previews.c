@@ -51,7 +51,7 @@ struct dmn_previews {
 /* ---- the carve stage's side ---------------------------------------------------------------------- */
 
 /* The mean of the shown bin and its neighbours: a mosaic has each colour in some of four only. */
-static void shrink(const struct view *k, const float *in, int nch, float *to)
+static void previews_shrink(const struct view *k, const float *in, int nch, float *to)
 {
     const size_t cs = nch == 3 ? 4 : 1, pitch = (size_t)k->bw * cs;
     if (k->times == 1) {
@@ -81,7 +81,7 @@ static void copy_one(void *ctx, size_t c)
     struct view *k = &v->view[c];
     if ((v->mask >> c & 1) == 0)
         return;
-    shrink(k, rec_frame_input(v->slot->frame, c), v->nch, k->picture);
+    previews_shrink(k, rec_frame_input(v->slot->frame, c), v->nch, k->picture);
     memcpy(k->lit, rec_frame_lit(v->slot->frame, c), (size_t)k->bw * (size_t)k->bh);
 }
 
@@ -111,7 +111,7 @@ static uint8_t shade(const dmn_previews *v, float x)
 }
 
 /* The silhouette as bits; how many are set. */
-static uint32_t pack(const struct view *k)
+static uint32_t previews_pack(const struct view *k)
 {
     uint32_t lit = 0;
     size_t row = ((size_t)k->bw + 7) / 8;
@@ -145,7 +145,7 @@ static void code(dmn_previews *v, size_t c, struct pvp_preview_camera *to)
     to->jpeg_len = len;
     to->across = (uint32_t)k->bw;
     to->down = (uint32_t)k->bh;
-    to->lit = pack(k);
+    to->lit = previews_pack(k);
     to->lit_bits = k->bits;
 }
 
@@ -166,7 +166,7 @@ static void publish(dmn_previews *v)
     atomic_fetch_add(&v->made, 1);
 }
 
-static void *run(void *arg)
+static void *previews_run(void *arg)
 {
     dmn_previews *v = arg;
     bool asked = false;
@@ -197,7 +197,7 @@ static void *run(void *arg)
 /* ---- life ---------------------------------------------------------------------------------------- */
 
 /* The endpoint, as configured or beside the first file that volumes are published on; false: none. */
-static bool find_endpoint(const struct dmn_config *c, char *out, size_t size)
+static bool previews_find_endpoint(const struct dmn_config *c, char *out, size_t size)
 {
     const char *beside = c->endpoints.n == 0 ? dmn_default_endpoint(DMN_VOLUMES) : NULL;
     if (strcmp(c->previews, "off") == 0)
@@ -251,8 +251,8 @@ static pvx_err view_new(struct view *k, const struct rec_sysmat_block *b, int nc
                : PVX_ENOMEM;
 }
 
-static pvx_err begin(dmn_previews *v, const struct dmn_previews_params *p, const char *endpoint,
-                     struct pvx_diag *d)
+static pvx_err previews_begin(dmn_previews *v, const struct dmn_previews_params *p,
+                              const char *endpoint, struct pvx_diag *d)
 {
     v->rig = p->rig;
     v->pool = p->pool;
@@ -273,7 +273,7 @@ static pvx_err begin(dmn_previews *v, const struct dmn_previews_params *p, const
     if (v->coder == NULL)
         return PVX_ENOMEM;
     PVX_TRY(open_pub(v, p, endpoint, d));
-    if (pthread_create(&v->thread, NULL, run, v) != 0)
+    if (pthread_create(&v->thread, NULL, previews_run, v) != 0)
         return PVX_EIO;
     v->started = true;
     pthread_setname_np(v->thread, "previews");
@@ -285,12 +285,12 @@ pvx_err dmn_previews_new(const struct dmn_previews_params *p, dmn_previews **out
 {
     char endpoint[DMN_WORD_MAX + 16];
     *out = NULL;
-    if (!find_endpoint(p->config, endpoint, sizeof endpoint))
+    if (!previews_find_endpoint(p->config, endpoint, sizeof endpoint))
         return PVX_OK;
     dmn_previews *v = *out = pvx_calloc(1, sizeof *v);
     if (v == NULL)
         return PVX_ENOMEM;
-    pvx_err e = begin(v, p, endpoint, d);
+    pvx_err e = previews_begin(v, p, endpoint, d);
     if (e == PVX_OK)
         return e;
     dmn_previews_free(out);

@@ -12,7 +12,7 @@
 #define STATUS_EVERY_NS PVX_NS_PER_S
 #define LOOK_EVERY_NS   (200 * PVX_NS_PER_MS)
 
-static bool put(void *ctx, const struct dmn_slot *s)
+static bool publish_put(void *ctx, const struct dmn_slot *s)
 {
     struct dmn_publish *p = ctx;
     if (s->why != DMN_N_DROP)
@@ -61,7 +61,7 @@ static void say_event(void *ctx, const char *json)
 }
 
 /* Five times a second: what has happened. */
-static void look(struct dmn_publish *p, int64_t now)
+static void publish_look(struct dmn_publish *p, int64_t now)
 {
     const struct dmn_events_listener to = {say_event, p};
     p->next_look_ns = now + LOOK_EVERY_NS;
@@ -70,14 +70,14 @@ static void look(struct dmn_publish *p, int64_t now)
 }
 
 /* Once a second: the rate, the status message, the repeated start message. */
-static void tick(void *ctx)
+static void publish_tick(void *ctx)
 {
     struct dmn_publish *p = ctx;
     pvp_pub_tick(p->pub);
     atomic_store(&p->subscribers, pvp_pub_subscribers(p->pub));
     int64_t now = pvx_now_mono();
     if (now >= p->next_look_ns)
-        look(p, now);
+        publish_look(p, now);
     if (now < p->next_status_ns)
         return;
     p->next_status_ns = now + STATUS_EVERY_NS;
@@ -94,7 +94,7 @@ static void tick(void *ctx)
         LOG_EVERY(PVX_LOG_WARN, PROTO, "status not published: %s", pvx_strerror(e));
 }
 
-static void end(void *ctx)
+static void publish_end(void *ctx)
 {
     struct dmn_publish *p = ctx;
     const char *why = atomic_load(&p->end_reason);
@@ -105,7 +105,8 @@ static void end(void *ctx)
 
 struct dmn_sink dmn_publish_sink(struct dmn_publish *p)
 {
-    return (struct dmn_sink){.name = "publish", .put = put, .tick = tick, .end = end, .ctx = p};
+    return (struct dmn_sink){
+        .name = "publish", .put = publish_put, .tick = publish_tick, .end = publish_end, .ctx = p};
 }
 
 void dmn_publish_compress(struct dmn_publish *p, const struct dmn_config *c)
@@ -155,7 +156,7 @@ void dmn_publish_close(struct dmn_publish *p)
     pthread_mutex_destroy(&p->lock);
 }
 
-static double to_ms(int64_t ns)
+static double publish_to_ms(int64_t ns)
 {
     return (double)ns * 1e-6;
 }
@@ -167,9 +168,9 @@ void dmn_publish_state(struct dmn_publish *p, struct dmn_state *out)
     out->sets_per_s = p->sets_per_s;
     out->latency_n = p->latency.count;
     out->latency_sum_s = (double)p->latency.sum_ns * 1e-9;
-    out->latency_p50_ms = to_ms(pvx_hist_quantile(&p->latency, 0.5));
-    out->latency_p99_ms = to_ms(pvx_hist_quantile(&p->latency, 0.99));
-    out->latency_max_ms = to_ms(p->latency.max_ns);
+    out->latency_p50_ms = publish_to_ms(pvx_hist_quantile(&p->latency, 0.5));
+    out->latency_p99_ms = publish_to_ms(pvx_hist_quantile(&p->latency, 0.99));
+    out->latency_max_ms = publish_to_ms(p->latency.max_ns);
     out->bytes = p->bytes;
     out->last_set = p->last_set;
     out->last_exposure_ns = p->last_exposure_ns;

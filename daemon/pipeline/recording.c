@@ -62,8 +62,9 @@ static pvx_err describe_rig(dmn_recording *r, const struct dmn_config *c, const 
     return e;
 }
 
-static pvx_err describe(dmn_recording *r, const struct dmn_config *c, const struct rec_rig *rig,
-                        const struct dmn_sources *s, uint64_t session)
+static pvx_err recording_describe(dmn_recording *r, const struct dmn_config *c,
+                                  const struct rec_rig *rig, const struct dmn_sources *s,
+                                  uint64_t session)
 {
     PVX_TRY(describe_rig(r, c, rig));
     r->config = dmn_config_format(c);
@@ -94,7 +95,7 @@ static pvx_err describe(dmn_recording *r, const struct dmn_config *c, const stru
     return PVX_OK;
 }
 
-static void health(void *ctx, uint32_t camera, struct cap_health *out)
+static void recording_health(void *ctx, uint32_t camera, struct cap_health *out)
 {
     cap_capture_health(*((dmn_recording *)ctx)->capture, camera, out);
 }
@@ -121,10 +122,10 @@ pvx_err dmn_recording_new(const struct dmn_config *c, const struct rec_rig *rig,
                                      .keep_free_bytes = (uint64_t)(c->record_keep_free_gb * GB),
                                      .sync_ns = (int64_t)(c->record_sync_s * 1e9),
                                      .roll_ns = (int64_t)(c->record_roll_s * 1e9),
-                                     .health = health,
+                                     .health = recording_health,
                                      .ctx = r};
     r->capture = capture;
-    pvx_err e = describe(r, c, rig, sources, session);
+    pvx_err e = recording_describe(r, c, rig, sources, session);
     if (e == PVX_OK)
         e = cap_recorder_new(&rc, &r->recorder);
     if (e != PVX_OK) {
@@ -166,8 +167,8 @@ static pvx_err name_beside(const char *name, char *file, size_t size, struct pvx
 }
 
 /* name: a whole path, or one that goes to the folder of record.path; NULL: record.path. */
-static pvx_err place(const dmn_recording *r, const char *name, char *out, size_t size,
-                     struct pvx_diag *d)
+static pvx_err recording_place(const dmn_recording *r, const char *name, char *out, size_t size,
+                               struct pvx_diag *d)
 {
     if (name != NULL && strchr(name, '/') != NULL)
         return snprintf(out, size, "%s", name) < (int)size
@@ -184,7 +185,7 @@ pvx_err dmn_recording_snapshot(dmn_recording *r, const char *name, char *where, 
     if (r == NULL)
         return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
     PVX_TRY(dmn_recording_name("snapshot", "snapshot-%Y%m%dT%H%M%S", "", now, sizeof now, d));
-    PVX_TRY(place(r, name != NULL ? name : now + 1, where, size, d));
+    PVX_TRY(recording_place(r, name != NULL ? name : now + 1, where, size, d));
     pthread_mutex_lock(&r->lock);
     *head = r->head;
     pthread_mutex_unlock(&r->lock);
@@ -198,7 +199,7 @@ pvx_err dmn_recording_start(dmn_recording *r, const char *path, char *where, siz
     if (r == NULL)
         return pvx_fail(d, PVX_EUNSUP, "this daemon cannot record: its record.queue is 0");
     char name[PATH_MAX];
-    PVX_TRY(place(r, path, name, sizeof name, d));
+    PVX_TRY(recording_place(r, path, name, sizeof name, d));
     path = name;
     pthread_mutex_lock(&r->lock);
     r->head.t_created_ns = pvx_now_real();

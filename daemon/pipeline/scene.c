@@ -23,7 +23,7 @@ static float clip(float v)
 }
 
 /* Radiance of sample `ch` of one pixel; ch < 0 = grey. */
-static float sample(const float *p, int ch)
+static float scene_sample(const float *p, int ch)
 {
     return ch < 0 ? (p[0] + p[1] + p[2]) / 3 : p[ch];
 }
@@ -44,7 +44,7 @@ static void samples_of(const float *image, int32_t width, enum cap_pixfmt fmt, c
     for (int32_t x = 0; x < width; x++)
         for (int s = 0; s < per; s++) {
             int ch = cell != NULL ? cell[x & 1] : per == 1 ? -1 : s;
-            float v = clip(sample(image + (size_t)x * 3, ch));
+            float v = clip(scene_sample(image + (size_t)x * 3, ch));
             *out++ = (uint16_t)lrintf((yuv ? coded(v) : v) * full);
         }
 }
@@ -54,7 +54,7 @@ static void floats_of(const float *image, int32_t width, int per, void *row)
     float *out = row;
     for (int32_t x = 0; x < width; x++)
         for (int s = 0; s < per; s++)
-            *out++ = sample(image + (size_t)x * 3, per == 1 ? -1 : s);
+            *out++ = scene_sample(image + (size_t)x * 3, per == 1 ? -1 : s);
 }
 
 void dmn_scene_pack(const float *image, int32_t w, int32_t h, enum cap_pixfmt fmt, void *data)
@@ -78,8 +78,8 @@ void dmn_scene_pack(const float *image, int32_t w, int32_t h, enum cap_pixfmt fm
     }
 }
 
-static void render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfmt fmt, int32_t w,
-                   int32_t h, void *data)
+static void scene_render(void *ctx, uint32_t camera, int64_t t_real_ns, enum cap_pixfmt fmt,
+                         int32_t w, int32_t h, void *data)
 {
     dmn_scene *s = ctx;
     const struct rec_camera *c = &s->rig.cameras[camera];
@@ -114,7 +114,7 @@ pvx_err dmn_scene_new(const struct rec_rig *rig, uint32_t seed, double period_s,
     }
     rec_flame_init(&s->flame, &s->rig.grid, seed);
     s->flame.period_s = period_s;
-    s->cap = (struct cap_scene){.render = render, .ctx = s};
+    s->cap = (struct cap_scene){.render = scene_render, .ctx = s};
     *out = s;
     return PVX_OK;
 }

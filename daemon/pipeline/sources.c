@@ -25,8 +25,9 @@ static const char *own_feature(const char *key, const char *camera)
 }
 
 /* Those for all, then the camera's own. */
-static pvx_err features(struct dmn_sources *s, const struct dmn_config *c, const char *camera,
-                        struct cap_source_config *out, struct pvx_diag *d)
+static pvx_err sources_features(struct dmn_sources *s, const struct dmn_config *c,
+                                const char *camera, struct cap_source_config *out,
+                                struct pvx_diag *d)
 {
     out->features = s->feature + s->n_features;
     for (size_t i = 0; i < c->features.n; i++)
@@ -153,7 +154,7 @@ pvx_err dmn_sources_init(struct dmn_sources *s, const struct dmn_config *c,
                                                   .lossless = c->lossless,
                                                   .loop = c->loop,
                                                   .scene = scene};
-        PVX_TRY(features(s, c, k->name, &s->source[i], d));
+        PVX_TRY(sources_features(s, c, k->name, &s->source[i], d));
     }
     /* in the order of the option's words */
     static const enum cap_policy policies[] = {CAP_POLICY_DROP, CAP_POLICY_PARTIAL, CAP_POLICY_WAIT,

@@ -4,7 +4,7 @@
 
 #include "base/clock.h"
 
-static void *run(void *arg)
+static void *stage_run(void *arg)
 {
     struct dmn_stage *s = arg;
     bool more = true;
@@ -22,7 +22,7 @@ pvx_err dmn_stage_start(struct dmn_stage *s, const char *name, bool (*step)(void
     s->step = step;
     s->ctx = ctx;
     atomic_store(&s->beat_ns, pvx_now_mono());
-    if (pthread_create(&s->thread, NULL, run, s) != 0)
+    if (pthread_create(&s->thread, NULL, stage_run, s) != 0)
         return PVX_EIO;
     s->started = true;
     pthread_setname_np(s->thread, s->name);

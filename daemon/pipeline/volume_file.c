@@ -9,7 +9,7 @@
 #include "base/file.h"
 #include "capture/files/imgio.h"
 
-static double ms(int64_t ns)
+static double volume_file_ms(int64_t ns)
 {
     return (double)(ns / 1000) * 1e-3; /* whole microseconds */
 }
@@ -37,12 +37,12 @@ void dmn_report_to_json(cJSON *o, const struct rec_frame_report *r)
     cJSON_AddNumberToObject(hull, "partial", (double)r->hull.partial);
     cJSON_AddNumberToObject(hull, "outside", (double)r->hull.outside);
     cJSON *t = cJSON_AddObjectToObject(o, "ms");
-    cJSON_AddNumberToObject(t, "photometry", ms(r->photo_ns));
-    cJSON_AddNumberToObject(t, "vote", ms(r->vote_ns));
-    cJSON_AddNumberToObject(t, "hull", ms(r->hull_ns));
-    cJSON_AddNumberToObject(t, "restrict", ms(r->restrict_ns));
-    cJSON_AddNumberToObject(t, "solve", ms(r->solve_ns));
-    cJSON_AddNumberToObject(t, "total", ms(rec_frame_total_ns(r)));
+    cJSON_AddNumberToObject(t, "photometry", volume_file_ms(r->photo_ns));
+    cJSON_AddNumberToObject(t, "vote", volume_file_ms(r->vote_ns));
+    cJSON_AddNumberToObject(t, "hull", volume_file_ms(r->hull_ns));
+    cJSON_AddNumberToObject(t, "restrict", volume_file_ms(r->restrict_ns));
+    cJSON_AddNumberToObject(t, "solve", volume_file_ms(r->solve_ns));
+    cJSON_AddNumberToObject(t, "total", volume_file_ms(rec_frame_total_ns(r)));
 }
 
 /* "x.npy" -> "x.json". */
@@ -58,7 +58,7 @@ static pvx_err sidecar(const char *path, char *out, size_t size, struct pvx_diag
     return PVX_OK;
 }
 
-static cJSON *describe(const char *path, const struct dmn_volume_meta *m)
+static cJSON *volume_file_describe(const char *path, const struct dmn_volume_meta *m)
 {
     const struct rec_grid *g = &m->grid;
     const char *slash = strrchr(path, '/');
@@ -92,7 +92,7 @@ pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const
 {
     char json[PATH_MAX];
     PVX_TRY(sidecar(path, json, sizeof json, d));
-    cJSON *o = describe(path, m);
+    cJSON *o = volume_file_describe(path, m);
     char *text = cJSON_Print(o);
     cJSON_Delete(o);
     if (text == NULL)
@@ -106,7 +106,7 @@ pvx_err dmn_volume_save(const char *path, const struct dmn_volume_meta *m, const
     return cap_npy_save(path, dense, shape, 4, d);
 }
 
-static bool numbers(const cJSON *array, double out[3])
+static bool volume_file_numbers(const cJSON *array, double out[3])
 {
     if (cJSON_GetArraySize(array) != 3)
         return false;
@@ -134,8 +134,8 @@ static pvx_err read_sidecar(const char *json, const double shape[3], struct rec_
     free(text);
     double h[3];
     const char *basis = cJSON_GetStringValue(cJSON_GetObjectItem(o, "basis"));
-    bool ok = numbers(cJSON_GetObjectItem(o, "origin"), g->min) &&
-              numbers(cJSON_GetObjectItem(o, "spacing"), h) && basis != NULL &&
+    bool ok = volume_file_numbers(cJSON_GetObjectItem(o, "origin"), g->min) &&
+              volume_file_numbers(cJSON_GetObjectItem(o, "spacing"), h) && basis != NULL &&
               (strcmp(basis, "box") == 0 || strcmp(basis, "trilinear") == 0) && h[0] > 0 &&
               h[1] > 0 && h[2] > 0;
     if (ok) {

@@ -76,7 +76,7 @@ static float bin(const rec_frame *f, bool out, size_t first, size_t pitch, int32
     return total / (float)nch;
 }
 
-static void copy(const dmn_watch *w, const rec_frame *f, size_t c, struct glimpse *g)
+static void watch_copy(const dmn_watch *w, const rec_frame *f, size_t c, struct glimpse *g)
 {
     const struct rec_sysmat_block *B = &w->S->block[c];
     float *to = g->picture + w->row0[c];
@@ -99,7 +99,7 @@ void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s)
     memcpy(g->why, v->why, sizeof g->why);
     for (size_t c = 0; c < w->rig->n_cameras; c++)
         if ((g->mask >> c & 1) != 0)
-            copy(w, s->frame, c, g);
+            watch_copy(w, s->frame, c, g);
     if (--w->more > 0)
         return;
     atomic_store(&w->wanted, false);
@@ -109,7 +109,7 @@ void dmn_watch_offer(dmn_watch *w, const struct dmn_slot *s)
 /* ---- the thread ---------------------------------------------------------------------------------- */
 
 /* The next n sets; false: it ends. */
-static bool take(dmn_watch *w, struct glimpse *into, int n)
+static bool pipeline_take(dmn_watch *w, struct glimpse *into, int n)
 {
     w->into = into;
     w->more = n;
@@ -119,7 +119,7 @@ static bool take(dmn_watch *w, struct glimpse *into, int n)
     return !atomic_load(&w->ending);
 }
 
-static void tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
+static void watch_tell(dmn_watch *w, const rec_drift *d, uint64_t changed)
 {
     for (size_t c = 0; c < w->rig->n_cameras; c++) {
         const struct rec_drift_camera *k = rec_drift_of(d, c);
@@ -166,7 +166,7 @@ static void rest(dmn_watch *w, int64_t worked)
 }
 
 /* The set's pictures of these cameras, until the next call. */
-static const float *const *pictures(dmn_watch *w, const struct glimpse *g, uint64_t mask)
+static const float *const *watch_pictures(dmn_watch *w, const struct glimpse *g, uint64_t mask)
 {
     for (size_t c = 0; c < w->rig->n_cameras; c++)
         w->picture[c] = (mask >> c & 1) != 0 ? g->picture + w->row0[c] : NULL;
@@ -174,15 +174,15 @@ static const float *const *pictures(dmn_watch *w, const struct glimpse *g, uint6
 }
 
 /* For the drift.  Returns what it worked. */
-static int64_t look(dmn_watch *w)
+static int64_t pipeline_look(dmn_watch *w)
 {
     uint64_t changed;
-    if (!take(w, &w->last, 1))
+    if (!pipeline_take(w, &w->last, 1))
         return 0;
     int64_t t0 = worked_ns();
-    if (rec_drift_add(w->drift, pictures(w, &w->last, w->last.mask & ~w->last.out), true,
+    if (rec_drift_add(w->drift, watch_pictures(w, &w->last, w->last.mask & ~w->last.out), true,
                       &changed) == PVX_OK)
-        tell(w, w->drift, changed);
+        watch_tell(w, w->drift, changed);
     int64_t worked = worked_ns() - t0;
     rest(w, worked);
     return worked;
@@ -190,11 +190,11 @@ static int64_t look(dmn_watch *w)
 
 /* ---- a check ---- */
 
-static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
+static pvx_err watch_get(void *ctx, size_t i, struct rec_check_set *out)
 {
     dmn_watch *w = ctx;
     const struct glimpse *g = &w->kept[i];
-    *out = (struct rec_check_set){g->number, pictures(w, g, g->mask), true};
+    *out = (struct rec_check_set){g->number, watch_pictures(w, g, g->mask), true};
     return PVX_OK;
 }
 
@@ -206,7 +206,7 @@ static bool pause_for_others(void *ctx, double done)
     (void)done;
     rest(w, worked);
     for (size_t i = 0; i < w->rig->n_cameras && worked > 0 && !atomic_load(&w->ending); i++)
-        worked -= look(w);
+        worked -= pipeline_look(w);
     w->since = worked_ns();
     return !atomic_load(&w->ending);
 }
@@ -244,13 +244,13 @@ static void what_is_known(const dmn_watch *w, uint8_t known[REC_MAX_CAMERAS])
                                                     : REC_WRONG_NOTHING;
 }
 
-static void check(dmn_watch *w)
+static void watch_check(dmn_watch *w)
 {
     bool doubted[REC_MAX_CAMERAS];
     uint8_t known[REC_MAX_CAMERAS];
     struct dmn_checks_news news = {.verdict = &w->verdict, .known = known};
     struct pvx_diag why = {""};
-    const struct rec_check_source sets = {DMN_WATCH_SETS, get, pause_for_others, w, doubted};
+    const struct rec_check_source sets = {DMN_WATCH_SETS, watch_get, pause_for_others, w, doubted};
     if (!whom_to_doubt(w, &news.mask, doubted))
         return;
     w->since = worked_ns();
@@ -266,7 +266,7 @@ static void check(dmn_watch *w)
 
 /* ---- all of it ---- */
 
-static pvx_err begin(dmn_watch *w, struct pvx_diag *d)
+static pvx_err watch_begin(dmn_watch *w, struct pvx_diag *d)
 {
     const struct rec_drift_params p = REC_DRIFT_DEFAULTS;
     struct rec_unseen_params u = REC_UNSEEN_DEFAULTS;
@@ -285,13 +285,13 @@ static pvx_err begin(dmn_watch *w, struct pvx_diag *d)
     return rec_drift_new(rec_check_unseen(w->check), &p, &w->drift, d);
 }
 
-static void *run(void *arg)
+static void *watch_run(void *arg)
 {
     dmn_watch *w = arg;
     struct pvx_diag why = {""};
     setpriority(PRIO_PROCESS, 0,
                 LEAST); /* Linux: of this thread; where it is refused, the rests do */
-    if (begin(w, &why) != PVX_OK) {
+    if (watch_begin(w, &why) != PVX_OK) {
         LOG_W(DAEMON, "cameras that go wrong are not noticed: %s", why.text);
         return NULL;
     }
@@ -299,11 +299,11 @@ static void *run(void *arg)
         bool all = true;
         for (int i = 0; i < DMN_WATCH_SETS && all; i += DMN_WATCH_RUN) {
             for (size_t c = 0; c < w->rig->n_cameras; c++) /* the flame moves on meanwhile */
-                look(w);
-            all = take(w, &w->kept[i], DMN_WATCH_RUN);
+                pipeline_look(w);
+            all = pipeline_take(w, &w->kept[i], DMN_WATCH_RUN);
         }
         if (all)
-            check(w);
+            watch_check(w);
     }
     return NULL;
 }
@@ -339,7 +339,7 @@ pvx_err dmn_watch_new(const struct rec_rig *rig, const rec_sysmat *S, dmn_watch 
     for (size_t i = 0; i < DMN_WATCH_SETS && w->last.picture != NULL; i++)
         w->kept[i].picture = w->last.picture + rows * (i + 1);
     pvx_err e = w->last.picture == NULL ? PVX_ENOMEM : PVX_OK;
-    if (e == PVX_OK && pthread_create(&w->thread, NULL, run, w) != 0)
+    if (e == PVX_OK && pthread_create(&w->thread, NULL, watch_run, w) != 0)
         e = PVX_EIO;
     if (e != PVX_OK) {
         dmn_watch_free(out);

@@ -34,7 +34,7 @@ struct view_bridge {
     void (*say)(const char *line);
 };
 
-static void leave(struct view_bridge *b, struct seat *s);
+static void bridge_leave(struct view_bridge *b, struct seat *s);
 
 /* A free seat; where there is none, that of whoever has waited longest at the door.  As many seats as pages may come
  * in are never taken by those who have not shown a token. */
@@ -49,11 +49,11 @@ static struct seat *seat_for(struct view_bridge *b)
             oldest = s;
     }
     if (oldest != NULL)
-        leave(b, oldest);
+        bridge_leave(b, oldest);
     return oldest;
 }
 
-static void upgraded(void *ctx, int fd, void *handle, const void *early, size_t n)
+static void bridge_upgraded(void *ctx, int fd, void *handle, const void *early, size_t n)
 {
     struct view_bridge *b = ctx;
     struct seat *s = seat_for(b);
@@ -76,7 +76,7 @@ pvx_err view_bridge_new(const struct view_http_params *p, const struct view_sour
         return PVX_ENOMEM;
     }
     struct view_http_params mine = *p;
-    mine.upgraded = upgraded;
+    mine.upgraded = bridge_upgraded;
     mine.ctx = b;
     b->gate = p->gate;
     b->source = *source;
@@ -89,7 +89,7 @@ pvx_err view_bridge_new(const struct view_http_params *p, const struct view_sour
     return e;
 }
 
-static void leave(struct view_bridge *b, struct seat *s)
+static void bridge_leave(struct view_bridge *b, struct seat *s)
 {
     const struct view_page_stats *st = view_page_stats(s->page);
     struct view_page_stats *sum = &b->stats.gone;
@@ -108,7 +108,7 @@ void view_bridge_free(view_bridge **b)
         return;
     for (int i = 0; i < VIEW_SEATS; i++)
         if ((*b)->seat[i].page != NULL)
-            leave(*b, &(*b)->seat[i]);
+            bridge_leave(*b, &(*b)->seat[i]);
     view_http_free(&(*b)->http);
     view_shelf_free(&(*b)->shelf);
     (*b)->source.ops->free((*b)->source.self);
@@ -121,7 +121,7 @@ const char *view_bridge_at(const view_bridge *b)
     return view_http_at(b->http);
 }
 
-static void tell(struct view_bridge *b, pvx_err e, const struct pvx_diag *d)
+static void bridge_tell(struct view_bridge *b, pvx_err e, const struct pvx_diag *d)
 {
     const char *text = pvx_diag_text(d, e);
     int64_t now = pvx_now_mono();
@@ -160,11 +160,11 @@ static void take_one(struct view_bridge *b, const struct pvp_header *h, const vo
     if (e == PVX_OK)
         return;
     b->stats.unreadable++;
-    tell(b, e, &d);
+    bridge_tell(b, e, &d);
 }
 
 /* What is there, up to a limit; true: there may be more. */
-static bool take(struct view_bridge *b)
+static bool bridge_take(struct view_bridge *b)
 {
     for (int i = 0; i < TURN_MAX; i++) {
         struct pvp_header h;
@@ -177,13 +177,13 @@ static bool take(struct view_bridge *b)
         if (e == PVX_OK)
             take_one(b, &h, msg, len);
         else
-            tell(b, e, &d);
+            bridge_tell(b, e, &d);
     }
     return true;
 }
 
 /* [median, 95 %] of a way, or [null, null]. */
-static const char *ms(view_page *p, enum view_way way, int64_t now, char out[64])
+static const char *bridge_ms(view_page *p, enum view_way way, int64_t now, char out[64])
 {
     double half = view_page_recent(p, way, 0.5, now), most = view_page_recent(p, way, 0.95, now);
     if (isnan(half))
@@ -209,8 +209,8 @@ static void link_text(struct view_bridge *b, view_page *p, char *out, size_t siz
              (unsigned long long)s->malformed, (unsigned long long)b->stats.unreadable, silent,
              (unsigned long long)b->stats.pages_now, (unsigned long long)st->sent,
              (unsigned long long)st->drawn, (unsigned long long)st->superseded,
-             (unsigned long long)st->hidden, ms(p, VIEW_DRAWN, now, drawn),
-             ms(p, VIEW_HELD, now, held), ms(p, VIEW_WHOLE, now, whole),
+             (unsigned long long)st->hidden, bridge_ms(p, VIEW_DRAWN, now, drawn),
+             bridge_ms(p, VIEW_HELD, now, held), bridge_ms(p, VIEW_WHOLE, now, whole),
              s->words[0] != '\0' ? "," : "", s->words, b->orders != NULL ? "," : "",
              b->orders != NULL ? view_orders_text(b->orders) : "");
 }
@@ -251,7 +251,7 @@ static void serve_pages(struct view_bridge *b)
         link_text(b, s->page, link, sizeof link);
         view_page_write(s->page, b->shelf, link, b->links);
         if (view_page_over(s->page, now)) {
-            leave(b, s);
+            bridge_leave(b, s);
             continue;
         }
         previews |= view_page_wants_previews(s->page);
@@ -285,7 +285,7 @@ void view_bridge_run(view_bridge *b, bool (*stop)(void *ctx), void (*say)(const 
     b->say = say;
     while (!stop(ctx)) {
         /* ZeroMQ's handle is edge-triggered: everything is taken before waiting */
-        bool more = take(b);
+        bool more = bridge_take(b);
         view_http_run(b->http);
         serve_pages(b);
         wait_for_more(b, more);

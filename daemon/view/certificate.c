@@ -11,7 +11,7 @@
 
 #define PEM_MAX ((size_t)1 << 18)
 
-static pvx_err when(const char *file, gnutls_x509_crt_t crt, struct pvx_diag *d)
+static pvx_err certificate_when(const char *file, gnutls_x509_crt_t crt, struct pvx_diag *d)
 {
     time_t now = time(NULL), from = gnutls_x509_crt_get_activation_time(crt);
     time_t to = gnutls_x509_crt_get_expiration_time(crt);
@@ -27,8 +27,9 @@ static pvx_err when(const char *file, gnutls_x509_crt_t crt, struct pvx_diag *d)
 }
 
 /* Both read: do they belong together, today? */
-static pvx_err look(const char *cert_file, const char *key_file, const char *cert, const char *key,
-                    gnutls_certificate_credentials_t *out, struct pvx_diag *d)
+static pvx_err certificate_look(const char *cert_file, const char *key_file, const char *cert,
+                                const char *key, gnutls_certificate_credentials_t *out,
+                                struct pvx_diag *d)
 {
     const gnutls_datum_t cert_pem = {(void *)cert, (unsigned)strlen(cert)};
     const gnutls_datum_t key_pem = {(void *)key, (unsigned)strlen(key)};
@@ -36,7 +37,7 @@ static pvx_err look(const char *cert_file, const char *key_file, const char *cer
     if (gnutls_x509_crt_init(&crt) != 0)
         return PVX_ENOMEM;
     pvx_err e = gnutls_x509_crt_import(crt, &cert_pem, GNUTLS_X509_FMT_PEM) == 0
-                    ? when(cert_file, crt, d)
+                    ? certificate_when(cert_file, crt, d)
                     : pvx_fail(d, PVX_EFORMAT, "%s: not a certificate in PEM", cert_file);
     gnutls_x509_crt_deinit(crt);
     PVX_TRY(e);
@@ -66,7 +67,7 @@ pvx_err view_certificate(const char *cert_file, const char *key_file,
     if (e == PVX_OK && stat(key_file, &st) == 0 && (st.st_mode & 0007) != 0)
         e = pvx_fail(d, PVX_EPERM, "%s: others may read the key; chmod o= %s", key_file, key_file);
     if (e == PVX_OK)
-        e = look(cert_file, key_file, cert, key, out, d);
+        e = certificate_look(cert_file, key_file, cert, key, out, d);
     free(cert);
     if (key != NULL)
         gnutls_memset(key, 0, n);

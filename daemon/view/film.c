@@ -25,14 +25,14 @@ struct film {
     int64_t due, last_exposure;
 };
 
-static int fds(void *self, struct pollfd out[VIEW_SOURCE_FDS])
+static int film_fds(void *self, struct pollfd out[VIEW_SOURCE_FDS])
 {
     (void)self;
     (void)out;
     return 0;
 }
 
-static int64_t due_ns(void *self)
+static int64_t film_due_ns(void *self)
 {
     const struct film *f = self;
     if (f->step != SEND_VOLUMES || f->wanted)
@@ -55,7 +55,7 @@ static void wait_for_next(struct film *f, int64_t exposure)
     f->last_exposure = exposure;
 }
 
-static pvx_err volume(struct film *f, const void **msg, size_t *len, struct pvx_diag *d)
+static pvx_err film_volume(struct film *f, const void **msg, size_t *len, struct pvx_diag *d)
 {
     struct vol_volume v;
     struct pvp_voxels x;
@@ -74,12 +74,12 @@ static pvx_err volume(struct film *f, const void **msg, size_t *len, struct pvx_
     return pvp_encode_volume(f->encoder, f->sequence++, &v.v, &x, msg, len);
 }
 
-static pvx_err next(void *self, struct pvp_header *h, const void **msg, size_t *len,
-                    struct pvx_diag *d)
+static pvx_err film_next(void *self, struct pvp_header *h, const void **msg, size_t *len,
+                         struct pvx_diag *d)
 {
     struct film *f = self;
     const struct vol_head *head = vol_reader_head(f->in);
-    if (due_ns(f) > pvx_now_mono())
+    if (film_due_ns(f) > pvx_now_mono())
         return PVX_ETIMEDOUT;
     switch (f->step) {
     case SEND_START:
@@ -91,12 +91,12 @@ static pvx_err next(void *self, struct pvp_header *h, const void **msg, size_t *
         PVX_TRY(
             pvp_encode_rig(f->encoder, f->sequence++, head->start.rig_hash, head->rig, msg, len));
         break;
-    case SEND_VOLUMES: PVX_TRY(volume(f, msg, len, d)); break;
+    case SEND_VOLUMES: PVX_TRY(film_volume(f, msg, len, d)); break;
     }
     return pvp_decode_header(*msg, *len, h, d);
 }
 
-static void said(void *self, const struct view_words *w)
+static void film_said(void *self, const struct view_words *w)
 {
     struct film *f = self;
     if (w->said & VIEW_SAID_SPEED)
@@ -114,13 +114,13 @@ static void said(void *self, const struct view_words *w)
     }
 }
 
-static void previews(void *self, bool wanted)
+static void film_previews(void *self, bool wanted)
 {
     (void)self;
     (void)wanted;
 }
 
-static void stats(void *self, struct view_source_stats *out)
+static void film_stats(void *self, struct view_source_stats *out)
 {
     const struct film *f = self;
     *out = (struct view_source_stats){.received = f->sequence, .malformed = f->bad};
@@ -141,7 +141,8 @@ static void film_free(void *self)
     free(f);
 }
 
-static const struct view_source_ops ops = {fds, due_ns, next, said, previews, stats, film_free};
+static const struct view_source_ops ops = {film_fds,      film_due_ns, film_next, film_said,
+                                           film_previews, film_stats,  film_free};
 
 static pvx_err open_film(struct film *f, struct pvx_diag *d)
 {

@@ -18,13 +18,13 @@ struct authority {
     bool bracketed;
 };
 
-static bool digits(const char *s, size_t most)
+static bool gate_digits(const char *s, size_t most)
 {
     size_t n = strspn(s, "0123456789");
     return n >= 1 && n <= most && s[n] == '\0';
 }
 
-static bool split(const char *text, struct authority *out)
+static bool gate_split(const char *text, struct authority *out)
 {
     memset(out, 0, sizeof *out);
     out->bracketed = text[0] == '[';
@@ -36,7 +36,7 @@ static bool split(const char *text, struct authority *out)
     memcpy(out->host, begin, n);
     if (*rest == '\0')
         return true;
-    if (*rest++ != ':' || !digits(rest, 5))
+    if (*rest++ != ':' || !gate_digits(rest, 5))
         return false;
     memcpy(out->port, rest, strlen(rest) + 1);
     return true;
@@ -61,9 +61,9 @@ pvx_err view_gate_address(const char *text, struct sockaddr_storage *out, sockle
 {
     struct authority a;
     char whole[300];
-    snprintf(whole, sizeof whole, "%s%.280s", digits(text, 5) ? "127.0.0.1:" : "", text);
+    snprintf(whole, sizeof whole, "%s%.280s", gate_digits(text, 5) ? "127.0.0.1:" : "", text);
     unsigned port = 0;
-    if (!split(whole, &a) || a.port[0] == '\0' || !address(&a, out) ||
+    if (!gate_split(whole, &a) || a.port[0] == '\0' || !address(&a, out) ||
         sscanf(a.port, "%u", &port) != 1 || port > 65535)
         return pvx_fail(d, PVX_EINVAL,
                         "--listen %s: should be an address and a port, as 127.0.0.1:8737 or "
@@ -83,7 +83,7 @@ pvx_err view_gate_name(const char *text, struct pvx_diag *d)
 {
     struct authority a;
     struct sockaddr_storage named;
-    if (!split(text, &a) || a.port[0] != '\0' || (a.bracketed && !address(&a, &named)))
+    if (!gate_split(text, &a) || a.port[0] != '\0' || (a.bracketed && !address(&a, &named)))
         return pvx_fail(d, PVX_EINVAL,
                         "--host %s: should be a name or an address without a port, as lab.example, "
                         "203.0.113.7 or [2001:db8::7]",
@@ -108,7 +108,7 @@ bool view_gate_loopback(const struct sockaddr_storage *a)
     return IN6_IS_ADDR_LOOPBACK(&((const struct sockaddr_in6 *)(const void *)a)->sin6_addr);
 }
 
-static bool same(const struct sockaddr_storage *a, const struct sockaddr_storage *b)
+static bool gate_same(const struct sockaddr_storage *a, const struct sockaddr_storage *b)
 {
     const uint8_t *fa = as_four(a), *fb = as_four(b);
     if (fa != NULL || fb != NULL)
@@ -122,18 +122,18 @@ bool view_gate_host(const struct view_gate *g, const char *host,
 {
     struct authority a;
     struct sockaddr_storage named;
-    if (host == NULL || !split(host, &a))
+    if (host == NULL || !gate_split(host, &a))
         return false;
     bool numbers = address(&a, &named);
-    if (numbers && same(&named, here))
+    if (numbers && gate_same(&named, here))
         return true;
     for (size_t i = 0; i < g->n_hosts; i++) {
         struct authority allowed;
         struct sockaddr_storage its;
-        if (!split(g->host[i], &allowed))
+        if (!gate_split(g->host[i], &allowed))
             continue;
         if (address(&allowed, &its)
-                ? numbers && same(&named, &its)
+                ? numbers && gate_same(&named, &its)
                 : !numbers && !a.bracketed && strcasecmp(a.host, allowed.host) == 0)
             return true;
     }
@@ -148,7 +148,7 @@ bool view_gate_origin(const struct view_gate *g, const char *origin, const char 
     if (origin == NULL)
         return true;
     if (strncmp(origin, scheme, strlen(scheme)) != 0 || host == NULL ||
-        !split(origin + strlen(scheme), &from) || !split(host, &to))
+        !gate_split(origin + strlen(scheme), &from) || !gate_split(host, &to))
         return false;
     const char *port = from.port[0] != '\0' ? from.port : usual;
     return from.bracketed == to.bracketed && strcasecmp(from.host, to.host) == 0 &&

@@ -40,8 +40,8 @@ static const char no_policy[] = "default-src 'none'; script-src 'self'; worker-s
                                 "style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
                                 "frame-ancestors 'none'; base-uri 'none'; form-action 'none'";
 
-static enum MHD_Result queue(struct MHD_Connection *c, unsigned code, struct MHD_Response *r,
-                             const char *type)
+static enum MHD_Result http_queue(struct MHD_Connection *c, unsigned code, struct MHD_Response *r,
+                                  const char *type)
 {
     static const char *const headers[][2] = {{"Content-Security-Policy", no_policy},
                                              {"X-Content-Type-Options", "nosniff"},
@@ -62,9 +62,9 @@ static enum MHD_Result queue(struct MHD_Connection *c, unsigned code, struct MHD
     return ok;
 }
 
-static enum MHD_Result say(struct MHD_Connection *c, unsigned code, const char *text)
+static enum MHD_Result http_say(struct MHD_Connection *c, unsigned code, const char *text)
 {
-    return queue(
+    return http_queue(
         c, code,
         MHD_create_response_from_buffer(strlen(text), (void *)text, MHD_RESPMEM_PERSISTENT),
         "text/plain; charset=utf-8");
@@ -113,8 +113,8 @@ static bool accept_key(const char *key, char out[32])
 }
 
 /* NOLINTNEXTLINE(readability-function-size): libmicrohttpd says what it is given */
-static void upgraded(void *cls, struct MHD_Connection *c, void *con_cls, const char *extra,
-                     size_t n_extra, MHD_socket fd, struct MHD_UpgradeResponseHandle *urh)
+static void http_upgraded(void *cls, struct MHD_Connection *c, void *con_cls, const char *extra,
+                          size_t n_extra, MHD_socket fd, struct MHD_UpgradeResponseHandle *urh)
 {
     struct view_http *h = cls;
     (void)c;
@@ -123,18 +123,18 @@ static void upgraded(void *cls, struct MHD_Connection *c, void *con_cls, const c
     h->p.upgraded(h->p.ctx, fd, urh, extra, n_extra);
 }
 
-static enum MHD_Result up(struct view_http *h, struct MHD_Connection *c)
+static enum MHD_Result http_up(struct view_http *h, struct MHD_Connection *c)
 {
     char key[32];
     const char *upgrade = header(c, "Upgrade"), *version = header(c, "Sec-WebSocket-Version");
     if (upgrade == NULL || !has_word(upgrade, "websocket"))
-        return say(c, MHD_HTTP_UPGRADE_REQUIRED, "a WebSocket is here: PROTOCOL.md\n");
+        return http_say(c, MHD_HTTP_UPGRADE_REQUIRED, "a WebSocket is here: PROTOCOL.md\n");
     if (version == NULL || strcmp(version, "13") != 0 ||
         !has_word(header(c, "Sec-WebSocket-Protocol"), VIEW_SUBPROTOCOL) ||
         !accept_key(header(c, "Sec-WebSocket-Key"), key))
-        return say(c, MHD_HTTP_BAD_REQUEST,
-                   "a WebSocket of version 13 and subprotocol " VIEW_SUBPROTOCOL " is here\n");
-    struct MHD_Response *r = MHD_create_response_for_upgrade(upgraded, h);
+        return http_say(c, MHD_HTTP_BAD_REQUEST,
+                        "a WebSocket of version 13 and subprotocol " VIEW_SUBPROTOCOL " is here\n");
+    struct MHD_Response *r = MHD_create_response_for_upgrade(http_upgraded, h);
     if (r == NULL)
         return MHD_NO;
     MHD_add_response_header(r, "Upgrade", "websocket");
@@ -162,9 +162,9 @@ static bool here(const struct view_http *h, struct MHD_Connection *c, struct soc
 }
 
 /* NOLINTNEXTLINE(readability-function-size): libmicrohttpd says what it is given */
-static enum MHD_Result answer(void *ctx, struct MHD_Connection *c, const char *url,
-                              const char *method, const char *version, const char *body,
-                              size_t *body_size, void **own)
+static enum MHD_Result http_answer(void *ctx, struct MHD_Connection *c, const char *url,
+                                   const char *method, const char *version, const char *body,
+                                   size_t *body_size, void **own)
 {
     struct view_http *h = ctx;
     struct sockaddr_storage to;
@@ -177,28 +177,28 @@ static enum MHD_Result answer(void *ctx, struct MHD_Connection *c, const char *u
     const char *host = header(c, "Host");
     if (!here(h, c, &to) || !view_gate_host(h->p.gate, host, &to)) {
         h->stats.refused_host++;
-        return say(c, MHD_HTTP_MISDIRECTED_REQUEST,
-                   "this address is not known by that name: pyrovox view --host NAME\n");
+        return http_say(c, MHD_HTTP_MISDIRECTED_REQUEST,
+                        "this address is not known by that name: pyrovox view --host NAME\n");
     }
     if (!view_gate_origin(h->p.gate, header(c, "Origin"), host)) {
         h->stats.refused_origin++;
-        return say(c, MHD_HTTP_FORBIDDEN, "another site's page may not come here\n");
+        return http_say(c, MHD_HTTP_FORBIDDEN, "another site's page may not come here\n");
     }
     if (strcmp(method, "GET") != 0 && strcmp(method, "HEAD") != 0)
-        return say(c, MHD_HTTP_METHOD_NOT_ALLOWED, "GET only\n");
+        return http_say(c, MHD_HTTP_METHOD_NOT_ALLOWED, "GET only\n");
     if (strcmp(url, VIEW_PATH) == 0)
-        return up(h, c);
+        return http_up(h, c);
     const struct view_file *f = view_file_find(url);
     if (f == NULL)
-        return say(c, MHD_HTTP_NOT_FOUND, "nothing is here\n");
-    return queue(c, MHD_HTTP_OK,
-                 MHD_create_response_from_buffer((size_t)(f->end - f->begin), (void *)f->begin,
-                                                 MHD_RESPMEM_PERSISTENT),
-                 f->type);
+        return http_say(c, MHD_HTTP_NOT_FOUND, "nothing is here\n");
+    return http_queue(c, MHD_HTTP_OK,
+                      MHD_create_response_from_buffer((size_t)(f->end - f->begin), (void *)f->begin,
+                                                      MHD_RESPMEM_PERSISTENT),
+                      f->type);
 }
 
 /* Of a TCP connection. */
-static void prepare(int fd)
+static void http_prepare(int fd)
 {
     int on = 1, unsent = UNSENT_BYTES, gone = GONE_MS;
     setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
@@ -216,7 +216,7 @@ static void connection(void *ctx, struct MHD_Connection *c, void **own,
     if (what != MHD_CONNECTION_NOTIFY_STARTED)
         return;
     if (h->tls == NULL)
-        prepare(socket_of(c));
+        http_prepare(socket_of(c));
     for (size_t i = 0; i <= VIEW_HTTP_CLIENTS; i++)
         if (h->waiting[i].c == NULL) {
             h->waiting[i] = (struct waiting){c, pvx_now_mono()};
@@ -224,7 +224,7 @@ static void connection(void *ctx, struct MHD_Connection *c, void **own,
         }
 }
 
-static pvx_err listen_at(struct view_http *h, int *fd, struct pvx_diag *d)
+static pvx_err http_listen_at(struct view_http *h, int *fd, struct pvx_diag *d)
 {
     struct sockaddr_storage a;
     socklen_t len;
@@ -273,14 +273,14 @@ static bool come(void *ctx, int fd, const struct sockaddr *from, socklen_t len)
 }
 
 /* fd is its own, on error too. */
-static pvx_err start(struct view_http *h, int fd, struct pvx_diag *d)
+static pvx_err http_start(struct view_http *h, int fd, struct pvx_diag *d)
 {
     bool tls = h->p.cert != NULL;
     struct MHD_OptionItem listen[] = {{MHD_OPTION_LISTEN_SOCKET, fd, NULL},
                                       {MHD_OPTION_END, 0, NULL}};
     h->mhd = MHD_start_daemon(
         MHD_USE_EPOLL | MHD_ALLOW_UPGRADE | (tls ? MHD_USE_NO_LISTEN_SOCKET : 0), 0, NULL, NULL,
-        answer, h, MHD_OPTION_CONNECTION_LIMIT, (unsigned)VIEW_HTTP_CLIENTS,
+        http_answer, h, MHD_OPTION_CONNECTION_LIMIT, (unsigned)VIEW_HTTP_CLIENTS,
         MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)(VIEW_HTTP_PATIENCE_NS / PVX_NS_PER_S),
         MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)VIEW_HTTP_HEADERS, MHD_OPTION_NOTIFY_CONNECTION,
         connection, h, MHD_OPTION_ARRAY, tls ? listen + 1 : listen, MHD_OPTION_END);
@@ -293,7 +293,7 @@ static pvx_err start(struct view_http *h, int fd, struct pvx_diag *d)
                                       .key = h->p.key,
                                       .connections = VIEW_HTTP_CLIENTS,
                                       .patience_ns = VIEW_HTTP_PATIENCE_NS,
-                                      .prepare = prepare,
+                                      .prepare = http_prepare,
                                       .come = come,
                                       .ctx = h,
                                       .say = h->p.say};
@@ -307,9 +307,9 @@ pvx_err view_http_new(const struct view_http_params *p, view_http **out, struct 
     if (h == NULL)
         return PVX_ENOMEM;
     h->p = *p;
-    pvx_err e = listen_at(h, &fd, d);
+    pvx_err e = http_listen_at(h, &fd, d);
     if (e == PVX_OK)
-        e = start(h, fd, d);
+        e = http_start(h, fd, d);
     if (e != PVX_OK)
         view_http_free(out);
     return e;

@@ -10,7 +10,7 @@ struct live {
     char *previews_at, *key;
 };
 
-static int fds(void *self, struct pollfd out[VIEW_SOURCE_FDS])
+static int live_fds(void *self, struct pollfd out[VIEW_SOURCE_FDS])
 {
     struct live *l = self;
     int n = 0;
@@ -20,14 +20,14 @@ static int fds(void *self, struct pollfd out[VIEW_SOURCE_FDS])
     return n;
 }
 
-static int64_t due_ns(void *self)
+static int64_t live_due_ns(void *self)
 {
     (void)self;
     return INT64_MAX;
 }
 
-static pvx_err next(void *self, struct pvp_header *h, const void **msg, size_t *len,
-                    struct pvx_diag *d)
+static pvx_err live_next(void *self, struct pvp_header *h, const void **msg, size_t *len,
+                         struct pvx_diag *d)
 {
     struct live *l = self;
     pvx_err e = pvp_sub_next(l->volumes, 0, h, msg, len, d);
@@ -39,13 +39,13 @@ static pvx_err next(void *self, struct pvp_header *h, const void **msg, size_t *
     return e;
 }
 
-static void said(void *self, const struct view_words *w)
+static void live_said(void *self, const struct view_words *w)
 {
     (void)self;
     (void)w;
 }
 
-static void previews(void *self, bool wanted)
+static void live_previews(void *self, bool wanted)
 {
     struct live *l = self;
     if (!wanted || l->previews_at == NULL)
@@ -56,7 +56,7 @@ static void previews(void *self, bool wanted)
         l->previews = NULL; /* the page says that none come */
 }
 
-static void stats(void *self, struct view_source_stats *out)
+static void live_stats(void *self, struct view_source_stats *out)
 {
     const struct live *l = self;
     struct pvp_sub_stats st;
@@ -75,7 +75,8 @@ static void live_free(void *self)
     free(l);
 }
 
-static const struct view_source_ops ops = {fds, due_ns, next, said, previews, stats, live_free};
+static const struct view_source_ops ops = {live_fds,      live_due_ns, live_next, live_said,
+                                           live_previews, live_stats,  live_free};
 
 pvx_err view_live_new(const char *endpoint, const char *previews_at, const char *key,
                       struct view_source *out, struct pvx_diag *d)

@@ -42,7 +42,7 @@ enum view_order view_order_of(const char *name)
     return (enum view_order)i;
 }
 
-static void say(view_orders *o, bool good, const char *words)
+static void orders_say(view_orders *o, bool good, const char *words)
 {
     o->good = good;
     o->changed = true;
@@ -89,7 +89,7 @@ pvx_err view_orders_new(const char *endpoint, const char *key, view_orders **out
     if (e != PVX_OK)
         view_orders_free(out);
     else
-        say(o, true, "");
+        orders_say(o, true, "");
     return e;
 }
 
@@ -117,7 +117,7 @@ static void look_at_door(view_orders *o)
 void view_orders_give(view_orders *o, enum view_order order)
 {
     if (o->busy) {
-        say(o, false, "not done yet, one thing at a time");
+        orders_say(o, false, "not done yet, one thing at a time");
         return;
     }
     o->order = order;
@@ -128,12 +128,13 @@ void view_orders_give(view_orders *o, enum view_order order)
     look_at_door(o);
     if (o->busy) {
         o->refusal.text[0] = '\0';
-        say(o, true, "asked");
+        orders_say(o, true, "asked");
     } else {
-        say(o, false,
-            o->refusal.text[0] != '\0' ? o->refusal.text
-                                       : "no daemon takes orders there: is it running, and is "
-                                         "--control its control.endpoint?");
+        orders_say(o, false,
+                   o->refusal.text[0] != '\0'
+                       ? o->refusal.text
+                       : "no daemon takes orders there: is it running, and is "
+                         "--control its control.endpoint?");
     }
 }
 
@@ -144,11 +145,11 @@ static void answered(view_orders *o, const char *text, size_t len)
     const char *error = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(j, "error"));
     const char *path = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(j, "path"));
     bool good = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(j, "ok")) != 0;
-    say(o, good,
-        error != NULL  ? error
-        : !good        ? "the daemon's answer is not understood"
-        : path != NULL ? path
-                       : "done");
+    orders_say(o, good,
+               error != NULL  ? error
+               : !good        ? "the daemon's answer is not understood"
+               : path != NULL ? path
+                              : "done");
     cJSON_Delete(j);
 }
 
@@ -162,7 +163,7 @@ bool view_orders_run(view_orders *o)
         answered(o, zmq_msg_data(&m), zmq_msg_size(&m));
     } else if (o->busy && pvx_now_mono() > o->until_ns) {
         o->busy = false;
-        say(o, false, "the daemon does not answer");
+        orders_say(o, false, "the daemon does not answer");
     }
     zmq_msg_close(&m);
     bool changed = o->changed;

@@ -43,7 +43,8 @@ struct view_page {
     int64_t recent_ns;
 };
 
-static ssize_t receive(wslay_event_context_ptr ws, uint8_t *buf, size_t len, int flags, void *user)
+static ssize_t page_receive(wslay_event_context_ptr ws, uint8_t *buf, size_t len, int flags,
+                            void *user)
 {
     view_page *p = user;
     (void)flags;
@@ -97,7 +98,7 @@ static void since_published(view_page *p, enum view_way way, const struct away *
         pvx_hist_add(&p->recent[0][way], whole);
 }
 
-static void held(view_page *p, uint64_t set)
+static void page_held(view_page *p, uint64_t set)
 {
     for (unsigned i = 0; i < p->n_away; i++)
         if (p->away[i].set == set && !p->away[i].held) {
@@ -107,7 +108,7 @@ static void held(view_page *p, uint64_t set)
         }
 }
 
-static void drawn(view_page *p, uint64_t set)
+static void page_drawn(view_page *p, uint64_t set)
 {
     for (unsigned i = 0; i < p->n_away; i++) {
         if (p->away[i].set != set)
@@ -139,9 +140,9 @@ static void heed(view_page *p, const struct view_words *w)
             p->credits = VIEW_CREDITS_MAX;
     }
     if (w->said & VIEW_SAID_HELD)
-        held(p, w->held);
+        page_held(p, w->held);
     if (w->said & VIEW_SAID_DRAWN)
-        drawn(p, w->drawn);
+        page_drawn(p, w->drawn);
     if (w->said & VIEW_SAID_HIDDEN)
         p->hidden = w->hidden;
     if (w->said & VIEW_SAID_PREVIEWS)
@@ -159,8 +160,8 @@ static void heed(view_page *p, const struct view_words *w)
     p->words.said |= film | order;
 }
 
-static void message(wslay_event_context_ptr ws, const struct wslay_event_on_msg_recv_arg *m,
-                    void *user)
+static void page_message(wslay_event_context_ptr ws, const struct wslay_event_on_msg_recv_arg *m,
+                         void *user)
 {
     view_page *p = user;
     struct view_words w;
@@ -178,8 +179,9 @@ static void message(wslay_event_context_ptr ws, const struct wslay_event_on_msg_
 pvx_err view_page_new(int fd, const struct view_gate *gate, const void *early, size_t n_early,
                       view_page **out)
 {
-    static const struct wslay_event_callbacks calls = {
-        .recv_callback = receive, .send_callback = transmit, .on_msg_recv_callback = message};
+    static const struct wslay_event_callbacks calls = {.recv_callback = page_receive,
+                                                       .send_callback = transmit,
+                                                       .on_msg_recv_callback = page_message};
     view_page *p = pvx_calloc(1, sizeof *p);
     *out = p;
     if (p == NULL)
@@ -220,7 +222,7 @@ short view_page_wants(const view_page *p)
 }
 
 /* What still comes is read, as closing with something unread would take back what was sent last. */
-static void drain(view_page *p)
+static void page_drain(view_page *p)
 {
     char nothing[4096];
     ssize_t n;
@@ -234,7 +236,7 @@ bool view_page_read(view_page *p, struct view_words *out)
 {
     p->turn = 0;
     if (p->ended_ns != 0)
-        drain(p);
+        page_drain(p);
     else if (wslay_event_recv(p->ws) != 0)
         p->gone = true;
     *out = p->words;
@@ -242,14 +244,14 @@ bool view_page_read(view_page *p, struct view_words *out)
     return out->said != 0;
 }
 
-static void queue(view_page *p, uint8_t opcode, const void *data, size_t len)
+static void page_queue(view_page *p, uint8_t opcode, const void *data, size_t len)
 {
     const struct wslay_event_msg m = {opcode, data, len};
     if (wslay_event_queue_msg(p->ws, &m) != 0)
         p->gone = true;
 }
 
-static void push(view_page *p)
+static void page_push(view_page *p)
 {
     if (!p->gone && wslay_event_want_write(p->ws) && wslay_event_send(p->ws) != 0)
         p->gone = true;
@@ -259,7 +261,7 @@ static void push(view_page *p)
     }
 }
 
-static void remember(view_page *p, const struct view_msg *m)
+static void page_remember(view_page *p, const struct view_msg *m)
 {
     if (p->n_away == AWAY_MAX)
         memmove(p->away, p->away + 1, --p->n_away * sizeof *p->away);
@@ -270,7 +272,7 @@ static void remember(view_page *p, const struct view_msg *m)
     p->stats.sent++;
 }
 
-static bool due(const view_page *p, const view_shelf *shelf, enum view_slot slot)
+static bool page_due(const view_page *p, const view_shelf *shelf, enum view_slot slot)
 {
     uint64_t now = view_shelf_number(shelf, slot);
     if (now == 0 || now == p->had[slot])
@@ -281,29 +283,29 @@ static bool due(const view_page *p, const view_shelf *shelf, enum view_slot slot
 }
 
 /* The next message into the queue, which is empty; false: there is none. */
-static bool fill(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number)
+static bool page_fill(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number)
 {
     struct view_msg m;
     if (p->had[VIEW_START] > 0 && view_shelf_event(shelf, p->events, &m)) {
         p->events = m.number;
-        queue(p, WSLAY_BINARY_FRAME, m.data, m.len);
+        page_queue(p, WSLAY_BINARY_FRAME, m.data, m.len);
         return true;
     }
     for (enum view_slot slot = 0; slot < VIEW_SLOTS; slot++) {
         if (slot == VIEW_VOLUME && link_number != p->links) {
             p->links = link_number;
-            queue(p, WSLAY_TEXT_FRAME, link, strlen(link));
+            page_queue(p, WSLAY_TEXT_FRAME, link, strlen(link));
             return true;
         }
-        if (!due(p, shelf, slot))
+        if (!page_due(p, shelf, slot))
             continue;
         bool good = view_shelf_get(shelf, slot, p->slow, &m, NULL) == PVX_OK;
         p->had[slot] = view_shelf_number(shelf, slot);
         if (!good)
             continue; /* damaged: the source counts it */
         if (slot == VIEW_VOLUME)
-            remember(p, &m);
-        queue(p, slot == VIEW_POSES ? WSLAY_TEXT_FRAME : WSLAY_BINARY_FRAME, m.data, m.len);
+            page_remember(p, &m);
+        page_queue(p, slot == VIEW_POSES ? WSLAY_TEXT_FRAME : WSLAY_BINARY_FRAME, m.data, m.len);
         return true;
     }
     return false;
@@ -311,11 +313,11 @@ static bool fill(view_page *p, view_shelf *shelf, const char *link, uint64_t lin
 
 void view_page_write(view_page *p, view_shelf *shelf, const char *link, uint64_t link_number)
 {
-    push(p);
+    page_push(p);
     while (p->let_in && !p->gone && p->closing_ns == 0 && wslay_event_get_write_enabled(p->ws) &&
            !wslay_event_get_close_sent(p->ws) && !wslay_event_get_close_received(p->ws) &&
-           wslay_event_get_queued_msg_count(p->ws) == 0 && fill(p, shelf, link, link_number))
-        push(p);
+           wslay_event_get_queued_msg_count(p->ws) == 0 && page_fill(p, shelf, link, link_number))
+        page_push(p);
 }
 
 void view_page_close(view_page *p, unsigned code, const char *why)
@@ -325,7 +327,7 @@ void view_page_close(view_page *p, unsigned code, const char *why)
     p->closing_ns = pvx_now_mono();
     if (wslay_event_queue_close(p->ws, (uint16_t)code, (const uint8_t *)why, strlen(why)) != 0)
         p->gone = true;
-    push(p);
+    page_push(p);
 }
 
 bool view_page_over(view_page *p, int64_t now)

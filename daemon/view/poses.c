@@ -7,7 +7,7 @@
 
 #define CAMERA_TEXT 768 /* bytes that one camera takes at most */
 
-static void point(struct dmn_json *j, const char *key, const double v[3])
+static void poses_point(struct dmn_json *j, const char *key, const double v[3])
 {
     dmn_json_open(j, key, '[');
     for (int a = 0; a < 3; a++)
@@ -15,7 +15,7 @@ static void point(struct dmn_json *j, const char *key, const double v[3])
     dmn_json_close(j, ']');
 }
 
-static void camera(struct dmn_json *j, const struct rec_camera *c)
+static void poses_camera(struct dmn_json *j, const struct rec_camera *c)
 {
     double eye[3], dir[4][3];
     int n = 0;
@@ -26,10 +26,10 @@ static void camera(struct dmn_json *j, const struct rec_camera *c)
     rec_camera_centre(c, eye);
     dmn_json_open(j, NULL, '{');
     dmn_json_str(j, "name", c->name);
-    point(j, "eye", eye);
+    poses_point(j, "eye", eye);
     dmn_json_open(j, "corner", '[');
     for (int i = 0; n == 4 && i < 4; i++) /* a lens that folds back before the corner has none */
-        point(j, NULL, dir[i]);
+        poses_point(j, NULL, dir[i]);
     dmn_json_close(j, ']');
     dmn_json_close(j, '}');
 }
@@ -48,7 +48,7 @@ pvx_err view_poses(const char *yaml, size_t len, char **out, struct pvx_diag *d)
         dmn_json_open(&j, "rig", '{');
         dmn_json_open(&j, "cameras", '[');
         for (size_t i = 0; i < rig.n_cameras; i++)
-            camera(&j, &rig.cameras[i]);
+            poses_camera(&j, &rig.cameras[i]);
         dmn_json_close(&j, ']');
         dmn_json_close(&j, '}');
         dmn_json_close(&j, '}');

@@ -46,7 +46,7 @@ void view_shelf_free(view_shelf **s)
     PVX_FREE(*s);
 }
 
-static pvx_err hold(struct held *h, const void *msg, size_t len, struct pvx_diag *d)
+static pvx_err shelf_hold(struct held *h, const void *msg, size_t len, struct pvx_diag *d)
 {
     if (len > h->room) {
         free(h->data);
@@ -63,14 +63,14 @@ static pvx_err hold(struct held *h, const void *msg, size_t len, struct pvx_diag
     return PVX_OK;
 }
 
-static void begin_session(view_shelf *s, uint64_t session)
+static void shelf_begin_session(view_shelf *s, uint64_t session)
 {
     s->session = session;
     for (int i = 0; i < VIEW_SLOTS; i++)
         s->slot[i].m.len = 0;
 }
 
-static int slot_of(enum pvp_type type)
+static int shelf_slot_of(enum pvp_type type)
 {
     switch (type) {
     case PVP_START: return VIEW_START;
@@ -96,14 +96,14 @@ pvx_err view_shelf_put(view_shelf *s, const struct pvp_header *h, const void *ms
 {
     struct pvp_view v;
     if (h->session != s->session)
-        begin_session(s, h->session);
+        shelf_begin_session(s, h->session);
     if (h->type == PVP_EVENT) {
         struct held *e = &s->event[s->events % VIEW_EVENTS];
-        PVX_TRY(hold(e, msg, len, d));
+        PVX_TRY(shelf_hold(e, msg, len, d));
         e->m.number = ++s->events;
         return PVX_OK;
     }
-    int slot = slot_of(h->type);
+    int slot = shelf_slot_of(h->type);
     if (slot < 0)
         return PVX_OK;
     struct held *to = &s->slot[slot];
@@ -114,7 +114,7 @@ pvx_err view_shelf_put(view_shelf *s, const struct pvp_header *h, const void *ms
         to->m.set = v.v.set;
         to->m.published_ns = v.v.t_publish_ns;
     }
-    PVX_TRY(hold(to, msg, len, d));
+    PVX_TRY(shelf_hold(to, msg, len, d));
     to->m.number++;
     return PVX_OK;
 }
@@ -122,7 +122,7 @@ pvx_err view_shelf_put(view_shelf *s, const struct pvp_header *h, const void *ms
 pvx_err view_shelf_put_text(view_shelf *s, enum view_slot slot, const char *text,
                             struct pvx_diag *d)
 {
-    PVX_TRY(hold(&s->slot[slot], text, strlen(text), d));
+    PVX_TRY(shelf_hold(&s->slot[slot], text, strlen(text), d));
     s->slot[slot].m.number++;
     return PVX_OK;
 }
@@ -153,7 +153,7 @@ pvx_err view_shelf_get(view_shelf *s, enum view_slot slot, bool small, struct vi
         const void *msg;
         size_t len;
         PVX_TRY(pvp_relay_volume(s->relay, from->data, from->m.len, small, &msg, &len, d));
-        PVX_TRY(hold(form, msg, len, d));
+        PVX_TRY(shelf_hold(form, msg, len, d));
         form->m.number = from->m.number;
     }
     out->data = form->m.data;

@@ -51,7 +51,7 @@ struct view_tls {
     uint64_t late;
 };
 
-static void leave(struct papers *p)
+static void tls_leave(struct papers *p)
 {
     if (p == NULL || --p->users > 0)
         return;
@@ -84,7 +84,7 @@ static pvx_err read_papers(view_tls *t, struct pvx_diag *d)
         return e;
     }
     p->users = 1;
-    leave(t->with);
+    tls_leave(t->with);
     t->with = p;
     memcpy(t->read, files, sizeof files);
     return PVX_OK;
@@ -92,7 +92,7 @@ static pvx_err read_papers(view_tls *t, struct pvx_diag *d)
 
 /* A certificate lasts for weeks, a page for months.  Who comes meets the one that is there now; if that is none, for
  * certificate and key come one after the other, the one of before. */
-static void renew(view_tls *t)
+static void tls_renew(view_tls *t)
 {
     int64_t files[2][3];
     struct pvx_diag d = {""};
@@ -114,7 +114,7 @@ static void renew(view_tls *t)
     t->p.say(line);
 }
 
-static void watch(view_tls *t, int fd, uint32_t *have, uint32_t want)
+static void tls_watch(view_tls *t, int fd, uint32_t *have, uint32_t want)
 {
     struct epoll_event e = {.events = want, .data.fd = fd};
     if (*have == want)
@@ -127,17 +127,17 @@ static void watch(view_tls *t, int fd, uint32_t *have, uint32_t want)
     *have = want;
 }
 
-static void drop(view_tls *t, struct conn *c)
+static void tls_drop(view_tls *t, struct conn *c)
 {
-    watch(t, c->tcp, &c->want_tcp, 0);
+    tls_watch(t, c->tcp, &c->want_tcp, 0);
     if (c->pair >= 0) {
-        watch(t, c->pair, &c->want_pair, 0);
+        tls_watch(t, c->pair, &c->want_pair, 0);
         close(c->pair);
     }
     close(c->tcp);
     gnutls_deinit(c->session);
     c->session = NULL;
-    leave(c->with);
+    tls_leave(c->with);
 }
 
 /* A handshake further; false: it failed. */
@@ -191,7 +191,7 @@ static int inwards(struct conn *c)
 }
 
 /* From the server to the browser. */
-static int outwards(struct conn *c)
+static int tls_outwards(struct conn *c)
 {
     struct half *h = &c->out;
     if (h->n == 0 && !h->eof) {
@@ -225,23 +225,23 @@ static bool pump(view_tls *t, struct conn *c)
         return false;
     for (int in = 1, out = 1; c->shaken && (in > 0 || out > 0);) {
         in = inwards(c);
-        out = outwards(c);
+        out = tls_outwards(c);
         if (in < 0 || out < 0 || (c->in.eof && c->out.eof))
             return false;
     }
     if (c->shaken) {
-        watch(t, c->tcp, &c->want_tcp,
-              (c->in.n == 0 && !c->in.eof ? EPOLLIN : 0U) | (c->out.n > 0 ? EPOLLOUT : 0U));
-        watch(t, c->pair, &c->want_pair,
-              (c->out.n == 0 && !c->out.eof ? EPOLLIN : 0U) | (c->in.n > 0 ? EPOLLOUT : 0U));
+        tls_watch(t, c->tcp, &c->want_tcp,
+                  (c->in.n == 0 && !c->in.eof ? EPOLLIN : 0U) | (c->out.n > 0 ? EPOLLOUT : 0U));
+        tls_watch(t, c->pair, &c->want_pair,
+                  (c->out.n == 0 && !c->out.eof ? EPOLLIN : 0U) | (c->in.n > 0 ? EPOLLOUT : 0U));
     } else {
-        watch(t, c->tcp, &c->want_tcp,
-              gnutls_record_get_direction(c->session) == 1 ? EPOLLOUT : EPOLLIN);
+        tls_watch(t, c->tcp, &c->want_tcp,
+                  gnutls_record_get_direction(c->session) == 1 ? EPOLLOUT : EPOLLIN);
     }
     return true;
 }
 
-static struct conn *place(view_tls *t)
+static struct conn *tls_place(view_tls *t)
 {
     for (unsigned i = 0; i < t->p.connections; i++)
         if (t->conn[i].session == NULL)
@@ -250,7 +250,7 @@ static struct conn *place(view_tls *t)
 }
 
 /* One connection that waits; false: none does. */
-static bool take(view_tls *t, struct conn *c)
+static bool tls_take(view_tls *t, struct conn *c)
 {
     int fd = accept4(t->p.listen, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
     socklen_t len = sizeof c->here;
@@ -264,26 +264,26 @@ static bool take(view_tls *t, struct conn *c)
         close(fd);
         return true;
     }
-    renew(t);
+    tls_renew(t);
     c->with = t->with;
     c->with->users++;
     gnutls_transport_set_int(c->session, fd);
     if (gnutls_priority_set(c->session, t->priority) != 0 ||
         gnutls_credentials_set(c->session, GNUTLS_CRD_CERTIFICATE, c->with->with) != 0 ||
         !pump(t, c))
-        drop(t, c);
+        tls_drop(t, c);
     return true;
 }
 
-static void take_all(view_tls *t)
+static void tls_take_all(view_tls *t)
 {
     struct conn *c = NULL;
-    for (int i = 0; i < ACCEPTS && (c = place(t)) != NULL; i++)
-        if (!take(t, c))
+    for (int i = 0; i < ACCEPTS && (c = tls_place(t)) != NULL; i++)
+        if (!tls_take(t, c))
             break;
     /* who comes when all places are taken waits in the kernel's queue */
     struct epoll_event e = {.events = EPOLLIN, .data.fd = t->p.listen};
-    bool room = place(t) != NULL;
+    bool room = tls_place(t) != NULL;
     if (room != t->waiting)
         epoll_ctl(t->epoll, room ? EPOLL_CTL_ADD : EPOLL_CTL_DEL, t->p.listen, &e);
     t->waiting = room;
@@ -299,9 +299,9 @@ void view_tls_run(view_tls *t)
         bool late = !c->shaken && now - c->since > t->p.patience_ns;
         t->late += late;
         if (late || (c->ending_ns != 0 && now - c->ending_ns > ENDING_NS) || !pump(t, c))
-            drop(t, c);
+            tls_drop(t, c);
     }
-    take_all(t);
+    tls_take_all(t);
 }
 
 int64_t view_tls_due_ns(const view_tls *t)
@@ -339,7 +339,7 @@ pvx_err view_tls_new(const struct view_tls_params *p, view_tls **out, struct pvx
     if (e != PVX_OK)
         view_tls_free(out);
     else
-        take_all(t);
+        tls_take_all(t);
     return e;
 }
 
@@ -349,13 +349,13 @@ void view_tls_free(view_tls **t)
         return;
     for (unsigned i = 0; (*t)->conn != NULL && i < (*t)->p.connections; i++)
         if ((*t)->conn[i].session != NULL)
-            drop(*t, &(*t)->conn[i]);
+            tls_drop(*t, &(*t)->conn[i]);
     close((*t)->p.listen);
     if ((*t)->epoll >= 0)
         close((*t)->epoll);
     if ((*t)->priority != NULL)
         gnutls_priority_deinit((*t)->priority);
-    leave((*t)->with);
+    tls_leave((*t)->with);
     free((*t)->conn);
     PVX_FREE(*t);
 }

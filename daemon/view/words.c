@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* A whole number that a double holds exactly. */
-static bool whole(const cJSON *j, uint64_t *out)
+static bool words_whole(const cJSON *j, uint64_t *out)
 {
     if (!cJSON_IsNumber(j) || !(j->valuedouble >= 0) || j->valuedouble > 9007199254740992.0)
         return false;
@@ -26,7 +26,7 @@ static bool token(const cJSON *j, char *out)
     return true;
 }
 
-static bool speed(const cJSON *j, double *out)
+static bool words_speed(const cJSON *j, double *out)
 {
     if (!cJSON_IsNumber(j) || !(j->valuedouble >= 0.01 && j->valuedouble <= 100))
         return false;
@@ -34,13 +34,13 @@ static bool speed(const cJSON *j, double *out)
     return true;
 }
 
-static bool order(const cJSON *j, enum view_order *out)
+static bool words_order(const cJSON *j, enum view_order *out)
 {
     *out = cJSON_IsString(j) ? view_order_of(j->valuestring) : VIEW_N_ORDERS;
     return *out != VIEW_N_ORDERS;
 }
 
-static bool take(const cJSON *j, struct view_words *w)
+static bool words_take(const cJSON *j, struct view_words *w)
 {
     static const struct {
         const char *name;
@@ -57,15 +57,15 @@ static bool take(const cJSON *j, struct view_words *w)
     w->said |= said;
     switch (said) {
     case VIEW_SAID_TOKEN: return token(j, w->token);
-    case VIEW_SAID_CREDITS: return whole(j, &w->credits);
-    case VIEW_SAID_HELD: return whole(j, &w->held);
-    case VIEW_SAID_DRAWN: return whole(j, &w->drawn);
+    case VIEW_SAID_CREDITS: return words_whole(j, &w->credits);
+    case VIEW_SAID_HELD: return words_whole(j, &w->held);
+    case VIEW_SAID_DRAWN: return words_whole(j, &w->drawn);
     case VIEW_SAID_HIDDEN: return flag(j, &w->hidden);
     case VIEW_SAID_PREVIEWS: return flag(j, &w->previews);
     case VIEW_SAID_PLAY: return flag(j, &w->play);
-    case VIEW_SAID_SEEK: return whole(j, &w->seek);
-    case VIEW_SAID_SPEED: return speed(j, &w->speed);
-    case VIEW_SAID_ORDER: return order(j, &w->order);
+    case VIEW_SAID_SEEK: return words_whole(j, &w->seek);
+    case VIEW_SAID_SPEED: return words_speed(j, &w->speed);
+    case VIEW_SAID_ORDER: return words_order(j, &w->order);
     default: return true;
     }
 }
@@ -78,7 +78,7 @@ bool view_words_read(const char *text, size_t len, struct view_words *out)
     cJSON *j = cJSON_ParseWithLength(text, len);
     bool good = cJSON_IsObject(j) != 0;
     for (const cJSON *i = good ? j->child : NULL; i != NULL && good; i = i->next)
-        good = take(i, out);
+        good = words_take(i, out);
     cJSON_Delete(j);
     return good;
 }

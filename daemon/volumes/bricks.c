@@ -35,7 +35,7 @@ struct place {
     uint32_t at[3], in[3];
 };
 
-static struct place place(const struct pvp_grid *g, const uint32_t nb[3], uint32_t id)
+static struct place bricks_place(const struct pvp_grid *g, const uint32_t nb[3], uint32_t id)
 {
     struct place p = {.at = {id % nb[0] * B, id / nb[0] % nb[1] * B, id / nb[0] / nb[1] * B}};
     for (int a = 0; a < 3; a++)
@@ -54,7 +54,7 @@ void vol_to_dense(const struct vol_volume *v, float *dense)
     uint32_t nb[3], c = g->channels;
     pvp_grid_bricks(g, nb);
     for (uint32_t b = 0; b < v->n_bricks; b++) {
-        struct place p = place(g, nb, v->ids[b]);
+        struct place p = bricks_place(g, nb, v->ids[b]);
         const float *brick = v->brick + (size_t)b * B * B * B * c;
         for (uint32_t k = 0; k < p.in[2]; k++)
             for (uint32_t j = 0; j < p.in[1]; j++)
@@ -64,8 +64,8 @@ void vol_to_dense(const struct vol_volume *v, float *dense)
 }
 
 /* One brick out of the volume; false when it is all 0. */
-static bool gather(const struct pvp_grid *g, const struct place *p, const float *dense,
-                   float *brick, bool *finite)
+static bool bricks_gather(const struct pvp_grid *g, const struct place *p, const float *dense,
+                          float *brick, bool *finite)
 {
     uint32_t c = g->channels;
     bool any = false;
@@ -91,8 +91,8 @@ pvx_err vol_from_dense(struct vol_store *s, const struct pvp_grid *g, const floa
     PVX_TRY(vol_store_grow(s, all, g->channels));
     s->n = 0;
     for (uint32_t id = 0; id < all; id++) {
-        struct place p = place(g, nb, id);
-        if (gather(g, &p, dense, s->brick + s->n * cells, &finite))
+        struct place p = bricks_place(g, nb, id);
+        if (bricks_gather(g, &p, dense, s->brick + s->n * cells, &finite))
             s->ids[s->n++] = id;
     }
     return finite ? PVX_OK : PVX_ECORRUPT;

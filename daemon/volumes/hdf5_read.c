@@ -34,7 +34,7 @@ struct in {
     struct vol_store store;
 };
 
-static pvx_err wrong(const struct in *r, struct pvx_diag *d, const char *what)
+static pvx_err hdf5_read_wrong(const struct in *r, struct pvx_diag *d, const char *what)
 {
     H5Eclear2(H5E_DEFAULT);
     return pvx_fail(d, PVX_EFORMAT, "%s: is not a recording of volumes, or damaged: %s", r->path,
@@ -88,7 +88,7 @@ static pvx_err open_emission(struct in *r, uint64_t *sets, struct pvx_diag *d)
     hsize_t n[VOL_RANK];
     r->emission = vol_hdf5_filtered(r->file) ? H5Dopen2(r->file, "emission", H5P_DEFAULT) : -1;
     if (r->emission < 0)
-        return wrong(r, d, "no emission");
+        return hdf5_read_wrong(r, d, "no emission");
     hid_t type = H5Dget_type(r->emission), space = H5Dget_space(r->emission);
     bool ok = H5Tequal(type, H5T_IEEE_F32LE) > 0 && H5Sget_simple_extent_ndims(space) == VOL_RANK &&
               H5Sget_simple_extent_dims(space, n, NULL) == VOL_RANK && (n[4] == 1 || n[4] == 3);
@@ -99,13 +99,13 @@ static pvx_err open_emission(struct in *r, uint64_t *sets, struct pvx_diag *d)
         g->n[a] = ok ? (uint32_t)n[3 - a] : 0;
     }
     if (!ok)
-        return wrong(r, d, "the shape of emission");
+        return hdf5_read_wrong(r, d, "the shape of emission");
     g->channels = (uint32_t)n[4];
     *sets = n[0];
     return PVX_OK;
 }
 
-static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
+static pvx_err hdf5_read_read_head(struct in *r, bool *closed, struct pvx_diag *d)
 {
     struct pvp_start *s = &r->start;
     int64_t version, is_closed = 0, cameras = 0;
@@ -118,7 +118,7 @@ static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
                                "%s: is a take of raw frames, not of volumes: see "
                                "`pyrovox replay --help`",
                                r->path)
-                    : wrong(r, d, "HDF5, but of another kind");
+                    : hdf5_read_wrong(r, d, "HDF5, but of another kind");
     }
     if (version != VOL_VERSION)
         return pvx_fail(d, PVX_EVERSION,
@@ -140,7 +140,7 @@ static pvx_err read_head(struct in *r, bool *closed, struct pvx_diag *d)
         s->grid.max[a] = s->grid.min[a] + spacing[a] * s->grid.n[a];
     s->grid.basis = ok && strcmp(basis, "trilinear") == 0;
     if (!ok || !pvp_grid_valid(&s->grid))
-        return wrong(r, d, "an attribute of the head");
+        return hdf5_read_wrong(r, d, "an attribute of the head");
     s->n_cameras = (uint32_t)cameras;
     *closed = take_h5_get_int(r->file, "closed", &is_closed) && is_closed == 1;
     return PVX_OK;
@@ -154,13 +154,13 @@ static pvx_err open_columns(struct in *r, struct pvx_diag *d)
         snprintf(name, sizeof name, "sets/%s", r->column[k].name);
         r->col[k] = take_h5_open_table(r->file, name, r->column[k].type, 1, NULL, &n);
         if (r->col[k] < 0)
-            return wrong(r, d, name);
+            return hdf5_read_wrong(r, d, name);
         r->said = n < r->said ? n : r->said;
     }
     return PVX_OK;
 }
 
-static pvx_err read_gaps(struct in *r, uint64_t file_bytes, struct pvx_diag *d)
+static pvx_err hdf5_read_read_gaps(struct in *r, uint64_t file_bytes, struct pvx_diag *d)
 {
     uint64_t n = UINT64_MAX, one, value;
     hid_t gap[VOL_GAP_COLS];
@@ -169,11 +169,11 @@ static pvx_err read_gaps(struct in *r, uint64_t file_bytes, struct pvx_diag *d)
         snprintf(name, sizeof name, "gaps/%s", vol_gap_columns[k]);
         gap[k] = take_h5_open_table(r->file, name, H5T_STD_U64LE, 1, NULL, &one);
         if (gap[k] < 0)
-            return wrong(r, d, name);
+            return hdf5_read_wrong(r, d, name);
         n = one < n ? one : n;
     }
     if (n > file_bytes * SQUEEZE)
-        return wrong(r, d, "more gaps than it can have");
+        return hdf5_read_wrong(r, d, "more gaps than it can have");
     r->gap = pvx_calloc(n, sizeof *r->gap);
     if (r->gap == NULL)
         return PVX_ENOMEM;
@@ -242,7 +242,7 @@ static bool read_chunk(struct in *r, uint64_t k, const uint32_t at[3])
 }
 
 /* The chunk's bricks that are not all 0 into the store; false when a value is not finite. */
-static bool scatter(struct in *r, const uint32_t at[3])
+static bool hdf5_read_scatter(struct in *r, const uint32_t at[3])
 {
     const struct pvp_grid *g = &r->start.grid;
     const uint32_t *s = r->t.side, c = g->channels;
@@ -276,7 +276,7 @@ static void chunk_place(const struct in *r, uint32_t id, uint32_t at[3])
     at[2] = id / r->t.n[0] / r->t.n[1] * r->t.side[2];
 }
 
-static bool is_there(const struct in *r, uint64_t k, const uint32_t at[3])
+static bool hdf5_read_is_there(const struct in *r, uint64_t k, const uint32_t at[3])
 {
     hsize_t from[VOL_RANK] = {k, at[2], at[1], at[0], 0}, bytes = 0;
     return H5Dget_chunk_storage_size(r->emission, from, &bytes) >= 0 && bytes > 0;
@@ -313,9 +313,9 @@ static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
                            r->start.grid.channels));
     for (uint32_t id = 0; id < r->t.all; id++) {
         chunk_place(r, id, at);
-        if (!is_there(r, k, at))
+        if (!hdf5_read_is_there(r, k, at))
             continue;
-        if (++found > row->chunks || !read_chunk(r, k, at) || !scatter(r, at))
+        if (++found > row->chunks || !read_chunk(r, k, at) || !hdf5_read_scatter(r, at))
             return PVX_ECORRUPT;
         seed = vol_hash(seed, id, XXH3_64bits(r->chunk, r->t.floats * sizeof *r->chunk));
     }
@@ -324,7 +324,7 @@ static pvx_err read_chunks(struct in *r, uint64_t k, const struct vol_row *row)
     return sort_bricks(r);
 }
 
-static pvx_err load(struct in *r, uint64_t k, struct vol_row *row)
+static pvx_err hdf5_read_load(struct in *r, uint64_t k, struct vol_row *row)
 {
     if (!read_row(r, k, row))
         return PVX_ECORRUPT;
@@ -336,7 +336,7 @@ static pvx_err hdf5_get(void *self, uint64_t k, struct vol_volume *out, struct p
     struct in *r = self;
     struct vol_row row;
     take_h5_init();
-    pvx_err e = load(r, k, &row);
+    pvx_err e = hdf5_read_load(r, k, &row);
     H5Eclear2(H5E_DEFAULT);
     if (e != PVX_OK)
         return pvx_fail(d, e, "%s: volume %llu is damaged", r->path, (unsigned long long)k);
@@ -377,11 +377,11 @@ static uint64_t whole_sets(struct in *r)
 {
     struct vol_row row;
     uint64_t good = 0, bad = r->said; /* those before `good` are, `bad` is not */
-    if (bad > 0 && load(r, bad - 1, &row) == PVX_OK)
+    if (bad > 0 && hdf5_read_load(r, bad - 1, &row) == PVX_OK)
         good = bad;
     while (good < bad) {
         uint64_t mid = good + (bad - good) / 2;
-        if (load(r, mid, &row) == PVX_OK)
+        if (hdf5_read_load(r, mid, &row) == PVX_OK)
             good = mid + 1;
         else
             bad = mid;
@@ -390,7 +390,7 @@ static uint64_t whole_sets(struct in *r)
     return good;
 }
 
-static void hdf5_close(void *self)
+static void hdf5_read_hdf5_close(void *self)
 {
     struct in *r = self;
     take_h5_init();
@@ -407,20 +407,20 @@ static void hdf5_close(void *self)
     free(r);
 }
 
-static pvx_err open_all(struct in *r, const char *path, uint64_t *count, bool *cut,
-                        struct pvx_diag *d)
+static pvx_err hdf5_read_open_all(struct in *r, const char *path, uint64_t *count, bool *cut,
+                                  struct pvx_diag *d)
 {
     uint64_t bytes;
     bool closed = false;
     PVX_TRY(pvx_file_check(path, d));
     if (!take_h5_looks(path, &bytes))
-        return wrong(r, d, "not HDF5");
+        return hdf5_read_wrong(r, d, "not HDF5");
     r->file = take_h5_open(path);
     if (r->file < 0)
-        return wrong(r, d, "libhdf5 cannot open it");
-    PVX_TRY(read_head(r, &closed, d));
+        return hdf5_read_wrong(r, d, "libhdf5 cannot open it");
+    PVX_TRY(hdf5_read_read_head(r, &closed, d));
     PVX_TRY(open_columns(r, d));
-    PVX_TRY(read_gaps(r, bytes, d));
+    PVX_TRY(hdf5_read_read_gaps(r, bytes, d));
     r->t = vol_tiles(&r->start.grid);
     r->n_bricks = pvp_grid_bricks(&r->start.grid, r->nb);
     r->chunk = malloc(r->t.floats * sizeof *r->chunk);
@@ -433,8 +433,8 @@ static pvx_err open_all(struct in *r, const char *path, uint64_t *count, bool *c
     return PVX_OK;
 }
 
-static pvx_err hdf5_open(void **self, const char *path, struct vol_head *head, uint64_t *count,
-                         bool *cut, struct pvx_diag *d)
+static pvx_err hdf5_read_hdf5_open(void **self, const char *path, struct vol_head *head,
+                                   uint64_t *count, bool *cut, struct pvx_diag *d)
 {
     take_h5_init();
     struct in *r = pvx_calloc(1, sizeof *r);
@@ -443,10 +443,10 @@ static pvx_err hdf5_open(void **self, const char *path, struct vol_head *head, u
     r->file = -1;
     vol_columns(r->column);
     r->path = strdup(path);
-    pvx_err e = r->path != NULL ? open_all(r, path, count, cut, d) : PVX_ENOMEM;
+    pvx_err e = r->path != NULL ? hdf5_read_open_all(r, path, count, cut, d) : PVX_ENOMEM;
     if (e != PVX_OK) {
         e = pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
-        hdf5_close(r);
+        hdf5_read_hdf5_close(r);
         return e;
     }
     *head = (struct vol_head){.start = r->start, .rig = r->rig, .config = r->config};
@@ -454,11 +454,14 @@ static pvx_err hdf5_open(void **self, const char *path, struct vol_head *head, u
     return PVX_OK;
 }
 
-static const struct vol_gap *hdf5_gap(const void *self, uint64_t k)
+static const struct vol_gap *hdf5_read_hdf5_gap(const void *self, uint64_t k)
 {
     const struct in *r = self;
     return k < r->n_gaps ? &r->gap[k] : NULL;
 }
 
-const struct vol_reader_ops vol_hdf5_reader = {
-    .is = hdf5_is, .open = hdf5_open, .get = hdf5_get, .gap = hdf5_gap, .close = hdf5_close};
+const struct vol_reader_ops vol_hdf5_reader = {.is = hdf5_is,
+                                               .open = hdf5_read_hdf5_open,
+                                               .get = hdf5_get,
+                                               .gap = hdf5_read_hdf5_gap,
+                                               .close = hdf5_read_hdf5_close};

@@ -55,7 +55,7 @@ struct out {
     unsigned char *wanted; /* [chunks of the grid] */
 };
 
-static pvx_err fail(struct out *w, const char *what, struct pvx_diag *d)
+static pvx_err hdf5_write_fail(struct out *w, const char *what, struct pvx_diag *d)
 {
     return take_h5_fail(d, PVX_EIO, w->path, what);
 }
@@ -92,7 +92,7 @@ static void shuffle(const float *in, size_t n, unsigned char *out)
             out[byte * n + i] = p[i * sizeof *in + byte];
 }
 
-static void pack(void *ctx, size_t task)
+static void hdf5_write_pack(void *ctx, size_t task)
 {
     struct out *w = ctx;
     float floats[FLOATS];
@@ -114,7 +114,7 @@ static void pack(void *ctx, size_t task)
     w->mask[task] = AS_IT_IS;
 }
 
-static pvx_err grow(struct out *w, uint32_t chunks)
+static pvx_err hdf5_write_grow(struct out *w, uint32_t chunks)
 {
     if (chunks <= w->packed_room)
         return PVX_OK;
@@ -127,7 +127,7 @@ static pvx_err grow(struct out *w, uint32_t chunks)
     return PVX_OK;
 }
 
-static bool is_zero(const float *v, size_t n)
+static bool hdf5_write_is_zero(const float *v, size_t n)
 {
     for (size_t i = 0; i < n; i++)
         if (v[i] != 0)
@@ -136,13 +136,13 @@ static bool is_zero(const float *v, size_t n)
 }
 
 /* Which chunks have flame; where their bricks are. */
-static void mark(struct out *w)
+static void hdf5_write_mark(struct out *w)
 {
     size_t cells = (size_t)B * B * B * w->grid.channels;
     memset(w->wanted, 0, w->t.all);
     for (uint32_t b = 0; b < w->v->n_bricks; b++) {
         uint32_t id = w->v->ids[b];
-        if (is_zero(w->v->brick + b * cells, cells))
+        if (hdf5_write_is_zero(w->v->brick + b * cells, cells))
             continue;
         w->brick_at[id] = b;
         uint32_t x = id % w->nb[0] * B / w->t.side[0],
@@ -225,10 +225,10 @@ static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag 
     uint64_t bytes = 0;
     take_h5_init();
     w->v = v;
-    mark(w);
-    pvx_err e = grow(w, w->n_chunks);
+    hdf5_write_mark(w);
+    pvx_err e = hdf5_write_grow(w, w->n_chunks);
     if (e == PVX_OK) {
-        pvx_pool_run(w->pool, w->n_chunks, pack, w);
+        pvx_pool_run(w->pool, w->n_chunks, hdf5_write_pack, w);
         fill_row(w, &r);
     }
     for (uint32_t b = 0; b < v->n_bricks; b++)
@@ -243,13 +243,13 @@ static pvx_err hdf5_put(void *self, const struct vol_volume *v, struct pvx_diag 
         ok = take_h5_append(w->col[k], w->column[k].type, 0, w->n_sets, 1,
                             (const char *)&r + w->column[k].offset);
     if (!ok || H5Fflush(w->file, H5F_SCOPE_LOCAL) < 0)
-        return fail(w, "cannot be written", d);
+        return hdf5_write_fail(w, "cannot be written", d);
     w->n_sets++;
     w->bytes += bytes + sizeof r;
     return pvx_now_mono() - w->t_synced_ns < SYNC_NS ? PVX_OK : sync_file(w, d);
 }
 
-static pvx_err hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
+static pvx_err hdf5_write_hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
 {
     struct out *w = self;
     const uint64_t row[VOL_GAP_COLS] = {g->why, g->set_first, g->set_last, g->volumes};
@@ -259,7 +259,7 @@ static pvx_err hdf5_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
     for (int k = 0; k < VOL_GAP_COLS && ok; k++)
         ok = take_h5_append(w->gap[k], H5T_STD_U64LE, 0, w->n_gaps, 1, &row[k]);
     if (!ok || H5Fflush(w->file, H5F_SCOPE_LOCAL) < 0)
-        return fail(w, "cannot be written", d);
+        return hdf5_write_fail(w, "cannot be written", d);
     w->n_gaps++;
     return PVX_OK;
 }
@@ -299,7 +299,7 @@ static bool make_columns(struct out *w)
 }
 
 /* Its folder is made. */
-static pvx_err check(const char *path, struct pvx_diag *d)
+static pvx_err hdf5_write_check(const char *path, struct pvx_diag *d)
 {
     char dir[1200];
     snprintf(dir, sizeof dir, "%s", path);
@@ -315,7 +315,7 @@ static pvx_err check(const char *path, struct pvx_diag *d)
 
 static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_diag *d)
 {
-    PVX_TRY(check(w->path, d));
+    PVX_TRY(hdf5_write_check(w->path, d));
     w->room.fd = open(w->path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (w->room.fd < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", w->path, strerror(errno));
@@ -328,17 +328,17 @@ static pvx_err create(struct out *w, const struct vol_head *head, struct pvx_dia
     w->file = H5Fcreate(w->path, H5F_ACC_TRUNC, fcpl, fapl);
     H5Pclose(fcpl);
     H5Pclose(fapl);
-    pvx_err e = w->file < 0 ? fail(w, "cannot be begun", d)
+    pvx_err e = w->file < 0 ? hdf5_write_fail(w, "cannot be begun", d)
                             : take_h5_reserve(&w->room, w->file, w->path, 0, d);
     if (e == PVX_OK && (!vol_hdf5_head(w->file, head) || !make_emission(w) || !make_columns(w) ||
                         !vol_hdf5_nexus(w->file, head) || H5Fstart_swmr_write(w->file) < 0))
-        e = fail(w, "cannot be begun", d);
+        e = hdf5_write_fail(w, "cannot be begun", d);
     if (e != PVX_OK)
         unlink(w->path);
     return e;
 }
 
-static void free_out(struct out *w)
+static void hdf5_write_free_out(struct out *w)
 {
     if (w->file >= 0)
         H5Fclose(w->file);
@@ -357,7 +357,7 @@ static void free_out(struct out *w)
     free(w);
 }
 
-static bool make_room(struct out *w)
+static bool hdf5_write_make_room(struct out *w)
 {
     w->bound = compressBound(w->t.floats * sizeof(float));
     w->n_bricks = pvp_grid_bricks(&w->grid, w->nb);
@@ -373,8 +373,8 @@ static bool make_room(struct out *w)
            w->hash != NULL && w->wanted != NULL;
 }
 
-static pvx_err hdf5_open(void **self, const char *path, const struct vol_head *head,
-                         const struct vol_options *o, struct pvx_diag *d)
+static pvx_err hdf5_write_hdf5_open(void **self, const char *path, const struct vol_head *head,
+                                    const struct vol_options *o, struct pvx_diag *d)
 {
     (void)o;
     take_h5_init();
@@ -388,13 +388,13 @@ static pvx_err hdf5_open(void **self, const char *path, const struct vol_head *h
     w->path = strdup(path);
     vol_columns(w->column);
     unsigned cpus = pvx_cpu_count(), threads = cpus < THREADS ? cpus : THREADS;
-    pvx_err e = w->path != NULL && make_room(w) ? PVX_OK : PVX_ENOMEM;
+    pvx_err e = w->path != NULL && hdf5_write_make_room(w) ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK)
         e = pvx_pool_new(threads, "vol-pack", &w->pool);
     if (e == PVX_OK)
         e = create(w, head, d);
     if (e != PVX_OK) {
-        free_out(w);
+        hdf5_write_free_out(w);
         return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     }
     *self = w;
@@ -411,7 +411,7 @@ static uint64_t hdf5_bytes(const void *self)
     return ((const struct out *)self)->bytes;
 }
 
-static pvx_err hdf5_close(void *self, struct pvx_diag *d)
+static pvx_err hdf5_write_hdf5_close(void *self, struct pvx_diag *d)
 {
     struct out *w = self;
     take_h5_init();
@@ -422,7 +422,7 @@ static pvx_err hdf5_close(void *self, struct pvx_diag *d)
     ok = w->file >= 0 && vol_hdf5_vtk(w->file, &w->grid, w->n_sets) &&
          take_h5_put_int(w->file, "t_closed_ns", pvx_now_real()) &&
          take_h5_put_int(w->file, "closed", 1);
-    pvx_err e = ok && H5Fclose(w->file) >= 0 ? PVX_OK : fail(w, "cannot be closed", d);
+    pvx_err e = ok && H5Fclose(w->file) >= 0 ? PVX_OK : hdf5_write_fail(w, "cannot be closed", d);
     if (ok)
         w->file = -1;
     /* what had been promised and was not needed */
@@ -433,14 +433,14 @@ static pvx_err hdf5_close(void *self, struct pvx_diag *d)
         if (e == PVX_OK)
             e = sync_file(w, d);
     }
-    free_out(w);
+    hdf5_write_free_out(w);
     return e;
 }
 
-const struct vol_writer_ops vol_hdf5_writer = {.check = check,
-                                               .open = hdf5_open,
+const struct vol_writer_ops vol_hdf5_writer = {.check = hdf5_write_check,
+                                               .open = hdf5_write_hdf5_open,
                                                .put = hdf5_put,
-                                               .gap = hdf5_gap,
+                                               .gap = hdf5_write_hdf5_gap,
                                                .hurry = hdf5_hurry,
                                                .bytes = hdf5_bytes,
-                                               .close = hdf5_close};
+                                               .close = hdf5_write_hdf5_close};

@@ -33,15 +33,15 @@ struct joining {
     hid_t file;
 };
 
-static int by_number(const void *a, const void *b)
+static int join_by_number(const void *a, const void *b)
 {
     uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
     return (x > y) - (x < y);
 }
 
-static struct place *find(struct joining *w, uint64_t number, size_t *k)
+static struct place *join_find(struct joining *w, uint64_t number, size_t *k)
 {
-    const uint64_t *hit = bsearch(&number, w->j->number, w->j->n, sizeof number, by_number);
+    const uint64_t *hit = bsearch(&number, w->j->number, w->j->n, sizeof number, join_by_number);
     if (hit == NULL)
         return NULL;
     *k = (size_t)(hit - w->j->number);
@@ -55,7 +55,7 @@ static bool same_recording(const struct vol_head *a, const struct vol_head *b)
 }
 
 /* The rows of one part, where nobody had them before. */
-static pvx_err take_rows(struct joining *w, void *part, uint32_t p, struct pvx_diag *d)
+static pvx_err join_take_rows(struct joining *w, void *part, uint32_t p, struct pvx_diag *d)
 {
     const struct vol_gap *g;
     size_t k;
@@ -65,7 +65,7 @@ static pvx_err take_rows(struct joining *w, void *part, uint32_t p, struct pvx_d
                     ? PVX_OK
                     : pvx_fail(d, PVX_ECORRUPT, "%s: /sets cannot be read", w->j->part[p]);
     for (uint64_t i = 0; i < w->count[p] && e == PVX_OK; i++) {
-        struct place *at = find(w, row[i].number, &k);
+        struct place *at = join_find(w, row[i].number, &k);
         if (at == NULL)
             e = pvx_fail(d, PVX_EFORMAT, "%s: set %llu is none of this recording", w->j->part[p],
                          (unsigned long long)row[i].number);
@@ -91,7 +91,7 @@ static pvx_err read_part(struct joining *w, uint32_t p, struct pvx_diag *d)
     PVX_TRY(vol_hdf5_reader.open(&part, w->j->part[p], &head, &w->count[p], &cut, d));
     pvx_err e = cut ? PVX_OK
                 : w->first == NULL || same_recording(&w->head, &head)
-                    ? take_rows(w, part, p, d)
+                    ? join_take_rows(w, part, p, d)
                     : pvx_fail(d, PVX_EFORMAT, "%s: is of another recording than %s", w->j->part[p],
                                w->j->part[0]);
     if (e == PVX_OK && !cut && w->first == NULL && w->count[p] > 0) {
@@ -158,7 +158,7 @@ static bool put_columns(struct joining *w)
 }
 
 /* One for each run of sets that nobody has solved. */
-static bool put_gaps(struct joining *w)
+static bool join_put_gaps(struct joining *w)
 {
     hid_t gaps = H5Gcreate2(w->file, "gaps", H5P_DEFAULT, H5P_DEFAULT, H5P_DEFAULT);
     hid_t table[VOL_GAP_COLS];
@@ -232,7 +232,7 @@ static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
     w->file = H5Fcreate(w->tmp, H5F_ACC_TRUNC, H5P_DEFAULT, fapl);
     H5Pclose(fapl);
     bool ok = w->file >= 0 && vol_hdf5_head(w->file, &w->head) && put_emission(w) &&
-              put_columns(w) && put_gaps(w) && vol_hdf5_nexus(w->file, &w->head) &&
+              put_columns(w) && join_put_gaps(w) && vol_hdf5_nexus(w->file, &w->head) &&
               vol_hdf5_vtk(w->file, &w->head.start.grid, w->n) &&
               take_h5_put_int(w->file, "t_closed_ns", missing == 0 ? pvx_now_real() : 0) &&
               take_h5_put_int(w->file, "closed", missing == 0);
@@ -248,7 +248,7 @@ static pvx_err write_out(struct joining *w, size_t missing, struct pvx_diag *d)
     return e;
 }
 
-static pvx_err join(struct joining *w, size_t *missing, struct pvx_diag *d)
+static pvx_err volumes_join(struct joining *w, size_t *missing, struct pvx_diag *d)
 {
     for (size_t k = 0; k < w->j->n; k++)
         w->at[k].part = NOWHERE;
@@ -282,7 +282,7 @@ pvx_err vol_join(const struct vol_join *j, size_t *missing, struct pvx_diag *d)
     pvx_err e = asprintf(&w.tmp, "%s.tmp.%s.%ld", j->out, host, (long)getpid()) < 0 ||
                         w.count == NULL || w.at == NULL || w.row == NULL
                     ? pvx_fail(d, PVX_ENOMEM, "%s: no memory for %zu sets", j->out, j->n)
-                    : join(&w, missing, d);
+                    : volumes_join(&w, missing, d);
     H5Eclear2(H5E_DEFAULT);
     if (w.first != NULL)
         vol_hdf5_reader.close(w.first);

@@ -36,14 +36,14 @@ struct joined {
     struct vol_head head;
 };
 
-static pvx_err wrong(const struct joined *r, struct pvx_diag *d, const char *what)
+static pvx_err joined_read_wrong(const struct joined *r, struct pvx_diag *d, const char *what)
 {
     H5Eclear2(H5E_DEFAULT);
     return pvx_fail(d, PVX_EFORMAT, "%s: is not a joined recording of volumes, or damaged: %s",
                     r->path, what);
 }
 
-static uint64_t load(const char *p, size_t bytes)
+static uint64_t joined_read_load(const char *p, size_t bytes)
 {
     uint64_t v = 0;
     memcpy(&v, p, bytes); /* little-endian, as the file */
@@ -54,12 +54,12 @@ static uint64_t load(const char *p, size_t bytes)
  * p[0, n) begins with it. */
 static bool heap_ends(const char *p, size_t n)
 {
-    uint64_t size = n >= 16 ? load(p + 8, 8) : 0;
+    uint64_t size = n >= 16 ? joined_read_load(p + 8, 8) : 0;
     if (size < 16 || size > n)
         return false;
     for (uint64_t at = 16, need; size - at >= 16; at += need) {
-        need = load(p + at + 8, 8);
-        if (load(p + at, 2) != 0)
+        need = joined_read_load(p + at + 8, 8);
+        if (joined_read_load(p + at, 2) != 0)
             need = need <= size ? 16 + (need + 7) / 8 * 8 : size + 1;
         if (need == 0 || need > size - at)
             return false;
@@ -171,10 +171,11 @@ static pvx_err read_mappings(struct joined *r, hid_t file, struct pvx_diag *d)
         ok = read_mapping(r, p, k);
     H5Pclose(p);
     H5Dclose(s);
-    return ok ? r->run != NULL ? PVX_OK : PVX_ENOMEM : wrong(r, d, "its parts");
+    return ok ? r->run != NULL ? PVX_OK : PVX_ENOMEM : joined_read_wrong(r, d, "its parts");
 }
 
-static pvx_err read_numbers(struct joined *r, hid_t file, uint64_t bytes, struct pvx_diag *d)
+static pvx_err joined_read_read_numbers(struct joined *r, hid_t file, uint64_t bytes,
+                                        struct pvx_diag *d)
 {
     hid_t s = take_h5_open_table(file, "sets/number", H5T_STD_U64LE, 1, NULL, &r->sets);
     bool ok = s >= 0 && r->sets > 0 && r->sets <= bytes; /* a number takes more than one */
@@ -184,7 +185,7 @@ static pvx_err read_numbers(struct joined *r, hid_t file, uint64_t bytes, struct
     for (uint64_t k = 1; k < r->sets && r->number != NULL && ok; k++)
         ok = r->number[k] > r->number[k - 1];
     H5Dclose(s);
-    return ok ? r->number != NULL ? PVX_OK : PVX_ENOMEM : wrong(r, d, "sets/number");
+    return ok ? r->number != NULL ? PVX_OK : PVX_ENOMEM : joined_read_wrong(r, d, "sets/number");
 }
 
 /* Sets that lie in no part that is there; *count: the others. */
@@ -264,14 +265,15 @@ static void joined_close(void *self)
     free(r);
 }
 
-static pvx_err open_all(struct joined *r, const char *path, uint64_t *count, struct pvx_diag *d)
+static pvx_err joined_read_open_all(struct joined *r, const char *path, uint64_t *count,
+                                    struct pvx_diag *d)
 {
     uint64_t bytes;
     if (!take_h5_looks(path, &bytes))
-        return wrong(r, d, "not HDF5");
+        return joined_read_wrong(r, d, "not HDF5");
     hid_t file = take_h5_open(path);
-    pvx_err e =
-        is_virtual(file, path, bytes) ? read_numbers(r, file, bytes, d) : wrong(r, d, "emission");
+    pvx_err e = is_virtual(file, path, bytes) ? joined_read_read_numbers(r, file, bytes, d)
+                                              : joined_read_wrong(r, d, "emission");
     if (e == PVX_OK)
         e = read_mappings(r, file, d);
     H5Fclose(file);
@@ -289,7 +291,7 @@ static pvx_err joined_open(void **self, const char *path, struct vol_head *head,
         return PVX_ENOMEM;
     r->at = NONE;
     r->path = strdup(path);
-    pvx_err e = r->path != NULL ? open_all(r, path, count, d) : PVX_ENOMEM;
+    pvx_err e = r->path != NULL ? joined_read_open_all(r, path, count, d) : PVX_ENOMEM;
     if (e != PVX_OK) {
         e = pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
         joined_close(r);

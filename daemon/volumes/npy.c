@@ -18,7 +18,7 @@
 #include "daemon/volumes/bricks.h"
 #include "recon/solve/solve.h"
 
-static void triple(struct dmn_json *j, const char *key, const double v[3])
+static void npy_triple(struct dmn_json *j, const char *key, const double v[3])
 {
     dmn_json_open(j, key, '[');
     for (int a = 0; a < 3; a++)
@@ -27,7 +27,7 @@ static void triple(struct dmn_json *j, const char *key, const double v[3])
 }
 
 /* 64 bits as text: many JSON readers keep numbers as doubles. */
-static void hex(struct dmn_json *j, const char *key, uint64_t v)
+static void npy_hex(struct dmn_json *j, const char *key, uint64_t v)
 {
     char text[20];
     snprintf(text, sizeof text, "%016llx", (unsigned long long)v);
@@ -65,8 +65,8 @@ static void put_report(struct dmn_json *j, const struct pvp_report *r)
     dmn_json_close(j, '}');
 }
 
-static size_t describe(const struct vol_volume *vol, const struct pvp_start *start, char *text,
-                       size_t size)
+static size_t npy_describe(const struct vol_volume *vol, const struct pvp_start *start, char *text,
+                           size_t size)
 {
     const struct pvp_volume *v = &vol->v;
     const struct pvp_grid *g = &v->grid;
@@ -82,8 +82,8 @@ static size_t describe(const struct vol_volume *vol, const struct pvp_start *sta
         dmn_json_int(&j, NULL, g->n[a]);
     dmn_json_int(&j, NULL, g->channels);
     dmn_json_close(&j, ']');
-    triple(&j, "origin", g->min); /* corner of the box, x y z, m */
-    triple(&j, "spacing", spacing);
+    npy_triple(&j, "origin", g->min); /* corner of the box, x y z, m */
+    npy_triple(&j, "spacing", spacing);
     dmn_json_str(&j, "basis", g->basis == 1 ? "trilinear" : "box");
     dmn_json_str(&j, "units", start->units);
     dmn_json_int(&j, "t_exposure_ns", v->t_exposure_ns);
@@ -91,9 +91,9 @@ static size_t describe(const struct vol_volume *vol, const struct pvp_start *sta
     dmn_json_int(&j, "spread_ns", v->spread_ns);
     dmn_json_int(&j, "latency_ns", v->latency_ns);
     dmn_json_int(&j, "cameras_present", v->cameras_present);
-    hex(&j, "camera_mask", v->camera_mask);
-    hex(&j, "session", v->session);
-    hex(&j, "rig_hash", start->rig_hash);
+    npy_hex(&j, "camera_mask", v->camera_mask);
+    npy_hex(&j, "session", v->session);
+    npy_hex(&j, "rig_hash", start->rig_hash);
     dmn_json_str(&j, "software", start->software);
     dmn_json_str(&j, "sample", vol->sample == PVP_F16 ? "float16" : "float32");
     dmn_json_bool(&j, "clamped", vol->clamped);
@@ -161,7 +161,7 @@ static char *list_text(const struct out *w, bool closed)
     return text;
 }
 
-static pvx_err put_list(const struct out *w, bool closed, struct pvx_diag *d)
+static pvx_err npy_put_list(const struct out *w, bool closed, struct pvx_diag *d)
 {
     char path[1200];
     char *text = list_text(w, closed);
@@ -187,7 +187,8 @@ static pvx_err make_dir(const char *dir, struct pvx_diag *d)
                  : PVX_OK;
 }
 
-static pvx_err put_text(const struct out *w, const char *name, const char *text, struct pvx_diag *d)
+static pvx_err npy_put_text(const struct out *w, const char *name, const char *text,
+                            struct pvx_diag *d)
 {
     char path[1200];
     if (text == NULL || text[0] == '\0')
@@ -196,7 +197,7 @@ static pvx_err put_text(const struct out *w, const char *name, const char *text,
     return pvx_file_write(path, text, strlen(text), d);
 }
 
-static void free_out(struct out *w)
+static void npy_free_out(struct out *w)
 {
     free(w->dir);
     free(w->dense);
@@ -204,8 +205,8 @@ static void free_out(struct out *w)
     free(w);
 }
 
-static pvx_err npy_open(void **self, const char *path, const struct vol_head *head,
-                        const struct vol_options *o, struct pvx_diag *d)
+static pvx_err volumes_npy_open(void **self, const char *path, const struct vol_head *head,
+                                const struct vol_options *o, struct pvx_diag *d)
 {
     (void)o;
     struct out *w = pvx_calloc(1, sizeof *w);
@@ -219,13 +220,13 @@ static pvx_err npy_open(void **self, const char *path, const struct vol_head *he
                     ? make_dir(path, d)
                     : pvx_fail(d, PVX_ENOMEM, "%s: no memory for a volume", path);
     if (e == PVX_OK)
-        e = put_text(w, "rig.yaml", head->rig, d);
+        e = npy_put_text(w, "rig.yaml", head->rig, d);
     if (e == PVX_OK)
-        e = put_text(w, "config.yaml", head->config, d);
+        e = npy_put_text(w, "config.yaml", head->config, d);
     if (e == PVX_OK)
-        e = put_list(w, false, d);
+        e = npy_put_list(w, false, d);
     if (e != PVX_OK) {
-        free_out(w);
+        npy_free_out(w);
         return e;
     }
     *self = w;
@@ -241,7 +242,7 @@ static pvx_err npy_put(void *self, const struct vol_volume *v, struct pvx_diag *
     unsigned long long set = v->v.set;
     snprintf(npy, sizeof npy, "%s/%06llu.npy", w->dir, set);
     snprintf(path, sizeof path, "%s/%06llu.json", w->dir, set);
-    size_t len = describe(v, &w->start, text, sizeof text - 1);
+    size_t len = npy_describe(v, &w->start, text, sizeof text - 1);
     if (len == 0)
         return pvx_fail(d, PVX_ERANGE, "%s: description longer than %zu bytes", path, sizeof text);
     text[len++] = '\n';
@@ -258,11 +259,11 @@ static pvx_err npy_put(void *self, const struct vol_volume *v, struct pvx_diag *
 }
 
 /* Written again when their number has doubled, and at the end: many gaps must not cost their square. */
-static pvx_err npy_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
+static pvx_err volumes_npy_gap(void *self, const struct vol_gap *g, struct pvx_diag *d)
 {
     struct out *w = self;
     PVX_TRY(gaps_add(&w->gaps, g));
-    return (w->gaps.n & (w->gaps.n - 1)) == 0 ? put_list(w, false, d) : PVX_OK;
+    return (w->gaps.n & (w->gaps.n - 1)) == 0 ? npy_put_list(w, false, d) : PVX_OK;
 }
 
 static uint64_t npy_bytes(const void *self)
@@ -270,16 +271,16 @@ static uint64_t npy_bytes(const void *self)
     return ((const struct out *)self)->bytes;
 }
 
-static pvx_err npy_close(void *self, struct pvx_diag *d)
+static pvx_err volumes_npy_close(void *self, struct pvx_diag *d)
 {
-    pvx_err e = put_list(self, true, d);
-    free_out(self);
+    pvx_err e = npy_put_list(self, true, d);
+    npy_free_out(self);
     return e;
 }
 
 const struct vol_writer_ops vol_npy_writer = {.check = make_dir,
-                                              .open = npy_open,
+                                              .open = volumes_npy_open,
                                               .put = npy_put,
-                                              .gap = npy_gap,
+                                              .gap = volumes_npy_gap,
                                               .bytes = npy_bytes,
-                                              .close = npy_close};
+                                              .close = volumes_npy_close};

@@ -52,7 +52,7 @@ static bool npy_is(const char *path)
 }
 
 /* A whole number after "key": as it stands in the text: a double would lose nanoseconds. */
-static int64_t whole(const char *text, const char *key)
+static int64_t npy_read_whole(const char *text, const char *key)
 {
     char quoted[48];
     snprintf(quoted, sizeof quoted, "\"%s\"", key);
@@ -66,32 +66,32 @@ static int64_t whole(const char *text, const char *key)
     return errno == 0 ? v : 0;
 }
 
-static uint64_t hex(const cJSON *o, const char *key)
+static uint64_t npy_read_hex(const cJSON *o, const char *key)
 {
     const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));
     return s != NULL ? strtoull(s, NULL, 16) : 0;
 }
 
-static double number(const cJSON *o, const char *key)
+static double npy_read_number(const cJSON *o, const char *key)
 {
     const cJSON *v = cJSON_GetObjectItemCaseSensitive(o, key);
     return cJSON_IsNumber(v) ? v->valuedouble : NAN;
 }
 
 /* A count of the file, which may be anything. */
-static uint32_t count(const cJSON *o, const char *key)
+static uint32_t npy_read_count(const cJSON *o, const char *key)
 {
-    double v = number(o, key);
+    double v = npy_read_number(o, key);
     return v >= 0 && v <= UINT32_MAX ? (uint32_t)v : 0;
 }
 
 static uint64_t big(const cJSON *o, const char *key)
 {
-    double v = number(o, key);
+    double v = npy_read_number(o, key);
     return v >= 0 && v < 0x1p63 ? (uint64_t)v : 0;
 }
 
-static bool triple(const cJSON *o, const char *key, double out[3])
+static bool npy_read_triple(const cJSON *o, const char *key, double out[3])
 {
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, key);
     for (int a = 0; a < 3; a++) {
@@ -104,7 +104,7 @@ static bool triple(const cJSON *o, const char *key, double out[3])
 }
 
 /* As far as a message can carry it: up to what would move a terminal's cursor. */
-static void text_of(const cJSON *o, const char *key, char *out, size_t size)
+static void npy_read_text_of(const cJSON *o, const char *key, char *out, size_t size)
 {
     const char *s = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, key));
     size_t n = 0;
@@ -137,15 +137,15 @@ static void read_report(const cJSON *o, struct pvp_report *r)
                  {"solve", &r->solve_ns},
                  {"total", &r->total_ns}};
     for (size_t k = 0; k < sizeof times / sizeof times[0]; k++) {
-        double v = number(ms, times[k].key);
+        double v = npy_read_number(ms, times[k].key);
         *times[k].ns = fabs(v) < 1e12 ? (int64_t)llround(v * 1e6) : 0;
     }
     r->status = status_of(report);
-    text_of(report, "solver", r->solver, sizeof r->solver);
-    r->iterations = count(report, "iterations");
-    r->rel_residual = number(report, "rel_residual");
-    r->active_voxels = count(report, "active_voxels");
-    r->active_rays = count(report, "active_rays");
+    npy_read_text_of(report, "solver", r->solver, sizeof r->solver);
+    r->iterations = npy_read_count(report, "iterations");
+    r->rel_residual = npy_read_number(report, "rel_residual");
+    r->active_voxels = npy_read_count(report, "active_voxels");
+    r->active_rays = npy_read_count(report, "active_rays");
     r->entries = big(report, "entries");
 }
 
@@ -161,8 +161,8 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
     struct pvp_grid *g = &v->grid;
     double h[3];
     const char *basis = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "basis"));
-    bool ok = triple(o, "origin", g->min) && triple(o, "spacing", h) && basis != NULL && h[0] > 0 &&
-              h[1] > 0 && h[2] > 0;
+    bool ok = npy_read_triple(o, "origin", g->min) && npy_read_triple(o, "spacing", h) &&
+              basis != NULL && h[0] > 0 && h[1] > 0 && h[2] > 0;
     for (int a = 0; a < 3 && ok; a++) {
         g->n[a] = (uint32_t)shape[2 - a];
         g->max[a] = g->min[a] + h[a] * g->n[a];
@@ -174,23 +174,23 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
     if (ok) {
         bool wire = cJSON_HasObjectItem(o, "set");
         g->basis = strcmp(basis, "trilinear") == 0;
-        v->set = (uint64_t)whole(text, wire ? "set" : "frame");
-        v->t_exposure_ns = whole(text, wire ? "t_exposure_ns" : "time_ns");
-        v->t_publish_ns = whole(text, "t_publish_ns");
-        v->spread_ns = whole(text, "spread_ns");
-        v->latency_ns = whole(text, "latency_ns");
-        v->cameras_present = count(o, "cameras_present");
-        v->camera_mask = hex(o, "camera_mask");
-        v->session = hex(o, "session");
+        v->set = (uint64_t)npy_read_whole(text, wire ? "set" : "frame");
+        v->t_exposure_ns = npy_read_whole(text, wire ? "t_exposure_ns" : "time_ns");
+        v->t_publish_ns = npy_read_whole(text, "t_publish_ns");
+        v->spread_ns = npy_read_whole(text, "spread_ns");
+        v->latency_ns = npy_read_whole(text, "latency_ns");
+        v->cameras_present = npy_read_count(o, "cameras_present");
+        v->camera_mask = npy_read_hex(o, "camera_mask");
+        v->session = npy_read_hex(o, "session");
         const char *sample = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "sample"));
         out->sample = sample != NULL && strcmp(sample, "float16") == 0 ? PVP_F16 : PVP_F32;
         out->clamped = cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "clamped"));
         read_report(o, &v->report);
         start->grid = *g;
         start->session = v->session;
-        start->rig_hash = hex(o, "rig_hash");
-        text_of(o, "units", start->units, sizeof start->units);
-        text_of(o, "software", start->software, sizeof start->software);
+        start->rig_hash = npy_read_hex(o, "rig_hash");
+        npy_read_text_of(o, "units", start->units, sizeof start->units);
+        npy_read_text_of(o, "software", start->software, sizeof start->software);
         if (!wire)
             snprintf(start->units, sizeof start->units, "1/m");
     }
@@ -201,8 +201,8 @@ static pvx_err read_json(const char *npy, const size_t shape[4], struct vol_volu
                          "%s: does not describe the .npy beside it (origin, spacing, basis)", path);
 }
 
-static pvx_err load(struct in *r, uint64_t k, struct vol_volume *out, struct pvp_start *start,
-                    struct pvx_diag *d)
+static pvx_err npy_read_load(struct in *r, uint64_t k, struct vol_volume *out,
+                             struct pvp_start *start, struct pvx_diag *d)
 {
     const char *path = r->files.gl_pathv[k];
     size_t shape[4];
@@ -245,7 +245,7 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
     free(text);
     if (o == NULL)
         return PVX_OK; /* of `pyrovox reconstruct`, or of an earlier version */
-    double version = number(o, "version");
+    double version = npy_read_number(o, "version");
     if (version > VERSION) {
         cJSON_Delete(o);
         return pvx_fail(d, PVX_EFORMAT,
@@ -254,9 +254,9 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
                         dir, version, VERSION);
     }
     *cut = !cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(o, "closed"));
-    double fps = number(o, "fps");
+    double fps = npy_read_number(o, "fps");
     r->start.fps = isfinite(fps) && fps >= 0 ? fps : 0;
-    uint32_t cameras = count(o, "n_cameras");
+    uint32_t cameras = npy_read_count(o, "n_cameras");
     r->start.n_cameras = cameras <= PVP_CAMERAS_MAX ? cameras : 0;
     const cJSON *list = cJSON_GetObjectItemCaseSensitive(o, "gaps"), *g;
     r->gap = pvx_calloc((size_t)cJSON_GetArraySize(list), sizeof *r->gap);
@@ -277,7 +277,7 @@ static pvx_err read_list(struct in *r, const char *dir, bool *cut, struct pvx_di
     return r->gap != NULL ? PVX_OK : PVX_ENOMEM;
 }
 
-static void npy_close(void *self)
+static void npy_read_npy_close(void *self)
 {
     struct in *r = self;
     globfree(&r->files);
@@ -288,8 +288,8 @@ static void npy_close(void *self)
     free(r);
 }
 
-static pvx_err npy_open(void **self, const char *path, struct vol_head *head, uint64_t *n,
-                        bool *cut, struct pvx_diag *d)
+static pvx_err npy_read_npy_open(void **self, const char *path, struct vol_head *head, uint64_t *n,
+                                 bool *cut, struct pvx_diag *d)
 {
     struct in *r = pvx_calloc(1, sizeof *r);
     struct stat st;
@@ -300,17 +300,17 @@ static pvx_err npy_open(void **self, const char *path, struct vol_head *head, ui
     bool folder = stat(path, &st) == 0 && S_ISDIR(st.st_mode);
     snprintf(pattern, sizeof pattern, folder ? "%s/*.npy" : "%s", path);
     if (glob(pattern, 0, NULL, &r->files) != 0 || r->files.gl_pathc == 0) {
-        npy_close(r);
+        npy_read_npy_close(r);
         return pvx_fail(d, PVX_ENOENT, "%s: no volumes there", path);
     }
-    pvx_err e = load(r, 0, &first, &r->start, d);
+    pvx_err e = npy_read_load(r, 0, &first, &r->start, d);
     if (e == PVX_OK && folder) {
         r->rig = text_file(path, "rig.yaml");
         r->config = text_file(path, "config.yaml");
         e = read_list(r, path, cut, d);
     }
     if (e != PVX_OK) {
-        npy_close(r);
+        npy_read_npy_close(r);
         return e;
     }
     *head = (struct vol_head){.start = r->start, .rig = r->rig, .config = r->config};
@@ -323,14 +323,17 @@ static pvx_err npy_get(void *self, uint64_t k, struct vol_volume *out, struct pv
 {
     struct in *r = self;
     struct pvp_start start;
-    return load(r, k, out, &start, d);
+    return npy_read_load(r, k, out, &start, d);
 }
 
-static const struct vol_gap *npy_gap(const void *self, uint64_t k)
+static const struct vol_gap *npy_read_npy_gap(const void *self, uint64_t k)
 {
     const struct in *r = self;
     return k < r->n_gaps ? &r->gap[k] : NULL;
 }
 
-const struct vol_reader_ops vol_npy_reader = {
-    .is = npy_is, .open = npy_open, .get = npy_get, .gap = npy_gap, .close = npy_close};
+const struct vol_reader_ops vol_npy_reader = {.is = npy_is,
+                                              .open = npy_read_npy_open,
+                                              .get = npy_get,
+                                              .gap = npy_read_npy_gap,
+                                              .close = npy_read_npy_close};

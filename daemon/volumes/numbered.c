@@ -37,7 +37,7 @@ struct vol_numbered {
     bool closed;
 };
 
-static const struct shown *newest(const struct vol_numbered *n)
+static const struct shown *numbered_newest(const struct vol_numbered *n)
 {
     return n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
 }
@@ -50,7 +50,7 @@ static void file_name(const struct vol_numbered *n, uint64_t frame, char path[PA
 /* The frame of v; 0 = it is left out.  *anew: counting begins again there. */
 static uint64_t frame_of(const struct vol_numbered *n, const struct pvp_volume *v, bool *anew)
 {
-    const struct shown *s = newest(n);
+    const struct shown *s = numbered_newest(n);
     *anew = s == NULL || v->session != n->session ||
             (n->o.fps > 0 && v->t_exposure_ns < s->t_ns); /* the clock was set back */
     if (*anew)
@@ -108,8 +108,8 @@ pvx_err vol_numbered_check(const char *dir, struct pvx_diag *d)
                 : PVX_OK;
 }
 
-static pvx_err put_text(const struct vol_numbered *n, const char *name, const char *text,
-                        struct pvx_diag *d)
+static pvx_err numbered_put_text(const struct vol_numbered *n, const char *name, const char *text,
+                                 struct pvx_diag *d)
 {
     char path[PATH_MAX];
     if (text == NULL)
@@ -132,9 +132,9 @@ pvx_err vol_numbered_new(const char *dir, const char *ext, const struct vol_head
     if (e == PVX_OK)
         e = vol_numbered_check(n->dir, d);
     if (e == PVX_OK)
-        e = put_text(n, "rig.yaml", head->rig, d);
+        e = numbered_put_text(n, "rig.yaml", head->rig, d);
     if (e == PVX_OK)
-        e = put_text(n, "pyrovoxd.yaml", head->config, d);
+        e = numbered_put_text(n, "pyrovoxd.yaml", head->config, d);
     if (e == PVX_OK)
         e = write_list(n, d);
     if (e == PVX_OK)
@@ -146,7 +146,7 @@ pvx_err vol_numbered_new(const char *dir, const char *ext, const struct vol_head
 
 /* ---- frames ------------------------------------------------------------------------------------- */
 
-static pvx_err grow(void **array, size_t n, size_t *cap, size_t one)
+static pvx_err numbered_grow(void **array, size_t n, size_t *cap, size_t one)
 {
     if (n < *cap)
         return PVX_OK;
@@ -161,7 +161,8 @@ static pvx_err grow(void **array, size_t n, size_t *cap, size_t one)
 }
 
 /* The file of `from` again: a link, or a copy where there are none (or no more of this one). */
-static pvx_err again(struct vol_numbered *n, uint64_t from, uint64_t frame, struct pvx_diag *d)
+static pvx_err numbered_again(struct vol_numbered *n, uint64_t from, uint64_t frame,
+                              struct pvx_diag *d)
 {
     char old[PATH_MAX], new[PATH_MAX], *data;
     size_t len;
@@ -179,11 +180,11 @@ static pvx_err again(struct vol_numbered *n, uint64_t from, uint64_t frame, stru
 }
 
 /* Fills what is missing before `frame` with the set before. */
-static pvx_err fill(struct vol_numbered *n, uint64_t frame, struct pvx_diag *d)
+static pvx_err numbered_fill(struct vol_numbered *n, uint64_t frame, struct pvx_diag *d)
 {
     struct shown *before = n->n_shown > 0 ? &n->shown[n->n_shown - 1] : NULL;
     while (before != NULL && before->last + 1 < frame) {
-        PVX_TRY(again(n, before->first, before->last + 1, d));
+        PVX_TRY(numbered_again(n, before->first, before->last + 1, d));
         before->last++;
     }
     return PVX_OK;
@@ -199,8 +200,8 @@ pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v, const void
         n->left_out++;
         return PVX_OK;
     }
-    PVX_TRY(grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
-    PVX_TRY(fill(n, frame, d));
+    PVX_TRY(numbered_grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
+    PVX_TRY(numbered_fill(n, frame, d));
     file_name(n, frame, path);
     PVX_TRY(pvx_file_write(path, data, len, d));
     n->shown[n->n_shown++] = (struct shown){frame, frame, v->set, v->session, v->t_exposure_ns};
@@ -216,7 +217,7 @@ pvx_err vol_numbered_put(vol_numbered *n, const struct pvp_volume *v, const void
 
 pvx_err vol_numbered_gap(vol_numbered *n, const struct vol_gap *g)
 {
-    PVX_TRY(grow((void **)&n->gap, n->n_gaps, &n->cap_gaps, sizeof *n->gap));
+    PVX_TRY(numbered_grow((void **)&n->gap, n->n_gaps, &n->cap_gaps, sizeof *n->gap));
     n->gap[n->n_gaps++] = *g;
     return PVX_OK;
 }
@@ -245,7 +246,7 @@ static void take_rate(struct vol_numbered *n)
 }
 
 /* Where a file's number begins; NULL: it has none. */
-static const char *number_in(const char *name)
+static const char *numbered_number_in(const char *name)
 {
     const char *p = strrchr(name, '_');
     return p != NULL && p > name && p[1] >= '0' && p[1] <= '9' ? p + 1 : NULL;
@@ -262,7 +263,7 @@ pvx_err vol_numbered_again(const char *dir, const char *any, const char *ext,
     n->ext = ext;
     n->start = head->start;
     n->o = *o;
-    const char *number = number_in(any);
+    const char *number = numbered_number_in(any);
     pvx_err e = set_names(n, dir, d);
     if (e == PVX_OK && number != NULL && (size_t)(number - any) <= sizeof n->name)
         snprintf(n->name, sizeof n->name, "%.*s", (int)(number - 1 - any), any);
@@ -277,15 +278,15 @@ pvx_err vol_numbered_again(const char *dir, const char *any, const char *ext,
 pvx_err vol_numbered_found(vol_numbered *n, const char *name, const struct pvp_volume *v,
                            struct pvx_diag *d)
 {
-    const char *number = number_in(name);
-    const struct shown *s = newest(n);
+    const char *number = numbered_number_in(name);
+    const struct shown *s = numbered_newest(n);
     uint64_t frame = number != NULL ? strtoull(number, NULL, 10) : 0;
     if (frame == 0 || (s != NULL && (frame <= s->last || frame > s->last + VOL_HOLE_MAX)))
         return pvx_fail(d, PVX_EFORMAT, "%s/%s: is not numbered as the files of this recording",
                         n->dir, name);
-    PVX_TRY(grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
-    PVX_TRY(fill(n, frame, d));
-    if (n->n_shown > 0 && newest(n)->session == v->session) {
+    PVX_TRY(numbered_grow((void **)&n->shown, n->n_shown, &n->cap_shown, sizeof *n->shown));
+    PVX_TRY(numbered_fill(n, frame, d));
+    if (n->n_shown > 0 && numbered_newest(n)->session == v->session) {
         struct shown *before = &n->shown[n->n_shown - 1];
         const struct vol_gap g = {
             .why = VOL_GAP_LOST, .set_first = before->set + 1, .set_last = v->set - 1};
@@ -320,7 +321,7 @@ static void put_frames(struct dmn_json *j, const struct vol_numbered *n)
     dmn_json_close(j, ']');
 }
 
-static void put_gaps(struct dmn_json *j, const struct vol_numbered *n)
+static void numbered_put_gaps(struct dmn_json *j, const struct vol_numbered *n)
 {
     dmn_json_open(j, "gaps", '[');
     for (size_t i = 0; i < n->n_gaps; i++) {
@@ -335,11 +336,11 @@ static void put_gaps(struct dmn_json *j, const struct vol_numbered *n)
     dmn_json_close(j, ']');
 }
 
-static void put_list(struct dmn_json *j, const void *what)
+static void numbered_put_list(struct dmn_json *j, const void *what)
 {
     const struct vol_numbered *n = what;
     const struct pvp_grid *g = &n->start.grid;
-    const struct shown *s = newest(n);
+    const struct shown *s = numbered_newest(n);
     char hash[20];
     snprintf(hash, sizeof hash, "%016llx", (unsigned long long)n->start.rig_hash);
     dmn_json_open(j, NULL, '{');
@@ -370,7 +371,7 @@ static void put_list(struct dmn_json *j, const void *what)
     dmn_json_str(j, "rig_hash", hash);
     dmn_json_str(j, "software", n->start.software);
     put_frames(j, n);
-    put_gaps(j, n);
+    numbered_put_gaps(j, n);
     dmn_json_close(j, '}');
 }
 
@@ -382,7 +383,7 @@ static pvx_err write_list(const struct vol_numbered *n, struct pvx_diag *d)
     FILE *f = open_memstream(&text, &len);
     if (f == NULL)
         return PVX_ENOMEM;
-    pvx_err e = dmn_json_print(f, put_list, n, d);
+    pvx_err e = dmn_json_print(f, numbered_put_list, n, d);
     if (fclose(f) != 0 && e == PVX_OK)
         e = PVX_ENOMEM;
     if (e == PVX_OK)

@@ -69,7 +69,7 @@ static pvx_err open_writer(vol_recorder *r, const char *path, struct pvx_diag *d
     return vol_writer_open(r->c.format, path, &r->session->head, &r->c.options, &r->writer, d);
 }
 
-static pvx_err roll(vol_recorder *r, struct pvx_diag *d)
+static pvx_err volumes_roll(vol_recorder *r, struct pvx_diag *d)
 {
     char path[PATH_MAX], more[16];
     snprintf(more, sizeof more, "-%04u", ++r->part);
@@ -87,7 +87,7 @@ static pvx_err roll(vol_recorder *r, struct pvx_diag *d)
 }
 
 /* *i is gone, or kept. */
-static pvx_err carry_out(vol_recorder *r, struct item **i, struct pvx_diag *d)
+static pvx_err recorder_carry_out(vol_recorder *r, struct item **i, struct pvx_diag *d)
 {
     switch ((*i)->kind) {
     case SESSION:
@@ -99,13 +99,13 @@ static pvx_err carry_out(vol_recorder *r, struct item **i, struct pvx_diag *d)
     case GAP: return r->writer != NULL ? vol_writer_gap(r->writer, &(*i)->gap, d) : PVX_OK;
     case VOLUME:
         if (r->c.roll_ns > 0 && pvx_now_mono() >= r->t_roll_ns)
-            PVX_TRY(roll(r, d));
+            PVX_TRY(volumes_roll(r, d));
         return vol_writer_put(r->writer, &(*i)->v, d);
     }
     return PVX_OK;
 }
 
-static void *write_all(void *ctx)
+static void *recorder_write_all(void *ctx)
 {
     vol_recorder *r = ctx;
     pthread_mutex_lock(&r->lock);
@@ -127,7 +127,7 @@ static void *write_all(void *ctx)
         if (!skip && r->writer != NULL)
             vol_writer_hurry(r->writer, hurry);
         if (!skip)
-            e = carry_out(r, &i, &d);
+            e = recorder_carry_out(r, &i, &d);
         uint64_t bytes = r->bytes_before + (r->writer != NULL ? vol_writer_bytes(r->writer) : 0);
         pthread_mutex_lock(&r->lock);
         r->st.queued -= taken;
@@ -143,7 +143,7 @@ static void *write_all(void *ctx)
     return NULL;
 }
 
-static void queue(vol_recorder *r, struct item *i)
+static void recorder_queue(vol_recorder *r, struct item *i)
 {
     pthread_mutex_lock(&r->lock);
     r->st.queued += i->bytes;
@@ -168,7 +168,7 @@ pvx_err vol_recorder_new(const struct vol_recorder_config *c, vol_recorder **out
     r->last = &r->first;
     pthread_mutex_init(&r->lock, NULL);
     pthread_cond_init(&r->more, NULL);
-    int err = r->path != NULL ? pthread_create(&r->thread, NULL, write_all, r) : 12;
+    int err = r->path != NULL ? pthread_create(&r->thread, NULL, recorder_write_all, r) : 12;
     if (err != 0) {
         pthread_mutex_destroy(&r->lock);
         pthread_cond_destroy(&r->more);
@@ -181,7 +181,7 @@ pvx_err vol_recorder_new(const struct vol_recorder_config *c, vol_recorder **out
 }
 
 /* The first session's place is the one asked for; the others get their number. */
-static char *place(const vol_recorder *r, uint64_t session)
+static char *recorder_place(const vol_recorder *r, uint64_t session)
 {
     char *out = NULL, more[32], path[PATH_MAX];
     if (!r->begun)
@@ -202,7 +202,7 @@ pvx_err vol_recorder_session(vol_recorder *r, const struct vol_head *head, char 
     i->head = *head;
     i->head.rig = head->rig != NULL ? strdup(head->rig) : NULL;
     i->head.config = head->config != NULL ? strdup(head->config) : NULL;
-    i->path = place(r, head->start.session);
+    i->path = recorder_place(r, head->start.session);
     pvx_err e = i->path == NULL || (head->rig != NULL && i->head.rig == NULL) ||
                         (head->config != NULL && i->head.config == NULL)
                     ? PVX_ENOMEM
@@ -214,7 +214,7 @@ pvx_err vol_recorder_session(vol_recorder *r, const struct vol_head *head, char 
     snprintf(where, size, "%s", i->path);
     r->begun = true;
     r->full = (struct vol_gap){0};
-    queue(r, i);
+    recorder_queue(r, i);
     return PVX_OK;
 }
 
@@ -225,7 +225,7 @@ pvx_err vol_recorder_gap(vol_recorder *r, const struct vol_gap *g)
         return PVX_ENOMEM;
     i->kind = GAP;
     i->gap = *g;
-    queue(r, i);
+    recorder_queue(r, i);
     return PVX_OK;
 }
 
@@ -272,7 +272,7 @@ pvx_err vol_recorder_put(vol_recorder *r, pvp_decoder *dec, const struct pvp_vie
     if (e != PVX_OK)
         free(i);
     else
-        queue(r, i);
+        recorder_queue(r, i);
     return e;
 }
 

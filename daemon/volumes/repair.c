@@ -36,7 +36,7 @@ static void free_entries(struct folder *f)
     f->n = 0;
 }
 
-static pvx_err list(struct folder *f, struct pvx_diag *d)
+static pvx_err repair_list(struct folder *f, struct pvx_diag *d)
 {
     const char *end = ends[f->format];
     f->n = scandir(f->dir, &f->entry, NULL, versionsort);
@@ -56,13 +56,13 @@ static pvx_err list(struct folder *f, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static void path_of(const struct folder *f, int i, char path[PATH_MAX])
+static void repair_path_of(const struct folder *f, int i, char path[PATH_MAX])
 {
     snprintf(path, PATH_MAX, "%s/%s", f->dir, f->entry[i]->d_name);
 }
 
 /* Whether the whole file can be read, as a recording of one volume. */
-static pvx_err look(const char *path, struct pvx_diag *d)
+static pvx_err repair_look(const char *path, struct pvx_diag *d)
 {
     vol_reader *r;
     struct vol_volume v;
@@ -72,7 +72,7 @@ static pvx_err look(const char *path, struct pvx_diag *d)
     return e;
 }
 
-static pvx_err put_aside(const char *path, struct pvx_diag *d)
+static pvx_err repair_put_aside(const char *path, struct pvx_diag *d)
 {
     char kept[PATH_MAX];
     if (snprintf(kept, sizeof kept, "%s.cut-off", path) >= (int)sizeof kept)
@@ -85,20 +85,20 @@ static pvx_err put_aside(const char *path, struct pvx_diag *d)
                : pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", path, strerror(errno));
 }
 
-static pvx_err look_at_all(const struct folder *f, uint64_t *good, uint64_t *bad,
-                           struct pvx_diag *d)
+static pvx_err repair_look_at_all(const struct folder *f, uint64_t *good, uint64_t *bad,
+                                  struct pvx_diag *d)
 {
     char path[PATH_MAX];
     for (int i = 0; i < f->n; i++) {
         struct pvx_diag one = {""};
-        path_of(f, i, path);
-        pvx_err e = look(path, &one);
+        repair_path_of(f, i, path);
+        pvx_err e = repair_look(path, &one);
         /* PVX_ENOENT: a .npy without its .json */
         bool damaged = e == PVX_ECORRUPT || e == PVX_EFORMAT || e == PVX_ENOENT;
         if (e != PVX_OK && !damaged)
             return pvx_fail(d, e, "%s", pvx_diag_text(&one, e));
         if (damaged)
-            PVX_TRY(put_aside(path, d));
+            PVX_TRY(repair_put_aside(path, d));
         *(damaged ? bad : good) += 1;
     }
     return PVX_OK;
@@ -135,7 +135,7 @@ static pvx_err list_numbered(const struct folder *f, const struct vol_head *head
     pvx_err e = f->n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volume in it", f->dir);
     for (int i = 0; i < f->n && e == PVX_OK; i++) {
         struct vol_vdb_about a = {.unit_m = 1};
-        path_of(f, i, path);
+        repair_path_of(f, i, path);
         e = vol_vdb_about_load(path, nano, &a, d);
         const struct vol_options o = {.y_up = a.y_up != 0, .unit_m = a.unit_m};
         if (e == PVX_OK && n == NULL)
@@ -154,13 +154,13 @@ static pvx_err list_numbered(const struct folder *f, const struct vol_head *head
 static pvx_err repair(struct folder *f, const vol_reader *r, uint64_t *good, uint64_t *bad,
                       bool *done, struct pvx_diag *d)
 {
-    PVX_TRY(list(f, d));
-    PVX_TRY(look_at_all(f, good, bad, d));
+    PVX_TRY(repair_list(f, d));
+    PVX_TRY(repair_look_at_all(f, good, bad, d));
     *done = *bad > 0 || vol_reader_cut(r);
     if (!*done)
         return PVX_OK;
     free_entries(f);
-    PVX_TRY(list(f, d)); /* without those that were put aside */
+    PVX_TRY(repair_list(f, d)); /* without those that were put aside */
     return f->format == VOL_NPY ? close_npy(f->dir, d) : list_numbered(f, vol_reader_head(r), d);
 }
 

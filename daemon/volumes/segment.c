@@ -21,7 +21,7 @@ struct vol_segment {
     struct pvp_share_head *head;      /* the whole segment, mapped */
 };
 
-static struct pvp_share_slot *slot_of(const struct vol_segment *s, uint64_t number)
+static struct pvp_share_slot *segment_slot_of(const struct vol_segment *s, uint64_t number)
 {
     return (struct pvp_share_slot *)(s->head + 1) + number % PVP_SHARE_SLOTS;
 }
@@ -46,7 +46,7 @@ static pvx_err no_room(const struct vol_segment *s, int why, struct pvx_diag *d)
 
 /* ---- a segment without a name ------------------------------------------------------------------- */
 
-static void drop(struct vol_segment *s)
+static void segment_drop(struct vol_segment *s)
 {
     if (s->head != NULL)
         munmap(s->head, s->size);
@@ -57,7 +57,7 @@ static void drop(struct vol_segment *s)
 }
 
 /* Memory for bytes from..to of the file, which it keeps: a write never meets a full /dev/shm. */
-static int back(int fd, uint64_t from, uint64_t to)
+static int segment_back(int fd, uint64_t from, uint64_t to)
 {
     int e = 0;
     do
@@ -66,7 +66,8 @@ static int back(int fd, uint64_t from, uint64_t to)
     return e;
 }
 
-static pvx_err make(struct vol_segment *s, uint64_t slot_size, uint32_t nanovdb, struct pvx_diag *d)
+static pvx_err segment_make(struct vol_segment *s, uint64_t slot_size, uint32_t nanovdb,
+                            struct pvx_diag *d)
 {
     s->slot_size = (slot_size + DATA_OFFSET - 1) / DATA_OFFSET * DATA_OFFSET;
     s->size = DATA_OFFSET + PVP_SHARE_SLOTS * s->slot_size;
@@ -76,14 +77,14 @@ static pvx_err make(struct vol_segment *s, uint64_t slot_size, uint32_t nanovdb,
         return no_room(s, errno, d);
     int why = fchmod(s->fd, s->mode) != 0 || !lock(s->fd) || ftruncate(s->fd, (off_t)s->size) != 0
                   ? errno
-                  : back(s->fd, 0, DATA_OFFSET);
+                  : segment_back(s->fd, 0, DATA_OFFSET);
     void *map = MAP_FAILED;
     if (why == 0) {
         map = mmap(NULL, s->size, PROT_READ | PROT_WRITE, MAP_SHARED, s->fd, 0);
         why = map != MAP_FAILED ? 0 : errno;
     }
     if (why != 0) {
-        drop(s);
+        segment_drop(s);
         return no_room(s, why, d);
     }
     s->head = map;
@@ -172,14 +173,14 @@ static pvx_err give_name(const struct vol_segment *s, struct pvx_diag *d)
 }
 
 /* Readers first: who sees that the name has gone or is another's has seen why. */
-static void end(struct vol_segment *s)
+static void segment_end(struct vol_segment *s)
 {
     if (s->head == NULL)
         return;
     __atomic_store_n(&s->head->ended, 1, __ATOMIC_RELEASE);
     if (is_at(s->fd, s->path))
         unlink(s->path);
-    drop(s);
+    segment_drop(s);
 }
 
 /* ---- what others call --------------------------------------------------------------------------- */
@@ -198,11 +199,11 @@ pvx_err vol_segment_new(const char *name, mode_t mode, vol_segment **out, struct
         return PVX_ENOMEM;
     s->mode = mode;
     snprintf(s->path, sizeof s->path, SHM "/%s", own);
-    pvx_err e = make(s, 0, 0, d);
+    pvx_err e = segment_make(s, 0, 0, d);
     if (e == PVX_OK) {
         e = give_name(s, d);
         if (e != PVX_OK)
-            drop(s);
+            segment_drop(s);
     }
     if (e != PVX_OK)
         free(s);
@@ -215,12 +216,12 @@ pvx_err vol_segment_room(vol_segment *s, uint64_t slot_size, uint32_t nanovdb, s
 {
     struct vol_segment before = *s;
     s->head = NULL;
-    pvx_err e = make(s, slot_size, nanovdb, d);
+    pvx_err e = segment_make(s, slot_size, nanovdb, d);
     if (e != PVX_OK) {
         *s = before;
         return e;
     }
-    end(&before);
+    segment_end(&before);
     return give_name(s, d);
 }
 
@@ -242,13 +243,13 @@ pvx_err vol_segment_begin(vol_segment *s, uint64_t bytes, void **grids, struct p
     if (bytes > s->slot_size)
         return pvx_fail(d, PVX_ERANGE, "%s: a volume larger than its slots", s->path);
     if (bytes > s->backed[k]) {
-        int why = back(s->fd, at + s->backed[k], at + bytes);
+        int why = segment_back(s->fd, at + s->backed[k], at + bytes);
         if (why != 0)
             return no_room(s, why, d);
         s->backed[k] = bytes;
     }
     /* Whoever sees anything of what is written from now on sees the lock too. */
-    __atomic_store_n(&slot_of(s, number)->lock, 2 * number - 1, __ATOMIC_RELAXED);
+    __atomic_store_n(&segment_slot_of(s, number)->lock, 2 * number - 1, __ATOMIC_RELAXED);
     PVP_SHARE_FENCE(__ATOMIC_RELEASE);
     *grids = (char *)s->head + at;
     return PVX_OK;
@@ -257,7 +258,7 @@ pvx_err vol_segment_begin(vol_segment *s, uint64_t bytes, void **grids, struct p
 void vol_segment_commit(vol_segment *s, const struct pvp_share_slot *about)
 {
     const uint64_t number = s->head->newest + 1;
-    struct pvp_share_slot *to = slot_of(s, number);
+    struct pvp_share_slot *to = segment_slot_of(s, number);
 #define PUT(field, value) __atomic_store_n(&to->field, value, __ATOMIC_RELAXED)
     PUT(set, about->set);
     PUT(session, about->session);
@@ -276,7 +277,7 @@ void vol_segment_free(vol_segment **sp)
 {
     if (*sp == NULL)
         return;
-    end(*sp);
+    segment_end(*sp);
     free(*sp);
     *sp = NULL;
 }

@@ -34,7 +34,8 @@ pvx_err vol_share_new(const struct vol_share_config *c, vol_share **out, struct 
 }
 
 /* Slots that hold every brick of the grid. */
-static pvx_err make_room(struct vol_share *s, const struct vol_vdb_bricks *b, struct pvx_diag *d)
+static pvx_err share_make_room(struct vol_share *s, const struct vol_vdb_bricks *b,
+                               struct pvx_diag *d)
 {
     struct vol_vdb_bricks all = *b;
     uint32_t nb[3];
@@ -58,7 +59,7 @@ pvx_err vol_share_put(vol_share *s, const struct pvp_start *start, const struct 
     s->about.split = s->split && v->v.grid.channels == 3;
     s->about.unit_m = 1;
     vol_vdb_lay(&s->about, v, s->note, &b);
-    PVX_TRY(make_room(s, &b, d));
+    PVX_TRY(share_make_room(s, &b, d));
     PVX_TRY(vol_segment_begin(s->segment, s->module->nano_room(&b), &grids, d));
     int e = s->module->nano_make(&b, grids, &size, err, sizeof err);
     if (e != PVX_OK)

@@ -16,15 +16,15 @@ struct vdb {
     bool nano;
 };
 
-static pvx_err check(const char *path, struct pvx_diag *d)
+static pvx_err vdb_check(const char *path, struct pvx_diag *d)
 {
     const struct vol_vdb *module;
     PVX_TRY(vol_vdb_need(path, &module, d));
     return vol_numbered_check(path, d);
 }
 
-static pvx_err open_any(bool nano, void **self, const char *path, const struct vol_head *head,
-                        const struct vol_options *o, struct pvx_diag *d)
+static pvx_err vdb_open_any(bool nano, void **self, const char *path, const struct vol_head *head,
+                            const struct vol_options *o, struct pvx_diag *d)
 {
     const struct vol_vdb *module;
     *self = NULL;
@@ -47,19 +47,19 @@ static pvx_err open_any(bool nano, void **self, const char *path, const struct v
     return e;
 }
 
-static pvx_err open_vdb(void **self, const char *path, const struct vol_head *head,
-                        const struct vol_options *o, struct pvx_diag *d)
+static pvx_err vdb_open_vdb(void **self, const char *path, const struct vol_head *head,
+                            const struct vol_options *o, struct pvx_diag *d)
 {
-    return open_any(false, self, path, head, o, d);
+    return vdb_open_any(false, self, path, head, o, d);
 }
 
-static pvx_err open_nvdb(void **self, const char *path, const struct vol_head *head,
-                         const struct vol_options *o, struct pvx_diag *d)
+static pvx_err vdb_open_nvdb(void **self, const char *path, const struct vol_head *head,
+                             const struct vol_options *o, struct pvx_diag *d)
 {
-    return open_any(true, self, path, head, o, d);
+    return vdb_open_any(true, self, path, head, o, d);
 }
 
-static pvx_err put(void *self, const struct vol_volume *v, struct pvx_diag *d)
+static pvx_err vdb_put(void *self, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct vdb *w = self;
     struct vol_vdb_bytes bytes = {NULL, 0};
@@ -96,7 +96,15 @@ static pvx_err close_all(void *self, struct pvx_diag *d)
     return e;
 }
 
-const struct vol_writer_ops vol_vdb_writer = {
-    .check = check, .open = open_vdb, .put = put, .gap = gap, .bytes = bytes, .close = close_all};
-const struct vol_writer_ops vol_nvdb_writer = {
-    .check = check, .open = open_nvdb, .put = put, .gap = gap, .bytes = bytes, .close = close_all};
+const struct vol_writer_ops vol_vdb_writer = {.check = vdb_check,
+                                              .open = vdb_open_vdb,
+                                              .put = vdb_put,
+                                              .gap = gap,
+                                              .bytes = bytes,
+                                              .close = close_all};
+const struct vol_writer_ops vol_nvdb_writer = {.check = vdb_check,
+                                               .open = vdb_open_nvdb,
+                                               .put = vdb_put,
+                                               .gap = gap,
+                                               .bytes = bytes,
+                                               .close = close_all};

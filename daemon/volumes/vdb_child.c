@@ -85,8 +85,8 @@ static void bound(const struct vol_vdb_bricks *v)
 }
 
 /* The child's whole life. */
-static void serve(vol_vdb_read_fn *decode, int fd, const void *bytes, size_t len,
-                  struct vol_vdb_bricks *v)
+static void vdb_child_serve(vol_vdb_read_fn *decode, int fd, const void *bytes, size_t len,
+                            struct vol_vdb_bricks *v)
 {
     struct answer a = {.error = PVX_OK};
     bound(v);
@@ -109,7 +109,8 @@ static bool believable(const struct vol_vdb_bricks *v)
     return true;
 }
 
-static pvx_err receive(int fd, const char *path, struct vol_vdb_bricks *v, struct pvx_diag *d)
+static pvx_err vdb_child_receive(int fd, const char *path, struct vol_vdb_bricks *v,
+                                 struct pvx_diag *d)
 {
     struct answer a;
     if (!receive_all(fd, &a, sizeof a) || a.n_bricks > most_bricks(v))
@@ -146,10 +147,10 @@ pvx_err vol_vdb_child_read(vol_vdb_read_fn *decode, const char *path, const void
     pid_t pid = fork();
     if (pid == 0) {
         close(fd[0]);
-        serve(decode, fd[1], bytes, len, v);
+        vdb_child_serve(decode, fd[1], bytes, len, v);
     }
     close(fd[1]);
-    pvx_err e = pid > 0 ? receive(fd[0], path, v, d) : PVX_EIO;
+    pvx_err e = pid > 0 ? vdb_child_receive(fd[0], path, v, d) : PVX_EIO;
     close(fd[0]);
     while (pid > 0 && waitpid(pid, &status, 0) < 0 && errno == EINTR)
         continue;

@@ -23,7 +23,7 @@ struct cursor {
     size_t left;
 };
 
-static const char *take(struct cursor *c, size_t n)
+static const char *vdb_head_take(struct cursor *c, size_t n)
 {
     const char *p = c->p;
     if (n > c->left)
@@ -35,7 +35,7 @@ static const char *take(struct cursor *c, size_t n)
 
 static bool take_u32(struct cursor *c, uint32_t *out)
 {
-    const char *p = take(c, sizeof *out);
+    const char *p = vdb_head_take(c, sizeof *out);
     if (p != NULL)
         memcpy(out, p, sizeof *out);
     return p != NULL;
@@ -46,11 +46,11 @@ static bool take_bytes(struct cursor *c, const char **p, uint32_t *n)
 {
     if (!take_u32(c, n))
         return false;
-    *p = take(c, *n);
+    *p = vdb_head_take(c, *n);
     return *p != NULL;
 }
 
-static bool is(const char *p, uint32_t n, const char *word)
+static bool vdb_head_is(const char *p, uint32_t n, const char *word)
 {
     return n == strlen(word) && memcmp(p, word, n) == 0;
 }
@@ -59,16 +59,16 @@ static bool is(const char *p, uint32_t n, const char *word)
 static bool to_note(const char *type, uint32_t type_n, const char *p, uint32_t n,
                     struct vol_vdb_note *out)
 {
-    if (is(type, type_n, "string") && n < sizeof out->text) {
+    if (vdb_head_is(type, type_n, "string") && n < sizeof out->text) {
         out->kind = VOL_VDB_TEXT;
         memcpy(out->text, p, n);
-    } else if (is(type, type_n, "int64") && n == sizeof out->i) {
+    } else if (vdb_head_is(type, type_n, "int64") && n == sizeof out->i) {
         out->kind = VOL_VDB_INT;
         memcpy(&out->i, p, n);
-    } else if (is(type, type_n, "double") && n == sizeof out->x[0]) {
+    } else if (vdb_head_is(type, type_n, "double") && n == sizeof out->x[0]) {
         out->kind = VOL_VDB_REAL;
         memcpy(out->x, p, n);
-    } else if (is(type, type_n, "vec3d") && n == sizeof out->x) {
+    } else if (vdb_head_is(type, type_n, "vec3d") && n == sizeof out->x) {
         out->kind = VOL_VDB_VECTOR;
         memcpy(out->x, p, n);
     } else {
@@ -81,16 +81,16 @@ static bool skip_header(struct cursor *c)
 {
     uint32_t file = 0, major, minor;
     int64_t magic = 0;
-    const char *p = take(c, sizeof magic);
+    const char *p = vdb_head_take(c, sizeof magic);
     if (p != NULL)
         memcpy(&magic, p, sizeof magic);
     return magic == MAGIC && take_u32(c, &file) && file >= VERSION_0 && take_u32(c, &major) &&
-           take_u32(c, &minor) && take(c, 1 + UUID_LEN) != NULL;
+           take_u32(c, &minor) && vdb_head_take(c, 1 + UUID_LEN) != NULL;
 }
 
 /* Metadata: their count, and of each key, type and value. */
-static pvx_err take_notes(struct cursor c, const char *name, struct vol_vdb_note *note, size_t *n,
-                          struct pvx_diag *d)
+static pvx_err vdb_head_take_notes(struct cursor c, const char *name, struct vol_vdb_note *note,
+                                   size_t *n, struct pvx_diag *d)
 {
     uint32_t count = 0;
     bool whole = take_u32(&c, &count);
@@ -110,7 +110,7 @@ static pvx_err take_notes(struct cursor c, const char *name, struct vol_vdb_note
 }
 
 /* Exactly n bytes from `place`. */
-static bool load(FILE *f, int64_t place, void *out, size_t n)
+static bool vdb_head_load(FILE *f, int64_t place, void *out, size_t n)
 {
     return place >= 0 && fseeko(f, place, SEEK_SET) == 0 && fread(out, 1, n, f) == n;
 }
@@ -123,23 +123,23 @@ static size_t find_blind(FILE *f, int64_t *place)
     uint32_t name_n, blinds;
     int64_t at = NANO_HEADER, ahead;
     uint64_t n;
-    if (!load(f, 0, head, sizeof head) || memcmp(head, NANO_MAGIC, 8) != 0)
+    if (!vdb_head_load(f, 0, head, sizeof head) || memcmp(head, NANO_MAGIC, 8) != 0)
         return 0;
     memcpy(&grids, head + 12, sizeof grids);
     memcpy(&codec, head + 14, sizeof codec);
     for (uint16_t k = 0; k < grids; k++) {
-        if (!load(f, at, meta, sizeof meta))
+        if (!vdb_head_load(f, at, meta, sizeof meta))
             return 0;
         memcpy(&name_n, meta + 136, sizeof name_n);
         at += NANO_META + (int64_t)name_n;
     }
-    if (grids == 0 || codec != 0 || !load(f, at, grid, sizeof grid) ||
+    if (grids == 0 || codec != 0 || !vdb_head_load(f, at, grid, sizeof grid) ||
         memcmp(grid, NANO_MAGIC, 8) != 0)
         return 0;
     memcpy(&ahead, grid + 640, sizeof ahead);
     memcpy(&blinds, grid + 648, sizeof blinds);
     if (blinds != 1 || ahead < NANO_GRID || ahead > INT64_MAX / 4 ||
-        !load(f, at += ahead, blind, sizeof blind) ||
+        !vdb_head_load(f, at += ahead, blind, sizeof blind) ||
         memcmp(blind + 32, VOL_NVDB_NOTES, sizeof VOL_NVDB_NOTES) != 0)
         return 0;
     memcpy(&ahead, blind, sizeof ahead);
@@ -166,7 +166,7 @@ pvx_err vol_vdb_notes_load(FILE *f, bool nano, const char *name, struct vol_vdb_
     else if (!nano && !skip_header(&c))
         e = pvx_fail(d, PVX_EFORMAT, "%s: not a .vdb file, or one of before 2013", name);
     if (e == PVX_OK)
-        e = take_notes(c, name, note, n, d);
+        e = vdb_head_take_notes(c, name, note, n, d);
     free(bytes);
     return e;
 }

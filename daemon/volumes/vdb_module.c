@@ -10,7 +10,7 @@ static struct {
     char why[PVX_DIAG_MAX];
 } module = {.once = PTHREAD_ONCE_INIT};
 
-static void find_module(void)
+static void vdb_module_find_module(void)
 {
     module.vdb = pvx_module_load("pyrovox-openvdb.so", "vol_vdb_module", VOL_VDB_VERSION,
                                  module.why, sizeof module.why);
@@ -18,7 +18,7 @@ static void find_module(void)
 
 pvx_err vol_vdb_need(const char *path, const struct vol_vdb **out, struct pvx_diag *d)
 {
-    pthread_once(&module.once, find_module);
+    pthread_once(&module.once, vdb_module_find_module);
     *out = module.vdb;
     if (module.vdb != NULL)
         return PVX_OK;

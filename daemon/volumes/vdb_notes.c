@@ -64,7 +64,7 @@ static const struct field {
 #define N_FIELDS (sizeof fields / sizeof fields[0])
 _Static_assert(N_FIELDS + 3 <= VOL_VDB_NOTES_MAX, "room for all notes");
 
-static void put_text(struct vol_vdb_note *n, const char *key, const char *text)
+static void vdb_notes_put_text(struct vol_vdb_note *n, const char *key, const char *text)
 {
     *n = (struct vol_vdb_note){.kind = VOL_VDB_TEXT};
     snprintf(n->key, sizeof n->key, "%s", key);
@@ -104,8 +104,8 @@ static void put_field(const struct field *f, const char *from, struct vol_vdb_no
 size_t vol_vdb_notes_make(const struct vol_vdb_about *a, struct vol_vdb_note *note)
 {
     size_t n = 0;
-    put_text(&note[n++], "format", FORMAT);
-    put_text(&note[n++], "basis", a->v.grid.basis == 1 ? "trilinear" : "box");
+    vdb_notes_put_text(&note[n++], "format", FORMAT);
+    vdb_notes_put_text(&note[n++], "basis", a->v.grid.basis == 1 ? "trilinear" : "box");
     note[n] = (struct vol_vdb_note){.key = "version", .kind = VOL_VDB_INT, .i = VERSION};
     n++;
     for (size_t i = 0; i < N_FIELDS; i++)
@@ -113,7 +113,8 @@ size_t vol_vdb_notes_make(const struct vol_vdb_about *a, struct vol_vdb_note *no
     return n;
 }
 
-static const struct vol_vdb_note *find(const struct vol_vdb_note *note, size_t n, const char *key)
+static const struct vol_vdb_note *vdb_notes_find(const struct vol_vdb_note *note, size_t n,
+                                                 const char *key)
 {
     for (size_t i = 0; i < n; i++)
         if (strncmp(note[i].key, key, sizeof note[i].key) == 0)
@@ -159,8 +160,8 @@ pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n, const char
                            struct vol_vdb_about *out, struct pvx_diag *d)
 {
     *out = (struct vol_vdb_about){.unit_m = 1};
-    const struct vol_vdb_note *format = find(note, n, "format"),
-                              *version = find(note, n, "version");
+    const struct vol_vdb_note *format = vdb_notes_find(note, n, "format"),
+                              *version = vdb_notes_find(note, n, "version");
     if (format == NULL || strcmp(format->text, FORMAT) != 0 || version == NULL)
         return pvx_fail(d, PVX_EFORMAT, "%s: not a volume that pyrovox wrote: metadata is missing",
                         name);
@@ -169,7 +170,7 @@ pvx_err vol_vdb_notes_read(const struct vol_vdb_note *note, size_t n, const char
                         "%s: version %" PRId64 "; this program reads %d: update it", name,
                         version->i, VERSION);
     for (size_t i = 0; i < N_FIELDS; i++) {
-        const struct vol_vdb_note *k = find(note, n, fields[i].key);
+        const struct vol_vdb_note *k = vdb_notes_find(note, n, fields[i].key);
         if (k == NULL || !take_field(&fields[i], k, (char *)out + fields[i].at))
             return pvx_fail(d, PVX_EFORMAT, "%s: its metadata `%s` is missing or cannot be", name,
                             fields[i].key);

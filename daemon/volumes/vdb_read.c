@@ -34,7 +34,7 @@ struct vdb_in {
     float *brick; /* of the volume given last */
 };
 
-static bool ends_in(const char *s, const char *end)
+static bool vdb_read_ends_in(const char *s, const char *end)
 {
     size_t n = strlen(s), k = strlen(end);
     return n > k && strcmp(s + n - k, end) == 0;
@@ -42,15 +42,16 @@ static bool ends_in(const char *s, const char *end)
 
 static int is_vdb_name(const struct dirent *e)
 {
-    return ends_in(e->d_name, ".vdb");
+    return vdb_read_ends_in(e->d_name, ".vdb");
 }
 static int is_nvdb_name(const struct dirent *e)
 {
-    return ends_in(e->d_name, ".nvdb");
+    return vdb_read_ends_in(e->d_name, ".nvdb");
 }
 
 /* By number, not by letter: _9999 before _10000.  -1: not a folder. */
-static int list(const char *dir, int (*which)(const struct dirent *), struct dirent ***entry)
+static int vdb_read_list(const char *dir, int (*which)(const struct dirent *),
+                         struct dirent ***entry)
 {
     *entry = NULL;
     return scandir(dir, entry, which, versionsort);
@@ -63,26 +64,26 @@ static void free_list(struct dirent **entry, int n)
     free(entry);
 }
 
-static bool has(const char *path, const char *end, int (*which)(const struct dirent *))
+static bool vdb_read_has(const char *path, const char *end, int (*which)(const struct dirent *))
 {
     struct dirent **entry;
     struct stat st;
     if (stat(path, &st) != 0)
         return false;
     if (!S_ISDIR(st.st_mode))
-        return ends_in(path, end);
-    int n = list(path, which, &entry);
+        return vdb_read_ends_in(path, end);
+    int n = vdb_read_list(path, which, &entry);
     free_list(entry, n);
     return n > 0;
 }
 
 static bool is_vdb(const char *path)
 {
-    return has(path, ".vdb", is_vdb_name);
+    return vdb_read_has(path, ".vdb", is_vdb_name);
 }
 static bool is_nvdb(const char *path)
 {
-    return has(path, ".nvdb", is_nvdb_name);
+    return vdb_read_has(path, ".nvdb", is_nvdb_name);
 }
 
 static pvx_err add_gap(struct vdb_in *r, uint64_t first, uint64_t last)
@@ -132,17 +133,17 @@ static pvx_err take_text(const char *dir, const char *name, char **out, struct p
 
 static int is_list_name(const struct dirent *e)
 {
-    return ends_in(e->d_name, ".json");
+    return vdb_read_ends_in(e->d_name, ".json");
 }
 
 /* Whether the list beside the files (numbered.h) says that the recording was closed. */
-static bool closed(const char *dir)
+static bool vdb_read_closed(const char *dir)
 {
     struct dirent **entry;
     char path[PATH_MAX], *text;
     size_t len;
     bool yes = false;
-    int n = list(dir, is_list_name, &entry);
+    int n = vdb_read_list(dir, is_list_name, &entry);
     if (n > 0) {
         snprintf(path, sizeof path, "%s/%s", dir, entry[0]->d_name);
         if (pvx_file_read(path, TEXT_MAX, &text, &len, NULL) == PVX_OK) {
@@ -155,14 +156,14 @@ static bool closed(const char *dir)
 }
 
 /* A file whose beginning is damaged or cut off is a set that is missing. */
-static pvx_err add_folder(struct vdb_in *r, const char *dir, bool *cut, struct pvx_diag *d)
+static pvx_err vdb_read_add_folder(struct vdb_in *r, const char *dir, bool *cut, struct pvx_diag *d)
 {
     struct dirent **entry;
     struct vol_vdb_about a = {.unit_m = 1};
     struct pvx_diag first = {""}, one = {""};
     char path[PATH_MAX];
-    *cut = !closed(dir);
-    int n = list(dir, r->nano ? is_nvdb_name : is_vdb_name, &entry);
+    *cut = !vdb_read_closed(dir);
+    int n = vdb_read_list(dir, r->nano ? is_nvdb_name : is_vdb_name, &entry);
     if (n < 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", dir, strerror(errno));
     pvx_err e = PVX_OK;
@@ -209,8 +210,8 @@ static pvx_err open_file(struct vdb_in *r, const char *path, struct pvx_diag *d)
     return add_file(r, path, &a, d);
 }
 
-static pvx_err open_any(bool nano, void **self, const char *path, struct vol_head *head,
-                        uint64_t *count, bool *cut, struct pvx_diag *d)
+static pvx_err vdb_read_open_any(bool nano, void **self, const char *path, struct vol_head *head,
+                                 uint64_t *count, bool *cut, struct pvx_diag *d)
 {
     const struct vol_vdb *module;
     struct stat st;
@@ -222,7 +223,7 @@ static pvx_err open_any(bool nano, void **self, const char *path, struct vol_hea
         return PVX_ENOMEM;
     r->nano = nano;
     r->decode = nano ? module->read_nvdb : module->read_vdb;
-    pvx_err e = stat(path, &st) == 0 && S_ISDIR(st.st_mode) ? add_folder(r, path, cut, d)
+    pvx_err e = stat(path, &st) == 0 && S_ISDIR(st.st_mode) ? vdb_read_add_folder(r, path, cut, d)
                                                             : open_file(r, path, d);
     if (e != PVX_OK) {
         close_in(r);
@@ -236,18 +237,18 @@ static pvx_err open_any(bool nano, void **self, const char *path, struct vol_hea
     return PVX_OK;
 }
 
-static pvx_err open_vdb(void **self, const char *path, struct vol_head *head, uint64_t *count,
-                        bool *cut, struct pvx_diag *d)
+static pvx_err vdb_read_open_vdb(void **self, const char *path, struct vol_head *head,
+                                 uint64_t *count, bool *cut, struct pvx_diag *d)
 {
-    return open_any(false, self, path, head, count, cut, d);
+    return vdb_read_open_any(false, self, path, head, count, cut, d);
 }
-static pvx_err open_nvdb(void **self, const char *path, struct vol_head *head, uint64_t *count,
-                         bool *cut, struct pvx_diag *d)
+static pvx_err vdb_read_open_nvdb(void **self, const char *path, struct vol_head *head,
+                                  uint64_t *count, bool *cut, struct pvx_diag *d)
 {
-    return open_any(true, self, path, head, count, cut, d);
+    return vdb_read_open_any(true, self, path, head, count, cut, d);
 }
 
-static pvx_err get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
+static pvx_err vdb_read_get(void *self, uint64_t k, struct vol_volume *out, struct pvx_diag *d)
 {
     struct vdb_in *r = self;
     struct vol_vdb_about a = {.unit_m = 1};
@@ -290,5 +291,7 @@ static const struct vol_gap *gap_at(const void *self, uint64_t k)
     return k < r->n_gaps ? &r->gap[k] : NULL;
 }
 
-const struct vol_reader_ops vol_vdb_reader = {is_vdb, open_vdb, get, gap_at, close_in};
-const struct vol_reader_ops vol_nvdb_reader = {is_nvdb, open_nvdb, get, gap_at, close_in};
+const struct vol_reader_ops vol_vdb_reader = {is_vdb, vdb_read_open_vdb, vdb_read_get, gap_at,
+                                              close_in};
+const struct vol_reader_ops vol_nvdb_reader = {is_nvdb, vdb_read_open_nvdb, vdb_read_get, gap_at,
+                                               close_in};

@@ -45,7 +45,7 @@ void vol_voxels_free(vol_voxels **xp)
 }
 
 /* One row of 8 voxels of brick b, which begins at voxel i0 of the row whose first voxel is number `row`. */
-static void add_row(struct vol_voxels *x, const float *in, uint32_t i0, size_t row)
+static void voxels_add_row(struct vol_voxels *x, const float *in, uint32_t i0, size_t row)
 {
     const uint32_t channels = x->grid.channels;
     for (uint32_t i = 0; i < SIDE && i0 + i < x->grid.n[0]; i++, in += channels) {
@@ -66,12 +66,13 @@ static void add_rows(struct vol_voxels *x, const struct vol_volume *v, uint32_t 
     const uint32_t y0 = v->ids[from] / nbx % nby * SIDE, z0 = v->ids[from] / nbx / nby * SIDE;
     for (uint32_t j = 0; j < SIDE && y0 + j < g->n[1]; j++)
         for (uint32_t b = from; b < to; b++)
-            add_row(x, v->brick + (((size_t)b * SIDE + k) * SIDE + j) * SIDE * g->channels,
-                    v->ids[b] % nbx * SIDE, ((size_t)(z0 + k) * g->n[1] + y0 + j) * g->n[0]);
+            voxels_add_row(x, v->brick + (((size_t)b * SIDE + k) * SIDE + j) * SIDE * g->channels,
+                           v->ids[b] % nbx * SIDE, ((size_t)(z0 + k) * g->n[1] + y0 + j) * g->n[0]);
 }
 
 /* The end of the bricks from `from` on that share ids / per. */
-static uint32_t run_end(const struct vol_volume *v, uint32_t from, uint32_t end, uint32_t per)
+static uint32_t voxels_run_end(const struct vol_volume *v, uint32_t from, uint32_t end,
+                               uint32_t per)
 {
     uint32_t b = from;
     while (b < end && v->ids[b] / per == v->ids[from] / per)
@@ -85,11 +86,11 @@ void vol_voxels_of(vol_voxels *x, const struct vol_volume *v, struct pvp_voxels 
     const uint32_t nbx = (g->n[0] + SIDE - 1) / SIDE, nby = (g->n[1] + SIDE - 1) / SIDE;
     x->n = 0;
     for (uint32_t slab = 0, end; slab < v->n_bricks; slab = end) {
-        end = run_end(v, slab, v->n_bricks, nbx * nby);
+        end = voxels_run_end(v, slab, v->n_bricks, nbx * nby);
         const uint32_t z0 = v->ids[slab] / nbx / nby * SIDE;
         for (uint32_t k = 0; k < SIDE && z0 + k < g->n[2]; k++)
             for (uint32_t row = slab, row_end; row < end; row = row_end) {
-                row_end = run_end(v, row, end, nbx);
+                row_end = voxels_run_end(v, row, end, nbx);
                 add_rows(x, v, row, row_end, k);
             }
     }

@@ -66,7 +66,7 @@ pvx_err vol_writer_open(enum vol_format f, const char *path, const struct vol_he
 }
 
 /* What a disk refused once is not tried again: the file stays as it was. */
-static pvx_err note(vol_writer *w, pvx_err e)
+static pvx_err writer_note(vol_writer *w, pvx_err e)
 {
     if (e == PVX_ENOSPC || e == PVX_EIO || e == PVX_EPERM)
         w->broken = e;
@@ -81,7 +81,7 @@ static pvx_err is_broken(const vol_writer *w, struct pvx_diag *d)
 }
 
 /* Room for the volume as it is in memory: a little more than most formats need. */
-static pvx_err has_room(const vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
+static pvx_err writer_has_room(const vol_writer *w, const struct vol_volume *v, struct pvx_diag *d)
 {
     struct statvfs st;
     char dir[PATH_MAX];
@@ -99,7 +99,7 @@ static pvx_err has_room(const vol_writer *w, const struct vol_volume *v, struct 
 }
 
 /* An HDF5 file that is deleted could be written on for hours, into nothing. */
-static pvx_err is_there(const vol_writer *w, struct pvx_diag *d)
+static pvx_err writer_is_there(const vol_writer *w, struct pvx_diag *d)
 {
     return access(w->path, F_OK) == 0 || errno != ENOENT
                ? PVX_OK
@@ -116,22 +116,22 @@ pvx_err vol_writer_put(vol_writer *w, const struct vol_volume *v, struct pvx_dia
         return pvx_fail(d, PVX_ERANGE, "set %llu: its grid is not that of the recording",
                         (unsigned long long)v->v.set);
     struct pvx_diag own = {""}, gone = {""};
-    pvx_err e = has_room(w, v, &own);
+    pvx_err e = writer_has_room(w, v, &own);
     if (e == PVX_OK)
         e = w->ops->put(w->self, v, &own);
-    if (is_there(w, &gone) != PVX_OK) { /* says more than what became of it in the format */
+    if (writer_is_there(w, &gone) != PVX_OK) { /* says more than what became of it in the format */
         e = PVX_EIO;
         own = gone;
     }
     if (e != PVX_OK)
         pvx_fail(d, e, "%s", pvx_diag_text(&own, e));
-    return note(w, e);
+    return writer_note(w, e);
 }
 
 pvx_err vol_writer_gap(vol_writer *w, const struct vol_gap *g, struct pvx_diag *d)
 {
     PVX_TRY(is_broken(w, d));
-    return note(w, w->ops->gap(w->self, g, d));
+    return writer_note(w, w->ops->gap(w->self, g, d));
 }
 
 void vol_writer_hurry(vol_writer *w, bool on)

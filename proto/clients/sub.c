@@ -100,7 +100,7 @@ void pvp_sub_free(pvp_sub **s)
 }
 
 /* PVX_OK: s->msg is the next message. */
-static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until, struct pvx_diag *d)
+static pvx_err sub_receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until, struct pvx_diag *d)
 {
     if (s->have_late) {
         zmq_msg_move(&s->msg, &s->late);
@@ -130,7 +130,7 @@ static pvx_err receive(struct pvp_sub *s, int64_t timeout_ns, int64_t until, str
 }
 
 /* Sequence and session of a good header; false for a repetition. */
-static bool count(struct pvp_sub *s, const struct pvp_header *h)
+static bool sub_count(struct pvp_sub *s, const struct pvp_header *h)
 {
     if (!s->in_session || h->session != s->session) {
         s->in_session = true;
@@ -148,7 +148,7 @@ static bool count(struct pvp_sub *s, const struct pvp_header *h)
     return true;
 }
 
-static pvx_err begin(struct pvp_sub *s, const struct pvp_start *start, struct pvx_diag *d)
+static pvx_err sub_begin(struct pvp_sub *s, const struct pvp_start *start, struct pvx_diag *d)
 {
     size_t bytes = pvp_grid_count(&start->grid) * sizeof(float);
     const uint32_t *n = start->grid.n;
@@ -183,8 +183,8 @@ static bool keep_rig(struct pvp_sub *s, const void *msg, size_t len)
 }
 
 /* *mine: is this one for the caller? */
-static pvx_err sort(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len,
-                    bool *mine, struct pvx_diag *d)
+static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const void *msg, size_t len,
+                        bool *mine, struct pvx_diag *d)
 {
     struct pvp_start start;
     struct pvp_view view;
@@ -197,7 +197,7 @@ static pvx_err sort(struct pvp_sub *s, const struct pvp_header *h, const void *m
     case PVP_START:
         *mine = readable = pvp_decode_start(msg, len, &start, NULL) == PVX_OK;
         if (readable)
-            PVX_TRY(begin(s, &start, d));
+            PVX_TRY(sub_begin(s, &start, d));
         break;
     case PVP_VOLUME:
         if (s->have_start)
@@ -234,14 +234,14 @@ pvx_err pvp_sub_next(pvp_sub *s, int64_t timeout_ns, struct pvp_header *h, const
 {
     int64_t until = timeout_ns >= 0 ? pvx_now_mono() + timeout_ns : 0;
     for (;;) {
-        PVX_TRY(receive(s, timeout_ns, until, d));
+        PVX_TRY(sub_receive(s, timeout_ns, until, d));
         *msg = zmq_msg_data(&s->msg);
         *len = zmq_msg_size(&s->msg);
         bool mine = false;
         if (zmq_msg_more(&s->msg) || pvp_decode_header(*msg, *len, h, NULL) != PVX_OK)
             s->stats.malformed++;
-        else if (count(s, h))
-            PVX_TRY(sort(s, h, *msg, *len, &mine, d));
+        else if (sub_count(s, h))
+            PVX_TRY(sub_sort(s, h, *msg, *len, &mine, d));
         if (mine && s->newest && h->type == PVP_VOLUME && passed_over(s)) {
             s->stats.skipped++;
             continue;

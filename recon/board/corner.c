@@ -26,7 +26,7 @@ struct window {
     bool use[SIDE * SIDE];
 };
 
-static void draw(struct window *w, const double shift[2])
+static void corner_draw(struct window *w, const double shift[2])
 {
     int n = w->r + w->m, side = 2 * n + 1;
     for (int v = -n; v <= n; v++)
@@ -38,7 +38,7 @@ static void draw(struct window *w, const double shift[2])
         }
 }
 
-static void blur(struct window *w, double sigma)
+static void corner_blur(struct window *w, double sigma)
 {
     float k[2 * M_MAX + 1] = {0}, sum = 0, pass[SIDE * SIDE];
     int n = w->r + w->m, side = 2 * n + 1, m = (int)fmin(w->m - 1, ceil(2.7 * sigma));
@@ -63,7 +63,7 @@ static void blur(struct window *w, double sigma)
 }
 
 /* Which pixels count: near the corner on the board, inside the picture. */
-static int choose(struct window *w)
+static int corner_choose(struct window *w)
 {
     int n = 0, side = 2 * w->r + 1;
     for (int v = -w->r; v <= w->r; v++)
@@ -80,8 +80,8 @@ static int choose(struct window *w)
 }
 
 /* The normal equations of (1), linear in (a d, a ds, a, b), solved: x [5]; A: their factor. */
-static bool step(const struct window *w, double sigma, double A[25], double x[5], double *rss,
-                 double *tss)
+static bool corner_step(const struct window *w, double sigma, double A[25], double x[5],
+                        double *rss, double *tss)
 {
     int side = 2 * (w->r + w->m) + 1, use_side = 2 * w->r + 1, n = 0;
     double sum = 0, sq = 0, keep[5];
@@ -114,7 +114,7 @@ static bool step(const struct window *w, double sigma, double A[25], double x[5]
     return *tss > 0 && x[3] != 0;
 }
 
-static bool prepare(struct window *w, const double h[9], const double uv[2])
+static bool corner_prepare(struct window *w, const double h[9], const double uv[2])
 {
     double duv[4], dxy[4], far, square = w->p->board.square;
     w->u0 = (int)lrint(uv[0]);
@@ -140,14 +140,14 @@ bool rec_corner_refine(const struct rec_field *f, const struct rec_print *p, con
     double sigma = fmin(BLUR_1, fmax(BLUR_0, out->blur));
     rec_homography_map(h, xy[0], xy[1], uv);
     if (!(uv[0] >= 1 && uv[1] >= 1 && uv[0] <= f->width - 2 && uv[1] <= f->height - 2) ||
-        !prepare(&w, h, uv))
+        !corner_prepare(&w, h, uv))
         return false;
-    int n = choose(&w), all = 0;
+    int n = corner_choose(&w), all = 0;
     for (int turn = 0; turn < 12; turn++) {
         w.m = (int)fmin(M_MAX, ceil(2.7 * sigma) + 2);
-        draw(&w, shift);
-        blur(&w, sigma);
-        if (n < 25 || !step(&w, sigma, A, x, &rss, &tss))
+        corner_draw(&w, shift);
+        corner_blur(&w, sigma);
+        if (n < 25 || !corner_step(&w, sigma, A, x, &rss, &tss))
             return false;
         double d[2] = {x[0] / x[3], x[1] / x[3]}, ds = x[2] / x[3];
         double far = hypot(d[0], d[1]), cut = far > 1 ? 1 / far : 1;

@@ -69,8 +69,8 @@ static void flip_corners(rec_board_detector *det, struct rec_board_sight *out)
 
 /* ---- one way round ------------------------------------------------------------------------------ */
 
-static void describe(const struct rec_print *print, const struct rec_grown *g, size_t n,
-                     size_t found, struct rec_board_sight *out)
+static void detect_describe(const struct rec_print *print, const struct rec_grown *g, size_t n,
+                            size_t found, struct rec_board_sight *out)
 {
     double *blur = malloc(found * sizeof *blur), side = 0;
     size_t k = 0, pairs = 0;
@@ -124,7 +124,7 @@ static size_t attempt(rec_board_detector *det, enum rec_way way, bool flipped,
         out->markers = 0;
         return 0;
     }
-    describe(print, det->grown, all, found, out);
+    detect_describe(print, det->grown, all, found, out);
     out->view.n = 0;
     out->view.corner = det->corner;
     for (size_t i = 0; i < all; i++)
@@ -186,7 +186,7 @@ static void turn_back(rec_board_detector *det, struct rec_board_sight *out)
 
 /* Of a two-sided board both ways round by the cheap way first; of others the flipped picture last, and not by the
  * dearest. */
-static bool search(rec_board_detector *det, struct rec_board_sight *out)
+static bool detect_search(rec_board_detector *det, struct rec_board_sight *out)
 {
     const struct rec_board *b = &det->print[0].board;
     const struct rec_board_sight nothing = *out;
@@ -228,7 +228,7 @@ pvx_err rec_board_detect(rec_board_detector *det, const struct rec_board_picture
     det->small = det->some[0] = det->some[1] = false;
     for (int i = 0; i < 3; i++)
         det->looked[i].done = false;
-    if (p->width >= 16 && p->height >= 16 && search(det, out))
+    if (p->width >= 16 && p->height >= 16 && detect_search(det, out))
         return PVX_OK;
     if (b->kind == REC_CHESSBOARD) /* for what to say */
         PVX_TRY(

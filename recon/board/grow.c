@@ -57,7 +57,7 @@ static double side_at(const struct rec_print *p, const double h[9], const double
 }
 
 /* The corner that is nearest to what is known; -1 at the end. */
-static ptrdiff_t next(const double *distance, size_t n)
+static ptrdiff_t grow_next(const double *distance, size_t n)
 {
     ptrdiff_t best = -1;
     for (size_t i = 0; i < n; i++)
@@ -77,7 +77,7 @@ static void come_nearer(double *distance, size_t n, const struct rec_print *p, d
     }
 }
 
-static void keep(struct growth *g, const double xy[2], const struct rec_corner_fit *c)
+static void grow_keep(struct growth *g, const double xy[2], const struct rec_corner_fit *c)
 {
     g->pair[g->n++] = (struct rec_pair){xy[0], xy[1], c->x, c->y, 1};
 }
@@ -90,7 +90,7 @@ static void spread_out(struct growth *g, size_t n, struct rec_grown *corner)
         distance[i] = INFINITY;
     for (size_t i = 0; i < g->n; i++)
         come_nearer(distance, n, g->p, g->pair[i].x, g->pair[i].y);
-    for (ptrdiff_t i; (i = next(distance, n)) >= 0;) {
+    for (ptrdiff_t i; (i = grow_next(distance, n)) >= 0;) {
         double xy[3], h[9];
         distance[i] = -1;
         rec_board_point(&g->p->board, REC_FRONT, (uint32_t)i, xy);
@@ -101,13 +101,13 @@ static void spread_out(struct growth *g, size_t n, struct rec_grown *corner)
             continue;
         corner[i].found = true;
         blur += 0.3 * (c->blur - blur);
-        keep(g, xy, c);
+        grow_keep(g, xy, c);
         come_nearer(distance, n, g->p, xy[0], xy[1]);
     }
 }
 
 /* Each anew by the map of its neighbours; those that stray go. */
-static size_t settle(struct growth *g, size_t n, struct rec_grown *corner)
+static size_t grow_settle(struct growth *g, size_t n, struct rec_grown *corner)
 {
     size_t at = 0, left = 0;
     for (size_t i = 0; i < n; i++) {
@@ -150,8 +150,8 @@ size_t rec_grow(const struct rec_field *f, const struct rec_print *p, const stru
         if (corner[i].found) {
             double xy[3];
             rec_board_point(&p->board, REC_FRONT, (uint32_t)i, xy);
-            keep(&g, xy, &corner[i].fit);
+            grow_keep(&g, xy, &corner[i].fit);
             found++;
         }
-    return found >= 5 ? settle(&g, n, corner) : found;
+    return found >= 5 ? grow_settle(&g, n, corner) : found;
 }

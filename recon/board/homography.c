@@ -23,7 +23,8 @@ static bool normaliser(const struct rec_pair *p, size_t n, bool picture, double 
     return isfinite(c[2]) && c[2] > 0;
 }
 
-static void add_row(double A[64], double b[8], const double row[8], double value, double weight)
+static void homography_add_row(double A[64], double b[8], const double row[8], double value,
+                               double weight)
 {
     for (int i = 0; i < 8; i++) {
         if (row[i] == 0)
@@ -34,7 +35,7 @@ static void add_row(double A[64], double b[8], const double row[8], double value
     }
 }
 
-static void multiply(const double a[9], const double b[9], double out[9])
+static void homography_multiply(const double a[9], const double b[9], double out[9])
 {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -49,16 +50,16 @@ bool rec_homography_fit(const struct rec_pair *p, size_t n, double h[9])
     for (size_t i = 0; i < n; i++) {
         double x = (p[i].x - c[0]) / c[2], y = (p[i].y - c[1]) / c[2];
         double u = (p[i].u - g[0]) / g[2], v = (p[i].v - g[1]) / g[2];
-        add_row(A, b, (double[8]){x, y, 1, 0, 0, 0, -u * x, -u * y}, u, p[i].weight);
-        add_row(A, b, (double[8]){0, 0, 0, x, y, 1, -v * x, -v * y}, v, p[i].weight);
+        homography_add_row(A, b, (double[8]){x, y, 1, 0, 0, 0, -u * x, -u * y}, u, p[i].weight);
+        homography_add_row(A, b, (double[8]){0, 0, 0, x, y, 1, -v * x, -v * y}, v, p[i].weight);
     }
     if (!rec_spd_solve(A, b, 8))
         return false;
     double k[9] = {b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], 1};
     double in[9] = {1 / c[2], 0, -c[0] / c[2], 0, 1 / c[2], -c[1] / c[2], 0, 0, 1};
     double out[9] = {g[2], 0, g[0], 0, g[2], g[1], 0, 0, 1};
-    multiply(k, in, t);
-    multiply(out, t, h);
+    homography_multiply(k, in, t);
+    homography_multiply(out, t, h);
     return true;
 }
 

@@ -31,7 +31,7 @@ struct finder {
     bool used[SADDLES], diagonal;
 };
 
-static double at(const struct finder *g, double x, double y)
+static double lattice_at(const struct finder *g, double x, double y)
 {
     int32_t w = g->w, u = (int32_t)floor(x), v = (int32_t)floor(y);
     if (!(x >= 0 && y >= 0) || u + 1 >= w || v + 1 >= g->h)
@@ -42,7 +42,7 @@ static double at(const struct finder *g, double x, double y)
 }
 
 /* 1 2 1 both ways: a Gaussian of 0.7 px.  More would close the white between a corner and the markers beside. */
-static void smooth(struct finder *g, const float *level)
+static void lattice_smooth(struct finder *g, const float *level)
 {
     ptrdiff_t w = g->w, n = w * g->h;
     memcpy(g->work, level, (size_t)n * sizeof *level);
@@ -145,7 +145,7 @@ static bool joined(const struct finder *g, const struct saddle *a, const struct 
     for (int k = 0; k < 7; k++) {
         double t = k == 0 ? -beyond : k == 6 ? 1 + beyond : 0.2 + 0.15 * (k - 1);
         double x = a->x + t * dx, y = a->y + t * dy,
-               d = at(g, x + nx, y + ny) - at(g, x - nx, y - ny);
+               d = lattice_at(g, x + nx, y + ny) - lattice_at(g, x - nx, y - ny);
         if (k == 1)
             sign = d > 0 ? 1 : -1;
         if (isnan(d))
@@ -204,7 +204,7 @@ static int nearest(const struct finder *g, int a, double x, double y, double rea
 }
 
 /* The nearest joined saddle along a direction, within 20 degrees of it; -1: none. */
-static int along(const struct finder *g, int a, const double dir[2], double far)
+static int lattice_along(const struct finder *g, int a, const double dir[2], double far)
 {
     int best = -1;
     double least = far;
@@ -230,7 +230,7 @@ struct open {
 };
 
 /* From one saddle; nodes found. */
-static size_t grow(struct finder *g, int seed, struct rec_node *node)
+static size_t lattice_grow(struct finder *g, int seed, struct rec_node *node)
 {
     static const int way[4][2] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
     struct open *queue = pvx_calloc(REC_LATTICE_MAX, sizeof *queue);
@@ -245,10 +245,10 @@ static size_t grow(struct finder *g, int seed, struct rec_node *node)
     double across[2][2] = {{s->dark[0], s->dark[1]}, {-s->dark[1], s->dark[0]}};
     for (int k = 0; k < 2; k++) {
         const double *dir = g->diagonal ? across[k] : s->dir[k];
-        int b = along(g, seed, dir, far);
+        int b = lattice_along(g, seed, dir, far);
         double back[2] = {-dir[0], -dir[1]}, sign = 1;
         if (b < 0) {
-            b = along(g, seed, back, far);
+            b = lattice_along(g, seed, back, far);
             sign = -1;
         }
         if (b < 0)
@@ -294,7 +294,7 @@ out:
 }
 
 /* Nodes of a lattice of opposite corners as those of the squares', those between in the middle of theirs. */
-static void fill(struct rec_node *node, size_t *n)
+static void lattice_fill(struct rec_node *node, size_t *n)
 {
     static const int way[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
     size_t have = *n;
@@ -342,11 +342,11 @@ pvx_err rec_lattice_find(const struct rec_field *f, double contrast, bool diagon
     e = PVX_OK;
     if (f->width < 32 || f->height < 32)
         goto out;
-    smooth(g, f->level);
+    lattice_smooth(g, f->level);
     g->response = g->work;
     find_saddles(g);
     for (int s = 0; s < g->n && s < SEEDS && *n < 24; s++) {
-        size_t k = grow(g, s, now);
+        size_t k = lattice_grow(g, s, now);
         /* bits of markers make diagonal lattices too, of weaker saddles: those come later */
         if (k > *n + (diagonal ? *n / 2 : 0) && k >= 6) {
             *n = k;
@@ -354,7 +354,7 @@ pvx_err rec_lattice_find(const struct rec_field *f, double contrast, bool diagon
         }
     }
     if (diagonal)
-        fill(node, n);
+        lattice_fill(node, n);
 out:
     if (g != NULL) {
         free(g->soft);

@@ -15,7 +15,7 @@ struct inside {
     double bit[BITS * BITS]; /* mean 0, sum of squares 1 where there is contrast */
 };
 
-static double at(const struct rec_field *f, double x, double y)
+static double lattice_read_at(const struct rec_field *f, double x, double y)
 {
     int32_t w = f->width, u = (int32_t)floor(x), v = (int32_t)floor(y);
     if (!(x >= 0 && y >= 0) || u + 1 >= w || v + 1 >= f->height)
@@ -34,7 +34,7 @@ static void look_inside(const struct rec_field *f, const struct rec_print *p, co
     for (int k = 0; k < n * n; k++) {
         rec_homography_map(h, 0.5 + s0 * (k % n + 0.5 - n / 2.0),
                            0.5 + s0 * (k / n + 0.5 - n / 2.0), uv);
-        bit[k] = at(f, uv[0], uv[1]);
+        bit[k] = lattice_read_at(f, uv[0], uv[1]);
         sum += bit[k];
     }
     for (int k = 0; k < n * n; k++) {
@@ -56,7 +56,7 @@ static const struct rec_node *node_at(const struct rec_node *node, size_t n, int
 }
 
 /* Board square of lattice square (i, j), turned by k quarters, before it is shifted. */
-static void turned(int k, int i, int j, int out[2])
+static void board_turned(int k, int i, int j, int out[2])
 {
     int x[4] = {i, -j - 1, -i - 1, j}, y[4] = {j, i, -j - 1, -i - 1};
     out[0] = x[k];
@@ -86,12 +86,13 @@ struct place {
 };
 
 /* All squares of the lattice with the lattice at one place. */
-static double judge(const struct rec_print *p, const struct inside *s, size_t n, struct place at)
+static double lattice_read_judge(const struct rec_print *p, const struct inside *s, size_t n,
+                                 struct place at)
 {
     double sum = 0;
     for (size_t k = 0; k < n; k++) {
         int c[2];
-        turned(at.turn, s[k].i, s[k].j, c);
+        board_turned(at.turn, s[k].i, s[k].j, c);
         c[0] += at.x;
         c[1] += at.y;
         if (c[0] < 0 || c[1] < 0 || c[0] >= p->board.cols || c[1] >= p->board.rows)
@@ -110,7 +111,7 @@ static size_t squares(const struct rec_field *f, const struct rec_print *p,
     double low = INFINITY, high = -INFINITY;
     for (size_t k = 0; k < n; k++)
         for (int q = 0; q < 25; q++) {
-            double v = at(f, node[k].x + q % 5 - 2, node[k].y + q / 5 - 2);
+            double v = lattice_read_at(f, node[k].x + q % 5 - 2, node[k].y + q / 5 - 2);
             low = fmin(low, v);
             high = fmax(high, v);
         }
@@ -143,7 +144,7 @@ double rec_lattice_read(const struct rec_field *f, const struct rec_print *p,
         int lo[2] = {1 << 20, 1 << 20}, hi[2] = {-(1 << 20), -(1 << 20)};
         for (size_t q = 0; q < m; q++) {
             int c[2];
-            turned(k, s[q].i, s[q].j, c);
+            board_turned(k, s[q].i, s[q].j, c);
             for (int a = 0; a < 2; a++) {
                 lo[a] = c[a] < lo[a] ? c[a] : lo[a];
                 hi[a] = c[a] > hi[a] ? c[a] : hi[a];
@@ -153,7 +154,7 @@ double rec_lattice_read(const struct rec_field *f, const struct rec_print *p,
         for (int y = -1 - lo[1]; y <= b->rows - hi[1]; y++)
             for (int x = -1 - lo[0]; x <= b->cols - hi[0]; x++) {
                 struct place now = {k, x, y, 0};
-                now.score = judge(p, s, m, now);
+                now.score = lattice_read_judge(p, s, m, now);
                 if (now.score > best.score) {
                     second = best;
                     best = now;
@@ -166,7 +167,7 @@ double rec_lattice_read(const struct rec_field *f, const struct rec_print *p,
     for (size_t k = 0; k < n; k++) {
         /* a node is the first corner of its square: turn the square, then take the corner that it became */
         int q[4][2] = {{0, 0}, {-1, 0}, {-1, -1}, {0, -1}}, c[2];
-        turned(best.turn, node[k].i, node[k].j, c);
+        board_turned(best.turn, node[k].i, node[k].j, c);
         int x = c[0] + best.x - q[best.turn][0], y = c[1] + best.y - q[best.turn][1];
         bool on = x >= 1 && y >= 1 && x < b->cols && y < b->rows;
         id[k] = on ? (y - 1) * (b->cols - 1) + x - 1 : -1;

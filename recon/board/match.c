@@ -25,7 +25,8 @@ static bool on_board(const struct rec_print *p, const struct rec_cv_marker *m)
     return m->id >= 0 && m->id < p->n_markers;
 }
 
-static size_t add(const struct rec_print *p, const struct rec_cv_marker *m, struct rec_pair *pair)
+static size_t match_add(const struct rec_print *p, const struct rec_cv_marker *m,
+                        struct rec_pair *pair)
 {
     double xy[4][2];
     rec_print_marker(p, m->id, xy);
@@ -35,11 +36,12 @@ static size_t add(const struct rec_print *p, const struct rec_cv_marker *m, stru
 }
 
 /* Mean square distance of its corners from where h has them; INFINITY beyond reach. */
-static double distance(const struct rec_print *p, const struct rec_cv_marker *m, const double h[9])
+static double match_distance(const struct rec_print *p, const struct rec_cv_marker *m,
+                             const double h[9])
 {
     struct rec_pair pair[4];
     double uv[2], sum = 0, limit = NEAR * rec_marker_side(m);
-    add(p, m, pair);
+    match_add(p, m, pair);
     for (int c = 0; c < 4; c++) {
         rec_homography_map(h, pair[c].x, pair[c].y, uv);
         double d = hypot(uv[0] - pair[c].u, uv[1] - pair[c].v);
@@ -50,13 +52,13 @@ static double distance(const struct rec_print *p, const struct rec_cv_marker *m,
     return sum;
 }
 
-static size_t count(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
-                    const double h[9], double *sum, bool *agrees)
+static size_t match_count(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                          const double h[9], double *sum, bool *agrees)
 {
     size_t k = 0;
     *sum = 0;
     for (size_t i = 0; i < n; i++) {
-        double d = on_board(p, &m[i]) ? distance(p, &m[i], h) : INFINITY;
+        double d = on_board(p, &m[i]) ? match_distance(p, &m[i], h) : INFINITY;
         bool yes = d < INFINITY;
         if (agrees != NULL)
             agrees[i] = yes;
@@ -69,14 +71,14 @@ static size_t count(const struct rec_print *p, const struct rec_cv_marker *m, si
 }
 
 /* The map of some markers; false where they do not give one. */
-static bool fit(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
-                const bool *which, double h[9])
+static bool match_fit(const struct rec_print *p, const struct rec_cv_marker *m, size_t n,
+                      const bool *which, double h[9])
 {
     struct rec_pair *pair = pvx_calloc(4 * n, sizeof *pair);
     size_t k = 0;
     for (size_t i = 0; pair != NULL && i < n; i++)
         if (which[i])
-            k += add(p, &m[i], pair + k);
+            k += match_add(p, &m[i], pair + k);
     bool ok = pair != NULL && rec_homography_fit(pair, k, h);
     free(pair);
     return ok;
@@ -97,12 +99,12 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
             if ((i == j && n > 1) || !on_board(p, &m[i]) || !on_board(p, &m[j]) ||
                 m[i].id == m[j].id * (n > 1 ? 1 : -1) || at++ % stride != 0)
                 continue;
-            size_t k = add(p, &m[i], pair);
+            size_t k = match_add(p, &m[i], pair);
             if (i != j)
-                k += add(p, &m[j], pair + k);
+                k += match_add(p, &m[j], pair + k);
             if (!rec_homography_fit(pair, k, h))
                 continue;
-            size_t c = count(p, m, n, h, &sum, now);
+            size_t c = match_count(p, m, n, h, &sum, now);
             if (c > out->agreeing || (c == out->agreeing && c > 0 && sum < best)) {
                 out->agreeing = c;
                 best = sum;
@@ -112,9 +114,9 @@ void rec_match(const struct rec_print *p, const struct rec_cv_marker *m, size_t 
         }
     /* all that agree fit better than two do, and then more may agree */
     for (int turn = 0; turn < 4 && out->agreeing > 1; turn++) {
-        if (!fit(p, m, n, in, h))
+        if (!match_fit(p, m, n, in, h))
             break;
-        size_t c = count(p, m, n, h, &sum, now);
+        size_t c = match_count(p, m, n, h, &sum, now);
         if (c < out->agreeing || (c == out->agreeing && !(sum < best)))
             break;
         out->agreeing = c;
@@ -139,7 +141,7 @@ double rec_match_ratio(const struct rec_print *p, const struct rec_cv_marker *m,
         struct rec_pair c[4];
         if (!agrees[i])
             continue;
-        add(p, &m[i], c);
+        match_add(p, &m[i], c);
         /* where the diagonals meet is the image of the middle, whatever the size */
         double x[2] = {c[2].u - c[0].u, c[2].v - c[0].v}, y[2] = {c[3].u - c[1].u, c[3].v - c[1].v};
         double s =

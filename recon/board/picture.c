@@ -5,7 +5,7 @@
 #include "base/mem.h"
 #include "recon/board/detect_int.h"
 
-static pvx_err room(rec_board_detector *det, size_t pixels)
+static pvx_err picture_room(rec_board_detector *det, size_t pixels)
 {
     if (pixels <= det->size)
         return PVX_OK;
@@ -20,7 +20,7 @@ static pvx_err room(rec_board_detector *det, size_t pixels)
     return PVX_OK;
 }
 
-static void read_levels(rec_board_detector *det, const struct rec_board_picture *p)
+static void picture_read_levels(rec_board_detector *det, const struct rec_board_picture *p)
 {
     float of_byte[256];
     for (int i = 0; i < 256; i++)
@@ -38,7 +38,7 @@ static void read_levels(rec_board_detector *det, const struct rec_board_picture 
 
 /* Standard deviation of the noise, of a part of the pixels: what is left of the second difference both ways, of
  * which edges and slopes have little (Immerkaer, CVIU 64:300, 1996), by its median. */
-static double noise(rec_board_detector *det)
+static double picture_noise(rec_board_detector *det)
 {
     enum { BINS = 4096 };
     uint32_t h[BINS] = {0};
@@ -72,7 +72,7 @@ static void find_range(rec_board_detector *det)
         hi += h[at];
     det->high = 16.0 * (double)((at + 1) * (at + 1)) / ((BINS - 1.0) * (BINS - 1.0));
     det->range = det->high - det->low;
-    det->noise = noise(det);
+    det->noise = picture_noise(det);
     det->high = fmax(det->high, det->low + 30 * det->noise); /* or noise alone would be edges */
 }
 
@@ -113,9 +113,9 @@ void rec_board_turn(rec_board_detector *det, bool flipped)
 
 pvx_err rec_board_read(rec_board_detector *det, const struct rec_board_picture *p)
 {
-    PVX_TRY(room(det, (size_t)p->width * (size_t)p->height));
+    PVX_TRY(picture_room(det, (size_t)p->width * (size_t)p->height));
     det->flipped = false;
-    read_levels(det, p);
+    picture_read_levels(det, p);
     find_range(det);
     make_grey(det);
     return PVX_OK;

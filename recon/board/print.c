@@ -14,7 +14,7 @@ static struct {
     char why[PVX_DIAG_MAX];
 } module = {.once = PTHREAD_ONCE_INIT};
 
-static void find_module(void)
+static void print_find_module(void)
 {
     module.cv = pvx_module_load("pyrovox-aruco.so", "rec_cv_module", REC_CV_VERSION, module.why,
                                 sizeof module.why);
@@ -22,7 +22,7 @@ static void find_module(void)
 
 pvx_err rec_cv_load(const struct rec_cv **out, struct pvx_diag *d)
 {
-    pthread_once(&module.once, find_module);
+    pthread_once(&module.once, print_find_module);
     *out = module.cv;
     return module.cv != NULL ? PVX_OK
                              : pvx_fail(d, PVX_EUNSUP, "markers need OpenCV: %.500s", module.why);
@@ -43,7 +43,7 @@ static void number_cells(struct rec_print *p)
         }
 }
 
-static pvx_err fetch(struct rec_print *p, struct pvx_diag *d)
+static pvx_err print_fetch(struct rec_print *p, struct pvx_diag *d)
 {
     const struct rec_cv *cv;
     char err[128] = "";
@@ -79,7 +79,7 @@ pvx_err rec_print_init(struct rec_print *p, const struct rec_board *b, struct pv
         p->x1 = (b->cols - less) * b->square;
         p->y1 = (b->rows - less) * b->square;
     }
-    pvx_err e = b->kind == REC_CHESSBOARD ? PVX_OK : fetch(p, d);
+    pvx_err e = b->kind == REC_CHESSBOARD ? PVX_OK : print_fetch(p, d);
     bool april = b->kind == REC_APRILGRID;
     p->pitch = april ? b->square + b->marker : b->square;
     p->in = april ? b->marker : (b->square - b->marker) / 2;
@@ -119,7 +119,7 @@ struct slot {
     double end; /* where the next one begins */
 };
 
-static struct slot slot_of(const struct rec_print *p, double v, double v0)
+static struct slot print_slot_of(const struct rec_print *p, double v, double v0)
 {
     enum { BELOW = 1024 }; /* squares before the first: a cast rounds like floor from there */
     double from = v - v0;
@@ -162,15 +162,16 @@ static double dark(const struct rec_print *p, const struct slot *x, const struct
 
 double rec_print_ink(const struct rec_print *p, double x, double y, double hx, double hy)
 {
-    struct slot sx[2] = {slot_of(p, x - hx, p->x0)}, sy[2] = {slot_of(p, y - hy, p->y0)};
+    struct slot sx[2] = {print_slot_of(p, x - hx, p->x0)},
+                sy[2] = {print_slot_of(p, y - hy, p->y0)};
     double wx = 1, wy = 1; /* share of the first slot */
     if (sx[0].end < x + hx) {
         wx = (sx[0].end - x + hx) / (2 * hx);
-        sx[1] = slot_of(p, x + hx, p->x0);
+        sx[1] = print_slot_of(p, x + hx, p->x0);
     }
     if (sy[0].end < y + hy) {
         wy = (sy[0].end - y + hy) / (2 * hy);
-        sy[1] = slot_of(p, y + hy, p->y0);
+        sy[1] = print_slot_of(p, y + hy, p->y0);
     }
     double sum = wx * wy * dark(p, &sx[0], &sy[0]);
     if (wx < 1)

@@ -24,7 +24,7 @@ struct box {
     double x0, y0, x1, y1;
 };
 
-static void put(struct box *b, double x, double y)
+static void seeds_put(struct box *b, double x, double y)
 {
     b->x0 = fmin(b->x0, x);
     b->y0 = fmin(b->y0, y);
@@ -39,13 +39,13 @@ static void window(const rec_board_detector *det, int32_t x[2], int32_t y[2])
     struct box b = {INFINITY, INFINITY, -INFINITY, -INFINITY};
     int32_t w = det->field.width, h = det->field.height;
     for (size_t i = 0; i < det->n_nodes; i++)
-        put(&b, det->nodes_flipped == det->flipped ? det->node[i].x : w - 1 - det->node[i].x,
-            det->node[i].y);
+        seeds_put(&b, det->nodes_flipped == det->flipped ? det->node[i].x : w - 1 - det->node[i].x,
+                  det->node[i].y);
     for (size_t i = 0; i < l->n; i++) {
         double u = l->marker[i].xy[0][0];
         if (rec_marker_side(&l->marker[i]) < SMALL)
-            put(&b, !det->both && l->flipped != det->flipped ? w - 1 - u : u,
-                l->marker[i].xy[0][1]);
+            seeds_put(&b, !det->both && l->flipped != det->flipped ? w - 1 - u : u,
+                      l->marker[i].xy[0][1]);
     }
     double more = 20 + 0.5 * fmax(b.x1 - b.x0, b.y1 - b.y0);
     x[0] = (int32_t)fmin(fmax(0, b.x0 - more), w);
@@ -70,7 +70,7 @@ static bool read_twice(const rec_board_detector *det, const struct rec_cv_marker
 }
 
 /* The markers of one face, as they lie in the picture that way round. */
-static void look(rec_board_detector *det, int how, bool flipped)
+static void seeds_look(rec_board_detector *det, int how, bool flipped)
 {
     struct rec_looked *l = &det->looked[how];
     if (!l->done || (!det->both && l->flipped != flipped)) {
@@ -184,7 +184,7 @@ static size_t from_markers(rec_board_detector *det, int how, bool flipped,
                            struct rec_board_sight *out, const struct rec_print **print)
 {
     struct rec_match best = {0}, m;
-    look(det, how, flipped);
+    seeds_look(det, how, flipped);
     for (int i = 0; i < det->n_prints; i++) {
         rec_match(&det->print[i], det->marker, det->n_markers, &m, NULL);
         if (m.agreeing > best.agreeing) {

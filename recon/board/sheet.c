@@ -158,7 +158,7 @@ static void draw_ruler(cairo_t *cr, double x, double y)
 }
 
 /* A line of text that ends before `width`, made smaller where it would not. */
-static void text(cairo_t *cr, double x, double y, double width, const char *s)
+static void sheet_text(cairo_t *cr, double x, double y, double width, const char *s)
 {
     cairo_text_extents_t e;
     double size = 0.0028;
@@ -179,19 +179,19 @@ static void draw_foot(cairo_t *cr, const struct rec_print *p, const struct rec_p
     rec_board_text(b, spec);
     cairo_select_font_face(cr, "sans-serif", CAIRO_FONT_SLANT_NORMAL, CAIRO_FONT_WEIGHT_NORMAL);
     draw_ruler(cr, x, y + 0.0045);
-    text(cr, x + 0.102, y + 0.0045, width - 0.102, "100 mm");
+    sheet_text(cr, x + 0.102, y + 0.0045, width - 0.102, "100 mm");
     snprintf(line, sizeof line, "%s%s", spec,
              !b->two_sided       ? ""
              : face == REC_FRONT ? "   FRONT: glue the sheets back to back, marks on marks"
                                  : "   BACK");
-    text(cr, x, y + 0.0090, width, line);
-    text(cr, x, y + 0.0130, width,
-         "Print at 100 % (no \"fit to page\"), on a flat, stiff, matt plate.");
+    sheet_text(cr, x, y + 0.0090, width, line);
+    sheet_text(cr, x, y + 0.0130, width,
+               "Print at 100 % (no \"fit to page\"), on a flat, stiff, matt plate.");
     snprintf(line, sizeof line,
              "Measure: the ruler must be 100.0 mm and the pattern %.2f x %.2f mm; if not, write "
              "what you measured into the spec.",
              (p->x1 - p->x0) * 1e3, (p->y1 - p->y0) * 1e3);
-    text(cr, x, y + 0.0170, width, line);
+    sheet_text(cr, x, y + 0.0170, width, line);
 }
 
 void rec_sheet_draw(struct _cairo *cr, const struct rec_print *p, const struct rec_page *page,

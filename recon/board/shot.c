@@ -20,7 +20,7 @@ static void to_board(const double R[9], const double v[3], double out[3])
         out[i] = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2];
 }
 
-static void set_up(const struct rec_board_shot *s, struct shot *w)
+static void shot_set_up(const struct rec_board_shot *s, struct shot *w)
 {
     const struct rec_board *b = &s->print->board;
     double c[3], d[3];
@@ -35,7 +35,7 @@ static void set_up(const struct rec_board_shot *s, struct shot *w)
 }
 
 /* Where the ray of pixel (u, v) meets the face; NAN: nowhere. */
-static void meet(const struct shot *w, double u, double v, double xy[2])
+static void shot_meet(const struct shot *w, double u, double v, double xy[2])
 {
     double o[3], dir[3], d[3];
     xy[0] = xy[1] = NAN;
@@ -86,7 +86,7 @@ struct part {
     int32_t x0, y0, x1, y1;
 };
 
-static struct part find(const struct shot *w)
+static struct part shot_find(const struct shot *w)
 {
     enum { STEPS = 16 };
     const struct rec_camera *k = w->s->camera;
@@ -118,7 +118,7 @@ static struct part find(const struct shot *w)
 }
 
 /* Rows of corners are met once, for the pixels above and below. */
-static pvx_err draw(const struct shot *w, const struct part *a, float *level)
+static pvx_err shot_draw(const struct shot *w, const struct part *a, float *level)
 {
     int32_t n = a->x1 - a->x0;
     if (n <= 0 || a->y1 <= a->y0)
@@ -128,11 +128,11 @@ static pvx_err draw(const struct shot *w, const struct part *a, float *level)
         return PVX_ENOMEM;
     double(*above)[2] = (double(*)[2])mem, (*below)[2] = above + n + 1;
     for (int32_t i = 0; i <= n; i++)
-        meet(w, a->x0 + i - 0.5, a->y0 - 0.5, above[i]);
+        shot_meet(w, a->x0 + i - 0.5, a->y0 - 0.5, above[i]);
     for (int32_t v = a->y0; v < a->y1; v++) {
         float *row = level + (ptrdiff_t)v * w->s->camera->width + a->x0;
         for (int32_t i = 0; i <= n; i++)
-            meet(w, a->x0 + i - 0.5, v + 0.5, below[i]);
+            shot_meet(w, a->x0 + i - 0.5, v + 0.5, below[i]);
         for (int32_t i = 0; i < n; i++)
             row[i] = (float)pixel(w, above[i], above[i + 1], below[i], below[i + 1]);
         double(*t)[2] = above;
@@ -144,7 +144,7 @@ static pvx_err draw(const struct shot *w, const struct part *a, float *level)
 }
 
 /* Separable; the picture goes on beyond its border as it is there. */
-static pvx_err blur(double sigma, int32_t w, int32_t h, float *level)
+static pvx_err shot_blur(double sigma, int32_t w, int32_t h, float *level)
 {
     int32_t m = (int32_t)ceil(4 * sigma), longest = w > h ? w : h;
     double *k = pvx_calloc((size_t)m + 1, sizeof *k), sum = 0;
@@ -176,10 +176,10 @@ pvx_err rec_board_shoot(const struct rec_board_shot *s, float *level)
 {
     struct shot w;
     size_t n = (size_t)s->camera->width * (size_t)s->camera->height;
-    set_up(s, &w);
+    shot_set_up(s, &w);
     for (size_t i = 0; i < n; i++)
         level[i] = (float)s->ground;
-    struct part a = find(&w);
-    PVX_TRY(draw(&w, &a, level));
-    return s->blur > 0 ? blur(s->blur, s->camera->width, s->camera->height, level) : PVX_OK;
+    struct part a = shot_find(&w);
+    PVX_TRY(shot_draw(&w, &a, level));
+    return s->blur > 0 ? shot_blur(s->blur, s->camera->width, s->camera->height, level) : PVX_OK;
 }

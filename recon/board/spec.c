@@ -131,7 +131,8 @@ static pvx_err length(const char **rest, const char *what, const char *whole, do
     return PVX_OK;
 }
 
-static pvx_err size(const char **rest, const char *whole, struct rec_board *b, struct pvx_diag *d)
+static pvx_err spec_size(const char **rest, const char *whole, struct rec_board *b,
+                         struct pvx_diag *d)
 {
     char f[32] = "";
     int end = -1;
@@ -147,7 +148,8 @@ static pvx_err size(const char **rest, const char *whole, struct rec_board *b, s
     return PVX_OK;
 }
 
-static pvx_err option(const char *f, const char *whole, struct rec_board *b, struct pvx_diag *d)
+static pvx_err spec_option(const char *f, const char *whole, struct rec_board *b,
+                           struct pvx_diag *d)
 {
     const char *name = strncmp(f, "DICT_APRILTAG_", 14) == 0 ? f + 14
                        : strncmp(f, "DICT_", 5) == 0         ? f + 5
@@ -178,7 +180,7 @@ static pvx_err option(const char *f, const char *whole, struct rec_board *b, str
 }
 
 /* What is left out has a default; what does not go together is said. */
-static pvx_err complete(const char *whole, struct rec_board *b, struct pvx_diag *d)
+static pvx_err spec_complete(const char *whole, struct rec_board *b, struct pvx_diag *d)
 {
     if (b->legacy && (b->kind != REC_CHARUCO || b->rows % 2 != 0))
         return pvx_fail(d, PVX_EUNSUP,
@@ -224,7 +226,7 @@ static pvx_err complete(const char *whole, struct rec_board *b, struct pvx_diag 
     return PVX_OK;
 }
 
-static pvx_err parse(const char *text, struct rec_board *b, struct pvx_diag *d)
+static pvx_err spec_parse(const char *text, struct rec_board *b, struct pvx_diag *d)
 {
     char f[64] = "";
     const char *rest = text;
@@ -239,21 +241,21 @@ static pvx_err parse(const char *text, struct rec_board *b, struct pvx_diag *d)
         return pvx_fail(d, PVX_EFORMAT, "board '%s': no kind '%s'; boards are " SHAPES, text, f);
     b->kind = (enum rec_board_kind)k;
     b->thickness = NAN;
-    PVX_TRY(size(&rest, text, b, d));
+    PVX_TRY(spec_size(&rest, text, b, d));
     PVX_TRY(length(&rest, k == REC_APRILGRID ? "side of a marker" : "side of a square", text,
                    &b->square, d));
     if (k != REC_CHESSBOARD)
         PVX_TRY(
             length(&rest, k == REC_APRILGRID ? "gap" : "side of a marker", text, &b->marker, d));
     while (next_field(&rest, f, sizeof f))
-        PVX_TRY(option(f, text, b, d));
-    return complete(text, b, d);
+        PVX_TRY(spec_option(f, text, b, d));
+    return spec_complete(text, b, d);
 }
 
 pvx_err rec_board_parse(const char *text, struct rec_board *b, struct pvx_diag *d)
 {
     *b = (struct rec_board){0};
-    pvx_err e = parse(text, b, d);
+    pvx_err e = spec_parse(text, b, d);
     if (e != PVX_OK)
         *b = (struct rec_board){0};
     return e;

@@ -50,8 +50,8 @@ void rec_calib_use_state(struct calib *k, double *state)
 /* ---- residuals ---------------------------------------------------------------------------------- */
 
 /* x: shape, lens, camera, board. */
-static bool corner(const struct calib *k, const struct source *of, const double *const *x,
-                   double r[2], double **J)
+static bool adjust_corner(const struct calib *k, const struct source *of, const double *const *x,
+                          double r[2], double **J)
 {
     const struct view *v = of->view;
     const struct seen *s = &k->seen[of->index];
@@ -150,11 +150,12 @@ static bool prior(const struct calib *k, const struct source *of, const double *
     return true;
 }
 
-static bool residual(const void *ctx, size_t i, const double *const *x, double *r, double **J)
+static bool adjust_residual(const void *ctx, size_t i, const double *const *x, double *r,
+                            double **J)
 {
     const struct problem *p = ctx;
     const struct source *of = &p->source[i];
-    return of->view != NULL ? corner(p->k, of, x, r, J) : prior(p->k, of, x, r, J);
+    return of->view != NULL ? adjust_corner(p->k, of, x, r, J) : prior(p->k, of, x, r, J);
 }
 
 /* ---- the problem -------------------------------------------------------------------------------- */
@@ -186,7 +187,7 @@ static void free_problem(struct problem *p)
     free(p->block);
 }
 
-static pvx_err make(const struct calib *k, const struct adjust *a, struct problem *p)
+static pvx_err adjust_make(const struct calib *k, const struct adjust *a, struct problem *p)
 {
     size_t most = k->ns + PRIORS * k->nc + SHAPE_PRIORS, nb = 1 + 2 * k->nc + k->nf;
     *p = (struct problem){.k = k, .robust = a->robust};
@@ -227,7 +228,7 @@ static struct rec_nls as_nls(const struct problem *p, int max_iterations)
                             .n_terms = p->n,
                             .block = p->block,
                             .term = p->term,
-                            .residual = residual,
+                            .residual = adjust_residual,
                             .ctx = p,
                             .loss = LOSS,
                             .tolerance =
@@ -240,7 +241,7 @@ pvx_err rec_calib_adjust(struct calib *k, const struct adjust *a)
     struct problem p;
     struct rec_nls_report report;
     char err[PVX_DIAG_MAX] = "";
-    PVX_TRY(make(k, a, &p));
+    PVX_TRY(adjust_make(k, a, &p));
     struct rec_nls nls = as_nls(&p, a->max_iterations);
     int e = k->lib->solve(&nls, &report, err, sizeof err);
     free_problem(&p);
@@ -259,7 +260,7 @@ pvx_err rec_calib_covariance(struct calib *k, double *cov)
         list[2 * c] = 1 + c;
         list[2 * c + 1] = 1 + (uint32_t)k->nc + c;
     }
-    PVX_TRY(make(k, &(struct adjust){0}, &p));
+    PVX_TRY(adjust_make(k, &(struct adjust){0}, &p));
     struct rec_nls nls = as_nls(&p, 0);
     int e = k->lib->covariance(&nls, list, 2 * k->nc, cov, err, sizeof err);
     free_problem(&p);

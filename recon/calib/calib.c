@@ -19,7 +19,7 @@ static struct {
     char why[PVX_DIAG_MAX]; /* it could not be loaded */
 } module = {.once = PTHREAD_ONCE_INIT};
 
-static void find_module(void)
+static void calib_find_module(void)
 {
     module.lib = pvx_module_load("pyrovox-calib.so", "rec_calib_module", REC_CALIB_VERSION,
                                  module.why, sizeof module.why);
@@ -132,7 +132,7 @@ static void report_boards(struct calib *k)
 }
 
 /* From a state that is solved: sentences, world, uncertainty, folds. */
-static pvx_err finish(struct calib *k, double *cov, struct rec_rig *rig)
+static pvx_err calib_finish(struct calib *k, double *cov, struct rec_rig *rig)
 {
     struct rec_uncertainty of[REC_MAX_CAMERAS];
     report_views(k);
@@ -161,7 +161,7 @@ pvx_err rec_calib_solve(const struct rec_calib_input *in, struct rec_rig *rig,
     double *cov = NULL;
     *rig = (struct rec_rig){0};
     *out = (struct rec_calib_report){0};
-    pthread_once(&module.once, find_module);
+    pthread_once(&module.once, calib_find_module);
     k.lib = module.lib;
     if (k.lib == NULL)
         return pvx_fail(d, PVX_EUNSUP, "the calibration module cannot be loaded: %.500s",
@@ -177,7 +177,7 @@ pvx_err rec_calib_solve(const struct rec_calib_input *in, struct rec_rig *rig,
         e = cov != NULL ? rec_calib_together(&k, cov) : PVX_ENOMEM;
     }
     if (e == PVX_OK)
-        e = finish(&k, cov, rig);
+        e = calib_finish(&k, cov, rig);
     if (e != PVX_OK) {
         rec_rig_fini(rig);
         if (out->view != NULL && k.view != NULL)

@@ -48,8 +48,8 @@ struct carry {
     double MCM[36];
 };
 
-static void motion(const struct calib *k, const struct rec_grid *g, const double *cov,
-                   struct carry *w)
+static void expect_motion(const struct calib *k, const struct rec_grid *g, const double *cov,
+                          struct carry *w)
 {
     double GG[36] = {0}, X[3], b[2 * N2], voxels;
     memset(w->M, 0, 6 * w->N * sizeof *w->M);
@@ -109,8 +109,8 @@ static void joint_cov(const double *cov, const struct carry *w, size_t c, double
 
 /* rms and what it stays below in 95 of 100 cases, of a sum of squares with mean tr(ZB) / n and variance
  * 2 tr((ZB)^2) / n^2: a chi^2 of as many degrees of freedom, whose quantile is Wilson and Hilferty's. */
-static void spread(const double Z[N2][N2], const double B[N2][N2], double n, double *rms,
-                   double *most)
+static void expect_spread(const double Z[N2][N2], const double B[N2][N2], double n, double *rms,
+                          double *most)
 {
     double P[N2][N2], mean = 0, var = 0;
     for (int i = 0; i < N2; i++)
@@ -163,8 +163,8 @@ static size_t of_camera(const struct calib *k, const struct rec_grid *g, size_t 
         n++;
     }
     if (n > 0) {
-        spread(Z, (const double(*)[N2])B[0], (double)n, &u->px, &u->px_95);
-        spread(Z, (const double(*)[N2])B[1], (double)n, &u->voxels, &u->voxels_95);
+        expect_spread(Z, (const double(*)[N2])B[0], (double)n, &u->px, &u->px_95);
+        expect_spread(Z, (const double(*)[N2])B[1], (double)n, &u->voxels, &u->voxels_95);
     }
     return n;
 }
@@ -183,7 +183,7 @@ pvx_err rec_calib_expect(struct calib *k, const struct rec_rig *rig, double *cov
         free(w.MC);
         return PVX_ENOMEM;
     }
-    motion(k, &rig->grid, cov, &w);
+    expect_motion(k, &rig->grid, cov, &w);
     for (size_t c = 0; c < k->nc; c++) {
         joint_cov(cov, &w, c, Z);
         out[c] = (struct rec_uncertainty){0};

@@ -25,8 +25,8 @@ static double rms_of(const struct calib *k, const bool *mask, double free)
     return n > free ? sqrt(2 * sum / (n - free)) : NAN;
 }
 
-static pvx_err fold(struct calib *k, size_t which, bool *train, bool *test,
-                    const struct rec_rig *whole)
+static pvx_err folds_fold(struct calib *k, size_t which, bool *train, bool *test,
+                          const struct rec_rig *whole)
 {
     struct rec_rig rig;
     double worst;
@@ -71,7 +71,7 @@ pvx_err rec_calib_folds(struct calib *k, const struct rec_rig *whole)
     for (size_t i = 0; i < REC_CALIB_FOLDS && e == PVX_OK; i++) {
         memcpy(copy, kept, k->n_state * sizeof *copy);
         rec_calib_use_state(k, copy);
-        e = fold(k, i, mask, mask + k->nf, whole);
+        e = folds_fold(k, i, mask, mask + k->nf, whole);
         rec_calib_use_state(k, kept);
     }
     if (e == PVX_OK)

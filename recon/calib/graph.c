@@ -17,7 +17,7 @@ static int poses_of(const struct view *v)
     return v->n_poses == 2 && v->fit[1] < 3 * v->fit[0] ? 2 : v->n_poses > 0;
 }
 
-static const struct view *find(const struct calib *k, size_t frame, uint32_t camera)
+static const struct view *graph_find(const struct calib *k, size_t frame, uint32_t camera)
 {
     for (size_t i = k->of_frame[frame]; i < k->of_frame[frame + 1]; i++)
         if (k->view[i].camera == camera && k->view[i].fate == REC_VIEW_USED &&
@@ -41,19 +41,20 @@ struct guesses {
     double depth; /* m: mean distance of the board */
 };
 
-static void gather(const struct calib *k, uint32_t a, uint32_t b, int later, struct guesses *g)
+static void graph_gather(const struct calib *k, uint32_t a, uint32_t b, int later,
+                         struct guesses *g)
 {
     size_t both = 0, step, at = 0;
     g->n = g->frames = 0;
     g->depth = 0;
     for (size_t f = 0; f < k->nf; f++) {
         size_t s = shifted(k, f, later);
-        both += s < k->nf && find(k, s, a) != NULL && find(k, f, b) != NULL;
+        both += s < k->nf && graph_find(k, s, a) != NULL && graph_find(k, f, b) != NULL;
     }
     step = both / GUESSES + 1;
     for (size_t f = 0; f < k->nf; f++) {
         size_t s = shifted(k, f, later);
-        const struct view *va = s < k->nf ? find(k, s, a) : NULL, *vb = find(k, f, b);
+        const struct view *va = s < k->nf ? graph_find(k, s, a) : NULL, *vb = graph_find(k, f, b);
         if (va == NULL || vb == NULL || at++ % step != 0)
             continue;
         for (int i = 0; i < poses_of(va); i++)
@@ -71,7 +72,7 @@ static void gather(const struct calib *k, uint32_t a, uint32_t b, int later, str
 }
 
 /* Distances of a frame's nearest pose from `pose`, per frame. */
-static size_t distances(const struct guesses *g, const double pose[6], double *d)
+static size_t graph_distances(const struct guesses *g, const double pose[6], double *d)
 {
     size_t n = 0;
     for (size_t i = 0; i < g->n; i++) {
@@ -89,10 +90,10 @@ size_t rec_calib_pair_pose(const struct calib *k, uint32_t a, uint32_t b, int la
 {
     struct guesses g;
     double d[GUESSES], best = INFINITY;
-    gather(k, a, b, later, &g);
+    graph_gather(k, a, b, later, &g);
     *spread = INFINITY;
     for (size_t i = 0; i < g.n; i++) {
-        size_t n = distances(&g, g.pose[i], d);
+        size_t n = graph_distances(&g, g.pose[i], d);
         double median = pvx_median(d, n), sum = 0; /* sorts d */
         for (size_t j = 0; j < n; j++)
             sum += fmin(d[j], FAR * median + 1e-9);
@@ -120,7 +121,7 @@ static void list_pairs(struct calib *k)
             struct rec_calib_pair *p = &k->out->pair[k->out->n_pairs++];
             *p = (struct rec_calib_pair){.a = a, .b = b};
             for (size_t f = 0; f < k->nf; f++) {
-                const struct view *va = find(k, f, a), *vb = find(k, f, b);
+                const struct view *va = graph_find(k, f, a), *vb = graph_find(k, f, b);
                 if (va != NULL && vb != NULL) {
                     p->common++;
                     p->weight += fmin(worth(va), worth(vb));
@@ -166,7 +167,7 @@ static void plant(struct calib *k)
     k->pose_held[k->root] = k->joined[k->root] = true;
 }
 
-static void grow(struct calib *k)
+static void graph_grow(struct calib *k)
 {
     for (;;) {
         struct rec_calib_pair *best = NULL;
@@ -235,7 +236,7 @@ static size_t names(const struct calib *k, bool joined, char *out, size_t size)
 }
 
 /* The pair to bridge: whose sightings are nearest in time, since the board went from one to the other. */
-static pvx_err apart(struct calib *k)
+static pvx_err graph_apart(struct calib *k)
 {
     uint32_t a = 0, b = 0;
     int64_t least = INT64_MAX;
@@ -309,10 +310,10 @@ pvx_err rec_calib_join(struct calib *k)
     PVX_TRY(unseen(k));
     list_pairs(k);
     plant(k);
-    grow(k);
+    graph_grow(k);
     for (size_t c = 0; c < k->nc; c++)
         if (!k->joined[c])
-            return apart(k);
+            return graph_apart(k);
     place_boards(k);
     return PVX_OK;
 }

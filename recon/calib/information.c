@@ -304,7 +304,7 @@ static void hold_world(const struct rec_information *w, uint32_t root, double va
     }
 }
 
-static void multiply(const double *A, const double *B, size_t n, double *out)
+static void information_multiply(const double *A, const double *B, size_t n, double *out)
 {
     memset(out, 0, n * n * sizeof *out);
     for (size_t i = 0; i < n; i++)
@@ -313,7 +313,7 @@ static void multiply(const double *A, const double *B, size_t n, double *out)
                 out[i * n + j] += A[i * n + k] * B[k * n + j];
 }
 
-static pvx_err allocate(struct rec_information *w)
+static pvx_err information_allocate(struct rec_information *w)
 {
     w->lens = pvx_calloc(w->nc, sizeof *w->lens);
     w->pose = pvx_calloc(w->nc, sizeof *w->pose);
@@ -338,7 +338,7 @@ pvx_err rec_information_init(struct rec_information *w, const struct rec_calib_i
         .in = in, .rig = rig, .nc = (uint32_t)rig->n_cameras, .N = (size_t)N1 * rig->n_cameras};
     if (rig->n_cameras == 0 || rig->n_cameras != in->n_cameras || r->n_cameras != in->n_cameras)
         return PVX_EINVAL;
-    PVX_TRY(allocate(w));
+    PVX_TRY(information_allocate(w));
     double *room = pvx_calloc(in->n_views + 1, sizeof *room);
     if (room == NULL)
         return PVX_ENOMEM;
@@ -361,10 +361,10 @@ pvx_err rec_information_init(struct rec_information *w, const struct rec_calib_i
     hold_world(w, root, 0, w->C);
     memset(w->D, 0, w->N * w->N * sizeof *w->D);
     PVX_TRY(error_form(w, w->D)); /* H */
-    multiply(w->C, w->D, w->N, w->M);
+    information_multiply(w->C, w->D, w->N, w->M);
     for (size_t i = 0; i < w->N; i++)
         w->error += w->M[i * (w->N + 1)];
-    multiply(w->M, w->C, w->N, w->T);
+    information_multiply(w->M, w->C, w->N, w->T);
     return w->error > 0 && isfinite(w->error) ? PVX_OK : PVX_ENOENT;
 }
 

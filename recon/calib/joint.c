@@ -50,7 +50,7 @@ static void rescale(struct calib *k, double *room)
 }
 
 /* Wrong corners and pictures by the residuals as they are.  Returns how many changed. */
-static size_t judge(struct calib *k, bool pictures)
+static size_t joint_judge(struct calib *k, bool pictures)
 {
     size_t changed = 0;
     for (size_t i = 0; i < k->nv; i++) {
@@ -98,7 +98,7 @@ static pvx_err still_there(struct calib *k)
 }
 
 /* chi^2 per degree of freedom over what is used. */
-static void weigh(struct calib *k)
+static void joint_weigh(struct calib *k)
 {
     double sum = 0, n = 0, free = 0;
     for (size_t i = 0; i < k->nv; i++)
@@ -118,7 +118,7 @@ static void weigh(struct calib *k)
 }
 
 /* Parameter `at` is fixed: the covariance of the others, given it. */
-static void condition(double *cov, size_t N, size_t at)
+static void joint_condition(double *cov, size_t N, size_t at)
 {
     double over = cov[at * N + at] > 0 ? 1 / cov[at * N + at] : 0;
     for (size_t i = 0; i < N; i++)
@@ -131,7 +131,7 @@ static void condition(double *cov, size_t N, size_t at)
 
 /* Numbers of the lens that the data leave nearly as uncertain as belief does: back to the belief, the last
  * term of the radial series first, since the others are known better without it. */
-static bool hold(struct calib *k, double *cov)
+static bool joint_hold(struct calib *k, double *cov)
 {
     static const int order[REC_LENS] = {REC_K3, REC_K2, REC_K1, REC_P1, REC_P2,
                                         REC_CX, REC_CY, REC_FX, REC_FY};
@@ -152,7 +152,7 @@ static bool hold(struct calib *k, double *cov)
             o->held |= 1u << i;
             k->lens_held[c] |= 1u << i;
             k->lens[c][i] = k->believed[c][i];
-            condition(cov, N, at);
+            joint_condition(cov, N, at);
             any = true;
         }
         for (int i = 0; i < REC_LENS; i++) { /* as they are now that others are held */
@@ -167,7 +167,7 @@ static bool hold(struct calib *k, double *cov)
 /* (1) takes the errors of a view's corners for independent.  Where they are not - cameras out of step, a lens
  * of another model - a view tells less than so many corners would: the camera's scale grows by what shift,
  * growth and turn of whole views have too much. */
-static void correlate(struct calib *k)
+static void joint_correlate(struct calib *k)
 {
     for (uint32_t c = 0; c < k->nc; c++) {
         double sum = 0, n = 0;
@@ -188,7 +188,7 @@ static void correlate(struct calib *k)
 }
 
 /* The middle camera's residuals together over alone. */
-static double apart(const struct calib *k)
+static double joint_apart(const struct calib *k)
 {
     double over[REC_MAX_CAMERAS];
     for (size_t c = 0; c < k->nc; c++)
@@ -213,7 +213,7 @@ static void own_lenses(struct calib *k, const double *focal, const double (*lens
             k, REC_CALIB_NOTE, REC_CALIB_HELD, -1, REC_NO_FRAME,
             "together the cameras fit %.0f times worse than alone: the lenses of %zu stay as "
             "each found its own, and count as exact in what is expected of the volume",
-            apart(k), n);
+            joint_apart(k), n);
 }
 
 /* Nothing can be said of errors: why, if the residuals tell. */
@@ -248,9 +248,9 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
         e = rec_calib_adjust(k, &a);
         rec_calib_measure_all(k);
         rescale(k, room);
-        if (round == 0 && apart(k) > APART)
+        if (round == 0 && joint_apart(k) > APART)
             own_lenses(k, focal, (const double(*)[REC_LENS])lens);
-        changed = judge(k, round > 0);
+        changed = joint_judge(k, round > 0);
         if (e == PVX_OK)
             e = still_there(k);
         if (round == 0)
@@ -263,17 +263,17 @@ pvx_err rec_calib_together(struct calib *k, double *cov)
     double kept[REC_MAX_CAMERAS];
     memcpy(kept, k->scale, sizeof kept);
     rec_calib_measure_all(k);
-    weigh(k);
-    correlate(k);
+    joint_weigh(k);
+    joint_correlate(k);
     if (e == PVX_OK)
         e = rec_calib_covariance(k, cov);
     if (e != PVX_OK && e != PVX_ENOMEM)
         e = rather(k, e);
     memcpy(k->scale, kept, sizeof kept);
-    if (e == PVX_OK && hold(k, cov)) {
+    if (e == PVX_OK && joint_hold(k, cov)) {
         e = rec_calib_adjust(k, &a);
         rec_calib_measure_all(k);
-        weigh(k);
+        joint_weigh(k);
     }
     size_t N = k->nc * (REC_LENS + 6);
     for (size_t i = 0; i < N * N; i++)

@@ -20,7 +20,7 @@ bool rec_calib_compared(const struct calib *k, const struct view *v)
     return others > 0;
 }
 
-static double middle_of(const struct drift *d, size_t n, int j, double *room)
+static double moved_middle_of(const struct drift *d, size_t n, int j, double *room)
 {
     for (size_t i = 0; i < n; i++)
         room[i] = d[i].m[j];
@@ -29,13 +29,13 @@ static double middle_of(const struct drift *d, size_t n, int j, double *room)
 
 /* The split of d[0..n) that leaves the least sum of distances from the medians of its sides.  Returns the step
  * between them [px]; 0: they differ by no more than their own spread. */
-static double change(const struct drift *d, size_t n, size_t *at, double *room)
+static double moved_change(const struct drift *d, size_t n, size_t *at, double *room)
 {
     double least = INFINITY, step = 0;
     for (size_t s = STEP_SIDE; s + STEP_SIDE <= n; s++) {
         double gap = 0, spread = 0, sum = 0;
         for (int j = 0; j < 4; j++) {
-            double a = middle_of(d, s, j, room), b = middle_of(d + s, n - s, j, room);
+            double a = moved_middle_of(d, s, j, room), b = moved_middle_of(d + s, n - s, j, room);
             gap += (a - b) * (a - b);
             for (size_t i = 0; i < n; i++) {
                 room[i] = fabs(d[i].m[j] - (i < s ? a : b));
@@ -65,7 +65,7 @@ static pvx_err largest_step(const struct calib *k, double *step, uint32_t *frame
         for (size_t i = 0; i < k->nv; i++)
             if (k->view[i].camera == c && rec_calib_compared(k, &k->view[i]))
                 d[n++] = rec_calib_drift(k, &k->view[i], true);
-        double px = change(d, n, &at, room);
+        double px = moved_change(d, n, &at, room);
         if (px > *step) {
             *step = px;
             *frame = d[at].frame;

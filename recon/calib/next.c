@@ -26,18 +26,19 @@ struct pose {
     double gain;
 };
 
-static void middle_of(const struct rec_grid *g, double out[3])
+static void next_middle_of(const struct rec_grid *g, double out[3])
 {
     for (int i = 0; i < 3; i++)
         out[i] = 0.5 * (g->min[i] + g->max[i]);
 }
 
-static double dot(const double a[3], const double b[3])
+static double next_dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-static void make(const struct rec_rig *rig, uint32_t camera, int place, int tilt, struct pose *p)
+static void next_make(const struct rec_rig *rig, uint32_t camera, int place, int tilt,
+                      struct pose *p)
 {
     const struct rec_grid *g = &rig->grid;
     const struct rec_camera *k = &rig->cameras[camera];
@@ -50,26 +51,26 @@ static void make(const struct rec_rig *rig, uint32_t camera, int place, int tilt
         p->at[i] = (1 - f) * g->min[i] + f * g->max[i];
         p->face[i] = c[i] - p->at[i];
     }
-    n = sqrt(dot(p->face, p->face));
+    n = sqrt(next_dot(p->face, p->face));
     /* the camera's axes: right R[0..2], down R[3..5] */
     const double *side = tilt == 1 || tilt == 2 ? k->R : k->R + 3;
     double sign = tilt == 1 || tilt == 3 ? -1 : 1, s = tilt == 0 ? 0 : sign * sin(TILT);
     for (int i = 0; i < 3; i++)
         p->face[i] = p->face[i] / n * (tilt == 0 ? 1 : cos(TILT)) + s * side[i];
-    n = sqrt(dot(p->face, p->face));
+    n = sqrt(next_dot(p->face, p->face));
     for (int i = 0; i < 3; i++)
         p->face[i] /= n;
 }
 
 /* Cosine between the board's axis and the way to the camera, negative behind it; px: a square's shorter way. */
-static double turned(const struct rec_board *b, const struct rec_camera *k, const double at[3],
-                     const double face[3], double *px)
+static double next_turned(const struct rec_board *b, const struct rec_camera *k, const double at[3],
+                          const double face[3], double *px)
 {
     double to[3], centre[3];
     rec_camera_centre(k, centre);
     for (int i = 0; i < 3; i++)
         to[i] = centre[i] - at[i];
-    double far = sqrt(dot(to, to)), cosine = dot(to, face) / far;
+    double far = sqrt(next_dot(to, to)), cosine = next_dot(to, face) / far;
     *px = k->fx * b->square / far * fabs(cosine);
     return cosine;
 }
@@ -80,7 +81,7 @@ static bool would_see(const struct rec_information *w, uint32_t c, const struct 
 {
     const struct rec_board *b = &w->in->board;
     const struct rec_camera *k = &w->rig->cameras[c];
-    double X[3], uv[2], b0[3], px, cosine = turned(b, k, p->at, p->face, &px);
+    double X[3], uv[2], b0[3], px, cosine = next_turned(b, k, p->at, p->face, &px);
     uint32_t all = rec_board_corners(b);
     v->face = cosine < 0 ? REC_BACK : REC_FRONT;
     v->camera = c;
@@ -111,14 +112,15 @@ static double least_square(const struct rec_information *w, const struct rec_cal
         if (r->view[i].fate != REC_VIEW_USED || f == r->n_frames || isnan(r->board[f][0]))
             continue;
         const double *b = r->board[f], face[3] = {-b[2], -b[5], -b[8]};
-        if (fabs(turned(&w->in->board, &w->rig->cameras[v->camera], b + 9, face, &px)) >= cos(SEEN))
+        if (fabs(next_turned(&w->in->board, &w->rig->cameras[v->camera], b + 9, face, &px)) >=
+            cos(SEEN))
             least = fmin(least, px);
     }
     return least;
 }
 
-static double gain_of(struct rec_information *w, const struct pose *p,
-                      struct rec_board_corner *corner)
+static double next_gain_of(struct rec_information *w, const struct pose *p,
+                           struct rec_board_corner *corner)
 {
     double R[9], board[12];
     uint32_t seen = 0;
@@ -137,13 +139,13 @@ static double gain_of(struct rec_information *w, const struct pose *p,
 
 /* ---- words ---- */
 
-static void say(const struct rec_rig *rig, const struct pose *p, char *out, size_t size)
+static void next_say(const struct rec_rig *rig, const struct pose *p, char *out, size_t size)
 {
     static const char *const tilts[TILTS] = {"straight", "tilt left", "tilt right", "tilt up",
                                              "tilt down"};
     const struct rec_camera *k = &rig->cameras[p->camera];
     double mid[3], off[3], half = 0;
-    middle_of(&rig->grid, mid);
+    next_middle_of(&rig->grid, mid);
     for (int i = 0; i < 3; i++) {
         off[i] = p->at[i] - mid[i];
         half += i < 2 ? (rig->grid.max[i] - rig->grid.min[i]) / 4 : 0;
@@ -180,15 +182,15 @@ static void tilt(struct rec_information *w, const struct pose *p, struct rec_boa
         for (int t = 0; t < TILTS; t++) {
             struct pose q = p[place[k]];
             if (t > 0) {
-                make(w->rig, q.camera, q.place, t, &q);
-                q.gain = gain_of(w, &q, corner);
+                next_make(w->rig, q.camera, q.place, t, &q);
+                q.gain = next_gain_of(w, &q, corner);
             }
             if (q.gain > best->gain)
                 *best = q;
         }
 }
 
-static pvx_err choose(struct rec_information *w, struct pose *best)
+static pvx_err next_choose(struct rec_information *w, struct pose *best)
 {
     struct pose p[PLACES];
     struct rec_board_corner *corner = pvx_calloc(rec_board_corners(&w->in->board), sizeof *corner);
@@ -196,8 +198,8 @@ static pvx_err choose(struct rec_information *w, struct pose *best)
         return PVX_ENOMEM;
     for (uint32_t c = 0; c < w->nc; c++) {
         for (int i = 0; i < PLACES; i++) {
-            make(w->rig, c, i, 0, &p[i]);
-            p[i].gain = gain_of(w, &p[i], corner);
+            next_make(w->rig, c, i, 0, &p[i]);
+            p[i].gain = next_gain_of(w, &p[i], corner);
         }
         tilt(w, p, corner, best);
     }
@@ -214,14 +216,14 @@ pvx_err rec_calib_next(const struct rec_calib_input *in, const struct rec_rig *r
     pvx_err e = rec_information_init(&w, in, rig, r);
     if (e == PVX_OK) {
         w.least_square = least_square(&w, r);
-        e = choose(&w, &best);
+        e = next_choose(&w, &best);
     }
     if (e == PVX_OK) {
         out->camera = best.camera;
         memcpy(out->at, best.at, sizeof best.at);
         memcpy(out->face, best.face, sizeof best.face);
         out->then = r->voxels * sqrt(fmax(0, 1 - best.gain / w.error));
-        say(rig, &best, out->text, sizeof out->text);
+        next_say(rig, &best, out->text, sizeof out->text);
     }
     rec_information_fini(&w);
     return e;

@@ -15,7 +15,7 @@ struct information {
 };
 
 /* A row of derivatives by lens and pose. */
-static void add(struct information *s, const double *row)
+static void own_add(struct information *s, const double *row)
 {
     for (int i = 0; i < L; i++) {
         for (int j = 0; j < L; j++)
@@ -28,8 +28,8 @@ static void add(struct information *s, const double *row)
             s->pose[6 * i + j] += row[L + i] * row[L + j];
 }
 
-static void corner(const struct calib *k, const struct view *v, const struct seen *p,
-                   struct information *s)
+static void own_corner(const struct calib *k, const struct view *v, const struct seen *p,
+                       struct information *s)
 {
     double X[3], Z[3], uv[2], d[2][L + 6];
     rec_calib_point(k, v, p, X);
@@ -39,8 +39,8 @@ static void corner(const struct calib *k, const struct view *v, const struct see
         d[1][i] = (p->W[1] * d[0][i] + p->W[2] * d[1][i]) / k->alone[v->camera];
         d[0][i] = p->W[0] * d[0][i] / k->alone[v->camera];
     }
-    add(s, d[0]);
-    add(s, d[1]);
+    own_add(s, d[0]);
+    own_add(s, d[1]);
 }
 
 double rec_calib_own_focal(const struct calib *k, uint32_t c)
@@ -56,7 +56,7 @@ double rec_calib_own_focal(const struct calib *k, uint32_t c)
             continue;
         for (size_t j = v->first; j < v->first + v->n; j++)
             if (!k->seen[j].wrong)
-                corner(k, v, &k->seen[j], &s);
+                own_corner(k, v, &k->seen[j], &s);
         rec_calib_invert6(s.pose);
         for (int a = 0; a < L; a++)
             for (int b = 0; b < L; b++) {

@@ -58,8 +58,8 @@ struct sum {
 };
 
 /* One point in one camera of each rig, b's after the motion m. */
-static void add(const struct rec_camera *a, const struct rec_camera *b, const double X[3],
-                const double m[6], double weight, size_t c, struct sum *s)
+static void register_add(const struct rec_camera *a, const struct rec_camera *b, const double X[3],
+                         const double m[6], double weight, size_t c, struct sum *s)
 {
     double Y[3], ua[2];
     struct rec_projection p;
@@ -92,7 +92,8 @@ static void add(const struct rec_camera *a, const struct rec_camera *b, const do
 }
 
 /* The start: centres, and points a little along each axis. */
-static void start(const struct rec_rig *a, const struct rec_rig *b, double m[6], double *scale)
+static void register_start(const struct rec_rig *a, const struct rec_rig *b, double m[6],
+                           double *scale)
 {
     double pa[4 * REC_MAX_CAMERAS][3], pb[4 * REC_MAX_CAMERAS][3], weight[4 * REC_MAX_CAMERAS];
     for (size_t i = 0; i < 4 * a->n_cameras; i++) {
@@ -116,7 +117,7 @@ pvx_err rec_calib_register(const struct rec_rig *a, const struct rec_rig *b, boo
     double weight[REC_MAX_CAMERAS], sorted[REC_MAX_CAMERAS], X[3], all = 0, n = 0;
     if (a->n_cameras != b->n_cameras || a->n_cameras > REC_MAX_CAMERAS || a->n_cameras == 0)
         return PVX_EINVAL;
-    start(a, b, m, &out->scale);
+    register_start(a, b, m, &out->scale);
     for (size_t c = 0; c < a->n_cameras; c++)
         weight[c] = 1;
     for (int round = 0; round < (robust ? 30 : 10); round++) { /* Gauss-Newton */
@@ -124,7 +125,7 @@ pvx_err rec_calib_register(const struct rec_rig *a, const struct rec_rig *b, boo
         for (size_t c = 0; c < a->n_cameras; c++)
             for (int i = 0; i < REC_CALIB_POINTS; i++) {
                 rec_calib_volume_point(&a->grid, i, X);
-                add(&a->cameras[c], &b->cameras[c], X, m, weight[c], c, &s);
+                register_add(&a->cameras[c], &b->cameras[c], X, m, weight[c], c, &s);
             }
         for (size_t c = 0; c < a->n_cameras; c++)
             sorted[c] = out->px[c] = s.n[c] > 0 ? sqrt(s.of[c] / s.n[c]) : 0;

@@ -101,7 +101,8 @@ struct drift rec_calib_drift(const struct calib *k, const struct view *v, bool w
 #define NY 12
 
 /* The mean residual of one view in every cell; n: corners. */
-static void cells(const struct calib *k, const struct view *v, double (*mean)[2], double *n)
+static void residual_cells(const struct calib *k, const struct view *v, double (*mean)[2],
+                           double *n)
 {
     const struct rec_calib_camera *m = &k->in->camera[v->camera];
     for (int i = 0; i < NX * NY; i++)
@@ -131,7 +132,7 @@ double rec_calib_structure(const struct calib *k, uint32_t c, double *coverage)
         const struct view *v = &k->view[i];
         if (v->camera != c || v->fate != REC_VIEW_USED)
             continue;
-        cells(k, v, mean, n);
+        residual_cells(k, v, mean, n);
         for (int j = 0; j < NX * NY; j++)
             if (n[j] > 0) {
                 views[j]++;

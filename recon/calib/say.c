@@ -51,7 +51,7 @@ bool rec_calib_says(const struct rec_calib_report *r, enum rec_calib_severity se
     return false;
 }
 
-static void say_held(struct calib *k, uint32_t c)
+static void calib_say_held(struct calib *k, uint32_t c)
 {
     static const char *const names[REC_LENS] = {"fx", "fy", "cx", "cy", "k1",
                                                 "k2", "p1", "p2", "k3"};
@@ -178,7 +178,7 @@ void rec_calib_verdicts(struct calib *k)
     while (worst + 1 < k->nc && rec_calib_stays(k, worst))
         worst++;
     for (uint32_t c = 0; c < k->nc; c++) {
-        say_held(k, c);
+        calib_say_held(k, c);
         if (!rec_calib_stays(k, c) &&
             r->camera[c].expected.voxels_95 > r->camera[worst].expected.voxels_95)
             worst = c;

@@ -92,8 +92,8 @@ static double focal_of(const double H[9], double *q)
 }
 
 /* Corners that the homography does not reach are wrong; false: too many are. */
-static bool fits(struct calib *k, const struct view *v, const struct flat *f, const double H[9],
-                 double reach)
+static bool start_fits(struct calib *k, const struct view *v, const struct flat *f,
+                       const double H[9], double reach)
 {
     size_t right = 0;
     for (size_t j = 0; j < f->n; j++) { /* none was wrong before: f has them all */
@@ -140,7 +140,7 @@ static pvx_err focal(struct calib *k, uint32_t c, struct flat *flat, struct vote
             k->lib->homography(flat->plane, flat->pixels, flat->n, 0.01 * side, H, err, sizeof err);
         if (e == PVX_ENOMEM)
             return PVX_ENOMEM;
-        if (e != PVX_OK || !fits(k, v, flat, H, 0.01 * side)) {
+        if (e != PVX_OK || !start_fits(k, v, flat, H, 0.01 * side)) {
             v->fate = e != PVX_OK ? REC_VIEW_FEW : REC_VIEW_SELF;
             continue;
         }
@@ -183,7 +183,7 @@ static void start_lens(struct calib *k, uint32_t c, double f)
 
 /* Corners beyond the camera's own spread are wrong; views that are mostly wrong are left out.  True when
  * anything changed. */
-static bool judge(struct calib *k, uint32_t c, double *room)
+static bool start_judge(struct calib *k, uint32_t c, double *room)
 {
     size_t n = 0;
     bool changed = false;
@@ -270,7 +270,7 @@ static void keep_poses(struct calib *k, uint32_t c)
     }
 }
 
-static pvx_err alone(struct calib *k, uint32_t c, struct flat *flat, double *room)
+static pvx_err start_alone(struct calib *k, uint32_t c, struct flat *flat, double *room)
 {
     bool only[REC_MAX_CAMERAS] = {false}, changed = true;
     double f;
@@ -287,7 +287,7 @@ static pvx_err alone(struct calib *k, uint32_t c, struct flat *flat, double *roo
         const struct adjust a = {
             .camera = only, .robust = true, .pose_fixed = true, .max_iterations = 50};
         PVX_TRY(rec_calib_adjust(k, &a));
-        changed = judge(k, c, room) || round == 0; /* the scale is known from the second on */
+        changed = start_judge(k, c, room) || round == 0; /* the scale is known from the second on */
     }
     keep_poses(k, c);
     return PVX_OK;
@@ -304,7 +304,7 @@ pvx_err rec_calib_start(struct calib *k)
     k->shape_held |= 1u << 3; /* one camera sees one face at a time */
     for (uint32_t c = 0; c < k->nc && e == PVX_OK; c++) {
         memset(k->shape, 0, 3 * sizeof *k->shape);
-        e = alone(k, c, &flat, room);
+        e = start_alone(k, c, &flat, room);
         k->out->camera[c].structure = rec_calib_structure(k, c, &k->out->camera[c].coverage);
     }
     memset(k->shape, 0, 3 * sizeof *k->shape);

@@ -31,7 +31,7 @@ static pvx_err check_old(const struct calib *k)
     return PVX_OK;
 }
 
-static pvx_err check(const struct calib *k)
+static pvx_err take_check(const struct calib *k)
 {
     const struct rec_calib_input *in = k->in;
     const struct rec_board *b = &in->board;
@@ -96,7 +96,7 @@ static pvx_err check(const struct calib *k)
     return PVX_OK;
 }
 
-static int by_frame(const void *pa, const void *pb)
+static int take_by_frame(const void *pa, const void *pb)
 {
     const struct view *a = pa, *b = pb;
     if (a->board->frame != b->board->frame)
@@ -204,7 +204,7 @@ static void drop_still(struct calib *k)
         }
 }
 
-static pvx_err reserve(struct calib *k)
+static pvx_err take_reserve(struct calib *k)
 {
     const struct rec_calib_input *in = k->in;
     struct rec_calib_report *r = k->out;
@@ -249,12 +249,12 @@ static void measure_board(struct calib *k)
 
 pvx_err rec_calib_take(struct calib *k)
 {
-    PVX_TRY(check(k));
-    PVX_TRY(reserve(k));
+    PVX_TRY(take_check(k));
+    PVX_TRY(take_reserve(k));
     for (size_t i = 0; i < k->nv; i++)
         k->view[i] =
             (struct view){.in = i, .board = &k->in->view[i], .camera = k->in->view[i].camera};
-    qsort(k->view, k->nv, sizeof *k->view, by_frame);
+    qsort(k->view, k->nv, sizeof *k->view, take_by_frame);
     for (size_t i = 0; i < k->nv; i++) {
         struct view *v = &k->view[i];
         if (i == 0 || v->board->frame != k->view[i - 1].board->frame) {

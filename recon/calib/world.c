@@ -23,7 +23,7 @@ static void move_all(struct calib *k, const double to_world[6])
         }
 }
 
-static void centre(const struct calib *k, size_t c, double out[3])
+static void world_centre(const struct calib *k, size_t c, double out[3])
 {
     double back[6];
     rec_pose_inverse(k->pose[c], back);
@@ -131,7 +131,7 @@ static bool meeting(const struct calib *k, double X[3])
     for (size_t c = 0; c < k->nc; c++) {
         double R[9], o[3];
         rec_rotation(k->pose[c], R);
-        centre(k, c, o);
+        world_centre(k, c, o);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) {
                 double m = (i == j) - R[6 + i] * R[6 + j];
@@ -232,8 +232,8 @@ static void check_scale(struct calib *k)
     for (size_t i = 0; i < k->in->options.n_measured; i++) {
         const struct rec_calib_measured *m = &k->in->options.measured[i];
         double a[3], b[3];
-        centre(k, m->a, a);
-        centre(k, m->b, b);
+        world_centre(k, m->a, a);
+        world_centre(k, m->b, b);
         double d = sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
         double off = d / m->metres - 1;
         rec_calib_say(

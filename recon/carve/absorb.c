@@ -25,7 +25,7 @@ double rec_absorb_seen(double c, double emitted)
     return -expm1(-c * emitted) / c;
 }
 
-static double mean_of(const float *v, int nch)
+static double absorb_mean_of(const float *v, int nch)
 {
     return nch == 3 ? ((double)v[0] + (double)v[1] + (double)v[2]) / 3 : (double)v[0];
 }
@@ -37,7 +37,8 @@ void rec_absorb_apply(const struct rec_absorb_picture *p)
         return;
     for (size_t i = 0; i < p->n; i++) {
         float *b = p->b + i * cs;
-        double seen = p->mean != NULL ? mean_of(p->mean + i * 4, p->nch) : mean_of(b, p->nch);
+        double seen =
+            p->mean != NULL ? absorb_mean_of(p->mean + i * 4, p->nch) : absorb_mean_of(b, p->nch);
         if (!(p->c * seen > (p->lit[i] ? THIN : DIM)) || !isfinite(seen))
             continue;
         double left = fmax(1 - p->c * seen, REC_ABSORB_LEAST);

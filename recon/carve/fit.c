@@ -43,7 +43,7 @@ static int32_t pooling(const struct rec_grid *g, const struct rec_camera *c, int
     return k >= 1 ? (int32_t)k : 1;
 }
 
-static void pool_camera(rec_fit *f, size_t i, int32_t binning)
+static void fit_pool_camera(rec_fit *f, size_t i, int32_t binning)
 {
     struct rec_camera *c = &f->rig.cameras[i];
     struct camera *v = &f->camera[i];
@@ -59,8 +59,8 @@ static void pool_camera(rec_fit *f, size_t i, int32_t binning)
     c->height = (v->sh + v->pool - 1) / v->pool;
 }
 
-static pvx_err set_up(rec_fit *f, const struct rec_rig *rig, const struct rec_fit_params *p,
-                      struct pvx_diag *d)
+static pvx_err fit_set_up(rec_fit *f, const struct rec_rig *rig, const struct rec_fit_params *p,
+                          struct pvx_diag *d)
 {
     PVX_TRY(rec_rig_copy(rig, &f->rig));
     struct rec_grid *g = &f->rig.grid;
@@ -71,7 +71,7 @@ static pvx_err set_up(rec_fit *f, const struct rec_rig *rig, const struct rec_fi
     for (int a = 0; a < 3; a++)
         g->n[a] = (int32_t)fmax(1, lrint(p->cells * (g->max[a] - g->min[a]) / side));
     for (size_t c = 0; c < rig->n_cameras; c++) {
-        pool_camera(f, c, p->binning);
+        fit_pool_camera(f, c, p->binning);
         f->camera[c].lit =
             pvx_calloc((size_t)f->rig.cameras[c].width * (size_t)f->rig.cameras[c].height, 1);
         if (f->camera[c].lit == NULL)
@@ -104,7 +104,7 @@ pvx_err rec_fit_new(const struct rec_rig *rig, const struct rec_fit_params *p, p
             f->extent[m].lo[a] = INT32_MAX;
             f->extent[m].hi[a] = -1;
         }
-    pvx_err e = set_up(f, rig, p, d);
+    pvx_err e = fit_set_up(f, rig, p, d);
     if (e != PVX_OK) {
         rec_fit_free(&f);
         return pvx_fail(d, e, "fit: coarse hull: %s", pvx_strerror(e));

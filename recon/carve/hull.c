@@ -192,7 +192,7 @@ struct view {
     const uint32_t *sat;
     int32_t bw, bh;
 };
-static inline struct view view_of(const rec_hull *h, size_t c)
+static inline struct view hull_view_of(const rec_hull *h, size_t c)
 {
     return (struct view){h->sat[c], h->S->block[c].bw, h->S->block[c].bh};
 }
@@ -201,7 +201,7 @@ static inline struct view view_of(const rec_hull *h, size_t c)
 struct seen {
     uint32_t lit, dark;
 };
-static inline struct seen look(struct view v, struct rec_rect r)
+static inline struct seen hull_look(struct view v, struct rec_rect r)
 {
     size_t w = (size_t)v.bw + 1, top = (size_t)r.y0 * w, bottom = ((size_t)r.y1 + 1) * w;
     size_t left = r.x0, right = (size_t)r.x1 + 1;
@@ -213,7 +213,7 @@ static inline struct seen look(struct view v, struct rec_rect r)
 
 /* The image's edge may cut the footprint short: what is beside it is not known, so that its being dark
  * says nothing of the voxel. */
-static inline bool cut_off(struct view v, struct rec_rect r)
+static inline bool hull_cut_off(struct view v, struct rec_rect r)
 {
     return (r.x0 == 0) | (r.y0 == 0) | (r.x1 + 1 == v.bw) | (r.y1 + 1 == v.bh);
 }
@@ -231,8 +231,8 @@ static struct brick look_at_brick(const struct carve *t, size_t brick)
         struct rec_rect r = h->brick[c][brick];
         struct seen s = {1, 1};
         if (rec_rect_seen(r))
-            s = look(view_of(h, c), r);
-        if (s.lit == 0 && !cut_off(view_of(h, c), r))
+            s = hull_look(hull_view_of(h, c), r);
+        if (s.lit == 0 && !hull_cut_off(hull_view_of(h, c), r))
             return (struct brick){0};
         may += rec_rect_unknown(r) || (rec_rect_seen(r) && s.lit != 0);
         b.open |= (uint64_t)(s.dark != 0) << c;
@@ -253,13 +253,13 @@ static void look_at_voxels(struct view view, const struct rec_rect *fp, struct v
     for (int32_t o = 0; o < VOXELS; o++) {
         if (!rec_rect_seen(fp[o]))
             continue;
-        struct seen s = look(view, fp[o]);
-        v->gone[o] |= (s.lit == 0) & !cut_off(view, fp[o]);
+        struct seen s = hull_look(view, fp[o]);
+        v->gone[o] |= (s.lit == 0) & !hull_cut_off(view, fp[o]);
         v->part[o] |= s.dark != 0;
         v->views[o] = (uint8_t)(v->views[o] + (s.lit != 0));
     }
 }
-static void classify(const struct carve *t, size_t brick, uint8_t *restrict klass)
+static void hull_classify(const struct carve *t, size_t brick, uint8_t *restrict klass)
 {
     const rec_hull *h = t->h;
     const struct brick *b = &h->brick_state[brick];
@@ -270,7 +270,7 @@ static void classify(const struct carve *t, size_t brick, uint8_t *restrict klas
     memset(v.views, (int)b->views, VOXELS);
     for (uint64_t open = b->open; open != 0; open &= open - 1) {
         size_t c = (size_t)__builtin_ctzll(open);
-        look_at_voxels(view_of(h, c), h->S->block[c].fp + brick * VOXELS, &v);
+        look_at_voxels(hull_view_of(h, c), h->S->block[c].fp + brick * VOXELS, &v);
     }
     for (int32_t o = 0; o < VOXELS; o++)
         klass[o] = (uint8_t)((v.gone[o] == 0) & (v.views[o] >= need)) * (uint8_t)(2 - v.part[o]);
@@ -280,7 +280,7 @@ static void classify(const struct carve *t, size_t brick, uint8_t *restrict klas
 }
 
 /* What classify will read. */
-static void fetch(const rec_hull *h, size_t brick)
+static void hull_fetch(const rec_hull *h, size_t brick)
 {
     for (uint64_t open = h->brick_state[brick].open; open != 0; open &= open - 1) {
         const struct rec_rect *fp = h->S->block[__builtin_ctzll(open)].fp + brick * VOXELS;
@@ -301,7 +301,7 @@ static void carve_row(void *ctx, size_t row)
     for (size_t i = first; i < first + n; i++) {
         h->brick_state[i] = look_at_brick(t, i);
         if (part == NULL || part->brick[i])
-            fetch(h, i);
+            hull_fetch(h, i);
     }
     for (size_t i = first; i < first + n; i++) {
         uint8_t *klass = h->klass + i * VOXELS;
@@ -312,7 +312,7 @@ static void carve_row(void *ctx, size_t row)
             out.cut++;
             continue;
         }
-        classify(t, i, klass);
+        hull_classify(t, i, klass);
         int32_t partial = 0, inside = 0;
         for (int o = 0; o < VOXELS; o++) {
             partial += klass[o] == 1;

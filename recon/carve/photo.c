@@ -56,7 +56,7 @@ static void spread_weights(const struct rec_photo_image *im, int32_t y0, int32_t
         }
 }
 
-static int32_t brightest(const struct rec_photo_image *im, int32_t y0, int32_t y1)
+static int32_t photo_brightest(const struct rec_photo_image *im, int32_t y0, int32_t y1)
 {
     size_t cs = im->nch == 3 ? 4 : 1, row = (size_t)im->bw * cs;
     const float *b = im->img + (size_t)y0 * row;
@@ -83,7 +83,7 @@ static void linear(void *ctx, size_t task)
         memset(im->lit + from, 0, n);
     } else {
         j->pass->linear(im, band);
-        im->work->band[band].peak = im->params->dim > 0 ? brightest(im, y0, y1) : 0;
+        im->work->band[band].peak = im->params->dim > 0 ? photo_brightest(im, y0, y1) : 0;
     }
     if (im->weight4 != NULL)
         spread_weights(im, y0, y1);
@@ -106,7 +106,7 @@ static void levels(void *ctx, size_t task)
 }
 
 /* Of a dim picture the floor is less: what is a share of its light, not of what it might have been. */
-static float least(const struct rec_photo_image *im)
+static float photo_least(const struct rec_photo_image *im)
 {
     const struct rec_photo_params *p = im->params;
     int32_t bits = 0;
@@ -125,7 +125,7 @@ static void set_limits(const struct rec_photo_image *im)
     const struct rec_photo_params *p = im->params;
     struct rec_photo_work *w = im->work;
     bool automatic = p->threshold < 0;
-    float low = im->absent ? p->floor : least(im);
+    float low = im->absent ? p->floor : photo_least(im);
     w->means = automatic && im->bh >= 5; /* less of a picture has no faint edges to find */
     w->limit = w->faint = w->fainter = rec_splat(INFINITY);
     for (int c = 0; c < im->nch; c++) {
@@ -136,7 +136,7 @@ static void set_limits(const struct rec_photo_image *im)
     }
 }
 
-static void judge(void *ctx, size_t task)
+static void photo_judge(void *ctx, size_t task)
 {
     const struct job *j = ctx;
     int32_t band;
@@ -162,7 +162,7 @@ static bool is_noisy(const struct rec_photo_image *im)
     return w->means && (float)best > 0 && (float)best < NOISY;
 }
 
-static void widen(void *ctx, size_t task)
+static void photo_widen(void *ctx, size_t task)
 {
     const struct job *j = ctx;
     int32_t band;
@@ -171,7 +171,7 @@ static void widen(void *ctx, size_t task)
         j->pass->widen(im, band);
 }
 
-static void finish(void *ctx, size_t task)
+static void photo_finish(void *ctx, size_t task)
 {
     const struct job *j = ctx;
     int32_t band;
@@ -182,7 +182,7 @@ static void finish(void *ctx, size_t task)
 }
 
 /* Square dilation by the margin r: columns as the union of 2r+1 rows, then rows by a running count. */
-static void grow(void *ctx, size_t task)
+static void photo_grow(void *ctx, size_t task)
 {
     const struct job *j = ctx;
     int32_t band, y0, y1;
@@ -213,7 +213,7 @@ static void grow(void *ctx, size_t task)
     im->work->band[band].lit = lit;
 }
 
-static void report(const struct rec_photo_image *im)
+static void photo_report(const struct rec_photo_image *im)
 {
     const struct rec_photo_work *w = im->work;
     *im->stats = (struct rec_photo_stats){0};
@@ -230,7 +230,7 @@ static void report(const struct rec_photo_image *im)
     }
 }
 
-static const struct rec_photo_passes *passes(void)
+static const struct rec_photo_passes *photo_passes(void)
 {
 #if defined(__x86_64__)
     if (pvx_cpu() >= PVX_CPU_AVX2)
@@ -241,7 +241,7 @@ static const struct rec_photo_passes *passes(void)
 
 void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
 {
-    struct job j = {.im = im, .n = n, .pass = passes()};
+    struct job j = {.im = im, .n = n, .pass = photo_passes()};
     bool noisy = false, margin = false;
     for (size_t c = 0; c < n; c++) {
         rec_bands_add(&j.bands, im[c].bh);
@@ -256,16 +256,16 @@ void rec_photo_apply(const struct rec_photo_image *im, size_t n, pvx_pool *pool)
     pvx_pool_run(pool, 3 * n + (j.mosaic ? bands : 0), levels, &j);
     for (size_t c = 0; c < n; c++)
         set_limits(&im[c]);
-    pvx_pool_run(pool, bands, judge, &j);
+    pvx_pool_run(pool, bands, photo_judge, &j);
     for (size_t c = 0; c < n; c++) {
         im[c].work->noisy = !im[c].absent && is_noisy(&im[c]);
         noisy |= im[c].work->noisy;
     }
     if (noisy)
-        pvx_pool_run(pool, bands, widen, &j);
-    pvx_pool_run(pool, bands, finish, &j);
+        pvx_pool_run(pool, bands, photo_widen, &j);
+    pvx_pool_run(pool, bands, photo_finish, &j);
     if (margin)
-        pvx_pool_run(pool, bands, grow, &j);
+        pvx_pool_run(pool, bands, photo_grow, &j);
     for (size_t c = 0; c < n; c++)
-        report(&im[c]);
+        photo_report(&im[c]);
 }

@@ -22,7 +22,7 @@ struct search {
     uint32_t tried;     /* bit i: depth i */
 };
 
-static pvx_err load(struct search *s, size_t i)
+static pvx_err absorption_load(struct search *s, size_t i)
 {
     struct rec_check_set set;
     PVX_TRY(s->from->get(s->from->ctx, i, &set));
@@ -55,7 +55,7 @@ static double second(const struct search *s)
 }
 
 /* Sets with a flame, evenly spread over the source. */
-static pvx_err choose(struct search *s, struct rec_absorption *out, struct pvx_diag *d)
+static pvx_err absorption_choose(struct search *s, struct rec_absorption *out, struct pvx_diag *d)
 {
     bool sees[REC_MAX_CAMERAS];
     for (size_t k = 0, last = SIZE_MAX; k < REC_ABSORPTION_SETS; k++) {
@@ -63,7 +63,7 @@ static pvx_err choose(struct search *s, struct rec_absorption *out, struct pvx_d
         if (i == last || i >= s->from->n)
             continue;
         last = i;
-        PVX_TRY(load(s, i));
+        PVX_TRY(absorption_load(s, i));
         if (rec_holdout_who(s->u, sees) >= REC_ABSORPTION_LEAST)
             s->at[out->sets++] = i;
         tops(s);
@@ -83,7 +83,7 @@ static double c_of(const struct search *s, double depth)
 }
 
 /* These depths without camera k, of the set that is loaded. */
-static pvx_err without(struct search *s, const bool *sees, size_t k, uint32_t which)
+static pvx_err absorption_without(struct search *s, const bool *sees, size_t k, uint32_t which)
 {
     bool use[REC_MAX_CAMERAS];
     memcpy(use, sees, sizeof use);
@@ -106,7 +106,7 @@ static pvx_err without(struct search *s, const bool *sees, size_t k, uint32_t wh
     return PVX_OK;
 }
 
-static pvx_err measure(struct search *s, uint32_t sets, uint32_t which)
+static pvx_err absorption_measure(struct search *s, uint32_t sets, uint32_t which)
 {
     bool sees[REC_MAX_CAMERAS];
     size_t n = rec_unseen_matrix(s->u)->n_cameras, each = REC_ABSORPTION_VIEWS / sets;
@@ -114,12 +114,12 @@ static pvx_err measure(struct search *s, uint32_t sets, uint32_t which)
     s->views = 0;
     s->tried |= which;
     for (uint32_t j = 0; j < sets; j++) {
-        PVX_TRY(load(s, s->at[j]));
+        PVX_TRY(absorption_load(s, s->at[j]));
         (void)rec_holdout_who(s->u, sees);
         for (size_t m = 0; m < each; m++) {
             size_t k = (j + m * n / each) % n; /* around the ring */
             if (sees[k])
-                PVX_TRY(without(s, sees, k, which));
+                PVX_TRY(absorption_without(s, sees, k, which));
             double done = ((double)j + (double)(m + 1) / (double)each) / sets;
             if (s->from->progress != NULL && !s->from->progress(s->from->ctx, done))
                 return PVX_ECANCELED;
@@ -129,7 +129,7 @@ static pvx_err measure(struct search *s, uint32_t sets, uint32_t which)
 }
 
 /* F; INFINITY: not tried. */
-static double total(const struct search *s, size_t i)
+static double absorption_total(const struct search *s, size_t i)
 {
     double sum = (s->tried >> i & 1) != 0 ? 0 : INFINITY;
     for (uint32_t v = 0; v < s->views; v++)
@@ -137,21 +137,23 @@ static double total(const struct search *s, size_t i)
     return sum;
 }
 
-static size_t least(const struct search *s)
+static size_t absorption_least(const struct search *s)
 {
     size_t best = 0;
     for (size_t i = 1; i < N_DEPTHS; i++)
-        best = total(s, i) < total(s, best) ? i : best;
+        best = absorption_total(s, i) < absorption_total(s, best) ? i : best;
     return best;
 }
 
 /* The least of a parabola through three depths. */
-static double between(const struct search *s, size_t i)
+static double absorption_between(const struct search *s, size_t i)
 {
-    if (i == 0 || i + 1 == N_DEPTHS || !isfinite(total(s, i - 1)) || !isfinite(total(s, i + 1)))
+    if (i == 0 || i + 1 == N_DEPTHS || !isfinite(absorption_total(s, i - 1)) ||
+        !isfinite(absorption_total(s, i + 1)))
         return depths[i];
-    double x0 = depths[i - 1] - depths[i], x1 = depths[i + 1] - depths[i], f = total(s, i);
-    double f0 = total(s, i - 1) - f, f1 = total(s, i + 1) - f;
+    double x0 = depths[i - 1] - depths[i], x1 = depths[i + 1] - depths[i],
+           f = absorption_total(s, i);
+    double f0 = absorption_total(s, i - 1) - f, f1 = absorption_total(s, i + 1) - f;
     double bend = f0 * x1 - f1 * x0; /* of a common sign with x1 - x0 > 0 */
     if (!(bend > 0))
         return depths[i];
@@ -167,25 +169,25 @@ pvx_err rec_absorption_find(rec_unseen *u, const struct rec_check_source *sets,
         return pvx_fail(d, PVX_ENOMEM, "absorption: out of memory");
     s->u = u;
     s->from = sets;
-    pvx_err e = choose(s, out, d);
+    pvx_err e = absorption_choose(s, out, d);
     if (e == PVX_OK)
-        e = measure(s, out->sets, EVERY);
-    size_t best = least(s);
+        e = absorption_measure(s, out->sets, EVERY);
+    size_t best = absorption_least(s);
     if (e == PVX_OK)
-        e = measure(s, out->sets,
-                    (2u << best | 1u << best >> 1) & ((1u << N_DEPTHS) - 1) & ~s->tried);
+        e = absorption_measure(s, out->sets,
+                               (2u << best | 1u << best >> 1) & ((1u << N_DEPTHS) - 1) & ~s->tried);
     rec_unseen_absorb(u, 0);
-    best = least(s);
+    best = absorption_least(s);
     if (e == PVX_OK && s->views > 0) {
         out->views = s->views;
         out->brightest = s->brightest;
-        out->depth = between(s, best);
+        out->depth = absorption_between(s, best);
         out->best = c_of(s, out->depth);
-        out->gain = fmax(total(s, 0) - total(s, best), 0) /
-                    fmax(total(s, 0) - s->noise, 1e-3 * total(s, 0) + 1e-300);
+        out->gain = fmax(absorption_total(s, 0) - absorption_total(s, best), 0) /
+                    fmax(absorption_total(s, 0) - s->noise, 1e-3 * absorption_total(s, 0) + 1e-300);
         out->noise = sqrt(s->noise / fmax(s->size, 1e-300));
-        out->missed[0] = sqrt(total(s, 0) / fmax(s->size, 1e-300));
-        out->missed[1] = sqrt(total(s, best) / fmax(s->size, 1e-300));
+        out->missed[0] = sqrt(absorption_total(s, 0) / fmax(s->size, 1e-300));
+        out->missed[1] = sqrt(absorption_total(s, best) / fmax(s->size, 1e-300));
         for (uint32_t v = 0; v < s->views; v++)
             out->better += s->error[best][v] < s->error[0][v];
         if (out->gain >= REC_ABSORPTION_GAIN && 4 * out->better >= 3 * out->views)

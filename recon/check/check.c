@@ -49,8 +49,8 @@ struct rec_check {
 
 /* ---- made and given back ---- */
 
-static pvx_err make(rec_check *k, const struct rec_rig *rig, const struct rec_unseen_params *p,
-                    pvx_pool *pool, struct pvx_diag *d)
+static pvx_err check_make(rec_check *k, const struct rec_rig *rig,
+                          const struct rec_unseen_params *p, pvx_pool *pool, struct pvx_diag *d)
 {
     PVX_TRY(rec_rig_copy(rig, &k->rig));
     PVX_TRY(rec_unseen_new(rig, p, pool, &k->u, d));
@@ -76,7 +76,7 @@ pvx_err rec_check_new(const struct rec_rig *rig, const struct rec_unseen_params 
     rec_check *k = *out = pvx_calloc(1, sizeof *k);
     if (k == NULL)
         return pvx_fail(d, PVX_ENOMEM, "check: out of memory");
-    pvx_err e = make(k, rig, p, pool, d);
+    pvx_err e = check_make(k, rig, p, pool, d);
     if (e != PVX_OK)
         rec_check_free(out);
     return e;
@@ -126,7 +126,7 @@ struct view {
     size_t n;          /* bins */
 };
 
-static struct view view_of(const rec_check *k, size_t c, int place)
+static struct view check_view_of(const rec_check *k, size_t c, int place)
 {
     const struct rec_sysmat_block *o = &k->S->block[c];
     size_t row0 = k->S->row0[c];
@@ -143,7 +143,8 @@ static double energy(const struct rec_pair *q, const float *v)
     return s;
 }
 
-static double difference(const struct rec_pair *q, const float *a, const float *b, double scale)
+static double check_difference(const struct rec_pair *q, const float *a, const float *b,
+                               double scale)
 {
     double s = 0;
     for (size_t i = 0; i < (size_t)q->bw * (size_t)q->bh; i++) {
@@ -169,8 +170,8 @@ static double roughness(const struct rec_pair *q, const float *v)
     return s;
 }
 
-static void coverage(const rec_check *k, size_t c, const float *p, const float *hull,
-                     struct sums *s)
+static void check_coverage(const rec_check *k, size_t c, const float *p, const float *hull,
+                           struct sums *s)
 {
     const float *b = rec_unseen_b(k->u, c), *w = rec_unseen_weight(k->u, c);
     const uint8_t *lit = rec_unseen_lit(k->u, c);
@@ -207,27 +208,27 @@ static void as_late(struct sums *s, int lag, const struct rec_pair *q, double ow
 /* Correlations with pictures of other sets, where both are kept. */
 static void other_times(const rec_check *k, size_t c, int place, struct sums *s)
 {
-    struct view now = view_of(k, c, place);
+    struct view now = check_view_of(k, c, place);
     for (uint32_t back = 1; back <= REC_CHECK_LATE && back <= k->sets; back++) {
         int old = (int)((k->sets - back) % KEPT);
         uint64_t lag = k->number[place] - k->number[old];
         if (!k->kept[old][c] || lag < 1 || lag > REC_CHECK_LATE)
             continue;
-        struct view then = view_of(k, c, old);
+        struct view then = check_view_of(k, c, old);
         struct rec_pair late = now.q, early = now.q;
         late.p = then.q.p; /* shows now what was due then */
         early.b = then.q.b;
         as_late(s, (int)lag, &late, k->rho[place][c]);
         as_late(s, -(int)lag, &early, k->rho[old][c]);
         if (lag == 1) {
-            s->change += difference(&now.q, now.q.b, then.q.b, 1);
-            s->change_due += difference(&now.q, now.q.p, then.q.p, 1);
+            s->change += check_difference(&now.q, now.q.b, then.q.b, 1);
+            s->change_due += check_difference(&now.q, now.q.p, then.q.p, 1);
             s->changes++;
         }
     }
 }
 
-static void spread(struct sums *s, const double d[2])
+static void check_spread(struct sums *s, const double d[2])
 {
     s->spread++;
     for (int a = 0; a < 2; a++) {
@@ -237,9 +238,9 @@ static void spread(struct sums *s, const double d[2])
     }
 }
 
-static void compare(rec_check *k, size_t c, int place, struct sums *s)
+static void check_compare(rec_check *k, size_t c, int place, struct sums *s)
 {
-    struct view v = view_of(k, c, place);
+    struct view v = check_view_of(k, c, place);
     int32_t at[2] = {0, 0};
     const int32_t zero[2] = {0, 0};
     double d[2], rho = rec_correlation(&v.q, zero, 0);
@@ -251,24 +252,24 @@ static void compare(rec_check *k, size_t c, int place, struct sums *s)
     s->rho += k->rho[place][c] = rho;
     s->rho_moved += rec_correlation_peak(&v.q, reach, 0, at);
     if (rec_shift_add(&v.q, at, &s->lattice, d) > 0)
-        spread(s, d);
+        check_spread(s, d);
     double Eb = energy(&v.q, v.q.b), Ep = energy(&v.q, v.q.p);
     double alpha = Ep > 0 ? rec_correlation(&v.q, at, 0) * sqrt(Eb / Ep) : 0;
     s->Eb += Eb;
     s->Ep += Ep;
     s->Gb += roughness(&v.q, v.q.b);
     s->Gp += roughness(&v.q, v.q.p);
-    s->out2 += difference(&v.q, v.q.b, v.q.p, alpha);
+    s->out2 += check_difference(&v.q, v.q.b, v.q.p, alpha);
     s->in2 += Eb;
-    s->with2 += difference(&v.q, v.q.b, k->all + k->S->row0[c], 1);
+    s->with2 += check_difference(&v.q, v.q.b, k->all + k->S->row0[c], 1);
     other_times(k, c, place, s);
     s->sets++;
 }
 
 /* How far the flame has moved since the first set, where it is, beside its noise. */
-static void motion(rec_check *k, size_t c, int place, struct sums *s)
+static void check_motion(rec_check *k, size_t c, int place, struct sums *s)
 {
-    struct view v = view_of(k, c, place);
+    struct view v = check_view_of(k, c, place);
     const uint8_t *lit = rec_unseen_lit(k->u, c);
     float *first = k->first + k->S->row0[c];
     double sigma = rec_unseen_sigma(k->u), moved = 0, noise = 0;
@@ -293,7 +294,7 @@ void rec_check_load(rec_check *k, const struct rec_check_set *s)
     rec_unseen_load(k->u, s->picture, s->floats);
 }
 
-static pvx_err without(rec_check *k, size_t c, size_t also, int32_t *n)
+static pvx_err check_without(rec_check *k, size_t c, size_t also, int32_t *n)
 {
     bool use[REC_MAX_CAMERAS];
     for (size_t i = 0; i < k->S->n_cameras; i++)
@@ -301,7 +302,7 @@ static pvx_err without(rec_check *k, size_t c, size_t also, int32_t *n)
     return rec_unseen_solve(k->u, use, n);
 }
 
-static void smooth(const rec_check *k, size_t c, const float *in, float *out)
+static void check_smooth(const rec_check *k, size_t c, const float *in, float *out)
 {
     const struct rec_sysmat_block *o = &k->S->block[c];
     rec_smooth(in, o->bw, o->bh, SMOOTH, out + k->S->row0[c], k->tmp);
@@ -317,7 +318,7 @@ pvx_err rec_check_add(rec_check *k, const struct rec_check_set *set)
     for (size_t c = 0; c < k->S->n_cameras; c++) {
         const float *p;
         rec_unseen_project(k->u, c, &p, NULL);
-        smooth(k, c, p, k->all);
+        check_smooth(k, c, p, k->all);
     }
     for (size_t c = 0; c < k->S->n_cameras; c++) {
         struct sums *s = &k->sums[c];
@@ -326,17 +327,17 @@ pvx_err rec_check_add(rec_check *k, const struct rec_check_set *set)
         k->kept[place][c] = false;
         if (!rec_unseen_present(k->u, c))
             continue;
-        PVX_TRY(without(k, c, c, &n));
+        PVX_TRY(check_without(k, c, c, &n));
         rec_unseen_project(k->u, c, &p, &hull);
-        smooth(k, c, p, k->p[place]);
-        smooth(k, c, rec_unseen_b(k->u, c), k->b[place]);
-        coverage(k, c, p, hull, s);
-        motion(k, c, place, s);
-        struct view q = view_of(k, c, place);
+        check_smooth(k, c, p, k->p[place]);
+        check_smooth(k, c, rec_unseen_b(k->u, c), k->b[place]);
+        check_coverage(k, c, p, hull, s);
+        check_motion(k, c, place, s);
+        struct view q = check_view_of(k, c, place);
         if (!(energy(&q.q, q.q.p) > 0))
             continue;
         k->kept[place][c] = true;
-        compare(k, c, place, s);
+        check_compare(k, c, place, s);
         rec_unseen_volume(k->u, &v);
         rec_shift_points(&v, &k->rig.cameras[c], k->S->binning, &s->lattice);
     }
@@ -423,7 +424,7 @@ pvx_err rec_check_look(rec_check *k, size_t c, struct rec_check_picture *out)
     *out = (struct rec_check_picture){.bw = k->S->block[c].bw, .bh = k->S->block[c].bh};
     if (!rec_unseen_present(k->u, c))
         return PVX_OK;
-    PVX_TRY(without(k, c, c, &n));
+    PVX_TRY(check_without(k, c, c, &n));
     rec_unseen_project(k->u, c, &out->p, &out->hull);
     out->b = rec_unseen_b(k->u, c);
     out->lit = rec_unseen_lit(k->u, c);
@@ -435,14 +436,14 @@ pvx_err rec_check_pair(rec_check *k, size_t c, size_t also, double rho[2])
     const size_t one[2] = {c, also};
     const int32_t zero[2] = {0, 0};
     int32_t n;
-    PVX_TRY(without(k, c, also, &n));
+    PVX_TRY(check_without(k, c, also, &n));
     for (int i = 0; i < 2; i++) {
         const struct rec_sysmat_block *o = &k->S->block[one[i]];
         const float *p;
         size_t row0 = k->S->row0[one[i]];
         rec_unseen_project(k->u, one[i], &p, NULL);
-        smooth(k, one[i], p, k->all);
-        smooth(k, one[i], rec_unseen_b(k->u, one[i]), k->first);
+        check_smooth(k, one[i], p, k->all);
+        check_smooth(k, one[i], rec_unseen_b(k->u, one[i]), k->first);
         k->has_first[one[i]] = false;
         struct rec_pair q = {o->bw, o->bh, k->first + row0, rec_unseen_weight(k->u, one[i]),
                              k->all + row0};

@@ -89,7 +89,7 @@ double rec_drift_off(const struct rec_drift_params *p, int32_t binning)
 /* ---- what the looks say ------------------------------------------------------------------------- */
 
 /* (1). */
-static struct mean mean_of(const struct camera *k)
+static struct mean drift_mean_of(const struct camera *k)
 {
     double A[3] = {0}, v[2] = {0}, scatter = 0;
     struct mean m = {{0}, INFINITY};
@@ -114,7 +114,7 @@ static struct mean mean_of(const struct camera *k)
 /* How far beyond (2) a camera is: 1 is there. */
 static double beyond(const rec_drift *t, const struct camera *k)
 {
-    struct mean m = mean_of(k);
+    struct mean m = drift_mean_of(k);
     double F = fmax(t->p.moved_px / t->bin_px, t->p.moved_bins);
     double G = rec_drift_off(&t->p, (int32_t)t->bin_px) / t->bin_px;
     double off = hypot(m.d[0], m.d[1]) / (G + t->p.sigmas * m.e);
@@ -125,7 +125,7 @@ static double beyond(const rec_drift *t, const struct camera *k)
     return fmax(moved, off);
 }
 
-static void forget(rec_drift *t, bool base)
+static void drift_forget(rec_drift *t, bool base)
 {
     for (size_t c = 0; c < t->n; c++) {
         t->camera[c].n = t->camera[c].at = 0;
@@ -134,14 +134,14 @@ static void forget(rec_drift *t, bool base)
     }
 }
 
-static void name(rec_drift *t, size_t c, bool moved, uint64_t *changed)
+static void drift_name(rec_drift *t, size_t c, bool moved, uint64_t *changed)
 {
     t->camera[c].out.moved = moved;
     *changed |= (uint64_t)1 << c;
 }
 
 /* After the last look of a round: suspicion, verdict, pardon. */
-static void judge(rec_drift *t, uint64_t *changed)
+static void drift_judge(rec_drift *t, uint64_t *changed)
 {
     int worst = -1;
     double most = 1;
@@ -151,7 +151,7 @@ static void judge(rec_drift *t, uint64_t *changed)
             continue;
         double far = beyond(t, k);
         if (k->out.moved && far < 0.5)
-            name(t, c, false, changed);
+            drift_name(t, c, false, changed);
         else if (!k->out.moved && far > most) {
             most = far;
             worst = (int)c;
@@ -159,17 +159,17 @@ static void judge(rec_drift *t, uint64_t *changed)
     }
     if (t->trial >= 0) {
         if (beyond(t, &t->camera[t->trial]) > 1)
-            name(t, (size_t)t->trial, true, changed);
+            drift_name(t, (size_t)t->trial, true, changed);
         t->trial = -1;
-        forget(t, false);
+        drift_forget(t, false);
     } else if (worst >= 0) {
         t->trial = worst;
-        forget(t, false);
+        drift_forget(t, false);
     }
     for (size_t c = 0; c < t->n; c++) {
         struct camera *k = &t->camera[c];
         if (!k->based && k->n == REC_DRIFT_LOOKS && !k->out.moved) {
-            k->base = mean_of(k);
+            k->base = drift_mean_of(k);
             k->based = isfinite(k->base.e);
         }
     }
@@ -193,7 +193,7 @@ static bool displaced(const struct rec_pair *q, struct look *l)
 
 /* ---- a look ------------------------------------------------------------------------------------- */
 
-static pvx_err look(rec_drift *t, size_t c)
+static pvx_err drift_look(rec_drift *t, size_t c)
 {
     const rec_sysmat *S = rec_unseen_matrix(t->unseen);
     const struct rec_sysmat_block *B = &S->block[c];
@@ -222,7 +222,7 @@ static pvx_err look(rec_drift *t, size_t c)
     k->at = (k->at + 1) % REC_DRIFT_LOOKS;
     k->n += k->n < REC_DRIFT_LOOKS;
     k->out.looks++;
-    struct mean m = mean_of(k);
+    struct mean m = drift_mean_of(k);
     for (int a = 0; a < 2; a++) {
         k->out.px[a] = m.d[a] * t->bin_px;
         k->out.since[a] = k->based ? (m.d[a] - k->base.d[a]) * t->bin_px : 0;
@@ -232,7 +232,7 @@ static pvx_err look(rec_drift *t, size_t c)
 
 /* Whether the set has the cameras that volumes have been made of; other cameras, another bias.  One set of others
  * is passed over, many in a row are what there is now. */
-static bool usual(rec_drift *t, const float *const *picture)
+static bool drift_usual(rec_drift *t, const float *const *picture)
 {
     bool same = true;
     for (size_t c = 0; c < t->n; c++)
@@ -245,7 +245,7 @@ static bool usual(rec_drift *t, const float *const *picture)
         return false;
     for (size_t c = 0; c < t->n; c++)
         t->present[c] = picture[c] != NULL;
-    forget(t, true);
+    drift_forget(t, true);
     t->strange = 0;
     t->trial = -1;
     t->turn = 0;
@@ -256,7 +256,7 @@ pvx_err rec_drift_add(rec_drift *t, const float *const *picture, bool floats, ui
 {
     size_t views = 0;
     *changed = 0;
-    if (!usual(t, picture))
+    if (!drift_usual(t, picture))
         return PVX_OK;
     t->looked = true;
     for (size_t c = 0; c < t->n; c++)
@@ -267,10 +267,10 @@ pvx_err rec_drift_add(rec_drift *t, const float *const *picture, bool floats, ui
     for (size_t k = 0; k < (t->n + AT_ONCE - 1) / AT_ONCE; k++) {
         while (!t->present[t->turn % t->n])
             t->turn++;
-        PVX_TRY(look(t, t->turn % t->n));
+        PVX_TRY(drift_look(t, t->turn % t->n));
         if (++t->turn >= t->n * REC_DRIFT_LOOKS) {
             t->turn = 0;
-            judge(t, changed);
+            drift_judge(t, changed);
         }
     }
     return PVX_OK;

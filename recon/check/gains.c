@@ -24,7 +24,7 @@ struct gains {
 };
 
 /* Camera c of the set that is loaded against the volume of the others. */
-static pvx_err one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
+static pvx_err gains_one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
 {
     const rec_sysmat *S = rec_unseen_matrix(u);
     const float *p, *hull, *b = rec_unseen_b(u, c), *w = rec_unseen_weight(u, c);
@@ -55,7 +55,8 @@ static pvx_err one(struct gains *g, rec_unseen *u, size_t c, double *ratio)
 }
 
 /* Sets [from, to) with these gains: ratios, and (2). */
-static pvx_err look(struct gains *g, const double *gain, size_t from, size_t to, double *error)
+static pvx_err gains_look(struct gains *g, const double *gain, size_t from, size_t to,
+                          double *error)
 {
     struct rec_check_set set;
     rec_unseen *u;
@@ -77,7 +78,7 @@ static pvx_err look(struct gains *g, const double *gain, size_t from, size_t to,
             double *ratio = &g->ratio[c * g->s->n + k];
             *ratio = NAN;
             if (rec_unseen_present(u, c))
-                e = one(g, u, c, ratio);
+                e = gains_one(g, u, c, ratio);
         }
     }
     rec_unseen_free(&u);
@@ -86,7 +87,7 @@ static pvx_err look(struct gains *g, const double *gain, size_t from, size_t to,
 }
 
 /* Median of camera c's ratios over the sets that fit; NAN: it saw nothing in all of them. */
-static double usual(struct gains *g, size_t c)
+static double gains_usual(struct gains *g, size_t c)
 {
     double *v = g->ratio + c * g->s->n;
     size_t n = 0;
@@ -98,12 +99,12 @@ static double usual(struct gains *g, size_t c)
 }
 
 /* (1).  *seen: cameras that see flame. */
-static double step(struct gains *g, double *gain, size_t *seen)
+static double gains_step(struct gains *g, double *gain, size_t *seen)
 {
     double by[REC_MAX_CAMERAS], mean = 0, most = 0;
     *seen = 0;
     for (size_t c = 0; c < g->rig.n_cameras; c++) {
-        by[c] = STEP * usual(g, c);
+        by[c] = STEP * gains_usual(g, c);
         if (!isfinite(by[c]))
             continue;
         by[c] = fmax(-MOST, fmin(MOST, by[c]));
@@ -119,16 +120,16 @@ static double step(struct gains *g, double *gain, size_t *seen)
     return most;
 }
 
-static pvx_err rounds(struct gains *g, double *gain)
+static pvx_err gains_rounds(struct gains *g, double *gain)
 {
     struct rec_gains_report *o = g->out;
     double now[REC_MAX_CAMERAS], unused;
     size_t seen, n = g->rig.n_cameras;
     memcpy(now, gain, n * sizeof *now);
-    PVX_TRY(look(g, gain, o->fitted, g->s->n, &o->error[0]));
+    PVX_TRY(gains_look(g, gain, o->fitted, g->s->n, &o->error[0]));
     for (bool settled = false; !settled && o->rounds < REC_GAINS_ROUNDS; o->rounds++) {
-        PVX_TRY(look(g, now, 0, o->fitted, &unused));
-        o->changed[o->rounds] = step(g, now, &seen);
+        PVX_TRY(gains_look(g, now, 0, o->fitted, &unused));
+        o->changed[o->rounds] = gains_step(g, now, &seen);
         settled = o->changed[o->rounds] < REC_GAINS_SETTLED;
         if (seen < REC_CHECK_LEAST)
             return pvx_fail(
@@ -137,7 +138,7 @@ static pvx_err rounds(struct gains *g, double *gain)
                 "others need %d",
                 seen, REC_CHECK_LEAST);
     }
-    PVX_TRY(look(g, now, o->fitted, g->s->n, &o->error[1]));
+    PVX_TRY(gains_look(g, now, o->fitted, g->s->n, &o->error[1]));
     o->noise = g->errors > 0 ? sqrt(g->noise2 / (double)g->errors) : 0;
     o->accepted = o->error[1] <= o->error[0];
     if (o->accepted)
@@ -160,7 +161,7 @@ pvx_err rec_gains(const struct rec_rig *rig, const struct rec_unseen_params *p, 
     g.ratio = pvx_calloc(s->n * rig->n_cameras, sizeof *g.ratio);
     pvx_err e = g.ratio == NULL ? PVX_ENOMEM : rec_rig_copy(rig, &g.rig);
     if (e == PVX_OK)
-        e = rounds(&g, gain);
+        e = gains_rounds(&g, gain);
     rec_rig_fini(&g.rig);
     free(g.ratio);
     return e;

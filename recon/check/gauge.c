@@ -14,13 +14,13 @@ static void rotate(const double R[9], const double X[3], double out[3])
         out[a] = R[3 * a] * X[0] + R[3 * a + 1] * X[1] + R[3 * a + 2] * X[2];
 }
 
-static void middle(const struct rec_grid *g, double X[3])
+static void gauge_middle(const struct rec_grid *g, double X[3])
 {
     for (int a = 0; a < 3; a++)
         X[a] = 0.5 * (g->min[a] + g->max[a]);
 }
 
-static void point(const struct rec_grid *g, int i, double X[3])
+static void gauge_point(const struct rec_grid *g, int i, double X[3])
 {
     for (int a = 0; a < 3; a++, i /= REC_GAUGE_SIDE)
         X[a] = g->min[a] + (i % REC_GAUGE_SIDE + 0.5) / REC_GAUGE_SIDE * (g->max[a] - g->min[a]);
@@ -98,7 +98,7 @@ double rec_gauge_distance(const struct rec_rig *a, const struct rec_rig *b, doub
         double own = 0, m = 0;
         for (int i = 0; i < POINTS; i++) {
             double X[3], u[2], v[2];
-            point(&a->grid, i, X);
+            gauge_point(&a->grid, i, X);
             if (!rec_camera_sees(&a->cameras[c], X, u) || !rec_camera_project(&b->cameras[c], X, v))
                 continue;
             own += (u[0] - v[0]) * (u[0] - v[0]) + (u[1] - v[1]) * (u[1] - v[1]);
@@ -115,14 +115,14 @@ double rec_gauge_distance(const struct rec_rig *a, const struct rec_rig *b, doub
 double rec_gauge_hold(const struct rec_rig *old, struct rec_rig *rig, double *px)
 {
     double X0[3];
-    middle(&old->grid, X0);
+    gauge_middle(&old->grid, X0);
     for (int round = 0; round < ROUNDS; round++) {
         double M[49] = {0}, b[7] = {0};
         for (size_t c = 0; c < old->n_cameras; c++)
             for (int i = 0; i < POINTS; i++) {
                 double X[3], u[2], now[2], J[14], W[14];
                 const double *R = rig->cameras[c].R;
-                point(&old->grid, i, X);
+                gauge_point(&old->grid, i, X);
                 if (!rec_camera_sees(&old->cameras[c], X, u) ||
                     !rec_camera_nudged(&rig->cameras[c], X0, X, now, J))
                     continue;

@@ -8,7 +8,7 @@
 
 #define LEAST 3 /* cameras of a volume */
 
-static size_t bins_of(const rec_unseen *u, size_t c)
+static size_t holdout_bins_of(const rec_unseen *u, size_t c)
 {
     const rec_sysmat *S = rec_unseen_matrix(u);
     return S->row0[c + 1] - S->row0[c];
@@ -20,7 +20,7 @@ double rec_holdout_miss(rec_unseen *u, size_t k, double c, double *all)
     const uint8_t *lit = rec_unseen_lit(u, k);
     double sum = 0, size = 0;
     rec_unseen_project(u, k, &e, NULL);
-    for (size_t i = 0; i < bins_of(u, k); i++)
+    for (size_t i = 0; i < holdout_bins_of(u, k); i++)
         if (w[i] > 0 && (lit[i] || e[i] > 0)) {
             double off = rec_absorb_seen(c, (double)e[i]) - (double)b[i];
             sum += off * off;
@@ -36,7 +36,7 @@ double rec_holdout_noise(const rec_unseen *u, size_t k)
     const float *w = rec_unseen_weight(u, k);
     const uint8_t *lit = rec_unseen_lit(u, k);
     double sigma = rec_unseen_sigma(u), sum = 0;
-    for (size_t i = 0; i < bins_of(u, k); i++)
+    for (size_t i = 0; i < holdout_bins_of(u, k); i++)
         sum += w[i] > 0 && lit[i] ? sigma * sigma : 0;
     return sum;
 }
@@ -47,7 +47,7 @@ size_t rec_holdout_who(const rec_unseen *u, bool *sees)
     for (size_t c = 0; c < rec_unseen_matrix(u)->n_cameras; c++) {
         const uint8_t *lit = rec_unseen_lit(u, c);
         sees[c] = false;
-        for (size_t i = 0; i < bins_of(u, c) && rec_unseen_present(u, c); i++)
+        for (size_t i = 0; i < holdout_bins_of(u, c) && rec_unseen_present(u, c); i++)
             sees[c] |= lit[i] != 0;
         n += sees[c];
     }
@@ -60,8 +60,8 @@ struct sums {
 };
 
 /* Camera k of the set that is loaded. */
-static pvx_err leave_out(rec_unseen *u, size_t k, const struct rec_holdout_params *p,
-                         const bool *sees, struct sums *s)
+static pvx_err holdout_leave_out(rec_unseen *u, size_t k, const struct rec_holdout_params *p,
+                                 const bool *sees, struct sums *s)
 {
     bool use[REC_MAX_CAMERAS] = {false};
     size_t n = rec_unseen_matrix(u)->n_cameras, makers = 0;
@@ -102,7 +102,7 @@ pvx_err rec_holdout(rec_unseen *u, const struct rec_check_source *from,
         for (size_t m = 0; m < each; m++) {
             size_t k = (j + m * n / each) % n; /* around the ring */
             if (sees[k])
-                PVX_TRY(leave_out(u, k, p, sees, &s));
+                PVX_TRY(holdout_leave_out(u, k, p, sees, &s));
         }
     }
     if (from->progress != NULL && !from->progress(from->ctx, 1))

@@ -19,8 +19,8 @@
 #define LEAST_LIT 60  /* bins of a flame that fills enough of a picture */
 #define SEEN_BY   3
 
-static double median_of(const struct rec_check_figures *f, size_t n,
-                        double (*of)(const struct rec_check_camera *))
+static double judge_median_of(const struct rec_check_figures *f, size_t n,
+                              double (*of)(const struct rec_check_camera *))
 {
     double v[REC_MAX_CAMERAS];
     size_t m = 0;
@@ -35,7 +35,7 @@ static double apart_of(const struct rec_check_camera *o)
 {
     return 1 - o->rho_moved;
 }
-static double gain_of(const struct rec_check_camera *o)
+static double judge_gain_of(const struct rec_check_camera *o)
 {
     return o->gain;
 }
@@ -49,7 +49,8 @@ double rec_check_floor(const struct rec_camera *c, int32_t binning)
     return fmax(fmax(REC_CHECK_MOVED, 0.3 * binning), c->uncertainty.px_95);
 }
 
-static bool moved(const struct rec_check_camera *o, const struct rec_camera *c, int32_t binning)
+static bool judge_moved(const struct rec_check_camera *o, const struct rec_camera *c,
+                        int32_t binning)
 {
     double floor = rec_check_floor(c, binning);
     double d = hypot(o->shift[0], o->shift[1]), sigma = hypot(o->sigma[0], o->sigma[1]);
@@ -57,7 +58,8 @@ static bool moved(const struct rec_check_camera *o, const struct rec_camera *c, 
 }
 
 /* Turned about its axis, or nearer or further away: by what that moves the flame's edge. */
-static bool turned(const struct rec_check_camera *o, const struct rec_camera *c, int32_t binning)
+static bool judge_turned(const struct rec_check_camera *o, const struct rec_camera *c,
+                         int32_t binning)
 {
     double radius = sqrt(0.5 * o->area * c->width * c->height); /* a square's corner */
     return radius * fmax(fabs(o->roll), fabs(o->size)) >
@@ -77,8 +79,8 @@ struct usual {
     double apart, gain, blur2, moves;
 };
 
-static enum rec_wrong name(const struct rec_check_camera *o, const struct rec_camera *c,
-                           int32_t binning, const struct usual *u)
+static enum rec_wrong judge_name(const struct rec_check_camera *o, const struct rec_camera *c,
+                                 int32_t binning, const struct usual *u)
 {
     if (o->sets == 0)
         return o->area > 0 ? REC_WRONG_DISAGREES : REC_WRONG_NOTHING;
@@ -94,12 +96,12 @@ static enum rec_wrong name(const struct rec_check_camera *o, const struct rec_ca
         return REC_WRONG_LATE;
     if (apart > APART && apart > TIMES * u->apart)
         return REC_WRONG_DISAGREES;
-    if (moved(o, c, binning))
+    if (judge_moved(o, c, binning))
         return REC_WRONG_MOVED;
     /* noise that volumes do not have makes all pictures sharper than what is due, each as much as it has */
     if (o->blur > 0 && blur2_of(o) - u->blur2 > BLUR * BLUR * binning * binning)
         return REC_WRONG_BLURRED; /* which makes a flame look larger, too */
-    if (turned(o, c, binning))
+    if (judge_turned(o, c, binning))
         return REC_WRONG_MOVED;
     if (u->gain > 0 && fabs(log(fmax(o->gain, 1e-9) / u->gain)) > log(GAIN))
         return REC_WRONG_GAIN;
@@ -109,10 +111,10 @@ static enum rec_wrong name(const struct rec_check_camera *o, const struct rec_ca
 void rec_check_name(const struct rec_rig *rig, int32_t binning, struct rec_check_figures *f)
 {
     size_t n = rig->n_cameras;
-    struct usual u = {median_of(f, n, apart_of), median_of(f, n, gain_of),
-                      median_of(f, n, blur2_of), f->moves};
+    struct usual u = {judge_median_of(f, n, apart_of), judge_median_of(f, n, judge_gain_of),
+                      judge_median_of(f, n, blur2_of), f->moves};
     for (size_t c = 0; c < n; c++)
-        f->camera[c].wrong = name(&f->camera[c], &rig->cameras[c], binning, &u);
+        f->camera[c].wrong = judge_name(&f->camera[c], &rig->cameras[c], binning, &u);
 }
 
 /* ---- who lies ---- */
@@ -125,7 +127,7 @@ struct run {
     struct pvx_diag *d;
 };
 
-static pvx_err tick(const struct run *r, double done)
+static pvx_err judge_tick(const struct run *r, double done)
 {
     bool on = r->s->progress == NULL || r->s->progress(r->s->ctx, done);
     return on ? PVX_OK : PVX_ECANCELED;
@@ -136,24 +138,25 @@ static pvx_err judge_all(struct run *r, struct rec_check_figures *f)
     struct rec_check_set set;
     rec_check_begin(r->k, r->use);
     for (size_t i = 0; i < r->s->n; i++) {
-        PVX_TRY(tick(r, (double)i / (double)r->s->n));
+        PVX_TRY(judge_tick(r, (double)i / (double)r->s->n));
         PVX_TRY(r->s->get(r->s->ctx, i, &set));
         PVX_TRY(rec_check_add(r->k, &set));
     }
-    PVX_TRY(tick(r, 1));
+    PVX_TRY(judge_tick(r, 1));
     rec_check_get(r->k, f);
     rec_check_name(r->rig, rec_check_matrix(r->k)->binning, f);
     return PVX_OK;
 }
 
 /* (1): how much better the others agree without each of those that look wrong. */
-static pvx_err gains(struct run *r, const struct rec_check_figures *f, double gain[REC_MAX_CAMERAS])
+static pvx_err judge_gains(struct run *r, const struct rec_check_figures *f,
+                           double gain[REC_MAX_CAMERAS])
 {
     size_t n = r->rig->n_cameras, step = (r->s->n + REC_CHECK_PAIRS - 1) / REC_CHECK_PAIRS;
     struct rec_check_set set;
     memset(gain, 0, REC_MAX_CAMERAS * sizeof *gain);
     for (size_t i = 0; i < r->s->n; i += step) {
-        PVX_TRY(tick(r, (double)i / (double)r->s->n));
+        PVX_TRY(judge_tick(r, (double)i / (double)r->s->n));
         PVX_TRY(r->s->get(r->s->ctx, i, &set));
         rec_check_load(r->k, &set);
         for (size_t a = 0; a < n; a++)
@@ -168,7 +171,7 @@ static pvx_err gains(struct run *r, const struct rec_check_figures *f, double ga
                 gain[a] += rho[1] - f->camera[b].rho;
             }
     }
-    return tick(r, 1);
+    return judge_tick(r, 1);
 }
 
 static size_t wrong_ones(const struct run *r, const struct rec_check_figures *f, size_t *one)
@@ -187,7 +190,7 @@ static pvx_err liar(struct run *r, const struct rec_check_figures *f, size_t *ou
     double gain[REC_MAX_CAMERAS];
     if (wrong_ones(r, f, out) == 1)
         return PVX_OK;
-    PVX_TRY(gains(r, f, gain));
+    PVX_TRY(judge_gains(r, f, gain));
     for (size_t c = 0; c < r->rig->n_cameras; c++)
         if (r->use[c] && f->camera[c].wrong != REC_WRONG_NOTHING && gain[c] > gain[*out])
             *out = c;
@@ -196,7 +199,7 @@ static pvx_err liar(struct run *r, const struct rec_check_figures *f, size_t *ou
 
 /* ---- what tells nothing ---- */
 
-static pvx_err enough(const struct run *r, const struct rec_check_figures *f)
+static pvx_err judge_enough(const struct run *r, const struct rec_check_figures *f)
 {
     size_t n = r->rig->n_cameras, seen = 0, large = 0, bright = 0;
     double most = 0;
@@ -231,7 +234,7 @@ static pvx_err enough(const struct run *r, const struct rec_check_figures *f)
     return PVX_OK;
 }
 
-static size_t believed(const struct run *r)
+static size_t judge_believed(const struct run *r)
 {
     size_t n = 0;
     for (size_t c = 0; c < r->rig->n_cameras; c++)
@@ -259,8 +262,8 @@ pvx_err rec_check_run(rec_check *k, const struct rec_rig *rig, const struct rec_
     for (bool first = true;; first = false) {
         PVX_TRY(judge_all(&r, f));
         if (first)
-            PVX_TRY(enough(&r, f));
-        size_t wrong = wrong_ones(&r, f, &one), left = believed(&r) - 1;
+            PVX_TRY(judge_enough(&r, f));
+        size_t wrong = wrong_ones(&r, f, &one), left = judge_believed(&r) - 1;
         if (wrong == 0)
             break;
         if (n == REC_CHECK_LEAST && wrong == 1)

@@ -9,7 +9,7 @@
 
 enum { N = 7 };
 
-static void middle_of(const struct rec_grid *g, double X0[3], double *size)
+static void posefit_middle_of(const struct rec_grid *g, double X0[3], double *size)
 {
     double s = 0;
     for (int a = 0; a < 3; a++) {
@@ -36,8 +36,8 @@ static bool beliefs(const struct rec_camera *c, const double X0[3], double size,
 }
 
 /* Normal equations of the windows; their tr(A). */
-static double gather(const struct rec_lattice *l, const struct rec_camera *c, const double X0[3],
-                     int32_t binning, double M[N * N], double b[N])
+static double posefit_gather(const struct rec_lattice *l, const struct rec_camera *c,
+                             const double X0[3], int32_t binning, double M[N * N], double b[N])
 {
     double trace = 0, J[2 * N];
     for (int i = 0; i < REC_LATTICE; i++) {
@@ -59,7 +59,7 @@ static double gather(const struct rec_lattice *l, const struct rec_camera *c, co
     return trace;
 }
 
-static bool solve(const double M[N * N], const double b[N], unsigned held, double x[N])
+static bool posefit_solve(const double M[N * N], const double b[N], unsigned held, double x[N])
 {
     double K[N * N];
     for (int p = 0; p < N; p++) {
@@ -79,7 +79,7 @@ static bool shows_focal(const double M[N * N], unsigned held, double belief)
 {
     double e[N] = {0}, y[N];
     e[N - 1] = 1;
-    return solve(M, e, held, y) && y[N - 1] * belief < 0.5;
+    return posefit_solve(M, e, held, y) && y[N - 1] * belief < 0.5;
 }
 
 bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const struct rec_grid *g,
@@ -87,10 +87,10 @@ bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const
 {
     double X0[3], size, sigma[N], M[N * N] = {0}, b[N] = {0}, J[2 * N];
     *out = (struct rec_pose_fit){.held = held};
-    middle_of(g, X0, &size);
+    posefit_middle_of(g, X0, &size);
     if (!beliefs(c, X0, size, sigma))
         return false;
-    double trace = gather(l, c, X0, binning, M, b);
+    double trace = posefit_gather(l, c, X0, binning, M, b);
     if (!(trace > 0))
         return false;
     double most = REC_POSE_PX / binning, weight = RHO * trace * most * most;
@@ -98,7 +98,7 @@ bool rec_pose_fit(const struct rec_lattice *l, const struct rec_camera *c, const
         M[(N + 1) * p] += weight / (sigma[p] * sigma[p]);
     if ((held & REC_POSE_FOCAL) == 0 && !shows_focal(M, held, weight / (sigma[6] * sigma[6])))
         out->held |= REC_POSE_FOCAL;
-    if (!solve(M, b, out->held, out->x))
+    if (!posefit_solve(M, b, out->held, out->x))
         return false;
     double depth = c->R[6] * X0[0] + c->R[7] * X0[1] + c->R[8] * X0[2] + c->t[2];
     (void)rec_camera_nudged(c, X0, X0, NULL, J);
@@ -114,7 +114,7 @@ void rec_pose_apply_fit(struct rec_camera *c, const struct rec_grid *g,
                         const struct rec_pose_fit *f)
 {
     double X0[3], size;
-    middle_of(g, X0, &size);
+    posefit_middle_of(g, X0, &size);
     rec_camera_nudge(c, X0, f->x, f->x + 3);
     c->fx *= exp(f->x[6]);
     c->fy *= exp(f->x[6]);

@@ -46,8 +46,8 @@ bool rec_rig_in_line(const struct rec_rig *rig)
 }
 
 /* Sets [from, to) of a rig. */
-static pvx_err look(const struct refine *r, const struct rec_rig *rig, size_t from, size_t to,
-                    rec_check **k)
+static pvx_err refine_look(const struct refine *r, const struct rec_rig *rig, size_t from,
+                           size_t to, rec_check **k)
 {
     struct rec_check_set set;
     PVX_TRY(rec_check_new(rig, r->p, r->pool, k, r->d));
@@ -69,7 +69,7 @@ static pvx_err error_of(const struct refine *r, const struct rec_rig *rig, doubl
     static struct rec_check_figures f; /* large */
     rec_check *k;
     double sum = 0, n = 0;
-    pvx_err e = look(r, rig, r->out->fitted, r->s->n, &k);
+    pvx_err e = refine_look(r, rig, r->out->fitted, r->s->n, &k);
     if (e == PVX_OK) {
         rec_check_get(k, &f);
         for (size_t c = 0; c < rig->n_cameras; c++)
@@ -89,7 +89,7 @@ static pvx_err correct(struct refine *r, struct rec_rig *rig)
     rec_check *k;
     struct rec_pose_fit fit;
     int32_t binning = rec_unseen_binning(rig, r->p);
-    pvx_err e = look(r, rig, 0, r->out->fitted, &k);
+    pvx_err e = refine_look(r, rig, 0, r->out->fitted, &k);
     for (size_t c = 0; c < rig->n_cameras && e == PVX_OK; c++)
         if (rec_pose_fit(rec_check_lattice(k, c), &rig->cameras[c], &rig->grid, binning, r->held,
                          &fit)) {
@@ -104,8 +104,8 @@ static pvx_err correct(struct refine *r, struct rec_rig *rig)
     return e;
 }
 
-static pvx_err rounds(struct refine *r, const struct rec_rig *first, struct rec_rig *now,
-                      struct rec_rig *best)
+static pvx_err refine_rounds(struct refine *r, const struct rec_rig *first, struct rec_rig *now,
+                             struct rec_rig *best)
 {
     struct rec_refine_report *o = r->out;
     PVX_TRY(error_of(r, first, &o->error[0]));
@@ -168,7 +168,7 @@ pvx_err rec_refine(struct rec_rig *rig, const struct rec_unseen_params *p, pvx_p
     if (e == PVX_OK)
         e = rec_rig_copy(rig, &best);
     if (e == PVX_OK)
-        e = rounds(&r, rig, &now, &best);
+        e = refine_rounds(&r, rig, &now, &best);
     if (e == PVX_OK) {
         out->all_px = rec_gauge_distance(rig, &best, out->px);
         if (out->accepted)

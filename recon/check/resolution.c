@@ -17,7 +17,7 @@ struct lanczos {
     size_t steps;
 };
 
-static double dot(const struct lanczos *z, const float *u, const float *v)
+static double resolution_dot(const struct lanczos *z, const float *u, const float *v)
 {
     double out[4];
     rec_dot(z->a, z->a->n, u, v, out);
@@ -25,10 +25,10 @@ static double dot(const struct lanczos *z, const float *u, const float *v)
 }
 
 /* T of N, begun with v; steps end where nothing new comes. */
-static void run(struct lanczos *z, const float *v)
+static void resolution_run(struct lanczos *z, const float *v)
 {
     size_t n = (size_t)z->a->n;
-    double norm = sqrt(dot(z, v, v)), top = 0;
+    double norm = sqrt(resolution_dot(z, v, v)), top = 0;
     z->steps = 0;
     for (size_t i = 0; i < n && norm > 0; i++) {
         z->q[i] = (float)((double)v[i] / norm);
@@ -38,10 +38,10 @@ static void run(struct lanczos *z, const float *v)
         double beta = k > 0 ? z->beside[k - 1] : 0;
         rec_forward(z->a, z->im, z->q, z->y);
         rec_adjoint_range(z->a, z->y, 0, z->a->n, z->next);
-        double alpha = dot(z, z->q, z->next);
+        double alpha = resolution_dot(z, z->q, z->next);
         for (size_t i = 0; i < n; i++)
             z->next[i] -= (float)(alpha * (double)z->q[i] + beta * (double)z->before[i]);
-        norm = sqrt(dot(z, z->next, z->next));
+        norm = sqrt(resolution_dot(z, z->next, z->next));
         z->diagonal[k] = alpha;
         z->beside[k] = norm;
         z->steps = k + 1;
@@ -54,7 +54,7 @@ static void run(struct lanczos *z, const float *v)
 }
 
 /* (T (T + mu I)^-1)_11 = 1 - mu ((T + mu I)^-1)_11, a continued fraction from the last row up. */
-static double share_of(const struct lanczos *z, double mu)
+static double resolution_share_of(const struct lanczos *z, double mu)
 {
     double pivot = 0;
     for (size_t k = z->steps; k-- > 0;) {
@@ -64,7 +64,7 @@ static double share_of(const struct lanczos *z, double mu)
     return z->steps > 0 ? fmin(fmax(1 - mu / pivot, 0), 1) : 0;
 }
 
-static pvx_err allocate(struct lanczos *z)
+static pvx_err resolution_allocate(struct lanczos *z)
 {
     size_t n = (size_t)z->a->n + 1;
     z->q = pvx_calloc(n, sizeof *z->q);
@@ -75,7 +75,7 @@ static pvx_err allocate(struct lanczos *z)
                                                                                 : PVX_ENOMEM;
 }
 
-static void release(struct lanczos *z)
+static void resolution_release(struct lanczos *z)
 {
     free(z->q);
     free(z->before);
@@ -87,17 +87,17 @@ pvx_err rec_resolution_share(const struct rec_subsys *a, struct rec_images *im, 
                              const double *mu, size_t n, double *share)
 {
     struct lanczos z = {.a = a, .im = im};
-    pvx_err e = allocate(&z);
+    pvx_err e = resolution_allocate(&z);
     if (e == PVX_OK)
-        run(&z, v);
+        resolution_run(&z, v);
     for (size_t i = 0; i < n && e == PVX_OK; i++)
-        share[i] = share_of(&z, mu[i]);
-    release(&z);
+        share[i] = resolution_share_of(&z, mu[i]);
+    resolution_release(&z);
     return e;
 }
 
 /* Where the shares cross one half for good, between two sizes. */
-static double least(const struct rec_resolution *r, int axis, int noise)
+static double resolution_least(const struct rec_resolution *r, int axis, int noise)
 {
     const double *s = r->share[axis][noise];
     size_t k = REC_RESOLUTION_WAVES;
@@ -140,7 +140,7 @@ pvx_err rec_resolution_find(const struct rec_subsys *a, struct rec_images *im, d
                 out->share[axis][i][k] = share[i];
         }
         for (int i = 0; i < 2; i++)
-            out->least[axis][i] = least(out, axis, i);
+            out->least[axis][i] = resolution_least(out, axis, i);
     }
     free(v);
     return e;

@@ -43,7 +43,8 @@ static int64_t under(const struct rec_pair *q, int32_t x, int32_t y, const int32
 }
 
 /* (2) over every step-th bin. */
-static double correlate(const struct rec_pair *q, const int32_t s[2], unsigned flip, int32_t step)
+static double shift_correlate(const struct rec_pair *q, const int32_t s[2], unsigned flip,
+                              int32_t step)
 {
     double bp = 0, bb = 0, pp = 0;
     for (int32_t y = step / 2; y < q->bh; y += step)
@@ -66,18 +67,18 @@ static double correlate(const struct rec_pair *q, const int32_t s[2], unsigned f
 
 double rec_correlation(const struct rec_pair *q, const int32_t s[2], unsigned flip)
 {
-    return correlate(q, s, flip, 1);
+    return shift_correlate(q, s, flip, 1);
 }
 
-static double search(const struct rec_pair *q, int32_t reach, int32_t step, unsigned flip,
-                     int32_t s[2])
+static double shift_search(const struct rec_pair *q, int32_t reach, int32_t step, unsigned flip,
+                           int32_t s[2])
 {
     double best = -1;
     int32_t at[2] = {s[0], s[1]};
     for (int32_t dy = -reach; dy <= reach; dy += step)
         for (int32_t dx = -reach; dx <= reach; dx += step) {
             const int32_t t[2] = {at[0] + dx, at[1] + dy};
-            double rho = correlate(q, t, flip, step);
+            double rho = shift_correlate(q, t, flip, step);
             if (rho > best) {
                 best = rho;
                 s[0] = t[0];
@@ -90,10 +91,10 @@ static double search(const struct rec_pair *q, int32_t reach, int32_t step, unsi
 double rec_correlation_peak(const struct rec_pair *q, int32_t reach, unsigned flip, int32_t s[2])
 {
     if (reach > FAR) {
-        search(q, reach / COARSE * COARSE, COARSE, flip, s);
+        shift_search(q, reach / COARSE * COARSE, COARSE, flip, s);
         reach = COARSE;
     }
-    return search(q, reach, 1, flip, s);
+    return shift_search(q, reach, 1, flip, s);
 }
 
 static struct rec_window *window_at(struct rec_lattice *l, double x, double y, int32_t bw,
@@ -116,7 +117,7 @@ static bool solve2(const double A[3], const double v[2], double d[2])
 }
 
 /* p between its bins, 0 outside. */
-static double between(const struct rec_pair *q, double x, double y)
+static double shift_between(const struct rec_pair *q, double x, double y)
 {
     if (!(x >= 0) || !(y >= 0) || x >= q->bw - 1 || y >= q->bh - 1)
         return 0;
@@ -134,7 +135,7 @@ static double scale(const struct rec_pair *q, const double d[2])
     for (int32_t y = 0; y < q->bh; y++)
         for (int32_t x = 0; x < q->bw; x++) {
             size_t i = (size_t)y * (size_t)q->bw + (size_t)x;
-            double p = between(q, x - d[0], y - d[1]);
+            double p = shift_between(q, x - d[0], y - d[1]);
             if (!(q->weight[i] > 0) || p == 0)
                 continue;
             bp += (double)q->b[i] * p;
@@ -144,8 +145,8 @@ static double scale(const struct rec_pair *q, const double d[2])
 }
 
 /* A and v of (1) about d, of all windows into A, v and of each into sum, where it is not NULL. */
-static void gather(const struct rec_pair *q, double alpha, const double d[2],
-                   struct rec_lattice *sum, double A[3], double v[2])
+static void shift_gather(const struct rec_pair *q, double alpha, const double d[2],
+                         struct rec_lattice *sum, double A[3], double v[2])
 {
     memset(A, 0, 3 * sizeof *A);
     memset(v, 0, 2 * sizeof *v);
@@ -155,11 +156,11 @@ static void gather(const struct rec_pair *q, double alpha, const double d[2],
             double X = x - d[0], Y = y - d[1];
             if (!(q->weight[i] > 0) || X < 1 || Y < 1 || X >= q->bw - 2 || Y >= q->bh - 2)
                 continue;
-            double g[2] = {0.5 * alpha * (between(q, X + 1, Y) - between(q, X - 1, Y)),
-                           0.5 * alpha * (between(q, X, Y + 1) - between(q, X, Y - 1))};
+            double g[2] = {0.5 * alpha * (shift_between(q, X + 1, Y) - shift_between(q, X - 1, Y)),
+                           0.5 * alpha * (shift_between(q, X, Y + 1) - shift_between(q, X, Y - 1))};
             if (g[0] == 0 && g[1] == 0)
                 continue;
-            double r = (double)q->b[i] - alpha * between(q, X, Y);
+            double r = (double)q->b[i] - alpha * shift_between(q, X, Y);
             const double e[3] = {g[0] * g[0], g[0] * g[1], g[1] * g[1]};
             const double to[2] = {e[0] * d[0] + e[1] * d[1] - g[0] * r,
                                   e[1] * d[0] + e[2] * d[1] - g[1] * r};
@@ -188,14 +189,14 @@ double rec_shift_add(const struct rec_pair *q, const int32_t s[2], struct rec_la
         alpha = scale(q, at);
         if (!(alpha > 0) || !isfinite(alpha))
             return 0;
-        gather(q, alpha, at, NULL, A, v);
+        shift_gather(q, alpha, at, NULL, A, v);
         if (!solve2(A, v, to) || hypot(to[0] - at[0], to[1] - at[1]) > FAR)
             return 0;
         at[0] = to[0];
         at[1] = to[1];
     }
     alpha = scale(q, at);
-    gather(q, alpha, at, sum, A, v);
+    shift_gather(q, alpha, at, sum, A, v);
     return solve2(A, v, d) ? alpha : 0;
 }
 

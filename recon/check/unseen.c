@@ -44,7 +44,7 @@ int32_t rec_unseen_binning(const struct rec_rig *rig, const struct rec_unseen_pa
     return b;
 }
 
-static pvx_err allocate(rec_unseen *u, bool temporal, pvx_pool *pool)
+static pvx_err unseen_allocate(rec_unseen *u, bool temporal, pvx_pool *pool)
 {
     size_t voxels = rec_grid_count(&u->S->grid), room = u->S->win.room;
     u->rows = u->S->row0[u->S->n_cameras];
@@ -72,8 +72,8 @@ static pvx_err allocate(rec_unseen *u, bool temporal, pvx_pool *pool)
     return rec_subsys_new(u->S, &u->kernels, pool, 1, &u->view);
 }
 
-static pvx_err make(rec_unseen *u, const struct rec_rig *rig, const struct rec_unseen_params *p,
-                    pvx_pool *pool, struct pvx_diag *d)
+static pvx_err unseen_make(rec_unseen *u, const struct rec_rig *rig,
+                           const struct rec_unseen_params *p, pvx_pool *pool, struct pvx_diag *d)
 {
     struct rec_sysmat_params m = {.binning = rec_unseen_binning(rig, p), .rays_per_bin = p->rays};
     struct rec_frame_params f = rec_frame_defaults;
@@ -98,7 +98,7 @@ static pvx_err make(rec_unseen *u, const struct rec_rig *rig, const struct rec_u
     PVX_TRY(rec_carver_new(u->S, &u->rig, &f, pool, &u->carver, d));
     PVX_TRY(rec_solver_new(u->S, &f, &u->solver, d));
     PVX_TRY(rec_frame_new(u->carver, u->solver, &u->frame, d));
-    pvx_err e = allocate(u, p->temporal, pool);
+    pvx_err e = unseen_allocate(u, p->temporal, pool);
     return e == PVX_OK
                ? e
                : pvx_fail(d, e, "check: work areas for %zu bins: %s", u->rows, pvx_strerror(e));
@@ -110,7 +110,7 @@ pvx_err rec_unseen_new(const struct rec_rig *rig, const struct rec_unseen_params
     rec_unseen *u = *out = pvx_calloc(1, sizeof *u);
     if (u == NULL)
         return pvx_fail(d, PVX_ENOMEM, "check: out of memory");
-    pvx_err e = make(u, rig, p, pool, d);
+    pvx_err e = unseen_make(u, rig, p, pool, d);
     if (e != PVX_OK)
         rec_unseen_free(out);
     return e;
@@ -148,7 +148,7 @@ const rec_sysmat *rec_unseen_matrix(const rec_unseen *u)
 }
 
 /* The set's raw pixels into the slot: photometry works in place. */
-static void fill(rec_unseen *u, const bool *use)
+static void unseen_fill(rec_unseen *u, const bool *use)
 {
     rec_frame_reset(u->frame);
     for (size_t c = 0; c < u->S->n_cameras; c++) {
@@ -171,7 +171,7 @@ void rec_unseen_load(rec_unseen *u, const float *const *picture, bool floats)
         if (picture[c] != NULL)
             memcpy(u->raw + row0, picture[c], n * sizeof *u->raw);
     }
-    fill(u, NULL);
+    unseen_fill(u, NULL);
     memcpy(u->b, rec_frame_rhs(u->frame), u->rows * sizeof *u->b);
     memcpy(u->weight, rec_frame_weight(u->frame), u->rows * sizeof *u->weight);
     memcpy(u->lit, rec_frame_lit(u->frame, 0), u->rows);
@@ -207,7 +207,7 @@ void rec_unseen_absorb(rec_unseen *u, double absorption)
 pvx_err rec_unseen_solve(rec_unseen *u, const bool *use, int32_t *n)
 {
     struct rec_sparse v;
-    fill(u, use);
+    unseen_fill(u, use);
     PVX_TRY(rec_frame_solve(u->frame, 0, u->before.n > 0 ? &u->before : NULL));
     rec_frame_volume(u->frame, &v);
     *n = v.n;

@@ -10,7 +10,7 @@ const struct rec_frame_params rec_frame_defaults = {.nch = 3,
                                                     .solve = REC_SOLVE_DEFAULTS,
                                                     .coarse_start = true};
 
-static pvx_err allocate(rec_frame *f)
+static pvx_err frame_allocate(rec_frame *f)
 {
     const rec_carver *k = f->carver;
     f->b = pvx_calloc(f->rows * (size_t)f->cs, sizeof *f->b);
@@ -41,7 +41,7 @@ pvx_err rec_frame_new(rec_carver *k, rec_solver *s, rec_frame **out, struct pvx_
     f->cs = f->nch == 3 ? 4 : 1;
     f->voxels = rec_grid_count(&f->S->grid);
     f->rows = f->S->row0[f->S->n_cameras];
-    pvx_err e = allocate(f);
+    pvx_err e = frame_allocate(f);
     if (e != PVX_OK) {
         pvx_fail(d, e, "frame: a slot for %zu voxels: %s", f->voxels, pvx_strerror(e));
         rec_frame_free(out);

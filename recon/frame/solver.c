@@ -61,7 +61,7 @@ static void earlier_volume(rec_frame *f, const struct rec_sparse *from)
 }
 
 /* f->x to start from; with coarser grids they or the earlier volume, whichever fits better. */
-static void start(rec_frame *f, const struct rec_solve_params *p, bool any, bool warm)
+static void solver_start(rec_frame *f, const struct rec_solve_params *p, bool any, bool warm)
 {
     rec_solver *s = f->solver;
     struct rec_descent *d = &s->descent;
@@ -94,7 +94,7 @@ pvx_err rec_frame_solve(rec_frame *f, int64_t deadline_ns, const struct rec_spar
     if (warm && !expect)
         earlier_volume(f, previous);
     bool any = rec_problem_load(problem, f->sub, &in);
-    start(f, &p, any, warm && !expect);
+    solver_start(f, &p, any, warm && !expect);
     f->report.temporal = 0;
     if (expect && any && (p.deadline_ns == 0 || pvx_now_mono() < p.deadline_ns)) {
         const struct rec_flow_volume v = {previous->n, previous->index, previous->value, f->cs,

@@ -6,7 +6,7 @@
 
 #include "base/mem.h"
 
-static double dot(const double a[3], const double b[3])
+static double body_dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -35,10 +35,10 @@ static double cylinder_hit(const struct rec_body *b, const double o[3], const do
         axis[a] = b->b[a] - b->a[a];
         from[a] = o[a] - b->a[a];
     }
-    double length = sqrt(dot(axis, axis));
+    double length = sqrt(body_dot(axis, axis));
     for (int a = 0; a < 3; a++)
         axis[a] /= length;
-    double z = dot(from, axis), dz = dot(d, axis);
+    double z = body_dot(from, axis), dz = body_dot(d, axis);
     if (dz != 0) {
         s0 = fmax(s0, fmin(-z / dz, (length - z) / dz));
         s1 = fmin(s1, fmax(-z / dz, (length - z) / dz));
@@ -50,11 +50,11 @@ static double cylinder_hit(const struct rec_body *b, const double o[3], const do
         across[a] = d[a] - dz * axis[a];
         to[a] = from[a] - z * axis[a];
     }
-    double A = dot(across, across), r2 = b->radius * b->radius;
+    double A = body_dot(across, across), r2 = b->radius * b->radius;
     if (A < 1e-24) /* along the axis */
-        return dot(to, to) <= r2 && s0 <= s1 ? s0 : INFINITY;
+        return body_dot(to, to) <= r2 && s0 <= s1 ? s0 : INFINITY;
     /* the nearest point to the axis first: exact from far away, where b^2 - a c cancels */
-    double middle = -dot(to, across) / A, near2 = 0;
+    double middle = -body_dot(to, across) / A, near2 = 0;
     for (int a = 0; a < 3; a++) {
         double p = to[a] + middle * across[a];
         near2 += p * p;
@@ -91,7 +91,7 @@ static bool in_cylinder(const struct rec_body *b, const double x[3])
         axis[a] = b->b[a] - b->a[a];
         from[a] = x[a] - b->a[a];
     }
-    double t = dot(from, axis) / dot(axis, axis);
+    double t = body_dot(from, axis) / body_dot(axis, axis);
     for (int a = 0; a < 3; a++) {
         double p = from[a] - t * axis[a];
         r2 += p * p;

@@ -56,7 +56,7 @@ static struct edge edge_of(const double a[3], const double b[3])
 }
 
 /* Every edge is gone along once each way, as often as it is used. */
-static pvx_err closed(const double (*corner)[3][3], size_t n, struct pvx_diag *d)
+static pvx_err mesh_closed(const double (*corner)[3][3], size_t n, struct pvx_diag *d)
 {
     struct edge *e = pvx_calloc(3 * n, sizeof *e);
     size_t m = 0, open = 0;
@@ -86,12 +86,12 @@ static pvx_err closed(const double (*corner)[3][3], size_t n, struct pvx_diag *d
 
 /* ---- the tree ----------------------------------------------------------------------------------- */
 
-static double middle(const double t[3][3], int axis)
+static double mesh_middle(const double t[3][3], int axis)
 {
     return t[0][axis] + t[1][axis] + t[2][axis];
 }
 
-static void swap(double (*t)[3][3], size_t i, size_t j)
+static void mesh_swap(double (*t)[3][3], size_t i, size_t j)
 {
     double keep[3][3];
     memcpy(keep, t[i], sizeof keep);
@@ -104,16 +104,16 @@ static void halve(double (*t)[3][3], size_t n, int axis)
 {
     size_t lo = 0, hi = n - 1, k = n / 2;
     while (lo < hi) {
-        double pivot = middle((const double(*)[3])t[lo + (hi - lo) / 2], axis);
+        double pivot = mesh_middle((const double(*)[3])t[lo + (hi - lo) / 2], axis);
         size_t i = lo, j = hi;
         while (i <= j) {
-            while (middle((const double(*)[3])t[i], axis) < pivot)
+            while (mesh_middle((const double(*)[3])t[i], axis) < pivot)
                 i++;
-            while (middle((const double(*)[3])t[j], axis) > pivot)
+            while (mesh_middle((const double(*)[3])t[j], axis) > pivot)
                 j--;
             if (i > j)
                 break;
-            swap(t, i++, j);
+            mesh_swap(t, i++, j);
             if (j == 0)
                 break;
             j--;
@@ -129,7 +129,7 @@ static void halve(double (*t)[3][3], size_t n, int axis)
 
 /* Depth is log2 of the triangles, 20. */
 // NOLINTNEXTLINE(misc-no-recursion)
-static void grow(struct rec_mesh *m, size_t first, size_t n)
+static void mesh_grow(struct rec_mesh *m, size_t first, size_t n)
 {
     struct node *at = &m->node[m->nodes++];
     int axis = 0;
@@ -149,9 +149,9 @@ static void grow(struct rec_mesh *m, size_t first, size_t n)
         return;
     halve(m->corner + first, n, axis);
     at->n = 0;
-    grow(m, first, n / 2);
+    mesh_grow(m, first, n / 2);
     at->first = (uint32_t)m->nodes;
-    grow(m, first + n / 2, n - n / 2);
+    mesh_grow(m, first + n / 2, n - n / 2);
 }
 
 pvx_err rec_mesh_new(const double *corners, size_t n, struct rec_mesh **out, struct pvx_diag *d)
@@ -168,7 +168,7 @@ pvx_err rec_mesh_new(const double *corners, size_t n, struct rec_mesh **out, str
             return pvx_fail(d, PVX_EINVAL,
                             "corner %zu of triangle %zu is not a number; export the mesh again",
                             i / 3 % 3 + 1, i / 9 + 1);
-    PVX_TRY(closed((const double(*)[3][3])corners, n, d));
+    PVX_TRY(mesh_closed((const double(*)[3][3])corners, n, d));
     struct rec_mesh *m = pvx_calloc(1, sizeof *m);
     if (m == NULL)
         return PVX_ENOMEM;
@@ -181,7 +181,7 @@ pvx_err rec_mesh_new(const double *corners, size_t n, struct rec_mesh **out, str
         return PVX_ENOMEM;
     }
     memcpy(m->corner, corners, n * sizeof *m->corner);
-    grow(m, 0, n);
+    mesh_grow(m, 0, n);
     *out = m;
     return PVX_OK;
 }

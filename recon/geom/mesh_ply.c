@@ -128,7 +128,7 @@ static pvx_err head_line(struct ply *p, struct rec_word w)
     return rec_mesh_bad(p->f, "none of format, element, property, comment and end_header");
 }
 
-static pvx_err read_head(struct ply *p)
+static pvx_err mesh_ply_read_head(struct ply *p)
 {
     struct rec_mesh_file *f = p->f;
     bool ply = rec_word_is(rec_mesh_word(f), "ply"), ended = false;
@@ -154,7 +154,7 @@ static pvx_err read_head(struct ply *p)
 
 /* ---- elements ----------------------------------------------------------------------------------- */
 
-static pvx_err cut_off(const struct ply *p)
+static pvx_err mesh_ply_cut_off(const struct ply *p)
 {
     return rec_mesh_bad(p->f, p->format == TEXT ? "a number is missing, or is none"
                                                 : "it was cut off here");
@@ -164,11 +164,11 @@ static pvx_err read_value(struct ply *p, enum type t, double *out)
 {
     *out = 0;
     if (p->format == TEXT)
-        return rec_word_number(rec_mesh_word(p->f), t == F32, out) ? PVX_OK : cut_off(p);
+        return rec_word_number(rec_mesh_word(p->f), t == F32, out) ? PVX_OK : mesh_ply_cut_off(p);
     bool big = p->format == BIG;
     const uint8_t *b = rec_mesh_bytes(p->f, types[t].bytes);
     if (b == NULL)
-        return cut_off(p);
+        return mesh_ply_cut_off(p);
     uint32_t v = t != F64 ? rec_mesh_u32(b, types[t].bytes, big) : 0;
     switch (t) {
     case I8: *out = (int8_t)v; break;
@@ -317,7 +317,7 @@ static pvx_err read_elements(struct ply *p, const struct element *e)
 pvx_err rec_mesh_ply(struct rec_mesh_file *f)
 {
     struct ply p = {.f = f};
-    pvx_err e = read_head(&p);
+    pvx_err e = mesh_ply_read_head(&p);
     f->counted = p.format > TEXT;
     for (size_t i = 0; i < p.elements && e == PVX_OK; i++)
         e = read_elements(&p, &p.element[i]);

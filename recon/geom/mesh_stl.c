@@ -6,7 +6,7 @@
 #define HEAD 84
 #define EACH 50
 
-static pvx_err corner(struct rec_mesh_file *f, double v[3])
+static pvx_err mesh_stl_corner(struct rec_mesh_file *f, double v[3])
 {
     if (!rec_word_is(rec_mesh_word_below(f), "vertex"))
         return rec_mesh_bad(f, "a facet has not three vertices");
@@ -26,14 +26,14 @@ static pvx_err facet(struct rec_mesh_file *f)
     if (!rec_word_is(w, "outer") || !rec_word_is(rec_mesh_word_below(f), "loop"))
         return rec_mesh_bad(f, "a facet has no 'outer loop'");
     for (int k = 0; k < 3; k++)
-        PVX_TRY(corner(f, v[k]));
+        PVX_TRY(mesh_stl_corner(f, v[k]));
     if (!rec_word_is(rec_mesh_word_below(f), "endloop") ||
         !rec_word_is(rec_mesh_word_below(f), "endfacet"))
         return rec_mesh_bad(f, "a facet does not end after three vertices");
     return rec_mesh_put(f, v[0], v[1], v[2]);
 }
 
-static pvx_err text(struct rec_mesh_file *f)
+static pvx_err mesh_stl_text(struct rec_mesh_file *f)
 {
     bool solid = false;
     struct rec_word w;
@@ -73,7 +73,7 @@ pvx_err rec_mesh_stl(struct rec_mesh_file *f)
     bool says_solid = rec_word_is(rec_mesh_word_below(f), "solid");
     f->at = f->start;
     if (says_solid && memchr(f->start, '\0', len < HEAD ? len : HEAD) == NULL)
-        return text(f);
+        return mesh_stl_text(f);
     if (head == NULL)
         return pvx_fail(f->d, PVX_EFORMAT,
                         "it does not begin with 'solid', and has less than the %d bytes of a "

@@ -25,7 +25,7 @@ bool rec_photometry_plain(const char *s)
     return true;
 }
 
-static pvx_err text(const struct reader *r, int map, const char *key, char *out, size_t size)
+static pvx_err geom_text(const struct reader *r, int map, const char *key, char *out, size_t size)
 {
     int node = pvx_yaml_get(r->y, map, key);
     const char *s = pvx_yaml_text(r->y, node);
@@ -39,8 +39,8 @@ static pvx_err text(const struct reader *r, int map, const char *key, char *out,
     return PVX_OK;
 }
 
-static pvx_err number(const struct reader *r, int map, const char *key, double lo, double hi,
-                      bool *has, double *out)
+static pvx_err photometry_number(const struct reader *r, int map, const char *key, double lo,
+                                 double hi, bool *has, double *out)
 {
     char full[128];
     int node = pvx_yaml_get(r->y, map, key);
@@ -49,7 +49,7 @@ static pvx_err number(const struct reader *r, int map, const char *key, double l
     return node == 0 ? PVX_OK : pvx_yaml_double(r->y, node, full, lo, hi, out, r->d);
 }
 
-static bool hex(const char *s, uint64_t *out)
+static bool photometry_hex(const char *s, uint64_t *out)
 {
     *out = 0;
     if (strlen(s) != 16 || strspn(s, "0123456789abcdef") != 16)
@@ -68,16 +68,16 @@ static pvx_err map_file(const struct reader *r, int map, const char *key, struct
         return PVX_OK;
     PVX_TRY(pvx_yaml_known(r->y, node, full, "file hash", r->d));
     const struct reader of = {r->y, full, r->d};
-    PVX_TRY(text(&of, node, "file", out->file, sizeof out->file));
+    PVX_TRY(geom_text(&of, node, "file", out->file, sizeof out->file));
     if (out->file[0] == '\0')
         return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d, "the key 'file' is missing");
-    if (!hex(pvx_yaml_text(r->y, pvx_yaml_get(r->y, node, "hash")), &out->hash))
+    if (!photometry_hex(pvx_yaml_text(r->y, pvx_yaml_get(r->y, node, "hash")), &out->hash))
         return pvx_yaml_fail(r->y, node, full, PVX_EFORMAT, r->d,
                              "hash should be 16 digits 0-9 a-f, in quotes");
     return PVX_OK;
 }
 
-static pvx_err response(const struct reader *r, int map, struct rec_photometry *p)
+static pvx_err photometry_response(const struct reader *r, int map, struct rec_photometry *p)
 {
     char full[128];
     int node = pvx_yaml_get(r->y, map, "response");
@@ -120,16 +120,16 @@ pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
     PVX_TRY(pvx_yaml_known(
         y, node, path,
         "serial device exposure gain_db temperature response dark flat mask matrix noise", d));
-    PVX_TRY(text(&r, node, "serial", out->serial, sizeof out->serial));
-    PVX_TRY(text(&r, node, "device", out->device, sizeof out->device));
-    PVX_TRY(number(&r, node, "exposure", 1e-9, 1e6, &out->has_exposure, &out->exposure));
-    PVX_TRY(number(&r, node, "gain_db", -1e3, 1e3, &out->has_gain, &out->gain_db));
-    PVX_TRY(
-        number(&r, node, "temperature", -273.15, 1e3, &out->has_temperature, &out->temperature));
-    PVX_TRY(response(&r, node, out));
+    PVX_TRY(geom_text(&r, node, "serial", out->serial, sizeof out->serial));
+    PVX_TRY(geom_text(&r, node, "device", out->device, sizeof out->device));
+    PVX_TRY(photometry_number(&r, node, "exposure", 1e-9, 1e6, &out->has_exposure, &out->exposure));
+    PVX_TRY(photometry_number(&r, node, "gain_db", -1e3, 1e3, &out->has_gain, &out->gain_db));
+    PVX_TRY(photometry_number(&r, node, "temperature", -273.15, 1e3, &out->has_temperature,
+                              &out->temperature));
+    PVX_TRY(photometry_response(&r, node, out));
     PVX_TRY(map_file(&r, node, "dark", &out->dark));
     PVX_TRY(map_file(&r, node, "flat", &out->flat));
-    PVX_TRY(text(&r, node, "mask", out->mask, sizeof out->mask));
+    PVX_TRY(geom_text(&r, node, "mask", out->mask, sizeof out->mask));
     PVX_TRY(matrix(&r, node, out));
     int noise = pvx_yaml_get(y, node, "noise");
     if (noise == 0)
@@ -137,8 +137,8 @@ pvx_err rec_photometry_read(const pvx_yaml *y, int node, const char *path,
     snprintf(full, sizeof full, "%s.noise", path);
     const struct reader of = {y, full, d};
     PVX_TRY(pvx_yaml_known(y, noise, full, "read gain", d));
-    PVX_TRY(number(&of, noise, "read", 0, 1, &out->has_noise, &out->read_noise));
-    PVX_TRY(number(&of, noise, "gain", 0, 1, &gain, &out->noise_gain));
+    PVX_TRY(photometry_number(&of, noise, "read", 0, 1, &out->has_noise, &out->read_noise));
+    PVX_TRY(photometry_number(&of, noise, "gain", 0, 1, &gain, &out->noise_gain));
     if (!out->has_noise || !gain)
         return pvx_yaml_fail(y, noise, full, PVX_EFORMAT, d, "should have read and gain");
     return PVX_OK;

@@ -33,8 +33,8 @@ static pvx_err need(const struct reader *r, int map, const char *path, const cha
 }
 
 /* `n` numbers in [min,max] under a key that must be there. */
-static pvx_err numbers(const struct reader *r, int map, const char *path, const char *key, size_t n,
-                       double limit, double *out)
+static pvx_err rig_numbers(const struct reader *r, int map, const char *path, const char *key,
+                           size_t n, double limit, double *out)
 {
     char full[96];
     snprintf(full, sizeof full, "%s.%s", path, key);
@@ -72,8 +72,8 @@ static pvx_err read_volume(const struct reader *r, int root, struct rec_grid *g)
     int v, voxels, basis;
     PVX_TRY(need(r, root, "rig", "volume", &v));
     PVX_TRY(pvx_yaml_known(r->y, v, "volume", "min max voxels basis", r->d));
-    PVX_TRY(numbers(r, v, "volume", "min", 3, MAX_COORD, g->min));
-    PVX_TRY(numbers(r, v, "volume", "max", 3, MAX_COORD, g->max));
+    PVX_TRY(rig_numbers(r, v, "volume", "min", 3, MAX_COORD, g->min));
+    PVX_TRY(rig_numbers(r, v, "volume", "max", 3, MAX_COORD, g->max));
     PVX_TRY(need(r, v, "volume", "voxels", &voxels));
     if (strcmp(pvx_yaml_text(r->y, voxels), "auto") == 0)
         memset(g->n, 0, sizeof g->n); /* once the cameras are known */
@@ -101,7 +101,7 @@ static pvx_err read_volume(const struct reader *r, int root, struct rec_grid *g)
     return PVX_OK;
 }
 
-static double det3(const double m[9])
+static double rig_det3(const double m[9])
 {
     return m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) +
            m[2] * (m[3] * m[7] - m[4] * m[6]);
@@ -126,7 +126,7 @@ static double off_rotation(const double R[9])
 static void orthonormalise(double R[9])
 {
     for (int it = 0; it < 20 && off_rotation(R) > 1e-15; it++) {
-        double det = det3(R), C[9];
+        double det = rig_det3(R), C[9];
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++) {
                 int i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
@@ -149,7 +149,7 @@ static pvx_err read_lens(const struct reader *r, int m, const char *path, struct
 {
     double K[4];
     int node;
-    PVX_TRY(numbers(r, m, path, "K", 4, 1e7, K));
+    PVX_TRY(rig_numbers(r, m, path, "K", 4, 1e7, K));
     char full[96];
     snprintf(full, sizeof full, "%s.K", path);
     if (!(K[0] >= 1e-3) || !(K[1] >= 1e-3))
@@ -180,10 +180,10 @@ static pvx_err read_pose(const struct reader *r, int m, const char *path, struct
 {
     char full[96];
     snprintf(full, sizeof full, "%s.R", path);
-    PVX_TRY(numbers(r, m, path, "R", 9, 10, c->R));
-    PVX_TRY(numbers(r, m, path, "t", 3, MAX_COORD, c->t));
+    PVX_TRY(rig_numbers(r, m, path, "R", 9, 10, c->R));
+    PVX_TRY(rig_numbers(r, m, path, "t", 3, MAX_COORD, c->t));
     int node = pvx_yaml_get(r->y, m, "R");
-    double off = off_rotation(c->R), det = det3(c->R);
+    double off = off_rotation(c->R), det = rig_det3(c->R);
     if (fabs(det + 1) <= 1e-2)
         return pvx_yaml_fail(r->y, node, full, PVX_EINVAL, r->d,
                              "is a mirror image (det = %.4g); a rotation has det = 1. "
@@ -335,7 +335,7 @@ pvx_err rec_rig_load(const char *path, struct rec_rig *out, struct pvx_diag *d)
 
 /* ---- writing ---------------------------------------------------------------------------------- */
 
-static void put_list(FILE *f, const char *key, const double *v, int n, const char *end)
+static void rig_put_list(FILE *f, const char *key, const double *v, int n, const char *end)
 {
     fprintf(f, "%s: [", key);
     for (int i = 0; i < n; i++)
@@ -352,8 +352,8 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
         return PVX_ENOMEM;
     const struct rec_grid *g = &r->grid;
     fputs("version: 1\nvolume:\n", f);
-    put_list(f, "  min", g->min, 3, "  # metres\n");
-    put_list(f, "  max", g->max, 3, "\n");
+    rig_put_list(f, "  min", g->min, 3, "  # metres\n");
+    rig_put_list(f, "  max", g->max, 3, "\n");
     fprintf(f, "  voxels: [%d, %d, %d]\n  basis: %s\ncameras:\n", g->n[0], g->n[1], g->n[2],
             rec_basis_name(g->basis));
     for (size_t i = 0; i < r->n_cameras; i++) {
@@ -365,12 +365,12 @@ pvx_err rec_rig_format(const struct rec_rig *r, char **out, size_t *len)
             nd--;
         nd = nd == 0 ? 0 : nd <= 4 ? 4 : nd == 5 ? 5 : 8;
         fprintf(f, "  - name: %s\n    size: [%d, %d]\n", c->name, c->width, c->height);
-        put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
-        put_list(f, "    distortion", c->dist, nd, "\n");
-        put_list(f, "    R", c->R, 9, "\n");
-        put_list(f, "    t", c->t, 3, "\n");
+        rig_put_list(f, "    K", K, 4, "  # fx fy cx cy, pixels\n");
+        rig_put_list(f, "    distortion", c->dist, nd, "\n");
+        rig_put_list(f, "    R", c->R, 9, "\n");
+        rig_put_list(f, "    t", c->t, 3, "\n");
         if (gain[0] != 1 || gain[1] != 1 || gain[2] != 1)
-            put_list(f, "    gain", gain, 3, "\n");
+            rig_put_list(f, "    gain", gain, 3, "\n");
         rec_photometry_write(f, &c->photometry);
         const struct rec_uncertainty *u = &c->uncertainty;
         if (u->px > 0)

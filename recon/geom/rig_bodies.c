@@ -16,8 +16,8 @@ struct reader {
     struct pvx_diag *d;
 };
 
-static pvx_err three(const struct reader *r, int map, const char *path, const char *key,
-                     double out[3])
+static pvx_err rig_bodies_three(const struct reader *r, int map, const char *path, const char *key,
+                                double out[3])
 {
     char full[96];
     int node = pvx_yaml_get(r->y, map, key);
@@ -36,8 +36,8 @@ static pvx_err read_box(const struct reader *r, int m, const char *path, struct 
 {
     b->kind = REC_BODY_BOX;
     PVX_TRY(pvx_yaml_known(r->y, m, path, "min max", r->d));
-    PVX_TRY(three(r, m, path, "min", b->a));
-    PVX_TRY(three(r, m, path, "max", b->b));
+    PVX_TRY(rig_bodies_three(r, m, path, "min", b->a));
+    PVX_TRY(rig_bodies_three(r, m, path, "max", b->b));
     for (int a = 0; a < 3; a++)
         if (!(b->b[a] > b->a[a]))
             return pvx_yaml_fail(r->y, m, path, PVX_EINVAL, r->d,
@@ -52,8 +52,8 @@ static pvx_err read_cylinder(const struct reader *r, int m, const char *path, st
     int node;
     b->kind = REC_BODY_CYLINDER;
     PVX_TRY(pvx_yaml_known(r->y, m, path, "from to radius", r->d));
-    PVX_TRY(three(r, m, path, "from", b->a));
-    PVX_TRY(three(r, m, path, "to", b->b));
+    PVX_TRY(rig_bodies_three(r, m, path, "from", b->a));
+    PVX_TRY(rig_bodies_three(r, m, path, "to", b->b));
     if ((node = pvx_yaml_get(r->y, m, "radius")) == 0)
         return pvx_yaml_fail(r->y, m, path, PVX_EFORMAT, r->d, "the key 'radius' is missing");
     char full[96];

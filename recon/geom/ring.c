@@ -8,7 +8,7 @@
 #include "base/mem.h"
 
 /* Largest |x| or |y| (tangent of the angle off axis) of the volume's corners in this camera. */
-static double spread(const struct rec_grid *g, const struct rec_camera *c, double least_depth)
+static double ring_spread(const struct rec_grid *g, const struct rec_camera *c, double least_depth)
 {
     double worst = 0;
     for (int i = 0; i < 8; i++) {
@@ -51,7 +51,7 @@ pvx_err rec_rig_ring(size_t n, double radius, int32_t w, int32_t h, int32_t voxe
         static const double dist[8] = {-0.05, 0.01, 5e-4, -3e-4};
         memcpy(c->dist, dist, sizeof dist);
         c->gain[0] = c->gain[1] = c->gain[2] = 1;
-        worst = fmax(worst, spread(&out->grid, c, 0.25 * radius));
+        worst = fmax(worst, ring_spread(&out->grid, c, 0.25 * radius));
     }
     for (size_t i = 0; i < n; i++) {
         struct rec_camera *c = &out->cameras[i];

@@ -48,8 +48,8 @@ static int32_t fixed_cell(double x, double first, double h, int32_t n)
 
 /* Clip the first `length` metres of the half line against the lattice of `extra` more cells than the grid, half of them on either
  * side, and find the cell it starts in.  False: misses. */
-static bool start(const struct rec_grid *g, int32_t extra, const double origin[3],
-                  const double dir[3], double length, struct walk *w)
+static bool traverse_start(const struct rec_grid *g, int32_t extra, const double origin[3],
+                           const double dir[3], double length, struct walk *w)
 {
     for (int a = 0; a < 3; a++)
         if (!isfinite(origin[a]) || !isfinite(dir[a]))
@@ -123,7 +123,7 @@ static size_t walk_box(const struct rec_grid *g, const double origin[3], const d
                        double length, int32_t *index, float *value)
 {
     struct walk w;
-    if (!start(g, 0, origin, dir, length, &w))
+    if (!traverse_start(g, 0, origin, dir, length, &w))
         return 0;
     int32_t step[3], cur = 0;
     const double *t[3]; /* next crossing of each axis */
@@ -170,7 +170,8 @@ struct corners {
     int32_t step[3], n[3];
 };
 
-static size_t emit(const struct corners *k, int corner, size_t n, int32_t *index, float *value)
+static size_t traverse_emit(const struct corners *k, int corner, size_t n, int32_t *index,
+                            float *value)
 {
     float v = (float)k->sum[corner];
     if (!(v >= FLT_MIN))
@@ -189,11 +190,11 @@ static size_t emit(const struct corners *k, int corner, size_t n, int32_t *index
 
 /* Leave the cell through the plane ahead along axis a: the four corners behind are complete, since
  * the ray never turns back; the four ahead become those behind. */
-static size_t advance(struct corners *k, int a, size_t n, int32_t *index, float *value)
+static size_t traverse_advance(struct corners *k, int a, size_t n, int32_t *index, float *value)
 {
     for (int c = 0; c < 8; c++)
         if (!(c >> a & 1)) {
-            n = emit(k, c, n, index, value);
+            n = traverse_emit(k, c, n, index, value);
             k->sum[c] = k->sum[c | 1 << a];
             k->sum[c | 1 << a] = 0;
         }
@@ -210,7 +211,7 @@ static double clamp01(double f)
 /* Along s a corner's weight is a product of three linear functions, paper (22): a cubic, which Gauss'
  * rule with two points integrates exactly.  It is better conditioned than the expanded polynomial:
  * every term is >= 0, so nothing cancels. */
-static void integrate(const struct walk *w, struct corners *k, double s, double e)
+static void traverse_integrate(const struct walk *w, struct corners *k, double s, double e)
 {
     static const double gauss = 0.28867513459481287; /* 1/(2 sqrt 3) */
     double mid = 0.5 * (s + e), len = e - s, half = 0.5 * len * w->scale;
@@ -236,8 +237,8 @@ static size_t walk_trilinear(const struct rec_grid *g, const double origin[3], c
                              double length, int32_t *index, float *value)
 {
     struct walk w;
-    if (!start(g, 1, origin, dir, length,
-               &w)) /* cells of the lattice of centres, one rim outside */
+    if (!traverse_start(g, 1, origin, dir, length,
+                        &w)) /* cells of the lattice of centres, one rim outside */
         return 0;
     struct corners k = {.sum = {0}};
     for (int a = 0; a < 3; a++) {
@@ -258,23 +259,23 @@ static size_t walk_trilinear(const struct rec_grid *g, const double origin[3], c
         double e = a <= bc ? a : bc;
         e = e < w.s1 ? e : w.s1;
         if (e > s)
-            integrate(&w, &k, s, e);
+            traverse_integrate(&w, &k, s, e);
         s = e;
         if (!(s < w.s1))
             break;
         if (a <= bc) {
-            n = advance(&k, 0, n, index, value);
+            n = traverse_advance(&k, 0, n, index, value);
             tx++;
         } else if (b <= c) {
-            n = advance(&k, 1, n, index, value);
+            n = traverse_advance(&k, 1, n, index, value);
             ty++;
         } else {
-            n = advance(&k, 2, n, index, value);
+            n = traverse_advance(&k, 2, n, index, value);
             tz++;
         }
     }
     for (int c = 0; c < 8; c++)
-        n = emit(&k, c, n, index, value);
+        n = traverse_emit(&k, c, n, index, value);
     return n;
 }
 

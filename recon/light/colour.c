@@ -6,7 +6,7 @@
 #define WELL 1e-3 /* least eigenvalue of the colours' A'A over its trace */
 
 /* Least eigenvalue of A over its trace is at least this: the other two have most product when equal. */
-static double condition(const double A[9])
+static double colour_condition(const double A[9])
 {
     double trace = A[0] + A[4] + A[8];
     double det = A[0] * (A[4] * A[8] - A[5] * A[7]) - A[1] * (A[3] * A[8] - A[5] * A[6]) +
@@ -31,7 +31,7 @@ pvx_err rec_light_matrix(const double *from, const double *to, size_t m, double 
                 B[3 * i + j] += t[i] * f[j] / size2(f);
             }
     }
-    if (m < 3 || !(condition(A) > WELL))
+    if (m < 3 || !(colour_condition(A) > WELL))
         return pvx_fail(d, PVX_EINVAL,
                         "%zu %s: show at least three different colours (a red, a green and a blue "
                         "one) to make a matrix",

@@ -8,7 +8,7 @@
 #define FLOOR 0.004 /* of full scale; a step of 8 bits */
 
 /* Scaled median of |v - middle|. */
-static double spread_of(const float *v, size_t n, double middle, double *scratch)
+static double dark_spread_of(const float *v, size_t n, double middle, double *scratch)
 {
     size_t step = n / REC_LIGHT_SCRATCH + 1, m = 0;
     for (size_t i = 0; i < n; i += step)
@@ -39,13 +39,13 @@ static pvx_err light_in_it(const struct rec_light_picture *p, double level, stru
     return PVX_OK;
 }
 
-static void mark(const struct rec_light_picture *p, double level, double *scratch, float *out,
-                 struct rec_dark *r)
+static void dark_mark(const struct rec_light_picture *p, double level, double *scratch, float *out,
+                      struct rec_dark *r)
 {
     size_t n = rec_light_pixels(p) * (size_t)p->channels;
-    double mean_far = fmax(FAR * spread_of(p->mean, n, level, scratch), FLOOR);
+    double mean_far = fmax(FAR * dark_spread_of(p->mean, n, level, scratch), FLOOR);
     double var = rec_light_median(p->var, n, scratch);
-    double var_far = fmax(FAR * spread_of(p->var, n, var, scratch), FLOOR * FLOOR);
+    double var_far = fmax(FAR * dark_spread_of(p->var, n, var, scratch), FLOOR * FLOOR);
     for (size_t i = 0; i < n; i++) {
         bool hot = (double)p->mean[i] > level + mean_far || (double)p->var[i] > var + var_far;
         bool dead = (double)p->mean[i] < level - mean_far;
@@ -70,7 +70,7 @@ pvx_err rec_light_dark(const struct rec_light_picture *p, float *out, struct rec
     double level = rec_light_median(p->mean, n, scratch);
     pvx_err e = light_in_it(p, level, d);
     if (e == PVX_OK)
-        mark(p, level, scratch, out, r);
+        dark_mark(p, level, scratch, out, r);
     free(scratch);
     return e;
 }

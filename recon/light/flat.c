@@ -130,7 +130,7 @@ static bool refit(struct fit *f, size_t k, int c)
 }
 
 /* The sum over the pictures becomes 0. */
-static void centre(struct fit *f)
+static void flat_centre(struct fit *f)
 {
     for (int c = 0; c < 3; c++)
         for (int a = 0; a < TERMS; a++) {
@@ -143,7 +143,7 @@ static void centre(struct fit *f)
 }
 
 /* exp, of mean 1 over the middle quarter per colour. */
-static void normalise(const struct fit *f, float *out)
+static void flat_normalise(const struct fit *f, float *out)
 {
     const struct rec_light_picture *p = f->p;
     double sum[3] = {0}, count[3] = {0};
@@ -212,10 +212,10 @@ pvx_err rec_light_flat(const struct rec_light_picture *p, size_t m, float *out, 
             for (size_t k = 0; k < m; k++)
                 for (int c = 0; c < 3 && good; c++)
                     good = refit(f, k, c);
-            centre(f);
+            flat_centre(f);
         }
         update(f, true);
-        normalise(f, out);
+        flat_normalise(f, out);
         memcpy(room, out, n * sizeof *room);
         r->bad = find_bad(p, room, out);
         r->residual = f->sigma;

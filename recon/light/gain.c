@@ -26,7 +26,7 @@ void rec_light_middle(const struct rec_light_picture *p, double out[3])
     }
 }
 
-static double det3(const double A[9])
+static double gain_det3(const double A[9])
 {
     return A[0] * (A[4] * A[8] - A[5] * A[7]) - A[1] * (A[3] * A[8] - A[5] * A[6]) +
            A[2] * (A[3] * A[7] - A[4] * A[6]);
@@ -35,7 +35,7 @@ static double det3(const double A[9])
 /* ---- a flame ---- */
 
 /* Brightness of a pixel: all of its channels. */
-static double light_at(const struct rec_light_picture *p, size_t pixel)
+static double gain_light_at(const struct rec_light_picture *p, size_t pixel)
 {
     double s = 0;
     for (int k = 0; k < p->channels; k++) {
@@ -55,7 +55,7 @@ pvx_err rec_light_flux(const struct rec_light_picture *p, const struct rec_camer
     for (int a = 0; a < 3; a++)
         D2 += (at[a] - centre[a]) * (at[a] - centre[a]);
     for (size_t i = 0; i < w * h; i++) {
-        double o[3], r[3], l = light_at(p, i);
+        double o[3], r[3], l = gain_light_at(p, i);
         size_t x = i % w, y = i / w;
         if (!rec_camera_ray(c, (double)x, (double)y, o, r))
             continue;
@@ -95,7 +95,7 @@ pvx_err rec_light_where(const struct rec_light_picture *const *p, const struct r
         double all = 0, u = 0, v = 0, o[3], r[3];
         size_t w = (size_t)p[q]->width;
         for (size_t i = 0; i < rec_light_pixels(p[q]); i++) {
-            double l = light_at(p[q], i);
+            double l = gain_light_at(p[q], i);
             all += l;
             u += l * (double)(i % w);
             v += l * (double)(i / w);
@@ -110,7 +110,7 @@ pvx_err rec_light_where(const struct rec_light_picture *const *p, const struct r
             }
     }
     double trace = A[0] + A[4] + A[8];
-    if (!(det3(A) > 1e-6 * trace * trace * trace) || !rec_spd_solve(A, b, 3))
+    if (!(gain_det3(A) > 1e-6 * trace * trace * trace) || !rec_spd_solve(A, b, 3))
         return pvx_fail(d, PVX_EINVAL, "the flame is seen from one side only");
     memcpy(at, b, sizeof b);
     return PVX_OK;

@@ -19,7 +19,7 @@ struct points {
 };
 
 /* Regions of a picture; how many of its samples did not vary at all. */
-static double add(struct points *t, const struct rec_light_picture *p)
+static double noise_add(struct points *t, const struct rec_light_picture *p)
 {
     double mean[PER] = {0}, var[PER] = {0}, count[PER] = {0}, still = 0, all = 0;
     size_t ch = (size_t)p->channels;
@@ -50,7 +50,7 @@ static double line_at(const struct rec_noise *l, double mean)
 }
 
 /* Median of |misfit| over the line, or over what is to be expected of it too. */
-static double scatter(const struct points *t, const struct rec_noise *l, bool expected)
+static double noise_scatter(const struct points *t, const struct rec_noise *l, bool expected)
 {
     for (size_t i = 0; i < t->n; i++)
         t->scratch[i] =
@@ -61,7 +61,7 @@ static double scatter(const struct points *t, const struct rec_noise *l, bool ex
 /* One round: weights by the line of the last one.  At first all alike, in units of the middle variance. */
 static bool round_of(const struct points *t, bool first, struct rec_noise *l, double least)
 {
-    double s[5] = {0}, scale = first ? 1 : fmax(1.4826 * scatter(t, l, false), 1e-9);
+    double s[5] = {0}, scale = first ? 1 : fmax(1.4826 * noise_scatter(t, l, false), 1e-9);
     for (size_t i = 0; i < t->n; i++) {
         double at = fmax(line_at(l, t->mean[i]), least);
         double z = first ? 0 : (t->var[i] / at - 1) / (TUKEY * scale);
@@ -80,7 +80,7 @@ static bool round_of(const struct points *t, bool first, struct rec_noise *l, do
     return true;
 }
 
-static pvx_err fit(const struct points *t, struct rec_noise *out, struct pvx_diag *d)
+static pvx_err noise_fit(const struct points *t, struct rec_noise *out, struct pvx_diag *d)
 {
     double low = INFINITY, high = -INFINITY;
     for (size_t i = 0; i < t->n; i++) {
@@ -97,14 +97,14 @@ static pvx_err fit(const struct points *t, struct rec_noise *out, struct pvx_dia
     bool ok = least > 0;
     for (int k = 0; k < ROUNDS && ok; k++)
         ok = round_of(t, k == 0, out, least);
-    if (!ok || (scatter(t, out, false) > WRONG && scatter(t, out, true) > 4))
+    if (!ok || (noise_scatter(t, out, false) > WRONG && noise_scatter(t, out, true) > 4))
         return pvx_fail(d, PVX_EINVAL,
                         "its variance is no line over the light: the light moved from picture to "
                         "picture, or the samples are not linear (pyrovox calibrate response)");
     return PVX_OK;
 }
 
-static pvx_err possible(const struct rec_light_picture *p, size_t k, struct pvx_diag *d)
+static pvx_err noise_possible(const struct rec_light_picture *p, size_t k, struct pvx_diag *d)
 {
     if (p->n < 2)
         return pvx_fail(d, PVX_EINVAL,
@@ -128,7 +128,7 @@ pvx_err rec_light_noise(const struct rec_light_picture *p, size_t m, struct rec_
 {
     double still = 0;
     for (size_t k = 0; k < m; k++)
-        PVX_TRY(possible(&p[k], k, d));
+        PVX_TRY(noise_possible(&p[k], k, d));
     double *room = pvx_calloc(m * PER * 4 + 1, sizeof *room);
     if (room == NULL)
         return PVX_ENOMEM;
@@ -138,12 +138,12 @@ pvx_err rec_light_noise(const struct rec_light_picture *p, size_t m, struct rec_
                        .scratch = room + 3 * m * PER};
     *out = (struct rec_noise){0};
     for (size_t k = 0; k < m; k++)
-        still = fmax(still, add(&t, &p[k]) * (p[k].n > 2));
+        still = fmax(still, noise_add(&t, &p[k]) * (p[k].n > 2));
     pvx_err e = still > 0.5
                     ? pvx_fail(d, PVX_EINVAL,
                                "most of its samples do not vary: the noise is below a step of "
                                "them, take them in a pixel format of more bits")
-                    : fit(&t, out, d);
+                    : noise_fit(&t, out, d);
     free(room);
     return e;
 }

@@ -24,7 +24,7 @@ struct samples {
     double s[MOST], t[MOST], w[MOST];
 };
 
-static struct samples take(const struct ladder *l, size_t i)
+static struct samples response_take(const struct ladder *l, size_t i)
 {
     struct samples a = {0};
     double most = 0;
@@ -43,8 +43,8 @@ static struct samples take(const struct ladder *l, size_t i)
 
 /* What is left of v [n] when a + b t is fitted to it, or (constant) a; values and the knots' coefficients
  * alike. */
-static void project(const struct samples *a, const double *v, size_t stride, bool constant,
-                    double *out)
+static void response_project(const struct samples *a, const double *v, size_t stride, bool constant,
+                             double *out)
 {
     double w = 0, wt = 0, wtt = 0, wv = 0, wtv = 0;
     for (int k = 0; k < a->n; k++) {
@@ -62,7 +62,7 @@ static void project(const struct samples *a, const double *v, size_t stride, boo
 }
 
 /* Adds one pixel to (2). */
-static void add(struct ladder *l, const struct samples *a)
+static void response_add(struct ladder *l, const struct samples *a)
 {
     static _Thread_local double knot[MOST * N], left[MOST * N];
     memset(knot, 0, sizeof knot);
@@ -75,7 +75,7 @@ static void add(struct ladder *l, const struct samples *a)
     for (int constant = 0; constant < 2; constant++) {
         double *to = constant ? l->B : l->A;
         for (int i = 0; i < N; i++)
-            project(a, knot + i, N, constant, left + i);
+            response_project(a, knot + i, N, constant, left + i);
         for (int k = 0; k < a->n; k++) {
             const double *r = left + (size_t)k * N + 1; /* r(0) = 0 */
             for (int i = 0; i < FREE; i++)
@@ -87,7 +87,7 @@ static void add(struct ladder *l, const struct samples *a)
         l->all += a->w[k];
 }
 
-static void smooth(struct ladder *l)
+static void response_smooth(struct ladder *l)
 {
     double h = SMOOTH * l->all;
     for (int i = 1; i < N - 1; i++)
@@ -100,7 +100,7 @@ static void smooth(struct ladder *l)
 }
 
 /* The r of least (2), by inverse iteration from a straight line, scaled to r(1) = 1. */
-static bool least(const struct ladder *l, double v[N])
+static bool response_least(const struct ladder *l, double v[N])
 {
     static _Thread_local double M[FREE * FREE];
     for (int i = 0; i < N; i++)
@@ -141,7 +141,7 @@ static void monotone(double v[N])
     v[N - 1] = 1;
 }
 
-static double at(const double v[N], double s)
+static double response_at(const double v[N], double s)
 {
     double x = s * (N - 1);
     int i = x < N - 2 ? (int)x : N - 2;
@@ -163,7 +163,7 @@ static bool one_ratio(const struct rec_light_picture *p, size_t m)
     return most < 1.1 * least;
 }
 
-static pvx_err possible(const struct rec_light_picture *p, size_t m, struct pvx_diag *d)
+static pvx_err response_possible(const struct rec_light_picture *p, size_t m, struct pvx_diag *d)
 {
     size_t n = rec_light_pixels(p) * (size_t)p->channels;
     if (m < 4 || m > MOST)
@@ -203,7 +203,7 @@ static pvx_err possible(const struct rec_light_picture *p, size_t m, struct pvx_
 pvx_err rec_light_response(const struct rec_light_picture *p, size_t m, struct rec_response *out,
                            struct pvx_diag *d)
 {
-    PVX_TRY(possible(p, m, d));
+    PVX_TRY(response_possible(p, m, d));
     size_t n = rec_light_pixels(p) * (size_t)p->channels,
            step = n / PIXELS | 1; /* both colours of a row */
     double low = 1, high = 0, sum = 0;
@@ -213,13 +213,13 @@ pvx_err rec_light_response(const struct rec_light_picture *p, size_t m, struct r
     l->p = p;
     l->m = m;
     for (size_t i = 0; i < n; i += step) {
-        struct samples a = take(l, i);
+        struct samples a = response_take(l, i);
         for (int k = 0; k < a.n; k++) {
             low = fmin(low, a.s[k]);
             high = fmax(high, a.s[k]);
         }
         if (a.n >= 3)
-            add(l, &a);
+            response_add(l, &a);
     }
     pvx_err e = PVX_OK;
     if (low > 0.1 || high < 0.9)
@@ -228,19 +228,19 @@ pvx_err rec_light_response(const struct rec_light_picture *p, size_t m, struct r
             "the samples cover %.0f to %.0f %% of the range only: take exposures from nearly "
             "dark to nearly full",
             100 * low, 100 * high);
-    smooth(l);
-    if (e == PVX_OK && !least(l, out->value))
+    response_smooth(l);
+    if (e == PVX_OK && !response_least(l, out->value))
         e = pvx_fail(d, PVX_EINVAL,
                      "these exposures do not determine a response: take more of them");
     if (e == PVX_OK) {
         monotone(out->value);
         for (size_t i = 0; i < n; i += step) {
-            struct samples a = take(l, i);
+            struct samples a = response_take(l, i);
             double v[MOST], left[MOST];
             for (int k = 0; k < a.n; k++)
-                v[k] = at(out->value, a.s[k]);
+                v[k] = response_at(out->value, a.s[k]);
             if (a.n >= 3)
-                project(&a, v, 1, false, left);
+                response_project(&a, v, 1, false, left);
             for (int k = 0; k < a.n && a.n >= 3; k++)
                 sum += a.w[k] * left[k] * left[k];
         }

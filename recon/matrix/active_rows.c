@@ -85,7 +85,7 @@ static void add_entries(const struct rec_active_level *v, const struct rec_row_p
 }
 
 /* By column, eight bits at a time; the result is s->list. */
-static void sort(struct rec_active_scratch *s, size_t n, uint32_t most)
+static void active_rows_sort(struct rec_active_scratch *s, size_t n, uint32_t most)
 {
     for (int shift = 0; shift < 32 && most >> shift != 0; shift += 8) {
         size_t at[256] = {0}, sum = 0;
@@ -132,7 +132,7 @@ static bool coarse_bin(const struct rec_active_build *b, struct rec_active_scrat
             s->list[n++] = s->table[h];
             most = s->table[h].col > most ? s->table[h].col : most;
         }
-    sort(s, n, most);
+    active_rows_sort(s, n, most);
     for (size_t i = 0; i < n; i++) {
         int32_t exact = carry + (int32_t)(s->list[i].eighths << doubled), q = (exact + 4) >> 3;
         q = q > UINT8_MAX ? UINT8_MAX : q;
@@ -179,7 +179,7 @@ static bool finish_row(struct rec_active_build *b, struct rec_active_scratch *s,
     }
 }
 
-static void meet(struct rec_active_build *b, const uint32_t *col, size_t n)
+static void active_rows_meet(struct rec_active_build *b, const uint32_t *col, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         _Atomic uint64_t *word = &b->met[col[i] / 64];
@@ -197,7 +197,7 @@ static bool trace_row(struct rec_active_build *b, struct rec_active_scratch *s, 
             return false;
         uint32_t *col = p->all.col + p->all.n;
         size_t n = rec_rays_bin(&b->t, &s->rays, x, y, col, p->all.val + p->all.n);
-        meet(b, col, n);
+        active_rows_meet(b, col, n);
         p->all.n += n;
         p->end[(size_t)(y & 1) * (size_t)b->t.bw + (size_t)x] = p->all.n;
     }

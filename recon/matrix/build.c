@@ -38,14 +38,14 @@ struct build {
     atomic_bool canceled, out_of_memory;
 };
 
-static struct scratch *get_scratch(struct build *b)
+static struct scratch *build_get_scratch(struct build *b)
 {
     for (size_t i = 0;; i = (i + 1) % b->n_scratch) /* never more tasks at a time than scratches */
         if (!atomic_flag_test_and_set(&b->scratch[i].in_use))
             return &b->scratch[i];
 }
 
-static void tell(struct build *b)
+static void build_tell(struct build *b)
 {
     if (b->progress == NULL || !pthread_equal(pthread_self(), b->caller))
         return;
@@ -54,10 +54,10 @@ static void tell(struct build *b)
         atomic_store(&b->canceled, true);
 }
 
-static void trace_band(void *ctx, size_t task)
+static void build_trace_band(void *ctx, size_t task)
 {
     struct build *b = ctx;
-    struct scratch *s = get_scratch(b);
+    struct scratch *s = build_get_scratch(b);
     struct rec_band *out = &b->rows.band[task];
     out->n = 0;
     for (int32_t y = out->row0; y < out[1].row0; y++) {
@@ -73,12 +73,12 @@ static void trace_band(void *ctx, size_t task)
             out->n += n;
         }
         atomic_fetch_add(&b->rows_done, 1);
-        tell(b);
+        build_tell(b);
     }
     atomic_flag_clear(&s->in_use);
 }
 
-static pvx_err no_memory(const struct build *b, uint64_t bytes, struct pvx_diag *d)
+static pvx_err build_no_memory(const struct build *b, uint64_t bytes, struct pvx_diag *d)
 {
     return pvx_fail(d, PVX_ENOMEM,
                     "out of memory: the system matrix needs %llu MiB more for camera %s (%zu of "
@@ -88,7 +88,7 @@ static pvx_err no_memory(const struct build *b, uint64_t bytes, struct pvx_diag 
 }
 
 /* Linux grants memory it does not have and kills whoever uses it: refuse by what is installed. */
-static bool fits(const struct build *b, uint64_t more)
+static bool build_fits(const struct build *b, uint64_t more)
 {
     uint64_t have = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
     uint64_t used = rec_band_entries(&b->rows) * REC_ENTRY;
@@ -97,14 +97,14 @@ static bool fits(const struct build *b, uint64_t more)
     return used + more <= have;
 }
 
-static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
+static pvx_err build_trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
-    pvx_pool_run(pool, b->rows.bands, trace_band, b);
+    pvx_pool_run(pool, b->rows.bands, build_trace_band, b);
     if (atomic_load(&b->canceled))
         return PVX_ECANCELED;
     uint64_t nnz = rec_band_entries(&b->rows);
-    if (atomic_load(&b->out_of_memory) || !fits(b, nnz * REC_ENTRY))
-        return no_memory(b, nnz * REC_ENTRY, d);
+    if (atomic_load(&b->out_of_memory) || !build_fits(b, nnz * REC_ENTRY))
+        return build_no_memory(b, nnz * REC_ENTRY, d);
     if (nnz > UINT32_MAX)
         return pvx_fail(
             d, PVX_ERANGE,
@@ -112,7 +112,7 @@ static pvx_err trace_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
             "fewer voxels or a larger binning",
             b->rig->cameras[b->camera].name, (unsigned long long)nnz);
     if (rec_columns(&b->rows, b->N, pool, &b->part[b->camera]) != PVX_OK)
-        return no_memory(b, nnz * REC_ENTRY, d);
+        return build_no_memory(b, nnz * REC_ENTRY, d);
     return PVX_OK;
 }
 
@@ -128,7 +128,7 @@ static void cut_bands(struct build *b)
         b->rows.band[k].row0 = (int32_t)((size_t)b->bh * k / bands);
 }
 
-static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
+static pvx_err matrix_build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     struct rec_sysmat_block *block = &b->m->block[b->camera];
     struct rec_entries *out = &b->part[b->camera];
@@ -144,12 +144,12 @@ static pvx_err build_camera(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     bool room = rec_rays_new_depth(b->rig, rows, &out->depth);
     b->t.depth = out->depth;
     pvx_err e = fp == NULL || b->rows.bin_n == NULL || !room
-                    ? no_memory(b, b->N * (sizeof *fp + sizeof *out->colptr), d)
-                    : trace_camera(b, pool, d);
+                    ? build_no_memory(b, b->N * (sizeof *fp + sizeof *out->colptr), d)
+                    : build_trace_camera(b, pool, d);
     PVX_FREE(b->rows.bin_n);
     PVX_TRY(e);
     if (rec_sysmat_footprints(b->m, b->t.c, block, out, pool, fp) != PVX_OK)
-        return no_memory(b, 0, d);
+        return build_no_memory(b, 0, d);
     PVX_FREE(out->depth);
     return PVX_OK;
 }
@@ -165,7 +165,7 @@ static pvx_err new_scratch(struct build *b)
 }
 
 /* All that only the tracing of cameras needs. */
-static void free_scratch(struct build *b)
+static void build_free_scratch(struct build *b)
 {
     for (size_t i = 0; b->scratch != NULL && i < b->n_scratch; i++)
         rec_rays_free(&b->scratch[i].rays);
@@ -176,9 +176,9 @@ static void free_scratch(struct build *b)
 static pvx_err build_cameras(struct build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     if (new_scratch(b) != PVX_OK)
-        return no_memory(b, b->n_scratch * b->t.bin_max * sizeof(struct rec_ray_slot), d);
+        return build_no_memory(b, b->n_scratch * b->t.bin_max * sizeof(struct rec_ray_slot), d);
     for (; b->camera < b->rig->n_cameras; b->camera++)
-        PVX_TRY(build_camera(b, pool, d));
+        PVX_TRY(matrix_build_camera(b, pool, d));
     return PVX_OK;
 }
 
@@ -200,7 +200,7 @@ static pvx_err build_all(struct build *b, pvx_pool *pool, struct pvx_diag *d)
     rec_sysmat *m = b->m;
     b->part = pvx_calloc(m->n_cameras, sizeof *b->part);
     pvx_err e = b->part == NULL ? PVX_ENOMEM : build_cameras(b, pool, d);
-    free_scratch(b);
+    build_free_scratch(b);
     if (e == PVX_OK && b->rig->bodies.n > 0)
         e = all_hidden(b, d);
     struct rec_entries all = {0};

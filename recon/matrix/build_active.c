@@ -13,14 +13,14 @@
 
 #include "base/mem.h"
 
-static struct rec_active_scratch *get_scratch(struct rec_active_build *b)
+static struct rec_active_scratch *matrix_get_scratch(struct rec_active_build *b)
 {
     for (size_t i = 0;; i = (i + 1) % b->n_scratch) /* never more tasks at a time than scratches */
         if (!atomic_flag_test_and_set(&b->scratch[i].in_use))
             return &b->scratch[i];
 }
 
-static void tell(struct rec_active_build *b)
+static void matrix_tell(struct rec_active_build *b)
 {
     if (b->progress.call == NULL || !pthread_equal(pthread_self(), b->caller))
         return;
@@ -31,10 +31,10 @@ static void tell(struct rec_active_build *b)
         atomic_store(&b->canceled, true);
 }
 
-static void trace_band(void *ctx, size_t task)
+static void matrix_trace_band(void *ctx, size_t task)
 {
     struct rec_active_build *b = ctx;
-    struct rec_active_scratch *s = get_scratch(b);
+    struct rec_active_scratch *s = matrix_get_scratch(b);
     size_t band = b->of > 0 ? task * b->of + b->of / 2 : task;
     const struct rec_band *rows = &b->level[0].rows.band[band];
     for (size_t l = 0; l < b->levels; l++) {
@@ -47,14 +47,15 @@ static void trace_band(void *ctx, size_t task)
         if (!rec_active_row(b, s, band, y))
             atomic_store(&b->out_of_memory, true);
         atomic_fetch_add(&b->rows_done, 1);
-        tell(b);
+        matrix_tell(b);
     }
     atomic_flag_clear(&s->in_use);
 }
 
 /* ---- cameras ---- */
 
-static pvx_err no_memory(const struct rec_active_build *b, uint64_t bytes, struct pvx_diag *d)
+static pvx_err matrix_no_memory(const struct rec_active_build *b, uint64_t bytes,
+                                struct pvx_diag *d)
 {
     return pvx_fail(d, PVX_ENOMEM,
                     "out of memory: the active part of the system matrix needs %llu MiB more for "
@@ -109,7 +110,7 @@ void rec_active_end(struct rec_active_build *b)
 }
 
 /* Linux grants memory it does not have and kills whoever uses it: refuse by what is installed. */
-static bool fits(const struct rec_active_build *b)
+static bool matrix_fits(const struct rec_active_build *b)
 {
     uint64_t have = (uint64_t)sysconf(_SC_PHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
     uint64_t entries = 0;
@@ -125,17 +126,18 @@ pvx_err rec_active_trace(struct rec_active_build *b, pvx_pool *pool)
 {
     size_t bands = b->level[0].rows.bands;
     atomic_store(&b->rows_done, 0);
-    pvx_pool_run(pool, b->of > 0 ? (bands - b->of / 2 + b->of - 1) / b->of : bands, trace_band, b);
+    pvx_pool_run(pool, b->of > 0 ? (bands - b->of / 2 + b->of - 1) / b->of : bands,
+                 matrix_trace_band, b);
     return atomic_load(&b->canceled) ? PVX_ECANCELED : PVX_OK;
 }
 
-static pvx_err trace_camera(struct rec_active_build *b, pvx_pool *pool, struct pvx_diag *d)
+static pvx_err matrix_trace_camera(struct rec_active_build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     rec_active_cut(b);
     PVX_TRY(rec_active_trace(b, pool));
     uint64_t nnz = rec_band_entries(&b->level[0].rows);
-    if (atomic_load(&b->out_of_memory) || !fits(b))
-        return no_memory(b, nnz * REC_ENTRY, d);
+    if (atomic_load(&b->out_of_memory) || !matrix_fits(b))
+        return matrix_no_memory(b, nnz * REC_ENTRY, d);
     if (nnz > UINT32_MAX)
         return pvx_fail(
             d, PVX_ERANGE,
@@ -145,7 +147,7 @@ static pvx_err trace_camera(struct rec_active_build *b, pvx_pool *pool, struct p
     for (size_t l = 0; l < b->levels; l++) {
         struct rec_active_level *v = &b->level[l];
         if (rec_columns(&v->rows, rec_sysmat_columns(v->m), pool, &v->part[b->camera]) != PVX_OK)
-            return no_memory(b, nnz * REC_ENTRY, d);
+            return matrix_no_memory(b, nnz * REC_ENTRY, d);
         rec_band_rows_free(&v->rows);
     }
     return PVX_OK;
@@ -163,13 +165,15 @@ pvx_err rec_active_begin(struct rec_active_build *b)
     return room ? PVX_OK : PVX_ENOMEM;
 }
 
-static pvx_err build_camera(struct rec_active_build *b, pvx_pool *pool, struct pvx_diag *d)
+static pvx_err build_active_build_camera(struct rec_active_build *b, pvx_pool *pool,
+                                         struct pvx_diag *d)
 {
-    pvx_err e = rec_active_begin(b) == PVX_OK ? trace_camera(b, pool, d) : no_memory(b, 0, d);
+    pvx_err e =
+        rec_active_begin(b) == PVX_OK ? matrix_trace_camera(b, pool, d) : matrix_no_memory(b, 0, d);
     if (e == PVX_OK &&
         rec_sysmat_active_footprints(b->level[0].m, b->camera, b->t.c, &b->level[0].part[b->camera],
                                      b->met, pool) != PVX_OK)
-        e = no_memory(b, 0, d);
+        e = matrix_no_memory(b, 0, d);
     rec_active_end(b);
     return e;
 }
@@ -219,7 +223,7 @@ static pvx_err add_level(struct rec_active_build *b, bool coarsest)
     return new_footprints(m->coarse);
 }
 
-static pvx_err set_up(struct rec_active_build *b, rec_sysmat *finest)
+static pvx_err matrix_set_up(struct rec_active_build *b, rec_sysmat *finest)
 {
     size_t levels = rec_sysmat_levels(&finest->grid);
     b->levels = 1;
@@ -240,7 +244,7 @@ static pvx_err set_up(struct rec_active_build *b, rec_sysmat *finest)
 }
 
 /* All that only the tracing of cameras needs. */
-static void free_scratch(struct rec_active_build *b)
+static void matrix_free_scratch(struct rec_active_build *b)
 {
     for (size_t i = 0; b->scratch != NULL && i < b->n_scratch; i++) {
         struct rec_active_scratch *s = &b->scratch[i];
@@ -274,11 +278,11 @@ static pvx_err finish_level(struct rec_active_level *v, pvx_pool *pool, struct p
     return e;
 }
 
-static pvx_err build(struct rec_active_build *b, pvx_pool *pool, struct pvx_diag *d)
+static pvx_err build_active_build(struct rec_active_build *b, pvx_pool *pool, struct pvx_diag *d)
 {
     for (; b->camera < b->rig->n_cameras; b->camera++)
-        PVX_TRY(build_camera(b, pool, d));
-    free_scratch(b);
+        PVX_TRY(build_active_build_camera(b, pool, d));
+    matrix_free_scratch(b);
     for (size_t l = 0; l < b->levels; l++)
         PVX_TRY(finish_level(&b->level[l], pool, d));
     if (b->progress.call != NULL && !b->progress.call(b->progress.ctx, 1))
@@ -298,14 +302,14 @@ pvx_err rec_active_build_new(struct rec_active_build **out, const struct rec_rig
     b->progress = progress;
     b->n_scratch = threads;
     rec_tracer_init(&b->t, rig, &p);
-    return set_up(b, finest);
+    return matrix_set_up(b, finest);
 }
 void rec_active_build_free(struct rec_active_build **bp)
 {
     struct rec_active_build *b = *bp;
     if (b == NULL)
         return;
-    free_scratch(b);
+    matrix_free_scratch(b);
     for (size_t l = 0; l < b->levels; l++)
         for (size_t c = 0; c < b->rig->n_cameras; c++)
             rec_entries_free(&b->level[l].part[c]);
@@ -321,7 +325,7 @@ pvx_err rec_sysmat_build_active(const struct rec_rig *rig, rec_sysmat **outline,
     if (e != PVX_OK)
         pvx_fail(d, e, "out of memory for the active part of the system matrix");
     else
-        e = build(b, pool, d);
+        e = build_active_build(b, pool, d);
     if (e == PVX_ECANCELED)
         pvx_fail(d, e, "stopped while building the system matrix");
     rec_active_build_free(&b);

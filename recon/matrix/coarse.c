@@ -169,7 +169,7 @@ static void union_layer(void *ctx, size_t k)
     }
 }
 
-static pvx_err fill(struct job *j, pvx_pool *pool, struct rec_entries *out)
+static pvx_err coarse_fill(struct job *j, pvx_pool *pool, struct rec_entries *out)
 {
     rec_sysmat *m = j->m;
     size_t N = rec_grid_count(&m->grid), rows = m->row0[m->n_cameras],
@@ -213,8 +213,9 @@ static pvx_err coarsen(const rec_sysmat *f, const struct rec_entries *e, rec_sys
     j.row = pvx_reserve(f->nnz * sizeof *j.row);
     j.eighths = pvx_reserve(f->nnz * sizeof *j.eighths);
     j.count = pvx_calloc(rec_grid_count(&m->grid), sizeof *j.count);
-    pvx_err err =
-        j.row == NULL || j.eighths == NULL || j.count == NULL ? PVX_ENOMEM : fill(&j, pool, out);
+    pvx_err err = j.row == NULL || j.eighths == NULL || j.count == NULL
+                      ? PVX_ENOMEM
+                      : coarse_fill(&j, pool, out);
     pvx_unreserve(j.row, f->nnz * sizeof *j.row);
     pvx_unreserve(j.eighths, f->nnz * sizeof *j.eighths);
     free(j.count);

@@ -63,7 +63,7 @@ static void count_strip(void *ctx, size_t task)
             at[j->rows->band[k].col[i]]++;
 }
 
-static size_t chunk_end(const struct job *j, size_t task)
+static size_t columns_chunk_end(const struct job *j, size_t task)
 {
     return (task + 1) * CHUNK < j->N ? (task + 1) * CHUNK : j->N;
 }
@@ -73,7 +73,7 @@ static void sum_chunk(void *ctx, size_t task)
     struct job *j = ctx;
     uint64_t sum = 0;
     for (size_t strip = 0; strip < j->strips; strip++)
-        for (size_t c = task * CHUNK; c < chunk_end(j, task); c++)
+        for (size_t c = task * CHUNK; c < columns_chunk_end(j, task); c++)
             sum += j->at[strip * j->N + c];
     j->chunk[task] = sum;
 }
@@ -82,7 +82,7 @@ static void place_chunk(void *ctx, size_t task)
 {
     struct job *j = ctx;
     uint32_t next = (uint32_t)j->chunk[task], *colptr = j->out->colptr;
-    for (size_t c = task * CHUNK; c < chunk_end(j, task); c++) {
+    for (size_t c = task * CHUNK; c < columns_chunk_end(j, task); c++) {
         colptr[c] = next;
         for (size_t strip = 0; strip < j->strips; strip++) {
             uint32_t n = j->at[strip * j->N + c];
@@ -124,7 +124,7 @@ static void cut_strips(struct job *j)
         j->strip[s++] = j->rows->bands;
 }
 
-static pvx_err sort(struct job *j, pvx_pool *pool)
+static pvx_err columns_sort(struct job *j, pvx_pool *pool)
 {
     struct rec_entries *out = j->out;
     size_t chunks = (j->N + CHUNK - 1) / CHUNK;
@@ -157,7 +157,7 @@ pvx_err rec_columns(const struct rec_band_rows *rows, size_t N, pvx_pool *pool,
     j.strips = j.strips < STRIPS_MAX ? j.strips : STRIPS_MAX;
     out->nnz = rec_band_entries(rows);
     cut_strips(&j);
-    pvx_err e = sort(&j, pool);
+    pvx_err e = columns_sort(&j, pool);
     free(j.at);
     free(j.chunk);
     return e;

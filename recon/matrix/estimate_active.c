@@ -35,7 +35,7 @@ static uint64_t pages_of_footprints(const struct rec_active *a)
 }
 
 /* A level's bytes, without further windows. */
-static uint64_t stored(const rec_sysmat *m, size_t window)
+static uint64_t matrix_stored(const rec_sysmat *m, size_t window)
 {
     size_t slots = (size_t)m->win.slots, of_column = slots * (sizeof *m->win.at + window);
     size_t voxels = rec_grid_count(&m->grid);
@@ -50,8 +50,8 @@ static uint64_t stored(const rec_sysmat *m, size_t window)
 
 /* Entries come in a band, whose room grows by half, then in columns; those of all cameras, then merged, slice by
  * slice; and while windows are made of them. */
-static void add_up(const struct rec_active_build *b, double kept_most,
-                   struct rec_active_estimate *o)
+static void matrix_add_up(const struct rec_active_build *b, double kept_most,
+                          struct rec_active_estimate *o)
 {
     double entries = o->kept * REC_ENTRY, windows = 0, columns = 0, first = 0;
     double rows = 2 * 1.34 * 1.5 * (double)atomic_load(&b->row_most) * REC_ENTRY;
@@ -62,7 +62,7 @@ static void add_up(const struct rec_active_build *b, double kept_most,
             : REC_WINDOW_MAX;
     for (size_t l = 0; l < b->levels; l++) {
         const rec_sysmat *m = b->level[l].m;
-        o->stored += stored(m, o->window);
+        o->stored += matrix_stored(m, o->window);
         columns += (double)rec_sysmat_columns(m);
         first += (double)rec_sysmat_columns(m) * (double)m->n_cameras;
     }
@@ -114,7 +114,7 @@ static pvx_err estimate(struct rec_active_build *b, double share, pvx_pool *pool
                    (double)rec_grid_count(&b->level[0].m->grid);
     o->kept = fmax(o->kept, least);
     o->share = all_traced / (double)o->bins;
-    add_up(b, fmax(kept_most, least / (double)b->rig->n_cameras), o);
+    matrix_add_up(b, fmax(kept_most, least / (double)b->rig->n_cameras), o);
     return PVX_OK;
 }
 

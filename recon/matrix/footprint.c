@@ -86,7 +86,7 @@ static void project_layer(const struct job *j, int32_t k, struct layer *l)
         }
 }
 
-static inline double least(double a, double b)
+static inline double footprint_least(double a, double b)
 {
     return a < b ? a : b;
 }
@@ -106,11 +106,11 @@ static void gather_corners(const struct job *j, const struct layer *near, const 
         const double *fa = far->q[q] + a, *fb = far->q[q] + b;
         double *restrict lo = out->lo[q], *restrict hi = out->hi[q];
         for (size_t x = 0; x < n; x++) {
-            lo[x] = least(least(na[x], nb[x]), least(fa[x], fb[x]));
+            lo[x] = footprint_least(footprint_least(na[x], nb[x]), footprint_least(fa[x], fb[x]));
             hi[x] = most(most(na[x], nb[x]), most(fa[x], fb[x]));
         }
         for (size_t x = 0; x + span < n; x++) {
-            lo[x] = least(lo[x], lo[x + span]);
+            lo[x] = footprint_least(lo[x], lo[x + span]);
             hi[x] = most(hi[x], hi[x + span]);
         }
     }
@@ -122,8 +122,8 @@ static void gather_corners(const struct job *j, const struct layer *near, const 
 }
 
 /* Bins of the pixel range [lo,hi], clipped to `n` bins; false when it lies outside, *cut when some of it does. */
-static bool bins(double lo, double hi, double per_bin, int32_t n, uint16_t *first, uint16_t *last,
-                 bool *cut)
+static bool footprint_bins(double lo, double hi, double per_bin, int32_t n, uint16_t *first,
+                           uint16_t *last, bool *cut)
 {
     double a = (lo + 0.5) * per_bin, b = (hi + 0.5) * per_bin;
     if (!(b >= 0) || !(a < n))
@@ -146,9 +146,10 @@ static struct rec_rect rectangle(const struct job *j, const struct corners *k, s
     double bend_v = 0.5 * D * (range[J2] + range[J3]) + 1e-6;
     struct rec_rect r;
     bool cut = false;
-    if (!bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0, &r.x1,
-              &cut) ||
-        !bins(k->lo[V][x] - bend_v, k->hi[V][x] + bend_v, j->per_bin, j->b->bh, &r.y0, &r.y1, &cut))
+    if (!footprint_bins(k->lo[U][x] - bend_u, k->hi[U][x] + bend_u, j->per_bin, j->b->bw, &r.x0,
+                        &r.x1, &cut) ||
+        !footprint_bins(k->lo[V][x] - bend_v, k->hi[V][x] + bend_v, j->per_bin, j->b->bh, &r.y0,
+                        &r.y1, &cut))
         return unseen;
     return j->brick != NULL && cut ? REC_RECT_UNKNOWN : r;
 }
@@ -211,7 +212,7 @@ static bool behind_body(const struct job *j, const int32_t item[3], struct rec_r
     return false;
 }
 
-static size_t column(const struct job *j, const int32_t voxel[3])
+static size_t footprint_column(const struct job *j, const int32_t voxel[3])
 {
     return (size_t)rec_grid_index(&j->m->grid, voxel[0], voxel[1], voxel[2]);
 }
@@ -230,18 +231,18 @@ static struct rec_rect footprint(const struct job *j, const int32_t item[3],
     if (!k->hidden[x]) {
         struct rec_rect r = rectangle(j, k, x);
         if (!behind_body(j, item, r))
-            return j->part->colptr != NULL ? with_entries(j, column(j, item), r) : r;
+            return j->part->colptr != NULL ? with_entries(j, footprint_column(j, item), r) : r;
     }
     /* partly behind a body or the camera or past the fold of the lens: its outline is not known */
     if (j->part->colptr == NULL)
         return REC_RECT_UNKNOWN;
-    if (!has_entries(j, column(j, item)))
+    if (!has_entries(j, footprint_column(j, item)))
         return unseen;
     return (struct rec_rect){0, 0, (uint16_t)(j->b->bw - 1), (uint16_t)(j->b->bh - 1)};
 }
 
 /* r also into u. */
-static void widen(struct rec_rect *u, struct rec_rect r)
+static void footprint_widen(struct rec_rect *u, struct rec_rect r)
 {
     if (!rec_rect_seen(r))
         return;
@@ -262,13 +263,13 @@ static void to_levels(const struct job *j, const int32_t voxel[3], struct rec_re
     for (const rec_sysmat *m = j->m; m != NULL; m = m->coarse, x /= 2, y /= 2, k /= 2) {
         size_t place = rec_brick_place(&m->grid, x, y, k);
         if (m->active == NULL || m->active->brick[place / REC_BRICK_VOXELS])
-            widen((struct rec_rect *)&m->block[j->camera].fp[place], r);
+            footprint_widen((struct rec_rect *)&m->block[j->camera].fp[place], r);
         if (rec_rect_seen(r))
             r = (struct rec_rect){r.x0 / 2, r.y0 / 2, r.x1 / 2, r.y1 / 2};
     }
 }
 
-static void put(const struct job *j, const int32_t item[3], struct rec_rect r)
+static void footprint_put(const struct job *j, const int32_t item[3], struct rec_rect r)
 {
     const struct rec_grid *g = &j->m->grid;
     if (j->brick != NULL)
@@ -308,7 +309,7 @@ static bool new_work(const struct job *j, struct work *w)
     return true;
 }
 
-static void slab(void *ctx, size_t task)
+static void footprint_slab(void *ctx, size_t task)
 {
     struct job *j = ctx;
     int32_t planes = j->span + 1, k0 = (int32_t)task * j->slab;
@@ -326,14 +327,14 @@ static void slab(void *ctx, size_t task)
             gather_corners(j, &w.ring[near % planes], &w.ring[far % planes], y, &w.corners);
             for (int32_t x = 0; x < j->n[0]; x++) {
                 int32_t item[3] = {x, y, k};
-                put(j, item, footprint(j, item, &w.corners));
+                footprint_put(j, item, footprint(j, item, &w.corners));
             }
         }
     }
     free(w.memory);
 }
 
-static pvx_err project(struct job *j, pvx_pool *pool)
+static pvx_err footprint_project(struct job *j, pvx_pool *pool)
 {
     const struct rec_grid *g = &j->m->grid;
     bool bricks = j->brick != NULL;
@@ -344,7 +345,7 @@ static pvx_err project(struct job *j, pvx_pool *pool)
     j->nx = (j->n[0] - 1) * j->stride + j->span + 1;
     j->ny = (j->n[1] - 1) * j->stride + j->span + 1;
     j->per_bin = 1.0 / j->m->binning;
-    pvx_pool_run(pool, (size_t)((j->n[2] + j->slab - 1) / j->slab), slab, j);
+    pvx_pool_run(pool, (size_t)((j->n[2] + j->slab - 1) / j->slab), footprint_slab, j);
     return atomic_load(&j->out_of_memory) ? PVX_ENOMEM : PVX_OK;
 }
 
@@ -354,7 +355,7 @@ pvx_err rec_sysmat_footprints(const rec_sysmat *m, const struct rec_camera *c,
 {
     struct job j = {.m = m, .c = c, .b = b, .part = part, .fp = fp, .slab = SLAB};
     rec_no_footprints(m, fp);
-    return project(&j, pool);
+    return footprint_project(&j, pool);
 }
 
 pvx_err rec_sysmat_brick_footprints(const rec_sysmat *m, const struct rec_camera *c,
@@ -364,7 +365,7 @@ pvx_err rec_sysmat_brick_footprints(const rec_sysmat *m, const struct rec_camera
     const struct rec_entries none = {.depth = depth};
     struct job j = {
         .m = m, .c = c, .b = b, .part = &none, .brick = brick, .slab = SLAB / REC_BRICK};
-    return project(&j, pool);
+    return footprint_project(&j, pool);
 }
 
 pvx_err rec_sysmat_active_footprints(const rec_sysmat *m, size_t c, const struct rec_camera *camera,
@@ -381,5 +382,5 @@ pvx_err rec_sysmat_active_footprints(const rec_sysmat *m, size_t c, const struct
         j.slab *= l->coarse != NULL ? 2 : 1;
     }
     j.slab = j.slab > SLAB ? j.slab : SLAB;
-    return project(&j, pool);
+    return footprint_project(&j, pool);
 }

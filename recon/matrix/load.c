@@ -22,7 +22,7 @@ struct loader {
     struct section section[REC_SYSMAT_LEVELS_MAX * SECTIONS]; /* level after level */
 };
 
-static pvx_err fail_errno(struct pvx_diag *d, const char *path, const char *what)
+static pvx_err load_fail_errno(struct pvx_diag *d, const char *path, const char *what)
 {
     int en = errno;
     return pvx_fail(d, pvx_err_from_errno(en), "%s: %s: %s", path, what, strerror(en));
@@ -176,7 +176,7 @@ static pvx_err read_level(struct loader *l, size_t level, struct cursor *c, uint
     return PVX_OK;
 }
 
-static pvx_err read_levels(struct loader *l)
+static pvx_err load_read_levels(struct loader *l)
 {
     size_t cameras = l->level[0]->n_cameras;
     struct cursor c = {l->base + HEADER + 8 * cameras};
@@ -213,14 +213,14 @@ static void windows_in(uint64_t a, uint64_t b, size_t size, size_t *w0, size_t *
     *w1 = (size_t)((b + size - 1) / size);
 }
 
-static uint64_t count(const uint8_t *w, size_t n)
+static uint64_t load_count(const uint8_t *w, size_t n)
 {
     uint64_t not_zero = 0;
     for (size_t i = 0; i < n; i++)
         not_zero += w[i] != 0;
     return not_zero;
 }
-static bool is_zero(const uint8_t *w, size_t n)
+static bool load_is_zero(const uint8_t *w, size_t n)
 {
     uint8_t any = 0;
     for (size_t i = 0; i < n; i++)
@@ -266,14 +266,14 @@ static enum verdict check_weights(const rec_sysmat *m, uint64_t a, uint64_t b, u
     windows_in(a, b, size, &w0, &w1);
     if (w1 > all) {
         w1 = all;
-        if (!is_zero(m->win.w + all * size, REC_WINDOWS_PAD))
+        if (!load_is_zero(m->win.w + all * size, REC_WINDOWS_PAD))
             return BAD_RANGE;
     }
-    *nnz = w0 < w1 ? count(m->win.w + w0 * size, (w1 - w0) * size) : 0;
+    *nnz = w0 < w1 ? load_count(m->win.w + w0 * size, (w1 - w0) * size) : 0;
     for (size_t i = w0; i < w1; i++) {
         const uint8_t *w = m->win.w + i * size;
         uint32_t at = m->win.at[i];
-        if (at == m->win.nowhere ? !is_zero(w, size) : !ends_right(m, i % slots, at, w))
+        if (at == m->win.nowhere ? !load_is_zero(w, size) : !ends_right(m, i % slots, at, w))
             return BAD_RANGE;
     }
     return SOUND;
@@ -286,11 +286,11 @@ static enum verdict check_more(const rec_sysmat *m, uint64_t a, uint64_t b, uint
     for (size_t i = w0; i < w1; i++) {
         const struct rec_more *k = &m->win.more[i];
         if (k->column >= N || !begins_right(m, k->slot, k->at) ||
-            !ends_right(m, k->slot, k->at, k->w) || !is_zero(k->w + size, sizeof k->w - size))
+            !ends_right(m, k->slot, k->at, k->w) || !load_is_zero(k->w + size, sizeof k->w - size))
             return BAD_RANGE;
         if (i > 0 && k[-1].column > k->column)
             return BAD_ORDER;
-        *nnz += count(k->w, size);
+        *nnz += load_count(k->w, size);
     }
     return SOUND;
 }
@@ -322,7 +322,7 @@ static void check_piece(void *ctx, size_t task)
     }
 }
 
-static pvx_err judge(const struct check *k)
+static pvx_err load_judge(const struct check *k)
 {
     uint64_t *hash = k->hash;
     for (size_t i = 0; i < k->n;) {
@@ -378,7 +378,7 @@ static pvx_err check_contents(const struct loader *l, pvx_pool *pool)
     for (int pass = 0; pass < 2 && e == PVX_OK; pass++) {
         list_pieces(&k, pass == 0);
         pvx_pool_run(pool, k.n, check_piece, &k);
-        e = judge(&k);
+        e = load_judge(&k);
     }
     if (e == PVX_OK)
         e = check_counts(&k);
@@ -395,7 +395,7 @@ static pvx_err read_matrix(struct loader *l, uint64_t key, bool verify, pvx_pool
     PVX_TRY(check_head(l, key, &cameras));
     PVX_TRY(alloc_levels(l, cameras));
     PVX_TRY(read_finest(l, l->level[0]));
-    PVX_TRY(read_levels(l));
+    PVX_TRY(load_read_levels(l));
     return verify ? check_contents(l, pool) : PVX_OK;
 }
 
@@ -409,14 +409,14 @@ pvx_err rec_sysmat_load(const char *path, uint64_t key, bool verify, pvx_pool *p
     pvx_err e = PVX_OK;
     struct loader l = {.path = path, .d = d};
     if (fstat(fd, &st) != 0)
-        e = fail_errno(d, path, "cannot stat");
+        e = load_fail_errno(d, path, "cannot stat");
     else if (!S_ISREG(st.st_mode) || st.st_size == 0)
         e = pvx_fail(d, PVX_EFORMAT, "%s: not a Pyrovox matrix (empty, or no plain file)", path);
     if (e == PVX_OK) {
         l.bytes = (uint64_t)st.st_size;
         l.base = mmap(NULL, l.bytes, PROT_READ, MAP_PRIVATE, fd, 0);
         if (l.base == MAP_FAILED)
-            e = fail_errno(d, path, "cannot map");
+            e = load_fail_errno(d, path, "cannot map");
     }
     close(fd);
     if (e != PVX_OK)

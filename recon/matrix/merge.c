@@ -51,7 +51,7 @@ void rec_entries_free(struct rec_entries *e)
 }
 
 /* Whole pages of [base + from, base + to) are not needed any more. */
-static void give_back(const void *base, size_t from, size_t to)
+static void merge_give_back(const void *base, size_t from, size_t to)
 {
     uintptr_t a = ((uintptr_t)base + from + PAGE - 1) & ~(PAGE - 1);
     uintptr_t b = ((uintptr_t)base + to) & ~(PAGE - 1);
@@ -66,8 +66,8 @@ static void merge_slice(struct job *j, size_t first, size_t end, pvx_pool *pool)
     size_t j0 = first * CHUNK, j1 = end * CHUNK < j->N ? end * CHUNK : j->N;
     for (size_t c = 0; c < j->m->n_cameras; c++) {
         const struct rec_entries *p = &j->part[c];
-        give_back(p->row, p->colptr[j0] * sizeof *p->row, p->colptr[j1] * sizeof *p->row);
-        give_back(p->val, p->colptr[j0] * sizeof *p->val, p->colptr[j1] * sizeof *p->val);
+        merge_give_back(p->row, p->colptr[j0] * sizeof *p->row, p->colptr[j1] * sizeof *p->row);
+        merge_give_back(p->val, p->colptr[j0] * sizeof *p->val, p->colptr[j1] * sizeof *p->val);
     }
 }
 

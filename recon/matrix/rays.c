@@ -67,8 +67,8 @@ static double end_of(const struct rec_tracer *t, int32_t x, int32_t y, const dou
 }
 
 /* Entries of a sub-ray in r->index, r->value. */
-static size_t trace(const struct rec_tracer *t, struct rec_rays *r, int32_t x, int32_t y,
-                    int32_t sub)
+static size_t rays_trace(const struct rec_tracer *t, struct rec_rays *r, int32_t x, int32_t y,
+                         int32_t sub)
 {
     double o[3], d[3];
     if (!ray_of(t, x, y, sub, o, d))
@@ -103,7 +103,7 @@ struct row {
     size_t n;
 };
 
-static inline void put(struct row *r, int32_t index, double units)
+static inline void rays_put(struct row *r, int32_t index, double units)
 {
     r->sum += units;
     int64_t now = (int64_t)r->sum, q = now - r->done;
@@ -119,9 +119,9 @@ size_t rec_rays_bin(const struct rec_tracer *t, struct rec_rays *r, int32_t x, i
 {
     struct row row = {.sum = 0.5, .col = col, .val = val};
     if (t->rays == 1) {
-        size_t traced = trace(t, r, x, y, 0);
+        size_t traced = rays_trace(t, r, x, y, 0);
         for (size_t i = 0; i < traced; i++)
-            put(&row, r->index[i], r->value[i] * t->per_unit);
+            rays_put(&row, r->index[i], r->value[i] * t->per_unit);
         return row.n;
     }
     size_t used = 0;
@@ -130,11 +130,11 @@ size_t rec_rays_bin(const struct rec_tracer *t, struct rec_rays *r, int32_t x, i
         r->epoch = 1;
     }
     for (int32_t sub = 0; sub < t->rays * t->rays; sub++)
-        used = merge(r, trace(t, r, x, y, sub), used);
+        used = merge(r, rays_trace(t, r, x, y, sub), used);
     double share = t->per_unit / (t->rays * t->rays);
     for (size_t i = 0; i < used; i++) {
         const struct rec_ray_slot *slot = &r->slot[r->order[i]];
-        put(&row, slot->index, slot->sum * share);
+        rays_put(&row, slot->index, slot->sum * share);
     }
     return row.n;
 }

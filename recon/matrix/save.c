@@ -18,14 +18,14 @@ struct writer {
     uint64_t *first; /* [n+1] first piece of each section */
 };
 
-static pvx_err fail_errno(const struct writer *w, const char *what)
+static pvx_err save_fail_errno(const struct writer *w, const char *what)
 {
     int en = errno;
     return pvx_fail(w->d, pvx_err_from_errno(en), "%s: %s: %s", w->path, what, strerror(en));
 }
 
 /* Where everything goes; returns the file's length. */
-static uint64_t lay_out(struct writer *w, const rec_sysmat *finest, size_t head)
+static uint64_t save_lay_out(struct writer *w, const rec_sysmat *finest, size_t head)
 {
     uint64_t at = head;
     for (const rec_sysmat *m = finest; m != NULL; m = m->coarse) {
@@ -112,7 +112,7 @@ static void encode_head(const struct writer *w, const rec_sysmat *m, size_t leve
     put_u64(&c, head_hash(buf, bytes));
 }
 
-static pvx_err write_all(const struct writer *w, int fd, const void *data, uint64_t n)
+static pvx_err save_write_all(const struct writer *w, int fd, const void *data, uint64_t n)
 {
     const uint8_t *p = data;
     while (n > 0) {
@@ -120,7 +120,7 @@ static pvx_err write_all(const struct writer *w, int fd, const void *data, uint6
         if (done < 0 && errno == EINTR)
             continue;
         if (done < 0)
-            return fail_errno(w, "cannot write");
+            return save_fail_errno(w, "cannot write");
         p += done;
         n -= (uint64_t)done;
     }
@@ -134,18 +134,18 @@ static pvx_err write_matrix(struct writer *w, const rec_sysmat *m, int fd, pvx_p
     size_t levels = 1;
     for (const rec_sysmat *l = m->coarse; l != NULL; l = l->coarse)
         levels++;
-    uint64_t at = head_bytes(m->n_cameras, levels), total = lay_out(w, m, at);
+    uint64_t at = head_bytes(m->n_cameras, levels), total = save_lay_out(w, m, at);
     /* a disk that is too full says so now, not after gigabytes; file systems without it go on */
     if (fallocate(fd, 0, 0, (off_t)total) != 0 && errno == ENOSPC)
-        return fail_errno(w, "cannot write");
+        return save_fail_errno(w, "cannot write");
     pvx_err e = hash_sections(w, pool);
     if (e != PVX_OK)
         return pvx_fail(w->d, e, "%s: out of memory for checksums", w->path);
     encode_head(w, m, levels, total, head);
-    PVX_TRY(write_all(w, fd, head, at));
+    PVX_TRY(save_write_all(w, fd, head, at));
     for (size_t s = 0; s < w->n; s++) {
-        PVX_TRY(write_all(w, fd, zeros, w->section[s].offset - at));
-        PVX_TRY(write_all(w, fd, w->section[s].data, w->section[s].bytes));
+        PVX_TRY(save_write_all(w, fd, zeros, w->section[s].offset - at));
+        PVX_TRY(save_write_all(w, fd, w->section[s].data, w->section[s].bytes));
         at = w->section[s].offset + w->section[s].bytes;
     }
     return PVX_OK;
@@ -155,7 +155,7 @@ static pvx_err write_file(struct writer *w, const rec_sysmat *m, int fd, pvx_poo
 {
     PVX_TRY(write_matrix(w, m, fd, pool));
     if (fsync(fd) != 0 && errno != EINVAL)
-        return fail_errno(w, "cannot flush to disk");
+        return save_fail_errno(w, "cannot flush to disk");
     return PVX_OK;
 }
 
@@ -170,14 +170,14 @@ pvx_err rec_sysmat_save(const rec_sysmat *m, const char *path, pvx_pool *pool, s
         return pvx_fail(d, PVX_EINVAL, "%s: path too long", path);
     int fd = open(tmp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     if (fd < 0)
-        return fail_errno(&w, "cannot create");
+        return save_fail_errno(&w, "cannot create");
     pvx_err e = write_file(&w, m, fd, pool);
     free(w.first);
     free(w.piece);
     if (close(fd) != 0 && e == PVX_OK)
-        e = fail_errno(&w, "cannot close");
+        e = save_fail_errno(&w, "cannot close");
     if (e == PVX_OK && rename(tmp, path) != 0)
-        e = fail_errno(&w, "cannot rename into place");
+        e = save_fail_errno(&w, "cannot rename into place");
     if (e != PVX_OK)
         unlink(tmp);
     return e;

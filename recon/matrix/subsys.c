@@ -185,7 +185,7 @@ REC_INLINE void note_windows(const struct rec_subsys *a, struct rec_slab *s, int
     s->places += (uint32_t)(place - first);
 }
 /* By the size of a window, which is then a constant. */
-static void note(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1)
+static void subsys_note(const struct rec_subsys *a, struct rec_slab *s, int32_t q0, int32_t q1)
 {
     switch (rec_window_size(&a->win)) {
     case 4: note_windows(a, s, q0, q1, 4); break;
@@ -223,7 +223,7 @@ static void mark_window(const struct marks *m, const struct rec_windows *win, ui
             cover(m, at + wide - 1);
     }
 }
-static void mark(const struct rec_subsys *a, struct rec_slab *s, const struct marks *m)
+static void subsys_mark(const struct rec_subsys *a, struct rec_slab *s, const struct marks *m)
 {
     for (uint32_t i = 0; i < s->places; i++) {
         uint32_t window = s->place[i], at = a->win.at[window];
@@ -325,14 +325,14 @@ static void copy_more(struct restriction *t, size_t slab, const struct marks *ma
 }
 
 /* End of the run that begins with column q. */
-static int32_t run_end(const struct rec_subsys *a, int32_t q, int32_t q1)
+static int32_t subsys_run_end(const struct rec_subsys *a, int32_t q, int32_t q1)
 {
     int32_t end = q1 - q < RUN ? q1 : q + RUN, next = q + 1;
     while (next < end && a->col[next] == a->col[next - 1] + 1)
         next++;
     return next;
 }
-static void fetch(const void *from, size_t bytes)
+static void subsys_fetch(const void *from, size_t bytes)
 {
     for (size_t i = 0; i < bytes; i += PVX_ALIGN)
         __builtin_prefetch((const uint8_t *)from + i);
@@ -342,8 +342,8 @@ static void fetch_windows(const struct rec_subsys *a, int32_t q0, int32_t q1)
 {
     size_t slots = (size_t)a->win.slots, bytes = slots * rec_window_size(&a->win);
     size_t n = (size_t)(q1 - q0), from = (size_t)a->col[q0];
-    fetch(a->S->win.at + from * slots, n * slots * sizeof *a->win.at);
-    fetch(a->S->win.w + from * bytes, n * bytes);
+    subsys_fetch(a->S->win.at + from * slots, n * slots * sizeof *a->win.at);
+    subsys_fetch(a->S->win.w + from * bytes, n * bytes);
 }
 
 static void copy_slab(void *ctx, size_t slab)
@@ -356,25 +356,25 @@ static void copy_slab(void *ctx, size_t slab)
     rec_slab_range(a, slab, &q0, &q1);
     s->sum = s->sum2 = s->nnz = 0;
     s->places = 0;
-    for (int32_t q = q0, next, end = q0 < q1 ? run_end(a, q0, q1) : q1; q < q1; q = next) {
+    for (int32_t q = q0, next, end = q0 < q1 ? subsys_run_end(a, q0, q1) : q1; q < q1; q = next) {
         next = end;
         copy_windows(a, q, next);
         if (next < q1) {
-            end = run_end(a, next, q1);
+            end = subsys_run_end(a, next, q1);
             fetch_windows(a, next, end);
         }
         drop_absent(a, q, next);
-        note(a, s, q, next);
+        subsys_note(a, s, q, next);
         add_norms(a, s, q, next);
     }
-    mark(a, s, &marks);
+    subsys_mark(a, s, &marks);
     copy_more(t, slab, &marks, q0, q1);
 }
 
 _Static_assert(REC_ROW_BLOCK == sizeof(uint64_t), "a block's rows are read at once");
 
 /* Which bins of a block are rows.  The slabs' marks are 0 after. */
-static uint64_t take_rows(struct restriction *t, size_t block, uint32_t slabs)
+static uint64_t subsys_take_rows(struct restriction *t, size_t block, uint32_t slabs)
 {
     uint64_t rows = 0, m, zero = 0;
     for (; slabs != 0; slabs &= slabs - 1) {
@@ -405,7 +405,7 @@ static void number_range(void *ctx, size_t i)
         if (slabs == 0)
             continue;
         atomic_store_explicit(&t->r->covered[b], 0, memory_order_relaxed);
-        uint64_t row = take_rows(t, b, slabs);
+        uint64_t row = subsys_take_rows(t, b, slabs);
         a->block[at] = (uint32_t)b;
         a->slabs_of[at++] = slabs;
         memcpy(a->is_row + b * REC_ROW_BLOCK, &row, sizeof row);

@@ -90,7 +90,7 @@ static uint32_t count_windows(const struct job *j, const struct shape *s, size_t
     return n;
 }
 
-static size_t chunk_end(const struct job *j, size_t task)
+static size_t windows_chunk_end(const struct job *j, size_t task)
 {
     return (task + 1) * CHUNK < j->N ? (task + 1) * CHUNK : j->N;
 }
@@ -99,7 +99,7 @@ static void count_chunk(void *ctx, size_t task)
 {
     struct job *j = ctx;
     struct bins b = {.n = 0};
-    for (size_t q = task * CHUNK; q < chunk_end(j, task); q++) {
+    for (size_t q = task * CHUNK; q < windows_chunk_end(j, task); q++) {
         uint32_t e = j->e->colptr[q], end = j->e->colptr[q + 1];
         for (size_t c = 0; c < j->m->n_cameras; c++)
             for (uint32_t own = 1; (e = load_bins(j, c, e, end, &b)), b.n > 0; own = 0)
@@ -116,7 +116,7 @@ static void fill_chunk(void *ctx, size_t task)
     struct bins b = {.n = 0};
     uint8_t w[REC_WINDOW_MAX];
     size_t size = rec_window_size(out), more = (size_t)j->more[task][j->shape];
-    for (size_t i = task * CHUNK; i < chunk_end(j, task); i++) {
+    for (size_t i = task * CHUNK; i < windows_chunk_end(j, task); i++) {
         uint32_t e = j->e->colptr[i], end = j->e->colptr[i + 1];
         size_t q = rec_sysmat_voxel(j->m, i), at = q * (size_t)out->slots;
         memset(out->w + at * size, 0, (size_t)out->slots * size);
@@ -160,7 +160,7 @@ static void extend(const struct shape *s, const uint8_t *w, uint32_t x, uint32_t
 }
 
 /* Puts the windows of columns q ... q+n-1 in camera c at one place.  False: some is nowhere, or they do not fit. */
-static bool settle(const struct job *j, size_t c, size_t q, size_t n)
+static bool windows_settle(const struct job *j, size_t c, size_t q, size_t n)
 {
     struct rec_windows *out = &j->m->win;
     const struct shape *s = &shapes[j->shape];
@@ -213,13 +213,13 @@ static void settle_chunk(void *ctx, size_t task)
         size_t q = rec_sysmat_voxel(j->m, i);
         n = is_pair(q, nx) ? 2 : 1;
         for (size_t c = 0; c < j->m->n_cameras; c++)
-            for (size_t k = n == 2 && settle(j, c, q, 2) ? n : 0; k < n; k++)
-                settle(j, c, q + k, 1);
+            for (size_t k = n == 2 && windows_settle(j, c, q, 2) ? n : 0; k < n; k++)
+                windows_settle(j, c, q + k, 1);
     }
 }
 
 /* Shape of the least memory, and j->more summed up for it.  false: too many windows. */
-static bool choose(struct job *j, size_t chunks)
+static bool windows_choose(struct job *j, size_t chunks)
 {
     double least = 0;
     for (size_t s = 0; s < SHAPES; s++) {
@@ -271,7 +271,7 @@ pvx_err rec_sysmat_windows(rec_sysmat *m, const struct rec_entries *e, pvx_pool 
     if (j.more == NULL)
         return PVX_ENOMEM;
     pvx_pool_run(pool, chunks, count_chunk, &j);
-    pvx_err err = choose(&j, chunks) ? PVX_OK : PVX_ERANGE;
+    pvx_err err = windows_choose(&j, chunks) ? PVX_OK : PVX_ERANGE;
     if (err == PVX_OK) {
         struct rec_sparse_bytes z = rec_sparse_bytes(m);
         bool part = m->active != NULL;

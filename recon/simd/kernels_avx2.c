@@ -17,7 +17,8 @@ static inline __m128 fma4(__m128 s, const struct rec_entry *e, const float *in)
     return _mm_fmadd_ps(_mm_broadcast_ss(&e->val), _mm_load_ps(in + (size_t)e->idx * 4), s);
 }
 
-static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
+static void simd_gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,
+                         float *out)
 {
     const struct rec_entry *e = g->entry + g->ptr[i0];
     for (int32_t i = i0; i < i1; i++) {
@@ -35,7 +36,8 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
     }
 }
 
-static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
+static void simd_gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,
+                         float *out)
 {
     const struct rec_entry *e = g->entry + g->ptr[i0];
     for (int32_t i = i0; i < i1; i++) {
@@ -52,6 +54,6 @@ static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
 
 void rec_kernels_avx2(struct rec_kernels *k)
 {
-    k->gather1 = gather1;
-    k->gather4 = gather4;
+    k->gather1 = simd_gather1;
+    k->gather4 = simd_gather4;
 }

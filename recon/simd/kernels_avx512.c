@@ -24,14 +24,15 @@ static inline __m512 fma16(__m512 s, const struct rec_entry *e, const float *in)
     return _mm512_fmadd_ps(_mm512_permutexvar_ps(spread, four), x, s);
 }
 
-static inline __m128 fold(__m512 s)
+static inline __m128 simd_fold(__m512 s)
 {
     __m256 half = _mm256_add_ps(_mm512_castps512_ps256(s),
                                 _mm256_castpd_ps(_mm512_extractf64x4_pd(_mm512_castps_pd(s), 1)));
     return _mm_add_ps(_mm256_castps256_ps128(half), _mm256_extractf128_ps(half, 1));
 }
 
-static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
+static void kernels_avx512_gather4(const struct rec_gather *g, int32_t i0, int32_t i1,
+                                   const float *in, float *out)
 {
     const struct rec_entry *e = g->entry + g->ptr[i0];
     for (int32_t i = i0; i < i1; i++) {
@@ -48,12 +49,12 @@ static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
         }
         for (; e < end; e++)
             s = _mm_fmadd_ps(_mm_broadcast_ss(&e->val), _mm_load_ps(in + (size_t)e->idx * 4), s);
-        s = _mm_add_ps(s, fold(_mm512_add_ps(s0, s1)));
+        s = _mm_add_ps(s, simd_fold(_mm512_add_ps(s0, s1)));
         _mm_store_ps(out + (size_t)i * 4, s);
     }
 }
 
 void rec_kernels_avx512(struct rec_kernels *k)
 {
-    k->gather4 = gather4;
+    k->gather4 = kernels_avx512_gather4;
 }

@@ -3,7 +3,8 @@
 
 #include "recon/simd/kernels.h"
 
-static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
+static void kernels_ref_gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,
+                                float *out)
 {
     for (int32_t i = i0; i < i1; i++) {
         double s = 0;
@@ -13,7 +14,8 @@ static void gather1(const struct rec_gather *g, int32_t i0, int32_t i1, const fl
     }
 }
 
-static void gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in, float *out)
+static void kernels_ref_gather4(const struct rec_gather *g, int32_t i0, int32_t i1, const float *in,
+                                float *out)
 {
     for (int32_t i = i0; i < i1; i++) {
         double s[4] = {0};
@@ -43,8 +45,8 @@ static inline void scatter_window(const struct rec_windows *m, int32_t slot, con
                 y[(r * m->pitch[slot] + k) * cs + l] += (float)*w * x[l];
 }
 
-static inline void adjoint(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
-                           const float *y, float *x, int cs)
+static inline void kernels_ref_adjoint(const struct rec_windows *m, struct rec_slots s, int32_t q0,
+                                       int32_t q1, const float *y, float *x, int cs)
 {
     size_t size = rec_window_size(m);
     for (int32_t q = q0; q < q1; q++) {
@@ -57,8 +59,8 @@ static inline void adjoint(const struct rec_windows *m, struct rec_slots s, int3
             x[q * cs + l] = (float)(m->unit * sum[l]);
     }
 }
-static inline void scatter(const struct rec_windows *m, struct rec_slots s, int32_t q0, int32_t q1,
-                           const float *x, float *y, int cs)
+static inline void kernels_ref_scatter(const struct rec_windows *m, struct rec_slots s, int32_t q0,
+                                       int32_t q1, const float *x, float *y, int cs)
 {
     size_t size = rec_window_size(m);
     for (int32_t q = q0; q < q1; q++) {
@@ -70,26 +72,26 @@ static inline void scatter(const struct rec_windows *m, struct rec_slots s, int3
     }
 }
 
-#define WITH_CHANNELS(cs)                                                                \
-    static void adjoint##cs(const struct rec_windows *m, struct rec_slots s, int32_t q0, \
-                            int32_t q1, const float *y, float *x)                        \
-    {                                                                                    \
-        adjoint(m, s, q0, q1, y, x, cs);                                                 \
-    }                                                                                    \
-    static void scatter##cs(const struct rec_windows *m, struct rec_slots s, int32_t q0, \
-                            int32_t q1, const float *x, float *y)                        \
-    {                                                                                    \
-        scatter(m, s, q0, q1, x, y, cs);                                                 \
+#define WITH_CHANNELS(cs)                                                                 \
+    static void kernels_ref_adjoint##cs(const struct rec_windows *m, struct rec_slots s,  \
+                                        int32_t q0, int32_t q1, const float *y, float *x) \
+    {                                                                                     \
+        kernels_ref_adjoint(m, s, q0, q1, y, x, cs);                                      \
+    }                                                                                     \
+    static void kernels_ref_scatter##cs(const struct rec_windows *m, struct rec_slots s,  \
+                                        int32_t q0, int32_t q1, const float *x, float *y) \
+    {                                                                                     \
+        kernels_ref_scatter(m, s, q0, q1, x, y, cs);                                      \
     }
 WITH_CHANNELS(1)
 WITH_CHANNELS(4)
 
 void rec_kernels_ref(struct rec_kernels *k)
 {
-    k->gather1 = gather1;
-    k->gather4 = gather4;
-    k->adjoint1 = adjoint1;
-    k->adjoint4 = adjoint4;
-    k->scatter1 = scatter1;
-    k->scatter4 = scatter4;
+    k->gather1 = kernels_ref_gather1;
+    k->gather4 = kernels_ref_gather4;
+    k->adjoint1 = kernels_ref_adjoint1;
+    k->adjoint4 = kernels_ref_adjoint4;
+    k->scatter1 = kernels_ref_scatter1;
+    k->scatter4 = kernels_ref_scatter4;
 }

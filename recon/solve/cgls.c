@@ -30,7 +30,7 @@ struct cgls {
 };
 
 /* q = S d and ||W^(1/2) q||^2. */
-static void forward_chunk(void *ctx, size_t k)
+static void cgls_forward_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     double *out = t->pb->part[k][S_SIZE];
@@ -62,7 +62,7 @@ REC_INLINE void step(struct cgls *t, size_t k, size_t cs)
     }
 }
 /* Rows: r -= alpha q, ||W^(1/2) r||^2.  Columns: a += alpha d, clipped. */
-static void update_task(void *ctx, size_t i)
+static void cgls_update_task(void *ctx, size_t i)
 {
     struct cgls *t = ctx;
     size_t rows = rec_row_chunks(t->pb), cs = (size_t)t->pb->cs;
@@ -102,13 +102,13 @@ REC_INLINE void direction(struct cgls *t, size_t k, size_t cs)
     for (size_t i = (size_t)q0; i < (size_t)q1; i++)
         rec_st(t->d, i, cs, rec_ld(t->s, i, cs) + beta * rec_ld(t->d, i, cs));
 }
-static void direction_chunk(void *ctx, size_t k)
+static void cgls_direction_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     t->pb->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
-static void zero_chunk(void *ctx, size_t k)
+static void cgls_zero_chunk(void *ctx, size_t k)
 {
     struct cgls *t = ctx;
     int32_t q0, q1;
@@ -128,7 +128,7 @@ static void clip_chunk(void *ctx, size_t k)
 }
 
 /* alpha of every lane from ||S^T r||^2 and ||S d||^2; false: none can move. */
-static bool step_lengths(struct cgls *t, const double gamma[4], const double size[4])
+static bool cgls_step_lengths(struct cgls *t, const double gamma[4], const double size[4])
 {
     bool moving = false;
     for (int l = 0; l < 4; l++) {
@@ -143,8 +143,8 @@ struct variant {
     bool clip;
     struct rec_stop_own own;
 };
-static void solve(rec_problem *pb, const struct variant *v, const struct rec_solve_params *p,
-                  float *x, struct rec_solve_report *out)
+static void cgls_solve(rec_problem *pb, const struct variant *v, const struct rec_solve_params *p,
+                       float *x, struct rec_solve_report *out)
 {
     struct cgls t = {.pb = pb,
                      .clip = v->clip,
@@ -159,21 +159,21 @@ static void solve(rec_problem *pb, const struct variant *v, const struct rec_sol
     struct rec_stopper stop;
     double gamma[4], sum[4];
 
-    pvx_pool_run(pool, chunks, zero_chunk, &t);      /* a = d = 0 */
-    pvx_pool_run(pool, rows, start_chunk, &t);       /* r = p */
-    pvx_pool_run(pool, chunks, adjoint_chunk, &t);   /* s = S^T r, gamma = ||s||^2 */
-    pvx_pool_run(pool, chunks, direction_chunk, &t); /* d = s: beta is 0 */
+    pvx_pool_run(pool, chunks, cgls_zero_chunk, &t);      /* a = d = 0 */
+    pvx_pool_run(pool, rows, start_chunk, &t);            /* r = p */
+    pvx_pool_run(pool, chunks, adjoint_chunk, &t);        /* s = S^T r, gamma = ||s||^2 */
+    pvx_pool_run(pool, chunks, cgls_direction_chunk, &t); /* d = s: beta is 0 */
     rec_sum(pb, 0, chunks, S_GAMMA, gamma);
     rec_stop_begin(&stop, pb, &v->own, p, out);
     while (rec_stop_next(&stop)) {
         rec_start_product(pb, t.d);
-        pvx_pool_run(pool, rows, forward_chunk, &t); /* q = S d */
+        pvx_pool_run(pool, rows, cgls_forward_chunk, &t); /* q = S d */
         rec_sum(pb, 0, rows, S_SIZE, sum);
-        if (!step_lengths(&t, gamma, sum)) { /* alpha = gamma / ||q||^2 */
+        if (!cgls_step_lengths(&t, gamma, sum)) { /* alpha = gamma / ||q||^2 */
             out->status = REC_CONVERGED;
             break;
         }
-        pvx_pool_run(pool, rows + chunks, update_task, &t); /* a += alpha d, r -= alpha q */
+        pvx_pool_run(pool, rows + chunks, cgls_update_task, &t); /* a += alpha d, r -= alpha q */
         rec_sum(pb, 0, rows, S_RR, sum);
         if (rec_stop_after(&stop, t.x, 0, rec_lanes_total(sum)))
             break;
@@ -183,7 +183,7 @@ static void solve(rec_problem *pb, const struct variant *v, const struct rec_sol
             t.beta[l] = gamma[l] > 0 ? sum[l] / gamma[l] : 0;
             gamma[l] = sum[l];
         }
-        pvx_pool_run(pool, chunks, direction_chunk, &t); /* d = s + beta d */
+        pvx_pool_run(pool, chunks, cgls_direction_chunk, &t); /* d = s + beta d */
     }
     rec_stop_end(&stop, x);
     if (!v->clip)
@@ -194,12 +194,12 @@ void rec_solve_cgls_paper(rec_problem *pb, const struct rec_solve_params *p, flo
                           struct rec_solve_report *out)
 {
     static const struct variant v = {true, {.corner = true, .most = 40, .blind = 8, .stall = 0.02}};
-    solve(pb, &v, p, x, out);
+    cgls_solve(pb, &v, p, x, out);
 }
 
 void rec_solve_cgls(rec_problem *pb, const struct rec_solve_params *p, float *x,
                     struct rec_solve_report *out)
 {
     static const struct variant v = {false, {.most = 40, .blind = 6, .stall = 0.02}};
-    solve(pb, &v, p, x, out);
+    cgls_solve(pb, &v, p, x, out);
 }

@@ -33,7 +33,7 @@ struct rec_flow {
     float *room;
 };
 
-static size_t cells(const struct level *v)
+static size_t flow_cells(const struct level *v)
 {
     return (size_t)v->wide * (size_t)v->n[1] * (size_t)v->n[2];
 }
@@ -44,13 +44,13 @@ static size_t row_of(const struct level *v, int32_t j, int32_t k)
     return (size_t)v->wide * ((size_t)j + (size_t)v->n[1] * (size_t)k) + 1;
 }
 
-static size_t lay_out(rec_flow *f, float *room)
+static size_t flow_lay_out(rec_flow *f, float *room)
 {
     size_t end = 0;
     for (int i = 0; i < f->levels; i++)
         for (int k = 0; k < N_FIELDS; k++) {
             f->at[i].v[k] = room == NULL ? NULL : room + end;
-            end += cells(&f->at[i]);
+            end += flow_cells(&f->at[i]);
         }
     return end;
 }
@@ -80,12 +80,12 @@ pvx_err rec_flow_new(const struct rec_grid *g, rec_flow **out)
         }
         v->wide = v->n[0] + 2;
     }
-    f->room = pvx_calloc(lay_out(f, NULL), sizeof *f->room);
+    f->room = pvx_calloc(flow_lay_out(f, NULL), sizeof *f->room);
     if (f->room == NULL) {
         rec_flow_free(out);
         return PVX_ENOMEM;
     }
-    lay_out(f, f->room);
+    flow_lay_out(f, f->room);
     return PVX_OK;
 }
 
@@ -99,10 +99,10 @@ void rec_flow_free(rec_flow **f)
 
 /* ---- the two volumes on all levels --------------------------------------------------------------*/
 
-static void put(rec_flow *f, const struct rec_flow_volume *x, int field)
+static void flow_put(rec_flow *f, const struct rec_flow_volume *x, int field)
 {
     struct level *v = &f->at[0];
-    memset(v->v[field], 0, cells(v) * sizeof(float));
+    memset(v->v[field], 0, flow_cells(v) * sizeof(float));
     for (int32_t q = 0; q < x->n; q++) {
         int32_t ijk[3];
         float sum = 0;
@@ -115,7 +115,7 @@ static void put(rec_flow *f, const struct rec_flow_volume *x, int field)
     for (int l = 1; l < f->levels; l++) {
         const struct level *fine = &f->at[l - 1];
         v = &f->at[l];
-        memset(v->v[field], 0, cells(v) * sizeof(float));
+        memset(v->v[field], 0, flow_cells(v) * sizeof(float));
         for (int32_t k = 0; k < fine->n[2]; k++)
             for (int32_t j = 0; j < fine->n[1]; j++)
                 for (int32_t i = 0; i < fine->n[0]; i++)
@@ -131,14 +131,14 @@ struct between {
     int32_t i[2];
     float t;
 };
-static struct between between(float x, int32_t n)
+static struct between flow_between(float x, int32_t n)
 {
     x = x > 0 ? x : 0; /* NaN too */
     x = x < (float)(n - 1) ? x : (float)(n - 1);
     int32_t i = (int32_t)x;
     return (struct between){{i, i + 1 < n ? i + 1 : i}, x - (float)i};
 }
-static float sample(const struct level *v, const float *of, const struct between b[3])
+static float flow_sample(const struct level *v, const float *of, const struct between b[3])
 {
     float sum = 0;
     for (int c = 0; c < 4; c++) {
@@ -161,9 +161,9 @@ static void move_layer(void *ctx, size_t k)
             struct between b[3];
             for (int a = 0; a < 3; a++) {
                 v->v[U0 + a][at] = v->v[UX + a][at];
-                b[a] = between(x[a] - v->v[UX + a][at], v->n[a]);
+                b[a] = flow_between(x[a] - v->v[UX + a][at], v->n[a]);
             }
-            v->v[MOVED][at] = sample(v, v->v[FROM], b);
+            v->v[MOVED][at] = flow_sample(v, v->v[FROM], b);
         }
 }
 
@@ -259,16 +259,16 @@ static void begin_level(rec_flow *f, int l)
     struct level *v = &f->at[l];
     const struct level *c = &f->at[l + 1];
     for (int a = 0; a < 3; a++) {
-        memset(v->v[UX + a], 0, cells(v) * sizeof(float));
+        memset(v->v[UX + a], 0, flow_cells(v) * sizeof(float));
         for (int32_t k = 0; l + 1 < f->levels && k < v->n[2]; k++)
             for (int32_t j = 0; j < v->n[1]; j++)
                 for (int32_t i = -1; i <= v->n[0]; i++) {
                     int32_t in = i < 0 ? 0 : i < v->n[0] ? i : v->n[0] - 1;
-                    const struct between b[3] = {between(((float)in - 0.5f) / 2, c->n[0]),
-                                                 between(((float)j - 0.5f) / 2, c->n[1]),
-                                                 between(((float)k - 0.5f) / 2, c->n[2])};
+                    const struct between b[3] = {flow_between(((float)in - 0.5f) / 2, c->n[0]),
+                                                 flow_between(((float)j - 0.5f) / 2, c->n[1]),
+                                                 flow_between(((float)k - 0.5f) / 2, c->n[2])};
                     v->v[UX + a][row_of(v, j, k) + (size_t)in + (size_t)(i - in)] =
-                        2 * sample(c, c->v[UX + a], b);
+                        2 * flow_sample(c, c->v[UX + a], b);
                 }
     }
 }
@@ -276,8 +276,8 @@ static void begin_level(rec_flow *f, int l)
 void rec_flow_find(rec_flow *f, const struct rec_flow_volume *from,
                    const struct rec_flow_volume *to, pvx_pool *pool)
 {
-    put(f, from, FROM);
-    put(f, to, TO);
+    flow_put(f, from, FROM);
+    flow_put(f, to, TO);
     for (int l = f->levels - 1; l >= 0; l--) {
         f->now = &f->at[l];
         begin_level(f, l);
@@ -291,7 +291,7 @@ void rec_flow_at(const rec_flow *f, const int32_t ijk[3], float u[3])
     float cell = (float)(1 << f->shift);
     struct between b[3];
     for (int a = 0; a < 3; a++)
-        b[a] = between(((float)ijk[a] + 0.5f) / cell - 0.5f, v->n[a]);
+        b[a] = flow_between(((float)ijk[a] + 0.5f) / cell - 0.5f, v->n[a]);
     for (int a = 0; a < 3; a++)
-        u[a] = cell * sample(v, v->v[UX + a], b);
+        u[a] = cell * flow_sample(v, v->v[UX + a], b);
 }

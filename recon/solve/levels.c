@@ -141,7 +141,7 @@ static size_t map_index(const struct rec_grid *g, int32_t i, int32_t j, int32_t 
 }
 
 /* Layer k of the coarse grid: mark the parents of the fine voxels in its two layers, list them. */
-static void mark_layer(void *ctx, size_t task)
+static void levels_mark_layer(void *ctx, size_t task)
 {
     struct walk *t = ctx;
     const struct rec_grid *g = &t->v->S->grid, *f = t->fine;
@@ -278,7 +278,7 @@ void rec_levels_restrict(rec_levels *l, struct rec_restrictor *r, const struct r
         int32_t layers = v->S->grid.n[2];
         t.v = v;
         t.shift = i + 1;
-        pvx_pool_run(l->pool, (size_t)layers, mark_layer, &t);
+        pvx_pool_run(l->pool, (size_t)layers, levels_mark_layer, &t);
         for (int32_t k = 0; k < layers; k++)
             v->first[k + 1] += v->first[k];
         pvx_pool_run(l->pool, (size_t)layers, number_layer, &t);

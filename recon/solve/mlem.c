@@ -32,7 +32,7 @@ REC_INLINE void rows_pass(struct mlem *t, size_t k, size_t cs)
     }
     rec_put(t->pb->part[k][S_RR], &rr);
 }
-static void rows_chunk(void *ctx, size_t k)
+static void mlem_rows_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
     t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
@@ -50,14 +50,14 @@ REC_INLINE void columns_pass(struct mlem *t, size_t k, size_t cs)
     }
 }
 /* ratio and r'Wr of x. */
-static void compare(struct mlem *t, double rr[4])
+static void mlem_compare(struct mlem *t, double rr[4])
 {
     size_t rows = rec_row_chunks(t->pb);
     rec_start_product(t->pb, t->x);
-    pvx_pool_run(t->pb->a->pool, rows, rows_chunk, t);
+    pvx_pool_run(t->pb->a->pool, rows, mlem_rows_chunk, t);
     rec_sum(t->pb, 0, rows, S_RR, rr);
 }
-static void columns_chunk(void *ctx, size_t k)
+static void mlem_columns_chunk(void *ctx, size_t k)
 {
     struct mlem *t = ctx;
     t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
@@ -76,10 +76,10 @@ void rec_solve_mlem(rec_problem *pb, const struct rec_solve_params *p, float *x,
     rec_column_norms(pb->a, pb->w, NULL, pb->column); /* A'w */
     rec_start_positive(pb, pb->column, x);
     rec_stop_begin(&stop, pb, &own, p, out);
-    compare(&t, rr); /* ratio = w b / A x */
+    mlem_compare(&t, rr); /* ratio = w b / A x */
     while (rec_stop_next(&stop)) {
-        pvx_pool_run(pool, chunks, columns_chunk, &t); /* x *= A'ratio / A'w */
-        compare(&t, rr);                               /* ratio = w b / A x, r = A x - b */
+        pvx_pool_run(pool, chunks, mlem_columns_chunk, &t); /* x *= A'ratio / A'w */
+        mlem_compare(&t, rr);                               /* ratio = w b / A x, r = A x - b */
         if (rec_stop_after(&stop, x, 0, rec_lanes_total(rr)))
             break;
     }

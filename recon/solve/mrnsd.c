@@ -45,13 +45,13 @@ REC_INLINE void direction(struct mrnsd *t, size_t k, size_t cs)
     for (int l = 0; l < 4; l++)
         t->pb->part[k][S_STEEPEST][l] = most[l];
 }
-static void direction_chunk(void *ctx, size_t k)
+static void mrnsd_direction_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
     t->pb->cs == 4 ? direction(t, k, 4) : direction(t, k, 1);
 }
 
-static void forward_chunk(void *ctx, size_t k)
+static void mrnsd_forward_chunk(void *ctx, size_t k)
 {
     struct mrnsd *t = ctx;
     double *out = t->pb->part[k][S_SIZE];
@@ -69,7 +69,7 @@ REC_INLINE void update_columns(struct mrnsd *t, size_t k, size_t cs)
         rec_st(t->x, i, cs, rec_select(x > 0, x, zero)); /* rounding at the bound */
     }
 }
-static void update_task(void *ctx, size_t i)
+static void mrnsd_update_task(void *ctx, size_t i)
 {
     struct mrnsd *t = ctx;
     size_t rows = rec_row_chunks(t->pb), cs = (size_t)t->pb->cs;
@@ -82,7 +82,7 @@ static void update_task(void *ctx, size_t i)
 }
 
 /* (2) for every lane; false: none can move. */
-static bool step_lengths(struct mrnsd *t)
+static bool mrnsd_step_lengths(struct mrnsd *t)
 {
     size_t rows = rec_row_chunks(t->pb), chunks = rec_column_chunks(t->pb);
     double gamma[4], size[4];
@@ -93,7 +93,7 @@ static bool step_lengths(struct mrnsd *t)
         for (int l = 0; l < 4; l++)
             steepest[l] = fmax(steepest[l], t->pb->part[k][S_STEEPEST][l]);
     rec_start_product(t->pb, t->s);
-    pvx_pool_run(t->pb->a->pool, rows, forward_chunk, t);
+    pvx_pool_run(t->pb->a->pool, rows, mrnsd_forward_chunk, t);
     rec_sum(t->pb, 0, rows, S_SIZE, size);
     for (int l = 0; l < 4; l++) {
         double alpha = size[l] > 0 ? gamma[l] / size[l] : 0;
@@ -121,12 +121,12 @@ void rec_solve_mrnsd(rec_problem *pb, const struct rec_solve_params *p, float *x
     rec_stop_begin(&stop, pb, &own, p, out);
     rec_residual(pb, x, t.r, t.wr, rr); /* r = A x - b */
     while (rec_stop_next(&stop)) {
-        pvx_pool_run(pool, chunks, direction_chunk, &t); /* g = A'W r, s = -X M g */
-        if (!step_lengths(&t)) {                         /* q = A s, alpha of (2) */
+        pvx_pool_run(pool, chunks, mrnsd_direction_chunk, &t); /* g = A'W r, s = -X M g */
+        if (!mrnsd_step_lengths(&t)) {                         /* q = A s, alpha of (2) */
             out->status = REC_CONVERGED;
             break;
         }
-        pvx_pool_run(pool, rows + chunks, update_task, &t); /* x += alpha s, r += alpha q */
+        pvx_pool_run(pool, rows + chunks, mrnsd_update_task, &t); /* x += alpha s, r += alpha q */
         rec_sum(pb, 0, rows, S_RR, rr);
         if (rec_stop_after(&stop, x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
             break;

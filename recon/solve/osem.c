@@ -94,7 +94,7 @@ REC_INLINE void rows_pass(struct osem *t, size_t k, size_t cs)
         rec_st(t->ratio, i, cs, rec_select((ax > 0) & (v <= huge), v, zero));
     }
 }
-static void rows_chunk(void *ctx, size_t k)
+static void osem_rows_chunk(void *ctx, size_t k)
 {
     struct osem *t = ctx;
     t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
@@ -115,7 +115,7 @@ REC_INLINE void columns_pass(struct osem *t, size_t k, size_t cs)
         rec_st(t->x, q, cs, rec_select((x > 0) & (x <= huge), x, zero));
     }
 }
-static void columns_chunk(void *ctx, size_t k)
+static void osem_columns_chunk(void *ctx, size_t k)
 {
     struct osem *t = ctx;
     t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
@@ -141,8 +141,8 @@ void rec_solve_osem(rec_problem *pb, const struct rec_solve_params *p, float *x,
         for (t.now = 0; t.now < t.subsets; t.now++) {
             size_t rows = rec_chunks(t.blocks[t.now].end - t.blocks[t.now].at);
             rec_scatter_cameras(pb->a, &pb->images, t.of[t.now], x);
-            pvx_pool_run(pool, rows, rows_chunk, &t);      /* ratio = w b / A x, of the subset */
-            pvx_pool_run(pool, chunks, columns_chunk, &t); /* x *= A'ratio / A'w */
+            pvx_pool_run(pool, rows, osem_rows_chunk, &t); /* ratio = w b / A x, of the subset */
+            pvx_pool_run(pool, chunks, osem_columns_chunk, &t); /* x *= A'ratio / A'w */
         }
         rec_residual(pb, x, t.ratio, pb->yv[1], rr); /* r = A x - b */
         if (rec_stop_after(&stop, x, 0, rec_lanes_total(rr)))

@@ -58,7 +58,7 @@ static void stiffen(struct rec_pcg *t, double penalty[4], double lit[4])
 
 /* ---- the method ---------------------------------------------------------------------------------*/
 
-static void swap(float **a, float **b)
+static void pcg_swap(float **a, float **b)
 {
     float *t = *a;
     *a = *b;
@@ -131,7 +131,7 @@ static bool line_search(struct rec_pcg *t, const double gamma[4])
 }
 
 /* x, r, q = W r, lx one step further, phi_old the former phi; t->next is then the former x. */
-static void advance(struct rec_pcg *t, bool anew, double rwr[4])
+static void pcg_advance(struct rec_pcg *t, bool anew, double rwr[4])
 {
     rec_problem *pb = t->pb;
     const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
@@ -144,7 +144,7 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
         t->any_clipped = t->any_clipped || pb->n_clipped[k] > 0;
     if (t->any_clipped && !anew)
         pvx_pool_run(pool, (size_t)pb->a->slabs, pass->clipped, t);
-    swap(&t->x, &t->next);
+    pcg_swap(&t->x, &t->next);
     if (anew) {
         refresh(t, rwr);
         return;
@@ -156,7 +156,7 @@ static void advance(struct rec_pcg *t, bool anew, double rwr[4])
 }
 
 /* Value of (1) per lane. */
-static void value(const struct rec_pcg *t, const double rwr[4], double f[4])
+static void pcg_value(const struct rec_pcg *t, const double rwr[4], double f[4])
 {
     for (int l = 0; l < 4; l++)
         f[l] = 0.5 * rwr[l] + 0.5 * t->lambda[l] * t->penalty[l];
@@ -166,7 +166,7 @@ static void differentiate(struct rec_pcg *t, pvx_task_fn gradient, double gamma[
 {
     rec_problem *pb = t->pb;
     size_t chunks = rec_column_chunks(pb);
-    swap(&t->phi, &t->phi_old);
+    pcg_swap(&t->phi, &t->phi_old);
     pvx_pool_run(pb->a->pool, chunks, gradient, t);
     rec_sum(pb, 0, chunks, S_A, gamma);
     rec_sum(pb, 0, chunks, S_B, cross);
@@ -180,7 +180,7 @@ static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], d
     const struct rec_pcg_passes *pass = rec_pcg_passes(pb->a->k);
     size_t chunks = rec_column_chunks(pb);
     double down[4];
-    swap(&t->x, &t->next);
+    pcg_swap(&t->x, &t->next);
     pvx_pool_run(pb->a->pool, chunks, pass->slope, t);
     rec_sum(pb, 0, chunks, S_A, down);
     for (int l = 0; l < 4; l++) {
@@ -190,7 +190,7 @@ static void go_back(struct rec_pcg *t, const double f0[4], const double f1[4], d
         t->moved2[l] *= t->back[l] * t->back[l];
     }
     pvx_pool_run(pb->a->pool, chunks, pass->retreat, t);
-    swap(&t->x, &t->next);
+    pcg_swap(&t->x, &t->next);
     refresh(t, rwr);
 }
 
@@ -205,8 +205,8 @@ static bool risen(const rec_problem *pb, const double now[4], const double befor
 
 /* Whether V and lambda are to be renewed: when x has settled, or moved on for some iterations.  A start that
  * knows nothing has V = 1 and needs more iterations than that before it says anything. */
-static bool due(const struct rec_pcg *t, const struct rec_solve_report *out,
-                const struct rec_stopper *stop)
+static bool pcg_due(const struct rec_pcg *t, const struct rec_solve_report *out,
+                    const struct rec_stopper *stop)
 {
     uint32_t last = out->renewals > 0 ? out->renewed[out->renewals - 1] : 0;
     return t->pb->start == REC_START_FITS && out->renewals < t->pb->renewals &&
@@ -216,7 +216,7 @@ static bool due(const struct rec_pcg *t, const struct rec_solve_report *out,
 
 /* V and lambda from t->x, which they led to; f and phi of the new objective there.  Directions stay: few
  * columns change much, and (4) restarts the lane whose direction is no descent any more. */
-static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4])
+static void pcg_renew(struct rec_pcg *t, const double rwr[4], double f[4], double gamma[4])
 {
     const struct rec_pcg_passes *pass = rec_pcg_passes(t->pb->a->k);
     double penalty[4], lit[4], cross[4], before[4];
@@ -227,7 +227,7 @@ static void renew(struct rec_pcg *t, const double rwr[4], double f[4], double ga
     t->restless = false;
     for (int l = 0; l < t->pb->nch; l++)
         t->restless = t->restless || fabs(log(t->lambda[l] / before[l])) > log(RESTLESS);
-    value(t, rwr, f);
+    pcg_value(t, rwr, f);
     differentiate(t, pass->regradient, gamma, cross); /* r has not changed */
 }
 
@@ -273,7 +273,7 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
     smoothness(&t); /* lx = V L x */
     if (pb->start == REC_START_FITS)
         stiffen(&t, t.penalty, next); /* V, lx from x */
-    value(&t, rwr, f);
+    pcg_value(&t, rwr, f);
     differentiate(&t, pass->gradient, gamma, cross); /* phi of (3), phi'M phi */
     out->objective = rec_lanes_total(f);
     rec_stop_begin(&stop, pb, &own, p, out);
@@ -282,11 +282,11 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
             out->status = REC_CONVERGED;
             break;
         }
-        advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
-        value(&t, rwr, now);
+        pcg_advance(&t, (stop.k + 1) % REFRESH == 0, rwr); /* x = max(0, x + alpha d), r, q, lx */
+        pcg_value(&t, rwr, now);
         for (int tries = 0; tries < most_tries && risen(pb, now, f); tries++) {
             go_back(&t, f, now, rwr); /* x to the least f on the step's way */
-            value(&t, rwr, now);
+            pcg_value(&t, rwr, now);
         }
         memcpy(f, now, sizeof f);
         stop.moved = sqrt(rec_lanes_total(t.moved2) / rec_lanes_total(t.norm2));
@@ -300,8 +300,8 @@ void rec_solve_pcg(rec_problem *pb, const struct rec_solve_params *p, float *x,
             t.beta[l] = beta > 0 && isfinite((float)beta) ? beta : 0;
             gamma[l] = next[l];
         }
-        if (due(&t, out, &stop) && !rec_late(p)) { /* V and lambda from x */
-            renew(&t, rwr, f, gamma);
+        if (pcg_due(&t, out, &stop) && !rec_late(p)) { /* V and lambda from x */
+            pcg_renew(&t, rwr, f, gamma);
             out->renewed[out->renewals++] = stop.k;
             rec_stop_anew(&stop, rec_lanes_total(f), t.restless);
         }

@@ -10,7 +10,7 @@
 #define PAGE 4096
 
 /* `bytes` more from `base` on, in pages of their own. */
-static void *place(char *base, size_t *end, size_t bytes)
+static void *problem_place(char *base, size_t *end, size_t bytes)
 {
     size_t at = *end;
     *end += (bytes + PAGE - 1) / PAGE * PAGE;
@@ -18,25 +18,25 @@ static void *place(char *base, size_t *end, size_t bytes)
 }
 
 /* All work areas one after the other; how much they take. */
-static size_t lay_out(rec_problem *pb, char *base)
+static size_t problem_lay_out(rec_problem *pb, char *base)
 {
     size_t n = pb->n_max, rows = pb->room, lane = (size_t)pb->cs * sizeof(float), end = 0;
     for (int i = 0; i < N_XVEC; i++)
-        pb->xv[i] = place(base, &end, n * lane);
+        pb->xv[i] = problem_place(base, &end, n * lane);
     for (int i = 0; i < N_YVEC; i++)
-        pb->yv[i] = place(base, &end, rows * lane);
-    pb->corner = place(base, &end, n * lane);
-    pb->before = place(base, &end, n * lane);
-    pb->b = place(base, &end, rows * lane);
-    pb->w = place(base, &end, rows * sizeof *pb->w);
-    pb->w4 = place(base, &end, rows * 4 * sizeof *pb->w4);
-    pb->column = place(base, &end, n * sizeof *pb->column);
-    pb->run = place(base, &end, n * sizeof *pb->run);
-    pb->diag2 = place(base, &end, n * sizeof *pb->diag2);
-    pb->stiff.by = place(base, &end, n * sizeof *pb->stiff.by);
-    pb->stiff.inverse = place(base, &end, n * sizeof *pb->stiff.inverse);
-    pb->stiff.diag = place(base, &end, n * sizeof *pb->stiff.diag);
-    pb->clipped = place(base, &end, n * sizeof *pb->clipped);
+        pb->yv[i] = problem_place(base, &end, rows * lane);
+    pb->corner = problem_place(base, &end, n * lane);
+    pb->before = problem_place(base, &end, n * lane);
+    pb->b = problem_place(base, &end, rows * lane);
+    pb->w = problem_place(base, &end, rows * sizeof *pb->w);
+    pb->w4 = problem_place(base, &end, rows * 4 * sizeof *pb->w4);
+    pb->column = problem_place(base, &end, n * sizeof *pb->column);
+    pb->run = problem_place(base, &end, n * sizeof *pb->run);
+    pb->diag2 = problem_place(base, &end, n * sizeof *pb->diag2);
+    pb->stiff.by = problem_place(base, &end, n * sizeof *pb->stiff.by);
+    pb->stiff.inverse = problem_place(base, &end, n * sizeof *pb->stiff.inverse);
+    pb->stiff.diag = problem_place(base, &end, n * sizeof *pb->stiff.diag);
+    pb->clipped = problem_place(base, &end, n * sizeof *pb->clipped);
     return end;
 }
 
@@ -52,13 +52,13 @@ pvx_err rec_problem_new(const rec_sysmat *S, int nch, rec_problem **out)
     pb->cs = nch == 3 ? 4 : 1;
     pb->n_max = rec_grid_count(&S->grid);
     pb->room = S->win.room;
-    pb->bytes = lay_out(pb, NULL);
+    pb->bytes = problem_lay_out(pb, NULL);
     pb->areas = pvx_reserve(pb->bytes);
     if (pb->areas == NULL || rec_images_new(S, pb->cs, &pb->images) != PVX_OK) {
         rec_problem_free(&pb);
         return PVX_ENOMEM;
     }
-    lay_out(pb, pb->areas);
+    problem_lay_out(pb, pb->areas);
     *out = pb;
     return PVX_OK;
 }

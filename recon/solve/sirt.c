@@ -70,18 +70,18 @@ REC_INLINE void rows_pass(struct sirt *t, size_t k, size_t cs)
     }
     rec_put(t->pb->part[k][S_RR], &rr);
 }
-static void rows_chunk(void *ctx, size_t k)
+static void sirt_rows_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
     t->pb->cs == 4 ? rows_pass(t, k, 4) : rows_pass(t, k, 1);
 }
 
 /* W (A y - b) and r'Wr of x. */
-static void compare(struct sirt *t, double rr[4])
+static void sirt_compare(struct sirt *t, double rr[4])
 {
     size_t rows = rec_row_chunks(t->pb);
     rec_start_product(t->pb, t->x);
-    pvx_pool_run(t->pb->a->pool, rows, rows_chunk, t);
+    pvx_pool_run(t->pb->a->pool, rows, sirt_rows_chunk, t);
     rec_sum(t->pb, 0, rows, S_RR, rr);
 }
 
@@ -106,7 +106,7 @@ REC_INLINE void columns_pass(struct sirt *t, size_t k, size_t cs)
     }
     rec_put(t->pb->part[k][S_BACK], &back);
 }
-static void columns_chunk(void *ctx, size_t k)
+static void sirt_columns_chunk(void *ctx, size_t k)
 {
     struct sirt *t = ctx;
     t->pb->cs == 4 ? columns_pass(t, k, 4) : columns_pass(t, k, 1);
@@ -130,8 +130,8 @@ struct variant {
     bool accelerated;
     struct rec_stop_own own;
 };
-static void solve(rec_problem *pb, const struct variant *v, const struct rec_solve_params *p,
-                  float *x, struct rec_solve_report *out)
+static void sirt_solve(rec_problem *pb, const struct variant *v, const struct rec_solve_params *p,
+                       float *x, struct rec_solve_report *out)
 {
     struct sirt t = {.pb = pb,
                      .momentum = v->accelerated,
@@ -152,12 +152,12 @@ static void solve(rec_problem *pb, const struct variant *v, const struct rec_sol
     pvx_pool_run(pool, rows, ones_chunk, &t);    /* W A 1 */
     pvx_pool_run(pool, chunks, scale_chunk, &t); /* 1/C = A'W A 1 */
     rec_stop_begin(&stop, pb, &v->own, p, out);
-    compare(&t, rr); /* W (A y - b), y = x */
+    sirt_compare(&t, rr); /* W (A y - b), y = x */
     while (rec_stop_next(&stop)) {
-        pvx_pool_run(pool, chunks, columns_chunk, &t); /* x = max(0, y - C A'W (A y - b)) */
+        pvx_pool_run(pool, chunks, sirt_columns_chunk, &t); /* x = max(0, y - C A'W (A y - b)) */
         if (v->accelerated)
             momentum(&t, age); /* beta = (s - 1) / s_next */
-        compare(&t, rr);       /* W (A y - b), y = x + beta (x - x_old) */
+        sirt_compare(&t, rr);  /* W (A y - b), y = x + beta (x - x_old) */
         if (rec_stop_after(&stop, x, 0.5 * rec_lanes_total(rr), rec_lanes_total(rr)))
             break;
     }
@@ -168,12 +168,12 @@ void rec_solve_sirt(rec_problem *pb, const struct rec_solve_params *p, float *x,
                     struct rec_solve_report *out)
 {
     static const struct variant v = {false, {.most = 60, .blind = 15, .stall = 0.02}};
-    solve(pb, &v, p, x, out);
+    sirt_solve(pb, &v, p, x, out);
 }
 
 void rec_solve_fista(rec_problem *pb, const struct rec_solve_params *p, float *x,
                      struct rec_solve_report *out)
 {
     static const struct variant v = {true, {.most = 40, .blind = 8, .stall = 0.02}};
-    solve(pb, &v, p, x, out);
+    sirt_solve(pb, &v, p, x, out);
 }

@@ -8,8 +8,8 @@
 
 const struct rec_solve_params rec_solve_defaults = REC_SOLVE_DEFAULTS;
 
-#define NAME(name, run) name,
-#define RUN(name, run)  run,
+#define NAME(name, solve_do_run) name,
+#define RUN(name, solve_do_run)  solve_do_run,
 static const char *const names[] = {REC_SOLVERS(NAME) NULL};
 static rec_method *const methods[] = {REC_SOLVERS(RUN)};
 
@@ -29,7 +29,7 @@ const char *const *rec_solver_names(void)
 }
 
 /* Its place among the methods, or that of the NULL. */
-static size_t find(const char *name)
+static size_t solve_find(const char *name)
 {
     size_t i = 0;
     while (name != NULL && *name != '\0' && names[i] != NULL && strcmp(names[i], name) != 0)
@@ -39,12 +39,12 @@ static size_t find(const char *name)
 
 bool rec_solver_is_default(const char *name)
 {
-    return find(name) == 0;
+    return solve_find(name) == 0;
 }
 
 /* The method, and of the report what it left open. */
-static void run(rec_problem *pb, rec_method *method, const struct rec_solve_params *p, float *x,
-                struct rec_solve_report *out)
+static void solve_do_run(rec_problem *pb, rec_method *method, const struct rec_solve_params *p,
+                         float *x, struct rec_solve_report *out)
 {
     double rwr[4];
     out->residual_norm = out->solution_norm = -1;
@@ -64,7 +64,7 @@ static void run(rec_problem *pb, rec_method *method, const struct rec_solve_para
 pvx_err rec_solve(rec_problem *pb, const struct rec_solve_params *p, float *x,
                   struct rec_solve_report *out)
 {
-    size_t i = find(p->solver);
+    size_t i = solve_find(p->solver);
     *out = (struct rec_solve_report){.status = REC_EMPTY, .solver = names[i]};
     if (names[i] == NULL || pb->start == REC_START_NONE)
         return PVX_EINVAL;
@@ -72,7 +72,7 @@ pvx_err rec_solve(rec_problem *pb, const struct rec_solve_params *p, float *x,
         return PVX_EUNSUP;
     int64_t begin = pvx_now_mono();
     if (pb->any)
-        run(pb, methods[i], p, x, out);
+        solve_do_run(pb, methods[i], p, x, out);
     else
         memset(x, 0, (size_t)pb->a->n * (size_t)pb->cs * sizeof *x);
     pb->start = REC_START_NONE; /* x is no start any more */

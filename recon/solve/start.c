@@ -51,7 +51,7 @@ static void scale_task(void *ctx, size_t i)
         }
     memcpy(pb->part[i][0], s, sizeof s);
 }
-static void zero_chunk(void *ctx, size_t k)
+static void start_zero_chunk(void *ctx, size_t k)
 {
     struct scaling *t = ctx;
     rec_problem *pb = t->pb;
@@ -70,7 +70,7 @@ void rec_start_residual(rec_problem *pb, const float *x, double out[4])
     if (pb->start == REC_START_SCALED) {
         memcpy(out, pb->start_rwr, sizeof pb->start_rwr);
     } else if (pb->start == REC_START_ZERO) { /* r = -b */
-        pvx_pool_run(pb->a->pool, rec_row_chunks(pb), zero_chunk, &t);
+        pvx_pool_run(pb->a->pool, rec_row_chunks(pb), start_zero_chunk, &t);
         rec_sum(pb, 0, rec_row_chunks(pb), 0, out);
     } else { /* r = A x - b */
         rec_residual(pb, x, t.r, t.wr, out);

@@ -109,13 +109,13 @@ static void move_chunk(void *ctx, size_t k)
 /* ---- (2) ----------------------------------------------------------------------------------------*/
 
 /* 0 at `none`, 1 at `all`, and beyond; 0 for NaN. */
-static double ramp(double x, double none, double all)
+static double temporal_ramp(double x, double none, double all)
 {
     double r = (x - none) / (all - none);
     return r >= 1 ? 1 : r > 0 ? r : 0;
 }
 
-static double judge(const rec_temporal *t, rec_problem *pb, const float *x)
+static double temporal_judge(const rec_temporal *t, rec_problem *pb, const float *x)
 {
     double p[4], s[4], least = 1;
     memset(pb->nu, 0, sizeof pb->nu);
@@ -128,8 +128,9 @@ static double judge(const rec_temporal *t, rec_problem *pb, const float *x)
     for (int l = 0; l < pb->nch; l++) {
         double rows = rec_rows_of(pb, l);
         double noise = rows * (pb->in.sigma[l] * pb->in.sigma[l] + pb->shot2[l]);
-        double trust =
-            p[l] > 0 && s[l] > 0 ? ramp(noise / p[l], 0.3, 0.6) * ramp(p[l] / s[l], 1.3, 1.15) : 0;
+        double trust = p[l] > 0 && s[l] > 0 ? temporal_ramp(noise / p[l], 0.3, 0.6) *
+                                                  temporal_ramp(p[l] / s[l], 1.3, 1.15)
+                                            : 0;
         least = trust < least ? trust : least;
     }
     for (int l = 0; l < pb->nch; l++) {
@@ -157,7 +158,7 @@ double rec_temporal_expect(rec_temporal *t, rec_problem *pb, const struct rec_fl
     pvx_pool_run(a->pool, rec_column_chunks(pb), move_chunk, t);
     for (int32_t q = 0; q < previous->n; q++)
         memset(t->dense + (size_t)previous->index[q] * (size_t)t->cs, 0, bytes);
-    double trust = judge(t, pb, x);
+    double trust = temporal_judge(t, pb, x);
     if (trust == 0)
         return 0;
     pb->expect = t->expect;

@@ -12,13 +12,13 @@ static double clamp(double x, double lo, double hi)
     return x < lo ? lo : x > hi ? hi : x;
 }
 
-static double mix(double a, double b, double t)
+static double flame_mix(double a, double b, double t)
 {
     return a + (b - a) * t;
 }
 
 /* Number `which` of blob g, 0..1, from the seed (splitmix64's finaliser). */
-static double draw(const struct rec_flame *f, int g, int which)
+static double flame_draw(const struct rec_flame *f, int g, int which)
 {
     uint64_t z = ((uint64_t)f->seed << 32) + (uint64_t)g * 64 + (uint64_t)which;
     z = (z + 1) * 0x9E3779B97F4A7C15u;
@@ -30,8 +30,9 @@ static double draw(const struct rec_flame *f, int g, int which)
 /* One blob at phase `turn` (0..1 of the period) in the unit box [-0.5,0.5]^2 x [0,1]. */
 static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_blob *b)
 {
-    double angle = 2 * PI * draw(f, g, 0), start = draw(f, g, 1), reach = draw(f, g, 2);
-    double size = draw(f, g, 3);
+    double angle = 2 * PI * flame_draw(f, g, 0), start = flame_draw(f, g, 1),
+           reach = flame_draw(f, g, 2);
+    double size = flame_draw(f, g, 3);
     bool bed = g % 5 == 0; /* embers that stay; the others are tongues that rise */
     double life, z, r;     /* brightness over a life, height, distance from axis */
     double s_xy, s_z, heat;
@@ -51,12 +52,12 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
         life = sin(PI * p) * sin(PI * p); /* 0 where the blob jumps back to the base */
         double outer = sqrt(reach);       /* even over the area of a disc */
         life *= 1 + 2 * p;                /* tongues thin out but burn on */
-        double top = mix(1.0, 0.6, outer * (0.4 + 0.6 * size));
-        z = mix(0.10, top, pow(p, 0.85));
+        double top = flame_mix(1.0, 0.6, outer * (0.4 + 0.6 * size));
+        z = flame_mix(0.10, top, pow(p, 0.85));
         /* narrow at the base, widest at a third of the way, closing to a tip */
         r = 0.25 * outer * (0.35 + 0.65 * sin(PI * pow(p, 0.6))) * (1 - 0.5 * p);
-        s_xy = mix(0.050, 0.030, p) * (0.6 + 0.7 * size);
-        s_z = s_xy * mix(1.4, 2.8, p);
+        s_xy = flame_mix(0.050, 0.030, p) * (0.6 + 0.7 * size);
+        s_z = s_xy * flame_mix(1.4, 2.8, p);
         heat = 1.25 * (1 - 0.8 * p) * (1 - 0.95 * outer);
         angle += 2 * PI * 0.3 * p * (g % 4 < 2 ? 1 : -1);
     }
@@ -73,7 +74,7 @@ static void unit_blob(const struct rec_flame *f, int g, double turn, struct rec_
     }
     static const double outer_rgb[3] = {0.95, 0.16, 0.010}, core_rgb[3] = {2.2, 1.40, 0.45};
     for (int ch = 0; ch < 3; ch++)
-        b->a[ch] = life * mix(outer_rgb[ch], core_rgb[ch], clamp(heat, 0, 1));
+        b->a[ch] = life * flame_mix(outer_rgb[ch], core_rgb[ch], clamp(heat, 0, 1));
 }
 
 void rec_flame_at(const struct rec_flame *f, double t_s, struct rec_flame_pose *out)
@@ -114,7 +115,7 @@ void rec_flame_ray(const struct rec_flame_pose *p, const double o[3], const doub
 }
 
 /* Largest line integral on a fan of level rays through the flame, over one period. */
-static double brightest(const struct rec_flame *f)
+static double flame_brightest(const struct rec_flame *f)
 {
     double most = 0;
     for (int it = 0; it < 8; it++) {
@@ -126,7 +127,7 @@ static double brightest(const struct rec_flame *f)
                     double c = cos(PI * view / 6), s = sin(PI * view / 6), off = 0.03 * ir;
                     double unit[3] = {-off * s, off * c, 0.05 + 0.03 * iz}, o[3], rgb[3];
                     for (int a = 0; a < 3; a++)
-                        o[a] = mix(f->lo[a], f->hi[a], unit[a] + (a < 2 ? 0.5 : 0));
+                        o[a] = flame_mix(f->lo[a], f->hi[a], unit[a] + (a < 2 ? 0.5 : 0));
                     rec_flame_ray(&pose, o, (double[3]){c, s, 0}, rgb);
                     for (int ch = 0; ch < 3; ch++)
                         most = fmax(most, rgb[ch]);
@@ -140,7 +141,7 @@ void rec_flame_init(struct rec_flame *f, const struct rec_grid *g, uint32_t seed
     *f = (struct rec_flame){.period_s = 2.0, .n_blobs = 40, .seed = seed, .gain = 1};
     memcpy(f->lo, g->min, sizeof f->lo);
     memcpy(f->hi, g->max, sizeof f->hi);
-    f->gain = 0.8 / brightest(f);
+    f->gain = 0.8 / flame_brightest(f);
 }
 
 /* ---- images ----------------------------------------------------------------------------------
@@ -290,9 +291,10 @@ static inline float exp_half(float q)
 
 /* Add blob b to the samples [i0,i1) of one row of a tile.  Pointers by name, or the loop would not be
  * vectorised.  NOLINTNEXTLINE(readability-function-size) */
-static void add_row(const struct seen_blob *b, const float *restrict dx, const float *restrict dy,
-                    const float *restrict dz, const float *restrict norm, int n,
-                    float *restrict red, float *restrict green, float *restrict blue)
+static void flame_add_row(const struct seen_blob *b, const float *restrict dx,
+                          const float *restrict dy, const float *restrict dz,
+                          const float *restrict norm, int n, float *restrict red,
+                          float *restrict green, float *restrict blue)
 {
     const float Ex = b->E[0], Ey = b->E[1], Ez = b->E[2];
     const float ix = b->inv_s[0], iy = b->inv_s[1], iz = b->inv_s[2];
@@ -346,8 +348,8 @@ void rec_flame_render(const struct rec_flame_pose *p, const struct rec_camera *c
                     int32_t from = at_least(b->x0, tx) - tx, len = at_most(b->x1, xe) - tx - from;
                     for (int32_t y = at_least(b->y0, ty); y < at_most(b->y1, ye) && len > 0; y++) {
                         int i = (y - ty) * TILE + from;
-                        add_row(b, r.x + i, r.y + i, r.z + i, r.norm + i, len, sum[0] + i,
-                                sum[1] + i, sum[2] + i);
+                        flame_add_row(b, r.x + i, r.y + i, r.z + i, r.norm + i, len, sum[0] + i,
+                                      sum[1] + i, sum[2] + i);
                     }
                 }
             }

@@ -36,7 +36,7 @@ size_t rec_eye_ray(const struct rec_eye *eye, const struct rec_grid *g, double p
     return rec_traverse_until(g, o, d, end, index, value);
 }
 
-static void add_ray(const struct view *v, size_t task, double px, double py, double sum[3])
+static void render_add_ray(const struct view *v, size_t task, double px, double py, double sum[3])
 {
     int32_t *index = v->index + task * v->max;
     float *value = v->value + task * v->max;
@@ -48,7 +48,7 @@ static void add_ray(const struct view *v, size_t task, double px, double py, dou
     }
 }
 
-static void render_rows(void *ctx, size_t task)
+static void view_render_rows(void *ctx, size_t task)
 {
     const struct view *v = ctx;
     const struct rec_camera *c = v->eye->camera;
@@ -58,8 +58,8 @@ static void render_rows(void *ctx, size_t task)
         for (int32_t x = 0; x < w; x++) {
             double sum[3] = {0};
             for (int s = 0; s < sub * sub; s++)
-                add_ray(v, task, x + (s % sub + 0.5) / sub - 0.5, y + (s / sub + 0.5) / sub - 0.5,
-                        sum);
+                render_add_ray(v, task, x + (s % sub + 0.5) / sub - 0.5,
+                               y + (s / sub + 0.5) / sub - 0.5, sum);
             float *out = v->image + ((size_t)y * (size_t)w + (size_t)x) * (size_t)v->nch;
             for (int ch = 0; ch < v->nch; ch++)
                 out[ch] = (float)(sum[ch] / (sub * sub));
@@ -77,14 +77,15 @@ pvx_err rec_render(const struct rec_grid *g, const float *dense, int nch, const 
     v.value = pvx_calloc(v.max * TASKS, sizeof *v.value);
     pvx_err e = v.index != NULL && v.value != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK)
-        pvx_pool_run(pool, TASKS, render_rows, &v);
+        pvx_pool_run(pool, TASKS, view_render_rows, &v);
     free(v.index);
     free(v.value);
     return e;
 }
 
 /* Pose on the circle; K is left alone. */
-static void place(const struct rec_grid *g, double angle, double elevation, struct rec_camera *out)
+static void render_place(const struct rec_grid *g, double angle, double elevation,
+                         struct rec_camera *out)
 {
     double centre[3], reach = 0;
     for (int a = 0; a < 3; a++) {
@@ -112,7 +113,7 @@ void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, 
     snprintf(out->name, sizeof out->name, "orbit");
     double f = INFINITY; /* the largest that keeps every corner in the image all the way round */
     for (int turn = 0; turn < 64; turn++) {
-        place(g, 2 * 3.14159265358979323846 * turn / 64, elevation, out);
+        render_place(g, 2 * 3.14159265358979323846 * turn / 64, elevation, out);
         for (int corner = 0; corner < 8; corner++) {
             double X[3], Y[3];
             for (int a = 0; a < 3; a++)
@@ -124,7 +125,7 @@ void rec_orbit_camera(const struct rec_grid *g, double angle, double elevation, 
                              0.49 * h * Y[2] / fmax(fabs(Y[1]), 1e-12)));
         }
     }
-    place(g, angle, elevation, out);
+    render_place(g, angle, elevation, out);
     out->fx = out->fy = f;
 }
 
@@ -135,7 +136,7 @@ static void cross(const double a[3], const double b[3], double out[3])
 }
 
 /* To unit length; false when there is next to none. */
-static bool normalise(double a[3])
+static bool render_normalise(double a[3])
 {
     double n = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
     if (!(n > 1e-9) || !isfinite(n))
@@ -152,10 +153,11 @@ pvx_err rec_look_at_camera(const double eye[3], const double target[3], const do
     for (int a = 0; a < 3; a++)
         forward[a] = target[a] - eye[a];
     memcpy(upward, up, sizeof upward);
-    if (w < 1 || h < 1 || !(fov > 0 && fov < 3.14159) || !normalise(forward) || !normalise(upward))
+    if (w < 1 || h < 1 || !(fov > 0 && fov < 3.14159) || !render_normalise(forward) ||
+        !render_normalise(upward))
         return PVX_EINVAL;
     cross(forward, upward, right);
-    if (!normalise(right))
+    if (!render_normalise(right))
         return PVX_EINVAL;
     cross(forward, right, down);
     *out = (struct rec_camera){

@@ -96,7 +96,7 @@ static void shine_row(void *ctx, size_t task)
 }
 
 /* room.h (2) */
-static void spread(rec_room *r)
+static void room_spread(rec_room *r)
 {
     double sent[3] = {0}, albedo = 0, area = 0;
     for (int k = 0; k < r->scene.n_faces; k++) {
@@ -131,7 +131,7 @@ pvx_err rec_room_light(rec_room *r, const struct rec_grid *g, const float *dense
         rows += (size_t)r->scene.face[k].nv + 1;
     pvx_pool_run(r->pool, rows, shine_row, &t);
     room_lamps_fini(&l);
-    spread(r);
+    room_spread(r);
     r->grid = *g;
     r->dense = dense;
     r->nch = nch;

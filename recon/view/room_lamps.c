@@ -21,8 +21,8 @@ static bool bright(const float *e, int nch, float out[3])
     return any;
 }
 
-static size_t collect(const struct room_scene *s, const struct rec_grid *g, const float *dense,
-                      int nch, struct room_lamp *out)
+static size_t room_lamps_collect(const struct room_scene *s, const struct rec_grid *g,
+                                 const float *dense, int nch, struct room_lamp *out)
 {
     size_t n = 0, all = rec_grid_count(g);
     for (size_t i = 0; i < all; i++) {
@@ -43,7 +43,7 @@ static size_t collect(const struct room_scene *s, const struct rec_grid *g, cons
 }
 
 /* Ball about the middle of its lamps' box, and their moments.  Returns the longest axis of the box. */
-static int measure(const struct room_lamp *lamp, struct room_node *k)
+static int room_lamps_measure(const struct room_lamp *lamp, struct room_node *k)
 {
     double lo[3], hi[3];
     memcpy(lo, lamp[k->first].x, sizeof lo);
@@ -76,7 +76,7 @@ static int measure(const struct room_lamp *lamp, struct room_node *k)
 }
 
 /* Lamps below the middle of the axis first; how many.  Never 0 or all: the box is theirs. */
-static size_t split(struct room_lamp *lamp, const struct room_node *k, int axis)
+static size_t room_lamps_split(struct room_lamp *lamp, const struct room_node *k, int axis)
 {
     size_t low = k->first, high = k->first + k->n;
     while (low < high) {
@@ -92,7 +92,7 @@ static size_t split(struct room_lamp *lamp, const struct room_node *k, int axis)
 }
 
 /* A place for one more node. */
-static bool make_room(struct room_lamps *l)
+static bool room_lamps_make_room(struct room_lamps *l)
 {
     if (l->n_nodes < l->room)
         return true;
@@ -107,22 +107,22 @@ static bool make_room(struct room_lamps *l)
 
 /* Node of lamps [first, first + n) and all below it, after the last; a grid's side is halved at most
  * 3 x 10 times.  PVX_ENOMEM. */
-static pvx_err grow(struct room_lamps *l, size_t first, size_t n)
+static pvx_err room_lamps_grow(struct room_lamps *l, size_t first, size_t n)
 {
-    if (!make_room(l))
+    if (!room_lamps_make_room(l))
         return PVX_ENOMEM;
     size_t at = l->n_nodes++;
     struct room_node *k = &l->node[at];
     *k = (struct room_node){.first = first, .n = n};
-    int axis = measure(l->lamp, k);
+    int axis = room_lamps_measure(l->lamp, k);
     if (n <= LEAF)
         return PVX_OK;
-    size_t low = split(l->lamp, k, axis);
+    size_t low = room_lamps_split(l->lamp, k, axis);
     if (low == 0 || low == n)
         return PVX_OK;
-    PVX_TRY(grow(l, first, low));
+    PVX_TRY(room_lamps_grow(l, first, low));
     l->node[at].right = l->n_nodes;
-    return grow(l, first + low, n - low);
+    return room_lamps_grow(l, first + low, n - low);
 }
 
 pvx_err room_lamps_init(struct room_lamps *l, const struct room_scene *s, const struct rec_grid *g,
@@ -131,14 +131,14 @@ pvx_err room_lamps_init(struct room_lamps *l, const struct room_scene *s, const 
     double volume = rec_grid_h(g, 0) * rec_grid_h(g, 1) * rec_grid_h(g, 2);
     *l = (struct room_lamps){
         .nch = nch, .volume = volume, .ball = cbrt(0.75 / 3.14159265358979323846 * volume)};
-    l->n = collect(s, g, dense, nch, NULL);
+    l->n = room_lamps_collect(s, g, dense, nch, NULL);
     if (l->n == 0)
         return PVX_OK;
     l->lamp = pvx_calloc(l->n, sizeof *l->lamp);
     pvx_err e = l->lamp != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK) {
-        collect(s, g, dense, nch, l->lamp);
-        e = grow(l, 0, l->n);
+        room_lamps_collect(s, g, dense, nch, l->lamp);
+        e = room_lamps_grow(l, 0, l->n);
     }
     if (e != PVX_OK)
         room_lamps_fini(l);
@@ -161,7 +161,7 @@ struct point {
     double sum[3];
 };
 
-static double dot(const double a[3], const double b[3])
+static double room_lamps_dot(const double a[3], const double b[3])
 {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
@@ -170,13 +170,13 @@ static double dot(const double a[3], const double b[3])
 static void add_lamp(struct point *q, const struct room_lamp *lamp, unsigned bodies)
 {
     double d[3] = {lamp->x[0] - q->p[0], lamp->x[1] - q->p[1], lamp->x[2] - q->p[2]};
-    double cosine = dot(q->n, d);
+    double cosine = room_lamps_dot(q->n, d);
     if (!(cosine > 0))
         return;
     for (int k = 0; k < q->s->n_bodies; k++)
         if ((bodies >> k & 1) && room_scene_sees(q->s, k, q->p, lamp->x, 0) != ROOM_ALL)
             return;
-    double far = fmax(sqrt(dot(d, d)), q->l->ball), f = cosine / (far * far * far);
+    double far = fmax(sqrt(room_lamps_dot(d, d)), q->l->ball), f = cosine / (far * far * far);
     for (int c = 0; c < q->l->nch; c++)
         q->sum[c] += lamp->e[c] * f;
 }
@@ -184,16 +184,17 @@ static void add_lamp(struct point *q, const struct room_lamp *lamp, unsigned bod
 /* (2) */
 static void add_ball(struct point *q, const struct room_node *k, const double d[3], double d2)
 {
-    double f = 1 / (d2 * sqrt(d2)), nd = dot(q->n, d);
+    double f = 1 / (d2 * sqrt(d2)), nd = room_lamps_dot(q->n, d);
     for (int c = 0; c < q->l->nch; c++)
-        q->sum[c] += f * (k->w[c] * nd + dot(q->n, k->m[c]) - 3 * nd * dot(d, k->m[c]) / d2);
+        q->sum[c] += f * (k->w[c] * nd + room_lamps_dot(q->n, k->m[c]) -
+                          3 * nd * room_lamps_dot(d, k->m[c]) / d2);
 }
 
 static void add_node(struct point *q, size_t at, unsigned bodies)
 {
     const struct room_node *k = &q->l->node[at];
     double d[3] = {k->c[0] - q->p[0], k->c[1] - q->p[1], k->c[2] - q->p[2]};
-    double d2 = dot(d, d), height = dot(q->n, d);
+    double d2 = room_lamps_dot(d, d), height = room_lamps_dot(q->n, d);
     if (height <= -k->r)
         return;
     unsigned open = 0; /* bodies that may hide some of it */

@@ -24,7 +24,7 @@ struct view {
 };
 
 /* E at a place of a face: bilinear, without the points that a body covers. */
-static void light_at(const rec_room *r, const struct room_hit *at, double out[3])
+static void room_render_light_at(const rec_room *r, const struct room_hit *at, double out[3])
 {
     const struct room_face *f = &r->scene.face[at->face];
     double u = at->a * f->nu, v = at->b * f->nv, x[3], weight = 0;
@@ -46,7 +46,8 @@ static void light_at(const rec_room *r, const struct room_hit *at, double out[3]
 }
 
 /* room.h (1) */
-static void add_ray(const struct view *t, size_t task, double px, double py, double sum[3])
+static void room_render_add_ray(const struct view *t, size_t task, double px, double py,
+                                double sum[3])
 {
     const rec_room *r = t->r;
     double o[3], d[3], enter, leave, e[3];
@@ -64,13 +65,13 @@ static void add_ray(const struct view *t, size_t task, double px, double py, dou
         for (int c = 0; c < r->nch; c++)
             sum[c] += v[c] > 0 && isfinite(v[c]) ? (double)value[k] * v[c] : 0;
     }
-    light_at(r, &hit, e);
+    room_render_light_at(r, &hit, e);
     double albedo = room_albedo(&r->scene.face[hit.face], hit.a, hit.b);
     for (int c = 0; c < r->nch; c++)
         sum[c] += albedo / pi * (e[c] + r->ambient[c]);
 }
 
-static void render_rows(void *ctx, size_t task)
+static void room_render_render_rows(void *ctx, size_t task)
 {
     const struct view *t = ctx;
     int32_t w = t->c->width, nch = t->r->nch;
@@ -78,8 +79,8 @@ static void render_rows(void *ctx, size_t task)
         for (int32_t x = 0; x < w; x++) {
             double sum[3] = {0};
             for (int s = 0; s < t->sub * t->sub; s++)
-                add_ray(t, task, x + (s % t->sub + 0.5) / t->sub - 0.5,
-                        y + (s / t->sub + 0.5) / t->sub - 0.5, sum);
+                room_render_add_ray(t, task, x + (s % t->sub + 0.5) / t->sub - 0.5,
+                                    y + (s / t->sub + 0.5) / t->sub - 0.5, sum);
             float *out = t->image + ((size_t)y * (size_t)w + (size_t)x) * (size_t)nch;
             for (int c = 0; c < nch; c++)
                 out[c] = (float)fmin(FLT_MAX, sum[c] / (t->sub * t->sub));
@@ -95,7 +96,7 @@ pvx_err rec_room_render(const rec_room *r, const struct rec_camera *c, int sub, 
     t.value = pvx_calloc(t.max * TASKS, sizeof *t.value);
     pvx_err e = t.index != NULL && t.value != NULL ? PVX_OK : PVX_ENOMEM;
     if (e == PVX_OK)
-        pvx_pool_run(r->pool, TASKS, render_rows, &t);
+        pvx_pool_run(r->pool, TASKS, room_render_render_rows, &t);
     free(t.index);
     free(t.value);
     return e;

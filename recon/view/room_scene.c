@@ -5,8 +5,8 @@
 
 /* The part (t0, t1) of the line o + t d inside |x| <= half; false: none, or it only touches.  axis: of
  * the side by which it comes in and goes out. */
-static bool slab(const double o[3], const double d[3], const double half[3], double t[2],
-                 int axis[2])
+static bool room_scene_slab(const double o[3], const double d[3], const double half[3], double t[2],
+                            int axis[2])
 {
     t[0] = -INFINITY;
     t[1] = INFINITY;
@@ -129,7 +129,7 @@ void room_scene_init(struct room_scene *s, const double min[3], const double max
 
 /* ---- rays ------------------------------------------------------------------------------------- */
 
-static double along(const double x[3], const double o[3], const double e[3])
+static double room_scene_along(const double x[3], const double o[3], const double e[3])
 {
     double dot = 0, len = 0;
     for (int a = 0; a < 3; a++) {
@@ -148,7 +148,7 @@ static int meets_body(const struct room_scene *s, int k, const double o[3], cons
     int axis[2], first = 0;
     local(b, o, p);
     turn(b, d, q);
-    if (!slab(p, q, b->half, t, axis) || t[0] < enter || t[0] >= *leave)
+    if (!room_scene_slab(p, q, b->half, t, axis) || t[0] < enter || t[0] >= *leave)
         return -1;
     while (s->face[first].body != k)
         first++;
@@ -168,7 +168,7 @@ bool room_scene_ray(const struct room_scene *s, const double o[3], const double 
         half[a] = (s->max[a] - s->min[a]) / 2;
         p[a] = o[a] - s->min[a] - half[a];
     }
-    if (!slab(p, d, half, t, axis) || !(t[1] > 0) || !isfinite(t[1]))
+    if (!room_scene_slab(p, d, half, t, axis) || !(t[1] > 0) || !isfinite(t[1]))
         return false;
     *enter = fmax(0, t[0]);
     *leave = t[1];
@@ -179,7 +179,8 @@ bool room_scene_ray(const struct room_scene *s, const double o[3], const double 
     }
     double x[3] = {o[0] + *leave * d[0], o[1] + *leave * d[1], o[2] + *leave * d[2]};
     const struct room_face *f = &s->face[face];
-    *hit = (struct room_hit){face, along(x, f->o, f->u), along(x, f->o, f->v)};
+    *hit =
+        (struct room_hit){face, room_scene_along(x, f->o, f->u), room_scene_along(x, f->o, f->v)};
     return true;
 }
 
@@ -204,12 +205,12 @@ bool room_scene_free(const struct room_scene *s, const double x[3])
 }
 
 /* Some of the way from p (t = 0) to p + d (t = 1) lies in the box, the last of it at *end. */
-static bool passes(const double p[3], const double d[3], const double half[3], double grown,
-                   double *end)
+static bool room_scene_passes(const double p[3], const double d[3], const double half[3],
+                              double grown, double *end)
 {
     double h[3] = {half[0] + grown, half[1] + grown, half[2] + grown}, t[2];
     int axis[2];
-    if (!(h[0] > 0 && h[1] > 0 && h[2] > 0) || !slab(p, d, h, t, axis))
+    if (!(h[0] > 0 && h[1] > 0 && h[2] > 0) || !room_scene_slab(p, d, h, t, axis))
         return false;
     *end = fmin(t[1], 1);
     return *end - fmax(t[0], 0) > 1e-9; /* more than a touch */
@@ -223,12 +224,12 @@ enum room_seen room_scene_sees(const struct room_scene *s, int k, const double p
     local(b, p, from);
     local(b, c, to);
     double d[3] = {to[0] - from[0], to[1] - from[1], to[2] - from[2]};
-    if (!passes(from, d, b->half, r, &end))
+    if (!room_scene_passes(from, d, b->half, r, &end))
         return ROOM_ALL;
     if (r == 0)
         return ROOM_NONE;
     r *= end; /* the most that a ray to the ball is off q where there is a body at all */
-    if (!passes(from, d, b->half, r, &end))
+    if (!room_scene_passes(from, d, b->half, r, &end))
         return ROOM_ALL;
-    return passes(from, d, b->half, -r, &end) ? ROOM_NONE : ROOM_PART;
+    return room_scene_passes(from, d, b->half, -r, &end) ? ROOM_NONE : ROOM_PART;
 }

@@ -157,7 +157,7 @@ static int32_t border(const struct rec_grid *g)
 }
 
 /* lit = lit and all within `by` voxels along `axis`. */
-static void grow(rec_view *v, int axis, int32_t by)
+static void view_grow(rec_view *v, int axis, int32_t by)
 {
     const int32_t *n = v->grid.n;
     size_t stride = axis == 0 ? 1 : axis == 1 ? (size_t)n[0] : (size_t)n[0] * (size_t)n[1];
@@ -179,7 +179,7 @@ static pvx_err number_columns(rec_view *v, const float *dense, int nch)
     for (size_t i = 0; i < v->voxels; i++)
         v->lit[i] |= has_light(dense, i, nch);
     for (int a = 0; a < 3; a++)
-        grow(v, a, border(&v->grid));
+        view_grow(v, a, border(&v->grid));
     for (size_t i = 0; i < v->voxels; i++)
         v->number[i] = v->lit[i] ? n++ : -1;
     v->stats.columns = n;
@@ -244,7 +244,7 @@ static void sum_unload(struct sum *s, struct rec_entry *out, double factor)
     s->n = 0;
 }
 
-static bool make_room(struct part *p, size_t entries)
+static bool view_make_room(struct part *p, size_t entries)
 {
     if (entries <= p->room)
         return true;
@@ -293,7 +293,7 @@ static void trace_part(void *ctx, size_t task)
             trace_pixel(v, x, y, index, value, &s);
             if ((size_t)at + s.n > UINT32_MAX)
                 err = PVX_ERANGE;
-            else if (!make_room(p, (size_t)at + s.n))
+            else if (!view_make_room(p, (size_t)at + s.n))
                 err = PVX_ENOMEM;
             else {
                 uint32_t n = s.n;
@@ -315,7 +315,7 @@ static void trace_part(void *ctx, size_t task)
     free(value);
 }
 
-static pvx_err trace(rec_view *v)
+static pvx_err view_trace(rec_view *v)
 {
     struct trace t = {.v = v, .max = rec_traverse_max(&v->grid)};
     pvx_pool_run(v->pool, TASKS, trace_part, &t);
@@ -350,7 +350,7 @@ static void gather_x(void *ctx, size_t k)
     }
 }
 
-static void multiply(void *ctx, size_t task)
+static void view_multiply(void *ctx, size_t task)
 {
     const struct product *t = ctx;
     const rec_view *v = t->v;
@@ -378,7 +378,7 @@ pvx_err rec_view_render(rec_view *v, const struct rec_grid *g, const float *dens
         int64_t t1 = pvx_now_mono();
         pvx_err e = number_columns(v, dense, nch);
         if (e == PVX_OK)
-            e = trace(v);
+            e = view_trace(v);
         tracing = pvx_now_mono() - t1;
         v->stats.trace_ns += tracing;
         if (e != PVX_OK) {
@@ -392,7 +392,7 @@ pvx_err rec_view_render(rec_view *v, const struct rec_grid *g, const float *dens
     } else {
         struct product p = {v, dense, nch, image};
         pvx_pool_run(v->pool, (size_t)g->n[2], gather_x, &p);
-        pvx_pool_run(v->pool, TASKS, multiply, &p);
+        pvx_pool_run(v->pool, TASKS, view_multiply, &p);
     }
     v->stats.rendered++;
     v->stats.product_ns += pvx_now_mono() - t0 - tracing;

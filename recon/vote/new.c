@@ -65,7 +65,7 @@ static bool new_areas(rec_vote *v)
 }
 
 /* Whose rays meet the grid and for how long, and how large a voxel is in each camera's picture. */
-static pvx_err look(rec_vote *v)
+static pvx_err new_look(rec_vote *v)
 {
     struct rec_restrictor *r;
     bool all[REC_MAX_CAMERAS];
@@ -116,7 +116,7 @@ pvx_err rec_vote_new(const rec_sysmat *S, const struct rec_kernels *k, pvx_pool 
             v->widest = (size_t)v->level->block[c].bw;
     pvx_err e = rec_subsys_new(v->level, k, pool, 1, &v->sub);
     if (e == PVX_OK)
-        e = new_areas(v) ? look(v) : PVX_ENOMEM;
+        e = new_areas(v) ? new_look(v) : PVX_ENOMEM;
     if (e != PVX_OK)
         rec_vote_free(out);
     return e;

@@ -46,7 +46,7 @@ REC_INLINE struct bin gather(const rec_vote *v, size_t c, int32_t x, int32_t y, 
 }
 
 /* Channels added up, each the mean of what was measured of it; false: too little was. */
-static bool settle(const struct bin *o, int channels, bool per_channel, float *value)
+static bool pooled_settle(const struct bin *o, int channels, bool per_channel, float *value)
 {
     float least = MEASURED * (float)o->n, sum = 0;
     if (per_channel) /* a filter lets one of them through, red and blue at a quarter of the bins */
@@ -64,7 +64,7 @@ static void put_bin(rec_vote *v, size_t i, const struct bin *o, struct rec_vote_
 {
     const struct rec_vote_set *set = v->set;
     float value = 0;
-    bool ok = settle(o, set->channels, set->in->per_channel, &value);
+    bool ok = pooled_settle(o, set->channels, set->in->per_channel, &value);
     v->b[i] = ok ? value : 0;
     v->use[i] = ok ? 1 : 0;
     s->measured += ok;
@@ -74,7 +74,7 @@ static void put_bin(rec_vote *v, size_t i, const struct bin *o, struct rec_vote_
 }
 
 /* Bins of camera c that are looked at: what no column is seen in and nobody lit says nothing. */
-static void pool_camera(void *ctx, size_t c)
+static void pooled_pool_camera(void *ctx, size_t c)
 {
     rec_vote *v = ctx;
     const struct rec_vote_set *set = v->set;
@@ -106,7 +106,7 @@ void rec_vote_pool(rec_vote *v)
         v->asked[i] &= v->chord[i] > 0;
     memset(v->b, 0, n * sizeof *v->b);
     memset(v->use, 0, n * sizeof *v->use);
-    pvx_pool_run(v->pool, v->cameras, pool_camera, v);
+    pvx_pool_run(v->pool, v->cameras, pooled_pool_camera, v);
 }
 
 /* The silhouettes' rows [j0,j1) of camera c, one over the other. */
@@ -194,7 +194,7 @@ static bool may_burn(const rec_vote *v, size_t place)
     return lit >= 2;
 }
 
-static void mark_layer(void *ctx, size_t k)
+static void pooled_mark_layer(void *ctx, size_t k)
 {
     rec_vote *v = ctx;
     const struct rec_grid *g = &v->level->grid;
@@ -225,7 +225,7 @@ bool rec_vote_restrict(rec_vote *v, struct rec_restrictor *r)
     const struct rec_grid *g = &v->level->grid;
     int32_t n = 0;
     find_darkest(v);
-    pvx_pool_run(v->pool, (size_t)g->n[2], mark_layer, v);
+    pvx_pool_run(v->pool, (size_t)g->n[2], pooled_mark_layer, v);
     for (int32_t k = 0; k < g->n[2]; k++) {
         size_t some = (size_t)v->in_layer[k];
         memmove(v->col + n, v->col + rec_grid_index(g, 0, 0, k), some * sizeof *v->col);

@@ -12,7 +12,7 @@
 #define FOR_BINS(i, v) \
     REC_FOR_BINS (i, (v)->sub, ((struct rec_block_range){0, (v)->sub->n_blocks}), 1)
 
-static size_t bins_of(const rec_vote *v, size_t c)
+static size_t trial_bins_of(const rec_vote *v, size_t c)
 {
     return v->level->row0[c + 1] - v->level->row0[c];
 }
@@ -24,13 +24,13 @@ static void weights(const rec_vote *v, struct rec_trial *t)
         float m = rec_vote_has(t->without, c) ? 0 : (float)v->weigh[c];
         const float *use = v->use + v->level->row0[c];
         float *w = t->w + v->level->row0[c];
-        for (size_t i = 0; i < bins_of(v, c); i++)
+        for (size_t i = 0; i < trial_bins_of(v, c); i++)
             w[i] = m * use[i];
     }
 }
 
 /* r = A x - b, wr = W r. */
-static void residual(const rec_vote *v, struct rec_trial *t, const float *x)
+static void trial_residual(const rec_vote *v, struct rec_trial *t, const float *x)
 {
     rec_forward_alone(v->sub, x, t->r);
     FOR_BINS(i, v)
@@ -41,12 +41,12 @@ static void residual(const rec_vote *v, struct rec_trial *t, const float *x)
 }
 
 /* A_c x in the bins of camera c. */
-static void project(const rec_vote *v, int32_t c, const float *x, float *y)
+static void trial_project(const rec_vote *v, int32_t c, const float *x, float *y)
 {
-    memset(y + v->level->row0[c], 0, bins_of(v, (size_t)c) * sizeof *y);
+    memset(y + v->level->row0[c], 0, trial_bins_of(v, (size_t)c) * sizeof *y);
     rec_add_forward_alone(v->sub, (struct rec_cameras){c, c + 1}, x, y);
 }
-static void back(const rec_vote *v, int32_t c, const float *y, float *x)
+static void trial_back(const rec_vote *v, int32_t c, const float *y, float *x)
 {
     rec_adjoint_cameras(v->sub, (struct rec_cameras){c, c + 1}, y, 0, v->sub->n, x);
 }
@@ -61,7 +61,7 @@ void rec_vote_lengths(rec_vote *v)
     t->wr[i] *= v->use[i];
     for (size_t c = 0; c < v->cameras; c++)
         if (v->set->present[c])
-            back(v, (int32_t)c, t->wr, v->length[c]);
+            trial_back(v, (int32_t)c, t->wr, v->length[c]);
 }
 
 /* scale = 1 / (A'W A 1): steps of this length never overshoot, A being >= 0. */
@@ -82,10 +82,10 @@ static void scale_steps(const rec_vote *v, struct rec_trial *t)
 static void sweep_camera(const rec_vote *v, struct rec_trial *t, int32_t c)
 {
     const float *length = v->length[c];
-    project(v, c, t->x, t->wr);
+    trial_project(v, c, t->x, t->wr);
     for (size_t i = v->level->row0[c]; i < v->level->row0[c + 1]; i++)
         t->wr[i] = v->use[i] * (v->b[i] - t->wr[i]);
-    back(v, c, t->wr, t->step);
+    trial_back(v, c, t->wr, t->step);
     for (int32_t q = 0; q < v->sub->n; q++) {
         float x = length[q] > 0 ? t->x[q] + t->step[q] / length[q] : t->x[q];
         t->x[q] = x > 0 ? x : 0;
@@ -100,7 +100,7 @@ static void iterate(const rec_vote *v, struct rec_trial *t)
     for (uint32_t k = 0; k < t->iterations; k++) {
         double next = 0.5 * (1 + sqrt(1 + 4 * momentum * momentum)), up = 0;
         float on = (float)((momentum - 1) / next);
-        residual(v, t, t->y);
+        trial_residual(v, t, t->y);
         rec_adjoint_range(v->sub, t->wr, 0, v->sub->n, t->step);
         for (size_t q = 0; q < n; q++) {
             float x = t->y[q] - t->scale[q] * t->step[q];
@@ -156,9 +156,9 @@ static double misfit(const rec_vote *v, struct rec_trial *t, size_t c)
 }
 
 /* The misfit of every camera, with those left out; light that no column explains is in it. */
-static void judge(const rec_vote *v, struct rec_trial *t)
+static void trial_judge(const rec_vote *v, struct rec_trial *t)
 {
-    residual(v, t, t->x);
+    trial_residual(v, t, t->x);
     for (size_t i = 0; i < v->level->row0[v->cameras]; i++)
         t->wr[i] = v->lit[i] ? -v->use[i] * v->b[i] : 0;
     FOR_BINS(i, v)
@@ -167,20 +167,20 @@ static void judge(const rec_vote *v, struct rec_trial *t)
         t->misfit[c] = v->set->present[c] ? misfit(v, t, c) : 0;
 }
 
-static void solve(void *ctx, size_t task)
+static void trial_solve(void *ctx, size_t task)
 {
     struct rec_vote_run *run = ctx;
     struct rec_trial *t = &run->v->trial[run->from + task];
     weights(run->v, t);
     scale_steps(run->v, t);
     iterate(run->v, t);
-    judge(run->v, t);
+    trial_judge(run->v, t);
 }
 
 void rec_vote_solve(rec_vote *v, size_t from, size_t to)
 {
     struct rec_vote_run run = {v, from};
-    pvx_pool_run(v->pool, to - from, solve, &run);
+    pvx_pool_run(v->pool, to - from, trial_solve, &run);
 }
 
 void rec_vote_sweep(rec_vote *v, const size_t *order, size_t n)
@@ -191,7 +191,7 @@ void rec_vote_sweep(rec_vote *v, const size_t *order, size_t n)
 }
 void rec_vote_judge(rec_vote *v)
 {
-    judge(v, &v->trial[0]);
+    trial_judge(v, &v->trial[0]);
 }
 
 /* Camera c's picture b beside p, that of the volume without it. */
@@ -199,10 +199,10 @@ struct likeness {
     double bb, bp, pp;
     uint32_t empty, lit; /* bins without light in p; those of them that are lit in b */
 };
-static struct likeness compare(const rec_vote *v, const struct rec_trial *t, size_t c)
+static struct likeness trial_compare(const rec_vote *v, const struct rec_trial *t, size_t c)
 {
     struct likeness l = {0};
-    size_t at = v->level->row0[c], n = bins_of(v, c);
+    size_t at = v->level->row0[c], n = trial_bins_of(v, c);
     float *p = t->wr + at, most = 0;
     memset(p, 0, n * sizeof *p);
     FOR_BINS(i, v)
@@ -224,7 +224,7 @@ static struct likeness compare(const rec_vote *v, const struct rec_trial *t, siz
 
 enum rec_wrong rec_vote_cause(const rec_vote *v, const struct rec_trial *t, size_t c)
 {
-    const struct likeness l = compare(v, t, c);
+    const struct likeness l = trial_compare(v, t, c);
     double gain = l.pp > 0 ? l.bp / l.pp : 0;
     double now = l.bb - 2 * l.bp + l.pp, scaled = l.bb - gain * l.bp;
     if (2 * v->of[c].saturated > v->of[c].bins || (2 * l.lit > l.empty && l.bb > l.pp))

@@ -33,20 +33,20 @@ static uint64_t bit(size_t c)
 }
 
 /* Cameras that take part and are not among those left out. */
-static uint64_t believed(const rec_vote *v, uint64_t without)
+static uint64_t vote_believed(const rec_vote *v, uint64_t without)
 {
     uint64_t all = 0;
     for (size_t c = 0; c < v->cameras; c++)
         all |= v->set->present[c] ? bit(c) : 0;
     return all & ~without;
 }
-static int count(uint64_t set)
+static int vote_count(uint64_t set)
 {
     return __builtin_popcountll(set);
 }
 
 /* Median over the cameras of a set of what `value` holds. */
-static double median_of(const rec_vote *v, uint64_t set, const double *value)
+static double vote_median_of(const rec_vote *v, uint64_t set, const double *value)
 {
     double some[REC_MAX_CAMERAS];
     size_t n = 0;
@@ -77,7 +77,7 @@ static void take_ballot(rec_vote *v, struct ballot *b)
 {
     struct rec_trial *all = &v->trial[0];
     size_t n = 1;
-    *b = (struct ballot){.voters = believed(v, all->without)};
+    *b = (struct ballot){.voters = vote_believed(v, all->without)};
     all->iterations = FURTHER;
     for (size_t c = 0; c < v->cameras; c++)
         if (rec_vote_has(b->voters, c)) {
@@ -129,7 +129,7 @@ static void note_agreement(rec_vote *v, const struct ballot *b)
 /* Nobody can exceed (3) when all together do not. */
 static bool calm(const rec_vote *v, const struct rec_trial *t)
 {
-    uint64_t all = believed(v, t->without);
+    uint64_t all = vote_believed(v, t->without);
     double least = v->unit;
     for (size_t c = 0; c < v->cameras; c++)
         if (rec_vote_has(all, c) && v->of[c].noise < least)
@@ -154,10 +154,10 @@ static size_t by_light(const rec_vote *v, uint64_t set, size_t *order)
 }
 
 /* Trial 0 from nothing. */
-static void begin(rec_vote *v, uint64_t without)
+static void vote_begin(rec_vote *v, uint64_t without)
 {
     struct rec_trial *t = &v->trial[0];
-    size_t order[REC_MAX_CAMERAS], n = by_light(v, believed(v, without), order);
+    size_t order[REC_MAX_CAMERAS], n = by_light(v, vote_believed(v, without), order);
     t->without = without;
     memset(t->x, 0, (size_t)v->sub->n * sizeof *t->x);
     for (int k = 0; k < MOST_SWEEPS; k++) {
@@ -170,7 +170,7 @@ static void begin(rec_vote *v, uint64_t without)
     }
 }
 
-static void leave_out(rec_vote *v, struct rec_verdict *o, const struct ballot *b, size_t c)
+static void vote_leave_out(rec_vote *v, struct rec_verdict *o, const struct ballot *b, size_t c)
 {
     struct rec_trial *t = &v->trial[b->trial[c]];
     o->out |= bit(c);
@@ -189,35 +189,35 @@ static bool two_at_once(rec_vote *v, struct rec_verdict *o, const struct ballot 
     const uint64_t without = v->trial[0].without;
     struct rec_verdict first = *o, both;
     struct ballot one, other;
-    leave_out(v, &first, b, b->top);
+    vote_leave_out(v, &first, b, b->top);
     take_ballot(v, &one);
     if (stands_out(v, &one)) {
         both = first;
-        leave_out(v, &both, &one, one.top);
-        begin(v, without | bit(one.top));
+        vote_leave_out(v, &both, &one, one.top);
+        vote_begin(v, without | bit(one.top));
         take_ballot(v, &other);
         if (other.top == b->top && stands_out(v, &other)) {
-            leave_out(v, &both, &other, other.top);
+            vote_leave_out(v, &both, &other, other.top);
             *o = both;
             return true;
         }
     }
-    begin(v, without);
+    vote_begin(v, without);
     return false;
 }
 
 /* R of those that trial 0 has, over P. */
 static double rest_of(const rec_vote *v)
 {
-    return misfit_of(v, &v->trial[0], believed(v, v->trial[0].without)) / v->unit;
+    return misfit_of(v, &v->trial[0], vote_believed(v, v->trial[0].without)) / v->unit;
 }
 
 /* With `hold`: whether this set can go without asking every camera.  Trial 0 is without those left out. */
 static bool as_before(rec_vote *v, struct rec_verdict *o)
 {
-    uint64_t held = v->out & believed(v, o->out), rest = believed(v, v->out | o->out);
-    begin(v, v->out | o->out);
-    if (count(rest) < 3)
+    uint64_t held = v->out & vote_believed(v, o->out), rest = vote_believed(v, v->out | o->out);
+    vote_begin(v, v->out | o->out);
+    if (vote_count(rest) < 3)
         return false;
     double r = rest_of(v);
     bool fits = calm(v, &v->trial[0]);
@@ -227,7 +227,7 @@ static bool as_before(rec_vote *v, struct rec_verdict *o)
         return false;
     }
     o->state = fits ? REC_VOTE_AGREE : v->state;
-    o->misfit = (float)(r / count(rest));
+    o->misfit = (float)(r / vote_count(rest));
     return true;
 }
 
@@ -236,14 +236,14 @@ static void decide(rec_vote *v, struct rec_verdict *o)
 {
     uint64_t dazzled = o->out;
     v->agree = ~dazzled;
-    int voters = count(believed(v, 0)), most = (voters - 2) / 2;
+    int voters = vote_count(vote_believed(v, 0)), most = (voters - 2) / 2;
     if (v->hold == 0 || v->trial[0].without != dazzled)
-        begin(v, dazzled);
+        vote_begin(v, dazzled);
     for (bool first = true; !calm(v, &v->trial[0]); first = false) {
         struct ballot b;
-        uint64_t rest = believed(v, o->out);
-        if (count(o->out) >= most || count(rest) < REC_VOTE_LEAST) {
-            if (misfit_of(v, &v->trial[0], rest) > TORN * v->unit * count(rest))
+        uint64_t rest = vote_believed(v, o->out);
+        if (vote_count(o->out) >= most || vote_count(rest) < REC_VOTE_LEAST) {
+            if (misfit_of(v, &v->trial[0], rest) > TORN * v->unit * vote_count(rest))
                 o->state = REC_VOTE_TORN;
             break;
         }
@@ -254,15 +254,15 @@ static void decide(rec_vote *v, struct rec_verdict *o)
         if (first)
             o->doubt = (float)(b.cost[b.top] / limit(v, &b, b.top));
         if (stands_out(v, &b)) {
-            leave_out(v, o, &b, b.top);
+            vote_leave_out(v, o, &b, b.top);
         } else if (b.cost[b.top] <= TORN) {
             break;
-        } else if (count(o->out) + 2 > most || !two_at_once(v, o, &b)) {
+        } else if (vote_count(o->out) + 2 > most || !two_at_once(v, o, &b)) {
             o->state = REC_VOTE_TORN;
             break;
         }
     }
-    o->misfit = (float)(rest_of(v) / count(believed(v, o->out)));
+    o->misfit = (float)(rest_of(v) / vote_count(vote_believed(v, o->out)));
 }
 
 /* Cameras whose picture is one bright area, while the others' are not. */
@@ -271,7 +271,7 @@ static void find_dazzled(const rec_vote *v, struct rec_verdict *o)
     double share[REC_MAX_CAMERAS] = {0};
     for (size_t c = 0; c < v->cameras; c++)
         share[c] = v->of[c].bins > 0 ? (double)v->of[c].saturated / v->of[c].bins : 0;
-    if (median_of(v, believed(v, 0), share) > CLEAR)
+    if (vote_median_of(v, vote_believed(v, 0), share) > CLEAR)
         return;
     for (size_t c = 0; c < v->cameras; c++)
         if (v->set->present[c] && share[c] > DAZZLED) {
@@ -281,7 +281,7 @@ static void find_dazzled(const rec_vote *v, struct rec_verdict *o)
 }
 
 /* P, and whether three cameras see a flame. */
-static bool measure(rec_vote *v)
+static bool vote_measure(rec_vote *v)
 {
     double signal[REC_MAX_CAMERAS] = {0};
     uint64_t lit = 0;
@@ -290,8 +290,8 @@ static bool measure(rec_vote *v)
         if (v->set->present[c] && v->of[c].lit > 0 && signal[c] > 0)
             lit |= bit(c);
     }
-    v->unit = median_of(v, lit, signal);
-    return count(lit) >= 3 && v->unit > 0;
+    v->unit = vote_median_of(v, lit, signal);
+    return vote_count(lit) >= 3 && v->unit > 0;
 }
 
 static void mark_frozen(rec_vote *v, struct rec_verdict *o)
@@ -323,14 +323,14 @@ void rec_vote_take(rec_vote *v, struct rec_restrictor *r, const struct rec_vote_
 {
     *out = (struct rec_verdict){.state = REC_VOTE_FEW};
     v->set = set;
-    int voters = count(believed(v, 0));
+    int voters = vote_count(vote_believed(v, 0));
     bool asked = true, some = false;
     if (voters >= REC_VOTE_LEAST) {
         v->dark_allowed = voters >= 6 ? 2 : 1;
         rec_vote_light(v);
         some = rec_vote_restrict(v, r);
         rec_vote_pool(v);
-        out->state = measure(v) ? REC_VOTE_AGREE : REC_VOTE_DARK;
+        out->state = vote_measure(v) ? REC_VOTE_AGREE : REC_VOTE_DARK;
     }
     if (out->state == REC_VOTE_AGREE && some)
         asked = judge_set(v, out);

@@ -19,21 +19,21 @@ static const char doc[] =
     "flame. Not looked at: whether the rig is right, which `pyrovox calibrate "
     "check` says.";
 
-static void line(const char *term, const char *verdict)
+static void advise_line(const char *term, const char *verdict)
 {
     printf("%-12s %-10s ", term, verdict);
 }
 
-static void light(const struct flame_sets *s, const struct advice *a)
+static void advise_say_light(const struct flame_sets *s, const struct advice *a)
 {
     bool dim = a->brightest < 0.2 && a->saturated < ADVISE_SATURATED && !s->floats;
-    line("exposure", dim ? "raise" : a->saturated > 0.05 ? "lower" : "fine");
+    advise_line("exposure", dim ? "raise" : a->saturated > 0.05 ? "lower" : "fine");
     printf("the brightest pixel is at %.0f %% of full scale, noise at %.2f %%\n",
            100 * a->brightest, 100 * a->sigma);
-    line("saturated", a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
+    advise_line("saturated", a->saturated > ADVISE_SATURATED ? "at-least" : "left-out");
     printf("%.1f %% of the flame's pixels are at full scale\n", 100 * a->saturated);
     double level = a->level[a->darkest];
-    line("black", level > ADVISE_LEVEL ? "subtract" : "fine");
+    advise_line("black", level > ADVISE_LEVEL ? "subtract" : "fine");
     printf("where it is darkest %s has %.2f %% of full scale%s\n", s->rig.cameras[a->darkest].name,
            100 * level,
            level > ADVISE_LEVEL
@@ -55,7 +55,7 @@ static void bodies(const struct flame_sets *s, const struct advice *a)
         if (!(b->share > 0))
             continue;
         if (n++ == 0)
-            line("bodies", "found");
+            advise_line("bodies", "found");
         else
             printf("%-23s ", "");
         printf("%s stays dark in pixels %d..%d, %d..%d (right, down) where %.0f %% of its light is "
@@ -66,7 +66,7 @@ static void bodies(const struct flame_sets *s, const struct advice *a)
                100 * b->error[1], 100 * b->error[0]);
     }
     if (n == 0) {
-        line("bodies", "none");
+        advise_line("bodies", "none");
         printf("no camera stays dark where the others say there is flame\n");
         return;
     }
@@ -80,17 +80,17 @@ static void bodies(const struct flame_sets *s, const struct advice *a)
               "for each camera");
 }
 
-static void motion(const struct advice *a, int32_t voxels)
+static void advise_do_motion(const struct advice *a, int32_t voxels)
 {
     const struct advise_motion *m = &a->motion;
     if (!m->known) {
-        line("rate", "unknown");
+        advise_line("rate", "unknown");
         printf("no three sets of the recording follow each other\n");
-        line("temporal", "off");
+        advise_line("temporal", "off");
         printf("the same\n");
         return;
     }
-    line("rate", m->voxels > ADVISE_FAR ? "raise" : "fine");
+    advise_line("rate", m->voxels > ADVISE_FAR ? "raise" : "fine");
     printf(
         "from set to set the flame moves by %.1f voxels of %d and its pictures change by %.0f %%, "
         "by noise alone by "
@@ -100,7 +100,7 @@ static void motion(const struct advice *a, int32_t voxels)
         printf("exposures over %.0f %% of the period smear it by half a voxel\n", 50 / m->voxels);
     else
         printf("no exposure smears it\n");
-    line("temporal", m->on ? "on" : "off");
+    advise_line("temporal", m->on ? "on" : "off");
     printf("leaning on the set before betters %zu of %zu left-out pictures, which are missed by "
            "%.2f %%, "
            "without by %.2f %%, %.2f %% of it noise; %.0f ms, without %.0f ms at %d voxels\n",
@@ -112,17 +112,17 @@ static void margin(const struct flame_sets *s, const struct advice *a)
 {
     char n[16];
     snprintf(n, sizeof n, "%d", a->best_margin);
-    line("margin", n);
+    advise_line("margin", n);
     printf("left-out pictures with silhouettes grown by bins of %d pixels:", s->params.binning);
     for (int m = 0; m < ADVISE_MARGINS; m++)
         printf("%s %d: %.1f %%", m > 0 ? "," : "", m, 100 * a->margin[m]);
     printf("; no time\n");
 }
 
-static void response(const struct advice *a)
+static void advise_do_response(const struct advice *a)
 {
     const struct advise_response *r = &a->response;
-    line("response", r->on ? "bent" : "linear");
+    advise_line("response", r->on ? "bent" : "linear");
     printf("left-out pictures are missed by %.1f %% as they are", 100 * r->error[0]);
     if (r->power != 1)
         printf(", by %.1f %% to the power of %.2g", 100 * r->error[1], r->power);
@@ -148,12 +148,12 @@ static void millimetres(const struct rec_resolution *r, int noise)
 }
 
 /* Of a flame's own brightness; by which of noise and cameras it ends. */
-static void detail(const struct advice *a)
+static void advise_detail(const struct advice *a)
 {
     const struct rec_resolution *r = &a->resolution;
     bool light = false;
     if (!(r->least[0][0] > 0)) {
-        line("detail", "unknown");
+        advise_line("detail", "unknown");
         printf("without noise or flame nothing limits it\n");
         return;
     }
@@ -162,7 +162,7 @@ static void detail(const struct advice *a)
         all &= r->least[k][0] <= r->size[0] * r->voxel[k];
         light |= r->least[k][0] > 1.25 * r->least[k][1];
     }
-    line("detail", all ? "fine" : light ? "by noise" : "by rig");
+    advise_line("detail", all ? "fine" : light ? "by noise" : "by rig");
     printf("of the flame's own brightness survives noise and views from ");
     millimetres(r, 0);
     printf(" on (along x, y, z)");
@@ -176,13 +176,13 @@ static void detail(const struct advice *a)
 }
 
 /* Of colours, where pictures have them. */
-static void noise(const struct advice *a)
+static void advise_say_noise(const struct advice *a)
 {
     if (!(a->noise[0] > 0))
         return;
     double most = fmax(a->noise[0], fmax(a->noise[1], a->noise[2]));
     double least = fmin(a->noise[0], fmin(a->noise[1], a->noise[2]));
-    line("noise", most > 1.5 * least ? "by channel" : "alike");
+    advise_line("noise", most > 1.5 * least ? "by channel" : "alike");
     printf("red %.2f %%, green %.2f %%, blue %.2f %% of full scale; each channel is weighed by its "
            "own, no time\n",
            100 * a->noise[0], 100 * a->noise[1], 100 * a->noise[2]);
@@ -197,26 +197,26 @@ static enum rec_basis basis(const struct advice *a)
 static void model(const struct advice *a)
 {
     const struct rec_absorption *b = &a->absorption;
-    line("absorption", b->c > 0 ? "on" : "off");
+    advise_line("absorption", b->c > 0 ? "on" : "off");
     printf(
         "c %.3g (depth %.1f at the brightest pixel) betters %u of %u left-out pictures, which are "
         "missed by %.1f %%, without by %.1f %%, %.1f %% of it noise; no time\n",
         b->best, b->depth, b->better, b->views, 100 * b->missed[1], 100 * b->missed[0],
         100 * b->noise);
-    line("basis", rec_basis_name(basis(a)));
+    advise_line("basis", rec_basis_name(basis(a)));
     printf("left-out pictures are missed by %.1f %% (box), %.1f %% (trilinear)\n",
            100 * a->basis[REC_BOX], 100 * a->basis[REC_TRILINEAR]);
 }
 
-static void gains(const struct flame_sets *s, const struct advice *a)
+static void advise_gains(const struct flame_sets *s, const struct advice *a)
 {
     const struct advise_gain *g = &a->gain;
     if (!g->known) {
-        line("gain", "unknown");
+        advise_line("gain", "unknown");
         printf("too few sets or cameras with a flame to tell\n");
         return;
     }
-    line("gain", g->on ? "on" : "off");
+    advise_line("gain", g->on ? "on" : "off");
     if (g->gain[g->worst] == 1) {
         printf("all cameras are alike: no gains show other sets better; no time\n");
         return;
@@ -237,11 +237,11 @@ static void gains(const struct flame_sets *s, const struct advice *a)
            s->a->rig, s->a->frames);
 }
 
-static void size(const struct flame_sets *s, const struct advice *a)
+static void advise_size(const struct flame_sets *s, const struct advice *a)
 {
     char n[16];
     snprintf(n, sizeof n, "%d", a->grid[a->best_grid].voxels);
-    line("grid", n);
+    advise_line("grid", n);
     for (size_t i = 0; i < a->n_grids; i++)
         printf("%s%d: %.1f %% %.0f ms", i > 0 ? ", " : "", a->grid[i].voxels,
                100 * a->grid[i].error, a->grid[i].ms);
@@ -250,7 +250,7 @@ static void size(const struct flame_sets *s, const struct advice *a)
     if (s->rig.n_cameras < 7)
         return;
     bool more = a->half > 1.25 * a->all;
-    line("cameras", more ? "more help" : "enough");
+    advise_line("cameras", more ? "more help" : "enough");
     printf("left-out pictures are missed by %.1f %% by every second of the others, by %.1f %% by "
            "all\n",
            100 * a->half, 100 * a->all);
@@ -258,16 +258,16 @@ static void size(const struct flame_sets *s, const struct advice *a)
 
 void advise_print(const struct flame_sets *s, const struct advice *a)
 {
-    light(s, a);
-    noise(a);
+    advise_say_light(s, a);
+    advise_say_noise(a);
     bodies(s, a);
     model(a);
-    gains(s, a);
-    response(a);
-    motion(a, s->params.voxels);
+    advise_gains(s, a);
+    advise_do_response(a);
+    advise_do_motion(a, s->params.voxels);
     margin(s, a);
-    size(s, a);
-    detail(a);
+    advise_size(s, a);
+    advise_detail(a);
     printf("\nrig: %s\nbasis: %s\n", s->a->rig, rec_basis_name(basis(a)));
     if (a->best_grid + 1 == a->n_grids && a->finest > a->grid[a->best_grid].voxels)
         printf("grid: [%d]  # the finest that the pictures hold\n", a->finest);
@@ -294,7 +294,7 @@ void advise_print(const struct flame_sets *s, const struct advice *a)
         }
 }
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t advise_parse(int key, char *arg, struct argp_state *st)
 {
     struct flame_sets_args *a = st->input;
     switch (key) {
@@ -308,10 +308,10 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-static int run(int argc, char **argv)
+static int advise_run(int argc, char **argv)
 {
     static const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 1}, {0}};
-    static const struct argp argp = {.parser = parse, .children = children, .doc = doc};
+    static const struct argp argp = {.parser = advise_parse, .children = children, .doc = doc};
     struct flame_sets_args args = FLAME_SETS_INIT;
     struct flame_sets s;
     struct advice a;
@@ -340,4 +340,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_advise = {
-    "advise", "what a recording's scene needs: terms, grid, light, cameras", run};
+    "advise", "what a recording's scene needs: terms, grid, light, cameras", advise_run};

@@ -28,7 +28,7 @@ struct dark {
     float *room;    /* [bins of the largest picture] */
 };
 
-static pvx_err load(struct dark *w, size_t j, struct rec_check_set *set)
+static pvx_err bodies_load(struct dark *w, size_t j, struct rec_check_set *set)
 {
     PVX_TRY(w->from.get(w->from.ctx, (2 * j + 1) * w->from.n / (2 * w->n), set));
     rec_unseen_load(w->u, set->picture, set->floats);
@@ -36,7 +36,7 @@ static pvx_err load(struct dark *w, size_t j, struct rec_check_set *set)
 }
 
 /* Means of what every camera sees and of what the others say it should. */
-static pvx_err means(struct dark *w)
+static pvx_err bodies_means(struct dark *w)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     size_t rows = S->row0[S->n_cameras];
@@ -44,7 +44,7 @@ static pvx_err means(struct dark *w)
     memset(w->b, 0, rows * sizeof *w->b);
     memset(w->p, 0, rows * sizeof *w->p);
     for (size_t j = 0; j < w->n; j++) {
-        PVX_TRY(load(w, j, &set));
+        PVX_TRY(bodies_load(w, j, &set));
         for (size_t c = 0; c < S->n_cameras; c++) {
             const float *b = rec_unseen_b(w->u, c), *wt = rec_unseen_weight(w->u, c), *p;
             bool use[REC_MAX_CAMERAS];
@@ -67,7 +67,8 @@ static pvx_err means(struct dark *w)
 }
 
 /* Marks the part around bin i with `as`; its light. */
-static double fill(struct dark *w, size_t c, int32_t i, uint8_t from, uint8_t as, int32_t *bins)
+static double bodies_fill(struct dark *w, size_t c, int32_t i, uint8_t from, uint8_t as,
+                          int32_t *bins)
 {
     const struct rec_sysmat_block *k = &rec_unseen_matrix(w->u)->block[c];
     size_t row0 = rec_unseen_matrix(w->u)->row0[c];
@@ -89,7 +90,7 @@ static double fill(struct dark *w, size_t c, int32_t i, uint8_t from, uint8_t as
 }
 
 /* The part of camera c with most light missing: marked 2; its share of what c should see. */
-static double largest(struct dark *w, size_t c)
+static double bodies_largest(struct dark *w, size_t c)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     size_t row0 = S->row0[c], bins = S->row0[c + 1] - row0;
@@ -104,19 +105,19 @@ static double largest(struct dark *w, size_t c)
         w->part[i] = w->p[i] > (float)DUE * top && w->b[i] < (float)DARK * w->p[i];
     for (size_t i = 0; i < bins; i++)
         if (w->part[row0 + i] == 1) {
-            double light = fill(w, c, (int32_t)i, 1, 3, &n);
+            double light = bodies_fill(w, c, (int32_t)i, 1, 3, &n);
             if (n >= LEAST && light > most) {
                 most = light;
                 best = (int32_t)i;
             }
         }
     if (best >= 0)
-        (void)fill(w, c, best, 3, 2, &n);
+        (void)bodies_fill(w, c, best, 3, 2, &n);
     return all > 0 ? most / all : 0;
 }
 
 /* What the other cameras' pictures miss with the part's bins as they are (0), and without them (1). */
-static pvx_err judge(struct dark *w, size_t c, double miss[2], double *size)
+static pvx_err bodies_judge(struct dark *w, size_t c, double miss[2], double *size)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     size_t row0 = S->row0[c], bins = S->row0[c + 1] - row0;
@@ -127,7 +128,7 @@ static pvx_err judge(struct dark *w, size_t c, double miss[2], double *size)
         for (int without = 0; without < 2; without++) {
             struct rec_check_set set;
             double all;
-            PVX_TRY(load(w, j, &set));
+            PVX_TRY(bodies_load(w, j, &set));
             if (set.picture[c] == NULL)
                 continue;
             memcpy(at, set.picture, S->n_cameras * sizeof *at);
@@ -148,7 +149,7 @@ static pvx_err judge(struct dark *w, size_t c, double miss[2], double *size)
 }
 
 /* Where it is, in raw pixels. */
-static void frame(const struct dark *w, size_t c, struct advise_body *b)
+static void bodies_frame(const struct dark *w, size_t c, struct advise_body *b)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     const struct rec_sysmat_block *k = &S->block[c];
@@ -167,7 +168,7 @@ static void frame(const struct dark *w, size_t c, struct advise_body *b)
 }
 
 /* Its bins and those around them say nothing from now on: NaN, in all sets. */
-static void mask(struct dark *w, size_t c)
+static void bodies_mask(struct dark *w, size_t c)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     int32_t bw = S->block[c].bw, bh = S->block[c].bh;
@@ -185,28 +186,28 @@ static void mask(struct dark *w, size_t c)
 }
 
 /* All cameras once, found[]: so far.  *more: some were found. */
-static pvx_err look(struct dark *w, struct advise_body *found, bool *more)
+static pvx_err bodies_look(struct dark *w, struct advise_body *found, bool *more)
 {
-    PVX_TRY(means(w));
+    PVX_TRY(bodies_means(w));
     *more = false;
     for (size_t c = 0; c < w->s->rig.n_cameras; c++) {
-        struct advise_body b = {.share = largest(w, c)};
+        struct advise_body b = {.share = bodies_largest(w, c)};
         if (b.share < ADVISE_HIDDEN || b.share > MOST || found[c].share > 0)
             continue;
         double miss[2], size;
-        PVX_TRY(judge(w, c, miss, &size));
+        PVX_TRY(bodies_judge(w, c, miss, &size));
         if (!(size > 0) || miss[1] > (1 - ADVISE_HIDDEN_BUYS) * miss[0])
             continue;
         for (int k = 0; k < 2; k++)
             b.error[k] = sqrt(miss[k] / size);
-        frame(w, c, &b);
+        bodies_frame(w, c, &b);
         found[c] = b;
         *more = true;
     }
     return PVX_OK;
 }
 
-static pvx_err allocate(struct dark *w)
+static pvx_err bodies_allocate(struct dark *w)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     size_t rows = S->row0[S->n_cameras];
@@ -227,15 +228,15 @@ pvx_err advise_bodies(struct flame_sets *s, struct advise_body *found, struct pv
     w.n = s->n < SETS ? s->n : SETS;
     memset(found, 0, REC_MAX_CAMERAS * sizeof *found);
     PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &w.u, d));
-    pvx_err e = allocate(&w);
+    pvx_err e = bodies_allocate(&w);
     for (int round = 0; round < ROUNDS && more && e == PVX_OK; round++) {
         bool was[REC_MAX_CAMERAS];
         for (size_t c = 0; c < s->rig.n_cameras; c++)
             was[c] = found[c].share > 0;
-        e = look(&w, found, &more);
+        e = bodies_look(&w, found, &more);
         for (size_t c = 0; c < s->rig.n_cameras && e == PVX_OK; c++)
             if (found[c].share > 0 && !was[c])
-                mask(&w, c);
+                bodies_mask(&w, c);
     }
     rec_unseen_free(&w.u);
     free(w.b);

@@ -21,7 +21,7 @@ struct emitted {
     const float *at[REC_MAX_CAMERAS];
 };
 
-static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
+static pvx_err light_get(void *ctx, size_t i, struct rec_check_set *out)
 {
     struct emitted *m = ctx;
     PVX_TRY(m->of.get(m->of.ctx, (2 * i + 1) * m->of.n / (2 * m->n), out));
@@ -40,13 +40,13 @@ static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
     return PVX_OK;
 }
 
-static bool progress(void *ctx, double done)
+static bool light_progress(void *ctx, double done)
 {
     struct emitted *m = ctx;
     return m->of.progress(m->of.ctx, done);
 }
 
-static void judge(const struct flame_sets *s, const double *gain, struct advise_gain *g)
+static void light_judge(const struct flame_sets *s, const double *gain, struct advise_gain *g)
 {
     double sorted[REC_MAX_CAMERAS], most = 0;
     size_t n = s->rig.n_cameras;
@@ -66,8 +66,9 @@ static void judge(const struct flame_sets *s, const double *gain, struct advise_
 }
 
 /* Gains of pictures that absorb by c, over `own`, begun with those that are believed already, if any. */
-static pvx_err gains(struct flame_sets *s, double c, const double *own,
-                     const struct advise_gain *begin, struct advise_gain *g, struct pvx_diag *d)
+static pvx_err light_gains(struct flame_sets *s, double c, const double *own,
+                           const struct advise_gain *begin, struct advise_gain *g,
+                           struct pvx_diag *d)
 {
     struct emitted m = {.s = s, .of = flame_sets_source(s, "gains"), .c = c};
     struct rec_unseen_params p = s->params;
@@ -81,7 +82,8 @@ static pvx_err gains(struct flame_sets *s, double c, const double *own,
         m.room[k] = pvx_calloc(s->bins[k], sizeof(float));
         e = m.room[k] == NULL ? PVX_ENOMEM : e;
     }
-    struct rec_check_source from = {.n = m.n, .get = get, .progress = progress, .ctx = &m};
+    struct rec_check_source from = {
+        .n = m.n, .get = light_get, .progress = light_progress, .ctx = &m};
     if (e == PVX_OK)
         e = rec_gains(&s->rig, &p, s->pool, &from, gain, &r, d);
     for (size_t k = 0; k < s->rig.n_cameras; k++)
@@ -95,7 +97,7 @@ static pvx_err gains(struct flame_sets *s, double c, const double *own,
     g->error[1] = r.accepted ? r.error[1] : r.error[0];
     for (size_t k = 0; k < s->rig.n_cameras; k++)
         gain[k] /= own[k];
-    judge(s, gain, g);
+    light_judge(s, gain, g);
     if (begin->on) { /* believed: what is left of it is asked */
         g->error[0] = begin->error[0];
         g->on = fabs(log(g->gain[g->worst])) > log(1 + ADVISE_GAIN);
@@ -123,7 +125,7 @@ static bool told(const struct flame_sets *s, const struct advice *a)
 }
 
 /* From now on the cameras are as bright as that, or as they came. */
-static void use(struct flame_sets *s, const double *own, const struct advise_gain *g)
+static void light_use(struct flame_sets *s, const double *own, const struct advise_gain *g)
 {
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         for (int ch = 0; ch < 3; ch++)
@@ -148,7 +150,7 @@ static pvx_err try(struct flame_sets *s, const double *own, const struct advise_
                    struct light *best, struct least *l, struct pvx_diag *d)
 {
     struct light now = {.gain = *g};
-    use(s, own, g);
+    light_use(s, own, g);
     PVX_TRY(absorption(s, &now.absorption, d));
     const double *missed = now.absorption.missed;
     if (missed[1] < l->with)
@@ -175,7 +177,7 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         own[c] = (double)s->rig.cameras[c].gain[0];
     PVX_TRY(try(s, own, &none, &best, &l, d));
-    PVX_TRY(gains(s, 0, own, &none, &thin, d));
+    PVX_TRY(light_gains(s, 0, own, &none, &thin, d));
     if (thin.on)
         PVX_TRY(try(s, own, &thin, &best, &l, d));
     for (int round = 0; round < ROUNDS; round++) {
@@ -185,7 +187,7 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
                 break;
             c = -expm1(-GUESS) / best.absorption.brightest; /* gains may have taken it all */
         }
-        PVX_TRY(gains(s, c, own, &best.gain, &deep, d));
+        PVX_TRY(light_gains(s, c, own, &best.gain, &deep, d));
         if (!deep.on && !best.gain.on) {
             best.gain = deep; /* what it measured */
             break;
@@ -208,6 +210,6 @@ pvx_err advise_light(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     b->missed[1] = sqrt(is);
     a->absorption = *b;
     a->gain = b->c > 0 ? best.gain : thin;
-    use(s, own, &a->gain);
+    light_use(s, own, &a->gain);
     return PVX_OK;
 }

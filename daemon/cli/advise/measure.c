@@ -30,7 +30,7 @@ static double dark_level(const rec_unseen *u, size_t c, float *room)
     return (double)room[n / 4] + 0.67 * rec_unseen_sigma(u);
 }
 
-static void look(const rec_unseen *u, struct advice *a, double count[3], float *room)
+static void measure_look(const rec_unseen *u, struct advice *a, double count[3], float *room)
 {
     const rec_sysmat *S = rec_unseen_matrix(u);
     for (size_t c = 0; c < S->n_cameras; c++) {
@@ -50,7 +50,7 @@ static void look(const rec_unseen *u, struct advice *a, double count[3], float *
 }
 
 /* Levels, noise, what is saturated. */
-static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
+static pvx_err measure_pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
 {
     struct rec_check_source from = flame_sets_source(s, "pictures");
     double count[3] = {0};
@@ -61,7 +61,7 @@ static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
         e = from.get(from.ctx, i, &set);
         if (e == PVX_OK) {
             rec_unseen_load(u, set.picture, set.floats);
-            look(u, a, count, room);
+            measure_look(u, a, count, room);
             a->sigma += rec_unseen_sigma(u) / (double)from.n;
         }
         if (e == PVX_OK && !from.progress(from.ctx, (double)(i + 1) / (double)from.n))
@@ -78,7 +78,7 @@ static pvx_err pictures(rec_unseen *u, struct flame_sets *s, struct advice *a)
 }
 
 /* What follows sees the pictures as they are once black is subtracted. */
-static void subtract(struct flame_sets *s, const struct advice *a)
+static void measure_subtract(struct flame_sets *s, const struct advice *a)
 {
     float top = s->floats ? INFINITY : REC_PHOTO_FULL;
     for (size_t i = 0; i < s->n; i++)
@@ -113,7 +113,7 @@ static pvx_err with(struct flame_sets *s, const struct advice *a, const struct r
 }
 
 /* The grids by the rig's basis, then the other basis on that of the check. */
-static pvx_err grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+static pvx_err measure_grids(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     enum rec_basis own = s->rig.grid.basis, other = own == REC_BOX ? REC_TRILINEAR : REC_BOX;
     struct outcome o = {0};
@@ -147,11 +147,11 @@ pvx_err advise_terms(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
     float came[REC_MAX_CAMERAS][3];
     *a = (struct advice){0};
     PVX_TRY(rec_unseen_new(&s->rig, &s->params, s->pool, &u, d));
-    pvx_err e = pictures(u, s, a);
+    pvx_err e = measure_pictures(u, s, a);
     if (e == PVX_OK && a->level[a->darkest] > ADVISE_LEVEL) { /* what follows sees them without */
         struct advice without = {0};
-        subtract(s, a);
-        e = pictures(u, s, &without);
+        measure_subtract(s, a);
+        e = measure_pictures(u, s, &without);
         a->lit = without.lit;
         a->saturated = without.saturated;
     }
@@ -209,7 +209,7 @@ static pvx_err configured(const struct flame_sets *s, struct advice *a, struct p
 }
 
 /* Whether every second camera would do. */
-static pvx_err cameras(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
+static pvx_err measure_cameras(struct flame_sets *s, struct advice *a, struct pvx_diag *d)
 {
     struct rec_unseen_params p = s->params;
     struct outcome o = {.error = a->all};
@@ -226,8 +226,8 @@ pvx_err advise_measure(struct flame_sets *s, struct advice *a, struct pvx_diag *
     PVX_TRY(advise_terms(s, a, d));
     PVX_TRY(advise_motion(s, a, d));
     PVX_TRY(margins(s, a, d));
-    PVX_TRY(grids(s, a, d));
-    PVX_TRY(cameras(s, a, d));
+    PVX_TRY(measure_grids(s, a, d));
+    PVX_TRY(measure_cameras(s, a, d));
     PVX_TRY(configured(s, a, d));
     if (rec_rig_finest(&s->rig, s->params.binning, n) == PVX_OK)
         for (int k = 0; k < 3; k++)

@@ -48,7 +48,7 @@ static size_t run_of(const struct flame_sets *s, size_t *first)
     return longest < RUN ? longest : RUN;
 }
 
-static pvx_err load(struct motion *w, size_t i)
+static pvx_err motion_load(struct motion *w, size_t i)
 {
     struct rec_check_set set;
     PVX_TRY(w->from.get(w->from.ctx, i, &set));
@@ -59,7 +59,7 @@ static pvx_err load(struct motion *w, size_t i)
 }
 
 /* Squares of the pictures' change from set to set, of their light, and what noise makes of the former. */
-static pvx_err change(struct motion *w)
+static pvx_err motion_change(struct motion *w)
 {
     const rec_sysmat *S = rec_unseen_matrix(w->u);
     size_t rows = S->row0[S->n_cameras];
@@ -67,7 +67,7 @@ static pvx_err change(struct motion *w)
     double off = 0, light = 0, noise = 0;
     pvx_err e = last == NULL ? PVX_ENOMEM : PVX_OK;
     for (size_t j = 0; j < w->m->sets && e == PVX_OK; j++) {
-        e = load(w, w->first + j);
+        e = motion_load(w, w->first + j);
         double sigma = rec_unseen_sigma(w->u);
         for (size_t c = 0; c < S->n_cameras && e == PVX_OK; c++) {
             const float *b = rec_unseen_b(w->u, c), *wt = rec_unseen_weight(w->u, c);
@@ -117,7 +117,7 @@ static void follow(struct motion *w, bool begun)
 }
 
 /* Camera k left out of the whole run. */
-static pvx_err leave_out(struct motion *w, size_t k, int leaning, bool track)
+static pvx_err motion_leave_out(struct motion *w, size_t k, int leaning, bool track)
 {
     bool use[REC_MAX_CAMERAS];
     for (size_t c = 0; c < w->s->rig.n_cameras; c++)
@@ -126,7 +126,7 @@ static pvx_err leave_out(struct motion *w, size_t k, int leaning, bool track)
     for (size_t j = 0; j < w->m->sets; j++) {
         int32_t n;
         double all;
-        PVX_TRY(load(w, w->first + j));
+        PVX_TRY(motion_load(w, w->first + j));
         if (!rec_unseen_present(w->u, k))
             return PVX_OK;
         int64_t t0 = pvx_now_mono();
@@ -164,7 +164,7 @@ static pvx_err details(struct motion *w, struct rec_resolution *out)
     for (size_t c = 0; c < w->s->rig.n_cameras; c++)
         all[c] = true;
     rec_unseen_forget(w->u);
-    PVX_TRY(load(w, w->first));
+    PVX_TRY(motion_load(w, w->first));
     PVX_TRY(rec_unseen_solve(w->u, all, &n));
     rec_unseen_volume(w->u, &v);
     for (int32_t q = 0; q < v.n; q++) {
@@ -180,7 +180,7 @@ static pvx_err details(struct motion *w, struct rec_resolution *out)
     return rec_resolution_find(a, im, w->m->sigma * e / e2, out);
 }
 
-static pvx_err measure(struct motion *w, struct advice *a, int leaning, struct pvx_diag *d)
+static pvx_err motion_measure(struct motion *w, struct advice *a, int leaning, struct pvx_diag *d)
 {
     struct rec_unseen_params p = w->s->params;
     size_t n = w->s->rig.n_cameras;
@@ -195,12 +195,12 @@ static pvx_err measure(struct motion *w, struct advice *a, int leaning, struct p
                 ? PVX_ENOMEM
                 : rec_flow_new(&rec_unseen_matrix(w->u)->grid, &w->flow);
         if (e == PVX_OK)
-            e = change(w);
+            e = motion_change(w);
         if (e == PVX_OK)
             e = details(w, &a->resolution);
     }
     for (size_t k = 0; k < CAMERAS && w->m->sets >= LEAST && e == PVX_OK; k++)
-        e = leave_out(w, k * n / CAMERAS, leaning, !leaning && k == 0);
+        e = motion_leave_out(w, k * n / CAMERAS, leaning, !leaning && k == 0);
     rec_unseen_free(&w->u);
     return e;
 }
@@ -214,7 +214,7 @@ pvx_err advise_motion(struct flame_sets *s, struct advice *a, struct pvx_diag *d
     m->known = m->sets >= LEAST;
     pvx_err e = PVX_OK;
     for (int leaning = 0; leaning < (m->known ? 2 : 1) && e == PVX_OK; leaning++)
-        e = measure(&w, a, leaning, d);
+        e = motion_measure(&w, a, leaning, d);
     rec_flow_free(&w.flow);
     free(w.index);
     free(w.value);

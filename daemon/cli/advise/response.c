@@ -44,7 +44,7 @@ static double bent(double v, double power)
 }
 
 /* Set i as light; full scale says nothing. */
-static pvx_err load(struct curve *w, size_t i, const struct tried *t)
+static pvx_err response_load(struct curve *w, size_t i, const struct tried *t)
 {
     const float *at[REC_MAX_CAMERAS];
     struct rec_check_set set;
@@ -87,13 +87,13 @@ static double missed(struct curve *w, size_t k, struct tried *t)
     return sum;
 }
 
-static pvx_err measure(struct curve *w, struct tried *t)
+static pvx_err response_measure(struct curve *w, struct tried *t)
 {
     size_t n = w->s->rig.n_cameras, sets = w->s->n < SETS ? w->s->n : SETS;
     bool sees[REC_MAX_CAMERAS], use[REC_MAX_CAMERAS];
     w->views = 0;
     for (size_t j = 0; j < sets; j++) {
-        PVX_TRY(load(w, (2 * j + 1) * w->from.n / (2 * sets), t));
+        PVX_TRY(response_load(w, (2 * j + 1) * w->from.n / (2 * sets), t));
         (void)rec_holdout_who(w->u, sees);
         for (size_t m = 0; m < VIEWS / SETS; m++) {
             size_t k = (j + m * n / (VIEWS / SETS)) % n;
@@ -113,7 +113,7 @@ static pvx_err measure(struct curve *w, struct tried *t)
 }
 
 /* The pictures that it misses, all together, over those of the first. */
-static double total(const struct curve *w, const struct tried *t)
+static double response_total(const struct curve *w, const struct tried *t)
 {
     double sum = 0;
     for (uint32_t v = 0; v < w->views; v++)
@@ -121,16 +121,17 @@ static double total(const struct curve *w, const struct tried *t)
     return t->all > 0 ? sum * w->tried->all / t->all : INFINITY;
 }
 
-static void judge(const struct curve *w, double least, struct advise_response *r)
+static void response_judge(const struct curve *w, double least, struct advise_response *r)
 {
     const struct tried *as_is = w->tried, *best;
     uint32_t better = 0;
     for (size_t k = 1; k < w->as_came; k++)
-        as_is = total(w, &w->tried[k]) < total(w, as_is) ? &w->tried[k] : as_is;
+        as_is = response_total(w, &w->tried[k]) < response_total(w, as_is) ? &w->tried[k] : as_is;
     best = as_is;
     for (size_t k = w->as_came; k < w->n; k++)
-        best = total(w, &w->tried[k]) < total(w, best) ? &w->tried[k] : best;
-    double scale = as_is->all / best->all, was = total(w, as_is), is = total(w, best);
+        best = response_total(w, &w->tried[k]) < response_total(w, best) ? &w->tried[k] : best;
+    double scale = as_is->all / best->all, was = response_total(w, as_is),
+           is = response_total(w, best);
     for (uint32_t v = 0; v < w->views; v++)
         better += scale * best->miss[v] < as_is->miss[v];
     r->power = best->power;
@@ -175,11 +176,11 @@ pvx_err advise_response(struct flame_sets *s, struct advice *a, struct pvx_diag 
     if (e == PVX_OK)
         e = rec_unseen_new(&s->rig, &s->params, s->pool, &w.u, d);
     for (size_t k = 0; k < w.n && e == PVX_OK; k++)
-        e = measure(&w, &w.tried[k]);
+        e = response_measure(&w, &w.tried[k]);
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         memcpy(s->rig.cameras[c].gain, found[c], sizeof found[c]);
     if (e == PVX_OK && w.tried->all > 0)
-        judge(&w, ADVISE_BENT, &a->response);
+        response_judge(&w, ADVISE_BENT, &a->response);
     rec_unseen_free(&w.u);
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         free(w.room[c]);

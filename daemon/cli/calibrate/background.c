@@ -33,7 +33,7 @@ struct args {
     const char *control, *key;
 };
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t background_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -75,7 +75,7 @@ static pvx_err await(const struct args *a, double number, struct pvx_diag *d)
     }
 }
 
-static int live(const struct args *a)
+static int background_live(const struct args *a)
 {
     char request[80];
     struct pvx_diag d = {""};
@@ -123,7 +123,7 @@ static void colours_at(const struct rec_light_picture *p, int32_t x, int32_t y, 
         out[c] = count[c] > 0 ? (float)(sum[c] / count[c]) : 0;
 }
 
-static pvx_err write_one(const struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err background_write_one(const struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     const struct rec_light_picture *p = &calibrate_light_stack(l, 0, c)->picture;
     size_t n = (size_t)p->width * (size_t)p->height, ch = p->cell != NULL ? 3 : (size_t)p->channels;
@@ -142,7 +142,7 @@ static pvx_err write_one(const struct calibrate_light *l, size_t c, struct pvx_d
     return e;
 }
 
-static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err background_step(struct calibrate_light *l, struct pvx_diag *d)
 {
     if (l->a->n != 1)
         return pvx_fail(d, PVX_EINVAL, "a background is of one scene: give one --frames");
@@ -163,7 +163,7 @@ static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
     }
     PVX_TRY(pvx_mkdirs(l->a->out, d));
     for (size_t c = 0; c < l->rig.n_cameras; c++)
-        PVX_TRY(write_one(l, c, d));
+        PVX_TRY(background_write_one(l, c, d));
     fprintf(stderr, "%s: backgrounds of %zu cameras\n", l->a->out, l->rig.n_cameras);
     return PVX_OK;
 }
@@ -180,9 +180,10 @@ int calibrate_background(int argc, char **argv)
         {0}};
     const struct argp_child children[] = {{&calibrate_light_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {
-        .options = options, .parser = parse, .doc = doc, .children = children};
+        .options = options, .parser = background_parse, .doc = doc, .children = children};
     struct args a = {.sets = 64, .control = dmn_client_endpoint(DMN_CONTROL)};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
-    return a.live ? live(&a) : calibrate_light_run(&a.light, DMN_LIGHT_ALL, step);
+    return a.live ? background_live(&a)
+                  : calibrate_light_run(&a.light, DMN_LIGHT_ALL, background_step);
 }

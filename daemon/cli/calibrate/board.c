@@ -53,7 +53,7 @@ static const char doc[] =
     "  pyrovox calibrate board charuco:6x8:0.03:0.022 --two-sided --page A4 --out board.pdf\n"
     "  pyrovox calibrate board chessboard:9x6:25mm --out board.svg";
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t board_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -112,7 +112,7 @@ int calibrate_board(int argc, char **argv)
 {
     struct args a = {.page = "auto"};
     const struct argp argp = {
-        .options = options, .parser = parse_opt, .args_doc = "SPEC", .doc = doc};
+        .options = options, .parser = board_parse_opt, .args_doc = "SPEC", .doc = doc};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     struct pvx_diag d = {""};

@@ -23,7 +23,7 @@ static const struct {
     {"background", "what cameras see without a flame, from pictures or live", calibrate_background},
 };
 
-static void help(FILE *f)
+static void calibrate_help(FILE *f)
 {
     fputs("Usage: pyrovox calibrate STEP [ARGUMENTS]\n"
           "From cameras on tripods to a rig.yaml.\n\nSteps:\n",
@@ -33,7 +33,7 @@ static void help(FILE *f)
     fputs("\n`pyrovox calibrate STEP --help` explains one.\n", f);
 }
 
-static int run(int argc, char **argv)
+static int calibrate_run(int argc, char **argv)
 {
     static char name[80]; /* outlives this call: argp keeps pointers to argv[0] */
     bool asked = argc > 1 && (strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0 ||
@@ -46,8 +46,9 @@ static int run(int argc, char **argv)
         }
     if (argc > 1 && !asked)
         fprintf(stderr, "pyrovox calibrate: no step '%s'\n", argv[1]);
-    help(asked ? stdout : stderr);
+    calibrate_help(asked ? stdout : stderr);
     return asked ? 0 : 2;
 }
 
-const struct cli_command cmd_calibrate = {"calibrate", "from a printed board to rig.yaml", run};
+const struct cli_command cmd_calibrate = {"calibrate", "from a printed board to rig.yaml",
+                                          calibrate_run};

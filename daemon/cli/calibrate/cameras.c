@@ -7,7 +7,7 @@
 
 #include "base/mem.h"
 
-static int by_name(const void *a, const void *b)
+static int cameras_by_name(const void *a, const void *b)
 {
     return strcmp(((const struct rec_camera *)a)->name, ((const struct rec_camera *)b)->name);
 }
@@ -45,11 +45,12 @@ static pvx_err named(const struct dmn_config *c, const struct rec_rig *old, stru
         k->width = was >= 0 ? old->cameras[was].width : 0;
         k->height = was >= 0 ? old->cameras[was].height : 0;
     }
-    qsort(rig->cameras, rig->n_cameras, sizeof *rig->cameras, by_name);
+    qsort(rig->cameras, rig->n_cameras, sizeof *rig->cameras, cameras_by_name);
     return PVX_OK;
 }
 
-static pvx_err find(struct dmn_config *c, struct calibrate_cameras *s, struct pvx_diag *d)
+static pvx_err calibrate_cameras_find(struct dmn_config *c, struct calibrate_cameras *s,
+                                      struct pvx_diag *d)
 {
     struct rec_rig old;
     bool each = c->cameras.n > 0 && c->cameras.item[0].key[0] != '\0';
@@ -85,7 +86,7 @@ pvx_err calibrate_cameras_init(struct calibrate_cameras *s, const char *config, 
         return PVX_ENOMEM;
     pvx_err e = dmn_config_load(config, c, d);
     if (e == PVX_OK)
-        e = find(c, s, d);
+        e = calibrate_cameras_find(c, s, d);
     c->min_cameras = c->min_views = 1; /* every picture counts */
     if (e == PVX_OK)
         e = dmn_sources_init(&s->sources, c, &s->rig, NULL, d);

@@ -37,7 +37,7 @@ static const char doc[] =
     "A camera that moved: `pyrovox calibrate refine` corrects it by the flame, `pyrovox calibrate "
     "live --keep rig.yaml --recover CAMERA` by a board.";
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t check_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -57,7 +57,8 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     }
 }
 
-static pvx_err run(const struct args *a, struct flame_sets *s, bool *wrong, struct pvx_diag *d)
+static pvx_err check_run(const struct args *a, struct flame_sets *s, bool *wrong,
+                         struct pvx_diag *d)
 {
     static struct rec_check_verdict verdict; /* large */
     struct check_result r = {a->sets.rig, a->sets.frames, s, NULL, &verdict};
@@ -83,14 +84,14 @@ int calibrate_check(int argc, char **argv)
     struct args a = {.sets = FLAME_SETS_INIT};
     const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {
-        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+        .options = options, .parser = check_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     struct pvx_diag d = {""};
     struct flame_sets s = {0};
     bool wrong = false;
     cli_catch_stop();
-    pvx_err e = run(&a, &s, &wrong, &d);
+    pvx_err e = check_run(&a, &s, &wrong, &d);
     flame_sets_fini(&s);
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped\n");

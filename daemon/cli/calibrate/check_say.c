@@ -8,7 +8,7 @@
 
 #define DEGREES 57.29577951308232
 
-static bool ends_in(const char *path, const char *ext)
+static bool check_say_ends_in(const char *path, const char *ext)
 {
     size_t n = strlen(path), m = strlen(ext);
     return n > m && strcmp(path + n - m, ext) == 0;
@@ -60,7 +60,7 @@ void check_print(const struct check_result *r)
 
 /* ---- JSON ---- */
 
-static void put_camera(struct dmn_json *j, const struct check_result *r, size_t c)
+static void check_say_put_camera(struct dmn_json *j, const struct check_result *r, size_t c)
 {
     const struct rec_check_figures *f = &r->verdict->figures;
     const struct rec_check_camera *o = &f->camera[c];
@@ -75,7 +75,7 @@ static void put_camera(struct dmn_json *j, const struct check_result *r, size_t 
     dmn_json_close(j, '}');
 }
 
-static void fill(struct dmn_json *j, const void *ctx)
+static void check_say_fill(struct dmn_json *j, const void *ctx)
 {
     const struct check_result *r = ctx;
     char text[CHECK_SENTENCE];
@@ -91,7 +91,7 @@ static void fill(struct dmn_json *j, const void *ctx)
     dmn_json_num(j, "flame_moves", r->verdict->figures.moves);
     dmn_json_open(j, "cameras", '[');
     for (size_t c = 0; c < r->sets->rig.n_cameras; c++)
-        put_camera(j, r, c);
+        check_say_put_camera(j, r, c);
     dmn_json_close(j, ']');
     dmn_json_close(j, '}');
 }
@@ -103,7 +103,8 @@ pvx_err check_write(const struct check_result *r, const char *path, struct pvx_d
     FILE *f = open_memstream(&text, &len);
     if (f == NULL)
         return pvx_fail(d, PVX_ENOMEM, "%s: no memory", path);
-    pvx_err e = ends_in(path, ".json") ? dmn_json_print(f, fill, r, d) : check_html(f, r);
+    pvx_err e = check_say_ends_in(path, ".json") ? dmn_json_print(f, check_say_fill, r, d)
+                                                 : check_html(f, r);
     if (fclose(f) != 0 && e == PVX_OK)
         e = pvx_fail(d, PVX_ENOMEM, "%s: no memory", path);
     if (e == PVX_OK)

@@ -39,8 +39,8 @@ static bool listed(const struct calibrate_names *o, const char *name)
 }
 
 /* Names that were asked for: pictures of them are there, and the old rig has them or has not. */
-static pvx_err known(const struct calibrate_look *l, const struct rec_rig *old,
-                     const struct calibrate_names *o, bool add, struct pvx_diag *d)
+static pvx_err choose_known(const struct calibrate_look *l, const struct rec_rig *old,
+                            const struct calibrate_names *o, bool add, struct pvx_diag *d)
 {
     for (size_t i = 0; i < o->n; i++) {
         const char *name = o->name[i], *option = add ? "--add" : "--recover";
@@ -61,8 +61,8 @@ pvx_err calibrate_hold(struct calibrate_look *l, const struct rec_rig *old,
                        struct pvx_diag *d)
 {
     size_t stay = 0;
-    PVX_TRY(known(l, old, add, true, d));
-    PVX_TRY(known(l, old, recover, false, d));
+    PVX_TRY(choose_known(l, old, add, true, d));
+    PVX_TRY(choose_known(l, old, recover, false, d));
     for (size_t c = 0; c < l->n_cameras; c++) {
         struct rec_calib_camera *k = &l->camera[c];
         bool is_new = listed(add, k->name);

@@ -56,7 +56,7 @@ static pvx_err patches(const struct calibrate_light *l, size_t c, double *out, s
     return PVX_OK;
 }
 
-static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err colour_step(struct calibrate_light *l, struct pvx_diag *d)
 {
     double to[3 * CALIBRATE_GROUPS], from[3 * CALIBRATE_GROUPS], residual;
     size_t at;
@@ -79,7 +79,7 @@ static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
     return calibrate_light_save(l, d);
 }
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t colour_parse(int key, char *arg, struct argp_state *st)
 {
     struct colour_args *a = st->input;
     if (key == ARGP_KEY_INIT)
@@ -98,11 +98,11 @@ int calibrate_colour(int argc, char **argv)
         {0}};
     const struct argp_child children[] = {{&calibrate_light_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {
-        .options = options, .parser = parse, .doc = doc, .children = children};
+        .options = options, .parser = colour_parse, .doc = doc, .children = children};
     struct colour_args a = {0};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     to_camera = a.to;
     return calibrate_light_run(&a.light, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK | DMN_LIGHT_FLAT,
-                               step);
+                               colour_step);
 }

@@ -15,7 +15,7 @@ static const char doc[] =
     "exposure, gain and temperature (5 degrees): takes of others are refused. Every camera of the "
     "rig that has pictures gets one.";
 
-static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err dark_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
     struct rec_photometry *p = &k->photometry;
@@ -47,7 +47,7 @@ static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err dark_step(struct calibrate_light *l, struct pvx_diag *d)
 {
     bool any = false;
     if (l->a->n != 1)
@@ -56,7 +56,7 @@ static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
             "a rig has darks of one exposure: give one --frames, and a rig for each exposure");
     for (size_t c = 0; c < l->rig.n_cameras; c++)
         if (calibrate_light_stack(l, 0, c)->picture.n > 0) {
-            PVX_TRY(one(l, c, d));
+            PVX_TRY(dark_one(l, c, d));
             any = true;
         }
     if (!any)
@@ -69,5 +69,5 @@ int calibrate_dark(int argc, char **argv)
     struct calibrate_light_args a;
     if (calibrate_light_parse(&a, doc, argc, argv) != 0)
         return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE, step);
+    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE, dark_step);
 }

@@ -20,8 +20,8 @@ size_t calibrate_camera(const struct calibrate_look *l, const char *name, size_t
 }
 
 /* One more camera; what stands for it in messages is `where`. */
-static pvx_err add_camera(struct calibrate_look *l, const char *where, const char *what,
-                          const char *name, struct pvx_diag *d)
+static pvx_err find_add_camera(struct calibrate_look *l, const char *where, const char *what,
+                               const char *name, struct pvx_diag *d)
 {
     if (!rec_rig_name_ok(name))
         return pvx_fail(
@@ -37,8 +37,8 @@ static pvx_err add_camera(struct calibrate_look *l, const char *where, const cha
     return PVX_OK;
 }
 
-static pvx_err add_folder(struct calibrate_look *l, const char *dir, const char *path,
-                          const char *name, struct pvx_diag *d)
+static pvx_err find_add_folder(struct calibrate_look *l, const char *dir, const char *path,
+                               const char *name, struct pvx_diag *d)
 {
     struct cap_sequence s;
     pvx_err e = cap_sequence_find(path, &s, d);
@@ -48,7 +48,7 @@ static pvx_err add_folder(struct calibrate_look *l, const char *dir, const char 
         return e == PVX_ENOENT ? PVX_OK : e;
     uint32_t c = (uint32_t)l->n_cameras;
     struct calibrate_picture *more = NULL;
-    e = add_camera(l, dir, "a folder with pictures in it", name, d);
+    e = find_add_camera(l, dir, "a folder with pictures in it", name, d);
     if (e == PVX_OK && s.item[s.n - 1].number >= REC_NO_FRAME)
         e = pvx_fail(d, PVX_ERANGE, "%s: its number is too large", s.item[s.n - 1].path);
     if (e == PVX_OK && (more = realloc(l->picture, (l->n + s.n) * sizeof *more)) == NULL)
@@ -74,7 +74,7 @@ static pvx_err add_video(struct calibrate_look *l, const char *dir, const char *
     char camera[256];
     size_t c = l->n_cameras;
     snprintf(camera, sizeof camera, "%.*s", (int)(strrchr(name, '.') - name), name);
-    PVX_TRY(add_camera(l, dir, "a video", camera, d));
+    PVX_TRY(find_add_camera(l, dir, "a video", camera, d));
     l->source = CALIBRATE_VIDEOS;
     return (l->video[c] = strdup(path)) != NULL ? PVX_OK : PVX_ENOMEM;
 }
@@ -89,7 +89,7 @@ static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *
     if (stat(path, &st) != 0)
         return PVX_OK;
     if (S_ISDIR(st.st_mode))
-        PVX_TRY(add_folder(l, dir, path, name, d));
+        PVX_TRY(find_add_folder(l, dir, path, name, d));
     else if (cap_is_video(name))
         PVX_TRY(add_video(l, dir, path, name, d));
     if (l->n > 0 && l->source == CALIBRATE_VIDEOS)
@@ -100,7 +100,7 @@ static pvx_err add_entry(struct calibrate_look *l, const char *dir, const char *
     return PVX_OK;
 }
 
-static int by_name(const void *a, const void *b)
+static int find_by_name(const void *a, const void *b)
 {
     return strcmp(*(const char *const *)a, *(const char *const *)b);
 }
@@ -124,9 +124,9 @@ static pvx_err find_take(struct calibrate_look *l, const char *path, struct pvx_
             snprintf(l->said, sizeof l->said, "; %s is in it without a frame",
                      rec_rig_name_ok(info->head.camera[c].name) ? info->head.camera[c].name
                                                                 : "a camera");
-    qsort(name, n, sizeof *name, by_name);
+    qsort(name, n, sizeof *name, find_by_name);
     for (size_t c = 0; c < n; c++) {
-        PVX_TRY(add_camera(l, path, "a camera", name[c], d));
+        PVX_TRY(find_add_camera(l, path, "a camera", name[c], d));
         l->take_camera[c] = cap_take_find(l->take, name[c]);
     }
     return (l->video[0] = strdup(path)) != NULL ? PVX_OK : PVX_ENOMEM;

@@ -54,7 +54,7 @@ static pvx_err who(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err flat_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
     struct rec_light_picture p[CALIBRATE_GROUPS];
@@ -80,10 +80,10 @@ static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err flat_step(struct calibrate_light *l, struct pvx_diag *d)
 {
     for (size_t c = 0; c < l->rig.n_cameras; c++)
-        PVX_TRY(one(l, c, d));
+        PVX_TRY(flat_one(l, c, d));
     return calibrate_light_save(l, d);
 }
 
@@ -92,5 +92,5 @@ int calibrate_flat(int argc, char **argv)
     struct calibrate_light_args a;
     if (calibrate_light_parse(&a, doc, argc, argv) != 0)
         return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, step);
+    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, flat_step);
 }

@@ -31,8 +31,8 @@ struct gain_args {
 static struct gain_args args; /* this program runs one step */
 
 /* Light of camera c in each colour; 0: it has no pictures. */
-static pvx_err light_of(const struct calibrate_light *l, size_t c, size_t g, double out[3],
-                        struct pvx_diag *d)
+static pvx_err gain_light_of(const struct calibrate_light *l, size_t c, size_t g, double out[3],
+                             struct pvx_diag *d)
 {
     const struct rec_light_picture *p = &calibrate_light_stack(l, g, c)->picture;
     const struct rec_camera *k = &l->rig.cameras[c];
@@ -61,7 +61,7 @@ static pvx_err by_source(struct calibrate_light *l, struct pvx_diag *d)
     for (size_t g = 0; g < l->a->n; g++)
         for (size_t c = 0; c < n; c++) {
             double v[3];
-            PVX_TRY(light_of(l, c, g, v, d));
+            PVX_TRY(gain_light_of(l, c, g, v, d));
             for (int a = 0; a < 3; a++)
                 sum[a][c] += v[a];
         }

@@ -11,8 +11,8 @@
 /* ---- integrated emission ---- */
 
 /* The flame's middle in group g, by cameras that see all of it where there are two. */
-static pvx_err middle(const struct calibrate_light *l, const struct calibrate_gain *q, size_t g,
-                      double at[3], struct pvx_diag *d)
+static pvx_err gain_flame_middle(const struct calibrate_light *l, const struct calibrate_gain *q,
+                                 size_t g, double at[3], struct pvx_diag *d)
 {
     const struct rec_light_picture *p[REC_MAX_CAMERAS];
     struct rec_camera cam[REC_MAX_CAMERAS];
@@ -51,15 +51,15 @@ static pvx_err add_light(const struct calibrate_light *l, struct calibrate_gain 
     return PVX_OK;
 }
 
-static pvx_err integrate(const struct calibrate_light *l, struct calibrate_gain *q,
-                         struct pvx_diag *d)
+static pvx_err gain_flame_integrate(const struct calibrate_light *l, struct calibrate_gain *q,
+                                    struct pvx_diag *d)
 {
     size_t n = l->rig.n_cameras;
     for (int pass = 0; pass < 2; pass++) { /* the first one finds out who sees all of it */
         memset(q->light, 0, sizeof q->light);
         for (size_t g = 0; g < l->a->n; g++) {
             double at[3];
-            PVX_TRY(middle(l, q, g, at, d));
+            PVX_TRY(gain_flame_middle(l, q, g, at, d));
             PVX_TRY(add_light(l, q, g, at, d));
         }
     }
@@ -82,7 +82,7 @@ struct reel {
     size_t n;
 };
 
-static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
+static pvx_err gain_flame_get(void *ctx, size_t i, struct rec_check_set *out)
 {
     struct reel *r = ctx;
     size_t g = 0;
@@ -91,16 +91,17 @@ static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
     return r->from[g].get(r->from[g].ctx, i, out);
 }
 
-static bool progress(void *ctx, double done)
+static bool gain_flame_progress(void *ctx, double done)
 {
     struct reel *r = ctx;
     return r->from[0].progress(r->from[0].ctx, done);
 }
 
-static pvx_err load(const struct calibrate_light *l, const struct calibrate_gain *q, struct reel *r,
-                    struct rec_check_source *out, struct pvx_diag *d)
+static pvx_err gain_flame_load(const struct calibrate_light *l, const struct calibrate_gain *q,
+                               struct reel *r, struct rec_check_source *out, struct pvx_diag *d)
 {
-    *out = (struct rec_check_source){.get = get, .progress = progress, .ctx = r};
+    *out =
+        (struct rec_check_source){.get = gain_flame_get, .progress = gain_flame_progress, .ctx = r};
     for (; r->n < l->a->n; out->n += r->from[r->n++].n) {
         struct flame_sets_args *a = &r->args[r->n];
         struct flame_sets *s = &r->sets[r->n];
@@ -130,7 +131,7 @@ static pvx_err alternate(const struct calibrate_light *l, struct calibrate_gain 
 {
     static struct reel r; /* this program runs one step */
     struct rec_check_source from;
-    pvx_err e = load(l, q, &r, &from, d);
+    pvx_err e = gain_flame_load(l, q, &r, &from, d);
     q->nch = e == PVX_OK ? r.sets[0].nch : 1;
     memcpy(q->gain, q->integrated, sizeof q->gain);
     for (int a = 0; a < q->nch && e == PVX_OK; a++) {
@@ -157,7 +158,7 @@ static pvx_err alternate(const struct calibrate_light *l, struct calibrate_gain 
 
 /* ---- what is said ---- */
 
-static void fill(struct dmn_json *j, const void *what)
+static void gain_flame_fill(struct dmn_json *j, const void *what)
 {
     const struct calibrate_light *l = ((const void *const *)what)[0];
     const struct calibrate_gain *q = ((const void *const *)what)[1];
@@ -205,7 +206,7 @@ static void fill(struct dmn_json *j, const void *what)
     dmn_json_close(j, '}');
 }
 
-static void say(const struct calibrate_light *l, const struct calibrate_gain *q)
+static void gain_flame_say(const struct calibrate_light *l, const struct calibrate_gain *q)
 {
     static const char *const colour[] = {"red", "green", "blue"};
     for (size_t c = 0; c < l->rig.n_cameras; c++)
@@ -229,7 +230,7 @@ pvx_err calibrate_gain_flame(struct calibrate_light *l, struct calibrate_gain *q
 {
     if (q->report != NULL)
         PVX_TRY(calibrate_json_possible(q->report, d));
-    PVX_TRY(integrate(l, q, d));
+    PVX_TRY(gain_flame_integrate(l, q, d));
     PVX_TRY(alternate(l, q, d));
     for (size_t c = 0; c < l->rig.n_cameras; c++)
         for (int a = 0; a < q->nch && q->cut[c].text[0] != '\0'; a++)
@@ -240,7 +241,7 @@ pvx_err calibrate_gain_flame(struct calibrate_light *l, struct calibrate_gain *q
     for (size_t c = 0; c < l->rig.n_cameras; c++)
         for (int a = 0; a < 3; a++)
             l->rig.cameras[c].gain[a] = (float)q->gain[a][c];
-    say(l, q);
+    gain_flame_say(l, q);
     const void *what[2] = {l, q};
-    return q->report != NULL ? calibrate_write_json(q->report, fill, what, d) : PVX_OK;
+    return q->report != NULL ? calibrate_write_json(q->report, gain_flame_fill, what, d) : PVX_OK;
 }

@@ -13,8 +13,8 @@
 #include "recon/board/spec.h"
 #include "recon/calib/next.h"
 
-static pvx_err find_camera(const struct calibrate_look *l, const char *name, size_t len,
-                           uint32_t *out, struct pvx_diag *d)
+static pvx_err job_find_camera(const struct calibrate_look *l, const char *name, size_t len,
+                               uint32_t *out, struct pvx_diag *d)
 {
     *out = (uint32_t)calibrate_camera(l, name, len);
     return *out < l->n_cameras
@@ -30,8 +30,8 @@ static pvx_err read_measured(struct calibrate_job *j, struct pvx_diag *d)
                    *n = b != NULL ? strchr(b + 1, ',') : NULL;
         if (n == NULL || pvx_parse_double(n + 1, 1e-6, 1e6, &m->metres) != PVX_OK)
             return pvx_fail(d, PVX_EINVAL, "--measured %s: should be CAMERA,CAMERA,METRES", s);
-        PVX_TRY(find_camera(&j->look, s, (size_t)(b - s), &m->a, d));
-        PVX_TRY(find_camera(&j->look, b + 1, (size_t)(n - b - 1), &m->b, d));
+        PVX_TRY(job_find_camera(&j->look, s, (size_t)(b - s), &m->a, d));
+        PVX_TRY(job_find_camera(&j->look, b + 1, (size_t)(n - b - 1), &m->b, d));
     }
     return PVX_OK;
 }
@@ -62,7 +62,7 @@ pvx_err calibrate_prepare(struct calibrate_job *j, struct pvx_diag *d)
     o->floor_frame = a->floor >= 0 ? (uint32_t)a->floor : 0;
     memcpy(o->up, a->up, sizeof o->up);
     if (a->up_camera != NULL)
-        PVX_TRY(find_camera(&j->look, a->up_camera, strlen(a->up_camera), &o->up_camera, d));
+        PVX_TRY(job_find_camera(&j->look, a->up_camera, strlen(a->up_camera), &o->up_camera, d));
     PVX_TRY(read_measured(j, d));
     o->measured = j->measured;
     o->n_measured = a->n_measured;
@@ -100,7 +100,7 @@ static pvx_err all_saw(const struct calibrate_look *l, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err solve(struct calibrate_job *j, struct pvx_diag *d)
+static pvx_err job_solve(struct calibrate_job *j, struct pvx_diag *d)
 {
     j->in.n_cameras = j->look.n_cameras;
     j->in.camera = j->look.camera;
@@ -120,7 +120,7 @@ static void say_next(const struct calibrate_job *j)
 }
 
 /* From the rig of these pictures to the one that is wanted: with the old one's other cameras, of the flame's pictures. */
-static pvx_err complete(struct calibrate_job *j, struct pvx_diag *d)
+static pvx_err job_complete(struct calibrate_job *j, struct pvx_diag *d)
 {
     if (j->a->add.n + j->a->recover.n > 0)
         PVX_TRY(calibrate_merge(&j->look, &j->old, &j->rig, d));
@@ -142,7 +142,7 @@ static void say_lost(const struct calibrate_job *j, const char *from)
     rec_rig_fini(&was);
 }
 
-static pvx_err write_rig(const struct calibrate_job *j, struct pvx_diag *d)
+static pvx_err job_write_rig(const struct calibrate_job *j, struct pvx_diag *d)
 {
     const char *old = j->a->keep != NULL ? j->a->keep : j->a->lenses;
     say_lost(j, old != NULL ? old : j->a->out);
@@ -160,7 +160,7 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
     calibrate_print_pictures(&r);
     fflush(stdout);
     struct pvx_diag why;
-    pvx_err e = solve(j, d);
+    pvx_err e = job_solve(j, d);
     if (cli_stop)
         return PVX_ECANCELED;
     if (e == PVX_OK) {
@@ -170,7 +170,7 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
     calibrate_print_findings(&r);
     if (e == PVX_OK) {
         say_next(j);
-        e = complete(j, d);
+        e = job_complete(j, d);
     }
     if (e != PVX_OK) {
         snprintf(why.text, sizeof why.text, "%s", pvx_diag_text(d, e));
@@ -190,7 +190,7 @@ pvx_err calibrate_conclude(struct calibrate_job *j, struct pvx_diag *d)
             e = written;
     }
     if (e == PVX_OK)
-        e = write_rig(j, d);
+        e = job_write_rig(j, d);
     if (e == PVX_OK)
         printf("%s: %zu cameras, %d x %d x %d voxels\n", a->out, j->rig.n_cameras, j->rig.grid.n[0],
                j->rig.grid.n[1], j->rig.grid.n[2]);

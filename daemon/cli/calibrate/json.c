@@ -12,7 +12,7 @@ static const char *const what[] = {"verdict", "held",    "unseen",  "apart",    
                                    "scale",   "old rig", "held out"};
 _Static_assert(sizeof what / sizeof *what == REC_CALIB_HELD_OUT + 1, "a name for every finding");
 
-static void numbers(struct dmn_json *j, const char *key, const double *v, size_t n)
+static void calibrate_numbers(struct dmn_json *j, const char *key, const double *v, size_t n)
 {
     dmn_json_open(j, key, '[');
     for (size_t i = 0; i < n; i++)
@@ -20,13 +20,13 @@ static void numbers(struct dmn_json *j, const char *key, const double *v, size_t
     dmn_json_close(j, ']');
 }
 
-static void put_camera(struct dmn_json *j, const struct calibrate_result *r, size_t c)
+static void calibrate_put_camera(struct dmn_json *j, const struct calibrate_result *r, size_t c)
 {
     const struct rec_calib_camera *k = &r->look->camera[c];
     const struct calibrate_count *n = &r->look->count[c];
     dmn_json_open(j, NULL, '{');
     dmn_json_str(j, "name", k->name);
-    numbers(j, "size", (const double[]){k->width, k->height}, 2);
+    calibrate_numbers(j, "size", (const double[]){k->width, k->height}, 2);
     dmn_json_int(j, "pictures", (long long)n->pictures);
     dmn_json_open(j, "sights", '{');
     dmn_json_int(j, "unreadable", (long long)n->unreadable);
@@ -87,10 +87,11 @@ static void put_picture(struct dmn_json *j, const struct calibrate_result *r,
         for (size_t i = 0; i < p->view.n; i++) {
             const struct rec_board_corner *c = &p->view.corner[i];
             bool known = v != NULL && v->residual != NULL;
-            numbers(j, NULL,
-                    (const double[]){c->id, c->x, c->y, known ? (double)v->residual[2 * i] : 0,
-                                     known ? (double)v->residual[2 * i + 1] : 0},
-                    known ? 5 : 3);
+            calibrate_numbers(j, NULL,
+                              (const double[]){c->id, c->x, c->y,
+                                               known ? (double)v->residual[2 * i] : 0,
+                                               known ? (double)v->residual[2 * i + 1] : 0},
+                              known ? 5 : 3);
         }
         dmn_json_close(j, ']');
     }
@@ -118,8 +119,8 @@ static void put_graph(struct dmn_json *j, const struct calibrate_result *r)
             continue;
         dmn_json_open(j, NULL, '{');
         dmn_json_int(j, "frame", o->frame[i]);
-        numbers(j, "R", o->board[i], 9);
-        numbers(j, "t", o->board[i] + 9, 3);
+        calibrate_numbers(j, "R", o->board[i], 9);
+        calibrate_numbers(j, "t", o->board[i] + 9, 3);
         dmn_json_close(j, '}');
     }
     dmn_json_close(j, ']');
@@ -135,14 +136,15 @@ static void put_whole(struct dmn_json *j, const struct calibrate_result *r)
     dmn_json_num(j, "expected_px", o->px);
     dmn_json_num(j, "expected_voxels", o->voxels);
     dmn_json_num(j, "voxels_95", o->voxels_95);
-    numbers(j, "warp", o->warp, 3);
+    calibrate_numbers(j, "warp", o->warp, 3);
     dmn_json_num(j, "thickness", o->thickness);
     dmn_json_open(j, "volume", '{');
-    numbers(j, "min", r->grid->min, 3);
-    numbers(j, "max", r->grid->max, 3);
-    numbers(j, "voxels", (const double[]){r->grid->n[0], r->grid->n[1], r->grid->n[2]}, 3);
+    calibrate_numbers(j, "min", r->grid->min, 3);
+    calibrate_numbers(j, "max", r->grid->max, 3);
+    calibrate_numbers(j, "voxels", (const double[]){r->grid->n[0], r->grid->n[1], r->grid->n[2]},
+                      3);
     dmn_json_int(j, "side", REC_CALIB_SIDE);
-    numbers(j, "expected_px", o->at, REC_CALIB_SIDE * REC_CALIB_SIDE * REC_CALIB_SIDE);
+    calibrate_numbers(j, "expected_px", o->at, REC_CALIB_SIDE * REC_CALIB_SIDE * REC_CALIB_SIDE);
     dmn_json_close(j, '}');
     dmn_json_open(j, "folds", '[');
     for (int i = 0; i < REC_CALIB_FOLDS; i++) {
@@ -155,7 +157,7 @@ static void put_whole(struct dmn_json *j, const struct calibrate_result *r)
     dmn_json_close(j, ']');
 }
 
-static void fill(struct dmn_json *j, const void *ctx)
+static void calibrate_fill(struct dmn_json *j, const void *ctx)
 {
     const struct calibrate_result *r = ctx;
     char board[REC_BOARD_TEXT];
@@ -185,7 +187,7 @@ static void fill(struct dmn_json *j, const void *ctx)
     put_whole(j, r);
     dmn_json_open(j, "cameras", '[');
     for (size_t c = 0; c < r->look->n_cameras; c++)
-        put_camera(j, r, c);
+        calibrate_put_camera(j, r, c);
     dmn_json_close(j, ']');
     put_graph(j, r);
     dmn_json_open(j, "pictures", '[');
@@ -195,8 +197,8 @@ static void fill(struct dmn_json *j, const void *ctx)
     dmn_json_close(j, '}');
 }
 
-static pvx_err print(void (*f)(struct dmn_json *j, const void *what), const void *of, char **text,
-                     size_t *len, struct pvx_diag *d)
+static pvx_err calibrate_print(void (*f)(struct dmn_json *j, const void *what), const void *of,
+                               char **text, size_t *len, struct pvx_diag *d)
 {
     *text = NULL;
     FILE *out = open_memstream(text, len);
@@ -209,7 +211,7 @@ static pvx_err print(void (*f)(struct dmn_json *j, const void *what), const void
 pvx_err calibrate_json(const struct calibrate_result *r, char **text, size_t *len,
                        struct pvx_diag *d)
 {
-    return print(fill, r, text, len, d);
+    return calibrate_print(calibrate_fill, r, text, len, d);
 }
 
 pvx_err calibrate_write_json(const char *path, void (*f)(struct dmn_json *j, const void *of),
@@ -217,7 +219,7 @@ pvx_err calibrate_write_json(const char *path, void (*f)(struct dmn_json *j, con
 {
     char *text;
     size_t len;
-    pvx_err e = print(f, of, &text, &len, d);
+    pvx_err e = calibrate_print(f, of, &text, &len, d);
     if (e == PVX_OK)
         e = pvx_file_write(path, text, len, d);
     free(text);

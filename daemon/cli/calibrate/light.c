@@ -28,7 +28,7 @@ static const struct argp_option options[] = {
     {"threads", OPT_THREADS, "N", 0, "threads to work with (0: one per CPU)", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t light_parse(int key, char *arg, struct argp_state *st)
 {
     struct calibrate_light_args *a = st->input;
     switch (key) {
@@ -59,11 +59,11 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-const struct argp calibrate_light_argp = {.options = options, .parser = parse};
+const struct argp calibrate_light_argp = {.options = options, .parser = light_parse};
 
 int calibrate_light_parse(struct calibrate_light_args *a, const char *doc, int argc, char **argv)
 {
-    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    const struct argp argp = {.options = options, .parser = light_parse, .doc = doc};
     *a = (struct calibrate_light_args){0};
     return argp_parse(&argp, argc, argv, 0, NULL, a) == 0 ? 0 : 2;
 }
@@ -164,7 +164,7 @@ size_t calibrate_light_of(const struct calibrate_light *l, size_t camera,
 }
 
 /* The first picture of a camera says what they are. */
-static pvx_err room(struct calibrate_stack *s, const struct frames_in *f, size_t c)
+static pvx_err light_room(struct calibrate_stack *s, const struct frames_in *f, size_t c)
 {
     struct rec_light_picture *p = &s->picture;
     p->width = f->rig->cameras[c].width;
@@ -182,7 +182,8 @@ static pvx_err room(struct calibrate_stack *s, const struct frames_in *f, size_t
                                                                                   : PVX_ENOMEM;
 }
 
-static void add(struct calibrate_stack *s, const struct frames_in *f, size_t c, const float *v)
+static void light_add(struct calibrate_stack *s, const struct frames_in *f, size_t c,
+                      const float *v)
 {
     const struct rec_light_picture *p = &s->picture;
     float top = dmn_images_saturated(f->images, c);
@@ -208,7 +209,7 @@ static void add(struct calibrate_stack *s, const struct frames_in *f, size_t c, 
     s->whole2 += pow(sum / fmax(count, 1), 2);
 }
 
-static void conclude(struct calibrate_stack *s)
+static void light_conclude(struct calibrate_stack *s)
 {
     struct rec_light_picture *p = &s->picture;
     size_t n = (size_t)p->width * (size_t)p->height * (size_t)p->channels;
@@ -270,12 +271,12 @@ static pvx_err stack_up(struct calibrate_light *l, struct frames_in *f, size_t g
             if (!(mask >> c & 1))
                 continue;
             if (s->sum == NULL)
-                PVX_TRY(room(s, f, c));
+                PVX_TRY(light_room(s, f, c));
             if (s->picture.channels != dmn_images_samples(f->images, c) ||
                 s->picture.cell != dmn_images_bayer(f->images, c))
                 return pvx_fail(d, PVX_EINVAL, "%s: camera %s has pictures of two kinds", f->dir,
                                 l->rig.cameras[c].name);
-            add(s, f, c, out[c]);
+            light_add(s, f, c, out[c]);
         }
     }
     return PVX_OK;
@@ -302,7 +303,7 @@ static pvx_err read_group(struct calibrate_light *l, size_t g, struct pvx_diag *
     for (size_t c = 0; c < l->rig.n_cameras; c++) {
         free(out[c]);
         if (e == PVX_OK && calibrate_light_stack(l, g, c)->picture.n > 0)
-            conclude(calibrate_light_stack(l, g, c));
+            light_conclude(calibrate_light_stack(l, g, c));
     }
     frames_in_close(&f);
     return e;

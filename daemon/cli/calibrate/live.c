@@ -71,7 +71,7 @@ static const char doc[] =
     "charuco:5x6:0.14:0.105:two-sided -- pyrovox calibrate live --config sim.yaml --board "
     "charuco:5x6:0.14:0.105:two-sided --volume -0.5,-0.5,0,0.5,0.5,1 --out rig.yaml";
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t live_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -130,7 +130,7 @@ static pvx_err make_folders(const struct live *l, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static int by_number(const void *a, const void *b)
+static int live_by_number(const void *a, const void *b)
 {
     uint32_t p = ((const struct calibrate_picture *)a)->frame,
              q = ((const struct calibrate_picture *)b)->frame;
@@ -138,7 +138,7 @@ static int by_number(const void *a, const void *b)
 }
 
 /* What was taken before, with the board found in it anew. */
-static pvx_err take_over(struct live *l, struct pvx_diag *d)
+static pvx_err live_take_over(struct live *l, struct pvx_diag *d)
 {
     struct calibrate_look old, *k = &l->job.look;
     pvx_err e = calibrate_find(&old, l->frames, d);
@@ -172,13 +172,13 @@ static pvx_err take_over(struct live *l, struct pvx_diag *d)
         old.picture[i].view.corner = NULL;
     }
     if (e == PVX_OK)
-        qsort(k->picture, k->n, sizeof *k->picture, by_number);
+        qsort(k->picture, k->n, sizeof *k->picture, live_by_number);
     calibrate_look_fini(&old);
     return e;
 }
 
-static pvx_err prepare(struct live *l, struct calibrate_args *a, const char *config,
-                       struct pvx_diag *d)
+static pvx_err live_prepare(struct live *l, struct calibrate_args *a, const char *config,
+                            struct pvx_diag *d)
 {
     PVX_TRY(calibrate_start(&l->job, a, d));
     PVX_TRY(calibrate_cameras_init(&l->cams, config, d));
@@ -194,7 +194,7 @@ static pvx_err prepare(struct live *l, struct calibrate_args *a, const char *con
     }
     PVX_TRY(pvx_pool_new((unsigned)a->threads, "board", &l->pool));
     name_cameras(l);
-    PVX_TRY(take_over(l, d));
+    PVX_TRY(live_take_over(l, d));
     size_t n = l->job.look.n_cameras;
     if ((l->common = pvx_calloc(n * n, sizeof *l->common)) == NULL)
         return PVX_ENOMEM;
@@ -221,7 +221,7 @@ static void note_stats(struct live *l, struct cap_stats *s)
     pthread_mutex_unlock(&l->lock);
 }
 
-static bool enough(struct live *l, int64_t poses)
+static bool live_enough(struct live *l, int64_t poses)
 {
     pthread_mutex_lock(&l->lock);
     bool done = l->e != PVX_OK || (poses > 0 && l->poses >= (size_t)poses);
@@ -229,7 +229,7 @@ static bool enough(struct live *l, int64_t poses)
     return done;
 }
 
-static pvx_err run(struct live *l, int64_t poses, struct pvx_diag *d)
+static pvx_err live_run(struct live *l, int64_t poses, struct pvx_diag *d)
 {
     struct live_screen screen;
     struct cap_stats *stats = pvx_calloc(1, sizeof *stats);
@@ -242,7 +242,7 @@ static pvx_err run(struct live *l, int64_t poses, struct pvx_diag *d)
         e = cap_capture_start(l->capture, d);
     int64_t next_ns = 0;
     live_screen_open(&screen);
-    while (e == PVX_OK && !cli_stop && !enough(l, poses)) {
+    while (e == PVX_OK && !cli_stop && !live_enough(l, poses)) {
         struct cap_set *s = NULL;
         e = cap_capture_next(l->capture, LOOK_NS, &s);
         if (e == PVX_OK)
@@ -268,7 +268,7 @@ static pvx_err run(struct live *l, int64_t poses, struct pvx_diag *d)
 
 /* ---- after ---- */
 
-static void print_word(const char *w)
+static void live_print_word(const char *w)
 {
     bool plain = w[0] != '\0';
     for (const char *p = w; *p != '\0'; p++)
@@ -294,7 +294,7 @@ static void say_how_to_go_on(const struct args *a)
         if (i == 0)
             printf(" %s", a->argv[i]);
         else
-            print_word(a->argv[i]);
+            live_print_word(a->argv[i]);
     printf("%s\n", !a->c.force && access(a->c.out, F_OK) == 0 ? " --force" : "");
 }
 
@@ -318,7 +318,7 @@ static pvx_err put_in_order(struct calibrate_look *k, struct pvx_diag *d)
     return calibrate_look_count(k, d);
 }
 
-static pvx_err conclude(struct live *l, struct pvx_diag *d)
+static pvx_err live_conclude(struct live *l, struct pvx_diag *d)
 {
     if (l->poses == 0)
         return pvx_fail(d, PVX_ENOENT, "no picture of the board was taken; nothing to solve");
@@ -332,7 +332,7 @@ static pvx_err conclude(struct live *l, struct pvx_diag *d)
     return calibrate_conclude(&l->job, d);
 }
 
-static int live(struct args *a)
+static int calibrate_live_run(struct args *a)
 {
     char dir[4000];
     struct pvx_diag d = {""};
@@ -345,12 +345,12 @@ static int live(struct args *a)
     l->frames = a->frames != NULL ? a->frames : dir;
     pvx_err e = name_frames(a->c.out, dir, sizeof dir);
     if (e == PVX_OK)
-        e = prepare(l, &a->c, a->config, &d);
+        e = live_prepare(l, &a->c, a->config, &d);
     bool ready = e == PVX_OK;
     if (e == PVX_OK)
-        e = run(l, a->poses, &d);
+        e = live_run(l, a->poses, &d);
     if (e == PVX_OK)
-        e = conclude(l, &d);
+        e = live_conclude(l, &d);
     int code = e == PVX_OK ? 0 : e == PVX_ECANCELED ? 130 : cli_error(&d, e);
     if (code == 130)
         fprintf(stderr, "\npyrovox: stopped; no rig was written\n");
@@ -373,10 +373,10 @@ int calibrate_live(int argc, char **argv)
     a.c.volume_later = true;
     const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
     const struct argp argp = {
-        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+        .options = options, .parser = live_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     pvx_log_set_level(PVX_LOG_ERROR); /* the screen says what is wrong */
     cli_catch_stop();
-    return live(&a);
+    return calibrate_live_run(&a);
 }

@@ -67,8 +67,8 @@ pvx_err calibrate_keep(struct calibrate_picture *p, const struct rec_board_sight
 }
 
 /* A picture of a file, or of the camera's reel.  One that cannot be read is told, and no error. */
-static pvx_err look_at(rec_board_detector *det, struct calibrate_reel *reel,
-                       struct calibrate_picture *p)
+static pvx_err calibrate_look_at(rec_board_detector *det, struct calibrate_reel *reel,
+                                 struct calibrate_picture *p)
 {
     struct rec_board_sight s;
     struct pvx_diag d = {""};
@@ -119,7 +119,7 @@ static void work(void *ctx, size_t task)
         if (w->e != PVX_OK || (p = take_next(w, task)) == NULL)
             break;
         pthread_mutex_unlock(&w->lock);
-        e = look_at(det, w->reels ? &reel : NULL, p);
+        e = calibrate_look_at(det, w->reels ? &reel : NULL, p);
         pthread_mutex_lock(&w->lock);
         w->done++;
         cli_progress(&w->bar, (double)w->done / (double)w->l->n);

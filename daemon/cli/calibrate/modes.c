@@ -8,7 +8,7 @@
 /* ---- declared ---- */
 
 /* n whole numbers with commas between; the camera's name after them, "": none.  NULL: they are not that. */
-static const char *read_numbers(const char *s, int n, int32_t most, int32_t *out)
+static const char *modes_read_numbers(const char *s, int n, int32_t most, int32_t *out)
 {
     for (int i = 0; i < n; i++) {
         char *end;
@@ -43,7 +43,7 @@ pvx_err calibrate_mode_binning(struct calibrate_look *l, const char *text, struc
 {
     int32_t n;
     size_t first, end;
-    const char *name = read_numbers(text, 1, CAP_BINNING_MAX, &n);
+    const char *name = modes_read_numbers(text, 1, CAP_BINNING_MAX, &n);
     if (name == NULL || n < 1)
         return pvx_fail(d, PVX_EINVAL, "--binning %s: should be N or N,CAMERA with N from 1 to %d",
                         text, CAP_BINNING_MAX);
@@ -58,7 +58,7 @@ pvx_err calibrate_mode_region(struct calibrate_look *l, const char *text, struct
 {
     int32_t v[4];
     size_t first, end;
-    const char *name = read_numbers(text, 4, 16384, v);
+    const char *name = modes_read_numbers(text, 4, 16384, v);
     if (name == NULL || v[2] < 1 || v[3] < 1)
         return pvx_fail(
             d, PVX_EINVAL,
@@ -76,13 +76,13 @@ pvx_err calibrate_mode_region(struct calibrate_look *l, const char *text, struct
 
 /* ---- found ---- */
 
-static bool is(const struct calibrate_picture *p, int32_t width, int32_t height)
+static bool modes_is(const struct calibrate_picture *p, int32_t width, int32_t height)
 {
     return p->width == width && p->height == height;
 }
 
 /* Size of the whole picture after binning; what is declared must fit it. */
-static pvx_err whole(struct calibrate_look *l, size_t c, struct pvx_diag *d)
+static pvx_err modes_whole(struct calibrate_look *l, size_t c, struct pvx_diag *d)
 {
     struct rec_calib_camera *k = &l->camera[c];
     struct calibrate_mode *m = &l->mode[c];
@@ -124,18 +124,18 @@ static void into_whole(struct calibrate_picture *p, double by, double x, double 
 pvx_err calibrate_mode_sizes(struct calibrate_look *l, struct pvx_diag *d)
 {
     for (size_t c = 0; c < l->n_cameras; c++)
-        PVX_TRY(whole(l, c, d));
+        PVX_TRY(modes_whole(l, c, d));
     for (size_t i = 0; i < l->n; i++) {
         struct calibrate_picture *p = &l->picture[i];
         const struct rec_calib_camera *c = &l->camera[p->camera];
         const struct calibrate_mode *m = &l->mode[p->camera];
         if (p->unreadable)
             continue;
-        if (is(p, c->width, c->height))
+        if (modes_is(p, c->width, c->height))
             continue;
         if (p->width / m->binning == c->width && p->height / m->binning == c->height)
             into_whole(p, m->binning, 0, 0);
-        else if (m->width > 0 && is(p, m->width, m->height))
+        else if (m->width > 0 && modes_is(p, m->width, m->height))
             into_whole(p, 1, m->x, m->y);
         else
             return pvx_fail(d, PVX_EINVAL,

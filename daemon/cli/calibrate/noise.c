@@ -14,7 +14,7 @@ static const char doc[] =
     "--frames bright.h5 --out rig4.yaml\n"
     "After dark. Flicker of the whole light up to 2 % is taken out.";
 
-static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err noise_step(struct calibrate_light *l, struct pvx_diag *d)
 {
     size_t with = 0;
     for (size_t c = 0; c < l->rig.n_cameras; c++) {
@@ -50,5 +50,5 @@ int calibrate_noise(int argc, char **argv)
     struct calibrate_light_args a;
     if (calibrate_light_parse(&a, doc, argc, argv) != 0)
         return 2;
-    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, step);
+    return calibrate_light_run(&a, DMN_LIGHT_RESPONSE | DMN_LIGHT_DARK, noise_step);
 }

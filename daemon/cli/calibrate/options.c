@@ -68,7 +68,7 @@ static const struct argp_option options[] = {
     {0}};
 
 /* Exactly n numbers with commas between; the text after them, NULL: they are not that. */
-static const char *numbers(const char *s, size_t n, double *out)
+static const char *calibrate_options_numbers(const char *s, size_t n, double *out)
 {
     for (size_t i = 0; i < n; i++) {
         char item[64];
@@ -87,7 +87,7 @@ static const char *numbers(const char *s, size_t n, double *out)
 
 static void parse_volume(struct calibrate_args *a, const char *arg, struct argp_state *st)
 {
-    const char *rest = numbers(arg, 6, a->volume);
+    const char *rest = calibrate_options_numbers(arg, 6, a->volume);
     if (rest == NULL || *rest != '\0')
         argp_error(st, "--volume %s: should be x0,y0,z0,x1,y1,z1 in metres", arg);
     for (int i = 0; i < 3; i++)
@@ -99,7 +99,7 @@ static void parse_volume(struct calibrate_args *a, const char *arg, struct argp_
 
 static void parse_up(struct calibrate_args *a, const char *arg, struct argp_state *st)
 {
-    const char *rest = numbers(arg, 3, a->up);
+    const char *rest = calibrate_options_numbers(arg, 3, a->up);
     if (rest == NULL || (*rest != '\0' && (*rest != ',' || rest[1] == '\0')) ||
         (a->up[0] == 0 && a->up[1] == 0 && a->up[2] == 0))
         argp_error(st, "--up %s: should be x,y,z or x,y,z,CAMERA, as 0,-1,0", arg);
@@ -116,7 +116,7 @@ static void parse_name(struct calibrate_names *o, const char *arg, struct argp_s
         o->name[o->n++] = arg;
 }
 
-static void check(const struct calibrate_args *a, struct argp_state *st)
+static void calibrate_options_check(const struct calibrate_args *a, struct argp_state *st)
 {
     if (a->board == NULL)
         argp_error(st, "which board? --board charuco:8x11:0.03:0.022");
@@ -136,7 +136,7 @@ static void check(const struct calibrate_args *a, struct argp_state *st)
         argp_error(st, "--keep and --fix-intrinsics must name the same rig");
 }
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t calibrate_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct calibrate_args *a = st->input;
     switch (key) {
@@ -172,9 +172,9 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_FORCE: a->force = true; return 0;
     case OPT_THREADS: cli_arg_int(st, "threads", arg, 0, 256, &a->threads); return 0;
     case OPT_QUIET: a->quiet = true; return 0;
-    case ARGP_KEY_END: check(a, st); return 0;
+    case ARGP_KEY_END: calibrate_options_check(a, st); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }
 
-const struct argp calibrate_options = {.options = options, .parser = parse_opt};
+const struct argp calibrate_options = {.options = options, .parser = calibrate_parse_opt};

@@ -41,7 +41,7 @@ static const char doc[] =
     "it.\n"
     "  pyrovox calibrate refine --rig rig.yaml --frames take.h5 --out refined.yaml";
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t refine_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -59,7 +59,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     }
 }
 
-static void say_held(const struct rec_rig *rig, const struct rec_refine_report *o)
+static void refine_say_held(const struct rec_rig *rig, const struct rec_refine_report *o)
 {
     size_t focal = 0, nothing = 0;
     for (size_t c = 0; c < rig->n_cameras; c++) {
@@ -77,7 +77,7 @@ static void say_held(const struct rec_rig *rig, const struct rec_refine_report *
                rig->n_cameras);
 }
 
-static void say(const struct rec_rig *rig, const struct rec_refine_report *o)
+static void refine_say(const struct rec_rig *rig, const struct rec_refine_report *o)
 {
     printf("%zu frame sets fit, %zu judge\n\n%-6s %12s %20s\n", o->fitted, o->held_out, "round",
            "moved, px", "unseen views, error");
@@ -86,11 +86,11 @@ static void say(const struct rec_rig *rig, const struct rec_refine_report *o)
     printf("\n%-12s %10s\n", "camera", "moved, px");
     for (size_t c = 0; c < rig->n_cameras; c++)
         printf("%-12s %10.3f\n", rig->cameras[c].name, o->px[c]);
-    say_held(rig, o);
+    refine_say_held(rig, o);
 }
 
 /* The rig of the command with the refined cameras, whose light is as it was. */
-static pvx_err write_rig(const struct flame_sets *s, const char *path, struct pvx_diag *d)
+static pvx_err refine_write_rig(const struct flame_sets *s, const char *path, struct pvx_diag *d)
 {
     struct rec_rig rig;
     PVX_TRY(rec_rig_load(s->a->rig, &rig, d));
@@ -109,15 +109,16 @@ static pvx_err write_rig(const struct flame_sets *s, const char *path, struct pv
     return e;
 }
 
-static pvx_err refine(struct flame_sets *s, const char *out, bool *accepted, struct pvx_diag *d)
+static pvx_err calibrate_refine_refine(struct flame_sets *s, const char *out, bool *accepted,
+                                       struct pvx_diag *d)
 {
     struct rec_refine_report o;
     struct rec_check_source from = flame_sets_source(s, "refine");
     PVX_TRY(rec_refine(&s->rig, &s->params, s->pool, &from, &o, d));
-    say(&s->rig, &o);
+    refine_say(&s->rig, &o);
     *accepted = o.accepted;
     if (o.accepted) {
-        PVX_TRY(write_rig(s, out, d));
+        PVX_TRY(refine_write_rig(s, out, d));
         printf("%s: unseen views of held-out frames: error %.4f -> %.4f\n", out, o.error[0],
                o.error[o.best]);
     }
@@ -137,7 +138,7 @@ pvx_err calibrate_refine_rig(const struct flame_sets_args *a, const char *out, b
     *accepted = false;
     pvx_err e = flame_sets_load(&s, a, d);
     if (e == PVX_OK)
-        e = refine(&s, out, accepted, d);
+        e = calibrate_refine_refine(&s, out, accepted, d);
     flame_sets_fini(&s);
     return e;
 }
@@ -147,7 +148,7 @@ int calibrate_refine(int argc, char **argv)
     struct args a = {.sets = FLAME_SETS_INIT};
     const struct argp_child children[] = {{&flame_sets_argp, 0, NULL, 0}, {0}};
     const struct argp argp = {
-        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+        .options = options, .parser = refine_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     struct pvx_diag d = {""};

@@ -72,7 +72,7 @@ void calibrate_print_findings(const struct calibrate_result *r)
                r->report->finding[i].text);
 }
 
-static bool ends_in(const char *path, const char *ext)
+static bool calibrate_ends_in(const char *path, const char *ext)
 {
     size_t n = strlen(path), m = strlen(ext);
     return n > m && strcmp(path + n - m, ext) == 0;
@@ -80,14 +80,14 @@ static bool ends_in(const char *path, const char *ext)
 
 pvx_err calibrate_report_possible(const char *path, struct pvx_diag *d)
 {
-    if (ends_in(path, ".json") || ends_in(path, ".html"))
+    if (calibrate_ends_in(path, ".json") || calibrate_ends_in(path, ".html"))
         return PVX_OK;
     return pvx_fail(d, PVX_EUNSUP, "%s: a report is written as .html or .json", path);
 }
 
 pvx_err calibrate_json_possible(const char *path, struct pvx_diag *d)
 {
-    return ends_in(path, ".json")
+    return calibrate_ends_in(path, ".json")
                ? PVX_OK
                : pvx_fail(d, PVX_EUNSUP, "%s: this report is written as .json", path);
 }
@@ -98,8 +98,8 @@ pvx_err calibrate_write_report(const struct calibrate_result *r, const char *pat
     char *text = NULL;
     size_t len = 0;
     PVX_TRY(calibrate_report_possible(path, d));
-    pvx_err e =
-        ends_in(path, ".json") ? calibrate_json(r, &text, &len, d) : calibrate_html(r, &text, &len);
+    pvx_err e = calibrate_ends_in(path, ".json") ? calibrate_json(r, &text, &len, d)
+                                                 : calibrate_html(r, &text, &len);
     if (e == PVX_OK)
         e = pvx_file_write(path, text, len, d);
     free(text);

@@ -17,7 +17,7 @@ struct snapshot {
 };
 
 /* Under the lock; corners are borrowed, they stay. */
-static pvx_err snapshot(const struct live *l, struct snapshot *s)
+static pvx_err resolve_snapshot(const struct live *l, struct snapshot *s)
 {
     const struct calibrate_look *k = &l->job.look;
     struct calibrate_graph g;
@@ -56,13 +56,13 @@ static pvx_err snapshot(const struct live *l, struct snapshot *s)
     return PVX_OK;
 }
 
-static void forget(struct live_result *r)
+static void resolve_forget(struct live_result *r)
 {
     rec_rig_fini(&r->rig);
     rec_calib_report_fini(&r->report);
 }
 
-static void solve(struct snapshot *s, struct live_result *r)
+static void resolve_solve(struct snapshot *s, struct live_result *r)
 {
     int64_t t0 = pvx_now_mono();
     *r = (struct live_result){.there = true, .n = s->in.n_cameras, .poses = s->poses};
@@ -85,11 +85,11 @@ void *live_solve(void *ctx)
         }
         struct snapshot s;
         struct live_result r;
-        pvx_err e = snapshot(l, &s);
+        pvx_err e = resolve_snapshot(l, &s);
         solved = l->poses;
         pthread_mutex_unlock(&l->lock);
         if (e == PVX_OK && s.in.n_cameras > 1)
-            solve(&s, &r);
+            resolve_solve(&s, &r);
         free(s.view);
         pthread_mutex_lock(&l->lock);
         if (e != PVX_OK)
@@ -97,10 +97,10 @@ void *live_solve(void *ctx)
         else if (s.in.n_cameras > 1) {
             struct live_result old = l->result;
             l->result = r;
-            forget(&old);
+            resolve_forget(&old);
         }
     }
-    forget(&l->result);
+    resolve_forget(&l->result);
     l->result.there = false;
     pthread_mutex_unlock(&l->lock);
     return NULL;

@@ -17,7 +17,7 @@ static const char doc[] =
     "those of "
     "the rig are taken out of it.";
 
-static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
+static pvx_err response_one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
 {
     struct rec_camera *k = &l->rig.cameras[c];
     struct rec_photometry *to = &k->photometry;
@@ -44,10 +44,10 @@ static pvx_err one(struct calibrate_light *l, size_t c, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err step(struct calibrate_light *l, struct pvx_diag *d)
+static pvx_err response_step(struct calibrate_light *l, struct pvx_diag *d)
 {
     for (size_t c = 0; c < l->rig.n_cameras; c++)
-        PVX_TRY(one(l, c, d));
+        PVX_TRY(response_one(l, c, d));
     return calibrate_light_save(l, d);
 }
 
@@ -57,5 +57,5 @@ int calibrate_response(int argc, char **argv)
     if (calibrate_light_parse(&a, doc, argc, argv) != 0)
         return 2;
     a.reading.transfer = CAP_TRANSFER_LINEAR; /* samples as they are */
-    return calibrate_light_run(&a, 0, step);
+    return calibrate_light_run(&a, 0, response_step);
 }

@@ -11,8 +11,8 @@
 
 #define REDRAW_NS (250 * PVX_NS_PER_MS)
 
-static size_t add(char *out, size_t size, size_t n, const char *fmt, ...) PVX_PRINTF(4, 5);
-static size_t add(char *out, size_t size, size_t n, const char *fmt, ...)
+static size_t screen_add(char *out, size_t size, size_t n, const char *fmt, ...) PVX_PRINTF(4, 5);
+static size_t screen_add(char *out, size_t size, size_t n, const char *fmt, ...)
 {
     va_list ap;
     if (n >= size)
@@ -23,7 +23,7 @@ static size_t add(char *out, size_t size, size_t n, const char *fmt, ...)
     return k > 0 ? n + (size_t)k : n;
 }
 
-static const char *name_of(const struct live *l, uint32_t c)
+static const char *screen_name_of(const struct live *l, uint32_t c)
 {
     return l->job.look.camera[c].name;
 }
@@ -31,7 +31,7 @@ static const char *name_of(const struct live *l, uint32_t c)
 /* ---- words ---- */
 
 /* What is missing: "cam2-cam3: 2 joint poses, need 5". */
-static void say_missing(const struct live *l, char *out, size_t size)
+static void screen_say_missing(const struct live *l, char *out, size_t size)
 {
     struct calibrate_graph g;
     size_t n = 0, said = 0, nc = l->job.look.n_cameras;
@@ -40,16 +40,18 @@ static void say_missing(const struct live *l, char *out, size_t size)
     for (uint32_t k = 1; k < g.groups && said < 3; k++)
         for (uint32_t c = 0; c < nc; c++)
             if (g.group[c] == k) {
-                n = add(out, size, n, "%s%s: %s", said++ > 0 ? "; " : "", name_of(l, c),
-                        l->camera[c].boards > 0 ? "no pose together with the others"
-                                                : "has not seen the board");
+                n = screen_add(out, size, n, "%s%s: %s", said++ > 0 ? "; " : "",
+                               screen_name_of(l, c),
+                               l->camera[c].boards > 0 ? "no pose together with the others"
+                                                       : "has not seen the board");
                 break;
             }
     for (size_t i = g.n_tree; i-- > 0 && said < 4;)
         if (g.tree[i].common < REC_CALIB_JOINT)
-            n = add(out, size, n, "%s%s-%s: %u joint pose%s, need %d", said++ > 0 ? "; " : "",
-                    name_of(l, g.tree[i].a), name_of(l, g.tree[i].b), g.tree[i].common,
-                    g.tree[i].common == 1 ? "" : "s", REC_CALIB_JOINT);
+            n = screen_add(out, size, n, "%s%s-%s: %u joint pose%s, need %d",
+                           said++ > 0 ? "; " : "", screen_name_of(l, g.tree[i].a),
+                           screen_name_of(l, g.tree[i].b), g.tree[i].common,
+                           g.tree[i].common == 1 ? "" : "s", REC_CALIB_JOINT);
 }
 
 /* Before anything is solved, or for a camera that is not joined yet: show it the board. */
@@ -62,9 +64,9 @@ static bool join_first(const struct live *l, char *out, size_t size)
         if (g.group[c] != 0) {
             if (l->camera[c].running)
                 snprintf(out, size, "show the board to %s and a camera beside it at once",
-                         name_of(l, c));
+                         screen_name_of(l, c));
             else
-                snprintf(out, size, "%s does not run%s%s", name_of(l, c),
+                snprintf(out, size, "%s does not run%s%s", screen_name_of(l, c),
                          l->camera[c].error[0] != '\0' ? ": " : "", l->camera[c].error);
             return true;
         }
@@ -102,7 +104,7 @@ static void say_now(const struct live *l, char *out, size_t size)
         snprintf(out, size, "the first picture needs two cameras that see the board");
         return;
     case LIVE_MISSING:
-        snprintf(out, size, "%s gave no picture with the others", name_of(l, l->who));
+        snprintf(out, size, "%s gave no picture with the others", screen_name_of(l, l->who));
         return;
     case LIVE_KNOWN: snprintf(out, size, "this pose is taken: move the board on"); return;
     case LIVE_TAKEN: snprintf(out, size, "taken as number %u: move the board on", l->last); return;
@@ -127,10 +129,11 @@ static void say_error(const struct live *l, char *out, size_t size)
         if (!(r->report.camera[c].expected.voxels_95 <= r->report.camera[worst].expected.voxels_95))
             worst = c;
     const struct rec_uncertainty *u = &r->report.camera[worst].expected;
-    n = add(out, size, n, "%.3f voxels, %.3f px; 95 %% below %.3f in %s: %s", r->report.voxels,
-            r->report.px, u->voxels_95, name_of(l, r->of[worst]), rec_calib_verdict(u));
+    n = screen_add(out, size, n, "%.3f voxels, %.3f px; 95 %% below %.3f in %s: %s",
+                   r->report.voxels, r->report.px, u->voxels_95, screen_name_of(l, r->of[worst]),
+                   rec_calib_verdict(u));
     if (r->n < l->job.look.n_cameras)
-        add(out, size, n, " (%zu of %zu cameras)", r->n, l->job.look.n_cameras);
+        screen_add(out, size, n, " (%zu of %zu cameras)", r->n, l->job.look.n_cameras);
 }
 
 /* ---- the screen ---- */
@@ -143,7 +146,7 @@ static void exposure(const struct live_camera *c, char *out, size_t size)
                                 : "");
 }
 
-static void draw_cameras(struct page *p, const struct live *l)
+static void screen_draw_cameras(struct page *p, const struct live *l)
 {
     page_line(p, "%-12s %8s  %-18s %6s %8s %9s %-12s %s", "camera", "pictures", "sees now",
               "boards", "coverage", "blur px", "exposure", "95 % below");
@@ -166,9 +169,10 @@ static void draw_cameras(struct page *p, const struct live *l)
             if (l->result.of[i] == c)
                 snprintf(trust, sizeof trust, "%.3f voxels",
                          l->result.report.camera[i].expected.voxels_95);
-        page_line(p, "%-12.12s %5.1f/s  %-18s %6zu %6.0f %% %9s %-12s %s%s%.60s", name_of(l, c),
-                  k->fps, sees, k->boards, 100.0 * __builtin_popcountll(k->places) / LIVE_PLACES,
-                  blur, light, trust, k->error[0] != '\0' ? "  " : "", k->error);
+        page_line(p, "%-12.12s %5.1f/s  %-18s %6zu %6.0f %% %9s %-12s %s%s%.60s",
+                  screen_name_of(l, c), k->fps, sees, k->boards,
+                  100.0 * __builtin_popcountll(k->places) / LIVE_PLACES, blur, light, trust,
+                  k->error[0] != '\0' ? "  " : "", k->error);
     }
 }
 
@@ -184,11 +188,12 @@ static void draw_graph(struct page *p, const struct live *l)
             page_line(p, "joined    %s", text);
             n = 0;
         }
-        n = add(text, sizeof text, n, "%s%s-%s %u", n > 0 ? "   " : "", name_of(l, g.tree[i].a),
-                name_of(l, g.tree[i].b), g.tree[i].common);
+        n = screen_add(text, sizeof text, n, "%s%s-%s %u", n > 0 ? "   " : "",
+                       screen_name_of(l, g.tree[i].a), screen_name_of(l, g.tree[i].b),
+                       g.tree[i].common);
     }
     page_line(p, "joined    %s", n > 0 ? text : "none yet: poses that two cameras see together");
-    say_missing(l, missing, sizeof missing);
+    screen_say_missing(l, missing, sizeof missing);
     page_line(p, "missing   %s", missing[0] != '\0' ? missing : "nothing");
 }
 
@@ -204,7 +209,7 @@ static void draw_findings(struct page *p, const struct live *l)
             page_line(p, "warning   %s", r->finding[i].text);
 }
 
-static void draw_page(const struct live *l)
+static void screen_draw_page(const struct live *l)
 {
     static struct page p;
     char text[500];
@@ -217,7 +222,7 @@ static void draw_page(const struct live *l)
     say_advice(l, text, sizeof text);
     page_line(&p, "NEXT      %s", text);
     page_line(&p, "%s", "");
-    draw_cameras(&p, l);
+    screen_draw_cameras(&p, l);
     page_line(&p, "%s", "");
     draw_graph(&p, l);
     say_error(l, text, sizeof text);
@@ -236,8 +241,8 @@ static void print_lines(struct live_screen *s, const struct live *l)
     if (l->taken_now > s->said_taken) {
         printf("number %u taken:", l->last);
         for (uint32_t c = 0; c < l->job.look.n_cameras; c++)
-            printf(" %s %zu", name_of(l, c), l->camera[c].corners);
-        say_missing(l, text, sizeof text);
+            printf(" %s %zu", screen_name_of(l, c), l->camera[c].corners);
+        screen_say_missing(l, text, sizeof text);
         printf(" corners%s%s\n", text[0] != '\0' ? "; missing: " : "", text);
         s->said_taken = l->taken_now;
     }
@@ -273,7 +278,7 @@ void live_screen_draw(struct live_screen *s, struct live *l)
     s->next_ns = now + REDRAW_NS;
     pthread_mutex_lock(&l->lock);
     if (s->tty)
-        draw_page(l);
+        screen_draw_page(l);
     else if (!l->a->quiet)
         print_lines(s, l);
     pthread_mutex_unlock(&l->lock);

@@ -74,7 +74,7 @@ static const char doc[] =
     "something moved or the cameras do not expose together.\n"
     "Exit code 1 and nothing written where the rig should not be believed; --accept overrules.";
 
-static void keep(struct argp_state *st, const char **list, size_t *n, const char *arg)
+static void solve_keep(struct argp_state *st, const char **list, size_t *n, const char *arg)
 {
     if (*n == REC_MAX_CAMERAS)
         argp_error(st, "%s: once a camera is enough", arg);
@@ -82,7 +82,7 @@ static void keep(struct argp_state *st, const char **list, size_t *n, const char
         list[(*n)++] = arg;
 }
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t solve_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -91,10 +91,10 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     case OPT_EVERY: cli_arg_int(st, "every", arg, 1, 1000000, &a->every); return 0;
     case OPT_FROM: cli_arg_int(st, "from", arg, 0, REC_NO_FRAME - 1, &a->from); return 0;
     case OPT_TO: cli_arg_int(st, "to", arg, 0, REC_NO_FRAME - 1, &a->to); return 0;
-    case OPT_BINNING: keep(st, a->binning, &a->n_binning, arg); return 0;
+    case OPT_BINNING: solve_keep(st, a->binning, &a->n_binning, arg); return 0;
     case OPT_FLAME: a->flame = arg; return 0;
     case OPT_BLACK: a->black = cli_arg_double(st, "black", arg, 0, 1); return 0;
-    case OPT_REGION: keep(st, a->region, &a->n_region, arg); return 0;
+    case OPT_REGION: solve_keep(st, a->region, &a->n_region, arg); return 0;
     case ARGP_KEY_ARG: argp_error(st, "'%s': this step takes options only", arg); return 0;
     case ARGP_KEY_END:
         if (a->frames == NULL)
@@ -104,7 +104,7 @@ static error_t parse_opt(int key, char *arg, struct argp_state *st)
     }
 }
 
-static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_diag *d)
+static pvx_err solve_run(struct calibrate_job *j, const struct args *a, struct pvx_diag *d)
 {
     pvx_pool *pool;
     PVX_TRY(calibrate_start(j, &a->c, d));
@@ -138,7 +138,7 @@ static pvx_err run(struct calibrate_job *j, const struct args *a, struct pvx_dia
 }
 
 /* The rig that was written, by a flame. */
-static pvx_err refine(const struct args *a, struct pvx_diag *d)
+static pvx_err solve_refine(const struct args *a, struct pvx_diag *d)
 {
     struct flame_sets_args sets = FLAME_SETS_INIT;
     bool accepted;
@@ -156,16 +156,16 @@ int calibrate_solve(int argc, char **argv)
     struct args a = {.c = CALIBRATE_ARGS_INIT, .to = REC_NO_FRAME};
     const struct argp_child children[] = {{&calibrate_options, 0, NULL, 0}, {0}};
     const struct argp argp = {
-        .options = options, .parser = parse_opt, .doc = doc, .children = children};
+        .options = options, .parser = solve_parse_opt, .doc = doc, .children = children};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
         return 2;
     struct pvx_diag d = {""};
     struct calibrate_job j = {0};
-    pvx_err e = run(&j, &a, &d);
+    pvx_err e = solve_run(&j, &a, &d);
     calibrate_job_fini(&j);
     bool written = e == PVX_OK;
     if (written && a.flame != NULL)
-        e = refine(&a, &d);
+        e = solve_refine(&a, &d);
     if (e == PVX_ECANCELED && written) {
         fprintf(stderr, "\npyrovox: stopped; %s is the rig of the board\n", a.c.out);
         return 130;

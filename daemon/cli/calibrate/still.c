@@ -10,8 +10,8 @@
 #define MOST  4096 /* more are not needed */
 
 /* Distances of common corners; both lists are by id. */
-static size_t distances(const struct rec_board_view *a, const struct rec_board_view *b,
-                        double scale, double *d, size_t room)
+static size_t still_distances(const struct rec_board_view *a, const struct rec_board_view *b,
+                              double scale, double *d, size_t room)
 {
     size_t n = 0, i = 0, j = 0;
     while (i < a->n && j < b->n && n < room) {
@@ -31,7 +31,7 @@ double calibrate_moved(const struct rec_board_view *a, const struct rec_board_vi
     size_t all = 0;
     for (size_t i = 0; i < n; i++)
         if (a[i].n > 0 && b[i].n > 0 && a[i].face == b[i].face)
-            all += distances(&a[i], &b[i], scale != NULL ? scale[i] : 1, d + all, MOST - all);
+            all += still_distances(&a[i], &b[i], scale != NULL ? scale[i] : 1, d + all, MOST - all);
     if (all < LEAST)
         return INFINITY;
     qsort(d, all, sizeof *d, pvx_ascending);

@@ -34,7 +34,7 @@ struct thumb {
 };
 
 /* The picture in few bins; what does not fill a bin is cut off.  False: it cannot be read. */
-static bool shrink(struct thumb *t, const struct cap_image *img)
+static bool survey_shrink(struct thumb *t, const struct cap_image *img)
 {
     int32_t longer = img->width > img->height ? img->width : img->height;
     int32_t b = (longer + THUMB - 1) / THUMB;
@@ -68,7 +68,7 @@ static float differs(const struct thumb *t)
     return n > 0 ? (float)(sum / (double)n) : NAN;
 }
 
-static pvx_err note(struct calibrate_motion *m, size_t *room, float v)
+static pvx_err survey_note(struct calibrate_motion *m, size_t *room, float v)
 {
     if (m->n == *room) {
         size_t more = *room == 0 ? 1024 : 2 * *room;
@@ -83,14 +83,14 @@ static pvx_err note(struct calibrate_motion *m, size_t *room, float v)
 }
 
 /* The number of instant k. */
-static uint32_t number_of(const struct calibrate_look *l, size_t k)
+static uint32_t survey_number_of(const struct calibrate_look *l, size_t k)
 {
     return l->take != NULL ? (uint32_t)cap_take_set(l->take, k, NULL)->number : (uint32_t)k;
 }
 
-static bool in_range(const struct calibrate_look *l, size_t k)
+static bool survey_in_range(const struct calibrate_look *l, size_t k)
 {
-    return number_of(l, k) >= l->from && number_of(l, k) <= l->to;
+    return survey_number_of(l, k) >= l->from && survey_number_of(l, k) <= l->to;
 }
 
 static pvx_err go_through(struct survey *s, size_t c, struct calibrate_reel *r, struct thumb *t,
@@ -101,16 +101,16 @@ static pvx_err go_through(struct survey *s, size_t c, struct calibrate_reel *r, 
     for (size_t k = 0; k < n && !cli_stop; k++) {
         struct cap_image img;
         struct pvx_diag why = {""};
-        pvx_err e = calibrate_reel_read(r, number_of(l, k), &img, &why);
+        pvx_err e = calibrate_reel_read(r, survey_number_of(l, k), &img, &why);
         if (e == PVX_ECLOSED)
             break;
         if (e != PVX_OK && l->take == NULL)
             return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
-        bool good = e == PVX_OK && shrink(t, &img);
-        PVX_TRY(note(&s->motion[c], &room,
-                     e == PVX_ENOENT       ? CALIBRATE_LACKS
-                     : good && t->compares ? differs(t)
-                                           : NAN));
+        bool good = e == PVX_OK && survey_shrink(t, &img);
+        PVX_TRY(survey_note(&s->motion[c], &room,
+                            e == PVX_ENOENT       ? CALIBRATE_LACKS
+                            : good && t->compares ? differs(t)
+                                                  : NAN));
         t->compares = good || (e == PVX_ENOENT && t->compares && t->n > 0);
     }
     return cli_stop ? PVX_ECANCELED : PVX_OK;
@@ -153,7 +153,7 @@ static double restless(const struct calibrate_motion *m, double mean, size_t k)
     return isfinite(most) && mean > 0 ? (double)most / mean : 1;
 }
 
-static double mean_of(const struct calibrate_motion *m)
+static double survey_mean_of(const struct calibrate_motion *m)
 {
     double sum = 0, n = 0;
     for (size_t k = 0; k < m->n; k++)
@@ -169,7 +169,7 @@ size_t calibrate_choose(const struct calibrate_motion *m, size_t cameras, size_t
     double mean[REC_MAX_CAMERAS];
     size_t n = 0, chosen = 0;
     for (size_t c = 0; c < cameras; c++) {
-        mean[c] = mean_of(&m[c]);
+        mean[c] = survey_mean_of(&m[c]);
         n = m[c].n > n ? m[c].n : n;
     }
     for (size_t from = 0; from < n; from += every) {
@@ -192,7 +192,7 @@ size_t calibrate_choose(const struct calibrate_motion *m, size_t cameras, size_t
 static size_t include(const struct calibrate_look *l, size_t n, size_t *at, size_t chosen)
 {
     size_t k = 0, to = 0;
-    while (k < n && number_of(l, k) != l->always)
+    while (k < n && survey_number_of(l, k) != l->always)
         k++;
     while (to < chosen && at[to] < k)
         to++;
@@ -203,7 +203,7 @@ static size_t include(const struct calibrate_look *l, size_t n, size_t *at, size
     return chosen + 1;
 }
 
-static pvx_err list_camera(struct survey *s, size_t c, const size_t *at, size_t chosen)
+static pvx_err survey_list_camera(struct survey *s, size_t c, const size_t *at, size_t chosen)
 {
     struct calibrate_look *l = s->l;
     for (size_t i = 0; i < chosen; i++) {
@@ -211,7 +211,7 @@ static pvx_err list_camera(struct survey *s, size_t c, const size_t *at, size_t 
         if (at[i] >= s->motion[c].n || s->motion[c].of[at[i]] == CALIBRATE_LACKS)
             continue;
         *p = (struct calibrate_picture){
-            .camera = (uint32_t)c, .frame = number_of(l, at[i]), .at = CALIBRATE_NO_VIEW};
+            .camera = (uint32_t)c, .frame = survey_number_of(l, at[i]), .at = CALIBRATE_NO_VIEW};
         int n = l->take != NULL ? asprintf(&p->path, "%s: set %u of %s", l->video[0], p->frame,
                                            l->camera[c].name)
                                 : asprintf(&p->path, "%s: frame %u", l->video[c], p->frame);
@@ -225,7 +225,7 @@ static pvx_err list_camera(struct survey *s, size_t c, const size_t *at, size_t 
     return PVX_OK;
 }
 
-static void say(struct calibrate_look *l, size_t least, size_t most, size_t every)
+static void survey_say(struct calibrate_look *l, size_t least, size_t most, size_t every)
 {
     char lengths[60], more[sizeof l->said];
     snprintf(more, sizeof more, "%s", l->said);
@@ -245,7 +245,7 @@ static void say(struct calibrate_look *l, size_t least, size_t most, size_t ever
     snprintf(l->said + n, sizeof l->said - (size_t)n, "%.100s", more);
 }
 
-static pvx_err choose(struct survey *s, struct pvx_diag *d)
+static pvx_err survey_choose(struct survey *s, struct pvx_diag *d)
 {
     struct calibrate_look *l = s->l;
     size_t most = 1, least = SIZE_MAX; /* a camera without an instant does not come here */
@@ -261,7 +261,7 @@ static pvx_err choose(struct survey *s, struct pvx_diag *d)
     }
     size_t wanted = 0;
     for (size_t k = 0; k < most; k++)
-        wanted += in_range(l, k);
+        wanted += survey_in_range(l, k);
     wanted = wanted > 0 ? wanted : most; /* none: refused by calibrate_only */
     size_t every = l->every > 0 ? l->every : (wanted - 1) / CALIBRATE_LOOKED_AT + 1;
     size_t *at = pvx_calloc(most / every + 2, sizeof *at);
@@ -272,15 +272,15 @@ static pvx_err choose(struct survey *s, struct pvx_diag *d)
         chosen = include(l, most, at, chosen);
     size_t kept = 0;
     for (size_t i = 0; i < chosen; i++)
-        if (in_range(l, at[i]))
+        if (survey_in_range(l, at[i]))
             at[kept++] = at[i];
     chosen = kept;
     l->picture = pvx_calloc(chosen * l->n_cameras + 1, sizeof *l->picture);
     pvx_err e = l->picture == NULL ? PVX_ENOMEM : PVX_OK;
     for (size_t c = 0; c < l->n_cameras && e == PVX_OK; c++)
-        e = list_camera(s, c, at, chosen);
+        e = survey_list_camera(s, c, at, chosen);
     free(at);
-    say(l, least, most, every);
+    survey_say(l, least, most, every);
     return e;
 }
 
@@ -290,7 +290,8 @@ pvx_err calibrate_survey(struct calibrate_look *l, pvx_pool *pool, bool quiet, s
         .l = l, .lock = PTHREAD_MUTEX_INITIALIZER, .bar = {.label = "motion", .quiet = quiet}};
     pvx_pool_run(pool, l->n_cameras, survey_camera, &s);
     pthread_mutex_destroy(&s.lock);
-    pvx_err e = s.e == PVX_OK ? choose(&s, d) : pvx_fail(d, s.e, "%s", pvx_diag_text(&s.d, s.e));
+    pvx_err e =
+        s.e == PVX_OK ? survey_choose(&s, d) : pvx_fail(d, s.e, "%s", pvx_diag_text(&s.d, s.e));
     for (size_t c = 0; c < l->n_cameras; c++)
         free(s.motion[c].of);
     return e;

@@ -40,7 +40,7 @@ struct look {
 
 /* ---- one picture ---- */
 
-static pvx_err room(struct live_eye *k, const struct cap_image *img)
+static pvx_err watch_room(struct live_eye *k, const struct cap_image *img)
 {
     if (k->width == img->width && k->height == img->height)
         return PVX_OK;
@@ -61,7 +61,7 @@ static pvx_err to_grey(struct live_eye *k, const struct cap_image *raw)
     static const struct cap_convert_params grey = {.binning = 1, .nch = 1};
     struct cap_image img = *raw;
     size_t n = (size_t)raw->width * (size_t)raw->height;
-    PVX_TRY(room(k, raw));
+    PVX_TRY(watch_room(k, raw));
     if (raw->fmt == CAP_JPEG) {
         if (k->jpeg == NULL)
             PVX_TRY(cap_jpeg_new(raw->width, raw->height, &k->jpeg));
@@ -88,7 +88,7 @@ static pvx_err to_grey(struct live_eye *k, const struct cap_image *raw)
     return cap_convert(&k->grey, &grey, 0, img.height, k->level);
 }
 
-static void expose(struct live_eye *k)
+static void watch_expose(struct live_eye *k)
 {
     size_t n = (size_t)k->width * (size_t)k->height, bin[256] = {0}, above = 0;
     for (size_t i = 0; i < n; i++)
@@ -103,7 +103,7 @@ static void expose(struct live_eye *k)
     k->clipped = (double)full / (double)n;
 }
 
-static void look_at(void *ctx, size_t task)
+static void watch_look_at(void *ctx, size_t task)
 {
     struct look *w = ctx;
     struct live_eye *k = &w->l->eye[w->l->look_of[task]];
@@ -116,7 +116,7 @@ static void look_at(void *ctx, size_t task)
     k->e = to_grey(k, &f->img);
     if (k->e != PVX_OK)
         return;
-    expose(k);
+    watch_expose(k);
     struct rec_board_picture p = {k->level, k->width, k->height,
                                   k->width * (ptrdiff_t)sizeof *k->level, true};
     k->e = rec_board_detect(k->det, &p, &k->sight);
@@ -126,7 +126,7 @@ static void look_at(void *ctx, size_t task)
 
 /* ---- what it means ---- */
 
-static void gather(const struct live *l, bool still, struct rec_board_view *out)
+static void watch_gather(const struct live *l, bool still, struct rec_board_view *out)
 {
     for (size_t c = 0; c < l->job.look.n_cameras; c++)
         out[c] = still ? l->eye[c].still : l->eye[c].view;
@@ -145,7 +145,7 @@ static void anchor(struct live *l)
 }
 
 /* This pose is one of those that were taken; under the lock. */
-static bool known(const struct live *l, const struct rec_board_view *now)
+static bool watch_known(const struct live *l, const struct rec_board_view *now)
 {
     const struct calibrate_look *k = &l->job.look;
     double nearest = INFINITY, width[REC_MAX_CAMERAS];
@@ -161,12 +161,12 @@ static bool known(const struct live *l, const struct rec_board_view *now)
 }
 
 /* Under the lock.  t_s: when the set was exposed. */
-static enum live_now judge(struct live *l, double t_s, double *since_s, uint64_t *looks)
+static enum live_now watch_judge(struct live *l, double t_s, double *since_s, uint64_t *looks)
 {
     struct rec_board_view now[REC_MAX_CAMERAS], then[REC_MAX_CAMERAS];
     size_t n = l->job.look.n_cameras, see = 0;
-    gather(l, false, now);
-    gather(l, true, then);
+    watch_gather(l, false, now);
+    watch_gather(l, true, then);
     for (size_t c = 0; c < n; c++)
         see += now[c].n > 0;
     double moved = calibrate_moved(now, then, n, NULL);
@@ -180,7 +180,7 @@ static enum live_now judge(struct live *l, double t_s, double *since_s, uint64_t
         return LIVE_NOBODY;
     if (!(moved <= CALIBRATE_STILL_PX))
         return LIVE_MOVING;
-    if (known(l, now))
+    if (watch_known(l, now))
         return LIVE_KNOWN;
     if (t_s - *since_s < CALIBRATE_STILL_S || *looks < CALIBRATE_LOOKS)
         return LIVE_STILL;
@@ -211,7 +211,7 @@ static void show(struct live *l)
 
 /* ---- kept ---- */
 
-static void save(void *ctx, size_t c)
+static void watch_save(void *ctx, size_t c)
 {
     struct look *w = ctx;
     struct live_eye *k = &w->l->eye[c];
@@ -225,7 +225,7 @@ static void save(void *ctx, size_t c)
 }
 
 /* Under the lock; as calibrate_look would have it of the file. */
-static pvx_err add(struct live *l, uint32_t frame)
+static pvx_err watch_add(struct live *l, uint32_t frame)
 {
     struct calibrate_look *k = &l->job.look;
     struct calibrate_picture *more =
@@ -289,16 +289,16 @@ void live_count(struct live *l)
     l->next_frame = k->n > 0 ? k->picture[k->n - 1].frame + 1 : 0;
 }
 
-static pvx_err take(struct live *l, struct look *w)
+static pvx_err watch_take(struct live *l, struct look *w)
 {
     size_t n = l->job.look.n_cameras;
     w->frame = l->next_frame; /* only this thread changes it */
-    pvx_pool_run(l->pool, n, save, w);
+    pvx_pool_run(l->pool, n, watch_save, w);
     for (size_t c = 0; c < n; c++)
         if (l->eye[c].e != PVX_OK)
             return pvx_fail(&l->d, l->eye[c].e, "%s", pvx_diag_text(&l->eye[c].d, l->eye[c].e));
     pthread_mutex_lock(&l->lock);
-    pvx_err e = add(l, w->frame);
+    pvx_err e = watch_add(l, w->frame);
     live_count(l);
     l->last = w->frame;
     l->taken_now++;
@@ -337,11 +337,11 @@ static void close_eyes(struct live *l)
     PVX_FREE(l->eye);
 }
 
-static pvx_err look(struct live *l, struct cap_set *s, double *since_s, uint64_t *looks)
+static pvx_err watch_look(struct live *l, struct cap_set *s, double *since_s, uint64_t *looks)
 {
     struct look w = {.l = l, .set = s};
     size_t n = l->job.look.n_cameras;
-    pvx_pool_run(l->pool, n, look_at, &w);
+    pvx_pool_run(l->pool, n, watch_look_at, &w);
     for (size_t c = 0; c < n; c++)
         if (l->eye[c].e != PVX_OK) {
             if (l->eye[c].e == PVX_ENOMEM)
@@ -351,7 +351,7 @@ static pvx_err look(struct live *l, struct cap_set *s, double *since_s, uint64_t
             l->eye[c].d.text[0] = '\0';
         }
     pthread_mutex_lock(&l->lock);
-    enum live_now now = judge(l, (double)s->t_exposure_ns * 1e-9, since_s, looks);
+    enum live_now now = watch_judge(l, (double)s->t_exposure_ns * 1e-9, since_s, looks);
     show(l);
     l->looks++;
     if (now != LIVE_TAKEN)
@@ -359,14 +359,14 @@ static pvx_err look(struct live *l, struct cap_set *s, double *since_s, uint64_t
     pthread_mutex_unlock(&l->lock);
     if (now != LIVE_TAKEN)
         return PVX_OK;
-    PVX_TRY(take(l, &w));
+    PVX_TRY(watch_take(l, &w));
     pthread_mutex_lock(&l->lock);
     l->now = LIVE_TAKEN;
     pthread_mutex_unlock(&l->lock);
     return PVX_OK;
 }
 
-static void *watch(void *ctx)
+static void *calibrate_watch(void *ctx)
 {
     struct live *l = ctx;
     double since_s = 0;
@@ -380,7 +380,7 @@ static void *watch(void *ctx)
         struct cap_set *s = l->inbox;
         l->inbox = NULL;
         pthread_mutex_unlock(&l->lock);
-        pvx_err e = look(l, s, &since_s, &looks);
+        pvx_err e = watch_look(l, s, &since_s, &looks);
         cap_set_release(s);
         pthread_mutex_lock(&l->lock);
         if (e != PVX_OK)
@@ -404,7 +404,7 @@ void live_offer(struct live *l, struct cap_set *s)
 pvx_err live_start(struct live *l, struct pvx_diag *d)
 {
     PVX_TRY(open_eyes(l, d));
-    if (pthread_create(&l->watcher, NULL, watch, l) != 0)
+    if (pthread_create(&l->watcher, NULL, calibrate_watch, l) != 0)
         return pvx_fail(d, PVX_EIO, "cannot start a thread");
     if (pthread_create(&l->solver, NULL, live_solve, l) != 0) {
         pthread_mutex_lock(&l->lock);

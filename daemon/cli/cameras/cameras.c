@@ -41,7 +41,7 @@ static const char doc[] =
     "  pyrovox cameras --json | jq -r '.cameras[].uri'\n"
     "  pyrovox cameras test --seconds 10 aravis:192.168.1.21 aravis:192.168.1.22";
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t cameras_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -121,7 +121,7 @@ static void json_formats(struct dmn_json *j, const char *formats)
     dmn_json_close(j, ']');
 }
 
-static void fill(struct dmn_json *j, const void *what)
+static void cameras_fill(struct dmn_json *j, const void *what)
 {
     const struct cameras_list *l = what;
     dmn_json_open(j, NULL, '{');
@@ -151,7 +151,7 @@ static void fill(struct dmn_json *j, const void *what)
     dmn_json_close(j, '}');
 }
 
-static int run(int argc, char **argv)
+static int cameras_run(int argc, char **argv)
 {
     if (argc > 1 && strcmp(argv[1], "test") == 0) {
         static char name[80]; /* outlives this call: argp keeps pointers to argv[0] */
@@ -161,7 +161,7 @@ static int run(int argc, char **argv)
     }
     struct args a = {0};
     const struct argp argp = {.options = options,
-                              .parser = parse_opt,
+                              .parser = cameras_parse_opt,
                               .args_doc = "[BACKEND]\ntest [OPTION...] [SOURCE...]",
                               .doc = doc};
     if (argp_parse(&argp, argc, argv, 0, NULL, &a) != 0)
@@ -178,7 +178,7 @@ static int run(int argc, char **argv)
         code = 2;
     } else if (a.json) {
         struct pvx_diag d = {""};
-        pvx_err e = dmn_json_print(stdout, fill, l, &d);
+        pvx_err e = dmn_json_print(stdout, cameras_fill, l, &d);
         if (e != PVX_OK)
             code = cli_error(&d, e);
     } else {
@@ -192,4 +192,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_cameras = {"cameras", "list the cameras that can be found, test them",
-                                        run};
+                                        cameras_run};

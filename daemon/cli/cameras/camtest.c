@@ -106,8 +106,8 @@ static pvx_err make_rig(struct camtest *t, const struct camtest_options *o, stru
 }
 
 /* What sim: cameras without a rig see: a ramp that moves. */
-static void ramp(void *ctx, uint32_t camera, int64_t t_ns, enum cap_pixfmt fmt, int32_t w,
-                 int32_t h, void *data)
+static void camtest_ramp(void *ctx, uint32_t camera, int64_t t_ns, enum cap_pixfmt fmt, int32_t w,
+                         int32_t h, void *data)
 {
     (void)ctx;
     size_t row = cap_pixfmt_row(fmt, w);
@@ -142,10 +142,10 @@ static pvx_err override(const struct camtest_options *o, struct dmn_config *c, s
     return e;
 }
 
-static pvx_err set_up(struct camtest *t, const struct camtest_options *o, struct dmn_config *c,
-                      struct pvx_diag *d)
+static pvx_err camtest_set_up(struct camtest *t, const struct camtest_options *o,
+                              struct dmn_config *c, struct pvx_diag *d)
 {
-    static const struct cap_scene moving = {.render = ramp};
+    static const struct cap_scene moving = {.render = camtest_ramp};
     const struct cap_scene *scene = &moving;
     if (o->config != NULL) {
         PVX_TRY(dmn_config_load(o->config, c, d));
@@ -183,7 +183,7 @@ pvx_err camtest_new(const struct camtest_options *o, struct camtest **out, struc
     pvx_err e = t == NULL || c == NULL ? PVX_ENOMEM : PVX_OK;
     if (e == PVX_OK) {
         pthread_mutex_init(&t->lock, NULL);
-        e = set_up(t, o, c, d);
+        e = camtest_set_up(t, o, c, d);
         if (e != PVX_OK)
             camtest_free(&t);
         *out = t;
@@ -225,7 +225,7 @@ static pvx_err next_set(struct camtest *t)
     return e == PVX_ECLOSED ? e : PVX_OK;
 }
 
-static void finish(struct camtest *t, struct cap_stats *s, int64_t t0)
+static void camtest_finish(struct camtest *t, struct cap_stats *s, int64_t t0)
 {
     t->measured_s = (double)(pvx_now_mono() - t0) * 1e-9;
     cap_capture_stats(t->capture, s);
@@ -266,7 +266,7 @@ pvx_err camtest_run(struct camtest *t, struct pvx_diag *d)
             if (done < 1)
                 cli_progress(&watching, done);
         }
-        finish(t, s, t0);
+        camtest_finish(t, s, t0);
         if (!cli_stop)
             cli_progress(&watching, 1);
         else
@@ -298,7 +298,7 @@ void camtest_free(struct camtest **tp)
 
 /* ---- pictures --------------------------------------------------------------------------------- */
 
-static pvx_err save(const struct cap_image *raw, const char *path, struct pvx_diag *d)
+static pvx_err cameras_save(const struct cap_image *raw, const char *path, struct pvx_diag *d)
 {
     cap_jpeg *jpeg = NULL;
     struct cap_image img = *raw;
@@ -332,7 +332,7 @@ pvx_err camtest_save(const struct camtest *t, const char *dir, struct pvx_diag *
             continue;
         if (snprintf(path, sizeof path, "%s/%s.png", dir, c->name) >= (int)sizeof path)
             return pvx_fail(d, PVX_ERANGE, "%s: too long a name", dir);
-        PVX_TRY(save(&c->last->frame[i]->img, path, d));
+        PVX_TRY(cameras_save(&c->last->frame[i]->img, path, d));
         fprintf(stderr, "%s\n", path);
     }
     return PVX_OK;

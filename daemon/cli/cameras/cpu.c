@@ -9,7 +9,7 @@
 #include "daemon/doctor/host.h"
 #include "daemon/doctor/parse.h"
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t cpu_parse(int key, char *arg, struct argp_state *state)
 {
     if (key != ARGP_KEY_ARG)
         return ARGP_ERR_UNKNOWN;
@@ -17,10 +17,10 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     return 0;
 }
 
-static int run(int argc, char **argv)
+static int cpu_run(int argc, char **argv)
 {
     static const struct argp argp = {
-        .parser = parse,
+        .parser = cpu_parse,
         .doc = "Show the kernels in use, and all that this CPU can run.\v"
                "Kernels are the inner loops of the solver and of the pixels.  `ref` is plain C and "
                "the specification; "
@@ -51,4 +51,4 @@ static int run(int argc, char **argv)
     return 0;
 }
 
-const struct cli_command cmd_cpu = {"cpu", "which inner loops this CPU runs", run};
+const struct cli_command cmd_cpu = {"cpu", "which inner loops this CPU runs", cpu_run};

@@ -53,7 +53,7 @@ static const char doc[] =
     "  pyrovox doctor --json | jq '.findings[] | select(.verdict == \"fail\") | .id'\n"
     "  pyrovox doctor --record /data/takes --disk-test 500";
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t doctor_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -91,7 +91,8 @@ static pvx_err get_load(const struct args *a, struct doc_load *l, struct pvx_dia
     return PVX_OK;
 }
 
-static pvx_err write_script(const char *path, const struct doctor *doctor, struct pvx_diag *d)
+static pvx_err doctor_write_script(const char *path, const struct doctor *doctor,
+                                   struct pvx_diag *d)
 {
     if (strcmp(path, "-") == 0) {
         doc_script(stdout, doctor);
@@ -110,10 +111,10 @@ static pvx_err write_script(const char *path, const struct doctor *doctor, struc
     return e;
 }
 
-static int run(int argc, char **argv)
+static int doctor_run(int argc, char **argv)
 {
     struct args a = {.sample_s = 1};
-    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    const struct argp argp = {.options = options, .parser = doctor_parse, .doc = doc};
     argp_err_exit_status = 3; /* 1 and 2 say how well the host is */
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     struct doctor *doctor = pvx_calloc(1, sizeof *doctor);
@@ -137,7 +138,7 @@ static int run(int argc, char **argv)
         else if (!script_only)
             doc_print(stdout, doctor, &style);
         if (e == PVX_OK && a.fix_script != NULL)
-            e = write_script(a.fix_script, doctor, &d);
+            e = doctor_write_script(a.fix_script, doctor, &d);
         code = doc_exit_status(&doctor->report);
     }
     free(doctor);
@@ -147,4 +148,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_doctor = {"doctor", "what on this host loses frames, and the remedies",
-                                       run};
+                                       doctor_run};

@@ -26,11 +26,11 @@ double camtest_worst(const struct camtest_series *s)
     return s->n == 0 ? 0 : fmax(s->max - s->mean, s->mean - s->min);
 }
 
-static void say(struct camtest_camera *c, enum camtest_verdict v, const char *remedy,
-                const char *fmt, ...) PVX_PRINTF(4, 5);
+static void judge_say(struct camtest_camera *c, enum camtest_verdict v, const char *remedy,
+                      const char *fmt, ...) PVX_PRINTF(4, 5);
 /* The worst comes first and stays. */
-static void say(struct camtest_camera *c, enum camtest_verdict v, const char *remedy,
-                const char *fmt, ...)
+static void judge_say(struct camtest_camera *c, enum camtest_verdict v, const char *remedy,
+                      const char *fmt, ...)
 {
     if (v <= c->verdict)
         return;
@@ -52,17 +52,20 @@ static double made(const struct camtest_camera *c)
 static void no_frames(const struct camtest *t, struct camtest_camera *c)
 {
     if (c->stats.error[0] != '\0' && c->count[CAP_RECEIVED] == 0)
-        say(c, CAMTEST_FAIL, "", "%s", c->stats.error); /* which has its remedy */
+        judge_say(c, CAMTEST_FAIL, "", "%s", c->stats.error); /* which has its remedy */
     else if (c->count[CAP_INCOMPLETE] > 0)
-        say(c, CAMTEST_FAIL, "`pyrovox doctor` looks for the cause: MTU, socket buffers, the card",
+        judge_say(
+            c, CAMTEST_FAIL, "`pyrovox doctor` looks for the cause: MTU, socket buffers, the card",
             "not one whole frame, %llu incomplete", (unsigned long long)c->count[CAP_INCOMPLETE]);
     else if (t->triggered)
-        say(c, CAMTEST_FAIL,
+        judge_say(
+            c, CAMTEST_FAIL,
             "does the trigger reach it? try --trigger free-run; capture/SYNC.md has the wiring and "
             "keys",
             "opened, but no frame came: it waits for a trigger");
     else
-        say(c, CAMTEST_FAIL,
+        judge_say(
+            c, CAMTEST_FAIL,
             "a firewall lets cameras be found but keeps streams out: `pyrovox doctor`; or the "
             "camera waits for a trigger (features: TriggerMode: \"Off\")",
             "opened, but no frame came");
@@ -73,28 +76,30 @@ static void losses(const struct camtest_camera *in, struct camtest_camera *c)
     const uint64_t *n = in->count;
     double all = made(in);
     if (n[CAP_LOST_CAMERA] > 0)
-        say(c, CAMTEST_FAIL, "cable, power, switch; USB: autosuspend (`pyrovox doctor`)",
-            "stopped answering %llu times", (unsigned long long)n[CAP_LOST_CAMERA]);
+        judge_say(c, CAMTEST_FAIL, "cable, power, switch; USB: autosuspend (`pyrovox doctor`)",
+                  "stopped answering %llu times", (unsigned long long)n[CAP_LOST_CAMERA]);
     if (n[CAP_INCOMPLETE] > 0)
-        say(c,
+        judge_say(
+            c,
             n[CAP_INCOMPLETE] > 2 && n[CAP_INCOMPLETE] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
             "`pyrovox doctor` looks for the cause; packet_delay_ns where cameras share a link",
             "%llu of %.0f frames incomplete: packets were lost",
             (unsigned long long)n[CAP_INCOMPLETE], all);
     if (n[CAP_BAD_SIZE] + n[CAP_BAD_FORMAT] > 0)
-        say(c, CAMTEST_FAIL, "another program changes the camera, or packets are cut (MTU)",
-            "%llu frames of another size or format",
-            (unsigned long long)n[CAP_BAD_SIZE] + n[CAP_BAD_FORMAT]);
+        judge_say(c, CAMTEST_FAIL, "another program changes the camera, or packets are cut (MTU)",
+                  "%llu frames of another size or format",
+                  (unsigned long long)n[CAP_BAD_SIZE] + n[CAP_BAD_FORMAT]);
     if (n[CAP_BAD_STAMP] > 0)
-        say(c, CAMTEST_FAIL, "the camera's clock is set while it runs: two PTP masters?",
-            "%llu frames with a clock that ran backwards or stood still",
-            (unsigned long long)n[CAP_BAD_STAMP]);
+        judge_say(c, CAMTEST_FAIL, "the camera's clock is set while it runs: two PTP masters?",
+                  "%llu frames with a clock that ran backwards or stood still",
+                  (unsigned long long)n[CAP_BAD_STAMP]);
     if (n[CAP_UNDERRUN] + n[CAP_OVERFLOW] > 0)
-        say(c, CAMTEST_WARN, "this machine is busy with other things; more `buffers`",
-            "%llu frames lost here: this program was too slow",
-            (unsigned long long)n[CAP_UNDERRUN] + n[CAP_OVERFLOW]);
+        judge_say(c, CAMTEST_WARN, "this machine is busy with other things; more `buffers`",
+                  "%llu frames lost here: this program was too slow",
+                  (unsigned long long)n[CAP_UNDERRUN] + n[CAP_OVERFLOW]);
     if (n[CAP_ID_GAP] > 0)
-        say(c, n[CAP_ID_GAP] > 2 && n[CAP_ID_GAP] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
+        judge_say(
+            c, n[CAP_ID_GAP] > 2 && n[CAP_ID_GAP] > 0.01 * all ? CAMTEST_FAIL : CAMTEST_WARN,
             "the camera could not send them: bandwidth limit of the camera or its bus; lower fps "
             "or another pixel format",
             "%llu of %.0f frames numbered by the camera never came",
@@ -106,39 +111,41 @@ static void timing(const struct camtest *t, struct camtest_camera *c)
     double period = t->fps > 0 ? 1 / t->fps : c->device.mean;
     const struct cap_health *h = &c->stats.health;
     if (t->fps > 0 && c->frames > 10 && c->hz < 0.97 * t->fps)
-        say(c, CAMTEST_WARN,
+        judge_say(
+            c, CAMTEST_WARN,
             "exposure longer than the period, a format too large for the link, or a rate that the "
             "camera does not have (`pyrovox cameras -l`)",
             "%.2f Hz instead of %.2f", c->hz, t->fps);
     if (t->fps > 0 && c->frames > 10 && c->hz > 1.03 * t->fps)
-        say(c, CAMTEST_WARN,
-            "the camera ignores the rate that it is given; set its own feature "
-            "(AcquisitionFrameRateEnable), or trigger it",
-            "%.2f Hz instead of %.2f", c->hz, t->fps);
+        judge_say(c, CAMTEST_WARN,
+                  "the camera ignores the rate that it is given; set its own feature "
+                  "(AcquisitionFrameRateEnable), or trigger it",
+                  "%.2f Hz instead of %.2f", c->hz, t->fps);
     if (c->device.n > 10 && camtest_worst(&c->device) > 0.2 * period)
-        say(c, CAMTEST_WARN,
-            "auto exposure or a software trigger; a hardware line or PTP is steady "
-            "(capture/SYNC.md)",
-            "its exposures come up to %.1f ms off their rhythm", camtest_worst(&c->device) * 1e3);
+        judge_say(c, CAMTEST_WARN,
+                  "auto exposure or a software trigger; a hardware line or PTP is steady "
+                  "(capture/SYNC.md)",
+                  "its exposures come up to %.1f ms off their rhythm",
+                  camtest_worst(&c->device) * 1e3);
     if (isfinite(h->temperature_c) && h->temperature_c >= 70)
-        say(c, h->temperature_c >= 85 ? CAMTEST_FAIL : CAMTEST_WARN,
-            "mount it on metal, or give it air: noise doubles every 6 to 8 degrees",
-            "%.0f degrees Celsius", h->temperature_c);
+        judge_say(c, h->temperature_c >= 85 ? CAMTEST_FAIL : CAMTEST_WARN,
+                  "mount it on metal, or give it air: noise doubles every 6 to 8 degrees",
+                  "%.0f degrees Celsius", h->temperature_c);
     double mbps = c->hz * (c->frames > 0 ? (double)c->bytes / (double)c->frames : 0) * 8e-6;
     if (isfinite(h->link_mbps) && h->link_mbps > 0 && mbps > 0.9 * h->link_mbps)
-        say(c, CAMTEST_WARN, "lower fps, a packed or Bayer format, or a faster link",
-            "its link is full: %.0f of %.0f Mb/s", mbps, h->link_mbps);
+        judge_say(c, CAMTEST_WARN, "lower fps, a packed or Bayer format, or a faster link",
+                  "its link is full: %.0f of %.0f Mb/s", mbps, h->link_mbps);
 }
 
 /* What capture has found out by itself: slips, missed triggers, a wrong clock ... */
-static void troubles(struct camtest_camera *c)
+static void judge_troubles(struct camtest_camera *c)
 {
     for (uint32_t i = 0; i < c->stats.n_troubles && i < CAP_TROUBLES_MAX; i++) {
         const struct cap_trouble *k = &c->stats.trouble[i];
         const struct cap_trouble_def *def = &cap_trouble_defs[k->cause];
         if (def->what != NULL && k->cause >= CAP_CLOCK_STUCK)
-            say(c, CAMTEST_WARN, def->remedy, "%s%s%s", def->what, k->detail[0] != '\0' ? ": " : "",
-                k->detail);
+            judge_say(c, CAMTEST_WARN, def->remedy, "%s%s%s", def->what,
+                      k->detail[0] != '\0' ? ": " : "", k->detail);
     }
 }
 
@@ -190,7 +197,7 @@ void camtest_judge(struct camtest *t)
             no_frames(t, c);
         else {
             losses(c, c);
-            troubles(c);
+            judge_troubles(c);
             timing(t, c);
         }
     }

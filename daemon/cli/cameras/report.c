@@ -17,7 +17,7 @@ static double share(const struct camtest_camera *c)
 }
 
 /* Frames that did not come to us whole and in time. */
-static uint64_t lost(const struct camtest_camera *c)
+static uint64_t cameras_lost(const struct camtest_camera *c)
 {
     static const enum cap_count causes[] = {CAP_INCOMPLETE, CAP_BAD_SIZE, CAP_BAD_FORMAT,
                                             CAP_BAD_STAMP,  CAP_UNDERRUN, CAP_OVERFLOW,
@@ -37,7 +37,7 @@ static const char *jitter(const struct camtest_series *s, char out[32])
     return out;
 }
 
-static void print_row(FILE *f, const struct camtest_camera *c, int name)
+static void cameras_print_row(FILE *f, const struct camtest_camera *c, int name)
 {
     char link[16] = "-", temp[16] = "-", device[32], arrival[32];
     if (isfinite(share(c)))
@@ -45,8 +45,8 @@ static void print_row(FILE *f, const struct camtest_camera *c, int name)
     if (isfinite(c->stats.health.temperature_c))
         snprintf(temp, sizeof temp, "%.0f", c->stats.health.temperature_c);
     fprintf(f, "%-*.*s %7.2f %6llu %5llu %s %s %6.1f %5s %3s\n", name, name, c->name, c->hz,
-            (unsigned long long)c->frames, (unsigned long long)lost(c), jitter(&c->device, device),
-            jitter(&c->arrival, arrival),
+            (unsigned long long)c->frames, (unsigned long long)cameras_lost(c),
+            jitter(&c->device, device), jitter(&c->arrival, arrival),
             c->frames > 0 ? (double)c->bytes / (double)c->frames * c->hz * 1e-6 : 0, link, temp);
 }
 
@@ -86,7 +86,7 @@ void camtest_print(FILE *f, const struct camtest *t, int width)
     fprintf(f, "%-*s %7s %6s %5s %6s %6s %6s %6s %6s %5s %3s\n", name, "camera", "Hz", "frames",
             "lost", "std", "max", "std", "max", "MB/s", "link", "C");
     for (uint32_t i = 0; i < t->n; i++)
-        print_row(f, &t->camera[i], name);
+        cameras_print_row(f, &t->camera[i], name);
     char line[400];
     int n = snprintf(line, sizeof line, "%.1f s%s", t->measured_s,
                      t->interrupted ? " (interrupted)" : "");
@@ -155,7 +155,7 @@ static void json_camera(struct dmn_json *j, const struct camtest *t, uint32_t i)
     dmn_json_close(j, '}');
 }
 
-static void fill(struct dmn_json *j, const void *what)
+static void cameras_report_fill(struct dmn_json *j, const void *what)
 {
     const struct camtest *t = what;
     dmn_json_open(j, NULL, '{');
@@ -181,5 +181,5 @@ static void fill(struct dmn_json *j, const void *what)
 
 pvx_err camtest_print_json(FILE *f, const struct camtest *t, struct pvx_diag *d)
 {
-    return dmn_json_print(f, fill, t, d);
+    return dmn_json_print(f, cameras_report_fill, t, d);
 }

@@ -48,7 +48,7 @@ static const char doc[] =
     "  pyrovox cameras test --fps 30 --pixel-format Mono8 aravis:192.168.1.21 aravis:192.168.1.22\n"
     "  pyrovox cameras test --trigger software sim: sim:drop=0.1";
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t cameras_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -119,7 +119,7 @@ int cmd_cameras_test(int argc, char **argv)
 {
     struct args a = {.o = {.seconds = 5}};
     const struct argp argp = {
-        .options = options, .parser = parse, .args_doc = "[SOURCE...]", .doc = doc};
+        .options = options, .parser = cameras_parse, .args_doc = "[SOURCE...]", .doc = doc};
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     a.o.uri = a.uri;
     struct cameras_list *l = calloc(1, sizeof *l);

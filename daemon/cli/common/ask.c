@@ -22,8 +22,8 @@ struct whom {
 };
 
 /* Room for an answer, or why there will be none. */
-static pvx_err answer(void *socket, pvp_door *door, struct whom whom, int timeout_ms,
-                      struct pvx_diag *d)
+static pvx_err ask_answer(void *socket, pvp_door *door, struct whom whom, int timeout_ms,
+                          struct pvx_diag *d)
 {
     zmq_pollitem_t item[] = {{.socket = socket, .events = ZMQ_POLLIN},
                              {.socket = pvp_door_socket(door), .events = ZMQ_POLLIN}};
@@ -47,8 +47,8 @@ static pvx_err answer(void *socket, pvp_door *door, struct whom whom, int timeou
     }
 }
 
-static pvx_err reach(void *socket, const char *endpoint, const char *key, int timeout_ms,
-                     struct pvx_diag *d)
+static pvx_err ask_reach(void *socket, const char *endpoint, const char *key, int timeout_ms,
+                         struct pvx_diag *d)
 {
     int linger = 0;
     zmq_setsockopt(socket, ZMQ_LINGER, &linger, sizeof linger);
@@ -65,13 +65,13 @@ static pvx_err exchange(void *socket, pvp_door *door, struct whom whom, const ch
                         int timeout_ms, cJSON **out, struct pvx_diag *d)
 {
     const char *endpoint = whom.endpoint, *key = whom.key;
-    PVX_TRY(reach(socket, endpoint, key, timeout_ms, d));
+    PVX_TRY(ask_reach(socket, endpoint, key, timeout_ms, d));
     zmq_msg_t reply;
     zmq_msg_init(&reply);
     pvx_err e = PVX_OK;
     int sent = zmq_send(socket, text, strlen(text), 0);
     if (sent >= 0)
-        e = answer(socket, door, whom, timeout_ms, d);
+        e = ask_answer(socket, door, whom, timeout_ms, d);
     if (e != PVX_OK) {
         /* said */
     } else if (sent < 0 || zmq_msg_recv(&reply, socket, ZMQ_DONTWAIT) < 0) {
@@ -181,7 +181,7 @@ pvx_err ask_words(const char *endpoint, const char *key, const char *const *word
     return e;
 }
 
-static const cJSON *at(const cJSON *j, const char *a, const char *b)
+static const cJSON *ask_at(const cJSON *j, const char *a, const char *b)
 {
     const cJSON *v = cJSON_GetObjectItemCaseSensitive(j, a);
     return b == NULL ? v : cJSON_GetObjectItemCaseSensitive(v, b);
@@ -189,12 +189,12 @@ static const cJSON *at(const cJSON *j, const char *a, const char *b)
 
 double ask_num(const cJSON *j, const char *a, const char *b)
 {
-    const cJSON *v = at(j, a, b);
+    const cJSON *v = ask_at(j, a, b);
     return cJSON_IsNumber(v) ? v->valuedouble : 0;
 }
 
 const char *ask_text(const cJSON *j, const char *a, const char *b)
 {
-    const char *s = cJSON_GetStringValue(at(j, a, b));
+    const char *s = cJSON_GetStringValue(ask_at(j, a, b));
     return s == NULL ? "" : s;
 }

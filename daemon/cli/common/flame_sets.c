@@ -45,7 +45,7 @@ static const struct argp_option options[] = {
     {"quiet", OPT_QUIET, NULL, 0, "no progress", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t flame_sets_parse(int key, char *arg, struct argp_state *st)
 {
     struct flame_sets_args *a = st->input;
     switch (key) {
@@ -70,7 +70,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-const struct argp flame_sets_argp = {.options = options, .parser = parse};
+const struct argp flame_sets_argp = {.options = options, .parser = flame_sets_parse};
 
 /* ---- loaded ---- */
 
@@ -85,7 +85,7 @@ static size_t taken(const struct flame_sets *s, size_t k)
     return (start < least ? least : start) + k % FLAME_SETS_RUN;
 }
 
-static pvx_err room(struct frames_in *in, float **at, struct pvx_diag *d)
+static pvx_err flame_sets_room(struct frames_in *in, float **at, struct pvx_diag *d)
 {
     for (size_t c = 0; c < in->rig->n_cameras; c++)
         if ((at[c] = frames_in_room(in, c)) == NULL)
@@ -95,7 +95,8 @@ static pvx_err room(struct frames_in *in, float **at, struct pvx_diag *d)
 }
 
 /* What of it is the flame's: from `top` on pixels are saturated and stay so. */
-static void subtract(float *picture, float black, const float *background, size_t n, float top)
+static void flame_sets_subtract(float *picture, float black, const float *background, size_t n,
+                                float top)
 {
     for (size_t i = 0; i < n; i++)
         if (!(picture[i] >= top))
@@ -121,7 +122,7 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
     for (size_t k = 0; k < s->n; k++) {
         float **at = s->picture[k];
         size_t i = taken(s, k);
-        PVX_TRY(room(in, at, d));
+        PVX_TRY(flame_sets_room(in, at, d));
         s->number[k] = in->number[i];
         uint64_t mask = frames_in_load(in, i, at);
         for (size_t c = 0; c < cams; c++) {
@@ -133,8 +134,8 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
             if (s->light != NULL)
                 blank_saturated(s, in->images, c, at[c]);
             if (background[c] != NULL || black > 0)
-                subtract(at[c], black, background[c], s->bins[c],
-                         s->light != NULL ? INFINITY : REC_PHOTO_FULL);
+                flame_sets_subtract(at[c], black, background[c], s->bins[c],
+                                    s->light != NULL ? INFINITY : REC_PHOTO_FULL);
             s->floats = s->floats || dmn_images_floats(in->images, c);
         }
         if (cli_stop || (!s->a->quiet && !cli_progress(&bar, (double)(k + 1) / (double)s->n)))
@@ -143,7 +144,8 @@ static pvx_err load_all(struct flame_sets *s, struct frames_in *in, float *const
     return PVX_OK;
 }
 
-static pvx_err load(struct flame_sets *s, struct frames_in *in, struct pvx_diag *d)
+static pvx_err common_flame_sets_load(struct flame_sets *s, struct frames_in *in,
+                                      struct pvx_diag *d)
 {
     float *background[REC_MAX_CAMERAS] = {0};
     const struct flame_sets_args *a = s->a;
@@ -205,7 +207,7 @@ pvx_err flame_sets_read(struct flame_sets *s, struct pvx_diag *d)
     PVX_TRY(pvx_pool_new((unsigned)s->a->threads, "check", &s->pool));
     struct frames_in in = {
         .rig = &s->rig, .pool = s->pool, .how = s->a->reading, .light = s->light};
-    pvx_err e = load(s, &in, d);
+    pvx_err e = common_flame_sets_load(s, &in, d);
     frames_in_close(&in);
     return e;
 }
@@ -224,7 +226,7 @@ void flame_sets_fini(struct flame_sets *s)
     rec_rig_fini(&s->rig);
 }
 
-static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
+static pvx_err flame_sets_get(void *ctx, size_t i, struct rec_check_set *out)
 {
     struct flame_sets *s = ctx;
     for (size_t c = 0; c < s->rig.n_cameras && s->nch == 3; c++) {
@@ -237,7 +239,7 @@ static pvx_err get(void *ctx, size_t i, struct rec_check_set *out)
     return PVX_OK;
 }
 
-static bool progress(void *ctx, double done)
+static bool flame_sets_progress(void *ctx, double done)
 {
     struct flame_sets *s = ctx;
     if (s->a->quiet)
@@ -250,5 +252,6 @@ static bool progress(void *ctx, double done)
 struct rec_check_source flame_sets_source(struct flame_sets *s, const char *label)
 {
     s->bar = (struct cli_progress){.label = label};
-    return (struct rec_check_source){.n = s->n, .get = get, .progress = progress, .ctx = s};
+    return (struct rec_check_source){
+        .n = s->n, .get = flame_sets_get, .progress = flame_sets_progress, .ctx = s};
 }

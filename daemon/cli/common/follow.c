@@ -79,7 +79,7 @@ static double scene_time(const struct follow_truth *t, int64_t t_ns)
     return (double)(t_ns % (int64_t)(t->period_s * (double)PVX_NS_PER_S)) * 1e-9;
 }
 
-static pvx_err room(float **p, size_t *have, size_t want)
+static pvx_err follow_room(float **p, size_t *have, size_t want)
 {
     if (*have >= want)
         return PVX_OK;
@@ -92,10 +92,11 @@ static pvx_err room(float **p, size_t *have, size_t want)
     return PVX_OK;
 }
 
-static pvx_err compare(struct follow *f, const struct rec_grid *g, int channels, int64_t t_ns)
+static pvx_err follow_compare(struct follow *f, const struct rec_grid *g, int channels,
+                              int64_t t_ns)
 {
     size_t n = rec_grid_count(g);
-    PVX_TRY(room(&f->want, &f->want_n, n * 3));
+    PVX_TRY(follow_room(&f->want, &f->want_n, n * 3));
     struct rec_flame flame;
     struct rec_flame_pose pose;
     rec_flame_init(&flame, g, f->truth.seed);
@@ -143,10 +144,11 @@ static pvx_err got_volume(struct follow *f, const void *msg, size_t len, struct 
     to_grid(&v.v.grid, &g);
     size_t count = rec_grid_count(&g) * v.v.grid.channels;
     f->have_dense = false;
-    PVX_TRY(room(&f->dense, &f->dense_n, count));
+    PVX_TRY(follow_room(&f->dense, &f->dense_n, count));
     PVX_TRY(pvp_volume_unpack(f->decoder, &v, f->dense, count, d));
     f->have_dense = true;
-    return f->truth.known ? compare(f, &g, (int)v.v.grid.channels, v.v.t_exposure_ns) : PVX_OK;
+    return f->truth.known ? follow_compare(f, &g, (int)v.v.grid.channels, v.v.t_exposure_ns)
+                          : PVX_OK;
 }
 
 static pvx_err got_message(struct follow *f, const struct pvp_header *h, const void *msg,

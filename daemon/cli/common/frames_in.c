@@ -28,7 +28,8 @@ static bool there(const struct frames_in *f, size_t i, size_t c)
 }
 
 /* A take's frame gets a name for messages. */
-static const char *name_of(const struct frames_in *f, size_t i, size_t c, char room[PATH_ROOM])
+static const char *frames_in_name_of(const struct frames_in *f, size_t i, size_t c,
+                                     char room[PATH_ROOM])
 {
     if (f->take == NULL)
         return f->path[i * f->rig->n_cameras + c];
@@ -37,17 +38,17 @@ static const char *name_of(const struct frames_in *f, size_t i, size_t c, char r
     return room;
 }
 
-static int by_number(const void *a, const void *b)
+static int frames_in_by_number(const void *a, const void *b)
 {
     uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
     return x < y ? -1 : x > y;
 }
 
 /* The numbers found, `all` of them in number[], in order and each once, from `first` to `last`. */
-static pvx_err choose(struct frames_in *f, size_t all, uint32_t first, uint32_t last,
-                      struct pvx_diag *d)
+static pvx_err frames_in_choose(struct frames_in *f, size_t all, uint32_t first, uint32_t last,
+                                struct pvx_diag *d)
 {
-    qsort(f->number, all, sizeof *f->number, by_number);
+    qsort(f->number, all, sizeof *f->number, frames_in_by_number);
     uint32_t least = f->number[0], most = f->number[all - 1];
     for (size_t k = 0; k < all; k++)
         if (f->number[k] >= first && f->number[k] <= last &&
@@ -60,14 +61,14 @@ static pvx_err choose(struct frames_in *f, size_t all, uint32_t first, uint32_t 
 }
 
 /* Of a file; what is beyond what can be asked for stays so. */
-static uint32_t number_of(const struct cap_sequence_item *item)
+static uint32_t frames_in_number_of(const struct cap_sequence_item *item)
 {
     return item->number > UINT32_MAX ? UINT32_MAX : (uint32_t)item->number;
 }
 
-static size_t place(const struct frames_in *f, uint32_t number)
+static size_t frames_in_place(const struct frames_in *f, uint32_t number)
 {
-    uint32_t *at = bsearch(&number, f->number, f->n, sizeof number, by_number);
+    uint32_t *at = bsearch(&number, f->number, f->n, sizeof number, frames_in_by_number);
     return at == NULL ? f->n : (size_t)(at - f->number);
 }
 
@@ -94,14 +95,14 @@ static pvx_err scan_folder(struct frames_in *f, uint32_t first, uint32_t last, s
         e = PVX_ENOMEM;
     for (size_t s = 0; s < cams * N_EXT && e == PVX_OK; s++)
         for (size_t i = 0; i < seq[s].n; i++)
-            f->number[k++] = number_of(&seq[s].item[i]);
+            f->number[k++] = frames_in_number_of(&seq[s].item[i]);
     if (e == PVX_OK)
-        e = choose(f, all, first, last, d);
+        e = frames_in_choose(f, all, first, last, d);
     if (e == PVX_OK && (f->path = pvx_calloc(f->n * cams, sizeof *f->path)) == NULL)
         e = PVX_ENOMEM;
     for (size_t s = 0; s < cams * N_EXT; s++) {
         for (size_t i = 0; i < seq[s].n && e == PVX_OK; i++) {
-            size_t at = place(f, number_of(&seq[s].item[i]));
+            size_t at = frames_in_place(f, frames_in_number_of(&seq[s].item[i]));
             char **path = at < f->n ? &f->path[at * cams + s / N_EXT] : NULL;
             if (path == NULL || *path != NULL)
                 continue;
@@ -135,7 +136,7 @@ static pvx_err scan_take(struct frames_in *f, uint32_t first, uint32_t last, str
         return PVX_ENOMEM;
     for (uint64_t k = 0; k < sets; k++)
         f->number[k] = (uint32_t)cap_take_set(f->take, k, NULL)->number;
-    PVX_TRY(choose(f, sets, first, last, d));
+    PVX_TRY(frames_in_choose(f, sets, first, last, d));
     f->row = pvx_calloc(f->n * cams, sizeof *f->row);
     if (f->row == NULL)
         return PVX_ENOMEM;
@@ -182,11 +183,11 @@ static pvx_err read_as(const struct frames_in *f, const char *path, struct cap_l
     return e;
 }
 
-static pvx_err load(const struct frames_in *f, size_t i, size_t c, struct cap_loaded *l,
-                    struct pvx_diag *d)
+static pvx_err common_frames_in_load(const struct frames_in *f, size_t i, size_t c,
+                                     struct cap_loaded *l, struct pvx_diag *d)
 {
     char room[PATH_ROOM];
-    const char *name = name_of(f, i, c, room);
+    const char *name = frames_in_name_of(f, i, c, room);
     PVX_TRY(f->take != NULL ? load_from_take(f, i, c, l, d) : cap_image_load(name, l, d));
     return read_as(f, name, l, d);
 }
@@ -197,24 +198,25 @@ static void load_piece(void *ctx, size_t c)
     f->image[c] = NULL;
     f->why[c].text[0] = '\0';
     f->loaded[c] = (struct cap_loaded){0};
-    if (there(f, f->at, c) && load(f, f->at, c, &f->loaded[c], &f->why[c]) == PVX_OK)
+    if (there(f, f->at, c) &&
+        common_frames_in_load(f, f->at, c, &f->loaded[c], &f->why[c]) == PVX_OK)
         f->image[c] = &f->loaded[c].img;
 }
 
-static void load_set(struct frames_in *f, size_t i)
+static void frames_in_load_set(struct frames_in *f, size_t i)
 {
     f->at = i;
     pvx_pool_run(f->pool, f->rig->n_cameras, load_piece, f);
 }
 
 /* After a set: what could not be used is told, the first of it in *first, and the images are let go. */
-static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
+static void frames_in_let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 {
     for (size_t c = 0; c < f->rig->n_cameras; c++) {
         char room[PATH_ROOM];
         struct pvx_diag *why = &f->why[c];
         if (f->image[c] != NULL && !(mask >> c & 1))
-            pvx_fail(why, PVX_EINVAL, "%s: %s", name_of(f, f->at, c, room),
+            pvx_fail(why, PVX_EINVAL, "%s: %s", frames_in_name_of(f, f->at, c, room),
                      dmn_images_why(f->images, c));
         if (why->text[0] != '\0') {
             if (!f->backwards)
@@ -229,28 +231,28 @@ static void let_go(struct frames_in *f, uint64_t mask, struct pvx_diag *first)
 uint64_t frames_in_load(struct frames_in *f, size_t i, float *const *out)
 {
     uint64_t mask;
-    load_set(f, i);
+    frames_in_load_set(f, i);
     dmn_images_bin(f->images, f->image, out, &mask);
-    let_go(f, mask, &(struct pvx_diag){""});
+    frames_in_let_go(f, mask, &(struct pvx_diag){""});
     return mask;
 }
 
 uint64_t frames_in_load_frame(struct frames_in *f, size_t i, rec_frame *frame)
 {
     uint64_t mask;
-    load_set(f, i);
+    frames_in_load_set(f, i);
     (void)dmn_images_bin_frame(f->images, f->image, frame, &mask);
-    let_go(f, mask, &(struct pvx_diag){""});
+    frames_in_let_go(f, mask, &(struct pvx_diag){""});
     return mask;
 }
 
-static pvx_err next(void *ctx, struct dmn_slot *s)
+static pvx_err frames_in_next(void *ctx, struct dmn_slot *s)
 {
     struct frames_in *f = ctx;
     if (f->left == 0 || cli_stop || atomic_load(&f->stop))
         return PVX_ECLOSED;
     f->left--;
-    load_set(f, f->backwards ? f->left : f->n - 1 - f->left);
+    frames_in_load_set(f, f->backwards ? f->left : f->n - 1 - f->left);
     int64_t t0 = s->t_last_mono_ns = pvx_now_mono();
     s->set = f->number[f->at];
     s->t_exposure_ns = s->spread_ns = 0;
@@ -262,7 +264,7 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
     }
     s->n_present = dmn_images_bin_frame(f->images, f->image, s->frame, &s->mask);
     s->bin_ns = pvx_now_mono() - t0;
-    let_go(f, s->mask, &s->problem);
+    frames_in_let_go(f, s->mask, &s->problem);
     if (s->n_present == 0)
         s->why = DMN_DROP_IMAGES;
     return PVX_OK;
@@ -272,7 +274,7 @@ struct dmn_source frames_in_source(struct frames_in *f, bool backwards)
 {
     f->left = f->n;
     f->backwards = backwards;
-    return (struct dmn_source){.next = next, .ctx = f};
+    return (struct dmn_source){.next = frames_in_next, .ctx = f};
 }
 
 float *frames_in_room(const struct frames_in *f, size_t c)
@@ -356,7 +358,7 @@ pvx_err frames_in_background(struct frames_in *f, const char *dir, float **out, 
 /* ---- open and close ---- */
 
 /* As many channels as the first image that can be read. */
-static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
+static pvx_err frames_in_look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
 {
     struct pvx_diag first = {""};
     pvx_err bad = PVX_ENOENT;
@@ -365,7 +367,7 @@ static pvx_err look_at_first(struct frames_in *f, bool grey, struct pvx_diag *d)
             struct cap_loaded l;
             if (!there(f, i, c))
                 continue;
-            pvx_err e = load(f, i, c, &l, &first);
+            pvx_err e = common_frames_in_load(f, i, c, &l, &first);
             if (e != PVX_OK) {
                 bad = bad == PVX_ENOENT ? e : bad;
                 continue;
@@ -384,7 +386,7 @@ pvx_err frames_in_open(struct frames_in *f, const char *dir, uint32_t first, uin
     pvx_err e = vol_hdf5_name(dir) ? scan_take(f, first, last, d) : scan_folder(f, first, last, d);
     if (e == PVX_ENOMEM)
         pvx_fail(d, e, "%s: no memory for the list of frames", dir);
-    return e == PVX_OK ? look_at_first(f, grey, d) : e;
+    return e == PVX_OK ? frames_in_look_at_first(f, grey, d) : e;
 }
 
 /* Of a take that does not say how warm its cameras were, or of darks. */

@@ -58,7 +58,7 @@ static bool parse_auto(const char *s, int64_t max, int32_t *out)
     return true;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t opt_rig_parse(int key, char *arg, struct argp_state *state)
 {
     struct opt_rig *o = state->input;
     int64_t v = 0;
@@ -98,7 +98,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
     }
 }
 
-const struct argp opt_rig_argp = {.options = options, .parser = parse};
+const struct argp opt_rig_argp = {.options = options, .parser = opt_rig_parse};
 
 pvx_err opt_rig_finest(const struct opt_rig *o, struct rec_rig *rig, struct pvx_diag *d)
 {

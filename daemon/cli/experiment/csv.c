@@ -32,8 +32,8 @@ struct csv {
     int nch;
 };
 
-static pvx_err begin(struct csv *c, const struct experiment *x, const char *head,
-                     struct pvx_diag *d)
+static pvx_err csv_begin(struct csv *c, const struct experiment *x, const char *head,
+                         struct pvx_diag *d)
 {
     *c = (struct csv){.nch = x->in.nch};
     c->f = open_memstream(&c->text, &c->len);
@@ -43,7 +43,7 @@ static pvx_err begin(struct csv *c, const struct experiment *x, const char *head
     return PVX_OK;
 }
 
-static void columns(struct csv *c, const char *what)
+static void csv_columns(struct csv *c, const char *what)
 {
     static const char *const channel[] = {"red", "green", "blue"};
     for (int i = 0; i < c->nch && i < 3; i++)
@@ -56,7 +56,8 @@ static void values(struct csv *c, const double *v)
         fprintf(c->f, ",%.6g", v[i]);
 }
 
-static pvx_err save(struct csv *c, const struct experiment *x, const char *name, struct pvx_diag *d)
+static pvx_err csv_save(struct csv *c, const struct experiment *x, const char *name,
+                        struct pvx_diag *d)
 {
     char path[4300];
     snprintf(path, sizeof path, "%s/%s", x->o->out, name);
@@ -67,12 +68,12 @@ static pvx_err save(struct csv *c, const struct experiment *x, const char *name,
     return e;
 }
 
-static pvx_err by_frame(const struct experiment *x, struct pvx_diag *d)
+static pvx_err csv_by_frame(const struct experiment *x, struct pvx_diag *d)
 {
     struct csv c;
-    PVX_TRY(begin(&c, x, "grid,frame", d));
-    columns(&c, "inside");
-    columns(&c, "all");
+    PVX_TRY(csv_begin(&c, x, "grid,frame", d));
+    csv_columns(&c, "inside");
+    csv_columns(&c, "all");
     fputs(",ms,voxels,bins\n", c.f);
     for (int g = 0; g < x->o->n_grids; g++)
         for (size_t i = 0; i < x->sets; i++) {
@@ -87,7 +88,7 @@ static pvx_err by_frame(const struct experiment *x, struct pvx_diag *d)
             fprintf(c.f, ",%.4g,%.0f,%.0f\n", v[EXPERIMENT_MS], v[EXPERIMENT_VOXELS],
                     v[EXPERIMENT_BINS]);
         }
-    return save(&c, x, "fig5.csv", d);
+    return csv_save(&c, x, "fig5.csv", d);
 }
 
 static void mean_row(struct csv *c, const struct experiment *x, const char *what, size_t value)
@@ -105,10 +106,10 @@ static void mean_row(struct csv *c, const struct experiment *x, const char *what
 static pvx_err mean_begin(struct csv *c, const struct experiment *x, const char *what,
                           const char *counted, struct pvx_diag *d)
 {
-    PVX_TRY(begin(c, x, what, d));
-    columns(c, "inside");
-    columns(c, "spread");
-    columns(c, "all");
+    PVX_TRY(csv_begin(c, x, what, d));
+    csv_columns(c, "inside");
+    csv_columns(c, "spread");
+    csv_columns(c, "all");
     fprintf(c->f, ",ms,%s\n", counted);
     return PVX_OK;
 }
@@ -119,7 +120,7 @@ static pvx_err by_grid(const struct experiment *x, struct pvx_diag *d)
     PVX_TRY(mean_begin(&c, x, "grid", "frames", d));
     for (int g = 0; g < x->o->n_grids; g++)
         mean_row(&c, x, "grid", (size_t)x->o->grids[g]);
-    return save(&c, x, "fig6b.csv", d);
+    return csv_save(&c, x, "fig6b.csv", d);
 }
 
 static pvx_err by_views(const struct experiment *x, struct pvx_diag *d)
@@ -128,7 +129,7 @@ static pvx_err by_views(const struct experiment *x, struct pvx_diag *d)
     PVX_TRY(mean_begin(&c, x, "views", "choices", d));
     for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(x); v++)
         mean_row(&c, x, "views", v);
-    return save(&c, x, "fig6a.csv", d);
+    return csv_save(&c, x, "fig6a.csv", d);
 }
 
 static void solvers_on(struct csv *c, const struct experiment *x, enum rec_basis basis,
@@ -145,26 +146,26 @@ static void solvers_on(struct csv *c, const struct experiment *x, enum rec_basis
     }
 }
 
-static pvx_err by_solver(const struct experiment *x, struct pvx_diag *d)
+static pvx_err csv_by_solver(const struct experiment *x, struct pvx_diag *d)
 {
     struct csv c;
     int32_t voxels[EXPERIMENT_GRIDS + 1];
     size_t n = experiment_solver_grids(x, voxels);
-    PVX_TRY(begin(&c, x, "solver,basis,grid", d));
-    columns(&c, "inside");
-    columns(&c, "all");
+    PVX_TRY(csv_begin(&c, x, "solver,basis,grid", d));
+    csv_columns(&c, "inside");
+    csv_columns(&c, "all");
     fputs(",ms,iterations\n", c.f);
     for (size_t g = 0; g < n; g++) {
         solvers_on(&c, x, REC_BOX, voxels[g]);
         solvers_on(&c, x, REC_TRILINEAR, voxels[g]);
     }
-    return save(&c, x, "solvers.csv", d);
+    return csv_save(&c, x, "solvers.csv", d);
 }
 
 pvx_err experiment_csv(const struct experiment *x, struct pvx_diag *d)
 {
-    PVX_TRY(by_frame(x, d));
+    PVX_TRY(csv_by_frame(x, d));
     PVX_TRY(by_grid(x, d));
     PVX_TRY(by_views(x, d));
-    return by_solver(x, d);
+    return csv_by_solver(x, d);
 }

@@ -49,7 +49,7 @@ static pvx_err choose_unused(struct experiment *x, struct pvx_diag *d)
 }
 
 /* One binning for all: that of the finest grid. */
-static pvx_err choose_binning(struct experiment *x, struct pvx_diag *d)
+static pvx_err experiment_choose_binning(struct experiment *x, struct pvx_diag *d)
 {
     const struct experiment_options *o = x->o;
     struct rec_rig finest;
@@ -89,7 +89,7 @@ static void describe_files(const struct experiment *x, FILE *f)
 }
 
 /* All that the measurements depend on. */
-static pvx_err describe(const struct experiment *x, char **out, struct pvx_diag *d)
+static pvx_err experiment_describe(const struct experiment *x, char **out, struct pvx_diag *d)
 {
     const struct experiment_options *o = x->o;
     const struct rec_photo_params *p = &x->params.photo;
@@ -115,7 +115,7 @@ static pvx_err describe(const struct experiment *x, char **out, struct pvx_diag 
     return fclose(f) == 0 ? PVX_OK : pvx_fail(d, PVX_ENOMEM, "out of memory");
 }
 
-static pvx_err prepare(struct experiment *x, struct pvx_diag *d)
+static pvx_err experiment_prepare(struct experiment *x, struct pvx_diag *d)
 {
     const struct experiment_options *o = x->o;
     char *arguments = NULL;
@@ -129,14 +129,14 @@ static pvx_err prepare(struct experiment *x, struct pvx_diag *d)
     PVX_TRY(frames_in_check_light(&x->in, d));
     x->params.nch = x->in.nch;
     PVX_TRY(choose_sets(x, d));
-    PVX_TRY(choose_binning(x, d));
-    PVX_TRY(describe(x, &arguments, d));
+    PVX_TRY(experiment_choose_binning(x, d));
+    PVX_TRY(experiment_describe(x, &arguments, d));
     pvx_err e = experiment_state_open(&x->state, o->out, arguments, o->anew, d);
     free(arguments);
     return e;
 }
 
-static void finish(struct experiment *x)
+static void experiment_finish(struct experiment *x)
 {
     experiment_state_close(&x->state);
     frames_in_close(&x->in);
@@ -155,7 +155,7 @@ static int stopped(const struct experiment *x)
     return 130;
 }
 
-static int run(int argc, char **argv)
+static int experiment_run(int argc, char **argv)
 {
     struct experiment_options o;
     experiment_parse(argc, argv, &o);
@@ -163,7 +163,7 @@ static int run(int argc, char **argv)
     struct experiment x = {.o = &o, .params = o.frame};
     struct pvx_diag d = {""};
     int rc = 0;
-    pvx_err e = prepare(&x, &d);
+    pvx_err e = experiment_prepare(&x, &d);
     size_t before = x.state.n;
     if (e == PVX_OK)
         e = experiment_measure(&x, &d);
@@ -180,9 +180,10 @@ static int run(int argc, char **argv)
     else if (!o.quiet)
         fprintf(stderr, "%zu measurements in %s, %zu of them from an earlier run\n", x.state.n,
                 o.out, before);
-    finish(&x);
+    experiment_finish(&x);
     return rc;
 }
 
 const struct cli_command cmd_experiment = {
-    "experiment", "the paper's experiments on a recording: unseen views, by grid and views", run};
+    "experiment", "the paper's experiments on a recording: unseen views, by grid and views",
+    experiment_run};

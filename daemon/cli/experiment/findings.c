@@ -52,7 +52,7 @@ static void hull(const struct experiment *x, struct experiment_finding *f)
     f->holds = v[0] < v[2] && v[1] < v[3];
 }
 
-static void counts(const struct experiment *x, struct experiment_finding *f)
+static void findings_counts(const struct experiment *x, struct experiment_finding *f)
 {
     const double *v = figure(x, "figure:4");
     double all = fmax(1, v[0] + v[1] + v[2]), share = (v[0] + v[1]) / all;
@@ -88,7 +88,7 @@ static void frames(const struct experiment *x, struct experiment_finding *f)
     f->holds = last == 0 ? -1 : n > 0 && (double)better >= 0.9 * (double)n;
 }
 
-static void grids(const struct experiment *x, struct experiment_finding *f)
+static void findings_grids(const struct experiment *x, struct experiment_finding *f)
 {
     int last = x->o->n_grids - 1;
     double first = grid_error(x, 0, EXPERIMENT_INSIDE),
@@ -215,9 +215,9 @@ void experiment_findings(const struct experiment *x,
 {
     const double *two = figure(x, "figure:8");
     hull(x, &out[FINDING_HULL]);
-    counts(x, &out[FINDING_COUNTS]);
+    findings_counts(x, &out[FINDING_COUNTS]);
     frames(x, &out[FINDING_FRAMES]);
-    grids(x, &out[FINDING_GRIDS]);
+    findings_grids(x, &out[FINDING_GRIDS]);
     rim(x, &out[FINDING_RIM]);
     views(x, &out[FINDING_VIEWS]);
     view(x, &out[FINDING_VIEW]);

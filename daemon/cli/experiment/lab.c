@@ -8,7 +8,7 @@
 #include "base/mem.h"
 #include "recon/carve/fit.h"
 
-static pvx_err allocate(struct experiment_lab *l, pvx_pool *pool)
+static pvx_err lab_allocate(struct experiment_lab *l, pvx_pool *pool)
 {
     size_t rows = l->S->row0[l->S->n_cameras], cs = (size_t)l->cs;
     l->raw = pvx_calloc(rows * cs, sizeof *l->raw);
@@ -47,7 +47,7 @@ pvx_err experiment_lab_open(struct experiment_lab *l, const struct experiment_la
     l->rig.grid.basis = p->basis;
     PVX_TRY(rec_sysmat_open(&l->rig, &p->matrix, NULL, p->pool, p->progress, &l->S, d));
     PVX_TRY(experiment_lab_frame(l, p, d));
-    e = allocate(l, p->pool);
+    e = lab_allocate(l, p->pool);
     return e == PVX_OK
                ? e
                : pvx_fail(d, e, "work areas of a grid of %d: %s", p->voxels, pvx_strerror(e));
@@ -71,7 +71,7 @@ void experiment_lab_close(struct experiment_lab *l)
 }
 
 /* Photometry works in place: the pictures come from `raw` each time.  What a set says of its files stays. */
-static void fill(struct experiment_lab *l, uint64_t used)
+static void lab_fill(struct experiment_lab *l, uint64_t used)
 {
     size_t cs = (size_t)l->cs;
     for (size_t c = 0; c < l->S->n_cameras; c++) {
@@ -94,7 +94,7 @@ pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size
                         "mend or remove it, or leave the frame out with --first or --last",
                         in->number[i]);
     memcpy(l->raw, rec_frame_input(l->frame, 0), rows * (size_t)l->cs * sizeof *l->raw);
-    fill(l, all);
+    lab_fill(l, all);
     memcpy(l->b, rec_frame_rhs(l->frame), rows * (size_t)l->cs * sizeof *l->b);
     memcpy(l->weight, rec_frame_weight(l->frame), rows * sizeof *l->weight);
     memcpy(l->lit, rec_frame_lit(l->frame, 0), rows);
@@ -106,7 +106,7 @@ pvx_err experiment_lab_load(struct experiment_lab *l, struct frames_in *in, size
 
 pvx_err experiment_lab_solve(struct experiment_lab *l, uint64_t used)
 {
-    fill(l, used);
+    lab_fill(l, used);
     return rec_frame_solve(l->frame, 0, NULL);
 }
 

@@ -94,7 +94,8 @@ static void add_error(const struct experiment_error *e, double *v)
 }
 
 /* The loaded set from the cameras used, compared with all that are not, as one unit: their mean. */
-static pvx_err measure(struct experiment_lab *l, uint64_t used, double v[EXPERIMENT_VALUES])
+static pvx_err experiment_measure_measure(struct experiment_lab *l, uint64_t used,
+                                          double v[EXPERIMENT_VALUES])
 {
     const struct rec_frame_report *r = rec_frame_get_report(l->frame);
     struct experiment_error e;
@@ -120,12 +121,12 @@ static pvx_err measure_unused(struct experiment *x, struct experiment_lab *l, co
                               struct pvx_diag *d)
 {
     double v[EXPERIMENT_VALUES];
-    pvx_err e = measure(l, experiment_used(x), v);
+    pvx_err e = experiment_measure_measure(l, experiment_used(x), v);
     return e == PVX_OK ? experiment_finished(x, key, v, d)
                        : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
 }
 
-static bool has(const struct experiment *x, const char *key)
+static bool measure_has(const struct experiment *x, const char *key)
 {
     return experiment_state_find(&x->state, key) != NULL;
 }
@@ -145,7 +146,7 @@ static pvx_err one_grid(struct experiment *x, int g, struct pvx_diag *d)
     char key[64];
     for (size_t i = 0; i < x->sets && e == PVX_OK; i++) {
         grid_key(x, g, i, key, sizeof key);
-        if (has(x, key))
+        if (measure_has(x, key))
             continue;
         if (l.S == NULL)
             e = experiment_lab_open(&l, &p, d);
@@ -168,7 +169,7 @@ static pvx_err one_choice(struct experiment *x, struct experiment_lab *l, size_t
     double v[EXPERIMENT_VALUES];
     char key[64];
     snprintf(key, sizeof key, "views:%zu:%zu", views, k);
-    if (has(x, key))
+    if (measure_has(x, key))
         return PVX_OK;
     if (cli_stop)
         return PVX_ECANCELED;
@@ -177,7 +178,7 @@ static pvx_err one_choice(struct experiment *x, struct experiment_lab *l, size_t
         PVX_TRY(experiment_lab_open(l, &p, d));
         PVX_TRY(experiment_lab_load(l, &x->in, x->set[x->one], d));
     }
-    pvx_err e = measure(l, experiment_choice(x, views, k), v);
+    pvx_err e = experiment_measure_measure(l, experiment_choice(x, views, k), v);
     return e == PVX_OK ? experiment_finished(x, key, v, d)
                        : pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
 }
@@ -201,7 +202,7 @@ static pvx_err time_solver(struct experiment *x, struct experiment_lab *l, const
 {
     double v[EXPERIMENT_VALUES], least = INFINITY;
     for (int i = 0; i < TIMES; i++) {
-        pvx_err e = measure(l, experiment_used(x), v);
+        pvx_err e = experiment_measure_measure(l, experiment_used(x), v);
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", key, pvx_strerror(e));
         least = fmin(least, v[EXPERIMENT_MS]);
@@ -240,7 +241,7 @@ static pvx_err one_solver(struct experiment *x, struct experiment_lab *l,
 {
     char key[64];
     solver_key(name, p->basis, p->voxels, key);
-    if (has(x, key))
+    if (measure_has(x, key))
         return PVX_OK;
     if (cli_stop)
         return PVX_ECANCELED;
@@ -281,7 +282,7 @@ static pvx_err all_solvers(struct experiment *x, struct pvx_diag *d)
 /* ---- the frame that is looked at closely ---- */
 
 /* How far it is from the middle of the recording, outwards. */
-static size_t outwards(size_t n, size_t k)
+static size_t measure_outwards(size_t n, size_t k)
 {
     size_t m = n / 2, step = (k + 1) / 2;
     return k % 2 == 1 ? m - step : m + step;
@@ -295,7 +296,7 @@ static pvx_err find_one(struct experiment *x, struct pvx_diag *d)
     pvx_err e = experiment_lab_open(&l, &p, d);
     bool found = false;
     for (size_t k = 0; k < x->sets && e == PVX_OK && !found; k++) {
-        x->one = outwards(x->sets, k);
+        x->one = measure_outwards(x->sets, k);
         e = cli_stop ? PVX_ECANCELED : experiment_lab_load(&l, &x->in, x->set[x->one], d);
         found = e == PVX_OK && rec_frame_get_report(l.frame)->active_voxels > 0;
     }

@@ -47,7 +47,7 @@ static const struct argp_option option_table[] = {
     {0},
 };
 
-static int rising(const void *a, const void *b)
+static int experiment_rising(const void *a, const void *b)
 {
     return *(const int32_t *)a - *(const int32_t *)b;
 }
@@ -69,13 +69,13 @@ static void parse_grids(struct argp_state *st, const char *arg, struct experimen
     }
     if (o->n_grids == 0)
         argp_error(st, "--grids %s: should be numbers of voxels, as 32,64", arg);
-    qsort(o->grids, (size_t)o->n_grids, sizeof *o->grids, rising);
+    qsort(o->grids, (size_t)o->n_grids, sizeof *o->grids, experiment_rising);
     for (int i = 1; i < o->n_grids; i++)
         if (o->grids[i] == o->grids[i - 1])
             argp_error(st, "--grids %s: %d is there twice", arg, o->grids[i]);
 }
 
-static void check(struct argp_state *st, struct experiment_options *o)
+static void experiment_check(struct argp_state *st, struct experiment_options *o)
 {
     if (o->frames == NULL || o->rig.path == NULL || o->out == NULL)
         argp_error(st, "needs FRAMES, --rig and --out");
@@ -106,7 +106,7 @@ static error_t parse_pictures(int key, char *arg, struct argp_state *st)
     }
 }
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t experiment_options_parse(int key, char *arg, struct argp_state *st)
 {
     struct experiment_options *o = st->input;
     int64_t v = 0;
@@ -130,7 +130,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     case OPT_ANEW: o->anew = true; return 0;
     case OPT_QUIET: o->quiet = true; return 0;
     case ARGP_KEY_ARG: cli_arg_one(st, "a recording", arg, &o->frames); return 0;
-    case ARGP_KEY_END: check(st, o); return 0;
+    case ARGP_KEY_END: experiment_check(st, o); return 0;
     default: return parse_pictures(key, arg, st);
     }
 }
@@ -158,7 +158,7 @@ void experiment_parse(int argc, char **argv, struct experiment_options *o)
 {
     static const struct argp_child children[] = {{&opt_rig_argp, 0, "", 1}, {0}};
     static const struct argp argp = {.options = option_table,
-                                     .parser = parse,
+                                     .parser = experiment_options_parse,
                                      .args_doc = "FRAMES",
                                      .children = children,
                                      .doc = doc};

@@ -13,7 +13,7 @@
 #include "daemon/cli/pictures/room_film.h"
 #include "daemon/cli/pictures/strip.h"
 
-static void path_of(const struct experiment *x, const char *name, char *path, size_t size)
+static void pictures_path_of(const struct experiment *x, const char *name, char *path, size_t size)
 {
     snprintf(path, size, "%s/%s", x->o->out, name);
 }
@@ -21,7 +21,7 @@ static void path_of(const struct experiment *x, const char *name, char *path, si
 static bool is_made(const struct experiment *x, const char *key, const char *file)
 {
     char path[4300];
-    path_of(x, file, path, sizeof path);
+    pictures_path_of(x, file, path, sizeof path);
     return experiment_state_find(&x->state, key) != NULL && access(path, R_OK) == 0;
 }
 
@@ -79,10 +79,10 @@ static pvx_err figure3(struct experiment *x, double *v, struct pvx_diag *d)
     if (e == PVX_OK) /* the same for both */
         e = dmn_flame_exposure(&h.with.S->grid, h.dense[0], h.with.nch, s.elevation_deg, x->pool,
                                &s.look.exposure);
-    path_of(x, "fig3-without.png", path, sizeof path);
+    pictures_path_of(x, "fig3-without.png", path, sizeof path);
     if (e == PVX_OK)
         e = dmn_strip_save(&h.with.S->grid, h.dense[1], h.with.nch, &s, x->pool, path, d);
-    path_of(x, "fig3.png", path, sizeof path);
+    pictures_path_of(x, "fig3.png", path, sizeof path);
     if (e == PVX_OK)
         e = dmn_strip_save(&h.with.S->grid, h.dense[0], h.with.nch, &s, x->pool, path, d);
     experiment_lab_close(&h.with);
@@ -106,7 +106,7 @@ static pvx_err figure4(struct experiment *x, struct experiment_lab *l, double *v
     v[0] = (double)k->inside;
     v[1] = (double)k->partial;
     v[2] = (double)k->outside;
-    path_of(x, "fig4.png", path, sizeof path);
+    pictures_path_of(x, "fig4.png", path, sizeof path);
     pvx_err e = hull_picture_new(l->S, &l->rig, l->nch, x->params.hull.min_views, x->pool, &h);
     if (e == PVX_OK)
         e = hull_picture_save(h, l->frame, present, x->in.number[x->set[x->one]], path, d);
@@ -170,7 +170,8 @@ static double likeness(const struct experiment_lab *l, size_t c)
 }
 
 /* A row of original, reconstruction and |difference|, each `w` bins of `big` pixels. */
-static void three(const struct experiment_lab *l, size_t row, size_t w, size_t big, float *out)
+static void pictures_three(const struct experiment_lab *l, size_t row, size_t w, size_t big,
+                           float *out)
 {
     size_t nch = (size_t)l->nch, cs = (size_t)l->cs;
     for (size_t i = 0; i < w * big; i++)
@@ -200,10 +201,10 @@ static pvx_err figure7(struct experiment *x, struct experiment_lab *l, double *v
     if (pix == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a picture");
     for (size_t y = 0; y < at.h * big; y++)
-        three(l, row0 + (at.y0 + y / big) * wide + at.x0, at.w, big, pix + y * row);
+        pictures_three(l, row0 + (at.y0 + y / big) * wide + at.x0, at.w, big, pix + y * row);
     struct look look = look_defaults;
     pvx_err e = dmn_auto_exposure(pix, n, &look.exposure);
-    path_of(x, "fig7.png", path, sizeof path);
+    pictures_path_of(x, "fig7.png", path, sizeof path);
     if (e == PVX_OK)
         e = look_save(&look, path, pix, (int32_t)(3 * at.w * big), (int32_t)(at.h * big), l->nch,
                       d);
@@ -223,7 +224,7 @@ static pvx_err flame(struct experiment *x, struct experiment_lab *l, size_t i, c
     float *dense = dense_of(l);
     if (dense == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a volume");
-    path_of(x, name, path, sizeof path);
+    pictures_path_of(x, name, path, sizeof path);
     pvx_err e = dmn_strip_save(&l->S->grid, dense, l->nch, &dmn_strip_defaults, x->pool, path, d);
     free(dense);
     return e;
@@ -258,9 +259,9 @@ static pvx_err figure9(struct experiment *x, struct experiment_lab *l, struct pv
     film.width = 320;
     film.height = 240;
     film.progress = experiment_go_on;
-    path_of(x, "fig9.apng", path, sizeof path);
+    pictures_path_of(x, "fig9.apng", path, sizeof path);
     pvx_err e = dmn_room_film_save(&l->S->grid, dense, l->nch, &film, x->pool, path, d);
-    path_of(x, "fig9.png", path, sizeof path);
+    pictures_path_of(x, "fig9.png", path, sizeof path);
     if (e == PVX_OK)
         e = dmn_strip_save(&l->S->grid, dense, l->nch, &s, x->pool, path, d);
     free(dense);
@@ -283,7 +284,8 @@ size_t experiment_figures(void)
     return FIGURES;
 }
 
-static pvx_err draw(struct experiment *x, struct experiment_lab *l, int i, struct pvx_diag *d)
+static pvx_err pictures_draw(struct experiment *x, struct experiment_lab *l, int i,
+                             struct pvx_diag *d)
 {
     double v[EXPERIMENT_VALUES] = {0};
     pvx_err e = PVX_OK;
@@ -321,7 +323,7 @@ pvx_err experiment_pictures(struct experiment *x, struct pvx_diag *d)
         else if (l.S == NULL)
             e = experiment_lab_open(&l, &p, d);
         if (e == PVX_OK)
-            e = draw(x, &l, i, d);
+            e = pictures_draw(x, &l, i, d);
     }
     experiment_lab_close(&l);
     return e;

@@ -112,7 +112,7 @@ static void curves(const struct page *p, const struct curve *c)
         c->caption);
 }
 
-static pvx_err by_frame(const struct page *p)
+static pvx_err experiment_by_frame(const struct page *p)
 {
     const struct experiment *x = p->x;
     size_t n = x->sets, grids = (size_t)x->o->n_grids;
@@ -196,7 +196,7 @@ static void point_of(const struct page *p, const char *name, enum rec_basis basi
 
 static const char *const basis_colours[] = {[REC_BOX] = "#a86200", [REC_TRILINEAR] = "#1f6fb2"};
 
-static void by_solver(const struct page *p)
+static void experiment_by_solver(const struct page *p)
 {
     enum { MOST = 32 };
     const char *const *label = rec_solver_names();
@@ -256,7 +256,7 @@ static void by_size(const struct page *p)
 
 /* ---- the page ---- */
 
-static void head(const struct page *p)
+static void experiment_head(const struct page *p)
 {
     const struct experiment *x = p->x;
     fprintf(p->f,
@@ -303,7 +303,7 @@ static void summary(const struct page *p)
     fputs("</table></div>\n", p->f);
 }
 
-static pvx_err pictures(const struct page *p, struct pvx_diag *d)
+static pvx_err experiment_report_pictures(const struct page *p, struct pvx_diag *d)
 {
     section(p, FINDING_HULL, "Figure 3: the visual hull");
     PVX_TRY(picture(p, "fig3-without.png", "Without hull, five views over 90 degrees.", d));
@@ -325,10 +325,10 @@ static pvx_err body(const struct page *p, struct pvx_diag *d)
     size_t n = 0;
     for (size_t v = EXPERIMENT_VIEWS_MIN; v <= experiment_views_max(p->x); v++)
         views[n++] = (int)v;
-    head(p);
+    experiment_head(p);
     summary(p);
     section(p, FINDING_FRAMES, "Figure 5: error by frame");
-    if (by_frame(p) != PVX_OK)
+    if (experiment_by_frame(p) != PVX_OK)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a figure");
     section(p, FINDING_VIEWS, "Figure 6a: error by number of views");
     curves(p, &(struct curve){.prefix = "views",
@@ -349,11 +349,11 @@ static pvx_err body(const struct page *p, struct pvx_diag *d)
                               .both = true});
     section(p, FINDING_RIM, "Section 6.2: beside the silhouette");
     section(p, FINDING_SOLVERS, "Error against time");
-    by_solver(p);
+    experiment_by_solver(p);
     by_size(p);
     solver_table(p, REC_BOX);
     solver_table(p, REC_TRILINEAR);
-    PVX_TRY(pictures(p, d));
+    PVX_TRY(experiment_report_pictures(p, d));
     fputs("</body></html>\n", p->f);
     return PVX_OK;
 }

@@ -10,7 +10,7 @@
 
 #define STATE_MAX ((size_t)1 << 28)
 
-static pvx_err keep(struct experiment_state *s, const struct experiment_unit *u)
+static pvx_err state_keep(struct experiment_state *s, const struct experiment_unit *u)
 {
     for (size_t i = 0; i < s->n; i++)
         if (strcmp(s->unit[i].key, u->key) == 0) { /* the later one counts */
@@ -60,7 +60,7 @@ static pvx_err read_done(struct experiment_state *s, const char *path, struct pv
         struct experiment_unit u;
         *end = '\0';
         if (read_line(line, &u))
-            e = keep(s, &u);
+            e = state_keep(s, &u);
     }
     free(text);
     return e == PVX_OK ? e : pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
@@ -154,7 +154,7 @@ pvx_err experiment_state_add(struct experiment_state *s, const char *key,
         fprintf(s->file, ",%.9g", v[i]);
     if (fputc('\n', s->file) == EOF || fflush(s->file) != 0)
         return pvx_fail(d, PVX_EIO, "state/done.csv: %s", strerror(errno));
-    if (keep(s, &u) != PVX_OK)
+    if (state_keep(s, &u) != PVX_OK)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for what was measured");
     return PVX_OK;
 }

@@ -46,7 +46,7 @@ bool ffmpeg_can(const char *path)
 }
 
 /* Colours are said to be BT.709's in studio range, and are; sides are even, as 4:2:0 wants. */
-static int run(ffmpeg *f, int from, int32_t w, int32_t h, int nch, int fps)
+static int ffmpeg_run(ffmpeg *f, int from, int32_t w, int32_t h, int nch, int fps)
 {
     const struct kind *k = kind_of(f->path);
     char size[32], rate[16];
@@ -109,7 +109,7 @@ pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps, f
     else if (f->complain < 0 || socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, end) != 0)
         err = errno;
     else
-        err = run(f, end[1], w, h, nch, fps);
+        err = ffmpeg_run(f, end[1], w, h, nch, fps);
     if (end[1] >= 0)
         close(end[1]);
     f->to = end[0];
@@ -128,7 +128,7 @@ pvx_err ffmpeg_begin(const char *path, int32_t w, int32_t h, int nch, int fps, f
 }
 
 /* Its end, and in one line why, where it was not a good one. */
-static pvx_err wait_for(ffmpeg *f, struct pvx_diag *d)
+static pvx_err ffmpeg_wait_for(ffmpeg *f, struct pvx_diag *d)
 {
     char said[512] = "";
     int status = 0;
@@ -158,7 +158,7 @@ pvx_err ffmpeg_add(ffmpeg *f, const uint8_t *samples, struct pvx_diag *d)
             continue;
         if (k < 0) {
             int why = errno;
-            pvx_err e = wait_for(f, d);
+            pvx_err e = ffmpeg_wait_for(f, d);
             return e != PVX_OK ? e
                                : pvx_fail(d, PVX_EIO, "%s: ffmpeg does not listen: %s", f->path,
                                           strerror(why));
@@ -171,7 +171,7 @@ pvx_err ffmpeg_add(ffmpeg *f, const uint8_t *samples, struct pvx_diag *d)
 pvx_err ffmpeg_end(ffmpeg **f, struct pvx_diag *d)
 {
     pvx_err e = (*f)->pid > 0
-                    ? wait_for(*f, d)
+                    ? ffmpeg_wait_for(*f, d)
                     : pvx_fail(d, PVX_EIO, "%s: ffmpeg ended before its time", (*f)->path);
     if (e == PVX_OK && rename((*f)->part, (*f)->path) != 0)
         e = pvx_fail(d, PVX_EIO, "%s: cannot be named: %s", (*f)->path, strerror(errno));

@@ -44,7 +44,7 @@ pvx_err film_new(const char *path, int fps, const struct look *look, struct film
     return PVX_OK;
 }
 
-static pvx_err begin(struct film *f, int32_t w, int32_t h, int nch, struct pvx_diag *d)
+static pvx_err film_begin(struct film *f, int32_t w, int32_t h, int nch, struct pvx_diag *d)
 {
     f->w = w;
     f->h = h;
@@ -60,7 +60,7 @@ pvx_err film_add(struct film *f, const float *pix, int32_t w, int32_t h, int nch
                  struct pvx_diag *d)
 {
     if (f->samples == NULL)
-        PVX_TRY(begin(f, w, h, nch, d));
+        PVX_TRY(film_begin(f, w, h, nch, d));
     if (w != f->w || h != f->h || nch != f->nch)
         return pvx_fail(d, PVX_EFORMAT,
                         "%s: %dx%d with %d channel(s) after %dx%d with %d; one file needs the same "

@@ -80,7 +80,7 @@ static void tile(int i, int32_t *x, int32_t *y)
     *y = TOP + i / COLUMNS * (TILE_H + LABEL + GAP) + LABEL;
 }
 
-static void label(struct paint *p, int i, const char *text)
+static void hull_picture_label(struct paint *p, int i, const char *text)
 {
     int32_t x, y;
     tile(i, &x, &y);
@@ -92,7 +92,7 @@ struct window {
     double x0, y0, x1, y1;
 };
 
-static struct window whole(const struct rec_camera *c)
+static struct window hull_picture_whole(const struct rec_camera *c)
 {
     return (struct window){-0.5, -0.5, c->width - 0.5, c->height - 0.5};
 }
@@ -108,7 +108,7 @@ static struct window around_volume(const struct rec_camera *c, const struct rec_
         for (int a = 0; a < 3; a++)
             X[a] = corner >> a & 1 ? g->max[a] : g->min[a];
         if (!rec_camera_project(c, X, uv))
-            return whole(c);
+            return hull_picture_whole(c);
         w.x0 = fmin(w.x0, uv[0]);
         w.x1 = fmax(w.x1, uv[0]);
         w.y0 = fmin(w.y0, uv[1]);
@@ -154,7 +154,7 @@ static void draw_box(struct paint *p, const struct rec_grid *g, const struct rec
 }
 
 /* Hull as light, red and green, from a camera's place. */
-static pvx_err draw_view(hull_picture *h, struct paint *p, int at, size_t camera)
+static pvx_err hull_picture_draw_view(hull_picture *h, struct paint *p, int at, size_t camera)
 {
     struct rec_camera c = tile_camera(&h->rig->cameras[camera],
                                       around_volume(&h->rig->cameras[camera], &h->S->grid, 0.04));
@@ -183,7 +183,7 @@ static pvx_err draw_view(hull_picture *h, struct paint *p, int at, size_t camera
         }
     char text[REC_NAME_MAX + 32];
     snprintf(text, sizeof text, "seen from %s", h->rig->cameras[camera].name);
-    label(p, at, text);
+    hull_picture_label(p, at, text);
     return PVX_OK;
 }
 
@@ -208,11 +208,11 @@ static void draw_slice(const hull_picture *h, struct paint *p, int at, int a, in
         }
     char text[64];
     snprintf(text, sizeof text, "%s = %.3f m", plane[a], g->min[a] + (k + 0.5) * rec_grid_h(g, a));
-    label(p, at, text);
+    hull_picture_label(p, at, text);
 }
 
 /* Brightest value of the cameras' light, for one exposure of all. */
-static float brightest(const hull_picture *h, const rec_frame *f, const bool *present)
+static float hull_picture_brightest(const hull_picture *h, const rec_frame *f, const bool *present)
 {
     size_t cs = h->nch == 3 ? 4 : 1;
     const float *b = rec_frame_rhs(f);
@@ -234,7 +234,7 @@ static struct window shown_part(const hull_picture *h, size_t c, const uint8_t *
 {
     const struct rec_camera *cam = &h->rig->cameras[c];
     const struct rec_sysmat_block *b = &h->S->block[c];
-    struct window all = whole(cam), w = around_volume(cam, &h->S->grid, 0.3);
+    struct window all = hull_picture_whole(cam), w = around_volume(cam, &h->S->grid, 0.3);
     double size = h->S->binning;
     w.x0 = fmax(w.x0, all.x0);
     w.y0 = fmax(w.y0, all.y0);
@@ -288,7 +288,7 @@ static void draw_camera(const hull_picture *h, struct paint *p, const rec_frame 
     if (!present) {
         paint_rect(p, x0, y0, TILE_W, TILE_H, panel);
         snprintf(text, sizeof text, "%s: no image", cam->name);
-        label(p, at, text);
+        hull_picture_label(p, at, text);
         return;
     }
     struct sight s = {.b = &h->S->block[c], .binning = h->S->binning, .lit = rec_frame_lit(f, c)};
@@ -317,11 +317,11 @@ static void draw_camera(const hull_picture *h, struct paint *p, const rec_frame 
              s.w.x1 - s.w.x0 < cam->width - 0.1 || s.w.y1 - s.w.y0 < cam->height - 0.1
                  ? ", part of the image"
                  : "");
-    label(p, at, text);
+    hull_picture_label(p, at, text);
 }
 
-static int32_t count(struct paint *p, int32_t x, struct paint_rgb c, const char *what, int64_t n,
-                     int64_t of)
+static int32_t hull_picture_count(struct paint *p, int32_t x, struct paint_rgb c, const char *what,
+                                  int64_t n, int64_t of)
 {
     char text[96];
     snprintf(text, sizeof text, "%s %lld (%.1f %%)", what, (long long)n,
@@ -339,9 +339,9 @@ static void headline(const hull_picture *h, struct paint *p, const struct rec_hu
     snprintf(text, sizeof text, "frame %06u: %dx%dx%d voxels, %s", number, g->n[0], g->n[1],
              g->n[2], rec_basis_name(g->basis));
     int32_t x = GAP + paint_text(p, GAP, 9, 2, ink, text) + 36;
-    x = count(p, x, inside, "inside", k->inside, all);
-    x = count(p, x, partial, "partly", k->partial, all);
-    count(p, x, outside, "outside", k->outside, all);
+    x = hull_picture_count(p, x, inside, "inside", k->inside, all);
+    x = hull_picture_count(p, x, partial, "partly", k->partial, all);
+    hull_picture_count(p, x, outside, "outside", k->outside, all);
 }
 
 /* The camera that looks most nearly across the first one's line of sight. */
@@ -362,8 +362,8 @@ static size_t other_view(const struct rec_rig *rig)
 }
 
 /* Classes, and the same as light; *middle = mean place of what is kept, in voxels. */
-static void classify(hull_picture *h, const rec_frame *f, const bool *present,
-                     struct rec_hull_counts *counts, int32_t middle[3])
+static void hull_picture_classify(hull_picture *h, const rec_frame *f, const bool *present,
+                                  struct rec_hull_counts *counts, int32_t middle[3])
 {
     const uint8_t *lit[REC_MAX_CAMERAS];
     struct rec_hull_kept kept = {.col = h->col, .klass = h->klass};
@@ -391,15 +391,15 @@ pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *prese
     struct paint p;
     int32_t middle[3];
     int rows = (FIRST_CAMERA + (int)h->rig->n_cameras + COLUMNS - 1) / COLUMNS;
-    classify(h, f, present, &counts, middle);
+    hull_picture_classify(h, f, present, &counts, middle);
     pvx_err e =
         paint_init(&p, GAP + COLUMNS * (TILE_W + GAP), TOP + rows * (TILE_H + LABEL + GAP), ground);
     if (e == PVX_OK) {
         headline(h, &p, &counts, number);
-        e = draw_view(h, &p, 0, 0);
+        e = hull_picture_draw_view(h, &p, 0, 0);
     }
     if (e == PVX_OK)
-        e = draw_view(h, &p, 1, other_view(h->rig));
+        e = hull_picture_draw_view(h, &p, 1, other_view(h->rig));
     if (e != PVX_OK) {
         paint_fini(&p);
         return pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
@@ -407,7 +407,7 @@ pvx_err hull_picture_save(hull_picture *h, const rec_frame *f, const bool *prese
     draw_slice(h, &p, 2, 1, middle[1]);
     draw_slice(h, &p, 3, 0, middle[0]);
     draw_slice(h, &p, 4, 2, middle[2]);
-    float most = brightest(h, f, present);
+    float most = hull_picture_brightest(h, f, present);
     for (size_t c = 0; c < h->rig->n_cameras; c++)
         draw_camera(h, &p, f, c, present[c], most);
     e = cap_image_save(path, p.pix, p.w, p.h, 3, d);

@@ -20,8 +20,8 @@ struct reading {
 };
 
 /* Three numbers of a key, where it has them. */
-static pvx_err point(const struct reading *r, int map, const char *key, const char *where,
-                     double out[3])
+static pvx_err key_frames_point(const struct reading *r, int map, const char *key,
+                                const char *where, double out[3])
 {
     char full[80];
     int node = pvx_yaml_get(r->y, map, key);
@@ -78,9 +78,9 @@ static pvx_err read_key(const struct reading *r, int map, size_t i, struct key_f
                              "from where?  Either eye: [x, y, z] or camera: NAME");
     if (camera != 0)
         PVX_TRY(of_rig(r, camera, where, k));
-    PVX_TRY(point(r, map, "eye", where, k->eye));
-    PVX_TRY(point(r, map, "look_at", where, k->look_at));
-    PVX_TRY(point(r, map, "up", where, k->up));
+    PVX_TRY(key_frames_point(r, map, "eye", where, k->eye));
+    PVX_TRY(key_frames_point(r, map, "look_at", where, k->look_at));
+    PVX_TRY(key_frames_point(r, map, "up", where, k->up));
     snprintf(full, sizeof full, "%s.fov", where);
     return fov != 0 ? pvx_yaml_double(r->y, fov, full, 0.01, 175, &k->fov_deg, r->d) : PVX_OK;
 }
@@ -158,7 +158,7 @@ size_t key_frames_pictures(const struct key_frames *k, int fps)
 
 enum { NUMBERS = 10 };
 
-static void numbers(const struct key_frame *k, double v[NUMBERS])
+static void key_frames_numbers(const struct key_frame *k, double v[NUMBERS])
 {
     memcpy(v, k->eye, sizeof k->eye);
     memcpy(v + 3, k->look_at, sizeof k->look_at);
@@ -172,9 +172,9 @@ static void slope(const struct key_frames *k, size_t i, double out[NUMBERS])
     double before[NUMBERS], at[NUMBERS], after[NUMBERS];
     size_t a = i > 0 ? i - 1 : i, b = i + 1 < k->n ? i + 1 : i;
     double h0 = k->key[i].t - k->key[a].t, h1 = k->key[b].t - k->key[i].t;
-    numbers(&k->key[a], before);
-    numbers(&k->key[i], at);
-    numbers(&k->key[b], after);
+    key_frames_numbers(&k->key[a], before);
+    key_frames_numbers(&k->key[i], at);
+    key_frames_numbers(&k->key[b], after);
     for (int q = 0; q < NUMBERS; q++) {
         double m0 = h0 > 0 ? (at[q] - before[q]) / h0 : 0,
                m1 = h1 > 0 ? (after[q] - at[q]) / h1 : 0;
@@ -193,8 +193,8 @@ pvx_err key_frames_camera(const struct key_frames *k, size_t i, int fps, int32_t
     }
     double p0[NUMBERS], p1[NUMBERS], m0[NUMBERS], m1[NUMBERS], v[NUMBERS];
     double step = k->key[j + 1].t - k->key[j].t, s = (t - k->key[j].t) / step;
-    numbers(&k->key[j], p0);
-    numbers(&k->key[j + 1], p1);
+    key_frames_numbers(&k->key[j], p0);
+    key_frames_numbers(&k->key[j + 1], p1);
     slope(k, j, m0);
     slope(k, j + 1, m1);
     for (int q = 0; q < NUMBERS; q++) /* Hermite's cubic */

@@ -46,7 +46,7 @@ struct movie {
     int64_t anew_ns;
 };
 
-static pvx_err load(struct movie *m, size_t i, struct pvx_diag *d)
+static pvx_err movie_load(struct movie *m, size_t i, struct pvx_diag *d)
 {
     if (m->loaded == i)
         return PVX_OK;
@@ -79,7 +79,7 @@ static bool turntable(const struct movie *m)
     return m->o->from == RENDER_ANGLE || m->o->from == RENDER_ORBIT;
 }
 
-static void widen(struct rec_grid *box, const struct rec_grid *by)
+static void movie_widen(struct rec_grid *box, const struct rec_grid *by)
 {
     for (int a = 0; a < 3; a++) {
         box->min[a] = fmin(box->min[a], by->min[a]);
@@ -123,11 +123,11 @@ static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
     size_t k = m->n < SAMPLES ? m->n : SAMPLES;
     bool boxed = turntable(m) || m->o->room;
     for (size_t i = 0; i < k && (expose || boxed) && !cli_stop; i++) {
-        PVX_TRY(load(m, k > 1 ? i * (m->n - 1) / (k - 1) : 0, d));
+        PVX_TRY(movie_load(m, k > 1 ? i * (m->n - 1) / (k - 1) : 0, d));
         struct rec_grid box = dmn_lit_box(&m->grid, m->dense, m->nch);
         if (i == 0)
             m->box = box;
-        widen(&m->box, &box);
+        movie_widen(&m->box, &box);
         double f = 0;
         if (expose)
             PVX_TRY(exposure_of(m, &f));
@@ -142,7 +142,7 @@ static pvx_err look_ahead(struct movie *m, struct pvx_diag *d)
 }
 
 /* The camera of picture i. */
-static pvx_err place(struct movie *m, size_t i, struct pvx_diag *d)
+static pvx_err movie_place(struct movie *m, size_t i, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
     if (o->from == RENDER_PATH)
@@ -170,12 +170,12 @@ static pvx_err read_path(struct movie *m, struct pvx_diag *d)
     PVX_TRY(key_frames_load(o->path, &base, m->rig, &m->path, d));
     m->pictures = m->period = key_frames_pictures(&m->path, o->fps);
     for (size_t i = m->pictures; i-- > 0;)
-        PVX_TRY(place(m, i, d));
+        PVX_TRY(movie_place(m, i, d));
     return PVX_OK;
 }
 
 /* How many pictures, and after how many they are taken from the same place again. */
-static void count(struct movie *m)
+static void movie_count(struct movie *m)
 {
     size_t views = (size_t)m->o->views, turns = (size_t)m->o->rounds;
     m->pictures = m->n;
@@ -186,12 +186,12 @@ static void count(struct movie *m)
     m->pictures = views * (turns > 0 ? turns : (m->n + views - 1) / views);
 }
 
-static pvx_err set_up(struct movie *m, struct pvx_diag *d)
+static pvx_err movie_set_up(struct movie *m, struct pvx_diag *d)
 {
     const struct render_options *o = m->o;
     m->look = o->look;
-    count(m);
-    PVX_TRY(load(m, 0, d));
+    movie_count(m);
+    PVX_TRY(movie_load(m, 0, d));
     if (m->camera != NULL)
         m->at = *m->camera;
     else if (o->from == RENDER_EYE)
@@ -201,7 +201,7 @@ static pvx_err set_up(struct movie *m, struct pvx_diag *d)
     PVX_TRY(look_ahead(m, d));
     if (o->room)
         PVX_TRY(rec_room_new(m->box.min, m->box.max, m->pool, &m->room));
-    PVX_TRY(place(m, 0, d));
+    PVX_TRY(movie_place(m, 0, d));
     if (o->film)
         PVX_TRY(film_new(o->out, o->fps, &m->look, &m->film, d));
     m->image = pvx_calloc((size_t)m->at.width * (size_t)m->at.height * 3, sizeof *m->image);
@@ -230,7 +230,7 @@ static void free_views(struct movie *m)
 }
 
 /* Picture i of the loaded volume as a product.  PVX_ERANGE: the rays of all views take too much. */
-static pvx_err multiply(struct movie *m, size_t i)
+static pvx_err movie_multiply(struct movie *m, size_t i)
 {
     rec_view **v = &m->view[i % m->period];
     size_t half = (size_t)sysconf(_SC_PHYS_PAGES) / 2 * (size_t)sysconf(_SC_PAGESIZE);
@@ -245,7 +245,7 @@ static pvx_err multiply(struct movie *m, size_t i)
 static pvx_err draw_picture(struct movie *m, size_t i)
 {
     if (m->view != NULL) {
-        pvx_err e = multiply(m, i);
+        pvx_err e = movie_multiply(m, i);
         if (e != PVX_ERANGE)
             return e;
         fprintf(stderr,
@@ -267,7 +267,7 @@ static pvx_err draw_picture(struct movie *m, size_t i)
 }
 
 /* "out/000012" of volume "dir/000012.npy", or of the i-th view. */
-static void name_of(const struct movie *m, size_t i, char *out, size_t size)
+static void movie_name_of(const struct movie *m, size_t i, char *out, size_t size)
 {
     if (m->o->from == RENDER_ORBIT || m->o->from == RENDER_PATH) {
         snprintf(out, size, "%s/%06zu", m->o->out, i);
@@ -277,12 +277,12 @@ static void name_of(const struct movie *m, size_t i, char *out, size_t size)
     snprintf(out, size, "%s/%.*s", m->o->out, (int)(strlen(name) - 4), name);
 }
 
-static pvx_err save(struct movie *m, size_t i, struct pvx_diag *d)
+static pvx_err movie_save(struct movie *m, size_t i, struct pvx_diag *d)
 {
     char stem[4096], path[4110];
     if (m->film != NULL)
         return film_add(m->film, m->image, m->at.width, m->at.height, m->nch, d);
-    name_of(m, i, stem, sizeof stem);
+    movie_name_of(m, i, stem, sizeof stem);
     if (m->o->npy) {
         snprintf(path, sizeof path, "%s.npy", stem);
         PVX_TRY(cap_image_save(path, m->image, m->at.width, m->at.height, m->nch, d));
@@ -300,12 +300,12 @@ static pvx_err draw_all(struct movie *m, struct pvx_diag *d)
     for (size_t i = 0; i < m->pictures; i++) {
         if (cli_stop)
             return PVX_ECANCELED;
-        PVX_TRY(load(m, i % m->n, d));
-        PVX_TRY(place(m, i, d));
+        PVX_TRY(movie_load(m, i % m->n, d));
+        PVX_TRY(movie_place(m, i, d));
         pvx_err e = draw_picture(m, i);
         if (e != PVX_OK)
             return pvx_fail(d, e, "%s: %s", m->vol[i % m->n], pvx_strerror(e));
-        PVX_TRY(save(m, i, d));
+        PVX_TRY(movie_save(m, i, d));
         m->drawn++;
         cli_progress(&bar, (double)(i + 1) / (double)m->pictures);
     }
@@ -355,7 +355,7 @@ pvx_err render_movie(const struct render_options *o, const struct rec_rig *rig,
                       .lit = SIZE_MAX};
     pvx_err e = o->film ? PVX_OK : pvx_mkdirs(o->out, d);
     if (e == PVX_OK)
-        e = set_up(&m, d);
+        e = movie_set_up(&m, d);
     if (e == PVX_OK)
         e = draw_all(&m, d);
     if (m.film != NULL && (e == PVX_OK || e == PVX_ECANCELED)) {

@@ -21,7 +21,7 @@ struct sources {
     size_t n;
 };
 
-static bool ends_in(const char *s, const char *end)
+static bool render_ends_in(const char *s, const char *end)
 {
     size_t n = strlen(s), k = strlen(end);
     return n > k && strcmp(s + n - k, end) == 0;
@@ -33,7 +33,7 @@ static bool is_folder(const char *path)
     return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
 }
 
-static pvx_err add(struct sources *s, const char *dir, const char *name)
+static pvx_err render_add(struct sources *s, const char *dir, const char *name)
 {
     char **path = realloc(s->path, (s->n + 1) * sizeof *path);
     if (path == NULL)
@@ -47,11 +47,11 @@ static pvx_err add(struct sources *s, const char *dir, const char *name)
 
 static int is_volume(const struct dirent *entry)
 {
-    return ends_in(entry->d_name, ".npy");
+    return render_ends_in(entry->d_name, ".npy");
 }
 
 /* All .npy of a folder, by name. */
-static pvx_err add_folder(struct sources *s, const char *dir, struct pvx_diag *d)
+static pvx_err render_add_folder(struct sources *s, const char *dir, struct pvx_diag *d)
 {
     struct dirent **entry;
     int n = scandir(dir, &entry, is_volume, alphasort);
@@ -60,7 +60,7 @@ static pvx_err add_folder(struct sources *s, const char *dir, struct pvx_diag *d
     pvx_err e = n > 0 ? PVX_OK : pvx_fail(d, PVX_ENOENT, "%s: no volumes (.npy) in it", dir);
     for (int i = 0; i < n; i++) {
         if (e == PVX_OK)
-            e = add(s, dir, entry[i]->d_name);
+            e = render_add(s, dir, entry[i]->d_name);
         free(entry[i]);
     }
     free(entry);
@@ -70,9 +70,9 @@ static pvx_err add_folder(struct sources *s, const char *dir, struct pvx_diag *d
 static pvx_err find_sources(const struct render_options *o, struct sources *s, struct pvx_diag *d)
 {
     for (int i = 0; i < o->n_sources; i++) {
-        pvx_err e = is_folder(o->source[i]) ? add_folder(s, o->source[i], d)
-                    : ends_in(o->source[i], ".npy")
-                        ? add(s, "", o->source[i])
+        pvx_err e = is_folder(o->source[i]) ? render_add_folder(s, o->source[i], d)
+                    : render_ends_in(o->source[i], ".npy")
+                        ? render_add(s, "", o->source[i])
                         : pvx_fail(d, PVX_EINVAL,
                                    "%s: a volume is a .npy file or a folder of them; of a "
                                    "recording `pyrovox convert --format npy` makes such a folder",
@@ -91,8 +91,8 @@ static void free_sources(struct sources *s)
 }
 
 /* The rig's camera of that name, NULL when none is asked for. */
-static pvx_err find_camera(const struct render_options *o, const struct rec_rig *rig,
-                           const struct rec_camera **out, struct pvx_diag *d)
+static pvx_err render_find_camera(const struct render_options *o, const struct rec_rig *rig,
+                                  const struct rec_camera **out, struct pvx_diag *d)
 {
     *out = NULL;
     if (o->from != RENDER_CAMERA)
@@ -124,7 +124,7 @@ static pvx_err render_one(const struct render_options *o, const struct rec_eye *
                          : rec_render(g, dense, nch, eye, pool, image);
     rec_room_free(&room);
     struct look look = o->look;
-    bool png = ends_in(o->out, ".png");
+    bool png = render_ends_in(o->out, ".png");
     if (e == PVX_OK && png && look.exposure == 0 && o->room)
         e = dmn_room_exposure(g, dense, nch, pool, &look.exposure);
     if (e == PVX_OK && png && look.exposure == 0) {
@@ -177,12 +177,12 @@ static pvx_err single(const struct render_options *o, const struct rec_rig *rig,
     return e;
 }
 
-static pvx_err render(const struct render_options *o, const struct rec_rig *rig,
-                      const struct sources *s, pvx_pool *pool, struct pvx_diag *d)
+static pvx_err pictures_render(const struct render_options *o, const struct rec_rig *rig,
+                               const struct sources *s, pvx_pool *pool, struct pvx_diag *d)
 {
     const struct rec_camera *camera;
-    PVX_TRY(find_camera(o, rig, &camera, d));
-    bool file = ends_in(o->out, ".png") || ends_in(o->out, ".npy");
+    PVX_TRY(render_find_camera(o, rig, &camera, d));
+    bool file = render_ends_in(o->out, ".png") || render_ends_in(o->out, ".npy");
     bool many = s->n != 1 || o->from == RENDER_ORBIT || o->from == RENDER_PATH;
     if (o->from == RENDER_STRIP && s->n > 1)
         return pvx_fail(d, PVX_EINVAL,
@@ -203,7 +203,7 @@ static pvx_err render(const struct render_options *o, const struct rec_rig *rig,
     return single(o, rig, camera, s->path[0], pool, d);
 }
 
-static int run(int argc, char **argv)
+static int render_run(int argc, char **argv)
 {
     struct render_options o;
     render_parse(argc, argv, &o);
@@ -218,7 +218,7 @@ static int run(int argc, char **argv)
     if (e == PVX_OK)
         e = pvx_pool_new(o.threads, "render", &pool);
     if (e == PVX_OK)
-        e = render(&o, &rig, &s, pool, &d);
+        e = pictures_render(&o, &rig, &s, pool, &d);
     pvx_pool_free(&pool);
     free_sources(&s);
     rec_rig_fini(&rig);
@@ -230,4 +230,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_render = {
-    "render", "views of volumes from a camera, any place or a turntable; animations", run};
+    "render", "views of volumes from a camera, any place or a turntable; animations", render_run};

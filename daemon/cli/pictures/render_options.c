@@ -102,7 +102,7 @@ static const struct argp_option options[] = {
 };
 
 /* Up to `max` numbers separated by `sep`; how many, 0 when one is not a number. */
-static int split(const char *s, char sep, double *v, int max)
+static int render_options_split(const char *s, char sep, double *v, int max)
 {
     char copy[96];
     if (strlen(s) >= sizeof copy)
@@ -117,9 +117,10 @@ static int split(const char *s, char sep, double *v, int max)
     return n;
 }
 
-static void point(struct argp_state *state, const char *what, const char *s, double out[3])
+static void render_options_point(struct argp_state *state, const char *what, const char *s,
+                                 double out[3])
 {
-    if (split(s, ',', out, 3) != 3)
+    if (render_options_split(s, ',', out, 3) != 3)
         argp_error(state, "%s %s: should be X,Y,Z, three numbers", what, s);
 }
 
@@ -136,7 +137,7 @@ static void parse_strip(struct argp_state *state, const char *arg)
 {
     struct render_options *o = state->input;
     double v[3] = {0};
-    if (split(arg, ',', v, 3) != 3 || v[2] < 1 || v[2] > 64 || v[2] != floor(v[2]))
+    if (render_options_split(arg, ',', v, 3) != 3 || v[2] < 1 || v[2] > 64 || v[2] != floor(v[2]))
         argp_error(state, "--strip %s: should be A0,A1,N: degrees, degrees, 1 to 64 views", arg);
     o->deg0 = v[0];
     o->deg1 = v[1];
@@ -175,7 +176,7 @@ static void check_film(struct argp_state *state, const struct render_options *o)
         argp_error(state, "%s: --depth 16 is for .png; a film has 8 bits", o->out);
 }
 
-static void check(struct argp_state *state)
+static void render_options_check(struct argp_state *state)
 {
     const struct render_options *o = state->input;
     if (o->out == NULL || o->n_sources == 0)
@@ -195,7 +196,7 @@ static void check(struct argp_state *state)
         argp_error(state, "--strip shows one volume; --orbit N steps through several");
 }
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t render_options_parse(int key, char *arg, struct argp_state *state)
 {
     struct render_options *o = state->input;
     switch (key) {
@@ -206,13 +207,13 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         return 0;
     case OPT_EYE:
         seen_from(state, RENDER_EYE);
-        point(state, "--eye", arg, o->eye);
+        render_options_point(state, "--eye", arg, o->eye);
         return 0;
     case OPT_LOOK_AT:
         o->target_given = true;
-        point(state, "--look-at", arg, o->target);
+        render_options_point(state, "--look-at", arg, o->target);
         return 0;
-    case OPT_UP: point(state, "--up", arg, o->up); return 0;
+    case OPT_UP: render_options_point(state, "--up", arg, o->up); return 0;
     case OPT_FOV: o->fov_deg = cli_arg_double(state, "fov", arg, 0.01, 175); return 0;
     case OPT_ANGLE:
         seen_from(state, RENDER_ANGLE);
@@ -268,7 +269,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
         o->film = film_kind(o->out) != FILM_NONE;
         state->next = state->argc;
         return 0;
-    case ARGP_KEY_END: check(state); return 0;
+    case ARGP_KEY_END: render_options_check(state); return 0;
     default: return ARGP_ERR_UNKNOWN;
     }
 }
@@ -277,7 +278,7 @@ void render_parse(int argc, char **argv, struct render_options *o)
 {
     static const struct argp parser = {
         .options = options,
-        .parser = parse,
+        .parser = render_options_parse,
         .args_doc = "VOL.npy OUT.(png|npy)\nVOLDIR|VOL.npy... OUTDIR|OUT.(apng|mp4)\n"
                     "--video FILE VOLDIR|VOL.npy...",
         .doc =

@@ -47,7 +47,7 @@ struct rec_grid dmn_lit_box(const struct rec_grid *g, const float *dense, int nc
     return box;
 }
 
-static int rising(const void *a, const void *b)
+static int strip_rising(const void *a, const void *b)
 {
     float x = *(const float *)a, y = *(const float *)b;
     return (x > y) - (x < y);
@@ -68,7 +68,7 @@ pvx_err dmn_auto_exposure(const float *pix, size_t n, double *out)
     for (size_t i = 0; i < n; i++)
         if (pix[i] > 0.01f * most)
             lit[m++] = pix[i];
-    qsort(lit, m, sizeof *lit, rising);
+    qsort(lit, m, sizeof *lit, strip_rising);
     *out = 1 / lit[(size_t)(0.998 * (double)(m - 1))];
     free(lit);
     return PVX_OK;
@@ -126,7 +126,7 @@ struct strip {
 };
 
 /* View v of the turntable. */
-static pvx_err draw_view(const struct strip *s, int v, float *view)
+static pvx_err strip_draw_view(const struct strip *s, int v, float *view)
 {
     const struct dmn_strip_params *p = s->p;
     double share = p->views > 1 ? (double)v / (p->views - 1) : 0;
@@ -144,7 +144,7 @@ static pvx_err draw_view(const struct strip *s, int v, float *view)
 }
 
 /* Exposure of a strip of n. */
-static pvx_err expose(const struct strip *s, const float *strip, size_t n, struct look *look)
+static pvx_err strip_expose(const struct strip *s, const float *strip, size_t n, struct look *look)
 {
     if (look->exposure > 0)
         return PVX_OK;
@@ -171,7 +171,7 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     if (e == PVX_OK && p->room)
         e = dmn_room_of(g, dense, nch, pool, &s.room);
     for (int v = 0; v < p->views && e == PVX_OK; v++) {
-        e = draw_view(&s, v, view);
+        e = strip_draw_view(&s, v, view);
         for (int32_t y = 0; y < p->height && e == PVX_OK; y++)
             memcpy(strip + (size_t)y * wide + (size_t)v * row, view + (size_t)y * row,
                    row * sizeof *view);
@@ -179,7 +179,7 @@ pvx_err dmn_strip_save(const struct rec_grid *g, const float *dense, int nch,
     struct look look = p->look;
     bool png = strlen(path) > 4 && strcmp(path + strlen(path) - 4, ".png") == 0;
     if (e == PVX_OK && png)
-        e = expose(&s, strip, n, &look);
+        e = strip_expose(&s, strip, n, &look);
     if (e != PVX_OK)
         pvx_fail(d, e, "%s: %s", path, pvx_strerror(e));
     else

@@ -5,7 +5,7 @@
 #include "daemon/cli/common/flame_sets.h"
 #include "recon/check/absorption.h"
 
-static void say(const struct rec_absorption *a)
+static void absorb_say(const struct rec_absorption *a)
 {
     if (a->c > 0)
         fprintf(stderr,
@@ -46,7 +46,7 @@ pvx_err reconstruct_absorb(const struct reconstruct_options *o, double *c, struc
     rec_unseen_free(&u);
     flame_sets_fini(&s);
     if (e == PVX_OK && !o->quiet)
-        say(&found);
+        absorb_say(&found);
     *c = found.c;
     return e;
 }

@@ -25,7 +25,8 @@ size_t reconstruct_spread(size_t k, size_t n)
 }
 
 /* The rows of bins that brick i's voxels are in, as part of `slab` or, as surfaces are not even, of one beside it. */
-static void reach(const rec_sysmat *outline, size_t i, size_t slab, struct reconstruct_seen *out)
+static void active_reach(const rec_sysmat *outline, size_t i, size_t slab,
+                         struct reconstruct_seen *out)
 {
     size_t first = slab > 0 ? slab - 1 : 0,
            end = slab + 2 < REC_SLABS_MAX ? slab + 2 : REC_SLABS_MAX;
@@ -53,7 +54,7 @@ static void add_set(const rec_sysmat *outline, const uint8_t *brick, size_t bric
         if (!brick[i])
             continue;
         a->brick[i] = 1;
-        reach(outline, i, n++ * REC_SLABS_MAX / bricks, out);
+        active_reach(outline, i, n++ * REC_SLABS_MAX / bricks, out);
     }
 }
 
@@ -109,15 +110,15 @@ pvx_err reconstruct_mark(const struct reconstruct_look *l, rec_sysmat *outline,
     return e;
 }
 
-static double share_of(const struct rec_rig *rig, const struct rec_active_estimate *e)
+static double active_share_of(const struct rec_rig *rig, const struct rec_active_estimate *e)
 {
     return 100 * (double)e->columns / (double)rec_grid_count(&rig->grid);
 }
 
 /* Marked, estimated and said, or refused. */
-static pvx_err prepare(const struct reconstruct_options *o, const struct reconstruct_look *all,
-                       const struct rec_rig *rig, double room, rec_sysmat *outline,
-                       struct pvx_diag *d)
+static pvx_err active_prepare(const struct reconstruct_options *o,
+                              const struct reconstruct_look *all, const struct rec_rig *rig,
+                              double room, rec_sysmat *outline, struct pvx_diag *d)
 {
     struct reconstruct_seen seen;
     struct rec_active_estimate e;
@@ -136,8 +137,8 @@ static pvx_err prepare(const struct reconstruct_options *o, const struct reconst
     fprintf(stderr,
             "pyrovox: active part: %.1f %% of the %dx%dx%d voxels, of %.3g entries in all about "
             "%.3g; memory: at most %.2f GB\n",
-            share_of(rig, &e), rig->grid.n[0], rig->grid.n[1], rig->grid.n[2], e.entries, e.kept,
-            need.most * 1e-9 + 0.005);
+            active_share_of(rig, &e), rig->grid.n[0], rig->grid.n[1], rig->grid.n[2], e.entries,
+            e.kept, need.most * 1e-9 + 0.005);
     if (room > 0 && need.most > room)
         return pvx_fail(
             d, PVX_ENOMEM,
@@ -173,7 +174,7 @@ pvx_err reconstruct_matrix(const struct reconstruct_options *o, struct frames_in
     PVX_TRY(rec_sysmat_outline(rig, &r, pool, (struct rec_progress){cli_progress, &bricks},
                                &outline, d));
     /* the whole one would be there once for all processes of a node, a part is each one's own */
-    pvx_err e = prepare(o, &all, rig, room / o->node_n, outline, d);
+    pvx_err e = active_prepare(o, &all, rig, room / o->node_n, outline, d);
     if (e == PVX_OK)
         e = rec_sysmat_build_active(rig, &outline, pool, progress, out, d);
     rec_sysmat_free(&outline);

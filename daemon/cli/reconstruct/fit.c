@@ -19,7 +19,7 @@ struct fit {
 };
 
 /* Set i's silhouettes into the fit; whether any camera saw flame. */
-static bool look(struct fit *f, size_t i, rec_fit *fit)
+static bool fit_look(struct fit *f, size_t i, rec_fit *fit)
 {
     struct silhouettes *see = &f->see;
     size_t light = 0, there = 0;
@@ -67,7 +67,7 @@ static pvx_err look_at_sets(struct fit *f, rec_fit *fit, uint32_t most, bool qui
     size_t all = candidates(f->see.in, set), n = most > 0 && most < all ? most : all;
     pvx_err err = PVX_OK;
     for (size_t k = 0; k < n && err == PVX_OK; k++) {
-        *with_light += look(f, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], fit);
+        *with_light += fit_look(f, set[n > 1 ? k * (all - 1) / (n - 1) : all / 2], fit);
         if (!cli_progress(&bar, (double)(k + 1) / (double)n))
             err = PVX_ECANCELED;
     }
@@ -102,7 +102,7 @@ static pvx_err no_flame(const struct frames_in *in, uint32_t sets, size_t with_l
                     with_light, sets);
 }
 
-static double share_of(const double min[3], const double max[3], const struct rec_grid *whole)
+static double fit_share_of(const double min[3], const double max[3], const struct rec_grid *whole)
 {
     double share = 1;
     for (int a = 0; a < 3; a++)
@@ -115,26 +115,26 @@ static double share_of(const double min[3], const double max[3], const struct re
 static void advise_views(const rec_fit *fit, double margin, const struct rec_grid *whole,
                          uint32_t asked, size_t cameras, const struct rec_fit_box *box)
 {
-    double now = share_of(box->min, box->max, whole), least = now;
+    double now = fit_share_of(box->min, box->max, whole), least = now;
     struct rec_fit_box b;
     for (uint32_t m = asked + 1; m <= cameras; m++)
         if (rec_fit_get(fit, m, margin, &b) == PVX_OK && b.lit == box->lit)
-            least = fmin(least, share_of(b.min, b.max, whole));
+            least = fmin(least, fit_share_of(b.min, b.max, whole));
     for (uint32_t m = asked + 1; m <= cameras && least < 0.7 * now; m++)
         if (rec_fit_get(fit, m, margin, &b) == PVX_OK &&
-            share_of(b.min, b.max, whole) <= 1.1 * least) {
+            fit_share_of(b.min, b.max, whole) <= 1.1 * least) {
             fprintf(stderr,
                     "note: parts of it are held open because few cameras see them; with "
                     "--min-views %u (of %zu) it would be %.0f %% of the rig's box\n",
-                    m, cameras, 100 * share_of(b.min, b.max, whole));
+                    m, cameras, 100 * fit_share_of(b.min, b.max, whole));
             return;
         }
 }
 
-static void describe(const struct rec_grid *whole, const struct rec_grid *g,
-                     const struct rec_fit_box *box, size_t of, double seconds)
+static void fit_describe(const struct rec_grid *whole, const struct rec_grid *g,
+                         const struct rec_fit_box *box, size_t of, double seconds)
 {
-    double share = share_of(g->min, g->max, whole);
+    double share = fit_share_of(g->min, g->max, whole);
     fprintf(stderr,
             "volume fitted: x %.3g .. %.3g, y %.3g .. %.3g, z %.3g .. %.3g m, %dx%dx%d voxels, "
             "%.0f %% of the rig's box (from %u of %zu frame sets, %.1f s)\n",
@@ -175,7 +175,7 @@ static pvx_err use_box(const struct reconstruct_options *o, const rec_fit *fit,
                         REC_GRID_MAX);
     if (o->quiet)
         return PVX_OK;
-    describe(&whole, &rig->grid, box, of, seconds);
+    fit_describe(&whole, &rig->grid, box, of, seconds);
     advise_views(fit, o->fit_margin, &whole, o->frame.hull.min_views, rig->n_cameras, box);
     return PVX_OK;
 }
@@ -193,8 +193,8 @@ static pvx_err save_rig(const char *from, const char *path, const struct rec_gri
 }
 
 /* The silhouettes' bins: those that the reconstruction on the rig's own grid would use. */
-static pvx_err choose_binning(const struct reconstruct_options *o, struct frames_in *in,
-                              struct pvx_diag *d)
+static pvx_err fit_choose_binning(const struct reconstruct_options *o, struct frames_in *in,
+                                  struct pvx_diag *d)
 {
     struct rec_sysmat_params got;
     PVX_TRY(rec_sysmat_resolve(in->rig, &o->rig.matrix, &got, d));
@@ -206,7 +206,7 @@ pvx_err reconstruct_fit(const struct reconstruct_options *o, struct frames_in *i
                         struct pvx_diag *d)
 {
     int64_t t0 = pvx_now_mono();
-    PVX_TRY(choose_binning(o, in, d));
+    PVX_TRY(fit_choose_binning(o, in, d));
     struct fit f = {.said = false};
     struct rec_fit_params fp = REC_FIT_DEFAULTS;
     struct rec_fit_box box;

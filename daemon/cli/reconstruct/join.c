@@ -39,7 +39,7 @@ bool reconstruct_join_is_due(const char *out, unsigned i)
     return all;
 }
 
-static bool load_set(const char *path, uint64_t set, bool last, float **dense, size_t *n)
+static bool join_load_set(const char *path, uint64_t set, bool last, float **dense, size_t *n)
 {
     vol_reader *r;
     struct vol_volume v;
@@ -68,10 +68,10 @@ static double seam(const struct parts_job *j, unsigned i)
     parts_run(j->n_sets, i, j->n, &first, &end);
     parts_path(j, i, "seam.h5", here, sizeof here);
     parts_path(j, i - 1, "h5", before, sizeof before);
-    if (first == 0 || !load_set(here, j->number[first - 1], false, &a, &n))
+    if (first == 0 || !join_load_set(here, j->number[first - 1], false, &a, &n))
         return -1;
     double off = 0, all = 0;
-    bool ok = load_set(before, j->number[first - 1], true, &b, &m) && n == m;
+    bool ok = join_load_set(before, j->number[first - 1], true, &b, &m) && n == m;
     for (size_t k = 0; ok && k < n; k++) {
         double x = (double)a[k] - (double)b[k];
         off += x * x;
@@ -114,7 +114,7 @@ struct sum {
     bool by[PVX_CPU_BEST + 1];
 };
 
-static void count(struct sum *sum, const struct part_status *s, double off)
+static void join_count(struct sum *sum, const struct part_status *s, double off)
 {
     bool running = s->state == PART_RUNNING;
     double left = (double)s->sets - (double)s->done;
@@ -131,7 +131,7 @@ static void count(struct sum *sum, const struct part_status *s, double off)
 }
 
 /* A line for each that is not as it should be; where there are few, for all. */
-static void table(const struct parts_job *j, struct sum *sum)
+static void join_table(const struct parts_job *j, struct sum *sum)
 {
     struct part_status s;
     *sum = (struct sum){.seam = -1};
@@ -139,7 +139,7 @@ static void table(const struct parts_job *j, struct sum *sum)
     for (unsigned i = 1; i <= j->n; i++) {
         parts_status(j, i, &s);
         double off = i > 1 ? seam(j, i) : -1;
-        count(sum, &s, off);
+        join_count(sum, &s, off);
         if (j->n <= 40 || s.state != PART_DONE || off > SEAM_WRONG)
             say_part(i, &s, off);
     }
@@ -167,7 +167,7 @@ static void say_kernels(const struct sum *sum)
         printf("the parts were solved by different kernels (%s): equal only to rounding\n", names);
 }
 
-static pvx_err join(const struct parts_job *j, size_t *missing, struct pvx_diag *d)
+static pvx_err reconstruct_join_join(const struct parts_job *j, size_t *missing, struct pvx_diag *d)
 {
     char path[4500];
     size_t n = 0;
@@ -205,10 +205,10 @@ int reconstruct_join(const char *out)
         snprintf(d.text, sizeof d.text, "%s: was not made in parts, there is nothing to join", out);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    table(&j, &sum);
+    join_table(&j, &sum);
     say_end(&sum);
     say_kernels(&sum);
-    e = join(&j, &missing, &d);
+    e = reconstruct_join_join(&j, &missing, &d);
     if (e == PVX_OK) {
         char took[32];
         printf("%s: %zu of %zu sets, %u of %u parts, in %s of all of them together", out,

@@ -20,7 +20,7 @@ static const struct argp_option options[] = {
     {0},
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t matrix_parse(int key, char *arg, struct argp_state *state)
 {
     struct options *o = state->input;
     switch (key) {
@@ -47,7 +47,7 @@ static const char doc[] =
 
 static const struct argp_child children[] = {{&opt_rig_argp, 0, NULL, 0}, {0}};
 static const struct argp argp = {
-    .options = options, .parser = parse, .doc = doc, .children = children};
+    .options = options, .parser = matrix_parse, .doc = doc, .children = children};
 
 static double bytes_of_level(const rec_sysmat *m)
 {
@@ -58,7 +58,7 @@ static double bytes_of_level(const rec_sysmat *m)
 }
 
 /* names NULL: the file does not hold them.  Footprints that are seen, in all. */
-static double print_cameras(const rec_sysmat *m, const struct rec_rig *names)
+static double matrix_print_cameras(const rec_sysmat *m, const struct rec_rig *names)
 {
     size_t N = rec_grid_count(&m->grid);
     double all = 0;
@@ -81,7 +81,7 @@ static double print_cameras(const rec_sysmat *m, const struct rec_rig *names)
 
 static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
 {
-    double bytes = 0, coarse = 0, seen = print_cameras(m, names);
+    double bytes = 0, coarse = 0, seen = matrix_print_cameras(m, names);
     printf("\n%-18s %zu\n", "cameras", m->n_cameras);
     printf("%-18s %d x %d x %d = %zu, %s\n", "voxels", m->grid.n[0], m->grid.n[1], m->grid.n[2],
            rec_grid_count(&m->grid), rec_basis_name(m->grid.basis));
@@ -107,12 +107,12 @@ static void print_matrix(const rec_sysmat *m, const struct rec_rig *names)
     printf("%-18s %016llx\n", "key", (unsigned long long)m->key);
 }
 
-static double seconds_since(int64_t t0)
+static double matrix_seconds_since(int64_t t0)
 {
     return (double)(pvx_now_mono() - t0) * 1e-9;
 }
 
-static int check(const char *path, pvx_pool *pool)
+static int matrix_check(const char *path, pvx_pool *pool)
 {
     struct pvx_diag d = {""};
     rec_sysmat *m;
@@ -120,7 +120,7 @@ static int check(const char *path, pvx_pool *pool)
     pvx_err e = rec_sysmat_load(path, 0, true, pool, &m, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    double s = seconds_since(t0);
+    double s = matrix_seconds_since(t0);
     print_matrix(m, NULL);
     printf("%-18s %.0f ms\n%s: sound\n", "checked in", s * 1e3, path);
     rec_sysmat_free(&m);
@@ -146,7 +146,7 @@ struct watch {
     int64_t built;
 };
 
-static bool watch(void *ctx, double done)
+static bool matrix_watch(void *ctx, double done)
 {
     struct watch *w = ctx;
     if (done >= 1)
@@ -154,7 +154,7 @@ static bool watch(void *ctx, double done)
     return cli_progress(&w->bar, done);
 }
 
-static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *pool)
+static int matrix_build(const struct options *o, const struct rec_rig *rig, pvx_pool *pool)
 {
     struct pvx_diag d = {""};
     struct watch w = {.bar = {.label = "system matrix"}};
@@ -164,15 +164,15 @@ static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *p
         return cli_error(&d, e);
     cli_catch_stop();
     int64_t t0 = pvx_now_mono();
-    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, (struct rec_progress){watch, &w}, &m,
-                        &d);
+    e = rec_sysmat_open(rig, &o->rig.matrix, o->out, pool, (struct rec_progress){matrix_watch, &w},
+                        &m, &d);
     if (e == PVX_ECANCELED) {
         fprintf(stderr, "\npyrovox: stopped; nothing was written\n");
         return 130;
     }
     if (e != PVX_OK)
         return cli_error(&d, e);
-    double s = seconds_since(t0), saving = seconds_since(w.built);
+    double s = matrix_seconds_since(t0), saving = matrix_seconds_since(w.built);
     print_matrix(m, rig);
     if (m->cached) {
         printf("%-18s %.0f ms (found and verified, not built)\n", "cached, opened in", s * 1e3);
@@ -191,7 +191,7 @@ static int build(const struct options *o, const struct rec_rig *rig, pvx_pool *p
     e = rec_sysmat_load(o->out, key, true, pool, &m, &d); /* the log has said why it is not there */
     if (e != PVX_OK)
         return cli_error(&d, e);
-    printf("%-18s %.0f ms\n", "opened in", seconds_since(t0) * 1e3);
+    printf("%-18s %.0f ms\n", "opened in", matrix_seconds_since(t0) * 1e3);
     rec_sysmat_free(&m);
     return 0;
 }
@@ -201,16 +201,16 @@ static int run_with(const struct options *o, pvx_pool *pool)
     struct pvx_diag d = {""};
     struct rec_rig rig;
     if (o->check != NULL)
-        return check(o->check, pool);
+        return matrix_check(o->check, pool);
     pvx_err e = opt_rig_load(&o->rig, &rig, &d);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    int rc = build(o, &rig, pool);
+    int rc = matrix_build(o, &rig, pool);
     rec_rig_fini(&rig);
     return rc;
 }
 
-static int run(int argc, char **argv)
+static int matrix_run(int argc, char **argv)
 {
     struct options o = {.rig = OPT_RIG_INIT};
     pvx_pool *pool;
@@ -223,5 +223,5 @@ static int run(int argc, char **argv)
     return rc;
 }
 
-const struct cli_command cmd_matrix = {"matrix",
-                                       "build, cache or verify the system matrix of a rig", run};
+const struct cli_command cmd_matrix = {
+    "matrix", "build, cache or verify the system matrix of a rig", matrix_run};

@@ -11,7 +11,7 @@
 
 #define LOOK_MATRIX 0.6e9 /* silhouettes.c */
 
-static size_t bins_of(const struct rec_rig *rig, int32_t binning)
+static size_t memory_bins_of(const struct rec_rig *rig, int32_t binning)
 {
     size_t n = 0;
     for (size_t c = 0; c < rig->n_cameras; c++)
@@ -69,14 +69,14 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
 {
     double cameras = (double)rig->n_cameras, bins = 1.02 * (double)e->bins;
     double voxels = (double)rec_grid_count(&rig->grid), bricks = voxels / REC_BRICK_VOXELS;
-    double pixels = (double)bins_of(rig, 1), lane = p->nch == 3 ? 16 : 4;
+    double pixels = (double)memory_bins_of(rig, 1), lane = p->nch == 3 ? 16 : 4;
     double slots = (double)((rig->n_cameras + 3) / 4 * 4);
     const struct size z = {
         .n = fmin((double)seen->bricks_most * REC_BRICK_VOXELS, (double)e->columns),
         .bins = bins,
         .voxels = voxels,
         .lane = lane,
-        .of_channels = e->bins == bins_of(rig, 1) ? 16 : 0,
+        .of_channels = e->bins == memory_bins_of(rig, 1) ? 16 : 0,
         .windows = slots * (double)(sizeof(uint32_t) + e->window)};
     const struct size coarse = {.n = 0.2 * z.n,
                                 .bins = bins / 4,
@@ -105,7 +105,7 @@ void reconstruct_need(const struct reconstruct_options *o, const struct rec_rig 
 /* ---- what there is ---- */
 
 /* The number in the first line of a file, after `key`; INFINITY: there is none. */
-static double number_in(const char *path, const char *key)
+static double memory_number_in(const char *path, const char *key)
 {
     char line[256];
     double v = INFINITY;
@@ -138,9 +138,9 @@ static double free_in_cgroup(void)
         line[strcspn(line, "\n")] = '\0';
         for (char *group = line + 3, *slash; group[1] != '\0'; *slash = '\0') {
             snprintf(path, sizeof path, "/sys/fs/cgroup%s/memory.max", group);
-            double most = number_in(path, "");
+            double most = memory_number_in(path, "");
             snprintf(path, sizeof path, "/sys/fs/cgroup%s/memory.current", group);
-            double used = number_in(path, "");
+            double used = memory_number_in(path, "");
             if (isfinite(most) && isfinite(used))
                 least = fmin(least, fmax(most - used, 0));
             slash = strrchr(group, '/');
@@ -154,7 +154,7 @@ static double free_in_cgroup(void)
 
 double reconstruct_room(void)
 {
-    double kib = number_in("/proc/meminfo", "MemAvailable:");
+    double kib = memory_number_in("/proc/meminfo", "MemAvailable:");
     if (!isfinite(kib))
         kib = (double)sysconf(_SC_PHYS_PAGES) * (double)sysconf(_SC_PAGESIZE) / 1024;
     return 0.8 * fmin(kib * 1024, free_in_cgroup());

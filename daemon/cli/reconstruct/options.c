@@ -284,7 +284,7 @@ static void check_parts(struct argp_state *st, struct reconstruct_options *o)
         argp_error(st, "--sbatch goes with --slurm");
 }
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t reconstruct_options_parse(int key, char *arg, struct argp_state *st)
 {
     static const char *const bayers[] = {"auto", "rays", "demosaic", NULL};
     struct reconstruct_options *o = st->input;
@@ -403,7 +403,7 @@ static int by_text(const void *a, const void *b)
 
 /* "--grid 64" and "--grid=64" are one line, in whatever order they were said; of one that is said twice the last counts, as
  * it does for the parser. */
-static char *said(int argc, char **argv)
+static char *reconstruct_said(int argc, char **argv)
 {
     char **line = calloc((size_t)argc, sizeof *line), *all = calloc(1, 1);
     size_t n = 0;
@@ -446,7 +446,7 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
     static const struct argp_child children[] = {{&opt_rig_argp, 0, "", 1}, {0}};
     static const struct argp argp = {
         .options = option_table,
-        .parser = parse,
+        .parser = reconstruct_options_parse,
         .children = children,
         .help_filter = help_text,
         .doc = "Reconstruct one emission volume per recorded frame set.\vImages are linear: "
@@ -488,5 +488,5 @@ void reconstruct_parse(int argc, char **argv, struct reconstruct_options *o)
                                       .memory = -1};
     o->frame = rec_frame_defaults;
     argp_parse(&argp, argc, argv, 0, NULL, o);
-    o->said = said(argc, argv);
+    o->said = reconstruct_said(argc, argv);
 }

@@ -85,8 +85,8 @@ static pvx_err name_job(struct reconstruct_part *p, const struct reconstruct_opt
 }
 
 /* Who deals out a take that grows would deal it out differently a moment later. */
-static pvx_err is_whole(const struct reconstruct_options *o, const struct frames_in *in,
-                        struct pvx_diag *d)
+static pvx_err part_is_whole(const struct reconstruct_options *o, const struct frames_in *in,
+                             struct pvx_diag *d)
 {
     if (in->take == NULL || cap_take_info(in->take)->closed || o->last < FRAMES_IN_LAST)
         return PVX_OK;
@@ -107,7 +107,7 @@ pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstr
         return p->path != NULL ? vol_writer_check(VOL_HDF5, o->out, d) : PVX_ENOMEM;
     }
     PVX_TRY(vol_join_check(o->out, d)); /* not when all is solved */
-    PVX_TRY(is_whole(o, in, d));
+    PVX_TRY(part_is_whole(o, in, d));
     PVX_TRY(name_job(p, o, rig, in, d));
     if (o->part == 0) /* only begun, for others (slurm.h) */
         return PVX_OK;
@@ -123,24 +123,26 @@ pvx_err reconstruct_part_begin(struct reconstruct_part *p, const struct reconstr
     return PVX_OK;
 }
 
-static bool is_there(const char *path)
+static bool part_is_there(const char *path)
 {
     return access(path, F_OK) == 0;
 }
 
 /* What an earlier try left goes into the new file first; it is put aside until all of it is there. */
-static pvx_err take_over(struct reconstruct_part *p, const struct rec_rig *rig,
-                         const struct frames_in *in, uint64_t *last, struct pvx_diag *d)
+static pvx_err part_take_over(struct reconstruct_part *p, const struct rec_rig *rig,
+                              const struct frames_in *in, uint64_t *last, struct pvx_diag *d)
 {
     char aside[4500];
     snprintf(aside, sizeof aside, "%.*s.cut-off", (int)sizeof aside - 20, p->path);
-    if (p->part != NULL && is_there(p->path) && !is_there(aside) && rename(p->path, aside) != 0)
+    if (p->part != NULL && part_is_there(p->path) && !part_is_there(aside) &&
+        rename(p->path, aside) != 0)
         return pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", p->path, strerror(errno));
-    if (p->part != NULL && is_there(aside) && is_there(p->path)) /* that copy was not finished */
+    if (p->part != NULL && part_is_there(aside) &&
+        part_is_there(p->path)) /* that copy was not finished */
         unlink(p->path);
     PVX_TRY(volumes_out_new(p->path, rig, in->nch, p->part != NULL ? parts_session(&p->job) : 1,
                             &p->out, d));
-    if (p->part == NULL || !is_there(aside))
+    if (p->part == NULL || !part_is_there(aside))
         return PVX_OK;
     struct pvx_diag why = {""};
     pvx_err e = volumes_out_copy(p->out, aside, &p->copied, last, &why);
@@ -160,7 +162,7 @@ pvx_err reconstruct_part_open(struct reconstruct_part *p, const struct rec_rig *
 {
     uint64_t last = 0;
     size_t own = 0;
-    PVX_TRY(take_over(p, rig, in, &last, d));
+    PVX_TRY(part_take_over(p, rig, in, &last, d));
     p->done = p->copied;
     if (p->part != NULL)
         part_begin(p->part, p->done);

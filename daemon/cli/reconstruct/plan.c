@@ -43,21 +43,21 @@ struct plan {
     int halved;
 };
 
-static double seconds_since(int64_t t0)
+static double plan_seconds_since(int64_t t0)
 {
     return (double)(pvx_now_mono() - t0) * 1e-9;
 }
 
 /* As far as the outline, its marks and what its matrix would take. */
-static pvx_err look(struct plan *p, struct measure *m, const struct reconstruct_look *how,
-                    struct pvx_diag *d)
+static pvx_err plan_look(struct plan *p, struct measure *m, const struct reconstruct_look *how,
+                         struct pvx_diag *d)
 {
     struct cli_progress bricks = {.label = "bricks", .quiet = p->o->quiet},
                         estimate = {.label = "estimate", .quiet = p->o->quiet};
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_sysmat_outline(&m->rig, &m->p, p->pool,
                                (struct rec_progress){cli_progress, &bricks}, &m->outline, d));
-    m->outline_s = seconds_since(t0);
+    m->outline_s = plan_seconds_since(t0);
     PVX_TRY(frames_in_begin(p->in, m->p.binning, p->o->reading.mosaic, d));
     PVX_TRY(reconstruct_mark(how, m->outline, &m->seen, d));
     m->look_s = m->seen.seconds / (double)m->seen.sets;
@@ -98,7 +98,7 @@ static pvx_err write_folder(const struct plan *p, struct measure *m, const rec_f
     pvx_err e = pvx_mkdirs(p->o->out, d);
     if (e == PVX_OK)
         e = dmn_volume_save(path, &meta, dense, d);
-    m->write_s = seconds_since(t0);
+    m->write_s = plan_seconds_since(t0);
     unlink(path);
     unlink(json);
     return e;
@@ -126,7 +126,7 @@ static pvx_err write_recording(const struct plan *p, struct measure *m, const fl
         v.brick = store.brick;
         if (e == PVX_OK)
             e = vol_writer_put(w, &v, d);
-        m->write_s = seconds_since(t0);
+        m->write_s = plan_seconds_since(t0);
     }
     pvx_err closing = vol_writer_close(&w, d);
     vol_store_free(&store);
@@ -153,11 +153,11 @@ static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struc
 {
     size_t n = m->seen.sets;
     int64_t begin = pvx_now_mono();
-    for (size_t k = 0; k < n && (k < 2 || seconds_since(begin) < SOLVE_SECONDS); k++) {
+    for (size_t k = 0; k < n && (k < 2 || plan_seconds_since(begin) < SOLVE_SECONDS); k++) {
         int64_t t0 = pvx_now_mono();
         rec_frame_reset(f);
         (void)frames_in_load_frame(p->in, reconstruct_spread(k, p->in->n), f);
-        m->read_s += seconds_since(t0);
+        m->read_s += plan_seconds_since(t0);
         rec_frame_carve(f);
         PVX_TRY(rec_frame_solve(f, 0, NULL));
         const struct rec_frame_report *r = rec_frame_get_report(f);
@@ -175,14 +175,14 @@ static pvx_err solve_sets(struct plan *p, struct measure *m, rec_frame *f, struc
     return write_once(p, m, f, d);
 }
 
-static pvx_err solve(struct plan *p, struct measure *m, struct pvx_diag *d)
+static pvx_err plan_solve(struct plan *p, struct measure *m, struct pvx_diag *d)
 {
     rec_frame *f = NULL;
     struct cli_progress bar = {.label = "system matrix", .quiet = p->o->quiet};
     int64_t t0 = pvx_now_mono();
     PVX_TRY(rec_sysmat_build_active(&m->rig, &m->outline, p->pool,
                                     (struct rec_progress){cli_progress, &bar}, &m->S, d));
-    m->build_s = seconds_since(t0);
+    m->build_s = plan_seconds_since(t0);
     PVX_TRY(rec_frame_alone(m->S, &m->rig, p->params, p->pool, &f, d));
     pvx_err e = solve_sets(p, m, f, d);
     rec_frame_free(&f);
@@ -199,8 +199,8 @@ struct stage {
 };
 enum { BRICKS, SILHOUETTES, MATRIX, READ, CARVE, RESTRICT, SOLVE, WRITE, STAGES };
 
-static void add_up(const struct plan *p, const struct reconstruct_need *need, bool whole,
-                   struct stage s[STAGES])
+static void plan_add_up(const struct plan *p, const struct reconstruct_need *need, bool whole,
+                        struct stage s[STAGES])
 {
     const struct measure *f = &p->full, *m = &p->part;
     double by = f->seen.bricks_mean / m->seen.bricks_mean;
@@ -263,14 +263,14 @@ static void say_nodes(const struct plan *p, double once, double each)
            hours, nodes, nodes == 1 ? "" : "s", ceil(sets / nodes));
 }
 
-static void print(const struct plan *p, const struct reconstruct_need *need, bool whole)
+static void plan_print(const struct plan *p, const struct reconstruct_need *need, bool whole)
 {
     const struct measure *f = &p->full;
     const struct rec_grid *g = &f->rig.grid;
     struct stage s[STAGES];
     double once = 0, each = 0, sets = (double)p->in->n;
     double disk = sets * (double)rec_grid_count(g) * p->params->nch * sizeof(float);
-    add_up(p, need, whole, s);
+    plan_add_up(p, need, whole, s);
     printf("%zu frame sets of %zu cameras, %dx%dx%d voxels, bins of %dx%d pixels, %u threads\n",
            p->in->n, f->rig.n_cameras, g->n[0], g->n[1], g->n[2], f->p.binning, f->p.binning,
            pvx_pool_threads(p->pool));
@@ -302,7 +302,7 @@ static void print(const struct plan *p, const struct reconstruct_need *need, boo
     say_nodes(p, once, each);
 }
 
-static pvx_err run(struct plan *p, struct pvx_diag *d)
+static pvx_err plan_run(struct plan *p, struct pvx_diag *d)
 {
     const struct reconstruct_look many = {.in = p->in,
                                           .params = p->params,
@@ -314,23 +314,23 @@ static pvx_err run(struct plan *p, struct pvx_diag *d)
     few.sets = SETS;
     few.quiet = true;
     struct reconstruct_need need;
-    PVX_TRY(look(p, &p->full, &many, d));
+    PVX_TRY(plan_look(p, &p->full, &many, d));
     PVX_TRY(choose_part(p, d));
-    PVX_TRY(look(p, &p->part, &few, d));
-    PVX_TRY(solve(p, &p->part, d));
+    PVX_TRY(plan_look(p, &p->part, &few, d));
+    PVX_TRY(plan_solve(p, &p->part, d));
     reconstruct_need(p->o, &p->full.rig, p->params, &p->full.e, &p->full.seen, &need);
     double room = p->o->memory >= 0 ? p->o->memory : reconstruct_room();
     double all = reconstruct_whole(&p->full.rig, &p->full.p);
     bool whole = all <= room;
     if (whole)
         need.most = need.base + fmax(need.look, all + need.sets + need.volume);
-    print(p, &need, whole);
+    plan_print(p, &need, whole);
     if (!whole && room > 0 && need.most > room)
         printf("this is more than the %.1f GB that are to be used here\n", room * 1e-9);
     return PVX_OK;
 }
 
-static void done(struct measure *m)
+static void plan_done(struct measure *m)
 {
     rec_sysmat_free(&m->outline);
     rec_sysmat_free(&m->S);
@@ -348,9 +348,9 @@ pvx_err reconstruct_plan(const struct reconstruct_options *o, struct frames_in *
     if (e == PVX_OK) {
         e = rec_sysmat_resolve(rig, &o->rig.matrix, &p->full.p, d);
         if (e == PVX_OK)
-            e = run(p, d);
-        done(&p->full);
-        done(&p->part);
+            e = plan_run(p, d);
+        plan_done(&p->full);
+        plan_done(&p->part);
         rec_rig_fini(&p->full.rig);
         rec_rig_fini(&p->part.rig);
     }

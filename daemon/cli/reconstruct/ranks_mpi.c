@@ -6,7 +6,7 @@
 
 static MPI_Comm node;
 
-static bool begin(unsigned *rank, unsigned *n, unsigned *on_node, unsigned *node_n)
+static bool ranks_mpi_begin(unsigned *rank, unsigned *n, unsigned *on_node, unsigned *node_n)
 {
     int had, all, mine, there, together;
     /* a failed call ends the program with MPI's own message */
@@ -36,7 +36,7 @@ static void node_barrier(void)
     MPI_Barrier(node);
 }
 
-static void end(void)
+static void ranks_mpi_end(void)
 {
     MPI_Comm_free(&node);
     MPI_Finalize();
@@ -46,9 +46,9 @@ const struct ranks_module *pyrovox_ranks(void);
 const struct ranks_module *pyrovox_ranks(void)
 {
     static const struct ranks_module module = {.version = RANKS_VERSION,
-                                               .open = begin,
+                                               .open = ranks_mpi_begin,
                                                .worst = worst,
                                                .node_barrier = node_barrier,
-                                               .close = end};
+                                               .close = ranks_mpi_end};
     return &module;
 }

@@ -56,7 +56,7 @@ struct job {
 
 /* ---- one set to files ---- */
 
-static bool has(const struct dmn_slot *s, size_t c)
+static bool reconstruct_has(const struct dmn_slot *s, size_t c)
 {
     return s->mask >> c & 1;
 }
@@ -82,7 +82,7 @@ static void report_frame(const struct job *j, const struct dmn_slot *s)
         cJSON_AddStringToObject(o, "problem", s->problem.text);
     cJSON *missing = cJSON_AddArrayToObject(o, "cameras_missing");
     for (size_t c = 0; c < j->rig.n_cameras; c++)
-        if (!has(s, c))
+        if (!reconstruct_has(s, c))
             cJSON_AddItemToArray(missing, cJSON_CreateString(j->rig.cameras[c].name));
     cJSON_AddItemToArray(j->list, o);
 }
@@ -101,16 +101,16 @@ static void describe_volume(cJSON *root, const struct job *j)
 static void check_lit(struct job *j, const struct dmn_slot *s)
 {
     for (size_t c = 0; c < j->rig.n_cameras && !j->said_lit && !j->o->no_hull && !j->o->fit; c++)
-        if (has(s, c))
+        if (reconstruct_has(s, c))
             (void)silhouettes_check_lit(j->rig.cameras[c].name, rec_frame_lit(s->frame, c),
                                         j->S->row0[c + 1] - j->S->row0[c], &j->said_lit);
 }
 
-static void say_missing(const struct job *j, const struct dmn_slot *s)
+static void reconstruct_say_missing(const struct job *j, const struct dmn_slot *s)
 {
     char names[600] = "";
     for (size_t c = 0; c < j->rig.n_cameras && strlen(names) < 500; c++)
-        if (!has(s, c))
+        if (!reconstruct_has(s, c))
             snprintf(names + strlen(names), sizeof names - strlen(names), " %s",
                      j->rig.cameras[c].name);
     if (names[0] != '\0')
@@ -118,7 +118,8 @@ static void say_missing(const struct job *j, const struct dmn_slot *s)
                 (unsigned long long)s->set, s->n_present, j->rig.n_cameras, names);
 }
 
-static void say(void *ctx, bool bad, const struct pvx_about *about, const char *sentence)
+static void reconstruct_say(void *ctx, bool bad, const struct pvx_about *about,
+                            const char *sentence)
 {
     const uint64_t *frame = ctx;
     (void)bad;
@@ -137,20 +138,21 @@ static pvx_err save_volume(const struct job *j, const struct dmn_slot *s, const 
     return dmn_volume_save(path, &m, j->dense, d);
 }
 
-static pvx_err save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
+static pvx_err reconstruct_save(struct job *j, const struct dmn_slot *s, struct pvx_diag *d)
 {
     uint32_t no = (uint32_t)s->set;
     char path[4300];
-    say_missing(j, s);
+    reconstruct_say_missing(j, s);
     check_lit(j, s);
     j->failed |= reconstruct_say_cut(rec_frame_get_report(s->frame), s->set);
     uint64_t frame = s->set;
     dmn_votes_add(&j->votes, &rec_frame_get_report(s->frame)->vote, &j->rig,
-                  &(struct dmn_votes_listener){say, &frame});
+                  &(struct dmn_votes_listener){reconstruct_say, &frame});
     if (j->picture != NULL) {
         bool have[REC_MAX_CAMERAS];
         for (size_t c = 0; c < j->rig.n_cameras; c++)
-            have[c] = has(s, c) && (rec_frame_get_report(s->frame)->vote.out >> c & 1) == 0;
+            have[c] =
+                reconstruct_has(s, c) && (rec_frame_get_report(s->frame)->vote.out >> c & 1) == 0;
         snprintf(path, sizeof path, "%s/%06u.png", j->o->save_hull, no);
         PVX_TRY(hull_picture_save(j->picture, s->frame, have, no, path, d));
     }
@@ -201,7 +203,7 @@ static bool put_mean(struct job *j, const struct dmn_slot *s)
 }
 
 /* The sink.  After an error the source is told to end, and nothing more is written. */
-static bool put(void *ctx, const struct dmn_slot *s)
+static bool reconstruct_put(void *ctx, const struct dmn_slot *s)
 {
     struct job *j = ctx;
     if (j->error != PVX_OK)
@@ -217,7 +219,7 @@ static bool put(void *ctx, const struct dmn_slot *s)
         j->error = reconstruct_part_put(&j->part, s, &j->rig, j->params.nch, &own, &j->why);
     j->failed |= own && s->problem.text[0] != '\0';
     if (j->error == PVX_OK && own && s->why == DMN_N_DROP)
-        j->error = save(j, s, &j->why);
+        j->error = reconstruct_save(j, s, &j->why);
     if (j->error == PVX_OK && own)
         report_frame(j, s);
     if (j->error != PVX_OK)
@@ -281,7 +283,7 @@ static pvx_err open_matrix(struct job *j, struct pvx_diag *d)
 }
 
 /* The pipeline between the frames and their volumes. */
-static pvx_err connect_all(struct job *j, struct pvx_diag *d)
+static pvx_err reconstruct_connect_all(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     float *background[REC_MAX_CAMERAS] = {0};
@@ -294,7 +296,7 @@ static pvx_err connect_all(struct job *j, struct pvx_diag *d)
                                     .warm = o->warm,
                                     .deadline = {.limit_ns = (int64_t)(o->deadline_ms * 1e6)},
                                     .source = frames_in_source(&j->in, j->back),
-                                    .sink = {.name = "save", .put = put, .ctx = j}};
+                                    .sink = {.name = "save", .put = reconstruct_put, .ctx = j}};
     pvx_err e = PVX_OK;
     if (o->background != NULL)
         e = frames_in_background(&j->in, o->background, background, d);
@@ -305,7 +307,7 @@ static pvx_err connect_all(struct job *j, struct pvx_diag *d)
     return e;
 }
 
-static pvx_err prepare(struct job *j, struct pvx_diag *d)
+static pvx_err reconstruct_prepare(struct job *j, struct pvx_diag *d)
 {
     const struct reconstruct_options *o = j->o;
     PVX_TRY(ranks_all(&j->ranks, find_input(j, d)));
@@ -331,10 +333,10 @@ static pvx_err prepare(struct job *j, struct pvx_diag *d)
             pvx_calloc(rec_grid_count(&j->S->grid) * (size_t)j->params.nch, sizeof *j->dense);
     if (!o->recording && j->dense == NULL)
         return pvx_fail(d, PVX_ENOMEM, "out of memory for a dense volume");
-    return connect_all(j, d);
+    return reconstruct_connect_all(j, d);
 }
 
-static void finish(struct job *j)
+static void reconstruct_finish(struct job *j)
 {
     dmn_pipeline_free(&j->pipeline);
     free(j->dense);
@@ -346,7 +348,7 @@ static void finish(struct job *j)
     rec_rig_fini(&j->rig);
 }
 
-static pvx_err pass(struct job *j, struct pvx_diag *d)
+static pvx_err reconstruct_pass(struct job *j, struct pvx_diag *d)
 {
     pvx_err e = dmn_pipeline_start(j->pipeline, d);
     dmn_pipeline_join(j->pipeline);
@@ -363,13 +365,13 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
     describe_volume(root, j);
     j->list = cJSON_AddArrayToObject(root, "frames");
     j->bar = (struct cli_progress){.label = "reconstruct", .quiet = o->quiet};
-    pvx_err e = pass(j, d);
+    pvx_err e = reconstruct_pass(j, d);
     if (e == PVX_OK && o->both && !cli_stop) {
         j->back = true;
         dmn_pipeline_free(&j->pipeline);
-        e = connect_all(j, d);
+        e = reconstruct_connect_all(j, d);
         if (e == PVX_OK)
-            e = pass(j, d);
+            e = reconstruct_pass(j, d);
     }
     struct pvx_diag dr = {""};
     pvx_err er = o->report == NULL ? PVX_OK : save_report(o->report, root, &dr);
@@ -391,7 +393,7 @@ static pvx_err reconstruct(struct job *j, struct pvx_diag *d)
 }
 
 /* What is left to do when the parts of the others are done too. */
-static int join(const struct job *j, int code)
+static int reconstruct_do_join(const struct job *j, int code)
 {
     const struct reconstruct_options *o = j->o;
     if (o->parts == 0 || o->slurm > 0)
@@ -406,7 +408,7 @@ static int join(const struct job *j, int code)
     return code != 0 ? code : joined;
 }
 
-static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
+static int reconstruct_conclude(struct job *j, pvx_err e, struct pvx_diag *d)
 {
     if (e == PVX_OK && cli_stop)
         e = PVX_ECANCELED;
@@ -422,7 +424,7 @@ static int conclude(struct job *j, pvx_err e, struct pvx_diag *d)
 }
 
 /* Threads of one of n ranks on a node that may itself run on so many processors. */
-static unsigned share_of(unsigned mine, unsigned n)
+static unsigned reconstruct_share_of(unsigned mine, unsigned n)
 {
     long all = sysconf(_SC_NPROCESSORS_ONLN);
     unsigned share = all < (long)n ? 1 : (unsigned)all / n;
@@ -449,12 +451,12 @@ static pvx_err deal(struct job *j, struct reconstruct_options *o, struct pvx_dia
     o->parts = j->ranks.n;
     o->node_n = j->ranks.node_n;
     if (o->rig.threads == 0) /* ranks that share a NUMA domain each may run on all of it */
-        o->rig.threads = share_of(pvx_cpu_count(), o->node_n);
+        o->rig.threads = reconstruct_share_of(pvx_cpu_count(), o->node_n);
     o->quiet |= j->ranks.rank > 0;
     return PVX_OK;
 }
 
-static int run(int argc, char **argv)
+static int reconstruct_run(int argc, char **argv)
 {
     struct reconstruct_options o;
     reconstruct_parse(argc, argv, &o);
@@ -469,17 +471,17 @@ static int run(int argc, char **argv)
     if (o.slurm > 0)
         o.parts = o.slurm;
     if (e == PVX_OK)
-        e = prepare(&j, &d);
+        e = reconstruct_prepare(&j, &d);
     if (e == PVX_OK && o.slurm > 0)
         e = reconstruct_slurm(&j.part.job, o.resume, argc, argv, o.sbatch, &d);
     else if (e == PVX_OK && o.out != NULL && !o.plan && !j.part.nothing)
         e = reconstruct(&j, &d);
-    int code = join(&j, conclude(&j, e, &d));
-    finish(&j);
+    int code = reconstruct_do_join(&j, reconstruct_conclude(&j, e, &d));
+    reconstruct_finish(&j);
     ranks_close(&j.ranks);
     free(o.said);
     return code;
 }
 
 const struct cli_command cmd_reconstruct = {
-    "reconstruct", "recorded frames in, one volume per frame set out", run};
+    "reconstruct", "recorded frames in, one volume per frame set out", reconstruct_run};

@@ -41,8 +41,8 @@ static pvx_err put_program(FILE *f, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err write_script(const struct parts_job *j, int argc, char **argv, const char *path,
-                            struct pvx_diag *d)
+static pvx_err slurm_write_script(const struct parts_job *j, int argc, char **argv,
+                                  const char *path, struct pvx_diag *d)
 {
     char *text = NULL;
     size_t len = 0;
@@ -124,7 +124,7 @@ static pvx_err sbatch(const char *const argv[], char said[SAID], struct pvx_diag
 }
 
 /* "1-4,7": parts to be solved, runs together; how many. */
-static unsigned choose(const struct parts_job *j, bool resume, char *list, size_t size)
+static unsigned slurm_choose(const struct parts_job *j, bool resume, char *list, size_t size)
 {
     struct part_status s;
     unsigned n = 0;
@@ -151,7 +151,7 @@ static unsigned choose(const struct parts_job *j, bool resume, char *list, size_
 }
 
 /* The words of --sbatch as a shell would give them to it. */
-static pvx_err split(const char *options, wordexp_t *w, struct pvx_diag *d)
+static pvx_err slurm_split(const char *options, wordexp_t *w, struct pvx_diag *d)
 {
     static const char *const why[] = {
         [WRDE_BADCHAR] = "a character of | & ; < > ( ) { }, or a new line, is not quoted",
@@ -237,9 +237,9 @@ static pvx_err hand_out(const struct parts_job *j, const char *list, int argc, c
     wordexp_t words = {0};
     if (strchr(j->out, '\'') != NULL || strchr(j->out, '%') != NULL)
         return pvx_fail(d, PVX_EINVAL, "%s: Slurm cannot be given a name with ' or %%", j->out);
-    PVX_TRY(split(options != NULL ? options : "", &words, d));
+    PVX_TRY(slurm_split(options != NULL ? options : "", &words, d));
     snprintf(script, sizeof script, "%s.parts/job.sh", j->out);
-    pvx_err e = write_script(j, argc, argv, script, d);
+    pvx_err e = slurm_write_script(j, argc, argv, script, d);
     if (e == PVX_OK && chmod(script, 0755) != 0)
         e = pvx_fail(d, pvx_err_from_errno(errno), "%s: %s", script, strerror(errno));
     if (e == PVX_OK)
@@ -259,7 +259,7 @@ pvx_err reconstruct_slurm(const struct parts_job *j, bool resume, int argc, char
                         "%s.parts: is there already: --resume hands out what is not done; squeue "
                         "shows what still waits",
                         j->out);
-    unsigned n = choose(j, resume, list, sizeof list);
+    unsigned n = slurm_choose(j, resume, list, sizeof list);
     if (n == 0)
         return pvx_fail(d, PVX_EBUSY,
                         "%s: every part is done or being solved: `pyrovox reconstruct --join --out "

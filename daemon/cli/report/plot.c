@@ -26,19 +26,19 @@ struct frame {
     size_t labels;
 };
 
-static double along(const struct frame *t, double x)
+static double plot_along(const struct frame *t, double x)
 {
     double share =
         t->p->log_x ? log(x / t->x0) / log(t->x1 / t->x0) : (x - t->x0) / (t->x1 - t->x0);
     return LEFT + share * (WIDTH - LEFT - RIGHT);
 }
 
-static double up(const struct frame *t, double y)
+static double plot_up(const struct frame *t, double y)
 {
     return HEIGHT - BOTTOM - (y - t->y0) / (t->y1 - t->y0) * (HEIGHT - TOP - BOTTOM);
 }
 
-static bool drawn(const struct plot_series *s, size_t i)
+static bool plot_drawn(const struct plot_series *s, size_t i)
 {
     return isfinite(s->x[i]) && isfinite(s->y[i]);
 }
@@ -49,7 +49,7 @@ static void find_frame(struct frame *t)
     for (size_t k = 0; k < t->p->n; k++)
         for (size_t i = 0; i < t->p->series[k].n; i++) {
             const struct plot_series *s = &t->p->series[k];
-            if (!drawn(s, i))
+            if (!plot_drawn(s, i))
                 continue;
             t->x0 = fmin(t->x0, s->x[i]);
             t->x1 = fmax(t->x1, s->x[i]);
@@ -70,7 +70,7 @@ static void find_frame(struct frame *t)
     t->y0 = isfinite(t->y0) ? 0.9 * t->y0 : 0;
 }
 
-static void text(FILE *f, double x, double y, const char *anchor, const char *s)
+static void plot_text(FILE *f, double x, double y, const char *anchor, const char *s)
 {
     fprintf(f, "<text x=\"%.1f\" y=\"%.1f\" font-size=\"13\" fill=\"" INK "\" text-anchor=\"%s\">",
             x, y, anchor);
@@ -78,19 +78,19 @@ static void text(FILE *f, double x, double y, const char *anchor, const char *s)
     fputs("</text>", f);
 }
 
-static void tick(FILE *f, const struct frame *t, bool is_x, double v)
+static void plot_tick(FILE *f, const struct frame *t, bool is_x, double v)
 {
     char s[32];
     snprintf(s, sizeof s, "%.6g", fabs(v) < 1e-9 ? 0 : v); /* no -0 */
     if (is_x) {
-        text(f, along(t, v), HEIGHT - BOTTOM + 18, "middle", s);
+        plot_text(f, plot_along(t, v), HEIGHT - BOTTOM + 18, "middle", s);
         return;
     }
     fprintf(f,
             "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"" INK
             "\" stroke-opacity=\".3\"/>",
-            LEFT, WIDTH - RIGHT, up(t, v), up(t, v));
-    text(f, LEFT - 7, up(t, v) + 4, "end", s);
+            LEFT, WIDTH - RIGHT, plot_up(t, v), plot_up(t, v));
+    plot_text(f, LEFT - 7, plot_up(t, v) + 4, "end", s);
 }
 
 static void axes(FILE *f, const struct frame *t)
@@ -98,35 +98,35 @@ static void axes(FILE *f, const struct frame *t)
     double step = report_round((t->y1 - t->y0) / 4),
            wide = t->p->log_x ? 0 : report_round((t->x1 - t->x0) / 6);
     for (double y = ceil(t->y0 / step) * step; y <= t->y1; y += step)
-        tick(f, t, false, y);
+        plot_tick(f, t, false, y);
     if (!t->p->log_x && wide < 1)
         wide = 1; /* frames, voxels, views: whole numbers */
     for (double x = ceil(t->x0 / fmax(wide, 1e-9)) * wide; !t->p->log_x && x <= t->x1; x += wide)
-        tick(f, t, true, x);
+        plot_tick(f, t, true, x);
     for (double ten = pow(10, floor(log10(fmax(t->x0, 1e-9)))); t->p->log_x && ten <= t->x1;
          ten *= 10)
         for (int k = 1; k <= 5; k += k == 2 ? 3 : 1)
             if (k * ten >= t->x0 && k * ten <= t->x1)
-                tick(f, t, true, k * ten);
-    text(f, (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 12, "middle", t->p->x);
+                plot_tick(f, t, true, k * ten);
+    plot_text(f, (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 12, "middle", t->p->x);
     fprintf(f, "<g transform=\"translate(14 %.1f) rotate(-90)\">", (HEIGHT - BOTTOM + TOP) / 2);
-    text(f, 0, 0, "middle", t->p->y);
+    plot_text(f, 0, 0, "middle", t->p->y);
     fputs("</g>", f);
 }
 
-static void line(FILE *f, const struct frame *t, const struct plot_series *s)
+static void plot_line(FILE *f, const struct frame *t, const struct plot_series *s)
 {
     fprintf(f, "<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.8\"%s points=\"", s->colour,
             s->dashed ? " stroke-dasharray=\"5 4\"" : "");
     for (size_t i = 0; i < s->n; i++)
-        if (drawn(s, i))
-            fprintf(f, "%.1f,%.1f ", along(t, s->x[i]), up(t, s->y[i]));
+        if (plot_drawn(s, i))
+            fprintf(f, "%.1f,%.1f ", plot_along(t, s->x[i]), plot_up(t, s->y[i]));
     fputs("\"/>", f);
 }
 
 /* Beside a point; lower where there is one already: by more than what counts as being there, so that rounding does not
  * find the same one again and again. */
-static void beside(FILE *f, struct frame *t, double x, double y, const char *s)
+static void plot_beside(FILE *f, struct frame *t, double x, double y, const char *s)
 {
     for (size_t i = 0; i < t->labels; i++)
         if (fabs(t->label[i][0] - x) < 60 && fabs(t->label[i][1] - y) < 12) {
@@ -137,21 +137,21 @@ static void beside(FILE *f, struct frame *t, double x, double y, const char *s)
         t->label[t->labels][0] = x;
         t->label[t->labels++][1] = y;
     }
-    text(f, x, y, "start", s);
+    plot_text(f, x, y, "start", s);
 }
 
-static void point(FILE *f, struct frame *t, const struct plot_series *s, size_t i)
+static void plot_point(FILE *f, struct frame *t, const struct plot_series *s, size_t i)
 {
-    double x = along(t, s->x[i]), y = up(t, s->y[i]);
+    double x = plot_along(t, s->x[i]), y = plot_up(t, s->y[i]);
     fprintf(f, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"3.2\" fill=\"%s\"/>", x, y, s->colour);
     if (s->spread != NULL)
         fprintf(f,
                 "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
                 "stroke-opacity=\".6\"/>",
-                x, x, up(t, s->y[i] + s->spread[i]), up(t, fmax(0, s->y[i] - s->spread[i])),
-                s->colour);
+                x, x, plot_up(t, s->y[i] + s->spread[i]),
+                plot_up(t, fmax(0, s->y[i] - s->spread[i])), s->colour);
     if (s->label != NULL)
-        beside(f, t, x + 6, y + 4, s->label[i]);
+        plot_beside(f, t, x + 6, y + 4, s->label[i]);
 }
 
 void plot_svg(FILE *f, const struct plot *p)
@@ -165,16 +165,16 @@ void plot_svg(FILE *f, const struct plot *p)
         const struct plot_series *s = &p->series[k];
         double y = TOP + 12 + 20 * (double)k;
         if (!s->points)
-            line(f, &t, s);
+            plot_line(f, &t, s);
         for (size_t i = 0; i < s->n && (s->points || s->n <= 20); i++)
-            if (drawn(s, i))
-                point(f, &t, s, i);
+            if (plot_drawn(s, i))
+                plot_point(f, &t, s, i);
         fprintf(f,
                 "<line x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\" stroke=\"%s\" "
                 "stroke-width=\"3\"%s/>",
                 WIDTH - RIGHT + 12, WIDTH - RIGHT + 34, y - 4, y - 4, s->colour,
                 s->dashed ? " stroke-dasharray=\"5 4\"" : "");
-        text(f, WIDTH - RIGHT + 40, y, "start", s->name);
+        plot_text(f, WIDTH - RIGHT + 40, y, "start", s->name);
     }
     fputs("</svg>", f);
 }

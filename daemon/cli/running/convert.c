@@ -32,7 +32,7 @@ static const struct argp_option options[] = {
      "vdb, nvdb: F files a second of the recording (default: a file for every set)", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t convert_parse(int key, char *arg, struct argp_state *state)
 {
     static const char *const ups[] = {"z", "y", NULL}, *const units[] = {"m", "cm", NULL};
     const char *names[VOL_FORMATS + 1] = {NULL};
@@ -69,7 +69,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 
 static const struct argp argp = {
     .options = options,
-    .parser = parse,
+    .parser = convert_parse,
     .args_doc = "IN OUT",
     .doc =
         "Make a recording of volumes into one of another format.\vIN: what `pyrovox record` or "
@@ -94,7 +94,7 @@ static const struct argp argp = {
         "complete.",
 };
 
-static bool ends_in(const char *s, const char *end)
+static bool convert_ends_in(const char *s, const char *end)
 {
     size_t n = strlen(s), k = strlen(end);
     return n > k && strcmp(s + n - k, end) == 0;
@@ -109,7 +109,7 @@ static pvx_err choose_format(struct convert *c, struct pvx_diag *d)
     if (c->format < 0 && vol_hdf5_name(c->out))
         c->format = VOL_HDF5;
     for (size_t i = 0; c->format < 0 && i < sizeof ends / sizeof ends[0]; i++)
-        if (ends_in(c->out, ends[i].end))
+        if (convert_ends_in(c->out, ends[i].end))
             c->format = (int)ends[i].format;
     if (c->format < 0)
         return pvx_fail(d, PVX_EINVAL, "%s: of which format?  Say --format npy, hdf5, vdb or nvdb",
@@ -134,7 +134,7 @@ static pvx_err copy_gaps(const struct convert *c, const vol_reader *r, vol_write
 }
 
 /* *w is opened for the first volume: where there is none, nothing is made. */
-static pvx_err copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
+static pvx_err convert_copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx_diag *d)
 {
     struct cli_progress bar = {.label = "converting"};
     struct vol_volume v;
@@ -161,7 +161,7 @@ static pvx_err copy(struct convert *c, vol_reader *r, vol_writer **w, struct pvx
     return copy_gaps(c, r, *w, &gap, UINT64_MAX, d);
 }
 
-static pvx_err convert(struct convert *c, struct pvx_diag *d)
+static pvx_err convert_volumes(struct convert *c, struct pvx_diag *d)
 {
     vol_reader *r;
     vol_writer *w = NULL;
@@ -182,7 +182,7 @@ static pvx_err convert(struct convert *c, struct pvx_diag *d)
     if (e == PVX_OK)
         e = vol_writer_check((enum vol_format)c->format, c->out, d);
     if (e == PVX_OK)
-        e = copy(c, r, &w, d);
+        e = convert_copy(c, r, &w, d);
     pvx_err e2 = vol_writer_close(&w, &closing);
     vol_reader_close(&r);
     return e != PVX_OK    ? e
@@ -190,7 +190,7 @@ static pvx_err convert(struct convert *c, struct pvx_diag *d)
                           : PVX_OK;
 }
 
-static int run(int argc, char **argv)
+static int convert_run(int argc, char **argv)
 {
     struct convert c = {.format = -1, .to = INT64_MAX};
     struct pvx_diag d = {""};
@@ -201,10 +201,11 @@ static int run(int argc, char **argv)
         return 2;
     }
     cli_catch_stop();
-    e = convert(&c, &d);
+    e = convert_volumes(&c, &d);
     if (e == PVX_OK || e == PVX_ECANCELED)
         printf("%llu volumes in %s\n", (unsigned long long)c.written, c.out);
     return e == PVX_ECANCELED ? 130 : e != PVX_OK ? cli_error(&d, e) : 0;
 }
 
-const struct cli_command cmd_convert = {"convert", "a recording of volumes in another format", run};
+const struct cli_command cmd_convert = {"convert", "a recording of volumes in another format",
+                                        convert_run};

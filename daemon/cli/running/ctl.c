@@ -32,7 +32,7 @@ static const struct argp_option options[] = {
 static const char doc[] = "Tell a running pyrovoxd something.\v";
 
 /* The table, and examples, after the options. */
-static char *help(int key, const char *text, void *input)
+static char *ctl_help(int key, const char *text, void *input)
 {
     char *out = NULL;
     size_t len = 0;
@@ -57,7 +57,7 @@ static char *help(int key, const char *text, void *input)
     return fclose(f) == 0 ? out : NULL;
 }
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t ctl_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -96,7 +96,7 @@ static void print_options(const cJSON *list)
 }
 
 /* What a person wants to see of it: options as a table, else its members but ok and version. */
-static void print(const cJSON *reply, const char *command)
+static void ctl_print(const cJSON *reply, const char *command)
 {
     const cJSON *m, *list = cJSON_GetObjectItemCaseSensitive(reply, "options");
     if (list != NULL) {
@@ -121,14 +121,14 @@ static void print(const cJSON *reply, const char *command)
     }
 }
 
-static int run(int argc, char **argv)
+static int ctl_run(int argc, char **argv)
 {
     struct args a = {0};
     const struct argp argp = {.options = options,
-                              .parser = parse,
+                              .parser = ctl_parse,
                               .args_doc = "COMMAND [WORDS]",
                               .doc = doc,
-                              .help_filter = help};
+                              .help_filter = ctl_help};
     argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
@@ -144,10 +144,10 @@ static int run(int argc, char **argv)
         puts(text != NULL ? text : "");
         free(text);
     } else {
-        print(reply, a.word[0]);
+        ctl_print(reply, a.word[0]);
     }
     cJSON_Delete(reply);
     return 0;
 }
 
-const struct cli_command cmd_ctl = {"ctl", "tell a running daemon something", run};
+const struct cli_command cmd_ctl = {"ctl", "tell a running daemon something", ctl_run};

@@ -91,7 +91,7 @@ static const char doc[] =
     "  pyrovox demo --view\n"
     "  pyrovox demo --seconds 20 --fps 15 --grid 32 --size 320x240";
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t demo_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -115,14 +115,15 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 
 /* ---- run folder ---- */
 
-static pvx_err write_text(struct demo *m, const char *name, const char *text, struct pvx_diag *d)
+static pvx_err demo_write_text(struct demo *m, const char *name, const char *text,
+                               struct pvx_diag *d)
 {
     char path[128];
     snprintf(path, sizeof path, "%s/%s", m->dir, name);
     return pvx_file_write(path, text, strlen(text), d);
 }
 
-static pvx_err write_rig(struct demo *m, struct pvx_diag *d)
+static pvx_err demo_write_rig(struct demo *m, struct pvx_diag *d)
 {
     struct rec_rig rig;
     char *text;
@@ -133,7 +134,7 @@ static pvx_err write_rig(struct demo *m, struct pvx_diag *d)
     rec_rig_fini(&rig);
     if (e != PVX_OK)
         return e;
-    e = write_text(m, "rig.yaml", text, d);
+    e = demo_write_text(m, "rig.yaml", text, d);
     free(text);
     return e;
 }
@@ -155,10 +156,10 @@ static pvx_err write_config(struct demo *m, struct pvx_diag *d)
              "publish:\n  endpoints: [\"%s\"]\n"
              "control:\n  endpoint: \"%s\"\n",
              m->a.fps, format, m->volumes, m->control);
-    return write_text(m, "pyrovoxd.yaml", text, d);
+    return demo_write_text(m, "pyrovoxd.yaml", text, d);
 }
 
-static pvx_err make_folder(struct demo *m, struct pvx_diag *d)
+static pvx_err demo_make_folder(struct demo *m, struct pvx_diag *d)
 {
     const char *tmp = getenv("TMPDIR");
     if (tmp == NULL || tmp[0] == '\0')
@@ -175,11 +176,11 @@ static pvx_err make_folder(struct demo *m, struct pvx_diag *d)
     snprintf(m->log, sizeof m->log, "%s/log", m->dir);
     snprintf(m->volumes, sizeof m->volumes, "ipc://%s/volumes", m->dir);
     snprintf(m->control, sizeof m->control, "ipc://%s/control", m->dir);
-    PVX_TRY(write_rig(m, d));
+    PVX_TRY(demo_write_rig(m, d));
     return write_config(m, d);
 }
 
-static void remove_folder(struct demo *m)
+static void demo_remove_folder(struct demo *m)
 {
     static const char *const names[] = {"rig.yaml", "pyrovoxd.yaml", "log",         "volumes",
                                         "control",  "volumes.lock",  "control.lock"};
@@ -201,7 +202,7 @@ static void remove_folder(struct demo *m)
 /* ---- the programs ---- */
 
 /* In the child, after fork. */
-static void become(struct demo *m, pid_t parent)
+static void demo_become(struct demo *m, pid_t parent)
 {
     char pyrovox[PATH_MAX + 16], daemon[PATH_MAX + 16], rig[128], config[128], fps[40], ring[24];
     snprintf(pyrovox, sizeof pyrovox, "%s/pyrovox", m->bin);
@@ -332,7 +333,7 @@ static pvx_err warm_up(struct demo *m, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err watch(struct demo *m, struct pvx_diag *d)
+static pvx_err demo_watch(struct demo *m, struct pvx_diag *d)
 {
     char title[160], hint[256];
     snprintf(title, sizeof title,
@@ -396,17 +397,17 @@ static pvx_err result(struct demo *m, char *text, size_t size, struct pvx_diag *
     return PVX_OK;
 }
 
-static pvx_err play(struct demo *m, char *line, size_t size, struct pvx_diag *d)
+static pvx_err demo_play(struct demo *m, char *line, size_t size, struct pvx_diag *d)
 {
     PVX_TRY(pvx_exe_dir(m->bin, sizeof m->bin));
-    PVX_TRY(make_folder(m, d));
+    PVX_TRY(demo_make_folder(m, d));
     pid_t parent = getpid();
     fflush(NULL);
     m->child = fork();
     if (m->child < 0)
         return pvx_fail(d, PVX_ENOMEM, "cannot start a process: %s", strerror(errno));
     if (m->child == 0)
-        become(m, parent);
+        demo_become(m, parent);
     struct follow_truth truth = {
         .known = true, .seed = SEED, .period_s = (double)m->ring / m->a.fps, .ring_fps = m->a.fps};
     m->following = true;
@@ -414,25 +415,25 @@ static pvx_err play(struct demo *m, char *line, size_t size, struct pvx_diag *d)
     PVX_TRY(warm_up(m, d));
     if (m->a.view)
         PVX_TRY(demo_view_start(&m->view, m->bin, m->volumes, m->log, d));
-    PVX_TRY(watch(m, d));
+    PVX_TRY(demo_watch(m, d));
     PVX_TRY(result(m, line, size, d));
     return write_picture(m, d);
 }
 
-static int run(int argc, char **argv)
+static int demo_run(int argc, char **argv)
 {
     struct demo *m = pvx_calloc(1, sizeof *m);
     if (m == NULL)
         return cli_error(NULL, PVX_ENOMEM);
     m->a = (struct args){
         .fps = 20, .cameras = 8, .width = 640, .height = 480, .grid = 64, .format = "rgb8"};
-    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    const struct argp argp = {.options = options, .parser = demo_parse, .doc = doc};
     argp_parse(&argp, argc, argv, 0, NULL, &m->a);
     m->ring = (long long)(2 * m->a.fps + 0.5); /* two seconds of flame */
     cli_catch_stop();
     struct pvx_diag d = {0};
     char line[300] = "";
-    pvx_err e = play(m, line, sizeof line, &d);
+    pvx_err e = demo_play(m, line, sizeof line, &d);
     screen_close(&m->screen);
     if (e != PVX_OK && e != PVX_ECANCELED)
         show_failure(m);
@@ -441,7 +442,7 @@ static int run(int argc, char **argv)
     bool clean = stop_child(m);
     if (m->following)
         follow_fini(&m->follow);
-    remove_folder(m);
+    demo_remove_folder(m);
     if (e == PVX_OK && !clean)
         e = pvx_fail(&d, PVX_EIO, "the cameras or the daemon did not end in order");
     if (e == PVX_OK && m->png[0] != '\0')
@@ -455,4 +456,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_demo = {
-    "demo", "simulated cameras, daemon and a live screen, all in one", run};
+    "demo", "simulated cameras, daemon and a live screen, all in one", demo_run};

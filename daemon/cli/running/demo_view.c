@@ -11,7 +11,8 @@
 #include <unistd.h>
 
 /* In the child, after fork. */
-static void become(const char *bin, const char *endpoint, const char *log, int out, pid_t parent)
+static void demo_view_become(const char *bin, const char *endpoint, const char *log, int out,
+                             pid_t parent)
 {
     char pyrovox[PATH_MAX + 16];
     snprintf(pyrovox, sizeof pyrovox, "%s/pyrovox", bin);
@@ -34,7 +35,7 @@ pvx_err demo_view_start(struct demo_view *v, const char *bin, const char *endpoi
     pid_t parent = getpid();
     v->pid = fork();
     if (v->pid == 0)
-        become(bin, endpoint, log, fd[1], parent);
+        demo_view_become(bin, endpoint, log, fd[1], parent);
     close(fd[1]);
     if (v->pid < 0) {
         v->pid = 0;

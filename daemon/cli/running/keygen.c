@@ -34,7 +34,7 @@ static const char doc[] = "Make NAME.key, which stays with its owner (mode 0600)
                           "      and it may come in\n"
                           "  pyrovox record --key me.key --endpoint tcp://lab:5555";
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t keygen_parse(int key, char *arg, struct argp_state *state)
 {
     struct args *a = state->input;
     switch (key) {
@@ -60,10 +60,11 @@ static pvx_err server_key(const char *path, char out[PVP_KEY_TEXT], struct pvx_d
     return PVX_OK;
 }
 
-static int run(int argc, char **argv)
+static int keygen_run(int argc, char **argv)
 {
     struct args a = {0};
-    const struct argp argp = {.options = options, .parser = parse, .args_doc = "NAME", .doc = doc};
+    const struct argp argp = {
+        .options = options, .parser = keygen_parse, .args_doc = "NAME", .doc = doc};
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     struct pvp_key_pair k;
     struct pvx_diag d = {""};
@@ -81,5 +82,5 @@ static int run(int argc, char **argv)
     return 0;
 }
 
-const struct cli_command cmd_keygen = {"keygen",
-                                       "a key for a daemon that is reached over the network", run};
+const struct cli_command cmd_keygen = {
+    "keygen", "a key for a daemon that is reached over the network", keygen_run};

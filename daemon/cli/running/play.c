@@ -44,7 +44,7 @@ static const struct argp_option options[] = {
     {"quiet", 'q', NULL, 0, "Say nothing", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t play_parse(int key, char *arg, struct argp_state *state)
 {
     struct play *p = state->input;
     switch (key) {
@@ -66,7 +66,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 
 static const struct argp argp = {
     .options = options,
-    .parser = parse,
+    .parser = play_parse,
     .args_doc = "FILE",
     .doc = "Publish a recording of volumes as the daemon published them, so that a renderer is "
            "developed without a rig.\vFILE: a folder of .npy, .vdb or .nvdb files, an HDF5 "
@@ -109,7 +109,7 @@ static pvx_err may_publish(struct play *p, struct pvx_diag *d)
 }
 
 /* A session of its own: one publisher. */
-static pvx_err begin_session(struct play *p, struct pvx_diag *d)
+static pvx_err play_begin_session(struct play *p, struct pvx_diag *d)
 {
     struct pvp_start s = vol_reader_head(p->in)->start;
     uint64_t now = (uint64_t)pvx_now_real();
@@ -179,7 +179,7 @@ static pvx_err play_once(struct play *p, struct pvx_diag *d)
 
 static pvx_err play_session(struct play *p, struct pvx_diag *d)
 {
-    PVX_TRY(begin_session(p, d));
+    PVX_TRY(play_begin_session(p, d));
     wait_for_subscriber(p);
     pvx_err e = play_once(p, d);
     if (pvp_pub_end(p->pub, cli_stop ? "stopped" : "end of the recording") != PVX_OK)
@@ -209,7 +209,7 @@ static pvx_err open_recording(struct play *p, struct pvx_diag *d)
     return vol_voxels_new(&s->grid, &p->voxels);
 }
 
-static int run(int argc, char **argv)
+static int play_run(int argc, char **argv)
 {
     struct play p = {.endpoint = dmn_default_endpoint(DMN_VOLUMES), .speed = 1};
     struct pvx_diag d = {""};
@@ -230,4 +230,4 @@ static int run(int argc, char **argv)
     return e != PVX_OK ? cli_error(&d, e) : cli_stop ? 130 : 0;
 }
 
-const struct cli_command cmd_play = {"play", "a recording of volumes published again", run};
+const struct cli_command cmd_play = {"play", "a recording of volumes published again", play_run};

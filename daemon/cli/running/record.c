@@ -71,7 +71,7 @@ static const struct argp_option options[] = {
     {"daemon", DAEMON, "PID", OPTION_HIDDEN, "End with this process, which began it", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t record_parse(int key, char *arg, struct argp_state *state)
 {
     struct record *r = state->input;
     switch (key) {
@@ -117,7 +117,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 
 static const struct argp argp = {
     .options = options,
-    .parser = parse,
+    .parser = record_parse,
     .doc = "Write the volumes that a running pyrovoxd publishes to disk, or let it record its raw "
            "frames.\vEach volume becomes DIR/SET.npy, float32 [nz][ny][nx][channels], with SET the "
            "number of its frame set in six digits, and DIR/SET.json with origin, spacing, basis, "
@@ -161,7 +161,7 @@ static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint6
 
 /* Sets between the last volume and this one, whoever left them out; of how many the volumes were lost on the way the
  * count in this message says. */
-static pvx_err note_missing(struct record *r, const struct pvp_header *h, uint64_t set)
+static pvx_err record_note_missing(struct record *r, const struct pvp_header *h, uint64_t set)
 {
     uint64_t came = h->type_sequence, due = r->next_volume;
     struct vol_gap g = {.why = VOL_GAP_LOST,
@@ -175,15 +175,15 @@ static pvx_err note_missing(struct record *r, const struct pvp_header *h, uint64
 }
 
 /* One message that cannot be read is reported and counted; the recording goes on. */
-static pvx_err save(struct record *r, const struct pvp_header *h, const void *msg, size_t len,
-                    struct pvx_diag *d)
+static pvx_err record_save(struct record *r, const struct pvp_header *h, const void *msg,
+                           size_t len, struct pvx_diag *d)
 {
     struct pvp_view view;
     struct pvx_diag bad = {""};
     pvx_err e = pvp_decode_volume(msg, len, &view, &bad);
     if (e == PVX_OK) {
         PVX_TRY(enter_session(r, h, view.v.set, d));
-        PVX_TRY(note_missing(r, h, view.v.set));
+        PVX_TRY(record_note_missing(r, h, view.v.set));
         e = vol_recorder_put(r->rec, r->decoder, &view, &bad);
         r->accepted += e == PVX_OK;
     }
@@ -199,7 +199,7 @@ static pvx_err save(struct record *r, const struct pvp_header *h, const void *ms
 
 /* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere; the daemon that began it
  * counts by them. */
-static void tell(struct record *r)
+static void record_tell(struct record *r)
 {
     int64_t now = pvx_now_mono();
     int tty = isatty(STDERR_FILENO), often = tty || r->parent != 0;
@@ -227,7 +227,7 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
     case PVP_VOLUME:
         if (r->begun == 0)
             r->begun = pvx_now_mono();
-        return save(r, h, msg, len, d);
+        return record_save(r, h, msg, len, d);
     case PVP_END:
         if (!r->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
             fprintf(stderr, "%sthe daemon ended: %s\n", isatty(STDERR_FILENO) ? "\n" : "", reason);
@@ -237,18 +237,18 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
     }
 }
 
-static bool finished(const struct record *r)
+static bool record_finished(const struct record *r)
 {
     return cli_stop || r->ended || (r->volumes > 0 && r->accepted >= (uint64_t)r->volumes) ||
            (r->seconds > 0 && r->begun != 0 &&
             (double)(pvx_now_mono() - r->begun) * 1e-9 >= r->seconds);
 }
 
-static pvx_err run_loop(struct record *r, struct pvx_diag *d)
+static pvx_err record_run_loop(struct record *r, struct pvx_diag *d)
 {
     int64_t t0 = pvx_now_mono();
     struct vol_recorder_stats st;
-    while (!finished(r)) {
+    while (!record_finished(r)) {
         struct pvp_header h;
         const void *msg;
         size_t len;
@@ -262,7 +262,7 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
         if (st.error != PVX_OK)
             return PVX_OK; /* vol_recorder_finish says why */
         if (r->in_session)
-            tell(r);
+            record_tell(r);
         else if (!r->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
             fprintf(
                 stderr,
@@ -274,7 +274,7 @@ static pvx_err run_loop(struct record *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static void conclude(const struct record *r, const struct vol_recorder_stats *rec)
+static void record_conclude(const struct record *r, const struct vol_recorder_stats *rec)
 {
     struct pvp_sub_stats st;
     pvp_sub_stats(r->sub, &st);
@@ -332,7 +332,7 @@ static char *read_config(void)
     return text;
 }
 
-static int run(int argc, char **argv)
+static int record_run(int argc, char **argv)
 {
     struct record r = {.endpoint = dmn_client_endpoint(DMN_VOLUMES)};
     struct pvx_diag d = {""};
@@ -359,13 +359,13 @@ static int run(int argc, char **argv)
     if (e == PVX_OK)
         e = pvp_sub_new(r.endpoint, &(struct pvp_sub_options){.key = r.key}, &r.sub, &d);
     if (e == PVX_OK)
-        e = run_loop(&r, &d);
+        e = record_run_loop(&r, &d);
     struct vol_recorder_stats st = {0};
     pvx_err closing = vol_recorder_finish(&r.rec, &st, &d);
     if (e == PVX_OK)
         e = closing;
     if (r.sub != NULL)
-        conclude(&r, &st);
+        record_conclude(&r, &st);
     if (st.written == 0 && !there)
         rmdir(r.out); /* fails, rightly, when something is in it */
     if (e == PVX_ENOSPC)
@@ -377,5 +377,5 @@ static int run(int argc, char **argv)
     return rc;
 }
 
-const struct cli_command cmd_record = {"record",
-                                       "write a daemon's volumes to disk, or its raw frames", run};
+const struct cli_command cmd_record = {
+    "record", "write a daemon's volumes to disk, or its raw frames", record_run};

@@ -16,7 +16,7 @@ struct repair {
     uint64_t good, bad;
 };
 
-static error_t parse(int key, char *arg, struct argp_state *state)
+static error_t repair_parse(int key, char *arg, struct argp_state *state)
 {
     struct repair *r = state->input;
     switch (key) {
@@ -30,7 +30,7 @@ static error_t parse(int key, char *arg, struct argp_state *state)
 }
 
 static const struct argp argp = {
-    .parser = parse,
+    .parser = repair_parse,
     .args_doc = "RECORDING",
     .doc =
         "Finish a recording of volumes that was cut off: by a kill, a power cut, a copy "
@@ -51,7 +51,7 @@ static const struct argp argp = {
         "Exit: 0 whole now, 1 failed, 130 stopped by Ctrl-C, with FILE as it was.",
 };
 
-static pvx_err copy(struct repair *r, vol_reader *in, vol_writer *out, struct pvx_diag *d)
+static pvx_err repair_copy(struct repair *r, vol_reader *in, vol_writer *out, struct pvx_diag *d)
 {
     uint64_t n = vol_reader_count(in);
     const struct vol_gap *g;
@@ -76,7 +76,7 @@ static pvx_err copy(struct repair *r, vol_reader *in, vol_writer *out, struct pv
     return PVX_OK;
 }
 
-static pvx_err swap(const struct repair *r, struct pvx_diag *d)
+static pvx_err repair_swap(const struct repair *r, struct pvx_diag *d)
 {
     if (access(r->kept, F_OK) == 0)
         return pvx_fail(d, PVX_EBUSY, "%s: is there already, of an earlier repair; move it away",
@@ -86,23 +86,23 @@ static pvx_err swap(const struct repair *r, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static pvx_err finish(struct repair *r, vol_reader *in, struct pvx_diag *d)
+static pvx_err repair_finish(struct repair *r, vol_reader *in, struct pvx_diag *d)
 {
     vol_writer *out;
     snprintf(r->made, sizeof r->made, "%s.tmp.%ld", r->file, (long)getpid());
     snprintf(r->kept, sizeof r->kept, "%s.cut-off", r->file);
     PVX_TRY(vol_writer_open(VOL_HDF5, r->made, vol_reader_head(in), NULL, &out, d));
-    pvx_err e = copy(r, in, out, d), closing = vol_writer_close(&out, d);
+    pvx_err e = repair_copy(r, in, out, d), closing = vol_writer_close(&out, d);
     if (e == PVX_OK)
         e = closing;
     if (e == PVX_OK && !cli_stop)
-        e = swap(r, d);
+        e = repair_swap(r, d);
     if (e != PVX_OK || cli_stop)
         unlink(r->made);
     return e;
 }
 
-static int conclude(const struct repair *r, bool done)
+static int repair_conclude(const struct repair *r, bool done)
 {
     struct stat st;
     bool folder = stat(r->file, &st) == 0 && S_ISDIR(st.st_mode);
@@ -118,7 +118,7 @@ static int conclude(const struct repair *r, bool done)
     return 0;
 }
 
-static int run(int argc, char **argv)
+static int repair_run(int argc, char **argv)
 {
     struct repair r = {0};
     struct pvx_diag d = {""};
@@ -139,15 +139,15 @@ static int run(int argc, char **argv)
         e = vol_repair_folder(r.file, &r.good, &r.bad, &done, &d);
     } else if (e == PVX_OK && !joined && vol_reader_cut(in)) {
         done = true;
-        e = finish(&r, in, &d);
+        e = repair_finish(&r, in, &d);
     } else if (e == PVX_OK) {
         r.good = vol_reader_count(in);
     }
     vol_reader_close(&in);
     if (e != PVX_OK)
         return cli_error(&d, e);
-    return cli_stop ? 130 : conclude(&r, done);
+    return cli_stop ? 130 : repair_conclude(&r, done);
 }
 
 const struct cli_command cmd_repair = {"repair", "finish a recording of volumes that was cut off",
-                                       run};
+                                       repair_run};

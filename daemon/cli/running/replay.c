@@ -61,7 +61,7 @@ static const char doc[] =
     "  pyrovox replay --export frames take.h5\n"
     "  pyrovox reconstruct --rig frames/rig.yaml --frames frames --out vol";
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t replay_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -175,8 +175,8 @@ static void record_here(struct dmn_config *c)
         memcpy(c->record_path, path, (size_t)n + 1);
 }
 
-static pvx_err make_folder(struct folder *f, struct dmn_config *c, const cap_take *t,
-                           struct pvx_diag *d)
+static pvx_err replay_make_folder(struct folder *f, struct dmn_config *c, const cap_take *t,
+                                  struct pvx_diag *d)
 {
     const char *tmp = getenv("TMPDIR"), *rig = cap_take_info(t)->head.rig;
     snprintf(f->dir, sizeof f->dir, "%.200s/pyrovox-replay-XXXXXX",
@@ -201,7 +201,7 @@ static pvx_err make_folder(struct folder *f, struct dmn_config *c, const cap_tak
     return e;
 }
 
-static void remove_folder(const struct folder *f)
+static void replay_remove_folder(const struct folder *f)
 {
     if (f->dir[0] == '\0')
         return;
@@ -243,7 +243,7 @@ static int run_daemon(const struct folder *f, struct pvx_diag *d)
     return WIFEXITED(status) ? WEXITSTATUS(status) : 1;
 }
 
-static int play(const struct args *a, const cap_take *t)
+static int replay_play(const struct args *a, const cap_take *t)
 {
     struct dmn_config *c = pvx_calloc(1, sizeof *c);
     struct folder f = {.dir = ""};
@@ -253,19 +253,20 @@ static int play(const struct args *a, const cap_take *t)
     cli_catch_stop();
     pvx_err e = make_config(a, t, c, &d);
     if (e == PVX_OK)
-        e = make_folder(&f, c, t, &d);
+        e = replay_make_folder(&f, c, t, &d);
     free(c);
     int rc = e == PVX_OK ? run_daemon(&f, &d) : -1;
-    remove_folder(&f);
+    replay_remove_folder(&f);
     if (rc < 0)
         return cli_error(&d, e == PVX_OK ? PVX_EIO : e);
     return cli_stop ? 130 : rc;
 }
 
-static int run(int argc, char **argv)
+static int replay_run(int argc, char **argv)
 {
     struct args a = {.speed = 1};
-    const struct argp argp = {.options = options, .parser = parse, .args_doc = "TAKE", .doc = doc};
+    const struct argp argp = {
+        .options = options, .parser = replay_parse, .args_doc = "TAKE", .doc = doc};
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     struct pvx_diag d = {""};
     cap_take *t;
@@ -274,10 +275,10 @@ static int run(int argc, char **argv)
         return cli_error(&d, e);
     int rc = a.info                 ? replay_info(a.take, t)
              : a.export_dir != NULL ? replay_export(t, a.export_dir)
-                                    : play(&a, t);
+                                    : replay_play(&a, t);
     cap_take_free(&t);
     return rc;
 }
 
 const struct cli_command cmd_replay = {"replay", "raw frames through a daemon again, or as files",
-                                       run};
+                                       replay_run};

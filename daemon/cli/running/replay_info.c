@@ -7,7 +7,7 @@
 
 #define GAPS_SHOWN 20
 
-static void when(int64_t t_ns, char *out, size_t size)
+static void replay_info_when(int64_t t_ns, char *out, size_t size)
 {
     time_t s = (time_t)(t_ns / 1000000000);
     struct tm tm;
@@ -29,7 +29,7 @@ static uint64_t never_received(const cap_take *t, uint32_t c)
     return n > listed ? n - listed : 0;
 }
 
-static void print_cameras(const cap_take *t)
+static void replay_info_print_cameras(const cap_take *t)
 {
     const struct cap_take_head *h = &cap_take_info(t)->head;
     printf("\n%-16s %-14s %-11s %8s %9s %9s  %s\n", "camera", "format", "size", "frames",
@@ -98,12 +98,12 @@ int replay_info(const char *path, const cap_take *t)
         for (uint64_t r = 0; r < i->head.camera[c].frames; r++)
             bytes += cap_take_row(t, c, r)->bytes;
     char created[64];
-    when(i->head.t_created_ns, created, sizeof created);
+    replay_info_when(i->head.t_created_ns, created, sizeof created);
     printf("%s\n", path);
     printf("recorded  %s on %s by %s, session %016" PRIx64 "\n", created, i->head.host,
            i->head.software, i->head.session);
     if (i->head.t_began_ns != 0 && i->head.t_began_ns != i->head.t_created_ns) {
-        when(i->head.t_began_ns, created, sizeof created);
+        replay_info_when(i->head.t_began_ns, created, sizeof created);
         printf("began     %s, in a file before this one\n", created);
     }
     printf("state     %s\n", i->closed ? "closed in order" : "cut off, or still being recorded");
@@ -119,7 +119,7 @@ int replay_info(const char *path, const cap_take *t)
     }
     printf("pixels    %.1f MB\n", (double)bytes * 1e-6);
     print_pieces(t);
-    print_cameras(t);
+    replay_info_print_cameras(t);
     print_gaps(t);
     return 0;
 }

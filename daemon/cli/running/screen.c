@@ -129,7 +129,7 @@ static void camera_trouble(const cJSON *camera, char out[TROUBLE])
         snprintf(out, TROUBLE, "%s", detail[0] != '\0' ? detail : ask_text(t, "text", NULL));
 }
 
-static void draw_cameras(struct page *p, const cJSON *s)
+static void running_draw_cameras(struct page *p, const cJSON *s)
 {
     const cJSON *k, *all = cJSON_GetObjectItemCaseSensitive(s, "cameras");
     char text[TROUBLE], agrees[16], gain[16];
@@ -156,7 +156,7 @@ static void draw_cameras(struct page *p, const cJSON *s)
     }
 }
 
-static void draw_page(const struct follow *f, const char *title, const char *foot)
+static void running_draw_page(const struct follow *f, const char *title, const char *foot)
 {
     static struct page p;
     page_begin(&p);
@@ -177,7 +177,7 @@ static void draw_page(const struct follow *f, const char *title, const char *foo
     draw_clients(&p, f->status);
     draw_drops(&p, f->status);
     page_line(&p, "%s", "");
-    draw_cameras(&p, f->status);
+    running_draw_cameras(&p, f->status);
     if (f->ended)
         page_line(&p, "the daemon has ended: %s", f->end_reason);
     if (foot != NULL) {
@@ -216,7 +216,7 @@ void screen_draw(struct screen *s, const struct follow *f, const char *title, co
         return;
     s->next_ns = now + (s->tty ? REDRAW_NS : PVX_NS_PER_S);
     if (s->tty)
-        draw_page(f, title, foot);
+        running_draw_page(f, title, foot);
     else if (f->volumes > 0)
         draw_line(s, f);
 }

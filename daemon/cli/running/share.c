@@ -46,7 +46,7 @@ static const struct argp_option options[] = {
     {"quiet", 'q', NULL, 0, "No status line", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t share_parse(int key, char *arg, struct argp_state *st)
 {
     static const char *const readers[] = {"me", "group", "all", NULL};
     static const mode_t modes[] = {0600, 0640, 0644};
@@ -75,7 +75,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 
 static const struct argp argp = {
     .options = options,
-    .parser = parse,
+    .parser = share_parse,
     .args_doc = "NAME [FILE]",
     .doc =
         "Keep the newest volume of a running daemon, or of a recording that is played, in shared "
@@ -99,7 +99,7 @@ static const struct argp argp = {
 };
 
 /* Once a second: a line that stays in place on a terminal, every ten seconds one elsewhere. */
-static void tell(struct share *s)
+static void share_tell(struct share *s)
 {
     const int64_t now = pvx_now_mono();
     const bool tty = isatty(STDERR_FILENO) == 1;
@@ -123,7 +123,7 @@ static void first_line(struct share *s, const struct pvp_grid *g)
             s->config.name);
 }
 
-static pvx_err unreadable(struct share *s, const char *why)
+static pvx_err share_unreadable(struct share *s, const char *why)
 {
     if (s->unreadable++ == 0)
         fprintf(stderr, "pyrovox: %s\n", why);
@@ -131,7 +131,7 @@ static pvx_err unreadable(struct share *s, const char *why)
 }
 
 /* A volume that cannot be read is counted, and one for which there is no memory; the next may do. */
-static pvx_err volume(struct share *s, const void *msg, size_t len, struct pvx_diag *d)
+static pvx_err share_volume(struct share *s, const void *msg, size_t len, struct pvx_diag *d)
 {
     struct pvp_view w;
     struct pvx_diag bad = {""};
@@ -145,7 +145,7 @@ static pvx_err volume(struct share *s, const void *msg, size_t len, struct pvx_d
     if (e == PVX_ENOMEM)
         return pvx_fail(d, e, "%s", pvx_diag_text(&bad, e));
     if (e != PVX_OK)
-        return unreadable(s, pvx_diag_text(&bad, e));
+        return share_unreadable(s, pvx_diag_text(&bad, e));
     const struct vol_volume v = {.v = w.v,
                                  .sample = w.sample,
                                  .clamped = w.clamped,
@@ -165,14 +165,14 @@ static pvx_err volume(struct share *s, const void *msg, size_t len, struct pvx_d
     return PVX_OK;
 }
 
-static pvx_err message(struct share *s, const struct pvp_header *h, const void *msg, size_t len,
-                       struct pvx_diag *d)
+static pvx_err share_message(struct share *s, const struct pvp_header *h, const void *msg,
+                             size_t len, struct pvx_diag *d)
 {
     char reason[PVP_REASON_MAX];
     uint64_t session;
     switch (h->type) {
     case PVP_START: return pvp_decode_start(msg, len, &s->start, d);
-    case PVP_VOLUME: return volume(s, msg, len, d);
+    case PVP_VOLUME: return share_volume(s, msg, len, d);
     case PVP_END:
         if (!s->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
             fprintf(stderr, "%sthe daemon ended: %s; waiting for the next\n",
@@ -182,8 +182,8 @@ static pvx_err message(struct share *s, const struct pvp_header *h, const void *
     }
 }
 
-static pvx_err next(struct share *s, struct pvp_header *h, const void **msg, size_t *len,
-                    struct pvx_diag *d)
+static pvx_err share_next(struct share *s, struct pvp_header *h, const void **msg, size_t *len,
+                          struct pvx_diag *d)
 {
     if (s->file == NULL)
         return pvp_sub_next(s->sub, WAIT_NS, h, msg, len, d);
@@ -194,7 +194,7 @@ static pvx_err next(struct share *s, struct pvp_header *h, const void **msg, siz
     return s->film.ops->next(s->film.self, h, msg, len, d);
 }
 
-static pvx_err run_loop(struct share *s, struct pvx_diag *d)
+static pvx_err share_run_loop(struct share *s, struct pvx_diag *d)
 {
     const int64_t t0 = pvx_now_mono();
     while (cli_stop == 0) {
@@ -202,14 +202,14 @@ static pvx_err run_loop(struct share *s, struct pvx_diag *d)
         const void *msg;
         size_t len;
         struct pvx_diag why = {""};
-        pvx_err e = next(s, &h, &msg, &len, &why);
+        pvx_err e = share_next(s, &h, &msg, &len, &why);
         if (e == PVX_OK)
-            e = message(s, &h, msg, len, &why);
+            e = share_message(s, &h, msg, len, &why);
         else if (e == PVX_ECORRUPT) /* one of a recording */
-            e = unreadable(s, pvx_diag_text(&why, e));
+            e = share_unreadable(s, pvx_diag_text(&why, e));
         if (e != PVX_OK && e != PVX_ETIMEDOUT)
             return pvx_fail(d, e, "%s", pvx_diag_text(&why, e));
-        tell(s);
+        share_tell(s);
         if (s->shared == 0 && !s->told_waiting && pvx_now_mono() - t0 > PVX_NS_PER_S) {
             fprintf(stderr,
                     "waiting for a daemon at %s (`pyrovox status` tells if one runs); Ctrl-C "
@@ -221,7 +221,7 @@ static pvx_err run_loop(struct share *s, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static void conclude(const struct share *s)
+static void share_conclude(const struct share *s)
 {
     if (s->quiet)
         return;
@@ -240,7 +240,7 @@ static void conclude(const struct share *s)
     fputc('\n', stderr);
 }
 
-static pvx_err begin(struct share *s, struct pvx_diag *d)
+static pvx_err share_begin(struct share *s, struct pvx_diag *d)
 {
     PVX_TRY(vol_share_new(&s->config, &s->out, d));
     PVX_TRY(pvp_decoder_new(&s->decoder));
@@ -250,7 +250,7 @@ static pvx_err begin(struct share *s, struct pvx_diag *d)
                        &s->sub, d);
 }
 
-static int run(int argc, char **argv)
+static int share_run(int argc, char **argv)
 {
     struct share s = {.config.mode = 0600};
     struct pvx_diag d = {""};
@@ -258,10 +258,10 @@ static int run(int argc, char **argv)
     if (s.endpoint == NULL)
         s.endpoint = dmn_client_endpoint(DMN_VOLUMES);
     cli_catch_stop();
-    pvx_err e = begin(&s, &d);
+    pvx_err e = share_begin(&s, &d);
     if (e == PVX_OK) {
-        e = run_loop(&s, &d);
-        conclude(&s);
+        e = share_run_loop(&s, &d);
+        share_conclude(&s);
     }
     vol_share_free(&s.out);
     if (s.film.self != NULL)
@@ -273,4 +273,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_share = {
-    "share", "the newest volume in shared memory, for a renderer here", run};
+    "share", "the newest volume in shared memory, for a renderer here", share_run};

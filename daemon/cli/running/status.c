@@ -36,7 +36,7 @@ static const char doc[] =
     "  pyrovox status --json | jq .latency_ms\n"
     "  pyrovox status --endpoint ipc:///run/pyrovox/control";
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t status_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     switch (key) {
@@ -125,10 +125,10 @@ static void print_tables(const cJSON *s)
     }
 }
 
-static int run(int argc, char **argv)
+static int status_run(int argc, char **argv)
 {
     struct args a = {.timeout_s = 2};
-    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    const struct argp argp = {.options = options, .parser = status_parse, .doc = doc};
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_CONTROL);
@@ -164,4 +164,5 @@ static int run(int argc, char **argv)
     return e == PVX_OK ? 0 : cli_error(&d, e);
 }
 
-const struct cli_command cmd_status = {"status", "what a running daemon says about itself", run};
+const struct cli_command cmd_status = {"status", "what a running daemon says about itself",
+                                       status_run};

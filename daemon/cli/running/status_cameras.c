@@ -29,7 +29,7 @@ static void print_bins(const cJSON *bins)
     printf("|%s|\n", text);
 }
 
-static void print_row(const char *name, const cJSON *skew)
+static void status_cameras_print_row(const char *name, const cJSON *skew)
 {
     printf("%-16s %9.0f %9.0f %9.0f %9.0f  ", name, ask_num(skew, "mean_us", NULL),
            ask_num(skew, "p50_us", NULL), ask_num(skew, "p99_us", NULL),
@@ -46,8 +46,8 @@ void skew_print(const cJSON *status)
         return;
     printf("\n%-16s %9s %9s %9s %9s   %s\n", "exposure", "mean us", "p50", "p99", "max",
            "-50ms    -1ms   -20us + 20us    1ms   50ms");
-    cJSON_ArrayForEach(k, cameras)
-        print_row(ask_text(k, "name", NULL), cJSON_GetObjectItemCaseSensitive(k, "skew"));
+    cJSON_ArrayForEach(k, cameras) status_cameras_print_row(
+        ask_text(k, "name", NULL), cJSON_GetObjectItemCaseSensitive(k, "skew"));
     printf("%-16s %9s %9.0f %9.0f %9s  %14s", "spread of a set", "",
            ask_num(status, "spread_ms", "p50") * 1e3, ask_num(status, "spread_ms", "p99") * 1e3, "",
            "");
@@ -142,7 +142,7 @@ void votes_print(const cJSON *status)
 }
 
 /* A number with so many places, or a dash when the camera does not say. */
-static const char *number(const cJSON *k, const char *name, int places, char out[32])
+static const char *status_cameras_number(const cJSON *k, const char *name, int places, char out[32])
 {
     const cJSON *v = cJSON_GetObjectItemCaseSensitive(k, name);
     if (cJSON_IsNumber(v))
@@ -174,8 +174,9 @@ static void print_health(const cJSON *cameras)
                    "PTP offset ns", "resent", "missing");
         const char *ptp = ask_text(h, "ptp", NULL);
         printf("%-16s %5s %9s %-12s %14s %9.0f %9.0f\n", ask_text(k, "name", NULL),
-               number(h, "temperature_c", 0, t), number(h, "link_mbps", 0, link),
-               ptp[0] != '\0' ? ptp : "-", number(h, "ptp_offset_ns", 0, offset),
+               status_cameras_number(h, "temperature_c", 0, t),
+               status_cameras_number(h, "link_mbps", 0, link), ptp[0] != '\0' ? ptp : "-",
+               status_cameras_number(h, "ptp_offset_ns", 0, offset),
                ask_num(h, "packets_resent", NULL), ask_num(h, "packets_missing", NULL));
     }
 }

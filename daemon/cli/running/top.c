@@ -37,7 +37,7 @@ static const char doc[] =
     "  pyrovox top\n"
     "  pyrovox top --truth 1,2 --endpoint tcp://127.0.0.1:5555";
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t top_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     char copy[96], *part[3] = {0}, *save = NULL;
@@ -65,10 +65,10 @@ static error_t parse(int key, char *arg, struct argp_state *st)
     }
 }
 
-static int run(int argc, char **argv)
+static int top_run(int argc, char **argv)
 {
     struct args a = {0};
-    const struct argp argp = {.options = options, .parser = parse, .doc = doc};
+    const struct argp argp = {.options = options, .parser = top_parse, .doc = doc};
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     if (a.endpoint == NULL)
         a.endpoint = dmn_client_endpoint(DMN_VOLUMES);
@@ -101,4 +101,4 @@ static int run(int argc, char **argv)
     return e == PVX_OK ? 0 : cli_error(&d, e);
 }
 
-const struct cli_command cmd_top = {"top", "live screen of a running daemon", run};
+const struct cli_command cmd_top = {"top", "live screen of a running daemon", top_run};

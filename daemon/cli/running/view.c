@@ -48,7 +48,7 @@ static const struct argp_option options[] = {
     {"quiet", 'q', NULL, 0, "Say nothing but what goes wrong", 0},
     {0}};
 
-static error_t parse(int key, char *arg, struct argp_state *st)
+static error_t view_parse(int key, char *arg, struct argp_state *st)
 {
     struct args *a = st->input;
     struct pvx_diag d = {""};
@@ -90,7 +90,7 @@ static error_t parse(int key, char *arg, struct argp_state *st)
 
 static const struct argp argp = {
     .options = options,
-    .parser = parse,
+    .parser = view_parse,
     .args_doc = "[FILE]",
     .doc =
         "Show the flame in a browser: of a running daemon, or of a recording of volumes.\v"
@@ -109,13 +109,13 @@ static const struct argp argp = {
         "Exit: 0 or 130 stopped, 1 failed, 2 wrong usage.",
 };
 
-static bool stop(void *ctx)
+static bool view_stop(void *ctx)
 {
     (void)ctx;
     return cli_stop != 0;
 }
 
-static void say(const char *line)
+static void view_say(const char *line)
 {
     fprintf(stderr, "pyrovox view: %s\n", line);
 }
@@ -162,7 +162,7 @@ static void open_browser(const char *path)
             continue;
 }
 
-static pvx_err open_source(const struct args *a, struct view_source *out, struct pvx_diag *d)
+static pvx_err view_open_source(const struct args *a, struct view_source *out, struct pvx_diag *d)
 {
     char previews[256];
     if (a->file != NULL)
@@ -204,7 +204,7 @@ static void farewell(const struct args *a, const view_bridge *b)
 }
 
 /* A wildcard is no address to go to. */
-static void address_of(const struct args *a, const view_bridge *b, char *out, size_t size)
+static void view_address_of(const struct args *a, const view_bridge *b, char *out, size_t size)
 {
     const char *at = view_bridge_at(b), *port = strrchr(at, ':');
     bool any = strncmp(at, "0.0.0.0:", 8) == 0 || strncmp(at, "[::]:", 5) == 0;
@@ -218,7 +218,7 @@ static void address_of(const struct args *a, const view_bridge *b, char *out, si
                  any ? port : at);
 }
 
-static pvx_err serve(const struct args *a, struct pvx_diag *d)
+static pvx_err view_serve(const struct args *a, struct pvx_diag *d)
 {
     struct view_gate gate = {.tls = a->cert != NULL, .n_hosts = a->n_hosts};
     struct view_source source;
@@ -230,15 +230,15 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
                                   : view_gate_make_token(gate.token, d));
     if (a->control != NULL)
         PVX_TRY(view_orders_new(a->control, a->key, &orders, d));
-    pvx_err e = open_source(a, &source, d);
+    pvx_err e = view_open_source(a, &source, d);
     if (e != PVX_OK) {
         view_orders_free(&orders);
         return e;
     }
     const struct view_http_params p = {
-        .gate = &gate, .listen = a->listen, .cert = a->cert, .key = a->cert_key, .say = say};
+        .gate = &gate, .listen = a->listen, .cert = a->cert, .key = a->cert_key, .say = view_say};
     PVX_TRY(view_bridge_new(&p, &source, orders, &b, d));
-    address_of(a, b, at, sizeof at);
+    view_address_of(a, b, at, sizeof at);
     snprintf(url, sizeof url, "%s://%s/%s#%s", gate.tls ? "https" : "http", at,
              a->turn ? "?turn" : "", gate.token);
     if (!a->quiet) {
@@ -249,8 +249,8 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
     if (a->open && write_door(url, door, sizeof door, d) == PVX_OK)
         open_browser(door);
     else if (a->open)
-        say(d->text);
-    view_bridge_run(b, stop, say, NULL);
+        view_say(d->text);
+    view_bridge_run(b, view_stop, view_say, NULL);
     if (door[0] != '\0')
         unlink(door);
     farewell(a, b);
@@ -258,15 +258,15 @@ static pvx_err serve(const struct args *a, struct pvx_diag *d)
     return PVX_OK;
 }
 
-static int run(int argc, char **argv)
+static int view_run(int argc, char **argv)
 {
     struct args a = {.listen = "127.0.0.1:8737"};
     struct pvx_diag d = {""};
     argp_parse(&argp, argc, argv, 0, NULL, &a);
     cli_catch_stop();
-    pvx_err e = serve(&a, &d);
+    pvx_err e = view_serve(&a, &d);
     return e != PVX_OK ? cli_error(&d, e) : 130;
 }
 
 const struct cli_command cmd_view = {"view", "the flame in a browser, live or from a recording",
-                                     run};
+                                     view_run};

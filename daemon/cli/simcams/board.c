@@ -14,12 +14,12 @@
 #define DEGREE    (M_PI / 180)
 #define THICKNESS 0.003 /* m, of a plate whose thickness the spec leaves open */
 
-static double between(uint64_t *rng, double lo, double hi)
+static double board_between(uint64_t *rng, double lo, double hi)
 {
     return lo + (hi - lo) * pvx_uniform(rng);
 }
 
-static void keep(const double R[9], const double t[3], double pose[6])
+static void board_keep(const double R[9], const double t[3], double pose[6])
 {
     rec_rotation_log(R, pose);
     memcpy(pose + 3, t, 3 * sizeof *t);
@@ -44,18 +44,19 @@ static void anywhere(const struct rec_board *b, const struct rec_rig *rig, size_
     const struct rec_grid *g = &rig->grid;
     double at[3], face[3], next[3], R[9], t[3], tilt[3], T[9], turned[3];
     for (int i = 0; i < 3; i++)
-        at[i] = between(rng, 0.8 * g->min[i] + 0.2 * g->max[i], 0.2 * g->min[i] + 0.8 * g->max[i]);
+        at[i] = board_between(rng, 0.8 * g->min[i] + 0.2 * g->max[i],
+                              0.2 * g->min[i] + 0.8 * g->max[i]);
     towards(rig, k / 2 % rig->n_cameras, at, face);
     towards(rig, (k / 2 + 1) % rig->n_cameras, at, next);
     for (int i = 0; i < 3 && k % 2 == 1; i++)
         face[i] += next[i] + 1e-6 * i; /* opposite cameras: not 0 */
     for (int i = 0; i < 3; i++)
-        tilt[i] = between(rng, -25, 25) * DEGREE;
+        tilt[i] = board_between(rng, -25, 25) * DEGREE;
     rec_rotation(tilt, T);
     for (int i = 0; i < 3; i++)
         turned[i] = T[3 * i] * face[0] + T[3 * i + 1] * face[1] + T[3 * i + 2] * face[2];
-    rec_board_hold(b, at, turned, between(rng, -30, 30) * DEGREE, R, t);
-    keep(R, t, pose);
+    rec_board_hold(b, at, turned, board_between(rng, -30, 30) * DEGREE, R, t);
+    board_keep(R, t, pose);
 }
 
 /* From a to b, both of which stand still. */
@@ -97,7 +98,7 @@ pvx_err simcams_board_init(const char *spec, const struct rec_rig *rig, size_t p
         if (k == 0) {
             double R[9], t[3];
             rec_board_hold(&board, floor, up, 0, R, t);
-            keep(R, t, p[0]);
+            board_keep(R, t, p[0]);
         } else {
             anywhere(&board, rig, k - 1, &rng, p[0]);
         }

@@ -5,8 +5,8 @@
 
 #include "base/yaml.h"
 
-#define ROW(number, name, n, min, max, member) \
-    [number] = {name, n, min, max, offsetof(struct cap_gvcam_fault, member)},
+#define ROW(faults_number, name, n, min, max, member) \
+    [faults_number] = {name, n, min, max, offsetof(struct cap_gvcam_fault, member)},
 static const struct kind {
     const char *name;
     int n; /* numbers; 0: on or off */
@@ -20,8 +20,8 @@ struct simcams_state simcams_healthy(void)
 }
 
 /* Cameras [*lo,*hi) that `name` means. */
-static pvx_err find(const struct rec_rig *rig, const char *name, size_t *lo, size_t *hi,
-                    struct pvx_diag *d)
+static pvx_err faults_find(const struct rec_rig *rig, const char *name, size_t *lo, size_t *hi,
+                           struct pvx_diag *d)
 {
     *lo = 0;
     *hi = rig->n_cameras;
@@ -46,8 +46,8 @@ static pvx_err on_or_off(const char *what, const char *camera, const char *text,
 }
 
 /* "64" or "64:-2" */
-static pvx_err numbers(const struct kind *k, const char *camera, const char *text, double out[2],
-                       struct pvx_diag *d)
+static pvx_err faults_numbers(const struct kind *k, const char *camera, const char *text,
+                              double out[2], struct pvx_diag *d)
 {
     char copy[64];
     snprintf(copy, sizeof copy, "%s", text);
@@ -62,18 +62,19 @@ static pvx_err numbers(const struct kind *k, const char *camera, const char *tex
     return PVX_OK;
 }
 
-static pvx_err set(const struct rec_rig *rig, enum simcams_fault_kind kind, const char *camera,
-                   const char *value, struct simcams_state *state, struct pvx_diag *d)
+static pvx_err faults_set(const struct rec_rig *rig, enum simcams_fault_kind kind,
+                          const char *camera, const char *value, struct simcams_state *state,
+                          struct pvx_diag *d)
 {
     const struct kind *k = &kinds[kind];
     size_t lo, hi;
     bool on = false;
     double v[2];
-    PVX_TRY(find(rig, camera, &lo, &hi, d));
+    PVX_TRY(faults_find(rig, camera, &lo, &hi, d));
     if (k->n == 0)
         PVX_TRY(on_or_off(k->name, camera, value, &on, d));
     else
-        PVX_TRY(numbers(k, camera, value, v, d));
+        PVX_TRY(faults_numbers(k, camera, value, v, d));
     for (size_t c = lo; c < hi; c++) {
         char *at = (char *)&state[c].fault + k->offset;
         memcpy(at, k->n == 0 ? (const void *)&on : v,
@@ -94,8 +95,8 @@ pvx_err simcams_fault_option(const struct rec_rig *rig, enum simcams_fault_kind 
         char *value = strchr(item, '=');
         if (value != NULL)
             *value++ = '\0';
-        PVX_TRY(
-            set(rig, kind, value != NULL ? item : "all", value != NULL ? value : item, state, d));
+        PVX_TRY(faults_set(rig, kind, value != NULL ? item : "all", value != NULL ? value : item,
+                           state, d));
     }
     return PVX_OK;
 }
@@ -134,7 +135,7 @@ pvx_err simcams_plan_option(const struct rec_rig *rig, bool freeze, const char *
         return pvx_fail(d, PVX_EINVAL, "'%s' should be CAMERA@SECONDS%s", text,
                         freeze ? " or CAMERA@FROM-UNTIL" : "");
     size_t lo, hi;
-    PVX_TRY(find(rig, copy, &lo, &hi, d));
+    PVX_TRY(faults_find(rig, copy, &lo, &hi, d));
     snprintf(line, sizeof line, freeze ? "freeze %s on" : "kill %s", copy);
     PVX_TRY(add_event(plan, t0, line, d));
     snprintf(line, sizeof line, "freeze %s off", copy);
@@ -167,8 +168,8 @@ struct words {
     char w[3][64];
 };
 
-static pvx_err number(const char *what, const char *text, double min, double max, double *out,
-                      struct pvx_diag *d)
+static pvx_err faults_number(const char *what, const char *text, double min, double max,
+                             double *out, struct pvx_diag *d)
 {
     if (pvx_parse_double(text, min, max, out) != PVX_OK)
         return pvx_fail(d, PVX_EINVAL, "%s: '%s' should be a number from %g to %g", what, text, min,
@@ -176,17 +177,17 @@ static pvx_err number(const char *what, const char *text, double min, double max
     return PVX_OK;
 }
 
-static pvx_err set_alive(const struct rec_rig *rig, const char *camera, bool alive,
-                         struct simcams_state *state, struct pvx_diag *d)
+static pvx_err faults_set_alive(const struct rec_rig *rig, const char *camera, bool alive,
+                                struct simcams_state *state, struct pvx_diag *d)
 {
     size_t lo, hi;
-    PVX_TRY(find(rig, camera, &lo, &hi, d));
+    PVX_TRY(faults_find(rig, camera, &lo, &hi, d));
     for (size_t c = lo; c < hi; c++)
         state[c].alive = alive;
     return PVX_OK;
 }
 
-#define ORDER(number, name, ...) {name, number, __VA_ARGS__},
+#define ORDER(faults_number, name, ...) {name, faults_number, __VA_ARGS__},
 static const struct order_def {
     const char *name;
     int what, n_min, n_max;
@@ -200,18 +201,18 @@ static pvx_err give_order(const struct rec_rig *rig, const struct order_def *o,
     int k = 1;
     struct simcams_order r = {.hi = rig->n_cameras};
     if (o->camera)
-        PVX_TRY(find(rig, w->w[k++], &r.lo, &r.hi, d));
+        PVX_TRY(faults_find(rig, w->w[k++], &r.lo, &r.hi, d));
     if (k < w->n)
-        PVX_TRY(number(o->name, w->w[k++], o->min, o->max, &r.arg, d));
+        PVX_TRY(faults_number(o->name, w->w[k++], o->min, o->max, &r.arg, d));
     if (k < w->n)
-        PVX_TRY(number(o->name, w->w[k++], 1, 1 << 20, &r.arg2, d));
+        PVX_TRY(faults_number(o->name, w->w[k++], 1, 1 << 20, &r.arg2, d));
     *out = r;
     memcpy(&out->what, &o->what, sizeof out->what);
     return PVX_OK;
 }
 
 /* Which lines there are. */
-static pvx_err unknown(const char *line, struct pvx_diag *d)
+static pvx_err faults_unknown(const char *line, struct pvx_diag *d)
 {
     static const char *const after[] = {" CAMERA on|off", " CAMERA NUMBER", " CAMERA X:Y"};
     char words[1024] = "";
@@ -246,11 +247,11 @@ pvx_err simcams_control(const struct rec_rig *rig, const char *line, struct simc
         return PVX_OK;
     for (size_t k = 0; k < SIMCAMS_N_KINDS; k++)
         if (strcmp(w.w[0], kinds[k].name) == 0 && w.n == 3)
-            return set(rig, (enum simcams_fault_kind)k, w.w[1], w.w[2], state, d);
+            return faults_set(rig, (enum simcams_fault_kind)k, w.w[1], w.w[2], state, d);
     if (w.n == 2 && (strcmp(w.w[0], "kill") == 0 || strcmp(w.w[0], "revive") == 0))
-        return set_alive(rig, w.w[1], strcmp(w.w[0], "revive") == 0, state, d);
+        return faults_set_alive(rig, w.w[1], strcmp(w.w[0], "revive") == 0, state, d);
     for (size_t k = 0; k < sizeof orders / sizeof orders[0]; k++)
         if (strcmp(w.w[0], orders[k].name) == 0 && w.n >= orders[k].n_min && w.n <= orders[k].n_max)
             return give_order(rig, &orders[k], &w, order, d);
-    return unknown(line, d);
+    return faults_unknown(line, d);
 }

@@ -237,7 +237,7 @@ static void add_fault(struct argp_state *st, int key, const char *arg, struct si
         (struct simcams_fault_option){(enum simcams_fault_kind)(key - OPT_FAULT), arg};
 }
 
-static error_t parse_opt(int key, char *arg, struct argp_state *st)
+static error_t simcams_parse_opt(int key, char *arg, struct argp_state *st)
 {
     struct simcams_args *a = st->input;
     switch (key) {
@@ -312,7 +312,9 @@ bool simcams_options(int argc, char **argv, struct simcams_args *a)
                                .black = 2,
                                .noise = {0.5, 0.5, 0.5},
                                .fmt = CAP_RGB8};
-    const struct argp argp = {
-        .options = options, .parser = parse_opt, .args_doc = "[-- COMMAND ARGS...]", .doc = doc};
+    const struct argp argp = {.options = options,
+                              .parser = simcams_parse_opt,
+                              .args_doc = "[-- COMMAND ARGS...]",
+                              .doc = doc};
     return argp_parse(&argp, argc, argv, ARGP_IN_ORDER, NULL, a) == 0;
 }

@@ -103,7 +103,7 @@ static uint16_t *scene_of(const struct simcams_ring *r, size_t c, size_t i)
     return r->scene[r->keep ? c * r->n + i : c];
 }
 
-static void make(struct simcams_ring *r, size_t c, size_t i, const struct cap_optics *o)
+static void ring_make(struct simcams_ring *r, size_t c, size_t i, const struct cap_optics *o)
 {
     const struct rec_camera *cam = &r->rig->cameras[c];
     const uint16_t *scene = scene_of(r, c, i);
@@ -130,7 +130,7 @@ bool simcams_ring_renew(struct simcams_ring *r, size_t c, size_t k, const struct
 {
     if (memcmp(&r->made[c * r->n + k], o, sizeof *o) == 0)
         return false;
-    make(r, c, k, o);
+    ring_make(r, c, k, o);
     return true;
 }
 
@@ -153,7 +153,7 @@ static void keep_rows(const struct simcams_ring *r, const float *rgb, size_t n, 
 }
 
 /* One band of rows of one camera. */
-static void render(void *ctx, size_t t)
+static void ring_render(void *ctx, size_t t)
 {
     struct job *j = ctx;
     struct simcams_ring *r = j->out;
@@ -174,10 +174,11 @@ static void render(void *ctx, size_t t)
               scene_of(r, c, j->i) + first * (size_t)r->nch);
 }
 
-static void expose(void *ctx, size_t c)
+static void ring_expose(void *ctx, size_t c)
 {
     const struct job *j = ctx;
-    make(j->out, c, j->i, j->p->state != NULL ? &j->p->state[c].fault.optics : &cap_optics_none);
+    ring_make(j->out, c, j->i,
+              j->p->state != NULL ? &j->p->state[c].fault.optics : &cap_optics_none);
 }
 
 static pvx_err allocate_camera(struct job *j, size_t c)
@@ -203,7 +204,7 @@ static pvx_err allocate_camera(struct job *j, size_t c)
     return PVX_OK;
 }
 
-static pvx_err allocate(struct job *j)
+static pvx_err ring_allocate(struct job *j)
 {
     struct simcams_ring *r = j->out;
     size_t all = r->n_cameras * r->n;
@@ -255,12 +256,12 @@ static pvx_err render_all(struct job *j, bool (*progress)(void *ctx, double done
     for (size_t i = 0; e == PVX_OK && i < p->n; i++) {
         rec_flame_at(&flame, (double)i / p->fps, &j->pose);
         j->i = i;
-        pvx_pool_run(pool, cameras * j->bands, render, j);
+        pvx_pool_run(pool, cameras * j->bands, ring_render, j);
         for (size_t c = 0; e == PVX_OK && c < cameras; c++)
             e = j->failed[c];
         if (e != PVX_OK)
             break;
-        pvx_pool_run(pool, cameras, expose, j);
+        pvx_pool_run(pool, cameras, ring_expose, j);
         if (progress != NULL && !progress(ctx, (double)(i + 1) / (double)p->n))
             e = PVX_ECANCELED;
     }
@@ -306,7 +307,7 @@ pvx_err simcams_ring_init(const struct rec_rig *rig, const struct simcams_ring_p
         return PVX_ENOMEM;
     j->p = p;
     j->out = out;
-    pvx_err e = allocate(j);
+    pvx_err e = ring_allocate(j);
     if (e == PVX_OK)
         e = render_all(j, progress, ctx);
     free_each(j->scratch, rig->n_cameras);

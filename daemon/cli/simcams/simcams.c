@@ -151,7 +151,7 @@ static int write_frames(const struct simcams *s)
     return 0;
 }
 
-static bool renew(void *ctx, size_t k, const struct cap_optics *o)
+static bool simcams_renew(void *ctx, size_t k, const struct cap_optics *o)
 {
     const struct view *v = ctx;
     return simcams_ring_renew(v->ring, v->c, k, o);
@@ -175,7 +175,7 @@ static pvx_err start_camera(struct simcams *s, size_t c, struct pvx_diag *d)
         .height = cam->height,
         .ring = (const void *const *)(s->ring.image + c * s->ring.n),
         .n_ring = s->ring.n,
-        .renew = s->ring.keep ? renew : NULL,
+        .renew = s->ring.keep ? simcams_renew : NULL,
         .renew_ctx = &s->view[c],
         .ring_fps = s->a->fps,
         .tick_hz = s->a->tick_hz,
@@ -243,7 +243,7 @@ static void print_stats(const struct simcams *s)
     fflush(stdout);
 }
 
-static void carry_out(struct simcams *s, const struct simcams_order *o)
+static void simcams_carry_out(struct simcams *s, const struct simcams_order *o)
 {
     static const enum cap_gvcam_act act[] = {[SIMCAMS_REBOOT] = CAP_GVCAM_REBOOT,
                                              [SIMCAMS_JUMP] = CAP_GVCAM_CLOCK_JUMP,
@@ -283,7 +283,7 @@ static void control_line(struct simcams *s, const char *line)
         return;
     }
     apply(s);
-    carry_out(s, &order);
+    simcams_carry_out(s, &order);
 }
 
 /* False at the end of the input. */
@@ -343,7 +343,7 @@ static pid_t spawn(char **command, bool give_stdin, const sigset_t *mask)
 }
 
 /* Exit code of the command if it has ended, else -1. */
-static int reap(pid_t child)
+static int simcams_reap(pid_t child)
 {
     int status;
     if (child <= 0 || waitpid(child, &status, WNOHANG) != child)
@@ -366,7 +366,7 @@ static bool all_send(const struct simcams *s)
 }
 
 /* Serve until a signal, or until the command has ended.  Returns the exit code. */
-static int serve(struct simcams *s, int sigfd, pid_t child)
+static int simcams_serve(struct simcams *s, int sigfd, pid_t child)
 {
     int64_t t0 = pvx_now_mono();
     size_t next = 0;
@@ -391,7 +391,7 @@ static int serve(struct simcams *s, int sigfd, pid_t child)
             return 1;
         struct signalfd_siginfo si;
         if ((p[0].revents & POLLIN) != 0 && read(sigfd, &si, sizeof si) == sizeof si) {
-            int code = reap(child);
+            int code = simcams_reap(child);
             if (code >= 0)
                 return code;
             if (si.ssi_signo != SIGCHLD) {
@@ -406,7 +406,7 @@ static int serve(struct simcams *s, int sigfd, pid_t child)
     }
 }
 
-static void report(const struct simcams *s)
+static void simcams_report(const struct simcams *s)
 {
     uint64_t frames = 0, dropped = 0;
     for (size_t c = 0; c < s->rig.n_cameras; c++) {
@@ -449,10 +449,10 @@ static int start_and_serve(struct simcams *s)
             code = cli_error(NULL, PVX_ENOMEM);
     }
     if (code == 0) {
-        code = serve(s, sigfd, child);
+        code = simcams_serve(s, sigfd, child);
         for (size_t c = 0; c < s->rig.n_cameras; c++)
             stop_camera(s, c);
-        report(s);
+        simcams_report(s);
     }
     for (size_t c = 0; c < s->rig.n_cameras; c++)
         stop_camera(s, c);
@@ -462,7 +462,7 @@ static int start_and_serve(struct simcams *s)
     return code;
 }
 
-static int run(int argc, char **argv)
+static int simcams_run(int argc, char **argv)
 {
     struct simcams_args a;
     if (!simcams_options(argc, argv, &a))
@@ -491,4 +491,4 @@ static int run(int argc, char **argv)
 }
 
 const struct cli_command cmd_simcams = {
-    "simcams", "serve simulated GigE Vision cameras that look at a flame", run};
+    "simcams", "serve simulated GigE Vision cameras that look at a flame", simcams_run};

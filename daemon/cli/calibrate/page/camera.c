@@ -43,8 +43,8 @@ double report_enlargement(const struct calibrate_result *r)
 
 /* Whether the picture's corners count, and their residuals (NULL: none): of views that were used; where there is no rig,
  * all that were found. */
-static bool counts(const struct calibrate_result *r, const struct calibrate_picture *p,
-                   const float **residual)
+static bool camera_counts(const struct calibrate_result *r, const struct calibrate_picture *p,
+                          const float **residual)
 {
     *residual = NULL;
     if (p->at == CALIBRATE_NO_VIEW || r->rig == NULL)
@@ -60,7 +60,7 @@ static int cell_of(double x, double y, const struct rec_calib_camera *k, int nx,
     return (j < 0 ? 0 : j >= ny ? ny - 1 : j) * nx + (i < 0 ? 0 : i >= nx ? nx - 1 : i);
 }
 
-static pvx_err collect(const struct calibrate_result *r, size_t c, struct misses *m)
+static pvx_err camera_collect(const struct calibrate_result *r, size_t c, struct misses *m)
 {
     size_t all = 0;
     for (size_t i = 0; i < r->look->n; i++)
@@ -71,7 +71,7 @@ static pvx_err collect(const struct calibrate_result *r, size_t c, struct misses
     for (size_t i = 0; i < r->look->n; i++) {
         const struct calibrate_picture *p = &r->look->picture[i];
         const float *by;
-        bool in = p->camera == c && counts(r, p, &by);
+        bool in = p->camera == c && camera_counts(r, p, &by);
         for (size_t k = 0; in && k < p->view.n; k++) {
             const struct rec_board_corner *o = &p->view.corner[k];
             struct miss one = {o->x, o->y, by != NULL ? (double)by[2 * k] : 0,
@@ -91,8 +91,8 @@ struct drawing {
     double unit, enlargement; /* of a pixel */
 };
 
-static void coverage(const struct drawing *g, const struct misses *m,
-                     const struct rec_calib_camera *k)
+static void camera_coverage(const struct drawing *g, const struct misses *m,
+                            const struct rec_calib_camera *k)
 {
     double w = WIDTH / NX, h = g->unit * k->height / NY;
     size_t n[NX * NY] = {0}, most = 1;
@@ -124,7 +124,7 @@ static void arrow(const struct drawing *g, double x, double y, double dx, double
 }
 
 /* Of those that are too long to be drawn, or of the others; of these every step-th. */
-static void arrows(const struct drawing *g, const struct misses *m, bool far, size_t step)
+static void camera_arrows(const struct drawing *g, const struct misses *m, bool far, size_t step)
 {
     size_t k = 0;
     fprintf(g->f, "<path class=\"%s\" d=\"", far ? "far" : "corner");
@@ -175,19 +175,19 @@ pvx_err report_camera(FILE *f, const struct calibrate_result *r, size_t c, doubl
     struct misses m;
     if (k->width < 1 || k->height < 1)
         return PVX_OK;
-    PVX_TRY(collect(r, c, &m));
+    PVX_TRY(camera_collect(r, c, &m));
     struct drawing g = {f, WIDTH / k->width, enlargement};
     double h = g.unit * k->height;
     size_t step = m.n > THIN ? (m.n + THIN - 1) / THIN : 1, far = 0;
     fprintf(f, "<figure><h3>");
     html_text(f, k->name);
     fprintf(f, "</h3><svg viewBox=\"-1 -1 %.0f %.1f\" role=\"img\">", WIDTH + 2, h + 2);
-    coverage(&g, &m, k);
+    camera_coverage(&g, &m, k);
     if (m.n > 0 && enlargement > 0 && r->rig != NULL) {
         for (size_t i = 0; i < m.n; i++)
             far += g.unit * enlargement * hypot(m.at[i].dx, m.at[i].dy) > LONGEST;
-        arrows(&g, &m, false, step);
-        arrows(&g, &m, true, far > THIN ? step : 1);
+        camera_arrows(&g, &m, false, step);
+        camera_arrows(&g, &m, true, far > THIN ? step : 1);
         fputs("<path class=\"median\" d=\"", f);
         medians(&g, &m, k);
         fputs("\"/>", f);

@@ -105,7 +105,7 @@ static double weightiest(const struct rec_lattice *l)
 }
 
 /* Windows that say enough, as arrows from where the flame should be. */
-static void arrows(FILE *f, const struct rec_lattice *l, double height, double scale)
+static void check_arrows(FILE *f, const struct rec_lattice *l, double height, double scale)
 {
     double most = weightiest(l), w, d[2];
     for (int pass = 0; pass < 2; pass++) { /* a dark rim first: they lie on a flame */
@@ -137,7 +137,7 @@ static double enlargement(const struct check_result *r)
     return report_round(TYPICAL / worst * bins / WIDTH);
 }
 
-static pvx_err camera(FILE *f, const struct check_result *r, size_t c, double enlarged)
+static pvx_err check_camera(FILE *f, const struct check_result *r, size_t c, double enlarged)
 {
     const struct rec_check_camera *o = &r->verdict->figures.camera[c];
     struct rec_check_picture q;
@@ -152,7 +152,7 @@ static pvx_err camera(FILE *f, const struct check_result *r, size_t c, double en
         outline(f, &q, unit);
     }
     if (o->wrong == REC_WRONG_NOTHING || o->wrong == REC_WRONG_MOVED)
-        arrows(f, rec_check_lattice(r->check, c), height, enlarged * unit);
+        check_arrows(f, rec_check_lattice(r->check, c), height, enlarged * unit);
     fprintf(f,
             "<rect class=\"frame\" x=\"0\" y=\"0\" width=\"%.0f\" height=\"%.1f\"/>"
             "</svg><figcaption>",
@@ -186,7 +186,7 @@ static void row(FILE *f, const struct check_result *r, size_t c)
     fputs("</tr>\n", f);
 }
 
-static void table(FILE *f, const struct check_result *r)
+static void page_table(FILE *f, const struct check_result *r)
 {
     fputs("<h2>Cameras</h2><div class=\"wide\"><table><tr><th>camera</th><th></th>"
           "<th class=\"n\">right px</th><th class=\"n\">down px</th><th class=\"n\">&#177;</th>"
@@ -236,7 +236,7 @@ pvx_err check_html(FILE *f, const struct check_result *r)
         fputs("</span></li>\n", f);
     }
     fputs("</ul>\n", f);
-    table(f, r);
+    page_table(f, r);
     double scale = enlargement(r);
     PVX_TRY(from.get(from.ctx, from.n / 2, &set));
     rec_check_load(r->check, &set);
@@ -247,7 +247,7 @@ pvx_err check_html(FILE *f, const struct check_result *r)
             "<div class=\"figures\">\n",
             (unsigned long long)set.number, scale);
     for (size_t c = 0; c < r->sets->rig.n_cameras; c++)
-        PVX_TRY(camera(f, r, c, scale));
+        PVX_TRY(check_camera(f, r, c, scale));
     fputs("</div>\n</body></html>\n", f);
     return PVX_OK;
 }

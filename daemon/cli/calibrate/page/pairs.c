@@ -11,7 +11,7 @@
 #define TURN   6.283185307179586
 
 /* Place on the ring of each camera: by the direction in which it stands, or as they are listed. */
-static void order(const struct calibrate_result *r, size_t place[REC_MAX_CAMERAS])
+static void pairs_order(const struct calibrate_result *r, size_t place[REC_MAX_CAMERAS])
 {
     size_t n = r->look->n_cameras;
     double turn[REC_MAX_CAMERAS];
@@ -49,8 +49,8 @@ static bool weak(const struct rec_calib_pair *p)
     return p->in_tree && p->common < REC_CALIB_JOINT;
 }
 
-static void edge(FILE *f, const struct rec_calib_pair *p, const size_t place[REC_MAX_CAMERAS],
-                 size_t n, uint32_t most)
+static void pairs_edge(FILE *f, const struct rec_calib_pair *p, const size_t place[REC_MAX_CAMERAS],
+                       size_t n, uint32_t most)
 {
     double a[2], b[2];
     spot(place[p->a], n, 1, a);
@@ -81,19 +81,19 @@ static void edge_label(FILE *f, const struct rec_calib_pair *p, const size_t pla
             a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]) + 4, p->common);
 }
 
-static void ring(FILE *f, const struct calibrate_result *r)
+static void pairs_ring(FILE *f, const struct calibrate_result *r)
 {
     const struct rec_calib_report *o = r->report;
     size_t n = r->look->n_cameras, place[REC_MAX_CAMERAS];
     uint32_t most = 1;
-    order(r, place);
+    pairs_order(r, place);
     for (size_t i = 0; i < o->n_pairs; i++)
         most = o->pair[i].common > most ? o->pair[i].common : most;
     int tall = n == 2 ? 40 : 195;
     fprintf(f, "<figure class=\"alone\"><svg viewBox=\"-240 %d 480 %d\" role=\"img\">", -tall,
             2 * tall);
     for (size_t i = 0; i < o->n_pairs; i++)
-        edge(f, &o->pair[i], place, n, most);
+        pairs_edge(f, &o->pair[i], place, n, most);
     for (size_t i = 0; i < o->n_pairs && n <= LABELS; i++)
         if (o->pair[i].common > 0)
             edge_label(f, &o->pair[i], place, n);
@@ -116,7 +116,7 @@ static void ring(FILE *f, const struct calibrate_result *r)
                "pose.</figcaption></figure>\n");
 }
 
-static void table(FILE *f, const struct calibrate_result *r)
+static void pairs_table(FILE *f, const struct calibrate_result *r)
 {
     const struct rec_calib_report *o = r->report;
     size_t n = r->look->n_cameras;
@@ -154,6 +154,6 @@ void report_pairs(FILE *f, const struct calibrate_result *r)
         fputs("<p class=\"mute\">The cameras were not compared.</p>", f);
         return;
     }
-    ring(f, r);
-    table(f, r);
+    pairs_ring(f, r);
+    pairs_table(f, r);
 }

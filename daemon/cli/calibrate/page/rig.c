@@ -27,7 +27,7 @@ struct drawing {
     size_t labels;
 };
 
-static void widen(struct drawing *g, const double X[3])
+static void rig_widen(struct drawing *g, const double X[3])
 {
     const double at[2] = {X[g->side->across], X[g->side->up]};
     for (int i = 0; i < 2 && isfinite(at[0]) && isfinite(at[1]); i++) {
@@ -36,7 +36,7 @@ static void widen(struct drawing *g, const double X[3])
     }
 }
 
-static void place(const struct drawing *g, const double X[3], double at[2])
+static void rig_place(const struct drawing *g, const double X[3], double at[2])
 {
     at[0] = EDGE + g->unit * (X[g->side->across] - g->least[0]);
     at[1] = EDGE + g->unit * (g->most[1] - X[g->side->up]);
@@ -48,7 +48,7 @@ static void polygon(const struct drawing *g, const char *class, const double (*X
     fprintf(g->f, "<path class=\"%s\" d=\"", class);
     for (size_t i = 0; i < n; i++) {
         double at[2];
-        place(g, X[i], at);
+        rig_place(g, X[i], at);
         fprintf(g->f, "%c%.1f %.1f", i == 0 ? 'M' : 'L', at[0], at[1]);
     }
     fputs("Z\"", g->f);
@@ -85,22 +85,22 @@ static bool board(const struct calibrate_result *r, size_t i, double X[4][3])
     return true;
 }
 
-static void measure(struct drawing *g, const struct calibrate_result *r)
+static void rig_measure(struct drawing *g, const struct calibrate_result *r)
 {
     double X[5][3];
     for (int i = 0; i < 2; i++) {
         g->least[i] = DBL_MAX;
         g->most[i] = -DBL_MAX;
     }
-    widen(g, r->rig->grid.min);
-    widen(g, r->rig->grid.max);
+    rig_widen(g, r->rig->grid.min);
+    rig_widen(g, r->rig->grid.max);
     for (size_t c = 0; c < r->rig->n_cameras; c++) {
         rec_camera_centre(&r->rig->cameras[c], X[0]);
-        widen(g, X[0]);
+        rig_widen(g, X[0]);
     }
     for (size_t i = 0; r->report->board != NULL && i < r->report->n_frames; i++)
         for (int k = 0; board(r, i, X) && k < 4; k++)
-            widen(g, X[k]);
+            rig_widen(g, X[k]);
     double reach = fmax(g->most[0] - g->least[0], g->most[1] - g->least[1]);
     for (int i = 0; i < 2; i++) { /* room for the frusta */
         g->least[i] -= FRUSTUM * reach;
@@ -119,17 +119,17 @@ static void boards(const struct drawing *g, const struct calibrate_result *r)
         }
 }
 
-static void volume(const struct drawing *g, const struct rec_grid *v)
+static void rig_volume(const struct drawing *g, const struct rec_grid *v)
 {
     double lo[2], hi[2];
-    place(g, v->min, lo);
-    place(g, v->max, hi);
+    rig_place(g, v->min, lo);
+    rig_place(g, v->max, hi);
     fprintf(g->f, "<rect class=\"box\" x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\"/>\n",
             lo[0], hi[1], hi[0] - lo[0], lo[1] - hi[1]);
 }
 
 /* Beside the camera, away from the middle; below one that is there already. */
-static void name(struct drawing *g, const char *text, const double at[2])
+static void rig_name(struct drawing *g, const char *text, const double at[2])
 {
     double away = at[0] < WIDTH / 2 ? -1 : 1, y = at[1] - 7;
     for (size_t i = 0; i < g->labels; i++)
@@ -145,7 +145,7 @@ static void name(struct drawing *g, const char *text, const double at[2])
     fputs("</text>\n", g->f);
 }
 
-static void cameras(struct drawing *g, const struct rec_rig *rig)
+static void rig_cameras(struct drawing *g, const struct rec_rig *rig)
 {
     double X[5][3], at[2];
     double depth = FRUSTUM * fmax(g->most[0] - g->least[0], g->most[1] - g->least[1]);
@@ -161,13 +161,13 @@ static void cameras(struct drawing *g, const struct rec_rig *rig)
             polygon(g, "camera", (const double(*)[3])face, 3);
             fputs("/>", g->f);
         }
-        place(g, X[0], at);
+        rig_place(g, X[0], at);
         fprintf(g->f, "<circle class=\"lens\" cx=\"%.1f\" cy=\"%.1f\" r=\"2.5\"/>\n", at[0], at[1]);
     }
     for (size_t c = 0; c < rig->n_cameras; c++) {
         rec_camera_centre(&rig->cameras[c], X[0]);
-        place(g, X[0], at);
-        name(g, rig->cameras[c].name, at);
+        rig_place(g, X[0], at);
+        rig_name(g, rig->cameras[c].name, at);
     }
 }
 
@@ -196,13 +196,13 @@ void report_rig(FILE *f, const struct calibrate_result *r)
     fputs("<div class=\"halves\">", f);
     for (size_t i = 0; i < sizeof sides / sizeof *sides; i++) {
         struct drawing g = {.f = f, .side = &sides[i]};
-        measure(&g, r);
+        rig_measure(&g, r);
         double h = 2 * EDGE + g.unit * (g.most[1] - g.least[1]) + 30;
         fprintf(f, "<figure><h3>%s</h3><svg viewBox=\"0 0 %.0f %.1f\" role=\"img\">\n",
                 sides[i].title, WIDTH, h);
         boards(&g, r);
-        volume(&g, &r->rig->grid);
-        cameras(&g, r->rig);
+        rig_volume(&g, &r->rig->grid);
+        rig_cameras(&g, r->rig);
         legend(&g, h);
         fputs("</svg></figure>\n", f);
     }

@@ -35,7 +35,7 @@ static struct verdict verdict_of(const struct calibrate_result *r)
                                              : (struct verdict){class, "Does not see the volume"};
 }
 
-static void verdict(FILE *f, const struct calibrate_result *r)
+static void sections_verdict(FILE *f, const struct calibrate_result *r)
 {
     struct verdict v = verdict_of(r);
     const struct rec_calib_report *o = r->report;
@@ -83,7 +83,7 @@ static void findings(FILE *f, const struct calibrate_result *r)
 
 /* ---- the cameras ---- */
 
-static void held(FILE *f, unsigned held)
+static void sections_held(FILE *f, unsigned held)
 {
     fputs("<td>", f);
     for (int i = 0; i < REC_LENS; i++)
@@ -109,11 +109,11 @@ static void camera_row(FILE *f, const struct calibrate_result *r, size_t c)
     html_cell(f, r->report->camera != NULL ? 100 * o->coverage : NAN, 0);
     fprintf(f, "<td class=\"n\">%zu</td><td class=\"n\">%zu</td><td class=\"n\">%zu</td>",
             n->pictures, n->sight[REC_SIGHT_FOUND], o->used);
-    held(f, o->held);
+    sections_held(f, o->held);
     fputs("</tr>\n", f);
 }
 
-static void cameras(FILE *f, const struct calibrate_result *r)
+static void sections_cameras(FILE *f, const struct calibrate_result *r)
 {
     fputs(
         "<h2>Cameras</h2><div class=\"wide\"><table><tr><th>camera</th><th></th>"
@@ -131,7 +131,7 @@ static void cameras(FILE *f, const struct calibrate_result *r)
           f);
 }
 
-static pvx_err pictures(FILE *f, const struct calibrate_result *r)
+static pvx_err sections_pictures(FILE *f, const struct calibrate_result *r)
 {
     double enlargement = report_enlargement(r);
     fputs("<h2>Residuals and coverage</h2>", f);
@@ -245,7 +245,7 @@ static void left_out(FILE *f, const struct calibrate_result *r)
 
 /* ---- the page ---- */
 
-static void head(FILE *f, const struct calibrate_result *r)
+static void sections_head(FILE *f, const struct calibrate_result *r)
 {
     char board[REC_BOARD_TEXT];
     const struct rec_calib_report *o = r->report;
@@ -256,7 +256,7 @@ static void head(FILE *f, const struct calibrate_result *r)
             "<title>Calibration: %s</title><style>\n%s</style></head>\n<body>\n"
             "<h1>Calibration of %zu cameras</h1>\n",
             verdict_of(r).word, report_style, r->look->n_cameras);
-    verdict(f, r);
+    sections_verdict(f, r);
     fprintf(f, "<p class=\"mute\">Board <code>");
     html_text(f, board);
     fprintf(f, "</code>, in %zu of %zu pictures", r->look->n_views, r->look->n);
@@ -274,9 +274,9 @@ static void head(FILE *f, const struct calibrate_result *r)
 
 static pvx_err page(FILE *f, const struct calibrate_result *r)
 {
-    head(f, r);
-    cameras(f, r);
-    PVX_TRY(pictures(f, r));
+    sections_head(f, r);
+    sections_cameras(f, r);
+    PVX_TRY(sections_pictures(f, r));
     fputs("<h2>Common poses</h2>\n", f);
     report_pairs(f, r);
     fputs("<h2>Rig and boards</h2>\n", f);
