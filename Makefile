@@ -262,7 +262,7 @@ $(foreach r,$(ROOMS),$(eval $(call room,$(r))))
 $(B)/capture/pixel/room.a: $(PIX_AVX2)
 
 # One file for a subscriber: the wire format, and of base what it calls.
-$(B)/lib/libpyrovox-client.so.1: proto/clients/client.map $(call obj,proto/fields.c proto/pvp_decode.c proto/pvp_encode.c proto/pvp_text.c proto/pvp_preview.c proto/auth.c proto/keys.c proto/door.c proto/clients/sub.c) $(B)/daemon/base/room.a
+$(B)/lib/libpyrovox-client.so.1: proto/clients/client.map $(call obj,proto/fields.c proto/pvp_decode.c proto/pvp_encode.c proto/pvp_messages.c proto/pvp_preview.c proto/auth.c proto/keys.c proto/door.c proto/clients/sub.c) $(B)/daemon/base/room.a
 	@mkdir -p $(@D)
 	$(call say,LD)
 	$(Q)$(CC) -shared $(CFLAGS) $(LDFLAGS) $(if $(SAN),,-Wl,-z,defs) -Wl,-soname,$(@F),--version-script=$< -o $@ $(filter %.o %.a,$^) $(LDLIBS)

@@ -16,6 +16,14 @@ bool pvp_grid_valid(const struct pvp_grid *g)
     return g->basis <= 1 && (g->channels == 1 || g->channels == 3);
 }
 
+pvx_err pvp_grid_fail(const struct pvp_grid *g, struct pvx_diag *d)
+{
+    return pvx_fail(d, PVX_EFORMAT,
+                    "message's grid is outside the format's limits: %u x %u x %u, basis %u, "
+                    "%u channels",
+                    g->n[0], g->n[1], g->n[2], g->basis, g->channels);
+}
+
 bool pvp_grid_same(const struct pvp_grid *a, const struct pvp_grid *b)
 {
     for (int i = 0; i < 3; i++)
@@ -55,7 +63,7 @@ void pvp_header_fields(struct wire *w, struct pvp_header *h, uint64_t *body)
     h->version = major << 16 | minor;
 }
 
-static void grid_fields(struct wire *w, struct pvp_grid *g)
+void pvp_grid_fields(struct wire *w, struct pvp_grid *g)
 {
     for (int a = 0; a < 3; a++)
         wire_u32(w, &g->n[a]);
@@ -63,23 +71,12 @@ static void grid_fields(struct wire *w, struct pvp_grid *g)
     wire_u32(w, &g->channels);
 }
 
-static void box_fields(struct wire *w, struct pvp_grid *g)
+void pvp_box_fields(struct wire *w, struct pvp_grid *g)
 {
     for (int a = 0; a < 3; a++)
         wire_f64(w, &g->min[a]);
     for (int a = 0; a < 3; a++)
         wire_f64(w, &g->max[a]);
-}
-
-void pvp_start_fields(struct wire *w, struct pvp_start *s)
-{
-    grid_fields(w, &s->grid);
-    wire_u32(w, &s->n_cameras);
-    box_fields(w, &s->grid);
-    wire_u64(w, &s->rig_hash);
-    wire_f64(w, &s->fps);
-    wire_text(w, s->units, sizeof s->units);
-    wire_text(w, s->software, sizeof s->software);
 }
 
 static void report_fields(struct wire *w, struct pvp_report *r)
@@ -112,8 +109,8 @@ void pvp_volume_fields(struct wire *w, struct pvp_volume *v, struct pvp_payload 
     wire_i64(w, &v->latency_ns);
     wire_u64(w, &v->camera_mask);
     wire_u32(w, &v->cameras_present);
-    grid_fields(w, &v->grid);
-    box_fields(w, &v->grid);
+    pvp_grid_fields(w, &v->grid);
+    pvp_box_fields(w, &v->grid);
     report_fields(w, &v->report);
     wire_u32(w, &p->n_bricks);
     wire_u32(w, &reserved);

@@ -14,11 +14,20 @@ struct pvp_payload {
     uint32_t sample, comp, side, n_bricks;
     uint64_t raw_len, stored;
 };
-/* Written or read, as w does.  The header: all of it behind the first four bytes; *body as it stands there. */
+/* Each writes or reads, as w does.  The header: all of it behind the first four bytes.  *body: body_length. */
 void pvp_header_fields(struct wire *w, struct pvp_header *h, uint64_t *body);
-void pvp_start_fields(struct wire *w,
-                      struct pvp_start *s); /* but the session, which is the header's */
+void pvp_grid_fields(struct wire *w, struct pvp_grid *g); /* sides, basis, channels */
+void pvp_box_fields(struct wire *w, struct pvp_grid *g);  /* min, max */
 void pvp_volume_fields(struct wire *w, struct pvp_volume *v, struct pvp_payload *p);
+/* PVX_EFORMAT, for a grid that is not pvp_grid_valid. */
+pvx_err pvp_grid_fail(const struct pvp_grid *g, struct pvx_diag *d);
+
+/* A message of any type but start, volume and rig.  `what` is what the encode function of the type takes: the text of status,
+ * event and end, the struct of a preview.  PVX_EUNSUP: another type. */
+PVX_MUST_CHECK pvx_err pvp_encode(pvp_encoder *e, uint64_t sequence, enum pvp_type type,
+                                  const void *what, const void **msg, size_t *len);
+/* What the decode function of its type says of a message.  PVX_EUNSUP: a type that is not known here. */
+PVX_MUST_CHECK pvx_err pvp_check(enum pvp_type type, const void *msg, size_t len);
 
 /* Header of a message that must be of `type`; *in = its body. */
 PVX_MUST_CHECK pvx_err pvp_open_body(const void *msg, size_t len, enum pvp_type type,

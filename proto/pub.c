@@ -9,6 +9,7 @@
 #include "base/log.h"
 #include "base/mem.h"
 #include "proto/door.h"
+#include "proto/fields.h"
 #include "proto/ipc.h"
 
 #define LINGER_MS          250
@@ -312,35 +313,11 @@ void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp)
     pvp_encoder_compress(p->encoder, comp);
 }
 
-pvx_err pvp_pub_status(pvp_pub *p, const char *json)
+pvx_err pvp_pub_say(pvp_pub *p, enum pvp_type type, const void *what)
 {
     const void *msg;
     size_t len;
-    PVX_TRY(pvp_encode_status(p->encoder, p->sequence, json, &msg, &len));
-    return send_message(p, msg, len);
-}
-
-pvx_err pvp_pub_event(pvp_pub *p, const char *json)
-{
-    const void *msg;
-    size_t len;
-    PVX_TRY(pvp_encode_event(p->encoder, p->sequence, json, &msg, &len));
-    return send_message(p, msg, len);
-}
-
-pvx_err pvp_pub_preview(pvp_pub *p, const struct pvp_preview *v)
-{
-    const void *msg;
-    size_t len;
-    PVX_TRY(pvp_encode_preview(p->encoder, p->sequence, v, &msg, &len));
-    return send_message(p, msg, len);
-}
-
-pvx_err pvp_pub_end(pvp_pub *p, const char *reason)
-{
-    const void *msg;
-    size_t len;
-    PVX_TRY(pvp_encode_end(p->encoder, p->sequence, p->start.session, reason, &msg, &len));
+    PVX_TRY(pvp_encode(p->encoder, p->sequence, type, what, &msg, &len));
     return send_message(p, msg, len);
 }
 

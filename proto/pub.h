@@ -36,15 +36,12 @@ PVX_MUST_CHECK pvx_err pvp_pub_volume(pvp_pub *p, const struct pvp_volume *v,
                                       const struct pvp_voxels *x, size_t *bytes);
 /* Compression from the next volume on. */
 void pvp_pub_compress(pvp_pub *p, enum pvp_compress comp);
-PVX_MUST_CHECK pvx_err pvp_pub_status(pvp_pub *p, const char *json);
-PVX_MUST_CHECK pvx_err pvp_pub_event(pvp_pub *p, const char *json);
-/* As pvp_encode_preview; the session is the start's. */
-PVX_MUST_CHECK pvx_err pvp_pub_preview(pvp_pub *p, const struct pvp_preview *v);
+/* A message of another type.  `what`: the text (const char *) of PVP_STATUS, PVP_EVENT and PVP_END, whose reason is
+ * cut to 63 bytes; the struct pvp_preview of PVP_PREVIEW.  The session is the start's.  Errors: as the type's pvp_encode_*. */
+PVX_MUST_CHECK pvx_err pvp_pub_say(pvp_pub *p, enum pvp_type type, const void *what);
 void pvp_pub_tick(pvp_pub *p); /* repeats start when a second has passed */
 /* Subscriptions that were open at the last tick; whoever is counted has been sent start. */
 size_t pvp_pub_subscribers(const pvp_pub *p);
-/* `reason` for people, cut to 63 bytes. */
-PVX_MUST_CHECK pvx_err pvp_pub_end(pvp_pub *p, const char *reason);
 /* Waits at most a quarter of a second (lossless: a minute) for what is still on its way out. */
 void pvp_pub_free(pvp_pub **p);
 uint64_t pvp_pub_sequence(const pvp_pub *p); /* of the next message */

@@ -39,46 +39,6 @@ pvx_err pvp_open_body(const void *msg, size_t len, enum pvp_type type, struct pv
     return PVX_OK;
 }
 
-static pvx_err bad_grid(const struct pvp_grid *g, struct pvx_diag *d)
-{
-    return pvx_fail(d, PVX_EFORMAT,
-                    "message's grid is outside the format's limits: %u x %u x %u, basis %u, "
-                    "%u channels",
-                    g->n[0], g->n[1], g->n[2], g->basis, g->channels);
-}
-
-pvx_err pvp_decode_start(const void *msg, size_t len, struct pvp_start *s, struct pvx_diag *d)
-{
-    struct pvp_header h;
-    struct wire in = {0};
-    *s = (struct pvp_start){0};
-    PVX_TRY(pvp_open_body(msg, len, PVP_START, &h, &in, d));
-    s->session = h.session;
-    pvp_start_fields(&in, s);
-    if (in.bad)
-        return pvx_fail(d, PVX_EFORMAT, "start message is cut short or has a bad text field");
-    if (!pvp_grid_valid(&s->grid))
-        return bad_grid(&s->grid, d);
-    if (!isfinite(s->fps) || s->fps < 0)
-        return pvx_fail(d, PVX_EFORMAT, "start message: frame rate %g", s->fps);
-    return PVX_OK;
-}
-
-pvx_err pvp_decode_end(const void *msg, size_t len, uint64_t *session, char reason[PVP_REASON_MAX],
-                       struct pvx_diag *d)
-{
-    struct pvp_header h;
-    struct wire in = {0};
-    *session = 0;
-    reason[0] = '\0';
-    PVX_TRY(pvp_open_body(msg, len, PVP_END, &h, &in, d));
-    *session = h.session;
-    wire_text(&in, reason, WIRE_END);
-    if (in.bad)
-        return pvx_fail(d, PVX_EFORMAT, "end message is cut short or has a bad text field");
-    return PVX_OK;
-}
-
 /* The ids ascend and lie inside the grid: then bricks are unique and unpacking stays inside. */
 static pvx_err check_ids(const struct pvp_view *v, uint32_t bricks, struct pvx_diag *d)
 {
@@ -113,7 +73,7 @@ pvx_err pvp_decode_volume(const void *msg, size_t len, struct pvp_view *out, str
                         "known to this reader",
                         p.sample, p.comp, p.side);
     if (!pvp_grid_valid(&v->grid))
-        return bad_grid(&v->grid, d);
+        return pvp_grid_fail(&v->grid, d);
     out->sample = (enum pvp_sample)p.sample;
     out->comp = (enum pvp_compress)p.comp;
     out->n_bricks = p.n_bricks;

@@ -73,35 +73,6 @@ void pvp_finish(struct pvp_encoder *e, struct pvp_header h, const void **msg, si
     *len = WIRE_HEADER + h.body;
 }
 
-pvx_err pvp_encode_start(pvp_encoder *e, uint64_t sequence, const struct pvp_start *s,
-                         const void **msg, size_t *len)
-{
-    if (!pvp_grid_valid(&s->grid) || !isfinite(s->fps) || s->fps < 0)
-        return PVX_EINVAL;
-    struct wire w = {.out = e->msg, .at = WIRE_HEADER};
-    struct pvp_start fields = *s;
-    pvp_start_fields(&w, &fields);
-    e->session = s->session;
-    pvp_finish(e,
-               (struct pvp_header){PVP_START, .sequence = sequence, .session = s->session,
-                                   .body = WIRE_START},
-               msg, len);
-    return PVX_OK;
-}
-
-pvx_err pvp_encode_end(pvp_encoder *e, uint64_t sequence, uint64_t session, const char *reason,
-                       const void **msg, size_t *len)
-{
-    struct wire w = {.out = e->msg, .at = WIRE_HEADER};
-    char text[WIRE_END];
-    snprintf(text, sizeof text, "%.*s", (int)sizeof text - 1, reason);
-    wire_text(&w, text, sizeof text);
-    pvp_finish(
-        e, (struct pvp_header){PVP_END, .sequence = sequence, .session = session, .body = WIRE_END},
-        msg, len);
-    return PVX_OK;
-}
-
 /* Voxel index -> brick and place in it.  Indices ascend, so the row is kept and the divisions are
  * needed once per row, not once per voxel. */
 struct walk {

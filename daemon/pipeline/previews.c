@@ -160,7 +160,7 @@ static void publish(dmn_previews *v)
         *to = (struct pvp_preview_camera){.left_out = to->left_out};
         snprintf(to->name, sizeof to->name, "%s", v->rig->cameras[c].name);
     }
-    pvx_err e = pvp_pub_preview(v->pub, &v->message);
+    pvx_err e = pvp_pub_say(v->pub, PVP_PREVIEW, &v->message);
     if (e != PVX_OK)
         LOG_EVERY(PVX_LOG_WARN, DAEMON, "preview not published: %s", pvx_strerror(e));
     atomic_fetch_add(&v->made, 1);
@@ -188,7 +188,7 @@ static void *previews_run(void *arg)
         }
         pvx_bell_wait(&v->bell, asked || next <= now ? now + EVERY : next);
     }
-    pvx_err e = pvp_pub_end(v->pub, "the daemon ends");
+    pvx_err e = pvp_pub_say(v->pub, PVP_END, "the daemon ends");
     if (e != PVX_OK)
         LOG_W(DAEMON, "previews: %s", pvx_strerror(e));
     return NULL;

@@ -55,7 +55,7 @@ static bool publish_put(void *ctx, const struct dmn_slot *s)
 static void say_event(void *ctx, const char *json)
 {
     struct dmn_publish *p = ctx;
-    pvx_err e = pvp_pub_event(p->pub, json);
+    pvx_err e = pvp_pub_say(p->pub, PVP_EVENT, json);
     if (e != PVX_OK)
         LOG_EVERY(PVX_LOG_WARN, PROTO, "event not published: %s", pvx_strerror(e));
 }
@@ -89,7 +89,7 @@ static void publish_tick(void *ctx)
     p->snapshot(p->ctx, &p->status);
     if (dmn_state_json(&p->status, p->status_json, sizeof p->status_json) == 0)
         return;
-    pvx_err e = pvp_pub_status(p->pub, p->status_json);
+    pvx_err e = pvp_pub_say(p->pub, PVP_STATUS, p->status_json);
     if (e != PVX_OK)
         LOG_EVERY(PVX_LOG_WARN, PROTO, "status not published: %s", pvx_strerror(e));
 }
@@ -98,7 +98,7 @@ static void publish_end(void *ctx)
 {
     struct dmn_publish *p = ctx;
     const char *why = atomic_load(&p->end_reason);
-    pvx_err e = pvp_pub_end(p->pub, why != NULL ? why : "end of the recording");
+    pvx_err e = pvp_pub_say(p->pub, PVP_END, why != NULL ? why : "end of the recording");
     if (e != PVX_OK)
         LOG_W(PROTO, "end not published: %s", pvx_strerror(e));
 }

@@ -188,11 +188,9 @@ static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const voi
 {
     struct pvp_start start;
     struct pvp_view view;
-    struct pvp_preview preview;
-    const char *json;
-    size_t n;
+    pvx_err e;
     bool readable = true;
-    *mine = false; /* nor is a type of a later minor version */
+    *mine = false;
     switch (h->type) {
     case PVP_START:
         *mine = readable = pvp_decode_start(msg, len, &start, NULL) == PVX_OK;
@@ -205,12 +203,10 @@ static pvx_err sub_sort(struct pvp_sub *s, const struct pvp_header *h, const voi
                                pvp_grid_same(&view.v.grid, &s->start.grid);
         break;
     case PVP_RIG: *mine = readable = keep_rig(s, msg, len); break;
-    case PVP_EVENT: *mine = readable = pvp_decode_event(msg, len, &json, &n, NULL) == PVX_OK; break;
-    case PVP_PREVIEW:
-        *mine = readable = pvp_decode_preview(msg, len, &preview, NULL) == PVX_OK;
-        break;
-    case PVP_STATUS:
-    case PVP_END: *mine = true;
+    default:
+        e = pvp_check(h->type, msg, len);
+        *mine = e == PVX_OK;
+        readable = e == PVX_OK || e == PVX_EUNSUP; /* a type of a later minor version */
     }
     s->stats.malformed += !readable;
     return PVX_OK;

@@ -194,7 +194,7 @@ static void travel(const char *endpoint, const struct volume *v, struct run *r)
     double before = resident_mib();
     publish_all(pub, v, r);
     r->grown = resident_mib() - before;
-    CHECK(pvp_pub_end(pub, "done"));
+    CHECK(pvp_pub_say(pub, PVP_END, "done"));
     for (int i = 0; i < n; i++) {
         if (i >= r->healthy)
             kill(who[i], SIGKILL);

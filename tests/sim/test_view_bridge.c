@@ -57,7 +57,7 @@ static void *publish(void *sets)
         pvp_pub_tick(p);
         pvx_sleep_until_mono(pvx_now_mono() + 5 * PVX_NS_PER_MS);
     }
-    (void)!pvp_pub_end(p, "done");
+    (void)!pvp_pub_say(p, PVP_END, "done");
     pvp_pub_free(&p);
     return NULL;
 }

@@ -160,6 +160,26 @@ assert g == [[0, 0], [3, 7], [4, 7], [0, 0]], g' "$dir/holes.h5"
 }
 check gaps_are_played skipped
 
+unsolved() { # sets that the recording knows to be unsolved are not lost for the reader of what is played
+    "$py" - "$dir/holes" <<'PY' || return 1
+import glob, json, sys
+for n in glob.glob(sys.argv[1] + "/*.json"):
+    j = json.load(open(n))
+    if "gaps" in j or "closed" in j:
+        j["gaps"] = [{"why": "unsolved", "set_first": 4, "set_last": 4, "volumes": 1}, {"why": "unsolved", "set_first": 7, "set_last": 7, "volumes": 1},
+                     {"why": "unsolved", "set_first": 12, "set_last": 15, "volumes": 3}]
+        json.dump(j, open(n, "w")); break
+else: sys.exit("  no list of the recording's gaps")
+PY
+    timeout "$patience" "$pyrovox" play "$dir/holes" --speed 0 --quiet --endpoint "$volumes" & local p=$!
+    run "$pyrovox" record --endpoint "$volumes" --quiet --out "$dir/unsolved.h5"; says 0 "9 volumes in" " 0 messages lost" && ended "$p" 0 || return 1
+    "$py" -c 'import sys, h5py
+g = h5py.File(sys.argv[1], "r")["gaps"]
+g = [[int(x) for x in g[k]] for k in ("why", "set_first", "set_last", "volumes")]
+assert g == [[0, 3, 3, 3], [3, 4, 7, 12], [3, 4, 7, 15], [0, 1, 1, 3]], g' "$dir/unsolved.h5"
+}
+check unsolved_sets_are_not_lost unsolved
+
 looped() { # each time a session of its own, until Ctrl-C, which subscribers are told; at speed 0 none misses the end
     start play.log "$pyrovox" play "$dir/src.h5" --loop --speed 0 --endpoint "$volumes"
     local p=$started

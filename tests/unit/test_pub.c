@@ -181,7 +181,7 @@ T_CASE(one_of_seventeen_is_stopped) /* forks, before there are any threads */
     T_LE(0, grown + (1 << 30)); /* sanitizers keep freed memory */
 #endif
     T_EQ_I(kill(who[CROWD - 1], SIGKILL), 0);
-    T_EQ_I(pvp_pub_end(p, "done"), PVX_OK);
+    T_EQ_I(pvp_pub_say(p, PVP_END, "done"), PVX_OK);
     for (int i = 0; i < CROWD; i++) {
         T_EQ_I(waitpid(who[i], &status, 0), who[i]);
         T_OK(i < CROWD - 1 ? WIFEXITED(status) && WEXITSTATUS(status) == 0 : WIFSIGNALED(status));
@@ -212,8 +212,8 @@ T_CASE(late_joiner)
         T_EQ_S(pvp_sub_start(s)->software, "test_pub");
     }
     T_EQ_I(publish_voxel(p, 77, 2.5f), PVX_OK);
-    T_EQ_I(pvp_pub_status(p, "{\"a\":1}"), PVX_OK);
-    T_EQ_I(pvp_pub_end(p, "done"), PVX_OK);
+    T_EQ_I(pvp_pub_say(p, PVP_STATUS, "{\"a\":1}"), PVX_OK);
+    T_EQ_I(pvp_pub_say(p, PVP_END, "done"), PVX_OK);
     T_EQ_I(pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len, NULL), PVX_OK);
     T_EQ_I(h.type, PVP_VOLUME);
     struct pvp_view view;
@@ -585,7 +585,7 @@ T_CASE(newcomers_get_the_rig)
     T_EQ_I(pvp_sub_new(endpoint, NULL, &other, NULL), PVX_OK);
     until(p, other, PVP_RIG, 1);
     T_EQ_S(pvp_sub_rig(other, NULL), "cameras: []\n");
-    T_EQ_I(pvp_pub_event(p, "{\"version\":1}"), PVX_OK);
+    T_EQ_I(pvp_pub_say(p, PVP_EVENT, "{\"version\":1}"), PVX_OK);
     until(p, s, PVP_EVENT, 1);
     pvp_sub_free(&other);
     pvp_sub_free(&s);
@@ -639,10 +639,10 @@ T_CASE(newest_only)
     T_OK(pvp_sub_fd(s) >= 0);
     for (uint64_t set = 0; set < 6; set++)
         T_EQ_I(publish_voxel(p, set, 1), PVX_OK);
-    T_EQ_I(pvp_pub_event(p, "{}"), PVX_OK);
+    T_EQ_I(pvp_pub_say(p, PVP_EVENT, "{}"), PVX_OK);
     for (uint64_t set = 6; set < 8; set++)
         T_EQ_I(publish_voxel(p, set, 1), PVX_OK);
-    T_EQ_I(pvp_pub_end(p, "done"), PVX_OK);
+    T_EQ_I(pvp_pub_say(p, PVP_END, "done"), PVX_OK);
     pvp_pub_free(&p); /* all of it is on its way, or there */
     uint64_t last = 0, volumes = 0, events = 0;
     while (pvp_sub_next(s, 5 * PVX_NS_PER_S, &h, &msg, &len, NULL) == PVX_OK && h.type != PVP_END) {

@@ -466,7 +466,7 @@ static pvx_err publish(int argc, char **argv)
         usleep((useconds_t)atoi(argv[5]));
     }
     if (argc <= 7)
-        PVX_TRY(pvp_pub_end(pub, "stopped"));
+        PVX_TRY(pvp_pub_say(pub, PVP_END, "stopped"));
     pvp_pub_free(&pub);
     vol_voxels_free(&voxels);
     volume_bed_free(&b);

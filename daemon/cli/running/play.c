@@ -11,6 +11,7 @@
 #include "daemon/cli/common/arg.h"
 #include "daemon/cli/common/cli.h"
 #include "daemon/config/endpoints.h"
+#include "daemon/control/json.h"
 #include "daemon/volumes/voxels.h"
 #include "proto/pub.h"
 
@@ -28,7 +29,7 @@ struct play {
     enum pvp_sample sample;
     enum pvp_compress comp;
     pvp_pub *pub;
-    uint64_t published, session;
+    uint64_t published, session, gap; /* gap: the recording's next that is not published yet */
 };
 
 enum { OPT_LOOP = 256, OPT_CLIENTS, OPT_INSECURE };
@@ -150,12 +151,41 @@ static void wait_for_subscriber(struct play *p)
     }
 }
 
+/* Publish the gaps up to set `end` that the recording explains.  A reader sees that sets are missing and
+ * cannot tell why. */
+static pvx_err play_gaps(struct play *p, uint64_t end, struct pvx_diag *d)
+{
+    const struct vol_gap *g;
+    for (; (g = vol_reader_gap(p->in, p->gap)) != NULL && g->set_last < end; p->gap++) {
+        char text[256];
+        struct dmn_json j;
+        if (g->why != VOL_GAP_UNSOLVED)
+            continue;
+        dmn_json_init(&j, text, sizeof text);
+        dmn_json_open(&j, NULL, '{');
+        dmn_json_int(&j, "version", 1);
+        dmn_json_int(&j, "time_ns", pvx_now_real());
+        dmn_json_str(&j, "kind", "sets_missing");
+        dmn_json_str(&j, "why", vol_gap_names[g->why]);
+        dmn_json_int(&j, "set_first", (long long)g->set_first);
+        dmn_json_int(&j, "set_last", (long long)g->set_last);
+        dmn_json_int(&j, "volumes", (long long)g->volumes);
+        dmn_json_close(&j, '}');
+        pvx_err e = dmn_json_end(&j) > 0 ? pvp_pub_say(p->pub, PVP_EVENT, text) : PVX_ERANGE;
+        if (e != PVX_OK)
+            return pvx_fail(d, e, "%s: the gap before set %llu cannot be published: %s", p->file,
+                            (unsigned long long)end, pvx_strerror(e));
+    }
+    return PVX_OK;
+}
+
 /* All volumes once, each at its time. */
 static pvx_err play_once(struct play *p, struct pvx_diag *d)
 {
     struct vol_volume v;
     struct pvp_voxels x;
     int64_t began = pvx_now_mono(), first_ns = 0, last_ns = INT64_MAX;
+    p->gap = 0;
     for (uint64_t k = 0; k < vol_reader_count(p->in) && !cli_stop; k++) {
         PVX_TRY(vol_reader_get(p->in, k, &v, d));
         if (v.v.t_exposure_ns < last_ns) { /* the first, or the clock was set back */
@@ -167,6 +197,7 @@ static pvx_err play_once(struct play *p, struct pvx_diag *d)
             pause_until(p, began + (int64_t)((double)(v.v.t_exposure_ns - first_ns) / p->speed));
         if (cli_stop)
             break;
+        PVX_TRY(play_gaps(p, v.v.set, d));
         vol_voxels_of(p->voxels, &v, &x);
         pvx_err e = pvp_pub_volume(p->pub, &v.v, &x, NULL);
         if (e != PVX_OK)
@@ -174,7 +205,7 @@ static pvx_err play_once(struct play *p, struct pvx_diag *d)
                             (unsigned long long)v.v.set, pvx_strerror(e));
         p->published++;
     }
-    return PVX_OK;
+    return cli_stop ? PVX_OK : play_gaps(p, UINT64_MAX, d);
 }
 
 static pvx_err play_session(struct play *p, struct pvx_diag *d)
@@ -182,7 +213,7 @@ static pvx_err play_session(struct play *p, struct pvx_diag *d)
     PVX_TRY(play_begin_session(p, d));
     wait_for_subscriber(p);
     pvx_err e = play_once(p, d);
-    if (pvp_pub_end(p->pub, cli_stop ? "stopped" : "end of the recording") != PVX_OK)
+    if (pvp_pub_say(p->pub, PVP_END, cli_stop ? "stopped" : "end of the recording") != PVX_OK)
         fprintf(stderr, "pyrovox: subscribers were not told of the end\n");
     pvp_pub_free(&p->pub);
     return e;

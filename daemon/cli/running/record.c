@@ -1,5 +1,6 @@
 /* pyrovox record - a subscriber whose volumes go to disk. */
 #include <argp.h>
+#include <cjson/cJSON.h>
 #include <errno.h>
 #include <stdio.h>
 #include <signal.h>
@@ -36,7 +37,7 @@ struct record {
     char path[1200]; /* where this session's volumes go */
     uint64_t session, accepted, unreadable;
     uint64_t next_volume,
-        last_set;        /* of the session: messages of volumes so far, number of the last */
+        last_set; /* of the session: messages of volumes so far; the last set that is known */
     int64_t begun, told; /* mono: first volume, last status line */
     uint64_t told_written;
     char *daemon_config;
@@ -159,19 +160,54 @@ static pvx_err enter_session(struct record *r, const struct pvp_header *h, uint6
     return PVX_OK;
 }
 
-/* Sets between the last volume and this one, whoever left them out; of how many the volumes were lost on the way the
- * count in this message says. */
+/* The sets after the last one that is known, up to `last`, are missing. */
+static pvx_err record_gap(struct record *r, enum vol_gap_why why, uint64_t last, uint64_t volumes)
+{
+    struct vol_gap g = {why, r->last_set + 1, last, volumes};
+    if (g.set_first > last)
+        return PVX_OK;
+    r->last_set = last;
+    return vol_recorder_gap(r->rec, &g);
+}
+
+/* Sets between the last one that is known and this one, whatever left them out.  The count in this message says how
+ * many volumes were lost on the way. */
 static pvx_err record_note_missing(struct record *r, const struct pvp_header *h, uint64_t set)
 {
     uint64_t came = h->type_sequence, due = r->next_volume;
-    struct vol_gap g = {.why = VOL_GAP_LOST,
-                        .set_first = r->last_set + 1,
-                        .set_last = set - 1,
-                        .volumes = came > due ? came - due : 0};
-    bool missing = set > 0 && g.set_first <= g.set_last;
+    if (set > 0)
+        PVX_TRY(record_gap(r, VOL_GAP_LOST, set - 1, came > due ? came - due : 0));
     r->next_volume = came + 1;
     r->last_set = set;
-    return missing ? vol_recorder_gap(r->rec, &g) : PVX_OK;
+    return PVX_OK;
+}
+
+static uint64_t record_number(const cJSON *o, const char *key)
+{
+    double v = cJSON_GetNumberValue(cJSON_GetObjectItemCaseSensitive(o, key));
+    return v >= 1 && v < 0x1p53 ? (uint64_t)v : 0; /* 0: none; NaN too */
+}
+
+/* `pyrovox play` says which sets its recording knows to be unsolved: they are not lost. */
+static pvx_err record_event(struct record *r, const void *msg, size_t len)
+{
+    const char *json;
+    size_t n;
+    pvx_err e = PVX_OK;
+    if (!r->in_session || pvp_decode_event(msg, len, &json, &n, NULL) != PVX_OK)
+        return PVX_OK;
+    cJSON *o = cJSON_ParseWithLength(json, n);
+    const char *kind = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "kind"));
+    const char *why = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(o, "why"));
+    uint64_t first = record_number(o, "set_first"), last = record_number(o, "set_last");
+    if (kind != NULL && strcmp(kind, "sets_missing") == 0 && why != NULL &&
+        strcmp(why, vol_gap_names[VOL_GAP_UNSOLVED]) == 0 && first > r->last_set && last >= first) {
+        e = record_gap(r, VOL_GAP_LOST, first - 1, 0);
+        if (e == PVX_OK)
+            e = record_gap(r, VOL_GAP_UNSOLVED, last, record_number(o, "volumes"));
+    }
+    cJSON_Delete(o);
+    return e;
 }
 
 /* One message that cannot be read is reported and counted; the recording goes on. */
@@ -228,6 +264,7 @@ static pvx_err record_message(struct record *r, const struct pvp_header *h, cons
         if (r->begun == 0)
             r->begun = pvx_now_mono();
         return record_save(r, h, msg, len, d);
+    case PVP_EVENT: return record_event(r, msg, len);
     case PVP_END:
         if (!r->quiet && pvp_decode_end(msg, len, &session, reason, NULL) == PVX_OK)
             fprintf(stderr, "%sthe daemon ended: %s\n", isatty(STDERR_FILENO) ? "\n" : "", reason);
