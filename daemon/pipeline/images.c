@@ -199,12 +199,15 @@ uint32_t dmn_images_bin_frame(dmn_images *i, const struct cap_image *const *imag
     uint32_t present = dmn_images_bin(i, image, out, mask);
     for (size_t c = 0; c < n; c++) {
         bool good = *mask >> c & 1;
-        rec_frame_present(f, c, good);
-        rec_frame_floats(f, c, good && dmn_images_floats(i, c));
-        rec_frame_fine(f, c, good && cap_pixfmt_depth(i->image[c].fmt) > 8);
-        rec_frame_saturated(f, c, good ? dmn_images_saturated(i, c) : 0);
-        rec_frame_bayer(f, c, good ? dmn_images_bayer(i, c) : NULL,
-                        i->p.mosaic == CAP_MOSAIC_RAYS && i->p.binning == 1);
+        *rec_frame_camera(f, c) =
+            good ? (struct rec_frame_camera){.present = true,
+                                             .fine = cap_pixfmt_depth(i->image[c].fmt) > 8,
+                                             .floats = dmn_images_floats(i, c),
+                                             .mosaic = i->p.mosaic == CAP_MOSAIC_RAYS &&
+                                                       i->p.binning == 1,
+                                             .cell = dmn_images_bayer(i, c),
+                                             .saturated = dmn_images_saturated(i, c)}
+                 : (struct rec_frame_camera){0};
     }
     return present;
 }

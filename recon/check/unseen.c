@@ -156,8 +156,8 @@ static void unseen_fill(rec_unseen *u, const bool *use)
         bool in = u->present[c] && (use == NULL || use[c]);
         if (in)
             memcpy(rec_frame_input(u->frame, c), u->raw + row0, n * sizeof *u->raw);
-        rec_frame_present(u->frame, c, in);
-        rec_frame_floats(u->frame, c, u->floats);
+        rec_frame_camera(u->frame, c)->present = in;
+        rec_frame_camera(u->frame, c)->floats = u->floats;
     }
     rec_frame_carve(u->frame);
 }

@@ -47,7 +47,7 @@ void rec_frame_mark_saturated(rec_frame *f)
         size_t from = f->S->row0[c], to = f->S->row0[c + 1];
         memset(f->least_of + from, 0, to - from);
         memset(f->least + from, 0, (to - from) * sizeof *f->least);
-        if (!f->present[c] || f->carver->stats[c].saturated == 0)
+        if (!f->believed[c] || f->carver->stats[c].saturated == 0)
             continue;
         for (size_t i = from; i < to; i++) {
             uint8_t lanes = lanes_of(f, c, i);

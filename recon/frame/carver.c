@@ -138,20 +138,23 @@ static void photo(rec_frame *f)
     rec_carver *k = f->carver;
     size_t cameras = f->S->n_cameras;
     f->per_channel = false;
-    for (size_t c = 0; c < cameras; c++)
-        f->per_channel |= f->present[c] && f->mosaic[c];
+    for (size_t c = 0; c < cameras; c++) {
+        f->believed[c] = f->camera[c].present;
+        f->per_channel |= f->believed[c] && rec_frame_is_mosaic(f, c);
+    }
     for (size_t c = 0; c < cameras; c++) {
         size_t row0 = f->S->row0[c];
+        const struct rec_frame_camera *in = &f->camera[c];
         struct rec_photo_image *im = &k->photo[c];
         k->photo_params[c] = k->p.photo;
         k->photo_params[c].saturation =
-            rec_photo_saturation(&k->p.photo, f->floats[c], f->saturated[c]);
-        k->photo_params[c].floor = least_threshold(k, c, f->bayer[c]);
-        k->photo_params[c].dim = f->fine[c] ? REC_DIM_SHARE : 0;
-        im->absent = !f->present[c];
+            rec_photo_saturation(&k->p.photo, in->floats, in->saturated);
+        k->photo_params[c].floor = least_threshold(k, c, rec_frame_is_bayer(f, c));
+        k->photo_params[c].dim = in->fine ? REC_DIM_SHARE : 0;
+        im->absent = !in->present;
         im->img = rec_frame_input(f, c);
-        im->cell = f->mosaic[c] ? f->cell[c] : NULL;
-        im->bayer = f->bayer[c] ? f->S->binning : 0;
+        im->cell = rec_frame_is_mosaic(f, c) ? in->cell : NULL;
+        im->bayer = rec_frame_is_bayer(f, c) ? f->S->binning : 0;
         im->background = k->background[c];
         im->weight = f->weight + row0;
         im->weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL;
@@ -169,13 +172,13 @@ static void absorb_camera(void *ctx, size_t c)
         .n = f->S->row0[c + 1] - row0,
         .nch = f->nch,
         .lit = f->lit + row0,
-        .mean = f->mosaic[c] ? f->carver->plane + row0 * 4 : NULL,
+        .mean = rec_frame_is_mosaic(f, c) ? f->carver->plane + row0 * 4 : NULL,
         .b = rec_frame_input(f, c),
         .weight = f->weight + row0,
         .weight4 = f->per_channel ? f->weight4 + row0 * 4 : NULL,
         .least = f->any_least ? f->least + row0 : NULL,
     };
-    if (f->present[c])
+    if (f->believed[c])
         rec_absorb_apply(&p);
 }
 
@@ -183,7 +186,7 @@ static void absorb_camera(void *ctx, size_t c)
 static void dismiss(rec_frame *f, size_t c)
 {
     size_t row0 = f->S->row0[c], n = f->S->row0[c + 1] - row0;
-    f->present[c] = false;
+    f->believed[c] = false;
     memset(f->least_of + row0, 0, f->any_least ? n : 0);
     memset(f->weight + row0, 0, n * sizeof *f->weight);
     memset(f->weight4 + row0 * 4, 0, f->per_channel ? n * 4 * sizeof *f->weight4 : 0);
@@ -200,10 +203,10 @@ static void vote(rec_frame *f)
     if (k->vote == NULL)
         return;
     for (size_t c = 0; c < f->S->n_cameras; c++)
-        for (int l = 0; l < f->nch && f->present[c]; l++)
+        for (int l = 0; l < f->nch && f->believed[c]; l++)
             noise[c] += k->stats[c].sigma[l] * k->stats[c].sigma[l];
     const struct rec_vote_set set = {
-        .channels = f->nch, .in = &in, .lit = f->lit, .present = f->present, .noise = noise};
+        .channels = f->nch, .in = &in, .lit = f->lit, .present = f->believed, .noise = noise};
     rec_vote_take(k->vote, k->restrictor, &set, o);
     for (size_t c = 0; c < f->S->n_cameras; c++)
         if (o->out >> c & 1)
@@ -220,7 +223,7 @@ static void sum_up(rec_frame *f)
     memset(f->shot, 0, sizeof f->shot);
     for (size_t c = 0; c < f->S->n_cameras; c++) {
         r->saturated_in[c] = k->stats[c].saturated;
-        if (!f->present[c])
+        if (!f->believed[c])
             continue;
         r->cameras++;
         r->saturated += k->stats[c].saturated;
@@ -228,7 +231,7 @@ static void sum_up(rec_frame *f)
         for (int l = 0; l < f->nch; l++) {
             sigma += k->stats[c].sigma[l];
             f->sigma[l] += (double)k->stats[c].sigma[l] * k->stats[c].sigma[l];
-            float n = per_bin(k, f->bayer[c]);
+            float n = per_bin(k, rec_frame_is_bayer(f, c));
             f->shot[l] += (double)(k->noise_gain[c] * k->gain[c][l] / (n * n));
         }
     }
@@ -260,9 +263,9 @@ void rec_frame_carve(rec_frame *f)
     int64_t t2 = pvx_now_mono();
     for (size_t c = 0; c < f->S->n_cameras; c++)
         lit[c] = rec_frame_lit(f, c);
-    rec_hull_carve(k->hull, &k->p.hull, lit, f->present, k->pool, &kept);
+    rec_hull_carve(k->hull, &k->p.hull, lit, f->believed, k->pool, &kept);
     int64_t t3 = pvx_now_mono();
-    rec_subsys_restrict(f->sub, k->restrictor, f->col, kept.n, f->present);
+    rec_subsys_restrict(f->sub, k->restrictor, f->col, kept.n, f->believed);
     if (f->levels != NULL) {
         struct rec_pictures in = rec_frame_pictures(f);
         rec_levels_restrict(f->levels, k->restrictor, f->sub, &in);

@@ -96,12 +96,7 @@ void rec_frame_free(rec_frame **fp)
 
 void rec_frame_reset(rec_frame *f)
 {
-    memset(f->present, 0, sizeof f->present);
-    memset(f->bayer, 0, sizeof f->bayer);
-    memset(f->mosaic, 0, sizeof f->mosaic);
-    memset(f->floats, 0, sizeof f->floats);
-    memset(f->fine, 0, sizeof f->fine);
-    memset(f->saturated, 0, sizeof f->saturated);
+    memset(f->camera, 0, sizeof f->camera);
     f->per_channel = f->any_least = false;
     f->sub->n = f->sub->rows = 0;
     f->sub->nnz = 0;
@@ -114,32 +109,9 @@ float *rec_frame_input(rec_frame *f, size_t camera)
     return f->b + f->S->row0[camera] * (size_t)f->cs;
 }
 
-void rec_frame_present(rec_frame *f, size_t camera, bool present)
+struct rec_frame_camera *rec_frame_camera(rec_frame *f, size_t camera)
 {
-    f->present[camera] = present;
-}
-
-void rec_frame_saturated(rec_frame *f, size_t camera, float value)
-{
-    f->saturated[camera] = value;
-}
-
-void rec_frame_fine(rec_frame *f, size_t camera, bool fine)
-{
-    f->fine[camera] = fine;
-}
-
-void rec_frame_floats(rec_frame *f, size_t camera, bool floats)
-{
-    f->floats[camera] = floats;
-}
-
-void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are)
-{
-    f->bayer[camera] = cell != NULL && f->cs == 4;
-    f->mosaic[camera] = f->bayer[camera] && as_they_are;
-    if (cell != NULL)
-        memcpy(f->cell[camera], cell, sizeof f->cell[camera]);
+    return &f->camera[camera];
 }
 
 void rec_frame_volume(const rec_frame *f, struct rec_sparse *out)

@@ -3,8 +3,7 @@
  * Stages own workspaces, slots own data.  A rec_carver and a rec_solver are there once for each stage
  * thread and hold what is static and all work areas; a rec_frame is the slot that travels from one
  * to the other: {pixels, lit, A on every level, x, report}.
- *   1. write pixels of camera c to rec_frame_input(f, c) and rec_frame_present(f, c, true); for Bayer
- *      cameras rec_frame_bayer
+ *   1. write pixels of camera c to rec_frame_input(f, c), and what they are to *rec_frame_camera(f, c)
  *   2. rec_frame_carve: photometry, silhouettes, absorption, vote, hull, restricted system
  *   3. rec_frame_solve
  *   4. read rec_frame_volume; then rec_frame_reset for the next set
@@ -106,23 +105,28 @@ PVX_MUST_CHECK pvx_err rec_frame_alone(const rec_sysmat *S, const struct rec_rig
 void rec_frame_free(rec_frame **f);
 void rec_frame_reset(rec_frame *f);
 
-float *rec_frame_input(rec_frame *f, size_t camera); /* [bh][bw][cs], cs = 4 for 3 channels */
-void rec_frame_present(rec_frame *f, size_t camera, bool present);
-/* This set's pixels of the camera come from a Bayer filter; cell = colours of its 2x2 pixels, row by row,
- * NULL = from none.  as_they_are: each pixel has the channel of its filter and NaN in the others; only for
- * the default solver.  Else they were binned or interpolated, which matters for their noise (photo.h).
- * For three channels; forgotten by rec_frame_reset. */
-void rec_frame_bayer(rec_frame *f, size_t camera, const uint8_t *cell, bool as_they_are);
-/* This set's pixels of the camera were floating-point numbers: they have no full scale to run into, so an
- * automatic saturation does not count.  Forgotten by rec_frame_reset. */
-void rec_frame_floats(rec_frame *f, size_t camera, bool floats);
-/* This set's pixels of the camera have finer steps than 8 bits: of dim pictures fainter light counts as flame, half a
- * percent of the brightest (photo.h, dim).  Forgotten by rec_frame_reset. */
-void rec_frame_fine(rec_frame *f, size_t camera, bool fine);
+/* What one camera's pixels are in one set.  All 0, as rec_frame_reset leaves it: the camera is absent. */
+struct rec_frame_camera {
+    bool present; /* Without it the pixels are not read. */
+    /* The pixels have finer steps than 8 bits.  In a dim picture fainter light then counts as flame: half a percent of
+     * the brightest bin (photo.h, dim). */
+    bool fine;
+    /* The pixels were floating-point numbers.  They have no full scale, so no automatic saturation. */
+    bool floats;
+    /* The pixels are those of a Bayer filter, unchanged: each has the channel of its filter and NaN in the others.  Only
+     * for the default solver.  Otherwise they were binned or interpolated, which changes their noise (photo.h). */
+    bool mosaic;
+    /* Colours of the Bayer filter's 2x2 pixels, row by row; NULL: no filter.  Only for 3 channels.  Borrowed until
+     * rec_frame_reset. */
+    const uint8_t *cell;
+    /* Value of saturated pixels, above all others; 0: full scale, which is 1.  It replaces params.photo.saturation,
+     * unless that is off. */
+    float saturated;
+};
 
-/* Saturated pixels of the camera have this value in this set, above all others; 0 = 1, full scale.  Instead of
- * params.photo.saturation, unless that is off.  Forgotten by rec_frame_reset. */
-void rec_frame_saturated(rec_frame *f, size_t camera, float value);
+float *rec_frame_input(rec_frame *f, size_t camera); /* [bh][bw][cs], cs = 4 for 3 channels */
+/* The set's entry for the camera, to be written before rec_frame_carve. */
+struct rec_frame_camera *rec_frame_camera(rec_frame *f, size_t camera);
 
 void rec_frame_carve(rec_frame *f);
 /* deadline_ns on the mono clock, 0 = none.  `previous`: an earlier volume of the same grid or

@@ -43,19 +43,15 @@ struct rec_frame {
     int nch, cs;
     size_t rows, voxels;
 
-    bool present[REC_MAX_CAMERAS];
-    uint8_t cell[REC_MAX_CAMERAS][4];
-    bool bayer[REC_MAX_CAMERAS], mosaic[REC_MAX_CAMERAS]; /* with a filter; pixels as they are */
-    bool floats[REC_MAX_CAMERAS];                         /* without a full scale */
-    bool fine[REC_MAX_CAMERAS];                           /* than 8 bits */
-    float saturated[REC_MAX_CAMERAS];                     /* value of such pixels; 0 = 1 */
-    float *b;                 /* [rows][cs] pixels in, right-hand side after carve */
-    float *weight;            /* [rows] */
-    float *weight4;           /* [rows][4] of each channel, where cameras have mosaics */
-    uint8_t *lit;             /* [rows] */
-    double sigma[4], shot[4]; /* rec_pictures */
-    bool per_channel;         /* weight4 holds */
-    float *least;             /* [rows] with params.at_least: rec_pictures */
+    struct rec_frame_camera camera[REC_MAX_CAMERAS]; /* what the caller says */
+    bool believed[REC_MAX_CAMERAS]; /* present, and not voted out; rec_frame_carve */
+    float *b;                       /* [rows][cs] pixels in, right-hand side after carve */
+    float *weight;                  /* [rows] */
+    float *weight4;                 /* [rows][4] of each channel, where cameras have mosaics */
+    uint8_t *lit;                   /* [rows] */
+    double sigma[4], shot[4];       /* rec_pictures */
+    bool per_channel;               /* weight4 holds */
+    float *least;                   /* [rows] with params.at_least: rec_pictures */
     uint8_t *least_of;
     bool any_least;
 
@@ -65,6 +61,16 @@ struct rec_frame {
     float *x;           /* [voxels][cs] */
     struct rec_frame_report report;
 };
+
+/* Whether the camera's pixels come from a Bayer filter; from one, unchanged. */
+static inline bool rec_frame_is_bayer(const rec_frame *f, size_t c)
+{
+    return f->camera[c].cell != NULL && f->cs == 4;
+}
+static inline bool rec_frame_is_mosaic(const rec_frame *f, size_t c)
+{
+    return rec_frame_is_bayer(f, c) && f->camera[c].mosaic;
+}
 
 /* The carved frame's right-hand side. */
 static inline struct rec_pictures rec_frame_pictures(const rec_frame *f)

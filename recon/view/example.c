@@ -30,7 +30,7 @@ int main(void)
     for (size_t c = 0; c < rig.n_cameras && e == PVX_OK; c++) {
         e = rec_render(&rig.grid, flame, 1, &(struct rec_eye){.camera = &rig.cameras[c], .sub = 2},
                        NULL, rec_frame_input(frame, c));
-        rec_frame_present(frame, c, true);
+        rec_frame_camera(frame, c)->present = true;
     }
     if (e == PVX_OK) {
         rec_frame_carve(frame);

@@ -20,7 +20,7 @@ static inline void scene_fill(const struct scene *s, rec_frame *f, double noise)
             for (size_t ch = 0; ch < nch; ch++)
                 in[i * cs + ch] = s->image[c][i * nch + ch] +
                                   (noise > 0 ? (float)(noise * s->peak * bench_normal()) : 0);
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
 }
 

@@ -71,7 +71,7 @@ static void run(FILE *csv, const int32_t size[3], enum rec_basis basis, double w
         struct bin_job j = {&s, &in, f, S->binning};
         pvx_pool_run(pool, 8, bin_camera, &j);
         for (size_t c = 0; c < 8; c++)
-            rec_frame_present(f, c, true);
+            rec_frame_camera(f, c)->present = true;
         bin += pvx_now_mono() - t;
         rec_frame_carve(f);
         CHECK(rec_frame_solve(f, 0, NULL));

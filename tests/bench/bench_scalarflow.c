@@ -69,7 +69,7 @@ static void solve(const struct scene *s, rec_frame *f, float *const image[], str
     rec_frame_reset(f);
     for (size_t c = 0; c < s->rig.n_cameras; c++) {
         memcpy(rec_frame_input(f, c), image[c], n * sizeof(float));
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
     rec_frame_carve(f);
     for (int r = 0; r < 2 && (r == 0 || best < 200); r++) { /* the first one touches pages */

@@ -100,7 +100,7 @@ static void try_fault(const struct take *t, enum fault fault, size_t bad, uint64
 {
     double noise = seed % 2 ? 0.01 : 0.03;
     shoot(t, t->trusting, fault, bad, noise, seed);
-    rec_frame_present(t->trusting, bad, false);
+    rec_frame_camera(t->trusting, bad)->present = false;
     double without = error_of(t, t->trusting);
     shoot(t, t->trusting, fault, bad, noise, seed);
     double trust = error_of(t, t->trusting) / without;

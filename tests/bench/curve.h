@@ -61,7 +61,7 @@ static inline void shot_put(const struct shot *t, rec_frame *f)
     rec_frame_reset(f);
     for (size_t c = 0; c < t->n_cameras; c++) {
         memcpy(rec_frame_input(f, c), t->px[c], t->floats[c] * sizeof(float));
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
 }
 

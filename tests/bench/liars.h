@@ -136,7 +136,7 @@ static inline void shoot(const struct take *t, rec_frame *f, enum fault fault, s
     bench_seed(seed);
     scene_fill(&t->now, f, noise);
     for (size_t c = 0; c < t->now.rig.n_cameras; c++)
-        rec_frame_floats(f, c, true);
+        rec_frame_camera(f, c)->floats = true;
     if (fault != HEALTHY)
         spoil(t, f, fault, bad, noise);
 }

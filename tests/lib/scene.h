@@ -80,7 +80,7 @@ __attribute__((unused)) static void scene_shoot(const struct scene *s, rec_frame
         float *in = rec_frame_input(f, c);
         for (size_t i = 0; i < n * 4; i++)
             in[i] = s->image[c][i] + (noise > 0 && i % 4 < 3 ? (float)(noise * t_normal()) : 0);
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
 }
 
@@ -91,7 +91,8 @@ __attribute__((unused)) static void scene_filter(const struct scene *s, rec_fram
     for (size_t k = 0; k < s->rig.n_cameras; k++) {
         size_t w = (size_t)s->S->block[k].bw, n = s->S->row0[k + 1] - s->S->row0[k];
         float *in = rec_frame_input(f, k);
-        rec_frame_bayer(f, k, cell, true);
+        rec_frame_camera(f, k)->cell = cell;
+        rec_frame_camera(f, k)->mosaic = true;
         for (size_t i = 0; i < n; i++)
             for (size_t l = 0; l < 3; l++)
                 if (l != cell[(i / w % 2) * 2 + i % w % 2])

@@ -34,7 +34,7 @@ static pvx_err next(void *ctx, struct dmn_slot *s)
         float *in = rec_frame_input(s->frame, c);
         for (size_t i = 0; i < n; i++)
             in[i] = 0.2F + 0.5F * (float)t_uniform(0, 1);
-        rec_frame_present(s->frame, c, true);
+        rec_frame_camera(s->frame, c)->present = true;
     }
     return PVX_OK;
 }

@@ -213,7 +213,7 @@ T_CASE(hull_never_carves_what_carries_energy)
             for (size_t i = 0; i < row0[c + 1] - row0[c]; i++)
                 for (int l = 0; l < 4; l++)
                     in[i * 4 + (size_t)l] = l < 3 ? (float)y[row0[c] + i] : 0;
-            rec_frame_present(b.f, c, true);
+            rec_frame_camera(b.f, c)->present = true;
         }
         rec_frame_carve(b.f);
         const struct rec_subsys *a = rec_frame_subsys(b.f);

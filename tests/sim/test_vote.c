@@ -43,7 +43,7 @@ static const enum flame_kind held_out[] = {FLAME_SHEETS, FLAME_WALL, FLAME_SHELL
 static double over_leaving_out(const struct take *t, enum fault fault, size_t bad)
 {
     shoot(t, t->trusting, fault, bad, 0.01, 5);
-    rec_frame_present(t->trusting, bad, false);
+    rec_frame_camera(t->trusting, bad)->present = false;
     double without = error_of(t, t->trusting);
     shoot(t, t->f, fault, bad, 0.01, 5);
     return error_of(t, t->f) / without;
@@ -92,7 +92,7 @@ T_CASE(left_out_is_absent_to_the_bit)
     struct take t = bed(FLAME_POOL, EVEN, 6, 2);
     struct rec_sparse a, b;
     shoot(&t, t.trusting, BLACK, 1, 0.01, 5);
-    rec_frame_present(t.trusting, 1, false);
+    rec_frame_camera(t.trusting, 1)->present = false;
     (void)error_of(&t, t.trusting);
     shoot(&t, t.f, BLACK, 1, 0.01, 5);
     (void)error_of(&t, t.f);
@@ -125,19 +125,19 @@ T_CASE(fewer_than_four_and_no_flame)
 {
     struct take t = bed(FLAME_RING, EVEN, 5, 4);
     shoot(&t, t.f, BLACK, 0, 0.01, 5);
-    rec_frame_present(t.f, 3, false);
-    rec_frame_present(t.f, 4, false);
+    rec_frame_camera(t.f, 3)->present = false;
+    rec_frame_camera(t.f, 4)->present = false;
     rec_frame_carve(t.f);
     T_EQ_I(verdict(&t)->state, REC_VOTE_FEW);
     T_EQ_I(verdict(&t)->out, 0);
     shoot(&t, t.f, BLACK, 0, 0.01, 5);
-    rec_frame_present(t.f, 4, false);
+    rec_frame_camera(t.f, 4)->present = false;
     rec_frame_carve(t.f); /* four are enough */
     T_EQ_I(verdict(&t)->out, 1);
     for (size_t c = 0; c < 5; c++)
         spoil(&t, t.f, BLACK, c, 0.02);
     for (size_t c = 0; c < 5; c++)
-        rec_frame_present(t.f, c, true);
+        rec_frame_camera(t.f, c)->present = true;
     rec_frame_carve(t.f);
     T_EQ_I(verdict(&t)->state, REC_VOTE_DARK);
     T_EQ_I(verdict(&t)->out, 0);
@@ -243,7 +243,7 @@ T_CASE(dazzled)
     struct take t = bed(FLAME_RING, EVEN, 6, 4);
     shoot(&t, t.f, HEALTHY, 0, 0.01, 5);
     for (size_t c = 0; c < 6; c++)
-        rec_frame_floats(t.f, c, false);
+        rec_frame_camera(t.f, c)->floats = false;
     size_t n = (size_t)WIDE * (WIDE * 3 / 4) * 4;
     for (size_t i = 0; i < n; i++)
         rec_frame_input(t.f, 5)[i] = 1;
@@ -263,7 +263,8 @@ T_CASE(mosaics)
         shoot(&t, t.f, (enum fault)fault, 3, 0.01, 5);
         for (size_t c = 0; c < 6; c++) {
             float *in = rec_frame_input(t.f, c);
-            rec_frame_bayer(t.f, c, cell, true);
+            rec_frame_camera(t.f, c)->cell = cell;
+            rec_frame_camera(t.f, c)->mosaic = true;
             for (size_t i = 0; i < (size_t)WIDE * (WIDE * 3 / 4); i++)
                 for (size_t l = 0; l < 3; l++)
                     if (cell[i / WIDE % 2 * 2 + i % 2] != l)

@@ -224,7 +224,7 @@ void stab_fill(const struct stab_bed *b, rec_frame *f)
         for (size_t i = 0; i < stab_pixels(b, c); i++)
             for (size_t l = 0; l < cs; l++)
                 in[i * cs + l] = l < nch ? b->image[c][i * 3 + l] : 0;
-        rec_frame_present(f, c, b->present[c]);
+        rec_frame_camera(f, c)->present = b->present[c];
     }
 }
 

@@ -283,7 +283,7 @@ static double error_on(const struct rec_rig *rig, const struct rec_flame_pose *p
         for (size_t i = 0; i < W * H; i++)
             for (size_t l = 0; l < 3; l++)
                 in[i * 4 + l] = raw[i * 3 + l];
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
     rec_frame_carve(f);
     T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);

@@ -60,7 +60,7 @@ static size_t faintly_lit(const struct rec_photometry *known)
     for (size_t i = 0; i < n; i++)
         for (size_t l = 0; l < cs; l++)
             img[i * cs + l] = i % (size_t)b->bw < (size_t)b->bw / 2 ? 0.003f : 0;
-    rec_frame_present(f, 0, true);
+    rec_frame_camera(f, 0)->present = true;
     rec_frame_carve(f);
     for (size_t i = 0; i < n; i++)
         lit += rec_frame_lit(f, 0)[i];
@@ -187,7 +187,7 @@ T_CASE(absent_cameras)
         float *in = rec_frame_input(f, 1);
         for (size_t i = 0; i < n; i++)
             in[i] = without ? NAN : 1e30f; /* whatever is left in the slot */
-        rec_frame_present(f, 1, false);
+        rec_frame_camera(f, 1)->present = false;
         run(f);
         const struct rec_subsys *a = rec_frame_subsys(f);
         uint32_t *row = rows_of_system(a);
@@ -204,7 +204,7 @@ T_CASE(absent_cameras)
     for (size_t left = 0; left < 3; left++) { /* 0, 1 and 2 cameras; two must see a voxel */
         scene_shoot(&sc, f, 0);
         for (size_t c = left; c < sc.rig.n_cameras; c++)
-            rec_frame_present(f, c, false);
+            rec_frame_camera(f, c)->present = false;
         run(f);
         T_EQ_I(rec_frame_get_report(f)->cameras, left);
         T_EQ_I(rec_frame_get_report(f)->solve.status == REC_EMPTY, left < 2);
@@ -413,7 +413,7 @@ T_CASE(grey_and_background)
             rec_frame_input(f, c)[i] = sc.image[c][i * 4] + bg[c][i];
         }
         T_OK(rec_carver_background(f->carver, c, bg[c]) == PVX_OK);
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
     run(f);
     struct rec_sparse v;

@@ -90,7 +90,7 @@ static double solve(struct rec_rig r, bool knows, bool there)
         float *in = rec_frame_input(f, c);
         for (size_t i = 0; i < (size_t)W * H; i++)
             in[i] = picture[there][c][i] + (float)(0.005 * t_normal());
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
     rec_frame_carve(f);
     T_EQ_I(rec_frame_solve(f, 0, NULL), PVX_OK);

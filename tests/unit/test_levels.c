@@ -32,7 +32,7 @@ T_CASE(start_is_near_the_truth)
             rec_frame *f;
             T_EQ_I(rec_frame_alone(s.S, &s.rig, &p, s.pool, &f, NULL), PVX_OK);
             scene_shoot(&s, f, 0);
-            rec_frame_present(f, 3, away == 0);
+            rec_frame_camera(f, 3)->present = away == 0;
             rec_frame_carve(f);
             const struct rec_subsys *a = rec_frame_subsys(f);
             float *x = pvx_calloc((size_t)a->n * 4, sizeof *x);

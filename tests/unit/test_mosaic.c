@@ -377,8 +377,9 @@ static void shoot(rec_frame *f, enum cap_mosaic way, const bool *three_chips)
             for (int i = 0; i < W * H * 4; i++)
                 rec_frame_input(f, c)[i] = sc.image[c][i] * (60000.0f / 65535);
         else if (way == CAP_MOSAIC_RAYS)
-            rec_frame_bayer(f, c, cap_pixfmt_bayer(fmt), true);
-        rec_frame_present(f, c, true);
+            rec_frame_camera(f, c)->cell = cap_pixfmt_bayer(fmt);
+            rec_frame_camera(f, c)->mosaic = true;
+        rec_frame_camera(f, c)->present = true;
     }
 }
 

@@ -175,7 +175,7 @@ static void shoot(const struct scene *s, rec_frame *f, enum pixels px, double no
         size_t n = s->S->row0[c + 1] - s->S->row0[c];
         for (size_t i = 0; i < n; i++)
             rec_frame_input(f, c)[i] = s->image[c][i * 4] + (float)(noise * t_normal());
-        rec_frame_present(f, c, true);
+        rec_frame_camera(f, c)->present = true;
     }
 }
 

@@ -77,7 +77,7 @@ static void lab_fill(struct experiment_lab *l, uint64_t used)
     for (size_t c = 0; c < l->S->n_cameras; c++) {
         size_t row0 = l->S->row0[c], n = l->S->row0[c + 1] - row0;
         memcpy(rec_frame_input(l->frame, c), l->raw + row0 * cs, n * cs * sizeof *l->raw);
-        rec_frame_present(l->frame, c, (used >> c & 1) != 0);
+        rec_frame_camera(l->frame, c)->present = (used >> c & 1) != 0;
     }
     rec_frame_carve(l->frame);
 }
